@@ -14,15 +14,17 @@ from pathlib import Path
 
 import grimp
 
+from deltact_fab.door import handed_on
+
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 DIAGRAM = DOCS / "architecture.svg"
 PAGE = DOCS / "architecture.md"
 PACKAGE = "deltact_fab"
 
-# The lowest package that is about the sensor. Everything may use what stands beside and below it in
-# the contract, and nearly everything does: that is drawn as one block, without arrows.
-LOWEST = "shapes"
+# The lowest wing that is about the sensor. Everything may use what stands below it in the contract,
+# and nearly everything does: that is drawn as one block, without arrows.
+LOWEST = "sensor"
 
 STEP = 66  # px from row to row
 BOX = 30  # px
@@ -36,9 +38,9 @@ Graph = dict[str, set[str]]
 
 
 def rows_of_contract() -> list[list[str]]:
-    """The rows of the layer contract, highest first."""
+    """The rows of the contract of the wings, highest first."""
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]
-    (layered,) = [c for c in contracts["contracts"] if c["type"] == "layers"]
+    layered = next(c for c in contracts["contracts"] if c["name"].startswith("The wings"))
     return [[name.strip() for name in row.split("|")] for row in layered["layers"]]
 
 
@@ -57,7 +59,7 @@ def ground() -> list[str]:
 
 
 def sides() -> tuple[set[str], set[str]]:
-    """The packages that estimate, and those that hold simulated truth, by the contract."""
+    """The wings that estimate, and those that they must not know, by the contract."""
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]
     leak = next(c for c in contracts["contracts"] if c["name"].startswith("Simulated truth"))
     estimators, truth = (
@@ -268,7 +270,7 @@ def diagram() -> str:
     out = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" '
         f'width="{width}" height="{height}" role="img" aria-labelledby="title">',
-        '<title id="title">Packages of deltact_fab in their layers</title>',
+        '<title id="title">Wings of deltact_fab in their layers</title>',
         f"<style>\n{STYLE}\n</style>",
         '<defs><marker id="head" viewBox="0 0 8 8" refX="7.5" refY="4" markerWidth="7" '
         'markerHeight="7" orient="auto"><path d="M0 0L8 4L0 8z"/></marker></defs>',
@@ -281,7 +283,7 @@ def diagram() -> str:
     for k, (kind, said) in enumerate(
         (
             (" estimator", "estimators: no arrows lead from these"),
-            (" truth", "to these, which hold simulated truth"),
+            (" truth", "to these: no simulated truth in an estimate"),
         )
     ):
         at = MARGIN + 310 * k
@@ -333,14 +335,31 @@ def _path(points: list[tuple[float, int]]) -> str:
 
 
 def packages() -> str:
-    """What each package or top module is for, in the order of the layers, as a table."""
-    lines = ["| package | what it is for |", "|---|---|"]
-    for name in [name for row in layers() for name in row] + ground():
-        folder = ROOT / PACKAGE / name
-        file = folder / "__init__.py" if folder.is_dir() else folder.with_suffix(".py")
-        said = ast.get_docstring(ast.parse(file.read_text())) or ""
-        lines.append(f"| `{name}` | {said.splitlines()[0] if said else ''} |")
+    """The purpose of each wing and of what it holds, in the order of the layers, as a table."""
+    lines = ["| wing | holds | names at its door | purpose |", "|---|---|---|---|"]
+    for wing in [name for row in layers() for name in row] + ground():
+        folder = ROOT / PACKAGE / wing
+        lines.append(f"| **`{wing}`** | | {len(door(wing)) or ''} | {purpose(folder)} |")
+        rooms = {path.stem for path in folder.glob("*/__init__.py") for path in [path.parent]}
+        rooms |= {path.stem for path in folder.glob("*.py")} - {"__init__"}
+        lines += [f"| | `{room}` | | {purpose(folder / room)} |" for room in sorted(rooms)]
     return "\n".join(lines)
+
+
+def door(wing: str) -> dict[str, tuple[str, str]]:
+    """The names at the door of a wing, each with the module that defines it and its name there."""
+    file = ROOT / PACKAGE / wing / "__init__.py"
+    if not file.is_file():
+        return {}
+    names = handed_on(ast.parse(file.read_text()), f"{PACKAGE}.{wing}")
+    return {name: home for name, home in names.items() if home[0].startswith(f"{PACKAGE}.{wing}.")}
+
+
+def purpose(path: Path) -> str:
+    """The first line of the docstring of a package's folder or a module's path without suffix."""
+    file = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+    said = ast.get_docstring(ast.parse(file.read_text())) or ""
+    return said.partition("\n")[0]
 
 
 def pages() -> dict[Path, str]:

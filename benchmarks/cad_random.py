@@ -24,12 +24,12 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from deltact_fab import digest
-from deltact_fab.cad import check
-from deltact_fab.cad.design import load_design
-from deltact_fab.cad.dimensions import Design
-from deltact_fab.cad.standards import CAP_SCREWS, CapThread
-from deltact_fab.errors import InputError
+from deltact_fab.common import digest
+from deltact_fab.common.errors import InputError
+from deltact_fab.fabricate.cad import check
+from deltact_fab.fabricate.cad.design import load_design
+from deltact_fab.fabricate.cad.dimensions import Design
+from deltact_fab.fabricate.cad.standards import CAP_SCREWS, CapThread
 
 HERE = Path(__file__).resolve().parent
 LINES = HERE / "cad-random.jsonl"
@@ -174,7 +174,7 @@ def outcome(index: int) -> dict[str, Any]:
     changes, began = drawn(index), time.process_time()
     found: dict[str, Any] = {"index": index, "changes": changes, "outcome": "passed"}
     try:
-        rows = check.run(load_design("deltact", changes), cached=True)
+        rows = check.check_design(load_design("deltact", changes), cached=True)
         failed = [row for row in rows if row.failed]
         if failed:
             found["outcome"] = "rows"
@@ -189,7 +189,9 @@ def outcome(index: int) -> dict[str, Any]:
 
 def source() -> str:
     """The digest of the code behind the outcomes."""
-    return digest.of("cad.check") + digest.of("cad_random", package=HERE)
+    return digest.code_digest("fabricate.cad.check") + digest.code_digest(
+        "cad_random", package=HERE
+    )
 
 
 def kept() -> dict[int, dict[str, Any]]:

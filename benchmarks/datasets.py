@@ -20,13 +20,13 @@ from typing import Any
 import cv2
 import numpy as np
 
-from deltact_fab import record
-from deltact_fab.analysis.flows import follower
-from deltact_fab.protocols.plan import Step
-from deltact_fab.record import Chunk
-from deltact_fab.record.export import export
-from deltact_fab.record.export.lerobot import FIELDS, MOTION, RAW, episodes, levels, values_of
-from deltact_fab.record.writer import RunWriter
+from deltact_fab.bench.protocols.plan import Step
+from deltact_fab.bench.record.export import export_run
+from deltact_fab.bench.record.export.lerobot import FIELDS, MOTION, RAW, episodes, levels, values_of
+from deltact_fab.bench.record.run import open_run
+from deltact_fab.bench.record.streams import Chunk
+from deltact_fab.bench.record.writer import RunWriter
+from deltact_fab.estimate.analysis.flows import open_follower
 
 PRESSES, FRAMES = 20, 50
 SIZE_PX = (320, 240)
@@ -97,8 +97,8 @@ def main() -> None:
     if not asked.folder.exists():
         asked.folder.mkdir(parents=True)
         make_run(asked.folder / "run")
-        made = record.open(asked.folder / "run")
-        print(export([made], "lerobot", dataset, None, follower))
+        made = open_run(asked.folder / "run")
+        print(export_run([made], "lerobot", dataset, None, open_follower))
         peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         print(f"peak memory {peak_mb:.0f} MB")
     keys = [*FIELDS, "timestamp", "frame_index", "episode_index"]
@@ -106,8 +106,8 @@ def main() -> None:
     subprocess.run([asked.lerobot, "-c", READ, *map(str, words)], check=True)
     read = dict(np.load(out))  # at once: each look-up would read the file again
     at, off = 0, []
-    run = record.open(asked.folder / "run")
-    for number, episode in enumerate(episodes([run], follower, lambda *told: None)):
+    run = open_run(asked.folder / "run")
+    for number, episode in enumerate(episodes([run], open_follower, lambda *told: None)):
         here = slice(at, at + len(episode.table))
         for key, columns in FIELDS.items():
             wanted = values_of(episode.table, columns)

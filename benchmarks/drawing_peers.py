@@ -10,12 +10,12 @@ import sys
 
 import numpy as np
 
-from deltact_fab.cad.build import build_part
-from deltact_fab.cad.design import load_design
-from deltact_fab.cad.drafting.scheme import scheme
-from deltact_fab.cad.export import step
-from deltact_fab.cad.features import features_of
-from deltact_fab.cad.registry import listed
+from deltact_fab.fabricate.cad.build import build_part
+from deltact_fab.fabricate.cad.design import load_design
+from deltact_fab.fabricate.cad.drafting.scheme import scheme
+from deltact_fab.fabricate.cad.export import step
+from deltact_fab.fabricate.cad.features import features_of
+from deltact_fab.fabricate.cad.registry import list_parts
 
 from . import peer
 
@@ -25,7 +25,7 @@ NEAR_MM = 1e-3
 def main(design: str = "deltact") -> int:
     """A line a part; 1 when a hole is missing from ours."""
     dims, lacking = load_design(design), 0
-    for part in listed():
+    for part in list_parts():
         if part.callouts is None:
             continue
         solid, _ = build_part(part, dims)

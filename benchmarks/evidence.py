@@ -21,14 +21,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from deltact_fab import digest, experiment
-from deltact_fab.gel.finite.linear import Name
-from deltact_fab.jobs import THREAD_VARIABLES
-from deltact_fab.measure.flow import FLOW_METHODS
-from deltact_fab.numerics.engine import Case
-from deltact_fab.numerics.engines import gel, gel_press
-from deltact_fab.numerics.engines.gel_press import PressSetup
-from deltact_fab.numerics.harness import machine
+from deltact_fab.common import digest
+from deltact_fab.common.jobs.local import THREAD_VARIABLES
+from deltact_fab.estimate.measure.flow.renewed import FLOW_METHODS
+from deltact_fab.physics.gel.finite.linear import SolverName
+from deltact_fab.simulate.experiment.session import library_versions
+from deltact_fab.studies.numerics.engine import Case
+from deltact_fab.studies.numerics.engines import gel, gel_press
+from deltact_fab.studies.numerics.engines.gel_press import PressSetup
+from deltact_fab.studies.numerics.harness import machine
 
 from . import felupe, flow_peers, gel_long, store
 from .gel_press import WholePress
@@ -57,7 +58,7 @@ class EvidenceRow:
         words, modules = _spelled(self.call)
         own = {m.partition(".")[2] for m in modules if m.startswith(f"{HERE.name}.")}
         package = {m.partition(".")[2] for m in modules if m.startswith("deltact_fab.")}
-        source = f"{digest.of(*own, package=HERE)}+{digest.of(*package)}"
+        source = f"{digest.code_digest(*own, package=HERE)}+{digest.code_digest(*package)}"
         return {"row": self.name, "asked": words, "source": source}
 
 
@@ -91,7 +92,7 @@ def _of_cases(table: str, cases: list[Case]) -> Iterator[EvidenceRow]:
 
 def every_run() -> Iterator[tuple[Callable[[Any], Any], PressSetup]]:
     """The points of the curves, each with what solves it; the longest take minutes."""
-    solvers: tuple[Name, ...] = ("pardiso", "superlu")
+    solvers: tuple[SolverName, ...] = ("pardiso", "superlu")
     finite, linear, auto = gel_press.solve_finite, gel.solve_linear, gel.solve_auto
     for depth in (2.0, 5.0):
         for mu in (0.0, 0.5):
@@ -168,7 +169,7 @@ def fill(path: Path, only: str = "", stale: bool = False, jobs: int = 1) -> int:
             store.append(path, {
                 "key": row.key, "result": result, "seconds": round(seconds, 1), "threads": 1,
                 "load": [round(v, 1) for v in os.getloadavg()],
-                "machine": machine(), "versions": experiment.versions(PACKAGES),
+                "machine": machine(), "versions": library_versions(PACKAGES),
             })  # fmt: skip
     return len(wanted)
 

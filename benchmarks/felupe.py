@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.aliases import Field, Index
-from deltact_fab.errors import InputError, RunFailed
-from deltact_fab.gel.finite import FinitePress
-from deltact_fab.gel.finite.surface import HARDENING, HARDEST, SHALLOW
-from deltact_fab.numerics.engines.gel_press import GelAnswer, prepared
-from deltact_fab.shapes import SphereTip
+from deltact_fab.common.aliases import Field, Index
+from deltact_fab.common.errors import InputError, RunFailed
+from deltact_fab.physics.gel.finite.press import FinitePress
+from deltact_fab.physics.gel.finite.surface import HARDENING, HARDEST, SHALLOW
+from deltact_fab.sensor.shapes.tips import SphereTip
+from deltact_fab.studies.numerics.engines.gel_press import GelAnswer, prepared
 
 from . import peer
 from .gel_press import WholePress
@@ -29,12 +29,12 @@ from .gel_press import WholePress
 class FelupeCase:
     """A frictionless press of a sphere on a mesh of eight-node bricks.
 
-    nodes_mm (n, 3), cells (m, 8), faces (f, 4), base (b,): as in `gel.finite.HexMesh`. mu_mpa,
-    lambda_mpa, local_mpa: the law of `gel.finite.material`, local its b. The penalty is stiffness x
-    ramp x (1 + hardening x ramp^2), straight on from a ramp of straight_mm; stiffness (f,) in
-    MPa/mm; the ramp is the penetration, rounded over width_mm (f,), at most shallow x depth.
-    tips_mm (k, 3): (x, y, depth) in turn. tolerance: of unbalanced over contact forces, these
-    taken as floor_n at least. most_iterations: before felupe's increment is halved.
+    nodes_mm (n, 3), cells (m, 8), faces (f, 4), base (b,): as in `physics.gel.finite.HexMesh`.
+    mu_mpa, lambda_mpa, local_mpa: the law of `physics.gel.finite.material`, local its b. The
+    penalty is stiffness x ramp x (1 + hardening x ramp^2), straight on from a ramp of straight_mm;
+    stiffness (f,) in MPa/mm; the ramp is the penetration, rounded over width_mm (f,), at most
+    shallow x depth. tips_mm (k, 3): (x, y, depth) in turn. tolerance: of unbalanced over contact
+    forces, these taken as floor_n at least. most_iterations: before felupe's increment is halved.
     """
 
     nodes_mm: Field

@@ -15,11 +15,12 @@ import cv2
 import numpy as np
 
 from benchmarks.star import Star
-from deltact_fab.errors import RunFailed
-from deltact_fab.measure.flow import FLOW_METHODS
-from deltact_fab.numerics.engine import plain
-from deltact_fab.numerics.engines.flow import found, tracked
-from deltact_fab.numerics.engines.flow_frames import (
+from deltact_fab.common.errors import RunFailed
+from deltact_fab.estimate.measure.flow.renewed import FLOW_METHODS
+from deltact_fab.sensor.shapes.imaging import ImageSensor
+from deltact_fab.studies.numerics.engine import plain
+from deltact_fab.studies.numerics.engines.flow import found, tracked
+from deltact_fab.studies.numerics.engines.flow_frames import (
     CAMERA,
     COARSE,
     SEED,
@@ -30,7 +31,6 @@ from deltact_fab.numerics.engines.flow_frames import (
     in_plane,
     pressed,
 )
-from deltact_fab.shapes.imaging import ImageSensor
 
 from . import peer
 

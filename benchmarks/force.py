@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.aliases import Array
-from deltact_fab.cad.design import load_design
-from deltact_fab.measure.force import FEATURES, Features, ForceModel, make_features
-from deltact_fab.measure.force.inverse import Inverse
-from deltact_fab.measure.sensor_id import SensorModel
-from deltact_fab.measure.shape import DepthFinder, DepthModel, contacts
-from deltact_fab.optics import Pinhole
+from deltact_fab.common.aliases import Array
+from deltact_fab.estimate.measure.force import FORCE_FEATURES, make_features
+from deltact_fab.estimate.measure.force.inverse import Inverse
+from deltact_fab.estimate.measure.force.model import Features, ForceModel
+from deltact_fab.estimate.measure.sensor_id import SensorModel
+from deltact_fab.estimate.measure.shape.depth import DepthFinder, DepthModel, contacts
+from deltact_fab.fabricate.cad.design import load_design
+from deltact_fab.sensor.optics.camera import Pinhole
 
 from .force_truth import GEL, SETTINGS, SKIN, Press, flows, presses, solved
 
@@ -45,7 +46,7 @@ class Believed:
 
 
 CONDITIONS = (
-    Believed("as it is", models=tuple(FEATURES)),
+    Believed("as it is", models=tuple(FORCE_FEATURES)),
     Believed("no error of the flow", 0.0),
     Believed("flow: .1 px over 3 mm", wide_mm=3.0),
     Believed("flow: .3 px over 1 mm", 0.3),

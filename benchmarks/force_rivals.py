@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.aliases import Array
-from deltact_fab.cad.design import load_design
-from deltact_fab.measure.face import FaceFlow
-from deltact_fab.optics import Pinhole
+from deltact_fab.common.aliases import Array
+from deltact_fab.estimate.measure.face import FaceFlow
+from deltact_fab.fabricate.cad.design import load_design
+from deltact_fab.sensor.optics.camera import Pinhole
 
 from .force import CONDITIONS, rms, wrench
 from .force_truth import SETTINGS, Press, flows, presses

@@ -13,15 +13,15 @@ import numpy as np
 from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import gaussian_filter
 
-from deltact_fab import cache
-from deltact_fab.aliases import Array
-from deltact_fab.elasticity.material import GelMaterial
-from deltact_fab.gel.path.knots import ObservedChannels, along
-from deltact_fab.gel.path.open import choose, open_path
-from deltact_fab.measure.face import FaceFlow
-from deltact_fab.optics import CameraModel, axes_mm
-from deltact_fab.shapes import SkinDimensions
-from deltact_fab.shapes.indenter import parse
+from deltact_fab.common import cache
+from deltact_fab.common.aliases import Array
+from deltact_fab.estimate.measure.face import FaceFlow
+from deltact_fab.physics.gel.path.knots import ObservedChannels, poses_along
+from deltact_fab.physics.gel.path.open import choose_level, open_path
+from deltact_fab.sensor.elasticity.material import GelMaterial
+from deltact_fab.sensor.optics.camera import CameraModel, axes_mm
+from deltact_fab.sensor.shapes.indenter import parse_indenter
+from deltact_fab.sensor.shapes.sensor import SkinDimensions
 
 SEED = 20
 GEL = GelMaterial(modulus_mpa=0.56, poisson=0.49, friction=0.5)
@@ -67,12 +67,12 @@ def presses() -> Iterator[Press]:
 def solved(press: Press) -> dict[str, Array]:
     """Of each state: tips_mm, force_n, torque_nmm (n, 3), displacement_mm and traction_mpa on
     x_mm, y_mm."""
-    key = cache.key("gel.path.open", "shapes.indenter", press=repr(press), gel=repr(GEL),
-                    skin=repr(SKIN), unknowns=MAX_UNKNOWNS)  # fmt: skip
-    kept = cache.get("benchmark-press", key)
+    key = cache.cache_key("physics.gel.path.open", "sensor.shapes.indenter", press=repr(press),
+                    gel=repr(GEL), skin=repr(SKIN), unknowns=MAX_UNKNOWNS)  # fmt: skip
+    kept = cache.read_cached("benchmark-press", key)
     if kept is None:
         kept = _solved(press)
-        cache.put("benchmark-press", key, kept)
+        cache.write_cached("benchmark-press", key, kept)
     return kept
 
 
@@ -82,8 +82,10 @@ def _solved(press: Press) -> dict[str, Array]:
     for depth in press.depths_mm:
         corners.append((x, y, -depth))
         corners += [(x + press.shear_mm * i, y + press.shear_mm * j, -depth) for i, j in AROUND]
-    poses, shape = along(corners, 0.75), parse(press.indenter)
-    choice = choose(SKIN, GEL, shape, poses, 0.03, level="hyperelastic", most_unknowns=MAX_UNKNOWNS)
+    poses, shape = poses_along(corners, 0.75), parse_indenter(press.indenter)
+    choice = choose_level(
+        SKIN, GEL, shape, poses, 0.03, level="hyperelastic", most_unknowns=MAX_UNKNOWNS
+    )
     observed = ObservedChannels(fields="all", traction=True, lattice_mm=0.5)
     solver = open_path(SKIN, GEL, shape, poses, observed, choice)
     knots = solver.solve_all()

@@ -17,13 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.aliases import Array, Point
-from deltact_fab.elasticity.material import GelMaterial
-from deltact_fab.gel.level import Reach, follow
-from deltact_fab.gel.level_selection import pick
-from deltact_fab.gel.path.open import contact_of
-from deltact_fab.shapes import SkinDimensions
-from deltact_fab.shapes.indenter import parse
+from deltact_fab.common.aliases import Array, Point
+from deltact_fab.physics.gel.level import Reach, follow_path
+from deltact_fab.physics.gel.level_selection import select_level
+from deltact_fab.physics.gel.path.open import open_contact
+from deltact_fab.sensor.elasticity.material import GelMaterial
+from deltact_fab.sensor.shapes.indenter import parse_indenter
+from deltact_fab.sensor.shapes.sensor import SkinDimensions
 
 from .gel_strangers import UNIT_MM
 from .gel_twin import BallPress, Block, Gel, Pose, Solved, graded
@@ -120,10 +120,10 @@ def compare(drag: Drag, twin: dict[str, Array], tolerance: float = 0.03) -> Apar
     """With level, mesh and steps as `gel press` first picks them."""
     skin = SkinDimensions(thickness_mm=drag.thickness_mm)
     gel = GelMaterial(0.56, 0.49, drag.friction)
-    ball, tips = parse(f"sphere:{drag.ball_mm:g}"), drag.tips_mm[: len(twin["tip"])]
-    choice = pick(skin, gel, ball, Reach.around(tips), tolerance, level="hyperelastic")
+    ball, tips = parse_indenter(f"sphere:{drag.ball_mm:g}"), drag.tips_mm[: len(twin["tip"])]
+    choice = select_level(skin, gel, ball, Reach.around(tips), tolerance, level="hyperelastic")
     start = time.process_time()
-    contact = contact_of(skin, gel, ball, choice, LATTICE_MM)
+    contact = open_contact(skin, gel, ball, choice, LATTICE_MM)
     at = [
         np.flatnonzero(np.isclose(ours[:, None], theirs).any(1))
         for ours, theirs in zip((contact.y_mm, contact.x_mm), reversed(axes_mm()), strict=True)
@@ -131,7 +131,7 @@ def compare(drag: Drag, twin: dict[str, Array], tolerance: float = 0.03) -> Apar
     state = contact.rest((0.0, 0.0, 0.0))
     rows, ratios = [], []
     for i, tip in enumerate(tips):
-        *_, state = follow(contact, state, tip, choice.step_mm)
+        *_, state = follow_path(contact, state, tip, choice.step_mm)
         fx, _, fz = twin["force"][i]
         ratio = fx / (drag.friction * -fz)
         if tip[0] == 0 or ratio < LEAST_RATIO:

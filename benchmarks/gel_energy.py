@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from deltact_fab.numerics.engines.gel_press import GelCase, down, energy_nmm, solved
+from deltact_fab.studies.numerics.engines.gel_press import GelCase, down, energy_nmm, solved
 
 INCREMENTS = 40
 

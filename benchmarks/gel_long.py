@@ -6,14 +6,14 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from deltact_fab.elasticity.material import GelMaterial
-from deltact_fab.gel.level import Reach
-from deltact_fab.gel.level_selection import pick
-from deltact_fab.numerics.engine import Case
-from deltact_fab.numerics.engines import gel_press as checks
-from deltact_fab.numerics.engines.gel import of_friction, of_nu
-from deltact_fab.numerics.engines.gel_press import GelCase, down
-from deltact_fab.shapes.indenter import parse
+from deltact_fab.physics.gel.level import Reach
+from deltact_fab.physics.gel.level_selection import select_level
+from deltact_fab.sensor.elasticity.material import GelMaterial
+from deltact_fab.sensor.shapes.indenter import parse_indenter
+from deltact_fab.studies.numerics.engine import Case
+from deltact_fab.studies.numerics.engines import gel_press as checks
+from deltact_fab.studies.numerics.engines.gel import of_friction, of_nu
+from deltact_fab.studies.numerics.engines.gel_press import GelCase, down
 
 from . import gel_checks
 from .gel_energy import work_but_jumps
@@ -84,8 +84,8 @@ def _thick(thickness_mm: float, share: float) -> tuple[GelCase, float]:
     if thickness_mm < 6:
         scene = replace(scene, indenter="sphere:6", side_mm=(14.0, 13.0))
     reach = Reach(deepest_mm=share * thickness_mm)
-    choice = pick(scene.skin(), GelMaterial(), parse(scene.indenter), reach, level="hyperelastic",
-                  friction=0.0)  # fmt: skip
+    choice = select_level(scene.skin(), GelMaterial(), parse_indenter(scene.indenter), reach,
+                          level="hyperelastic", friction=0.0)  # fmt: skip
     picked = replace(scene, spacing_mm=choice.spacing_mm, focus=choice.focus)
     return picked, choice.step_mm
 

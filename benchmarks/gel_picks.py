@@ -4,23 +4,26 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from deltact_fab.elasticity.material import GelMaterial
-from deltact_fab.gel.level import Reach, follow
-from deltact_fab.gel.level_selection import pick
-from deltact_fab.gel.path.open import contact_of
-from deltact_fab.numerics.engines.gel_press import SPHERE, down
-from deltact_fab.shapes import SkinDimensions
-from deltact_fab.shapes.indenter import parse
+from deltact_fab.physics.gel.level import Reach, follow_path
+from deltact_fab.physics.gel.level_selection import select_level
+from deltact_fab.physics.gel.path.open import open_contact
+from deltact_fab.sensor.elasticity.material import GelMaterial
+from deltact_fab.sensor.shapes.indenter import parse_indenter
+from deltact_fab.sensor.shapes.sensor import SkinDimensions
+from deltact_fab.studies.numerics.engines.gel_press import SPHERE, down
 
 
 def one_increment_of_the_level(
     depth_mm: float, spacing_mm: float, scratch: Path
 ) -> tuple[float, str]:
     """Force of a press with friction in one step over that in ten, less 1."""
-    scene, reach = (SkinDimensions(), GelMaterial(), parse(SPHERE)), Reach(deepest_mm=depth_mm)
-    choice = pick(*scene, reach, level="hyperelastic", spacing_mm=spacing_mm)
-    contact = contact_of(*scene, choice)
+    scene, reach = (
+        (SkinDimensions(), GelMaterial(), parse_indenter(SPHERE)),
+        Reach(deepest_mm=depth_mm),
+    )
+    choice = select_level(*scene, reach, level="hyperelastic", spacing_mm=spacing_mm)
+    contact = open_contact(*scene, choice)
     one = contact.solve(contact.rest(), down(depth_mm))
-    *_, many = follow(contact, contact.rest(), down(depth_mm), depth_mm / 10)
+    *_, many = follow_path(contact, contact.rest(), down(depth_mm), depth_mm / 10)
     note = f"{-one.force_n[2]:.4g} N, {one.diagnostics.iterations} iterations"
     return one.force_n[2] / many.force_n[2] - 1, note

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from deltact_fab.gel.finite.linear import Name
-from deltact_fab.numerics.engines import gel_press
-from deltact_fab.numerics.engines.gel_press import (
+from deltact_fab.physics.gel.finite.linear import SolverName
+from deltact_fab.studies.numerics.engines import gel_press
+from deltact_fab.studies.numerics.engines.gel_press import (
     SPHERE,
     GelCase,
     PressReference,
@@ -28,7 +28,7 @@ class WholePress(PressSetup):
     """part: of the block that is meshed; `even`: whole, cells of one size."""
 
     part: Literal["whole", "even"] = "whole"
-    solver: Name = "auto"
+    solver: SolverName = "auto"
 
     @property
     def scene(self) -> GelCase:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.aliases import Array
+from deltact_fab.common.aliases import Array
 
 from .gel_twin import BallPress, Block, Gel, Pose, Solved, graded
 

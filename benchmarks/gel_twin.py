@@ -1,7 +1,7 @@
 """A block under a rigid ball, pressed and dragged, solved on its own: 3D, finite strain, friction.
 
-Shares no line with `deltact_fab.gel.finite`. Bricks of 27 nodes with a linear pressure in each
-(Q2/P1, the pressure eliminated); energy
+Shares no line with `deltact_fab.physics.gel.finite`. Bricks of 27 nodes with a linear pressure in
+each (Q2/P1, the pressure eliminated); energy
     mu/2 (I1 - 3) (1 + stiffening (I1 - 3)) - mu ln J + lambda/2 P(ln J)^2,
 P the projection on linear functions of a brick. The ball is met at 2 x 2 points a face: multipliers
 with a penalty that is closed by augmentation, and Coulomb's law by return mapping on them, its
@@ -22,7 +22,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
-from deltact_fab.aliases import Field, Index, Point
+from deltact_fab.common.aliases import Field, Index, Point
 
 P3, W3 = np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0]), np.array([5.0, 8.0, 5.0]) / 9
 P2 = np.array([-1.0, 1.0]) / np.sqrt(3)

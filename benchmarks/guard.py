@@ -44,12 +44,12 @@ SETTINGS |= {110: 6000, 111: 6000, 112: 6000}
 
 def serve(rate_hz: float) -> None:
     """Print the ports, then for every line "over" what became of it: ns of record and byte."""
-    from deltact_fab.rig.config import ForceConfig
-    from deltact_fab.rig.force.watchdog import run_first
-    from deltact_fab.rig.interface import WallClock
-    from deltact_fab.virtual.controller import GrblController
-    from deltact_fab.virtual.pty import PtyCable
-    from deltact_fab.virtual.served import NetFTServer
+    from deltact_fab.bench.rig.force.watchdog import run_first
+    from deltact_fab.bench.rig.interface import WallClock
+    from deltact_fab.bench.rig.tables import ForceConfig
+    from deltact_fab.simulate.virtual.controller import GrblController
+    from deltact_fab.simulate.virtual.pty import PtyCable
+    from deltact_fab.simulate.virtual.served import NetFTServer
 
     over = threading.Event()
     stopped = threading.Event()
@@ -114,7 +114,7 @@ class Recording:
     """Frames at FRAME_RATE_HZ into the run's pipeline. kept, dropped: how many."""
 
     def __init__(self, folder: Path, image_format: str) -> None:
-        from deltact_fab.record.journal import WriterThreads
+        from deltact_fab.bench.record.journal import WriterThreads
 
         (folder / "images").mkdir()
         self._folder = folder
@@ -163,12 +163,11 @@ def measure(
 
     silent_s: see `NetFTConfig`.
     """
-    from deltact_fab.optics import StageFrame
-    from deltact_fab.rig.config import ForceConfig
-    from deltact_fab.rig.force.watchdog import open_guarded
-    from deltact_fab.rig.interface import ForceSamples, WallClock
-    from deltact_fab.rig.stage.grbl import GrblStage
-    from deltact_fab.rig.tables import GuardConfig, NetFTConfig
+    from deltact_fab.bench.rig.force.watchdog import open_guarded
+    from deltact_fab.bench.rig.interface import ForceSamples, WallClock
+    from deltact_fab.bench.rig.stage.grbl import GrblStage
+    from deltact_fab.bench.rig.tables import ForceConfig, GuardConfig, NetFTConfig
+    from deltact_fab.sensor.optics.camera import StageFrame
 
     clock, draw = WallClock(), random.Random(seed)
     whole, decided = [], []

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.elasticity.material import GelMaterial
-from deltact_fab.gel.level import Reach
-from deltact_fab.gel.level_selection import pick
-from deltact_fab.gel.path.open import contact_of
-from deltact_fab.numerics.engines.gel_press import rms_mm
-from deltact_fab.rig.config import FiniteGelConfig
-from deltact_fab.shapes import SkinDimensions
-from deltact_fab.shapes.indenter import parse
+from deltact_fab.bench.rig.config import FiniteGelConfig
+from deltact_fab.physics.gel.level import Reach
+from deltact_fab.physics.gel.level_selection import select_level
+from deltact_fab.physics.gel.path.open import open_contact
+from deltact_fab.sensor.elasticity.material import GelMaterial
+from deltact_fab.sensor.shapes.indenter import parse_indenter
+from deltact_fab.sensor.shapes.sensor import SkinDimensions
+from deltact_fab.studies.numerics.engines.gel_press import rms_mm
 
 CAPS = (8_000, 16_000, 32_000)  # the first is the rig file's default
 REACH_MM = 10.0  # of the paper's pattern selection: depth, and drags each way
@@ -63,13 +63,13 @@ def held_row(held: Held) -> dict[str, Any]:
     The finer solve has the cells that the default tolerance asks for on that path, but only below
     this press and on the part that its mirrors leave, and FINER_STEPS times as many increments.
     """
-    skin, material, indenter = SkinDimensions(), GelMaterial(), parse(held.indenter)
+    skin, material, indenter = SkinDimensions(), GelMaterial(), parse_indenter(held.indenter)
 
     def picked(reach: Reach, **asked: Any) -> Any:
-        return pick(skin, material, indenter, reach, level="hyperelastic", **asked)
+        return select_level(skin, material, indenter, reach, level="hyperelastic", **asked)
 
     def solved(choice: Any, parts: int) -> Any:
-        contact = contact_of(skin, material, indenter, choice)
+        contact = open_contact(skin, material, indenter, choice)
         state = contact.rest((0.0, 0.0, 0.0))
         for tip in held.tips(parts):
             state = contact.solve(state, tip)

@@ -1,7 +1,7 @@
 """How often 95 % intervals over few groups hold the truth: `python -m benchmarks.intervals`.
 
 Synthetic: every group has an offset of its own (sd .5) and 20 samples (sd 1). Against
-`study.intervals` stand the bootstraps of whole groups that scipy has. Half a minute.
+`studies.study.intervals` stand the bootstraps of whole groups that scipy has. Half a minute.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import math
 import numpy as np
 from scipy import stats
 
-from deltact_fab.study import intervals
+from deltact_fab.studies.study import intervals
 
 TRIALS = 400
 DRAWS = 500

@@ -9,9 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from deltact_fab.numerics.engine import Case, judge, peak_resident_mb, reset_peak_mb
-from deltact_fab.numerics.engines import gel_press
-from deltact_fab.numerics.engines.gel_press import GelAnswer, PressSetup, errors, solve_finite
+from deltact_fab.studies.numerics.engine import Case, judge, peak_resident_mb, reset_peak_mb
+from deltact_fab.studies.numerics.engines import gel_press
+from deltact_fab.studies.numerics.engines.gel_press import (
+    GelAnswer,
+    PressSetup,
+    errors,
+    solve_finite,
+)
 
 from .gel_press import FINE, STEPS_MM, reference
 

@@ -20,18 +20,20 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab import cache, catalog, digest, experiment, record
-from deltact_fab.aliases import Array, Progress
-from deltact_fab.analysis.force import fit
-from deltact_fab.analysis.force.dataset import gather
-from deltact_fab.analysis.runs import view_of
-from deltact_fab.analysis.shape.ball import calibrate_depth
-from deltact_fab.analysis.tracking_error.tally import TrueFrame, seen_by
-from deltact_fab.measure.flow import FlowState
-from deltact_fab.measure.flow.fused import to_full
-from deltact_fab.measure.pipeline import Measurement, Pipeline
-from deltact_fab.numerics.harness import machine
-from deltact_fab.record import Run
+from deltact_fab.bench.record.run import Run, open_run
+from deltact_fab.common import cache, catalog, digest
+from deltact_fab.common.aliases import Array, Progress
+from deltact_fab.estimate.analysis.force.dataset import gather
+from deltact_fab.estimate.analysis.force.judge import fit_force
+from deltact_fab.estimate.analysis.runs import view_of_run
+from deltact_fab.estimate.analysis.shape.ball import calibrate_depth
+from deltact_fab.estimate.analysis.tracking_error.tally import TrueFrame, imaged_pixels
+from deltact_fab.estimate.measure.flow.confidence import FlowState
+from deltact_fab.estimate.measure.flow.fused import to_full
+from deltact_fab.estimate.measure.pipeline.measurement import Measurement, Pipeline
+from deltact_fab.simulate.experiment.request import RunRequest
+from deltact_fab.simulate.experiment.session import run_experiment
+from deltact_fab.studies.numerics.harness import machine
 
 FRAMES = 300
 TIMED = 150  # of them, the press and two drags of the four
@@ -40,7 +42,12 @@ PACED_HZ = 60.0
 PROTOCOL, RIG = "deep-drag", "fisheye"
 RATE_HZ = 3.0  # enough frames of the shipped protocol
 PATTERNS = {"0.15/0.1": (0.15, 0.1), "0.075/0.6": (0.075, 0.6)}
-DRAWN_BY = ("virtual.drawing", "virtual.presses", "imaging", "patterns.raster")
+DRAWN_BY = (
+    "simulate.virtual.drawing",
+    "simulate.virtual.presses",
+    "physics.imaging",
+    "fabricate.patterns.raster",
+)
 # case: outputs, goal in images a second
 CASES: dict[str, tuple[tuple[str, ...], float]] = {
     "everything": (("flow", "shape", "contacts", "force", "traction"), 60.0),
@@ -85,10 +92,10 @@ def run_benchmark(
 
 
 def _pattern(run: Run, frames: int) -> dict[str, Any]:
-    view = view_of(run)
+    view = view_of_run(run)
     raw = [run.raw(file) for file in run.frames()["file"].iloc[:frames]]
     # By these frames themselves: for their time, not for their error.
-    force, depth = fit(gather([run], [_FORCE]), _FORCE), calibrate_depth(run.folder).model
+    force, depth = fit_force(gather([run], [_FORCE]), _FORCE), calibrate_depth(run.folder).model
     judged, rows = _judged(run, raw), {}
     for case, (outputs, goal_hz) in CASES.items():
         measurement = Measurement(view, outputs, [force, depth])
@@ -158,7 +165,7 @@ def _paced(pipeline: Pipeline, raw: list[Array]) -> None:
 
 def _judged(run: Run, images: list[Array]) -> dict[str, float]:
     measurement = Measurement(run.camera, ("observation",))
-    truth, ids, in_view = run.truth(), run.frames()["frame_id"], seen_by(run.camera)
+    truth, ids, in_view = run.truth(), run.frames()["frame_id"], imaged_pixels(run.camera)
     assert truth is not None, "the virtual rig writes it"
     parts: list[Array] = []  # (3, n) at the moving pixels: error in mm, whether known, confident
     peaks_mm = [0.0]
@@ -189,31 +196,31 @@ def _judged(run: Run, images: list[Array]) -> dict[str, float]:
 
 def _drawn(pattern: str, progress: Progress | None) -> Run:
     """The run on a pattern of PATTERNS, made if the cache folder has none."""
-    home = cache.user_folder() / "benchmark"
+    home = cache.cache_folder() / "benchmark"
     name = pattern.replace("/", "-")
-    folder = home / f"{name}-{digest.of(*DRAWN_BY)}"
+    folder = home / f"{name}-{digest.code_digest(*DRAWN_BY)}"
     folder.parent.mkdir(parents=True, exist_ok=True)
     for old in home.glob(f"{name}-*"):
         if old != folder and old.is_dir():
             shutil.rmtree(old, ignore_errors=True)
     protocol = _protocol(home, name, *PATTERNS[pattern])
-    if not (folder.is_dir() and record.open(folder).finished):
-        request = experiment.RunRequest(str(protocol), RIG, folder, seed=0, progress=progress)
-        experiment.run(request, resume=True)
-    return record.open(folder)
+    if not (folder.is_dir() and open_run(folder).finished):
+        request = RunRequest(str(protocol), RIG, folder, seed=0, progress=progress)
+        run_experiment(request, resume=True)
+    return open_run(folder)
 
 
 def _protocol(home: Path, name: str, patch_mm: float, r: float) -> Path:
     """The shipped protocol, filmed faster, with force, on the pattern."""
     recipe = {"law": "algorithm1", "seed": 7, "size_mm": 35.0, "patch_mm": patch_mm, "r": r}
     pattern = home / f"pattern-{name}.toml"
-    pattern.write_text(catalog.as_toml(recipe))
-    plan = catalog.read(catalog.find("protocols", PROTOCOL))
+    pattern.write_text(catalog.toml_text(recipe))
+    plan = catalog.read_toml(catalog.find_file("protocols", PROTOCOL))
     plan["channels"] = ["image", "force", "shear"]
     plan["capture"]["rate_hz"] = RATE_HZ
     plan["specimen"]["pattern"] = str(pattern)
     path = home / f"{PROTOCOL}-{name}.toml"
-    path.write_text(catalog.as_toml(plan))
+    path.write_text(catalog.toml_text(plan))
     return path
 
 

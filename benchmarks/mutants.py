@@ -25,10 +25,10 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "deltact_fab"
 # Rooms whose tests are not the folder of their name.
 TESTS = {
-    "record": "tests/test_rec*.py tests/test_resume.py tests/test_faults.py",
+    "record": "tests/test_rec*.py tests/bench/test_resume.py tests/bench/test_faults.py",
     "jobs": "tests/test_jobs*.py",
-    "preflight": "tests/test_preflight*.py tests/test_estimate.py",
-    "experiment": "tests/test_experiment.py tests/protocols",
+    "preflight": "tests/test_preflight*.py tests/simulate/test_estimate.py",
+    "experiment": "tests/simulate/test_experiment.py tests/protocols",
     "pdf": "tests/patterns",
     "": "tests/test_*.py tests/lab tests/schema",
 }

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.errors import RunFailed
-from deltact_fab.jobs import THREAD_VARIABLES
+from deltact_fab.common.errors import RunFailed
+from deltact_fab.common.jobs.local import THREAD_VARIABLES
 
 VARIABLE = "DELTACT_PEERS"
 HERE = Path(__file__).resolve().parent

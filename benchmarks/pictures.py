@@ -20,11 +20,11 @@ def main(words: list[str]) -> None:
     """Draw the sensor; with the path of a report, photograph its top as well."""
     from playwright.sync_api import sync_playwright
 
-    from deltact_fab.cad.design import load_design
-    from deltact_fab.cad.registry import listed
-    from deltact_fab.report import guide
+    from deltact_fab.fabricate import guide
+    from deltact_fab.fabricate.cad.design import load_design
+    from deltact_fab.fabricate.cad.registry import list_parts
 
-    drawn = guide.draw(load_design(), listed(), lambda done, total, what: None)
+    drawn = guide.draw(load_design(), list_parts(), lambda done, total, what: None)
     svg = base64.b64decode(drawn.exploded.partition(",")[2]).decode()
     IMAGES.mkdir(exist_ok=True)
     with sync_playwright() as play:

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.elasticity.material import GelMaterial
-from deltact_fab.gel.level import Reach, follow
-from deltact_fab.gel.level_selection import pick
-from deltact_fab.gel.path.open import contact_of
-from deltact_fab.gel.press import press
-from deltact_fab.numerics.engines.gel_press import rms_mm
-from deltact_fab.shapes import SkinDimensions
-from deltact_fab.shapes.indenter import parse
+from deltact_fab.physics.gel.level import Reach, follow_path
+from deltact_fab.physics.gel.level_selection import select_level
+from deltact_fab.physics.gel.path.open import open_contact
+from deltact_fab.physics.gel.press import press_gel
+from deltact_fab.sensor.elasticity.material import GelMaterial
+from deltact_fab.sensor.shapes.indenter import parse_indenter
+from deltact_fab.sensor.shapes.sensor import SkinDimensions
+from deltact_fab.studies.numerics.engines.gel_press import rms_mm
 
 SEED = 23  # sets no rule of the gel; docs/evidence/gel.md tells which seeds did
 
@@ -39,8 +39,8 @@ def random_press(i: int) -> tuple[str, tuple[float, float], float]:
 def press_row(i: int) -> dict[str, Any]:
     """The estimate of `gel press` against the next mesh and Richardson's extrapolation."""
     name, (x, y), depth = random_press(i)
-    skin, material, indenter = SkinDimensions(), GelMaterial(), parse(name)
-    found = press(skin, material, indenter, (x, y), depth)
+    skin, material, indenter = SkinDimensions(), GelMaterial(), parse_indenter(name)
+    found = press_gel(skin, material, indenter, (x, y), depth)
     out: dict[str, Any] = {"indenter": name, "at_mm": [x, y], "depth_mm": depth}
     result = found.result
     if result["force_n"] is None:
@@ -49,13 +49,13 @@ def press_row(i: int) -> dict[str, Any]:
     level = result["model"]
     # A linear level is judged by finite strain, on the mesh that this would be given.
     asked = result["picked"]["spacing_mm"] if level == "hyperelastic" else None
-    choice = pick(skin, material, indenter, Reach.around([tip]), level="hyperelastic",
+    choice = select_level(skin, material, indenter, Reach.around([tip]), level="hyperelastic",
                   spacing_mm=asked)  # fmt: skip
     choice = replace(choice, step_mm=result["picked"]["step_mm"])
 
     def solved(spacing: float, step: float) -> tuple[Any, Any]:
-        contact = contact_of(skin, material, indenter, choice.times(spacing, step))
-        *_, last = follow(contact, contact.rest((x, y, 0.0)), tip, contact.choice.step_mm)
+        contact = open_contact(skin, material, indenter, choice.times(spacing, step))
+        *_, last = follow_path(contact, contact.rest((x, y, 0.0)), tip, contact.choice.step_mm)
         return np.array(last.force_n), last.displacement_mm[..., :2]
 
     known = np.array(result["force_n"]), found.displacement_mm[..., :2]

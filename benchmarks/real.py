@@ -26,19 +26,20 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from deltact_fab import digest
-from deltact_fab.aliases import Array
-from deltact_fab.errors import InputError, RunFailed, SensorError
-from deltact_fab.files import write_whole
-from deltact_fab.measure.dots import DotTracker
-from deltact_fab.measure.face import FaceFlow
-from deltact_fab.measure.flow import FlowTracker, named_tracker
-from deltact_fab.measure.force import Features, make_features
-from deltact_fab.measure.hodge import Hodge
-from deltact_fab.measure.regression import least_squares
-from deltact_fab.measure.sensor_id import SensorModel
-from deltact_fab.optics import Pinhole
-from deltact_fab.study import intervals
+from deltact_fab.common import digest
+from deltact_fab.common.aliases import Array
+from deltact_fab.common.errors import InputError, RunFailed, SensorError
+from deltact_fab.common.files import write_whole
+from deltact_fab.estimate.measure.dots.tracker import DotTracker
+from deltact_fab.estimate.measure.face import FaceFlow
+from deltact_fab.estimate.measure.flow.tracker import FlowTracker, named_tracker
+from deltact_fab.estimate.measure.force import make_features
+from deltact_fab.estimate.measure.force.model import Features
+from deltact_fab.estimate.measure.hodge import Hodge
+from deltact_fab.estimate.measure.regression import least_squares
+from deltact_fab.estimate.measure.sensor_id import SensorModel
+from deltact_fab.sensor.optics.camera import Pinhole
+from deltact_fab.studies.study import intervals
 
 from . import peer
 
@@ -89,7 +90,7 @@ class Recording:
             raise InputError(f"{clone}: all {len(names)} files wanted are absent from the clone")
         lacks = len(names) - len(files)
         absent = f", {lacks} of {len(names)} files absent from the clone" if lacks else ""
-        code = digest.of("real", package=Path(__file__).parent)
+        code = digest.code_digest("real", package=Path(__file__).parent)
         what = f"{self.repository} @ {commit[:7]} of {date}, `{self.folder}`{absent}; "
         what += f"measured {time.strftime('%Y-%m-%d')} by code {code}."
         return "\n".join((f"## {self.about}", "", what, "", *self.measure(files), ""))

@@ -23,8 +23,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.protocols.plan import Step
-from deltact_fab.record.writer import RunWriter
+from deltact_fab.bench.protocols.plan import Step
+from deltact_fab.bench.record.writer import RunWriter
 
 PERIOD_S = 0.005
 RATES_HZ = (30.0, 60.0)

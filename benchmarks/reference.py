@@ -16,9 +16,9 @@ import click
 import pydantic
 
 import deltact_fab
-from deltact_fab import catalog
-from deltact_fab.cli.main import main as program
-from deltact_fab.schema import KINDS, OUTPUTS, Kind, rows
+from deltact_fab.app.cli.main import main as program
+from deltact_fab.app.schema import KINDS, OUTPUTS, Kind, rows
+from deltact_fab.common import catalog
 
 from . import architecture, extend_pages
 

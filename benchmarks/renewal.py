@@ -14,17 +14,23 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from deltact_fab.aliases import Image
-from deltact_fab.analysis.tracking_error.tally import off_dots
-from deltact_fab.measure.flow import RENEW_SHARE, FlowMethod, FlowTracker, Reference, to_gray
-from deltact_fab.measure.flow.renewed import photometric_error, unrelated_difference
-from deltact_fab.patterns.recipe import PatternRecipe
-from deltact_fab.patterns.series import recipes
-from deltact_fab.shapes import SensorDimensions
-from deltact_fab.study.pattern_selection import Selection
-from deltact_fab.study.registry import StudyRequest, virtual_rig
-from deltact_fab.study.stream import PressStream
-from deltact_fab.virtual.drawing import noise_of, printed, resting
+from deltact_fab.common.aliases import Image
+from deltact_fab.estimate.analysis.tracking_error.tally import off_dots
+from deltact_fab.estimate.measure.flow.fused import to_gray
+from deltact_fab.estimate.measure.flow.renewed import (
+    RENEW_SHARE,
+    FlowMethod,
+    photometric_error,
+    unrelated_difference,
+)
+from deltact_fab.estimate.measure.flow.tracker import FlowReference, FlowTracker
+from deltact_fab.fabricate.patterns.recipe import PatternRecipe
+from deltact_fab.fabricate.patterns.series import series_recipes
+from deltact_fab.sensor.shapes.sensor import SensorDimensions
+from deltact_fab.simulate.virtual.drawing import noise_of, printed_renderer, resting_geometry
+from deltact_fab.studies.study.pattern_selection import Selection
+from deltact_fab.studies.study.registry import StudyRequest, virtual_rig
+from deltact_fab.studies.study.stream import PressStream
 
 SHARES = (0.25, 0.5, 0.75)
 SHOWN = ("d0p05-r0p5", "d0p075-r0p6", "d0p1-r0p5", "d0p15-r0p3", "d0p2-r0p1")
@@ -34,13 +40,13 @@ def seen() -> Iterator[tuple[str, float, float]]:
     """Of each pattern of the paper: the rule's threshold, and the most that it can see, in grey
     levels of the virtual rig's camera.
     """
-    config, geometry = virtual_rig("virtual")[0], resting(SensorDimensions())
+    config, geometry = virtual_rig("virtual")[0], resting_geometry(SensorDimensions())
 
     def at_rest_of(recipe: PatternRecipe, seed: int) -> Image:
-        picture = printed(config.virtual, recipe, geometry, seed)
+        picture = printed_renderer(config.virtual, recipe, geometry, seed)
         return to_gray(picture.render(None, noise_of(seed, 0)))
 
-    for entry in recipes():
+    for entry in series_recipes():
         own = at_rest_of(entry.recipe, 1)
         other = at_rest_of(entry.recipe.model_copy(update={"seed": entry.recipe.seed + 1}), 2)
         still = np.zeros((*own.shape, 2), np.float32)
@@ -53,7 +59,7 @@ def by_share(press: str) -> Iterator[str]:
     scene = Selection.of(StudyRequest())
     of = scene.scene
     stream = PressStream(scene.protocol, press, of.sensor, of.rig, of.source)
-    totals: tuple[Reference, ...] = ("summed", "composed")
+    totals: tuple[FlowReference, ...] = ("summed", "composed")
     ways = [(share, total) for share in SHARES for total in totals]
     yield "| pattern | " + " | ".join(f"{share:g}, {total}" for share, total in ways) + " |"
     yield "|---" * (len(ways) + 1) + "|"

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.aliases import Field
+from deltact_fab.common.aliases import Field
 
 EDGE_PX = 16  # left out at the border
 FLAT_PX = 119.0  # periods above it show noise

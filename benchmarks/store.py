@@ -11,8 +11,8 @@ import os
 from pathlib import Path
 from typing import Any
 
-from deltact_fab.errors import InputError
-from deltact_fab.files import write_whole
+from deltact_fab.common.errors import InputError
+from deltact_fab.common.files import write_whole
 
 
 def read(path: Path) -> dict[str, dict[str, Any]]:

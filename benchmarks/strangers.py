@@ -16,25 +16,24 @@ import numpy as np
 import pandas as pd
 from scipy.special import stdtrit
 
-from deltact_fab.aliases import Array
-from deltact_fab.analysis.force import ForceData, fit
-from deltact_fab.analysis.force.gel import (
+from deltact_fab.common.aliases import Array
+from deltact_fab.estimate.analysis.force.dataset import ForceData
+from deltact_fab.estimate.analysis.force.gel import (
     FoundGel,
     UnrelaxedForces,
     early_labels,
     errors_of,
     search,
 )
-from deltact_fab.analysis.force.judge import left_out
-from deltact_fab.cad.design import load_design
-from deltact_fab.measure.face import FaceFlow
-from deltact_fab.measure.force import Features, ForceModel
-from deltact_fab.measure.force.inverse import Inverse
-from deltact_fab.measure.sensor_id import SensorModel
-from deltact_fab.measure.shape import DepthFinder, DepthModel, contacts
-from deltact_fab.measure.shape.depth import ball_mm
-from deltact_fab.optics import Pinhole
-from deltact_fab.shapes import SkinDimensions
+from deltact_fab.estimate.analysis.force.judge import fit_force, left_out
+from deltact_fab.estimate.measure.face import FaceFlow
+from deltact_fab.estimate.measure.force.inverse import Inverse
+from deltact_fab.estimate.measure.force.model import Features, ForceModel
+from deltact_fab.estimate.measure.sensor_id import SensorModel
+from deltact_fab.estimate.measure.shape.depth import DepthFinder, DepthModel, ball_mm, contacts
+from deltact_fab.fabricate.cad.design import load_design
+from deltact_fab.sensor.optics.camera import Pinhole
+from deltact_fab.sensor.shapes.sensor import SkinDimensions
 
 from .force_truth import flows_of
 from .gel_strangers import SEED, STRANGERS, Press, stored
@@ -123,7 +122,7 @@ def judged(
     found = early_labels(data) if labels == "mended" else None
     data = found.mended(data) if found else data
     held = left_out(data, Inverse.name, "position")[0] - data.wrench
-    model, features = fit(data, Inverse.name), Inverse(view)
+    model, features = fit_force(data, Inverse.name), Inverse(view)
     true = seen.data(judge, view)
     off = model.predict(true.features[Inverse.name]) - true.wrench
     finder = DepthFinder(view, DepthModel(_gain(seen, view, learn[0]), 20.0))

@@ -15,9 +15,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from deltact_fab.files import write_whole
-from deltact_fab.report.study_page import read_result
-from deltact_fab.study.registry import STUDIES
+from deltact_fab.common.files import write_whole
+from deltact_fab.present.report.study_page import read_result
+from deltact_fab.studies.study.registry import STUDIES
 
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "docs" / "evidence" / "studies"

@@ -23,18 +23,13 @@ from unittest import mock
 
 import numpy as np
 
-from deltact_fab import cache
-from deltact_fab.jobs.cluster import executor
-from deltact_fab.study import (
-    force_calibration,
-    pattern_selection,
-    press_jobs,
-    shapes,
-)
-from deltact_fab.study.grid import Grid, GridJob, solve
-from deltact_fab.study.pattern_selection import Selection
-from deltact_fab.study.registry import StudyRequest
-from deltact_fab.study.scene import PressScene
+from deltact_fab.common import cache
+from deltact_fab.common.jobs.cluster import open_executor
+from deltact_fab.studies.study import force_calibration, pattern_selection, press_jobs, shapes
+from deltact_fab.studies.study.grid import Grid, GridJob, solve
+from deltact_fab.studies.study.pattern_selection import Selection
+from deltact_fab.studies.study.registry import StudyRequest
+from deltact_fab.studies.study.scene import PressScene
 
 PATTERNS, DEPTHS_MM = (1, 2, 4), (1.0, 2.0, 3.0)
 KNOT_S = 5.0  # of the gel at finite strain, about
@@ -100,7 +95,7 @@ def alone(job: GridJob) -> dict[str, Any]:
     """What a job costs in a process that has done nothing else."""
     import benchmarks.study_scaling as own  # by a name that the process can import
 
-    with executor(workers=1) as one:
+    with open_executor(workers=1) as one:
         return one.submit(own.measured, job.arguments).result()
 
 
@@ -134,7 +129,7 @@ def timed() -> None:
     _line("frames", [row["frames"] for row in rows], rows)
     spent = []
     for workers in (1, 2):
-        with executor(workers=workers) as where:
+        with open_executor(workers=workers) as where:
             began = time.monotonic()
             seeds = range(4 * workers, 4 * workers + 4)
             solve([job(scenes[0], 1, f"{seed}", seed) for seed in seeds], where)

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from deltact_fab.files import write_whole
+from deltact_fab.common.files import write_whole
 
 COMMAND = "make evidence"
 AGAIN = "python -m benchmarks.evidence --stale"

@@ -36,49 +36,63 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from .door import open_door
-from .version import VERSION as __version__
+from deltact_fab.door import open_door
+from deltact_fab.version import VERSION as __version__
 
 if TYPE_CHECKING:
-    from .analysis.force import write_calibration as write_force_calibration
-    from .analysis.force.calibrate import calibrate as calibrate_force
-    from .analysis.shape import calibrate_depth
-    from .analysis.tracking_error import analyse as analyze_tracking
-    from .cad.assembly import assemble as assemble_sensor
-    from .cad.assembly import bench as assemble_bench
-    from .cad.build import build_named as build_part
-    from .cad.design import load_design
-    from .cad.export import export_parts
-    from .cad.feasibility import check as check_design
-    from .elasticity import GelMaterial
-    from .errors import InputError, RunFailed, SensorError
-    from .experiment import RunRequest
-    from .experiment import run as run_protocol
-    from .gel.press import press as press_gel
-    from .live.session import LiveMeasurement as Live
-    from .live.session import measure_source, track
-    from .patterns import PatternRecipe
-    from .patterns import make as make_pattern
-    from .patterns.quality.measure import measure as measure_pattern
-    from .protocols.plan import load as load_protocol
-    from .record import open as load_run
-    from .rig.tool.session import open_probe
-    from .shapes.indenter import parse as parse_indenter
+    from deltact_fab.bench import load_protocol, open_probe
+    from deltact_fab.bench import open_run as load_run
+    from deltact_fab.common import InputError, RunFailed, SensorError
+    from deltact_fab.estimate import analyse_tracking as analyze_tracking
+    from deltact_fab.estimate import calibrate as calibrate_force
+    from deltact_fab.estimate import calibrate_depth, write_force_calibration
+    from deltact_fab.fabricate import PatternRecipe, export_parts, load_design, make_pattern
+    from deltact_fab.fabricate import assemble as assemble_sensor
+    from deltact_fab.fabricate import bench as assemble_bench
+    from deltact_fab.fabricate import build_named_part as build_part
+    from deltact_fab.fabricate import check_feasible as check_design
+    from deltact_fab.fabricate import measure_quality as measure_pattern
+    from deltact_fab.physics import press_gel
+    from deltact_fab.present import LiveMeasurement as Live
+    from deltact_fab.present import measure_source
+    from deltact_fab.present import track_images as track
+    from deltact_fab.sensor import GelMaterial, parse_indenter
+    from deltact_fab.simulate import RunRequest
+    from deltact_fab.simulate import run_experiment as run_protocol
 else:
     __getattr__, __dir__ = open_door(__name__)
 
     class _OldPaths:
-        """Finder of modules that moved; it is asked last."""
+        """Finder of modules that moved; asked first, as an earlier version may leave folders."""
 
-        @staticmethod
-        def find_spec(name: str, *_: object) -> object:
-            if name.startswith(f"{__name__}."):
-                from .moved import spec_of
+        tops = frozenset(
+            [
+                "aliases",
+                "analysis",
+                "cad",
+                "elasticity",
+                "errors",
+                "experiment",
+                "gel",
+                "optics",
+                "patterns",
+                "protocols",
+                "record",
+                "rig",
+                "shapes",
+            ]
+        )
+
+        @classmethod
+        def find_spec(cls, name: str, *_: object) -> object:
+            top, _, rest = name.partition(".")
+            if top == __name__ and rest.partition(".")[0] in cls.tops:
+                from deltact_fab.moved import spec_of
 
                 return spec_of(name)
             return None
 
-    sys.meta_path.append(_OldPaths)
+    sys.meta_path.insert(0, _OldPaths)
 
 __all__ = [  # noqa: RUF022
     "__version__", "load_design", "check_design", "build_part", "assemble_sensor",

@@ -1,6 +1,6 @@
 """What `python -m deltact_fab` runs: the command line."""
 
-from .cli.main import entry
+from deltact_fab.app import entry
 
 if __name__ == "__main__":
     entry()

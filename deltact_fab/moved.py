@@ -11,7 +11,7 @@ from types import ModuleType
 _TOP = __name__.partition(".")[0]
 # Each taught path with its names and what they are now: a name of the top, or MODULE:NAME.
 TAUGHT: dict[str, dict[str, str]] = {
-    "aliases": {"Vector": "aliases:Vector"},
+    "aliases": {"Vector": "common.aliases:Vector"},
     "analysis.force": {
         "calibrate": "calibrate_force",
         "write_calibration": "write_force_calibration",
@@ -19,36 +19,41 @@ TAUGHT: dict[str, dict[str, str]] = {
     "analysis.shape": {"calibrate_depth": "calibrate_depth"},
     "analysis.tracking_error": {
         "analyse": "analyze_tracking",
-        "TrackingResult": "analysis.tracking_error.result:TrackingResult",
+        "TrackingResult": "estimate.analysis.tracking_error.result:TrackingResult",
     },
     "cad.assembly": {"assemble": "assemble_sensor", "bench": "assemble_bench"},
-    "cad.build": {"build_part": "cad.build:build_part"},
+    "cad.build": {"build_part": "fabricate.cad.build:build_part"},
     "cad.design": {"load_design": "load_design"},
     "cad.export": {"export_parts": "export_parts"},
     "cad.feasibility": {"check": "check_design"},
-    "cad.registry": {"find": "cad.registry:find"},
+    "cad.registry": {"find": "fabricate.cad.registry:find_part"},
     "elasticity": {"GelMaterial": "GelMaterial"},
     "errors": {name: name for name in ("InputError", "RunFailed", "SensorError")},
     "experiment": {"RunRequest": "RunRequest", "run": "run_protocol"},
     "gel.press": {"press": "press_gel"},
-    "optics": {"StageFrame": "optics.camera:StageFrame"},
+    "optics": {"StageFrame": "sensor.optics.camera:StageFrame"},
     "patterns": {"PatternRecipe": "PatternRecipe", "make": "make_pattern"},
     "patterns.quality.measure": {"measure": "measure_pattern"},
     "protocols.plan": {"load": "load_protocol"},
     "record": {"open": "load_run"},
-    "rig.config": {"load": "rig.config:load", "GrblConfig": "rig.config:GrblConfig"},
-    "rig.interface": {"go": "rig.interface:go"},
-    "rig.tables": {"TouchConfig": "rig.tables:TouchConfig"},
-    "rig.tool.feeler": {"ForceProbe": "rig.tool.feeler:ForceProbe"},
-    "rig.tool.session": {"homed": "rig.tool.session:homed"},
-    "rig.tool.tooling": {
-        "TerminalOperator": "rig.tool.tooling:TerminalOperator",
-        "confirm": "rig.tool.tooling:confirm",
+    "rig.config": {
+        "load": "bench.rig.config:load_rig",
+        "GrblConfig": "bench.rig.config:GrblConfig",
     },
-    "rig.tool.touch": {name: f"rig.tool.touch:{name}" for name in ("LOWERING", "MOST", "STEP_MM")},
+    "rig.interface": {"go": "bench.rig.interface:move_to"},
+    "rig.tables": {"TouchConfig": "bench.rig.tables:TouchConfig"},
+    "rig.tool.feeler": {"ForceProbe": "bench.rig.tool.feeler:ForceProbe"},
+    "rig.tool.session": {"homed": "bench.rig.tool.session:home_stage"},
+    "rig.tool.tooling": {
+        "TerminalOperator": "bench.rig.tool.tooling:TerminalOperator",
+        "confirm": "bench.rig.tool.tooling:confirm",
+    },
+    "rig.tool.touch": {
+        name: f"bench.rig.tool.touch:{name}" for name in ("LOWERING", "MOST", "STEP_MM")
+    },
     "shapes": {
-        "Indenter": "shapes.rigid:Indenter",
-        "SkinDimensions": "shapes.sensor:SkinDimensions",
+        "Indenter": "sensor.shapes.rigid:Indenter",
+        "SkinDimensions": "sensor.shapes.sensor:SkinDimensions",
     },
     "shapes.indenter": {"parse": "parse_indenter"},
 }

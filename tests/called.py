@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from deltact_fab.cli.main import PROGRAM, entry
+from deltact_fab.app.cli.main import PROGRAM, entry
 
 
 def called(*words: str | Path, cwd: Path | None = None) -> CompletedProcess[str]:

@@ -14,12 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.cad.build import build_part
-from deltact_fab.cad.dimensions import Design
-from deltact_fab.cad.kernel import VOLUME_TOLERANCE, SolidProperties
-from deltact_fab.cad.part import Part
-from deltact_fab.cad.parts import coupons, indenter, mount, on_table
-from deltact_fab.shapes import EllipsoidTip, PrismTip, RidgeTip, SphereTip, Tip, TurnedTip
+from deltact_fab.fabricate.cad.build import build_part
+from deltact_fab.fabricate.cad.dimensions import Design
+from deltact_fab.fabricate.cad.kernel import VOLUME_TOLERANCE, SolidProperties
+from deltact_fab.fabricate.cad.part import Part
+from deltact_fab.fabricate.cad.parts import coupons, indenter, mount, on_table
+from deltact_fab.sensor.shapes.prism import PrismTip
+from deltact_fab.sensor.shapes.rigid import Tip
+from deltact_fab.sensor.shapes.tips import EllipsoidTip, RidgeTip, SphereTip
+from deltact_fab.sensor.shapes.turned import TurnedTip
 
 Array = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ import pytest
 from rig_text import VIRTUAL_STAGE
 
 if TYPE_CHECKING:
-    from deltact_fab.analysis.tracking_error import TrackingResult
+    from deltact_fab.estimate.analysis.tracking_error.result import TrackingResult
 
 # Small arrays: threads of the linear algebra cost more than they give, and results must repeat.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -65,7 +65,7 @@ def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 @pytest.fixture(scope="module")
 def no_boot_loader() -> Iterator[None]:
     """A simulated board is no Arduino: no boot loader's 2.5 s are waited for its banner."""
-    from deltact_fab.rig.stage.exchange import Talk
+    from deltact_fab.bench.rig.stage.exchange import Talk
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Talk.banner, "__defaults__", (0.4,))
@@ -106,13 +106,14 @@ def made_once(
 @pytest.fixture(scope="session")
 def mini_run(mini: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a recorded run of the short protocol."""
-    from deltact_fab import experiment
+    from deltact_fab.simulate.experiment.request import RunRequest
+    from deltact_fab.simulate.experiment.session import run_experiment
 
     protocol, rig = map(str, mini)
     return common(
         tmp_path_factory,
         "run",
-        lambda out: experiment.run(experiment.RunRequest(protocol, rig, out, seed=3)),
+        lambda out: run_experiment(RunRequest(protocol, rig, out, seed=3)),
     )
 
 
@@ -121,10 +122,10 @@ def tracked(mini_run: Path) -> TrackingResult:
     """The tracking error of the short run by two quick methods."""
     from concurrent.futures import ThreadPoolExecutor
 
-    from deltact_fab.analysis.tracking_error import analyse
+    from deltact_fab.estimate.analysis.tracking_error.follow import analyse_tracking
 
     with ThreadPoolExecutor(1) as executor:
-        return analyse(mini_run, ["dis-fast", "dis-fast/static"], executor)
+        return analyse_tracking(mini_run, ["dis-fast", "dis-fast/static"], executor)
 
 
 @pytest.fixture(scope="session")
@@ -132,19 +133,20 @@ def calibrations(mini_run: Path, tmp_path_factory: pytest.TempPathFactory) -> li
     """Of force, fitted to the short run itself, and of depth, of plausible numbers."""
     import numpy as np
 
-    from deltact_fab import record
-    from deltact_fab.analysis.force import write_calibration
-    from deltact_fab.analysis.force.dataset import WRENCH
-    from deltact_fab.analysis.runs import head_of, view_of
-    from deltact_fab.measure.face import FaceFlow
-    from deltact_fab.measure.flow import FlowTracker
-    from deltact_fab.measure.force import ForceModel, make_features
-    from deltact_fab.measure.force.calibration import ForceCalibration
-    from deltact_fab.measure.shape import DepthModel
-    from deltact_fab.record import encode_png
+    from deltact_fab.bench.record.images import encode_png
+    from deltact_fab.bench.record.run import open_run
+    from deltact_fab.estimate.analysis.force.dataset import WRENCH
+    from deltact_fab.estimate.analysis.force.result import write_force_calibration
+    from deltact_fab.estimate.analysis.runs import head_of, view_of_run
+    from deltact_fab.estimate.measure.face import FaceFlow
+    from deltact_fab.estimate.measure.flow.tracker import FlowTracker
+    from deltact_fab.estimate.measure.force import make_features
+    from deltact_fab.estimate.measure.force.calibration import ForceCalibration
+    from deltact_fab.estimate.measure.force.model import ForceModel
+    from deltact_fab.estimate.measure.shape.depth import DepthModel
 
-    run, folder = record.open(mini_run), tmp_path_factory.mktemp("calibrations")
-    view = view_of(run)
+    run, folder = open_run(mini_run), tmp_path_factory.mktemp("calibrations")
+    view = view_of_run(run)
     features = make_features("paper", view)
     frames = run.frames()
     numbers = []
@@ -158,7 +160,7 @@ def calibrations(mini_run: Path, tmp_path_factory: pytest.TempPathFactory) -> li
     head = head_of([run], "force")
     made = ForceCalibration(head, model, view.skin, view.poisson, rest=rest)
     force, depth = folder / "force.toml", folder / "depth.toml"
-    write_calibration(made, force)
+    write_force_calibration(made, force)
     plausible = DepthModel(gain=1.2, deepest_mm=2.0).as_dict()
     depth.write_text(head_of([run], "depth").toml({"depth": plausible}))
     return [force, depth]
@@ -170,7 +172,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     def make(out: Path) -> None:
         done = subprocess.run(
-            [sys.executable, "-m", "deltact_fab.cli.main", "demo", "--out", str(out)],
+            [sys.executable, "-m", "deltact_fab.app.cli.main", "demo", "--out", str(out)],
             capture_output=True, text=True, cwd=out.parent, timeout=900, check=False,
         )  # fmt: skip
         assert done.returncode == 0, done.stderr

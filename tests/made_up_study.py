@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from deltact_fab.aliases import Note
-from deltact_fab.report import figures
-from deltact_fab.report.result import Headline, ReportFigure, ReportTable, StudyResult
+from deltact_fab.common.aliases import Note
+from deltact_fab.present.report import figures
+from deltact_fab.present.report.result import Headline, ReportFigure, ReportTable, StudyResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,8 +19,8 @@ COLUMNS = 12
 
 def bars() -> Figure:
     """A figure with a title that is wider than a column of a paper."""
-    figure, (axis,) = figures.blank(9.6, 4.2)
-    for i, colour in enumerate(figures.COLOURS[:3]):
+    figure, (axis,) = figures.blank_figure(9.6, 4.2)
+    for i, colour in enumerate(figures.SERIES_COLOURS[:3]):
         axis.bar(np.arange(4) + 0.25 * i, [1 + i, 2, 3, 1], 0.22, color=colour, label=f"tool {i}")
     axis.set_title("A title that goes on and on until no column of any paper holds it any more, "
                    "and then some words", loc="left")  # fmt: skip
@@ -32,7 +32,7 @@ def bars() -> Figure:
 
 def picture() -> Figure:
     """A raster between axes."""
-    figure, (axis,) = figures.blank(4.8, 3.6)
+    figure, (axis,) = figures.blank_figure(4.8, 3.6)
     axis.imshow(np.arange(600).reshape(20, 30) % 37, extent=(-15, 15, -10, 10))
     axis.set_xlabel("x, mm")
     axis.set_ylabel("y, mm")

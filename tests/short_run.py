@@ -10,9 +10,10 @@ from typing import Any
 
 from rig_text import VIRTUAL_STAGE
 
-from deltact_fab import experiment
-from deltact_fab.protocols import plan
-from deltact_fab.record import PRESS_TABLES
+from deltact_fab.bench.protocols import plan
+from deltact_fab.bench.record.journal import PRESS_TABLES
+from deltact_fab.simulate.experiment.request import RunRequest
+from deltact_fab.simulate.experiment.session import run_experiment
 
 # Two positions of two indenters, so that a resume may start after a change or after a press.
 PROTOCOL = """
@@ -65,14 +66,14 @@ class ShortRun:
         (folder / "design.toml").write_text(DESIGN)
         self.protocol.write_text(PROTOCOL.format(design=folder / "design.toml"))
         self.rig.write_text(RIG)
-        self.steps = plan.expand(plan.load(str(self.protocol))[0])
+        self.steps = plan.expand_protocol(plan.load_protocol(str(self.protocol))[0])
         self.presses = list(dict.fromkeys(step.press for step in self.steps))
 
     @cached_property
     def finished(self) -> Path:
         """The folder of the undisturbed run."""
         out = self.folder / "undisturbed"
-        experiment.run(experiment.RunRequest(str(self.protocol), str(self.rig), out, seed=3))
+        run_experiment(RunRequest(str(self.protocol), str(self.rig), out, seed=3))
         return out
 
     def words(self, out: Path, *more: str) -> list[str]:
@@ -84,7 +85,7 @@ class ShortRun:
         """Go on with it; its summary."""
         seed = other.get("seed", 3)
         protocol, rig = (other.get(name, str(getattr(self, name))) for name in ("protocol", "rig"))
-        return experiment.run(experiment.RunRequest(protocol, rig, out, seed=seed), resume=True)
+        return run_experiment(RunRequest(protocol, rig, out, seed=seed), resume=True)
 
     def unfinished(self, out: Path, press: str = "") -> Path:
         """A copy of the finished run without its summary, and without a press and what follows."""

@@ -46,7 +46,7 @@ LENS = """
 [virtual.lens]
 f_px = 390.0
 """
-THROUGH = ("deltact_fab.virtual.lens", "deltact_fab.virtual.picture")
+THROUGH = ("deltact_fab.simulate.virtual.lens", "deltact_fab.simulate.virtual.picture")
 SCENES = {
     "force": ('["force"]', ""),
     "force and shear": ('["force", "shear"]', SHEAR),
@@ -58,19 +58,21 @@ CAD = ("cadquery", "OCP")
 PAGES = ("matplotlib", "jinja2")
 WATCHED = ("cv2", "numba", "scipy.interpolate", *THROUGH, *CAD, *PAGES)
 # Of one command each: rooms that it would enter only in passing.
-REGISTRY = tuple(f"deltact_fab.cad.{name}" for name in ("registry", "feasibility", "parts.cover"))
+REGISTRY = tuple(
+    f"deltact_fab.fabricate.cad.{name}" for name in ("registry", "feasibility", "parts.cover")
+)
 WRITING = (
-    *(f"deltact_fab.record.{name}" for name in ("writer", "importing", "check")),
-    *(f"deltact_fab.cad.{name}" for name in ("design", "dimensions")),
+    *(f"deltact_fab.bench.record.{name}" for name in ("writer", "importing", "check")),
+    *(f"deltact_fab.fabricate.cad.{name}" for name in ("design", "dimensions")),
 )
 DRAFTING = (
     *(
-        f"deltact_fab.cad.drafting.{name}"
+        f"deltact_fab.fabricate.cad.drafting.{name}"
         for name in ("page", "projection", "scheme", "placing", "drawing")
     ),
-    "deltact_fab.pdf",
+    "deltact_fab.fabricate.pdf",
 )
-CLUSTER = ("deltact_fab.jobs.cluster",)
+CLUSTER = ("deltact_fab.common.jobs.cluster",)
 LOADED = """
 print("@@" + json.dumps([name for name in {watched!r} if name in sys.modules]))
 """
@@ -81,7 +83,7 @@ experiment.run(experiment.RunRequest({protocol!r}, {rig!r}, Path("run"), seed=3)
 """
 COMMAND = """
 sys.argv = ["deltact-fab", *{words!r}]
-from deltact_fab.cli.main import entry
+from deltact_fab.app.cli.main import entry
 try:
     entry()
 except SystemExit as end:
@@ -129,19 +131,20 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     """Counts the calls of whatever a scene may leave out; the real function still runs."""
     import serial
 
-    from deltact_fab import imaging, optics
-    from deltact_fab.analysis.tracking_error import tally
-    from deltact_fab.gel.linear import contact
-    from deltact_fab.measure.dots import DotTracker
-    from deltact_fab.rig.force import netft as force
-    from deltact_fab.virtual import drawing, netft, picture
+    from deltact_fab.bench.rig.force import netft as force
+    from deltact_fab.estimate.analysis.tracking_error import tally
+    from deltact_fab.estimate.measure.dots.tracker import DotTracker
+    from deltact_fab.physics import imaging
+    from deltact_fab.physics.gel.linear import contact
+    from deltact_fab.sensor.optics.rectified import Rectified
+    from deltact_fab.simulate.virtual import drawing, netft, picture
 
     calls: Counter[str] = Counter()
     for owner, name, label in (
         (picture.FrameRenderer, "render", "render"),
         (picture.FrameRenderer, "__init__", "picture"),
         (picture.RawView, "__init__", "raw view"),
-        (optics.Rectified, "maps", "maps"),
+        (Rectified, "maps", "maps"),
         (drawing, "print_colours", "print"),
         (imaging.Exposure, "expose", "expose"),
         (contact, "friction_contact", "friction"),
@@ -159,12 +162,11 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
 def calls_of(
     name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, lens: str = ""
 ) -> Counter[str]:
-    from deltact_fab import experiment
+    from deltact_fab.simulate.experiment.request import RunRequest
+    from deltact_fab.simulate.experiment.session import run_experiment
 
     calls = counted(monkeypatch)
-    summary = experiment.run(
-        experiment.RunRequest(*scene(name, folder, lens), folder / "run", seed=3)
-    )
+    summary = run_experiment(RunRequest(*scene(name, folder, lens), folder / "run", seed=3))
     calls["frames"] = summary["frames"]
     said = [line for line in summary["left_out"] if line.startswith("lens, its maps")]
     assert len(said) == (calls["raw view"] == 0)
@@ -201,11 +203,11 @@ def test_a_force_only_scene_never_draws(tmp_path: Path, monkeypatch: pytest.Monk
 def test_an_analysis_follows_the_dots_only_where_they_are_asked_for(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from deltact_fab.analysis.tracking_error import analyse
+    from deltact_fab.estimate.analysis.tracking_error.follow import analyse_tracking
 
     calls = calls_of(name, tmp_path, monkeypatch)
     with ThreadPoolExecutor(1) as executor:
-        result = analyse(tmp_path / "run", ["dis-fast"], executor)
+        result = analyse_tracking(tmp_path / "run", ["dis-fast"], executor)
     asked = name == "tracking"
     assert calls["dots"] == (calls["frames"] if asked else 0)
     assert (result.dots is not None) == asked
@@ -214,7 +216,7 @@ def test_an_analysis_follows_the_dots_only_where_they_are_asked_for(
     assert calls["truth"] == calls["frames"] - 1  # the reference is no measurement
     shutil.rmtree(tmp_path / "run" / "truth")
     with ThreadPoolExecutor(1) as executor:
-        bare = analyse(tmp_path / "run", ["dis-fast"], executor)
+        bare = analyse_tracking(tmp_path / "run", ["dis-fast"], executor)
     assert calls["truth"] == calls["frames"] - 1
     assert bare.left_out[-1] == "error against truth: a real rig knows none"
 
@@ -232,16 +234,16 @@ def test_a_tracking_run_draws_and_only_the_report_loads_the_makers_of_pages(tmp_
     run, analysed, reported = loaded_by(
         RUN.format(protocol=protocol, rig=rig),
         """
-from deltact_fab.analysis.tracking_error import analyse
+from deltact_fab.estimate.analysis.tracking_error import analyse
 result = analyse("run", ["dis-fast/static"])
 """,
         """
-from deltact_fab.report.page import write
+from deltact_fab.present.report.page import write
 write("run", Path("page.html"), result)
 """,
         cwd=tmp_path,
     )
-    assert run == {"cv2", "scipy.interpolate", "deltact_fab.virtual.picture"}
+    assert run == {"cv2", "scipy.interpolate", "deltact_fab.simulate.virtual.picture"}
     assert not analysed & {*CAD, *PAGES}
     assert {"matplotlib", "jinja2"} <= reported
     assert not reported & {*CAD}
@@ -292,7 +294,7 @@ def test_a_step_file_loads_no_drawing_and_no_cluster(tmp_path: Path) -> None:
     export = "cad export cover --out parts --format"
     bodies = commands(f"{export} step", f"{export} pdf")
     elsewhere = """
-from deltact_fab.jobs.cluster import executor
+from deltact_fab.common.jobs.cluster import executor
 with executor(workers=1) as own:
     assert own.submit(abs, -1).result() == 1
 """

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from deltact_fab import digest
+from deltact_fab.common import digest
 from deltact_fab.door import handed_on
 
 

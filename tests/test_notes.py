@@ -12,20 +12,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from deltact_fab import experiment, record
-from deltact_fab.aliases import Note
-from deltact_fab.elasticity.material import GelMaterial
-from deltact_fab.gel.press import press
-from deltact_fab.protocols.plan import Protocol
-from deltact_fab.rig.config import GelConfig
-from deltact_fab.rig.force.netft import NoteCounts
-from deltact_fab.rig.interface import ForceSamples
-from deltact_fab.rig.run.streams import ForceStream
-from deltact_fab.shapes import SkinDimensions
-from deltact_fab.shapes.indenter import parse
-from deltact_fab.study.press_jobs import gel_report
-from deltact_fab.study.scene import flagged, left_out
-from deltact_fab.virtual.presses import Presses, gel_left_out, gel_notes
+from deltact_fab.bench.protocols.plan import Protocol
+from deltact_fab.bench.record.run import Run, open_run
+from deltact_fab.bench.rig.config import GelConfig
+from deltact_fab.bench.rig.force.netft import NoteCounts
+from deltact_fab.bench.rig.interface import ForceSamples
+from deltact_fab.bench.rig.run.streams import ForceStream
+from deltact_fab.common.aliases import Note
+from deltact_fab.physics.gel.press import press_gel
+from deltact_fab.sensor.elasticity.material import GelMaterial
+from deltact_fab.sensor.shapes.indenter import parse_indenter
+from deltact_fab.sensor.shapes.sensor import SkinDimensions
+from deltact_fab.simulate.experiment.request import RunRequest
+from deltact_fab.simulate.experiment.session import run_experiment
+from deltact_fab.simulate.virtual.presses import Presses, gel_left_out, gel_notes
+from deltact_fab.studies.study.press_jobs import gel_report
+from deltact_fab.studies.study.scene import flagged, left_out
 
 ODD = "WARNING: other: words; taken 1 mm"
 Change = Callable[[], None]
@@ -47,10 +49,10 @@ def change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Change:
 
 
 def test_a_press_has_its_flags_by_id(change: Change) -> None:
-    asked = (SkinDimensions(), GelMaterial(), parse("sphere:10"), (0.0, 0.0), 1.5)
+    asked = (SkinDimensions(), GelMaterial(), parse_indenter("sphere:10"), (0.0, 0.0), 1.5)
     results = []
     for _ in range(2):
-        results.append(press(*asked, model="linear", spacing_mm=1.0).result)
+        results.append(press_gel(*asked, model="linear", spacing_mm=1.0).result)
         change()
     before, after = results
     assert before["flags"][0].startswith("small strain: depth 1.5 mm is over 10 %")
@@ -112,15 +114,15 @@ def test_an_event_has_the_id_that_the_sensor_gave(change: Change) -> None:
 def test_a_summary_tells_its_warnings_by_data_and_an_older_one_by_their_mark(
     mini_run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run = record.open(mini_run)
+    run = open_run(mini_run)
     summary, remarks = run.summary(), run.remarks()
     assert summary["notes"] == [Note(**one).line for one in summary["remarks"]]
     older = {key: value for key, value in summary.items() if key != "remarks"}
     notes = [*older["notes"], "WARNING: an old one"]
-    monkeypatch.setattr(record.Run, "summary", lambda run: {**older, "notes": notes})
+    monkeypatch.setattr(Run, "summary", lambda run: {**older, "notes": notes})
     assert run.remarks() == ([*remarks[0], "an old one"], remarks[1])
     odd = [asdict(Note("one", ODD)), asdict(Note("two", "no mark", warns=True))]
-    monkeypatch.setattr(record.Run, "summary", lambda run: {**summary, "remarks": odd})
+    monkeypatch.setattr(Run, "summary", lambda run: {**summary, "remarks": odd})
     assert run.remarks() == (["no mark"], [ODD])
 
 
@@ -133,9 +135,9 @@ def test_a_run_is_the_same_under_other_sentences(
     protocol.write_text(text)
     summaries, tables, kept = [], [], []
     for name in ("before", "after"):
-        request = experiment.RunRequest(str(protocol), str(mini[1]), tmp_path / name)
-        summaries.append(json.loads(json.dumps(experiment.run(request))))
-        run = record.open(tmp_path / name)
+        request = RunRequest(str(protocol), str(mini[1]), tmp_path / name)
+        summaries.append(json.loads(json.dumps(run_experiment(request))))
+        run = open_run(tmp_path / name)
         read = run.steps(), run.frames(), run.events()
         tables.append([table.drop(columns="wall_s") for table in read])
         kept.append(run.remarks())

@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 import warnings
+from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -26,40 +27,15 @@ ROOT = Path(__file__).parents[1]
 TOUR = json.loads((Path(__file__).parents[1] / "examples/tour.ipynb").read_text())
 TASKS = ["".join(c["source"]) for c in TOUR["cells"] if "task" in c["metadata"].get("tags", ())]
 """Make a pattern, read a run, track a folder, force and depth in a live loop."""
-COPIED = {
-    "aliases": {"Vector": ""},
-    "analysis.force": {
-        "calibrate": "calibrate_force", "write_calibration": "write_force_calibration",
-    },
-    "analysis.shape": {"calibrate_depth": "calibrate_depth"},
-    "analysis.tracking_error": {"analyse": "analyze_tracking", "TrackingResult": ""},
-    "cad.assembly": {"assemble": "assemble_sensor", "bench": "assemble_bench"},
-    "cad.build": {"build_part": ""},
-    "cad.design": {"load_design": "load_design"},
-    "cad.export": {"export_parts": "export_parts"},
-    "cad.feasibility": {"check": "check_design"},
-    "cad.registry": {"find": ""},
-    "elasticity": {"GelMaterial": "GelMaterial"},
-    "errors": {"InputError": "InputError", "RunFailed": "RunFailed", "SensorError": "SensorError"},
-    "experiment": {"RunRequest": "RunRequest", "run": "run_protocol"},
-    "gel.press": {"press": "press_gel"},
-    "optics": {"StageFrame": ""},
-    "patterns": {"PatternRecipe": "PatternRecipe"},
-    "patterns.quality.measure": {"measure": "measure_pattern"},
-    "protocols.plan": {"load": "load_protocol"},
-    "record": {"open": "load_run"},
-    "rig.config": {"load": "", "GrblConfig": ""},
-    "rig.interface": {"go": ""},
-    "rig.tables": {"TouchConfig": ""},
-    "rig.tool.feeler": {"ForceProbe": ""},
-    "rig.tool.session": {"homed": ""},
-    "rig.tool.tooling": {"TerminalOperator": "", "confirm": ""},
-    "rig.tool.touch": {"LOWERING": "", "MOST": "", "STEP_MM": ""},
-    "shapes": {"Indenter": "", "SkinDimensions": ""},
-    "shapes.indenter": {"parse": "parse_indenter"},
-}  # fmt: skip
-"""What tutorials, how-tos, examples, notebook and cad/view.py of 0.3.0 import, with the name of
-`dt` that replaces it, where there is one."""
+
+
+@pytest.fixture(autouse=True)
+def _no_old_path_loaded() -> Iterator[None]:
+    """A path is loaded, and warns, once a process."""
+    yield
+    for path in {p for taught in moved.TAUGHT for p in (taught, taught.partition(".")[0])}:
+        sys.modules.pop(f"deltact_fab.{path}", None)
+        vars(dt).pop(path, None)
 
 
 @pytest.fixture
@@ -73,7 +49,7 @@ def folder(mini_run: Path, calibrations: list[Path], tmp_path: Path) -> Path:
 
 @pytest.fixture(autouse=True, scope="module")
 def _every_subpackage() -> None:
-    """An import of `deltact_fab.live` sets the attribute `live` of `deltact_fab`."""
+    """An import of `deltact_fab.present.live` sets the attribute `live` of `deltact_fab`."""
     for module in pkgutil.iter_modules(dt.__path__):
         if not module.name.startswith("_"):
             import_module(f"deltact_fab.{module.name}")
@@ -100,46 +76,33 @@ def test_an_import_loads_the_version_alone() -> None:
 
 
 def test_what_users_copied_from_0_3_goes_on_working() -> None:
-    """Through `moved` from the day on which a path has no file of its own."""
-    assert {path for taught in moved.TAUGHT.values() for path in taught} == set(COPIED)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FutureWarning)
-        for path, names in COPIED.items():
+    for path, names in moved.TAUGHT.items():
+        with pytest.warns(FutureWarning, match=re.escape(f"deltact_fab.{path} goes in 0.5: ")):
             module = import_module(f"deltact_fab.{path}")
-            for old, new in names.items():
-                assert hasattr(module, old), f"{path}.{old}"
-                assert not new or getattr(module, old) is getattr(dt, new), f"{path}.{old}"
+        for old, new in names.items():
+            assert ":" in new or getattr(module, old) is getattr(dt, new), f"{path}.{old}"
+            assert hasattr(module, old), f"{path}.{old}"
+    assert {"record", "rig.config", "cad.registry", "shapes.indenter"} <= moved.TAUGHT.keys()
 
 
-def test_a_path_that_moved_leads_on_and_says_once_what_replaces_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(moved, "TAUGHT", {"live": ("session",), "record": ("export.tables",)})
-    try:
-        with pytest.warns(FutureWarning) as told:
-            from deltact_fab.session import LiveMeasurement, track
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            from deltact_fab import session
-        with pytest.warns(FutureWarning, match="goes in 0.5: `import deltact_fab as dt` has dt.lo"):
-            from deltact_fab.export import tables
-        assert (track, LiveMeasurement) == (dt.track, dt.Live)
-        assert session.measure_source is dt.measure_source
-        assert tables.TABLES
-        assert [str(one.message) for one in told] == [
-            "deltact_fab.session goes in 0.5: `import deltact_fab as dt` has "
-            "dt.Live, dt.measure_source, dt.track"
-        ]
-        assert told[0].filename == __file__
-        for other in ("export.lerobot", "sessions", "expor"):
-            with pytest.raises(ModuleNotFoundError, match=f"No module named 'deltact_fab.{other}'"):
-                import_module(f"deltact_fab.{other}")
-        with pytest.raises(AttributeError, match=r"live\.session' has no attribute 'trak'"):
-            session.trak  # noqa: B018
-    finally:
-        for name in ("session", "export", "export.tables"):
-            sys.modules.pop(f"deltact_fab.{name}", None)
-            vars(dt).pop(name, None)
+def test_a_path_that_moved_leads_on_and_says_once_what_replaces_it() -> None:
+    with pytest.warns(FutureWarning) as told:
+        from deltact_fab.gel.press import press
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        from deltact_fab.gel.press import press as again
+    assert again is press is dt.press_gel
+    assert [str(one.message) for one in told] == [
+        "deltact_fab.gel.press goes in 0.5: `import deltact_fab as dt` has dt.press_gel"
+    ]
+    assert told[0].filename == __file__
+    for other in ("gel.fit", "recorded", "gel.pres"):
+        with pytest.raises(ModuleNotFoundError, match=f"No module named 'deltact_fab.{other}'"):
+            import_module(f"deltact_fab.{other}")
+    from deltact_fab.gel import press as module
+
+    with pytest.raises(AttributeError, match=r"gel\.press' has no attribute 'pres'"):
+        module.pres  # noqa: B018
 
 
 def test_what_users_copy_imports_dt_alone() -> None:

@@ -22,11 +22,11 @@ from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
-from deltact_fab.errors import StageError
-from deltact_fab.optics import StageFrame
-from deltact_fab.protocols.motion import StageConfig
-from deltact_fab.rig.interface import WallClock
-from deltact_fab.rig.stage.grbl import GrblStage
+from deltact_fab.bench.protocols.motion import StageConfig
+from deltact_fab.bench.rig.interface import WallClock
+from deltact_fab.bench.rig.stage.grbl import GrblStage
+from deltact_fab.common.errors import StageError
+from deltact_fab.sensor.optics.camera import StageFrame
 
 from . import dead_man
 

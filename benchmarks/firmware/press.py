@@ -6,10 +6,10 @@ import sys
 import time
 from contextlib import suppress
 
-from deltact_fab.errors import StageError
-from deltact_fab.optics import StageFrame
-from deltact_fab.rig.interface import WallClock
-from deltact_fab.rig.stage.grbl import GrblStage
+from deltact_fab.bench.rig.interface import WallClock
+from deltact_fab.bench.rig.stage.grbl import GrblStage
+from deltact_fab.common.errors import StageError
+from deltact_fab.sensor.optics.camera import StageFrame
 
 FACE_MM = -6.0  # of the machine's z
 FEED_MM_MIN = 60.0

@@ -159,7 +159,7 @@ class SymmetricSolver:
 
     def __init__(self):
         self.mkl = pypardiso.PyPardisoSolver(mtype=-2)
-        # As in deltact_fab.gel.finite.linear, so that neither side has the better settings.
+        # As in deltact_fab.physics.gel.finite.linear, so that neither side has the better settings.
         for place, value in {1: 1, 2: 2, 8: 2, 10: 8, 21: 1, 24: 1}.items():
             self.mkl.set_iparm(place, value)
         self.upper, self.keys, self.seconds, self.orderings = None, None, 0.0, 0

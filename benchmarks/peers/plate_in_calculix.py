@@ -1,7 +1,7 @@
 """A quarter of the notched acrylic plate in CalculiX (ccx), from the command line.
 
-Solid elements, nothing of the series of `cad/stiffness.py`. `tests/cad/test_cad_stiffness.py`
-holds what `main` prints.
+Solid elements, nothing of the series of `fabricate/cad/stiffness.py`.
+`tests/fabricate/cad/test_cad_stiffness.py` holds what `main` prints.
 
 Plate and bead are C3D20R: quadratic, integrated at 8 points, so that a bead that keeps its volume
 (Poisson's ratio .4999) does not lock. The bead is bonded to the plate and to a rigid ledge;
@@ -18,8 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from deltact_fab.cad.design import load_design
-from deltact_fab.cad.stiffness import PlateShape, plate_of
+from deltact_fab.fabricate.cad.design import load_design
+from deltact_fab.fabricate.cad.stiffness import PlateShape, plate_of
 
 DESIGNS = (
     (),

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from benchmarks import evidence, store, tables
-from deltact_fab import digest
-from deltact_fab.errors import InputError
+from deltact_fab.common import digest
+from deltact_fab.common.errors import InputError
 
 MACHINE = {"machine": {"processor": "", "cores": 1}, "threads": 1, "load": None, "versions": {}}
 
@@ -26,8 +26,10 @@ def of(row: evidence.EvidenceRow) -> set[str]:
     """Files of the package that a row's digest is of."""
     modules = evidence._spelled(row.call)[1]
     own = {m.partition(".")[2] for m in modules if m.startswith("benchmarks.")}
-    known = digest.files(*own, package=evidence.HERE)
-    known += digest.files(*(m.partition(".")[2] for m in modules if m.startswith("deltact_fab.")))
+    known = digest.code_files(*own, package=evidence.HERE)
+    known += digest.code_files(
+        *(m.partition(".")[2] for m in modules if m.startswith("deltact_fab."))
+    )
     here = digest.PACKAGE
     return {p.relative_to(here).as_posix() for p in known if p.is_relative_to(here)}
 

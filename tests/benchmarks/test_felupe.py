@@ -4,16 +4,20 @@ import numpy as np
 import pytest
 
 from benchmarks import felupe, peer
-from deltact_fab.elasticity.material import GelMaterial
-from deltact_fab.gel.finite import FinitePress, block_mesh
-from deltact_fab.shapes import SkinDimensions, indenter
+from deltact_fab.physics.gel.finite.mesh import block_mesh
+from deltact_fab.physics.gel.finite.press import FinitePress
+from deltact_fab.sensor.elasticity.material import GelMaterial
+from deltact_fab.sensor.shapes import indenter
+from deltact_fab.sensor.shapes.sensor import SkinDimensions
 
 TIPS = [(1.0, -0.5, 1.0), (1.0, -0.5, 2.0)]
 
 
 def pressing(name="sphere:15", friction=0.0, points=2, **mesh):
     block = block_mesh(SkinDimensions(), 4.0, **mesh)
-    return FinitePress(block, GelMaterial(), indenter.parse(name), friction=friction, points=points)
+    return FinitePress(
+        block, GelMaterial(), indenter.parse_indenter(name), friction=friction, points=points
+    )
 
 
 def test_the_case_is_the_contact_that_the_press_has():

@@ -12,7 +12,7 @@ def test_the_pages_are_what_is_kept() -> None:
 
 
 def test_every_study_is_kept() -> None:
-    from deltact_fab.study.registry import STUDIES
+    from deltact_fab.studies.study.registry import STUDIES
 
     assert {study["study"] for study in studies.kept()} == set(STUDIES)
     assert set(studies.ORDER) == set(STUDIES)

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from doc_pages import ROOT, Reader, blocks, chain
 
-from deltact_fab.cli.main import entry
+from deltact_fab.app.cli.main import entry
 
 PAGES = [
     *sorted((ROOT / "docs/tutorials").glob("*.md")),

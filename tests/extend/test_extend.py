@@ -25,7 +25,7 @@ RECIPE = 'law = "stratified"\nseed = 7\npatch_mm = 0.35\n'
 COMMANDS = """
 import json, sys
 from click.testing import CliRunner
-from deltact_fab.cli.main import main
+from deltact_fab.app.cli.main import main
 for line in sys.stdin:
     done = CliRunner().invoke(main, json.loads(line))
     code = getattr(done.exception, "exit_code", done.exit_code)

@@ -11,8 +11,10 @@ from typing import Any
 import pytest
 from wrong_input import VIRTUAL, stop_at_first_motion, toml
 
-from deltact_fab import checks, experiment
-from deltact_fab.errors import DeltactFabError, Stopped
+from deltact_fab.common import checks
+from deltact_fab.common.errors import DeltactFabError, Stopped
+from deltact_fab.simulate.experiment.request import RunRequest
+from deltact_fab.simulate.experiment.session import run_experiment
 
 INDENTERS = ("sphere:10", "sphere:2", "4dots", "star:12")
 PATTERNS = (*["dense-with-dots"] * 9, "dense", "chessboard", "no-such-pattern", "./gone.toml")
@@ -50,16 +52,16 @@ def drawn(number: int) -> dict[str, Any]:
     return data
 
 
-def passes(request: Callable[[], experiment.RunRequest]) -> bool:
+def passes(request: Callable[[], RunRequest]) -> bool:
     try:
         return checks.passes(request().checks())
     except DeltactFabError:
         return False
 
 
-def begins(request: Callable[[], experiment.RunRequest]) -> bool:
+def begins(request: Callable[[], RunRequest]) -> bool:
     try:
-        experiment.run(request())
+        run_experiment(request())
     except DeltactFabError as why:
         return isinstance(why, Stopped)
     raise AssertionError("the run was not stopped")
@@ -71,12 +73,12 @@ def test_check_passes_what_run_begins(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.chdir(tmp_path)
     stop_at_first_motion(monkeypatch.setattr)
     # Forces only warn on a virtual rig, and are not what is asked here.
-    monkeypatch.setattr(experiment.RunRequest, "forces", lambda self, solve=True: None)
-    monkeypatch.setattr("deltact_fab.preflight.peaks.predict", lambda *a, **k: None)
+    monkeypatch.setattr(RunRequest, "forces", lambda self, solve=True: None)
+    monkeypatch.setattr("deltact_fab.simulate.preflight.peaks.predict", lambda *a, **k: None)
     begun = 0
     for number in range(1000, 1050):
         Path("p.toml").write_bytes(toml(drawn(number)))
-        request = partial(experiment.RunRequest, "p.toml", "rig.toml", Path(f"run-{number}"))
+        request = partial(RunRequest, "p.toml", "rig.toml", Path(f"run-{number}"))
         passed, started = passes(request), begins(request)
         assert passed == started == Path(f"run-{number}").exists(), drawn(number)
         begun += started
@@ -100,5 +102,5 @@ def test_what_run_refuses_is_a_row(
     (tmp_path / "p.toml").write_bytes(toml({**base, **change}))
     (tmp_path / "rig.toml").write_bytes(toml(VIRTUAL))
     monkeypatch.chdir(tmp_path)
-    failed = [r.name for r in experiment.RunRequest("p.toml", "rig.toml").checks() if r.failed]
+    failed = [r.name for r in RunRequest("p.toml", "rig.toml").checks() if r.failed]
     assert failed == [row]

@@ -11,10 +11,11 @@ import pytest
 from called import called
 from wrong_input import LIMIT_S, TINY, VIRTUAL, Fuzz, fault, limited, stop_at_first_motion, toml
 
-from deltact_fab import experiment
-from deltact_fab.analysis import tracking_error
-from deltact_fab.report import study_page
-from deltact_fab.report.result import Headline, StudyResult
+from deltact_fab.estimate.analysis.tracking_error.follow import analyse_tracking
+from deltact_fab.present.report import study_page
+from deltact_fab.present.report.result import Headline, StudyResult
+from deltact_fab.simulate.experiment.request import RunRequest
+from deltact_fab.simulate.experiment.session import run_experiment
 
 Cases = Callable[[range], Counter[str]]
 
@@ -25,8 +26,8 @@ def cases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cases:
     protocol, rig = tmp_path / "tiny.toml", tmp_path / "rig.toml"
     protocol.write_bytes(toml(TINY))
     rig.write_bytes(toml(VIRTUAL))
-    experiment.run(experiment.RunRequest(str(protocol), str(rig), tmp_path / "run", seed=3))
-    tracking_error.analyse(tmp_path / "run", ["dis-fast"]).save(tmp_path / "run" / "analysis")
+    run_experiment(RunRequest(str(protocol), str(rig), tmp_path / "run", seed=3))
+    analyse_tracking(tmp_path / "run", ["dis-fast"]).save(tmp_path / "run" / "analysis")
     headline = Headline("error", 0.3, "mm", 0.2, 0.4, "5 seeds")
     study = StudyResult("s", "S", True, 3, 0.1, headlines=(headline,), settings={"a": "b"})
     (tmp_path / "result.json").write_bytes(study_page.contents(study)["result.json"])

@@ -20,16 +20,16 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from deltact_fab.cad.design import IndenterList
-from deltact_fab.cad.dimensions import Design
-from deltact_fab.configuration import resolved, schema_of
-from deltact_fab.errors import Stopped
-from deltact_fab.optics import Fisheye
-from deltact_fab.patterns.recipe import PatternRecipe
-from deltact_fab.protocols.plan import Protocol
-from deltact_fab.rig.config import GrblConfig, VirtualConfig
-from deltact_fab.rig.run.runner import Runner
-from deltact_fab.rig.tables import RegistrationFile
+from deltact_fab.bench.protocols.plan import Protocol
+from deltact_fab.bench.rig.config import GrblConfig, VirtualConfig
+from deltact_fab.bench.rig.run.runner import Runner
+from deltact_fab.bench.rig.tables import RegistrationFile
+from deltact_fab.common.configuration import json_schema_of, resolve_schema
+from deltact_fab.common.errors import Stopped
+from deltact_fab.fabricate.cad.design import IndenterList
+from deltact_fab.fabricate.cad.dimensions import Design
+from deltact_fab.fabricate.patterns.recipe import PatternRecipe
+from deltact_fab.sensor.optics.fisheye import Fisheye
 
 LIMIT_S = 10
 """Of processor time, for any one command: a refusal takes some tenths."""
@@ -115,10 +115,10 @@ def keys(
     """Every key of a schema, and of the tables in it, with the limits of its value."""
     ends = ("minimum", "exclusiveMinimum", "maximum", "exclusiveMaximum")
     for name, raw in node.get("properties", {}).items():
-        key = resolved(raw, root)
+        key = resolve_schema(raw, root)
         yield (*at, name), [key[end] for end in ends if end in key] + key.get("enum", [])
         yield from keys(key, root, (*at, name))
-        yield from keys(resolved(key.get("items", {}), root), root, (*at, name, 0))
+        yield from keys(resolve_schema(key.get("items", {}), root), root, (*at, name, 0))
 
 
 def with_value(node: Any, at: Path_, value: Any) -> Any:
@@ -227,7 +227,7 @@ class Fuzz:
         self._turn = [
             (kind, *found)
             for kind, (model, _, _) in KINDS.items()
-            for found in keys(schema_of(model), schema_of(model))
+            for found in keys(json_schema_of(model), json_schema_of(model))
         ]
 
     def prepare(self, number: int, folder: Path) -> tuple[str, list[str]]:

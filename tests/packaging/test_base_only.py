@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
-from deltact_fab.extras import EXTRAS
+from deltact_fab.common.extras import EXTRAS
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -67,7 +67,7 @@ def python(base: Path, folder: Path, *words: str) -> subprocess.CompletedProcess
 # In one process, for each would import the same again.
 ALL_OF_THEM = """
 import contextlib, io, json, sys
-from deltact_fab.cli.main import entry
+from deltact_fab.app.cli.main import entry
 for words in json.load(open(sys.argv[1])):
     sys.argv, said = ["deltact-fab", *words], io.StringIO()
     with contextlib.redirect_stderr(said):
@@ -112,7 +112,7 @@ def test_measure_pattern_protocol_and_doctor_need_no_extra(
     base: Path, mini_run: Path, tmp_path: Path
 ) -> None:
     def good(*words: str) -> str:
-        done = python(base, tmp_path, "-m", "deltact_fab.cli.main", *words)
+        done = python(base, tmp_path, "-m", "deltact_fab.app.cli.main", *words)
         assert done.returncode == 0, done.stderr
         return done.stdout
 

@@ -19,8 +19,8 @@ from pathlib import Path
 import pytest
 from doc_pages import Block, Reader, blocks
 
-from deltact_fab import record
-from deltact_fab.catalog import as_toml
+from deltact_fab.bench.record.run import open_run
+from deltact_fab.common.catalog import toml_text
 
 ROOT = Path(__file__).parents[2]
 CATALOGUE = ("cad", "patterns", "protocols")
@@ -124,7 +124,7 @@ def test_the_wheel_holds_the_package_the_catalogue_and_no_more(wheel: Path) -> N
     wanted |= {f"deltact_fab/_shipped/{k}": v for k, v in of_the_checkout(*CATALOGUE).items()}
     assert {k: v for k, v in held.items() if not k.startswith(info)} == wanted
     assert {"deltact_fab/py.typed", "deltact_fab/_shipped/protocols/rigs/virtual.toml"} <= {*wanted}
-    assert b"deltact-fab = deltact_fab.cli.main:entry" in held[f"{info}/entry_points.txt"]
+    assert b"deltact-fab = deltact_fab.app.cli.main:entry" in held[f"{info}/entry_points.txt"]
     assert b"://" not in b"".join(
         line for line in held[f"{info}/METADATA"].splitlines() if line.startswith(b"Requires-Dist")
     )
@@ -132,7 +132,7 @@ def test_the_wheel_holds_the_package_the_catalogue_and_no_more(wheel: Path) -> N
 
 def check_run(folder: Path, frames: int) -> None:
     """As many images as the summary says, each with the hash of its row."""
-    rows = record.open(folder).frames()
+    rows = open_run(folder).frames()
     assert len(rows) == frames >= 3
     for row in rows.itertuples():
         data = (folder / str(row.file)).read_bytes()
@@ -190,7 +190,7 @@ def test_an_install_from_the_index_runs_and_reports(
     if which[0] == "t":
         there("cad", "export", "sphere:10", "--out", "parts")
         assert (elsewhere / "parts" / "manifest.json").is_file()
-    (elsewhere / "short.toml").write_text(as_toml(SHORT))
+    (elsewhere / "short.toml").write_text(toml_text(SHORT))
     summary = json.loads(there("run", "short.toml", "--seed", "3", "--out", "r", "--json"))
     check_run(elsewhere / "r", summary["frames"])
     there("report", "r", "-o", "r.html")

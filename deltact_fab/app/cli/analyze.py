@@ -1,0 +1,88 @@
+"""`deltact-fab analyze`: how far each tracker is off; shape, and its error against truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from .group import CommandGroup
+from .options import PATH, out_folder
+from .output import Answer, answers, columns_of, files_line, progress, save_figures
+
+
+@click.group(cls=CommandGroup)
+def analyze() -> None:
+    """Analyses of recorded runs: tracking error, shape."""
+
+
+@analyze.command(epilog="Example: deltact-fab analyze tracking smoke-run --method fused")
+@click.argument("run", type=PATH)
+@click.option("--method", "methods", multiple=True, metavar="METHOD[/REFERENCE]",
+              show_default="those worth comparing", help="fused, dis-medium, dis-fast, "
+              "farneback-paper, or paper; as in dis-medium/static, with one of "
+              "anchored (fused only), composed, summed, static; repeatable.")  # fmt: skip
+@out_folder("Folder for the results.", show_default="RUN/analysis")
+@answers
+def tracking(run: Path, methods: tuple[str, ...], out: Path | None) -> Answer:
+    """Tracking error against truth and, as in the paper, at the dots; and which method to use."""
+    from deltact_fab.bench import open_run
+    from deltact_fab.estimate import PAPER_BEST_MM, analyse_tracking
+    from deltact_fab.present import plot_error_by_time
+
+    folder = out or run / "analysis"
+    with progress("tracking error") as report:
+        result = analyse_tracking(run, methods or None, progress=report)
+    keys = ("mean_off_dots_mm", "p95_off_dots_mm", "mean_confident_mm", "coverage",
+            "confident_wrong_share", "mean_at_dots_mm", "peak_true_mm", "trusted_share",
+            "ms_per_frame")  # fmt: skip
+    rows = [{"indenter": "all", **row} for row in (*result.methods, *result.by_indenter)]
+    origin = f"simulated, seed {result.seed}" if result.simulated else "measured"
+    lines = [
+        *(f"warning: {line}" for line in open_run(run).remarks()[0]),
+        f"{result.verdict.line}\n",
+        *columns_of(("name", "indenter", *keys), rows),
+        f"\n{origin}; the paper's best at the dots, on a real sensor: {PAPER_BEST_MM} mm",
+    ]
+    lines += [f"left out: {line}" for line in result.left_out]
+    files = result.save(folder) + save_figures(
+        folder, lambda: {"tracking": plot_error_by_time(result)}
+    )
+    return Answer(result.as_dict(), [*lines, files_line(files)])
+
+
+@analyze.command(epilog="Example: deltact-fab analyze shape smoke-run --depth depth.toml")
+@click.argument("run", type=PATH)
+@click.option("--depth", type=PATH, metavar="FILE", help="Calibration made by `calibrate depth`; "
+              "without it depth is relative.")  # fmt: skip
+@click.option("--force", type=PATH, metavar="FILE", help="Calibration made by `calibrate force`; "
+              "with it force and pressure are drawn.")  # fmt: skip
+@out_folder("Folder for the results.", show_default="RUN/analysis")
+@answers
+def shape(run: Path, depth: Path | None, force: Path | None, out: Path | None) -> Answer:
+    """Depth, contacts and the paper's relative depth of the settled frames, and their errors.
+
+    Errors are against the truth of the virtual rig. The depth error is given over the contact and
+    over the whole face; most of the face is not pressed, so the second figure flatters.
+    """
+    from deltact_fab.estimate import analyse_shape
+    from deltact_fab.present import plot_distribution, plot_gallery
+
+    folder = out or run / "analysis"
+    with progress("shape") as report:
+        result = analyse_shape(run, depth, force, report)
+    files = result.save(folder)
+    keys = ("frames", "depth_error_contact_mm", "depth_error_face_mm", "relative_correlation",
+            "contact_iou", "centroid_error_mm", "place_error_mm", "area_mm2", "cover")  # fmt: skip
+    rows = [{"indenter": name, **result.means(name)} for name in result.indenters]
+    told = columns_of(("indenter", *keys), [{"indenter": "all", **result.means()}, *rows])
+    pictures, field, note = result.pictures, result.field, result.note
+    files += save_figures(
+        folder,
+        lambda: {
+            "shape": plot_gallery(pictures, note) if pictures else None,
+            "force-distribution": plot_distribution(field, note) if field else None,
+        },
+    )
+    lines = [f"{result.line}\n", *told, f"\n{note}", files_line(files)]
+    return Answer(result.as_dict(), lines)

@@ -1,0 +1,242 @@
+"""`deltact-fab gel`: mechanics of the skin."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from deltact_fab.common import InputError, validate
+from deltact_fab.sensor import GEL_LEVELS
+
+from .group import CommandGroup
+from .options import NAME_OR_PATH, ON, PATH, PROCESSES, RIG, Point
+from .output import Answer, answers, columns_of, facts, progress, table
+
+if TYPE_CHECKING:
+    from deltact_fab.sensor import SkinDimensions
+    from deltact_fab.simulate import PressRow
+
+MODELS = ("auto", *GEL_LEVELS)
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+AT = click.option(
+    "--at", "at_mm", type=Point(), default="0,0", metavar="X,Y",
+    help="Where it presses, mm from the centre of the face.",
+)  # fmt: skip
+
+
+def of_block(command: F) -> F:
+    """Options that say what block of gel is pressed."""
+    for option in (
+        click.option("--poisson", default=0.49, metavar="NU",
+                     help="Poisson's ratio of the gel."),
+        click.option("--length", "length_mm", default=34.0, metavar="MM",
+                     help="Length of the gel, along y."),
+        click.option("--width", "width_mm", default=36.0, metavar="MM",
+                     help="Width of the gel, along x."),
+        click.option("--thickness", "thickness_mm", default=12.0, metavar="MM",
+                     help="Thickness of the gel."),
+    ):  # fmt: skip
+        command = option(command)
+    return command
+
+
+def block(width_mm: float, length_mm: float, thickness_mm: float) -> SkinDimensions:
+    """The gel as the levels know it. Raises InputError for sizes out of range."""
+    from deltact_fab.sensor import SkinDimensions
+
+    return validate(
+        SkinDimensions,
+        {
+            "width_mm": width_mm,
+            "length_mm": length_mm,
+            "thickness_mm": thickness_mm,
+            # No level has a frame or a fillet: these need only be consistent.
+            "protrusion_mm": thickness_mm,
+            "edge_fillet_mm": min(2.0, thickness_mm / 2, width_mm / 4, length_mm / 4),
+        },
+        "options",
+    )
+
+
+@click.group(cls=CommandGroup)
+def gel() -> None:
+    """Gel mechanics: press an indenter, fit the modulus, solve a protocol ahead of its run."""
+
+
+@gel.command(epilog="Example: deltact-fab gel press --indenter sphere:15 --depth 5 --shear-x 3")
+@click.option("--indenter", default="sphere:10", metavar="NAME",
+              help="What presses: sphere:DIAMETER_MM, or 4dots, 2dots, edges, ellipsoid, hexprism, "
+              "star, cylinder, ring, hat, with or without :SIZE_MM; or a shape of "
+              "cad/indenters.toml.")  # fmt: skip
+@click.option("--depth", "depth_mm", required=True, type=float, metavar="MM",
+              help="Depth into the gel.")  # fmt: skip
+@click.option("--shear-x", "shear_x_mm", default=0.0, metavar="MM",
+              help="Motion along x after pressing.")  # fmt: skip
+@click.option("--shear-y", "shear_y_mm", default=0.0, metavar="MM",
+              help="Motion along y after pressing.")  # fmt: skip
+@AT
+@click.option("--model", type=click.Choice(MODELS), default="auto",
+              help="Level of the gel; auto takes the cheapest within the tolerance.")  # fmt: skip
+@of_block
+@click.option("--modulus", "modulus_mpa", default=0.56, metavar="MPA",
+              help="Young's modulus of the gel.")  # fmt: skip
+@click.option("--friction", default=0.5, metavar="MU", help="Coefficient of friction.")
+@click.option("--tolerance", default=0.03, metavar="SHARE",
+              help="Relative error of the force that is allowed.")  # fmt: skip
+@click.option("--spacing", "spacing_mm", type=float, metavar="MM", show_default="chosen",
+              help="Size of the grid or the cells.")  # fmt: skip
+@click.option("--limit-s", "limit_s", default=120.0, metavar="S", help="CPU seconds it may take; "
+              "the finest mesh solved by then gives the answer.")  # fmt: skip
+@answers
+def press(
+    indenter: str, depth_mm: float, shear_x_mm: float, shear_y_mm: float,
+    at_mm: tuple[float, float], model: str, thickness_mm: float, width_mm: float, length_mm: float,
+    modulus_mpa: float, poisson: float, friction: float, tolerance: float,
+    spacing_mm: float | None, limit_s: float,
+) -> Answer:  # fmt: skip
+    """Force, contact area and in-plane displacement of one press (simulated).
+
+    Chooses level, mesh and steps to meet the tolerance, says what it chose, and estimates the
+    error. Exit code 1 when the press is refused or does not converge.
+    """
+    from deltact_fab.physics import press_gel as run
+    from deltact_fab.sensor import GelMaterial, parse_indenter
+
+    skin = block(width_mm, length_mm, thickness_mm)
+    known = {"modulus_mpa": modulus_mpa, "poisson": poisson, "friction": friction}
+    material = validate(GelMaterial, known, "options")
+    shape = parse_indenter(indenter)
+    with progress("gel press") as report:
+        pressed = run(
+            skin, material, shape, at_mm, depth_mm, (shear_x_mm, shear_y_mm),
+            model, tolerance, spacing_mm, report, limit_s,
+        )  # fmt: skip
+    result = pressed.result
+    flags = [f"warning: {flag}" for flag in result["flags"]]
+    if not result["converged"]:
+        return Answer(result, failed=result["reason"], asides=flags)
+    told = table(("simulated", "value"), facts({**result, "flags": None}))
+    return Answer(result, told, asides=flags)
+
+
+def _or_fit(ctx: click.Context, param: click.Parameter, value: str) -> float | None:
+    """None: it is fitted."""
+    try:
+        return None if value == "fit" else float(value)
+    except ValueError as why:
+        raise click.BadParameter(f"{value!r}: a number of mm or fit is needed") from why
+
+
+@gel.command(epilog="Example: deltact-fab gel fit measured.csv --indenter sphere:15 --offset fit")
+@click.argument("csv", type=PATH)
+@click.option("--indenter", required=True, metavar="NAME",
+              help="What pressed, as in `gel press`: sphere:15.")  # fmt: skip
+@AT
+@of_block
+@click.option("--friction", default=0.5, metavar="MU", help="Coefficient of friction.")
+@click.option("--offset", "offset_mm", default="0", callback=_or_fit,
+              metavar="MM|fit", help="depth_mm at first touch, or fit.")  # fmt: skip
+@click.option("--spacing", "spacing_mm", type=float, metavar="MM", show_default="chosen",
+              help="Size of the mesh below the indenter.")  # fmt: skip
+@answers
+def fit(
+    csv: Path, indenter: str, at_mm: tuple[float, float], thickness_mm: float, width_mm: float,
+    length_mm: float, poisson: float, friction: float, offset_mm: float | None,
+    spacing_mm: float | None,
+) -> Answer:  # fmt: skip
+    """Fit the modulus of a gel to a measured press, with a 95 % interval.
+
+    Ends with the lines to copy into a protocol.
+
+    CSV is a table with the columns depth_mm and normal_n (positive when pressed), its rows in the
+    order in which they were measured. Friction is the side force over the normal force of a light
+    drag, once it stays level.
+    """
+    from deltact_fab.physics import fit_press, read_press_csv
+    from deltact_fab.sensor import GelMaterial, parse_indenter
+
+    skin = block(width_mm, length_mm, thickness_mm)
+    validate(GelMaterial, {"poisson": poisson, "friction": friction}, "options")
+    shape = parse_indenter(indenter)
+    data = read_press_csv(csv)
+    if offset_mm is not None:
+        data = replace(data, depth_mm=data.depth_mm - offset_mm)
+    with progress("gel fit") as report:
+        found = fit_press(
+            data, skin, shape, at_mm, poisson, friction,
+            fit_offset=offset_mm is None, spacing_mm=spacing_mm, progress=report,
+        )  # fmt: skip
+    result = found.as_dict()
+    told = [*table(("key", "value"), facts({**result, "notes": None})), "\n[specimen]"]
+    told.append(f"modulus_mpa = {found.modulus_mpa.value:.4g}")
+    return Answer(result, told, asides=result["notes"])
+
+
+@gel.command(epilog="Example: deltact-fab gel path pattern-selection --jobs 2")
+@click.argument("protocol", type=NAME_OR_PATH)
+@RIG
+@PROCESSES
+@ON
+@answers
+def path(protocol: str, rig_name: str, jobs: int | None, on: str) -> Answer:
+    """Solve every press of PROTOCOL on the simulated gel and keep the results for `run`.
+
+    When it is stopped, the same command continues: presses that are complete are kept. A press that
+    fails does not stop the others; exit code 1 when one failed. `run` finds what was solved with
+    the [virtual.gel] settings of its rig file.
+    """
+    from deltact_fab.bench import load_protocol, load_rig
+    from deltact_fab.common import open_executor
+    from deltact_fab.fabricate import load_design
+    from deltact_fab.simulate import require_gel_level, solve_ahead
+
+    declared, source = load_protocol(protocol)
+    rig, rig_source = load_rig(rig_name)
+    if rig.kind != "virtual":
+        raise InputError(
+            f"{rig_source}: kind: {rig.kind!r} has no simulated gel; name a virtual rig"
+        )
+    sensor = load_design(declared.specimen.design)
+    require_gel_level(declared, sensor, str(source))
+    level = declared.specimen.gel_model
+    started = time.monotonic()
+    with open_executor(on, jobs) as where, progress("gel path") as tick:
+        rows = solve_ahead([declared], sensor.skin, rig.virtual.gel, where, tick)
+    seconds = time.monotonic() - started
+    failed = [row for row in rows if row.failure]
+    data = {
+        "protocol": declared.name,
+        "level": level,
+        "wall_seconds": seconds,
+        "failed": len(failed),
+        "presses": [asdict(row) for row in rows],
+    }
+    return Answer(data, _lines(rows, level, seconds), "" if failed else None, _asides(rows))
+
+
+def _lines(rows: list[PressRow], level: str, seconds: float) -> list[str]:
+    names = ("press", "knots", "done", "found", "like", "seconds")
+    zones = ("contact_area_mm2", "contact_area_error_mm2", "stick_area_mm2", "stick_area_error_mm2")
+    solved = sum(r.done for r in rows if not r.found)
+    return [
+        *columns_of((*names, *zones), [{**vars(row), **asdict(row.zones)} for row in rows]),
+        f"{len(rows)} presses (simulated, {level}), {solved} knots solved in {seconds:.1f} s; "
+        "found: in the store; like: a mirror image of that press; zones at the end of the press",
+    ]
+
+
+def _asides(rows: list[PressRow]) -> list[str]:
+    lines = []
+    for row in rows:
+        for flag, count in ({} if row.like else row.flags).items():
+            lines.append(f"warning: {row.press}: {flag} ({count} of {row.knots} knots)")
+        if row.failure:
+            lines.append(f"failed: {row.press}: {row.failure}")
+    return lines

@@ -1,0 +1,154 @@
+"""`deltact-fab measure`: shape, force and contact from a camera, a file, a run or a rig, live."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from deltact_fab.common import INTERRUPTED
+
+from .options import NAME_OR_PATH, PATH, Finite, out_folder, seed
+from .output import echo_json
+
+if TYPE_CHECKING:
+    from deltact_fab.present import MeasurementOutput, MeasurementSession
+
+VIEW_HZ = 10.0
+
+
+@click.command(epilog="Example: deltact-fab measure smoke-run --view")
+@click.argument("source", type=NAME_OR_PATH)
+@click.option("--camera", type=PATH, metavar="FILE", help="Camera file made by `calibrate lens`.")
+@click.option("--calibration", "calibrations", multiple=True, type=PATH, metavar="FILE",
+              help="Calibration of depth or force; repeatable.")  # fmt: skip
+@click.option("--mm-per-px", type=Finite(min=1e-4, max=100), metavar="MM",
+              help="Scale of the resting face, where no camera file is known.")  # fmt: skip
+@click.option("--show", metavar="LIST", show_default="all that the calibrations allow",
+              help="flow, observation, shape, contacts, force, traction; separated by commas."
+              )  # fmt: skip
+@click.option("--design", type=NAME_OR_PATH, metavar="DESIGN",
+              help="Design of the sensor, where the source does not say.")  # fmt: skip
+@click.option("--serial", metavar="TEXT",
+              help="Serial number of the sensor, where the source does not say.")  # fmt: skip
+@seed("Seed of a virtual rig.")
+@click.option("--hz", type=Finite(min=0.01), metavar="HZ",
+              show_default="as fast as possible; with --view 10",
+              help="Images per second at most, unless a camera gives them.")  # fmt: skip
+@click.option("--jsonl", is_flag=True, help="Print one JSON object per image, as it comes.")
+@click.option("--follow", type=Finite(min=0.1), metavar="S",
+              help="Go on taking images that are written into the folder SOURCE, until none came "
+              "for S seconds.")  # fmt: skip
+@out_folder("New folder for a table of the results and each image's arrays.")
+@click.option("--pictures", is_flag=True, help="With --out: keep each image too, as tracked.")
+@click.option("--view", is_flag=True, help="Show everything live on a page on this computer.")
+@click.option("--port", type=click.IntRange(0, 65535), default=0, metavar="N",
+              show_default="a free one", help="Port of that page.")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print JSON, once all is measured.")
+def measure(
+    source: str, camera: Path | None, calibrations: tuple[Path, ...], mm_per_px: float | None,
+    show: str | None, design: str | None, serial: str | None, seed: int, hz: float | None,
+    jsonl: bool, follow: float | None, out: Path | None, pictures: bool, view: bool, port: int,
+    as_json: bool,
+) -> None:  # fmt: skip
+    """Measure the images of SOURCE as they come; the first must show the face at rest.
+
+    SOURCE is the number of a camera, such as 0, its device file or its address; a video; a folder
+    of images; a run; or a rig. Of a real rig, such as bench.toml, only the camera is opened; a
+    virtual one, virtual or virtual:PROTOCOL, simulates its images. From a camera the newest image
+    is measured, and those that come meanwhile are dropped and counted; otherwise every image is
+    measured. Ctrl-C ends it. Without a camera it measures in pixels, and a skin of markers is
+    recognised by its first image. `schema measured` names what --out keeps.
+    """
+    # Every BLAS reads it, when numpy is imported. The stages have the cores already.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    if pictures and out is None:
+        raise click.UsageError("--pictures: only with --out")
+    if jsonl and as_json:
+        raise click.UsageError("--jsonl, --json: one of them, as both write to stdout")
+    import cv2
+
+    from deltact_fab.present import (
+        HealthOutput,
+        JsonLines,
+        KeptFolder,
+        LivePage,
+        MeasurementSummary,
+        PageOutput,
+        StatusLine,
+        describe_source,
+        once,
+        open_session,
+        require_new_folder,
+    )
+
+    cv2.setNumThreads(1)  # the flow depends on their number, and more bring nothing
+    if out is not None:
+        require_new_folder(out)
+    # As Ctrl-C, so that what a supervisor ends is kept in good order too.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with ExitStack() as stack:
+        session = open_session(
+            source, camera, calibrations,
+            None if show is None else [part.strip() for part in show.split(",")],
+            design=design, serial=serial, seed=seed, mm_per_px=mm_per_px,
+            follow_s=follow, most_hz=hz or (VIEW_HZ if view else None),
+        )  # fmt: skip
+        opened, measurement = session.source, session.measurement
+        stack.callback(opened.close)
+        page = None
+        if view:
+            facts = describe_source(opened, "force" in measurement.include)
+            page = LivePage(facts, measurement.reset, port)
+        simulated = opened.known.simulated
+        outputs: list[MeasurementOutput] = []
+        if jsonl:
+            outputs.append(JsonLines(sys.stdout, simulated))
+        if as_json:
+            outputs.append(MeasurementSummary(echo_json, simulated))
+        if not jsonl or sys.stderr.isatty():
+            outputs.append(StatusLine(sys.stderr if jsonl or as_json else sys.stdout, simulated))
+        if page is not None:
+            stack.callback(page.close)
+            outputs.append(PageOutput(session, page))
+            click.echo(f"view: {page.url}", err=True)
+
+        def tell(health: str, unfit: str = "") -> None:
+            click.echo(health, err=True)
+            if page is not None:
+                page.health, page.unfit = health, unfit
+
+        if lines := once(session):
+            tell("\n".join(lines))
+        outputs.append(HealthOutput(tell))
+        if out is not None:
+            kept = KeptFolder(out, session, pictures)
+            stack.callback(kept.close)
+            outputs.append(kept)
+        status = _run(session, outputs, stay=page is not None)
+    raise click.exceptions.Exit(status)
+
+
+def _run(session: MeasurementSession, outputs: list[MeasurementOutput], stay: bool) -> int:
+    """Until the source ends or Ctrl-C; the exit code."""
+    status, measured = INTERRUPTED, None
+    try:
+        for measured in session.results():
+            for output in outputs:
+                output.show(measured)
+        status = 0
+        for output in outputs:
+            output.end("ended", measured)
+        while stay:  # the page, with the last result
+            time.sleep(1)
+    except KeyboardInterrupt:
+        if status:
+            for output in outputs:
+                output.end("stopped", measured)
+    return status

@@ -1,0 +1,323 @@
+"""`deltact-fab pattern`: recipes, stickers, their quality, print jobs, and the paper's series."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import click
+
+from deltact_fab.common import (
+    InputError,
+    MissingLibrary,
+    catalogue_names,
+    toml_text,
+    write_new_file,
+)
+
+from .cad import of_design
+from .group import CommandGroup
+from .options import NAME_OR_PATH, NEW_FILE, PATH, SEED, out_file, out_folder, seed
+from .output import (
+    Answer,
+    answers,
+    columns_of,
+    facts,
+    files_line,
+    judged,
+    listed,
+    progress,
+    table,
+    written,
+)
+
+if TYPE_CHECKING:
+    from deltact_fab.fabricate import PatternRecipe
+
+
+RECIPES = click.argument("recipes", nargs=-1, required=True, metavar="RECIPE...", type=NAME_OR_PATH)
+PRINTER = click.option("--printer", type=PATH, metavar="FILE",
+                       help="The printer as `pattern verify -o` found it.")  # fmt: skip
+
+
+@click.group(cls=CommandGroup)
+def pattern() -> None:
+    """Pattern stickers: recipes, their quality, and the sheets to print.
+
+    A RECIPE is a name of `pattern list` or a path.
+    """
+
+
+def _coded(text: str) -> PatternRecipe | None:
+    """The recipe of the text of a sheet's QR code; None for a name or a path."""
+    from deltact_fab.fabricate import CODE_PREFIX, decode_recipe
+
+    return decode_recipe(text) if text.upper().startswith(CODE_PREFIX) else None
+
+
+@pattern.command("list")
+@answers
+def list_() -> Answer:
+    """Recipes that can be named: your own and the shipped ones."""
+    from deltact_fab.fabricate import load_recipe
+
+    rows = []
+    for name in catalogue_names("patterns"):
+        r = load_recipe(name)
+        scales = r.scales_mm and ", ".join(f"{s:g}" for s in r.scales_mm)
+        dots = r.dots and f"{r.dots.columns} x {r.dots.rows}"
+        rows.append((name, r.law, r.patch_mm, r.r, r.channels, scales, dots))
+    return listed(("recipe", "law", "d_mm", "r", "channels", "scales_mm", "dots"), rows)
+
+
+@pattern.command(epilog="Example: deltact-fab pattern new mine --law octave")
+@click.argument("name")
+@click.option("--law", default="algorithm1", metavar="LAW",
+              help="How patches are coloured; `schema pattern` lists the laws.")  # fmt: skip
+@NEW_FILE
+@answers
+def new(name: str, law: str, out: Path | None) -> Answer:
+    """Write a new recipe with every key that its law takes.
+
+    Above each key stand its meaning and its limits.
+    """
+    from ..lab import pattern as write
+
+    return written(write(name, law, out), f"pattern quality {name}")
+
+
+@pattern.command(epilog="Example: deltact-fab pattern make -d 0.15 -r 0.1 --dots -o sticker.png")
+@click.argument("recipe", required=False, type=NAME_OR_PATH)
+@click.option("-d", "patch_mm", type=float, metavar="MM", help="Patch size, instead of a RECIPE.")
+@click.option("-r", "factor", type=float, metavar="R",
+              help="Randomness factor, 0 <= r < 1; goes with -d.")  # fmt: skip
+@click.option("--size", "size_mm", type=float, metavar="MM", show_default="35",
+              help="Side of the sticker.")  # fmt: skip
+@click.option("--seed", type=SEED, metavar="N", show_default="the recipe's, or 7",
+              help="Seed of the random pattern.")  # fmt: skip
+@click.option("--dots", "with_dots", is_flag=True, help="Add the 13 x 13 white marker dots.")
+@click.option("--dpi", type=float, show_default="near 1200 with dots", metavar="DPI",
+              help="Resolution of the printer.")  # fmt: skip
+@out_file("PNG file to write.", required=True)
+@answers
+def make(
+    recipe: str | None, patch_mm: float | None, factor: float | None, size_mm: float | None,
+    seed: int | None, with_dots: bool, dpi: float | None, out: Path,
+) -> Answer:  # fmt: skip
+    """Make a sticker's PNG from a RECIPE, or from -d and -r.
+
+    RECIPE may also be the text of a sheet's QR code and label, in quotes: the same sticker is made
+    again. One image pixel is one patch; with --dpi or marker dots it is one printer dot. The
+    centres of the marker dots are written beside the PNG, as NAME.dots.csv.
+    """
+    from deltact_fab.fabricate import make_pattern as make_file
+    from deltact_fab.fabricate import recipe_from_options
+
+    coded = None if recipe is None else _coded(recipe)
+    if coded is not None:
+        if (patch_mm, factor, size_mm, seed, with_dots) != (None, None, None, None, False):
+            raise click.UsageError("a sheet's code says all of a sticker; only --dpi goes with it")
+        made = make_file(coded, out, dpi, check_view=False)
+    else:
+        chosen = recipe_from_options(recipe, patch_mm, factor, size_mm, seed, with_dots)
+        made = make_file(chosen, out, dpi)
+    data = made.as_dict()
+    return Answer(data, table(("key", "value"), facts(data)))
+
+
+@pattern.command(epilog="Example: deltact-fab pattern show sticker.png")
+@click.argument("recipe", type=NAME_OR_PATH)
+@answers
+def show(recipe: str) -> Answer:
+    """Show the keys of RECIPE, which may also be the PNG of a pattern or a sheet's code."""
+    from deltact_fab.fabricate import load_recipe, read_recipe
+
+    if recipe.lower().endswith(".png"):
+        found = read_recipe(Path(recipe))
+    else:
+        found = _coded(recipe) or load_recipe(recipe)
+    data = found.model_dump(exclude_none=True)
+    told = {**data, "n": found.n, "printed_mm": found.printed_mm}
+    return Answer(data, table(("key", "value"), facts(told)))
+
+
+@pattern.command(epilog="Example: deltact-fab pattern quality dense octave")
+@RECIPES
+@click.option("--dpi", type=int, default=1200, metavar="DPI", help="Resolution of the printer.")
+@PRINTER
+@click.option("--mm-per-px", type=float, default=0.0378, metavar="MM",
+              help="Size of a camera pixel on the resting face.")  # fmt: skip
+@seed("Seed of halftone and noise.")
+@answers
+def quality(
+    recipes: tuple[str, ...], dpi: int, printer: Path | None, mm_per_px: float, seed: int
+) -> Answer:
+    """Figures of merit of each RECIPE, as designed and as printed and photographed (simulated)."""
+    from deltact_fab.fabricate import load_recipe, measure_quality
+    from deltact_fab.sensor import Printer
+
+    chosen = [(name, load_recipe(name)) for name in recipes]
+    model = Printer(dpi=dpi)
+    if printer is not None:
+        from deltact_fab.fabricate import load_printer
+
+        own = load_printer(printer)
+        model = Printer(dpi, spread_um=own.spread_um, misregistration_um=own.misregistration_um)
+    found = []
+    with progress("pattern quality") as tell:
+        for done, (name, recipe) in enumerate(chosen):
+            tell(done, len(chosen), name)
+            found.append((name, measure_quality(recipe, model, None, mm_per_px, seed)))
+    figures = ("mean_gradient", "sssig", "contrast", "peak", "peak_mm")
+    rows = [
+        (name, when, *(getattr(f, key) for key in figures))
+        for name, q in found
+        for when, f in (("designed", q.designed), ("photographed", q.photographed))
+    ]
+    kept = ("dots_a_patch", "print_contrast", "printable", "px_a_patch", "camera_contrast", "seen")
+    seen = table(("recipe", *kept), [(n, *(getattr(q, key) for key in kept)) for n, q in found])
+    told = (
+        f"photographed: simulated at {dpi} dpi and {mm_per_px:g} mm/px, seed {seed}; values of "
+        f"{'printer and camera' if printer is None else 'the camera'} are assumed"
+    )
+    data = [{"recipe": name, "simulated": True, **asdict(q)} for name, q in found]
+    return Answer(data, [*table(("recipe", "", *figures), rows), "", *seen, "", told])
+
+
+TRANSFER = click.option(
+    "--transfer", type=click.Choice(("face-down", "slide")), default="face-down",
+    help="Which side faces the gel: the ink, or the film (mirrored).",
+)  # fmt: skip
+SCALE_X, SCALE_Y = (
+    click.option(f"--scale-{axis}", type=float, metavar="FACTOR", show_default="1",
+                 help=f"100 mm divided by what the printed ruler in {axis} measures.")
+    for axis in "xy"
+)  # fmt: skip
+
+
+def _scales(
+    x: float | None, y: float | None, otherwise: tuple[float, float]
+) -> tuple[float, float]:
+    """The scales that are given, else the others."""
+    return (otherwise[0] if x is None else x, otherwise[1] if y is None else y)
+
+
+PAPER = click.option(
+    "--paper", default="A4", metavar="SIZE", help="A2, A3, A4, A5, SRA3, Letter, Legal or Tabloid.",
+)  # fmt: skip
+
+
+@pattern.command(
+    epilog="Example: deltact-fab pattern sheet dense-with-dots --copies 4 -o sheet.pdf"
+)
+@RECIPES
+@PAPER
+@TRANSFER
+@of_design
+@click.option("--dpi", type=float, default=1200.0, metavar="DPI", help="Resolution of the printer.")
+@click.option("--copies", type=int, default=1, metavar="N", help="Copies of each sticker.")
+@SCALE_X
+@SCALE_Y
+@PRINTER
+@out_file("PDF to write.", required=True)
+@answers
+def sheet(
+    recipes: tuple[str, ...], paper: str, dpi: float, transfer: Literal["face-down", "slide"],
+    copies: int, scale_x: float | None, scale_y: float | None, printer: Path | None, out: Path,
+    design: str, changes: tuple[str, ...],
+) -> Answer:  # fmt: skip
+    """Write a sheet to print: each RECIPE at its exact size, with cut marks, rulers and QR code.
+
+    Around each sticker is the margin of film that the design's skin needs; cut as the guide says.
+    """
+    from deltact_fab.fabricate import load_design, load_recipe, write_sheet
+
+    scale = (1.0, 1.0)
+    if printer is not None:
+        from deltact_fab.fabricate import load_printer
+
+        known = load_printer(printer)
+        scale = known.scale_x, known.scale_y
+    chosen = [load_recipe(name) for name in recipes]
+    sensor = load_design(design, changes)  # its film and view; `cad check` judges the parts
+    # For no design that was named a small sticker is a trial print.
+    source = click.get_current_context().get_parameter_source("design")
+    named = bool(changes) or source is not click.core.ParameterSource.DEFAULT
+    for name, recipe in zip(recipes, chosen, strict=True):
+        beyond = sensor.optics.beyond(recipe.printed_mm) if named else None
+        if beyond is not None:
+            raise InputError(f"{name}: size_mm: {beyond} by --design {design}")
+    with progress("pattern sheet") as tell:
+        done = write_sheet(
+            chosen, out, paper=paper, dpi=dpi, transfer=transfer, copies=copies,
+            scale=_scales(scale_x, scale_y, scale), sensor=sensor,
+            progress=tell,
+        )  # fmt: skip
+    data = done.as_dict()
+    told = table(("key", "value"), facts({**data, "stickers": None, "codes": None}))
+    columns = ("dots_per_patch", "side_mm", "file_side_mm", "print_error_mm", "code")
+    kinds = columns_of(columns, {s["code"]: s for s in data["stickers"]}.values())
+    return Answer(data, [*told, "", *kinds])
+
+
+@pattern.command(epilog="Example: deltact-fab pattern verify scan.png dense -o my-printer.toml")
+@click.argument("scan", type=PATH)
+@click.argument("recipe", type=NAME_OR_PATH)
+@click.option("--dpi", type=float, metavar="DPI", show_default="the file's",
+              help="Resolution of the scan.")  # fmt: skip
+@TRANSFER
+@SCALE_X
+@SCALE_Y
+@out_file("Write what the print tells of its printer, for the next sheet and `pattern quality`.")
+@answers
+def verify(
+    scan: Path, recipe: str, dpi: float | None, transfer: str, scale_x: float | None,
+    scale_y: float | None, out: Path | None,
+) -> Answer:  # fmt: skip
+    """Hold SCAN, a scan or photograph of a print, against its RECIPE.
+
+    RECIPE may also be the text of the sheet's QR code. --transfer and the scales are those that the
+    sheet was written with. A photograph, which has no dpi, tells no scale. Exit code 1 when a row
+    fails.
+    """
+    from deltact_fab.fabricate import load_recipe
+    from deltact_fab.fabricate import verify_print as judge
+
+    asked = _coded(recipe) or load_recipe(recipe)
+    scaled = _scales(scale_x, scale_y, (1.0, 1.0))
+    done = judge(scan, asked, dpi, transfer == "slide", scaled)
+    if out is None:
+        return judged(str(scan), done, "right")
+    write_new_file(out, toml_text(asdict(done.printer())))
+    return judged(str(scan), done, "right", "", f"written: {out}; pattern sheet --printer {out}")
+
+
+@pattern.command()
+@out_folder("New folder to write.", required=True)
+@seed("Seed of every pattern.", 7)
+@PAPER
+@TRANSFER
+@click.option("--dpi", type=int, default=1200, metavar="DPI", help="Resolution of the printer.")
+@answers
+def series(
+    out: Path, seed: int, paper: str, dpi: int, transfer: Literal["face-down", "slide"]
+) -> Answer:
+    """Write the 17 patterns that the paper compares: recipes, sheets to print, quality, a page."""
+    from deltact_fab.common import require_pages
+    from deltact_fab.fabricate import write_series
+    from deltact_fab.present import write_patterns_page
+
+    page, asides = None, []
+    try:  # before a series is made, not after
+        require_pages()
+        page = write_patterns_page
+    except MissingLibrary as why:
+        asides = [f"no page: {why}"]
+    with progress("pattern series") as tell:
+        done = write_series(
+            out, seed=seed, dpi=dpi, paper=paper, transfer=transfer, page=page, progress=tell,
+        )  # fmt: skip
+    data = done.as_dict()
+    told = table(("key", "value"), facts({**done.figures, "patterns": None}))
+    return Answer(data, [*told, files_line(done.files)], asides=asides)

@@ -1,0 +1,133 @@
+"""`deltact-fab protocol`: new, list, check, show."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from deltact_fab.common import catalogue_names, find_file, format_duration, read_toml
+
+from .group import CommandGroup
+from .old_keys import of_protocol
+from .options import NAME_OR_PATH, NEW_FILE, RIG, out_folder
+from .output import Answer, answers, check_lines, columns_of, listed, progress, written
+
+if TYPE_CHECKING:
+    from deltact_fab.simulate import Peak
+
+
+@click.group(cls=CommandGroup)
+def protocol() -> None:
+    """Indentation experiments: write, check, look at.
+
+    A PROTOCOL is a name of `protocol list` or a path.
+    """
+
+
+PROTOCOL = click.argument("name", metavar="PROTOCOL", type=NAME_OR_PATH)
+
+
+@protocol.command("list")
+@answers
+def list_() -> Answer:
+    """Protocols that can be named: your own and the shipped ones."""
+    names = catalogue_names("protocols")
+    rows = [(n, read_toml(find_file("protocols", n)).get("description", "")) for n in names]
+    return listed(("protocol", "description"), rows)
+
+
+@protocol.command(epilog="Example: deltact-fab protocol new mine --from smoke")
+@click.argument("name")
+@click.option("--from", "source", default="smoke", type=NAME_OR_PATH,
+              metavar="PROTOCOL", help="Protocol to start from.")  # fmt: skip
+@NEW_FILE
+@answers
+def new(name: str, source: str, out: Path | None) -> Answer:
+    """Write a new protocol with every key explained.
+
+    Its values are those of another one; `protocol check NAME` then finds it by its name.
+    """
+    from ..lab import protocol as write
+
+    return written(write(name, source, out), f"protocol check {name}")
+
+
+@protocol.command(epilog="Example: deltact-fab protocol check smoke --rig virtual")
+@PROTOCOL
+@RIG
+@click.option("--air", is_flag=True, help="As for `run --air`: nothing is touched.")
+@click.option("--unattended", is_flag=True, help="As for `run --unattended`: nobody is there.")
+@out_folder("As for `run --out`: checks that its disk has room.", default=Path(),
+            show_default="here")  # fmt: skip
+@answers
+def check(name: str, rig_name: str, air: bool, unattended: bool, out: Path) -> Answer:
+    """Check that `run` would start; exit code 1 when it would refuse.
+
+    For a real rig, peak forces that are not known yet are solved once, which takes minutes.
+    """
+    from deltact_fab.common import passes
+    from deltact_fab.simulate import RunRequest
+
+    with progress("check") as report:
+        asked = RunRequest(name, rig_name, out, progress=report, air=air, unattended=unattended)
+        rows = asked.checks()
+    data = [{**row.as_dict(), **of_protocol(row)} for row in rows]
+    return Answer(data, check_lines(rows), None if passes(rows) else "")
+
+
+@protocol.command()
+@PROTOCOL
+@RIG
+@click.option("--forces", is_flag=True, help="Solve peak forces that are not known yet (minutes).")
+@answers
+def show(name: str, rig_name: str, forces: bool) -> Answer:
+    """Show the steps, frames, time, disk space and peak forces of PROTOCOL.
+
+    Peak forces of deep presses take a solve at finite strain, done once, with --forces.
+    """
+    from deltact_fab.bench import reason
+    from deltact_fab.simulate import PAPER_REMARK, RunRequest
+
+    with progress("peak forces") as report:
+        request = RunRequest(name, rig_name, progress=report)
+        specimen, steps, estimate = request.protocol.specimen, request.steps, request.estimate()
+        predicted = request.forces(solve=forces)
+    peaks, findings = None, None
+    if predicted is not None:
+        peaks = predicted[0]
+        findings = [reason(row) for row in predicted[1] if row.status in ("warn", "fail")]
+    data: dict[str, Any] = {
+        "specimen": specimen.model_dump(mode="json"),
+        "steps": [asdict(s) for s in steps],
+        "estimate": asdict(estimate),
+        "peaks": None if peaks is None else [p.as_dict() for p in peaks],
+        "force_findings": findings,
+    }
+    serial = f", serial number {specimen.serial}" if specimen.serial else ""
+    lines = [
+        f"specimen: design {specimen.design}, pattern {specimen.pattern}{serial}\n",
+        *columns_of(("id", "kind", "target_mm", "feed_mm_min", "frames"), data["steps"]),
+        f"\n{estimate.steps} steps, {estimate.presses} presses, {estimate.frames} frames "
+        f"({estimate.settled} settled, up to {estimate.between_frames_mm:.2g} mm of the tip's way "
+        f"between two), {format_duration(estimate.seconds)} of motion and settling, "
+        f"about {estimate.disk_mb:.0f} MB",
+    ]
+    if peaks is None or findings is None:
+        lines.append("peak forces: --forces solves the deep presses, once (minutes)")
+        return Answer(data, [*lines, PAPER_REMARK])
+    return Answer(data, [*lines, *_peaks(peaks, findings)])
+
+
+def _peaks(peaks: Sequence[Peak], findings: Sequence[str]) -> Iterator[str]:
+    """Each peak, then what the rig says to them."""
+    loads = ("normal_n", "normal_high_n", "tangential_n", "tangential_high_n")
+    yield "\npeak forces, expected and (high) with the gel's modulus twice as high:"
+    names = ("indenter", "position", "depth_mm", *loads, "level")
+    yield from columns_of(names, [p.as_dict() for p in peaks])
+    for reason in dict.fromkeys(f"{p.indenter}: {p.reason}" for p in peaks if p.reason):
+        yield f"upper estimate, {reason}"
+    yield from (f"over: {line}" for line in findings)

@@ -1,0 +1,52 @@
+"""`deltact-fab report`: one offline page of a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from .options import PATH, checked, out_file
+from .output import Answer, answers, progress, written
+
+
+@click.command(epilog="Example: deltact-fab report smoke-run -o smoke.html")
+@click.argument("run", type=PATH)
+@out_file("Page to write.", show_default="report.html in RUN, or index.html in a folder of runs")
+@click.option("--calibration", "calibrations", multiple=True, type=PATH, metavar="FILE",
+              show_default="those in RUN/analysis",
+              help="Calibration of force or depth; repeatable.")  # fmt: skip
+@answers
+def report(run: Path, out: Path | None, calibrations: tuple[Path, ...]) -> Answer:
+    """Write one offline page about RUN, after its tracking analysis where that is missing.
+
+    Of a folder with runs and studies below it, the page lists them all; unfinished and damaged
+    ones are marked.
+    """
+    from deltact_fab.bench import open_run
+    from deltact_fab.common import require_pages
+    from deltact_fab.estimate import (
+        TrackingResult,
+        analyse_tracking,
+        calibrations_of_run,
+        measure_run,
+    )
+    from deltact_fab.present import is_index_above, write_imported_page, write_index, write_run_page
+
+    require_pages()
+    if is_index_above(run):
+        return written(write_index(run, out or checked(run / "index.html")))
+    opened = open_run(run)
+    page = out or checked(run / "report.html")
+    if opened.imported:
+        return written(write_imported_page(opened, page))
+    folder, files = run / "analysis", calibrations_of_run(opened, calibrations)
+    if (folder / "tracking.json").is_file():
+        result = TrackingResult.load(folder)
+    else:
+        with progress("tracking error") as bar:
+            result = analyse_tracking(run, progress=bar)
+        result.save(folder)
+    with progress("shape and force") as bar:
+        found = measure_run(opened, files, bar)
+    return written(write_run_page(run, page, result, found))

@@ -1,0 +1,290 @@
+"""A lab's own files: a folder of them to begin with, and new ones with every key explained."""
+
+from __future__ import annotations
+
+import json
+import os
+import textwrap
+import tomllib
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from deltact_fab.common import (
+    CATALOGUE_KINDS,
+    CATALOGUE_LISTS,
+    InputError,
+    did_you_mean,
+    disk_errors,
+    read_toml,
+    toml_literal,
+    validate,
+    write_new_file,
+)
+from deltact_fab.paths import asset, shipped_folder
+
+from .schema import BY_NAME, KINDS, TABLE, KeyRow, Kind, described, document, rows
+
+if TYPE_CHECKING:
+    from deltact_fab.bench import FoundDevice
+    from deltact_fab.fabricate import Wish
+
+SHIPPED = ("cad", "patterns", "protocols")
+SCHEMAS = "schemas"
+
+
+def init(folder: Path) -> list[Path]:
+    """Write a working folder: the shipped files, schemas for editors and a first tour; its files.
+
+    Raises InputError for a folder that holds anything but hidden files, RunFailed when the disk
+    refuses.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: a file; expected the name of a new or empty folder")
+    if folder.is_dir() and any(not path.name.startswith(".") for path in folder.iterdir()):
+        raise InputError(f"{folder}: not empty; expected the name of a new or empty folder")
+    texts = _texts()
+    for name, text in texts.items():
+        with disk_errors(folder / name):
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_text(text, encoding="utf-8")
+    return [folder / name for name in texts]
+
+
+def _texts() -> dict[str, str]:
+    """The text of each file, by its path in the folder."""
+    texts = {"README.md": asset("tour.md").read_text(encoding="utf-8")}
+    for kind in KINDS.values():
+        text = json.dumps(document(kind), indent=1, ensure_ascii=False, allow_nan=False)
+        texts[f"{SCHEMAS}/{kind.name}.json"] = text + "\n"
+    for top in SHIPPED:
+        shipped = shipped_folder(top)
+        for file in sorted(shipped.rglob("*")):
+            if file.suffix not in (".toml", ".py"):
+                continue
+            name = Path(top) / file.relative_to(shipped)
+            text, folder = file.read_text(encoding="utf-8"), name.parent.as_posix()
+            if file.suffix == ".toml" and folder in CATALOGUE_KINDS:  # a camera file has no schema
+                text = schema_line(kind_of(folder, read_toml(file)), name.parent) + text
+            texts[name.as_posix()] = text
+    return texts
+
+
+def kind_of(folder: str, data: dict[str, Any]) -> str:
+    """The name in `KINDS` of what stands in a folder of the catalogue."""
+    if folder == "cad":
+        return next((kind for key, kind in CATALOGUE_LISTS.items() if key in data), "design")
+    if folder == "protocols/rigs":
+        return f"{data['kind']}-rig"
+    return next(kind.name for kind in KINDS.values() if kind.catalogue == folder)
+
+
+def schema_line(kind_name: str, folder: Path) -> str:
+    """The line by which an editor (taplo, Even Better TOML) finds the schema of a file."""
+    schema = os.path.relpath(Path(SCHEMAS, f"{kind_name}.json"), folder)
+    return f"#:schema {Path(schema).as_posix()}\n"
+
+
+ABOUT_RIG = (
+    "A real bench: a GRBL 1.1 or grblHAL stage, with a force sensor, a camera and indenters.",
+    "`deltact-fab rig new bench` writes such a file with the devices that it finds,",
+    "`deltact-fab rig check bench.toml` says what is wrong with it, and nothing moves.",
+    "No software is an emergency stop: have a switch that cuts the motors' power.",
+    "",
+    "Machine coordinates are mm, 0 at the homed end of each axis and negative below it. The sensor",
+    "frame is mm from the centre of the gel's resting face: x along its width, y along its length,",
+    "z out of it. Paths count from this file. What has MEASURE beside it is to be measured.",
+    "",
+)
+
+
+def protocol(name: str, source: str = "smoke", out: Path | None = None) -> Path:
+    """Write a protocol that begins as another one does, and return its file.
+
+    Raises InputError as `catalog.write_new`, and for a name or a source that is none.
+    """
+    from deltact_fab.bench import load_protocol
+
+    _, path = load_protocol(source, by_hand=True)
+    text = f"As {source}; say here what the experiment is for."
+    given = {**read_toml(path), "name": name, "description": text}
+    about = (
+        f"An indentation experiment, begun from {source!r}. Places count from the centre of the",
+        "resting face: x along its width, y along its length, z out of it. Afterwards:",
+        f"    deltact-fab protocol check {name}",
+        f"    deltact-fab protocol show {name}",
+        f"    deltact-fab run {name} --rig virtual --out {name}-run",
+    )
+    return _write("protocol", name, out, commented(KINDS["protocol"], given, about))
+
+
+def design(
+    name: str, base: str = "deltact", out: Path | None = None, wish: Wish | None = None
+) -> Path:
+    """Write a design that states its base, and what a wish changes of it, and return its file.
+
+    Raises InputError as `catalog.write_new`, for a name or a base that is none, and for a wish as
+    `fabricate.cad.intent.design_for_wish`.
+    """
+    from deltact_fab.fabricate import load_design
+
+    hoped = ""
+    inherited = asdict(load_design(base))
+    given: dict[str, Any] = {"base": base}
+    if wish is not None:
+        from deltact_fab.fabricate import design_for_wish
+
+        made = asdict(design_for_wish(wish, load_design(base)))
+        for section, values in made.items():
+            changed = {k: v for k, v in values.items() if v != inherited[section][k]}
+            given |= {section: changed} if changed else {}
+        x, y = wish.face_mm
+        hoped = f"Made for a face of {x:g} x {y:g} mm, {100 * wish.share:g} % of it seen. "
+    about = (
+        f"{hoped}A design that takes from {base!r} all that it does not set itself. Afterwards:",
+        f"    deltact-fab cad check --design {name}",
+        f"    deltact-fab cad export --design {name} --out parts",
+        "What is assumed and not measured is to be measured, and then listed under `measured`.",
+    )
+    return _write("design", name, out, commented(KINDS["design"], given, about, inherited))
+
+
+def pattern(name: str, law: str = "algorithm1", out: Path | None = None) -> Path:
+    """Write a recipe with the keys that its law takes, and return its file.
+
+    Raises InputError as `catalog.write_new`, and for a name or a law that is none.
+    """
+    from deltact_fab.fabricate import DEFAULT_SEED, LAW_KEYS, PATTERN_LAWS
+
+    if law not in PATTERN_LAWS:
+        raise InputError(f"--law {law!r}: no such law; {did_you_mean(law, PATTERN_LAWS)}")
+    taken = PATTERN_LAWS[law].needs + PATTERN_LAWS[law].may
+    keys = described(KINDS["pattern"])["properties"]
+    given: dict[str, Any] = {"law": law, "seed": DEFAULT_SEED}
+    for key in PATTERN_LAWS[law].needs:
+        # White dots show the white layer behind: on clear film there is none.
+        black = {"colour": "#000000"}
+        given[key] = black if key == "dots" else keys[key]["examples"][0]
+    about = (
+        f"A sticker of law {law}: {PATTERN_LAWS[law].about}. Afterwards:",
+        f"    deltact-fab pattern quality {name}",
+        f"    deltact-fab pattern make {name} -o {name}.png",
+        f"    deltact-fab pattern sheet {name} -o {name}.pdf",
+    )
+    out_of_place = set(LAW_KEYS) - set(taken)
+    return _write(
+        "pattern", name, out, commented(KINDS["pattern"], given, about, leave_out=out_of_place)
+    )
+
+
+def rig(name: str, out: Path | None = None) -> tuple[Path, dict[str, list[FoundDevice]]]:
+    """Write a rig file for the devices of this computer; the file, ports and cameras.
+
+    Raises InputError as `catalog.write_new`, and for a name that is none.
+    """
+    from deltact_fab.bench import list_cameras, list_ports
+
+    found = {"ports": list_ports(), "cameras": list_cameras()}
+    return _write("grbl-rig", name, out, rig_text(**found)), found
+
+
+def rig_text(ports: Sequence[FoundDevice] = (), cameras: Sequence[FoundDevice] = ()) -> str:
+    """The text of a rig file for a real bench; the shipped `grbl-bench` is the one for no device.
+
+    Of ports and of cameras the first is taken, the others stand beside it in comments.
+    """
+    given: dict[str, Any] = {"kind": "grbl"}
+    written = {}
+    for table, key, found in (("stage", "port", ports), ("camera", "source", cameras)):
+        values = [f"{toml_literal(one.name)}  # {one.text}".rstrip(" #") for one in found]
+        if found:
+            given[table] = {key: found[0].name}
+            written[f"{table}.{key}"] = f"\n#or {key} = ".join(values)
+    if not ports:
+        given["stage"] = {"port": "/dev/ttyACM0"}
+        written["stage.port"] = '"/dev/ttyACM0"  # an example: none was found'
+    return commented(KINDS["grbl-rig"], given, ABOUT_RIG, written=written)
+
+
+def _write(kind_name: str, name: str, out: Path | None, text: str) -> Path:
+    """Write a file of a kind under a name, with the line of its schema where the folder has one.
+
+    Raises InputError for a path in place of a name, and as `catalog.validate` and `write_new`.
+    """
+    if not name or Path(name).name != name or name.endswith(".toml") or not name.isprintable():
+        raise InputError(f"{name!r}: expected a name, as in mine; -o FILE.toml says where it goes")
+    kind = KINDS[kind_name]
+    folder = Path(kind.catalogue)
+    file = out or (folder if folder.is_dir() else Path()) / f"{name}.toml"
+    data = tomllib.loads(text)
+    data.pop("base", None)
+    validate(kind.model(), data, name)
+    if Path(SCHEMAS, f"{kind_name}.json").is_file():
+        text = schema_line(kind_name, file.parent) + text
+    write_new_file(file, text)
+    return file
+
+
+HOW = (
+    'A line that begins with "#" and goes on at once is a key that is not set: its value is what',
+    "holds without it, or an example where nothing does. Remove the # and change the value.",
+)
+OR = 'A line that begins with "#or" says the same in another way: one of both is given.'
+
+
+def commented(
+    kind: Kind,
+    given: Mapping[str, Any],
+    about: Sequence[str] = (),
+    inherited: Mapping[str, Any] | None = None,
+    leave_out: Collection[str] = (),
+    written: Mapping[str, str] | None = None,
+) -> str:
+    """The text of a file.
+
+    given: values that are set; inherited: what holds for other keys in place of the model's
+    default; leave_out: keys at the top that do not belong into this file; written: what stands for
+    the value of a key, by its path. A required key that is not given has its example.
+    """
+    found = [row for row in rows(kind) if row.key.partition(".")[0] not in leave_out]
+    ways = (OR,) if any(row.instead_of for row in found) else ()
+    lines = [f"# {line}".rstrip() for line in (*about, *HOW, *ways)]
+    marks = {"": ""}  # of each table, what stands before its lines
+    for row in found:
+        table, _, name = row.key.rpartition(".")
+        value = _at(given, row.key)
+        unset = "" if value is not None or row.required else "#or " if row.instead_of else "#"
+        lines.append("")
+        if row.type in (TABLE, BY_NAME):
+            any_name = row.type == BY_NAME
+            mark = max(marks[table], "" if row.default and not any_name else unset, key=len)
+            marks[f"{row.key}.*" if any_name else row.key] = mark
+            lines += _wrapped(row.meaning, "## ")
+            lines.append(f"{mark}[{row.key}.{row.example}]" if any_name else f"{mark}[{row.key}]")
+            continue
+        if value is None:
+            value = _at(inherited or {}, row.key)
+        text = (row.default or row.example) if value is None else toml_literal(value)
+        text = (written or {}).get(row.key, text)
+        lines += _note(row)
+        lines.append(f"{max(marks[table], unset, key=len)}{name} = {text}")
+    return "\n".join(lines) + "\n"
+
+
+def _at(data: Any, key: str) -> Any:
+    """The value at a path in tables; None where there is none."""
+    for name in key.split("."):
+        data = data.get(name) if isinstance(data, Mapping) else None
+    return data
+
+
+def _note(row: KeyRow) -> list[str]:
+    """Meaning, then type, unit and limits in brackets."""
+    facts = (row.type if row.type != "number" else "", row.unit, row.limits)
+    said = "; ".join(fact for fact in facts if fact)
+    return _wrapped(f"{row.meaning} [{said}]" if said else row.meaning, "# ")
+
+
+def _wrapped(text: str, mark: str) -> list[str]:
+    return [mark + line for line in textwrap.wrap(text, 96, break_on_hyphens=False)]

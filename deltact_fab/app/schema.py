@@ -1,0 +1,279 @@
+"""Every key that a lab can write: type, unit, default, limits and meaning, from the models.
+
+And every column that it gets."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+from deltact_fab.common import (
+    InputError,
+    did_you_mean,
+    json_schema_of,
+    resolve_schema,
+    toml_literal,
+)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of file. where: the class that validates it; catalogue: as `catalog.KINDS`."""
+
+    name: str
+    catalogue: str
+    about: str
+    where: str
+
+    def model(self) -> Any:
+        """The class, "module:name" of this package, imported when it is asked for."""
+        module, _, name = self.where.partition(":")
+        return getattr(import_module(f"deltact_fab.{module}"), name)
+
+
+def _named(*kinds: Kind) -> dict[str, Kind]:
+    return {kind.name: kind for kind in kinds}
+
+
+_RIGS = "protocols/rigs"
+KINDS = _named(
+    Kind("protocol", "protocols", "an indentation experiment", "bench.protocols.plan:Protocol"),
+    Kind(
+        "virtual-rig",
+        _RIGS,
+        'a simulated bench, kind = "virtual"',
+        "bench.rig.config:VirtualConfig",
+    ),
+    Kind("grbl-rig", _RIGS, 'a real bench, kind = "grbl"', "bench.rig.config:GrblConfig"),
+    Kind("pattern", "patterns", "a pattern sticker", "fabricate.patterns.recipe:PatternRecipe"),
+    Kind(
+        "design",
+        "cad",
+        "the dimensions of a sensor and its tools",
+        "fabricate.cad.dimensions:Design",
+    ),
+    Kind("indenters", "cad", "the indenters that a lab makes", "fabricate.cad.design:IndenterList"),
+    Kind(
+        "cameras",
+        "cad",
+        "the cameras that a design can be made for",
+        "fabricate.cad.design:CameraList",
+    ),
+    Kind(
+        "parts",
+        "cad",
+        "where what is bought is ordered",
+        "fabricate.cad.fabrication.bom:BoughtParts",
+    ),
+)
+_OF_EACH = "that `measure --out` keeps of each image"
+OUTPUTS = _named(
+    Kind("measured", "", f"columns {_OF_EACH}", "present.live.formatting:MeasuredRow"),
+    Kind("fields", "", f"arrays {_OF_EACH}", "present.live.formatting:FieldArrays"),
+)
+"""What the program writes: no one edits them."""
+
+
+def kind_named(name: str) -> Kind:
+    """Raises InputError naming the nearest kind, or all of them."""
+    found = KINDS | OUTPUTS
+    if name not in found:
+        raise InputError(f"schema {name!r}: no such kind of file; {did_you_mean(name, found)}")
+    return found[name]
+
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+_BASE = "The design, a name or a path, from which this one takes what it does not give itself."
+# By the end of a key's name; the longest first: mm_min before min, nmm before mm.
+_UNITS = {
+    "mm_per_px": "mm/px", "per_m": "1/m", "mm_min": "mm/min", "mm_s2": "mm/s2",
+    "electrons": "electrons", "nmm": "N mm", "mpa": "MPa", "ohm": "ohm", "deg": "degrees",
+    "mm2": "mm2", "mm": "mm", "um": "um", "px": "px", "hz": "Hz", "ms": "ms", "s": "s", "n": "N",
+    "k": "K", "v": "V", "baud": "baud", "dpi": "dots per inch",
+}  # fmt: skip
+
+
+def unit_of(key: str) -> str:
+    """The unit of a key as a person writes it; empty for a key without one."""
+    for end, unit in _UNITS.items():
+        if key.endswith(f"_{end}") or (key == end and len(end) > 2):
+            return unit
+    return ""
+
+
+def document(kind: Kind) -> dict[str, Any]:
+    """The JSON Schema of a kind, each key's unit behind its meaning."""
+    schema = described(kind)
+    for node in (schema, *schema.get("$defs", {}).values()):
+        for name, key in node["properties"].items():
+            key.pop("instead_of", None)
+            if (unit := unit_of(name)) and "description" in key:
+                key["description"] += f" [{unit}]"
+    return {"$schema": DIALECT, **schema, "title": f"deltact-fab: {kind.about}"}
+
+
+def described(kind: Kind) -> dict[str, Any]:
+    """The schema of a kind's model, each meaning one line that ends in a full stop."""
+    schema = copy.deepcopy(json_schema_of(kind.model()))
+    for node in (schema, *schema.get("$defs", {}).values()):
+        if "description" in node:
+            node["description"] = _one_line(node["description"].partition("\n\n")[0])
+        for key in node["properties"].values():
+            assumed = key.pop("unverified", False)
+            if "description" in key:
+                said = _one_line(key["description"]).rstrip(".") + "."
+                key["description"] = f"{said} Assumed, not measured." if assumed else said
+    if kind.name == "design":  # `load_design` takes it away before the model sees the file
+        base = {"type": "string", "examples": ["deltact"], "description": _BASE}
+        schema["properties"] = {"base": base, **schema["properties"]}
+    return schema
+
+
+def _one_line(text: str) -> str:
+    plain = " ".join(text.split())
+    return plain[:1].upper() + plain[1:]
+
+
+TABLE, BY_NAME, MANY = "table", "tables by name", "list of tables"
+_MARKS = {TABLE: "", BY_NAME: ".*", MANY: "[]"}
+
+
+@dataclass(frozen=True)
+class KeyRow:
+    """One key.
+
+    key: its path, as `capture.settle_s`; `[]` is an entry of a list of tables, `*` any name.
+    default, example: as TOML writes them; None where there is none. The default of a table is {}
+    where it holds without being written, and the example of tables by name is a name. instead_of:
+    the key beside it that is not given where this one is.
+    """
+
+    key: str
+    type: str
+    unit: str
+    default: str | None
+    required: bool
+    limits: str
+    meaning: str
+    example: str | None = None
+    instead_of: str = ""
+
+    @property
+    def otherwise(self) -> str:
+        """What holds when the key is left out; empty of a table, whose keys say theirs."""
+        if self.required:
+            return "required"
+        if self.default == "{}":
+            return ""
+        return "not set" if self.default is None else f"default {self.default}"
+
+
+def rows(kind: Kind) -> list[KeyRow]:
+    """Every key of a kind: those of a table, then the tables in it, each above its keys."""
+    root = described(kind)
+    return list(_rows(root, root, ""))
+
+
+def _rows(node: dict[str, Any], root: dict[str, Any], at: str) -> Iterator[KeyRow]:
+    needed = node.get("required", [])
+    keys = {name: resolve_schema(key, root) for name, key in node["properties"].items()}
+    inner = {name: _inner(key, root) for name, key in keys.items()}
+    for name in sorted(keys, key=lambda name: inner[name] is not None):
+        key, (kind, table) = keys[name], inner[name] or ("", {})
+        example = next(iter(key.get("examples", ())), None)
+        if kind == BY_NAME and example is not None:
+            example = next(iter(example))
+        yield KeyRow(
+            f"{at}{name}",
+            kind or type_of(key),
+            "" if table else unit_of(name),
+            toml_literal(key["default"]) if "default" in key else None,
+            name in needed,
+            "" if table else limits_of(key),
+            key.get("description", ""),
+            None if example is None else toml_literal(example),
+            key.get("instead_of", ""),
+        )
+        if table:
+            yield from _rows(table, root, f"{at}{name}{_MARKS[kind]}.")
+
+
+def _inner(key: dict[str, Any], root: dict[str, Any]) -> tuple[str, dict[str, Any]] | None:
+    """How a key holds a table, itself or in each of its entries, and that table."""
+    parts = {TABLE: key, MANY: key.get("items"), BY_NAME: key.get("additionalProperties")}
+    for kind, part in parts.items():
+        if isinstance(part, dict) and "properties" in (table := resolve_schema(part, root)):
+            return kind, table
+    return None
+
+
+_TYPES = {"number": "number", "integer": "whole number", "string": "text", "boolean": "true, false"}
+
+
+def type_of(key: dict[str, Any]) -> str:
+    """The type in plain words."""
+    if "const" in key:
+        return toml_literal(key["const"])
+    if "enum" in key:
+        return "one of " + ", ".join(map(toml_literal, key["enum"]))
+    if "anyOf" in key:
+        return " or ".join(dict.fromkeys(map(type_of, key["anyOf"])))
+    kind = key.get("type", "any")
+    if kind == "array" and "prefixItems" in key:
+        kinds = dict.fromkeys(map(_several, key["prefixItems"]))
+        return f"list of {len(key['prefixItems'])} {' and '.join(kinds)}"
+    if kind == "array":
+        return f"list of {_several(key['items'])}"
+    if kind == "object":
+        entry = key.get("additionalProperties")
+        return f"table of {type_of(entry)} by name" if isinstance(entry, dict) else "table"
+    return _TYPES[kind]
+
+
+def _several(key: dict[str, Any]) -> str:
+    """The type of entries: numbers, whole numbers, lists of numbers; a choice by its values."""
+    if "enum" in key:
+        return ", ".join(map(toml_literal, key["enum"]))
+    first, *more = type_of(key).split(" of ", 1)
+    return " of ".join([first if first == "true, false" else f"{first}s", *more])
+
+
+def limits_of(key: dict[str, Any]) -> str:
+    """What a value may be at least and at most, in plain words."""
+    if "anyOf" in key:
+        return _each(" or ", key["anyOf"])
+    if isinstance(entry := key.get("additionalProperties"), dict):
+        return limits_of(entry)
+    said = []
+    if key.get("type") == "array":
+        if "items" in key:
+            count = _range(key, "minItems", "maxItems", " entries")
+            said.append(count.replace("st 1 entries", "st 1 entry"))
+        inner = _each(" and ", key.get("prefixItems") or [key.get("items", {})])
+        said.append(inner if inner.startswith("each") or not inner else f"each {inner}")
+    said.append(_range(key, "minLength", "maxLength", " characters"))
+    said.append(f"matches {key['pattern']}" if "pattern" in key else "")
+    said.append(_range(key, "minimum", "maximum", "", "exclusiveMinimum", "exclusiveMaximum"))
+    return ", ".join(filter(None, said))
+
+
+def _each(between: str, keys: list[dict[str, Any]]) -> str:
+    return between.join(dict.fromkeys(filter(None, map(limits_of, keys))))
+
+
+def _range(key: dict[str, Any], low: str, high: str, of: str, *beyond: str) -> str:
+    """beyond: names of what a value must be above, and below."""
+    least, most, above, below = (*map(key.get, (low, high, *beyond)), None, None)[:4]
+    if least is not None and most is not None:
+        return (
+            f"{_number(least)}" if least == most else f"{_number(least)} to {_number(most)}"
+        ) + of
+    words = {"above": above, "at least": least, "below": below, "at most": most}
+    return ", ".join(f"{word} {_number(v)}{of}" for word, v in words.items() if v is not None)
+
+
+def _number(value: float) -> str:
+    return "2^63" if value == 2**63 else f"{value:.12g}"

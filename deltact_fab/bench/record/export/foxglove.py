@@ -1,0 +1,144 @@
+"""A run as one MCAP file that Foxglove shows: images, pose and wrench on one time line.
+
+Messages are JSON with Foxglove's own schemas, so that the file needs no library but `mcap` to be
+written and says by itself what it holds; chunks are packed with zstd, which takes back what base64
+adds to an image. Foxglove has no schema of a wrench: the message has the fields of ROS's
+`geometry_msgs/WrenchStamped`. Lengths are metres and torques newton metres there, as both ask.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Iterator
+from heapq import merge
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from mcap.writer import Writer
+from numpy.typing import NDArray
+
+from deltact_fab.common import Progress
+
+from ..images import encode_png
+from ..run import Run
+from ..streams import FORCE_COLUMNS, POSE_COLUMNS
+from .tables import LINE, TimeLine, described, of_press
+
+CHUNK_BYTES = 4 * 1024 * 1024  # a frame of 1280 x 720 and what was felt with it
+SENSOR = "sensor"  # frame of reference: the sensor frame, z = 0 at the resting face
+CAMERA = "camera"
+ABOUT = {
+    "time": "log_time: ns since 1970 UTC; the rig's clock, moved by one offset a session to the "
+    "day's time at its first event, and never back behind the session before",
+    "units": "positions m, forces N on the sensor (a press has z < 0), torques N m about the "
+    "centre of the resting face; frame 'sensor': x width, y length, z out of the sensor",
+    "images": "raw, as the camera gave them, in time of exposure",
+}
+
+
+def _object(**properties: Any) -> dict[str, Any]:
+    return {"type": "object", "properties": properties}
+
+
+_STRING, _NUMBER, _INTEGER, _BOOLEAN = (
+    {"type": kind} for kind in ("string", "number", "integer", "boolean")
+)
+_TIME = _object(sec=_INTEGER, nsec=_INTEGER)
+_XYZ = _object(**dict.fromkeys("xyz", _NUMBER))
+_POSE = _object(position=_XYZ, orientation=_object(**dict.fromkeys("xyzw", _NUMBER)))
+SCHEMAS = {
+    "/camera/image": ("foxglove.CompressedImage", _object(
+        timestamp=_TIME, frame_id=_STRING, data=_STRING | {"contentEncoding": "base64"},
+        format=_STRING,
+    )),
+    "/stage/pose": ("foxglove.PoseInFrame", _object(timestamp=_TIME, frame_id=_STRING, pose=_POSE)),
+    "/force/wrench": ("geometry_msgs/WrenchStamped", _object(
+        header=_object(stamp=_TIME, frame_id=_STRING), wrench=_object(force=_XYZ, torque=_XYZ),
+        saturated=_BOOLEAN,
+    )),
+}  # fmt: skip
+"""Of each topic the schema's name, by which Foxglove knows what to draw, and its fields."""
+Message = tuple[int, str, dict[str, Any]]  # time, topic, what is said
+
+
+def write(run: Run, path: Path, progress: Progress) -> dict[str, int]:
+    """Write the file; return how many messages each topic has.
+
+    Raises RunFailed for a damaged run, MissingLibrary for JPEG XL without the extra `images`.
+    """
+    line = TimeLine.of(run)
+    counts = dict.fromkeys(SCHEMAS, 0)
+    with path.open("wb") as out:
+        writer = Writer(out, chunk_size=CHUNK_BYTES, enable_data_crcs=True)
+        writer.start(profile="", library="deltact-fab")
+        channels = {}
+        for topic, (title, fields) in SCHEMAS.items():
+            data = json.dumps({"title": title, **fields}).encode()
+            schema_id = writer.register_schema(title, "jsonschema", data)
+            channels[topic] = writer.register_channel(topic, "json", schema_id)
+        said = {key: json.dumps(value) for key, value in described(run).items()}
+        writer.add_metadata("deltact-fab", {**said, **ABOUT})
+        for time_ns, topic, message in _presses(run, line, progress):
+            data = json.dumps(message, separators=(",", ":")).encode()
+            writer.add_message(channels[topic], time_ns, data, time_ns, counts[topic])
+            counts[topic] += 1
+        writer.finish()
+    return counts
+
+
+def _presses(run: Run, line: TimeLine, progress: Progress) -> Iterator[Message]:
+    """All messages of each press in order of time; of images only one is held at once."""
+    for number, press in enumerate(line.presses, start=1):
+        frames, pose, force = (
+            of_press(run, line, name, press).sort_values(LINE, kind="stable")
+            for name in ("frames", "pose", "force")
+        )
+        yield from merge(_frames(run, frames), _poses(pose), _wrenches(force), key=itemgetter(0))
+        progress(number, len(line.presses), press)
+
+
+def _stamp(time_ns: int) -> dict[str, int]:
+    sec, nsec = divmod(time_ns, 1_000_000_000)
+    return {"sec": sec, "nsec": nsec}
+
+
+def _frames(run: Run, table: pd.DataFrame) -> Iterator[Message]:
+    for time_ns, file in zip(map(int, table[LINE]), table["file"], strict=True):
+        if isinstance(file, str):  # else the scene had no image
+            data = base64.b64encode(_png(run, file)).decode()
+            image = {"timestamp": _stamp(time_ns), "frame_id": CAMERA, "data": data}
+            yield time_ns, "/camera/image", {**image, "format": "png"}
+
+
+def _png(run: Run, file: str) -> bytes:
+    """A frame as PNG: its own file where that is one, else made anew from the same pixels."""
+    return run.data(file) if file.endswith(".png") else encode_png(run.raw(file))
+
+
+def _poses(table: pd.DataFrame) -> Iterator[Message]:
+    at_m = table[[*POSE_COLUMNS]].to_numpy(float) / 1e3
+    for time_ns, position in zip(map(int, table[LINE]), at_m, strict=True):
+        orientation = {"x": 0, "y": 0, "z": 0, "w": 1}
+        pose = {"position": _vector(position), "orientation": orientation}
+        message = {"timestamp": _stamp(time_ns), "frame_id": SENSOR, "pose": pose}
+        yield time_ns, "/stage/pose", message
+
+
+def _wrenches(table: pd.DataFrame) -> Iterator[Message]:
+    values = table[[*FORCE_COLUMNS]].to_numpy(float) / (1, 1, 1, 1e3, 1e3, 1e3)
+    saturated = table["saturated"].fillna(False).to_numpy(bool)
+    for time_ns, wrench, over in zip(map(int, table[LINE]), values, saturated, strict=True):
+        message = {
+            "header": {"stamp": _stamp(time_ns), "frame_id": SENSOR},
+            "wrench": {"force": _vector(wrench[:3]), "torque": _vector(wrench[3:])},
+            "saturated": bool(over),
+        }
+        yield time_ns, "/force/wrench", message
+
+
+def _vector(values: NDArray[np.float64]) -> dict[str, float]:
+    return dict(zip("xyz", values.tolist(), strict=True))

@@ -1,0 +1,207 @@
+"""The files of a run folder: their places, and what those in JSON hold.
+
+More may stand in the JSON. Who reads a run may count on the types of the keys named here.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field
+from typing_extensions import TypedDict  # pydantic: needed before Python 3.12
+
+from deltact_fab.common import InputError, Note, read_json, validate
+
+from ..protocols.plan import Step, Waits
+
+FORMAT = 6
+UNHASHED = 5  # the format of 0.2.0, in which the metadata have no hashes
+IMPORTED, UNKNOWN_SENSOR = "imported", "unknown"
+"""The mark of a run that was recorded elsewhere, in run.json and pattern.json; the kind of its
+frames, and their indenter where nobody said it."""
+LATTICE_FILE, LENS_FILE = "truth/lattice.json", "truth/lens.json"
+"""Of a virtual rig: what its truth stands on, and the lens that it draws through, which is not the
+calibrated one."""
+FLAT = "camera.flat.png"
+"""The flat field of a calibrated camera, if that has one."""
+NOTES = "notes.jsonl"
+"""Operators' notes, a JSON object a line."""
+
+
+def frame_id_of(step: Step, k: int) -> str:
+    """Id of the k-th frame of a step, from 1."""
+    return f"{step.id}#{k:03d}"
+
+
+def image_file(frame_id: str, suffix: str = "png") -> str:
+    """Path of a frame's image inside the run folder; suffix: png or jxl."""
+    return f"images/{frame_id.replace('/', '_').replace('#', '_')}.{suffix}"
+
+
+def truth_file(folder: Path, press: str) -> Path:
+    """Where a virtual rig keeps the truth of one press of the run in `folder`.
+
+    An npz of displacement_mm (n, ny, nx, 3), one a solved knot, and for each frame of the press,
+    in order of capture: frame_id, knots (m, 2) it lies between, fraction (m,) of the way. Older
+    runs have no more. Of each knot: contact_area_mm2 and stick_area_mm2 (n,) seen along z in the
+    deformed state, errors of both, centroid_mm (n, 2) of the contact in the sensor frame, without
+    one the tip's (x, y); zone_map (n, ny, nx) uint8, 0 apart, 1 slipping, 2 sticking, at the nodes
+    x_mm, y_mm of the whole face at rest. Without friction all that touches slips.
+    """
+    return folder / "truth" / f"{press.replace('/', '_')}.npz"
+
+
+def metadata(folder: Path, at_the_end: bool) -> list[str]:
+    """What there is in a run beside journal, images, notes and truths of presses, in its order.
+
+    at_the_end: what is known when the run ends, else what it begins with. Paths in the folder.
+    """
+    begun, ended = (
+        ("run.json", "protocol.toml", "pattern.json", FLAT),
+        ("summary.json", LATTICE_FILE, LENS_FILE),
+    )
+    return [name for name in (ended if at_the_end else begun) if (folder / name).is_file()]
+
+
+def written(folder: Path) -> Iterator[Path]:
+    """Images, truths of presses and cut-off writes of a run: what a resume may remove."""
+    inside = ("images/*.png", "images/*.jxl", "images/.*.part", "truth/*.npz", "truth/.*.part")
+    for pattern in (".*.part", *inside):
+        yield from folder.glob(pattern)
+
+
+def json_bytes(data: dict[str, Any]) -> bytes:
+    return (json.dumps(data, indent=1, sort_keys=True) + "\n").encode()
+
+
+Number = Annotated[float, Field(ge=-1e9, le=1e9)]
+Positive = Annotated[float, Field(gt=0, le=1e9)]
+
+
+class _Specimen(TypedDict, total=False):
+    design: str
+    pattern: str
+    gel_model: str
+    modulus_mpa: Positive
+    poisson: Annotated[float, Field(ge=0, le=0.5)]
+    serial: str | None
+
+
+class _Capture(TypedDict, total=False):
+    rate_hz: Positive | None
+    settle_s: Waits | None
+    hold: dict[str, Positive] | None
+    retract: dict[str, Positive] | None
+
+
+class _Motion(TypedDict, total=False):
+    press_feed_mm_min: Positive
+
+
+class _Protocol(TypedDict, total=False):
+    name: str
+    description: str
+    channels: list[str]
+    indenters: list[str]
+    capture: _Capture
+    motion: _Motion
+    specimen: _Specimen
+
+
+class _StageFields(TypedDict, total=False):
+    registration: str | None
+    origin_machine_mm: tuple[Number, Number, Number]
+    angle_deg: Number
+    tilt_deg: tuple[Number, Number] | None
+
+
+class _Rig(TypedDict, total=False):
+    kind: str
+    stage: _StageFields
+    camera: dict[str, Any] | None
+    force: dict[str, Any] | None
+
+
+class _RunFile(TypedDict, total=False):
+    name: str
+    protocol: _Protocol
+    rig_name: str
+    rig: _Rig
+    sensor: dict[str, Any]
+    shapes: dict[str, Any]
+    camera: dict[str, Any] | None
+    simulated: bool
+    air: bool
+    seed: Annotated[int, Field(ge=0, lt=2**63)]
+    versions: dict[str, str]
+    imported: dict[str, Any]
+
+
+class _PatternFile(TypedDict, total=False):
+    recipe: dict[str, Any]
+    dots_mm: list[tuple[Number, Number]]
+    dot_diameter_mm: Annotated[float, Field(ge=0, le=1000)]
+
+
+class _SummaryFile(TypedDict, total=False):
+    protocol: str
+    rig: str
+    simulated: bool
+    air: bool
+    seed: Annotated[int, Field(ge=0, lt=2**63)]
+    steps: int
+    frames: int
+    missed_frames: int
+    frame_counts: dict[str, int]
+    sessions: int
+    kept_frames: int
+    redone: dict[str, str]
+    rig_seconds: Number
+    wall_seconds: Number
+    notes: list[str]
+    remarks: list[Note]
+    left_out: list[str]
+    devices: dict[str, Any]
+
+
+class Kept(dict[str, Any]):
+    """A table of a kept file: a missing key is bad input, not an error of the reader."""
+
+    source = ""
+    lacks = "missing key"
+
+    def __missing__(self, key: str) -> Any:
+        raise InputError(f"{self.source}: {key}: {self.lacks}")
+
+
+_FILES = {"run.json": _RunFile, "pattern.json": _PatternFile, "summary.json": _SummaryFile}
+
+
+def kept(folder: Path, name: str) -> dict[str, Any]:
+    """What run.json, pattern.json or summary.json of a run holds.
+
+    Raises InputError naming file and key, then and for a missing key.
+    """
+    path = folder / name
+    data = read_json(path)
+    if name == "run.json" and (known := data.get("format")) not in (UNHASHED, FORMAT):
+        raise InputError(f"{path}: format: {known}, this version reads {UNHASHED} and {FORMAT}")
+    validate(_FILES[name], data, str(path))
+    told = "not known of an imported run; its file for `record import` can name camera and design"
+    lacks = told if IMPORTED in data else Kept.lacks
+    found: dict[str, Any] = _wrapped(data, str(path), lacks)
+    return found
+
+
+def _wrapped(value: Any, source: str, lacks: str) -> Any:
+    """The same with every table a `Kept`."""
+    if isinstance(value, list):
+        return [_wrapped(one, source, lacks) for one in value]
+    if not isinstance(value, dict):
+        return value
+    table = Kept({key: _wrapped(one, source, lacks) for key, one in value.items()})
+    table.source, table.lacks = source, lacks
+    return table

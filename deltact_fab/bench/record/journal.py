@@ -1,0 +1,353 @@
+"""The journal of a run: SQLite tables, the right to write them, and what is written as it goes on.
+
+Files are written on two threads, rows in their order on a third. A row is committed only after its
+file is on the disk, so a kill at any time leaves no row without its file. Rows are committed in the
+order in which they were put, at most BATCH of them or BATCH_S after the first of them. A caller
+that adds an image finds room for it or waits, or learns that there is none.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sqlite3
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltact_fab.common import InputError, RunFailed, disk_errors, sync_folder, write_whole
+
+from .files import UNHASHED
+from .images import encode
+
+SCHEMA = """
+CREATE TABLE steps (
+  seq INTEGER PRIMARY KEY, step_id TEXT NOT NULL UNIQUE, press TEXT NOT NULL,
+  indenter TEXT NOT NULL, kind TEXT NOT NULL,
+  x_mm REAL NOT NULL, y_mm REAL NOT NULL, z_mm REAL NOT NULL, feed_mm_min REAL NOT NULL,
+  planned_s REAL NOT NULL, missed INTEGER NOT NULL, t_start_s REAL NOT NULL,
+  t_end_s REAL NOT NULL, wall_s REAL NOT NULL
+);
+CREATE TABLE frames (
+  frame_id TEXT PRIMARY KEY, seq INTEGER NOT NULL UNIQUE, step_id TEXT NOT NULL,
+  press TEXT NOT NULL, indenter TEXT NOT NULL, kind TEXT NOT NULL, k INTEGER NOT NULL,
+  settled INTEGER NOT NULL, file TEXT, sha256 TEXT, t_s REAL NOT NULL, t_step_s REAL NOT NULL,
+  t_press_s REAL NOT NULL, late_s REAL NOT NULL, dropped INTEGER NOT NULL,
+  repeated INTEGER NOT NULL, wall_s REAL NOT NULL
+);
+CREATE TABLE samples (
+  seq INTEGER NOT NULL, stream TEXT NOT NULL, press TEXT NOT NULL, step_id TEXT NOT NULL,
+  n INTEGER NOT NULL, origin_s REAL NOT NULL, columns TEXT NOT NULL, data BLOB NOT NULL,
+  PRIMARY KEY (seq, stream)
+);
+CREATE TABLE events (
+  seq INTEGER PRIMARY KEY, kind TEXT NOT NULL, press TEXT, step_id TEXT, text TEXT NOT NULL,
+  t_s REAL, wall_s REAL NOT NULL
+);
+CREATE TABLE files (file TEXT PRIMARY KEY, sha256 TEXT NOT NULL);
+"""
+PRESS_TABLES = ("frames", "samples", "steps")  # whose rows belong to a press and go with it
+WALL_COLUMNS = ("wall_s",)  # the only columns in which two equal runs may differ
+# A resumed run may also differ in the rig's clock, which starts anew with each session; and in its
+# events, which tell how it ended.
+CLOCK_COLUMNS = (*WALL_COLUMNS, "t_s", "t_start_s", "t_end_s", "origin_s")
+
+
+def claim(folder: Path) -> BinaryIO:
+    """Claim a run folder until the file that this returns is closed, or the process dies.
+
+    Raises InputError when another process has it.
+    """
+    # On run.json, for a lock on the journal would disturb the locks of SQLite itself.
+    file = (folder / "run.json").open("rb")
+    if not _lock(file, shared=False):
+        file.close()
+        raise InputError(f"{folder}: another process is writing this run")
+    return file
+
+
+def being_written(folder: Path) -> bool:
+    """Whether another process has the run claimed just now."""
+    with (folder / "run.json").open("rb") as file:
+        return not _lock(file, shared=True)
+
+
+def _lock(file: BinaryIO, shared: bool) -> bool:
+    """Lock a file until it is closed; False when another process has it. True without locks."""
+    if os.name == "posix":
+        import fcntl
+
+        try:
+            fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        except OSError:  # a file system without locks
+            pass
+    return True
+
+
+def connect(folder: Path, new: bool = False) -> sqlite3.Connection:
+    """The journal for writing. Raises RunFailed when it is not there or is no journal."""
+    path = (folder / "journal.sqlite").absolute()
+    with journal_errors(folder):
+        # One thread at a time uses it: the pipeline's, between the start of a run and its end.
+        db = sqlite3.connect(
+            f"{path.as_uri()}?mode={'rwc' if new else 'rw'}", uri=True, check_same_thread=False
+        )
+        try:
+            db.execute("PRAGMA journal_mode=WAL")
+            db.execute("PRAGMA synchronous=FULL")
+        except BaseException:
+            db.close()
+            raise
+        return db
+
+
+def insert(db: sqlite3.Connection, table: str, row: Mapping[str, Any]) -> None:
+    """One row, by the names of its columns."""
+    names = ",".join(row)
+    db.execute(
+        f"INSERT INTO {table} ({names}) VALUES ({','.join('?' * len(row))})", tuple(row.values())
+    )
+
+
+def keep_hashes(db: sqlite3.Connection, files: Mapping[str, bytes]) -> None:
+    """Of files of the run by their paths in it; those of before are replaced."""
+    with db:
+        rows = [(file, hashlib.sha256(data).hexdigest()) for file, data in files.items()]
+        db.executemany("INSERT OR REPLACE INTO files (file, sha256) VALUES (?, ?)", rows)
+
+
+def misfits(db: sqlite3.Connection, run_format: int) -> Iterator[str]:
+    """What no run writes: values of another type than their column's, or out of all bounds.
+
+    SQLite stores them all the same, and only what computes with them would fail. Nor may a column
+    or the first event be missing.
+    """
+    have = _columns(db)
+    with closing(sqlite3.connect(":memory:")) as empty:
+        empty.executescript(SCHEMA)
+        if run_format == UNHASHED:
+            empty.execute("DROP TABLE files")
+        lost = sorted(_columns(empty).keys() - have.keys())
+    for table, column in lost:
+        yield f"no such table or column: {table}.{column}"
+    if not lost and not db.execute("SELECT count(*) FROM events").fetchone()[0]:
+        yield "events: none; a run begins with one"
+    for (table, column), (kind, needed) in have.items():
+        if (fits := _FITS.get(kind)) is None:
+            continue
+        if not needed:
+            fits = f"{{0}} IS NULL OR {fits}"
+        wrong = f"NOT coalesce({fits.format(chr(34) + column + chr(34))}, FALSE)"
+        count = db.execute(f'SELECT count(*) FROM "{table}" WHERE {wrong}').fetchone()[0]
+        if count:
+            yield f"{table}.{column}: {count} of its values are damaged"
+
+
+def _columns(db: sqlite3.Connection) -> dict[tuple[str, str], tuple[str, bool]]:
+    """Of every column, by its table and name, the type and whether it must have a value."""
+    query = (
+        'SELECT t.name, c.name, c.type, c."notnull" OR c.pk '
+        "FROM sqlite_master t, pragma_table_info(t.name) c WHERE t.type = 'table'"
+    )
+    return {(table, column): (kind, needed) for table, column, kind, needed in db.execute(query)}
+
+
+_FITS = {
+    "REAL": "typeof({0}) IN ('real', 'integer') AND abs({0}) < 1e12",
+    "INTEGER": "typeof({0}) = 'integer' AND {0} BETWEEN -1e12 AND 1e12",
+    "TEXT": "typeof({0}) = 'text'",
+    "BLOB": "typeof({0}) = 'blob'",
+}
+
+
+@contextmanager
+def journal_errors(folder: Path) -> Iterator[None]:
+    """An error of SQLite becomes a RunFailed that names the journal."""
+    try:
+        yield
+    except sqlite3.Error as why:
+        raise RunFailed(f"{folder / 'journal.sqlite'}: the journal failed: {why}") from why
+
+
+ENCODERS = 2
+BATCH, BATCH_S = 32, 0.5
+MAX_IMAGES, MAX_BYTES = 128, 256 << 20  # that wait to be written
+FLUSH_S = 120.0  # what waits is written within seconds; a disk that takes longer hangs
+SHA256 = "sha256"  # the column that is known when the file is written
+
+TableRow = dict[str, Any]
+
+
+@dataclass
+class _Entry:
+    """Rows of tables that belong together, and the hash of the file of the first of them."""
+
+    rows: Sequence[tuple[str, TableRow]]
+    digest: Future[str] | None = None
+    history: bool = False
+    """Written even after a failure: how the run ended."""
+
+
+class WriterThreads:
+    """The threads of one `RunWriter`. failed: called once, from one of them, with the reason."""
+
+    def __init__(
+        self, folder: Path, db: sqlite3.Connection, failed: Callable[[RunFailed], None]
+    ) -> None:
+        self._folder = folder
+        self._db = db
+        self._failed = failed
+        self._changed = threading.Condition()
+        self._queue: deque[_Entry] = deque()
+        self._open = 0  # entries that are not committed yet
+        self._images = self._bytes = 0  # that wait to be written
+        self._hurry = self._ending = False
+        self._cut = False  # from here on rows would stand without what comes before them
+        self.failure: RunFailed | None = None
+        self._pool = ThreadPoolExecutor(ENCODERS, "encoder")
+        self._committer = threading.Thread(target=self._run, name="journal", daemon=True)
+        self._committer.start()
+
+    def put(self, rows: Sequence[tuple[str, TableRow]], history: bool = False) -> None:
+        """Have these rows committed together. Raises RunFailed after a failure.
+
+        history: told all the same then.
+        """
+        with self._changed:
+            if self.failure is not None and not history:
+                raise self.failure
+            self._append(_Entry(rows, history=history))
+
+    def put_image(
+        self, rows: Sequence[tuple[str, TableRow]], file: Path, image: NDArray[np.uint8], wait: bool
+    ) -> bool:
+        """Have the image written, then these rows; False, and nothing kept, when there is no room.
+
+        wait: until there is. The first row gets the SHA-256 of the file. Raises RunFailed.
+        """
+        with self._changed:
+            while not self._has_room(image.nbytes) and self.failure is None:
+                if not wait:
+                    return False
+                if not self._changed.wait(FLUSH_S):
+                    raise self._hanging()
+            if self.failure is not None:
+                raise self.failure
+            self._images += 1
+            self._bytes += image.nbytes
+            self._append(_Entry(rows, self._pool.submit(self._write, file, image)))
+        return True
+
+    def flush(self) -> None:
+        """Wait until all that was put is committed. Raises RunFailed when it cannot be."""
+        with self._changed:
+            self._hurry = True
+            self._changed.notify_all()
+            if not self._changed.wait_for(lambda: not self._open, FLUSH_S):
+                raise self._hanging()
+            if self.failure is not None:
+                raise self.failure
+
+    def close(self) -> None:
+        """Write what was put, and end the threads; never raises."""
+        with self._changed:
+            self._hurry = self._ending = True
+            self._changed.notify_all()
+        self._committer.join(FLUSH_S)
+        self._pool.shutdown(wait=not self._committer.is_alive(), cancel_futures=True)
+
+    def _has_room(self, nbytes: int) -> bool:
+        if not self._images:
+            return True
+        return self._images < MAX_IMAGES and self._bytes + nbytes <= MAX_BYTES
+
+    def _append(self, entry: _Entry) -> None:
+        self._queue.append(entry)
+        self._open += 1
+        self._changed.notify_all()
+
+    def _hanging(self) -> RunFailed:
+        return RunFailed(f"{self._folder}: the disk took nothing for {FLUSH_S:.0f} s")
+
+    def _write(self, file: Path, image: NDArray[np.uint8]) -> str:
+        """In an encoder's thread; a failure is known at once, not when its row is due."""
+        try:
+            data = encode(image, file.suffix[1:])
+            digest = hashlib.sha256(data).hexdigest()
+            write_whole(file, data, sync_name=False)
+        except BaseException as why:
+            self._fail(why)
+            raise
+        finally:
+            with self._changed:
+                self._images -= 1
+                self._bytes -= image.nbytes
+                self._changed.notify_all()
+        return digest
+
+    def _fail(self, why: BaseException) -> None:
+        with self._changed:
+            if self.failure is not None:
+                return
+            self.failure = (
+                why if isinstance(why, RunFailed) else RunFailed(f"{self._folder}: {why!r}")
+            )
+            self._changed.notify_all()
+        self._failed(self.failure)
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._queue or self._ending)
+                self._changed.wait_for(lambda: self._hurry or len(self._queue) >= BATCH, BATCH_S)
+                batch = [self._queue.popleft() for _ in range(min(BATCH, len(self._queue)))]
+                if not batch:
+                    return
+            self._commit(batch)
+            with self._changed:
+                self._open -= len(batch)
+                if not self._queue:
+                    self._hurry = self._ending
+                self._changed.notify_all()
+
+    def _commit(self, batch: Sequence[_Entry]) -> None:
+        """Commit what comes before the first entry that failed; of the rest only the history."""
+        whole: list[_Entry] = []
+        try:
+            for entry in batch if not self._cut else ():
+                if entry.digest is not None:
+                    entry.rows[0][1][SHA256] = entry.digest.result()
+                whole.append(entry)
+        except BaseException as why:
+            self._cut = True
+            self._fail(why)
+        rest = batch[len(whole) :]
+        try:
+            if any(entry.digest is not None for entry in whole):
+                with disk_errors(self._folder / "images"):
+                    sync_folder(self._folder / "images")  # their renames, of all of them at once
+            self._insert(whole)
+        except BaseException as why:
+            self._cut = True
+            self._fail(why)
+            rest = batch
+        with suppress(RunFailed):
+            self._insert([entry for entry in rest if entry.history])
+
+    def _insert(self, entries: Sequence[_Entry]) -> None:
+        if not entries:
+            return
+        with journal_errors(self._folder), self._db:
+            for entry in entries:
+                for table, row in entry.rows:
+                    insert(self._db, table, row)

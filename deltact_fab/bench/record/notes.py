@@ -1,0 +1,85 @@
+"""An operator's notes on a run, which may be written by anyone at any time.
+
+They stand in RUN/notes.jsonl, a line of JSON each, and not in the journal: that belongs to the one
+process that carries the run out, and is not touched any more once it has finished.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from deltact_fab.common import InputError, RunFailed, parse_json, sync_folder
+
+from .files import NOTES
+
+LONGEST = 4000  # characters: so that one write of the file system holds a note whole
+
+
+def add_note(folder: Path, text: str) -> dict[str, Any]:
+    """Append a note to a run and return it: text, wall_s.
+
+    Safe while the run goes on. Raises InputError for no run folder and no usable text, RunFailed
+    when the disk refuses.
+    """
+    if not (folder / "run.json").is_file():
+        raise InputError(f"{folder}: not a run folder (no run.json)")
+    note = {"wall_s": time.time(), "text": usable_note(text)}
+    path = folder / NOTES
+    new = not path.exists()
+    try:
+        with path.open("a+b", buffering=0) as file:
+            end = file.seek(0, os.SEEK_END)
+            file.seek(max(end - 1, 0))
+            torn = file.read(1) not in (b"", b"\n")  # by a process that died in the middle
+            line = json.dumps({**note, "sha256": _digest(note)})
+            data = b"\n" * torn + line.encode() + b"\n"
+            if file.write(data) != len(data):
+                raise RunFailed(f"{path}: cannot be written: the disk is full")
+            os.fsync(file.fileno())
+        if new:
+            sync_folder(folder)
+    except OSError as why:
+        raise RunFailed(f"{path}: cannot be written: {why.strerror}") from why
+    return note
+
+
+def usable_note(text: str) -> str:
+    """A note's text without blanks at its ends. Raises InputError where that is no note."""
+    text = text.strip()
+    if not 0 < len(text) <= LONGEST:
+        raise InputError(f"note: {len(text)} characters; expected 1 to {LONGEST}")
+    if odd := [c for c in text if not c.isprintable() and c not in "\n\t"]:
+        raise InputError(f"note: {odd[0]!r} is no character that can be printed; leave it out")
+    return text
+
+
+def lines(folder: Path) -> Iterator[tuple[int, dict[str, Any] | None]]:
+    """Each line's number, from 1, and its note in the order of writing; None where it is damaged.
+
+    With text and wall_s comes whether the line has a hash: those of 0.2.0 have none. Raises
+    RunFailed when they cannot be read.
+    """
+    path = folder / NOTES
+    try:
+        written = path.read_bytes().splitlines() if path.exists() else []
+    except OSError as why:
+        raise RunFailed(f"{path}: cannot be read: {why.strerror}") from why
+    for number, line in enumerate(written, start=1):
+        try:
+            read = parse_json(line.decode(), f"{path}:{number}")
+            note = {"wall_s": float(read["wall_s"]), "text": str(read["text"])}
+            if "sha256" in read and read["sha256"] != _digest(note):
+                raise ValueError("differs from its hash")
+            yield number, {**note, "hashed": "sha256" in read}
+        except (InputError, ValueError, KeyError, TypeError):
+            yield number, None
+
+
+def _digest(note: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps([note["wall_s"], note["text"]]).encode()).hexdigest()

@@ -1,0 +1,391 @@
+"""Reading a run: its tables, streams, images and, on a virtual rig, its truth."""
+
+from __future__ import annotations
+
+import hashlib
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltact_fab.common import WARNING, InputError, Note, RunFailed
+from deltact_fab.sensor import (
+    CameraModel,
+    FlatField,
+    Indenter,
+    Rectified,
+    camera_from_dict,
+    indenters_of_run,
+)
+
+from . import notes
+from .files import FLAT, IMPORTED, LATTICE_FILE, kept
+from .images import decode
+from .journal import being_written, misfits
+from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, at_times, unpack
+from .truth import RunTruth, load
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_STREAMS = {"pose": POSE_COLUMNS, "force": FORCE_COLUMNS}
+_SAMPLED = (*POSE_COLUMNS, *FORCE_COLUMNS)
+_SKEWS = ("pose_skew_s", "force_skew_s")
+_LATENESS = ("late_s", "late", "dropped", "repeated")
+
+
+class Run:
+    """A recorded run, read only."""
+
+    def __init__(self, folder: Path):
+        if not (folder / "run.json").is_file():
+            what = "not a run folder (no run.json)" if folder.exists() else "no such folder"
+            raise InputError(f"{folder}: {what}")
+        self.folder = folder
+        self.meta: dict[str, Any] = kept(folder, "run.json")
+        self.pattern: dict[str, Any] = kept(folder, "pattern.json")
+        self.format = int(self.meta["format"])
+        """Of the folder: that of this version, or that of 0.2.0."""
+        self._sound = False
+
+    def frames(self, press: str | None = None) -> pd.DataFrame:
+        """One row a frame (of one press), in order of capture.
+
+        Pose (x_mm, y_mm, z_mm) and force (fx_n to tz_nmm) are interpolated linearly to the frame's
+        time between the samples of its step; pose_skew_s and force_skew_s: how far in time the
+        nearest sample is. All are nan where there is none. t_s: on the rig's clock; t_step_s,
+        t_press_s: since the step, the press began. settled: the tip rested, for as long as the
+        protocol settles, when the frame was taken. late_s: exposed after it was wanted; late: by
+        more than half of what lies between two frames of a sweep; dropped, repeated: frames that
+        the camera lost, or gave twice, since the one before.
+        """
+        table = self._table("frames", press)
+        table["settled"] = table["settled"].astype(bool)
+        table["late"] = self._late(table)
+        rows = table.groupby("step_id").indices
+        found = {name: np.full(len(table), np.nan) for name in (*_SAMPLED, *_SKEWS)}
+        for stream, names in _STREAMS.items():
+            for _, step_id, chunk in self._chunks(stream, press):
+                if step_id not in rows:
+                    continue
+                at = rows[step_id]
+                values, skew_s = at_times(chunk, table["t_press_s"].to_numpy()[at], names)
+                for name, column in zip(names, values.T, strict=True):
+                    found[name][at] = column
+                found[f"{stream}_skew_s"][at] = skew_s
+        table = table.assign(**found)
+        last = ["wall_s", "t_press_s", *_SKEWS, "settled", *_LATENESS]
+        first = [name for name in table if name not in (*last, *_SAMPLED)]
+        return table[[*first, *_SAMPLED, *last]]
+
+    def force(self, press: str | None = None) -> pd.DataFrame:
+        """One row a sample of the force sensor (of one press), in order of time.
+
+        fx_n to tz_nmm: on the sensor. t_s: on the rig's clock; t_press_s: since the press's tare.
+        saturated: a gauge was out of range. A run of 45 presses of an hour each has 160 million
+        rows: ask press by press.
+        """
+        return self._samples("force", press, "saturated")
+
+    def pose(self, press: str | None = None) -> pd.DataFrame:
+        """One row a position that the stage reported (of one press): x_mm, y_mm, z_mm of the tip.
+
+        t_s is when it was asked for. Times as in `force`.
+        """
+        return self._samples("pose", press)
+
+    def events(self) -> pd.DataFrame:
+        """One row an event, in the order in which they were written, over all sessions.
+
+        t_s: on the clock of the rig in that session, nan before it ran; wall_s: of the day.
+        """
+        return self._table("events")
+
+    def notes(self) -> pd.DataFrame:
+        """One row an operator's note, in the order of writing: wall_s of the day, text."""
+        import pandas as pd
+
+        kept = [note for _, note in notes.lines(self.folder) if note is not None]
+        return pd.DataFrame(kept, columns=["wall_s", "text"])
+
+    def steps(self, press: str | None = None) -> pd.DataFrame:
+        """One row a finished step (of one press)."""
+        return self._table("steps", press)
+
+    @cached_property
+    def camera(self) -> CameraModel:
+        """The projection of the images as they are tracked. Raises InputError without a camera."""
+        stored = self.meta["camera"]
+        if stored is None and self.imported:
+            raise InputError(
+                f"{self.folder}: imported without a camera; name `camera` and `design` in the "
+                "recording's file and import it again"
+            )
+        if stored is None:
+            raise InputError(f"{self.folder}: recorded without a camera")
+        return camera_from_dict(stored, f"{self.folder}/run.json: camera")
+
+    @property
+    def simulated(self) -> bool:
+        """True when no hardware was involved."""
+        return bool(self.meta["simulated"])
+
+    @property
+    def imported(self) -> bool:
+        """True of a recording made elsewhere: of it little is known (run.json: imported)."""
+        return IMPORTED in self.meta
+
+    def dots_mm(self) -> NDArray[np.float64]:
+        """Centres of the pattern's dots at rest, (n, 2) mm; n = 0 without dots."""
+        return np.asarray(self.pattern.get("dots_mm", []), dtype=float).reshape(-1, 2)
+
+    def dot_diameter_mm(self) -> float:
+        """Diameter of the pattern's dots."""
+        return float(self.pattern["dot_diameter_mm"])
+
+    def image(self, file: str) -> NDArray[np.uint8]:
+        """(h, w, 3) BGR of one frame as it is tracked: rectified where a lens was calibrated.
+
+        Where the camera has a flat field, as under even light.
+
+        Raises RunFailed when it is missing, differs from its hash, does not decode or is not of
+        the lens's size.
+        """
+        raw = self.raw(file)
+        if self.meta["camera"] is None or not isinstance(self.camera, Rectified):
+            return raw
+        try:
+            seen = np.asarray(self.camera.rectify(raw), np.uint8)
+            return seen if self.flat is None else self.flat.apply(seen)
+        except InputError as why:
+            raise RunFailed(f"{self.folder / file}: {why}") from why
+
+    @cached_property
+    def flat(self) -> FlatField | None:
+        """Of the rectified view, where there is one. Raises InputError when it is damaged."""
+        path, view = self.folder / FLAT, self.camera
+        if not path.is_file():
+            return None
+        assert isinstance(view, Rectified), "a flat field comes with a lens"
+        return FlatField.read(path, (view.lens.width_px, view.lens.height_px)).seen_by(view)
+
+    def raw(self, file: str) -> NDArray[np.uint8]:
+        """(h, w, 3) BGR of one frame as the camera gave it. Raises as `image` does."""
+        image = decode(self.data(file), file)
+        if image is None:
+            raise RunFailed(f"{self.folder / file}: does not decode as an image")
+        return image
+
+    def data(self, file: str) -> bytes:
+        """The bytes of a frame's file. Raises RunFailed when it is missing or damaged."""
+        path = self.folder / file
+        try:
+            data = path.read_bytes()
+        except OSError as why:
+            raise RunFailed(f"{path}: cannot be read: {why.strerror}") from why
+        if hashlib.sha256(data).hexdigest() != self._hash_of(file):
+            raise RunFailed(
+                f"{path}: damaged: {len(data)} bytes that differ from the hash in the journal"
+            )
+        return data
+
+    @property
+    def finished(self) -> bool:
+        """True when the run came to its end; False while it goes on or when it was cut off."""
+        return (self.folder / "summary.json").is_file()
+
+    def indenter(self, name: str) -> Indenter:
+        """An indenter by its name in this run; a lab's own shape is as the run kept it."""
+        return indenters_of_run(
+            name, self.meta.get("shapes", {}), f"{self.folder / 'run.json'}: shapes"
+        )
+
+    def summary(self) -> dict[str, Any]:
+        """The run's own summary, written at its end; empty when it was cut off."""
+        if not self.finished:
+            return {}
+        try:
+            return kept(self.folder, "summary.json")
+        except InputError as why:
+            raise RunFailed(str(why)) from why
+
+    def remarks(self) -> tuple[list[str], list[str]]:
+        """Warnings of the summary, without their mark, and its other notes."""
+        summary = self.summary()
+        kept = summary.get("remarks", ())
+        remarks = [Note(one["id"], one["text"], one.get("warns", False)) for one in kept]
+        if "remarks" not in summary:  # of an imported run, or of 0.3.0 and before: lines alone
+            lines = summary.get("notes", ())
+            remarks = [Note("", s.removeprefix(WARNING), s.startswith(WARNING)) for s in lines]
+        warned, others = ([one.text for one in remarks if one.warns is w] for w in (True, False))
+        return warned, others
+
+    def truth(self) -> RunTruth | None:
+        """The virtual rig's truth of all complete presses, None on a real run.
+
+        Raises RunFailed when it is damaged.
+        """
+        if not (self.folder / LATTICE_FILE).is_file():
+            return None
+        with self.reader() as db:
+            rows = db.execute("SELECT press FROM frames GROUP BY press ORDER BY min(seq)")
+            presses = [press for (press,) in rows]
+        asked = self.meta["protocol"]["channels"]
+        return load(self.folder, self.camera, presses, "traction" in asked)
+
+    def _late(self, table: pd.DataFrame) -> pd.Series[bool]:
+        capture = self.meta.get("protocol", {}).get("capture", {})
+        own = {kind: (capture.get(kind) or {}).get("rate_hz") for kind in ("hold", "retract")}
+        rates_hz = [own.get(kind, capture.get("rate_hz")) or np.nan for kind in table["kind"]]
+        limit_s = 0.5 / np.array(rates_hz)  # nothing is later than nan
+        return (table["late_s"] > limit_s) & ~table["settled"]
+
+    def _hash_of(self, file: str) -> str | None:
+        held: dict[str, str] = self.__dict__.setdefault("hashes", {})
+        if file not in held:  # also a frame that came since, in a run that goes on
+            with self.reader() as db:
+                held.update(db.execute("SELECT file, sha256 FROM frames WHERE file IS NOT NULL"))
+        return held.get(file)
+
+    def _samples(self, stream: str, press: str | None, *more: str) -> pd.DataFrame:
+        import pandas as pd
+
+        names = _STREAMS[stream]
+        parts = [
+            pd.DataFrame(
+                {
+                    "press": of_press,
+                    "step_id": step_id,
+                    "t_s": chunk.origin_s + chunk.t_press_s(),
+                    "t_press_s": chunk.t_press_s(),
+                    **{name: chunk.values(name) for name in names},
+                    **{name: chunk.columns.get(name) for name in more},
+                }
+            )
+            for of_press, step_id, chunk in self._chunks(stream, press)
+        ]
+        if not parts:
+            return pd.DataFrame(columns=["press", "step_id", "t_s", "t_press_s", *names, *more])
+        return pd.concat(parts, ignore_index=True)
+
+    def damaged_samples(self, press: str) -> Iterator[str]:
+        """Of each stream the first chunk of a press that cannot be unpacked."""
+        for stream in _STREAMS:
+            try:
+                for _ in self._chunks(stream, press):
+                    pass
+            except RunFailed as why:
+                yield str(why)
+
+    def _chunks(self, stream: str, press: str | None) -> Iterator[tuple[str, str, Chunk]]:
+        """Press, step and samples, step by step. Raises RunFailed for a damaged chunk."""
+        with self.reader() as db:
+            rows = db.execute(
+                "SELECT press, step_id, stream, origin_s, n, columns, data FROM samples "
+                "WHERE stream = ? AND press = coalesce(?, press) ORDER BY seq",
+                (stream, press),
+            )
+            for of_press, step_id, *stored in rows:
+                try:
+                    yield of_press, step_id, unpack(*stored)
+                except ValueError as why:
+                    raise RunFailed(
+                        f"{self.folder / 'journal.sqlite'}: {stream} of {step_id}: damaged samples"
+                    ) from why
+
+    def _table(self, name: str, press: str | None = None) -> pd.DataFrame:
+        import pandas as pd
+
+        which = "" if press is None else "WHERE press = :press "
+        with self.reader() as db:
+            try:
+                return pd.read_sql_query(
+                    f"SELECT * FROM {name} {which}ORDER BY seq", db, params={"press": press}
+                )
+            except pd.errors.DatabaseError as why:
+                raise sqlite3.DatabaseError(str(why.__cause__ or why)) from why
+
+    @contextmanager
+    def reader(self) -> Iterator[sqlite3.Connection]:
+        """The journal, read only. Raises RunFailed when it cannot be read."""
+        path = self.folder / "journal.sqlite"
+        try:
+            uri = f"{path.absolute().as_uri()}?mode=ro"
+            with closing(sqlite3.connect(uri, uri=True)) as db:
+                if not self._sound:
+                    for line in misfits(db, self.format):
+                        raise sqlite3.DatabaseError(line)
+                    self._sound = True
+                yield db
+        except sqlite3.Error as why:
+            raise RunFailed(f"{path}: the journal cannot be read: {why}") from why
+
+
+def open_run(folder: str | Path) -> Run:
+    """Open a run folder. Raises InputError when it is none."""
+    return Run(Path(folder))
+
+
+def describe_run(run: Run) -> dict[str, Any]:
+    """Protocol, specimen, rig, counts, events by kind, notes, as plain data. Raises RunFailed.
+
+    begun_s, ended_s: the day's time of the first and the last event.
+    """
+    meta, summary, events = run.meta, run.summary(), run.events()
+    protocol = meta.get("protocol") or {}
+    with run.reader() as db:
+        frames, images = db.execute("SELECT count(*), count(file) FROM frames").fetchone()
+        steps = db.execute("SELECT count(*) FROM steps").fetchone()[0]
+        presses = db.execute(
+            "SELECT count(*) FROM"
+            " (SELECT press FROM steps WHERE kind = 'press' UNION SELECT press FROM frames)"
+        ).fetchone()[0]
+    state = "finished" if run.finished else "unfinished"
+    return {
+        "folder": str(run.folder),
+        "state": "being written now" if being_written(run.folder) else state,
+        "format": run.format,
+        "protocol": protocol.get("name"),
+        "description": protocol.get("description"),
+        "channels": protocol.get("channels"),
+        "specimen": protocol.get("specimen"),
+        "rig": meta.get("rig_name"),
+        "kind": (meta.get("rig") or {}).get("kind"),
+        "simulated": meta.get("simulated"),
+        "air": meta.get("air", False),
+        "seed": meta.get("seed"),
+        "begun_s": float(events["wall_s"].min()),
+        "ended_s": float(events["wall_s"].max()),
+        "sessions": int((events["kind"] == "session").sum()),
+        "steps": steps,
+        "presses": presses,
+        "frames": frames,
+        "images": images,
+        "events": {str(k): int(n) for k, n in events["kind"].value_counts(sort=False).items()},
+        "registration": _registration(meta),
+        "indenters": _mounted(events),
+        "camera": None if meta.get("camera") is None else meta["camera"].get("model", "pinhole"),
+        "devices": summary.get("devices"),
+        "remarks": summary.get("notes", []),
+        "notes": run.notes().to_dict("records"),
+        "versions": meta.get("versions"),
+    }
+
+
+def _registration(meta: dict[str, Any]) -> dict[str, Any]:
+    """Where the rig file had the face, and the file that it was registered by, if it was."""
+    stage = (meta.get("rig") or {}).get("stage") or {}
+    keys = ("registration", "origin_machine_mm", "angle_deg", "tilt_deg")
+    return {key: stage.get(key) for key in keys}
+
+
+def _mounted(events: pd.DataFrame) -> list[str]:
+    """What was mounted in the last session, and where its tip found the face."""
+    begun = events.index[events["kind"] == "session"]
+    last = events.loc[begun[-1] :] if len(begun) else events
+    return [str(text) for text in last["text"][last["kind"] == "indenter"]]

@@ -1,0 +1,210 @@
+"""The real bench of kind `grbl`: stage, camera and force sensor, at the wall clock.
+
+Only what the protocol's channels ask for is opened; the force sensor always where the rig file says
+how it is reached, for the guard lives on it, and a tip also meets things in the air. `unmet` tells
+what a rig must have before it presses, and before it is left alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from deltact_fab.common import InputError, Note, Progress
+from deltact_fab.sensor import CameraModel, SensorDimensions, parse_indenter
+
+from ..protocols.plan import Protocol
+from .camera.model import open_camera, tracked_view, view_notes
+from .config import GrblConfig
+from .force.guard import GuardLimits
+from .force.watchdog import Watchdog, open_guarded
+from .interface import Camera, OpenBench, Rig, RigKind, RigSetup, WallClock
+from .stage.grbl import GrblStage
+from .tables import TouchConfig
+from .tool.tooling import Tooling
+from .tool.touch import MOST, tool_change_s
+
+KNOWN_ONLY_SIMULATED = frozenset({"traction"})
+
+
+class GrblKind(RigKind):
+    part = "devices of the rig"
+    _config: GrblConfig
+
+    def refusals(self, protocol: Protocol, sensor: SensorDimensions, source: str) -> list[str]:
+        """A line for each device that the protocol asks for and the rig has not."""
+        config = self._config
+        # Weights are the force.
+        asked = protocol.channels - ({"force"} if protocol.weights is not None else set())
+        lines = [
+            f"{source}: channels: {name!r} asked for, and only a virtual rig knows it; remove it"
+            for name in sorted(asked & KNOWN_ONLY_SIMULATED)
+        ]
+        if "image" in asked and config.camera is None:
+            lines.append(
+                f"{source}: channels: 'image' asked for, and {self._source} has no [camera]; add "
+                'one, as source = 0, or remove "image"'
+            )
+        if "force" in asked and not (config.force and config.force.reachable):
+            lines.append(
+                f"{source}: channels: 'force' asked for, and {self._source} has no way to a force "
+                "sensor; add [force.netft] or [force.serial] with its ranges, or remove "
+                '"force"'
+            )
+        return lines
+
+    def camera(self, protocol: Protocol, sensor: SensorDimensions) -> CameraModel | None:
+        if self._config.camera is None or "image" not in protocol.channels:
+            return None
+        return tracked_view(self._config.camera, sensor, self._source)
+
+    def build(self, job: RigSetup, progress: Progress | None = None) -> OpenBench:
+        """A hand lays weights on; a stage does all else."""
+        if job.protocol.weights is None:
+            return GrblRig(self._config, self._source.parent, job)
+        from .weights import WeightsBench
+
+        return WeightsBench(self._config, self._source.parent, job)
+
+
+class GrblRig(Rig):
+    """What was opened is closed, however building it ends."""
+
+    def __init__(self, config: GrblConfig, folder: Path, job: RigSetup) -> None:
+        """folder: of the rig file."""
+        self._job, clock = job, WallClock()
+        stage = GrblStage.of(config.stage, clock)
+        park_mm = job.protocol.motion.park_mm
+        with ExitStack() as opened:
+            opened.callback(stage.close)
+            force: Watchdog | None = None
+            if config.force is not None and config.force.reachable:
+                force = open_guarded(config.force, config.guard, stage)
+                opened.callback(force.close)
+            elif not job.air:
+                raise InputError(
+                    "force: nothing guards a press without a force sensor; add [force.netft] or "
+                    "[force.serial] to the rig file, or give --air"
+                )
+            self._tooling = Tooling(job, stage, clock, force, force, config.touch, config.tools)
+            camera: Camera | None = None
+            if "image" in job.protocol.channels:
+                assert config.camera is not None, "refused without one"
+                camera = open_camera(config.camera, folder, clock)
+                opened.callback(camera.close)
+            super().__init__(
+                clock,
+                stage,
+                camera,
+                force,
+                change_indenter=self._tooling.change_indenter,
+                guard=force,
+                begin=self._tooling.begin,
+                change_s=0.0 if job.air else tool_change_s(config.stage, config.touch, park_mm),
+                wall_clock=True,
+            )
+            self.opened = opened.pop_all()
+
+    def left_out(self) -> Iterator[Note]:
+        yield from super().left_out()
+        if self.force is None:
+            text = "the rig file has no way to one; nothing is touched"
+            yield Note("force sensor and guard", text)
+
+    def notes(self) -> Iterator[Note]:
+        if self.camera is not None:
+            yield from view_notes(self._job.view, self._job.recipe.patch_mm)
+        if self._job.air and len(self._job.protocol.indenters) > 1:
+            yield Note("indenters", "no indenter was changed: nothing was touched")
+
+    def identity(self) -> dict[str, Any]:
+        return {**super().identity(), "tool": self._tooling.identity()}
+
+
+def unmet_conditions(
+    config: GrblConfig, protocol: Protocol, sensor: SensorDimensions, unattended: bool
+) -> list[str]:
+    """Why this rig must not press, or not alone, a line each, to follow the rig file's name.
+
+    Forces that are predicted against what the stage and the sensor bear are `preflight`'s affair.
+    """
+    force, touch = config.force, config.touch
+    lines = list(lacking(config).values())
+    if force is not None and force.reachable and "force" not in protocol.channels:
+        lines.append(
+            f"channels of {protocol.name!r}: a press on a real rig records the force that its "
+            'guard watches: add "force", or give --air'
+        )
+    if touch is not None:
+        lines += _outside(touch, protocol, sensor)
+        if force is not None:
+            lines += _above_the_guard(config, touch)
+    if unattended and len(protocol.indenters) > 1:
+        lines.append(
+            f"--unattended: {protocol.name!r} holds {len(protocol.indenters)} indenters, and "
+            "nobody is there to change them: a protocol of one"
+        )
+    return lines
+
+
+def lacking(config: GrblConfig) -> dict[str, str]:
+    """The tables that every press needs and the rig file has not, with a line each."""
+    lines = {}
+    if config.force is None or not config.force.reachable:
+        lines["force"] = (
+            "force: a press on a real rig needs a force sensor, for the guard and to find the "
+            "face: add [force.netft] or [force.serial], or give --air, and nothing goes below the "
+            "clearance plane"
+        )
+    if config.touch is None:
+        lines["touch"] = (
+            "touch: missing table; a press on a real rig needs to know where the face is: add "
+            "[touch], or give --air"
+        )
+    return lines
+
+
+def undeclared_lengths(config: GrblConfig, protocol: Protocol) -> list[str]:
+    """Indenters of unknown length, where there is more than one: what is searched has to do."""
+    missing = [name for name in protocol.indenters if name not in config.tools]
+    if len(protocol.indenters) < 2 or not missing or config.touch is None:
+        return []
+    return [
+        f'[tools."{missing[0]}"] length_mm is not declared'
+        + (f" (nor {len(missing) - 1} more)" if len(missing) > 1 else "")
+        + f": its tip is looked for within touch.search_mm = {config.touch.search_mm:g} mm of "
+        "where that of the reference is"
+    ]
+
+
+def _outside(touch: TouchConfig, protocol: Protocol, sensor: SensorDimensions) -> list[str]:
+    """The place of the touch-off, with the indenter around it, lies on the face."""
+    lines = []
+    for name in protocol.indenters:
+        reach = parse_indenter(name).footprint_half_mm
+        for axis, (at, half, most) in enumerate(
+            zip(touch.at_mm, reach, sensor.skin.opening_half_mm, strict=True)
+        ):
+            if abs(at) + half > most:
+                lines.append(
+                    f"touch.at_mm: {'xy'[axis]} = {at:g} mm: {name} reaches {abs(at) + half:g} mm "
+                    f"out there, and the face ends at {most:g}"
+                )
+    return lines[:1]
+
+
+def _above_the_guard(config: GrblConfig, touch: TouchConfig) -> list[str]:
+    assert config.force is not None
+    try:
+        limits = GuardLimits.of(config.guard, config.force)
+    except InputError as why:
+        return [str(why)]
+    least_n = min(*limits.force_n, limits.resultant_n)
+    if MOST * touch.force_n < least_n:
+        return []
+    return [
+        f"touch.force_n: {touch.force_n:g} N: a touch-off goes up to {MOST:g} times that, and the "
+        f"guard trips at {least_n:g} N"
+    ]

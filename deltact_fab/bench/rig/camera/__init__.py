@@ -1,0 +1,1 @@
+"""Cameras behind `bench.rig.interface.Camera`."""

@@ -1,0 +1,168 @@
+"""A rig's camera: what is known of it from its calibration, and opened, to record or photograph.
+
+A real camera and a simulated one know their lens only as it was calibrated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deltact_fab.common import InputError, Note, is_file, making_files, write_whole
+from deltact_fab.sensor import (
+    MIN_RECTIFIED_PX,
+    CameraModel,
+    Fisheye,
+    Rectified,
+    SensorDimensions,
+    aliased_share,
+    load_camera,
+    raw_mm_per_px,
+)
+
+from ...record.images import encode_png
+from ..interface import Camera, Clock, WallClock
+from ..tables import CameraConfig
+from .stream import Feed, StreamCamera
+
+NOTICED = 0.005
+"""Share of the view that may alias without a word."""
+
+
+def calibrated_camera(path: Path, source: str = "camera.model") -> CameraModel:
+    """The camera of a camera file; source: what names it in a rig file. Raises InputError."""
+    if not is_file(path):
+        raise InputError(f"{source}: {path}: no such file; `deltact-fab calibrate lens` makes one")
+    return load_camera(path)[0]
+
+
+def tracked_view(
+    config: CameraConfig, sensor: SensorDimensions, source: Path
+) -> CameraModel | None:
+    """The view that trackers take of a real camera's images, None where it was not calibrated.
+
+    A fisheye's is rectified at the design's scale. source: of the rig file. Raises InputError for a
+    camera file that is missing or of images of another size.
+    """
+    if config.model is None:
+        return None
+    path = source.parent / config.model
+    camera = calibrated_camera(path, f"{source}: camera.model")
+    if config.width_px is not None:
+        made, asked = raw_size_px(camera), (config.width_px, config.height_px)
+        if made != asked:
+            raise InputError(
+                f"{source}: camera.width_px, height_px: {asked[0]} x {asked[1]} px, and {path} is "
+                f"of images of {made[0]} x {made[1]} px"
+            )
+    return Rectified.of(sensor, camera) if isinstance(camera, Fisheye) else camera
+
+
+def raw_size_px(camera: CameraModel) -> tuple[int, int]:
+    """Width and height of the raw images that a camera's view is made from."""
+    raw: Any = getattr(camera, "lens", camera)
+    return raw.width_px, raw.height_px
+
+
+def view_notes(view: CameraModel | None, patch_mm: float | None) -> Iterator[Note]:
+    """What a reader of a run through a view must know.
+
+    view: None: not calibrated. patch_mm: side of the pattern's patches, None without.
+    """
+    if view is None:
+        text = (
+            "the camera is not calibrated: its images are kept, and nothing can be tracked in "
+            "them; `deltact-fab calibrate lens` makes a file to name as [camera] model"
+        )
+        yield Note("camera", text, warns=True)
+    if not isinstance(view, Rectified):
+        return
+    w, h = view.width_px, view.height_px
+    scales = raw_mm_per_px(view, np.array([[w / 2, h / 2], [0, 0], [w, 0], [0, h], [w, h]]))
+    middle, corner = scales[0].min(), scales[1:].max()
+    text = f"pixel scale: {middle:.3f} mm in the middle, {corner:.3f} mm in the corners"
+    yield Note("pixel scale", text)
+    aliased = 0.0 if patch_mm is None else aliased_share(view, patch_mm)
+    if aliased >= NOTICED:
+        text = (
+            f"patches of {patch_mm:g} mm alias over {aliased:.0%} of the view: the lens has less "
+            f"than {MIN_RECTIFIED_PX:g} pixels for one there"
+        )
+        yield Note("aliasing", text, warns=True)
+    yield Note("raw images", "images are stored raw and rectified when they are read")
+
+
+def open_camera(config: CameraConfig, folder: Path, clock: Clock) -> Camera:
+    """The camera that a rig file describes, opened, and reading if it runs by itself.
+
+    folder: of the rig file, from which relative paths count. clock: of all devices; its origin has
+    to be that of `time.monotonic` for a camera that stamps its images itself.
+
+    Raises InputError, one line, for a camera that is not there or keeps other settings.
+    """
+    config = _with_size(config, folder)
+    size_px = None
+    if config.width_px is not None and config.height_px is not None:
+        size_px = (config.width_px, config.height_px)
+    rate_hz = config.rate_hz
+    feed: Feed
+    if config.command is not None:
+        from .command import CommandFeed
+
+        assert size_px is not None, "the configuration of a command has a size"
+        feed = CommandFeed(config.command, size_px, clock, folder, config.stamped)
+    elif config.is_device:
+        from .device import DeviceFeed
+
+        feed = device = DeviceFeed(config, clock)
+        rate_hz = rate_hz or device.rate_hz
+    else:
+        from .files import UrlFeed
+
+        feed = url = UrlFeed(str(config.source), clock)
+        rate_hz = rate_hz or url.rate_hz
+    return StreamCamera(
+        feed, clock, size_px=size_px, rate_hz=rate_hz, latency_s=config.latency_ms / 1e3
+    )
+
+
+def _with_size(config: CameraConfig, folder: Path) -> CameraConfig:
+    """A camera without a size is asked for that of its calibration. Raises InputError."""
+    if config.model is None or config.width_px is not None:
+        return config
+
+    w, h = raw_size_px(calibrated_camera(folder / config.model))
+    return config.model_copy(update={"width_px": w, "height_px": h})
+
+
+def take_photograph(
+    config: CameraConfig,
+    folder: Path,
+    out: Path,
+    count: int,
+    before: Callable[[int], None] = lambda number: None,
+) -> list[Path]:
+    """Write out/contact/1.png and on, raw as the camera gives them, and return the files.
+
+    folder: of the rig file. before: called with the number of an image; it is exposed afterwards.
+    Raises InputError for an `out` that is there already or a camera that cannot be opened, and
+    SensorError when that gives no images.
+    """
+    if out.exists() and not (out.is_dir() and not any(out.iterdir())):
+        raise InputError(f"{out}: is there already; name a new folder")
+    files = []
+    with closing(open_camera(config, folder, WallClock())) as camera:
+        camera.capture()  # it runs, and has the settings of the rig file
+        with making_files(out):
+            (out / "contact").mkdir(parents=True, exist_ok=True)
+        for number in range(1, count + 1):
+            before(number)
+            camera.begin("photograph")
+            file = out / "contact" / f"{number}.png"
+            write_whole(file, encode_png(camera.capture().image))
+            files.append(file)
+    return files

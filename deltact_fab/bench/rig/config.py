@@ -1,0 +1,243 @@
+"""A rig file: where the stage stands, what it can do, and what is attached. Nothing is opened.
+
+`kind` decides what a rig is: `virtual` simulates everything below the wire and has the tables of
+its simulators under `[virtual]`; `grbl` drives a real controller on `stage.port`. `[stage]` and
+`[force]` are the same for both: what the devices are. `[camera]` names what is known of a lens, and
+`[virtual.lens]` is the one that a simulated camera has: nothing that estimates may read it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_type_hints
+
+from pydantic import Field, create_model, model_validator
+
+from deltact_fab.common import (
+    InputError,
+    Table,
+    did_you_mean,
+    find_file,
+    is_file,
+    read_toml,
+    validate,
+)
+from deltact_fab.sensor import Fisheye, ImageSensor, Printer
+
+from ..protocols.motion import StageConfig, Tilt
+from .tables import (
+    CameraConfig,
+    CameraFile,
+    ForceConfig,
+    GuardConfig,
+    RegistrationFile,
+    Tools,
+    TouchConfig,
+)
+
+Off = Annotated[float, Field(ge=-20, le=20)]  # mm
+TOOLS = {"sphere:10": {"length_mm": 0.0}}
+
+
+class NoiseConfig(Table):
+    """What the simulated force box adds to a reading."""
+
+    noise_n: float = Field(default=0.01, ge=0, le=100)
+    """Standard deviation of a force reading."""
+
+
+class FiniteGelConfig(Table):
+    """Resolution of the simulated gel at the level 'hyperelastic'."""
+
+    cell_mm: float | None = Field(default=None, ge=0.1, le=12.0)
+    """Cells below the indenter; None: chosen from its shape and the tolerance."""
+    tolerance: float = Field(default=0.03, ge=0.001, le=0.5)
+    """Of force, for that choice."""
+    most_unknowns: int = Field(default=8_000, ge=500, le=1_000_000)
+    """Of a mesh chosen so: thousands of knots are solved on it. Larger cells are flagged."""
+    lattice_mm: float = Field(default=0.5, ge=0.05, le=2.0)
+    """Lattice on which displacements are kept."""
+    press_increment_mm: float = Field(default=0.5, ge=0.001, le=5.0)
+    """Way of a press between two solutions."""
+    shear_increment_mm: float = Field(default=1.0, ge=0.001, le=5.0)
+    """Way of a drag between two solutions."""
+
+
+class GelConfig(Table):
+    """Resolution of the simulated gel: at the linear level, and apart from it at finite strain.
+
+    One solve per increment of motion; between them displacements and forces are interpolated.
+    """
+
+    spacing_mm: float | None = Field(default=None, ge=0.05, le=2.0)
+    """Between the points at which the linear gel is solved and shown; None: chosen from the contact
+    and `hyperelastic.lattice_mm`."""
+    press_increment_mm: float = Field(default=0.1, ge=0.001, le=1.0)
+    """Way of a press between two solutions at the linear level."""
+    shear_increment_mm: float = Field(default=0.25, ge=0.001, le=2.0)
+    """Way of a drag between two solutions at the linear level."""
+    hyperelastic: FiniteGelConfig = FiniteGelConfig()
+
+
+class GoneConfig(Table):
+    """Of `run --realtime` of version 0.2, which is gone: read, and not used."""
+
+    camera_rate_hz: float = Field(default=5.0, ge=0.1, le=240)
+    """Not used."""
+
+
+class MountConfig(Table):
+    """How the bench truly stands beside what its rig file says, for a touch-off to find.
+
+    Only `rig simulate` has it: on a virtual rig the rig file is right.
+    """
+
+    offset_mm: tuple[Off, Off, Off] = (0.0, 0.0, 0.0)
+    """Of the face's middle from `[stage] origin_machine_mm`."""
+    tilt_deg: tuple[Tilt, Tilt] = (0.0, 0.0)
+    """Of the face, about the sensor's x, then about y."""
+    longer_mm: dict[str, Off] = Field(default_factory=dict)
+    """By indenter: how much longer than the one that the origin was measured with."""
+
+
+class _LensChanges(Table):
+    """The true lens of a simulated camera: what differs from the design's."""
+
+    design: str | None = None
+    """Name or path of the design that these numbers are of; on another design what differs from it
+    counts. Without it they must be near those of every design that the rig is used with."""
+
+    def numbers(self) -> dict[str, float]:
+        """What is given, without the design."""
+        return self.model_dump(exclude={"design"}, exclude_none=True)
+
+
+if TYPE_CHECKING:
+    LensConfig = _LensChanges
+else:  # every key of the lens, with the limits and the meaning that it has there
+    LensConfig = create_model(
+        "LensConfig",
+        __base__=_LensChanges,
+        **{
+            f.name: (get_type_hints(Fisheye)[f.name] | None, Field(None, **f.metadata))
+            for f in fields(Fisheye)
+        },
+    )
+
+
+class SimulatorConfig(Table):
+    """All that only a virtual rig has."""
+
+    camera: ImageSensor = Field(default_factory=ImageSensor)
+    lens: LensConfig | None = None
+    """Without it the camera is a pinhole."""
+    printer: Printer = Field(default_factory=Printer)
+    force: NoiseConfig = NoiseConfig()
+    gel: GelConfig = GelConfig()
+    mount: MountConfig = MountConfig()
+    realtime: GoneConfig = GoneConfig()
+
+
+class VirtualConfig(Table):
+    """The simulated bench."""
+
+    simulated: ClassVar[bool] = True
+    kind: Literal["virtual"]
+    """"virtual": everything below the wire is simulated."""
+    stage: StageConfig
+    force: ForceConfig = ForceConfig()
+    camera: CameraFile | None = None
+    guard: GuardConfig | None = None
+    """What stops the stage; for `rig simulate` only, as are touch and tools."""
+    touch: TouchConfig = TouchConfig()
+    tools: Tools = Field(default_factory=dict, examples=[TOOLS])
+    """By indenter, as `[tools."sphere:10"]`; for `rig simulate` only."""
+    virtual: SimulatorConfig = SimulatorConfig()
+    served: ClassVar[bool] = False
+
+    @model_validator(mode="after")
+    def _lens(self) -> Self:
+        if self.camera is not None and self.virtual.lens is None:
+            raise ValueError(
+                "camera.model: a virtual rig without [virtual.lens] draws through a pinhole, which "
+                "needs no calibration; add [virtual.lens] or remove [camera]"
+            )
+        return self
+
+    def recorded(self) -> dict[str, Any]:
+        """What a record keeps: of the true lens no more than whether it is the same."""
+        data = self.model_dump(mode="json")
+        if self.virtual.lens is not None:
+            text = self.virtual.lens.model_dump_json(exclude_none=True)
+            data["virtual"]["lens"] = {"sha256": hashlib.sha256(text.encode()).hexdigest()}
+        return data
+
+
+class GrblConfig(Table):
+    """A real GRBL stage with what is attached to it."""
+
+    simulated: ClassVar[bool] = False
+    kind: Literal["grbl"]
+    """"grbl": a real GRBL 1.1 or grblHAL stage."""
+    served: bool = False
+    """Its devices are simulated ones, served by `rig simulate`, which writes this key: runs say
+    so."""
+    stage: StageConfig
+    force: ForceConfig | None = None
+    """A sensor that stands in the way of the force, read or not; every press needs it, for the
+    guard lives on it."""
+    camera: CameraConfig | None = None
+    guard: GuardConfig | None = None
+    touch: TouchConfig | None = None
+    tools: Tools = Field(default_factory=dict, examples=[TOOLS])
+    """By indenter, as `[tools."sphere:10"]`: how much longer it is than the tip that the origin was
+    measured with."""
+
+    @model_validator(mode="after")
+    def _port(self) -> Self:
+        if self.stage.port is None:
+            raise ValueError(
+                "stage.port: missing key; a 'grbl' rig needs the controller's serial device, as "
+                'port = "/dev/ttyACM0"'
+            )
+        return self
+
+    def recorded(self) -> dict[str, Any]:
+        """What a record keeps."""
+        return self.model_dump(mode="json")
+
+
+RigConfig = VirtualConfig | GrblConfig
+_KINDS: dict[str, type[VirtualConfig] | type[GrblConfig]] = {
+    "virtual": VirtualConfig,
+    "grbl": GrblConfig,
+}
+
+
+def load_rig(name: str) -> tuple[RigConfig, Path]:
+    """Read a rig by catalogue name or path. Raises InputError."""
+    path = find_file("protocols/rigs", name)
+    data = read_toml(path)
+    kind = data.get("kind")
+    if not isinstance(kind, str) or kind not in _KINDS:
+        found = "missing key" if kind is None else f"unknown kind {kind!r}"
+        raise InputError(f"{path}: kind: {found}; {did_you_mean(str(kind), _KINDS)}")
+    return _registered(validate(_KINDS[kind], data, str(path)), path), path
+
+
+def _registered(config: RigConfig, path: Path) -> RigConfig:
+    """With the face where it was registered. Raises InputError for a file that is none."""
+    if config.stage.registration is None:
+        return config
+    file = path.parent / config.stage.registration
+    if not is_file(file):
+        raise InputError(
+            f"{path}: stage.registration: {config.stage.registration!r}: no such file in "
+            f"{path.parent}; `deltact-fab rig register` writes one"
+        )
+    found = validate(RegistrationFile, read_toml(file), str(file))
+    keys = ("origin_machine_mm", "angle_deg", "tilt_deg")
+    stage = config.stage.model_copy(update={key: getattr(found, key) for key in keys})
+    return config.model_copy(update={"stage": stage})

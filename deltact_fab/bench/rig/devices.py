@@ -1,0 +1,65 @@
+"""What a rig file can name on this computer: what is plugged in is found, nothing is opened."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+PORTS, CAMERAS = Path("/dev/serial/by-id"), Path("/sys/class/video4linux")
+DEV = Path("/dev")
+# Makers of the boards that GRBL runs on, and of their serial chips; others come after them.
+BOARDS = {
+    0x2341: "Arduino", 0x2A03: "Arduino", 0x1A86: "CH340", 0x0403: "FTDI", 0x10C4: "CP210x",
+    0x0483: "STM32", 0x16C0: "Teensy", 0x2E8A: "Raspberry Pi Pico", 0x303A: "ESP32",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class FoundDevice:
+    """Something that was found. name: as a rig file has it; text: what it says it is."""
+
+    name: str
+    text: str = ""
+
+
+def list_ports(by_id: Path = PORTS) -> list[FoundDevice]:
+    """USB serial ports, boards of known makers first; by their lasting names where there are."""
+    from serial.tools import list_ports
+
+    lasting = _lasting(by_id)
+    found = [port for port in list_ports.comports() if port.vid is not None]
+    found.sort(key=lambda port: (port.vid not in BOARDS, port.device))
+    devices = []
+    for port in found:
+        chip = BOARDS.get(port.vid)
+        text = " ".join(str(port.description or "serial port").split())
+        text += f" ({chip})" if chip and chip not in text else ""
+        devices.append(FoundDevice(lasting.get(Path(port.device).resolve(), port.device), text))
+    return devices
+
+
+def list_cameras(sysfs: Path = CAMERAS, dev: Path = DEV) -> list[FoundDevice]:
+    """V4L2 cameras in order of their numbers, by their lasting names where there are.
+
+    A camera's first node gives its images; those that follow give metadata.
+    """
+    lasting = _lasting(dev / "v4l" / "by-id")
+    found = []
+    nodes = (node for node in sysfs.glob("video*") if node.name[5:].isdecimal())
+    for node in sorted(nodes, key=lambda node: int(node.name[5:])):
+        if _said(node / "index") == "0":
+            device = dev / node.name
+            name = lasting.get(device.resolve(), str(device))
+            found.append(FoundDevice(name, " ".join(_said(node / "name").split())))
+    return found
+
+
+def _lasting(by_id: Path) -> dict[Path, str]:
+    return {link.resolve(): str(link) for link in sorted(by_id.glob("*"))}
+
+
+def _said(file: Path) -> str:
+    try:
+        return file.read_text().strip()
+    except OSError:
+        return ""

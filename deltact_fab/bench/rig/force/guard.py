@@ -1,0 +1,192 @@
+"""The force guard: it stops the stage itself, and asks nobody."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+
+from deltact_fab.common import Field, InputError, Note, Vector
+
+from ..interface import Clock, ForceSamples
+from ..tables import ForceConfig, GuardConfig
+from .netft import NoteCounts
+
+GUARD_SHARE = 0.8  # of the sensor's range, where the rig file sets no limit
+# Between two stop bytes; one that comes before its jog has begun does nothing.
+AGAIN_NS = 20_000_000
+SURELY_NS = 100_000_000  # the byte is repeated for so long, whatever the force does meanwhile
+# On the way out the force may rise over the limit, to so much of what tripped the guard.
+EASE = 1.25
+NAMES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
+
+
+@dataclass(frozen=True)
+class GuardLimits:
+    """Largest force (N) and torque (N mm) of either sign on each axis, and of the whole force."""
+
+    force_n: Vector
+    torque_nmm: Vector = (inf, inf, inf)
+    resultant_n: float = inf
+
+    @classmethod
+    def of(cls, guard: GuardConfig | None, force: ForceConfig) -> GuardLimits:
+        """Those of the rig file; what it does not set is `SHARE` of the sensor's range.
+
+        Raises InputError for a limit that the sensor cannot measure.
+        """
+        own = guard or GuardConfig()
+        x, y, z = (GUARD_SHARE * n for n in force.range_n)
+        force_n = own.axes_n or (x, y, z)
+        if own.axes_n is None and own.force_n is not None:
+            force_n = (own.force_n,) * 3
+        x, y, z = (GUARD_SHARE * n for n in force.range_nmm)
+        torque_nmm = (x, y, z) if own.torque_nmm is None else (own.torque_nmm,) * 3
+        rows = zip(NAMES, (*force_n, *torque_nmm), (*force.range_n, *force.range_nmm), strict=True)
+        for name, limit, most in rows:
+            if limit > most:
+                raise InputError(
+                    f"guard: the limit {limit:g} of {name} is over the sensor's range of {most:g} "
+                    "([force] range_n, range_nmm), where it would never be seen"
+                )
+        return cls(force_n, torque_nmm, inf if own.resultant_n is None else own.resultant_n)
+
+
+@dataclass(frozen=True)
+class Trip:
+    """Why the guard stopped the stage; when the excess was measured, came, and the byte went out.
+
+    Times are ns of the host's clock; record_ns is None where no sample did it.
+    """
+
+    why: str
+    record_ns: int | None
+    byte_ns: int
+
+
+@dataclass
+class ForceGuard:
+    """Looks at every sample before anyone else does; may live in any thread, for it only writes.
+
+    The one who reads the sensor gives it each batch (`watch`) and tells it when there are none
+    (`lost`). Once tripped it stays so until `rearm`: it writes the stop byte again while samples
+    are over the limit, because a byte that reaches GRBL before its jog has begun does nothing.
+
+    stop: writes the byte that ends the motion under way.
+    behind_s: on the wall clock, a guard whose newest sample stays older than that for as long
+    again is blind, and stops the stage; a hiccup that is caught up is counted in `tally` alone.
+    None: the samples' ages are not looked at, as in lockstep.
+    """
+
+    stop: Callable[[], None]
+    limits: GuardLimits
+    clock: Clock
+    behind_s: float | None = None
+
+    def __post_init__(self) -> None:
+        limits = self.limits
+        self._most = np.array([*limits.force_n, *limits.torque_nmm, limits.resultant_n])
+        self._peak = np.zeros(7)  # since it tripped: six axes and the whole force
+        self._easing = False
+        self._byte_ns = 0
+        self._behind_ns: int | None = None  # since when it looks at old samples
+        self.tally = NoteCounts()
+        self.trip: Trip | None = None
+
+    @property
+    def tripped(self) -> str:
+        return self.trip.why if self.trip is not None else ""
+
+    def watch(self, samples: ForceSamples) -> None:
+        """Write the stop byte if a sample is over a limit or saturated, or all are old."""
+        if not len(samples.t_ns):
+            return
+        self._look_at_age(int(samples.t_ns[-1]))
+        values = samples.counts / samples.per_unit
+        sizes = np.column_stack((np.abs(values), np.sqrt((values[:, :3] ** 2).sum(axis=1))))
+        bad = (sizes > self._most).any(axis=1) | samples.saturated
+        if bad.any():
+            self._stop_for(samples, sizes, int(bad.argmax()))
+            self._peak = np.maximum(self._peak, sizes.max(axis=0))
+        elif (
+            self.trip is not None
+            and not self._easing
+            and self.clock.now_ns() - self.trip.byte_ns < SURELY_NS
+        ):
+            self._write()
+
+    def lost(self, why: str) -> None:
+        if not self._easing:
+            self._write()
+        if self.trip is None:
+            self.trip = Trip(why, None, self._byte_ns)
+
+    def tell(self) -> tuple[Note, ...]:
+        return self.tally.tell(self.clock.now_ns())
+
+    def rearm(self) -> None:
+        self.trip = None
+        self._peak = np.zeros(7)
+        self._byte_ns = 0
+        self._behind_ns = None
+
+    @contextmanager
+    def easing(self) -> Iterator[None]:
+        """While the tip is lifted after a trip: only a force that still grows stops that.
+
+        A sensor that is saturated or lost cannot tell, and does not hold the tip in the gel.
+        """
+        before = self._most
+        self._most = np.maximum(self._most, EASE * self._peak)
+        self._easing = True
+        try:
+            yield
+        finally:
+            self._easing = False
+            self._most = before
+
+    def _look_at_age(self, newest_ns: int) -> None:
+        """Blind is who looks at old samples, and after behind_s of that still does."""
+        if self.behind_s is None:
+            return
+        now_ns = self.clock.now_ns()
+        old_ns, limit_ns = now_ns - newest_ns, self.behind_s * 1e9
+        if old_ns <= limit_ns:
+            self._behind_ns = None
+            return
+        self.tally.add("behind", 1, old_ns / 1e6)
+        if self._behind_ns is None:
+            self._behind_ns = now_ns
+        elif now_ns - self._behind_ns > limit_ns:
+            self.lost(
+                f"force sensor: the host is {old_ns / 1e6:.0f} ms behind its stream; end other "
+                "programs, look at the network, or set a lower rate on the box"
+            )
+
+    def _stop_for(self, samples: ForceSamples, sizes: Field, k: int) -> None:
+        """The byte first, then the words for it. sizes: (n, 7); k: of the first in excess."""
+        if samples.saturated.any() and self._easing:
+            return
+        self._write()
+        if self.trip is not None:
+            return
+        axis = int((sizes[k, :6] / self._most[:6]).argmax())
+        value, unit = (samples.counts[k] / samples.per_unit)[axis], "N" if axis < 3 else "N mm"
+        if samples.saturated[k]:
+            why = "the force sensor is saturated"
+        elif sizes[k, axis] > self._most[axis]:
+            limit = f"the guard's {self._most[axis]:g} {unit}"
+            why = f"{NAMES[axis]} = {value:.2f} {unit}, over {limit}"
+        else:
+            why = f"a force of {sizes[k, 6]:.2f} N, over the guard's {self._most[6]:g} N"
+        self.trip = Trip(why, int(samples.t_ns[k]), self._byte_ns)
+
+    def _write(self) -> None:
+        """The stop byte, at most every AGAIN_NS."""
+        now_ns = self.clock.now_ns()
+        if not self._byte_ns or now_ns - self._byte_ns >= AGAIN_NS:
+            self.stop()
+            self._byte_ns = now_ns

@@ -1,0 +1,272 @@
+"""The way to a Net F/T box on the network: RDT records over UDP, each stamped by the kernel as it
+comes, so that a computer that was late is not taken for a box that was."""
+
+from __future__ import annotations
+
+import http.client
+import math
+import socket
+import struct
+import time
+import urllib.error
+import urllib.request
+import xml.etree.ElementTree as ET
+from contextlib import suppress
+from select import select
+
+import numpy as np
+
+from deltact_fab.common import InputError, SensorError
+
+from ..tables import NetFTConfig
+from .netft import ARRIVAL, DatagramArrivals, NetFTSettings
+
+HEADER, START, STOP, BIAS = 0x1234, 2, 0, 0x42  # ATI 9610-05-1022, table 9.1
+RECORD = struct.Struct(">IIIiiiiii")  # number of the record, of the cycle, status word, counts
+FIRST_S = 1.0  # from the start of a stream to its first record
+BIAS_S = 0.02  # from the command to bias to the first record that is less by it
+AHEAD = 10  # records that are heard before a start is over
+BIAS_SHARE = 0.01  # of the range may be left after a bias
+BIASES = 3  # attempts
+DEFAULT_N, DEFAULT_NMM = 25.0, 250.0  # ranges of a transducer that does not tell
+BUFFER = 1 << 22  # bytes that the kernel keeps for a host that does not read, where it lets us
+MOST = 1000  # records that are taken at once: the guard looks in between
+# Of Linux; the same numbers on x86 and ARM, and in what comes with a record.
+STAMPED, DROPPED = 35, 40  # SO_TIMESTAMPNS, SO_RXQ_OVFL
+STAMP, COUNT = struct.Struct("@ll"), struct.Struct("@I")
+MAX_BYTES = 1 << 18
+ANSWER_S = 3.0
+# Newtons in a unit of force, newton millimetres in a unit of torque, as the box writes them.
+FORCE_N = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "klbf": 4448.2216152605}
+TORQUE_NMM = {"Nmm": 1.0, "Nm": 1e3, "kNm": 1e6, "kgcm": 98.0665, "kgfcm": 98.0665}
+
+
+class RdtLink:
+    """Implements rig.force.netft.BoxLink. Stamps are CLOCK_MONOTONIC, as of `WallClock`.
+
+    Where the kernel stamps nothing (not Linux) a record has the time at which it was read.
+    """
+
+    def __init__(self, config: NetFTConfig, settings: NetFTSettings) -> None:
+        self._settings = s = settings
+        self._to = config.host, config.rdt_port
+        self._where = f"{config.host}:{config.rdt_port}: force sensor"
+        ranges = [*(s.range_n or [DEFAULT_N] * 3), *(s.range_nmm or [DEFAULT_NMM] * 3)]
+        per_unit = np.repeat([s.counts_per_n, s.counts_per_nmm], 3)
+        self._bias_most = BIAS_SHARE * np.array(ranges) * per_unit
+        self._bias_due = False
+        self._socket: socket.socket | None = None
+        self._ahead = np.empty(0, ARRIVAL)  # heard at the start, not given yet
+        self._dropped = 0  # by the kernel, since the start
+        self._troubles: dict[str, int] = {}
+
+    def settings(self) -> NetFTSettings:
+        return self._settings
+
+    def bias(self) -> None:
+        """Bias on the box, which hears it while it streams only: with the next start."""
+        self._bias_due = True
+
+    def start(self) -> None:
+        """Start the stream, hear its first records, and bias where that is due."""
+        self._restart()
+        tries = BIASES
+        while self._bias_due:
+            self._say(BIAS)
+            time.sleep(BIAS_S)
+            self._restart()
+            left = self._left()
+            tries -= 1
+            self._bias_due = bool(left)
+            if self._bias_due and not tries:
+                raise SensorError(
+                    f"{self._where}: {left} are left after a bias; something pulls at it, or the "
+                    "box does not hear commands"
+                )
+
+    def stop(self) -> None:
+        """Stop the stream and close its socket: what is under way comes to nobody."""
+        if self._socket is not None:
+            with suppress(SensorError):
+                self._say(STOP)
+            self._socket.close()
+        self._socket = None
+
+    def receive(self, timeout_s: float) -> DatagramArrivals:
+        """All that came; of a stream that is faster than this host, MOST of it."""
+        if len(self._ahead):
+            came, self._ahead = self._ahead, self._ahead[:0]
+            return came
+        if self._socket is None:
+            raise SensorError(f"{self._where}: the stream has ended: it was not started")
+        select([self._socket], [], [], timeout_s)
+        since_ns = time.monotonic_ns() - time.time_ns()
+        rows: list[tuple[int, int, int, tuple[int, ...]]] = []
+        with suppress(BlockingIOError):
+            while len(rows) < MOST:
+                self._take(rows, since_ns)
+        return np.array(rows, ARRIVAL)
+
+    def troubles(self) -> dict[str, int]:
+        found, self._troubles = self._troubles, {}
+        return found
+
+    def close(self) -> None:
+        self.stop()
+
+    def _restart(self) -> None:
+        """The first record may be slow to come: the earliest of some tells when they were taken."""
+        self.stop()
+        self._ahead, self._dropped, self._troubles = np.empty(0, ARRIVAL), 0, {}
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
+        for option in (STAMPED, DROPPED):
+            with suppress(OSError):
+                self._socket.setsockopt(socket.SOL_SOCKET, option, 1)
+        try:
+            self._socket.connect(self._to)
+        except OSError as why:
+            raise SensorError(f"{self._where}: {why}") from why
+        self._socket.setblocking(False)
+        self._say(START)
+        end_s = time.monotonic() + FIRST_S
+        parts: list[DatagramArrivals] = []
+        while sum(len(part) for part in parts) < AHEAD:
+            if (left_s := end_s - time.monotonic()) < 0:
+                self.stop()
+                raise SensorError(
+                    f"{self._where}: no record within {FIRST_S:g} s of the start; check "
+                    "[force.netft] rdt_port, and that no fire wall holds UDP back"
+                )
+            parts.append(self.receive(left_s))
+        self._ahead = np.concatenate(parts)
+
+    def _left(self) -> str:
+        """What is still felt after a bias, "" within bounds: a command may be lost unanswered."""
+        left = np.abs(self._ahead["counts"].mean(axis=0))
+        if (left <= self._bias_most).all():
+            return ""
+        s = self._settings
+        return (
+            f"{max(left[:3]) / s.counts_per_n:.2f} N, {max(left[3:]) / s.counts_per_nmm:.1f} N mm"
+        )
+
+    def _take(self, rows: list[tuple[int, int, int, tuple[int, ...]]], since_ns: int) -> None:
+        """One datagram. since_ns: of the monotonic clock less the kernel's."""
+        assert self._socket is not None
+        try:
+            data, about, _, _ = self._socket.recvmsg(RECORD.size + 1, 128)
+        except BlockingIOError:
+            raise
+        except OSError as why:
+            raise SensorError(f"{self._where}: the stream ended: {why}") from why
+        at_ns = time.monotonic_ns()
+        for _, kind, words in about:
+            if kind == STAMPED:
+                seconds, ns = STAMP.unpack(words[: STAMP.size])
+                at_ns = min(seconds * 1_000_000_000 + ns + since_ns, at_ns)
+            elif kind == DROPPED:
+                dropped = COUNT.unpack(words[: COUNT.size])[0]
+                self._count("overrun", dropped - self._dropped)
+                self._dropped = dropped
+        if len(data) == RECORD.size:
+            number, _, status, *counts = RECORD.unpack(data)
+            rows.append((at_ns, number, status, tuple(counts)))
+        else:
+            self._count("garbage", 1)
+
+    def _count(self, name: str, n: int) -> None:
+        self._troubles[name] = self._troubles.get(name, 0) + n
+
+    def _say(self, command: int) -> None:
+        assert self._socket is not None
+        try:
+            self._socket.send(struct.pack(">HHI", HEADER, command, 0))
+        except OSError as why:
+            raise SensorError(f"{self._where}: {why}") from why
+
+
+FORCE_N |= {"kg": 9.80665, "kgf": 9.80665}
+TORQUE_NMM |= {"lbfin": 112.9848290276167, "lbfft": 1355.8179483314004}
+
+
+def fetch(config: NetFTConfig) -> NetFTSettings:
+    """Read the page of a box. Raises SensorError: out of reach, no such page, unknown units."""
+    where = f"http://{config.host}:{config.http_port}/netftapi2.xml"
+    # A box on the bench is never behind the institute's proxy.
+    opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+    try:
+        with opener.open(where, timeout=ANSWER_S) as answer:
+            text = answer.read(MAX_BYTES)
+    except (OSError, http.client.HTTPException, ValueError) as why:
+        if isinstance(why, urllib.error.HTTPError):
+            why.close()
+        raise SensorError(
+            f"{where}: cannot be read ({why}); check the box's power, cable and address, and "
+            "[force.netft] host of the rig file"
+        ) from why
+    page = parse(text, where)
+    if config.serial is not None and page.serial != config.serial:
+        raise InputError(
+            f"{where}: the transducer has serial number {page.serial!r}, and the rig file "
+            f"[force.netft] serial = {config.serial!r}: another sensor, or another calibration is "
+            "active in the box"
+        )
+    return page
+
+
+def parse(text: bytes, where: str) -> NetFTSettings:
+    """Read the page. Raises SensorError naming the element that cannot be used."""
+    try:
+        root = ET.fromstring(text)
+    except ET.ParseError as why:
+        raise SensorError(f"{where}: not the page of a Net F/T box: {why}") from why
+
+    def word(name: str) -> str:
+        return (root.findtext(f".//{name}") or "").strip()
+
+    def number(name: str) -> float:
+        try:
+            value = float(word(name))
+        except ValueError:
+            value = math.nan
+        if not (math.isfinite(value) and value > 0):
+            raise SensorError(f"{where}: {name}: {word(name)!r}, a positive number expected")
+        return value
+
+    def scale(name: str, known: dict[str, float]) -> float:
+        # Spelled N-mm or Nmm, kg-cm or kgf-cm by firmware.
+        unit = word(name).replace("-", "").replace("lbin", "lbfin").replace("lbft", "lbfft")
+        if unit not in known:
+            raise SensorError(
+                f"{where}: {name}: unit {word(name)!r} is not known, so the counts mean nothing; "
+                "set N and N-mm on the box's configurations page"
+            )
+        return known[unit]
+
+    if word("comrdte").lower() == "disabled":
+        raise SensorError(
+            f"{where}: comrdte: RDT is disabled; enable it on the box's communications page"
+        )
+    newtons, newton_mm = scale("scfgfu", FORCE_N), scale("scfgtu", TORQUE_NMM)
+    about = [("product", "prodname"), ("box_serial", "mfgdigsn"), ("firmware", "mfgdigver")]
+    ratings, range_n, range_nmm = _numbers(word("cfgmr")), None, None
+    if len(ratings) == 6:
+        range_n = (ratings[0] * newtons, ratings[1] * newtons, ratings[2] * newtons)
+        range_nmm = (ratings[3] * newton_mm, ratings[4] * newton_mm, ratings[5] * newton_mm)
+    return NetFTSettings(
+        number("cfgcpf") / newtons,
+        number("cfgcpt") / newton_mm,
+        number("comrdtrate"),
+        word("cfgcalsn") or word("setserial") or "unknown",
+        tuple((name, word(tag)) for name, tag in about if word(tag)),
+        range_n,
+        range_nmm,
+    )
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.replace(",", ";").split(";")]
+    except ValueError:
+        return []

@@ -1,0 +1,331 @@
+"""Runs the steps of a protocol on whatever rig it is given, and journals each of them.
+
+An operator's interrupt (Ctrl-C, SIGTERM, SIGHUP) or any failure but the stage's own stops the
+motion and lifts the tip; a second interrupt resets the controller and ends the process. An error
+of the stage lifts it only where the controller kept its count. Presses that the record holds
+complete are skipped. What was given to the record before a failure is kept.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+from deltact_fab.common import (
+    DeltactFabError,
+    Progress,
+    StageError,
+    Stopped,
+    format_duration,
+    to_ns,
+)
+
+from ...protocols.plan import Step
+from ...record.writer import RunWriter
+from ..interface import LIFT_FEED_MM_MIN, Devices, rise
+from .loop import interruptible
+from .schedule import DROPPED, LATE, MISSED, TAKEN, UNWRITTEN, Schedule
+from .streams import FrameRequest
+from .wallclock import ThreadedSchedule
+
+GO_ON = "complete presses are kept: go on with --resume"
+PRIOR_S = 10.0  # so much of the plan is believed before anything was measured
+START_MM = 0.5  # a simulated step in the gel takes as long as so much more way: measured
+
+
+class Runner:
+    """One run of one protocol: connect, home, then every step in order that is still to be done.
+
+    progress: told of frames done, of how many, and of the step. live: told the same and more.
+    """
+
+    def __init__(
+        self,
+        devices: Devices,
+        writer: RunWriter,
+        progress: Progress | None = None,
+        live: Callable[[RunProgress], None] | None = None,
+    ) -> None:
+        self._d = devices
+        self._writer = writer
+        self._progress = progress or (lambda done, total, what: None)
+        self._live = live
+        kind = ThreadedSchedule if devices.wall_clock else Schedule
+        self._streams: Schedule = kind(devices, writer, self._tell)
+        self._stage = devices.stage
+        self._mounted = ""
+        self._kept = self._total = 0  # frames
+        self._remaining: RemainingTime | None = None
+
+    def run(self, steps: Sequence[Step]) -> int:
+        """Carry out the steps of all presses that the writer has not kept.
+
+        Nothing moves when there are none. Returns the number of frames taken. Raises RunFailed
+        and its kin.
+        """
+        self._total = sum(s.frames for s in steps)
+        lift_to_mm = min(s.target_mm[2] for s in steps if s.kind == "travel")
+        todo = [i for i, s in enumerate(steps) if s.press not in self._writer.kept]
+        self._kept = self._total - sum(steps[i].frames for i in todo)
+        self._remaining = RemainingTime(steps, todo, self._d.wall_clock, self._d.change_s)
+        with interruptible(self._stage.abort):
+            try:
+                self._set_up(bool(todo))
+                before = -1
+                for i in todo:
+                    last = i + 1 == len(steps) or steps[i + 1].press != steps[i].press
+                    self._guarded(steps, i, i != before + 1, last, lift_to_mm)
+                    before = i
+                self._writer.flush()
+            finally:
+                for name in self._streams.close():
+                    with suppress(DeltactFabError):
+                        self._streams.event("fault", f"{name}: did not end; it is left behind")
+        return self._streams.counts[TAKEN]
+
+    def counts(self) -> dict[str, int]:
+        """Frames that were late, missed, unwritten, dropped or repeated; what is not there is 0."""
+        return {kind: n for kind, n in sorted(self._streams.counts.items()) if kind != TAKEN and n}
+
+    def _set_up(self, moves: bool) -> None:
+        """Connect, arm the guard, home. An error leaves the stage where it stopped."""
+        stage, streams = self._stage, self._streams
+        try:
+            stage.connect()
+            if moves:
+                if self._d.begin is not None:
+                    streams.event("begin", self._d.begin())
+                streams.open()
+                try:
+                    stage.home()
+                except StageError:
+                    streams.check()  # what stopped it, rather than what that came to
+                    raise
+                streams.check()
+                streams.event("homed", "positions are known")
+        except KeyboardInterrupt as why:
+            stage.stop()
+            raise Stopped("stopped by the operator before the first step") from why
+        assert self._remaining is not None
+        self._remaining.start()
+
+    def _guarded(
+        self, steps: Sequence[Step], i: int, take_up: bool, last: bool, lift_to_mm: float
+    ) -> None:
+        """One step, and what is to be done when it fails."""
+        step = steps[i]
+        try:
+            try:
+                if take_up:
+                    self._take_up(steps, i)
+                self._carry_out(step, last)
+            except StageError:
+                self._streams.check()  # a thread stopped it, and the stage says that it stopped
+                raise
+            assert self._remaining is not None
+            self._remaining.finished(i)
+        except StageError as why:
+            lifted = self._rescue(lift_to_mm)
+            self._cut_off(step, "fault", f"{why}; {lifted}")
+            raise type(why)(f"{why} ({lifted})") from why
+        except BaseException as why:
+            # The tip may be in the gel: whatever went wrong, it is not left there.
+            lifted = self._lift(lift_to_mm)
+            stopped = isinstance(why, KeyboardInterrupt)
+            text = "by the operator" if stopped else str(why)
+            self._cut_off(step, "stop" if stopped else "fault", f"{text}; {lifted}")
+            if isinstance(why, KeyboardInterrupt):
+                raise Stopped(f"stopped by the operator in {step.id}; {lifted}; {GO_ON}") from why
+            if isinstance(why, DeltactFabError):
+                raise type(why)(f"{why} ({lifted})") from why
+            raise
+
+    def _take_up(self, steps: Sequence[Step], i: int) -> None:
+        """Before the first step of a press: its indenter, and where the step before it ended.
+
+        So that it is reached by the same move as in an undisturbed run, and takes the same time.
+        What is driven again for that is not journalled again.
+        """
+        step, before = steps[i], steps[i - 1]
+        if step.kind != "change" and step.indenter != self._mounted:
+            change = next(s for s in steps if s.kind == "change" and s.indenter == step.indenter)
+            self._go(change)
+            self._change(change)
+            if change == before:
+                return
+        # Both ends of this move are at or above the clearance plane.
+        self._go(before)
+
+    def _carry_out(self, step: Step, last: bool) -> None:
+        """Carry out one step; last: of its press, which it completes."""
+        streams = self._streams
+        streams.enter(step)
+        start_ns = streams.now_ns()
+        planned_s = self._stage.start_move(step.target_mm, step.feed_mm_min)
+        streams.set_out(step)
+        filmed_s = planned_s + step.hold_s
+        filmed_ns = to_ns(filmed_s)
+        for k in range(1, step.frames):
+            # Whole nanoseconds from the start of the move, so that a frame is taken at the same
+            # pose at any time of day.
+            at_ns = start_ns + to_ns(filmed_s * k / step.frames)
+            streams.film(FrameRequest(step, k, at_ns, start_ns, filmed_ns // step.frames))
+        streams.arrive(step, start_ns + filmed_ns)
+        if step.kind == "change":
+            self._change(step)
+        if step.id.endswith("/rest"):
+            streams.begin(step)
+        if step.frames:
+            at_ns = streams.now_ns() + to_ns(step.settle_s)
+            streams.film(FrameRequest(step, step.frames, at_ns, start_ns))
+        streams.complete(step)
+        streams.finish(step, planned_s, start_ns, last)
+
+    def _lift(self, height_mm: float) -> str:
+        """Stop, then straight up to the clearance plane; says what came of it.
+
+        Nothing moves where the stage has lost its position, for it refuses to.
+        """
+        stage = self._stage
+        try:
+            stage.stop()
+            with self._streams.lifting():
+                rise(stage, height_mm, LIFT_FEED_MM_MIN)
+        except KeyboardInterrupt:
+            stage.stop()
+            return "the lift was stopped by the operator"
+        except DeltactFabError as why:
+            return f"the tip could NOT be lifted: {why}"
+        return "the tip was lifted"
+
+    def _rescue(self, height_mm: float) -> str:
+        """After a fault of the stage: up to the clearance plane, where its count is kept."""
+        try:
+            with self._streams.lifting():
+                if self._stage.rescue(height_mm, LIFT_FEED_MM_MIN):
+                    return "the controller kept its count: the tip was lifted"
+        except KeyboardInterrupt:
+            self._stage.abort()
+            return "the lift was stopped by the operator"
+        except DeltactFabError as why:
+            return f"the tip could NOT be lifted: {why}"
+        return (
+            "the tip was NOT lifted and may be in the gel: switch the motors off and turn z up by "
+            "hand"
+        )
+
+    def _go(self, step: Step) -> None:
+        self._streams.enter(step)
+        planned_s = self._stage.start_move(step.target_mm, step.feed_mm_min)
+        self._streams.reach(self._streams.now_ns() + to_ns(planned_s))
+
+    def _change(self, step: Step) -> None:
+        found = self._streams.change(step.indenter)
+        self._mounted = step.indenter
+        self._streams.event("indenter", found or f"{step.indenter} mounted")
+
+    def _tell(self, step: Step) -> None:
+        counts = self._streams.counts
+        done = self._kept + counts[TAKEN] + counts[MISSED] + counts[UNWRITTEN]
+        self._progress(done, self._total, step.id)
+        if self._live is not None and self._remaining is not None:
+            lost = counts[MISSED] + counts[UNWRITTEN] + counts[DROPPED]
+            force_n = self._streams.force.force_n if self._streams.force is not None else None
+            left_s = self._remaining.left_s()
+            self._live(RunProgress(step.id, done, self._total, force_n, counts[LATE], lost, left_s))
+
+    def _cut_off(self, step: Step, kind: str, text: str) -> None:
+        """Keep what the streams held when the run broke off; no error here hides the first one."""
+        for keep in (
+            lambda: self._streams.cut_off(step),
+            lambda: self._streams.event(kind, text, step),
+            self._writer.flush,
+        ):
+            with suppress(DeltactFabError):
+                keep()
+
+
+@dataclass(frozen=True)
+class RunProgress:
+    """One look: where the run is, what the sensor feels, what was lost, what is left."""
+
+    step: str
+    done: int  # frames, of total
+    total: int
+    force_n: tuple[float, float, float] | None
+    late: int
+    lost: int  # frames that will not come, and those that the camera dropped
+    left_s: float | None  # wall time; None before it can be told
+
+    def line(self) -> str:
+        """All of it in a line; force as z of the sensor has it, a press below zero."""
+        parts = [self.step]
+        if self.force_n is not None:
+            parts.append(f"Fz {self.force_n[2]:+.2f} N")
+        if self.late or self.lost:
+            parts.append(f"{self.late} late, {self.lost} lost")
+        if self.left_s is not None:
+            parts.append(f"{format_duration(self.left_s)} left")
+        return "  ".join(parts)
+
+
+class RemainingTime:
+    """Wall time that is left: the plan's, times how much longer than planned it took so far.
+
+    In lockstep the plan is the way through the gel, which is solved; one through the air is free.
+    """
+
+    def __init__(
+        self, steps: Sequence[Step], todo: Sequence[int], wall_clock: bool, change_s: float = 0.0
+    ) -> None:
+        """todo: places of the steps that are carried out. wall_clock: the plan's time is real.
+
+        change_s: what another indenter takes beside the way there.
+        """
+        self._planned_s = {
+            i: _planned_s(steps, i) + change_s * (steps[i].kind == "change")
+            if wall_clock else _in_gel_mm(steps, i)
+            for i in todo
+        }  # fmt: skip
+        self._left_s = sum(self._planned_s.values())
+        self._done_s = PRIOR_S if wall_clock else 0.0
+        self._took_s = self._done_s
+        self._since_s = time.monotonic()
+
+    def start(self) -> None:
+        """The first step starts now: what came before it says nothing of the steps."""
+        self._since_s = time.monotonic()
+
+    def finished(self, i: int) -> None:
+        """A step is over."""
+        planned_s, now_s = self._planned_s[i], time.monotonic()
+        if planned_s:
+            self._left_s -= planned_s
+            self._done_s += planned_s
+            self._took_s += now_s - self._since_s
+        self._since_s = now_s
+
+    def left_s(self) -> float | None:
+        """As it is now; what the step under way took is not yet of the measure."""
+        if not self._done_s:
+            return None
+        left_s = self._left_s * self._took_s / self._done_s
+        return max(left_s - (time.monotonic() - self._since_s), 0.0)
+
+
+def _planned_s(steps: Sequence[Step], i: int) -> float:
+    step, before = steps[i], steps[i - 1] if i else steps[i]
+    way_mm = math.dist(before.target_mm, step.target_mm)
+    return way_mm / step.feed_mm_min * 60 + step.hold_s + step.settle_s + 0.1
+
+
+def _in_gel_mm(steps: Sequence[Step], i: int) -> float:
+    """Of a step that ends in the gel, what of its way lies below the face, and START_MM."""
+    here, there = (steps[j].target_mm for j in (max(i - 1, 0), i))
+    if there[2] >= 0:
+        return 0.0
+    share = 1.0 if here[2] <= 0 else -there[2] / (here[2] - there[2])
+    return START_MM + share * math.dist(here, there)

@@ -1,0 +1,195 @@
+"""Pose, force and frames: what each device says while a press goes on, one step at a time.
+
+A step asks its device once and keeps what it says. In lockstep one scheduler steps all three; on
+the wall clock force and frames are stepped by threads of their own. What is kept is taken, step by
+step of the protocol, by the thread that moves the stage.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from deltact_fab.common import SensorError, Vector, to_ns
+
+from ...protocols.plan import Step
+from ...record.streams import FORCE_COLUMNS, Chunk
+from ..interface import Camera, CameraFrame, Clock, ForceSamples, ForceSensor, Guard, Stage
+
+
+class PoseStream:
+    """Where the stage says it is, each time it is asked, with the time at which that was true.
+
+    looked_ns: when it was last asked.
+    """
+
+    def __init__(self, stage: Stage, clock: Clock) -> None:
+        self._stage = stage
+        self._clock = clock
+        self._kept: list[tuple[int, float, float, float]] = []
+        self.looked_ns = 0
+
+    def step(self) -> None:
+        """Ask the stage. Raises StageError."""
+        self.looked_ns = self._clock.now_ns()
+        t_ns, position_mm = self._stage.located()
+        self._kept.append((t_ns, *position_mm))
+
+    def take(self, origin_ns: int) -> list[Chunk]:
+        """All that came since the last call, times from origin_ns on."""
+        poses, self._kept = self._kept, []
+        if not poses:
+            return []
+        t_ns = np.array([pose[0] for pose in poses], np.int64) - origin_ns
+        x, y, z = np.array([pose[1:] for pose in poses], float).T
+        columns = {"t_ns": t_ns, "x_mm": x, "y_mm": y, "z_mm": z}
+        return [Chunk("pose", origin_ns / 1e9, columns)]
+
+
+@dataclass
+class ForceStream:
+    """What the force sensor sends; the guard sees it first.
+
+    note: told what goes wrong with the stream, id and words, as the sensor says it. keeping: what
+    comes is kept. lifting: the tip is on its way out of the gel, and only the guard stops that.
+    """
+
+    force: ForceSensor
+    guard: Guard | None
+    note: Callable[[str, str], None]
+    keeping: bool = True
+    lifting: bool = False
+    last_ns: int = 0  # of the last sample
+    force_n: Vector | None = None  # of the last sample
+    _kept: list[ForceSamples] = field(default_factory=list)
+
+    def step(self) -> None:
+        """Read once. Raises SensorError: the sensor's own, and beyond the guard's limit."""
+        try:
+            samples = self.force.read()
+        except SensorError as why:
+            if self.guard is not None:
+                self.guard.lost(str(why))
+            raise
+        notes = samples.notes
+        if self.guard is not None:
+            self.guard.watch(samples)
+            notes += self.guard.tell()
+        if self.keeping:
+            self._kept.append(samples)
+        force_n = samples.force_n
+        if len(force_n):
+            self.last_ns = int(samples.t_ns[-1])
+            x, y, z = force_n[-1].tolist()
+            self.force_n = (x, y, z)
+        for note in notes:
+            self.note(note.id, note.text)
+        if self.lifting:
+            return
+        if self.guard is not None and self.guard.tripped:
+            raise SensorError(self.guard.tripped)
+        if samples.saturated.any():
+            found = tuple(force_n[samples.saturated.argmax()].tolist())
+            raise SensorError(f"the force sensor is saturated at {found} N")
+
+    def take(self, origin_ns: int) -> list[Chunk]:
+        """All that came since the last call, times from origin_ns on."""
+        # One assignment, so that a reading that comes just now is kept in the one or in the other.
+        forces, self._kept = self._kept, []
+        if not forces:
+            return []
+        t_ns = np.concatenate([part.t_ns for part in forces]) - origin_ns
+        counts = np.concatenate([part.counts for part in forces])
+        per_unit = dict(zip(FORCE_COLUMNS, forces[0].per_unit.tolist(), strict=True))
+        columns = {"t_ns": t_ns, **dict(zip(FORCE_COLUMNS, counts.T, strict=True))}
+        columns["saturated"] = np.concatenate([part.saturated for part in forces])
+        return [Chunk("force", origin_ns / 1e9, columns, per_unit)]
+
+
+@dataclass(frozen=True)
+class FrameRequest:
+    """The k-th frame of a step, to be exposed at t_ns or as soon as it can be after that.
+
+    start_ns: of the step. period_ns: to the next frame of a sweep; 0 for a frame at a stop.
+    """
+
+    step: Step
+    k: int
+    t_ns: int
+    start_ns: int
+    period_ns: int = 0
+
+    @property
+    def at_stop(self) -> bool:
+        """The last one of its step: it is waited for, and never given up."""
+        return self.k == self.step.frames
+
+    def late(self, t_ns: int) -> bool:
+        """A frame of a sweep that was exposed half a period after it was wanted, or later."""
+        return self.period_ns > 0 and t_ns - self.t_ns > self.period_ns / 2
+
+
+Keep = Callable[[FrameRequest, "CameraFrame | None", int, int, int], None]
+
+
+class FrameStream:
+    """The first frame exposed at or after each wanted moment; all others are let go.
+
+    keep: called with the moment, the frame and its time (ns), and how many frames were dropped and
+    repeated since the one kept before. missed: moments so far for which none came before the next.
+    """
+
+    def __init__(self, camera: Camera | None, clock: Clock, keep: Keep) -> None:
+        """camera: None where the protocol takes no images: a frame is a moment, then."""
+        self._camera = camera
+        self._clock = clock
+        self._keep = keep
+        self._lock = threading.Lock()
+        self._wanted: deque[FrameRequest] = deque()
+        self._busy = False
+        self._dropped = self._repeated = 0
+        self.missed = 0
+
+    def forget(self) -> None:
+        """A new press: what was wanted or counted before is no concern of it."""
+        with self._lock:
+            self._wanted.clear()
+            self.missed = 0
+            self._dropped = self._repeated = 0
+
+    def want(self, wanted: FrameRequest) -> None:
+        with self._lock:
+            self._wanted.append(wanted)
+
+    @property
+    def pending(self) -> bool:
+        """Frames are still wanted, or on their way to the record."""
+        with self._lock:
+            return bool(self._wanted) or self._busy
+
+    def step(self) -> None:
+        """Take one frame, and keep it if it is wanted. Raises SensorError, RunFailed."""
+        t_ns = self._clock.now_ns()
+        frame = self._camera.capture() if self._camera is not None else None
+        if frame is not None:
+            t_ns = to_ns(frame.t_s)
+            self._dropped += frame.dropped
+            self._repeated += frame.repeated
+        due = []
+        with self._lock:
+            while self._wanted and self._wanted[0].t_ns <= t_ns:
+                due.append(self._wanted.popleft())
+            self._busy = bool(due)
+        if not due:
+            return
+        try:
+            self.missed += len(due) - 1
+            dropped, self._dropped = self._dropped, 0
+            repeated, self._repeated = self._repeated, 0
+            self._keep(due[-1], frame, t_ns, dropped, repeated)
+        finally:
+            self._busy = False

@@ -1,0 +1,191 @@
+"""Time passes by itself: camera and force sensor have a thread of their own each.
+
+The camera's takes every frame that the device gives, and keeps those that are wanted. The force
+sensor's reads from the connection to the end, so that the guard is armed in every motion; it rests
+only while an indenter is changed, when whoever mounts it feels for the face. The thread that moves
+the stage asks it where it is, ten times a second at most: the pose of a frame lies between two
+answers. Whichever thread fails writes the byte that stops the stage, and this one raises the
+reason.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+
+from deltact_fab.common import DeltactFabError, RunFailed, SensorError, to_ns
+
+from ...protocols.plan import Step
+from ...record.writer import RunWriter
+from ..interface import Devices
+from .loop import Loop
+from .schedule import LOOK_NS, Schedule
+from .streams import FrameRequest
+
+ANSWER_S = 10.0  # a camera that is opened anew, a tare
+FRAME_S = 10.0  # from the moment that a frame is wanted; a stalled camera says so before
+PAUSE_S = 0.005  # between two looks at what other threads have done
+END_S = 5.0
+HEAR_S = 0.02  # the stage is heard meanwhile; another thread that fails has stopped it itself
+
+
+class ThreadedSchedule(Schedule):
+    """Every device in a thread of its own. `check` raises the first failure of one of them."""
+
+    def __init__(self, devices: Devices, writer: RunWriter, tell: Callable[[Step], None]) -> None:
+        super().__init__(devices, writer, tell)
+        self._lock = threading.Lock()
+        self._trouble: BaseException | None = None
+        self._up = False
+        self._last_frame_ns = 0
+        self._loops: list[Loop] = []
+        self._seeing: Loop | None = None
+        self._feeling: Loop | None = None
+
+    def open(self) -> None:
+        """Start the threads; the guard is armed on return. Raises SensorError."""
+        self._writer.failed = self._fail
+        if self._d.camera is not None:
+            self._writer.ready()
+            self._seeing = Loop("camera", self.frames.step, self._fail)
+            self._loops.append(self._seeing)
+        if self.force is not None:
+            self.force.keeping = False
+            self._feeling = Loop("force sensor", self.force.step, self._fail)
+            self._loops.append(self._feeling)
+            self._feeling.ask(self.force.force.start, ANSWER_S, going=True)
+
+    def enter(self, step: Step) -> None:
+        """Nothing moves while another thread has a reason against it."""
+        self._step = step
+        self.check()
+
+    def set_out(self, step: Step) -> None:
+        if self.in_press:
+            self.pose.step()
+
+    def film(self, wanted: FrameRequest) -> None:
+        """Leave it to the camera's thread; without a camera a frame is a moment to wait for."""
+        self._last_frame_ns = wanted.t_ns
+        self.frames.want(wanted)
+        if self._seeing is None:
+            self._until(wanted.t_ns)
+            self.frames.step()
+
+    def reach(self, end_ns: int) -> None:
+        """Wait for the planned end, then for the stage to say so; the guard is armed."""
+        self._until(end_ns)
+        self._d.stage.wait()
+        self.check()
+
+    def arrive(self, step: Step, end_ns: int) -> None:
+        self.reach(end_ns)
+
+    def complete(self, step: Step) -> None:
+        """Wait for the frames, for the force at the last of them, and ask for the pose at its end.
+
+        Raises SensorError when they do not come.
+        """
+        if not self.in_press:
+            return
+        limit_ns = max(self._last_frame_ns, self.now_ns()) + to_ns(FRAME_S)
+        while self.frames.pending:
+            if self.now_ns() > limit_ns:
+                raise SensorError(f"camera: no frame within {FRAME_S:g} s of when it was wanted")
+            self._until(min(self.now_ns() + to_ns(PAUSE_S), limit_ns))
+        if self.force is not None and step.frames:
+            seen_ns = self.now_ns()
+            # Its own thread says so, and ends this, when it is silent or lags behind.
+            while self.force.last_ns < seen_ns:
+                self._until(self.now_ns() + to_ns(PAUSE_S))
+        self.pose.step()
+        self.check()
+        self._tell(step)
+
+    def change(self, name: str) -> str | None:
+        """The force sensor is left alone, stopped, and streams again after that."""
+        if self._feeling is None or self.force is None:
+            return self._d.change_indenter(name)
+        self._feeling.ask(self.force.force.stop, ANSWER_S, going=False)
+        found = self._d.change_indenter(name)
+        self._feeling.ask(self.force.force.start, ANSWER_S, going=True)
+        return found
+
+    @contextmanager
+    def lifting(self) -> Iterator[None]:
+        """The force that stopped the run may stay, and even grow a little; no more than that."""
+        self._up = True
+        guard = self._d.guard
+        if self._feeling is None or self.force is None or guard is None:
+            yield
+            return
+        self.force.lifting, self.force.keeping = True, False
+        with guard.easing():
+            with suppress(SensorError):  # a dead sensor does not leave the tip in the gel
+                self._feeling.ask(lambda: None, ANSWER_S, going=True)
+            yield
+
+    def close(self) -> list[str]:
+        """End the threads, each after what it is about."""
+        self._up = True
+        return [loop.name for loop in self._loops if not loop.end(END_S)]
+
+    def _begin_devices(self, step: Step) -> None:
+        camera, stream = self._d.camera, self.force
+        if self._feeling is not None and stream is not None:
+            self._feeling.ask(lambda: stream.force.begin(step.press), ANSWER_S)
+            stream.keeping = True
+        if self._seeing is not None and camera is not None:
+            self._seeing.ask(lambda: camera.begin(step.press), ANSWER_S, going=True)
+        self._origin_ns = self.now_ns()
+        self.pose.step()
+
+    def _end_camera(self, frames: Mapping[str, float]) -> None:
+        camera = self._d.camera
+        assert self._seeing is not None
+        assert camera is not None
+        self._seeing.ask(lambda: camera.end(frames), ANSWER_S, going=False)
+
+    def _end_devices(self) -> None:
+        if self.force is not None:
+            self.force.keeping = False
+
+    def _waits(self, wanted: FrameRequest) -> bool:
+        return wanted.at_stop
+
+    def _until(self, t_ns: int) -> None:
+        """Let time pass; in a press ask the stage where it is every LOOK_NS. Raises the trouble."""
+        while True:
+            self.check()
+            now_ns = self.now_ns()
+            if now_ns >= t_ns:
+                return
+            due_ns = max(self.pose.looked_ns + LOOK_NS, now_ns)
+            if due_ns == now_ns:
+                self.pose.looked_ns = now_ns
+                if self.in_press:
+                    self.pose.step()
+                if self._step is not None:
+                    self._tell(self._step)
+                continue
+            self._d.stage.listen(min((min(t_ns, due_ns) - now_ns) / 1e9, HEAR_S))
+
+    def check(self) -> None:
+        """Raise the first failure of another thread, in words of the step under way."""
+        why = self._trouble
+        if why is None:
+            return
+        where = f"{self._step.id}: " if self._step is not None else ""
+        if isinstance(why, DeltactFabError):
+            raise type(why)(f"{where}{why}") from why
+        raise RunFailed(f"{where}{type(why).__name__}: {why}") from why
+
+    def _fail(self, why: BaseException) -> None:
+        """From the thread that failed: stop the stage at once; who moves it finds the reason."""
+        with self._lock:
+            if self._trouble is None:
+                # Before anyone knows of it, or the byte would end the way up.
+                if not self._up:
+                    self._d.stage.cancel()
+                self._trouble = why

@@ -1,0 +1,1 @@
+"""The motion stage: hosts of controllers behind `bench.rig.interface.Stage`."""

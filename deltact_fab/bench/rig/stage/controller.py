@@ -1,0 +1,332 @@
+"""One GRBL controller as its host knows it: what went wrong, whether its position is known, and how
+it is brought to rest.
+
+A fault stops the motion before it is told, see `Controller.exchange`. A move under way knows how
+much of it the controller has been told yet: a dead man, for whatever stops the host, the controller
+goes on for that and no further.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from operator import mul
+from typing import NoReturn
+
+from deltact_fab.common import StageError, Vector
+
+from ...protocols.motion import subtract_vectors
+from ..interface import Clock, StageState
+from .exchange import ALARMS, BANNER_S, RESET, Talk, TalkFault, explain, state_text
+from .port import Cable, LinkLost, Port
+from .settings import Limits
+
+JOG_CANCEL, HOLD = b"\x85", b"!"
+POLL_END_S = 0.02
+MARGIN_S = 2.0
+HELD = ("Hold", "Hold:0", "Door:0", "Check")  # at rest, and a reset ends it without any motion
+PLANNED_AHEAD_S = 0.17  # in the gel; with a piece on its way, whose answer is lost, .22
+AHEAD_CLEAR_S = 0.5  # where nothing is touched
+PIECE_S = 0.05  # of motion in a line, at the feed
+EXCUSED_S = 0.3  # after a host was late
+SHORTEST_MM = 2e-4  # of a line: places have four decimals
+FOLLOWED = 0.2  # of what it is behind, at each look
+
+
+@dataclass(frozen=True)
+class Move:
+    """Machine places (mm), start (ns of the clock), planned time (s).
+
+    ahead_s: no more motion than that is sent before it is due; infinite: all of it at once.
+    sent_mm: of the way. late_ns: when a line was last sent so late that it braked.
+    """
+
+    start_mm: Vector
+    target_mm: Vector
+    feed_mm_min: float
+    accel_mm_s2: float
+    start_ns: int
+    planned_s: float
+    ahead_s: float
+    sent_mm: float = 0.0
+    late_ns: int = 0
+
+    def since_s(self, now_ns: int) -> float:
+        return (now_ns - self.start_ns) / 1e9
+
+    @property
+    def whole(self) -> bool:
+        """Whether the controller knows all of it."""
+        return self.sent_mm >= self._length_mm
+
+    def due_mm(self, now_ns: int) -> float | None:
+        """How far along its way the next line leads, None while none is due."""
+        since_s = self.since_s(now_ns)
+        due_mm = self._way_mm(since_s + self.ahead_s)
+        if due_mm < self._length_mm:
+            early_mm = self._way_mm(since_s + self.ahead_s - PIECE_S)
+            if early_mm < self.sent_mm or due_mm < self.sent_mm + SHORTEST_MM:
+                return None
+        return None if self.whole else due_mm
+
+    def first_mm(self) -> float:
+        return max(self._way_mm(self.ahead_s), SHORTEST_MM)
+
+    def place_mm(self, way_mm: float) -> Vector:
+        """So far along it, as a line has it."""
+        if way_mm >= self._length_mm:
+            return self.target_mm
+        share = way_mm / self._length_mm
+        x, y, z = (
+            round(a + share * (b - a), 4) + 0.0
+            for a, b in zip(self.start_mm, self.target_mm, strict=True)
+        )
+        return (x, y, z)
+
+    def runs_dry(self, now_ns: int, braking: bool = False) -> bool:
+        """Whether the controller is at the end of what it was told; or brakes before it."""
+        since_s, ahead_mm = self.since_s(now_ns), 0.0
+        if braking:
+            speed = min(self.feed_mm_min / 60, self.accel_mm_s2 * max(since_s, 0.0))
+            ahead_mm = speed**2 / (2 * self.accel_mm_s2)
+        return not self.whole and self._way_mm(since_s) + ahead_mm > self.sent_mm
+
+    def seen(self, state: StageState) -> Move:
+        """It, its plan moved towards where its controller was seen: their clocks may differ."""
+        if self.whole:
+            return self
+        share = 1.0 if self._excused(state) else FOLLOWED
+        return replace(self, start_ns=self.start_ns + round(share * 1e9 * self._behind_s(state)))
+
+    def was_held(self, state: StageState, more_than_s: float) -> bool:
+        """Whether somebody else ended a jog of it, and it goes on from rest with the next one."""
+        if self.whole:
+            return False
+        dry = self.runs_dry(round(state.t_s * 1e9), braking=True)
+        behind_s = self._behind_s(state) - state.within_s
+        return behind_s > more_than_s and not dry and not self._excused(state)
+
+    def again(self, from_mm: Vector, now_ns: int, planned_s: float) -> Move:
+        """What is left of it, begun anew from rest."""
+        return replace(
+            self,
+            start_mm=from_mm,
+            start_ns=now_ns,
+            planned_s=planned_s,
+            sent_mm=0.0,
+            late_ns=now_ns,
+        )
+
+    def _excused(self, state: StageState) -> bool:
+        """Whether it is behind because the host was late."""
+        return state.t_s - self.late_ns / 1e9 < EXCUSED_S + self.feed_mm_min / 60 / self.accel_mm_s2
+
+    def _behind_s(self, state: StageState) -> float:
+        gone = subtract_vectors(state.machine_mm, self.start_mm)
+        ahead = subtract_vectors(self.target_mm, self.start_mm)
+        gone_mm = sum(map(mul, gone, ahead)) / self._length_mm
+        planned_mm = self._way_mm(state.t_s - self.start_ns / 1e9)
+        return (planned_mm - gone_mm) / (self.feed_mm_min / 60)
+
+    @property
+    def _length_mm(self) -> float:
+        return math.dist(self.start_mm, self.target_mm)
+
+    def _way_mm(self, t_s: float) -> float:
+        """Of its planned way after so long, braking left out."""
+        if t_s <= 0:
+            return 0.0
+        if math.isinf(t_s):
+            return self._length_mm
+        speed = self.feed_mm_min / 60
+        ramp_s = speed / self.accel_mm_s2
+        way_mm = self.accel_mm_s2 * t_s**2 / 2 if t_s < ramp_s else speed * (t_s - ramp_s / 2)
+        return min(way_mm, self._length_mm)
+
+
+class Controller:
+    """url: a serial device or a pyserial URL."""
+
+    def __init__(self, url: str | Cable, clock: Clock, baud: int) -> None:
+        self.url = url
+        self.port = Port(url, clock, baud)
+        self.talk = Talk(self.port)
+        self.limits = Limits({})
+        self.banner = ""
+        self.at_mm: Vector = (0.0, 0.0, 0.0)
+        """Machine coordinates, as last reported or reached."""
+        self.move: Move | None = None
+        """Under way, as far as is known."""
+        self.clear = False
+        """Nothing is touched on its way."""
+        self.waits = 0
+        """How often a move waited for the host, or an answer was lost where nothing is touched."""
+        self.homed = False
+        self.homing = False
+        self.cancelled = False
+        """Told to stop by whoever: the byte is written again where it came too early."""
+        self.stopping = False
+        """Told to stop by a fault, not seen at rest yet."""
+        self.trouble = ""
+        """Why its position is in doubt."""
+        self.reset_due = False
+        """Before the next homing."""
+        self.clock = clock
+        self._lock = threading.RLock()  # of one exchange
+
+    def forget(self) -> None:
+        """What was known of position and faults: before connecting and homing."""
+        self.homed = self.homing = self.stopping = self.reset_due = False
+        self.trouble, self.move = "", None
+
+    # ---- faults -------------------------------------------------------------------------------
+
+    @contextmanager
+    def exchange(self) -> Iterator[None]:
+        """Of one thread at a time; what goes wrong in it stops the motion, then is a StageError.
+
+        Every talk with the controller goes on within one.
+        """
+        with self._lock:
+            try:
+                yield
+            except TalkFault as fault:
+                if fault.lost:
+                    self.lose(fault.why)
+                self._raise(fault.why, fault)
+            except LinkLost as lost:
+                if not self.port.is_open:
+                    self._raise(self.trouble or str(lost), lost)
+                halted = self.halt()
+                self.port.close()
+                self.lose(f"{lost}{halted}")
+                self._raise(f"{lost}{halted}", lost)
+
+    def _raise(self, why: str, cause: Exception) -> NoReturn:
+        raise StageError(f"{self.url}: {why}{self.halt()}") from cause
+
+    def lose(self, why: str) -> None:
+        """The position is in doubt. The first reason is kept: silence after an alarm is no news."""
+        self.trouble = self.trouble or why
+        self.homed, self.reset_due = False, True
+
+    def status(self) -> StageState:
+        """Where it is and what it does. Raises TalkFault; what moves is stopped in a silence."""
+        return self.talk.status(self.halt)
+
+    def require_position(self, state: StageState) -> None:
+        """Raise Fault for a state in which there is none."""
+        if state.state.partition(":")[0] in ("Alarm", "Sleep"):
+            raise TalkFault(
+                f"the controller is in {state_text(state.state)}: its position is lost, home again",
+                lost=True,
+            )
+
+    def require_ready(self) -> None:
+        """Raise Fault unless it is homed and nothing has gone wrong since."""
+        if self.trouble:
+            raise TalkFault(f"no motion after a fault ({self.trouble})")
+        if not self.port.is_open:
+            raise TalkFault("not connected")
+        if not self.homed:
+            raise TalkFault("its position is not known: home first")
+
+    # ---- bringing it to rest ------------------------------------------------------------------
+
+    def meet(self) -> None:
+        """Hear the banner of a controller that restarts on opening, or rouse one that does not."""
+        heard = self.talk.banner()
+        self.banner = heard[0] if heard else ""
+        seen = None if heard else self.talk.look()
+        state = "" if seen is None else seen.state
+        if not heard and state.partition(":")[0] in ("", "Sleep"):
+            if not (heard := self.talk.greet()):
+                raise TalkFault(
+                    f"no banner within {BANNER_S:g} s and no answer to '?' at {self.port.baud} "
+                    "baud, nor to a reset (0x18); expected a GRBL 1.1 controller"
+                )
+            self.banner = heard[0]
+        if state.partition(":")[0] not in ("", "Sleep", "Idle", "Alarm"):
+            self.rest(alarmed=True)
+
+    def rest(self, *, alarmed: bool = False) -> StageState:
+        """Bring it to Idle by braking only; what waits in Hold or behind a door is forgotten.
+
+        alarmed: an Alarm will do.
+        """
+        deadline = self.port.deadline_ns(self.limits.braking_s() + MARGIN_S)
+        while True:
+            state = self.status()
+            name = state.state.partition(":")[0]
+            if name == "Idle" or (alarmed and name == "Alarm"):
+                self.at_mm = state.machine_mm
+                return state
+            self.require_position(state)
+            if self.port.now_ns() > deadline:
+                raise TalkFault(f"still {state.state} at {in_mm(state.machine_mm)} after a stop")
+            if state.state in HELD:
+                self._release(state)
+                continue
+            if state.state == "Door:1":
+                raise TalkFault("the safety door is open: close it, then try again")
+            if name not in ("Jog", "Run", "Hold", "Door"):
+                raise TalkFault(f"the controller is in {state_text(state.state)}; reset it first")
+            self.clock.sleep_s(POLL_END_S)
+            if name in ("Jog", "Run"):  # the first byte came to nothing if the jog had not begun
+                self.port.write(JOG_CANCEL if name == "Jog" else HOLD)
+
+    def idle_again(self, limit_s: float) -> StageState | None:
+        """After a fault: at rest, told to brake where it is not; None where it does not come to."""
+        deadline = self.port.deadline_ns(limit_s)
+        while self.port.is_open and self.port.now_ns() < deadline:
+            state = self.talk.look()
+            name = "" if state is None else state.state.partition(":")[0]
+            if state is not None and name == "Idle":
+                self.move, self.stopping = None, False
+                return state
+            if name not in ("", "Jog", "Run"):
+                return None
+            if name:
+                self.port.write(JOG_CANCEL if name == "Jog" else HOLD)
+                self.clock.sleep_s(POLL_END_S)
+        return None
+
+    def _release(self, before: StageState) -> None:
+        """End Hold, or Door with the door closed, by a reset: at rest that keeps the position."""
+        reset_due = self.reset_due
+        for text in self.greet():
+            if text.startswith("ALARM:"):
+                raise TalkFault(f"{explain(text, ALARMS)}; home again", lost=True)
+        self.reset_due = reset_due
+        if self.homed:
+            after = self.status()
+            kept = self.limits.same_place(before.machine_mm, after.machine_mm)
+            if not kept or after.state.startswith("Alarm"):
+                raise TalkFault(f"its position was lost as {before.state} was ended", lost=True)
+
+    def greet(self) -> list[str]:
+        """Reset it and hear what it says, the banner first. Raises TalkFault when none comes."""
+        heard = self.talk.greet()
+        if not heard:
+            raise TalkFault("no banner after a reset (0x18)", lost=True)
+        self.banner, self.reset_due = heard[0], False
+        return heard
+
+    def halt(self) -> str:
+        """Write the byte that ends what may be moving; say what came of it, "" if nothing was."""
+        move, homing = self.move, self.homing
+        if move is None and not homing:
+            return ""
+        self.stopping, self.reset_due = True, self.reset_due or homing
+        what = "homing" if move is None else f"the move to {in_mm(move.target_mm)}"
+        reached = self.port.reach(RESET if homing else JOG_CANCEL)
+        self.move, self.homing = None, False
+        return f"; {what} {'was told to stop' if reached else 'goes on'}"
+
+
+def in_mm(p: Vector) -> str:
+    """A place in a message."""
+    return f"({p[0]:.3f}, {p[1]:.3f}, {p[2]:.3f}) mm"

@@ -1,0 +1,270 @@
+"""What is said to a GRBL controller and heard from it: one line outstanding, every line answered;
+errors, alarms and states in plain words.
+
+Nothing here knows of moves. What a host must react to is a `TalkFault`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+from ..interface import StageState
+from .port import SLICE_S, Port
+
+RESET = b"\x18"
+RESET_S = 1.0  # to the banner after a reset; half a second of that is for the message of an alarm
+QUIET_S = 0.2  # nothing said for so long: nothing more is to come
+BANNER_S = 2.5  # an Arduino's boot loader takes up to 2 s
+ANSWER_S = 1.0
+STATUS_S = 0.5  # a `?` is answered within milliseconds
+LISTEN_S = 2.0  # after silence: time for a restarting controller to say so
+ERRORS = {
+    1: "a letter is missing",
+    2: "bad number",
+    3: "unknown $ command",
+    4: "negative value",
+    5: "homing is off ($22=0)",
+    6: "step pulse too short",
+    7: "settings memory was unreadable and was reset",
+    8: "only allowed when idle",
+    9: "locked in an alarm or a jog",
+    10: "soft limits need homing ($22=1)",
+    11: "line too long",
+    12: "step rate too high",
+    13: "the safety door is open",
+    15: "target outside of the travel",
+    16: "not a jog command",
+    17: "laser mode needs a PWM output",
+    18: "a switch is still pressed, or an emergency stop",
+    20: "unsupported command",
+    22: "no feed rate",
+}
+# 1 to 9 of GRBL 1.1, the rest of grblHAL.
+ALARMS = {
+    1: "hard limit: a switch was hit",
+    2: "soft limit: a move would leave the travel",
+    3: "reset while moving: steps may be lost",
+    4: "probe: not in its first state",
+    5: "probe: no contact",
+    6: "reset while homing",
+    7: "door opened while homing",
+    8: "homing: pull-off did not clear the switch",
+    9: "homing: no switch found",
+    10: "emergency stop is pressed",
+    11: "homing is required",
+    12: "a limit switch is pressed: release it",
+    13: "probe protection was triggered",
+    14: "spindle: not at speed",
+    15: "homing: the second motor of an axis found no switch",
+    16: "self test failed",
+    17: "a motor driver reports a fault",
+    18: "homing failed: axis position unknown",
+}
+STATES = {
+    "Hold": "feed hold",
+    "Door": "safety door",
+    "Door:0": "safety door, closed again",
+    "Door:1": "the safety door is open",
+    "Door:2": "safety door, coming to rest",
+    "Door:3": "safety door, going back from its parking place",
+    "Check": "check mode: lines are read, nothing moves",
+    "Tool": "waiting for a tool change",
+    "Sleep": "asleep: only a reset wakes it",
+}
+_NUMBER = r"(-?\d+(?:\.\d*)?)"
+BANNER = re.compile(r"Grbl(?:HAL)? (\d+)\.(\d+)\S*", re.IGNORECASE)
+SETTING = re.compile(rf"\$(\d+)={_NUMBER}")
+STATUS = re.compile(rf"<([A-Za-z]+(?::\d+)?)\|(M|W)Pos:{_NUMBER},{_NUMBER},{_NUMBER}(?:\|[^<>]*)?>")
+OPTIONS = re.compile(r"\[OPT:([^,\]]*)")
+
+
+class TalkFault(Exception):
+    """What goes wrong in a talk. lost: it leaves the position in doubt."""
+
+    def __init__(self, why: str, *, lost: bool = False) -> None:
+        super().__init__(why)
+        self.why = why
+        self.lost = lost
+
+
+class NoAnswer(TalkFault):
+    """A line was sent and neither its ok nor an error came back in time."""
+
+
+class Talk:
+    """Commands, questions and greetings over one port. Raises TalkFault, and LinkLost of the port.
+
+    posted: the line whose answer is heard whenever it comes, and when it was sent (ns).
+    """
+
+    def __init__(self, port: Port) -> None:
+        self._port = port
+        self.posted: tuple[str, int] | None = None
+        self._swift = False  # answers were faster than the baud rate: USB all the way
+
+    def banner(self, limit_s: float = BANNER_S) -> list[str]:
+        """Wait for a banner: it and what was said with it, the banner first; [] if none comes.
+
+        Whatever a first boot prints before it follows it here.
+        """
+        deadline = self._port.deadline_ns(limit_s)
+        before: list[str] = []
+        while (text := self._port.line(deadline)) is not None:
+            if found := BANNER.search(text):
+                return [text[found.start() :], *before, *self._rest()]
+            before.append(text)
+        return []
+
+    def greet(self) -> list[str]:
+        """Reset (0x18), and hear the banner and all that comes with it; [] if none comes."""
+        self.posted = None
+        # Within half a second of an alarm a reset is not heard; the banner of one that came before
+        # may still be under way. Neither is worth a word.
+        for limit_s in (RESET_S, LISTEN_S):
+            self._port.write(RESET)
+            if heard := self.banner(limit_s):
+                return heard
+        return []
+
+    def look(self) -> StageState | None:
+        """What it is doing, None when it does not answer. Nothing else that it says is heeded."""
+        self._port.write(b"?")
+        deadline = self._port.deadline_ns(ANSWER_S)
+        while (text := self._port.line(deadline)) is not None:
+            if found := STATUS.search(text):
+                at_mm = float(found[3]), float(found[4]), float(found[5])
+                return StageState(at_mm, found[1], self._port.now_ns() / 1e9)
+        return None
+
+    def post(self, line: str) -> None:
+        """Send a line without waiting; none is posted yet. What listens hears its answer."""
+        self.posted = line, self._port.now_ns()
+        self._port.write(line.encode("ascii") + b"\n")
+
+    def settle(self, limit_s: float) -> bool:
+        """Hear the answer to what was posted; False where none comes within limit_s."""
+        deadline = self._port.deadline_ns(limit_s)
+        while self.posted is not None and (text := self._port.line(deadline)) is not None:
+            self._heed(text)
+        return self.posted is None
+
+    def forget_posted(self) -> None:
+        """Whatever is still under way of it is no answer to anything."""
+        self.posted = None
+        for text in self._rest():
+            _watch(text)
+
+    def command(self, line: str, limit_s: float = ANSWER_S) -> list[str]:
+        """Send a line, wait for its ok, return what came before it.
+
+        Raises NoAnswer, and the line stays posted: its answer may come later.
+        """
+        self.drain()
+        if not self.settle(limit_s):
+            self.forget_posted()
+        sent_ns = self._port.now_ns()
+        self.post(line)
+        deadline = self._port.deadline_ns(limit_s)
+        data: list[str] = []
+        while (text := self._port.line(deadline)) is not None:
+            self._heed(text)
+            if self.posted is None:
+                length = sum(len(said) + len("\r\n") for said in data)
+                self._swift |= self._port.now_ns() - sent_ns < self._port.on_wire_ns(length)
+                return data
+            data.append(text)
+        raise NoAnswer(f"no answer to {line} within {limit_s:.1f} s", lost=True)
+
+    def status(self, on_silence: Callable[[], str]) -> StageState:
+        """One status report.
+
+        Silence is borne once. After the second time on_silence is called, to stop what moves; it
+        says what came of it. Then a restarting controller gets its say.
+        """
+        port = self._port
+        self.drain()
+        stopped = ""
+        # Of the first question: what comes after a second one may still answer that.
+        asked_ns = port.now_ns() + port.on_wire_ns(1)
+        for limit_s in (STATUS_S, STATUS_S, LISTEN_S):
+            if limit_s == LISTEN_S:
+                stopped = on_silence()
+            port.write(b"?")
+            deadline = port.deadline_ns(limit_s)
+            while (text := port.line(deadline)) is not None:
+                found = STATUS.search(text)
+                if found is None:
+                    self._heed(text)
+                elif found[2] == "W":
+                    raise TalkFault("status reports give the work position; set $10=1 or $10=3")
+                elif not stopped:
+                    t_s, within_s = self._true_at(asked_ns, len(text) + len("\r\n"))
+                    at_mm = float(found[3]), float(found[4]), float(found[5])
+                    return StageState(at_mm, found[1], t_s, within_s)
+        raise TalkFault(f"no answer to '?' within {2 * STATUS_S:g} s{stopped}", lost=True)
+
+    def overhear(self) -> None:
+        """What has come in whole lines, without any wait."""
+        for text in self._port.heard():
+            self._heed(text)
+
+    def drain(self) -> None:
+        """Hear what has come since the last exchange, so that it is not taken for an answer."""
+        while self._port.waiting:
+            text = self._port.line(self._port.deadline_ns(SLICE_S))
+            if text is not None:
+                self._heed(text)
+
+    def _heed(self, text: str) -> None:
+        """The answer to what was posted; all else is watched."""
+        if self.posted is not None and (text == "ok" or text.startswith("error:")):
+            (line, _), self.posted = self.posted, None
+            if text != "ok":
+                raise TalkFault(f"{line} was refused: {explain(text, ERRORS)}")
+        _watch(text)
+
+    def _rest(self) -> list[str]:
+        heard = []
+        while (text := self._port.line(self._port.deadline_ns(QUIET_S))) is not None:
+            heard.append(text)
+        return heard
+
+    def _true_at(self, asked_ns: int, n: int) -> tuple[float, float]:
+        """When the position in an answer of n bytes that is complete now was true; give or take.
+
+        It was read between the question and the answer's first byte. That one is as old as the
+        answer is long, unless the link was ever seen to be faster than its baud rate.
+        """
+        answered_ns = self._port.now_ns()
+        begun_ns = answered_ns - self._port.on_wire_ns(n)
+        self._swift |= begun_ns < asked_ns
+        if self._swift:
+            begun_ns = max(answered_ns, asked_ns)
+        return (asked_ns + begun_ns) / 2e9, (begun_ns - asked_ns) / 2e9
+
+
+def _watch(text: str) -> None:
+    """Raise for what nobody asked to hear: an alarm, or the banner of a restart."""
+    if text.startswith("ALARM:"):
+        raise TalkFault(f"{explain(text, ALARMS)}; home again", lost=True)
+    if found := BANNER.search(text):
+        raise TalkFault(
+            f"the controller restarted ({found[0]}): its position is lost, home again", lost=True
+        )
+
+
+def explain(text: str, meanings: dict[int, str]) -> str:
+    """`error:9` or `ALARM:2`, with its meaning where it is known."""
+    number = text.partition(":")[2]
+    known = meanings.get(int(number)) if number.isdigit() else None
+    return f"{text} ({known})" if known else text
+
+
+def state_text(state: str) -> str:
+    """`Door:1 (the safety door is open)`; an alarm's number in its words."""
+    name, _, number = state.partition(":")
+    if name == "Alarm" and number.isdigit() and int(number) in ALARMS:
+        return f"{state} ({ALARMS[int(number)]})"
+    known = STATES.get(state) or STATES.get(name)
+    return f"{state} ({known})" if known else state

@@ -1,0 +1,305 @@
+"""A GRBL 1.1 motion stage over a serial port.
+
+One line is outstanding at a time and every line is answered before the next. Moves are jogs in
+machine coordinates: a jog outside of the travel is refused without an alarm, and one byte (0x85)
+stops it cleanly. The end of a move is read from the controller (`?` until Idle at the target), for
+an `ok` only says that a line was understood.
+
+A StageError leaves nothing moving, as far as a byte can still reach the controller: before it is
+raised the stop byte goes out, 0x85 in a move and 0x18 while homing. After an alarm, a restart of
+the controller or silence motion commands are refused until `home` succeeds, which begins with a
+reset (0x18) then; `$X` is never sent. Hold and the safety door keep the position: a reset at rest
+ends them, never `~`, which would go on with what nobody asks for any more. A cable that is out
+carries no byte: the tip goes on for what the controller was told (`jogs`).
+
+This is no emergency stop.
+
+One thread drives the stage; another may ask where it is; `stop`, `cancel` and `abort` may come from
+any, and only write then.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from deltact_fab.common import Check, Vector, to_ns
+from deltact_fab.sensor import StageFrame
+
+from ...protocols.motion import StageConfig
+from ..interface import Clock, StageState
+from . import jogs
+from .controller import JOG_CANCEL, Controller
+from .exchange import BANNER, RESET, SETTING, TalkFault, state_text
+from .port import Cable
+from .settings import Limits, judge, refusal
+
+RESCUE_S = 10.0  # so long after a fault a controller may answer again
+CLEAR_MM = 1.0  # over the face, where the gel is expected: nothing is touched
+
+
+class GrblStage:
+    """A `Stage` on a GRBL 1.1 or grblHAL controller.
+
+    url: a serial device, a pyserial URL or a cable. frame: sensor to machine frame. config: what
+    `connect` judges the controller's settings by. Machine coordinates are 0 at the positive end of
+    each axis and negative below.
+    """
+
+    def __init__(
+        self,
+        url: str | Cable,
+        clock: Clock,
+        frame: StageFrame,
+        *,
+        baud: int = 115200,
+        config: StageConfig | None = None,
+    ) -> None:
+        self._url = url
+        self.clock = clock
+        self.frame = frame
+        self._config = config
+        self._c = Controller(url, clock, baud)
+        self._driver = threading.current_thread()  # who moves it
+        self._unfit = "not connected: connect before homing"
+        self._info: list[str] = []
+        self._within_s = 0.0  # a position's time was off by at most so much
+        self.whole_moves = False
+        """The controller is told all of a move at once: where no host can die or be late."""
+        self.judged: list[Check] = []
+        """What `connect` found wrong with the controller's settings."""
+
+    @classmethod
+    def of(cls, config: StageConfig, clock: Clock, url: str | Cable | None = None) -> GrblStage:
+        """The stage of a rig file, its port not yet open; url: in place of the file's port."""
+        where = url if url is not None else config.port
+        assert where is not None, "the configuration has a port"
+        return cls(where, clock, config.frame, baud=config.baud, config=config)
+
+    # ---- the Stage interface ------------------------------------------------------------------
+
+    def connect(self) -> None:
+        """Open the port, wait for the controller, read and judge its settings.
+
+        Nothing moves; what somebody else began is brought to rest. A controller that does not
+        restart on opening is asked for its status instead. It is reset only where it hears nothing
+        else (asleep, locked by ALARM:1 or 2) or waits in Hold or behind a door that was closed.
+        Raises InputError for an unknown kind of URL, StageError for all else.
+        """
+        self.close()
+        self._driver = threading.current_thread()
+        with self._c.exchange():
+            self._c.port.open()
+            self._c.forget()
+            self._unfit = "not connected: connect before homing"
+            self._c.meet()
+            version = BANNER.search(self._c.banner)
+            if version is not None and (int(version[1]), int(version[2])) < (1, 1):
+                raise TalkFault(f"found {version[0]!r}; jogging needs GRBL 1.1 or later")
+            self._info = [d for d in self._c.talk.command("$I") if d.startswith("[")]
+            found = (SETTING.match(d) for d in self._c.talk.command("$$"))
+            settings = {int(m[1]): float(m[2]) for m in found if m}
+            self._c.limits = Limits(
+                settings, None if self._config is None else self._config.travel_mm
+            )
+            self.judged = judge(settings, self._info, self._config)
+            self._unfit = "its settings were refused: set them right and connect again"
+            if why := refusal(self.judged):
+                raise TalkFault(why)
+            self._unfit = ""
+
+    def home(self) -> None:
+        """Run the homing cycle, after a fault behind a reset; positions are known afterwards.
+
+        Raises StageError; with nothing sent when `connect` refused the controller.
+        """
+        self._driver = threading.current_thread()
+        self._c.cancelled = False
+        with self._c.exchange():
+            if not self._c.port.is_open or self._unfit:
+                raise TalkFault(self._c.trouble or self._unfit)
+            if self._c.reset_due:
+                self.reset()
+            self._c.forget()
+            self._c.rest(alarmed=True)
+            self._c.homing = True
+            if self._c.cancelled:
+                raise TalkFault("stopped before homing")
+            self._c.talk.command("$H", self._c.limits.homing_s())
+            self._c.homing = False
+            state = self._c.status()
+            if state.state != "Idle":
+                raise TalkFault(f"{state_text(state.state)} after homing, expected Idle")
+            self._c.at_mm = state.machine_mm
+            self._c.homed = True
+
+    def start_move(self, target_mm: Vector, feed_mm_min: float) -> float:
+        """As Stage. Raises InputError, with nothing sent, for a target outside of the travel or a
+        feed above one of its axes' limits; StageError when the stage is not fit to move.
+        """
+        self._driver = threading.current_thread()
+        self._c.cancelled = False
+        with self._c.exchange():
+            self._c.require_ready()
+            if self._c.move is not None:
+                raise TalkFault("a move is under way: wait for it or stop it first")
+            if self._c.stopping:
+                self.stop()
+            machine_mm = self.frame.to_machine_mm(target_mm)
+            low_mm = min(self.frame.to_sensor_mm(self._c.at_mm)[2], target_mm[2])
+            clear = low_mm > CLEAR_MM
+            return jogs.begin(self._c, machine_mm, feed_mm_min, clear, self.whole_moves)
+
+    def wait(self) -> StageState:
+        """As Stage. A move that stops short or takes much longer than planned has failed."""
+        self._driver = threading.current_thread()
+        with self._c.exchange():
+            self._c.require_ready()
+            if self._c.move is None and self._c.stopping:
+                raise TalkFault("the last move was told to stop")
+        return jogs.follow(self._c)
+
+    def listen(self, seconds: float) -> None:
+        jogs.listen(self._c, seconds)
+
+    def position_mm(self) -> Vector:
+        return self.located()[1]
+
+    def located(self) -> tuple[int, Vector]:
+        """As Stage; `identity` has how far off the time was at worst."""
+        with self._c.exchange():
+            self._c.require_ready()
+            state = jogs.poll(self._c)
+            self._within_s = max(self._within_s, state.within_s)
+        return to_ns(state.t_s), self.frame.to_sensor_mm(state.machine_mm)
+
+    def stop(self) -> None:
+        """Halt motion with the controller's own deceleration and wait for Idle.
+
+        The position is kept and the next move may start, unless it was homing, which only a reset
+        ends. Hold and a door that was closed again are left behind. From another thread than the
+        one that drives the stage the byte is written and no more: that one hears what comes of it.
+        Raises StageError when it does not come to rest, or the door is open.
+        """
+        if threading.current_thread() is not self._driver and self._driver.is_alive():
+            self.cancel()
+            return
+        if self._c.homing:
+            self.reset()
+            return
+        self._c.port.blurt(JOG_CANCEL)
+        with self._c.exchange():
+            if self._c.trouble:
+                raise TalkFault(self._c.trouble)
+            if not self._c.homed:
+                return  # no move was begun
+            self._c.move = None
+            if self._c.talk.posted is not None:  # what is read after the byte begins anew
+                self._c.talk.settle(jogs.ANSWER_S)
+                self._c.port.write(JOG_CANCEL)
+            self._c.rest()
+            self._c.stopping = False
+
+    def cancel(self) -> None:
+        self._c.cancelled = True
+        self._c.port.blurt(RESET if self._c.homing else JOG_CANCEL)
+
+    def share(self, hold: Callable[[int | None, bytes], None]) -> None:
+        """As Stage. While homing that byte does nothing; whoever asks for samples stops that."""
+        self._c.port.share(lambda port: hold(port, JOG_CANCEL))
+
+    def abort(self) -> None:
+        """Write the reset byte and nothing else: for a signal handler.
+
+        The position is lost; `home` comes next.
+        """
+        self._c.port.blurt(RESET)
+        self._c.cancelled = True
+        self._c.lose("the controller was reset: home again")
+
+    def identity(self) -> dict[str, Any]:
+        return {
+            "kind": "grbl",
+            "port": str(self._url),
+            "banner": self._c.banner,
+            "info": list(self._info),
+            "settings": {f"${n}": v for n, v in sorted(self._c.limits.settings.items())},
+            "origin_machine_mm": list(self.frame.origin_machine_mm),
+            "angle_deg": self.frame.angle_deg,
+            "tilt_deg": list(self.frame.tilt_deg),
+            "pose_within_s": self._within_s,
+            "waits": self._c.waits,
+        }
+
+    def close(self) -> None:
+        """Close the port; a move under way is told to stop, for nobody will watch it."""
+        self._c.halt()
+        self._c.port.close()
+
+    @property
+    def homed(self) -> bool:
+        return self._c.homed and not self._c.trouble
+
+    def lift(self, height_mm: float, feed_mm_min: float) -> bool:
+        was = self._c.homed
+        if not self.trust_count():
+            return False
+        x, y, z = self._c.at_mm
+        try:
+            top_mm = min(z + height_mm, self._c.limits.ends_mm(2)[1])
+            if top_mm > z:
+                self.start_move(self.frame.to_sensor_mm((x, y, top_mm)), feed_mm_min)
+                self.wait()
+        finally:
+            self._c.homed = self._c.homed and was
+        return True
+
+    def rescue(self, height_mm: float, feed_mm_min: float) -> bool:
+        """As Stage. A controller that restarted, or had an alarm, is locked, and so is not Idle."""
+        c = self._c
+        with c.exchange():
+            state = c.idle_again(RESCUE_S)
+        if state is None:
+            return False
+        why, c.trouble = c.trouble, ""
+        try:
+            above_mm = height_mm - self.frame.to_sensor_mm(state.machine_mm)[2]
+            return self.lift(max(above_mm, 0.0), feed_mm_min)
+        finally:
+            c.lose(why)
+
+    # ---- beyond the interface -----------------------------------------------------------------
+
+    def trust_count(self) -> bool:
+        """Go by the steps that the controller has counted since it was homed, by whomever.
+
+        Nothing moves. False where it is locked: it restarted, or had an alarm. Who unlocked it
+        with `$X` made that count worthless, which nothing tells. Raises StageError.
+        """
+        with self._c.exchange():
+            if not self._c.port.is_open or self._unfit or self._c.trouble:
+                return False
+            state = self._c.status()
+            if state.state != "Idle":
+                return False
+            self._c.at_mm, self._c.homed = state.machine_mm, True
+        return True
+
+    def look(self) -> StageState:
+        """What the controller says, locked or not. Raises StageError when it says nothing."""
+        with self._c.exchange():
+            return self._c.status()
+
+    def reset(self) -> None:
+        """Reset the controller (0x18) and wait for its banner. The position is lost; `home` next.
+
+        Opens the port if need be. Raises StageError when no banner comes.
+        """
+        self._driver = threading.current_thread()
+        with self._c.exchange():
+            if not self._c.port.is_open:
+                self._c.port.open()
+            self._c.lose("the controller was reset: home again")
+            self._c.homing, self._c.move = False, None
+            self._c.greet()

@@ -1,0 +1,176 @@
+"""A serial port as a host of a controller uses it: lines in, bytes out, and a cable that may go.
+
+One thread at a time reads; any may write.
+"""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, Protocol, TypeVar
+
+import serial
+
+from deltact_fab.common import InputError, StageError, to_ns
+
+from ..interface import Clock
+
+T = TypeVar("T")
+
+SLICE_S = 0.05  # one read; a longer wait is several
+WRITE_S = 1.0
+REOPEN_S = 1.0  # a cable that was only loose is back by then
+AGAIN_S = 0.1  # between two attempts to open
+TWICE_S = 0.02  # between a stop byte and its repetition
+
+
+class LinkLost(Exception):
+    """The port is gone or was never open."""
+
+
+class Cable(Protocol):
+    """Leads to a simulated controller."""
+
+    def opened(self, timeout: float) -> Any:
+        """As a pyserial port."""
+
+
+class Port:
+    """url: a serial device, a pyserial URL or a cable. Times are ns of the clock."""
+
+    def __init__(self, url: str | Cable, clock: Clock, baud: int) -> None:
+        self.url = url
+        self.baud = baud
+        self._clock = clock
+        self._port: Any = None
+        self._partial = b""
+        self._tell: Callable[[int | None], None] | None = None
+
+    @property
+    def is_open(self) -> bool:
+        return self._port is not None
+
+    def open(self) -> None:
+        """Open the port for this process alone.
+
+        Raises InputError for an unknown kind of URL, StageError for all else.
+        """
+        self._partial = b""
+        try:
+            if isinstance(self.url, str):
+                own = {} if "://" in self.url else {"exclusive": True}
+                self._port = serial.serial_for_url(
+                    self.url, baudrate=self.baud, timeout=SLICE_S, write_timeout=WRITE_S, **own
+                )
+            else:
+                self._port = self.url.opened(SLICE_S)
+        except ValueError as why:
+            raise InputError(f"{self.url}: not a serial port: {why}") from why
+        except OSError as why:
+            if why.errno in (errno.EAGAIN, errno.EBUSY) or "exclusively lock" in str(why):
+                raise StageError(
+                    f"{self.url}: cannot be opened: another program drives this stage; end it first"
+                ) from why
+            raise StageError(f"{self.url}: cannot be opened: {why}") from why
+        self._stay_up()
+        self.share(self._tell)
+
+    def share(self, tell: Callable[[int | None], None] | None) -> None:
+        """Have somebody told its file descriptor, None before it is closed."""
+        self._tell = tell
+        if tell is not None and self.is_open:
+            tell(self._port.fileno())
+
+    def _stay_up(self) -> None:
+        """Leave DTR up when the port is closed: its fall and rise is what restarts an Arduino.
+
+        Else every command would lose the count that the one before homed. The first opening after
+        plugging in restarts it all the same.
+        """
+        with suppress(Exception):  # not a terminal
+            import termios
+
+            flags = termios.tcgetattr(self._port.fileno())
+            flags[2] &= ~termios.HUPCL
+            termios.tcsetattr(self._port.fileno(), termios.TCSANOW, flags)
+
+    def close(self) -> None:
+        port, self._port = self._port, None
+        if port is not None:
+            if self._tell is not None:
+                self._tell(None)
+            with suppress(OSError):
+                port.close()
+
+    def write(self, data: bytes) -> None:
+        self._io(lambda: self._port.write(data))
+
+    def blurt(self, data: bytes) -> None:
+        """Write from any thread or signal handler; whoever talks to the port hears its faults."""
+        with suppress(Exception):
+            self._port.write(data)
+
+    def line(self, deadline_ns: int) -> str | None:
+        """The next line that is not empty, None at the deadline (what came of it is kept).
+
+        Raises LinkLost.
+        """
+        while True:
+            self._partial += self._io(lambda: self._port.read_until(b"\n"))
+            if self._partial.endswith(b"\n"):
+                raw, self._partial = self._partial, b""
+                text = raw.decode("ascii", "replace").strip()
+                if text:
+                    return text
+            elif self.now_ns() >= deadline_ns:
+                return None
+
+    def heard(self) -> list[str]:
+        """The lines that have come and were not read, without any wait. Raises LinkLost."""
+        if not self.waiting:
+            return []
+        came = self._io(lambda: self._port.read(self._port.in_waiting))
+        *whole, self._partial = (self._partial + came).split(b"\n")
+        return [text for raw in whole if (text := raw.decode("ascii", "replace").strip())]
+
+    @property
+    def waiting(self) -> bool:
+        """Whether something came that was not read. Raises LinkLost."""
+        return bool(self._io(lambda: self._port.in_waiting))
+
+    def reach(self, stop: bytes) -> bool:
+        """Write a stop byte twice, through a port opened anew if this one is gone.
+
+        True if it went out. Opening may restart an Arduino: that stops a move as well.
+        """
+        deadline = self.deadline_ns(REOPEN_S)
+        while True:
+            with suppress(Exception):  # a terminal that is gone has errors of its own
+                if self._port is None:
+                    self.open()
+                self._port.write(stop)
+                self._clock.sleep_s(TWICE_S)
+                self._port.write(stop)
+                return True
+            self.close()
+            if self.now_ns() >= deadline:
+                return False
+            self._clock.sleep_s(AGAIN_S)
+
+    def now_ns(self) -> int:
+        return self._clock.now_ns()
+
+    def deadline_ns(self, seconds: float) -> int:
+        return self.now_ns() + to_ns(seconds)
+
+    def on_wire_ns(self, n: int) -> int:
+        return n * 10 * 1_000_000_000 // self.baud
+
+    def _io(self, what: Callable[[], T]) -> T:
+        if self._port is None:
+            raise LinkLost("not connected")
+        try:
+            return what()
+        except (OSError, TypeError, AttributeError) as why:  # the latter two: closed meanwhile
+            raise LinkLost(f"the link is lost ({why})") from why

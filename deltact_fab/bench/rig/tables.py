@@ -1,0 +1,318 @@
+"""The tables of a rig file that both kinds have: camera, force sensor, guard, touch-off, tools."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, Field, model_validator
+
+from deltact_fab.common import InputError, Place, Table
+from deltact_fab.sensor import parse_indenter
+
+from ..protocols.motion import Force, Tilt
+
+Pixels = Annotated[int, Field(ge=8, le=20_000)]
+Control = Annotated[int, Field(ge=-1_000_000, le=1_000_000)]
+Word = Annotated[str, Field(min_length=1, max_length=4096)]
+DEVICE_FOLDER = "/dev/"
+COMMAND = ["gst-launch-1.0", "-q", "nvarguscamerasrc", "!", "...", "!", "fdsink"]
+LOCKS = ("exposure", "gain", "white_balance_k", "autofocus")
+Torque = Annotated[float, Field(gt=0, le=10_000_000)]  # N mm
+Millimetres = Annotated[float, Field(ge=-100, le=100)]
+
+
+class CameraFile(Table):
+    """What is known of a camera, as it was calibrated."""
+
+    model: Word
+    """A camera file, of `deltact-fab calibrate lens`; its path counts from the rig file."""
+
+
+class CameraConfig(Table):
+    """The camera that looks at the gel: how its images come, and how it was calibrated.
+
+    Paths count from the folder of the rig file. Only a V4L2 device's settings can be locked here;
+    any other source is told its own where it is started.
+    """
+
+    source: Annotated[int, Field(ge=0, le=255)] | Word | None = Field(default=None, examples=[0])
+    """N of /dev/videoN or a device file; an rtsp or http address."""
+    command: tuple[Word, ...] | None = Field(
+        default=None, min_length=1, max_length=256, examples=[COMMAND],
+        json_schema_extra={"instead_of": "source"},
+    )  # fmt: skip
+    """In place of a source: a program and its arguments, as for the camera port of a Jetson. It
+    writes images of width_px x height_px to its standard output, BGR of 8 bits, row by row, nothing
+    between."""
+    stamped: bool = False
+    """The command writes 16 bytes before each image, little-endian: int64 nanoseconds of this
+    computer's monotonic clock, uint32 number of the image, uint32 that means nothing."""
+    width_px: Pixels | None = Field(default=None, examples=[1280])
+    """Width of an image, which a device is asked for and a command must say; with height_px."""
+    height_px: Pixels | None = Field(default=None, examples=[720])
+    """Height of an image; with width_px."""
+    rate_hz: float | None = Field(default=None, ge=0.01, le=10_000, examples=[30.0])
+    """What a device is asked for, and what missing images are told by."""
+    fourcc: str | None = Field(default=None, min_length=4, max_length=4, examples=["MJPG"])
+    """Of a V4L2 device: as MJPG or YUYV."""
+    exposure: Control | None = Field(default=None, examples=[100])
+    """Of a V4L2 device, in units of the driver, 0.1 ms with UVC. The automatic one is off then.
+    MEASURE: choose it with the light on and the gel in place; `rig check` says what the device has
+    now."""
+    gain: Control | None = Field(default=None, examples=[0])
+    """Of a V4L2 device, in units of the driver."""
+    white_balance_k: Annotated[int, Field(ge=1000, le=20_000)] | None = Field(
+        default=None, examples=[4600]
+    )
+    """Of a V4L2 device: colour temperature; the automatic one is off then."""
+    autofocus: bool | None = Field(default=None, examples=[False])
+    """Of a V4L2 device: false holds the lens where it is."""
+    latency_ms: float = Field(default=0.0, ge=0, le=10_000)
+    """From the middle of the exposure to the moment that the image is stamped with."""
+    format: Literal["png", "jxl"] = "png"
+    """Of the images in the record, both lossless: "png" holds 30 images of 1280 x 720 a second on
+    two cores, "jxl" (extra `images`) 80."""
+    model: Word | None = Field(default=None, examples=["camera.toml"])
+    """A camera file, of `deltact-fab calibrate lens`; without one nothing can be tracked."""
+
+    @property
+    def is_device(self) -> bool:
+        """Whether the source is a V4L2 device."""
+        source = self.source
+        return isinstance(source, int) or (source is not None and source.startswith(DEVICE_FOLDER))
+
+    @property
+    def name(self) -> str:
+        if self.command is not None:
+            return self.command[0]
+        return f"/dev/video{self.source}" if isinstance(self.source, int) else str(self.source)
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if (self.source is None) == (self.command is None):
+            raise ValueError(
+                "source: exactly one of source and command is needed, as source = 0 for "
+                '/dev/video0, or command = ["gst-launch-1.0", ...]'
+            )
+        if (self.width_px is None) != (self.height_px is None):
+            raise ValueError("width_px, height_px: both or none")
+        if self.command is not None and self.width_px is None:
+            raise ValueError("width_px, height_px: missing; a command does not tell its size")
+        if self.stamped and self.command is None:
+            raise ValueError("stamped: only a command can stamp its images")
+        if self.command is None and not self.is_device and "://" not in self.name:
+            raise ValueError(
+                f"source: {self.name!r} is no camera; valid: N of /dev/videoN, a device file, an "
+                "address; images from files are for `measure` and `record import`"
+            )
+        if not self.is_device:
+            only = [key for key in ("fourcc", *LOCKS) if getattr(self, key) is not None]
+            if only:
+                raise ValueError(
+                    f"{', '.join(only)}: only of a V4L2 device, and the source is {self.name}; "
+                    "set it where the images come from"
+                )
+        return self
+
+
+class NetFTConfig(Table):
+    """An ATI Net F/T box on the network."""
+
+    host: str = Field(min_length=1, max_length=253, examples=["192.168.1.1"])
+    """Name or address of the box."""
+    rdt_port: int = Field(default=49152, ge=1, le=65535)
+    """UDP port of its stream of readings."""
+    http_port: int = Field(default=80, ge=1, le=65535)
+    """TCP port of its settings."""
+    serial: str | None = Field(default=None, min_length=1, max_length=64, examples=["FT11564"])
+    """Of the transducer, as FT11564; with it, any other one is refused."""
+    silent_s: float = Field(default=0.05, ge=0.02, le=10)
+    """A box that says nothing for so long has failed, and readings twice as old leave the guard
+    blind. What simulates a box on a busy computer needs more."""
+
+
+class SerialScaleConfig(Table):
+    """A scale or load cell that writes lines of numbers to a serial port."""
+
+    port: str = Field(min_length=1, max_length=4096, examples=["/dev/ttyUSB0"])
+    """Serial device, as /dev/ttyUSB0."""
+    baud: int = Field(default=115200, ge=1200, le=10_000_000)
+    """Of the serial port."""
+    columns: tuple[Literal["fx", "fy", "fz", "tx", "ty", "tz", "-"], ...] = Field(
+        default=("fz",), min_length=1, max_length=32
+    )
+    """What each number of a line is; "-" is left out, as a time. Words between do not count."""
+    unit: Literal["N", "mN", "g", "kg"] = "N"
+    """Of the forces that it writes."""
+    torque_unit: Literal["Nmm", "Nm"] = "Nmm"
+    """Of the torques that it writes."""
+    scale: float = Field(default=1.0, ge=-1e6, le=1e6)
+    """Times each number. A press has Fz < 0, so a scale that shows it as positive needs -1."""
+    silent_s: float = Field(default=0.5, ge=0.02, le=10)
+    """A scale that says nothing for so long has failed."""
+    ask: str | None = Field(
+        default=None, max_length=80, pattern=r"^[\x00-\x7f]*$", examples=["SIR\r\n"]
+    )
+    """What makes it write, for a scale that has to be asked, as "SIR\\r\\n"."""
+
+    @model_validator(mode="after")
+    def _axes(self) -> Self:
+        axes = [name for name in self.columns if name != "-"]
+        if not axes or len(set(axes)) < len(axes):
+            raise ValueError("columns: each axis once, at least one, and '-' for what is left out")
+        if self.scale == 0:
+            raise ValueError("scale: 0 leaves nothing of a force; -1 turns its sign")
+        return self
+
+
+class ForceConfig(Table):
+    """A six-axis force sensor.
+
+    The defaults serve the simulated box; `preflight` takes what a rig file does not write down for
+    undeclared.
+    """
+
+    range_n: tuple[Force, Force, Force] = (25.0, 25.0, 35.0)
+    """Most force that it measures along x, y, z, as on its calibration sheet; a press is refused
+    without it. ATI Nano17 SI-25-0.25 (FT8577): 25, 25, 35; SI-50-0.5 (FT11564): 50, 50, 70."""
+    range_nmm: tuple[Torque, Torque, Torque] = (250.0, 250.0, 250.0)
+    """Most torque that it measures about x, y, z. SI-25-0.25: 250; SI-50-0.5: 500."""
+    origin_mm: tuple[Place, Place, Place] | None = Field(default=None, examples=[[0.0, 0.0, -30.0]])
+    """Where its moments count from, in the sensor frame of the gel (below the gel z < 0). MEASURE
+    with a rule; without it no moment of a press is predicted."""
+    rate_hz: float = Field(default=1000.0, ge=1, le=10_000)
+    """Readings per second."""
+    netft: NetFTConfig | None = None
+    """How a real rig reaches it: an ATI Net F/T box on the network."""
+    serial: SerialScaleConfig | None = Field(
+        default=None, json_schema_extra={"instead_of": "netft"}
+    )
+
+    @property
+    def reachable(self) -> bool:
+        """Whether it is said how the sensor is read."""
+        return self.netft is not None or self.serial is not None
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        if self.netft is not None and self.serial is not None:
+            raise ValueError("one sensor has one way to it: give [force.netft] or [force.serial]")
+        return self
+
+
+class GuardConfig(Table):
+    """Beyond any of these the guard stops the stage, whatever it is doing. What is not set is 80 %
+    of the force sensor's range.
+
+    See `guard.GuardLimits`.
+    """
+
+    force_n: Force | None = Field(default=None, examples=[15.0])
+    """On any axis, of either sign."""
+    axes_n: tuple[Force, Force, Force] | None = Field(
+        default=None, examples=[[15.0, 15.0, 25.0]], json_schema_extra={"instead_of": "force_n"}
+    )
+    """On each axis, instead of force_n."""
+    resultant_n: Force | None = Field(default=None, examples=[25.0])
+    """Of the whole force."""
+    torque_nmm: Torque | None = Field(default=None, examples=[200.0])
+    """On any axis, about the sensor's own origin."""
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        if self.force_n is not None and self.axes_n is not None:
+            raise ValueError("force_n is for all axes, axes_n for each: give one of them")
+        return self
+
+
+class ToolConfig(Table):
+    """What is known of one indenter before it is mounted."""
+
+    length_mm: Millimetres = Field(examples=[0.0])
+    """How much longer it is than the one that `[stage] origin_machine_mm` was measured with.
+    MEASURE with a caliper; a touch-off corrects it within search_mm."""
+
+
+class TouchConfig(Table):
+    """How the face is found after each change of indenter, and when a run goes on.
+
+    Heights count from where the face is expected: `[stage] origin_machine_mm`, and the length of
+    the indenter.
+    """
+
+    by: Literal["force"] = "force"
+    """What tells the contact: the force sensor."""
+    at_mm: tuple[Millimetres, Millimetres] = (0.0, 0.0)
+    """Where on the face."""
+    force_n: float = Field(default=0.1, ge=0.005, le=5)
+    """So much is a contact; at least five standard deviations of the sensor's noise, which `rig
+    check` finds."""
+    feed_mm_min: float = Field(default=30.0, ge=1, le=120)
+    """Of the approach; the second one goes step by step."""
+    clear_mm: float = Field(default=5.0, ge=0.5, le=50)
+    """Height at which the approach begins."""
+    search_mm: float = Field(default=3.0, ge=0.1, le=20)
+    """The face is looked for within so much of the height expected, and never further down."""
+    repeats: int = Field(default=3, ge=1, le=20)
+    """How often the face is touched."""
+    spread_mm: float = Field(default=0.03, ge=0.001, le=0.5)
+    """Between the repeats; more is a loose tool."""
+    moved_mm: float = Field(default=0.3, ge=0.01, le=5)
+    """A resumed run may find the face at most so much from where the run had it."""
+
+    @model_validator(mode="after")
+    def _heights(self) -> Self:
+        if self.clear_mm < self.search_mm:
+            raise ValueError(
+                f"clear_mm: {self.clear_mm:g} is below search_mm = {self.search_mm:g}; the "
+                "approach begins above all heights at which the face may be"
+            )
+        return self
+
+
+class RegisteredTouch(Table):
+    """One touch of a registration."""
+
+    at_mm: tuple[Millimetres, Millimetres]
+    machine_mm: tuple[Place, Place, Place]
+    spread_mm: float = Field(ge=0, le=10)
+
+
+class RegistrationFile(Table):
+    """What `rig register` wrote: where the face lies for the reference tool, found by what.
+
+    residual_mm: farthest touch from the plane; of three touches there is none to tell.
+    """
+
+    date: str = Field(max_length=64)
+    rig: str = Field(max_length=4096)
+    indenter: str = Field(max_length=64)
+    by: str = Field(max_length=64)
+    origin_machine_mm: tuple[Place, Place, Place]
+    angle_deg: float = Field(ge=-360, le=360)
+    tilt_deg: tuple[Tilt, Tilt]
+    residual_mm: float = Field(ge=0, le=10)
+    jig_off_mm: tuple[Millimetres, Millimetres] | None = None
+    """Of a file that `rig register --jig` wrote."""
+    touches: tuple[RegisteredTouch, ...] = Field(min_length=3, max_length=1000)
+
+    def line(self) -> str:
+        """For a person."""
+        x, y, z = self.origin_machine_mm
+        tx, ty = self.tilt_deg
+        known = f"{self.residual_mm:.3f} mm from flat" if len(self.touches) > 3 else "no residual"
+        return (
+            f"face at machine ({x:.3f}, {y:.3f}, {z:.3f}) mm, tilted {tx:+.3f} deg about x and "
+            f"{ty:+.3f} about y, {known} by {len(self.touches)} touches"
+        )
+
+
+def _named_tools(tools: dict[str, ToolConfig]) -> dict[str, ToolConfig]:
+    """The same under the indenters' own names. Raises ValueError for a name that is none."""
+    try:
+        return {parse_indenter(name).name: tool for name, tool in tools.items()}
+    except InputError as why:
+        raise ValueError(str(why)) from why
+
+
+Tools = Annotated[dict[str, ToolConfig], AfterValidator(_named_tools)]

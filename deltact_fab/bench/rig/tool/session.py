@@ -1,0 +1,233 @@
+"""A bench for a few minutes, without a run or a record, and where the face lies on it.
+
+A ball touches a tilted face in the same way everywhere, so the plane of its touches is parallel to
+the face. Three touches give a plane, and only the fourth says how far from flat it is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from deltact_fab.common import (
+    DeltactFabError,
+    InputError,
+    RunFailed,
+    StageError,
+    Stopped,
+    toml_text,
+    write_whole,
+)
+from deltact_fab.sensor import Indenter, SensorDimensions, SkinDimensions, parse_indenter
+
+from ..config import GrblConfig, load_rig
+from ..force.watchdog import open_guarded
+from ..interface import LIFT_FEED_MM_MIN, ForceSensor, Guard, WallClock
+from ..run.loop import interruptible
+from ..stage.grbl import GrblStage
+from ..tables import RegisteredTouch, RegistrationFile, TouchConfig
+from .feeler import ForceProbe
+from .tooling import LIFT_MM, TerminalOperator, confirm, home_safely, raised
+from .touch import ForceTouch, powers_of
+
+MAX_TILT_DEG = 2.0
+MAX_RESIDUAL_MM = 0.1
+REACH = 0.7  # of what the face leaves to the indenter's middle
+MIN_AREA = 0.05  # of the face, of the largest triangle among the places
+Place = tuple[float, float]
+
+
+@dataclass
+class GuardedStage:
+    """A stage that is homed, with its force sensor and the guard on it."""
+
+    stage: GrblStage
+    force: ForceSensor
+    guard: Guard
+
+
+@contextmanager
+def home_stage(
+    config: GrblConfig, source: Path, operator: TerminalOperator, tip_is_clear: bool = False
+) -> Iterator[GuardedStage]:
+    """Open and home the bench of a rig file; lift the tip and close all, however it ends.
+
+    Raises InputError for a rig without a force sensor, and whatever the devices raise; Stopped
+    when the operator interrupts.
+    """
+    if config.force is None or not config.force.reachable:
+        raise InputError(
+            f"{source}: force: no way to a force sensor, and nothing else keeps the tip from "
+            "breaking what it meets: add [force.netft] or [force.serial]"
+        )
+    stage = GrblStage.of(config.stage, WallClock())
+    with ExitStack() as opened:
+        opened.callback(stage.close)
+        force = guard = open_guarded(config.force, config.guard, stage)
+        opened.callback(force.close)
+        with interruptible(stage.abort):
+            try:
+                stage.connect()
+                home_safely(
+                    stage, stage.clock, force, operator, tip_is_clear=tip_is_clear, guard=guard
+                )
+                yield GuardedStage(stage, force, guard)
+            except StageError:
+                raise
+            except BaseException as why:
+                with suppress(DeltactFabError):
+                    stage.stop()
+                    stage.lift(LIFT_MM, LIFT_FEED_MM_MIN)
+                if isinstance(why, KeyboardInterrupt):
+                    raise Stopped("stopped by the operator") from why
+                raise
+
+
+@contextmanager
+def open_probe(rig: str, tip: str) -> Iterator[tuple[ForceProbe, TouchConfig]]:
+    """Home a real rig and have the tip mounted; what feels with it, and how the rig touches.
+
+    Raises InputError for a virtual rig, and as `homed` and `confirm` do.
+    """
+    config, source = load_rig(rig)
+    if not isinstance(config, GrblConfig):
+        raise InputError(f"{source}: kind: {config.kind!r} has nothing to touch with; 'grbl' has")
+    operator = TerminalOperator()
+    with home_stage(config, source, operator) as bench:
+        confirm(operator, tip, "it is mounted, screwed tight")
+        probe = ForceProbe(bench.stage, bench.force, bench.stage.clock, bench.guard)
+        yield probe, config.touch or TouchConfig()
+
+
+@dataclass(frozen=True)
+class RegistrationRequest:
+    """A registration as it was asked for, judged: a ball, places that it fits at, how it touches.
+
+    longer_mm: than the reference tool it is. rig: name of the rig file.
+    """
+
+    ball: Indenter
+    places: tuple[Place, ...]
+    touch: TouchConfig
+    longer_mm: float
+    rig: str
+
+
+def requested_tool(
+    config: GrblConfig,
+    source: Path,
+    sensor: SensorDimensions,
+    indenter: str,
+    places: tuple[Place, ...] = (),
+) -> RegistrationRequest:
+    """Judge what was asked for, before a device is opened. Raises InputError.
+
+    places: none is four of them.
+    """
+    ball = parse_indenter(indenter)
+    touch = config.touch or TouchConfig()
+    places = places or places_for(sensor.skin, ball)
+    require_fit(sensor.skin, ball, places)
+    longer_mm = config.tools[ball.name].length_mm if ball.name in config.tools else 0.0
+    return RegistrationRequest(ball, places, touch, longer_mm, source.name)
+
+
+def register_face(
+    bench: GuardedStage, asked: RegistrationRequest, operator: TerminalOperator
+) -> RegistrationFile:
+    """Have the ball mounted, touch the face at each place, and fit the plane where it lies.
+
+    Raises SensorError, StageError and RunFailed, that also for a tilt over MAX_TILT_DEG and for
+    touches that lie further than MAX_RESIDUAL_MM from their plane.
+    """
+    stage, ball = bench.stage, asked.ball
+    confirm(operator, ball.name, "it is mounted, screwed tight")
+    stage.frame = frame = raised(stage.frame, asked.longer_mm)
+    touch = ForceTouch(ForceProbe(stage, bench.force, stage.clock, bench.guard), asked.touch)
+    touches = [touch.find(ball, place) for place in asked.places]
+    at = np.array([frame.to_machine_mm((*t.at_mm, t.z_mm)) for t in touches])
+    level = np.column_stack((np.ones(len(at)), at[:, :2]))
+    (height, along_x, along_y), *_ = np.linalg.lstsq(level, at[:, 2], rcond=None)
+    residual_mm = float(abs(level @ (height, along_x, along_y) - at[:, 2]).max())
+    x, y, _ = frame.origin_machine_mm
+    z = float(height + along_x * x + along_y * y) - asked.longer_mm
+    found = replace(frame, origin_machine_mm=(x, y, z)).facing((-along_x, -along_y, 1.0))
+    a, b = map(math.radians, found.tilt_deg)
+    tilt_deg = math.degrees(math.acos(math.cos(a) * math.cos(b)))
+    if tilt_deg > MAX_TILT_DEG:
+        raise RunFailed(
+            f"the face is tilted by {tilt_deg:.2f} degrees against the stage, more than "
+            f"{MAX_TILT_DEG:g}: put the sensor level and register again"
+        )
+    if residual_mm > MAX_RESIDUAL_MM:
+        raise RunFailed(
+            f"the touches lie up to {residual_mm:.3f} mm from one plane, more than "
+            f"{MAX_RESIDUAL_MM:g}: something moved, or the face is not flat"
+        )
+    places = at.round(4).tolist()
+    return RegistrationFile(
+        date=datetime.now(UTC).isoformat(timespec="seconds"),
+        rig=asked.rig,
+        indenter=ball.name,
+        by=touches[0].by,
+        origin_machine_mm=(x, y, round(z, 4)),
+        angle_deg=round(found.angle_deg, 4),
+        tilt_deg=(round(found.tilt_deg[0], 4), round(found.tilt_deg[1], 4)),
+        residual_mm=round(residual_mm, 4),
+        touches=tuple(
+            RegisteredTouch(at_mm=t.at_mm, machine_mm=place, spread_mm=t.spread_mm)
+            for t, place in zip(touches, places, strict=True)
+        ),
+    )
+
+
+def write_registration(registration: RegistrationFile, out: Path) -> None:
+    """Keep it in a file. Raises RunFailed when the disk refuses."""
+    about = "Where the face lies; `[stage] registration` of the rig file names this file."
+    write_whole(out, toml_text(registration.model_dump(mode="json"), [about]).encode())
+
+
+def places_for(skin: SkinDimensions, indenter: Indenter) -> tuple[Place, ...]:
+    """The corners of a rectangle on the face, with the ball well inside."""
+    (x, y), (rx, ry) = skin.opening_half_mm, indenter.footprint_half_mm
+    x, y = REACH * (x - rx), REACH * (y - ry)
+    return ((-x, -y), (x, -y), (x, y), (-x, y))
+
+
+def require_fit(skin: SkinDimensions, indenter: Indenter, places: Sequence[Place]) -> None:
+    """Raise InputError for an indenter that is no ball, or places that give no plane."""
+    if len(indenter.tips) != 1 or powers_of(indenter) != (1.5,):
+        raise InputError(
+            f"--indenter {indenter.name}: a face is registered with a ball, as sphere:10, which "
+            "touches a tilted one everywhere in the same way"
+        )
+    half, reach = skin.opening_half_mm, indenter.footprint_half_mm
+    for place in places:
+        if any(abs(p) + r > h for p, r, h in zip(place, reach, half, strict=True)):
+            raise InputError(
+                f"--at {place[0]:g},{place[1]:g}: {indenter.name} does not fit on the face of "
+                f"{2 * half[0]:g} x {2 * half[1]:g} mm there"
+            )
+    least_mm2 = MIN_AREA * 4 * half[0] * half[1]
+    if len(places) < 3 or _largest_mm2(places) < least_mm2:
+        raise InputError(
+            "--at: three places at least are needed, and not in a line: the largest triangle of "
+            f"them is to have {least_mm2:.0f} mm2"
+        )
+
+
+def _largest_mm2(places: Sequence[Place]) -> float:
+    return max(
+        (
+            abs((b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])) / 2
+            for a, b, c in combinations(places, 3)
+        ),
+        default=0.0,
+    )

@@ -1,0 +1,144 @@
+"""Dead weights for a force sensor: a hand lays them on, the camera looks, the masses are known.
+
+For a bench without a stage and a force sensor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deltact_fab.common import Note, Progress, Stopped, to_ns
+
+from ..protocols.plan import Step
+from ..record.streams import FORCE_COLUMNS, Chunk
+from ..record.writer import RunWriter
+from .camera.model import open_camera
+from .config import GrblConfig
+from .interface import Camera, CameraFrame, OpenBench, RigSetup, WallClock
+from .tool.tooling import TerminalOperator
+
+
+class WeightsBench(OpenBench):
+    """Has one weight after the other laid on, and records what is seen of it.
+
+    Whoever builds it closes it.
+    """
+
+    def __init__(self, config: GrblConfig, folder: Path, job: RigSetup) -> None:
+        """folder: of the rig file."""
+        assert job.protocol.weights is not None, "of a protocol with weights"
+        self._job, self._weights = job, job.protocol.weights
+        self._operator = TerminalOperator()
+        self.clock = WallClock()
+        self.camera: Camera | None = None
+        self.force = None
+        if "image" in job.protocol.channels:
+            assert config.camera is not None, "refused without one"
+            self.camera = open_camera(config.camera, folder, self.clock)
+
+    def run(
+        self, steps: Sequence[Step], writer: RunWriter, progress: Progress | None = None
+    ) -> None:
+        """All places that the writer has not kept. Raises RunFailed, SensorError, Stopped."""
+        total, done = sum(step.frames for step in steps), 0
+        step = steps[0]
+        try:
+            for press, group in groupby(steps, lambda step: step.press):
+                part = list(group)
+                if press in writer.kept:
+                    done += sum(step.frames for step in part)
+                    continue
+                began_s, masses_g = self.clock.now_s(), iter(self._weights.masses_g)
+                frames: dict[str, float] = {}
+                for step in part:
+                    if progress is not None:
+                        progress(done, total, step.id)
+                    mass_g = next(masses_g) if step.kind == "press" else 0.0
+                    frames |= self._step(step, mass_g, writer, began_s)
+                    done += step.frames
+                if self.camera is not None and frames:
+                    self.camera.end(frames)
+                writer.flush()
+        except KeyboardInterrupt as why:
+            raise Stopped(
+                f"stopped by the operator in {step.id}; complete places are kept: go on with "
+                "--resume"
+            ) from why
+
+    def _step(
+        self, step: Step, mass_g: float, writer: RunWriter, began_s: float
+    ) -> dict[str, float]:
+        """Ask, wait, take the frame and the force; its id and time. mass_g: 0 where none lies."""
+        start_s = self.clock.now_s()
+        x_mm, y_mm, _ = step.target_mm
+        if step.kind == "change":
+            self._operator.ask(f"take {step.indenter}; Enter when it is at hand")
+        elif not mass_g:
+            self._operator.ask(
+                f"take everything off the face, next is ({x_mm:g}, {y_mm:g}) mm; Enter when "
+                "nothing touches it"
+            )
+        else:
+            self._operator.ask(
+                f"lay {mass_g:g} g on {step.indenter} at ({x_mm:g}, {y_mm:g}) mm; Enter when it "
+                "rests"
+            )
+        frames: dict[str, float] = {}
+        chunks: list[Chunk] = []
+        if step.frames:
+            if step.id.endswith("/rest") and self.camera is not None:
+                self.camera.begin(step.press)
+            self._operator.tell(f"  {step.settle_s:g} s: do not touch the table")
+            frame, t_s = self._settled(step.settle_s)
+            wrench = self._weights.wrench(mass_g, (x_mm, y_mm))
+            columns = {"t_ns": np.array([to_ns(t_s - began_s)]),
+                       **{n: np.array([v]) for n, v in zip(FORCE_COLUMNS, wrench, strict=True)},
+                       "saturated": np.zeros(1, bool)}  # fmt: skip
+            chunks = [Chunk("force", began_s, columns)]
+            frame_id = writer.frame(
+                step, 1, None if frame is None else frame.image, t_s, t_s - start_s, t_s - began_s,
+                dropped=0 if frame is None else frame.dropped,
+            )  # fmt: skip
+            assert frame_id is not None, "it waits for room"
+            frames[frame_id] = t_s
+            if mass_g:
+                text = f"{mass_g:g} g, Fz {wrench[2]:.4f} N"
+                writer.event("weight", text, self.clock.now_s(), step)
+        writer.step(step, self.clock.now_s() - start_s, start_s, self.clock.now_s(), chunks)
+        return frames
+
+    def _settled(self, settle_s: float) -> tuple[CameraFrame | None, float]:
+        """The first frame exposed once the face has settled, and its time."""
+        due_s = self.clock.now_s() + settle_s
+        self.clock.sleep_s(settle_s)
+        while self.camera is not None:
+            frame = self.camera.capture()
+            if frame.t_s >= due_s:
+                return frame, frame.t_s
+        return None, self.clock.now_s()
+
+    def left_out(self) -> Iterator[Note]:
+        yield Note("stage, force sensor and guard", "a hand lays the weights on")
+        yield from super().left_out()
+
+    def notes(self) -> Iterator[Note]:
+        """How well the weights are known."""
+        normal_n, shear_n = self._weights.error_n()
+        text = f"weights: the normal force is known to {normal_n:.3f} N, shear to {shear_n:.3f}"
+        yield Note("weights", text)
+
+    def identity(self) -> dict[str, Any]:
+        return {
+            "stage": None,
+            "camera": self.camera.identity() if self.camera is not None else None,
+            "force": None,
+        }
+
+    def close(self) -> None:
+        if self.camera is not None:
+            self.camera.close()

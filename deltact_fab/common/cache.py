@@ -1,0 +1,176 @@
+"""The one content-hash store: what was measured or computed once, found again by what it was from.
+
+An entry lies in the user's cache folder under the SHA-256 of its key: the value as Python packs it,
+behind a SHA-256 of both. Losing the folder costs time and nothing else. What lies there is trusted
+as the compiled code is that numba keeps: let nobody else write into it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import importlib.metadata
+import json
+import os
+import pickle
+import platform
+import time
+import zlib
+from collections.abc import Iterable, Mapping
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+from deltact_fab.version import VERSION
+
+from . import digest
+from .files import whole_file
+
+FOLDER_VARIABLE = "DELTACT_FAB_CACHE"
+_ABANDONED_S = 3600.0
+_SEAL_BYTES = 32
+
+
+def cache_folder() -> Path:
+    """$DELTACT_FAB_CACHE, else deltact-fab in the user's cache folder; it need not exist."""
+    if named := os.environ.get(FOLDER_VARIABLE):
+        return Path(named)
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "deltact-fab"
+
+
+def cache_key(
+    *code: str, package: Path = digest.PACKAGE, libraries: tuple[str, ...] = (), **given: Any
+) -> dict[str, Any]:
+    """The key of a result: its code, what decides it beside the code, and what it was made from.
+
+    code, package: as of `digest.of`. libraries: distributions whose versions count, and with them
+    the machine. given: plain data and dataclasses.
+    """
+    made_by = _versions(libraries) if libraries else {}
+    return {
+        "code": digest.code_digest(*code, package=package),
+        "made_by": made_by,
+        **plain_data(given),
+    }
+
+
+def plain_data(value: Any) -> Any:
+    """Nested dataclasses as JSON holds them, each with the name of its class."""
+    if is_dataclass(value) and not isinstance(value, type):
+        inside = {f.name: plain_data(getattr(value, f.name)) for f in fields(value)}
+        return {"class": type(value).__name__, **inside}
+    if isinstance(value, Mapping):
+        return {str(key): plain_data(item) for key, item in value.items()}
+    if isinstance(value, tuple | list):
+        return [plain_data(item) for item in value]
+    # What it does is in the digest of the sources.
+    return value.__qualname__ if callable(value) else value
+
+
+@functools.cache
+def _versions(libraries: tuple[str, ...]) -> dict[str, str]:
+    found = {
+        "deltact-fab": VERSION,
+        "machine": platform.machine(),
+        "zlib": zlib.ZLIB_RUNTIME_VERSION,
+    }
+    for name in libraries:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = "absent"
+    return found
+
+
+def read_cached(kind: str, key: dict[str, Any]) -> Any | None:
+    """The value stored under a key, or None; a damaged entry counts as none."""
+    path = _place(kind, key)
+    try:
+        entry = path.read_bytes()
+    except OSError:
+        return None
+    seal, data = entry[:_SEAL_BYTES], entry[_SEAL_BYTES:]
+    if seal != _seal(path, data):
+        return None
+    # Its last use, which `trim` goes by.
+    with contextlib.suppress(OSError):
+        os.utime(path)
+    return pickle.loads(data)
+
+
+def write_cached(
+    kind: str, key: dict[str, Any], value: Any, limit_bytes: int | None = None
+) -> bool:
+    """Store a value under a key that holds its code, whole or not at all; False: nothing is kept.
+
+    limit_bytes: what the kind may take of the disk; the longest unused entries make room.
+    """
+    path, data = _place(kind, key), pickle.dumps(value)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(path, sync=False) as part:
+            part.write_bytes(_seal(path, data) + data)
+    except OSError:
+        return False
+    if limit_bytes is not None:
+        trim_cache(kind, limit_bytes)
+    return True
+
+
+def cached_file(kind: str, key: dict[str, Any]) -> Path:
+    """Where `put` under a key leaves its file, from the user's folder: it may be copied there."""
+    return _place(kind, key).relative_to(cache_folder())
+
+
+def copy_in(name: str, data: bytes) -> None:
+    """A file of another machine's store into this one's; where the folder refuses, nothing."""
+    path = cache_folder() / name
+    with contextlib.suppress(OSError):
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with whole_file(path, sync=False) as part:
+                part.write_bytes(data)
+
+
+def copy_out(names: Iterable[str]) -> dict[str, bytes]:
+    """Of these files of the store the bytes of those that are there."""
+    found = {}
+    for name in names:
+        with contextlib.suppress(OSError):
+            found[name] = (cache_folder() / name).read_bytes()
+    return found
+
+
+def trim_cache(kind: str, limit_bytes: int) -> int:
+    """Delete files of a kind, the longest unused first, until they take at most limit_bytes.
+
+    What a process that died left half written goes too. Returns the bytes freed; a folder that
+    refuses is left as it is.
+    """
+    held, freed = [], 0
+    with contextlib.suppress(OSError), os.scandir(cache_folder() / kind) as entries:
+        for entry in entries:
+            state = entry.stat(follow_symlinks=False)
+            if entry.name.endswith(".part") and time.time() - state.st_mtime > _ABANDONED_S:
+                held.append((0.0, entry.name, state.st_size, entry.path))
+            elif entry.name.endswith(".bin"):
+                held.append((state.st_mtime, entry.name, state.st_size, entry.path))
+    total = sum(size for _, _, size, _ in held)
+    for used, _, size, path in sorted(held):
+        if used > 0 and total - freed <= limit_bytes:
+            break
+        with contextlib.suppress(OSError):
+            os.unlink(path)
+            freed += size
+    return freed
+
+
+def _seal(path: Path, data: bytes) -> bytes:
+    return hashlib.sha256(path.stem.encode() + data).digest()
+
+
+def _place(kind: str, key: dict[str, Any]) -> Path:
+    """Where the entry of a key lies."""
+    text = json.dumps(key, sort_keys=True, separators=(",", ":"))
+    return cache_folder() / kind / f"{hashlib.sha256(text.encode()).hexdigest()}.bin"

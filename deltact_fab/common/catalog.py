@@ -1,0 +1,209 @@
+"""A name becomes a TOML file: a path, a file of this folder, else the shipped one.
+
+NAME of a kind is the first of ./KIND/NAME.toml, ./NAME.toml where its keys are those of the kind,
+and the shipped KIND/NAME.toml. KIND is cad, patterns, protocols or protocols/rigs.
+
+Whatever is read is validated strictly: an unknown key, a wrong type or a value out of range is
+one line that names file and key.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from os.path import isdir
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+from deltact_fab.paths import shipped_folder
+
+from . import reading
+from .errors import InputError, did_you_mean
+from .files import disk_errors, write_whole
+
+MARKS: dict[str, frozenset[str]] = {
+    "cad": frozenset(
+        {"base", "skin", "frame", "optics", "body", "indenter", "shape", "module", "bought"}
+    ),
+    "patterns": frozenset({"law"}),
+    "protocols": frozenset({"indenters", "positions_mm", "depths_mm", "capture"}),
+    "protocols/rigs": frozenset({"stage"}),
+}
+"""Keys at the top of a file that tell its kind: one of them is enough."""
+CATALOGUE_KINDS = tuple(MARKS)
+CATALOGUE_LISTS = {
+    "indenter": "indenters",
+    "shape": "indenters",
+    "module": "cameras",
+    "bought": "parts",
+}
+"""A key at the top that tells a list from a design among the files of cad, and the list's kind."""
+MAX_FAULTS = 20
+"""Of a file that are told: each hint among known keys takes a millisecond."""
+T = TypeVar("T")
+
+
+def catalogue_names(kind: str) -> list[str]:
+    """Names that `find` resolves for a kind, local ones first shadowing the shipped ones."""
+    found = {p.stem for folder in (Path(kind), shipped_folder(kind)) for p in folder.glob("*.toml")}
+    for path in Path().glob("*.toml"):
+        with suppress(InputError):
+            if is_of(kind, read_toml(path)):
+                found.add(path.stem)
+    return sorted(found)
+
+
+def design_names() -> list[str]:
+    """The names of cad that are designs and no lists."""
+    return [
+        name
+        for name in catalogue_names("cad")
+        if CATALOGUE_LISTS.keys().isdisjoint(read_toml(find_file("cad", name)))
+    ]
+
+
+def is_of(kind: str, data: Mapping[str, Any]) -> bool:
+    """Whether what was read from a file is of a kind, as far as its keys tell."""
+    return not MARKS[kind].isdisjoint(data)
+
+
+def find_file(kind: str, name: str) -> Path:
+    """Resolve a catalogue name or a path to an existing TOML file.
+
+    Raises InputError naming the nearest catalogue entry when nothing matches.
+    """
+    if kind not in CATALOGUE_KINDS:
+        raise ValueError(f"unknown catalogue {kind!r}")
+    path = Path(name)
+    if path.suffix == ".toml" or path.parent != Path("."):
+        if reading.is_file(path):
+            return path
+        raise InputError(f"{name}: {'a folder, no file' if isdir(path) else 'no such file'}")
+    own, here, shipped = (
+        folder / f"{name}.toml" for folder in (Path(kind), Path(), shipped_folder(kind))
+    )
+    if reading.is_file(own):
+        return own
+    # One that is no TOML is the user's to mend: the shipped one would hide it.
+    another = reading.is_file(here) and not is_of(kind, read_toml(here))
+    if reading.is_file(here) and not another:
+        return here
+    if reading.is_file(shipped):
+        return shipped
+    remark = f"; {here} has none of {', '.join(sorted(MARKS[kind]))}" if another else ""
+    hint = did_you_mean(name, catalogue_names(kind))
+    raise InputError(f"{name}: not in the catalogue of {kind}{remark}; {hint}")
+
+
+read_toml = reading.toml
+
+
+def write_new_file(path: Path, text: str) -> None:
+    """Write a TOML file that is not there yet, whole or not at all.
+
+    Raises InputError where it is there already, has no folder or does not end in .toml, RunFailed
+    when the disk refuses.
+    """
+    if path.suffix != ".toml":
+        raise InputError(f"{path}: expected the name of a file that ends in .toml")
+    with disk_errors(path):
+        if path.exists():
+            raise InputError(f"{path}: already there; name a new file")
+        if not path.parent.is_dir():
+            raise InputError(f"{path.parent}: no such folder")
+    write_whole(path, text.encode())
+
+
+def toml_text(data: Mapping[str, Any], about: Sequence[str] = ()) -> str:
+    """The text of a TOML file that `read` reads.
+
+    data: numbers, strings, booleans, lists and tables of them; about: lines of comment above it.
+    A key whose value is None is left out. Raises ValueError for NaN and infinity.
+    """
+    lines = [f"# {line}" for line in about] + _table("", data)
+    return "\n".join(lines).lstrip("\n") + "\n"
+
+
+def _table(name: str, values: Mapping[str, Any]) -> list[str]:
+    inner = {k: v for k, v in values.items() if isinstance(v, Mapping)}
+    lines = [
+        f"{k} = {toml_literal(v)}" for k, v in values.items() if k not in inner and v is not None
+    ]
+    if name and (lines or not inner):
+        lines = ["", f"[{name}]", *lines]
+    for key, table in inner.items():
+        lines += _table(f"{name}.{key}" if name else key, table)
+    return lines
+
+
+def toml_literal(value: Any) -> str:
+    """A value as TOML writes it, on one line. Raises ValueError for NaN and infinity."""
+    if isinstance(value, Mapping):
+        inner = ", ".join(f"{name} = {toml_literal(one)}" for name, one in value.items())
+        return f"{{{inner}}}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(toml_literal, value))}]"
+    # A JSON value is a TOML one, but for null and a bare DEL.
+    text = json.dumps(value, ensure_ascii=False, allow_nan=False)
+    return text.replace("\x7f", "\\u007f")
+
+
+def validate(kind: type[T], data: object, source: str) -> T:
+    """Build a pydantic model or dataclass from plain data, strictly.
+
+    Raises InputError of one line: `source: key: what is wrong (got value)`, without a key where
+    values do not go together; further faults follow on the same line, separated by ' | '.
+    """
+    from pydantic import ValidationError
+
+    from .configuration import adapter
+
+    try:
+        # By way of JSON: strict on strings and booleans, while a list may still fill a tuple.
+        text = json.dumps(data, default=str)
+    except RecursionError as why:
+        raise InputError(f"{source}: nested too deep; expected a few levels") from why
+    try:
+        return cast(T, adapter(cast(Any, kind)).validate_json(text, strict=True))
+    except ValidationError as why:
+        faults = why.errors()
+        lines = [_line(source, kind, fault) for fault in faults[:MAX_FAULTS]]
+        raise InputError(*lines, untold=max(0, len(faults) - MAX_FAULTS)) from why
+
+
+OUT_OF_LIMITS = {
+    "greater_than", "greater_than_equal", "less_than", "less_than_equal", "finite_number"
+}  # fmt: skip
+
+
+def _line(source: str, kind: type, fault: Any) -> str:
+    from .configuration import BY_NAME, ONE_OF, schema_at
+
+    at = tuple(part for part in fault["loc"] if part not in (BY_NAME, ONE_OF, "[key]"))
+    key = ".".join(str(part) for part in at)
+    where = f"{source}: {key}" if key else source
+    if fault["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
+        known = list(schema_at(kind, at[:-1]).get("properties", ()))
+        hint = did_you_mean(str(at[-1]), known) if known else "remove it"
+        return f"{where}: unknown key; {hint}"
+    if fault["type"] in ("missing", "missing_argument"):
+        return f"{where}: missing key"
+    message = fault["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, ")
+    message = message.replace("a valid array", "a list")
+    got = fault.get("input")
+    if fault["type"] in OUT_OF_LIMITS:
+        name = next((part for part in reversed(at) if isinstance(part, str)), "value")
+        if limits := _limits(name, schema_at(kind, at)):
+            return f"{where}: {got!r}; expected {limits}"
+    shown = "" if got is None or isinstance(got, dict) else f" (got {got!r})"
+    return f"{where}: {message}{shown}"
+
+
+def _limits(name: str, schema: dict[str, Any]) -> str:
+    """What a number must lie between, where it has a lower and an upper limit."""
+    for low, above in (("minimum", "<="), ("exclusiveMinimum", "<")):
+        for high, below in (("maximum", "<="), ("exclusiveMaximum", "<")):
+            if low in schema and high in schema:
+                return f"{schema[low]:g} {above} {name} {below} {schema[high]:g}"
+    return ""

@@ -1,0 +1,173 @@
+"""One digest of code for everything that is kept: of what a result depends on, and of no more.
+
+The files are those that the named modules import, in functions too, each with what it imports in
+turn; a name at a package's door is followed to the file that defines it, and a folder that
+`discover` looks through counts whole. Of each file the syntax tree counts, without docstrings:
+a changed comment, docstring or layout is no change.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+from functools import cache
+from pathlib import Path
+
+from deltact_fab.door import handed_on
+from deltact_fab.paths import PACKAGE
+
+# They say what went wrong, where things are kept and how far it is: no result depends on them.
+SILENT = (
+    "door",
+    "paths",
+    "version",
+    *(f"common.{name}" for name in ("errors", "cache", "digest", "files", "jobs")),
+)
+
+# (module, names) of each import: the module's parts, the package's name first.
+Imports = tuple[tuple[tuple[str, ...], list[str]], ...]
+
+
+def code_digest(*modules: str, package: Path = PACKAGE) -> str:
+    """The digest of modules, named from the package as in "gel.path", and all that they import.
+
+    package: another one's folder; what it imports of this one counts too. Raises ValueError for a
+    module that is not there.
+    """
+    return _digest(tuple(sorted(set(modules))), package)
+
+
+@cache
+def _digest(modules: tuple[str, ...], package: Path) -> str:
+    text = hashlib.sha256()
+    for path in code_files(*modules, package=package):
+        name = path.relative_to(_home(path, package)).as_posix()
+        text.update(f"{name} {_read(path, package)[0]}\n".encode())
+    return text.hexdigest()[:16]
+
+
+def code_files(*modules: str, package: Path = PACKAGE) -> list[Path]:
+    """The files whose text counts, sorted. Raises ValueError for a module that is not there."""
+    todo, found = [], set()
+    for name in modules:
+        path = _file((package.name, *name.split(".")), package)
+        if path is None:
+            raise ValueError(f"digest: no module {name!r} in {package.name}")
+        todo.append(path)
+    while todo:
+        path = todo.pop()
+        if path not in found:
+            found.add(path)
+            todo += (f for f in imported(path, package) if not _silent(f, package))
+    return sorted(found)
+
+
+def meaning(tree: ast.AST) -> str:
+    """The text of a syntax tree without comments, layout and docstrings."""
+    for node in ast.walk(tree):
+        if isinstance(body := getattr(node, "body", None), list):
+            node.body = [one for one in body if not _is_text(one)] or [ast.Pass()]  # type: ignore[attr-defined]
+    return ast.unparse(tree)
+
+
+def _is_text(node: ast.AST) -> bool:
+    """A string that stands alone: the docstring of whatever is above it."""
+    return (
+        isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    )
+
+
+@cache
+def imported(path: Path, package: Path = PACKAGE) -> tuple[Path, ...]:
+    """Files of the package that one imports when it runs, in functions too."""
+    found = []
+    for module, names in _read(path, package)[1]:
+        for name in names:
+            file = _defining(module, name, package)
+            if file is not None and file != path:
+                found.append(file)
+    return (*found, *_read(path, package)[2])
+
+
+def _silent(file: Path, package: Path) -> bool:
+    name = ".".join(file.relative_to(_home(file, package)).with_suffix("").parts)
+    return name.startswith(SILENT)
+
+
+def _home(path: Path, package: Path) -> Path:
+    return PACKAGE if path.is_relative_to(PACKAGE) else package
+
+
+@cache
+def _read(path: Path, package: Path) -> tuple[str, Imports, tuple[Path, ...]]:
+    """The hash of what a file means, what it imports of the package, and what it looks through."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    found = _imports(tree, path, package), _looked_through(tree, path)
+    return hashlib.sha256(meaning(tree).encode()).hexdigest(), *found
+
+
+def _looked_through(tree: ast.Module, path: Path) -> tuple[Path, ...]:
+    """The files beside one that calls `modules_in(__package__, besides=(...))`."""
+    for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
+        if ast.unparse(call.func) == "modules_in" and ast.unparse(call.args[0]) == "__package__":
+            left = {path.stem, "__init__"}
+            for keyword in call.keywords:
+                left.update(ast.literal_eval(keyword.value))
+            return tuple(f for f in sorted(path.parent.glob("*.py")) if f.stem not in left)
+    return ()
+
+
+def _imports(tree: ast.Module, path: Path, package: Path) -> Imports:
+    home = _home(path, package)
+    here = (home.name, *path.relative_to(home).parent.parts)
+    known = (package.name, PACKAGE.name)
+    found: list[tuple[tuple[str, ...], list[str]]] = []
+    todo: list[ast.AST] = [tree]
+    while todo:
+        node = todo.pop()
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
+            todo += node.orelse
+            continue
+        # Statements hold imports, expressions do not.
+        for inside in ("body", "orelse", "finalbody", "handlers", "cases"):
+            todo += getattr(node, inside, ())
+        if isinstance(node, ast.ImportFrom):
+            tail = tuple(node.module.split(".")) if node.module else ()
+            if node.level:
+                tail = here[: len(here) - node.level + 1] + tail
+            if tail[0] in known:
+                found.append((tail, [alias.name for alias in node.names]))
+        elif isinstance(node, ast.Import):
+            for alias in node.names:
+                parts = tuple(alias.name.split("."))
+                if parts[0] in known and len(parts) > 1:
+                    found.append((parts[:-1], [parts[-1]]))
+    return tuple(found)
+
+
+def _defining(module: tuple[str, ...], name: str, package: Path) -> Path | None:
+    """The file that a name imported from a module comes from."""
+    direct = _file((*module, name), package)
+    if direct is not None:
+        return direct
+    file = _file(module, package)
+    if file is None or file.name != "__init__.py":
+        return file
+    home, original = _handed_on(file, ".".join(module)).get(name, ("", ""))
+    return _defining(tuple(home.split(".")), original, package) if home else file
+
+
+@cache
+def _handed_on(file: Path, package: str) -> dict[str, tuple[str, str]]:
+    """The names at the door of a package, each with its module and its name there."""
+    return handed_on(ast.parse(file.read_text(encoding="utf-8")), package)
+
+
+def _file(module: tuple[str, ...], package: Path) -> Path | None:
+    path = (PACKAGE if module[0] == PACKAGE.name else package).joinpath(*module[1:])
+    for file in (path / "__init__.py", path.with_name(path.name + ".py")):
+        if file.is_file():
+            return file
+    return None

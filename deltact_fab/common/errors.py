@@ -1,0 +1,101 @@
+"""Errors that a user reads: one clear line each, with the exit code the command line gives.
+
+A message names the place (file:key), the value that was found, and what would be right.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable, Sequence
+
+MAX_CHARACTERS = 300
+"""Of a message on the command line."""
+INTERRUPTED = 130
+"""Exit code of a command that an operator ended."""
+
+
+class DeltactFabError(Exception):
+    """Base of every error that the package raises on purpose. Its text is one line.
+
+    faults: what is wrong, each with its place; untold: how many more there are.
+    """
+
+    exit_code = 1
+
+    def __init__(self, *faults: str, untold: int = 0) -> None:
+        super().__init__(_joined(faults, untold))
+        self.faults = faults
+        self.untold = untold
+
+
+class InputError(DeltactFabError):
+    """What the user gave cannot be used: nothing was run, nothing was written."""
+
+    exit_code = 2
+
+
+class RunFailed(DeltactFabError):
+    """The input was fine, and a check, a solver or a run failed."""
+
+
+class SolverError(RunFailed):
+    """A numerical method did not reach its stated tolerance, or left its range of validity."""
+
+
+class TimeLimit(RunFailed):
+    """A limit of time that the caller set was reached."""
+
+
+class Stopped(RunFailed):
+    """Ended by the operator before it was done, in good order."""
+
+    exit_code = INTERRUPTED
+
+
+class StageError(RunFailed):
+    """The motion controller refused, alarmed, restarted or fell silent."""
+
+
+class SensorError(RunFailed):
+    """A camera or force sensor delivered nothing usable."""
+
+
+class MissingLibrary(DeltactFabError):
+    """A library of the system or an optional package is absent; the text says how to install it."""
+
+    exit_code = 2
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Return '; did you mean X?' for a near miss among `known`, else the list of what is valid."""
+    names = sorted(known)
+    near = difflib.get_close_matches(word, names, n=1)
+    return f"did you mean {near[0]!r}?" if near else f"valid: {', '.join(names)}"
+
+
+def fault_line(*faults: str, untold: int = 0) -> str:
+    """Faults as one line of at most MAX_CHARACTERS that any terminal can show.
+
+    What is too long loses first faults from the end, then the inside of its long words.
+    """
+    plain = [_printable(fault) for fault in faults]
+    short = [re.sub(r"\S{61,}", lambda word: f"{word[0][:40]}...{word[0][-16:]}", f) for f in plain]
+    for told in (plain, short):
+        for shown in range(min(len(told), MAX_CHARACTERS // 3), 0, -1):
+            line = _joined(told[:shown], len(told) - shown + untold)
+            if len(line) <= MAX_CHARACTERS:
+                return line
+    more = _joined(["..."], len(faults) - 1 + untold)
+    return short[0][: MAX_CHARACTERS - len(more)] + more
+
+
+def _printable(text: str) -> str:
+    return "".join(
+        c if c.isprintable() else c.encode("unicode_escape").decode()
+        for c in " ".join(text.split())
+    )
+
+
+def _joined(faults: Sequence[str], untold: int) -> str:
+    return " | ".join([*faults, *([f"and {untold} more"] if untold else [])])

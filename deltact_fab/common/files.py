@@ -1,0 +1,165 @@
+"""Files written whole or not at all: beside their place first, then renamed."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import shutil
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from .errors import DeltactFabError, InputError, RunFailed
+
+DISK = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
+"""Errors of a full or broken disk: no fault of what was asked."""
+
+
+def write_whole(path: Path, data: bytes, sync_name: bool = True) -> None:
+    """Write a file so that it survives a power cut whole, or is as it was.
+
+    sync_name: as of `whole`. Raises RunFailed naming the file when the disk refuses.
+    """
+    with disk_errors(path), whole_file(path, sync_name=sync_name) as part:
+        part.write_bytes(data)
+
+
+@contextmanager
+def whole_file(path: Path, sync: bool = True, sync_name: bool = True) -> Iterator[Path]:
+    """A hidden name beside `path` for a file or a folder that takes its place at the end.
+
+    On any error it is removed, and `path` is as it was. sync: False for what may be lost in a power
+    cut. sync_name: False where the caller syncs the folder, once for many files. Raises OSError.
+    """
+    part = _beside(path)
+    try:
+        yield part
+        if sync:
+            for file in part.iterdir() if part.is_dir() else (part,):
+                _sync(file)
+        part.replace(path)
+        if sync and sync_name:
+            sync_folder(path.absolute().parent)
+    finally:
+        _remove(part)
+
+
+def write_together(
+    wanted: Mapping[Path, bytes],
+    gone: Collection[Path] = (),
+    error: type[DeltactFabError] = InputError,
+) -> None:
+    """Write all files, in their order: no half file is ever seen.
+
+    None takes its name before all are on the disk; a rename that fails then leaves those before it.
+    gone: files that go when all are there. Raises `error` in one line when one cannot be written.
+    """
+    parts = {path: _beside(path) for path in wanted}
+    try:
+        for path, content in wanted.items():
+            if path.is_dir():
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+            parts[path].write_bytes(content)
+            _sync(parts[path])
+        for path, part in parts.items():
+            part.replace(path)
+        for path in gone:
+            path.unlink(missing_ok=True)
+    except OSError as why:
+        raise error(_unwritable(path, why)) from why
+    finally:
+        for left in parts.values():
+            left.unlink(missing_ok=True)
+
+
+def check_place(path: Path) -> None:
+    """Raise InputError where a file cannot be: a folder, in no folder, no right, too long."""
+    try:
+        # Path.is_dir raises on a name that is too long, and says False to one that may not be read
+        path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        pass
+    except OSError as why:
+        raise InputError(_unwritable(path, why)) from why
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; expected the name of a file")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: there is no folder {path.parent}; create it first")
+    if not os.access(path.parent, os.W_OK):
+        raise InputError(f"{path}: cannot be written: {path.parent} is read-only")
+
+
+def check_folder(path: Path) -> None:
+    """Raise InputError where a folder cannot be, or cannot be written into."""
+    try:
+        there = next(one for one in (path, *path.absolute().parents) if one.exists())
+    except OSError as why:
+        raise InputError(_unwritable(path, why)) from why
+    if not there.is_dir():
+        raise InputError(f"{path}: {there} is a file; expected a folder")
+    if not os.access(there, os.W_OK):
+        raise InputError(f"{path}: cannot be written: {there} is read-only")
+
+
+@contextmanager
+def disk_errors(path: Path) -> Iterator[None]:
+    """An OSError becomes a RunFailed that names the file."""
+    try:
+        yield
+    except OSError as why:
+        raise RunFailed(f"{path}: cannot be written: {why.strerror or why}") from why
+
+
+@contextmanager
+def making_files(folder: Path) -> Iterator[None]:
+    """An OSError while the folder is made: a full or broken disk failed, all else is bad input."""
+    try:
+        yield
+    except OSError as why:
+        kind = RunFailed if why.errno in DISK else InputError
+        raise kind(f"{folder}: cannot be made: {why.strerror}") from why
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder, and those above it; as `making` where that cannot be."""
+    with making_files(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+
+
+def sync_folder(folder: Path) -> None:
+    """Make a rename survive a power cut; file systems that cannot say so are let pass."""
+    if os.name == "posix":
+        _sync(folder, (errno.EINVAL, errno.ENOTSUP))
+
+
+def _sync(path: Path, pass_over: Collection[int] = ()) -> None:
+    handle = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
+    try:
+        os.fsync(handle)
+    except OSError as why:
+        if why.errno not in pass_over:
+            raise
+    finally:
+        os.close(handle)
+
+
+def _unwritable(path: Path, why: OSError) -> str:
+    shown = path if len(str(path)) <= 80 else f"...{str(path)[-77:]}"
+    return f"{shown}: cannot be written: {why.strerror}"
+
+
+def _beside(path: Path) -> Path:
+    """A name in the same folder, short where the file's own is nearly as long as names can be."""
+    name = os.fsencode(path.name)
+    key = path.name if len(name) < 200 else hashlib.sha256(name).hexdigest()[:8]
+    return path.with_name(f".{key}.{os.getpid()}.part")
+
+
+def _remove(path: Path) -> None:
+    """Where nothing may be written, nothing can be removed either, and nothing is there."""
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        with suppress(OSError):
+            path.unlink()

@@ -1,0 +1,79 @@
+"""What the tracker saw at the settled frames of a press, kept by content: tracked once."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+
+from deltact_fab.bench import Run
+from deltact_fab.common import Array, InputError, code_digest, read_cached, write_cached
+
+from ..measure.face import FaceFlow
+from ..measure.flow.tracker import FlowTracker
+from ..measure.health import recognise_pattern
+from .runs import camera_of, settled
+
+_KIND = "face-flow"
+_KEPT_BYTES = 2 << 30
+MAP_EVERY_PX = 4  # of maps that are drawn and handed on; force and depth have face.EVERY_PX
+
+
+def key_of(run: Run, press: str) -> str:
+    """What the flows of a press depend on: its images up to the last settled one, camera, code."""
+    frames = run.frames(press)
+    chosen = settled(frames)
+    followed = frames[frames["seq"] <= chosen["seq"].max()]
+    text = hashlib.sha256()
+    text.update(
+        code_digest("estimate.measure.flow", "estimate.measure.face", "bench.record.run").encode()
+    )
+    for seq, sha256 in zip(followed["seq"], followed["sha256"], strict=True):
+        text.update(f"{sha256} {seq in set(chosen['seq'])}\n".encode())
+    text.update(repr(camera_of(run).as_dict()).encode())
+    flat = run.folder / "camera.flat.png"
+    text.update(flat.read_bytes() if flat.is_file() else b"")
+    return text.hexdigest()
+
+
+def flows_of(run: Run, press: str, every: int) -> list[FaceFlow]:
+    """The face's flow at each settled frame of a press, from its first frame on.
+
+    every: pixels between points. Frames on the way are followed and not kept. Raises RunFailed for
+    an image that cannot be read, SensorError for a first one without a pattern, InputError for an
+    imported run that shows none, or markers.
+    """
+    key = {"of": key_of(run, press), "every_px": every}
+    flows: list[FaceFlow] | None = read_cached(_KIND, key)
+    if flows is None:
+        flows = _tracked(run, press, every)
+        write_cached(_KIND, key, flows, _KEPT_BYTES)
+    return flows
+
+
+def open_follower(run: Run) -> Callable[[Array], FaceFlow]:
+    """What follows the images of a press, each as `Run.image` gives it, from its first one on."""
+    import cv2
+
+    cv2.setNumThreads(1)  # the flow depends on their number
+    tracker = FlowTracker(full=False)
+    return lambda image: FaceFlow.of(tracker.update(image), run.camera, every=MAP_EVERY_PX)
+
+
+def _tracked(run: Run, press: str, every: int) -> list[FaceFlow]:
+    import cv2
+
+    cv2.setNumThreads(1)  # the flow depends on their number
+    frames, camera = run.frames(press), camera_of(run)
+    wanted = set(settled(frames)["seq"])
+    tracker = FlowTracker(full=False)
+    if run.imported and (lacks := recognise_pattern(run.image(str(frames["file"].iloc[0]))).lacks):
+        # The tracker would fill in what lies between markers, and call it trusted.
+        raise InputError(f"{run.folder}: {lacks}; force and shape follow a dense one")
+    flows = []
+    for row in frames.itertuples():
+        if row.seq > max(wanted):
+            break
+        seen = tracker.update(run.image(str(row.file)))
+        if row.seq in wanted:
+            flows.append(FaceFlow.of(seen, camera, every=every))
+    return flows

@@ -1,0 +1,283 @@
+"""From runs to a calibration: every model fitted and judged, the best kept; or one carried over."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from itertools import count
+from math import ceil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from deltact_fab.bench import DeadWeights, Run, encode_png
+from deltact_fab.common import Array, InputError, Progress, validate
+
+from ...measure.force import FORCE_FEATURES, FORCE_READINGS, features_of, make_features
+from ...measure.force.calibration import ForceCalibration, load_force
+from ...measure.force.inverse import Inverse
+from ...measure.force.model import COMPONENTS, Features, ForceModel
+from ...measure.sensor_id import SensorModel
+from ..runs import head_of, in_pixels, settled, settles, view_of_run
+from .dataset import STRETCHES, ForceData, gather, opened, presses
+from .gel import early_labels, identify_gel
+from .judge import (
+    FOLDS,
+    cross_validated,
+    fit_force,
+    force_error_n,
+    force_figures,
+    judge,
+    learning_curve,
+    score,
+)
+from .result import PAPER_CONDITIONS, ForceResult, calibrated_errors
+
+NO_CAMERA = "no camera is known: mm of its flow are pixels, and no calibration is written"
+
+
+def calibrate(
+    folders: Sequence[Path],
+    names: Sequence[str] | None = None,
+    seed: int = 0,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+) -> ForceResult:
+    """Fit and cross-validate feature sets on runs of one sensor.
+
+    names: None for all; those asked for and the paper's must have points enough, the others are
+    left out and named. seed: of the folds and of the learning curve's draws. Raises InputError as
+    `opened` and `gather` do, and for too few points, with the number needed.
+    """
+    asked = tuple(dict.fromkeys([*(names or FORCE_FEATURES), PAPER_CONDITIONS]))
+    runs, tables = opened(folders)
+    if blind := [str(run.folder) for run in runs if in_pixels(run)]:
+        if names and Inverse.name in names:
+            raise InputError(f"{blind[0]}: {Inverse.name} rests on the gel; {NO_CAMERA}")
+        asked = tuple(name for name in asked if name != Inverse.name)
+    must = asked if names else (PAPER_CONDITIONS,)
+    looked = asked if names else (*asked, *FORCE_READINGS)
+    source, view = str(runs[0].folder), view_of_run(runs[0])
+    # How many points there may be at most: refused before anything is tracked.
+    most = sum(len(settled(part)) for frames in tables for _, part in frames.groupby("press"))
+    for name in must:
+        _require_enough(make_features(name, view), most, source)
+    data = gather(runs, looked, executor, progress)
+    gel = early = None
+    if Inverse.name in asked:
+        early = early_labels(data)
+        gel = identify_gel(runs, early.mended(data) if early else data, view, progress)
+    if gel is not None:
+        view = gel.view(view)
+        data = gather(runs, looked, executor, progress, view)
+    data = early.mended(data) if early else data
+    found = fit_best_model(
+        data, seed, lambda model, error: _calibration(runs, model, view, error=error), must, source
+    )
+    left_out = [*found.left_out, *_doubts(runs, tables)]
+    return replace(found, gel=gel, early=early, left_out=left_out)
+
+
+def fit_best_model(
+    data: ForceData,
+    seed: int,
+    calibration: Callable[[ForceModel, dict[str, dict[str, Any]]], ForceCalibration],
+    must: Sequence[str] = (PAPER_CONDITIONS,),
+    source: str = "points",
+) -> ForceResult:
+    """Every feature set of the points judged, and the best one's model of all of them.
+
+    calibration: makes one of the model and its errors. must: sets whose lack of points is an error;
+    source: what it names. Raises InputError.
+    """
+    judged, left_out = [], list(data.left_out)
+    for name in [one for one in data.sets if one in FORCE_FEATURES]:
+        try:
+            _require_enough(data.sets[name], len(data), source)
+        except InputError as why:
+            if name in must:
+                raise
+            left_out.append(str(why))
+        else:
+            judged.append(judge(data, name, seed))
+    judged.sort(key=lambda one: score(one, data))
+    curves = {
+        name: learning_curve(data, name, seed)
+        for name in dict.fromkeys((judged[0].name, PAPER_CONDITIONS))
+    }
+    kept = calibration(judged[0].model, calibrated_errors(force_figures(judged[0], data)))
+    return ForceResult(data, judged, kept, seed, left_out, curves)
+
+
+def carry_over_calibration(
+    folders: Sequence[Path], other: Path, progress: Progress | None = None
+) -> tuple[TransferredCalibration, ForceCalibration, list[str]]:
+    """Another sensor's calibration on this one, from the few presses of runs; what was left out.
+
+    Raises InputError as `opened`, `gather` and `load_force` do.
+    """
+    calibration = load_force(other)
+    name = calibration.model.features
+    runs, tables = opened(folders)
+    # Refused before anything is tracked.
+    features_of(calibration.model, calibration.view(SensorModel(runs[0].camera)), f"{other}: model")
+    data = gather(runs, (name,), None, progress)
+    moved = transfer(calibration.model, data)
+    told = {"of": list(calibration.head.made.runs), **moved.as_dict()}
+    kept = _calibration(runs, moved.model, view_of_run(runs[0]), transfer=told)
+    return moved, kept, [*data.left_out, *_doubts(runs, tables)]
+
+
+def _require_enough(features: Features, points: int, source: str) -> None:
+    """Raises InputError unless each fold fits more points than a component has coefficients."""
+    most = max(len(features.explains[component]) for component in COMPONENTS)
+    needed = next(n for n in count(most + 1) if n - ceil(n / FOLDS) > most)
+    if points < needed:
+        raise InputError(
+            f"{source}: {features.name} needs at least {needed} points, and there are {points}; "
+            "press at more places, or in more steps"
+        )
+
+
+def _calibration(
+    runs: Sequence[Run], model: ForceModel, view: SensorModel, **more: Any
+) -> ForceCalibration:
+    """A model with the sensor that it was fitted to, and the face of runs at rest."""
+    run, head = runs[0], head_of(runs, "force")
+    rest = encode_png(run.image(str(run.frames(presses(run)[0])["file"].iloc[0])))
+    return ForceCalibration(head, model, view.skin, view.poisson, rest=rest, **more)
+
+
+def _doubts(runs: Sequence[Run], tables: Sequence[pd.DataFrame]) -> list[str]:
+    """What makes the points of a run worse than they could be."""
+    doubts = []
+    for run, frames in zip(runs, tables, strict=True):
+        if run.imported:
+            doubts.append(
+                f"{run.folder}: imported: which frames are at rest is not known, all are points; "
+                f"a 'press' is one of {STRETCHES} stretches of time"
+            )
+            if in_pixels(run):
+                doubts.append(f"{run.folder}: {NO_CAMERA}")
+        elif not settles(frames):
+            doubts.append(f"{run.folder}: nothing settles in it; the end of each motion is taken")
+        weights = run.meta["protocol"].get("weights")
+        if weights is not None:
+            normal_n, shear_n = validate(DeadWeights, weights, str(run.folder)).error_n()
+            doubts.append(
+                f"{run.folder}: weights laid on by hand: the normal force is known to "
+                f"{normal_n:.3f} N, shear to {shear_n:.3f} N, which no error above contains"
+            )
+        if run.simulated and run.meta["protocol"]["specimen"]["gel_model"] != "hyperelastic":
+            doubts.append(
+                f"{run.folder}: simulated with a linear gel, whose forces are no gel's: "
+                'judge on "hyperelastic"'
+            )
+    return doubts
+
+
+_SHEAR = np.isin(COMPONENTS, ("fx", "fy", "tz"))
+MIN_SURE = 0.1
+"""Standard error of a factor above which the presses do not determine it."""
+CLEARLY = 0.8
+"""Of the transfer's error, below which a fresh fit's is called better."""
+
+
+@dataclass(frozen=True)
+class TransferredCalibration:
+    """A calibration carried over by two factors, pressure and shear.
+
+    Gel of another modulus answers with the same field and another force, so all force scales alike;
+    another thickness or Poisson's ratio moves pressure against shear. So there is one factor for
+    what comes of pressure (fz, tx, ty) and one for what comes of shear (fx, fy, tz), and one press
+    that is sheared tells both.
+
+    shear_known: False where the presses were not sheared enough, and shear took pressure's factor.
+    Errors of the force, None where they could not be told: error_n at a position left out,
+    fresh_error_n the same of a new fit of the same features, as_is_error_n of the calibration as it
+    came.
+    """
+
+    model: ForceModel
+    pressure: float
+    shear: float
+    shear_known: bool
+    presses: int
+    error_n: float | None
+    fresh_error_n: float | None
+    as_is_error_n: float | None
+
+    @property
+    def line(self) -> str:
+        """What was done, and what it is worth beside a fresh fit."""
+        text = (
+            f"carried over from {self.presses} presses: pressure x {self.pressure:.3f}, "
+            f"shear x {self.shear:.3f}"
+        )
+        if not self.shear_known:
+            text += " (that of pressure: these presses do not determine it)"
+        if self.error_n is None:
+            return f"{text}; press at a second place to estimate the error"
+        fresh = "cannot be made" if self.fresh_error_n is None else f"{self.fresh_error_n:.2f} N"
+        text += (
+            f"; error of the force {self.error_n:.2f} N on a position left out (as it came "
+            f"{self.as_is_error_n:.2f} N; a fresh fit {fresh})"
+        )
+        if self.fresh_error_n is not None and self.fresh_error_n < CLEARLY * self.error_n:
+            text += ": the fresh fit is better, leave --transfer out"
+        return text
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data, without the model."""
+        return {key: value for key, value in vars(self).items() if key != "model"}
+
+
+def transfer(model: ForceModel, data: ForceData) -> TransferredCalibration:
+    """Fit the two factors, and judge them place by place.
+
+    Raises InputError for presses that say nothing of pressure.
+    """
+    X, wrench = data.features[model.features], data.wrench
+    as_is = model.predict(X)
+    pressure, shear, known = _factors(as_is, wrench)
+
+    def moved(fitted: Array, judged: Array) -> Array:
+        pressure, shear, _ = _factors(as_is[fitted], wrench[fitted])
+        return as_is[judged] * np.where(_SHEAR, shear, pressure)
+
+    def fresh(fitted: Array, judged: Array) -> Array:
+        return fit_force(data, model.features, fitted).predict(X[judged])
+
+    error_n, fresh_n = (
+        force_error_n(cross_validated(data.points, wrench, "position", 0, how) - wrench)
+        for how in (moved, fresh)
+    )
+    scaled = model.coefficients * np.where(_SHEAR, shear, pressure)[:, None]
+    return TransferredCalibration(
+        replace(model, coefficients=scaled), pressure, shear, known,
+        data.points["press"].nunique(), error_n, fresh_n, force_error_n(as_is - wrench),
+    )  # fmt: skip
+
+
+def _factors(predicted: Array, wrench: Array) -> tuple[float, float, bool]:
+    """Factors of pressure and shear, and whether the presses determined the second."""
+    pressure, sure = _factor(predicted[:, 2], wrench[:, 2])
+    if sure > MIN_SURE:
+        raise InputError(
+            "transfer: the presses do not determine the factor of the normal force "
+            f"({pressure:.2f} +- {sure:.2f}); press deeper, or on more places"
+        )
+    shear, sure = _factor(predicted[:, :2].ravel(), wrench[:, :2].ravel())
+    return (pressure, shear, True) if sure <= MIN_SURE else (pressure, pressure, False)
+
+
+def _factor(p: Array, y: Array) -> tuple[float, float]:
+    """Least squares of measured on predicted through 0, and its standard error."""
+    size = float(p @ p)
+    if size == 0 or len(p) < 2:
+        return 1.0, np.inf
+    factor = float(p @ y) / size
+    return factor, float(np.sqrt(np.sum((y - factor * p) ** 2) / (len(p) - 1) / size))

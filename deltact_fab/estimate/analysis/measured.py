@@ -1,0 +1,163 @@
+"""What the measurement says of a recorded run: shape and contacts at the deepest presses, force.
+
+Each press is followed from its own first image, as `measure` would follow it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from deltact_fab.bench import Run
+from deltact_fab.common import Array, InputError, Progress
+
+from ..measure.force.calibration import ForceCalibration, load_force
+from ..measure.pipeline.measurement import Measurement
+from ..measure.pipeline.outputs import MeasurementResult
+from ..measure.sensor_id import Kind, read_calibration, require_same_sensor
+from .flows import MAP_EVERY_PX
+from .runs import sensor_of, view_of_run
+
+MAX_FRAMES = 1000
+"""Of a run with a force calibration all frames are measured up to so many; of any other those of
+each indenter's deepest press."""
+FORCE_COLUMNS = ("fx_n", "fy_n", "fz_n")
+
+
+@dataclass(frozen=True)
+class DeepestPress:
+    """The end of an indenter's deepest press. depth_mm: of its tip, as the stage says."""
+
+    indenter: str
+    frame_id: str
+    depth_mm: float
+    result: MeasurementResult
+
+
+@dataclass(frozen=True)
+class Force:
+    """Force that was estimated at frames, beside what was measured.
+
+    frames: the run's rows of them, with fx_n_est to fz_n_est, extrapolated, trusted. features: of
+    the model. own: the model was fitted to this very run. rms_n: of x, y and z over the frames
+    with a force sensor's reading; None where there was none.
+    """
+
+    frames: pd.DataFrame
+    features: str
+    own: bool
+    rms_n: tuple[float, float, float] | None
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether it is no test, or frames are beyond the calibration."""
+        return self.own or self.rms_n is None or bool(self.frames["extrapolated"].any())
+
+    @property
+    def line(self) -> str:
+        n, beyond = len(self.frames), int(self.frames["extrapolated"].sum())
+        words = f"Force from the flow by {self.features!r}, {n} frames: "
+        if self.rms_n is None:
+            return words + "no force sensor was read to compare with"
+        x, y, z = self.rms_n
+        words += f"off by {z:.2f} N normal, {x:.2f} and {y:.2f} N in shear (root mean square)"
+        if self.own:
+            words += "; the calibration was fitted to this very run, so this is no test of it"
+        if beyond:
+            words += f"; {beyond} frames are beyond what it was fitted to"
+        return words
+
+
+@dataclass(frozen=True)
+class MeasuredRun:
+    """What was measured of a run; left_out: what was not, and why."""
+
+    deepest: list[DeepestPress]
+    force: Force | None
+    left_out: list[str]
+
+
+def calibrations_of_run(run: Run, files: Sequence[Path] = ()) -> list[Path]:
+    """Of force and depth: these files, else those that lie in the run's folder `analysis`.
+
+    Raises InputError, one line, for a file that is none, and for another sensor's.
+    """
+    beside = (run.folder / "analysis" / name for name in ("calibration.toml", "depth.toml"))
+    found = list(files) or [file for file in beside if file.is_file()]
+    for file in found:
+        require_same_sensor(read_calibration(file)[0], sensor_of(run), str(file))
+    return found
+
+
+def measure_run(
+    run: Run, calibrations: Sequence[Path] = (), progress: Progress | None = None
+) -> MeasuredRun:
+    """Measure a run that has images. Raises as `Measurement` and `Run.image` do."""
+    import cv2
+
+    cv2.setNumThreads(1)  # the flow depends on their number
+    frames = run.frames().dropna(subset=["file"])
+    if frames.empty:
+        raise InputError(f"{run.folder}: a run without images")
+    view = view_of_run(run)
+    measurement = Measurement(view, None, calibrations, every=MAP_EVERY_PX)
+    heads = {read_calibration(file)[0].kind: file for file in calibrations}
+    last = frames[frames["kind"] == "press"].groupby("step_id", sort=False).tail(1)
+    last = last.dropna(subset="z_mm")  # under a weight nobody knows how deep it went
+    ends = last.loc[last.groupby("indenter", sort=False)["z_mm"].idxmin()]
+    whole = "force" in heads and len(frames) <= MAX_FRAMES
+    followed = frames if whole else frames[frames["press"].isin(ends["press"])]
+    deepest, forces, done = [], [], 0
+    for press, part in followed.groupby("press", sort=False):
+        measurement.reset()
+        for row in part.itertuples():
+            result = measurement.update(run.image(str(row.file)))
+            if result.force is not None:
+                forces.append((*result.force.force_n, result.extrapolated, result.trusted))
+            done += 1
+            if row.frame_id in set(ends["frame_id"]):
+                z_mm: Any = row.z_mm
+                deepest.append(
+                    DeepestPress(str(row.indenter), str(row.frame_id), -float(z_mm), result)
+                )
+            if progress is not None:
+                progress(done, len(followed), str(press))
+    force = None
+    if "force" in heads:
+        force = _held(run, load_force(heads["force"]), followed, np.array(forces, float))
+    left_out = _left_out(set(heads), bool(deepest), len(frames) - len(followed))
+    return MeasuredRun(deepest, force, left_out)
+
+
+def _held(run: Run, force: ForceCalibration, followed: pd.DataFrame, found: Array) -> Force:
+    """Beside what the force sensor said, where there was one."""
+    names = [f"{name}_est" for name in FORCE_COLUMNS]
+    table = followed.assign(
+        **dict(zip(names, found.T[:3], strict=True)),
+        extrapolated=found[:, 3] > 0,
+        trusted=found[:, 4] > 0,
+    )
+    off = found[:, :3] - table[list(FORCE_COLUMNS)].to_numpy(float)
+    off = off[np.isfinite(off).all(axis=1)]
+    x, y, z = np.sqrt(np.mean(off**2, axis=0)) if len(off) else (np.nan,) * 3
+    own = not {run.folder.resolve().name, run.meta["name"]}.isdisjoint(force.head.made.runs)
+    rms = (float(x), float(y), float(z)) if len(off) else None
+    return Force(table, force.model.features, own, rms)
+
+
+def _left_out(kinds: set[Kind], pressed: bool, frames: int) -> list[str]:
+    lines = []
+    if not pressed:
+        lines.append("shape and contacts: no step of this run presses")
+    elif "depth" not in kinds:
+        lines.append("contacts, and depth in mm: no calibration (`deltact-fab calibrate depth`)")
+    if "force" not in kinds:
+        lines.append("force from the flow: no calibration (`deltact-fab calibrate force`)")
+    elif frames:
+        lines.append(f"force at {frames} frames: only the deepest presses of so long a run")
+    return lines

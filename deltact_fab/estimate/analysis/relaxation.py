@@ -1,0 +1,310 @@
+"""How a gel's force fades at rest: a run's rests, and the series that makes them flat.
+
+With the shear modulus G(t) = G (1 + sum g exp(-t / tau)) and everything else fixed by the way of
+the tip, the force is the steady one and, for each branch, g q, where q' + q / tau = dF/dt and F is
+what the slow gel would give on the same way (the Boltzmann integral; Christensen, Theory of
+Viscoelasticity, 1982, 1.2). A way that is straight in time over s seconds leaves of it
+    q = F (1 - exp(-s / tau)) tau / s,
+which fades with tau when the tip rests: long ramps leave less than short ones. Exact where the
+contact does not change while the force fades, as with an incompressible gel that sticks.
+
+The force that was measured has the past of the whole press in it, ramps and earlier stops. For a
+series it is undone sample by sample, which gives the slow gel's force; within each rest that one is
+constant, and what is measured over it is what the series left. Least squares over all rests, in the
+three forces, of the times and shares; each rest's steady force is free. A rest counts in blocks
+that grow with the wait, else the many samples of a minute would drown its first second.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from deltact_fab.bench import Run
+from deltact_fab.common import Field, InputError, SolverError
+
+from .runs import PRESSING, settle_s
+
+BIN_S = 0.02  # samples are averaged over it: one of 1 kHz has seven times the noise
+ARRIVED_MM = 0.01  # a stage that reports this near its end has arrived
+MIN_BINS = 25  # of a rest that says anything
+
+
+@dataclass(frozen=True, eq=False)
+class ForceHistory:
+    """All forces of one press, averaged: force_n (n, 3) at t_s (n,), BIN_S apart, from its tare."""
+
+    press: str
+    t_s: Field
+    force_n: Field
+
+
+@dataclass(frozen=True, eq=False)
+class ForceRest:
+    """One stop of a press. at: its bins in the way, a slice. kind: press or shear."""
+
+    way: ForceHistory
+    step_id: str
+    kind: str
+    depth_mm: float
+    at: slice
+
+    @property
+    def wait_s(self) -> Field:
+        """(n,) since the first of them, at most 0.1 s after the tip came to rest."""
+        t = self.way.t_s[self.at]
+        return np.asarray(t - t[0])
+
+    @property
+    def force_n(self) -> Field:
+        """(n, 3) on the sensor."""
+        return self.way.force_n[self.at]
+
+
+def find_rests(run: Run) -> list[ForceRest]:
+    """The rests of all presses and drags that settled, in order.
+
+    Raises InputError for a run without a force stream or without a stop that rests long enough.
+    """
+    longest_s = max(settle_s(run, kind) for kind in PRESSING)
+    if not longest_s:
+        raise InputError(f"{run.folder}: its protocol has no settle_s: no stop rests")
+    steps = run.steps()
+    found: list[ForceRest] = []
+    for press, own in steps[steps["kind"].isin(PRESSING)].groupby("press", sort=False):
+        samples = run.force(str(press))
+        if not len(samples):
+            raise InputError(f"{run.folder}: press {press}: no force was recorded")
+        way = _binned(str(press), samples)
+        pose = run.pose(str(press))
+        settled = set(run.frames(str(press)).query("settled")["step_id"])
+        for step in own[own["step_id"].isin(settled)].itertuples():
+            rest = _rest(way, step, samples, pose, settle_s(run, str(step.kind)))
+            if rest is not None:
+                found.append(rest)
+    if not found:
+        raise InputError(
+            f"{run.folder}: no stop rests for {MIN_BINS * BIN_S:g} s or more: settle_s = "
+            f"{longest_s:g}"
+        )
+    return found
+
+
+def _binned(press: str, samples: pd.DataFrame) -> ForceHistory:
+    t = samples["t_press_s"].to_numpy()
+    bins = np.floor((t - t[0]) / BIN_S).astype(int)
+    counts = np.bincount(bins)
+    middle = t[0] + (np.arange(len(counts)) + 0.5) * BIN_S
+    held = counts > 0
+    forces = []
+    for name in ("fx_n", "fy_n", "fz_n"):
+        sums = np.bincount(bins, samples[name].to_numpy())
+        forces.append(np.interp(middle, middle[held], sums[held] / counts[held]))
+    return ForceHistory(press, middle, np.stack(forces, axis=1))
+
+
+def _rest(
+    way: ForceHistory, step: object, samples: pd.DataFrame, pose: pd.DataFrame, rests_s: float
+) -> ForceRest | None:
+    """From the first report of the stage at its end; without reports, from the plan's time."""
+    row = step._asdict()  # type: ignore[attr-defined]
+    origin_s = float((samples["t_s"] - samples["t_press_s"]).iloc[0])
+    start_s = row["t_start_s"] + row["planned_s"] - origin_s
+    reports = pose[pose["step_id"] == row["step_id"]]
+    if len(reports):
+        off = reports[["x_mm", "y_mm", "z_mm"]].to_numpy() - [row["x_mm"], row["y_mm"], row["z_mm"]]
+        away = np.flatnonzero(np.linalg.norm(off, axis=1) > ARRIVED_MM)
+        first = int(away[-1]) + 1 if len(away) else 0
+        if first == len(reports):
+            return None  # it was cut short
+        start_s = max(start_s, float(reports["t_press_s"].iloc[first - 1 if first else 0]))
+    first, last = np.searchsorted(way.t_s, [start_s + BIN_S, start_s + rests_s])
+    if last - first < MIN_BINS:
+        return None
+    return ForceRest(
+        way, row["step_id"], row["kind"], -float(row["z_mm"]), slice(int(first), int(last))
+    )
+
+
+@dataclass(frozen=True)
+class Series:
+    """Shares (k,) of the steady force that fade, and the times_s (k,) in which they do.
+
+    As `[specimen] prony`.
+    """
+
+    shares: tuple[float, ...]
+    times_s: tuple[float, ...]
+
+    @property
+    def pairs(self) -> tuple[tuple[float, float], ...]:
+        """(g, tau_s), as a protocol writes them."""
+        return tuple(zip(self.shares, self.times_s, strict=True))
+
+
+def settling_time_s(wait_s: ArrayLike, error: ArrayLike, bound: float) -> float:
+    """The first of wait_s (n,) from which on |error| (n,) is within bound; nan: never.
+
+    Between two of them the error is taken as straight in the logarithm of error and linear in time,
+    as it is where it fades.
+    """
+    wait, off = np.asarray(wait_s, float), np.abs(np.asarray(error, float))
+    over = np.flatnonzero(off > bound)
+    if not len(over):
+        return float(wait[0])
+    last = int(over[-1])
+    if last + 1 == len(wait):
+        return math.nan
+    a, b = math.log(off[last]), math.log(max(off[last + 1], bound * 1e-6))
+    share = (a - math.log(bound)) / (a - b)
+    return float(wait[last] + share * (wait[last + 1] - wait[last]))
+
+
+MAX_BRANCHES = 3
+WORTH = 0.9  # a further branch is taken when it makes the blocks' residual this much smaller
+BLOCKS = 40  # of a rest, each as much later as the one before
+LONGEST = 2.0  # x the longest rest: slower branches cannot be told from a steady force
+FIRST_S, FIRST_SHARE = 2.0, 0.1  # where the search starts
+SHARES = (1e-4, 10.0)
+SHORTEST_S = 2 * BIN_S
+STILL_RESTS = 0.5  # a branch over this x the longest rest is poorly determined
+
+
+@dataclass(frozen=True, eq=False)
+class RelaxationFit:
+    """series: what was found. rms_n: of the residual. steady_n (rests, 3): each rest's end.
+
+    unsure: times of branches so slow that the rests are too short to tell them well. blocks_n: as
+    rms_n, of the blocks that it was fitted to.
+    """
+
+    series: Series
+    rms_n: float
+    steady_n: Field
+    unsure: tuple[float, ...]
+    blocks_n: float
+
+    def excess(self, rest: ForceRest, wait_s: Field) -> Field:
+        """(m, 3) of what the force of a rest has over its steady value at wait_s (m,) into it."""
+        return _left(rest, _branches(rest.way, self.series), self.series, wait_s)
+
+
+def fit_relaxation(rests: Sequence[ForceRest]) -> RelaxationFit:
+    """The series of rests, with the fewest branches, up to MAX_BRANCHES, that improve the fit.
+
+    Raises SolverError where the search does not converge.
+    """
+    best = _best(rests, [(FIRST_S,)])
+    if best is None:
+        raise SolverError("relaxation: no search for a series converged")
+    while len(best.series.shares) < MAX_BRANCHES:
+        more = _best(rests, _split(best.series.times_s, rests))
+        if more is None or more.blocks_n > WORTH * best.blocks_n:
+            break
+        best = more
+    return best
+
+
+def _split(times_s: Sequence[float], rests: Sequence[ForceRest]) -> list[tuple[float, ...]]:
+    """Starts with one branch more: below, between and above those that were found.
+
+    Sums of exponentials have valleys of their own; from one start the search ends in any of them.
+    """
+    ends = [SHORTEST_S, *times_s, LONGEST * _longest_s(rests)]
+    gaps = [float(np.sqrt(a * b)) for a, b in itertools.pairwise(ends)]
+    return [tuple(sorted((*times_s, gap))) for gap in gaps]
+
+
+def _longest_s(rests: Sequence[ForceRest]) -> float:
+    return max(float(rest.wait_s[-1]) for rest in rests)
+
+
+def _best(rests: Sequence[ForceRest], starts: Sequence[tuple[float, ...]]) -> RelaxationFit | None:
+    """None where no search converged: a branch too many has nowhere to go."""
+    found = [fitted for start in starts if (fitted := _from(rests, start)) is not None]
+    return min(found, key=lambda fitted: fitted.blocks_n, default=None)
+
+
+def _from(rests: Sequence[ForceRest], times_s: Sequence[float]) -> RelaxationFit | None:
+    from scipy.optimize import least_squares
+
+    count, longest = len(times_s), _longest_s(rests)
+    low = np.log([SHORTEST_S] * count + [SHARES[0]] * count)
+    high = np.log([LONGEST * longest] * count + [SHARES[1]] * count)
+    start = np.clip(np.log([*times_s, *[FIRST_SHARE / count] * count]), low + 1e-6, high - 1e-6)
+
+    def residuals(p: Field) -> Field:
+        off = _told(rests, _series(p))[-1]
+        return np.concatenate([_blocks(part).ravel() for part in off])
+
+    found = least_squares(residuals, start, bounds=(low, high), x_scale="jac")
+    if found.status <= 0:
+        return None
+    series = _series(found.x)
+    steady, off = _told(rests, series)
+    rms, blocks = (
+        float(np.sqrt(np.mean(np.concatenate([of(part).ravel() for part in off]) ** 2)))
+        for of in (np.asarray, _blocks)
+    )
+    unsure = tuple(tau for tau in series.times_s if tau > STILL_RESTS * longest)
+    return RelaxationFit(series, rms, np.array(steady), unsure, blocks)
+
+
+def _blocks(misfit_n: Field) -> Field:
+    """(b, 3) means of (n, 3) over blocks that grow."""
+    starts = np.unique(np.geomspace(1, len(misfit_n), BLOCKS + 1).astype(int)) - 1
+    starts = starts[:-1]
+    counts = np.diff([*starts, len(misfit_n)])
+    return np.asarray(np.add.reduceat(misfit_n, starts, axis=0) / counts[:, None])
+
+
+def _series(p: Field) -> Series:
+    count = len(p) // 2
+    order = np.argsort(p[:count])
+    taus, shares = np.exp(p[:count][order]), np.exp(p[count:][order])
+    return Series(tuple(shares.tolist()), tuple(taus.tolist()))
+
+
+def _told(rests: Sequence[ForceRest], series: Series) -> tuple[list[Field], list[Field]]:
+    """Of every rest: its steady force (3,), misfit (n, 3)."""
+    slow: dict[int, Field] = {}
+    steady, off = [], []
+    for rest in rests:
+        if id(rest.way) not in slow:
+            slow[id(rest.way)] = _branches(rest.way, series)
+        own = _left(rest, slow[id(rest.way)], series, rest.wait_s)
+        end = (rest.force_n - own).mean(axis=0)
+        steady.append(end)
+        off.append(rest.force_n - own - end)
+    return steady, off
+
+
+def _left(rest: ForceRest, slow: Field, series: Series, wait_s: Field) -> Field:
+    """(m, 3) that a series leaves at wait_s (m,) into a rest; slow: `_branches` of its way."""
+    first = np.array(series.shares)[:, None] * slow[rest.at.start]
+    return np.asarray(np.exp(-wait_s[:, None] / np.array(series.times_s)) @ first)
+
+
+def _branches(way: ForceHistory, series: Series) -> Field:
+    """q (n, k, 3) of the slow gel's force, which is the measured one with the series undone."""
+    from scipy.signal import lfilter
+
+    x = BIN_S / np.array(series.times_s)
+    keep, gain = np.exp(-x), -np.expm1(-x) / x
+    # As polynomials in the delay: F = S (1 + sum g gain (1 - z) / (1 - keep z)).
+    whole = np.poly(keep)
+    top = whole + sum(
+        g * a * np.polymul([1.0, -1.0], np.poly(np.delete(keep, k)))
+        for k, (g, a) in enumerate(zip(series.shares, gain, strict=True))
+    )
+    steady = lfilter(whole, top, way.force_n, axis=0)
+    return np.stack(
+        [lfilter([a, -a], [1.0, -e], steady, axis=0) for a, e in zip(gain, keep, strict=True)],
+        axis=1,
+    )

@@ -1,0 +1,303 @@
+"""Shape, and force where it is calibrated, of one press's settled frames, beside what is true."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from deltact_fab.bench import UNKNOWN_SENSOR, RunTruth, open_run
+from deltact_fab.common import Array, InputError
+from deltact_fab.sensor import Indenter, LatticeSampler, indenters_of_run
+
+from ...measure.face import FaceFlow
+from ...measure.force import features_of
+from ...measure.force.calibration import ForceCalibration
+from ...measure.force.model import Features, TractionField, Wrench
+from ...measure.shape.density import Density, jacobian_density, relative_depth
+from ...measure.shape.depth import (
+    ContactRegion,
+    Depth,
+    DepthFinder,
+    DepthModel,
+    contact_labels,
+    contacts,
+)
+from ..flows import MAP_EVERY_PX, flows_of
+from ..runs import settled, view_of_run
+
+TOUCHING_MM = 0.06
+"""A point this near to the indenter's surface touches it, where no traction was recorded. The
+gel's cells follow the indenter to within some .04 mm."""
+PRESSED = 0.01
+"""Of the greatest pressure: what is more is contact, where traction was recorded."""
+
+
+def true_shape(
+    truth: RunTruth, frame_id: str, flow: FaceFlow, indenter: Indenter, tip_mm: Array
+) -> tuple[Array, Array, str]:
+    """Depth (h, w) in mm and contact (h, w) bool at a flow's points, and what decides on contact.
+
+    Of a frame in which the indenter's tip stands at tip_mm (3,).
+    """
+    sampler = LatticeSampler.make(truth.lattice, flow.x_mm, flow.y_mm)
+    u_mm = sampler(truth.displacement_mm(frame_id))
+    if not truth.tractions:
+        at = np.stack(np.meshgrid(flow.x_mm, flow.y_mm), axis=-1) + u_mm[..., :2]
+        height = indenter.height_mm(at[..., 0] - tip_mm[0], at[..., 1] - tip_mm[1])
+        contact = (u_mm[..., 2] >= tip_mm[2] + height - TOUCHING_MM) & (u_mm[..., 2] < 0)
+        return -u_mm[..., 2], contact, "geometry"
+    pressure = -truth.traction_mpa(frame_id)[..., 2]
+    pressed = _at(flow.x_mm, flow.y_mm, *truth.face_mm(frame_id), pressure)
+    return -u_mm[..., 2], pressed > PRESSED * max(pressure.max(), 1e-9), "traction"
+
+
+SAME_MM = 0.01
+"""Depths that are one."""
+FORCE = ("fx_n", "fy_n", "fz_n")
+KPA = 1e3  # of an MPa
+CONTACT, NOTHING_MPA = 0.05, 1e-6
+"""Of the peak pressure: where the field's error is taken; and the peak that is none."""
+
+
+Lattice = tuple[Array, Array, Array]
+"""x_mm, y_mm and the traction (ny, nx, 3) in MPa there."""
+
+
+@dataclass(frozen=True)
+class ShapeMaps:
+    """A frame of a press: what was measured in it, and the truth; maps (h, w) at the flow's points.
+
+    tip_mm (3,): of the indenter, as the stage says. relative: see `relative_depth`. force_n (3,),
+    torque_z_nmm: the sensor's word. shape: of an indenter of the lab's own, as the run kept it.
+    wrench, field: by a calibration of force, else None. Where there is a truth, else None:
+    true_depth_mm, true_contact, and, where the run kept tractions, true_traction. Of those that
+    are drawn: image (H, W, 3) BGR uint8 over edges_mm: left, right, top and bottom, as the camera
+    sees it, row 0 being at -y.
+    """
+
+    indenter: str
+    frame_id: str
+    tip_mm: Array
+    flow: FaceFlow
+    density: Density
+    relative: Array
+    depth: Depth
+    contacts: list[ContactRegion]
+    field: TractionField | None = None
+    wrench: Wrench | None = None
+    force_n: Array | None = None
+    torque_z_nmm: float | None = None
+    shape: dict[str, Any] | None = None
+    true_depth_mm: Array | None = None
+    true_contact: Array | None = None
+    true_traction: Lattice | None = None
+    image: Array | None = None
+    edges_mm: Array | None = None
+
+    @property
+    def pressed(self) -> Indenter:
+        return indenters_of_run(
+            self.indenter, {self.indenter: self.shape} if self.shape else {}, "a picture"
+        )
+
+    @property
+    def tip_depth_mm(self) -> float:
+        """How deep the tip is, 0 above the face."""
+        return max(0.0, -float(self.tip_mm[2]))
+
+    @property
+    def tractions(self) -> list[tuple[str, Lattice]]:
+        """Those that are known, with a word of each."""
+        f = self.field
+        found = None if f is None else (f.x_mm, f.y_mm, f.traction_mpa)
+        both = (("found", found), ("true", self.true_traction))
+        return [(word, lattice) for word, lattice in both if lattice is not None]
+
+
+@dataclass(frozen=True)
+class PressShape:
+    """rows: figures of each settled frame by name; those that are not known are left out.
+
+    deepest: the end of the deepest press, before any shear. twisted: where the torque about z that
+    was measured is largest, None where nothing was sheared or no torque was measured. contact_by:
+    how the true contact was told.
+    """
+
+    rows: list[dict[str, Any]]
+    deepest: ShapeMaps | None
+    twisted: ShapeMaps | None
+    contact_by: str | None
+
+
+def press_shape(
+    folder: str | Path, press: str, model: DepthModel, force: ForceCalibration | None = None
+) -> PressShape:
+    """Of a run with images, by its folder.
+
+    Raises InputError for a calibration that this version cannot use, and for a frame of which
+    nobody knows where the stage was.
+    """
+    run = open_run(folder)
+    rows, truth, view = settled(run.frames(press)), run.truth(), view_of_run(run)
+    if (lost := rows.loc[rows["z_mm"].isna(), "frame_id"]).size:
+        raise InputError(
+            f"{run.folder}: frame {lost.iloc[0]}: where the stage was is not recorded; "
+            "nobody knows under a weight laid on by hand, else `record check` says what is damaged"
+        )
+    finder = DepthFinder(view, model)
+    features = None
+    if force is not None:
+        features = features_of(force.model, force.view(view), "force calibration")
+    at_deepest, at_twisted = _shown(rows)
+    told: list[dict[str, Any]] = []
+    shown: dict[int, ShapeMaps] = {}
+    way = None
+    followed = flows_of(run, press, MAP_EVERY_PX)
+    for k, (row, flow) in enumerate(zip(rows.itertuples(), followed, strict=True)):
+        found = _measured(row, flow, finder, features, force)
+        indenter = None if row.indenter == UNKNOWN_SENSOR else run.indenter(str(row.indenter))
+        if truth is not None and indenter is not None:
+            depth_mm, contact, way = true_shape(truth, found.frame_id, flow, indenter, found.tip_mm)
+            found = replace(found, true_depth_mm=depth_mm, true_contact=contact)
+        told.append(
+            {"press": press, "indenter": row.indenter, "frame_id": found.frame_id,
+             "kind": row.kind, "x_mm": float(found.tip_mm[0]), "y_mm": float(found.tip_mm[1])}
+            | _figures(found) | _against(found) | _forces(found, truth)
+        )  # fmt: skip
+        if k not in (at_deepest, at_twisted):
+            continue
+        if truth is not None and truth.tractions:
+            lattice = *truth.face_mm(found.frame_id), truth.traction_mpa(found.frame_id)
+            found = replace(found, true_traction=lattice)
+        image = run.image(str(row.file))
+        h, w = image.shape[:2]
+        corners = view.camera.rest_mm(np.array([[-0.5, -0.5], [w - 0.5, h - 0.5]]))
+        own = run.meta.get("shapes", {}).get(row.indenter)
+        shown[k] = replace(found, image=image, edges_mm=corners.T.ravel(), shape=own)
+    twisted = None if at_twisted is None else shown[at_twisted]
+    return PressShape(told, shown.get(at_deepest), twisted, way)
+
+
+def _shown(rows: pd.DataFrame) -> tuple[int, int | None]:
+    """Index of the frame at the end of the deepest press, and of the most twisted one."""
+    if rows.empty:
+        return -1, None
+    depth = -rows["z_mm"].to_numpy(float)
+    deepest = int(np.argmax(depth > np.nanmax(depth) - SAME_MM))
+    torque = rows["tz_nmm"].abs().where(rows["kind"] == "shear").to_numpy(float)
+    return deepest, None if np.isnan(torque).all() else int(np.nanargmax(torque))
+
+
+def _measured(
+    row: Any, flow: FaceFlow, finder: DepthFinder, features: Features | None,
+    force: ForceCalibration | None,
+) -> ShapeMaps:  # fmt: skip
+    """What a frame's row and its flow say."""
+    camera, press, depth = finder.view.camera, finder.inverse.of(flow), finder.of(flow)
+    density = jacobian_density(flow, camera.mm_per_px)
+    field = wrench = None
+    if features is not None and force is not None:
+        wrench = force.model.wrench(features.of(flow), flow.cover)
+        if features.local:
+            field = features.traction(flow, force.model)
+    measured_n = np.array([getattr(row, name) for name in FORCE], float)
+    return ShapeMaps(
+        str(row.indenter), str(row.frame_id), np.array([row.x_mm, row.y_mm, row.z_mm], float),
+        flow, density, relative_depth(density, flow), depth, contacts(depth, flow, camera, press),
+        field, wrench, measured_n if np.isfinite(measured_n).all() else None,
+        None if pd.isna(row.tz_nmm) else float(row.tz_nmm),
+    )  # fmt: skip
+
+
+def _figures(found: ShapeMaps) -> dict[str, Any]:
+    place_error_mm = None  # known of an indenter with one round tip that presses
+    tip_mm = found.tip_mm
+    if found.contacts and found.indenter.startswith("sphere:") and tip_mm[2] < 0:
+        place_error_mm = float(np.linalg.norm(found.contacts[0].place_mm - tip_mm[:2]))
+    return {
+        "tip_depth_mm": found.tip_depth_mm,
+        "trusted": found.flow.trusted,
+        "cover": found.flow.cover,
+        "extrapolated": found.depth.extrapolated,
+        "peak_depth_mm": float(found.depth.depth_mm.max()),
+        "n_contacts": len(found.contacts),
+        "area_mm2": float(sum(contact.area_mm2 for contact in found.contacts)),
+        "place_error_mm": place_error_mm,
+    }
+
+
+def _against(found: ShapeMaps) -> dict[str, Any]:
+    """Errors over known points: of the depth, of where the contact is; nothing without a truth."""
+    flow, depth, true_depth_mm = found.flow, found.depth, found.true_depth_mm
+    if true_depth_mm is None or found.true_contact is None:
+        return {}
+    known = flow.known
+    contact = found.true_contact & known
+    error = np.abs(depth.depth_mm - true_depth_mm)
+    figures: dict[str, Any] = {
+        "true_peak_depth_mm": float(true_depth_mm.max()),
+        "depth_error_face_mm": float(error[known].mean()) if known.any() else None,
+    }
+    if not contact.any():
+        return figures
+    seen = (contact_labels(depth) > 0) & known
+    x, y = np.meshgrid(flow.x_mm, flow.y_mm)
+    apart = [a[seen].mean() - a[contact].mean() for a in (x, y)] if seen.any() else None
+    return figures | {
+        "depth_error_contact_mm": float(error[contact].mean()),
+        "zero_error_contact_mm": float(true_depth_mm[contact].mean()),
+        "relative_correlation": _correlation(found.relative[known], true_depth_mm[known]),
+        "depth_correlation": _correlation(depth.depth_mm[known], true_depth_mm[known]),
+        "contact_iou": float(np.count_nonzero(seen & contact) / np.count_nonzero(seen | contact)),
+        "centroid_error_mm": None if apart is None else float(np.hypot(apart[0], apart[1])),
+        "true_area_mm2": float(np.count_nonzero(contact) * flow.cell_mm**2),
+    }
+
+
+def _correlation(a: Array, b: Array) -> float | None:
+    if a.std() == 0 or b.std() == 0:
+        return None
+    return float(np.corrcoef(a, b)[0, 1])
+
+
+def _forces(found: ShapeMaps, truth: RunTruth | None) -> dict[str, Any]:
+    """Force by sensor and by flow, and the field's error of the peak pressure against truth."""
+    told: dict[str, Any] = {}
+    if found.force_n is not None:
+        x, y, z = map(float, found.force_n)
+        told |= {"normal_n": -z, "shear_x_n": x, "shear_y_n": y}
+    if found.wrench is not None:
+        x, y, z = map(float, found.wrench.force_n)
+        told |= {"found_normal_n": -z, "found_shear_x_n": x, "found_shear_y_n": y}
+        told["force_extrapolated"] = found.wrench.extrapolated
+    if found.field is None:
+        return told
+    told["peak_kpa"] = -KPA * float(found.field.traction_mpa[..., 2].min())
+    if truth is not None and truth.tractions and found.force_n is not None:
+        told["true_peak_kpa"] = -KPA * float(truth.traction_mpa(found.frame_id)[..., 2].min())
+        told["pressure_error"] = _pressure_error(found.field, truth, found.frame_id)
+    return told
+
+
+def _pressure_error(field: TractionField, truth: RunTruth, frame_id: str) -> float | None:
+    """Mean error of the pressure over the contact, of its peak; None where nothing presses."""
+    x, y = truth.face_mm(frame_id)
+    pressure = -truth.traction_mpa(frame_id)[..., 2]
+    if (peak := pressure.max()) <= NOTHING_MPA:
+        return None
+    true = _at(field.x_mm, field.y_mm, x, y, pressure)
+    off = -field.traction_mpa[..., 2] - true
+    return float(np.abs(off[true > CONTACT * peak]).mean() / peak)
+
+
+def _at(x_mm: Array, y_mm: Array, of_x_mm: Array, of_y_mm: Array, values: Array) -> Array:
+    """Values (ny, nx) of a lattice at the points of another one, bilinear."""
+    from scipy.interpolate import RegularGridInterpolator
+
+    at = np.stack(np.meshgrid(y_mm, x_mm, indexing="ij"), axis=-1)
+    found: Array = RegularGridInterpolator((of_y_mm, of_x_mm), values)(at)
+    return found

@@ -1,0 +1,176 @@
+"""Shape, depth and contacts of a run's settled frames, against truth where there is one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deltact_fab.bench import open_run
+from deltact_fab.common import Progress, run_each
+
+from ...measure.force.calibration import load_force
+from ...measure.sensor_id import require_same_sensor
+from ...measure.shape.depth import DepthModel
+from ..runs import recorded_frames, sensor_of, write_results
+from .press import SAME_MM, ShapeMaps, press_shape
+
+SHAPE_GOALS = {"depth_error_contact_mm": 0.25, "depth_error_face_mm": 0.03, "place_error_mm": 0.5}
+"""At most, as means over the frames that press."""
+WORDS = ("depth over the contact", "over the face", "place of a ball")
+FIGURES = (
+    "depth_error_contact_mm", "depth_error_face_mm", "zero_error_contact_mm", "depth_correlation",
+    "relative_correlation", "contact_iou", "centroid_error_mm", "place_error_mm", "area_mm2",
+    "true_area_mm2", "cover",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ShapeResult:
+    """rows: figures of each settled frame, by name; those that are not known are left out.
+
+    calibration: file of the depth's, None: the inverse's own. contact_by: how the true contact was
+    told. pictures: the deepest of each indenter. field: one with tractions, by a calibration of
+    force; the most twisted, else of the first that has them.
+    """
+
+    rows: list[dict[str, Any]]
+    pictures: list[ShapeMaps]
+    calibration: str | None
+    contact_by: str | None
+    simulated: bool
+    seed: int
+    field: ShapeMaps | None = None
+
+    def means(self, indenter: str | None = None) -> dict[str, Any]:
+        """Means of FIGURES over the frames that press (of one indenter), with their number."""
+        rows = [
+            row
+            for row in self.rows
+            if row["tip_depth_mm"] > 0 and indenter in (None, row["indenter"])
+        ]
+        found: dict[str, Any] = {"frames": len(rows)}
+        for name in FIGURES:
+            known = [row[name] for row in rows if row.get(name) is not None]
+            found[name] = float(np.mean(known)) if known else None
+        return found
+
+    @property
+    def indenters(self) -> list[str]:
+        return list(dict.fromkeys(row["indenter"] for row in self.rows))
+
+    @property
+    def missed(self) -> list[str]:
+        """Names of GOALS that the means are over."""
+        means = self.means()
+        return [name for name, goal in SHAPE_GOALS.items() if (means[name] or 0.0) > goal]
+
+    @property
+    def line(self) -> str:
+        """The verdict: what the depth and the place are worth."""
+        means = self.means()
+        how = "uncalibrated" if self.calibration is None else f"by {Path(self.calibration).name}"
+        if means["depth_error_contact_mm"] is None:
+            return (
+                f"Shape of {means['frames']} frames, depth {how}; its error is "
+                "unknown without truth."
+            )
+        parts = [
+            f"{words} {means[name]:.3f} mm{f' (over {goal:g})' if name in self.missed else ''}"
+            for (name, goal), words in zip(SHAPE_GOALS.items(), WORDS, strict=True)
+            if means[name] is not None
+        ]
+        # A face that nothing presses has no depth either, so its figure flatters.
+        return (
+            f"Mean error of {means['frames']} frames, depth {how}: {', '.join(parts)}; "
+            f"predicting zero everywhere gives {means['zero_error_contact_mm']:.3f} mm over the "
+            "contact."
+        )
+
+    @property
+    def note(self) -> str:
+        """Where the figures come from."""
+        told = f"; true contact by {self.contact_by}" if self.contact_by else ""
+        if self.contact_by == "geometry":
+            told += ", too small where the gel's cells are coarse: 'traction' in channels tells it"
+        return (f"simulated, seed {self.seed}" if self.simulated else "measured") + told
+
+    def as_dict(self) -> dict[str, Any]:
+        return {
+            "verdict": self.line,
+            "goals": SHAPE_GOALS,
+            "simulated": self.simulated,
+            "seed": self.seed,
+            "calibration": self.calibration,
+            "contact_by": self.contact_by,
+            "mean": self.means(),
+            "by_indenter": {name: self.means(name) for name in self.indenters},
+            "frames": self.rows,
+        }
+
+    def save(self, folder: Path) -> list[Path]:
+        """Write shape.json. Raises RunFailed where it cannot be written."""
+        return write_results(folder, {"shape.json": self.as_dict()})
+
+
+def deepest_maps(pictures: Iterable[ShapeMaps | None]) -> list[ShapeMaps]:
+    """Of each indenter the first picture in which it is as deep as ever, in their order."""
+    found: dict[str, ShapeMaps] = {}
+    for one in pictures:
+        if one is not None and one.tip_depth_mm > 0:
+            held = found.setdefault(one.indenter, one)
+            if one.tip_depth_mm > held.tip_depth_mm + SAME_MM:
+                found[one.indenter] = one
+    return list(found.values())
+
+
+def add_traction(pictures: Iterable[ShapeMaps | None]) -> ShapeMaps | None:
+    """The first picture that has a traction to be drawn."""
+    return next((p for p in pictures if p is not None and p.tractions), None)
+
+
+UNCALIBRATED = DepthModel(gain=1.0, deepest_mm=20.0)
+
+
+def analyse_shape(
+    folder: str | Path,
+    depth: Path | None = None,
+    force: Path | None = None,
+    progress: Progress | None = None,
+) -> ShapeResult:
+    """Every settled frame of a run; depth: a calibration of it, else the inverse's own is taken.
+
+    force: a calibration of it, for force and pressure beside what the sensor said. Raises
+    InputError for a run that is not finished or has no images, and for a calibration that is none
+    or another sensor's.
+    """
+    run = open_run(folder)
+    frames = recorded_frames(run, "shape")
+    _ = run.camera  # said first where there is none
+    model = UNCALIBRATED
+    if depth is not None:
+        head, model = DepthModel.load(depth)
+        require_same_sensor(head, sensor_of(run), str(depth))
+    known = None if force is None else load_force(force)
+    if known is not None:
+        require_same_sensor(known.head, sensor_of(run), str(force))
+    presses = list(dict.fromkeys(frames["press"]))
+    work = partial(press_shape, str(folder), model=model, force=known)
+    parts = run_each(work, presses, presses, progress=progress)
+    ways = {part.contact_by for part in parts} - {None}
+    pictures = deepest_maps(part.deepest for part in parts)
+    twisted = [part.twisted for part in parts if part.twisted is not None]
+    twisted.sort(key=lambda p: -abs(p.torque_z_nmm or 0.0))
+    return ShapeResult(
+        rows=[row for part in parts for row in part.rows],
+        pictures=pictures,
+        calibration=None if depth is None else str(depth),
+        contact_by=", ".join(sorted(map(str, ways))) or None,
+        simulated=run.simulated,
+        seed=int(run.meta.get("seed", 0)),
+        field=add_traction([*twisted, *pictures]),
+    )

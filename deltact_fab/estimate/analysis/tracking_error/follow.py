@@ -1,0 +1,249 @@
+"""Runs and presses image by image: followed by every method, compared with dots and truth.
+
+Images and truth may come from a record, or be drawn on the spot and kept nowhere. A whole run is
+followed press by press, side by side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from deltact_fab.bench import Run, open_run
+from deltact_fab.common import InputError, Progress, RunFailed, SensorError, run_each
+
+from ...measure.flow.confidence import FlowObservation, FlowState
+from ...measure.flow.renewed import FlowMethod
+from ...measure.flow.tracker import named_tracker
+from ..runs import recorded_frames
+from .result import TrackingResult
+from .tally import (
+    DOTS,
+    DotFollower,
+    DotTally,
+    ErrorTally,
+    PrintedDots,
+    TrueFrame,
+    imaged_pixels,
+    off_dots,
+    sampled,
+)
+
+# Ours, a cheaper one, the paper's, and the paper's flow composed in place of summed.
+DEFAULT_METHODS = ("fused", "dis-medium", "paper", "farneback-paper/composed")
+DOTS_ONLY_METHODS = "dot-matrix"  # the law of patterns with nothing between the dots
+
+
+@dataclass(frozen=True)
+class TrackingPlan:
+    """Which methods follow a run, whether its dots are followed, and a line a thing left out.
+
+    timed: each method's CPU time is asked for; else they share what two of them would find twice.
+    """
+
+    methods: tuple[str, ...]
+    dots: bool
+    left_out: tuple[str, ...]
+    timed: bool = True
+
+
+def tracking_plan_of(run: Run, methods: Sequence[str] | None) -> TrackingPlan:
+    """Of a run; methods: None for the default ones.
+
+    Raises InputError for a method that is not known, or of dense flow where there are only dots.
+    """
+    for name in methods or ():
+        named_tracker(name)
+    n_dots = len(run.dots_mm())
+    if run.pattern["recipe"]["law"] == DOTS_ONLY_METHODS:
+        if methods:
+            raise InputError(
+                f"{run.folder}: the pattern has only dots (law {DOTS_ONLY_METHODS!r}) and nothing "
+                f"between them that {methods[0]!r} could match; without --method "
+                "the dots are followed"
+            )
+        return TrackingPlan((DOTS,), True, ("dense flow: the pattern has only dots to follow",))
+    left_out = []
+    asked = "dots" in run.meta["protocol"]["channels"]
+    if not n_dots:
+        left_out.append("error at the dots: the pattern has none")
+    elif not asked:
+        left_out.append("error at the dots: the channel 'dots' is not asked for")
+    if run.truth() is None:
+        left_out.append("error against truth: a real rig knows none")
+    return TrackingPlan(tuple(methods or DEFAULT_METHODS), bool(n_dots and asked), tuple(left_out))
+
+
+class Follower:
+    """Counts the frames of a press; the first one is the reference of flow and dots.
+
+    tallies: by method. dots: None where they are not followed. left_out: lines that say what could
+    not be.
+    """
+
+    def __init__(self, scene: TrackingPlan, marks: PrintedDots) -> None:
+        self.tallies = {name: ErrorTally() for name in scene.methods}
+        self.dots = DotFollower(marks) if scene.dots else None
+        self.left_out: list[str] = []
+        shared: dict[str, FlowMethod] | None = None if scene.timed else {}
+        names = [name for name in scene.methods if name != DOTS]
+        self._flows = {name: named_tracker(name, shared=shared) for name in names}
+        self._scale = marks.camera.mm_per_px
+        self._off = off_dots(marks.camera, marks.dots_mm, marks.diameter_mm)
+        self._begun = False
+
+    def take(self, image: NDArray[np.uint8], frame: TrueFrame | None) -> dict[str, dict[str, Any]]:
+        """The next image, (h, w, 3) BGR; figures of a frame by method, none of the reference.
+
+        frame: the truth where it is known. Raises SensorError for a first image without a pattern;
+        one in which only the dots are missing is analysed without them.
+        """
+        at, self._begun = self._begun, True
+        # Of what moves, what lies on no dot: one that is followed is no pattern.
+        frame = frame and replace(frame, moving=frame.moving & self._off)
+        seen = None
+        try:
+            seen = self.dots.follow(image) if self.dots else None
+        except SensorError as why:
+            if not self._flows:
+                raise
+            # The flow has its error against truth, and its own word, without them.
+            self.left_out.append(str(why))
+            self.dots = None
+        said: dict[str, ErrorTally] = {}
+        for name, flow in self._flows.items():
+            observed = flow.update(image)
+            if at:
+                one = said[name] = _frame(observed, frame, self._scale)
+                one.switches -= self.tallies[name].switches
+                if self.dots and seen:
+                    errors, moving = self.dots.errors_of(observed.flow_px, seen)
+                    one.at_dots.take(errors)
+                    one.at_moving_dots.take(errors[moving])
+        if self.dots and seen and at:
+            true_px = None
+            if frame is not None:
+                first_px = self.dots.tracker.first_px
+                at_px = np.where(np.isfinite(first_px), first_px, self.dots.rest_px)
+                true_px = sampled(frame.flow_px, at_px)
+                self.dots.take(seen, true_px)
+            if DOTS in self.tallies:
+                said[DOTS] = self.dots.as_method(seen, true_px)
+        for name, one in said.items():
+            self.tallies[name].join(one)
+        return {name: one.figures() for name, one in said.items()}
+
+
+def _frame(observed: FlowObservation, frame: TrueFrame | None, scale: float) -> ErrorTally:
+    """What a method says of a frame, and its errors against truth. scale: mm/px."""
+    flow, last = observed.flow_px, observed.diagnostics
+    one = ErrorTally.of_frame(last.confident_share, last.trusted, last.cpu_ms)
+    one.switches = last.n_reference_switches
+    one.lost_share.take(float((observed.state == FlowState.LOST).mean()))
+    if frame is not None:
+        moving = frame.moving
+        errors = np.linalg.norm(flow[moving] - frame.flow_px[moving], axis=-1) * scale
+        one.take_moving(errors, (observed.confident & observed.visible)[moving])
+        in_plane = flow[moving] * scale - frame.in_plane_mm[moving]
+        one.in_plane.take(np.linalg.norm(in_plane, axis=-1))
+        one.peak_true_mm = frame.peak_mm
+    return one
+
+
+FRAME = ("frame_id", "seq", "press", "indenter", "step_id")
+COLUMNS = [*FRAME, "method", *ErrorTally().figures()]
+"""Of the table of frames; empty where a thing was left out."""
+
+
+@dataclass
+class PressResult:
+    """Sums by method, rows of the table of frames, and what was left out."""
+
+    tallies: dict[str, ErrorTally]
+    dots: DotTally = field(default_factory=DotTally)
+    left_out: list[str] = field(default_factory=list)
+    rows: list[dict[str, Any]] = field(default_factory=list)
+
+
+def analyse_press(folder: str, press: str, scene: TrackingPlan) -> PressResult:
+    """All frames of one press: the first one is the reference of flow and dots.
+
+    Raises RunFailed for an image of another size, SensorError for a first one without a pattern;
+    one in which only the dots are missing is analysed without them.
+    """
+    import cv2
+
+    cv2.setNumThreads(1)  # one thread, so that milliseconds compare
+    run = open_run(folder)
+    camera, truth = run.camera, run.truth()
+    follower = Follower(scene, PrintedDots.of(camera, run.pattern))
+    in_view = imaged_pixels(camera)
+    result = PressResult(follower.tallies)
+    for at, row in enumerate(run.frames(press).itertuples()):
+        image = run.image(str(row.file))
+        if image.shape[:2] != in_view.shape:
+            raise RunFailed(f"{row.file}: size {image.shape[1]} x {image.shape[0]} differs")
+        frame = None
+        if truth and at:
+            motion = truth.flow_and_in_plane(str(row.frame_id))
+            frame = TrueFrame.of(*motion, in_view, camera.mm_per_px)
+        frame_of = {key: getattr(row, key) for key in FRAME}
+        # The reference compared with itself is no measurement, and says nothing.
+        for name, figures in follower.take(image, frame).items():
+            result.rows.append({**frame_of, "method": name, **figures})
+    result.left_out += [f"error at the dots of {press}: {why}" for why in follower.left_out]
+    if follower.dots:
+        result.dots = follower.dots.tally
+    return result
+
+
+def analyse_tracking(
+    folder: str | Path,
+    methods: Sequence[str] | None = None,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+) -> TrackingResult:
+    """Tracking error of every method over a whole run.
+
+    methods: None for the default ones, or for the dots where a pattern has nothing else. What the
+    run cannot tell (errors at dots that it has not, against a truth that nobody knows) is left out
+    and named. Raises InputError for an unknown method, a run without images or one not finished.
+    """
+    run = open_run(folder)
+    frames = recorded_frames(run, "tracking")
+    scene = tracking_plan_of(run, methods)
+    indenter_of = dict(zip(frames["press"], frames["indenter"], strict=True))
+    presses = list(indenter_of)
+    results = run_each(
+        partial(analyse_press, str(folder), scene=scene), presses, presses, executor, progress
+    )
+    total = {name: ErrorTally() for name in scene.methods}
+    parts: dict[tuple[str, str], ErrorTally] = {}
+    dots = DotTally()
+    for part, indenter in zip(results, indenter_of.values(), strict=True):
+        for name, tally in part.tallies.items():
+            total[name].join(tally)
+            parts.setdefault((name, indenter), ErrorTally()).join(tally)
+        dots.join(part.dots)
+    rows = [row for part in results for row in part.rows]
+    return TrackingResult(
+        methods=[{"name": name, **tally.figures()} for name, tally in total.items()],
+        by_indenter=[
+            {"name": name, "indenter": indenter, **tally.figures()}
+            for (name, indenter), tally in parts.items()
+        ],
+        dots=dots.figures() if dots.seen + dots.lost else None,
+        left_out=[*scene.left_out, *(line for part in results for line in part.left_out)],
+        frames=pd.DataFrame(rows, columns=COLUMNS),
+        mm_per_px=run.camera.mm_per_px,
+        simulated=run.simulated,
+        seed=int(run.meta["seed"]),
+    )

@@ -1,0 +1,212 @@
+"""Tracking errors of runs as a result: which method to use, and whether a flow is to be trusted.
+
+RULE says how. The error is the mean over all moving visible pixels; where no truth is known, the
+mean at the dots (the paper's); where there are only dots, that of the dots that were found. Where
+no error is known, the method that is confident on most of it is recommended.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from deltact_fab.common import InputError, read_json
+
+from ..runs import write_results
+from .tally import DOTS, MOVING_MM, WRONG_FLOW_MM
+
+MIN_TRUSTED = 0.95
+MIN_COVERAGE = 0.8
+MAX_WRONG = 0.005
+ERRORS = {
+    "mean_off_dots_mm": "over all moving pixels",
+    "mean_at_dots_mm": "at the dots",
+    "mean_confident_mm": "over the dots found",
+}
+
+
+def percent_of(share: float) -> str:
+    """A share as a person reads it; what is nearly nothing or nearly all is not rounded away."""
+    value = 100 * share
+    if 0 < value < 0.001:
+        return "under 0.001 %"
+    if 99.9 < value < 100:
+        return "over 99.9 %"
+    text = f"{value:.1f}" if 10 <= value < 100 else f"{value:.2g}" if value < 10 else "100"
+    return f"{text.removesuffix('.0')} %"
+
+
+TRACKING_RULE = (
+    f"A method is reliable when it trusts {percent_of(MIN_TRUSTED)} of the frames or more, is "
+    f"confident on {percent_of(MIN_COVERAGE)} of the moving pattern or more (of the image, if no "
+    f"truth is known), and is off by more than {WRONG_FLOW_MM:g} mm on at most "
+    f"{percent_of(MAX_WRONG)} of what it is confident on. Of the reliable "
+    "methods, the one with the smallest error is recommended. The flow can be trusted when a method is reliable."
+)
+
+
+@dataclass(frozen=True)
+class TrackingVerdict:
+    """about: the method that the line speaks of: the recommended one, else the nearest to reliable.
+
+    take: a name or None. doubts: by method, why it is not reliable; empty where it is.
+    error: the key of the error that was compared, None without any. line: all of it in words.
+    """
+
+    about: str
+    take: str | None
+    doubts: dict[str, list[str]]
+    error: str | None
+    trusted: bool
+    line: str
+
+    @property
+    def error_words(self) -> str:
+        return ERRORS[self.error] if self.error is not None else ""
+
+
+def judge(methods: Sequence[dict[str, Any]], simulated: bool) -> TrackingVerdict:
+    """The verdict on one or more methods over a whole run (`ErrorTally.figures`, with `name`)."""
+    doubts = {row["name"]: _doubts(row) for row in methods}
+    error = next((key for key in ERRORS if any(row[key] is not None for row in methods)), None)
+    believed = [row for row in methods if not doubts[row["name"]]]
+    if error is not None:
+        known = [row for row in believed if row[error] is not None]
+        take = min(known, key=lambda row: row[error], default=None)
+    else:
+        take = max(believed, key=lambda row: row["confident_share"], default=None)
+    about = take or min(
+        methods, key=lambda row: (len(doubts[row["name"]]), row["confident_wrong_share"] or 0.0)
+    )
+    if take is None:
+        line = (
+            "Do not trust this experiment: no method is reliable. The nearest is "
+            f"{about['name']}, but {'; '.join(doubts[about['name']])}."
+        )
+    else:
+        line = _to_take(take, error, simulated)
+    return TrackingVerdict(
+        about=about["name"],
+        take=take["name"] if take else None,
+        doubts=doubts,
+        error=error,
+        trusted=take is not None,
+        line=line,
+    )
+
+
+def _doubts(row: dict[str, Any]) -> list[str]:
+    """Why a method is not reliable, in words."""
+    if not row["n_frames"]:
+        return ["there is no frame after the first one"]
+    found = []
+    if row["trusted_share"] < MIN_TRUSTED:
+        found.append(
+            f"it trusts {percent_of(row['trusted_share'])} of the frames "
+            f"(at least {percent_of(MIN_TRUSTED)})"
+        )
+    known, what = _coverage(row)
+    if known < MIN_COVERAGE:
+        found.append(
+            f"it is confident on {percent_of(known)} of {what} "
+            f"(at least {percent_of(MIN_COVERAGE)})"
+        )
+    wrong = row["confident_wrong_share"]
+    if wrong is not None and wrong > MAX_WRONG:
+        found.append(
+            f"{percent_of(wrong)} of what it is confident on is off by more than "
+            f"{WRONG_FLOW_MM:g} mm (at most {percent_of(MAX_WRONG)})"
+        )
+    return found
+
+
+def _coverage(row: dict[str, Any]) -> tuple[float, str]:
+    """The share that a method is confident on, and of what."""
+    moving, still = ("moving dots", "dots") if row["name"] == DOTS else ("moving pattern", "image")
+    if row["coverage"] is not None:
+        return row["coverage"], f"the {moving}"
+    return row["confident_share"], f"the {still}"
+
+
+def _to_take(take: dict[str, Any], error: str | None, simulated: bool) -> str:
+    known, what = _coverage(take)
+    says = f"Use {take['name']}: "
+    if error is not None:
+        says += f"mean error {take[error]:.4f} mm {ERRORS[error]}, "
+    says += (
+        f"{take['ms_per_frame']:.0f} ms of CPU a frame. The flow can be trusted: "
+        f"{percent_of(take['trusted_share'])} of {take['n_frames']} frames were matched, with "
+        f"confidence on {percent_of(known)} of {what}"
+    )
+    wrong = take["confident_wrong_share"]
+    if wrong is not None:
+        says += f", {percent_of(wrong)} of that off by more than {WRONG_FLOW_MM:g} mm"
+    return says + (" (simulated)." if simulated else " (no truth to compare with).")
+
+
+PAPER_BEST_MM = 0.08  # Pattern Selection: d = 0.075, r = 0.6, real sensor, at the dots
+
+
+@dataclass
+class TrackingResult:
+    """Figures by method (`ErrorTally.figures`), and the table of frames.
+
+    dots: None where they were not followed. left_out: a line a thing that was not asked for.
+    """
+
+    methods: list[dict[str, Any]]
+    by_indenter: list[dict[str, Any]]
+    dots: dict[str, Any] | None
+    left_out: list[str]
+    frames: pd.DataFrame
+    mm_per_px: float
+    simulated: bool
+    seed: int
+
+    @property
+    def verdict(self) -> TrackingVerdict:
+        """Which method to use, and whether to trust the experiment."""
+        return judge(self.methods, self.simulated)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data, without the table of frames."""
+        return {
+            "verdict": asdict(self.verdict),
+            "simulated": self.simulated,
+            "seed": self.seed,
+            "mm_per_px": self.mm_per_px,
+            "moving_threshold_mm": MOVING_MM,
+            "wrong_threshold_mm": WRONG_FLOW_MM,
+            "paper_mean_at_dots_mm": PAPER_BEST_MM,
+            "left_out": self.left_out,
+            "dots": self.dots,
+            "methods": self.methods,
+            "by_indenter": self.by_indenter,
+        }
+
+    def save(self, folder: Path) -> list[Path]:
+        """Write tracking.json and tracking.csv (one row a frame and method)."""
+        return write_results(folder, {"tracking.json": self.as_dict(), "tracking.csv": self.frames})
+
+    @classmethod
+    def load(cls, folder: Path) -> TrackingResult:
+        """Read what `save` wrote.
+
+        Raises InputError when it is not there, does not parse, or is of an earlier version.
+        """
+        try:
+            data = read_json(folder / "tracking.json")
+            frames = pd.read_csv(folder / "tracking.csv")
+            return cls(
+                data["methods"], data["by_indenter"], data["dots"], data["left_out"], frames,
+                data["mm_per_px"], data["simulated"], data["seed"],
+            )  # fmt: skip
+        except (InputError, OSError, ValueError, KeyError) as why:
+            raise InputError(
+                f"{folder}: no readable tracking analysis ({why}); `deltact-fab analyze tracking` "
+                "makes a new one"
+            ) from why

@@ -1,0 +1,267 @@
+"""Which blob is which dot: by their neighbours, and by the colours around them where there are any.
+
+What the order of nearness says is only a first guess. Every match has to stand the checks of order
+and colours, and one that does not is given up: a lost dot does less harm than a wrong one.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from deltact_fab.common import Array
+
+from ..compose import sample
+from .detect import Blobs
+from .skin import Skin, mutual
+
+AREA_FACTOR = 1.7
+"""By which a dot's area may differ from what the neighbours' motion predicts; beyond, it is partly
+covered or merged."""
+GATE = 0.45  # pitches from its prediction within which a dot is looked for
+KEEP_FRAMES = 2
+"""How long a lost dot is looked for where its neighbours have carried it; then where the affine
+motion around it puts it, within REGAIN pitches."""
+REGAIN = 0.3
+ODD_SHARE = 0.02
+"""Of the dots, by which a guess of the skin's motion may explain less than the last one did before
+others are tried."""
+STEP_TOLERANCE = 0.3  # of two neighbours' steps within one frame, in their distance
+MIN_NCC = 0.5  # identity of the ring of colours
+MAX_ALIKE = 0.3  # median correlation of the rings of different dots
+FOUND_NCC = 0.65  # the same for a dot found again anywhere in the image
+
+
+class Identities:
+    """Follows the dots of a skin through the blobs of frame after frame.
+
+    first_px: (n, 2) places in the first frame, NaN for a dot that is not in it; area_px: (n,) areas
+    there. rings: what remembers the colours, None without any; `image` is the smoothed one that
+    they are sampled in.
+    """
+
+    def __init__(
+        self, skin: Skin, first_px: Array, area_px: Array, rings: Rings | None = None
+    ) -> None:
+        self._skin, self._rings = skin, rings
+        self._gate_px = GATE * skin.pitch_px
+        self.first_px, self._first_area = first_px, area_px
+        self._known = np.isfinite(first_px[:, 0])
+        n = len(first_px)
+        self._place = first_px.copy()  # where each dot is, or would be if it were seen
+        self._missed = np.where(self._known, 0, np.iinfo(int).max // 2)  # frames since then
+        self._motion = np.zeros_like(first_px)
+        self._last_worth = float(self._known.sum())
+        # Of the frame at hand
+        self._position = first_px.copy()
+        self._blob = np.full(n, -1)
+        self._whole = np.ones(n, bool)  # not covered in part, nor merged with another
+        self._ncc = np.full(n, np.nan)
+
+    def follow(self, blobs: Blobs, image: Array | None = None) -> tuple[Array, Array]:
+        """(n, 2) places, NaN where lost; (n,) likeness of the colours."""
+        before = self._position
+        self._position = np.full_like(before, np.nan)
+        self._ncc = np.full(len(before), np.nan)
+        if len(blobs):
+            self._by_steps(blobs, image)
+            self._by_neighbours(blobs, image)
+            self._anew(blobs, image)
+        self._remember(before)
+        # A dot seen in part keeps its blob, lest another take it; its centroid is not reported
+        part = self._found & ~self._whole
+        return np.where(part[:, None], np.nan, self._position), self._ncc.copy()
+
+    @property
+    def _found(self) -> Array:
+        found: Array = np.isfinite(self._position[:, 0])
+        return found
+
+    def _by_steps(self, blobs: Blobs, image: Array | None) -> None:
+        """Dots seen lately, by the first guess of the skin's motion that loses and bends none."""
+        lately = self._known & (self._missed <= KEEP_FRAMES)
+        if not lately.any():
+            return
+        seen = int((self._missed == 0).sum())
+        best, most = np.full(len(self._place), -1), -np.inf
+        # Going on, turned back with the stage, at rest, let go.
+        for guess in (
+            self._place + self._motion,
+            self._place - self._motion,
+            self._place,
+            self.first_px,
+        ):
+            expected = np.where(lately[:, None], guess, np.nan)
+            for match in self._skin.grown(expected, blobs.centre_px, self._gate_px, STEP_TOLERANCE):
+                worth = self._worth(expected, match, blobs)
+                if worth > most + (2 if np.isfinite(most) else 0):
+                    best, most = match, worth
+            if most >= self._last_worth - max(2.0, ODD_SHARE * seen):
+                break
+        self._last_worth = most
+        self._take(np.flatnonzero(best >= 0), best[best >= 0], blobs, image)
+
+    def _worth(self, expected: Array, match: Array, blobs: Blobs) -> float:
+        """Dots in line with their neighbours, less what is strange: surprise and idle blobs."""
+        have = match >= 0
+        here = self._at(blobs, match)
+        off = np.hypot(*(here - expected)[have].T).sum() / self._skin.pitch_px
+        idle = len(blobs) - have.sum()
+        return float(have.sum() - self._skin.bent(self.first_px, here) - 0.25 * off - 0.5 * idle)
+
+    def _by_neighbours(self, blobs: Blobs, image: Array | None) -> None:
+        """Lost dots, where the neighbours' affine motion puts them; each helps its neighbours.
+
+        A blob must be near for the distances there, and far nearer to its dot than to another.
+        """
+        from scipy.spatial import cKDTree
+
+        share = REGAIN if self._rings is None else GATE
+        for _ in range(6):
+            lost = self._known & ~self._found
+            free = self._free(blobs)
+            if not lost.any() or not len(free) or self._found.sum() < 3:
+                return
+            _, at, good = self._skin.fit(self.first_px, self._position)
+            rows = np.flatnonzero(good & lost)
+            if not len(rows):
+                return
+            all_ = np.where(self._found[:, None], self._position, at)
+            all_ = all_[np.isfinite(all_[:, 0])]
+            distance = cKDTree(all_).query(at[rows], 2)[0]
+            gate = np.full(len(at), np.nan)
+            gate[rows] = share * np.minimum(distance[:, 1], self._skin.pitch_px)
+            at[~(good & lost)] = np.nan
+            who, which = mutual(at, blobs.centre_px[free], gate)
+            if not self._take(who, free[which], blobs, image):
+                return
+
+    def _anew(self, blobs: Blobs, image: Array | None) -> None:
+        """Dots that moved beyond any prediction, by their colours."""
+        lost = np.flatnonzero(self._known & ~self._found)
+        free = self._free(blobs)
+        few = len(lost) <= 0.1 * len(self._known) or not len(free)
+        if few or self._rings is None or image is None:
+            return
+        matrix = np.median(self._skin.affine(self.first_px, self._position), axis=0)
+        affine = np.repeat(matrix[None], len(free), axis=0)
+        who, which = self._rings.best(image, lost, blobs.centre_px[free], affine, FOUND_NCC)
+        self._take(lost[who], free[which], blobs, image)
+
+    def _at(self, blobs: Blobs, match: Array) -> Array:
+        here: Array = np.where((match >= 0)[:, None], blobs.centre_px[match], np.nan)
+        return here
+
+    def _free(self, blobs: Blobs) -> Array:
+        return np.setdiff1d(np.arange(len(blobs)), self._blob[self._found])
+
+    def _take(self, who: Array, which: Array, blobs: Blobs, image: Array | None) -> bool:
+        """Match dots and blobs; order, colours and area are checked. Whether any was won."""
+        if not len(who):
+            return False
+        before = int(self._found.sum())
+        self._position[who] = blobs.centre_px[which]
+        self._blob[who] = which
+        if self._rings is None:
+            self._skin.drop_strays(self.first_px, self._position)
+        self._skin.keep_order(self._position)
+        matrix = self._skin.affine(self.first_px, self._position)
+        if self._rings is not None and image is not None:
+            have = np.flatnonzero(self._found)
+            self._ncc[have] = self._rings.alike(image, have, self._position[have], matrix[have])
+            self._position[~(self._ncc >= MIN_NCC)] = np.nan
+        self._ncc[~self._found] = np.nan
+        have = np.flatnonzero(self._found)
+        swelling = np.clip(np.abs(np.linalg.det(matrix[have])), 0.1, 10.0)
+        ratio = blobs.area_px[self._blob[have]] / (self._first_area[have] * swelling)
+        change = np.abs(np.log(ratio)) / np.log(AREA_FACTOR)
+        self._whole[have] = change <= 1
+        self._position[have[change > 3]] = np.nan
+        return int(self._found.sum()) > before
+
+    def _remember(self, before: Array) -> None:
+        """Places and motions for the next frame; lost dots go along with their neighbours."""
+        found = self._found
+        near = (self._position - before)[self._skin.near]
+        have = np.isfinite(near[..., 0]).any(axis=1)
+        self._motion = np.zeros_like(self._position)
+        # The mean would have a dot that went astray lead its neighbours
+        self._motion[have] = np.nanmedian(near[have], axis=1)
+        along = self._skin.step(before, self._position)
+        self._place = np.where(found[:, None], self._position, self._place + np.nan_to_num(along))
+        self._missed = np.where(found, 0, self._missed + 1)
+
+
+class Rings:
+    """The colours around all dots, which tell a dot from the one a pitch further.
+
+    A ring between two radii, in pixels of an image reduced by `shrink`. Centres are places in the
+    full image, (n, 2) px; images are reduced and smoothed ones.
+    """
+
+    def __init__(self, inner_px: float, outer_px: float, shrink: int) -> None:
+        self._shrink = shrink
+        radii = np.arange(min(inner_px, outer_px), outer_px + 1e-9, 2.0)
+        self._ring = np.concatenate(
+            [
+                r * np.stack((np.cos(a), np.sin(a)), -1)
+                for r in radii
+                for a in [np.arange(max(8, int(np.pi * r))) * (2 * np.pi / max(8, int(np.pi * r)))]
+            ]
+        )
+        # Orthonormal basis of 1, x, y on the ring.
+        self._plane = np.linalg.qr(np.column_stack((np.ones(len(self._ring)), self._ring)))[0]
+        self._first: Array | None = None
+
+    def smooth(self, small: Array) -> Array:
+        """Colours are compared at the scale of a patch, not of a pixel."""
+        return cv2.GaussianBlur(small, (0, 0), 1.5 / self._shrink)
+
+    def remember(self, image: Array, centre: Array, min_texture: float) -> bool:
+        """Take the rings of the first image, (n, 2) centres with NaN; False if they tell nothing.
+
+        min_texture: standard deviation in grey levels that half of the rings have at least. The
+        skirts of the next dots have that too, but give all rings one look.
+        """
+        found = np.isfinite(centre[:, 0])
+        unit = np.repeat(np.eye(2)[None], len(centre), axis=0)
+        rings = self._sample(image, np.nan_to_num(centre), unit)
+        self._first = None
+        if np.median(rings.std(axis=1).mean(axis=1)[found]) < min_texture:
+            return False
+        first = _normalised(rings)
+        if np.median(first[found] @ first[found].T) > MAX_ALIKE:
+            return False
+        first[~found] = 0.0
+        self._first = first
+        return True
+
+    def alike(self, image: Array, dots: Array, centre: Array, affine: Array) -> Array:
+        """(m,) correlation of m dots, by number, with their first rings; centre (m, 2)."""
+        assert self._first is not None
+        now = _normalised(self._sample(image, centre, affine))
+        ncc: Array = np.einsum("nk,nk->n", now, self._first[dots])
+        return ncc
+
+    def best(
+        self, image: Array, dots: Array, centre: Array, affine: Array, least: float
+    ) -> tuple[Array, Array]:
+        """Dots and places that are each other's best: rows of `dots` and of `centre`."""
+        assert self._first is not None
+        ncc = self._first[dots] @ _normalised(self._sample(image, centre, affine)).T
+        rows, best = np.arange(len(dots)), np.argmax(ncc, axis=1)
+        sure = (np.argmax(ncc, axis=0)[best] == rows) & (ncc[rows, best] >= least)
+        return rows[sure], best[sure]
+
+    def _sample(self, image: Array, centre: Array, affine: Array) -> Array:
+        """(n, k, 3) colours on each dot's deformed ring, less their plane: shading has no say."""
+        centre = (centre + 0.5) / self._shrink - 0.5
+        points = centre[:, None, :] + self._ring @ affine.transpose(0, 2, 1)
+        rings = sample(image, points.astype(np.float32)).astype(np.float64)
+        return rings - self._plane @ (self._plane.T @ rings)
+
+
+def _normalised(rings: Array) -> Array:
+    """(n, k, 3) to (n, 3 k) of unit length."""
+    flat = rings.reshape(len(rings), -1)
+    return flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-9)

@@ -1,0 +1,181 @@
+"""Flow between two images by name, and the paper's tracker of a sequence.
+
+Dense Optical Flow and Adaptive Reference, after Du et al. 2021: a reference that is renewed on the
+way. It is what the anchored tracker is compared with.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+
+from deltact_fab.common import Array, InputError, did_you_mean
+
+from ..compose import compose, inside, landing_px, sample
+from .confidence import ConfidenceEstimator, PreparedImage, TrackedFrame
+from .fused import Plane, RefinementReference, Sampled, to_full, to_gray, to_half
+
+# Farneback 2003: 5 levels, a window of 13 and 10 iterations are the defaults of OpenCV's GPU
+# version, which the paper cites.
+_FARNEBACK: dict[str, Any] = {
+    "pyr_scale": 0.5, "levels": 5, "winsize": 13, "iterations": 10, "poly_n": 5, "poly_sigma": 1.1,
+}  # fmt: skip
+# Dense Inverse Search (Kroeger 2016): to half resolution; finer patches and refinement.
+_DIS = {
+    "dis-fast": cv2.DISOPTICAL_FLOW_PRESET_FAST,
+    "dis-medium": cv2.DISOPTICAL_FLOW_PRESET_MEDIUM,
+}
+PAPER_METHOD = (
+    "paper"  # the paper's method, Farneback's; alone it is summed, as the paper's tracker
+)
+FUSED = "fused"  # Dense Inverse Search at half the size, then inverse-compositional steps
+FLOW_METHODS = ("farneback-paper", *_DIS, FUSED)
+
+
+class FlowMethod:
+    """One way to find the flow between two grey images (h, w) uint8 of one size.
+
+    name: PAPER or one of FLOW_METHODS; InputError is raised for any other. What `fused` computes of
+    the last reference alone is kept, and so is Farneback's last flow, which trackers that share a
+    method ask for again: a summed and a composed one of the same images.
+    """
+
+    def __init__(self, name: str = FUSED) -> None:
+        if name not in (known := (PAPER_METHOD, *FLOW_METHODS)):
+            raise InputError(f"flow method {name!r}: unknown; {did_you_mean(name, known)}")
+        self.name = name = "farneback-paper" if name == PAPER_METHOD else name
+        self._dis = cv2.DISOpticalFlow.create(_DIS[name]) if name in _DIS else None
+        self._prepared: tuple[Array, RefinementReference] | None = None
+        self._last: tuple[list[bytes | None], Array] | None = None
+
+    def between(self, ref_gray: Array, cur_gray: Array, initial: Array | None = None) -> Array:
+        """Flow from the reference to the current image at the reference's pixels.
+
+        ref_gray: must not change between calls. initial: (h, w, 2) px to start from, or None for a
+        cold start. Returns (h, w, 2) float32 px, never the array given as initial.
+        """
+        if self.name == FUSED:
+            return self._fused(ref_gray, cur_gray, initial)
+        # The others write into the array they start from, and need it contiguous.
+        start: Any = None if initial is None else np.array(initial, dtype=np.float32, order="C")
+        if self._dis is not None:
+            return self._dis.calc(ref_gray, cur_gray, start)
+        key = [None if one is None else one.tobytes() for one in (ref_gray, cur_gray, start)]
+        if self._last is None or self._last[0] != key:
+            flags = cv2.OPTFLOW_USE_INITIAL_FLOW if start is not None else 0
+            flow = cv2.calcOpticalFlowFarneback(
+                ref_gray, cur_gray, start, flags=flags, **_FARNEBACK
+            )
+            self._last = key, flow
+        return self._last[1]
+
+    def _fused(self, ref_gray: Array, cur_gray: Array, initial: Array | None) -> Array:
+        if self._prepared is None or self._prepared[0] is not ref_gray:
+            self._prepared = ref_gray, RefinementReference(Plane.of(ref_gray))
+        start = None if initial is None else to_half(initial)
+        found = self._prepared[1].refine(Plane.of(cur_gray), start)
+        return to_full(found.flow_px, ref_gray.shape)
+
+
+Sum = Literal["composed", "summed", "static"]
+RENEW_SHARE = 0.25
+"""Of the pattern's own difference between unrelated views. The paper gives no threshold: at .25 its
+order of patterns and nearly its figures come out, at .5 not (docs/evidence/study-methods.md)."""
+LIGHT_PX, BLOB_PX, BLOB = 24.0, 3.0, 3.0
+SHIFTS_PX = tuple((60 + 7 * k, 200 - 11 * k) for k in range(16))
+"""Many, for a pattern of two colours alternates: one shift may lay like on like."""
+
+
+@dataclass(frozen=True)
+class _Keyframe:
+    gray: Array
+    flow_px: Array
+    stayed: Array
+
+
+class RenewedTracker:
+    """Follows one sequence from its first image on.
+
+    The current image, warped back by its flow, is compared with the reference; when they differ by
+    more than `share` of what unrelated views of the pattern differ by (mean absolute, grey levels,
+    at full size), the current image is the reference from then on.
+
+    total: "composed" F(x) = F_ref(x) + f(x + F_ref(x)); "summed" F_ref(x) + f(x), the plain
+    superposition; the paper's text can mean both. "static" keeps the first image.
+    Each flow starts from the last one against the same reference; after a switch it starts cold.
+    first, judge: of the first image, for what is said of the total.
+    """
+
+    def __init__(
+        self,
+        method: FlowMethod,
+        total: Sum,
+        image: Array,
+        first: RefinementReference,
+        judge: ConfidenceEstimator,
+        share: float = RENEW_SHARE,
+    ) -> None:
+        self._method, self._total = method, total
+        self._first, self.judge = first, judge
+        gray = to_gray(image)
+        self.threshold = share * unrelated_difference(gray)
+        zero = np.zeros((*gray.shape, 2), np.float32)
+        self._ref = _Keyframe(gray, zero, np.ones(gray.shape, bool))
+        self._relative: Array | None = None
+        self._switches = 0
+
+    def ahead(self, plane: Plane) -> None:
+        """Nothing: each flow starts from the last one."""
+
+    def step(self, ready: PreparedImage) -> TrackedFrame:
+        assert not isinstance(ready.image, Sampled), "for the anchored reference only"
+        gray, ref = to_gray(ready.image), self._ref
+        relative = self._relative = self._method.between(ref.gray, gray, self._relative)
+        if not self._switches:
+            flow = relative
+        elif self._total == "summed":
+            flow = ref.flow_px + relative
+        else:
+            flow = compose(ref.flow_px, relative)
+        # What left the image before the reference was continued from the border, so it stays out.
+        stayed = ref.stayed & inside(landing_px(flow), *flow.shape[:2])
+        if self._total != "static" and photometric_error(ref.gray, gray, relative) > self.threshold:
+            self._ref = _Keyframe(gray, flow, stayed)
+            self._relative = None
+            self._switches += 1
+        nodes = to_half(flow)
+        kept, agreeing = self.judge.look(
+            ready.secondary_match, self._first.evaluate(ready.plane, nodes)
+        )
+        return TrackedFrame(nodes, kept, agreeing, flow, stayed, self._switches)
+
+
+def photometric_error(reference: Array, current: Array, flow: Array) -> float:
+    """Mean absolute difference, grey levels, of the reference and the current image warped back.
+
+    What lands outside of the image is left out; 255 where everything does.
+    """
+    landing = landing_px(flow)
+    off = cv2.absdiff(reference, sample(current, landing))
+    within = inside(landing, *reference.shape)
+    return float(off[within].mean()) if within.any() else 255.0
+
+
+def unrelated_difference(gray: Array) -> float:
+    """Mean absolute difference, grey levels, that views of other places of a pattern would show.
+
+    Of one image (h, w) with itself shifted far; its light, which changes slowly, and marker dots,
+    which stand out of the pattern, are left out.
+    """
+    image = gray.astype(np.float32)
+    detail = image - cv2.GaussianBlur(image, (0, 0), LIGHT_PX)
+    blobs = np.abs(cv2.GaussianBlur(detail, (0, 0), BLOB_PX))
+    plain = blobs < BLOB * np.median(blobs)
+    found = []
+    for shift in SHIFTS_PX:
+        both = plain & np.roll(plain, shift, (0, 1))
+        found.append(np.abs(detail - np.roll(detail, shift, (0, 1)))[both].mean())
+    return float(np.mean(found))

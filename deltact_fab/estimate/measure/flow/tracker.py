@@ -1,0 +1,233 @@
+"""Total flow through a sequence of images, with its confidence."""
+
+from __future__ import annotations
+
+import time
+from typing import Literal, get_args
+
+import cv2
+import numpy as np
+
+from deltact_fab.common import Array, InputError, SensorError, did_you_mean
+
+from ..compose import denoised, filled, landing_px, sample, shrunk
+from .confidence import (
+    TEXTURE_MIN,
+    ConfidenceEstimator,
+    FlowDiagnostics,
+    FlowObservation,
+    PreparedImage,
+    TrackedFrame,
+)
+from .fused import COARSE, Plane, RefinementReference, Sampled, predict, to_full
+from .renewed import FUSED, PAPER_METHOD, RENEW_SHARE, FlowMethod, RenewedTracker
+
+DARK, BRIGHT = 25, 235  # grey levels: beyond them a pattern has no room
+LOST_SHARE = 0.1
+"""Of the textured nodes: where fewer agree, an image shows nothing of the reference."""
+
+
+class AnchoredTracker:
+    """Follows one sequence from its first image on, of which reference and judge are."""
+
+    def __init__(self, reference: RefinementReference, judge: ConfidenceEstimator) -> None:
+        self._reference = reference
+        self.judge = judge
+        self._before = reference.plane
+        self._flow: Array = np.zeros((*reference.plane.small.shape, 2), np.float32)
+        self._lost = False
+
+    def ahead(self, plane: Plane) -> Array:
+        """The flow in px from the image before to this one, as far as one look shows: coarse."""
+        before, self._before = self._before, plane
+        return shrunk(predict(before, plane), COARSE)
+
+    def step(self, ready: PreparedImage) -> TrackedFrame:
+        """Follow one more image. After one in which nothing agrees the next is looked for where
+        the face was last seen, and from rest."""
+        assert ready.ahead_px is not None, "made by `ahead`"
+        so_far = shrunk(self._flow, COARSE)
+        if self._lost:
+            starts = [so_far, shrunk(predict(self._reference.plane, ready.plane), COARSE)]
+        else:
+            at = landing_px(so_far * np.float32(0.5 / COARSE))
+            starts = [so_far + sample(ready.ahead_px, at)]
+        matches = [self._reference.refine(ready.plane, start) for start in starts]
+        seen = [(*self.judge.look(ready.secondary_match, match), match) for match in matches]
+        kept, agreeing, match = max(seen, key=lambda one: int(np.count_nonzero(one[1])))
+        # Neighbours are asked only where they agree: a match that is kept and wrong would draw
+        # others after it.
+        flow = denoised(filled(match.flow_px, agreeing, kept), match.deviation_px, kept)
+        textured = np.count_nonzero(self.judge.textured)
+        self._lost = bool(np.count_nonzero(agreeing) < LOST_SHARE * textured)
+        if not self._lost:
+            self._flow = flow
+        return TrackedFrame(flow, kept, agreeing, match=match)
+
+
+FlowReference = Literal["anchored", "composed", "summed", "static"]
+
+
+class FlowTracker:
+    """Total flow through a sequence of images.
+
+    reference: "anchored" (`AnchoredTracker`, by `fused` only), or "composed", "summed" and "static"
+    (`RenewedTracker`) by any method; by default anchored for `fused` and composed for the others.
+    renew_share: of those, when they take another reference.
+    full: False gives all arrays on the half grid (see `FlowObservation`).
+    Raises InputError for unknown names.
+    """
+
+    def __init__(
+        self,
+        method: FlowMethod | str = FUSED,
+        reference: str | None = None,
+        *,
+        full: bool = True,
+        renew_share: float = RENEW_SHARE,
+    ) -> None:
+        self.method = FlowMethod(method) if isinstance(method, str) else method
+        fused = self.method.name == FUSED
+        known: list[FlowReference] = [
+            k for k in get_args(FlowReference) if k != "anchored" or fused
+        ]
+        wanted = reference or known[0]
+        found = next((k for k in known if k == wanted), None)
+        if found is None:
+            raise InputError(
+                f"flow reference {wanted!r} of {self.method.name!r}: not available; "
+                f"{did_you_mean(wanted, known)}"
+            )
+        self.reference = found
+        self.full, self.renew_share = full, renew_share
+        self._way: AnchoredTracker | RenewedTracker | None = None
+        self._shape: tuple[int, ...] = ()
+        self._frame = 0
+
+    def update(self, image: Array) -> FlowObservation:
+        """Follow one more image: (h, w, 3) BGR or (h, w) grey, uint8, like the first one.
+
+        Raises InputError for another type, size or number of channels, SensorError for a first
+        image without texture.
+        """
+        ready = self.prepare(image)
+        return self.judge(ready, self.follow(ready))
+
+    # The three parts of an update. Each may run in a thread of its own, as long as each takes the
+    # images in their order; what a part needs of the image before, no later part changes.
+
+    def prepare(self, image: Array | Sampled) -> PreparedImage:
+        """What can be done of an update before the image before is followed. Raises as `update`.
+
+        Sampled: for the anchored reference only, and for all images of a sequence alike.
+        """
+        start_s = time.process_time()
+        plane = Plane.of(image)
+        if self._way is None:
+            self._way, self._shape = self._begin(image, plane), image.shape
+            return PreparedImage(0, image, plane, [], None, start_s)
+        if image.shape != self._shape:
+            # Height and width say it, unless it is the channels that differ.
+            size = slice(0, 2 if image.ndim == len(self._shape) else 3)
+            raise InputError(
+                f"flow: the image is {image.shape[size]}, the first one was {self._shape[size]}"
+            )
+        self._frame += 1
+        match, ahead = self._way.judge.secondary_match(image), self._way.ahead(plane)
+        return PreparedImage(self._frame, image, plane, match, ahead, start_s)
+
+    def follow(self, ready: PreparedImage) -> TrackedFrame:
+        """What only the flow of the image before allows."""
+        assert self._way is not None, "made ready"
+        if ready.frame:
+            return self._way.step(ready)
+        textured = self._way.judge.textured
+        nothing = np.zeros((*textured.shape, 2), np.float32)
+        return TrackedFrame(nothing, np.ones(textured.shape, bool), textured)
+
+    def judge(self, ready: PreparedImage, seen: TrackedFrame) -> FlowObservation:
+        """What the next image does not wait for."""
+        assert self._way is not None, "made ready"
+        judge, shape, flow = self._way.judge, ready.plane.shape, seen.flow_px
+        inside = _inside(flow, shape)
+        confident, agreeing = judge.textured, seen.agreeing
+        if ready.frame:
+            if seen.match is not None:
+                agreeing = agreeing & judge.settled(seen.match, seen.kept)
+            confident = judge.confident(agreeing)
+        trusted, state = judge.trusted(confident), judge.state(inside, seen.kept)
+        if self.full:
+            flow = to_full(flow, shape) if seen.full_px is None else seen.full_px
+            visible = _pixels(inside, shape) if seen.stayed is None else seen.stayed
+            state, confident = _pixels(state, shape), _pixels(confident, shape)
+        else:
+            visible = inside if seen.stayed is None else seen.stayed[::2, ::2]
+        n_visible = int(np.count_nonzero(visible))
+        share = int(np.count_nonzero(confident & visible)) / max(n_visible, 1)
+        for out in (flow, visible, confident, state):
+            out.setflags(write=False)  # some are kept for the frames to come
+        cpu_ms = (time.process_time() - ready.start_s) * 1e3
+        return FlowObservation(
+            flow, visible, confident, state,
+            FlowDiagnostics(ready.frame, seen.n_reference_switches, judge.textured_share, trusted,
+                            share, cpu_ms),
+        )  # fmt: skip
+
+    def _begin(self, image: Array | Sampled, plane: Plane) -> AnchoredTracker | RenewedTracker:
+        judge = ConfidenceEstimator(image, plane)
+        if not judge.textured.any():
+            raise SensorError(
+                "flow: the first image has no texture anywhere: its fine detail is "
+                f"{judge.contrast:.1f} grey levels strong, {TEXTURE_MIN:g} are needed; "
+                + _why_plain(plane.gray)
+            )
+        first = RefinementReference(plane)
+        if self.reference == "anchored":
+            return AnchoredTracker(first, judge)
+        assert not isinstance(image, Sampled), "for the anchored reference only"
+        return RenewedTracker(self.method, self.reference, image, first, judge, self.renew_share)
+
+
+def named_tracker(name: str, *, shared: dict[str, FlowMethod] | None = None) -> FlowTracker:
+    """The tracker of a name: `method` or `method/reference`; `paper` stands for `farneback-paper`.
+
+    `fused` alone is anchored, `paper` summed, any other method alone composed. shared: methods by
+    name, which trackers that are given the same dictionary have in common; their CPU time is then
+    no one's own. Raises InputError with the valid names.
+    """
+    method, _, kept = name.partition("/")
+    kept = kept or ("summed" if method == PAPER_METHOD else "")
+    own = FlowMethod(method)
+    if shared is not None:
+        own = shared.setdefault(own.name, own)
+    return FlowTracker(own, kept or None)
+
+
+def _why_plain(gray: Array) -> str:
+    """What an image (h, w) uint8 without fine detail shows."""
+    dark, light = (float(np.percentile(gray, p)) for p in (5, 95))
+    if light < DARK:
+        return (
+            f"it is dark (95 % of it below grey level {light:.0f}): is the light on, the lens open?"
+        )
+    if dark > BRIGHT:
+        return f"it is overexposed (95 % of it above grey level {dark:.0f}): less light or exposure"
+    return (
+        f"its light is right (grey levels {dark:.0f} to {light:.0f}): the view is covered, far out "
+        "of focus, or the skin has no pattern"
+    )
+
+
+def _inside(flow: Array, shape: tuple[int, int]) -> Array:
+    """Which nodes land inside the image (h, w), (hh, ww) bool."""
+    # Node j lies at pixel 2 j + 1/2.
+    high = ((shape[1] - 1) / 2 - 0.25, (shape[0] - 1) / 2 - 0.25)
+    return cv2.inRange(landing_px(flow * np.float32(0.5)), (-0.25, -0.25), high).view(bool)
+
+
+def _pixels(nodes: Array, shape: tuple[int, int]) -> Array:
+    """A mask or a state at nodes, (hh, ww), to pixels (h, w): each node has its 2 x 2."""
+    # A byte times 257 is that byte twice: three times as quick as a resize.
+    rows = (nodes.view(np.uint8) * np.uint16(257)).view(np.uint8)
+    wide = np.repeat(rows, 2, axis=0)
+    return np.ascontiguousarray(wide[: shape[0], : shape[1]]).view(nodes.dtype)

@@ -1,0 +1,128 @@
+"""The paper's estimators (Contact Force Estimation): its simple sums, and its 3 x 6 model (n = 3).
+
+Of the model: at each point the normal force is linear in D, D^2, D^3 of the non-negative density
+D, and either shear force in a, a^2, a^3, b, b^2, b^3 of a = (h + r)_x and b = (h + r)_y; the paper
+prints the columns of both shears the same. Summed over the view, the coefficients are fitted to the
+total, so the field integrates to it. The paper has no torque: here first moments stand for it.
+
+Sums are times the area of a point's cell, so that they do not depend on the points' distance.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from deltact_fab.common import Array
+
+from ..face import FaceFlow, whole
+from ..hodge import Hodge, decompose
+from ..sensor_id import SensorModel
+from ..shape.density import jacobian_density
+from .model import Features, ForceModel, TractionField
+
+TURNING = ("x ry mm4", "y rx mm4", "x hy mm4", "y hx mm4")
+_D = ("D mm2", "D^2 mm2", "D^3 mm2")
+_A = ("a mm3", "a^2 mm4", "a^3 mm5")
+_B = ("b mm3", "b^2 mm4", "b^3 mm5")
+_XD = ("xD mm3", "xD^2 mm3", "xD^3 mm3")
+_YD = ("yD mm3", "yD^2 mm3", "yD^3 mm3")
+
+
+class Sums(Features):
+    """The sum of |d| for the normal force, the sum of V for shear, first moments for torque.
+
+    The paper takes the norm of the sum of V; its two components say the direction too.
+    """
+
+    name = "sums"
+    names = ("|d| mm3", "x|d| mm4", "y|d| mm4", "Vx mm3", "Vy mm3", *TURNING)
+    explains = {  # noqa: RUF012
+        "fx": ("Vx mm3",),
+        "fy": ("Vy mm3",),
+        "fz": ("|d| mm3",),
+        "tx": ("y|d| mm4", "Vy mm3"),
+        "ty": ("x|d| mm4", "Vx mm3"),
+        "tz": TURNING,
+    }
+
+    def __init__(self, view: SensorModel) -> None:
+        """Nothing of the sensor is needed."""
+
+    def of(self, flow: FaceFlow) -> Array:
+        """(9,) in mm3 and mm4."""
+        flow = whole(flow)
+        parts = decompose(flow)
+        spread = np.sqrt(np.einsum("...i,...i", parts.d, parts.d))
+        shear = [integrals(flow.shift_mm[..., i], flow)[0] for i in (0, 1)]
+        return np.concatenate((integrals(spread, flow), shear, turning(parts, flow)))
+
+
+def integrals(values: Array, flow: FaceFlow) -> Array:
+    """Over the view, of values (h, w) at the flow's points, and of x and of y times them: (3,)."""
+    columns, rows = values.sum(axis=0, dtype=float), values.sum(axis=1, dtype=float)
+    return np.array([columns.sum(), columns @ flow.x_mm, rows @ flow.y_mm]) * flow.cell_mm**2
+
+
+def turning(parts: Hodge, flow: FaceFlow) -> Array:
+    """The TURNING of the face, (4,): moments about its centre of what has no divergence.
+
+    A twist on the spot is in r, and a shear force off the centre in h too; the gel answers them
+    with unlike stiffness.
+    """
+    both = (parts.r, parts.h)
+    pairs = [(integrals(p[..., 1], flow)[1], integrals(p[..., 0], flow)[2]) for p in both]
+    return np.concatenate(pairs)
+
+
+class Paper(Features):
+    """The model as it is printed.
+
+    Its even powers take no part in a mirror: the face and its mirror image, pressed and sheared
+    alike, are not told to have mirrored forces. signed: the density below 0 as well, which the
+    paper cuts off ("non-negative") and which shear makes as much of as of the rest.
+    """
+
+    name = "paper"
+    local = True
+    names = (*_D, *_A, *_B, *_XD, *_YD, *TURNING)
+    explains = {  # noqa: RUF012
+        "fx": _A + _B,
+        "fy": _A + _B,
+        "fz": _D,
+        "tx": _YD,
+        "ty": _XD,
+        "tz": TURNING,
+    }
+
+    def __init__(self, view: SensorModel, signed: bool = False) -> None:
+        self._mm_per_px = view.camera.mm_per_px
+        self._least = -np.inf if signed else 0.0
+        if signed:
+            self.name = "paper-signed"
+
+    def of(self, flow: FaceFlow) -> Array:
+        """(19,): the integrals of the terms over the view, and their first moments."""
+        flow = whole(flow)
+        parts = decompose(flow)
+        terms = self._terms(flow, parts.hr)
+        sums = np.transpose([integrals(term, flow) for term in terms])
+        return np.concatenate((sums[0], *sums[1:, :3], turning(parts, flow)))
+
+    def traction(self, flow: FaceFlow, model: ForceModel) -> TractionField:
+        """The per-pixel force of the paper, here by area; it integrates to the model's force."""
+        flow = whole(flow)
+        terms = self._terms(flow, decompose(flow).hr)
+        share = model.coefficients[:3, : len(terms)]
+        field = np.tensordot(share, terms.astype(float), axes=1)
+        return TractionField(np.moveaxis(field, 0, -1), flow.x_mm, flow.y_mm, flow.cover)
+
+    def _terms(self, flow: FaceFlow, hr: Array) -> Array:
+        """D, D^2, D^3, a, ..., b^3 at each point, (9, h, w)."""
+        density = jacobian_density(flow, self._mm_per_px)
+        one = (np.maximum(density.relative_depth, self._least), hr[..., 0], hr[..., 1])
+        return np.stack([power for a in one for power in (a, a * a, a * a * a)])
+
+
+Signed = partial(Paper, signed=True)

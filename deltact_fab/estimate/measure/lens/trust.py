@@ -1,0 +1,150 @@
+"""How far a calibration can be trusted: its sigma over the view, and what speaks against it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from deltact_fab.common import Array, InputError
+from deltact_fab.sensor import SensorDimensions
+
+from .problem import PRIOR_STEP, SYSTEMATIC_PX, LensProblem, LensSolution
+
+DEPTHS_MM = (3.0, 6.0)  # below the face, at which the sigma is stated besides the face's own
+MIN_COVER = 0.8
+MAX_FACE_SIGMA_PX = 0.15
+PRIOR_SHARE = 0.5
+"""Of a weak prior's sigma: what is left of it must be less, or no image knows the parameter."""
+MAX_NOISE_PX = 0.25
+MAX_SMOOTH_PX = 0.08
+"""Of a smooth pattern in one image's residuals: corners scatter, a wrong board does not."""
+MAX_OUTLIERS = 0.1
+MIN_HEIGHT_MM = 0.05
+MAX_STRETCH = 0.0025
+"""Of rows against columns. Chips are made to 1e-4; a lens's own elements make some 1e-3 of it."""
+
+
+def view_mm(sensor: SensorDimensions) -> NDArray[np.float64]:
+    """Points all over the view on the resting face, (n, 2) mm."""
+    half = np.array(sensor.optics.view_mm) / 2
+    x, y = (np.linspace(-h, h, n) for h, n in zip(half, (25, 19), strict=True))
+    return np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
+
+
+def sigma_px(
+    problem: LensProblem, fit: LensSolution, sensor: SensorDimensions, depth_mm: float
+) -> float:
+    """Sigma of where the lens sees a point, px in the raw image; 95th percentile over the view.
+
+    Of points depth_mm below the face; both axes together, the corners' systematic error in it.
+    """
+    lens = problem.lens(fit.x)
+    origin, slope = lens.ray(lens.rest_px(view_mm(sensor)), "gel")
+    at = origin - depth_mm * slope
+    here = lens.project_px(at)
+    n = len(problem.names)
+    j = np.empty((*here.shape, n))
+    for k in range(n):
+        moved = fit.x.copy()
+        moved[k] += PRIOR_STEP
+        j[..., k] = (problem.lens(moved).project_px(at) - here) / PRIOR_STEP
+    var = np.einsum("pak,kl,pal->p", j, fit.covariance[:n, :n], j) + 2 * SYSTEMATIC_PX**2
+    return float(np.percentile(np.sqrt(var), 95))
+
+
+def cover(problem: LensProblem, fit: LensSolution, sensor: SensorDimensions) -> float:
+    """Share of the view inside the hulls of the contact corners, each half a square wider."""
+    half = np.array(sensor.optics.view_mm) / 2
+    per_mm = 10.0
+    mask = np.zeros(np.ceil(2 * half[::-1] * per_mm).astype(int), np.uint8)
+    at = problem.points_mm(fit.x)[:, :2]
+    for seen, rows in zip(problem.seen, problem.rows, strict=True):
+        points = at[rows][fit.kept[rows]]
+        if not seen.contact or len(points) < 3:
+            continue
+        middle = points.mean(0)
+        out = points - middle
+        reach = np.linalg.norm(out, axis=1, keepdims=True)
+        wider = middle + out * (1 + 0.5 * seen.corners.board.square_mm / np.maximum(reach, 1e-9))
+        hull = cv2.convexHull(((wider + half) * per_mm).astype(np.float32))
+        cv2.fillConvexPoly(mask, np.rint(hull).astype(np.int32), 1)
+    return float(mask.mean())
+
+
+def smooth_px(px: Array, off_px: Array) -> float:
+    """Rms of the smooth part of residuals (n, 2) at px (n, 2), less what scatter puts there."""
+    span = np.ptp(px, axis=0)
+    x, y = ((px - px.mean(0)) / np.maximum(span, 1e-9) * 2).T
+    terms = np.stack([x**i * y**j for i in range(4) for j in range(4 - i)], axis=1)
+    free = len(px) - terms.shape[1]
+    if free < terms.shape[1]:
+        return 0.0
+    part = terms @ np.linalg.lstsq(terms, off_px, rcond=None)[0]
+    noise = np.sum((off_px - part) ** 2) / free
+    return float(np.sqrt(max(np.sum(part**2) - noise * terms.shape[1], 0) / len(px)))
+
+
+def refuse(
+    problem: LensProblem, fit: LensSolution, share: Sequence[float], covered: float, face_px: float
+) -> None:
+    """Raise InputError, in one line, for a calibration that must not be used.
+
+    share: of each prior's sigma, what is left. covered: see `cover`. face_px: own sigma there.
+    """
+    _refuse_misfit(problem, fit)
+    stretch = problem.lens(fit.x).aspect - 1
+    if abs(stretch) > MAX_STRETCH:
+        raise InputError(
+            f"lengths along y are {abs(stretch):.2%} {'longer' if stretch > 0 else 'shorter'} than "
+            f"along x, and pixels are square to {MAX_STRETCH:.2%}: a print or an image that was "
+            "stretched"
+        )
+    if covered < MIN_COVER:
+        raise InputError(
+            f"the contact corners cover {covered:.0%} of the view; at least {MIN_COVER:.0%}: "
+            "add contact images nearer its edges, or use the chessboard skin"
+        )
+    unknown = [
+        name
+        for (name, prior), left in zip(problem.priors.items(), share, strict=True)
+        if prior.weak and not left <= PRIOR_SHARE
+    ]
+    if unknown:
+        raise InputError(
+            f"{', '.join(unknown)}: not determined by these images: add boards "
+            "in air at several heights and tilts, or use the chessboard skin"
+        )
+    if not face_px <= MAX_FACE_SIGMA_PX:
+        raise InputError(
+            f"the face is known to {face_px:.3f} px (one sigma); at most {MAX_FACE_SIGMA_PX:g}: "
+            "more contact images, or sharper ones"
+        )
+
+
+def _refuse_misfit(problem: LensProblem, fit: LensSolution) -> None:
+    at = problem.points_mm(fit.x)
+    for seen, rows in zip(problem.seen, problem.rows, strict=True):
+        off, kept = fit.off_px[rows], fit.kept[rows]
+        if not seen.contact and at[rows, 2].min() < MIN_HEIGHT_MM:
+            raise InputError(
+                f"{seen.corners.source}: its board touches the face, and the image was given as "
+                "one in air: is it a contact image?"
+            )
+        rms = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
+        lost = 1 - kept.mean()
+        smooth = smooth_px(seen.corners.px[kept], off[kept]) if kept.sum() > 3 else np.inf
+        if lost > MAX_OUTLIERS or smooth > MAX_SMOOTH_PX or rms > 10 * MAX_NOISE_PX:
+            flat = "not flat on the face" if seen.contact else "not flat"
+            raise InputError(
+                f"{seen.corners.source}: its corners miss the fit by {rms:.2f} px rms, and not at "
+                f"random: not a board of {seen.corners.board}, {flat}, or a lens of another law "
+                "(theta to theta^9, decentring, aspect)"
+            )
+    if fit.noise_px > MAX_NOISE_PX:
+        raise InputError(
+            f"the corners miss the fit by {fit.noise_px:.2f} px rms; at most {MAX_NOISE_PX:g}: "
+            "blurred images, or another board than was named"
+        )

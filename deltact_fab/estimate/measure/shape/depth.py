@@ -1,0 +1,285 @@
+"""Depth of the face in mm, calibrated on a ball, and the separate contacts in its map.
+
+Off the axis depth is seen as motion, on it hardly at all, so no local rule tells depth from flow.
+The inverse of the face's linear operator does (`force.inverse`): its traction moves the face in
+depth too, too little by 3 to 14 % (docs/evidence/strangers.md); one factor makes it good.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated
+
+import cv2
+import numpy as np
+from annotated_types import Ge, Gt, Le, Lt
+
+from deltact_fab.common import Array, validate
+from deltact_fab.sensor import CameraModel, interpolate_block
+
+from ..face import FaceFlow, rigid, whole
+from ..force.inverse import inverse_for
+from ..force.model import TractionField
+from ..sensor_id import CalibrationHead, SensorModel, read_calibration
+
+RIGID = 0.1
+BEYOND = 1.1  # of the deepest press of the calibration: deeper ones are extrapolated
+
+
+@dataclass(frozen=True)
+class DepthModel:
+    """gain: depth over what the inverse finds. deepest_mm: that the calibration's ball pressed.
+
+    poisson, thickness_mm: of the gel that the inverse took; None: the view's.
+    """
+
+    gain: Annotated[float, Ge(0.1), Le(10)]
+    deepest_mm: Annotated[float, Gt(0), Le(20)]
+    poisson: Annotated[float, Gt(0), Lt(0.5)] | None = None
+    thickness_mm: Annotated[float, Gt(0), Le(100)] | None = None
+
+    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by catalog.validate
+
+    def as_dict(self) -> dict[str, float]:
+        return {name: value for name, value in asdict(self).items() if value is not None}
+
+    def view(self, view: SensorModel) -> SensorModel:
+        """With the gel that the gain belongs to."""
+        return view.with_gel(
+            self.poisson or view.poisson, self.thickness_mm or view.skin.thickness_mm
+        )
+
+    @classmethod
+    def load(cls, path: Path) -> tuple[CalibrationHead, DepthModel]:
+        """Of a file that `calibrate depth` wrote. Raises InputError of one line."""
+        head, data = read_calibration(path, "depth")
+        return head, validate(cls, data.get("depth", {}), f"{path}: depth")
+
+
+@dataclass(frozen=True)
+class Depth:
+    """Depth of the resting face's points into the gel.
+
+    depth_mm (h, w) float32, at least 0; known (h, w) bool, on x_mm (w,), y_mm (h,): as in FaceFlow.
+    cover: share of the contact's cells whose motion is known. extrapolated: deeper than the
+    calibration was.
+    """
+
+    depth_mm: Array
+    known: Array
+    x_mm: Array
+    y_mm: Array
+    cover: float
+    extrapolated: bool
+
+    @property
+    def cell_mm(self) -> float:
+        return float(self.x_mm[1] - self.x_mm[0])
+
+
+class DepthFinder:
+    def __init__(self, view: SensorModel, model: DepthModel) -> None:
+        self.view, self.model = model.view(view), model
+        self.inverse = inverse_for(self.view)
+
+    def of(self, flow: FaceFlow) -> Depth:
+        """Of a flow, in mm."""
+        flow = whole(flow)
+        press = self.inverse.of(flow)
+        depth = np.maximum(np.float32(self.model.gain) * self.found_mm(flow, press), 0)
+        beyond = float(depth.max()) > BEYOND * self.model.deepest_mm
+        return Depth(depth, flow.known, flow.x_mm, flow.y_mm, press.cover, beyond)
+
+    def found_mm(self, flow: FaceFlow, press: TractionField) -> Array:
+        """Depth (h, w) float32 that linear elasticity gives for a press, at the flow's points."""
+        if not press.pressed or is_rigid(flow):
+            return np.zeros(flow.known.shape, np.float32)
+        onto_y, onto_x = (
+            _spline(tuple(knots.tolist()), tuple(points.tolist()))
+            for knots, points in (
+                (self.inverse.seen_y_mm, flow.y_mm), (self.inverse.seen_x_mm, flow.x_mm),
+            )
+        )  # fmt: skip
+        return np.asarray(onto_y @ self.inverse.sunk_mm(press) @ onto_x.T)
+
+
+@lru_cache(maxsize=8)
+def _spline(knots_mm: tuple[float, ...], points_mm: tuple[float, ...]) -> Array:
+    """Matrix (points, knots) of the cubic spline, level beyond the outer knots."""
+    knots, points = np.array(knots_mm), np.clip(points_mm, knots_mm[0], knots_mm[-1])
+    return interpolate_block(knots, points).astype(np.float32)
+
+
+def is_rigid(flow: FaceFlow) -> bool:
+    """Whether the view moved as a whole, shifted and turned: as a camera does that is loose.
+
+    So it is if less than RIGID of its motion is left when the best rigid one is taken off.
+    """
+    if not flow.known.any():
+        return False
+    *_, left = rigid(flow)
+    moved = flow.shift_mm[flow.known].astype(float)
+    return bool((left**2).sum() < RIGID**2 * (moved**2).sum())
+
+
+def ball_mm(flow: FaceFlow, view: SensorModel, tip_mm: Array, radius_mm: float) -> Array:
+    """Depth (h, w) of the points of a face that a ball presses, 0 where they are not below it.
+
+    tip_mm (3,): of the ball's lowest point, sensor frame. A point is seen along a ray that meets
+    the ball at its depth, so both are found together.
+    """
+    camera = view.camera
+    landed = np.stack(np.meshgrid(flow.x_mm, flow.y_mm), axis=-1) + flow.shift_mm
+    origin, way = camera.ray(camera.rest_px(landed))
+    depth = np.zeros(flow.known.shape)
+    for _ in range(12):
+        place = origin[..., :2] - way[..., :2] * depth[..., None]
+        far2 = ((place - tip_mm[:2]) ** 2).sum(-1)
+        below = far2 < radius_mm**2 / 2
+        rise = radius_mm - np.sqrt(np.maximum(radius_mm**2 - far2, radius_mm**2 / 2))
+        depth = np.where(below, np.maximum(-tip_mm[2] - rise, 0), 0)
+    return depth
+
+
+RIM = 0.3
+"""A contact ends where the depth falls below this share of its peak: of balls the rim is there."""
+MIN_MM = 0.05
+"""A contact's peak is at least this deep; the inverse finds none in noise (`inverse.FLOOR`)."""
+DIP = 0.75
+"""Two peaks are two contacts if the depth between them falls below this share of the lower one."""
+FINE_MM = 0.08  # of the map on which outlines are drawn
+
+
+@dataclass(frozen=True)
+class ContactRegion:
+    """One region of contact.
+
+    area_mm2, centroid_mm (2,), outline_mm (n, 2) closed, anticlockwise as the camera sees it: on
+    the resting face, as all maps are. place_mm (2,): where the centroid is now, which after a
+    shear is another place. peak_depth_mm: into the gel. force_share: of the whole pressure, None
+    without a traction. cover: share of it whose motion is known.
+    """
+
+    area_mm2: float
+    centroid_mm: Array
+    outline_mm: Array
+    place_mm: Array
+    peak_depth_mm: float
+    force_share: float | None
+    cover: float
+
+
+def contacts(
+    depth: Depth, flow: FaceFlow, camera: CameraModel, traction: TractionField | None = None
+) -> list[ContactRegion]:
+    """The contacts of one frame, the deepest first; none at rest.
+
+    flow: the depth was found from it. traction: for the share of the force.
+    """
+    labels, flow = contact_labels(depth), whole(flow)
+    carried = None if traction is None else _carried(traction, labels, depth)
+    masks = [labels == k for k in range(1, int(labels.max()) + 1)]
+    if not masks:
+        return []
+    places = _places(masks, depth, flow, camera)
+    found = [
+        _contact(mask, depth, place, None if carried is None else float(carried[k]))
+        for k, (mask, place) in enumerate(zip(masks, places, strict=True), 1)
+    ]
+    return sorted(found, key=lambda contact: -contact.peak_depth_mm)
+
+
+def contact_labels(depth: Depth) -> Array:
+    """Number of the contact that each point is in, (h, w) int32; 0: in none."""
+    peaks = _peaks(depth.depth_mm)
+    out = np.zeros(depth.depth_mm.shape, np.int32)
+    if not peaks:
+        return out
+    rows, columns = np.indices(out.shape)
+    nearest = np.argmin([(rows - r) ** 2 + (columns - c) ** 2 for r, c in peaks], axis=0)
+    for k, at in enumerate(peaks):
+        deep = (nearest == k) & (depth.depth_mm >= RIM * depth.depth_mm[at])
+        parts = _parts(deep)
+        out[parts == parts[at]] = k + 1
+    return out
+
+
+def _peaks(depth_mm: Array) -> list[tuple[int, int]]:
+    """Places of the peaks that a dip parts from every deeper one."""
+    around = cv2.dilate(depth_mm, np.ones((5, 5), np.uint8))
+    highest = (around == depth_mm) & (depth_mm >= MIN_MM)
+    rows, columns = np.nonzero(highest)
+    order = np.argsort(-depth_mm[rows, columns], kind="stable")
+    kept: list[tuple[int, int]] = []
+    for row, column in zip(rows[order], columns[order], strict=True):
+        parts = _parts(depth_mm >= DIP * depth_mm[row, column])
+        if not any(parts[at] == parts[row, column] for at in kept):
+            kept.append((int(row), int(column)))
+    return kept
+
+
+def _parts(mask: Array) -> Array:
+    """Number of the part of a mask that each point is in, (h, w) int32; parts touch by a side."""
+    return cv2.connectedComponents(mask.view(np.uint8), connectivity=4)[1]
+
+
+def _places(masks: list[Array], depth: Depth, flow: FaceFlow, camera: CameraModel) -> Array:
+    """Where the middle of each region is now, (n, 2)."""
+    landed, sunk = np.empty((len(masks), 2)), np.empty((len(masks), 1))
+    for k, mask in enumerate(masks):
+        weight = np.where(mask, depth.depth_mm, 0)
+        total = float(weight.sum())
+        mean = (weight.sum(0) @ depth.x_mm) / total, (weight.sum(1) @ depth.y_mm) / total
+        shift = [float((weight * flow.shift_mm[..., i]).sum()) / total for i in (0, 1)]
+        landed[k], sunk[k] = np.add(mean, shift), float((weight**2).sum()) / total
+    origin, way = camera.ray(camera.rest_px(landed))  # one call: it is slow for few
+    return np.asarray(origin[:, :2] - way[:, :2] * sunk)
+
+
+def _contact(mask: Array, depth: Depth, place_mm: Array, share: float | None) -> ContactRegion:
+    rows, columns = np.nonzero(mask)
+    centroid = np.array([depth.x_mm[columns].mean(), depth.y_mm[rows].mean()])
+    return ContactRegion(
+        float(len(rows)) * depth.cell_mm**2,
+        centroid,
+        _outline(mask, depth),
+        place_mm,
+        float(depth.depth_mm[mask].max()),
+        share,
+        float(depth.known[mask].mean()),
+    )
+
+
+def _outline(mask: Array, depth: Depth) -> Array:
+    """The outer edge of a region, (n, 2) mm, finer than the points' distance."""
+    times = max(1, round(depth.cell_mm / FINE_MM))
+    rows, columns = (np.flatnonzero(mask.any(axis)) for axis in (1, 0))
+    first = np.array([columns[0], rows[0]])
+    inner = mask[first[1] : rows[-1] + 1, first[0] : columns[-1] + 1]
+    wide = np.pad(inner.astype(np.float32), 2)  # as far as the blur reaches
+    fine = cv2.resize(wide, None, fx=times, fy=times, interpolation=cv2.INTER_LINEAR)
+    smooth = cv2.GaussianBlur(fine, (0, 0), times / 2) >= 0.5
+    edges, _ = cv2.findContours(smooth.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    edge = max(edges, key=len)[:, 0, :]
+    at = (edge + 0.5) / times - 0.5 - 2 + first  # of the map's points
+    return np.asarray([depth.x_mm[0], depth.y_mm[0]] + at * depth.cell_mm)
+
+
+def _carried(traction: TractionField, labels: Array, depth: Depth) -> Array:
+    """Share of the pressure by label; each cell's goes to the contact nearest to it."""
+    from scipy import ndimage
+
+    pressure = np.maximum(-traction.traction_mpa[..., 2], 0)
+    shares = np.zeros(int(labels.max()) + 1)
+    if not labels.any() or not pressure.any():
+        return shares
+    to = ndimage.distance_transform_edt(labels == 0, return_distances=False, return_indices=True)
+    near = labels[tuple(to)]
+    column, row = (
+        np.clip(np.rint((at - axis[0]) / depth.cell_mm).astype(int), 0, len(axis) - 1)
+        for at, axis in ((traction.x_mm, depth.x_mm), (traction.y_mm, depth.y_mm))
+    )
+    np.add.at(shares, near[np.ix_(row, column)], pressure / pressure.sum())
+    return shares

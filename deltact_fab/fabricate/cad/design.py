@@ -1,0 +1,150 @@
+"""What a lab edits under cad/: the sensor's dimensions, the lists of indenters and of cameras."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from deltact_fab.common import InputError, did_you_mean, find_file, read_toml, validate
+from deltact_fab.sensor import Bounded, Indenter, OwnShape, bounded_number, parse_indenter
+
+from .dimensions import Design
+from .sensor_sections import CameraDimensions
+
+
+@dataclass(frozen=True)
+class IndenterBody(Bounded):
+    """What holds the tips and their shanks: one back plate."""
+
+    plate_mm: float = bounded_number(4.0, "back plate", 1.0, 50.0)
+
+
+@dataclass(frozen=True)
+class ListedIndenter:
+    """One indenter of the list."""
+
+    name: str
+    """As in a protocol: sphere:DIAMETER_MM; 4dots, 2dots, edges, ellipsoid, hexprism, star,
+    cylinder, ring or hat, with or without :SIZE_MM; or the name of a shape of this file."""
+    quantity: int = 1
+    """How many of it are made; at least 1."""
+
+    __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
+
+    def __post_init__(self) -> None:
+        if self.quantity < 1:
+            raise ValueError(f"quantity >= 1: {self.quantity} fails")
+
+
+@dataclass(frozen=True)
+class IndenterList:
+    """cad/indenters.toml."""
+
+    body: IndenterBody = field(default_factory=IndenterBody)
+    indenter: tuple[ListedIndenter, ...] = ()
+    """One `[[indenter]]` table each."""
+    shape: dict[str, OwnShape] = field(default_factory=dict)
+    """One `[shape.NAME]` table each: indenters of the lab's own, by the names of protocols."""
+
+    __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
+
+
+@dataclass(frozen=True)
+class IndenterDimensions:
+    """Everything an indenter's solid is made from."""
+
+    indenter: Indenter
+    body: IndenterBody
+
+
+def load_design(name: str = "deltact", changes: Iterable[str] = ()) -> Design:
+    """Dimensions of a design of the `cad` catalogue (a name or a path to a TOML file).
+
+    changes: `section.key=value`, as typed after `--set`; they win over the file. A design that
+    names another one as `base` takes from it what it does not give itself. Raises InputError
+    naming file and key; the inequalities between dimensions are feasibility.check's.
+    """
+    path = find_file("cad", name)
+    data = _with_base(path, ())
+    for change in changes:
+        _change(data, change)
+    return validate(Design, data, str(path))
+
+
+def _with_base(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
+    """The file's tables over those of its base."""
+    if path.resolve() in seen:
+        raise InputError(f"{path}: base: a design cannot be its own base")
+    own = read_toml(path)
+    base = own.pop("base", None)
+    if base is None:
+        return own
+    if not isinstance(base, str):
+        raise InputError(f"{path}: base: expected the name of a design (got {base!r})")
+    data = _with_base(find_file("cad", base), (*seen, path.resolve()))
+    for section, table in own.items():
+        inherited = data.get(section)
+        if isinstance(table, dict) and isinstance(inherited, dict):
+            data[section] = {**inherited, **table}
+        else:
+            data[section] = table
+    return data
+
+
+def _change(data: dict[str, Any], change: str) -> None:
+    """Set one key, its value read as TOML reads it; a bare word is a string."""
+    key, equals, text = change.partition("=")
+    section, dot, name = key.strip().partition(".")
+    if not (equals and dot and section and name and text.strip()):
+        raise InputError(f"--set {change!r}: expected section.key=value, as in skin.width_mm=44")
+    try:
+        value = tomllib.loads(f"value = {text.strip()}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text.strip()
+    table = data.setdefault(section, {})
+    if not isinstance(table, dict):
+        raise InputError(f"--set {change!r}: {section} is not a table")
+    table[name] = value
+
+
+def load_indenters(name: str = "indenters") -> IndenterList:
+    """The indenters a lab exports, and their body. Raises InputError naming file and key."""
+    path = find_file("cad", name)
+    listed = validate(IndenterList, read_toml(path), str(path))
+    seen: set[str] = set()
+    for entry in listed.indenter:
+        try:
+            name = parse_indenter(entry.name).name
+        except InputError as why:
+            raise InputError(f"{path}: {why}") from why
+        if name in seen:
+            raise InputError(f"{path}: indenter {name!r}: listed twice; expected once")
+        seen.add(name)
+    return listed
+
+
+@dataclass(frozen=True)
+class CameraList:
+    """cad/cameras.toml."""
+
+    module: dict[str, CameraDimensions] = field(default_factory=dict)
+    """One `[module.NAME]` table each."""
+
+    __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
+
+
+def load_cameras() -> dict[str, CameraDimensions]:
+    """The cameras by name. Raises InputError naming file and key."""
+    path = find_file("cad", "cameras")
+    return validate(CameraList, read_toml(path), str(path)).module
+
+
+def load_camera(name: str) -> CameraDimensions:
+    """A camera's section. Raises InputError with the nearest name, and as `load_cameras`."""
+    known = load_cameras()
+    if name not in known:
+        raise InputError(f"--camera {name!r}: no such camera; {did_you_mean(name, known)}")
+    return known[name]

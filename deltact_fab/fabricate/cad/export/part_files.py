@@ -1,0 +1,192 @@
+"""One part, or the assembly, to the bytes of its files: what runs in a worker."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from deltact_fab.common import InputError, Point, RunFailed, did_you_mean
+
+from ..build import build_part
+from ..dimensions import Design
+from ..kernel import Box, SolidProperties, enclosing, guarded, shifted
+from ..mesh import Mesh, mesh_solid
+from ..overhangs import laid
+from ..part import BOUGHT, LASER_CUT, Matrix, Part
+from . import dxf, meshes, step
+
+if TYPE_CHECKING:
+    from ..drafting.page import DrawingPage
+
+ASSEMBLY, WIRING = "assembly", "wiring"
+EXPORT_FORMATS = ("step", "stl", "3mf", "dxf", "glb", "svg", "pdf")
+DRAWN = ("svg", "pdf")
+MESHED = ("stl", "3mf", "glb")
+TO_PRINT = ("stl", "3mf")
+
+
+@dataclass(frozen=True)
+class PartFile:
+    """One file. volume and box are the exact solid's, also for a mesh.
+
+    mesh_deviation_mm: measured distance of the mesh from the surface; None where there is no mesh.
+    turned: rotation from the part's frame to the printer's, of a file as it is printed; its box is
+    the mesh's, which stands on z = 0, its middle at x = y = 0.
+    """
+
+    part: str
+    file: str
+    material: str
+    process: str
+    quantity: int
+    volume_mm3: float
+    bounding_box_mm: Box
+    mesh_deviation_mm: float | None
+    sha256: str
+    turned: Matrix | None = None
+
+
+Made = tuple[PartFile, bytes]
+
+
+@dataclass(frozen=True)
+class Task:
+    """What one worker makes at a time: one part in some formats, or of all the sensor's parts the
+    assembly as STEP and the wiring drawing.
+    """
+
+    parts: tuple[Part, ...]
+    formats: tuple[str, ...]
+    design: Design
+    tolerance_mm: float
+
+    @property
+    def name(self) -> str:
+        """What it is called on the way."""
+        return self.parts[0].name if len(self.parts) == 1 else ASSEMBLY
+
+
+def checked_formats(formats: Sequence[str]) -> tuple[str, ...]:
+    """Each known format once, in the order of FORMATS. Raises InputError naming what is unknown."""
+    named = [f.strip().lower() for f in formats if f.strip()]
+    if not named:
+        raise InputError(f"format: none given; valid: {', '.join(EXPORT_FORMATS)}")
+    for name in named:
+        if name not in EXPORT_FORMATS:
+            raise InputError(f"format {name!r}: unknown; {did_you_mean(name, EXPORT_FORMATS)}")
+    return tuple(f for f in EXPORT_FORMATS if f in named)
+
+
+def applicable(part: Part, formats: Sequence[str]) -> tuple[str, ...]:
+    """The formats that make sense for a part: none to print what is bought, dxf of what is flat."""
+    made = part.process != BOUGHT
+    apply = {
+        **dict.fromkeys(EXPORT_FORMATS, True),
+        **dict.fromkeys(TO_PRINT, made),
+        **dict.fromkeys(DRAWN, part.callouts is not None),
+        "dxf": part.process == LASER_CUT,
+    }
+    return tuple(f for f in formats if apply[f])
+
+
+def make(task: Task) -> list[Made]:
+    """Build, gate and write to memory. Raises RunFailed naming the part."""
+    if len(task.parts) > 1:
+        return [_of_sensor(task, kind) for kind in task.formats]
+    (part,) = task.parts
+    solid, measured = build_part(part, task.design)
+    made = []
+    mesh: Mesh | None = None
+    page: DrawingPage | None = None
+    # Meshes last: they leave triangles on the solid.
+    for kind in sorted(task.formats, key=lambda f: (f in MESHED, EXPORT_FORMATS.index(f))):
+        box_mm, deviation_mm, turned = measured.box_mm, None, None
+        with guarded(part.name):
+            if kind in MESHED:
+                mesh = mesh or _mesh(solid, measured, task)
+                deviation_mm, written = mesh.deviation_mm, mesh
+                if part.printed and kind in TO_PRINT:
+                    written, turned = laid(mesh, part.lies), part.lies.turn
+                    box_mm = written.box_mm
+                data = _mesh_bytes(written, part, kind)
+            elif kind in DRAWN:
+                from ..drafting.drawing import drawing
+
+                page = page or drawing(part, task.design, solid)
+                data = _page_bytes(page, kind)
+            elif kind == "step":
+                data = step.part_bytes(solid, part.name)
+            else:
+                laser = task.design.laser
+                kerf_mm = laser.kerf_mm if laser.compensate else 0.0
+                data = dxf.dxf_bytes(solid, part.name, kerf_mm / 2)
+        about = part.material, part.process, part.quantity
+        size = measured.volume_mm3, box_mm, deviation_mm
+        made.append(_told(part.name, kind, data, about, size, turned))
+    return made
+
+
+def whole(
+    name: str, kind: str, data: bytes, parts: Sequence[tuple[float, Box, Sequence[Point]]],
+    deviation_mm: float | None = None,
+) -> Made:  # fmt: skip
+    """A file of an assembly of (volume, box, places), one place a copy."""
+    volume_mm3 = sum(volume * len(places) for volume, _, places in parts)
+    box_mm = enclosing(shifted(box, at) for _, box, places in parts for at in places)
+    about = "", "wired" if name == WIRING else "assembled", 1
+    return _told(name, kind, data, about, (volume_mm3, box_mm, deviation_mm))
+
+
+def _told(
+    name: str, kind: str, data: bytes, about: tuple[str, str, int],
+    size: tuple[float, Box, float | None], turned: Matrix | None = None,
+) -> Made:  # fmt: skip
+    """A file and what the manifest says of it."""
+    sha = hashlib.sha256(data).hexdigest()
+    return PartFile(name, f"{name}.{kind}", *about, *size, sha, turned), data
+
+
+def _of_sensor(task: Task, kind: str) -> Made:
+    if kind in DRAWN:
+        from ..drafting.wiring import wiring
+
+        page = wiring(task.design)
+        sheet: Box = ((0.0, 0.0, 0.0), (*page.size_mm, 0.0))
+        return whole(WIRING, kind, _page_bytes(page, kind), [(0.0, sheet, meshes.ORIGIN)])
+    products, sizes = [], []
+    for part in task.parts:
+        solid, measured = build_part(part, task.design)
+        where = part.places(task.design)
+        products.append((part.name, solid, where))
+        sizes.append((measured.volume_mm3, measured.box_mm, where))
+    with guarded(ASSEMBLY):
+        data = step.assembly_bytes(products, ASSEMBLY)
+    return whole(ASSEMBLY, kind, data, sizes)
+
+
+def _page_bytes(page: DrawingPage, kind: str) -> bytes:
+    return page.svg().encode() if kind == "svg" else page.pdf()
+
+
+def _mesh_bytes(mesh: Mesh, part: Part, kind: str) -> bytes:
+    if kind == "stl":
+        return meshes.stl_bytes(mesh, part.name)
+    if kind == "3mf":
+        return meshes.threemf_bytes(mesh, part.name, part.material, part.colour)
+    return meshes.glb_bytes(
+        {part.name: (meshes.drawn(mesh, part.name, part.colour), meshes.ORIGIN)}
+    )
+
+
+def _mesh(solid: Any, measured: SolidProperties, task: Task) -> Mesh:
+    """A mesh within d of a surface of area A holds the volume to A d, if it looks outwards."""
+    mesh = mesh_solid(solid, task.tolerance_mm, task.name)
+    slack_mm3 = measured.area_mm2 * mesh.deviation_mm + 1e-6 * measured.volume_mm3
+    if not abs(mesh.volume_mm3 - measured.volume_mm3) <= slack_mm3:
+        raise RunFailed(
+            f"{task.name}: the mesh encloses {mesh.volume_mm3:.3f} mm3, "
+            f"the solid {measured.volume_mm3:.3f}"
+        )
+    return mesh

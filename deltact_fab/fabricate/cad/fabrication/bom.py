@@ -1,0 +1,192 @@
+"""The bill of materials, from the registry and the dimensions. Imports no CAD kernel.
+
+What is ordered besides the parts stands in bom.toml; here are the figures in it. Where what is
+bought is ordered stands in cad/parts.toml, a lab's own list.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import Any
+
+from deltact_fab.common import InputError, find_file, read_toml, validate
+
+from .. import feasibility
+from ..design import IndenterList
+from ..dimensions import Design
+from ..part import LASER_CUT, MACHINED, PRINT
+from ..parts.camera import COMPUTER
+from ..parts.light_holder import WIRE, WIRE_COLOURS
+from ..registry import list_parts
+from . import quantities
+from .quantities import DEFAULT, WASTE, filled_in
+
+PIECES = "pcs"
+MADE = (PRINT, LASER_CUT, MACHINED, "cast in the mold")  # of what the other lines bring
+UNKNOWN = "not looked up"
+JETSON_PIN_MA = 500.0  # ours, cautious: the pins share the board's supply
+
+
+@dataclass(frozen=True)
+class BoughtPart:
+    """One line that is bought, and where."""
+
+    line: str
+    """Name of the line in `cad bom`."""
+    when: str = ""
+    """Words that the line must hold, as a screw's size; none: any."""
+    maker: str = UNKNOWN
+    """Maker and product."""
+    order_number: str = UNKNOWN
+    """Number to order it by, of the maker or of the shop that is named."""
+    second_source: str = UNKNOWN
+    """Who else sells it."""
+    sold_by: str = UNKNOWN
+    """Unit in which it is sold."""
+    price: str = UNKNOWN
+    """Of one such unit, with its currency."""
+    priced_on: str = UNKNOWN
+    """The day of that price."""
+    instead: str = UNKNOWN
+    """What may replace it, or must not."""
+    found_in: str = UNKNOWN
+    """What says so."""
+
+    __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
+
+    def __str__(self) -> str:
+        """Maker and number, as short as they can be said."""
+        if self.maker == self.order_number:
+            return self.maker
+        return f"{self.maker}: {self.order_number}"
+
+
+@dataclass(frozen=True)
+class BoughtParts:
+    """cad/parts.toml."""
+
+    bought: tuple[BoughtPart, ...] = field(default=())
+    """One `[[bought]]` table each."""
+
+    __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
+
+    def of(self, line: str, *texts: str) -> BoughtPart:
+        """The first source of a line whose texts hold its words; one of marks where none is."""
+        said = " ".join(texts)
+        fits = (one for one in self.bought if one.line == line and one.when in said)
+        return next(fits, BoughtPart(line))
+
+
+def load_bought() -> BoughtParts:
+    """The lab's list. Raises InputError naming file and key."""
+    path = find_file("cad", "parts")
+    return validate(BoughtParts, read_toml(path), str(path))
+
+
+@dataclass(frozen=True)
+class BomLine:
+    """One line. item counts from 1. group: of the registry, `consumables` or `workshop`.
+
+    quantity is what the order takes, in `unit`: pcs, g, ml, mm. source: where what is bought is
+    ordered, None for what is made.
+    """
+
+    item: int
+    group: str
+    part: str
+    material: str
+    process: str
+    quantity: float
+    unit: str
+    note: str
+    source: BoughtPart | None = None
+
+
+def bom_lines(
+    design: Design, sensors: int = 1, indenters: IndenterList | None = None
+) -> list[BomLine]:
+    """Everything to order for a number of sensors, one mold, one test bench and the indenters.
+
+    indenters: cad/indenters.toml unless given. Raises InputError for a count below 1 and for a
+    broken rule.
+    """
+    if sensors < 1:
+        raise InputError(f"sensors {sensors}: expected 1 or more")
+    feasibility.check_feasible(design)
+    # Of the registry: what a sensor takes for each sensor; tools, bench and indenters once.
+    rows: list[tuple[Any, ...]] = [
+        (p.group, p.name, p.material, p.process, p.quantity * (sensors if p.per_sensor else 1),
+         PIECES, p.noted(design))
+        for p in list_parts(indenters, design)
+    ]  # fmt: skip
+    figures = _figures(design, sensors)
+    for group, bought in filled_in("bom", d=design, p=DEFAULT, f=figures).items():
+        for row in bought:
+            told = {"material": "", "process": "bought", "unit": PIECES, "quantity": "one", **row}
+            if figures[told.get("needs", "one")]:
+                count = figures[told["quantity"]]
+                about = (told["part"], told["material"], told["process"], count, told["unit"])
+                rows.append((group, *about, told["note"]))
+    sources = load_bought()
+    return [
+        line
+        if line.process in MADE
+        else replace(line, source=sources.of(line.part, line.material, line.note))
+        for line in (BomLine(i, *row) for i, row in enumerate(rows, 1))
+    ]
+
+
+def bom_csv(bom: Sequence[BomLine]) -> str:
+    """The lines as CSV with a header; numbers without rounding noise."""
+    import pandas as pd
+
+    ordered = [f.name for f in fields(BoughtPart) if f.name not in ("line", "when")]
+    rows = []
+    for line in bom:
+        row = asdict(line)
+        source = row.pop("source") or {}
+        rows.append(row | {name: source.get(name) for name in ordered})
+    return pd.DataFrame(rows).to_csv(index=False, float_format="%.6g", lineterminator="\n")
+
+
+def _figures(d: Design, sensors: int) -> dict[str, Any]:
+    light = d.light
+    cast = sensors + 1  # the transparent base is cast with the others
+    cells, fills = quantities.cavities(d), quantities.pours(d, cast)
+    coat = quantities.coat_batch(d, sensors)
+    least = quantities.least_coat_batch(coat)
+    gap_mm = 5.0  # laser kerf and clamping, in the blank
+    takes_ma = sensors * light.most_ma
+    # The least usual rating that is no more than half used.
+    half_a, ratings_a = 2 * takes_ma / 1000, (0.1, 0.25, 0.5, 1, 2, 3, 5, 10)
+    pin = light.supply_v == 5 and takes_ma <= JETSON_PIN_MA
+    return {
+        "one": 1,
+        "sensors": sensors,
+        "cast": cast,
+        "cells": cells,
+        "fills": fills,
+        "waste": 100 * WASTE,
+        "skins_half_g": quantities.skins_batch(d, fills * cells).a_g,
+        "one_half_g": quantities.skins_batch(d, 1).a_g,
+        "blank_mm": [2 * half_mm + 2 * gap_mm for half_mm in d.acrylic_half_mm],
+        "bead_mm": d.shell.ledge_drop_mm,
+        "primer_ml": quantities.primer_ml(d, cast),
+        "film_mm": d.skin.film_mm(DEFAULT.film_margin_mm),
+        "coats_half_g": 2 * least.a_g,
+        "adheres_g": 2 * coat.a_g,
+        "pigment_g": least.pigment_g,
+        "pigment": 100 * DEFAULT.coat_pigment,
+        "supply_off": 100 * light.supply_tolerance,
+        "resistor_mw": 1000 * light.resistor_most_w,
+        "rating_a": next((a for a in ratings_a if a >= half_a), math.ceil(half_a)),
+        "takes_ma": takes_ma,
+        "or_pin": "; or a 5 V pin of the Jetson" if pin else "",
+        "wire": WIRE,
+        "colours": " and ".join(WIRE_COLOURS),
+        "wire_mm": sensors * 2 * light.wire_mm,
+        "computer": COMPUTER,
+        "computers": math.ceil(sensors / 2),
+    }

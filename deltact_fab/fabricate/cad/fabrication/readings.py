@@ -1,0 +1,188 @@
+"""Readings of the coupons to what printer and laser do, and to a design that counts on it.
+
+A table of readings is a CSV file with a header:
+
+    coupon,feature,nominal_mm,measured_mm,pieces
+    fit-coupon,hole,3.0,2.93,
+    fit-coupon,outside,8.0,8.05,
+    kerf-coupon,strip,100.0,98.1,10
+
+feature: hole, slot, outside or height of the fit coupon; strip or thickness of the kerf coupon.
+pieces: strips measured side by side, 1 where it is left out; nominal and measured are the stack's.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from operator import attrgetter
+from pathlib import Path
+from typing import Literal
+
+from deltact_fab.common import InputError, did_you_mean, read_text, toml_text, validate
+
+from ..dimensions import Design
+
+FEATURES = {
+    "fit-coupon": ("hole", "slot", "outside", "height"),
+    "kerf-coupon": ("strip", "thickness"),
+}
+LEAST = 3
+MAX_OFF = 0.5  # share of the nominal: beyond it two columns were confused
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One line of the table. Raises ValueError where its values do not go together."""
+
+    coupon: Literal["fit-coupon", "kerf-coupon"]
+    feature: str
+    nominal_mm: float = field(metadata={"gt": 0})
+    measured_mm: float = field(metadata={"gt": 0})
+    pieces: int = field(default=1, metadata={"ge": 1})
+
+    __pydantic_config__ = {"extra": "forbid", "allow_inf_nan": False}  # noqa: RUF012
+
+    def __post_init__(self) -> None:
+        if self.feature not in FEATURES[self.coupon]:
+            hint = did_you_mean(self.feature, FEATURES[self.coupon])
+            raise ValueError(f"feature {self.feature!r}: {hint}")
+        if self.pieces != 1 and self.feature != "strip":
+            raise ValueError(f"pieces {self.pieces}: expected 1 unless it is a strip")
+        if abs(self.measured_mm - self.nominal_mm) > MAX_OFF * self.nominal_mm:
+            raise ValueError(
+                f"measured_mm {self.measured_mm:g}: expected within {MAX_OFF:.0%} of "
+                f"nominal_mm {self.nominal_mm:g}"
+            )
+
+    @property
+    def off_mm(self) -> float:
+        """Measured less nominal, of one piece."""
+        return (self.measured_mm - self.nominal_mm) / self.pieces
+
+
+@dataclass(frozen=True)
+class MeasuredKey:
+    """A key of a design with what was read beside what it had.
+
+    bias_mm: mean of the readings' deviations; spread_mm: that of a further piece about the mean,
+    +-, at 95 %. count: readings.
+    """
+
+    key: str
+    value: float
+    before: float
+    count: int
+    bias_mm: float
+    spread_mm: float
+
+
+def read_readings(path: Path) -> list[Reading]:
+    """The readings of a table. Raises InputError naming file, line and column."""
+    table = csv.DictReader(read_text(path).splitlines(), restkey="beyond the last column")
+    try:
+        rows = [(table.line_num, row) for row in table]
+    except csv.Error as why:
+        raise InputError(f"{path}: line {table.line_num}: {why}") from why
+    found = []
+    for line, row in rows:
+        # A cell that is empty is left out.
+        cells = {key.strip(): _value(str(cell)) for key, cell in row.items() if cell}
+        if given := {key: value for key, value in cells.items() if value != ""}:
+            found.append(validate(Reading, given, f"{path}: line {line}"))
+    if not found:
+        raise InputError(
+            f"{path}: no reading below a header of {', '.join(Reading.__match_args__)}"
+        )
+    return found
+
+
+def _value(cell: str) -> float | str:
+    """A number where it is one."""
+    for kind in (int, float):
+        with suppress(ValueError):
+            return kind(cell)
+    return cell.strip()
+
+
+def fit_readings(readings: Sequence[Reading], design: Design) -> list[MeasuredKey]:
+    """What the readings say of the machines; a machine that was not measured keeps its figures.
+
+    The spread is the half width of the interval that holds one further piece at 95 %:
+    t s sqrt(1 + 1 / n), Student's t with n - 1 degrees of freedom (ISO 16269-8). Raises InputError
+    where a group has too few readings.
+    """
+    # What a key becomes, readings, bias and spread.
+    found: dict[str, tuple[float, int, float, float]] = {}
+
+    def off(*features: str) -> list[float]:
+        return [r.off_mm for r in readings if r.feature in features]
+
+    spreads = []
+    for key, features in (("hole", ("hole", "slot")), ("outside", ("outside",))):
+        if plan := off(*features):
+            bias, spread = _of(plan, " and ".join(features))
+            spreads.append((spread, len(plan)))
+            found[f"resin_printer.{key}_bias_mm"] = round(bias, 3), len(plan), bias, spread
+    if spreads:
+        spread, count = max(spreads)
+        found["resin_printer.plane_mm"] = _least(spread), count, 0.0, spread
+    if heights := off("height"):
+        bias, spread = _of(heights, "height")
+        # Heights go both ways in a stack: their bias counts as spread.
+        value = _least(abs(bias) + spread)
+        found["resin_printer.height_mm"] = value, len(heights), bias, spread
+    if strips := [r for r in readings if r.feature == "strip"]:
+        pieces = sum(r.pieces for r in strips)
+        short = sum(r.nominal_mm - r.measured_mm for r in strips) / pieces
+        kerf = max(short + (design.laser.kerf_mm if design.laser.compensate else 0.0), 0.0)
+        single = [r.off_mm for r in strips if r.pieces == 1]
+        spread = _of(single, "strip of one piece")[1] if single else math.nan
+        found["laser.kerf_mm"] = round(kerf, 3), pieces, -short, spread
+        if single:
+            found["laser.tolerance_mm"] = _least(spread), len(single), 0.0, spread
+    if sheets := off("thickness"):
+        bias, spread = _of(sheets, "thickness")
+        share = max(_up((abs(bias) + spread) / design.optics.acrylic_mm), 0.001)
+        found["laser.sheet_tolerance"] = share, len(sheets), bias, spread
+    return [
+        MeasuredKey(key, value, attrgetter(key)(design), count, bias, spread)
+        for key, (value, count, bias, spread) in found.items()
+    ]
+
+
+def _of(off_mm: Sequence[float], name: str) -> tuple[float, float]:
+    """Mean, and the half width for one further piece."""
+    import statistics
+
+    from scipy.stats import t
+
+    n = len(off_mm)
+    if n < LEAST:
+        raise InputError(f"{name}: {n} readings; expected {LEAST} or more")
+    width = float(t.ppf(0.975, n - 1)) * statistics.stdev(off_mm) * math.sqrt(1 + 1 / n)
+    return statistics.fmean(off_mm), width
+
+
+def _least(spread_mm: float) -> float:
+    """A spread as a field takes it: no less than a caliper tells."""
+    return max(_up(spread_mm), 0.005)
+
+
+def _up(value: float) -> float:
+    return math.ceil(value * 1000 - 1e-9) / 1000
+
+
+def design_from_readings(base: str, found: Sequence[MeasuredKey], source: str) -> str:
+    """The text of a design: the base, and what was read over it."""
+    tables: dict[str, dict[str, object]] = {}
+    for estimate in found:
+        section, _, key = estimate.key.partition(".")
+        tables.setdefault(section, {})[key] = estimate.value
+    for table in tables.values():
+        table["measured"] = list(table)
+    about = (f"{base} as made by the machines that {source} was measured on (cad fit).",)
+    return toml_text({"base": base, **tables}, about)

@@ -1,0 +1,403 @@
+"""A design from what one wants of it: a face, how much of it is seen, and the camera that does.
+
+Everything else follows: what has an equation at once, the rest by repair. Whatever inequality, fit
+or limit fails moves the one dimension that is its remedy (`REMEDIES`), until nothing fails or none
+can move further. No solid is built: what only solids tell, `cad check` tells of the result.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any
+
+from deltact_fab.common import Check, InputError, SolverError
+from deltact_fab.sensor import ShapeError, fisheye_reach_mm, half_angle_rad
+
+from . import feasibility
+from .check import arithmetic, visibility
+from .design import load_camera, load_cameras
+from .dimensions import Design
+from .parts.camera import off_axis_mm
+from .rule import statement
+from .standards import CAP_SCREWS, CHEESE_SCREWS, CapThread, CheeseThread
+
+GELS_MM = (12.0, 14.0, 16.0, 18.0, 20.0)
+SHEETS_MM = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # cast PMMA as it is sold
+GAPS_MM = tuple(k / 2 for k in range(6, 91))
+AXIAL_MM = tuple(k / 10 for k in range(10, 31))
+STRIPS_MM = 8.0, 5.0  # as they are sold
+FEWER_LEDS = tuple(range(500, 2, -1))
+THREADS: tuple[tuple[CapThread, float], ...] = (
+    ("M1.6", 45.0),
+    ("M2", 50.0),
+    ("M2.5", 55.0),
+)  # up to which longer side
+SHARE = 0.55
+FACE_MM = 10.0, 200.0
+STEPS = 400
+CHEESE_MM = (2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # lengths that are sold
+CORNER_RAD = math.radians(79.0)  # short of where the acrylic reflects a third
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What a design is to do: a face (x, y), and the least share of it that the camera sees.
+
+    camera: of cad/cameras.toml; None for the base's.
+    """
+
+    face_mm: tuple[float, float]
+    share: float = SHARE
+    camera: str | None = None
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What is not computed but moved by a remedy."""
+
+    gel_mm: float = GELS_MM[0]
+    sheet_mm: float = SHEETS_MM[0]
+    gap_mm: float = GAPS_MM[0]
+    axial_mm: float = AXIAL_MM[0]
+    leds: int = 5
+    strip_mm: float = STRIPS_MM[0]
+    columns: int = 2
+    rows: int = 2
+    share: float = 1.0
+    housing_mm: tuple[float, float] = (0.0, 0.0)
+
+
+def wish_from_options(face: str, share: float = SHARE, camera: str | None = None) -> Wish:
+    """A wish as it is typed. Raises InputError for a face, a share or a camera that is none."""
+    try:
+        width, length = (float(word) for word in face.lower().split("x"))
+    except ValueError:
+        raise InputError(f"--face {face!r}: expected two sides in mm, as in 60x50") from None
+    low, high = FACE_MM
+    if not (low <= width <= high and low <= length <= high):
+        raise InputError(f"--face {face!r}: expected sides of {low:g} to {high:g} mm")
+    if not 0.05 <= share <= 0.95:
+        raise InputError(f"--share {share:g}: expected 0.05 to 0.95 of the face")
+    if camera is not None:
+        load_camera(camera)
+    return Wish((width, length), share, camera)
+
+
+class Unsolved(Exception):
+    """No dimension is left that would mend a check, the first that fails; None of a limit."""
+
+    def __init__(self, why: str, check: Check | None = None) -> None:
+        super().__init__(why)
+        self.check = check
+
+
+def solved(wish: Wish, base: Design) -> Design:
+    """The design of a wish, on which every inequality, fit and limit by arithmetic holds.
+
+    Raises Unsolved.
+    """
+    if wish.camera is not None:
+        base = replace(base, camera=load_camera(wish.camera))
+    choices = Choices()
+    seen: set[Choices] = set()
+    for _ in range(STEPS):
+        seen.add(choices)
+        try:
+            design = _made(wish, choices, base)
+        except ShapeError as why:
+            raise Unsolved(str(why)) from why
+        first = None
+        # What comes later costs more, and is not asked where something earlier can be mended.
+        for check in failures(design, wish):
+            first = first or check
+            moved = _mended(choices, check.id, design, wish)
+            if moved is not None and moved not in seen:
+                choices = moved
+                break
+        else:
+            if first is None:
+                return design
+            raise Unsolved(failure(first), first)
+    raise Unsolved(f"no end after {STEPS} steps")
+
+
+def design_for_wish(wish: Wish, base: Design) -> Design:
+    """The design of a wish.
+
+    Raises InputError with what stands in the way and the smallest change of face or share that
+    passes, or else another camera that does, as it is typed.
+    """
+    try:
+        return solved(wish, base)
+    except Unsolved as why:
+        # No face and no share lets a lens focus nearer.
+        too_near = why.check is not None and why.check.id == "focus.nearest"
+        changes = [] if too_near else list(_changes(wish))
+        changes += [(f"--camera {name}", replace(wish, camera=name)) for name in load_cameras()]
+        typed = next((typed for typed, changed in changes if _passes(changed, base)), "")
+        told = f"the smallest change that passes: {typed}" if typed else "no camera would do"
+        x, y = wish.face_mm
+        raise InputError(f"a face of {x:g} x {y:g} mm: {why}; {told}") from why
+
+
+def _changes(wish: Wish) -> Iterator[tuple[str, Wish]]:
+    """Wishes that differ in face or share, as the change is typed, the smallest change first.
+
+    Of the face both sides or the longer one alone: round what is seen stands a round light.
+    """
+    for k in range(1, 18):
+        for by in (1 - k / 25, 1 + k / 25):
+            for scaled in (wish.face_mm, (max(wish.face_mm),)):
+                x, y = (float(round(by * s)) if s in scaled else s for s in wish.face_mm)
+                yield f"--face {x:g}x{y:g}", replace(wish, face_mm=(x, y))
+        share = round((1 - k / 25) * wish.share, 2)
+        yield f"--share {share:g}", replace(wish, share=share)
+
+
+def _passes(wish: Wish, base: Design) -> bool:
+    with suppress(Unsolved):
+        solved(wish, base)
+        return True
+    return False
+
+
+def failures(design: Design, wish: Wish) -> Iterator[Check]:
+    """The checks by arithmetic that fail."""
+    view_x, view_y = design.optics.view_mm
+    seen = view_x * view_y / math.prod(wish.face_mm)
+    if seen < wish.share:
+        text, limit = f"{100 * seen:.0f} % of it", f"{100 * wish.share:g} % wanted"
+        yield Check("view-share", "view of the face", "", text, limit, "fail")
+    yield from (rule for rule in feasibility.rules(design) if rule.failed)
+    path = design.optics.air_gap_mm, design.optics.acrylic_mm, design.skin.thickness_mm
+    angle = half_angle_rad(math.hypot(view_x, view_y) / 2, *path)
+    cone_mm = _reached_mm(angle, (path[0], path[1], 0.0)) + math.sqrt(2) * off_axis_mm(design)
+    bore_mm = design.light_bore_mm
+    if not cone_mm <= bore_mm:
+        text, limit = f"{cone_mm:.1f} mm wide at the plate", f"{bore_mm:.1f} mm in the ring"
+        yield Check("light-cone", "light cone", "", text, limit, "fail")
+    for checks in (arithmetic.fits, arithmetic.light, visibility.view, arithmetic.platform):
+        yield from (check for check in checks(design) if check.failed)
+    try:
+        yield from (check for check in arithmetic.bending(design) if check.failed)
+    except SolverError as why:
+        yield Check("plate-deflection", "plate deflection", "acrylic", str(why), "", "fail")
+
+
+def failure(check: Check) -> str:
+    """A failed check in one line."""
+    if check.sign:
+        return f"{check.subject}: {statement(check)}"
+    return f"{check.name}: {check.value}" + (f"; {check.limit}" if check.limit else "")
+
+
+def _made(wish: Wish, choices: Choices, base: Design) -> Design:
+    """The design of a wish and of choices; raises ShapeError at the limits of a dimension."""
+    width, length = wish.face_mm
+    # For a face's longer side, as the shipped designs have it.
+    thread: CapThread = next((name for name, most in THREADS if max(wish.face_mm) <= most), "M3")
+    design = replace(
+        base,
+        skin=replace(
+            base.skin,
+            width_mm=width, length_mm=length,
+            thickness_mm=choices.gel_mm, protrusion_mm=choices.gel_mm / 2,
+        ),
+        screw=replace(
+            base.screw,
+            thread=thread, engagement_mm=max(4.6, 2 * CAP_SCREWS[thread].thread_mm),
+        ),
+    )  # fmt: skip
+    # The housing holds the skin, and the board beside the posts.
+    least = 1.5 if thread == "M1.6" else 2.0
+    walls = [
+        round(max(low, (room - side) / 2), 3)
+        for low, room, side in zip((least, 3.0), choices.housing_mm, wish.face_mm, strict=True)
+    ]
+    drop = round(max(0.5, 0.1 * choices.sheet_mm + 0.4), 2)
+    design = _held(design)
+    design = replace(
+        design,
+        frame=replace(
+            design.frame,
+            wall_x_mm=walls[0], seat_x_mm=round(max(walls[0] - 1.5, 0.0), 3),
+            wall_y_mm=walls[1], seat_y_mm=round(walls[1] - 1.5, 3),
+        ),
+        optics=replace(
+            design.optics,
+            acrylic_mm=choices.sheet_mm,
+            air_gap_mm=choices.gap_mm,
+            least_view_share=wish.share,
+        ),
+        shell=replace(design.shell, ledge_drop_mm=drop, ledge_height_mm=drop + 1.5),
+        light=replace(
+            design.light,
+            led_count=choices.leds, strip_width_mm=choices.strip_mm, axial_fit_mm=choices.axial_mm,
+        ),
+        # A press is spread no wider than the face.
+        plate=replace(design.plate, spread_mm=min(design.plate.spread_mm, *wish.face_mm)),
+        mold=replace(design.mold, columns=choices.columns, rows=choices.rows),
+    )  # fmt: skip
+    design = replace(design, optics=_seen(design, choices.share))
+    design = replace(design, screw=replace(design.screw, length_mm=_screw_mm(design)))
+    sides = [math.ceil(10 * side - 1e-6) / 10 for side in design.outer_mm]
+    return replace(design, envelope=type(design.envelope)(*sides))
+
+
+def _held(design: Design) -> Design:
+    """The design with what follows from its camera: screws, pegs, floors, cable notch."""
+    camera, holder, shell, cover = design.camera, design.holder, design.shell, design.cover
+    # Through the holes with the printer's play; a board without them is bonded.
+    through = camera.hole_mm - 0.2
+    thread: CheeseThread = next(
+        (name for name, row in reversed(CHEESE_SCREWS.items()) if row.thread_mm <= through), "none"
+    )
+    row = CHEESE_SCREWS[thread]
+    length_mm = next(mm for mm in CHEESE_MM if mm >= camera.board_mm + row.thread_mm - 1e-6)
+    notch_mm = max(shell.cable_height_mm, round(camera.cable_height_mm + 1.7, 2))
+    room_mm = max(
+        holder.clearance_mm, camera.connector_height_mm + 0.35, notch_mm,
+        length_mm - camera.board_mm + 0.5,
+    )  # fmt: skip
+    design = replace(
+        design,
+        holder=replace(
+            holder, screw=thread, clearance_mm=math.ceil(10 * room_mm - 1e-6) / 10,
+            screw_length_mm=length_mm,
+        ),
+        light=replace(
+            design.light,
+            floor_mm=max(design.light.floor_mm, row.head_height_mm + design.light.head_room_mm),
+        ),
+        shell=replace(
+            shell,
+            cable_width_mm=camera.cable_width_mm + 1.0,
+            cable_height_mm=notch_mm,
+            cable_foam_mm=max(shell.cable_foam_mm, 2 * notch_mm + 1),
+        ),
+    )  # fmt: skip
+    # The holder's arms close its window above.
+    beside = cover.hole_mm / 2 + holder.wall_mm
+    peg_mm = math.ceil(2 * (design.holder_window_top_mm - beside + 0.5)) / 2
+    return replace(design, cover=replace(cover, peg_y_mm=max(cover.peg_y_mm, peg_mm)))
+
+
+def _screw_mm(design: Design) -> float:
+    """The longest stock screw whose head stays inside the sensor."""
+    screw = design.screw
+    room_mm = design.z_joint_mm + screw.engagement_mm - screw.row.head_height_mm - design.z_back_mm
+    return float(max((mm for mm in screw.row.stock_mm if mm <= room_mm), default=3.0))
+
+
+def _seen(design: Design, share: float) -> Any:
+    """The optics with the largest view that lies on the flat of the face and in the crop.
+
+    share: of that view, along each side.
+    """
+    optics, camera, skin = design.optics, design.camera, design.skin
+    path = optics.air_gap_mm, optics.acrylic_mm, skin.thickness_mm
+    off = off_axis_mm(design)
+    crop = camera.crop_half_mm
+    half = [
+        min(side / 2 - skin.edge_fillet_mm - off, _reached_mm(camera.angle_rad(c), path))
+        for side, c in zip((skin.width_mm, skin.length_mm), crop, strict=True)
+    ]
+
+    def in_crop(part: float) -> bool:
+        x, y = (part * side for side in half)
+        corner = math.hypot(x, y)
+        angle = half_angle_rad(corner, *path)
+        have = camera.angle_rad(corner * min(crop[0] / x, crop[1] / y))
+        return angle <= min(have, CORNER_RAD)
+
+    part = next((p / 200 for p in range(200, 20, -1) if in_crop(p / 200)), 0.1) * share
+    x, y = (2 * part * side for side in half)
+    # As fine as the paper's, unless the face is so large that pixels would be in vain.
+    mm_per_px = max(optics.mm_per_px, math.ceil(10 * x) / 1e4)
+    size = [int(side / mm_per_px + 1e-9) for side in (x, y)]
+    return replace(optics, mm_per_px=mm_per_px, image_width_px=size[0], image_height_px=size[1])
+
+
+def _reached_mm(angle: float, path: tuple[float, float, float]) -> float:
+    return float(fisheye_reach_mm(min(angle, CORNER_RAD), *path))
+
+
+def _mended(choices: Choices, id: str, design: Design, wish: Wish) -> Choices | None:
+    """The choices with the remedy of a failed check; None where none is left."""
+    changed = (remedy(choices, design, wish) for remedy in REMEDIES.get(id, ()))
+    return next((choices for choices in changed if choices is not None), None)
+
+
+Remedy = Callable[[Choices, Design, Wish], "Choices | None"]
+
+
+def _next(name: str, values: Sequence[float]) -> Remedy:
+    """The next one of some values."""
+
+    def moved(choices: Choices, design: Design, wish: Wish) -> Choices | None:
+        left = values[values.index(getattr(choices, name)) + 1 :]
+        changed: dict[str, Any] = {name: left[0]} if left else {}
+        return replace(choices, **changed) if left else None
+
+    return moved
+
+
+def _more_leds(choices: Choices, design: Design, wish: Wish) -> Choices | None:
+    most = int(2 * math.pi * design.strip_radius_mm / design.light.pitch_mm)
+    return replace(choices, leds=choices.leds + 1) if choices.leds < most else None
+
+
+def _less_view(choices: Choices, design: Design, wish: Wish) -> Choices | None:
+    """A little less than is seen, where more is seen than is wanted."""
+    share = math.prod(design.optics.view_mm) / math.prod(wish.face_mm)
+    if (1 - 0.03 / choices.share) ** 2 * share < wish.share:
+        return None
+    return replace(choices, share=round(choices.share - 0.02, 2))
+
+
+def _smaller_mold(choices: Choices, design: Design, wish: Wish) -> Choices | None:
+    if choices.columns * choices.rows == 1:
+        return None
+    wide = choices.columns >= choices.rows
+    return replace(choices, columns=1) if wide else replace(choices, rows=1)
+
+
+def _wider_ring(choices: Choices, design: Design, wish: Wish) -> Choices | None:
+    x, y = design.ledge_half_mm  # the narrower one holds the ring
+    return _housing(0 if x <= y else 1)(choices, design, wish)
+
+
+def _housing(axis: int) -> Remedy:
+    def wider(choices: Choices, design: Design, wish: Wish) -> Choices | None:
+        sides = list(choices.housing_mm)
+        sides[axis] = max(sides[axis], math.floor(design.frame_outer_mm[axis])) + 1.0
+        return replace(choices, housing_mm=(sides[0], sides[1])) if sides[axis] < 150 else None
+
+    return wider
+
+
+REMEDIES: dict[str, tuple[Remedy, ...]] = {
+    id: moves
+    for ids, moves in (
+        ("view-share focus.nearest focus.corner focus.pressed", (_next("gap_mm", GAPS_MM),)),
+        ("light-cone", (_less_view, _wider_ring)),
+        ("plate-clear-of-light light-holder.below-acrylic", (_next("axial_mm", AXIAL_MM),)),
+        ("plate-deflection plate-stress", (_next("sheet_mm", SHEETS_MM),)),
+        ("even-light", (_more_leds, _less_view, _next("gel_mm", GELS_MM))),
+        ("light-holder.led-count", (_next("leds", FEWER_LEDS),)),
+        ("light-holder.strip led-strip.led-on-strip",
+         (_next("strip_mm", STRIPS_MM), _next("gap_mm", GAPS_MM))),
+        ("fits-printer.mold", (_smaller_mold,)),
+        ("light-holder.lens-in-bore light-holder.led-in-channel", (_wider_ring,)),
+        ("camera.board-in-shell-x camera-holder.in-shell-x camera-holder.between-bosses-x "
+         "camera.board-beside-posts skin-frame.posts-x skin-frame.posts-y shell.cable-room",
+         (_housing(0),)),
+        ("camera.board-in-shell-y camera-holder.in-shell-y camera-holder.between-bosses-y",
+         (_housing(1),)),
+    )
+    for id in ids.split()
+}  # fmt: skip
+"""What moves where the check of an id fails: the first that still can."""

@@ -1,0 +1,181 @@
+"""What a part is: everything the toolchain asks of one, in one value. Imports no CAD kernel.
+
+A file of parts/ makes its `PARTS` from it: whatever lists, shows, checks, draws, weighs, places,
+explains or exports a part asks here, so that a new part is its own file. The dimensions that it
+brings are a record among the sections, and a field of Design.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from deltact_fab.common import Check
+
+    from .design import IndenterDimensions
+    from .dimensions import Design
+    from .drafting.dimensioning import Callouts
+    from .kernel import Box
+    from .rule import PlayFit
+
+Group = Literal["sensor", "electronics", "tools", "bench", "indenters"]
+GROUPS: tuple[Group, ...] = ("sensor", "electronics", "tools", "bench", "indenters")
+PER_SENSOR: tuple[Group, ...] = ("sensor", "electronics")
+Shift = tuple[float, float, float]
+
+# The paper: "tough epoxy resin" of Formlabs; cad/parts.toml has a product.
+RESIN = "tough SLA resin"
+PRINT = "SLA print"
+BOUGHT = "bought"
+LASER_CUT = "laser cut"
+MACHINED = "machined"
+
+BLACK = (0.12, 0.12, 0.13, 1.0)
+WHITE = (0.93, 0.93, 0.90, 1.0)
+CLEAR = (0.62, 0.80, 0.92, 0.35)
+STEEL = (0.62, 0.64, 0.66, 1.0)
+GREEN = (0.13, 0.42, 0.25, 1.0)
+AMBER = (0.85, 0.60, 0.25, 1.0)
+
+Side = Literal["-z", "+z"]
+Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
+
+# Turns, exact, by the side of the part's own frame that comes to face the platform.
+_DOWN: dict[str, Matrix] = {
+    "-z": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    "+z": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
+}
+
+SELF_SUPPORTING_DEG = 19.0
+"""Least slope to the platform that SLA prints without support: the 19 degrees of service bureaus'
+design guides for stereolithography (after Formlabs). Assumed: a printer's own may differ."""
+
+
+@dataclass(frozen=True)
+class PrintPose:
+    """How a printed part lies on the platform, for its files, the checks and the guide alike.
+
+    Platform frame: z away from it, every part at z >= 0; x, y along its sides.
+    down: the side of the part's frame that faces the platform; face: what that side is called.
+
+    tilt_deg: then turned by so much about the platform's x, which lifts the side at +y; such a
+    part stands on supports and touches the platform nowhere. supports: where they may be, and
+    none where it is empty.
+    """
+
+    down: Side = "-z"
+    face: str = "underside"
+    tilt_deg: float = 0.0
+    supports: str = ""
+
+    @property
+    def turn(self) -> Matrix:
+        """Rotation from the part's frame to the platform's; a part that lies flat, exactly."""
+        down = _DOWN[self.down]
+        if not self.tilt_deg:
+            return down
+        c, s = math.cos(math.radians(self.tilt_deg)), math.sin(math.radians(self.tilt_deg))
+        x, y, z = down
+        lower = tuple(c * b - s * a for a, b in zip(z, y, strict=True))
+        upper = tuple(s * b + c * a for a, b in zip(z, y, strict=True))
+        return x, (lower[0], lower[1], lower[2]), (upper[0], upper[1], upper[2])
+
+    @property
+    def words(self) -> str:
+        """The same for whoever prints it."""
+        if self.tilt_deg:
+            return f"{self.face} down, tilted by {self.tilt_deg:g}°, supports {self.supports}"
+        how = f"supports {self.supports}" if self.supports else "no supports"
+        return f"{self.face} down, straight on the platform, {how}"
+
+    def size_mm(self, low: tuple[float, ...], high: tuple[float, ...]) -> tuple[float, ...]:
+        """Sides (x, y, z) as it lies, from its box; of a tilted part an upper bound."""
+        sides = [b - a for a, b in zip(low, high, strict=True)]
+        return tuple(sum(abs(t) * s for t, s in zip(row, sides, strict=True)) for row in self.turn)
+
+
+def nothing(design: Design) -> tuple[()]:
+    """No rules to hold, no part to go with."""
+    return ()
+
+
+def in_its_place(design: Design) -> list[Shift]:
+    """One piece, made where it belongs."""
+    return [(0.0, 0.0, 0.0)]
+
+
+@dataclass(frozen=True)
+class Part:
+    """One part.
+
+    name: unique; files are named after it. build: dimensions to one solid of the CAD kernel.
+    box: the same dimensions to that solid's bounding box. Both take a Design, of an indenter its
+    `indenter`. quantity: pieces for one sensor, one mold or one test bench.
+    number: as in the paper's exploded view, 0 for what it does not number. explode_mm: shift along
+    z in the exploded view, by which the parts of a group are also ordered, face first. colour:
+    sRGB and opacity in pictures. places: where its pieces go in the sensor, as translations.
+
+    fits: its pairs with parts that it goes into or over, each told by one of the two.
+
+    sections: sections of a design that it is made from. derived: lengths of Design that its shape
+    follows from. rules: the inequalities it must keep.
+    wall_keys: where the thinnest wall that it is meant to have stands in a design, the least of
+    them; what makes it may ask for more. in_view: it stands between lens and face and could cut
+    into the view.
+
+    callouts: what its drawing says, None for a part without one. note: what the bill of materials
+    adds, with a design's values in braces (`{d.table.screw} screws`), or what makes it. lies: how a
+    printed one lies on the platform. how: what else there is to know of making it, and all there is
+    of what is not printed; look_for: what to look at afterwards.
+    """
+
+    name: str
+    material: str
+    process: str
+    build: Callable[[Any], Any]
+    box: Callable[[Any], Box]
+    quantity: int = 1
+    group: Group = "sensor"
+    number: int = 0
+    explode_mm: float = 0.0
+    colour: tuple[float, float, float, float] = (0.75, 0.75, 0.75, 1.0)
+    places: Callable[[Design], list[Shift]] = in_its_place
+    sections: tuple[str, ...] = ()
+    derived: tuple[str, ...] = ()
+    rules: Callable[[Design], Iterable[Check]] = nothing
+    fits: Callable[[Design], Iterable[PlayFit]] = nothing
+    wall_keys: tuple[str, ...] = ()
+    in_view: bool = False
+    callouts: Callable[[Any], Callouts] | None = None
+    note: str | Callable[[Design], str] = ""
+    lies: PrintPose = PrintPose()
+    how: str = ""
+    look_for: str = ""
+    indenter: IndenterDimensions | None = None
+
+    def source(self, design: Design) -> Any:
+        """What `build`, `box` and `callouts` take."""
+        return design if self.indenter is None else self.indenter
+
+    def noted(self, design: Design) -> str:
+        """The note on a design."""
+        return self.note.format(d=design) if isinstance(self.note, str) else self.note(design)
+
+    @property
+    def per_sensor(self) -> bool:
+        """Whether each sensor takes `quantity` of it; else the lab does, once."""
+        return self.group in PER_SENSOR
+
+    @property
+    def printed(self) -> bool:
+        """Whether it comes off the printer, and so in the orientation of `lies`."""
+        return self.process == PRINT
+
+    @property
+    def making(self) -> str:
+        """How it is made, in words."""
+        said = (self.lies.words if self.printed else "", self.how)
+        return "; ".join(words for words in said if words) or self.process

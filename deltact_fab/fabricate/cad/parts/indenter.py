@@ -1,0 +1,289 @@
+"""An indenter: the tips of shapes.Indenter on their shanks, a back plate, a stem for the holder.
+
+    4dots                      sphere:10
+
+        | |  stem                  | |
+      +-----+                    +-----+
+      |plate|  plate_mm          |     |
+      ++-+-++                    ++---++
+       | | |   shanks             |   |
+       u u u   tips    z = 0       \\_/
+
+The lowest point is at z = 0, on the axis x = y = 0 of the stem; the body lies above. Under a tip
+the underside is `Indenter.height_mm`; elsewhere nothing lies lower than the plate, at
+`Indenter.reach_mm`. It is drawn with its tips up.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields
+from itertools import pairwise
+from typing import Any
+
+from deltact_fab.sensor import (
+    EllipsoidTip,
+    Indenter,
+    PlainTip,
+    PosedTip,
+    PrismTip,
+    RidgeTip,
+    SphereTip,
+    TurnedTip,
+)
+
+from ..design import IndenterBody, IndenterDimensions
+from ..drafting.dimensioning import Callouts, Leader, Told, shown, z_of
+from ..kernel import Box, Shape, around, require
+from ..part import PRINT, RESIN, WHITE, Part, PrintPose
+
+_APART_MM = 1e-6
+
+
+def closed(plan: Any) -> Any:
+    """A workplane's pending edges as one pending wire, closed by a line where it is open.
+
+    In place of `Workplane.close()`: given all edges at once, the kernel chooses by memory address
+    which of two ends that meet it keeps, and the end of an arc is not the corner to the last bit.
+    The same part would then be other bytes from run to run.
+    """
+    cq = require()
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeWire
+
+    edges = plan.ctx.popPendingEdges()
+    start, end = edges[0].startPoint(), edges[-1].endPoint()
+    if (end - start).Length > _APART_MM:
+        edges.append(cq.Edge.makeLine(end, start))
+    joined = BRepBuilderAPI_MakeWire()
+    for edge in edges:
+        joined.Add(edge.wrapped)
+    plan.ctx.firstPoint = None
+    return plan.newObject([cq.Wire(joined.Wire())]).toPending()
+
+
+def plate_half_mm(dims: IndenterDimensions) -> tuple[float, float]:
+    """Half sides (x, y) of the back plate: it covers the tips' footprint and the stem."""
+    stem_mm = dims.indenter.stem_diameter_mm / 2
+    x_mm, y_mm = dims.indenter.footprint_half_mm
+    return max(x_mm, stem_mm), max(y_mm, stem_mm)
+
+
+def round_plate_mm(dims: IndenterDimensions) -> float:
+    """Radius of the plate of a single round tip on the axis, else 0: the plate is rectangular."""
+    first, *others = dims.indenter.tips
+    round_ = isinstance(first, SphereTip | TurnedTip) and first.x_mm == first.y_mm == 0
+    return plate_half_mm(dims)[0] if round_ and not others else 0.0
+
+
+def box(dims: IndenterDimensions) -> Box:
+    """From the lowest point to the end of the stem; the plate is the widest."""
+    top = dims.indenter.reach_mm + dims.body.plate_mm + dims.indenter.stem_length_mm
+    return around(*plate_half_mm(dims), 0.0, top)
+
+
+def build(dims: IndenterDimensions) -> Shape:
+    """The indenter as one solid in its own frame, z from 0 to the end of the stem."""
+    cq = require()
+    indenter = dims.indenter
+    plate_z, plate_mm = dims.indenter.reach_mm, dims.body.plate_mm
+    x, y = plate_half_mm(dims)
+    base = cq.Workplane().workplane(offset=plate_z)
+    if radius := round_plate_mm(dims):
+        plate = base.circle(radius).extrude(plate_mm)
+    else:
+        plate = base.rect(2 * x, 2 * y).extrude(plate_mm).edges("|Z").fillet(corner_mm(dims))
+    stem = (
+        cq.Workplane()
+        .workplane(offset=plate_z + plate_mm)
+        .circle(indenter.stem_diameter_mm / 2)
+        .extrude(indenter.stem_length_mm)
+    )
+    r = indenter.stem_diameter_mm
+    beyond = cq.Workplane(origin=(indenter.stem_flat_at_mm + r, 0, plate_z + plate_mm))
+    stem = stem.cut(beyond.rect(2 * r, 2 * r).extrude(indenter.stem_length_mm))
+    body = plate.union(stem)
+    for tip in indenter.tips:
+        if isinstance(tip, PosedTip):
+            made = _posed(cq, tip, plate_z)
+        else:
+            made = _tip(cq, tip, plate_z).translate((tip.x_mm, tip.y_mm, 0))
+        body = body.union(made)
+    return body.val()
+
+
+def _posed(cq: Any, posed: PosedTip, top_mm: float) -> Any:
+    """The tip with a shank that is long enough, turned, and cut off at the back plate."""
+    far = 4 * (top_mm + max(posed.half_mm))
+    made = _tip(cq, posed.tip, far)
+    for angle, axis in (
+        (posed.tilt_x_deg, (1, 0, 0)), (posed.tilt_y_deg, (0, 1, 0)), (posed.turn_deg, (0, 0, 1)),
+    ):  # fmt: skip
+        made = made.rotate((0, 0, 0), axis, angle) if angle else made
+    made = made.translate(tuple(posed.origin_mm.tolist()))
+    return made.intersect(cq.Workplane(origin=(0, 0, top_mm - far)).rect(far, far).extrude(far))
+
+
+def _tip(cq: Any, tip: PlainTip, top_mm: float) -> Any:
+    """A workplane with the solid of one tip and its shank up to top_mm, about its own axis."""
+    match tip:
+        case SphereTip():
+            return _ball(cq, tip.radius_mm, top_mm)
+        case RidgeTip():
+            return _ridge(cq, tip, top_mm)
+        case EllipsoidTip():
+            return _ellipsoid(cq, tip, top_mm)
+        case PrismTip():
+            return _prism(cq, tip, top_mm)
+        case TurnedTip():
+            return _turned(cq, tip, top_mm)
+
+
+def _ball(cq: Any, r: float, top_mm: float) -> Any:
+    """Half a ball of radius r and a cylinder above its equator."""
+    half = (
+        cq.Workplane("XZ")
+        .moveTo(0, 0)
+        .threePointArc((r * math.sin(math.pi / 4), r - r * math.cos(math.pi / 4)), (r, r))
+        .lineTo(r, top_mm)
+        .lineTo(0, top_mm)
+    )
+    return closed(half).revolve(360, (0, 0, 0), (0, 1, 0))
+
+
+def _ridge(cq: Any, tip: RidgeTip, top_mm: float) -> Any:
+    """Half the profile turned about its middle at both ends, and the whole of it between them."""
+    n, z, w = tip.nose_half_mm, tip.nose_height_mm, tip.half_width_mm
+    half_angle = math.radians(90 - tip.flank_deg) / 2
+    r = tip.radius_mm
+    nose = (r * math.sin(half_angle), r - r * math.cos(half_angle))
+    profile = (
+        cq.Workplane("XZ", origin=(0, tip.length_mm / 2, 0))
+        .moveTo(-w, top_mm)
+        .lineTo(-w, tip.equator_mm)
+        .lineTo(-n, z)
+        .threePointArc((0, 0), (n, z))
+        .lineTo(w, tip.equator_mm)
+        .lineTo(w, top_mm)
+    )
+    whole = closed(profile).extrude(tip.length_mm)
+    for sign in (-1, 1):
+        half = (
+            cq.Workplane("XZ")
+            .moveTo(0, 0)
+            .threePointArc(nose, (n, z))
+            .lineTo(w, tip.equator_mm)
+            .lineTo(w, top_mm)
+            .lineTo(0, top_mm)
+        )
+        end = closed(half).revolve(180, (0, 0, 0), (0, sign, 0))
+        whole = whole.union(end.translate((0, sign * tip.length_mm / 2, 0)))
+    return whole
+
+
+def _ellipsoid(cq: Any, tip: EllipsoidTip, top_mm: float) -> Any:
+    """Half an ellipse turned by half a turn about its long axis, and an elliptic shank."""
+    a, b = tip.a_mm, tip.b_mm
+    plan = cq.Workplane().moveTo(a, 0).ellipseArc(a, b, 0, 180)
+    half = closed(plan).revolve(180, (0, 0, 0), (-1, 0, 0))
+    shank = cq.Workplane(origin=(0, 0, b)).ellipse(a, b).extrude(top_mm - b)
+    return shank.union(half.translate((0, 0, b)))
+
+
+def _prism(cq: Any, tip: PrismTip, top_mm: float) -> Any:
+    """The outline extruded, the edge of its face rounded."""
+    start, drawn = tip.outline()
+    plan = cq.Workplane().moveTo(*start)
+    for kind, points in drawn:
+        plan = plan.lineTo(*points[0]) if kind == "line" else plan.threePointArc(*points)
+    return closed(plan).extrude(top_mm).faces("<Z").edges().fillet(tip.edge_mm)
+
+
+def _turned(cq: Any, tip: TurnedTip, top_mm: float) -> Any:
+    """The profile and the shank above it, turned; a profile with a hole gives a tube."""
+    start, drawn = tip.profile()
+    half = cq.Workplane("XZ").moveTo(*start)
+    for kind, points in drawn:
+        half = half.lineTo(*points[0]) if kind == "line" else half.threePointArc(*points)
+    half = half.lineTo(tip.rim_mm, top_mm).lineTo(start[0], top_mm)
+    return closed(half).revolve(360, (0, 0, 0), (0, 1, 0))
+
+
+def corner_mm(dims: IndenterDimensions) -> float:
+    """Corner radius of a rectangular plate, small enough that it covers every tip."""
+    smallest = min(t.corner_mm for t in dims.indenter.tips)
+    return min(smallest, 0.9 * min(plate_half_mm(dims)))
+
+
+def part(indenter: Indenter, body: IndenterBody, quantity: int = 1) -> Part:
+    """One indenter as a part; a list of indenters (cad/indenters.toml) says which there are."""
+    return Part(
+        f"indenter-{indenter.slug}",
+        RESIN,
+        PRINT,
+        build,
+        box,
+        quantity,
+        "indenters",
+        colour=WHITE,
+        callouts=callouts,
+        lies=PrintPose("+z", "stem's end", supports="under the plate only"),
+        look_for="no mark on the tip; the stem enters the tool holder, flat at +x, by hand",
+        indenter=IndenterDimensions(indenter, body),
+    )
+
+
+def callouts(dims: IndenterDimensions) -> Callouts:
+    """Plate and stem, and what its kind of tips is made from."""
+    indenter, back = dims.indenter, dims.indenter.reach_mm + dims.body.plate_mm
+    lengths = [z_of(back, back + indenter.stem_length_mm, fitted=False)]
+    labels: list[Leader] = []
+    tip = max(indenter.tips, key=lambda t: (t.x_mm, t.y_mm))
+    if isinstance(tip, RidgeTip):
+        # Half-way from the nose's top to where its flank begins.
+        turn, r = math.radians(90 - tip.flank_deg) / 2, tip.radius_mm
+        at = (tip.x_mm + r * math.sin(turn), tip.y_mm, r * (1 - math.cos(turn)))
+        words = f"flanks at {shown(tip.flank_deg)}° to the axis"
+        labels.append(Leader("front", at, 0, words))
+    elif isinstance(tip, EllipsoidTip):
+        words = f"half an ellipsoid, semi-axes {shown(tip.a_mm)} (x), {shown(tip.b_mm)} (y and z)"
+        labels.append(Leader("front", (tip.x_mm, tip.y_mm, 0), 0, words))
+    elif isinstance(tip, TurnedTip):
+        for radius_mm in _profile_radii_mm(tip):
+            lengths.append(Told(0, -radius_mm, radius_mm, fitted=False, before="Ø"))
+    level = "Tips level with one another" if len(indenter.tips) > 1 else "Tip square to the stem"
+    posed = [_posed_words(t) for t in indenter.tips if isinstance(t, PosedTip)]
+    if any(isinstance(t, PosedTip) and t.tilted for t in indenter.tips):
+        level = "Each tip's lowest point at one height"
+    notes = (*posed, f"{level}. Contact faces smooth, without support marks.")
+    return Callouts(tuple(lengths), notes=notes, labels=tuple(labels), flipped=True)
+
+
+def _posed_words(posed: PosedTip) -> str:
+    """A tip that no view shows square on: its own numbers, and how it is turned."""
+    kind = type(posed.tip).__name__.removesuffix("Tip").lower()
+    sizes = ", ".join(
+        f"{f.name.removesuffix('_mm').replace('_', ' ')} {shown(value)}"
+        for f in fields(posed.tip)
+        if f.name not in ("x_mm", "y_mm")
+        and isinstance(value := getattr(posed.tip, f.name), int | float)
+    )
+    turns = ", ".join(
+        f"{words} {shown(angle)}°"
+        for words, angle in (
+            ("tilted about x", posed.tilt_x_deg),
+            ("about y", posed.tilt_y_deg),
+            ("turned about z", posed.turn_deg),
+        )
+        if angle
+    )
+    return f"{kind}: {sizes}; {turns}, in this order.".capitalize()
+
+
+def _profile_radii_mm(tip: TurnedTip) -> list[float]:
+    """Radii at which two straight pieces of a turned profile meet: no round tells them."""
+    _, drawn = tip.profile()
+    return [
+        points[-1][0]
+        for (kind, points), after in pairwise(drawn)
+        if kind == "line" and after[0] == "line"
+    ]

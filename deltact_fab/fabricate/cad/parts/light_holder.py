@@ -1,0 +1,239 @@
+"""Part 4, the light holder: a translucent ring round the lens, with a channel for the LED strip.
+
+Half section at y = 0, the lens's axis on the left:
+
+    z_light        +---+     +---+     a little below the acrylic: it bears no press
+                   |   |     |   |
+                   | d |  c  | w |     d: diffuser, c: channel, open towards +z, w: outer wall
+                   |   |     |   |
+                   |   +-----+   |
+                   |    floor    |
+    z_board_front  +-------------+     stands on the camera's board
+               light_bore    light_radius
+
+A slot of slot_mm through the outer wall at -y, above the floor, lets the wires out on the side
+where the camera's cable leaves. The heads of the camera's two screws and the
+lips of the cover's pegs stand in reliefs of the floor.
+The paper gives the material and the LEDs (Imaging Subsystem), no dimensions.
+
+The LED strip, flat as it is cut and soldered, before it goes into the channel: led_count pieces of
+pitch_mm along x, cut from a strip that may be cut at every LED; a LED in the middle of each, taken
+to be square (5050: 5 x 5), pads on either side of a cut. The wires leave at the -x end. Its frame:
+z = 0 is the adhesive's side, z up to the LEDs, x and y from the middle of the strip.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from deltact_fab.common import Check
+
+from ..dimensions import Design
+from ..drafting.dimensioning import SQUARE_EDGES, Callouts, z_of
+from ..kernel import Box, Shape, Workplane, around, cuboid, cylinders, require
+from ..part import AMBER, BOUGHT, PRINT, WHITE, Part, PrintPose
+from ..rule import Length, PlayFit, at_most, below
+from .camera import UPPER_HOLES
+
+WIRE = "0.08 mm²"
+WIRE_OUTER = Length(1.2, 0.1)  # of such a wire with its insulation (AWG 28, UL 1007)
+WIRE_COLOURS = ("red", "black")  # plus, minus
+
+
+def box(design: Design) -> Box:
+    """The ring."""
+    radius = design.light_radius_mm
+    return around(radius, radius, design.z_board_front_mm, design.z_light_mm)
+
+
+def build(design: Design) -> Shape:
+    """The ring as one solid in the sensor frame, z from the board's front to z_light."""
+    light = design.light
+    low_mm, high_mm = design.z_board_front_mm, design.z_light_mm
+    floor_mm = low_mm + light.floor_mm
+
+    def disc(radius_mm: float, from_mm: float) -> Workplane:
+        return cylinders([(0, 0)], 2 * radius_mm, from_mm, high_mm + 1 - from_mm)
+
+    ring = cylinders([(0, 0)], 2 * design.light_radius_mm, low_mm, high_mm - low_mm)
+    ring = ring.cut(disc(design.light_bore_mm, low_mm - 1))
+    channel = disc(design.strip_radius_mm, floor_mm).cut(disc(design.channel_inner_mm, floor_mm))
+    # Ends inside the channel along a circle: a straight end could reach into the diffuser.
+    half, outside = light.slot_mm / 2, design.light_radius_mm + 1
+    slot = cuboid(((-half, -outside, floor_mm), (half, 0.0, high_mm + 1)))
+    slot = slot.cut(disc((design.strip_radius_mm + design.channel_inner_mm) / 2, floor_mm))
+    body = ring.cut(channel).cut(slot)
+    for centres, relief_mm in (
+        (design.camera_screw_centres_mm, design.head_relief_mm),
+        (design.peg_centres_mm, design.peg_relief_mm),
+    ):
+        if centres:
+            body = body.cut(cylinders(centres, 2 * relief_mm, low_mm - 1, light.floor_mm + 1))
+    return body.val()
+
+
+def rules(d: Design) -> Iterator[Check]:
+    """Light holder: the strip in its channel, the heads of the camera's screws in the floor."""
+    light = d.light
+    round_mm = 2 * math.pi * max(d.strip_radius_mm, 0.0)
+    yield at_most("led-count", "led_count x pitch", light.strip_mm, "2 pi strip radius", round_mm)
+    depth, keys = d.z_light_mm - d.z_board_front_mm - light.floor_mm, ("camera.lens_height_mm",)
+    strip = "strip_width_mm", light.strip_width_mm
+    yield at_most("strip", *strip, "depth of the channel", depth, keys)
+    yield below("bore", "0", 0.0, "bore radius", d.light_bore_mm)
+    head = d.holder.row.head_height_mm + light.head_room_mm
+    yield at_most("head", f"{d.holder.screw} head + head_room_mm", head, "floor_mm", light.floor_mm)
+
+
+def led_room_mm(d: Design) -> float:
+    """Radial room of strip and LED = strip + LED + sagitta of the LED's chord: 2.11.
+
+    A LED is flat: the strip behind it is a chord of led_width, whose middle lies the sagitta
+    r - sqrt(r^2 - (w / 2)^2) inside the channel's wall. NaN where the LED is wider than the ring.
+    """
+    light, r = d.light, d.strip_radius_mm
+    half = light.led_width_mm / 2
+    sagitta = r - math.sqrt(r**2 - half**2) if r > half else math.nan
+    return light.strip_thickness_mm + light.led_height_mm + sagitta
+
+
+def fits(d: Design) -> Iterator[PlayFit]:
+    """In the shell, below the acrylic, round the lens, and with its LEDs and wires."""
+    part, printer, light, cam = "light-holder", d.resin_printer, d.light, d.camera
+    ring = printer.outer(2 * d.light_radius_mm)
+    # Between the ledges, and between the posts' corners.
+    opening = printer.inner(2 * min(*d.ledge_half_mm, math.hypot(*d.post_edge_mm)))
+    yield PlayFit("ring-in-shell", "ring in the shell", f"{part}, shell", (opening,), (ring,))
+    relief = printer.inner(2 * d.peg_relief_mm)
+    lips = printer.outer(d.cover.hole_mm + 2 * d.cover.lip_mm)
+    reliefs = "lips in the ring's reliefs"
+    yield PlayFit("lips-in-reliefs", reliefs, f"{part}, cover", (relief,), (lips, printer.pitch()))
+    led = Length(led_room_mm(d), light.led_tolerance_mm)
+    channel = printer.inner(light.channel_mm)
+    yield PlayFit("led-in-channel", "LED in its channel", f"{part}, LED strip", (channel,), (led,))
+    slot = printer.inner(light.slot_mm)
+    wires = WIRE_OUTER, WIRE_OUTER
+    yield PlayFit("wires", "two wires in the slot", f"{part}, wires", (slot,), wires)
+    lens = Length(cam.lens_diameter_mm, cam.tolerance_mm, ("camera.lens_diameter_mm",))
+    bore = printer.inner(2 * d.light_bore_mm)
+    least_mm = 2 * light.lens_clearance_mm
+    yield PlayFit("lens-in-bore", "lens in the bore", f"{part}, camera", (bore,), (lens,), least_mm)
+    yield plate_bending_room(d)
+
+
+def plate_bending_room(d: Design) -> PlayFit:
+    """Room between ring and acrylic, for the plate to bend into under a press."""
+    printer, cam = d.resin_printer, d.camera
+    # The ring stands on the board, the board on its holder, the holder on the cover's floor.
+    stack = (
+        printer.tall(d.holder.clearance_mm),
+        Length(cam.board_mm, cam.tolerance_mm, ("camera.board_mm",)),
+        printer.tall(d.z_light_mm - d.z_board_front_mm),
+        d.laser.sheet(d.optics.acrylic_mm),
+    )
+    room = printer.tall(d.shell_depth_mm), printer.tall(d.optics.acrylic_mm)
+    name, parts = "ring below the acrylic, z", "light-holder, acrylic"
+    return PlayFit("below-acrylic", name, parts, room, stack)
+
+
+def callouts(d: Design) -> Callouts:
+    """The ring; section through channel, floor and wire slot."""
+    rounds = {
+        2 * d.head_relief_mm: "for the camera's screws, from below",
+        2 * d.peg_relief_mm: "for the lips of the pegs, from below",
+    }
+    radii = (d.light_radius_mm, d.strip_radius_mm, d.channel_inner_mm)
+    notes = (
+        "Translucent white; the inner wall is the diffuser: no polish, no paint.",
+        f"Slot at -y through the outer wall only, down to the channel's floor. {SQUARE_EDGES}",
+    )
+    return Callouts(
+        (z_of(d.z_board_front_mm, d.z_light_mm),), rounds, tuple(2 * r for r in radii), notes,
+        cut_x_mm=0.0,
+        rests_on=("camera.lens_diameter_mm", "camera.lens_height_mm", *UPPER_HOLES),
+    )  # fmt: skip
+
+
+def strip_box(design: Design) -> Box:
+    """Strip and LEDs."""
+    light = design.light
+    high = light.strip_thickness_mm + light.led_height_mm
+    return around(light.strip_mm / 2, light.strip_width_mm / 2, 0.0, high)
+
+
+def led_at_mm(design: Design) -> list[float]:
+    """x of each LED's middle."""
+    light = design.light
+    return [(k + 0.5) * light.pitch_mm - light.strip_mm / 2 for k in range(light.led_count)]
+
+
+def strip_build(design: Design) -> Shape:
+    """Strip and LEDs as one solid in its own frame."""
+    cq = require()
+    light = design.light
+    strip = cq.Workplane().rect(light.strip_mm, light.strip_width_mm)
+    body = strip.extrude(light.strip_thickness_mm)
+    leds = cq.Workplane().pushPoints([(x, 0.0) for x in led_at_mm(design)])
+    # From the strip's underside, so that the two share a volume and not only a face.
+    leds = leds.rect(light.led_width_mm, light.led_width_mm)
+    return body.union(leds.extrude(light.strip_thickness_mm + light.led_height_mm)).val()
+
+
+def strip_rules(d: Design) -> Iterator[Check]:
+    """LEDs beside one another, on their strip."""
+    light = d.light
+    width = "led_width_mm", light.led_width_mm
+    yield below("led-pitch", *width, "pitch = 1000 / leds_per_m", light.pitch_mm)
+    yield at_most("led-on-strip", *width, "strip_width_mm", light.strip_width_mm)
+
+
+def led_turns(d: Design) -> list[float]:
+    """Angle of each LED about the lens's axis, from +x towards +y, in radians.
+
+    The strip lies on the channel's outer wall, its gap in the middle of the wire slot at -y.
+    """
+    return [math.pi / 2 + x / d.strip_radius_mm for x in led_at_mm(d)]
+
+
+PARTS = (
+    Part(
+        "light-holder",
+        "SLA resin, white, translucent",
+        PRINT,
+        build,
+        box,
+        number=4,
+        explode_mm=-28,
+        colour=WHITE,
+        sections=("light", "shell", "holder", "camera"),
+        derived=(
+            "light_radius_mm", "strip_radius_mm", "channel_inner_mm", "light_bore_mm",
+            "head_relief_mm", "peg_relief_mm", "peg_centres_mm", "camera_screw_centres_mm",
+            "z_light_mm", "z_board_front_mm",
+        ),
+        rules=rules,
+        fits=fits,
+        wall_keys=("light.wall_mm", "light.diffuser_mm", "light.floor_mm"),
+        in_view=True,
+        callouts=callouts,
+        lies=PrintPose(face="floor"),
+        look_for="no resin left in the channel: blow it out before the post-cure",
+    ),
+    Part(
+        "led-strip",
+        "LED strip, 5050, white",
+        BOUGHT,
+        strip_build,
+        strip_box,
+        group="electronics",
+        colour=AMBER,
+        sections=("light",),
+        rules=strip_rules,
+        note="{d.light.led_count} single-LED cuts of {d.light.pitch_mm:.1f} x "
+        "{d.light.strip_width_mm:g} mm, {d.light.strip_mm:.1f} mm in all; a {d.light.supply_v:g} V "
+        "strip that is cut at every LED",
+        how="cut between the LEDs and soldered, by the wiring drawing",
+        look_for="plus to plus; no solder above the LEDs",
+    ),
+)  # fmt: skip

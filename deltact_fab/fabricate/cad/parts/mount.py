@@ -1,0 +1,183 @@
+"""The end-effector mount on the shell's +y side (paper: 20 mm long, to be redesigned at will).
+
+    block, seen along -z        franka, seen along x          plate, seen along -z
+
+    |        | shell            shell |       | flange        |          |
+    +-+----+-+                        |       +---+           +----------+
+      | o  |                    ------+       | = |  upper    |          |  outer x wide,
+      |    |  width x length          +-------+   |           |          |  as high as the
+      | o  |  holes along z           |  arm      |           +----------+  shell, no holes
+      +----+                          +-------+   |
+                                ------+       | = |  lower
+
+The flange's screws run along y, and the sensor's body stands behind both of them: no driver comes
+straight at a head. So the arm meets the flange in its middle, between the screws, whose heads lie
+in counterbores above and below it, open to three sides. A cap screw goes in from the sensor's side
+and is turned with a key whose short leg fits into the gap. Holes (4.3, 12 apart) and counterbores
+(8) are those of a public adapter for the Panda hand; measure your finger: they are unverified.
+
+A mount wider than the wall between the cover's bosses keeps `cover.fit_mm` from them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from deltact_fab.common import Check, Point
+
+from ..dimensions import Design
+from ..drafting.dimensioning import Told, y_of, z_of
+from ..kernel import Box, Workplane, cuboid, require
+from ..rule import Length, PlayFit, at_most
+
+FLANGE = tuple(f"mount.flange_{key}_mm" for key in ("pitch", "height", "width", "hole"))
+
+
+def bars(design: Design) -> list[Box]:
+    """The mount's cuboids without holes, the one at the shell first; (low, high) corners, mm."""
+    mount, z = design.mount, design.z_floor_mm
+    outer_x, outer_y = design.frame_outer_mm
+    y = outer_y / 2
+    end = y + mount.length_mm
+    half = mount.width_mm / 2
+    if mount.kind == "block":
+        return [((-half, y, z), (half, end, z + mount.height_mm))]
+    if mount.kind == "plate":
+        return [((-outer_x / 2, y, z), (outer_x / 2, end, design.z_joint_mm))]
+    back, front = design.flange_arm_z_mm
+    root = end - mount.flange_mm
+    wide = mount.flange_width_mm / 2
+    return [
+        ((-half, y, back), (half, root, front)),
+        # On the plane of the sensor's back, so that its front stays behind the frame's.
+        ((-wide, root, design.z_back_mm), (wide, end, design.z_back_mm + mount.flange_height_mm)),
+    ]
+
+
+def hole_axes(design: Design) -> list[tuple[Point, Point]]:
+    """Both ends of each through hole's axis: along z in a block, along y in a flange."""
+    mount = design.mount
+    (x0, y0, z0), (x1, y1, z1) = bars(design)[-1]
+    x, y, z = (x0 + x1) / 2, (y0 + y1) / 2, (z0 + z1) / 2
+    if mount.kind == "block":
+        rows = (y - mount.hole_pitch_mm / 2, y + mount.hole_pitch_mm / 2)
+        return [((x, row, z0), (x, row, z1)) for row in rows]
+    if mount.kind == "franka":
+        rows = (z - mount.flange_pitch_mm / 2, z + mount.flange_pitch_mm / 2)
+        return [((x, y0, row), (x, y1, row)) for row in rows]
+    return []
+
+
+def build(design: Design) -> Workplane:
+    """The mount alone in the sensor frame; it touches the shell's +y face and overlaps nothing."""
+    cq = require()
+    first, *others = bars(design)
+    body = cuboid(first)
+    for box in others:
+        body = body.union(cuboid(box))
+    body = body.cut(boss_room(design))
+    for start, end in hole_axes(design):
+        axis = cq.Vector(*end) - cq.Vector(*start)
+        along = axis.normalized()
+        radius = design.mount.hole_mm / 2
+        drills = [(radius, axis.Length + 2)]
+        if design.mount.kind == "franka":
+            # From the shell's side, where the heads are.
+            drills.append((design.mount.counterbore_mm / 2, design.mount.counterbore_depth_mm + 1))
+        for radius_mm, long_mm in drills:
+            at = cq.Vector(*start) - along
+            body = body.cut(cq.Workplane(cq.Solid.makeCylinder(radius_mm, long_mm, at, along)))
+    return body
+
+
+def boss_room(design: Design) -> Workplane:
+    """Cutter of the four corners below z_boss: boss + fit, inwards and outwards alike."""
+    x, y = (side / 2 for side in design.frame_outer_mm)
+    fit, room, low = design.cover.fit_mm, design.boss_room_mm, design.z_floor_mm - 1
+    square = room + fit
+    plan = require().Workplane().workplane(offset=low).pushPoints(
+        [(sx * (x + fit - square / 2), sy * (y + fit - square / 2))
+         for sx in (-1, 1) for sy in (-1, 1)]
+    )  # fmt: skip
+    return plan.rect(square, square).extrude(design.z_boss_mm - low)
+
+
+def rules(d: Design) -> Iterator[Check]:
+    """The mount on the shell, its holes, and the room of heads and washers."""
+    mount = d.mount
+    depth = "depth of the shell", d.shell_depth_mm
+    yield at_most("height", "mount.height_mm", mount.height_mm, *depth)
+    yield at_most("mount-width", "mount.width_mm", mount.width_mm, "outer x", d.frame_outer_mm[0])
+    if mount.kind == "block":
+        # A head or a washer beside the shell, two of them side by side, and on the bar.
+        washer = f"mount: washer {mount.screw}", mount.thread.washer_mm
+        two, two_mm = f"mount.hole_pitch_mm + washer {mount.screw}", mount.hole_pitch_mm + washer[1]
+        yield at_most("mount-washers", two, two_mm, "mount.length_mm", mount.length_mm)
+        yield at_most("mount-washer-pitch", *washer, "mount.hole_pitch_mm", mount.hole_pitch_mm)
+        yield at_most("mount-washer-width", *washer, "mount.width_mm", mount.width_mm)
+    if mount.kind == "franka":
+        yield from _flange_rules(d)
+
+
+def _flange_rules(d: Design) -> Iterator[Check]:
+    """Counterbores on the flange, the arm between them, and screws that go in head last."""
+    mount = d.mount
+    under_mm = mount.flange_mm - mount.counterbore_depth_mm
+    # A cantilever from the flange, pressed in the middle of the face: 6 F l / (w h^2).
+    lever_mm = d.frame_outer_mm[1] / 2 + mount.length_mm - mount.flange_mm
+    stress_mpa = 6 * d.plate.force_n * lever_mm / (mount.width_mm * mount.arm_mm**2)
+    for id, name, value, what, room in (
+        ("pitch", "flange_pitch_mm + counterbore_mm + 3",
+         mount.flange_pitch_mm + mount.counterbore_mm + 3,
+         "flange_height_mm", mount.flange_height_mm),
+        ("width", "counterbore_mm + 3", mount.counterbore_mm + 3,
+         "flange_width_mm", mount.flange_width_mm),
+        ("length", "flange_mm + 2", mount.flange_mm + 2, "length_mm", mount.length_mm),
+        ("height", "flange_height_mm", mount.flange_height_mm, "height of the sensor",
+         -d.z_back_mm),
+        ("outer", "flange_width_mm", mount.flange_width_mm, "outer x", d.frame_outer_mm[0]),
+        # The heads have their place above and below the arm, and 2 mm of flange under them.
+        ("arm", "arm_mm + counterbore_mm + 0.4", mount.arm_mm + mount.counterbore_mm + 0.4,
+         "flange_pitch_mm", mount.flange_pitch_mm),
+        ("head-in-counterbore", f"head {mount.screw} + 0.5", mount.head_mm + 0.5,
+         "counterbore_mm", mount.counterbore_mm),
+        ("hole-under-head", "flange_hole_mm + 0.5", mount.flange_hole_mm + 0.5,
+         f"head {mount.screw}", mount.head_mm),
+        ("under-head", "counterbore_depth_mm + 2", mount.counterbore_depth_mm + 2.0,
+         "flange_mm", mount.flange_mm),
+        ("arm-stress", "stress in arm_mm under plate.force_n, MPa", stress_mpa,
+         "stress_limit_mpa", mount.stress_limit_mpa),
+        # A screw that grips by 1.5 d goes in head last: the gap takes all of it.
+        ("screw", f"flange under the head + 2.5 x {mount.screw}",
+         under_mm + 2.5 * mount.thread.thread_mm,
+         "gap between shell and flange", mount.length_mm - mount.flange_mm),
+        ("arm-front", "front of the arm", d.flange_arm_z_mm[1], "joint", d.z_joint_mm),
+    ):  # fmt: skip
+        rests_on = (*FLANGE, "mount.stress_limit_mpa")
+        yield at_most(f"flange-{id}", f"mount: {name}", value, what, room, rests_on)
+
+
+def fits(d: Design) -> Iterator[PlayFit]:
+    """The flange's two screws into a finger, whose own pitch is taken to be exact."""
+    mount, printer = d.mount, d.resin_printer
+    if mount.kind != "franka":
+        return
+    pitch = Length(0.0, printer.height_mm, ("mount.flange_pitch_mm",))
+    screw = Length(mount.thread.thread_mm)
+    hole = printer.tall(mount.hole_mm)
+    name = f"{mount.screw} through the flange"
+    yield PlayFit("screw-through-flange", name, "shell, finger", (hole,), (screw, pitch))
+
+
+def lengths(d: Design) -> list[Told]:
+    """What the shell's drawing says of the mount beside what is read off it."""
+    mount, face = d.mount, d.frame_outer_mm[1] / 2
+    end = face + mount.length_mm
+    whole = y_of(face, end, fitted=False)
+    if mount.kind == "plate":  # as wide as the shell, whose face is gone
+        return []
+    if mount.kind == "block":
+        middle, pitch = end - mount.length_mm / 2, mount.hole_pitch_mm / 2
+        return [whole, y_of(middle - pitch, middle + pitch, fitted=False)]
+    middle, pitch = d.z_back_mm + mount.flange_height_mm / 2, mount.flange_pitch_mm / 2
+    return [whole, z_of(middle - pitch, middle + pitch, fitted=False)]

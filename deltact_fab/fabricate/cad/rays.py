@@ -1,0 +1,238 @@
+"""Rays: against triangles, many at a time, and against the exact surfaces, one at a time.
+
+outside   p        thickness: from a point p of the surface along -n to the first surface
+----------o-----   behind it, where that one looks the other way.
+  solid   |
+----------v-----
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltact_fab.common import Field, Point
+
+from .mesh import Mesh
+
+Wall = tuple[float, Point]  # how thick in mm, inwards along -normal, and where
+# Faces that meet in an edge look past each other, and the distance between them ends in zero there:
+# a wall is where they look apart to within this.
+OPPOSITE_DEG = 30.0
+SPACING_MM = 1.5
+MOST = 4000  # points spread over the area, besides four in each triangle
+REFINED = 24  # points measured exactly after the mesh has none that seems thinner
+TRIED = 2000  # points measured exactly at most
+NEAR_MM = 1e-4
+REACHES_MM = (2.0, 8.0, math.inf)  # walls are looked for so far, further where there is none
+BLOCK = 256  # rays
+START_MM = 1e-4  # a ray does not hit the surface that it leaves
+# Rays x triangles held at once: what stays in the processor's cache, and little enough (times six,
+# 2^18) for OpenBLAS to work on one thread; several wait for each other on a busy machine.
+_PAIRS = 40_000
+_INSET = 0.02  # of a triangle: points beside its corners
+
+
+def first_hit(
+    origins_mm: Field, directions: Field, corners_mm: Field, start_mm: float = START_MM
+) -> tuple[Field, NDArray[np.int64]]:
+    """Where rays first meet triangles: distance (n,) in lengths of the ray, index of triangle (n,).
+
+    origins_mm, directions: (n, 3). corners_mm: (m, 3, 3) triangle, corner, axis. A miss is inf, -1.
+    Hits nearer than start_mm do not count. Edges belong to both of their triangles.
+
+    Moeller and Trumbore's solution, written with the moment o x d so that it is three matrix
+    products.
+    """
+    a = corners_mm[:, 0]
+    e1, e2 = corners_mm[:, 1] - a, corners_mm[:, 2] - a
+    normal = np.cross(e1, e2)
+    side_u = np.concatenate([-np.cross(e2, a), e2], axis=1).T
+    side_v = np.concatenate([np.cross(e1, a), -e1], axis=1).T
+    plane = np.einsum("ij,ij->i", a, normal)
+    least = 1e-9 * np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
+    far = np.full(len(origins_mm), np.inf)
+    index = np.full(len(origins_mm), -1, np.int64)
+    step = max(1, _PAIRS // max(1, len(a)))
+    for low in range(0, len(origins_mm), step):
+        o, d = origins_mm[low : low + step], directions[low : low + step]
+        ray = np.concatenate([d, np.cross(o, d)], axis=1)
+        det = -(d @ normal.T)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            u, v = (ray @ side_u) / det, (ray @ side_v) / det
+            t = (o @ normal.T - plane) / det
+            inside = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9)
+            inside &= (np.abs(det) > least) & (t > start_mm)
+        t = np.where(inside, t, np.inf)
+        nearest = np.argmin(t, axis=1)
+        here = t[np.arange(len(o)), nearest]
+        far[low : low + step] = here
+        index[low : low + step] = np.where(np.isfinite(here), nearest, -1)
+    return far, index
+
+
+def samples(corners_mm: Field) -> tuple[Field, NDArray[np.int64]]:
+    """Points on triangles (n, 3) and the triangle of each (n,), the same on every call.
+
+    Every triangle has its centroid and a point beside each corner; large ones more, by area.
+    """
+    area = np.linalg.norm(np.cross(*np.moveaxis(_edges(corners_mm), 1, 0)), axis=1) / 2
+    spacing_mm = max(SPACING_MM, math.sqrt(area.sum() / MOST))
+    i = _INSET / 2
+    fixed = np.array([(1 / 3,) * 3, (1 - _INSET, i, i), (i, 1 - _INSET, i), (i, i, 1 - _INSET)])
+    more = np.ceil(area / spacing_mm**2).astype(np.int64) * (area > spacing_mm**2)
+    owner = np.concatenate(
+        [np.repeat(np.arange(len(area)), 4), np.repeat(np.arange(len(area)), more)]
+    )
+    # The additive recurrence of the plastic number fills the plane evenly for every count.
+    k = np.arange(more.sum())
+    u, v = (0.7548776662466927 * k) % 1, (0.5698402909980532 * k) % 1
+    fold = u + v > 1
+    u, v = np.where(fold, 1 - u, u), np.where(fold, 1 - v, v)
+    weights = np.concatenate([np.tile(fixed, (len(area), 1)), np.stack([1 - u - v, u, v], axis=1)])
+    return np.einsum("nc,ncx->nx", weights, corners_mm[owner]), owner
+
+
+def normals(corners_mm: Field) -> Field:
+    """Unit normals (m, 3) of triangles, outwards; zero for a triangle without area."""
+    n = np.cross(*np.moveaxis(_edges(corners_mm), 1, 0))
+    length = np.linalg.norm(n, axis=1, keepdims=True)
+    return np.divide(n, length, out=np.zeros_like(n), where=length > 0)
+
+
+def _edges(corners_mm: Field) -> Field:
+    """Two edges of each triangle, (m, 2, 3)."""
+    return corners_mm[:, 1:] - corners_mm[:, :1]
+
+
+class Walls:
+    """The walls of one solid: sampled on its mesh, the thinnest measured on its exact surfaces."""
+
+    def __init__(self, solid: Any, mesh: Mesh) -> None:
+        self._corners = mesh.corners_mm
+        self._outward = normals(self._corners)
+        self._exact = ExactRays(solid)
+        self.points_mm, self._triangle = samples(self._corners)
+        self._face = mesh.face[self._triangle]
+
+    def thinnest(self, where: NDArray[np.bool_] | None = None) -> Wall | None:
+        """The thinnest wall among the points of the mask; None where there is no wall at all.
+
+        An upper bound of the true minimum: what lies between the points is not seen. Walls that
+        lean from each other by more than OPPOSITE_DEG are edges and do not count.
+        """
+        for reach_mm in REACHES_MM:
+            screened = self._screened(reach_mm)
+            found = self._measured(screened if where is None else np.where(where, screened, np.inf))
+            if found is not None and found[0] < reach_mm:
+                return found
+        return None
+
+    @cache  # noqa: B019  # of one part, gone with it
+    def _screened(self, reach_mm: float) -> Field:
+        """Walls (n,) of no more than reach_mm on the mesh, inf for none."""
+        inward = -self._outward[self._triangle]
+        low, high = self._corners.min(axis=1), self._corners.max(axis=1)
+        far = np.full(len(inward), np.inf)
+        hit = np.full(len(inward), -1, np.int64)
+        # Rays of neighbouring triangles meet few triangles within reach.
+        order = np.argsort(self._triangle, kind="stable")
+        for block in np.array_split(order, math.ceil(len(order) / BLOCK)):
+            start, way = self.points_mm[block], inward[block]
+            ends = np.concatenate([start, start + way * min(reach_mm, 1e4)])
+            overlap = (low <= ends.max(axis=0)) & (high >= ends.min(axis=0))
+            near = np.flatnonzero(overlap.all(axis=1))
+            far[block], found = first_hit(start, way, self._corners[near])
+            hit[block] = np.where(found >= 0, near[found], -1)
+        opposite = np.einsum("ij,ij->i", inward, self._outward[hit])
+        real = np.linalg.norm(inward, axis=1) > 0
+        # A facet leans from its surface: the exact normals decide what is left.
+        lean = math.radians(OPPOSITE_DEG) + 0.2
+        wall = real & (hit >= 0) & (opposite > math.cos(lean)) & (far <= reach_mm)
+        return np.where(wall, far, np.inf)
+
+    def _measured(self, screened: Field) -> Wall | None:
+        order = np.argsort(screened, kind="stable")
+        best: Wall | None = None
+        beyond = 0
+        for i in order[:TRIED].tolist():
+            if not math.isfinite(screened[i]) or beyond >= REFINED:
+                break
+            found = self._exact.thickness(self.points_mm[i], int(self._face[i]))
+            if found is not None and (best is None or found[0] < best[0]):
+                best = found
+            # Facets and surfaces differ: a few that seem no thinner are measured, too.
+            if best is not None and screened[i] > best[0] - NEAR_MM:
+                beyond += 1
+        return best
+
+
+class ExactRays:
+    """Rays against the exact surfaces of a solid (0.1 ms each)."""
+
+    def __init__(self, solid: Any) -> None:
+        from OCP.BRep import BRep_Tool
+        from OCP.BRepGProp import BRepGProp_Face
+        from OCP.IntCurvesFace import IntCurvesFace_ShapeIntersector
+        from OCP.ShapeAnalysis import ShapeAnalysis_Surface
+
+        self._rays = IntCurvesFace_ShapeIntersector()
+        self._rays.Load(solid.wrapped, 1e-9)
+        faces = [face.wrapped for face in solid.Faces()]
+        self._surfaces = [ShapeAnalysis_Surface(BRep_Tool.Surface_s(face)) for face in faces]
+        self._oriented = [BRepGProp_Face(face) for face in faces]
+        self._normal_of = BRepGProp_Face
+
+    def thickness(self, point_mm: Field, face: int) -> Wall | None:
+        """Thickness inwards from the point of a face nearest to point_mm; None at an edge."""
+        from OCP.gp import gp_Pnt
+
+        uv = self._surfaces[face].ValueOfUV(gp_Pnt(*point_mm.tolist()), 1e-7)
+        point, normal = _point_normal(self._oriented[face], uv.X(), uv.Y())
+        if normal is None:
+            return None
+        far, hit = self.first(point, -normal)
+        if hit is None:
+            return None
+        other, u, v = hit
+        _, behind = _point_normal(self._normal_of(other), u, v)
+        limit = math.cos(math.radians(OPPOSITE_DEG))
+        if behind is None or float(-normal @ behind) < limit:
+            return None
+        x, y, z = point.tolist()
+        return far, (x, y, z)
+
+    def first(
+        self, origin_mm: Field, direction: Field
+    ) -> tuple[float, tuple[Any, float, float] | None]:
+        """Distance along a unit direction to the nearest surface beyond START_MM; inf for none.
+
+        With the face that is met, and where on it in its own parameters.
+        """
+        from OCP.gp import gp_Dir, gp_Lin, gp_Pnt
+
+        rays = self._rays
+        line = gp_Lin(gp_Pnt(*origin_mm.tolist()), gp_Dir(*direction.tolist()))
+        rays.Perform(line, START_MM, 1e4)
+        hits = [(rays.WParameter(k), k) for k in range(1, rays.NbPnt() + 1)]
+        if not hits:
+            return math.inf, None
+        far, k = min(hits)
+        return float(far), (rays.Face(k), rays.UParameter(k), rays.VParameter(k))
+
+
+def _point_normal(face: Any, u: float, v: float) -> tuple[Field, Field | None]:
+    """A point of an oriented face and its outward unit normal, None where it has none."""
+    from OCP.gp import gp_Pnt, gp_Vec
+
+    point, normal = gp_Pnt(), gp_Vec()
+    face.Normal(u, v, point, normal)
+    length = normal.Magnitude()
+    p = np.array((point.X(), point.Y(), point.Z()))
+    if length < 1e-12:
+        return p, None
+    return p, np.array((normal.X(), normal.Y(), normal.Z())) / length

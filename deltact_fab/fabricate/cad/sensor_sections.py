@@ -1,0 +1,375 @@
+"""The sections of a design that the sensor's own parts are made from, a record each."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+from deltact_fab.common import Point2
+from deltact_fab.sensor import Bounded, assumed_length, bounded_number, measured_keys
+
+from .standards import (
+    CAP_SCREWS,
+    CHEESE_SCREWS,
+    THREADS,
+    CapScrew,
+    CapThread,
+    CheeseScrew,
+    CheeseThread,
+    MetricThread,
+    Thread,
+    next_e24,
+)
+
+
+@dataclass(frozen=True)
+class PlateDimensions(Bounded):
+    """The acrylic plate (part 2): how it lies, what it must bear under a press, its material."""
+
+    fit_mm: float = bounded_number(0.1, "clearance in the frame's pocket, per side", 0.02, 2)
+    ledge_mm: float = bounded_number(0.5, "least width that lies on a ledge", 0.1, 10)
+    force_n: float = bounded_number(49.0, "press it is made for", 0.1, 5000)
+    depth_mm: float = bounded_number(5.0, "depth of that press", 0.1, 60)
+    spread_mm: float = assumed_length(22.0, "disc that the gel spreads it on", 1, 100)
+    deflection_share: float = bounded_number(0.05, "of the depth, by which it may yield", 1e-3, 1)
+    youngs_modulus_mpa: float = assumed_length(3000.0, "of cast PMMA", 100, 1e5)
+    poisson: float = bounded_number(0.37, "of cast PMMA", 0.0, 0.49)
+    stress_limit_mpa: float = assumed_length(35.0, "half of what breaks PMMA", 1, 1000)
+    bead_modulus_mpa: float = assumed_length(1.15, "Young's, of the bead: Shore A 30", 0.05, 1e4)
+    measured: tuple[str, ...] = measured_keys("keys measured on the lab's own plate")
+
+
+@dataclass(frozen=True)
+class CameraDimensions(Bounded):
+    """The camera (part 5) as an envelope: an IMX219 board in the outline of a Raspberry Pi
+    camera, and a fisheye lens. No drawing of the paper's module was found; others stand in
+    cad/cameras.toml.
+    """
+
+    name: str = field(
+        default="Waveshare IMX219-200", metadata={"description": "maker and module, to order"}
+    )
+    board_width_mm: float = assumed_length(25.0, "board along x", 5, 100)
+    board_length_mm: float = assumed_length(23.862, "board along y", 5, 100)
+    board_mm: float = assumed_length(1.0, "thickness of the board", 0.4, 5)
+    hole_mm: float = assumed_length(2.2, "holes of the board, 0 for none", 0, 10)
+    hole_pitch_x_mm: float = assumed_length(21.0, "between the holes in x", 3, 100)
+    hole_pitch_y_mm: float = assumed_length(12.5, "between the holes in y", 3, 100)
+    hole_edge_mm: float = assumed_length(2.0, "upper holes to the +y edge", 0.5, 50)
+    lens_offset_mm: float = assumed_length(2.4, "lens from the middle, to -y", 0, 50)
+    lens_diameter_mm: float = assumed_length(12.0, "lens barrel", 2, 60)
+    lens_height_mm: float = assumed_length(7.5, "lens above the board", 0.5, 60)
+    focal_length_mm: float = assumed_length(0.87, "of the lens", 0.05, 50)
+    projection: Literal["equidistant", "rectilinear"] = field(
+        default="equidistant",
+        metadata={"description": "equidistant (a fisheye) or rectilinear (straight lines stay so)"},
+    )
+    f_number: float = assumed_length(2.8, "of the lens; such lenses have 2.0 to 2.8", 0.7, 32)
+    nearest_mm: float = bounded_number(0.0, "it focuses no nearer; 0: turned by hand", 0.0, 1000)
+    pixel_um: float = bounded_number(1.12, "pixel of the chip (IMX219)", 0.1, 50)
+    binning: int = bounded_number(2, "chip pixels a picture's pixel, per side", 1, 8)
+    crop_width_px: int = bounded_number(1280, "picture along x", 8, 10_000)
+    crop_height_px: int = bounded_number(720, "picture along y", 8, 10_000)
+    connector_width_mm: float = assumed_length(23.0, "connector along x", 1, 100)
+    connector_length_mm: float = assumed_length(6.0, "connector along y", 1, 50)
+    connector_height_mm: float = assumed_length(2.65, "connector along z", 0.2, 20)
+    cable: str = field(
+        default="flat, 15 way, 1.0 mm pitch, 16 mm wide",
+        metadata={"description": "the cable that it takes, to order"},
+    )
+    cable_width_mm: float = assumed_length(
+        16.0, "that cable, with the stiffener at its end", 0.5, 60
+    )
+    cable_height_mm: float = assumed_length(0.3, "the same, along z", 0.05, 20)
+    tolerance_mm: float = assumed_length(0.05, "spread of board and lens, +-", 0.0, 1)
+    source: str = field(default="", metadata={"description": "documents that the figures are from"})
+    measured: tuple[str, ...] = measured_keys(
+        "keys measured on the lab's own module, or read off its maker's document"
+    )
+
+    def angle_rad(self, at_mm: float) -> float:
+        """The angle from the axis that the lens images at_mm from the middle of the chip."""
+        angle = at_mm / self.focal_length_mm
+        return math.atan(angle) if self.projection == "rectilinear" else angle
+
+    @property
+    def board_top_mm(self) -> float:
+        """y of the board's +y edge with the lens on the axis = length / 2 + offset: 14.33."""
+        return self.board_length_mm / 2 + self.lens_offset_mm
+
+    @property
+    def board_bottom_mm(self) -> float:
+        """y of the board's -y edge, where the cable leaves = offset - length / 2: -9.53."""
+        return self.lens_offset_mm - self.board_length_mm / 2
+
+    @property
+    def hole_rows_mm(self) -> Point2:
+        """y of the upper and lower holes: top - edge = 12.33, and a pitch less = -0.17."""
+        upper = self.board_top_mm - self.hole_edge_mm
+        return upper, upper - self.hole_pitch_y_mm
+
+    @property
+    def crop_half_mm(self) -> Point2:
+        """Half the picture on the chip = px x binning x pixel / 2: (1.434, 0.806)."""
+        per_px = self.binning * self.pixel_um / 1000 / 2
+        return self.crop_width_px * per_px, self.crop_height_px * per_px
+
+
+@dataclass(frozen=True)
+class HolderDimensions(Bounded):
+    """The camera holder (part 6) behind the board, which two screws lock or a bond holds."""
+
+    clearance_mm: float = bounded_number(3.0, "thickness, and room for the connector", 1, 30)
+    fit_mm: float = bounded_number(0.2, "clearance to the shell", 0.02, 2)
+    window_fit_mm: float = bounded_number(0.1, "connector in the window, per side", 0.02, 2)
+    window_rest_mm: float = bounded_number(0.5, "board on the plate beside the window", 0.1, 5)
+    wall_mm: float = bounded_number(1.5, "least wall beside a hole", 0.5, 10)
+    screw: CheeseThread = field(
+        default="M2", metadata={"description": "ISO 1207 thread, or none: the board is bonded"}
+    )
+    screw_length_mm: float = bounded_number(3.0, "below the head", 2, 20)
+    head_clearance_mm: float = bounded_number(
+        0.3, "around the heads, below the light holder", 0.02, 2
+    )
+    bonded_mm: float = assumed_length(0.3, "how far off the middle a bonded board may lie", 0.01, 3)
+    measured: tuple[str, ...] = measured_keys("keys measured on the lab's own boards")
+
+    @property
+    def row(self) -> CheeseScrew:
+        """The screw's row in the table of standards."""
+        return CHEESE_SCREWS[self.screw]
+
+
+@dataclass(frozen=True)
+class CoverDimensions(Bounded):
+    """The cover (part 7): floor, four bosses for the screw heads, four snap-fit pegs."""
+
+    floor_mm: float = bounded_number(1.5, "floor (paper: walls of 1.5)", 0.5, 20)
+    peg_mm: float = bounded_number(2.7, "diameter of a peg", 1, 10)
+    peg_y_mm: float = bounded_number(8.0, "pegs at +-y", 1, 90)
+    peg_clearance_mm: float = bounded_number(0.25, "radial clearance of a peg in its hole", 0.01, 1)
+    slot_mm: float = bounded_number(1.0, "slot that splits a peg", 0.2, 5)
+    leg_mm: float = bounded_number(0.6, "thickness of a leg, flat on both sides", 0.2, 5)
+    lip_mm: float = bounded_number(0.12, "lip of a peg beyond its hole", 0.01, 2)
+    peg_play_mm: float = bounded_number(
+        0.3, "legs beyond the camera holder, for a thick one", 0.0, 5
+    )
+    lip_height_mm: float = bounded_number(0.8, "height of the lip", 0.2, 5)
+    strain_limit: float = bounded_number(
+        0.02, "what the resin bears once (Tough resins: 2 %)", 1e-3, 0.2
+    )
+    fit_mm: float = bounded_number(0.2, "clearance between bosses and shell", 0.02, 2)
+
+    @property
+    def fibre_mm(self) -> float:
+        """Outermost fibre of a leg from its centroid; a leg is a slab of the peg's circle: 0.26.
+
+        Between the chords at a = slot / 2 and b = a + leg: centroid at 2/3 ((R^2 - a^2)^1.5 -
+        (R^2 - b^2)^1.5) / A, A the area between them.
+        """
+        r, a, b = self.peg_mm / 2, self.slot_mm / 2, self.slot_mm / 2 + self.leg_mm
+        if not b <= r:
+            return math.nan
+        moment = 2 / 3 * ((r**2 - a**2) ** 1.5 - (r**2 - b**2) ** 1.5)
+        centroid = moment / (_segment_mm2(a, r) - _segment_mm2(b, r))
+        return max(b - centroid, centroid - a)
+
+    @property
+    def hole_mm(self) -> float:
+        """Hole in the camera holder = peg + 2 clearance: 3.2."""
+        return self.peg_mm + 2 * self.peg_clearance_mm
+
+
+@dataclass(frozen=True)
+class LightDimensions(Bounded):
+    """The light holder (part 4): a translucent ring with a channel for the LED strip."""
+
+    led_count: int = bounded_number(5, "LEDs (paper: five 5050)", 1, 200)
+    leds_per_m: float = bounded_number(60.0, "LEDs of a metre of strip", 10, 400)
+    strip_width_mm: float = bounded_number(8.0, "width of the strip", 3, 20)
+    strip_thickness_mm: float = bounded_number(0.3, "strip with its adhesive", 0.05, 2)
+    led_width_mm: float = bounded_number(5.0, "LED along the strip (5050: 5)", 0.5, 20)
+    led_height_mm: float = bounded_number(1.6, "LED above the strip (5050: 1.6)", 0.2, 10)
+    led_tolerance_mm: float = bounded_number(0.1, "spread of LED and strip, +-", 0.0, 1)
+    channel_mm: float = bounded_number(2.4, "radial room for strip and LED", 1, 10)
+    diffuser_mm: float = bounded_number(1.5, "wall between LED and camera", 0.4, 10)
+    wall_mm: float = bounded_number(1.5, "outer wall", 0.4, 10)
+    floor_mm: float = bounded_number(1.5, "floor below the strip", 0.4, 10)
+    fit_mm: float = bounded_number(0.2, "radial clearance in the shell", 0.02, 2)
+    axial_fit_mm: float = bounded_number(
+        1.0, "play below the acrylic, so that it bears no press", 0.02, 5
+    )
+    lens_clearance_mm: float = bounded_number(0.3, "between lens and bore, radial", 0.02, 5)
+    lip_clearance_mm: float = bounded_number(0.25, "around the lips of the cover's pegs", 0.02, 2)
+    head_room_mm: float = bounded_number(
+        0.1, "floor above the heads of the camera's screws", 0.0, 5
+    )
+    slot_mm: float = bounded_number(3.0, "slot for the wires", 0.5, 20)
+    resistor_ohm: float = bounded_number(750.0, "in series (paper: 750)", 20, 1e5)
+    supply_v: float = bounded_number(5.0, "supply of a strip that is cut at every LED", 4.5, 5.5)
+    supply_tolerance: float = assumed_length(
+        0.05, "share by which it may be off (USB 2.0: 0.05)", 0, 0.2
+    )
+    supply_rating_ma: float = assumed_length(
+        500.0, "what it may give the LEDs of a sensor (a port of USB 2.0)", 1, 1e5
+    )
+    resistor_rating_w: float = assumed_length(
+        0.25, "rating of the resistor, of which half is used", 0.01, 100
+    )
+    strip_resistor_ohm: float = assumed_length(
+        0.0, "the strip's own at each LED; 0, the worst case", 0, 1e4
+    )
+    led_v: float = assumed_length(2.95, "forward voltage of a white chip at a few mA", 0.1, 10)
+    led_spread_v: float = assumed_length(0.2, "that voltage may be so much off", 0, 2)
+    led_chips: int = bounded_number(3, "chips of a LED, in parallel on such a strip", 1, 12)
+    led_limit_ma: float = assumed_length(
+        20.0, "continuous current of a chip, by its data sheet", 0.1, 1000
+    )
+    wire_mm: float = bounded_number(500.0, "each of the two wires, from ring to supply", 50, 10_000)
+    measured: tuple[str, ...] = measured_keys("keys measured, or read off a data sheet")
+
+    @property
+    def pitch_mm(self) -> float:
+        """Between two LEDs = 1000 / LEDs per metre: 16.67."""
+        return 1000 / self.leds_per_m
+
+    @property
+    def strip_mm(self) -> float:
+        """Length of strip = count x pitch: 83.3."""
+        return self.led_count * self.pitch_mm
+
+    @property
+    def most_v(self) -> float:
+        """Most over the resistors = supply (1 + tolerance) - led_v + spread: 2.5."""
+        return self.supply_v * (1 + self.supply_tolerance) - self.led_v + self.led_spread_v
+
+    @property
+    def circuit_ohm(self) -> float:
+        """All resistors = resistor + strip's own / count (in parallel): 750."""
+        return self.resistor_ohm + self.strip_resistor_ohm / self.led_count
+
+    @property
+    def total_ma(self) -> float:
+        """Current of all LEDs = (supply - led_v) / all resistors, at least 0: 2.73."""
+        return max(self.supply_v - self.led_v, 0.0) / self.circuit_ohm * 1000
+
+    @property
+    def least_ma(self) -> float:
+        """Least current of all LEDs, at least 0, by the supply's least and led_v's most: 2.13."""
+        v = self.supply_v * (1 - self.supply_tolerance) - self.led_v - self.led_spread_v
+        return max(v, 0.0) / self.circuit_ohm * 1000
+
+    @property
+    def most_ma(self) -> float:
+        """Most current of all LEDs = most over the resistors / all resistors, at least 0: 3.33."""
+        return max(self.most_v, 0.0) / self.circuit_ohm * 1000
+
+    @property
+    def chip_most_ma(self) -> float:
+        """Most current of a chip, shared evenly = most current / count / chips: 0.222."""
+        return self.most_ma / self.led_count / self.led_chips
+
+    @property
+    def resistor_most_w(self) -> float:
+        """Most heat in the resistor = most current squared x resistor: 0.00833."""
+        return (self.most_ma / 1000) ** 2 * self.resistor_ohm
+
+    @property
+    def least_resistor_ohm(self) -> float:
+        """Least of E24 that keeps led_limit_ma and supply_rating_ma at worst: 9.1."""
+        most_ma = min(self.led_limit_ma * self.led_count * self.led_chips, self.supply_rating_ma)
+        own_ohm = self.strip_resistor_ohm / self.led_count
+        return next_e24(max(self.most_v, 0.0) / most_ma * 1000 - own_ohm)
+
+
+@dataclass(frozen=True)
+class MountDimensions(Bounded):
+    """The end-effector mount on the shell's +y side (paper: 20 mm long).
+
+    kind: `block`, a bar with two through holes along z; `franka`, a bar with a flange for a finger
+    of the Franka hand (hole pattern unverified); `plate`, a blank plate to be drilled.
+    """
+
+    kind: Literal["block", "franka", "plate"] = field(
+        default="block", metadata={"description": "block, franka or plate"}
+    )
+    length_mm: float = bounded_number(20.0, "along y, from the shell, flange and all", 2, 100)
+    width_mm: float = bounded_number(20.0, "along x", 4, 200)
+    height_mm: float = bounded_number(10.0, "along z, from the shell's back", 3, 60)
+    screw: Thread = field(default="M3", metadata={"description": "screws through the mount"})
+    hole_pitch_mm: float = bounded_number(10.0, "between the two holes", 3, 100)
+    flange_mm: float = bounded_number(6.5, "franka: thickness of the flange", 1, 50)
+    flange_width_mm: float = assumed_length(30.0, "franka: flange along x", 4, 200)
+    flange_height_mm: float = assumed_length(23.0, "franka: flange along z", 4, 200)
+    flange_pitch_mm: float = assumed_length(12.0, "franka: between the two holes along z", 3, 100)
+    flange_hole_mm: float = assumed_length(4.3, "franka: those holes", 1, 20)
+    counterbore_mm: float = bounded_number(8.0, "franka: room of a head, diameter", 2, 40)
+    counterbore_depth_mm: float = bounded_number(4.0, "franka: depth of that room", 0.5, 40)
+    arm_mm: float = bounded_number(3.6, "franka: height of the arm, between the heads", 1, 60)
+    stress_limit_mpa: float = assumed_length(
+        40.0, "franka: bending stress that the arm may take", 1, 500
+    )
+
+    measured: tuple[str, ...] = measured_keys("keys measured on the lab's own finger")
+
+    @property
+    def thread(self) -> MetricThread:
+        """The screws' row in the table of standards."""
+        return THREADS[self.screw]
+
+    @property
+    def hole_mm(self) -> float:
+        """Through hole of the mount's screws: ISO 273 medium, in a flange what its finger has."""
+        return self.flange_hole_mm if self.kind == "franka" else self.thread.clearance_mm
+
+    @property
+    def head_mm(self) -> float:
+        """Head of a cap screw = 1.5 d + 1, as ISO 4762 has it from M3 to M5: 7 for M4."""
+        return 1.5 * self.thread.thread_mm + 1.0
+
+
+@dataclass(frozen=True)
+class ScrewDimensions(Bounded):
+    """The four screws that hold cover, shell and frame together (paper: M1.6, 19 mm)."""
+
+    thread: CapThread = field(default="M1.6", metadata={"description": "ISO 4762 thread"})
+    length_mm: float = bounded_number(
+        16.0, "below the head; M1.6 is sold up to 16 (paper: 19)", 3, 60
+    )
+    engagement_mm: float = bounded_number(4.6, "length that grips the frame", 1, 20)
+    tip_clearance_mm: float = bounded_number(1.0, "pilot hole beyond the tip", 0.5, 10)
+
+    @property
+    def row(self) -> CapScrew:
+        """The screw's row in the table of standards."""
+        return CAP_SCREWS[self.thread]
+
+    @property
+    def pilot_depth_mm(self) -> float:
+        """Depth of the frame's blind holes = engagement + tip clearance: 4.6 + 1 = 5.6."""
+        return self.engagement_mm + self.tip_clearance_mm
+
+
+@dataclass(frozen=True)
+class ShellDimensions(Bounded):
+    """The sensor shell (part 3): opaque, 1.5 mm walls."""
+
+    wall_mm: float = bounded_number(1.5, "wall of shell, cover and bosses (paper: 1.5)", 0.5, 20)
+    ledge_mm: float = bounded_number(2.8, "ledge in y behind the acrylic's pocket", 0.2, 20)
+    ledge_x_mm: float = bounded_number(2.3, "the same in x, 0 for none", 0, 20)
+    ledge_height_mm: float = bounded_number(2.0, "height of the ledges", 0.5, 20)
+    ledge_drop_mm: float = bounded_number(
+        0.5, "ledges behind the joint, for a thick plate; adhesive fills it", 0.0, 5
+    )
+    cable_width_mm: float = bounded_number(17.0, "notch for the camera's flat cable (16 mm)", 1, 60)
+    cable_height_mm: float = bounded_number(2.0, "height of that notch", 0.5, 20)
+    cable_foam_mm: float = bounded_number(
+        5.0, "black foam around the cable in that notch, 0: none", 0, 30
+    )
+
+
+def _segment_mm2(from_mm: float, radius_mm: float) -> float:
+    """Area of the disc beyond x = from_mm, which lies within the disc."""
+    c, r = from_mm, radius_mm
+    return r**2 * math.acos(c / r) - c * math.sqrt(r**2 - c**2)

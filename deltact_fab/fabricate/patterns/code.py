@@ -1,0 +1,120 @@
+"""A recipe as one short line of text: what a sheet's QR code holds, and the way back.
+
+    DELTACT1/LAW:ALGORITHM1/SEED:7/SIZE-MM:35/PATCH-MM:0.075/R:0.6/CHANNELS:3/<patches>-<text>
+
+Only characters of the QR code's dense alphanumeric set (ISO/IEC 18004, 7.4.4); case does not
+matter, so it can be typed from paper. Every key of the recipe that has a value is written, defaults
+too: a later default cannot change an old sticker. A list ends each entry in `*`, a table (the dots)
+joins its entries by `+`, `%` stands for `#`.
+
+Two checks stand at the end: 12 digits of the SHA-256 of the drawn patches, and 6 of the text
+before. The second tells a misread text from a program that draws other patches.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from typing import Any
+
+from deltact_fab.common import InputError
+
+from .recipe import PatternRecipe, draw_patches, recipe_from_data
+
+CODE_PREFIX = "DELTACT1"
+HASH_DIGITS = 12
+CHECK_DIGITS = 6
+_ENDING = re.compile(rf"(.+)/([0-9a-f]{{{HASH_DIGITS}}})-([0-9a-f]{{{CHECK_DIGITS}}})")
+
+
+def patches_hash(recipe: PatternRecipe) -> str:
+    """First digits of the SHA-256 of the drawn patches: rows, columns, RGB, one byte a value."""
+    return hashlib.sha256(draw_patches(recipe).tobytes()).hexdigest()[:HASH_DIGITS]
+
+
+def encode(recipe: PatternRecipe) -> str:
+    """The recipe as a line of text."""
+    data = recipe.model_dump(mode="json", exclude_none=True)
+    body = "/".join([CODE_PREFIX, *(f"{_key(k)}:{_written(v)}" for k, v in data.items())])
+    return f"{body}/{patches_hash(recipe)}-{_check(body)}".upper()
+
+
+def decode_recipe(text: str) -> PatternRecipe:
+    """The recipe of a code, after both checks; it draws the identical patches.
+
+    Raises InputError of one line for anything else: no code, a damaged one, or one whose patches
+    this version draws otherwise.
+    """
+    shown = ascii(text if len(text) <= 40 else text[:37] + "...")
+    if not text.isascii():
+        raise InputError(f"code {shown}: a code has 0-9, A-Z and $ % * + - . / : alone")
+    clean = "".join(text.split()).lower()
+    if not clean.startswith(CODE_PREFIX.lower() + "/"):
+        raise InputError(f"code {shown}: not the code of a sheet; one begins with {CODE_PREFIX}/")
+    ending = _ENDING.fullmatch(clean)
+    if ending is None:
+        raise InputError(
+            f"code {shown}: cut short or damaged; one ends in / and {HASH_DIGITS} digits, "
+            f"- and {CHECK_DIGITS} digits (0-9, A-F)"
+        )
+    body, drawn, check = ending.groups()
+    if _check(body) != check:
+        raise InputError(
+            f"code {shown}: damaged or mistyped: its check digits are {check.upper()} and its "
+            f"text gives {_check(body).upper()}; read it again"
+        )
+    try:
+        data = _table(body.split("/")[1:])
+    except ValueError as why:
+        raise InputError(f"code {shown}: {why}") from why
+    recipe = recipe_from_data(data, "code")
+    found = patches_hash(recipe)
+    if found != drawn:
+        raise InputError(
+            f"code {shown}: names patches {drawn.upper()} and this version draws "
+            f"{found.upper()}: it was made by another version"
+        )
+    return recipe
+
+
+def _check(body: str) -> str:
+    return hashlib.sha256(body.lower().encode()).hexdigest()[:CHECK_DIGITS]
+
+
+def _key(key: str) -> str:
+    return key.replace("_", "-")
+
+
+def _written(value: Any) -> str:
+    if isinstance(value, dict):
+        return "+".join(f"{_key(k)}:{_written(v)}" for k, v in value.items())
+    if isinstance(value, list):
+        return "".join(f"{_written(v)}*" for v in value)
+    if isinstance(value, float):
+        return repr(value).removesuffix(".0")
+    return str(value).replace("#", "%")
+
+
+def _table(entries: list[str], inner: bool = False) -> dict[str, Any]:
+    data: dict[str, Any] = {}
+    for entry in entries:
+        key, colon, value = entry.partition(":")
+        if not (key and colon and value):
+            raise ValueError(f"{entry.upper()!r} is not KEY:VALUE")
+        name = key.replace("-", "_")
+        if name in data:
+            raise ValueError(f"{key.upper()} occurs twice")
+        if ":" in value and inner:
+            raise ValueError(f"{key.upper()} is a table within a table")
+        data[name] = _table(value.split("+"), inner=True) if ":" in value else _value(value)
+    return data
+
+
+def _value(text: str) -> Any:
+    if text.endswith("*"):
+        return [_value(part) for part in text[:-1].split("*")]
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError):  # also of "nan" and "1_0"
+        return text.replace("%", "#")

@@ -1,0 +1,82 @@
+"""Dot markers: where the dots of a grid are, and their list for whoever tracks them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltact_fab.common import InputError, Points
+
+from .recipe import DotGrid, dot_centres_mm
+
+# A view is given as pixels times mm per pixel: a disc that touches its edge exactly is inside
+SLACK_MM = 1e-9
+
+
+def to_px(xy_mm: Points, mm_per_px: float, size_px: tuple[int, ...]) -> Points:
+    """Places (..., 2) mm in a centred image of size_px (h, w): (x, y) px, 0 a pixel's centre."""
+    height_px, width_px = size_px
+    return xy_mm / mm_per_px + np.array([(width_px - 1) / 2, (height_px - 1) / 2])
+
+
+def check_inside(grid: DotGrid, view_mm: tuple[float, float]) -> None:
+    """Raise InputError unless every disc lies wholly in a centred view (x, y) of that size."""
+    for axis, line, half_mm, offset_mm, side_mm in zip(
+        "xy", ("columns", "rows"), grid.half_mm, grid.offset_mm, view_mm, strict=True
+    ):
+        reach_mm = half_mm + abs(offset_mm)
+        if reach_mm > side_mm / 2 + SLACK_MM:
+            raise InputError(
+                f"dots: along {axis} they reach {reach_mm:g} mm from the middle, the camera sees "
+                f"{np.floor(side_mm * 50) / 100:g} mm; reduce {line}, pitch_{axis}_mm, diameter_mm "
+                f"or offset_{axis}_mm"
+            )
+
+
+def centres_csv(grid: DotGrid, mm_per_px: float, size_px: tuple[int, int]) -> bytes:
+    """The dots as CSV, one row a dot in the order of `centres_mm`, positions to a nanometre.
+
+    Also where the centres are in an image of size_px (h, w), in px.
+    """
+    columns = ["index", "row", "col", "x_mm", "y_mm", "diameter_mm", "x_px", "y_px"]
+    xy_mm = dot_centres_mm(grid)
+    places = np.hstack((xy_mm, to_px(xy_mm, mm_per_px, size_px)))
+    lines = [",".join(columns)]
+    for index, place in enumerate(places):
+        row, column = divmod(index, grid.columns)
+        # + 0.0 turns -0.0 into 0.0
+        x_mm, y_mm, *px = (f"{round(value, 6) + 0.0:.6f}" for value in place)
+        fields = [str(index), str(row), str(column), x_mm, y_mm, f"{grid.diameter_mm:.6f}", *px]
+        lines.append(",".join(fields))
+    return ("\n".join(lines) + "\n").encode()
+
+
+def blend(image: NDArray[np.float32], grid: DotGrid, mm_per_px: float, colour: Points) -> None:
+    """Draw the dots into a centred float image (h, w, 3), in place, each pixel by covered area.
+
+    colour: (3,) in the image's units. Exact along x, by 16 chords a pixel along y.
+    """
+    radius_mm = grid.diameter_mm / 2
+    chords = (np.arange(16) + 0.5) / 16 - 0.5
+    for centre in dot_centres_mm(grid):
+        at_px = to_px(centre, mm_per_px, image.shape[:2])
+        (columns, dx_mm), (rows, dy_mm) = (
+            reached(n, at, radius_mm, mm_per_px)
+            for n, at in zip(image.shape[1::-1], at_px, strict=True)
+        )
+        rise_mm = dy_mm[:, None] + chords * mm_per_px
+        half_mm = np.sqrt(np.maximum(radius_mm**2 - rise_mm**2, 0.0))[..., None]
+        right_mm = np.minimum(dx_mm + mm_per_px / 2, half_mm)
+        left_mm = np.maximum(dx_mm - mm_per_px / 2, -half_mm)
+        covered = np.maximum(right_mm - left_mm, 0.0).mean(axis=1)[..., None] / mm_per_px
+        image[rows, columns] = image[rows, columns] * (1 - covered) + colour * covered
+
+
+def reached(length: int, at_px: float, radius_mm: float, pitch_mm: float) -> tuple[slice, Points]:
+    """The pixels along one axis that a disc at at_px may cover, and how far each is from there."""
+    reach_px = radius_mm / pitch_mm + 1
+    first = max(0, math.floor(at_px - reach_px))
+    stop = max(first, min(length, math.ceil(at_px + reach_px) + 1))
+    return slice(first, stop), (np.arange(first, stop, dtype=float) - at_px) * pitch_mm

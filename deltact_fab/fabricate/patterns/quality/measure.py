@@ -1,0 +1,236 @@
+"""How well a pattern can be tracked, before and after it is printed and photographed.
+
+Before: the colours as designed, averaged over camera pixels. After: rasterised, printed, averaged
+over camera pixels and exposed by the model of `imaging`, whose values are assumed. Lens distortion
+and vignetting are left out, because they belong to the camera and not to the pattern; the mean
+falloff of light is kept, because it sets the noise. Both cover the middle of the sticker: the
+camera's view, or as much of it as the sticker or the number of printer dots allows (`field_mm`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltact_fab.common import MM_PER_INCH, Array, Float, InputError
+from deltact_fab.sensor import GAMMA, ImageSensor, Printer, SensorDimensions
+
+from ..raster import cell_means, finest_mm, pattern_albedo, raster_window
+from ..recipe import PatternRecipe, draw_patches
+from .figures import Figures, agreement, figures
+
+MM_PER_PX = SensorDimensions().optics.mm_per_px
+MIN_SIDE_PX = 64
+"""Shorter side of the smallest field: level 5 of its pyramid has 2 pixels."""
+PRINTED_SHARE = 0.5
+"""Contrast that a sharp print keeps at least: the MTF50 of camera tests (ISO 12233)."""
+SEEN_SHARE = 0.1
+"""Contrast at which detail counts as resolved: the MTF10 of the same. Below it, only the coarse
+remainder of the pattern can be tracked, not its patches."""
+MAX_PX = 1_000_000
+MAX_DOTS = 6_000_000
+"""The whole view at 2400 dpi; about 0.5 GB of memory while it is printed."""
+
+
+@dataclass(frozen=True)
+class Quality:
+    """A pattern's figures as designed and as photographed, and how much contrast it keeps."""
+
+    field_mm: tuple[float, float]
+    """Field of view that was measured (x, y)."""
+    field_px: tuple[int, int]
+    dpi: float
+    mm_per_px: float
+    seed: int
+    """Seed of halftone, misregistration and noise."""
+    dots_a_patch: float | None
+    """Printer dots along a patch; along a marker where there are no patches; None on clear film."""
+    px_a_patch: float | None
+    """Camera pixels along the same."""
+    print_contrast: float | None
+    """Share of the designed contrast on the print; None where the design has no contrast."""
+    camera_contrast: float | None
+    """The same in the camera's image."""
+    printable: bool
+    """The print keeps half of the contrast, and `raster` takes patches and markers of this size."""
+    seen: bool
+    """The camera's image keeps a tenth of the contrast."""
+    designed: Figures
+    photographed: Figures
+
+
+def measure_quality(
+    recipe: PatternRecipe,
+    printer: Printer | None = None,
+    sensor: ImageSensor | None = None,
+    mm_per_px: float = MM_PER_PX,
+    seed: int = 0,
+    view_mm: tuple[float, float] | None = None,
+) -> Quality:
+    """Measure a pattern. The same arguments give the same numbers.
+
+    view_mm: (x, y) to measure, by default the standard sensor's view. Raises InputError for a
+    scale or resolution that is no number above 0, a seed below 0, and for a field of fewer than
+    64 px a side.
+    """
+    from deltact_fab.physics import print_colours
+
+    printer, sensor = printer or Printer(), sensor or ImageSensor()
+    if not (0 < mm_per_px < math.inf and 0 < printer.dpi < math.inf and seed >= 0):
+        raise InputError(
+            f"quality: mm_per_px {mm_per_px:g} and dpi {printer.dpi:g} must be above 0, "
+            f"seed {seed} 0 or above"
+        )
+    size_px = field_px(recipe, printer.mm_per_dot, mm_per_px, view_mm)
+    field_mm = (size_px[1] * mm_per_px, size_px[0] * mm_per_px)
+    designed = pattern_albedo(recipe, mm_per_px, size_px) * np.float32(255)
+    image = sent(recipe, printer.dpi, field_mm)
+    rng = np.random.default_rng([seed, 5])
+    printed = print_colours(printer, image.astype(np.float32) / np.float32(255), rng)
+    photo = photograph(printed, printer.mm_per_dot, sensor, mm_per_px, size_px, rng)
+    rastered = has_raster(recipe, printer.dpi)
+    # Where a printer dot covers several patches, the values sent have already lost contrast
+    patches = None if rastered else draw_patches(recipe)
+    coded = np.power(printed, np.float32(1 / GAMMA)) * np.float32(255)
+    at, coded = _middle(image), _middle(coded)
+    print_contrast = kept(coded, at, at if patches is None else patches)
+    camera_contrast = kept(photo, designed, image if patches is None else patches)
+    feature_mm = recipe.patch_mm
+    if feature_mm is None and recipe.dots is not None:
+        feature_mm = recipe.dots.diameter_mm
+    return Quality(
+        field_mm=field_mm,
+        field_px=(size_px[1], size_px[0]),
+        dpi=printer.dpi,
+        mm_per_px=mm_per_px,
+        seed=seed,
+        dots_a_patch=None if feature_mm is None else feature_mm / printer.mm_per_dot,
+        px_a_patch=None if feature_mm is None else feature_mm / mm_per_px,
+        print_contrast=print_contrast,
+        camera_contrast=camera_contrast,
+        printable=rastered and (print_contrast is None or print_contrast >= PRINTED_SHARE),
+        seen=camera_contrast is not None and camera_contrast >= SEEN_SHARE,
+        designed=figures(designed, mm_per_px),
+        photographed=figures(photo, mm_per_px),
+    )
+
+
+def field_px(
+    recipe: PatternRecipe,
+    mm_per_dot: float,
+    mm_per_px: float,
+    view_mm: tuple[float, float] | None,
+) -> tuple[int, int]:
+    """(h, w) of the field in camera pixels."""
+    view_mm = view_mm or SensorDimensions().optics.view_mm
+    width_mm, height_mm = (min(side_mm, recipe.printed_mm) for side_mm in view_mm)
+    across_mm = math.sqrt(width_mm * height_mm)
+    too_fine = max(
+        1.0,
+        across_mm / mm_per_px / math.sqrt(MAX_PX),
+        across_mm / mm_per_dot / math.sqrt(MAX_DOTS),
+    )
+    width_px, height_px = (
+        math.floor(side_mm / too_fine / mm_per_px + 1e-9) for side_mm in (width_mm, height_mm)
+    )
+    if min(width_px, height_px) < MIN_SIDE_PX:
+        raise InputError(
+            f"quality: the field is {width_px} x {height_px} px of {mm_per_px:g} mm, as far as "
+            f"{MAX_DOTS // 10**6} million dots of {MM_PER_INCH / mm_per_dot:.0f} dpi go; at least "
+            f"{MIN_SIDE_PX} px a side: a larger sticker or a lower dpi"
+        )
+    return height_px, width_px
+
+
+def _middle(image: Array) -> Array:
+    """At most 512 x 512 px of the middle, enough for the contrast of the print."""
+    top, left = (max(0, (length - 512) // 2) for length in image.shape[:2])
+    return image[top : top + 512, left : left + 512]
+
+
+def kept(image: Array, original: Array, whole: Array) -> float | None:
+    """Share of a pattern's contrast that an image still has, mean of R, G and B.
+
+    image, original: (h, w, 3) of one shape; whole: an image with the pattern's full contrast.
+    Halftone and noise do not count: they are uncorrelated with the original. None where the
+    pattern has no contrast.
+    """
+    shares = []
+    for c in range(3):
+        designed = float(whole[..., c].std(dtype=np.float64))
+        if designed > 0:
+            own = agreement(image[..., c], original[..., c]) * float(image[..., c].std(dtype=float))
+            shares.append(max(0.0, own) / designed)
+    return float(np.mean(shares)) if shares else None
+
+
+MARGIN_MM = 0.3
+"""Printed around the field, from where misregistered (15 um) and spreading (20 um) ink comes."""
+MARGIN_PX = 4
+"""Camera pixels around the field, for blur and demosaicing; even, to keep the mosaic's phase."""
+STRIP = 256
+
+
+def sent(recipe: PatternRecipe, dpi: float, field_mm: tuple[float, float]) -> NDArray[np.uint8]:
+    """The middle of a sticker in printer dots, (h, w, 3) file values: field_mm (x, y) and a margin.
+
+    Where a patch or marker is smaller than a printer dot, each dot gets the mean of what it covers,
+    as from a driver that scales down. Nothing outside the sticker is included.
+    """
+    mm_per_dot = MM_PER_INCH / dpi
+    whole_px = round(recipe.printed_mm / mm_per_dot)
+    width_px, height_px = (
+        _centred(round((side_mm + 2 * MARGIN_MM) / mm_per_dot), whole_px) for side_mm in field_mm
+    )
+    if has_raster(recipe, dpi):
+        image = raster_window(recipe, dpi, max(width_px, height_px))
+        top, left = (len(image) - height_px) // 2, (len(image) - width_px) // 2
+        return image[top : top + height_px, left : left + width_px]
+    means = pattern_albedo(recipe, mm_per_dot, (height_px, width_px))
+    return np.rint(means * 255).astype(np.uint8)
+
+
+def has_raster(recipe: PatternRecipe, dpi: float) -> bool:
+    """Whether patches and markers are as large as `raster` asks for."""
+    return all(MM_PER_INCH / dpi <= limit_mm * (1 + 1e-9) for limit_mm, _ in finest_mm(recipe))
+
+
+def photograph(
+    printed: Float,
+    mm_per_dot: float,
+    sensor: ImageSensor,
+    mm_per_px: float,
+    size_px: tuple[int, int],
+    rng: np.random.Generator,
+) -> NDArray[np.uint8]:
+    """A centred print (rows, columns, 3) as the camera's image of size_px (h, w), (h, w, 3) RGB."""
+    from deltact_fab.physics import Exposure, view_grid
+
+    height_px, width_px = (length + 2 * MARGIN_PX for length in size_px)
+    edges_mm, ends_mm = _edges(printed.shape[0], mm_per_dot), _edges(height_px, mm_per_px)
+    # Columns by strips: the float64 intermediates of a fine print would be gigabytes
+    band = np.concatenate(
+        [
+            cell_means(printed[:, first : first + STRIP], edges_mm, ends_mm)
+            for first in range(0, printed.shape[1], STRIP)
+        ],
+        axis=1,
+    ).swapaxes(0, 1)
+    edges_mm, ends_mm = _edges(printed.shape[1], mm_per_dot), _edges(width_px, mm_per_px)
+    radiance = cell_means(band, edges_mm, ends_mm).swapaxes(0, 1).astype(np.float32)
+    # Every pixel gets the mean light of the view
+    off = np.sqrt(np.mean(view_grid(*size_px) ** 2, axis=(0, 1)))
+    bgr = Exposure(sensor, np.broadcast_to(off, (height_px, width_px, 2))).expose(radiance, rng)
+    return np.ascontiguousarray(bgr[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX, ::-1])
+
+
+def _centred(wanted_px: int, whole_px: int) -> int:
+    """A length near the wanted one that leaves equal margins on both sides of the whole."""
+    return whole_px if wanted_px >= whole_px else wanted_px + (whole_px - wanted_px) % 2
+
+
+def _edges(length: int, pitch_mm: float) -> NDArray[np.float64]:
+    return np.asarray((np.arange(length + 1) - length / 2) * pitch_mm, np.float64)

@@ -1,0 +1,304 @@
+"""The finite-strain block behind the interface of `level`: wrenches, lattice fields, flags."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from deltact_fab.common import Field, InputError, Note, Point
+from deltact_fab.sensor import GelMaterial, Indenter, SkinDimensions, edge_radius_mm
+
+from ..level import Choice, GelContact, IncrementDiagnostics, Reach, State, follow_path
+from ..zones import AT_BOUND, RIM, STICK_RIM, ZoneMap, Zones, hermite, inside, means, measured
+from .distance import gap
+from .mesh import HexMesh, block_mesh
+from .press import FinitePress
+from .state import PENETRATION_LIMIT, FiniteState, Guide
+
+
+class FaceLattice:
+    """Lattice nodes x_mm (nx,), y_mm (ny,) on the touched face of a block, its mirrors unfolded.
+
+    Displacements: a cubic through the four nodes next to a point, along x and then along y
+    (piecewise Hermite, slopes of the parabola through three nodes). It is C1, exact for parabolas
+    at any grading, and a kink at the contact's edge is felt one cell away at most; a spline would
+    ring. Tractions: every contact point stands for a part of its face as large as its weight, and
+    the parts go to the nodes by areas (`zones.means`), so that their sum over the resting face is
+    the force.
+    """
+
+    def __init__(self, mesh: HexMesh, x_mm: Field, y_mm: Field) -> None:
+        assert mesh.axes_mm is not None, "of a block"
+        self.mesh, self.x_mm, self.y_mm = mesh, x_mm, y_mm
+        knots = [mesh.axes_mm[0], mesh.axes_mm[1]]
+        self._shape = (len(knots[1]), len(knots[0]))
+        self._along = [
+            hermite(unfolded(k) if mirror else k, at)
+            for k, at, mirror in zip(knots, (x_mm, y_mm), mesh.mirrors, strict=True)
+        ]
+        self._knots = knots
+        self._means: dict[int, list[Field]] = {}
+
+    def displacement_mm(self, nodes_mm: Field) -> Field:
+        """(ny, nx, 3) of the displacements (n, 3) of all nodes."""
+        ny, nx = self._shape
+        u = np.moveaxis(nodes_mm[-ny * nx :].reshape(ny, nx, 3), -1, 0)
+        if self.mesh.mirrors[0]:
+            sign = np.array([-1.0, 1.0, 1.0])[:, None, None]
+            u = np.concatenate([sign * u[:, :, :0:-1], u], axis=2)
+        if self.mesh.mirrors[1]:
+            sign = np.array([1.0, -1.0, 1.0])[:, None, None]
+            u = np.concatenate([sign * u[:, :0:-1], u], axis=1)
+        wx, wy = self._along
+        return np.ascontiguousarray(np.moveaxis(wy @ u @ wx.T, 0, -1))
+
+    def of_points(self, values: Field) -> Field:
+        """Vectors (ny, nx, 3) of those at the contact points, (f, q, 3)."""
+        n = math.isqrt(values.shape[1])
+        ny, nx = (size - 1 for size in self._shape)
+        parts = values.reshape(ny, nx, n, n, -1).swapaxes(1, 2).reshape(ny * n, nx * n, -1)
+        for axis, mirror in enumerate(self.mesh.mirrors):
+            if mirror:
+                image = np.flip(parts, axis=1 - axis).copy()
+                image[..., axis] *= -1
+                parts = np.concatenate([image, parts], axis=1 - axis)
+        wx, wy = self._to_means(n)
+        return np.ascontiguousarray(np.moveaxis(wy @ np.moveaxis(parts, -1, 0) @ wx.T, 0, -1))
+
+    def _to_means(self, n: int) -> list[Field]:
+        if n not in self._means:
+            ends = np.cumsum(np.polynomial.legendre.leggauss(n)[1]) / 2
+            self._means[n] = []
+            for k, at, mirror in zip(
+                self._knots, (self.x_mm, self.y_mm), self.mesh.mirrors, strict=True
+            ):
+                edges = np.append(k[0], k[:-1, None] + np.diff(k)[:, None] * ends)
+                self._means[n].append(means(unfolded(edges) if mirror else edges, at))
+        return self._means[n]
+
+
+def face_wrench(mesh: HexMesh, state: FiniteState) -> tuple[Field, Field]:
+    """Force (3,) in N and torque (3,) in N mm on the whole body of a mirrored mesh."""
+    force = np.array(state.force_n) * mesh.copies
+    torque = np.array(state.torque_nmm) * mesh.copies
+    for axis, mirror in enumerate(mesh.mirrors):
+        if mirror:
+            force[axis] = 0.0
+            torque[np.arange(3) != axis] = 0.0
+    return force, torque
+
+
+def tractions_mpa(press: FinitePress, state: FiniteState) -> Field:
+    """On the gel, per resting area, at the contact points (f, q, 3)."""
+    seen = press.surface.evaluate(state.displacement_mm, np.array(state.tip_mm), tangent=False)
+    normal = seen.gap.normal.reshape(state.shear_mpa.shape)
+    return state.pressure_mpa[..., None] * normal + state.shear_mpa
+
+
+def unfolded(half: Field) -> Field:
+    """Coordinates from 0 on, continued to the other side of the mirror."""
+    return np.concatenate([-half[:0:-1], half])
+
+
+STEP_MM = 1e-5  # for the difference of contact forces by the depth
+
+
+def lacking_n(press: FinitePress, state: FiniteState) -> float:
+    """dC/dd (N) of the mesh: more normal force with a hard contact. Friction is left out of it."""
+    if state.contact_points == 0:
+        return 0.0
+    u, tip = state.displacement_mm, np.array(state.tip_mm)
+    free = press.pattern.free
+    down = np.array([0.0, 0.0, STEP_MM])
+    low, high = (press.surface.evaluate(u, tip + k * down, tangent=False) for k in (-1, 1))
+    by_depth = ((high.force_n - low.force_n) / (2 * STEP_MM))[free]
+    bulk = press.bulk.evaluate(u, True, state.cell_pressure_mpa)
+    for curved in (True, False):
+        contact = press.surface.evaluate(u, tip, curved=curved)
+        press.solver.factorise(press.pattern.matrix(bulk.data + contact.data))
+        if not press.solver.negative:
+            break
+    _, slope = press.surface.give(u, tip)
+    return float(slope[:, 2].sum() - press.solver.solve(slope[free]) @ by_depth)
+
+
+# Up to about here neo-Hooke follows rubber in tension within a third (Treloar, Trans. Faraday Soc.
+# 40, 1944); soft silicones tear at 3 to 5.
+STRETCH_LIMIT = 3.0
+NODES, MOST_NODES = 8, 400  # of the lattice for zones: along a cell's side, and along the whole
+LONGEST_RUB = 1 / 8  # of the thickness: longest increment with friction, a first-order law
+
+
+class FiniteGel(GelContact):
+    level = "hyperelastic"
+
+    def __init__(
+        self,
+        skin: SkinDimensions,
+        material: GelMaterial,
+        indenter: Indenter,
+        choice: Choice,
+        x_mm: Field,
+        y_mm: Field,
+    ) -> None:
+        self.choice, self.x_mm, self.y_mm = choice, x_mm, y_mm
+        self._skin = skin
+        mesh = block_mesh(skin, choice.spacing_mm, choice.focus, choice.mirrors, choice.growth)
+        self.dofs = mesh.free_dofs
+        self.press = FinitePress(mesh, material, indenter, friction=choice.friction)
+        self._lattice = FaceLattice(mesh, x_mm, y_mm)
+
+    def rest(self, tip_mm: Point = (0.0, 0.0, 0.0)) -> State:
+        return self._state(self.press.rest(tip_mm), jumped=False)
+
+    def solve(
+        self,
+        previous: State,
+        tip_mm: Point,
+        seconds: float = 0.0,
+        guide: Guide | None = None,
+    ) -> State:
+        """One increment, halved where it does not converge.
+
+        With friction a long one is solved in equal parts, for friction is of first order in them:
+        10 mm in one part ended 14 % below ten. The diagnostics are of all parts.
+        Raises InputError for a tip off the face, off the mesh's mirror or at the gel's base;
+        SolverError as `FinitePress.solve` does.
+        """
+        self._refuse(tip_mm)
+        inner, longest_mm = previous.inner, math.inf
+        if self.choice.friction > 0 and tip_mm[2] > 0:
+            longest_mm = max(self.choice.step_mm, LONGEST_RUB * self._skin.thickness_mm)
+        if _rubbed_mm(inner.tip_mm, tip_mm) <= longest_mm:
+            found = self.press.solve(inner, tip_mm, seconds, guide)
+        else:
+            left = _share_below(inner.tip_mm, tip_mm)
+            if left < 1:  # from first touch on
+                start, end = np.array(inner.tip_mm), np.array(tip_mm, dtype=np.float64)
+                at = end + (start - end) * left
+                touch = (float(at[0]), float(at[1]), 0.0)
+                inner = self.press.solve(inner, touch, seconds * (1 - left))
+            parts = list(follow_path(self.press, inner, tip_mm, longest_mm, seconds * left, guide))
+            work = IncrementDiagnostics.over([part.diagnostics for part in parts])
+            found = replace(parts[-1], diagnostics=work)
+        return self._state(found, previous.jumped)
+
+    def guide(self, states: Sequence[State]) -> Guide | None:
+        if not states:
+            return None
+        coarse = states[0].contact.press.mesh
+        return Guide(coarse, [s.inner for s in states], self.press.mesh)
+
+    def lacking_rel(self, state: State) -> float:
+        """What a hard contact would add to the normal force, relative; see `lacking_n`."""
+        force = -state.inner.force_n[2]
+        return lacking_n(self.press, state.inner) / force if force > 0 else 0.0
+
+    def displacement_mm(self, inner: FiniteState) -> Field:
+        return self._lattice.displacement_mm(inner.displacement_mm)
+
+    def traction_mpa(self, inner: FiniteState) -> Field:
+        """(ny, nx, 3) on the lattice, means of what is constant over the parts of faces."""
+        return self._lattice.of_points(tractions_mpa(self.press, inner))
+
+    def zones(self, inner: FiniteState) -> tuple[Zones, ZoneMap] | None:
+        """Of the whole face, by nodes around what touches; None: nothing does."""
+        from scipy.ndimage import distance_transform_edt
+
+        touched, mesh, surface = inner.pressure_mpa > 0, self.press.mesh, self.press.surface
+        if not touched.any():
+            return None
+        cell_mm, axes = self.choice.spacing_mm, []
+        at = np.matmul(surface.shape, mesh.nodes_mm[mesh.faces])[touched]
+        for k, half in enumerate(self._skin.opening_half_mm):
+            high = min(half, at[:, k].max() + 3 * cell_mm)
+            low = -high if mesh.mirrors[k] else max(-half, at[:, k].min() - 3 * cell_mm)
+            count = min(NODES * math.ceil((high - low) / cell_mm), MOST_NODES)
+            axes.append(np.linspace(low, high, count + 1))
+        lattice = FaceLattice(mesh, *axes)
+        place = lattice.displacement_mm(inner.displacement_mm)
+        place[..., :2] += np.stack(np.meshgrid(*axes), axis=-1)
+        away = (place - np.array(inner.tip_mm) * [1, 1, -1]).reshape(-1, 3)
+        gap_mm = gap(surface.indenter, away).distance_mm.reshape(place.shape[:2])
+        bound = self.press.friction * inner.pressure_mpa * (1 - AT_BOUND)
+        held = np.linalg.norm(inner.shear_mpa, axis=2) < bound
+        # Not the first two of a vector: a mirror turns these round.
+        flags = np.stack([held, held, held, touched], axis=2).astype(np.float64)
+        sticks, near = np.moveaxis(lattice.of_points(flags)[..., 2:] > 0.5, -1, 0)
+        nearest = distance_transform_edt(~near, return_distances=False, return_indices=True)
+        edge_mm = min(edge_radius_mm(tip) for tip in surface.indenter.tips)
+        # Along a sharp edge, no cell tells where on its rounding the contact ends.
+        off_mm = edge_mm / 2 if edge_mm < cell_mm else 0.0
+        steps = [at[1] - at[0] for at in reversed(axes)]
+        return measured(
+            axes, place[..., :2], inside(gap_mm, near, cell_mm, steps), sticks[tuple(nearest)],
+            (off_mm + RIM * cell_mm, off_mm + STICK_RIM * cell_mm), (self.x_mm, self.y_mm),
+        )  # fmt: skip
+
+    def _refuse(self, tip_mm: Point) -> None:
+        x, y, depth = tip_mm
+        Reach((x, x), (y, y), depth).require_on(self._skin)
+        for name, at, mirror in zip("xy", (x, y), self.choice.mirrors, strict=True):
+            if mirror and abs(at) > 1e-9:
+                raise InputError(
+                    f"gel: the mesh ends at its mirror {name} = 0 and a tip at {name} = {at:g} mm "
+                    "is asked; the reach has to hold every tip"
+                )
+
+    def _state(self, inner: FiniteState, jumped: bool) -> State:
+        d = inner.diagnostics
+        jumped = inner.contact_points > 0 and (jumped or d.lagged > 0)
+        depth = max(inner.tip_mm[2], 0.0)
+        flags = []
+        coarse = self.choice.spacing_mm / self.choice.asked_mm if self.choice.asked_mm else 1.0
+        if coarse > 1:
+            text = (
+                f"cells of {self.choice.spacing_mm:g} mm where the tolerance requires "
+                f"{self.choice.asked_mm:g} mm: errors may be {coarse**2:.1f} times as large"
+            )
+            flags.append(Note("mesh", text))
+        if d.penetration_mm > PENETRATION_LIMIT * depth:
+            text = (
+                f"the indenter is {d.penetration_mm:.2g} mm inside the gel, over "
+                f"{PENETRATION_LIMIT:.0%} of the depth {depth:g} mm; a spacing below "
+                f"{self.choice.spacing_mm:g} mm is needed"
+            )
+            flags.append(Note("penetration", text))
+        if d.most_stretch is not None and d.most_stretch > STRETCH_LIMIT:
+            text = (
+                f"{d.most_stretch:.2f}, past {STRETCH_LIMIT:g}: neo-Hooke is off by a third there "
+                "and soft silicones may tear"
+            )
+            flags.append(Note("stretch", text))
+        if d.lagged or jumped:
+            now = (
+                "the gel jumped, and friction is bounded by the pressures before the jump: no rest "
+                "was found with those after it"
+            )
+            before = (
+                "the gel jumped on the way here, with friction bounded by the pressures before the "
+                "jump; its slip is part of the history"
+            )
+            flags.append(Note("friction", now if d.lagged else before))
+        force, torque = face_wrench(self.press.mesh, inner)
+        return State(
+            inner,
+            (float(force[0]), float(force[1]), float(force[2])),
+            (float(torque[0]), float(torque[1]), float(torque[2])),
+            replace(d, flags=tuple(flags)),
+            self,
+            jumped,
+        )
+
+
+def _share_below(start: Point, end: Point) -> float:
+    """Of a way that ends in the gel, the share that is not above the face."""
+    return 1.0 if start[2] >= 0 else end[2] / (end[2] - start[2])
+
+
+def _rubbed_mm(start: Point, end: Point) -> float:
+    """Length of a way below the face; 0 where it ends above."""
+    return _share_below(start, end) * math.dist(start, end) if end[2] > 0 else 0.0

@@ -1,0 +1,299 @@
+"""A rigid indenter pressed into and dragged over a block of finite strain, state to state."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from deltact_fab.common import Field, InputError, Point, SolverError
+from deltact_fab.sensor import GelMaterial, Indenter, edge_radius_mm
+
+from ..level import IncrementDiagnostics
+from . import newton
+from .assembly import BulkAssembly, Pattern
+from .distance import blunted
+from .linear import SolverName, make_solver
+from .material import Memory, NeoHooke, Viscosity
+from .mesh import HexMesh
+from .newton import Equilibrium, descend
+from .state import FiniteState, Guide, start_of
+from .surface import FrictionGrip, Surface
+
+HIDDEN_LIMIT = 0.75  # of the depth, or of what is inside the resting gel; beyond, a tip hides
+
+
+def refuse_lost(
+    surface: Surface, indenter: Indenter, cell_mm: float, previous: FiniteState, state: FiniteState
+) -> None:
+    """Raises SolverError where a tip hides in the mesh or contact is lost on the way down.
+
+    indenter: as it is, not as the mesh feels it. cell_mm: side of the smallest face.
+    """
+    depth, penetration = state.tip_mm[2], state.diagnostics.penetration_mm
+    if depth <= 0:
+        return
+    narrow = min(min(tip.half_mm) for tip in indenter.tips)
+    if narrow < cell_mm / 2:
+        raise SolverError(
+            f"press: {indenter.name} is {2 * narrow:.2g} mm wide and hides between cells of "
+            f"{cell_mm:.2g} mm, a finer mesh is needed"
+        )
+    # A thin tip may pass through the gel whole: then it is as deep inside as at rest.
+    still = np.zeros_like(state.displacement_mm)
+    unmoved = surface.deepest_mm(still, np.array(state.tip_mm))
+    if penetration > max(HIDDEN_LIMIT * min(depth, unmoved), float(surface.width_mm.max())):
+        raise SolverError(
+            f"press: {indenter.name} is {penetration:.2g} mm inside the gel at depth {depth:g} mm: "
+            "the tip hides between the contact points of this mesh, a finer one is needed"
+        )
+    # Into a dent that a relaxing gel still keeps, a tip may advance without contact.
+    dented = state.overstress_mpa is not None and previous.contact_points == 0
+    if state.contact_points == 0 and depth > previous.tip_mm[2] and not dented:
+        raise SolverError(
+            f"press: {indenter.name} lost contact while advancing to {depth:g} mm: it left the "
+            "gel, or hides between the contact points of this mesh"
+        )
+
+
+TOLERANCE = 1e-8  # of `IncrementDiagnostics.residual`
+MAX_CUTS = 6  # halvings of one increment
+SHARP, MANY = 2.0, 5  # cells: least radius that 2 x 2 points a face can feel, and else how many
+LONGEST = 1.0  # cells that a node may move in one iteration, over twice the tip's own move
+FLOOR = 1e-2  # x E x thickness x cell size: least force that a residual is compared with
+
+
+class FinitePress:
+    """Contact of one indenter with one mesh. Holds no history: `solve` maps state to state.
+
+    friction: Coulomb coefficient; None takes the material's; 0 builds no friction at all.
+    points: along a face's side at which the indenter is met; None: 2, or MANY where a radius is
+    below SHARP cells, for a face that wraps it is stretched.
+    """
+
+    def __init__(
+        self,
+        mesh: HexMesh,
+        material: GelMaterial,
+        indenter: Indenter,
+        friction: float | None = None,
+        solver: SolverName = "auto",
+        points: int | None = None,
+    ) -> None:
+        self.mesh, self.indenter = mesh, indenter
+        self.friction = material.friction if friction is None else friction
+        self.tolerance = TOLERANCE
+        self.law = NeoHooke.of(material)
+        self.viscosity = Viscosity.of(material, self.law)
+        self.pattern = Pattern(mesh, ~mesh.held)
+        self.bulk = BulkAssembly(mesh, self.law, self.pattern)
+        face_mm = _smallest_face_mm(mesh)
+        sharp = min(edge_radius_mm(tip) for tip in indenter.tips) < SHARP * face_mm
+        points = points or (MANY if sharp else 2)
+        felt = blunted(indenter, face_mm)
+        self.surface = Surface(mesh, self.pattern, felt, material.modulus_mpa, points)
+        self.solver = make_solver(solver)
+        self._rest_data = self.bulk.evaluate(np.zeros_like(mesh.nodes_mm)).data
+        cell = self._cell_mm = float(np.sqrt(self.surface.weights_mm2.sum(axis=1).min()))
+        self.floor_n = FLOOR * material.modulus_mpa * cell * float(np.ptp(mesh.nodes_mm[:, 2]))
+
+    def rest(self, tip_mm: Point = (0.0, 0.0, 0.0)) -> FiniteState:
+        at = self.surface.weights_mm2.shape
+        nothing = (0.0, 0.0, 0.0)
+        return FiniteState(
+            tip_mm, np.zeros_like(self.mesh.nodes_mm), np.zeros((*at, 3)), np.zeros(at),
+            np.zeros((*at, 3)), nothing, nothing, nothing, 0, np.zeros(len(self.mesh.cells)),
+        )  # fmt: skip
+
+    def solve(
+        self,
+        previous: FiniteState,
+        tip_mm: Point,
+        seconds: float | None = None,
+        guide: Guide | None = None,
+    ) -> FiniteState:
+        """One increment, cut in halves where it does not converge.
+
+        seconds: that it takes, 0 (sudden) to infinity (long rest), evenly along the way; a gel with
+        a Prony series needs it (InputError), to any other it makes no difference. The same tip
+        again is a hold. guide: of a coarser mesh on the same way, to start from its increments.
+        Raises SolverError when MAX_CUTS do not help, when the tip slips through the mesh, and
+        when contact is lost while the depth grows.
+        """
+        _require_finite(tip_mm)
+        if self.viscosity is not None and seconds is None:
+            raise InputError(
+                "press: a gel with a Prony series needs the seconds that an increment takes: 0 for "
+                "a sudden one, inf for long rest"
+            )
+        start, move = np.array(previous.tip_mm), np.array(tip_mm) - np.array(previous.tip_mm)
+        done, part, cuts = 0.0, 1.0, 0
+        state, parts = previous, []
+        change = None if guide is None else guide.change(previous.tip_mm, tip_mm)
+        while done < 1.0:
+            goal = min(1.0, done + part)
+            tip = start + goal * move
+            memory = self._memory(state, seconds, goal - done)
+            try:
+                at = tip_mm if goal == 1.0 else _point(tip)
+                state = self._increment(state, at, memory, change)
+            except SolverError as why:
+                if change is not None:
+                    change = None
+                    continue
+                cuts += 1
+                part /= 2
+                if part < 2.0**-MAX_CUTS and part * np.linalg.norm(move) < self._cell_mm:
+                    raise SolverError(
+                        f"press: {self.indenter.name} at {_text(_point(tip))}: {why}; "
+                        f"{MAX_CUTS} halvings of the increment did not help"
+                    ) from why
+                continue
+            change = None
+            parts.append(state.diagnostics)
+            done = goal
+        refuse_lost(self.surface, self.indenter, self._cell_mm, previous, state)
+        work = IncrementDiagnostics.over(parts)
+        return replace(state, diagnostics=replace(work, cuts=cuts))
+
+    def _memory(self, state: FiniteState, seconds: float | None, part: float) -> Memory | None:
+        if self.viscosity is None or seconds is None:
+            return None
+        f = self.bulk.deformation_gradient(state.displacement_mm)
+        return self.viscosity.memory(f, state.overstress_mpa, seconds * part)
+
+    def _increment(
+        self,
+        previous: FiniteState,
+        tip_mm: Point,
+        memory: Memory | None,
+        change: tuple[Field, Field] | None = None,
+    ) -> FiniteState:
+        """Predict and solve by Newton's method; where that finds no way, down the energy.
+
+        change: of displacements and cell pressures, as it is foreseen; None: by the last increment.
+
+        The energy needs the bound of friction held, at the pressures of the start; from the minimum
+        that is found the bound is released. Where the gel has no equilibrium then, the held one
+        stays: first order in the increment, as friction is anyway.
+        """
+        tip = np.array(tip_mm)
+        u, pressure = start_of(self.bulk, previous, tip, self._cell_mm, change)
+        moved = tip - np.array(previous.tip_mm)
+        grip = self._grip(previous, moved) if self.friction > 0 and tip_mm[2] > 0 else None
+        longest = LONGEST * self._cell_mm + 2 * float(np.abs(moved).max())
+
+        def solved(grip: FrictionGrip | None, start: Field, cells: Field) -> newton.NewtonSolution:
+            at = Equilibrium(self.bulk, self.surface, tip, grip, memory, self.floor_n)
+            return newton.solve(
+                at, start, cells, self.solver, self.pattern, self.tolerance, longest
+            )
+
+        lagged = 0
+        try:
+            found = solved(grip, u[self.pattern.free], pressure)
+        except SolverError:
+            if change is not None or float(np.linalg.norm(moved)) > self._cell_mm * (1 + 1e-9):
+                raise  # from far away there may be several minima; shorter increments tell
+            held = grip and replace(grip, bound_mpa=grip.friction * previous.pressure_mpa)
+            at = Equilibrium(self.bulk, self.surface, tip, held, memory, self.floor_n)
+            low = descend(
+                at, u[self.pattern.free], self.solver, self.pattern, self._rest_data, longest
+            )
+            found = solved(held, low.free_mm, low.pressure_mpa).after(low)
+            if grip is not None:
+                try:
+                    found = solved(grip, found.free_mm, found.pressure_mpa).after(found)
+                except SolverError:
+                    grip, lagged = held, 1
+        return self._state(
+            previous, tip_mm, self.pattern.whole(found.free_mm), grip, found, memory, lagged
+        )
+
+    def _grip(self, previous: FiniteState, move: Field) -> FrictionGrip:
+        """What the points in contact remember, and from where those count that will come to it.
+
+        A free point keeps its place until the tip has come the share t of its move that closes the
+        gap, t = gap / (move . normal); from there on it slips. So a point that just sinks before
+        the tip has not slipped at all when it is met.
+        """
+        before = np.array(previous.tip_mm)
+        at = self.surface.points(previous.displacement_mm, before)
+        seen = self.surface.evaluate(previous.displacement_mm, before, tangent=False)
+        pressure, normal = seen.pressure_mpa, seen.gap.normal.reshape(at.shape)
+        held = pressure > 0
+        free_gap = np.maximum(seen.gap.distance_mm.reshape(pressure.shape), 0.0)
+        closing = normal @ move
+        t = np.divide(free_gap, closing, out=np.ones_like(closing), where=closing > free_gap)
+        coming = ~held & (t < 1)
+        at = np.where(coming[..., None], at - t[..., None] * move, at)
+        normal = self.surface.normals(at)
+        return FrictionGrip(at, previous.slip_mm, normal, held | coming, self.friction)
+
+    def _state(
+        self, previous: FiniteState, tip_mm: Point, u: Field, grip: FrictionGrip | None,
+        found: newton.NewtonSolution, memory: Memory | None, lagged: int,
+    ) -> FiniteState:  # fmt: skip
+        tip = np.array(tip_mm)
+        bulk = self.bulk.evaluate(u, False, memory=memory)
+        pressure = self.law.volumetric(bulk.jbar)[1]
+        contact = self.surface.evaluate(u, tip, grip, tangent=False)
+        pull = -contact.force_n
+        where = self.mesh.nodes_mm + u
+        diagnostics = IncrementDiagnostics(
+            iterations=found.iterations,
+            factorisations=found.factorisations,
+            damped=found.damped,
+            lagged=lagged,
+            residual=found.residual,
+            penetration_mm=self.surface.deepest_mm(u, tip) if tip_mm[2] > 0 else 0.0,
+            least_j=bulk.least_j,
+            most_stretch=self._most_stretch(u),
+        )
+        overstress = None
+        if self.viscosity is not None and memory is not None:
+            overstress = self.viscosity.overstress(self.bulk.deformation_gradient(u), memory)
+        return FiniteState(
+            tip_mm=tip_mm,
+            displacement_mm=u,
+            # The elastic slip that carries the shear on to the next increment.
+            slip_mm=-contact.shear_mpa / self.surface.grip_stiffness[..., None],
+            pressure_mpa=contact.pressure_mpa,
+            shear_mpa=contact.shear_mpa,
+            force_n=_point(pull.sum(axis=0)),
+            torque_nmm=_point(np.cross(where, pull).sum(axis=0)),
+            base_force_n=_point(bulk.force_n[self.mesh.base].sum(axis=0)),
+            contact_points=int((contact.pressure_mpa > 0).sum()),
+            cell_pressure_mpa=pressure,
+            diagnostics=diagnostics,
+            overstress_mpa=overstress,
+            rate=(
+                u - previous.displacement_mm,
+                tip - np.array(previous.tip_mm),
+                pressure - previous.cell_pressure_mpa,
+            ),
+        )
+
+    def _most_stretch(self, u: Field) -> float:
+        f = self.bulk.deformation_gradient(u)
+        return float(np.sqrt(np.linalg.eigvalsh(np.swapaxes(f, 2, 3) @ f)[..., -1].max()))
+
+
+def _smallest_face_mm(mesh: HexMesh) -> float:
+    x = mesh.nodes_mm[mesh.faces]
+    across = np.linalg.norm(np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]), axis=1) / 2
+    return float(np.sqrt(across.min()))
+
+
+def _require_finite(tip_mm: Point) -> None:
+    if not all(math.isfinite(v) for v in tip_mm):
+        raise InputError(f"press: a tip at {tip_mm}: three finite numbers are needed")
+
+
+def _point(v: Field) -> Point:
+    return float(v[0]), float(v[1]), float(v[2])
+
+
+def _text(tip: Point) -> str:
+    return f"x {tip[0]:g}, y {tip[1]:g}, depth {tip[2]:g} mm"

@@ -1,0 +1,148 @@
+"""A solved position of the indenter on a mesh, and from where the next increment starts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from deltact_fab.common import Field, Point
+
+from ..level import IncrementDiagnostics
+from .assembly import BulkAssembly
+from .mesh import HexMesh
+
+PENETRATION_LIMIT = 0.05  # of the depth; beyond, a state is not `trusted`
+
+UNSTRETCHED = IncrementDiagnostics(most_stretch=1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class FiniteState:
+    """One solved position of the indenter; also the whole history that the next one needs.
+
+    tip_mm: (x, y, depth) of the lowest point, depth positive into the gel from the resting face.
+    displacement_mm (n, 3): of all nodes. slip_mm (f, q, 3): elastic slip stored at the q points
+    of every face. pressure_mpa (f, q), shear_mpa (f, q, 3): on the gel, per resting area.
+    force_n, torque_nmm: on the sensor, about the centre of the resting face.
+    base_force_n: of the base on the gel; minus force_n in equilibrium.
+    contact_points: how many are under pressure.
+    cell_pressure_mpa (m,): mean pressure of the cells, tension positive.
+    rate: what the last increment changed: displacement (n, 3), tip (3,) and cell pressure (m,).
+    overstress_mpa (k, m, 8, 6): of a gel with a Prony series, see `Viscosity`; None: all has faded.
+    """
+
+    tip_mm: Point
+    displacement_mm: Field
+    slip_mm: Field
+    pressure_mpa: Field
+    shear_mpa: Field
+    force_n: Point
+    torque_nmm: Point
+    base_force_n: Point
+    contact_points: int
+    cell_pressure_mpa: Field
+    diagnostics: IncrementDiagnostics = UNSTRETCHED
+    rate: tuple[Field, Field, Field] | None = None
+    overstress_mpa: Field | None = None
+
+    @property
+    def trusted(self) -> bool:
+        """False where the indenter is more than PENETRATION_LIMIT of its depth inside the gel, or
+        where friction is not that of the state's own pressures."""
+        d = self.diagnostics
+        inside_mm = PENETRATION_LIMIT * max(self.tip_mm[2], 0.0)
+        return d.penetration_mm <= inside_mm and not d.lagged
+
+
+SAME_MM = 1e-6  # tips no further apart are one
+
+
+class Guide:
+    """Increments of a way that a coarser mesh has gone, asked for in its order.
+
+    From there Newton's method finds the finer mesh's own answer in about half the factors.
+    Both meshes are blocks, so interpolation is the product of three along the axes.
+    states: of the coarser mesh, in the order solved.
+    """
+
+    def __init__(self, coarse: HexMesh, states: Sequence[FiniteState], fine: HexMesh) -> None:
+        assert coarse.axes_mm is not None
+        assert fine.axes_mm is not None
+        self._states, self._next = states, 0
+        self._nodes = [_linear(a, b) for a, b in zip(coarse.axes_mm, fine.axes_mm, strict=True)]
+        middles = [[(a[1:] + a[:-1]) / 2 for a in mesh.axes_mm or ()] for mesh in (coarse, fine)]
+        self._cells = [_linear(a, b) for a, b in zip(*middles, strict=True)]
+
+    def change(self, start_mm: Point, end_mm: Point) -> tuple[Field, Field] | None:
+        """Of displacements (n, 3) and cell pressures (m,) between two tips; None if not there."""
+        first = self._index(start_mm, self._next)
+        last = None if first is None else self._index(end_mm, first + 1)
+        if first is None or last is None:
+            return None
+        self._next = first
+        a, b = self._states[first], self._states[last]
+        moved = _laid(b.displacement_mm - a.displacement_mm, self._nodes)
+        return moved, _laid((b.cell_pressure_mpa - a.cell_pressure_mpa)[:, None], self._cells)[:, 0]
+
+    def _index(self, tip_mm: Point, start: int) -> int | None:
+        for k in range(start, len(self._states)):
+            if np.allclose(self._states[k].tip_mm, tip_mm, rtol=0, atol=SAME_MM):
+                return k
+        return None
+
+
+def _linear(at_mm: Field, to_mm: Field) -> Field:
+    """Weights (len(to), len(at)) of linear interpolation, constant beyond the ends."""
+    return np.stack([np.interp(to_mm, at_mm, unit) for unit in np.eye(len(at_mm))], axis=1)
+
+
+def _laid(values: Field, weights: Sequence[Field]) -> Field:
+    """Values (points, k) of a block, x fastest and z slowest, at the points of another."""
+    x, y, z = weights
+    grid = values.reshape(z.shape[1], y.shape[1], x.shape[1], -1)
+    found = np.einsum("ai,bj,ck,ijkd->abcd", z, y, x, grid, optimize=True)
+    return np.asarray(found.reshape(-1, grid.shape[-1]))
+
+
+PREDICTABLE = 0.75  # of the smallest cell: longest move that is extrapolated
+KEPT = 0.2  # of the least volume ratio, by which a start may crush a cell
+
+
+def start_of(
+    bulk: BulkAssembly,
+    previous: FiniteState,
+    tip_mm: Field,
+    cell_mm: float,
+    change: tuple[Field, Field] | None,
+) -> tuple[Field, Field]:
+    """Displacements (n, 3) and cell pressures (m,): the state before and a change of them.
+
+    change: as it is foreseen; None: the last increment's, repeated.
+    """
+    u, pressure = previous.displacement_mm, previous.cell_pressure_mpa
+    if change is None:
+        share = _share(previous, tip_mm, cell_mm)
+        if previous.rate is None or share == 0:
+            return u, pressure
+        change = share * previous.rate[0], share * previous.rate[2]
+    trial = u + change[0]
+    kept = bulk.evaluate(trial, False).least_j > KEPT * previous.diagnostics.least_j
+    return (trial, pressure + change[1]) if kept else (u, pressure)
+
+
+def _share(previous: FiniteState, tip_mm: Field, cell_mm: float) -> float:
+    """How much of the last increment is repeated; 0 where the path turns or the move is long.
+
+    On the way back the contact does not open as it closed. A move of a cell or more shears cells so
+    much that Newton from rest takes half the factors.
+    """
+    if previous.rate is None:
+        return 0.0
+    moved = previous.rate[1]
+    move = tip_mm - np.array(previous.tip_mm)
+    length2, goal2 = float(moved @ moved), float(move @ move)
+    along = float(move @ moved) / length2 if length2 > 0 else 0.0
+    turned = along <= 0 or along**2 * length2 < 0.9 * goal2
+    return 0.0 if turned or goal2 > (PREDICTABLE * cell_mm) ** 2 else min(along, 2.0)

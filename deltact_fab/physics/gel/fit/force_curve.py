@@ -1,0 +1,168 @@
+"""Force against depth of one indenter, for every modulus.
+
+With Poisson's ratio and friction fixed, all stresses of a neo-Hookean gel scale with its modulus.
+All is solved by `physics.gel.path` at finite strain, on cells for the deepest point; between solved
+depths a monotone cubic of log force over log depth interpolates. Below the depth at which the
+contact is some cells wide, the linear level's force is taken, times a factor that goes from 1 at
+touch to the first solved ratio as sqrt(d): what finite strain changes grows with the contact's
+radius.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from deltact_fab.common import Field, InputError, Point2, Progress, SolverError
+from deltact_fab.sensor import GelMaterial, Indenter, SkinDimensions
+
+from ..level import contact_radius_mm
+from ..path.knots import KnotPose, ObservedChannels
+from ..path.open import choose_level, open_path
+
+STEP_MM = 0.5
+DEEPEST = 0.95  # of the thickness
+LINEAR_DEPTH = 0.25  # of the thickness: deepest use of the linear level
+CELLS = 3.0  # contact radius over cell size, from which a mesh is trusted
+PARTS = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 3 / 4)  # of the first solved depth
+SPACING_MM = 0.2  # of the linear grid
+
+
+@dataclass(frozen=True, eq=False)
+class ForceCurve:
+    """Forces on the sensor along one press: depth_mm (n,) rising from 0, force_n (n, 3)."""
+
+    depth_mm: Field
+    force_n: Field
+
+    def normal_n(self, depth_mm: Field) -> Field:
+        """-Fz (n,) at depths (n,) up to the last solved one; 0 out of contact.
+
+        Before the first solved depth it is a power law.
+        """
+        at = np.clip(depth_mm, 0, self.depth_mm[-1])
+        curve, start, power = self._power_law
+        touched = at > 0
+        t = np.log(np.where(touched, at, 1.0))
+        inner, before = np.maximum(t, start), np.minimum(t - start, 0.0)
+        return np.where(touched, np.exp(curve(inner) + power * before), 0.0)
+
+    @cached_property
+    def _power_law(self) -> tuple[Any, float, float]:
+        """Monotone cubic of log force over log depth, its start, the exponent before it."""
+        from scipy.interpolate import PchipInterpolator
+
+        x, y = np.log(self.depth_mm[1:]), np.log(-self.force_n[1:, 2])
+        # The exponent of the first interval; the one-sided slope of PCHIP is noisier.
+        return PchipInterpolator(x, y), float(x[0]), float((y[1] - y[0]) / (x[1] - x[0]))
+
+
+def cells_mm(
+    skin: SkinDimensions, indenter: Indenter, poisson: float, at_mm: Point2, deepest_mm: float
+) -> float:
+    """Cells that the default tolerance requires for a press.
+
+    Raises InputError where finite strain has no mesh for it.
+    """
+    pose = KnotPose((*at_mm, -deepest_mm), 0.0, 1.0)
+    material = GelMaterial(1.0, poisson)
+    return choose_level(skin, material, indenter, [pose], level="hyperelastic").spacing_mm
+
+
+def force_curve(
+    skin: SkinDimensions,
+    material: GelMaterial,
+    indenter: Indenter,
+    at_mm: Point2,
+    deepest_mm: float,
+    spacing_mm: float,
+    progress: Progress | None = None,
+) -> ForceCurve:
+    """The press at at_mm to deepest_mm.
+
+    spacing_mm: cells below the indenter. Solved depths are multiples of STEP_MM,
+    or of less in a thin gel, so the last one may lie up to a step deeper. A series in
+    `material.prony` is left out: a slow press.
+    Raises InputError for values out of range, and what the solver raises.
+    """
+    thickness = skin.thickness_mm
+    step = min(STEP_MM, thickness / 24)
+    if not (math.isfinite(deepest_mm) and 0 < deepest_mm <= DEEPEST * thickness):
+        raise InputError(
+            f"force curve: a depth above 0 and up to {DEEPEST * thickness:g} mm, {DEEPEST:.0%} of "
+            f"the gel's thickness, is needed: {deepest_mm:g} mm fails"
+        )
+    unit = GelMaterial(1.0, material.poisson, material.friction)
+    # Number of steps to the first solved depth, and the linear level's numbers above it.
+    reach = math.floor(LINEAR_DEPTH * thickness / step + 1e-9)
+    first = max(1, min(reach, round(_seen_from_mm(indenter, spacing_mm) / step)))
+    light = _linear_forces(skin, unit, indenter, at_mm, first * step)
+    if light is None:
+        first = 1  # where the linear level does not reach, finite strain is asked from there on
+    # A second solved depth gives the slope at the first, which shallow data lean on.
+    last = max(first + 1, math.ceil(deepest_mm / step - 1e-9))
+    limit = math.floor(DEEPEST * thickness / step + 1e-9)
+    depths = [step * k for k in range(first, min(last, limit) + 1)]
+    if deepest_mm > depths[-1] * (1 + 1e-9):
+        depths.append(deepest_mm)
+    poses = [KnotPose((*at_mm, -d), 0.0, 1.0) for d in depths]
+    # Cells for any depth, so that a deeper press has the same numbers on the way.
+    whole = [*poses, KnotPose((*at_mm, -DEEPEST * thickness), 0.0, 1.0)]
+    choice = choose_level(skin, unit, indenter, whole, level="hyperelastic", spacing_mm=spacing_mm)
+    # None of the poses is further apart than the solver may go at once.
+    solver = open_path(
+        skin, unit, indenter, poses, ObservedChannels(), replace(choice, step_mm=step)
+    )
+    what = f"{indenter.name}, friction {unit.friction:g}"
+    knots = solver.solve_all(progress and (lambda done, of, _: progress(done, of, what)))
+    forces = np.array([knot.force_n for knot in knots])
+    shallow, small = np.empty(0), np.empty((0, 3))
+    if light is not None:
+        shallow, normal, linear_n = light
+        grows = 1 + (-forces[0, 2] / linear_n - 1) * np.sqrt(shallow / depths[0])
+        small = (normal * grows)[:, None] * (forces[0] / -forces[0, 2])
+    depth = np.concatenate([[0.0], shallow, depths])
+    force = np.concatenate([np.zeros((1, 3)), small, forces])
+    return ForceCurve(depth, force * material.modulus_mpa)
+
+
+def _seen_from_mm(indenter: Indenter, h: float) -> float:
+    """Depth from which the contact is CELLS cells wide, or 60 % of the tips' width."""
+    goal = min(CELLS * h, 0.6 * contact_radius_mm(indenter, math.inf))
+    low, high = 0.0, 2 * indenter.equator_mm
+    for _ in range(12):
+        middle = (low + high) / 2
+        low, high = (low, middle) if contact_radius_mm(indenter, middle) >= goal else (middle, high)
+    return high
+
+
+def _linear_forces(
+    skin: SkinDimensions,
+    unit: GelMaterial,
+    indenter: Indenter,
+    at_mm: Point2,
+    first_mm: float,
+) -> tuple[Field, Field, float] | None:
+    """Depths above the first solved one, the linear normal forces there, and that at it.
+
+    None where the linear level refuses that depth.
+    """
+    depths = [part * first_mm for part in (*PARTS, 1.0)]
+    poses = [KnotPose((*at_mm, -d), 0.0, 1.0) for d in depths]
+    # Too light a touch hides in its grid: deeper ones may do.
+    for skipped in range(len(PARTS) - 1):
+        try:
+            choice = choose_level(
+                skin, unit, indenter, poses[skipped:],
+                level="linear", friction=0.0, spacing_mm=SPACING_MM,
+            )  # fmt: skip
+            solver = open_path(skin, unit, indenter, poses[skipped:], ObservedChannels(), choice)
+            normal = np.array([-knot.force_n[2] for knot in solver.solve_all()])
+        except (InputError, SolverError):
+            continue
+        return np.array(depths[skipped:-1]), normal[:-1], float(normal[-1])
+    return None

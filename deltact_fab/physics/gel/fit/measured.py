@@ -1,0 +1,103 @@
+"""A press as a lab measured it: depth and force, row by row, out of a CSV file."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from deltact_fab.common import Field, InputError, read_text
+
+COLUMNS = ("depth_mm", "normal_n")
+SHEAR = ("shear_x_mm", "shear_y_mm")
+MIN_ROWS = 6
+STILL_MM = 0.02  # no stage repeats better: a smaller move is no shear
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredIndentation:
+    """Rows in the order measured. depth_mm (n,) into the gel; normal_n (n,) positive = pressed.
+
+    dragged: rows of the file that are left out, from the first move in plane on.
+    """
+
+    name: str
+    depth_mm: Field
+    normal_n: Field
+    dragged: int = 0
+
+
+def read_press_csv(path: Path | str) -> MeasuredIndentation:
+    """Read COLUMNS, and SHEAR where a drag follows; others are left alone, `#` starts a comment.
+
+    Raises InputError naming file, line and column.
+    """
+    path = Path(path)
+    lines = _lines(read_text(path))
+    number, header = next(lines, (0, []))
+    if not header:
+        raise InputError(f"{path}: empty; a header with {', '.join(COLUMNS)} is needed")
+    for name in (*COLUMNS, *SHEAR):
+        if header.count(name) > 1:
+            raise InputError(f"{path}:{number}: column {name} occurs twice; once is needed")
+        if name in COLUMNS and name not in header:
+            raise InputError(
+                f"{path}:{number}: no column {name}; found {', '.join(header)}; "
+                f"{' and '.join(COLUMNS)} are needed"
+            )
+    place = {name: header.index(name) for name in (*COLUMNS, *SHEAR) if name in header}
+    rows = []
+    for number, cells in lines:
+        if len(cells) != len(header):
+            raise InputError(
+                f"{path}:{number}: {len(cells)} values below {len(header)} columns; "
+                "commas between values and points in numbers are needed"
+            )
+        rows.append([_number(path, number, name, cells[i]) for name, i in place.items()])
+    table = np.array(rows).reshape(len(rows), len(place))
+    moved = np.logical_or.accumulate((np.abs(table[:, 2:]) > STILL_MM).any(axis=1))
+    depth_mm, normal_n = table[~moved, :2].T
+    if len(depth_mm) < MIN_ROWS:
+        raise InputError(
+            f"{path}: {len(depth_mm)} rows of a straight press; at least {MIN_ROWS} are needed"
+        )
+    _check_signs(path, depth_mm, normal_n)
+    return MeasuredIndentation(path.name, depth_mm, normal_n, int(moved.sum()))
+
+
+def _lines(text: str) -> Iterator[tuple[int, list[str]]]:
+    """Line numbers and stripped cells, without blank lines and comments."""
+    for number, line in enumerate(text.splitlines(), start=1):
+        if line.strip() and not line.lstrip().startswith("#"):
+            yield number, [cell.strip() for cell in next(csv.reader([line]))]
+
+
+def _number(path: Path, line: int, column: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(
+            f"{path}:{line}: column {column}: {text!r} is not a number; a finite one is needed"
+        )
+    return value
+
+
+def _check_signs(path: Path, depth_mm: Field, normal_n: Field) -> None:
+    deep = depth_mm >= np.quantile(depth_mm, 0.8)
+    push, rest = float(normal_n[deep].mean()), float(normal_n[~deep].mean()) if any(~deep) else 0.0
+    if not push > 0:
+        raise InputError(
+            f"{path}: column normal_n: {push:.3g} N on average where the press is deepest; "
+            "positive = pressed is needed"
+        )
+    if not push > rest:
+        raise InputError(
+            f"{path}: column depth_mm: force does not grow with depth; depth positive into the "
+            "gel is needed"
+        )

@@ -1,0 +1,105 @@
+"""A press by a tolerance: level, mesh and mirror image picked, contact and solver opened."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from deltact_fab.common import Field, cache_key
+from deltact_fab.sensor import FINITE_LEVEL, GelMaterial, Indenter, SkinDimensions
+
+from ..level import Choice, GelContact, Reach
+from ..level_selection import TOLERANCE, select_level
+from .knots import KnotPose, ObservedChannels, to_solved
+from .solver import PathSolver
+
+
+def choose_level(
+    skin: SkinDimensions,
+    material: GelMaterial,
+    indenter: Indenter,
+    poses: Sequence[KnotPose],
+    tolerance: float = TOLERANCE,
+    **wishes: Any,
+) -> Choice:
+    """Level, mesh and steps of a press, of its image where that is solved; wishes: of `pick`.
+
+    Raises InputError where no level or mesh can do it.
+    """
+    mirror = to_solved(poses, indenter)
+    tips = [mirror.point(p.tip_mm) for p in poses]
+    reach = Reach.around([(x, y, -z) for x, y, z in tips])
+    return select_level(skin, material, indenter, reach, tolerance, **wishes)
+
+
+def open_path(
+    skin: SkinDimensions,
+    material: GelMaterial,
+    indenter: Indenter,
+    poses: Sequence[KnotPose],
+    observed: ObservedChannels,
+    choice: Choice,
+    like: PathSolver | None = None,
+    keeps_states: bool = False,
+) -> PathSolver:
+    """The solver of a press on what was chosen for it; forces for a modulus of 1 MPa, kept.
+
+    Kept with all that a knot depends on but the modulus, with which forces are in proportion. A
+    linear grid knows no focus, and no level but that of finite strain parts an increment. Seconds
+    matter to a gel that creeps only. like, keeps_states: see `PathSolver`.
+    """
+    unit = replace(material, modulus_mpa=1.0)
+    mirror = to_solved(poses, indenter)
+    solved = [(mirror.point(p.tip_mm), p.seconds) for p in poses]
+    linear = choice.level != FINITE_LEVEL
+    key = cache_key(
+        f"physics.gel.{'linear' if linear else 'finite'}.gel",
+        "physics.gel.path.solver",
+        skin=[skin.width_mm, skin.length_mm, skin.thickness_mm],
+        poisson=material.poisson,
+        friction=choice.friction,
+        prony=material.prony,
+        indenter=repr(indenter),
+        level=choice.level,
+        spacing_mm=choice.spacing_mm,
+        asked_mm=choice.asked_mm,
+        growth=choice.growth,
+        mirrors=choice.mirrors,
+        focus=None if linear else choice.focus,
+        step_mm=None if linear else choice.step_mm,
+        poses=[[*tip, seconds] if material.prony else tip for tip, seconds in solved],
+        observed=observed,
+    )
+
+    def contact() -> GelContact:
+        return open_contact(skin, unit, indenter, choice, observed.lattice_mm)
+
+    return PathSolver(contact, poses, key, observed, mirror, skin.thickness_mm, like, keeps_states)
+
+
+def open_contact(
+    skin: SkinDimensions,
+    material: GelMaterial,
+    indenter: Indenter,
+    choice: Choice,
+    lattice_mm: float = 0.25,
+) -> GelContact:
+    """The contact that a choice describes. lattice_mm: largest distance of lattice nodes."""
+    x, y = (_lattice(half, lattice_mm) for half in skin.opening_half_mm)
+    if choice.level == FINITE_LEVEL:
+        from ..finite.gel import FiniteGel
+
+        return FiniteGel(skin, material, indenter, choice, x, y)
+    from ..linear.gel import LinearGel
+
+    return LinearGel(skin, material, indenter, choice, x, y)
+
+
+def _lattice(half_mm: float, spacing_mm: float) -> Field:
+    """From -half to half; 0 is a node."""
+    n = max(1, math.ceil(half_mm / spacing_mm - 1e-9))
+    return np.linspace(-half_mm, half_mm, 2 * n + 1)

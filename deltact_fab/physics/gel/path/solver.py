@@ -1,0 +1,255 @@
+"""A press followed knot by knot: each taken from the store, or solved and then kept."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltact_fab.common import (
+    DeltactFabError,
+    Field,
+    InputError,
+    Note,
+    Point,
+    SolverError,
+    read_cached,
+    write_cached,
+)
+
+from .knots import KnotPose, Mirror, ObservedChannels, SolvedKnot
+
+if TYPE_CHECKING:
+    from ..level import Choice, GelContact, State
+
+Told = Callable[[int, int, float], None]  # knots done, of all, seconds of the last
+
+SOLVED_PATHS = "gel-trajectory"
+KEEP_BYTES = 8 * 10**9
+UNKEPT: dict[str, Any] = dict.fromkeys(("displacement_mm", "traction_mpa", "zone_map"))
+ENDS: dict[str, type[DeltactFabError]] = {"input": InputError, "solver": SolverError}
+
+
+class PathSolver:
+    """The knots of one press: key 0 is rest, 1 to len(poses) are the planned knots, more others.
+
+    contact: opens what solves, at the first solve, for a modulus of 1 MPa. key: of the store; None
+    stores nothing. mirror: takes the press to the one that is solved and stored; all else here is
+    the press itself. floor_mm: depth of the gel's floor. solves, seconds: of knots solved here, not
+    of those found. A press that cannot be solved to its end is kept as far as it goes, with why:
+    the same is not tried twice. like: the solver of the same way on a coarser mesh; where it keeps
+    its states (keeps_states), this one starts from them. choice: it was opened by, if told.
+    """
+
+    choice: Choice
+
+    def __init__(
+        self,
+        contact: Callable[[], GelContact],
+        planned: Sequence[KnotPose] = (),
+        key: dict[str, Any] | None = None,
+        observed: ObservedChannels | None = None,
+        mirror: Mirror | None = None,
+        floor_mm: float = math.inf,
+        like: PathSolver | None = None,
+        keeps_states: bool = False,
+    ) -> None:
+        self.states: list[State] = []
+        self._keeps_states, self._like, self._guide = keeps_states, like, None
+        self.poses, self.observed = tuple(planned), observed or ObservedChannels()
+        self._floor_mm = floor_mm
+        self.mirror = mirror or Mirror()
+        self._open = contact
+        self._contact: GelContact | None = None
+        self._key = key
+        self._knots: list[SolvedKnot] = []
+        self._states: dict[int, State] = {}
+        self._others = len(self.poses)
+        self._closed = False
+        self.solves, self.seconds = 0, 0.0
+        self.found = self._load()
+
+    @property
+    def contact(self) -> GelContact:
+        if self._contact is None:
+            self._contact = self._open()
+        return self._contact
+
+    @property
+    def axes_mm(self) -> tuple[Field, Field]:
+        if self.found is not None:
+            return self.found["x_mm"], self.found["y_mm"]
+        return self.contact.x_mm, self.contact.y_mm
+
+    @property
+    def dofs(self) -> int:
+        return int(self.found["dofs"]) if self.found else self.contact.dofs
+
+    @property
+    def stored_as(self) -> str | None:
+        """Equal for presses that one solution serves; None: nothing is stored."""
+        return None if self._key is None else json.dumps(self._key)
+
+    @property
+    def knots(self) -> tuple[SolvedKnot, ...]:
+        return tuple(self._knots)
+
+    @property
+    def last(self) -> SolvedKnot:
+        return self._knots[-1]
+
+    @property
+    def ended(self) -> str:
+        """Why the planned knots after those found cannot be solved; empty where they can."""
+        return str(self.found["ended"][1]) if self.found and self.found["ended"] else ""
+
+    @property
+    def flags(self) -> dict[str, int]:
+        """Flags of these knots, by id, and how many carry each."""
+        return dict(sorted(Counter(flag.id for knot in self._knots for flag in knot.flags).items()))
+
+    def next(self, before: int, tip_mm: Point, seconds: float) -> SolvedKnot:
+        """The knot at tip (x, y, z < 0), coming straight from the one of key `before`.
+
+        seconds: that it takes; those of the plan where it is planned. Raises SolverError and
+        InputError when the gel cannot be solved there.
+        """
+        assert not self._closed, "the next press has begun"
+        if before < len(self.poses) and self.poses[before].tip_mm == tip_mm:
+            if before == len(self._knots):
+                self._solve_planned(before)
+            return self._knots[before]
+        start, pose = self._state(before, tip_mm), KnotPose(tip_mm, seconds, 1.0)
+        state, solved = self._solve(start, pose, self._others + 1, True)
+        self._others += 1
+        self._remember(before, self._others, state)
+        return solved
+
+    def solve_all(self, told: Told | None = None) -> tuple[SolvedKnot, ...]:
+        for k in range(len(self._knots), len(self.poses)):
+            start_s = time.perf_counter()
+            self.next(k, self.poses[k].tip_mm, 0.0)
+            if told:
+                told(k + 1, len(self.poses), time.perf_counter() - start_s)
+        return self.knots
+
+    def close(self) -> None:
+        """Free fields and solver, a quarter of a gigabyte and more; counts and flags stay."""
+        self._knots = [replace(k, **UNKEPT) for k in self._knots]
+        self._states, self.states, self._contact, self._closed = {}, [], None, True
+
+    # -- solving ---------------------------------------------------------------------------------
+
+    def _solve_planned(self, before: int) -> None:
+        if self.found is not None and self.found["ended"] is not None:
+            kind, why = self.found["ended"]
+            raise ENDS[kind](why)
+        pose = self.poses[before]
+        last = before + 1 == len(self.poses)
+        try:
+            start = self._state(before, pose.tip_mm)
+            state, solved = self._solve(start, pose, before + 1, last)
+        except tuple(ENDS.values()) as why:
+            kind = next(name for name, error in ENDS.items() if type(why) is error)
+            self._keep((kind, str(why)))
+            raise
+        self._knots.append(solved)
+        self._remember(before, before + 1, state)
+        if self._keeps_states:
+            self.states += [start, state] if before == 0 else [state]
+        if last:
+            self._keep(None)
+
+    def _solve(
+        self, start: State, pose: KnotPose, key: int, last: bool
+    ) -> tuple[State, SolvedKnot]:
+        start_s = time.perf_counter()
+        x, y, z = self.mirror.point(pose.tip_mm)
+        if self._like is not None and self._guide is None and self._like.states:
+            self._guide = self.contact.guide(self._like.states)
+        state = self.contact.solve(start, (x, y, -z), pose.seconds, self._guide)
+        flags = list(state.diagnostics.flags)
+        field = traction = zone_map = None
+        shown = self.observed.fields
+        if shown == "all" or (shown == "last" and last):
+            field, below = on_floor(state.displacement_mm.astype(np.float32), self._floor_mm)
+            flags += below
+            zone_map = state.zones[1]
+            if self.observed.traction:
+                traction = state.traction_mpa.astype(np.float32)
+        self.solves += 1
+        self.seconds += time.perf_counter() - start_s
+        d = state.diagnostics
+        solved = SolvedKnot(
+            key, state.force_n, state.torque_nmm, state.zones[0], field, tuple(flags), traction,
+            d.penetration_mm, d.most_stretch, d.cuts,
+            self.contact.lacking_rel(state) if last and self.observed.lacking else 0.0, zone_map,
+        )  # fmt: skip
+        return state, self.mirror.solved(solved)
+
+    # -- states ----------------------------------------------------------------------------------
+
+    def _state(self, key: int, tip_mm: Point) -> State:
+        """The solver's state at a knot; planned ones that came from the store are solved again."""
+        if key == 0:
+            return self.contact.rest(self.mirror.point((tip_mm[0], tip_mm[1], 0.0)))
+        if key in self._states:
+            return self._states[key]
+        assert key <= len(self.poses), "a hold can throw back by one knot, never by two"
+        state = self.contact.rest(self.mirror.point((*self.poses[0].tip_mm[:2], 0.0)))
+        for number, pose in enumerate(self.poses[:key], start=1):
+            state, _ = self._solve(state, pose, number, False)
+        self._states[key] = state
+        return state
+
+    def _remember(self, before: int, key: int, state: State) -> None:
+        # Two are enough: a hold can throw back by one knot, never by two.
+        self._states = {k: s for k, s in self._states.items() if k == before} | {key: state}
+
+    # -- the store -------------------------------------------------------------------------------
+
+    def _load(self) -> dict[str, Any] | None:
+        """What `_keep` left in the store, its knots as this press's own; None: no whole one.
+
+        ended: (kind of error, why) where the gel could not be solved at the knot after these.
+        """
+        held = None if self._key is None else read_cached(SOLVED_PATHS, self._key)
+        if held is None or (len(held["knots"]) != len(self.poses) and held["ended"] is None):
+            return None
+        self._knots = [self.mirror.solved(knot) for knot in held.pop("knots")]
+        return dict(held)
+
+    def _keep(self, ended: tuple[str, str] | None) -> None:
+        if self._key is None:
+            return
+        x_mm, y_mm = self.axes_mm
+        held = {"x_mm": x_mm, "y_mm": y_mm, "seconds": self.seconds, "dofs": self.contact.dofs}
+        held |= {"ended": ended, "knots": [self.mirror.solved(k) for k in self._knots]}
+        write_cached(SOLVED_PATHS, self._key, held, KEEP_BYTES)
+
+
+def on_floor(
+    displacement_mm: NDArray[np.float32], floor_mm: float
+) -> tuple[NDArray[np.float32], list[Note]]:
+    """A face's displacement (ny, nx, 3) with nothing below the gel's floor, and a flag if it was.
+
+    The solver knows no contact of the gel with itself or its floor: where a deep drag folds the
+    face between large cells, a part of it can come out where the window is.
+    """
+    below = -floor_mm - displacement_mm[..., 2]
+    if not (below > 0).any():
+        return displacement_mm, []
+    kept = displacement_mm.copy()
+    kept[..., 2] = np.maximum(kept[..., 2], np.float32(-floor_mm))
+    text = (
+        f"{int((below > 0).sum())} of {below.size} points of the face come out below the gel's "
+        f"floor, by {below.max():.2g} mm at most, and are kept on it: no gel lies so"
+    )
+    return kept, [Note("floor", text)]

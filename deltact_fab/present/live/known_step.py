@@ -1,0 +1,57 @@
+"""A step that the stage made, as the camera saw it: the face sticks to the tip and goes with it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from deltact_fab.bench import open_run
+from deltact_fab.common import Check, InputError, graded
+from deltact_fab.estimate import FaceFlow, FlowTracker
+
+STUCK_MM = 0.5  # about the contact's middle: what slips last
+OFF_MM = 0.01
+
+
+def known_steps(folder: Path) -> list[Check]:
+    """A row for x and y: from one end of the first press's shear to the other.
+
+    The picture of a step is larger than the step where the face is pressed in; the camera and the
+    stage's depth say by how much. Raises InputError for a run without such steps.
+    """
+    run = open_run(folder)
+    camera = run.camera
+    frames = run.frames().dropna(subset=["file"])
+    frames = frames[frames["press"] == frames["press"].iloc[0]] if len(frames) else frames
+    names = [str(step_id).rpartition("/")[2] for step_id in frames["step_id"]]
+    if not {"rest", "shear-x+", "shear-x-"} <= set(names):
+        raise InputError(f"{folder}: no known step: a run of the protocol known-step has some")
+    tracker = FlowTracker(full=False)
+    flows, at_mm = {}, {}
+    for name, (_, row) in zip(names, frames.iterrows(), strict=True):
+        flows[name] = FaceFlow.of(tracker.update(run.image(str(row["file"]))), camera, 2)
+        at_mm[name] = row[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
+    x, y = np.meshgrid(flows["rest"].x_mm, flows["rest"].y_mm)
+    rest = at_mm["rest"]
+    near = np.hypot(x - rest[0], y - rest[1]) < STUCK_MM
+    rows, origin = [], ", simulated" if run.simulated else ""
+    for k, axis in enumerate("xy"):
+        there, back = f"shear-{axis}+", f"shear-{axis}-"
+        if there not in flows or back not in flows:
+            continue
+        a, b = flows[there], flows[back]
+        known = near & a.known & b.known
+        moved = (a.shift_mm - b.shift_mm)[known][:, k]
+        pictured = camera.project_px(np.stack((at_mm[there], at_mm[back])))
+        larger = (pictured[0] - pictured[1])[k] * camera.mm_per_px
+        made_mm = float((at_mm[there] - at_mm[back])[k])
+        seen_mm = made_mm * float(moved.mean()) / larger if len(moved) else math.nan
+        rows.append(Check(
+            f"known-step.{axis}", f"known step, {axis}", "",
+            f"{seen_mm:.3f} mm of {made_mm:.3f}{origin}", f"within {OFF_MM:g} mm",
+            graded(abs(seen_mm - made_mm) <= OFF_MM),
+            remedy="calibrate the camera on this skin: `calibrate lens`; or the tip slips",
+        ))  # fmt: skip
+    return rows

@@ -1,0 +1,208 @@
+"""Where results go while they come: lines for people and programs, the page, a folder."""
+
+from __future__ import annotations
+
+import csv
+import json
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from deltact_fab.bench import encode_png
+from deltact_fab.common import Array, InputError, disk_errors, making_files, whole_file, write_whole
+from deltact_fab.version import VERSION
+
+from . import picture
+from .formatting import COLUMNS, as_dict, line, row_of
+from .page import LivePage
+from .session import MeasuredImage, MeasurementSession, once
+from .source import Source
+
+TERMINAL_S = 0.1
+PIPED_S = 2.0
+WINDOW_S = 30.0
+"""Of time that the page draws of a live source; of others all that it has."""
+
+
+class MeasurementOutput:
+    """Takes results one after another."""
+
+    def show(self, measured: MeasuredImage) -> None:
+        """One more. Raises BrokenPipeError when nobody reads any longer."""
+
+    def end(self, why: str, last: MeasuredImage | None) -> None:
+        """There will be no more; last: the last one."""
+
+
+@dataclass
+class StatusLine(MeasurementOutput):
+    """One line that changes on a terminal; elsewhere one every few seconds, and the last one."""
+
+    to: IO[str]
+    simulated: str | None
+    next_s: float = 0.0
+    written: MeasuredImage | None = None
+
+    def show(self, measured: MeasuredImage) -> None:
+        if (now_s := time.monotonic()) >= self.next_s:
+            self.next_s = now_s + (TERMINAL_S if self.to.isatty() else PIPED_S)
+            self._write(measured)
+
+    def end(self, why: str, last: MeasuredImage | None) -> None:
+        if last is not None:
+            if last is not self.written:
+                self._write(last)
+            before = "\n" if self.to.isatty() else ""
+            origin = f" ({self.simulated})" if self.simulated else ""
+            self.to.write(f"{before}{why} after {last.given.frame + 1} images{origin}\n")
+            self.to.flush()
+
+    def _write(self, measured: MeasuredImage) -> None:
+        # Back to the line's start, and what is left of a longer one erased.
+        text = line(measured)
+        self.to.write(f"\r{text}\x1b[K" if self.to.isatty() else f"{text}\n")
+        self.to.flush()
+        self.written = measured
+
+
+@dataclass
+class JsonLines(MeasurementOutput):
+    """One JSON object a result, written at once."""
+
+    to: IO[str]
+    simulated: str | None
+
+    def show(self, measured: MeasuredImage) -> None:
+        told = as_dict(measured)
+        if self.simulated is not None:
+            told["simulated"] = self.simulated
+        self.to.write(json.dumps(told, allow_nan=False) + "\n")
+        self.to.flush()
+
+
+@dataclass
+class MeasurementSummary(MeasurementOutput):
+    """One JSON document when there are no more: how many images, and the last result."""
+
+    to: Callable[[object], None]
+    simulated: str | None
+
+    def end(self, why: str, last: MeasuredImage | None) -> None:
+        images = 0 if last is None else last.given.frame + 1
+        told = None if last is None else as_dict(last)
+        self.to({"ended": why, "images": images, "simulated": self.simulated, "last": told})
+
+
+@dataclass
+class PageOutput(MeasurementOutput):
+    """The page, which stays open when the results end, until it is closed."""
+
+    session: MeasurementSession
+    page: LivePage
+
+    def show(self, measured: MeasuredImage) -> None:
+        session = self.session
+        self.page.show(
+            lambda: picture.data(measured, session.view),
+            lambda: picture.image(measured, session.rectified(measured.given.image)),
+            picture.point(measured),
+        )
+
+    def end(self, why: str, last: MeasuredImage | None) -> None:
+        self.page.ended = why
+
+
+@dataclass
+class HealthOutput(MeasurementOutput):
+    """Tells the state of health that each new reference shows, where a calibration can say it."""
+
+    tell: Callable[[str, str], None]
+
+    def show(self, measured: MeasuredImage) -> None:
+        found = measured.result.health
+        if measured.result.frame == 0 and found is not None:
+            self.tell(f"state of health: {found.line}", "; ".join(found.reasons))
+
+
+def describe_source(source: Source, with_force: bool) -> dict[str, object]:
+    """What the page says once of a source, and of the curves that it draws."""
+    unit, least = ("px", 2.0) if source.known.in_px else ("mm", 0.1)
+    names, title = ["largest motion"], f"Motion of the pattern, {unit}"
+    if with_force:
+        names, least = ["z", "x", "y"], 0.2
+        title = "Force on the sensor, N; a press is negative in z"
+    return {
+        "source": source.name,
+        "simulated": source.known.simulated,
+        "trace_names": names,
+        "trace_title": title,
+        "trace_least": least,
+        "window_s": WINDOW_S if source.live else None,
+    }
+
+
+def require_new_folder(folder: Path) -> None:
+    """Raise InputError where something is there already."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{folder}: already there; name a new or empty --out folder")
+
+
+class KeptFolder(MeasurementOutput):
+    """Rows go to measured.csv as they come; all else is written whole.
+
+    So what is there can be read whenever the process ends.
+    """
+
+    def __init__(self, folder: Path, session: MeasurementSession, pictures: bool) -> None:
+        """pictures: keep each image too, as it is tracked. Raises InputError, RunFailed."""
+        self._folder, self._session, self._pictures = folder, session, pictures
+        with making_files(folder):
+            for part in ("fields", "pictures")[: 1 + pictures]:
+                (folder / part).mkdir(parents=True, exist_ok=True)
+        known, pattern = session.source.known, session.pattern
+        about = {
+            "source": session.source.name, "simulated": known.simulated, "version": VERSION,
+            "mm_per_px": None if known.in_px else session.view.mm_per_px,
+            "pattern": "dense" if pattern is None else pattern.kind, "told": once(session),
+        }  # fmt: skip
+        write_whole(folder / "measured.json", json.dumps(about, indent=1).encode())
+        self._table = (folder / "measured.csv").open("w", encoding="utf-8", newline="")
+        self._add([column.name for column in COLUMNS])
+
+    def show(self, measured: MeasuredImage) -> None:
+        """Raises RunFailed when the disk refuses."""
+        name = f"{measured.given.frame:06d}"
+        fields, shown = f"fields/{name}.npz", f"pictures/{name}.png" if self._pictures else ""
+        with disk_errors(self._folder):
+            with whole_file(self._folder / fields, sync=False) as part, part.open("wb") as out:
+                np.savez(out, allow_pickle=False, **dict(_arrays(measured)))
+            if shown:
+                tracked = self._session.rectified(measured.given.image)
+                with whole_file(self._folder / shown, sync=False) as part:
+                    part.write_bytes(encode_png(picture.image(measured, tracked)))
+            self._add(row_of(measured, fields, shown))
+
+    def _add(self, cells: list[Any]) -> None:
+        csv.writer(self._table, lineterminator="\n").writerow(cells)
+        self._table.flush()
+
+    def close(self) -> None:
+        self._table.close()
+
+
+def _arrays(m: MeasuredImage) -> Iterator[tuple[str, Array]]:
+    """By the names of `formatting.ARRAYS`."""
+    r = m.result
+    parts: list[tuple[Any, str, str]] = [(r.markers, "", "position_px displacement_px")]
+    if r.flow is None:
+        parts.append((r.observation, "", "flow_px state"))
+    parts.append((r.flow, "", "shift_mm known x_mm y_mm"))
+    parts.append((r.shape and r.shape.depth, "depth_", "depth_mm x_mm y_mm"))
+    parts.append((r.traction, "traction_", "traction_mpa x_mm y_mm"))
+    for part, before, names in parts:
+        for name in names.split() if part is not None else ():
+            yield name if name.startswith(before) else before + name, getattr(part, name)

@@ -1,0 +1,127 @@
+"""A rig as a source. Of a real one the camera is opened and nothing else; it moves nothing.
+
+A virtual one carries out a protocol, and its camera is looked through. Nothing is recorded, and no
+force is measured: the images come through the interface of a camera, as any driver's would, and
+what measures them sees no more of the rig than of a file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from deltact_fab.bench import (
+    CameraFrame,
+    Devices,
+    Step,
+    VirtualConfig,
+    check_limits,
+    load_rig,
+    refusal_check,
+    require_limits,
+    tracked_view,
+)
+from deltact_fab.common import InputError
+from deltact_fab.estimate import SensorModel
+from deltact_fab.fabricate import load_design
+from deltact_fab.sensor import FlatField
+from deltact_fab.simulate import RunRequest
+
+from .source import Source, camera_source
+
+DEFAULT_PROTOCOL = "smoke"
+
+
+def rig_source(rig_name: str, protocol: str, design: str | None, seed: int) -> Source:
+    """The camera of a rig, and what the rig's file knows of it.
+
+    protocol: of a virtual rig, "" for the default. design: of the sensor before a real camera.
+    Raises InputError for a real rig without a camera, or that is asked to carry out a protocol.
+    """
+    bench, path = load_rig(rig_name)
+    if isinstance(bench, VirtualConfig):
+        return virtual_source(rig_name, protocol or DEFAULT_PROTOCOL, seed)
+    if protocol:
+        raise InputError(
+            f"{path}: kind: {bench.kind!r} moves a real stage, and `measure` only looks: name the "
+            "rig without a protocol for its camera, or `run` the protocol"
+        )
+    if bench.camera is None:
+        raise InputError(f"{path}: camera: missing table; without one there is nothing to measure")
+    sensor = load_design(design or "deltact")
+    view = tracked_view(bench.camera, sensor, path)
+    model = bench.camera.model
+    flat = None if model is None else FlatField.beside(path.parent / model)
+    seen = None if view is None or flat is None else flat.seen_by(view)
+    told = "simulated devices" if bench.served else None
+    known = SensorModel(view, sensor.skin, flat=seen, simulated=told)
+    return camera_source(bench.camera, path.parent, known)
+
+
+def virtual_source(rig_name: str, protocol_name: str, seed: int) -> Source:
+    """The images of a protocol on a virtual rig, in order; of those at rest there is no end.
+
+    Time is virtual: images come as quickly as they are drawn. Raises InputError for a protocol
+    without images or that does not fit.
+    """
+    request = RunRequest(protocol_name, rig_name, seed=seed)
+    protocol, source = request.protocol, str(request.source)
+    if "image" not in protocol.channels:
+        raise InputError(f"{source}: channels: without 'image' there is nothing to measure")
+    # What the measurement does not need is not solved either.
+    wanted = protocol.channels & {"image", "shear"}
+    request.protocol = protocol = protocol.model_copy(update={"channels": wanted})
+    sensor, kind = request.design, request.kind
+    rows = check_limits(protocol, sensor, request.rig.stage, request.steps)
+    rows.append(refusal_check("rig", kind.part, kind.refusals(protocol, sensor, source)))
+    require_limits(rows, source)
+    view, flat = request.view, kind.flat(protocol)
+    known = SensorModel(
+        view,
+        sensor.skin,
+        flat=None if view is None or flat is None else flat.seen_by(view),
+        recipe=request.recipe.model_dump(mode="json"),
+        design=protocol.specimen.design,
+        serial=protocol.specimen.serial,
+        simulated=f"simulated, seed {seed}",
+    )
+
+    def frames(rest_only: bool) -> Iterator[CameraFrame]:
+        from deltact_fab.simulate import VirtualRig
+
+        with (
+            TemporaryDirectory() as folder,
+            closing(kind.build(request.setup(Path(folder)))) as rig,
+        ):
+            assert isinstance(rig, VirtualRig), "a real one has another source"
+            yield from _carried_out(request.steps, rig, rest_only)
+
+    return Source(f"{rig_name}:{protocol_name}", known, frames)
+
+
+def _carried_out(steps: Sequence[Step], devices: Devices, at_rest: bool) -> Iterator[CameraFrame]:
+    """Every image of the steps, taken when the runner would take it; at_rest: of the first rest."""
+    stage, camera, clock = devices.stage, devices.camera, devices.clock
+    assert camera is not None, "the protocol asks for images"
+    stage.connect()
+    stage.home()
+    for step in steps:
+        start_s = clock.now_s()
+        filmed_s = stage.start_move(step.target_mm, step.feed_mm_min) + step.hold_s
+        for k in range(1, step.frames):
+            stage.listen(max(start_s + filmed_s * k / step.frames - clock.now_s(), 0.0))
+            yield camera.capture()
+        if step.hold_s:
+            stage.listen(max(start_s + filmed_s - clock.now_s(), 0.0))
+        stage.wait()
+        if step.kind == "change":
+            devices.change_indenter(step.indenter)
+        elif step.id.endswith("/rest"):
+            camera.begin(step.press)
+        if step.frames:
+            clock.sleep_s(step.settle_s)
+            yield camera.capture()
+            while at_rest:
+                yield camera.capture()

@@ -1,0 +1,297 @@
+"""What all figures share: size, letters, colours, and the way to SVG that needs no other file."""
+
+from __future__ import annotations
+
+import html
+import io
+import math
+import re
+import textwrap
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from string import ascii_lowercase
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from deltact_fab.common import require_extra
+
+from .result import ReportFigure
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+# Okabe and Ito's palette: told apart by people who see colours differently.
+SERIES_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#1d2330")
+INK_COLOUR, SOFT, GRID, FAINT = "#1d2330", "#5b6475", "#dfe3ea", "#bbbbbb"
+"""Letters and axes, what stands back, grid, lines between legs."""
+DOUBT_COLOUR = SERIES_COLOURS[4]
+MARKERS = "osD^vP*"
+PAPER_COLOUR = SOFT
+# Names of these colours in templates/style.css, which has others for a dark page.
+_NAMED = {
+    INK_COLOUR: "ink", SOFT: "soft", GRID: "line", FAINT: "leg", SERIES_COLOURS[0].lower(): "blue",
+}  # fmt: skip
+PAGE_PT, PAPER_PT = 9.5, 8.0
+MIN_PAGE_PT = 9.0
+"""12 pixels of the screen: no letter of a page's figure is smaller."""
+FLATTEST = 0.6  # of a figure in a paper's column: height by width
+_INKED = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color")
+_paper_in: ContextVar[float | None] = ContextVar("paper_in", default=None)
+
+
+@contextmanager
+def on_paper(width_in: float) -> Iterator[None]:
+    """Within it, `blank` makes figures of this width in inches, in the letters of a paper."""
+    before = _paper_in.set(width_in)
+    try:
+        yield
+    finally:
+        _paper_in.reset(before)
+
+
+def blank_figure(
+    width: float, height: float, panels: int = 1, share_y: bool = True, rows: int = 1
+) -> Any:
+    """A figure and its axes, row by row, drawn without a display; several have letters.
+
+    width, height: inches on the page; `on_paper` keeps their ratio, but for what gets too flat.
+    """
+    require_extra("report", "a figure", "matplotlib")
+    import matplotlib
+
+    paper_in = _paper_in.get()
+    if paper_in is not None:
+        width, height = paper_in, max(paper_in * height / width, FLATTEST * min(paper_in, 3.5))
+    matplotlib.rcParams.update(
+        {
+            "svg.hashsalt": "deltact-fab",  # same figure, same bytes
+            "svg.fonttype": "none",
+            "pdf.fonttype": 42,  # letters stay letters, their font goes along
+            "font.family": "sans-serif",
+            "font.size": PAGE_PT if paper_in is None else PAPER_PT,
+            "axes.spines.top": False,
+            "axes.spines.right": False,
+            "axes.grid": True,
+            "grid.color": GRID,
+            **dict.fromkeys(_INKED, INK_COLOUR if paper_in is None else "#000000"),
+            "grid.linewidth": 0.6,
+            "axes.axisbelow": True,
+            "legend.frameon": False,
+        }
+    )
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = list(figure.subplots(rows, panels, sharey=share_y, squeeze=False).flat)
+    for letter, axis in zip(ascii_lowercase, axes if len(axes) > 1 else (), strict=False):
+        axis.annotate(f"({letter})", (0, 1), xytext=(-4, 4), xycoords="axes fraction",
+                      textcoords="offset points", ha="right", fontweight="bold")  # fmt: skip
+    return figure, axes
+
+
+IN_A_ROW = 3
+
+
+def panels(count: int, height: float, share_y: bool = True) -> Any:
+    """As `blank`: so many axes, IN_A_ROW at most beside each other; height: of a row."""
+    columns = min(IN_A_ROW, count)
+    rows = -(-count // columns)
+    figure, axes = blank_figure(9.6, rows * height, columns, share_y, rows)
+    for axis in axes[count:]:
+        axis.remove()
+    return figure, axes[:count]
+
+
+def to_svg(figure: Figure, words: str = "") -> str:
+    """The figure as an <svg> element of a page, without the prologue and without a date.
+
+    It has no ground of its own and names its colours as the page's style does, so that it is dark
+    on a dark page; what a colour map drew stays as it is. words: what it shows, for those who
+    cannot see it; else what its first axes show against what.
+    """
+    from matplotlib.colors import to_hex
+
+    letters(figure, MIN_PAGE_PT)
+    for patch in (figure.patch, *(axis.patch for axis in figure.axes)):
+        if to_hex(patch.get_facecolor()) == "#ffffff":
+            patch.set_facecolor("none")
+    out = io.StringIO()
+    figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
+    text = out.getvalue()
+    svg = text[text.index("<svg") :]
+    svg = re.sub("|".join(_NAMED), lambda m: f"var(--{_NAMED[m[0]]}, {m[0]})", svg)
+    axes = figure.axes[0]
+    against = (" ".join(label.split()) for label in (axes.get_ylabel(), axes.get_xlabel()))
+    label = html.escape(words or " against ".join(filter(None, against)) or "figure", quote=True)
+    svg = svg.replace("<svg", f'<svg role="img" aria-label="{label}"', 1)
+    # Several figures share one page: an id must not meet its namesake in another figure.
+    salt = f"f{zlib.crc32(svg.encode()):x}"
+    svg = re.sub(r'\bid="', f'id="{salt}-', svg)
+    svg = re.sub(r"url\(#", f"url(#{salt}-", svg)
+    return re.sub(r'href="#', f'href="#{salt}-', svg)
+
+
+def letters(figure: Figure, least_pt: float, most_pt: float = math.inf) -> None:
+    """Letters of a figure that are smaller or larger than that become so."""
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        assert isinstance(text, Text)
+        text.set_fontsize(min(max(float(text.get_fontsize()), least_pt), most_pt))
+
+
+def legend_below(figure: Figure, axis: Axes) -> None:
+    """What the marks of an axis mean, under all of them."""
+    figure.legend(*axis.get_legend_handles_labels(), loc="outside lower left", ncols=3,
+                  fontsize="small")  # fmt: skip
+
+
+WIDE = 300.0  # from the lowest to the highest: beyond it only powers of ten have labels
+
+
+def log_ticks(axis: Axes, which: str) -> None:
+    """Logarithmic axes of what is drawn, labelled 0.01, 0.02, 0.05 and not by powers."""
+    from matplotlib.ticker import LogLocator, NullLocator
+
+    for letter in which:
+        (axis.set_xscale if letter == "x" else axis.set_yscale)("log")
+        side = axis.xaxis if letter == "x" else axis.yaxis
+        low, high = side.get_view_interval()
+        subs = (1.0, 2.0, 5.0) if high < WIDE * low else (1.0,)
+        side.set_major_locator(LogLocator(subs=subs))
+        side.set_major_formatter("{x:g}")
+        side.set_minor_locator(NullLocator())
+
+
+MAX_LEGS = 20
+
+
+def by_frame(axis: Axes, step_ids: pd.Series[str]) -> None:
+    """Whole frames from 1 along an axis; legs of the path named above where they begin."""
+    from matplotlib.ticker import MaxNLocator
+
+    axis.set_xlabel("frame")
+    axis.xaxis.set_major_locator(MaxNLocator(integer=True))
+    legs = step_ids.str.rsplit("/", n=1).str[-1].str.replace("shear-", "").to_numpy()
+    begins = np.flatnonzero(np.append(True, legs[1:] != legs[:-1]))
+    if len(begins) > MAX_LEGS:
+        return  # no one could read them
+    for at in begins[1:]:
+        axis.axvline(at + 0.5, color=FAINT, lw=0.7)
+    above = axis.secondary_xaxis("top")
+    above.set_xticks(begins + 1, legs[begins], rotation=90, fontsize="small", color=SOFT)
+    above.tick_params(length=0, pad=1)
+    above.spines[:].set_visible(False)
+
+
+FAR = 3.0  # times the highest that is drawn
+
+
+def paper_line(
+    axis: Axes, value: float, highest: float, words: str, across: tuple[float, float] | None = None,
+    about: bool = False,
+) -> None:  # fmt: skip
+    """The paper's value as a line over the axis, or across a column of it.
+
+    One far above what is drawn would flatten it: it is told above the axis. about: the paper says
+    "around".
+    """
+    if value > FAR * highest > 0:
+        x = 1.0 if across is None else sum(across) / 2
+        place = axis.transAxes if across is None else axis.get_xaxis_transform()
+        words = f"{'≈' * about}{value:g} ↑"  # no wider than a column, which has neighbours
+        axis.text(x, 1.0, words if across else f"paper {words}", transform=place, va="bottom",
+                  ha="right" if across is None else "center", fontsize="small",
+                  color=PAPER_COLOUR)  # fmt: skip
+        return
+    place = axis.get_yaxis_transform() if across is None else axis.transData
+    axis.plot(across or (0, 1), [value] * 2, "--" if about else "-", color=PAPER_COLOUR, lw=1.4,
+              label=words, transform=place)  # fmt: skip
+
+
+# Of a name from its mark: points to the right and up, and which of its edges lie there.
+_BESIDE = (
+    (1.0, 0.0, "left", "center"), (-1.0, 0.0, "right", "center"), (0.0, 1.0, "center", "bottom"),
+    (0.0, -1.0, "center", "top"), (0.7, 0.7, "left", "bottom"), (-0.7, 0.7, "right", "bottom"),
+    (0.7, -0.7, "left", "top"), (-0.7, -0.7, "right", "top"),
+)  # fmt: skip
+_PLACES = [(away, *place) for away in (6.0, 16.0, 28.0, 42.0, 60.0) for place in _BESIDE]
+
+
+def name_marks(
+    figure: Figure, axis: Axes, marks: Sequence[tuple[float, float, str, str]], bold: str = ""
+) -> None:
+    """Write names beside their marks (x, y, name, colour), where they cover no other.
+
+    A name that finds its place farther off is joined to its mark. bold: the name to stress. Limits
+    and scales of the axis are to be set before.
+    """
+    from matplotlib.text import Text
+    from matplotlib.transforms import Bbox
+
+    figure.draw_without_rendering()  # lays it out
+    inside = axis.get_window_extent()
+    spots = axis.transData.transform([mark[:2] for mark in marks])
+    taken = [Bbox([spot - 5, spot + 5]) for spot in spots]
+    for x, y, name, colour in marks:
+        line = {"arrowstyle": "-", "color": colour, "lw": 0.6, "shrinkA": 0, "shrinkB": 3}
+        for away, dx, dy, ha, va in _PLACES:
+            text = axis.annotate(
+                name, (x, y), xytext=(away * dx, away * dy), textcoords="offset points", ha=ha,
+                va=va, fontsize=MIN_PAGE_PT, fontweight="bold" if name == bold else None,
+                arrowprops=line if away > _PLACES[0][0] else None,
+            )  # fmt: skip
+            text.get_window_extent()  # finds its place; with its line, which may cross others
+            box = Text.get_window_extent(text)
+            free = inside.x0 <= box.x0 and box.x1 <= inside.x1 and not box.count_overlaps(taken)
+            if free or (away, dx, dy, ha, va) == _PLACES[-1]:
+                break
+            text.remove()
+        taken.append(box)
+
+
+COLUMN_IN, BOTH_COLUMNS_IN = 3.5, 7.16  # of IEEE's two-column page
+SMALLEST_PT = 6.0
+_NO_DATE = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
+
+
+def draw(one: ReportFigure) -> Figure:
+    """A figure at the size of a paper, its titles broken where they would run over."""
+    with on_paper(COLUMN_IN if one.column else BOTH_COLUMNS_IN):
+        figure = one.draw()
+    letters(figure, SMALLEST_PT, PAPER_PT)
+    _break_titles(figure)
+    return figure
+
+
+def figure_bytes(figure: Figure, kind: str) -> bytes:
+    """The file of a figure, `svg` or `pdf`.
+
+    What still runs over the edge makes the figure larger, for a clipped label is lost.
+    """
+    from matplotlib.transforms import Bbox
+
+    out = io.BytesIO()
+    figure.draw_without_rendering()  # lays it out
+    width, height = map(float, figure.get_size_inches())
+    box = Bbox.union([Bbox([[0.0, 0.0], [width, height]]), figure.get_tightbbox()])
+    figure.savefig(out, format=kind, metadata=_NO_DATE[kind], bbox_inches=box)
+    return out.getvalue()
+
+
+def _break_titles(figure: Figure) -> None:
+    """Titles that are wider than what they stand above go on in the next line."""
+    figure.draw_without_rendering()
+    for axis in figure.axes:
+        width = axis.get_window_extent().width
+        for text in (axis.title, axis._left_title, axis._right_title):  # type: ignore[attr-defined]
+            words, wide = text.get_text(), text.get_window_extent().width
+            if words and wide > width and "$" not in words:
+                letters = max(8, int(len(words) * width / wide))
+                text.set_text("\n".join(textwrap.wrap(words, letters)))

@@ -1,0 +1,67 @@
+"""A good and a spoiled print, a good and a spoiled sensor, as a lab sees them: rendered."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from deltact_fab.common import Float
+from deltact_fab.fabricate import Design, PatternRecipe, illuminance, pattern_albedo
+from deltact_fab.physics import print_colours
+from deltact_fab.sensor import GAMMA, ImageSensor, Printer
+from deltact_fab.simulate import FrameRenderer, Texture, resting_geometry
+
+PRINT_MM, STREAK_MM = 8.0, 0.4
+FAINT = 0.75  # of the ink that is nearly empty, what is missing
+BUBBLE_MM, BUBBLE_AT_MM = 1.2, (4.0, -3.0)
+TORN_MM = 5.0
+
+
+Pair = tuple[bytes, bytes]
+"""A good one and a spoiled one, JPEG."""
+
+
+def pairs(design: Design, recipe: PatternRecipe) -> dict[str, Pair]:
+    """Of the print (`print`) and of the face through the sensor's camera (`sensor`)."""
+    printer = Printer()
+    rng = np.random.default_rng(0)
+    values = print_colours(printer, pattern_albedo(recipe, printer.mm_per_dot), rng)
+    return {"print": _print(values, printer), "sensor": _sensor(values, printer, design)}
+
+
+def _print(values: Float, printer: Printer) -> Pair:
+    """A cut of it; then with a clogged nozzle and magenta nearly empty."""
+    half, side = round(PRINT_MM / printer.mm_per_dot / 2), len(values) // 2
+    good = values[side - half : side + half, side - half : side + half]
+    spoiled = good.copy()
+    spoiled[..., 1] += FAINT * (1 - spoiled[..., 1])
+    streak = round(STREAK_MM / printer.mm_per_dot)
+    spoiled[half : half + streak] = 1
+    good, spoiled = (255 * one[..., ::-1] ** (1 / GAMMA) for one in (good, spoiled))
+    return _jpeg(good), _jpeg(spoiled)
+
+
+def _sensor(values: Float, printer: Printer, design: Design) -> Pair:
+    """The view; then with a bubble, the film torn at a corner and one LED dark."""
+    at = (np.arange(len(values)) - (len(values) - 1) / 2) * printer.mm_per_dot
+    x, y = np.meshgrid(at, at)
+    right, top = np.array(design.optics.view_mm) / 2
+    spoiled = values * (illuminance(design, x, y, dark=0) / illuminance(design, x, y))[..., None]
+    spoiled[y - x > right + top - TORN_MM] = 1
+    r = np.hypot(x - BUBBLE_AT_MM[0], y - BUBBLE_AT_MM[1]) / (BUBBLE_MM / 2)
+    spoiled = np.where((r < 1)[..., None], 0.25 + 0.5 * (r < 0.4)[..., None], spoiled)
+    spoiled *= np.where(np.abs(r - 1) < 0.12, 0.2, 1)[..., None]
+    geometry, rng = resting_geometry(design), np.random.default_rng(0)
+
+    def seen(print_: NDArray[Any]) -> bytes:
+        texture = Texture(print_.astype(np.float32), printer.mm_per_dot)
+        return _jpeg(FrameRenderer(geometry, texture, ImageSensor()).render(None, rng))
+
+    return seen(values), seen(spoiled)
+
+
+def _jpeg(bgr: NDArray[Any]) -> bytes:
+    return cv2.imencode(".jpg", np.clip(bgr, 0, 255).astype(np.uint8))[1].tobytes()

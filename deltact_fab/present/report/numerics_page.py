@@ -1,0 +1,138 @@
+"""Offline HTML pages of the engines (error against CPU time, stability) and of a rehearsal."""
+
+from __future__ import annotations
+
+import json
+import textwrap
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from deltact_fab.common import (
+    Check,
+    finding,
+    graded,
+    html_table,
+    page_verdict,
+    render_page,
+    save_page,
+    write_whole,
+)
+
+from . import figures
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+STABILITY = ["case", "outcome", "expectation", "figure", "bound", "unit", "note"]
+
+
+def write_numerics_page(data: dict[str, Any], out: Path) -> Path:
+    """Write the page of `Numerics.as_dict()` to one self-contained file.
+
+    Raises MissingLibrary without the extra `report`, RunFailed when the disk refuses.
+    """
+    drawn = []
+    for engine in data["engines"]:
+        curves = [r for r in data["curves"] if r["engine"] == engine["name"]]
+        by_case = {r["case"]: [s for s in curves if s["case"] == r["case"]] for r in curves}
+        cases = [r for r in data["stability"] if r["engine"] == engine["name"]]
+        drawn.append(
+            {
+                **engine,
+                "panels": [figures.to_svg(error_against_time(rows)) for rows in by_case.values()],
+                "against": [
+                    f"{rows[0]['reference']} ({rows[0]['kind']}; {case})"
+                    for case, rows in by_case.items()
+                ],
+                "stability": html_table(
+                    pd.DataFrame(cases, columns=STABILITY),
+                    marks=["bad" if r["outcome"] == "wrong" else "" for r in cases],
+                ),
+                "counts": Counter(r["outcome"] for r in cases),
+            }
+        )  # fmt: skip
+    page = render_page(
+        "numerics.html",
+        engines=drawn,
+        meta=data["meta"],
+        verdict=page_verdict([_stable(data["stability"])]),
+    )
+    return save_page(page, out)
+
+
+def _stable(rows: Sequence[dict[str, Any]]) -> Check:
+    """What came of the stiff and extreme cases."""
+    wrong, n = [r["case"] for r in rows if r["outcome"] == "wrong"], len(rows)
+    if wrong:
+        are = "is" if len(wrong) == 1 else "are"
+        text = f"{len(wrong)} of {n} stiff and extreme cases {are} wrong: {'; '.join(wrong)}."
+        return finding("cases", f"{text} Do not trust what rests on them.", "fail")
+    return finding(
+        "cases",
+        f"All {n} stiff and extreme cases came out as they must: right within their bounds, or "
+        "refused. The engines can be trusted within the errors below that are against an "
+        "independent reference; a self-test shows no accuracy.",
+    )
+
+
+def error_against_time(rows: Sequence[dict[str, Any]]) -> Figure:
+    """One case: error against CPU time, both logarithmic, a line a series, the front ringed.
+
+    A mark is at the best time, its bar ends at the slowest.
+    """
+    figure, (axis,) = figures.blank_figure(5.0, 4.4)
+    known = [r for r in rows if r["error"] is not None and r["error"] > 0]
+    names = []
+    for i, name in enumerate(dict.fromkeys(r["series"] for r in rows)):
+        part = sorted((r for r in known if r["series"] == name), key=lambda r: r["cpu_s"])
+        best, most = ([r[key] * 1e3 for r in part] for key in ("cpu_s", "cpu_most_s"))
+        errors = [r["error"] for r in part]
+        colour = figures.SERIES_COLOURS[i % len(figures.SERIES_COLOURS)]
+        # Names with a number in them are steps of one knob and are joined; methods are not.
+        ladder = all(any(c.isdigit() for c in r["setting"]) for r in part)
+        axis.plot(best, errors, marker=figures.MARKERS[i % len(figures.MARKERS)], color=colour,
+                  ms=6, lw=1.0, ls="-" if ladder else "none", label=name)  # fmt: skip
+        axis.hlines(errors, best, most, color=colour, lw=2.5, alpha=0.25)
+        names += [(x, y, r["setting"], colour) for x, y, r in zip(best, errors, part, strict=True)]
+    front = sorted((r for r in known if r["pareto"]), key=lambda r: r["cpu_s"])
+    axis.plot([r["cpu_s"] * 1e3 for r in front], [r["error"] for r in front], "o:", ms=12, lw=0.9,
+              color=figures.SOFT, mfc="none", mew=1.1, label="Pareto front", zorder=1)  # fmt: skip
+    figures.log_ticks(axis, "xy")
+    if known:  # room for the names, and at least one tick on each axis
+        axis.set_xlim(
+            min(r["cpu_s"] for r in known) * 1e3 / 1.6, max(r["cpu_most_s"] for r in known) * 2.8e3
+        )
+        axis.set_ylim(min(r["error"] for r in known) / 1.8, max(r["error"] for r in known) * 2.2)
+    axis.set_xlabel("CPU time, milliseconds: best of the runs, bar to the slowest")
+    axis.set_ylabel(f"error, {rows[0]['unit']}")
+    title = textwrap.fill(rows[0]["case"], 52)
+    axis.set_title(title, loc="left", fontweight="bold", fontsize=9.5)
+    figure.legend(loc="outside lower left", fontsize="small", ncols=2)
+    figures.name_marks(figure, axis, names)
+    return figure
+
+
+CELLS = {
+    "fault": "fault", "moment": "when", "outcome": "what the operator reads",
+    "deeper_mm": "lower, mm", "wrong": "with --resume",
+}  # fmt: skip
+
+
+def write_rehearsal_page(found: dict[str, Any], protocol: str, rig: str, out: Path) -> list[Path]:
+    """rehearsal.html and .json of `Rehearsal.as_dict()`; as `templating.save`."""
+    rows = [{**c, "wrong": c["wrong"] or "the same record"} for c in found["cells"]]
+    marks = ["" if c["passed"] else "bad" for c in rows]
+    cells = html_table(pd.DataFrame(rows, columns=list(CELLS)).round(2), CELLS, marks)
+    text = f"{found['verdict'][:1].upper()}{found['verdict'][1:]}."
+    judged = page_verdict([finding("faults", text, graded(found["passed"]))])
+    page = render_page(
+        "rehearsal.html", found=found, protocol=protocol, rig=rig, cells=cells, verdict=judged
+    )
+    data = out / "rehearsal.json"
+    written = [save_page(page, out / "rehearsal.html"), data]
+    write_whole(data, json.dumps(found, indent=1).encode())
+    return written

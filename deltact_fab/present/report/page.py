@@ -1,0 +1,269 @@
+"""One offline HTML page of a run: what was made, moved, seen and measured, with its figures."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from deltact_fab.bench import Run, encode_png, open_run
+from deltact_fab.common import (
+    Check,
+    InputError,
+    finding,
+    graded,
+    html_table,
+    page_verdict,
+    read_json,
+    render_page,
+    save_page,
+    warning_findings,
+)
+from deltact_fab.estimate import (
+    PAPER_BEST_MM,
+    TRACKING_RULE,
+    WRONG_FLOW_MM,
+    DeepestPress,
+    MeasuredRun,
+    ShapeResult,
+    TrackingResult,
+    percent_of,
+)
+
+from . import figures, run_figures
+
+SMALLER = 0.6  # pictures of presses stand side by side
+
+
+def write_run_page(
+    run_folder: str | Path,
+    out: Path,
+    tracking: TrackingResult,
+    measured: MeasuredRun | None = None,
+    parts: dict[str, Any] | None = None,
+    shape: ShapeResult | None = None,
+) -> Path:
+    """Write the report of a run, its tracking analysis and what was measured to one file.
+
+    measured: shape, contact and force of it; without it the page has no word of them. shape: its
+    depth and contacts against truth.
+    parts: `parts` (a row a part, with its formats) and `note` (why there are none), from the demo.
+    Raises InputError for a run that is not finished, MissingLibrary without the extra `report`,
+    RunFailed when the disk refuses.
+    """
+    run = open_run(run_folder)
+    if not run.finished:
+        raise InputError(f"{run_folder}: the run is not finished; go on with `run --resume`")
+    frames, notes, judged = run.frames(), run.notes(), tracking.verdict
+    warned, remarks = run.remarks()
+    drawn = {
+        "by_time": run_figures.plot_error_by_time(tracking),
+        "by_step": run_figures.error_by_step(tracking),
+    }
+    if measured is not None and measured.force is not None:
+        drawn["force"] = run_figures.force_by_frame(measured.force.frames)
+    elif frames["fz_n"].notna().any():
+        drawn["force"] = run_figures.force_by_frame(frames)
+    deepest = measured.deepest if measured is not None else []
+    if deepest:
+        drawn["shape"] = run_figures.deepest_presses(deepest)
+    page = render_page(
+        "run.html",
+        meta=run.meta,
+        summary=run.summary(),
+        simulated=run.simulated,
+        tracking=tracking.as_dict(),
+        verdict=page_verdict(_found(warned, tracking, measured, shape)),
+        doubts={name: why for name, why in judged.doubts.items() if why},
+        remarks=remarks,
+        methods=_methods(tracking),
+        measured=measured,
+        shape=shape,
+        rule=TRACKING_RULE,
+        best=next(m for m in tracking.methods if m["name"] == judged.about),
+        paper_mm=PAPER_BEST_MM,
+        figures={
+            name: figures.to_svg(figure, _SHOWN.get(name, ""))
+            for name, figure in drawn.items()
+            if figure
+        },
+        pictures=[_picture(run, frames, one) for one in deepest],
+        contacts=html_table(pd.DataFrame([row for one in deepest for row in _contacts(one)])),
+        parts=parts,
+        made=html_table(pd.DataFrame(parts["parts"] if parts else [])),
+        counts={
+            "frames": len(frames),
+            "presses": frames["press"].nunique(),
+            "normal_n": (-frames["fz_n"]).max(),
+            "shear_n": frames[["fx_n", "fy_n"]].abs().to_numpy(float).max(),
+        },
+        pattern=_picture(run, frames),
+        settings=html_table(_settings(run)),
+        # What operators said.
+        notes=[
+            f"{datetime.fromtimestamp(wall_s, UTC):%Y-%m-%d %H:%M} UTC: {text}"
+            for wall_s, text in zip(notes["wall_s"], notes["text"], strict=True)
+        ],
+    )
+    return save_page(page, out)
+
+
+def write_imported_page(run: Run, out: Path) -> Path:
+    """Write the page of an imported run: what is known of it, what is not, its force and motion.
+
+    With the verdict of `calibrate force`, where that was asked. Raises as `write` does.
+    """
+    frames, summary = run.frames(), run.summary()
+    if not summary or frames.empty:
+        raise InputError(f"{run.folder}: not whole; import it again")
+    t_s = frames["t_s"] - frames["t_s"].iloc[0]
+    figure = run_figures.force_and_motion(t_s, frames, summary["moved_px"])
+    most = frames.iloc[int(np.argmax(summary["moved_px"]))]
+    force = run.folder / "analysis" / "force.json"
+    told = read_json(force) if force.is_file() else {}
+    if "verdict" in told:
+        found = [finding("force", f"Force from the flow: {told['verdict']}.")]
+    else:
+        text = "Force from the flow was not calibrated: `calibrate force` does it."
+        found = [finding("force", text, "warn")]
+    warned, remarks = run.remarks()
+    counts = {
+        "images": f"{len(frames)} of {' x '.join(map(str, run.meta['imported']['image_px']))} px",
+        "time, s": t_s.iloc[-1],
+        **{f"samples of {name}": n for name, n in summary["samples"].items()},
+        **{f"SHA-256 of {name}": digest for name, digest in run.meta["imported"]["sha256"].items()},
+    }
+    page = render_page(
+        "imported.html",
+        name=run.meta["name"],
+        about=run.meta["protocol"]["description"],
+        notes=[*remarks, *run.notes()["text"]],
+        verdict=page_verdict(
+            [
+                *warning_findings("run", warned),
+                *found,
+                *warning_findings("left-out", told.get("left_out", [])),
+            ]
+        ),
+        figure=figures.to_svg(figure, "force on the sensor and motion of the picture over time"),
+        pictures=[
+            _thumbnail(run, frames.iloc[0], "the first image: motion counts from it"),
+            _thumbnail(run, most, f"moved most, after {most['t_press_s']:.2f} s"),
+        ],
+        known=html_table(pd.DataFrame(counts.items(), columns=["what", "value"])),
+    )
+    return save_page(page, out)
+
+
+def _found(
+    warned: list[str],
+    tracking: TrackingResult,
+    measured: MeasuredRun | None,
+    shape: ShapeResult | None,
+) -> Iterator[Check]:
+    """What speaks for and against a run: warnings of how it was made first."""
+    yield from warning_findings("run", (f"{line[:1].upper()}{line[1:]}." for line in warned))
+    yield finding("tracking", tracking.verdict.line, graded(tracking.verdict.trusted))
+    if shape is not None:
+        status = graded(True, warns=bool(shape.missed))
+        yield finding("shape", f"Shape and contact: {shape.line}", status)
+    if measured is not None and (force := measured.force) is not None:
+        yield finding("force", f"{force.line}.", graded(True, warns=bool(force.doubtful)))
+
+
+# What a figure shows, where its axes do not say it all.
+_SHOWN = {
+    "shape": "depth, flow and contact on the face at the deepest press of each indenter",
+    "force": "force on the sensor in x, y and z, N, against the frame",
+}
+
+
+def _methods(tracking: TrackingResult) -> dict[str, Any]:
+    """The table of methods, the recommended one marked, with the paper's below."""
+    judged, rows = tracking.verdict, []
+    for m in tracking.methods:
+        known = m["confident_share"] if m["coverage"] is None else m["coverage"]
+        rows.append(
+            {
+                "method / reference": m["name"],
+                "mean error over all moving pixels, mm": m["mean_off_dots_mm"],
+                "95th percentile, mm": m["p95_off_dots_mm"],
+                "confident pixels, mm": m["mean_confident_mm"],
+                "share of confident pixels": _percent(known),
+                f"of that off by over {WRONG_FLOW_MM:g} mm": _percent(m["confident_wrong_share"]),
+                "at the dots, mm": m["mean_at_dots_mm"],
+                "frames trusted": _percent(m["trusted_share"]),
+                "CPU time a frame, ms": m["ms_per_frame"],
+                "new references": m["reference_switches"],
+                "reliable": "no" if judged.doubts[m["name"]] else "yes",
+            }
+        )
+    marks = ["take" if m["name"] == judged.take else "" for m in tracking.methods]
+    if any(m["mean_at_dots_mm"] is not None for m in tracking.methods):
+        rows.append({"method / reference": "the paper's own", "at the dots, mm": PAPER_BEST_MM})
+        marks.append("")
+    return html_table(pd.DataFrame(rows), marks=marks)
+
+
+def _contacts(one: DeepestPress) -> list[dict[str, Any]]:
+    """A row a contact of a press; none where contacts were not asked for."""
+    found = one.result.contacts
+    if found is None:
+        return []
+    about = {"indenter": one.indenter, "frame": one.frame_id, "cover": _percent(one.result.cover)}
+    return [
+        {
+            **about,
+            "place x, y, mm": f"{c.place_mm[0]:.2f}, {c.place_mm[1]:.2f}",
+            "area_mm2": c.area_mm2,
+            "peak_depth_mm": c.peak_depth_mm,
+            "share of the force": _percent(c.force_share),
+        }
+        for c in found
+    ] or [{**about, "place x, y, mm": "no contact found"}]
+
+
+def _settings(run: Run) -> pd.DataFrame:
+    """What the run was made with."""
+    pattern, stage = run.pattern, run.summary()["devices"]["stage"]
+    recipe = {
+        f"pattern: {key}": str(value)
+        for key, value in pattern["recipe"].items()
+        if value is not None and not isinstance(value, dict)
+    }
+    dots = pattern.get("dots_mm")
+    own = {
+        "dots": f"{len(dots)} of {pattern['dot_diameter_mm']} mm" if dots else "none",
+        "seed": str(run.meta["seed"]),
+        "controller": stage["banner"] if stage else "none: weights laid on by hand",
+    }
+    settings = {**recipe, **own, **run.meta["versions"]}
+    return pd.DataFrame(settings.items(), columns=["setting", "value"])
+
+
+def _percent(value: float | None) -> str:
+    return "" if value is None else percent_of(value).replace(" ", "\u00a0")
+
+
+def _picture(run: Run, frames: pd.DataFrame, one: DeepestPress | None = None) -> Any:
+    """The image of a press, else the pattern at rest, as a data URL, and its caption."""
+    row = frames.iloc[0] if one is None else frames[frames["frame_id"] == one.frame_id].iloc[0]
+    caption = "at rest" if one is None else f"{one.indenter}, {one.depth_mm:.2f} mm deep"
+    return _thumbnail(run, row, caption)
+
+
+def _thumbnail(run: Run, row: pd.Series[Any], caption: str) -> dict[str, str]:
+    """The image of a frame, smaller, as a data URL, and its caption."""
+    import cv2
+
+    small = cv2.resize(
+        run.image(str(row["file"])), None, fx=SMALLER, fy=SMALLER, interpolation=cv2.INTER_AREA
+    )
+    # JPEG would smear the pattern.
+    png = base64.b64encode(encode_png(np.asarray(small, np.uint8))).decode()
+    return {"src": f"data:image/png;base64,{png}", "caption": caption}

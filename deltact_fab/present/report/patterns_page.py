@@ -1,0 +1,163 @@
+"""One offline HTML page of a pattern series: what each looks like, its figures, the paper's."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from deltact_fab.common import (
+    Check,
+    InputError,
+    finding,
+    graded,
+    html_table,
+    is_file,
+    label,
+    page_verdict,
+    read_json,
+    render_page,
+    save_page,
+)
+from deltact_fab.fabricate import (
+    SERIES_FIGURES,
+    SERIES_FORMAT,
+    SERIES_GRIDS,
+    SERIES_PAGE,
+    SERIES_VIEWS,
+)
+
+from . import figures
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+ASSUMED = (
+    "Printer and camera are assumed values of a model, so this ranks patterns and predicts no "
+    "error in millimetres: measure your own before you choose."
+)
+
+
+def write_patterns_page(folder: Path) -> Path:
+    """Write patterns.html into the folder of a series, from its quality.json and views.
+
+    Raises InputError for a folder that holds no series, MissingLibrary without the extra `report`,
+    RunFailed when the disk refuses.
+    """
+    data = _read(folder)
+    rows = data["patterns"]
+    seen = [row for row in rows if row["quality"]["seen"]]
+    models = (("printer", data["printer"]), ("camera", data["sensor"]))
+    settings = [
+        (label(f"{what} {key}"), str(value))
+        for what, values in models
+        for key, value in values.items()
+    ]
+    page = render_page(
+        "patterns.html",
+        s=data,
+        rows=rows,
+        chart=figures.to_svg(draw(rows)),
+        sizes_mm=sorted({row["d_mm"] for row in rows}),
+        factors=sorted({row["r"] for row in rows}),
+        views={(row["d_mm"], row["r"]): _view(folder, row["name"]) for row in rows},
+        rounds=SERIES_GRIDS,
+        verdict=page_verdict([_best(rows, seen), finding("assumed", ASSUMED)]),
+        chosen=min(
+            (row for row in rows if row["paper_error_mm"] is not None),
+            key=lambda row: row["paper_error_mm"],
+            default=None,
+        ),
+        figures=html_table(pd.DataFrame([_row(row) for row in rows])),
+        settings=html_table(pd.DataFrame(settings, columns=["assumed", "value"])),
+    )
+    return save_page(page, folder / SERIES_PAGE)
+
+
+def _best(rows: list[dict[str, Any]], seen: list[dict[str, Any]]) -> Check:
+    """What can be tracked best; the unseen have the gradient of halftone and noise, not theirs."""
+    if not seen:
+        text = f"The camera sees none of the {len(rows)} patterns: nothing here can be tracked."
+        return finding("patterns", text, "fail")
+    small = max(seen, key=lambda row: _seen(row)["mean_gradient"])
+    large = max(seen, key=lambda row: sum(_seen(row)["contrast"][3:5]))
+    return finding(
+        "patterns",
+        f"The camera still sees {len(seen)} of {len(rows)} patterns: of these "
+        f"d {small['d_mm']}, r {small['r']} has the most to track in small motion and "
+        f"d {large['d_mm']}, r {large['r']} in large motion.",
+        graded(True, warns=len(seen) < len(rows)),
+    )
+
+
+def _read(folder: Path) -> dict[str, Any]:
+    """The figures of a series."""
+    kept = folder / SERIES_FIGURES
+    if not is_file(kept):
+        wanted = "name a folder that `pattern series` wrote"
+        raise InputError(f"{folder}: no series: {kept.name} is missing; {wanted}")
+    data = read_json(kept)
+    if (found := data.get("format")) != SERIES_FORMAT:
+        raise InputError(f"{kept}: format {found!r}; this version reads {SERIES_FORMAT!r}")
+    return data
+
+
+def _view(folder: Path, name: str) -> str:
+    """A pattern's view, as a data URL."""
+    file = folder / SERIES_VIEWS / f"{name}.png"
+    if not is_file(file):
+        raise InputError(f"{folder}: no series: {SERIES_VIEWS}/{file.name} is missing")
+    return "data:image/png;base64," + base64.b64encode(file.read_bytes()).decode()
+
+
+def _seen(row: dict[str, Any]) -> dict[str, Any]:
+    return dict(row["quality"]["photographed"])
+
+
+def _row(row: dict[str, Any]) -> dict[str, Any]:
+    """What predicts tracking, as the camera sees a pattern; quality.csv has all, designed too."""
+    seen, quality = _seen(row), row["quality"]
+    paper = row["paper_error_mm"]
+    return {
+        "d_mm": row["d_mm"],
+        "r": row["r"],
+        "the paper's error, mm": f"{'≈ ' * row['paper_about']}{paper or ''}",
+        "gradient, levels/px": round(seen["mean_gradient"], 1),
+        "contrast at level 3": round(seen["contrast"][3], 1),
+        "contrast at level 4": round(seen["contrast"][4], 1),
+        "second peak": round(seen["peak"], 2),
+        "at, mm": seen["peak_mm"] and round(seen["peak_mm"], 2),
+        "camera px a patch": round(quality["px_a_patch"], 2),
+        "left on the print, %": round(100 * quality["print_contrast"]),
+        "left in the camera, %": round(100 * quality["camera_contrast"]),
+        "lost": "" if quality["seen"] else "not seen",
+    }
+
+
+def draw(rows: Sequence[dict[str, Any]]) -> Figure:
+    """Mean gradient, and contrast at pyramid levels 3 and 4, as the camera sees them, by patch."""
+    panels = {
+        "mean gradient, grey levels/px": [_seen(row)["mean_gradient"] for row in rows],
+        "contrast at level 3, grey levels": [_seen(row)["contrast"][3] for row in rows],
+        "contrast at level 4, grey levels": [_seen(row)["contrast"][4] for row in rows],
+    }
+    figure, axes = figures.blank_figure(9.6, 3.5, len(panels), share_y=False)
+    sizes_mm = sorted({row["d_mm"] for row in rows})
+    for axis, (title, values) in zip(axes, panels.items(), strict=True):
+        for k, r in enumerate(sorted({row["r"] for row in rows})):
+            part = [(row["d_mm"], v) for row, v in zip(rows, values, strict=True) if row["r"] == r]
+            axis.plot(
+                *zip(*sorted(part), strict=True),
+                color=figures.SERIES_COLOURS[k % len(figures.SERIES_COLOURS)],
+                marker=figures.MARKERS[k % len(figures.MARKERS)], ms=5, lw=1.4, label=f"r = {r:g}",
+            )  # fmt: skip
+        axis.set_title(title, loc="left", fontweight="bold", fontsize=9.5)
+        axis.set_xticks(sizes_mm, [f"{d_mm:g}" for d_mm in sizes_mm], rotation=90)
+        axis.set_xlabel("patch size d, mm")
+        axis.set_ylim(bottom=0)
+    figures.legend_below(figure, axes[0])
+    return figure

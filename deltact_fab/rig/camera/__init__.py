@@ -1,1 +1,0 @@
-"""Cameras behind `rig.interface.Camera`."""

@@ -1,1 +1,0 @@
-"""Force sensors behind `rig.interface.ForceSensor`, and the guard that stops the stage."""

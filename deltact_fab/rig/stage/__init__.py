@@ -1,1 +1,0 @@
-"""The motion stage: hosts of controllers behind `rig.interface.Stage`."""

@@ -1,0 +1,67 @@
+"""What the skin is made of: three numbers and, if it creeps, a Prony series, validated once."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ..shapes.bounded import Bounded, bounded_number
+
+USUAL_MPA = 0.01, 10.0  # silicone gels and rubbers, with room on both sides
+MAX_PRONY = 100.0  # beyond, shares were given in percent, or the long-term modulus is nothing
+
+
+@dataclass(frozen=True)
+class GelMaterial(Bounded):
+    """An isotropic silicone gel and its dry friction against the indenter.
+
+    modulus_mpa: Young's modulus; .56 is Gent's relation at Shore 15A, uncertain by a factor of 2.
+    poisson: Poisson's ratio, 0 to .5 (.5, incompressible, is allowed).
+    friction: Coulomb coefficient against the indenter.
+    prony: pairs (g, tau_s) of a relaxing gel; none: elastic. modulus_mpa is what is left after long
+    rest (a slow press, a book value), g the extra share of its shear modulus that fades with tau:
+    G(t) = G (1 + sum g exp(-t / tau)).
+    Shares s of the *instantaneous* modulus, as many programs list them, are g = s / (1 - sum s).
+
+    Raises ValueError for a number outside its range.
+    """
+
+    modulus_mpa: float = bounded_number(
+        0.56, "Young's modulus of the gel; `gel fit` measures it", 0.0001, 10_000
+    )
+    poisson: float = bounded_number(0.49, "Poisson's ratio of the gel", 0, 0.5)
+    friction: float = bounded_number(0.5, "Coefficient of friction between tip and face", 0, 100)
+    prony: tuple[tuple[float, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for pair in self.prony:
+            if len(pair) != 2:
+                raise ValueError(f"prony: pairs [g, tau_s] are needed: {pair} fails")
+            g, tau = pair
+            if not (math.isfinite(g) and g >= 0):
+                raise ValueError(f"prony: g >= 0 and finite in each [g, tau_s]: {g} fails")
+            if not (math.isfinite(tau) and tau > 0):
+                raise ValueError(f"prony: tau_s > 0 and finite in each [g, tau_s]: {tau} fails")
+        if not self.prony_sum <= MAX_PRONY:
+            raise ValueError(f"prony: sum of g <= {MAX_PRONY:g}: {self.prony_sum} fails")
+
+    @property
+    def shear_modulus_mpa(self) -> float:
+        """G = E / (2 (1 + nu)), of a slow press."""
+        return self.modulus_mpa / (2 * (1 + self.poisson))
+
+    @property
+    def prony_sum(self) -> float:
+        """Sum of g: a sudden press meets a shear modulus (1 + prony_sum) times as large."""
+        return sum((g for g, _ in self.prony), 0.0)
+
+
+def unusual_material(modulus_mpa: float) -> str | None:
+    """A warning of a Young's modulus that is hardly a gel's: of another unit, it may be."""
+    low, high = USUAL_MPA
+    if low <= modulus_mpa <= high:
+        return None
+    return (
+        f"{modulus_mpa:.3g} MPa is outside {low:g} to {high:g} MPa, where soft gels and rubbers lie"
+    )

@@ -1,0 +1,18 @@
+"""The levels of the gel's mechanics by name, the cheapest first. Imports no solver."""
+
+from __future__ import annotations
+
+from deltact_fab.common import did_you_mean
+
+LINEAR_LEVEL, FINITE_LEVEL = "linear", "hyperelastic"
+GEL_LEVELS = (LINEAR_LEVEL, FINITE_LEVEL)
+FORMER = {"layer": LINEAR_LEVEL, "block": LINEAR_LEVEL}
+"""Linear levels of older files; there is one now."""
+
+
+def find_level(name: str) -> str:
+    """The level of a name, of a former one too. Raises ValueError for any other."""
+    level = FORMER.get(name, name)
+    if level not in GEL_LEVELS:
+        raise ValueError(f"no such level; {did_you_mean(name, GEL_LEVELS)}")
+    return level

@@ -1,0 +1,115 @@
+"""Which part of a surface is seen where it hides another: the nearest one along a pixel's ray.
+
+Where the flank of a deep dent leans over, several points of the face project to one pixel. Between
+them lies a piece whose image is turned over; so the pixels in dispute are those under such a piece,
+and of the other points there the nearest is seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltact_fab.common import Points
+
+Int = NDArray[np.intp]
+_INSIDE = -1e-9  # barycentric: a pixel on an edge belongs to both sides
+_PAIRS = 2_000_000  # triangles by pixels at a time
+
+
+def folded_pixels(at_px: Points, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Pixels (h, w) onto which a piece that is turned over projects.
+
+    at_px: image points (x, y) of a grid of surface points, (rows, columns, 2).
+    """
+    turned = _triangles(_doubled_areas(at_px) <= 0)
+    disputed = np.zeros(shape, bool)
+    for pixel, _, _ in _covered(at_px, turned, np.ones(shape, bool)):
+        disputed.ravel()[pixel] = True
+    return disputed
+
+
+def nearest_surface(at_px: Points, depth: Points, wanted: NDArray[np.bool_]) -> Points:
+    """Grid position (column, row) of what is seen at each wanted pixel, (n, 2) in their order.
+
+    at_px: as above. depth: of the same points along the camera's axis, (rows, columns). wanted:
+    pixels (h, w) of the image. nan where nothing projects; linear within a triangle.
+    """
+    columns = depth.shape[1]
+    facing = _triangles((_doubled_areas(at_px) > 0) & _reaches(at_px, wanted))
+    best = np.full(wanted.size, np.inf)
+    found = np.full((wanted.size, 2), np.nan)
+    for pixel, corners, share in _covered(at_px, facing, wanted):
+        behind = np.einsum("nk,nk->n", depth.ravel()[corners], share)
+        # The last write to a pixel stays: the nearest one comes last.
+        order = np.argsort(-behind, kind="stable")
+        order = order[behind[order] < best[pixel[order]]]
+        pixel, corners, share = pixel[order], corners[order], share[order]
+        best[pixel] = behind[order]
+        found[pixel, 0] = np.einsum("nk,nk->n", corners % columns, share)
+        found[pixel, 1] = np.einsum("nk,nk->n", corners // columns, share)
+    return found[wanted.ravel()]
+
+
+def _doubled_areas(at_px: Points) -> Points:
+    """Of the two triangles of each cell, (2, rows - 1, columns - 1); below 0: turned over."""
+    a, b, c, d = at_px[:-1, :-1], at_px[:-1, 1:], at_px[1:, :-1], at_px[1:, 1:]
+    return np.stack((_cross(b - a, c - a), _cross(c - d, b - d)))
+
+
+def _triangles(chosen: NDArray[np.bool_]) -> Int:
+    """Flat indices of the corners of chosen ones of these triangles, (n, 3)."""
+    half, row, column = np.nonzero(chosen)
+    columns = chosen.shape[2] + 1
+    a = row * columns + column
+    first = np.where(half, a + columns + 1, a)
+    second = np.where(half, a + columns, a + 1)
+    return np.stack((first, second, np.where(half, a + 1, a + columns)), -1)
+
+
+def _reaches(at_px: Points, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Cells with a wanted pixel in the box around them, (rows - 1, columns - 1)."""
+    corners = at_px[:-1, :-1], at_px[:-1, 1:], at_px[1:, :-1], at_px[1:, 1:]
+    most = np.array(wanted.shape[::-1])
+    low = np.clip(np.ceil(np.minimum.reduce(corners)), 0, most).astype(np.intp)
+    high = np.clip(np.floor(np.maximum.reduce(corners)) + 1, low, most).astype(np.intp)
+    until = np.pad(wanted.astype(np.intp).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
+    (x0, y0), (x1, y1) = (np.moveaxis(v, -1, 0) for v in (low, high))
+    return until[y1, x1] - until[y0, x1] - until[y1, x0] + until[y0, x0] > 0
+
+
+def _cross(a: Points, b: Points) -> NDArray[np.float64]:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def _covered(
+    at_px: Points, triangles: Int, wanted: NDArray[np.bool_]
+) -> Iterator[tuple[Int, Int, Points]]:
+    """Wanted pixels (flat) under triangles, their corners (n, 3) and shares of these, in parts."""
+    w = wanted.shape[1]
+    rows, columns = np.flatnonzero(wanted.any(1)), np.flatnonzero(wanted.any(0))
+    if not len(rows):
+        return
+    at = at_px.reshape(-1, 2)[triangles]
+    low = np.maximum(np.ceil(at.min(1)), (columns[0], rows[0])).astype(np.intp)
+    high = np.minimum(np.floor(at.max(1)), (columns[-1], rows[-1])).astype(np.intp)
+    size = np.maximum(high - low + 1, 0)
+    count = size[:, 0] * size[:, 1]
+    touched = np.flatnonzero(count)
+    parts = np.cumsum(count[touched]) // _PAIRS
+    for part in range(int(parts[-1]) + 1 if len(parts) else 0):
+        some = touched[parts == part]
+        each = np.repeat(some, count[some])
+        nth = np.arange(len(each)) - np.repeat(np.cumsum(count[some]) - count[some], count[some])
+        pixel = low[each] + np.stack((nth % size[each, 0], nth // size[each, 0]), -1)
+        flat = pixel[:, 1] * w + pixel[:, 0]
+        kept = wanted.ravel()[flat]
+        each, pixel, flat = each[kept], pixel[kept], flat[kept]
+        a, b, c = (at[each, k] - pixel for k in range(3))
+        share = np.stack((_cross(b, c), _cross(c, a), _cross(a, b)), -1)
+        whole = share.sum(1)
+        share = share / np.where(whole == 0, np.nan, whole)[:, None]
+        inside = (share >= _INSIDE).all(1)
+        yield flat[inside], triangles[each[inside]], share[inside]

@@ -1,0 +1,372 @@
+"""A fisheye behind air, a plate of acrylic and the gel; Snell's law solved exactly.
+
+Refraction at plane faces leaves no single centre: the rays of one camera do not meet in a point,
+and what a pixel sees depends on how far away it is. So a ray is traced from the entrance pupil,
+and a point is projected by solving for the one ray that meets it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltact_fab.common import Array, InputError, SolverError
+
+from ..shapes.bounded import Bounded, ShapeError, bounded_number
+from ..shapes.sensor import N_ACRYLIC, N_SILICONE, SensorDimensions
+from .camera import Medium
+
+
+def across(tan_squared: Any, index: float) -> Any:
+    """Tangent of a ray in a layer over its tangent in air, both against the common normal.
+
+    Snell at plane faces: n sin t' = sin t, so tan t' / tan t = 1 / sqrt(n^2 + (n^2 - 1) tan^2 t),
+    which stays finite up to grazing rays. tan_squared: tan^2 t in air, a number or an array.
+    """
+    return (index**2 + (index**2 - 1) * tan_squared) ** -0.5
+
+
+def fisheye_reach_mm(
+    half_angle_rad: float, air_gap_mm: float, acrylic_mm: float, gel_mm: float
+) -> float:
+    """Radius on the gel's face that a ray leaving the lens at half_angle_rad reaches."""
+    t = math.tan(half_angle_rad)
+    layers = ((air_gap_mm, 1.0), (acrylic_mm, N_ACRYLIC), (gel_mm, N_SILICONE))
+    return t * float(sum(d * across(t**2, n) for d, n in layers))
+
+
+def half_angle_rad(radius_mm: float, air_gap_mm: float, acrylic_mm: float, gel_mm: float) -> float:
+    """Half angle at the lens under which a point of the face is seen; inf when none reaches it.
+
+    Inverse of reached_mm, which grows with the angle, by bisection to 1e-12 rad. radius_mm >= 0.
+    """
+    low, high = 0.0, math.pi / 2 - 1e-9
+    if fisheye_reach_mm(high, air_gap_mm, acrylic_mm, gel_mm) < radius_mm:
+        return math.inf
+    while high - low > 1e-12:
+        middle = (low + high) / 2
+        if fisheye_reach_mm(middle, air_gap_mm, acrylic_mm, gel_mm) < radius_mm:
+            low = middle
+        else:
+            high = middle
+    return high
+
+
+Depth = NDArray[Any] | float
+
+FIELD_RAD = math.radians(100)
+"""Half field of the 200-degree lens."""
+MIN_GROWTH = 0.1
+"""Share of f by which the image's radius must still grow with the angle: there the field ends."""
+ROUNDING_MM = 1e-9
+"""A point on the face may lie so far behind it when it comes out of a transform."""
+STEP_RAD = 1e-8
+"""A ray has been found when Newton's step is shorter: what it leaves is its square, 1e-9 px."""
+MAX_ITERATIONS = 40
+DECENTRING_ITERATIONS, DECENTRING_SETTLED = 20, 1e-8
+"""Each leaves less than a tenth: p1 and p2 of real lenses are some thousandths."""
+
+
+@dataclass(frozen=True)
+class Fisheye(Bounded):
+    """The camera's own image, through the lens as it is.
+
+    A ray leaves the entrance pupil at an angle theta against the lens's axis, and meets the image
+    theta + k1 theta^3 + k2 theta^5 + k3 theta^7 + k4 theta^9 focal lengths from (cx, cy), plus what
+    decentred elements add (p1, p2: Brown 1966); along y all of it counts aspect times. The pupil
+    stands on the axis; seen from the angle theta it has moved back along it by pupil_shift_mm
+    theta^2 (theta in rad), which widens the gap to air_gap_mm + pupil_shift_mm theta^2 cos(tilt).
+    Plates and gel are flat and normal to z. The pupil of theta = 0 is at (x0_mm, y0_mm) above the
+    sensor's origin. The image is turned by roll_deg about the lens's axis, then lens and all by
+    tilt_y_deg about y and tilt_x_deg about x (right-handed), against the plates' normal.
+
+    Not seen, and nan where a pixel is given: beyond FIELD_RAD or where the radius stops growing.
+    """
+
+    f_px: float = bounded_number(870 / 2.24, "focal length, .87 mm of 2.24 um pixels", 10, 10_000)
+    k1: float = bounded_number(0.0, "radial distortion, of theta^3", -1, 1)
+    k2: float = bounded_number(0.0, "radial distortion, of theta^5", -1, 1)
+    k3: float = bounded_number(0.0, "radial distortion, of theta^7", -1, 1)
+    k4: float = bounded_number(0.0, "radial distortion, of theta^9", -1, 1)
+    p1: float = bounded_number(0.0, "decentring, along y", -0.1, 0.1)
+    p2: float = bounded_number(0.0, "decentring, along x", -0.1, 0.1)
+    aspect: float = bounded_number(1.0, "focal length along y over that along x", 0.5, 2)
+    cx_px: float = bounded_number(639.5, "column where the axis meets the image", -10_000, 20_000)
+    cy_px: float = bounded_number(359.5, "row where the axis meets the image", -10_000, 20_000)
+    tilt_x_deg: float = bounded_number(0.0, "turn of the lens about x", -10, 10)
+    tilt_y_deg: float = bounded_number(0.0, "turn of the lens about y", -10, 10)
+    roll_deg: float = bounded_number(0.0, "turn of the image about the lens's axis", -180, 180)
+    x0_mm: float = bounded_number(0.0, "where the pupil stands along x", -50, 50)
+    y0_mm: float = bounded_number(0.0, "where the pupil stands along y", -50, 50)
+    air_gap_mm: float = bounded_number(3.0, "entrance pupil on the axis to acrylic", 0.1, 50)
+    pupil_shift_mm: float = bounded_number(
+        0.0, "how far the pupil moves back, per theta^2", -10, 10
+    )
+    acrylic_mm: float = bounded_number(2.0, "thickness of the acrylic plate", 0.1, 50)
+    gel_mm: float = bounded_number(12.0, "acrylic to the resting outer face", 0.1, 100)
+    n_acrylic: float = bounded_number(N_ACRYLIC, "refractive index of the plate", 1, 3)
+    n_gel: float = bounded_number(N_SILICONE, "refractive index of the gel", 1, 3)
+    width_px: int = bounded_number(1280, "columns of the raw image", 8, 20_000)
+    height_px: int = bounded_number(720, "rows of the raw image", 8, 20_000)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        # To 90 degrees from the normal and 10 of tilt; else a point could be met by two rays.
+        least_mm = self.air_gap_mm + FIELD_RAD**2 * self.pupil_shift_mm
+        if not least_mm > 0:
+            raise ShapeError(
+                f"air_gap_mm + {FIELD_RAD**2:.2f} pupil_shift_mm > 0: {least_mm:g} fails"
+            )
+
+    @classmethod
+    def of(cls, sensor: SensorDimensions) -> Fisheye:
+        """The nominal lens of a design: centred and straight, the pupil at the lens's apex."""
+        k1, k2, k3, k4 = sensor.lens_terms
+        o, (width_px, height_px) = sensor.optics, sensor.raw_size_px
+        return cls(
+            f_px=sensor.focal_px, k1=k1, k2=k2, k3=k3, k4=k4,
+            cx_px=(width_px - 1) / 2, cy_px=(height_px - 1) / 2,
+            width_px=width_px, height_px=height_px, air_gap_mm=o.air_gap_mm,
+            acrylic_mm=o.acrylic_mm, gel_mm=sensor.skin.thickness_mm,
+        )  # fmt: skip
+
+    @property
+    def centre_px(self) -> tuple[float, float]:
+        """Where the lens's axis meets the image."""
+        return (self.cx_px, self.cy_px)
+
+    @property
+    def mm_per_px(self) -> float:
+        """Of the resting face, straight below an upright pupil."""
+        return (
+            self.air_gap_mm + self.acrylic_mm / self.n_acrylic + self.gel_mm / self.n_gel
+        ) / self.f_px
+
+    @cached_property
+    def field_rad(self) -> float:
+        """The angle from the axis up to which the lens forms an image."""
+        # Where 1 + 3 k1 t^2 + 5 k2 t^4 + ... falls to the least growth.
+        terms = [9 * self.k4, 7 * self.k3, 5 * self.k2, 3 * self.k1, 1 - MIN_GROWTH]
+        roots = np.roots(terms)
+        turns = [math.sqrt(r.real) for r in roots if abs(r.imag) < 1e-12 and r.real > 0]
+        return min([FIELD_RAD, *turns])
+
+    def project_px(self, xyz_mm: Array, medium: Medium = "gel") -> Array:
+        """Sensor points (..., 3) in mm to image points (..., 2) in px, to 1e-9 px.
+
+        Raises InputError for points that are not in the gel or not in the air beyond the face, as
+        the medium says, and for points outside the field; SolverError when no ray was found.
+        """
+        tan = self._tangents(xyz_mm, medium)
+        towards = np.concatenate((tan, np.ones_like(tan[..., :1])), axis=-1) @ self._turn
+        across_, along = np.hypot(towards[..., 0], towards[..., 1]), towards[..., 2]
+        theta = np.arctan2(across_, along)
+        if not np.all(theta <= self.field_rad):
+            raise InputError(
+                f"a point lies {np.degrees(np.max(theta)):.1f} degrees from the lens's axis, "
+                f"outside its field of {math.degrees(self.field_rad):.1f}"
+            )
+        # Radius over sine: along on the axis, where both vanish.
+        with np.errstate(invalid="ignore", divide="ignore"):
+            per = np.where(across_ > 0, theta / across_, 1 / along)
+        gain = self.f_px * per * self._stretch(theta**2)
+        off_px = towards[..., :2] * gain[..., None]
+        if self.p1 or self.p2:
+            off_px = off_px + self.f_px * self._decentring(off_px / self.f_px)
+        if self.aspect != 1:
+            off_px = off_px * (1.0, self.aspect)
+        return off_px + np.asarray(self.centre_px)
+
+    def crossing_mm(self, xyz_mm: Array, medium: Medium = "gel") -> Array:
+        """Where the rays to points (..., 3) cross the resting face, (..., 2) mm.
+
+        Raises as project_px does, but for the field.
+        """
+        return self._met_mm(self._tangents(xyz_mm, medium), self.gel_mm, 0.0)[0]
+
+    def ray_to(self, xyz_mm: Array, medium: Medium = "gel") -> tuple[Array, Array]:
+        """The rays to points (..., 3) as `ray` gives them. Raises as crossing_mm does."""
+        return self._through(self._tangents(xyz_mm, medium), medium)
+
+    def rest_px(self, xy_mm: Array) -> Array:
+        return self.project_px(on_face(xy_mm))
+
+    def rest_mm(self, px: Array) -> Array:
+        return self.ray(px)[0][..., :2]
+
+    def ray(self, px: Array, medium: Medium = "gel") -> tuple[Array, Array]:
+        """As of any `CameraModel`: nan outside the field, or where the ray misses the face."""
+        off = (np.asarray(px, float) - np.asarray(self.centre_px)) / self.f_px
+        if self.aspect != 1:
+            off = off / (1.0, self.aspect)
+        if self.p1 or self.p2:
+            seen = off
+            with np.errstate(over="ignore", invalid="ignore"):
+                for _ in range(DECENTRING_ITERATIONS):
+                    before, off = off, seen - self._decentring(off)
+                # Where it runs away, decentring folds the image: no one ray is seen there.
+                settled = np.abs(off - before).max(axis=-1, keepdims=True) < DECENTRING_SETTLED
+                off = np.where(settled, off, np.nan)
+        radius = np.hypot(off[..., 0], off[..., 1])
+        theta = self._angle(radius)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            per = np.where(radius > 0, np.sin(theta) / radius, 1.0)
+            towards = np.concatenate((off * per[..., None], np.cos(theta)[..., None]), axis=-1)
+            towards = towards @ self._turn.T
+            towards = np.where(towards[..., 2:] > 0, towards, np.nan)
+            tan = towards[..., :2] / towards[..., 2:]
+        return self._through(tan, medium)
+
+    def maps(self) -> None:
+        """None: the raw image is seen as it is."""
+
+    def as_dict(self) -> dict[str, Any]:
+        return {"model": "fisheye", **asdict(self)}
+
+    @cached_property
+    def _turn(self) -> NDArray[np.float64]:
+        """(3, 3) from the lens's frame to the sensor's."""
+        x, y, turn = (math.radians(a) for a in (self.tilt_x_deg, self.tilt_y_deg, self.roll_deg))
+        about_x = [[1, 0, 0], [0, math.cos(x), -math.sin(x)], [0, math.sin(x), math.cos(x)]]
+        about_y = [[math.cos(y), 0, math.sin(y)], [0, 1, 0], [-math.sin(y), 0, math.cos(y)]]
+        about_z = [[math.cos(turn), -math.sin(turn), 0], [math.sin(turn), math.cos(turn), 0]]
+        return np.array(about_x) @ np.array(about_y) @ np.array([*about_z, [0, 0, 1]])
+
+    def _through(self, tan: Array, medium: Medium) -> tuple[Array, Array]:
+        """Origins on the resting face and directions of rays of tangents (..., 2) in the gap."""
+        at = self._met_mm(tan, self.gel_mm, 0.0)[0]
+        slope = tan
+        if medium == "gel":
+            slope = tan * across(np.sum(tan**2, axis=-1), self.n_gel)[..., None]
+        flat, one = np.zeros_like(at[..., :1]), np.ones_like(at[..., :1])
+        return np.concatenate((at, flat), axis=-1), np.concatenate((slope, one), axis=-1)
+
+    def _stretch(self, square: Array) -> Array:
+        """Radius over focal length and angle, of squared angles."""
+        k1, k2, k3, k4 = self.k1, self.k2, self.k3, self.k4
+        if k3 == k4 == 0:
+            return np.asarray(1 + square * (k1 + square * k2))
+        return np.asarray(1 + square * (k1 + square * (k2 + square * (k3 + square * k4))))
+
+    def _decentring(self, off: Array) -> Array:
+        """What decentred elements add to places (..., 2) in focal lengths from the axis."""
+        u, v = off[..., 0], off[..., 1]
+        cross, square = 2 * u * v, u * u + v * v
+        return np.stack(
+            (
+                self.p1 * cross + self.p2 * (square + 2 * u * u),
+                self.p1 * (square + 2 * v * v) + self.p2 * cross,
+            ),
+            axis=-1,
+        )
+
+    def _angle(self, radius: Array) -> Array:
+        """Angle against the axis, rad, of image radii over f; nan outside the field."""
+        nodes = np.linspace(0, self.field_rad, 1024)
+        held = nodes * self._stretch(nodes**2)
+        theta = np.interp(radius, held, nodes, right=np.nan)
+        for _ in range(3):  # from an error of 1e-6 or less: 1e-12, then rounding
+            square = theta**2
+            value = theta * self._stretch(square)
+            high = square * square * (7 * self.k3 + square * 9 * self.k4)
+            growth = 1 + square * (3 * self.k1 + square * 5 * self.k2 + high)
+            theta = theta - (value - radius) / growth
+        return np.asarray(theta)
+
+    def _tangents(self, xyz_mm: Array, medium: Medium) -> Array:
+        """Tangents (..., 2) in the air gap, against z, of the rays that meet points (..., 3).
+
+        Newton on both. Without a pupil that moves, a ray's reach is concave in its tangent and
+        Newton from the left cannot miss; with one that does, this is where the solution starts.
+        """
+        points = np.asarray(xyz_mm, float)
+        z = points[..., 2]
+        gel, beyond = (
+            (self.gel_mm + z, np.zeros_like(z))
+            if medium == "gel"
+            else (np.full_like(z, self.gel_mm), z)
+        )
+        if not (np.all(gel > 0) and np.all(beyond > -ROUNDING_MM) and np.all(np.isfinite(points))):
+            where = f"in the gel, z > {-self.gel_mm:g}" if medium == "gel" else "in air, z >= 0"
+            raise InputError(f"a point to be seen is not {where} mm")
+        aim = points[..., :2] - (self.x0_mm, self.y0_mm)
+        far = np.hypot(aim[..., 0], aim[..., 1])
+        t = far / (self.air_gap_mm + beyond + self.acrylic_mm / self.n_acrylic + gel / self.n_gel)
+        for _ in range(3):
+            met, growth = self._reach(t, self.air_gap_mm + beyond, gel)
+            t = t + (far - met) / growth
+        with np.errstate(invalid="ignore", divide="ignore"):
+            tan = np.where(far > 0, t / far, 0.0)[..., None] * aim
+        for _ in range(MAX_ITERATIONS):
+            at, jacobian = self._met_mm(tan, gel, beyond)
+            miss = at - points[..., :2]
+            (xx, xy), (yx, yy) = jacobian
+            det = xx * yy - xy * yx
+            step = np.stack(
+                (
+                    (yy * miss[..., 0] - xy * miss[..., 1]) / det,
+                    (xx * miss[..., 1] - yx * miss[..., 0]) / det,
+                ),
+                axis=-1,
+            )
+            tan = tan - step
+            size = np.hypot(step[..., 0], step[..., 1])
+            if np.all(size <= STEP_RAD * np.sqrt(1 + np.sum(tan**2, axis=-1))):
+                return tan
+        raise SolverError(f"lens: no ray to a point was found in {MAX_ITERATIONS} iterations")
+
+    def _reach(self, t: Array, air_mm: Array, gel_mm: Array) -> tuple[Array, Array]:
+        """How far aside rays of tangents t come through the layers, and its derivative, mm."""
+        square = t**2
+        plate, gel = across(square, self.n_acrylic), across(square, self.n_gel)
+        met = t * (air_mm + self.acrylic_mm * plate + gel_mm * gel)
+        growth = air_mm + self.n_acrylic**2 * self.acrylic_mm * plate**3
+        return met, growth + self.n_gel**2 * gel_mm * gel**3
+
+    def _met_mm(self, tan: Array, gel_mm: Depth, beyond_mm: Depth) -> tuple[Array, Any]:
+        """Where rays of tangents (..., 2) in air are after gel_mm of gel and beyond_mm of air.
+
+        (..., 2) mm, and its derivative with the tangents ((xx, xy), (yx, yy)).
+        """
+        tx, ty = tan[..., 0], tan[..., 1]
+        square = tx**2 + ty**2
+        plate, gel = across(square, self.n_acrylic), across(square, self.n_gel)
+        per = self.air_gap_mm + beyond_mm + self.acrylic_mm * plate + gel_mm * gel
+        # d across / d tan^2 = - (n^2 - 1) / 2 across^3, and d tan^2 = 2 tan d tan.
+        bend = -(self.n_acrylic**2 - 1) * self.acrylic_mm * plate**3
+        bend = bend - (self.n_gel**2 - 1) * gel_mm * gel**3
+        x, y = self.x0_mm + tx * per, self.y0_mm + ty * per
+        xx, xy, yy = per + bend * tx**2, bend * tx * ty, per + bend * ty**2
+        yx = xy
+        if self.pupil_shift_mm:
+            ax, ay, az = self._turn[:, 2]
+            cross = np.stack((ty * az - ay, ax - tx * az, tx * ay - ty * ax))
+            along = tx * ax + ty * ay + az
+            sine = np.sqrt(np.sum(cross**2, axis=0))
+            theta = np.arctan2(sine, along)
+            back = self.pupil_shift_mm * theta**2
+            # Along the ray (tx, ty, 1), a step of the pupil back by b is one aside by b (tan - a).
+            aside_x, aside_y = tx * az - ax, ty * az - ay
+            x, y = x + back * aside_x, y + back * aside_y
+            # theta^2 changes with the cosine c by - 2 theta / sin theta, which is - 2 on the axis.
+            length = np.sqrt(1 + square)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                turn = np.where(sine > 0, theta * length / sine, 1.0)
+            by = -2 * self.pupil_shift_mm * turn
+            cosine = along / length
+            dx = by * (ax - cosine * tx / length) / length
+            dy = by * (ay - cosine * ty / length) / length
+            xx, xy = xx + back * az + aside_x * dx, xy + aside_x * dy
+            yx, yy = yx + aside_y * dx, yy + back * az + aside_y * dy
+        return np.stack((x, y), axis=-1), ((xx, xy), (yx, yy))
+
+
+def on_face(xy_mm: Array) -> Array:
+    """Points (..., 2) of the resting face with their z of 0, (..., 3)."""
+    at = np.asarray(xy_mm, float)
+    return np.concatenate((at, np.zeros_like(at[..., :1])), axis=-1)

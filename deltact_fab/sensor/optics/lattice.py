@@ -1,0 +1,232 @@
+"""Displacements of the face on a lattice, what lies between its nodes, and the motion in the image.
+
+A frame has a million points to project and a lattice some ten thousand. What is projected is a
+smooth function of the position and of a displacement that is itself a cubic spline on the lattice.
+With nodes at most STEP_MM apart the spline through it is off by 1e-5 px in a drag 3 mm deep, by
+1e-4 in one 8 mm deep (95th percentile; .002 px at worst).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from math import ceil
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltact_fab.common import Array, InputError
+
+from .camera import CameraModel, axes_mm
+from .fisheye import Fisheye
+from .rectified import Rectified
+
+
+@dataclass(frozen=True)
+class SurfaceLattice:
+    """A regular lattice of points on the resting face, on which displacements are stored.
+
+    x0_mm, y0_mm: first node; spacing_mm: between nodes; nx, ny: their number.
+    """
+
+    x0_mm: float
+    y0_mm: float
+    spacing_mm: float
+    nx: int
+    ny: int
+
+    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by catalog.validate
+
+    def __post_init__(self) -> None:
+        if not (min(self.nx, self.ny) >= 2 and max(self.nx, self.ny) <= 100_000):
+            raise ValueError(f"nx, ny: expected 2 to 100000 nodes, not {self.nx}, {self.ny}")
+        if not 1e-6 <= self.spacing_mm <= 1000:
+            raise ValueError(f"spacing_mm: expected 1e-6 to 1000, not {self.spacing_mm:g}")
+        if not max(abs(self.x0_mm), abs(self.y0_mm)) <= 1e6:
+            raise ValueError("x0_mm, y0_mm: expected -1e6 to 1e6")
+
+    def axes_mm(self) -> tuple[Array, Array]:
+        """Nodes along x (nx,) and along y (ny,)."""
+        return (
+            self.x0_mm + self.spacing_mm * np.arange(self.nx),
+            self.y0_mm + self.spacing_mm * np.arange(self.ny),
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class LatticeSampler:
+    """Cubic B-spline interpolation from a lattice to the tensor grid xs x ys, as two matrices.
+
+    The drawing camera and the stored truth both go through it, so they agree to rounding.
+    """
+
+    along_x: NDArray[np.float64]  # (len(xs), nx)
+    along_y: NDArray[np.float64]  # (len(ys), ny)
+
+    @classmethod
+    def make(cls, lattice: SurfaceLattice, xs_mm: Array, ys_mm: Array) -> LatticeSampler:
+        """Build the matrices. Raises InputError when a point lies outside the lattice."""
+        x_mm, y_mm = lattice.axes_mm()
+        return cls(_spline_matrix(x_mm, xs_mm), _spline_matrix(y_mm, ys_mm))
+
+    def __call__(self, values: Array) -> NDArray[np.float64]:
+        """(ny, nx, c) on the lattice to (len(ys), len(xs), c)."""
+        columns = [self.along_y @ values[..., c] @ self.along_x.T for c in range(values.shape[-1])]
+        return np.stack(columns, axis=-1)
+
+
+class PointSampler:
+    """The same spline at points that stand on no tensor grid."""
+
+    def __init__(self, lattice: SurfaceLattice, xy_mm: Array) -> None:
+        """xy_mm: points (n, 2). Raises InputError when one lies outside the lattice."""
+        from scipy.sparse import csr_array
+
+        x_mm, y_mm = lattice.axes_mm()
+        x, self._x = _spline_terms(x_mm, xy_mm[:, 0])
+        y, self._y = _spline_terms(y_mm, xy_mm[:, 1])
+        shares = y.data.reshape(-1, 4, 1) * x.data.reshape(-1, 1, 4)
+        at = y.indices.reshape(-1, 4, 1) * lattice.nx + x.indices.reshape(-1, 1, 4)
+        self._shares = csr_array(
+            (shares.ravel(), at.ravel(), np.arange(0, shares.size + 1, 16)),
+            shape=(len(xy_mm), lattice.ny * lattice.nx),
+        )
+
+    def __call__(self, values: Array) -> NDArray[np.float64]:
+        """(ny, nx, c) on the lattice to (n, c) at the points."""
+        terms = self._y @ np.moveaxis(np.asarray(values, float), -1, 0) @ self._x.T
+        return np.asarray(self._shares @ terms.reshape(len(terms), -1).T)
+
+
+def _spline_terms(nodes: Array, points: Array) -> tuple[Any, Array]:
+    """The four basis functions at each point (sparse), and what makes coefficients of nodes."""
+    from scipy.interpolate import BSpline
+
+    spline = _spline(nodes, points)
+    return BSpline.design_matrix(points, spline.t, 3), spline.c
+
+
+def _spline_matrix(nodes: Array, points: Array) -> NDArray[np.float64]:
+    """Matrix (len(points), n) of cubic B-spline interpolation with not-a-knot ends."""
+    return np.asarray(_spline(nodes, points)(points))
+
+
+def _spline(nodes: Array, points: Array) -> Any:
+    """The spline of each node's unit value. Raises InputError for points outside the nodes."""
+    from scipy.interpolate import make_interp_spline
+
+    if np.min(points) < nodes[0] - 1e-9 or np.max(points) > nodes[-1] + 1e-9:
+        raise InputError(
+            f"points from {np.min(points):.3f} to {np.max(points):.3f} mm leave the lattice "
+            f"{nodes[0]:.3f} to {nodes[-1]:.3f} mm"
+        )
+    return make_interp_spline(nodes, np.eye(len(nodes)), k=3)
+
+
+STEP_MM = 0.2
+
+
+class FaceMotion:
+    """Projected motion on a lattice that has the nodes of the displacement's and some between."""
+
+    def __init__(self, lattice: SurfaceLattice, project_px: Callable[[Array], Array]) -> None:
+        """project_px: points of the moved face (..., 3) in mm to the image (..., 2) in px."""
+        n = ceil(lattice.spacing_mm / STEP_MM - 1e-9)
+        self.lattice = replace(
+            lattice,
+            spacing_mm=lattice.spacing_mm / n,
+            nx=(lattice.nx - 1) * n + 1,
+            ny=(lattice.ny - 1) * n + 1,
+        )
+        # Rounding may put the last node a hair beyond the lattice's.
+        xs, ys = (
+            np.clip(fine, coarse[0], coarse[-1])
+            for fine, coarse in zip(self.lattice.axes_mm(), lattice.axes_mm(), strict=True)
+        )
+        # The finer spline holds the coarser one: no displacement is changed by this.
+        self.displaced = LatticeSampler.make(lattice, xs, ys)
+        x, y = np.meshgrid(xs, ys)
+        self._rest = np.stack((x, y, np.zeros_like(x)), axis=-1)
+        self._project_px = project_px
+        self._rest_px = project_px(self._rest)
+
+    def __call__(self, displacement_mm: Array) -> Array:
+        """Displacement (ny, nx, 3) on its lattice to motion in px on `lattice`, (ny, nx, 2)."""
+        moved = self._rest + self.displaced(displacement_mm)
+        return np.asarray(self._project_px(moved) - self._rest_px)
+
+
+class SeenFace:
+    """Motion of the face, (ny, nx, 3) mm on a lattice, as the pixels of a view show it.
+
+    lens: what the frames were drawn through; None: through the camera itself.
+    """
+
+    def __init__(
+        self, camera: CameraModel, lattice: SurfaceLattice, lens: Fisheye | None = None
+    ) -> None:
+        self.camera, self.lattice, self.lens = camera, lattice, lens
+
+    def both(self, u_mm: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Motion of what every pixel sees at rest: projected, (h, w, 2) px, and in plane, mm."""
+        if self._through is not None:
+            return self._through.both(u_mm)
+        moved_mm = self._grid(u_mm)
+        return self.camera.project_px(self._rest_mm + moved_mm) - self._rest_px, moved_mm[..., :2]
+
+    def points_px(
+        self, u_mm: NDArray[np.float64], xy_mm: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Projected displacement (n, 2) px of points of the resting face (n, 2) mm."""
+        moved_mm = PointSampler(self.lattice, xy_mm)(u_mm)
+        rest_mm = np.column_stack((xy_mm, np.zeros(len(xy_mm))))
+        project_px = (self._through or self.camera).project_px
+        return np.asarray(project_px(rest_mm + moved_mm) - project_px(rest_mm))
+
+    @cached_property
+    def _grid(self) -> LatticeSampler:
+        return LatticeSampler.make(self.lattice, *axes_mm(self.camera))
+
+    @cached_property
+    def _rest_mm(self) -> NDArray[np.float64]:
+        x_mm, y_mm = np.meshgrid(*axes_mm(self.camera))
+        return np.stack((x_mm, y_mm, np.zeros_like(x_mm)), axis=-1)
+
+    @cached_property
+    def _rest_px(self) -> NDArray[np.float64]:
+        return self.camera.project_px(self._rest_mm)
+
+    @cached_property
+    def _through(self) -> _Through | None:
+        if self.lens is None:
+            return None
+        assert isinstance(self.camera, Rectified), "a lens's frames are rectified"
+        return _Through(self.lens, self.camera, self.lattice)
+
+
+class _Through:
+    """What a rectified view shows of frames that were drawn through another lens than it holds."""
+
+    def __init__(self, lens: Fisheye, view: Rectified, lattice: SurfaceLattice) -> None:
+        self._lens, self._view = lens, view
+        columns, rows = np.meshgrid(np.arange(view.width_px), np.arange(view.height_px))
+        px = np.stack((columns, rows), axis=-1).astype(float)
+        seen_mm = lens.rest_mm(view.lens.rest_px(view.rest_mm(px))).reshape(-1, 2)
+        self._shape = px.shape
+        self._motion = FaceMotion(lattice, self.project_px)
+        self._at_seen = PointSampler(self._motion.lattice, seen_mm)
+
+    def project_px(self, xyz_mm: NDArray[Any]) -> NDArray[Any]:
+        """Points (..., 3) mm, through the lens, to where the view takes them to be (..., 2) px."""
+        return self._view.rest_px(self._view.lens.rest_mm(self._lens.project_px(xyz_mm)))
+
+    def both(self, u_mm: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """As SeenFace."""
+        parts = self._motion(u_mm), self._motion.displaced(u_mm[..., :2])
+        flow_px, at_rest_mm = (self._at_seen(part).reshape(self._shape) for part in parts)
+        return flow_px, at_rest_mm

@@ -1,0 +1,12 @@
+"""Indenters by name: a file each family, with SHAPES: names to functions of a scale factor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from deltact_fab.common import entries, modules_in
+
+from ..rigid import Indenter
+
+SHAPES: dict[str, Callable[[float], Indenter]] = entries(modules_in(__package__), "SHAPES")
+"""Each takes the factor by which its default, 9 mm along its longest side, is scaled."""

@@ -1,0 +1,246 @@
+"""A rigid indenter as numbers: its tips, its stem, and how deep it reaches.
+
+The tip's lowest point is at z = 0 in the indenter's frame; the body lies above. `tips` says what a
+tip states. One that is turned about its axis, and tilted, moves with its shank as one rigid body,
+whose lowest point is set back to z = 0; the shank goes on along its own axis up to the back plate,
+so that a tilted tip leans.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltact_fab.common import Field, Point2
+
+from .bounded import ShapeError
+from .prism import PrismTip
+from .tips import EllipsoidTip, RidgeTip, SphereTip
+from .turned import TurnedTip
+
+PlainTip = SphereTip | RidgeTip | EllipsoidTip | PrismTip | TurnedTip
+
+TILT_DEG = 45.0
+_LEVEL_MM = 0.1  # heights that are looked at for the first inside the body; no tip is thinner
+_GRID = np.linspace(-1.0, 1.0, 61)
+
+
+def edge_radius_mm(tip: PlainTip | PosedTip) -> float:
+    """Smallest convex radius of a tip's underside, however it is turned."""
+    if isinstance(tip, PosedTip):
+        return edge_radius_mm(tip.tip)
+    if isinstance(tip, EllipsoidTip):
+        return min(tip.a_mm, tip.b_mm) ** 2 / max(tip.a_mm, tip.b_mm)
+    if isinstance(tip, PrismTip):
+        return tip.edge_mm
+    if not isinstance(tip, TurnedTip):
+        return tip.radius_mm
+    found, a = tip.radius_mm, tip.start_mm
+    for piece in tip.pieces:
+        c = piece.centre_mm
+        if c is not None and c[1] >= max(a[1], piece.end_mm[1]) - 1e-9:
+            found = min(found, math.dist(c, a))
+        a = piece.end_mm
+    return found
+
+
+@dataclass(frozen=True)
+class PosedTip:
+    """A tip tilted about x, then about y, then turned about z, standing at (x, y).
+
+    tip: at x = y = 0. top_mm: height of the back plate, at which the shank ends.
+    """
+
+    tip: PlainTip
+    x_mm: float
+    y_mm: float
+    turn_deg: float = 0.0
+    tilt_x_deg: float = 0.0
+    tilt_y_deg: float = 0.0
+    top_mm: float = 12.0
+
+    def __post_init__(self) -> None:
+        for name, most in (("turn_deg", 360.0), ("tilt_x_deg", TILT_DEG), ("tilt_y_deg", TILT_DEG)):
+            value = getattr(self, name)
+            if not abs(value) <= most:
+                raise ShapeError(f"|{name}| <= {most:g}: {value:g} fails")
+
+    @cached_property
+    def turn(self) -> NDArray[np.float64]:
+        """Rotation (3, 3) from the tip's own frame into the indenter's."""
+        z, x, y = (math.radians(a) for a in (self.turn_deg, self.tilt_x_deg, self.tilt_y_deg))
+        about_x = [[1, 0, 0], [0, math.cos(x), -math.sin(x)], [0, math.sin(x), math.cos(x)]]
+        about_y = [[math.cos(y), 0, math.sin(y)], [0, 1, 0], [-math.sin(y), 0, math.cos(y)]]
+        about_z = [[math.cos(z), -math.sin(z), 0], [math.sin(z), math.cos(z), 0], [0, 0, 1]]
+        return np.array(about_z) @ np.array(about_y) @ np.array(about_x)
+
+    @property
+    def tilted(self) -> bool:
+        """Whether its axis is not upright."""
+        return self.tilt_x_deg != 0 or self.tilt_y_deg != 0
+
+    @cached_property
+    def origin_mm(self) -> NDArray[np.float64]:
+        """Where the origin of the tip's own frame stands, (3,)."""
+        return np.array([self.x_mm, self.y_mm, -self._lowest[2]])
+
+    @property
+    def lowest_mm(self) -> Point2:
+        return self.x_mm + self._lowest[0], self.y_mm + self._lowest[1]
+
+    @cached_property
+    def _lowest(self) -> tuple[float, float, float]:
+        """The lowest point of the turned underside from the tip's own origin.
+
+        On a grid that closes in on it; exact to 1e-9 mm for a convex tip.
+        """
+        if not self.tilted:
+            (x, y), (dx, dy) = self.tip.lowest_mm, self.turn[:2, :2]
+            return float(dx @ (x, y)), float(dy @ (x, y)), 0.0
+        (u0, v0), (a, b) = (0.0, 0.0), self.tip.half_mm
+        best = (0.0, 0.0, math.inf)
+        for _ in range(16):
+            u, v = np.meshgrid(u0 + a * _GRID, v0 + b * _GRID)
+            w = self.tip.height_mm(u, v)
+            inside = np.isfinite(w)
+            points = np.stack([u[inside], v[inside], w[inside]])
+            z = self.turn[2] @ points
+            k = int(np.argmin(z))
+            u0, v0 = points[0, k], points[1, k]
+            x, y, z_mm = (self.turn @ points[:, k]).tolist()
+            best = min(best, (x, y, z_mm), key=lambda point: point[2])
+            a, b = a / 4, b / 4
+        return best
+
+    @property
+    def radius_mm(self) -> float:
+        least = edge_radius_mm(self.tip) if self.tilted else self.tip.radius_mm
+        return min(self.tip.radius_mm, least)
+
+    @cached_property
+    def equator_mm(self) -> float:
+        """Height at which the sides turn vertical, the least round the tip; to 1e-3 mm if tilted.
+
+        Along 24 directions from the lowest point, where the outline ends.
+        """
+        if not self.tilted:
+            return self.tip.equator_mm
+        angle = np.arange(24) * math.pi / 12
+        way, start = np.stack([np.cos(angle), np.sin(angle)]), self.lowest_mm
+        low, high = np.zeros(24), np.full(24, 2 * math.hypot(*self.half_mm))
+        for _ in range(40):
+            middle = (low + high) / 2
+            x, y = start[0] + middle * way[0], start[1] + middle * way[1]
+            inside = np.isfinite(self.height_mm(x, y))
+            low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+        rim = self.height_mm(start[0] + low * way[0], start[1] + low * way[1])
+        return float(rim.min())
+
+    @property
+    def half_mm(self) -> Point2:
+        """Half sides (x, y) of a box around the tip and its leaning shank, seen along z."""
+        (a, b), up = self.tip.half_mm, self.top_mm / self.turn[2, 2]
+        x, y, _ = np.abs(self.turn) @ (a, b, up if self.tilted else 0.0)
+        return float(x), float(y)
+
+    @property
+    def corner_mm(self) -> float:
+        """Smallest convex radius of the outline; half of the tip's where it is tilted."""
+        return self.tip.corner_mm / 2 if self.tilted else self.tip.corner_mm
+
+    def height_mm(self, x_mm: Field, y_mm: Field) -> Field:
+        """Underside above the lowest point, inf beside the tip; indenter frame, one shape.
+
+        Of a tilted tip where the upright line through a point first meets the body, found between
+        heights _LEVEL_MM apart and halved to 1e-12 mm.
+        """
+        x, y = np.broadcast_arrays(x_mm, y_mm)
+        x, y = x.astype(np.float64) - self.x_mm, y.astype(np.float64) - self.y_mm
+        if not self.tilted:
+            (xx, xy), (yx, yy) = self.turn[:2, :2]
+            return self.tip.height_mm(xx * x + yx * y, xy * x + yy * y)
+        found = np.full(x.shape, np.inf)
+        open_ = np.flatnonzero((np.abs(x) <= self.half_mm[0]) & (np.abs(y) <= self.half_mm[1]))
+        flat_x, flat_y = x.ravel(), y.ravel()
+        steps = math.ceil(self.top_mm / _LEVEL_MM)
+        for k in range(steps + 1):
+            z = self.top_mm * k / steps
+            met = self._holds(flat_x[open_], flat_y[open_], np.full(open_.shape, z))
+            found.flat[open_[met]] = z
+            open_ = open_[~met]
+        at = np.flatnonzero(np.isfinite(found.ravel()) & (found.ravel() > 0))
+        high = found.ravel()[at]
+        low = high - self.top_mm / steps
+        for _ in range(40):
+            middle = (low + high) / 2
+            met = self._holds(flat_x[at], flat_y[at], middle)
+            low, high = np.where(met, low, middle), np.where(met, middle, high)
+        found.flat[at] = high
+        return found
+
+    def _holds(self, x: Field, y: Field, z: Field) -> NDArray[np.bool_]:
+        """Whether points from where the tip stands are inside the body."""
+        u, v, w = self.turn.T @ np.stack([x, y, z + self._lowest[2]])
+        inside: NDArray[np.bool_] = w >= self.tip.height_mm(u, v)
+        return inside
+
+
+Tip = PlainTip | PosedTip
+REACH_MM = 12.0  # as long as the standard gel is thick
+
+
+@dataclass(frozen=True)
+class Indenter:
+    """A rigid indenter: tips with their shanks on one back plate, and a stem.
+
+    name: what the user typed, normalised (`sphere:10`, `4dots`).
+    tips: what touches the gel; outside all of them the indenter is out of reach.
+    stem_diameter_mm: the stem that fits the stage's tool holder.
+    stem_flat_at_mm: the stem's flat from its axis, on the side of the tips' +x and over the whole
+    length: it clocks the tips in the tool holder. The same for all.
+    reach_mm: free length from the lowest point up to the back plate, that is, the depth to which
+    tips and shanks alone can be pressed.
+    """
+
+    name: str
+    tips: tuple[Tip, ...]
+    stem_diameter_mm: float = 6.0
+    stem_length_mm: float = 20.0
+    stem_flat_at_mm: float = 2.2
+    reach_mm: float = REACH_MM
+
+    @property
+    def slug(self) -> str:
+        """The name as it may stand in a file name."""
+        return self.name.replace(":", "-").replace(".", "p")
+
+    @property
+    def footprint_half_mm(self) -> tuple[float, float]:
+        """Half sides of the box around the tips as seen along z (x, y)."""
+        return (
+            max(abs(t.x_mm) + t.half_mm[0] for t in self.tips),
+            max(abs(t.y_mm) + t.half_mm[1] for t in self.tips),
+        )
+
+    @property
+    def equator_mm(self) -> float:
+        """Depth at which the first tip is in up to where its sides turn vertical.
+
+        A model of the gel's face as a height field ends there; the indenter itself goes on.
+        """
+        return min(t.equator_mm for t in self.tips)
+
+    def height_mm(self, x_mm: Field, y_mm: Field) -> Field:
+        """Height of the indenter's underside above its lowest point, inf where there is none.
+
+        x_mm, y_mm: arrays of one shape, relative to the indenter's axis. Returns that shape. Shanks
+        and back plate are not in it: they are out of sight from below or further away.
+        """
+        height = np.full(np.broadcast(x_mm, y_mm).shape, np.inf)
+        for tip in self.tips:
+            height = np.minimum(height, tip.height_mm(x_mm, y_mm))
+        return height

@@ -1,0 +1,222 @@
+"""A run as it is asked for, and all that is known of it before a device is opened."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+from deltact_fab.bench import (
+    LOCKSTEP,
+    WALL_CLOCK,
+    GrblKind,
+    Protocol,
+    RigConfig,
+    RigKind,
+    RigSetup,
+    RunEstimate,
+    Step,
+    check_limits,
+    estimate_run,
+    expand_protocol,
+    image_format,
+    load_protocol,
+    load_rig,
+    reason,
+    refusal_check,
+    require_image_format,
+    require_limits,
+    tool_change_s,
+    undeclared_lengths,
+    unmet_conditions,
+)
+from deltact_fab.common import Check, InputError, MissingLibrary, Note, Progress, graded, passes
+from deltact_fab.fabricate import Design, PatternRecipe, load_design, load_recipe
+from deltact_fab.sensor import CameraModel
+
+from ..preflight import peaks, rule
+
+_LOG = logging.getLogger(__name__)
+
+
+@dataclass
+class RunRequest:
+    """A protocol on a rig, both by name or path, and how it is to be carried out.
+
+    Every file that it names is read once, here. Raises InputError for one that is of no use; a
+    pattern's is told by `checks` and `require` with what else is wrong.
+    """
+
+    protocol_name: str
+    rig_name: str
+    out: Path = Path()
+    """Folder of the run; for checks alone, any on the disk that it will be written to."""
+    seed: int = 0
+    progress: Progress | None = None
+    """Told of what is solved, and how far the run is."""
+    air: bool = False
+    """Nothing goes below the clearance plane, and no force is predicted."""
+    unattended: bool = False
+    """Nobody is asked anything, and what would need that is refused."""
+    tip_is_clear: bool = False
+    """The operator's word, where the position is lost."""
+
+    protocol: Protocol = field(init=False)
+    source: Path = field(init=False)
+    """Of the protocol."""
+    rig: RigConfig = field(init=False)
+    rig_path: Path = field(init=False)
+    design: Design = field(init=False)
+    steps: list[Step] = field(init=False)
+    kind: RigKind = field(init=False)
+
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise InputError(f"--seed: {self.seed}; expected 0 or more")
+        self.protocol, self.source = load_protocol(self.protocol_name, by_hand=True)
+        self.rig, self.rig_path = load_rig(self.rig_name)
+        self.design = load_design(self.protocol.specimen.design)
+        self.steps = expand_protocol(self.protocol, self.air)
+        self.kind = kind_of(self.rig, self.rig_path)
+        if self.protocol.weights is not None and self.rig.kind == "grbl":
+            for option in ("unattended", "air"):
+                if getattr(self, option):
+                    raise InputError(f"--{option}: does not go with weights, which a hand lays on")
+
+    @cached_property
+    def recipe(self) -> PatternRecipe:
+        """The specimen's pattern. Raises InputError."""
+        try:
+            return load_recipe(self.protocol.specimen.pattern)
+        except InputError as why:
+            raise InputError(f"{self.source}: specimen.pattern: {why}") from why
+
+    @cached_property
+    def view(self) -> CameraModel | None:
+        """Of the images that are tracked; None without a camera. Raises InputError."""
+        return self.kind.camera(self.protocol, self.design)
+
+    def setup(self, folder: Path) -> RigSetup:
+        """What a rig is built from to record into a folder."""
+        return RigSetup(
+            self.protocol, self.design, self.recipe, self.view, self.seed, folder, self.air,
+            unattended=self.unattended, tip_is_clear=self.tip_is_clear,
+        )  # fmt: skip
+
+    @property
+    def _touches(self) -> bool:
+        """Whether a stage brings the tip to the face."""
+        return not self.air and self.protocol.weights is None
+
+    def estimate(self) -> RunEstimate:
+        """Frames, time and disk of the whole run."""
+        pace = LOCKSTEP if self.rig.simulated else WALL_CLOCK
+        image_px = rule.image_px(self.view, self.rig)
+        rig, change = self.rig, 0.0
+        if rig.kind == "grbl" and self._touches:
+            change = tool_change_s(rig.stage, rig.touch, self.protocol.motion.park_mm)
+        return estimate_run(self.protocol, image_px, rig.stage, self.steps, pace, change)
+
+    def require(self) -> list[Note]:
+        """Raise InputError for all that a run is refused for.
+
+        Returns a warning for each predicted force that is over a limit of the rig or of the plate
+        where that breaks nothing, or that may trip the guard.
+        """
+        require_limits(self._rows(), str(self.source))
+        found = None if self.air else self.forces()
+        if found is None:
+            return []
+        require_limits(found[1], str(self.rig_path))
+        lines = [f"{self.protocol.name}: {reason(row)}" for row in found[1] if row.status == "warn"]
+        for line in lines:
+            _LOG.warning("warning: %s", line)
+        return [Note("forces", line, warns=True) for line in lines]
+
+    def checks(self) -> list[Check]:
+        """Every check: a run begins where none fails.
+
+        Only a real rig can refuse for its forces, so they are solved for that (minutes, once); for
+        a simulated one those that are known already are taken.
+        """
+        rows = self._rows()
+        if self.rig.kind == "grbl" and self._touches:
+            unknown = undeclared_lengths(self.rig, self.protocol)
+            status = graded(True, warns=bool(unknown))
+            rows.append(Check("tool-lengths", "tool lengths", "unknown", len(unknown), 0, status,
+                              tuple(unknown), sign="<="))  # fmt: skip
+        # What leaves the gel or the stage is said already, and has no force.
+        if passes(rows) and not self.air:
+            found = self.forces(solve=not self.rig.simulated)
+            rows += [] if found is None else found[1]
+        return rows
+
+    def forces(self, solve: bool = True) -> tuple[list[peaks.Peak], list[Check]] | None:
+        """Predicted peaks, and a row for each limit of the rig and of the plate behind the gel.
+
+        None where that would take more than seconds and solve is False. Raises InputError.
+        """
+        if self.protocol.weights is not None:
+            return [], []  # they are the forces
+        declared = rule.limits_of(self.rig, str(self.rig_path), self.protocol)
+        found = peaks.predict(self.protocol, self.design, declared.origin_mm, self.progress, solve)
+        if found is None:
+            return None
+        plate = rule.plate_checks(found, self.design, declared.simulated)
+        return found, rule.checks(found, declared) + plate
+
+    def _rows(self) -> list[Check]:
+        """Every check but that of the forces; check and run ask it alone."""
+        protocol, design, rig, kind = self.protocol, self.design, self.rig, self.kind
+        by_stage = protocol.weights is None
+        rows = check_limits(protocol, design, rig.stage, self.steps) if by_stage else []
+        rows += rule.needs(protocol, self.steps, rig, self.view, self.out)
+        refused = kind.refusals(protocol, design, str(self.source))
+        rows.append(refusal_check("rig", kind.part, refused))
+        rows.append(refusal_check("pattern", "pattern", self._pattern()))
+        rows.append(refusal_check("image-format", "image format", self._format()))
+        if rig.kind == "grbl" and self._touches:
+            lines = unmet_conditions(rig, protocol, design, self.unattended)
+            lines = [f"{self.rig_path}: {line}" for line in lines]
+            rows.append(refusal_check("contact", "contact", lines))
+        return rows
+
+    def _pattern(self) -> list[str]:
+        """Why the specimen's pattern does not serve the protocol."""
+        try:
+            recipe = self.recipe
+        except InputError as why:
+            return [str(why)]
+        beyond = self.design.optics.beyond(recipe.printed_mm)
+        if "image" in self.protocol.channels and beyond is not None:
+            return [
+                f"{self.source}: specimen.pattern: {self.protocol.specimen.pattern!r}: {beyond}"
+            ]
+        if "dots" in self.protocol.channels and recipe.dots is None:
+            name = self.protocol.specimen.pattern
+            return [
+                f"{self.source}: channels: 'dots' asked for, and the pattern {name!r} has none; "
+                "take one with dots, as 'dense-with-dots', or remove \"dots\""
+            ]
+        return []
+
+    def _format(self) -> list[str]:
+        """Why images cannot be written as the rig's camera has it."""
+        try:
+            require_image_format(image_format({"rig": self.rig.recorded()}))
+        except MissingLibrary as why:
+            return [str(why)]
+        return []
+
+
+def kind_of(rig: RigConfig, source: Path) -> RigKind:
+    """What a kind of rig says and builds. Only the one that is asked for is imported.
+
+    source: of the rig file, from which the paths in it count. Raises InputError.
+    """
+    if rig.kind == "grbl":
+        return GrblKind(rig, source)
+    from ..virtual.rig import VirtualKind
+
+    return VirtualKind(rig, source)

@@ -1,0 +1,288 @@
+"""Carrying out a protocol on whatever rig, and its record; some presses, or all but the motion."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import asdict
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+from deltact_fab.bench import (
+    OpenBench,
+    Rig,
+    RigConfig,
+    RigSetup,
+    Runner,
+    RunProgress,
+    RunWriter,
+    Step,
+    VirtualConfig,
+    WeightsBench,
+    add_note,
+    expand_protocol,
+    open_run,
+    require_same_conditions,
+    require_whole,
+    usable_note,
+)
+from deltact_fab.common import InputError, Note, Progress, toml_text
+from deltact_fab.fabricate import PatternRecipe, dot_centres_mm
+from deltact_fab.sensor import indenter_data
+from deltact_fab.version import VERSION
+
+from .request import RunRequest
+
+if TYPE_CHECKING:
+    from ..virtual.rig import VirtualRig
+
+AIR = Note(
+    "air", "an air run: the clearance plane stood for every height below it; nothing was touched"
+)
+
+
+def run_experiment(
+    request: RunRequest,
+    *,
+    resume: bool = False,
+    note: str | None = None,
+    live: Callable[[RunProgress], None] | None = None,
+) -> dict[str, Any]:
+    """Check everything, run every step, return the summary.
+
+    resume: continue the unfinished run in the request's folder, or start it when there is none; a
+    finished one is verified (every hash) and left as it is, and its summary comes with
+    "already_finished" true. The summary's times, counts, notes and devices are those of the last
+    session. note: kept with the run. live: shown what goes on. Raises InputError or RunFailed.
+    """
+    started = time.monotonic()
+    if note is not None:
+        note = usable_note(note)
+    out, rig, steps, protocol = request.out, request.rig, request.steps, request.protocol
+    job = request.setup(out)
+    text = request.source.read_bytes()
+    meta = meta_of(job, rig, request.rig_name)
+    pattern = pattern_data(request.recipe)
+    resuming = out.exists() and resume
+    if resuming:
+        found = open_run(out)
+        require_same_conditions(found, meta, text, pattern, with_versions=not found.finished)
+        if found.finished and note is not None:
+            raise InputError(f"--note: {out} has finished; `deltact-fab record note` adds to it")
+        if found.finished:
+            require_whole(found, request.progress)
+            return {**found.summary(), "already_finished": True}
+    else:
+        _require_new(out, text)
+    warnings = request.require()
+    if resuming:
+        writer = RunWriter.resume(out, steps, request.progress)
+    else:
+        writer = RunWriter.create(out, meta, text, pattern, steps, request.kind.flat(protocol))
+    try:
+        if note is not None:
+            add_note(out, note)
+        with closing(request.kind.build(job, request.progress)) as bench:
+            counts, rig_seconds = _carry_out(bench, steps, writer, request.progress, live)
+            kept = sum(step.frames for step in steps if step.press in writer.kept)
+            remarks = [*bench.notes(), *warnings, *_resumed(writer.session, kept)]
+            if request.air:
+                remarks.insert(0, AIR)
+            summary = {
+                "protocol": protocol.name,
+                "rig": request.rig_name,
+                "simulated": meta["simulated"],
+                "air": request.air,
+                "seed": request.seed,
+                "steps": len(steps),
+                "frames": sum(step.frames for step in steps) - writer.missed,
+                "missed_frames": writer.missed,
+                "frame_counts": counts,
+                "sessions": writer.session,
+                "kept_frames": kept,
+                "redone": writer.redone,
+                "rig_seconds": rig_seconds,
+                "wall_seconds": time.monotonic() - started,
+                "left_out": [note.labelled for note in bench.left_out()],
+                "notes": [note.line for note in remarks],
+                "remarks": [asdict(note) for note in remarks],
+                "devices": bench.identity(),
+            }  # fmt: skip
+        writer.close(summary)
+    except BaseException:
+        writer.abandon()
+        raise
+    return {**summary, "already_finished": False}
+
+
+def _carry_out(
+    bench: OpenBench, steps: Sequence[Step], writer: RunWriter, progress: Progress | None,
+    live: Callable[[RunProgress], None] | None,
+) -> tuple[dict[str, int], float]:  # fmt: skip
+    """By the stage, or by a hand that lays weights on: frames late or lost, and the rig's seconds.
+
+    Raises RunFailed and its kin.
+    """
+    start_s, counts = bench.clock.now_s(), dict[str, int]()
+    if isinstance(bench, WeightsBench):
+        bench.run(steps, writer, progress)
+    else:
+        assert isinstance(bench, Rig), "what a hand does not do, a stage does"
+        runner = Runner(bench, writer, progress, live)
+        runner.run(steps)
+        counts = runner.counts()
+    return counts, bench.clock.now_s() - start_s
+
+
+def dry_run_experiment(request: RunRequest) -> dict[str, Any]:
+    """Check all that a run checks, and ask the devices of a rig that has any; nothing moves.
+
+    Returns steps, frames, seconds and disk_mb of the estimate, devices (a line each, empty on a
+    rig in lockstep) and notes. Raises InputError or RunFailed, as the run would.
+    """
+    notes = [note.line for note in (*([AIR] if request.air else []), *request.require())]
+    lines: list[str] = []
+    if not request.rig.simulated:
+        with TemporaryDirectory() as folder:
+            job = request.setup(Path(folder) / "dry-run")
+            with closing(request.kind.build(job, request.progress)) as bench:
+                lines = list(_answers(bench))
+    return {**asdict(request.estimate()), "devices": lines, "notes": notes}
+
+
+def _answers(seen: OpenBench) -> Iterator[str]:
+    """A line a device: that it answers, and how. Raises InputError, StageError, SensorError.
+
+    The stage is connected, its settings are judged; the camera gives an image, the force sensor
+    a reading.
+    """
+    if isinstance(seen, Rig):
+        seen.stage.connect()
+        yield f"stage: {_identity(seen.stage.identity(), 'banner', 'port')}"
+    if seen.camera is not None:
+        seen.camera.begin("dry-run")
+        frame = seen.camera.capture()
+        h, w = frame.image.shape[:2]
+        age_ms = (seen.clock.now_s() - frame.t_s) * 1e3
+        name = _identity(seen.camera.identity(), "name", "kind")
+        yield f"camera: {name}: {w} x {h} px, {age_ms:.0f} ms old"
+    if seen.force is not None:
+        seen.force.start()
+        try:
+            samples = seen.force.read()
+        finally:
+            seen.force.stop()
+        x, y, z = samples.force_n[-1]
+        name = _identity(seen.force.identity(), "kind", "serial")
+        yield f"force sensor: {name}: {x:+.2f}, {y:+.2f}, {z:+.2f} N, not tared"
+        if samples.saturated.any():
+            yield "force sensor: SATURATED: the guard would stop the run at once"
+
+
+def _identity(identity: dict[str, object], *keys: str) -> str:
+    return " ".join(str(identity[key]) for key in keys if identity.get(key)) or "answers"
+
+
+def run_presses(
+    job: RigSetup, rig: VirtualConfig, source: Path, presses: Collection[str]
+) -> VirtualRig:
+    """Carry out presses (`indenter/position`) of a job alone, as the whole run has them.
+
+    What a press gives depends on the seed and its name, not on what came before it; so presses can
+    be carried out anywhere, in any order, and are those of the whole run but for the time of day.
+    They are recorded into the job's folder. source: of the rig file, from which the paths in it
+    count. What a run is checked for is left to the caller. Returns the rig, closed, for what it has
+    to say of its gel. Raises InputError for a folder that is there, RunFailed.
+    """
+    from ..virtual.rig import VirtualKind
+
+    every = expand_protocol(job.protocol)
+    mounted = {step.indenter for step in every if step.press in presses}
+    steps = [
+        step
+        for step in every
+        if step.press in presses or (step.kind == "change" and step.indenter in mounted)
+    ]
+    kind = VirtualKind(rig, source)
+    meta = meta_of(job, rig, source.stem)
+    text = toml_text(meta["protocol"]).encode()
+    assert isinstance(job.recipe, PatternRecipe), "a virtual rig draws it"
+    flat = kind.flat(job.protocol)
+    writer = RunWriter.create(job.folder, meta, text, pattern_data(job.recipe), steps, flat)
+    try:
+        with closing(kind.build(job)) as bench:
+            Runner(bench, writer).run(steps)
+        writer.close({"presses": sorted(presses)})
+    except BaseException:
+        writer.abandon()
+        raise
+    return bench
+
+
+def meta_of(job: RigSetup, rig: RigConfig, rig_name: str) -> dict[str, Any]:
+    """What `run.json` keeps: protocol, rig, sensor, camera, seed, versions."""
+    return {
+        "name": job.folder.name,
+        "protocol": job.protocol.model_dump(mode="json"),
+        "rig_name": rig_name,
+        "rig": rig.recorded(),
+        "sensor": asdict(job.sensor),
+        "shapes": indenter_data(job.protocol.indenters),
+        "camera": job.view.as_dict() if job.view is not None else None,
+        "simulated": rig.simulated or rig.served,
+        "air": job.air,
+        "seed": job.seed,
+        "versions": library_versions(),
+    }
+
+
+def pattern_data(recipe: PatternRecipe) -> dict[str, Any]:
+    """Recipe and dot centres as data, so that analysis needs no maker of patterns."""
+    dots = recipe.dots
+    return {
+        "recipe": recipe.model_dump(mode="json"),
+        "dots_mm": dot_centres_mm(dots).tolist() if dots is not None else [],
+        "dot_diameter_mm": dots.diameter_mm if dots is not None else 0.0,
+    }
+
+
+PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "cadquery")
+
+
+def library_versions(packages: Iterable[str] = PACKAGES) -> dict[str, str]:
+    """Versions that can change a number: ours, Python's and those of packages."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    found = {"deltact-fab": VERSION, "python": platform.python_version()}
+    for name in packages:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found
+
+
+def _require_new(out: Path, protocol: bytes) -> None:
+    """Raise InputError when the folder is there, with what can be done about it."""
+    if not out.exists():
+        return
+    hint = "name a new --out folder"
+    try:
+        found = open_run(out)
+        if not found.finished and (out / "protocol.toml").read_bytes() == protocol:
+            hint = "an unfinished run of this protocol: go on with --resume, or " + hint
+    except (OSError, InputError):
+        pass
+    raise InputError(f"{out}: already there; {hint}")
+
+
+def _resumed(sessions: int, kept_frames: int) -> Iterator[Note]:
+    if sessions > 1:
+        text = (
+            f"resumed: session {sessions} kept {kept_frames} frames of those before it; seconds "
+            "and solved problems count this session only"
+        )
+        yield Note("resumed", text)

@@ -1,0 +1,351 @@
+"""Peak loads of every indenter, position and depth of a protocol."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from deltact_fab.bench import Protocol
+from deltact_fab.common import InputError, Progress, SolverError, Vector
+from deltact_fab.sensor import (
+    GelMaterial,
+    Indenter,
+    SensorDimensions,
+    SkinDimensions,
+    parse_indenter,
+)
+
+if TYPE_CHECKING:
+    from deltact_fab.physics import Choice, PathSolver
+
+Level = Literal["linear", "hyperelastic", "extrapolated", "bound"]
+Points = tuple[tuple[float, float], ...]
+NO_POINTS: Points = ()
+
+TOLERANCE = 0.1  # of the force; the safe side takes it whole
+ATTEMPTS: tuple[tuple[Literal["linear", "hyperelastic"], int | None], ...] = (
+    ("linear", None),
+    ("hyperelastic", 6_000),
+    ("hyperelastic", 24_000),
+)
+"""Levels and most unknowns of a mesh, until one gets far enough."""
+ENOUGH = 0.75  # of the deepest depth: what is missing is then extrapolated by a factor of about 2
+MAX_LARGER = 2.0  # cells than the tolerance requires, that its share of the force grows with
+INSIDE = 0.3  # of the depth; a state with more penetration is not used
+NOTICED = 0.1  # of the depth; from here on penetration is taken off the depth
+FALL = 0.1  # of the largest force so far; a larger fall means that the mesh has lost the tip
+GROWTH = 1.7
+STIFFEST_POISSON = 0.499  # force within .5 % of .4999, and finite strain ends before .5
+BOUND_MARGIN = 1.1  # friction under the punch, which its closed form leaves out
+
+
+@dataclass(frozen=True)
+class PressCurve:
+    """Normal force of one indenter at one place.
+
+    level: that answered. points: (depth_mm, force_n) on the safe side, both rising. ended: why
+    they stop short of the deepest one, else empty. bound_n_per_mm: of the punch, before thinning.
+    Forces for 1 MPa.
+    """
+
+    thickness_mm: float
+    level: Level
+    points: Points
+    ended: str
+    bound_n_per_mm: float
+
+    @property
+    def reached_mm(self) -> float:
+        return self.points[-1][0] if self.points else 0.0
+
+    def normal_n(self, depth_mm: float) -> tuple[float, Level]:
+        """Force at a depth and where it is from."""
+        h = self.thickness_mm
+        ceiling = self.bound_n_per_mm * depth_mm * h / (h - depth_mm)
+        if not self.points:
+            return ceiling, "bound"
+        d, f = (np.array(column) for column in zip(*self.points, strict=True))
+        if depth_mm < d[0]:
+            # A force grows faster than the depth, so the chord from touch lies above it.
+            return float(f[0] * depth_mm / d[0]), self.level
+        if depth_mm <= d[-1] * (1 + 1e-9):
+            return float(np.exp(np.interp(np.log(depth_mm), np.log(d), np.log(f)))), self.level
+        grown = grown_n(float(d[-1]), float(f[-1]), depth_mm, h)
+        return max(float(f[-1]), min(grown, ceiling)), "extrapolated"
+
+
+def grown_n(depth_mm: float, force_n: float, deeper_mm: float, thickness_mm: float) -> float:
+    """A force carried on to a deeper press, on the safe side."""
+    thinning = (thickness_mm - depth_mm) / (thickness_mm - deeper_mm)
+    return force_n * (deeper_mm / depth_mm) ** GROWTH * thinning
+
+
+def press_curve(
+    skin: SkinDimensions,
+    material: GelMaterial,
+    indenter: Indenter,
+    at_mm: tuple[float, float],
+    depths_mm: Sequence[float],
+    progress: Progress | None = None,
+    solve: bool = True,
+) -> PressCurve | None:
+    """The curve that answers for depths_mm: normal forces on the safe side, for a modulus of 1 MPa.
+
+    Each depth gets the first answer that holds:
+
+    1. `linear`, `hyperelastic`: the one solver of presses (`physics.gel.path`), times one and
+    TOLERANCE, or
+       what the level itself leaves out by its own estimate where that is more, and more in
+       proportion on larger cells than the tolerance requires. The linear level as far as it goes,
+       25 % of the gel; then finite strain on few cells, on more where the tip hides between them or
+       is lost. Coarse cells are stiff, so they err to the safe side as well.
+       Where the indenter cuts into the mesh by over a tenth of the depth, the state counts as one
+       of that much less depth: the force is then reached earlier. Beyond INSIDE, or with the force
+       falling, the mesh has lost the tip and the state is not used.
+    2. `extrapolated`: from the last depth that could be solved, as F (d/d0)^1.7 (h - d0)/(h - d): a
+       sphere's 1.5 and some more, for a layer stiffens, times the thinning of the gel under it;
+       above every curve that was solved.
+    3. `bound`: a flat punch over the whole footprint (`sensor.elasticity.layer`), times h/(h - d);
+       also the ceiling of 2.
+
+    solve False: None where finite strain is needed and not in the store; the linear level takes
+    about a second. Raises InputError for a depth outside of the gel.
+    """
+    from deltact_fab.physics import ObservedChannels, choose_level, open_path, poses_along
+
+    for depth in depths_mm:
+        if not 0 < depth < skin.thickness_mm:
+            raise InputError(
+                f"preflight: a depth above 0 and below the gel's {skin.thickness_mm:g} mm is "
+                f"needed: {depth:g} mm fails"
+            )
+    unit = GelMaterial(1.0, min(material.poisson, STIFFEST_POISSON), material.friction)
+    depths = sorted(set(depths_mm))
+    best = PressCurve(skin.thickness_mm, "bound", (), "", _punch_n_per_mm(skin, unit, indenter))
+    corners = [(*at_mm, -d) for d in (0.0, *depths)]
+    what = f"{indenter.name} to {depths[-1]:.3g} mm"
+    for level, most in ATTEMPTS:
+        try:
+            choice = choose_level(
+                skin, unit, indenter, poses_along(corners, depths[-1]), TOLERANCE,
+                level=level, observe_shear=False, most_unknowns=most,
+            )  # fmt: skip
+        except InputError as why:
+            points, ended = NO_POINTS, str(why)
+        else:
+            poses = poses_along(corners, choice.step_mm)
+            solver = open_path(skin, unit, indenter, poses, ObservedChannels(), choice)
+            if level == "hyperelastic" and solver.found is None and not solve:
+                return None
+            points, ended = _usable(solver, choice, progress, what)
+        if not best.points or (points and points[-1][0] > best.reached_mm):
+            best = replace(best, level=level, points=points, ended=ended)
+        if best.reached_mm >= ENOUGH * depths[-1]:
+            break
+    return best
+
+
+def _usable(
+    solver: PathSolver, choice: Choice, progress: Progress | None, what: str
+) -> tuple[Points, str]:
+    """Points (depth, force on the safe side), and why they end where they do."""
+    points: list[tuple[float, float]] = []
+    ended = lost = ""
+    try:
+        solver.solve_all(progress and (lambda done, of, _: progress(done, of, what)))
+    except (InputError, SolverError) as why:
+        ended = str(why)
+    for pose, knot in zip(solver.poses, solver.knots, strict=False):
+        lost = _add(points, -pose.tip_mm[2], -knot.force_n[2], knot.penetration_mm)
+    larger = choice.spacing_mm / choice.asked_mm if choice.asked_mm else 1.0
+    margin = 1 + max(TOLERANCE, choice.model_force_rel) * min(max(larger, 1.0), MAX_LARGER)
+    return tuple((d, f * margin) for d, f in points), lost or ended
+
+
+def _add(points: list[tuple[float, float]], depth: float, force: float, inside_mm: float) -> str:
+    """Append a state if it can be used; else, or where it counts as a shallower one, say why."""
+    best = points[-1][1] if points else 0.0
+    if not force > 0:
+        return ""  # not touched yet
+    if inside_mm > INSIDE * depth:
+        return f"at {depth:g} mm the indenter is {inside_mm:.2g} mm inside the coarse mesh"
+    if not force > (1 - FALL) * best:
+        return f"at {depth:g} mm the force on the coarse mesh falls"
+    counted, why = depth, ""
+    if inside_mm > NOTICED * depth:
+        counted = depth - inside_mm
+        why = f"at {depth:g} mm the indenter is {inside_mm:.2g} mm inside the coarse mesh"
+    while points and points[-1][0] >= counted:
+        points.pop()
+    points.append((counted, max(best, force)))
+    return why
+
+
+def _punch_n_per_mm(skin: SkinDimensions, unit: GelMaterial, indenter: Indenter) -> float:
+    """Stiffness of a flat punch around all of the indenter on the bonded layer."""
+    from deltact_fab.sensor import flat_punch_n_per_mm
+
+    radius = max(math.hypot(t.x_mm, t.y_mm) + max(t.half_mm) for t in indenter.tips)
+    return BOUND_MARGIN * flat_punch_n_per_mm(radius, skin.thickness_mm, unit)
+
+
+MODULUS_FACTOR = 2.0
+"""The gel's modulus is known to a factor of 2 (Gent's relation from Shore 15A against a
+datasheet); forces are in proportion to it, and the high side counts."""
+HIGH = "with twice the modulus"
+PAPER_REMARK = (
+    "the paper's own depth of 10 mm means about 271 N (expected, at 0.56 MPa and friction 0.5) "
+    "with a sphere of 15 mm"
+)
+
+# Drags of up to 10 mm along x with friction .5, finite strain, 2 mm cells. Tangential peak over
+# friction x normal force of the press: at 5 mm sphere:10 1.5 and ellipsoid 1.5 (both up to 7 mm of
+# drag), 4dots 2.1, hexprism 1.4; at 10 mm sphere:15 .6 and hexprism 1.3. The gel piles up before a
+# narrow tip and pushes on its flank. Normal force over that of the press: at most 1.13.
+DRAG_SHEAR = 2.2
+DRAG_NORMAL = 1.2
+DRAG_FLANK = 0.1  # of the normal force: without friction at all, .07 at 8 mm
+LINEAR_SHEAR = 1.05  # at the linear level a full slide gives friction x normal
+PRESS_SIDE = 0.1  # of the normal force: a press without shear, a star or near a side
+OFF_CENTRE = 0.15  # of the footprint: centre of pressure of a star
+GRID = 0.25  # of the thickness: presses in one cell share the curve of its inmost corner
+
+
+@dataclass(frozen=True)
+class Peak:
+    """Largest loads while one indenter is at one depth, with the modulus as declared.
+
+    normal_n, tangential_n: magnitudes. moment_nmm: magnitudes about x, y, z at the force sensor's
+    origin; None where the rig declares none. level: where the normal force is from; reason: why it
+    is no solution, else empty. `high` is MODULUS_FACTOR times all of it.
+    """
+
+    indenter: str
+    position: int
+    at_mm: tuple[float, float]
+    depth_mm: float
+    normal_n: float
+    tangential_n: float
+    moment_nmm: Vector | None
+    level: Level
+    reason: str
+
+    @property
+    def high(self) -> Peak:
+        """The same with the modulus on the high side."""
+        f, m = MODULUS_FACTOR, self.moment_nmm
+        moment = None if m is None else (f * m[0], f * m[1], f * m[2])
+        return replace(
+            self, normal_n=f * self.normal_n, tangential_n=f * self.tangential_n, moment_nmm=moment
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data, the high side beside the expected one."""
+        high = self.high
+        return {
+            **asdict(self),
+            "normal_high_n": high.normal_n,
+            "tangential_high_n": high.tangential_n,
+            "moment_high_nmm": high.moment_nmm,
+        }
+
+
+def predict(
+    protocol: Protocol,
+    sensor: SensorDimensions,
+    origin_mm: Vector | None = None,
+    progress: Progress | None = None,
+    solve: bool = True,
+) -> list[Peak] | None:
+    """Peaks in the order of the plan; solve False: None where that would take more than seconds.
+
+    The normal force is that of `press_curve`. Free sides make a gel softer, so a press takes
+    the curve of a place up to GRID of the thickness nearer to the centre; mirror images share one.
+    Tangential: a drag is bounded by friction x normal force times DRAG_SHEAR, which is never less
+    than linear theory gives (at most friction x normal force). Moments are bounds as well: of the
+    force anywhere between the resting face and the tip, wherever the drag takes it. A gel with a
+    Prony series is taken as pressed at once, before it relaxes.
+    Raises InputError for a depth outside of the gel.
+    """
+    specimen = protocol.specimen
+    material = GelMaterial(specimen.modulus_mpa, specimen.poisson, specimen.friction)
+    skin = sensor.skin
+    curves: dict[tuple[str, tuple[float, float]], PressCurve] = {}
+    peaks = []
+    for name in protocol.indenters:
+        indenter = parse_indenter(name)
+        for number, at in enumerate(protocol.positions_mm, start=1):
+            place = _inmost(at, GRID * skin.thickness_mm)
+            if (name, place) not in curves:
+                curve = press_curve(
+                    skin, material, indenter, place, protocol.depths_mm, progress, solve
+                )
+                if curve is None:
+                    return None
+                curves[name, place] = curve
+            curve = curves[name, place]
+            for depth in protocol.depths_mm:
+                peaks.append(_peak(protocol, indenter, number, at, depth, curve, origin_mm))
+    return peaks
+
+
+def worst(figures: Sequence[float], peaks: Sequence[Peak]) -> tuple[float, str]:
+    """The largest of the peaks' figures, and the press that it comes with."""
+    k = max(range(len(peaks)), key=lambda k: figures[k])
+    peak = peaks[k]
+    x, y = peak.at_mm
+    why = f" ({peak.level}: {peak.reason})" if peak.reason else ""
+    return figures[k], f"{peak.indenter} at ({x:g}, {y:g}) mm, {peak.depth_mm:g} mm deep{why}"
+
+
+def _inmost(at_mm: tuple[float, float], grid_mm: float) -> tuple[float, float]:
+    x, y = (math.floor(abs(v) / grid_mm + 1e-9) * grid_mm for v in at_mm)
+    return x, y
+
+
+def _peak(
+    protocol: Protocol, indenter: Indenter, number: int, at_mm: tuple[float, float],
+    depth_mm: float, curve: PressCurve, origin_mm: Vector | None,
+) -> Peak:  # fmt: skip
+    unit_n, level = curve.normal_n(depth_mm)
+    specimen = protocol.specimen
+    # Before any relaxation: a Prony series adds its shares to the long-term modulus.
+    normal = unit_n * (specimen.modulus_mpa * (1.0 + math.fsum(g for g, _ in specimen.prony)))
+    friction = specimen.friction
+    side = PRESS_SIDE * normal
+    if protocol.shear and level == "linear":
+        side = max(side, LINEAR_SHEAR * friction * normal)
+    elif protocol.shear:
+        side = max(DRAG_SHEAR * friction, DRAG_FLANK) * normal
+        normal *= DRAG_NORMAL
+    moment = None
+    if origin_mm is not None:
+        moment = _moment(protocol, indenter, at_mm, depth_mm, normal, side, origin_mm)
+    reason = curve.ended if level in ("extrapolated", "bound") else ""
+    return Peak(
+        indenter.name, number, at_mm, depth_mm, normal, side, moment, level, reason
+    )  # fmt: skip
+
+
+def _moment(
+    protocol: Protocol, indenter: Indenter, at_mm: tuple[float, float], depth_mm: float,
+    normal_n: float, side_n: float, origin_mm: Vector,
+) -> Vector:  # fmt: skip
+    """Bounds of r x F; r runs from the origin to wherever the force may act."""
+    shear = protocol.shear
+    arms = []
+    for axis, letter in enumerate("xy"):
+        travel = shear.at_depth_mm(depth_mm) if shear and letter in shear.axes else 0.0
+        off = OFF_CENTRE * indenter.footprint_half_mm[axis]
+        arms.append(abs(at_mm[axis] - origin_mm[axis]) + travel + off)
+    x, y = arms
+    z = max(abs(origin_mm[2]), abs(origin_mm[2] + depth_mm))
+    return (
+        y * normal_n + z * side_n,
+        x * normal_n + z * side_n,
+        math.hypot(x, y) * side_n,
+    )

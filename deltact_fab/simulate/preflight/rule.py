@@ -1,0 +1,299 @@
+"""What a rig and the plate behind the gel allow, and what a run needs of rig and disk.
+
+On a real rig a predicted peak over a declared limit, and a limit that is not declared, are errors
+before anything moves; the simulated one cannot break, and warns.
+"""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from deltact_fab.bench import (
+    GUARD_SHARE,
+    GuardLimits,
+    Protocol,
+    RigConfig,
+    RunEstimate,
+    Step,
+    at_most,
+    estimate_run,
+    image_format,
+    rate_held_hz,
+    raw_size_px,
+    refusal_check,
+)
+from deltact_fab.common import Check, InputError, Vector, graded
+from deltact_fab.fabricate import Design, plate_bending_room, press_plate
+
+from .peaks import HIGH, MODULUS_FACTOR, Peak, worst
+
+if TYPE_CHECKING:
+    from deltact_fab.sensor import CameraModel
+
+
+@dataclass(frozen=True)
+class ForceLimits:
+    """What a rig file says about forces; None: not declared.
+
+    source: the rig file. stage_n: `[stage] max_force_n`. sensor_n, sensor_nmm: `[force] range_n`
+    and `range_nmm`. origin_mm: `[force] origin_mm`. has_sensor: a sensor is in the way of the
+    force, whether its channel is recorded or not. guard: where it stops the stage; None: nothing
+    guards. guard_keys: where its limits of force and of torque stand.
+    """
+
+    simulated: bool
+    source: str
+    stage_n: Vector | None
+    has_sensor: bool = False
+    sensor_n: Vector | None = None
+    sensor_nmm: Vector | None = None
+    origin_mm: Vector | None = None
+    guard: GuardLimits | None = None
+    guard_keys: tuple[str, str] = ("", "")
+
+    def undeclared(self) -> list[str]:
+        """Keys that a real rig has to declare and this one does not.
+
+        Torque ranges need the origin that torques count from; without one they are not checked.
+        """
+        keys = [] if self.stage_n else ["[stage] max_force_n"]
+        if self.has_sensor and not self.sensor_n:
+            keys.append("[force] range_n")
+        if self.has_sensor and self.origin_mm and not self.sensor_nmm:
+            keys.append("[force] range_nmm")
+        return keys
+
+
+def limits_of(rig: RigConfig, source: str, protocol: Protocol) -> ForceLimits:
+    """The limits that a rig file declares; a default that it does not write down is none.
+
+    Raises InputError for a guard whose limit the sensor cannot measure.
+    """
+    force = rig.force if "force" in rig.model_fields_set else None
+    guard, keys = None, ("", "")
+    if rig.force is not None and not rig.simulated:
+        try:
+            guard, keys = GuardLimits.of(rig.guard, rig.force), _guard_keys(rig)
+        except InputError as why:
+            raise InputError(f"{source}: {why}") from why
+    declared = force.model_fields_set if force is not None else set()
+    return ForceLimits(
+        simulated=rig.simulated,
+        source=source,
+        stage_n=rig.stage.max_force_n,
+        has_sensor=force is not None or "force" in protocol.channels,
+        sensor_n=force.range_n if force and "range_n" in declared else None,
+        sensor_nmm=force.range_nmm if force and "range_nmm" in declared else None,
+        origin_mm=force.origin_mm if force else None,
+        guard=guard,
+        guard_keys=keys,
+    )
+
+
+def _guard_keys(rig: RigConfig) -> tuple[str, str]:
+    """What sets the guard's limits on the axes: keys of force and of torque."""
+    given = {} if rig.guard is None else rig.guard.model_dump(exclude_none=True)
+    force, torque = (
+        f"the guard, {GUARD_SHARE:g} of [force] {key}" for key in ("range_n", "range_nmm")
+    )
+    named = [key for key in ("axes_n", "force_n") if key in given]
+    force = f"[guard] {named[0]}" if named else force
+    return force, "[guard] torque_nmm" if "torque_nmm" in given else torque
+
+
+def checks(peaks: Sequence[Peak], limits: ForceLimits) -> list[Check]:
+    """A row for each limit with its worst press, and one for the limits that are not declared.
+
+    What can break counts with the gel's modulus twice as high. The guard loses a run and no gel: it
+    counts as expected, and warns of what twice the modulus would trip. On the simulated rig
+    everything only warns.
+    """
+    rows = []
+    if missing := limits.undeclared():
+        lines = [
+            f"{limits.source}: {key} is not declared, so its force cannot be checked"
+            for key in missing
+        ]
+        row = refusal_check("force-limits", "force limits", lines)
+        rows.append(replace(row, status=graded(limits.simulated, warns=True)))
+    for name, breaks in (("peak force", _declared), ("guard", _guarded)):
+        for id, what, limit, key, loads in breaks(limits, peaks):
+            load, where = worst(loads, peaks)
+            high = MODULUS_FACTOR * load
+            fails = (high if name == "peak force" else load) > limit
+            if name == "peak force" or (high > limit and not fails):
+                load, text = high, f"{what} {HIGH}, {key}"
+            else:
+                text = f"{what} as expected, {key}"
+            status = graded(limits.simulated or not fails, warns=load > limit)
+            rows.append(at_most(id, name, text, round(load, 1), limit, where, status))
+    return rows
+
+
+Loads = tuple[str, str, float, str, list[float]]
+"""Id and words of a limit, the limit, its key with the unit, and the load of each peak."""
+
+
+def _declared(limits: ForceLimits, peaks: Sequence[Peak]) -> Iterator[Loads]:
+    """Against what stage and sensor bear."""
+    if limits.stage_n is not None:
+        yield from _forces("stage", peaks, limits.stage_n, "[stage] max_force_n (N)")
+    if limits.sensor_n is not None:
+        yield from _forces("sensor", peaks, limits.sensor_n, "[force] range_n (N)")
+    if limits.sensor_nmm is not None:
+        yield from _moments("sensor", peaks, limits.sensor_nmm, "[force] range_nmm (N mm)")
+
+
+def _guarded(limits: ForceLimits, peaks: Sequence[Peak]) -> Iterator[Loads]:
+    """Against what the guard would stop at."""
+    guard = limits.guard
+    if guard is None:
+        return
+    force, torque = limits.guard_keys
+    yield from _forces("guard", peaks, guard.force_n, f"{force} (N)")
+    if math.isfinite(guard.resultant_n):
+        loads = [math.hypot(p.normal_n, p.tangential_n) for p in peaks]
+        yield "guard.whole", "whole force", guard.resultant_n, "[guard] resultant_n (N)", loads
+    yield from _moments("guard", peaks, guard.torque_nmm, f"{torque} (N mm)")
+
+
+def _forces(of: str, peaks: Sequence[Peak], limit_n: Vector, key: str) -> Iterator[Loads]:
+    yield f"{of}.normal", "normal force", limit_n[2], key, [p.normal_n for p in peaks]
+    # A drag along any axis of the protocol may meet either axis of a turned stage.
+    loads = [p.tangential_n for p in peaks]
+    yield f"{of}.tangential", "tangential force", min(limit_n[:2]), key, loads
+
+
+def _moments(of: str, peaks: Sequence[Peak], limit_nmm: Vector, key: str) -> Iterator[Loads]:
+    moments = [p.moment_nmm for p in peaks if p.moment_nmm is not None]
+    if len(moments) == len(peaks):
+        for axis, letter in enumerate("xyz"):
+            id, loads = f"{of}.moment-{letter}", [m[axis] for m in moments]
+            yield id, f"moment about {letter}", limit_nmm[axis], key, loads
+
+
+def plate_checks(peaks: Sequence[Peak], design: Design, simulated: bool) -> list[Check]:
+    """Stress, room behind the plate and share of the depth, each with its worst press.
+
+    Stress counts with the gel's modulus twice as high, as all that can break does; see
+    `fabricate.cad.stiffness`. The plate's deflection is part of the depth that the stage counts and
+    the gel does not see; the simulated sensor's plate is rigid and leaves it out.
+    Too much stress fails, on the simulated rig it warns; the other two only warn.
+    """
+    found = [press_plate(design, peak.normal_n, peak.at_mm) for peak in peaks]
+    limit_mpa = design.plate.stress_limit_mpa
+    stress_mpa, where = worst([MODULUS_FACTOR * f.stress_mpa for f in found], peaks)
+    over = stress_mpa > limit_mpa
+    deflects_mm = max(f.deflection_mm for f in found)
+    return [
+        at_most(
+            "plate-stress", "plate stress", f"{HIGH}, plate.stress_limit_mpa (MPa)",
+            round(stress_mpa, 2), limit_mpa, where, graded(simulated or not over, warns=over),
+        ),
+        _warning(
+            "plate-clear-of-light", "plate clear of the light holder",
+            f"{HIGH}, least play of light.axial_fit_mm (mm)",
+            [MODULUS_FACTOR * f.over_ring_mm for f in found],
+            plate_bending_room(design).range_mm[0], peaks,
+        ),
+        _warning(
+            "plate-deflection", "plate deflection",
+            f"up to {deflects_mm:.3f} mm as expected, which a simulated press leaves out; "
+            "share of the depth, plate.deflection_share",
+            [f.deflection_mm / p.depth_mm for f, p in zip(found, peaks, strict=True)],
+            design.plate.deflection_share, peaks,
+        ),
+    ]  # fmt: skip
+
+
+def _warning(
+    id: str, name: str, what: str, figures: Sequence[float], bound: float, peaks: Sequence[Peak]
+) -> Check:
+    figure, where = worst(figures, peaks)
+    status = graded(True, warns=figure > bound)
+    return at_most(id, name, what, float(f"{figure:.3g}"), bound, where, status)
+
+
+USUAL_PX = (1280, 720)  # of a camera that does not say how large its images are
+# The planner of GRBL 1.1 (MINIMUM_FEED_RATE of its config.h) takes anything slower for this, so
+# that a press would be faster than its protocol says.
+MIN_FEED_MM_MIN = 1.0
+LONG_H, LONGEST_H = 24.0, 30 * 24.0
+
+
+def needs(
+    protocol: Protocol, steps: list[Step], rig: RigConfig, view: CameraModel | None, out: Path
+) -> list[Check]:
+    """Rows of the least feed, the time, the disk and the camera's rate, see `budget`.
+
+    view: of the images that are tracked. out: of the run, or any folder on its disk; what a run
+    that goes on has there already is not needed again.
+    """
+    px = image_px(view, rig)
+    held_hz = rate_held_hz(image_format({"rig": rig.recorded()}), px)
+    camera_hz = getattr(rig.camera, "rate_hz", None)
+    estimate = estimate_run(protocol, px, rig.stage, steps)
+    kept_mb = size_mb(out) if (out / "run.json").is_file() else 0.0
+    most_hz = held_hz if camera_hz is None else min(held_hz, camera_hz)
+    return budget(protocol, steps, estimate, out, most_hz, not rig.simulated, kept_mb)
+
+
+def image_px(view: CameraModel | None, rig: RigConfig) -> int:
+    """Pixels of a frame as it is stored. view: of the images that are tracked."""
+    if view is not None:
+        width_px, height_px = raw_size_px(view)
+    else:
+        declared = getattr(rig.camera, "width_px", None), getattr(rig.camera, "height_px", None)
+        width_px, height_px = (a or b for a, b in zip(declared, USUAL_PX, strict=True))
+    return width_px * height_px
+
+
+def budget(
+    protocol: Protocol,
+    steps: Sequence[Step],
+    estimate: RunEstimate,
+    out: Path,
+    held_hz: float | None,
+    wall_clock: bool = True,
+    kept_mb: float = 0.0,
+) -> list[Check]:
+    """Rows of the least feed, the time, the disk and the camera's rate.
+
+    out: of the run, or any folder on its disk. held_hz: frames a second that camera, format and
+    disk hold; None without a camera. wall_clock: whether time passes by itself, so that a rate
+    that is too high loses frames; on a rig that waits it is a warning. kept_mb: there already, of a
+    run that goes on.
+    """
+    slowest = min(steps, key=lambda step: step.feed_mm_min)
+    feed = slowest.feed_mm_min
+    hours = estimate.seconds / 3600
+    where = next(p for p in (out.absolute(), *out.absolute().parents) if p.exists())
+    free_mb, mb = shutil.disk_usage(where).free / 1e6, max(0.0, estimate.disk_mb - kept_mb)
+    rows = [
+        Check("least-feed", "least feed", "feed (mm/min)", feed, MIN_FEED_MM_MIN,
+              graded(feed >= MIN_FEED_MM_MIN), (slowest.id,), sign=">="),
+        at_most("time", "time", "of the whole run (h)", hours, LONGEST_H, "the whole run",
+                graded(hours <= LONGEST_H, warns=hours > LONG_H)),
+        at_most("disk", "disk", "needed of what is free (MB)", mb, free_mb,
+                f"the disk of {where}", graded(mb <= free_mb)),
+    ]  # fmt: skip
+    rates_hz = protocol.capture.rates_hz()
+    if held_hz is not None and rates_hz and "image" in protocol.channels:
+        kind = max(rates_hz, key=rates_hz.__getitem__)
+        table = f"{kind}." if kind in ("hold", "retract") else ""
+        over, what = rates_hz[kind] > held_hz, "frames a second that can be kept"
+        status, key = graded(not (over and wall_clock), warns=over), f"capture.{table}rate_hz"
+        rows.append(
+            at_most("camera-rate", "camera rate", what, rates_hz[kind], held_hz, key, status)
+        )
+    return rows
+
+
+def size_mb(folder: Path) -> float:
+    """What stands in a run folder, in MB."""
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) / 1e6

@@ -1,0 +1,252 @@
+"""The motors of the simulated board: lines in a queue, the step count, and the carriage.
+
+Two positions are kept apart: the count, which is all that a controller knows and reports, and the
+carriage, which is where the tip really is. They agree after homing. A reset in motion stops the
+count at once while the carriage coasts on (at most v^2/2a), which is how a position gets lost.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from operator import mul
+
+from deltact_fab.bench import add_vectors, along_line, subtract_vectors
+from deltact_fab.common import Vector
+
+from .motion import Path, Segment, brake, trapezoid
+
+
+def steps(mm: Vector, per_mm: Vector) -> tuple[int, int, int]:
+    """Whole steps, halves away from zero as the firmware rounds."""
+    x, y, z = (
+        int(math.copysign(math.floor(abs(p * k) + 0.5), p)) for p, k in zip(mm, per_mm, strict=True)
+    )
+    return x, y, z
+
+
+def divide(steps: tuple[int, int, int], per_mm: Vector) -> Vector:
+    """Position of a number of steps, mm."""
+    return (steps[0] / per_mm[0], steps[1] / per_mm[1], steps[2] / per_mm[2])
+
+
+PLANNER_BLOCKS = 15
+SCATTER_MM = 0.01
+BEND_MM = 0.01  # of a motor step or two: a line that goes on so is straight
+
+
+@dataclass(frozen=True)
+class _Block:
+    """A line in the planner: its end in steps, its programmed feed."""
+
+    number: int
+    target_steps: tuple[int, int, int]
+    feed_mm_min: float
+
+
+class Carriage:
+    """settings: of the board, as they are at any time. Times are ns, places machine mm."""
+
+    def __init__(self, settings: Mapping[int, float], start_mm: Vector, t_ns: int) -> None:
+        self.path = Path(start_mm, t_ns)
+        self.moving: Segment | None = None
+        """The piece under way; a carriage that coasts from a reset has none."""
+        self._settings = settings
+        self._queue: deque[_Block] = deque()
+        self._made = 0
+        self.forget()
+
+    def forget(self) -> None:
+        """Power off and on: the count starts at 0 wherever the carriage is."""
+        self._count = (0, 0, 0)
+        self._slip_mm = self.path.end_mm
+
+    # ---- where it is --------------------------------------------------------------------------
+
+    def axes(self, first: int) -> Vector:
+        """A setting of three axes by the number of its first."""
+        return (self._settings[first], self._settings[first + 1], self._settings[first + 2])
+
+    def count_mm(self, t_ns: int | None = None) -> Vector:
+        """The controller's own idea of where it is, at rest or at a time."""
+        count = self._count
+        if t_ns is not None and self.moving is not None:
+            count = self._counted(t_ns)
+        return divide(count, self.axes(100))
+
+    def speed_mm_min(self, t_ns: int) -> float:
+        return self.moving.speed_mm_s(t_ns) * 60 if self.moving is not None else 0.0
+
+    def outside(self, target_mm: Vector) -> bool:
+        return any(not -m <= p <= 0 for p, m in zip(target_mm, self.axes(130), strict=True))
+
+    # ---- the queue ----------------------------------------------------------------------------
+
+    @property
+    def free_blocks(self) -> int:
+        return PLANNER_BLOCKS - len(self._queue)
+
+    @property
+    def queued(self) -> bool:
+        return bool(self._queue)
+
+    def plan(self, target_mm: Vector, feed_mm_min: float) -> None:
+        """Queue a line; one that is shorter than half a step is none."""
+        self._made += 1
+        target = steps(target_mm, self.axes(100))
+        before = self._queue[-1].target_steps if self._queue else self._count
+        if target != before:
+            self._queue.append(_Block(self._made, target, feed_mm_min))
+
+    def prolong(self, target_mm: Vector, feed_mm_min: float, t_ns: int) -> bool:
+        """Go on to a place straight ahead without coming to rest; False where that is not one.
+
+        The line under way is the last of the queue.
+        """
+        line = self.moving
+        if line is None or len(self._queue) != 1 or self._queue[0].feed_mm_min != feed_mm_min:
+            return False
+        here, speed = line.position_mm(t_ns), line.speed_mm_s(t_ns)
+        target = steps(target_mm, self.axes(100))
+        end = add_vectors(divide(target, self.axes(100)), self._slip_mm)
+        way, ahead = subtract_vectors(end, here), subtract_vectors(end, line.end_mm)
+        forward = sum(map(mul, ahead, line.unit))
+        bent = forward <= 0 or forward < math.hypot(*ahead) - BEND_MM
+        if bent or speed * speed > 2 * line.accel_mm_s2 * math.hypot(*way):
+            return False
+        block = self._queue[0]
+        self._queue[0] = replace(block, target_steps=target)
+        self.path.replace_last(t_ns)
+        self.moving = self._line_to(end, feed_mm_min, block.number, t_ns, speed)
+        return True
+
+    def begin(self, t_ns: int) -> bool:
+        """Start the next line of the queue; False when there is none."""
+        while self._queue:
+            block = self._queue[0]
+            end = add_vectors(divide(block.target_steps, self.axes(100)), self._slip_mm)
+            segment = self._line_to(end, block.feed_mm_min, block.number, t_ns)
+            if segment.end_ns > t_ns:
+                self.moving = segment
+                return True
+            self._arrive()
+        return False
+
+    def done(self, arrived: bool) -> None:
+        """The piece under way is over: at the end of its line, or where a brake left it."""
+        assert self.moving is not None
+        self._count = self._counted(self.moving.end_ns)
+        self.moving = None
+        if arrived:
+            self._arrive()
+
+    def drop(self) -> None:
+        self._queue.clear()
+
+    # ---- stopping -----------------------------------------------------------------------------
+
+    def brake(self, t_ns: int) -> bool:
+        """Decelerate along the line from now on; False when it rests already."""
+        assert self.moving is not None
+        ramp = brake(self.moving, t_ns)
+        self.path.replace_last(t_ns)
+        self.moving = self.path.add(ramp)
+        return ramp.end_ns > ramp.start_ns
+
+    def stop_dead(self, t_ns: int) -> None:
+        """Pulses end now: the count freezes, the carriage coasts to rest."""
+        if self.moving is not None and self.path.moving(t_ns) is not None:
+            self._count = self._counted(t_ns)
+            coast = brake(self.moving, t_ns)
+            self.path.replace_last(t_ns)
+            self.path.add(coast)
+            self._slip_mm = subtract_vectors(self.path.end_mm, self.count_mm())
+        self.moving = None
+        self._queue.clear()
+
+    def catch(self, t_ns: int) -> None:
+        """Motors that are driven again hold a carriage that still coasts from a reset."""
+        if self.moving is None and self.path.moving(t_ns) is not None:
+            self.path.replace_last(t_ns)
+            self._slip_mm = subtract_vectors(self.path.end_mm, self.count_mm())
+
+    def trips_ns(self, scatter: Callable[[float, float], float]) -> int | None:
+        """When the piece under way meets a switch that it moves towards; None: it meets none.
+
+        Each trips within SCATTER_MM of its place.
+        """
+        line = self.moving
+        assert line is not None
+        far, met = int(self._settings[23]), []
+        for axis, travel in enumerate(self.axes(130)):
+            away = -1.0 if far >> axis & 1 else 1.0  # towards its switch
+            place = (-travel if far >> axis & 1 else 0.0) + scatter(-SCATTER_MM, SCATTER_MM)
+            start, end = line.start_mm[axis], line.end_mm[axis]
+            if (end - start) * away > 0 and (end - place) * away >= 0:
+                met.append(self._reaches_ns(line, axis, place, away))
+        return min(met, default=None)
+
+    # ---- homing -------------------------------------------------------------------------------
+
+    def homing_legs(self) -> Iterator[tuple[dict[int, float], float]]:
+        """Goals by axis and the rate to them (mm/min): Z first, then X and Y, each twice."""
+        s = self._settings
+        far, pull, seek, feed = int(s[23]), s[27], s[25], s[24]
+        for axes in ((2,), (0, 1)):
+            switch = {a: -s[130 + a] if far >> a & 1 else 0.0 for a in axes}
+            clear = {a: p + pull if far >> a & 1 else p - pull for a, p in switch.items()}
+            yield from ((switch, seek), (clear, seek), (switch, feed), (clear, seek))
+
+    def seek(self, goal: Mapping[int, float], rate_mm_min: float, t_ns: int) -> bool:
+        """Towards a goal, all axes at one rate, until the first is there; False: all are."""
+        here = self.path.end_mm
+        left = {a: g - here[a] for a, g in goal.items() if g != here[a]}
+        if not left:
+            return False
+        way = min(abs(d) for d in left.values())
+        end = list(here)
+        for a, d in left.items():
+            end[a] = goal[a] if abs(d) == way else here[a] + math.copysign(way, d)
+        self._made += 1
+        rate = rate_mm_min * math.sqrt(len(left))
+        self.moving = self._line_to((end[0], end[1], end[2]), rate, self._made, t_ns)
+        return True
+
+    def homed(self) -> None:
+        self._count = steps(self.path.end_mm, self.axes(100))
+        self._slip_mm = (0.0, 0.0, 0.0)
+
+    @staticmethod
+    def _reaches_ns(line: Segment, axis: int, place_mm: float, away: float) -> int:
+        times = range(line.start_ns, line.end_ns)
+        k = bisect_left(times, place_mm * away, key=lambda t: line.position_mm(t)[axis] * away)
+        return line.start_ns + k
+
+    # ---- inside -------------------------------------------------------------------------------
+
+    def _counted(self, t_ns: int) -> tuple[int, int, int]:
+        return steps(subtract_vectors(self.path.position_mm(t_ns), self._slip_mm), self.axes(100))
+
+    def _arrive(self) -> None:
+        self._count = self._queue.popleft().target_steps
+
+    def _line_to(
+        self,
+        end_mm: Vector,
+        feed_mm_min: float,
+        number: int,
+        t_ns: int,
+        begun_mm_s: float = 0.0,
+    ) -> Segment:
+        start = self.path.end_mm
+        delta = subtract_vectors(end_mm, start)
+        if not any(delta):
+            return trapezoid(start, end_mm, 1.0, 1.0, t_ns, number)
+        rate = along_line(delta, self.axes(110))
+        feed = min(feed_mm_min, rate)
+        accel = along_line(delta, self.axes(120))
+        line = trapezoid(start, end_mm, feed / 60, accel, t_ns, number, begun_mm_s)
+        return self.path.add(line)

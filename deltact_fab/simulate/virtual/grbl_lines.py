@@ -1,0 +1,103 @@
+"""Jogs and `$` settings as GRBL 1.1h reads them, refused with its error codes, and prints them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+from deltact_fab.common import Vector
+
+WORD = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+)?)")
+DISTANCE, OTHERS = {"90", "91"}, {"21", "53"}
+
+
+class GrblError(Exception):
+    """A line that answers error:N."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(code)
+        self.code = code
+
+
+def jog_of(line: str, at_mm: Vector) -> tuple[Vector, float]:
+    """Target (machine mm) and feed (mm/min) of what follows `$J=`, from where the last one ended.
+
+    There are no work offsets. Raises GrblError.
+    """
+    words = WORD.findall(line)
+    if "".join(letter + value for letter, value in words) != line:
+        raise GrblError(1)
+    if any(not value for _, value in words):
+        raise GrblError(2)
+    modes = [value for letter, value in words if letter == "G"]
+    if len(DISTANCE.intersection(modes)) > 1:
+        raise GrblError(21)
+    if set(modes) - DISTANCE - OTHERS:
+        raise GrblError(16)
+    values = {letter: float(value) for letter, value in words if letter != "G"}
+    if len(values) + len(modes) < len(words):
+        raise GrblError(25)
+    if unknown := set(values) - set("FNXYZ"):
+        raise GrblError(36 if unknown <= set("IJKLPRST") else 20)
+    if values.get("F", 0.0) < 0:
+        raise GrblError(4)
+    feed_mm_min = values.get("F", 0.0)
+    if not feed_mm_min:
+        raise GrblError(22)
+    x, y, z = at_mm
+    if "91" not in modes or "53" in modes:
+        x, y, z = (at if axis not in values else 0.0 for axis, at in zip("XYZ", at_mm, strict=True))
+    dx, dy, dz = (values.get(axis, 0.0) for axis in "XYZ")
+    return (x + dx, y + dy, z + dz), feed_mm_min
+
+
+def coordinates(mm: Vector) -> str:
+    """Three numbers as reported, with 3 decimals."""
+    return ",".join(f"{p + 0.0:.3f}" for p in mm)
+
+
+# ---- settings -----------------------------------------------------------------------------------
+
+SETTINGS: dict[int, float] = {
+    0: 10, 1: 25, 2: 0, 3: 0, 4: 0, 5: 0, 6: 0,
+    10: 3, 11: 0.01, 12: 0.002, 13: 0,
+    20: 1, 21: 1, 22: 1, 23: 0, 24: 100, 25: 600, 26: 250, 27: 1,
+    30: 1000, 31: 0, 32: 0,
+    100: 800, 101: 800, 102: 800, 110: 1500, 111: 1500, 112: 1200,
+    120: 50, 121: 50, 122: 50, 130: 120, 131: 120, 132: 60,
+}  # fmt: skip
+_WHOLE = frozenset((0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 32))
+
+
+def grbl_settings(
+    travel_mm: Vector, max_feed_mm_min: Vector, acceleration_mm_s2: Vector
+) -> dict[int, float]:
+    """The `$` settings of a stage with these limits; the rest are a bench's usual ones."""
+    own = dict(SETTINGS)
+    for axis in range(3):
+        own[110 + axis] = max_feed_mm_min[axis]
+        own[120 + axis] = acceleration_mm_s2[axis]
+        own[130 + axis] = travel_mm[axis]
+    return own
+
+
+def change(settings: dict[int, float], what: str) -> None:
+    """`N=value`. Raises GrblError, nothing changed."""
+    found = re.fullmatch(r"(\d+)=(-?\d+\.?\d*)", what)
+    if found is None or (n := int(found[1])) not in SETTINGS:
+        raise GrblError(3)
+    value = float(found[2])
+    if value < 0:
+        raise GrblError(4)
+    if n == 20 and value and not settings[22]:
+        raise GrblError(10)
+    settings[n] = float(int(value)) if n in _WHOLE else value
+    if n == 22 and not value:
+        settings[20] = 0
+
+
+def listed(settings: Mapping[int, float]) -> list[str]:
+    return [
+        f"${n}={value:.0f}" if n in _WHOLE or n in (30, 31) else f"${n}={value:.3f}"
+        for n, value in settings.items()
+    ]

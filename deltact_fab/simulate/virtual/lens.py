@@ -1,0 +1,108 @@
+"""The two lenses of a virtual rig: the true one, which draws, and the calibrated one, which tracks.
+
+A real bench knows its lens only as it was calibrated; so does all that estimates here. The true
+one is in the rig file's `[virtual.lens]` and goes to the run's `truth/`, nowhere else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from deltact_fab.bench import VirtualConfig, calibrated_camera, view_notes
+from deltact_fab.common import InputError, Note
+from deltact_fab.fabricate import load_design
+from deltact_fab.sensor import Fisheye, Rectified, SensorDimensions, camera_from_dict
+
+from .picture import BAND_PX
+
+NEAR_MM = {"air_gap_mm": 1.0, "acrylic_mm": 0.5, "gel_mm": 1.0}
+"""How far what was put together by hand may be from its design; more is another sensor's."""
+
+
+def true_lens(config: VirtualConfig, sensor: SensorDimensions) -> Fisheye:
+    """What the rig draws through: the design's lens with what `[virtual.lens]` changes of it.
+
+    Raises InputError for numbers that are another sensor's.
+    """
+    nominal = Fisheye.of(sensor).as_dict()
+    given = config.virtual.lens
+    values = dict(nominal)
+    if given is not None:
+        made_for = nominal
+        if given.design is not None:
+            made_for = Fisheye.of(load_design(given.design)).as_dict()
+        for key, value in given.numbers().items():
+            far = abs(value - nominal[key]) > NEAR_MM.get(key, np.inf)
+            if given.design is None and far:
+                raise InputError(
+                    f"virtual.lens.{key}: {value:g}, and the design has {nominal[key]:g}: another "
+                    "sensor's; name the design that these numbers are of as virtual.lens.design, "
+                    "and what differs from it counts"
+                )
+            same = made_for[key] == nominal[key]
+            values[key] = value if same else nominal[key] + value - made_for[key]
+    lens = camera_from_dict(values, "virtual.lens")
+    assert isinstance(lens, Fisheye), "as_dict names its class"
+    return lens
+
+
+def tracked_view(config: VirtualConfig, sensor: SensorDimensions, source: Path) -> Rectified:
+    """The view that trackers take, by the calibrated lens; by the design's where none was.
+
+    source: of the rig file. Raises InputError for a camera file that is missing, holds no fisheye,
+    or is so far off that its view is not in the picture.
+    """
+    lens, named = Fisheye.of(sensor), "the design's lens"
+    if config.camera is not None:
+        path = source.parent / config.camera.model
+        named, model = str(path), calibrated_camera(path, f"{source}: camera.model")
+        if not isinstance(model, Fisheye):
+            raise InputError(
+                f"{path}: camera.model: {model.as_dict()['model']!r}; a virtual rig needs a "
+                "'fisheye'"
+            )
+        lens = model
+    view = Rectified.of(sensor, lens)
+    _require_drawn(true_lens(config, sensor), view, f"{source}: camera.model: {named}")
+    return view
+
+
+def _require_drawn(true: Fisheye, view: Rectified, source: str) -> None:
+    """Refuse a view of which the border is not in the drawn picture."""
+    if (true.width_px, true.height_px) != (view.lens.width_px, view.lens.height_px):
+        raise InputError(
+            f"{source}: an image of {view.lens.width_px} x {view.lens.height_px} px, and "
+            f"[virtual.lens] makes {true.width_px} x {true.height_px} px"
+        )
+    w, h = view.width_px - 1, view.height_px - 1
+    x, y = np.linspace(0, w, 65), np.linspace(0, h, 65)
+    sides = [(x, 0 * x), (x, 0 * x + h), (0 * y, y), (0 * y + w, y)]
+    border_mm = view.rest_mm(np.concatenate([np.stack(side, axis=-1) for side in sides]))
+    try:
+        raw = view.lens.rest_px(border_mm)
+    except InputError as why:
+        raise InputError(f"{source}: the view's border: {why}") from why
+    looks_mm = true.rest_mm(raw)
+    inside = ((raw >= 0) & (raw <= (true.width_px - 1, true.height_px - 1))).all()
+    off_mm = np.nan_to_num(np.hypot(*(looks_mm - border_mm).T), nan=np.inf).max()
+    most_mm = BAND_PX * view.mm_per_px
+    if not inside or off_mm > most_mm:
+        raise InputError(
+            f"{source}: the view's border lies up to {off_mm:.2g} mm from where [virtual.lens] has "
+            f"it, and {most_mm:.2g} mm beyond it are drawn; calibrate this rig's own camera"
+        )
+
+
+def lens_notes(config: VirtualConfig, view: Rectified, patch_mm: float | None) -> Iterator[Note]:
+    """What a reader of a run through the lens must know."""
+    if config.camera is None:
+        text = (
+            "the lens is not calibrated, the design's stands for it: photograph the chessboard "
+            "skin on this rig; `deltact-fab calibrate lens` makes the file to name as [camera] "
+            "model"
+        )
+        yield Note("lens", text, warns=True)
+    yield from view_notes(view, patch_mm)

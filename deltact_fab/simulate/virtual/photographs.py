@@ -1,0 +1,244 @@
+"""A folder of simulated photographs of boards, as a bench's owner would take them to calibrate.
+
+FOLDER/contact/*.png   the skin, or a board wetted onto the face
+FOLDER/air/*.png       a board in the air beyond the face
+FOLDER/blank.png       a skin without a pattern, for the flat field
+FOLDER/truth/lens.toml the true lens; nothing that calibrates reads it
+`photographs.json` beside the images says that they are simulated, and from which seed.
+
+A board lies on the face in optical contact, or is held in the air beyond it, where every ray of a
+pixel meets its plane in one point. Squares are black ink on white with an edge as wide as the ink
+spreads; blur, shading, mosaic and noise are the camera's. All of it is a model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from deltact_fab.bench import VirtualConfig, encode_png, json_bytes
+from deltact_fab.common import Array, Float, InputError, making_files, write_whole
+from deltact_fab.physics import Exposure
+from deltact_fab.sensor import (
+    PHOTOGRAPHS,
+    Checkerboard,
+    Fisheye,
+    ImageSensor,
+    Medium,
+    Rectified,
+    SensorDimensions,
+    camera_toml,
+)
+
+from .lens import true_lens
+from .picture import RawView
+
+BLACK, WHITE, BACKGROUND, BLANK = 0.04, 0.85, 0.25, 0.6
+"""Reflectances; a blank skin is lit so that no pixel is full."""
+EDGE_MM = 0.02
+"""Half width of the ramp between black and white."""
+FINER = 3
+"""Samples a pixel and axis."""
+MARGIN_SQUARES = 1.0
+BORDER_PX = 6
+CLEAR_MM = 0.5
+"""Of a board in air above the face."""
+TRIES = 300
+
+
+@dataclass(frozen=True)
+class BoardPose:
+    """Where a board is in the sensor frame: a turn, then its middle moved to at_mm."""
+
+    at_mm: tuple[float, float, float]
+    turn: Rotation
+
+    def points_mm(self, board_mm: Array) -> NDArray[np.float64]:
+        """Points (..., 2) of the board's plane in the sensor frame, (..., 3)."""
+        flat = np.concatenate((board_mm, np.zeros_like(board_mm[..., :1])), axis=-1)
+        turned = self.turn.apply(flat.reshape(-1, 3)).reshape(flat.shape)
+        return np.asarray(turned + self.at_mm)
+
+
+ON_FACE = BoardPose((0.0, 0.0, 0.0), Rotation.identity())
+
+
+class Studio:
+    def __init__(self, lens: Fisheye, sensor: ImageSensor, design: SensorDimensions) -> None:
+        self.lens, self.design = lens, design
+        self._exposure = Exposure(sensor, RawView(lens, Rectified.of(design, lens)).off)
+        rows, columns = np.arange(-1.0, lens.height_px + 1), np.arange(-1.0, lens.width_px + 1)
+        self._origin, self._slope = lens.ray(np.stack(np.meshgrid(columns, rows), -1), "air")
+
+    def photograph(
+        self, board: Checkerboard, pose: BoardPose, rng: np.random.Generator, contact: bool = True
+    ) -> NDArray[np.uint8]:
+        """Image (h, w, 3) BGR of a board on the face, or in the air beyond it."""
+        turn = pose.turn.as_matrix()
+        origin, at = self._origin, np.asarray(pose.at_mm)
+        met = origin
+        if not contact:
+            normal = turn[:, 2]
+            z_mm = (at - origin) @ normal / (self._slope @ normal)
+            met = origin + self._slope * z_mm[..., None]
+        on_board = (met - at) @ turn[:, :2]
+        u, v = (self._fine(on_board[..., k]) for k in range(2))
+        beyond = WHITE if board.skin else BACKGROUND
+        seen = _reflectance(board, u, v, beyond)
+        return self._expose(seen, rng)
+
+    def blank(self, rng: np.random.Generator) -> NDArray[np.uint8]:
+        """Image (h, w, 3) BGR of a skin without a pattern, for the flat field."""
+        height, width = self._origin.shape[:2]
+        even = np.full(((height - 2) * FINER, (width - 2) * FINER), BLANK, np.float32)
+        return self._expose(even, rng)
+
+    def _expose(self, seen: Float, rng: np.random.Generator) -> NDArray[np.uint8]:
+        """Reflectances, FINER a pixel, behind the window of the frame."""
+        half = np.array(self.design.skin.opening_half_mm, np.float32)
+        x, y = (self._fine(self._origin[..., k]) for k in range(2))
+        with np.errstate(invalid="ignore"):
+            window = (np.abs(x) <= half[0]) & (np.abs(y) <= half[1])
+        seen = np.where(window, seen, np.float32(BLACK))
+        size = (self.lens.width_px, self.lens.height_px)
+        light = np.asarray(cv2.resize(seen, size, interpolation=cv2.INTER_AREA), np.float32)
+        return self._exposure.expose(np.repeat(light[..., None], 3, axis=-1), rng)
+
+    def _fine(self, values: Array) -> Float:
+        """Values at the pixels' middles, with a border of one, to FINER a pixel."""
+        grid = np.asarray(values, np.float32)
+        fine = cv2.resize(grid, None, fx=FINER, fy=FINER, interpolation=cv2.INTER_LINEAR)
+        return np.asarray(fine[FINER:-FINER, FINER:-FINER], np.float32)
+
+    def sees(self, board: Checkerboard, pose: BoardPose, contact: bool) -> bool:
+        """Whether all inner corners lie in the image and in the face's window, clear of it."""
+        columns, rows = board.corners
+        index = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1)
+        corners = pose.points_mm(board.at_mm(index)).reshape(-1, 3)
+        sides = np.array([board.nx, board.ny]) * board.square_mm / 2
+        rim = pose.points_mm(np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]]) * sides)
+        if not contact and rim[:, 2].min() < CLEAR_MM:
+            return False
+        try:
+            medium: Medium = "gel" if contact else "air"
+            px = self.lens.project_px(corners, medium)
+            crossing = self.lens.crossing_mm(corners, medium)
+        except InputError:
+            return False  # outside the field
+        last = np.array([self.lens.width_px, self.lens.height_px]) - 1 - BORDER_PX
+        half = np.array(self.design.skin.opening_half_mm) - board.square_mm / 4
+        inside = np.all((px >= BORDER_PX) & (px <= last)) and np.all(np.abs(crossing) <= half)
+        return bool(inside)
+
+    def contact_poses(
+        self, board: Checkerboard, n: int, rng: np.random.Generator
+    ) -> Iterator[BoardPose]:
+        """Of a board wetted onto the face: in the middle, then out to the corners of the view."""
+        places = ((0, 0), (1, 1), (-1, 1), (1, -1), (-1, -1))
+        for k in range(n):
+            out = np.array(places[k % len(places)])
+            turn = Rotation.from_euler("z", rng.uniform(-5, 5), degrees=True)
+            reach = np.array(self.design.skin.opening_half_mm) * rng.uniform(0.9, 1.0)
+            for shrink in np.linspace(1, 0, 41):
+                x, y = out * reach * shrink
+                pose = BoardPose((float(x), float(y), 0.0), turn)
+                if self.sees(board, pose, contact=True):
+                    yield pose
+                    break
+            else:
+                raise InputError(f"--board {board}: the camera does not see it whole on the face")
+
+    def air_poses(
+        self, board: Checkerboard, n: int, rng: np.random.Generator
+    ) -> Iterator[BoardPose]:
+        """Of a board in the air beyond the face, at random heights, places and tilts."""
+        for _ in range(n):
+            for _ in range(TRIES):
+                tilts = rng.uniform(-25, 25, 2)
+                turn = Rotation.from_euler("xyz", (*tilts, rng.uniform(-15, 15)), degrees=True)
+                x, y = rng.uniform(-5, 5, 2)
+                pose = BoardPose((float(x), float(y), float(rng.uniform(3, 20))), turn)
+                if self.sees(board, pose, contact=False):
+                    yield pose
+                    break
+            else:
+                raise InputError(f"--air: the camera does not see a board of {board} whole")
+
+
+def _reflectance(board: Checkerboard, u_mm: Float, v_mm: Float, beyond: float) -> Float:
+    """Of the points of a board's plane; nan, where a pixel sees none, is black."""
+    across = np.float32(board.nx * board.square_mm / 2), np.float32(board.ny * board.square_mm / 2)
+    out = np.maximum(np.abs(u_mm) - across[0], np.abs(v_mm) - across[1])
+    mean, half = np.float32((WHITE + BLACK) / 2), np.float32((WHITE - BLACK) / 2)
+    dark = _stripes(u_mm + across[0], board.square_mm, board.nx)
+    dark *= _stripes(v_mm + across[1], board.square_mm, board.ny)
+    seen = np.where(out <= 0, mean - half * dark, np.float32(WHITE))
+    seen = np.where(out > MARGIN_SQUARES * board.square_mm, np.float32(beyond), seen)
+    return np.where(np.isfinite(out), seen, np.float32(BLACK))
+
+
+def _stripes(at_mm: Float, width_mm: float, n: int) -> Float:
+    """1 in the first of n stripes, from 0 on, -1 in the next, and so on, with ramps between."""
+    with np.errstate(invalid="ignore"):
+        nearest = np.clip(np.rint(at_mm / np.float32(width_mm)), 1, n - 1)
+        ramp = np.clip((at_mm - nearest * np.float32(width_mm)) / np.float32(EDGE_MM), -1, 1)
+        return np.where(np.mod(nearest, 2) == 0, ramp, -ramp)
+
+
+MOST = 200
+
+
+def take_photographs(
+    config: VirtualConfig,
+    design: SensorDimensions,
+    board: Checkerboard,
+    folder: Path,
+    *,
+    contact: int = 1,
+    air: int = 0,
+    air_board: Checkerboard | None = None,
+    seed: int = 0,
+) -> list[Path]:
+    """Write the photographs, and return their files; the folder must be new or empty.
+
+    contact, air: how many of `board` on the face and of air_board (default: the same) beyond it; a
+    skin is photographed once. Raises InputError before anything is written.
+    """
+    held = air_board or board
+    if not (0 <= contact <= MOST and 0 <= air <= MOST):
+        raise InputError(f"contact {contact}, air {air}: 0 to {MOST} images of each")
+    if air and held.skin:
+        raise InputError("--air: a skin is not held in the air; name the board with --air-board")
+    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+        raise InputError(f"{folder}: is there already; name a new folder")
+    beyond = design.optics.beyond(board.nx * board.square_mm) if board.skin else None
+    if beyond is not None:
+        raise InputError(f"--board skin: {beyond}: wet a larger board onto the face")
+    lens = true_lens(config, design)
+    studio = Studio(lens, config.virtual.camera, design)
+    rng = np.random.default_rng(np.random.SeedSequence([seed, 5]))
+    poses = [ON_FACE] if board.skin else list(studio.contact_poses(board, contact, rng))
+    taken = {
+        f"contact/{k}.png": studio.photograph(board, pose, rng) for k, pose in enumerate(poses, 1)
+    }
+    for k, pose in enumerate(studio.air_poses(held, air, rng), 1):
+        taken[f"air/{k}.png"] = studio.photograph(held, pose, rng, contact=False)
+    taken["blank.png"] = studio.blank(rng)
+    said = json_bytes({"simulated": True, "seed": seed})
+    about = ["The true lens of simulated photographs: for comparison, not for calibration."]
+    truth = camera_toml(lens, {"simulated": {"seed": seed}}, about)
+    with making_files(folder):
+        for name in {"truth", *(str(Path(n).parent) for n in taken)}:
+            (folder / name).mkdir(parents=True, exist_ok=True)
+    for name, image in taken.items():
+        write_whole(folder / name, encode_png(image))
+    for name in {str(Path(n).parent) for n in taken}:
+        write_whole(folder / name / PHOTOGRAPHS, said)
+    write_whole(folder / "truth" / "lens.toml", truth.encode())
+    return [folder / name for name in taken]

@@ -1,0 +1,280 @@
+"""What the camera sees: the printed pattern carried by the deformed surface, drawn by inverse map.
+
+For every image pixel the material point that projects there is found by iteration on the same
+displacement field that the truth stores; where the surface hides a part of itself, the nearest
+point on the pixel's ray (`occlusion`). The texture is sampled four times a pixel. Through a lens
+this is done in its flat view, and what each pixel of the raw image sees is looked up there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from deltact_fab.common import Float, SolverError
+from deltact_fab.physics import Exposure, view_grid
+from deltact_fab.sensor import (
+    CameraModel,
+    FaceMotion,
+    Fisheye,
+    ImageSensor,
+    LatticeSampler,
+    Rectified,
+    SurfaceLattice,
+    axes_mm,
+    folded_pixels,
+    nearest_surface,
+)
+
+BAND_PX = 40
+"""Drawn around the tracked view, for a calibration that is a little off; the rest stays dark."""
+PICTURE_MARGIN_PX = 64
+PICTURE_TOLERANCE_PX = 2e-3
+FIXED_POINT_ITERATIONS = 6
+NEWTON_ITERATIONS = 40
+MAX_STEP_PX = 8.0
+
+
+class RawView:
+    """Raw pixels (h, w) of a lens on a flat view of the face, which is BAND_PX larger all round."""
+
+    def __init__(self, lens: Fisheye, view: Rectified) -> None:
+        """lens: what is drawn through. view: what is tracked, of which the size counts."""
+        self.lens = lens
+        self.flat = Rectified(
+            lens, view.mm_per_px, view.width_px + 2 * BAND_PX, view.height_px + 2 * BAND_PX
+        )
+        # With a border of one pixel, so that a halved grid is interpolated at the edge too.
+        columns, rows = np.arange(-1, lens.width_px + 1), np.arange(-1, lens.height_px + 1)
+        raw = np.stack(np.meshgrid(columns, rows), axis=-1).astype(float)
+        looks = self.flat.rest_px(lens.rest_mm(raw))
+        edge = (self.flat.width_px - 0.5, self.flat.height_px - 0.5)
+        with np.errstate(invalid="ignore"):
+            seen = np.all((looks > -0.5) & (looks < edge), axis=-1)
+        seen = np.pad(seen[1:-1, 1:-1], 1)
+        across, down = (np.flatnonzero(np.any(seen, axis=k)) for k in (0, 1))
+        self._rows, self._columns = slice(down[0], down[-1] + 1), slice(across[0], across[-1] + 1)
+        wide = (slice(down[0] - 1, down[-1] + 2), slice(across[0] - 1, across[-1] + 2))
+        # A pixel that looks past the flat view is dark, whatever stands here.
+        near = np.clip(np.nan_to_num(looks[wide], nan=0.0), -1, np.add(edge, 0.5))
+        self._map = cv2.split(near.astype(np.float32) + 1)  # of a grid with a border
+        self._seen = seen[self._rows, self._columns][..., None]
+        corner_px = np.hypot(view.width_px, view.height_px) / 2
+        off = (looks[1:-1, 1:-1] - np.asarray(self.flat.centre_px)) / corner_px
+        self.off: Float = np.nan_to_num(off, nan=np.inf)
+        """Of raw pixels (h, w, 2) from the view's middle, in its half diagonals; inf: unseen."""
+
+    def look(self, flat: Float) -> Float:
+        """What stands at each pixel of the flat view, on the raw pixels that see it.
+
+        flat: (h, w[, 2]) with a border of one pixel, and so is what is returned.
+        """
+        return np.asarray(cv2.remap(flat, self._map[0], self._map[1], cv2.INTER_LINEAR), np.float32)
+
+    def framed(self, radiance: Float) -> Float:
+        """The raw image (h, w, c) with this in its place and the rest dark."""
+        size = (self.lens.height_px, self.lens.width_px, radiance.shape[-1])
+        whole = np.zeros(size, np.float32)
+        at = (
+            slice(self._rows.start - 1, self._rows.stop - 1),
+            slice(self._columns.start - 1, self._columns.stop - 1),
+        )
+        whole[at] = radiance * self._seen
+        return whole
+
+
+@dataclass(frozen=True)
+class Texture:
+    """Linear reflectance (h, w, 3 RGB) of the printed sticker, centred on the sensor's origin."""
+
+    values: Float
+    mm_per_texel: float
+
+
+class PictureGeometry:
+    """Which point of the resting face each pixel sees, of any pattern that is printed on it.
+
+    It is what drawing costs most, and many patterns of one deformed face can share it.
+    """
+
+    def __init__(self, camera: CameraModel | RawView, lattice: SurfaceLattice) -> None:
+        """camera: flat, or the raw view of a lens."""
+        self.raw = camera if isinstance(camera, RawView) else None
+        self.camera = camera = camera.flat if isinstance(camera, RawView) else camera
+        self._motion: FaceMotion | None = None
+        if self.raw is not None:
+            self._motion = FaceMotion(lattice, camera.project_px)
+        # The view and its margin may reach over the edge of the face.
+        xs_mm, ys_mm = (
+            _within(v, w)
+            for v, w in zip(axes_mm(camera, PICTURE_MARGIN_PX), lattice.axes_mm(), strict=True)
+        )
+        self._sampler = LatticeSampler.make(lattice, xs_mm, ys_mm)
+        if self._motion is not None:
+            self._motion_sampler = LatticeSampler.make(self._motion.lattice, xs_mm, ys_mm)
+        self._rest = np.stack((*np.meshgrid(xs_mm, ys_mm), np.zeros((len(ys_mm), len(xs_mm)))), -1)
+        self._rest_px = camera.rest_px(self._rest[..., :2])
+        self._margin_px = np.asarray(-np.rint(self._rest_px[0, 0]), np.float32)
+        # One pixel of border, so that the halved grid of a picture is interpolated at the edge too.
+        self._target = np.stack(
+            np.meshgrid(
+                np.arange(-1, camera.width_px + 1, dtype=np.float32),
+                np.arange(-1, camera.height_px + 1, dtype=np.float32),
+            ),
+            axis=-1,
+        )
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        seen = self.camera if self.raw is None else self.raw.lens
+        return seen.width_px, seen.height_px
+
+    def forward_px(self, displacement_mm: NDArray[np.float64]) -> Float:
+        """Projected displacement of the rest pixels and their margin, (h + 2m, w + 2m, 2)."""
+        return self._forward(displacement_mm)[0]
+
+    def _forward(self, displacement_mm: NDArray[np.float64]) -> tuple[Float, NDArray[np.float64]]:
+        """Projected displacement of the grid's points, and where in the image they are, px."""
+        if self._motion is not None:
+            moved = self._motion_sampler(self._motion(displacement_mm))
+            return np.asarray(moved, np.float32), self._rest_px + moved
+        seen_px = self.camera.project_px(self._rest + self._sampler(displacement_mm))
+        return np.asarray(seen_px - self._rest_px, np.float32), seen_px
+
+    def material_px(self, displacement_mm: NDArray[np.float64] | None) -> Float:
+        """Rest position (px) of the material point seen by each pixel, with a border of one pixel.
+
+        Solves X + g(X) = p for X with g the projection of a displacement (ny, nx, 3) on the
+        lattice, None at rest; shape (h + 2, w + 2, 2). Raises SolverError where a pixel sees no
+        point of the surface.
+        """
+        if displacement_mm is None:
+            return self._target
+        field, seen_px = self._forward(displacement_mm)
+        at = before = self._target
+        for _ in range(FIXED_POINT_ITERATIONS):
+            x, y = cv2.split(at + self._margin_px)
+            moved = cv2.remap(field, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            before, at = at, self._target - moved
+        # The border's first pixel has the index 0, and lies at -1.
+        at_px = seen_px + 1
+        disputed = folded_pixels(at_px, at.shape[:2])
+        x, y = cv2.split(cv2.absdiff(at, before))
+        open_ = (cv2.max(x, y) >= PICTURE_TOLERANCE_PX) & ~disputed
+        # Fixed point needs a gradient below 1; the stretched skin behind a sliding tip has more.
+        at[open_] = _newton(field, self._margin_px, self._target[open_], at[open_])
+        wanted = np.isnan(at[..., 0]) | disputed
+        if wanted.any():
+            out_mm = self._sampler(displacement_mm[..., 2:])[..., 0]
+            at[wanted] = nearest_surface(at_px, out_mm, wanted) - self._margin_px
+            blind = int(np.isnan(at[..., 0]).sum())
+            if blind:
+                raise SolverError(
+                    f"{blind} pixels of the picture see no point of the surface within "
+                    f"{PICTURE_MARGIN_PX} px of the view"
+                )
+        return at
+
+    def depth_mm(self, displacement_mm: NDArray[np.float64], at_px: Float) -> Float:
+        """How deep the points that pixels see lie below rest, (h, w); at_px: of `material_px`."""
+        x, y = cv2.split(at_px + self._margin_px)
+        out_mm = self._sampler(displacement_mm[..., 2:])[..., 0].astype(np.float32)
+        seen = cv2.remap(out_mm, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        depth = -np.asarray(seen, np.float32)
+        if self.raw is None:
+            return depth[1:-1, 1:-1]
+        return self.raw.framed(self.raw.look(depth)[1:-1, 1:-1, None])[..., 0]
+
+
+class FrameRenderer:
+    """Draws frames of one pattern through one camera; cheap where the geometry is shared."""
+
+    def __init__(self, geometry: PictureGeometry, texture: Texture, sensor: ImageSensor) -> None:
+        self.geometry = geometry
+        self._texture = texture
+        self._glows = sensor.contact_glow_per_mm > 0
+        camera, raw = geometry.camera, geometry.raw
+        if raw is None:
+            off, self._beyond = view_grid(camera.height_px, camera.width_px), cv2.BORDER_REPLICATE
+        else:
+            off, self._beyond = raw.off, cv2.BORDER_CONSTANT  # beyond the print it is dark
+        self._exposure = Exposure(sensor, off)
+
+    def render(
+        self, displacement_mm: NDArray[np.float64] | None, rng: np.random.Generator
+    ) -> NDArray[np.uint8]:
+        """Image (h, w, 3) BGR of a surface displacement (ny, nx, 3) on the lattice, None at rest.
+
+        Raises SolverError where a pixel sees no point of the surface.
+        """
+        return self.expose(self.geometry.material_px(displacement_mm), rng, displacement_mm)
+
+    def expose(
+        self,
+        at_px: Float,
+        rng: np.random.Generator,
+        displacement_mm: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.uint8]:
+        """Image (h, w, 3) BGR of what the geometry's `material_px` says that the pixels see.
+
+        displacement_mm: as of `render`; only a camera in whose light a contact glows reads it.
+        """
+        at, camera, raw = at_px, self.geometry.camera, self.geometry.raw
+        if raw is not None:
+            at = raw.look(at)
+        fine = cv2.resize(at, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)[2:-2, 2:-2]
+        cx, cy = camera.centre_px
+        texels = camera.mm_per_px / self._texture.mm_per_texel
+        h, w = self._texture.values.shape[:2]
+        map_x = (fine[..., 0] - np.float32(cx)) * np.float32(texels) + np.float32((w - 1) / 2)
+        map_y = (fine[..., 1] - np.float32(cy)) * np.float32(texels) + np.float32((h - 1) / 2)
+        seen = cv2.remap(
+            self._texture.values, map_x, map_y, cv2.INTER_LINEAR, borderMode=self._beyond
+        )
+        size = (at.shape[1] - 2, at.shape[0] - 2)
+        radiance = np.asarray(cv2.resize(seen, size, interpolation=cv2.INTER_AREA), np.float32)
+        if raw is not None:
+            radiance = raw.framed(radiance)
+        depth_mm: Float | None = None
+        if self._glows and displacement_mm is not None:
+            depth_mm = self.geometry.depth_mm(displacement_mm, at_px)
+        return self._exposure.expose(radiance, rng, depth_mm)
+
+
+def _within(points_mm: NDArray[np.float64], nodes_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+    return points_mm[(points_mm >= nodes_mm[0]) & (points_mm <= nodes_mm[-1])]
+
+
+def _newton(field: Float, margin_px: Float, target: Float, start: Float) -> Float:
+    """Solve X + g(X) = p for points (n, 2) px, g bilinear on the field with its margin.
+
+    nan for those that no step brings home.
+    """
+    height, width = field.shape[:2]
+    p, at = target.astype(float), start.astype(float)
+    left = np.arange(len(at))
+    for _ in range(NEWTON_ITERATIONS):
+        if not len(left):
+            break
+        x = np.clip(at[left, 0] + margin_px[0], 0, width - 1.001)
+        y = np.clip(at[left, 1] + margin_px[1], 0, height - 1.001)
+        j, i = x.astype(int), y.astype(int)
+        a, b = (x - j)[:, None], (y - i)[:, None]
+        q00, q01 = field[i, j], field[i, j + 1]
+        q10, q11 = field[i + 1, j], field[i + 1, j + 1]
+        along_x = (q01 - q00) * (1 - b) + (q11 - q10) * b
+        along_y = (q10 - q00) * (1 - a) + (q11 - q01) * a
+        value = q00 * (1 - b) + q10 * b + along_x * a
+        miss = at[left] + value - p[left]
+        xx, yx = 1 + along_x[:, 0], along_x[:, 1]
+        xy, yy = along_y[:, 0], 1 + along_y[:, 1]
+        det = xx * yy - xy * yx
+        det = np.where(np.abs(det) < 0.05, np.copysign(0.05, det), det)
+        step = np.stack((yy * miss[:, 0] - xy * miss[:, 1], xx * miss[:, 1] - yx * miss[:, 0]), -1)
+        at[left] -= np.clip(step / det[:, None], -MAX_STEP_PX, MAX_STEP_PX)
+        left = left[np.max(np.abs(miss), axis=-1) >= PICTURE_TOLERANCE_PX]
+    at[left] = np.nan
+    return at.astype(np.float32)

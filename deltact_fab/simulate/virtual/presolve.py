@@ -1,0 +1,147 @@
+"""All presses of protocols solved ahead of a run or a study, side by side, and kept.
+
+Every press is kept when it is whole, so whatever ends this early loses at most the presses under
+way; the next time goes on with those that are not in the store.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+
+from deltact_fab.bench import GelConfig, Protocol
+from deltact_fab.common import DeltactFabError, JobOutcome, Progress, run_jobs
+from deltact_fab.physics import Zones
+from deltact_fab.sensor import SkinDimensions
+
+from .presses import PlannedPress, Presses, PressPath, path_of_press, stored_press_files
+
+
+@dataclass
+class PressRow:
+    """The outcome of one press. seconds: of the knots' solves; found: it was in the store.
+
+    like: the press whose solution serves this one too. zones: of the contact at its end. flags: of
+    the solver, with the number of knots. failure: why it did not get through, else empty.
+    """
+
+    press: str
+    knots: int
+    done: int = 0
+    found: bool = False
+    like: str = ""
+    seconds: float = 0.0
+    zones: Zones = field(default_factory=Zones)
+    flags: dict[str, int] = field(default_factory=dict)
+    failure: str = ""
+
+
+def solve_ahead(
+    protocols: Iterable[Protocol],
+    skin: SkinDimensions,
+    config: GelConfig,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+) -> list[PressRow]:
+    """Every press of protocols, solved or found; a failure ends that press and no other.
+
+    progress: told of each press at its end. executor: as of `jobs.run`.
+    """
+    planned = [
+        (protocol, presses, path)
+        for protocol in protocols
+        for presses in (Presses(protocol, skin, config),)
+        for path in presses.paths
+    ]
+    rows: list[PressRow] = []
+    todo: dict[str, PressRow] = {}
+    given: list[_Press] = []
+    waiting: list[tuple[PressRow, PressRow, Presses, PressPath]] = []
+    over: list[str] = []
+
+    def ended(row: PressRow) -> None:
+        over.append(row.press)
+        if progress is not None:
+            progress(len(over), len(planned), row.press)
+
+    for protocol, presses, path in planned:
+        try:
+            press = presses.of(path)
+        except DeltactFabError as why:  # no mesh serves this one
+            rows.append(PressRow(path.press, 0, failure=" ".join(str(why).split())))
+            ended(rows[-1])
+            continue
+        row = _row(press)
+        rows.append(row)
+        name = press.solver.stored_as or f"{press.name} of {protocol.name}"
+        if press.solver.found is not None:
+            ended(row)
+        elif name in todo:
+            row.like = todo[name].press
+            waiting.append((row, todo[name], presses, path))
+        else:
+            todo[name] = row
+            given.append(_Press(protocol, skin, config, path.press, stored_press_files(press)))
+    solving = list(todo.values())
+
+    def heard(end: JobOutcome[PressRow]) -> None:
+        row = solving[end.index]
+        if end.value is not None:
+            vars(row).update(vars(end.value))
+        elif isinstance(end.error, DeltactFabError):
+            row.failure = " ".join(str(end.error).split())
+        elif end.error is not None:
+            raise end.error
+        ended(row)
+
+    run_jobs(_one, given, heard, executor)
+    for row, solved, presses, path in waiting:
+        if solved.failure:
+            row.failure = f"as {solved.press}, its mirror image: {solved.failure}"
+        else:
+            vars(row).update(vars(_row(presses.of(path))), like=solved.press, seconds=0.0)
+        ended(row)
+    return rows
+
+
+@dataclass(frozen=True)
+class _Press:
+    """A press to be solved; makes: files of the store that it may leave."""
+
+    protocol: Protocol
+    skin: SkinDimensions
+    config: GelConfig
+    name: str
+    makes: tuple[str, ...]
+
+
+def _one(job: _Press) -> PressRow:
+    """One press, stored when complete."""
+    started = time.perf_counter()
+    presses = Presses(job.protocol, job.skin, job.config)
+    press = presses.of(path_of_press(presses, job.name))
+    failure = ""
+    try:
+        press.solver.solve_all()
+    except DeltactFabError as why:
+        failure = " ".join(str(why).split())
+    except (ArithmeticError, ValueError, MemoryError) as why:
+        failure = f"{type(why).__name__}: {' '.join(str(why).split())}"
+    row = _row(press)
+    row.failure, row.found, row.seconds = failure, False, time.perf_counter() - started
+    return row
+
+
+def _row(press: PlannedPress) -> PressRow:
+    return PressRow(
+        press.name,
+        len(press.solver.poses),
+        done=len(press.solver.knots),
+        found=press.solver.found is not None,
+        seconds=press.solver.found["seconds"] if press.solver.found else 0.0,
+        zones=press.solver.knots[-1].zones if press.solver.knots else Zones(),
+        flags=press.solver.flags,
+        failure=press.solver.ended,
+    )

@@ -1,0 +1,354 @@
+"""The planned ways of a protocol's presses, known before anything moves, and the solvers of them.
+
+Straight lines between the tip points of the protocol's steps, each cut into increments; the poses
+at their ends are the knots that `physics.gel.path` solves. What the gel cannot compute is told
+before a run; what it solved and left out, after it.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from deltact_fab.bench import GelConfig, Protocol, expand_protocol
+from deltact_fab.common import Field, InputError, Note, Point, cached_file
+from deltact_fab.physics import (
+    CONTACT_EPS_MM,
+    MAX_FINITE_POISSON,
+    SMALL_STRAIN,
+    SOLVED_PATHS,
+    Choice,
+    Increments,
+    KnotPose,
+    Level,
+    ObservedChannels,
+    PathSolver,
+    choose_level,
+    divide_path,
+    linear_refusal,
+    open_path,
+)
+from deltact_fab.sensor import (
+    LINEAR_LEVEL,
+    MAX_LINEAR_POISSON,
+    GelMaterial,
+    SensorDimensions,
+    SkinDimensions,
+    parse_indenter,
+)
+
+SAME_MM = 2e-3  # a point of the stage is the plan's within a motor step and its rounding
+REST_GROWTH = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedPress:
+    """solver: of the path's knots. name: `indenter/position`. waypoints: ends of its lines."""
+
+    solver: PathSolver
+    name: str = ""
+    waypoints: tuple[Point, ...] = ()
+
+    def snapped(self, point: Point) -> Point:
+        """The planned point that this one is but for a motor step, else the point itself."""
+        for planned in self.waypoints:
+            if all(abs(p - q) <= SAME_MM for p, q in zip(planned, point, strict=True)):
+                return planned
+        return point
+
+    def rest_after(self, key: int) -> float | None:
+        """Seconds that the tip rests after a planned knot before the next; None: no knot for it."""
+        poses = self.solver.poses
+        if 0 < key < len(poses) and poses[key].part == 0:
+            return poses[key].seconds
+        return None
+
+
+class Presses:
+    """Opens the presses of a protocol on a skin; keeps count of what was solved and what found.
+
+    One press is under way at a time: opening the next closes it.
+    Nothing that no channel needs: no friction without shear, no field without images, no time
+    without a Prony series.
+    """
+
+    def __init__(self, protocol: Protocol, skin: SkinDimensions, config: GelConfig) -> None:
+        specimen = protocol.specimen
+        self.level: Level = specimen.gel_model
+        self.modulus_mpa = specimen.modulus_mpa
+        self.shears = "shear" in protocol.channels
+        self.fields = "image" in protocol.channels
+        self.observed = not protocol.channels.isdisjoint(("image", "force"))
+        self.tractions = "traction" in protocol.channels
+        self.relaxing_s = tuple(tau for g, tau in specimen.prony if g > 0)
+        self.material = GelMaterial(1.0, specimen.poisson, specimen.friction, specimen.prony)
+        self.paths = paths(protocol)
+        self.opened: list[PlannedPress] = []
+        self._skin = skin
+        finite, linear = config.hyperelastic, self.level == LINEAR_LEVEL
+        of = config if linear else finite
+        self.increments = Increments(of.press_increment_mm, of.shear_increment_mm)
+        lattice_mm = (config.spacing_mm if linear else None) or finite.lattice_mm
+        self._shown = ObservedChannels(
+            "all" if self.fields else "none",
+            traction=self.tractions,
+            lattice_mm=lattice_mm,
+        )
+        self._wishes: dict[str, Any] = {
+            "tolerance": finite.tolerance,
+            "level": self.level,
+            "observe_shear": self.shears,
+            "spacing_mm": config.spacing_mm if linear else finite.cell_mm,
+            "most_unknowns": finite.most_unknowns,
+        }
+        self._waiting: dict[str, PlannedPress] = {}
+
+    def axes_mm(self) -> tuple[Field, Field]:
+        """The lattice's nodes along x and y, the same for all presses."""
+        first = self.paths[0]
+        press = self._waiting[first.press] = self._press(first)
+        return press.solver.axes_mm
+
+    def open(self, indenter: str, at_mm: tuple[float, float]) -> PlannedPress:
+        """The planned press of an indenter at a place. Raises InputError where there is none."""
+        for path in self.paths:
+            there = all(abs(a - b) <= SAME_MM for a, b in zip(path.at_mm, at_mm, strict=True))
+            if path.indenter == indenter and there:
+                return self.of(path)
+        raise InputError(f"no press of {indenter} is planned at ({at_mm[0]:g}, {at_mm[1]:g}) mm")
+
+    def of(self, path: PressPath) -> PlannedPress:
+        press = self._waiting.pop(path.press, None) or self._press(path)
+        if self.opened:
+            self.opened[-1].solver.close()
+        self.opened.append(press)
+        return press
+
+    def choice(self, path: PressPath) -> Choice:
+        """Mesh and friction of a planned press. Raises InputError where the level has none."""
+        return self._choose(path, poses(path, self.increments, self.relaxing_s))
+
+    def _press(self, path: PressPath) -> PlannedPress:
+        planned = poses(path, self.increments, self.relaxing_s)
+        shape, choice = parse_indenter(path.indenter), self._choose(path, planned)
+        solver = open_path(self._skin, self.material, shape, planned, self._shown, choice)
+        return PlannedPress(solver, path.press, path.waypoints)
+
+    def _choose(self, path: PressPath, planned: Sequence[KnotPose]) -> Choice:
+        shape = parse_indenter(path.indenter)
+        return choose_level(self._skin, self.material, shape, planned, **self._wishes)
+
+
+def stored_press_files(press: PlannedPress) -> tuple[str, ...]:
+    """Name of the file of the store that has all of a press, if it is there."""
+    key = press.solver.stored_as
+    return () if key is None else (str(cached_file(SOLVED_PATHS, json.loads(key))),)
+
+
+def path_of_press(presses: Presses, name: str) -> PressPath:
+    """A planned press by its name, as `sphere-10/p1`. Raises InputError."""
+    for path in presses.paths:
+        if path.press == name:
+            return path
+    known = ", ".join(path.press for path in presses.paths)
+    raise InputError(f"no press {name!r}; valid: {known}")
+
+
+@dataclass(frozen=True)
+class LineMove:
+    """A straight way between two tip points (sensor frame), in seconds, and the rest at its end."""
+
+    start_mm: Point
+    end_mm: Point
+    seconds: float
+    dwell_s: float
+
+
+@dataclass(frozen=True)
+class PressPath:
+    """The moves of a planned press that end in contact, and its filmed way out of it.
+
+    press: `indenter/position`.
+    """
+
+    press: str
+    indenter: str
+    at_mm: tuple[float, float]
+    lines: tuple[LineMove, ...]
+
+    @property
+    def waypoints(self) -> tuple[Point, ...]:
+        """Ends of the lines, in order, each once."""
+        return tuple(dict.fromkeys(p for line in self.lines for p in (line.start_mm, line.end_mm)))
+
+    @property
+    def deepest_mm(self) -> float:
+        return -min(line.end_mm[2] for line in self.lines)
+
+
+def paths(protocol: Protocol) -> list[PressPath]:
+    """The press paths of a protocol, in its order.
+
+    Ways that end in the air are not in them, but for a retract that is filmed.
+    """
+    found: dict[str, PressPath] = {}
+    here: Point = (0.0, 0.0, protocol.motion.park_mm)
+    for step in expand_protocol(protocol):
+        start, here = here, step.target_mm
+        if step.kind == "change":
+            continue
+        held = found.setdefault(step.press, PressPath(step.press, step.indenter, here[:2], ()))
+        if step.kind == "hold":
+            *before, last = held.lines
+            rests = replace(last, dwell_s=last.dwell_s + step.hold_s)
+            found[step.press] = replace(held, lines=(*before, rests))
+        elif here[2] < -CONTACT_EPS_MM or (step.kind == "retract" and step.frames):
+            seconds = math.dist(start, here) / (step.feed_mm_min / 60)
+            line = LineMove(start, here, seconds, step.settle_s)
+            found[step.press] = replace(held, lines=(*held.lines, line))
+    return list(found.values())
+
+
+def poses(
+    path: PressPath, increments: Increments, relaxing_s: Sequence[float] = ()
+) -> list[KnotPose]:
+    """All knots of a press that have to be solved, in order.
+
+    relaxing_s: the times in which the gel relaxes; none: it does not, and rests do not count. Else
+    a rest is knots more at the same place, see `rest_s`.
+    """
+    found = []
+    for line in path.lines:
+        at, where = divide_path(line.start_mm, line.end_mm, increments)
+        for (a, b), tip in zip(itertools.pairwise(at), where[1:], strict=True):
+            if tip[2] < 0:
+                found.append(KnotPose(tip, (b - a) * line.seconds, b))
+        if relaxing_s and line.dwell_s > 0:
+            found += [KnotPose(line.end_mm, s, 0.0) for s in rest_s(line.dwell_s, relaxing_s)]
+    return found
+
+
+def rest_s(dwell_s: float, relaxing_s: Sequence[float]) -> list[float]:
+    """A rest in parts, each ending REST_GROWTH times as late as the one before.
+
+    The first is at most an eighth of the shortest time of relaxing. Straight lines between the
+    ends are off by at most .012 of what a branch of the series gives.
+    """
+    latest = math.log(8 * dwell_s / min(relaxing_s)) / math.log(REST_GROWTH)
+    parts = max(0, math.ceil(latest))
+    ends = [dwell_s / REST_GROWTH**k for k in range(parts, -1, -1)]
+    return [b - a for a, b in itertools.pairwise([0.0, *ends])]
+
+
+def unanswered(
+    protocol: Protocol, sensor: SensorDimensions, config: GelConfig, source: str
+) -> list[str]:
+    """Why presses cannot be simulated, a line each; a level that cannot is one line for all."""
+    try:
+        require_gel_level(protocol, sensor, source)
+        presses = Presses(protocol, sensor.skin, config)
+    except InputError as why:
+        return [str(why)]
+    if not presses.observed:
+        return []
+    reasons = []
+    for path in presses.paths:
+        try:
+            presses.choice(path)
+        except InputError as why:
+            reasons.append(f"{source}: press {path.press}: {why}")
+    return reasons
+
+
+def require_gel_level(protocol: Protocol, sensor: SensorDimensions, source: str) -> None:
+    """Refuse what the protocol's gel level cannot answer for. Raises InputError."""
+    specimen = protocol.specimen
+    level, thickness_mm = specimen.gel_model, sensor.skin.thickness_mm
+    if protocol.weights is not None:
+        raise InputError(f"{source}: weights: no hand lays them on a virtual gel")
+    deepest = max(protocol.depths_mm)
+    if deepest >= thickness_mm:
+        raise InputError(
+            f"{source}: depths_mm: {deepest:g} mm is not less than the gel's thickness of "
+            f"{thickness_mm:g} mm: no level of the gel can be pressed that deep"
+        )
+    most = MAX_LINEAR_POISSON if level == LINEAR_LEVEL else MAX_FINITE_POISSON
+    if specimen.poisson > most:
+        raise InputError(
+            f"{source}: specimen.poisson: {specimen.poisson} is over {most}: the level {level!r} "
+            "stops there; .499 serves"
+        )
+    if level != LINEAR_LEVEL:
+        return
+    material = GelMaterial(1.0, specimen.poisson, specimen.friction, specimen.prony)
+    key = "specimen.prony" if specimen.prony else "depths_mm"
+    for indenter in map(parse_indenter, protocol.indenters):
+        if why := linear_refusal(sensor.skin, material, indenter, deepest):
+            raise InputError(
+                f"{source}: {key}: {why}: the level {level!r} stops there; this protocol needs the "
+                "level 'hyperelastic'"
+            )
+
+
+def gel_left_out(presses: Presses, choices: Sequence[Choice]) -> Iterator[Note]:
+    """What this scene's gel did not solve or keep, and why."""
+    if not presses.observed:
+        yield Note("gel", "no channel asks for what it does")
+        return
+    if not presses.shears and not any(c.friction for c in choices):
+        yield Note("friction", "the channel 'shear' is not asked for")
+    if presses.level != "hyperelastic":
+        yield Note("finite-strain gel", f"the level {presses.level!r} is asked for")
+    elif not presses.fields:
+        yield Note("the gel's surface field", "no channel asks for images")
+    if not presses.tractions:
+        yield Note("the face's tractions", "the channel 'traction' is not asked for")
+    if not presses.relaxing_s:
+        yield Note("viscosity", "the specimen has no Prony series")
+
+
+def gel_notes(presses: Presses, choices: Sequence[Choice], skin: SkinDimensions) -> Iterator[Note]:
+    """What a reader of a run on the simulated gel must know."""
+    opened = presses.opened
+    solved = sum(p.solver.solves for p in opened)
+    found = sum(len(p.solver.knots) for p in opened if p.solver.found is not None)
+    text = (
+        f"{solved} contact problems solved, {found} found in the store (no pattern, camera or "
+        "modulus matters to them); between them displacements and forces are interpolated linearly"
+    )
+    yield Note("solved", text)
+    if presses.level == LINEAR_LEVEL:
+        text = "the linear gel ignores large strain: tenths of a mm in plane from 2 mm deep"
+        yield Note("linear gel", text)
+    yield from dict.fromkeys(Note("level", f"gel: {choice.why}") for choice in choices)
+    if not presses.shears and any(c.friction for c in choices):
+        yield Note("friction", "friction is solved, for it changes the force of these presses")
+    # From the plan, for the presses that a resumed run kept are not solved again.
+    limit_mm = SMALL_STRAIN * skin.thickness_mm * (1 + 1e-9)
+    if presses.level == LINEAR_LEVEL and max(p.deepest_mm for p in presses.paths) > limit_mm:
+        text = "pressed beyond 10 % of the thickness, past small strain"
+        yield Note("small strain", text, warns=True)
+    if presses.relaxing_s:
+        text = (
+            "the gel's time is the plan's: lines at their feed, rests as long as they settle; "
+            "ramps of the stage and the host's delays, some hundredths of a second, are not in"
+        )
+        yield Note("time", text)
+    yield from _flag_notes(presses)
+
+
+def _flag_notes(presses: Presses) -> Iterator[Note]:
+    """A note for each kind of flag: where, in how many states, and the last of them in full."""
+    where: dict[str, list[str]] = {}
+    example: dict[str, Note] = {}
+    for press in presses.opened:
+        for name, count in press.solver.flags.items():
+            where.setdefault(name, []).append(f"{count} of {press.name}")
+        example |= {flag.id: flag for knot in press.solver.knots for flag in knot.flags}
+    for id, found in sorted(where.items()):
+        text = f"{example[id].labelled}; states concerned: {', '.join(found)}"
+        yield Note(id, text, warns=True)

@@ -1,0 +1,156 @@
+"""A simulated controller on a pseudo terminal, on the wall clock: a port like any other.
+
+Bytes take no time on it, unlike those of `wire`; a host sees no other difference. Its fault is that
+of a cable, pulled out and put back; the board's own are the controller's.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import select
+import tempfile
+import threading
+import time
+import tty
+from collections.abc import Callable
+from contextlib import AbstractContextManager, suppress
+from pathlib import Path
+
+from deltact_fab.bench import Clock
+from deltact_fab.common import NS_PER_S
+
+from .controller import GrblController
+
+IDLE_MS = 20  # between two looks when nothing is to happen
+CLOSED_MS = 2  # between two looks whether a host has opened the port
+PIECE = 4096
+
+
+class PtyCable(AbstractContextManager["PtyCable"]):
+    """The cable between a host and one controller, served by a thread of its own.
+
+    Whoever else uses the controller holds `lock`.
+    """
+
+    def __init__(
+        self,
+        controller: GrblController,
+        clock: Clock,
+        *,
+        resets_on_open: bool = False,
+        heard: Callable[[float, bytes], None] | None = None,
+        opened: Callable[[bool], None] | None = None,
+    ) -> None:
+        """clock: the controller's. resets_on_open: opening the port restarts the controller, as an
+        Arduino does. heard: gets every piece of what the host sent, with the time it came
+        (monotonic s). opened: gets True when a host opens the port, False when it closes it.
+        """
+        self.controller = controller
+        self._clock = clock
+        self.lock = threading.RLock()
+        self._resets_on_open = resets_on_open
+        self._heard = heard or (lambda t_s, data: None)
+        self._opened = opened or (lambda is_open: None)
+        self._folder = tempfile.TemporaryDirectory(prefix="deltact-fab-")
+        self.port = str(Path(self._folder.name) / "stage")
+        """What a host opens; the same after the cable was out."""
+        self._ours: int | None = None
+        self._open = False
+        self._unsaid = b""  # that the terminal could not take yet
+        self._done = threading.Event()
+        self.plug()
+        self._thread = threading.Thread(target=self._serve, name="pseudo terminal", daemon=True)
+        self._thread.start()
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def plug(self) -> None:
+        """Put the cable back; what was said meanwhile is lost."""
+        with self.lock:
+            if self._ours is not None:
+                return
+            ours, theirs = os.openpty()
+            tty.setraw(theirs)
+            os.set_blocking(ours, False)
+            fresh = f"{self.port}.new"
+            os.symlink(os.ttyname(theirs), fresh)
+            os.replace(fresh, self.port)
+            os.close(theirs)  # or nobody could tell whether a host has it open
+            self._ours = ours
+
+    def unplug(self) -> None:
+        """Pull the cable: reads and writes of the host fail, the controller's motion goes on."""
+        with self.lock:
+            if self._ours is not None:
+                os.close(self._ours)
+                os.unlink(self.port)
+            self._ours, self._unsaid = None, b""
+            self._see(False)
+
+    def close(self) -> None:
+        """End the thread and the terminal; again does nothing."""
+        self._done.set()
+        self._thread.join()
+        self.unplug()
+        self._folder.cleanup()
+
+    # ---- the thread ---------------------------------------------------------------------------
+
+    def _serve(self) -> None:
+        while not self._done.is_set():
+            with self.lock:
+                event_ns, now_ns = self.controller.next_event_ns(), self._clock.now_ns()
+                ours = self._ours
+            wait_ms = IDLE_MS if self._open else CLOSED_MS
+            if event_ns is not None:
+                wait_ms = min(wait_ms, max(math.ceil((event_ns - now_ns) * 1000 / NS_PER_S), 0))
+            if ours is None or not self._ready(ours, wait_ms):
+                time.sleep(CLOSED_MS / 1000)
+            with self.lock:
+                if self._ours is not None and self._ours == ours:
+                    self._exchange(ours)
+                else:
+                    self.controller.take_output()
+
+    def _ready(self, ours: int, wait_ms: int) -> bool:
+        """Wait for bytes, at most so long; False when no host has the port open."""
+        poll = select.poll()
+        poll.register(ours, select.POLLIN)
+        try:
+            events = dict(poll.poll(wait_ms)).get(ours, 0)
+        except OSError:  # pulled meanwhile
+            return False
+        is_open = not events & (select.POLLHUP | select.POLLNVAL)
+        with self.lock:
+            if self._ours == ours:
+                self._see(is_open)
+        return is_open
+
+    def _see(self, is_open: bool) -> None:
+        if is_open == self._open:
+            return
+        self._open = is_open
+        if is_open:
+            if self._resets_on_open:
+                self.controller.hard_reset()
+            self.controller.take_output()  # nobody heard what it said before
+            self._unsaid = b""
+        self._opened(is_open)
+
+    def _exchange(self, ours: int) -> None:
+        """What has come to the controller, what it says to the host."""
+        data = b""
+        with suppress(OSError):  # none has come, or the host is gone
+            data = os.read(ours, PIECE)
+        if data:
+            self._heard(time.monotonic(), data)
+            self.controller.write(data)
+        said = self.controller.read_available()
+        if not self._open:
+            return
+        self._unsaid += said
+        with suppress(OSError):
+            while self._unsaid:
+                self._unsaid = self._unsaid[os.write(ours, self._unsaid) :]

@@ -1,0 +1,158 @@
+"""A virtual bench: only what the protocol's channels ask for is built."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from deltact_fab.bench import (
+    GrblStage,
+    NetFTSensor,
+    Protocol,
+    Rig,
+    RigKind,
+    RigSetup,
+    VirtualConfig,
+)
+from deltact_fab.common import Note, Progress, stream_number
+from deltact_fab.sensor import Fisheye, Pinhole, Rectified, SensorDimensions
+
+from .clock import VirtualClock
+from .controller import GrblController
+from .netft import LockstepLink, NetFTBox
+from .presses import Presses, gel_left_out, gel_notes, unanswered
+from .scene import GelScene, LatticeCrop
+from .wire import SerialLink
+
+if TYPE_CHECKING:
+    from deltact_fab.physics import Choice
+
+    from .drawing import VirtualCamera
+    from .picture import FrameRenderer
+
+
+class VirtualKind(RigKind):
+    part = "simulated gel"
+    _config: VirtualConfig
+
+    def refusals(self, protocol: Protocol, sensor: SensorDimensions, source: str) -> list[str]:
+        """Presses that are observed and for which the gel has no level or no mesh."""
+        return unanswered(protocol, sensor, self._config.virtual.gel, source)
+
+    def camera(self, protocol: Protocol, sensor: SensorDimensions) -> Pinhole | Rectified | None:
+        """The design's pinhole, or the view through the lens; that only where images are taken."""
+        if self._config.virtual.lens is None:
+            return Pinhole.of(sensor)
+        if "image" not in protocol.channels:
+            return None
+        from .lens import tracked_view
+
+        return tracked_view(self._config, sensor, self._source)
+
+    def build(self, job: RigSetup, progress: Progress | None = None) -> VirtualRig:
+        """Everything below the wire that the protocol asks for, and the drivers above it."""
+        return VirtualRig(self._config, job)
+
+
+class VirtualForce(NetFTSensor):
+    """The real client on the simulated box; each press restarts its noise."""
+
+    def __init__(self, box: NetFTBox, clock: VirtualClock, scene: GelScene | None) -> None:
+        """scene: told of a new press when no camera does that."""
+        super().__init__(LockstepLink(box), clock)
+        self._box = box
+        self._scene = scene
+
+    def begin(self, stream: str) -> None:
+        """Re-seed, then tare as the real client does."""
+        self._box.reseed(stream_number(stream))
+        if self._scene is not None:
+            self._scene.begin()
+        super().begin(stream)
+
+
+class VirtualRig(Rig):
+    """Clock, controller behind its wire, gel, camera and force box of one run."""
+
+    def __init__(self, config: VirtualConfig, job: RigSetup) -> None:
+        self._job = job
+        self._config = config
+        stage, simulator, clock = config.stage, config.virtual, VirtualClock()
+        controller = GrblController.of(stage, clock)
+        self.presses = presses = Presses(job.protocol, job.sensor.skin, simulator.gel)
+        self._crop: LatticeCrop | None = None
+        if "image" in job.protocol.channels:
+            from .drawing import crop_of
+
+            self._crop = crop_of(config, job.sensor, presses.axes_mm())
+        self.scene = GelScene(
+            controller, clock, stage.frame, presses.increments, presses.open, self._crop,
+            presses.modulus_mpa,
+        )  # fmt: skip
+        host = GrblStage.of(stage, clock, SerialLink(controller, clock, baud=stage.baud))
+        host.whole_moves = True  # the gel is solved along the lines of the plan
+        with ExitStack() as opened:
+            opened.callback(host.close)
+            camera: VirtualCamera | None = None
+            if self._crop is not None:
+                from .drawing import VirtualCamera
+
+                picture, lens = self._picture(self._crop)
+                camera = VirtualCamera(
+                    picture, clock, job.seed, self.scene, self._crop.lattice, lens, job.folder
+                )
+                opened.callback(camera.close)
+            force: VirtualForce | None = None
+            if "force" in job.protocol.channels:
+                scene = self.scene if self._crop is None else None
+                box = NetFTBox(
+                    config.force, clock, job.seed, self.scene.wrenches, simulator.force.noise_n
+                )
+                force = VirtualForce(box, clock, scene)
+                opened.callback(force.close)
+            super().__init__(clock, host, camera, force, self.scene.mount)
+            self.opened = opened.pop_all()
+
+    def left_out(self) -> Iterator[Note]:
+        """What this scene did not build or solve, and why."""
+        lens = "lens, its maps and rectification"
+        if self.camera is None:
+            yield Note("camera, picture and printer model", "no channel asks for images")
+        if self._config.virtual.lens is None:
+            yield Note(lens, "the rig draws through a pinhole")
+        elif self.camera is None:
+            yield Note(lens, "no channel asks for images")
+        if self.force is None:
+            yield Note("force sensor", "the channel 'force' is not asked for")
+        yield from gel_left_out(self.presses, self._choices)
+        yield Note("solid models", "a run needs the numbers of the shapes only")
+
+    def notes(self) -> Iterator[Note]:
+        """What a reader of the results must know of lens and gel."""
+        job = self._job
+        if self._crop is not None and isinstance(job.view, Rectified):
+            from .lens import lens_notes
+
+            yield from lens_notes(self._config, job.view, job.recipe.patch_mm)
+        if not job.air and self.presses.observed:
+            yield from gel_notes(self.presses, self._choices, job.sensor.skin)
+
+    def _picture(self, crop: LatticeCrop) -> tuple[FrameRenderer, Fisheye | None]:
+        """What draws the printed gel, and the true lens it is drawn through; None: a pinhole."""
+        from deltact_fab.fabricate import PatternRecipe
+
+        from .drawing import geometry_of, printed_renderer
+
+        config, job = self._config, self._job
+        assert isinstance(job.view, Pinhole | Rectified), "of a virtual rig that takes images"
+        assert isinstance(job.recipe, PatternRecipe), "whoever asks for images has all of it"
+        geometry, lens = geometry_of(config, job.sensor, job.view, crop.lattice)
+        return printed_renderer(config.virtual, job.recipe, geometry, job.seed), lens
+
+    @cached_property
+    def _choices(self) -> list[Choice]:
+        """Mesh and friction of every press that is observed."""
+        paths = self.presses.paths if self.presses.observed else ()
+        return [self.presses.choice(path) for path in paths]

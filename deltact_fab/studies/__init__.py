@@ -1,0 +1,15 @@
+"""The paper's experiments and better ones, and the judgement of every numerical engine."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from deltact_fab.door import open_door
+
+if TYPE_CHECKING:
+    from .numerics.faults.bench import lab_benches
+    from .numerics.faults.rehearsal import rehearse
+    from .numerics.harness import run_engines
+    from .study.registry import STUDIES, Study, StudyRequest, find_study, run_study
+else:
+    __getattr__, __dir__ = open_door(__name__)

@@ -1,0 +1,230 @@
+"""The flow: error against exact truth and CPU time, on frames that the virtual camera draws.
+
+All frames are simulated (`flow_frames`). What a tracker must not believe, or should still read, is
+the last frame of a motion of 12 px, spoilt: as the first frame after the reference and after three
+whole ones, on two patterns with seeds other than those that set the thresholds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache, partial
+from pathlib import Path
+from typing import Any, NamedTuple, get_args
+
+import cv2
+import numpy as np
+
+from deltact_fab.common import Image
+from deltact_fab.estimate import (
+    FLOW_METHODS,
+    PAPER_METHOD,
+    FlowMethod,
+    FlowReference,
+    FlowTracker,
+    Plane,
+    named_tracker,
+)
+from deltact_fab.simulate import PICTURE_TOLERANCE_PX
+
+from ..engine import Case, CurveSetting, Engine, Flagged, Work
+from .flow_frames import MM_PER_PX, FlowSequence, Vectors, scene
+
+WRONG_PX = 1.0
+OTHER_SEEDS = {"near": "other seed", "near, fine": "other seed, fine"}
+SILENT = 0.005  # share of the view that may be confident of an unrelated image
+# Of a frame that is trusted: share of the confident pixels that may be off by more than 1 px.
+WRONG = 0.005
+# The same of a long motion, where the goal is none at all. On the coarse pattern some pixels where
+# the motion squeezes areas to half are off by up to 1.5 px (decision 0061).
+FAR_WRONG = {"far": 0.0015, "far, fine": 0.0}
+
+
+class TrackedPixels(NamedTuple):
+    """What a tracker says of the last frame.
+
+    confident: share of the visible pixels. wrong: share of the confident ones off by over 1 px.
+    """
+
+    confident: float
+    trusted: bool
+    wrong: float
+
+
+def judged(tracker: Any, frames: Sequence[Image], truth: FlowSequence) -> TrackedPixels:
+    """Follow frames, the first at rest, to the last, which has all of the motion of `truth`."""
+    for image in frames[:-1]:
+        tracker.update(image)
+    seen = tracker.update(frames[-1])
+    judged = seen.confident & seen.visible & truth.seen()
+    off = truth.error_px(seen.flow_px)[judged] > WRONG_PX
+    return TrackedPixels(
+        seen.diagnostics.confident_share,
+        seen.diagnostics.trusted,
+        float(off.mean()) if off.size else 0.0,
+    )
+
+
+# -- what is done to an image ----------------------------------------------------------------------
+
+
+def _noisy(image: Image) -> Image:
+    noise = np.random.default_rng(6).normal(0, 40, image.shape)
+    return np.clip(image + noise, 0, 255).astype(np.uint8)
+
+
+def _specular(image: Image) -> Image:
+    h, w = image.shape[:2]
+    glare = cv2.circle(np.zeros((h, w), np.float32), (w // 2, h // 2), 80, 400.0, cv2.FILLED)
+    return np.clip(image + cv2.GaussianBlur(glare, (0, 0), 12)[..., None], 0, 255).astype(np.uint8)
+
+
+UNRELATED: dict[str, Callable[[Image], Image] | None] = {
+    "noise": lambda image: np.random.default_rng(3).integers(0, 256, image.shape, np.uint8),
+    "negative": np.invert,
+    "mirrored": lambda image: np.ascontiguousarray(image[:, ::-1]),
+    "upside down": lambda image: np.ascontiguousarray(image[::-1, ::-1]),
+    "other seed": None,  # a scene of its own
+}
+SPOILT: dict[str, Callable[[Image], Image]] = {
+    "whole": np.copy,
+    "a specular disc": _specular,
+    "noise of 40 grey levels": _noisy,
+    "blur of 21 px": lambda image: np.asarray(cv2.blur(image, (21, 1))),
+    "light x 0.6": lambda image: (image * 0.6).astype(np.uint8),
+}
+# -- the cases -------------------------------------------------------------------------------------
+
+
+@cache
+def _seen(what: str, names: tuple[str, ...], scratch: Path) -> dict[str, TrackedPixels]:
+    """What the default tracker says of one image in scenes by name, by place in the sequence."""
+    spoil = {**UNRELATED, **SPOILT}[what]
+    out = {}
+    for name in names:
+        given = scene(scratch, name)
+        last = spoil(given.last) if spoil else scene(scratch, OTHER_SEEDS[name]).last
+        before = {"first": given.images[:1], "after a sequence": given.images[:-1]}
+        for place, images in before.items():
+            out[f"{name}: {place}"] = judged(FlowTracker(), [*images, last], given)
+    return out
+
+
+def _believed(what: str, names: tuple[str, ...], scratch: Path) -> float:
+    """Greatest confident share. Raises Flagged where it is small and no frame is trusted."""
+    found = _seen(what, names, scratch)
+    most = max(s.confident for s in found.values())
+    if most <= SILENT and not any(s.trusted for s in found.values()):
+        raise Flagged(f"flagged: not trusted, {100 * most:.2g} % confident at most")
+    return most
+
+
+def _wrong(what: str, names: tuple[str, ...], scratch: Path) -> tuple[float, str]:
+    """Greatest share of the confident pixels of a trusted frame that are off by more than 1 px.
+
+    Raises Flagged where no frame is trusted.
+    """
+    found = _seen(what, names, scratch)
+    cover = [100 * s.confident for s in found.values()]
+    trusted = {place: s for place, s in found.items() if s.trusted}
+    told = f"{min(cover):.3g} to {max(cover):.3g} % confident"
+    if not trusted:
+        raise Flagged(f"flagged: not trusted, {told}")
+    place, s = max(trusted.items(), key=lambda item: item[1].wrong)
+    return s.wrong, f"{place}; {told}, trusted {len(trusted)} of {len(found)}"
+
+
+def hard_cases(quick: bool) -> list[Case]:
+    """What must not be trusted, nor be confident; what should still be read, or flagged."""
+    near = ("near",) if quick else tuple(OTHER_SEEDS)
+    out = [
+        Case(f"{what}: not trusted", "refused", partial(_believed, what, near), says="flagged")
+        for what in (("noise", "upside down") if quick else UNRELATED)
+    ]
+    if quick:
+        return out
+    read = [(what, what, near, WRONG) for what in SPOILT]
+    read += [(f"{name.replace('far', '121 px')}, at once and in ten frames", "whole", (name,), most)
+             for name, most in FAR_WRONG.items()]  # fmt: skip
+    return out + [
+        Case(f"{name}: confident pixels off by 1 px", "right or refused",
+             partial(_wrong, what, names), most, "share of them", says="flagged")
+        for name, what, names, most in read
+    ]  # fmt: skip
+
+
+PRESS = "sphere:10, 1.2 mm deep and 1.5 mm of shear"
+FAR = "121 px in ten frames, det F from .3 to 2"
+
+
+def tracked(image: Image) -> Image:
+    """What the tracker sees of an image: luma, blurred."""
+    return Plane.of(image).gray
+
+
+def found(method: str, pair: FlowSequence) -> Vectors:
+    """Flow (h, w, 2) px from first to last image from a cold start, as the tracker sees them."""
+    return FlowMethod(method).between(tracked(pair.images[0]), tracked(pair.last))
+
+
+def _pair(method: str, scratch: Path) -> Work:
+    pair = scene(scratch, "press")
+    rest, moved = tracked(pair.images[0]), tracked(pair.last)
+    return Work(lambda: FlowMethod(method).between(rest, moved), pair.mean_error_mm)
+
+
+def _followed(name: str, scratch: Path) -> Work:
+    frames = scene(scratch, "far")
+
+    def run() -> Vectors:
+        tracker = named_tracker(name)
+        for image in frames.images:
+            seen = tracker.update(image)
+        return np.asarray(seen.flow_px)
+
+    return Work(run, frames.mean_error_mm)
+
+
+def curves(quick: bool) -> Sequence[CurveSetting]:
+    """Methods on a pair, and trackers by their reference through ten frames."""
+    millimetres = partial(
+        CurveSetting, unit="mm, mean over moving pixels", reference="the field that was drawn",
+        reference_error=PICTURE_TOLERANCE_PX * MM_PER_PX,
+    )  # fmt: skip
+    methods = ("fused", "dis-medium", "dis-fast") if quick else FLOW_METHODS
+    pairs = [
+        millimetres(case=PRESS, series="a pair", name=method, build=partial(_pair, method))
+        for method in methods
+    ]
+    trackers = [(kept, "fused") for kept in get_args(FlowReference)]
+    trackers += [(kept, "dis-medium") for kept in get_args(FlowReference) if kept != "anchored"]
+    named = {f"{method}/{kept}": (kept, method) for kept, method in trackers}
+    named[PAPER_METHOD] = ("the paper's", PAPER_METHOD)
+    return pairs + [
+        millimetres(case=FAR, series=series, name=name, build=partial(_followed, tracker))
+        for tracker, (series, name) in ({} if quick else named).items()
+    ]
+
+
+def _accuracy(method: str, scratch: Path) -> float:
+    pair = scene(scratch, "press")
+    return pair.mean_error_mm(found(method, pair))
+
+
+def cases(quick: bool) -> Sequence[Case]:
+    """What may not be answered silently: no relation, too much motion."""
+    methods = ("fused", "dis-fast") if quick else FLOW_METHODS
+    return [
+        *(Case(f"{method}: press", "right", partial(_accuracy, method), 0.03, "mm")
+          for method in methods),
+        *hard_cases(quick),
+    ]  # fmt: skip
+
+
+ENGINE = Engine(
+    "Optical flow",
+    "Flow between two frames of the virtual camera and through sequences (simulated): the fused "
+    "steps, Dense Inverse Search, Farneback.",
+    cases,
+    curves,
+)

@@ -1,0 +1,196 @@
+"""From the flow to force and shape: fields known in closed form, and what may not be believed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+
+from deltact_fab.common import Array
+from deltact_fab.estimate import (
+    SIGMA_PX,
+    FaceFlow,
+    ForceModel,
+    Hodge,
+    SensorModel,
+    jacobian_density,
+    least_squares,
+    make_features,
+)
+from deltact_fab.sensor import Pinhole, SensorDimensions, axes_mm
+
+from ..engine import Case, CurveSetting, Engine, Flagged, Work
+
+SMOOTH_MM, FINE_MM = 2.0, 0.5
+EVERY = (1, 2, 4, 8, 16)
+PUSH = 0.3  # of the dent that the curves see: det from 1.7 to about .94
+SENSOR = SensorDimensions()
+CAMERA = Pinhole.of(SENSOR)
+VIEW = SensorModel(CAMERA, SENSOR.skin)
+MM_PER_PX = CAMERA.mm_per_px
+
+
+# -- faces whose parts and density are known in closed form ---------------------------------------
+
+
+@cache
+def _pixels() -> tuple[Array, Array]:
+    x, y = axes_mm(CAMERA)
+    return x[None], y[:, None]
+
+
+def face(shift_mm: Array, every: int) -> FaceFlow:
+    """A shift (h, w, 2) at every pixel of the camera, as a tracker's would be handed on."""
+    x, y = axes_mm(CAMERA)
+    w, h = len(x) // every, len(y) // every
+    x, y = (axis[: n * every].reshape(n, every).mean(1) for axis, n in ((x, w), (y, h)))
+    shift = means(shift_mm, every).astype(np.float32)
+    return FaceFlow(shift, np.ones((h, w), bool), x, y)
+
+
+def means(values: Array, every: int) -> Array:
+    """Over every x every pixels."""
+    h, w = (side // every for side in values.shape[:2])
+    cells = values[: h * every, : w * every].reshape(h, every, w, every, *values.shape[2:])
+    return np.asarray(cells.mean(axis=(1, 3)))
+
+
+def _slope(x0: float, y0: float, sigma_mm: float) -> Array:
+    """Minus the gradient of a Gaussian, times sigma: .6 at most."""
+    x, y = _pixels()
+    bump = np.exp(-((x - x0) ** 2 + (y - y0) ** 2) / (2 * sigma_mm**2))
+    return np.stack(((x - x0) / sigma_mm * bump, (y - y0) / sigma_mm * bump), axis=-1)
+
+
+@cache
+def parts(sigma_mm: float) -> Array:
+    """Three fields (3, h, w, 2) at every pixel, mm, that the decomposition should find apart:
+    something that spreads, something that turns, and a shift with a saddle.
+
+    The first two end inside the view (4e-4 of their most is left at the nearest edge at 2 mm).
+    """
+    x, y = _pixels()
+    one = np.ones(np.broadcast_shapes(x.shape, y.shape))
+    turned = _slope(-4.0, 1.0, sigma_mm)
+    return np.stack((
+        _slope(3.0, -1.0, sigma_mm),
+        np.stack((-turned[..., 1], turned[..., 0]), axis=-1),
+        np.stack((0.3 + 0.01 * x * one, -0.2 - 0.01 * y * one), axis=-1),
+    ))  # fmt: skip
+
+
+def dent(push: float) -> Array:
+    """A spread (h, w, 2) at every pixel, mm, whose determinant at the middle is (1 + push)^2.
+
+    Below push = -1 the map folds.
+    """
+    return push * SMOOTH_MM * _slope(0.0, 0.0, SMOOTH_MM)
+
+
+def dent_density(push: float) -> Array:
+    """1 / det(I + grad u) of `dent` under a Gaussian of SIGMA_PX, (h, w), in closed form."""
+    wide2 = SMOOTH_MM**2 + (SIGMA_PX * MM_PER_PX) ** 2  # a Gaussian of a Gaussian is one again
+    x, y = _pixels()
+    rho2 = x**2 + y**2
+    gain = push * (SMOOTH_MM**2 / wide2) ** 2 * np.exp(-rho2 / (2 * wide2))
+    return np.asarray(1 / ((1 + gain) * (1 + gain * (1 - rho2 / wide2))))
+
+
+# -- curves and cases ------------------------------------------------------------------------------
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values, dtype=float))))
+
+
+def _parts(sigma_mm: float, every: int, scratch: Path) -> Work:
+    known = parts(sigma_mm)
+    field = face(known.sum(axis=0), every).shift_mm
+    wanted = np.stack([means(part, every) for part in known])
+
+    def run() -> Array:
+        found = Hodge(field)
+        return np.stack((found.d, found.r, found.h))
+
+    return Work(run, lambda found: 100 * _rms(found - wanted) / _rms(field))
+
+
+def _density(every: int, scratch: Path) -> Work:
+    flow = face(dent(PUSH), every)
+    exact = means(dent_density(PUSH), every)
+    return Work(
+        lambda: jacobian_density(flow, MM_PER_PX),
+        lambda found: 100 * _rms(found.value - exact) / float(np.ptp(exact)),
+    )
+
+
+def curves(quick: bool) -> Sequence[CurveSetting]:
+    """Points from every pixel to every 16th."""
+    strides = (4, 8) if quick else EVERY
+    exact = partial(CurveSetting, reference="closed form", reference_error=0.0)
+    hodge = [
+        exact(f"parts of a flow whose features have sigma {sigma_mm:g} mm", "d, r, h",
+              f"every {every} px", "% of the field, rms", build=partial(_parts, sigma_mm, every))
+        for sigma_mm in ((SMOOTH_MM,) if quick else (SMOOTH_MM, FINE_MM)) for every in strides
+    ]  # fmt: skip
+    density = [
+        exact("Gaussian density of a dent", "Jacobian", f"every {every} px", "% of its range, rms",
+              build=partial(_density, every)) for every in strides
+    ]  # fmt: skip
+    return hodge + density
+
+
+def _far_and_faint(scratch: Path) -> float:
+    """The d of a dent of 1e-3 mm on a shift of 10 mm, float32, in % of it."""
+    d = means(parts(SMOOTH_MM)[0], 4) * 1e-3
+    return 100 * float(np.abs(Hodge((d + 10).astype(np.float32)).d - d).max() / np.abs(d).max())
+
+
+def _light_touch(scratch: Path) -> float:
+    """By a model of deep presses alone. Raises Flagged where it says that this is beyond them."""
+    rng = np.random.default_rng(0)
+    features = make_features("paper", VIEW)
+    deep = [features.of(face(k * dent(PUSH) + k**2 * parts(SMOOTH_MM)[1], 8))
+            for k in np.linspace(0.8, 1, 30)]  # fmt: skip
+    model = ForceModel.fit(features, np.stack(deep), rng.normal(size=(30, 6)))[0]
+    wrench = model.wrench(features.of(face(0.3 * dent(PUSH), 8)), 1.0)
+    if wrench.extrapolated:
+        raise Flagged("flagged: extrapolated")
+    return float(np.abs(wrench.force_n).max())
+
+
+def _folded(scratch: Path) -> float:
+    """Largest density of a map that folds. Raises Flagged where it is not to be relied on."""
+    found = jacobian_density(face(dent(-1.6), 2), MM_PER_PX)
+    if not found.reliable.all():
+        raise Flagged(f"flagged: {100 * (1 - found.cover):.0f} % of the density is not reliable")
+    return float(found.value.max())
+
+
+def _wampler(scratch: Path) -> tuple[float, str]:
+    """NIST's Wampler 1: y = 1 + x + ... + x^5 at 0 to 20, every coefficient 1."""
+    powers = np.arange(21.0)[:, None] ** np.arange(6)
+    fit = least_squares(powers, powers.sum(axis=1), [f"x{i}" for i in range(6)])
+    off = float(np.abs(np.array(fit.coefficients) - 1).max())
+    return off, f"condition {fit.condition_raw:.0e} raw, {fit.condition_scaled:.0e} scaled"
+
+
+def cases(quick: bool) -> Sequence[Case]:
+    """Too much, too little, too faint: right or flagged."""
+    return [
+        Case("1e-3 mm on a shift of 10 mm: d", "right", _far_and_faint, 2.0, "%"),
+        Case("a light touch, deep presses trained on: wrench", "refused", _light_touch,
+             says="extrapolated"),
+        Case("a map that folds: density", "refused", _folded, says="flagged"),
+        Case("regression: Wampler 1", "right", _wampler, 1e-7, "of a coefficient"),
+    ]  # fmt: skip
+
+
+ENGINE = Engine(
+    "From flow to force and shape",
+    "Hodge parts, Gaussian density, a force model's reach and regression against closed forms.",
+    cases,
+    curves,
+)

@@ -1,0 +1,381 @@
+"""What is rehearsed, few steps of two presses of a protocol, and the cheap bench in lockstep that
+does it: real host, force client, guard, runner and record; no gel is solved.
+
+A board outlives the sessions that drive it, as on a table: what a fault leaves it in is what the
+next session finds.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import resource
+import signal
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partialmethod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltact_fab.bench import (
+    ArrivedImage,
+    CameraFrame,
+    Devices,
+    ForceConfig,
+    ForceGuard,
+    GrblStage,
+    GuardLimits,
+    Protocol,
+    RigConfig,
+    Runner,
+    RunWriter,
+    Step,
+    StreamCamera,
+    expand_protocol,
+)
+from deltact_fab.common import Image, InputError, SensorError, stream_number, to_ns
+from deltact_fab.sensor import StageFrame
+from deltact_fab.simulate import (
+    BoxFaults,
+    Datagram,
+    GrblController,
+    NetFTBox,
+    SerialLink,
+    VirtualClock,
+    VirtualForce,
+    WireExchange,
+    grbl_settings,
+)
+
+DRAGS = 1  # of a press
+SETTLE_S = 0.2
+PRESSED = 0.1  # of the guard's limit: at the deepest
+_GROWTH = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """text: of the protocol. settings: of the controller, None for its usual ones."""
+
+    text: bytes
+    steps: tuple[Step, ...]
+    frame: StageFrame
+    settings: Mapping[int, float] | None
+    force: ForceConfig
+    limits: GuardLimits
+
+    @property
+    def second(self) -> str:
+        """The press in which faults strike: the last."""
+        return self.steps[-1].press
+
+    @property
+    def limit_n(self) -> float:
+        """Of the guard along z."""
+        return min(self.limits.force_n[2], self.limits.resultant_n)
+
+    @property
+    def hertz(self) -> float:
+        """N / mm^1.5 of a gel that the deepest press does not trip the guard on."""
+        deepest_mm = max(-step.target_mm[2] for step in self.steps)
+        return PRESSED * self.limit_n / max(deepest_mm, 0.1) ** 1.5
+
+
+def lab_benches(protocol: Protocol, text: bytes, rig: RigConfig) -> Scenario:
+    """A lab's protocol, cut short, on the stage of its rig file. Raises InputError for no press."""
+    stage = rig.stage
+    limits = stage.travel_mm, stage.max_feed_mm_min, stage.acceleration_mm_s2
+    settings = {**grbl_settings(*limits), 27: stage.pull_off_mm}
+    force = rig.force or ForceConfig()
+    guard = GuardLimits.of(rig.guard, force)
+    return Scenario(text, _cut(expand_protocol(protocol)), stage.frame, settings, force, guard)
+
+
+def _cut(steps: Sequence[Step]) -> tuple[Step, ...]:
+    """The first press and the deepest other; of each its lowest depth, DRAGS, frames at rest.
+
+    A frame in mid-move has another place each time, by what a host's clock makes of it.
+    """
+    presses = [list(part) for _, part in itertools.groupby(steps, lambda step: step.press)]
+    changes = {part[0].indenter: part[0] for part in presses if part[0].kind == "change"}
+    presses = [part for part in presses if part[0].kind != "change"]
+    if not presses:
+        raise InputError("the protocol presses nothing")
+    deepest = min(presses[1:] or presses, key=lambda part: min(s.target_mm[2] for s in part))
+    kept: list[Step] = []
+    for part in (presses[0], deepest) if len(presses) > 1 else (deepest,):
+        if not kept or kept[-1].indenter != part[0].indenter:
+            kept.append(changes[part[0].indenter])
+        low = [i for i, step in enumerate(part) if step.kind == "press"][-1]
+        for i, step in enumerate(part):
+            far = step.kind in ("press", "shear") and not low <= i <= low + DRAGS
+            if not far:
+                settle_s = max(step.settle_s, SETTLE_S) if step.frames else 0.0
+                kept.append(replace(step, frames=min(step.frames, 1), settle_s=settle_s))
+    return tuple(kept)
+
+
+Change = Callable[[bytes], bytes]
+
+
+@dataclass
+class _Rule:
+    """Lines that begin so and are said from from_ns until until_ns, at most `most`, are changed."""
+
+    begins: bytes
+    change: Change
+    from_ns: float
+    until_ns: float
+    most: float
+
+
+class NoisyController(GrblController):
+    _rules: tuple[_Rule, ...] = ()
+    _invented: tuple[tuple[int, bytes], ...] = ()
+    first_changed_ns = 0
+    """When the first line was said that did not arrive as it was; 0: none was."""
+
+    def change(
+        self,
+        change: Change,
+        begins: bytes = b"",
+        at_s: float = 0.0,
+        for_s: float = math.inf,
+        most: float = math.inf,
+    ) -> None:
+        """Let every line that begins so and is said in that time arrive as `change` makes it."""
+        from_ns = to_ns(at_s)
+        self._rules += (_Rule(begins, change, from_ns, from_ns + for_s * 1e9, most),)
+
+    lose = partialmethod(change, lambda line: b"")
+    """The same, and the line is lost."""
+
+    def invent(self, words: bytes, at_s: float) -> None:
+        """At that time the host receives what the controller never sent."""
+        self._invented = tuple(sorted((*self._invented, (to_ns(at_s), words))))
+
+    def be_true(self) -> None:
+        """From now on every word arrives as it was said."""
+        self._rules, self._invented = (), ()
+
+    def take_output(self) -> list[tuple[int, bytes]]:
+        """What arrives, in order of time."""
+        said = [(t_ns, self._arriving(t_ns, line)) for t_ns, line in super().take_output()]
+        now_ns = self.now_ns()
+        said += [(t_ns, words) for t_ns, words in self._invented if t_ns <= now_ns]
+        self._invented = tuple(pair for pair in self._invented if pair[0] > now_ns)
+        return sorted((pair for pair in said if pair[1]), key=lambda pair: pair[0])
+
+    def next_event_ns(self) -> int | None:
+        """Invented words reach the host at their own time, too."""
+        times = [t for t in (super().next_event_ns(), *(t for t, _ in self._invented)) if t]
+        return min(times, default=None)
+
+    def _arriving(self, t_ns: int, line: bytes) -> bytes:
+        for rule in self._rules:
+            fits = line.strip() and line.startswith(rule.begins) and rule.most > 0
+            if fits and rule.from_ns <= t_ns < rule.until_ns:
+                rule.most -= 1
+                self.first_changed_ns = self.first_changed_ns or t_ns
+                line = rule.change(line)
+        return line
+
+
+Place = Callable[[], tuple[float, float, float]]
+Push = Callable[[float], float]
+
+
+def fill_disk() -> None:
+    """From now on no file may grow any more."""
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, _GROWTH[1]))
+
+
+def free_disk() -> None:
+    resource.setrlimit(resource.RLIMIT_FSIZE, _GROWTH)
+
+
+class WatchedFaults(BoxFaults):
+    """Notes when the first record was taken that tells of something wrong, or does not come."""
+
+    limit_counts = math.inf
+    first_bad_ns = 0
+
+    def datagrams(self, t_ns: NDArray[np.int64], records: NDArray[Any]) -> list[Datagram]:
+        wrong = self.silent or self.error or self.saturated or self.late_s or self.drop_every
+        bad = np.abs(records["counts"][:, :3]).max(axis=1) > self.limit_counts
+        if (wrong or bad.any()) and not self.first_bad_ns:
+            self.first_bad_ns = int(t_ns[0 if wrong else bad.argmax()])
+        return super().datagrams(t_ns, records)
+
+
+class BenchFeed:
+    """A feed of 32 x 24 pixels: an image depends on the press, its number there and the tip.
+
+    It gives an image when it is told to, which makes a camera's thread repeatable.
+    """
+
+    name = "bench"
+    stamps = "sender"
+    check = "its cable"
+
+    def __init__(self, clock: VirtualClock, tip_mm: Place) -> None:
+        self._clock = clock
+        self._tip_mm = tip_mm
+        self._told = threading.Semaphore(0)
+        self._press, self._k = "", 0
+        self._last: Image | None = None
+        self.hangs = False
+
+    def press(self, name: str) -> None:
+        self._press, self._k = name, 0
+
+    def tell(self, hangs: bool = False) -> None:
+        """One image; hangs: from now on the last one, over and over."""
+        self.hangs = hangs
+        self._told.release()
+
+    def next(self, timeout_s: float) -> ArrivedImage | None:
+        if not self.hangs and not self._told.acquire(timeout=timeout_s):
+            return None
+        if self.hangs and self._last is not None:
+            threading.Event().wait(0.01)
+            return ArrivedImage(self._last, self._clock.now_s())
+        self._k += 1
+        seed = [stream_number(self._press), self._k]
+        image = np.random.default_rng(seed).integers(0, 200, (24, 32, 3), np.uint8)
+        image[0, :3, 0] = [round(200 + 20 * p) % 256 for p in self._tip_mm()]
+        self._last = image
+        return ArrivedImage(image, self._clock.now_s())
+
+    def identity(self) -> dict[str, Any]:
+        return {"kind": "bench"}
+
+    def close(self) -> None:
+        """As Feed."""
+
+
+class BenchCamera(StreamCamera):
+    """The real camera on that feed, which gives an image as soon as one is asked for.
+
+    faults: "stalled", "hung": from that time on (s) no image comes, or the same one over and over.
+    """
+
+    first_bad_ns = 0
+
+    def __init__(self, clock: VirtualClock, tip_mm: Place, faults: Mapping[str, float]) -> None:
+        self.feed, self.clock, self.faults = BenchFeed(clock, tip_mm), clock, faults
+        super().__init__(self.feed, clock)
+        self.feed.tell()
+        super().capture()  # it is up: the first image may take longer than all others
+
+    def begin(self, stream: str) -> None:
+        self.feed.press(stream)
+        super().begin(stream)
+
+    def capture(self) -> CameraFrame:
+        """The next image. What the camera waits in vain on the wall clock passes on the bench's."""
+        now_s = self.clock.now_s()
+        stalled, hung = (self.faults.get(k, math.inf) <= now_s for k in ("stalled", "hung"))
+        if (stalled or hung) and not self.first_bad_ns:
+            self.first_bad_ns = self.clock.now_ns()
+        if not stalled:
+            self.feed.tell(hung)
+        try:
+            return super().capture()
+        except SensorError:
+            self.clock.sleep_s(self.timeout_s)
+            raise
+
+
+class FaultBench:
+    """Board, force box and camera on one virtual clock; each session opens them anew."""
+
+    def __init__(self, of: Scenario) -> None:
+        self.of = of
+        self.clock = VirtualClock()
+        self.trace: list[WireExchange] = []
+        self.board = NoisyController(of.settings, self.clock, start_mm=(-6.0, -6.0, -6.0))
+        self.link = SerialLink(
+            self.board, self.clock, resets_on_open=False, trace=self.trace,
+        )  # fmt: skip
+        self.extra_n: Push = lambda t_s: 0.0  # on z beside the gel, by the time (s)
+        self.box = NetFTBox(of.force, self.clock, 1, self._wrenches, 0.01)
+        self.box.faults = self.box_faults = WatchedFaults()
+        self.box_faults.limit_counts = of.limit_n * self.box.settings().counts_per_n
+        self.camera_faults: dict[str, float] = {}  # stalled or hung: from that time on, s
+        self._camera_bad_ns = 0
+        self.clock.sleep_s(2.0)  # the board is up
+
+    def tip_mm(self, t_s: float | None = None) -> tuple[float, float, float]:
+        """Where the carriage really has the tip, in the sensor frame."""
+        return self.of.frame.to_sensor_mm(self.board.position_mm(t_s))
+
+    def struck_ns(self, at_s: float) -> int:
+        """When a fault of that time had come to the wire: the first line, record or frame of it."""
+        bad = (self.board.first_changed_ns, self.box_faults.first_bad_ns, self._camera_bad_ns)
+        return max(round(at_s * 1e9), *bad)
+
+    def at(self, t_s: float, call: Callable[[], object]) -> None:
+        """Call when that time comes. What is called must not let time pass."""
+
+        def once(t_ns: NDArray[np.int64]) -> None:
+            ticks.cancel()
+            call()
+
+        ticks = self.clock.every(1 / (t_s - self.clock.now_s()), once)
+
+    def mend(self) -> None:
+        """Whatever was wrong is put right; nobody touches the stage."""
+        self.board.be_true()
+        self.board.fault("door closes")
+        self.link.plug()
+        for name in ("silent", "late_s", "error", "saturated", "drop_every"):
+            setattr(self.box_faults, name, 0)
+        self.camera_faults = {}
+        self.extra_n = lambda t_s: 0.0
+
+    def run(self, folder: Path, progress: Any = None) -> None:
+        """One session: begin the run of that folder, or go on with it. Raises what the run does."""
+        of = self.of
+        steps = list(of.steps)
+        if folder.exists():
+            writer = RunWriter.resume(folder, steps)
+        else:
+            # Not "simulated": what is says where its truth is, and here is none.
+            meta = {
+                "name": folder.name, "protocol": {"name": "bench"}, "rig_name": "bench",
+                "rig": {}, "sensor": {}, "camera": None, "simulated": False, "air": False,
+                "seed": 1, "versions": {},
+            }  # fmt: skip
+            writer = RunWriter.create(folder, meta, of.text, {"dots_mm": []}, steps)
+        stage = GrblStage(self.link, self.clock, of.frame)
+        guard = ForceGuard(stage.cancel, of.limits, self.clock)
+        force = VirtualForce(self.box, self.clock, None)
+        camera = BenchCamera(self.clock, self.tip_mm, self.camera_faults)
+        try:
+            devices = Devices(self.clock, stage, camera, force, lambda name: None, guard=guard)
+            Runner(devices, writer, progress).run(steps)
+            writer.close({"frames": sum(step.frames for step in steps)})
+        except BaseException:
+            writer.abandon()
+            raise
+        finally:
+            self._camera_bad_ns = camera.first_bad_ns
+            force.close()
+            camera.close()
+            stage.close()
+
+    def _wrenches(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+        """(n, 6) N, N mm: a Hertzian press, and friction that follows the drag."""
+        times_s = [t / 1e9 for t in t_ns.tolist()]
+        tips = np.array([self.tip_mm(t_s) for t_s in times_s])
+        normal_n = self.of.hertz * np.maximum(-tips[:, 2], 0.0) ** 1.5
+        out = np.zeros((len(t_ns), 6))
+        out[:, 0] = 0.3 * normal_n * np.tanh(tips[:, 0])
+        out[:, 2] = -normal_n - [self.extra_n(t_s) for t_s in times_s]
+        return out

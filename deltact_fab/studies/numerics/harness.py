@@ -1,0 +1,269 @@
+"""Both questions of the engines that were asked for, as one result with its files.
+
+Error against CPU time, every setting in a process of its own; and stiff and extreme cases: each is
+right within its bound, or refused; anything else is wrong.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+import os
+import platform
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from deltact_fab.common import InputError, Local, Progress, RunFailed, did_you_mean
+
+from .engine import (
+    Case,
+    CurveSetting,
+    Engine,
+    as_row,
+    judge,
+    peak_resident_mb,
+    plain,
+    reset_peak_mb,
+)
+
+# Modules, imported only when asked for: an engine needs libraries that another does not.
+REGISTRY = {name: f"{__package__}.engines.{name}" for name in ("pattern", "flow", "gel", "measure")}
+
+
+def check_names(names: tuple[str, ...]) -> tuple[str, ...]:
+    """The engines asked for, all when none is named. Raises InputError for an unknown one."""
+    for name in names:
+        if name not in REGISTRY:
+            raise InputError(f"engine {name!r}: unknown; {did_you_mean(name, REGISTRY)}")
+    return tuple(dict.fromkeys(names)) or tuple(REGISTRY)
+
+
+def load(module: str) -> Engine:
+    """The engine of a module. Raises TypeError when the module has none."""
+    engine = importlib.import_module(module).ENGINE
+    if not isinstance(engine, Engine):
+        raise TypeError(f"{module}.ENGINE is no Engine")
+    return engine
+
+
+def alone() -> Local:
+    """A process of one thread, for `on_one_core`."""
+    process = Local(1)
+    process.threads = 1
+    return process
+
+
+def on_one_core() -> None:
+    """In such a process: kept on one core where the system can, and silent on standard output."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, [max(os.sched_getaffinity(0))])
+    os.dup2(2, 1)
+
+
+Rows = list[dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Numerics:
+    """What `run` found, as plain rows.
+
+    engines: name, title and about of each, in order. curves: as of `compared`; stability: as of
+    `judge`.
+    """
+
+    meta: dict[str, Any]
+    engines: Rows
+    curves: Rows
+    stability: Rows
+
+    @property
+    def wrong(self) -> Rows:
+        """The rows that fail the command."""
+        return [row for row in self.stability if row["outcome"] == "wrong"]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data, as `numerics --json` prints it."""
+        return {**asdict(self), "wrong": len(self.wrong)}
+
+    def save(self, out: Path) -> list[Path]:
+        """Write numerics.json, the tables as CSV and numerics.html; returns the files.
+
+        Raises InputError when the folder cannot be made, RunFailed when the disk refuses and
+        MissingLibrary, after all but the page, without the extra `report`.
+        """
+        import pandas as pd
+
+        from deltact_fab.estimate import write_results
+        from deltact_fab.present import write_numerics_page
+
+        data = self.as_dict()
+        tables = {f"{name}.csv": pd.DataFrame(data[name], dtype=object)
+                  for name in ("curves", "stability") if data[name]}  # fmt: skip
+        files = write_results(out, {"numerics.json": data, **tables})
+        page = out / "numerics.html"
+        write_numerics_page(data, page)
+        return [*files, page]
+
+
+def run_engines(
+    names: Sequence[str] = (), quick: bool = False, progress: Progress | None = None
+) -> Numerics:
+    """Curves and stability of the named engines, all by default.
+
+    quick: a few settings and cases an engine. Raises InputError for an unknown engine, RunFailed
+    when a setting cannot be timed.
+    """
+    from deltact_fab.simulate import library_versions
+
+    started = time.monotonic()
+    tell = progress or (lambda done, total, what: None)
+    engines = {name: load(REGISTRY[name]) for name in check_names(tuple(names))}
+    plans = {name: (e.curves(quick), e.cases(quick)) for name, e in engines.items()}
+    total = sum(len(settings) + len(cases) for settings, cases in plans.values())
+    curves: Rows = []
+    judged: Rows = []
+    with tempfile.TemporaryDirectory(prefix="deltact-fab-") as folder:
+        scratch = Path(folder)
+        for name in engines:
+            settings, cases = plans[name]
+            place = name, REGISTRY[name]
+            for row in curve_rows(*place, settings, scratch, quick):
+                curves.append(row)
+                tell(len(curves) + len(judged), total, f"{name}: {row['setting']}")
+            for row in case_rows(*place, cases, scratch, quick):
+                judged.append(row)
+                tell(len(curves) + len(judged), total, f"{name}: {row['case']}")
+    return Numerics(
+        meta={
+            "quick": quick,
+            "seconds": time.monotonic() - started,
+            "machine": machine(),
+            "versions": library_versions(),
+        },
+        engines=[{"name": n, "title": e.title, "about": e.about} for n, e in engines.items()],
+        curves=compared(curves),
+        stability=judged,
+    )
+
+
+# A reference takes a minute on a quiet core and several on a busy one; this ends what hangs.
+SILENCE_S = 600.0
+
+
+def case_rows(
+    name: str,
+    module: str,
+    cases: Sequence[Case],
+    scratch: Path,
+    quick: bool,
+    silence_s: float = SILENCE_S,
+) -> Iterator[dict[str, Any]]:
+    """Judge the cases in one process; one that takes it down is wrong, another does the rest."""
+    left = list(range(len(cases)))
+    while left:
+        with alone() as process:
+            while left:
+                k = left.pop(0)
+                job = process.submit(judged, module, scratch, quick, k)
+                try:
+                    yield {"engine": name, **job.result(silence_s)}
+                except (RunFailed, TimeoutError) as why:
+                    said = f"the process died: {str(why) or f'no answer for {silence_s:g} s'}"
+                    yield {"engine": name, **as_row(cases[k], "wrong", None, said)}
+                    break
+
+
+def judged(module: str, scratch: Path, quick: bool, k: int) -> dict[str, Any]:
+    """The row of a module's case, in its process."""
+    on_one_core()
+    return judge(load(module).cases(quick)[k], scratch)
+
+
+REPEATS = 5
+MAX_REPEATS = 25
+LONG_ENOUGH_S = 0.3  # with five repeats done, no more are added past this
+
+
+def curve_rows(
+    name: str, module: str, settings: Sequence[CurveSetting], scratch: Path, quick: bool
+) -> Iterator[dict[str, Any]]:
+    """Time settings one after the other. Raises RunFailed naming a setting that failed."""
+    for setting in settings:
+        with alone() as process:
+            try:
+                row = process.submit(timed, module, scratch, quick, setting.key).result(SILENCE_S)
+            except Exception as why:
+                raise RunFailed(f"numerics: {name}: {setting.key}: {why}") from why
+        yield {"engine": name, **row}
+
+
+def timed(module: str, scratch: Path, quick: bool, key: str) -> dict[str, Any]:
+    """The row of one setting of a module, in its process; the warm-up call is apart.
+
+    cpu_s, cpu_most_s: best and slowest of `repeats`, for whatever else is at work only ever adds.
+    wall_s: best. compile_s: CPU time of the warm-up beyond the best (compiling, plans, caches).
+    peak_mb: memory above what libraries and inputs hold. error, reference_error: in `unit`. kind:
+    of the reference.
+    """
+    on_one_core()
+    setting = next(s for s in load(module).curves(quick) if s.key == key)
+    work = setting.build(scratch)
+    before_mb = reset_peak_mb()
+    start_s = time.process_time()
+    result = work.run()
+    first_s = time.process_time() - start_s
+    wall_s: list[float] = []
+    cpu_s: list[float] = []
+    while len(cpu_s) < REPEATS or (sum(cpu_s) < LONG_ENOUGH_S and len(cpu_s) < MAX_REPEATS):
+        start_s, start_cpu_s = time.perf_counter(), time.process_time()
+        result = work.run()
+        wall_s.append(time.perf_counter() - start_s)
+        cpu_s.append(time.process_time() - start_cpu_s)
+    peak_mb = peak_resident_mb() - before_mb
+    return {
+        "case": setting.case, "series": setting.series, "setting": setting.name,
+        "cpu_s": min(cpu_s), "cpu_most_s": max(cpu_s), "wall_s": min(wall_s),
+        "compile_s": max(0.0, first_s - min(cpu_s)), "peak_mb": max(0.0, peak_mb),
+        "error": plain(work.error(result)), "unit": setting.unit, "reference": setting.reference,
+        "reference_error": setting.reference_error, "repeats": len(cpu_s), "kind": setting.kind,
+    }  # fmt: skip
+
+
+def compared(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The rows beside the first of their case, and with their front marked.
+
+    times_as_fast: CPU time of the baseline, the first setting of the case, over its own. pareto: no
+    setting of the case takes less CPU time and is nearer.
+    """
+    out = []
+    for row in rows:
+        here = [r for r in rows if (r["engine"], r["case"]) == (row["engine"], row["case"])]
+        cost = row["cpu_s"], row["error"]
+        beaten = row["error"] is None or any(
+            r["error"] is not None
+            and r["cpu_s"] <= row["cpu_s"]
+            and r["error"] <= row["error"]
+            and (r["cpu_s"], r["error"]) != cost
+            for r in here
+        )
+        out.append(row | {
+            "baseline": f"{here[0]['series']}, {here[0]['setting']}",
+            "times_as_fast": here[0]["cpu_s"] / row["cpu_s"] if row["cpu_s"] else math.inf,
+            "pareto": not beaten,
+        })  # fmt: skip
+    return out
+
+
+def machine() -> dict[str, Any]:
+    """What the times were measured on: processor, cores, system."""
+    model = platform.processor() or platform.machine()
+    if Path("/proc/cpuinfo").exists():
+        for line in Path("/proc/cpuinfo").read_text(errors="replace").splitlines():
+            if line.startswith("model name"):
+                model = line.partition(":")[2].strip()
+                break
+    return {"processor": model, "cores": os.cpu_count(), "system": platform.system()}

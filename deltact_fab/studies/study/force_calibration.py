@@ -1,0 +1,360 @@
+"""`study run force-calibration`: the paper's Contact Force Distribution, whole.
+
+Five balls at nine places, 46 settled points at each (Linear Regression Analysis): the paper's model
+and better ones on the same points, judged on what they never saw; simulated, or recorded on any
+bench.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from deltact_fab.bench import Protocol, estimate_run, expand_protocol, load_protocol, open_run
+from deltact_fab.common import Array, InputError, Note
+from deltact_fab.estimate import (
+    FORCE_FEATURES,
+    FORCE_READINGS,
+    FORCE_SPLITS,
+    PAPER_CONDITIONS,
+    PAPER_FORCE_TABLE,
+    EvaluatedModel,
+    ForceResult,
+    calibrate,
+    cross_validated,
+    fit_best_model,
+    force_component,
+    join_points,
+    least_squares,
+    presses_needed,
+    root_mean_square,
+)
+from deltact_fab.present import Headline, ReportTable, StudyResult, plot_predicted_force
+
+from .intervals import Interval, headline, rmse
+from .press_jobs import ForcePointsJob, force_points_job
+from .registry import StudyRequest, modulus_remark, share_of
+from .scene import PressScene, left_out
+
+PROTOCOL = "force-calibration"
+FEWEST = 2
+"""Places and depths that are kept where there are so many: one of each can be left out."""
+ALSO = (
+    " Only the force sensor's noise and range do not scale: in a gel of half the modulus noise "
+    "counts twice."
+)
+
+DENSITIES = {"clipped": PAPER_CONDITIONS, "signed": f"{PAPER_CONDITIONS}-signed"}
+HELD_OUT = {"at_random_n": "point", "by_press_n": "press", "by_place_n": "position"}
+GOAL_N, GOAL_SHEAR = 0.2, 0.02
+"""Of the normal force, and of the range in shear, on what shares neither place nor indenter."""
+WORDS = {"normal": "normal force", "shear_x": "shear along x", "shear_y": "shear along y"}
+IN_A_LAB = (
+    "What a lab will see is more than the error above, which takes the gel's thickness and "
+    "Poisson's ratio as exactly known and the flow without bias. On flows with an assumed error, "
+    "0.13 N at scattered places; with a gel 1 mm off, 0.32 N (docs/evidence/force.md). On two gels "
+    "of another solver that it does not believe in, without images, ten presses calibrate normal "
+    "force to 0.05 N of 7 N with the gel fitted to them, to 0.05 and 0.11 N with the design's "
+    "(docs/evidence/strangers.md). All of this is simulated."
+)
+
+Place = tuple[float, float]
+
+
+def run(asked: StudyRequest) -> StudyResult:
+    """The study, simulated or of recorded runs. Raises InputError, RunFailed."""
+    return _recorded(asked) if asked.runs else _simulated(asked)
+
+
+def _simulated(asked: StudyRequest) -> StudyResult:
+    """Every point of the scene that was asked for, judged; a job is a press."""
+    of = scene(asked)
+    of.solve_gels(asked)
+    ((name, protocol),) = of.protocols.items()
+    names = [*FORCE_FEATURES, *FORCE_READINGS]
+    jobs = [
+        of.job(p, name, p, force_points_job, ForcePointsJob, features=tuple(names))
+        for p in of.presses(name)
+    ]
+    done = list(asked.solve(jobs).found.values())
+    data = join_points([one["points"] for one in done], names, of.view(name), name)
+    result = fit_best_model(
+        data, asked.seed, lambda model, error: of.calibration(name, model, error), source=name
+    )
+    told = estimate_run(protocol, 0, of.rig.stage)
+    deepest, shear = protocol.depths_mm[-1], protocol.shear
+    stops = (told.settled // told.presses - 1) // len(protocol.depths_mm) if told.presses else 0
+    return found(
+        result,
+        scale=share_of(asked.scale),
+        settings={
+            "protocol": f"{protocol.name}: {len(protocol.indenters)} indenters at "
+            f"{len(protocol.positions_mm)} places, {stops} settled points at each of "
+            f"{len(protocol.depths_mm)} depths and one at rest: {told.settled} points",
+            "depths": ", ".join(f"{d:g}" for d in protocol.depths_mm) + " mm",
+            "shear": f"to +-{shear.at_depth_mm(deepest) if shear else 0:g} mm along x and y at the "
+            "deepest",
+            "frames": f"{told.frames}, the tip at most {told.between_frames_mm:.2g} mm further in "
+            f"each; {protocol.capture.wait_s('press') or 0:g} s of rest before a settled one",
+            **of.settings(done),
+        },
+        notes=(modulus_remark(protocol.specimen.modulus_mpa, ALSO),),
+        left_out=(*left_out(done), *_not_taken(result)),
+    )
+
+
+def _recorded(asked: StudyRequest) -> StudyResult:
+    given = {"scale": asked.scale, "rig": asked.rig, "protocol": asked.more.get("protocol")}
+    for name, value in given.items():
+        if value is not None:
+            raise InputError(f"--{name}: does not go with --from: the points are those of its runs")
+    runs = [open_run(folder) for folder in asked.runs]
+    for run in runs:
+        level = run.meta["protocol"]["specimen"]["gel_model"]
+        if run.simulated and level != "hyperelastic":
+            raise InputError(
+                f"{run.folder}: simulated with gel_model = {level!r}; a calibration is judged on "
+                "'hyperelastic'"
+            )
+    result = calibrate(asked.runs, None, asked.seed, asked.executor, asked.progress)
+    return found(
+        result,
+        settings={
+            "runs": ", ".join(str(folder) for folder in asked.runs),
+            "rig": ", ".join(dict.fromkeys(str(run.meta["rig_name"]) for run in runs)),
+            "pattern": str(runs[0].meta["protocol"]["specimen"]["pattern"]),
+        },
+        left_out=_not_taken(result),
+    )
+
+
+def _not_taken(result: ForceResult) -> tuple[Note, ...]:
+    """Points that were not taken, and models without points enough."""
+    return tuple(Note("points or models", line) for line in result.left_out)
+
+
+def scene(asked: StudyRequest) -> PressScene:
+    """The scene that was asked for. Raises InputError, one line, for one that cannot be used."""
+    protocol, source = load_protocol(asked.more.get("protocol") or PROTOCOL)
+    level = protocol.specimen.gel_model
+    if level != "hyperelastic":
+        raise InputError(
+            f"{source}: specimen.gel_model: {level!r}; a calibration needs the gel that meets the "
+            "tolerance, 'hyperelastic'"
+        )
+    if lacking := {"image", "force"} - protocol.channels:
+        raise InputError(
+            f"{source}: channels: without {', '.join(sorted(lacking))}; both are needed"
+        )
+    if protocol.capture.wait_s("press") is None:
+        raise InputError(f"{source}: capture.settle_s: missing key; points are frames at rest")
+    return PressScene.of(asked, {protocol.name: (scaled(protocol, share_of(asked.scale)), source)})
+
+
+def points_of(protocol: Protocol) -> int:
+    """Settled points of a protocol."""
+    return sum(step.settled for step in expand_protocol(protocol))
+
+
+def scaled(protocol: Protocol, scale: float) -> Protocol:
+    """The protocol with about scale x its points, scale in (0, 1].
+
+    All indenters and stops of shear stay. Of places and of depths two are left at least, of depths
+    the first and the last, and of places one of each set of mirror images before a second: what is
+    left out in a cross-validation must be a place never seen. Raises InputError for another scale.
+    """
+    wanted = share_of(scale) * points_of(protocol)
+    places, depths_mm = protocol.positions_mm, protocol.depths_mm
+    one = {"indenters": protocol.indenters[:1], "positions_mm": places[:1],
+           "depths_mm": depths_mm[:1]}  # fmt: skip
+    of_depth = points_of(protocol.model_copy(update=one)) - 1
+    could = [
+        (len(protocol.indenters) * p * (1 + d * of_depth), p, d)
+        for p in range(min(FEWEST, len(places)), len(places) + 1)
+        for d in range(min(FEWEST, len(depths_mm)), len(depths_mm) + 1)
+    ]
+    _, p, d = min(could, key=lambda one: (abs(math.log(one[0] / wanted)), -one[1]))
+    last, steps = len(depths_mm) - 1, max(d - 1, 1)
+    return protocol.model_copy(
+        update={
+            "positions_mm": tuple(places[n] for n in sorted(spread(places)[:p])),
+            "depths_mm": tuple(
+                depths_mm[last - round(last * k / steps)] for k in reversed(range(d))
+            ),
+        }
+    )
+
+
+def spread(places: Sequence[Place]) -> list[int]:
+    """Indices in the order in which places are kept: far apart, mirror images last.
+
+    The first is nearest to the centre, for the largest indenter goes whole there; then always the
+    one that is farthest from those before it, of places not seen in a mirror yet.
+    """
+    folded = [(abs(x), abs(y)) for x, y in places]
+    order: list[int] = []
+    seen: dict[Place, int] = {}
+    while len(order) < len(places):
+        left = [n for n in range(len(places)) if n not in order]
+        fewest = min(seen.get(folded[n], 0) for n in left)
+        left = [n for n in left if seen.get(folded[n], 0) == fewest]
+        if not order:
+            best = min(left, key=lambda n: math.hypot(*folded[n]))
+        else:
+            best = max(left, key=lambda n: min(math.dist(places[n], places[k]) for k in order))
+        order.append(best)
+        seen[folded[best]] = seen.get(folded[best], 0) + 1
+    return order
+
+
+def found(result: ForceResult, scale: float | None = None, **scene: Any) -> StudyResult:
+    """What the points say; scene: what only their maker knows (settings, notes, left_out ...)."""
+    places = by_place(result)
+    simulated = result.calibration.head.made.simulated
+    told = [one.line for one in (result.gel, result.early) if one]
+    notes = [IN_A_LAB, *told] if simulated else told
+    few = presses_needed(result.curves[result.best.name])
+    more = f"; more than {few} presses improve it little" if few else ""
+    return StudyResult(
+        study="force-calibration",
+        title="Force calibration",
+        simulated=simulated,
+        seed=result.seed,
+        scale=scale,
+        answer=(f"Use the model {result.best.name}{more}.",),
+        headlines=(*_best(result), *_paper(result, _alone(places))),
+        tables=(
+            ReportTable(
+                "force-models",
+                "Every model. RMSE by what was left out, fitted anew without it (unseen: position "
+                "and indenter together, by which models are ranked). The last rows are the paper's "
+                "table, of a real sensor, which does not say whether its R2 is about the mean or "
+                "about 0.",
+                pd.DataFrame(result.rows()),
+            ),
+            ReportTable(
+                "force-by-place",
+                "The paper's model by distance from the axis. RMSE of the normal force, N, under "
+                "readings of its density and with a constant or without: fitted to the points of "
+                "that distance alone, or to all and judged there, by what was left out.",
+                places,
+            ),
+        ),
+        figures=(plot_predicted_force(result),),
+        files={"points.csv": result.points().to_csv(index=False)},
+        more={
+            "best": result.best.name,
+            "n_points": len(result.data),
+            "learning_n": result.curves,
+            "runs": list(result.calibration.head.made.runs),
+        },
+        **{**scene, "notes": (*notes, *scene.get("notes", ()))},
+    )  # fmt: skip
+
+
+def _interval(judged: EvaluatedModel, result: ForceResult, split: str, name: str) -> Interval:
+    """Over positions or indenters, whichever errs more widely; of a random split over presses."""
+    points = result.data.points
+    off = force_component(judged.predicted[split], name) - force_component(result.data.wrench, name)
+    if split == "unseen":
+        each = {of: points[of] for of in ("position", "indenter") if points[of].nunique() > 1}
+    else:
+        each = {"distinct press": points["indenter"] + " " + points["position"]}
+    tried = [rmse(off.ravel(), np.tile(of, len(off)), words) for words, of in each.items()]
+    return max(tried, key=lambda one: np.inf if one.low is None else (one.high or 0) - one.low)
+
+
+def _best(result: ForceResult) -> list[Headline]:
+    """The best model on what it never saw."""
+    best, split = result.best, result.best.ranked_by
+    chosen = f"best of {len(result.judged)} by this figure"
+    if result.gel or result.early:
+        chosen += ", with the gel fitted to all presses, not refitted in each fold"
+    heads = []
+    for name, words in WORDS.items():
+        span = float(np.ptp(force_component(result.data.wrench, name)))
+        if not span or np.isnan(force_component(best.predicted[split], name)).any():
+            continue
+        remark = f"of {span:.2f} N; {chosen}"
+        if name == "normal" and result.calibration.head.made.simulated:
+            remark += "; takes gel and flow as exact: 0.05 to 0.32 N if they are not, see the notes"
+        heads.append(
+            headline(
+                f"{words}, {FORCE_SPLITS[split]}: RMSE", "N", _interval(best, result, split, name),
+                goal=GOAL_N if name == "normal" else GOAL_SHEAR * span,
+                remark=remark, told=name == "normal",
+            )
+        )  # fmt: skip
+    return heads
+
+
+def _paper(result: ForceResult, alone: str) -> list[Headline]:
+    """The paper's model on the paper's split, beside what the paper printed."""
+    return [
+        headline(
+            f"the paper's model, {WORDS[name]}, {FORCE_SPLITS['point']}: RMSE", "N",
+            _interval(result.paper, result, "point", name), paper=printed_n,
+            remark=alone if name == "normal" else "", told=name == "normal",
+        )
+        for name, (_, printed_n) in PAPER_FORCE_TABLE.items()
+    ]  # fmt: skip
+
+
+def _alone(places: pd.DataFrame) -> str:
+    """The paper's own reading fitted to the nearest and the farthest distance alone."""
+    own = places[(places["model"] == "paper, clipped") & (places["constant"] == "without")]
+    own = own.dropna(subset="alone_n").sort_values("distance_mm")
+    words = [f"{of['alone_n']:.2f} N at {of['distance_mm']:.1f} mm" for _, of in own.iterrows()]
+    if not words:
+        return "the paper prints no places"
+    ends = " to ".join(dict.fromkeys((words[0], words[-1])))
+    return f"fitted to one distance from the axis alone, {ends}; the paper prints no places"
+
+
+def by_place(result: ForceResult) -> pd.DataFrame:
+    """A row a reading and distance, and of the best model: RMSE of the normal force there, N.
+
+    The paper prints that the density is "processed" and "non-negative", not how, and no constant;
+    nor does it print its nine places, which decide most of the error here.
+
+    alone_n: fitted to points of that distance only, a fifth of them left out at random. The others:
+    fitted to all, by what was left out.
+    """
+    data, best = result.data, result.best
+    measured = force_component(data.wrench, "normal")
+    away = np.round(np.hypot(*data.points[["x_mm", "y_mm"]].to_numpy(float).T), 2)
+
+    def off(X: Array, split: str, mine: Array) -> Array:
+        """Errors (repeats, m) of the points of a mask, by models of points of it."""
+        X, y, points = X[mine], measured[mine], data.points[mine].reset_index(drop=True)
+        labels = [str(k) for k in range(X.shape[1])]
+
+        def predict(fitted: Array, judged: Array) -> Array:
+            return X[judged] @ least_squares(X[fitted], y[fitted], labels).coefficients
+
+        return cross_validated(points, y, split, result.seed, predict) - y
+
+    models: list[tuple[dict[str, str], Array | None, dict[str, Array]]] = []
+    for density, name in DENSITIES.items():
+        use = [data.sets[name].names.index(one) for one in data.sets[name].explains["fz"]]
+        for constant in ("without", "with"):
+            X = data.features[name][:, use]
+            X = np.column_stack((X, np.ones(len(X)))) if constant == "with" else X
+            held = {column: off(X, of, away >= 0) for column, of in HELD_OUT.items()}
+            models.append(({"model": f"paper, {density}", "constant": constant}, X, held))
+    held = {c: force_component(best.predicted[of], "normal") - measured
+            for c, of in HELD_OUT.items() if of in best.predicted}  # fmt: skip
+    models.append(({"model": best.name}, None, held))
+    rows = []
+    for words, columns, held in models:
+        for distance in np.unique(away):
+            mine = away == distance
+            row = {**words, "distance_mm": distance, "points": int(mine.sum())}
+            if columns is not None:
+                row["alone_n"] = root_mean_square(off(columns, "point", mine))
+            rows.append(row | {c: root_mean_square(each[:, mine]) for c, each in held.items()})
+    return pd.DataFrame(rows)

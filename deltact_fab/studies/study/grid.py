@@ -1,0 +1,215 @@
+"""A grid of pure jobs: each stored under the hash of its arguments, so a study can go on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, is_dataclass
+from pathlib import Path
+from typing import Any
+
+from deltact_fab.common import (
+    CannotGoOn,
+    DeltactFabError,
+    JobOutcome,
+    Progress,
+    RunFailed,
+    Stopped,
+    Table,
+    cache_folder,
+    cache_key,
+    cached_file,
+    format_duration,
+    jobs_at_a_time,
+    read_cached,
+    run_jobs,
+    trim_cache,
+    write_cached,
+)
+
+
+class JobPace:
+    """How long jobs still take; costs: seconds of each, all known or they count alike.
+
+    width: how many run at a time. done: is set to what has been done, in the unit of costs.
+    """
+
+    def __init__(self, costs: Sequence[float], width: int) -> None:
+        known = bool(costs) and all(cost > 0 for cost in costs)
+        self.costs = list(costs) if known else [1.0] * len(costs)
+        self.done = 0.0
+        self._began = time.monotonic()
+        self.beforehand = ""
+        """What to expect, in words; empty where nothing is known."""
+        if known:
+            width = max(1, min(width, len(costs)))  # several share the jobs, and no job is shared
+            self.beforehand = f"about {format_duration(max(sum(costs) / width, *costs))}"
+
+    def left(self) -> str:
+        """Time to go at the pace so far, in words; empty before anything is done."""
+        if not self.done:
+            return ""
+        spent_s = time.monotonic() - self._began
+        return f"about {format_duration(spent_s * (sum(self.costs) / self.done - 1))} left"
+
+
+KIND = "study"
+KEPT_BYTES = 4_000_000_000
+"""Of all studies; what a grid has just used is kept in any case."""
+Value = dict[str, Any]
+"""What a job found, as the store keeps it."""
+
+# What may end one job and no other; anything else is a mistake in the code of all of them.
+_FAILURES = (DeltactFabError, ArithmeticError, ValueError, MemoryError, OSError)
+
+
+def seed_of(seed: int, name: str) -> int:
+    """The seed of a job in a study's seed: a number below 2**48, by numpy's SeedSequence.
+
+    It depends on the two alone, so a grid that grows keeps the draws of what it had.
+    """
+    import numpy as np
+
+    words = np.frombuffer(hashlib.sha256(name.encode()).digest(), dtype="<u4")
+    sequence = np.random.SeedSequence(seed, spawn_key=tuple(int(w) for w in words))
+    high, low = sequence.generate_state(2)
+    return (int(high) << 16) | (int(low) >> 16)
+
+
+@dataclass(frozen=True)
+class GridJob:
+    """One cell of a grid.
+
+    name: unique in the grid. work: a function of a module. arguments: all that the result depends
+    on, the seed among it (`seed_of`): plain data, frozen dataclasses, models of a lab's files.
+    cost: seconds that it may take on one core, 0 where that is not known. needs: files of the store
+    that it reads; they go with it to another machine.
+    """
+
+    name: str
+    work: Callable[[Any], Value]
+    arguments: Any = None
+    cost: float = 0.0
+    needs: tuple[str, ...] = ()
+
+    def key(self) -> dict[str, Any]:
+        """The key of its result in the store. Raises TypeError for what is not plain data."""
+        top, _, module = self.work.__module__.partition(".")
+        folder = Path(str(sys.modules[top].__file__)).parent
+        work = f"{self.work.__module__}:{self.work.__name__}"
+        # The hash alone: with its arguments a key would be written and compared at length.
+        try:
+            text = json.dumps(self.arguments, sort_keys=True, default=job_arguments)
+        except TypeError as why:
+            raise TypeError(f"{self.name}: arguments: {why}") from why
+        arguments = hashlib.sha256(text.encode()).hexdigest()
+        return cache_key(module or top, package=folder, work=work, arguments=arguments)
+
+
+def job_arguments(value: Any) -> dict[str, Any]:
+    """A dataclass or a model of a lab's file as plain data. Raises TypeError for anything else."""
+    if is_dataclass(value):
+        return vars(value)
+    if isinstance(value, Table):
+        return value.model_dump(mode="json")
+    raise TypeError(f"{type(value).__name__} is no plain data")
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Results of jobs by name, in their order.
+
+    found: those that there are. missing: why each other job has no result. kept: how many were
+    there from before.
+    """
+
+    found: dict[str, Value]
+    missing: dict[str, str]
+    kept: int
+
+    def __getitem__(self, name: str) -> Value:
+        """One that must be there. Raises RunFailed where it has no result."""
+        if name in self.missing:
+            raise RunFailed(
+                f"{name}: has no result: {self.missing[name]}; the rest is kept, and the same "
+                "command tries it again"
+            )
+        return self.found[name]
+
+
+def solve(
+    jobs: Sequence[GridJob],
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+    say: Callable[[str], None] = lambda text: None,
+) -> Grid:
+    """The results of jobs; those that are kept are not done again, and each is kept when it ends.
+
+    A failure ends that job and no other. progress: told of each job's end, with the remaining
+    time. say: told what there is to do, before it begins, and each failure. Raises ValueError
+    for two jobs of one name; the error itself when every job fails; Stopped on Ctrl-C; RunFailed
+    when what they run on is gone.
+    """
+    if twice := [name for name, n in Counter(job.name for job in jobs).items() if n > 1]:
+        raise ValueError(f"jobs of one name: {', '.join(twice)}")
+    keys = {job.name: job.key() for job in jobs}
+    held = {name: read_cached(KIND, key) for name, key in keys.items()}
+    found = {name: value for name, value in held.items() if value is not None}
+    kept = len(found)
+    missing: dict[str, str] = {}
+    errors: list[Exception] = []
+    refused: list[str] = []
+    # The longest are begun first, so that none is left alone at the end.
+    todo = sorted((job for job in jobs if job.name not in found), key=lambda job: -job.cost)
+    pace = JobPace([job.cost for job in todo], jobs_at_a_time(executor))
+
+    def tick(what: str) -> None:
+        if progress is not None:
+            left = pace.left()
+            progress(len(found) + len(missing), len(jobs), f"{what}{left and f', {left}'}")
+
+    def ended(one: JobOutcome[Value]) -> None:
+        """Keep what a job gave, or why it gave nothing. Raises a mistake in the code of a job."""
+        name = todo[one.index].name
+        pace.done += pace.costs[one.index]
+        if one.value is not None:
+            found[name] = one.value
+            if not write_cached(KIND, keys[name], one.value) and not refused:
+                refused.append(f"{cache_folder()}: nothing can be kept there")
+                say(f"{refused[0]}; do not interrupt this")
+        elif isinstance(one.error, _FAILURES):
+            errors.append(one.error)
+            missing[name] = " ".join(str(one.error).split()) or type(one.error).__name__
+            say(f"failed: {name}: {missing[name]}")
+        elif one.error is not None:
+            one.error.add_note(f"in the job {name}")
+            raise one.error
+        tick(name)
+
+    if todo:
+        about = pace.beforehand and f", {pace.beforehand}"
+        say(f"{kept} of {len(jobs)} jobs are kept, {len(todo)} to do{about}")
+    tick("")
+    try:
+        run_jobs(_do, todo, ended, executor)
+    except (KeyboardInterrupt, CannotGoOn) as why:
+        state = f"{len(found)} of {len(jobs)} jobs are kept; the same command goes on there"
+        if isinstance(why, KeyboardInterrupt):
+            raise Stopped(f"stopped: {state}") from why
+        raise RunFailed(f"{why}; {state}") from why
+    if errors and not found:
+        raise errors[0]
+    # The longest unused make room, and never what has been used now, which is the youngest.
+    files = (cache_folder() / cached_file(KIND, key) for key in keys.values())
+    used = sum(file.stat().st_size for file in files if file.exists())
+    trim_cache(KIND, max(KEPT_BYTES, used))
+    return Grid({job.name: found[job.name] for job in jobs if job.name in found}, missing, kept)
+
+
+def _do(job: GridJob) -> Value:
+    return job.work(job.arguments)

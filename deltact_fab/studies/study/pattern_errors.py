@@ -1,0 +1,144 @@
+"""Tracking errors of the pattern selection: a pattern, an indenter and a tracker at a time.
+
+The paper's error is that at the dots (Eq. 7). Over which of them, frames and indenters it is taken
+the paper does not say: each measure is a reading that its text allows. A pattern's error is the
+mean of its indenters', and its interval is taken over indenters, which differ most.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltact_fab.estimate import ErrorTally
+from deltact_fab.fabricate import SeriesEntry
+
+from . import intervals
+from .intervals import Interval
+
+Measure = Literal["at_dots", "at_moving_dots", "off_dots"]
+SUMMED, COMPOSED, OURS = "paper", "farneback-paper/composed", "fused"
+METHODS = {
+    SUMMED: "the paper's tracker, summed",
+    COMPOSED: "the paper's tracker, composed",
+    OURS: "our tracker",
+}
+"""The paper's "superposition" of flows can mean a sum at unmoved pixels, or their composition."""
+DRAGGED = 3
+"""Frames at one depth, from which on it is one that was dragged at."""
+DRAGS_MM = (0.0, 1.0, 2.0, 4.0, 7.0)
+"""Ends of the lengths of drag over which frames are taken together."""
+
+
+@dataclass(frozen=True)
+class PressErrors:
+    """One press under one pattern: sums by tracker, and a line a frame of FIGURES.
+
+    path (n, 2): depth and length of drag at each frame, mm.
+    """
+
+    pattern: str
+    press: str
+    indenter: str
+    tallies: dict[str, ErrorTally]
+    rows: dict[str, NDArray[np.float64]]
+    path: NDArray[np.float64]
+    dots: dict[str, Any] | None
+    left_out: tuple[str, ...]
+
+
+class PatternErrors:
+    """All cells of a study. Several of one pattern and indenter are replicates, taken together."""
+
+    def __init__(self, printed: Sequence[SeriesEntry], cells: Sequence[PressErrors]) -> None:
+        self.printed = tuple(printed)
+        self.cells = tuple(cells)
+        self.methods = tuple(dict.fromkeys(m for cell in cells for m in cell.tallies))
+        self.indenters = tuple(dict.fromkeys(cell.indenter for cell in cells))
+        self._joined: dict[tuple[str, str, str], ErrorTally] = {}
+        for cell in cells:
+            for method, tally in cell.tallies.items():
+                key = (cell.pattern, cell.indenter, method)
+                self._joined.setdefault(key, ErrorTally()).join(tally)
+
+    def figures(self, pattern: str, method: str) -> dict[str, Any]:
+        """Of all indenters together, see `ErrorTally.figures`."""
+        whole = ErrorTally()
+        for (p, _, m), tally in self._joined.items():
+            if (p, m) == (pattern, method):
+                whole.join(tally)
+        return whole.figures()
+
+    def by_indenter(
+        self, pattern: str, method: str, measure: Measure
+    ) -> NDArray[np.float64] | None:
+        """Mean error mm of each indenter, all its presses together; None where one has none."""
+        tallies = [self._joined.get((pattern, i, method)) for i in self.indenters]
+        values = [None if tally is None else getattr(tally, measure).value for tally in tallies]
+        known = [v for v in values if v is not None]
+        return np.array(known) if known and len(known) == len(values) else None
+
+    def mean(self, pattern: str, method: str, measure: Measure) -> Interval | None:
+        """Mean over indenters and its interval; None where one of them has no error."""
+        known = self.by_indenter(pattern, method, measure)
+        if known is None:
+            return None
+        return intervals.mean(known, self.indenters, "indenter", "positive")
+
+    def best(
+        self, method: str, measure: Measure, among: Iterable[SeriesEntry]
+    ) -> SeriesEntry | None:
+        """The pattern with the least error; None where none has one."""
+        found = [
+            (known.value, n, p)
+            for n, p in enumerate(among)
+            if (known := self.mean(p.name, method, measure)) is not None
+        ]
+        return min(found)[2] if found else None
+
+    def times(
+        self, above: Sequence[str], below: Sequence[str], method: str, level: float = 0.95
+    ) -> Interval | None:
+        """Error at the dots of some patterns over that of others, by indenters; None: not known."""
+        sides = []
+        for names in (above, below):
+            each = [self.by_indenter(name, method, "at_dots") for name in names]
+            known = [one for one in each if one is not None]
+            if not known or len(known) < len(each):
+                return None
+            sides.append(np.mean(known, axis=0))
+        top, bottom = sides
+        return intervals.ratio(top, bottom, self.indenters, "indenter", level)
+
+    def along(self, pattern: str, method: str) -> list[dict[str, Any]]:
+        """Means over frames by depth (mm) and length of drag (mm from, to), in their order."""
+        parts: dict[tuple[float, int], list[NDArray[np.float64]]] = {}
+        for cell in self.cells:
+            if cell.pattern != pattern or method not in cell.rows:
+                continue
+            depths, counts = np.unique(cell.path[:, 0].round(2), return_counts=True)
+            dragged = depths[(counts >= DRAGGED) & (depths > 0)]  # not on the way down
+            for (depth_mm, drag_mm), line in zip(cell.path, cell.rows[method], strict=False):
+                drag = int(np.searchsorted(DRAGS_MM, drag_mm - 1e-6))
+                if round(float(depth_mm), 2) in dragged:
+                    parts.setdefault((round(float(depth_mm), 2), drag), []).append(line)
+        return [
+            {
+                "depth_mm": depth_mm,
+                "drag_from_mm": DRAGS_MM[max(drag - 1, 0)],
+                "drag_to_mm": DRAGS_MM[drag] if drag < len(DRAGS_MM) else None,
+                "frames": len(parts[depth_mm, drag]),
+                **dict(zip(("at_dots_mm", "off_dots_mm", "lost_pixels"),
+                           map(_mean, np.array(parts[depth_mm, drag]).T), strict=True)),
+            }
+            for depth_mm, drag in sorted(parts)
+        ]  # fmt: skip
+
+
+def _mean(values: NDArray[np.float64]) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else None

@@ -1,0 +1,209 @@
+"""`study run settling`: how long to wait at a stop, by the force's error against the wait.
+
+Of recorded runs whose stops rest long (protocol `settling`), on a bench or a virtual rig. The
+relaxation that fits them leaves a closed form at each stop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from itertools import cycle
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from deltact_fab.bench import open_run
+from deltact_fab.common import Field, InputError, Note
+from deltact_fab.estimate import (
+    ForceRest,
+    RelaxationFit,
+    find_rests,
+    fit_relaxation,
+    settling_time_s,
+)
+from deltact_fab.present import (
+    PAPER_COLOUR,
+    SERIES_COLOURS,
+    Headline,
+    ReportFigure,
+    ReportTable,
+    StudyResult,
+    blank_figure,
+    legend_below,
+    log_ticks,
+)
+
+from .registry import modulus_remark
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from .registry import StudyRequest
+
+STUDY = "settling"
+PERCENTS = (5, 2, 1, 0.5)  # of the steady force: bounds whose waits are given
+BOUND = 2  # of them, that of the headlines
+AXES = {"press": [2], "shear": [0, 1]}  # the forces that a stop was made for
+WORDS = {"press": "a press", "shear": "a drag"}
+RELAXED = 10.0  # x the slowest time: what is left then is e^-10 of its branch
+LEAST_S, MIN_PERCENT = 0.02, 0.05  # shown
+ALSO = " Waits for an error in N are those of half or twice as strict a share."
+LEFT_OUT = (
+    Note("softening by the first press (Mullins)", "the fit has no such memory; press a new gel "
+            "as deep before you measure"),
+    Note("drift of the force sensor", "looks like a slow branch; see the force after the press"),
+    Note("slip while the force fades", "the closed form takes the contact as unchanged: on a "
+            "simulated gel at finite strain it was within 1 % of a press's force, and a drag's "
+            "excess was up to a fifth larger"),
+    Note("images", "while the force fades no point of the face moves by more than a few "
+            "micrometres in plane: an image is of the deformation, whenever it was taken"),
+)  # fmt: skip
+
+
+class Fading(NamedTuple):
+    """A stop: steady_n of the force that it was made for; excess_n (m,) at wait_s (m,) into it.
+
+    measured_n (k,): the same as it was measured, at measured_s (k,).
+    """
+
+    name: str
+    kind: str
+    depth_mm: float
+    steady_n: float
+    wait_s: Field
+    excess_n: Field
+    measured_s: Field
+    measured_n: Field
+
+    @classmethod
+    def of(cls, rest: ForceRest, steady_n: Field, fitted: RelaxationFit) -> Fading:
+        """steady_n (3,): what the force of this rest fades to."""
+        times_s = fitted.series.times_s
+        wait_s = np.geomspace(0.01 * min(times_s), RELAXED * max(times_s), 120)
+        wait_s = np.concatenate([[0.0], wait_s])
+
+        def size(force_n: Field) -> Field:
+            return np.asarray(np.linalg.norm(force_n[..., AXES[rest.kind]], axis=-1))
+
+        return cls(
+            rest.step_id, rest.kind, rest.depth_mm, float(size(steady_n)), wait_s,
+            size(fitted.excess(rest, wait_s)), rest.wait_s, size(rest.force_n - steady_n),
+        )  # fmt: skip
+
+    def wait(self, percent: float) -> float:
+        """Seconds until the force stays within that of its steady value."""
+        return settling_time_s(self.wait_s, self.excess_n, percent * self.steady_n / 100)
+
+    def row(self) -> dict[str, Any]:
+        """Of the table."""
+        return {
+            "stop": self.name, "kind": self.kind, "depth_mm": self.depth_mm,
+            "steady_n": self.steady_n, "at_once_n": float(self.excess_n[0]),
+            "at_once_percent": float(100 * self.excess_n[0] / self.steady_n),
+            **{f"wait_{percent:g}_percent_s": self.wait(percent) for percent in PERCENTS},
+        }  # fmt: skip
+
+
+def run(asked: StudyRequest) -> StudyResult:
+    """The study. Raises InputError without a run or for one whose stops do not rest; SolverError
+    where no series is found.
+    """
+    if not asked.runs:
+        raise InputError(
+            f"--from: missing; record the protocol {STUDY!r} on a bench or a virtual rig, and "
+            "name the run"
+        )
+    runs = [open_run(folder) for folder in asked.runs]
+    found = [rest for one in runs for rest in find_rests(one)]
+    fitted = fit_relaxation(found)
+    stops = [Fading.of(*one, fitted) for one in zip(found, fitted.steady_n, strict=True)]
+    protocol = runs[0].meta["protocol"]
+    words = ", ".join(f"{100 * g:.2g} % with {tau:.2g} s" for g, tau in fitted.series.pairs)
+    return StudyResult(
+        study=STUDY,
+        title="How long to wait at a stop",
+        simulated=all(one.simulated for one in runs),
+        seed=asked.seed,
+        scale=None,
+        answer=("When the tip stops, the force is above its steady value by shares that fade "
+                f"exponentially: {words}.",),
+        headlines=(
+            *_longest(stops),
+            Headline("share of the steady force that fades", 100 * sum(fitted.series.shares), "%",
+                     None, None, "one series: no interval"),
+        ),
+        tables=(
+            ReportTable("waits", "Rest until the force is within a bound of its steady value.",
+                        pd.DataFrame([stop.row() for stop in stops])),
+        ),
+        figures=(
+            ReportFigure(
+                "error-against-wait",
+                "Force over its steady value against the wait, by depth: in closed form (thick) "
+                f"and as measured (thin). Dotted: {', '.join(f'{p:g}' for p in PERCENTS)} %.",
+                partial(curve, stops),
+            ),
+        ),
+        settings={"runs": ", ".join(map(str, asked.runs)),
+                  "ramp": f"{protocol['motion']['press_feed_mm_min']:g} mm/min"},
+        notes=(*_notes(found, fitted),
+               modulus_remark(protocol["specimen"]["modulus_mpa"], ALSO)),
+        left_out=LEFT_OUT,
+        more={"prony": [list(pair) for pair in fitted.series.pairs], "rms_n": fitted.rms_n,
+              "unsure_tau_s": list(fitted.unsure)},
+    )  # fmt: skip
+
+
+def _longest(stops: Sequence[Fading]) -> list[Headline]:
+    """By kind, the wait after which no stop is off by more than BOUND."""
+    heads = []
+    for kind, words in WORDS.items():
+        waits = [stop.wait(BOUND) for stop in stops if stop.kind == kind]
+        if waits:
+            what = f"wait after {words} for {BOUND} % of the force, the longest"
+            over = f"{len(waits)} stop{'s' * (len(waits) > 1)}: no interval"
+            heads.append(Headline(what, max(waits), "s", None, None, over, told=True))
+    return heads
+
+
+def _notes(found: Sequence[ForceRest], fitted: RelaxationFit) -> list[str]:
+    notes = [
+        f"{len(found)} rests of up to {max(float(rest.wait_s[-1]) for rest in found):.3g} s; the "
+        f"series leaves {1e3 * fitted.rms_n:.2g} mN rms of samples averaged over 20 ms.",
+    ]
+    if fitted.unsure:
+        slow = ", ".join(f"{tau:.3g} s" for tau in fitted.unsure)
+        notes.append(
+            f"A branch of {slow} is slower than half of the longest rest: its share, and the "
+            "steady force, are extrapolated. Rest longer (settle_s) to know them, and see to the "
+            "force sensor's drift, which looks the same."
+        )
+    return notes
+
+
+def curve(stops: Sequence[Fading]) -> Figure:
+    """Error against waiting time, a panel for presses and one for drags, a colour a depth."""
+    kinds = [kind for kind in WORDS if any(stop.kind == kind for stop in stops)]
+    figure, axes = blank_figure(9.6, 3.8, len(kinds))
+    colours = dict(zip(sorted({s.depth_mm for s in stops}), cycle(SERIES_COLOURS), strict=False))
+    for axis, kind in zip(axes, kinds, strict=True):
+        first = {stop.depth_mm: stop for stop in reversed(stops) if stop.kind == kind}
+        for depth, stop in sorted(first.items()):
+            for wait_s, excess_n, width, label in (
+                (stop.measured_s, stop.measured_n, 0.6, None),
+                (stop.wait_s, stop.excess_n, 1.6, f"{depth:g} mm"),
+            ):
+                later = wait_s > 0
+                percent = 100 * excess_n[later] / stop.steady_n
+                axis.plot(wait_s[later], percent, lw=width, color=colours[depth], label=label)
+        for bound in PERCENTS:
+            axis.axhline(bound, color=PAPER_COLOUR, lw=0.6, ls=":")
+        log_ticks(axis, "xy")
+        axis.set(xlabel="wait, s", xlim=(LEAST_S, None))
+        axis.set_title(f"after {WORDS[kind]}", loc="left", fontweight="bold")
+    axes[0].set_ylabel("force over its steady value, %")
+    axes[0].set_ylim(bottom=max(axes[0].get_ylim()[0], MIN_PERCENT))
+    legend_below(figure, axes[0])
+    return figure

@@ -1,0 +1,203 @@
+"""Frames of one press as a stream: drawn, used, and dropped, with no record of them.
+
+Geometry and truth of a frame are found once, whatever number of patterns is printed on the gel:
+a pattern costs its print once, and a frame of it what the camera does to it. The images are those
+that the virtual rig would record, but for where a real controller's ramps put the tip (a few
+micrometres); `Look`s taken from a record give its very bytes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltact_fab.bench import Protocol, Step, VirtualConfig, expand_protocol
+from deltact_fab.common import Field, SolverError, stream_number
+from deltact_fab.estimate import PrintedDots, TrueFrame, imaged_pixels
+from deltact_fab.fabricate import PatternRecipe
+from deltact_fab.physics import CONTACT_EPS_MM, Increments, divide_path
+from deltact_fab.sensor import FlatField, Pinhole, Rectified, SeenFace, SensorDimensions
+from deltact_fab.simulate import (
+    FrameRenderer,
+    Presses,
+    PressPath,
+    VirtualKind,
+    crop_of,
+    geometry_of,
+    noise_of,
+    path_of_press,
+    pattern_data,
+    printed_renderer,
+)
+
+
+@dataclass(frozen=True)
+class Look:
+    """When a frame is taken: `fraction` of the way from knot a to knot b of the press; 0 is rest.
+
+    tip_mm: where the tip is, sensor frame. step: the protocol's, by its id.
+    """
+
+    step: str
+    a: int
+    b: int
+    fraction: float
+    tip_mm: tuple[float, float, float] = (math.nan, math.nan, math.nan)
+
+
+@dataclass(frozen=True)
+class FaceFrame:
+    """One moment of the face, before any pattern is on it.
+
+    at_px: (h + 2, w + 2, 2), what each pixel sees, for `FrameRenderer.expose`. displacement_mm:
+    (ny, nx, 3) on the lattice, None at rest. true: None of the first frame, the reference.
+    """
+
+    number: int
+    look: Look
+    at_px: NDArray[np.float32]
+    displacement_mm: Field | None
+    true: TrueFrame | None
+
+
+class PressStream:
+    """One press of a protocol on a virtual rig, its gel solved or found, frame by frame."""
+
+    def __init__(
+        self,
+        protocol: Protocol,
+        press: str,
+        sensor: SensorDimensions,
+        config: VirtualConfig,
+        source: Path = Path("rig.toml"),
+    ) -> None:
+        """press: as `sphere-10/p1`. source: of the rig file, for the paths in it.
+
+        Raises SolverError and InputError where the gel cannot be solved.
+        """
+        self.protocol, self.config, self.sensor, self.press = protocol, config, sensor, press
+        presses = Presses(protocol, sensor.skin, config.virtual.gel)
+        self.path = path_of_press(presses, press)
+        self.increments = presses.increments
+        self.solver = presses.of(self.path).solver
+        self.solver.solve_all()
+        kind = VirtualKind(config, source)
+        view, self._flat = kind.camera(protocol, sensor), kind.flat(protocol)
+        assert view is not None, "a protocol that is drawn asks for images"
+        self.view: Pinhole | Rectified = view
+        self._crop = crop_of(config, sensor, self.solver.axes_mm)
+        lattice = self._crop.lattice
+        self.geometry, lens = geometry_of(config, sensor, view, lattice)
+        self.seen = SeenFace(view, lattice, lens)
+        self._knot: list[tuple[int, NDArray[Any]]] = [(-1, np.zeros(0))] * 2
+
+    @cached_property
+    def looks(self) -> list[Look]:
+        """The moments of the protocol's frames."""
+        return looks(self.protocol, self.path, self.increments)
+
+    def frames(self, looks: Iterable[Look] | None = None) -> Iterator[FaceFrame]:
+        """Each moment of the face, one after the other; looks: None for the protocol's own.
+
+        Raises SolverError where a pixel would see no point of the surface.
+        """
+        in_view = imaged_pixels(self.view)
+        still = np.zeros((*in_view.shape, 2))
+        for number, look in enumerate(self.looks if looks is None else looks):
+            u_mm = None
+            if look.a or look.b:  # as the rig's scene has it: linear between knots, of 32 bits each
+                first = self._field(look.a).astype(float)
+                u_mm = np.asarray(
+                    first + look.fraction * (self._field(look.b).astype(float) - first)
+                )
+            true = None
+            if number:
+                flow, in_plane = (still, still) if u_mm is None else self.seen.both(u_mm)
+                true = TrueFrame.of(flow, in_plane, in_view, self.view.mm_per_px)
+            yield FaceFrame(number, look, self.geometry.material_px(u_mm), u_mm, true)
+
+    def picture(self, recipe: PatternRecipe, seed: int) -> FrameRenderer:
+        """The gel with that pattern printed on it, as the rig's own run with that seed has it."""
+        return printed_renderer(self.config.virtual, recipe, self.geometry, seed)
+
+    def noise(self, seed: int) -> np.random.Generator:
+        """What `FrameRenderer.expose` takes, one generator a pattern, from the first frame on."""
+        return noise_of(seed, stream_number(self.press))
+
+    def tracked(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """An image as trackers take it: rectified where the rig has a lens."""
+        if not isinstance(self.view, Rectified):
+            return image
+        seen = np.asarray(self.view.rectify(image), np.uint8)
+        return seen if self._light is None else self._light.apply(seen)
+
+    def marks(self, recipe: PatternRecipe) -> PrintedDots:
+        """The pattern's dots before this camera."""
+        return PrintedDots.of(self.view, pattern_data(recipe))
+
+    @cached_property
+    def _light(self) -> FlatField | None:
+        return None if self._flat is None else self._flat.seen_by(self.view)
+
+    def _field(self, knot: int) -> NDArray[Any]:
+        """Displacement (ny, nx, 3) of a knot on the cut lattice; the last two are kept."""
+        for number, field in self._knot:
+            if number == knot:
+                return field
+        if knot == 0:
+            lattice = self._crop.lattice
+            field = np.zeros((lattice.ny, lattice.nx, 3), np.float32)
+        else:
+            whole = self.solver.knots[knot - 1].displacement_mm
+            if whole is None:
+                raise SolverError(f"{self.press}: knot {knot} has no displacement of the face")
+            field = self._crop(whole)
+        self._knot = [self._knot[1], (knot, field)]
+        return field
+
+
+def looks(protocol: Protocol, path: PressPath, increments: Increments) -> list[Look]:
+    """The moments of a press's frames: evenly over each filmed line, the last one at its end.
+
+    Not for a gel that creeps: a rest has a knot of its own there.
+    """
+    found: list[Look] = []
+    here, knot = (*path.at_mm, protocol.motion.clearance_mm), 0
+    for step in expand_protocol(protocol):
+        if step.press != path.press:
+            continue
+        start, here = here, step.target_mm
+        if step.kind == "hold":
+            found += [Look(step.id, knot, knot, 0.0, here)] * step.frames
+            continue
+        if here[2] > -CONTACT_EPS_MM and not (step.kind == "retract" and step.frames):
+            knot = 0
+            found += [Look(step.id, 0, 0, 0.0, here)] * step.frames
+            continue
+        at, where = divide_path(start, here, increments)
+        numbers = [knot]
+        for tip in where[1:]:
+            knot = knot + 1 if tip[2] < 0 else 0
+            numbers.append(knot)
+        found += [_between(step, start, at, numbers, k) for k in range(1, step.frames + 1)]
+    return found
+
+
+def _between(
+    step: Step, start: tuple[float, ...], at: list[float], numbers: list[int], k: int
+) -> Look:
+    """The k-th frame of a line with knots `numbers` at its fractions `at`."""
+    done = k / step.frames
+    i = 0
+    while i + 2 < len(at) and at[i + 1] <= done:
+        i += 1
+    part = min(max((done - at[i]) / (at[i + 1] - at[i]), 0.0), 1.0)
+    x, y, z = (p + done * (q - p) for p, q in zip(start, step.target_mm, strict=True))
+    return Look(step.id, numbers[i], numbers[i + 1], part, (x, y, z))

@@ -1,0 +1,57 @@
+"""`deltact-fab cad` where it writes: what is in the way is said before the work, in one line."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from deltact_fab.app.cli.cad import cad
+from deltact_fab.common import cache
+from deltact_fab.common.errors import InputError, RunFailed
+
+
+@pytest.fixture(autouse=True)
+def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv(cache.FOLDER_VARIABLE, str(tmp_path / ".store"))
+
+
+def ask(*words: str) -> Result:
+    return CliRunner().invoke(cad, words)
+
+
+def done(*words: str) -> Result:
+    result = ask(*words)
+    assert result.exit_code == 0, result.output + repr(result.exception)
+    return result
+
+
+def refused(*words: str, kind: type[Exception] = InputError) -> str:
+    result = ask(*words)
+    assert isinstance(result.exception, kind), result.output + repr(result.exception)
+    return str(result.exception)
+
+
+def test_the_bill_is_a_table_or_json_by_its_name() -> None:
+    done("bom", "-o", "b.csv")
+    assert len(list(csv.DictReader(Path("b.csv").read_text().splitlines()))) > 10
+    done("bom", "-o", "b.json")
+    assert len(json.loads(Path("b.json").read_text())) > 10
+
+
+@pytest.mark.slow
+def test_an_export_over_another_leaves_nothing_of_it() -> None:
+    done("export", "acrylic", "cover", "--format", "dxf,step", "--out", "two")
+    thick = ("--set", "optics.acrylic_mm=3", "--out", "two")
+    done("export", "acrylic", "--format", "dxf", *thick)
+    assert {p.name for p in Path("two").iterdir()} == {"acrylic.dxf", "manifest.json"}
+    Path("two/acrylic.svg").mkdir()
+    line = refused("export", "acrylic", "--format", "step,svg", *thick, kind=RunFailed)
+    assert line == "two/acrylic.svg: cannot be written: Is a directory"
+    assert {p.name for p in Path("two").iterdir()} == {
+        "acrylic.dxf", "acrylic.svg", "manifest.json"
+    }  # fmt: skip

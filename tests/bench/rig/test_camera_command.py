@@ -1,0 +1,280 @@
+"""A command's images, from a real child process: every one that is missing, doubled, late or broken
+off is counted or named, and the child is gone when the camera is closed."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import random
+import re
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from looked import to_the_end
+
+from deltact_fab.bench.rig.camera import stream
+from deltact_fab.bench.rig.camera.model import open_camera
+from deltact_fab.bench.rig.interface import CameraFrame, WallClock
+from deltact_fab.bench.rig.tables import CameraConfig
+from deltact_fab.common.aliases import Image
+from deltact_fab.common.errors import InputError, SensorError
+
+W, H = 32, 24
+# Carries out a list: send [number, what the image is drawn from], or wait, die, write rubbish.
+SENDER = """
+import json, os, random, struct, sys, time
+plan, stamped, size = json.loads(sys.argv[1]), sys.argv[2] == "True", int(sys.argv[3])
+out = sys.stdout.buffer
+for what, *values in plan:
+    if what == "send":
+        number, seed = values
+        stamp = struct.pack("<qII", time.monotonic_ns(), number, 0) if stamped else b""
+        out.write(stamp + random.Random(seed).randbytes(size))
+        out.flush()
+    elif what == "wait":
+        time.sleep(values[0])
+    elif what == "write":
+        out.write(bytes(values[0]))
+        out.flush()
+    elif what == "say":
+        print(values[0], file=sys.stderr, flush=True)
+    elif what == "exit":
+        sys.exit(values[0])
+    elif what == "abort":
+        os.kill(os.getpid(), 9)
+    elif what == "fork":
+        if os.fork() == 0:
+            time.sleep(60)
+time.sleep(60)
+"""
+
+OPEN = ExitStack()
+
+
+@pytest.fixture(autouse=True)
+def _closed_afterwards() -> Iterator[None]:
+    with OPEN:
+        yield
+
+
+def command(plan: list[Any], stamped: bool = True, size: int = W * H * 3) -> tuple[str, ...]:
+    return (sys.executable, "-c", SENDER, json.dumps(plan), str(stamped), str(size))
+
+
+def opened(plan: list[Any], stamped: bool = True, **options: Any) -> stream.StreamCamera:
+    config = CameraConfig(
+        command=command(plan, stamped), width_px=W, height_px=H, stamped=stamped,
+        **{"rate_hz": 60.0, **options},
+    )  # fmt: skip
+    camera = open_camera(config, Path(), WallClock())
+    assert isinstance(camera, stream.StreamCamera)
+    OPEN.callback(camera.close)
+    return camera
+
+
+def sent(*numbers: int) -> list[Any]:
+    return [["send", k, k] for k in numbers]
+
+
+def told(frame: CameraFrame) -> tuple[int | None, int, int]:
+    return frame.number, frame.dropped, frame.repeated
+
+
+def test_every_image_comes_once_in_order_with_what_was_lost_and_doubled_before_it() -> None:
+    plan = [*sent(0, 1, 2, 5, 6), ["send", 6, 99], ["send", 7, 99], *sent(8), ["exit", 0]]
+    camera = opened(plan)
+    assert [told(f) for f in to_the_end(camera)[0]] == [
+        (0, 0, 0), (1, 0, 0), (2, 0, 0), (5, 2, 0), (6, 0, 0),
+        (8, 0, 2),  # number 6 came twice, and 7 was that image once more
+    ]  # fmt: skip
+    assert camera.identity()["counts"] == {"images": 6, "dropped": 2, "repeated": 2, "stale": 0}
+    assert camera.identity()["losses_by"] == "numbers"
+
+
+def test_images_are_whole_and_each_its_own() -> None:
+    frames = to_the_end(opened([*sent(0, 1, 2), ["exit", 0]], stamped=False))[0]
+    assert [frame.number for frame in frames] == [None] * 3
+    for k, frame in enumerate(frames):
+        drawn = np.frombuffer(random.Random(k).randbytes(W * H * 3), np.uint8)
+        assert np.array_equal(frame.image, drawn.reshape(H, W, 3))
+
+
+def test_a_count_of_32_bits_begins_anew() -> None:
+    camera = opened([*sent(2**32 - 1, 0, 2), ["exit", 0]])
+    assert [told(f) for f in to_the_end(camera)[0]] == [(2**32 - 1, 0, 0), (0, 0, 0), (2, 1, 0)]
+
+
+def test_who_is_slow_gets_the_newest_and_knows_what_he_missed() -> None:
+    n = 5 * stream.DEPTH
+    camera = opened([*sent(*range(n)), ["exit", 0]])
+    while camera._over is None:  # until all have come
+        time.sleep(0.01)
+    frames = to_the_end(camera)[0]
+    first = n - stream.DEPTH
+    assert [told(f) for f in frames] == [
+        (first, first, 0), *[(k, 0, 0) for k in range(first + 1, n)]
+    ]  # fmt: skip
+    counts = camera.identity()["counts"]
+    assert counts["images"] + counts["dropped"] == n
+
+
+def test_a_stream_begins_with_what_is_exposed_after_it() -> None:
+    clock = WallClock()
+    camera = opened([*sent(0, 1, 2), ["wait", 0.4], *sent(3, 4), ["exit", 0]])
+    camera.capture()
+    time.sleep(0.1)
+    camera.begin("press")
+    began_s = clock.now_s()
+    frames = to_the_end(camera)[0]
+    assert [told(f) for f in frames] == [(3, 0, 0), (4, 0, 0)]
+    assert all(f.t_s > began_s for f in frames)
+    assert camera.identity()["counts"]["stale"] == 2
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+def test_the_time_of_an_image_is_that_of_its_stamp_less_the_latency(stamped: bool) -> None:
+    before_s = time.monotonic()
+    camera = opened([*sent(0), ["exit", 0]], stamped, latency_ms=200.0)
+    frame = camera.capture()
+    assert before_s - 0.2 < frame.t_s < time.monotonic() - 0.2
+
+
+def test_a_camera_that_stalls_is_told_in_time() -> None:
+    camera = opened([*sent(0, 1)])
+    camera.capture()
+    started_s = time.monotonic()
+    assert (
+        "stalled, no image within 0.5 s; check the command and its camera" in to_the_end(camera)[1]
+    )
+    assert 0.4 < time.monotonic() - started_s < 5
+
+
+def test_a_camera_that_shows_one_image_for_ever_hangs() -> None:
+    plan: list[Any] = sent(0)
+    for k in range(1, 100):
+        plan += [["wait", 0.01], ["send", k, 0]]
+    text = to_the_end(opened(plan))[1]
+    assert "the same image over and over" in text
+
+
+def test_a_first_image_that_does_not_come_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stream, "FIRST_S", 0.3)
+    assert "no first image" in to_the_end(opened([]))[1]
+
+
+@pytest.mark.parametrize(
+    ("end", "says"),
+    [
+        ([["say", "hum"], ["say", "no lens"], ["exit", 3]], "ended with status 3; .*: no lens$"),
+        ([["exit", 0]], "ended with status 0; it said nothing on stderr"),
+        ([["say", "zap"], ["abort"]], "ended by signal 9; its last words: zap"),
+        ([["write", 100], ["exit", 0]], "ended with status 0"),  # amid an image
+        ([["write", 16], ["write", W * H * 3]], "its stamps are .* off this computer's"),
+    ],
+)
+def test_a_child_that_dies_or_talks_nonsense_is_told(end: list[Any], says: str) -> None:
+    camera = opened([*sent(0, 1), *end])
+    assert camera.capture().number == 0
+    assert re.search(says, to_the_end(camera)[1])
+
+
+def test_a_count_that_goes_back_is_a_camera_that_was_started_anew() -> None:
+    assert "image 1 after 7: its count went back" in to_the_end(opened(sent(7, 1)))[1]
+
+
+def test_a_program_that_is_not_there_is_told_before_anything_moves(tmp_path: Path) -> None:
+    config = CameraConfig(command=("no-such-camera",), width_px=W, height_px=H)
+    with pytest.raises(InputError, match=r"camera\.command: no-such-camera: cannot be started"):
+        open_camera(config, tmp_path, WallClock())
+
+
+def test_a_closed_camera_leaves_no_process_behind(tmp_path: Path) -> None:
+    """Nor what the command started. Closed once more it stays closed."""
+    camera = opened([["fork"], *sent(0)])
+    camera.capture()
+    group = camera._feed._child.pid  # type: ignore[attr-defined]
+    started_s = time.monotonic()
+    camera.close()
+    camera.close()
+    assert time.monotonic() - started_s < 5
+    deadline_s = time.monotonic() + 5
+    while time.monotonic() < deadline_s:  # orphans are reaped by whoever adopts them
+        if not _alive(group):
+            break
+        time.sleep(0.02)
+    assert not _alive(group)
+
+
+def _alive(group: int) -> bool:
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            state, _, found = stat.read_text().rpartition(")")[2].split()[:3]
+        except OSError:
+            continue
+        if int(found) == group and state not in "ZX":
+            return True
+    return False
+
+
+class Listed:
+    """A feed of what is in a list."""
+
+    name, stamps, check = "list", "driver", "nothing"
+
+    def __init__(self, arrivals: list[stream.ArrivedImage], pauses_s: Iterator[float]) -> None:
+        self._left, self._pauses_s = iter(arrivals), pauses_s
+
+    def next(self, timeout_s: float) -> stream.ArrivedImage | None:
+        time.sleep(next(self._pauses_s))
+        try:
+            return next(self._left)
+        except StopIteration:
+            raise SensorError("over") from None
+
+    def identity(self) -> dict[str, Any]:
+        return {}
+
+    def close(self) -> None: ...
+
+
+def noise(draw: random.Random) -> Image:
+    return np.frombuffer(draw.randbytes(48), np.uint8).reshape(4, 4, 3)
+
+
+def test_losses_without_numbers_are_inferred_from_gaps() -> None:
+    """Of stamps as a driver gives them: one comes late, and two are missing."""
+    draw, start_s = random.Random(1), time.monotonic()
+    stamps = [start_s + k / 50 for k in (0, 1, 2.2, 3, 6, 7)]
+    feed = Listed([stream.ArrivedImage(noise(draw), t_s) for t_s in stamps], itertools.repeat(0.0))
+    camera = stream.StreamCamera(feed, WallClock(), rate_hz=50.0)
+    assert [f.dropped for f in to_the_end(camera)[0]] == [0, 0, 0, 0, 2, 0]
+    assert "inferred" in camera.identity()["losses_by"]
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_no_image_is_lost_in_silence(seed: int) -> None:
+    """Whatever the sender skips and repeats, and however slow it is or who listens."""
+    draw = random.Random(seed)
+    number, image, arrivals = draw.randrange(2**32), noise(draw), []
+    for _ in range(60):
+        if draw.random() < 0.8:
+            image = noise(draw)
+        arrivals.append(stream.ArrivedImage(image, time.monotonic(), number))
+        number = (number + draw.choice([1, 1, 1, 1, 2, 5])) % 2**32
+    pauses_s = (draw.choice([0.0, 0.0, 5e-4]) for _ in itertools.count())
+    camera = stream.StreamCamera(Listed(arrivals, pauses_s), WallClock())
+    frames = []
+    last_image = next(a for a in arrivals if np.array_equal(a.image, arrivals[-1].image))
+    while not frames or not np.array_equal(frames[-1].image, last_image.image):
+        frames.append(camera.capture())
+        time.sleep(random.choice([0.0, 0.0, 2e-3]))
+    camera.close()
+    counted = len(frames) + sum(f.dropped + f.repeated for f in frames)
+    assert frames[-1].number == last_image.number
+    assert counted == (last_image.number - arrivals[0].number) % 2**32 + 1  # type: ignore[operator]

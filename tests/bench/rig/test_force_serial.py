@@ -1,0 +1,129 @@
+"""A serial scale on a pseudo terminal, written to by a thread as a scale does."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scale_on_pty import scale
+
+from deltact_fab.bench.rig.force.watchdog import open_force
+from deltact_fab.bench.rig.interface import ForceSamples, ForceSensor, WallClock
+from deltact_fab.bench.rig.tables import ForceConfig, SerialScaleConfig
+from deltact_fab.common.aliases import Note
+from deltact_fab.common.errors import InputError, SensorError
+
+
+def until(sensor: ForceSensor, what: Callable[[ForceSamples], bool]) -> ForceSamples:
+    """Read until samples are so; they must be within 10 s."""
+    end_s = time.monotonic() + 10
+    while time.monotonic() < end_s:
+        samples = sensor.read()
+        if what(samples):
+            return samples
+    raise AssertionError("waited 10 s for nothing")
+
+
+def test_a_line_is_a_sample_in_newtons_on_the_sensor_less_its_tare() -> None:
+    with scale() as it:
+        sensor = it.opened(unit="g", scale=-1.0)
+        sensor.begin("p1")
+        it.line = lambda k: "+  101.01 g\n"  # 100 g more than the tare of 1.01 g
+        samples = until(sensor, lambda s: s.force_n[-1, 2] < -0.5)
+        assert samples.force_n[-1] == pytest.approx((0, 0, -0.980665), abs=2e-4)
+        before = sensor.read().t_ns[-1]
+        sensor.stop()
+        sensor.start()
+        after = sensor.read()
+        assert after.t_ns[0] > before
+        assert after.force_n[-1, 2] == pytest.approx(-0.980665, abs=2e-4)  # on the same tare
+        assert sensor.identity()["columns"] == ["fz"]
+        sensor.close()
+        sensor.close()
+
+
+def test_six_axes_behind_a_column_of_times() -> None:
+    with scale() as it:
+        columns = ("-", "fx", "fy", "fz", "tx", "ty", "tz")
+        sensor = it.opened(columns=columns, torque_unit="Nm")
+        it.line = lambda k: f"{k},0,0,0,0,0,0\n"
+        sensor.begin("p1")
+        it.line = lambda k: f"{k}, 1.5, -2e-1, -.5, .01, 0, -0.02\n"
+        samples = until(sensor, lambda s: s.force_n[-1, 0] > 1)
+        assert samples.force_n[-1] == pytest.approx((1.5, -0.2, -0.5), abs=1e-5)
+        assert samples.torque_nmm[-1] == pytest.approx((10.0, 0.0, -20.0), abs=1e-3)
+        sensor.close()
+
+
+def test_every_line_has_its_own_time_and_the_rate_is_measured() -> None:
+    with scale() as it:
+        sensor = it.opened()
+        sensor.begin("p1")
+        t_ns = []
+        while len(t_ns) <= 20:
+            time.sleep(0.05)  # several lines wait
+            t_ns += sensor.read().t_ns.tolist()
+        assert all(a < b for a, b in itertools.pairwise(t_ns))
+        assert t_ns[-1] <= time.monotonic_ns()
+        assert 20 < sensor.identity()["rate_hz"] < 210  # a busy machine writes more slowly
+        sensor.close()
+
+
+@pytest.mark.slow
+def test_garbage_is_counted_and_never_a_reading() -> None:
+    with scale() as it:
+        sensor = it.opened()
+        sensor.begin("p1")
+        it.line = lambda k: ["1.01\n", "OL\n", "1.01 1.01\n", "\x00\x7f\n"][k % 4]
+        notes: list[Note] = []
+        forces = []
+        end_s = time.monotonic() + 1.3
+        while time.monotonic() < end_s:
+            samples = sensor.read()
+            notes += samples.notes
+            forces += samples.force_n[:, 2].tolist()
+        assert np.abs(forces).max() < 0.02
+        assert all(note.id == "garbage" for note in notes)
+        assert 1 <= len(notes) <= 3
+        sensor.close()
+
+
+def test_more_than_its_range_is_saturated() -> None:
+    with scale() as it:
+        sensor = it.opened()
+        sensor.begin("p1")
+        it.line = lambda k: "-1e300\n"
+        assert until(sensor, lambda s: bool(s.saturated.any())).force_n[-1, 2] < -50
+        sensor.close()
+
+
+def test_silence_and_a_pulled_plug_are_errors() -> None:
+    with scale() as it:
+        sensor = it.opened()
+        sensor.begin("p1")
+        it.line = lambda k: "no numbers\n"
+        with pytest.raises(SensorError, match=r"no line of 1 numbers within 0.5 s; \d+ lines were"):
+            until(sensor, lambda s: False)
+        it.done.set()
+        time.sleep(0.05)
+        os.close(it.ours)
+        it.ours = -1
+        with pytest.raises(SensorError, match="the scale's port is gone"):
+            until(sensor, lambda s: False)
+        sensor.close()
+
+
+def test_what_cannot_be_a_scale_is_named() -> None:
+    with pytest.raises(SensorError, match="/nowhere/tty: the scale's port cannot be opened"):
+        open_force(ForceConfig(serial=SerialScaleConfig(port="/nowhere/tty")), WallClock())
+    with pytest.raises(InputError, match=r"force.serial: port: bad://x: not a serial port"):
+        open_force(ForceConfig(serial=SerialScaleConfig(port="bad://x")), WallClock())
+    with pytest.raises(InputError, match=r"no way to the sensor; add \[force.netft\]"):
+        open_force(ForceConfig(), WallClock())
+    for own in ({"columns": ("fz", "fz")}, {"columns": ("-",)}, {"scale": 0.0}):
+        with pytest.raises(ValueError, match=r"columns: each axis once|scale: 0 leaves"):
+            SerialScaleConfig(port="x", **own)  # type: ignore[arg-type]

@@ -1,0 +1,162 @@
+"""Force models under cross-validation: what a random split hides is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from deltact_fab.common.errors import InputError
+from deltact_fab.estimate.analysis.force.calibrate import transfer
+from deltact_fab.estimate.analysis.force.dataset import ForceData
+from deltact_fab.estimate.analysis.force.judge import (
+    FOLDS,
+    REPEATS,
+    fit_force,
+    folds,
+    force_figures,
+    judge,
+    learning_curve,
+    presses_needed,
+    score,
+)
+from deltact_fab.estimate.measure.force import make_features
+from deltact_fab.estimate.measure.force.model import COMPONENTS
+from deltact_fab.estimate.measure.sensor_id import SensorModel
+from deltact_fab.sensor.optics.camera import Pinhole
+from deltact_fab.sensor.shapes.sensor import SkinDimensions
+
+SETS = {
+    name: make_features(name, SensorModel(Pinhole(0.0378, 798, 586, 12.85), SkinDimensions()))
+    for name in ("sums", "paper")
+}
+LAW = (2.0, 1.5, -6.0, 3.0, -3.0, 1.0)
+BALLS, PLACES, POINTS = ("sphere:10", "sphere:15"), 4, 12
+
+
+def made(noise_n: float = 0.0, seed: int = 0) -> ForceData:
+    """Points whose wrench is linear in their features, and noise."""
+    rng = np.random.default_rng(seed)
+    rows = [
+        {"run": "r", "indenter": ball, "position": f"({at}, 0)", "press": f"{ball}/{at}",
+         "x_mm": float(at), "y_mm": 0.0, "frame_id": f"{ball}/{at}/{k}", "cover": 1.0}
+        for ball in BALLS for at in range(PLACES) for k in range(POINTS)
+    ]  # fmt: skip
+    X = {name: rng.uniform(0.5, 1.5, (len(rows), len(of.names))) for name, of in SETS.items()}
+    law = np.zeros((len(COMPONENTS), len(SETS["sums"].names)))
+    for i, name in enumerate(COMPONENTS):
+        law[i, [SETS["sums"].names.index(n) for n in SETS["sums"].explains[name]]] = LAW[i]
+    wrench = X["sums"] @ law.T
+    wrench += rng.normal(0, noise_n, wrench.shape) if noise_n else 0
+    return ForceData(pd.DataFrame(rows), wrench, X, SETS, [])
+
+
+def _part(data: ForceData, rows: np.ndarray) -> ForceData:
+    """The points of a mask."""
+    return replace(
+        data,
+        points=data.points[rows].reset_index(drop=True),
+        wrench=data.wrench[rows],
+        features={name: values[rows] for name, values in data.features.items()},
+    )
+
+
+def test_a_law_that_holds_everywhere_holds_on_what_was_left_out() -> None:
+    data = made()
+    judged = judge(data, "sums", seed=0)
+    assert score(judged, data) < 1e-9
+    for name, of in force_figures(judged, data).items():
+        unit = "n" if "range_n" in of else "nmm"
+        for split in ("unseen", "position", "press", "point"):
+            assert of[f"rmse_left_out_{split}_{unit}"] < 1e-9
+        assert of[f"rmse_left_out_run_{unit}"] is None, "there is one run"
+        assert name.startswith("torque") == (unit == "nmm")
+
+
+def test_a_place_that_answers_otherwise_shows_only_when_it_is_left_out() -> None:
+    data = made()
+    odd = (data.points["position"] == "(3, 0)").to_numpy()
+    bent = replace(data, wrench=data.wrench * np.where(odd, 1.5, 1.0)[:, None])
+    judged = judge(bent, "sums", seed=0)
+    of = force_figures(judged, bent)["normal"]
+    for split in ("position", "unseen"):
+        assert of[f"rmse_left_out_{split}_n"] > 1.1 * of["rmse_left_out_point_n"]
+    assert judged.ranked_by == "unseen"
+    assert score(judged, bent) >= of["rmse_left_out_unseen_n"]
+
+
+@pytest.mark.parametrize("split", ["unseen", "position", "press", "point"])
+def test_no_fold_is_judged_on_what_it_has_seen_and_each_point_is_judged_once(split: str) -> None:
+    points = made().points
+    repeats = folds(points, split, seed=1)
+    assert len(repeats) == (REPEATS if split in ("press", "point") else 1)
+    for parts in repeats:
+        assert np.sum([judged for _, judged in parts], axis=0).tolist() == [1] * len(points)
+        for fitted, judged in parts:
+            for name in {"unseen": ["position", "indenter"], "point": []}.get(split, [split]):
+                assert not set(points[name][fitted]) & set(points[name][judged])
+            assert not (fitted & judged).any()
+            if split == "point":
+                assert judged.sum() in (len(points) // FOLDS, len(points) // FOLDS + 1)
+    again = folds(points, split, seed=1)[0][0][1]
+    assert (again == repeats[0][0][1]).all()
+
+
+def test_one_place_leaves_indenters_out_and_one_press_nothing() -> None:
+    data = made(noise_n=0.1)
+    place = judge(_part(data, (data.points["position"] == "(0, 0)").to_numpy()), "sums", seed=0)
+    assert list(place.predicted) == ["unseen", "press", "point"]
+    one = _part(data, (data.points["press"] == "sphere:10/0").to_numpy())
+    judged = judge(one, "sums", seed=0)
+    assert list(judged.predicted) == [judged.ranked_by] == ["point"]
+    assert force_figures(judged, one)["normal"]["percent_of_range"] > 0
+    assert np.isfinite(score(judged, one))
+    assert learning_curve(one, "sums", seed=0) == {}
+
+
+def test_a_learning_curve_falls_to_the_noise_and_says_where() -> None:
+    data = made()
+    presses = data.points["press"].to_numpy()
+    rng = np.random.default_rng(1)
+    for press in dict.fromkeys(presses):  # each press answers in its own way
+        data.wrench[presses == press] *= rng.normal(1, 0.1)
+    curve = learning_curve(data, "sums", seed=0)
+    assert list(curve) == [1, 2, 3, 5, 6]
+    errors = list(curve.values())
+    assert errors[0] > 1.1 * errors[-1]
+    assert curve == learning_curve(data, "sums", seed=0)
+    few = presses_needed(curve)
+    assert few is not None
+    assert 1 < few <= 6
+
+
+def test_softer_gel_is_carried_over_by_two_factors() -> None:
+    stiff = made(noise_n=0.02)
+    model = fit_force(stiff, "sums")
+    few = _part(stiff, np.isin(stiff.points["press"], ["sphere:10/1", "sphere:15/2"]))
+    pressure, shear = (
+        np.isin(COMPONENTS, ["fz", "tx", "ty"]),
+        np.isin(COMPONENTS, ["fx", "fy", "tz"]),
+    )
+    soft = replace(few, wrench=few.wrench * np.where(pressure, 0.6, 0.7))
+    assert shear.sum() == 3
+    moved = transfer(model, soft)
+    assert (moved.pressure, moved.shear) == pytest.approx((0.6, 0.7), rel=0.01)
+    assert moved.error_n is not None
+    assert moved.error_n < 0.1 < moved.as_is_error_n
+    assert moved.model.predict(soft.features["sums"]) == pytest.approx(soft.wrench, abs=0.3)
+
+
+def test_presses_that_are_not_sheared_lend_their_factor_to_shear() -> None:
+    data = made()
+    model = fit_force(data, "sums")
+    wrench = data.wrench * 0.5
+    wrench[:, :2] = np.random.default_rng(0).normal(0, 50, (len(data), 2))
+    moved = transfer(model, replace(data, wrench=wrench))
+    assert not moved.shear_known
+    assert moved.shear == moved.pressure == pytest.approx(0.5)
+    nothing = replace(data, wrench=np.random.default_rng(0).normal(0, 50, wrench.shape))
+    with pytest.raises(InputError, match="do not determine the factor of the normal"):
+        transfer(model, nothing)

@@ -1,0 +1,100 @@
+"""Relaxation in closed form, and the series found again in forces that were made from it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from deltact_fab.estimate.analysis.relaxation import (
+    BIN_S,
+    ForceHistory,
+    ForceRest,
+    Series,
+    fit_relaxation,
+    settling_time_s,
+)
+
+GEL = Series((0.08, 0.05), (0.4, 6.0))
+
+
+def left(series: Series, t_s: np.ndarray, steady_n: np.ndarray) -> np.ndarray:
+    """What a force has over steady_n (n, 3), which is straight between the times t_s (n,)."""
+    found = np.zeros_like(steady_n)
+    for g, tau in series.pairs:
+        q = np.zeros(3)
+        for n in range(1, len(t_s)):
+            x = (t_s[n] - t_s[n - 1]) / tau
+            q = q * np.exp(-x) - np.expm1(-x) / x * (steady_n[n] - steady_n[n - 1])
+            found[n] += g * q
+    return found
+
+
+def boltzmann(series: Series, t_s: float, rate, until_s: float) -> float:
+    """The excess by the convolution itself: sum of g, integral of exp(-(t - s) / tau) dF(s)."""
+    return sum(
+        g * quad(lambda s, tau=tau: np.exp(-(t_s - s) / tau) * rate(s), 0, min(t_s, until_s))[0]
+        for g, tau in series.pairs
+    )
+
+
+def test_a_ramp_and_a_hold_are_the_closed_form():
+    ramp_s, t = 3.2, np.array([0.0, 0.5, 1.0, 3.2, 3.3, 4.0, 10.0, 60.0])
+    steady = np.outer(np.minimum(t / ramp_s, 1.0), [0.0, 0.0, 7.0])
+    excess = left(GEL, t, steady)[:, 2]
+    for k, at in enumerate(t):
+        told = boltzmann(GEL, at, lambda s: 7.0 / ramp_s, ramp_s)
+        assert excess[k] == pytest.approx(told, rel=1e-7, abs=1e-12)
+
+
+def test_the_time_to_a_bound_is_that_of_the_exponential():
+    wait = np.concatenate([[0.0], np.geomspace(0.05, 100, 30)])
+    error = 0.1 * np.exp(-wait / 3.0)
+    assert settling_time_s(wait, error, 0.02) == pytest.approx(3 * np.log(5), rel=1e-9)
+    assert settling_time_s(wait, error, 0.2) == 0.0
+    assert np.isnan(settling_time_s(wait[:10], error[:10], 0.02))
+    # It counts from when on it stays within, not when it first is.
+    assert settling_time_s([0.0, 1.0, 2.0, 3.0], [0.1, 0.01, 0.1, 0.001], 0.02) > 2.0
+
+
+def stops(series: Series, noise_n: float, rest_s: float, seed: int = 0) -> list[ForceRest]:
+    """Rests of a press with a drag to either side, with what each still has of the one before."""
+    rng = np.random.default_rng(seed)
+    corners_s, corners_n = [BIN_S / 2], [(0.0, 0.0, 0.0)]  # nothing at the first time
+    starts = []
+    for ramp_s, force in ((3.2, (0, 0, -7.6)), (1.3, (2.4, 0, -7.6)), (2.6, (-2.4, 0, -7.6))):
+        corners_s.append(corners_s[-1] + ramp_s)
+        corners_n.append(force)
+        starts.append(corners_s[-1])
+        corners_s.append(corners_s[-1] + rest_s)
+        corners_n.append(force)
+    t = np.arange(0.0, corners_s[-1], BIN_S) + BIN_S / 2
+    steady = np.stack([np.interp(t, corners_s, f) for f in np.array(corners_n).T], axis=1)
+    force = steady + left(series, t, steady) + rng.normal(0, noise_n, steady.shape)
+    way = ForceHistory("sphere-15/p1", t, force)
+    found = []
+    for kind, start in zip(("press", "shear", "shear"), starts, strict=True):
+        at = np.searchsorted(t, [start + 0.1, start + rest_s])
+        found.append(ForceRest(way, kind, kind, 1.6, slice(int(at[0]), int(at[1]))))
+    return found
+
+
+@pytest.mark.slow
+def test_the_series_is_found_again_from_rests_that_follow_each_other():
+    fitted = fit_relaxation(stops(GEL, noise_n=0.002, rest_s=30.0))
+    assert len(fitted.series.shares) == 2
+    assert fitted.series.shares == pytest.approx(GEL.shares, rel=0.1)
+    assert fitted.series.times_s == pytest.approx(GEL.times_s, rel=0.1)
+    assert fitted.rms_n == pytest.approx(0.002, rel=0.1)
+    assert fitted.unsure == ()
+    # Steady forces are those of the slow gel, though none of the rests is over.
+    assert np.abs(fitted.steady_n[:, 2]) == pytest.approx(7.6, abs=0.02)
+    assert fitted.steady_n[:, 0] == pytest.approx([0, 2.4, -2.4], abs=0.01)
+
+
+def test_a_gel_of_one_time_takes_no_second_branch():
+    one = Series((0.1,), (2.0,))
+    fitted = fit_relaxation(stops(one, noise_n=0.002, rest_s=30.0))
+    assert len(fitted.series.shares) == 1
+    assert fitted.series.times_s[0] == pytest.approx(2.0, rel=0.03)
+    assert fitted.series.shares[0] == pytest.approx(0.1, rel=0.03)

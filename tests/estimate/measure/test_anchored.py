@@ -1,0 +1,202 @@
+"""The anchored tracker, the default: what is hidden, what comes back, what is far."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+import benchmarks.renewal
+from deltact_fab.common.errors import InputError
+from deltact_fab.estimate.measure import compose
+from deltact_fab.estimate.measure.compose import filled
+from deltact_fab.estimate.measure.flow.confidence import FlowState
+from deltact_fab.estimate.measure.flow.renewed import FLOW_METHODS
+from deltact_fab.estimate.measure.flow.tracker import FlowTracker, named_tracker
+
+MM_PER_PX = 0.0378
+
+
+def off_px(flow: Any, truth: Any) -> Any:
+    return np.hypot(*np.moveaxis(flow - truth, -1, 0))
+
+
+def follow(images: Any, tracker: FlowTracker | None = None) -> Any:
+    tracker = tracker or FlowTracker()
+    return [tracker.update(image) for image in images]
+
+
+# Hidden and found again
+
+
+@pytest.fixture(scope="module")
+def passing(make_scene: Any, make_bump: Any) -> Any:
+    """A growing shear over which a foreign patch of another pattern passes from left to right."""
+    scene, other = make_scene(320, 256, margin=90), make_scene(320, 256, seed=50)
+    bump = make_bump((150, 130), 80, shear_px=(40, -12))
+    cover = other.picture()
+    images, hidden = [], []
+    for k in range(13):
+        image = scene.picture(bump.scaled(k / 12), k) if k else scene.picture()
+        mask = np.zeros((256, 320), bool)
+        if 3 <= k <= 9:
+            left = 40 * (k - 3)
+            mask[70:190, left : left + 80] = True
+            # It carries its pattern with it, so a frame-to-frame flow follows it.
+            image[mask] = cover[70:190, :80].reshape(-1, 3)
+        images.append(image)
+        hidden.append(mask)
+    truths = [bump.scaled(k / 12).flow_px(256, 320) for k in range(13)]
+    return images, hidden, truths
+
+
+def under(mask: Any, truth: Any) -> Any:
+    """Material pixels that lie under an image mask."""
+    h, w = mask.shape
+    y, x = np.mgrid[:h, :w]
+    column = np.clip(np.rint(x + truth[..., 0]), 0, w - 1).astype(int)
+    row = np.clip(np.rint(y + truth[..., 1]), 0, h - 1).astype(int)
+    return mask[row, column]
+
+
+@pytest.mark.slow
+def test_what_was_hidden_is_found_again_and_what_hides_it_is_not_followed(passing):
+    images, hidden, truths = passing
+    seen = follow(images)
+    inner = np.zeros((256, 320), bool)
+    inner[12:-12, 12:-12] = True
+    for k in range(3, 10):
+        covered = under(hidden[k], truths[k]) & inner
+        assert seen[k].confident[covered].mean() <= 0.01
+        assert (seen[k].state[covered] == FlowState.MATCHED).mean() < 0.5
+        clear = seen[k].confident & ~covered & inner
+        assert clear.sum() > 0.4 * (inner & ~covered).sum()
+        assert (off_px(seen[k].flow_px, truths[k])[clear] > 1).mean() <= 0.01
+    last = seen[-1]
+    error = off_px(last.flow_px, truths[-1])[inner & last.visible] * MM_PER_PX
+    assert error.mean() <= 0.01
+    assert (last.state[inner & last.visible] == FlowState.MATCHED).mean() > 0.98
+    # A reference that is renewed takes the hidden part along with what hides it.
+    composed = follow(images, FlowTracker("dis-medium", renew_share=0.0))[-1]
+    lost = off_px(composed.flow_px, truths[-1])[inner & last.visible] * MM_PER_PX
+    assert error.mean() < 0.2 * lost.mean()
+
+
+def test_states_tell_matched_from_predicted_from_lost(make_scene):
+    scene = make_scene(320, 256)
+    rest = scene.picture()
+    covered = rest.copy()
+    covered[20:30, 100:110] = 90  # small: its neighbours tell
+    covered[100:256, 150:320] = 90  # large: its middle has none
+    last = follow([rest, covered])[-1]
+    assert last.state.dtype == np.uint8
+    assert (last.state[60:90, 40:90] == FlowState.MATCHED).all()
+    assert (last.state[24:27, 103:108] >= FlowState.PREDICTED).all()
+    assert (last.state[200:240, 220:300] == FlowState.LOST).all()
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_a_lost_face_returns_at_rest_or_displaced(make_scene, make_bump, share):
+    scene = make_scene(320, 256, margin=130)
+    bump = make_bump((160, 128), 60, shift_px=(90, 0))
+    images = [scene.picture(bump.scaled(k / 9), k) for k in range(10)]
+    dark, end = np.zeros_like(images[0]), bump.scaled(share)
+    frames = follow([*images, dark, scene.picture(end, 20)])[-3:]
+    assert [frame.diagnostics.trusted for frame in frames] == [True, False, True]
+    error_px = off_px(frames[-1].flow_px, end.flow_px(256, 320))[frames[-1].confident]
+    assert error_px.mean() < 0.1
+
+
+def test_a_fill_continues_what_its_neighbours_do(monkeypatch):
+    y, x = np.mgrid[:120, :160].astype(np.float32)
+    truth = np.stack((3 + 0.2 * x - 0.1 * y, -4 + 0.05 * x + 0.15 * y), -1)
+    kept = np.ones((120, 160), bool)
+    kept[30:80, 40:110] = False
+    kept[:, 150:] = False
+    shown = np.where(kept[..., None], truth, np.float32(99))
+    out = filled(shown, kept, kept)
+    assert np.array_equal(out[kept], truth[kept])
+    assert off_px(out, truth)[~kept].mean() < 1.5
+    assert not filled(shown, np.zeros_like(kept), np.zeros_like(kept)).any()
+    assert np.array_equal(filled(shown, kept, np.ones_like(kept)), shown)
+    with monkeypatch.context() as patch:
+        patch.setattr(compose, "SLOPES", 1e9)  # means instead of planes
+        flat = filled(shown, kept, kept)
+    assert off_px(out, truth)[~kept].mean() < 0.5 * off_px(flat, truth)[~kept].mean()
+
+
+# Contract
+
+
+def test_half_the_resolution_is_the_same_flow_at_nodes(make_scene, make_bump):
+    scene = make_scene(319, 257)
+    bump = make_bump((150, 130), 70, shear_px=(9, -6))
+    images = [scene.picture(), scene.picture(bump, 1)]
+    whole, half = follow(images)[-1], follow(images, FlowTracker(full=False))[-1]
+    assert whole.flow_px.shape == (257, 319, 2)
+    assert half.flow_px.shape == (129, 160, 2)
+    for name in ("visible", "confident", "state"):
+        assert getattr(whole, name).shape == (257, 319)
+        assert getattr(half, name).shape == (129, 160)
+        assert np.array_equal(getattr(whole, name)[::2, ::2], getattr(half, name))
+    middle = whole.flow_px[:256, :318].reshape(128, 2, 159, 2, 2).mean(axis=(1, 3))
+    assert np.abs(middle - half.flow_px[:128, :159]).max() < 0.1
+    assert not whole.flow_px.flags.writeable
+
+
+# Names
+
+
+def test_every_name_is_a_tracker():
+    for method in FLOW_METHODS:
+        default = named_tracker(method)
+        assert default.reference == ("anchored" if method == "fused" else "composed")
+        static = named_tracker(f"{method}/static")
+        assert (static.method.name, static.reference) == (method, "static")
+    paper = named_tracker("paper")
+    assert (paper.method.name, paper.reference) == ("farneback-paper", "summed")
+    assert named_tracker("paper/composed").reference == "composed"
+    with pytest.raises(InputError, match="flow method 'fuse': unknown; did you mean 'fused'"):
+        named_tracker("fuse")
+    with pytest.raises(InputError, match=r"'statik' of 'fused'.*did you mean 'static'"):
+        named_tracker("fused/statik")
+    with pytest.raises(InputError, match=r"'anchored' of 'dis-fast'.*valid: composed"):
+        named_tracker("dis-fast/anchored")
+
+
+def test_the_paper_renews_when_the_image_warped_back_differs(make_scene, make_bump):
+    scene = make_scene(320, 256, margin=90)
+    bump = make_bump((150, 130), 70, shear_px=(60, -20))
+    images = [scene.picture(bump.scaled(k / 4), k) for k in range(5)]
+    for share, switches in ((1.0, [0, 0, 0, 0]), (0.0, [1, 2, 3, 4])):
+        seen = follow(images, FlowTracker("farneback-paper", "summed", renew_share=share))
+        assert [o.diagnostics.n_reference_switches for o in seen[1:]] == switches
+
+
+def test_trackers_share_a_flow_where_they_are_told_to_and_only_there(
+    make_scene, make_bump, monkeypatch
+):
+    """A summed one beside a composed one: else the second would seem to cost nothing."""
+    bump = make_bump((150, 130), 70, shear_px=(60, -20))
+    scene = make_scene(320, 256, margin=90)
+    images = [scene.picture(bump.scaled(k / 4), k) for k in range(5)]
+    found, calls, flow = [], [], cv2.calcOpticalFlowFarneback
+    monkeypatch.setattr(
+        cv2, "calcOpticalFlowFarneback", lambda *a, **k: calls.append(a) or flow(*a, **k)
+    )
+    for shared, most in ((None, 8), ({}, 4)):
+        pair = [named_tracker(n, shared=shared) for n in ("paper", "farneback-paper/composed")]
+        found.append([[tracker.update(image).flow_px for tracker in pair] for image in images])
+        assert len(calls) == most
+        calls.clear()
+    assert np.array_equal(*found)
+
+
+@pytest.mark.slow
+def test_the_rule_can_fire_on_every_pattern_of_the_paper() -> None:
+    """A threshold of 12 grey levels at a quarter of the size could on five of seventeen."""
+    found = list(benchmarks.renewal.seen())
+    assert len(found) == 17
+    assert all(threshold < most for _, threshold, most in found), found

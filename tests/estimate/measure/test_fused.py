@@ -1,0 +1,169 @@
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from deltact_fab.estimate.measure.flow.fused import (
+    Plane,
+    RefinementReference,
+    to_full,
+    to_gray,
+    to_half,
+)
+from deltact_fab.estimate.measure.flow.nodes import WINDOW
+
+W, H = 320, 256
+EDGE = 12  # nodes at the border whose windows are cut
+
+
+@dataclass(frozen=True)
+class Affine:
+    """x goes to x + shift + A (x - centre)."""
+
+    shift_px: tuple[float, float]
+    a: tuple[tuple[float, float], tuple[float, float]] = ((0, 0), (0, 0))
+
+    def flow_px(self, height: int, width: int) -> Any:
+        return self._from_centre(height, width) @ np.array(self.a).T + self.shift_px
+
+    def inverse_px(self, height: int, width: int, start: Any = None) -> Any:
+        forth = np.linalg.inv(np.eye(2) + np.array(self.a))
+        off = self._from_centre(height, width)
+        return _grid(height, width) - off + (off - self.shift_px) @ forth.T
+
+    def _from_centre(self, height: int, width: int) -> Any:
+        return _grid(height, width) - [(width - 1) / 2, (height - 1) / 2]
+
+
+def _grid(height: int, width: int) -> Any:
+    y, x = np.mgrid[0:height, 0:width].astype(float)
+    return np.stack((x, y), -1)
+
+
+@pytest.fixture(scope="module")
+def scene(make_scene):
+    return make_scene(W, H, patch_mm=0.1)
+
+
+def off_px(flow: Any, truth: Any) -> Any:
+    """Endpoint errors at nodes whose windows are whole."""
+    return np.hypot(*np.moveaxis(flow - to_half(truth), -1, 0))[EDGE:-EDGE, EDGE:-EDGE]
+
+
+# What it finds
+
+
+@pytest.mark.parametrize("grey", [True, False], ids=["grey", "colour"])
+@pytest.mark.parametrize(
+    "motion",
+    [Affine((6.3, -5.1)), Affine((-2.1, 1.4), ((0.03, 0.06), (-0.02, 0.05)))],
+    ids=["six px", "turn and stretch"],
+)
+def test_shifts_and_affine_motions_are_found_within_a_twentieth_of_a_pixel(motion, grey, scene):
+    first, second = scene.picture(), scene.picture(motion, 1)
+    if grey:
+        first, second = to_gray(first), to_gray(second)
+    found = RefinementReference(Plane.of(first)).refine(Plane.of(second))
+    error = off_px(found.flow_px, motion.flow_px(H, W))
+    print(f"rms {np.sqrt(np.mean(error**2)):.4f} max {error.max():.3f} px")
+    assert np.sqrt(np.mean(error**2)) < 0.05
+    assert error.max() < 0.25
+    assert np.median(found.correlation) > 0.95
+
+
+@pytest.mark.parametrize(("gain", "offset"), [(1, -60), (1, 40), (0.6, 0)])
+@pytest.mark.parametrize("shift_px", [0, 5])
+def test_another_light_does_no_harm_where_the_view_ends(shift_px, gain, offset, make_scene):
+    """What the current image does not show must not pull by the difference of the light."""
+    scene = make_scene(W, H, patch_mm=0.1, contrast=0.4, shading=0.0)
+    motion = Affine((shift_px, shift_px))
+    first, second = to_gray(scene.picture()), to_gray(scene.picture(motion, 1))
+    lit = np.clip(np.rint(gain * second.astype(float) + offset), 0, 255).astype(np.uint8)
+    assert np.mean(lit == 0) < 0.01
+    truth = to_half(motion.flow_px(H, W))
+    start = np.ascontiguousarray(truth, np.float32)
+    found = RefinementReference(Plane.of(first)).refine(Plane.of(lit), start).flow_px
+    stays = np.s_[: H // 2 - 4, : W // 2 - 4]
+    error = np.hypot(*np.moveaxis(found - truth, -1, 0))[stays]
+    print(f"max {error.max():.3f} px")
+    assert error.max() < 0.35
+
+
+def test_its_own_result_as_the_start_changes_little_however_often(scene):
+    motion = Affine((1.2, 0.7), ((0.03, 0.0), (0.0, -0.02)))
+    reference = RefinementReference(Plane.of(scene.picture()))
+    current = Plane.of(scene.picture(motion, 1))
+    first = flow = reference.refine(current).flow_px
+    for _ in range(30):
+        flow = reference.refine(current, flow).flow_px
+    assert np.abs(flow - first)[EDGE:-EDGE, EDGE:-EDGE].max() < 0.02
+
+
+# What it knows of itself
+
+
+@pytest.mark.parametrize("grey", [True, False], ids=["grey", "colour"])
+@pytest.mark.parametrize("noise", [2.0, 10.0])
+def test_the_deviation_is_the_error_that_noise_makes(noise, grey, make_scene):
+    scene = make_scene(W, H, patch_mm=0.1, noise=noise)
+    first, second = scene.picture(), scene.picture(Affine((0.5, 0.5)), 1)
+    if grey:
+        first, second = to_gray(first), to_gray(second)
+    found = RefinementReference(Plane.of(first)).refine(Plane.of(second))
+    error = off_px(found.flow_px, Affine((0.5, 0.5)).flow_px(H, W))
+    told = found.deviation_px[EDGE:-EDGE, EDGE:-EDGE]
+    ratio = np.sqrt(np.mean(error**2) / np.mean(told**2))
+    print(f"noise {noise}: error {np.sqrt(np.mean(error**2)):.4f} px, {ratio:.2f} of the deviation")
+    assert 1 / 1.5 < ratio < 1.5
+
+
+def test_correlation_is_that_of_the_windows(scene, make_scene):
+    image = to_gray(scene.picture())
+    same = RefinementReference(Plane.of(image)).evaluate(
+        Plane.of(image), np.zeros((H // 2, W // 2, 2), np.float32)
+    )
+    assert same.correlation[1:-1, 1:-1].min() > 0.999
+    negative = RefinementReference(Plane.of(image)).evaluate(Plane.of(255 - image), same.flow_px)
+    assert negative.correlation[1:-1, 1:-1].max() < -0.999
+    # By hand, at one node: the weights are those of the window, cell by cell.
+    other = to_gray(make_scene(W, H, patch_mm=0.1, seed=9).picture())
+    found = RefinementReference(Plane.of(image)).evaluate(Plane.of(other), same.flow_px)
+    i, j = 60, 70
+    cut = np.s_[2 * i - 10 : 2 * i + 12, 2 * j - 10 : 2 * j + 12]
+    weight = np.repeat(WINDOW.astype(float), 2)
+    first, second = (Plane.of(a).gray[cut].ravel() for a in (image, other))
+    by_hand = np.cov(first, second, aweights=np.outer(weight, weight).ravel())
+    expected = by_hand[0, 1] / np.sqrt(by_hand[0, 0] * by_hand[1, 1])
+    assert found.correlation[i, j] == pytest.approx(expected, abs=2e-3)
+
+
+# The half grid
+
+
+@pytest.mark.parametrize("shape", [(64, 96), (65, 97), (67, 64)])
+def test_a_node_is_at_the_centre_of_its_four_pixels(shape):
+    h, w = shape
+    hh, ww = -(-h // 2), -(-w // 2)
+    field = (0.3 * _grid(h, w) @ np.array([[1.0, -0.4], [0.2, 2.0]]) + [3, -5]).astype(np.float32)
+    at = 2 * _grid(hh, ww) + 0.5
+    nodes = (0.3 * at @ np.array([[1.0, -0.4], [0.2, 2.0]]) + [3, -5]).astype(np.float32)
+    assert to_half(field) == pytest.approx(nodes, abs=1e-3)
+    assert to_full(nodes, shape) == pytest.approx(field, abs=1e-3)
+    assert to_full(nodes[..., 0], shape) == pytest.approx(field[..., 0], abs=1e-3)
+
+
+def test_what_leaves_the_image_does_no_harm_to_what_stays(scene):
+    motion = Affine((45.0, -30.0))
+    reference = RefinementReference(Plane.of(scene.picture()))
+    current = Plane.of(scene.picture(motion, 1))
+    start = to_half(motion.flow_px(H, W)) + np.float32(0.8)
+    found = reference.refine(current, start)
+    stays = np.s_[15 + EDGE : -EDGE, EDGE : -23 - EDGE]
+    error = np.hypot(*np.moveaxis(found.flow_px - to_half(motion.flow_px(H, W)), -1, 0))
+    assert error[stays].mean() < 0.05
+    away = reference.refine(current, np.full_like(start, 1e7))
+    for result in (found, away):
+        assert all(np.isfinite(a).all() for a in result)

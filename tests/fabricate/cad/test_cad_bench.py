@@ -1,0 +1,127 @@
+"""The bench's parts: bolt circles, the clocking flat, the LEDs' current."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+from solids import common_mm3, made
+
+from deltact_fab.fabricate.cad.check import arithmetic, together
+from deltact_fab.fabricate.cad.check.built import BuiltDesign
+from deltact_fab.fabricate.cad.design import IndenterList, ListedIndenter, load_design
+from deltact_fab.fabricate.cad.fabrication import quantities
+from deltact_fab.fabricate.cad.features import features_of
+from deltact_fab.fabricate.cad.parts import light_holder
+from deltact_fab.fabricate.cad.registry import find_part, list_parts
+from deltact_fab.fabricate.cad.sensor_sections import LightDimensions
+
+D = load_design()
+
+
+def _axes(part, diameter_mm):
+    """Axes along z of a part's holes of one diameter, each once."""
+    return {
+        (round(r.low_mm[0], 6), round(r.low_mm[1], 6))
+        for r in features_of(made(part)).rounds
+        if r.hole and r.axis == 2 and abs(2 * r.radius_mm - diameter_mm) < 1e-6
+    }
+
+
+def test_every_hole_of_the_bench_has_its_counterpart() -> None:
+    tool, plate = D.tool, D.adapter
+    for one, other, count in (
+        (("tool-holder", tool.screw_hole_mm), ("nano17-adapter", plate.pilot_mm), 4),
+        (("tool-holder", tool.pin_mm + tool.pin_fit_mm), ("nano17-adapter", tool.pin_mm), 1),
+        (("testing-shell", D.table.hole_mm), ("stage-plate", D.stage_plate.thread_hole_mm), 4),
+    ):
+        assert len(_axes(*one) & _axes(*other)) == count, (one, other)
+    # The sensor's own three screws, on a circle of 12.7 mm, the first at 90 degrees from +x.
+    found = _axes("nano17-adapter", plate.bolt_hole_mm)
+    assert len(found) == 3
+    assert all(math.hypot(x, y) == pytest.approx(6.35, abs=1e-5) for x, y in found)
+    assert any((x, y) == pytest.approx((0.0, 6.35), abs=1e-5) for x, y in found)
+
+
+def test_the_stem_enters_the_holder_with_its_flat_at_plus_x_only() -> None:
+    from cadquery import Vector
+
+    star, holder = find_part("star"), made("tool-holder")
+    assert star.indenter is not None
+    mouth = star.indenter.indenter.reach_mm + star.indenter.body.plate_mm
+    seated = made("star").translate(Vector(0, 0, -mouth))
+    assert common_mm3(seated, holder) == pytest.approx(0.0, abs=1e-9)
+    for turn in (90, 180):
+        assert common_mm3(seated.rotate(Vector(), Vector(0, 0, 1), turn), holder) > 1.0
+
+
+def test_a_tight_bore_and_a_loose_one_fail_their_rows() -> None:
+    for value, name in (("0.05", "stem in the bore"), ("0.5", "turned stem stays out")):
+        rows = arithmetic.fits(load_design(changes=[f"tool.fit_mm={value}"]))
+        assert [row for row in rows if name in row.value and row.failed]
+
+
+def test_worst_currents_by_hand() -> None:
+    light = D.light
+    # (5.25 - 2.75) V and (4.75 - 3.15) V over 750 ohm; five LEDs of three chips.
+    assert light.most_ma == pytest.approx(2.5 / 0.75)
+    assert light.least_ma == pytest.approx(1.6 / 0.75)
+    assert light.chip_most_ma == pytest.approx(2.5 / 0.75 / 15)
+    assert light.resistor_most_w == pytest.approx(2.5**2 / 750)
+    # 300 mA through 2.5 V take 8.33 ohm.
+    assert light.least_resistor_ohm == 9.1
+    rows = {row.name: row for row in arithmetic.light(D)}
+    assert all(not row.failed for row in rows.values())
+    assert "light.led_limit_ma" in rows["LED current"].basis
+
+
+def test_the_strip_s_own_resistors_are_in_parallel() -> None:
+    light = load_design(changes=["light.strip_resistor_ohm=150"]).light
+    assert light.most_ma == pytest.approx(2500 / (750 + 150 / 5))
+    assert light.least_resistor_ohm == 0
+    assert light.total_ma == pytest.approx(2050 / 780)
+    assert quantities.resistor_for_ohm(20, light) == (pytest.approx(102.5 - 30), 75)
+
+
+@pytest.mark.parametrize(
+    ("changes", "fails"),
+    [
+        # 2.5 V / 20 ohm = 125 mA: 41.7 mA a chip, 312 mW.
+        (("resistor_ohm=20", "led_count=1"), {"LED current", "LED resistor", "even light"}),
+        (("resistor_ohm=20", "resistor_rating_w=1", "supply_rating_ma=124"), {"LED supply"}),
+        # Dark at the lower end.
+        (("led_v=4.6",), {"LED current, least"}),
+    ],
+)
+def test_too_bright_too_hot_too_much_and_dark(changes: tuple[str, ...], fails: set[str]) -> None:
+    rows = arithmetic.light(load_design(changes=[f"light.{change}" for change in changes]))
+    assert {row.name for row in rows if row.failed} == fails
+
+
+def test_a_led_wider_than_its_piece_of_strip_is_refused() -> None:
+    rules = light_holder.strip_rules(load_design(changes=["light.led_width_mm=7.9"]))
+    assert [rule.failed for rule in rules] == [False, False]
+    wide = replace(D, light=LightDimensions(leds_per_m=240))
+    assert [rule.failed for rule in light_holder.strip_rules(wide)] == [True, False]
+
+
+class Boxed(BuiltDesign):
+    """Boxes by their closed forms, and nothing shares room: no solid is built."""
+
+    def fact(self, what, names, compute, given=None):
+        part = self.part(names[0])
+        return part.box(part.source(self.design)) if what == "box" else 0.0
+
+
+@pytest.mark.parametrize(("depth_mm", "holds"), [(5.0, True), (7.5, False)])
+def test_the_bench_reaches_with_its_shortest_indenter(tmp_path, monkeypatch, depth_mm, holds):
+    short = '[shape.short]\ntips = [{kind = "ball", radius_mm = 2.0}]\nreach_mm = 8.0\n'
+    (tmp_path / "indenters.toml").write_text(short)
+    monkeypatch.chdir(tmp_path)
+    indenters = IndenterList(indenter=(ListedIndenter("sphere:10"), ListedIndenter("short")))
+    design = load_design(changes=[f"plate.depth_mm={depth_mm}"])
+    rows = together.bench(Boxed(design, tuple(list_parts(indenters, design))))
+    (reach,) = (row for row in rows if row.id == "bench-reach")
+    assert f"{8.0 - depth_mm:.1f} mm or more above the face (indenter-short)" in str(reach.value)
+    assert reach.failed != holds

@@ -1,0 +1,162 @@
+"""What to order and to weigh: figures by hand."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import fields
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deltact_fab.common.errors import InputError
+from deltact_fab.fabricate.cad.design import load_cameras, load_design
+from deltact_fab.fabricate.cad.dimensions import Design
+from deltact_fab.fabricate.cad.fabrication import bom, quantities
+from deltact_fab.fabricate.cad.fabrication.quantities import gaps
+from deltact_fab.fabricate.cad.intent import solved, wish_from_options
+from deltact_fab.fabricate.cad.registry import list_parts, parts_of_group
+from deltact_fab.fabricate.cad.sensor_sections import LightDimensions
+from deltact_fab.fabricate.cad.standards import E24
+
+DEFAULT = Design()
+
+
+def of(lines, name):
+    """The line of this part, or else the one that begins like this."""
+    exact = [line for line in lines if line.part == name]
+    (found,) = exact or [line for line in lines if line.part.startswith(name)]
+    return found
+
+
+def test_every_part_is_in_it_a_sensor_s_for_each_and_tools_once():
+    lines = bom.bom_lines(DEFAULT, sensors=5)
+    assert [line.item for line in lines] == list(range(1, len(lines) + 1))
+    assert [line.part for line in lines][: len(list_parts())] == [
+        part.name for part in list_parts()
+    ]
+    for part in parts_of_group("sensor"):
+        assert of(lines, part.name).quantity == 5 * part.quantity
+    assert of(lines, "mold").quantity == 1
+    assert of(lines, "led-strip").quantity == 5
+
+
+def test_silicone_of_a_full_mold_is_the_facts_57_ml_and_a_tenth():
+    a, b = (of(bom.bom_lines(DEFAULT), f"Solaris part {part}") for part in "AB")
+    assert a.quantity == b.quantity
+    # Density 1: grams are millilitres. 14.14 cm3 a skin was integrated by hand.
+    assert a.quantity + b.quantity == pytest.approx(4 * 14.141 * 1.1, rel=1e-3)
+    assert "one skin takes 7.8 g" in a.note
+
+
+def test_the_transparent_base_takes_a_cavity_too():
+    full = of(bom.bom_lines(DEFAULT), "Solaris part A").quantity
+    for sensors, fills in ((3, 1), (4, 2), (8, 3)):
+        lines = bom.bom_lines(DEFAULT, sensors)
+        assert of(lines, "Solaris part A").quantity == pytest.approx(fills * full)
+        assert of(lines, "acrylic blank").quantity == sensors + 1
+
+
+def test_a_coat_is_what_adheres_and_at_least_what_can_be_weighed():
+    coat = quantities.coat_batch(DEFAULT, 1, waste=0.0)
+    # Face 36 x 34 and sides 6 high, 0.3 mm of 1.07 g/cm3, 3 % of pigment.
+    assert coat.a_g + coat.b_g == pytest.approx((36 * 34 + 140 * 6) * 0.3e-3 * 1.07)
+    assert coat.pigment_g == pytest.approx(0.03 * (coat.a_g + coat.b_g))
+    least = quantities.least_coat_batch(coat)
+    assert least.a_g + least.b_g == pytest.approx(10)
+    assert least.pigment_g == pytest.approx(0.3)
+    many = quantities.coat_batch(DEFAULT, 30)
+    assert quantities.least_coat_batch(many) == many
+
+
+@given(total_ma=st.floats(0.05, 2000), supply_v=st.floats(4.5, 5.5), led_v=st.floats(1.5, 2.9))
+def test_the_resistor_that_is_sold_never_gives_more(total_ma, supply_v, led_v):
+    light = LightDimensions(supply_v=supply_v, led_v=led_v)
+    exact, sold = quantities.resistor_for_ohm(total_ma, light)
+    assert (supply_v - led_v) / exact * 1000 == pytest.approx(total_ma)
+    assert exact * (1 - 1e-6) <= sold <= exact * 1.16
+    mantissa = sold / 10 ** len(str(int(sold))) * 100 if sold >= 1 else None
+    if mantissa is not None:
+        assert min(abs(mantissa - step) for step in E24) < 1e-6
+
+
+def test_the_stock_note_goes_with_stock_screws():
+    def told(*changes, design="deltact"):
+        return of(bom.bom_lines(load_design(design, changes)), "screw").note
+
+    paper = told(design="screws-19mm")
+    assert "not stocked; the longest sold is 16 mm" in paper
+    assert "M1.6 threaded rod with a nut as head" in paper
+    assert told() == "M1.6 x 16, key 1.5 mm"
+    assert "M1.6 x 14 is not stocked: cut one of 16 mm down" in told("screw.length_mm=14")
+
+
+def test_notes_say_what_the_design_has():
+    held = load_design(changes=["frame.wall_x_mm=6.6", "shell.ledge_x_mm=0"])
+    for design, notched in ((DEFAULT, True), (held, False)):
+        assert ("notched corners" in of(bom.bom_lines(design), "acrylic").note) == notched
+        assert any("notched around them" in g["chosen"] for g in gaps(design)) == notched
+    foam = of(bom.bom_lines(load_design(changes=["shell.cable_width_mm=16.5"]), 3), "black foam")
+    assert foam.quantity == 3
+    assert "16.5 x 2 mm cable notch" in foam.note
+
+
+@pytest.mark.parametrize(
+    ("changes", "sensors", "ampere", "takes"),
+    [
+        # (5.25 - 2.75) V / 750 ohm = 3 mA, and so on; twice that, rounded up to what is sold.
+        ([], 1, "0.1 A", "3 mA"),
+        (["light.resistor_ohm=25"], 6, "2 A", "600 mA"),
+        (["light.resistor_ohm=25"], 56, "12 A", "5600 mA"),
+    ],
+)
+def test_the_supply_follows_from_the_current(changes, sensors, ampere, takes):
+    supply = of(bom.bom_lines(load_design(changes=changes), sensors), "supply")
+    assert supply.material == f"plug, {ampere} or more"
+    assert f"take {takes} at most" in supply.note
+    assert ("pin of the Jetson" in supply.note) == (float(takes.split()[0]) <= 500)
+
+
+def test_the_csv_says_what_the_lines_say():
+    lines = bom.bom_lines(DEFAULT)
+    rows = list(csv.DictReader(io.StringIO(bom.bom_csv(lines))))
+    assert list(rows[0])[:8] == [f.name for f in fields(bom.BomLine)][:8]
+    for row, line in zip(rows, lines, strict=True):
+        assert row["order_number"] == (line.source.order_number if line.source else "")
+        assert row["part"] == line.part
+        assert row["note"] == line.note
+        assert float(row["quantity"]) == pytest.approx(line.quantity, rel=1e-5)
+
+
+@pytest.mark.slow
+def test_every_bought_line_has_a_number_or_says_that_it_has_none():
+    listed = bom.load_bought().bought
+    sold = [name for name in load_cameras() if name != "rpi-camera-3"]  # it focuses too far off
+    cameras = [solved(wish_from_options("36x34", camera=name), DEFAULT) for name in sold]
+    named = ("large-60x50", "fingertip-24x24")
+    designs = [DEFAULT, *map(load_design, named), *cameras]
+    asked = {(line.part, line.source) for design in designs for line in bom.bom_lines(design)}
+    assert all(source is None or source.order_number for _, source in asked)
+    known = {part: source for part, source in asked if source and source.order_number[0] != "n"}
+    assert known["camera-screw"].order_number == "SFE-M2-3"
+    # Of every line that is listed there is one to order; M2 screws go with faces of 46 to 50 mm.
+    assert {one.line for one in listed} <= {part for part, _ in asked}
+    (other,) = [s for p, s in asked if p == "camera" and s.order_number == "B0152"]
+    assert other.maker == "Arducam"
+
+
+def test_an_order_of_nothing_and_a_broken_rule_are_refused():
+    with pytest.raises(InputError, match="sensors 0: expected 1 or more"):
+        bom.bom_lines(DEFAULT, 0)
+    with pytest.raises(InputError, match="fails"):
+        bom.bom_lines(load_design(changes=["skin.width_mm=24", "skin.length_mm=24"]))
+
+
+def test_the_gaps_carry_the_figures_of_the_design():
+    text = " ".join(" ".join(g.values()) for g in gaps(DEFAULT))
+    for figure in ("-59 %", "640 mm²", "0.0380", "2.7 mA", "83 %", "110 ohm", "39 x 60 x 30 mm"):
+        assert figure in text
+    assert "M1.6 x 16 is stocked" in gaps(DEFAULT)[0]["chosen"]
+    bright = gaps(load_design(changes=["light.resistor_ohm=120"]))
+    assert any("2.7 mA" in g["found"] and "120 ohm: 17 mA" in g["chosen"] for g in bright)

@@ -1,0 +1,312 @@
+"""Files: bytes, the manifest, the cache, names and what goes wrong."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import subprocess
+import sys
+
+import pytest
+from click.testing import CliRunner
+
+from deltact_fab.app.cli.cad import cad
+from deltact_fab.common import cache
+from deltact_fab.common.errors import InputError, RunFailed
+from deltact_fab.fabricate.cad import export as batch
+from deltact_fab.fabricate.cad import registry
+from deltact_fab.fabricate.cad.design import load_design
+from deltact_fab.fabricate.cad.dimensions import Design
+from deltact_fab.fabricate.cad.drafting.wiring import wiring
+from deltact_fab.fabricate.cad.export import export_parts, stored_by
+from deltact_fab.fabricate.cad.export.part_files import DRAWN, EXPORT_FORMATS, Task, applicable
+from deltact_fab.fabricate.cad.parts import skin_frame
+from deltact_fab.sensor.shapes.sensor import FrameDimensions
+
+DESIGN = load_design()
+THICK = load_design(changes=["optics.acrylic_mm=3"])
+KINDS = ("step", "stl", "3mf", "dxf", "glb")
+SENSOR = [part.name for part in registry.parts_of_group("sensor")]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def store_of_its_own(tmp_path_factory):
+    """No test reads what another run left in the user's cache."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(cache.FOLDER_VARIABLE, str(tmp_path_factory.mktemp("store")))
+        yield
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory, store_of_its_own):
+    """The acrylic in every format that has no page, and its files in the cache."""
+    folder = tmp_path_factory.mktemp("cad") / "new" / "out"
+    _export(["acrylic"], KINDS, folder, jobs=1)
+    return folder
+
+
+def _export(names, kinds, folder, **options):
+    return export_parts(DESIGN, registry.select_parts(names), kinds, 0.01, folder, **options)
+
+
+def test_the_assembly_needs_all_of_the_sensor(tmp_path):
+    names = {f.file for f in _export(SENSOR[1:], ["glb"], tmp_path)}
+    assert names == {f"{name}.glb" for name in SENSOR[1:]}
+
+
+@pytest.mark.slow
+def test_the_wiring_goes_with_the_sensor_and_is_kept(tmp_path, store_of_its_own):
+    files = {f.file: f for f in _export(["sensor"], ["svg", "pdf"], tmp_path / "a")}
+    assert {"wiring.svg", "wiring.pdf"} <= set(files)
+    assert "assembly.step" not in files
+    page = wiring(DESIGN)
+    assert (tmp_path / "a" / "wiring.svg").read_text() == page.svg()
+    assert (tmp_path / "a" / "wiring.pdf").read_bytes() == page.pdf()
+    again = {f.file: f for f in _export(["sensor"], ["svg", "pdf"], tmp_path / "b")}
+    assert again == files
+    some = _export(["acrylic", "led-strip"], ["svg", "dxf"], tmp_path / "c")
+    assert {f.file for f in some} == {"acrylic.svg", "acrylic.dxf"}
+
+
+def test_applicable_formats():
+    everything = tuple(kind for kind in EXPORT_FORMATS if kind not in DRAWN)
+    assert applicable(registry.find_part("acrylic"), everything) == everything
+    assert applicable(registry.find_part("mold"), everything) == ("step", "stl", "3mf", "glb")
+    assert applicable(registry.find_part("screw"), everything) == ("step", "glb")
+    assert applicable(registry.find_part("led-strip"), everything) == ("step", "glb")
+
+
+def test_a_format_that_applies_to_nothing_is_refused(tmp_path):
+    with pytest.raises(InputError, match="format dxf: applies to none of mold, skin"):
+        _export(["mold", "skin"], ["dxf"], tmp_path / "o")
+    assert not (tmp_path / "o").exists()
+
+
+# The cache.
+
+
+def test_an_export_from_the_cache_is_the_same_and_makes_nothing(exported, tmp_path, monkeypatch):
+    def made(*_):
+        raise AssertionError("it was made again")
+
+    monkeypatch.setattr(batch, "make", made)
+    calls = []
+    _export(["acrylic"], KINDS, tmp_path / "o", progress=lambda *call: calls.append(call), jobs=1)
+    assert calls == [(1, 1, "cache"), (1, 1, "done")]
+    assert _bytes(tmp_path / "o") == _bytes(exported)
+    with pytest.raises(AssertionError, match="made again"):
+        export_parts(THICK, registry.select_parts(["acrylic"]), ["step"], 0.01, tmp_path, jobs=1)
+
+
+def test_damaged_entries_are_made_again(exported, tmp_path):
+    folder = cache.cache_folder() / "cad"
+    entries = sorted(folder.iterdir())
+    kept = {path: path.read_bytes() for path in entries}
+    for path, data in kept.items():
+        # One bit of the file itself, past the line that describes it.
+        middle = (data.index(b"\n") + len(data)) // 2
+        path.write_bytes(data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :])
+    _export(["acrylic"], KINDS, tmp_path)
+    for path in tmp_path.glob("acrylic.*"):
+        assert path.read_bytes() == (exported / path.name).read_bytes()
+    healed = [path for path, data in kept.items() if path.read_bytes() == data]
+    assert len(healed) == len(KINDS)
+    for path, data in kept.items():
+        path.write_bytes(data)
+
+
+def test_a_cache_that_refuses_is_done_without_and_none_is_none(exported, tmp_path, monkeypatch):
+    (tmp_path / "store").write_text("a file in the way")
+    for store, cached in (("store", True), ("absent", False)):
+        monkeypatch.setenv(cache.FOLDER_VARIABLE, str(tmp_path / store))
+        _export(["acrylic"], ["step"], tmp_path / "o", cached=cached)
+        step = (tmp_path / "o" / "acrylic.step").read_bytes()
+        assert step == (exported / "acrylic.step").read_bytes()
+    assert not (tmp_path / "absent").exists()
+
+
+WIDE, ISSUED = (
+    load_design(changes=["skin.width_mm=37"]),
+    load_design(changes=["drawing.revision=B"]),
+)
+
+
+@pytest.mark.parametrize(
+    ("part", "kind", "other", "same"),
+    [
+        ("skin", "step", {}, True),
+        ("skin", "step", {"tolerance_mm": 0.02}, True),
+        ("skin", "step", {"kind": "stl"}, False),
+        ("skin", "step", {"design": WIDE}, False),
+        ("skin", "step", {"part": "skin-frame"}, False),
+        ("sphere:10", "stl", {"design": WIDE}, True),
+        ("sphere:10", "stl", {"tolerance_mm": 0.02}, False),
+        # A new title makes new drawings and nothing else.
+        ("cover", "step", {"design": ISSUED}, True),
+        ("cover", "pdf", {"design": ISSUED}, False),
+    ],
+)
+def test_what_a_file_is_found_by(part, kind, other, same):
+    asked = {"design": DESIGN, "tolerance_mm": 0.01, "part": part, "kind": kind}
+    keys = []
+    for design, tolerance_mm, name, form in (asked.values(), {**asked, **other}.values()):
+        keys.append(
+            stored_by(Task((registry.find_part(name),), (form,), design, tolerance_mm), form)
+        )
+    assert (keys[0] == keys[1]) == same
+
+
+# What goes wrong.
+
+
+def test_bad_dimensions_of_any_part_write_nothing(tmp_path):
+    design = Design(frame=FrameDimensions(seat_y_mm=3.0))
+    with pytest.raises(InputError, match="skin-frame"):
+        export_parts(
+            design, registry.select_parts(["skin", "skin-frame"]), KINDS, 0.01, tmp_path / "o"
+        )
+    assert not (tmp_path / "o").exists()
+
+
+def test_a_part_that_fails_late_leaves_the_folder_as_it_was(tmp_path, monkeypatch):
+    def shifted(design):
+        return skin_frame.build(design).translate((0.0, 0.0, 0.1))
+
+    parts = (dataclasses.replace(skin_frame.FRAME, build=shifted), *skin_frame.PARTS[1:])
+    monkeypatch.setattr(skin_frame, "PARTS", parts)
+    export_parts(DESIGN, registry.select_parts(["skin"]), ["stl"], 0.1, tmp_path)
+    yesterdays = _bytes(tmp_path)
+    for folder in (tmp_path, tmp_path / "new" / "one"):
+        with pytest.raises(RunFailed, match=r"^skin-frame: bounding box"):
+            _export(["skin", "skin-frame"], ["stl"], folder, cached=False)
+    assert _bytes(tmp_path) == yesterdays
+    assert set(yesterdays) == {"skin.stl", "manifest.json"}
+
+
+# A folder that holds something already.
+
+
+def _bytes(folder):
+    """What a folder holds, a folder in it as None."""
+    return {p.name: p.read_bytes() if p.is_file() else None for p in folder.iterdir()}
+
+
+def _listed(folder):
+    """Names and digests by the manifest."""
+    entries = json.loads((folder / "manifest.json").read_text())["files"]
+    return {entry["file"]: entry["sha256"] for entry in entries}
+
+
+def test_what_an_earlier_export_left_goes_and_what_a_person_put_or_changed_stays(tmp_path):
+    _export(["acrylic", "cover", "skin"], ["step"], tmp_path)
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "cover.step").write_text("mine now")
+    _export(["acrylic"], ["dxf"], tmp_path)
+    assert set(_listed(tmp_path)) == {"acrylic.dxf"}
+    left = {"acrylic.dxf", "cover.step", "manifest.json", "notes.txt"}
+    assert {path.name for path in tmp_path.iterdir()} == left
+    (tmp_path / "manifest.json").write_text('{"files": [{"file": "../x", "sha256": 1}]}')
+    _export(["cover"], ["step"], tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == left
+    assert (tmp_path / "cover.step").read_bytes() != b"mine now"
+
+
+def test_a_folder_in_the_way_leaves_all_as_it_was(tmp_path):
+    _export(["acrylic", "cover"], ["step"], tmp_path)
+    (tmp_path / "acrylic.dxf").mkdir()
+    before = _bytes(tmp_path)
+    with pytest.raises(RunFailed, match=r"acrylic\.dxf: cannot be written: Is a directory"):
+        _export(["acrylic"], ["step", "dxf"], tmp_path)
+    assert _bytes(tmp_path) == before
+
+
+def test_ctrl_c_leaves_nothing(tmp_path, monkeypatch):
+    def typed(done, total, what):
+        if done == 1:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        _export(["acrylic", "skin"], ["step"], tmp_path / "o", progress=typed, cached=False)
+    assert not (tmp_path / "o").exists()
+
+
+@pytest.mark.parametrize(
+    ("formats", "tolerance_mm", "jobs", "says"),
+    [
+        (["stp"], 0.01, None, "format 'stp': unknown; did you mean 'step'"),
+        ([], 0.01, None, "format: none given; valid: step, stl, 3mf, dxf, glb, svg, pdf"),
+        (["stl"], 0.0, None, "tolerance 0 mm: expected 0.001 to 1 mm"),
+        (["stl"], 0.01, 0, "jobs 0: expected 1 or more"),
+    ],
+)
+def test_arguments_are_refused_in_one_line(tmp_path, formats, tolerance_mm, jobs, says):
+    parts = registry.select_parts(["skin"])
+    with pytest.raises(InputError, match=says):
+        export_parts(DESIGN, parts, formats, tolerance_mm, tmp_path / "o", jobs=jobs)
+    assert not (tmp_path / "o").exists()
+
+
+def test_a_folder_that_cannot_be_one_is_refused(tmp_path):
+    (tmp_path / "o").write_text("")
+    with pytest.raises(InputError, match="is a file; expected a folder"):
+        _export(["skin"], ["step"], tmp_path / "o")
+
+
+@pytest.mark.parametrize(
+    ("typed", "part"),
+    [
+        ("4dots", "indenter-4dots"),
+        ("sphere:10", "indenter-sphere-10"),
+        ("sphere:12.5", "indenter-sphere-12p5"),
+        ("star:9", "indenter-star"),
+        ("indenter-star", "indenter-star"),
+    ],
+)
+def test_indenters_go_by_the_protocol_s_name_or_the_list_s(typed, part):
+    assert registry.find_part(typed).name == part
+
+
+@pytest.mark.parametrize(
+    ("typed", "says"),
+    [
+        ("skinframe", "part 'skinframe': unknown; did you mean 'skin-frame'?"),
+        ("qqq", "part 'qqq': unknown; valid: 2dots, 4dots, acrylic, bench, "),
+        ("sphere:99", "diameter of 0.5 to 30 mm"),
+    ],
+)
+def test_an_unknown_part_is_named_with_the_nearest(tmp_path, typed, says):
+    result = CliRunner().invoke(cad, ["export", typed, "--out", str(tmp_path / "o")])
+    assert isinstance(result.exception, InputError)
+    assert says in str(result.exception)
+    assert not (tmp_path / "o").exists()
+
+
+BROKEN = """
+import sys
+class NoGL:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] == "OCP":
+            raise ImportError(
+                "libGL.so.1: cannot open shared object file: No such file or directory"
+            )
+sys.meta_path.insert(0, NoGL())
+from deltact_fab.app.cli.main import entry
+entry()
+"""
+
+
+INSTALL = (
+    "apt-get install --reinstall libgl1 libegl1 libx11-6, or pip install --force-reinstall cadquery"
+)
+
+
+@pytest.mark.slow
+def test_a_missing_system_library_is_one_line_that_says_what_to_install(tmp_path):
+    words = ["cad", "export", "mold", "--out", "o"]
+    done = subprocess.run(
+        [sys.executable, "-c", BROKEN, *words], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stdout) == (2, "")
+    said = "libGL.so.1: cannot open shared object file: No such file or directory"
+    assert done.stderr == f"deltact-fab: cadquery cannot be imported ({said}): {INSTALL}\n"
+    assert not (tmp_path / "o").exists()

@@ -1,0 +1,143 @@
+"""A design solved for a face passes with no hand edit, or the change that a refusal names does."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import pytest
+
+from deltact_fab.app.lab import design as write
+from deltact_fab.common.errors import InputError
+from deltact_fab.fabricate.cad import check, feasibility, intent
+from deltact_fab.fabricate.cad.check import arithmetic, visibility
+from deltact_fab.fabricate.cad.design import IndenterList, ListedIndenter, load_camera, load_design
+from deltact_fab.fabricate.cad.intent import design_for_wish, failures, solved, wish_from_options
+from deltact_fab.fabricate.cad.parts.camera import off_axis
+from deltact_fab.fabricate.cad.registry import of_design
+
+BASE = load_design()
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    ("face", "camera"),
+    [
+        ("24x24", "innomaker-u20cam"),
+        ("36x34", "imx219-200"),
+        ("30x30", "arducam-b0152"),
+        pytest.param("28x40", "rpi-camera-3-wide", marks=SLOW),
+        pytest.param("60x50", "rpi-camera-2", marks=SLOW),
+    ],
+)
+def test_a_wish_gives_a_design_on_which_all_arithmetic_holds(face, camera):
+    wish = wish_from_options(face, camera=camera)
+    design = solved(wish, BASE)
+    assert (design.skin.width_mm, design.skin.length_mm) == wish.face_mm
+    assert list(failures(design, wish)) == []
+    x, y = design.optics.view_mm
+    assert x * y >= 0.55 * design.skin.width_mm * design.skin.length_mm
+    assert design.screw.length_mm in design.screw.row.stock_mm
+
+
+@pytest.mark.parametrize(
+    ("face", "share", "camera", "key"),
+    [
+        ("36x34", 0.55, "rpi-camera-3", "camera"),  # no face lets it focus nearer
+        pytest.param("17x17", 0.55, None, "face", marks=SLOW),
+        pytest.param("36x34", 0.77, None, "share", marks=SLOW),
+    ],
+)
+def test_a_refusal_names_a_change_that_passes(face, share, camera, key):
+    with pytest.raises(InputError, match=rf"the smallest change that passes: --{key} ") as told:
+        design_for_wish(wish_from_options(face, share, camera), BASE)
+    typed = {"face": face, "share": share, "camera": camera}
+    typed |= {key: str(told.value).rpartition(" ")[2]}
+    mended = wish_from_options(typed["face"], float(typed["share"]), typed["camera"])
+    assert list(failures(solved(mended, BASE), mended)) == []
+
+
+@pytest.mark.parametrize(
+    ("face", "share", "says"),
+    [
+        ("60x", 0.55, "--face '60x': expected two sides in mm, as in 60x50"),
+        ("60x500", 0.55, "expected sides of 10 to 200 mm"),
+        ("60x50", 1.5, "--share 1.5: expected 0.05 to 0.95"),
+    ],
+)
+def test_what_is_no_wish_is_one_line(face, share, says):
+    with pytest.raises(InputError, match=re.escape(says)):
+        wish_from_options(face, share)
+
+
+def test_the_file_states_what_differs_from_its_base_and_gives_the_same_design(tmp_path):
+    wish = wish_from_options("24x24")
+    path = write("tip", out=tmp_path / "tip.toml", wish=wish)
+    assert load_design(str(path)) == solved(wish, BASE)
+    text = path.read_text()
+    assert "\nwidth_mm = 24.0\n" in text
+    assert "\n#wall_mm = 1.5\n" in text
+
+
+@SLOW
+def test_a_solved_design_passes_every_check_on_its_solids():
+    one = IndenterList(indenter=(ListedIndenter("sphere:10"),))
+    wish = wish_from_options("24x24", camera="innomaker-u20cam")
+    rows = check.check_design(solved(wish, BASE), indenters=one)
+    assert [row for row in rows if row.failed] == []
+
+
+def test_a_board_without_holes_is_bonded_and_takes_no_screws():
+    bare = replace(BASE, camera=replace(BASE.camera, hole_mm=0.0))
+    design = solved(wish_from_options("36x34"), bare)
+    assert design.holder.screw == "none"
+    assert "camera-screw" not in [part.name for part in of_design(design)]
+    # It lies further off the middle than screws would have it.
+    assert off_axis(design)[0].mean_mm > off_axis(BASE)[0].mean_mm
+
+
+def test_words_of_a_check_are_no_key(monkeypatch):
+    """With every check renamed the same dimensions move; with its id changed nothing does."""
+    wish, told = wish_from_options("60x50"), intent.failures
+    design = solved(wish, BASE)
+
+    def renamed(design, wish):
+        return (replace(check, name="?", value="?", sign="") for check in told(design, wish))
+
+    monkeypatch.setattr(intent, "failures", renamed)
+    assert solved(wish, BASE) == design
+    monkeypatch.setattr(
+        intent,
+        "failures",
+        lambda design, wish: (
+            replace(c, id="bends") if c.id == "plate-deflection" else c for c in told(design, wish)
+        ),
+    )
+    with pytest.raises(intent.Unsolved, match="plate deflection: "):
+        solved(wish, BASE)
+
+
+def test_every_remedy_is_of_a_check_that_there_is():
+    """An id that nobody gives would leave its check without a remedy."""
+    ids = {rule.id for rule in feasibility.rules(BASE)}
+    for checks in (arithmetic.fits, arithmetic.light, visibility.view, arithmetic.bending):
+        ids |= {check.id for check in checks(BASE)}
+    small = replace(BASE.resin_printer, bed_x_mm=20.0, bed_y_mm=20.0)
+    ids |= {check.id for check in arithmetic.platform(replace(BASE, resin_printer=small))}
+    camera = load_camera("rpi-camera-3")
+    ids |= {check.id for check in visibility.view(replace(BASE, camera=camera))}
+    assert set(intent.REMEDIES) - ids == {"light-cone"}  # `failures` gives that one itself
+
+
+@pytest.mark.parametrize(
+    ("changes", "room_mm"),
+    [
+        ({"connector_height_mm": 4.0}, 4.4),
+        ({"cable_height_mm": 3.0}, 4.7),
+        ({"board_mm": 2.1}, 3.4),  # its screws are 5 mm long
+    ],
+)
+def test_behind_the_board_is_room_for_the_highest(changes, room_mm):
+    flat = replace(BASE.camera, connector_height_mm=1.0, cable_height_mm=0.5)
+    design = solved(wish_from_options("36x34"), replace(BASE, camera=replace(flat, **changes)))
+    assert design.holder.clearance_mm == pytest.approx(room_mm)

@@ -1,0 +1,91 @@
+"""As printed: parts lie on the platform as their field says."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from closed_forms import segment_mm2
+
+from deltact_fab.fabricate.cad import registry
+from deltact_fab.fabricate.cad.build import build_part
+from deltact_fab.fabricate.cad.check.built import BuiltDesign
+from deltact_fab.fabricate.cad.check.each_part import printed
+from deltact_fab.fabricate.cad.design import load_design
+from deltact_fab.fabricate.cad.export import export_parts
+from deltact_fab.fabricate.cad.mesh import mesh_solid
+from deltact_fab.fabricate.cad.overhangs import MIN_CONTACT_MM2, laid, stand
+from deltact_fab.fabricate.cad.part import PrintPose
+
+DESIGN = load_design()
+NAMES = ("light-holder", "cover", "skin-frame", "coupon-mold", "acrylic", "sphere:22", "star")
+TOLERANCE_MM = 0.1
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    """(folder, manifest entries by file)."""
+    folder = tmp_path_factory.mktemp("printed")
+    parts = registry.select_parts(NAMES)
+    export_parts(DESIGN, parts, ("stl",), TOLERANCE_MM, folder, cached=False, jobs=1)
+    entries = json.loads((folder / "manifest.json").read_text())["files"]
+    return folder, {entry["file"]: entry for entry in entries}
+
+
+@pytest.mark.parametrize("down", ["-z", "+z"])
+@pytest.mark.parametrize("tilt_deg", [0, 30])
+def test_the_named_side_faces_the_platform_and_y_rises(down, tilt_deg):
+    turn = np.array(PrintPose(down, "side", tilt_deg, "outside" if tilt_deg else "").turn)
+    assert np.allclose(turn @ turn.T, np.eye(3), atol=1e-15)
+    assert np.linalg.det(turn) == pytest.approx(1)
+    side = np.zeros(3)
+    side["xyz".index(down[1])] = 1 if down[0] == "+" else -1
+    angle = np.radians(tilt_deg)
+    assert np.allclose(turn @ side, (0, np.sin(angle), -np.cos(angle)))
+
+
+def test_each_file_stands_on_the_platform_as_the_manifest_turns_it(exported):
+    folder, entries = exported
+    for part in registry.select_parts(NAMES):
+        entry = entries[f"{part.name}.stl"]
+        mesh, box = trimesh.load(folder / entry["file"]), np.array(part.box(part.source(DESIGN)))
+        assert np.allclose(mesh.bounds, entry["bounding_box_mm"], atol=1e-5)
+        if not part.printed:
+            assert entry["turned"] is None
+            assert np.allclose(mesh.bounds, box, atol=0.2)
+            continue
+        low, high = mesh.bounds
+        assert low[2] == 0
+        assert np.allclose(low[:2], -high[:2], atol=1e-5)
+        assert np.allclose(entry["turned"], part.lies.turn)
+        own = np.linalg.inv(np.array(entry["turned"])) @ mesh.vertices.T
+        assert np.allclose(np.ptp(own, axis=1), box[1] - box[0], atol=0.2)
+
+
+def test_a_sphere_on_its_tip_touches_nothing_and_fails():
+    part = registry.find_part("sphere:10")
+    built = BuiltDesign(DESIGN, (part,), {part.name: build_part(part, DESIGN)[0]})
+    contact, ceilings = printed(built)
+    assert not contact.failed
+    # The stem's end with its flat, and the plate's ring around the stem.
+    stem_mm2, plate_mm2 = 9 * np.pi - segment_mm2(2.2, 3.0), 25 * np.pi
+    assert float(contact.value.split()[0]) == pytest.approx(stem_mm2, abs=0.2)
+    assert float(ceilings.value.split()[0]) == pytest.approx(plate_mm2 - stem_mm2, abs=0.3)
+    assert "from 20.0 mm up, 2.0 mm across at most, on supports" in ceilings.value
+    tip_down = replace(part, lies=PrintPose())
+    built = BuiltDesign(DESIGN, (tip_down,), {part.name: build_part(part, DESIGN)[0]})
+    assert next(iter(printed(built))).failed
+
+
+def test_a_shell_on_its_back_has_ceilings_and_none_as_it_is_tilted():
+    """Which is what the tilt is for."""
+    part = registry.find_part("shell")
+    mesh = mesh_solid(build_part(part, DESIGN)[0], TOLERANCE_MM, part.name)
+    flat = stand(laid(mesh, replace(part.lies, tilt_deg=0.0)))
+    assert flat.ceilings_mm2 > 100
+    assert flat.contact_mm2 > MIN_CONTACT_MM2
+    tilted = stand(laid(mesh, part.lies))
+    assert (tilted.ceilings_mm2, tilted.contact_mm2) == (0, 0)

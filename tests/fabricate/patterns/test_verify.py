@@ -1,0 +1,179 @@
+"""Prints that a script of Pillow and scipy spoils: each fault is told, and nothing else is."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import tomllib
+
+import numpy as np
+import pytest
+import spoiled
+from called import called
+from PIL import Image
+
+from deltact_fab.common.errors import InputError
+from deltact_fab.fabricate.patterns.code import encode
+from deltact_fab.fabricate.patterns.raster import raster
+from deltact_fab.fabricate.patterns.recipe import PatternRecipe, load_recipe
+from deltact_fab.fabricate.patterns.verify import load_printer, verify_print
+
+DPI = 600.0
+RECIPE = PatternRecipe(law="algorithm1", seed=3, size_mm=12.0, patch_mm=0.2, r=0.3)
+
+
+def sheet_of(recipe: PatternRecipe, blank: int = 120) -> np.ndarray:
+    print_ = raster(recipe, DPI)
+    return np.pad(print_, ((blank, blank), (blank, blank), (0, 0)), constant_values=255)
+
+
+SHEET = sheet_of(RECIPE)
+FAULTS: dict[str, tuple[dict, set[str]]] = {
+    "sound": ({}, set()),
+    "sound, upside down, another scanner": (
+        {"turn_deg": 180.6, "noise": 5.0, "blur_px": 0.8, "seed": 4},
+        set(),
+    ),
+    "turned by 91 degrees": ({"turn_deg": 91.0}, set()),
+    "scale": ({"scale": (1.0031, 0.994), "turn_deg": -2.0}, {"scale, x", "scale, y"}),
+    "shear": ({"shear": 0.004, "turn_deg": 1.3}, {"shear"}),
+    "mirrored": ({"mirrored": True}, {"mirror"}),
+    "inks apart": ({"inks_px": ((4.0, 0.0), (0.0, -3.0), (0.0, 0.0))}, {"misregistration of inks"}),
+    "magenta nearly empty": ({"fade": (1.0, 0.3, 1.0)}, {"inks"}),
+    "clogged": ({"streaks": (slice(230, 252),)}, {"gaps"}),
+}
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory):
+    """A sound scan, as PNG and as the JPEG of halved colours that Pillow writes."""
+    folder, scan = tmp_path_factory.mktemp("scan"), spoiled.print_of(SHEET)
+    return [spoiled.save(scan, folder / f"scan.{kind}", DPI) for kind in ("png", "jpg")]
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_fails_its_own_row_and_no_other(tmp_path, fault):
+    how, fails = FAULTS[fault]
+    scan = spoiled.save(spoiled.print_of(SHEET, **how), tmp_path / "scan.png", DPI)
+    done = verify_print(scan, RECIPE)
+    assert {row.name for row in done.rows if row.failed} == fails
+    x, y = how.get("scale", (1.0, 1.0))
+    assert done.found.scale == pytest.approx((x, y), abs=1e-3)
+    assert done.found.shear == pytest.approx(how.get("shear", 0.0), abs=1e-3)
+    turn = how.get("turn_deg", 0.0)
+    assert (done.found.turned_deg - turn + 180) % 360 - 180 == pytest.approx(0, abs=0.1)
+
+
+def test_where_ink_lacks_and_how_far_inks_are_apart_is_told(tmp_path):
+    image = spoiled.print_of(SHEET, streaks=(slice(230, 252),))
+    done = verify_print(spoiled.save(image, tmp_path / "a.png", DPI), RECIPE)
+    there_mm = (241 - 120) * 25.4 / DPI - 6.0
+    assert {round(y - there_mm) for _, y in done.found.gaps_mm} <= {-1, 0, 1}
+    assert len({x for x, _ in done.found.gaps_mm}) > 5
+    image = spoiled.print_of(SHEET, inks_px=((3.0, 0.0), (0.0, -3.0), (0.0, 0.0)))
+    done = verify_print(spoiled.save(image, tmp_path / "b.png", DPI), RECIPE)
+    pitch_um = 25400 / DPI
+    exact = np.array([[2, 1], [-1, -2], [-1, 1]]) * pitch_um
+    assert np.array(done.found.ink_um) == pytest.approx(exact, abs=0.15 * pitch_um)
+
+
+def test_a_hand_held_photograph_is_judged_but_for_its_scale(tmp_path):
+    scan = spoiled.print_of(SHEET)
+    photo = spoiled.photograph_of(scan, ((60, 40), (620, 90), (590, 600), (20, 550)))
+    done = verify_print(spoiled.save(photo, tmp_path / "photo.jpg"), RECIPE)
+    assert done.passed
+    assert done.found.scale is None
+    with pytest.raises(InputError, match="has no scale: use a flatbed scan with its dpi"):
+        done.printer()
+
+
+def test_a_jpeg_of_halved_colours_says_what_it_cannot_tell(sound):
+    done = verify_print(sound[1], RECIPE)
+    assert done.passed
+    assert "contrast and inks" in [row.name for row in done.rows]
+    with pytest.raises(InputError, match="scan it as PNG or TIFF"):
+        done.printer()
+
+
+def test_a_sheet_that_was_stretched_already_keeps_its_stretch(sound):
+    known = verify_print(sound[0], RECIPE, scaled=(1.004, 0.998)).printer()
+    assert (known.scale_x, known.scale_y) == pytest.approx((1.004, 0.998), abs=1e-3)
+
+
+def test_another_recipe_is_told(sound):
+    (row,) = verify_print(sound[1], RECIPE.model_copy(update={"seed": 4})).rows
+    assert row.failed
+    assert row.value == "not this recipe's pattern"
+
+
+def test_what_is_no_scan_is_one_line(tmp_path):
+    (tmp_path / "a.png").write_text("no image")
+    with pytest.raises(InputError, match=r"a\.png: not a readable image"):
+        verify_print(tmp_path / "a.png", RECIPE)
+    with pytest.raises(InputError, match=r"b\.png: no such file"):
+        verify_print(tmp_path / "b.png", RECIPE)
+    with pytest.raises(InputError, match="--dpi -3: expected 50 to 9600"):
+        verify_print(tmp_path / "a.png", RECIPE, -3.0)
+    clear = PatternRecipe(law="transparent", seed=1)
+    with pytest.raises(InputError, match="one uniform colour"):
+        verify_print(tmp_path / "a.png", clear)
+    blank = spoiled.save(np.full((900, 900, 3), 240, np.uint8), tmp_path / "c.png", DPI)
+    assert not verify_print(blank, RECIPE).passed
+
+
+def test_the_next_sheet_and_the_quality_are_this_printer_s(tmp_path):
+    """On the command line: a print that is too large gives a sheet that is smaller."""
+    recipe = RECIPE.model_copy(update={"size_mm": 20.0})
+    image = spoiled.print_of(sheet_of(recipe), scale=(1.003, 1.001), blur_px=0.8)
+    spoiled.save(image, tmp_path / "scan.png", DPI)
+    words = ["pattern", "verify", "scan.png", encode(recipe), "-o", "printer.toml"]
+    done = called(*words, cwd=tmp_path)
+    assert done.returncode == 1
+    assert done.stdout.startswith("scan.png: fails: scale, x\n")
+    known = load_printer(tmp_path / "printer.toml")
+    assert (known.scale_x, known.scale_y) == pytest.approx((1 / 1.003, 1 / 1.001), abs=1e-3)
+    # Twice the blur, and the line that the script draws between two pixels.
+    blur_um = 2 * np.sqrt(0.64 + 1 / 6) * 25400 / DPI
+    assert known.spread_um == pytest.approx(blur_um, rel=0.2)
+    sheet = ["pattern", "sheet", "dense", "--printer", "printer.toml", "-o", "s.pdf", "--json"]
+    made = json.loads(called(*sheet, cwd=tmp_path).stdout)
+    assert made["scale"] == [known.scale_x, known.scale_y]
+    told = called("pattern", "quality", "dense", "--printer", "printer.toml", cwd=tmp_path).stdout
+    assert "values of the camera are assumed" in told
+    assert tomllib.loads((tmp_path / "printer.toml").read_text())["spread_um"] == known.spread_um
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("spread_um = -5", "p.toml: spread_um: .* 0 <= spread_um <= 2000"),
+        ("scale_z = 1", "p.toml: scale_z: unknown key; did you mean 'scale_y'?"),
+    ],
+)
+def test_a_printer_that_is_none_is_one_line(tmp_path, text, says):
+    (tmp_path / "p.toml").write_text(text)
+    with pytest.raises(InputError, match=says):
+        load_printer(tmp_path / "p.toml")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("pdftoppm") is None, reason="pdftoppm is not installed")
+@pytest.mark.parametrize(
+    "name", ["dense-with-dots", pytest.param("octave", marks=pytest.mark.evidence)]
+)
+def test_a_whole_sheet_as_another_program_draws_it(tmp_path, name):
+    called("pattern", "sheet", name, "-o", "sheet.pdf", cwd=tmp_path)
+    part = ["-x", "700", "-y", "2000", "-W", "2800", "-H", "2800"]
+    command = ["pdftoppm", "-r", "1200", *part, "-png", "-singlefile", "sheet.pdf", "page"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    with Image.open(tmp_path / "page.png") as page:
+        image = np.asarray(page.convert("RGB"))
+    scan = spoiled.print_of(image, scale=(1.004, 0.997), turn_deg=0.7)
+    path = spoiled.save(scan, tmp_path / "scan.png", 1200)
+    done = verify_print(path, load_recipe(name))
+    assert {row.name for row in done.rows if row.failed} == {"scale, x", "scale, y"}
+    assert done.found.scale == pytest.approx((1.004, 0.997), abs=1e-3)
+    other = load_recipe(name).model_copy(update={"seed": 99})
+    (row,) = verify_print(path, other).rows
+    assert row.failed

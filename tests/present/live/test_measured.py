@@ -1,0 +1,145 @@
+"""A run measured live and for its report: one measurement, and what it may say."""
+
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from short_run import first_press
+
+from deltact_fab.bench.record.run import open_run
+from deltact_fab.common.errors import InputError
+from deltact_fab.estimate.analysis.force.result import write_force_calibration
+from deltact_fab.estimate.analysis.measured import FORCE_COLUMNS, calibrations_of_run, measure_run
+from deltact_fab.estimate.measure.force.calibration import load_force
+from deltact_fab.present.live.open import measurement_of, open_source
+from deltact_fab.present.live.outputs import HealthOutput, JsonLines, StatusLine
+from deltact_fab.present.live.picture import LOST, data
+from deltact_fab.present.live.session import MeasuredImage, MeasurementSession
+
+PRESSED = 2
+"""The image at the end of the first press: a ball of 10 mm, 1 mm deep, at (.5, -.5)."""
+
+
+@pytest.fixture(scope="module")
+def session(mini_run: Path, calibrations: list[Path]) -> MeasurementSession:
+    source = open_source(str(mini_run))
+    return MeasurementSession(source, measurement_of(source.known, calibrations))
+
+
+@pytest.fixture(scope="module")
+def results(session: MeasurementSession) -> list[MeasuredImage]:
+    return list(session.results())
+
+
+@pytest.mark.slow
+def test_each_output_says_force_contacts_and_health(results: list[MeasuredImage]) -> None:
+    people, program, said = io.StringIO(), io.StringIO(), list[str]()
+    origin = "simulated, seed 3"
+    outputs = (
+        StatusLine(people, origin),
+        JsonLines(program, origin),
+        HealthOutput(lambda *told: said.append(told[0])),
+    )
+    for output in outputs:
+        for m in results:
+            output.show(m)
+        output.end("ended", results[-1])
+    rows = [json.loads(line) for line in program.getvalue().splitlines()]
+    normal = [-row["force_n"][2] for row in rows]
+    assert normal[0] == pytest.approx(0, abs=0.02)
+    assert max(normal) > 3
+    (contact,) = rows[PRESSED]["contacts"]
+    assert contact["force_share"] == pytest.approx(1, abs=1e-3)
+    assert np.hypot(*np.subtract(contact["place_mm"], [0.5, -0.5])) < 1
+    assert rows[0]["contacts"] == []
+    assert "N mm" in people.getvalue()
+    assert said == ["state of health: fit to use"]
+
+
+@pytest.mark.slow
+def test_the_report_says_what_the_command_says(
+    results: list[MeasuredImage], mini_run: Path, calibrations: list[Path]
+) -> None:
+    run = open_run(mini_run)
+    found = measure_run(run, calibrations)
+    assert found.force is not None
+    assert found.left_out == []
+    table = found.force.frames
+    first = table["press"] == table["press"].iloc[0]  # the command keeps its first reference
+    said = table.loc[first, [f"{name}_est" for name in FORCE_COLUMNS]].to_numpy()
+    live = [m.result.force.force_n for m in results if m.result.force is not None]
+    assert said == pytest.approx(np.array(live)[: len(said)], abs=2e-3)
+    assert "this is no test of it" in found.force.line
+    assert found.force.rms_n is not None
+    assert max(found.force.rms_n[:2]) < 0.1
+    assert found.force.rms_n[2] < 1
+    assert [d.indenter for d in found.deepest] == ["sphere:10", "4dots"]
+    assert all(d.depth_mm == pytest.approx(1, abs=0.01) for d in found.deepest)
+    assert all(d.result.contacts for d in found.deepest)
+
+
+def test_another_sensors_calibration_is_refused(mini_run: Path, calibrations: list[Path]) -> None:
+    text = calibrations[0].read_text()
+    assert 'design = "deltact"' in text
+    other = calibrations[0].with_name("other.toml")
+    other.write_text(text.replace('design = "deltact"', 'design = "another"'))
+    with pytest.raises(InputError, match="made on another sensor"):
+        measurement_of(open_source(str(mini_run)).known, [other])
+    with pytest.raises(InputError, match="made on another sensor"):
+        calibrations_of_run(open_run(mini_run), [other])
+
+
+def test_what_the_page_draws_is_what_was_measured(
+    results: list[MeasuredImage], session: MeasurementSession
+) -> None:
+    told = data(results[PRESSED], session.view)
+    json.dumps(told, allow_nan=False)
+    assert [m["name"] for m in told["maps"]] == ["pressure", "depth", "relative depth"]
+    depth = told["maps"][1]
+    levels = np.frombuffer(_bytes(depth["data"]), np.uint8).reshape(depth["height"], depth["width"])
+    row, column = np.unravel_index(np.argmax(np.where(levels == LOST, 0, levels)), levels.shape)
+    x, y = (
+        low + (at + 0.5) / n * (high - low)
+        for at, n, (low, high) in (
+            (column, depth["width"], depth["x_mm"]), (row, depth["height"], depth["y_mm"])
+        )
+    )  # fmt: skip
+    assert np.hypot(x - 0.5, y + 0.5) < 1
+    arrows = np.frombuffer(_bytes(told["flow"]["data"]), np.float32).reshape(-1, 2)
+    assert len(arrows) == len(told["flow"]["x_mm"]) * len(told["flow"]["y_mm"])
+    assert np.nanmax(np.hypot(*arrows.T)) <= told["motion"] + 0.02
+    assert len(told["contacts"][0]["seen_mm"]) == len(told["contacts"][0]["outline_mm"])
+
+
+@pytest.mark.parametrize(
+    ("source", "own"), [("{name}", True), ("{folder}", True), ("another", False)]
+)
+def test_a_calibration_of_this_run_is_no_test(
+    mini_run: Path, calibrations: list[Path], tmp_path: Path, source: str, own: bool
+) -> None:
+    run = open_run(first_press(mini_run, tmp_path / "renamed"))
+    names = {"name": run.meta["name"], "folder": "renamed"}
+    assert len({*names.values()}) == 2
+    calibration, file = load_force(calibrations[0]), tmp_path / "force.toml"
+    head = calibration.head
+    head = replace(head, made=replace(head.made, runs=("first", source.format(**names))))
+    write_force_calibration(replace(calibration, head=head), file)
+    force = measure_run(run, [file]).force
+    assert force is not None
+    assert force.rms_n is not None
+    assert force.own == own
+    assert ("this is no test of it" in force.line) == own
+    for beyond in (False, True):
+        table = force.frames.assign(extrapolated=beyond)
+        assert replace(force, frames=table).doubtful == (own or beyond)
+
+
+def _bytes(text: str) -> bytes:
+    import base64
+
+    return base64.b64decode(text)

@@ -1,0 +1,156 @@
+"""Sources: what is opened by which name, what each knows, and one line for what cannot be used."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from deltact_fab.bench.record.run import open_run
+from deltact_fab.common.errors import DeltactFabError, SensorError
+from deltact_fab.present.live.open import open_source
+from deltact_fab.present.live.source import images
+from deltact_fab.sensor.optics.camera import Pinhole
+from deltact_fab.sensor.optics.flat import camera_toml
+
+
+@pytest.fixture(scope="module")
+def pinhole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A camera file of small images."""
+    file = tmp_path_factory.mktemp("camera") / "camera.toml"
+    file.write_text(camera_toml(Pinhole(0.1, 64, 48, 12.85)))
+    return file
+
+
+@pytest.fixture
+def pictures(tmp_path: Path) -> Path:
+    """Twelve images in a folder, each of one grey, written so that 10.png sorts before 2.png."""
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    for k in range(12):
+        cv2.imwrite(str(folder / f"{k}.png"), np.full((48, 64, 3), 20 * k, np.uint8))
+    return folder
+
+
+def test_images_of_a_folder_come_in_the_order_of_their_numbers(
+    pictures: Path, pinhole: Path
+) -> None:
+    frames = list(images(open_source(str(pictures), pinhole)))
+    assert [int(f.image[0, 0, 0]) for f in frames] == [20 * k for k in range(12)]
+    assert np.all(np.diff([f.t_s for f in frames]) > 0)
+
+
+def test_a_run_knows_its_camera_pattern_and_seed_and_gives_raw_images(mini_run: Path) -> None:
+    source = open_source(str(mini_run))
+    run = open_run(mini_run)
+    table = run.frames()
+    frames = list(images(source))
+    assert [f.t_s for f in frames] == pytest.approx(table["t_s"])
+    assert np.array_equal(frames[3].image, run.raw(table["file"].iloc[3]))
+    known = source.known
+    assert known.camera is not None
+    assert known.camera.as_dict() == run.camera.as_dict()
+    assert known.simulated == "simulated, seed 3"
+    assert known.recipe == run.pattern["recipe"]
+
+
+@pytest.mark.slow
+def test_a_rig_shows_what_a_run_on_it_records(mini: tuple[Path, Path], mini_run: Path) -> None:
+    """Through the camera's interface: the same images, at rest and on the way down."""
+    protocol, rig = mini
+    source = open_source(f"{rig}:{protocol}", seed=3)
+    run = open_run(mini_run)
+    files = run.frames()["file"]
+    seen = images(source)
+    for k in range(3):
+        assert np.array_equal(next(seen).image, run.raw(files.iloc[k]))
+    assert source.known.simulated == "simulated, seed 3"
+
+
+def test_a_camera_file_goes_before_what_a_source_knows(mini_run: Path, tmp_path: Path) -> None:
+    recorded = open_run(mini_run).camera
+    other = Pinhole(0.05, recorded.width_px, recorded.height_px, 14)
+    file = tmp_path / "camera.toml"
+    file.write_text(camera_toml(other))
+    source = open_source(str(mini_run), file, serial="B2")
+    assert source.known.camera == other
+    assert source.known.serial == "B2"
+    assert source.known.design == "deltact"
+
+
+RIG = """
+kind = "grbl"
+[stage]
+port = "/dev/none"
+origin_machine_mm = [-60.0, -60.0, -40.0]
+travel_mm = [120.0, 120.0, 60.0]
+max_feed_mm_min = [1500.0, 1500.0, 1200.0]
+acceleration_mm_s2 = [50.0, 50.0, 50.0]
+[camera]
+"""
+NOISE = """
+import os, sys
+for k in range(3):
+    sys.stdout.buffer.write(bytes([k]) + os.urandom(64 * 48 * 3 - 1))
+sys.exit("the lens fell off")
+"""
+
+
+def test_a_real_rig_s_camera_is_looked_through_and_its_stage_left_alone(
+    pinhole: Path, tmp_path: Path
+) -> None:
+    """Its port is not even there. The camera ends with what it last said."""
+    rig = tmp_path / "bench.toml"
+    command = json.dumps([sys.executable, "-c", NOISE])
+    size = "width_px = 64\nheight_px = 48"
+    rig.write_text(f"{RIG}command = {command}\n{size}\nmodel = {json.dumps(str(pinhole))}\n")
+    source = open_source(str(rig))
+    seen = images(source)
+    assert source.live
+    assert [int(next(seen).image[0, 0, 0]) for _ in range(3)] == [0, 1, 2]
+    with pytest.raises(SensorError, match="status 1; its last words: the lens fell off"):
+        next(seen)
+    source.close()
+
+
+def _refusal(name: object, camera: Path | None = None) -> str:
+    with pytest.raises(DeltactFabError) as why:
+        list(images(open_source(str(name), camera)))
+    assert "\n" not in str(why.value)
+    return str(why.value)
+
+
+def test_each_source_that_cannot_be_used_is_one_line(
+    pictures: Path, pinhole: Path, tmp_path: Path, mini_run: Path
+) -> None:
+    assert "/dev/video63: no camera that can be opened" in _refusal("63", pinhole)
+    assert "did you mean 'virtual'" in _refusal("virtul")
+    assert "not in the catalogue of protocols" in _refusal("virtual:smok")
+    assert "without 'image'" in _refusal("virtual:first-moves")
+    assert "moves a real stage" in _refusal("grbl-bench:smoke")
+    assert "camera: missing table" in _refusal("grbl-bench")
+    assert "rtsp://127.0.0.1:9/none: no stream of images" in _refusal(
+        "rtsp://127.0.0.1:9/none", pinhole
+    )
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    assert "no image in this folder" in _refusal(empty, pinhole)
+    text = tmp_path / "film.mp4"
+    text.write_text("no film")
+    assert "not a video" in _refusal(text, pinhole)
+    (pictures / "3.png").write_bytes(b"no image")
+    assert "3.png: does not decode" in _refusal(pictures, pinhole)
+    cv2.imwrite(str(pictures / "3.png"), np.zeros((40, 64, 3), np.uint8))
+    assert "image 3 has 64 x 40 px; the camera that was calibrated makes 64 x 48 px" in _refusal(
+        pictures, pinhole
+    )
+    assert "image 3 has 64 x 40 px; the first image has 64 x 48 px" in _refusal(pictures)
+    damaged = tmp_path / "run"
+    shutil.copytree(mini_run, damaged)
+    (damaged / "run.json").write_text("{")
+    assert "run.json" in _refusal(damaged)

@@ -1,0 +1,191 @@
+"""The simulated controller answers as GRBL 1.1 does."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from deltact_fab.simulate.virtual.clock import VirtualClock
+from deltact_fab.simulate.virtual.controller import GrblController
+from deltact_fab.simulate.virtual.grbl_lines import grbl_settings
+
+LOCK = "[MSG:'$H'|'$X' to unlock]"
+BANNER = ["", "Grbl 1.1h ['$' for help]"]
+
+
+class Bench:
+    """A controller and the clock, talked to without a wire."""
+
+    def __init__(self, settings: dict[int, float] | None = None, **options: object) -> None:
+        self.clock = VirtualClock()
+        self.grbl = GrblController(settings, self.clock, **options)  # type: ignore[arg-type]
+        self.clock.sleep_s(1.0)
+
+    def heard(self) -> list[str]:
+        text = self.grbl.read_available().decode()
+        assert text == "" or text.endswith("\r\n")
+        return text.split("\r\n")[:-1]
+
+    def say(self, data: str | bytes, wait_s: float = 0.0) -> list[str]:
+        self.grbl.write(data.encode() if isinstance(data, str) else data)
+        self.clock.sleep_s(wait_s)
+        return self.heard()
+
+    def homed(self) -> Bench:
+        self.heard()
+        assert self.say("$H\n", 60) == ["ok"]
+        return self
+
+    def mpos(self) -> tuple[float, ...]:
+        (line,) = self.say("?")
+        return tuple(float(p) for p in line.split("MPos:")[1].split("|")[0].split(","))
+
+
+def test_homing_takes_time_and_ends_at_the_pull_off() -> None:
+    bench = Bench(start_mm=(-20, -25, -10))
+    bench.heard()
+    assert bench.say("$H\n?", 1) == []  # no status is given while homing
+    assert bench.grbl.state == "Home"
+    lines = bench.say("", 60)
+    assert lines[0] == "ok"
+    assert lines[1].startswith("<Idle|MPos:-1.000,-1.000,-1.000|")
+    assert bench.grbl.position_mm() == (-1.0, -1.0, -1.0)
+    # Z first and alone; then X and Y, each at the seek rate: 10/600, 25/600 min and the rest.
+    (z, *_), last = bench.grbl.segments, bench.grbl.segments[-1]
+    assert z.end_mm == (-20, -25, 0)
+    assert z.end_ns - z.start_ns == math.ceil((10 / 10 + 10 / 50) * 1e9)
+    assert 4.5 < last.end_ns / 1e9 < 10
+
+
+def test_homing_end_can_be_the_far_one() -> None:
+    bench = Bench({23: 1})
+    bench.heard()
+    bench.say("$H\n", 60)
+    assert bench.grbl.position_mm() == (-119.0, -1.0, -1.0)
+    assert bench.mpos() == (-119.0, -1.0, -1.0)
+
+
+@pytest.mark.parametrize(
+    ("line", "code"),
+    [
+        ("G1X-2F600", 20),
+        ("$J=12", 1),
+        ("$J=X", 2),
+        ("$J1", 3),
+        ("$J=X-2F-5", 4),
+        ("$J=X-1000F100", 15),
+        ("$J=Z-61F100", 15),
+        ("$J=A1F100", 20),
+        ("$J=G20X-2F9", 16),
+        ("$J=G90G91X-2F9", 21),
+        ("$J=X-2X-3F10", 25),
+        ("$J=X-2F10S1", 36),
+    ],
+)
+def test_errors_have_the_firmware_s_codes(line: str, code: int) -> None:
+    bench = Bench().homed()
+    assert bench.say(line + "\n", 1) == [f"error:{code}"]
+    assert bench.grbl.position_mm() == (-1.0, -1.0, -1.0)
+
+
+@pytest.mark.parametrize("length", [80, 128, 1000])
+def test_a_line_of_any_length_is_answered_once(length: int) -> None:
+    bench = Bench().homed()
+    assert bench.say("G21" * (length // 3 + 1) + "\n") == ["error:11"]
+    assert bench.say("\n") == ["ok"]
+
+
+def test_the_lock_refuses_motion_until_unlocked() -> None:
+    bench = Bench()
+    bench.heard()
+    assert bench.say("G1X-1F10\n$J=X-1F10\n$I\n") == [
+        "error:9",
+        "error:8",
+        "[VER:1.1h.20190830:]",
+        "[OPT:V,15,128]",
+        "ok",
+    ]
+    assert bench.say("$X\n") == ["[MSG:Caution: Unlocked]", "ok"]
+    assert bench.say("$J=G91X-1F100\n") == ["ok"]
+
+
+def test_a_jog_blocks_g_code_and_most_dollar_commands() -> None:
+    bench = Bench().homed()
+    assert bench.say("$J=X-50F600\n", 0.5) == ["ok"]
+    assert bench.say("G4P0.1\n$H\n$110=1\n") == ["error:9", "error:8", "error:8"]
+    assert bench.say("$J=X-50Y-9F600\n") == ["ok"]  # a second jog queues
+    assert "Bf:13,128" in bench.say("?")[0]
+
+
+def test_jogs_reach_their_targets_in_all_their_dialects() -> None:
+    bench = Bench().homed()
+    bench.say("$J=G90G21X-5F600\n", 5)
+    assert bench.mpos() == (-5.0, -1.0, -1.0)
+    bench.say("$J=G91Y-25.4F600\n", 30)
+    assert bench.mpos() == (-5.0, -26.4, -1.0)
+    bench.say("$J=G90G21G53X-2Y-2Z-2F600\n", 30)
+    assert bench.mpos() == (-2.0, -2.0, -2.0)
+
+
+def test_jog_cancel_stops_at_the_deceleration_and_keeps_the_position() -> None:
+    bench = Bench().homed()
+    bench.say("$J=X-50F600\n", 1)
+    before = bench.grbl.position_mm()[0]
+    assert bench.say(b"\x85") == []
+    assert bench.say("?")[0].startswith("<Jog|")
+    bench.clock.sleep_s(0.2)  # 10 mm/s at 50 mm/s2
+    after = bench.grbl.position_mm()[0]
+    assert before - after == pytest.approx(10**2 / (2 * 50), abs=1e-9)
+    assert bench.grbl.state == "Idle"
+    assert bench.mpos()[0] == pytest.approx(after, abs=0.5 / 800 + 0.0005)
+    assert bench.say("$J=X-20F600\n", 20) == ["ok"]
+    assert bench.grbl.position_mm()[0] == pytest.approx(-20, abs=1e-12)
+
+
+def test_reset_while_moving_loses_the_position() -> None:
+    bench = Bench().homed()
+    bench.say("$J=X-50F600\n", 1)
+    assert bench.say(b"\x18") == ["ALARM:3"]
+    assert bench.say(b"?\x18", 0.49) == []  # deaf until its message is out
+    assert bench.say("", 0.02) == [*BANNER, LOCK]
+    bench.clock.sleep_s(1)
+    assert bench.say("?")[0].startswith("<Alarm|")
+    bench.say("$X\n")
+    lost = bench.mpos()[0] - bench.grbl.position_mm()[0]
+    assert lost == pytest.approx(1.0, abs=0.002)  # it coasted v^2/2a further than it knows
+    bench.say("$J=X-60F600\n", 20)
+    assert bench.mpos()[0] == -60.0
+    assert bench.grbl.position_mm()[0] == pytest.approx(-61, abs=0.002)
+    bench.say("$H\n", 60)
+    assert bench.grbl.position_mm() == (-1.0, -1.0, -1.0)
+    assert bench.mpos() == (-1.0, -1.0, -1.0)
+
+
+def test_a_line_in_a_jog_cancel_waits_for_its_end() -> None:
+    bench = Bench().homed()
+    bench.say("$J=X-50F600\n", 1)
+    assert bench.say(b"\x85$J=X-5F600\n", 0.19) == []
+    assert bench.say("", 10) == ["ok"]
+    assert bench.mpos()[0] == -5.0
+
+
+def test_the_planner_holds_15_blocks_and_then_lines_wait() -> None:
+    bench = Bench().homed()
+    lines = "".join(f"$J=X{-2 - k}Y{-3 + k % 2}F600\n" for k in range(16))
+    assert bench.say(lines) == ["ok"] * 15
+    assert "Bf:0," in bench.say("?")[0]
+    assert bench.say("", 1) == ["ok"]
+    bench.clock.sleep_s(30)
+    assert bench.mpos()[0] == -17.0
+
+
+def test_settings_are_read_back_and_take_effect() -> None:
+    bench = Bench(grbl_settings((100, 90, 50), (1000, 1000, 500), (20, 20, 10))).homed()
+    lines = bench.say("$$\n")
+    assert lines[0] == "$0=10"
+    assert {"$110=1000.000", "$122=10.000", "$131=90.000"} < set(lines)
+    assert bench.say("$J=Y-95F100\n") == ["error:15"]
+    assert bench.say("$131=96\n$J=Y-95F100\n") == ["ok", "ok"]
+    with pytest.raises(ValueError, match=r"no such GRBL setting: \$7"):
+        Bench({7: 1})

@@ -1,0 +1,280 @@
+"""A fault in mid-move stops the carriage before it is told, and one homing mends it.
+
+The real host on the simulated controller; what is asserted is where the carriage comes to rest.
+"""
+
+from __future__ import annotations
+
+import math
+
+import hosted
+import pytest
+from hosted import FEED_MM_MIN, MACHINE_MM, TARGET_MM
+
+from deltact_fab.bench.rig.stage.grbl import GrblStage
+from deltact_fab.common.errors import StageError
+from deltact_fab.sensor.optics.camera import StageFrame
+from deltact_fab.studies.numerics.faults.bench import NoisyController
+
+
+class Bench(hosted.Bench):
+    def __init__(self, *, resets_on_open: bool = True) -> None:
+        super().__init__(resets_on_open=resets_on_open, controller=NoisyController)
+        self.homed(2.0)
+
+    def insert(self, text: bytes, in_s: float = 0.0) -> None:
+        """The host hears these words, which the controller never said."""
+        self.grbl.invent(text, self.clock.now_s() + in_s)
+
+    def replace(self, begins: bytes, words: bytes) -> None:
+        """Every line that begins so arrives as other words."""
+        self.grbl.be_true()
+        self.grbl.change(lambda line: words, begins)
+
+    def drop(self, unwanted: bytes) -> None:
+        """Every line that begins so is lost."""
+        self.grbl.be_true()
+        self.grbl.lose(unwanted)
+
+    def came_to_rest(self) -> float:
+        """How far from where the fault was the carriage ends up, mm; it must be short of the end.
+
+        The wires work again from here on.
+        """
+        before = self.grbl.position_mm()
+        self.grbl.be_true()
+        self.clock.sleep_s(30)
+        after = self.grbl.position_mm()
+        assert math.dist(after, MACHINE_MM) > 40
+        return math.dist(before, after)
+
+    def homes_at_once(self) -> None:
+        self.stage.home()
+        assert self.grbl.position_mm() == (-1.0, -1.0, -1.0)
+        self.stage.start_move(TARGET_MM, FEED_MM_MIN)
+        assert self.stage.wait().machine_mm == MACHINE_MM
+
+
+COAST_MM = 10**2 / (2 * 50) * 1.3  # v^2/2a along the line, where the axes together brake harder
+
+
+def test_a_dropped_ok() -> None:
+    bench = Bench()
+    bench.drop(b"ok")
+    with pytest.raises(StageError, match=r"no answer to \$J=.*was told to stop"):
+        bench.stage.start_move(TARGET_MM, FEED_MM_MIN)
+    assert bench.came_to_rest() < COAST_MM
+    bench.homes_at_once()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (b"\r\nGrbl 1.1h ['$' for help]\r\n", "the controller restarted"),
+        (b"ALARM:1\r\n", "ALARM:1 "),
+        (b"ALARM:3\r\n", "ALARM:3 "),
+        (b"<Alarm|MPos:0.000,0.000,0.000|FS:0,0>\r\n", "the controller is in Alarm"),
+        (b"<Hold:0|MPos:0.000,0.000,0.000|FS:0,0>\r\n", r"Hold:0 \(feed hold\) during a move"),
+        (b"<Idle|WPos:0.000,0.000,0.000|FS:0,0>\r\n", "status reports give the work position"),
+    ],
+)
+def test_words_that_the_controller_never_said(words: bytes, said: str) -> None:
+    bench = Bench().moving()
+    if words.startswith(b"<"):
+        bench.replace(b"<", words)
+    else:
+        bench.insert(words)
+    with pytest.raises(StageError, match=f"{said}.*was told to stop"):
+        bench.stage.wait()
+    assert bench.came_to_rest() < COAST_MM
+    bench.homes_at_once()
+
+
+def test_silence() -> None:
+    bench = Bench().moving()
+    bench.drop(b"")
+    silent_mm = bench.grbl.position_mm()
+    with pytest.raises(StageError, match=r"no answer to '\?' within 1 s; .*was told to stop"):
+        bench.stage.wait()
+    assert bench.came_to_rest() == 0  # a second and the braking after the silence began
+    assert math.dist(silent_mm, bench.grbl.position_mm()) < 1.2 * FEED_MM_MIN / 60 + COAST_MM
+    bench.homes_at_once()
+
+
+@pytest.mark.parametrize("resets_on_open", [True, False])
+def test_a_cable_that_is_back_within_a_second(resets_on_open: bool) -> None:
+    bench = Bench(resets_on_open=resets_on_open).moving()
+    bench.link.unplug(for_s=0.5)
+    with pytest.raises(StageError, match=r"the link is lost .*was told to stop"):
+        bench.stage.wait()
+    assert bench.came_to_rest() < COAST_MM
+    with pytest.raises(StageError, match=r"no motion after a fault .*the link is lost"):
+        bench.stage.start_move(TARGET_MM, FEED_MM_MIN)
+    bench.stage.connect()
+    bench.homes_at_once()
+
+
+def test_a_cable_that_stays_out_lets_it_go_on_for_what_it_was_told() -> None:
+    bench = Bench().moving()
+    from_mm = bench.grbl.position_mm()
+    bench.link.unplug()
+    begin = bench.clock.now_s()
+    with pytest.raises(StageError, match=r"the link is lost .*; the move to .* goes on"):
+        bench.stage.wait()
+    assert bench.clock.now_s() - begin < 2
+    bench.clock.sleep_s(30)
+    gone_mm = math.dist(bench.grbl.position_mm(), from_mm)
+    assert 0 < gone_mm < 0.6 * 10
+    bench.link.plug()
+    bench.stage.connect()
+    bench.homes_at_once()
+
+
+def test_the_first_reason_is_the_one_that_is_kept() -> None:
+    bench = Bench().moving()
+    bench.grbl.fault("limit")
+    with pytest.raises(StageError, match="ALARM:1"):
+        bench.stage.wait()
+    bench.drop(b"")
+    with pytest.raises(StageError, match=r"no banner after a reset \(0x18\)"):
+        bench.stage.home()
+    with pytest.raises(StageError, match=r"no motion after a fault \(ALARM:1"):
+        bench.stage.start_move(TARGET_MM, FEED_MM_MIN)
+
+
+def test_a_port_that_is_closed_in_mid_move() -> None:
+    bench = Bench().moving()
+    bench.stage.close()
+    assert bench.came_to_rest() < COAST_MM
+
+
+@pytest.mark.parametrize("wait_s", [0.0, 2.0])
+@pytest.mark.parametrize("when", ["moving", "resting"])
+def test_a_hard_limit_keeps_its_reason_and_one_homing_is_enough(wait_s: float, when: str) -> None:
+    bench = Bench()
+    if when == "moving":
+        bench.moving()
+    bench.grbl.fault("limit")
+    with pytest.raises(StageError, match=r"ALARM:1 \(hard limit.*\); home again"):
+        bench.stage.wait()
+    bench.clock.sleep_s(wait_s)
+    for ask in (bench.stage.located, bench.stage.position_mm, bench.stage.stop):
+        with pytest.raises(StageError, match=r"ALARM:1 \(hard limit"):
+            ask()
+    bench.homes_at_once()
+
+
+@pytest.mark.parametrize("wait_s", [0.0, 0.6])
+def test_after_a_reset_in_motion_one_homing_is_enough(wait_s: float) -> None:
+    bench = Bench().moving()
+    bench.stage.abort()
+    with pytest.raises(StageError, match="the controller was reset: home again"):
+        bench.stage.wait()
+    bench.clock.sleep_s(wait_s)
+    bench.homes_at_once()
+
+
+@pytest.mark.parametrize("asleep", [False, True])
+def test_a_board_that_hears_nothing_but_a_reset_is_connected_to(asleep: bool) -> None:
+    bench = Bench(resets_on_open=False)
+    if asleep:
+        bench.grbl.write(b"$SLP\n")
+    else:
+        bench.grbl.fault("limit")
+        bench.clock.sleep_s(1)
+    other = GrblStage(bench.link, bench.clock, StageFrame((-60.0, -50.0, -40.0)))
+    other.connect()
+    assert other.identity()["banner"].startswith("Grbl 1.1h")
+    other.home()
+    assert bench.grbl.position_mm() == (-1.0, -1.0, -1.0)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (b"ALARM:9\r\n", r"ALARM:9 \(homing: no switch found\); .*homing was told to stop"),
+        (b"error:5\r\n", r"was refused: error:5 \(homing is off"),
+        (b"\r\nGrbl 1.1h ['$' for help]\r\n", "restarted .*homing was told to stop"),
+    ],
+)
+def test_homing_that_fails_is_stopped_by_a_reset(words: bytes, said: str) -> None:
+    bench = Bench()
+    bench.stage.start_move(TARGET_MM, FEED_MM_MIN)
+    bench.stage.wait()
+    bench.insert(words, 0.3)
+    with pytest.raises(StageError, match=said):
+        bench.stage.home()
+    assert bench.sent()[-1] == b"\x18"
+    begin_mm = bench.grbl.position_mm()
+    bench.clock.sleep_s(30)
+    assert math.dist(begin_mm, bench.grbl.position_mm()) < 2
+    assert bench.grbl.position_mm()[2] < -10  # Z was on its way to its switch
+    bench.homes_at_once()
+
+
+def test_no_homing_after_the_settings_were_refused() -> None:
+    bench = Bench()
+    bench.grbl.settings[20] = 0
+    with pytest.raises(StageError, match=r"\$20=0 \(soft limits are off\)"):
+        bench.stage.connect()
+    before = len(bench.trace)
+    with pytest.raises(StageError, match="its settings were refused"):
+        bench.stage.home()
+    assert len(bench.trace) == before
+    bench.stage.stop()  # this it can always be asked for
+    assert bench.sent()[-1] == b"\x85"
+
+
+@pytest.mark.parametrize("fault", ["lost ok", "false banner", "false alarm", "silence that ends"])
+def test_where_the_count_was_kept_the_tip_is_lifted(fault: str) -> None:
+    bench = Bench()
+    bench.stage.start_move((0.0, 0.0, 1.0), FEED_MM_MIN)
+    bench.stage.wait()
+    if fault == "lost ok":
+        bench.drop(b"ok")
+    else:
+        bench.stage.start_move((0.0, 0.0, -2.0), 60.0)
+        bench.clock.sleep_s(1.5)
+    if fault == "silence that ends":
+        bench.drop(b"")
+    elif fault != "lost ok":
+        bench.insert(b"ALARM:1\r\n" if "alarm" in fault else b"\r\nGrbl 1.1h ['$' for help]\r\n")
+    with pytest.raises(StageError, match="was told to stop"):
+        bench.stage.start_move((0.0, 0.0, -2.0), 60.0) if "ok" in fault else bench.stage.wait()
+    assert bench.grbl.position_mm()[2] > MACHINE_MM[2] - 6.7  # short of the end, at 7
+    bench.grbl.be_true()
+    assert bench.stage.rescue(5.0, 300.0)
+    assert bench.grbl.position_mm() == pytest.approx(MACHINE_MM, abs=0.002)
+    with pytest.raises(StageError, match="no motion after a fault"):
+        bench.stage.start_move(TARGET_MM, FEED_MM_MIN)
+    bench.stage.home()
+
+
+@pytest.mark.parametrize("fault", ["reboot", "limit", "cable", "silence"])
+def test_where_the_count_may_be_lost_nothing_lifts(fault: str) -> None:
+    bench = Bench().moving()
+    if fault == "cable":
+        bench.link.unplug()
+    elif fault == "silence":
+        bench.drop(b"")
+    else:
+        bench.grbl.fault(fault)  # type: ignore[arg-type]
+    with pytest.raises(StageError):
+        bench.stage.wait()
+    bench.clock.sleep_s(30)
+    before_s, before_mm = bench.clock.now_s(), bench.grbl.position_mm()
+    assert not bench.stage.rescue(5.0, 300.0)
+    assert bench.grbl.position_mm() == before_mm
+    assert bench.clock.now_s() - before_s < 12
+
+
+def test_homing_twice_and_a_lift_at_the_top_meet_no_switch() -> None:
+    bench = Bench()
+    for _ in range(5):
+        assert bench.stage.lift(25.0, 300.0)
+        bench.stage.home()
+    assert bench.grbl.position_mm() == (-1.0, -1.0, -1.0)
+    bench.stage.start_move(TARGET_MM, FEED_MM_MIN)
+    bench.stage.wait()
+    assert bench.stage.lift(100.0, 300.0)
+    assert bench.grbl.position_mm()[2] == -1.0

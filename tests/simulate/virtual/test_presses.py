@@ -1,0 +1,148 @@
+"""Presses are planned, solved once, kept, found again by whoever shares them, and never trusted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from deltact_fab.bench.protocols.plan import Protocol
+from deltact_fab.bench.rig.config import GelConfig
+from deltact_fab.common.errors import InputError
+from deltact_fab.physics.gel.path.knots import Increments
+from deltact_fab.physics.gel.path.solver import SOLVED_PATHS, PathSolver
+from deltact_fab.sensor.shapes.sensor import SkinDimensions
+from deltact_fab.simulate.virtual.presses import Presses, paths, poses, rest_s
+
+COARSE = GelConfig(spacing_mm=1.0, press_increment_mm=0.25, shear_increment_mm=0.5)
+SKIN = SkinDimensions()
+
+
+def declared(**changes: Any) -> Protocol:
+    data: dict[str, Any] = {
+        "name": "t",
+        "indenters": ["sphere:12"],
+        "positions_mm": [[0.0, 0.0], [2.0, -1.0]],
+        "depths_mm": [0.6],
+        "channels": ["image", "force", "shear"],
+        "shear": {"amplitude_mm": 1.0, "axes": ["x"]},
+        "capture": {"rate_hz": 1.0},
+    }
+    return Protocol.model_validate(data | changes)
+
+
+def specimen(**changes: Any) -> Protocol:
+    return declared(specimen=changes)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A store of these tests alone, with one press in it."""
+    folder = tmp_path_factory.mktemp("store")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("DELTACT_FAB_CACHE", str(folder))
+        solved(declared())
+        yield folder / SOLVED_PATHS
+
+
+def solved(protocol: Protocol, config: GelConfig = COARSE) -> PathSolver:
+    """The first press, whole."""
+    presses = Presses(protocol, SKIN, config)
+    press = presses.of(presses.paths[0]).solver
+    press.solve_all()
+    return press
+
+
+def test_a_press_is_solved_once_and_found_bit_for_bit(store: Path) -> None:
+    (entry,) = store.glob("*.bin")
+    data = entry.read_bytes()
+    found = solved(declared())
+    assert (found.found is not None, found.solves) == (True, 0)
+    assert all(k.displacement_mm is not None for k in found.knots)
+    # A damaged entry is none, and what is solved anew is the same.
+    entry.write_bytes(data[: len(data) // 2] + b"x" + data[len(data) // 2 + 1 :])
+    again = solved(declared())
+    assert again.found is None
+    assert again.solves == len(again.poses) == len(found.knots)
+    for a, b in zip(again.knots, found.knots, strict=True):
+        assert a.force_n == b.force_n
+        assert a.torque_nmm == b.torque_nmm
+        assert np.array_equal(a.displacement_mm, b.displacement_mm)
+    assert solved(declared()).found is not None
+
+
+@pytest.mark.parametrize(
+    ("other", "shared"),
+    [
+        (specimen(pattern="dense", modulus_mpa=0.3), True),
+        (declared(motion={"shear_feed_mm_min": 60.0}), True),
+        (declared(indenters=["sphere:12", "4dots"]), True),
+        (specimen(poisson=0.48), False),
+        (specimen(friction=0.4), False),
+        (declared(depths_mm=[0.5]), False),
+        (declared(shear={"amplitude_mm": 1.5, "axes": ["x"]}), False),
+        (declared(indenters=["sphere:11"]), False),
+    ],
+)
+def test_only_what_changes_the_mechanics_is_solved_again(other: Protocol, shared: bool) -> None:
+    presses = Presses(other, SKIN, COARSE)
+    assert (presses.of(presses.paths[0]).solver.found is not None) == shared
+
+
+def test_the_way_of_a_press_is_the_plan_s_in_contact() -> None:
+    first, second = paths(declared())
+    assert (first.press, second.press) == ("sphere-12/p1", "sphere-12/p2")
+    assert [line.end_mm for line in first.lines] == [
+        (0.0, 0.0, -0.6), (1.0, 0.0, -0.6), (-1.0, 0.0, -0.6), (0.0, 0.0, -0.6),
+    ]  # fmt: skip
+    assert first.lines[0].start_mm == (0.0, 0.0, 0.5)
+    assert first.lines[0].seconds == pytest.approx(1.1 / 0.5)
+    assert second.deepest_mm == 0.6
+
+
+def test_rests_count_for_a_gel_that_creeps_only() -> None:
+    step = declared(capture={"settle_s": 2.0})
+    path = paths(step)[0]
+    plain, timed = (poses(path, Increments(1.0, 1.0), relaxing_s=t) for t in ((), (5.0, 0.4)))
+    assert [p for p in timed if p.part > 0] == plain
+    rests = [p for p in timed if p.part == 0]
+    stops = len(path.lines) - 1  # the way back to the centre is no stop
+    assert sum(p.seconds for p in rests) == pytest.approx(2.0 * stops, rel=1e-12)
+    assert {p.tip_mm for p in rests} == {line.end_mm for line in path.lines if line.dwell_s}
+    assert len(rests) == stops * len(rest_s(2.0, (5.0, 0.4)))
+
+
+def test_off_the_plan_a_found_press_is_solved_from_its_start() -> None:
+    """A stop at a place that no plan knows: the history before it is solved again, and right."""
+    found = solved(declared())
+    before = 4
+    knot = found.next(before, (0.7, 0.0, -0.6), 1.0)
+    assert knot.key > len(found.poses)
+    assert found.solves == before + 1
+    contact = found.contact
+    state = contact.rest()
+    for pose in found.poses[:before]:
+        state = contact.solve(state, (*pose.tip_mm[:2], -pose.tip_mm[2]))
+    state = contact.solve(state, (0.7, 0.0, 0.6))
+    assert knot.force_n == pytest.approx(state.force_n, rel=1e-9)
+
+
+def test_a_press_is_found_where_it_is_planned_and_nowhere_else() -> None:
+    presses = Presses(declared(), SKIN, COARSE)
+    with pytest.raises(InputError, match=r"no press of sphere:12 is planned at \(5, 5\) mm"):
+        presses.open("sphere:12", (5.0, 5.0))
+    assert presses.open("sphere:12", (2.0005, -1.0)).solver.poses  # a motor step off
+
+
+@pytest.mark.parametrize("dwell", [0.05, 600.0])
+def test_a_rest_is_parted_so_that_what_lies_between_its_knots_is_right(dwell: float) -> None:
+    times = (0.3, 3.0, 30.0)
+    knots = np.concatenate([[0.0], np.cumsum(rest_s(dwell, times))])
+    assert knots[-1] == pytest.approx(dwell, rel=1e-12)
+    t = np.linspace(0.0, dwell, 20_001)
+    for tau in times:
+        between = np.interp(t, knots, np.exp(-knots / tau))
+        assert np.abs(between - np.exp(-t / tau)).max() < 0.012

@@ -1,0 +1,94 @@
+"""One fault at one moment, and that the judge of it sees what is wrong."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import shutil
+import sqlite3
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from deltact_fab.bench.protocols.plan import Protocol
+from deltact_fab.bench.rig import config
+from deltact_fab.studies.numerics.faults.bench import lab_benches
+from deltact_fab.studies.numerics.faults.kinds import FAULTS, FaultKind
+from deltact_fab.studies.numerics.faults.rehearsal import FaultOutcome, Matrix
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs POSIX limits and locks")
+PRESS, TRAVEL, DRAG = "d1.50/press", "rest", "d1.50/shear-x+"
+TEXT = """
+name = "bench"
+indenters = ["sphere:6"]
+positions_mm = [[-6.0, -5.0], [6.0, 5.0]]
+depths_mm = [1.5]
+channels = ["image", "force", "shear"]
+[shear]
+amplitude_mm = 1.0
+axes = ["x"]
+[capture]
+settle_s = 0.1
+[motion]
+clearance_mm = 1.0
+park_mm = 4.0
+travel_feed_mm_min = 600.0
+press_feed_mm_min = 60.0
+shear_feed_mm_min = 60.0
+"""
+
+
+@pytest.fixture(scope="module")
+def matrix(tmp_path_factory: pytest.TempPathFactory) -> Matrix:
+    protocol = Protocol.model_validate(tomllib.loads(TEXT))
+    of = lab_benches(protocol, TEXT.encode(), config.load_rig("grbl-bench")[0])
+    return Matrix(tmp_path_factory.mktemp("bench"), of)
+
+
+def fault(name: str) -> FaultKind:
+    return next(f for f in FAULTS if f.name == name)
+
+
+def cell(matrix: Matrix, of: FaultKind, moment: str) -> FaultOutcome:
+    return matrix.cell(of, moment, matrix.folder / "cell")
+
+
+@pytest.mark.parametrize(
+    ("name", "moment"),
+    [("false alarm", TRAVEL), ("force over the limit", PRESS),
+     pytest.param("doubled ok", DRAG, marks=pytest.mark.slow),
+     pytest.param("disk full", DRAG, marks=pytest.mark.slow)],
+)  # fmt: skip
+def test_a_fault_ends_as_it_must(matrix: Matrix, name: str, moment: str) -> None:
+    assert cell(matrix, fault(name), moment).wrong == ""
+
+
+def test_a_carriage_that_goes_on_is_found(matrix: Matrix) -> None:
+    """A cable that is out, judged as if a byte could reach the board."""
+    strict = dataclasses.replace(fault("unplugged for good"), carries=True)
+    assert "mm of travel, " in cell(matrix, strict, TRAVEL).wrong
+
+
+def test_another_error_and_a_success_that_was_not_due_are_found(matrix: Matrix) -> None:
+    other = dataclasses.replace(fault("limit switch"), says=("a word that nobody says",))
+    assert cell(matrix, other, PRESS).wrong == "another error than the fault's"
+    never = dataclasses.replace(fault("doubled ok"), success=False)
+    assert cell(matrix, never, PRESS).wrong == "success, and an error was due"
+
+
+def test_a_record_that_lost_something_is_found(matrix: Matrix, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(matrix.folder / "undisturbed", run)
+    assert matrix.wrong(run) == ""
+    assert matrix.lost(run, matrix.committed) == ""
+    image = next((run / "images").iterdir())
+    kept = image.read_bytes()
+    image.write_bytes(kept[:-1] + b"?")
+    assert "differs from the undisturbed run's" in matrix.wrong(run)
+    image.write_bytes(kept)
+    with sqlite3.connect(run / "journal.sqlite") as db:
+        db.execute("DELETE FROM frames WHERE frame_id LIKE '%/p1/rest#001'")
+    db.close()
+    assert matrix.lost(run, matrix.committed).endswith("is lost or changed: sphere-6/p1/rest#001")
+    assert matrix.wrong(run) == "frames differ from the undisturbed run's"

@@ -1,0 +1,30 @@
+"""What of a lab's protocol is rehearsed, and which faults at which moments."""
+
+from __future__ import annotations
+
+import itertools
+
+from deltact_fab.bench.protocols import plan
+from deltact_fab.bench.rig import config
+from deltact_fab.studies.numerics.faults.bench import lab_benches
+from deltact_fab.studies.numerics.faults.kinds import FAULTS
+from deltact_fab.studies.numerics.faults.rehearsal import _covering
+
+
+def test_the_first_press_and_the_deepest_other_are_kept_with_frames_at_rest() -> None:
+    declared, path = plan.load_protocol("pattern-selection")
+    found = lab_benches(declared, path.read_bytes(), config.load_rig("virtual")[0])
+    whole = {step.id: step for step in plan.expand_protocol(declared)}
+    assert len(found.steps) < 25 < len(whole)
+    assert all(step.target_mm == whole[step.id].target_mm for step in found.steps)
+    assert {step.frames for step in found.steps} == {0, 1}
+    lowest = min(step.target_mm[2] for step in found.steps if step.press == found.second)
+    assert lowest == min(step.target_mm[2] for step in whole.values())
+
+
+def test_each_fault_strikes_and_each_moment_is_met() -> None:
+    moments = [f"moment {k}" for k in range(14)]
+    kept = _covering(list(itertools.product([fault.name for fault in FAULTS], moments)))
+    assert len(set(kept)) == len(FAULTS)
+    assert {fault for fault, _ in kept} == {fault.name for fault in FAULTS}
+    assert {moment for _, moment in kept} == set(moments)

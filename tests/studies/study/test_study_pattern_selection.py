@@ -1,0 +1,217 @@
+"""The pattern selection end to end, on a press of a millimetre; killed and gone on with."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from deltact_fab.bench.record.run import open_run
+from deltact_fab.common.errors import InputError
+from deltact_fab.estimate.analysis.tracking_error.tally import ErrorTally
+from deltact_fab.fabricate.patterns.series import series_recipes
+from deltact_fab.present.report.result import StudyResult
+from deltact_fab.sensor.shapes.sensor import SkinDimensions
+from deltact_fab.studies.study import pattern_selection
+from deltact_fab.studies.study.pattern_errors import COMPOSED, SUMMED, PatternErrors, PressErrors
+from deltact_fab.studies.study.pattern_selection import Selection
+from deltact_fab.studies.study.pattern_tables import claims
+from deltact_fab.studies.study.registry import StudyRequest
+
+TWO = ("d0p1-r0p5", "d0p2-r0p1")
+
+
+def asked(mini: tuple[Path, Path], **more: Any) -> StudyRequest:
+    chosen = {"protocol": str(mini[0]), "pattern": TWO, "indenter": ()} | more
+    return StudyRequest(scale=1.0, seed=3, rig=str(mini[1]), more=chosen)
+
+
+@pytest.fixture(scope="module")
+def small(mini: tuple[Path, Path]) -> StudyResult:
+    """Two patterns under one indenter."""
+    return pattern_selection.run(asked(mini, indenter=("sphere:10",)))
+
+
+@pytest.mark.slow
+def test_a_small_one_has_errors_cover_and_the_papers_values(small: StudyResult) -> None:
+    assert small.simulated
+    assert not small.missing
+    rows = {row["pattern"]: row for row in small.data["tables"]["patterns"]}
+    assert set(rows) == {"d 0.1 r 0.5", "d 0.2 r 0.1"}
+    assert (rows["d 0.1 r 0.5"]["paper"], rows["d 0.1 r 0.5"]["round"]) == ("0.11", "1 and 2")
+    for row in rows.values():
+        for name, most_mm in (("summed", 0.2), ("composed", 0.1), ("ours", 0.02)):
+            assert 0 < row[f"{name}_mm"] < most_mm
+            assert 0 < row[f"{name}_off_mm"] < most_mm
+            assert row[f"{name}_moving_mm"] >= row[f"{name}_mm"]
+            assert 0 <= row[f"{name}_lost_frames"] <= 1
+            assert 0 <= row[f"{name}_lost_pixels"] < 0.5
+            assert 0.5 < row[f"{name}_coverage"] <= 1
+    json.dumps(small.data, allow_nan=False)
+    patterns, indenters, path = small.tables
+    assert patterns.shown is not None
+    assert set(patterns.shown) <= set(patterns.frame)
+    assert len(indenters.frame) == 6
+    assert {"depth_mm", "drag_from_mm", "drag_to_mm", "lost_pixels"} < set(path.frame)
+    assert (path.frame["frames"] > 0).all()
+    for figure in small.figures:
+        assert "1 of 1 positions" in figure.caption
+        assert len(figure.draw().axes) == 2
+    assert len(" ".join(small.verdict).split()) <= 80
+
+
+@pytest.mark.slow
+def test_the_same_from_the_record_of_the_same_press(
+    mini: tuple[Path, Path], mini_run: Path, tmp_path: Path
+) -> None:
+    """A record has its own pattern, and here its truth: the stream's frames are micrometres off."""
+    found = pattern_selection.run(StudyRequest(runs=(mini_run,)))
+    (row,) = found.data["tables"]["patterns"]
+    held = open_run(mini_run).pattern["recipe"]
+    assert row["pattern"] == f"d {held['patch_mm']:g} r {held['r']:g}"
+    assert 0 < row["ours_mm"] < 0.02
+    (by_tracker, *_) = found.data["tables"]["indenters"]
+    assert {"sphere:10", "4dots"} < set(by_tracker)
+    # Two runs of one pattern are replicates: together they say what each says.
+    other = shutil.copytree(mini_run, tmp_path / "again")
+    twice = pattern_selection.run(StudyRequest(runs=(mini_run, other)))
+    (again,) = twice.data["tables"]["patterns"]
+    assert again["ours_mm"] == pytest.approx(row["ours_mm"])
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        ({"pattern": ("d0p1-r0p7",)}, "--pattern: 'd0p1-r0p7'"),
+        ({"indenter": ("sphere:15",)}, "--indenter: 'sphere:15'"),
+    ],
+)
+def test_names_that_are_not_known_are_refused(
+    mini: tuple[Path, Path], more: dict[str, Any], says: str
+) -> None:
+    with pytest.raises(InputError, match=says):
+        pattern_selection.run(asked(mini, **more))
+
+
+def test_presses_are_cut_so_that_every_worker_has_some_and_none_too_many() -> None:
+    scene = Selection.of(StudyRequest())
+    for workers, parts in ((1, 5), (5, 5), (100, 17)):
+        jobs = scene.jobs(workers)
+        assert len({job.name for job in jobs}) == len(jobs) == 5 * parts
+        first = [name for job in jobs[:parts] for name in job.arguments.patterns]
+        assert sorted(first) == sorted(entry.name for entry in scene.entries)
+
+
+def test_a_job_is_known_by_all_of_its_arguments_in_any_process() -> None:
+    job, other = Selection.of(StudyRequest()).jobs()[:2]
+    assert pickle.loads(pickle.dumps(job)).key() == job.key()
+    assert job.arguments.press == other.arguments.press
+    changes: list[dict[str, Any]] = [
+        {"patterns": other.arguments.patterns}, {"methods": ("fused",)}, {"seed": 1},
+        {"flat": "0"}, {"rig_file": "b.toml"}, {"camera": {"k1": 0.1}}, {"press": "star/p9"},
+        {"sensor": replace(job.arguments.sensor, skin=SkinDimensions(thickness_mm=11.0))},
+        {"protocol": job.arguments.protocol.model_copy(update={"depths_mm": (1.0,)})},
+        {"rig": job.arguments.rig.model_copy(update={"force": None})},
+    ]  # fmt: skip
+    changed = [replace(job, arguments=replace(job.arguments, **change)) for change in changes]
+    keys = [one.key()["arguments"] for one in (job, *changed)]
+    assert len(set(keys)) == len(keys)
+
+
+def test_at_full_scale_the_gel_of_mirrored_positions_is_solved_once() -> None:
+    scene = Selection.of(StudyRequest(scale=1.0))
+    assert len(scene.jobs()) == 100
+    presses = scene.scene.gel(scene.name)
+    stored = {presses.of(path).solver.stored_as for path in presses.paths}
+    assert len(stored) == 6  # the star has one mirror plane
+
+
+INDENTERS = tuple(f"i{k}" for k in range(5))
+
+
+def made_up(
+    errors_mm: dict[tuple[float, float], float], composed: float = 1.0, spread: float = 0.05
+) -> PatternErrors:
+    """Errors of the paper's tracker at the dots by (d, r), .3 mm where none is given.
+
+    composed: times the error of the given patterns when flows are composed.
+    """
+    rng = np.random.default_rng(1)
+    printed = series_recipes()
+    cells = []
+    for p in printed:
+        at = p.recipe.patch_mm, p.recipe.r
+        mean = errors_mm.get(at, 0.3)
+        for indenter, times in zip(INDENTERS, 1 + spread * rng.uniform(-1, 1, 5), strict=True):
+            tallies = {}
+            for method, share in ((SUMMED, 1.0), (COMPOSED, composed)):
+                value = mean * times * (share if at in errors_mm else 1.0)
+                tally = tallies[method] = ErrorTally()
+                tally.confident_share.take(1.0)
+                tally.lost_share.take(0.0)
+                tally.at_dots.take(np.full(4, value))
+                tally.at_moving_dots.take(np.full(4, value))
+                tally.take_moving(np.full(4, value), np.ones(4, bool))
+            cells.append(
+                PressErrors(
+                    p.name, f"{indenter}/p1", indenter, tallies, {}, np.zeros((0, 2)), None, ()
+                )
+            )
+    return PatternErrors(printed, cells)
+
+
+THEIRS = {(0.1, 0.5): 0.11, (0.075, 0.6): 0.08}
+
+
+@pytest.mark.parametrize(
+    ("errors", "says"),
+    [
+        (made_up(THEIRS), ["met", "met", "met"]),
+        (made_up(THEIRS | {(0.15, 0.3): 0.05, (0.05, 0.4): 0.02}), ["missed", "missed", "missed"]),
+        # Both are less, and indenters disagree.
+        (made_up(THEIRS | {(0.15, 0.3): 0.1, (0.05, 0.4): 0.07}, spread=0.9), ["undecided"] * 3),
+        # By one reading of the paper only.
+        (made_up(THEIRS, composed=5.0), ["undecided"] * 3),
+        (made_up(THEIRS | {(0.05, r): 0.6 for r in (0.4, 0.5, 0.6)}), ["met", "met", "met"]),
+    ],
+)
+def test_a_claim_needs_both_readings_and_an_interval(
+    errors: PatternErrors, says: list[str]
+) -> None:
+    found = claims(errors)
+    assert [one.state() for one in found] == says
+    assert [one.state(whole=False) for one in found] == ["undecided"] * 3
+
+
+def test_two_patterns_are_no_round() -> None:
+    """The paper's optimum once appeared in green from two patterns of the series."""
+    whole = made_up(THEIRS)
+    two = [p for p in whole.printed if p.name in TWO]
+    errors = PatternErrors(two, [cell for cell in whole.cells if cell.pattern in TWO])
+    assert [one.state() for one in claims(errors)] == ["undecided"] * len(claims(errors))
+
+
+def test_a_pattern_without_an_error_under_one_indenter_has_no_mean() -> None:
+    errors = made_up({(0.1, 0.5): 0.01})
+    best = errors.best(SUMMED, "at_dots", errors.printed)
+    assert best is not None
+    assert best.name == "d0p1-r0p5"
+    del errors._joined["d0p1-r0p5", "i1", SUMMED]
+    assert errors.mean("d0p1-r0p5", SUMMED, "at_dots") is None
+    assert errors.best(SUMMED, "at_dots", errors.printed) != best
+
+
+def test_frames_along_the_path_are_those_at_a_depth_by_their_drag() -> None:
+    path = np.array([[2.5, 0.0], [5.0, 0.0], [5.0, 0.5], [5.0, 1.0], [5.0, 2.0]])
+    rows = {SUMMED: np.full((5, 3), 0.1)}
+    cell = PressErrors("x", "i/p1", "i", {}, rows, path, None, ())
+    found = PatternErrors((), [cell]).along("x", SUMMED)
+    assert [(row["depth_mm"], row["drag_to_mm"], row["frames"]) for row in found] == [
+        (5.0, 0.0, 1), (5.0, 1.0, 2), (5.0, 2.0, 1)
+    ]  # fmt: skip

@@ -1,0 +1,61 @@
+"""The thinned pattern selection: fewer positions and shorter drags, never a longer step."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from deltact_fab.bench.protocols import plan
+from deltact_fab.bench.protocols.plan import Protocol
+from deltact_fab.studies.study.pattern_selection import (
+    SCALE,
+    frames_an_indenter,
+    longest_step_mm,
+    part_of,
+    thinned,
+)
+
+SCALES = (0.001, 0.02, SCALE, 0.07, 0.13, 0.2499, 0.25, 0.2501, 0.37, 0.5, 0.61, 0.75, 0.9, 0.999)
+
+
+@pytest.fixture(scope="module")
+def whole() -> Protocol:
+    return plan.load_protocol("pattern-selection")[0]
+
+
+def test_the_whole_one_has_the_papers_frames_and_step(whole: Protocol) -> None:
+    assert thinned(whole, 1.0) == whole
+    part = part_of(whole, whole)
+    assert (part.frames_an_indenter, part.positions) == (3600, 4)
+    assert part.longest_step_mm <= 0.2
+
+
+@pytest.mark.parametrize("scale", SCALES)
+def test_no_scale_makes_a_longer_step_or_leaves_out_a_depth_or_an_axis(
+    whole: Protocol, scale: float
+) -> None:
+    fewer = thinned(whole, scale)
+    assert longest_step_mm(fewer) <= longest_step_mm(whole) + 1e-9
+    assert fewer.depths_mm == whole.depths_mm
+    assert fewer.indenters == whole.indenters
+    assert fewer.shear is not None
+    assert whole.shear is not None
+    assert (fewer.shear.axes, fewer.shear.first) == (whole.shear.axes, whole.shear.first)
+    assert 0 < (fewer.shear.amplitude_mm or 0) <= 10.0
+    assert fewer.positions_mm == whole.positions_mm[: len(fewer.positions_mm)]
+    assert (fewer.capture, fewer.motion, fewer.specimen) == (
+        whole.capture,
+        whole.motion,
+        whole.specimen,
+    )
+    assert Protocol.model_validate(fewer.model_dump()) == fewer
+
+
+def test_frames_follow_the_scale_down_to_the_presses_alone(whole: Protocol) -> None:
+    frames = np.array([frames_an_indenter(thinned(whole, scale)) for scale in SCALES])
+    wanted = 3600 * np.array(SCALES)
+    # Half a step more or less of each drag of a position: four of its twelve are of two steps.
+    positions = np.ceil(4 * np.array(SCALES))
+    assert (np.abs(frames - wanted)[1:] <= 12 * positions[1:]).all()
+    assert frames[0] == 72
+    assert (np.diff(frames) >= 0).all()
