@@ -339,9 +339,10 @@ def packages() -> str:
     lines = ["| wing | holds | names at its door | purpose |", "|---|---|---|---|"]
     for wing in [name for row in layers() for name in row] + ground():
         folder = ROOT / PACKAGE / wing
-        lines.append(f"| **`{wing}`** | | {len(door(wing)) or ''} | {purpose(folder)} |")
-        rooms = {path.stem for path in folder.glob("*/__init__.py") for path in [path.parent]}
-        rooms |= {path.stem for path in folder.glob("*.py")} - {"__init__"}
+        names = f" {len(door(wing))}" if door(wing) else ""
+        lines.append(f"| **`{wing}`** | |{names} | {purpose(folder)} |")
+        rooms = {file.parent.name for file in folder.glob("*/__init__.py")}
+        rooms |= {file.stem for file in folder.glob("*.py")} - {"__init__"}
         lines += [f"| | `{room}` | | {purpose(folder / room)} |" for room in sorted(rooms)]
     return "\n".join(lines)
 

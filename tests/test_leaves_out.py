@@ -78,8 +78,8 @@ print("@@" + json.dumps([name for name in {watched!r} if name in sys.modules]))
 """
 RUN = """
 from pathlib import Path
-from deltact_fab import experiment
-experiment.run(experiment.RunRequest({protocol!r}, {rig!r}, Path("run"), seed=3))
+from deltact_fab.simulate import RunRequest, run_experiment
+run_experiment(RunRequest({protocol!r}, {rig!r}, Path("run"), seed=3))
 """
 COMMAND = """
 sys.argv = ["deltact-fab", *{words!r}]
@@ -234,12 +234,12 @@ def test_a_tracking_run_draws_and_only_the_report_loads_the_makers_of_pages(tmp_
     run, analysed, reported = loaded_by(
         RUN.format(protocol=protocol, rig=rig),
         """
-from deltact_fab.estimate.analysis.tracking_error import analyse
-result = analyse("run", ["dis-fast/static"])
+from deltact_fab.estimate import analyse_tracking
+result = analyse_tracking("run", ["dis-fast/static"])
 """,
         """
-from deltact_fab.present.report.page import write
-write("run", Path("page.html"), result)
+from deltact_fab.present import write_run_page
+write_run_page("run", Path("page.html"), result)
 """,
         cwd=tmp_path,
     )
@@ -294,8 +294,8 @@ def test_a_step_file_loads_no_drawing_and_no_cluster(tmp_path: Path) -> None:
     export = "cad export cover --out parts --format"
     bodies = commands(f"{export} step", f"{export} pdf")
     elsewhere = """
-from deltact_fab.common.jobs.cluster import executor
-with executor(workers=1) as own:
+from deltact_fab.common import open_executor
+with open_executor(workers=1) as own:
     assert own.submit(abs, -1).result() == 1
 """
     step, drawn, shared = loaded_by(*bodies, elsewhere, cwd=tmp_path, watched=(*DRAFTING, *CLUSTER))

@@ -146,7 +146,7 @@ def test_without_libgl_an_export_says_what_to_install_and_the_demo_leaves_parts_
     assert f"{why}): apt-get install --reinstall libgl1 libegl1 libx11-6, or pip install" in said
     assert not (tmp_path / "parts").exists()
     words = (
-        "import json; from pathlib import Path; from deltact_fab import demo; print(json.dumps("
+        "import json; from pathlib import Path; from deltact_fab.app import demo; print(json.dumps("
         "demo._parts(Path('demo'), 3)))"
     )
     done = without_libgl(how, "-c", words, cwd=tmp_path, program=(sys.executable,))

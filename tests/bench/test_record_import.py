@@ -274,7 +274,7 @@ DAMAGED: dict[str, tuple[Callable[[Path], object], str]] = {
     "row": (sql("DELETE FROM frames WHERE k = 2"), "no row names it"),
     "stream": (sql("DELETE FROM samples WHERE stream = 'pose'"), "None of pose, and"),
     "image": (lambda r: next((r / "images").iterdir()).unlink(), "No such file"),
-    "summary": (lambda r: (r / "summary.json").unlink(), "summary.json: without it"),
+    "summary": (lambda r: (r / "summary.json").unlink(), "summary.json  without it"),
 }
 
 

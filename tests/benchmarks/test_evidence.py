@@ -37,21 +37,21 @@ def of(row: evidence.EvidenceRow) -> set[str]:
 def test_a_row_depends_on_its_own_level_and_an_edit_elsewhere_leaves_it() -> None:
     rows = {r.name: r for r in evidence.rows()}
     finite = of(rows["curve: sphere:15 pressed 2 mm, no friction: hyperelastic, quarter: 2 mm"])
-    assert {"gel/finite/newton.py", "numerics/engines/gel_press.py"} <= finite
+    assert {"physics/gel/finite/newton.py", "studies/numerics/engines/gel_press.py"} <= finite
     assert not finite & {
-        "gel/press.py",
-        "gel/level_selection.py",
-        "gel/linear/contact.py",
+        "physics/gel/press.py",
+        "physics/gel/level_selection.py",
+        "physics/gel/linear/contact.py",
         "bench.py",
     }
-    assert {"gel/press.py", "gel/error_control.py"} <= of(rows["press: 1"])
+    assert {"physics/gel/press.py", "physics/gel/error_control.py"} <= of(rows["press: 1"])
     picked = of(rows["held: edges to 5 mm"])
-    assert "elasticity/edge_compliance.py" in picked
-    assert "gel/press.py" not in picked
+    assert "sensor/elasticity/edge_compliance.py" in picked
+    assert "physics/gel/press.py" not in picked
     energy = rows["stability: 4dots, no friction, 4 mm deep: work but for jumps"]
-    assert "gel/level_selection.py" not in of(energy)
+    assert "physics/gel/level_selection.py" not in of(energy)
     level = rows["stability: 10 mm in one increment, friction 0.5: against 10"]
-    assert "gel/level_selection.py" in of(level)
+    assert "physics/gel/level_selection.py" in of(level)
 
 
 @pytest.mark.slow

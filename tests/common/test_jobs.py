@@ -164,7 +164,7 @@ def test_a_worker_keeps_threads_that_the_user_set(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setenv(names[0], "5")
     monkeypatch.delenv(names[1], raising=False)
     monkeypatch.setattr(jobs.local, "processors", lambda: 3)
-    with jobs.executor(workers=1) as workers:
+    with open_executor(workers=1) as workers:
         assert run_each(os.getenv, names, names, workers) == ["5", "3"]
 
 
@@ -198,8 +198,8 @@ def test_without_the_extra_it_says_what_to_install(monkeypatch: pytest.MonkeyPat
 @pytest.mark.parametrize("way", ["file", "stdin"])
 def test_a_script_without_a_guard_runs_once(tmp_path: Path, way: str) -> None:
     text = (
-        "import math\nfrom deltact_fab import jobs\nprint('here')\n"
-        "print(*jobs.each(math.sqrt, [4, 9], 'ab', workers=2), sep='\\n')\n"
+        "import math\nfrom deltact_fab.common import run_each\nprint('here')\n"
+        "print(*run_each(math.sqrt, [4, 9], 'ab', workers=2), sep='\\n')\n"
     )
     script = tmp_path / "script.py"
     script.write_text(text)
@@ -220,8 +220,8 @@ def test_a_script_without_a_guard_runs_once(tmp_path: Path, way: str) -> None:
 def test_workers_end_with_their_parent_and_with_ctrl_c(way: str) -> None:
     script = (
         "import time\n"
-        "from deltact_fab import jobs\n"
-        "try:\n    jobs.each(time.sleep, [60, 60, 60], 'abc', workers=2)\n"
+        "from deltact_fab.common import run_each\n"
+        "try:\n    run_each(time.sleep, [60, 60, 60], 'abc', workers=2)\n"
         "except KeyboardInterrupt:\n    print('stopped')\n"
     )
     with group(script) as process:

@@ -24,10 +24,10 @@ class FoundDevice:
 
 def list_ports(by_id: Path = PORTS) -> list[FoundDevice]:
     """USB serial ports, boards of known makers first; by their lasting names where there are."""
-    from serial.tools import list_ports
+    from serial.tools.list_ports import comports
 
     lasting = _lasting(by_id)
-    found = [port for port in list_ports.comports() if port.vid is not None]
+    found = [port for port in comports() if port.vid is not None]
     found.sort(key=lambda port: (port.vid not in BOARDS, port.device))
     devices = []
     for port in found:

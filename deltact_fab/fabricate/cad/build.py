@@ -67,5 +67,7 @@ def part_key(part: Part, design: Design) -> dict[str, Any]:
 
 def made_by(module: str, **given: Any) -> dict[str, Any]:
     """A key of the cache: all code of a module and of every part, the libraries, what is given."""
-    files = (f"cad.parts.{part.name}" for part in pkgutil.iter_modules(parts_package.__path__))
+    files = (
+        f"fabricate.cad.parts.{part.name}" for part in pkgutil.iter_modules(parts_package.__path__)
+    )
     return cache_key(module, *files, libraries=LIBRARIES, **given)

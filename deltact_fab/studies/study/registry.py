@@ -112,7 +112,7 @@ def run_study(name: str, asked: StudyRequest) -> StudyResult:
 
     Jobs that were asked for and have no result stand in the result's `missing`.
     """
-    module = f"study.{find_study(name).module}"
+    module = f"studies.study.{find_study(name).module}"
     result: StudyResult = importlib.import_module(f"deltact_fab.{module}").run(asked)
     missing = tuple(job for grid in asked.grids for job in grid.missing)
     heads = tuple(replace(one, whole=not missing) for one in result.headlines)

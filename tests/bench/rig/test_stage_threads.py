@@ -188,7 +188,7 @@ def test_closing_the_port_leaves_dtr_up() -> None:
 DOWN, UP = b"$J=", b"Z-2.0000"  # in the first line of the press, in that of the lift
 HOST = """
 import sys
-from deltact_fab.sensor.optics import StageFrame
+from deltact_fab.sensor import StageFrame
 from deltact_fab.bench.rig.interface import WallClock
 from deltact_fab.bench.rig.stage.grbl import GrblStage
 from deltact_fab.bench.rig.run.loop import interruptible

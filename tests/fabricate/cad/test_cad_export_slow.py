@@ -34,11 +34,11 @@ from pathlib import Path
 from deltact_fab.fabricate.cad import registry
 from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.fabricate.cad.export import export_parts
-from deltact_fab.fabricate.cad.export.part_files import FORMATS
+from deltact_fab.fabricate.cad.export.part_files import EXPORT_FORMATS
 
 if __name__ == "__main__":
     out, jobs = Path(sys.argv[1]), int(sys.argv[2])
-    export_parts(load_design(), registry.listed(), FORMATS, 0.01, out, jobs=jobs)
+    export_parts(load_design(), registry.list_parts(), EXPORT_FORMATS, 0.01, out, jobs=jobs)
     print("cadquery" in sys.modules or "OCP" in sys.modules)
 """
 

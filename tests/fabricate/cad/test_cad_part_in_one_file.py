@@ -17,7 +17,9 @@ from deltact_fab.fabricate.cad.fabrication import bom
 from deltact_fab.fabricate.cad.registry import find_part, of_design
 from deltact_fab.present.report.first_light import pairs
 
-SHIM = (Path(__file__).parents[3] / "examples/extend/deltact_fab/cad/parts/shim.py").read_text()
+SHIM = (
+    Path(__file__).parents[3] / "examples/extend/deltact_fab/fabricate/cad/parts/shim.py"
+).read_text()
 
 
 @pytest.fixture

@@ -135,7 +135,7 @@ def test_other_code_finds_none_of_it(monkeypatch):
         return facts.computed
 
     assert [found(), found()] == [["a"], []]
-    monkeypatch.setattr(digest, "of", lambda *_, **_package: "other")
+    monkeypatch.setattr(digest, "code_digest", lambda *_, **_package: "other")
     assert found() == ["a"]
 
 
@@ -153,10 +153,10 @@ def _ran(changes):
 
 CODE = """
 import sys
-from deltact_fab.fabricate.cad import check
+from deltact_fab.fabricate import check_design
 from deltact_fab.fabricate.cad.design import IndenterList, ListedIndenter, load_design
 one = IndenterList(indenter=(ListedIndenter("sphere:10"),))
-rows = check.run(load_design(), indenters=one, cached=True)
+rows = check_design(load_design(), indenters=one, cached=True)
 print("cadquery" in sys.modules, all(not row.failed for row in rows), len(rows) > 100)
 """
 

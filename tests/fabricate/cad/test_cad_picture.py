@@ -191,7 +191,7 @@ from deltact_fab.fabricate.cad.drafting.drawing import drawing
 
 design = load_design()
 solids = {p.name: build_part(p, design)[0] for p in reversed(SENSOR)}
-cover = registry.find("cover")
+cover = registry.find_part("cover")
 texts = [exploded_svg(design, solids), part_svg(cover, build_part(cover, design)[0])]
 texts.append(drawing(cover, design, solids["cover"]).svg())
 print(hashlib.sha256("".join(texts).encode()).hexdigest())

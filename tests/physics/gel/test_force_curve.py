@@ -26,7 +26,7 @@ def curve(modulus: float = 0.56, deepest: float = 4.0) -> ForceCurve:
 
 def test_one_curve_serves_every_modulus(monkeypatch: pytest.MonkeyPatch) -> None:
     one = curve(0.56)
-    monkeypatch.setattr(opening, "contact_of", None)  # nothing more may be solved
+    monkeypatch.setattr(opening, "open_contact", None)  # nothing more may be solved
     other = curve(1.12)
     np.testing.assert_allclose(other.force_n, 2 * one.force_n, rtol=1e-12)
     assert curve(0.56).force_n.tobytes() == one.force_n.tobytes()

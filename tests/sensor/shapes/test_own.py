@@ -78,7 +78,7 @@ def test_a_tilted_tip_holds_its_ball_of_radius(upright):
 @pytest.mark.parametrize("name", OWN)
 def test_the_solid_has_the_underside_of_the_numbers(name):
     built = BuiltDesign(load_design(), (find_part(name),), {})
-    assert [row.verdict for row in height_fields(built)] == ["pass"]
+    assert [row.status for row in height_fields(built)] == ["pass"]
 
 
 def test_mirrors_are_those_of_the_shape():

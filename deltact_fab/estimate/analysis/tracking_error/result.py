@@ -45,7 +45,8 @@ TRACKING_RULE = (
     f"confident on {percent_of(MIN_COVERAGE)} of the moving pattern or more (of the image, if no "
     f"truth is known), and is off by more than {WRONG_FLOW_MM:g} mm on at most "
     f"{percent_of(MAX_WRONG)} of what it is confident on. Of the reliable "
-    "methods, the one with the smallest error is recommended. The flow can be trusted when a method is reliable."
+    "methods, the one with the smallest error is recommended. The flow can be trusted when a "
+    "method is reliable."
 )
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from ...checks import Check
+from deltact_fab.common import Check
+
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts
 from ..kernel import Box, Shape, require
