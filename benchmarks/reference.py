@@ -177,7 +177,7 @@ def _add_results(hint: typing.Any, found: dict[str, typing.Any]) -> None:
     name = f"{home}.{getattr(hint, '__qualname__', '')}"
     if home.startswith("deltact_fab") and name not in found:
         found[name] = hint
-        if dataclasses.is_dataclass(hint) and home.split(".")[1] in ("live", "measure"):
+        if dataclasses.is_dataclass(hint) and home.split(".")[2] in ("live", "measure"):
             for inner in typing.get_type_hints(hint).values():
                 _add_results(inner, found)
 

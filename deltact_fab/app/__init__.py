@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING
 from deltact_fab.door import open_door
 
 if TYPE_CHECKING:
+    # isort: off
+    # fmt: off
     from .cli.main import entry
+    # fmt: on
 else:
     __getattr__, __dir__ = open_door(__name__)

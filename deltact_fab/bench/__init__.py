@@ -7,22 +7,13 @@ from typing import TYPE_CHECKING
 from deltact_fab.door import open_door
 
 if TYPE_CHECKING:
+    # isort: off
+    # fmt: off
     from .protocols.limits import (
-        RunEstimate,
-        at_most,
-        check_limits,
-        estimate_run,
-        reason,
-        refusal_check,
-        require_limits,
+        RunEstimate, at_most, check_limits, estimate_run, reason, refusal_check, require_limits,
     )
     from .protocols.motion import (
-        LOCKSTEP,
-        WALL_CLOCK,
-        StageConfig,
-        add_vectors,
-        along_line,
-        subtract_vectors,
+        LOCKSTEP, StageConfig, WALL_CLOCK, add_vectors, along_line, subtract_vectors,
     )
     from .protocols.plan import DeadWeights, Protocol, Step, expand_protocol, load_protocol
     from .record.check import check_run, require_whole
@@ -38,77 +29,40 @@ if TYPE_CHECKING:
     from .record.writer import RunWriter
     from .rig.bench import GrblKind, undeclared_lengths, unmet_conditions
     from .rig.camera.files import (
-        IMAGE_NAMES,
-        ImageFolder,
-        ImageSource,
-        decode_image,
-        list_images,
-        sort_by_number,
+        IMAGE_NAMES, ImageFolder, ImageSource, decode_image, list_images, sort_by_number,
     )
     from .rig.camera.model import (
-        calibrated_camera,
-        open_camera,
-        raw_size_px,
-        take_photograph,
-        tracked_view,
-        view_notes,
+        calibrated_camera, open_camera, raw_size_px, take_photograph, tracked_view, view_notes,
     )
     from .rig.camera.stream import ArrivedImage, StreamCamera
     from .rig.check import check_rig
     from .rig.config import (
-        GelConfig,
-        GrblConfig,
-        RigConfig,
-        SimulatorConfig,
-        VirtualConfig,
-        load_rig,
+        GelConfig, GrblConfig, RigConfig, SimulatorConfig, VirtualConfig, load_rig,
     )
     from .rig.devices import FoundDevice, list_cameras, list_ports
-    from .rig.force.guard import GUARD_SHARE, ForceGuard, GuardLimits
+    from .rig.force.guard import ForceGuard, GUARD_SHARE, GuardLimits
     from .rig.force.netft import (
-        ARRIVAL,
-        NETFT_ERROR,
-        NETFT_SATURATED,
-        DatagramArrivals,
-        NetFTSensor,
-        NetFTSettings,
+        ARRIVAL, DatagramArrivals, NETFT_ERROR, NETFT_SATURATED, NetFTSensor, NetFTSettings,
     )
     from .rig.force.watchdog import Watchdog, open_guarded
     from .rig.interface import (
-        CameraFrame,
-        Clock,
-        Devices,
-        OpenBench,
-        Rig,
-        RigKind,
-        RigSetup,
-        WallClock,
-        move_to,
+        CameraFrame, Clock, Devices, OpenBench, Rig, RigKind, RigSetup, WallClock, move_to,
     )
     from .rig.run.loop import watch_force
-    from .rig.run.runner import Runner, RunProgress
+    from .rig.run.runner import RunProgress, Runner
     from .rig.stage.controller import PIECE_S, PLANNED_AHEAD_S
     from .rig.stage.exchange import state_text
     from .rig.stage.grbl import GrblStage
     from .rig.tables import CameraConfig, ForceConfig
     from .rig.tool.hand import (
-        HandSession,
-        go_to,
-        plan_move,
-        position_text,
-        require_short_move,
-        stopped_by_ctrl_c,
+        HandSession, go_to, plan_move, position_text, require_short_move, stopped_by_ctrl_c,
     )
     from .rig.tool.session import (
-        GuardedStage,
-        home_stage,
-        open_probe,
-        register_face,
-        requested_tool,
-        write_registration,
+        GuardedStage, home_stage, open_probe, register_face, requested_tool, write_registration,
     )
     from .rig.tool.tooling import TerminalOperator, home_safely
     from .rig.tool.touch import tool_change_s
     from .rig.weights import WeightsBench
+    # fmt: on
 else:
     __getattr__, __dir__ = open_door(__name__)

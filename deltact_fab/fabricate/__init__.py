@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 from deltact_fab.door import open_door
 
 if TYPE_CHECKING:
+    # isort: off
+    # fmt: off
     from .cad.assembly import assemble, bench
     from .cad.build import build_named_part
     from .cad.check import check_design
@@ -29,39 +31,22 @@ if TYPE_CHECKING:
     from .patterns.laws.algorithm1 import FILE_LEVELS, fill, fill_by_rejection, step_levels
     from .patterns.laws.law import LAW_KEYS
     from .patterns.locate import (
-        LEAST_AGREEMENT,
-        LEAST_RESPONSE,
-        Placement,
-        Tiles,
-        correlation,
-        refine,
-        tile_shifts,
+        LEAST_AGREEMENT, LEAST_RESPONSE, Placement, Tiles, correlation, refine, tile_shifts,
     )
     from .patterns.metadata import read_recipe
     from .patterns.quality.figures import grey_levels
     from .patterns.quality.measure import measure_quality
     from .patterns.raster import make_pattern, pattern_albedo
     from .patterns.recipe import (
-        DEFAULT_SEED,
-        RECOMMENDED_RECIPE,
-        PatternRecipe,
-        dot_centres_mm,
-        draw_patches,
-        load_recipe,
-        recipe_from_data,
-        recipe_from_options,
+        DEFAULT_SEED, PatternRecipe, RECOMMENDED_RECIPE, dot_centres_mm, draw_patches,
+        load_recipe, recipe_from_data, recipe_from_options,
     )
     from .patterns.series import (
-        SERIES_FIGURES,
-        SERIES_FORMAT,
-        SERIES_GRIDS,
-        SERIES_PAGE,
-        SERIES_VIEWS,
-        SeriesEntry,
-        series_recipes,
-        write_series,
+        SERIES_FIGURES, SERIES_FORMAT, SERIES_GRIDS, SERIES_PAGE, SERIES_VIEWS, SeriesEntry,
+        series_recipes, write_series,
     )
     from .patterns.sheet.job import write_sheet
     from .patterns.verify import load_printer, verify_print
+    # fmt: on
 else:
     __getattr__, __dir__ = open_door(__name__)

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 from deltact_fab.door import open_door
 
 if TYPE_CHECKING:
+    # isort: off
+    # fmt: off
     from .gel.finite.gel import FaceLattice, face_wrench
     from .gel.finite.linear import SolverName
     from .gel.finite.material import MAX_FINITE_POISSON
@@ -17,21 +19,17 @@ if TYPE_CHECKING:
     from .gel.fit.measured import read_press_csv
     from .gel.level import Choice, IncrementDiagnostics, Level, Reach, follow_path
     from .gel.level_selection import MODEL_TOLERANCE_SHARE, select_level
-    from .gel.linear.contact import SMALL_STRAIN, LinearContact
+    from .gel.linear.contact import LinearContact, SMALL_STRAIN
     from .gel.linear.validity import linear_refusal
     from .gel.path.knots import (
-        CONTACT_EPS_MM,
-        Increments,
-        KnotPose,
-        ObservedChannels,
-        SolvedKnot,
-        divide_path,
+        CONTACT_EPS_MM, Increments, KnotPose, ObservedChannels, SolvedKnot, divide_path,
         poses_along,
     )
     from .gel.path.open import choose_level, open_contact, open_path
-    from .gel.path.solver import SOLVED_PATHS, PathSolver
+    from .gel.path.solver import PathSolver, SOLVED_PATHS
     from .gel.press import press_gel
     from .gel.zones import Zones
     from .imaging import Exposure, print_colours, view_grid
+    # fmt: on
 else:
     __getattr__, __dir__ = open_door(__name__)

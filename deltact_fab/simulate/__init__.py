@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING
 from deltact_fab.door import open_door
 
 if TYPE_CHECKING:
+    # isort: off
+    # fmt: off
     from .experiment.request import RunRequest
     from .experiment.session import (
-        dry_run_experiment,
-        library_versions,
-        pattern_data,
-        run_experiment,
-        run_presses,
+        dry_run_experiment, library_versions, pattern_data, run_experiment, run_presses,
     )
     from .preflight.peaks import MODULUS_FACTOR, PAPER_REMARK, Peak
     from .virtual.clock import VirtualClock
@@ -23,23 +21,16 @@ if TYPE_CHECKING:
     from .virtual.netft import BoxFaults, Datagram, NetFTBox
     from .virtual.photographs import take_photographs
     from .virtual.picture import (
-        PICTURE_MARGIN_PX,
-        PICTURE_TOLERANCE_PX,
-        FrameRenderer,
-        PictureGeometry,
-        Texture,
+        FrameRenderer, PICTURE_MARGIN_PX, PICTURE_TOLERANCE_PX, PictureGeometry, Texture,
     )
     from .virtual.presolve import PressRow, solve_ahead
     from .virtual.presses import (
-        Presses,
-        PressPath,
-        path_of_press,
-        require_gel_level,
-        stored_press_files,
+        PressPath, Presses, path_of_press, require_gel_level, stored_press_files,
     )
     from .virtual.rig import VirtualForce, VirtualKind, VirtualRig
     from .virtual.scene import LatticeCrop
     from .virtual.served import serve_rig
     from .virtual.wire import SerialLink, WireExchange
+    # fmt: on
 else:
     __getattr__, __dir__ = open_door(__name__)
