@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import math
 import os
 import sqlite3
 import subprocess
@@ -163,14 +164,22 @@ def is_of_the_run(key: str) -> bool:
 SECTIONS = {"parts": parts, "sheets": sheets, "presses": presses, "run": run, "study": study}
 
 
+SAME_REL = 1e-6
+"""Numbers that differ by less are the same: a process that compiles the fast loops, in place of
+loading them, rounds their sums in another order."""
+
+
 def differences(now: Any, before: Any, path: str = "") -> Iterator[str]:
-    """A line for each value that is not the same, numbers bit by bit."""
+    """A line for each value that is not the same."""
     if isinstance(now, dict) and isinstance(before, dict):
         for key in sorted({*now, *before}):
             yield from differences(now.get(key), before.get(key), f"{path}/{key}")
     elif isinstance(now, list) and isinstance(before, list) and len(now) == len(before):
         for index, pair in enumerate(zip(now, before, strict=True)):
             yield from differences(*pair, f"{path}/{index}")
+    elif isinstance(now, float) and isinstance(before, float):
+        if not math.isclose(now, before, rel_tol=SAME_REL, abs_tol=1e-12):
+            yield f"{path}: {before!r} before, {now!r} now"
     elif now != before:
         yield f"{path}: {before!r} before, {now!r} now"
 
