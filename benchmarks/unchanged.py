@@ -158,7 +158,7 @@ def is_of_the_run(key: str) -> bool:
     """True for a key whose value tells when, how long or by what code, and no result."""
     return key.endswith("_s") or any(
         word in key
-        for word in ("time", "date", "version", "digest", "cpu", "code", "folder", "page")
+        for word in ("seconds", "time", "date", "version", "digest", "cpu", "code", "folder", "page")
     )
 
 
