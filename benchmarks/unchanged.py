@@ -156,10 +156,8 @@ def timeless(data: Any) -> Any:
 
 def is_of_the_run(key: str) -> bool:
     """True for a key whose value tells when, how long or by what code, and no result."""
-    return key.endswith("_s") or any(
-        word in key
-        for word in ("seconds", "time", "date", "version", "digest", "cpu", "code", "folder", "page")
-    )
+    words = ("seconds", "time", "date", "version", "digest", "cpu", "code", "folder", "page")
+    return key.endswith("_s") or any(word in key for word in words)
 
 
 SECTIONS = {"parts": parts, "sheets": sheets, "presses": presses, "run": run, "study": study}
