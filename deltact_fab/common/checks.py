@@ -34,6 +34,11 @@ class Check:
     sign: Literal["<", "<=", ">=", ""] = ""
     margin: float | None = None
 
+    @classmethod
+    def warnings(cls, id: str, lines: Iterable[str]) -> list[Check]:
+        """A check that warns for each line."""
+        return [cls(f"{id}.{k}", value=line, status="warn") for k, line in enumerate(lines)]
+
     @property
     def failed(self) -> bool:
         """True where it fails; what warns or was not run does not."""
@@ -55,8 +60,3 @@ def graded(passed: bool, warns: bool = False) -> Status:
 def worst(checks: Iterable[Check]) -> Status:
     """The verdict on all of them together."""
     return max((check.status for check in checks), key=STATUSES.index, default="pass")
-
-
-def passes(checks: Iterable[Check]) -> bool:
-    """True where none fails."""
-    return worst(checks) != "fail"

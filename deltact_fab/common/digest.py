@@ -109,9 +109,12 @@ def _read(path: Path, package: Path) -> tuple[str, Imports, tuple[Path, ...]]:
 
 
 def _looked_through(tree: ast.Module, path: Path) -> tuple[Path, ...]:
-    """The files beside one that calls `modules_in(__package__, besides=(...))`."""
+    """The files beside one that calls `collect_entries(__package__, ..., besides=(...))`."""
     for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
-        if ast.unparse(call.func) == "modules_in" and ast.unparse(call.args[0]) == "__package__":
+        if (
+            ast.unparse(call.func) == "collect_entries"
+            and ast.unparse(call.args[0]) == "__package__"
+        ):
             left = {path.stem, "__init__"}
             for keyword in call.keywords:
                 left.update(ast.literal_eval(keyword.value))

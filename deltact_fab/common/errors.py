@@ -6,13 +6,12 @@ A message names the place (file:key), the value that was found, and what would b
 from __future__ import annotations
 
 import difflib
+import errno
 import re
 from collections.abc import Iterable, Sequence
 
 MAX_CHARACTERS = 300
 """Of a message on the command line."""
-INTERRUPTED = 130
-"""Exit code of a command that an operator ended."""
 
 
 class DeltactFabError(Exception):
@@ -38,6 +37,9 @@ class InputError(DeltactFabError):
 class RunFailed(DeltactFabError):
     """The input was fine, and a check, a solver or a run failed."""
 
+    DISK = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
+    """Errors of a full or broken disk: no fault of what was asked."""
+
 
 class SolverError(RunFailed):
     """A numerical method did not reach its stated tolerance, or left its range of validity."""
@@ -50,7 +52,7 @@ class TimeLimit(RunFailed):
 class Stopped(RunFailed):
     """Ended by the operator before it was done, in good order."""
 
-    exit_code = INTERRUPTED
+    exit_code = 130
 
 
 class StageError(RunFailed):

@@ -6,16 +6,6 @@ import importlib.util
 
 from .errors import MissingLibrary
 
-EXTRAS = {
-    "cad": "parts, drawings and checks of the built solids",
-    "report": "pages and figures",
-    "fast": "faster solves of large gels",
-    "images": "frames as JPEG XL: smaller, and two to three times as fast to write as PNG",
-    "export": "runs as Parquet, MCAP and LeRobot",
-    "cluster": "studies on a Dask cluster",
-}
-"""What each extra of pyproject.toml brings to one who uses the program."""
-
 
 def require_extra(extra: str, what: str, *modules: str) -> None:
     """Look for the modules, none of which is imported; call it before any work is done.

@@ -22,14 +22,6 @@ _DEEP_KEY = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]+[ \t]*\.[ \t]*){{{MAX_LEVELS}
 _MAX_WHOLE = 2**63  # TOML 1.0, "Integer": 64 bits, signed
 
 
-def is_file(path: Path) -> bool:
-    """Whether a file is there; a name that no file can have is none, where `Path` may raise."""
-    try:
-        return path.is_file()
-    except OSError:  # too long, or links in a circle
-        return False
-
-
 def read_text(path: Path, most_bytes: int = MAX_BYTES) -> str:
     """The text of a file, UTF-8 with or without its mark.
 

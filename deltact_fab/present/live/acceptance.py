@@ -16,19 +16,18 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from deltact_fab.bench import encode_png
 from deltact_fab.common import (
     Check,
     Field,
-    Float,
     Image,
     InputError,
     Point,
     SensorError,
     disk_errors,
     graded,
-    passes,
     write_together,
 )
 from deltact_fab.estimate import (
@@ -72,7 +71,7 @@ class Acceptance:
 
     @property
     def passed(self) -> bool:
-        return passes(self.rows)
+        return not any(row.failed for row in self.rows)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data, as `rig accept --json` prints it."""
@@ -157,7 +156,7 @@ class _Still:
         self._rectifier = Rectifier(camera)
         self._tracker = FlowTracker(full=False)
         self._sum: Field | None = None
-        self._flows: list[Float] = []
+        self._flows: list[NDArray[np.float32]] = []
         self._first: Image | None = None
         self.untrackable = ""
         self.count, self.saturated = 0, 0.0
@@ -188,7 +187,7 @@ class _Still:
         self._last = even
 
     @property
-    def mean(self) -> Float:
+    def mean(self) -> NDArray[np.float32]:
         """Of the images, as the camera's light has them (h, w, 3) BGR, 0..255."""
         assert self._sum is not None, "a source has an image, or it raises"
         return np.asarray(self._sum / self.count, np.float32)
