@@ -42,9 +42,9 @@ def cache_folder() -> Path:
 def cache_key(
     *code: str, package: Path = digest.PACKAGE, libraries: tuple[str, ...] = (), **given: Any
 ) -> dict[str, Any]:
-    """The key of a result: its code, what decides it beside the code, and what it was made from.
+    """Make the key of a result: its code, what decides it beside, and what it was made from.
 
-    code, package: as of `digest.of`. libraries: distributions whose versions count, and with them
+    code, package: as of `code_digest`. libraries: distributions whose versions count, and with them
     the machine. given: plain data and dataclasses.
     """
     made_by = _versions(libraries) if libraries else {}
@@ -117,9 +117,7 @@ class Store:
         """Store a value under a key that holds its code, whole or not at all; False: not stored."""
         path, data = cache_folder() / self.file(key), pickle.dumps(value)
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with whole_file(path, sync=False) as part:
-                part.write_bytes(_seal(path, data) + data)
+            _put(path, _seal(path, data) + data)
         except OSError:
             return False
         if self.limit_bytes is not None:
@@ -163,9 +161,7 @@ def copy_in(name: str, data: bytes) -> None:
     path = cache_folder() / name
     with contextlib.suppress(OSError):
         if not path.exists():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with whole_file(path, sync=False) as part:
-                part.write_bytes(data)
+            _put(path, data)
 
 
 def copy_out(names: Iterable[str]) -> dict[str, bytes]:
@@ -175,6 +171,12 @@ def copy_out(names: Iterable[str]) -> dict[str, bytes]:
         with contextlib.suppress(OSError):
             found[name] = (cache_folder() / name).read_bytes()
     return found
+
+
+def _put(path: Path, data: bytes) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path, sync=False) as part:
+        part.write_bytes(data)
 
 
 def _seal(path: Path, data: bytes) -> bytes:

@@ -18,9 +18,9 @@ from typing import Any, TypeVar, cast
 
 from deltact_fab.paths import shipped_folder
 
-from . import reading
 from .errors import InputError, did_you_mean
 from .files import disk_errors, write_whole
+from .reading import read_toml
 
 MARKS: dict[str, frozenset[str]] = {
     "cad": frozenset(
@@ -41,14 +41,9 @@ def catalogue_names(kind: str) -> list[str]:
     found = {p.stem for folder in (Path(kind), shipped_folder(kind)) for p in folder.glob("*.toml")}
     for path in Path().glob("*.toml"):
         with suppress(InputError):
-            if is_of(kind, read_toml(path)):
+            if not MARKS[kind].isdisjoint(read_toml(path)):
                 found.add(path.stem)
     return sorted(found)
-
-
-def is_of(kind: str, data: Mapping[str, Any]) -> bool:
-    """Whether what was read from a file is of a kind, as far as its keys tell."""
-    return not MARKS[kind].isdisjoint(data)
 
 
 def find_file(kind: str, name: str) -> Path:
@@ -69,7 +64,7 @@ def find_file(kind: str, name: str) -> Path:
     if isfile(own):
         return own
     # One that is no TOML is the user's to mend: the shipped one would hide it.
-    another = isfile(here) and not is_of(kind, read_toml(here))
+    another = isfile(here) and MARKS[kind].isdisjoint(read_toml(here))
     if isfile(here) and not another:
         return here
     if isfile(shipped):
@@ -77,9 +72,6 @@ def find_file(kind: str, name: str) -> Path:
     remark = f"; {here} has none of {', '.join(sorted(MARKS[kind]))}" if another else ""
     hint = did_you_mean(name, catalogue_names(kind))
     raise InputError(f"{name}: not in the catalogue of {kind}{remark}; {hint}")
-
-
-read_toml = reading.toml
 
 
 def write_new_file(path: Path, text: str) -> None:
@@ -99,7 +91,7 @@ def write_new_file(path: Path, text: str) -> None:
 
 
 def toml_text(data: Mapping[str, Any], about: Sequence[str] = ()) -> str:
-    """The text of a TOML file that `read` reads.
+    """Format tables as a TOML file that `read_toml` reads.
 
     data: numbers, strings, booleans, lists and tables of them; about: lines of comment above it.
     A key whose value is None is left out. Raises ValueError for NaN and infinity.
@@ -121,7 +113,7 @@ def _table(name: str, values: Mapping[str, Any]) -> list[str]:
 
 
 def toml_literal(value: Any) -> str:
-    """A value as TOML writes it, on one line. Raises ValueError for NaN and infinity."""
+    """Format a value as TOML writes it, on one line. Raises ValueError for NaN and infinity."""
     if isinstance(value, Mapping):
         inner = ", ".join(f"{name} = {toml_literal(one)}" for name, one in value.items())
         return f"{{{inner}}}"

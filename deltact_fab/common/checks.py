@@ -53,10 +53,5 @@ class Check:
 
 
 def graded(passed: bool, warns: bool = False) -> Status:
-    """The status of a check that passes or not, and may pass with a warning."""
+    """Grade a check that passes or not, and may pass with a warning."""
     return "fail" if not passed else "warn" if warns else "pass"
-
-
-def worst(checks: Iterable[Check]) -> Status:
-    """The verdict on all of them together."""
-    return max((check.status for check in checks), key=STATUSES.index, default="pass")

@@ -68,12 +68,12 @@ def adapter(model: Any) -> TypeAdapter[Any]:
 
 @cache
 def json_schema_of(model: Any) -> dict[str, Any]:
-    """The JSON Schema of a model or a dataclass, to be read only."""
+    """Generate the JSON Schema of a model or a dataclass, to be read only."""
     return adapter(model).json_schema(schema_generator=_Schema)
 
 
 def resolve_schema(key: dict[str, Any], root: dict[str, Any]) -> dict[str, Any]:
-    """A key's own schema, its reference followed."""
+    """Follow the reference of a key to its own schema."""
     target = root["$defs"][key["$ref"].rpartition("/")[2]] if "$ref" in key else {}
     return {**target, **key}
 

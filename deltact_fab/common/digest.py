@@ -29,7 +29,7 @@ Imports = tuple[tuple[tuple[str, ...], list[str]], ...]
 
 
 def code_digest(*modules: str, package: Path = PACKAGE) -> str:
-    """The digest of modules, named from the package as in "gel.path", and all that they import.
+    """Hash modules, named from the package as in "gel.path", and all that they import.
 
     package: another one's folder; what it imports of this one counts too. Raises ValueError for a
     module that is not there.

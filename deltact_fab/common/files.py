@@ -9,6 +9,7 @@ import shutil
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Literal
 
 from .errors import DeltactFabError, InputError, RunFailed
 
@@ -24,7 +25,7 @@ def write_whole(path: Path, data: bytes, sync_name: bool = True) -> None:
 
 @contextmanager
 def whole_file(path: Path, sync: bool = True, sync_name: bool = True) -> Iterator[Path]:
-    """A hidden name beside `path` for a file or a folder that takes its place at the end.
+    """Yield a hidden name beside `path` for a file or a folder that takes its place at the end.
 
     On any error it is removed, and `path` is as it was. sync: False for what may be lost in a power
     cut. sync_name: False where the caller syncs the folder, once for many files. Raises OSError.
@@ -42,7 +43,7 @@ def whole_file(path: Path, sync: bool = True, sync_name: bool = True) -> Iterato
         _remove(part)
 
 
-def write_together(
+def write_files(
     wanted: Mapping[Path, bytes],
     gone: Collection[Path] = (),
     error: type[DeltactFabError] = InputError,
@@ -93,23 +94,24 @@ def check_writable(path: Path, folder: bool = False) -> None:
 
 
 @contextmanager
-def disk_errors(path: Path, making: bool = False) -> Iterator[None]:
+def disk_errors(
+    path: Path, action: Literal["written", "read", "made"] = "written"
+) -> Iterator[None]:
     """Turn an OSError into a RunFailed that names the file.
 
-    making: a folder is made, and only a full or broken disk is a RunFailed, all else InputError.
+    action: while a folder is `made` only a full or broken disk is a RunFailed, all else InputError.
     """
     try:
         yield
     except OSError as why:
-        if making:
-            kind = RunFailed if why.errno in RunFailed.DISK else InputError
-            raise kind(f"{path}: cannot be made: {why.strerror}") from why
-        raise RunFailed(f"{path}: cannot be written: {why.strerror or why}") from why
+        bad_disk = action != "made" or why.errno in RunFailed.DISK
+        kind = RunFailed if bad_disk else InputError
+        raise kind(f"{path}: cannot be {action}: {why.strerror or why}") from why
 
 
 def make_folder(folder: Path, *inside: str) -> None:
     """Make a folder, those above it and those named inside; as `disk_errors` if that cannot be."""
-    with disk_errors(folder, making=True):
+    with disk_errors(folder, "made"):
         for name in inside or ("",):
             (folder / name).mkdir(parents=True, exist_ok=True)
 

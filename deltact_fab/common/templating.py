@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from deltact_fab.paths import asset
 
-from .checks import Check, Status, worst
-from .extras import require_extra
+from .checks import STATUSES, Check, Status
+from .errors import require_extra
 from .files import make_folder, write_whole
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ SHORT = 32  # letters that stay on one line
 
 
 def require_pages() -> None:
-    """Raises MissingLibrary without the extra `report`; call it before the work for a page."""
+    """Require what a page needs; call it before the work. Raises MissingLibrary."""
     require_extra("report", "a page", "jinja2", "matplotlib")
 
 
@@ -69,7 +69,7 @@ class Verdict(NamedTuple):
 def page_verdict(checks: Iterable[Check]) -> Verdict:
     """Sum of all that a page has to say for and against what it shows."""
     once = tuple({(check.value, check.status): check for check in checks}.values())
-    return Verdict(once, worst(once))
+    return Verdict(once, max((c.status for c in once), key=STATUSES.index, default="pass"))
 
 
 # Of a key or a column: what its last part says of the unit.
@@ -124,7 +124,7 @@ def html_table(
     links: Sequence[str] = (),
     keys: str = "",
 ) -> dict[str, Any]:
-    """What the macro `table` needs; columns in which there is no value are left out.
+    """Prepare a table for the macro `table`; columns without any value are left out.
 
     words: what stands above a column in place of its name. marks, links: the class of each row, and
     where its first cell leads. keys: a column of keys, shown by their labels.

@@ -7,7 +7,7 @@ NS_PER_S = 1_000_000_000
 
 
 def format_duration(seconds: float) -> str:
-    """Hours, minutes and seconds, without the leading ones that are zero."""
+    """Format a time in hours, minutes and seconds, without the leading ones that are zero."""
     whole = round(seconds)
     hours, minutes = whole // 3600, whole // 60 % 60
     if hours:
@@ -16,5 +16,5 @@ def format_duration(seconds: float) -> str:
 
 
 def to_ns(seconds: float) -> int:
-    """Seconds to the nearest nanosecond."""
+    """Convert seconds to the nearest nanosecond."""
     return round(seconds * NS_PER_S)

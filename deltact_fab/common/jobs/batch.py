@@ -25,8 +25,8 @@ Heard = Callable[[int, R | None, Exception | None], None]
 """Takes the index of a job that ended, and its value or its error."""
 
 
-def jobs_at_a_time(executor: Executor | None = None) -> int:
-    """Number of jobs that an executor runs at a time; None: processes of this machine."""
+def count_workers(executor: Executor | None = None) -> int:
+    """Count the jobs that an executor runs at a time; None: processes of this machine."""
     return processors() if executor is None else int(getattr(executor, "workers", 1))
 
 
@@ -40,7 +40,7 @@ def run_each(
     arrived: Callable[[int, R], None] = lambda index, result: None,
     workers: int | None = None,
 ) -> list[R]:
-    """The results of jobs in their order; arguments as of `run`.
+    """Run jobs and return their results in order; arguments as of `run_jobs`.
 
     names: of the jobs, for progress, which hears of each when it is done; arrived hears of each
     result as it comes. The error of the first job that fails, in the order of the jobs however they
@@ -73,7 +73,7 @@ def run_jobs(
     workers: int | None = None,
     until_failure: bool = False,
 ) -> None:
-    """Jobs done, and what came of each heard here, in this thread, as they end.
+    """Run jobs; `heard` takes what came of each in this thread, as they end.
 
     work: a function of a module, jobs: its arguments; both are pickled. executor: None is processes
     of this machine, `workers` of them, by default a processor each; with one of either the jobs run

@@ -17,8 +17,7 @@ from typing import Any, TypeVar
 from deltact_fab.paths import PACKAGE
 
 from .. import cache
-from ..errors import InputError, RunFailed
-from ..extras import require_extra
+from ..errors import InputError, RunFailed, require_extra
 from .batch import CannotGoOn
 from .local import Local, processors, take_share
 

@@ -145,7 +145,7 @@ def write_series(
     printer, sensor = Printer(dpi=dpi), ImageSensor()
     tell = progress or (lambda done, total, what: None)
     total = len(chosen) + 1
-    with disk_errors(out, making=True):
+    with disk_errors(out, "made"):
         inside = Path.cwd().is_relative_to(out.absolute())
         if out.exists() and (inside or not out.is_dir() or any(out.iterdir())):
             raise InputError(f"{out}: is there already; name a new folder")

@@ -28,7 +28,7 @@ from deltact_fab.common import (
     SensorError,
     disk_errors,
     graded,
-    write_together,
+    write_files,
 )
 from deltact_fab.estimate import (
     MAX_DEFORMATION_MM,
@@ -133,7 +133,7 @@ def save_acceptance(accepted: Acceptance, known: SensorModel, seed: int, out: Pa
     tables = {"rest": rest_table(image.name, rest), "accepted": {"rows": rows}}
     with disk_errors(out):
         out.parent.mkdir(exist_ok=True)
-    write_together({image: rest, out: head.toml(tables).encode()})
+    write_files({image: rest, out: head.toml(tables).encode()})
 
 
 def acceptance_picture(accepted: Acceptance, camera: CameraModel) -> bytes:

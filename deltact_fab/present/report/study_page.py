@@ -26,7 +26,7 @@ from deltact_fab.common import (
     render_page,
     require_pages,
     validate,
-    write_together,
+    write_files,
     write_whole,
 )
 
@@ -143,7 +143,7 @@ def place(files: Mapping[str, bytes], out: Path) -> None:
         earlier = ()
     # A list that was changed by hand reaches into no other folder.
     gone = [out / name for name in earlier if name not in files and Path(name).name == name]
-    write_together({out / name: files[name] for name in names}, gone, RunFailed)
+    write_files({out / name: files[name] for name in names}, gone, RunFailed)
 
 
 def prepared(one: ReportTable) -> dict[str, Any]:

@@ -190,7 +190,7 @@ def serve_rig(
     face = BenchFace(true, design.skin)
     face.mount(indenter, mount.longer_mm.get(indenter, 0.0))
     force = rig.force or ForceConfig()
-    with disk_errors(folder, making=True):
+    with disk_errors(folder, "made"):
         (folder / IMAGES).mkdir(parents=True)
     geometry, rng = resting_geometry(design), np.random.default_rng(seed)
     write_new_file(folder / CAMERA, camera_toml(geometry.camera))

@@ -21,8 +21,8 @@ from deltact_fab.common import (
     Store,
     Table,
     cache_key,
+    count_workers,
     format_duration,
-    jobs_at_a_time,
     run_jobs,
 )
 
@@ -160,7 +160,7 @@ def solve(
     refused: list[str] = []
     # The longest are begun first, so that none is left alone at the end.
     todo = sorted((job for job in jobs if job.name not in found), key=lambda job: -job.cost)
-    pace = JobPace([job.cost for job in todo], jobs_at_a_time(executor))
+    pace = JobPace([job.cost for job in todo], count_workers(executor))
 
     def tick(what: str) -> None:
         if progress is not None:

@@ -20,10 +20,10 @@ from deltact_fab.common import (
     RunFailed,
     Store,
     check_writable,
-    jobs_at_a_time,
+    count_workers,
     make_folder,
     run_each,
-    write_together,
+    write_files,
 )
 
 from .. import feasibility
@@ -117,7 +117,7 @@ def export_parts(
     told = json.dumps({"files": [asdict(entry) for entry in files]}, indent=2) + "\n"
     wanted[out_dir / MANIFEST] = told.encode()
     make_folder(out_dir)
-    write_together(wanted, _earlier(out_dir) - {*wanted}, RunFailed)
+    write_files(wanted, _earlier(out_dir) - {*wanted}, RunFailed)
     tell(len(tasks), len(tasks), "done")
     return files
 
@@ -152,7 +152,7 @@ def _made(tasks: Sequence[Task], cached: bool, jobs: int | None, tell: Progress)
             STORE.write(stored_by(missing[index], _kind(one[0])), one)
 
     # Several processes where the work is worth it.
-    shared = min(jobs_at_a_time(), MAX_JOBS) if len(missing) >= SHARED_FROM else 1
+    shared = min(count_workers(), MAX_JOBS) if len(missing) >= SHARED_FROM else 1
     made = run_each(
         make, missing, [task.name for task in missing], None,
         lambda done, _, what: tell(begun + done, len(tasks), what),
