@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from deltact_fab.common.aliases import Field, Index
+from deltact_fab.common.aliases import Field
 from deltact_fab.common.errors import InputError, RunFailed
 from deltact_fab.physics.gel.finite.press import FinitePress
 from deltact_fab.physics.gel.finite.surface import HARDENING, HARDEST, SHALLOW
@@ -38,9 +39,9 @@ class FelupeCase:
     """
 
     nodes_mm: Field
-    cells: Index
-    faces: Index
-    base: Index
+    cells: NDArray[np.int64]
+    faces: NDArray[np.int64]
+    base: NDArray[np.int64]
     mu_mpa: float
     lambda_mpa: float
     local_mpa: float

@@ -69,10 +69,11 @@ def solved(press: Press) -> dict[str, Array]:
     x_mm, y_mm."""
     key = cache.cache_key("physics.gel.path.open", "sensor.shapes.indenter", press=repr(press),
                     gel=repr(GEL), skin=repr(SKIN), unknowns=MAX_UNKNOWNS)  # fmt: skip
-    kept = cache.read_cached("benchmark-press", key)
+    store = cache.Store("benchmark-press")
+    kept: dict[str, Array] | None = store.read(key)
     if kept is None:
         kept = _solved(press)
-        cache.write_cached("benchmark-press", key, kept)
+        store.write(key, kept)
     return kept
 
 

@@ -22,7 +22,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
-from deltact_fab.common.aliases import Field, Index, Point
+from deltact_fab.common.aliases import Field, Point
 
 P3, W3 = np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0]), np.array([5.0, 8.0, 5.0]) / 9
 P2 = np.array([-1.0, 1.0]) / np.sqrt(3)
@@ -131,7 +131,7 @@ class Block:
         k, j, i = (c.ravel() for c in np.meshgrid(
             *(np.arange(0, n - 1, 2) for n in (nz, ny, nx)), indexing="ij"))  # fmt: skip
         steps = np.array(list(itertools.product(range(3), repeat=3)))  # x, y, z
-        self.cells: Index = (
+        self.cells: NDArray[np.int64] = (
             ((k[:, None] + steps[:, 2]) * ny + j[:, None] + steps[:, 1]) * nx
             + i[:, None] + steps[:, 0]
         )  # fmt: skip
@@ -158,7 +158,7 @@ class Block:
             for c in np.meshgrid(*(np.arange(0, n - 1, 2) for n in (ny, nx)), indexing="ij")
         )
         b, a = (c.ravel() for c in np.meshgrid(range(3), range(3), indexing="ij"))
-        self.faces: Index = top + (jj[:, None] + b) * nx + ii[:, None] + a
+        self.faces: NDArray[np.int64] = top + (jj[:, None] + b) * nx + ii[:, None] + a
         flat, bent = _shape(P2)
         self.face_value = np.einsum("qb,pa->qpba", flat, flat).reshape(4, 9)
         along = (np.einsum("qb,pa->qpba", flat, bent), np.einsum("qb,pa->qpba", bent, flat))

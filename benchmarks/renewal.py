@@ -44,7 +44,7 @@ def seen() -> Iterator[tuple[str, float, float]]:
 
     def at_rest_of(recipe: PatternRecipe, seed: int) -> Image:
         picture = printed_renderer(config.virtual, recipe, geometry, seed)
-        return to_gray(picture.render(None, noise_of(seed, 0)))
+        return to_gray(picture.render(None, noise_of(seed, "")))
 
     for entry in series_recipes():
         own = at_rest_of(entry.recipe, 1)

@@ -11,11 +11,18 @@ from dataclasses import dataclass
 from importlib import metadata
 from typing import Literal
 
-from deltact_fab.common import EXTRAS
-
 State = Literal["ok", "missing", "broken"]
 PACKAGE = "deltact-fab"
 NEEDED = "core"
+EXTRAS = {
+    "cad": "parts, drawings and checks of the built solids",
+    "report": "pages and figures",
+    "fast": "faster solves of large gels",
+    "images": "frames as JPEG XL: smaller, and two to three times as fast to write as PNG",
+    "export": "runs as Parquet, MCAP and LeRobot",
+    "cluster": "studies on a Dask cluster",
+}
+"""What each extra of pyproject.toml brings to one who uses the program."""
 LIBRARIES = {"libGL.so.1": "libgl1", "libEGL.so.1": "libegl1", "libX11.so.6": "libx11-6"}
 
 

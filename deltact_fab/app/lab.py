@@ -12,8 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from deltact_fab.common import (
-    CATALOGUE_KINDS,
-    CATALOGUE_LISTS,
     InputError,
     did_you_mean,
     disk_errors,
@@ -55,6 +53,7 @@ def init(folder: Path) -> list[Path]:
 def _texts() -> dict[str, str]:
     """The text of each file, by its path in the folder."""
     texts = {"README.md": asset("tour.md").read_text(encoding="utf-8")}
+    catalogues = {kind.catalogue for kind in KINDS.values()}
     for kind in KINDS.values():
         text = json.dumps(document(kind), indent=1, ensure_ascii=False, allow_nan=False)
         texts[f"{SCHEMAS}/{kind.name}.json"] = text + "\n"
@@ -65,16 +64,20 @@ def _texts() -> dict[str, str]:
                 continue
             name = Path(top) / file.relative_to(shipped)
             text, folder = file.read_text(encoding="utf-8"), name.parent.as_posix()
-            if file.suffix == ".toml" and folder in CATALOGUE_KINDS:  # a camera file has no schema
+            if file.suffix == ".toml" and folder in catalogues:  # a camera file has no schema
                 text = schema_line(kind_of(folder, read_toml(file)), name.parent) + text
             texts[name.as_posix()] = text
     return texts
 
 
+_LISTS = {"indenter": "indenters", "shape": "indenters", "module": "cameras", "bought": "parts"}
+"""A key at the top that tells a list from a design among the files of cad, and the list's kind."""
+
+
 def kind_of(folder: str, data: dict[str, Any]) -> str:
     """The name in `KINDS` of what stands in a folder of the catalogue."""
     if folder == "cad":
-        return next((kind for key, kind in CATALOGUE_LISTS.items() if key in data), "design")
+        return next((kind for key, kind in _LISTS.items() if key in data), "design")
     if folder == "protocols/rigs":
         return f"{data['kind']}-rig"
     return next(kind.name for kind in KINDS.values() if kind.catalogue == folder)

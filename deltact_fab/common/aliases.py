@@ -14,17 +14,13 @@ Progress = Callable[[int, int, str], None]
 
 Point2 = tuple[float, float]
 Point = tuple[float, float, float]
-Vector = tuple[float, float, float]
+"""A point or a vector in space."""
 
 Array = NDArray[Any]
 Field = NDArray[np.float64]
-Points = NDArray[np.float64]  # (n, 2) or (n, 3)
-Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
-Float = NDArray[np.float32]
 Image = NDArray[np.uint8]
 
-WARNING = "WARNING: "  # how the line of a note begins that is one
+_WARNING = "WARNING: "  # how the line of a note begins that is one
 
 
 @dataclass(frozen=True)
@@ -47,4 +43,9 @@ class Note:
     @property
     def line(self) -> str:
         """The text alone, marked where it warns."""
-        return WARNING * self.warns + self.text
+        return _WARNING * self.warns + self.text
+
+    @classmethod
+    def from_line(cls, line: str) -> Note:
+        """Read back a `line`; the note has no id."""
+        return cls("", line.removeprefix(_WARNING), line.startswith(_WARNING))

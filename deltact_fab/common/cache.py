@@ -18,7 +18,7 @@ import platform
 import time
 import zlib
 from collections.abc import Iterable, Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -42,9 +42,9 @@ def cache_folder() -> Path:
 def cache_key(
     *code: str, package: Path = digest.PACKAGE, libraries: tuple[str, ...] = (), **given: Any
 ) -> dict[str, Any]:
-    """The key of a result: its code, what decides it beside the code, and what it was made from.
+    """Make the key of a result: its code, what decides it beside, and what it was made from.
 
-    code, package: as of `digest.of`. libraries: distributions whose versions count, and with them
+    code, package: as of `code_digest`. libraries: distributions whose versions count, and with them
     the machine. given: plain data and dataclasses.
     """
     made_by = _versions(libraries) if libraries else {}
@@ -83,44 +83,77 @@ def _versions(libraries: tuple[str, ...]) -> dict[str, str]:
     return found
 
 
-def read_cached(kind: str, key: dict[str, Any]) -> Any | None:
-    """The value stored under a key, or None; a damaged entry counts as none."""
-    path = _place(kind, key)
-    try:
-        entry = path.read_bytes()
-    except OSError:
-        return None
-    seal, data = entry[:_SEAL_BYTES], entry[_SEAL_BYTES:]
-    if seal != _seal(path, data):
-        return None
-    # Its last use, which `trim` goes by.
-    with contextlib.suppress(OSError):
-        os.utime(path)
-    return pickle.loads(data)
-
-
-def write_cached(
-    kind: str, key: dict[str, Any], value: Any, limit_bytes: int | None = None
-) -> bool:
-    """Store a value under a key that holds its code, whole or not at all; False: nothing is kept.
+@dataclass(frozen=True)
+class Store:
+    """Values of one kind in the user's cache folder, each under the key it was computed from.
 
     limit_bytes: what the kind may take of the disk; the longest unused entries make room.
     """
-    path, data = _place(kind, key), pickle.dumps(value)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(path, sync=False) as part:
-            part.write_bytes(_seal(path, data) + data)
-    except OSError:
-        return False
-    if limit_bytes is not None:
-        trim_cache(kind, limit_bytes)
-    return True
 
+    kind: str
+    limit_bytes: int | None = None
 
-def cached_file(kind: str, key: dict[str, Any]) -> Path:
-    """Where `put` under a key leaves its file, from the user's folder: it may be copied there."""
-    return _place(kind, key).relative_to(cache_folder())
+    @property
+    def folder(self) -> Path:
+        """The folder of the kind; it need not exist."""
+        return cache_folder() / self.kind
+
+    def read(self, key: dict[str, Any]) -> Any | None:
+        """The value stored under a key, or None; a damaged entry counts as none."""
+        path = cache_folder() / self.file(key)
+        try:
+            entry = path.read_bytes()
+        except OSError:
+            return None
+        seal, data = entry[:_SEAL_BYTES], entry[_SEAL_BYTES:]
+        if seal != _seal(path, data):
+            return None
+        # Its last use, which `trim` goes by.
+        with contextlib.suppress(OSError):
+            os.utime(path)
+        return pickle.loads(data)
+
+    def write(self, key: dict[str, Any], value: Any) -> bool:
+        """Store a value under a key that holds its code, whole or not at all; False: not stored."""
+        path, data = cache_folder() / self.file(key), pickle.dumps(value)
+        try:
+            _put(path, _seal(path, data) + data)
+        except OSError:
+            return False
+        if self.limit_bytes is not None:
+            self.trim(self.limit_bytes)
+        return True
+
+    def file(self, key: dict[str, Any]) -> Path:
+        """The file of a key, from the user's cache folder: it may be copied there."""
+        text = json.dumps(key, sort_keys=True, separators=(",", ":"))
+        return Path(self.kind, f"{hashlib.sha256(text.encode()).hexdigest()}.bin")
+
+    def trim(self, limit_bytes: int, keep: Iterable[dict[str, Any]] = ()) -> int:
+        """Delete files, the longest unused first, until they take at most limit_bytes.
+
+        keep: keys that have just been used; the limit is never below what their files take. What a
+        process that died left half written goes too. Returns the bytes freed; a folder that
+        refuses is left as it is.
+        """
+        held, freed = [], 0
+        kept = (cache_folder() / self.file(key) for key in keep)
+        limit_bytes = max(limit_bytes, sum(file.stat().st_size for file in kept if file.exists()))
+        with contextlib.suppress(OSError), os.scandir(self.folder) as entries:
+            for entry in entries:
+                state = entry.stat(follow_symlinks=False)
+                if entry.name.endswith(".part") and time.time() - state.st_mtime > _ABANDONED_S:
+                    held.append((0.0, entry.name, state.st_size, entry.path))
+                elif entry.name.endswith(".bin"):
+                    held.append((state.st_mtime, entry.name, state.st_size, entry.path))
+        total = sum(size for _, _, size, _ in held)
+        for used, _, size, path in sorted(held):
+            if used > 0 and total - freed <= limit_bytes:
+                break
+            with contextlib.suppress(OSError):
+                os.unlink(path)
+                freed += size
+        return freed
 
 
 def copy_in(name: str, data: bytes) -> None:
@@ -128,9 +161,7 @@ def copy_in(name: str, data: bytes) -> None:
     path = cache_folder() / name
     with contextlib.suppress(OSError):
         if not path.exists():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with whole_file(path, sync=False) as part:
-                part.write_bytes(data)
+            _put(path, data)
 
 
 def copy_out(names: Iterable[str]) -> dict[str, bytes]:
@@ -142,35 +173,11 @@ def copy_out(names: Iterable[str]) -> dict[str, bytes]:
     return found
 
 
-def trim_cache(kind: str, limit_bytes: int) -> int:
-    """Delete files of a kind, the longest unused first, until they take at most limit_bytes.
-
-    What a process that died left half written goes too. Returns the bytes freed; a folder that
-    refuses is left as it is.
-    """
-    held, freed = [], 0
-    with contextlib.suppress(OSError), os.scandir(cache_folder() / kind) as entries:
-        for entry in entries:
-            state = entry.stat(follow_symlinks=False)
-            if entry.name.endswith(".part") and time.time() - state.st_mtime > _ABANDONED_S:
-                held.append((0.0, entry.name, state.st_size, entry.path))
-            elif entry.name.endswith(".bin"):
-                held.append((state.st_mtime, entry.name, state.st_size, entry.path))
-    total = sum(size for _, _, size, _ in held)
-    for used, _, size, path in sorted(held):
-        if used > 0 and total - freed <= limit_bytes:
-            break
-        with contextlib.suppress(OSError):
-            os.unlink(path)
-            freed += size
-    return freed
+def _put(path: Path, data: bytes) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path, sync=False) as part:
+        part.write_bytes(data)
 
 
 def _seal(path: Path, data: bytes) -> bytes:
     return hashlib.sha256(path.stem.encode() + data).digest()
-
-
-def _place(kind: str, key: dict[str, Any]) -> Path:
-    """Where the entry of a key lies."""
-    text = json.dumps(key, sort_keys=True, separators=(",", ":"))
-    return cache_folder() / kind / f"{hashlib.sha256(text.encode()).hexdigest()}.bin"

@@ -12,15 +12,15 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from os.path import isdir
+from os.path import isdir, isfile
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from deltact_fab.paths import shipped_folder
 
-from . import reading
 from .errors import InputError, did_you_mean
 from .files import disk_errors, write_whole
+from .reading import read_toml
 
 MARKS: dict[str, frozenset[str]] = {
     "cad": frozenset(
@@ -31,41 +31,19 @@ MARKS: dict[str, frozenset[str]] = {
     "protocols/rigs": frozenset({"stage"}),
 }
 """Keys at the top of a file that tell its kind: one of them is enough."""
-CATALOGUE_KINDS = tuple(MARKS)
-CATALOGUE_LISTS = {
-    "indenter": "indenters",
-    "shape": "indenters",
-    "module": "cameras",
-    "bought": "parts",
-}
-"""A key at the top that tells a list from a design among the files of cad, and the list's kind."""
 MAX_FAULTS = 20
 """Of a file that are told: each hint among known keys takes a millisecond."""
 T = TypeVar("T")
 
 
 def catalogue_names(kind: str) -> list[str]:
-    """Names that `find` resolves for a kind, local ones first shadowing the shipped ones."""
+    """List the names that `find_file` resolves for a kind."""
     found = {p.stem for folder in (Path(kind), shipped_folder(kind)) for p in folder.glob("*.toml")}
     for path in Path().glob("*.toml"):
         with suppress(InputError):
-            if is_of(kind, read_toml(path)):
+            if not MARKS[kind].isdisjoint(read_toml(path)):
                 found.add(path.stem)
     return sorted(found)
-
-
-def design_names() -> list[str]:
-    """The names of cad that are designs and no lists."""
-    return [
-        name
-        for name in catalogue_names("cad")
-        if CATALOGUE_LISTS.keys().isdisjoint(read_toml(find_file("cad", name)))
-    ]
-
-
-def is_of(kind: str, data: Mapping[str, Any]) -> bool:
-    """Whether what was read from a file is of a kind, as far as its keys tell."""
-    return not MARKS[kind].isdisjoint(data)
 
 
 def find_file(kind: str, name: str) -> Path:
@@ -73,30 +51,27 @@ def find_file(kind: str, name: str) -> Path:
 
     Raises InputError naming the nearest catalogue entry when nothing matches.
     """
-    if kind not in CATALOGUE_KINDS:
+    if kind not in MARKS:
         raise ValueError(f"unknown catalogue {kind!r}")
     path = Path(name)
     if path.suffix == ".toml" or path.parent != Path("."):
-        if reading.is_file(path):
+        if isfile(path):
             return path
         raise InputError(f"{name}: {'a folder, no file' if isdir(path) else 'no such file'}")
     own, here, shipped = (
         folder / f"{name}.toml" for folder in (Path(kind), Path(), shipped_folder(kind))
     )
-    if reading.is_file(own):
+    if isfile(own):
         return own
     # One that is no TOML is the user's to mend: the shipped one would hide it.
-    another = reading.is_file(here) and not is_of(kind, read_toml(here))
-    if reading.is_file(here) and not another:
+    another = isfile(here) and MARKS[kind].isdisjoint(read_toml(here))
+    if isfile(here) and not another:
         return here
-    if reading.is_file(shipped):
+    if isfile(shipped):
         return shipped
     remark = f"; {here} has none of {', '.join(sorted(MARKS[kind]))}" if another else ""
     hint = did_you_mean(name, catalogue_names(kind))
     raise InputError(f"{name}: not in the catalogue of {kind}{remark}; {hint}")
-
-
-read_toml = reading.toml
 
 
 def write_new_file(path: Path, text: str) -> None:
@@ -116,7 +91,7 @@ def write_new_file(path: Path, text: str) -> None:
 
 
 def toml_text(data: Mapping[str, Any], about: Sequence[str] = ()) -> str:
-    """The text of a TOML file that `read` reads.
+    """Format tables as a TOML file that `read_toml` reads.
 
     data: numbers, strings, booleans, lists and tables of them; about: lines of comment above it.
     A key whose value is None is left out. Raises ValueError for NaN and infinity.
@@ -138,7 +113,7 @@ def _table(name: str, values: Mapping[str, Any]) -> list[str]:
 
 
 def toml_literal(value: Any) -> str:
-    """A value as TOML writes it, on one line. Raises ValueError for NaN and infinity."""
+    """Format a value as TOML writes it, on one line. Raises ValueError for NaN and infinity."""
     if isinstance(value, Mapping):
         inner = ", ".join(f"{name} = {toml_literal(one)}" for name, one in value.items())
         return f"{{{inner}}}"
@@ -178,9 +153,9 @@ OUT_OF_LIMITS = {
 
 
 def _line(source: str, kind: type, fault: Any) -> str:
-    from .configuration import BY_NAME, ONE_OF, schema_at
+    from .configuration import TAGS, schema_at
 
-    at = tuple(part for part in fault["loc"] if part not in (BY_NAME, ONE_OF, "[key]"))
+    at = tuple(part for part in fault["loc"] if part not in (*TAGS, "[key]"))
     key = ".".join(str(part) for part in at)
     where = f"{source}: {key}" if key else source
     if fault["type"] in ("extra_forbidden", "unexpected_keyword_argument"):

@@ -34,6 +34,11 @@ class Check:
     sign: Literal["<", "<=", ">=", ""] = ""
     margin: float | None = None
 
+    @classmethod
+    def warnings(cls, id: str, lines: Iterable[str]) -> list[Check]:
+        """A check that warns for each line."""
+        return [cls(f"{id}.{k}", value=line, status="warn") for k, line in enumerate(lines)]
+
     @property
     def failed(self) -> bool:
         """True where it fails; what warns or was not run does not."""
@@ -48,15 +53,5 @@ class Check:
 
 
 def graded(passed: bool, warns: bool = False) -> Status:
-    """The status of a check that passes or not, and may pass with a warning."""
+    """Grade a check that passes or not, and may pass with a warning."""
     return "fail" if not passed else "warn" if warns else "pass"
-
-
-def worst(checks: Iterable[Check]) -> Status:
-    """The verdict on all of them together."""
-    return max((check.status for check in checks), key=STATUSES.index, default="pass")
-
-
-def passes(checks: Iterable[Check]) -> bool:
-    """True where none fails."""
-    return worst(checks) != "fail"

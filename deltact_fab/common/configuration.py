@@ -10,16 +10,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema
 
-Place = Annotated[float, Field(ge=-10_000, le=10_000)]  # mm, of a frame or a machine
-
-
-ONE_OF, BY_NAME = "(value)", "(table)"
+K = TypeVar("K")
+V = TypeVar("V")
+TAGS = ("(value)", "(table)")
 """Tags of a union of a value and a table; a place in a file does not have them."""
+OneOrEach = Annotated[
+    Annotated[V, Tag(TAGS[0])] | Annotated[dict[K, V], Field(min_length=1), Tag(TAGS[1])],
+    Discriminator(lambda value: TAGS[isinstance(value, dict)]),
+]
+"""One value for every key alike, or a table of values by key."""
 
 
 class Table(BaseModel):
@@ -31,12 +35,6 @@ class Table(BaseModel):
     model_config = ConfigDict(
         extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True
     )
-
-
-def same_as(record: Any, key: str) -> Any:
-    """A field with the default, limits and meaning of a record's (`sensor.shapes.bounded`)."""
-    field = record.__dataclass_fields__[key]
-    return Field(default=field.default, **field.metadata)
 
 
 class _Schema(GenerateJsonSchema):
@@ -70,12 +68,12 @@ def adapter(model: Any) -> TypeAdapter[Any]:
 
 @cache
 def json_schema_of(model: Any) -> dict[str, Any]:
-    """The JSON Schema of a model or a dataclass, to be read only."""
+    """Generate the JSON Schema of a model or a dataclass, to be read only."""
     return adapter(model).json_schema(schema_generator=_Schema)
 
 
 def resolve_schema(key: dict[str, Any], root: dict[str, Any]) -> dict[str, Any]:
-    """A key's own schema, its reference followed."""
+    """Follow the reference of a key to its own schema."""
     target = root["$defs"][key["$ref"].rpartition("/")[2]] if "$ref" in key else {}
     return {**target, **key}
 

@@ -28,7 +28,7 @@ Imports = tuple[tuple[tuple[str, ...], list[str]], ...]
 
 
 def code_digest(*modules: str, package: Path = PACKAGE) -> str:
-    """The digest of modules, named from the package as in "gel.path", and all that they import.
+    """Hash modules, named from the package as in "gel.path", and all that they import.
 
     package: another one's folder; what it imports of this one counts too. Raises ValueError for a
     module that is not there.
@@ -119,9 +119,12 @@ def _read(path: Path, package: Path) -> tuple[str, Imports, tuple[Path, ...]]:
 
 
 def _looked_through(tree: ast.Module, path: Path) -> tuple[Path, ...]:
-    """The files beside one that calls `modules_in(__package__, besides=(...))`."""
+    """The files beside one that calls `collect_entries(__package__, ..., besides=(...))`."""
     for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
-        if ast.unparse(call.func) == "modules_in" and ast.unparse(call.args[0]) == "__package__":
+        if (
+            ast.unparse(call.func) == "collect_entries"
+            and ast.unparse(call.args[0]) == "__package__"
+        ):
             left = {path.stem, "__init__"}
             for keyword in call.keywords:
                 left.update(ast.literal_eval(keyword.value))

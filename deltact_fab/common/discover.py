@@ -4,31 +4,26 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-from collections.abc import Collection, Iterator
-from types import ModuleType
+from collections.abc import Collection
 from typing import Any
 
 
-def modules_in(package: str | None, besides: Collection[str] = ()) -> Iterator[ModuleType]:
-    """The modules of a package's folder by name, but for those that are no entries of it.
+def collect_entries(
+    package: str | None, table: str, besides: Collection[str] = ()
+) -> dict[str, Any]:
+    """Join the tables of one name that the modules of a package's folder have.
 
+    A table is a dict, or a tuple of what has a `name`. besides: modules that are no entries.
     A file that calls this with `__package__` depends on all of them, and `digest` counts them so.
-    """
-    assert package, "a package's own name"
-    folder = importlib.import_module(package).__path__
-    for name in sorted(m.name for m in pkgutil.iter_modules(folder) if m.name not in besides):
-        yield importlib.import_module(f"{package}.{name}")
-
-
-def entries(modules: Iterator[ModuleType], table: str) -> dict[str, Any]:
-    """The tables of that name which modules have, joined.
-
     Raises RuntimeError when two of them claim one key.
     """
+    assert package, "a package's own name"
     found: dict[str, Any] = {}
-    for module in modules:
-        for key, value in getattr(module, table, {}).items():
+    folder = importlib.import_module(package).__path__
+    for name in sorted(m.name for m in pkgutil.iter_modules(folder) if m.name not in besides):
+        held = getattr(importlib.import_module(f"{package}.{name}"), table, {})
+        for key, value in held.items() if isinstance(held, dict) else ((e.name, e) for e in held):
             if key in found:
-                raise RuntimeError(f"two of {table} are called {key!r}, one in {module.__name__}")
+                raise RuntimeError(f"two of {table} are called {key!r}, one in {package}.{name}")
             found[key] = value
     return found

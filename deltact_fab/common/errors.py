@@ -6,13 +6,13 @@ A message names the place (file:key), the value that was found, and what would b
 from __future__ import annotations
 
 import difflib
+import errno
+import importlib.util
 import re
 from collections.abc import Iterable, Sequence
 
 MAX_CHARACTERS = 300
 """Of a message on the command line."""
-INTERRUPTED = 130
-"""Exit code of a command that an operator ended."""
 
 
 class DeltactFabError(Exception):
@@ -30,17 +30,20 @@ class DeltactFabError(Exception):
 
 
 class InputError(DeltactFabError):
-    """What the user gave cannot be used: nothing was run, nothing was written."""
+    """Input that cannot be used: nothing was run, nothing was written."""
 
     exit_code = 2
 
 
 class RunFailed(DeltactFabError):
-    """The input was fine, and a check, a solver or a run failed."""
+    """A failure on good input: a check, a solver or a run failed."""
+
+    DISK = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
+    """Errors of a full or broken disk: no fault of what was asked."""
 
 
 class SolverError(RunFailed):
-    """A numerical method did not reach its stated tolerance, or left its range of validity."""
+    """A numerical method that missed its stated tolerance, or left its range of validity."""
 
 
 class TimeLimit(RunFailed):
@@ -48,23 +51,33 @@ class TimeLimit(RunFailed):
 
 
 class Stopped(RunFailed):
-    """Ended by the operator before it was done, in good order."""
+    """An end by the operator before it was done, in good order."""
 
-    exit_code = INTERRUPTED
+    exit_code = 130
 
 
 class StageError(RunFailed):
-    """The motion controller refused, alarmed, restarted or fell silent."""
+    """A motion controller that refused, alarmed, restarted or fell silent."""
 
 
 class SensorError(RunFailed):
-    """A camera or force sensor delivered nothing usable."""
+    """A camera or force sensor that delivered nothing usable."""
 
 
 class MissingLibrary(DeltactFabError):
-    """A library of the system or an optional package is absent; the text says how to install it."""
+    """An absent library of the system or optional package; the text says how to install it."""
 
     exit_code = 2
+
+
+def require_extra(extra: str, what: str, *modules: str) -> None:
+    """Require the modules of an extra, none of which is imported; call it before the work.
+
+    what: what cannot be had without them, as it stands before "needs". Raises MissingLibrary.
+    """
+    for module in modules:
+        if importlib.util.find_spec(module) is None:
+            raise MissingLibrary(f"{what} needs {module}: pip install 'deltact-fab[{extra}]'")
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
@@ -75,7 +88,7 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 
 def fault_line(*faults: str, untold: int = 0) -> str:
-    """Faults as one line of at most MAX_CHARACTERS that any terminal can show.
+    """Join faults to one line of at most MAX_CHARACTERS that any terminal can show.
 
     What is too long loses first faults from the end, then the inside of its long words.
     """

@@ -9,11 +9,9 @@ import shutil
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Literal
 
 from .errors import DeltactFabError, InputError, RunFailed
-
-DISK = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
-"""Errors of a full or broken disk: no fault of what was asked."""
 
 
 def write_whole(path: Path, data: bytes, sync_name: bool = True) -> None:
@@ -27,7 +25,7 @@ def write_whole(path: Path, data: bytes, sync_name: bool = True) -> None:
 
 @contextmanager
 def whole_file(path: Path, sync: bool = True, sync_name: bool = True) -> Iterator[Path]:
-    """A hidden name beside `path` for a file or a folder that takes its place at the end.
+    """Yield a hidden name beside `path` for a file or a folder that takes its place at the end.
 
     On any error it is removed, and `path` is as it was. sync: False for what may be lost in a power
     cut. sync_name: False where the caller syncs the folder, once for many files. Raises OSError.
@@ -45,7 +43,7 @@ def whole_file(path: Path, sync: bool = True, sync_name: bool = True) -> Iterato
         _remove(part)
 
 
-def write_together(
+def write_files(
     wanted: Mapping[Path, bytes],
     gone: Collection[Path] = (),
     error: type[DeltactFabError] = InputError,
@@ -73,58 +71,49 @@ def write_together(
             left.unlink(missing_ok=True)
 
 
-def check_place(path: Path) -> None:
-    """Raise InputError where a file cannot be: a folder, in no folder, no right, too long."""
+def check_writable(path: Path, folder: bool = False) -> None:
+    """Raise InputError where a file, or a folder, cannot be: in no folder, no right, too long."""
     try:
-        # Path.is_dir raises on a name that is too long, and says False to one that may not be read
-        path.lstat()
-    except (FileNotFoundError, NotADirectoryError):
-        pass
+        if folder:
+            there = next(one for one in (path, *path.absolute().parents) if one.exists())
+        else:
+            there = path.parent
+            # Path.is_dir raises on a name that is too long, False to one that may not be read.
+            with suppress(FileNotFoundError, NotADirectoryError):
+                path.lstat()
     except OSError as why:
         raise InputError(_unwritable(path, why)) from why
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; expected the name of a file")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: there is no folder {path.parent}; create it first")
-    if not os.access(path.parent, os.W_OK):
-        raise InputError(f"{path}: cannot be written: {path.parent} is read-only")
-
-
-def check_folder(path: Path) -> None:
-    """Raise InputError where a folder cannot be, or cannot be written into."""
-    try:
-        there = next(one for one in (path, *path.absolute().parents) if one.exists())
-    except OSError as why:
-        raise InputError(_unwritable(path, why)) from why
-    if not there.is_dir():
+    if folder and not there.is_dir():
         raise InputError(f"{path}: {there} is a file; expected a folder")
+    if not folder and path.is_dir():
+        raise InputError(f"{path}: is a folder; expected the name of a file")
+    if not there.is_dir():
+        raise InputError(f"{path}: there is no folder {there}; create it first")
     if not os.access(there, os.W_OK):
         raise InputError(f"{path}: cannot be written: {there} is read-only")
 
 
 @contextmanager
-def disk_errors(path: Path) -> Iterator[None]:
-    """An OSError becomes a RunFailed that names the file."""
+def disk_errors(
+    path: Path, action: Literal["written", "read", "made"] = "written"
+) -> Iterator[None]:
+    """Turn an OSError into a RunFailed that names the file.
+
+    action: while a folder is `made` only a full or broken disk is a RunFailed, all else InputError.
+    """
     try:
         yield
     except OSError as why:
-        raise RunFailed(f"{path}: cannot be written: {why.strerror or why}") from why
+        bad_disk = action != "made" or why.errno in RunFailed.DISK
+        kind = RunFailed if bad_disk else InputError
+        raise kind(f"{path}: cannot be {action}: {why.strerror or why}") from why
 
 
-@contextmanager
-def making_files(folder: Path) -> Iterator[None]:
-    """An OSError while the folder is made: a full or broken disk failed, all else is bad input."""
-    try:
-        yield
-    except OSError as why:
-        kind = RunFailed if why.errno in DISK else InputError
-        raise kind(f"{folder}: cannot be made: {why.strerror}") from why
-
-
-def make_folder(folder: Path) -> None:
-    """Make a folder, and those above it; as `making` where that cannot be."""
-    with making_files(folder):
-        folder.mkdir(parents=True, exist_ok=True)
+def make_folder(folder: Path, *inside: str) -> None:
+    """Make a folder, those above it and those named inside; as `disk_errors` if that cannot be."""
+    with disk_errors(folder, "made"):
+        for name in inside or ("",):
+            (folder / name).mkdir(parents=True, exist_ok=True)
 
 
 def sync_folder(folder: Path) -> None:

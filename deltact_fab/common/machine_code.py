@@ -14,7 +14,7 @@ Loop = TypeVar("Loop", bound=Callable[..., Any])
 
 
 def compile_loop(**options: Any) -> Callable[[Loop], Loop]:
-    """Decorates a loop; options: numba's, besides sums in any order.
+    """Decorate a loop that numba compiles; options: numba's, besides sums in any order.
 
     Kept in the package's folder or the user's, or in neither where neither can be written.
     """

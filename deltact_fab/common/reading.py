@@ -22,16 +22,8 @@ _DEEP_KEY = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]+[ \t]*\.[ \t]*){{{MAX_LEVELS}
 _MAX_WHOLE = 2**63  # TOML 1.0, "Integer": 64 bits, signed
 
 
-def is_file(path: Path) -> bool:
-    """Whether a file is there; a name that no file can have is none, where `Path` may raise."""
-    try:
-        return path.is_file()
-    except OSError:  # too long, or links in a circle
-        return False
-
-
 def read_text(path: Path, most_bytes: int = MAX_BYTES) -> str:
-    """The text of a file, UTF-8 with or without its mark.
+    """Read the text of a file, UTF-8 with or without its mark.
 
     Raises InputError of one line: it cannot be read, is longer than most_bytes, or is no UTF-8.
     """
@@ -50,8 +42,8 @@ def read_text(path: Path, most_bytes: int = MAX_BYTES) -> str:
         )
 
 
-def toml(path: Path) -> dict[str, Any]:
-    """The tables of a TOML file. Raises InputError naming the file and the place in it."""
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read the tables of a TOML file. Raises InputError naming the file and the place in it."""
     content = read_text(path)
     if content.count("=") + content.count("\n[") > MAX_KEYS:
         raise InputError(f"{path}: more than {MAX_KEYS} keys; is it the right file?")
@@ -69,12 +61,12 @@ def toml(path: Path) -> dict[str, Any]:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """The object of a JSON file. Raises InputError naming the file."""
+    """Read the object of a JSON file. Raises InputError naming the file."""
     return parse_json(read_text(path, MAX_RECORD_BYTES), str(path))
 
 
 def parse_json(content: str, source: str) -> dict[str, Any]:
-    """The object of a JSON text. Raises InputError naming its source."""
+    """Parse the object of a JSON text. Raises InputError naming its source."""
     try:
         data = json.loads(content)
         _check(data)

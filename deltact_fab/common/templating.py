@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from deltact_fab.paths import asset
 
-from .checks import Check, Status, worst
-from .extras import require_extra
+from .checks import STATUSES, Check, Status
+from .errors import require_extra
 from .files import make_folder, write_whole
 
 if TYPE_CHECKING:
@@ -22,14 +22,15 @@ SHORT = 32  # letters that stay on one line
 
 
 def require_pages() -> None:
-    """Raises MissingLibrary without the extra `report`; call it before the work for a page."""
+    """Require what a page needs; call it before the work. Raises MissingLibrary."""
     require_extra("report", "a page", "jinja2", "matplotlib")
 
 
-def render_page(template: str, **values: Any) -> str:
-    """The page of a template of this package; a name that it does not find is an error.
+def render_page(template: str, findings: Iterable[Check], **values: Any) -> str:
+    """Fill a template of this package; a name that it does not find is an error.
 
-    Raises MissingLibrary without the extra `report`.
+    findings: sentences for and against what the page shows, which make its verdict. Raises
+    MissingLibrary without the extra `report`.
     """
     require_pages()
     import jinja2
@@ -41,8 +42,21 @@ def render_page(template: str, **values: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.filters.update(num=format_number, fig=format_fixed)
-    return made.get_template(template).render(**values)
+    made.filters.update(
+        num=format_number, fig=lambda value, decimals=1: format_number(value, decimals)
+    )
+    return made.get_template(template).render(verdict=page_verdict(findings), **values)
+
+
+def write_page(out: Path, template: str, findings: Iterable[Check], **values: Any) -> Path:
+    """Write a page whole, as `render_page` makes it; its folder is made where it is missing.
+
+    Raises InputError when the folder cannot be, RunFailed when the disk refuses.
+    """
+    page = render_page(template, findings, **values)
+    make_folder(out.parent)
+    write_whole(out, page.encode())
+    return out
 
 
 class Verdict(NamedTuple):
@@ -52,20 +66,10 @@ class Verdict(NamedTuple):
     status: Status
 
 
-def finding(id: str, text: str, status: Status = "pass") -> Check:
-    """A sentence of a page's verdict."""
-    return Check(id, value=text, status=status)
-
-
 def page_verdict(checks: Iterable[Check]) -> Verdict:
     """Sum of all that a page has to say for and against what it shows."""
     once = tuple({(check.value, check.status): check for check in checks}.values())
-    return Verdict(once, worst(once))
-
-
-def warning_findings(id: str, lines: Iterable[str]) -> list[Check]:
-    """A finding for each line that is a warning."""
-    return [finding(f"{id}.{k}", line, "warn") for k, line in enumerate(lines)]
+    return Verdict(once, max((c.status for c in once), key=STATUSES.index, default="pass"))
 
 
 # Of a key or a column: what its last part says of the unit.
@@ -84,8 +88,14 @@ def label(key: str) -> str:
     return key.replace("_", " ")
 
 
-def format_number(value: Any) -> str:
-    """Four digits at most; nothing where there is none."""
+def format_number(value: Any, decimals: int | None = None) -> str:
+    """Format a number with four digits at most; an empty text where there is none.
+
+    decimals: as it is read off a balance or a rule instead: so many, without trailing zeros.
+    """
+    if decimals is not None:
+        fixed = f"{value:.{decimals}f}"
+        return fixed.rstrip("0").rstrip(".") if decimals else fixed
     if value is None or not math.isfinite(value):
         return ""
     size = abs(value)
@@ -96,12 +106,6 @@ def format_number(value: Any) -> str:
     else:
         text = f"{value:.4g}" if size >= 1e-4 else f"{value:.2e}"
     return text.replace(",", "\u202f").replace("-", "−")  # a thin space that does not break
-
-
-def format_fixed(value: float, digits: int = 1) -> str:
-    """A number as it is read off a balance or a rule: fixed digits, no trailing zeros."""
-    text = f"{value:.{digits}f}"
-    return text.rstrip("0").rstrip(".") if "." in text else text
 
 
 def cell(value: Any) -> str:
@@ -118,14 +122,19 @@ def html_table(
     words: Mapping[str, str] | None = None,
     marks: Sequence[str] = (),
     links: Sequence[str] = (),
+    keys: str = "",
 ) -> dict[str, Any]:
-    """What the macro `table` needs; columns in which there is no value are left out.
+    """Prepare a table for the macro `table`; columns without any value are left out.
 
     words: what stands above a column in place of its name. marks, links: the class of each row, and
-    where its first cell leads. beyond: names of the columns that are not shown.
+    where its first cell leads. keys: a column of keys, shown by their labels.
+    beyond: names of the columns that are not shown.
     """
     heads = words or {}
-    cells = {name: [cell(value) for value in frame[name]] for name in frame}
+    cells = {
+        name: [label(value) if name == keys else cell(value) for value in frame[name]]
+        for name in frame
+    }
     known = [name for name, column in cells.items() if any(column) or not column]
     shown = known[:MAX_COLUMNS]
     return {
@@ -146,13 +155,3 @@ def _kind(column: pd.Series[Any]) -> str:
     if all(isinstance(value, int | float) or hasattr(value, "dtype") for value in known):
         return "number"
     return "short" if max(len(str(value)) for value in known) <= SHORT else "long"
-
-
-def save_page(page: str, out: Path) -> Path:
-    """Write a page whole, into a folder that is made where it is missing.
-
-    Raises InputError when the folder cannot be, RunFailed when the disk refuses.
-    """
-    make_folder(out.parent)
-    write_whole(out, page.encode())
-    return out

@@ -17,16 +17,12 @@ from deltact_fab.common import (
     Check,
     MissingLibrary,
     Progress,
-    finding,
-    format_fixed,
+    format_number,
     html_table,
-    page_verdict,
-    render_page,
     require_extra,
     require_pages,
-    save_page,
     toml_text,
-    warning_findings,
+    write_page,
 )
 
 from .cad.design import load_indenters
@@ -130,8 +126,10 @@ def write_guide(
         except MissingLibrary as why:
             pictures = Pictures(note=f"No pictures and no 3D view: {why}")
     pattern = sticker(design, examples)
-    page = render_page(
+    return write_page(
+        out,
         "guide.html",
+        _judged(design, pictures, pattern),
         d=design,
         sensors=sensors,
         parts=parts,
@@ -143,7 +141,8 @@ def write_guide(
         f=_figures(design),
         batches=html_table(
             pd.DataFrame(
-                [str(count), *map(format_fixed, (batch.a_g, batch.b_g, batch.volume_cm3))]
+                [str(count)]
+                + [format_number(x, 1) for x in (batch.a_g, batch.b_g, batch.volume_cm3)]
                 for count in range(1, quantities.cavities(design) + 1)
                 for batch in (quantities.skins_batch(design, count),)
             ).set_axis(BATCH, axis="columns")
@@ -154,7 +153,6 @@ def write_guide(
         facts=quantities.FIGURES,
         process=html_table(pd.DataFrame(quantities.FIGURES, dtype=object), PROCESS),
         gaps=html_table(pd.DataFrame(gaps(design)), GAPS),
-        verdict=page_verdict(_judged(design, pictures, pattern)),
         unverified=[(key, f"{attrgetter(key)(design):g}") for key in design.unverified()],
         # Keys that take the names of what a lab has measured, where something is unverified.
         measured=[
@@ -166,21 +164,20 @@ def write_guide(
         release_agent=RELEASE_AGENT,
         indenters=len(load_indenters().indenter),
     )
-    return save_page(page, out)
 
 
 def _judged(design: Design, pictures: Pictures, pattern: PatternToPrint) -> Iterator[Check]:
     """What speaks for the design, and what is to be seen to before it is printed."""
-    yield finding("rules", "The dimensions of this design go together by all their rules.")
+    yield Check("rules", value="The dimensions of this design go together by all their rules.")
     if n := len(design.unverified()):
         text = (
             f"{n} dimensions were assumed and never measured: measure yours before you print "
             "(the last section names them)."
         )
-        yield finding("unverified", text, "warn")
+        yield Check("unverified", value=text, status="warn")
     else:
-        yield finding("unverified", "All dimensions are marked as measured.")
-    yield from warning_findings("pages", (line for line in (pictures.note, pattern.unseen) if line))
+        yield Check("unverified", value="All dimensions are marked as measured.")
+    yield from Check.warnings("pages", (line for line in (pictures.note, pattern.unseen) if line))
 
 
 def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
@@ -248,7 +245,7 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
 
 def _to_order(line: bom.BomLine) -> dict[str, str]:
     """A line of the bill of materials."""
-    amount = format_fixed(line.quantity, 2 if line.unit == "ml" else 1)
+    amount = format_number(line.quantity, 2 if line.unit == "ml" else 1)
     order = "made"
     if line.source is not None:
         second, instead = line.source.second_source, line.source.instead

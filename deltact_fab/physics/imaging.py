@@ -11,11 +11,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import Float
 from deltact_fab.sensor import GAMMA, ImageSensor, Printer
 
 
-def print_colours(printer: Printer, values: Float, rng: np.random.Generator) -> Float:
+def print_colours(
+    printer: Printer, values: NDArray[np.float32], rng: np.random.Generator
+) -> NDArray[np.float32]:
     """Print colour values (h, w, 3 in 0..1, one per printer dot); returns linear reflectance.
 
     Ordered dither with a random threshold per dot and ink, then misregistration and spread.
@@ -51,7 +52,7 @@ _FAR = 1e6  # squared half diagonals: where a pixel that sees nothing is taken t
 _HIGHLIGHT_AT, _HIGHLIGHT_WIDTH = (0.35, -0.3), 0.06
 
 
-def view_grid(height: int, width: int) -> Float:
+def view_grid(height: int, width: int) -> NDArray[np.float32]:
     """Pixels from the image's middle, in half diagonals, (h, w, 2) as (x, y)."""
     y, x = (np.arange(n) - (n - 1) / 2 for n in (height, width))
     return np.asarray(np.dstack(np.meshgrid(x, y)) / np.hypot(height / 2, width / 2))
@@ -63,7 +64,7 @@ class Exposure:
     off: (h, w, 2) from the view's middle, in half diagonals; inf where nothing is seen.
     """
 
-    def __init__(self, sensor: ImageSensor, off: Float) -> None:
+    def __init__(self, sensor: ImageSensor, off: NDArray[np.float32]) -> None:
         self._sensor = sensor
         square = np.minimum(np.sum(off**2, axis=-1)[..., None], _FAR)
         light = np.maximum(1 - sensor.shading * square, 0)
@@ -77,7 +78,10 @@ class Exposure:
         self._highlight = spot.astype(np.float32)
 
     def expose(
-        self, radiance: Float, rng: np.random.Generator, depth_mm: Float | None = None
+        self,
+        radiance: NDArray[np.float32],
+        rng: np.random.Generator,
+        depth_mm: NDArray[np.float32] | None = None,
     ) -> NDArray[np.uint8]:
         """Linear radiance (h, w, 3 RGB, 0..1) to the BGR image that a program gets.
 
@@ -98,7 +102,7 @@ class Exposure:
         raw[0::2, 0::2], raw[1::2, 1::2] = light[0::2, 0::2, 2], light[1::2, 1::2, 0]
         return self._delivered(cv2.cvtColor(self._digitised(raw, rng), _DEMOSAICS[sensor.demosaic]))
 
-    def _digitised(self, raw: Float, rng: np.random.Generator) -> NDArray[np.uint8]:
+    def _digitised(self, raw: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.uint8]:
         sensor = self._sensor
         raw = raw * np.float32(0.9 * sensor.full_well_electrons)
         spread = np.sqrt(np.maximum(raw, 0) + np.float32(sensor.read_noise_electrons**2))

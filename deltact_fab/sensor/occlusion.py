@@ -12,14 +12,14 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import Points
+from deltact_fab.common import Field
 
 Int = NDArray[np.intp]
 _INSIDE = -1e-9  # barycentric: a pixel on an edge belongs to both sides
 _PAIRS = 2_000_000  # triangles by pixels at a time
 
 
-def folded_pixels(at_px: Points, shape: tuple[int, int]) -> NDArray[np.bool_]:
+def folded_pixels(at_px: Field, shape: tuple[int, int]) -> NDArray[np.bool_]:
     """Pixels (h, w) onto which a piece that is turned over projects.
 
     at_px: image points (x, y) of a grid of surface points, (rows, columns, 2).
@@ -31,7 +31,7 @@ def folded_pixels(at_px: Points, shape: tuple[int, int]) -> NDArray[np.bool_]:
     return disputed
 
 
-def nearest_surface(at_px: Points, depth: Points, wanted: NDArray[np.bool_]) -> Points:
+def nearest_surface(at_px: Field, depth: Field, wanted: NDArray[np.bool_]) -> Field:
     """Grid position (column, row) of what is seen at each wanted pixel, (n, 2) in their order.
 
     at_px: as above. depth: of the same points along the camera's axis, (rows, columns). wanted:
@@ -53,7 +53,7 @@ def nearest_surface(at_px: Points, depth: Points, wanted: NDArray[np.bool_]) -> 
     return found[wanted.ravel()]
 
 
-def _doubled_areas(at_px: Points) -> Points:
+def _doubled_areas(at_px: Field) -> Field:
     """Of the two triangles of each cell, (2, rows - 1, columns - 1); below 0: turned over."""
     a, b, c, d = at_px[:-1, :-1], at_px[:-1, 1:], at_px[1:, :-1], at_px[1:, 1:]
     return np.stack((_cross(b - a, c - a), _cross(c - d, b - d)))
@@ -69,7 +69,7 @@ def _triangles(chosen: NDArray[np.bool_]) -> Int:
     return np.stack((first, second, np.where(half, a + 1, a + columns)), -1)
 
 
-def _reaches(at_px: Points, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _reaches(at_px: Field, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Cells with a wanted pixel in the box around them, (rows - 1, columns - 1)."""
     corners = at_px[:-1, :-1], at_px[:-1, 1:], at_px[1:, :-1], at_px[1:, 1:]
     most = np.array(wanted.shape[::-1])
@@ -80,13 +80,13 @@ def _reaches(at_px: Points, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return until[y1, x1] - until[y0, x1] - until[y1, x0] + until[y0, x0] > 0
 
 
-def _cross(a: Points, b: Points) -> NDArray[np.float64]:
+def _cross(a: Field, b: Field) -> NDArray[np.float64]:
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
 def _covered(
-    at_px: Points, triangles: Int, wanted: NDArray[np.bool_]
-) -> Iterator[tuple[Int, Int, Points]]:
+    at_px: Field, triangles: Int, wanted: NDArray[np.bool_]
+) -> Iterator[tuple[Int, Int, Field]]:
     """Wanted pixels (flat) under triangles, their corners (n, 3) and shares of these, in parts."""
     w = wanted.shape[1]
     rows, columns = np.flatnonzero(wanted.any(1)), np.flatnonzero(wanted.any(0))

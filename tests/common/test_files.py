@@ -43,7 +43,7 @@ def test_a_full_disk_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.Mon
     with pytest.raises(RunFailed, match=r"f\.json: cannot be written: No space left on device$"):
         files.write_whole(file, b"new")
     with pytest.raises(InputError, match=r"f\.json: cannot be written: No space left on device$"):
-        files.write_together({file: b"new"})
+        files.write_files({file: b"new"})
     assert contents(tmp_path) == {"f.json": b"old"}
 
 
@@ -54,9 +54,9 @@ def test_files_that_go_together_go_with_those_that_come(tmp_path: Path, blocked:
     last.mkdir() if blocked else last.write_bytes(b"2")
     wanted = {new: b"3", last: b"4"}
     if not blocked:
-        files.write_together(wanted, [old], RunFailed)
+        files.write_files(wanted, [old], RunFailed)
         assert contents(tmp_path) == {"new": b"3", "result": b"4"}
         return
     with pytest.raises(RunFailed, match="result: cannot be written"):
-        files.write_together(wanted, [old], RunFailed)
+        files.write_files(wanted, [old], RunFailed)
     assert contents(tmp_path) == {"old": b"1"}

@@ -21,7 +21,7 @@ import pytest
 
 from deltact_fab.common import jobs
 from deltact_fab.common.errors import InputError, MissingLibrary, RunFailed
-from deltact_fab.common.jobs.batch import JobOutcome, run_each, run_jobs
+from deltact_fab.common.jobs.batch import run_each, run_jobs
 from deltact_fab.common.jobs.cluster import open_executor
 from deltact_fab.common.jobs.local import THREAD_VARIABLES, TRIES, processors
 
@@ -70,10 +70,10 @@ def test_the_first_job_that_fails_gives_the_error_however_late(workers: int) -> 
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_failures_are_collected_where_the_rest_is_wanted(workers: int) -> None:
-    ended: dict[int, JobOutcome[Any]] = {}
-    run_jobs(eval, ["1", "one", "1/0", "4"], lambda e: ended.update({e.index: e}), workers=workers)
-    assert [ended[i].value for i in (0, 3)] == [1, 4]
-    assert [type(ended[i].error) for i in (1, 2)] == [NameError, ZeroDivisionError]
+    ended: dict[int, tuple[Any, Exception | None]] = {}
+    run_jobs(eval, ["1", "one", "1/0", "4"], lambda k, *e: ended.update({k: e}), workers=workers)
+    assert [ended[i][0] for i in (0, 3)] == [1, 4]
+    assert [type(ended[i][1]) for i in (1, 2)] == [NameError, ZeroDivisionError]
 
 
 def test_what_hears_may_fail_and_nothing_is_left() -> None:
@@ -103,11 +103,11 @@ def test_a_job_whose_process_is_killed_is_tried_again(tmp_path: Path) -> None:
 
 
 def test_one_that_kills_its_process_each_time_fails_alone() -> None:
-    ended: dict[int, JobOutcome[Any]] = {}
+    ended: dict[int, tuple[Any, Exception | None]] = {}
     tasks = ["2", "__import__('os')._exit(3)", "__import__('time').sleep(0.5) or 5", "7"]
-    run_jobs(eval, tasks, lambda e: ended.update({e.index: e}), workers=2)
-    assert [ended[i].value for i in (0, 2, 3)] == [2, 5, 7]
-    why = ended[1].error
+    run_jobs(eval, tasks, lambda k, *e: ended.update({k: e}), workers=2)
+    assert [ended[i][0] for i in (0, 2, 3)] == [2, 5, 7]
+    why = ended[1][1]
     assert isinstance(why, RunFailed)
     assert str(why).startswith("its process died twice (out of memory, or killed)")
     assert TRIES == 2
@@ -129,12 +129,12 @@ def nothing() -> None:
 
 
 def test_what_cannot_be_pickled_fails_as_that_job() -> None:
-    ended: dict[int, JobOutcome[Any]] = {}
+    ended: dict[int, tuple[Any, Exception | None]] = {}
     made = [nothing, lambda: None]
-    run_jobs(functools.partial(isinstance, object), made, lambda e: ended.update({e.index: e}),
+    run_jobs(functools.partial(isinstance, object), made, lambda k, *e: ended.update({k: e}),
              workers=2)  # fmt: skip
-    assert isinstance(ended[0].error, TypeError)
-    assert "pickle" in str(ended[1].error)
+    assert isinstance(ended[0][1], TypeError)
+    assert "pickle" in str(ended[1][1])
 
 
 def threads_of(_: int) -> tuple[list[str | None], int, int]:

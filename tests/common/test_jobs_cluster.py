@@ -19,7 +19,7 @@ import pytest
 
 from deltact_fab.common import cache, jobs
 from deltact_fab.common.errors import RunFailed
-from deltact_fab.common.jobs.batch import CannotGoOn, JobOutcome, run_each, run_jobs
+from deltact_fab.common.jobs.batch import CannotGoOn, run_each, run_jobs
 from deltact_fab.common.jobs.cluster import open_executor
 from deltact_fab.studies.study.grid import GridJob, solve
 
@@ -92,19 +92,19 @@ def wait(true: Callable[[], Any], limit_s: float = 60) -> Any:
 
 def test_results_and_errors_come_from_there(cluster: Cluster) -> None:
     cluster.add(2)
-    ended: dict[int, JobOutcome[Any]] = {}
+    ended: dict[int, tuple[Any, Exception | None]] = {}
     with open_executor(cluster.on) as there:
         wait(lambda: len(there._client.nthreads()) == 2)  # type: ignore[attr-defined]
         assert run_each(math.sqrt, [4, 9, 16], "abc", there) == [2, 3, 4]
         run_jobs(
             eval, ["3", "1/0", "__import__('os').getpid()"],
-            lambda e: ended.update({e.index: e}), there,
+            lambda k, *e: ended.update({k: e}), there,
         )  # fmt: skip
-        assert [type(ended[i].error) for i in range(3)] == [
+        assert [type(ended[i][1]) for i in range(3)] == [
             type(None), ZeroDivisionError, type(None)
         ]  # fmt: skip
-        assert ended[0].value == 3
-        assert ended[2].value != os.getpid()
+        assert ended[0][0] == 3
+        assert ended[2][0] != os.getpid()
         with pytest.raises(NameError, match="'one'"):
             run_each(eval, ["1", "one", "two"], "abc", there)
     with open_executor(cluster.on) as again:  # the first left it as it was
@@ -113,15 +113,15 @@ def test_results_and_errors_come_from_there(cluster: Cluster) -> None:
 
 def test_a_job_that_kills_its_workers_fails_alone_in_one_line(cluster: Cluster) -> None:
     cluster.add(nanny=True)  # one worker: each time it dies Dask blames those that wait on it too
-    ended: dict[int, JobOutcome[Any]] = {}
+    ended: dict[int, tuple[Any, Exception | None]] = {}
     with open_executor(cluster.on) as there:
         run_jobs(
-            eval, ["__import__('os')._exit(3)", "7", "8"], lambda e: ended.update({e.index: e}),
+            eval, ["__import__('os')._exit(3)", "7", "8"], lambda k, *e: ended.update({k: e}),
             there,
         )  # fmt: skip
-    assert [ended[i].error or ended[i].value for i in (1, 2)] == [7, 8]
-    assert isinstance(ended[0].error, RunFailed)
-    assert str(ended[0].error).startswith("every worker that tried it died")
+    assert [ended[i][1] or ended[i][0] for i in (1, 2)] == [7, 8]
+    assert isinstance(ended[0][1], RunFailed)
+    assert str(ended[0][1]).startswith("every worker that tried it died")
 
 
 @pytest.mark.parametrize("gone", ["scheduler", "workers"])

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from deltact_fab.common import InputError, design_names, find_file, read_toml, write_whole
+from deltact_fab.common import InputError, catalogue_names, find_file, read_toml, write_whole
 
 from .group import CommandGroup
 from .old_keys import of_part
@@ -128,11 +128,15 @@ def _cameras() -> Answer:
 def _designs() -> Answer:
     from deltact_fab.fabricate import load_design
 
+    from ..lab import kind_of
+
     rows = []
-    for name in design_names():
+    for name in catalogue_names("cad"):
+        data = read_toml(find_file("cad", name))
+        if kind_of("cad", data) != "design":
+            continue
         skin = load_design(name).skin
-        base = read_toml(find_file("cad", name)).get("base")
-        rows.append((name, base, skin.width_mm, skin.length_mm, skin.thickness_mm))
+        rows.append((name, data.get("base"), skin.width_mm, skin.length_mm, skin.thickness_mm))
     return listed(("design", "base", "width_mm", "length_mm", "thickness_mm"), rows)
 
 

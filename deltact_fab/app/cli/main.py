@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import click
 
-from deltact_fab.common import DISK, INTERRUPTED, DeltactFabError, MissingLibrary, fault_line
+from deltact_fab.common import DeltactFabError, MissingLibrary, RunFailed, Stopped, fault_line
 from deltact_fab.version import VERSION
 
 from .group import CommandGroup, loaded
@@ -95,7 +95,10 @@ def entry() -> None:
         status = _status()
         sys.stdout.flush()
     except OSError as why:
-        known = isinstance(why, BrokenPipeError) or why.errno in (*DISK, errno.ENAMETOOLONG)
+        known = isinstance(why, BrokenPipeError) or why.errno in (
+            *RunFailed.DISK,
+            errno.ENAMETOOLONG,
+        )
         if not known or "--debug" in sys.argv:
             raise
         # What is still in the buffer goes nowhere.
@@ -115,7 +118,7 @@ def _status() -> int:
         return 2
     except (click.Abort, KeyboardInterrupt):
         click.echo(f"{PROGRAM}: stopped", err=True)
-        return INTERRUPTED
+        return Stopped.exit_code
     except DeltactFabError as why:
         if "--debug" in sys.argv:
             raise
@@ -123,9 +126,9 @@ def _status() -> int:
         first, *others = ("stopped",) if stopped else why.faults
         click.echo(fault_line(f"{PROGRAM}: {first}", *others, untold=why.untold), err=True)
         refused = _caused_by(why, OSError)
-        if isinstance(refused, OSError) and refused.errno in DISK:
+        if isinstance(refused, OSError) and refused.errno in RunFailed.DISK:
             return 1
-        return INTERRUPTED if stopped else why.exit_code
+        return Stopped.exit_code if stopped else why.exit_code
     return status if isinstance(status, int) else 0
 
 

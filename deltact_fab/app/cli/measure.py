@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from deltact_fab.common import INTERRUPTED
+from deltact_fab.common import Stopped
 
 from .options import NAME_OR_PATH, PATH, Finite, out_folder, seed
 from .output import echo_json
@@ -137,7 +137,7 @@ def measure(
 
 def _run(session: MeasurementSession, outputs: list[MeasurementOutput], stay: bool) -> int:
     """Until the source ends or Ctrl-C; the exit code."""
-    status, measured = INTERRUPTED, None
+    status, measured = Stopped.exit_code, None
     try:
         for measured in session.results():
             for output in outputs:

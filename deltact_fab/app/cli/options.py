@@ -13,7 +13,7 @@ from typing import Any
 
 import click
 
-from deltact_fab.common import check_folder, check_place
+from deltact_fab.common import check_writable
 
 Decorator = Callable[..., Any]
 PATH = click.Path(path_type=Path)
@@ -23,16 +23,16 @@ JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 def checked(file: Path) -> Path:
     """A file that a command writes where none was named. Raises InputError where it cannot be."""
-    check_place(file)
+    check_writable(file)
     return file
 
 
-def _target(check: Callable[[Path], object], *names: str, **given: Any) -> Decorator:
+def _target(folder: bool, *names: str, **given: Any) -> Decorator:
     """What a command writes: refused before the work where it cannot be, by an InputError."""
 
     def writable(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path | None:
         if path is not None:
-            check(path)
+            check_writable(path, folder)
         return path
 
     return click.option(*names, type=PATH, callback=writable, **given)
@@ -40,12 +40,12 @@ def _target(check: Callable[[Path], object], *names: str, **given: Any) -> Decor
 
 def out_file(help: str, name: str = "out", flag: str = "-o", **given: Any) -> Decorator:
     """`-o FILE`, the one file that a command writes."""
-    return _target(check_place, flag, name, metavar="FILE", help=help, **given)
+    return _target(False, flag, name, metavar="FILE", help=help, **given)
 
 
 def out_folder(help: str, flag: str = "--out", **given: Any) -> Decorator:
     """`--out DIR`, the folder that a command writes into."""
-    return _target(check_folder, flag, metavar="DIR", help=help, **given)
+    return _target(True, flag, metavar="DIR", help=help, **given)
 
 
 NEW_FILE = out_file(

@@ -17,14 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from deltact_fab.common import (
-    DIGITS,
-    MissingLibrary,
-    RunFailed,
-    format_digits,
-    format_duration,
-    write_whole,
-)
+from deltact_fab.common import MissingLibrary, RunFailed, format_duration, write_whole
 
 from .old_keys import of_image
 from .options import JSON
@@ -35,6 +28,7 @@ if TYPE_CHECKING:
 LINE_EVERY_S = 10.0
 """Where no terminal shows a bar: a line so often, when there is something new to say."""
 _GAP = "  "
+_DIGITS = 4  # significant ones of a number that a person reads
 
 
 def echo_json(data: Any) -> None:
@@ -182,7 +176,7 @@ def _column(values: Sequence[Any]) -> list[str]:
     alike = all(map(_is_number, values)) and min(some, default=0) >= max(1e-4, largest / 1e3)
     if not alike:
         return list(map(_cell, kept))
-    decimals = max(0, DIGITS - 1 - math.floor(math.log10(largest)))
+    decimals = max(0, _DIGITS - 1 - math.floor(math.log10(largest)))
     return [f"{v:.{decimals}f}" if isinstance(v, float) else _cell(v) for v in kept]
 
 
@@ -196,7 +190,9 @@ def _cell(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        return format_digits(value)
+        # Without an exponent between 0.0001 and a million.
+        whole = 10**_DIGITS <= abs(value) < 1e6
+        return f"{value:.0f}" if whole else f"{value:.{_DIGITS}g}"
     if isinstance(value, list | tuple):
         return ", ".join(map(_cell, value)) or "none"
     return str(value)

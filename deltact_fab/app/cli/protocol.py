@@ -69,14 +69,13 @@ def check(name: str, rig_name: str, air: bool, unattended: bool, out: Path) -> A
 
     For a real rig, peak forces that are not known yet are solved once, which takes minutes.
     """
-    from deltact_fab.common import passes
     from deltact_fab.simulate import RunRequest
 
     with progress("check") as report:
         asked = RunRequest(name, rig_name, out, progress=report, air=air, unattended=unattended)
         rows = asked.checks()
     data = [{**row.as_dict(), **of_protocol(row)} for row in rows]
-    return Answer(data, check_lines(rows), None if passes(rows) else "")
+    return Answer(data, check_lines(rows), "" if any(row.failed for row in rows) else None)
 
 
 @protocol.command()

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from deltact_fab.common import check_folder, format_duration
+from deltact_fab.common import check_writable, format_duration
 
 from .options import NAME_OR_PATH, PATH, RIG, TIP_IS_CLEAR, seed
 from .output import Answer, answers, progress
@@ -53,7 +53,7 @@ def run(
     if out is None and not dry_run:
         raise click.UsageError("Missing option '--out': the folder of the new run.")
     if out is not None and not resume:  # a finished run may be read only
-        check_folder(out)
+        check_writable(out, folder=True)
     with progress("dry run" if dry_run else "run") as report:
         request = RunRequest(
             protocol, rig_name, out or Path(), 0 if dry_run else seed, report, air,

@@ -10,9 +10,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from deltact_fab.common import Place, Table, Vector
+from deltact_fab.common import Point, Table
 from deltact_fab.sensor import StageFrame
 
+Place = Annotated[float, Field(ge=-10_000, le=10_000)]  # mm, of a frame or a machine
 Tilt = Annotated[float, Field(ge=-5, le=5)]  # degrees
 Travel = Annotated[float, Field(ge=1, le=10_000)]  # mm
 Feed = Annotated[float, Field(ge=1, le=100_000)]  # mm/min
@@ -44,17 +45,17 @@ SEEK_MM_S = 10.0
 SWITCHES_S = 2.0
 
 
-def add_vectors(a: Vector, b: Vector) -> Vector:
+def add_vectors(a: Point, b: Point) -> Point:
     """a + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
-def subtract_vectors(a: Vector, b: Vector) -> Vector:
+def subtract_vectors(a: Point, b: Point) -> Point:
     """a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
-def along_line(delta_mm: Vector, per_axis: Vector) -> float:
+def along_line(delta_mm: Point, per_axis: Point) -> float:
     """Largest value along a line that keeps every axis within its own limit."""
     length = math.hypot(*delta_mm)
     return min(
@@ -63,7 +64,7 @@ def along_line(delta_mm: Vector, per_axis: Vector) -> float:
 
 
 def move_duration_s(
-    delta_mm: Vector, feed_mm_min: float, max_feed_mm_min: Vector, acceleration_mm_s2: Vector
+    delta_mm: Point, feed_mm_min: float, max_feed_mm_min: Point, acceleration_mm_s2: Point
 ) -> float:
     """Time of a straight move from rest to rest, with every axis within its own limits.
 

@@ -10,31 +10,23 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import (
-    Discriminator,
-    Field,
-    Tag,
-    field_serializer,
-    field_validator,
-    model_validator,
-)
+from pydantic import Field, field_serializer, field_validator, model_validator
 
 from deltact_fab.common import (
-    BY_NAME,
-    ONE_OF,
     InputError,
-    Place,
+    OneOrEach,
     Point,
     Point2,
     Table,
     find_file,
     read_toml,
-    same_as,
     validate,
 )
 from deltact_fab.sensor import GEL_LEVELS, GelMaterial, Indenter, find_level, parse_indenter
+
+from .motion import Place
 
 Kind = Literal["change", "travel", "approach", "press", "hold", "shear", "retract"]
 Stop = Literal["rest", "press", "shear", "after"]
@@ -47,10 +39,7 @@ Count = Annotated[int, Field(ge=1, le=1000)]
 Tilt = Annotated[float, Field(ge=-40, le=40)]  # both at once still leave a force on the face
 Seconds = Annotated[float, Field(ge=0.001, le=1e6)]
 Wait = Annotated[float, Field(ge=0, le=600)]
-Waits = Annotated[
-    Annotated[Wait, Tag(ONE_OF)] | Annotated[dict[Stop, Wait], Field(min_length=1), Tag(BY_NAME)],
-    Discriminator(lambda value: BY_NAME if isinstance(value, dict) else ONE_OF),
-]
+Waits = OneOrEach[Wait, Stop]
 """Of every stop alike, or of each kind of stop."""
 
 MAX_STEPS = 200_000
@@ -201,6 +190,12 @@ class MotionPlan(Table):
         return self
 
 
+def _gel_field(key: str) -> Any:
+    """A field with the default, limits and meaning of `GelMaterial`'s."""
+    field = GelMaterial.__dataclass_fields__[key]
+    return Field(default=field.default, **field.metadata)
+
+
 class Specimen(Table):
     """The sensor under test: which design and pattern, and what its gel is believed to be."""
 
@@ -213,9 +208,9 @@ class Specimen(Table):
     gel_model: Annotated[str, Field(json_schema_extra={"enum": list(GEL_LEVELS)})] = "linear"
     """How forces are predicted and a virtual gel is simulated: "linear" is for presses of up to a
     tenth of the thickness; "hyperelastic" is finite strain, for deep ones, and takes minutes."""
-    modulus_mpa: float = same_as(GelMaterial, "modulus_mpa")
-    poisson: float = same_as(GelMaterial, "poisson")
-    friction: float = same_as(GelMaterial, "friction")
+    modulus_mpa: float = _gel_field("modulus_mpa")
+    poisson: float = _gel_field("poisson")
+    friction: float = _gel_field("friction")
     prony: tuple[tuple[Annotated[float, Field(ge=0, le=100)], Seconds], ...] = ()
     """Pairs (g, tau_s) of a viscoelastic gel, as in GelMaterial: modulus_mpa is that of a
     slow press."""

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from deltact_fab.common import InputError, RunFailed, parse_json, sync_folder
+from deltact_fab.common import InputError, RunFailed, disk_errors, parse_json, sync_folder
 
 from .files import NOTES
 
@@ -32,7 +32,7 @@ def add_note(folder: Path, text: str) -> dict[str, Any]:
     note = {"wall_s": time.time(), "text": usable_note(text)}
     path = folder / NOTES
     new = not path.exists()
-    try:
+    with disk_errors(path):
         with path.open("a+b", buffering=0) as file:
             end = file.seek(0, os.SEEK_END)
             file.seek(max(end - 1, 0))
@@ -44,8 +44,6 @@ def add_note(folder: Path, text: str) -> dict[str, Any]:
             os.fsync(file.fileno())
         if new:
             sync_folder(folder)
-    except OSError as why:
-        raise RunFailed(f"{path}: cannot be written: {why.strerror}") from why
     return note
 
 
@@ -66,10 +64,8 @@ def lines(folder: Path) -> Iterator[tuple[int, dict[str, Any] | None]]:
     RunFailed when they cannot be read.
     """
     path = folder / NOTES
-    try:
+    with disk_errors(path, "read"):
         written = path.read_bytes().splitlines() if path.exists() else []
-    except OSError as why:
-        raise RunFailed(f"{path}: cannot be read: {why.strerror}") from why
     for number, line in enumerate(written, start=1):
         try:
             read = parse_json(line.decode(), f"{path}:{number}")

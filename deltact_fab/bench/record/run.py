@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import WARNING, InputError, Note, RunFailed
+from deltact_fab.common import InputError, Note, RunFailed, disk_errors
 from deltact_fab.sensor import (
     CameraModel,
     FlatField,
@@ -184,10 +184,8 @@ class Run:
     def data(self, file: str) -> bytes:
         """The bytes of a frame's file. Raises RunFailed when it is missing or damaged."""
         path = self.folder / file
-        try:
+        with disk_errors(path, "read"):
             data = path.read_bytes()
-        except OSError as why:
-            raise RunFailed(f"{path}: cannot be read: {why.strerror}") from why
         if hashlib.sha256(data).hexdigest() != self._hash_of(file):
             raise RunFailed(
                 f"{path}: damaged: {len(data)} bytes that differ from the hash in the journal"
@@ -221,7 +219,7 @@ class Run:
         remarks = [Note(one["id"], one["text"], one.get("warns", False)) for one in kept]
         if "remarks" not in summary:  # of an imported run, or of 0.3.0 and before: lines alone
             lines = summary.get("notes", ())
-            remarks = [Note("", s.removeprefix(WARNING), s.startswith(WARNING)) for s in lines]
+            remarks = [Note.from_line(line) for line in lines]
         warned, others = ([one.text for one in remarks if one.warns is w] for w in (True, False))
         return warned, others
 

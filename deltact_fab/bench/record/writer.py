@@ -20,7 +20,6 @@ from deltact_fab.common import (
     Progress,
     RunFailed,
     disk_errors,
-    making_files,
     sync_folder,
     write_whole,
 )
@@ -97,7 +96,7 @@ class RunWriter:
         require_image_format(image_format(meta))
         made = folder.with_name(f".{folder.name}.part")
         try:
-            with making_files(folder):
+            with disk_errors(folder, "made"):
                 folder.parent.mkdir(parents=True, exist_ok=True)
                 if made.exists():
                     shutil.rmtree(made)  # a start that was cut off
@@ -116,7 +115,7 @@ class RunWriter:
                 with db:
                     insert(db, "events", _event("session", "begun"))
                 keep_hashes(db, given)
-            with making_files(folder):
+            with disk_errors(folder, "made"):
                 made.rename(folder)
                 sync_folder(folder.parent)
         except BaseException as why:

@@ -10,15 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.common import (
-    Check,
-    DeltactFabError,
-    InputError,
-    SensorError,
-    Status,
-    graded,
-    passes,
-)
+from deltact_fab.common import Check, DeltactFabError, InputError, SensorError, Status, graded
 
 from .bench import lacking
 from .camera.model import calibrated_camera, open_camera, raw_size_px
@@ -78,7 +70,7 @@ def _stage(config: GrblConfig) -> Iterator[Check]:
         text = f"{config.stage.port} answers: {banner}; {read} settings were read"
         yield _row("stage", "answer", "pass", text)
     yield from stage.judged
-    if refused and passes(stage.judged):
+    if refused and not any(row.failed for row in stage.judged):
         remedy = "check its power and cable, [stage] port and baud, and that no other program has"
         yield _row("stage", "connection", "fail", refused, f"{remedy} the port")
 

@@ -10,20 +10,13 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import fields
+from os.path import isfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_type_hints
 
 from pydantic import Field, create_model, model_validator
 
-from deltact_fab.common import (
-    InputError,
-    Table,
-    did_you_mean,
-    find_file,
-    is_file,
-    read_toml,
-    validate,
-)
+from deltact_fab.common import InputError, Table, did_you_mean, find_file, read_toml, validate
 from deltact_fab.sensor import Fisheye, ImageSensor, Printer
 
 from ..protocols.motion import StageConfig, Tilt
@@ -232,7 +225,7 @@ def _registered(config: RigConfig, path: Path) -> RigConfig:
     if config.stage.registration is None:
         return config
     file = path.parent / config.stage.registration
-    if not is_file(file):
+    if not isfile(file):
         raise InputError(
             f"{path}: stage.registration: {config.stage.registration!r}: no such file in "
             f"{path.parent}; `deltact-fab rig register` writes one"

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import Image, Note, Progress, Vector
+from deltact_fab.common import Image, Note, Point, Progress
 from deltact_fab.sensor import FlatField
 
 if TYPE_CHECKING:
@@ -239,7 +239,7 @@ LIFT_FEED_MM_MIN = 120.0
 """Out of the gel: slow enough for one that sticks."""
 
 
-def move_to(stage: Stage, target_mm: Vector, feed_mm_min: float) -> None:
+def move_to(stage: Stage, target_mm: Point, feed_mm_min: float) -> None:
     """One straight move (sensor frame) to its end. Raises InputError, StageError."""
     stage.start_move(target_mm, feed_mm_min)
     stage.wait()

@@ -6,10 +6,10 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from deltact_fab.common import InputError, Place, Table
+from deltact_fab.common import InputError, Table
 from deltact_fab.sensor import parse_indenter
 
-from ..protocols.motion import Force, Tilt
+from ..protocols.motion import Force, Place, Tilt
 
 Pixels = Annotated[int, Field(ge=8, le=20_000)]
 Control = Annotated[int, Field(ge=-1_000_000, le=1_000_000)]

@@ -5,8 +5,7 @@ from __future__ import annotations
 import queue
 from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError, Executor, Future
-from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import TypeVar
 
 from ..aliases import Progress
 from ..errors import RunFailed
@@ -22,17 +21,12 @@ class CannotGoOn(RunFailed):
     """Not a job failed but what they run on: no other job of it will come through."""
 
 
-@dataclass(frozen=True)
-class JobOutcome(Generic[R]):
-    """What came of the job at an index: a value, or an error."""
-
-    index: int
-    value: R | None = None
-    error: Exception | None = None
+Heard = Callable[[int, R | None, Exception | None], None]
+"""Takes the index of a job that ended, and its value or its error."""
 
 
-def jobs_at_a_time(executor: Executor | None) -> int:
-    """How many jobs an executor runs at a time; None: processes of this machine."""
+def count_workers(executor: Executor | None = None) -> int:
+    """Count the jobs that an executor runs at a time; None: processes of this machine."""
     return processors() if executor is None else int(getattr(executor, "workers", 1))
 
 
@@ -46,7 +40,7 @@ def run_each(
     arrived: Callable[[int, R], None] = lambda index, result: None,
     workers: int | None = None,
 ) -> list[R]:
-    """The results of jobs in their order; arguments as of `run`.
+    """Run jobs and return their results in order; arguments as of `run_jobs`.
 
     names: of the jobs, for progress, which hears of each when it is done; arrived hears of each
     result as it comes. The error of the first job that fails, in the order of the jobs however they
@@ -55,14 +49,14 @@ def run_each(
     results: dict[int, R] = {}
     failed: dict[int, Exception] = {}
 
-    def heard(ended: JobOutcome[R]) -> None:
-        if ended.error is not None:
-            failed[ended.index] = ended.error
+    def heard(index: int, value: R | None, error: Exception | None) -> None:
+        if error is not None:
+            failed[index] = error
         elif not failed:
-            results[ended.index] = ended.value  # type: ignore[assignment]
-            arrived(ended.index, results[ended.index])
+            results[index] = value  # type: ignore[assignment]
+            arrived(index, results[index])
             if progress is not None:
-                progress(len(results), len(jobs), names[ended.index])
+                progress(len(results), len(jobs), names[index])
 
     run_jobs(work, jobs, heard, executor, workers=workers, until_failure=True)
     if failed:
@@ -73,13 +67,13 @@ def run_each(
 def run_jobs(
     work: Callable[[J], R],
     jobs: Sequence[J],
-    heard: Callable[[JobOutcome[R]], None],
+    heard: Heard[R],
     executor: Executor | None = None,
     *,
     workers: int | None = None,
     until_failure: bool = False,
 ) -> None:
-    """Jobs done, and what came of each heard here, in this thread, as they end.
+    """Run jobs; `heard` takes what came of each in this thread, as they end.
 
     work: a function of a module, jobs: its arguments; both are pickled. executor: None is processes
     of this machine, `workers` of them, by default a processor each; with one of either the jobs run
@@ -96,12 +90,13 @@ def run_jobs(
             _run_on(own, work, jobs, heard, until_failure)
         return
     for index, job in enumerate(jobs):
+        value, error = None, None
         try:
-            ended = JobOutcome(index, work(job))
+            value = work(job)
         except Exception as why:
-            ended = JobOutcome(index, error=why)
-        heard(ended)
-        if until_failure and ended.error is not None:
+            error = why
+        heard(index, value, error)
+        if until_failure and error is not None:
             return
 
 
@@ -109,7 +104,7 @@ def _run_on(
     executor: Executor,
     work: Callable[[J], R],
     jobs: Sequence[J],
-    heard: Callable[[JobOutcome[R]], None],
+    heard: Heard[R],
     until_failure: bool,
 ) -> None:
     # What has ended goes through one queue: it is heard in its order and in this thread.
@@ -148,13 +143,13 @@ def _run_on(
                 tried_alone.add(index)
                 blamed.append(index)
                 continue
-            ended = _ended(index, future)
-            if until_failure and ended.error is not None:
+            ended = _outcome(future)
+            if until_failure and ended[1] is not None:
                 first_failed = index
                 for other, place in futures.items():
                     if place > index:
                         other.cancel()
-            heard(ended)
+            heard(index, *ended)
     finally:
         for future in futures:
             future.cancel()
@@ -164,9 +159,9 @@ def _was_killed(future: Future[R]) -> bool:
     return not future.cancelled() and type(future.exception()).__name__ == "KilledWorker"
 
 
-def _ended(index: int, future: Future[R]) -> JobOutcome[R]:
+def _outcome(future: Future[R]) -> tuple[R | None, Exception | None]:
     try:
-        return JobOutcome(index, future.result())
+        return future.result(), None
     except CancelledError as why:  # not by us, who ask no more then
         raise CannotGoOn("what the jobs ran on is gone") from why
     except CannotGoOn:
@@ -175,4 +170,4 @@ def _ended(index: int, future: Future[R]) -> JobOutcome[R]:
         killed = RunFailed(
             "every worker that tried it died (out of memory, or killed); the cluster gave it up"
         )
-        return JobOutcome(index, error=killed if _was_killed(future) else why)
+        return None, killed if _was_killed(future) else why

@@ -17,8 +17,7 @@ from typing import Any, TypeVar
 from deltact_fab.paths import PACKAGE
 
 from .. import cache
-from ..errors import InputError, RunFailed
-from ..extras import require_extra
+from ..errors import InputError, RunFailed, require_extra
 from .batch import CannotGoOn
 from .local import Local, processors, take_share
 
@@ -35,15 +34,17 @@ BADGE = "deltact-fab"
 
 
 @contextlib.contextmanager
-def open_executor(on: str = LOCAL, workers: int | None = None) -> Iterator[Local | Cluster]:
-    """An executor until the end of the block; then whatever still runs on it is ended.
+def open_executor(
+    on: str = LOCAL, workers: int | None = None, threads: int | None = None
+) -> Iterator[Local | Cluster]:
+    """Open an executor until the end of the block; then whatever still runs on it is ended.
 
     on: "local", or "dask:tcp://HOST:PORT" of an existing scheduler. workers: local processes, by
-    default one for each processor that this process may use. Raises InputError for another `on`,
-    and workers with a cluster; else as `cluster`.
+    default one for each processor that this process may use. threads: as of `Local`.
+    Raises InputError for another `on`, and workers with a cluster; else as `cluster`.
     """
     if on == LOCAL:
-        with Local(workers or processors()) as here:
+        with Local(workers or processors(), threads) as here:
             yield here
         return
     if not (known := DASK.fullmatch(on)):

@@ -51,12 +51,13 @@ class Local(ThreadPoolExecutor):
     them and import what it needs. What is defined in the caller's own script is not known to them.
     """
 
-    def __init__(self, workers: int) -> None:
+    def __init__(self, workers: int, threads: int | None = None) -> None:
+        """threads: of each process, by default its share of the processors."""
         from multiprocessing import resource_tracker
 
         super().__init__(workers, "deltact-fab-job", _hold_interrupts)
         self.workers = workers
-        self.threads = max(1, processors() // workers)
+        self.threads = threads or max(1, processors() // workers)
         self._mine = threading.local()
         self._pools: list[ProcessPoolExecutor] = []
         self._starting = threading.Lock()

@@ -6,15 +6,14 @@ import hashlib
 from collections.abc import Callable
 
 from deltact_fab.bench import Run
-from deltact_fab.common import Array, InputError, code_digest, read_cached, write_cached
+from deltact_fab.common import Array, InputError, Store, code_digest
 
 from ..measure.face import FaceFlow
 from ..measure.flow.tracker import FlowTracker
 from ..measure.health import recognise_pattern
 from .runs import camera_of, settled
 
-_KIND = "face-flow"
-_KEPT_BYTES = 2 << 30
+_STORE = Store("face-flow", limit_bytes=2 << 30)
 MAP_EVERY_PX = 4  # of maps that are drawn and handed on; force and depth have face.EVERY_PX
 
 
@@ -45,10 +44,10 @@ def flows_of(run: Run, press: str, every: int) -> list[FaceFlow]:
     imported run that shows none, or markers.
     """
     key = {"of": key_of(run, press), "every_px": every}
-    flows: list[FaceFlow] | None = read_cached(_KIND, key)
+    flows: list[FaceFlow] | None = _STORE.read(key)
     if flows is None:
         flows = _tracked(run, press, every)
-        write_cached(_KIND, key, flows, _KEPT_BYTES)
+        _STORE.write(key, flows)
     return flows
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from deltact_fab.common import cache_key, plain_data
+from deltact_fab.common import cache_key
 
 from . import feasibility
 from . import parts as parts_package
@@ -56,13 +56,13 @@ def build_from(part: Part, source: Any) -> tuple[Any, SolidProperties]:
 
 
 def part_key(part: Part, design: Design) -> dict[str, Any]:
-    """The one key of a part, plain data: what its solid is made from, as `Part.sections` and
+    """The one key of a part: what its solid is made from, as `Part.sections` and
     `Part.derived` declare it.
 
     That this is all is held by a test which notes every value read.
     """
     read = {} if part.indenter else {n: getattr(design, n) for n in (*part.sections, *part.derived)}
-    return {"part": plain_data(part), **plain_data(read)}
+    return {"part": part, **read}
 
 
 def made_by(module: str, **given: Any) -> dict[str, Any]:

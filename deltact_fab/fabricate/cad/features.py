@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.common import Point, Points
+from deltact_fab.common import Field, Point
 
 from .kernel import bounding_box
 
@@ -33,7 +33,7 @@ class FlatFace:
     axis: int
     at_mm: float
     up: bool
-    corners: Points
+    corners: Field
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
-from deltact_fab.common import InputError, did_you_mean, modules_in
+from deltact_fab.common import InputError, collect_entries, did_you_mean
 from deltact_fab.sensor import INDENTER_KINDS, parse_indenter
 
 from . import parts
@@ -25,15 +25,10 @@ def of_design(design: Design | None = None) -> list[Part]:
 
     Raises RuntimeError when two files of parts/ claim one name.
     """
-    found: dict[str, Part] = {}
-    for module in modules_in(parts.__name__):
-        for part in getattr(module, "PARTS", ()):
-            if part.name in found:
-                raise RuntimeError(f"two parts are called {part.name!r}, one in {module.__name__}")
-            if design is None or part.places(design):
-                found[part.name] = part
+    every: dict[str, Part] = collect_entries(parts.__name__, "PARTS")
     return sorted(
-        found.values(), key=lambda p: (GROUPS.index(p.group), -p.explode_mm, p.number, p.name)
+        (part for part in every.values() if design is None or part.places(design)),
+        key=lambda p: (GROUPS.index(p.group), -p.explode_mm, p.number, p.name),
     )
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import InputError, Points
+from deltact_fab.common import Field, InputError
 
 from .recipe import DotGrid, dot_centres_mm
 
@@ -15,7 +15,7 @@ from .recipe import DotGrid, dot_centres_mm
 SLACK_MM = 1e-9
 
 
-def to_px(xy_mm: Points, mm_per_px: float, size_px: tuple[int, ...]) -> Points:
+def to_px(xy_mm: Field, mm_per_px: float, size_px: tuple[int, ...]) -> Field:
     """Places (..., 2) mm in a centred image of size_px (h, w): (x, y) px, 0 a pixel's centre."""
     height_px, width_px = size_px
     return xy_mm / mm_per_px + np.array([(width_px - 1) / 2, (height_px - 1) / 2])
@@ -53,7 +53,7 @@ def centres_csv(grid: DotGrid, mm_per_px: float, size_px: tuple[int, int]) -> by
     return ("\n".join(lines) + "\n").encode()
 
 
-def blend(image: NDArray[np.float32], grid: DotGrid, mm_per_px: float, colour: Points) -> None:
+def blend(image: NDArray[np.float32], grid: DotGrid, mm_per_px: float, colour: Field) -> None:
     """Draw the dots into a centred float image (h, w, 3), in place, each pixel by covered area.
 
     colour: (3,) in the image's units. Exact along x, by 16 chords a pixel along y.
@@ -74,7 +74,7 @@ def blend(image: NDArray[np.float32], grid: DotGrid, mm_per_px: float, colour: P
         image[rows, columns] = image[rows, columns] * (1 - covered) + colour * covered
 
 
-def reached(length: int, at_px: float, radius_mm: float, pitch_mm: float) -> tuple[slice, Points]:
+def reached(length: int, at_px: float, radius_mm: float, pitch_mm: float) -> tuple[slice, Field]:
     """The pixels along one axis that a disc at at_px may cover, and how far each is from there."""
     reach_px = radius_mm / pitch_mm + 1
     first = max(0, math.floor(at_px - reach_px))

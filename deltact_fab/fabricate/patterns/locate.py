@@ -15,8 +15,9 @@ from functools import lru_cache, partial
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from deltact_fab.common import MM_PER_INCH, Array, Field, Float, Image, Points
+from deltact_fab.common import MM_PER_INCH, Array, Field, Image
 
 from .raster import pattern_albedo
 from .recipe import PatternRecipe
@@ -30,7 +31,7 @@ TILE_MM = 3.0
 MIDDLE_MM, ASIDE_MM = 9.0, 1.0  # what is compared first, and how far it may lie off
 SCAN_TOLERANCE_PX = 2.0
 
-Tiles = tuple[Points, Points, Array]
+Tiles = tuple[Field, Field, Array]
 """Of each tile a point (n, 2), a second one or a shift (n, 2), and the response (n,)."""
 
 
@@ -42,7 +43,7 @@ class Placement:
     correlation by which it was chosen.
     """
 
-    image: Float
+    image: NDArray[np.float32]
     to_px: Field
     agreement: float
 
@@ -74,11 +75,11 @@ class StickerFrame:
         return 2 * (self.recipe.patch_mm or 0) / self.step_mm
 
     @property
-    def drawn(self) -> Float:
+    def drawn(self) -> NDArray[np.float32]:
         """The sticker as the recipe has it, (side_px, side_px, 3)."""
         return _drawn(self.recipe, self.side_px)
 
-    def plain(self) -> Float:
+    def plain(self) -> NDArray[np.float32]:
         """1 where the pattern alone is, 0 at marker dots, which look the same in every recipe."""
         if self.recipe.dots is None or self.recipe.patch_mm is None:
             return np.ones((self.side_px, self.side_px, 1), np.float32)
@@ -88,7 +89,7 @@ class StickerFrame:
         wide = cv2.dilate(marked.astype(np.uint8), np.ones((7, 7), np.uint8))
         return (1 - wide[..., None]).astype(np.float32)
 
-    def flatten(self, scan: Float, to_px: Field) -> Float:
+    def flatten(self, scan: NDArray[np.float32], to_px: Field) -> NDArray[np.float32]:
         """A scan in this frame, (side_px, side_px, 3)."""
         step, first = self.step_mm, (self.step_mm - self.recipe.printed_mm) / 2
         way = to_px @ np.array([[step, 0, first], [0, step, first], [0, 0, 1]])
@@ -107,7 +108,7 @@ class StickerFrame:
         middles, shifts, responses = tile_shifts(seen, drawn, size_px)
         return middles * self.step_mm - self.recipe.printed_mm / 2, shifts * self.step_mm, responses
 
-    def compare(self, scan: Float, to_px: Field) -> Tiles:
+    def compare(self, scan: NDArray[np.float32], to_px: Field) -> Tiles:
         """A round of `refine` for a scan."""
         drawn, seen = self.drawn, self.flatten(scan, to_px)
         # One ink: a mean of inks that lie apart is no pattern of any.
@@ -117,7 +118,7 @@ class StickerFrame:
 
 
 @lru_cache(maxsize=2)
-def _drawn(recipe: PatternRecipe, side_px: int) -> Float:
+def _drawn(recipe: PatternRecipe, side_px: int) -> NDArray[np.float32]:
     """A recipe's sticker; kept, for it is asked for at every refinement."""
     return pattern_albedo(recipe, recipe.printed_mm / side_px, (side_px, side_px))
 
@@ -134,7 +135,7 @@ def locate_in_scan(scan: Image, recipe: PatternRecipe, dpi: float | None) -> Pla
     return None if best is None or best.agreement < LEAST_AGREEMENT else best
 
 
-def _squares(scan: Image, recipe: PatternRecipe, dpi: float | None) -> Iterator[Points]:
+def _squares(scan: Image, recipe: PatternRecipe, dpi: float | None) -> Iterator[Field]:
     """Corners (4, 2) in px of what may be a sticker, in order round it, the likeliest first."""
     side_px = max(scan.shape[:2])
     if dpi is not None:
@@ -158,7 +159,7 @@ def _squares(scan: Image, recipe: PatternRecipe, dpi: float | None) -> Iterator[
                     break
 
 
-def _inked(small: Float) -> Iterator[Image]:
+def _inked(small: NDArray[np.float32]) -> Iterator[Image]:
     """Where a print may be: what is darker than the film, then what has more texture than the rest.
 
     A fine pattern is an even grey from afar; on a grey table only texture tells it.
@@ -172,7 +173,7 @@ def _inked(small: Float) -> Iterator[Image]:
     yield mask.astype(np.uint8)
 
 
-def _placed(whole: Image, recipe: PatternRecipe, corners: Points) -> Iterator[Placement]:
+def _placed(whole: Image, recipe: PatternRecipe, corners: Field) -> Iterator[Placement]:
     """The likeliest ways round in which a square of a scan is the recipe, each refined."""
     room = 0.1 * np.ptp(corners, axis=0)
     low = np.maximum(corners.min(axis=0) - room, 0).astype(int)
@@ -202,7 +203,7 @@ def _placed(whole: Image, recipe: PatternRecipe, corners: Points) -> Iterator[Pl
         yield from _refined(scan, recipe, guess.to_px)
 
 
-def _refined(scan: Float, recipe: PatternRecipe, to_px: Field) -> Iterator[Placement]:
+def _refined(scan: NDArray[np.float32], recipe: PatternRecipe, to_px: Field) -> Iterator[Placement]:
     """The print with every tile where it lies, and how the whole agrees then; none: another's."""
     fine = StickerFrame.finest(recipe)
     frames = (StickerFrame(recipe, fine.side_px // 2), fine, fine, fine)
@@ -233,7 +234,11 @@ def refine(
 
 
 def correlation(
-    seen: Float, drawn: Float, where: Float, reach: int, pair_px: float
+    seen: NDArray[np.float32],
+    drawn: NDArray[np.float32],
+    where: NDArray[np.float32],
+    reach: int,
+    pair_px: float,
 ) -> tuple[float, tuple[int, int]]:
     """The best correlation of two pictures up to `reach` px apart, over colours, and the shift.
 
@@ -256,7 +261,7 @@ def correlation(
     return float(near[y, x]), (int(x) - reach, int(y) - reach)
 
 
-def tiles(shape: tuple[int, ...], size: int) -> Iterator[tuple[tuple[slice, slice], Points]]:
+def tiles(shape: tuple[int, ...], size: int) -> Iterator[tuple[tuple[slice, slice], Field]]:
     """Whole tiles of a picture: rows and columns, and the middle (x, y) in px."""
     for top in range(0, shape[0] - size + 1, size):
         for left in range(0, shape[1] - size + 1, size):

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import MM_PER_INCH, InputError, write_together
+from deltact_fab.common import MM_PER_INCH, InputError, write_files
 from deltact_fab.sensor import SensorDimensions
 
 from . import dots, metadata
@@ -183,7 +183,7 @@ def make_pattern(
     wanted = {path: content}
     if table is not None and table_path is not None:
         wanted[table_path] = table
-    write_together(wanted)
+    write_files(wanted)
     return PatternFiles(
         recipe=recipe,
         image=path,

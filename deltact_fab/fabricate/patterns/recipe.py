@@ -13,15 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from deltact_fab.common import (
-    InputError,
-    Points,
-    Table,
-    did_you_mean,
-    find_file,
-    read_toml,
-    validate,
-)
+from deltact_fab.common import InputError, Table, did_you_mean, find_file, read_toml, validate
 
 from .laws import PATTERN_LAWS, check_key, octave
 from .laws.law import LAW_KEYS
@@ -228,7 +220,7 @@ class PatternRecipe(Table, strict=True):
         return _printed_mm(self.size_mm, self.patch_mm)
 
 
-def dot_centres_mm(grid: DotGrid) -> Points:
+def dot_centres_mm(grid: DotGrid) -> NDArray[np.float64]:
     """Dot centres in the sensor frame, (rows * columns, 2) mm, about the grid's offset.
 
     Row by row: index = row * columns + column; row 0 at -y, column 0 at -x.

@@ -20,14 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.common import (
-    InputError,
-    Progress,
-    disk_errors,
-    making_files,
-    toml_text,
-    whole_file,
-)
+from deltact_fab.common import InputError, Progress, disk_errors, toml_text, whole_file
 from deltact_fab.sensor import ImageSensor, Printer
 from deltact_fab.version import VERSION
 
@@ -152,7 +145,7 @@ def write_series(
     printer, sensor = Printer(dpi=dpi), ImageSensor()
     tell = progress or (lambda done, total, what: None)
     total = len(chosen) + 1
-    with making_files(out):
+    with disk_errors(out, "made"):
         inside = Path.cwd().is_relative_to(out.absolute())
         if out.exists() and (inside or not out.is_dir() or any(out.iterdir())):
             raise InputError(f"{out}: is there already; name a new folder")

@@ -20,16 +20,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import (
-    MM_PER_INCH,
-    Check,
-    Float,
-    InputError,
-    graded,
-    passes,
-    read_toml,
-    validate,
-)
+from deltact_fab.common import MM_PER_INCH, Check, InputError, graded, read_toml, validate
 from deltact_fab.sensor import Bounded, Printer, bounded_number
 
 from .dots import to_px
@@ -107,7 +98,7 @@ class PrintCheck:
     @property
     def passed(self) -> bool:
         """True where no row fails."""
-        return passes(self.rows)
+        return not any(row.failed for row in self.rows)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data, as `pattern verify --json` prints it."""
@@ -239,7 +230,7 @@ def _gain(seen: NDArray[Any], drawn: NDArray[Any]) -> float:
     return float((a * b).mean()) / own if own > 0 else 1.0
 
 
-def _in_order(seen: Float, recipe: PatternRecipe) -> float | None:
+def _in_order(seen: NDArray[np.float32], recipe: PatternRecipe) -> float | None:
     """Share of neighbouring patches of which the lighter one is the lighter one, a colour each."""
     if recipe.patch_mm is None or recipe.n < 3:
         return None
@@ -254,7 +245,9 @@ def _in_order(seen: Float, recipe: PatternRecipe) -> float | None:
     return right / whole if whole else None
 
 
-def _gaps(seen: Float, drawn: Float, recipe: PatternRecipe) -> tuple[tuple[float, float], ...]:
+def _gaps(
+    seen: NDArray[np.float32], drawn: NDArray[np.float32], recipe: PatternRecipe
+) -> tuple[tuple[float, float], ...]:
     """Middles (mm) of tiles that have half of the contrast of the others, or less."""
     side = len(seen)
     step = recipe.printed_mm / side
@@ -274,7 +267,7 @@ def _gaps(seen: Float, drawn: Float, recipe: PatternRecipe) -> tuple[tuple[float
     )
 
 
-def _dots(seen: Float, recipe: PatternRecipe) -> tuple[int, int] | None:
+def _dots(seen: NDArray[np.float32], recipe: PatternRecipe) -> tuple[int, int] | None:
     """Marker dots that stand out from what is around them, and how many there should be."""
     if recipe.dots is None:
         return None

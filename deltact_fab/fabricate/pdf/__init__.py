@@ -16,8 +16,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+from deltact_fab.common import MM_PER_INCH
 from deltact_fab.paths import asset
 
+POINTS_PER_MM = 72 / MM_PER_INCH
 PATH = asset("deltact-sans.ttf")
 # Six letters mark a subset (ISO 32000-1, 9.6.4).
 NAME = "DELTAC+DeltactSans"

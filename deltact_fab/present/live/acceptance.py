@@ -16,20 +16,19 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from deltact_fab.bench import encode_png
 from deltact_fab.common import (
     Check,
     Field,
-    Float,
     Image,
     InputError,
     Point,
     SensorError,
     disk_errors,
     graded,
-    passes,
-    write_together,
+    write_files,
 )
 from deltact_fab.estimate import (
     MAX_DEFORMATION_MM,
@@ -72,7 +71,7 @@ class Acceptance:
 
     @property
     def passed(self) -> bool:
-        return passes(self.rows)
+        return not any(row.failed for row in self.rows)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data, as `rig accept --json` prints it."""
@@ -134,7 +133,7 @@ def save_acceptance(accepted: Acceptance, known: SensorModel, seed: int, out: Pa
     tables = {"rest": rest_table(image.name, rest), "accepted": {"rows": rows}}
     with disk_errors(out):
         out.parent.mkdir(exist_ok=True)
-    write_together({image: rest, out: head.toml(tables).encode()})
+    write_files({image: rest, out: head.toml(tables).encode()})
 
 
 def acceptance_picture(accepted: Acceptance, camera: CameraModel) -> bytes:
@@ -157,7 +156,7 @@ class _Still:
         self._rectifier = Rectifier(camera)
         self._tracker = FlowTracker(full=False)
         self._sum: Field | None = None
-        self._flows: list[Float] = []
+        self._flows: list[NDArray[np.float32]] = []
         self._first: Image | None = None
         self.untrackable = ""
         self.count, self.saturated = 0, 0.0
@@ -188,7 +187,7 @@ class _Still:
         self._last = even
 
     @property
-    def mean(self) -> Float:
+    def mean(self) -> NDArray[np.float32]:
         """Of the images, as the camera's light has them (h, w, 3) BGR, 0..255."""
         assert self._sum is not None, "a source has an image, or it raises"
         return np.asarray(self._sum / self.count, np.float32)

@@ -13,7 +13,7 @@ from typing import IO, Any
 import numpy as np
 
 from deltact_fab.bench import encode_png
-from deltact_fab.common import Array, InputError, disk_errors, making_files, whole_file, write_whole
+from deltact_fab.common import Array, InputError, disk_errors, make_folder, whole_file, write_whole
 from deltact_fab.version import VERSION
 
 from . import picture
@@ -160,9 +160,7 @@ class KeptFolder(MeasurementOutput):
     def __init__(self, folder: Path, session: MeasurementSession, pictures: bool) -> None:
         """pictures: keep each image too, as it is tracked. Raises InputError, RunFailed."""
         self._folder, self._session, self._pictures = folder, session, pictures
-        with making_files(folder):
-            for part in ("fields", "pictures")[: 1 + pictures]:
-                (folder / part).mkdir(parents=True, exist_ok=True)
+        make_folder(folder, *("fields", "pictures")[: 1 + pictures])
         known, pattern = session.source.known, session.pattern
         about = {
             "source": session.source.name, "simulated": known.simulated, "version": VERSION,

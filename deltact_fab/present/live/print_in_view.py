@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import Array, Field, Float, Image, Mask, Point, Point2
+from deltact_fab.common import Array, Field, Image, Point, Point2
 from deltact_fab.fabricate import (
     LEAST_AGREEMENT,
     LEAST_RESPONSE,
@@ -54,10 +54,10 @@ class PrintInView:
         self.nominal = np.array([[1 / scale, 0, x], [0, 1 / scale, y], [0, 0, 1]])
         """From the sensor's mm (x, y) to px of the view."""
         self._step_mm = scale / 2
-        self._print: Float = pattern_albedo(recipe, self._step_mm)
+        self._print: NDArray[np.float32] = pattern_albedo(recipe, self._step_mm)
         self._bare = recipe.model_copy(update={"dots": None})  # those look the same in all recipes
 
-    def seen(self, to_px: Field, rim_px: int = 0) -> Float:
+    def seen(self, to_px: Field, rim_px: int = 0) -> NDArray[np.float32]:
         """(h, w, 3) RGB in 0..1, white beyond the sticker. to_px: from its mm to the view's px.
 
         rim_px: so much wider on every side.
@@ -77,7 +77,7 @@ class PrintInView:
         bare = np.asarray(1 - mask, np.float32)
         return (_warped(bare, self._step_mm, to_px, (w, h)) < 0.5).astype(np.uint8)
 
-    def place(self, view: Float) -> Placement | None:
+    def place(self, view: NDArray[np.float32]) -> Placement | None:
         """The print in a view (h, w, 3); None where it is another pattern."""
         for scales in SCALES:
             guess = self._guess(view, scales)
@@ -87,7 +87,7 @@ class PrintInView:
                 return None if to_px is None else replace(guess, to_px=to_px)
         return None
 
-    def _guess(self, view: Float, scales: Sequence[float]) -> Placement:
+    def _guess(self, view: NDArray[np.float32], scales: Sequence[float]) -> Placement:
         """The way round in which the middle of the view is most like the recipe."""
         step = min(0.1, max(self.patch_mm / 2, self.camera.mm_per_px))
         shrink = self.camera.mm_per_px / step
@@ -114,7 +114,7 @@ class PrintInView:
                 best = Placement(view, moved @ way, agreement)
         return best
 
-    def _compare(self, seen: Float, tile_px: int, to_px: Field) -> Tiles:
+    def _compare(self, seen: NDArray[np.float32], tile_px: int, to_px: Field) -> Tiles:
         """A round of `locate.refine`, tile by tile of a view's luma."""
         middles, shifts, responses = tile_shifts(seen, luma(self.seen(to_px)), tile_px)
         middles = middles - 0.5
@@ -122,7 +122,9 @@ class PrintInView:
         return points_mm, middles + shifts, responses
 
 
-def _warped(image: Float, step_mm: float, to_px: Field, size: tuple[int, int]) -> Float:
+def _warped(
+    image: NDArray[np.float32], step_mm: float, to_px: Field, size: tuple[int, int]
+) -> NDArray[np.float32]:
     """A print of step_mm, its middle at 0, through a map from mm to px; beyond it white."""
     middle = [(1 - n) * step_mm / 2 for n in image.shape[1::-1]]
     grid = np.array([[step_mm, 0, middle[0]], [0, step_mm, middle[1]], [0, 0, 1]])
@@ -135,17 +137,17 @@ def _turn(deg: float) -> Field:
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
 
 
-def _levelled(image: Float, step_mm: float) -> Float:
+def _levelled(image: NDArray[np.float32], step_mm: float) -> NDArray[np.float32]:
     """Without what light does to it over more than a millimetre."""
     return np.asarray(image - cv2.GaussianBlur(image, (0, 0), 1.0 / step_mm), np.float32)
 
 
-def luma(image: Float) -> Float:
+def luma(image: NDArray[np.float32]) -> NDArray[np.float32]:
     """Of an RGB picture (h, w, 3), float32."""
     return np.asarray(grey_levels(image), np.float32)
 
 
-def aligned(seen: Float, wide: Float) -> Float:
+def aligned(seen: NDArray[np.float32], wide: NDArray[np.float32]) -> NDArray[np.float32]:
     """What is drawn wide, RIM_PX on every side, each part of it where it lies in what is seen.
 
     What a homography leaves of a lens is smooth.
@@ -229,12 +231,12 @@ class _Tiles:
             cv2.resize(image, (self.nx, self.ny), interpolation=cv2.INTER_AREA), np.float64
         )
 
-    def spread(self, values: Array) -> Float:
+    def spread(self, values: Array) -> NDArray[np.float32]:
         """Values of tiles over the view's pixels."""
         size = (self._shape[1], self._shape[0])
         return np.asarray(cv2.resize(values.astype(np.float32), size), np.float32)
 
-    def compared(self, seen: Float, drawn: Float) -> tuple[Field, ...]:
+    def compared(self, seen: NDArray[np.float32], drawn: NDArray[np.float32]) -> tuple[Field, ...]:
         """Correlation, slope and offset of seen over drawn, each (ny, nx)."""
         s, d = self.mean(seen), self.mean(drawn)
         ss, dd, sd = self.mean(seen * seen), self.mean(drawn * drawn), self.mean(seen * drawn)
@@ -318,7 +320,7 @@ def _between(like: Field, best: NDArray[np.int64]) -> Field:
     return np.exp(np.interp(index, np.arange(len(BLURS_PX)), np.log(BLURS_PX)))
 
 
-def _smooth(values: Array, known: Mask) -> Float:
+def _smooth(values: Array, known: NDArray[np.bool_]) -> NDArray[np.float32]:
     """Values of tiles, those that are not known as the nearest known one; medians of nine."""
     from scipy.ndimage import distance_transform_edt
 
@@ -334,7 +336,9 @@ def one_sided_fall(share: Array, x_mm: Array, y_mm: Array) -> float:
     return float(2 * np.hypot(fitted[1], fitted[2]))
 
 
-def _missing(missing: Mask, tiles: _Tiles) -> tuple[dict[str, float], tuple[Point, ...], Mask]:
+def _missing(
+    missing: NDArray[np.bool_], tiles: _Tiles
+) -> tuple[dict[str, float], tuple[Point, ...], NDArray[np.bool_]]:
     """Along whole sides, at the rim beside that, and which tiles lie inside."""
     depths, edges = [], {}
     for side, axis, flip in (("-x", 1, 1), ("+x", 1, -1), ("-y", 0, 1), ("+y", 0, -1)):
@@ -357,7 +361,9 @@ def _missing(missing: Mask, tiles: _Tiles) -> tuple[dict[str, float], tuple[Poin
     return edges, tuple(torn), inside
 
 
-def _places(off: Float, without: Mask, mm_per_px: float) -> tuple[Point, ...]:
+def _places(
+    off: NDArray[np.float32], without: NDArray[np.bool_], mm_per_px: float
+) -> tuple[Point, ...]:
     """Where the view is not what the pattern would be: middle and length, mm; the largest first."""
     size = max(3, round(PLACE_MM / mm_per_px))
     mean = cv2.blur(off, (size, size))

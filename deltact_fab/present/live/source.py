@@ -17,7 +17,7 @@ from deltact_fab.bench import (
     raw_size_px,
     sort_by_number,
 )
-from deltact_fab.common import Image, InputError, RunFailed
+from deltact_fab.common import Image, InputError, RunFailed, disk_errors
 from deltact_fab.estimate import SensorModel
 
 if TYPE_CHECKING:
@@ -135,10 +135,8 @@ class FollowedFolder(ImageFolder):
             time.sleep(POLL_S)
 
     def _new(self, taken: set[str]) -> list[Path]:
-        try:
+        with disk_errors(self._folder, "read"):
             there = [p for p in self._folder.iterdir() if p.name not in taken]
-        except OSError as why:
-            raise RunFailed(f"{self.name}: cannot be read: {why.strerror}") from why
         images = (p for p in there if p.suffix.lower() in IMAGE_NAMES and p.name[0] != ".")
         return sorted(images, key=sort_by_number)
 

@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import Float
 from deltact_fab.fabricate import Design, PatternRecipe, illuminance, pattern_albedo
 from deltact_fab.physics import print_colours
 from deltact_fab.sensor import GAMMA, ImageSensor, Printer
@@ -32,7 +31,7 @@ def pairs(design: Design, recipe: PatternRecipe) -> dict[str, Pair]:
     return {"print": _print(values, printer), "sensor": _sensor(values, printer, design)}
 
 
-def _print(values: Float, printer: Printer) -> Pair:
+def _print(values: NDArray[np.float32], printer: Printer) -> Pair:
     """A cut of it; then with a clogged nozzle and magenta nearly empty."""
     half, side = round(PRINT_MM / printer.mm_per_dot / 2), len(values) // 2
     good = values[side - half : side + half, side - half : side + half]
@@ -44,7 +43,7 @@ def _print(values: Float, printer: Printer) -> Pair:
     return _jpeg(good), _jpeg(spoiled)
 
 
-def _sensor(values: Float, printer: Printer, design: Design) -> Pair:
+def _sensor(values: NDArray[np.float32], printer: Printer, design: Design) -> Pair:
     """The view; then with a bubble, the film torn at a corner and one LED dark."""
     at = (np.arange(len(values)) - (len(values) - 1) / 2) * printer.mm_per_dot
     x, y = np.meshgrid(at, at)

@@ -12,15 +12,13 @@ from urllib.parse import quote
 
 from deltact_fab.bench import describe_run, open_run
 from deltact_fab.common import (
+    Check,
     DeltactFabError,
     InputError,
-    finding,
     graded,
     html_table,
-    page_verdict,
     read_json,
-    render_page,
-    save_page,
+    write_page,
 )
 
 from .study_page import PAGE, RESULT, read_result
@@ -71,11 +69,8 @@ def write_index(folder: Path, out: Path) -> Path:
         text = f"{worse} of {n} {are} unfinished, old, damaged or made with warnings, and marked."
     else:
         text = f"{'It is' if n == 1 else f'All {n} are'} finished and can be read."
-    found = finding("runs", text, graded(True, warns=not rows or worse > 0))
-    page = render_page(
-        "index.html", folder=folder.resolve().name, entries=made, verdict=page_verdict([found])
-    )
-    return save_page(page, out)
+    found = Check("runs", value=text, status=graded(True, warns=not rows or worse > 0))
+    return write_page(out, "index.html", [found], folder=folder.resolve().name, entries=made)
 
 
 def is_index_above(folder: Path) -> bool:

@@ -11,16 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from deltact_fab.common import (
-    Check,
-    finding,
-    graded,
-    html_table,
-    page_verdict,
-    render_page,
-    save_page,
-    write_whole,
-)
+from deltact_fab.common import Check, graded, html_table, write_page, write_whole
 
 from . import figures
 
@@ -55,13 +46,8 @@ def write_numerics_page(data: dict[str, Any], out: Path) -> Path:
                 "counts": Counter(r["outcome"] for r in cases),
             }
         )  # fmt: skip
-    page = render_page(
-        "numerics.html",
-        engines=drawn,
-        meta=data["meta"],
-        verdict=page_verdict([_stable(data["stability"])]),
-    )
-    return save_page(page, out)
+    stable = _stable(data["stability"])
+    return write_page(out, "numerics.html", [stable], engines=drawn, meta=data["meta"])
 
 
 def _stable(rows: Sequence[dict[str, Any]]) -> Check:
@@ -70,11 +56,11 @@ def _stable(rows: Sequence[dict[str, Any]]) -> Check:
     if wrong:
         are = "is" if len(wrong) == 1 else "are"
         text = f"{len(wrong)} of {n} stiff and extreme cases {are} wrong: {'; '.join(wrong)}."
-        return finding("cases", f"{text} Do not trust what rests on them.", "fail")
-    return finding(
+        return Check("cases", value=f"{text} Do not trust what rests on them.", status="fail")
+    return Check(
         "cases",
-        f"All {n} stiff and extreme cases came out as they must: right within their bounds, or "
-        "refused. The engines can be trusted within the errors below that are against an "
+        value=f"All {n} stiff and extreme cases came out as they must: right within their bounds, "
+        "or refused. The engines can be trusted within the errors below that are against an "
         "independent reference; a self-test shows no accuracy.",
     )
 
@@ -123,16 +109,15 @@ CELLS = {
 
 
 def write_rehearsal_page(found: dict[str, Any], protocol: str, rig: str, out: Path) -> list[Path]:
-    """rehearsal.html and .json of `Rehearsal.as_dict()`; as `templating.save`."""
+    """rehearsal.html and .json of `Rehearsal.as_dict()`; as `write_page`."""
     rows = [{**c, "wrong": c["wrong"] or "the same record"} for c in found["cells"]]
     marks = ["" if c["passed"] else "bad" for c in rows]
     cells = html_table(pd.DataFrame(rows, columns=list(CELLS)).round(2), CELLS, marks)
     text = f"{found['verdict'][:1].upper()}{found['verdict'][1:]}."
-    judged = page_verdict([finding("faults", text, graded(found["passed"]))])
-    page = render_page(
-        "rehearsal.html", found=found, protocol=protocol, rig=rig, cells=cells, verdict=judged
+    judged = Check("faults", value=text, status=graded(found["passed"]))
+    page, data = out / "rehearsal.html", out / "rehearsal.json"
+    write_page(
+        page, "rehearsal.html", [judged], found=found, protocol=protocol, rig=rig, cells=cells
     )
-    data = out / "rehearsal.json"
-    written = [save_page(page, out / "rehearsal.html"), data]
     write_whole(data, json.dumps(found, indent=1).encode())
-    return written
+    return [page, data]

@@ -12,18 +12,7 @@ import numpy as np
 import pandas as pd
 
 from deltact_fab.bench import Run, encode_png, open_run
-from deltact_fab.common import (
-    Check,
-    InputError,
-    finding,
-    graded,
-    html_table,
-    page_verdict,
-    read_json,
-    render_page,
-    save_page,
-    warning_findings,
-)
+from deltact_fab.common import Check, InputError, graded, html_table, read_json, write_page
 from deltact_fab.estimate import (
     PAPER_BEST_MM,
     TRACKING_RULE,
@@ -72,13 +61,14 @@ def write_run_page(
     deepest = measured.deepest if measured is not None else []
     if deepest:
         drawn["shape"] = run_figures.deepest_presses(deepest)
-    page = render_page(
+    return write_page(
+        out,
         "run.html",
+        _found(warned, tracking, measured, shape),
         meta=run.meta,
         summary=run.summary(),
         simulated=run.simulated,
         tracking=tracking.as_dict(),
-        verdict=page_verdict(_found(warned, tracking, measured, shape)),
         doubts={name: why for name, why in judged.doubts.items() if why},
         remarks=remarks,
         methods=_methods(tracking),
@@ -110,7 +100,6 @@ def write_run_page(
             for wall_s, text in zip(notes["wall_s"], notes["text"], strict=True)
         ],
     )
-    return save_page(page, out)
 
 
 def write_imported_page(run: Run, out: Path) -> Path:
@@ -127,10 +116,10 @@ def write_imported_page(run: Run, out: Path) -> Path:
     force = run.folder / "analysis" / "force.json"
     told = read_json(force) if force.is_file() else {}
     if "verdict" in told:
-        found = [finding("force", f"Force from the flow: {told['verdict']}.")]
+        found = [Check("force", value=f"Force from the flow: {told['verdict']}.")]
     else:
         text = "Force from the flow was not calibrated: `calibrate force` does it."
-        found = [finding("force", text, "warn")]
+        found = [Check("force", value=text, status="warn")]
     warned, remarks = run.remarks()
     counts = {
         "images": f"{len(frames)} of {' x '.join(map(str, run.meta['imported']['image_px']))} px",
@@ -138,18 +127,17 @@ def write_imported_page(run: Run, out: Path) -> Path:
         **{f"samples of {name}": n for name, n in summary["samples"].items()},
         **{f"SHA-256 of {name}": digest for name, digest in run.meta["imported"]["sha256"].items()},
     }
-    page = render_page(
+    return write_page(
+        out,
         "imported.html",
+        [
+            *Check.warnings("run", warned),
+            *found,
+            *Check.warnings("left-out", told.get("left_out", [])),
+        ],
         name=run.meta["name"],
         about=run.meta["protocol"]["description"],
         notes=[*remarks, *run.notes()["text"]],
-        verdict=page_verdict(
-            [
-                *warning_findings("run", warned),
-                *found,
-                *warning_findings("left-out", told.get("left_out", [])),
-            ]
-        ),
         figure=figures.to_svg(figure, "force on the sensor and motion of the picture over time"),
         pictures=[
             _thumbnail(run, frames.iloc[0], "the first image: motion counts from it"),
@@ -157,7 +145,6 @@ def write_imported_page(run: Run, out: Path) -> Path:
         ],
         known=html_table(pd.DataFrame(counts.items(), columns=["what", "value"])),
     )
-    return save_page(page, out)
 
 
 def _found(
@@ -167,13 +154,15 @@ def _found(
     shape: ShapeResult | None,
 ) -> Iterator[Check]:
     """What speaks for and against a run: warnings of how it was made first."""
-    yield from warning_findings("run", (f"{line[:1].upper()}{line[1:]}." for line in warned))
-    yield finding("tracking", tracking.verdict.line, graded(tracking.verdict.trusted))
+    yield from Check.warnings("run", (f"{line[:1].upper()}{line[1:]}." for line in warned))
+    yield Check("tracking", value=tracking.verdict.line, status=graded(tracking.verdict.trusted))
     if shape is not None:
         status = graded(True, warns=bool(shape.missed))
-        yield finding("shape", f"Shape and contact: {shape.line}", status)
+        yield Check("shape", value=f"Shape and contact: {shape.line}", status=status)
     if measured is not None and (force := measured.force) is not None:
-        yield finding("force", f"{force.line}.", graded(True, warns=bool(force.doubtful)))
+        yield Check(
+            "force", value=f"{force.line}.", status=graded(True, warns=bool(force.doubtful))
+        )
 
 
 # What a figure shows, where its axes do not say it all.

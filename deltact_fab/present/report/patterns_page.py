@@ -4,24 +4,13 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
+from os.path import isfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from deltact_fab.common import (
-    Check,
-    InputError,
-    finding,
-    graded,
-    html_table,
-    is_file,
-    label,
-    page_verdict,
-    read_json,
-    render_page,
-    save_page,
-)
+from deltact_fab.common import Check, InputError, graded, html_table, read_json, write_page
 from deltact_fab.fabricate import (
     SERIES_FIGURES,
     SERIES_FORMAT,
@@ -53,12 +42,12 @@ def write_patterns_page(folder: Path) -> Path:
     seen = [row for row in rows if row["quality"]["seen"]]
     models = (("printer", data["printer"]), ("camera", data["sensor"]))
     settings = [
-        (label(f"{what} {key}"), str(value))
-        for what, values in models
-        for key, value in values.items()
+        (f"{what} {key}", str(value)) for what, values in models for key, value in values.items()
     ]
-    page = render_page(
+    return write_page(
+        folder / SERIES_PAGE,
         "patterns.html",
+        [_best(rows, seen), Check("assumed", value=ASSUMED)],
         s=data,
         rows=rows,
         chart=figures.to_svg(draw(rows)),
@@ -66,38 +55,36 @@ def write_patterns_page(folder: Path) -> Path:
         factors=sorted({row["r"] for row in rows}),
         views={(row["d_mm"], row["r"]): _view(folder, row["name"]) for row in rows},
         rounds=SERIES_GRIDS,
-        verdict=page_verdict([_best(rows, seen), finding("assumed", ASSUMED)]),
         chosen=min(
             (row for row in rows if row["paper_error_mm"] is not None),
             key=lambda row: row["paper_error_mm"],
             default=None,
         ),
         figures=html_table(pd.DataFrame([_row(row) for row in rows])),
-        settings=html_table(pd.DataFrame(settings, columns=["assumed", "value"])),
+        settings=html_table(pd.DataFrame(settings, columns=["assumed", "value"]), keys="assumed"),
     )
-    return save_page(page, folder / SERIES_PAGE)
 
 
 def _best(rows: list[dict[str, Any]], seen: list[dict[str, Any]]) -> Check:
     """What can be tracked best; the unseen have the gradient of halftone and noise, not theirs."""
     if not seen:
         text = f"The camera sees none of the {len(rows)} patterns: nothing here can be tracked."
-        return finding("patterns", text, "fail")
+        return Check("patterns", value=text, status="fail")
     small = max(seen, key=lambda row: _seen(row)["mean_gradient"])
     large = max(seen, key=lambda row: sum(_seen(row)["contrast"][3:5]))
-    return finding(
+    return Check(
         "patterns",
-        f"The camera still sees {len(seen)} of {len(rows)} patterns: of these "
+        value=f"The camera still sees {len(seen)} of {len(rows)} patterns: of these "
         f"d {small['d_mm']}, r {small['r']} has the most to track in small motion and "
         f"d {large['d_mm']}, r {large['r']} in large motion.",
-        graded(True, warns=len(seen) < len(rows)),
+        status=graded(True, warns=len(seen) < len(rows)),
     )
 
 
 def _read(folder: Path) -> dict[str, Any]:
     """The figures of a series."""
     kept = folder / SERIES_FIGURES
-    if not is_file(kept):
+    if not isfile(kept):
         wanted = "name a folder that `pattern series` wrote"
         raise InputError(f"{folder}: no series: {kept.name} is missing; {wanted}")
     data = read_json(kept)
@@ -109,7 +96,7 @@ def _read(folder: Path) -> dict[str, Any]:
 def _view(folder: Path, name: str) -> str:
     """A pattern's view, as a data URL."""
     file = folder / SERIES_VIEWS / f"{name}.png"
-    if not is_file(file):
+    if not isfile(file):
         raise InputError(f"{folder}: no series: {SERIES_VIEWS}/{file.name} is missing")
     return "data:image/png;base64," + base64.b64encode(file.read_bytes()).decode()
 

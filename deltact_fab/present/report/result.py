@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-from deltact_fab.common import Check, Status, finding, graded
+from deltact_fab.common import Check, Status, graded
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -178,14 +178,16 @@ class StudyResult:
         """Claims, the answer, the figures that are told, what is missing, what the gel flagged."""
         whole = not self.missing
         found = [
-            finding(
-                f"claim.{k}", one.sentence(whole), graded(True, one.state(whole) == "undecided")
+            Check(
+                f"claim.{k}",
+                value=one.sentence(whole),
+                status=graded(True, one.state(whole) == "undecided"),
             )
             for k, one in enumerate(self.claims)
         ]
-        found += [finding(f"answer.{k}", line) for k, line in enumerate(self.answer)]
+        found += [Check(f"answer.{k}", value=line) for k, line in enumerate(self.answer)]
         found += [
-            finding(f"figure.{k}", one.sentence, GOAL[one.state])
+            Check(f"figure.{k}", value=one.sentence, status=GOAL[one.state])
             for k, one in enumerate(self.headlines)
             if one.told
         ]
@@ -193,12 +195,16 @@ class StudyResult:
         if goals:
             states = [name for name in STATES if goals[name]]
             counted = ", ".join(f"{goals[name]} {name}" for name in states)
-            found.append(finding("goals", f"Goals: {counted}.", GOAL[states[-1]]))
+            found.append(Check("goals", value=f"Goals: {counted}.", status=GOAL[states[-1]]))
         if n := len(self.missing):
             are = "job is" if n == 1 else "jobs are"
-            found.append(finding("missing", f"{n} {are} missing, so nothing is decided.", "warn"))
+            found.append(
+                Check("missing", value=f"{n} {are} missing, so nothing is decided.", status="warn")
+            )
         if flags := self.settings.get(GEL_FLAGS):
-            found.append(finding("gel-flags", f"The simulated gel is flagged: {flags}.", "warn"))
+            found.append(
+                Check("gel-flags", value=f"The simulated gel is flagged: {flags}.", status="warn")
+            )
         return tuple(found)
 
     @property

@@ -9,6 +9,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from os.path import isfile
 from pathlib import Path
 from typing import Any
 
@@ -20,14 +21,12 @@ from deltact_fab.common import (
     code_digest,
     format_number,
     html_table,
-    is_file,
     make_folder,
-    page_verdict,
     read_json,
     render_page,
     require_pages,
     validate,
-    write_together,
+    write_files,
     write_whole,
 )
 
@@ -76,7 +75,7 @@ def _code_of(module: str) -> str:
 def read_result(folder: str | Path) -> KeptResult:
     """What a study left in a folder. Raises InputError naming file and key."""
     path = Path(folder) / RESULT
-    if not is_file(path):
+    if not isfile(path):
         raise InputError(
             f"{folder}: no study ({RESULT} is missing); name a folder that `study run` wrote"
         )
@@ -144,7 +143,7 @@ def place(files: Mapping[str, bytes], out: Path) -> None:
         earlier = ()
     # A list that was changed by hand reaches into no other folder.
     gone = [out / name for name in earlier if name not in files and Path(name).name == name]
-    write_together({out / name: files[name] for name in names}, gone, RunFailed)
+    write_files({out / name: files[name] for name in names}, gone, RunFailed)
 
 
 def prepared(one: ReportTable) -> dict[str, Any]:
@@ -222,9 +221,9 @@ def html(result: StudyResult, kept: dict[str, Any]) -> str:
     left_out = [(one.id, one.text) for one in result.left_out]
     return render_page(
         "study.html",
+        result.findings,
         r=result,
         made=f"{kept['made'].replace('T', ' ').removesuffix('Z')} UTC",
-        verdict=page_verdict(result.findings),
         figures=[
             {"svg": figures.to_svg(one.draw(), one.caption), "caption": one.caption}
             for one in result.figures

@@ -27,7 +27,7 @@ import scipy.linalg
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from deltact_fab.common import Field, Index, InputError, cache_key, read_cached, write_cached
+from deltact_fab.common import Field, InputError, Store, cache_key
 
 from ..shapes.sensor import SkinDimensions
 
@@ -106,7 +106,7 @@ MAX_LINEAR_POISSON = 0.4999
 PADDING = 2  # periods of the slab, in faces
 CELLS_ALONG = 24  # cells along the longer side, unless a size is asked for
 MAX_ALONG = 36  # the same where the gel is thinner than such a cell
-_KIND = "gel-sides"
+_STORE = Store("gel-sides")
 _CLASSES: tuple[Signs, ...] = ((1, 1), (-1, 1), (1, -1), (-1, -1))  # in (x, y)
 
 
@@ -148,10 +148,10 @@ def free_sides(skin: SkinDimensions, poisson: float, cell_mm: float | None = Non
     )
     a, b = skin.opening_half_mm
     x, y = np.linspace(-a, a, box.bricks[0] + 1), np.linspace(-b, b, box.bricks[1] + 1)
-    quarters = read_cached(_KIND, key)
+    quarters = _STORE.read(key)
     if quarters is None:
         quarters = _quarters(box, poisson)
-        write_cached(_KIND, key, quarters)
+        _STORE.write(key, quarters)
     return FreeSides(x, y, quarters)
 
 
@@ -265,7 +265,9 @@ def _slab_kernel(box: BrickBox, poisson: float) -> Field:
     return scipy.fft.irfft2(np.moveaxis(spectrum, (2, 3), (0, 1)), s=(my, mx), axes=(2, 3))
 
 
-def _free_on_face(row: Index, column: Index, signs: Signs) -> NDArray[np.bool_]:
+def _free_on_face(
+    row: NDArray[np.int64], column: NDArray[np.int64], signs: Signs
+) -> NDArray[np.bool_]:
     """Which displacements (n, 3) of the quarter's nodes a symmetry class leaves free.
 
     signs: +1 mirror-symmetric, -1 antisymmetric, in x and in y.
@@ -281,7 +283,11 @@ _MIRRORS = ((False, False), (True, False), (False, True), (True, True))
 
 
 def _mirrored(
-    kernel: Field, row: Index, column: Index, free: NDArray[np.bool_], signs: Signs
+    kernel: Field,
+    row: NDArray[np.int64],
+    column: NDArray[np.int64],
+    free: NDArray[np.bool_],
+    signs: Signs,
 ) -> Field:
     """The slab's response (n, n) to a class's forces on all four quarters."""
     total = np.zeros((len(row), 3, len(row), 3))

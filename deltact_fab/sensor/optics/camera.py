@@ -8,7 +8,7 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from deltact_fab.common import Array, InputError, Vector
+from deltact_fab.common import Array, InputError, Point
 
 from ..shapes.sensor import N_SILICONE, SensorDimensions
 
@@ -154,25 +154,25 @@ class StageFrame:
     the stage's axes as it was registered. Straight lines remain straight.
     """
 
-    origin_machine_mm: Vector
+    origin_machine_mm: Point
     angle_deg: float = 0.0
     tilt_deg: tuple[float, float] = (0.0, 0.0)
     """Of the face, about the sensor's x, then about y."""
 
-    def to_machine_mm(self, sensor_mm: Vector) -> Vector:
+    def to_machine_mm(self, sensor_mm: Point) -> Point:
         """A tip position in the sensor frame to machine coordinates."""
         c, s = self._cos_sin()
         x, y, z = self._tilted(sensor_mm)
         ox, oy, oz = self.origin_machine_mm
         return (ox + c * x - s * y, oy + s * x + c * y, oz + z)
 
-    def to_sensor_mm(self, machine_mm: Vector) -> Vector:
+    def to_sensor_mm(self, machine_mm: Point) -> Point:
         """Machine coordinates to a tip position in the sensor frame."""
         c, s = self._cos_sin()
         x, y, z = (m - o for m, o in zip(machine_mm, self.origin_machine_mm, strict=True))
         return self._levelled((c * x + s * y, -s * x + c * y, z))
 
-    def facing(self, normal_machine: Vector) -> StageFrame:
+    def facing(self, normal_machine: Point) -> StageFrame:
         """The same with the tilt of a face whose outward normal this is, of any length.
 
         Raises ValueError for a normal that does not point up.
@@ -190,14 +190,14 @@ class StageFrame:
         angle = np.deg2rad(self.angle_deg)
         return float(np.cos(angle)), float(np.sin(angle))
 
-    def _tilted(self, p: Vector) -> Vector:
+    def _tilted(self, p: Point) -> Point:
         if self.tilt_deg == (0.0, 0.0):
             return p  # to the bit
         (cx, sx), (cy, sy) = ((math.cos(a), math.sin(a)) for a in map(math.radians, self.tilt_deg))
         x, y, z = p[0], cx * p[1] - sx * p[2], sx * p[1] + cx * p[2]
         return (cy * x + sy * z, y, -sy * x + cy * z)
 
-    def _levelled(self, p: Vector) -> Vector:
+    def _levelled(self, p: Point) -> Point:
         if self.tilt_deg == (0.0, 0.0):
             return p
         (cx, sx), (cy, sy) = ((math.cos(a), math.sin(a)) for a in map(math.radians, self.tilt_deg))

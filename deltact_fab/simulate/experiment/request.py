@@ -31,7 +31,7 @@ from deltact_fab.bench import (
     undeclared_lengths,
     unmet_conditions,
 )
-from deltact_fab.common import Check, InputError, MissingLibrary, Note, Progress, graded, passes
+from deltact_fab.common import Check, InputError, MissingLibrary, Note, Progress, graded
 from deltact_fab.fabricate import Design, PatternRecipe, load_design, load_recipe
 from deltact_fab.sensor import CameraModel
 
@@ -147,7 +147,7 @@ class RunRequest:
             rows.append(Check("tool-lengths", "tool lengths", "unknown", len(unknown), 0, status,
                               tuple(unknown), sign="<="))  # fmt: skip
         # What leaves the gel or the stage is said already, and has no force.
-        if passes(rows) and not self.air:
+        if not any(row.failed for row in rows) and not self.air:
             found = self.forces(solve=not self.rig.simulated)
             rows += [] if found is None else found[1]
         return rows

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from deltact_fab.bench import Protocol
-from deltact_fab.common import InputError, Progress, SolverError, Vector
+from deltact_fab.common import InputError, Point, Progress, SolverError
 from deltact_fab.sensor import (
     GelMaterial,
     Indenter,
@@ -230,7 +230,7 @@ class Peak:
     depth_mm: float
     normal_n: float
     tangential_n: float
-    moment_nmm: Vector | None
+    moment_nmm: Point | None
     level: Level
     reason: str
 
@@ -257,7 +257,7 @@ class Peak:
 def predict(
     protocol: Protocol,
     sensor: SensorDimensions,
-    origin_mm: Vector | None = None,
+    origin_mm: Point | None = None,
     progress: Progress | None = None,
     solve: bool = True,
 ) -> list[Peak] | None:
@@ -309,7 +309,7 @@ def _inmost(at_mm: tuple[float, float], grid_mm: float) -> tuple[float, float]:
 
 def _peak(
     protocol: Protocol, indenter: Indenter, number: int, at_mm: tuple[float, float],
-    depth_mm: float, curve: PressCurve, origin_mm: Vector | None,
+    depth_mm: float, curve: PressCurve, origin_mm: Point | None,
 ) -> Peak:  # fmt: skip
     unit_n, level = curve.normal_n(depth_mm)
     specimen = protocol.specimen
@@ -333,8 +333,8 @@ def _peak(
 
 def _moment(
     protocol: Protocol, indenter: Indenter, at_mm: tuple[float, float], depth_mm: float,
-    normal_n: float, side_n: float, origin_mm: Vector,
-) -> Vector:  # fmt: skip
+    normal_n: float, side_n: float, origin_mm: Point,
+) -> Point:  # fmt: skip
     """Bounds of r x F; r runs from the origin to wherever the force may act."""
     shear = protocol.shear
     arms = []

@@ -27,7 +27,7 @@ from deltact_fab.bench import (
     raw_size_px,
     refusal_check,
 )
-from deltact_fab.common import Check, InputError, Vector, graded
+from deltact_fab.common import Check, InputError, Point, graded
 from deltact_fab.fabricate import Design, plate_bending_room, press_plate
 
 from .peaks import HIGH, MODULUS_FACTOR, Peak, worst
@@ -48,11 +48,11 @@ class ForceLimits:
 
     simulated: bool
     source: str
-    stage_n: Vector | None
+    stage_n: Point | None
     has_sensor: bool = False
-    sensor_n: Vector | None = None
-    sensor_nmm: Vector | None = None
-    origin_mm: Vector | None = None
+    sensor_n: Point | None = None
+    sensor_nmm: Point | None = None
+    origin_mm: Point | None = None
     guard: GuardLimits | None = None
     guard_keys: tuple[str, str] = ("", "")
 
@@ -162,14 +162,14 @@ def _guarded(limits: ForceLimits, peaks: Sequence[Peak]) -> Iterator[Loads]:
     yield from _moments("guard", peaks, guard.torque_nmm, f"{torque} (N mm)")
 
 
-def _forces(of: str, peaks: Sequence[Peak], limit_n: Vector, key: str) -> Iterator[Loads]:
+def _forces(of: str, peaks: Sequence[Peak], limit_n: Point, key: str) -> Iterator[Loads]:
     yield f"{of}.normal", "normal force", limit_n[2], key, [p.normal_n for p in peaks]
     # A drag along any axis of the protocol may meet either axis of a turned stage.
     loads = [p.tangential_n for p in peaks]
     yield f"{of}.tangential", "tangential force", min(limit_n[:2]), key, loads
 
 
-def _moments(of: str, peaks: Sequence[Peak], limit_nmm: Vector, key: str) -> Iterator[Loads]:
+def _moments(of: str, peaks: Sequence[Peak], limit_nmm: Point, key: str) -> Iterator[Loads]:
     moments = [p.moment_nmm for p in peaks if p.moment_nmm is not None]
     if len(moments) == len(peaks):
         for axis, letter in enumerate("xyz"):

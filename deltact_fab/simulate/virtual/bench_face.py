@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import Vector
+from deltact_fab.common import Point
 from deltact_fab.sensor import (
     EllipsoidTip,
     GelMaterial,
@@ -66,7 +66,7 @@ class BenchFace:
         found = parse_indenter(indenter) if isinstance(indenter, str) else indenter
         self._touching = [self._touching_by(tip) for tip in found.tips]
 
-    def wrench(self, carriage_mm: Vector) -> NDArray[np.float64]:
+    def wrench(self, carriage_mm: Point) -> NDArray[np.float64]:
         """Force (N) and torque (N mm), (6,), with the carriage there, machine mm."""
         x, y, z = carriage_mm
         z -= self._longer_mm

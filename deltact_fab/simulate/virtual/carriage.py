@@ -15,12 +15,12 @@ from dataclasses import dataclass, replace
 from operator import mul
 
 from deltact_fab.bench import add_vectors, along_line, subtract_vectors
-from deltact_fab.common import Vector
+from deltact_fab.common import Point
 
 from .motion import Path, Segment, brake, trapezoid
 
 
-def steps(mm: Vector, per_mm: Vector) -> tuple[int, int, int]:
+def steps(mm: Point, per_mm: Point) -> tuple[int, int, int]:
     """Whole steps, halves away from zero as the firmware rounds."""
     x, y, z = (
         int(math.copysign(math.floor(abs(p * k) + 0.5), p)) for p, k in zip(mm, per_mm, strict=True)
@@ -28,7 +28,7 @@ def steps(mm: Vector, per_mm: Vector) -> tuple[int, int, int]:
     return x, y, z
 
 
-def divide(steps: tuple[int, int, int], per_mm: Vector) -> Vector:
+def divide(steps: tuple[int, int, int], per_mm: Point) -> Point:
     """Position of a number of steps, mm."""
     return (steps[0] / per_mm[0], steps[1] / per_mm[1], steps[2] / per_mm[2])
 
@@ -50,7 +50,7 @@ class _Block:
 class Carriage:
     """settings: of the board, as they are at any time. Times are ns, places machine mm."""
 
-    def __init__(self, settings: Mapping[int, float], start_mm: Vector, t_ns: int) -> None:
+    def __init__(self, settings: Mapping[int, float], start_mm: Point, t_ns: int) -> None:
         self.path = Path(start_mm, t_ns)
         self.moving: Segment | None = None
         """The piece under way; a carriage that coasts from a reset has none."""
@@ -66,11 +66,11 @@ class Carriage:
 
     # ---- where it is --------------------------------------------------------------------------
 
-    def axes(self, first: int) -> Vector:
+    def axes(self, first: int) -> Point:
         """A setting of three axes by the number of its first."""
         return (self._settings[first], self._settings[first + 1], self._settings[first + 2])
 
-    def count_mm(self, t_ns: int | None = None) -> Vector:
+    def count_mm(self, t_ns: int | None = None) -> Point:
         """The controller's own idea of where it is, at rest or at a time."""
         count = self._count
         if t_ns is not None and self.moving is not None:
@@ -80,7 +80,7 @@ class Carriage:
     def speed_mm_min(self, t_ns: int) -> float:
         return self.moving.speed_mm_s(t_ns) * 60 if self.moving is not None else 0.0
 
-    def outside(self, target_mm: Vector) -> bool:
+    def outside(self, target_mm: Point) -> bool:
         return any(not -m <= p <= 0 for p, m in zip(target_mm, self.axes(130), strict=True))
 
     # ---- the queue ----------------------------------------------------------------------------
@@ -93,7 +93,7 @@ class Carriage:
     def queued(self) -> bool:
         return bool(self._queue)
 
-    def plan(self, target_mm: Vector, feed_mm_min: float) -> None:
+    def plan(self, target_mm: Point, feed_mm_min: float) -> None:
         """Queue a line; one that is shorter than half a step is none."""
         self._made += 1
         target = steps(target_mm, self.axes(100))
@@ -101,7 +101,7 @@ class Carriage:
         if target != before:
             self._queue.append(_Block(self._made, target, feed_mm_min))
 
-    def prolong(self, target_mm: Vector, feed_mm_min: float, t_ns: int) -> bool:
+    def prolong(self, target_mm: Point, feed_mm_min: float, t_ns: int) -> bool:
         """Go on to a place straight ahead without coming to rest; False where that is not one.
 
         The line under way is the last of the queue.
@@ -235,7 +235,7 @@ class Carriage:
 
     def _line_to(
         self,
-        end_mm: Vector,
+        end_mm: Point,
         feed_mm_min: float,
         number: int,
         t_ns: int,

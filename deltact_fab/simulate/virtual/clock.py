@@ -8,7 +8,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import NS_PER_S, to_ns
+from deltact_fab.common import to_ns
+
+NS_PER_S = to_ns(1)
 
 
 class Ticks:

@@ -23,9 +23,10 @@ from collections.abc import Callable, Generator, Mapping
 from typing import Literal
 
 from deltact_fab.bench import Clock, StageConfig
-from deltact_fab.common import NS_PER_S, Vector, to_ns
+from deltact_fab.common import Point, to_ns
 
 from .carriage import PLANNER_BLOCKS, Carriage
+from .clock import NS_PER_S
 from .grbl_lines import SETTINGS, GrblError, change, coordinates, grbl_settings, jog_of, listed
 from .motion import Segment
 
@@ -64,7 +65,7 @@ class GrblController:
         settings: Mapping[int, float] | None,
         clock: Clock,
         *,
-        start_mm: Vector = (-20.0, -20.0, -10.0),
+        start_mm: Point = (-20.0, -20.0, -10.0),
         boot_s: float = 1.0,
         banner: str = BANNER,
     ) -> None:
@@ -148,7 +149,7 @@ class GrblController:
         self._advance()
         return self._carriage.path.segments
 
-    def position_mm(self, t_s: float | None = None) -> Vector:
+    def position_mm(self, t_s: float | None = None) -> Point:
         """Where the carriage is, machine mm, now or at a past time.
 
         Raises ValueError for a time that has not come: what will be is not decided yet.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +22,7 @@ from deltact_fab.bench import (
     VirtualConfig,
     truth_file,
 )
-from deltact_fab.common import Field, RunFailed, stream_number, write_whole
+from deltact_fab.common import Field, RunFailed, write_whole
 from deltact_fab.fabricate import PatternRecipe, pattern_albedo
 from deltact_fab.physics import print_colours
 from deltact_fab.sensor import Fisheye, Pinhole, Rectified, SensorDimensions, SurfaceLattice
@@ -89,9 +90,9 @@ def printed_renderer(
     return FrameRenderer(geometry, Texture(values, printer.mm_per_dot), simulator.camera)
 
 
-def noise_of(seed: int, stream: int) -> np.random.Generator:
-    """The camera's noise in one press, by the number of its name: it does not know the others."""
-    return np.random.default_rng(np.random.SeedSequence([seed, 2, stream]))
+def noise_of(seed: int, stream: str) -> np.random.Generator:
+    """The camera's noise in one press, by its name: it does not know the others."""
+    return np.random.default_rng(np.random.SeedSequence([seed, 2, zlib.crc32(stream.encode())]))
 
 
 @dataclass
@@ -120,7 +121,7 @@ class VirtualCamera:
         self._stream = stream
         self._seen = []
         self.scene.begin()
-        self._rng = noise_of(self.seed, stream_number(stream))
+        self._rng = noise_of(self.seed, stream)
 
     def capture(self) -> CameraFrame:
         assert self._stream is not None, "begin() comes before the first frame"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-from deltact_fab.common import Vector
+from deltact_fab.common import Point
 
 WORD = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+)?)")
 DISTANCE, OTHERS = {"90", "91"}, {"21", "53"}
@@ -19,7 +19,7 @@ class GrblError(Exception):
         self.code = code
 
 
-def jog_of(line: str, at_mm: Vector) -> tuple[Vector, float]:
+def jog_of(line: str, at_mm: Point) -> tuple[Point, float]:
     """Target (machine mm) and feed (mm/min) of what follows `$J=`, from where the last one ended.
 
     There are no work offsets. Raises GrblError.
@@ -51,7 +51,7 @@ def jog_of(line: str, at_mm: Vector) -> tuple[Vector, float]:
     return (x + dx, y + dy, z + dz), feed_mm_min
 
 
-def coordinates(mm: Vector) -> str:
+def coordinates(mm: Point) -> str:
     """Three numbers as reported, with 3 decimals."""
     return ",".join(f"{p + 0.0:.3f}" for p in mm)
 
@@ -70,7 +70,7 @@ _WHOLE = frozenset((0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 32))
 
 
 def grbl_settings(
-    travel_mm: Vector, max_feed_mm_min: Vector, acceleration_mm_s2: Vector
+    travel_mm: Point, max_feed_mm_min: Point, acceleration_mm_s2: Point
 ) -> dict[int, float]:
     """The `$` settings of a stage with these limits; the rest are a bench's usual ones."""
     own = dict(SETTINGS)

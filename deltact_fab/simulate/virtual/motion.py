@@ -13,7 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import NS_PER_S, Vector
+from deltact_fab.common import Point
+
+from .clock import NS_PER_S
 
 Phase = tuple[float, float, float, float]  # from t (s), travelled (mm), speed (mm/s), a (mm/s2)
 
@@ -25,16 +27,16 @@ class Segment:
     block: segments of one commanded line share it (a hold cuts a line in two and bends nothing).
     """
 
-    start_mm: Vector
-    end_mm: Vector
+    start_mm: Point
+    end_mm: Point
     start_ns: int
     end_ns: int
-    unit: Vector
+    unit: Point
     phases: tuple[Phase, ...]
     accel_mm_s2: float
     block: int
 
-    def position_mm(self, t_ns: int) -> Vector:
+    def position_mm(self, t_ns: int) -> Point:
         """Position at a time; the ends of the line outside of its duration."""
         if t_ns >= self.end_ns:
             return self.end_mm
@@ -67,8 +69,8 @@ class Segment:
 
 
 def trapezoid(
-    start_mm: Vector,
-    end_mm: Vector,
+    start_mm: Point,
+    end_mm: Point,
     speed_mm_s: float,
     accel_mm_s2: float,
     start_ns: int,
@@ -117,7 +119,7 @@ def brake(moving: Segment, t_ns: int) -> Segment:
 class Path:
     """Where the carriage was, is and is planned to be: segments with rests between them."""
 
-    def __init__(self, at_mm: Vector, t_ns: int) -> None:
+    def __init__(self, at_mm: Point, t_ns: int) -> None:
         self._origin_mm = at_mm
         self._origin_ns = t_ns
         self._segments: list[Segment] = []
@@ -128,7 +130,7 @@ class Path:
         return list(self._segments)
 
     @property
-    def end_mm(self) -> Vector:
+    def end_mm(self) -> Point:
         return self._segments[-1].end_mm if self._segments else self._origin_mm
 
     def add(self, segment: Segment) -> Segment:
@@ -151,7 +153,7 @@ class Path:
             return None
         return self._segments[k]
 
-    def position_mm(self, t_ns: int) -> Vector:
+    def position_mm(self, t_ns: int) -> Point:
         """Position at a time; where it started, before its origin."""
         k = bisect_right(self._starts, t_ns) - 1
         return self._segments[k].position_mm(t_ns) if k >= 0 else self._origin_mm

@@ -8,6 +8,7 @@ virtual time.
 from __future__ import annotations
 
 import struct
+import zlib
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -122,9 +123,11 @@ class NetFTBox:
         self._out: deque[Datagram] = deque()
         self._trouble: DeltactFabError | None = None
 
-    def reseed(self, stream: int) -> None:
+    def reseed(self, stream: str) -> None:
         """Restart the noise for a press, so that a press repeated alone gives the same samples."""
-        self._rng = np.random.default_rng(np.random.SeedSequence([self._seed, 1, stream]))
+        # Not `hash`: the number is the same in every process.
+        sequence = np.random.SeedSequence([self._seed, 1, zlib.crc32(stream.encode())])
+        self._rng = np.random.default_rng(sequence)
 
     def settings(self) -> NetFTSettings:
         """What the box's configuration page shows."""

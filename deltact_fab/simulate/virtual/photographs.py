@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from deltact_fab.bench import VirtualConfig, encode_png, json_bytes
-from deltact_fab.common import Array, Float, InputError, making_files, write_whole
+from deltact_fab.common import Array, InputError, make_folder, write_whole
 from deltact_fab.physics import Exposure
 from deltact_fab.sensor import (
     PHOTOGRAPHS,
@@ -99,7 +99,7 @@ class Studio:
         even = np.full(((height - 2) * FINER, (width - 2) * FINER), BLANK, np.float32)
         return self._expose(even, rng)
 
-    def _expose(self, seen: Float, rng: np.random.Generator) -> NDArray[np.uint8]:
+    def _expose(self, seen: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.uint8]:
         """Reflectances, FINER a pixel, behind the window of the frame."""
         half = np.array(self.design.skin.opening_half_mm, np.float32)
         x, y = (self._fine(self._origin[..., k]) for k in range(2))
@@ -110,7 +110,7 @@ class Studio:
         light = np.asarray(cv2.resize(seen, size, interpolation=cv2.INTER_AREA), np.float32)
         return self._exposure.expose(np.repeat(light[..., None], 3, axis=-1), rng)
 
-    def _fine(self, values: Array) -> Float:
+    def _fine(self, values: Array) -> NDArray[np.float32]:
         """Values at the pixels' middles, with a border of one, to FINER a pixel."""
         grid = np.asarray(values, np.float32)
         fine = cv2.resize(grid, None, fx=FINER, fy=FINER, interpolation=cv2.INTER_LINEAR)
@@ -171,7 +171,9 @@ class Studio:
                 raise InputError(f"--air: the camera does not see a board of {board} whole")
 
 
-def _reflectance(board: Checkerboard, u_mm: Float, v_mm: Float, beyond: float) -> Float:
+def _reflectance(
+    board: Checkerboard, u_mm: NDArray[np.float32], v_mm: NDArray[np.float32], beyond: float
+) -> NDArray[np.float32]:
     """Of the points of a board's plane; nan, where a pixel sees none, is black."""
     across = np.float32(board.nx * board.square_mm / 2), np.float32(board.ny * board.square_mm / 2)
     out = np.maximum(np.abs(u_mm) - across[0], np.abs(v_mm) - across[1])
@@ -183,7 +185,7 @@ def _reflectance(board: Checkerboard, u_mm: Float, v_mm: Float, beyond: float) -
     return np.where(np.isfinite(out), seen, np.float32(BLACK))
 
 
-def _stripes(at_mm: Float, width_mm: float, n: int) -> Float:
+def _stripes(at_mm: NDArray[np.float32], width_mm: float, n: int) -> NDArray[np.float32]:
     """1 in the first of n stripes, from 0 on, -1 in the next, and so on, with ramps between."""
     with np.errstate(invalid="ignore"):
         nearest = np.clip(np.rint(at_mm / np.float32(width_mm)), 1, n - 1)
@@ -233,9 +235,7 @@ def take_photographs(
     said = json_bytes({"simulated": True, "seed": seed})
     about = ["The true lens of simulated photographs: for comparison, not for calibration."]
     truth = camera_toml(lens, {"simulated": {"seed": seed}}, about)
-    with making_files(folder):
-        for name in {"truth", *(str(Path(n).parent) for n in taken)}:
-            (folder / name).mkdir(parents=True, exist_ok=True)
+    make_folder(folder, "truth", *(str(Path(name).parent) for name in taken))
     for name, image in taken.items():
         write_whole(folder / name, encode_png(image))
     for name in {str(Path(n).parent) for n in taken}:

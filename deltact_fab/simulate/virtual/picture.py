@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import Float, SolverError
+from deltact_fab.common import SolverError
 from deltact_fab.physics import Exposure, view_grid
 from deltact_fab.sensor import (
     CameraModel,
@@ -64,17 +64,17 @@ class RawView:
         self._seen = seen[self._rows, self._columns][..., None]
         corner_px = np.hypot(view.width_px, view.height_px) / 2
         off = (looks[1:-1, 1:-1] - np.asarray(self.flat.centre_px)) / corner_px
-        self.off: Float = np.nan_to_num(off, nan=np.inf)
+        self.off: NDArray[np.float32] = np.nan_to_num(off, nan=np.inf)
         """Of raw pixels (h, w, 2) from the view's middle, in its half diagonals; inf: unseen."""
 
-    def look(self, flat: Float) -> Float:
+    def look(self, flat: NDArray[np.float32]) -> NDArray[np.float32]:
         """What stands at each pixel of the flat view, on the raw pixels that see it.
 
         flat: (h, w[, 2]) with a border of one pixel, and so is what is returned.
         """
         return np.asarray(cv2.remap(flat, self._map[0], self._map[1], cv2.INTER_LINEAR), np.float32)
 
-    def framed(self, radiance: Float) -> Float:
+    def framed(self, radiance: NDArray[np.float32]) -> NDArray[np.float32]:
         """The raw image (h, w, c) with this in its place and the rest dark."""
         size = (self.lens.height_px, self.lens.width_px, radiance.shape[-1])
         whole = np.zeros(size, np.float32)
@@ -90,7 +90,7 @@ class RawView:
 class Texture:
     """Linear reflectance (h, w, 3 RGB) of the printed sticker, centred on the sensor's origin."""
 
-    values: Float
+    values: NDArray[np.float32]
     mm_per_texel: float
 
 
@@ -132,11 +132,13 @@ class PictureGeometry:
         seen = self.camera if self.raw is None else self.raw.lens
         return seen.width_px, seen.height_px
 
-    def forward_px(self, displacement_mm: NDArray[np.float64]) -> Float:
+    def forward_px(self, displacement_mm: NDArray[np.float64]) -> NDArray[np.float32]:
         """Projected displacement of the rest pixels and their margin, (h + 2m, w + 2m, 2)."""
         return self._forward(displacement_mm)[0]
 
-    def _forward(self, displacement_mm: NDArray[np.float64]) -> tuple[Float, NDArray[np.float64]]:
+    def _forward(
+        self, displacement_mm: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Projected displacement of the grid's points, and where in the image they are, px."""
         if self._motion is not None:
             moved = self._motion_sampler(self._motion(displacement_mm))
@@ -144,7 +146,7 @@ class PictureGeometry:
         seen_px = self.camera.project_px(self._rest + self._sampler(displacement_mm))
         return np.asarray(seen_px - self._rest_px, np.float32), seen_px
 
-    def material_px(self, displacement_mm: NDArray[np.float64] | None) -> Float:
+    def material_px(self, displacement_mm: NDArray[np.float64] | None) -> NDArray[np.float32]:
         """Rest position (px) of the material point seen by each pixel, with a border of one pixel.
 
         Solves X + g(X) = p for X with g the projection of a displacement (ny, nx, 3) on the
@@ -178,7 +180,9 @@ class PictureGeometry:
                 )
         return at
 
-    def depth_mm(self, displacement_mm: NDArray[np.float64], at_px: Float) -> Float:
+    def depth_mm(
+        self, displacement_mm: NDArray[np.float64], at_px: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
         """How deep the points that pixels see lie below rest, (h, w); at_px: of `material_px`."""
         x, y = cv2.split(at_px + self._margin_px)
         out_mm = self._sampler(displacement_mm[..., 2:])[..., 0].astype(np.float32)
@@ -214,7 +218,7 @@ class FrameRenderer:
 
     def expose(
         self,
-        at_px: Float,
+        at_px: NDArray[np.float32],
         rng: np.random.Generator,
         displacement_mm: NDArray[np.float64] | None = None,
     ) -> NDArray[np.uint8]:
@@ -238,7 +242,7 @@ class FrameRenderer:
         radiance = np.asarray(cv2.resize(seen, size, interpolation=cv2.INTER_AREA), np.float32)
         if raw is not None:
             radiance = raw.framed(radiance)
-        depth_mm: Float | None = None
+        depth_mm: NDArray[np.float32] | None = None
         if self._glows and displacement_mm is not None:
             depth_mm = self.geometry.depth_mm(displacement_mm, at_px)
         return self._exposure.expose(radiance, rng, depth_mm)
@@ -248,7 +252,12 @@ def _within(points_mm: NDArray[np.float64], nodes_mm: NDArray[np.float64]) -> ND
     return points_mm[(points_mm >= nodes_mm[0]) & (points_mm <= nodes_mm[-1])]
 
 
-def _newton(field: Float, margin_px: Float, target: Float, start: Float) -> Float:
+def _newton(
+    field: NDArray[np.float32],
+    margin_px: NDArray[np.float32],
+    target: NDArray[np.float32],
+    start: NDArray[np.float32],
+) -> NDArray[np.float32]:
     """Solve X + g(X) = p for points (n, 2) px, g bilinear on the field with its margin.
 
     nan for those that no step brings home.

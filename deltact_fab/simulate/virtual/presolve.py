@@ -12,7 +12,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field
 
 from deltact_fab.bench import GelConfig, Protocol
-from deltact_fab.common import DeltactFabError, JobOutcome, Progress, run_jobs
+from deltact_fab.common import DeltactFabError, Progress, run_jobs
 from deltact_fab.physics import Zones
 from deltact_fab.sensor import SkinDimensions
 
@@ -86,14 +86,14 @@ def solve_ahead(
             given.append(_Press(protocol, skin, config, path.press, stored_press_files(press)))
     solving = list(todo.values())
 
-    def heard(end: JobOutcome[PressRow]) -> None:
-        row = solving[end.index]
-        if end.value is not None:
-            vars(row).update(vars(end.value))
-        elif isinstance(end.error, DeltactFabError):
-            row.failure = " ".join(str(end.error).split())
-        elif end.error is not None:
-            raise end.error
+    def heard(index: int, value: PressRow | None, error: Exception | None) -> None:
+        row = solving[index]
+        if value is not None:
+            vars(row).update(vars(value))
+        elif isinstance(error, DeltactFabError):
+            row.failure = " ".join(str(error).split())
+        elif error is not None:
+            raise error
         ended(row)
 
     run_jobs(_one, given, heard, executor)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from deltact_fab.bench import GelConfig, Protocol, expand_protocol
-from deltact_fab.common import Field, InputError, Note, Point, cached_file
+from deltact_fab.common import Field, InputError, Note, Point
 from deltact_fab.physics import (
     CONTACT_EPS_MM,
     MAX_FINITE_POISSON,
@@ -146,7 +146,7 @@ class Presses:
 def stored_press_files(press: PlannedPress) -> tuple[str, ...]:
     """Name of the file of the store that has all of a press, if it is there."""
     key = press.solver.stored_as
-    return () if key is None else (str(cached_file(SOLVED_PATHS, json.loads(key))),)
+    return () if key is None else (str(SOLVED_PATHS.file(json.loads(key))),)
 
 
 def path_of_press(presses: Presses, name: str) -> PressPath:

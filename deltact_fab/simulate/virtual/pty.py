@@ -18,8 +18,8 @@ from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 
 from deltact_fab.bench import Clock
-from deltact_fab.common import NS_PER_S
 
+from .clock import NS_PER_S
 from .controller import GrblController
 
 IDLE_MS = 20  # between two looks when nothing is to happen

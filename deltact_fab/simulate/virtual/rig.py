@@ -16,7 +16,7 @@ from deltact_fab.bench import (
     RigSetup,
     VirtualConfig,
 )
-from deltact_fab.common import Note, Progress, stream_number
+from deltact_fab.common import Note, Progress
 from deltact_fab.sensor import Fisheye, Pinhole, Rectified, SensorDimensions
 
 from .clock import VirtualClock
@@ -67,7 +67,7 @@ class VirtualForce(NetFTSensor):
 
     def begin(self, stream: str) -> None:
         """Re-seed, then tare as the real client does."""
-        self._box.reseed(stream_number(stream))
+        self._box.reseed(stream)
         if self._scene is not None:
             self._scene.begin()
         super().begin(stream)

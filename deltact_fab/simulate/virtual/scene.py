@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltact_fab.bench import Clock
-from deltact_fab.common import NS_PER_S, Point
+from deltact_fab.common import Point
 from deltact_fab.physics import CONTACT_EPS_MM, Increments, SolvedKnot, Zones, divide_path
 from deltact_fab.sensor import StageFrame, SurfaceLattice
 
+from .clock import NS_PER_S
 from .controller import GrblController
 from .motion import Segment
 from .presses import PlannedPress

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from deltact_fab.bench import ForceConfig, RigConfig, SimulatorConfig, WallClock, encode_png
-from deltact_fab.common import Vector, making_files, toml_text, write_new_file, write_whole
+from deltact_fab.common import Point, disk_errors, toml_text, write_new_file, write_whole
 from deltact_fab.fabricate import PatternRecipe
 from deltact_fab.sensor import SensorDimensions, camera_toml
 
@@ -190,7 +190,7 @@ def serve_rig(
     face = BenchFace(true, design.skin)
     face.mount(indenter, mount.longer_mm.get(indenter, 0.0))
     force = rig.force or ForceConfig()
-    with making_files(folder):
+    with disk_errors(folder, "made"):
         (folder / IMAGES).mkdir(parents=True)
     geometry, rng = resting_geometry(design), np.random.default_rng(seed)
     write_new_file(folder / CAMERA, camera_toml(geometry.camera))
@@ -202,7 +202,7 @@ def serve_rig(
 
         def wrenches(t_ns: Any) -> Any:
             with terminal.lock:
-                at: list[Vector] = [board.position_mm(t / 1e9) for t in t_ns.tolist()]
+                at: list[Point] = [board.position_mm(t / 1e9) for t in t_ns.tolist()]
             return np.reshape([face.wrench(p) for p in at], (-1, 6))
 
         noise_n = simulator.force.noise_n

@@ -14,9 +14,9 @@ from typing import Literal
 
 import serial
 
-from deltact_fab.common import NS_PER_S, to_ns
+from deltact_fab.common import to_ns
 
-from .clock import VirtualClock
+from .clock import NS_PER_S, VirtualClock
 from .controller import GrblController
 
 _BITS_PER_BYTE = 10

@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from deltact_fab.common import InputError, Local, Progress, RunFailed, did_you_mean
+from deltact_fab.common import InputError, Progress, RunFailed, did_you_mean, open_executor
 
 from .engine import (
     Case,
@@ -50,15 +50,8 @@ def load(module: str) -> Engine:
     return engine
 
 
-def alone() -> Local:
-    """A process of one thread, for `on_one_core`."""
-    process = Local(1)
-    process.threads = 1
-    return process
-
-
 def on_one_core() -> None:
-    """In such a process: kept on one core where the system can, and silent on standard output."""
+    """Keep a process on one core where the system can, and silent on standard output."""
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, [max(os.sched_getaffinity(0))])
     os.dup2(2, 1)
@@ -165,7 +158,7 @@ def case_rows(
     """Judge the cases in one process; one that takes it down is wrong, another does the rest."""
     left = list(range(len(cases)))
     while left:
-        with alone() as process:
+        with open_executor(workers=1, threads=1) as process:
             while left:
                 k = left.pop(0)
                 job = process.submit(judged, module, scratch, quick, k)
@@ -193,7 +186,7 @@ def curve_rows(
 ) -> Iterator[dict[str, Any]]:
     """Time settings one after the other. Raises RunFailed naming a setting that failed."""
     for setting in settings:
-        with alone() as process:
+        with open_executor(workers=1, threads=1) as process:
             try:
                 row = process.submit(timed, module, scratch, quick, setting.key).result(SILENCE_S)
             except Exception as why:

@@ -14,22 +14,16 @@ from pathlib import Path
 from typing import Any
 
 from deltact_fab.common import (
-    CannotGoOn,
     DeltactFabError,
-    JobOutcome,
     Progress,
     RunFailed,
     Stopped,
+    Store,
     Table,
-    cache_folder,
     cache_key,
-    cached_file,
+    count_workers,
     format_duration,
-    jobs_at_a_time,
-    read_cached,
     run_jobs,
-    trim_cache,
-    write_cached,
 )
 
 
@@ -58,7 +52,7 @@ class JobPace:
         return f"about {format_duration(spent_s * (sum(self.costs) / self.done - 1))} left"
 
 
-KIND = "study"
+STORE = Store("study")
 KEPT_BYTES = 4_000_000_000
 """Of all studies; what a grid has just used is kept in any case."""
 Value = dict[str, Any]
@@ -158,7 +152,7 @@ def solve(
     if twice := [name for name, n in Counter(job.name for job in jobs).items() if n > 1]:
         raise ValueError(f"jobs of one name: {', '.join(twice)}")
     keys = {job.name: job.key() for job in jobs}
-    held = {name: read_cached(KIND, key) for name, key in keys.items()}
+    held = {name: STORE.read(key) for name, key in keys.items()}
     found = {name: value for name, value in held.items() if value is not None}
     kept = len(found)
     missing: dict[str, str] = {}
@@ -166,29 +160,29 @@ def solve(
     refused: list[str] = []
     # The longest are begun first, so that none is left alone at the end.
     todo = sorted((job for job in jobs if job.name not in found), key=lambda job: -job.cost)
-    pace = JobPace([job.cost for job in todo], jobs_at_a_time(executor))
+    pace = JobPace([job.cost for job in todo], count_workers(executor))
 
     def tick(what: str) -> None:
         if progress is not None:
             left = pace.left()
             progress(len(found) + len(missing), len(jobs), f"{what}{left and f', {left}'}")
 
-    def ended(one: JobOutcome[Value]) -> None:
+    def ended(index: int, value: Value | None, error: Exception | None) -> None:
         """Keep what a job gave, or why it gave nothing. Raises a mistake in the code of a job."""
-        name = todo[one.index].name
-        pace.done += pace.costs[one.index]
-        if one.value is not None:
-            found[name] = one.value
-            if not write_cached(KIND, keys[name], one.value) and not refused:
-                refused.append(f"{cache_folder()}: nothing can be kept there")
+        name = todo[index].name
+        pace.done += pace.costs[index]
+        if value is not None:
+            found[name] = value
+            if not STORE.write(keys[name], value) and not refused:
+                refused.append(f"{STORE.folder.parent}: nothing can be kept there")
                 say(f"{refused[0]}; do not interrupt this")
-        elif isinstance(one.error, _FAILURES):
-            errors.append(one.error)
-            missing[name] = " ".join(str(one.error).split()) or type(one.error).__name__
+        elif isinstance(error, _FAILURES):
+            errors.append(error)
+            missing[name] = " ".join(str(error).split()) or type(error).__name__
             say(f"failed: {name}: {missing[name]}")
-        elif one.error is not None:
-            one.error.add_note(f"in the job {name}")
-            raise one.error
+        elif error is not None:
+            error.add_note(f"in the job {name}")
+            raise error
         tick(name)
 
     if todo:
@@ -197,7 +191,7 @@ def solve(
     tick("")
     try:
         run_jobs(_do, todo, ended, executor)
-    except (KeyboardInterrupt, CannotGoOn) as why:
+    except (KeyboardInterrupt, RunFailed) as why:
         state = f"{len(found)} of {len(jobs)} jobs are kept; the same command goes on there"
         if isinstance(why, KeyboardInterrupt):
             raise Stopped(f"stopped: {state}") from why
@@ -205,9 +199,7 @@ def solve(
     if errors and not found:
         raise errors[0]
     # The longest unused make room, and never what has been used now, which is the youngest.
-    files = (cache_folder() / cached_file(KIND, key) for key in keys.values())
-    used = sum(file.stat().st_size for file in files if file.exists())
-    trim_cache(KIND, max(KEPT_BYTES, used))
+    STORE.trim(KEPT_BYTES, keys.values())
     return Grid({job.name: found[job.name] for job in jobs if job.name in found}, missing, kept)
 
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from deltact_fab.bench import Protocol, Run, expand_protocol, load_protocol, open_run
-from deltact_fab.common import MM_PER_INCH, InputError, Note, did_you_mean, jobs_at_a_time
+from deltact_fab.common import MM_PER_INCH, InputError, Note, count_workers, did_you_mean
 from deltact_fab.estimate import DOTS_ONLY_METHODS, RENEW_SHARE, recorded_frames
 from deltact_fab.fabricate import SeriesEntry, recipe_from_data, series_recipes
 from deltact_fab.present import StudyResult
@@ -68,7 +68,7 @@ def _simulated(asked: StudyRequest) -> StudyResult:
         f"{part.longest_step_mm:.3f} mm between frames at most"
     )
     of.scene.solve_gels(asked)
-    jobs = of.jobs(jobs_at_a_time(asked.executor))
+    jobs = of.jobs(count_workers(asked.executor))
     grid = asked.solve(jobs)
     errors = PatternErrors(of.entries, _cells(grid))
     specimen, printer = protocol.specimen, rig.printer

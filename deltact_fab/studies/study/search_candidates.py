@@ -21,7 +21,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from deltact_fab.bench import Protocol, VirtualConfig
-from deltact_fab.common import Field, Float, Image, RunFailed, SensorError
+from deltact_fab.common import Field, Image, RunFailed, SensorError
 from deltact_fab.estimate import Follower, PrintedDots, TrackingPlan, TrueFrame, imaged_pixels
 from deltact_fab.fabricate import DEFAULT_SEED, PatternRecipe
 from deltact_fab.present import Headline
@@ -249,7 +249,7 @@ MAX_LOSS = 2.0
 class DragFrame(NamedTuple):
     """What pixels see of the face (h + 2, w + 2, 2), px, and what is true of them."""
 
-    at_px: Float
+    at_px: NDArray[np.float32]
     truth: TrueFrame
 
 
@@ -321,7 +321,10 @@ def probe(job: ProbeJob) -> dict[str, Any]:
     cv2.setNumThreads(1)  # DIS splits the image by thread
     seed, view = job.seed, view_of(job.sensor)
     marks, drawing = PrintedDots.of(view, pattern_data(job.recipe)), geometry(view)[0]
-    picture, noise = printed_renderer(job.rig.virtual, job.recipe, drawing, seed), noise_of(seed, 0)
+    picture, noise = (
+        printed_renderer(job.rig.virtual, job.recipe, drawing, seed),
+        noise_of(seed, ""),
+    )
     there = dragged(view, seed)
     rest = picture.expose(drawing.material_px(None), noise)
     truths = [frame.truth for frame in (*there, *there[-2::-1])]

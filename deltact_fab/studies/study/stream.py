@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltact_fab.bench import Protocol, Step, VirtualConfig, expand_protocol
-from deltact_fab.common import Field, SolverError, stream_number
+from deltact_fab.common import Field, SolverError
 from deltact_fab.estimate import PrintedDots, TrueFrame, imaged_pixels
 from deltact_fab.fabricate import PatternRecipe
 from deltact_fab.physics import CONTACT_EPS_MM, Increments, divide_path
@@ -129,7 +129,7 @@ class PressStream:
 
     def noise(self, seed: int) -> np.random.Generator:
         """What `FrameRenderer.expose` takes, one generator a pattern, from the first frame on."""
-        return noise_of(seed, stream_number(self.press))
+        return noise_of(seed, self.press)
 
     def tracked(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """An image as trackers take it: rectified where the rig has a lens."""

@@ -8,7 +8,6 @@ import shlex
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import click
@@ -39,35 +38,35 @@ def test_json_a_file_and_a_folder_are_asked_for_in_one_way() -> None:
 
 
 @pytest.mark.parametrize(
-    ("what", "place", "says"),
+    ("folder", "place", "says"),
     [
-        (files.check_place, "held", "held: is a folder; expected the name of a file"),
-        (files.check_place, "gone/x.toml", "gone/x.toml: there is no folder gone; create it first"),
+        (False, "held", "held: is a folder; expected the name of a file"),
+        (False, "gone/x.toml", "gone/x.toml: there is no folder gone; create it first"),
         (
-            files.check_place,
+            False,
             "locked/x.toml",
             "locked/x.toml: cannot be written: locked is read-only",
         ),
-        (files.check_folder, "file", "file: file is a file; expected a folder"),
-        (files.check_folder, "file/x/y", "file/x/y: .*file is a file; expected a folder"),
-        (files.check_folder, "locked/x", "locked/x: cannot be written: .*locked is read-only"),
+        (True, "file", "file: file is a file; expected a folder"),
+        (True, "file/x/y", "file/x/y: .*file is a file; expected a folder"),
+        (True, "locked/x", "locked/x: cannot be written: .*locked is read-only"),
     ],
 )
 def test_a_place_that_cannot_be_written_is_refused_before_the_work(
-    what: Callable[[Path], None],
+    folder: bool,
     place: str,
     says: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    for folder in ("held", "locked"):
-        Path(folder).mkdir()
+    for name in ("held", "locked"):
+        Path(name).mkdir()
     Path("file").write_text("")
     # The superuser, who may write everywhere, is told so of no folder.
     monkeypatch.setattr(os, "access", lambda path, mode: Path(path).name != "locked")
     with pytest.raises(InputError, match=says):
-        what(Path(place))
+        files.check_writable(Path(place), folder)
     assert sorted(p.name for p in Path().iterdir()) == ["file", "held", "locked"]
 
 

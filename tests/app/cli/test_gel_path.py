@@ -15,7 +15,6 @@ from click.testing import CliRunner, Result
 from rig_text import VIRTUAL_STAGE
 
 from deltact_fab.app.cli.gel import path as command
-from deltact_fab.common import cache
 from deltact_fab.physics.gel.path.solver import SOLVED_PATHS
 from deltact_fab.simulate.experiment.request import RunRequest
 from deltact_fab.simulate.experiment.session import run_experiment
@@ -88,7 +87,7 @@ def test_a_press_that_fails_is_one_line_and_exit_1(tmp_path: Path) -> None:
     assert len(lines) == 1
     assert lines[0].startswith("failed: sphere-12/p1: contact: sphere:12 at depth 0.02 ")
     # The refusal is kept as well: asked again, nothing is solved and the same is said.
-    assert len(list((cache.cache_folder() / SOLVED_PATHS).glob("*.bin"))) == 2
+    assert len(list(SOLVED_PATHS.folder.glob("*.bin"))) == 2
     again = ask(protocol, rig, "--jobs", "1")
     assert again.exit_code == 1
     assert lines[0] in again.stderr.splitlines()
@@ -100,7 +99,7 @@ def test_killed_it_goes_on_with_what_is_whole(tmp_path: Path) -> None:
     protocol, rig = files(tmp_path, "hyperelastic", "[[0, 0], [1, 0], [2, 0], [3, 0]]")
     code = "from deltact_fab.app.cli.gel import path; path()"
     arguments = [protocol, "--rig", rig, "--jobs", "1"]
-    store = cache.cache_folder() / SOLVED_PATHS
+    store = SOLVED_PATHS.folder
     with subprocess.Popen(
         [sys.executable, "-c", code, *arguments], env=dict(os.environ), start_new_session=True,
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,

@@ -14,7 +14,8 @@ import pytest
 from made_up_study import study
 
 from deltact_fab.bench.record.run import Run, open_run
-from deltact_fab.common.templating import finding, page_verdict
+from deltact_fab.common.checks import Check
+from deltact_fab.common.templating import page_verdict
 from deltact_fab.fabricate import guide
 from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.fabricate.patterns import series as job
@@ -149,8 +150,11 @@ def test_a_warning_reaches_the_verdict_once(
 
 
 def test_the_worst_is_the_verdict_and_what_is_said_twice_stands_once() -> None:
-    found = [finding("1", "a"), finding("2", "c", "fail"), finding("3", "b", "warn")]
-    shown = page_verdict([*found, finding("4", "a")])
+    found = [
+        Check("1", value="a"), Check("2", value="c", status="fail"),
+        *Check.warnings("3", ["b"]), Check("4", value="a"),
+    ]  # fmt: skip
+    shown = page_verdict(found)
     assert [(check.value, check.status) for check in shown.checks] == [
         ("a", "pass"), ("c", "fail"), ("b", "warn"),
     ]  # fmt: skip

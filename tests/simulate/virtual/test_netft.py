@@ -87,7 +87,7 @@ def test_noise_has_the_stated_size_and_does_not_know_how_it_was_read() -> None:
     runs = []
     for pause_s in (2.0, 0.017):
         sensor, box, _, clock = bench(noise_n=0.02)
-        box.reseed(7)
+        box.reseed("7")
         sensor.start()
         parts = []
         while clock.now_s() < 2.0:

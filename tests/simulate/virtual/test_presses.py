@@ -45,7 +45,7 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("DELTACT_FAB_CACHE", str(folder))
         solved(declared())
-        yield folder / SOLVED_PATHS
+        yield SOLVED_PATHS.folder
 
 
 def solved(protocol: Protocol, config: GelConfig = COARSE) -> PathSolver:

@@ -36,7 +36,7 @@ def solve(jobs: list[GridJob], say: Callable[[str], None] = lambda text: None) -
 
 
 def entries() -> list[Path]:
-    return sorted((cache.cache_folder() / engine.KIND).glob("*.bin"))
+    return sorted(engine.STORE.folder.glob("*.bin"))
 
 
 def same(one: Grid, other: Grid) -> bool:

@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from deltact_fab.common import Image, InputError, RunFailed, SensorError
+from deltact_fab.common import Image, InputError, RunFailed, SensorError, disk_errors
 
 from ..interface import Clock
 from .stream import ArrivedImage
@@ -41,10 +41,8 @@ class ImageFolder:
     def read(self) -> Generator[Image, None, None]:
         """Each image (h, w, 3) BGR uint8 in order. Raises RunFailed."""
         for file in self._files:
-            try:
+            with disk_errors(file, "read"):
                 data = file.read_bytes()
-            except OSError as why:
-                raise RunFailed(f"{file}: cannot be read: {why.strerror}") from why
             yield decode_image(file, data)
 
     def close(self) -> None:

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from os.path import isfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from deltact_fab.common import InputError, Note, is_file, making_files, write_whole
+from deltact_fab.common import InputError, Note, make_folder, write_whole
 from deltact_fab.sensor import (
     MIN_RECTIFIED_PX,
     CameraModel,
@@ -35,7 +36,7 @@ NOTICED = 0.005
 
 def calibrated_camera(path: Path, source: str = "camera.model") -> CameraModel:
     """The camera of a camera file; source: what names it in a rig file. Raises InputError."""
-    if not is_file(path):
+    if not isfile(path):
         raise InputError(f"{source}: {path}: no such file; `deltact-fab calibrate lens` makes one")
     return load_camera(path)[0]
 
@@ -157,8 +158,7 @@ def take_photograph(
     files = []
     with closing(open_camera(config, folder, WallClock())) as camera:
         camera.capture()  # it runs, and has the settings of the rig file
-        with making_files(out):
-            (out / "contact").mkdir(parents=True, exist_ok=True)
+        make_folder(out, "contact")
         for number in range(1, count + 1):
             before(number)
             camera.begin("photograph")

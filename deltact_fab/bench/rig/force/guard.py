@@ -9,7 +9,7 @@ from math import inf
 
 import numpy as np
 
-from deltact_fab.common import Field, InputError, Note, Vector
+from deltact_fab.common import Field, InputError, Note, Point
 
 from ..interface import Clock, ForceSamples
 from ..tables import ForceConfig, GuardConfig
@@ -28,8 +28,8 @@ NAMES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 class GuardLimits:
     """Largest force (N) and torque (N mm) of either sign on each axis, and of the whole force."""
 
-    force_n: Vector
-    torque_nmm: Vector = (inf, inf, inf)
+    force_n: Point
+    torque_nmm: Point = (inf, inf, inf)
     resultant_n: float = inf
 
     @classmethod

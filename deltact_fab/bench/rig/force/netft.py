@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import Note, SensorError, Vector, to_ns
+from deltact_fab.common import Note, Point, SensorError, to_ns
 
 from ..interface import Clock, ForceSamples
 
@@ -52,8 +52,8 @@ class NetFTSettings:
     serial: str
     about: tuple[tuple[str, str], ...] = ()
     """More that the record keeps of the box: name and value."""
-    range_n: Vector | None = None
-    range_nmm: Vector | None = None
+    range_n: Point | None = None
+    range_nmm: Point | None = None
     """Rated maximum of the transducer, where the box tells it."""
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from queue import Empty, SimpleQueue
 from types import FrameType
 
-from deltact_fab.common import INTERRUPTED, DeltactFabError, SensorError
+from deltact_fab.common import DeltactFabError, SensorError, Stopped
 
 from ..interface import Clock, ForceSensor, Guard, Stage
 from .streams import ForceStream
@@ -52,7 +52,7 @@ def interruptible(abort: Callable[[], None]) -> Iterator[None]:
         abort()
         with suppress(OSError):
             os.write(2, (_SHOW_CURSOR if os.isatty(2) else b"") + _LAST_WORDS)
-        os._exit(INTERRUPTED)
+        os._exit(Stopped.exit_code)
 
     heeded = [n for n in SIGNALS if signal.getsignal(n) is not signal.SIG_IGN]
     before = {n: signal.signal(n, interrupt) for n in heeded}

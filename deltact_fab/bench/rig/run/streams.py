@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from deltact_fab.common import SensorError, Vector, to_ns
+from deltact_fab.common import Point, SensorError, to_ns
 
 from ...protocols.plan import Step
 from ...record.streams import FORCE_COLUMNS, Chunk
@@ -64,7 +64,7 @@ class ForceStream:
     keeping: bool = True
     lifting: bool = False
     last_ns: int = 0  # of the last sample
-    force_n: Vector | None = None  # of the last sample
+    force_n: Point | None = None  # of the last sample
     _kept: list[ForceSamples] = field(default_factory=list)
 
     def step(self) -> None:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from operator import mul
 from typing import NoReturn
 
-from deltact_fab.common import StageError, Vector
+from deltact_fab.common import Point, StageError
 
 from ...protocols.motion import subtract_vectors
 from ..interface import Clock, StageState
@@ -44,8 +44,8 @@ class Move:
     sent_mm: of the way. late_ns: when a line was last sent so late that it braked.
     """
 
-    start_mm: Vector
-    target_mm: Vector
+    start_mm: Point
+    target_mm: Point
     feed_mm_min: float
     accel_mm_s2: float
     start_ns: int
@@ -75,7 +75,7 @@ class Move:
     def first_mm(self) -> float:
         return max(self._way_mm(self.ahead_s), SHORTEST_MM)
 
-    def place_mm(self, way_mm: float) -> Vector:
+    def place_mm(self, way_mm: float) -> Point:
         """So far along it, as a line has it."""
         if way_mm >= self._length_mm:
             return self.target_mm
@@ -109,7 +109,7 @@ class Move:
         behind_s = self._behind_s(state) - state.within_s
         return behind_s > more_than_s and not dry and not self._excused(state)
 
-    def again(self, from_mm: Vector, now_ns: int, planned_s: float) -> Move:
+    def again(self, from_mm: Point, now_ns: int, planned_s: float) -> Move:
         """What is left of it, begun anew from rest."""
         return replace(
             self,
@@ -156,7 +156,7 @@ class Controller:
         self.talk = Talk(self.port)
         self.limits = Limits({})
         self.banner = ""
-        self.at_mm: Vector = (0.0, 0.0, 0.0)
+        self.at_mm: Point = (0.0, 0.0, 0.0)
         """Machine coordinates, as last reported or reached."""
         self.move: Move | None = None
         """Under way, as far as is known."""
@@ -327,6 +327,6 @@ class Controller:
         return f"; {what} {'was told to stop' if reached else 'goes on'}"
 
 
-def in_mm(p: Vector) -> str:
+def in_mm(p: Point) -> str:
     """A place in a message."""
     return f"({p[0]:.3f}, {p[1]:.3f}, {p[2]:.3f}) mm"

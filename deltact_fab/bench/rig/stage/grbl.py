@@ -24,7 +24,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from deltact_fab.common import Check, Vector, to_ns
+from deltact_fab.common import Check, Point, to_ns
 from deltact_fab.sensor import StageFrame
 
 from ...protocols.motion import StageConfig
@@ -134,7 +134,7 @@ class GrblStage:
             self._c.at_mm = state.machine_mm
             self._c.homed = True
 
-    def start_move(self, target_mm: Vector, feed_mm_min: float) -> float:
+    def start_move(self, target_mm: Point, feed_mm_min: float) -> float:
         """As Stage. Raises InputError, with nothing sent, for a target outside of the travel or a
         feed above one of its axes' limits; StageError when the stage is not fit to move.
         """
@@ -163,10 +163,10 @@ class GrblStage:
     def listen(self, seconds: float) -> None:
         jogs.listen(self._c, seconds)
 
-    def position_mm(self) -> Vector:
+    def position_mm(self) -> Point:
         return self.located()[1]
 
-    def located(self) -> tuple[int, Vector]:
+    def located(self) -> tuple[int, Point]:
         """As Stage; `identity` has how far off the time was at worst."""
         with self._c.exchange():
             self._c.require_ready()

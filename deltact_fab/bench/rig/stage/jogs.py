@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from deltact_fab.common import InputError, Vector
+from deltact_fab.common import InputError, Point
 
 from ...protocols.motion import along_line, move_duration_s, subtract_vectors
 from ..interface import StageState
@@ -35,7 +35,7 @@ TRIES = 3  # of a line that is not answered, where nothing is touched
 
 
 def begin(
-    c: Controller, target_mm: Vector, feed_mm_min: float, clear: bool, at_once: bool = False
+    c: Controller, target_mm: Point, feed_mm_min: float, clear: bool, at_once: bool = False
 ) -> float:
     """Start one straight move to machine coordinates; its planned time (s). Within an exchange.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 
-from deltact_fab.common import Check, Vector
+from deltact_fab.common import Check, Point
 
 from ...protocols.limits import ends_mm
 from ...protocols.motion import StageConfig
@@ -135,7 +135,7 @@ def _numbers(s: Mapping[int, float], stage: StageConfig | None) -> Iterator[Wron
     needed = {110: "max_feed_mm_min", 120: "acceleration_mm_s2", 130: "travel_mm"}
     for first, unit in BY_AXIS.items():
         key = needed.get(first, "")
-        need: Vector = getattr(stage, key, (0.0, 0.0, 0.0))
+        need: Point = getattr(stage, key, (0.0, 0.0, 0.0))
         for axis, letter in enumerate(AXES):
             n, found = first + axis, s[first + axis]
             least = need[axis]
@@ -171,17 +171,17 @@ class Limits:
     settings: `$` numbers to values. A refusal is one line of why, "" where there is none.
     """
 
-    def __init__(self, settings: Mapping[int, float], travel_mm: Vector | None = None) -> None:
+    def __init__(self, settings: Mapping[int, float], travel_mm: Point | None = None) -> None:
         self.settings = dict(settings)
         self._travel_mm = travel_mm
 
-    def axes(self, first: int) -> Vector:
+    def axes(self, first: int) -> Point:
         """A setting of three axes by the number of its first."""
         s = self.settings
         return (s[first], s[first + 1], s[first + 2])
 
     @property
-    def travel_mm(self) -> Vector:
+    def travel_mm(self) -> Point:
         """How far each axis goes down from 0."""
         x, y, z = map(min, self.axes(130), self._travel_mm or self.axes(130))
         return (x, y, z)
@@ -191,7 +191,7 @@ class Limits:
         at_top = not int(self.settings.get(23, 0)) >> axis & 1
         return ends_mm(self.travel_mm[axis], at_top, self.settings.get(27, 0.0))
 
-    def target_refusal(self, machine_mm: Vector) -> str:
+    def target_refusal(self, machine_mm: Point) -> str:
         """A target that is no place, or outside of the travel."""
         if not all(math.isfinite(p) for p in machine_mm):
             return f"target {machine_mm} mm (machine) is not finite"
@@ -204,7 +204,7 @@ class Limits:
                 )
         return ""
 
-    def feed_refusal(self, delta_mm: Vector, feed_mm_min: float) -> str:
+    def feed_refusal(self, delta_mm: Point, feed_mm_min: float) -> str:
         """GRBL clips a feed silently; here it is refused."""
         if not (math.isfinite(feed_mm_min) and feed_mm_min >= 0.001):
             return f"feed {feed_mm_min} mm/min; at least 0.001 is needed"
@@ -217,7 +217,7 @@ class Limits:
                 )
         return ""
 
-    def same_place(self, a_mm: Vector, b_mm: Vector) -> bool:
+    def same_place(self, a_mm: Point, b_mm: Point) -> bool:
         """Within half a step, and the rounding of the line sent and of the report."""
         return all(
             abs(p - t) <= 0.5 / steps + 0.0006

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import Field, SensorError, Vector, to_ns
+from deltact_fab.common import Field, Point, SensorError, to_ns
 
 from ..interface import Clock, ForceSamples, ForceSensor, Guard, Stage
 
@@ -48,7 +48,7 @@ class ForceProbe:
         """Let no more samples come."""
         self._force.stop()
 
-    def move(self, target_mm: Vector, feed_mm_min: float, over_n: float) -> bool:
+    def move(self, target_mm: Point, feed_mm_min: float, over_n: float) -> bool:
         """One straight move; True when a force over that ended it, at rest either way."""
         try:
             end_s = self._clock.now_s() + self.stage.start_move(target_mm, feed_mm_min)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
-from deltact_fab.common import DeltactFabError, InputError, SensorError, StageError, Stopped, Vector
+from deltact_fab.common import DeltactFabError, InputError, Point, SensorError, StageError, Stopped
 
 from ...protocols.motion import add_vectors
 from ..interface import LIFT_FEED_MM_MIN, ForceSensor, Guard, Stage, move_to
@@ -48,8 +48,8 @@ def stopped_by_ctrl_c(stage: Stage) -> Iterator[None]:
 
 
 def plan_move(
-    stage: Stage, by_mm: Vector, feed_mm_min: float, most_mm: float, into_gel: bool
-) -> tuple[Vector, float]:
+    stage: Stage, by_mm: Point, feed_mm_min: float, most_mm: float, into_gel: bool
+) -> tuple[Point, float]:
     """Where a straight move by so much (sensor frame) leads, and how fast; nothing moves.
 
     Raises InputError for one that is longer than most_mm or, without into_gel, ends below
@@ -65,7 +65,7 @@ def plan_move(
     return there, min(feed_mm_min, NEAR_FEED_MM_MIN) if near else feed_mm_min
 
 
-def require_short_move(by_mm: Vector, most_mm: float) -> None:
+def require_short_move(by_mm: Point, most_mm: float) -> None:
     """Raise InputError for a way that is longer than most_mm, or none."""
     length_mm = math.hypot(*by_mm)
     if not length_mm <= most_mm:
@@ -75,7 +75,7 @@ def require_short_move(by_mm: Vector, most_mm: float) -> None:
         )
 
 
-def go_to(stage: Stage, target_mm: Vector, feed_mm_min: float, into_gel: bool) -> None:
+def go_to(stage: Stage, target_mm: Point, feed_mm_min: float, into_gel: bool) -> None:
     """To a place (sensor frame): up to the clearance height, sideways, then down.
 
     Raises InputError, with nothing sent, for one below CLEARANCE_MM without into_gel.
@@ -97,7 +97,7 @@ def go_to(stage: Stage, target_mm: Vector, feed_mm_min: float, into_gel: bool) -
     move_to(stage, target_mm, feed_mm_min)
 
 
-def position_text(position_mm: Vector) -> str:
+def position_text(position_mm: Point) -> str:
     """A tip position for a person."""
     x, y, z = (round(p, 3) + 0.0 for p in position_mm)
     return f"x {x:.3f}, y {y:.3f}, z {z:.3f} mm (sensor)"
@@ -110,7 +110,7 @@ def _too_low(z_mm: float) -> str:
     )
 
 
-MOVES: dict[str, Vector] = {
+MOVES: dict[str, Point] = {
     "left": (-1, 0, 0), "right": (1, 0, 0), "down": (0, -1, 0), "up": (0, 1, 0),
     "page up": (0, 0, 1), "page down": (0, 0, -1), "u": (0, 0, 1), "d": (0, 0, -1),
 }  # fmt: skip
@@ -168,7 +168,7 @@ class HandSession:
                 self.step_mm = STEPS_MM[int(key) - 1]
         return ""
 
-    def _move(self, way: Vector, watch: Watch) -> None:
+    def _move(self, way: Point, watch: Watch) -> None:
         x, y, z = (self.step_mm * part for part in way)
         stage, clock = self.stage, self.stage.clock
         deep = self.into_gel or self.guard is not None

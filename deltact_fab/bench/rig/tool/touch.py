@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.common import DeltactFabError, Field, SensorError, StageError, Vector
+from deltact_fab.common import DeltactFabError, Field, Point, SensorError, StageError
 from deltact_fab.sensor import EllipsoidTip, Indenter, SphereTip
 
 from ...protocols.motion import WALL_CLOCK, StageConfig, move_duration_s
@@ -230,7 +230,7 @@ class ForceTouch:
         """Another step as stiff as the last would be too much."""
         return 2 * forces[-1] - forces[-2] > MOST * self._config.force_n
 
-    def _go(self, target_mm: Vector) -> None:
+    def _go(self, target_mm: Point) -> None:
         move_to(self._stage, target_mm, TRAVEL_FEED_MM_MIN)
 
     def _retreat(self, high_mm: float) -> str:

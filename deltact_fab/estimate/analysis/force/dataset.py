@@ -15,16 +15,7 @@ import numpy as np
 import pandas as pd
 
 from deltact_fab.bench import UNKNOWN_SENSOR, Run, open_run
-from deltact_fab.common import (
-    Array,
-    InputError,
-    Progress,
-    SolverError,
-    cache_key,
-    read_cached,
-    run_each,
-    write_cached,
-)
+from deltact_fab.common import Array, InputError, Progress, SolverError, Store, cache_key, run_each
 
 from ...measure.face import FACE_SPACING_PX, FaceFlow
 from ...measure.force import make_features
@@ -277,12 +268,13 @@ def _features(one: Features, view: SensorModel, flows: Sequence[FaceFlow], of: s
         by=one.name,
         view=repr((view.camera.as_dict(), (view.skin, view.poisson) if one.rests_on_gel else ())),
     )
-    values: Array | None = read_cached("features", key)
+    store = Store("features")
+    values: Array | None = store.read(key)
     if values is None:
         values = np.full((len(flows), len(one.names)), np.nan)
         for k, flow in enumerate(flows):
             with suppress(SolverError):
                 if flow.trusted:
                     values[k] = one.of(flow)
-        write_cached("features", key, values)
+        store.write(key, values)
     return values

@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deltact_fab.common import Points
+from deltact_fab.common import Field
 from deltact_fab.sensor import CameraModel, Rectified, folded_pixels
 
 from ...measure.compose import inside
@@ -167,7 +167,7 @@ class PrintedDots:
     """
 
     camera: CameraModel
-    dots_mm: Points
+    dots_mm: Field
     diameter_mm: float
     polarity: Polarity
 
@@ -203,13 +203,13 @@ class DotFollower:
         self.tally.lost += len(self.rest_px) - found
         return seen
 
-    def take(self, seen: DotObservation, true_px: Points) -> None:
+    def take(self, seen: DotObservation, true_px: Field) -> None:
         """Count a frame's errors in. true_px: (n, 2) motion of the dots."""
         errors = _lengths(seen.displacement_px - true_px) * self.mm_per_px
         self.tally.errors.take(errors)
         self.tally.worst_mm = max(self.tally.worst_mm, float(errors.max(initial=0.0)))
 
-    def as_method(self, seen: DotObservation, true_px: Points | None) -> ErrorTally:
+    def as_method(self, seen: DotObservation, true_px: Field | None) -> ErrorTally:
         """A frame as that of a method whose pixels are the dots.
 
         true_px: (n, 2) motion of the dots, None where no truth is known. A dot that is found is a
@@ -235,7 +235,7 @@ class DotFollower:
         return _lengths(off_px) * self.mm_per_px, moving[np.isfinite(off_px[:, 0])]
 
 
-def _lengths(vectors: Points) -> NDArray[Any]:
+def _lengths(vectors: Field) -> NDArray[Any]:
     """Of those that are known, of vectors (n, 2)."""
     lengths = np.hypot(*vectors.T)
     return lengths[np.isfinite(lengths)]

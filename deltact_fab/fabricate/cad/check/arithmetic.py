@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import Check, graded, worst
+from deltact_fab.common import Check, graded
 
 from ..dimensions import Design
 from ..feasibility import rules as all_rules
@@ -44,7 +44,7 @@ def inequalities(design: Design) -> Iterator[Check]:
         keys = tuple(dict.fromkeys(key for rule in rules for key in rule.basis))
         left = min((r.margin or 0.0) - (1e-6 if r.failed else 0.0) for r in rules)
         yield Check(f"inequalities.{part}", "inequalities", part, found, "all hold",
-                    worst(rules), keys, margin=left)  # fmt: skip
+                    graded(not broken), keys, margin=left)  # fmt: skip
 
 
 def _share(rule: Check) -> float:

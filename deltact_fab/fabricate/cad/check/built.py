@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from deltact_fab.common import RunFailed, plain_data, read_cached, write_cached
+from deltact_fab.common import RunFailed, Store, cache_key
 
 from ..build import build_from, made_by, part_key
 from ..dimensions import Design
@@ -21,8 +21,8 @@ from ..part import Part
 MESH_MM = 0.05
 
 Tell = Callable[[str], None]
-KIND, CODE = "cad-check", "fabricate.cad.check"
-LIMIT_BYTES = 64 * 2**20
+CODE = "fabricate.cad.check"
+STORE = Store("cad-check", limit_bytes=64 * 2**20)
 MOST = 20_000  # facts; a design has some 500
 
 
@@ -34,7 +34,7 @@ class Facts:
     """Plain data about solids by what they were found on, in the user's cache."""
 
     def __init__(self) -> None:
-        self._held: dict[str, Any] = read_cached(KIND, made_by(CODE)) or {}
+        self._held: dict[str, Any] = STORE.read(made_by(CODE)) or {}
         self.computed: list[str] = []
 
     def found(self, what: str, key: Any, compute: Callable[[], Any]) -> Any:
@@ -42,7 +42,7 @@ class Facts:
 
         what: names the fact; key: plain data, everything that it depends on beside the code.
         """
-        text = json.dumps([what, plain_data(key)], sort_keys=True)
+        text = json.dumps(cache_key(what=what, key=key), sort_keys=True)
         name = hashlib.sha256(text.encode()).hexdigest()
         if name in self._held:
             # Last again: the longest unused go first.
@@ -57,7 +57,7 @@ class Facts:
         """Store what is new for the next time; a folder that refuses costs time and no more."""
         if self.computed:
             kept = dict(list(self._held.items())[-MOST:])
-            write_cached(KIND, made_by(CODE), kept, LIMIT_BYTES)
+            STORE.write(made_by(CODE), kept)
 
 
 @dataclass

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from deltact_fab.common import Point2, Points, Vector
+from deltact_fab.common import Field, Point, Point2
 
 from .dimensioning import CentreLine, Item, Leader, Linear, Side
 from .page import ARROW_MM, LARGE_MM, LINE_MM, SMALL_MM, DrawingPage, Rect, meet, text_width_mm
@@ -87,7 +87,7 @@ class ArrangedView:
         (x0, y0), (x1, y1) = self.drawn.box_mm
         return (x1 - x0) * self.scale, (y1 - y0) * self.scale
 
-    def local(self, point: Vector) -> Point2:
+    def local(self, point: Point) -> Point2:
         """A point of the part on paper, from the view's upper left corner, y downwards."""
         u, v = (float(c) for c in self.drawn.view.flat(point))
         (left, _), (_, top) = self.drawn.box_mm
@@ -222,7 +222,7 @@ class ArrangedView:
             page.text((x - 5.8, base), "A", LARGE_MM, "end")
 
 
-def on_paper(lines: Sequence[Points], drawn: DrawnView, scale: float, at: Point2) -> list[Points]:
+def on_paper(lines: Sequence[Field], drawn: DrawnView, scale: float, at: Point2) -> list[Field]:
     """Lines of a view's plane on paper: the upper left corner of the view's box comes to `at`."""
     (left, _), (_, top) = drawn.box_mm
     return [np.add(at, (line - (left, top)) * (scale, -scale)) for line in lines]

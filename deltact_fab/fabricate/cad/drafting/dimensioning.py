@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, fields
 from functools import partial
 from typing import Any, Literal
 
-from deltact_fab.common import Vector
+from deltact_fab.common import Point
 from deltact_fab.sensor import Bounded, ShapeError
 
 Side = Literal["left", "right", "top", "bottom"]
@@ -35,8 +35,8 @@ class Linear:
     """
 
     view: str
-    a: Vector
-    b: Vector
+    a: Point
+    b: Point
     side: Side
     words: str
 
@@ -46,7 +46,7 @@ class Leader:
     """A label and an arrow to a circle of radius_mm about a point, or to the point itself (0)."""
 
     view: str
-    at: Vector
+    at: Point
     radius_mm: float
     words: str
     side: Literal["left", "right"] = "right"
@@ -57,8 +57,8 @@ class CentreLine:
     """A centre line between two points, drawn beyond_mm beyond both on the paper."""
 
     view: str
-    a: Vector
-    b: Vector
+    a: Point
+    b: Point
     beyond_mm: float = 2.0
 
 

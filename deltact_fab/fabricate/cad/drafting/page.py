@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.common import POINTS_PER_MM, Point2
+from deltact_fab.common import Point2
 from deltact_fab.version import VERSION
 
-from ...pdf import Document, glyphs, width_em
+from ...pdf import POINTS_PER_MM, Document, glyphs, width_em
 from .dimensioning import TitleBlock
 
 Rect = tuple[float, float, float, float]  # left, top, right, bottom

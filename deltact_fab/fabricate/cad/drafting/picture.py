@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import Points
+from deltact_fab.common import Field
 
 from ..assembly import PlacedPart, assemble, lifted
 from ..dimensions import Design
@@ -95,7 +95,7 @@ def picture_svg(
     width, height = (high - low + 2 * MARGIN_MM).tolist()
     page = DrawingPage((max(width, numbered * STEP_MM[0]), height), title)
 
-    def paper(points: Points, scale: float = 1.0) -> Points:
+    def paper(points: Field, scale: float = 1.0) -> Field:
         """On the page, y downwards."""
         return MARGIN_MM + (points * scale - (low[0], high[1])) * (1, -1)
 
@@ -119,7 +119,7 @@ def picture_svg(
     return page.svg()
 
 
-def mesh(solid: Any) -> Points:
+def mesh(solid: Any) -> Field:
     """Corners of the solid's triangles, (n, 3, 3); of a copy, for a mesh stays with a shape."""
     vertices, triangles = solid.copy().tessellate(MESH_MM, MESH_RAD)
     return np.array([v.toTuple() for v in vertices])[np.array(triangles)]
@@ -139,7 +139,7 @@ def _labels(placed: Sequence[PlacedPart]) -> dict[str, str]:
     return {name: str(p.number) if p.number else next(letters) for name, p in parts.items()}
 
 
-def _draw_balloon(page: DrawingPage, centre: Points, anchor: Points, label: str) -> None:
+def _draw_balloon(page: DrawingPage, centre: Field, anchor: Field, label: str) -> None:
     away = anchor - centre
     rim = centre + away / np.hypot(*away) * RADIUS_MM
     page.path([np.stack([rim, anchor])], "thin")
@@ -169,11 +169,11 @@ class Balloon:
     """A numbered circle and its leader's end on the part; paper mm, y upwards."""
 
     part: Part
-    centre: Points
-    anchor: Points
+    centre: Field
+    anchor: Field
 
 
-def arranged(pieces: Sequence[tuple[Part, Sequence[Points]]], axis: Points) -> list[Balloon]:
+def arranged(pieces: Sequence[tuple[Part, Sequence[Field]]], axis: Field) -> list[Balloon]:
     """Two rows of balloons beside the axis; each leader ends on its part and crosses no other.
 
     pieces: the visible lines of every piece, (n, 2) each in paper mm, y upwards. axis: direction
@@ -187,7 +187,7 @@ def arranged(pieces: Sequence[tuple[Part, Sequence[Points]]], axis: Points) -> l
     lines = [(part.name, shapely.LineString(p @ frame.T)) for part, own in pieces for p in own]
     drawn = shapely.STRtree([line for _, line in lines])
     _, low, _, high = shapely.total_bounds(drawn.geometries)
-    rows: dict[float, list[tuple[float, Points, Part]]] = {high + ROW_MM: [], low - ROW_MM: []}
+    rows: dict[float, list[tuple[float, Field, Part]]] = {high + ROW_MM: [], low - ROW_MM: []}
     for part in {part.name: part for part, _ in pieces}.values():
         own = [line for name, line in lines if name == part.name]
         if not own:
@@ -223,7 +223,7 @@ def spread(wanted: Sequence[float], apart: float) -> list[float]:
     return places
 
 
-def regions(triangles: Sequence[Points], view: View, scale: float) -> list[list[Points]]:
+def regions(triangles: Sequence[Field], view: View, scale: float) -> list[list[Field]]:
     """What is seen of each of several bodies that sit inside one another, as outlines.
 
     Loops (n, 2) of each body in mm of the model's plane, to be filled by the even-odd rule. Their
@@ -250,7 +250,7 @@ def regions(triangles: Sequence[Points], view: View, scale: float) -> list[list[
 
 
 def _draw_body(
-    body: int, flat: Points, depth: Points, near: NDArray[np.float64], seen: NDArray[np.int64]
+    body: int, flat: Field, depth: Field, near: NDArray[np.float64], seen: NDArray[np.int64]
 ) -> None:
     """The triangles of one body that face the viewer, where nothing lies nearer; units of steps."""
     u, v = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]

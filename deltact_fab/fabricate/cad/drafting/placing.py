@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from deltact_fab.common import Point, Points
+from deltact_fab.common import Field, Point
 
 from ..features import OtherFace, Round, SolidFeatures
 from .dimensioning import Callouts, CentreLine, Item, Leader, Linear, Side, Told, toleranced
@@ -149,7 +149,7 @@ class Placing:
         else:
             yield Leader(view, nearest.high_mm, nearest.radius_mm, words, side)
 
-    def _cross(self, view: str, centre: Points, radius_mm: float) -> Iterator[CentreLine]:
+    def _cross(self, view: str, centre: Field, radius_mm: float) -> Iterator[CentreLine]:
         """Over a circle; the cutting plane is a centre line already."""
         right, up, _ = (radius_mm * axis for axis in self._drawn[view].view.axes)
         yield CentreLine(view, _point(centre - right), _point(centre + right), 1.5)
@@ -201,7 +201,7 @@ class Placing:
             yield CentreLine("top", a, b)
 
 
-def _point(p: Sequence[float] | Points) -> Point:
+def _point(p: Sequence[float] | Field) -> Point:
     return float(p[0]), float(p[1]), float(p[2])
 
 

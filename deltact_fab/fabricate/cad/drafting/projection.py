@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import Point2, Points, Vector
+from deltact_fab.common import Field, Point, Point2
 
 from ..kernel import require
 from .dimensioning import Callouts
@@ -29,23 +29,23 @@ class View:
     direction: where the viewer looks. up: a direction that points upwards on the paper.
     """
 
-    direction: Vector
-    up: Vector
+    direction: Point
+    up: Point
 
     @cached_property
-    def axes(self) -> tuple[Points, Points, Points]:
+    def axes(self) -> tuple[Field, Field, Field]:
         """Unit vectors to the right, upwards and towards the viewer."""
         back = -np.array(self.direction, float) / np.linalg.norm(self.direction)
         right = np.cross(np.array(self.up, float), back)
         right /= np.linalg.norm(right)
         return right, np.cross(back, right), back
 
-    def flat(self, points_mm: Any) -> Points:
+    def flat(self, points_mm: Any) -> Field:
         """Points (n, 3) or (3,) on the paper, (n, 2) or (2,) in mm."""
         right, up, _ = self.axes
         return np.asarray(points_mm, float) @ np.stack([right, up], axis=1)
 
-    def depth(self, points_mm: Any) -> Points:
+    def depth(self, points_mm: Any) -> Field:
         """How far points (n, 3) lie towards the viewer, (n,) in mm."""
         return np.asarray(np.asarray(points_mm, float) @ self.axes[2])
 
@@ -72,10 +72,10 @@ class DrawnView:
     """
 
     view: View
-    visible: tuple[Points, ...]
-    hidden: tuple[Points, ...]
-    smooth: tuple[Points, ...]
-    hatched: Sequence[Sequence[Points]] = ()
+    visible: tuple[Field, ...]
+    hidden: tuple[Field, ...]
+    smooth: tuple[Field, ...]
+    hatched: Sequence[Sequence[Field]] = ()
 
     @cached_property
     def box_mm(self) -> tuple[Point2, Point2]:
@@ -84,7 +84,7 @@ class DrawnView:
         (x0, y0), (x1, y1) = every.min(axis=0).tolist(), every.max(axis=0).tolist()
         return (x0, y0), (x1, y1)
 
-    def shows(self, points: Points, near_mm: float) -> NDArray[np.bool_]:
+    def shows(self, points: Field, near_mm: float) -> NDArray[np.bool_]:
         """Which points (n, 2) on the model's plane lie on a visible line."""
         import shapely
 
@@ -133,7 +133,7 @@ def project(solids: Sequence[Any], view: View, chord_mm: float = CHORD_MM) -> li
     ]
 
 
-def sampled(edge: Any, chord_mm: float = CHORD_MM) -> Points:
+def sampled(edge: Any, chord_mm: float = CHORD_MM) -> Field:
     """Points (n, 3) along a cadquery Edge, in its curve's sense."""
     from OCP.BRepAdaptor import BRepAdaptor_Curve
     from OCP.GCPnts import GCPnts_TangentialDeflection
@@ -143,7 +143,7 @@ def sampled(edge: Any, chord_mm: float = CHORD_MM) -> Points:
     return np.array([(p.X(), p.Y(), p.Z()) for p in points])
 
 
-def _lines(compound: Any, chord_mm: float) -> Iterator[Points]:
+def _lines(compound: Any, chord_mm: float) -> Iterator[Field]:
     """The edges of a compound that lies in the paper's plane, (n, 2) each."""
     from cadquery import Compound
     from OCP.BRepLib import BRepLib
@@ -155,7 +155,7 @@ def _lines(compound: Any, chord_mm: float) -> Iterator[Points]:
         yield sampled(edge, chord_mm)[:, :2]
 
 
-def _united(lines: Iterable[Points]) -> Any:
+def _united(lines: Iterable[Field]) -> Any:
     """All lines as one geometry, each place once."""
     import shapely
 
@@ -163,7 +163,7 @@ def _united(lines: Iterable[Points]) -> Any:
     return shapely.union_all(seen, grid_size=SAME_MM)
 
 
-def _tidy(lines: Iterable[Points], covering: Any = None) -> tuple[Points, ...]:
+def _tidy(lines: Iterable[Field], covering: Any = None) -> tuple[Field, ...]:
     """Each line once, uncovered, chained where two meet end to end; in a fixed order."""
     import shapely
 
@@ -202,7 +202,7 @@ def _section(solid: Any, view: View, x_mm: float) -> DrawnView:
     return replace(drawn, hidden=(), hatched=faces)
 
 
-def _outline(wire: Any) -> Points:
+def _outline(wire: Any) -> Field:
     """A closed wire as points (n, 3), its edges end to end."""
     from OCP.TopAbs import TopAbs_REVERSED
 

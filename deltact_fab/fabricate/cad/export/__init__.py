@@ -18,13 +18,12 @@ from deltact_fab.common import (
     InputError,
     Progress,
     RunFailed,
-    check_folder,
-    making_files,
-    processors,
-    read_cached,
+    Store,
+    check_writable,
+    count_workers,
+    make_folder,
     run_each,
-    write_cached,
-    write_together,
+    write_files,
 )
 
 from .. import feasibility
@@ -52,11 +51,10 @@ TOLERANCE_MM = (0.001, 1.0)
 MAX_JOBS = 4
 # Files of so many parts are worth sharing: a worker first loads the kernel, 4 s and 500 MB.
 SHARED_FROM = 12
-CACHED = "cad"
+STORE = Store("cad", limit_bytes=512 * 2**20)
 # What a drawing says beside its part: limits of its machine, the title block.
 BESIDE_DRAWINGS = ("drawing", "resin_printer", "laser", "optics")
 # About ten designs at 0.01 mm; the longest unused go first.
-LIMIT_BYTES = 512 * 2**20
 DIGITS = 6  # of lengths and volumes in the manifest
 
 
@@ -107,7 +105,7 @@ def export_parts(
     sensor = tuple(named[name] for name in whole_sensor) if complete else ()
     if sensor and (own := tuple(kind for kind in kinds if kind in ("step", *DRAWN))):
         tasks.insert(0, Task(sensor, own, design, tolerance_mm))
-    check_folder(out_dir)
+    check_writable(out_dir, folder=True)
     tell = progress or (lambda done, total, what: None)
     made = _made(tasks, cached, jobs, tell)
     if sensor and "glb" in kinds:
@@ -118,9 +116,8 @@ def export_parts(
     wanted = {out_dir / entry.file: data for entry, data in made}
     told = json.dumps({"files": [asdict(entry) for entry in files]}, indent=2) + "\n"
     wanted[out_dir / MANIFEST] = told.encode()
-    with making_files(out_dir):
-        out_dir.mkdir(parents=True, exist_ok=True)
-    write_together(wanted, _earlier(out_dir) - {*wanted}, RunFailed)
+    make_folder(out_dir)
+    write_files(wanted, _earlier(out_dir) - {*wanted}, RunFailed)
     tell(len(tasks), len(tasks), "done")
     return files
 
@@ -142,8 +139,7 @@ def _made(tasks: Sequence[Task], cached: bool, jobs: int | None, tell: Progress)
     missing: list[Task] = []
     for task in tasks:
         held: dict[str, Made | None] = {
-            kind: read_cached(CACHED, stored_by(task, kind)) if cached else None
-            for kind in task.formats
+            kind: STORE.read(stored_by(task, kind)) if cached else None for kind in task.formats
         }
         found += [one for one in held.values() if one is not None]
         if absent := tuple(kind for kind, one in held.items() if one is None):
@@ -153,10 +149,10 @@ def _made(tasks: Sequence[Task], cached: bool, jobs: int | None, tell: Progress)
 
     def arrived(index: int, made: list[Made]) -> None:
         for one in made if cached else ():
-            write_cached(CACHED, stored_by(missing[index], _kind(one[0])), one, LIMIT_BYTES)
+            STORE.write(stored_by(missing[index], _kind(one[0])), one)
 
     # Several processes where the work is worth it.
-    shared = min(processors(), MAX_JOBS) if len(missing) >= SHARED_FROM else 1
+    shared = min(count_workers(), MAX_JOBS) if len(missing) >= SHARED_FROM else 1
     made = run_each(
         make, missing, [task.name for task in missing], None,
         lambda done, _, what: tell(begun + done, len(tasks), what),

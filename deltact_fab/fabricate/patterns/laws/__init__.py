@@ -15,11 +15,11 @@ A seed identifies a printed sticker: a law that draws differently needs a new na
 
 from __future__ import annotations
 
-from deltact_fab.common import entries, modules_in
+from deltact_fab.common import collect_entries
 
 from .law import LAW_KEYS, Law
 
-PATTERN_LAWS: dict[str, Law] = entries(modules_in(__package__, besides=("law",)), "LAWS")
+PATTERN_LAWS: dict[str, Law] = collect_entries(__package__, "LAWS", besides=("law",))
 
 
 def check_key(name: str, key: str, is_given: bool) -> None:

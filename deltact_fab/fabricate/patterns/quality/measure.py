@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import MM_PER_INCH, Array, Float, InputError
+from deltact_fab.common import MM_PER_INCH, Array, InputError
 from deltact_fab.sensor import GAMMA, ImageSensor, Printer, SensorDimensions
 
 from ..raster import cell_means, finest_mm, pattern_albedo, raster_window
@@ -199,7 +199,7 @@ def has_raster(recipe: PatternRecipe, dpi: float) -> bool:
 
 
 def photograph(
-    printed: Float,
+    printed: NDArray[np.float32],
     mm_per_dot: float,
     sensor: ImageSensor,
     mm_per_px: float,

@@ -27,7 +27,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from deltact_fab.common import InputError, Progress, did_you_mean, write_together
+from deltact_fab.common import InputError, Progress, did_you_mean, write_files
 from deltact_fab.sensor import SensorDimensions
 from deltact_fab.version import VERSION
 
@@ -159,7 +159,7 @@ def write_sheet(
         file.page(sheet.size_pt, "\n".join(marks), used)
     codes = tuple(cell.sticker.key for cell in cells.values())
     content = file.finish("Pattern stickers", f"deltact-fab {VERSION}", codes)
-    write_together({out: content})
+    write_files({out: content})
     tell(total, total, "file")
     return SheetReport(
         out=out,

@@ -24,9 +24,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from deltact_fab.common import MM_PER_INCH, POINTS_PER_MM, InputError
+from deltact_fab.common import MM_PER_INCH, InputError
 
-from ...pdf import figure, glyphs, width_em
+from ...pdf import POINTS_PER_MM, figure, glyphs, width_em
 from ..cell_grid import CellGrid
 
 PAPERS = {

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from deltact_fab.common import Field, Index, InputError
+from deltact_fab.common import Field, InputError
 from deltact_fab.sensor import brick_gradients
 
 from .material import Memory, NeoHooke
@@ -47,8 +47,8 @@ class Pattern:
         self.entries = len(unique)
         slots = np.full(keys.size, self.entries, dtype=np.int64)
         slots[~held] = inverse
-        self.slots: Index = slots.reshape(low.shape)
-        self.face_slots: Index = self.slots[mesh.touched][:, _FACE_OF_CELL]
+        self.slots: NDArray[np.int64] = slots.reshape(low.shape)
+        self.face_slots: NDArray[np.int64] = self.slots[mesh.touched][:, _FACE_OF_CELL]
         rows = unique // (self.size + 1)
         self.indices = (unique % (self.size + 1)).astype(np.int32)
         self.indptr = np.zeros(self.size + 1, dtype=np.int32)
@@ -66,7 +66,7 @@ class Pattern:
             (data, self.indices, self.indptr), shape=(self.size, self.size), copy=False
         )
 
-    def add(self, slots: Index, values: Field) -> Field:
+    def add(self, slots: NDArray[np.int64], values: Field) -> Field:
         """Sum of entries (any, k) at their slots (any, k), as CSR data."""
         total = np.bincount(slots.ravel(), weights=values.ravel(), minlength=self.entries + 1)
         return np.asarray(total[: self.entries], dtype=np.float64)

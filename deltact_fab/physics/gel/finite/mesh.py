@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import Field, Index, InputError
+from deltact_fab.common import Field, InputError
 from deltact_fab.sensor import SkinDimensions
 
 Box = tuple[float, float, float, float]
@@ -31,9 +31,9 @@ class HexMesh:
     """
 
     nodes_mm: Field
-    cells: Index
-    touched: Index
-    base: Index
+    cells: NDArray[np.int64]
+    touched: NDArray[np.int64]
+    base: NDArray[np.int64]
     mirrors: tuple[bool, bool] = (False, False)
     axes_mm: tuple[Field, Field, Field] | None = None
 
@@ -52,11 +52,11 @@ class HexMesh:
         return 2 ** sum(self.mirrors)
 
     @property
-    def faces(self) -> Index:
+    def faces(self) -> NDArray[np.int64]:
         """Node numbers (f, 4) of the touched face, round it, seen from outside counterclockwise."""
         return self.cells[self.touched, 4:]
 
-    def at_nodes(self, cells: Index, forces: Field) -> Field:
+    def at_nodes(self, cells: NDArray[np.int64], forces: Field) -> Field:
         """Sum (n, 3) of forces (m, k, 3) at the nodes (m, k) of cells or faces."""
         flat, n = cells.ravel(), len(self.nodes_mm)
         columns = [np.bincount(flat, weights=forces[..., i].ravel(), minlength=n) for i in range(3)]
@@ -133,7 +133,7 @@ def _axes(
     return axes[0], axes[1], z
 
 
-def extruded(plane_mm: Field, quads: Index, z_mm: Field) -> HexMesh:
+def extruded(plane_mm: Field, quads: NDArray[np.int64], z_mm: Field) -> HexMesh:
     """Quadrilaterals (q, 4) over points (p, 2), counterclockwise, repeated at heights z_mm."""
     p, layers = len(plane_mm), len(z_mm) - 1
     nodes = np.concatenate(

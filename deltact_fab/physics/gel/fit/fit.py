@@ -12,8 +12,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from deltact_fab.common import Field, InputError, Mask, Point2, Progress, RunFailed
+from deltact_fab.common import Field, InputError, Point2, Progress, RunFailed
 from deltact_fab.sensor import GelMaterial, Indenter, SkinDimensions, unusual_material
 
 from ..level_selection import MODEL_TOLERANCE_SHARE, TOLERANCE
@@ -52,7 +53,7 @@ class FitSolution:
     follow: float
     touch_mm: float
     model_n: Field
-    used: Mask
+    used: NDArray[np.bool_]
 
     def estimate(self, k: int) -> Estimate:
         from scipy.stats import t
@@ -83,7 +84,7 @@ def solve(data: MeasuredIndentation, unit: ForceCurve, touch_bounds: Bounds | No
         at = float(x[1]) if touch_bounds is not None else 0.0
         return modulus * float(x[0]) * unit.normal_n(data.depth_mm - at)
 
-    def run(used: Mask, begin: Field, loss: str, spread: float) -> Any:
+    def run(used: NDArray[np.bool_], begin: Field, loss: str, spread: float) -> Any:
         return least_squares(
             lambda x: (forces(x) - data.normal_n)[used], begin, bounds=(low, high), loss=loss,
             f_scale=spread, x_scale=np.maximum(np.abs(begin), 0.1),
@@ -176,7 +177,7 @@ class GelFit:
     depth_mm: Field
     measured_n: Field
     model_n: Field
-    used: Mask
+    used: NDArray[np.bool_]
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data, without the arrays."""

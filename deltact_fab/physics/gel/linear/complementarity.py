@@ -10,9 +10,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
-from deltact_fab.common import Field, Mask, Point, SolverError
+from deltact_fab.common import Field, Point, SolverError
 from deltact_fab.sensor import BlockWindow, FreeBlock, Indenter
 
 from .. import time_limit
@@ -75,9 +76,9 @@ class ShearComplianceBound:
 
     def __init__(self, operator: BlockWindow) -> None:
         self._operator = operator
-        self._known: tuple[Mask, float] | None = None
+        self._known: tuple[NDArray[np.bool_], float] | None = None
 
-    def largest(self, active: Mask) -> tuple[float, int]:
+    def largest(self, active: NDArray[np.bool_]) -> tuple[float, int]:
         """An upper estimate on the active nodes (my, mx), and operator applications.
 
         That of a set is one of all its subsets too (Cauchy's interlacing), so the last serves as
@@ -192,7 +193,7 @@ def patch_below(
                 f"contact: {indenter.name} at depth {depth:g} mm touches no grid node; "
                 f"a spacing below {face.spacing_mm[0]:g} mm or more depth is needed"
             )
-    near: Mask = height < depth + grow_mm
+    near: NDArray[np.bool_] = height < depth + grow_mm
     rows = _widened(rows, np.logical_or.reduce(near, axis=1), face.shape[0])
     columns = _widened(columns, np.logical_or.reduce(near, axis=0), face.shape[1])
     xx, yy = np.meshgrid(face.x_mm[columns] - x, face.y_mm[rows] - y)
@@ -218,13 +219,13 @@ def footprint(
     return rows, columns, xx, yy
 
 
-def span(which: Mask) -> slice:
+def span(which: NDArray[np.bool_]) -> slice:
     """The slice from the first to the last True."""
     found = np.flatnonzero(which)
     return slice(int(found[0]), int(found[-1]) + 1) if found.size else slice(0, 0)
 
 
-def _widened(within: slice, which: Mask, n: int) -> slice:
+def _widened(within: slice, which: NDArray[np.bool_], n: int) -> slice:
     """The span of `which` inside `within`, with a margin and a size rounded up to 8 nodes."""
     near = span(which)
     start, stop = within.start + near.start - MARGIN, within.start + near.stop + MARGIN

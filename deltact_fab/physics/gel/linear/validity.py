@@ -8,9 +8,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
-from deltact_fab.common import Field, InputError, Mask, Point, SolverError
+from deltact_fab.common import Field, InputError, Point, SolverError
 from deltact_fab.sensor import MAX_LINEAR_POISSON, FreeBlock, GelMaterial, Indenter, SkinDimensions
 
 from ..level import contact_radius_mm
@@ -82,7 +83,9 @@ def refuse_out_of_range(face: FreeBlock, indenter: Indenter, tip_mm: Point) -> N
         )
 
 
-def refuse_bad_contact(indenter: Indenter, tip_mm: Point, height_mm: Field, contact: Mask) -> None:
+def refuse_bad_contact(
+    indenter: Indenter, tip_mm: Point, height_mm: Field, contact: NDArray[np.bool_]
+) -> None:
     """Raises SolverError where nothing is under pressure, or contact runs off the indenter.
 
     height_mm, contact (my, mx): over the nodes of a patch.

@@ -13,16 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import (
-    DeltactFabError,
-    Field,
-    InputError,
-    Note,
-    Point,
-    SolverError,
-    read_cached,
-    write_cached,
-)
+from deltact_fab.common import DeltactFabError, Field, InputError, Note, Point, SolverError, Store
 
 from .knots import KnotPose, Mirror, ObservedChannels, SolvedKnot
 
@@ -31,8 +22,7 @@ if TYPE_CHECKING:
 
 Told = Callable[[int, int, float], None]  # knots done, of all, seconds of the last
 
-SOLVED_PATHS = "gel-trajectory"
-KEEP_BYTES = 8 * 10**9
+SOLVED_PATHS = Store("gel-trajectory", limit_bytes=8 * 10**9)
 UNKEPT: dict[str, Any] = dict.fromkeys(("displacement_mm", "traction_mpa", "zone_map"))
 ENDS: dict[str, type[DeltactFabError]] = {"input": InputError, "solver": SolverError}
 
@@ -220,7 +210,7 @@ class PathSolver:
 
         ended: (kind of error, why) where the gel could not be solved at the knot after these.
         """
-        held = None if self._key is None else read_cached(SOLVED_PATHS, self._key)
+        held = None if self._key is None else SOLVED_PATHS.read(self._key)
         if held is None or (len(held["knots"]) != len(self.poses) and held["ended"] is None):
             return None
         self._knots = [self.mirror.solved(knot) for knot in held.pop("knots")]
@@ -232,7 +222,7 @@ class PathSolver:
         x_mm, y_mm = self.axes_mm
         held = {"x_mm": x_mm, "y_mm": y_mm, "seconds": self.seconds, "dofs": self.contact.dofs}
         held |= {"ended": ended, "knots": [self.mirror.solved(k) for k in self._knots]}
-        write_cached(SOLVED_PATHS, self._key, held, KEEP_BYTES)
+        SOLVED_PATHS.write(self._key, held)
 
 
 def on_floor(

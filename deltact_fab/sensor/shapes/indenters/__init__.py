@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from deltact_fab.common import entries, modules_in
+from deltact_fab.common import collect_entries
 
 from ..rigid import Indenter
 
-SHAPES: dict[str, Callable[[float], Indenter]] = entries(modules_in(__package__), "SHAPES")
+SHAPES: dict[str, Callable[[float], Indenter]] = collect_entries(__package__, "SHAPES")
 """Each takes the factor by which its default, 9 mm along its longest side, is scaled."""

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.common import Field, Point, cache_key, read_cached, write_cached
+from deltact_fab.common import Field, Point, Store, cache_key
 from deltact_fab.physics import (
     FaceLattice,
     FinitePress,
@@ -305,11 +305,12 @@ def kept(runs: Iterable[PressSetup]) -> tuple[list[float], list[Field]]:
     """Normal forces and in-plane displacements at finite strain; kept in the user's cache."""
     runs = list(runs)
     key = cache_key("studies.numerics.engines.gel_press", runs=runs, lattice=LATTICE_MM)
-    held: tuple[list[float], list[Field]] | None = read_cached("gel-reference", key)
+    store = Store("gel-reference")
+    held: tuple[list[float], list[Field]] | None = store.read(key)
     if held is None:
         answers = [solve_finite(r) for r in runs]
         held = [a.normal_n for a in answers], [a.in_plane_mm for a in answers]
-        write_cached("gel-reference", key, held)
+        store.write(key, held)
     return held
 
 

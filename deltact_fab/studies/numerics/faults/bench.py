@@ -12,6 +12,7 @@ import math
 import resource
 import signal
 import threading
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partialmethod
@@ -37,7 +38,7 @@ from deltact_fab.bench import (
     StreamCamera,
     expand_protocol,
 )
-from deltact_fab.common import Image, InputError, SensorError, stream_number, to_ns
+from deltact_fab.common import Image, InputError, SensorError, to_ns
 from deltact_fab.sensor import StageFrame
 from deltact_fab.simulate import (
     BoxFaults,
@@ -246,7 +247,7 @@ class BenchFeed:
             threading.Event().wait(0.01)
             return ArrivedImage(self._last, self._clock.now_s())
         self._k += 1
-        seed = [stream_number(self._press), self._k]
+        seed = [zlib.crc32(self._press.encode()), self._k]
         image = np.random.default_rng(seed).integers(0, 200, (24, 32, 3), np.uint8)
         image[0, :3, 0] = [round(200 + 20 * p) % 256 for p in self._tip_mm()]
         self._last = image
