@@ -10,7 +10,7 @@ from deltact_fab.common import Array, InputError, code_digest, read_cached, writ
 
 from ..measure.face import FaceFlow
 from ..measure.flow.tracker import FlowTracker
-from ..measure.health import recognise_pattern
+from ..measure.health import RestPattern
 from .runs import camera_of, settled
 
 _KIND = "face-flow"
@@ -68,7 +68,9 @@ def _tracked(run: Run, press: str, every: int) -> list[FaceFlow]:
     frames, camera = run.frames(press), camera_of(run)
     wanted = set(settled(frames)["seq"])
     tracker = FlowTracker(full=False)
-    if run.imported and (lacks := recognise_pattern(run.image(str(frames["file"].iloc[0]))).lacks):
+    if run.imported and (
+        lacks := RestPattern.recognise(run.image(str(frames["file"].iloc[0]))).lacks
+    ):
         # The tracker would fill in what lies between markers, and call it trusted.
         raise InputError(f"{run.folder}: {lacks}; force and shape follow a dense one")
     flows = []

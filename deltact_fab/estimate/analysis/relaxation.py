@@ -18,13 +18,11 @@ that grow with the wait, else the many samples of a minute would drown its first
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
 
 from deltact_fab.bench import Run
 from deltact_fab.common import Field, InputError, SolverError
@@ -146,24 +144,6 @@ class Series:
     def pairs(self) -> tuple[tuple[float, float], ...]:
         """(g, tau_s), as a protocol writes them."""
         return tuple(zip(self.shares, self.times_s, strict=True))
-
-
-def settling_time_s(wait_s: ArrayLike, error: ArrayLike, bound: float) -> float:
-    """The first of wait_s (n,) from which on |error| (n,) is within bound; nan: never.
-
-    Between two of them the error is taken as straight in the logarithm of error and linear in time,
-    as it is where it fades.
-    """
-    wait, off = np.asarray(wait_s, float), np.abs(np.asarray(error, float))
-    over = np.flatnonzero(off > bound)
-    if not len(over):
-        return float(wait[0])
-    last = int(over[-1])
-    if last + 1 == len(wait):
-        return math.nan
-    a, b = math.log(off[last]), math.log(max(off[last + 1], bound * 1e-6))
-    share = (a - math.log(bound)) / (a - b)
-    return float(wait[last] + share * (wait[last + 1] - wait[last]))
 
 
 MAX_BRANCHES = 3

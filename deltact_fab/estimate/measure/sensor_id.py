@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
@@ -16,6 +16,7 @@ from annotated_types import Ge
 
 from deltact_fab.common import Array, InputError, read_toml, toml_text, validate
 from deltact_fab.sensor import CameraModel, FlatField, SkinDimensions
+from deltact_fab.version import VERSION
 
 SCHEMA = 1
 Kind = Literal["depth", "force", "acceptance"]
@@ -218,6 +219,35 @@ def read_rest(path: Path, table: Mapping[str, Any]) -> bytes | None:
     if hashlib.sha256(data).hexdigest() != table.get("sha256"):
         raise InputError(f"{image}: differs from the hash in {path}: damaged, or of another one")
     return data
+
+
+def format_acceptance(
+    known: SensorModel,
+    source: str,
+    seed: int,
+    rest: tuple[str, bytes],
+    rows: Sequence[Sequence[Any]],
+) -> str:
+    """Text of the file of a sensor that was accepted.
+
+    source: of its images. seed: of simulated ones. rest: name of the image of the face at rest,
+    which lies beside the file, and its bytes. rows: what was checked.
+    """
+    simulated = known.simulated is not None
+    made = CalibrationSource((source,), simulated, VERSION, seed if simulated else None)
+    head = CalibrationHead("acceptance", SensorId(known.design, known.serial), made)
+    return head.toml({"rest": rest_table(*rest), "accepted": {"rows": rows}})
+
+
+def read_acceptance(path: Path, known: SensorModel) -> bytes | None:
+    """Image of the face at rest, as an acceptance's file names it; None where it names none.
+
+    Raises InputError for a file that is none or another sensor's, and as `read_rest`.
+    """
+    head, data = read_calibration(path, "acceptance")
+    require_same_sensor(head, SensorId(known.design, known.serial), str(path))
+    table = data.get("rest")
+    return read_rest(path, table) if isinstance(table, dict) else None
 
 
 def _made_by(kind: Kind | None) -> str:

@@ -112,7 +112,18 @@ def fit_best_model(
     return ForceResult(data, judged, kept, seed, left_out, curves)
 
 
-def carry_over_calibration(
+def fit_model(
+    data: ForceData, name: str, seed: int
+) -> tuple[ForceModel, dict[str, dict[str, Any]]]:
+    """A feature set's model of all points, and its errors as a calibration file keeps them.
+
+    seed: of the folds. Raises InputError for too few points.
+    """
+    judged = judge(data, name, seed)
+    return fit_force(data, name), calibrated_errors(force_figures(judged, data))
+
+
+def transfer_calibration(
     folders: Sequence[Path], other: Path, progress: Progress | None = None
 ) -> tuple[TransferredCalibration, ForceCalibration, list[str]]:
     """Another sensor's calibration on this one, from the few presses of runs; what was left out.

@@ -63,6 +63,10 @@ class EvaluatedModel:
         """The hardest of SPLITS that there is."""
         return next(split for split in FORCE_SPLITS if split in self.predicted)
 
+    def component(self, name: str, split: str) -> Array:
+        """Predictions of one of SHOWN (repeats, n) by models that this split kept points from."""
+        return force_component(self.predicted[split], name)
+
 
 def folds(points: pd.DataFrame, split: str, seed: int) -> list[list[tuple[Array, Array]]]:
     """Of each repeat, masks (n,) of what is fitted to and what is judged; empty: not to be had.

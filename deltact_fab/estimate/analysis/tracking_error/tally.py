@@ -160,7 +160,7 @@ class DotTally:
 
 
 @dataclass(frozen=True)
-class PrintedDots:
+class PatternDots:
     """The dots of a printed pattern, and the camera whose images are tracked.
 
     dots_mm: centres at rest, (n, 2); n = 0 without dots.
@@ -172,7 +172,7 @@ class PrintedDots:
     polarity: Polarity
 
     @classmethod
-    def of(cls, camera: CameraModel, pattern: dict[str, Any]) -> PrintedDots:
+    def of(cls, camera: CameraModel, pattern: dict[str, Any]) -> PatternDots:
         """pattern: as a run's `pattern.json` has it."""
         dots_mm = np.asarray(pattern.get("dots_mm", []), dtype=float).reshape(-1, 2)
         # Dark on light, where the recipe's dots are nearer to black; else white on colours.
@@ -185,7 +185,7 @@ class PrintedDots:
 class DotFollower:
     """Follows the dots of one press, and counts them."""
 
-    def __init__(self, marks: PrintedDots) -> None:
+    def __init__(self, marks: PatternDots) -> None:
         camera = marks.camera
         self.rest_px = camera.rest_px(marks.dots_mm)
         self.mm_per_px = camera.mm_per_px
@@ -280,12 +280,12 @@ class TrueFrame:
         peak = float(length_mm[visible].max()) if visible.any() else None
         return cls(flow, in_plane, visible & (length_mm >= MOVING_MM), peak)
 
-
-def imaged_pixels(camera: CameraModel) -> NDArray[np.bool_]:
-    """(h, w) the pixels that hold an image: a rectified view may go beyond what the lens saw."""
-    if isinstance(camera, Rectified):
-        return camera.seen()
-    return np.ones((camera.height_px, camera.width_px), bool)
+    @staticmethod
+    def imaged_pixels(camera: CameraModel) -> NDArray[np.bool_]:
+        """Pixels (h, w) that hold an image: a rectified view may go beyond what the lens saw."""
+        if isinstance(camera, Rectified):
+            return camera.seen()
+        return np.ones((camera.height_px, camera.width_px), bool)
 
 
 def off_dots(
