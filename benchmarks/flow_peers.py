@@ -145,7 +145,7 @@ def answer(method: str, question: Question, scene: FlowSequence) -> tuple[Vector
             times.append(time.process_time() - before)
         return flow, min(times), f"cv2 {cv2.__version__}"
     given = {
-        "rest": FlowMethod.gray_of(scene.images[0]), "moved": FlowMethod.gray_of(scene.last),
+        "rest": FlowMethod.prepare(scene.images[0]), "moved": FlowMethod.prepare(scene.last),
         "step_px": question.step_px, "reach_px": question.reach_px,
     }  # fmt: skip
     told = peer.ask(method, PEERS[method], given, timeout_s=600)

@@ -53,21 +53,21 @@ def flows_of(run: Run, press: str, every: int) -> list[FaceFlow]:
 
 
 def open_follower(run: Run) -> Callable[[Array], FaceFlow]:
-    """What follows the images of a press, each as `Run.image` gives it, from its first one on."""
-    import cv2
-
-    cv2.setNumThreads(1)  # the flow depends on their number
-    tracker = FlowTracker(full=False)
+    """Open a follower of the images of a press, each as `Run.image` gives it, from its first on."""
+    tracker = _tracker()
     return lambda image: FaceFlow.of(tracker.update(image), run.camera, every=MAP_EVERY_PX)
 
 
-def _tracked(run: Run, press: str, every: int) -> list[FaceFlow]:
+def _tracker() -> FlowTracker:
     import cv2
 
     cv2.setNumThreads(1)  # the flow depends on their number
-    frames, camera = run.frames(press), camera_of(run)
+    return FlowTracker(full=False)
+
+
+def _tracked(run: Run, press: str, every: int) -> list[FaceFlow]:
+    tracker, frames, camera = _tracker(), run.frames(press), camera_of(run)
     wanted = set(settled(frames)["seq"])
-    tracker = FlowTracker(full=False)
     if run.imported and (
         lacks := RestPattern.recognise(run.image(str(frames["file"].iloc[0]))).lacks
     ):

@@ -74,7 +74,7 @@ class Force:
 
 @dataclass(frozen=True)
 class RunMeasurement:
-    """What was measured of a run; left_out: what was not, and why."""
+    """Shape and force measured in a run; left_out: what was not, and why."""
 
     FORCE_COLUMNS: ClassVar = ("fx_n", "fy_n", "fz_n")
 
@@ -84,7 +84,7 @@ class RunMeasurement:
 
 
 def find_calibrations(run: Run, files: Sequence[Path] = ()) -> list[Path]:
-    """Of force and depth: these files, else those that lie in the run's folder `analysis`.
+    """Find calibrations of force and depth: these files, else those in RUN/analysis.
 
     Raises InputError, one line, for a file that is none, and for another sensor's.
     """

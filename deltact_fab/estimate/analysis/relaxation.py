@@ -66,7 +66,7 @@ class ForceRest:
 
 
 def find_rests(run: Run) -> list[ForceRest]:
-    """The rests of all presses and drags that settled, in order.
+    """Find the rests of all presses and drags that settled, in order.
 
     Raises InputError for a run without a force stream or without a stop that rests long enough.
     """
@@ -158,7 +158,9 @@ STILL_RESTS = 0.5  # a branch over this x the longest rest is poorly determined
 
 @dataclass(frozen=True, eq=False)
 class RelaxationFit:
-    """series: what was found. rms_n: of the residual. steady_n (rests, 3): each rest's end.
+    """Relaxation of a gel as fitted to its rests.
+
+    series: what was found. rms_n: of the residual. steady_n (rests, 3): each rest's end.
 
     unsure: times of branches so slow that the rests are too short to tell them well. blocks_n: as
     rms_n, of the blocks that it was fitted to.
@@ -176,7 +178,7 @@ class RelaxationFit:
 
 
 def fit_relaxation(rests: Sequence[ForceRest]) -> RelaxationFit:
-    """The series of rests, with the fewest branches, up to MAX_BRANCHES, that improve the fit.
+    """Fit the series of rests, with the fewest branches, up to MAX_BRANCHES, that improve the fit.
 
     Raises SolverError where the search does not converge.
     """

@@ -29,7 +29,7 @@ PRESSING = ("press", "shear")
 
 
 def read_frames(run: Run, what: str) -> pd.DataFrame:
-    """The frames of a run that is finished and has images; `what` is analysed.
+    """Read the frames of a run that is finished and has images; `what` is analysed.
 
     Raises InputError, one line, for any other run, RunFailed for a damaged journal.
     """

@@ -37,7 +37,7 @@ _RIM = 4  # nodes at the image's edge that are never confident: their windows ar
 
 @dataclass(frozen=True)
 class Health:
-    """What changed since the calibration, and whether that may be.
+    """State of health: what changed since the calibration, and whether that may be.
 
     shift_mm (x, y) and turn_deg: of the whole pattern, about the view's centre. deformation_mm:
     root mean square of what that leaves, deformation_peak_mm: its 99th percentile. brightness,

@@ -33,7 +33,7 @@ Description = Mapping[str, Any] | str
 
 @dataclass(frozen=True)
 class SensorModel:
-    """All that a measurement may know of a sensor; None where nobody can tell.
+    """Model of a sensor: all that a measurement may know of it; None where nobody can tell.
 
     Any of it may be wrong: an estimate is to be judged with that in mind. Young's modulus is not
     here, because a calibration's factors take its place.
@@ -228,7 +228,7 @@ def format_acceptance(
     rest: tuple[str, bytes],
     rows: Sequence[Sequence[Any]],
 ) -> str:
-    """Text of the file of a sensor that was accepted.
+    """Format the file of a sensor that was accepted.
 
     source: of its images. seed: of simulated ones. rest: name of the image of the face at rest,
     which lies beside the file, and its bytes. rows: what was checked.
@@ -240,7 +240,7 @@ def format_acceptance(
 
 
 def read_acceptance(path: Path, known: SensorModel) -> bytes | None:
-    """Image of the face at rest, as an acceptance's file names it; None where it names none.
+    """Read the image of the face at rest that an acceptance's file names; None without one.
 
     Raises InputError for a file that is none or another sensor's, and as `read_rest`.
     """

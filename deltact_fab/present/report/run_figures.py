@@ -190,7 +190,7 @@ def _predicted(result: ForceResult) -> Figure:
     balls = list(dict.fromkeys(result.data.points["indenter"]))
     for one, row in zip(models, np.reshape(axes, (-1, 3)), strict=True):
         for name, axis in zip(result.COMPONENTS, row, strict=True):
-            measured = result.measured(name)
+            measured = result.wrench_component(name)
             said = one.component(name, one.ranked_by).mean(axis=0)
             low, high = float(np.nanmin(said)), float(np.nanmax(said))
             room = 0.05 * max(high - low, 0.1)

@@ -259,8 +259,8 @@ def _best(result: ForceResult) -> list[Headline]:
         chosen += ", with the gel fitted to all presses, not refitted in each fold"
     heads = []
     for name, words in WORDS.items():
-        span = float(np.ptp(result.measured(name)))
-        off = best.component(name, split) - result.measured(name)
+        span = float(np.ptp(result.wrench_component(name)))
+        off = best.component(name, split) - result.wrench_component(name)
         if not span or np.isnan(off).any():
             continue
         remark = f"of {span:.2f} N; {chosen}"
@@ -282,7 +282,7 @@ def _paper(result: ForceResult, alone: str) -> list[Headline]:
     return [
         headline(
             f"the paper's model, {WORDS[name]}, {result.SPLITS['point']}: RMSE", "N",
-            _interval(result.paper.component(name, "point") - result.measured(name),
+            _interval(result.paper.component(name, "point") - result.wrench_component(name),
                       result.data.points, "point"), paper=printed_n,
             remark=alone if name == "normal" else "", told=name == "normal",
         )

@@ -138,7 +138,7 @@ class PressScene:
         sensor = replace(
             self.view(name), recipe=recipe, design=specimen.design, serial=specimen.serial
         )
-        return ForceCalibration.of_simulation(name, model, sensor, self.seed, error)
+        return ForceCalibration.from_simulation(name, model, sensor, self.seed, error)
 
     def settings(self, gel: Sequence[Mapping[str, Any]]) -> dict[str, str]:
         """What the presses were made with, as a reader is shown it; gel: what jobs report of it."""

@@ -182,7 +182,7 @@ def point_flows(runs: Sequence[Run], data: ForceData) -> Iterator[FaceFlow]:
 def gather_points(
     parts: Sequence[PressPoints], names: Sequence[str], view: SensorModel, source: str
 ) -> ForceData:
-    """Presses of one sensor as one set of points; source: what an error names.
+    """Gather presses of one sensor into one set of points; source: what an error names.
 
     Raises InputError where no frame can be used.
     """
@@ -208,7 +208,7 @@ def _press(of: tuple[str, str, str], names: Sequence[str], view: SensorModel) ->
 def measure_force_points(
     run: Run, label: str, press: str, names: Sequence[str], view: SensorModel | None = None
 ) -> PressPoints:
-    """Force points of one press of a run that has images and force.
+    """Measure the force points of one press of a run that has images and force.
 
     label: the run's name in the points. view: of the sensor, where it is not as the run describes.
     Raises as `flows_of` does.

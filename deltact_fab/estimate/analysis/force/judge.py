@@ -175,6 +175,12 @@ def force_figures(judged: EvaluatedModel, data: ForceData) -> dict[str, dict[str
     return out
 
 
+def calibrated_errors(judged: EvaluatedModel, data: ForceData) -> dict[str, dict[str, Any]]:
+    """Those of `force_figures` that a calibration file keeps: of what was calibrated."""
+    every = force_figures(judged, data)
+    return {name: of for name, of in every.items() if of.get("range_n", of.get("range_nmm"))}
+
+
 def force_error_n(off: Array) -> float | None:
     """Root mean square length of the force, of errors (..., 6)."""
     each = root_mean_square(off[..., :3])

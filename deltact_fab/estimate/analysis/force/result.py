@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from dataclasses import field as made_by
 from pathlib import Path
@@ -77,7 +76,7 @@ class ForceResult:
         """The paper's model, which is always fitted too."""
         return next(one for one in self.judged if one.name == PAPER_CONDITIONS)
 
-    def measured(self, name: str) -> Array:
+    def wrench_component(self, name: str) -> Array:
         """A force's or torque's component at all points (n,), its sign that of the figures."""
         return force_component(self.data.wrench, name)
 
@@ -129,7 +128,7 @@ class ForceResult:
             "best": self.best.name,
             "models": self.figures(),
             "regressions": {
-                one.name: {name: fit.as_dict() for name, fit in one.fits.items()}
+                one.name: {name: asdict(fit) for name, fit in one.fits.items()}
                 for one in self.judged
             },
             "n_points": len(self.data),
@@ -173,7 +172,7 @@ class ForceResult:
         others: fitted to all, by what was left out.
         """
         data, best = self.data, self.best
-        measured = self.measured("normal")
+        measured = self.wrench_component("normal")
         away = np.round(np.hypot(*data.points[["x_mm", "y_mm"]].to_numpy(float).T), 2)
 
         def off(X: Array, split: str, mine: Array) -> Array:
@@ -224,11 +223,6 @@ def write_force_calibration(calibration: ForceCalibration, path: Path) -> list[P
         write_whole(rest, calibration.rest)
     write_whole(path, calibration.toml(rest.name).encode())
     return [path] if calibration.rest is None else [path, rest]
-
-
-def calibrated_errors(of: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """What a calibration file keeps of `judge.figures`: of what was calibrated."""
-    return {name: dict(one) for name, one in of.items() if one.get("range_n", one.get("range_nmm"))}
 
 
 def _errors(judged: EvaluatedModel, data: ForceData) -> str:

@@ -76,7 +76,7 @@ class DepthCalibration:
 
 
 def calibrate_depth(folder: str | Path, force: Path | None = None) -> DepthCalibration:
-    """From a run in which a ball presses the face; its first press of one is taken.
+    """Calibrate depth on a run in which a ball presses the face, by its first press of one.
 
     force: a calibration of it, whose gel is taken instead of the design's: a measurement that uses
     both then inverts the face once.

@@ -70,7 +70,7 @@ Lattice = tuple[Array, Array, Array]
 
 @dataclass(frozen=True)
 class ShapeMaps:
-    """A frame of a press: what was measured in it, and the truth; maps (h, w) at the flow's points.
+    """Maps of a press's frame, measured ones and the truth, (h, w) at the flow's points.
 
     tip_mm (3,): of the indenter, as the stage says. relative: see `relative_depth`. force_n (3,),
     torque_z_nmm: the sensor's word. shape: of an indenter of the lab's own, as the run kept it.
@@ -121,8 +121,9 @@ class ShapeMaps:
 
 @dataclass(frozen=True)
 class PressShape:
-    """rows: figures of each settled frame by name; those that are not known are left out.
+    """Shape found in the settled frames of one press.
 
+    rows: figures of each frame by name; those that are not known are left out.
     deepest: the end of the deepest press, before any shear. twisted: where the torque about z that
     was measured is largest, None where nothing was sheared or no torque was measured. contact_by:
     how the true contact was told.

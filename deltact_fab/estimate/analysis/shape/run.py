@@ -28,8 +28,9 @@ FIGURES = (
 
 @dataclass(frozen=True)
 class ShapeResult:
-    """rows: figures of each settled frame, by name; those that are not known are left out.
+    """Shape found in the settled frames of a run.
 
+    rows: figures of each frame, by name; those that are not known are left out.
     calibration: file of the depth's, None: the inverse's own. contact_by: how the true contact was
     told. pictures: the deepest of each indenter. field: one with tractions, by a calibration of
     force; the most twisted, else of the first that has them.
@@ -130,7 +131,7 @@ def analyse_shape(
     force: Path | None = None,
     progress: Progress | None = None,
 ) -> ShapeResult:
-    """Every settled frame of a run; depth: a calibration of it, else the inverse's own is taken.
+    """Analyse every settled frame of a run; depth: a calibration of it, else the inverse's own.
 
     force: a calibration of it, for force and pressure beside what the sensor said. Raises
     InputError for a run that is not finished or has no images, and for a calibration that is none

@@ -42,8 +42,9 @@ DEFAULT_METHODS = ("fused", "dis-medium", "paper", "farneback-paper/composed")
 
 @dataclass(frozen=True)
 class TrackingPlan:
-    """Which methods follow a run, whether its dots are followed, and a line a thing left out.
+    """Plan of an analysis: which methods follow a run, and whether its dots are followed.
 
+    left_out: a line a thing.
     timed: each method's CPU time is asked for; else they share what two of them would find twice.
     """
 
@@ -63,7 +64,7 @@ class TrackingPlan:
         dots.
         """
         for name in methods or ():
-            FlowTracker.named(name)
+            FlowTracker.from_name(name)
         n_dots = len(run.dots_mm())
         if run.pattern["recipe"]["law"] == cls.DOTS_ONLY_LAW:
             if methods:
@@ -85,7 +86,7 @@ class TrackingPlan:
 
 
 class Follower:
-    """Counts the frames of a press; the first one is the reference of flow and dots.
+    """Tracker of a press by all methods; the first frame is the reference of flow and dots.
 
     tallies: by method. dots: None where they are not followed. left_out: lines that say what could
     not be.
@@ -97,7 +98,7 @@ class Follower:
         self.left_out: list[str] = []
         shared: dict[str, FlowMethod] | None = None if scene.timed else {}
         names = [name for name in scene.methods if name != DOTS]
-        self._flows = {name: FlowTracker.named(name, shared=shared) for name in names}
+        self._flows = {name: FlowTracker.from_name(name, shared=shared) for name in names}
         self._scale = marks.camera.mm_per_px
         self._off = off_dots(marks.camera, marks.dots_mm, marks.diameter_mm)
         self._begun = False
@@ -176,7 +177,7 @@ class PressResult:
 
 
 def analyse_press(folder: str, press: str, scene: TrackingPlan) -> PressResult:
-    """All frames of one press: the first one is the reference of flow and dots.
+    """Analyse all frames of one press: the first one is the reference of flow and dots.
 
     Raises RunFailed for an image of another size, SensorError for a first one without a pattern;
     one in which only the dots are missing is analysed without them.
@@ -213,7 +214,7 @@ def analyse_tracking(
     executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> TrackingResult:
-    """Tracking error of every method over a whole run.
+    """Analyse the tracking error of every method over a whole run.
 
     methods: None for the default ones, or for the dots where a pattern has nothing else. What the
     run cannot tell (errors at dots that it has not, against a truth that nobody knows) is left out

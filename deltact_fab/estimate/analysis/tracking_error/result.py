@@ -30,7 +30,7 @@ ERRORS = {
 
 
 def format_percent(share: float) -> str:
-    """A share as a person reads it; what is nearly nothing or nearly all is not rounded away."""
+    """Format a share for a person; what is nearly nothing or nearly all is not rounded away."""
     value = 100 * share
     if 0 < value < 0.001:
         return "under 0.001 %"

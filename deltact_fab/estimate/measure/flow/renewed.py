@@ -52,8 +52,8 @@ class FlowMethod:
         self._last: tuple[list[bytes | None], Array] | None = None
 
     @staticmethod
-    def gray_of(image: Array) -> Array:
-        """Image (h, w[, 3]) as trackers give it to `between`: luma, blurred."""
+    def prepare(image: Array) -> Array:
+        """Make an image (h, w[, 3]) ready for `between`, as trackers do: luma, blurred."""
         return Plane.of(image).gray
 
     def between(self, ref_gray: Array, cur_gray: Array, initial: Array | None = None) -> Array:

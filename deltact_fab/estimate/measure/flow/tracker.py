@@ -109,7 +109,7 @@ class FlowTracker:
         self._frame = 0
 
     @classmethod
-    def named(cls, name: str, *, shared: dict[str, FlowMethod] | None = None) -> FlowTracker:
+    def from_name(cls, name: str, *, shared: dict[str, FlowMethod] | None = None) -> FlowTracker:
         """The tracker `method` or `method/reference`; `paper` stands for `farneback-paper`.
 
         `fused` alone is anchored, `paper` summed, any other method alone composed. shared: methods

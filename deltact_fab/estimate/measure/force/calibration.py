@@ -29,7 +29,7 @@ FORMER = {"inverse": "inverse-placed", "paper-mirrored": "paper"}
 
 @dataclass(frozen=True)
 class ForceCalibration:
-    """What `calibrate force` writes and a measurement reads.
+    """Calibration of force, as `calibrate force` writes and a measurement reads it.
 
     skin, poisson: what the features were made with. error: of each component in the paper's words
     (`normal`, `shear_x` ...), root mean squares by what was left out, for a display of forces.
@@ -46,7 +46,7 @@ class ForceCalibration:
     rest: bytes | None = None
 
     @classmethod
-    def of_simulation(
+    def from_simulation(
         cls,
         name: str,
         model: ForceModel,

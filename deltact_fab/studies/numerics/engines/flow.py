@@ -152,13 +152,13 @@ FAR = "121 px in ten frames, det F from .3 to 2"
 def found(method: str, pair: FlowSequence) -> Vectors:
     """Flow (h, w, 2) px from first to last image from a cold start, as the tracker sees them."""
     return FlowMethod(method).between(
-        *(FlowMethod.gray_of(image) for image in (pair.images[0], pair.last))
+        *(FlowMethod.prepare(image) for image in (pair.images[0], pair.last))
     )
 
 
 def _pair(method: str, scratch: Path) -> Work:
     pair = scene(scratch, "press")
-    rest, moved = (FlowMethod.gray_of(image) for image in (pair.images[0], pair.last))
+    rest, moved = (FlowMethod.prepare(image) for image in (pair.images[0], pair.last))
     return Work(lambda: FlowMethod(method).between(rest, moved), pair.mean_error_mm)
 
 
@@ -166,7 +166,7 @@ def _followed(name: str, scratch: Path) -> Work:
     frames = scene(scratch, "far")
 
     def run() -> Vectors:
-        tracker = FlowTracker.named(name)
+        tracker = FlowTracker.from_name(name)
         for image in frames.images:
             seen = tracker.update(image)
         return np.asarray(seen.flow_px)
