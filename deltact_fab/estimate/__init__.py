@@ -15,9 +15,10 @@ if TYPE_CHECKING:
     # fmt: off
     from .analysis.flows import open_follower
     from .analysis.force.calibrate import (
-        calibrate as calibrate_force, fit_best_model, fit_model, transfer_calibration,
+        calibrate as calibrate_force, fit_best_model, transfer_calibration,
     )
     from .analysis.force.dataset import gather_points, measure_force_points
+    from .analysis.force.judge import fit_model
     from .analysis.force.result import ForceResult, write_force_calibration
     from .analysis.measured import DeepestPress, RunMeasurement, find_calibrations, measure_run
     from .analysis.relaxation import ForceRest, RelaxationFit, find_rests, fit_relaxation

@@ -112,17 +112,6 @@ def fit_best_model(
     return ForceResult(data, judged, kept, seed, left_out, curves)
 
 
-def fit_model(
-    data: ForceData, name: str, seed: int
-) -> tuple[ForceModel, dict[str, dict[str, Any]]]:
-    """Fit one feature set to all points; with its errors as a calibration file keeps them.
-
-    seed: of the folds. Raises InputError for too few points.
-    """
-    judged = judge(data, name, seed)
-    return judged.model, calibrated_errors(judged, data)
-
-
 def transfer_calibration(
     folders: Sequence[Path], other: Path, progress: Progress | None = None
 ) -> tuple[TransferredCalibration, ForceCalibration, list[str]]:

@@ -181,6 +181,17 @@ def calibrated_errors(judged: EvaluatedModel, data: ForceData) -> dict[str, dict
     return {name: of for name, of in every.items() if of.get("range_n", of.get("range_nmm"))}
 
 
+def fit_model(
+    data: ForceData, name: str, seed: int
+) -> tuple[ForceModel, dict[str, dict[str, Any]]]:
+    """Fit one feature set to all points; with its errors as a calibration file keeps them.
+
+    seed: of the folds. Raises InputError for too few points.
+    """
+    judged = judge(data, name, seed)
+    return judged.model, calibrated_errors(judged, data)
+
+
 def force_error_n(off: Array) -> float | None:
     """Root mean square length of the force, of errors (..., 6)."""
     each = root_mean_square(off[..., :3])
