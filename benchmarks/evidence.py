@@ -23,7 +23,7 @@ from typing import Any
 
 from deltact_fab.common import digest
 from deltact_fab.common.jobs.local import THREAD_VARIABLES
-from deltact_fab.estimate.measure.flow.renewed import FLOW_METHODS
+from deltact_fab.estimate.measure.flow.renewed import FlowMethod
 from deltact_fab.physics.gel.finite.linear import SolverName
 from deltact_fab.simulate.experiment.session import library_versions
 from deltact_fab.studies.numerics.engine import Case
@@ -80,7 +80,7 @@ def rows() -> Iterator[EvidenceRow]:
         yield EvidenceRow(f"press: {i + 1}", partial(press_row, i))
     for held in every_held():
         yield EvidenceRow(f"held: {held.name}", partial(held_row, held))
-    for method in (*FLOW_METHODS, *flow_peers.PEERS):
+    for method in (*FlowMethod.NAMES, *flow_peers.PEERS):
         yield EvidenceRow(f"peer: {method}", partial(flow_peers.peer_row, method))
     yield from _of_cases("drag", gel_long.drag_cases())
 

@@ -16,10 +16,10 @@ import numpy as np
 
 from benchmarks.star import Star
 from deltact_fab.common.errors import RunFailed
-from deltact_fab.estimate.measure.flow.renewed import FLOW_METHODS
+from deltact_fab.estimate.measure.flow.renewed import FlowMethod
 from deltact_fab.sensor.shapes.imaging import ImageSensor
 from deltact_fab.studies.numerics.engine import plain
-from deltact_fab.studies.numerics.engines.flow import found, tracked
+from deltact_fab.studies.numerics.engines.flow import found
 from deltact_fab.studies.numerics.engines.flow_frames import (
     CAMERA,
     COARSE,
@@ -122,8 +122,8 @@ def peer_row(method: str) -> dict[str, Any]:
         asked[::8, ::8] = judged[::8, ::8]
         off = scene.error_px(flow)
         # A correlator's nodes are where it likes.
-        where = asked if method in FLOW_METHODS else judged & np.isfinite(off)
-        share = 1.0 if method in FLOW_METHODS else where.sum() / asked.sum()
+        where = asked if method in FlowMethod.NAMES else judged & np.isfinite(off)
+        share = 1.0 if method in FlowMethod.NAMES else where.sum() / asked.sum()
         out["motions"][name] = {
             "mean_px": float(off[where].mean(dtype=np.float64)),
             "median_px": float(np.median(off[where])),
@@ -136,7 +136,7 @@ def peer_row(method: str) -> dict[str, Any]:
 
 def answer(method: str, question: Question, scene: FlowSequence) -> tuple[Vectors, float, str]:
     """Flow (h, w, 2) px, nan where there is none; CPU seconds; the version."""
-    if method in FLOW_METHODS:
+    if method in FlowMethod.NAMES:
         found(method, scene)
         times = []
         for _ in range(REPEATS):
@@ -145,7 +145,7 @@ def answer(method: str, question: Question, scene: FlowSequence) -> tuple[Vector
             times.append(time.process_time() - before)
         return flow, min(times), f"cv2 {cv2.__version__}"
     given = {
-        "rest": tracked(scene.images[0]), "moved": tracked(scene.last),
+        "rest": FlowMethod.prepare(scene.images[0]), "moved": FlowMethod.prepare(scene.last),
         "step_px": question.step_px, "reach_px": question.reach_px,
     }  # fmt: skip
     told = peer.ask(method, PEERS[method], given, timeout_s=600)

@@ -27,7 +27,7 @@ from deltact_fab.estimate.analysis.force.dataset import gather
 from deltact_fab.estimate.analysis.force.judge import fit_force
 from deltact_fab.estimate.analysis.runs import view_of_run
 from deltact_fab.estimate.analysis.shape.ball import calibrate_depth
-from deltact_fab.estimate.analysis.tracking_error.tally import TrueFrame, imaged_pixels
+from deltact_fab.estimate.analysis.tracking_error.tally import TrueFrame
 from deltact_fab.estimate.measure.flow.confidence import FlowState
 from deltact_fab.estimate.measure.flow.fused import to_full
 from deltact_fab.estimate.measure.pipeline.measurement import Measurement, Pipeline
@@ -165,7 +165,7 @@ def _paced(pipeline: Pipeline, raw: list[Array]) -> None:
 
 def _judged(run: Run, images: list[Array]) -> dict[str, float]:
     measurement = Measurement(run.camera, ("observation",))
-    truth, ids, in_view = run.truth(), run.frames()["frame_id"], imaged_pixels(run.camera)
+    truth, ids, in_view = run.truth(), run.frames()["frame_id"], TrueFrame.imaged_pixels(run.camera)
     assert truth is not None, "the virtual rig writes it"
     parts: list[Array] = []  # (3, n) at the moving pixels: error in mm, whether known, confident
     peaks_mm = [0.0]

@@ -32,7 +32,7 @@ from deltact_fab.common.errors import InputError, RunFailed, SensorError
 from deltact_fab.common.files import write_whole
 from deltact_fab.estimate.measure.dots.tracker import DotTracker
 from deltact_fab.estimate.measure.face import FaceFlow
-from deltact_fab.estimate.measure.flow.tracker import FlowTracker, named_tracker
+from deltact_fab.estimate.measure.flow.tracker import FlowTracker
 from deltact_fab.estimate.measure.force import make_features
 from deltact_fab.estimate.measure.force.model import Features
 from deltact_fab.estimate.measure.hodge import Hodge
@@ -218,7 +218,7 @@ def bubble(files: Files) -> list[str]:
         return float(np.nanmedian(np.nanstd(shift[1:REST], axis=0)))
 
     for name in TRACKERS:
-        tracker, (x, y) = named_tracker(name), judge.nodes.T
+        tracker, (x, y) = FlowTracker.from_name(name), judge.nodes.T
         seen = [tracker.update(image) for image in images]
         found, sure = (np.stack([f[y, x] for f in of]) for of in
                        ([s.flow_px for s in seen], [s.confident for s in seen]))  # fmt: skip

@@ -18,7 +18,6 @@ from deltact_fab.common.aliases import Image
 from deltact_fab.estimate.analysis.tracking_error.tally import off_dots
 from deltact_fab.estimate.measure.flow.fused import to_gray
 from deltact_fab.estimate.measure.flow.renewed import (
-    RENEW_SHARE,
     FlowMethod,
     photometric_error,
     unrelated_difference,
@@ -51,7 +50,7 @@ def seen() -> Iterator[tuple[str, float, float]]:
         other = at_rest_of(entry.recipe.model_copy(update={"seed": entry.recipe.seed + 1}), 2)
         still = np.zeros((*own.shape, 2), np.float32)
         most = photometric_error(own, other, still)
-        yield entry.name, RENEW_SHARE * unrelated_difference(own), most
+        yield entry.name, FlowTracker.RENEW_SHARE * unrelated_difference(own), most
 
 
 def by_share(press: str) -> Iterator[str]:
@@ -88,8 +87,8 @@ def by_share(press: str) -> Iterator[str]:
 
 def main(words: list[str]) -> None:
     """The table, and that of a press."""
-    print(f"| pattern | threshold, {RENEW_SHARE:g} of its own | most it can see |", "|---|---|---|",
-          sep="\n")  # fmt: skip
+    print(f"| pattern | threshold, {FlowTracker.RENEW_SHARE:g} of its own | most it can see |",
+          "|---|---|---|", sep="\n")  # fmt: skip
     for name, threshold, most in seen():
         print(f"| {name} | {threshold:.1f} | {most:.1f}{' never' if most <= threshold else ''} |",
               flush=True)  # fmt: skip

@@ -117,7 +117,7 @@ def judged(
 
     labels: "late"; "early", see `Seen.data`; or "mended", the same as `early_labels` mends them.
     """
-    view = BELIEVED if gel is None else gel.view(BELIEVED)
+    view = BELIEVED if gel is None else BELIEVED.with_gel(gel.poisson, gel.thickness_mm)
     data = seen.data(learn, view, labels != "late")
     found = early_labels(data) if labels == "mended" else None
     data = found.mended(data) if found else data

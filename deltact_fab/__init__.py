@@ -44,8 +44,7 @@ if TYPE_CHECKING:
     from deltact_fab.bench import open_run as load_run
     from deltact_fab.common import InputError, RunFailed, SensorError
     from deltact_fab.estimate import analyse_tracking as analyze_tracking
-    from deltact_fab.estimate import calibrate as calibrate_force
-    from deltact_fab.estimate import calibrate_depth, write_force_calibration
+    from deltact_fab.estimate import calibrate_depth, calibrate_force, write_force_calibration
     from deltact_fab.fabricate import PatternRecipe, export_parts, load_design, make_pattern
     from deltact_fab.fabricate import assemble as assemble_sensor
     from deltact_fab.fabricate import bench as assemble_bench

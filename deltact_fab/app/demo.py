@@ -17,7 +17,7 @@ from deltact_fab.common import InputError, MissingLibrary, run_each
 from deltact_fab.simulate import RunRequest, run_experiment
 
 if TYPE_CHECKING:
-    from deltact_fab.estimate import MeasuredRun, ShapeResult
+    from deltact_fab.estimate import RunMeasurement, ShapeResult
 
 Bar = Callable[[str], AbstractContextManager[Callable[[int, int, str], None]]]
 Work = Callable[[Path, int], Any]
@@ -96,12 +96,12 @@ def _calibrations(out: Path) -> tuple[Path, Path]:
 def _calibrate(out: Path, seed: int) -> tuple[str, str]:
     """Press a ball in the middle, and fit force and depth to it. What was found, in two lines."""
     from deltact_fab.common import write_whole
-    from deltact_fab.estimate import calibrate, calibrate_depth, write_force_calibration
+    from deltact_fab.estimate import calibrate_depth, calibrate_force, write_force_calibration
 
     folder, (force_file, depth_file) = out / "calibration", _calibrations(out)
     # Another noise than that of the run that is measured.
     run_experiment(RunRequest(CALIBRATION, RIG, folder, seed=seed + 1))
-    force = calibrate([folder], (FORCE_MODEL,), seed)
+    force = calibrate_force([folder], (FORCE_MODEL,), seed)
     write_force_calibration(force.calibration, force_file)
     depth = calibrate_depth(folder, force_file)
     write_whole(depth_file, depth.toml().encode())
@@ -124,7 +124,7 @@ def _track(out: Path, seed: int) -> Any:
     return result
 
 
-def _measure(out: Path, seed: int) -> tuple[ShapeResult, MeasuredRun]:
+def _measure(out: Path, seed: int) -> tuple[ShapeResult, RunMeasurement]:
     from deltact_fab.bench import open_run
     from deltact_fab.estimate import analyse_shape, measure_run
 

@@ -27,7 +27,7 @@ def analyze() -> None:
 def tracking(run: Path, methods: tuple[str, ...], out: Path | None) -> Answer:
     """Tracking error against truth and, as in the paper, at the dots; and which method to use."""
     from deltact_fab.bench import open_run
-    from deltact_fab.estimate import PAPER_BEST_MM, analyse_tracking
+    from deltact_fab.estimate import analyse_tracking
     from deltact_fab.present import plot_error_by_time
 
     folder = out or run / "analysis"
@@ -42,7 +42,7 @@ def tracking(run: Path, methods: tuple[str, ...], out: Path | None) -> Answer:
         *(f"warning: {line}" for line in open_run(run).remarks()[0]),
         f"{result.verdict.line}\n",
         *columns_of(("name", "indenter", *keys), rows),
-        f"\n{origin}; the paper's best at the dots, on a real sensor: {PAPER_BEST_MM} mm",
+        f"\n{origin}; the paper's best at the dots, on a real sensor: {result.PAPER_BEST_MM} mm",
     ]
     lines += [f"left out: {line}" for line in result.left_out]
     files = result.save(folder) + save_figures(

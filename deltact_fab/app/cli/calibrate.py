@@ -160,7 +160,7 @@ def force(
     how far a model can be trusted on what it was not fitted to; presses, points and runs too. The
     best model is shown beside the paper's; force.json has all of them.
     """
-    from deltact_fab.estimate import calibrate, carry_over_calibration, write_force_calibration
+    from deltact_fab.estimate import calibrate_force, transfer_calibration, write_force_calibration
     from deltact_fab.present import plot_predicted_force
 
     folder = out or runs[0] / "analysis"
@@ -171,13 +171,13 @@ def force(
                 "--model: does not go with --transfer, which keeps the model of its file"
             )
         with progress("transfer") as report:
-            moved, kept, left_out = carry_over_calibration(runs, transfer, progress=report)
+            moved, kept, left_out = transfer_calibration(runs, transfer, progress=report)
         told = [f"{moved.line} ({kept.head.origin})", *(f"left out: {line}" for line in left_out)]
         files = write_force_calibration(kept, output)
         data = {"transfer": moved.as_dict(), "left_out": left_out}
         return Answer(data, [*told, files_line(files)])
     with progress("force") as report:
-        result = calibrate(runs, models or None, seed, progress=report)
+        result = calibrate_force(runs, models or None, seed, progress=report)
     told = [*_force_lines(result, folder), *(f"left out: {line}" for line in result.left_out)]
     files, figure = result.save(folder, output), plot_predicted_force(result)
     files += save_figures(folder, lambda: {figure.name: figure.draw()})
@@ -185,8 +185,6 @@ def force(
 
 
 def _force_lines(result: ForceResult, folder: Path) -> Iterator[str]:
-    from deltact_fab.estimate import FORCE_SPLITS
-
     yield result.line + "\n"
     for found in (result.early, result.gel):
         if found is not None:
@@ -197,13 +195,13 @@ def _force_lines(result: ForceResult, folder: Path) -> Iterator[str]:
         "adj. R2",
         "about 0",
         "fitted",
-        *FORCE_SPLITS,
+        *result.SPLITS,
         "range",
         "% of range",
     )
     keys = (
         "adjusted_r2", "adjusted_r2_about_zero", "rmse_fitted",
-        *(f"rmse_left_out_{split}" for split in FORCE_SPLITS), "range", "percent_of_range",
+        *(f"rmse_left_out_{split}" for split in result.SPLITS), "range", "percent_of_range",
     )  # fmt: skip
     shown = {result.best.name, result.paper.name}
     rows = [

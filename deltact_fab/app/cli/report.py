@@ -28,7 +28,7 @@ def report(run: Path, out: Path | None, calibrations: tuple[Path, ...]) -> Answe
     from deltact_fab.estimate import (
         TrackingResult,
         analyse_tracking,
-        calibrations_of_run,
+        find_calibrations,
         measure_run,
     )
     from deltact_fab.present import is_index_above, write_imported_page, write_index, write_run_page
@@ -40,7 +40,7 @@ def report(run: Path, out: Path | None, calibrations: tuple[Path, ...]) -> Answe
     page = out or checked(run / "report.html")
     if opened.imported:
         return written(write_imported_page(opened, page))
-    folder, files = run / "analysis", calibrations_of_run(opened, calibrations)
+    folder, files = run / "analysis", find_calibrations(opened, calibrations)
     if (folder / "tracking.json").is_file():
         result = TrackingResult.load(folder)
     else:

@@ -10,7 +10,7 @@ from deltact_fab.common import Array, InputError, Store, code_digest
 
 from ..measure.face import FaceFlow
 from ..measure.flow.tracker import FlowTracker
-from ..measure.health import recognise_pattern
+from ..measure.health import RestPattern
 from .runs import camera_of, settled
 
 _STORE = Store("face-flow", limit_bytes=2 << 30)
@@ -52,22 +52,24 @@ def flows_of(run: Run, press: str, every: int) -> list[FaceFlow]:
 
 
 def open_follower(run: Run) -> Callable[[Array], FaceFlow]:
-    """What follows the images of a press, each as `Run.image` gives it, from its first one on."""
-    import cv2
-
-    cv2.setNumThreads(1)  # the flow depends on their number
-    tracker = FlowTracker(full=False)
+    """Open a follower of the images of a press, each as `Run.image` gives it, from its first on."""
+    tracker = _tracker()
     return lambda image: FaceFlow.of(tracker.update(image), run.camera, every=MAP_EVERY_PX)
 
 
-def _tracked(run: Run, press: str, every: int) -> list[FaceFlow]:
+def _tracker() -> FlowTracker:
     import cv2
 
     cv2.setNumThreads(1)  # the flow depends on their number
-    frames, camera = run.frames(press), camera_of(run)
+    return FlowTracker(full=False)
+
+
+def _tracked(run: Run, press: str, every: int) -> list[FaceFlow]:
+    tracker, frames, camera = _tracker(), run.frames(press), camera_of(run)
     wanted = set(settled(frames)["seq"])
-    tracker = FlowTracker(full=False)
-    if run.imported and (lacks := recognise_pattern(run.image(str(frames["file"].iloc[0]))).lacks):
+    if run.imported and (
+        lacks := RestPattern.recognise(run.image(str(frames["file"].iloc[0]))).lacks
+    ):
         # The tracker would fill in what lies between markers, and call it trusted.
         raise InputError(f"{run.folder}: {lacks}; force and shape follow a dense one")
     flows = []

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -26,7 +26,6 @@ from .runs import sensor_of, view_of_run
 MAX_FRAMES = 1000
 """Of a run with a force calibration all frames are measured up to so many; of any other those of
 each indenter's deepest press."""
-FORCE_COLUMNS = ("fx_n", "fy_n", "fz_n")
 
 
 @dataclass(frozen=True)
@@ -74,16 +73,18 @@ class Force:
 
 
 @dataclass(frozen=True)
-class MeasuredRun:
-    """What was measured of a run; left_out: what was not, and why."""
+class RunMeasurement:
+    """Shape and force measured in a run; left_out: what was not, and why."""
+
+    FORCE_COLUMNS: ClassVar = ("fx_n", "fy_n", "fz_n")
 
     deepest: list[DeepestPress]
     force: Force | None
     left_out: list[str]
 
 
-def calibrations_of_run(run: Run, files: Sequence[Path] = ()) -> list[Path]:
-    """Of force and depth: these files, else those that lie in the run's folder `analysis`.
+def find_calibrations(run: Run, files: Sequence[Path] = ()) -> list[Path]:
+    """Find calibrations of force and depth: these files, else those in RUN/analysis.
 
     Raises InputError, one line, for a file that is none, and for another sensor's.
     """
@@ -96,7 +97,7 @@ def calibrations_of_run(run: Run, files: Sequence[Path] = ()) -> list[Path]:
 
 def measure_run(
     run: Run, calibrations: Sequence[Path] = (), progress: Progress | None = None
-) -> MeasuredRun:
+) -> RunMeasurement:
     """Measure a run that has images. Raises as `Measurement` and `Run.image` do."""
     import cv2
 
@@ -131,18 +132,18 @@ def measure_run(
     if "force" in heads:
         force = _held(run, load_force(heads["force"]), followed, np.array(forces, float))
     left_out = _left_out(set(heads), bool(deepest), len(frames) - len(followed))
-    return MeasuredRun(deepest, force, left_out)
+    return RunMeasurement(deepest, force, left_out)
 
 
 def _held(run: Run, force: ForceCalibration, followed: pd.DataFrame, found: Array) -> Force:
     """Beside what the force sensor said, where there was one."""
-    names = [f"{name}_est" for name in FORCE_COLUMNS]
+    names = [f"{name}_est" for name in RunMeasurement.FORCE_COLUMNS]
     table = followed.assign(
         **dict(zip(names, found.T[:3], strict=True)),
         extrapolated=found[:, 3] > 0,
         trusted=found[:, 4] > 0,
     )
-    off = found[:, :3] - table[list(FORCE_COLUMNS)].to_numpy(float)
+    off = found[:, :3] - table[list(RunMeasurement.FORCE_COLUMNS)].to_numpy(float)
     off = off[np.isfinite(off).all(axis=1)]
     x, y, z = np.sqrt(np.mean(off**2, axis=0)) if len(off) else (np.nan,) * 3
     own = not {run.folder.resolve().name, run.meta["name"]}.isdisjoint(force.head.made.runs)

@@ -18,13 +18,11 @@ that grow with the wait, else the many samples of a minute would drown its first
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
 
 from deltact_fab.bench import Run
 from deltact_fab.common import Field, InputError, SolverError
@@ -68,7 +66,7 @@ class ForceRest:
 
 
 def find_rests(run: Run) -> list[ForceRest]:
-    """The rests of all presses and drags that settled, in order.
+    """Find the rests of all presses and drags that settled, in order.
 
     Raises InputError for a run without a force stream or without a stop that rests long enough.
     """
@@ -148,24 +146,6 @@ class Series:
         return tuple(zip(self.shares, self.times_s, strict=True))
 
 
-def settling_time_s(wait_s: ArrayLike, error: ArrayLike, bound: float) -> float:
-    """The first of wait_s (n,) from which on |error| (n,) is within bound; nan: never.
-
-    Between two of them the error is taken as straight in the logarithm of error and linear in time,
-    as it is where it fades.
-    """
-    wait, off = np.asarray(wait_s, float), np.abs(np.asarray(error, float))
-    over = np.flatnonzero(off > bound)
-    if not len(over):
-        return float(wait[0])
-    last = int(over[-1])
-    if last + 1 == len(wait):
-        return math.nan
-    a, b = math.log(off[last]), math.log(max(off[last + 1], bound * 1e-6))
-    share = (a - math.log(bound)) / (a - b)
-    return float(wait[last] + share * (wait[last + 1] - wait[last]))
-
-
 MAX_BRANCHES = 3
 WORTH = 0.9  # a further branch is taken when it makes the blocks' residual this much smaller
 BLOCKS = 40  # of a rest, each as much later as the one before
@@ -178,7 +158,9 @@ STILL_RESTS = 0.5  # a branch over this x the longest rest is poorly determined
 
 @dataclass(frozen=True, eq=False)
 class RelaxationFit:
-    """series: what was found. rms_n: of the residual. steady_n (rests, 3): each rest's end.
+    """Relaxation of a gel as fitted to its rests.
+
+    series: what was found. rms_n: of the residual. steady_n (rests, 3): each rest's end.
 
     unsure: times of branches so slow that the rests are too short to tell them well. blocks_n: as
     rms_n, of the blocks that it was fitted to.
@@ -196,7 +178,7 @@ class RelaxationFit:
 
 
 def fit_relaxation(rests: Sequence[ForceRest]) -> RelaxationFit:
-    """The series of rests, with the fewest branches, up to MAX_BRANCHES, that improve the fit.
+    """Fit the series of rests, with the fewest branches, up to MAX_BRANCHES, that improve the fit.
 
     Raises SolverError where the search does not converge.
     """

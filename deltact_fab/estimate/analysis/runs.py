@@ -28,8 +28,8 @@ PRESSING = ("press", "shear")
 """Kinds of the steps in which the face is pressed."""
 
 
-def recorded_frames(run: Run, what: str) -> pd.DataFrame:
-    """The frames of a run that is finished and has images; `what` is analysed.
+def read_frames(run: Run, what: str) -> pd.DataFrame:
+    """Read the frames of a run that is finished and has images; `what` is analysed.
 
     Raises InputError, one line, for any other run, RunFailed for a damaged journal.
     """

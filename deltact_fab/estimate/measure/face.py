@@ -6,6 +6,7 @@ All that measures shape, force and contact starts here and knows no pixels, no l
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -15,10 +16,6 @@ from deltact_fab.sensor import CameraModel, axes_mm
 
 from .compose import filled
 from .flow.confidence import FlowObservation, FlowState
-
-FACE_SPACING_PX = 8
-"""Between the points on which shape, depth and force rest: depth and contacts rest on cells of a
-millimetre and say no more on finer ones, and the relative depth is smoothed over more than that."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +27,10 @@ class FaceFlow:
     were; elsewhere the shift is a guess. x_mm (w,), y_mm (h,): the points, equally spaced by
     cell_mm. trusted: as the tracker says.
     """
+
+    SPACING_PX: ClassVar[int] = 8
+    """Between the points on which shape, depth and force rest: depth and contacts rest on cells of
+    a millimetre and say no more on finer ones, and the relative depth is smoothed over more."""
 
     shift_mm: Array
     known: Array

@@ -11,7 +11,7 @@ dense pattern, markers and nothing are told apart first.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import cv2
 import numpy as np
@@ -20,7 +20,7 @@ from deltact_fab.common import Array, InputError, SensorError
 from deltact_fab.sensor import CameraModel
 
 from .dots.detect import FoundDots, find_dots
-from .face import FACE_SPACING_PX, FaceFlow, rigid
+from .face import FaceFlow, rigid
 from .flow.confidence import FINE_PX, TEXTURED_SHARE
 from .flow.fused import to_gray
 from .flow.tracker import FlowTracker
@@ -28,7 +28,6 @@ from .flow.tracker import FlowTracker
 # Beyond these a calibration no longer tells the force within its stated error (decision 0026).
 MAX_SHIFT_MM = 0.3
 MAX_TURN_DEG = 1.0
-MAX_DEFORMATION_MM = 0.006
 MIN_MATCHED = 0.9
 MIN_BRIGHTNESS, MAX_BRIGHTNESS = 0.4, 1.6
 MIN_CONTRAST = 0.4
@@ -38,7 +37,7 @@ _RIM = 4  # nodes at the image's edge that are never confident: their windows ar
 
 @dataclass(frozen=True)
 class Health:
-    """What changed since the calibration, and whether that may be.
+    """State of health: what changed since the calibration, and whether that may be.
 
     shift_mm (x, y) and turn_deg: of the whole pattern, about the view's centre. deformation_mm:
     root mean square of what that leaves, deformation_peak_mm: its 99th percentile. brightness,
@@ -46,6 +45,8 @@ class Health:
     reasons: what speaks against use, a phrase each. All but light is None where the pattern was
     not found again at all.
     """
+
+    MAX_DEFORMATION_MM: ClassVar[float] = 0.006
 
     shift_mm: tuple[float, float] | None
     turn_deg: float | None
@@ -68,55 +69,55 @@ class Health:
         """Plain data, the verdict in it."""
         return {"fit": self.fit, "verdict": self.line, **asdict(self)}
 
+    @classmethod
+    def compare(cls, reference: Array, now: Array, camera: CameraModel) -> Health:
+        """Compare an unloaded image with the calibration's, both as they are tracked.
 
-def check_health(reference: Array, now: Array, camera: CameraModel) -> Health:
-    """Compare an unloaded image with the calibration's, both as the camera's images are tracked.
-
-    reference, now: (h, w, 3) BGR or (h, w) grey, uint8, of the camera's size. Raises InputError
-    for another size, and for a reference without texture.
-    """
-    for what, image in (("the calibration's image", reference), ("the image", now)):
-        if image.shape[:2] != (camera.height_px, camera.width_px):
-            raise InputError(
-                f"health: {what} is {image.shape[1]} x {image.shape[0]} px, "
-                f"the camera {camera.width_px} x {camera.height_px}"
-            )
-    tracker = FlowTracker(full=False)
-    try:
-        first = tracker.update(reference)
-    except SensorError as why:
-        raise InputError(f"health: the calibration's image: {why}") from why
-    seen = tracker.update(now)
-    brightness, contrast = _light(to_gray(reference), to_gray(now))
-    flow = FaceFlow.of(seen, camera, every=FACE_SPACING_PX)
-    inner = (slice(_RIM, -_RIM), slice(_RIM, -_RIM))
-    matched = float(np.sum(seen.confident[inner]) / np.sum(first.confident[inner]))
-    if not seen.diagnostics.trusted or not flow.known.any():
-        lost = "the pattern of the calibration was not found: another skin, or covered, or dark"
-        return Health(None, None, None, None, brightness, contrast, matched, (lost,))
-    shift, turn_deg, left = rigid(flow)
-    size = np.linalg.norm(left, axis=-1)
-    rms, peak = float(np.sqrt(np.mean(size**2))), float(np.percentile(size, 99))
-    moved = float(np.hypot(*shift))
-    reasons = []
-    if moved > MAX_SHIFT_MM:
-        reasons.append(f"the pattern moved by {moved:.2f} mm (limit {MAX_SHIFT_MM:g})")
-    if abs(turn_deg) > MAX_TURN_DEG:
-        reasons.append(f"the pattern turned by {turn_deg:.2f} degrees (limit {MAX_TURN_DEG:g})")
-    if rms > MAX_DEFORMATION_MM:
-        limit = f"(limit {MAX_DEFORMATION_MM:g}): touched, or it took a set"
-        reasons.append(f"the face is deformed by {rms:.3f} mm at rest {limit}")
-    if matched < MIN_MATCHED:
-        reasons.append(f"{matched:.0%} of the pattern is found again (limit {MIN_MATCHED:.0%})")
-    if not MIN_BRIGHTNESS <= brightness <= MAX_BRIGHTNESS:
-        limits = f"(limits {MIN_BRIGHTNESS:g} to {MAX_BRIGHTNESS:g})"
-        reasons.append(f"brightness is {brightness:.2f} of what it was {limits}")
-    if contrast < MIN_CONTRAST:
-        reasons.append(f"contrast is {contrast:.2f} of what it was (limit {MIN_CONTRAST:g})")
-    return Health(
-        (float(shift[0]), float(shift[1])), turn_deg, rms, peak, brightness, contrast, matched,
-        tuple(reasons),
-    )  # fmt: skip
+        reference, now: (h, w, 3) BGR or (h, w) grey, uint8, of the camera's size. Raises InputError
+        for another size, and for a reference without texture.
+        """
+        for what, image in (("the calibration's image", reference), ("the image", now)):
+            if image.shape[:2] != (camera.height_px, camera.width_px):
+                raise InputError(
+                    f"health: {what} is {image.shape[1]} x {image.shape[0]} px, "
+                    f"the camera {camera.width_px} x {camera.height_px}"
+                )
+        tracker = FlowTracker(full=False)
+        try:
+            first = tracker.update(reference)
+        except SensorError as why:
+            raise InputError(f"health: the calibration's image: {why}") from why
+        seen = tracker.update(now)
+        brightness, contrast = _light(to_gray(reference), to_gray(now))
+        flow = FaceFlow.of(seen, camera, every=FaceFlow.SPACING_PX)
+        inner = (slice(_RIM, -_RIM), slice(_RIM, -_RIM))
+        matched = float(np.sum(seen.confident[inner]) / np.sum(first.confident[inner]))
+        if not seen.diagnostics.trusted or not flow.known.any():
+            lost = "the pattern of the calibration was not found: another skin, or covered, or dark"
+            return cls(None, None, None, None, brightness, contrast, matched, (lost,))
+        shift, turn_deg, left = rigid(flow)
+        size = np.linalg.norm(left, axis=-1)
+        rms, peak = float(np.sqrt(np.mean(size**2))), float(np.percentile(size, 99))
+        moved = float(np.hypot(*shift))
+        reasons = []
+        if moved > MAX_SHIFT_MM:
+            reasons.append(f"the pattern moved by {moved:.2f} mm (limit {MAX_SHIFT_MM:g})")
+        if abs(turn_deg) > MAX_TURN_DEG:
+            reasons.append(f"the pattern turned by {turn_deg:.2f} degrees (limit {MAX_TURN_DEG:g})")
+        if rms > cls.MAX_DEFORMATION_MM:
+            limit = f"(limit {cls.MAX_DEFORMATION_MM:g}): touched, or it took a set"
+            reasons.append(f"the face is deformed by {rms:.3f} mm at rest {limit}")
+        if matched < MIN_MATCHED:
+            reasons.append(f"{matched:.0%} of the pattern is found again (limit {MIN_MATCHED:.0%})")
+        if not MIN_BRIGHTNESS <= brightness <= MAX_BRIGHTNESS:
+            limits = f"(limits {MIN_BRIGHTNESS:g} to {MAX_BRIGHTNESS:g})"
+            reasons.append(f"brightness is {brightness:.2f} of what it was {limits}")
+        if contrast < MIN_CONTRAST:
+            reasons.append(f"contrast is {contrast:.2f} of what it was (limit {MIN_CONTRAST:g})")
+        return cls(
+            (float(shift[0]), float(shift[1])), turn_deg, rms, peak, brightness, contrast, matched,
+            tuple(reasons),
+        )  # fmt: skip
 
 
 def _light(reference: Array, now: Array) -> tuple[float, float]:
@@ -140,43 +141,46 @@ marker skins have .012 to .050, the shipped pattern of dots .004, the dense one 
 
 
 @dataclass(frozen=True)
-class SeenPattern:
-    """Of one image. markers: dots of one size. between: detail between them over their contrast,
-    infinite without any. lacks: what a reader who expects a dense pattern must know; empty where
-    there is one."""
+class RestPattern:
+    """Pattern that one image at rest shows.
+
+    markers: dots of one size. between: detail between them over their contrast, infinite without
+    any. lacks: what a reader who expects a dense pattern must know; empty where there is one.
+    """
 
     kind: Literal["dense", "markers", "nothing"]
     markers: int
     between: float
     lacks: str = ""
 
+    @classmethod
+    def recognise(cls, image: Array) -> RestPattern:
+        """Recognise it in an image (h, w, 3) BGR uint8. Raises InputError as the flow does.
 
-def recognise_pattern(image: Array) -> SeenPattern:
-    """Of an image (h, w, 3) BGR uint8 of the face at rest. Raises InputError as the flow does.
-
-    Whether there is a dense pattern is the tracker's word; markers are told from it here.
-    """
-    try:
-        said = FlowTracker(full=False).update(image).diagnostics
-        share, trusted = said.textured_share, said.trusted
-    except SensorError:
-        share, trusted = 0.0, False
-    try:
-        dots = find_dots(image)
-        count, between = len(dots.position_px), _between(to_gray(image).astype(np.float32), dots)
-    except SensorError:
-        count, between = 0, np.inf
-    if between <= PLAIN:
-        return SeenPattern("markers", count, between, f"no dense pattern: {count} markers")
-    if trusted:
-        return SeenPattern("dense", count, between)
-    return SeenPattern(
-        "nothing",
-        count,
-        between,
-        f"no pattern: {share:.0%} of the first image has detail to follow, {TEXTURED_SHARE:.0%} "
-        "are needed: nothing is trusted",
-    )
+        Whether there is a dense pattern is the tracker's word; markers are told from it here.
+        """
+        try:
+            said = FlowTracker(full=False).update(image).diagnostics
+            share, trusted = said.textured_share, said.trusted
+        except SensorError:
+            share, trusted = 0.0, False
+        try:
+            dots = find_dots(image)
+            count = len(dots.position_px)
+            between = _between(to_gray(image).astype(np.float32), dots)
+        except SensorError:
+            count, between = 0, np.inf
+        if between <= PLAIN:
+            return cls("markers", count, between, f"no dense pattern: {count} markers")
+        if trusted:
+            return cls("dense", count, between)
+        return cls(
+            "nothing",
+            count,
+            between,
+            f"no pattern: {share:.0%} of the first image has detail to follow, "
+            f"{TEXTURED_SHARE:.0%} are needed: nothing is trusted",
+        )
 
 
 def _between(grey: Array, dots: FoundDots) -> float:

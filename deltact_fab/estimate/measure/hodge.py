@@ -22,13 +22,6 @@ from scipy import fft
 
 from deltact_fab.common import Array, InputError
 
-from .face import FaceFlow, whole
-
-
-def decompose(flow: FaceFlow) -> Hodge:
-    """The parts of a flow, each computed on first use; mm. Its holes are `whole`'s."""
-    return Hodge(whole(flow).shift_mm)
-
 
 @dataclass(frozen=True, eq=False)
 class Hodge:

@@ -7,9 +7,8 @@ that the ones before it already give is left out by name, never silently.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from scipy import linalg, special
@@ -52,9 +51,6 @@ class RegressionFit:
     adjusted_r2_about_zero: float | None
     condition_raw: float
     condition_scaled: float
-
-    def as_dict(self) -> dict[str, Any]:
-        return asdict(self)
 
 
 def least_squares(

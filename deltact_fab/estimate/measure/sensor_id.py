@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
@@ -16,6 +16,7 @@ from annotated_types import Ge
 
 from deltact_fab.common import Array, InputError, read_toml, toml_text, validate
 from deltact_fab.sensor import CameraModel, FlatField, SkinDimensions
+from deltact_fab.version import VERSION
 
 SCHEMA = 1
 Kind = Literal["depth", "force", "acceptance"]
@@ -32,7 +33,7 @@ Description = Mapping[str, Any] | str
 
 @dataclass(frozen=True)
 class SensorModel:
-    """All that a measurement may know of a sensor; None where nobody can tell.
+    """Model of a sensor: all that a measurement may know of it; None where nobody can tell.
 
     Any of it may be wrong: an estimate is to be judged with that in mind. Young's modulus is not
     here, because a calibration's factors take its place.
@@ -218,6 +219,35 @@ def read_rest(path: Path, table: Mapping[str, Any]) -> bytes | None:
     if hashlib.sha256(data).hexdigest() != table.get("sha256"):
         raise InputError(f"{image}: differs from the hash in {path}: damaged, or of another one")
     return data
+
+
+def format_acceptance(
+    known: SensorModel,
+    source: str,
+    seed: int,
+    rest: tuple[str, bytes],
+    rows: Sequence[Sequence[Any]],
+) -> str:
+    """Format the file of a sensor that was accepted.
+
+    source: of its images. seed: of simulated ones. rest: name of the image of the face at rest,
+    which lies beside the file, and its bytes. rows: what was checked.
+    """
+    simulated = known.simulated is not None
+    made = CalibrationSource((source,), simulated, VERSION, seed if simulated else None)
+    head = CalibrationHead("acceptance", SensorId(known.design, known.serial), made)
+    return head.toml({"rest": rest_table(*rest), "accepted": {"rows": rows}})
+
+
+def read_acceptance(path: Path, known: SensorModel) -> bytes | None:
+    """Read the image of the face at rest that an acceptance's file names; None without one.
+
+    Raises InputError for a file that is none or another sensor's, and as `read_rest`.
+    """
+    head, data = read_calibration(path, "acceptance")
+    require_same_sensor(head, SensorId(known.design, known.serial), str(path))
+    table = data.get("rest")
+    return read_rest(path, table) if isinstance(table, dict) else None
 
 
 def _made_by(kind: Kind | None) -> str:

@@ -31,20 +31,15 @@ from deltact_fab.common import (
     write_files,
 )
 from deltact_fab.estimate import (
-    MAX_DEFORMATION_MM,
-    CalibrationHead,
-    CalibrationSource,
     FaceFlow,
     FlowTracker,
+    Health,
     Rectifier,
-    SensorId,
     SensorModel,
-    check_health,
-    rest_table,
+    format_acceptance,
 )
 from deltact_fab.fabricate import EVEN_LIGHT_SHARE, Design, PatternRecipe, illuminance
 from deltact_fab.sensor import FULL_LIGHT_SHARE, CameraModel, FlatField
-from deltact_fab.version import VERSION
 
 from .print_in_view import ComparedPrint, FaceFindings, PrintInView, one_sided_fall
 from .source import Source, images
@@ -120,20 +115,15 @@ def save_acceptance(accepted: Acceptance, known: SensorModel, seed: int, out: Pa
     """
     if not accepted.passed:
         raise InputError(f"{accepted.source}: not accepted: there is nothing to keep")
-    head = CalibrationHead(
-        "acceptance", SensorId(known.design, known.serial),
-        CalibrationSource((accepted.source,), known.simulated is not None, VERSION,
-                          seed if known.simulated else None),
-    )  # fmt: skip
     image, rest = out.with_suffix(".rest.png"), encode_png(accepted.raw)
     for file in (out, image):
         if file.exists():
             raise InputError(f"{file}: already there; name another file with -o, or remove it")
     rows = [[row.name, row.value, row.limit] for row in accepted.rows]
-    tables = {"rest": rest_table(image.name, rest), "accepted": {"rows": rows}}
+    text = format_acceptance(known, accepted.source, seed, (image.name, rest), rows)
     with disk_errors(out):
         out.parent.mkdir(exist_ok=True)
-    write_files({image: rest, out: head.toml(tables).encode()})
+    write_files({image: rest, out: text.encode()})
 
 
 def acceptance_picture(accepted: Acceptance, camera: CameraModel) -> bytes:
@@ -208,7 +198,7 @@ class _Still:
             return (self.untrackable,)
         if self._first is None or self.count < 2:
             return ()
-        return check_health(self._first, self._last, self._camera).reasons
+        return Health.compare(self._first, self._last, self._camera).reasons
 
 
 def _one_led_dark(design: Design) -> float:
@@ -284,8 +274,8 @@ def _rows(
          not found.places,
          "in the gel: cast again (D.5, D.8); on lens or plate: open and clean (H.3, H.5)"),
         ("noise", "noise at rest", told,
-         "not judged" if few else f"<= {1000 * MAX_DEFORMATION_MM:g} um",
-         noise is not None and noise <= MAX_DEFORMATION_MM,
+         "not judged" if few else f"<= {1000 * Health.MAX_DEFORMATION_MM:g} um",
+         noise is not None and noise <= Health.MAX_DEFORMATION_MM,
          "fix exposure and gain, more light; nothing may shake or flicker"),
         ("rest", "at rest", "; ".join(found.rest) or "nothing moved", "as `health` has it",
          not found.rest,

@@ -13,15 +13,7 @@ from numpy.typing import NDArray
 
 from deltact_fab.bench import CameraFrame, open_run, raw_size_px
 from deltact_fab.common import InputError, catalogue_names, did_you_mean, validate
-from deltact_fab.estimate import (
-    Measurement,
-    Rectifier,
-    SensorId,
-    SensorModel,
-    read_calibration,
-    read_rest,
-    require_same_sensor,
-)
+from deltact_fab.estimate import Measurement, Rectifier, SensorModel, read_acceptance
 from deltact_fab.sensor import (
     Fisheye,
     FlatField,
@@ -192,10 +184,7 @@ def accepted_rest(known: SensorModel) -> NDArray[np.uint8] | None:
     file = acceptance_file(known.serial)
     if not file.is_file():
         return None
-    head, data = read_calibration(file, "acceptance")
-    require_same_sensor(head, SensorId(known.design, known.serial), str(file))
-    table = data.get("rest")
-    kept = read_rest(file, table) if isinstance(table, dict) else None
+    kept = read_acceptance(file, known)
     image = None if kept is None else cv2.imdecode(np.frombuffer(kept, np.uint8), cv2.IMREAD_COLOR)
     if image is None:
         raise InputError(f"{file}: rest.file: no image of the face at rest")

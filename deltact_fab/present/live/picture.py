@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from deltact_fab.common import Array
-from deltact_fab.estimate import FACE_SPACING_PX, FaceFlow
+from deltact_fab.estimate import FaceFlow
 from deltact_fab.sensor import CameraModel
 
 from .formatting import as_dict
@@ -46,7 +46,11 @@ def data(m: MeasuredImage, camera: CameraModel) -> dict[str, Any]:
     told["contacts"] = told["contacts"] or []
     f, least, arrow = result.flow, MIN_MM, ARROW_MM
     if in_px and result.observation is not None:
-        f, least, arrow = FaceFlow.of(result.observation, camera, FACE_SPACING_PX), MIN_PX, ARROW_PX
+        f, least, arrow = (
+            FaceFlow.of(result.observation, camera, FaceFlow.SPACING_PX),
+            MIN_PX,
+            ARROW_PX,
+        )
     if f is not None:
         for contact in told["contacts"]:
             contact["seen_mm"] = _landed(contact["outline_mm"], f)

@@ -19,17 +19,7 @@ from numpy.typing import NDArray
 
 from deltact_fab.bench import CameraFrame
 from deltact_fab.common import Array, InputError, did_you_mean
-from deltact_fab.estimate import (
-    FACE_SPACING_PX,
-    MEASURED_OUTPUTS,
-    FaceFlow,
-    MarkerMeasurement,
-    Measurement,
-    MeasurementResult,
-    Pipeline,
-    SeenPattern,
-    recognise_pattern,
-)
+from deltact_fab.estimate import FaceFlow, Measurement, MeasurementResult, Pipeline, RestPattern
 from deltact_fab.sensor import CameraModel, Pinhole
 
 from .open import known_of, measurement_of, open_source
@@ -76,7 +66,7 @@ class Motion:
             counts = len(dots.found), len(shift_px)
         else:
             assert result.observation is not None, "`measurement_of` asks for it"
-            flow = FaceFlow.of(result.observation, camera, FACE_SPACING_PX)
+            flow = FaceFlow.of(result.observation, camera, FaceFlow.SPACING_PX)
             shift_px = flow.shift_mm[flow.known] / np.float32(camera.mm_per_px)
         size = np.hypot(*shift_px.T)
         most, middle = (float(size.max()), float(np.median(size))) if len(size) else (None, None)
@@ -109,7 +99,7 @@ class MeasurementSession:
         *,
         most_hz: float | None = None,
         frames: Iterator[CameraFrame] | None = None,
-        pattern: SeenPattern | None = None,
+        pattern: RestPattern | None = None,
     ) -> None:
         """most_hz: of a source that is not live, so many images a second are measured at most.
 
@@ -219,14 +209,14 @@ def open_session(
         if known.in_px:
             if beyond := [one for one in show or () if one not in ("flow", "observation")]:
                 why = "needs a scale: --mm-per-px or --camera"
-                if beyond[0] not in MEASURED_OUTPUTS:
-                    why = f"unknown; {did_you_mean(beyond[0], MEASURED_OUTPUTS)}"
+                if beyond[0] not in Measurement.OUTPUTS:
+                    why = f"unknown; {did_you_mean(beyond[0], Measurement.OUTPUTS)}"
                 raise InputError(f"--show {beyond[0]}: {why}")
             show = ("observation",)
         measurement = measurement_of(known, (), show)
-        pattern = recognise_pattern(measurement.rectified(first.image))
+        pattern = RestPattern.recognise(measurement.rectified(first.image))
         if pattern.kind == "markers":
-            measurement = MarkerMeasurement(known.camera)
+            measurement = Measurement.of_markers(known.camera)
         frames = chain((first,), frames)
         return MeasurementSession(
             source, measurement, most_hz=most_hz, frames=frames, pattern=pattern

@@ -14,14 +14,11 @@ import pandas as pd
 from deltact_fab.bench import Run, encode_png, open_run
 from deltact_fab.common import Check, InputError, graded, html_table, read_json, write_page
 from deltact_fab.estimate import (
-    PAPER_BEST_MM,
-    TRACKING_RULE,
-    WRONG_FLOW_MM,
     DeepestPress,
-    MeasuredRun,
+    RunMeasurement,
     ShapeResult,
     TrackingResult,
-    percent_of,
+    format_percent,
 )
 
 from . import figures, run_figures
@@ -33,7 +30,7 @@ def write_run_page(
     run_folder: str | Path,
     out: Path,
     tracking: TrackingResult,
-    measured: MeasuredRun | None = None,
+    measured: RunMeasurement | None = None,
     parts: dict[str, Any] | None = None,
     shape: ShapeResult | None = None,
 ) -> Path:
@@ -74,9 +71,9 @@ def write_run_page(
         methods=_methods(tracking),
         measured=measured,
         shape=shape,
-        rule=TRACKING_RULE,
+        rule=tracking.RULE,
         best=next(m for m in tracking.methods if m["name"] == judged.about),
-        paper_mm=PAPER_BEST_MM,
+        paper_mm=tracking.PAPER_BEST_MM,
         figures={
             name: figures.to_svg(figure, _SHOWN.get(name, ""))
             for name, figure in drawn.items()
@@ -150,7 +147,7 @@ def write_imported_page(run: Run, out: Path) -> Path:
 def _found(
     warned: list[str],
     tracking: TrackingResult,
-    measured: MeasuredRun | None,
+    measured: RunMeasurement | None,
     shape: ShapeResult | None,
 ) -> Iterator[Check]:
     """What speaks for and against a run: warnings of how it was made first."""
@@ -184,7 +181,9 @@ def _methods(tracking: TrackingResult) -> dict[str, Any]:
                 "95th percentile, mm": m["p95_off_dots_mm"],
                 "confident pixels, mm": m["mean_confident_mm"],
                 "share of confident pixels": _percent(known),
-                f"of that off by over {WRONG_FLOW_MM:g} mm": _percent(m["confident_wrong_share"]),
+                f"of that off by over {tracking.WRONG_MM:g} mm": _percent(
+                    m["confident_wrong_share"]
+                ),
                 "at the dots, mm": m["mean_at_dots_mm"],
                 "frames trusted": _percent(m["trusted_share"]),
                 "CPU time a frame, ms": m["ms_per_frame"],
@@ -194,7 +193,9 @@ def _methods(tracking: TrackingResult) -> dict[str, Any]:
         )
     marks = ["take" if m["name"] == judged.take else "" for m in tracking.methods]
     if any(m["mean_at_dots_mm"] is not None for m in tracking.methods):
-        rows.append({"method / reference": "the paper's own", "at the dots, mm": PAPER_BEST_MM})
+        rows.append(
+            {"method / reference": "the paper's own", "at the dots, mm": tracking.PAPER_BEST_MM}
+        )
         marks.append("")
     return html_table(pd.DataFrame(rows), marks=marks)
 
@@ -236,7 +237,7 @@ def _settings(run: Run) -> pd.DataFrame:
 
 
 def _percent(value: float | None) -> str:
-    return "" if value is None else percent_of(value).replace(" ", "\u00a0")
+    return "" if value is None else format_percent(value).replace(" ", "\u00a0")
 
 
 def _picture(run: Run, frames: pd.DataFrame, one: DeepestPress | None = None) -> Any:

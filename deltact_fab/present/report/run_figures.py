@@ -8,15 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from deltact_fab.estimate import (
-    FORCE_COLUMNS,
-    FORCE_COMPONENTS,
-    FORCE_SPLITS,
-    PAPER_BEST_MM,
-    DeepestPress,
-    ForceResult,
-    force_component,
-)
+from deltact_fab.estimate import DeepestPress, ForceResult, RunMeasurement
 
 from . import figures
 from . import shape_figures as maps
@@ -88,8 +80,8 @@ def plot_error_by_time(tracking: TrackingResult) -> Figure | None:
         if at_dots is not None and error != "mean_at_dots_mm":
             axis.plot(x_ms, at_dots, "s", color=colour, mfc="none", ms=6, mew=1.2)
         names.append((x_ms, row[error], name, colour))
-    figures.paper_line(axis, PAPER_BEST_MM, max(row[error] for _, row in drawn),
-                       f"paper, at the dots, real sensor: {PAPER_BEST_MM} mm")  # fmt: skip
+    paper_mm, most_mm = tracking.PAPER_BEST_MM, max(row[error] for _, row in drawn)
+    figures.paper_line(axis, paper_mm, most_mm, f"paper, at the dots, real sensor: {paper_mm} mm")
     log_ticks(axis, "xy")
     times = [row["ms_per_frame"] for _, row in drawn]
     axis.set_xlim(min(times) / 1.6, max(times) * 2.2)
@@ -137,7 +129,7 @@ def _panel(axis: Axes, press: DeepestPress) -> None:
 
 def force_and_motion(t_s: pd.Series[float], frames: pd.DataFrame, moved_px: list[float]) -> Figure:
     """Of an imported run, over time: force on the sensor, and how far the picture moved."""
-    known = [name for name in FORCE_COLUMNS if frames[name].notna().any()]
+    known = [name for name in RunMeasurement.FORCE_COLUMNS if frames[name].notna().any()]
     figure, axes = figures.panels(2 if known else 1, 3.4, share_y=False)
     for axis in axes:
         axis.set_xlabel("time since the first image, s")
@@ -158,13 +150,13 @@ def force_by_frame(frames: pd.DataFrame) -> Figure:
     under what the flow says of it.
     """
     indenters = list(dict.fromkeys(frames["indenter"]))
-    estimated = f"{FORCE_COLUMNS[0]}_est" in frames
+    estimated = f"{RunMeasurement.FORCE_COLUMNS[0]}_est" in frames
     figure, axes = figures.panels(len(indenters), 3.4)
     for axis, indenter in zip(axes, indenters, strict=True):
         part = frames[frames["indenter"] == indenter].reset_index(drop=True)
         index = np.arange(1, len(part) + 1)
         for colour, column, label in zip(
-            SERIES_COLOURS, FORCE_COLUMNS, ("$F_x$", "$F_y$", "$F_z$"), strict=False
+            SERIES_COLOURS, RunMeasurement.FORCE_COLUMNS, ("$F_x$", "$F_y$", "$F_z$"), strict=False
         ):
             if estimated:
                 axis.plot(index, part[column], color=colour, lw=4, alpha=0.4)
@@ -187,7 +179,7 @@ def force_by_frame(frames: pd.DataFrame) -> Figure:
 def plot_predicted_force(result: ForceResult) -> ReportFigure:
     """The figure of a calibration, signed with where its data is from."""
     caption = "Predicted against measured force. Each point by a model fitted without it: "
-    words = f"{caption}{FORCE_SPLITS[result.best.ranked_by]}."
+    words = f"{caption}{result.SPLITS[result.best.ranked_by]}."
     return ReportFigure("force-predicted", words, partial(_predicted, result))
 
 
@@ -197,9 +189,9 @@ def _predicted(result: ForceResult) -> Figure:
     figure, axes = figures.blank_figure(9.6, 3.3 * len(models), 3, share_y=False, rows=len(models))
     balls = list(dict.fromkeys(result.data.points["indenter"]))
     for one, row in zip(models, np.reshape(axes, (-1, 3)), strict=True):
-        predicted = one.predicted[one.ranked_by].mean(axis=0)
-        for name, axis in zip(FORCE_COMPONENTS, row, strict=True):
-            measured, said = (force_component(w, name) for w in (result.data.wrench, predicted))
+        for name, axis in zip(result.COMPONENTS, row, strict=True):
+            measured = result.wrench_component(name)
+            said = one.component(name, one.ranked_by).mean(axis=0)
             low, high = float(np.nanmin(said)), float(np.nanmax(said))
             room = 0.05 * max(high - low, 0.1)
             axis.plot([low, high], [low, high], color=figures.PAPER_COLOUR, lw=1)

@@ -16,23 +16,7 @@ import pandas as pd
 
 from deltact_fab.bench import Protocol, estimate_run, expand_protocol, load_protocol, open_run
 from deltact_fab.common import Array, InputError, Note
-from deltact_fab.estimate import (
-    FORCE_FEATURES,
-    FORCE_READINGS,
-    FORCE_SPLITS,
-    PAPER_CONDITIONS,
-    PAPER_FORCE_TABLE,
-    EvaluatedModel,
-    ForceResult,
-    calibrate,
-    cross_validated,
-    fit_best_model,
-    force_component,
-    join_points,
-    least_squares,
-    presses_needed,
-    root_mean_square,
-)
+from deltact_fab.estimate import ForceResult, calibrate_force, fit_best_model, gather_points
 from deltact_fab.present import Headline, ReportTable, StudyResult, plot_predicted_force
 
 from .intervals import Interval, headline, rmse
@@ -48,8 +32,6 @@ ALSO = (
     "counts twice."
 )
 
-DENSITIES = {"clipped": PAPER_CONDITIONS, "signed": f"{PAPER_CONDITIONS}-signed"}
-HELD_OUT = {"at_random_n": "point", "by_press_n": "press", "by_place_n": "position"}
 GOAL_N, GOAL_SHEAR = 0.2, 0.02
 """Of the normal force, and of the range in shear, on what shares neither place nor indenter."""
 WORDS = {"normal": "normal force", "shear_x": "shear along x", "shear_y": "shear along y"}
@@ -75,13 +57,13 @@ def _simulated(asked: StudyRequest) -> StudyResult:
     of = scene(asked)
     of.solve_gels(asked)
     ((name, protocol),) = of.protocols.items()
-    names = [*FORCE_FEATURES, *FORCE_READINGS]
+    names = ForceResult.FEATURES
     jobs = [
-        of.job(p, name, p, force_points_job, ForcePointsJob, features=tuple(names))
+        of.job(p, name, p, force_points_job, ForcePointsJob, features=names)
         for p in of.presses(name)
     ]
     done = list(asked.solve(jobs).found.values())
-    data = join_points([one["points"] for one in done], names, of.view(name), name)
+    data = gather_points([one["points"] for one in done], names, of.view(name), name)
     result = fit_best_model(
         data, asked.seed, lambda model, error: of.calibration(name, model, error), source=name
     )
@@ -120,7 +102,7 @@ def _recorded(asked: StudyRequest) -> StudyResult:
                 f"{run.folder}: simulated with gel_model = {level!r}; a calibration is judged on "
                 "'hyperelastic'"
             )
-    result = calibrate(asked.runs, None, asked.seed, asked.executor, asked.progress)
+    result = calibrate_force(asked.runs, None, asked.seed, asked.executor, asked.progress)
     return found(
         result,
         settings={
@@ -213,11 +195,11 @@ def spread(places: Sequence[Place]) -> list[int]:
 
 def found(result: ForceResult, scale: float | None = None, **scene: Any) -> StudyResult:
     """What the points say; scene: what only their maker knows (settings, notes, left_out ...)."""
-    places = by_place(result)
+    places = result.errors_by_distance()
     simulated = result.calibration.head.made.simulated
     told = [one.line for one in (result.gel, result.early) if one]
     notes = [IN_A_LAB, *told] if simulated else told
-    few = presses_needed(result.curves[result.best.name])
+    few = result.presses_needed
     more = f"; more than {few} presses improve it little" if few else ""
     return StudyResult(
         study="force-calibration",
@@ -256,10 +238,11 @@ def found(result: ForceResult, scale: float | None = None, **scene: Any) -> Stud
     )  # fmt: skip
 
 
-def _interval(judged: EvaluatedModel, result: ForceResult, split: str, name: str) -> Interval:
-    """Over positions or indenters, whichever errs more widely; of a random split over presses."""
-    points = result.data.points
-    off = force_component(judged.predicted[split], name) - force_component(result.data.wrench, name)
+def _interval(off: Array, points: pd.DataFrame, split: str) -> Interval:
+    """Over positions or indenters, whichever errs more widely; of a random split over presses.
+
+    off (repeats, n): errors of points that were left out by this split.
+    """
     if split == "unseen":
         each = {of: points[of] for of in ("position", "indenter") if points[of].nunique() > 1}
     else:
@@ -276,15 +259,17 @@ def _best(result: ForceResult) -> list[Headline]:
         chosen += ", with the gel fitted to all presses, not refitted in each fold"
     heads = []
     for name, words in WORDS.items():
-        span = float(np.ptp(force_component(result.data.wrench, name)))
-        if not span or np.isnan(force_component(best.predicted[split], name)).any():
+        span = float(np.ptp(result.wrench_component(name)))
+        off = best.component(name, split) - result.wrench_component(name)
+        if not span or np.isnan(off).any():
             continue
         remark = f"of {span:.2f} N; {chosen}"
         if name == "normal" and result.calibration.head.made.simulated:
             remark += "; takes gel and flow as exact: 0.05 to 0.32 N if they are not, see the notes"
         heads.append(
             headline(
-                f"{words}, {FORCE_SPLITS[split]}: RMSE", "N", _interval(best, result, split, name),
+                f"{words}, {result.SPLITS[split]}: RMSE", "N",
+                _interval(off, result.data.points, split),
                 goal=GOAL_N if name == "normal" else GOAL_SHEAR * span,
                 remark=remark, told=name == "normal",
             )
@@ -296,11 +281,12 @@ def _paper(result: ForceResult, alone: str) -> list[Headline]:
     """The paper's model on the paper's split, beside what the paper printed."""
     return [
         headline(
-            f"the paper's model, {WORDS[name]}, {FORCE_SPLITS['point']}: RMSE", "N",
-            _interval(result.paper, result, "point", name), paper=printed_n,
+            f"the paper's model, {WORDS[name]}, {result.SPLITS['point']}: RMSE", "N",
+            _interval(result.paper.component(name, "point") - result.wrench_component(name),
+                      result.data.points, "point"), paper=printed_n,
             remark=alone if name == "normal" else "", told=name == "normal",
         )
-        for name, (_, printed_n) in PAPER_FORCE_TABLE.items()
+        for name, (_, printed_n) in result.PAPER_TABLE.items()
     ]  # fmt: skip
 
 
@@ -313,48 +299,3 @@ def _alone(places: pd.DataFrame) -> str:
         return "the paper prints no places"
     ends = " to ".join(dict.fromkeys((words[0], words[-1])))
     return f"fitted to one distance from the axis alone, {ends}; the paper prints no places"
-
-
-def by_place(result: ForceResult) -> pd.DataFrame:
-    """A row a reading and distance, and of the best model: RMSE of the normal force there, N.
-
-    The paper prints that the density is "processed" and "non-negative", not how, and no constant;
-    nor does it print its nine places, which decide most of the error here.
-
-    alone_n: fitted to points of that distance only, a fifth of them left out at random. The others:
-    fitted to all, by what was left out.
-    """
-    data, best = result.data, result.best
-    measured = force_component(data.wrench, "normal")
-    away = np.round(np.hypot(*data.points[["x_mm", "y_mm"]].to_numpy(float).T), 2)
-
-    def off(X: Array, split: str, mine: Array) -> Array:
-        """Errors (repeats, m) of the points of a mask, by models of points of it."""
-        X, y, points = X[mine], measured[mine], data.points[mine].reset_index(drop=True)
-        labels = [str(k) for k in range(X.shape[1])]
-
-        def predict(fitted: Array, judged: Array) -> Array:
-            return X[judged] @ least_squares(X[fitted], y[fitted], labels).coefficients
-
-        return cross_validated(points, y, split, result.seed, predict) - y
-
-    models: list[tuple[dict[str, str], Array | None, dict[str, Array]]] = []
-    for density, name in DENSITIES.items():
-        use = [data.sets[name].names.index(one) for one in data.sets[name].explains["fz"]]
-        for constant in ("without", "with"):
-            X = data.features[name][:, use]
-            X = np.column_stack((X, np.ones(len(X)))) if constant == "with" else X
-            held = {column: off(X, of, away >= 0) for column, of in HELD_OUT.items()}
-            models.append(({"model": f"paper, {density}", "constant": constant}, X, held))
-    held = {c: force_component(best.predicted[of], "normal") - measured
-            for c, of in HELD_OUT.items() if of in best.predicted}  # fmt: skip
-    models.append(({"model": best.name}, None, held))
-    rows = []
-    for words, columns, held in models:
-        for distance in np.unique(away):
-            mine = away == distance
-            row = {**words, "distance_mm": distance, "points": int(mine.sum())}
-            if columns is not None:
-                row["alone_n"] = root_mean_square(off(columns, "point", mine))
-            rows.append(row | {c: root_mean_square(each[:, mine]) for c, each in held.items()})
-    return pd.DataFrame(rows)

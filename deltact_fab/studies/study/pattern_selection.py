@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 from deltact_fab.bench import Protocol, Run, expand_protocol, load_protocol, open_run
 from deltact_fab.common import MM_PER_INCH, InputError, Note, count_workers, did_you_mean
-from deltact_fab.estimate import DOTS_ONLY_METHODS, RENEW_SHARE, recorded_frames
+from deltact_fab.estimate import FlowTracker, TrackingPlan, read_frames
 from deltact_fab.fabricate import SeriesEntry, recipe_from_data, series_recipes
 from deltact_fab.present import StudyResult
 from deltact_fab.sensor import parse_indenter
@@ -35,8 +35,8 @@ from .scene import PressScene, flagged
 NAME, TITLE = "pattern-selection", "Which pattern is tracked best"
 TRACKERS = (
     "the paper's: Farneback 5/13/10, the reference renewed where the image warped back differs by "
-    f"more than {RENEW_SHARE:g} of what unrelated views of the pattern differ by, flows summed "
-    "and composed; ours: fused, anchored"
+    f"more than {FlowTracker.RENEW_SHARE:g} of what unrelated views of the pattern differ by, "
+    "flows summed and composed; ours: fused, anchored"
 )
 NOTES = (
     "The paper stacks its indenters' errors and calls the result the average error: read as a sum "
@@ -121,8 +121,8 @@ def jobs_of(folders: Sequence[Path], methods: Sequence[str]) -> list[tuple[Serie
         if folder.resolve() in [one.resolve() for one in folders[:n]]:
             raise InputError(f"--from {folder}: named twice; runs of one pattern are replicates")
         run = open_run(folder)
-        frames = recorded_frames(run, "the pattern selection")
-        if run.pattern["recipe"]["law"] == DOTS_ONLY_METHODS:
+        frames = read_frames(run, "the pattern selection")
+        if run.pattern["recipe"]["law"] == TrackingPlan.DOTS_ONLY_LAW:
             raise InputError(f"{folder}: the pattern has only dots; expected a dense one")
         if "dots" not in run.meta["protocol"]["channels"] or not len(run.dots_mm()):
             raise InputError(

@@ -20,16 +20,12 @@ import numpy as np
 from deltact_fab.bench import Protocol, RigSetup, VirtualConfig, open_run
 from deltact_fab.common import Field, SensorError
 from deltact_fab.estimate import (
-    DepthModel,
     Follower,
     TrackingPlan,
     analyse_press,
     calibrate_depth,
-    force_points,
-    load_force,
-    press_shape,
-    tracking_plan_of,
-    view_of_run,
+    measure_force_points,
+    measure_press,
 )
 from deltact_fab.fabricate import PatternRecipe
 from deltact_fab.sensor import SensorDimensions
@@ -143,7 +139,7 @@ def force_points_job(job: ForcePointsJob) -> dict[str, Any]:
     Raises RunFailed.
     """
     with carried_out(job) as (run, gel):
-        points = force_points(run, job.protocol.name, job.press, job.features, view_of_run(run))
+        points = measure_force_points(run, job.protocol.name, job.press, job.features)
     return {"points": points, **gel}
 
 
@@ -160,8 +156,7 @@ def shape_job(job: ShapeJob) -> dict[str, Any]:
         depth, force = Path(folder, "depth.toml"), Path(folder, "force.toml")
         depth.write_text(job.depth, encoding="utf-8")
         force.write_text(job.force, encoding="utf-8")
-        model = DepthModel.load(depth)[1]
-        return {"shape": press_shape(run.folder, job.press, model, load_force(force)), **gel}
+        return {"shape": measure_press(run.folder, job.press, depth, force), **gel}
 
 
 # CPU seconds on one core, about, for the time that is announced beforehand.
@@ -239,7 +234,7 @@ def errors_of(
 def follow_recorded(job: RecordedTrackingJob) -> dict[str, Any]:
     """One press of a run, as `follow` returns one of a simulated gel."""
     run = open_run(job.folder)
-    tracked = analyse_press(job.folder, job.press, tracking_plan_of(run, job.methods))
+    tracked = analyse_press(job.folder, job.press, TrackingPlan.of(run, job.methods))
     rows = {m: [row for row in tracked.rows if row["method"] == m] for m in job.methods}
     tips_mm = run.frames(job.press)[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
     cell = errors_of(

@@ -12,13 +12,7 @@ from typing import Any
 
 from deltact_fab.bench import Protocol, VirtualConfig, check_limits, expand_protocol, require_limits
 from deltact_fab.common import DeltactFabError, InputError, Note
-from deltact_fab.estimate import (
-    CalibrationHead,
-    CalibrationSource,
-    ForceCalibration,
-    ForceModel,
-    SensorModel,
-)
+from deltact_fab.estimate import ForceCalibration, ForceModel, SensorModel
 from deltact_fab.fabricate import load_design, load_recipe
 from deltact_fab.physics import MODEL_TOLERANCE_SHARE
 from deltact_fab.present import GEL_FLAGS
@@ -30,7 +24,6 @@ from deltact_fab.simulate import (
     solve_ahead,
     stored_press_files,
 )
-from deltact_fab.version import VERSION
 
 from .grid import GridJob
 from .press_jobs import PressJob
@@ -140,13 +133,12 @@ class PressScene:
         self, name: str, model: ForceModel, error: dict[str, dict[str, Any]]
     ) -> ForceCalibration:
         """A model of force that was fitted to a protocol's points, with its errors there."""
-        view, specimen = self.view(name), self.protocols[name].specimen
+        specimen = self.protocols[name].specimen
         recipe = load_recipe(specimen.pattern).model_dump(mode="json")
-        sensor = replace(view, recipe=recipe, design=specimen.design, serial=specimen.serial).id
-        source = CalibrationSource((name,), True, VERSION, self.seed)
-        return ForceCalibration(
-            CalibrationHead("force", sensor, source), model, view.skin, view.poisson, error
+        sensor = replace(
+            self.view(name), recipe=recipe, design=specimen.design, serial=specimen.serial
         )
+        return ForceCalibration.from_simulation(name, model, sensor, self.seed, error)
 
     def settings(self, gel: Sequence[Mapping[str, Any]]) -> dict[str, str]:
         """What the presses were made with, as a reader is shown it; gel: what jobs report of it."""

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from deltact_fab.bench import Protocol, VirtualConfig
 from deltact_fab.common import Field, Image, RunFailed, SensorError
-from deltact_fab.estimate import Follower, PrintedDots, TrackingPlan, TrueFrame, imaged_pixels
+from deltact_fab.estimate import Follower, PatternDots, TrackingPlan, TrueFrame
 from deltact_fab.fabricate import DEFAULT_SEED, PatternRecipe
 from deltact_fab.present import Headline
 from deltact_fab.sensor import Pinhole, SeenFace, SensorDimensions, SurfaceLattice, axes_mm
@@ -274,7 +274,7 @@ def geometry(view: Pinhole) -> tuple[PictureGeometry, SurfaceLattice]:
 def dragged(view: Pinhole, seed: int) -> list[DragFrame]:
     """Frames of a press that is dragged away, with waves on the skin, in steps of STEP_MM."""
     drawing, lattice = geometry(view)
-    seen, in_view = SeenFace(view, lattice), imaged_pixels(view)
+    seen, in_view = SeenFace(view, lattice), TrueFrame.imaged_pixels(view)
     whole = drag_mm(*np.meshgrid(*lattice.axes_mm()), np.random.default_rng([seed, 22]))
     whole *= DRAG_MM / np.hypot(whole[..., 0], whole[..., 1]).max()
     return [
@@ -320,7 +320,7 @@ def probe(job: ProbeJob) -> dict[str, Any]:
     """
     cv2.setNumThreads(1)  # DIS splits the image by thread
     seed, view = job.seed, view_of(job.sensor)
-    marks, drawing = PrintedDots.of(view, pattern_data(job.recipe)), geometry(view)[0]
+    marks, drawing = PatternDots.of(view, pattern_data(job.recipe)), geometry(view)[0]
     picture, noise = (
         printed_renderer(job.rig.virtual, job.recipe, drawing, seed),
         noise_of(seed, ""),
@@ -346,7 +346,7 @@ def probe(job: ProbeJob) -> dict[str, Any]:
 
 
 def _followed(
-    marks: PrintedDots, rest: Image, images: Sequence[Image], truths: Sequence[TrueFrame]
+    marks: PatternDots, rest: Image, images: Sequence[Image], truths: Sequence[TrueFrame]
 ) -> tuple[dict[str, Any], float]:
     """Figures of all frames, and the mean error of the last one, mm."""
     follower = Follower(TrackingPlan((TRACKER,), False, ()), marks)

@@ -6,6 +6,7 @@ relaxation that fits them leaves a closed form at each stop.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import partial
 from itertools import cycle
@@ -13,16 +14,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from deltact_fab.bench import open_run
 from deltact_fab.common import Field, InputError, Note
-from deltact_fab.estimate import (
-    ForceRest,
-    RelaxationFit,
-    find_rests,
-    fit_relaxation,
-    settling_time_s,
-)
+from deltact_fab.estimate import ForceRest, RelaxationFit, find_rests, fit_relaxation
 from deltact_fab.present import (
     PAPER_COLOUR,
     SERIES_COLOURS,
@@ -60,6 +56,24 @@ LEFT_OUT = (
     Note("images", "while the force fades no point of the face moves by more than a few "
             "micrometres in plane: an image is of the deformation, whenever it was taken"),
 )  # fmt: skip
+
+
+def settling_time_s(wait_s: ArrayLike, error: ArrayLike, bound: float) -> float:
+    """The first of wait_s (n,) from which on |error| (n,) is within bound; nan: never.
+
+    Between two of them the error is taken as straight in the logarithm of error and linear in time,
+    as it is where it fades.
+    """
+    wait, off = np.asarray(wait_s, float), np.abs(np.asarray(error, float))
+    over = np.flatnonzero(off > bound)
+    if not len(over):
+        return float(wait[0])
+    last = int(over[-1])
+    if last + 1 == len(wait):
+        return math.nan
+    a, b = math.log(off[last]), math.log(max(off[last + 1], bound * 1e-6))
+    share = (a - math.log(bound)) / (a - b)
+    return float(wait[last] + share * (wait[last + 1] - wait[last]))
 
 
 class Fading(NamedTuple):

@@ -15,18 +15,7 @@ from typing import Any
 import pandas as pd
 
 from deltact_fab.bench import Protocol, estimate_run, load_protocol
-from deltact_fab.estimate import (
-    SHAPE_GOALS,
-    PressShape,
-    ShapeMaps,
-    add_traction,
-    calibrated_errors,
-    deepest_maps,
-    fit_force,
-    force_figures,
-    join_points,
-    judge,
-)
+from deltact_fab.estimate import PressShape, ShapeMaps, ShapeResult, fit_model, gather_points
 from deltact_fab.present import (
     Headline,
     ReportFigure,
@@ -90,9 +79,9 @@ def run(asked: StudyRequest) -> StudyResult:
     first = asked.solve([depth_job, *force_jobs])
     depth, points = first[depth_job.name], [first[job.name] for job in force_jobs]
     parts = [value["points"] for value in points]
-    data = join_points(parts, [FORCE_MODEL], of.view(FORCE), FORCE)
-    errors = calibrated_errors(force_figures(judge(data, FORCE_MODEL, of.seed), data))
-    force = of.calibration(FORCE, fit_force(data, FORCE_MODEL), errors)
+    data = gather_points(parts, [FORCE_MODEL], of.view(FORCE), FORCE)
+    model, errors = fit_model(data, FORCE_MODEL, of.seed)
+    force = of.calibration(FORCE, model, errors)
     texts = {"depth": depth["toml"], "force": force.toml("")}
     shape_jobs = [
         (name, of.job(f"{name} {press}", name, press, jobs.shape_job, jobs.ShapeJob, **texts))
@@ -103,13 +92,13 @@ def run(asked: StudyRequest) -> StudyResult:
     done = [(name, job.name) for name, job in shape_jobs if job.name in found]
     objects = {job: found[job]["shape"] for name, job in done if name != TWIST}
     twist = next((found[job]["shape"] for name, job in done if name == TWIST), None)
-    pictures = deepest_maps(one.deepest for one in objects.values())
+    pictures = PressShape.deepest_maps(objects.values())
     gel = [depth, *points, *found.values()]
     modulus_mpa = of.protocols[BALL].specimen.modulus_mpa
     return result(
         objects,
         pictures,
-        add_traction([twist.twisted if twist else None, *pictures]),
+        next((p for p in (twist and twist.twisted, *pictures) if p and p.tractions), None),
         f"simulated on {of.rig_name}, seed {asked.seed}",
         errors.get("normal", {}).get("rmse_left_out_position_n"),
         (depth["line"], NO_TURN, modulus_remark(modulus_mpa)),
@@ -242,12 +231,13 @@ def _depth(known: pd.DataFrame) -> list[Headline]:
     what = "depth over the contact, mean error"
     return [
         _mean(
-            what, "mm", known, "depth_error_contact_mm", goal=SHAPE_GOALS["depth_error_contact_mm"],
+            what, "mm", known, "depth_error_contact_mm",
+            goal=ShapeResult.GOALS["depth_error_contact_mm"],
             remark=f"predicting zero everywhere gives {zero:.2f} mm", told=True,
         ),
         _mean(
             "depth over the face, mean error", "mm", known, "depth_error_face_mm", told=True,
-            goal=SHAPE_GOALS["depth_error_face_mm"],
+            goal=ShapeResult.GOALS["depth_error_face_mm"],
             remark="most of a face is not pressed, so this figure is favourable",
         ),
         *(

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from deltact_fab.bench import Protocol, Step, VirtualConfig, expand_protocol
 from deltact_fab.common import Field, SolverError
-from deltact_fab.estimate import PrintedDots, TrueFrame, imaged_pixels
+from deltact_fab.estimate import PatternDots, TrueFrame
 from deltact_fab.fabricate import PatternRecipe
 from deltact_fab.physics import CONTACT_EPS_MM, Increments, divide_path
 from deltact_fab.sensor import FlatField, Pinhole, Rectified, SeenFace, SensorDimensions
@@ -108,7 +108,7 @@ class PressStream:
 
         Raises SolverError where a pixel would see no point of the surface.
         """
-        in_view = imaged_pixels(self.view)
+        in_view = TrueFrame.imaged_pixels(self.view)
         still = np.zeros((*in_view.shape, 2))
         for number, look in enumerate(self.looks if looks is None else looks):
             u_mm = None
@@ -138,9 +138,9 @@ class PressStream:
         seen = np.asarray(self.view.rectify(image), np.uint8)
         return seen if self._light is None else self._light.apply(seen)
 
-    def marks(self, recipe: PatternRecipe) -> PrintedDots:
+    def marks(self, recipe: PatternRecipe) -> PatternDots:
         """The pattern's dots before this camera."""
-        return PrintedDots.of(self.view, pattern_data(recipe))
+        return PatternDots.of(self.view, pattern_data(recipe))
 
     @cached_property
     def _light(self) -> FlatField | None:

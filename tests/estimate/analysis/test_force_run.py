@@ -14,9 +14,9 @@ from called import called
 
 from deltact_fab.bench.record.run import open_run
 from deltact_fab.common.errors import InputError
-from deltact_fab.estimate.analysis.force.calibrate import calibrate, carry_over_calibration
+from deltact_fab.estimate.analysis.force.calibrate import calibrate, transfer_calibration
 from deltact_fab.estimate.measure.force.calibration import load_force
-from deltact_fab.estimate.measure.health import check_health
+from deltact_fab.estimate.measure.health import Health
 from deltact_fab.estimate.measure.sensor_id import SensorModel
 from deltact_fab.simulate.experiment.request import RunRequest
 from deltact_fab.simulate.experiment.session import run_experiment
@@ -65,7 +65,7 @@ def test_runs_that_cannot_be_used(mini_run: Path, tmp_path: Path) -> None:
     torn = tmp_path / "calibration.toml"
     torn.write_text('schema = 1\nkind = "for')
     with pytest.raises(InputError, match="not valid TOML"):
-        carry_over_calibration([mini_run], torn)
+        transfer_calibration([mini_run], torn)
 
 
 @pytest.mark.slow
@@ -98,7 +98,7 @@ def test_a_calibration_is_made_kept_and_carried_over(
     opened = open_run(run)
     rest = kept.view(SensorModel()).rest
     assert rest is not None
-    assert check_health(rest, opened.image(opened.frames()["file"].iloc[-1]), opened.camera).fit
+    assert Health.compare(rest, opened.image(opened.frames()["file"].iloc[-1]), opened.camera).fit
 
     # A second fit tracks nothing: all images but the one at rest may go.
     files = opened.frames()["file"]

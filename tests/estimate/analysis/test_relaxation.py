@@ -12,8 +12,8 @@ from deltact_fab.estimate.analysis.relaxation import (
     ForceRest,
     Series,
     fit_relaxation,
-    settling_time_s,
 )
+from deltact_fab.studies.study.settling import settling_time_s
 
 GEL = Series((0.08, 0.05), (0.4, 6.0))
 

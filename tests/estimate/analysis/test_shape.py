@@ -20,8 +20,8 @@ from deltact_fab.bench.record.run import open_run
 from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.analysis.flows import flows_of
 from deltact_fab.estimate.analysis.shape.ball import MIN_COVER, calibrate_depth
-from deltact_fab.estimate.analysis.shape.run import SHAPE_GOALS
-from deltact_fab.estimate.measure.face import FACE_SPACING_PX
+from deltact_fab.estimate.analysis.shape.run import ShapeResult
+from deltact_fab.estimate.measure.face import FaceFlow
 from deltact_fab.estimate.measure.shape.depth import DepthModel
 
 
@@ -59,7 +59,7 @@ def test_a_depth_is_calibrated_on_the_ball_and_shape_is_judged_by_it(
     told = json.loads(done.stdout)
     assert told == json.loads((out / "shape.json").read_text())
     assert told["simulated"] is True
-    assert told["goals"] == SHAPE_GOALS
+    assert told["goals"] == ShapeResult.GOALS
     assert set(told["by_indenter"]) == {"sphere:10", "4dots"}
     for row in told["frames"]:
         assert row["depth_error_face_mm"] < row["depth_error_contact_mm"] < 1.2
@@ -141,7 +141,7 @@ def test_depth_is_calibrated_on_trusted_and_covered_flow(
         digest = hashlib.sha256(png).hexdigest()
         db.execute("UPDATE frames SET sha256 = ? WHERE file = ?", (digest, last["file"]))
     db.close()
-    (flow,) = flows_of(open_run(run.folder), last["press"], FACE_SPACING_PX)
+    (flow,) = flows_of(open_run(run.folder), last["press"], FaceFlow.SPACING_PX)
     assert (flow.trusted, flow.cover >= MIN_COVER) == (trusted, not trusted)
     with pytest.raises(InputError, match="and the flow is trusted"):
         calibrate_depth(run.folder)

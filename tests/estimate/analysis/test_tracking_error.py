@@ -17,7 +17,7 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.analysis.tracking_error.follow import analyse_tracking
 from deltact_fab.estimate.analysis.tracking_error.result import TrackingResult
 from deltact_fab.estimate.analysis.tracking_error.tally import DOT_MARGIN_PX, MOVING_MM, TrueFrame
-from deltact_fab.estimate.measure.flow.tracker import named_tracker
+from deltact_fab.estimate.measure.flow.tracker import FlowTracker
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def test_one_frame_recounted_by_hand(mini_run: Path, result: TrackingResult) -> 
     assert truth is not None
     press = run.frames()
     press = press[press["press"] == "sphere-10/p1"]
-    tracker = named_tracker("dis-fast")
+    tracker = FlowTracker.from_name("dis-fast")
     for row in press.itertuples():
         seen = tracker.update(run.image(str(row.file)))
         if str(row.step_id).endswith("shear-x+"):

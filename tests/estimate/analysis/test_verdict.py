@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from deltact_fab.estimate.analysis.tracking_error.result import judge, percent_of
+from deltact_fab.estimate.analysis.tracking_error.result import format_percent, judge
 from deltact_fab.estimate.analysis.tracking_error.tally import ErrorTally
 
 
@@ -84,6 +84,6 @@ def test_a_run_of_one_frame_is_no_experiment() -> None:
 
 def test_little_is_not_told_as_nothing_nor_nearly_all_as_all() -> None:
     shares = (0, 1e-6, 0.0001, 0.016, 0.5, 0.9995, 1)
-    assert [percent_of(share) for share in shares] == [
+    assert [format_percent(share) for share in shares] == [
         "0 %", "under 0.001 %", "0.01 %", "1.6 %", "50 %", "over 99.9 %", "100 %",
     ]  # fmt: skip

@@ -13,8 +13,8 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.measure import compose
 from deltact_fab.estimate.measure.compose import filled
 from deltact_fab.estimate.measure.flow.confidence import FlowState
-from deltact_fab.estimate.measure.flow.renewed import FLOW_METHODS
-from deltact_fab.estimate.measure.flow.tracker import FlowTracker, named_tracker
+from deltact_fab.estimate.measure.flow.renewed import FlowMethod
+from deltact_fab.estimate.measure.flow.tracker import FlowTracker
 
 MM_PER_PX = 0.0378
 
@@ -150,20 +150,20 @@ def test_half_the_resolution_is_the_same_flow_at_nodes(make_scene, make_bump):
 
 
 def test_every_name_is_a_tracker():
-    for method in FLOW_METHODS:
-        default = named_tracker(method)
+    for method in FlowMethod.NAMES:
+        default = FlowTracker.from_name(method)
         assert default.reference == ("anchored" if method == "fused" else "composed")
-        static = named_tracker(f"{method}/static")
+        static = FlowTracker.from_name(f"{method}/static")
         assert (static.method.name, static.reference) == (method, "static")
-    paper = named_tracker("paper")
+    paper = FlowTracker.from_name("paper")
     assert (paper.method.name, paper.reference) == ("farneback-paper", "summed")
-    assert named_tracker("paper/composed").reference == "composed"
+    assert FlowTracker.from_name("paper/composed").reference == "composed"
     with pytest.raises(InputError, match="flow method 'fuse': unknown; did you mean 'fused'"):
-        named_tracker("fuse")
+        FlowTracker.from_name("fuse")
     with pytest.raises(InputError, match=r"'statik' of 'fused'.*did you mean 'static'"):
-        named_tracker("fused/statik")
+        FlowTracker.from_name("fused/statik")
     with pytest.raises(InputError, match=r"'anchored' of 'dis-fast'.*valid: composed"):
-        named_tracker("dis-fast/anchored")
+        FlowTracker.from_name("dis-fast/anchored")
 
 
 def test_the_paper_renews_when_the_image_warped_back_differs(make_scene, make_bump):
@@ -187,7 +187,9 @@ def test_trackers_share_a_flow_where_they_are_told_to_and_only_there(
         cv2, "calcOpticalFlowFarneback", lambda *a, **k: calls.append(a) or flow(*a, **k)
     )
     for shared, most in ((None, 8), ({}, 4)):
-        pair = [named_tracker(n, shared=shared) for n in ("paper", "farneback-paper/composed")]
+        pair = [
+            FlowTracker.from_name(n, shared=shared) for n in ("paper", "farneback-paper/composed")
+        ]
         found.append([[tracker.update(image).flow_px for tracker in pair] for image in images])
         assert len(calls) == most
         calls.clear()

@@ -10,7 +10,7 @@ import pytest
 
 from deltact_fab.estimate.measure.flow.confidence import ConfidenceEstimator
 from deltact_fab.estimate.measure.flow.fused import Plane, Refined, to_gray
-from deltact_fab.estimate.measure.flow.tracker import FlowTracker, named_tracker
+from deltact_fab.estimate.measure.flow.tracker import FlowTracker
 
 W, H = 480, 360
 # Two patterns and seeds that no threshold was set on.
@@ -133,10 +133,10 @@ def test_light_does_not_matter(light, sequence):
 @pytest.mark.parametrize("name", ["dis-fast", "dis-fast/static", "paper"])
 def test_every_tracker_is_judged_by_the_same_rule(name, sequence):
     images, truths, _ = sequence
-    true = follow(images, named_tracker(name))
+    true = follow(images, FlowTracker.from_name(name))
     assert true.diagnostics.trusted
     assert (off_px(true, truths[-1])[true.confident] > 2.6).mean() < 0.05
-    turned = follow([images[0], images[0][::-1, ::-1]], named_tracker(name))
+    turned = follow([images[0], images[0][::-1, ::-1]], FlowTracker.from_name(name))
     assert turned.confident.mean() <= 0.005
     assert not turned.diagnostics.trusted
 

@@ -11,7 +11,7 @@ from deltact_fab.common.errors import InputError, SensorError
 from deltact_fab.estimate.measure.compose import compose, landing_px, sample
 from deltact_fab.estimate.measure.flow import renewed
 from deltact_fab.estimate.measure.flow.fused import to_gray
-from deltact_fab.estimate.measure.flow.renewed import FLOW_METHODS, FlowMethod
+from deltact_fab.estimate.measure.flow.renewed import FlowMethod
 from deltact_fab.estimate.measure.flow.tracker import FlowTracker
 
 MM_PER_PX = 0.0378
@@ -46,7 +46,7 @@ def pressed(make_scene, make_bump):
     return scene.picture(), scene.picture(bump, 1), bump.flow_px(H, W)
 
 
-@pytest.mark.parametrize("name", FLOW_METHODS)
+@pytest.mark.parametrize("name", FlowMethod.NAMES)
 def test_every_method_tracks_a_press_cold_and_warm(name, pressed):
     first, second, truth = pressed
     method = FlowMethod(name)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from deltact_fab.common.errors import InputError
-from deltact_fab.estimate.measure.health import Health, check_health
+from deltact_fab.estimate.measure.health import Health
 from deltact_fab.sensor.optics.camera import Pinhole
 
 W, H, SCALE = 400, 320, 0.0378
@@ -24,7 +24,7 @@ def look(make_scene: Callable[..., Any], make_bump: type) -> Callable[..., Healt
     def of(light: float = 1.0, **bump: Any) -> Health:
         moved = make_bump((200.0, 160.0), 60.0, **bump) if bump else None
         image = scene.picture(moved, noise_seed=1) * light
-        return check_health(reference, np.clip(np.round(image), 0, 255).astype(np.uint8), CAMERA)
+        return Health.compare(reference, np.clip(np.round(image), 0, 255).astype(np.uint8), CAMERA)
 
     return of
 
@@ -67,11 +67,11 @@ def test_light_that_went_is_told_from_motion(look: Callable[..., Health]) -> Non
 
 def test_another_skin_and_an_image_of_another_size(make_scene: Callable[..., Any]) -> None:
     one, other = (make_scene(W, H, patch_mm=0.15, seed=seed).picture() for seed in (1, 2))
-    found = check_health(one, other, CAMERA)
+    found = Health.compare(one, other, CAMERA)
     assert not found.fit
     assert "not found" in found.line
     assert found.shift_mm is None
     with pytest.raises(InputError, match="200 x 320 px, the camera 400 x 320"):
-        check_health(one, other[:, :200], CAMERA)
+        Health.compare(one, other[:, :200], CAMERA)
     with pytest.raises(InputError, match=r"the calibration's image: .*no texture"):
-        check_health(np.full_like(one, 90), other, CAMERA)
+        Health.compare(np.full_like(one, 90), other, CAMERA)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from deltact_fab.common.errors import InputError, SensorError
-from deltact_fab.estimate.measure.face import FACE_SPACING_PX
+from deltact_fab.estimate.measure.face import FaceFlow
 from deltact_fab.estimate.measure.flow.confidence import FlowState
 from deltact_fab.estimate.measure.force import make_features
 from deltact_fab.estimate.measure.force.model import ForceModel
@@ -37,7 +37,7 @@ def images(make_scene: Any, make_bump: Any) -> list[np.ndarray]:
 def model(images: list[np.ndarray]) -> ForceModel:
     """Of made-up forces: what is tested is the way to them."""
     features = make_features("sums", VIEW)
-    measurement = Measurement(VIEW, ["flow"], every=FACE_SPACING_PX)
+    measurement = Measurement(VIEW, ["flow"], every=FaceFlow.SPACING_PX)
     flows = [measurement.update(image).flow for image in images]
     x = np.array([features.of(flow) for flow in flows if flow is not None])
     wrench = np.random.default_rng(3).normal(size=(len(x), 6))

@@ -14,7 +14,7 @@ from short_run import first_press
 from deltact_fab.bench.record.run import open_run
 from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.analysis.force.result import write_force_calibration
-from deltact_fab.estimate.analysis.measured import FORCE_COLUMNS, calibrations_of_run, measure_run
+from deltact_fab.estimate.analysis.measured import RunMeasurement, find_calibrations, measure_run
 from deltact_fab.estimate.measure.force.calibration import load_force
 from deltact_fab.present.live.open import measurement_of, open_source
 from deltact_fab.present.live.outputs import HealthOutput, JsonLines, StatusLine
@@ -71,7 +71,7 @@ def test_the_report_says_what_the_command_says(
     assert found.left_out == []
     table = found.force.frames
     first = table["press"] == table["press"].iloc[0]  # the command keeps its first reference
-    said = table.loc[first, [f"{name}_est" for name in FORCE_COLUMNS]].to_numpy()
+    said = table.loc[first, [f"{name}_est" for name in RunMeasurement.FORCE_COLUMNS]].to_numpy()
     live = [m.result.force.force_n for m in results if m.result.force is not None]
     assert said == pytest.approx(np.array(live)[: len(said)], abs=2e-3)
     assert "this is no test of it" in found.force.line
@@ -91,7 +91,7 @@ def test_another_sensors_calibration_is_refused(mini_run: Path, calibrations: li
     with pytest.raises(InputError, match="made on another sensor"):
         measurement_of(open_source(str(mini_run)).known, [other])
     with pytest.raises(InputError, match="made on another sensor"):
-        calibrations_of_run(open_run(mini_run), [other])
+        find_calibrations(open_run(mini_run), [other])
 
 
 def test_what_the_page_draws_is_what_was_measured(

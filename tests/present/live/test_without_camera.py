@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from deltact_fab.app.schema import kind_named, rows
 from deltact_fab.common import catalog
-from deltact_fab.estimate.measure.health import recognise_pattern
+from deltact_fab.estimate.measure.health import RestPattern
 from deltact_fab.fabricate.patterns.raster import raster_window
 from deltact_fab.fabricate.patterns.recipe import load_recipe
 
@@ -76,13 +76,15 @@ def film(file: Path, face: Image) -> Path:
     ("face", "kind"), [(speckle(), "dense"), (skin(), "markers"), (plain(), "nothing")]
 )
 def test_an_image_shows_a_dense_pattern_markers_or_nothing(face: Image, kind: str) -> None:
-    assert recognise_pattern(moved(face, 0)).kind == kind
+    assert RestPattern.recognise(moved(face, 0)).kind == kind
 
 
 @pytest.mark.parametrize(("name", "kind"), [("dense-with-dots", "dense"), ("dots", "markers")])
 def test_dots_on_a_dense_pattern_are_no_markers(name: str, kind: str) -> None:
     recipe = load_recipe(str(catalog.find_file("patterns", name)))
-    found = recognise_pattern(np.ascontiguousarray(raster_window(recipe, 672.0, 480)[..., ::-1]))
+    found = RestPattern.recognise(
+        np.ascontiguousarray(raster_window(recipe, 672.0, 480)[..., ::-1])
+    )
     assert found.kind == kind
     assert found.markers > 20
     assert not 0.05 < found.between < 0.2, "the line between both is at .1"

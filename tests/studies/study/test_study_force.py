@@ -30,7 +30,6 @@ from deltact_fab.sensor.shapes.sensor import SkinDimensions
 from deltact_fab.simulate.experiment.request import RunRequest
 from deltact_fab.simulate.experiment.session import run_experiment
 from deltact_fab.studies.study.force_calibration import (
-    by_place,
     found,
     points_of,
     run,
@@ -106,7 +105,7 @@ def test_by_place_the_papers_model_is_read_in_four_ways() -> None:
     x_mm, own = data.points["x_mm"].to_numpy(), data.features["paper-signed"]
     wrench = data.wrench.copy()
     wrench[:, 2] = -(1 + x_mm) * (own[:, 0] + own[:, 2]) + 3
-    table = by_place(replace(result, data=replace(data, wrench=wrench)))
+    table = replace(result, data=replace(data, wrench=wrench)).errors_by_distance()
     assert len(table) == (2 * 2 + 1) * PLACES
     assert set(table["points"]) == {len(BALLS) * POINTS}
     reading = dict(list(table.groupby(["model", "constant"])))

@@ -26,15 +26,15 @@ from .dataset import STRETCHES, ForceData, gather, opened, presses
 from .gel import early_labels, identify_gel
 from .judge import (
     FOLDS,
+    calibrated_errors,
     cross_validated,
     fit_force,
     force_error_n,
-    force_figures,
     judge,
     learning_curve,
     score,
 )
-from .result import PAPER_CONDITIONS, ForceResult, calibrated_errors
+from .result import PAPER_CONDITIONS, ForceResult
 
 NO_CAMERA = "no camera is known: mm of its flow are pixels, and no calibration is written"
 
@@ -71,7 +71,7 @@ def calibrate(
         early = early_labels(data)
         gel = identify_gel(runs, early.mended(data) if early else data, view, progress)
     if gel is not None:
-        view = gel.view(view)
+        view = view.with_gel(gel.poisson, gel.thickness_mm)
         data = gather(runs, looked, executor, progress, view)
     data = early.mended(data) if early else data
     found = fit_best_model(
@@ -88,7 +88,7 @@ def fit_best_model(
     must: Sequence[str] = (PAPER_CONDITIONS,),
     source: str = "points",
 ) -> ForceResult:
-    """Every feature set of the points judged, and the best one's model of all of them.
+    """Fit and judge every feature set of the points; the best one's model is the calibration.
 
     calibration: makes one of the model and its errors. must: sets whose lack of points is an error;
     source: what it names. Raises InputError.
@@ -108,14 +108,14 @@ def fit_best_model(
         name: learning_curve(data, name, seed)
         for name in dict.fromkeys((judged[0].name, PAPER_CONDITIONS))
     }
-    kept = calibration(judged[0].model, calibrated_errors(force_figures(judged[0], data)))
+    kept = calibration(judged[0].model, calibrated_errors(judged[0], data))
     return ForceResult(data, judged, kept, seed, left_out, curves)
 
 
-def carry_over_calibration(
+def transfer_calibration(
     folders: Sequence[Path], other: Path, progress: Progress | None = None
 ) -> tuple[TransferredCalibration, ForceCalibration, list[str]]:
-    """Another sensor's calibration on this one, from the few presses of runs; what was left out.
+    """Transfer another sensor's calibration by the few presses of runs; what was left out.
 
     Raises InputError as `opened`, `gather` and `load_force` do.
     """

@@ -17,12 +17,12 @@ import pandas as pd
 from deltact_fab.bench import UNKNOWN_SENSOR, Run, open_run
 from deltact_fab.common import Array, InputError, Progress, SolverError, Store, cache_key, run_each
 
-from ...measure.face import FACE_SPACING_PX, FaceFlow
+from ...measure.face import FaceFlow
 from ...measure.force import make_features
 from ...measure.force.model import Features
 from ...measure.sensor_id import SensorModel
 from ..flows import flows_of, key_of
-from ..runs import PRESSING, head_of, recorded_frames, settle_s, settled, settles, view_of_run
+from ..runs import PRESSING, head_of, read_frames, settle_s, settled, settles, view_of_run
 
 WRENCH = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
 WINDOW_S = 0.1
@@ -106,7 +106,7 @@ def opened(folders: Sequence[Path]) -> tuple[list[Run], list[pd.DataFrame]]:
     places = Counter(run.folder.resolve() for run in runs)
     if twice := [str(place) for place, n in places.items() if n > 1]:
         raise InputError(f"{twice[0]}: given twice; give each run once")
-    tables = [recorded_frames(run, "force") for run in runs]
+    tables = [read_frames(run, "force") for run in runs]
     for run, frames in zip(runs, tables, strict=True):
         unread = frames[list(WRENCH)].isna()
         # An imported run may lack components: those are not calibrated.
@@ -156,7 +156,7 @@ def gather(
     shown = [press for _, _, press in jobs]
     work = partial(_press, names=tuple(names), view=view)
     parts = run_each(work, jobs, shown, executor, progress)
-    return join_points(parts, names, view, str(runs[0].folder))
+    return gather_points(parts, names, view, str(runs[0].folder))
 
 
 def point_flows(runs: Sequence[Run], data: ForceData) -> Iterator[FaceFlow]:
@@ -165,15 +165,15 @@ def point_flows(runs: Sequence[Run], data: ForceData) -> Iterator[FaceFlow]:
     for (label, press), part in data.points.groupby(["run", "press"], sort=False):
         run, name = of_run[str(label)], str(press).removeprefix(f"{label}/")
         frames = settled(run.frames(name))["frame_id"].tolist()
-        flows = flows_of(run, name, FACE_SPACING_PX)
+        flows = flows_of(run, name, FaceFlow.SPACING_PX)
         for frame_id in part["frame_id"]:
             yield flows[frames.index(frame_id)]
 
 
-def join_points(
+def gather_points(
     parts: Sequence[PressPoints], names: Sequence[str], view: SensorModel, source: str
 ) -> ForceData:
-    """Presses of one sensor as one set of points; source: what an error names.
+    """Gather presses of one sensor into one set of points; source: what an error names.
 
     Raises InputError where no frame can be used.
     """
@@ -193,16 +193,18 @@ def join_points(
 def _press(of: tuple[str, str, str], names: Sequence[str], view: SensorModel) -> PressPoints:
     """The points of a press; of: the run's folder, its label, and the press."""
     folder, label, press = of
-    return force_points(open_run(folder), label, press, names, view)
+    return measure_force_points(open_run(folder), label, press, names, view)
 
 
-def force_points(
-    run: Run, label: str, press: str, names: Sequence[str], view: SensorModel
+def measure_force_points(
+    run: Run, label: str, press: str, names: Sequence[str], view: SensorModel | None = None
 ) -> PressPoints:
-    """One press of a run that has images and force; label: the run's name in the points.
+    """Measure the force points of one press of a run that has images and force.
 
+    label: the run's name in the points. view: of the sensor, where it is not as the run describes.
     Raises as `flows_of` does.
     """
+    view = view or view_of_run(run)
     rows = settled(run.frames(press))
     wrench, saturated = wrenches(run, press, rows)
     far = np.zeros(len(rows), bool)
@@ -212,7 +214,7 @@ def force_points(
         wrench -= wrench[(rows["t_press_s"] <= WINDOW_S).to_numpy()].mean(0)
         wrench[:, np.isnan(wrench).all(axis=0)] = 0.0
     sets = [make_features(name, view) for name in names]
-    flows, key = flows_of(run, press, FACE_SPACING_PX), key_of(run, press)
+    flows, key = flows_of(run, press, FaceFlow.SPACING_PX), key_of(run, press)
     refused = ["" for _ in range(len(rows))]
     for k, flow in enumerate(flows):
         if saturated[k]:
@@ -264,7 +266,7 @@ def _features(one: Features, view: SensorModel, flows: Sequence[FaceFlow], of: s
     key = cache_key(
         type(one).__module__.partition(".")[2],
         of=of,
-        every_px=FACE_SPACING_PX,
+        every_px=FaceFlow.SPACING_PX,
         by=one.name,
         view=repr((view.camera.as_dict(), (view.skin, view.poisson) if one.rests_on_gel else ())),
     )

@@ -61,10 +61,6 @@ class FoundGel:
             f"with it the force's error is {self.error_share:.2f} of that with the design's"
         )
 
-    def view(self, believed: SensorModel) -> SensorModel:
-        """The sensor with this gel."""
-        return believed.with_gel(self.poisson, self.thickness_mm)
-
 
 def identify_gel(
     runs: Sequence[Run], data: ForceData, view: SensorModel, progress: Progress | None = None

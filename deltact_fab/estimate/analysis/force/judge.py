@@ -63,6 +63,10 @@ class EvaluatedModel:
         """The hardest of SPLITS that there is."""
         return next(split for split in FORCE_SPLITS if split in self.predicted)
 
+    def component(self, name: str, split: str) -> Array:
+        """Predictions of one of SHOWN (repeats, n) by models that this split kept points from."""
+        return force_component(self.predicted[split], name)
+
 
 def folds(points: pd.DataFrame, split: str, seed: int) -> list[list[tuple[Array, Array]]]:
     """Of each repeat, masks (n,) of what is fitted to and what is judged; empty: not to be had.
@@ -169,6 +173,23 @@ def force_figures(judged: EvaluatedModel, data: ForceData) -> dict[str, dict[str
             "percent_of_range": None if worst is None else 100 * worst / span,
         }
     return out
+
+
+def calibrated_errors(judged: EvaluatedModel, data: ForceData) -> dict[str, dict[str, Any]]:
+    """Those of `force_figures` that a calibration file keeps: of what was calibrated."""
+    every = force_figures(judged, data)
+    return {name: of for name, of in every.items() if of.get("range_n", of.get("range_nmm"))}
+
+
+def fit_model(
+    data: ForceData, name: str, seed: int
+) -> tuple[ForceModel, dict[str, dict[str, Any]]]:
+    """Fit one feature set to all points; with its errors as a calibration file keeps them.
+
+    seed: of the folds. Raises InputError for too few points.
+    """
+    judged = judge(data, name, seed)
+    return judged.model, calibrated_errors(judged, data)
 
 
 def force_error_n(off: Array) -> float | None:

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from dataclasses import field as made_by
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
+import numpy as np
 import pandas as pd
 
 from deltact_fab.bench import UNKNOWN_SENSOR
-from deltact_fab.common import make_folder, write_whole
+from deltact_fab.common import Array, make_folder, write_whole
 
+from ...measure.force import FORCE_FEATURES, FORCE_READINGS
 from ...measure.force.calibration import ForceCalibration
+from ...measure.regression import least_squares
 from ..runs import write_results
 from .dataset import ForceData
 from .gel import FoundGel, UnrelaxedForces
@@ -22,17 +24,16 @@ from .judge import (
     FORCE_SPLITS,
     SHOWN,
     EvaluatedModel,
+    cross_validated,
     force_component,
     force_figures,
     presses_needed,
+    root_mean_square,
 )
 
 PAPER_CONDITIONS = "paper"
-PAPER_FORCE_TABLE = {"normal": (0.99, 0.30), "shear_x": (0.98, 0.14), "shear_y": (0.98, 0.17)}
-"""Adjusted R2 and RMSE in N (Contact Force Distribution, Linear Regression Analysis).
-
-Whether its R2 is about the mean or about 0 (see `RegressionFit`) the paper does not say.
-"""
+DENSITIES = {"clipped": PAPER_CONDITIONS, "signed": f"{PAPER_CONDITIONS}-signed"}
+HELD_OUT = {"at_random_n": "point", "by_press_n": "press", "by_place_n": "position"}
 
 
 @dataclass
@@ -42,6 +43,19 @@ class ForceResult:
     judged: best first; best is the one whose calibration is kept. curves: by feature set, see
     `learning_curve`. gel: that the presses tell, None where the design's is kept. early: what
     labels had too much that were taken early, None: nothing.
+    """
+
+    COMPONENTS: ClassVar = FORCE_COMPONENTS
+    SPLITS: ClassVar = FORCE_SPLITS
+    FEATURES: ClassVar = (*FORCE_FEATURES, *FORCE_READINGS)
+    PAPER_TABLE: ClassVar = {
+        "normal": (0.99, 0.30),
+        "shear_x": (0.98, 0.14),
+        "shear_y": (0.98, 0.17),
+    }
+    """Adjusted R2 and RMSE in N (Contact Force Distribution, Linear Regression Analysis).
+
+    Whether its R2 is about the mean or about 0 (see `RegressionFit`) the paper does not say.
     """
 
     data: ForceData
@@ -62,6 +76,15 @@ class ForceResult:
         """The paper's model, which is always fitted too."""
         return next(one for one in self.judged if one.name == PAPER_CONDITIONS)
 
+    def wrench_component(self, name: str) -> Array:
+        """A force's or torque's component at all points (n,), its sign that of the figures."""
+        return force_component(self.data.wrench, name)
+
+    @property
+    def presses_needed(self) -> int | None:
+        """The fewest presses whose error is within a tenth of the last one's; None: not known."""
+        return presses_needed(self.curves.get(self.best.name, {}))
+
     def figures(self) -> dict[str, dict[str, Any]]:
         """Of every feature set, see `judge.figures`."""
         return {one.name: force_figures(one, self.data) for one in self.judged}
@@ -77,7 +100,7 @@ class ForceResult:
                 unit = "N" if "range_n" in of else "N mm"
                 plain = {key.removesuffix("_n").removesuffix("_nmm"): v for key, v in of.items()}
                 rows.append({"model": model, "component": name, "unit": unit, **plain})
-        for name, (r2, rmse_n) in PAPER_FORCE_TABLE.items():
+        for name, (r2, rmse_n) in self.PAPER_TABLE.items():
             printed = {"adjusted_r2": r2, "rmse_left_out_point": rmse_n}
             rows.append({"model": "as printed", "component": name, "unit": "N", **printed})
         return rows
@@ -93,7 +116,7 @@ class ForceResult:
             text += f"; the paper's model {_errors(self.paper, self.data)}"
         if split in ("press", "point"):
             text += "; no place or indenter could be left out: calibrate on more"
-        if (few := presses_needed(self.curves.get(self.best.name, {}))) is not None:
+        if (few := self.presses_needed) is not None:
             text += f"; more than {few} presses improve it little"
         return text
 
@@ -105,7 +128,7 @@ class ForceResult:
             "best": self.best.name,
             "models": self.figures(),
             "regressions": {
-                one.name: {name: fit.as_dict() for name, fit in one.fits.items()}
+                one.name: {name: asdict(fit) for name, fit in one.fits.items()}
                 for one in self.judged
             },
             "n_points": len(self.data),
@@ -139,6 +162,50 @@ class ForceResult:
             }
         )
 
+    def errors_by_distance(self) -> pd.DataFrame:
+        """A row a reading and distance, and of the best model: RMSE of the normal force there, N.
+
+        The paper prints that the density is "processed" and "non-negative", not how, and no
+        constant; nor does it print its nine places, which decide most of the error here.
+
+        alone_n: fitted to points of that distance only, a fifth of them left out at random. The
+        others: fitted to all, by what was left out.
+        """
+        data, best = self.data, self.best
+        measured = self.wrench_component("normal")
+        away = np.round(np.hypot(*data.points[["x_mm", "y_mm"]].to_numpy(float).T), 2)
+
+        def off(X: Array, split: str, mine: Array) -> Array:
+            """Errors (repeats, m) of the points of a mask, by models of points of it."""
+            X, y, points = X[mine], measured[mine], data.points[mine].reset_index(drop=True)
+            labels = [str(k) for k in range(X.shape[1])]
+
+            def predict(fitted: Array, judged: Array) -> Array:
+                return X[judged] @ least_squares(X[fitted], y[fitted], labels).coefficients
+
+            return cross_validated(points, y, split, self.seed, predict) - y
+
+        models: list[tuple[dict[str, str], Array | None, dict[str, Array]]] = []
+        for density, name in DENSITIES.items():
+            use = [data.sets[name].names.index(one) for one in data.sets[name].explains["fz"]]
+            for constant in ("without", "with"):
+                X = data.features[name][:, use]
+                X = np.column_stack((X, np.ones(len(X)))) if constant == "with" else X
+                held = {column: off(X, of, away >= 0) for column, of in HELD_OUT.items()}
+                models.append(({"model": f"paper, {density}", "constant": constant}, X, held))
+        held = {c: best.component("normal", of) - measured
+                for c, of in HELD_OUT.items() if of in best.predicted}  # fmt: skip
+        models.append(({"model": best.name}, None, held))
+        rows = []
+        for words, columns, held in models:
+            for distance in np.unique(away):
+                mine = away == distance
+                row = {**words, "distance_mm": distance, "points": int(mine.sum())}
+                if columns is not None:
+                    row["alone_n"] = root_mean_square(off(columns, "point", mine))
+                rows.append(row | {c: root_mean_square(each[:, mine]) for c, each in held.items()})
+        return pd.DataFrame(rows)
+
     def save(self, folder: Path, output: Path) -> list[Path]:
         """Write force.json, force.csv (a row a point) and the calibration with its resting face."""
         files = write_results(folder, {"force.json": self.as_dict(), "force.csv": self.points()})
@@ -156,11 +223,6 @@ def write_force_calibration(calibration: ForceCalibration, path: Path) -> list[P
         write_whole(rest, calibration.rest)
     write_whole(path, calibration.toml(rest.name).encode())
     return [path] if calibration.rest is None else [path, rest]
-
-
-def calibrated_errors(of: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """What a calibration file keeps of `judge.figures`: of what was calibrated."""
-    return {name: dict(one) for name, one in of.items() if one.get("range_n", one.get("range_nmm"))}
 
 
 def _errors(judged: EvaluatedModel, data: ForceData) -> str:

@@ -11,12 +11,12 @@ import numpy as np
 from deltact_fab.bench import open_run
 from deltact_fab.common import InputError
 
-from ...measure.face import FACE_SPACING_PX
+from ...measure.face import FaceFlow
 from ...measure.force.calibration import load_force
 from ...measure.sensor_id import CalibrationHead, require_same_sensor
 from ...measure.shape.depth import DepthFinder, DepthModel, ball_mm
 from ..flows import flows_of
-from ..runs import head_of, recorded_frames, sensor_of, settled, view_of_run
+from ..runs import head_of, read_frames, sensor_of, settled, view_of_run
 
 SURE = 0.4
 """Of the press's depth: points of the ball that lie deeper certainly touch, the rim lies higher."""
@@ -76,7 +76,7 @@ class DepthCalibration:
 
 
 def calibrate_depth(folder: str | Path, force: Path | None = None) -> DepthCalibration:
-    """From a run in which a ball presses the face; its first press of one is taken.
+    """Calibrate depth on a run in which a ball presses the face, by its first press of one.
 
     force: a calibration of it, whose gel is taken instead of the design's: a measurement that uses
     both then inverts the face once.
@@ -85,7 +85,7 @@ def calibrate_depth(folder: str | Path, force: Path | None = None) -> DepthCalib
     InputError for a run that is not finished, has no images or presses no ball, or not 0.3 mm deep.
     """
     run = open_run(folder)
-    frames = recorded_frames(run, "shape")
+    frames = read_frames(run, "shape")
     balls = frames[frames["indenter"].str.startswith("sphere:")]
     if balls.empty:
         names = ", ".join(dict.fromkeys(frames["indenter"]))
@@ -104,7 +104,7 @@ def calibrate_depth(folder: str | Path, force: Path | None = None) -> DepthCalib
     parts, depths = [], []
     rows = settled(run.frames(press))
     tips = rows[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
-    for tip, flow in zip(tips, flows_of(run, press, FACE_SPACING_PX), strict=True):
+    for tip, flow in zip(tips, flows_of(run, press, FaceFlow.SPACING_PX), strict=True):
         if not (-tip[2] >= MIN_MM and flow.trusted and flow.cover >= MIN_COVER):
             continue
         wanted = ball_mm(flow, view, tip, diameter_mm / 2)

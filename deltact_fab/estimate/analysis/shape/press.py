@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from deltact_fab.sensor import Indenter, LatticeSampler, indenters_of_run
 
 from ...measure.face import FaceFlow
 from ...measure.force import features_of
-from ...measure.force.calibration import ForceCalibration
+from ...measure.force.calibration import ForceCalibration, load_force
 from ...measure.force.model import Features, TractionField, Wrench
 from ...measure.shape.density import Density, jacobian_density, relative_depth
 from ...measure.shape.depth import (
@@ -69,7 +70,7 @@ Lattice = tuple[Array, Array, Array]
 
 @dataclass(frozen=True)
 class ShapeMaps:
-    """A frame of a press: what was measured in it, and the truth; maps (h, w) at the flow's points.
+    """Maps of a press's frame, measured ones and the truth, (h, w) at the flow's points.
 
     tip_mm (3,): of the indenter, as the stage says. relative: see `relative_depth`. force_n (3,),
     torque_z_nmm: the sensor's word. shape: of an indenter of the lab's own, as the run kept it.
@@ -120,8 +121,9 @@ class ShapeMaps:
 
 @dataclass(frozen=True)
 class PressShape:
-    """rows: figures of each settled frame by name; those that are not known are left out.
+    """Shape found in the settled frames of one press.
 
+    rows: figures of each frame by name; those that are not known are left out.
     deepest: the end of the deepest press, before any shear. twisted: where the torque about z that
     was measured is largest, None where nothing was sheared or no torque was measured. contact_by:
     how the true contact was told.
@@ -132,12 +134,27 @@ class PressShape:
     twisted: ShapeMaps | None
     contact_by: str | None
 
+    @staticmethod
+    def deepest_maps(presses: Iterable[PressShape]) -> list[ShapeMaps]:
+        """For each indenter the first picture in which it is as deep as ever, in their order."""
+        found: dict[str, ShapeMaps] = {}
+        for one in (press.deepest for press in presses):
+            if one is not None and one.tip_depth_mm > 0:
+                held = found.setdefault(one.indenter, one)
+                if one.tip_depth_mm > held.tip_depth_mm + SAME_MM:
+                    found[one.indenter] = one
+        return list(found.values())
 
-def press_shape(
-    folder: str | Path, press: str, model: DepthModel, force: ForceCalibration | None = None
+
+def measure_press(
+    folder: str | Path,
+    press: str,
+    depth: DepthModel | Path,
+    force: ForceCalibration | Path | None = None,
 ) -> PressShape:
-    """Of a run with images, by its folder.
+    """Measure shape, and force where it is calibrated, of a press of a run, by the run's folder.
 
+    depth, force: calibrations, or their files.
     Raises InputError for a calibration that this version cannot use, and for a frame of which
     nobody knows where the stage was.
     """
@@ -148,7 +165,8 @@ def press_shape(
             f"{run.folder}: frame {lost.iloc[0]}: where the stage was is not recorded; "
             "nobody knows under a weight laid on by hand, else `record check` says what is damaged"
         )
-    finder = DepthFinder(view, model)
+    finder = DepthFinder(view, DepthModel.load(depth)[1] if isinstance(depth, Path) else depth)
+    force = load_force(force) if isinstance(force, Path) else force
     features = None
     if force is not None:
         features = features_of(force.model, force.view(view), "force calibration")

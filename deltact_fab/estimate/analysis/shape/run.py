@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -16,11 +15,9 @@ from deltact_fab.common import Progress, run_each
 from ...measure.force.calibration import load_force
 from ...measure.sensor_id import require_same_sensor
 from ...measure.shape.depth import DepthModel
-from ..runs import recorded_frames, sensor_of, write_results
-from .press import SAME_MM, ShapeMaps, press_shape
+from ..runs import read_frames, sensor_of, write_results
+from .press import PressShape, ShapeMaps, measure_press
 
-SHAPE_GOALS = {"depth_error_contact_mm": 0.25, "depth_error_face_mm": 0.03, "place_error_mm": 0.5}
-"""At most, as means over the frames that press."""
 WORDS = ("depth over the contact", "over the face", "place of a ball")
 FIGURES = (
     "depth_error_contact_mm", "depth_error_face_mm", "zero_error_contact_mm", "depth_correlation",
@@ -31,12 +28,20 @@ FIGURES = (
 
 @dataclass(frozen=True)
 class ShapeResult:
-    """rows: figures of each settled frame, by name; those that are not known are left out.
+    """Shape found in the settled frames of a run.
 
+    rows: figures of each frame, by name; those that are not known are left out.
     calibration: file of the depth's, None: the inverse's own. contact_by: how the true contact was
     told. pictures: the deepest of each indenter. field: one with tractions, by a calibration of
     force; the most twisted, else of the first that has them.
     """
+
+    GOALS: ClassVar = {
+        "depth_error_contact_mm": 0.25,
+        "depth_error_face_mm": 0.03,
+        "place_error_mm": 0.5,
+    }
+    """At most, as means over the frames that press."""
 
     rows: list[dict[str, Any]]
     pictures: list[ShapeMaps]
@@ -67,7 +72,7 @@ class ShapeResult:
     def missed(self) -> list[str]:
         """Names of GOALS that the means are over."""
         means = self.means()
-        return [name for name, goal in SHAPE_GOALS.items() if (means[name] or 0.0) > goal]
+        return [name for name, goal in self.GOALS.items() if (means[name] or 0.0) > goal]
 
     @property
     def line(self) -> str:
@@ -81,7 +86,7 @@ class ShapeResult:
             )
         parts = [
             f"{words} {means[name]:.3f} mm{f' (over {goal:g})' if name in self.missed else ''}"
-            for (name, goal), words in zip(SHAPE_GOALS.items(), WORDS, strict=True)
+            for (name, goal), words in zip(self.GOALS.items(), WORDS, strict=True)
             if means[name] is not None
         ]
         # A face that nothing presses has no depth either, so its figure flatters.
@@ -102,7 +107,7 @@ class ShapeResult:
     def as_dict(self) -> dict[str, Any]:
         return {
             "verdict": self.line,
-            "goals": SHAPE_GOALS,
+            "goals": self.GOALS,
             "simulated": self.simulated,
             "seed": self.seed,
             "calibration": self.calibration,
@@ -117,22 +122,6 @@ class ShapeResult:
         return write_results(folder, {"shape.json": self.as_dict()})
 
 
-def deepest_maps(pictures: Iterable[ShapeMaps | None]) -> list[ShapeMaps]:
-    """Of each indenter the first picture in which it is as deep as ever, in their order."""
-    found: dict[str, ShapeMaps] = {}
-    for one in pictures:
-        if one is not None and one.tip_depth_mm > 0:
-            held = found.setdefault(one.indenter, one)
-            if one.tip_depth_mm > held.tip_depth_mm + SAME_MM:
-                found[one.indenter] = one
-    return list(found.values())
-
-
-def add_traction(pictures: Iterable[ShapeMaps | None]) -> ShapeMaps | None:
-    """The first picture that has a traction to be drawn."""
-    return next((p for p in pictures if p is not None and p.tractions), None)
-
-
 UNCALIBRATED = DepthModel(gain=1.0, deepest_mm=20.0)
 
 
@@ -142,14 +131,14 @@ def analyse_shape(
     force: Path | None = None,
     progress: Progress | None = None,
 ) -> ShapeResult:
-    """Every settled frame of a run; depth: a calibration of it, else the inverse's own is taken.
+    """Analyse every settled frame of a run; depth: a calibration of it, else the inverse's own.
 
     force: a calibration of it, for force and pressure beside what the sensor said. Raises
     InputError for a run that is not finished or has no images, and for a calibration that is none
     or another sensor's.
     """
     run = open_run(folder)
-    frames = recorded_frames(run, "shape")
+    frames = read_frames(run, "shape")
     _ = run.camera  # said first where there is none
     model = UNCALIBRATED
     if depth is not None:
@@ -159,10 +148,10 @@ def analyse_shape(
     if known is not None:
         require_same_sensor(known.head, sensor_of(run), str(force))
     presses = list(dict.fromkeys(frames["press"]))
-    work = partial(press_shape, str(folder), model=model, force=known)
+    work = partial(measure_press, str(folder), depth=model, force=known)
     parts = run_each(work, presses, presses, progress=progress)
     ways = {part.contact_by for part in parts} - {None}
-    pictures = deepest_maps(part.deepest for part in parts)
+    pictures = PressShape.deepest_maps(parts)
     twisted = [part.twisted for part in parts if part.twisted is not None]
     twisted.sort(key=lambda p: -abs(p.torque_z_nmm or 0.0))
     return ShapeResult(
@@ -172,5 +161,5 @@ def analyse_shape(
         contact_by=", ".join(sorted(map(str, ways))) or None,
         simulated=run.simulated,
         seed=int(run.meta.get("seed", 0)),
-        field=add_traction([*twisted, *pictures]),
+        field=next((p for p in (*twisted, *pictures) if p.tractions), None),
     )

@@ -11,7 +11,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -22,80 +22,83 @@ from deltact_fab.common import InputError, Progress, RunFailed, SensorError, run
 
 from ...measure.flow.confidence import FlowObservation, FlowState
 from ...measure.flow.renewed import FlowMethod
-from ...measure.flow.tracker import named_tracker
-from ..runs import recorded_frames
+from ...measure.flow.tracker import FlowTracker
+from ..runs import read_frames
 from .result import TrackingResult
 from .tally import (
     DOTS,
     DotFollower,
     DotTally,
     ErrorTally,
-    PrintedDots,
+    PatternDots,
     TrueFrame,
-    imaged_pixels,
     off_dots,
     sampled,
 )
 
 # Ours, a cheaper one, the paper's, and the paper's flow composed in place of summed.
 DEFAULT_METHODS = ("fused", "dis-medium", "paper", "farneback-paper/composed")
-DOTS_ONLY_METHODS = "dot-matrix"  # the law of patterns with nothing between the dots
 
 
 @dataclass(frozen=True)
 class TrackingPlan:
-    """Which methods follow a run, whether its dots are followed, and a line a thing left out.
+    """Plan of an analysis: which methods follow a run, and whether its dots are followed.
 
+    left_out: a line a thing.
     timed: each method's CPU time is asked for; else they share what two of them would find twice.
     """
+
+    DOTS_ONLY_LAW: ClassVar = "dot-matrix"
+    """The law of patterns with nothing between the dots."""
 
     methods: tuple[str, ...]
     dots: bool
     left_out: tuple[str, ...]
     timed: bool = True
 
+    @classmethod
+    def of(cls, run: Run, methods: Sequence[str] | None) -> TrackingPlan:
+        """Plan for a run; methods: None for the default ones.
 
-def tracking_plan_of(run: Run, methods: Sequence[str] | None) -> TrackingPlan:
-    """Of a run; methods: None for the default ones.
-
-    Raises InputError for a method that is not known, or of dense flow where there are only dots.
-    """
-    for name in methods or ():
-        named_tracker(name)
-    n_dots = len(run.dots_mm())
-    if run.pattern["recipe"]["law"] == DOTS_ONLY_METHODS:
-        if methods:
-            raise InputError(
-                f"{run.folder}: the pattern has only dots (law {DOTS_ONLY_METHODS!r}) and nothing "
-                f"between them that {methods[0]!r} could match; without --method "
-                "the dots are followed"
-            )
-        return TrackingPlan((DOTS,), True, ("dense flow: the pattern has only dots to follow",))
-    left_out = []
-    asked = "dots" in run.meta["protocol"]["channels"]
-    if not n_dots:
-        left_out.append("error at the dots: the pattern has none")
-    elif not asked:
-        left_out.append("error at the dots: the channel 'dots' is not asked for")
-    if run.truth() is None:
-        left_out.append("error against truth: a real rig knows none")
-    return TrackingPlan(tuple(methods or DEFAULT_METHODS), bool(n_dots and asked), tuple(left_out))
+        Raises InputError for a method that is not known, or of dense flow where there are only
+        dots.
+        """
+        for name in methods or ():
+            FlowTracker.from_name(name)
+        n_dots = len(run.dots_mm())
+        if run.pattern["recipe"]["law"] == cls.DOTS_ONLY_LAW:
+            if methods:
+                raise InputError(
+                    f"{run.folder}: the pattern has only dots (law {cls.DOTS_ONLY_LAW!r}) and "
+                    f"nothing between them that {methods[0]!r} could match; without --method "
+                    "the dots are followed"
+                )
+            return cls((DOTS,), True, ("dense flow: the pattern has only dots to follow",))
+        left_out = []
+        asked = "dots" in run.meta["protocol"]["channels"]
+        if not n_dots:
+            left_out.append("error at the dots: the pattern has none")
+        elif not asked:
+            left_out.append("error at the dots: the channel 'dots' is not asked for")
+        if run.truth() is None:
+            left_out.append("error against truth: a real rig knows none")
+        return cls(tuple(methods or DEFAULT_METHODS), bool(n_dots and asked), tuple(left_out))
 
 
 class Follower:
-    """Counts the frames of a press; the first one is the reference of flow and dots.
+    """Tracker of a press by all methods; the first frame is the reference of flow and dots.
 
     tallies: by method. dots: None where they are not followed. left_out: lines that say what could
     not be.
     """
 
-    def __init__(self, scene: TrackingPlan, marks: PrintedDots) -> None:
+    def __init__(self, scene: TrackingPlan, marks: PatternDots) -> None:
         self.tallies = {name: ErrorTally() for name in scene.methods}
         self.dots = DotFollower(marks) if scene.dots else None
         self.left_out: list[str] = []
         shared: dict[str, FlowMethod] | None = None if scene.timed else {}
         names = [name for name in scene.methods if name != DOTS]
-        self._flows = {name: named_tracker(name, shared=shared) for name in names}
+        self._flows = {name: FlowTracker.from_name(name, shared=shared) for name in names}
         self._scale = marks.camera.mm_per_px
         self._off = off_dots(marks.camera, marks.dots_mm, marks.diameter_mm)
         self._begun = False
@@ -174,7 +177,7 @@ class PressResult:
 
 
 def analyse_press(folder: str, press: str, scene: TrackingPlan) -> PressResult:
-    """All frames of one press: the first one is the reference of flow and dots.
+    """Analyse all frames of one press: the first one is the reference of flow and dots.
 
     Raises RunFailed for an image of another size, SensorError for a first one without a pattern;
     one in which only the dots are missing is analysed without them.
@@ -184,8 +187,8 @@ def analyse_press(folder: str, press: str, scene: TrackingPlan) -> PressResult:
     cv2.setNumThreads(1)  # one thread, so that milliseconds compare
     run = open_run(folder)
     camera, truth = run.camera, run.truth()
-    follower = Follower(scene, PrintedDots.of(camera, run.pattern))
-    in_view = imaged_pixels(camera)
+    follower = Follower(scene, PatternDots.of(camera, run.pattern))
+    in_view = TrueFrame.imaged_pixels(camera)
     result = PressResult(follower.tallies)
     for at, row in enumerate(run.frames(press).itertuples()):
         image = run.image(str(row.file))
@@ -211,15 +214,15 @@ def analyse_tracking(
     executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> TrackingResult:
-    """Tracking error of every method over a whole run.
+    """Analyse the tracking error of every method over a whole run.
 
     methods: None for the default ones, or for the dots where a pattern has nothing else. What the
     run cannot tell (errors at dots that it has not, against a truth that nobody knows) is left out
     and named. Raises InputError for an unknown method, a run without images or one not finished.
     """
     run = open_run(folder)
-    frames = recorded_frames(run, "tracking")
-    scene = tracking_plan_of(run, methods)
+    frames = read_frames(run, "tracking")
+    scene = TrackingPlan.of(run, methods)
     indenter_of = dict(zip(frames["press"], frames["indenter"], strict=True))
     presses = list(indenter_of)
     results = run_each(

@@ -1,8 +1,8 @@
 """Tracking errors of runs as a result: which method to use, and whether a flow is to be trusted.
 
-RULE says how. The error is the mean over all moving visible pixels; where no truth is known, the
-mean at the dots (the paper's); where there are only dots, that of the dots that were found. Where
-no error is known, the method that is confident on most of it is recommended.
+`TrackingResult.RULE` says how. The error is the mean over all moving visible pixels; where no truth
+is known, the mean at the dots (the paper's); where there are only dots, that of the dots that were
+found. Where no error is known, the method that is confident on most of it is recommended.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pandas as pd
 
@@ -29,8 +29,8 @@ ERRORS = {
 }
 
 
-def percent_of(share: float) -> str:
-    """A share as a person reads it; what is nearly nothing or nearly all is not rounded away."""
+def format_percent(share: float) -> str:
+    """Format a share for a person; what is nearly nothing or nearly all is not rounded away."""
     value = 100 * share
     if 0 < value < 0.001:
         return "under 0.001 %"
@@ -38,16 +38,6 @@ def percent_of(share: float) -> str:
         return "over 99.9 %"
     text = f"{value:.1f}" if 10 <= value < 100 else f"{value:.2g}" if value < 10 else "100"
     return f"{text.removesuffix('.0')} %"
-
-
-TRACKING_RULE = (
-    f"A method is reliable when it trusts {percent_of(MIN_TRUSTED)} of the frames or more, is "
-    f"confident on {percent_of(MIN_COVERAGE)} of the moving pattern or more (of the image, if no "
-    f"truth is known), and is off by more than {WRONG_FLOW_MM:g} mm on at most "
-    f"{percent_of(MAX_WRONG)} of what it is confident on. Of the reliable "
-    "methods, the one with the smallest error is recommended. The flow can be trusted when a "
-    "method is reliable."
-)
 
 
 @dataclass(frozen=True)
@@ -107,20 +97,20 @@ def _doubts(row: dict[str, Any]) -> list[str]:
     found = []
     if row["trusted_share"] < MIN_TRUSTED:
         found.append(
-            f"it trusts {percent_of(row['trusted_share'])} of the frames "
-            f"(at least {percent_of(MIN_TRUSTED)})"
+            f"it trusts {format_percent(row['trusted_share'])} of the frames "
+            f"(at least {format_percent(MIN_TRUSTED)})"
         )
     known, what = _coverage(row)
     if known < MIN_COVERAGE:
         found.append(
-            f"it is confident on {percent_of(known)} of {what} "
-            f"(at least {percent_of(MIN_COVERAGE)})"
+            f"it is confident on {format_percent(known)} of {what} "
+            f"(at least {format_percent(MIN_COVERAGE)})"
         )
     wrong = row["confident_wrong_share"]
     if wrong is not None and wrong > MAX_WRONG:
         found.append(
-            f"{percent_of(wrong)} of what it is confident on is off by more than "
-            f"{WRONG_FLOW_MM:g} mm (at most {percent_of(MAX_WRONG)})"
+            f"{format_percent(wrong)} of what it is confident on is off by more than "
+            f"{WRONG_FLOW_MM:g} mm (at most {format_percent(MAX_WRONG)})"
         )
     return found
 
@@ -140,16 +130,13 @@ def _to_take(take: dict[str, Any], error: str | None, simulated: bool) -> str:
         says += f"mean error {take[error]:.4f} mm {ERRORS[error]}, "
     says += (
         f"{take['ms_per_frame']:.0f} ms of CPU a frame. The flow can be trusted: "
-        f"{percent_of(take['trusted_share'])} of {take['n_frames']} frames were matched, with "
-        f"confidence on {percent_of(known)} of {what}"
+        f"{format_percent(take['trusted_share'])} of {take['n_frames']} frames were matched, with "
+        f"confidence on {format_percent(known)} of {what}"
     )
     wrong = take["confident_wrong_share"]
     if wrong is not None:
-        says += f", {percent_of(wrong)} of that off by more than {WRONG_FLOW_MM:g} mm"
+        says += f", {format_percent(wrong)} of that off by more than {WRONG_FLOW_MM:g} mm"
     return says + (" (simulated)." if simulated else " (no truth to compare with).")
-
-
-PAPER_BEST_MM = 0.08  # Pattern Selection: d = 0.075, r = 0.6, real sensor, at the dots
 
 
 @dataclass
@@ -158,6 +145,18 @@ class TrackingResult:
 
     dots: None where they were not followed. left_out: a line a thing that was not asked for.
     """
+
+    PAPER_BEST_MM: ClassVar = 0.08
+    """Pattern Selection: d = 0.075, r = 0.6, real sensor, at the dots."""
+    WRONG_MM: ClassVar = WRONG_FLOW_MM
+    RULE: ClassVar = (
+        f"A method is reliable when it trusts {format_percent(MIN_TRUSTED)} of the frames or more, "
+        f"is confident on {format_percent(MIN_COVERAGE)} of the moving pattern or more (of the "
+        f"image, if no truth is known), and is off by more than {WRONG_FLOW_MM:g} mm on at most "
+        f"{format_percent(MAX_WRONG)} of what it is confident on. Of the reliable "
+        "methods, the one with the smallest error is recommended. The flow can be trusted when a "
+        "method is reliable."
+    )
 
     methods: list[dict[str, Any]]
     by_indenter: list[dict[str, Any]]
@@ -182,7 +181,7 @@ class TrackingResult:
             "mm_per_px": self.mm_per_px,
             "moving_threshold_mm": MOVING_MM,
             "wrong_threshold_mm": WRONG_FLOW_MM,
-            "paper_mean_at_dots_mm": PAPER_BEST_MM,
+            "paper_mean_at_dots_mm": self.PAPER_BEST_MM,
             "left_out": self.left_out,
             "dots": self.dots,
             "methods": self.methods,

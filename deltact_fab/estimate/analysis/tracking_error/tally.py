@@ -160,7 +160,7 @@ class DotTally:
 
 
 @dataclass(frozen=True)
-class PrintedDots:
+class PatternDots:
     """The dots of a printed pattern, and the camera whose images are tracked.
 
     dots_mm: centres at rest, (n, 2); n = 0 without dots.
@@ -172,7 +172,7 @@ class PrintedDots:
     polarity: Polarity
 
     @classmethod
-    def of(cls, camera: CameraModel, pattern: dict[str, Any]) -> PrintedDots:
+    def of(cls, camera: CameraModel, pattern: dict[str, Any]) -> PatternDots:
         """pattern: as a run's `pattern.json` has it."""
         dots_mm = np.asarray(pattern.get("dots_mm", []), dtype=float).reshape(-1, 2)
         # Dark on light, where the recipe's dots are nearer to black; else white on colours.
@@ -185,7 +185,7 @@ class PrintedDots:
 class DotFollower:
     """Follows the dots of one press, and counts them."""
 
-    def __init__(self, marks: PrintedDots) -> None:
+    def __init__(self, marks: PatternDots) -> None:
         camera = marks.camera
         self.rest_px = camera.rest_px(marks.dots_mm)
         self.mm_per_px = camera.mm_per_px
@@ -246,7 +246,7 @@ DOT_MARGIN_PX = 3.0
 
 @dataclass(frozen=True)
 class TrueFrame:
-    """Projected and in-plane motion of every rest pixel, and which of them move.
+    """True motion of every rest pixel, projected and in-plane, and which of them move.
 
     moving: (h, w) bool, of the visible ones. peak_mm: of the visible pixels, None where none is.
     """
@@ -270,22 +270,22 @@ class TrueFrame:
         """
         h, w = seen.shape
         y, x = np.mgrid[:h, :w]
-        to_x, to_y = x + flow[..., 0], y + flow[..., 1]
-        visible = (to_x >= 0) & (to_x <= w - 1) & (to_y >= 0) & (to_y <= h - 1)
+        to = np.stack((x + flow[..., 0], y + flow[..., 1]), axis=-1)
+        visible = inside(to, h, w)
         # Where a steep flank hides what is behind it, no one point of the face is the true one.
-        disputed = folded_pixels(np.stack((to_x, to_y), -1), seen.shape)
-        ends = np.rint(to_y[visible]).astype(int), np.rint(to_x[visible]).astype(int)
-        visible[visible] = seen[visible] & seen[ends] & ~disputed[ends]
+        disputed = folded_pixels(to, seen.shape)
+        column, row = np.rint(to[visible]).astype(int).T
+        visible[visible] = seen[visible] & seen[row, column] & ~disputed[row, column]
         length_mm = np.hypot(flow[..., 0], flow[..., 1]) * mm_per_px
         peak = float(length_mm[visible].max()) if visible.any() else None
         return cls(flow, in_plane, visible & (length_mm >= MOVING_MM), peak)
 
-
-def imaged_pixels(camera: CameraModel) -> NDArray[np.bool_]:
-    """(h, w) the pixels that hold an image: a rectified view may go beyond what the lens saw."""
-    if isinstance(camera, Rectified):
-        return camera.seen()
-    return np.ones((camera.height_px, camera.width_px), bool)
+    @staticmethod
+    def imaged_pixels(camera: CameraModel) -> NDArray[np.bool_]:
+        """Pixels (h, w) that hold an image: a rectified view may go beyond what the lens saw."""
+        if isinstance(camera, Rectified):
+            return camera.seen()
+        return np.ones((camera.height_px, camera.width_px), bool)
 
 
 def off_dots(

@@ -28,28 +28,33 @@ _DIS = {
     "dis-fast": cv2.DISOPTICAL_FLOW_PRESET_FAST,
     "dis-medium": cv2.DISOPTICAL_FLOW_PRESET_MEDIUM,
 }
-PAPER_METHOD = (
-    "paper"  # the paper's method, Farneback's; alone it is summed, as the paper's tracker
-)
 FUSED = "fused"  # Dense Inverse Search at half the size, then inverse-compositional steps
-FLOW_METHODS = ("farneback-paper", *_DIS, FUSED)
 
 
 class FlowMethod:
     """One way to find the flow between two grey images (h, w) uint8 of one size.
 
-    name: PAPER or one of FLOW_METHODS; InputError is raised for any other. What `fused` computes of
+    name: PAPER or one of NAMES; InputError is raised for any other. What `fused` computes of
     the last reference alone is kept, and so is Farneback's last flow, which trackers that share a
     method ask for again: a summed and a composed one of the same images.
     """
 
+    NAMES = ("farneback-paper", *_DIS, FUSED)
+    PAPER = "paper"
+    """The paper's method, Farneback's; alone it is summed, as the paper's tracker."""
+
     def __init__(self, name: str = FUSED) -> None:
-        if name not in (known := (PAPER_METHOD, *FLOW_METHODS)):
+        if name not in (known := (self.PAPER, *self.NAMES)):
             raise InputError(f"flow method {name!r}: unknown; {did_you_mean(name, known)}")
-        self.name = name = "farneback-paper" if name == PAPER_METHOD else name
+        self.name = name = "farneback-paper" if name == self.PAPER else name
         self._dis = cv2.DISOpticalFlow.create(_DIS[name]) if name in _DIS else None
         self._prepared: tuple[Array, RefinementReference] | None = None
         self._last: tuple[list[bytes | None], Array] | None = None
+
+    @staticmethod
+    def prepare(image: Array) -> Array:
+        """Make an image (h, w[, 3]) ready for `between`, as trackers do: luma, blurred."""
+        return Plane.of(image).gray
 
     def between(self, ref_gray: Array, cur_gray: Array, initial: Array | None = None) -> Array:
         """Flow from the reference to the current image at the reference's pixels.
@@ -81,9 +86,6 @@ class FlowMethod:
 
 
 Sum = Literal["composed", "summed", "static"]
-RENEW_SHARE = 0.25
-"""Of the pattern's own difference between unrelated views. The paper gives no threshold: at .25 its
-order of patterns and nearly its figures come out, at .5 not (docs/evidence/study-methods.md)."""
 LIGHT_PX, BLOB_PX, BLOB = 24.0, 3.0, 3.0
 SHIFTS_PX = tuple((60 + 7 * k, 200 - 11 * k) for k in range(16))
 """Many, for a pattern of two colours alternates: one shift may lay like on like."""
@@ -116,7 +118,7 @@ class RenewedTracker:
         image: Array,
         first: RefinementReference,
         judge: ConfidenceEstimator,
-        share: float = RENEW_SHARE,
+        share: float,
     ) -> None:
         self._method, self._total = method, total
         self._first, self.judge = first, judge

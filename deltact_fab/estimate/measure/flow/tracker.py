@@ -20,7 +20,7 @@ from .confidence import (
     TrackedFrame,
 )
 from .fused import COARSE, Plane, RefinementReference, Sampled, predict, to_full
-from .renewed import FUSED, PAPER_METHOD, RENEW_SHARE, FlowMethod, RenewedTracker
+from .renewed import FUSED, FlowMethod, RenewedTracker
 
 DARK, BRIGHT = 25, 235  # grey levels: beyond them a pattern has no room
 LOST_SHARE = 0.1
@@ -78,6 +78,12 @@ class FlowTracker:
     Raises InputError for unknown names.
     """
 
+    REFERENCES: tuple[FlowReference, ...] = get_args(FlowReference)
+    RENEW_SHARE = 0.25
+    """Of the pattern's own difference between unrelated views. The paper gives no threshold: at .25
+    its order of patterns and nearly its figures come out, at .5 not
+    (docs/evidence/study-methods.md)."""
+
     def __init__(
         self,
         method: FlowMethod | str = FUSED,
@@ -88,9 +94,7 @@ class FlowTracker:
     ) -> None:
         self.method = FlowMethod(method) if isinstance(method, str) else method
         fused = self.method.name == FUSED
-        known: list[FlowReference] = [
-            k for k in get_args(FlowReference) if k != "anchored" or fused
-        ]
+        known = [k for k in self.REFERENCES if k != "anchored" or fused]
         wanted = reference or known[0]
         found = next((k for k in known if k == wanted), None)
         if found is None:
@@ -103,6 +107,21 @@ class FlowTracker:
         self._way: AnchoredTracker | RenewedTracker | None = None
         self._shape: tuple[int, ...] = ()
         self._frame = 0
+
+    @classmethod
+    def from_name(cls, name: str, *, shared: dict[str, FlowMethod] | None = None) -> FlowTracker:
+        """The tracker `method` or `method/reference`; `paper` stands for `farneback-paper`.
+
+        `fused` alone is anchored, `paper` summed, any other method alone composed. shared: methods
+        by name, which trackers that are given the same dictionary have in common; their CPU time is
+        then no one's own. Raises InputError with the valid names.
+        """
+        method, _, kept = name.partition("/")
+        kept = kept or ("summed" if method == FlowMethod.PAPER else "")
+        own = FlowMethod(method)
+        if shared is not None:
+            own = shared.setdefault(own.name, own)
+        return cls(own, kept or None)
 
     def update(self, image: Array) -> FlowObservation:
         """Follow one more image: (h, w, 3) BGR or (h, w) grey, uint8, like the first one.
@@ -186,21 +205,6 @@ class FlowTracker:
             return AnchoredTracker(first, judge)
         assert not isinstance(image, Sampled), "for the anchored reference only"
         return RenewedTracker(self.method, self.reference, image, first, judge, self.renew_share)
-
-
-def named_tracker(name: str, *, shared: dict[str, FlowMethod] | None = None) -> FlowTracker:
-    """The tracker of a name: `method` or `method/reference`; `paper` stands for `farneback-paper`.
-
-    `fused` alone is anchored, `paper` summed, any other method alone composed. shared: methods by
-    name, which trackers that are given the same dictionary have in common; their CPU time is then
-    no one's own. Raises InputError with the valid names.
-    """
-    method, _, kept = name.partition("/")
-    kept = kept or ("summed" if method == PAPER_METHOD else "")
-    own = FlowMethod(method)
-    if shared is not None:
-        own = shared.setdefault(own.name, own)
-    return FlowTracker(own, kept or None)
 
 
 def _why_plain(gray: Array) -> str:

@@ -19,7 +19,7 @@ FORCE_READINGS = {"paper-signed": Signed}
 
 
 def make_features(name: str, view: SensorModel) -> Features:
-    """The named set for a sensor. Raises InputError for an unknown name."""
+    """Make the named feature set for a sensor. Raises InputError for an unknown name."""
     if name not in FORCE_FEATURES | FORCE_READINGS:
         raise InputError(f"force features {name!r}: unknown; {did_you_mean(name, FORCE_FEATURES)}")
     return (FORCE_FEATURES | FORCE_READINGS)[name](view)

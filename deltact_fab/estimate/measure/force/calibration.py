@@ -11,8 +11,16 @@ import numpy as np
 
 from deltact_fab.common import InputError, validate
 from deltact_fab.sensor import SkinDimensions
+from deltact_fab.version import VERSION
 
-from ..sensor_id import CalibrationHead, SensorModel, read_calibration, read_rest, rest_table
+from ..sensor_id import (
+    CalibrationHead,
+    CalibrationSource,
+    SensorModel,
+    read_calibration,
+    read_rest,
+    rest_table,
+)
 from .model import ForceModel
 
 FORMER = {"inverse": "inverse-placed", "paper-mirrored": "paper"}
@@ -21,7 +29,7 @@ FORMER = {"inverse": "inverse-placed", "paper-mirrored": "paper"}
 
 @dataclass(frozen=True)
 class ForceCalibration:
-    """What `calibrate force` writes and a measurement reads.
+    """Calibration of force, as `calibrate force` writes and a measurement reads it.
 
     skin, poisson: what the features were made with. error: of each component in the paper's words
     (`normal`, `shear_x` ...), root mean squares by what was left out, for a display of forces.
@@ -36,6 +44,19 @@ class ForceCalibration:
     error: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     transfer: Mapping[str, Any] = field(default_factory=dict)
     rest: bytes | None = None
+
+    @classmethod
+    def from_simulation(
+        cls,
+        name: str,
+        model: ForceModel,
+        sensor: SensorModel,
+        seed: int,
+        error: Mapping[str, Mapping[str, Any]],
+    ) -> ForceCalibration:
+        """Calibration by simulated presses. name: of what was simulated, with this seed."""
+        head = CalibrationHead("force", sensor.id, CalibrationSource((name,), True, VERSION, seed))
+        return cls(head, model, sensor.skin, sensor.poisson, error)
 
     def view(self, view: SensorModel) -> SensorModel:
         """With the gel that the features were made with, and the face at rest if it is kept."""

@@ -116,7 +116,7 @@ class Features(ABC):
 
 @dataclass(frozen=True)
 class ForceModel:
-    """wrench = coefficients x features, and how far its training reaches.
+    """Linear model: wrench = coefficients x features, and how far its training reaches.
 
     features: name of the set; names: its k labels. coefficients (6, k): of COMPONENTS, 0 where a
     component does not use a feature. reach (6, k, m): of each component, what a frame's features

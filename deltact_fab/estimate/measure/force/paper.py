@@ -17,7 +17,7 @@ import numpy as np
 from deltact_fab.common import Array
 
 from ..face import FaceFlow, whole
-from ..hodge import Hodge, decompose
+from ..hodge import Hodge
 from ..sensor_id import SensorModel
 from ..shape.density import jacobian_density
 from .model import Features, ForceModel, TractionField
@@ -53,7 +53,7 @@ class Sums(Features):
     def of(self, flow: FaceFlow) -> Array:
         """(9,) in mm3 and mm4."""
         flow = whole(flow)
-        parts = decompose(flow)
+        parts = Hodge(flow.shift_mm)
         spread = np.sqrt(np.einsum("...i,...i", parts.d, parts.d))
         shear = [integrals(flow.shift_mm[..., i], flow)[0] for i in (0, 1)]
         return np.concatenate((integrals(spread, flow), shear, turning(parts, flow)))
@@ -105,7 +105,7 @@ class Paper(Features):
     def of(self, flow: FaceFlow) -> Array:
         """(19,): the integrals of the terms over the view, and their first moments."""
         flow = whole(flow)
-        parts = decompose(flow)
+        parts = Hodge(flow.shift_mm)
         terms = self._terms(flow, parts.hr)
         sums = np.transpose([integrals(term, flow) for term in terms])
         return np.concatenate((sums[0], *sums[1:, :3], turning(parts, flow)))
@@ -113,7 +113,7 @@ class Paper(Features):
     def traction(self, flow: FaceFlow, model: ForceModel) -> TractionField:
         """The per-pixel force of the paper, here by area; it integrates to the model's force."""
         flow = whole(flow)
-        terms = self._terms(flow, decompose(flow).hr)
+        terms = self._terms(flow, Hodge(flow.shift_mm).hr)
         share = model.coefficients[:3, : len(terms)]
         field = np.tensordot(share, terms.astype(float), axes=1)
         return TractionField(np.moveaxis(field, 0, -1), flow.x_mm, flow.y_mm, flow.cover)

@@ -125,7 +125,7 @@ def calibrate_lens(
     air_board: Checkerboard | None = None,
     sensor: SensorDimensions | None = None,
 ) -> LensCalibration:
-    """The lens of a sensor from image files of boards on its face and in the air beyond.
+    """Calibrate the lens of a sensor by image files of boards on its face and in the air beyond.
 
     contact: of `board`, in optical contact with the face. air: of `air_board` (default: the same).
     sensor: the design, whose thicknesses are the priors. Raises InputError for images that cannot
@@ -163,7 +163,7 @@ def calibrate_lens(
 
 
 def fit_flat_field(blank: Path, lens: Fisheye) -> FlatField:
-    """From an image file of a blank skin, taken with this lens. Raises InputError."""
+    """Fit the flat field to an image file of a blank skin, by this lens. Raises InputError."""
     image = read_image(blank)
     height, width = image.shape[:2]
     if (width, height) != (lens.width_px, lens.height_px):

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from queue import Empty, Queue
 from threading import Lock, Thread
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import cv2
 import numpy as np
@@ -22,7 +22,7 @@ from ..flow.fused import Sampled, to_gray, to_half
 from ..flow.tracker import FlowTracker
 from ..health import Health
 from ..sensor_id import SensorModel
-from .outputs import Calibration, Estimators, MeasurementResult
+from .outputs import OUTPUTS, Calibration, Estimators, MeasurementResult
 
 
 class Rectifier:
@@ -99,6 +99,8 @@ class Measurement:
     The first image is the reference that all motion is counted from.
     """
 
+    OUTPUTS: ClassVar = OUTPUTS
+
     def __init__(
         self,
         view: SensorModel | CameraModel,
@@ -117,6 +119,11 @@ class Measurement:
         self._lock = Lock()
         self._busy = False
         self.reset()
+
+    @staticmethod
+    def of_markers(camera: CameraModel) -> Measurement:
+        """Measurement of a skin of markers instead of a dense pattern, in images of this camera."""
+        return MarkerMeasurement(camera)
 
     def rectified(self, image: Array) -> Array:
         """The whole of an image as it is tracked. Raises InputError for another size."""

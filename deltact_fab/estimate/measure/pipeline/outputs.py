@@ -12,19 +12,19 @@ from deltact_fab.common import Array, InputError, did_you_mean
 from deltact_fab.sensor import CameraModel
 
 from ..dots.tracker import DotObservation
-from ..face import FACE_SPACING_PX, FaceFlow, whole
+from ..face import FaceFlow, whole
 from ..flow.confidence import FlowObservation
 from ..force import features_of
 from ..force.calibration import ForceCalibration, load_force
 from ..force.inverse import Inverse
 from ..force.model import Features, ForceModel, TractionField, Wrench
-from ..health import Health, check_health
+from ..health import Health
 from ..sensor_id import SensorModel, read_calibration, require_same_sensor
 from ..shape.density import Density, jacobian_density, relative_depth
 from ..shape.depth import ContactRegion, Depth, DepthFinder, DepthModel, contacts
 
 Output = Literal["flow", "observation", "shape", "contacts", "force", "traction"]
-MEASURED_OUTPUTS: tuple[Output, ...] = get_args(Output)
+OUTPUTS: tuple[Output, ...] = get_args(Output)
 Calibration = ForceModel | ForceCalibration | DepthModel | Path | str
 
 
@@ -122,7 +122,7 @@ class Estimators:
         lacking = {"contacts"} if self.depth is None else set[str]()
         if self.features is None or not self.features.local:
             lacking |= {"force", "traction"} if self.features is None else {"traction"}
-        return tuple(output for output in MEASURED_OUTPUTS if output not in lacking)
+        return tuple(output for output in OUTPUTS if output not in lacking)
 
     def prepare(self, include: Sequence[str]) -> None:
         """Make what these outputs need and no image changes, which may take seconds.
@@ -130,10 +130,8 @@ class Estimators:
         Raises InputError for an output that is unknown or whose calibration is missing.
         """
         for output in include:
-            if output not in MEASURED_OUTPUTS:
-                raise InputError(
-                    f"output {output!r}: unknown; {did_you_mean(output, MEASURED_OUTPUTS)}"
-                )
+            if output not in OUTPUTS:
+                raise InputError(f"output {output!r}: unknown; {did_you_mean(output, OUTPUTS)}")
             if output not in self.allowed:
                 kind = "depth" if output == "contacts" else "force"
                 if kind == "force" and self.features is not None:
@@ -156,7 +154,7 @@ class Estimators:
     def health(self, unloaded: Array) -> Health | None:
         """Of an unloaded face (h, w[, 3]) as it is tracked; None with no image to compare."""
         rest = self.view.rest
-        return None if rest is None else check_health(rest, unloaded, self.view.camera)
+        return None if rest is None else Health.compare(rest, unloaded, self.view.camera)
 
     def outputs(self, include: Sequence[str], seen: FlowObservation, every: int) -> dict[str, Any]:
         """What an observation says, by name; no more is made than these outputs need.
@@ -169,7 +167,7 @@ class Estimators:
             made["flow"] = FaceFlow.of(seen, camera, every)
         if asked <= {"flow", "observation"}:
             return made
-        face = whole(FaceFlow.of(seen, camera, FACE_SPACING_PX))
+        face = whole(FaceFlow.of(seen, camera, FaceFlow.SPACING_PX))
         depth = None
         if self.finder is not None and asked & {"shape", "contacts"}:
             depth = self.finder.of(face)

@@ -46,7 +46,7 @@ class Density:
 
 
 def jacobian_density(flow: FaceFlow, mm_per_px: float) -> Density:
-    """1 / det(I + grad u) of the smoothed flow. mm_per_px: of the camera.
+    """Gaussian density as 1 / det(I + grad u) of the smoothed flow. mm_per_px: of the camera.
 
     Where the map folds the determinant is held at an eighth of DOMAIN: finite, and not reliable.
     """

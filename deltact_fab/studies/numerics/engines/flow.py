@@ -10,21 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 
 from deltact_fab.common import Image
-from deltact_fab.estimate import (
-    FLOW_METHODS,
-    PAPER_METHOD,
-    FlowMethod,
-    FlowReference,
-    FlowTracker,
-    Plane,
-    named_tracker,
-)
+from deltact_fab.estimate import FlowMethod, FlowTracker
 from deltact_fab.simulate import PICTURE_TOLERANCE_PX
 
 from ..engine import Case, CurveSetting, Engine, Flagged, Work
@@ -157,19 +149,16 @@ PRESS = "sphere:10, 1.2 mm deep and 1.5 mm of shear"
 FAR = "121 px in ten frames, det F from .3 to 2"
 
 
-def tracked(image: Image) -> Image:
-    """What the tracker sees of an image: luma, blurred."""
-    return Plane.of(image).gray
-
-
 def found(method: str, pair: FlowSequence) -> Vectors:
     """Flow (h, w, 2) px from first to last image from a cold start, as the tracker sees them."""
-    return FlowMethod(method).between(tracked(pair.images[0]), tracked(pair.last))
+    return FlowMethod(method).between(
+        *(FlowMethod.prepare(image) for image in (pair.images[0], pair.last))
+    )
 
 
 def _pair(method: str, scratch: Path) -> Work:
     pair = scene(scratch, "press")
-    rest, moved = tracked(pair.images[0]), tracked(pair.last)
+    rest, moved = (FlowMethod.prepare(image) for image in (pair.images[0], pair.last))
     return Work(lambda: FlowMethod(method).between(rest, moved), pair.mean_error_mm)
 
 
@@ -177,7 +166,7 @@ def _followed(name: str, scratch: Path) -> Work:
     frames = scene(scratch, "far")
 
     def run() -> Vectors:
-        tracker = named_tracker(name)
+        tracker = FlowTracker.from_name(name)
         for image in frames.images:
             seen = tracker.update(image)
         return np.asarray(seen.flow_px)
@@ -191,15 +180,17 @@ def curves(quick: bool) -> Sequence[CurveSetting]:
         CurveSetting, unit="mm, mean over moving pixels", reference="the field that was drawn",
         reference_error=PICTURE_TOLERANCE_PX * MM_PER_PX,
     )  # fmt: skip
-    methods = ("fused", "dis-medium", "dis-fast") if quick else FLOW_METHODS
+    methods = ("fused", "dis-medium", "dis-fast") if quick else FlowMethod.NAMES
     pairs = [
         millimetres(case=PRESS, series="a pair", name=method, build=partial(_pair, method))
         for method in methods
     ]
-    trackers = [(kept, "fused") for kept in get_args(FlowReference)]
-    trackers += [(kept, "dis-medium") for kept in get_args(FlowReference) if kept != "anchored"]
-    named = {f"{method}/{kept}": (kept, method) for kept, method in trackers}
-    named[PAPER_METHOD] = ("the paper's", PAPER_METHOD)
+    trackers = [(kept, "fused") for kept in FlowTracker.REFERENCES]
+    trackers += [(kept, "dis-medium") for kept in FlowTracker.REFERENCES if kept != "anchored"]
+    named: dict[str, tuple[str, str]] = {
+        f"{method}/{kept}": (kept, method) for kept, method in trackers
+    }
+    named[FlowMethod.PAPER] = ("the paper's", FlowMethod.PAPER)
     return pairs + [
         millimetres(case=FAR, series=series, name=name, build=partial(_followed, tracker))
         for tracker, (series, name) in ({} if quick else named).items()
@@ -213,7 +204,7 @@ def _accuracy(method: str, scratch: Path) -> float:
 
 def cases(quick: bool) -> Sequence[Case]:
     """What may not be answered silently: no relation, too much motion."""
-    methods = ("fused", "dis-fast") if quick else FLOW_METHODS
+    methods = ("fused", "dis-fast") if quick else FlowMethod.NAMES
     return [
         *(Case(f"{method}: press", "right", partial(_accuracy, method), 0.03, "mm")
           for method in methods),
