@@ -20,7 +20,7 @@ from deltact_fab.estimate import (
 
 from . import figures
 from . import shape_figures as maps
-from .figures import SERIES_COLOURS, SOFT, by_frame, legend_below, log_ticks
+from .figures import SERIES_COLOURS, SOFT, by_frame, draw_legend, set_log_scale
 from .result import ReportFigure
 
 if TYPE_CHECKING:
@@ -67,8 +67,8 @@ def error_by_step(tracking: TrackingResult) -> Figure | None:
         by_frame(axis, part[part["method"] == tracking.methods[0]["name"]]["step_id"])
         axis.set_title(indenter, loc="left", fontweight="bold")
     axes[0].set_ylabel(f"mean error, mm\n({tracking.verdict.error_words})")
-    log_ticks(axes[0], "y")
-    legend_below(figure, axes[-1])
+    set_log_scale(axes[0], "y")
+    draw_legend(figure, axes[-1])
     return figure
 
 
@@ -78,7 +78,7 @@ def plot_error_by_time(tracking: TrackingResult) -> Figure | None:
     if not drawn:
         return None
     error = str(verdict.error)
-    figure, (axis,) = figures.blank_figure(9.6, 4.2)
+    figure, (axis,) = figures.create_figure(9.6, 4.2)
     names = []
     for colour, row in drawn:
         x_ms, name = row["ms_per_frame"], row["name"]
@@ -88,9 +88,9 @@ def plot_error_by_time(tracking: TrackingResult) -> Figure | None:
         if at_dots is not None and error != "mean_at_dots_mm":
             axis.plot(x_ms, at_dots, "s", color=colour, mfc="none", ms=6, mew=1.2)
         names.append((x_ms, row[error], name, colour))
-    figures.paper_line(axis, PAPER_BEST_MM, max(row[error] for _, row in drawn),
+    figures.draw_paper_line(axis, PAPER_BEST_MM, max(row[error] for _, row in drawn),
                        f"paper, at the dots, real sensor: {PAPER_BEST_MM} mm")  # fmt: skip
-    log_ticks(axis, "xy")
+    set_log_scale(axis, "xy")
     times = [row["ms_per_frame"] for _, row in drawn]
     axis.set_xlim(min(times) / 1.6, max(times) * 2.2)
     axis.set_xlabel("CPU time a frame, ms: median, one thread")
@@ -101,7 +101,7 @@ def plot_error_by_time(tracking: TrackingResult) -> Figure | None:
         ("s", "none", "at the dots"),
     ):
         axis.plot([], [], marker, color=SOFT, mfc=face, label=words)
-    legend_below(figure, axis)
+    draw_legend(figure, axis)
     figures.name_marks(figure, axis, names, verdict.take or "")
     return figure
 
@@ -145,7 +145,7 @@ def force_and_motion(t_s: pd.Series[float], frames: pd.DataFrame, moved_px: list
         axes[0].plot(t_s, frames[name], color=colour, lw=1.2, label=f"$F_{name[1]}$")
     if known:
         axes[0].set_ylabel("force on the sensor, N")
-        legend_below(figure, axes[0])
+        draw_legend(figure, axes[0])
     axes[-1].plot(t_s, moved_px, color=SOFT, lw=1.2)
     axes[-1].set_ylabel("mean motion of the picture, px")
     return figure
@@ -180,7 +180,7 @@ def force_by_frame(frames: pd.DataFrame) -> Figure:
         by_frame(axis, part["step_id"])
         axis.set_title(indenter, loc="left", fontweight="bold")
     axes[0].set_ylabel("force on the sensor, N")
-    legend_below(figure, axes[-1])
+    draw_legend(figure, axes[-1])
     return figure
 
 
@@ -194,7 +194,7 @@ def plot_predicted_force(result: ForceResult) -> ReportFigure:
 def _predicted(result: ForceResult) -> Figure:
     """A row a model (the paper's, the best), a panel a component, a colour an indenter."""
     models = {one.name: one for one in (result.paper, result.best)}.values()
-    figure, axes = figures.blank_figure(9.6, 3.3 * len(models), 3, share_y=False, rows=len(models))
+    figure, axes = figures.create_figure(9.6, 3.3 * len(models), 3, share_y=False, rows=len(models))
     balls = list(dict.fromkeys(result.data.points["indenter"]))
     for one, row in zip(models, np.reshape(axes, (-1, 3)), strict=True):
         predicted = one.predicted[one.ranked_by].mean(axis=0)
@@ -202,7 +202,7 @@ def _predicted(result: ForceResult) -> Figure:
             measured, said = (force_component(w, name) for w in (result.data.wrench, predicted))
             low, high = float(np.nanmin(said)), float(np.nanmax(said))
             room = 0.05 * max(high - low, 0.1)
-            axis.plot([low, high], [low, high], color=figures.PAPER_COLOUR, lw=1)
+            axis.plot([low, high], [low, high], color=SOFT, lw=1)
             axis.set_xlim(low - room, high + room)
             for colour, ball in zip(SERIES_COLOURS, balls, strict=False):
                 mine = (result.data.points["indenter"] == ball).to_numpy()
@@ -210,6 +210,6 @@ def _predicted(result: ForceResult) -> Figure:
             axis.set_xlabel(f"{name.replace('_', ' ')} measured, N")
             axis.set_title(f"{one.name}, {name.replace('_', ' ')}", loc="left", fontweight="bold")
         row[0].set_ylabel("predicted, N")
-    legend_below(figure, axes[0])
+    draw_legend(figure, axes[0])
     figure.text(0.995, 0.005, result.calibration.head.origin, ha="right", fontsize=7)
     return figure

@@ -35,7 +35,7 @@ def plot_gallery(pictures: Sequence[ShapeMaps], note: str) -> Figure:
     """
     shown = list(pictures)[:COLUMNS]
     rows = {_object: 0.75, _flow: 1.1, _density: 1.35, _surface: 0.9}
-    figure, axes = figures.blank_figure(
+    figure, axes = figures.create_figure(
         2.5 * len(shown) + 0.1, 2.0 * sum(rows.values()) + 0.4, len(shown), share_y=False,
         rows=len(rows),
     )  # fmt: skip
@@ -56,14 +56,14 @@ def plot_depth_against_truth(pictures: Sequence[ShapeMaps], note: str) -> Figure
     Of those with truth, COLUMNS of them; there must be one.
     """
     shown = [picture for picture in pictures if picture.true_depth_mm is not None][:COLUMNS]
-    figure, axes = figures.blank_figure(
+    figure, axes = figures.create_figure(
         2.5 * len(shown) + 0.1, 5.2, len(shown), share_y=False, rows=2
     )
     figure.suptitle(note, fontsize="small")
     for column, picture in enumerate(shown):
         _section(axes[column], picture, column == 0)
         _error(axes[len(shown) + column], picture, column == 0)
-    figures.legend_below(figure, axes[0])
+    figures.draw_legend(figure, axes[0])
     return figure
 
 
@@ -201,7 +201,7 @@ def plot_distribution(picture: ShapeMaps, note: str) -> Figure:
         (words, x_mm, y_mm, -KPA * mpa[..., 2], KPA * mpa[..., :2])
         for words, (x_mm, y_mm, mpa) in picture.tractions
     ]
-    figure, axes = figures.blank_figure(
+    figure, axes = figures.create_figure(
         9.8, 3.05 * len(fields) + 0.8, 3, share_y=False, rows=len(fields)
     )
     figure.suptitle(f"{note}\n{_forces(picture)}", fontsize="small")

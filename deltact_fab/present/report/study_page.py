@@ -30,6 +30,7 @@ from deltact_fab.common import (
     write_together,
     write_whole,
 )
+from deltact_fab.version import library_versions
 
 from . import figures
 from .result import Headline, ReportTable, StudyResult
@@ -91,8 +92,6 @@ def contents(result: StudyResult) -> dict[str, bytes]:
 
     Raises RunFailed for a number that JSON does not have.
     """
-    from deltact_fab.simulate import library_versions
-
     made = {
         f"{table.name}.csv": table.frame.to_csv(index=False).encode() for table in result.tables
     }

@@ -16,7 +16,7 @@ from deltact_fab.common import DeltactFabError, JobOutcome, Progress, run_jobs
 from deltact_fab.physics import Zones
 from deltact_fab.sensor import SkinDimensions
 
-from .presses import PlannedPress, Presses, PressPath, path_of_press, stored_press_files
+from .presses import PlannedPress, Presses, PressPath
 
 
 @dataclass
@@ -38,7 +38,7 @@ class PressRow:
     failure: str = ""
 
 
-def solve_ahead(
+def solve_presses(
     protocols: Iterable[Protocol],
     skin: SkinDimensions,
     config: GelConfig,
@@ -83,7 +83,7 @@ def solve_ahead(
             waiting.append((row, todo[name], presses, path))
         else:
             todo[name] = row
-            given.append(_Press(protocol, skin, config, path.press, stored_press_files(press)))
+            given.append(_Press(protocol, skin, config, path.press, press.stored_files))
     solving = list(todo.values())
 
     def heard(end: JobOutcome[PressRow]) -> None:
@@ -121,7 +121,7 @@ def _one(job: _Press) -> PressRow:
     """One press, stored when complete."""
     started = time.perf_counter()
     presses = Presses(job.protocol, job.skin, job.config)
-    press = presses.of(path_of_press(presses, job.name))
+    press = presses.of(presses.path(job.name))
     failure = ""
     try:
         press.solver.solve_all()

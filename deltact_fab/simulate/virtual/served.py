@@ -31,8 +31,8 @@ from deltact_fab.sensor import SensorDimensions, camera_toml
 from .bench_face import BenchFace
 from .clock import VirtualClock
 from .controller import GrblController
-from .drawing import printed_renderer, resting_geometry
 from .netft import BoxFaults, NetFTBox, Wrenches
+from .picture import FrameRenderer, PictureGeometry
 from .pty import PtyCable
 
 WAKE_S = 0.05  # how long a command or the end of the server may wait at most
@@ -192,9 +192,9 @@ def serve_rig(
     force = rig.force or ForceConfig()
     with making_files(folder):
         (folder / IMAGES).mkdir(parents=True)
-    geometry, rng = resting_geometry(design), np.random.default_rng(seed)
+    geometry, rng = PictureGeometry.resting(design), np.random.default_rng(seed)
     write_new_file(folder / CAMERA, camera_toml(geometry.camera))
-    draw = printed_renderer(simulator, recipe, geometry, seed)
+    draw = FrameRenderer.printed(geometry, simulator, recipe, seed)
     for k in range(images):
         image = draw.render(None, rng)
         write_whole(folder / IMAGES / f"{k:05d}.png", encode_png(image))

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from deltact_fab.common import InputError, Local, Progress, RunFailed, did_you_mean
+from deltact_fab.version import library_versions
 
 from .engine import (
     Case,
@@ -117,7 +118,6 @@ def run_engines(
     quick: a few settings and cases an engine. Raises InputError for an unknown engine, RunFailed
     when a setting cannot be timed.
     """
-    from deltact_fab.simulate import library_versions
 
     started = time.monotonic()
     tell = progress or (lambda done, total, what: None)

@@ -35,7 +35,6 @@ from deltact_fab.present import (
     plot_depth_against_truth,
     plot_distribution,
     plot_gallery,
-    table_records,
 )
 
 from . import press_jobs as jobs
@@ -191,7 +190,11 @@ def result(
         ),
         figures=drawn(pictures, field, note),
         notes=(*NOTES, *notes),
-        more={"frames": table_records(frames), "contact_by": ways, **made.pop("more", {})},
+        more={
+            "frames": ReportTable("frames", "", frames).records,
+            "contact_by": ways,
+            **made.pop("more", {}),
+        },
         **made,
     )  # fmt: skip
 
