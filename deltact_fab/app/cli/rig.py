@@ -241,12 +241,7 @@ def accept(
     what has changed. Exit code 1 when a row fails.
     """
     from deltact_fab.fabricate import PatternRecipe, load_design, load_recipe
-    from deltact_fab.present import (
-        accept_sensor,
-        acceptance_file,
-        check_known_step,
-        open_source,
-    )
+    from deltact_fab.present import accept_sensor, acceptance_file, check_known_step, open_source
 
     if out is None and serial is not None:
         out = acceptance_file(serial)

@@ -56,7 +56,7 @@ def on_paper(width_in: float) -> Iterator[None]:
 def create_figure(
     width: float, height: float, panels: int = 1, share_y: bool = True, rows: int = 1
 ) -> Any:
-    """A figure and its axes, row by row, drawn without a display; several have letters.
+    """Create a figure and its axes, row by row, without a display; several have letters.
 
     width, height: inches on the page; `on_paper` keeps their ratio, but for what gets too flat.
     """
@@ -145,7 +145,7 @@ def letters(figure: Figure, least_pt: float, most_pt: float = math.inf) -> None:
 
 
 def draw_legend(figure: Figure, axis: Axes) -> None:
-    """What the marks of an axis mean, under all of them."""
+    """Draw the legend of an axis under all axes of its figure."""
     figure.legend(*axis.get_legend_handles_labels(), loc="outside lower left", ncols=3,
                   fontsize="small")  # fmt: skip
 
@@ -154,7 +154,7 @@ WIDE = 300.0  # from the lowest to the highest: beyond it only powers of ten hav
 
 
 def set_log_scale(axis: Axes, which: str) -> None:
-    """Logarithmic axes of what is drawn, labelled 0.01, 0.02, 0.05 and not by powers."""
+    """Set logarithmic axes, `x`, `y` or `xy`, labelled 0.01, 0.02, 0.05 and not by powers."""
     from matplotlib.ticker import LogLocator, NullLocator
 
     for letter in which:
@@ -195,7 +195,7 @@ def draw_paper_line(
     axis: Axes, value: float, highest: float, words: str, across: tuple[float, float] | None = None,
     about: bool = False,
 ) -> None:  # fmt: skip
-    """The paper's value as a line over the axis, or across a column of it.
+    """Draw the paper's value as a line over the axis, or across a column of it.
 
     One far above what is drawn would flatten it: it is told above the axis. about: the paper says
     "around".
@@ -269,7 +269,7 @@ def draw(one: ReportFigure) -> Figure:
 
 
 def figure_bytes(figure: Figure, kind: str) -> bytes:
-    """The file of a figure, `svg` or `pdf`.
+    """The bytes of a figure's file, `svg` or `pdf`.
 
     What still runs over the edge makes the figure larger, for a clipped label is lost.
     """

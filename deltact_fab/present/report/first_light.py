@@ -25,7 +25,7 @@ Pair = tuple[bytes, bytes]
 
 
 def render_examples(design: Design, recipe: PatternRecipe) -> dict[str, Pair]:
-    """Of the print (`print`) and of the face through the sensor's camera (`sensor`)."""
+    """Render a good and a spoiled print (`print`), and the face with each of them (`sensor`)."""
     printer = Printer()
     rng = np.random.default_rng(0)
     values = print_colours(printer, pattern_albedo(recipe, printer.mm_per_dot), rng)

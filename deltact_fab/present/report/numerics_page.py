@@ -123,7 +123,7 @@ CELLS = {
 
 
 def write_rehearsal_page(found: dict[str, Any], protocol: str, rig: str, out: Path) -> list[Path]:
-    """rehearsal.html and .json of `Rehearsal.as_dict()`; as `templating.save`."""
+    """Write rehearsal.html and rehearsal.json of `Rehearsal.as_dict()` into a folder; the files."""
     rows = [{**c, "wrong": c["wrong"] or "the same record"} for c in found["cells"]]
     marks = ["" if c["passed"] else "bad" for c in rows]
     cells = html_table(pd.DataFrame(rows, columns=list(CELLS)).round(2), CELLS, marks)

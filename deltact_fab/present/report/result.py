@@ -121,8 +121,8 @@ class Headline:
 
 @dataclass(frozen=True)
 class Claim:
-    """What is said only where it is shown: by all jobs, and by every reading with an interval that
-    excludes 0.
+    """A sentence that is said only where it is shown: by all jobs, and by every reading with an
+    interval that excludes 0.
 
     text, otherwise: the sentences where every interval lies above 0, and below it. undecided: that
     where it is neither, with what would decide it. readings: ends of the intervals, by their

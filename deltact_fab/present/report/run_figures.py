@@ -73,7 +73,7 @@ def error_by_step(tracking: TrackingResult) -> Figure | None:
 
 
 def plot_error_by_time(tracking: TrackingResult) -> Figure | None:
-    """Error against CPU time a frame, one mark a method; None without any error."""
+    """Plot error against CPU time a frame, one mark a method; None without any error."""
     verdict, drawn = tracking.verdict, _drawn(tracking)
     if not drawn:
         return None
@@ -185,7 +185,7 @@ def force_by_frame(frames: pd.DataFrame) -> Figure:
 
 
 def plot_predicted_force(result: ForceResult) -> ReportFigure:
-    """The figure of a calibration, signed with where its data is from."""
+    """Plot predicted against measured force of a calibration, with the origin of its data."""
     caption = "Predicted against measured force. Each point by a model fitted without it: "
     words = f"{caption}{FORCE_SPLITS[result.best.ranked_by]}."
     return ReportFigure("force-predicted", words, partial(_predicted, result))

@@ -29,7 +29,7 @@ EXTREME = 99.5  # percentile of a map that is full scale: single points do not f
 
 
 def plot_gallery(pictures: Sequence[ShapeMaps], note: str) -> Figure:
-    """A column a press: object, image with flow, density, surface.
+    """Plot a column a press: object, image with flow, density, surface.
 
     As the paper's figure of four shapes has it, of the first COLUMNS.
     """
@@ -51,7 +51,7 @@ def plot_gallery(pictures: Sequence[ShapeMaps], note: str) -> Figure:
 
 
 def plot_depth_against_truth(pictures: Sequence[ShapeMaps], note: str) -> Figure:
-    """A column a press: a section through the tip, and the map of the error.
+    """Plot a column a press: a section through the tip, and the map of the error.
 
     Of those with truth, COLUMNS of them; there must be one.
     """
@@ -193,7 +193,7 @@ DARK = "magma"
 
 
 def plot_distribution(picture: ShapeMaps, note: str) -> Figure:
-    """Found above, and below it what is true, where that is known, on one scale.
+    """Plot the measured forces above, and the true ones below where they are known, on one scale.
 
     Of a picture with tractions.
     """

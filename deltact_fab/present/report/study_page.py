@@ -165,7 +165,7 @@ def prepared(one: ReportTable) -> dict[str, Any]:
 
 
 def require_ready_study(study: str, out: Path) -> None:
-    """Say before a study begins, and not after hours, what keeps it from being written into out.
+    """Check before a study begins that its page can be written into a folder.
 
     Raises MissingLibrary without the extra `report`, InputError for a folder that holds anything
     but an earlier one of this study.

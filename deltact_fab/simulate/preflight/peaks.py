@@ -341,8 +341,4 @@ def _moment(
         arms.append(abs(at_mm[axis] - origin_mm[axis]) + travel + off)
     x, y = arms
     z = max(abs(origin_mm[2]), abs(origin_mm[2] + depth_mm))
-    return (
-        y * normal_n + z * side_n,
-        x * normal_n + z * side_n,
-        math.hypot(x, y) * side_n,
-    )
+    return (y * normal_n + z * side_n, x * normal_n + z * side_n, math.hypot(x, y) * side_n)

@@ -11,14 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.bench import (
-    LATTICE_FILE,
-    LENS_FILE,
-    CameraFrame,
-    Clock,
-    VirtualConfig,
-    truth_file,
-)
+from deltact_fab.bench import LATTICE_FILE, LENS_FILE, CameraFrame, Clock, VirtualConfig, truth_file
 from deltact_fab.common import Field, RunFailed, stream_number, write_whole
 from deltact_fab.sensor import Fisheye, Pinhole, Rectified, SensorDimensions, SurfaceLattice
 
@@ -31,7 +24,7 @@ Seen = tuple[int, int, float]  # keys of the knots around it, and how far it is 
 def crop_lattice(
     config: VirtualConfig, sensor: SensorDimensions, axes_mm: tuple[Field, Field]
 ) -> LatticeCrop:
-    """The part of a gel's lattice, with nodes (nx,) and (ny,), that the rig's camera can see."""
+    """Crop a gel's lattice, with nodes (nx,) and (ny,), to what the rig's camera can see."""
     optics = sensor.optics
     view = optics.view_mm
     margin_px = PictureGeometry.MARGIN_PX + (BAND_PX if config.virtual.lens is not None else 0)
@@ -45,7 +38,7 @@ def picture_geometry(
     view: Pinhole | Rectified,
     lattice: SurfaceLattice,
 ) -> tuple[PictureGeometry, Fisheye | None]:
-    """What each pixel sees, and the true lens it sees through; None: a pinhole.
+    """The geometry of the rig's picture, and its true lens; None: a pinhole.
 
     view: of the images that are tracked.
     """

@@ -91,7 +91,7 @@ class RawView:
 
 
 class PictureGeometry:
-    """Which point of the resting face each pixel sees, of any pattern that is printed on it.
+    """The point of the resting face that each pixel sees, of any pattern that is printed on it.
 
     It is what drawing costs most, and many patterns of one deformed face can share it.
     """
@@ -110,8 +110,10 @@ class PictureGeometry:
             self._motion = FaceMotion(lattice, camera.project_px)
         # The view and its margin may reach over the edge of the face.
         xs_mm, ys_mm = (
-            _within(v, w)
-            for v, w in zip(axes_mm(camera, self.MARGIN_PX), lattice.axes_mm(), strict=True)
+            points[(points >= nodes[0]) & (points <= nodes[-1])]
+            for points, nodes in zip(
+                axes_mm(camera, self.MARGIN_PX), lattice.axes_mm(), strict=True
+            )
         )
         self._sampler = LatticeSampler.make(lattice, xs_mm, ys_mm)
         if self._motion is not None:
@@ -276,10 +278,6 @@ class FrameRenderer:
         if self._glows and displacement_mm is not None:
             depth_mm = self.geometry.depth_mm(displacement_mm, at_px)
         return self._exposure.expose(radiance, rng, depth_mm)
-
-
-def _within(points_mm: NDArray[np.float64], nodes_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-    return points_mm[(points_mm >= nodes_mm[0]) & (points_mm <= nodes_mm[-1])]
 
 
 def _newton(field: Float, margin_px: Float, target: Float, start: Float) -> Float:

@@ -45,7 +45,7 @@ def solve_presses(
     executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> list[PressRow]:
-    """Every press of protocols, solved or found; a failure ends that press and no other.
+    """Solve every press of protocols or find it solved; a failure ends that press and no other.
 
     progress: told of each press at its end. executor: as of `jobs.run`.
     """

@@ -100,9 +100,7 @@ class Presses:
         self.increments = Increments(of.press_increment_mm, of.shear_increment_mm)
         lattice_mm = (config.spacing_mm if linear else None) or finite.lattice_mm
         self._shown = ObservedChannels(
-            "all" if self.fields else "none",
-            traction=self.tractions,
-            lattice_mm=lattice_mm,
+            "all" if self.fields else "none", traction=self.tractions, lattice_mm=lattice_mm
         )
         self._wishes: dict[str, Any] = {
             "tolerance": finite.tolerance,

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 
 class VirtualKind(RigKind):
+    """The kind of rig that is simulated whole: its camera, its refusals, and how it is built."""
+
     part = "simulated gel"
     _config: VirtualConfig
 

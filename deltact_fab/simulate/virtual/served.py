@@ -176,7 +176,7 @@ def serve_rig(
     images: int = 20,
     seed: int = 0,
 ) -> Iterator[Path]:
-    """The rig file of the simulated devices, in a new folder, while the context lasts.
+    """Serve simulated devices while the context lasts; their rig file, in a new folder.
 
     indenter: the one that is mounted. images: of the face at rest. Raises InputError for a firmware
     that no board simulates and a folder that is there already, OSError where no socket can be had.

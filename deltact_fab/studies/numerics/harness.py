@@ -113,7 +113,7 @@ class Numerics:
 def run_engines(
     names: Sequence[str] = (), quick: bool = False, progress: Progress | None = None
 ) -> Numerics:
-    """Curves and stability of the named engines, all by default.
+    """Run the curves and the hard cases of the named engines, all by default.
 
     quick: a few settings and cases an engine. Raises InputError for an unknown engine, RunFailed
     when a setting cannot be timed.

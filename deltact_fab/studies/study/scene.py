@@ -23,11 +23,7 @@ from deltact_fab.fabricate import load_design, load_recipe
 from deltact_fab.physics import MODEL_TOLERANCE_SHARE
 from deltact_fab.present import StudyResult
 from deltact_fab.sensor import SensorDimensions
-from deltact_fab.simulate import (
-    Presses,
-    VirtualKind,
-    solve_presses,
-)
+from deltact_fab.simulate import Presses, VirtualKind, solve_presses
 from deltact_fab.version import VERSION
 
 from .grid import GridJob

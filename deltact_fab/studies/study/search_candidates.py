@@ -266,8 +266,7 @@ def dragged(view: Pinhole, seed: int) -> list[DragFrame]:
     whole *= DRAG_MM / np.hypot(whole[..., 0], whole[..., 1]).max()
     return [
         DragFrame(
-            drawing.material_px(u_mm),
-            TrueFrame.of(*seen.both(u_mm), in_view, view.mm_per_px),
+            drawing.material_px(u_mm), TrueFrame.of(*seen.both(u_mm), in_view, view.mm_per_px)
         )
         for u_mm in (whole * (k / OUTWARD) for k in range(1, OUTWARD + 1))
     ]

@@ -169,7 +169,7 @@ def _longest(stops: Sequence[Fading]) -> list[Headline]:
 def _notes(found: Sequence[ForceRest], fitted: RelaxationFit) -> list[str]:
     notes = [
         f"{len(found)} rests of up to {max(float(rest.wait_s[-1]) for rest in found):.3g} s; the "
-        f"series leaves {1e3 * fitted.rms_n:.2g} mN rms of samples averaged over 20 ms.",
+        f"series leaves {1e3 * fitted.rms_n:.2g} mN rms of samples averaged over 20 ms."
     ]
     if fitted.unsure:
         slow = ", ".join(f"{tau:.3g} s" for tau in fitted.unsure)

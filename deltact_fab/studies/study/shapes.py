@@ -131,14 +131,13 @@ def scene(asked: StudyRequest) -> PressScene:
         kept = 1 if name == TWIST else max(1, round(scale * len(places)))
         changed[name] = {"positions_mm": places[:kept]}
     thinned = {
-        name: (_with(protocol, changed.get(name, {})), source)
+        name: (
+            Protocol.model_validate(protocol.model_dump(mode="json") | changed.get(name, {})),
+            source,
+        )
         for name, (protocol, source) in loaded.items()
     }
     return PressScene.of(asked, thinned)
-
-
-def _with(protocol: Protocol, changed: dict[str, Any]) -> Protocol:
-    return Protocol.model_validate(protocol.model_dump(mode="json") | changed)
 
 
 def settings(of: PressScene, gel: Sequence[Mapping[str, Any]]) -> dict[str, str]:

@@ -270,7 +270,7 @@ class Rehearsal:
 
 
 def rehearse(of: FaultScenario, thorough: bool, progress: Progress | None = None) -> Rehearsal:
-    """Every fault, at every moment or at some of them, each moment met by some fault.
+    """Rehearse every fault, at every moment or at some of them, each moment met by some fault.
 
     Raises RunFailed where the undisturbed run ends in an error.
     """
