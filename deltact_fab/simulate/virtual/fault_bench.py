@@ -123,12 +123,11 @@ Change = Callable[[bytes], bytes]
 
 @dataclass
 class _Rule:
-    """Lines that begin so and are said from from_ns until until_ns, at most `most`, are changed."""
+    """Lines that begin so and are said from from_ns on, at most `most`, are changed."""
 
     begins: bytes
     change: Change
     from_ns: float
-    until_ns: float
     most: float
 
 
@@ -143,12 +142,10 @@ class NoisyController(GrblController):
         change: Change,
         begins: bytes = b"",
         at_s: float = 0.0,
-        for_s: float = math.inf,
         most: float = math.inf,
     ) -> None:
-        """Let every line that begins so and is said in that time arrive as `change` makes it."""
-        from_ns = to_ns(at_s)
-        self._rules += (_Rule(begins, change, from_ns, from_ns + for_s * 1e9, most),)
+        """Let every line that begins so and is said from then on arrive as `change` makes it."""
+        self._rules += (_Rule(begins, change, to_ns(at_s), most),)
 
     lose = partialmethod(change, lambda line: b"")
     """The same, and the line is lost."""
@@ -177,7 +174,7 @@ class NoisyController(GrblController):
     def _arriving(self, t_ns: int, line: bytes) -> bytes:
         for rule in self._rules:
             fits = line.strip() and line.startswith(rule.begins) and rule.most > 0
-            if fits and rule.from_ns <= t_ns < rule.until_ns:
+            if fits and rule.from_ns <= t_ns:
                 rule.most -= 1
                 self.first_changed_ns = self.first_changed_ns or t_ns
                 line = rule.change(line)
