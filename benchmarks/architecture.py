@@ -33,6 +33,7 @@ GAP = 26  # px between boxes of a row, at least
 LANE = 20  # px that an arrow takes where it passes a row
 STRAIGHT = 6.0  # how much more a lane than a box resists being moved aside
 MARGIN = 28
+WIDTH = 380  # px at least, which the legend needs
 
 Graph = dict[str, set[str]]
 
@@ -250,9 +251,9 @@ def diagram() -> str:
     estimators, truth = sides()
     left = min(layout.x[n] - layout.width(n) / 2 for n in layout.x)
     right = max(layout.x[n] + layout.width(n) / 2 for n in layout.x)
-    width = round(right - left + 2 * MARGIN)
+    width = max(WIDTH, round(right - left + 2 * MARGIN))
     shift = (width - right - left) / 2
-    top = 74
+    top = 98
     base = _lines(ground(), width - 2 * MARGIN, layout)
     height = top + STEP * len(rows) + 22 + 42 * len(base)
 
@@ -286,9 +287,9 @@ def diagram() -> str:
             (" truth", "to these: no simulated truth in an estimate"),
         )
     ):
-        at = MARGIN + 310 * k
-        out.append(f'<rect class="box{kind}" x="{at}" y="14" width="22" height="16" rx="3"/>')
-        out.append(f'<text class="note" x="{at + 30}" y="27">{said}</text>')
+        at = 14 + 24 * k
+        out.append(f'<rect class="box{kind}" x="{MARGIN}" y="{at}" width="22" height="16" rx="3"/>')
+        out.append(f'<text class="note" x="{MARGIN + 30}" y="{at + 13}">{said}</text>')
     for chain in layout.chains:
         points = [(layout.x[n] + shift, y(layout.level[n])) for n in chain]
         out.append(f'<path class="arrow" d="{_path(points)}"/>')

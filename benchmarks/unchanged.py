@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import math
 import os
 import sqlite3
 import subprocess
@@ -120,7 +121,8 @@ def run() -> dict[str, Any]:
     }
     with sqlite3.connect("run/journal.sqlite") as journal:
         for (table,) in journal.execute("SELECT name FROM sqlite_master WHERE type='table'"):
-            rows[f"journal.{table}"] = rows_of(journal, table)
+            if table != "files":  # hashes of files that hold times and versions
+                rows[f"journal.{table}"] = rows_of(journal, table)
     called("measure", "run", "--out", "measured", "--show", "flow")
     script = subprocess.run((sys.executable, "-c", FLOWS), check=True, stdout=subprocess.PIPE)
     return rows | json.loads(script.stdout)
@@ -154,23 +156,29 @@ def timeless(data: Any) -> Any:
 
 def is_of_the_run(key: str) -> bool:
     """True for a key whose value tells when, how long or by what code, and no result."""
-    return key.endswith("_s") or any(
-        word in key
-        for word in ("time", "date", "version", "digest", "cpu", "code", "folder", "page")
-    )
+    words = ("seconds", "time", "date", "version", "digest", "cpu", "code", "folder", "page")
+    return key.endswith("_s") or any(word in key for word in words)
 
 
 SECTIONS = {"parts": parts, "sheets": sheets, "presses": presses, "run": run, "study": study}
 
 
+SAME_REL = 1e-6
+"""Numbers that differ by less are the same: a process that compiles the fast loops, in place of
+loading them, rounds their sums in another order."""
+
+
 def differences(now: Any, before: Any, path: str = "") -> Iterator[str]:
-    """A line for each value that is not the same, numbers bit by bit."""
+    """A line for each value that is not the same."""
     if isinstance(now, dict) and isinstance(before, dict):
         for key in sorted({*now, *before}):
             yield from differences(now.get(key), before.get(key), f"{path}/{key}")
     elif isinstance(now, list) and isinstance(before, list) and len(now) == len(before):
         for index, pair in enumerate(zip(now, before, strict=True)):
             yield from differences(*pair, f"{path}/{index}")
+    elif isinstance(now, float) and isinstance(before, float):
+        if not math.isclose(now, before, rel_tol=SAME_REL, abs_tol=1e-9):
+            yield f"{path}: {before!r} before, {now!r} now"
     elif now != before:
         yield f"{path}: {before!r} before, {now!r} now"
 

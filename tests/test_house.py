@@ -1,4 +1,4 @@
-"""Rules that no linter knows: what is private stays in its file, what is there is used."""
+"""Rules that no linter knows: what is private stays in its wing, what is there is used."""
 
 from __future__ import annotations
 
@@ -55,13 +55,16 @@ class Sources:
         return module, name
 
     def foreign_private(self) -> Iterator[str]:
-        """Uses of a private name where it is not defined; through `self` and `super()` it is."""
-        own = {module: set(_private(nodes)) for module, nodes in self.nodes.items()}
+        """Uses of a private name outside its wing; through `self` and `super()` it is inside."""
+        own: dict[str, set[str]] = {}
+        for module, nodes in self.nodes.items():
+            own.setdefault(_wing(module), set()).update(_private(nodes))
         ours = set().union(*own.values()) - NAMEDTUPLE
         for module, nodes in self.nodes.items():
-            foreign = ours - own[module]
+            foreign = ours - own[_wing(module)]
             for name, (home, there) in self.imports[module].items():
-                if home.startswith(SHIPPED) and _is_private(there):
+                outside = home.startswith(SHIPPED) and _wing(home) != _wing(module)
+                if outside and _is_private(there):
                     yield f"{module}: {name}"
             for node in nodes:
                 if not isinstance(node, ast.Attribute) or node.attr not in foreign:
@@ -90,6 +93,10 @@ class Sources:
                 for name in _top(tree):
                     if not {(module, name), ("", name)} & used and name not in BY_NAME:
                         yield f"{module}: {name}"
+
+
+def _wing(module: str) -> str:
+    return ".".join(module.split(".")[:2])
 
 
 def _is_private(name: str) -> bool:
@@ -134,7 +141,7 @@ def sources() -> Sources:
     return Sources(_texts(*USERS))
 
 
-def test_no_private_name_is_used_in_another_file(sources: Sources) -> None:
+def test_no_private_name_is_used_in_another_wing(sources: Sources) -> None:
     assert len(sources.trees) > 300
     assert sorted(sources.foreign_private()) == []
 

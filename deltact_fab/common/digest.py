@@ -20,7 +20,6 @@ from deltact_fab.paths import PACKAGE
 SILENT = (
     "door",
     "paths",
-    "version",
     *(f"common.{name}" for name in ("errors", "cache", "digest", "files", "jobs")),
 )
 
@@ -47,12 +46,18 @@ def _digest(modules: tuple[str, ...], package: Path) -> str:
 
 
 def code_files(*modules: str, package: Path = PACKAGE) -> list[Path]:
-    """The files whose text counts, sorted. Raises ValueError for a module that is not there."""
+    """The files whose text counts, sorted.
+
+    Raises ValueError for a module that is not there, and for a package whose `__init__` holds no
+    code: nothing would count.
+    """
     todo, found = [], set()
     for name in modules:
         path = _file((package.name, *name.split(".")), package)
         if path is None:
             raise ValueError(f"digest: no module {name!r} in {package.name}")
+        if path.name == "__init__.py" and not _holds_code(path):
+            raise ValueError(f"digest: package {name!r} holds no code; name modules in it")
         todo.append(path)
     while todo:
         path = todo.pop()
@@ -91,9 +96,14 @@ def imported(path: Path, package: Path = PACKAGE) -> tuple[Path, ...]:
     return (*found, *_read(path, package)[2])
 
 
+def _holds_code(path: Path) -> bool:
+    body = ast.parse(path.read_text(encoding="utf-8")).body
+    return any(not _is_text(node) for node in body)
+
+
 def _silent(file: Path, package: Path) -> bool:
     name = ".".join(file.relative_to(_home(file, package)).with_suffix("").parts)
-    return name.startswith(SILENT)
+    return any(name == silent or name.startswith(f"{silent}.") for silent in SILENT)
 
 
 def _home(path: Path, package: Path) -> Path:

@@ -75,6 +75,13 @@ def test_the_gel_knows_its_solver_and_no_picture() -> None:
     )
 
 
+def test_a_package_without_code_is_no_module_to_count(package: Path) -> None:
+    """A room whose `__init__` only says what it is for would leave all its files out."""
+    (package / "room/__init__.py").write_text('"""Words."""\n')
+    with pytest.raises(ValueError, match="package 'room' holds no code; name modules in it"):
+        digest.code_files("room", package=package)
+
+
 def test_another_package_s_digest_holds_what_it_imports_of_this_one(package: Path) -> None:
     (package / "top.py").write_text(
         "def run():\n    from deltact_fab.sensor import parse_indenter\n"

@@ -25,7 +25,9 @@ def key_of(run: Run, press: str) -> str:
     followed = frames[frames["seq"] <= chosen["seq"].max()]
     text = hashlib.sha256()
     text.update(
-        code_digest("estimate.measure.flow", "estimate.measure.face", "bench.record.run").encode()
+        code_digest(
+            "estimate.measure.flow.tracker", "estimate.measure.face", "bench.record.run"
+        ).encode()
     )
     for seq, sha256 in zip(followed["seq"], followed["sha256"], strict=True):
         text.update(f"{sha256} {seq in set(chosen['seq'])}\n".encode())

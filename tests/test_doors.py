@@ -1,0 +1,122 @@
+"""Doors of the wings: each name is there and used, they are few, and tools see through them."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import random
+import shutil
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from deltact_fab.common import digest
+from deltact_fab.door import handed_on
+from deltact_fab.paths import PACKAGE
+
+ROOT = PACKAGE.parent
+WINGS = sorted(file.parent.name for file in PACKAGE.glob("*/__init__.py"))
+# Ceilings that only fall: names at a door (the aim is 60 at each), and at all of them (300).
+MOST = {"bench": 113, "common": 100, "estimate": 101, "fabricate": 67, "sensor": 72}
+MOST_ELSEWHERE, MOST_ALL = 60, 590
+
+
+def door(wing: str) -> dict[str, tuple[str, str]]:
+    """The names at a wing's door, each with its module and its name there."""
+    tree = ast.parse((PACKAGE / wing / "__init__.py").read_text())
+    names = handed_on(tree, f"deltact_fab.{wing}")
+    inside = f"deltact_fab.{wing}."
+    return {name: home for name, home in names.items() if home[0].startswith(inside)}
+
+
+@pytest.fixture(scope="module")
+def users() -> dict[tuple[str, str], list[Path]]:
+    """The files of the package that import a name from another wing's door, by wing and name."""
+    found: dict[tuple[str, str], list[Path]] = {}
+    for file in sorted(PACKAGE.rglob("*/*.py")):
+        for node in ast.walk(ast.parse(file.read_text())):
+            top, _, wing = (getattr(node, "module", None) or "").partition(".")
+            if isinstance(node, ast.ImportFrom) and top == "deltact_fab" and wing in WINGS:
+                for alias in node.names:
+                    found.setdefault((wing, alias.name), []).append(file)
+    return found
+
+
+@pytest.mark.parametrize("wing", WINGS)
+def test_each_name_at_a_door_is_there_and_documented(wing: str) -> None:
+    module = import_module(f"deltact_fab.{wing}")
+    for name, (home, original) in door(wing).items():
+        value = getattr(module, name)
+        assert value is getattr(import_module(home), original), name
+        if inspect.isclass(value) or inspect.isfunction(value):
+            assert value.__doc__, f"{wing}.{name} has no docstring"
+    with pytest.raises(AttributeError, match=f"'deltact_fab.{wing}' has no attribute 'nothing'"):
+        module.nothing  # noqa: B018
+
+
+def test_doors_stay_small() -> None:
+    counts = {wing: len(door(wing)) for wing in WINGS}
+    over = {w: n for w, n in counts.items() if n > MOST.get(w, MOST_ELSEWHERE)}
+    assert over == {}
+    assert sum(counts.values()) <= MOST_ALL, counts
+
+
+def test_each_name_at_a_door_is_used_outside(users: dict[tuple[str, str], list[Path]]) -> None:
+    listed = {(wing, name) for wing in WINGS for name in door(wing)}
+    outermost = handed_on(ast.parse((PACKAGE / "__init__.py").read_text()), "deltact_fab").values()
+    taken = {(home.partition(".")[2], name) for home, name in outermost} | {("app", "entry")}
+    assert sorted(listed - {*users} - taken) == []
+    assert sorted({*users} - listed) == []
+
+
+def test_a_digest_follows_names_behind_doors(users: dict[tuple[str, str], list[Path]]) -> None:
+    """Twenty names, each from a file that imports it: its home counts, the door does not."""
+    drawn = random.Random(54).sample(sorted(key for key in users if key[0] != "common"), 20)
+    for wing, name in drawn:
+        user = users[wing, name][0].relative_to(PACKAGE).with_suffix("")
+        files = digest.code_files(".".join(user.parts).removesuffix(".__init__"))
+        path = Path(str(import_module(door(wing)[name][0]).__file__))
+        assert path in files, f"{user}: {wing}.{name}"
+        assert PACKAGE / wing / "__init__.py" not in files
+        text = path.read_text()
+        before = digest.meaning(ast.parse(text))
+        assert digest.meaning(ast.parse(f"{text}\nPLANTED = 1.5\n")) != before
+        assert digest.meaning(ast.parse(f'{text}\n"""Other words."""  # a remark\n')) == before
+
+
+def test_what_is_silent_is_no_wing() -> None:
+    """Errors and the store count in no digest; what else is common does."""
+    files = {
+        path.relative_to(PACKAGE).as_posix() for path in digest.code_files("physics.gel.press")
+    }
+    assert "common/aliases.py" in files
+    assert not files & {"common/errors.py", "common/cache.py", "common/digest.py", "door.py"}
+    assert not any(path.startswith("common/jobs/") for path in files)
+
+
+@pytest.mark.slow
+def test_a_leak_through_two_doors_is_refused(tmp_path: Path) -> None:
+    """An estimator that imports the record, which imports the gel: each through its door."""
+    shutil.copytree(PACKAGE, tmp_path / "deltact_fab", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+
+    def contracts() -> str:
+        linter = Path(sys.executable).with_name("lint-imports")
+        words = [str(linter), "--no-cache"]
+        return subprocess.run(words, cwd=tmp_path, capture_output=True, text=True).stdout
+
+    kept = contracts()
+    assert "0 broken" in kept, kept
+    record = tmp_path / "deltact_fab/bench/record/run.py"
+    planted = "from deltact_fab.physics import press_gel\n"
+    record.write_text(record.read_text().replace("\nimport ", f"\n{planted}import ", 1))
+    assert planted in record.read_text()
+    broken = contracts()
+    assert "Simulated truth cannot leak into an estimator BROKEN" in broken
+    record.write_text(record.read_text().replace(planted, ""))
+    inside = tmp_path / "deltact_fab/bench/rig/check.py"
+    inside.write_text(inside.read_text() + "\nfrom deltact_fab.sensor.shapes import rigid\n")
+    assert "The door of sensor BROKEN" in contracts()
