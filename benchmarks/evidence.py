@@ -25,11 +25,11 @@ from deltact_fab.common import digest
 from deltact_fab.common.jobs.local import THREAD_VARIABLES
 from deltact_fab.estimate.measure.flow.renewed import FlowMethod
 from deltact_fab.physics.gel.finite.linear import SolverName
-from deltact_fab.simulate.experiment.session import library_versions
 from deltact_fab.studies.numerics.engine import Case
 from deltact_fab.studies.numerics.engines import gel, gel_press
 from deltact_fab.studies.numerics.engines.gel_press import PressSetup
 from deltact_fab.studies.numerics.harness import machine
+from deltact_fab.version import library_versions
 
 from . import felupe, flow_peers, gel_long, store
 from .gel_press import WholePress

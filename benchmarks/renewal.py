@@ -26,7 +26,7 @@ from deltact_fab.estimate.measure.flow.tracker import FlowReference, FlowTracker
 from deltact_fab.fabricate.patterns.recipe import PatternRecipe
 from deltact_fab.fabricate.patterns.series import series_recipes
 from deltact_fab.sensor.shapes.sensor import SensorDimensions
-from deltact_fab.simulate.virtual.drawing import noise_of, printed_renderer, resting_geometry
+from deltact_fab.simulate.virtual.picture import FrameRenderer, PictureGeometry
 from deltact_fab.studies.study.pattern_selection import Selection
 from deltact_fab.studies.study.registry import StudyRequest, virtual_rig
 from deltact_fab.studies.study.stream import PressStream
@@ -39,11 +39,11 @@ def seen() -> Iterator[tuple[str, float, float]]:
     """Of each pattern of the paper: the rule's threshold, and the most that it can see, in grey
     levels of the virtual rig's camera.
     """
-    config, geometry = virtual_rig("virtual")[0], resting_geometry(SensorDimensions())
+    config, geometry = virtual_rig("virtual")[0], PictureGeometry.resting(SensorDimensions())
 
     def at_rest_of(recipe: PatternRecipe, seed: int) -> Image:
-        picture = printed_renderer(config.virtual, recipe, geometry, seed)
-        return to_gray(picture.render(None, noise_of(seed, "")))
+        picture = FrameRenderer.printed(geometry, config.virtual, recipe, seed)
+        return to_gray(picture.render(None, FrameRenderer.noise(seed, "")))
 
     for entry in series_recipes():
         own = at_rest_of(entry.recipe, 1)

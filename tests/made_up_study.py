@@ -19,20 +19,20 @@ COLUMNS = 12
 
 def bars() -> Figure:
     """A figure with a title that is wider than a column of a paper."""
-    figure, (axis,) = figures.blank_figure(9.6, 4.2)
+    figure, (axis,) = figures.create_figure(9.6, 4.2)
     for i, colour in enumerate(figures.SERIES_COLOURS[:3]):
         axis.bar(np.arange(4) + 0.25 * i, [1 + i, 2, 3, 1], 0.22, color=colour, label=f"tool {i}")
     axis.set_title("A title that goes on and on until no column of any paper holds it any more, "
                    "and then some words", loc="left")  # fmt: skip
     axis.set_xticks(range(4), ["sphere:10", "4dots", "star", "hexprism"])
     axis.set_ylabel("mean error, mm")
-    figures.legend_below(figure, axis)
+    figures.draw_legend(figure, axis)
     return figure
 
 
 def picture() -> Figure:
     """A raster between axes."""
-    figure, (axis,) = figures.blank_figure(4.8, 3.6)
+    figure, (axis,) = figures.create_figure(4.8, 3.6)
     axis.imshow(np.arange(600).reshape(20, 30) % 37, extent=(-15, 15, -10, 10))
     axis.set_xlabel("x, mm")
     axis.set_ylabel("y, mm")

@@ -137,7 +137,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     from deltact_fab.physics import imaging
     from deltact_fab.physics.gel.linear import contact
     from deltact_fab.sensor.optics.rectified import Rectified
-    from deltact_fab.simulate.virtual import drawing, netft, picture
+    from deltact_fab.simulate.virtual import netft, picture
 
     calls: Counter[str] = Counter()
     for owner, name, label in (
@@ -145,7 +145,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
         (picture.FrameRenderer, "__init__", "picture"),
         (picture.RawView, "__init__", "raw view"),
         (Rectified, "maps", "maps"),
-        (drawing, "print_colours", "print"),
+        (picture, "print_colours", "print"),
         (imaging.Exposure, "expose", "expose"),
         (contact, "friction_contact", "friction"),
         (contact, "normal_contact", "normal"),

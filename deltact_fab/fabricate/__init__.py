@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from .patterns.quality.measure import measure_quality
     from .patterns.raster import make_pattern, pattern_albedo
     from .patterns.recipe import (
-        DEFAULT_SEED, PatternRecipe, RECOMMENDED_RECIPE, dot_centres_mm, draw_patches,
-        load_recipe, recipe_from_data, recipe_from_options,
+        DEFAULT_SEED, PatternRecipe, RECOMMENDED_RECIPE, draw_patches, load_recipe,
+        recipe_from_data, recipe_from_options,
     )
     from .patterns.series import (
         SERIES_FIGURES, SERIES_FORMAT, SERIES_GRIDS, SERIES_PAGE, SERIES_VIEWS, SeriesEntry,

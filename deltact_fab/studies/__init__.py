@@ -9,7 +9,6 @@ from deltact_fab.door import open_door
 if TYPE_CHECKING:
     # isort: off
     # fmt: off
-    from .numerics.faults.bench import lab_benches
     from .numerics.faults.rehearsal import rehearse
     from .numerics.harness import run_engines
     from .study.registry import STUDIES, Study, StudyRequest, find_study, run_study

@@ -273,8 +273,8 @@ def fit(readings: Path, design: str, out: Path | None) -> Answer:
 def guide(design: str, changes: tuple[str, ...], sensors: int, out: Path) -> Answer:
     """Fabrication guide of a design, one offline page: print, cast, wire, assemble."""
     from deltact_fab.fabricate import write_guide
-    from deltact_fab.present import pairs
+    from deltact_fab.present import render_examples
 
     dims = load(design, changes)
     with progress("cad guide") as tell:
-        return written(write_guide(dims, out, sensors, tell, examples=pairs))
+        return written(write_guide(dims, out, sensors, tell, examples=render_examples))

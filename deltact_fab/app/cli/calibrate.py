@@ -19,10 +19,7 @@ if TYPE_CHECKING:
     from deltact_fab.sensor import Checkerboard
 
 
-@click.group(
-    cls=CommandGroup,
-    context_settings={"ignore_unknown_options": True},
-)
+@click.group(cls=CommandGroup, context_settings={"ignore_unknown_options": True})
 def calibrate() -> None:
     """Calibrations of a sensor, in this order: lens, depth, force. Each is one file."""
 

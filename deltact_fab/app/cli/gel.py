@@ -195,7 +195,7 @@ def path(protocol: str, rig_name: str, jobs: int | None, on: str) -> Answer:
     from deltact_fab.bench import load_protocol, load_rig
     from deltact_fab.common import open_executor
     from deltact_fab.fabricate import load_design
-    from deltact_fab.simulate import require_gel_level, solve_ahead
+    from deltact_fab.simulate import require_gel_level, solve_presses
 
     declared, source = load_protocol(protocol)
     rig, rig_source = load_rig(rig_name)
@@ -208,7 +208,7 @@ def path(protocol: str, rig_name: str, jobs: int | None, on: str) -> Answer:
     level = declared.specimen.gel_model
     started = time.monotonic()
     with open_executor(on, jobs) as where, progress("gel path") as tick:
-        rows = solve_ahead([declared], sensor.skin, rig.virtual.gel, where, tick)
+        rows = solve_presses([declared], sensor.skin, rig.virtual.gel, where, tick)
     seconds = time.monotonic() - started
     failed = [row for row in rows if row.failure]
     data = {

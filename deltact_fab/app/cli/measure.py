@@ -4,21 +4,15 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
-import time
-from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from deltact_fab.common import Stopped
+from deltact_fab.common import InputError, Stopped
 
 from .options import NAME_OR_PATH, PATH, Finite, out_folder, seed
 from .output import echo_json
-
-if TYPE_CHECKING:
-    from deltact_fab.present import MeasurementOutput, MeasurementSession
 
 VIEW_HZ = 10.0
 
@@ -74,81 +68,21 @@ def measure(
         raise click.UsageError("--jsonl, --json: one of them, as both write to stdout")
     import cv2
 
-    from deltact_fab.present import (
-        HealthOutput,
-        JsonLines,
-        KeptFolder,
-        LivePage,
-        MeasurementSummary,
-        PageOutput,
-        StatusLine,
-        describe_source,
-        once,
-        open_session,
-        require_new_folder,
-    )
+    from deltact_fab.present import deliver_results, open_session
 
     cv2.setNumThreads(1)  # the flow depends on their number, and more bring nothing
-    if out is not None:
-        require_new_folder(out)
+    if out is not None and out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(f"{out}: already there; name a new or empty --out folder")
     # As Ctrl-C, so that what a supervisor ends is kept in good order too.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    with ExitStack() as stack:
-        session = open_session(
-            source, camera, calibrations,
-            None if show is None else [part.strip() for part in show.split(",")],
-            design=design, serial=serial, seed=seed, mm_per_px=mm_per_px,
-            follow_s=follow, most_hz=hz or (VIEW_HZ if view else None),
-        )  # fmt: skip
-        opened, measurement = session.source, session.measurement
-        stack.callback(opened.close)
-        page = None
-        if view:
-            facts = describe_source(opened, "force" in measurement.include)
-            page = LivePage(facts, measurement.reset, port)
-        simulated = opened.known.simulated
-        outputs: list[MeasurementOutput] = []
-        if jsonl:
-            outputs.append(JsonLines(sys.stdout, simulated))
-        if as_json:
-            outputs.append(MeasurementSummary(echo_json, simulated))
-        if not jsonl or sys.stderr.isatty():
-            outputs.append(StatusLine(sys.stderr if jsonl or as_json else sys.stdout, simulated))
-        if page is not None:
-            stack.callback(page.close)
-            outputs.append(PageOutput(session, page))
-            click.echo(f"view: {page.url}", err=True)
-
-        def tell(health: str, unfit: str = "") -> None:
-            click.echo(health, err=True)
-            if page is not None:
-                page.health, page.unfit = health, unfit
-
-        if lines := once(session):
-            tell("\n".join(lines))
-        outputs.append(HealthOutput(tell))
-        if out is not None:
-            kept = KeptFolder(out, session, pictures)
-            stack.callback(kept.close)
-            outputs.append(kept)
-        status = _run(session, outputs, stay=page is not None)
-    raise click.exceptions.Exit(status)
-
-
-def _run(session: MeasurementSession, outputs: list[MeasurementOutput], stay: bool) -> int:
-    """Until the source ends or Ctrl-C; the exit code."""
-    status, measured = Stopped.exit_code, None
-    try:
-        for measured in session.results():
-            for output in outputs:
-                output.show(measured)
-        status = 0
-        for output in outputs:
-            output.end("ended", measured)
-        while stay:  # the page, with the last result
-            time.sleep(1)
-    except KeyboardInterrupt:
-        if status:
-            for output in outputs:
-                output.end("stopped", measured)
-    return status
+    session = open_session(
+        source, camera, calibrations,
+        None if show is None else [part.strip() for part in show.split(",")],
+        design=design, serial=serial, seed=seed, mm_per_px=mm_per_px,
+        follow_s=follow, most_hz=hz or (VIEW_HZ if view else None),
+    )  # fmt: skip
+    ended = deliver_results(
+        session, partial(click.echo, err=True), jsonl=jsonl, summary=echo_json if as_json else None,
+        folder=out, pictures=pictures, page_port=port if view else None,
+    )  # fmt: skip
+    raise click.exceptions.Exit(0 if ended else Stopped.exit_code)

@@ -36,11 +36,7 @@ def numerics(engines: tuple[str, ...], quick: bool, out: Path | None) -> Answer:
     with progress("numerics") as report:
         found = run_engines(engines, quick, report)
     asides = []
-    lines = [
-        *columns_of(CURVES, found.curves),
-        "",
-        *columns_of(CASES, found.stability),
-    ]
+    lines = [*columns_of(CURVES, found.curves), "", *columns_of(CASES, found.stability)]
     for row in found.wrong:
         said = row["note"] or f"{row['figure']} over {row['bound']} {row['unit']}"
         asides.append(f"deltact-fab: wrong: {row['engine']}: {row['case']}: {said}")

@@ -241,20 +241,13 @@ def accept(
     what has changed. Exit code 1 when a row fails.
     """
     from deltact_fab.fabricate import PatternRecipe, load_design, load_recipe
-    from deltact_fab.present import (
-        accept_sensor,
-        acceptance_file,
-        acceptance_picture,
-        known_steps,
-        open_source,
-        save_acceptance,
-    )
+    from deltact_fab.present import accept_sensor, acceptance_file, check_known_step, open_source
 
     if out is None and serial is not None:
         out = acceptance_file(serial)
     if out is not None and out.exists():
         raise InputError(f"{out}: already there; name another file with -o, or remove it")
-    steps = [] if step is None else known_steps(step)
+    steps = [] if step is None else check_known_step(step)
     opened = open_source(source, camera, design, serial, seed, rest_only=True)
     try:
         known = opened.known
@@ -266,9 +259,9 @@ def accept(
         opened.close()
     done = replace(done, rows=(*done.rows, *steps))
     if picture is not None:
-        write_whole(picture, acceptance_picture(done, known.camera))
+        write_whole(picture, done.picture(known.camera))
     if out is not None and done.passed:
-        save_acceptance(done, known, seed, out)
+        done.save(known, seed, out)
     told = [known.simulated] if known.simulated else []
     if done.passed:
         told.append(f"kept: {out}" if out else "not kept: name it with --serial")
@@ -344,7 +337,8 @@ def rehearse(protocol: str, name: str, thorough: bool, out: Path | None) -> Answ
     )
     from deltact_fab.common import require_pages
     from deltact_fab.fabricate import load_design
-    from deltact_fab.studies import lab_benches, rehearse
+    from deltact_fab.simulate import FaultScenario
+    from deltact_fab.studies import rehearse
 
     declared, path = load_protocol(protocol)
     bench, bench_path = load_rig(name)
@@ -352,7 +346,7 @@ def rehearse(protocol: str, name: str, thorough: bool, out: Path | None) -> Answ
         require_pages()
     design, steps = load_design(declared.specimen.design), expand_protocol(declared)
     require_limits(check_limits(declared, design, bench.stage, steps), str(path))
-    scenario = lab_benches(declared, path.read_bytes(), bench)
+    scenario = FaultScenario.of(declared, path.read_bytes(), bench)
     with progress("rehearse") as report:
         found = rehearse(scenario, thorough, report)
     told = found.as_dict()

@@ -100,13 +100,17 @@ def _run(name: str, one: Study, given: dict[str, Any]) -> Answer:
 
     What would keep its page from being written is said before anything is computed.
     """
+    from deltact_fab.common import open_executor
     from deltact_fab.present import require_ready_study, write_study_figures, write_study_page
     from deltact_fab.studies import StudyRequest, run_study
 
     out, figures = given["out"], given["figures"]
     require_ready_study(name, out)
     more = (flag.removeprefix("--").replace("-", "_") for flag in one.options)
-    with _executor(given) as executor, progress(name) as tick:
+    grid: AbstractContextManager[Executor | None] = nullcontext()
+    if "on" in given:
+        grid = open_executor(given["on"], given["jobs"])
+    with grid as executor, progress(name) as tick:
         found = run_study(
             name,
             StudyRequest(
@@ -130,9 +134,3 @@ def _run(name: str, one: Study, given: dict[str, Any]) -> Answer:
         "the same command tries them again"
     )
     return Answer(found.data, found.verdict, asides=[missing] if found.missing else ())
-
-
-def _executor(given: dict[str, Any]) -> AbstractContextManager[Executor | None]:
-    from deltact_fab.common import open_executor
-
-    return open_executor(given["on"], given["jobs"]) if "on" in given else nullcontext()

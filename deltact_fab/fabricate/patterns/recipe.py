@@ -219,6 +219,15 @@ class PatternRecipe(Table, strict=True):
         """The side of the printed square, n d: 466 x 0.075 = 34.95 of 35 mm."""
         return _printed_mm(self.size_mm, self.patch_mm)
 
+    def as_record(self) -> dict[str, Any]:
+        """Recipe and dot centres as plain data, so that analysis needs no maker of patterns."""
+        dots = self.dots
+        return {
+            "recipe": self.model_dump(mode="json"),
+            "dots_mm": dot_centres_mm(dots).tolist() if dots is not None else [],
+            "dot_diameter_mm": dots.diameter_mm if dots is not None else 0.0,
+        }
+
 
 def dot_centres_mm(grid: DotGrid) -> NDArray[np.float64]:
     """Dot centres in the sensor frame, (rows * columns, 2) mm, about the grid's offset.

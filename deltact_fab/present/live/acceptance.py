@@ -76,6 +76,35 @@ class Acceptance:
             "found": None if self.found is None else asdict(self.found),
         }  # fmt: skip
 
+    def save(self, known: SensorModel, seed: int, out: Path) -> None:
+        """Keep a sensor that was accepted, and its face at rest beside it.
+
+        seed: of a simulated one. Raises InputError for one that was not accepted and for a file
+        that is there already, RunFailed when the disk refuses.
+        """
+        if not self.passed:
+            raise InputError(f"{self.source}: not accepted: there is nothing to keep")
+        image, rest = out.with_suffix(".rest.png"), encode_png(self.raw)
+        for file in (out, image):
+            if file.exists():
+                raise InputError(f"{file}: already there; name another file with -o, or remove it")
+        rows = [[row.name, row.value, row.limit] for row in self.rows]
+        text = format_acceptance(known, self.source, seed, (image.name, rest), rows)
+        with disk_errors(out):
+            out.parent.mkdir(exist_ok=True)
+        write_files({image: rest, out: text.encode()})
+
+    def picture(self, camera: CameraModel) -> bytes:
+        """The face at rest as it is tracked, with what was found on it; PNG."""
+        image = np.ascontiguousarray(Rectifier(camera).view(self.raw), np.uint8)
+        found = self.found
+        for x, y, long_mm in () if found is None else (*found.torn, *found.places):
+            at = camera.rest_px(np.array([x, y])).round().astype(int).tolist()
+            reach = round((long_mm / 2 + 0.5) / camera.mm_per_px)
+            cv2.circle(image, at, reach, (255, 255, 255), 5)
+            cv2.circle(image, at, reach, (0, 0, 220), 2)
+        return encode_png(image)
+
 
 def accept_sensor(
     source: Source, recipe: PatternRecipe, design: Design, frames: int = FRAMES
@@ -105,37 +134,6 @@ def accept_sensor(
                     rest=still.unrest)  # fmt: skip
     rows = _rows(found, sticker, design, still.count)
     return Acceptance(source.name, still.count, rows, found, still.raw)
-
-
-def save_acceptance(accepted: Acceptance, known: SensorModel, seed: int, out: Path) -> None:
-    """Keep a sensor that was accepted, and its face at rest beside it.
-
-    seed: of a simulated one. Raises InputError for one that was not accepted and for a file that is
-    there already, RunFailed when the disk refuses.
-    """
-    if not accepted.passed:
-        raise InputError(f"{accepted.source}: not accepted: there is nothing to keep")
-    image, rest = out.with_suffix(".rest.png"), encode_png(accepted.raw)
-    for file in (out, image):
-        if file.exists():
-            raise InputError(f"{file}: already there; name another file with -o, or remove it")
-    rows = [[row.name, row.value, row.limit] for row in accepted.rows]
-    text = format_acceptance(known, accepted.source, seed, (image.name, rest), rows)
-    with disk_errors(out):
-        out.parent.mkdir(exist_ok=True)
-    write_files({image: rest, out: text.encode()})
-
-
-def acceptance_picture(accepted: Acceptance, camera: CameraModel) -> bytes:
-    """The face at rest as it is tracked, with what was found on it; PNG."""
-    image = np.ascontiguousarray(Rectifier(camera).view(accepted.raw), np.uint8)
-    found = accepted.found
-    for x, y, long_mm in () if found is None else (*found.torn, *found.places):
-        at = camera.rest_px(np.array([x, y])).round().astype(int).tolist()
-        reach = round((long_mm / 2 + 0.5) / camera.mm_per_px)
-        cv2.circle(image, at, reach, (255, 255, 255), 5)
-        cv2.circle(image, at, reach, (0, 0, 220), 2)
-    return encode_png(image)
 
 
 class _Still:

@@ -15,8 +15,10 @@ STUCK_MM = 0.5  # about the contact's middle: what slips last
 OFF_MM = 0.01
 
 
-def known_steps(folder: Path) -> list[Check]:
-    """A row for x and y: from one end of the first press's shear to the other.
+def check_known_step(folder: Path) -> list[Check]:
+    """Check the step of a recorded press as the camera saw it, a row for x and one for y.
+
+    It is from one end of the first press's shear to the other.
 
     The picture of a step is larger than the step where the face is pressed in; the camera and the
     stage's depth say by how much. Raises InputError for a run without such steps.

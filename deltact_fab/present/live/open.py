@@ -166,7 +166,10 @@ def measurement_of(
 
 
 def acceptance_file(serial: str) -> Path:
-    """Where `rig accept` keeps a sensor. Raises InputError for a serial that is no file's name."""
+    """The file in which `rig accept` keeps a sensor.
+
+    Raises InputError for a serial that is no file's name.
+    """
     if not NAMES_A_FILE.fullmatch(serial):
         raise InputError(
             f"--serial {serial!r}: letters, digits, '.', '+', '-', '_' make a file's name"

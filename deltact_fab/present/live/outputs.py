@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
+import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -13,7 +15,7 @@ from typing import IO, Any
 import numpy as np
 
 from deltact_fab.bench import encode_png
-from deltact_fab.common import Array, InputError, disk_errors, make_folder, whole_file, write_whole
+from deltact_fab.common import Array, disk_errors, make_folder, whole_file, write_whole
 from deltact_fab.version import VERSION
 
 from . import picture
@@ -128,7 +130,79 @@ class HealthOutput(MeasurementOutput):
             self.tell(f"state of health: {found.line}", "; ".join(found.reasons))
 
 
-def describe_source(source: Source, with_force: bool) -> dict[str, object]:
+def deliver_results(
+    session: MeasurementSession,
+    tell: Callable[[str], None],
+    *,
+    jsonl: bool = False,
+    summary: Callable[[object], None] | None = None,
+    folder: Path | None = None,
+    pictures: bool = False,
+    page_port: int | None = None,
+) -> bool:
+    """Measure all images of a session, close its source, and pass every result on.
+
+    A line for people goes to stdout, or to stderr where stdout is a program's. tell: takes the
+    lines that are told once. jsonl: an object a result goes to stdout. summary: takes one document
+    at the end. folder: new, for rows and arrays; pictures: for the images too. page_port: of the
+    live page, 0 for a free one, None for no page; it stays open until Ctrl-C. Returns whether the
+    source ended: False where Ctrl-C came before. Raises InputError for a port that cannot be had,
+    RunFailed when the disk refuses, and what the session raises.
+    """
+    simulated, page = session.source.known.simulated, None
+    outputs: list[MeasurementOutput] = []
+    with ExitStack() as stack:
+        stack.callback(session.source.close)
+        if page_port is not None:
+            facts = _page_facts(session.source, "force" in session.measurement.include)
+            page = LivePage(facts, session.measurement.reset, page_port)
+            stack.callback(page.close)
+        if jsonl:
+            outputs.append(JsonLines(sys.stdout, simulated))
+        if summary is not None:
+            outputs.append(MeasurementSummary(summary, simulated))
+        if not jsonl or sys.stderr.isatty():
+            people = sys.stdout if summary is None and not jsonl else sys.stderr
+            outputs.append(StatusLine(people, simulated))
+        if page is not None:
+            outputs.append(PageOutput(session, page))
+            tell(f"view: {page.url}")
+
+        def tell_health(health: str, unfit: str = "") -> None:
+            tell(health)
+            if page is not None:
+                page.health, page.unfit = health, unfit
+
+        if lines := once(session):
+            tell_health("\n".join(lines))
+        outputs.append(HealthOutput(tell_health))
+        if folder is not None:
+            kept = KeptFolder(folder, session, pictures)
+            stack.callback(kept.close)
+            outputs.append(kept)
+        return _deliver(session, outputs, stay=page is not None)
+
+
+def _deliver(session: MeasurementSession, outputs: list[MeasurementOutput], stay: bool) -> bool:
+    """Every result to every output; stay: with the last one, until Ctrl-C."""
+    measured, ended = None, False
+    try:
+        for measured in session.results():
+            for output in outputs:
+                output.show(measured)
+        ended = True
+        for output in outputs:
+            output.end("ended", measured)
+        while stay:
+            time.sleep(1)
+    except KeyboardInterrupt:
+        if not ended:
+            for output in outputs:
+                output.end("stopped", measured)
+    return ended
+
+
+def _page_facts(source: Source, with_force: bool) -> dict[str, object]:
     """What the page says once of a source, and of the curves that it draws."""
     unit, least = ("px", 2.0) if source.known.in_px else ("mm", 0.1)
     names, title = ["largest motion"], f"Motion of the pattern, {unit}"
@@ -143,12 +217,6 @@ def describe_source(source: Source, with_force: bool) -> dict[str, object]:
         "trace_least": least,
         "window_s": WINDOW_S if source.live else None,
     }
-
-
-def require_new_folder(folder: Path) -> None:
-    """Raise InputError where something is there already."""
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(f"{folder}: already there; name a new or empty --out folder")
 
 
 class KeptFolder(MeasurementOutput):

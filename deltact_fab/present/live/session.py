@@ -180,7 +180,7 @@ def open_session(
     follow_s: float | None = None,
     most_hz: float | None = None,
 ) -> MeasurementSession:
-    """Open a source; `results` of what is returned measures its images.
+    """Open a source and choose what is measured of it; `results` then measures its images.
 
     name, camera_file, design, serial, seed, follow_s: as of `open_source`; calibrations, show: of
     `measurement_of`; most_hz: as of Session. mm_per_px: of the resting face, where no camera is

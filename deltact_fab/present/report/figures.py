@@ -26,13 +26,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# Okabe and Ito's palette: told apart by people who see colours differently.
-SERIES_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#1d2330")
-INK_COLOUR, SOFT, GRID, FAINT = "#1d2330", "#5b6475", "#dfe3ea", "#bbbbbb"
-"""Letters and axes, what stands back, grid, lines between legs."""
+SERIES_COLOURS, INK_COLOUR = ReportFigure.SERIES_COLOURS, ReportFigure.INK_COLOUR
+SOFT, GRID, FAINT = ReportFigure.PAPER_COLOUR, "#dfe3ea", "#bbbbbb"
+"""What stands back, grid, lines between legs."""
 DOUBT_COLOUR = SERIES_COLOURS[4]
 MARKERS = "osD^vP*"
-PAPER_COLOUR = SOFT
 # Names of these colours in templates/style.css, which has others for a dark page.
 _NAMED = {
     INK_COLOUR: "ink", SOFT: "soft", GRID: "line", FAINT: "leg", SERIES_COLOURS[0].lower(): "blue",
@@ -55,10 +53,10 @@ def on_paper(width_in: float) -> Iterator[None]:
         _paper_in.reset(before)
 
 
-def blank_figure(
+def create_figure(
     width: float, height: float, panels: int = 1, share_y: bool = True, rows: int = 1
 ) -> Any:
-    """A figure and its axes, row by row, drawn without a display; several have letters.
+    """Create a figure and its axes, row by row, without a display; several have letters.
 
     width, height: inches on the page; `on_paper` keeps their ratio, but for what gets too flat.
     """
@@ -102,7 +100,7 @@ def panels(count: int, height: float, share_y: bool = True) -> Any:
     """As `blank`: so many axes, IN_A_ROW at most beside each other; height: of a row."""
     columns = min(IN_A_ROW, count)
     rows = -(-count // columns)
-    figure, axes = blank_figure(9.6, rows * height, columns, share_y, rows)
+    figure, axes = create_figure(9.6, rows * height, columns, share_y, rows)
     for axis in axes[count:]:
         axis.remove()
     return figure, axes[:count]
@@ -146,8 +144,8 @@ def letters(figure: Figure, least_pt: float, most_pt: float = math.inf) -> None:
         text.set_fontsize(min(max(float(text.get_fontsize()), least_pt), most_pt))
 
 
-def legend_below(figure: Figure, axis: Axes) -> None:
-    """What the marks of an axis mean, under all of them."""
+def draw_legend(figure: Figure, axis: Axes) -> None:
+    """Draw the legend of an axis under all axes of its figure."""
     figure.legend(*axis.get_legend_handles_labels(), loc="outside lower left", ncols=3,
                   fontsize="small")  # fmt: skip
 
@@ -155,8 +153,8 @@ def legend_below(figure: Figure, axis: Axes) -> None:
 WIDE = 300.0  # from the lowest to the highest: beyond it only powers of ten have labels
 
 
-def log_ticks(axis: Axes, which: str) -> None:
-    """Logarithmic axes of what is drawn, labelled 0.01, 0.02, 0.05 and not by powers."""
+def set_log_scale(axis: Axes, which: str) -> None:
+    """Set logarithmic axes, `x`, `y` or `xy`, labelled 0.01, 0.02, 0.05 and not by powers."""
     from matplotlib.ticker import LogLocator, NullLocator
 
     for letter in which:
@@ -193,11 +191,11 @@ def by_frame(axis: Axes, step_ids: pd.Series[str]) -> None:
 FAR = 3.0  # times the highest that is drawn
 
 
-def paper_line(
+def draw_paper_line(
     axis: Axes, value: float, highest: float, words: str, across: tuple[float, float] | None = None,
     about: bool = False,
 ) -> None:  # fmt: skip
-    """The paper's value as a line over the axis, or across a column of it.
+    """Draw the paper's value as a line over the axis, or across a column of it.
 
     One far above what is drawn would flatten it: it is told above the axis. about: the paper says
     "around".
@@ -208,10 +206,10 @@ def paper_line(
         words = f"{'≈' * about}{value:g} ↑"  # no wider than a column, which has neighbours
         axis.text(x, 1.0, words if across else f"paper {words}", transform=place, va="bottom",
                   ha="right" if across is None else "center", fontsize="small",
-                  color=PAPER_COLOUR)  # fmt: skip
+                  color=SOFT)  # fmt: skip
         return
     place = axis.get_yaxis_transform() if across is None else axis.transData
-    axis.plot(across or (0, 1), [value] * 2, "--" if about else "-", color=PAPER_COLOUR, lw=1.4,
+    axis.plot(across or (0, 1), [value] * 2, "--" if about else "-", color=SOFT, lw=1.4,
               label=words, transform=place)  # fmt: skip
 
 
@@ -271,7 +269,7 @@ def draw(one: ReportFigure) -> Figure:
 
 
 def figure_bytes(figure: Figure, kind: str) -> bytes:
-    """The file of a figure, `svg` or `pdf`.
+    """The bytes of a figure's file, `svg` or `pdf`.
 
     What still runs over the edge makes the figure larger, for a clipped label is lost.
     """

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from deltact_fab.fabricate import Design, PatternRecipe, illuminance, pattern_albedo
 from deltact_fab.physics import print_colours
 from deltact_fab.sensor import GAMMA, ImageSensor, Printer
-from deltact_fab.simulate import FrameRenderer, Texture, resting_geometry
+from deltact_fab.simulate import FrameRenderer, PictureGeometry
 
 PRINT_MM, STREAK_MM = 8.0, 0.4
 FAINT = 0.75  # of the ink that is nearly empty, what is missing
@@ -23,8 +23,8 @@ Pair = tuple[bytes, bytes]
 """A good one and a spoiled one, JPEG."""
 
 
-def pairs(design: Design, recipe: PatternRecipe) -> dict[str, Pair]:
-    """Of the print (`print`) and of the face through the sensor's camera (`sensor`)."""
+def render_examples(design: Design, recipe: PatternRecipe) -> dict[str, Pair]:
+    """Render a good and a spoiled print (`print`), and the face with each of them (`sensor`)."""
     printer = Printer()
     rng = np.random.default_rng(0)
     values = print_colours(printer, pattern_albedo(recipe, printer.mm_per_dot), rng)
@@ -53,11 +53,12 @@ def _sensor(values: NDArray[np.float32], printer: Printer, design: Design) -> Pa
     r = np.hypot(x - BUBBLE_AT_MM[0], y - BUBBLE_AT_MM[1]) / (BUBBLE_MM / 2)
     spoiled = np.where((r < 1)[..., None], 0.25 + 0.5 * (r < 0.4)[..., None], spoiled)
     spoiled *= np.where(np.abs(r - 1) < 0.12, 0.2, 1)[..., None]
-    geometry, rng = resting_geometry(design), np.random.default_rng(0)
+    geometry, rng = PictureGeometry.resting(design), np.random.default_rng(0)
 
     def seen(print_: NDArray[Any]) -> bytes:
-        texture = Texture(print_.astype(np.float32), printer.mm_per_dot)
-        return _jpeg(FrameRenderer(geometry, texture, ImageSensor()).render(None, rng))
+        values = print_.astype(np.float32)
+        draw = FrameRenderer(geometry, values, printer.mm_per_dot, ImageSensor())
+        return _jpeg(draw.render(None, rng))
 
     return seen(values), seen(spoiled)
 

@@ -74,7 +74,7 @@ def write_index(folder: Path, out: Path) -> Path:
 
 
 def is_index_above(folder: Path) -> bool:
-    """Whether a folder is no run itself and has runs or studies below it."""
+    """True for a folder that is no run itself and has runs or studies below it."""
     return not (folder / RUN).exists() and any(True for _ in _places(folder))
 
 

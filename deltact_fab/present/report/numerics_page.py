@@ -70,7 +70,7 @@ def error_against_time(rows: Sequence[dict[str, Any]]) -> Figure:
 
     A mark is at the best time, its bar ends at the slowest.
     """
-    figure, (axis,) = figures.blank_figure(5.0, 4.4)
+    figure, (axis,) = figures.create_figure(5.0, 4.4)
     known = [r for r in rows if r["error"] is not None and r["error"] > 0]
     names = []
     for i, name in enumerate(dict.fromkeys(r["series"] for r in rows)):
@@ -87,7 +87,7 @@ def error_against_time(rows: Sequence[dict[str, Any]]) -> Figure:
     front = sorted((r for r in known if r["pareto"]), key=lambda r: r["cpu_s"])
     axis.plot([r["cpu_s"] * 1e3 for r in front], [r["error"] for r in front], "o:", ms=12, lw=0.9,
               color=figures.SOFT, mfc="none", mew=1.1, label="Pareto front", zorder=1)  # fmt: skip
-    figures.log_ticks(axis, "xy")
+    figures.set_log_scale(axis, "xy")
     if known:  # room for the names, and at least one tick on each axis
         axis.set_xlim(
             min(r["cpu_s"] for r in known) * 1e3 / 1.6, max(r["cpu_most_s"] for r in known) * 2.8e3
@@ -109,7 +109,7 @@ CELLS = {
 
 
 def write_rehearsal_page(found: dict[str, Any], protocol: str, rig: str, out: Path) -> list[Path]:
-    """rehearsal.html and .json of `Rehearsal.as_dict()`; as `write_page`."""
+    """Write rehearsal.html and rehearsal.json of `Rehearsal.as_dict()` into a folder; the files."""
     rows = [{**c, "wrong": c["wrong"] or "the same record"} for c in found["cells"]]
     marks = ["" if c["passed"] else "bad" for c in rows]
     cells = html_table(pd.DataFrame(rows, columns=list(CELLS)).round(2), CELLS, marks)

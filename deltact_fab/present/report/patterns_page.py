@@ -132,7 +132,7 @@ def draw(rows: Sequence[dict[str, Any]]) -> Figure:
         "contrast at level 3, grey levels": [_seen(row)["contrast"][3] for row in rows],
         "contrast at level 4, grey levels": [_seen(row)["contrast"][4] for row in rows],
     }
-    figure, axes = figures.blank_figure(9.6, 3.5, len(panels), share_y=False)
+    figure, axes = figures.create_figure(9.6, 3.5, len(panels), share_y=False)
     sizes_mm = sorted({row["d_mm"] for row in rows})
     for axis, (title, values) in zip(axes, panels.items(), strict=True):
         for k, r in enumerate(sorted({row["r"] for row in rows})):
@@ -146,5 +146,5 @@ def draw(rows: Sequence[dict[str, Any]]) -> Figure:
         axis.set_xticks(sizes_mm, [f"{d_mm:g}" for d_mm in sizes_mm], rotation=90)
         axis.set_xlabel("patch size d, mm")
         axis.set_ylim(bottom=0)
-    figures.legend_below(figure, axes[0])
+    figures.draw_legend(figure, axes[0])
     return figure

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from deltact_fab.common import Check, Status, graded
 
@@ -21,9 +21,18 @@ if TYPE_CHECKING:
 class ReportFigure:
     """A figure: name is its file's, caption one or two sentences, draw makes it with matplotlib.
 
-    draw takes its figure from `figures.blank`, which makes it as wide as the page or the paper
+    draw takes its figure from `create_figure`, which makes it as wide as the page or the paper
     wants it. column: in a paper one column is enough (3.5 in), else it takes both (7.16 in).
     """
+
+    SERIES_COLOURS: ClassVar = (
+        "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#1d2330",
+    )  # fmt: skip
+    """Okabe and Ito's palette: told apart by people who see colours differently."""
+    INK_COLOUR: ClassVar = "#1d2330"
+    """Letters and axes."""
+    PAPER_COLOUR: ClassVar = "#5b6475"
+    """The paper's figures, bounds, and whatever else stands back."""
 
     name: str
     caption: str
@@ -45,6 +54,13 @@ class ReportTable:
     frame: pd.DataFrame
     shown: tuple[str, ...] | None = None
     words: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def records(self) -> list[dict[str, Any]]:
+        """Its rows as plain data, None where there is no number."""
+        plain = self.frame.astype(object).where(self.frame.notna(), None)
+        rows = plain.to_dict("records")
+        return [{str(name): value for name, value in row.items()} for row in rows]
 
 
 State = Literal["met", "missed", "undecided"]
@@ -103,31 +119,24 @@ class Headline:
         return {**asdict(self), "value": value, "state": self.state}
 
 
-class ClaimReading(NamedTuple):
-    """A difference that a claim rests on, above 0 where it holds; ends None: not known."""
-
-    name: str
-    low: float | None
-    high: float | None
-
-
 @dataclass(frozen=True)
 class Claim:
-    """What is said only where it is shown: by all jobs, and by every reading with an interval that
-    excludes 0.
+    """A sentence that is said only where it is shown: by all jobs, and by every reading with an
+    interval that excludes 0.
 
     text, otherwise: the sentences where every interval lies above 0, and below it. undecided: that
-    where it is neither, with what would decide it.
+    where it is neither, with what would decide it. readings: ends of the intervals, by their
+    names, of the differences that the claim rests on, above 0 where it holds; None: not known.
     """
 
     text: str
     otherwise: str
     undecided: str
-    readings: tuple[ClaimReading, ...]
+    readings: Mapping[str, tuple[float | None, float | None]]
 
     def state(self, whole: bool = True) -> State:
         """met: it is shown; missed: so is its contrary."""
-        ends = [(one.low, one.high) for one in self.readings]
+        ends = self.readings.values()
         if whole and ends and all(low is not None and low > 0 for low, _ in ends):
             return "met"
         if whole and ends and all(high is not None and high < 0 for _, high in ends):
@@ -141,7 +150,9 @@ class Claim:
 
     def as_dict(self, whole: bool = True) -> dict[str, Any]:
         """Plain data."""
-        readings = [one._asdict() for one in self.readings]
+        readings = [
+            {"name": name, "low": low, "high": high} for name, (low, high) in self.readings.items()
+        ]
         return {"says": self.sentence(whole), "state": self.state(whole), "readings": readings}
 
 
@@ -154,6 +165,9 @@ class StudyResult:
     missing: names of jobs that failed or were not done: with any, nothing is decided.
     files: text of further files beside the page, by name (a recipe). module: what made it.
     """
+
+    GEL_FLAGS: ClassVar = "gel's flags"
+    """The setting that says where the simulated gel was beyond what it is made for."""
 
     study: str
     title: str
@@ -201,7 +215,7 @@ class StudyResult:
             found.append(
                 Check("missing", value=f"{n} {are} missing, so nothing is decided.", status="warn")
             )
-        if flags := self.settings.get(GEL_FLAGS):
+        if flags := self.settings.get(self.GEL_FLAGS):
             found.append(
                 Check("gel-flags", value=f"The simulated gel is flagged: {flags}.", status="warn")
             )
@@ -223,7 +237,7 @@ class StudyResult:
             "verdict": list(self.verdict),
             "claims": [one.as_dict(not self.missing) for one in self.claims],
             "headlines": [one.as_dict() for one in self.headlines],
-            "tables": {one.name: table_records(one.frame) for one in self.tables},
+            "tables": {one.name: one.records for one in self.tables},
             "settings": self.settings,
             "missing": list(self.missing),
             **self.more,
@@ -234,11 +248,3 @@ STATES: tuple[State, ...] = ("met", "undecided", "missed")
 GOAL: dict[State | None, Status] = {
     None: "pass", "met": "pass", "undecided": "warn", "missed": "fail",
 }  # fmt: skip
-GEL_FLAGS = "gel's flags"
-"""The setting of a study that says where its simulated gel was beyond what it is made for."""
-
-
-def table_records(frame: pd.DataFrame) -> list[dict[str, Any]]:
-    """Rows of a table as plain data, None where there is no number."""
-    plain = frame.astype(object).where(frame.notna(), None)
-    return [{str(name): value for name, value in row.items()} for row in plain.to_dict("records")]

@@ -12,7 +12,7 @@ from deltact_fab.estimate import DeepestPress, ForceResult, RunMeasurement
 
 from . import figures
 from . import shape_figures as maps
-from .figures import SERIES_COLOURS, SOFT, by_frame, legend_below, log_ticks
+from .figures import SERIES_COLOURS, SOFT, by_frame, draw_legend, set_log_scale
 from .result import ReportFigure
 
 if TYPE_CHECKING:
@@ -59,18 +59,18 @@ def error_by_step(tracking: TrackingResult) -> Figure | None:
         by_frame(axis, part[part["method"] == tracking.methods[0]["name"]]["step_id"])
         axis.set_title(indenter, loc="left", fontweight="bold")
     axes[0].set_ylabel(f"mean error, mm\n({tracking.verdict.error_words})")
-    log_ticks(axes[0], "y")
-    legend_below(figure, axes[-1])
+    set_log_scale(axes[0], "y")
+    draw_legend(figure, axes[-1])
     return figure
 
 
 def plot_error_by_time(tracking: TrackingResult) -> Figure | None:
-    """Error against CPU time a frame, one mark a method; None without any error."""
+    """Plot error against CPU time a frame, one mark a method; None without any error."""
     verdict, drawn = tracking.verdict, _drawn(tracking)
     if not drawn:
         return None
     error = str(verdict.error)
-    figure, (axis,) = figures.blank_figure(9.6, 4.2)
+    figure, (axis,) = figures.create_figure(9.6, 4.2)
     names = []
     for colour, row in drawn:
         x_ms, name = row["ms_per_frame"], row["name"]
@@ -81,8 +81,9 @@ def plot_error_by_time(tracking: TrackingResult) -> Figure | None:
             axis.plot(x_ms, at_dots, "s", color=colour, mfc="none", ms=6, mew=1.2)
         names.append((x_ms, row[error], name, colour))
     paper_mm, most_mm = tracking.PAPER_BEST_MM, max(row[error] for _, row in drawn)
-    figures.paper_line(axis, paper_mm, most_mm, f"paper, at the dots, real sensor: {paper_mm} mm")
-    log_ticks(axis, "xy")
+    words = f"paper, at the dots, real sensor: {paper_mm} mm"
+    figures.draw_paper_line(axis, paper_mm, most_mm, words)
+    set_log_scale(axis, "xy")
     times = [row["ms_per_frame"] for _, row in drawn]
     axis.set_xlim(min(times) / 1.6, max(times) * 2.2)
     axis.set_xlabel("CPU time a frame, ms: median, one thread")
@@ -93,7 +94,7 @@ def plot_error_by_time(tracking: TrackingResult) -> Figure | None:
         ("s", "none", "at the dots"),
     ):
         axis.plot([], [], marker, color=SOFT, mfc=face, label=words)
-    legend_below(figure, axis)
+    draw_legend(figure, axis)
     figures.name_marks(figure, axis, names, verdict.take or "")
     return figure
 
@@ -137,7 +138,7 @@ def force_and_motion(t_s: pd.Series[float], frames: pd.DataFrame, moved_px: list
         axes[0].plot(t_s, frames[name], color=colour, lw=1.2, label=f"$F_{name[1]}$")
     if known:
         axes[0].set_ylabel("force on the sensor, N")
-        legend_below(figure, axes[0])
+        draw_legend(figure, axes[0])
     axes[-1].plot(t_s, moved_px, color=SOFT, lw=1.2)
     axes[-1].set_ylabel("mean motion of the picture, px")
     return figure
@@ -172,12 +173,12 @@ def force_by_frame(frames: pd.DataFrame) -> Figure:
         by_frame(axis, part["step_id"])
         axis.set_title(indenter, loc="left", fontweight="bold")
     axes[0].set_ylabel("force on the sensor, N")
-    legend_below(figure, axes[-1])
+    draw_legend(figure, axes[-1])
     return figure
 
 
 def plot_predicted_force(result: ForceResult) -> ReportFigure:
-    """The figure of a calibration, signed with where its data is from."""
+    """Plot predicted against measured force of a calibration, with the origin of its data."""
     caption = "Predicted against measured force. Each point by a model fitted without it: "
     words = f"{caption}{result.SPLITS[result.best.ranked_by]}."
     return ReportFigure("force-predicted", words, partial(_predicted, result))
@@ -186,7 +187,7 @@ def plot_predicted_force(result: ForceResult) -> ReportFigure:
 def _predicted(result: ForceResult) -> Figure:
     """A row a model (the paper's, the best), a panel a component, a colour an indenter."""
     models = {one.name: one for one in (result.paper, result.best)}.values()
-    figure, axes = figures.blank_figure(9.6, 3.3 * len(models), 3, share_y=False, rows=len(models))
+    figure, axes = figures.create_figure(9.6, 3.3 * len(models), 3, share_y=False, rows=len(models))
     balls = list(dict.fromkeys(result.data.points["indenter"]))
     for one, row in zip(models, np.reshape(axes, (-1, 3)), strict=True):
         for name, axis in zip(result.COMPONENTS, row, strict=True):
@@ -194,7 +195,7 @@ def _predicted(result: ForceResult) -> Figure:
             said = one.component(name, one.ranked_by).mean(axis=0)
             low, high = float(np.nanmin(said)), float(np.nanmax(said))
             room = 0.05 * max(high - low, 0.1)
-            axis.plot([low, high], [low, high], color=figures.PAPER_COLOUR, lw=1)
+            axis.plot([low, high], [low, high], color=SOFT, lw=1)
             axis.set_xlim(low - room, high + room)
             for colour, ball in zip(SERIES_COLOURS, balls, strict=False):
                 mine = (result.data.points["indenter"] == ball).to_numpy()
@@ -202,6 +203,6 @@ def _predicted(result: ForceResult) -> Figure:
             axis.set_xlabel(f"{name.replace('_', ' ')} measured, N")
             axis.set_title(f"{one.name}, {name.replace('_', ' ')}", loc="left", fontweight="bold")
         row[0].set_ylabel("predicted, N")
-    legend_below(figure, axes[0])
+    draw_legend(figure, axes[0])
     figure.text(0.995, 0.005, result.calibration.head.origin, ha="right", fontsize=7)
     return figure

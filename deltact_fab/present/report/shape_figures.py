@@ -29,13 +29,13 @@ EXTREME = 99.5  # percentile of a map that is full scale: single points do not f
 
 
 def plot_gallery(pictures: Sequence[ShapeMaps], note: str) -> Figure:
-    """A column a press: object, image with flow, density, surface.
+    """Plot a column a press: object, image with flow, density, surface.
 
     As the paper's figure of four shapes has it, of the first COLUMNS.
     """
     shown = list(pictures)[:COLUMNS]
     rows = {_object: 0.75, _flow: 1.1, _density: 1.35, _surface: 0.9}
-    figure, axes = figures.blank_figure(
+    figure, axes = figures.create_figure(
         2.5 * len(shown) + 0.1, 2.0 * sum(rows.values()) + 0.4, len(shown), share_y=False,
         rows=len(rows),
     )  # fmt: skip
@@ -51,19 +51,19 @@ def plot_gallery(pictures: Sequence[ShapeMaps], note: str) -> Figure:
 
 
 def plot_depth_against_truth(pictures: Sequence[ShapeMaps], note: str) -> Figure:
-    """A column a press: a section through the tip, and the map of the error.
+    """Plot a column a press: a section through the tip, and the map of the error.
 
     Of those with truth, COLUMNS of them; there must be one.
     """
     shown = [picture for picture in pictures if picture.true_depth_mm is not None][:COLUMNS]
-    figure, axes = figures.blank_figure(
+    figure, axes = figures.create_figure(
         2.5 * len(shown) + 0.1, 5.2, len(shown), share_y=False, rows=2
     )
     figure.suptitle(note, fontsize="small")
     for column, picture in enumerate(shown):
         _section(axes[column], picture, column == 0)
         _error(axes[len(shown) + column], picture, column == 0)
-    figures.legend_below(figure, axes[0])
+    figures.draw_legend(figure, axes[0])
     return figure
 
 
@@ -193,7 +193,7 @@ DARK = "magma"
 
 
 def plot_distribution(picture: ShapeMaps, note: str) -> Figure:
-    """Found above, and below it what is true, where that is known, on one scale.
+    """Plot the measured forces above, and the true ones below where they are known, on one scale.
 
     Of a picture with tractions.
     """
@@ -201,7 +201,7 @@ def plot_distribution(picture: ShapeMaps, note: str) -> Figure:
         (words, x_mm, y_mm, -KPA * mpa[..., 2], KPA * mpa[..., :2])
         for words, (x_mm, y_mm, mpa) in picture.tractions
     ]
-    figure, axes = figures.blank_figure(
+    figure, axes = figures.create_figure(
         9.8, 3.05 * len(fields) + 0.8, 3, share_y=False, rows=len(fields)
     )
     figure.suptitle(f"{note}\n{_forces(picture)}", fontsize="small")

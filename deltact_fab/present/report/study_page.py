@@ -29,6 +29,7 @@ from deltact_fab.common import (
     write_files,
     write_whole,
 )
+from deltact_fab.version import library_versions
 
 from . import figures
 from .result import Headline, ReportTable, StudyResult
@@ -90,8 +91,6 @@ def contents(result: StudyResult) -> dict[str, bytes]:
 
     Raises RunFailed for a number that JSON does not have.
     """
-    from deltact_fab.simulate import library_versions
-
     made = {
         f"{table.name}.csv": table.frame.to_csv(index=False).encode() for table in result.tables
     }
@@ -165,7 +164,7 @@ def prepared(one: ReportTable) -> dict[str, Any]:
 
 
 def require_ready_study(study: str, out: Path) -> None:
-    """Say before a study begins, and not after hours, what keeps it from being written into out.
+    """Check before a study begins that its page can be written into a folder.
 
     Raises MissingLibrary without the extra `report`, InputError for a folder that holds anything
     but an earlier one of this study.

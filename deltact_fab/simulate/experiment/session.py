@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import platform
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
@@ -30,9 +29,9 @@ from deltact_fab.bench import (
     usable_note,
 )
 from deltact_fab.common import InputError, Note, Progress, toml_text
-from deltact_fab.fabricate import PatternRecipe, dot_centres_mm
+from deltact_fab.fabricate import PatternRecipe
 from deltact_fab.sensor import indenter_data
-from deltact_fab.version import VERSION
+from deltact_fab.version import library_versions
 
 from .request import RunRequest
 
@@ -65,7 +64,7 @@ def run_experiment(
     job = request.setup(out)
     text = request.source.read_bytes()
     meta = meta_of(job, rig, request.rig_name)
-    pattern = pattern_data(request.recipe)
+    pattern = request.recipe.as_record()
     resuming = out.exists() and resume
     if resuming:
         found = open_run(out)
@@ -211,7 +210,7 @@ def run_presses(
     text = toml_text(meta["protocol"]).encode()
     assert isinstance(job.recipe, PatternRecipe), "a virtual rig draws it"
     flat = kind.flat(job.protocol)
-    writer = RunWriter.create(job.folder, meta, text, pattern_data(job.recipe), steps, flat)
+    writer = RunWriter.create(job.folder, meta, text, job.recipe.as_record(), steps, flat)
     try:
         with closing(kind.build(job)) as bench:
             Runner(bench, writer).run(steps)
@@ -237,32 +236,6 @@ def meta_of(job: RigSetup, rig: RigConfig, rig_name: str) -> dict[str, Any]:
         "seed": job.seed,
         "versions": library_versions(),
     }
-
-
-def pattern_data(recipe: PatternRecipe) -> dict[str, Any]:
-    """Recipe and dot centres as data, so that analysis needs no maker of patterns."""
-    dots = recipe.dots
-    return {
-        "recipe": recipe.model_dump(mode="json"),
-        "dots_mm": dot_centres_mm(dots).tolist() if dots is not None else [],
-        "dot_diameter_mm": dots.diameter_mm if dots is not None else 0.0,
-    }
-
-
-PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "cadquery")
-
-
-def library_versions(packages: Iterable[str] = PACKAGES) -> dict[str, str]:
-    """Versions that can change a number: ours, Python's and those of packages."""
-    from importlib.metadata import PackageNotFoundError, version
-
-    found = {"deltact-fab": VERSION, "python": platform.python_version()}
-    for name in packages:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "not installed"
-    return found
 
 
 def _require_new(out: Path, protocol: bytes) -> None:

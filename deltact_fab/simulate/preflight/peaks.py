@@ -197,10 +197,7 @@ MODULUS_FACTOR = 2.0
 """The gel's modulus is known to a factor of 2 (Gent's relation from Shore 15A against a
 datasheet); forces are in proportion to it, and the high side counts."""
 HIGH = "with twice the modulus"
-PAPER_REMARK = (
-    "the paper's own depth of 10 mm means about 271 N (expected, at 0.56 MPa and friction 0.5) "
-    "with a sphere of 15 mm"
-)
+
 
 # Drags of up to 10 mm along x with friction .5, finite strain, 2 mm cells. Tangential peak over
 # friction x normal force of the press: at 5 mm sphere:10 1.5 and ellipsoid 1.5 (both up to 7 mm of
@@ -344,8 +341,4 @@ def _moment(
         arms.append(abs(at_mm[axis] - origin_mm[axis]) + travel + off)
     x, y = arms
     z = max(abs(origin_mm[2]), abs(origin_mm[2] + depth_mm))
-    return (
-        y * normal_n + z * side_n,
-        x * normal_n + z * side_n,
-        math.hypot(x, y) * side_n,
-    )
+    return (y * normal_n + z * side_n, x * normal_n + z * side_n, math.hypot(x, y) * side_n)

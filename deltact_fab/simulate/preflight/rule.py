@@ -238,7 +238,8 @@ def needs(
     held_hz = rate_held_hz(image_format({"rig": rig.recorded()}), px)
     camera_hz = getattr(rig.camera, "rate_hz", None)
     estimate = estimate_run(protocol, px, rig.stage, steps)
-    kept_mb = size_mb(out) if (out / "run.json").is_file() else 0.0
+    files = out.rglob("*") if (out / "run.json").is_file() else ()
+    kept_mb = sum(file.stat().st_size for file in files if file.is_file()) / 1e6
     most_hz = held_hz if camera_hz is None else min(held_hz, camera_hz)
     return budget(protocol, steps, estimate, out, most_hz, not rig.simulated, kept_mb)
 
@@ -292,8 +293,3 @@ def budget(
             at_most("camera-rate", "camera rate", what, rates_hz[kind], held_hz, key, status)
         )
     return rows
-
-
-def size_mb(folder: Path) -> float:
-    """What stands in a run folder, in MB."""
-    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) / 1e6

@@ -89,10 +89,6 @@ class Carriage:
     def free_blocks(self) -> int:
         return PLANNER_BLOCKS - len(self._queue)
 
-    @property
-    def queued(self) -> bool:
-        return bool(self._queue)
-
     def plan(self, target_mm: Point, feed_mm_min: float) -> None:
         """Queue a line; one that is shorter than half a step is none."""
         self._made += 1
@@ -234,12 +230,7 @@ class Carriage:
         self._count = self._queue.popleft().target_steps
 
     def _line_to(
-        self,
-        end_mm: Point,
-        feed_mm_min: float,
-        number: int,
-        t_ns: int,
-        begun_mm_s: float = 0.0,
+        self, end_mm: Point, feed_mm_min: float, number: int, t_ns: int, begun_mm_s: float = 0.0
     ) -> Segment:
         start = self.path.end_mm
         delta = subtract_vectors(end_mm, start)

@@ -514,7 +514,7 @@ class GrblController:
                 self._trips_ns = self._carriage.trips_ns(self._scatter.uniform)
             return 0
         self._carriage.plan(target_mm, feed_mm_min)
-        if self._state == "Idle" and self._carriage.queued:
+        if self._state == "Idle" and self._carriage.free_blocks < PLANNER_BLOCKS:
             self._state = "Jog"
             self._begin()
         return 0

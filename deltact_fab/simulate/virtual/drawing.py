@@ -1,11 +1,9 @@
-"""The simulated camera: what it sees of the face, its geometry, a printed gel, and its truth."""
+"""The simulated camera: what it sees of the face, its geometry, and its truth."""
 
 from __future__ import annotations
 
 import io
 import json
-import math
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,45 +11,34 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.bench import (
-    LATTICE_FILE,
-    LENS_FILE,
-    CameraFrame,
-    Clock,
-    SimulatorConfig,
-    VirtualConfig,
-    truth_file,
-)
+from deltact_fab.bench import LATTICE_FILE, LENS_FILE, CameraFrame, Clock, VirtualConfig, truth_file
 from deltact_fab.common import Field, RunFailed, write_whole
-from deltact_fab.fabricate import PatternRecipe, pattern_albedo
-from deltact_fab.physics import print_colours
 from deltact_fab.sensor import Fisheye, Pinhole, Rectified, SensorDimensions, SurfaceLattice
 
-from .picture import BAND_PX, PICTURE_MARGIN_PX, FrameRenderer, PictureGeometry, RawView, Texture
+from .picture import BAND_PX, FrameRenderer, PictureGeometry, RawView
 from .scene import GelScene, LatticeCrop
 
-RESTING_MM = 1.0  # between the nodes of a face that does not move
 Seen = tuple[int, int, float]  # keys of the knots around it, and how far it is from the first
 
 
-def crop_of(
+def crop_lattice(
     config: VirtualConfig, sensor: SensorDimensions, axes_mm: tuple[Field, Field]
 ) -> LatticeCrop:
-    """The part of a gel's lattice, with nodes (nx,) and (ny,), that the rig's camera can see."""
+    """Crop a gel's lattice, with nodes (nx,) and (ny,), to what the rig's camera can see."""
     optics = sensor.optics
     view = optics.view_mm
-    margin_px = PICTURE_MARGIN_PX + (BAND_PX if config.virtual.lens is not None else 0)
+    margin_px = PictureGeometry.MARGIN_PX + (BAND_PX if config.virtual.lens is not None else 0)
     margin_mm = margin_px * optics.mm_per_px
     return LatticeCrop(*axes_mm, (view[0] / 2 + margin_mm, view[1] / 2 + margin_mm))
 
 
-def geometry_of(
+def picture_geometry(
     config: VirtualConfig,
     sensor: SensorDimensions,
     view: Pinhole | Rectified,
     lattice: SurfaceLattice,
 ) -> tuple[PictureGeometry, Fisheye | None]:
-    """What each pixel sees, and the true lens it sees through; None: a pinhole.
+    """The geometry of the rig's picture, and its true lens; None: a pinhole.
 
     view: of the images that are tracked.
     """
@@ -61,38 +48,6 @@ def geometry_of(
 
     lens = true_lens(config, sensor)
     return PictureGeometry(RawView(lens, view), lattice), lens
-
-
-def resting_geometry(sensor: SensorDimensions) -> PictureGeometry:
-    """What each pixel of the design's own pinhole sees of a face that nothing touches."""
-    camera = Pinhole.of(sensor)
-    half_mm = [side / 2 + PICTURE_MARGIN_PX * camera.mm_per_px for side in sensor.optics.view_mm]
-    nx, ny = (2 * math.ceil(half / RESTING_MM) + 1 for half in half_mm)
-    x_mm, y_mm = (-(n - 1) / 2 * RESTING_MM for n in (nx, ny))
-    return PictureGeometry(camera, SurfaceLattice(x_mm, y_mm, RESTING_MM, nx, ny))
-
-
-def printed_renderer(
-    simulator: SimulatorConfig, recipe: PatternRecipe, geometry: PictureGeometry, seed: int
-) -> FrameRenderer:
-    """The gel with that pattern as the rig's printer made it, before the rig's camera.
-
-    Where a sticker is smaller than the view the camera sees bare film beside it.
-    """
-    printer = simulator.printer
-    camera = geometry.camera
-    view_mm = max(camera.width_px, camera.height_px) * camera.mm_per_px
-    side_px = math.ceil(max(recipe.printed_mm, view_mm) / printer.mm_per_dot - 1e-9)
-    rng = np.random.default_rng(np.random.SeedSequence([seed, 3]))
-    values = print_colours(
-        printer, pattern_albedo(recipe, printer.mm_per_dot, (side_px, side_px)), rng
-    )
-    return FrameRenderer(geometry, Texture(values, printer.mm_per_dot), simulator.camera)
-
-
-def noise_of(seed: int, stream: str) -> np.random.Generator:
-    """The camera's noise in one press, by its name: it does not know the others."""
-    return np.random.default_rng(np.random.SeedSequence([seed, 2, zlib.crc32(stream.encode())]))
 
 
 @dataclass
@@ -121,7 +76,7 @@ class VirtualCamera:
         self._stream = stream
         self._seen = []
         self.scene.begin()
-        self._rng = noise_of(self.seed, stream)
+        self._rng = FrameRenderer.noise(self.seed, stream)
 
     def capture(self) -> CameraFrame:
         assert self._stream is not None, "begin() comes before the first frame"

@@ -8,31 +8,36 @@ this is done in its flat view, and what each pixel of the raw image sees is look
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+import zlib
+from typing import ClassVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from deltact_fab.bench import SimulatorConfig
 from deltact_fab.common import SolverError
-from deltact_fab.physics import Exposure, view_grid
+from deltact_fab.fabricate import PatternRecipe, pattern_albedo
+from deltact_fab.physics import Exposure, print_colours, view_grid
 from deltact_fab.sensor import (
     CameraModel,
     FaceMotion,
     Fisheye,
     ImageSensor,
     LatticeSampler,
+    Pinhole,
     Rectified,
+    SensorDimensions,
     SurfaceLattice,
     axes_mm,
     folded_pixels,
     nearest_surface,
 )
 
+RESTING_MM = 1.0  # between the nodes of a face that does not move
 BAND_PX = 40
 """Drawn around the tracked view, for a calibration that is a little off; the rest stays dark."""
-PICTURE_MARGIN_PX = 64
-PICTURE_TOLERANCE_PX = 2e-3
 FIXED_POINT_ITERATIONS = 6
 NEWTON_ITERATIONS = 40
 MAX_STEP_PX = 8.0
@@ -86,19 +91,16 @@ class RawView:
         return whole
 
 
-@dataclass(frozen=True)
-class Texture:
-    """Linear reflectance (h, w, 3 RGB) of the printed sticker, centred on the sensor's origin."""
-
-    values: NDArray[np.float32]
-    mm_per_texel: float
-
-
 class PictureGeometry:
-    """Which point of the resting face each pixel sees, of any pattern that is printed on it.
+    """The point of the resting face that each pixel sees, of any pattern that is printed on it.
 
     It is what drawing costs most, and many patterns of one deformed face can share it.
     """
+
+    MARGIN_PX: ClassVar = 64
+    """Of the face around the view, in which what a pixel sees is looked for."""
+    TOLERANCE_PX: ClassVar = 2e-3
+    """To which the place that a pixel sees is found."""
 
     def __init__(self, camera: CameraModel | RawView, lattice: SurfaceLattice) -> None:
         """camera: flat, or the raw view of a lens."""
@@ -109,8 +111,10 @@ class PictureGeometry:
             self._motion = FaceMotion(lattice, camera.project_px)
         # The view and its margin may reach over the edge of the face.
         xs_mm, ys_mm = (
-            _within(v, w)
-            for v, w in zip(axes_mm(camera, PICTURE_MARGIN_PX), lattice.axes_mm(), strict=True)
+            points[(points >= nodes[0]) & (points <= nodes[-1])]
+            for points, nodes in zip(
+                axes_mm(camera, self.MARGIN_PX), lattice.axes_mm(), strict=True
+            )
         )
         self._sampler = LatticeSampler.make(lattice, xs_mm, ys_mm)
         if self._motion is not None:
@@ -126,6 +130,17 @@ class PictureGeometry:
             ),
             axis=-1,
         )
+
+    @classmethod
+    def resting(cls, sensor: SensorDimensions) -> PictureGeometry:
+        """The geometry of the design's own pinhole, of a face that nothing touches."""
+        camera = Pinhole.of(sensor)
+        margin_mm = cls.MARGIN_PX * camera.mm_per_px
+        nx, ny = (
+            2 * math.ceil((side / 2 + margin_mm) / RESTING_MM) + 1 for side in sensor.optics.view_mm
+        )
+        x_mm, y_mm = (-(n - 1) / 2 * RESTING_MM for n in (nx, ny))
+        return cls(camera, SurfaceLattice(x_mm, y_mm, RESTING_MM, nx, ny))
 
     @property
     def size_px(self) -> tuple[int, int]:
@@ -165,7 +180,7 @@ class PictureGeometry:
         at_px = seen_px + 1
         disputed = folded_pixels(at_px, at.shape[:2])
         x, y = cv2.split(cv2.absdiff(at, before))
-        open_ = (cv2.max(x, y) >= PICTURE_TOLERANCE_PX) & ~disputed
+        open_ = (cv2.max(x, y) >= self.TOLERANCE_PX) & ~disputed
         # Fixed point needs a gradient below 1; the stretched skin behind a sliding tip has more.
         at[open_] = _newton(field, self._margin_px, self._target[open_], at[open_])
         wanted = np.isnan(at[..., 0]) | disputed
@@ -176,7 +191,7 @@ class PictureGeometry:
             if blind:
                 raise SolverError(
                     f"{blind} pixels of the picture see no point of the surface within "
-                    f"{PICTURE_MARGIN_PX} px of the view"
+                    f"{self.MARGIN_PX} px of the view"
                 )
         return at
 
@@ -196,9 +211,16 @@ class PictureGeometry:
 class FrameRenderer:
     """Draws frames of one pattern through one camera; cheap where the geometry is shared."""
 
-    def __init__(self, geometry: PictureGeometry, texture: Texture, sensor: ImageSensor) -> None:
+    def __init__(
+        self,
+        geometry: PictureGeometry,
+        print_: NDArray[np.float32],
+        mm_per_texel: float,
+        sensor: ImageSensor,
+    ) -> None:
+        """print_: reflectance of the sticker, (h, w, 3) linear RGB, centred on the face."""
         self.geometry = geometry
-        self._texture = texture
+        self._print, self._mm_per_texel = print_, mm_per_texel
         self._glows = sensor.contact_glow_per_mm > 0
         camera, raw = geometry.camera, geometry.raw
         if raw is None:
@@ -206,6 +228,27 @@ class FrameRenderer:
         else:
             off, self._beyond = raw.off, cv2.BORDER_CONSTANT  # beyond the print it is dark
         self._exposure = Exposure(sensor, off)
+
+    @classmethod
+    def printed(
+        cls, geometry: PictureGeometry, simulator: SimulatorConfig, recipe: PatternRecipe, seed: int
+    ) -> FrameRenderer:
+        """Renderer of a pattern as the rig's printer made it, before the rig's camera.
+
+        Where a sticker is smaller than the view the camera sees bare film beside it.
+        """
+        printer, camera = simulator.printer, geometry.camera
+        view_mm = max(camera.width_px, camera.height_px) * camera.mm_per_px
+        side_px = math.ceil(max(recipe.printed_mm, view_mm) / printer.mm_per_dot - 1e-9)
+        albedo = pattern_albedo(recipe, printer.mm_per_dot, (side_px, side_px))
+        rng = np.random.default_rng(np.random.SeedSequence([seed, 3]))
+        print_ = print_colours(printer, albedo, rng)
+        return cls(geometry, print_, printer.mm_per_dot, simulator.camera)
+
+    @staticmethod
+    def noise(seed: int, stream: str) -> np.random.Generator:
+        """The camera's noise in one press, by its name, apart from all others."""
+        return np.random.default_rng(np.random.SeedSequence([seed, 2, zlib.crc32(stream.encode())]))
 
     def render(
         self, displacement_mm: NDArray[np.float64] | None, rng: np.random.Generator
@@ -231,13 +274,11 @@ class FrameRenderer:
             at = raw.look(at)
         fine = cv2.resize(at, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)[2:-2, 2:-2]
         cx, cy = camera.centre_px
-        texels = camera.mm_per_px / self._texture.mm_per_texel
-        h, w = self._texture.values.shape[:2]
+        texels = camera.mm_per_px / self._mm_per_texel
+        h, w = self._print.shape[:2]
         map_x = (fine[..., 0] - np.float32(cx)) * np.float32(texels) + np.float32((w - 1) / 2)
         map_y = (fine[..., 1] - np.float32(cy)) * np.float32(texels) + np.float32((h - 1) / 2)
-        seen = cv2.remap(
-            self._texture.values, map_x, map_y, cv2.INTER_LINEAR, borderMode=self._beyond
-        )
+        seen = cv2.remap(self._print, map_x, map_y, cv2.INTER_LINEAR, borderMode=self._beyond)
         size = (at.shape[1] - 2, at.shape[0] - 2)
         radiance = np.asarray(cv2.resize(seen, size, interpolation=cv2.INTER_AREA), np.float32)
         if raw is not None:
@@ -246,10 +287,6 @@ class FrameRenderer:
         if self._glows and displacement_mm is not None:
             depth_mm = self.geometry.depth_mm(displacement_mm, at_px)
         return self._exposure.expose(radiance, rng, depth_mm)
-
-
-def _within(points_mm: NDArray[np.float64], nodes_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-    return points_mm[(points_mm >= nodes_mm[0]) & (points_mm <= nodes_mm[-1])]
 
 
 def _newton(
@@ -284,6 +321,6 @@ def _newton(
         det = np.where(np.abs(det) < 0.05, np.copysign(0.05, det), det)
         step = np.stack((yy * miss[:, 0] - xy * miss[:, 1], xx * miss[:, 1] - yx * miss[:, 0]), -1)
         at[left] -= np.clip(step / det[:, None], -MAX_STEP_PX, MAX_STEP_PX)
-        left = left[np.max(np.abs(miss), axis=-1) >= PICTURE_TOLERANCE_PX]
+        left = left[np.max(np.abs(miss), axis=-1) >= PictureGeometry.TOLERANCE_PX]
     at[left] = np.nan
     return at.astype(np.float32)

@@ -16,7 +16,7 @@ from deltact_fab.common import DeltactFabError, Progress, run_jobs
 from deltact_fab.physics import Zones
 from deltact_fab.sensor import SkinDimensions
 
-from .presses import PlannedPress, Presses, PressPath, path_of_press, stored_press_files
+from .presses import PlannedPress, Presses, PressPath
 
 
 @dataclass
@@ -38,14 +38,14 @@ class PressRow:
     failure: str = ""
 
 
-def solve_ahead(
+def solve_presses(
     protocols: Iterable[Protocol],
     skin: SkinDimensions,
     config: GelConfig,
     executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> list[PressRow]:
-    """Every press of protocols, solved or found; a failure ends that press and no other.
+    """Solve every press of protocols or find it solved; a failure ends that press and no other.
 
     progress: told of each press at its end. executor: as of `jobs.run`.
     """
@@ -83,7 +83,7 @@ def solve_ahead(
             waiting.append((row, todo[name], presses, path))
         else:
             todo[name] = row
-            given.append(_Press(protocol, skin, config, path.press, stored_press_files(press)))
+            given.append(_Press(protocol, skin, config, path.press, press.stored_files))
     solving = list(todo.values())
 
     def heard(index: int, value: PressRow | None, error: Exception | None) -> None:
@@ -121,7 +121,7 @@ def _one(job: _Press) -> PressRow:
     """One press, stored when complete."""
     started = time.perf_counter()
     presses = Presses(job.protocol, job.skin, job.config)
-    press = presses.of(path_of_press(presses, job.name))
+    press = presses.of(presses.path(job.name))
     failure = ""
     try:
         press.solver.solve_all()

@@ -53,6 +53,12 @@ class PlannedPress:
     name: str = ""
     waypoints: tuple[Point, ...] = ()
 
+    @property
+    def stored_files(self) -> tuple[str, ...]:
+        """Name of the file of the store that has all of the press, if it can be there."""
+        key = self.solver.stored_as
+        return () if key is None else (str(SOLVED_PATHS.file(json.loads(key))),)
+
     def snapped(self, point: Point) -> Point:
         """The planned point that this one is but for a motor step, else the point itself."""
         for planned in self.waypoints:
@@ -94,9 +100,7 @@ class Presses:
         self.increments = Increments(of.press_increment_mm, of.shear_increment_mm)
         lattice_mm = (config.spacing_mm if linear else None) or finite.lattice_mm
         self._shown = ObservedChannels(
-            "all" if self.fields else "none",
-            traction=self.tractions,
-            lattice_mm=lattice_mm,
+            "all" if self.fields else "none", traction=self.tractions, lattice_mm=lattice_mm
         )
         self._wishes: dict[str, Any] = {
             "tolerance": finite.tolerance,
@@ -121,6 +125,14 @@ class Presses:
                 return self.of(path)
         raise InputError(f"no press of {indenter} is planned at ({at_mm[0]:g}, {at_mm[1]:g}) mm")
 
+    def path(self, name: str) -> PressPath:
+        """A planned press by its name, as `sphere-10/p1`. Raises InputError."""
+        for path in self.paths:
+            if path.press == name:
+                return path
+        known = ", ".join(path.press for path in self.paths)
+        raise InputError(f"no press {name!r}; valid: {known}")
+
     def of(self, path: PressPath) -> PlannedPress:
         press = self._waiting.pop(path.press, None) or self._press(path)
         if self.opened:
@@ -141,21 +153,6 @@ class Presses:
     def _choose(self, path: PressPath, planned: Sequence[KnotPose]) -> Choice:
         shape = parse_indenter(path.indenter)
         return choose_level(self._skin, self.material, shape, planned, **self._wishes)
-
-
-def stored_press_files(press: PlannedPress) -> tuple[str, ...]:
-    """Name of the file of the store that has all of a press, if it is there."""
-    key = press.solver.stored_as
-    return () if key is None else (str(SOLVED_PATHS.file(json.loads(key))),)
-
-
-def path_of_press(presses: Presses, name: str) -> PressPath:
-    """A planned press by its name, as `sphere-10/p1`. Raises InputError."""
-    for path in presses.paths:
-        if path.press == name:
-            return path
-    known = ", ".join(path.press for path in presses.paths)
-    raise InputError(f"no press {name!r}; valid: {known}")
 
 
 @dataclass(frozen=True)

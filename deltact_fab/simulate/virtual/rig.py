@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 
 class VirtualKind(RigKind):
+    """The kind of rig that is simulated whole: its camera, its refusals, and how it is built."""
+
     part = "simulated gel"
     _config: VirtualConfig
 
@@ -84,9 +86,9 @@ class VirtualRig(Rig):
         self.presses = presses = Presses(job.protocol, job.sensor.skin, simulator.gel)
         self._crop: LatticeCrop | None = None
         if "image" in job.protocol.channels:
-            from .drawing import crop_of
+            from .drawing import crop_lattice
 
-            self._crop = crop_of(config, job.sensor, presses.axes_mm())
+            self._crop = crop_lattice(config, job.sensor, presses.axes_mm())
         self.scene = GelScene(
             controller, clock, stage.frame, presses.increments, presses.open, self._crop,
             presses.modulus_mpa,
@@ -143,13 +145,14 @@ class VirtualRig(Rig):
         """What draws the printed gel, and the true lens it is drawn through; None: a pinhole."""
         from deltact_fab.fabricate import PatternRecipe
 
-        from .drawing import geometry_of, printed_renderer
+        from .drawing import picture_geometry
+        from .picture import FrameRenderer
 
         config, job = self._config, self._job
         assert isinstance(job.view, Pinhole | Rectified), "of a virtual rig that takes images"
         assert isinstance(job.recipe, PatternRecipe), "whoever asks for images has all of it"
-        geometry, lens = geometry_of(config, job.sensor, job.view, crop.lattice)
-        return printed_renderer(config.virtual, job.recipe, geometry, job.seed), lens
+        geometry, lens = picture_geometry(config, job.sensor, job.view, crop.lattice)
+        return FrameRenderer.printed(geometry, config.virtual, job.recipe, job.seed), lens
 
     @cached_property
     def _choices(self) -> list[Choice]:

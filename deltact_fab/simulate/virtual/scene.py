@@ -194,7 +194,8 @@ class GelScene:
             s for s in self.controller.segments[self._next_segment :] if s.start_ns <= now_ns
         ]
         over = sum(s.end_ns <= now_ns for s in started)
-        lifted = [k for k in range(over) if self._in_air(started[k])]
+        heights_mm = (self.frame.to_sensor_mm(s.end_mm)[2] for s in started[:over])
+        lifted = [k for k, z_mm in enumerate(heights_mm) if z_mm > -CONTACT_EPS_MM]
         if lifted:
             self._settle(self._rest, 0)
         for segment in started[lifted[-1] + 1 if lifted else 0 : over]:
@@ -236,8 +237,10 @@ class GelScene:
 
     def _resting(self, now_ns: float) -> Observation:
         """Where no line is under way: still, unless the gel creeps under a resting tip."""
-        while (rest_s := self._rest_s()) is not None:
-            assert self._press is not None
+        while self._press is not None:
+            rest_s = self._press.rest_after(self._here.key)
+            if rest_s is None:
+                break
             tip = self._press.solver.poses[self._here.key].tip_mm
             after = self._knot(self._press.solver.next(self._here.key, tip, rest_s))
             fraction = (now_ns - self._arrived_ns) / NS_PER_S / rest_s
@@ -245,12 +248,6 @@ class GelScene:
                 return Observation(self._here, after, fraction)
             self._settle(after, self._arrived_ns + round(rest_s * NS_PER_S))
         return Observation(self._here, self._here, 0.0)
-
-    def _rest_s(self) -> float | None:
-        return None if self._press is None else self._press.rest_after(self._here.key)
-
-    def _in_air(self, segment: Segment) -> bool:
-        return self.frame.to_sensor_mm(segment.end_mm)[2] > -CONTACT_EPS_MM
 
     def _finish(self, segment: Segment) -> None:
         """Carry the state to the end of a line that is over and ends in contact."""

@@ -31,12 +31,13 @@ from deltact_fab.sensor import SensorDimensions, camera_toml
 from .bench_face import BenchFace
 from .clock import VirtualClock
 from .controller import GrblController
-from .drawing import printed_renderer, resting_geometry
 from .netft import BoxFaults, NetFTBox, Wrenches
+from .picture import FrameRenderer, PictureGeometry
 from .pty import PtyCable
 
 WAKE_S = 0.05  # how long a command or the end of the server may wait at most
 RIG, CAMERA, IMAGES = "rig.toml", "camera.toml", "images"
+IMAGE_COUNT = 20  # of the face at rest
 RATE_HZ = 10.0
 SILENT_S = 1.0  # a busy computer keeps the simulated box from running for a while
 
@@ -57,7 +58,6 @@ class NetFTServer(AbstractContextManager["NetFTServer"]):
         seed: int = 0,
         noise_n: float = 0.0,
         serial: str = "FT00001",
-        host: str = "127.0.0.1",
         sent: Callable[[bytes, int], None] | None = None,
     ) -> None:
         self._clock = VirtualClock()
@@ -67,11 +67,11 @@ class NetFTServer(AbstractContextManager["NetFTServer"]):
         self.path = "/netftapi2.xml"
         self.page = _page(self._box, serial)
         """What the page shows; may be changed at any time."""
-        self.host = host
+        self.host = "127.0.0.1"
         self._done = threading.Event()
         self._udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
-            self._udp.bind((host, 0))
+            self._udp.bind((self.host, 0))
             self._udp.setblocking(False)
             server = self
 
@@ -82,7 +82,7 @@ class NetFTServer(AbstractContextManager["NetFTServer"]):
                 def log_message(self, format: str, *args: object) -> None:
                     """Nothing is printed."""
 
-            self._http = HTTPServer((host, 0), BoxPageHandler)
+            self._http = HTTPServer((self.host, 0), BoxPageHandler)
         except OSError:
             self._udp.close()
             raise
@@ -173,13 +173,12 @@ def serve_rig(
     recipe: PatternRecipe,
     indenter: str,
     folder: Path,
-    images: int = 20,
     seed: int = 0,
 ) -> Iterator[Path]:
-    """The rig file of the simulated devices, in a new folder, while the context lasts.
+    """Serve simulated devices while the context lasts; their rig file, in a new folder.
 
-    indenter: the one that is mounted. images: of the face at rest. Raises InputError for a firmware
-    that no board simulates and a folder that is there already, OSError where no socket can be had.
+    indenter: the one that is mounted. Raises InputError for a firmware that no board simulates and
+    a folder that is there already, OSError where no socket can be had.
     """
     simulator = rig.virtual if rig.kind == "virtual" else SimulatorConfig()
     clock, mount = WallClock(), simulator.mount
@@ -192,10 +191,10 @@ def serve_rig(
     force = rig.force or ForceConfig()
     with disk_errors(folder, "made"):
         (folder / IMAGES).mkdir(parents=True)
-    geometry, rng = resting_geometry(design), np.random.default_rng(seed)
+    geometry, rng = PictureGeometry.resting(design), np.random.default_rng(seed)
     write_new_file(folder / CAMERA, camera_toml(geometry.camera))
-    draw = printed_renderer(simulator, recipe, geometry, seed)
-    for k in range(images):
+    draw = FrameRenderer.printed(geometry, simulator, recipe, seed)
+    for k in range(IMAGE_COUNT):
         image = draw.render(None, rng)
         write_whole(folder / IMAGES / f"{k:05d}.png", encode_png(image))
     with PtyCable(board, clock) as terminal:

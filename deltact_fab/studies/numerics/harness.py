@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from deltact_fab.common import InputError, Progress, RunFailed, did_you_mean, open_executor
+from deltact_fab.version import library_versions
 
 from .engine import (
     Case,
@@ -105,12 +106,11 @@ class Numerics:
 def run_engines(
     names: Sequence[str] = (), quick: bool = False, progress: Progress | None = None
 ) -> Numerics:
-    """Curves and stability of the named engines, all by default.
+    """Run the curves and the hard cases of the named engines, all by default.
 
     quick: a few settings and cases an engine. Raises InputError for an unknown engine, RunFailed
     when a setting cannot be timed.
     """
-    from deltact_fab.simulate import library_versions
 
     started = time.monotonic()
     tell = progress or (lambda done, total, what: None)

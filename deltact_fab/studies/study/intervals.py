@@ -63,10 +63,7 @@ def rmse(errors: ArrayLike, groups: Sequence[Hashable] | NDArray[Any], each: str
 
 
 def mean(
-    values: ArrayLike,
-    groups: Sequence[Hashable] | NDArray[Any],
-    each: str,
-    scale: Scale = "plain",
+    values: ArrayLike, groups: Sequence[Hashable] | NDArray[Any], each: str, scale: Scale = "plain"
 ) -> Interval:
     """Mean of values (n,), with its interval; each: what a group is, "seed", "position"..."""
     return estimate(values, groups, lambda rows: float(np.mean(rows)), each, scale)

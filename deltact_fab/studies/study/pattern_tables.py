@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 
 from deltact_fab.fabricate import SERIES_GRIDS, SeriesEntry
-from deltact_fab.present import Claim, ClaimReading, Headline, ReportFigure, ReportTable
+from deltact_fab.present import Claim, Headline, ReportFigure, ReportTable
 
-from .intervals import headline
+from .intervals import Interval, headline
 from .pattern_errors import COMPOSED, METHODS, OURS, SUMMED, Measure, PatternErrors
 
 if TYPE_CHECKING:
@@ -48,12 +48,12 @@ def claims(errors: PatternErrors) -> tuple[Claim, ...]:
             continue
         whole = len(part) == len(SERIES_GRIDS[number - 1][0]) * len(SERIES_GRIDS[number - 1][1])
         level = 1 - 0.05 / len(others)
-        readings, rivals = [], []
+        readings, rivals = {}, []
         for method in (SUMMED, COMPOSED):
             if rival := errors.best(method, "at_dots", others):
                 rivals.append(rival.words)
                 apart = errors.times([rival.name], [theirs.name], method, level)
-                readings.append(_reading(SHORT[method], apart))
+                readings[SHORT[method]] = _log_interval(apart)
         where = f"round {number} of the paper"
         found.append(
             Claim(
@@ -61,28 +61,31 @@ def claims(errors: PatternErrors) -> tuple[Claim, ...]:
                 f"{' and '.join(dict.fromkeys(rivals))} track better than the paper's "
                 f"{theirs.words} in {where}.",
                 f"Whether the paper's {theirs.words} is the best of {where} is not decided.",
-                tuple(readings) if whole else (),
+                readings if whole else {},
             )
         )
     tiny, small = ([p.name for p in errors.printed if p.recipe.patch_mm == d_mm and 2 in p.rounds]
                    for d_mm in (TOO_SMALL_MM, SMALL_MM))  # fmt: skip
     if tiny and small:
-        readings = [_reading(SHORT[m], errors.times(tiny, small, m)) for m in (SUMMED, COMPOSED)]
+        readings = {
+            SHORT[m]: _log_interval(errors.times(tiny, small, m)) for m in (SUMMED, COMPOSED)
+        }
         found.append(
             Claim(
                 f"At d {TOO_SMALL_MM:g} mm the error rises, as in the paper.",
                 f"At d {TOO_SMALL_MM:g} mm the error does not rise as in the paper.",
                 f"Whether the error rises at d {TOO_SMALL_MM:g} mm is not decided.",
-                tuple(readings),
+                readings,
             )
         )
     return tuple(found)
 
 
-def _reading(name: str, times: Any) -> ClaimReading:
-    """Of a ratio: its logarithm, above 0 where it is above 1."""
-    low, high = (None, None) if times is None else (times.low, times.high)
-    return ClaimReading(name, *(None if end is None else math.log(end) for end in (low, high)))
+def _log_interval(times: Interval | None) -> tuple[float | None, float | None]:
+    """The logarithms of a ratio's ends, above 0 where it is above 1."""
+    ends = (None, None) if times is None else (times.low, times.high)
+    low, high = (None if end is None else math.log(end) for end in ends)
+    return low, high
 
 
 def headlines(errors: PatternErrors) -> tuple[Headline, ...]:
@@ -209,16 +212,10 @@ def charts(errors: PatternErrors, covers: str) -> tuple[ReportFigure, ...]:
 
 def _chart(errors: PatternErrors, method: str, measure: Measure) -> Figure:
     """The paper's two rounds one below the other: a column a pattern, indenter on indenter."""
-    from deltact_fab.present import (
-        INK_COLOUR,
-        SERIES_COLOURS,
-        blank_figure,
-        legend_below,
-        paper_line,
-    )
+    from deltact_fab.present import create_figure, draw_legend, draw_paper_line
 
-    parts = rounds(errors.printed)
-    figure, axes = blank_figure(7.4, 2.6 * len(parts) + 0.6, rows=len(parts), share_y=False)
+    parts, colours = rounds(errors.printed), ReportFigure.SERIES_COLOURS
+    figure, axes = create_figure(7.4, 2.6 * len(parts) + 0.6, rows=len(parts), share_y=False)
     for axis, (title, patterns) in zip(axes, parts, strict=True):
         each = [errors.by_indenter(p.name, method, measure) for p in patterns]
         count = len(errors.indenters)
@@ -226,7 +223,7 @@ def _chart(errors: PatternErrors, method: str, measure: Measure) -> Figure:
         tops = heights.cumsum(axis=1)
         for k, indenter in enumerate(errors.indenters):
             axis.bar(range(len(patterns)), heights[:, k], 0.62, bottom=tops[:, k] - heights[:, k],
-                     label=indenter, color=SERIES_COLOURS[k % len(SERIES_COLOURS)])  # fmt: skip
+                     label=indenter, color=colours[k % len(colours)])  # fmt: skip
         ends = [errors.mean(p.name, method, measure) for p in patterns]
         highest = max(one.high or one.value for one in ends if one) if any(ends) else 0.0
         words = "the paper"
@@ -234,16 +231,16 @@ def _chart(errors: PatternErrors, method: str, measure: Measure) -> Figure:
             if one is None:
                 axis.annotate("no dots", (x, 0), ha="center", va="bottom", fontsize="small")
             elif one.low is not None and one.high is not None:
-                axis.plot([x, x], [one.low, one.high], color=INK_COLOUR, lw=0.9)
+                axis.plot([x, x], [one.low, one.high], color=ReportFigure.INK_COLOUR, lw=0.9)
             if method != OURS and p.paper_error_mm is not None:
-                paper_line(axis, p.paper_error_mm, highest, words, (x - 0.42, x + 0.42),
+                draw_paper_line(axis, p.paper_error_mm, highest, words, (x - 0.42, x + 0.42),
                                    p.paper_about)  # fmt: skip
                 words = "_"  # the legend names it once
         axis.set_xticks(range(len(patterns)), [p.words.replace(" r", "\nr") for p in patterns])
         axis.set_title(title, loc="left", fontsize="medium", pad=14)
         axis.set_ylabel("mean error, mm")
         axis.grid(visible=False, axis="x")
-    legend_below(figure, axes[0])
+    draw_legend(figure, axes[0])
     return figure
 
 

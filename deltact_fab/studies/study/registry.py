@@ -121,7 +121,7 @@ def run_study(name: str, asked: StudyRequest) -> StudyResult:
 
 @dataclass(frozen=True)
 class StudyRequest:
-    """Common to all studies.
+    """The options of a study that is to be run.
 
     scale: share of the paper's points or frames, in (0, 1]; None: the study's default. rig: a
     virtual rig's name or path; None: the study's own. runs: recorded runs to take instead of

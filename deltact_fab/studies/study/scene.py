@@ -15,15 +15,9 @@ from deltact_fab.common import DeltactFabError, InputError, Note
 from deltact_fab.estimate import ForceCalibration, ForceModel, SensorModel
 from deltact_fab.fabricate import load_design, load_recipe
 from deltact_fab.physics import MODEL_TOLERANCE_SHARE
-from deltact_fab.present import GEL_FLAGS
+from deltact_fab.present import StudyResult
 from deltact_fab.sensor import SensorDimensions
-from deltact_fab.simulate import (
-    Presses,
-    VirtualKind,
-    path_of_press,
-    solve_ahead,
-    stored_press_files,
-)
+from deltact_fab.simulate import Presses, VirtualKind, solve_presses
 
 from .grid import GridJob
 from .press_jobs import PressJob
@@ -83,7 +77,7 @@ class PressScene:
         is kept with the reason, which its press raises at once.
         """
         protocols, gel = self.protocols.values(), self.rig.virtual.gel
-        solve_ahead(protocols, self.sensor.skin, gel, asked.executor, asked.progress)
+        solve_presses(protocols, self.sensor.skin, gel, asked.executor, asked.progress)
 
     def job(
         self,
@@ -101,14 +95,14 @@ class PressScene:
         recorded, the pattern on it.
         """
         protocol, presses = self.protocols[name], self.gel(name)
-        path = path_of_press(presses, press)
+        path = presses.path(press)
         if cost_s is None:
             steps = expand_protocol(protocol)
             cost_s = FRAME_S * sum(step.frames for step in steps if step.press == press)
             more["recipe"] = load_recipe(protocol.specimen.pattern)
         needs: tuple[str, ...] = ()
         with suppress(DeltactFabError):  # no mesh serves it
-            needs = stored_press_files(presses.of(path))
+            needs = presses.of(path).stored_files
         # A press does not depend on the other indenters: with more of them it is found again.
         alone = protocol.model_copy(update={"indenters": (path.indenter,)})
         if self.rig.camera is not None:
@@ -169,7 +163,7 @@ def flagged(gel: Sequence[Mapping[str, Any]], of: str) -> dict[str, str]:
     """The setting GEL_FLAGS of a study; none where no gel was flagged. gel: what jobs report."""
     flags = Counter(name for one in gel for name in one["flags"])
     told = "; ".join(f"{name} at {n} of {len(gel)} {of}" for name, n in flags.items())
-    return {GEL_FLAGS: told} if told else {}
+    return {StudyResult.GEL_FLAGS: told} if told else {}
 
 
 def left_out(gel: Sequence[Mapping[str, Any]]) -> tuple[Note, ...]:

@@ -24,15 +24,9 @@ from deltact_fab.bench import Protocol, VirtualConfig
 from deltact_fab.common import Field, Image, RunFailed, SensorError
 from deltact_fab.estimate import Follower, PatternDots, TrackingPlan, TrueFrame
 from deltact_fab.fabricate import DEFAULT_SEED, PatternRecipe
-from deltact_fab.present import Headline
+from deltact_fab.present import Headline, ReportFigure
 from deltact_fab.sensor import Pinhole, SeenFace, SensorDimensions, SurfaceLattice, axes_mm
-from deltact_fab.simulate import (
-    PICTURE_MARGIN_PX,
-    PictureGeometry,
-    noise_of,
-    pattern_data,
-    printed_renderer,
-)
+from deltact_fab.simulate import FrameRenderer, PictureGeometry
 
 from .intervals import headline, mean, ratio
 from .pattern_errors import OURS, PatternErrors
@@ -203,28 +197,21 @@ def errors_by_size(
     frame: pd.DataFrame, gel: pd.DataFrame, among: Mapping[str, PatternRecipe]
 ) -> Figure:
     """A dot a candidate of `ranked`, and a square each of `confirmed`."""
-    from deltact_fab.present import (
-        INK_COLOUR,
-        PAPER_COLOUR,
-        SERIES_COLOURS,
-        blank_figure,
-        legend_below,
-        log_ticks,
-    )
+    from deltact_fab.present import create_figure, draw_legend, set_log_scale
 
-    figure, (axis,) = blank_figure(7.4, 3.6)
+    figure, (axis,) = create_figure(7.4, 3.6)
     groups = frame.dropna(subset="error_mm").groupby("law")
-    for colour, (law, part) in zip(cycle(SERIES_COLOURS), groups, strict=False):
+    for colour, (law, part) in zip(cycle(ReportFigure.SERIES_COLOURS), groups, strict=False):
         axis.plot(part["patch_mm"], UM * part["error_mm"], "o", ms=4, color=colour, label=law)
     for one in gel.to_dict("records"):
         x, name = among[one["pattern"]].patch_mm, one["pattern"]
-        colour = PAPER_COLOUR if name == PAPER else INK_COLOUR
+        colour = ReportFigure.PAPER_COLOUR if name == PAPER else ReportFigure.INK_COLOUR
         if pd.notna(one["low_mm"]):
             axis.plot([x, x], [UM * one["low_mm"], UM * one["high_mm"]], color=colour, lw=1)
         axis.plot(x, UM * one["mean_error_mm"], "s", ms=6, mfc="none", color=colour)
-    log_ticks(axis, "xy")
+    set_log_scale(axis, "xy")
     axis.set(xlabel="size of a patch, mm", ylabel="mean error, µm")
-    legend_below(figure, axis)
+    draw_legend(figure, axis)
     return figure
 
 
@@ -264,7 +251,7 @@ def view_of(sensor: SensorDimensions) -> Pinhole:
 @lru_cache(maxsize=2)
 def geometry(view: Pinhole) -> tuple[PictureGeometry, SurfaceLattice]:
     """What draws displacements on a lattice over the view and its margin."""
-    x_mm, y_mm = axes_mm(view, PICTURE_MARGIN_PX + 1)
+    x_mm, y_mm = axes_mm(view, PictureGeometry.MARGIN_PX + 1)
     nx, ny = (int(np.ceil((a[-1] - a[0]) / LATTICE_MM)) + 1 for a in (x_mm, y_mm))
     lattice = SurfaceLattice(float(x_mm[0]), float(y_mm[0]), LATTICE_MM, nx, ny)
     return PictureGeometry(view, lattice), lattice
@@ -279,8 +266,7 @@ def dragged(view: Pinhole, seed: int) -> list[DragFrame]:
     whole *= DRAG_MM / np.hypot(whole[..., 0], whole[..., 1]).max()
     return [
         DragFrame(
-            drawing.material_px(u_mm),
-            TrueFrame.of(*seen.both(u_mm), in_view, view.mm_per_px),
+            drawing.material_px(u_mm), TrueFrame.of(*seen.both(u_mm), in_view, view.mm_per_px)
         )
         for u_mm in (whole * (k / OUTWARD) for k in range(1, OUTWARD + 1))
     ]
@@ -320,11 +306,9 @@ def probe(job: ProbeJob) -> dict[str, Any]:
     """
     cv2.setNumThreads(1)  # DIS splits the image by thread
     seed, view = job.seed, view_of(job.sensor)
-    marks, drawing = PatternDots.of(view, pattern_data(job.recipe)), geometry(view)[0]
-    picture, noise = (
-        printed_renderer(job.rig.virtual, job.recipe, drawing, seed),
-        noise_of(seed, ""),
-    )
+    marks, drawing = PatternDots.of(view, job.recipe.as_record()), geometry(view)[0]
+    picture = FrameRenderer.printed(drawing, job.rig.virtual, job.recipe, seed)
+    noise = FrameRenderer.noise(seed, "")
     there = dragged(view, seed)
     rest = picture.expose(drawing.material_px(None), noise)
     truths = [frame.truth for frame in (*there, *there[-2::-1])]

@@ -20,15 +20,13 @@ from deltact_fab.bench import open_run
 from deltact_fab.common import Field, InputError, Note
 from deltact_fab.estimate import ForceRest, RelaxationFit, find_rests, fit_relaxation
 from deltact_fab.present import (
-    PAPER_COLOUR,
-    SERIES_COLOURS,
     Headline,
     ReportFigure,
     ReportTable,
     StudyResult,
-    blank_figure,
-    legend_below,
-    log_ticks,
+    create_figure,
+    draw_legend,
+    set_log_scale,
 )
 
 from .registry import modulus_remark
@@ -185,7 +183,7 @@ def _longest(stops: Sequence[Fading]) -> list[Headline]:
 def _notes(found: Sequence[ForceRest], fitted: RelaxationFit) -> list[str]:
     notes = [
         f"{len(found)} rests of up to {max(float(rest.wait_s[-1]) for rest in found):.3g} s; the "
-        f"series leaves {1e3 * fitted.rms_n:.2g} mN rms of samples averaged over 20 ms.",
+        f"series leaves {1e3 * fitted.rms_n:.2g} mN rms of samples averaged over 20 ms."
     ]
     if fitted.unsure:
         slow = ", ".join(f"{tau:.3g} s" for tau in fitted.unsure)
@@ -200,8 +198,9 @@ def _notes(found: Sequence[ForceRest], fitted: RelaxationFit) -> list[str]:
 def curve(stops: Sequence[Fading]) -> Figure:
     """Error against waiting time, a panel for presses and one for drags, a colour a depth."""
     kinds = [kind for kind in WORDS if any(stop.kind == kind for stop in stops)]
-    figure, axes = blank_figure(9.6, 3.8, len(kinds))
-    colours = dict(zip(sorted({s.depth_mm for s in stops}), cycle(SERIES_COLOURS), strict=False))
+    figure, axes = create_figure(9.6, 3.8, len(kinds))
+    depths, series = sorted({s.depth_mm for s in stops}), cycle(ReportFigure.SERIES_COLOURS)
+    colours = dict(zip(depths, series, strict=False))
     for axis, kind in zip(axes, kinds, strict=True):
         first = {stop.depth_mm: stop for stop in reversed(stops) if stop.kind == kind}
         for depth, stop in sorted(first.items()):
@@ -213,11 +212,11 @@ def curve(stops: Sequence[Fading]) -> Figure:
                 percent = 100 * excess_n[later] / stop.steady_n
                 axis.plot(wait_s[later], percent, lw=width, color=colours[depth], label=label)
         for bound in PERCENTS:
-            axis.axhline(bound, color=PAPER_COLOUR, lw=0.6, ls=":")
-        log_ticks(axis, "xy")
+            axis.axhline(bound, color=ReportFigure.PAPER_COLOUR, lw=0.6, ls=":")
+        set_log_scale(axis, "xy")
         axis.set(xlabel="wait, s", xlim=(LEAST_S, None))
         axis.set_title(f"after {WORDS[kind]}", loc="left", fontweight="bold")
     axes[0].set_ylabel("force over its steady value, %")
     axes[0].set_ylim(bottom=max(axes[0].get_ylim()[0], MIN_PERCENT))
-    legend_below(figure, axes[0])
+    draw_legend(figure, axes[0])
     return figure

@@ -24,7 +24,6 @@ from deltact_fab.present import (
     plot_depth_against_truth,
     plot_distribution,
     plot_gallery,
-    table_records,
 )
 
 from . import press_jobs as jobs
@@ -121,14 +120,13 @@ def scene(asked: StudyRequest) -> PressScene:
         kept = 1 if name == TWIST else max(1, round(scale * len(places)))
         changed[name] = {"positions_mm": places[:kept]}
     thinned = {
-        name: (_with(protocol, changed.get(name, {})), source)
+        name: (
+            Protocol.model_validate(protocol.model_dump(mode="json") | changed.get(name, {})),
+            source,
+        )
         for name, (protocol, source) in loaded.items()
     }
     return PressScene.of(asked, thinned)
-
-
-def _with(protocol: Protocol, changed: dict[str, Any]) -> Protocol:
-    return Protocol.model_validate(protocol.model_dump(mode="json") | changed)
 
 
 def settings(of: PressScene, gel: Sequence[Mapping[str, Any]]) -> dict[str, str]:
@@ -180,7 +178,11 @@ def result(
         ),
         figures=drawn(pictures, field, note),
         notes=(*NOTES, *notes),
-        more={"frames": table_records(frames), "contact_by": ways, **made.pop("more", {})},
+        more={
+            "frames": ReportTable("frames", "", frames).records,
+            "contact_by": ways,
+            **made.pop("more", {}),
+        },
         **made,
     )  # fmt: skip
 

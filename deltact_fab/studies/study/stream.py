@@ -29,12 +29,8 @@ from deltact_fab.simulate import (
     Presses,
     PressPath,
     VirtualKind,
-    crop_of,
-    geometry_of,
-    noise_of,
-    path_of_press,
-    pattern_data,
-    printed_renderer,
+    crop_lattice,
+    picture_geometry,
 )
 
 
@@ -84,7 +80,7 @@ class PressStream:
         """
         self.protocol, self.config, self.sensor, self.press = protocol, config, sensor, press
         presses = Presses(protocol, sensor.skin, config.virtual.gel)
-        self.path = path_of_press(presses, press)
+        self.path = presses.path(press)
         self.increments = presses.increments
         self.solver = presses.of(self.path).solver
         self.solver.solve_all()
@@ -92,9 +88,9 @@ class PressStream:
         view, self._flat = kind.camera(protocol, sensor), kind.flat(protocol)
         assert view is not None, "a protocol that is drawn asks for images"
         self.view: Pinhole | Rectified = view
-        self._crop = crop_of(config, sensor, self.solver.axes_mm)
+        self._crop = crop_lattice(config, sensor, self.solver.axes_mm)
         lattice = self._crop.lattice
-        self.geometry, lens = geometry_of(config, sensor, view, lattice)
+        self.geometry, lens = picture_geometry(config, sensor, view, lattice)
         self.seen = SeenFace(view, lattice, lens)
         self._knot: list[tuple[int, NDArray[Any]]] = [(-1, np.zeros(0))] * 2
 
@@ -125,11 +121,11 @@ class PressStream:
 
     def picture(self, recipe: PatternRecipe, seed: int) -> FrameRenderer:
         """The gel with that pattern printed on it, as the rig's own run with that seed has it."""
-        return printed_renderer(self.config.virtual, recipe, self.geometry, seed)
+        return FrameRenderer.printed(self.geometry, self.config.virtual, recipe, seed)
 
     def noise(self, seed: int) -> np.random.Generator:
         """What `FrameRenderer.expose` takes, one generator a pattern, from the first frame on."""
-        return noise_of(seed, self.press)
+        return FrameRenderer.noise(seed, self.press)
 
     def tracked(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """An image as trackers take it: rectified where the rig has a lens."""
@@ -140,7 +136,7 @@ class PressStream:
 
     def marks(self, recipe: PatternRecipe) -> PatternDots:
         """The pattern's dots before this camera."""
-        return PatternDots.of(self.view, pattern_data(recipe))
+        return PatternDots.of(self.view, recipe.as_record())
 
     @cached_property
     def _light(self) -> FlatField | None:

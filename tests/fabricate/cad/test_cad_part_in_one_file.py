@@ -15,7 +15,7 @@ from deltact_fab.fabricate.cad.design import IndenterList, load_design
 from deltact_fab.fabricate.cad.export import export_parts
 from deltact_fab.fabricate.cad.fabrication import bom
 from deltact_fab.fabricate.cad.registry import find_part, of_design
-from deltact_fab.present.report.first_light import pairs
+from deltact_fab.present.report.first_light import render_examples as pairs
 
 SHIM = (
     Path(__file__).parents[3] / "examples/extend/deltact_fab/fabricate/cad/parts/shim.py"

@@ -96,7 +96,7 @@ def pages(
     from deltact_fab.fabricate.cad.design import load_design
     from deltact_fab.fabricate.patterns import series as job
     from deltact_fab.present.report import index_page, patterns_page, study_page
-    from deltact_fab.present.report.first_light import pairs
+    from deltact_fab.present.report.first_light import render_examples as pairs
     from deltact_fab.studies.numerics import harness
 
     def series(out: Path) -> None:

@@ -26,16 +26,16 @@ from deltact_fab.fabricate.patterns.raster import pattern_albedo
 from deltact_fab.fabricate.patterns.recipe import load_recipe
 from deltact_fab.physics.imaging import print_colours
 from deltact_fab.present.live.acceptance import Acceptance, accept_sensor
-from deltact_fab.present.live.known_step import known_steps
+from deltact_fab.present.live.known_step import check_known_step
 from deltact_fab.present.live.open import acceptance_file
 from deltact_fab.present.live.source import Source
-from deltact_fab.present.report.first_light import pairs
+from deltact_fab.present.report.first_light import render_examples
 from deltact_fab.sensor.optics.camera import Pinhole
 from deltact_fab.sensor.optics.fisheye import Fisheye
 from deltact_fab.sensor.optics.lattice import SurfaceLattice
 from deltact_fab.sensor.optics.rectified import Rectified
 from deltact_fab.sensor.shapes.imaging import ImageSensor, Printer
-from deltact_fab.simulate.virtual.picture import FrameRenderer, PictureGeometry, RawView, Texture
+from deltact_fab.simulate.virtual.picture import FrameRenderer, PictureGeometry, RawView
 
 DESIGN = load_design("deltact")
 LATTICE = SurfaceLattice(-20.0, -17.0, 0.5, 81, 69)
@@ -77,7 +77,7 @@ def photographs(made: Made, n: int) -> list[np.ndarray]:
         numbers = dict(made.lens)
         true = replace(nominal, **{k: getattr(nominal, k) + v for k, v in numbers.items()})
         camera = RawView(true, Rectified.of(DESIGN, nominal))
-    draw = FrameRenderer(PictureGeometry(camera, LATTICE), Texture(values, STEP_MM), made.camera)
+    draw = FrameRenderer(PictureGeometry(camera, LATTICE), values, STEP_MM, made.camera)
     lattice_x, lattice_y = np.meshgrid(*LATTICE.axes_mm())
     bump = np.zeros((*lattice_x.shape, 3))
     bump[..., 2] = -np.exp(-(lattice_x**2 + lattice_y**2) / 18)
@@ -255,7 +255,7 @@ def test_a_bad_sensor_fails_its_own_row_and_no_other_without_cause(name):
 
 @pytest.mark.slow
 def test_the_guide_s_pictures_are_what_they_are_said_to_be():
-    pair = pairs(DESIGN, load_recipe("recommended"))["sensor"]
+    pair = render_examples(DESIGN, load_recipe("recommended"))["sensor"]
     for jpeg, rows in zip(pair, (set(), set(SPOILED)), strict=True):
         image = np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR))
         done = accept_sensor(given([image], Pinhole.of(DESIGN)), load_recipe("recommended"), DESIGN)
@@ -325,7 +325,7 @@ def test_a_known_step_is_recovered_and_a_wrong_scale_is_not(tmp_path):
     """Truth and camera share their projection here; the solver moves the face."""
     done = called("run", "known-step", "--rig", "virtual", "--out", "step", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    rows = known_steps(tmp_path / "step")
+    rows = check_known_step(tmp_path / "step")
     assert [row.name for row in rows] == ["known step, x", "known step, y"]
     for row in rows:
         seen, made = (
@@ -340,7 +340,7 @@ def test_a_known_step_is_recovered_and_a_wrong_scale_is_not(tmp_path):
     told = json.loads((wrong / "run.json").read_text())
     told["camera"]["mm_per_px"] *= 1.03
     (wrong / "run.json").write_text(json.dumps(told))
-    assert all(row.failed for row in known_steps(wrong))
+    assert all(row.failed for row in check_known_step(wrong))
     shutil.rmtree(wrong)
     with pytest.raises(InputError, match="no such folder"):
-        known_steps(Path(wrong))
+        check_known_step(Path(wrong))

@@ -25,7 +25,7 @@ from deltact_fab.fabricate.cad.parts.mold import RELEASE_AGENT
 from deltact_fab.fabricate.cad.registry import list_parts
 from deltact_fab.fabricate.guide import PatternToPrint, Pictures, write_guide
 from deltact_fab.fabricate.patterns.recipe import recipe_from_data
-from deltact_fab.present.report.first_light import pairs
+from deltact_fab.present.report.first_light import render_examples as pairs
 
 STICKER, STICKERS = guide.sticker, {}  # type: ignore[var-annotated]
 SVG = "data:image/svg+xml;base64,PHN2Zy8+"

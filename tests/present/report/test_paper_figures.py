@@ -53,7 +53,7 @@ def test_the_page_is_drawn_at_its_own_size_afterwards() -> None:
 
 
 def test_names_stay_off_each_other_and_inside() -> None:
-    figure, (axis,) = figures.blank_figure(6, 3)
+    figure, (axis,) = figures.create_figure(6, 3)
     marks = [(1 + 0.01 * i, 1 + 0.01 * (i % 3), f"a long name {i}", "#000000") for i in range(7)]
     axis.plot([m[0] for m in marks], [m[1] for m in marks], "o")
     axis.set_xlim(0, 2)

@@ -20,8 +20,8 @@ from deltact_fab.fabricate import guide
 from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.fabricate.patterns import series as job
 from deltact_fab.present.report import index_page, numerics_page, page, patterns_page, study_page
-from deltact_fab.present.report.first_light import pairs
-from deltact_fab.present.report.result import GEL_FLAGS
+from deltact_fab.present.report.first_light import render_examples as pairs
+from deltact_fab.present.report.result import StudyResult
 
 TOLD = "a made-up warning of <the test>"
 WARNED = {"id": "made up", "text": TOLD, "warns": True}
@@ -69,7 +69,7 @@ def imported(warned: bool, out: Path, warned_run: Callable[[bool], Path]) -> Pat
 
 
 def made_up_study(warned: bool, out: Path, _: Any) -> Path:
-    plain = replace(study(), headlines=(), settings={GEL_FLAGS: TOLD} if warned else {})
+    plain = replace(study(), headlines=(), settings={StudyResult.GEL_FLAGS: TOLD} if warned else {})
     return study_page.write_study_page(plain, out / "s")
 
 

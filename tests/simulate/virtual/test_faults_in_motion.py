@@ -14,7 +14,7 @@ from hosted import FEED_MM_MIN, MACHINE_MM, TARGET_MM
 from deltact_fab.bench.rig.stage.grbl import GrblStage
 from deltact_fab.common.errors import StageError
 from deltact_fab.sensor.optics.camera import StageFrame
-from deltact_fab.studies.numerics.faults.bench import NoisyController
+from deltact_fab.simulate.virtual.fault_bench import NoisyController
 
 
 class Bench(hosted.Bench):

@@ -15,7 +15,7 @@ from deltact_fab.physics.gel.path.knots import Increments, KnotPose, Mirror, Sol
 from deltact_fab.physics.gel.path.solver import PathSolver
 from deltact_fab.sensor.shapes.indenter import parse_indenter
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
-from deltact_fab.simulate.virtual.presolve import solve_ahead
+from deltact_fab.simulate.virtual.presolve import solve_presses
 from deltact_fab.simulate.virtual.presses import Presses, PressPath, paths, poses
 
 GELS = {
@@ -126,13 +126,13 @@ def test_only_planes_that_indenter_and_path_share_are_used() -> None:
 def test_ahead_of_a_run_one_of_four_is_solved() -> None:
     heard: list[str] = []
     press = declared(depths_mm=[0.4], shear=None)
-    rows = solve_ahead(
+    rows = solve_presses(
         [press], SKIN, GELS["linear"], progress=lambda done, of, what: heard.append(what)
     )
     assert [row.like for row in rows] == ["", *["ellipsoid/p1"] * 3]
     assert all(row.done == row.knots and not row.failure for row in rows)
     assert set(heard) == {row.press for row in rows}
-    again = solve_ahead([press], SKIN, GELS["linear"])
+    again = solve_presses([press], SKIN, GELS["linear"])
     assert rows[0].zones.contact_area_mm2 > 1
     for row, found in zip(rows, again, strict=True):
         assert row.zones == found.zones  # each where its own indenter is
@@ -142,6 +142,6 @@ def test_ahead_of_a_run_one_of_four_is_solved() -> None:
 
 def test_an_image_fails_as_what_it_is_the_image_of() -> None:
     light = declared(positions_mm=[[1.0, 0.0], [-1.0, 0.0]], depths_mm=[0.03], shear=None)
-    rows = solve_ahead([light], SKIN, GELS["linear"])
+    rows = solve_presses([light], SKIN, GELS["linear"])
     assert rows[0].failure
     assert rows[1].failure == f"as {rows[0].press}, its mirror image: {rows[0].failure}"

@@ -15,13 +15,11 @@ from deltact_fab.sensor.optics.lattice import PointSampler, SurfaceLattice
 from deltact_fab.sensor.optics.rectified import Rectified
 from deltact_fab.sensor.shapes.imaging import GAMMA, ImageSensor
 from deltact_fab.sensor.shapes.sensor import SensorDimensions
-from deltact_fab.simulate.virtual.drawing import noise_of, printed_renderer, resting_geometry
 from deltact_fab.simulate.virtual.picture import (
     BAND_PX,
     FrameRenderer,
     PictureGeometry,
     RawView,
-    Texture,
 )
 
 CAMERA = Pinhole(0.0378, 160, 120, 12.85)
@@ -38,14 +36,14 @@ def bump(
     return np.stack((amplitude_mm * g, 0.3 * amplitude_mm * g, -0.5 * amplitude_mm * g), axis=-1)
 
 
-def ramp_texture() -> Texture:
+def ramp_texture() -> NDArray[np.float32]:
     """Reflectance linear in x (red) and y (green), so a pixel's colour tells where it came from."""
     y, x = np.mgrid[:700, :700] / 699
-    return Texture(np.stack((x, y, 0.5 * np.ones_like(x)), -1).astype(np.float32), 0.02)
+    return np.asarray(np.stack((x, y, 0.5 * np.ones_like(x)), -1), np.float32)
 
 
 def test_every_pixel_sees_the_point_that_projects_there() -> None:
-    picture = FrameRenderer(PictureGeometry(CAMERA, LATTICE), ramp_texture(), NOISELESS)
+    picture = FrameRenderer(PictureGeometry(CAMERA, LATTICE), ramp_texture(), 0.02, NOISELESS)
     u = bump(0.9)
     at = picture.geometry.material_px(u)[1:-1, 1:-1].astype(float)
     xy = CAMERA.rest_mm(at).reshape(-1, 2)[::37]
@@ -65,7 +63,7 @@ def test_a_skin_that_ends_within_the_margin_of_the_view_is_drawn_as_a_wider_one(
 
 
 def test_image_axes_are_sensor_axes() -> None:
-    image = FrameRenderer(PictureGeometry(CAMERA, LATTICE), ramp_texture(), NOISELESS).render(
+    image = FrameRenderer(PictureGeometry(CAMERA, LATTICE), ramp_texture(), 0.02, NOISELESS).render(
         None, np.random.default_rng(0)
     )
     blue, green, red = (image[..., c].astype(int) for c in range(3))
@@ -78,21 +76,21 @@ def test_a_face_turned_over_is_refused_not_drawn() -> None:
     x, _ = np.meshgrid(*LATTICE.axes_mm())
     mirrored = np.zeros((LATTICE.ny, LATTICE.nx, 3))
     mirrored[..., 0] = -2 * x
-    picture = FrameRenderer(PictureGeometry(CAMERA, LATTICE), ramp_texture(), NOISELESS)
+    picture = FrameRenderer(PictureGeometry(CAMERA, LATTICE), ramp_texture(), 0.02, NOISELESS)
     with pytest.raises(SolverError, match="see no point of the surface"):
         picture.render(mirrored, np.random.default_rng(0))
 
 
 def test_each_press_of_each_seed_has_noise_of_its_own() -> None:
-    drawn = [noise_of(*of).random() for of in ((1, "1"), (1, "2"), (2, "1"), (1, "1"))]
+    drawn = [FrameRenderer.noise(*of).random() for of in ((1, "1"), (1, "2"), (2, "1"), (1, "1"))]
     assert len(set(drawn)) == 3
     assert drawn[0] == drawn[3]
 
 
 def test_beside_a_small_sticker_is_bare_film_and_no_stripe() -> None:
     small = recipe_from_options(None, 0.4, 0.6, size_mm=12.0)
-    face = resting_geometry(SensorDimensions())
-    image = printed_renderer(SimulatorConfig(), small, face, 1).render(
+    face = PictureGeometry.resting(SensorDimensions())
+    image = FrameRenderer.printed(face, SimulatorConfig(), small, 1).render(
         None, np.random.default_rng(0)
     )
     inside, beside = image[250:350, 350:450], image[250:350, :100]
@@ -112,7 +110,7 @@ RAW_LATTICE = SurfaceLattice(-10.0, -9.0, 0.25, 81, 73)
 TEXEL_MM = 0.01
 
 
-def dots(at_mm: NDArray[np.float64], half_mm: float = 8.0) -> Texture:
+def dots(at_mm: NDArray[np.float64], half_mm: float = 8.0) -> NDArray[np.float32]:
     """Small bright spots on black, (n, 2) mm."""
     side = round(2 * half_mm / TEXEL_MM) + 1
     texture = np.zeros((side, side, 3), np.float32)
@@ -121,7 +119,7 @@ def dots(at_mm: NDArray[np.float64], half_mm: float = 8.0) -> Texture:
         j, i = (round((v + half_mm) / TEXEL_MM) for v in (x, y))
         spot = np.exp(-np.add.outer(reach**2, reach**2) / (2 * 4.0**2))
         texture[i - 12 : i + 13, j - 12 : j + 13] = spot[..., None]
-    return Texture(texture, TEXEL_MM)
+    return texture
 
 
 def middles(image: NDArray[np.uint8], near_px: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -143,7 +141,7 @@ def test_spots_are_drawn_where_the_lens_projects_them(pressed: bool) -> None:
     moved = np.column_stack((at_mm, np.zeros(len(at_mm)))) + PointSampler(RAW_LATTICE, at_mm)(u)
     wanted_px = LENS.project_px(moved)
     picture = FrameRenderer(
-        PictureGeometry(RawView(LENS, VIEW), RAW_LATTICE), dots(at_mm), NOISELESS
+        PictureGeometry(RawView(LENS, VIEW), RAW_LATTICE), dots(at_mm), TEXEL_MM, NOISELESS
     )
     image = picture.render(u if pressed else None, np.random.default_rng(0))
     assert image.shape == (340, 420, 3)
@@ -159,9 +157,9 @@ def test_spots_are_drawn_where_the_lens_projects_them(pressed: bool) -> None:
 
 
 def test_a_band_around_the_view_is_drawn_and_beyond_it_all_is_dark() -> None:
-    white = Texture(np.ones((1601, 1601, 3), np.float32), TEXEL_MM)
+    white = np.ones((1601, 1601, 3), np.float32)
     raw = RawView(LENS, VIEW)
-    image = FrameRenderer(PictureGeometry(raw, RAW_LATTICE), white, NOISELESS).render(
+    image = FrameRenderer(PictureGeometry(raw, RAW_LATTICE), white, TEXEL_MM, NOISELESS).render(
         None, np.random.default_rng(0)
     )
     x, y = np.meshgrid(np.arange(420.0), np.arange(340.0))
@@ -177,9 +175,9 @@ def test_a_band_around_the_view_is_drawn_and_beyond_it_all_is_dark() -> None:
 
 
 def test_where_the_print_ends_it_is_dark() -> None:
-    small = Texture(np.ones((301, 301, 3), np.float32), TEXEL_MM)  # 3 mm, in a view of 7.6 mm
+    small = np.ones((301, 301, 3), np.float32)  # 3 mm, in a view of 7.6 mm
     image = FrameRenderer(
-        PictureGeometry(RawView(LENS, VIEW), RAW_LATTICE), small, NOISELESS
+        PictureGeometry(RawView(LENS, VIEW), RAW_LATTICE), small, TEXEL_MM, NOISELESS
     ).render(None, np.random.default_rng(0))
     x, y = LENS.rest_px(np.array([1.4, 0.0])).round().astype(int)
     assert image[y, x].min() > 200

@@ -13,7 +13,7 @@ import pytest
 
 from deltact_fab.bench.protocols.plan import Protocol
 from deltact_fab.bench.rig import config
-from deltact_fab.studies.numerics.faults.bench import lab_benches
+from deltact_fab.simulate import FaultScenario
 from deltact_fab.studies.numerics.faults.kinds import FAULTS, FaultKind
 from deltact_fab.studies.numerics.faults.rehearsal import FaultOutcome, Matrix
 
@@ -42,7 +42,7 @@ shear_feed_mm_min = 60.0
 @pytest.fixture(scope="module")
 def matrix(tmp_path_factory: pytest.TempPathFactory) -> Matrix:
     protocol = Protocol.model_validate(tomllib.loads(TEXT))
-    of = lab_benches(protocol, TEXT.encode(), config.load_rig("grbl-bench")[0])
+    of = FaultScenario.of(protocol, TEXT.encode(), config.load_rig("grbl-bench")[0])
     return Matrix(tmp_path_factory.mktemp("bench"), of)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from deltact_fab.common import Image
 from deltact_fab.estimate import FlowMethod, FlowTracker
-from deltact_fab.simulate import PICTURE_TOLERANCE_PX
+from deltact_fab.simulate import PictureGeometry
 
 from ..engine import Case, CurveSetting, Engine, Flagged, Work
 from .flow_frames import MM_PER_PX, FlowSequence, Vectors, scene
@@ -178,7 +178,7 @@ def curves(quick: bool) -> Sequence[CurveSetting]:
     """Methods on a pair, and trackers by their reference through ten frames."""
     millimetres = partial(
         CurveSetting, unit="mm, mean over moving pixels", reference="the field that was drawn",
-        reference_error=PICTURE_TOLERANCE_PX * MM_PER_PX,
+        reference_error=PictureGeometry.TOLERANCE_PX * MM_PER_PX,
     )  # fmt: skip
     methods = ("fused", "dis-medium", "dis-fast") if quick else FlowMethod.NAMES
     pairs = [

@@ -26,13 +26,7 @@ from deltact_fab.sensor import (
     SurfaceLattice,
     axes_mm,
 )
-from deltact_fab.simulate import (
-    PICTURE_MARGIN_PX,
-    FrameRenderer,
-    LatticeCrop,
-    PictureGeometry,
-    Texture,
-)
+from deltact_fab.simulate import FrameRenderer, LatticeCrop, PictureGeometry
 
 Vectors = NDArray[np.float32]
 Motion = Callable[[Field, Field], Field]
@@ -40,6 +34,7 @@ Motion = Callable[[Field, Field], Field]
 SENSOR = SensorDimensions()
 CAMERA = Pinhole.of(SENSOR)
 MM_PER_PX = CAMERA.mm_per_px
+MARGIN_PX = PictureGeometry.MARGIN_PX
 MOVING_MM = 0.1  # as in the tracking error
 SEED = 11
 DOTS = load_recipe("dense-with-dots")
@@ -104,10 +99,10 @@ def drawn(
     rng = np.random.default_rng(SEED)
     printer = Printer()
     printed = print_colours(printer, pattern_albedo(recipe, printer.mm_per_dot), rng)
-    texture = Texture(printed, printer.mm_per_dot)
-    picture = FrameRenderer(PictureGeometry(CAMERA, lattice), texture, sensor or ImageSensor())
-    inner = slice(PICTURE_MARGIN_PX, -PICTURE_MARGIN_PX)
-    truth = np.ascontiguousarray(picture.geometry.forward_px(displacement_mm)[inner, inner])
+    geometry = PictureGeometry(CAMERA, lattice)
+    picture = FrameRenderer(geometry, printed, printer.mm_per_dot, sensor or ImageSensor())
+    inner = slice(MARGIN_PX, -MARGIN_PX)
+    truth = np.ascontiguousarray(geometry.forward_px(displacement_mm)[inner, inner])
     images = [picture.render(displacement_mm * (k / n_frames) if k else None, rng)
               for k in range(n_frames + 1)]  # fmt: skip
     return FlowSequence(np.stack(images), truth)
@@ -117,7 +112,7 @@ def in_plane(
     recipe: PatternRecipe, motion: Motion, n_frames: int = 1, sensor: ImageSensor | None = None
 ) -> FlowSequence:
     """A motion in the plane of the face, given in pixels at the pixels' places."""
-    reach = PICTURE_MARGIN_PX + 2
+    reach = MARGIN_PX + 2
     x_mm, y_mm = axes_mm(CAMERA, reach)
     lattice = SurfaceLattice(float(x_mm[0]), float(y_mm[0]), MM_PER_PX, len(x_mm), len(y_mm))
     at = np.meshgrid(np.arange(len(x_mm)) - float(reach), np.arange(len(y_mm)) - float(reach))
@@ -155,7 +150,7 @@ def _press() -> tuple[SurfaceLattice, Field]:
     contact = LinearContact(face, parse_indenter("sphere:10"))
     *_, down = follow_path(contact, contact.rest(), (0.0, 0.0, 1.2), 0.3)
     *_, sheared = follow_path(contact, down, (1.5, 0.0, 1.2), 0.3)
-    view, margin_mm = SENSOR.optics.view_mm, PICTURE_MARGIN_PX * MM_PER_PX
+    view, margin_mm = SENSOR.optics.view_mm, MARGIN_PX * MM_PER_PX
     crop = LatticeCrop(face.x_mm, face.y_mm, (view[0] / 2 + margin_mm, view[1] / 2 + margin_mm))
     return crop.lattice, crop(sheared.displacement_mm).astype(np.float64)
 

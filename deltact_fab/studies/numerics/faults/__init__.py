@@ -1,4 +1,4 @@
 """What a fault does to a run, at each moment of it: the real host, runner and record in lockstep.
 
-`bench` is what they drive, `kinds` the faults, `rehearsal` each of them at each moment.
+`simulate.FaultBench` is what they drive, `kinds` the faults, `rehearsal` each at each moment.
 """

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from .bench import FaultBench, fill_disk
+from deltact_fab.simulate import FaultBench
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
 GARBAGE = b"\xff\x00\x8a~|<\xff\x00\x00\xfe\r\n\xff\x00"  # a line of it, and more before the next
@@ -84,7 +84,7 @@ FAULTS: tuple[FaultKind, ...] = (
               ("no answer to",), success=True, within_s=1.2),
     FaultKind("silent for 30 s", lambda b, at_s: b.board.lose(at_s=at_s, for_s=30.0),
               ("no answer to",), within_s=1.2),
-    FaultKind("disk full", lambda b, at_s: b.at(at_s, fill_disk),
+    FaultKind("disk full", lambda b, at_s: b.at(at_s, FaultBench.fill_disk),
               ("No space left", "disk is full", "disk I/O error", "too large"), within_s=3.0),
     FaultKind("force over the limit", _push(1e6), ("over the guard's",), homing=False),
     FaultKind("force spike of 5 ms", _push(0.005), ("over the guard's",), homing=False),

@@ -19,8 +19,8 @@ from typing import Any
 
 from deltact_fab.bench import CLOCK_COLUMNS, PIECE_S, PLANNED_AHEAD_S, PRESS_TABLES, open_run
 from deltact_fab.common import DeltactFabError, Progress, RunFailed, run_each
+from deltact_fab.simulate import FaultBench, FaultScenario
 
-from .bench import FaultBench, Scenario, free_disk
 from .kinds import BEFORE, FAULTS, HOMING, FaultKind
 
 REACTION_S = 0.010  # of motion, beyond the braking distance
@@ -49,7 +49,7 @@ class FaultOutcome:
 class Matrix:
     """What all cells share: the undisturbed run, the one begun, and when its moments are."""
 
-    def __init__(self, folder: Path, of: Scenario) -> None:
+    def __init__(self, folder: Path, of: FaultScenario) -> None:
         self.folder, self.of = folder, of
         self._undisturbed = folder / "undisturbed"
         self.begun = folder / "begun"
@@ -72,14 +72,14 @@ class Matrix:
             fault.strike(bench, at_s)
             found = FaultOutcome(fault.name, moment, ended(bench, folder))
             ended_ns = bench.clock.now_ns()
-            free_disk()
+            FaultBench.free_disk()
             bench.clock.sleep_s(60.0)  # all rests, and silence is over
             if found.outcome != "success":
                 found = travelled(bench, fault, found, at_s, ended_ns)
             wrong = misjudged(fault, found) or self.resumed(bench, folder, found.outcome)
             return replace(found, wrong=wrong)
         finally:
-            free_disk()
+            FaultBench.free_disk()
             shutil.rmtree(folder)
 
     def wrong(self, folder: Path, tables: Sequence[str] = PRESS_TABLES) -> str:
@@ -269,8 +269,8 @@ class Rehearsal:
         }  # fmt: skip
 
 
-def rehearse(of: Scenario, thorough: bool, progress: Progress | None = None) -> Rehearsal:
-    """Every fault, at every moment or at some of them, each moment met by some fault.
+def rehearse(of: FaultScenario, thorough: bool, progress: Progress | None = None) -> Rehearsal:
+    """Rehearse every fault, at every moment or at some of them, each moment met by some fault.
 
     Raises RunFailed where the undisturbed run ends in an error.
     """

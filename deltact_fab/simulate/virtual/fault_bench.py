@@ -40,17 +40,13 @@ from deltact_fab.bench import (
 )
 from deltact_fab.common import Image, InputError, SensorError, to_ns
 from deltact_fab.sensor import StageFrame
-from deltact_fab.simulate import (
-    BoxFaults,
-    Datagram,
-    GrblController,
-    NetFTBox,
-    SerialLink,
-    VirtualClock,
-    VirtualForce,
-    WireExchange,
-    grbl_settings,
-)
+
+from .clock import VirtualClock
+from .controller import GrblController
+from .grbl_lines import grbl_settings
+from .netft import BoxFaults, Datagram, NetFTBox
+from .rig import VirtualForce
+from .wire import SerialLink, WireExchange
 
 DRAGS = 1  # of a press
 SETTLE_S = 0.2
@@ -59,8 +55,11 @@ _GROWTH = resource.getrlimit(resource.RLIMIT_FSIZE)
 
 
 @dataclass(frozen=True)
-class Scenario:
-    """text: of the protocol. settings: of the controller, None for its usual ones."""
+class FaultScenario:
+    """A lab's protocol, cut short, on the stage of its rig file.
+
+    text: of the protocol. settings: of the controller, None for its usual ones.
+    """
 
     text: bytes
     steps: tuple[Step, ...]
@@ -68,6 +67,16 @@ class Scenario:
     settings: Mapping[int, float] | None
     force: ForceConfig
     limits: GuardLimits
+
+    @classmethod
+    def of(cls, protocol: Protocol, text: bytes, rig: RigConfig) -> FaultScenario:
+        """The scenario of a protocol on a rig. Raises InputError for no press."""
+        stage = rig.stage
+        limits = stage.travel_mm, stage.max_feed_mm_min, stage.acceleration_mm_s2
+        settings = {**grbl_settings(*limits), 27: stage.pull_off_mm}
+        force = rig.force or ForceConfig()
+        guard = GuardLimits.of(rig.guard, force)
+        return cls(text, _cut(expand_protocol(protocol)), stage.frame, settings, force, guard)
 
     @property
     def second(self) -> str:
@@ -84,16 +93,6 @@ class Scenario:
         """N / mm^1.5 of a gel that the deepest press does not trip the guard on."""
         deepest_mm = max(-step.target_mm[2] for step in self.steps)
         return PRESSED * self.limit_n / max(deepest_mm, 0.1) ** 1.5
-
-
-def lab_benches(protocol: Protocol, text: bytes, rig: RigConfig) -> Scenario:
-    """A lab's protocol, cut short, on the stage of its rig file. Raises InputError for no press."""
-    stage = rig.stage
-    limits = stage.travel_mm, stage.max_feed_mm_min, stage.acceleration_mm_s2
-    settings = {**grbl_settings(*limits), 27: stage.pull_off_mm}
-    force = rig.force or ForceConfig()
-    guard = GuardLimits.of(rig.guard, force)
-    return Scenario(text, _cut(expand_protocol(protocol)), stage.frame, settings, force, guard)
 
 
 def _cut(steps: Sequence[Step]) -> tuple[Step, ...]:
@@ -125,12 +124,11 @@ Change = Callable[[bytes], bytes]
 
 @dataclass
 class _Rule:
-    """Lines that begin so and are said from from_ns until until_ns, at most `most`, are changed."""
+    """Lines that begin so and are said from from_ns on, at most `most`, are changed."""
 
     begins: bytes
     change: Change
     from_ns: float
-    until_ns: float
     most: float
 
 
@@ -145,12 +143,10 @@ class NoisyController(GrblController):
         change: Change,
         begins: bytes = b"",
         at_s: float = 0.0,
-        for_s: float = math.inf,
         most: float = math.inf,
     ) -> None:
-        """Let every line that begins so and is said in that time arrive as `change` makes it."""
-        from_ns = to_ns(at_s)
-        self._rules += (_Rule(begins, change, from_ns, from_ns + for_s * 1e9, most),)
+        """Let every line that begins so and is said from then on arrive as `change` makes it."""
+        self._rules += (_Rule(begins, change, to_ns(at_s), most),)
 
     lose = partialmethod(change, lambda line: b"")
     """The same, and the line is lost."""
@@ -179,7 +175,7 @@ class NoisyController(GrblController):
     def _arriving(self, t_ns: int, line: bytes) -> bytes:
         for rule in self._rules:
             fits = line.strip() and line.startswith(rule.begins) and rule.most > 0
-            if fits and rule.from_ns <= t_ns < rule.until_ns:
+            if fits and rule.from_ns <= t_ns:
                 rule.most -= 1
                 self.first_changed_ns = self.first_changed_ns or t_ns
                 line = rule.change(line)
@@ -188,16 +184,6 @@ class NoisyController(GrblController):
 
 Place = Callable[[], tuple[float, float, float]]
 Push = Callable[[float], float]
-
-
-def fill_disk() -> None:
-    """From now on no file may grow any more."""
-    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (0, _GROWTH[1]))
-
-
-def free_disk() -> None:
-    resource.setrlimit(resource.RLIMIT_FSIZE, _GROWTH)
 
 
 class WatchedFaults(BoxFaults):
@@ -296,7 +282,7 @@ class BenchCamera(StreamCamera):
 class FaultBench:
     """Board, force box and camera on one virtual clock; each session opens them anew."""
 
-    def __init__(self, of: Scenario) -> None:
+    def __init__(self, of: FaultScenario) -> None:
         self.of = of
         self.clock = VirtualClock()
         self.trace: list[WireExchange] = []
@@ -329,6 +315,17 @@ class FaultBench:
             call()
 
         ticks = self.clock.every(1 / (t_s - self.clock.now_s()), once)
+
+    @staticmethod
+    def fill_disk() -> None:
+        """From now on no file may grow any more."""
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (0, _GROWTH[1]))
+
+    @staticmethod
+    def free_disk() -> None:
+        """Files may grow again."""
+        resource.setrlimit(resource.RLIMIT_FSIZE, _GROWTH)
 
     def mend(self) -> None:
         """Whatever was wrong is put right; nobody touches the stage."""
