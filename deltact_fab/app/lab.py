@@ -183,9 +183,9 @@ def rig(name: str, out: Path | None = None) -> tuple[Path, dict[str, list[FoundD
 
     Raises InputError as `catalog.write_new`, and for a name that is none.
     """
-    from deltact_fab.bench import list_cameras, list_ports
+    from deltact_fab.bench import list_devices
 
-    found = {"ports": list_ports(), "cameras": list_cameras()}
+    found = list_devices()
     return _write("grbl-rig", name, out, rig_text(**found)), found
 
 

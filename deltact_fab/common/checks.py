@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -33,6 +33,29 @@ class Check:
     remedy: str = ""
     sign: Literal["<", "<=", ">=", ""] = ""
     margin: float | None = None
+
+    @classmethod
+    def at_most(
+        cls, id: str, name: str, subject: str, value: float, limit: float, where: str,
+        status: Status,
+    ) -> Check:  # fmt: skip
+        """The check of a figure that must not exceed its limit, in the unit that subject names."""
+        return cls(id, name, subject, value, limit, status, (where,), sign="<=")
+
+    @classmethod
+    def refusal(cls, id: str, name: str, reasons: Sequence[str]) -> Check:
+        """The check of what is refused in words: it passes where there are none."""
+        status, text = graded(not reasons), "; ".join(reasons)
+        return cls(id, name, "refusals", len(reasons), 0, status, remedy=text, sign="<=")
+
+    @property
+    def reason(self) -> str:
+        """Why it fails or warns, in one line; a refusal names its file itself."""
+        if self.remedy:
+            return self.remedy
+        sign = "<" if self.sign == ">=" else ">"
+        where = "; ".join(self.basis)
+        return f"{self.name}: {self.subject} {self.value:g} {sign} {self.limit:g} at {where}"
 
     @property
     def failed(self) -> bool:

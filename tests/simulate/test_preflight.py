@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from deltact_fab.bench.protocols import plan
-from deltact_fab.bench.protocols.limits import reason, require_limits
+from deltact_fab.bench.protocols.limits import require_limits
 from deltact_fab.bench.protocols.plan import Protocol
 from deltact_fab.bench.rig import config
 from deltact_fab.common.checks import Check
@@ -112,7 +112,7 @@ def test_an_undeclared_limit_is_an_error_on_a_real_rig(
 ) -> None:
     (row,) = _over(smoke, limits)
     wanted = f"my-bench.toml: {key} is not declared, so its force cannot be checked"
-    assert reason(row) == wanted
+    assert row.reason == wanted
     with pytest.raises(InputError, match="not declared"):
         require_limits([row], limits.source)
 

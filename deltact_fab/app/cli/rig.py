@@ -296,25 +296,10 @@ def register(
     are. Name the file as `registration` under [stage] of the rig file. Where the face is sideways,
     examples/find_the_block.py finds by a block around the sensor.
     """
-    from deltact_fab.bench import (
-        GrblConfig,
-        TerminalOperator,
-        home_stage,
-        load_rig,
-        register_face,
-        requested_tool,
-        write_registration,
-    )
+    from deltact_fab.bench import register_rig
     from deltact_fab.fabricate import load_design
 
-    bench, path = load_rig(name)
-    if not isinstance(bench, GrblConfig):
-        raise InputError(f"{path}: kind: only a real rig is registered; this one is {bench.kind!r}")
-    asked = requested_tool(bench, path, load_design(design), indenter, at)
-    operator = TerminalOperator()
-    with home_stage(bench, path, operator, tip_is_clear) as devices:
-        found = register_face(devices, asked, operator)
-    write_registration(found, out)
+    found = register_rig(name, load_design(design), indenter, at, out, tip_is_clear)
     data = {"file": str(out), **found.model_dump(mode="json", exclude_none=True)}
     return Answer(data, [f"{out}: {found.line()}"])
 

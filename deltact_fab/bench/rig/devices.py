@@ -22,6 +22,11 @@ class FoundDevice:
     text: str = ""
 
 
+def list_devices() -> dict[str, list[FoundDevice]]:
+    """Ports and cameras of this computer, each with the name that a rig file has for it."""
+    return {"ports": list_ports(), "cameras": list_cameras()}
+
+
 def list_ports(by_id: Path = PORTS) -> list[FoundDevice]:
     """USB serial ports, boards of known makers first; by their lasting names where there are."""
     from serial.tools.list_ports import comports

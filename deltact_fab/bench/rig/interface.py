@@ -377,6 +377,20 @@ class RigKind(ABC):
             return None
         return FlatField.beside(self._source.parent / camera.model)
 
+    def change_s(self, protocol: plan.Protocol) -> float:
+        """What finding the face with another indenter takes by plan; 0 where nothing is felt."""
+        return 0.0
+
+    def undeclared_lengths(self, protocol: plan.Protocol) -> list[str]:
+        """A line for indenters of unknown length, where a hand changes them."""
+        return []
+
+    def unmet_conditions(
+        self, protocol: plan.Protocol, sensor: SensorDimensions, unattended: bool
+    ) -> list[str]:
+        """Why the rig must not press, or not alone, a line each; none for one that cannot break."""
+        return []
+
     @abstractmethod
     def build(self, job: RigSetup, progress: Progress | None = None) -> OpenBench:
         """Every device of the run, or none: what was opened is closed when another fails.

@@ -19,11 +19,10 @@ from deltact_fab.bench import (
     VirtualConfig,
     check_limits,
     load_rig,
-    refusal_check,
     require_limits,
     tracked_view,
 )
-from deltact_fab.common import InputError
+from deltact_fab.common import Check, InputError
 from deltact_fab.estimate import SensorModel
 from deltact_fab.fabricate import load_design
 from deltact_fab.sensor import FlatField
@@ -75,7 +74,7 @@ def virtual_source(rig_name: str, protocol_name: str, seed: int) -> Source:
     request.protocol = protocol = protocol.model_copy(update={"channels": wanted})
     sensor, kind = request.design, request.kind
     rows = check_limits(protocol, sensor, request.rig.stage, request.steps)
-    rows.append(refusal_check("rig", kind.part, kind.refusals(protocol, sensor, source)))
+    rows.append(Check.refusal("rig", kind.part, kind.refusals(protocol, sensor, source)))
     require_limits(rows, source)
     view, flat = request.view, kind.flat(protocol)
     known = SensorModel(

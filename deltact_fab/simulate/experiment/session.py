@@ -23,10 +23,10 @@ from deltact_fab.bench import (
     VirtualConfig,
     WeightsBench,
     add_note,
+    check_run,
     expand_protocol,
     open_run,
     require_same_conditions,
-    require_whole,
     usable_note,
 )
 from deltact_fab.common import InputError, Note, Progress, toml_text
@@ -73,7 +73,7 @@ def run_experiment(
         if found.finished and note is not None:
             raise InputError(f"--note: {out} has finished; `deltact-fab record note` adds to it")
         if found.finished:
-            require_whole(found, request.progress)
+            check_run(out, request.progress).require_whole()
             return {**found.summary(), "already_finished": True}
     else:
         _require_new(out, text)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +18,7 @@ from deltact_fab.common import Note, SensorError, Vector, to_ns
 
 from ..interface import Clock, ForceSamples
 
-ARRIVAL = np.dtype([("at_ns", "i8"), ("rdt", "u4"), ("status", "u4"), ("counts", "i4", 6)])
-"""A record as it came: at_ns of the host's clock, its number in the stream, status word, counts."""
 DatagramArrivals = NDArray[Any]
-NETFT_SATURATED = 1 << 17  # status word, bit 17: a gauge or a force is out of range
-NETFT_ERROR = 1 << 31  # status word, bit 31: any error of the unit
 SILENT_S = 0.05  # a sensor that says nothing for so long has failed
 LATE_NS = 20_000_000  # a record so much later than its number says is told of
 DRIFT = 2e-4  # the box's clock and the host's differ by less: two quartzes of 100 ppm
@@ -40,6 +36,21 @@ TEXTS = {
     "{worst:.0f} ms",
     "silence": "no force sample came in time, {n} times",
 }
+
+
+class NetFTRecord:
+    """A record of a Net F/T box as it came, and the bits of its status word.
+
+    DTYPE: at_ns of the host's clock, its number in the stream, status word, counts.
+    """
+
+    DTYPE: ClassVar = np.dtype(
+        [("at_ns", "i8"), ("rdt", "u4"), ("status", "u4"), ("counts", "i4", 6)]
+    )
+    SATURATED: ClassVar = 1 << 17
+    """Bit 17: a gauge or a force is out of range."""
+    ERROR: ClassVar = 1 << 31
+    """Bit 31: any error of the unit."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +82,7 @@ class BoxLink(Protocol):
         """Let none come; those under way are dropped."""
 
     def receive(self, timeout_s: float) -> DatagramArrivals:
-        """(n,) ARRIVAL: all that came; waits for one, empty when the time-out has passed."""
+        """(n,) NetFTRecord: all that came; waits for one, empty when the time-out has passed."""
 
     def troubles(self) -> dict[str, int]:
         """What did not become a record since the last call: counts by a name of `TEXTS`."""
@@ -117,8 +128,8 @@ class NetFTSensor:
         """
         fresh = self._fresh()
         status = fresh["status"]
-        saturated = status & NETFT_SATURATED != 0
-        faulty = (status & NETFT_ERROR != 0) & ~saturated
+        saturated = status & NetFTRecord.SATURATED != 0
+        faulty = (status & NetFTRecord.ERROR != 0) & ~saturated
         if faulty.any():
             first = int(faulty.argmax())
             self.tally.add("error", int(faulty.sum()))

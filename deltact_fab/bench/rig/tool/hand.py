@@ -48,14 +48,13 @@ def stopped_by_ctrl_c(stage: Stage) -> Iterator[None]:
 
 
 def plan_move(
-    stage: Stage, by_mm: Vector, feed_mm_min: float, most_mm: float, into_gel: bool
+    stage: Stage, by_mm: Vector, feed_mm_min: float, into_gel: bool
 ) -> tuple[Vector, float]:
     """Where a straight move by so much (sensor frame) leads, and how fast; nothing moves.
 
-    Raises InputError for one that is longer than most_mm or, without into_gel, ends below
-    CLEARANCE_MM or goes sideways there; straight up is always allowed.
+    Raises InputError for one that, without into_gel, ends below CLEARANCE_MM or goes sideways
+    there; straight up is always allowed.
     """
-    require_short_move(by_mm, most_mm)
     here = stage.position_mm()
     there = add_vectors(here, by_mm)
     low_mm, up = min(here[2], there[2]), by_mm[0] == by_mm[1] == 0 and by_mm[2] >= 0
@@ -63,16 +62,6 @@ def plan_move(
     if near and not into_gel:
         raise InputError(_too_low(low_mm))
     return there, min(feed_mm_min, NEAR_FEED_MM_MIN) if near else feed_mm_min
-
-
-def require_short_move(by_mm: Vector, most_mm: float) -> None:
-    """Raise InputError for a way that is longer than most_mm, or none."""
-    length_mm = math.hypot(*by_mm)
-    if not length_mm <= most_mm:
-        raise InputError(
-            f"DX DY DZ: {length_mm:g} mm is more than {most_mm:g}; give --most {length_mm:g} if "
-            "that is meant"
-        )
 
 
 def go_to(stage: Stage, target_mm: Vector, feed_mm_min: float, into_gel: bool) -> None:
@@ -173,7 +162,7 @@ class HandSession:
         stage, clock = self.stage, self.stage.clock
         deep = self.into_gel or self.guard is not None
         try:
-            target_mm, feed = plan_move(stage, (x, y, z), FEED_MM_MIN, self.step_mm, deep)
+            target_mm, feed = plan_move(stage, (x, y, z), FEED_MM_MIN, deep)
             end_s = clock.now_s() + stage.start_move(target_mm, feed)
             while clock.now_s() < end_s and not watch.trouble:
                 self.show(self._line(watch, asks=False))

@@ -188,6 +188,32 @@ def register_face(
     )
 
 
+def register_rig(
+    rig: str,
+    sensor: SensorDimensions,
+    indenter: str,
+    places: tuple[Place, ...],
+    out: Path,
+    tip_is_clear: bool = False,
+) -> RegistrationFile:
+    """Home a real rig, touch the face of its sensor with a ball, and write where the face is.
+
+    places: where to touch, mm; none is four of them. out: the registration file. Raises InputError
+    for a virtual rig, and as `requested_tool`, `home_stage` and `register_face`.
+    """
+    config, source = load_rig(rig)
+    if not isinstance(config, GrblConfig):
+        raise InputError(
+            f"{source}: kind: only a real rig is registered; this one is {config.kind!r}"
+        )
+    asked = requested_tool(config, source, sensor, indenter, places)
+    operator = TerminalOperator()
+    with home_stage(config, source, operator, tip_is_clear) as bench:
+        found = register_face(bench, asked, operator)
+    write_registration(found, out)
+    return found
+
+
 def write_registration(registration: RegistrationFile, out: Path) -> None:
     """Keep it in a file. Raises RunFailed when the disk refuses."""
     about = "Where the face lies; `[stage] registration` of the rig file names this file."
