@@ -9,7 +9,7 @@ from deltact_fab.door import open_door
 if TYPE_CHECKING:
     # isort: off
     # fmt: off
-    from .protocols.limits import RunEstimate, check_limits, require_limits
+    from .protocols.limits import RunEstimate, check_limits
     from .protocols.motion import StageConfig
     from .protocols.plan import Protocol, Step, expand_protocol, load_protocol
     from .record.check import check_run
@@ -19,15 +19,13 @@ if TYPE_CHECKING:
     from .record.images import ImageFormat, encode_png
     from .record.importing import import_recording
     from .record.journal import read_press_rows
-    from .record.notes import add_note, usable_note
+    from .record.notes import RunNote
     from .record.run import Run, open_run
     from .record.truth import RunTruth
     from .record.writer import RunWriter
     from .rig.bench import GrblKind
     from .rig.camera.files import ImageFolder, ImageSource, open_images
-    from .rig.camera.model import (
-        calibrated_camera, open_camera, raw_size_px, take_photograph, tracked_view, view_notes,
-    )
+    from .rig.camera.model import load_view, open_camera, raw_size_px, take_photograph, view_notes
     from .rig.camera.stream import ArrivedImage, StreamCamera
     from .rig.check import check_rig
     from .rig.config import (
@@ -35,16 +33,14 @@ if TYPE_CHECKING:
     )
     from .rig.devices import FoundDevice, list_devices
     from .rig.force.guard import ForceGuard, GuardLimits
-    from .rig.force.netft import NetFTRecord, NetFTSensor, NetFTSettings
-    from .rig.interface import (
-        CameraFrame, Clock, Devices, OpenBench, Rig, RigKind, RigSetup, WallClock,
-    )
-    from .rig.run.runner import RunProgress, Runner
+    from .rig.force.netft import NetFTSensor, NetFTSettings
+    from .rig.interface import CameraFrame, Clock, Devices, Rig, RigKind, RigSetup, WallClock
+    from .rig.run.runner import RunProgress
+    from .rig.run.session import ask_devices, carry_out_steps
     from .rig.stage.grbl import GrblStage
     from .rig.tables import CameraConfig, ForceConfig
     from .rig.tool.drive import HandStage
     from .rig.tool.session import open_probe, register_rig
-    from .rig.weights import WeightsBench
     # fmt: on
 else:
     __getattr__, __dir__ = open_door(__name__)

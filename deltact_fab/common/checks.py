@@ -7,6 +7,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
+from .errors import InputError
+
 Status = Literal["pass", "not run", "warn", "fail"]
 STATUSES: tuple[Status, ...] = ("pass", "not run", "warn", "fail")
 """From the best to the worst."""
@@ -61,6 +63,15 @@ class Check:
     def failed(self) -> bool:
         """True where it fails; what warns or was not run does not."""
         return self.status == "fail"
+
+    @staticmethod
+    def require(checks: Iterable[Check], source: str) -> None:
+        """Raise InputError with every failed one; source: the file that they are of."""
+        failed = [check for check in checks if check.failed]
+        if failed:
+            refused = [check.reason for check in failed if check.remedy]
+            others = [f"{source}: {check.reason}" for check in failed if not check.remedy]
+            raise InputError(*refused, *others)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data; a number that is not finite is None."""

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from deltact_fab.bench.protocols import plan
-from deltact_fab.bench.protocols.limits import require_limits
 from deltact_fab.bench.rig import config
 from deltact_fab.bench.rig.force.guard import GuardLimits
 from deltact_fab.common import catalog
@@ -62,7 +61,7 @@ def test_what_the_guard_would_trip_is_refused_and_what_it_may_is_told(peaks: lis
     assert row.failed
     assert row.subject.startswith("normal force as expected, [guard] force_n (N)")
     with pytest.raises(InputError, match=r"bench.toml: guard: normal force as expected, \[guard\]"):
-        require_limits([row], "bench.toml")
+        Check.require([row], "bench.toml")
     (row,) = over(peaks, replace(tight, simulated=True))
     assert not row.failed
 

@@ -57,9 +57,9 @@ def show(run: Path) -> Answer:
 @answers
 def note(run: Path, text: str) -> Answer:
     """Add the remark TEXT to RUN, during the run or later."""
-    from deltact_fab.bench import add_note
+    from deltact_fab.bench import RunNote
 
-    added = add_note(run, text)
+    added = RunNote(text).add_to(run)
     return Answer(added, [_note(added)])
 
 

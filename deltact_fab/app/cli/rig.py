@@ -325,9 +325,8 @@ def rehearse(protocol: str, name: str, thorough: bool, out: Path | None) -> Answ
         expand_protocol,
         load_protocol,
         load_rig,
-        require_limits,
     )
-    from deltact_fab.common import require_pages
+    from deltact_fab.common import Check, require_pages
     from deltact_fab.fabricate import load_design
     from deltact_fab.studies import lab_benches, rehearse
 
@@ -336,7 +335,7 @@ def rehearse(protocol: str, name: str, thorough: bool, out: Path | None) -> Answ
     if out is not None:
         require_pages()
     design, steps = load_design(declared.specimen.design), expand_protocol(declared)
-    require_limits(check_limits(declared, design, bench.stage, steps), str(path))
+    Check.require(check_limits(declared, design, bench.stage, steps), str(path))
     scenario = lab_benches(declared, path.read_bytes(), bench)
     with progress("rehearse") as report:
         found = rehearse(scenario, thorough, report)

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from deltact_fab.common import Check, InputError, graded
+from deltact_fab.common import Check, graded
 from deltact_fab.sensor import SensorDimensions, parse_indenter
 
 from .motion import (
@@ -111,14 +111,6 @@ def check_limits(
     if "image" in protocol.channels:
         rows += [_unseen(steps)]
     return [*rows, _names(steps)]
-
-
-def require_limits(rows: Iterable[Check], source: str) -> None:
-    """Raise InputError with every failed row."""
-    failed = [row for row in rows if row.failed]
-    if failed:
-        told = [r.reason for r in failed if r.remedy]
-        raise InputError(*told, *(f"{source}: {r.reason}" for r in failed if not r.remedy))
 
 
 def _worst(pairs: Iterable[tuple[float, str]]) -> tuple[float, str]:

@@ -16,7 +16,7 @@ from deltact_fab.common import InputError, Note, Progress
 from deltact_fab.sensor import CameraModel, SensorDimensions, parse_indenter
 
 from ..protocols.plan import Protocol
-from .camera.model import open_camera, tracked_view, view_notes
+from .camera.model import load_view, open_camera, view_notes
 from .config import GrblConfig
 from .force.guard import GuardLimits
 from .force.watchdog import Watchdog, open_guarded
@@ -58,7 +58,7 @@ class GrblKind(RigKind):
     def camera(self, protocol: Protocol, sensor: SensorDimensions) -> CameraModel | None:
         if self._config.camera is None or "image" not in protocol.channels:
             return None
-        return tracked_view(self._config.camera, sensor, self._source)
+        return load_view(self._config.camera, sensor, self._source)
 
     def change_s(self, protocol: Protocol) -> float:
         return tool_change_s(self._config.stage, self._config.touch, protocol.motion.park_mm)

@@ -20,7 +20,6 @@ from deltact_fab.bench import (
     expand_protocol,
     load_protocol,
     load_rig,
-    require_limits,
 )
 from deltact_fab.common import Check, InputError, MissingLibrary, Note, Progress, graded, passes
 from deltact_fab.fabricate import Design, PatternRecipe, load_design, load_recipe
@@ -114,11 +113,11 @@ class RunRequest:
         Returns a warning for each predicted force that is over a limit of the rig or of the plate
         where that breaks nothing, or that may trip the guard.
         """
-        require_limits(self._rows(), str(self.source))
+        Check.require(self._rows(), str(self.source))
         found = None if self.air else self.forces()
         if found is None:
             return []
-        require_limits(found[1], str(self.rig_path))
+        Check.require(found[1], str(self.rig_path))
         lines = [f"{self.protocol.name}: {row.reason}" for row in found[1] if row.status == "warn"]
         for line in lines:
             _LOG.warning("warning: %s", line)

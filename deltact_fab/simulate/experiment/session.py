@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
@@ -12,24 +12,20 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from deltact_fab.bench import (
-    OpenBench,
-    Rig,
     RigConfig,
     RigSetup,
-    Runner,
+    RunNote,
     RunProgress,
     RunWriter,
-    Step,
     VirtualConfig,
-    WeightsBench,
-    add_note,
+    ask_devices,
+    carry_out_steps,
     check_run,
     expand_protocol,
     open_run,
     require_same_conditions,
-    usable_note,
 )
-from deltact_fab.common import InputError, Note, Progress, toml_text
+from deltact_fab.common import InputError, Note, toml_text
 from deltact_fab.fabricate import PatternRecipe, dot_centres_mm
 from deltact_fab.sensor import indenter_data
 from deltact_fab.version import VERSION
@@ -59,8 +55,7 @@ def run_experiment(
     session. note: kept with the run. live: shown what goes on. Raises InputError or RunFailed.
     """
     started = time.monotonic()
-    if note is not None:
-        note = usable_note(note)
+    remark = None if note is None else RunNote(note)
     out, rig, steps, protocol = request.out, request.rig, request.steps, request.protocol
     job = request.setup(out)
     text = request.source.read_bytes()
@@ -83,10 +78,10 @@ def run_experiment(
     else:
         writer = RunWriter.create(out, meta, text, pattern, steps, request.kind.flat(protocol))
     try:
-        if note is not None:
-            add_note(out, note)
+        if remark is not None:
+            remark.add_to(out)
         with closing(request.kind.build(job, request.progress)) as bench:
-            counts, rig_seconds = _carry_out(bench, steps, writer, request.progress, live)
+            counts, rig_seconds = carry_out_steps(bench, steps, writer, request.progress, live)
             kept = sum(step.frames for step in steps if step.press in writer.kept)
             remarks = [*bench.notes(), *warnings, *_resumed(writer.session, kept)]
             if request.air:
@@ -118,25 +113,6 @@ def run_experiment(
     return {**summary, "already_finished": False}
 
 
-def _carry_out(
-    bench: OpenBench, steps: Sequence[Step], writer: RunWriter, progress: Progress | None,
-    live: Callable[[RunProgress], None] | None,
-) -> tuple[dict[str, int], float]:  # fmt: skip
-    """By the stage, or by a hand that lays weights on: frames late or lost, and the rig's seconds.
-
-    Raises RunFailed and its kin.
-    """
-    start_s, counts = bench.clock.now_s(), dict[str, int]()
-    if isinstance(bench, WeightsBench):
-        bench.run(steps, writer, progress)
-    else:
-        assert isinstance(bench, Rig), "what a hand does not do, a stage does"
-        runner = Runner(bench, writer, progress, live)
-        runner.run(steps)
-        counts = runner.counts()
-    return counts, bench.clock.now_s() - start_s
-
-
 def dry_run_experiment(request: RunRequest) -> dict[str, Any]:
     """Check all that a run checks, and ask the devices of a rig that has any; nothing moves.
 
@@ -149,41 +125,8 @@ def dry_run_experiment(request: RunRequest) -> dict[str, Any]:
         with TemporaryDirectory() as folder:
             job = request.setup(Path(folder) / "dry-run")
             with closing(request.kind.build(job, request.progress)) as bench:
-                lines = list(_answers(bench))
+                lines = ask_devices(bench)
     return {**asdict(request.estimate()), "devices": lines, "notes": notes}
-
-
-def _answers(seen: OpenBench) -> Iterator[str]:
-    """A line a device: that it answers, and how. Raises InputError, StageError, SensorError.
-
-    The stage is connected, its settings are judged; the camera gives an image, the force sensor
-    a reading.
-    """
-    if isinstance(seen, Rig):
-        seen.stage.connect()
-        yield f"stage: {_identity(seen.stage.identity(), 'banner', 'port')}"
-    if seen.camera is not None:
-        seen.camera.begin("dry-run")
-        frame = seen.camera.capture()
-        h, w = frame.image.shape[:2]
-        age_ms = (seen.clock.now_s() - frame.t_s) * 1e3
-        name = _identity(seen.camera.identity(), "name", "kind")
-        yield f"camera: {name}: {w} x {h} px, {age_ms:.0f} ms old"
-    if seen.force is not None:
-        seen.force.start()
-        try:
-            samples = seen.force.read()
-        finally:
-            seen.force.stop()
-        x, y, z = samples.force_n[-1]
-        name = _identity(seen.force.identity(), "kind", "serial")
-        yield f"force sensor: {name}: {x:+.2f}, {y:+.2f}, {z:+.2f} N, not tared"
-        if samples.saturated.any():
-            yield "force sensor: SATURATED: the guard would stop the run at once"
-
-
-def _identity(identity: dict[str, object], *keys: str) -> str:
-    return " ".join(str(identity[key]) for key in keys if identity.get(key)) or "answers"
 
 
 def run_presses(
@@ -214,7 +157,7 @@ def run_presses(
     writer = RunWriter.create(job.folder, meta, text, pattern_data(job.recipe), steps, flat)
     try:
         with closing(kind.build(job)) as bench:
-            Runner(bench, writer).run(steps)
+            carry_out_steps(bench, steps, writer)
         writer.close({"presses": sorted(presses)})
     except BaseException:
         writer.abandon()

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from deltact_fab.bench import (
     ForceConfig,
-    NetFTRecord,
+    NetFTSensor,
     NetFTSettings,
 )
 from deltact_fab.common import DeltactFabError, to_ns
@@ -52,7 +52,7 @@ class BoxFaults:
     def datagrams(self, t_ns: NDArray[np.int64], records: NDArray[Any]) -> list[Datagram]:
         """Records (n,) taken at t_ns as they arrive."""
         if self.error or self.saturated:
-            records["status"] = NetFTRecord.ERROR | (NetFTRecord.SATURATED if self.saturated else 0)
+            records["status"] = NetFTSensor.ERROR | (NetFTSensor.SATURATED if self.saturated else 0)
         if self.error:
             records["counts"] = 0
         if self.silent:
@@ -199,7 +199,7 @@ class NetFTBox:
         k = np.arange(1, len(t_ns) + 1)
         records["rdt"], records["ft"] = self._sent + k, self._taken + k
         over = (np.abs(gauges) > limits).any(axis=1)
-        records["status"] = np.where(over, NetFTRecord.SATURATED | NetFTRecord.ERROR, 0)
+        records["status"] = np.where(over, NetFTSensor.SATURATED | NetFTSensor.ERROR, 0)
         records["counts"] = np.rint(values * self._per_unit)
         self._sent += len(t_ns)
         self._taken += len(t_ns)
@@ -242,7 +242,7 @@ class LockstepLink:
             came.append(data)
         if (data := self._box.receive(timeout_s)) is not None:
             came.append(data)
-        arrivals = np.zeros(len(came), NetFTRecord.DTYPE)
+        arrivals = np.zeros(len(came), NetFTSensor.RECORD)
         records = np.frombuffer(b"".join(data.payload for data in came), RECORD)
         arrivals["at_ns"] = [data.at_ns for data in came]
         for name in ("rdt", "status", "counts"):

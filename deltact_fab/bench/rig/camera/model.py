@@ -26,7 +26,7 @@ from deltact_fab.sensor import (
 
 from ...record.images import encode_png
 from ..interface import Camera, Clock, WallClock
-from ..tables import CameraConfig
+from ..tables import CameraConfig, CameraFile
 from .stream import Feed, StreamCamera
 
 NOTICED = 0.005
@@ -40,10 +40,10 @@ def calibrated_camera(path: Path, source: str = "camera.model") -> CameraModel:
     return load_camera(path)[0]
 
 
-def tracked_view(
-    config: CameraConfig, sensor: SensorDimensions, source: Path
+def load_view(
+    config: CameraConfig | CameraFile, sensor: SensorDimensions, source: Path
 ) -> CameraModel | None:
-    """The view that trackers take of a real camera's images, None where it was not calibrated.
+    """Load the view that trackers take of a camera's images, None where it was not calibrated.
 
     A fisheye's is rectified at the design's scale. source: of the rig file. Raises InputError for a
     camera file that is missing or of images of another size.
@@ -52,7 +52,7 @@ def tracked_view(
         return None
     path = source.parent / config.model
     camera = calibrated_camera(path, f"{source}: camera.model")
-    if config.width_px is not None:
+    if isinstance(config, CameraConfig) and config.width_px is not None:
         made, asked = raw_size_px(camera), (config.width_px, config.height_px)
         if made != asked:
             raise InputError(

@@ -38,21 +38,6 @@ TEXTS = {
 }
 
 
-class NetFTRecord:
-    """A record of a Net F/T box as it came, and the bits of its status word.
-
-    DTYPE: at_ns of the host's clock, its number in the stream, status word, counts.
-    """
-
-    DTYPE: ClassVar = np.dtype(
-        [("at_ns", "i8"), ("rdt", "u4"), ("status", "u4"), ("counts", "i4", 6)]
-    )
-    SATURATED: ClassVar = 1 << 17
-    """Bit 17: a gauge or a force is out of range."""
-    ERROR: ClassVar = 1 << 31
-    """Bit 31: any error of the unit."""
-
-
 @dataclass(frozen=True)
 class NetFTSettings:
     """What must be known of a box to read its records; rate_hz: of the RDT stream."""
@@ -82,7 +67,7 @@ class BoxLink(Protocol):
         """Let none come; those under way are dropped."""
 
     def receive(self, timeout_s: float) -> DatagramArrivals:
-        """(n,) NetFTRecord: all that came; waits for one, empty when the time-out has passed."""
+        """(n,) NetFTSensor.RECORD: all that came; waits for one, empty after the time-out."""
 
     def troubles(self) -> dict[str, int]:
         """What did not become a record since the last call: counts by a name of `TEXTS`."""
@@ -97,6 +82,15 @@ class NetFTSensor:
     earliest to arrive, as far as the clocks may drift. So a record that comes late has the time
     at which it was taken; that it came late is told in the notes.
     """
+
+    RECORD: ClassVar[np.dtype[Any]] = np.dtype(
+        [("at_ns", "i8"), ("rdt", "u4"), ("status", "u4"), ("counts", "i4", 6)]
+    )
+    """As it came: at_ns of the host's clock, its number in the stream, status word, counts."""
+    SATURATED: ClassVar = 1 << 17
+    """Bit 17 of the status word: a gauge or a force is out of range."""
+    ERROR: ClassVar = 1 << 31
+    """Bit 31 of the status word: any error of the unit."""
 
     def __init__(self, link: BoxLink, clock: Clock, timeout_s: float = SILENT_S):
         self._link = link
@@ -128,8 +122,8 @@ class NetFTSensor:
         """
         fresh = self._fresh()
         status = fresh["status"]
-        saturated = status & NetFTRecord.SATURATED != 0
-        faulty = (status & NetFTRecord.ERROR != 0) & ~saturated
+        saturated = status & self.SATURATED != 0
+        faulty = (status & self.ERROR != 0) & ~saturated
         if faulty.any():
             first = int(faulty.argmax())
             self.tally.add("error", int(faulty.sum()))

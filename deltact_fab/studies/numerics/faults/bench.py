@@ -31,10 +31,10 @@ from deltact_fab.bench import (
     GuardLimits,
     Protocol,
     RigConfig,
-    Runner,
     RunWriter,
     Step,
     StreamCamera,
+    carry_out_steps,
     expand_protocol,
 )
 from deltact_fab.common import Image, InputError, SensorError, stream_number, to_ns
@@ -359,7 +359,7 @@ class FaultBench:
         camera = BenchCamera(self.clock, self.tip_mm, self.camera_faults)
         try:
             devices = Devices(self.clock, stage, camera, force, lambda name: None, guard=guard)
-            Runner(devices, writer, progress).run(steps)
+            carry_out_steps(devices, steps, writer, progress)
             writer.close({"frames": sum(step.frames for step in steps)})
         except BaseException:
             writer.abandon()
