@@ -26,20 +26,19 @@ if TYPE_CHECKING:
     from .rig.bench import GrblKind
     from .rig.camera.files import ImageFolder, ImageSource, open_images
     from .rig.camera.model import load_view, open_camera, raw_size_px, take_photograph, view_notes
-    from .rig.camera.stream import ArrivedImage, StreamCamera
-    from .rig.check import check_rig
+    from .rig.camera.stream import FeedImage, StreamCamera
+    from .rig.check import ask_devices, check_rig
     from .rig.config import (
         GelConfig, GrblConfig, RigConfig, SimulatorConfig, VirtualConfig, load_rig,
     )
-    from .rig.devices import FoundDevice, list_devices
+    from .rig.devices import HostDevice, list_devices
     from .rig.force.guard import ForceGuard, GuardLimits
     from .rig.force.netft import NetFTSensor, NetFTSettings
     from .rig.interface import CameraFrame, Clock, Devices, Rig, RigKind, RigSetup, WallClock
-    from .rig.run.runner import RunProgress
-    from .rig.run.session import ask_devices, carry_out_steps
+    from .rig.run.runner import RunProgress, carry_out_steps
     from .rig.stage.grbl import GrblStage
     from .rig.tables import CameraConfig, ForceConfig
-    from .rig.tool.drive import HandStage
+    from .rig.tool.hand import HandStage
     from .rig.tool.session import open_probe, register_rig
     # fmt: on
 else:

@@ -38,7 +38,7 @@ def ends_mm(travel_mm: float, at_top: bool, pull_off_mm: float) -> tuple[float, 
 
 @dataclass(frozen=True)
 class RunEstimate:
-    """What a run will take: connecting, homing, planned motion, settling and waits.
+    """Estimate of what a run takes: connecting, homing, planned motion, settling and waits.
 
     What an operator takes between two indenters is left out.
     between_frames_mm: the longest way that the tip goes unseen while it presses or drags.

@@ -61,7 +61,7 @@ def encode(image: NDArray[np.uint8], suffix: str) -> bytes:
 
 
 def encode_png(image: NDArray[np.uint8]) -> bytes:
-    """(h, w, 3) BGR to PNG bytes, tuned for noisy frames (fast filter, Huffman only)."""
+    """Encode (h, w, 3) BGR as PNG bytes, tuned for noisy frames (fast filter, Huffman only)."""
     import cv2
 
     done, data = cv2.imencode(

@@ -30,7 +30,7 @@ KEPT = ("displacement_mm", "traction_mpa", "x_mm", "y_mm")
 
 @dataclass(frozen=True)
 class RunTruth:
-    """What a virtual rig knows exactly: the surface's displacement at every frame.
+    """Exact knowledge of a virtual rig: the surface's displacement at every frame.
 
     Displacements are interpolated linearly between two solved knots, as the drawing camera does.
     Pixels are those of the record's camera, which is the calibrated one; what they see they see

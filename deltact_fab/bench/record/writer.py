@@ -46,7 +46,7 @@ from .streams import Chunk, pack
 
 
 class RunWriter:
-    """Writes one run, off the caller's thread: every call returns when there is room for what it
+    """Writer of one run, off the caller's thread: every call returns when there is room for what it
     gave, and `flush` when all of it is committed. With a step come the samples that force sensor
     and stage gave in it.
 

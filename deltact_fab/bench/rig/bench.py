@@ -30,6 +30,8 @@ KNOWN_ONLY_SIMULATED = frozenset({"traction"})
 
 
 class GrblKind(RigKind):
+    """The kind of rig with a real GRBL stage: its refusals, and its devices built."""
+
     part = "devices of the rig"
     _config: GrblConfig
 

@@ -266,7 +266,7 @@ class WallClock:
 
 @dataclass
 class Devices:
-    """What a run drives. A camera or force sensor that the protocol does not ask for is None."""
+    """The devices that a run drives; a camera or force sensor that no channel asks for is None."""
 
     clock: Clock
     stage: Stage
@@ -349,7 +349,7 @@ class Rig(Devices, OpenBench):
 
 
 class RigKind(ABC):
-    """What one kind of rig says before any device is opened, and how it is built."""
+    """A kind of rig: what it says before any device is opened, and how it is built."""
 
     part: str
     """What `refusals` speaks of, for a table of checks."""

@@ -18,7 +18,6 @@ from deltact_fab.bench import (
     RunProgress,
     RunWriter,
     VirtualConfig,
-    ask_devices,
     carry_out_steps,
     check_run,
     expand_protocol,
@@ -119,6 +118,8 @@ def dry_run_experiment(request: RunRequest) -> dict[str, Any]:
     Returns steps, frames, seconds and disk_mb of the estimate, devices (a line each, empty on a
     rig in lockstep) and notes. Raises InputError or RunFailed, as the run would.
     """
+    from deltact_fab.bench import ask_devices
+
     notes = [note.line for note in (*([AIR] if request.air else []), *request.require())]
     lines: list[str] = []
     if not request.rig.simulated:

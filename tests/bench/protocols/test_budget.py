@@ -44,7 +44,7 @@ def test_feeds_that_the_firmware_would_not_hold(tmp_path: Path) -> None:
     assert found.failed
     assert (found.sign, found.limit) == (">=", 1.0)
     with pytest.raises(InputError, match=r"p\.toml: least feed: feed \(mm/min\) 0\.99 < 1 at"):
-        limits.require_limits([found], "p.toml")
+        Check.require([found], "p.toml")
 
 
 def test_days_are_warned_of_and_months_refused(tmp_path: Path) -> None:

@@ -81,7 +81,7 @@ def test_sideways_below_the_clearance_plane_is_refused() -> None:
 def test_require_names_file_figure_bound_and_step() -> None:
     rows = limits.check_limits(protocol(depths_mm=[11.5], indenters=["sphere:22"]), SENSOR, BOX)
     with pytest.raises(InputError, match=r"p\.toml: depth against the gel: .*11\.5 > 11 at sphere"):
-        limits.require_limits(rows, "p.toml")
+        Check.require(rows, "p.toml")
 
 
 def test_estimate_counts_frames_time_and_disk() -> None:

@@ -22,7 +22,7 @@ from deltact_fab.bench.rig.camera.model import (
     view_notes,
 )
 from deltact_fab.bench.rig.check import camera_rows
-from deltact_fab.bench.rig.devices import FoundDevice, list_cameras
+from deltact_fab.bench.rig.devices import HostDevice, list_cameras
 from deltact_fab.bench.rig.interface import WallClock
 from deltact_fab.bench.rig.tables import CameraConfig
 from deltact_fab.common.errors import InputError
@@ -182,7 +182,7 @@ def test_cameras_are_found_by_their_nodes(tmp_path: Path) -> None:
     (dev / "v4l" / "by-id" / "usb-See3CAM-index0").symlink_to(dev / "video2")
     found = list_cameras(sysfs, dev)
     assert found == [
-        FoundDevice(str(dev / "v4l" / "by-id" / "usb-See3CAM-index0"), "See3CAM"),
-        FoundDevice(str(dev / "video10"), "Arducam"),
+        HostDevice(str(dev / "v4l" / "by-id" / "usb-See3CAM-index0"), "See3CAM"),
+        HostDevice(str(dev / "video10"), "Arducam"),
     ]
     assert list_cameras(tmp_path / "none", dev) == []

@@ -16,7 +16,7 @@ from deltact_fab.common import Image, InputError, RunFailed, SensorError
 
 from ...record.images import decode
 from ..interface import Clock
-from .stream import ArrivedImage
+from .stream import FeedImage
 
 ASSUMED_HZ = 30.0
 """Of images that come without times."""
@@ -187,7 +187,7 @@ class UrlFeed:
             raise InputError(f"camera.source: {url}: no stream of images; check {self.check}")
         self.rate_hz = self._capture.get(cv2.CAP_PROP_FPS) or None
 
-    def next(self, timeout_s: float) -> ArrivedImage | None:
+    def next(self, timeout_s: float) -> FeedImage | None:
         """As Feed, but that it waits for READ_MS at most."""
         if not self._capture.grab():
             raise SensorError(f"camera {self.name}: gives no more images; check {self.check}")
@@ -195,7 +195,7 @@ class UrlFeed:
         done, image = self._capture.retrieve()
         if not done:
             raise SensorError(f"camera {self.name}: an image that cannot be decoded")
-        return ArrivedImage(np.asarray(image, np.uint8), t_s)
+        return FeedImage(np.asarray(image, np.uint8), t_s)
 
     def identity(self) -> dict[str, Any]:
         return {"kind": "url"}

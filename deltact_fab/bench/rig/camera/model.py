@@ -69,7 +69,7 @@ def raw_size_px(camera: CameraModel) -> tuple[int, int]:
 
 
 def view_notes(view: CameraModel | None, patch_mm: float | None) -> Iterator[Note]:
-    """What a reader of a run through a view must know.
+    """Notes for a reader of a run through a view.
 
     view: None: not calibrated. patch_mm: side of the pattern's patches, None without.
     """
@@ -97,7 +97,7 @@ def view_notes(view: CameraModel | None, patch_mm: float | None) -> Iterator[Not
 
 
 def open_camera(config: CameraConfig, folder: Path, clock: Clock) -> Camera:
-    """The camera that a rig file describes, opened, and reading if it runs by itself.
+    """Open the camera that a rig file describes; it reads at once if it runs by itself.
 
     folder: of the rig file, from which relative paths count. clock: of all devices; its origin has
     to be that of `time.monotonic` for a camera that stamps its images itself.

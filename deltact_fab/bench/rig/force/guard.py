@@ -80,7 +80,9 @@ class Trip:
 
 @dataclass
 class ForceGuard:
-    """Looks at every sample before anyone else does; may live in any thread, for it only writes.
+    """Guard of the stage, which looks at every sample before anyone else does.
+
+    It may live in any thread, for it only writes.
 
     The one who reads the sensor gives it each batch (`watch`) and tells it when there are none
     (`lost`). Once tripped it stays so until `rearm`: it writes the stop byte again while samples

@@ -40,7 +40,7 @@ TEXTS = {
 
 @dataclass(frozen=True)
 class NetFTSettings:
-    """What must be known of a box to read its records; rate_hz: of the RDT stream."""
+    """Settings of a box that its records are read by; rate_hz: of the RDT stream."""
 
     counts_per_n: float
     counts_per_nmm: float
@@ -76,7 +76,7 @@ class BoxLink(Protocol):
 
 
 class NetFTSensor:
-    """Implements rig.interface.ForceSensor over the link to a Net F/T box.
+    """A `ForceSensor` over the link to a Net F/T box.
 
     A sample's time is its number in the stream at the box's rate, tied to the host's clock by the
     earliest to arrive, as far as the clocks may drift. So a record that comes late has the time

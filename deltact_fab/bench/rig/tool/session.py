@@ -92,7 +92,7 @@ def home_stage(
 
 @contextmanager
 def open_probe(rig: str, tip: str) -> Iterator[tuple[ForceProbe, TouchConfig]]:
-    """Home a real rig and have the tip mounted; what feels with it, and how the rig touches.
+    """Home a real rig and have a tip mounted; yields its probe, and how the rig touches.
 
     Raises InputError for a virtual rig, and as `homed` and `confirm` do.
     """

@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltact_fab.bench import (
-    ArrivedImage,
     CameraFrame,
     Devices,
+    FeedImage,
     ForceConfig,
     ForceGuard,
     GrblStage,
@@ -239,18 +239,18 @@ class BenchFeed:
         self.hangs = hangs
         self._told.release()
 
-    def next(self, timeout_s: float) -> ArrivedImage | None:
+    def next(self, timeout_s: float) -> FeedImage | None:
         if not self.hangs and not self._told.acquire(timeout=timeout_s):
             return None
         if self.hangs and self._last is not None:
             threading.Event().wait(0.01)
-            return ArrivedImage(self._last, self._clock.now_s())
+            return FeedImage(self._last, self._clock.now_s())
         self._k += 1
         seed = [stream_number(self._press), self._k]
         image = np.random.default_rng(seed).integers(0, 200, (24, 32, 3), np.uint8)
         image[0, :3, 0] = [round(200 + 20 * p) % 256 for p in self._tip_mm()]
         self._last = image
-        return ArrivedImage(image, self._clock.now_s())
+        return FeedImage(image, self._clock.now_s())
 
     def identity(self) -> dict[str, Any]:
         return {"kind": "bench"}
