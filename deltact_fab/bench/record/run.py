@@ -263,6 +263,11 @@ class Run:
                 " (SELECT press FROM steps WHERE kind = 'press' UNION SELECT press FROM frames)"
             ).fetchone()[0]
         state = "finished" if self.finished else "unfinished"
+        # Where the rig file had the face, and the file that it was registered by, if it was.
+        stage = (meta.get("rig") or {}).get("stage") or {}
+        placed_by = ("registration", "origin_machine_mm", "angle_deg", "tilt_deg")
+        begun = events.index[events["kind"] == "session"]
+        session = events.loc[begun[-1] :] if len(begun) else events  # the last one
         return {
             "folder": str(self.folder),
             "state": "being written now" if being_written(self.folder) else state,
@@ -284,8 +289,8 @@ class Run:
             "frames": frames,
             "images": images,
             "events": {str(k): int(n) for k, n in events["kind"].value_counts(sort=False).items()},
-            "registration": _registration(meta),
-            "indenters": _mounted(events),
+            "registration": {key: stage.get(key) for key in placed_by},
+            "indenters": [str(t) for t in session["text"][session["kind"] == "indenter"]],
             "camera": None
             if meta.get("camera") is None
             else meta["camera"].get("model", "pinhole"),
@@ -386,17 +391,3 @@ class Run:
 def open_run(folder: str | Path) -> Run:
     """Open a run folder. Raises InputError when it is none."""
     return Run(Path(folder))
-
-
-def _registration(meta: dict[str, Any]) -> dict[str, Any]:
-    """Where the rig file had the face, and the file that it was registered by, if it was."""
-    stage = (meta.get("rig") or {}).get("stage") or {}
-    keys = ("registration", "origin_machine_mm", "angle_deg", "tilt_deg")
-    return {key: stage.get(key) for key in keys}
-
-
-def _mounted(events: pd.DataFrame) -> list[str]:
-    """What was mounted in the last session, and where its tip found the face."""
-    begun = events.index[events["kind"] == "session"]
-    last = events.loc[begun[-1] :] if len(begun) else events
-    return [str(text) for text in last["text"][last["kind"] == "indenter"]]
