@@ -25,7 +25,7 @@ from deltact_fab.paths import asset, shipped_folder
 from .schema import BY_NAME, KINDS, TABLE, KeyRow, Kind, described, document, rows
 
 if TYPE_CHECKING:
-    from deltact_fab.bench import FoundDevice
+    from deltact_fab.bench import HostDevice
     from deltact_fab.fabricate import Wish
 
 SHIPPED = ("cad", "patterns", "protocols")
@@ -181,18 +181,18 @@ def pattern(name: str, law: str = "algorithm1", out: Path | None = None) -> Path
     )
 
 
-def rig(name: str, out: Path | None = None) -> tuple[Path, dict[str, list[FoundDevice]]]:
+def rig(name: str, out: Path | None = None) -> tuple[Path, dict[str, list[HostDevice]]]:
     """Write a rig file for the devices of this computer; the file, ports and cameras.
 
     Raises InputError as `catalog.write_new`, and for a name that is none.
     """
-    from deltact_fab.bench import list_cameras, list_ports
+    from deltact_fab.bench import list_devices
 
-    found = {"ports": list_ports(), "cameras": list_cameras()}
+    found = list_devices()
     return _write("grbl-rig", name, out, rig_text(**found)), found
 
 
-def rig_text(ports: Sequence[FoundDevice] = (), cameras: Sequence[FoundDevice] = ()) -> str:
+def rig_text(ports: Sequence[HostDevice] = (), cameras: Sequence[HostDevice] = ()) -> str:
     """The text of a rig file for a real bench; the shipped `grbl-bench` is the one for no device.
 
     Of ports and of cameras the first is taken, the others stand beside it in comments.

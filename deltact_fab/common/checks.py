@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
+
+from .errors import InputError
 
 Status = Literal["pass", "not run", "warn", "fail"]
 STATUSES: tuple[Status, ...] = ("pass", "not run", "warn", "fail")
@@ -39,10 +41,42 @@ class Check:
         """A check that warns for each line."""
         return [cls(f"{id}.{k}", value=line, status="warn") for k, line in enumerate(lines)]
 
+    @classmethod
+    def at_most(
+        cls, id: str, name: str, subject: str, value: float, limit: float, where: str,
+        status: Status,
+    ) -> Check:  # fmt: skip
+        """The check of a figure that must not exceed its limit, in the unit that subject names."""
+        return cls(id, name, subject, value, limit, status, (where,), sign="<=")
+
+    @classmethod
+    def refusal(cls, id: str, name: str, reasons: Sequence[str]) -> Check:
+        """The check of what is refused in words: it passes where there are none."""
+        status, text = graded(not reasons), "; ".join(reasons)
+        return cls(id, name, "refusals", len(reasons), 0, status, remedy=text, sign="<=")
+
+    @property
+    def reason(self) -> str:
+        """Why it fails or warns, in one line; a refusal names its file itself."""
+        if self.remedy:
+            return self.remedy
+        sign = "<" if self.sign == ">=" else ">"
+        where = "; ".join(self.basis)
+        return f"{self.name}: {self.subject} {self.value:g} {sign} {self.limit:g} at {where}"
+
     @property
     def failed(self) -> bool:
         """True where it fails; what warns or was not run does not."""
         return self.status == "fail"
+
+    @staticmethod
+    def require(checks: Iterable[Check], source: str) -> None:
+        """Raise InputError with every failed one; source: the file that they are of."""
+        failed = [check for check in checks if check.failed]
+        if failed:
+            refused = [check.reason for check in failed if check.remedy]
+            others = [f"{source}: {check.reason}" for check in failed if not check.remedy]
+            raise InputError(*refused, *others)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data; a number that is not finite is None."""

@@ -16,9 +16,9 @@ from rig_text import VIRTUAL_STAGE
 
 from deltact_fab.app.cli.main import main
 from deltact_fab.bench.record.check import check_run
-from deltact_fab.bench.record.files import LATTICE_FILE, truth_file
+from deltact_fab.bench.record.files import LATTICE_FILE, TruthFiles
 from deltact_fab.bench.record.journal import CLOCK_COLUMNS, claim
-from deltact_fab.bench.record.notes import add_note
+from deltact_fab.bench.record.notes import RunNote
 from deltact_fab.bench.record.run import open_run
 from deltact_fab.bench.record.writer import RunWriter
 from deltact_fab.common.errors import InputError, RunFailed
@@ -96,7 +96,7 @@ SPOILT: dict[str, tuple[Callable[[Path], object], str, str, str]] = {
                          f"WHERE stream = 'force' AND step_id = '{PRESS}/rest'"),
         "damaged", PRESS, f"force of {PRESS}/rest",
     ),
-    "truth gone": (lambda r: truth_file(r, PRESS).unlink(), "damaged", PRESS, "missing"),
+    "truth gone": (lambda r: TruthFiles(r).press(PRESS).unlink(), "damaged", PRESS, "missing"),
     "frame gone": (
         lambda r: sql(r, f"DELETE FROM frames WHERE frame_id = '{PRESS}/rest#001'"),
         "missing", PRESS, "rest#001",
@@ -241,7 +241,7 @@ def test_notes_are_kept_while_a_run_goes_on_and_after_it(copy: Path) -> None:
     assert "the gel looks dry" in shown
     assert "wetted: ü" in shown
     with pytest.raises(InputError, match="1 to 4000"):
-        add_note(copy, " ")
+        RunNote(" ").add_to(copy)
 
 
 def test_show_tells_what_a_run_is(mini_run: Path) -> None:

@@ -22,7 +22,7 @@ from deltact_fab.bench.protocols.plan import Step
 from deltact_fab.bench.record.export import export_run
 from deltact_fab.bench.record.export.lerobot import MM_PER_LEVEL, MOTION, RAW
 from deltact_fab.bench.record.export.tables import TABLES, TimeLine
-from deltact_fab.bench.record.notes import add_note
+from deltact_fab.bench.record.notes import RunNote
 from deltact_fab.bench.record.run import Run, open_run
 from deltact_fab.bench.record.streams import Chunk
 from deltact_fab.bench.record.writer import RunWriter
@@ -40,7 +40,7 @@ def run(mini_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Run:
     """With a note, so that there is one to export."""
     folder = tmp_path_factory.mktemp("exported") / "run"
     shutil.copytree(mini_run, folder)
-    add_note(folder, "a note")
+    RunNote("a note").add_to(folder)
     return open_run(folder)
 
 

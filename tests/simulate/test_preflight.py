@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from deltact_fab.bench.protocols import plan
-from deltact_fab.bench.protocols.limits import reason, require_limits
 from deltact_fab.bench.protocols.plan import Protocol
 from deltact_fab.bench.rig import config
 from deltact_fab.common.checks import Check
@@ -93,7 +92,7 @@ def test_a_real_rig_refuses_each_limit_in_one_line(
     rows = _over(smoke, limits)
     assert len(rows) == 1
     with pytest.raises(InputError) as caught:
-        require_limits(rows, limits.source)
+        Check.require(rows, limits.source)
     for word in ["4dots at (0, 0) mm, 1 mm deep", "my-bench.toml: ", "twice", *words]:
         assert word in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -112,9 +111,9 @@ def test_an_undeclared_limit_is_an_error_on_a_real_rig(
 ) -> None:
     (row,) = _over(smoke, limits)
     wanted = f"my-bench.toml: {key} is not declared, so its force cannot be checked"
-    assert reason(row) == wanted
+    assert row.reason == wanted
     with pytest.raises(InputError, match="not declared"):
-        require_limits([row], limits.source)
+        Check.require([row], limits.source)
 
 
 def test_a_run_on_a_weak_virtual_rig_keeps_the_warning(

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from deltact_fab.bench.protocols import plan
-from deltact_fab.bench.protocols.limits import reason, require_limits
 from deltact_fab.bench.rig import config
 from deltact_fab.bench.rig.force.guard import GuardLimits
 from deltact_fab.common import catalog
@@ -55,14 +54,14 @@ def test_what_the_guard_would_trip_is_refused_and_what_it_may_is_told(peaks: lis
     near = limits(GuardLimits((20.0, 20.0, 1.5 * normal_n), (200.0,) * 3))
     (row,) = over(peaks, near)
     assert (row.name, row.failed, row.value > row.limit) == ("guard", False, True)
-    assert "normal force with twice the modulus, [guard] force_n (N)" in reason(row)
+    assert "normal force with twice the modulus, [guard] force_n (N)" in row.reason
 
     tight = limits(GuardLimits((20.0, 20.0, 0.9 * normal_n), (200.0,) * 3))
     (row,) = over(peaks, tight)
     assert row.failed
     assert row.subject.startswith("normal force as expected, [guard] force_n (N)")
     with pytest.raises(InputError, match=r"bench.toml: guard: normal force as expected, \[guard\]"):
-        require_limits([row], "bench.toml")
+        Check.require([row], "bench.toml")
     (row,) = over(peaks, replace(tight, simulated=True))
     assert not row.failed
 
@@ -73,7 +72,7 @@ def test_every_limit_of_the_guard_is_compared(peaks: list[Peak]) -> None:
         (GuardLimits((20.0, 20.0, 28.0), resultant_n=1.0), "[guard] resultant_n"),
         (GuardLimits((20.0, 20.0, 28.0), (1e-3,) * 3), "0.8 of [force] range_nmm"),
     ):
-        lines = [reason(row) for row in over(peaks, limits(guard)) if row.failed]
+        lines = [row.reason for row in over(peaks, limits(guard)) if row.failed]
         assert lines
         assert any(words in line for line in lines)
         assert not any("\n" in line for line in lines)

@@ -88,13 +88,13 @@ def board_named(words: str, option: str) -> Checkerboard:
 
 def _images(names: tuple[Path, ...]) -> list[Path]:
     """Files as they are named, and the images in the folders among them."""
-    from deltact_fab.bench import IMAGE_NAMES
+    from deltact_fab.bench import ImageFolder
 
     files: list[Path] = []
     for name in names:
-        inside = sorted(p for p in name.glob("*") if p.suffix.lower() in IMAGE_NAMES)
+        inside = sorted(p for p in name.glob("*") if p.suffix.lower() in ImageFolder.SUFFIXES)
         if name.is_dir() and not inside:
-            raise InputError(f"{name}: no image in this folder ({', '.join(IMAGE_NAMES)})")
+            raise InputError(f"{name}: no image in this folder ({', '.join(ImageFolder.SUFFIXES)})")
         files += inside if name.is_dir() else [name]
     return files
 

@@ -90,7 +90,6 @@ def show(name: str, rig_name: str, forces: bool) -> Answer:
 
     Peak forces of deep presses take a solve at finite strain, done once, with --forces.
     """
-    from deltact_fab.bench import reason
     from deltact_fab.simulate import RunRequest
 
     with progress("peak forces") as report:
@@ -100,7 +99,7 @@ def show(name: str, rig_name: str, forces: bool) -> Answer:
     peaks, findings = None, None
     if predicted is not None:
         peaks = [peak.as_dict() for peak in predicted[0]]
-        findings = [reason(row) for row in predicted[1] if row.status in ("warn", "fail")]
+        findings = [row.reason for row in predicted[1] if row.status in ("warn", "fail")]
     data: dict[str, Any] = {
         "specimen": specimen.model_dump(mode="json"),
         "steps": [asdict(s) for s in steps],

@@ -43,9 +43,9 @@ def check(run: Path) -> Answer:
 @answers
 def show(run: Path) -> Answer:
     """Describe RUN: protocol, specimen, rig, counts, events, registration, notes."""
-    from deltact_fab.bench import describe_run, open_run
+    from deltact_fab.bench import open_run
 
-    data = describe_run(open_run(run))
+    data = open_run(run).describe()
     times = {key: data[key] and _day(data[key]) for key in ("begun_s", "ended_s")}
     told = table(("key", "value"), facts({**data, **times, "notes": None}))
     return Answer(data, [*told, *map(_note, data["notes"])])
@@ -57,9 +57,9 @@ def show(run: Path) -> Answer:
 @answers
 def note(run: Path, text: str) -> Answer:
     """Add the remark TEXT to RUN, during the run or later."""
-    from deltact_fab.bench import add_note
+    from deltact_fab.bench import RunNote
 
-    added = add_note(run, text)
+    added = RunNote(text).add_to(run)
     return Answer(added, [_note(added)])
 
 
@@ -74,11 +74,11 @@ def import_(recording: Path, out: Path) -> Answer:
     Images: a folder or a video. The run is marked as imported; what nobody said
     stays unknown. Says how much force lags the images. Nothing is written unless all is right.
     """
-    from deltact_fab.bench import import_recording, list_images
+    from deltact_fab.bench import import_recording, open_images
     from deltact_fab.fabricate import load_design
 
     with progress("import") as bar:
-        done = import_recording(recording, out, list_images, load_design, bar)
+        done = import_recording(recording, out, open_images, load_design, bar)
     samples = "".join(f", {n} samples of {name}" for name, n in done["samples"].items())
     told = [f"{out}: {done['frames']} images imported{samples}"]
     return Answer({"out": str(out), **done}, [*told, *(f"  {note}" for note in done["notes"])])

@@ -289,25 +289,10 @@ def register(
     are. Name the file as `registration` under [stage] of the rig file. Where the face is sideways,
     examples/find_the_block.py finds by a block around the sensor.
     """
-    from deltact_fab.bench import (
-        GrblConfig,
-        TerminalOperator,
-        home_stage,
-        load_rig,
-        register_face,
-        requested_tool,
-        write_registration,
-    )
+    from deltact_fab.bench import register_rig
     from deltact_fab.fabricate import load_design
 
-    bench, path = load_rig(name)
-    if not isinstance(bench, GrblConfig):
-        raise InputError(f"{path}: kind: only a real rig is registered; this one is {bench.kind!r}")
-    asked = requested_tool(bench, path, load_design(design), indenter, at)
-    operator = TerminalOperator()
-    with home_stage(bench, path, operator, tip_is_clear) as devices:
-        found = register_face(devices, asked, operator)
-    write_registration(found, out)
+    found = register_rig(name, load_design(design), indenter, at, out, tip_is_clear)
     data = {"file": str(out), **found.model_dump(mode="json", exclude_none=True)}
     return Answer(data, [f"{out}: {found.line()}"])
 
@@ -333,9 +318,8 @@ def rehearse(protocol: str, name: str, thorough: bool, out: Path | None) -> Answ
         expand_protocol,
         load_protocol,
         load_rig,
-        require_limits,
     )
-    from deltact_fab.common import require_pages
+    from deltact_fab.common import Check, require_pages
     from deltact_fab.fabricate import load_design
     from deltact_fab.simulate import FaultScenario
     from deltact_fab.studies import rehearse
@@ -345,7 +329,7 @@ def rehearse(protocol: str, name: str, thorough: bool, out: Path | None) -> Answ
     if out is not None:
         require_pages()
     design, steps = load_design(declared.specimen.design), expand_protocol(declared)
-    require_limits(check_limits(declared, design, bench.stage, steps), str(path))
+    Check.require(check_limits(declared, design, bench.stage, steps), str(path))
     scenario = FaultScenario.of(declared, path.read_bytes(), bench)
     with progress("rehearse") as report:
         found = rehearse(scenario, thorough, report)

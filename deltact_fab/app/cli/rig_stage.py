@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import sys
-import time
-from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import click
 
-from deltact_fab.common import InputError, RunFailed, StageError
+from deltact_fab.common import InputError, RunFailed
 
 from .options import DESIGN, NAME_OR_PATH, TIP_IS_CLEAR, Finite
 from .output import Answer, answers
 
 if TYPE_CHECKING:
-    from deltact_fab.bench import GrblConfig, GrblStage, Watchdog
+    from deltact_fab.bench import HandStage
 
 RIG = click.argument("rig", type=NAME_OR_PATH)
 FEED = click.option(
@@ -34,10 +34,10 @@ NUMBERS = {"ignore_unknown_options": True}  # -1.5 is no option
 @answers
 def status(rig: str) -> Answer:
     """Say what the stage is doing and where it is. Nothing moves."""
-    config, stage = _stage(rig)
-    with closing(stage):
-        stage.connect()
-        return _now(stage, config)
+    from deltact_fab.bench import HandStage
+
+    state = HandStage(rig).status()
+    return Answer(asdict(state), [state.line()])
 
 
 @click.command()
@@ -52,23 +52,15 @@ def home(rig: str, yes: bool, tip_is_clear: bool) -> Answer:
     --tip-is-clear must confirm that the tip is not in the gel. The force sensor of the rig file is
     watched meanwhile, and its guard stops the stage as in a run.
     """
-    from deltact_fab.bench import TerminalOperator, home_safely, stopped_by_ctrl_c
+    from deltact_fab.bench import HandStage
 
-    config, stage = _stage(rig)
+    stage = HandStage(rig)
     question = "homing moves every axis to its end switch; is the path clear?"
     if not (yes or click.confirm(question, err=True)):
         raise RunFailed("not homed")
-    with _driven(config, stage) as guard:
-        start_s = time.monotonic()
-        with stopped_by_ctrl_c(stage):
-            how = home_safely(
-                stage, stage.clock, guard, None if yes else TerminalOperator(),
-                tip_is_clear=tip_is_clear, guard=guard,
-            )  # fmt: skip
-        seconds = time.monotonic() - start_s
-        now = _now(stage, config)
-    told = [f"{how}; homed in {seconds:.1f} s", *now.lines]
-    return Answer({"how": how, "seconds": seconds, "state": now.data}, told)
+    how, seconds, state = stage.home(tip_is_clear, ask=not yes)
+    told = [f"{how}; homed in {seconds:.1f} s", state.line()]
+    return Answer({"how": how, "seconds": seconds, "state": asdict(state)}, told)
 
 
 @click.command(context_settings=NUMBERS, epilog="Example: deltact-fab rig jog bench 0 0 5")
@@ -93,76 +85,39 @@ def jog(
     it, in one session on one open port: homing, origin and registration (written beside the rig
     file) as well, with the force on the screen.
     """
-    from deltact_fab.bench import (
-        move_to,
-        plan_move,
-        require_short_move,
-        stopped_by_ctrl_c,
-        watch_force,
-    )
+    from deltact_fab.bench import HandStage
 
-    config, stage = _stage(rig)
+    stage = HandStage(rig)
     if by_mm is None:
-        return _by_keys(rig, config, stage, into_gel, indenter, design)
-    require_short_move(by_mm, most)  # before a port is opened, which may restart the board
-    with _driven(config, stage) as guard:
-        _count(stage)
-        with stopped_by_ctrl_c(stage), watch_force(stage, stage.clock, guard, guard):
-            move_to(stage, *plan_move(stage, by_mm, feed, most, into_gel))
-        return _now(stage, config)
+        return _by_keys(stage, into_gel, indenter, design)
+    state = stage.jog(by_mm, feed, most, into_gel)
+    return Answer(asdict(state), [state.line()])
 
 
-def _by_keys(
-    rig: str, config: GrblConfig, stage: GrblStage, into_gel: bool, indenter: str, design: str
-) -> Answer:
-    from pathlib import Path
-
-    from deltact_fab.bench import (
-        GuardedStage,
-        HandSession,
-        TerminalOperator,
-        home_safely,
-        load_rig,
-        register_face,
-        requested_tool,
-        stopped_by_ctrl_c,
-        write_registration,
-    )
+def _by_keys(stage: HandStage, into_gel: bool, indenter: str, design: str) -> Answer:
     from deltact_fab.fabricate import load_design
 
     from .keys import keys, whole_lines
 
     if not sys.stdin.isatty():
         raise InputError("DX DY DZ: missing; keys need a terminal")
-    source = load_rig(rig)[1]
-    out, operator = Path(f"{source.stem}-registration.toml"), TerminalOperator()
-    asked = requested_tool(config, source, load_design(design), indenter)
-    with _driven(config, stage) as guard, keys() as key:
 
-        def home() -> str:
-            with whole_lines():
-                return home_safely(stage, stage.clock, guard, operator, guard=guard) + "; homed"
+    @contextmanager
+    def keyboard() -> Iterator[Callable[[float], str]]:
+        with keys() as key:
+            yield key
+            click.echo("", err=True)
 
-        def register() -> str:
-            if guard is None:
-                return "registration needs a force sensor"
-            bench = GuardedStage(stage, guard, guard)
-            with whole_lines():
-                found = register_face(bench, asked, operator)
-            write_registration(found, out)
-            return f"{out}: {found.line()}"
+    def tell(line: str) -> None:
+        click.echo(f"\r\x1b[K{line}", err=True)
 
-        def tell(line: str) -> None:
-            click.echo(f"\r\x1b[K{line}", err=True)
+    def show(line: str) -> None:
+        click.echo(f"\r\x1b[K{line}", nl=False, err=True)
 
-        def show(line: str) -> None:
-            click.echo(f"\r\x1b[K{line}", nl=False, err=True)
-
-        others = {"h": home, "r": register}
-        with stopped_by_ctrl_c(stage):
-            HandSession(stage, guard, guard, key, tell, show, into_gel, others).run()
-        click.echo("", err=True)
-        return _now(stage, config)
+    state = stage.drive_by_keys(
+        keyboard, whole_lines, tell, show, load_design(design), indenter, into_gel
+    )
+    return Answer(asdict(state), [state.line()])
 
 
 @click.command(context_settings=NUMBERS, epilog="Example: deltact-fab rig goto bench 0 0 10 --home")
@@ -184,20 +139,13 @@ def goto(
     It goes up, then sideways, then down. Give --home or --as-counted, as the stage must know where
     it is. Ctrl-C stops it, and the guard on the force sensor of the rig file as in a run.
     """
-    from deltact_fab.bench import go_to, home_safely, stopped_by_ctrl_c, watch_force
+    from deltact_fab.bench import HandStage
 
-    config, stage = _stage(rig)
+    stage = HandStage(rig)
     if home_first == as_counted:
         raise InputError("give either --home or --as-counted: the stage must know where it is")
-    with _driven(config, stage) as guard:
-        with stopped_by_ctrl_c(stage):
-            if home_first:
-                home_safely(stage, stage.clock, guard, None, tip_is_clear=True, guard=guard)
-            else:
-                _count(stage)
-            with watch_force(stage, stage.clock, guard, guard):
-                go_to(stage, target_mm, feed, into_gel)
-        return _now(stage, config)
+    state = stage.go_to(target_mm, feed, into_gel, home_first)
+    return Answer(asdict(state), [state.line()])
 
 
 @click.command()
@@ -209,58 +157,10 @@ def reset(rig: str) -> Answer:
     For one that answers nothing else after an alarm, or that sleeps. All motion stops at once, and
     the position is lost.
     """
-    _, stage = _stage(rig)
-    with closing(stage):
-        stage.reset()
-        banner = stage.identity()["banner"]
+    from deltact_fab.bench import HandStage
+
+    banner = HandStage(rig).reset()
     return Answer({"banner": banner}, [f"{banner}; its position is lost: home next"])
 
 
 COMMANDS = (status, home, jog, goto, reset)
-
-
-def _stage(name: str) -> tuple[GrblConfig, GrblStage]:
-    """The stage of a rig file, its port not yet open. Raises InputError for a virtual one."""
-    from deltact_fab.bench import GrblConfig, GrblStage, WallClock, load_rig
-
-    found, path = load_rig(name)
-    if not isinstance(found, GrblConfig):
-        raise InputError(f"{path}: kind: a {found.kind!r} rig has no stage to drive; 'grbl' has")
-    return found, GrblStage.of(found.stage, WallClock())
-
-
-@contextmanager
-def _driven(config: GrblConfig, stage: GrblStage) -> Iterator[Watchdog | None]:
-    """The stage connected, and the guard on the force sensor; None where the file names none."""
-    from deltact_fab.bench import open_guarded
-
-    with ExitStack() as opened:
-        opened.callback(stage.close)
-        stage.connect()
-        guard = None
-        if config.force is not None and config.force.reachable:
-            guard = open_guarded(config.force, config.guard, stage)
-            opened.callback(guard.close)
-        yield guard
-
-
-def _count(stage: GrblStage) -> None:
-    if not stage.trust_count():
-        raise StageError("the controller is locked, its position is lost: `rig home` first")
-
-
-def _now(stage: GrblStage, config: GrblConfig) -> Answer:
-    """State and position, as the controller says them; sensor_mm: None where it is locked."""
-    from deltact_fab.bench import position_text, state_text
-
-    seen = stage.look()
-    known = seen.state.partition(":")[0] not in ("Alarm", "Sleep")
-    sensor_mm = config.stage.frame.to_sensor_mm(seen.machine_mm) if known else None
-    machine = ", ".join(f"{p:.3f}" for p in seen.machine_mm)
-    where = "locked: home first" if sensor_mm is None else position_text(sensor_mm)
-    data = {
-        "state": seen.state,
-        "machine_mm": list(seen.machine_mm),
-        "sensor_mm": sensor_mm and list(sensor_mm),
-    }
-    return Answer(data, [f"{state_text(seen.state)}, {where}; machine {machine}"])

@@ -9,13 +9,20 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
-from deltact_fab.common import Check, InputError, Status, graded
+from deltact_fab.common import Check, graded
 from deltact_fab.sensor import SensorDimensions, parse_indenter
 
-from .motion import LOCKSTEP, RigPace, StageConfig, homing_s, move_duration_s
+from .motion import (
+    LOCKSTEP,
+    WALL_CLOCK,
+    StageConfig,
+    homing_s,
+    move_duration_s,
+    subtract_vectors,
+)
 from .plan import Protocol, Step, expand_protocol
 
 PNG_BYTES_PER_PX = 2.2  # measured on rendered frames of a dense pattern: 1.9-2.3
@@ -29,18 +36,9 @@ def ends_mm(travel_mm: float, at_top: bool, pull_off_mm: float) -> tuple[float, 
     return (-travel_mm, -pull_off_mm) if at_top else (pull_off_mm - travel_mm, 0.0)
 
 
-def reason(check: Check) -> str:
-    """A failed check, or one that warns, in one line; a refusal names its file itself."""
-    if check.remedy:
-        return check.remedy
-    sign = "<" if check.sign == ">=" else ">"
-    where = "; ".join(check.basis)
-    return f"{check.name}: {check.subject} {check.value:g} {sign} {check.limit:g} at {where}"
-
-
 @dataclass(frozen=True)
 class RunEstimate:
-    """What a run will take: connecting, homing, planned motion, settling and waits.
+    """Estimate of what a run takes: connecting, homing, planned motion, settling and waits.
 
     What an operator takes between two indenters is left out.
     between_frames_mm: the longest way that the tip goes unseen while it presses or drags.
@@ -53,6 +51,51 @@ class RunEstimate:
     between_frames_mm: float
     seconds: float
     disk_mb: float
+
+    @classmethod
+    def of(
+        cls,
+        protocol: Protocol,
+        image_px: int,
+        stage: StageConfig,
+        steps: list[Step] | None = None,
+        wall_clock: bool = False,
+        change_s: float = 0.0,
+    ) -> RunEstimate:
+        """Frames, time and disk of a whole run, from the steps and the stage's acceleration.
+
+        image_px: pixels of a frame as it is stored. wall_clock: on a rig that does not
+        wait. change_s: what finding the face with another indenter takes.
+        """
+        steps = expand_protocol(protocol) if steps is None else steps
+        pace = WALL_CLOCK if wall_clock else LOCKSTEP
+        here = stage.frame.to_sensor_mm(stage.homed_mm)
+        homing = stage.homing_s if stage.homing_s is not None else homing_s(stage.travel_mm)
+        seconds = pace.connect_s + homing
+        for step in steps:
+            seconds += move_duration_s(
+                subtract_vectors(step.target_mm, here),
+                step.feed_mm_min,
+                stage.max_feed_mm_min,
+                stage.acceleration_mm_s2,
+            )
+            seconds += change_s if step.kind == "change" else 0.0
+            seconds += (
+                pace.move_s + step.hold_s + (step.settle_s + pace.frames_s if step.frames else 0.0)
+            )
+            here = step.target_mm
+        frames = sum(s.frames for s in steps)
+        px = image_px if "image" in protocol.channels else 0
+        stream_bytes = FORCE_BYTES_PER_S * seconds if "force" in protocol.channels else 0
+        return cls(
+            steps=len(steps),
+            presses=len({s.press for s in steps if s.kind == "press"}),
+            frames=frames,
+            settled=sum(s.settled for s in steps),
+            between_frames_mm=float(_unseen(steps).value) if "image" in protocol.channels else 0.0,
+            seconds=seconds,
+            disk_mb=(frames * (px * PNG_BYTES_PER_PX + 2000) + stream_bytes) / 1e6,
+        )
 
 
 def check_limits(
@@ -70,68 +113,6 @@ def check_limits(
     return [*rows, _names(steps)]
 
 
-def require_limits(rows: Iterable[Check], source: str) -> None:
-    """Raise InputError with every failed row."""
-    failed = [row for row in rows if row.failed]
-    if failed:
-        told = [reason(r) for r in failed if r.remedy]
-        raise InputError(*told, *(f"{source}: {reason(r)}" for r in failed if not r.remedy))
-
-
-def at_most(
-    id: str, name: str, subject: str, value: float, limit: float, where: str, status: Status
-) -> Check:
-    """The row of a figure that must not exceed its limit, both in the unit that subject names."""
-    return Check(id, name, subject, value, limit, status, (where,), sign="<=")
-
-
-def refusal_check(id: str, name: str, reasons: Sequence[str]) -> Check:
-    """A row of what is refused in words."""
-    status, text = graded(not reasons), "; ".join(reasons)
-    return Check(id, name, "refusals", len(reasons), 0, status, remedy=text, sign="<=")
-
-
-def estimate_run(
-    protocol: Protocol,
-    image_px: int,
-    stage: StageConfig,
-    steps: list[Step] | None = None,
-    pace: RigPace = LOCKSTEP,
-    change_s: float = 0.0,
-) -> RunEstimate:
-    """Frames, time and disk of a whole run, from the steps and the stage's acceleration.
-
-    image_px: pixels of a frame as it is stored. pace: of whoever runs it. change_s: what finding
-    the face with another indenter takes.
-    """
-    steps = expand_protocol(protocol) if steps is None else steps
-    here = stage.frame.to_sensor_mm(stage.homed_mm)
-    homing = stage.homing_s if stage.homing_s is not None else homing_s(stage.travel_mm)
-    seconds = pace.connect_s + homing
-    for step in steps:
-        x, y, z = (b - a for a, b in zip(here, step.target_mm, strict=True))
-        seconds += move_duration_s(
-            (x, y, z), step.feed_mm_min, stage.max_feed_mm_min, stage.acceleration_mm_s2
-        )
-        seconds += change_s if step.kind == "change" else 0.0
-        seconds += (
-            pace.move_s + step.hold_s + (step.settle_s + pace.frames_s if step.frames else 0.0)
-        )
-        here = step.target_mm
-    frames = sum(s.frames for s in steps)
-    px = image_px if "image" in protocol.channels else 0
-    stream_bytes = FORCE_BYTES_PER_S * seconds if "force" in protocol.channels else 0
-    return RunEstimate(
-        steps=len(steps),
-        presses=len({s.press for s in steps if s.kind == "press"}),
-        frames=frames,
-        settled=sum(s.settled for s in steps),
-        between_frames_mm=float(_unseen(steps).value) if "image" in protocol.channels else 0.0,
-        seconds=seconds,
-        disk_mb=(frames * (px * PNG_BYTES_PER_PX + 2000) + stream_bytes) / 1e6,
-    )
-
-
 def _worst(pairs: Iterable[tuple[float, str]]) -> tuple[float, str]:
     return max(pairs, default=(0.0, "-"))
 
@@ -146,7 +127,7 @@ def _travel(steps: list[Step], stage: StageConfig) -> Iterable[Check]:
         for way, far, most_mm, at in (("", high, top_mm, at_high), ("-", low, -bottom_mm, at_low)):
             id, what = f"travel.{'low' if way else 'high'}-{letter}", f"machine {way}{letter} (mm)"
             status = graded(far <= most_mm + EPS_MM)
-            yield at_most(id, "travel", what, far, most_mm, at, status)
+            yield Check.at_most(id, "travel", what, far, most_mm, at, status)
 
 
 def _names(steps: list[Step]) -> Check:
@@ -154,21 +135,21 @@ def _names(steps: list[Step]) -> Check:
     twice = [name for name, times in Counter(s.id for s in steps).items() if times > 1]
     where = twice[0] if twice else "-"
     what, status = "stops less than 0.01 mm apart", graded(not twice)
-    return at_most("step-names", "step names", what, len(twice), 0, where, status)
+    return Check.at_most("step-names", "step names", what, len(twice), 0, where, status)
 
 
 def _feeds(steps: list[Step], stage: StageConfig) -> Iterable[Check]:
     slowest = min(stage.max_feed_mm_min)
     feed, at = _worst((s.feed_mm_min, s.id) for s in steps)
     status = graded(feed <= slowest)
-    yield at_most("feed", "feed", "feed (mm/min)", feed, slowest, at, status)
+    yield Check.at_most("feed", "feed", "feed (mm/min)", feed, slowest, at, status)
 
 
 def _depth(steps: list[Step], protocol: Protocol, sensor: SensorDimensions) -> Check:
     bound = sensor.skin.thickness_mm - protocol.specimen.depth_margin_mm
     depth, at = _worst((-s.target_mm[2], s.id) for s in steps)
     name, status = "depth against the gel", graded(depth <= bound)
-    return at_most("depth.gel", name, "depth (mm)", depth, bound, at, status)
+    return Check.at_most("depth.gel", name, "depth (mm)", depth, bound, at, status)
 
 
 def _tip_reach(steps: list[Step]) -> Check:
@@ -176,7 +157,7 @@ def _tip_reach(steps: list[Step]) -> Check:
     over = [(-s.target_mm[2] / parse_indenter(s.indenter).reach_mm, s.id) for s in steps]
     share, at = _worst(over)
     name, what = "depth against the tip", "depth / free length of the tip"
-    return at_most("depth.tip", name, what, share, 1.0, at, graded(share <= 1.0))
+    return Check.at_most("depth.tip", name, what, share, 1.0, at, graded(share <= 1.0))
 
 
 def _opening(steps: list[Step], sensor: SensorDimensions) -> Iterable[Check]:
@@ -189,7 +170,7 @@ def _opening(steps: list[Step], sensor: SensorDimensions) -> Iterable[Check]:
         )
         name, what = "footprint + shear inside the skin", f"reach in {letter} (mm)"
         status = graded(reach <= bound + EPS_MM)
-        yield at_most(f"footprint.{letter}", name, what, reach, bound, at, status)
+        yield Check.at_most(f"footprint.{letter}", name, what, reach, bound, at, status)
 
 
 def _sideways(steps: list[Step], protocol: Protocol) -> Check:
@@ -202,7 +183,7 @@ def _sideways(steps: list[Step], protocol: Protocol) -> Check:
         if sideways and step.kind != "shear" and clearance_mm - low_mm > worst:
             worst, at = clearance_mm - low_mm, step.id
     what, status = "sideways below clearance by (mm)", graded(worst <= EPS_MM)
-    return at_most("clearance-plane", "clearance plane", what, worst, 0.0, at, status)
+    return Check.at_most("clearance-plane", "clearance plane", what, worst, 0.0, at, status)
 
 
 def _unseen(steps: list[Step]) -> Check:
@@ -214,6 +195,6 @@ def _unseen(steps: list[Step]) -> Check:
     )
     bound, what = MAX_BETWEEN_FRAMES_MM, "travel of the tip (mm)"
     status = graded(True, warns=way_mm > bound + EPS_MM)
-    return at_most(
+    return Check.at_most(
         "motion-between-frames", "motion between frames", what, way_mm, bound, at, status
     )

@@ -371,7 +371,9 @@ def load_protocol(name: str, by_hand: bool = False) -> tuple[Protocol, Path]:
 
 
 def expand_protocol(protocol: Protocol, air: bool = False) -> list[Step]:
-    """All steps in order. Ids read `indenter/position/depth/leg`; a press is indenter/position.
+    """Expand a protocol into all steps in order.
+
+    Ids read `indenter/position/depth/leg`; a press is indenter/position.
 
     air: the clearance plane stands for every height below it, so that nothing is touched; steps,
     ids and frames stay what they are.

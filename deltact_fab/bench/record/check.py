@@ -16,7 +16,7 @@ from deltact_fab.common import InputError, Progress, RunFailed, read_toml, valid
 
 from ..protocols.plan import Protocol, Step, expand_protocol
 from . import notes
-from .files import LATTICE_FILE, LENS_FILE, UNHASHED, frame_id_of, metadata, truth_file, written
+from .files import UNHASHED, TruthFiles, frame_id_of, metadata, written
 from .journal import being_written
 from .run import Run
 
@@ -88,6 +88,17 @@ class RunVerdict:
             )
             rows.append(("not hashed", ", ".join(self.unhashed), text))
         return rows + [(one.kind, one.where, one.text) for one in self.problems]
+
+    def require_whole(self) -> None:
+        """Raise RunFailed, naming the first file, when a finished run is not whole any more."""
+        found = [p for p in self.problems if p.kind != "extra"]
+        if found:
+            more = f", and {len(found) - 1} more (`record check` lists them)" * (len(found) > 1)
+            raise RunFailed(
+                f"{self.folder}: finished, and damaged since: {found[0].where}: {found[0].text}"
+                f"{more}; put it back from a copy, or remove summary.json and --resume does that "
+                "press again"
+            )
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data."""
@@ -175,21 +186,6 @@ def _planned(run: Run) -> list[Step]:
     path = run.folder / "protocol.toml"
     protocol = validate(Protocol, read_toml(path), str(path))
     return expand_protocol(protocol, bool(run.meta.get("air")))
-
-
-def require_whole(run: Run, progress: Progress | None = None) -> None:
-    """Raise RunFailed, naming the first file, when a finished run is not whole any more.
-
-    Costs what a resume pays for the presses it keeps: about 1 ms of processor time a frame of
-    2 MB, and the reading of it.
-    """
-    found = [p for p in check_run(run.folder, progress).problems if p.kind != "extra"]
-    if found:
-        more = f", and {len(found) - 1} more (`record check` lists them)" if len(found) > 1 else ""
-        raise RunFailed(
-            f"{run.folder}: finished, and damaged since: {found[0].where}: {found[0].text}{more}; "
-            "put it back from a copy, or remove summary.json and --resume does that press again"
-        )
 
 
 def judge(
@@ -301,8 +297,9 @@ def _damages(run: Run, press: str, frames: Mapping[str, FileAndHash]) -> Iterato
 
 
 def _truth_damages(run: Run, press: str, frame_ids: list[str]) -> Iterator[str]:
-    lens = [run.folder / LENS_FILE] * ((run.meta["camera"] or {}).get("model") == "rectified")
-    needed = [run.folder / LATTICE_FILE, *lens, truth_file(run.folder, press)]
+    files = TruthFiles(run.folder)
+    lens = [files.lens] * ((run.meta["camera"] or {}).get("model") == "rectified")
+    needed = [files.lattice, *lens, files.press(press)]
     for path in needed:
         if not path.is_file():
             yield f"{path.relative_to(run.folder)}: its truth is missing"
@@ -322,7 +319,7 @@ def _truth_damages(run: Run, press: str, frame_ids: list[str]) -> Iterator[str]:
 
 def _strays(run: Run, named: Iterable[str], plan: Iterable[str]) -> Iterator[Damage]:
     known = {run.folder / file for file in named}
-    known |= {truth_file(run.folder, press) for press in plan}
+    known |= {TruthFiles(run.folder).press(press) for press in plan}
     for path in sorted(written(run.folder)):
         if path not in known:
             yield Damage("extra", str(path.relative_to(run.folder)), "no row names it")

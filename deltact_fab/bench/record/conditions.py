@@ -25,7 +25,7 @@ def require_same_conditions(
     pattern: dict[str, Any],
     with_versions: bool = True,
 ) -> None:
-    """Refuse to go on with a run under other conditions than it was begun with.
+    """Refuse to go on with a run under other conditions than those of its beginning.
 
     meta, protocol, pattern: as for `RunWriter.create`. Raises InputError naming the first thing
     that differs, its value in the folder and its value now.

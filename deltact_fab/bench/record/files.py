@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -23,8 +24,6 @@ IMPORTED, UNKNOWN_SENSOR = "imported", "unknown"
 """The mark of a run that was recorded elsewhere, in run.json and pattern.json; the kind of its
 frames, and their indenter where nobody said it."""
 LATTICE_FILE, LENS_FILE = "truth/lattice.json", "truth/lens.json"
-"""Of a virtual rig: what its truth stands on, and the lens that it draws through, which is not the
-calibrated one."""
 FLAT = "camera.flat.png"
 """The flat field of a calibrated camera, if that has one."""
 NOTES = "notes.jsonl"
@@ -41,17 +40,34 @@ def image_file(frame_id: str, suffix: str = "png") -> str:
     return f"images/{frame_id.replace('/', '_').replace('#', '_')}.{suffix}"
 
 
-def truth_file(folder: Path, press: str) -> Path:
-    """Where a virtual rig keeps the truth of one press of the run in `folder`.
+@dataclass(frozen=True)
+class TruthFiles:
+    """Places of a virtual rig's truth of a run. folder: of the run."""
 
-    An npz of displacement_mm (n, ny, nx, 3), one a solved knot, and for each frame of the press,
-    in order of capture: frame_id, knots (m, 2) it lies between, fraction (m,) of the way. Older
-    runs have no more. Of each knot: contact_area_mm2 and stick_area_mm2 (n,) seen along z in the
-    deformed state, errors of both, centroid_mm (n, 2) of the contact in the sensor frame, without
-    one the tip's (x, y); zone_map (n, ny, nx) uint8, 0 apart, 1 slipping, 2 sticking, at the nodes
-    x_mm, y_mm of the whole face at rest. Without friction all that touches slips.
-    """
-    return folder / "truth" / f"{press.replace('/', '_')}.npz"
+    folder: Path
+
+    @property
+    def lattice(self) -> Path:
+        """The lattice that displacements stand on."""
+        return self.folder / LATTICE_FILE
+
+    @property
+    def lens(self) -> Path:
+        """The lens that the rig draws through, which is not the calibrated one."""
+        return self.folder / LENS_FILE
+
+    def press(self, name: str) -> Path:
+        """The truth of one press.
+
+        An npz of displacement_mm (n, ny, nx, 3), one a solved knot, and for each frame of the
+        press, in order of capture: frame_id, knots (m, 2) it lies between, fraction (m,) of the
+        way. Older runs have no more. Of each knot: contact_area_mm2 and stick_area_mm2 (n,) seen
+        along z in the deformed state, errors of both, centroid_mm (n, 2) of the contact in the
+        sensor frame, without one the tip's (x, y); zone_map (n, ny, nx) uint8, 0 apart, 1 slipping,
+        2 sticking, at the nodes x_mm, y_mm of the whole face at rest. Without friction all that
+        touches slips.
+        """
+        return self.folder / "truth" / f"{name.replace('/', '_')}.npz"
 
 
 def metadata(folder: Path, at_the_end: bool) -> list[str]:

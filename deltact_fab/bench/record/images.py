@@ -7,6 +7,7 @@ times as long to read; it comes with the extra `images`.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any
 
@@ -23,21 +24,26 @@ JXL_EFFORT = 1  # higher ones gain a hundredth of the size and cost several time
 _MEASURED_PX = 1280 * 720
 
 
-def rate_held_hz(suffix: str, image_px: int) -> float:
-    """Frames of so many pixels a second that can be kept without loss."""
-    return RATE_HELD_HZ[suffix] * _MEASURED_PX / image_px
+@dataclass(frozen=True)
+class ImageFormat:
+    """The file format in which a run keeps its images. suffix: of their names, png or jxl."""
 
+    suffix: str
 
-def image_format(meta: Mapping[str, Any]) -> str:
-    """In which a run writes its images: as the rig's camera has it."""
-    camera = (meta.get("rig") or {}).get("camera") or {}
-    return str(camera.get("format") or "png")
+    @classmethod
+    def of(cls, meta: Mapping[str, Any]) -> ImageFormat:
+        """The format that the camera of a rig asks for; meta: of a run, with its rig."""
+        camera = (meta.get("rig") or {}).get("camera") or {}
+        return cls(str(camera.get("format") or "png"))
 
+    def require(self) -> None:
+        """Raise MissingLibrary when such files cannot be written here."""
+        if self.suffix == "jxl":
+            _imagecodecs()
 
-def require_image_format(suffix: str) -> None:
-    """Raise MissingLibrary when files of that suffix cannot be written here."""
-    if suffix == "jxl":
-        _imagecodecs()
+    def rate_held_hz(self, image_px: int) -> float:
+        """Frames of so many pixels a second that can be kept without loss."""
+        return RATE_HELD_HZ[self.suffix] * _MEASURED_PX / image_px
 
 
 def encode(image: NDArray[np.uint8], suffix: str) -> bytes:
@@ -55,7 +61,7 @@ def encode(image: NDArray[np.uint8], suffix: str) -> bytes:
 
 
 def encode_png(image: NDArray[np.uint8]) -> bytes:
-    """(h, w, 3) BGR to PNG bytes, tuned for noisy frames (fast filter, Huffman only)."""
+    """Encode (h, w, 3) BGR as PNG bytes, tuned for noisy frames (fast filter, Huffman only)."""
     import cv2
 
     done, data = cv2.imencode(

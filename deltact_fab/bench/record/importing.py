@@ -45,7 +45,7 @@ def import_recording(
 ) -> dict[str, Any]:
     """Write the run that a recording's file tells of, and return its summary.
 
-    images_of, design_of: `bench.rig.camera.files.list_images` and
+    images_of, design_of: `bench.rig.camera.files.open_images` and
     `fabricate.cad.design.load_design`, which stand above this package. Nothing is written unless
     all of it is right. Raises InputError naming file, key or line, and value; RunFailed for an
     image that cannot be read, and when the disk refuses.

@@ -351,3 +351,22 @@ class WriterThreads:
             for entry in entries:
                 for table, row in entry.rows:
                     insert(self._db, table, row)
+
+
+def read_press_rows(folder: Path) -> dict[str, list[tuple[Any, ...]]]:
+    """Rows of a run's tables that belong to presses, by table, to compare two equal runs.
+
+    All columns but the clocks', the first of each row its id; of poses that they are there: a move
+    is sent in pieces as time goes by, and when it is asked for its place hangs on that.
+    """
+    rows: dict[str, list[tuple[Any, ...]]] = {}
+    uri = (folder / "journal.sqlite").absolute().as_uri()
+    with closing(sqlite3.connect(f"{uri}?mode=ro", uri=True)) as db:
+        for table in PRESS_TABLES:
+            columns = [c[1] for c in db.execute(f"PRAGMA table_info({table})")]
+            names = [c for c in columns if c not in CLOCK_COLUMNS]
+            names.sort(key=lambda c: c not in ("frame_id", "step_id"))
+            query = f"SELECT {','.join(names)} FROM {table} ORDER BY 1, 2"
+            stored = db.execute(query).fetchall()
+            rows[table] = [row[:3] if "pose" in row else row for row in stored]
+    return rows

@@ -21,40 +21,43 @@ from .files import NOTES
 LONGEST = 4000  # characters: so that one write of the file system holds a note whole
 
 
-def add_note(folder: Path, text: str) -> dict[str, Any]:
-    """Append a note to a run and return it: text, wall_s.
+class RunNote:
+    """An operator's note, to be added to a run."""
 
-    Safe while the run goes on. Raises InputError for no run folder and no usable text, RunFailed
-    when the disk refuses.
-    """
-    if not (folder / "run.json").is_file():
-        raise InputError(f"{folder}: not a run folder (no run.json)")
-    note = {"wall_s": time.time(), "text": usable_note(text)}
-    path = folder / NOTES
-    new = not path.exists()
-    with disk_errors(path):
-        with path.open("a+b", buffering=0) as file:
-            end = file.seek(0, os.SEEK_END)
-            file.seek(max(end - 1, 0))
-            torn = file.read(1) not in (b"", b"\n")  # by a process that died in the middle
-            line = json.dumps({**note, "sha256": _digest(note)})
-            data = b"\n" * torn + line.encode() + b"\n"
-            if file.write(data) != len(data):
-                raise RunFailed(f"{path}: cannot be written: the disk is full")
-            os.fsync(file.fileno())
-        if new:
-            sync_folder(folder)
-    return note
+    def __init__(self, text: str) -> None:
+        """Take a text without blanks at its ends. Raises InputError for one that is no note."""
+        self.text = text = text.strip()
+        if not 0 < len(text) <= LONGEST:
+            raise InputError(f"note: {len(text)} characters; expected 1 to {LONGEST}")
+        if odd := [c for c in text if not c.isprintable() and c not in "\n\t"]:
+            raise InputError(f"note: {odd[0]!r} is no character that can be printed; leave it out")
 
+    def add_to(self, folder: Path) -> dict[str, Any]:
+        """Append the note to a run and return it: text, wall_s.
 
-def usable_note(text: str) -> str:
-    """A note's text without blanks at its ends. Raises InputError where that is no note."""
-    text = text.strip()
-    if not 0 < len(text) <= LONGEST:
-        raise InputError(f"note: {len(text)} characters; expected 1 to {LONGEST}")
-    if odd := [c for c in text if not c.isprintable() and c not in "\n\t"]:
-        raise InputError(f"note: {odd[0]!r} is no character that can be printed; leave it out")
-    return text
+        Safe while the run goes on. Raises InputError for no run folder, RunFailed when the disk
+        refuses.
+        """
+        if not (folder / "run.json").is_file():
+            raise InputError(f"{folder}: not a run folder (no run.json)")
+        note = {"wall_s": time.time(), "text": self.text}
+        path = folder / NOTES
+        new = not path.exists()
+        try:
+            with path.open("a+b", buffering=0) as file:
+                end = file.seek(0, os.SEEK_END)
+                file.seek(max(end - 1, 0))
+                torn = file.read(1) not in (b"", b"\n")  # by a process that died in the middle
+                line = json.dumps({**note, "sha256": _digest(note)})
+                data = b"\n" * torn + line.encode() + b"\n"
+                if file.write(data) != len(data):
+                    raise RunFailed(f"{path}: cannot be written: the disk is full")
+                os.fsync(file.fileno())
+            if new:
+                sync_folder(folder)
+        except OSError as why:
+            raise RunFailed(f"{path}: cannot be written: {why.strerror}") from why
+        return note
 
 
 def lines(folder: Path) -> Iterator[tuple[int, dict[str, Any] | None]]:

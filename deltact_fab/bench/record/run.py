@@ -8,12 +8,12 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import InputError, Note, RunFailed, disk_errors
+from deltact_fab.common import InputError, Note, RunFailed, disk_errors, validate
 from deltact_fab.sensor import (
     CameraModel,
     FlatField,
@@ -23,8 +23,9 @@ from deltact_fab.sensor import (
     indenters_of_run,
 )
 
+from ..protocols.plan import DeadWeights
 from . import notes
-from .files import FLAT, IMPORTED, LATTICE_FILE, kept
+from .files import FLAT, IMPORTED, LATTICE_FILE, UNKNOWN_SENSOR, kept
 from .images import decode
 from .journal import being_written, misfits
 from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, at_times, unpack
@@ -41,6 +42,9 @@ _LATENESS = ("late_s", "late", "dropped", "repeated")
 
 class Run:
     """A recorded run, read only."""
+
+    UNKNOWN: ClassVar = UNKNOWN_SENSOR
+    """Kind of the frames of an imported run; their indenter where nobody said it."""
 
     def __init__(self, folder: Path):
         if not (folder / "run.json").is_file():
@@ -129,6 +133,12 @@ class Run:
         if stored is None:
             raise InputError(f"{self.folder}: recorded without a camera")
         return camera_from_dict(stored, f"{self.folder}/run.json: camera")
+
+    @property
+    def weights(self) -> DeadWeights | None:
+        """Known masses that a hand laid on, None where a stage pressed. Raises InputError."""
+        stored = self.meta["protocol"].get("weights")
+        return None if stored is None else validate(DeadWeights, stored, str(self.folder))
 
     @property
     def simulated(self) -> bool:
@@ -236,6 +246,58 @@ class Run:
         asked = self.meta["protocol"]["channels"]
         return load(self.folder, self.camera, presses, "traction" in asked)
 
+    def describe(self) -> dict[str, Any]:
+        """Protocol, specimen, rig, counts, events by kind, notes, as plain data. Raises RunFailed.
+
+        begun_s, ended_s: the day's time of the first and the last event.
+        """
+        meta, summary, events = self.meta, self.summary(), self.events()
+        protocol = meta.get("protocol") or {}
+        with self.reader() as db:
+            frames, images = db.execute("SELECT count(*), count(file) FROM frames").fetchone()
+            steps = db.execute("SELECT count(*) FROM steps").fetchone()[0]
+            presses = db.execute(
+                "SELECT count(*) FROM"
+                " (SELECT press FROM steps WHERE kind = 'press' UNION SELECT press FROM frames)"
+            ).fetchone()[0]
+        state = "finished" if self.finished else "unfinished"
+        # Where the rig file had the face, and the file that it was registered by, if it was.
+        stage = (meta.get("rig") or {}).get("stage") or {}
+        placed_by = ("registration", "origin_machine_mm", "angle_deg", "tilt_deg")
+        begun = events.index[events["kind"] == "session"]
+        session = events.loc[begun[-1] :] if len(begun) else events  # the last one
+        return {
+            "folder": str(self.folder),
+            "state": "being written now" if being_written(self.folder) else state,
+            "format": self.format,
+            "protocol": protocol.get("name"),
+            "description": protocol.get("description"),
+            "channels": protocol.get("channels"),
+            "specimen": protocol.get("specimen"),
+            "rig": meta.get("rig_name"),
+            "kind": (meta.get("rig") or {}).get("kind"),
+            "simulated": meta.get("simulated"),
+            "air": meta.get("air", False),
+            "seed": meta.get("seed"),
+            "begun_s": float(events["wall_s"].min()),
+            "ended_s": float(events["wall_s"].max()),
+            "sessions": int((events["kind"] == "session").sum()),
+            "steps": steps,
+            "presses": presses,
+            "frames": frames,
+            "images": images,
+            "events": {str(k): int(n) for k, n in events["kind"].value_counts(sort=False).items()},
+            "registration": {key: stage.get(key) for key in placed_by},
+            "indenters": [str(t) for t in session["text"][session["kind"] == "indenter"]],
+            "camera": None
+            if meta.get("camera") is None
+            else meta["camera"].get("model", "pinhole"),
+            "devices": summary.get("devices"),
+            "remarks": summary.get("notes", []),
+            "notes": self.notes().to_dict("records"),
+            "versions": meta.get("versions"),
+        }
+
     def _late(self, table: pd.DataFrame) -> pd.Series[bool]:
         capture = self.meta.get("protocol", {}).get("capture", {})
         own = {kind: (capture.get(kind) or {}).get("rate_hz") for kind in ("hold", "retract")}
@@ -327,63 +389,3 @@ class Run:
 def open_run(folder: str | Path) -> Run:
     """Open a run folder. Raises InputError when it is none."""
     return Run(Path(folder))
-
-
-def describe_run(run: Run) -> dict[str, Any]:
-    """Protocol, specimen, rig, counts, events by kind, notes, as plain data. Raises RunFailed.
-
-    begun_s, ended_s: the day's time of the first and the last event.
-    """
-    meta, summary, events = run.meta, run.summary(), run.events()
-    protocol = meta.get("protocol") or {}
-    with run.reader() as db:
-        frames, images = db.execute("SELECT count(*), count(file) FROM frames").fetchone()
-        steps = db.execute("SELECT count(*) FROM steps").fetchone()[0]
-        presses = db.execute(
-            "SELECT count(*) FROM"
-            " (SELECT press FROM steps WHERE kind = 'press' UNION SELECT press FROM frames)"
-        ).fetchone()[0]
-    state = "finished" if run.finished else "unfinished"
-    return {
-        "folder": str(run.folder),
-        "state": "being written now" if being_written(run.folder) else state,
-        "format": run.format,
-        "protocol": protocol.get("name"),
-        "description": protocol.get("description"),
-        "channels": protocol.get("channels"),
-        "specimen": protocol.get("specimen"),
-        "rig": meta.get("rig_name"),
-        "kind": (meta.get("rig") or {}).get("kind"),
-        "simulated": meta.get("simulated"),
-        "air": meta.get("air", False),
-        "seed": meta.get("seed"),
-        "begun_s": float(events["wall_s"].min()),
-        "ended_s": float(events["wall_s"].max()),
-        "sessions": int((events["kind"] == "session").sum()),
-        "steps": steps,
-        "presses": presses,
-        "frames": frames,
-        "images": images,
-        "events": {str(k): int(n) for k, n in events["kind"].value_counts(sort=False).items()},
-        "registration": _registration(meta),
-        "indenters": _mounted(events),
-        "camera": None if meta.get("camera") is None else meta["camera"].get("model", "pinhole"),
-        "devices": summary.get("devices"),
-        "remarks": summary.get("notes", []),
-        "notes": run.notes().to_dict("records"),
-        "versions": meta.get("versions"),
-    }
-
-
-def _registration(meta: dict[str, Any]) -> dict[str, Any]:
-    """Where the rig file had the face, and the file that it was registered by, if it was."""
-    stage = (meta.get("rig") or {}).get("stage") or {}
-    keys = ("registration", "origin_machine_mm", "angle_deg", "tilt_deg")
-    return {key: stage.get(key) for key in keys}
-
-
-def _mounted(events: pd.DataFrame) -> list[str]:
-    """What was mounted in the last session, and where its tip found the face."""
-    begun = events.index[events["kind"] == "session"]
-    last = events.loc[begun[-1] :] if len(begun) else events
-    return [str(text) for text in last["text"][last["kind"] == "indenter"]]

@@ -23,14 +23,14 @@ from deltact_fab.sensor import (
     camera_from_dict,
 )
 
-from .files import LATTICE_FILE, LENS_FILE, truth_file
+from .files import TruthFiles
 
 KEPT = ("displacement_mm", "traction_mpa", "x_mm", "y_mm")
 
 
 @dataclass(frozen=True)
 class RunTruth:
-    """What a virtual rig knows exactly: the surface's displacement at every frame.
+    """Exact knowledge of a virtual rig: the surface's displacement at every frame.
 
     Displacements are interpolated linearly between two solved knots, as the drawing camera does.
     Pixels are those of the record's camera, which is the calibrated one; what they see they see
@@ -101,7 +101,7 @@ class RunTruth:
     def _held(self, press: str, name: str) -> dict[str, NDArray[Any]]:
         """The arrays of a press, `name` among them."""
         held: dict[str, dict[str, NDArray[Any]]] = self.__dict__.setdefault("held", {})
-        path = truth_file(self.folder, press)
+        path = TruthFiles(self.folder).press(press)
         if press not in held:
             held.clear()  # one press at a time: knots of a press fill some ten megabytes
             with _reading(path) as data:
@@ -117,7 +117,8 @@ def load(
     folder: Path, camera: CameraModel, presses: Iterable[str], tractions: bool = False
 ) -> RunTruth:
     """The truth of all complete ones of these presses. Raises RunFailed when it is damaged."""
-    index, drawn = folder / LATTICE_FILE, folder / LENS_FILE
+    files = TruthFiles(folder)
+    index, drawn = files.lattice, files.lens
     lens = None
     try:
         lattice = validate(SurfaceLattice, read_json(index), str(index))
@@ -129,7 +130,7 @@ def load(
         raise RunFailed(f"{drawn}: model: not a lens that a virtual rig draws through")
     frames: dict[str, tuple[str, int, int, float]] = {}
     for press in presses:
-        path = truth_file(folder, press)
+        path = files.press(press)
         if not path.is_file():
             continue
         with _reading(path) as data:

@@ -27,8 +27,8 @@ from deltact_fab.sensor import FlatField
 
 from ..protocols.plan import Step
 from .check import RunVerdict, judge, unlike_hashes
-from .files import FLAT, FORMAT, frame_id_of, image_file, json_bytes, metadata, truth_file, written
-from .images import encode, image_format, require_image_format
+from .files import FLAT, FORMAT, TruthFiles, frame_id_of, image_file, json_bytes, metadata, written
+from .images import ImageFormat, encode
 from .journal import (
     PRESS_TABLES,
     SCHEMA,
@@ -45,7 +45,7 @@ from .streams import Chunk, pack
 
 
 class RunWriter:
-    """Writes one run, off the caller's thread: every call returns when there is room for what it
+    """Writer of one run, off the caller's thread: every call returns when there is room for what it
     gave, and `flush` when all of it is committed. With a step come the samples that force sensor
     and stage gave in it.
 
@@ -93,7 +93,7 @@ class RunWriter:
         """
         if folder.exists():
             raise InputError(f"{folder}: already there; name a new --out folder")
-        require_image_format(image_format(meta))
+        ImageFormat.of(meta).require()
         made = folder.with_name(f".{folder.name}.part")
         try:
             with disk_errors(folder, "made"):
@@ -123,7 +123,7 @@ class RunWriter:
             if isinstance(why, RunFailed):  # in words of the folder that was asked for
                 raise RunFailed(str(why).replace(str(made), str(folder))) from why
             raise
-        return cls(folder, steps, image_format(meta))
+        return cls(folder, steps, ImageFormat.of(meta).suffix)
 
     @classmethod
     def resume(
@@ -137,8 +137,9 @@ class RunWriter:
         run = Run(folder)
         if not os.access(folder, os.W_OK):
             raise InputError(f"{folder}: cannot be written; a run is continued where it stands")
-        require_image_format(image_format(run.meta))
-        writer = cls(folder, steps, image_format(run.meta))
+        form = ImageFormat.of(run.meta)
+        form.require()
+        writer = cls(folder, steps, form.suffix)
         try:
             with journal_errors(folder):
                 for found in unlike_hashes(run, writer._db):
@@ -310,7 +311,7 @@ class RunWriter:
             insert(self._db, "events", _event("session", text))
         files = self._db.execute("SELECT file FROM frames WHERE file IS NOT NULL")
         keep = {self.folder / file for (file,) in files}
-        keep |= {truth_file(self.folder, press) for press in self.kept}
+        keep |= {TruthFiles(self.folder).press(press) for press in self.kept}
         for path in written(self.folder):
             if path not in keep:
                 try:

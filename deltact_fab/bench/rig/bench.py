@@ -16,7 +16,7 @@ from deltact_fab.common import InputError, Note, Progress
 from deltact_fab.sensor import CameraModel, SensorDimensions, parse_indenter
 
 from ..protocols.plan import Protocol
-from .camera.model import open_camera, tracked_view, view_notes
+from .camera.model import load_view, open_camera, view_notes
 from .config import GrblConfig
 from .force.guard import GuardLimits
 from .force.watchdog import Watchdog, open_guarded
@@ -30,6 +30,8 @@ KNOWN_ONLY_SIMULATED = frozenset({"traction"})
 
 
 class GrblKind(RigKind):
+    """The kind of rig with a real GRBL stage: its refusals, and its devices built."""
+
     part = "devices of the rig"
     _config: GrblConfig
 
@@ -58,7 +60,49 @@ class GrblKind(RigKind):
     def camera(self, protocol: Protocol, sensor: SensorDimensions) -> CameraModel | None:
         if self._config.camera is None or "image" not in protocol.channels:
             return None
-        return tracked_view(self._config.camera, sensor, self._source)
+        return load_view(self._config.camera, sensor, self._source)
+
+    def change_s(self, protocol: Protocol) -> float:
+        return tool_change_s(self._config.stage, self._config.touch, protocol.motion.park_mm)
+
+    def undeclared_lengths(self, protocol: Protocol) -> list[str]:
+        """Indenters of unknown length, where there is more than one: what is searched has to do."""
+        config = self._config
+        missing = [name for name in protocol.indenters if name not in config.tools]
+        if len(protocol.indenters) < 2 or not missing or config.touch is None:
+            return []
+        return [
+            f'[tools."{missing[0]}"] length_mm is not declared'
+            + (f" (nor {len(missing) - 1} more)" if len(missing) > 1 else "")
+            + f": its tip is looked for within touch.search_mm = {config.touch.search_mm:g} mm of "
+            "where that of the reference is"
+        ]
+
+    def unmet_conditions(
+        self, protocol: Protocol, sensor: SensorDimensions, unattended: bool
+    ) -> list[str]:
+        """Why this rig must not press, or not alone, a line each, to follow the rig file's name.
+
+        Predicted forces against what stage and sensor bear are `preflight`'s affair.
+        """
+        config = self._config
+        force, touch = config.force, config.touch
+        lines = list(lacking(config).values())
+        if force is not None and force.reachable and "force" not in protocol.channels:
+            lines.append(
+                f"channels of {protocol.name!r}: a press on a real rig records the force that its "
+                'guard watches: add "force", or give --air'
+            )
+        if touch is not None:
+            lines += _outside(touch, protocol, sensor)
+            if force is not None:
+                lines += _above_the_guard(config, touch)
+        if unattended and len(protocol.indenters) > 1:
+            lines.append(
+                f"--unattended: {protocol.name!r} holds {len(protocol.indenters)} indenters, and "
+                "nobody is there to change them: a protocol of one"
+            )
+        return lines
 
     def build(self, job: RigSetup, progress: Progress | None = None) -> OpenBench:
         """A hand lays weights on; a stage does all else."""
@@ -123,32 +167,6 @@ class GrblRig(Rig):
         return {**super().identity(), "tool": self._tooling.identity()}
 
 
-def unmet_conditions(
-    config: GrblConfig, protocol: Protocol, sensor: SensorDimensions, unattended: bool
-) -> list[str]:
-    """Why this rig must not press, or not alone, a line each, to follow the rig file's name.
-
-    Forces that are predicted against what the stage and the sensor bear are `preflight`'s affair.
-    """
-    force, touch = config.force, config.touch
-    lines = list(lacking(config).values())
-    if force is not None and force.reachable and "force" not in protocol.channels:
-        lines.append(
-            f"channels of {protocol.name!r}: a press on a real rig records the force that its "
-            'guard watches: add "force", or give --air'
-        )
-    if touch is not None:
-        lines += _outside(touch, protocol, sensor)
-        if force is not None:
-            lines += _above_the_guard(config, touch)
-    if unattended and len(protocol.indenters) > 1:
-        lines.append(
-            f"--unattended: {protocol.name!r} holds {len(protocol.indenters)} indenters, and "
-            "nobody is there to change them: a protocol of one"
-        )
-    return lines
-
-
 def lacking(config: GrblConfig) -> dict[str, str]:
     """The tables that every press needs and the rig file has not, with a line each."""
     lines = {}
@@ -164,19 +182,6 @@ def lacking(config: GrblConfig) -> dict[str, str]:
             "[touch], or give --air"
         )
     return lines
-
-
-def undeclared_lengths(config: GrblConfig, protocol: Protocol) -> list[str]:
-    """Indenters of unknown length, where there is more than one: what is searched has to do."""
-    missing = [name for name in protocol.indenters if name not in config.tools]
-    if len(protocol.indenters) < 2 or not missing or config.touch is None:
-        return []
-    return [
-        f'[tools."{missing[0]}"] length_mm is not declared'
-        + (f" (nor {len(missing) - 1} more)" if len(missing) > 1 else "")
-        + f": its tip is looked for within touch.search_mm = {config.touch.search_mm:g} mm of "
-        "where that of the reference is"
-    ]
 
 
 def _outside(touch: TouchConfig, protocol: Protocol, sensor: SensorDimensions) -> list[str]:

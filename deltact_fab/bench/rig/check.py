@@ -18,7 +18,7 @@ from .config import GrblConfig
 from .force.guard import GuardLimits
 from .force.rdt import fetch
 from .force.watchdog import open_force
-from .interface import Camera, ForceSensor, WallClock
+from .interface import Camera, ForceSensor, OpenBench, Rig, WallClock
 from .stage.grbl import GrblStage
 from .tables import CameraConfig, ForceConfig, GuardConfig
 
@@ -254,3 +254,38 @@ def _heard(sensor: ForceSensor, config: ForceConfig, seconds: float) -> Iterator
     text = f"noise at rest {noise[:3].max():.4f} N, {noise[3:].max():.3f} N mm (one deviation)"
     text = text if quiet else f"{text}: does something touch or shake it?"
     yield _row("force", "noise", graded(quiet), text)
+
+
+def ask_devices(bench: OpenBench) -> list[str]:
+    """Ask each device of a bench; returns a line for each: that it answers, and how.
+
+    The stage is connected, its settings are judged; the camera gives an image, the force sensor
+    a reading. Raises InputError, StageError, SensorError.
+    """
+    lines = []
+    if isinstance(bench, Rig):
+        bench.stage.connect()
+        lines.append(f"stage: {_identity(bench.stage.identity(), 'banner', 'port')}")
+    if bench.camera is not None:
+        bench.camera.begin("dry-run")
+        frame = bench.camera.capture()
+        h, w = frame.image.shape[:2]
+        age_ms = (bench.clock.now_s() - frame.t_s) * 1e3
+        name = _identity(bench.camera.identity(), "name", "kind")
+        lines.append(f"camera: {name}: {w} x {h} px, {age_ms:.0f} ms old")
+    if bench.force is not None:
+        bench.force.start()
+        try:
+            samples = bench.force.read()
+        finally:
+            bench.force.stop()
+        x, y, z = samples.force_n[-1]
+        name = _identity(bench.force.identity(), "kind", "serial")
+        lines.append(f"force sensor: {name}: {x:+.2f}, {y:+.2f}, {z:+.2f} N, not tared")
+        if samples.saturated.any():
+            lines.append("force sensor: SATURATED: the guard would stop the run at once")
+    return lines
+
+
+def _identity(identity: dict[str, object], *keys: str) -> str:
+    return " ".join(str(identity[key]) for key in keys if identity.get(key)) or "answers"

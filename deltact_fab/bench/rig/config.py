@@ -121,7 +121,7 @@ else:  # every key of the lens, with the limits and the meaning that it has ther
 
 
 class SimulatorConfig(Table):
-    """All that only a virtual rig has."""
+    """Settings that only a virtual rig has."""
 
     camera: ImageSensor = Field(default_factory=ImageSensor)
     lens: LensConfig | None = None

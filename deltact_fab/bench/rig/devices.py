@@ -15,14 +15,19 @@ BOARDS = {
 
 
 @dataclass(frozen=True)
-class FoundDevice:
-    """Something that was found. name: as a rig file has it; text: what it says it is."""
+class HostDevice:
+    """A device of this computer. name: as a rig file has it; text: what it says it is."""
 
     name: str
     text: str = ""
 
 
-def list_ports(by_id: Path = PORTS) -> list[FoundDevice]:
+def list_devices() -> dict[str, list[HostDevice]]:
+    """Ports and cameras of this computer, each with the name that a rig file has for it."""
+    return {"ports": list_ports(), "cameras": list_cameras()}
+
+
+def list_ports(by_id: Path = PORTS) -> list[HostDevice]:
     """USB serial ports, boards of known makers first; by their lasting names where there are."""
     from serial.tools.list_ports import comports
 
@@ -34,11 +39,11 @@ def list_ports(by_id: Path = PORTS) -> list[FoundDevice]:
         chip = BOARDS.get(port.vid)
         text = " ".join(str(port.description or "serial port").split())
         text += f" ({chip})" if chip and chip not in text else ""
-        devices.append(FoundDevice(lasting.get(Path(port.device).resolve(), port.device), text))
+        devices.append(HostDevice(lasting.get(Path(port.device).resolve(), port.device), text))
     return devices
 
 
-def list_cameras(sysfs: Path = CAMERAS, dev: Path = DEV) -> list[FoundDevice]:
+def list_cameras(sysfs: Path = CAMERAS, dev: Path = DEV) -> list[HostDevice]:
     """V4L2 cameras in order of their numbers, by their lasting names where there are.
 
     A camera's first node gives its images; those that follow give metadata.
@@ -50,7 +55,7 @@ def list_cameras(sysfs: Path = CAMERAS, dev: Path = DEV) -> list[FoundDevice]:
         if _said(node / "index") == "0":
             device = dev / node.name
             name = lasting.get(device.resolve(), str(device))
-            found.append(FoundDevice(name, " ".join(_said(node / "name").split())))
+            found.append(HostDevice(name, " ".join(_said(node / "name").split())))
     return found
 
 

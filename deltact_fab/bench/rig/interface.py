@@ -266,7 +266,7 @@ class WallClock:
 
 @dataclass
 class Devices:
-    """What a run drives. A camera or force sensor that the protocol does not ask for is None."""
+    """The devices that a run drives; a camera or force sensor that no channel asks for is None."""
 
     clock: Clock
     stage: Stage
@@ -349,7 +349,7 @@ class Rig(Devices, OpenBench):
 
 
 class RigKind(ABC):
-    """What one kind of rig says before any device is opened, and how it is built."""
+    """A kind of rig: what it says before any device is opened, and how it is built."""
 
     part: str
     """What `refusals` speaks of, for a table of checks."""
@@ -376,6 +376,20 @@ class RigKind(ABC):
         if camera is None or camera.model is None or "image" not in protocol.channels:
             return None
         return FlatField.beside(self._source.parent / camera.model)
+
+    def change_s(self, protocol: plan.Protocol) -> float:
+        """What finding the face with another indenter takes by plan; 0 where nothing is felt."""
+        return 0.0
+
+    def undeclared_lengths(self, protocol: plan.Protocol) -> list[str]:
+        """A line for indenters of unknown length, where a hand changes them."""
+        return []
+
+    def unmet_conditions(
+        self, protocol: plan.Protocol, sensor: SensorDimensions, unattended: bool
+    ) -> list[str]:
+        """Why the rig must not press, or not alone, a line each; none for one that cannot break."""
+        return []
 
     @abstractmethod
     def build(self, job: RigSetup, progress: Progress | None = None) -> OpenBench:

@@ -10,7 +10,7 @@ from typing import Any
 
 import pandas as pd
 
-from deltact_fab.bench import UNKNOWN_SENSOR, Run
+from deltact_fab.bench import Run
 from deltact_fab.common import InputError, make_folder, validate, write_whole
 from deltact_fab.sensor import CameraModel, Pinhole, SkinDimensions
 from deltact_fab.version import VERSION
@@ -52,7 +52,7 @@ def settled(frames: pd.DataFrame) -> pd.DataFrame:
     Where the protocol does not settle: the last frame of each step that presses or shears. Of an
     imported run nobody knows, and all are taken.
     """
-    if (frames["kind"] == UNKNOWN_SENSOR).all():
+    if (frames["kind"] == Run.UNKNOWN).all():
         return frames
     if settles(frames):
         return frames[frames["settled"]]

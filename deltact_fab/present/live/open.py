@@ -23,7 +23,7 @@ from deltact_fab.sensor import (
     load_camera,
 )
 
-from .source import FollowedFolder, Source, camera_source, file_source
+from .source import Source, camera_source, file_source
 
 NAMES_A_FILE = re.compile(r"\w[\w.+-]*")  # of a serial number: others are never kept
 
@@ -107,9 +107,9 @@ def _opened(name: str, given: SensorModel | None, design: str | None, seed: int)
     if (path / "run.json").is_file():
         return _recorded(path)
     if path.is_dir() or path.is_file():
-        from deltact_fab.bench import list_images
+        from deltact_fab.bench import open_images
 
-        return file_source(list_images(path), given)
+        return file_source(open_images(path), given)
     near = did_you_mean(rig, rigs)
     raise InputError(
         f"{name}: no camera number, address, video, folder, run or rig of that name; of the rigs "
@@ -118,11 +118,13 @@ def _opened(name: str, given: SensorModel | None, design: str | None, seed: int)
 
 
 def _followed(name: str, given: SensorModel | None, silence_s: float) -> Source:
+    from deltact_fab.bench import open_images
+
     folder = Path(name)
     if not folder.is_dir() or (folder / "run.json").is_file():
         wanted = "a folder that images are written into"
         raise InputError(f"{name}: {wanted} is needed with --follow, as RUN/images of a run")
-    return file_source(FollowedFolder(folder, silence_s), given)
+    return file_source(open_images(folder, silence_s), given)
 
 
 def _recorded(folder: Path) -> Source:

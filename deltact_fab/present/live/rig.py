@@ -19,11 +19,9 @@ from deltact_fab.bench import (
     VirtualConfig,
     check_limits,
     load_rig,
-    refusal_check,
-    require_limits,
-    tracked_view,
+    load_view,
 )
-from deltact_fab.common import InputError
+from deltact_fab.common import Check, InputError
 from deltact_fab.estimate import SensorModel
 from deltact_fab.fabricate import load_design
 from deltact_fab.sensor import FlatField
@@ -51,7 +49,7 @@ def rig_source(rig_name: str, protocol: str, design: str | None, seed: int) -> S
     if bench.camera is None:
         raise InputError(f"{path}: camera: missing table; without one there is nothing to measure")
     sensor = load_design(design or "deltact")
-    view = tracked_view(bench.camera, sensor, path)
+    view = load_view(bench.camera, sensor, path)
     model = bench.camera.model
     flat = None if model is None else FlatField.beside(path.parent / model)
     seen = None if view is None or flat is None else flat.seen_by(view)
@@ -75,8 +73,8 @@ def virtual_source(rig_name: str, protocol_name: str, seed: int) -> Source:
     request.protocol = protocol = protocol.model_copy(update={"channels": wanted})
     sensor, kind = request.design, request.kind
     rows = check_limits(protocol, sensor, request.rig.stage, request.steps)
-    rows.append(refusal_check("rig", kind.part, kind.refusals(protocol, sensor, source)))
-    require_limits(rows, source)
+    rows.append(Check.refusal("rig", kind.part, kind.refusals(protocol, sensor, source)))
+    Check.require(rows, source)
     view, flat = request.view, kind.flat(protocol)
     known = SensorModel(
         view,

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from urllib.parse import quote
 
-from deltact_fab.bench import describe_run, open_run
+from deltact_fab.bench import open_run
 from deltact_fab.common import (
     Check,
     DeltactFabError,
@@ -130,7 +130,7 @@ def _study(place: Path, name: str, link: str) -> Entry:
 
 def _run(place: Path, name: str, link: str) -> Entry:
     run = open_run(place)
-    told, (warned, _) = describe_run(run), run.remarks()
+    told, (warned, _) = run.describe(), run.remarks()
     begun = told["begun_s"]
     tracking = place / "analysis" / "tracking.json"
     if tracking.is_file():

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deltact_fab.bench import UNKNOWN_SENSOR
+from deltact_fab.bench import Run
 from deltact_fab.common import Array
 from deltact_fab.sensor import Indenter
 
@@ -71,7 +71,7 @@ def _object(figure: Figure, place: Axes, picture: ShapeMaps, first: bool) -> Non
     """The indenter, its tip upwards."""
     from matplotlib.colors import LightSource
 
-    if picture.indenter == UNKNOWN_SENSOR:
+    if picture.indenter == Run.UNKNOWN:
         place.set_axis_off()
         place.set_title("indenter unknown", fontsize="medium")
         return

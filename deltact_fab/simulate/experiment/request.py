@@ -8,9 +8,8 @@ from functools import cached_property
 from pathlib import Path
 
 from deltact_fab.bench import (
-    LOCKSTEP,
-    WALL_CLOCK,
     GrblKind,
+    ImageFormat,
     Protocol,
     RigConfig,
     RigKind,
@@ -18,18 +17,9 @@ from deltact_fab.bench import (
     RunEstimate,
     Step,
     check_limits,
-    estimate_run,
     expand_protocol,
-    image_format,
     load_protocol,
     load_rig,
-    reason,
-    refusal_check,
-    require_image_format,
-    require_limits,
-    tool_change_s,
-    undeclared_lengths,
-    unmet_conditions,
 )
 from deltact_fab.common import Check, InputError, MissingLibrary, Note, Progress, graded
 from deltact_fab.fabricate import Design, PatternRecipe, load_design, load_recipe
@@ -111,12 +101,11 @@ class RunRequest:
 
     def estimate(self) -> RunEstimate:
         """Frames, time and disk of the whole run."""
-        pace = LOCKSTEP if self.rig.simulated else WALL_CLOCK
-        image_px = rule.image_px(self.view, self.rig)
-        rig, change = self.rig, 0.0
-        if rig.kind == "grbl" and self._touches:
-            change = tool_change_s(rig.stage, rig.touch, self.protocol.motion.park_mm)
-        return estimate_run(self.protocol, image_px, rig.stage, self.steps, pace, change)
+        image_px, rig = rule.image_px(self.view, self.rig), self.rig
+        return RunEstimate.of(
+            self.protocol, image_px, rig.stage, self.steps, not rig.simulated,
+            self.kind.change_s(self.protocol) if self._touches else 0.0,
+        )  # fmt: skip
 
     def require(self) -> list[Note]:
         """Raise InputError for all that a run is refused for.
@@ -124,12 +113,12 @@ class RunRequest:
         Returns a warning for each predicted force that is over a limit of the rig or of the plate
         where that breaks nothing, or that may trip the guard.
         """
-        require_limits(self._rows(), str(self.source))
+        Check.require(self._rows(), str(self.source))
         found = None if self.air else self.forces()
         if found is None:
             return []
-        require_limits(found[1], str(self.rig_path))
-        lines = [f"{self.protocol.name}: {reason(row)}" for row in found[1] if row.status == "warn"]
+        Check.require(found[1], str(self.rig_path))
+        lines = [f"{self.protocol.name}: {row.reason}" for row in found[1] if row.status == "warn"]
         for line in lines:
             _LOG.warning("warning: %s", line)
         return [Note("forces", line, warns=True) for line in lines]
@@ -142,7 +131,7 @@ class RunRequest:
         """
         rows = self._rows()
         if self.rig.kind == "grbl" and self._touches:
-            unknown = undeclared_lengths(self.rig, self.protocol)
+            unknown = self.kind.undeclared_lengths(self.protocol)
             status = graded(True, warns=bool(unknown))
             rows.append(Check("tool-lengths", "tool lengths", "unknown", len(unknown), 0, status,
                               tuple(unknown), sign="<="))  # fmt: skip
@@ -173,13 +162,13 @@ class RunRequest:
         rows = check_limits(protocol, design, rig.stage, self.steps) if by_stage else []
         rows += rule.needs(protocol, self.steps, rig, self.view, self.out)
         refused = kind.refusals(protocol, design, str(self.source))
-        rows.append(refusal_check("rig", kind.part, refused))
-        rows.append(refusal_check("pattern", "pattern", self._pattern()))
-        rows.append(refusal_check("image-format", "image format", self._format()))
+        rows.append(Check.refusal("rig", kind.part, refused))
+        rows.append(Check.refusal("pattern", "pattern", self._pattern()))
+        rows.append(Check.refusal("image-format", "image format", self._format()))
         if rig.kind == "grbl" and self._touches:
-            lines = unmet_conditions(rig, protocol, design, self.unattended)
+            lines = kind.unmet_conditions(protocol, design, self.unattended)
             lines = [f"{self.rig_path}: {line}" for line in lines]
-            rows.append(refusal_check("contact", "contact", lines))
+            rows.append(Check.refusal("contact", "contact", lines))
         return rows
 
     def _pattern(self) -> list[str]:
@@ -204,7 +193,7 @@ class RunRequest:
     def _format(self) -> list[str]:
         """Why images cannot be written as the rig's camera has it."""
         try:
-            require_image_format(image_format({"rig": self.rig.recorded()}))
+            ImageFormat.of({"rig": self.rig.recorded()}).require()
         except MissingLibrary as why:
             return [str(why)]
         return []

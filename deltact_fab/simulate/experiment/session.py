@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator
 from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
@@ -11,24 +11,19 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from deltact_fab.bench import (
-    OpenBench,
-    Rig,
     RigConfig,
     RigSetup,
-    Runner,
+    RunNote,
     RunProgress,
     RunWriter,
-    Step,
     VirtualConfig,
-    WeightsBench,
-    add_note,
+    carry_out_steps,
+    check_run,
     expand_protocol,
     open_run,
     require_same_conditions,
-    require_whole,
-    usable_note,
 )
-from deltact_fab.common import InputError, Note, Progress, toml_text
+from deltact_fab.common import InputError, Note, toml_text
 from deltact_fab.fabricate import PatternRecipe
 from deltact_fab.sensor import indenter_data
 from deltact_fab.version import library_versions
@@ -58,8 +53,7 @@ def run_experiment(
     session. note: kept with the run. live: shown what goes on. Raises InputError or RunFailed.
     """
     started = time.monotonic()
-    if note is not None:
-        note = usable_note(note)
+    remark = None if note is None else RunNote(note)
     out, rig, steps, protocol = request.out, request.rig, request.steps, request.protocol
     job = request.setup(out)
     text = request.source.read_bytes()
@@ -72,7 +66,7 @@ def run_experiment(
         if found.finished and note is not None:
             raise InputError(f"--note: {out} has finished; `deltact-fab record note` adds to it")
         if found.finished:
-            require_whole(found, request.progress)
+            check_run(out, request.progress).require_whole()
             return {**found.summary(), "already_finished": True}
     else:
         _require_new(out, text)
@@ -82,10 +76,10 @@ def run_experiment(
     else:
         writer = RunWriter.create(out, meta, text, pattern, steps, request.kind.flat(protocol))
     try:
-        if note is not None:
-            add_note(out, note)
+        if remark is not None:
+            remark.add_to(out)
         with closing(request.kind.build(job, request.progress)) as bench:
-            counts, rig_seconds = _carry_out(bench, steps, writer, request.progress, live)
+            counts, rig_seconds = carry_out_steps(bench, steps, writer, request.progress, live)
             kept = sum(step.frames for step in steps if step.press in writer.kept)
             remarks = [*bench.notes(), *warnings, *_resumed(writer.session, kept)]
             if request.air:
@@ -117,72 +111,22 @@ def run_experiment(
     return {**summary, "already_finished": False}
 
 
-def _carry_out(
-    bench: OpenBench, steps: Sequence[Step], writer: RunWriter, progress: Progress | None,
-    live: Callable[[RunProgress], None] | None,
-) -> tuple[dict[str, int], float]:  # fmt: skip
-    """By the stage, or by a hand that lays weights on: frames late or lost, and the rig's seconds.
-
-    Raises RunFailed and its kin.
-    """
-    start_s, counts = bench.clock.now_s(), dict[str, int]()
-    if isinstance(bench, WeightsBench):
-        bench.run(steps, writer, progress)
-    else:
-        assert isinstance(bench, Rig), "what a hand does not do, a stage does"
-        runner = Runner(bench, writer, progress, live)
-        runner.run(steps)
-        counts = runner.counts()
-    return counts, bench.clock.now_s() - start_s
-
-
 def dry_run_experiment(request: RunRequest) -> dict[str, Any]:
     """Check all that a run checks, and ask the devices of a rig that has any; nothing moves.
 
     Returns steps, frames, seconds and disk_mb of the estimate, devices (a line each, empty on a
     rig in lockstep) and notes. Raises InputError or RunFailed, as the run would.
     """
+    from deltact_fab.bench import ask_devices
+
     notes = [note.line for note in (*([AIR] if request.air else []), *request.require())]
     lines: list[str] = []
     if not request.rig.simulated:
         with TemporaryDirectory() as folder:
             job = request.setup(Path(folder) / "dry-run")
             with closing(request.kind.build(job, request.progress)) as bench:
-                lines = list(_answers(bench))
+                lines = ask_devices(bench)
     return {**asdict(request.estimate()), "devices": lines, "notes": notes}
-
-
-def _answers(seen: OpenBench) -> Iterator[str]:
-    """A line a device: that it answers, and how. Raises InputError, StageError, SensorError.
-
-    The stage is connected, its settings are judged; the camera gives an image, the force sensor
-    a reading.
-    """
-    if isinstance(seen, Rig):
-        seen.stage.connect()
-        yield f"stage: {_identity(seen.stage.identity(), 'banner', 'port')}"
-    if seen.camera is not None:
-        seen.camera.begin("dry-run")
-        frame = seen.camera.capture()
-        h, w = frame.image.shape[:2]
-        age_ms = (seen.clock.now_s() - frame.t_s) * 1e3
-        name = _identity(seen.camera.identity(), "name", "kind")
-        yield f"camera: {name}: {w} x {h} px, {age_ms:.0f} ms old"
-    if seen.force is not None:
-        seen.force.start()
-        try:
-            samples = seen.force.read()
-        finally:
-            seen.force.stop()
-        x, y, z = samples.force_n[-1]
-        name = _identity(seen.force.identity(), "kind", "serial")
-        yield f"force sensor: {name}: {x:+.2f}, {y:+.2f}, {z:+.2f} N, not tared"
-        if samples.saturated.any():
-            yield "force sensor: SATURATED: the guard would stop the run at once"
-
-
-def _identity(identity: dict[str, object], *keys: str) -> str:
-    return " ".join(str(identity[key]) for key in keys if identity.get(key)) or "answers"
 
 
 def run_presses(
@@ -213,7 +157,7 @@ def run_presses(
     writer = RunWriter.create(job.folder, meta, text, job.recipe.as_record(), steps, flat)
     try:
         with closing(kind.build(job)) as bench:
-            Runner(bench, writer).run(steps)
+            carry_out_steps(bench, steps, writer)
         writer.close({"presses": sorted(presses)})
     except BaseException:
         writer.abandon()

@@ -14,18 +14,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from deltact_fab.bench import (
-    GUARD_SHARE,
     GuardLimits,
+    ImageFormat,
     Protocol,
     RigConfig,
     RunEstimate,
     Step,
-    at_most,
-    estimate_run,
-    image_format,
-    rate_held_hz,
     raw_size_px,
-    refusal_check,
 )
 from deltact_fab.common import Check, InputError, Point, graded
 from deltact_fab.fabricate import Design, plate_bending_room, press_plate
@@ -78,7 +73,7 @@ def limits_of(rig: RigConfig, source: str, protocol: Protocol) -> ForceLimits:
     guard, keys = None, ("", "")
     if rig.force is not None and not rig.simulated:
         try:
-            guard, keys = GuardLimits.of(rig.guard, rig.force), _guard_keys(rig)
+            guard, keys = GuardLimits.of(rig.guard, rig.force), GuardLimits.keys(rig.guard)
         except InputError as why:
             raise InputError(f"{source}: {why}") from why
     declared = force.model_fields_set if force is not None else set()
@@ -95,17 +90,6 @@ def limits_of(rig: RigConfig, source: str, protocol: Protocol) -> ForceLimits:
     )
 
 
-def _guard_keys(rig: RigConfig) -> tuple[str, str]:
-    """What sets the guard's limits on the axes: keys of force and of torque."""
-    given = {} if rig.guard is None else rig.guard.model_dump(exclude_none=True)
-    force, torque = (
-        f"the guard, {GUARD_SHARE:g} of [force] {key}" for key in ("range_n", "range_nmm")
-    )
-    named = [key for key in ("axes_n", "force_n") if key in given]
-    force = f"[guard] {named[0]}" if named else force
-    return force, "[guard] torque_nmm" if "torque_nmm" in given else torque
-
-
 def checks(peaks: Sequence[Peak], limits: ForceLimits) -> list[Check]:
     """A row for each limit with its worst press, and one for the limits that are not declared.
 
@@ -119,7 +103,7 @@ def checks(peaks: Sequence[Peak], limits: ForceLimits) -> list[Check]:
             f"{limits.source}: {key} is not declared, so its force cannot be checked"
             for key in missing
         ]
-        row = refusal_check("force-limits", "force limits", lines)
+        row = Check.refusal("force-limits", "force limits", lines)
         rows.append(replace(row, status=graded(limits.simulated, warns=True)))
     for name, breaks in (("peak force", _declared), ("guard", _guarded)):
         for id, what, limit, key, loads in breaks(limits, peaks):
@@ -131,7 +115,7 @@ def checks(peaks: Sequence[Peak], limits: ForceLimits) -> list[Check]:
             else:
                 text = f"{what} as expected, {key}"
             status = graded(limits.simulated or not fails, warns=load > limit)
-            rows.append(at_most(id, name, text, round(load, 1), limit, where, status))
+            rows.append(Check.at_most(id, name, text, round(load, 1), limit, where, status))
     return rows
 
 
@@ -191,7 +175,7 @@ def plate_checks(peaks: Sequence[Peak], design: Design, simulated: bool) -> list
     over = stress_mpa > limit_mpa
     deflects_mm = max(f.deflection_mm for f in found)
     return [
-        at_most(
+        Check.at_most(
             "plate-stress", "plate stress", f"{HIGH}, plate.stress_limit_mpa (MPa)",
             round(stress_mpa, 2), limit_mpa, where, graded(simulated or not over, warns=over),
         ),
@@ -216,7 +200,7 @@ def _warning(
 ) -> Check:
     figure, where = worst(figures, peaks)
     status = graded(True, warns=figure > bound)
-    return at_most(id, name, what, float(f"{figure:.3g}"), bound, where, status)
+    return Check.at_most(id, name, what, float(f"{figure:.3g}"), bound, where, status)
 
 
 USUAL_PX = (1280, 720)  # of a camera that does not say how large its images are
@@ -235,9 +219,9 @@ def needs(
     that goes on has there already is not needed again.
     """
     px = image_px(view, rig)
-    held_hz = rate_held_hz(image_format({"rig": rig.recorded()}), px)
+    held_hz = ImageFormat.of({"rig": rig.recorded()}).rate_held_hz(px)
     camera_hz = getattr(rig.camera, "rate_hz", None)
-    estimate = estimate_run(protocol, px, rig.stage, steps)
+    estimate = RunEstimate.of(protocol, px, rig.stage, steps)
     files = out.rglob("*") if (out / "run.json").is_file() else ()
     kept_mb = sum(file.stat().st_size for file in files if file.is_file()) / 1e6
     most_hz = held_hz if camera_hz is None else min(held_hz, camera_hz)
@@ -278,9 +262,9 @@ def budget(
     rows = [
         Check("least-feed", "least feed", "feed (mm/min)", feed, MIN_FEED_MM_MIN,
               graded(feed >= MIN_FEED_MM_MIN), (slowest.id,), sign=">="),
-        at_most("time", "time", "of the whole run (h)", hours, LONGEST_H, "the whole run",
+        Check.at_most("time", "time", "of the whole run (h)", hours, LONGEST_H, "the whole run",
                 graded(hours <= LONGEST_H, warns=hours > LONG_H)),
-        at_most("disk", "disk", "needed of what is free (MB)", mb, free_mb,
+        Check.at_most("disk", "disk", "needed of what is free (MB)", mb, free_mb,
                 f"the disk of {where}", graded(mb <= free_mb)),
     ]  # fmt: skip
     rates_hz = protocol.capture.rates_hz()
@@ -290,6 +274,6 @@ def budget(
         over, what = rates_hz[kind] > held_hz, "frames a second that can be kept"
         status, key = graded(not (over and wall_clock), warns=over), f"capture.{table}rate_hz"
         rows.append(
-            at_most("camera-rate", "camera rate", what, rates_hz[kind], held_hz, key, status)
+            Check.at_most("camera-rate", "camera rate", what, rates_hz[kind], held_hz, key, status)
         )
     return rows

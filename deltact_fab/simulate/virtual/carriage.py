@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from operator import mul
 
-from deltact_fab.bench import add_vectors, along_line, subtract_vectors
 from deltact_fab.common import Point
 
 from .motion import Path, Segment, brake, trapezoid
@@ -31,6 +30,17 @@ def steps(mm: Point, per_mm: Point) -> tuple[int, int, int]:
 def divide(steps: tuple[int, int, int], per_mm: Point) -> Point:
     """Position of a number of steps, mm."""
     return (steps[0] / per_mm[0], steps[1] / per_mm[1], steps[2] / per_mm[2])
+
+
+def subtract(a: Point, b: Point) -> Point:
+    """a - b."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def rate_along(delta_mm: Point, per_axis: Point) -> float:
+    """Largest rate along a line that keeps every axis within its own limit."""
+    length_mm = math.hypot(*delta_mm)
+    return min(k * length_mm / abs(d) for d, k in zip(delta_mm, per_axis, strict=True) if d != 0)
 
 
 PLANNER_BLOCKS = 15
@@ -107,8 +117,8 @@ class Carriage:
             return False
         here, speed = line.position_mm(t_ns), line.speed_mm_s(t_ns)
         target = steps(target_mm, self.axes(100))
-        end = add_vectors(divide(target, self.axes(100)), self._slip_mm)
-        way, ahead = subtract_vectors(end, here), subtract_vectors(end, line.end_mm)
+        end = self._place_mm(target)
+        way, ahead = subtract(end, here), subtract(end, line.end_mm)
         forward = sum(map(mul, ahead, line.unit))
         bent = forward <= 0 or forward < math.hypot(*ahead) - BEND_MM
         if bent or speed * speed > 2 * line.accel_mm_s2 * math.hypot(*way):
@@ -123,7 +133,7 @@ class Carriage:
         """Start the next line of the queue; False when there is none."""
         while self._queue:
             block = self._queue[0]
-            end = add_vectors(divide(block.target_steps, self.axes(100)), self._slip_mm)
+            end = self._place_mm(block.target_steps)
             segment = self._line_to(end, block.feed_mm_min, block.number, t_ns)
             if segment.end_ns > t_ns:
                 self.moving = segment
@@ -159,7 +169,7 @@ class Carriage:
             coast = brake(self.moving, t_ns)
             self.path.replace_last(t_ns)
             self.path.add(coast)
-            self._slip_mm = subtract_vectors(self.path.end_mm, self.count_mm())
+            self._slip_mm = subtract(self.path.end_mm, self.count_mm())
         self.moving = None
         self._queue.clear()
 
@@ -167,7 +177,7 @@ class Carriage:
         """Motors that are driven again hold a carriage that still coasts from a reset."""
         if self.moving is None and self.path.moving(t_ns) is not None:
             self.path.replace_last(t_ns)
-            self._slip_mm = subtract_vectors(self.path.end_mm, self.count_mm())
+            self._slip_mm = subtract(self.path.end_mm, self.count_mm())
 
     def trips_ns(self, scatter: Callable[[float, float], float]) -> int | None:
         """When the piece under way meets a switch that it moves towards; None: it meets none.
@@ -223,8 +233,13 @@ class Carriage:
 
     # ---- inside -------------------------------------------------------------------------------
 
+    def _place_mm(self, count: tuple[int, int, int]) -> Point:
+        """Place of the carriage that belongs to a count of steps."""
+        (x, y, z), (dx, dy, dz) = divide(count, self.axes(100)), self._slip_mm
+        return (x + dx, y + dy, z + dz)
+
     def _counted(self, t_ns: int) -> tuple[int, int, int]:
-        return steps(subtract_vectors(self.path.position_mm(t_ns), self._slip_mm), self.axes(100))
+        return steps(subtract(self.path.position_mm(t_ns), self._slip_mm), self.axes(100))
 
     def _arrive(self) -> None:
         self._count = self._queue.popleft().target_steps
@@ -233,11 +248,11 @@ class Carriage:
         self, end_mm: Point, feed_mm_min: float, number: int, t_ns: int, begun_mm_s: float = 0.0
     ) -> Segment:
         start = self.path.end_mm
-        delta = subtract_vectors(end_mm, start)
+        delta = subtract(end_mm, start)
         if not any(delta):
             return trapezoid(start, end_mm, 1.0, 1.0, t_ns, number)
-        rate = along_line(delta, self.axes(110))
+        rate = rate_along(delta, self.axes(110))
         feed = min(feed_mm_min, rate)
-        accel = along_line(delta, self.axes(120))
+        accel = rate_along(delta, self.axes(120))
         line = trapezoid(start, end_mm, feed / 60, accel, t_ns, number, begun_mm_s)
         return self.path.add(line)

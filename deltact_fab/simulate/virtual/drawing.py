@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.bench import LATTICE_FILE, LENS_FILE, CameraFrame, Clock, VirtualConfig, truth_file
+from deltact_fab.bench import CameraFrame, Clock, TruthFiles, VirtualConfig
 from deltact_fab.common import Field, RunFailed, write_whole
 from deltact_fab.sensor import Fisheye, Pinhole, Rectified, SensorDimensions, SurfaceLattice
 
@@ -90,14 +90,15 @@ class VirtualCamera:
         """Store the press's knots and where each of its frames stands between which of them."""
         assert self._stream is not None, "begin() comes before end()"
         assert len(frames) == len(self._seen), "one id a frame"
-        path = truth_file(self.folder, self._stream)
+        files = TruthFiles(self.folder)
+        path = files.press(self._stream)
         try:
             path.parent.mkdir(exist_ok=True)
         except OSError as why:
             raise RunFailed(f"{path.parent}: cannot be made: {why.strerror}") from why
-        about: dict[Path, SurfaceLattice | Fisheye] = {self.folder / LATTICE_FILE: self.lattice}
+        about: dict[Path, SurfaceLattice | Fisheye] = {files.lattice: self.lattice}
         if self.lens is not None:
-            about[self.folder / LENS_FILE] = self.lens
+            about[files.lens] = self.lens
         for where, what in about.items():
             write_whole(where, (json.dumps(what.as_dict()) + "\n").encode())
         knots = self.scene.knots

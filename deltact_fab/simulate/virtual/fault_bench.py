@@ -23,19 +23,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltact_fab.bench import (
-    ArrivedImage,
     CameraFrame,
     Devices,
+    FeedImage,
     ForceConfig,
     ForceGuard,
     GrblStage,
     GuardLimits,
     Protocol,
     RigConfig,
-    Runner,
     RunWriter,
     Step,
     StreamCamera,
+    carry_out_steps,
     expand_protocol,
 )
 from deltact_fab.common import Image, InputError, SensorError, to_ns
@@ -226,18 +226,18 @@ class BenchFeed:
         self.hangs = hangs
         self._told.release()
 
-    def next(self, timeout_s: float) -> ArrivedImage | None:
+    def next(self, timeout_s: float) -> FeedImage | None:
         if not self.hangs and not self._told.acquire(timeout=timeout_s):
             return None
         if self.hangs and self._last is not None:
             threading.Event().wait(0.01)
-            return ArrivedImage(self._last, self._clock.now_s())
+            return FeedImage(self._last, self._clock.now_s())
         self._k += 1
         seed = [zlib.crc32(self._press.encode()), self._k]
         image = np.random.default_rng(seed).integers(0, 200, (24, 32, 3), np.uint8)
         image[0, :3, 0] = [round(200 + 20 * p) % 256 for p in self._tip_mm()]
         self._last = image
-        return ArrivedImage(image, self._clock.now_s())
+        return FeedImage(image, self._clock.now_s())
 
     def identity(self) -> dict[str, Any]:
         return {"kind": "bench"}
@@ -357,7 +357,7 @@ class FaultBench:
         camera = BenchCamera(self.clock, self.tip_mm, self.camera_faults)
         try:
             devices = Devices(self.clock, stage, camera, force, lambda name: None, guard=guard)
-            Runner(devices, writer, progress).run(steps)
+            carry_out_steps(devices, steps, writer, progress)
             writer.close({"frames": sum(step.frames for step in steps)})
         except BaseException:
             writer.abandon()

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from deltact_fab.bench import VirtualConfig, calibrated_camera, view_notes
+from deltact_fab.bench import VirtualConfig, load_view, view_notes
 from deltact_fab.common import InputError, Note
 from deltact_fab.fabricate import load_design
 from deltact_fab.sensor import Fisheye, Rectified, SensorDimensions, camera_from_dict
@@ -55,17 +55,18 @@ def tracked_view(config: VirtualConfig, sensor: SensorDimensions, source: Path) 
     source: of the rig file. Raises InputError for a camera file that is missing, holds no fisheye,
     or is so far off that its view is not in the picture.
     """
-    lens, named = Fisheye.of(sensor), "the design's lens"
-    if config.camera is not None:
-        path = source.parent / config.camera.model
-        named, model = str(path), calibrated_camera(path, f"{source}: camera.model")
-        if not isinstance(model, Fisheye):
+    if config.camera is None:
+        view, named = Rectified.of(sensor, Fisheye.of(sensor)), "the design's lens"
+    else:
+        named = str(source.parent / config.camera.model)
+        loaded = load_view(config.camera, sensor, source)
+        assert loaded is not None, "the table names a file"
+        if not isinstance(loaded, Rectified):
             raise InputError(
-                f"{path}: camera.model: {model.as_dict()['model']!r}; a virtual rig needs a "
+                f"{named}: camera.model: {loaded.as_dict()['model']!r}; a virtual rig needs a "
                 "'fisheye'"
             )
-        lens = model
-    view = Rectified.of(sensor, lens)
+        view = loaded
     _require_drawn(true_lens(config, sensor), view, f"{source}: camera.model: {named}")
     return view
 

@@ -18,11 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltact_fab.bench import (
-    ARRIVAL,
-    NETFT_ERROR,
-    NETFT_SATURATED,
-    DatagramArrivals,
     ForceConfig,
+    NetFTSensor,
     NetFTSettings,
 )
 from deltact_fab.common import DeltactFabError, to_ns
@@ -56,7 +53,7 @@ class BoxFaults:
     def datagrams(self, t_ns: NDArray[np.int64], records: NDArray[Any]) -> list[Datagram]:
         """Records (n,) taken at t_ns as they arrive."""
         if self.error or self.saturated:
-            records["status"] = NETFT_ERROR | (NETFT_SATURATED if self.saturated else 0)
+            records["status"] = NetFTSensor.ERROR | (NetFTSensor.SATURATED if self.saturated else 0)
         if self.error:
             records["counts"] = 0
         if self.silent:
@@ -205,7 +202,7 @@ class NetFTBox:
         k = np.arange(1, len(t_ns) + 1)
         records["rdt"], records["ft"] = self._sent + k, self._taken + k
         over = (np.abs(gauges) > limits).any(axis=1)
-        records["status"] = np.where(over, NETFT_SATURATED | NETFT_ERROR, 0)
+        records["status"] = np.where(over, NetFTSensor.SATURATED | NetFTSensor.ERROR, 0)
         records["counts"] = np.rint(values * self._per_unit)
         self._sent += len(t_ns)
         self._taken += len(t_ns)
@@ -241,14 +238,14 @@ class LockstepLink:
         while self._box.receive(QUIET_S) is not None:
             pass
 
-    def receive(self, timeout_s: float) -> DatagramArrivals:
+    def receive(self, timeout_s: float) -> NDArray[Any]:
         """All that is there, and the next to come."""
         came = []
         while (data := self._box.receive(0.0)) is not None:
             came.append(data)
         if (data := self._box.receive(timeout_s)) is not None:
             came.append(data)
-        arrivals = np.zeros(len(came), ARRIVAL)
+        arrivals = np.zeros(len(came), NetFTSensor.RECORD)
         records = np.frombuffer(b"".join(data.payload for data in came), RECORD)
         arrivals["at_ns"] = [data.at_ns for data in came]
         for name in ("rdt", "status", "counts"):

@@ -13,6 +13,7 @@ spreads; blur, shading, mosaic and noise are the camera's. All of it is a model.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from deltact_fab.bench import VirtualConfig, encode_png, json_bytes
+from deltact_fab.bench import VirtualConfig, encode_png
 from deltact_fab.common import Array, InputError, make_folder, write_whole
 from deltact_fab.physics import Exposure
 from deltact_fab.sensor import (
@@ -232,7 +233,7 @@ def take_photographs(
     for k, pose in enumerate(studio.air_poses(held, air, rng), 1):
         taken[f"air/{k}.png"] = studio.photograph(held, pose, rng, contact=False)
     taken["blank.png"] = studio.blank(rng)
-    said = json_bytes({"simulated": True, "seed": seed})
+    said = json.dumps({"seed": seed, "simulated": True}, indent=1).encode() + b"\n"
     about = ["The true lens of simulated photographs: for comparison, not for calibration."]
     truth = camera_toml(lens, {"simulated": {"seed": seed}}, about)
     make_folder(folder, "truth", *(str(Path(name).parent) for name in taken))

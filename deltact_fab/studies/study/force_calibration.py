@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from deltact_fab.bench import Protocol, estimate_run, expand_protocol, load_protocol, open_run
+from deltact_fab.bench import Protocol, RunEstimate, expand_protocol, load_protocol, open_run
 from deltact_fab.common import Array, InputError, Note
 from deltact_fab.estimate import ForceResult, calibrate_force, fit_best_model, gather_points
 from deltact_fab.present import Headline, ReportTable, StudyResult, plot_predicted_force
@@ -67,7 +67,7 @@ def _simulated(asked: StudyRequest) -> StudyResult:
     result = fit_best_model(
         data, asked.seed, lambda model, error: of.calibration(name, model, error), source=name
     )
-    told = estimate_run(protocol, 0, of.rig.stage)
+    told = RunEstimate.of(protocol, 0, of.rig.stage)
     deepest, shear = protocol.depths_mm[-1], protocol.shear
     stops = (told.settled // told.presses - 1) // len(protocol.depths_mm) if told.presses else 0
     return found(

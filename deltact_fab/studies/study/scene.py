@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from deltact_fab.bench import Protocol, VirtualConfig, check_limits, expand_protocol, require_limits
-from deltact_fab.common import DeltactFabError, InputError, Note
+from deltact_fab.bench import Protocol, VirtualConfig, check_limits, expand_protocol
+from deltact_fab.common import Check, DeltactFabError, InputError, Note
 from deltact_fab.estimate import ForceCalibration, ForceModel, SensorModel
 from deltact_fab.fabricate import load_design, load_recipe
 from deltact_fab.physics import MODEL_TOLERANCE_SHARE
@@ -56,7 +56,7 @@ class PressScene:
                 )
         sensor, kind = load_design(specimen.design), VirtualKind(rig, source)
         for protocol, file in loaded.values():
-            require_limits(check_limits(protocol, sensor, rig.stage), str(file))
+            Check.require(check_limits(protocol, sensor, rig.stage), str(file))
             if refused := kind.refusals(protocol, sensor, str(file)):
                 raise InputError(refused[0])
         protocols = {key: protocol for key, (protocol, _) in loaded.items()}

@@ -14,7 +14,7 @@ from typing import Any
 
 import pandas as pd
 
-from deltact_fab.bench import Protocol, estimate_run, load_protocol
+from deltact_fab.bench import Protocol, RunEstimate, load_protocol
 from deltact_fab.estimate import PressShape, ShapeMaps, ShapeResult, fit_model, gather_points
 from deltact_fab.present import (
     Headline,
@@ -139,10 +139,10 @@ def settings(of: PressScene, gel: Sequence[Mapping[str, Any]]) -> dict[str, str]
         "places": f"{'; '.join(f'({x:g}, {y:g})' for x, y in first.positions_mm)} mm",
         "depth calibrated on": f"{ball.indenters[0]} at {_depths(ball)} mm (protocol {BALL})",
         "force calibrated on": f"{', '.join(force.indenters)} at {len(force.positions_mm)} places, "
-        f"{estimate_run(force, 0, box).settled} settled points (of {FORCE}); model "
+        f"{RunEstimate.of(force, 0, box).settled} settled points (of {FORCE}); model "
         f"{FORCE_MODEL}",
         "twist": f"{twist.indenters[0]} at {at} mm, sheared around a grid",
-        "frames": f"the tip at most {estimate_run(first, 0, box).between_frames_mm:.2g} mm "
+        "frames": f"the tip at most {RunEstimate.of(first, 0, box).between_frames_mm:.2g} mm "
         "further in each",
         **of.settings(gel),
     }

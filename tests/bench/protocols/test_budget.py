@@ -32,7 +32,7 @@ def declare(**changes: object) -> Protocol:
 
 def rows(protocol: Protocol, out: Path, **more: object) -> dict[str, Check]:
     box = config.load_rig("virtual")[0].stage
-    estimate = limits.estimate_run(protocol, 1280 * 720, box)
+    estimate = limits.RunEstimate.of(protocol, 1280 * 720, box)
     arguments: dict[str, object] = {"held_hz": 50.0, **more}
     found = budget(protocol, plan.expand_protocol(protocol), estimate, out, **arguments)  # type: ignore[arg-type]
     return {row.name: row for row in found}
@@ -44,14 +44,14 @@ def test_feeds_that_the_firmware_would_not_hold(tmp_path: Path) -> None:
     assert found.failed
     assert (found.sign, found.limit) == (">=", 1.0)
     with pytest.raises(InputError, match=r"p\.toml: least feed: feed \(mm/min\) 0\.99 < 1 at"):
-        limits.require_limits([found], "p.toml")
+        Check.require([found], "p.toml")
 
 
 def test_days_are_warned_of_and_months_refused(tmp_path: Path) -> None:
     hour = declare(capture={"settle_s": 600.0})
     steps, estimate = (
         plan.expand_protocol(hour),
-        limits.estimate_run(hour, 1, config.load_rig("virtual")[0].stage),
+        limits.RunEstimate.of(hour, 1, config.load_rig("virtual")[0].stage),
     )
     for days, ok, warns in ((0.9, True, False), (2, True, True), (31, False, False)):
         taken = replace(estimate, seconds=days * 86400)
@@ -64,7 +64,7 @@ def test_the_disk_that_is_judged_is_that_of_the_run(tmp_path: Path) -> None:
     found = rows(SMOKE, tmp_path / "run")["disk"]
     assert str(tmp_path) in found.basis[0]
     box = config.load_rig("virtual")[0].stage
-    huge = replace(limits.estimate_run(SMOKE, 1, box), disk_mb=3.5e9)
+    huge = replace(limits.RunEstimate.of(SMOKE, 1, box), disk_mb=3.5e9)
     found = budget(SMOKE, plan.expand_protocol(SMOKE), huge, tmp_path, None)[2]
     assert found.failed
     assert found.value > found.limit

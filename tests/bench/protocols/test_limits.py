@@ -81,16 +81,16 @@ def test_sideways_below_the_clearance_plane_is_refused() -> None:
 def test_require_names_file_figure_bound_and_step() -> None:
     rows = limits.check_limits(protocol(depths_mm=[11.5], indenters=["sphere:22"]), SENSOR, BOX)
     with pytest.raises(InputError, match=r"p\.toml: depth against the gel: .*11\.5 > 11 at sphere"):
-        limits.require_limits(rows, "p.toml")
+        Check.require(rows, "p.toml")
 
 
 def test_estimate_counts_frames_time_and_disk() -> None:
-    estimate = limits.estimate_run(protocol(), 798 * 586, BOX)
+    estimate = limits.RunEstimate.of(protocol(), 798 * 586, BOX)
     steps = plan.expand_protocol(protocol())
     assert estimate.frames == sum(s.frames for s in steps)
     shear_s = 2 * 24 / (30 / 60)
     assert shear_s < estimate.seconds < shear_s + 75
-    without = limits.estimate_run(protocol(channels=["force", "shear"]), 798 * 586, BOX)
+    without = limits.RunEstimate.of(protocol(channels=["force", "shear"]), 798 * 586, BOX)
     assert without.disk_mb < estimate.disk_mb / 40
-    silent = limits.estimate_run(protocol(channels=["image", "shear"]), 798 * 586, BOX)
+    silent = limits.RunEstimate.of(protocol(channels=["image", "shear"]), 798 * 586, BOX)
     assert estimate.disk_mb - silent.disk_mb == pytest.approx(0.014 * estimate.seconds)

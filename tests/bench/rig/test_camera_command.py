@@ -227,10 +227,10 @@ class Listed:
 
     name, stamps, check = "list", "driver", "nothing"
 
-    def __init__(self, arrivals: list[stream.ArrivedImage], pauses_s: Iterator[float]) -> None:
+    def __init__(self, arrivals: list[stream.FeedImage], pauses_s: Iterator[float]) -> None:
         self._left, self._pauses_s = iter(arrivals), pauses_s
 
-    def next(self, timeout_s: float) -> stream.ArrivedImage | None:
+    def next(self, timeout_s: float) -> stream.FeedImage | None:
         time.sleep(next(self._pauses_s))
         try:
             return next(self._left)
@@ -251,7 +251,7 @@ def test_losses_without_numbers_are_inferred_from_gaps() -> None:
     """Of stamps as a driver gives them: one comes late, and two are missing."""
     draw, start_s = random.Random(1), time.monotonic()
     stamps = [start_s + k / 50 for k in (0, 1, 2.2, 3, 6, 7)]
-    feed = Listed([stream.ArrivedImage(noise(draw), t_s) for t_s in stamps], itertools.repeat(0.0))
+    feed = Listed([stream.FeedImage(noise(draw), t_s) for t_s in stamps], itertools.repeat(0.0))
     camera = stream.StreamCamera(feed, WallClock(), rate_hz=50.0)
     assert [f.dropped for f in to_the_end(camera)[0]] == [0, 0, 0, 0, 2, 0]
     assert "inferred" in camera.identity()["losses_by"]
@@ -265,7 +265,7 @@ def test_no_image_is_lost_in_silence(seed: int) -> None:
     for _ in range(60):
         if draw.random() < 0.8:
             image = noise(draw)
-        arrivals.append(stream.ArrivedImage(image, time.monotonic(), number))
+        arrivals.append(stream.FeedImage(image, time.monotonic(), number))
         number = (number + draw.choice([1, 1, 1, 1, 2, 5])) % 2**32
     pauses_s = (draw.choice([0.0, 0.0, 5e-4]) for _ in itertools.count())
     camera = stream.StreamCamera(Listed(arrivals, pauses_s), WallClock())

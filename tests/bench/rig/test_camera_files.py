@@ -16,13 +16,13 @@ import pytest
 from looked import to_the_end
 
 from deltact_fab.bench.rig.camera.model import (
+    load_view,
     open_camera,
     take_photograph,
-    tracked_view,
     view_notes,
 )
 from deltact_fab.bench.rig.check import camera_rows
-from deltact_fab.bench.rig.devices import FoundDevice, list_cameras
+from deltact_fab.bench.rig.devices import HostDevice, list_cameras
 from deltact_fab.bench.rig.interface import WallClock
 from deltact_fab.bench.rig.tables import CameraConfig
 from deltact_fab.common.errors import InputError
@@ -99,18 +99,18 @@ def test_a_camera_file_gives_the_view_the_size_and_the_light(tmp_path: Path) -> 
     def config(**options: Any) -> CameraConfig:
         return CameraConfig(source=0, **options)
 
-    view = tracked_view(config(model="lens.toml", width_px=W, height_px=H), sensor, rig)
+    view = load_view(config(model="lens.toml", width_px=W, height_px=H), sensor, rig)
     assert view == Rectified.of(sensor, lens)
     light = FlatField.beside(tmp_path / "lens.toml")
     assert light is not None
     assert light.share.shape == (H, W, 3)
-    assert tracked_view(config(model="pinhole.toml"), sensor, rig) == Pinhole(0.1, W, H, 12.85)
-    assert tracked_view(config(), sensor, rig) is None
+    assert load_view(config(model="pinhole.toml"), sensor, rig) == Pinhole(0.1, W, H, 12.85)
+    assert load_view(config(), sensor, rig) is None
     assert "not calibrated" in next(view_notes(None, None)).text
     with pytest.raises(InputError, match=r"1280 x 720 px, and .*lens\.toml is of .* 64 x 48 px"):
-        tracked_view(config(model="lens.toml", width_px=1280, height_px=720), sensor, rig)
+        load_view(config(model="lens.toml", width_px=1280, height_px=720), sensor, rig)
     with pytest.raises(InputError, match=r"camera\.model: .*none\.toml: no such file"):
-        tracked_view(config(model="none.toml"), sensor, rig)
+        load_view(config(model="none.toml"), sensor, rig)
 
 
 @pytest.mark.slow
@@ -182,7 +182,7 @@ def test_cameras_are_found_by_their_nodes(tmp_path: Path) -> None:
     (dev / "v4l" / "by-id" / "usb-See3CAM-index0").symlink_to(dev / "video2")
     found = list_cameras(sysfs, dev)
     assert found == [
-        FoundDevice(str(dev / "v4l" / "by-id" / "usb-See3CAM-index0"), "See3CAM"),
-        FoundDevice(str(dev / "video10"), "Arducam"),
+        HostDevice(str(dev / "v4l" / "by-id" / "usb-See3CAM-index0"), "See3CAM"),
+        HostDevice(str(dev / "video10"), "Arducam"),
     ]
     assert list_cameras(tmp_path / "none", dev) == []

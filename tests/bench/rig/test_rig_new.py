@@ -17,7 +17,7 @@ from deltact_fab.app import lab
 from deltact_fab.app.cli.main import main
 from deltact_fab.app.lab import rig_text
 from deltact_fab.bench.rig import config, devices
-from deltact_fab.bench.rig.devices import FoundDevice
+from deltact_fab.bench.rig.devices import HostDevice
 from deltact_fab.common.errors import InputError
 from deltact_fab.paths import shipped_folder
 
@@ -72,8 +72,8 @@ def test_the_shipped_bench_is_what_rig_new_writes() -> None:
 
 
 def test_it_loads_whatever_was_found(tmp_path: Path) -> None:
-    ports = [FoundDevice("/dev/ttyUSB3", "CH340"), FoundDevice('/dev/serial/by-id/a "b"')]
-    cameras = [FoundDevice("/dev/video2", "UVC"), FoundDevice("/dev/video4", "another")]
+    ports = [HostDevice("/dev/ttyUSB3", "CH340"), HostDevice('/dev/serial/by-id/a "b"')]
+    cameras = [HostDevice("/dev/video2", "UVC"), HostDevice("/dev/video4", "another")]
     bare = loaded(tmp_path, rig_text())
     assert bare.stage.port == "/dev/ttyACM0"
     assert (bare.force, bare.camera, bare.guard, bare.touch, bare.tools) == (None,) * 4 + ({},)
@@ -129,8 +129,8 @@ def test_ports_are_found_boards_first_by_lasting_names(
     monkeypatch.setattr(list_ports, "comports", lambda: listed)
     found = devices.list_ports(tmp_path / "by-id")
     assert found == [
-        FoundDevice(str(tmp_path / "by-id" / "usb-board"), "USB Serial (CH340)"),
-        FoundDevice("/dev/ttyUSB0", "a converter"),
+        HostDevice(str(tmp_path / "by-id" / "usb-board"), "USB Serial (CH340)"),
+        HostDevice("/dev/ttyUSB0", "a converter"),
     ]
 
 

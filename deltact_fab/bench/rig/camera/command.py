@@ -19,7 +19,7 @@ import numpy as np
 from deltact_fab.common import InputError, SensorError
 
 from ..interface import Clock
-from .stream import ArrivedImage
+from .stream import FeedImage
 
 HEADER = struct.Struct("<qII")  # monotonic nanoseconds, number, nothing
 PIPE_BYTES = 1 << 20
@@ -74,7 +74,7 @@ class CommandFeed:
         self._poll.register(self._err, select.POLLIN)
         self._start()
 
-    def next(self, timeout_s: float) -> ArrivedImage | None:
+    def next(self, timeout_s: float) -> FeedImage | None:
         """As Feed; what has come of an image is kept for the next call."""
         until_s = time.monotonic() + timeout_s
         while self._left:
@@ -88,7 +88,7 @@ class CommandFeed:
             t_s = t_ns / 1e9
         image = self._bytes[self._before :].reshape(self._shape)
         self._start()
-        return ArrivedImage(image, t_s, number)
+        return FeedImage(image, t_s, number)
 
     def identity(self) -> dict[str, Any]:
         return {"kind": "command", "command": self._command}

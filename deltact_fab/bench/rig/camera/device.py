@@ -18,7 +18,7 @@ from deltact_fab.common import Image, InputError, SensorError
 
 from ..interface import Clock
 from ..tables import CameraConfig
-from .stream import ArrivedImage
+from .stream import FeedImage
 from .v4l2 import FilledBuffer, V4l2Device
 
 Bytes = NDArray[np.uint8]
@@ -117,7 +117,7 @@ class DeviceFeed:
         self._decode, self._size_px = CODINGS[fourcc], size_px
         device.start()
 
-    def next(self, timeout_s: float) -> ArrivedImage | None:
+    def next(self, timeout_s: float) -> FeedImage | None:
         """As Feed. A damaged image is left out; the numbers tell that it is missing."""
         try:
             with self._device.filled(timeout_s) as buffer:
@@ -127,7 +127,7 @@ class DeviceFeed:
                 f"camera {self.name}: is gone: {why.strerror}; check {self.check}"
             ) from why
 
-    def _arrived(self, buffer: FilledBuffer) -> ArrivedImage | None:
+    def _arrived(self, buffer: FilledBuffer) -> FeedImage | None:
         t_s = buffer.t_s
         if t_s is None:
             t_s, self.stamps = self._clock.now_s(), "arrival"
@@ -138,7 +138,7 @@ class DeviceFeed:
             return None
         finally:
             del data  # the buffer is about to be given back
-        return ArrivedImage(image, t_s, buffer.number)
+        return FeedImage(image, t_s, buffer.number)
 
     def identity(self) -> dict[str, Any]:
         return {"kind": "v4l2", "controls": self._controls}

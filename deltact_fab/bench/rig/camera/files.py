@@ -4,28 +4,32 @@ from __future__ import annotations
 
 import os
 import re
+import time
 from collections.abc import Generator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
 
 from deltact_fab.common import Image, InputError, RunFailed, SensorError, disk_errors
 
+from ...record.images import decode
 from ..interface import Clock
-from .stream import ArrivedImage
+from .stream import FeedImage
 
-IMAGE_NAMES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 ASSUMED_HZ = 30.0
 """Of images that come without times."""
 OPEN_MS = 10_000
 READ_MS = 2_000
+POLL_S = 0.05
+STEADY_S = 0.5  # so long a TIFF must not grow: nothing in it says where it ends
 
 
 class ImageFolder:
     """The images of a folder in order of their names, numbers by size."""
 
+    SUFFIXES: ClassVar = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
     kind = "folder"
     rate_hz = ASSUMED_HZ
 
@@ -33,34 +37,90 @@ class ImageFolder:
         """Raises InputError for a folder without images."""
         self.name = str(folder)
         self._files = sorted(
-            (p for p in folder.iterdir() if p.suffix.lower() in IMAGE_NAMES), key=sort_by_number
+            (p for p in folder.iterdir() if p.suffix.lower() in self.SUFFIXES), key=_numbers
         )
         if not self._files:
-            raise InputError(f"{folder}: no image in this folder ({', '.join(IMAGE_NAMES)})")
+            raise InputError(f"{folder}: no image in this folder ({', '.join(self.SUFFIXES)})")
 
     def read(self) -> Generator[Image, None, None]:
         """Each image (h, w, 3) BGR uint8 in order. Raises RunFailed."""
         for file in self._files:
             with disk_errors(file, "read"):
                 data = file.read_bytes()
-            yield decode_image(file, data)
+            yield self._decoded(file, data)
 
     def close(self) -> None:
         """Nothing is held open."""
 
-
-def decode_image(file: Path, data: bytes) -> Image:
-    """An image file's bytes as (h, w, 3) BGR uint8. Raises RunFailed."""
-    coded = np.frombuffer(data, np.uint8)
-    image = cv2.imdecode(coded, cv2.IMREAD_COLOR) if coded.size else None
-    if image is None:
-        raise RunFailed(f"{file}: does not decode as an image")
-    return np.asarray(image, np.uint8)
+    @staticmethod
+    def _decoded(file: Path, data: bytes) -> Image:
+        image = decode(data, file.name)
+        if image is None:
+            raise RunFailed(f"{file}: does not decode as an image")
+        return image
 
 
-def sort_by_number(path: Path) -> list[tuple[int, str]]:
+def _numbers(path: Path) -> list[tuple[int, str]]:
     """What paths are sorted by: their names, numbers in them by size."""
     return [(int(p), "") if p.isdigit() else (-1, p) for p in re.split(r"(\d+)", path.name)]
+
+
+class FollowedFolder(ImageFolder):
+    """Every image of a folder once it is whole, those that wait in the order of their numbers.
+
+    One that is not whole is waited for, and so are those that follow it. It ends when no byte came
+    for silence_s.
+    """
+
+    def __init__(self, folder: Path, silence_s: float) -> None:
+        self.name = str(folder)
+        self._folder, self._silence_s = folder, silence_s
+
+    def read(self) -> Generator[Image, None, None]:
+        """As ImageFolder. Raises RunFailed, also for an image that never becomes whole."""
+        taken, size, heard_s = set[str](), 0, time.monotonic()
+        while True:
+            waits = None
+            for file in self._new(taken):
+                try:
+                    data = file.read_bytes()
+                except FileNotFoundError:  # it has another name now: this was not its own
+                    continue
+                if len(data) != size:
+                    size, heard_s = len(data), time.monotonic()
+                if not _whole(file, data, time.monotonic() - heard_s):
+                    waits = file
+                    break
+                taken.add(file.name)
+                yield self._decoded(file, data)
+                size, heard_s = 0, time.monotonic()
+            if time.monotonic() - heard_s > self._silence_s:
+                if waits is None:
+                    return
+                raise RunFailed(
+                    f"{waits}: not a whole image, and nothing came for {self._silence_s:g} s"
+                )
+            time.sleep(POLL_S)
+
+    def _new(self, taken: set[str]) -> list[Path]:
+        try:
+            there = [p for p in self._folder.iterdir() if p.name not in taken]
+        except OSError as why:
+            raise RunFailed(f"{self.name}: cannot be read: {why.strerror}") from why
+        images = (p for p in there if p.suffix.lower() in self.SUFFIXES and p.name[0] != ".")
+        return sorted(images, key=_numbers)
+
+
+def _whole(file: Path, data: bytes, steady_s: float) -> bool:
+    """Whether a file is written to its end, which its format tells. steady_s: it did not grow."""
+    kind = file.suffix.lower()
+    if kind == ".png":
+        return data.endswith(b"IEND\xaeB`\x82")
+    if kind in (".jpg", ".jpeg"):
+        return data.rstrip(b"\0").endswith(b"\xff\xd9")
+    if kind == ".bmp":
+        return len(data) > 6 and 0 < int.from_bytes(data[2:6], "little") <= len(data)
+    return len(data) > 0 and steady_s > STEADY_S
 
 
 class Video:
@@ -95,8 +155,13 @@ ImageSource = ImageFolder | Video
 """Images of one size, one after another."""
 
 
-def list_images(path: Path) -> ImageSource:
-    """Of a folder or a video. Raises InputError, one line."""
+def open_images(path: Path, silence_s: float | None = None) -> ImageSource:
+    """Open a folder of images or a video. Raises InputError, one line.
+
+    silence_s: a folder that is still written into is followed, until no byte came for so long.
+    """
+    if silence_s is not None:
+        return FollowedFolder(path, silence_s)
     if not path.exists():
         raise InputError(f"{path}: no such file or folder")
     return ImageFolder(path) if path.is_dir() else Video(path)
@@ -120,7 +185,7 @@ class UrlFeed:
             raise InputError(f"camera.source: {url}: no stream of images; check {self.check}")
         self.rate_hz = self._capture.get(cv2.CAP_PROP_FPS) or None
 
-    def next(self, timeout_s: float) -> ArrivedImage | None:
+    def next(self, timeout_s: float) -> FeedImage | None:
         """As Feed, but that it waits for READ_MS at most."""
         if not self._capture.grab():
             raise SensorError(f"camera {self.name}: gives no more images; check {self.check}")
@@ -128,7 +193,7 @@ class UrlFeed:
         done, image = self._capture.retrieve()
         if not done:
             raise SensorError(f"camera {self.name}: an image that cannot be decoded")
-        return ArrivedImage(np.asarray(image, np.uint8), t_s)
+        return FeedImage(np.asarray(image, np.uint8), t_s)
 
     def identity(self) -> dict[str, Any]:
         return {"kind": "url"}

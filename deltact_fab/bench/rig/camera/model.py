@@ -27,7 +27,7 @@ from deltact_fab.sensor import (
 
 from ...record.images import encode_png
 from ..interface import Camera, Clock, WallClock
-from ..tables import CameraConfig
+from ..tables import CameraConfig, CameraFile
 from .stream import Feed, StreamCamera
 
 NOTICED = 0.005
@@ -41,10 +41,10 @@ def calibrated_camera(path: Path, source: str = "camera.model") -> CameraModel:
     return load_camera(path)[0]
 
 
-def tracked_view(
-    config: CameraConfig, sensor: SensorDimensions, source: Path
+def load_view(
+    config: CameraConfig | CameraFile, sensor: SensorDimensions, source: Path
 ) -> CameraModel | None:
-    """The view that trackers take of a real camera's images, None where it was not calibrated.
+    """Load the view that trackers take of a camera's images, None where it was not calibrated.
 
     A fisheye's is rectified at the design's scale. source: of the rig file. Raises InputError for a
     camera file that is missing or of images of another size.
@@ -53,7 +53,7 @@ def tracked_view(
         return None
     path = source.parent / config.model
     camera = calibrated_camera(path, f"{source}: camera.model")
-    if config.width_px is not None:
+    if isinstance(config, CameraConfig) and config.width_px is not None:
         made, asked = raw_size_px(camera), (config.width_px, config.height_px)
         if made != asked:
             raise InputError(
@@ -70,7 +70,7 @@ def raw_size_px(camera: CameraModel) -> tuple[int, int]:
 
 
 def view_notes(view: CameraModel | None, patch_mm: float | None) -> Iterator[Note]:
-    """What a reader of a run through a view must know.
+    """Notes for a reader of a run through a view.
 
     view: None: not calibrated. patch_mm: side of the pattern's patches, None without.
     """
@@ -98,7 +98,7 @@ def view_notes(view: CameraModel | None, patch_mm: float | None) -> Iterator[Not
 
 
 def open_camera(config: CameraConfig, folder: Path, clock: Clock) -> Camera:
-    """The camera that a rig file describes, opened, and reading if it runs by itself.
+    """Open the camera that a rig file describes; it reads at once if it runs by itself.
 
     folder: of the rig file, from which relative paths count. clock: of all devices; its origin has
     to be that of `time.monotonic` for a camera that stamps its images itself.

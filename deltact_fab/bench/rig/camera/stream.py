@@ -34,8 +34,8 @@ WRAP = 1 << 32
 
 
 @dataclass(frozen=True)
-class ArrivedImage:
-    """An image as it comes. t_s: what stamps it; number: of the sender's count, None without."""
+class FeedImage:
+    """An image of a camera's feed. t_s: its stamp; number: of the sender's count, None without."""
 
     image: Image
     t_s: float
@@ -51,7 +51,7 @@ class Feed(Protocol):
     check: str
     """What to look at when nothing comes."""
 
-    def next(self, timeout_s: float) -> ArrivedImage | None:
+    def next(self, timeout_s: float) -> FeedImage | None:
         """The next image, None when none comes in time. Raises SensorError when none ever will."""
 
     def identity(self) -> dict[str, Any]:
@@ -62,7 +62,7 @@ class Feed(Protocol):
 
 
 class StreamCamera:
-    """Implements rig.interface.Camera over a feed: each capture is the next image after the last.
+    """A `Camera` over a feed of images: each capture is the next image after the last.
 
     A consumer that takes every image gets every image; one that is slow loses the oldest, and they
     are counted in `CameraFrame.dropped` with those that the device lost: by its own numbers where
@@ -95,7 +95,7 @@ class StreamCamera:
         self._over: Exception | None = None
         self._closing = threading.Event()
         self._not_before_s = -np.inf
-        self._last: ArrivedImage | None = None
+        self._last: FeedImage | None = None
         self._dropped = self._repeated = 0  # since the last image that was put to wait
         self._in_a_row = 0  # repeats
         self._counts = {"images": 0, "dropped": 0, "repeated": 0, "stale": 0}
@@ -170,7 +170,7 @@ class StreamCamera:
                 self._over = SensorError(str(text))
                 self._has_come.notify_all()
 
-    def _take(self, arrived: ArrivedImage) -> None:
+    def _take(self, arrived: FeedImage) -> None:
         """Judge one image and put it where `capture` takes it. Raises SensorError."""
         self._judge(arrived)
         before = self._last
@@ -204,7 +204,7 @@ class StreamCamera:
             )
         self._has_come.notify_all()
 
-    def _judge(self, arrived: ArrivedImage) -> None:
+    def _judge(self, arrived: FeedImage) -> None:
         """Refuse another size and another clock."""
         h, w = arrived.image.shape[:2]
         if self._size_px is None:
@@ -221,7 +221,7 @@ class StreamCamera:
                 "clock; stamp with CLOCK_MONOTONIC of this computer"
             )
 
-    def _lost(self, before: ArrivedImage | None, now: ArrivedImage) -> tuple[int, bool]:
+    def _lost(self, before: FeedImage | None, now: FeedImage) -> tuple[int, bool]:
         """Images that are missing between two, and whether both are the same by number."""
         if before is None:
             return 0, False

@@ -34,7 +34,7 @@ class GuardLimits:
 
     @classmethod
     def of(cls, guard: GuardConfig | None, force: ForceConfig) -> GuardLimits:
-        """Those of the rig file; what it does not set is `SHARE` of the sensor's range.
+        """Those of the rig file; what it does not set is `GUARD_SHARE` of the sensor's range.
 
         Raises InputError for a limit that the sensor cannot measure.
         """
@@ -54,6 +54,17 @@ class GuardLimits:
                 )
         return cls(force_n, torque_nmm, inf if own.resultant_n is None else own.resultant_n)
 
+    @staticmethod
+    def keys(guard: GuardConfig | None) -> tuple[str, str]:
+        """Keys of the rig file that set the limits on the axes: of force and of torque."""
+        given = {} if guard is None else guard.model_dump(exclude_none=True)
+        force, torque = (
+            f"the guard, {GUARD_SHARE:g} of [force] {key}" for key in ("range_n", "range_nmm")
+        )
+        named = [key for key in ("axes_n", "force_n") if key in given]
+        force = f"[guard] {named[0]}" if named else force
+        return force, "[guard] torque_nmm" if "torque_nmm" in given else torque
+
 
 @dataclass(frozen=True)
 class Trip:
@@ -69,7 +80,9 @@ class Trip:
 
 @dataclass
 class ForceGuard:
-    """Looks at every sample before anyone else does; may live in any thread, for it only writes.
+    """Guard of the stage, which looks at every sample before anyone else does.
+
+    It may live in any thread, for it only writes.
 
     The one who reads the sensor gives it each batch (`watch`) and tells it when there are none
     (`lost`). Once tripped it stays so until `rearm`: it writes the stop byte again while samples

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +18,7 @@ from deltact_fab.common import Note, Point, SensorError, to_ns
 
 from ..interface import Clock, ForceSamples
 
-ARRIVAL = np.dtype([("at_ns", "i8"), ("rdt", "u4"), ("status", "u4"), ("counts", "i4", 6)])
-"""A record as it came: at_ns of the host's clock, its number in the stream, status word, counts."""
 DatagramArrivals = NDArray[Any]
-NETFT_SATURATED = 1 << 17  # status word, bit 17: a gauge or a force is out of range
-NETFT_ERROR = 1 << 31  # status word, bit 31: any error of the unit
 SILENT_S = 0.05  # a sensor that says nothing for so long has failed
 LATE_NS = 20_000_000  # a record so much later than its number says is told of
 DRIFT = 2e-4  # the box's clock and the host's differ by less: two quartzes of 100 ppm
@@ -44,7 +40,7 @@ TEXTS = {
 
 @dataclass(frozen=True)
 class NetFTSettings:
-    """What must be known of a box to read its records; rate_hz: of the RDT stream."""
+    """Settings of a box that its records are read by; rate_hz: of the RDT stream."""
 
     counts_per_n: float
     counts_per_nmm: float
@@ -71,7 +67,7 @@ class BoxLink(Protocol):
         """Let none come; those under way are dropped."""
 
     def receive(self, timeout_s: float) -> DatagramArrivals:
-        """(n,) ARRIVAL: all that came; waits for one, empty when the time-out has passed."""
+        """(n,) NetFTSensor.RECORD: all that came; waits for one, empty after the time-out."""
 
     def troubles(self) -> dict[str, int]:
         """What did not become a record since the last call: counts by a name of `TEXTS`."""
@@ -80,12 +76,21 @@ class BoxLink(Protocol):
 
 
 class NetFTSensor:
-    """Implements rig.interface.ForceSensor over the link to a Net F/T box.
+    """A `ForceSensor` over the link to a Net F/T box.
 
     A sample's time is its number in the stream at the box's rate, tied to the host's clock by the
     earliest to arrive, as far as the clocks may drift. So a record that comes late has the time
     at which it was taken; that it came late is told in the notes.
     """
+
+    RECORD: ClassVar[np.dtype[Any]] = np.dtype(
+        [("at_ns", "i8"), ("rdt", "u4"), ("status", "u4"), ("counts", "i4", 6)]
+    )
+    """As it came: at_ns of the host's clock, its number in the stream, status word, counts."""
+    SATURATED: ClassVar = 1 << 17
+    """Bit 17 of the status word: a gauge or a force is out of range."""
+    ERROR: ClassVar = 1 << 31
+    """Bit 31 of the status word: any error of the unit."""
 
     def __init__(self, link: BoxLink, clock: Clock, timeout_s: float = SILENT_S):
         self._link = link
@@ -117,8 +122,8 @@ class NetFTSensor:
         """
         fresh = self._fresh()
         status = fresh["status"]
-        saturated = status & NETFT_SATURATED != 0
-        faulty = (status & NETFT_ERROR != 0) & ~saturated
+        saturated = status & self.SATURATED != 0
+        faulty = (status & self.ERROR != 0) & ~saturated
         if faulty.any():
             first = int(faulty.argmax())
             self.tally.add("error", int(faulty.sum()))

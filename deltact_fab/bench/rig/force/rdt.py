@@ -19,7 +19,7 @@ import numpy as np
 from deltact_fab.common import InputError, SensorError
 
 from ..tables import NetFTConfig
-from .netft import ARRIVAL, DatagramArrivals, NetFTSettings
+from .netft import DatagramArrivals, NetFTSensor, NetFTSettings
 
 HEADER, START, STOP, BIAS = 0x1234, 2, 0, 0x42  # ATI 9610-05-1022, table 9.1
 RECORD = struct.Struct(">IIIiiiiii")  # number of the record, of the cycle, status word, counts
@@ -56,7 +56,7 @@ class RdtLink:
         self._bias_most = BIAS_SHARE * np.array(ranges) * per_unit
         self._bias_due = False
         self._socket: socket.socket | None = None
-        self._ahead = np.empty(0, ARRIVAL)  # heard at the start, not given yet
+        self._ahead = np.empty(0, NetFTSensor.RECORD)  # heard at the start, not given yet
         self._dropped = 0  # by the kernel, since the start
         self._troubles: dict[str, int] = {}
 
@@ -105,7 +105,7 @@ class RdtLink:
         with suppress(BlockingIOError):
             while len(rows) < MOST:
                 self._take(rows, since_ns)
-        return np.array(rows, ARRIVAL)
+        return np.array(rows, NetFTSensor.RECORD)
 
     def troubles(self) -> dict[str, int]:
         found, self._troubles = self._troubles, {}
@@ -117,7 +117,7 @@ class RdtLink:
     def _restart(self) -> None:
         """The first record may be slow to come: the earliest of some tells when they were taken."""
         self.stop()
-        self._ahead, self._dropped, self._troubles = np.empty(0, ARRIVAL), 0, {}
+        self._ahead, self._dropped, self._troubles = np.empty(0, NetFTSensor.RECORD), 0, {}
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
         for option in (STAMPED, DROPPED):

@@ -25,7 +25,7 @@ from deltact_fab.common import (
 
 from ...protocols.plan import Step
 from ...record.writer import RunWriter
-from ..interface import LIFT_FEED_MM_MIN, Devices, rise
+from ..interface import LIFT_FEED_MM_MIN, Devices, OpenBench, rise
 from .loop import interruptible
 from .schedule import DROPPED, LATE, MISSED, TAKEN, UNWRITTEN, Schedule
 from .streams import FrameRequest
@@ -250,7 +250,7 @@ class Runner:
 
 @dataclass(frozen=True)
 class RunProgress:
-    """One look: where the run is, what the sensor feels, what was lost, what is left."""
+    """A look at a run: where it is, what the sensor feels, what was lost, what is left."""
 
     step: str
     done: int  # frames, of total
@@ -329,3 +329,28 @@ def _in_gel_mm(steps: Sequence[Step], i: int) -> float:
         return 0.0
     share = 1.0 if here[2] <= 0 else -there[2] / (here[2] - there[2])
     return START_MM + share * math.dist(here, there)
+
+
+def carry_out_steps(
+    bench: OpenBench | Devices,
+    steps: Sequence[Step],
+    writer: RunWriter,
+    progress: Progress | None = None,
+    live: Callable[[RunProgress], None] | None = None,
+) -> tuple[dict[str, int], float]:
+    """Carry out steps by the stage, or by a hand that lays weights on, and record them.
+
+    live: shown what goes on. Returns frames late or lost, and the rig's seconds. Raises RunFailed
+    and its kin.
+    """
+    start_s, counts = bench.clock.now_s(), dict[str, int]()
+    if isinstance(bench, Devices):
+        runner = Runner(bench, writer, progress, live)
+        runner.run(steps)
+        counts = runner.counts()
+    else:
+        from ..weights import WeightsBench
+
+        assert isinstance(bench, WeightsBench), "what a stage does not do, a hand does"
+        bench.run(steps, writer, progress)
+    return counts, bench.clock.now_s() - start_s

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 from deltact_fab.common import Check, Point, to_ns
 from deltact_fab.sensor import StageFrame
@@ -30,7 +30,7 @@ from deltact_fab.sensor import StageFrame
 from ...protocols.motion import StageConfig
 from ..interface import Clock, StageState
 from . import jogs
-from .controller import JOG_CANCEL, Controller
+from .controller import JOG_CANCEL, PIECE_S, PLANNED_AHEAD_S, Controller
 from .exchange import BANNER, RESET, SETTING, TalkFault, state_text
 from .port import Cable
 from .settings import Limits, judge, refusal
@@ -46,6 +46,9 @@ class GrblStage:
     `connect` judges the controller's settings by. Machine coordinates are 0 at the positive end of
     each axis and negative below.
     """
+
+    planned_ahead_s: ClassVar = PLANNED_AHEAD_S + PIECE_S
+    """Motion that a controller may have been sent and not made, s."""
 
     def __init__(
         self,

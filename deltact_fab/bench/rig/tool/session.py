@@ -92,7 +92,7 @@ def home_stage(
 
 @contextmanager
 def open_probe(rig: str, tip: str) -> Iterator[tuple[ForceProbe, TouchConfig]]:
-    """Home a real rig and have the tip mounted; what feels with it, and how the rig touches.
+    """Home a real rig and have a tip mounted; yields its probe, and how the rig touches.
 
     Raises InputError for a virtual rig, and as `homed` and `confirm` do.
     """
@@ -186,6 +186,32 @@ def register_face(
             for t, place in zip(touches, places, strict=True)
         ),
     )
+
+
+def register_rig(
+    rig: str,
+    sensor: SensorDimensions,
+    indenter: str,
+    places: tuple[Place, ...],
+    out: Path,
+    tip_is_clear: bool = False,
+) -> RegistrationFile:
+    """Home a real rig, touch the face of its sensor with a ball, and write where the face is.
+
+    places: where to touch, mm; none is four of them. out: the registration file. Raises InputError
+    for a virtual rig, and as `requested_tool`, `home_stage` and `register_face`.
+    """
+    config, source = load_rig(rig)
+    if not isinstance(config, GrblConfig):
+        raise InputError(
+            f"{source}: kind: only a real rig is registered; this one is {config.kind!r}"
+        )
+    asked = requested_tool(config, source, sensor, indenter, places)
+    operator = TerminalOperator()
+    with home_stage(config, source, operator, tip_is_clear) as bench:
+        found = register_face(bench, asked, operator)
+    write_registration(found, out)
+    return found
 
 
 def write_registration(registration: RegistrationFile, out: Path) -> None:

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from deltact_fab.bench import DeadWeights, Run, encode_png
-from deltact_fab.common import Array, InputError, Progress, validate
+from deltact_fab.bench import Run, encode_png
+from deltact_fab.common import Array, InputError, Progress
 
 from ...measure.force import FORCE_FEATURES, FORCE_READINGS, features_of, make_features
 from ...measure.force.calibration import ForceCalibration, load_force
@@ -164,9 +164,8 @@ def _doubts(runs: Sequence[Run], tables: Sequence[pd.DataFrame]) -> list[str]:
                 doubts.append(f"{run.folder}: {NO_CAMERA}")
         elif not settles(frames):
             doubts.append(f"{run.folder}: nothing settles in it; the end of each motion is taken")
-        weights = run.meta["protocol"].get("weights")
-        if weights is not None:
-            normal_n, shear_n = validate(DeadWeights, weights, str(run.folder)).error_n()
+        if (weights := run.weights) is not None:
+            normal_n, shear_n = weights.error_n()
             doubts.append(
                 f"{run.folder}: weights laid on by hand: the normal force is known to "
                 f"{normal_n:.3f} N, shear to {shear_n:.3f} N, which no error above contains"

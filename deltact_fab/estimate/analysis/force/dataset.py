@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from deltact_fab.bench import UNKNOWN_SENSOR, Run, open_run
+from deltact_fab.bench import Run, open_run
 from deltact_fab.common import Array, InputError, Progress, SolverError, Store, cache_key, run_each
 
 from ...measure.face import FaceFlow
@@ -243,7 +243,7 @@ def measure_force_points(
         run=label,
         press=within,
         # Mirror images are one: a model that knows the mirror has seen the others in any of them.
-        position=UNKNOWN_SENSOR if run.imported else f"({abs(x_mm):g}, {abs(y_mm):g})",
+        position=Run.UNKNOWN if run.imported else f"({abs(x_mm):g}, {abs(y_mm):g})",
         x_mm=x_mm,
         y_mm=y_mm,
         cover=[flow.cover for flow in flows],

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 
-from deltact_fab.bench import UNKNOWN_SENSOR
+from deltact_fab.bench import Run
 from deltact_fab.common import Array, make_folder, write_whole
 
 from ...measure.force import FORCE_FEATURES, FORCE_READINGS
@@ -110,7 +110,7 @@ class ForceResult:
         """The verdict: which model is taken, and what it may be trusted to."""
         split = self.best.ranked_by
         text = f"Use {self.best.name}: {_errors(self.best, self.data)}, {FORCE_SPLITS[split]}"
-        if (self.data.points["position"] == UNKNOWN_SENSOR).all():  # of an imported run
+        if (self.data.points["position"] == Run.UNKNOWN).all():  # of an imported run
             return text.replace("presses", "stretches of time")
         if self.paper is not self.best:
             text += f"; the paper's model {_errors(self.paper, self.data)}"

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from deltact_fab.bench import UNKNOWN_SENSOR, RunTruth, open_run
+from deltact_fab.bench import Run, RunTruth, open_run
 from deltact_fab.common import Array, InputError
 from deltact_fab.sensor import Indenter, LatticeSampler, indenters_of_run
 
@@ -177,7 +177,7 @@ def measure_press(
     followed = flows_of(run, press, MAP_EVERY_PX)
     for k, (row, flow) in enumerate(zip(rows.itertuples(), followed, strict=True)):
         found = _measured(row, flow, finder, features, force)
-        indenter = None if row.indenter == UNKNOWN_SENSOR else run.indenter(str(row.indenter))
+        indenter = None if row.indenter == Run.UNKNOWN else run.indenter(str(row.indenter))
         if truth is not None and indenter is not None:
             depth_mm, contact, way = true_shape(truth, found.frame_id, flow, indenter, found.tip_mm)
             found = replace(found, true_depth_mm=depth_mm, true_contact=contact)

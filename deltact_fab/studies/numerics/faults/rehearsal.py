@@ -9,15 +9,12 @@ from __future__ import annotations
 import math
 import random
 import shutil
-import sqlite3
 import tempfile
-from collections.abc import Sequence
-from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from deltact_fab.bench import CLOCK_COLUMNS, PIECE_S, PLANNED_AHEAD_S, PRESS_TABLES, open_run
+from deltact_fab.bench import GrblStage, open_run, read_press_rows
 from deltact_fab.common import DeltactFabError, Progress, RunFailed, run_each
 from deltact_fab.simulate import FaultBench, FaultScenario
 
@@ -54,13 +51,13 @@ class Matrix:
         self._undisturbed = folder / "undisturbed"
         self.begun = folder / "begun"
         FaultBench(self.of).run(self._undisturbed)
-        self.whole = rows(self._undisturbed)
+        self.whole = read_press_rows(self._undisturbed)
         # A run that was stopped in its second press.
         assert ended(FaultBench(self.of), self.begun, self._stop) != "success"
         # The press that was cut off is done again whole: none of its rows is to be kept.
         self.committed = {
             table: [row for row in part if not str(row[0]).startswith(self.of.second)]
-            for table, part in rows(self.begun).items()
+            for table, part in read_press_rows(self.begun).items()
         }
         self.at_s = self._moments()
 
@@ -82,10 +79,13 @@ class Matrix:
             FaultBench.free_disk()
             shutil.rmtree(folder)
 
-    def wrong(self, folder: Path, tables: Sequence[str] = PRESS_TABLES) -> str:
-        """What of a finished record is not as in the undisturbed one, "" if nothing is."""
-        found = rows(folder)
-        for table in tables:
+    def wrong(self, folder: Path, all_rows: bool = True) -> str:
+        """What of a finished record is not as in the undisturbed one, "" if nothing is.
+
+        all_rows: not only ids and images have to be the same.
+        """
+        found = read_press_rows(folder)
+        for table in found if all_rows else ():
             if found[table] != self.whole[table]:
                 return f"{table} differ from the undisturbed run's"
         frame_ids = [row[0] for row in found["frames"]]
@@ -99,7 +99,7 @@ class Matrix:
 
     def lost(self, folder: Path, before: Rows) -> str:
         """What was committed and is not there any more."""
-        now = rows(folder)
+        now = read_press_rows(folder)
         for table in ("frames", "steps"):
             kept = {row[0]: row for row in now[table]}
             for row in before[table]:
@@ -117,8 +117,7 @@ class Matrix:
             if (again := ended(bench, folder)) != "success":
                 return f"cannot be resumed: {again}"
         # A run that bore the fault may have its times and samples moved by it; not its images.
-        tables = () if outcome == "success" else PRESS_TABLES
-        return self.lost(folder, self.committed) or self.wrong(folder, tables)
+        return self.lost(folder, self.committed) or self.wrong(folder, outcome != "success")
 
     def _stop(self, done: int, total: int, what: str) -> None:
         if what.startswith(self.of.second):
@@ -205,7 +204,7 @@ def travelled(
         way = [math.dist(s.position_mm(max(known_ns, s.start_ns)), s.end_mm) for s in moved]
         most = speed**2 / (2 * accel) + speed * REACTION_S if fault.carries else None
         if not fault.carries and moved[-1].end_mm[2] <= moved[0].start_mm[2]:  # a dead man
-            most = speed * max(PLANNED_AHEAD_S + PIECE_S, speed / accel)
+            most = speed * max(GrblStage.planned_ahead_s, speed / accel)
         allowed_mm = None if most is None else most + ROUNDING_MM
         found = replace(found, travel_mm=sum(way), allowed_mm=allowed_mm)
     rises = all(
@@ -215,24 +214,6 @@ def travelled(
     if fault.carries and not rises:
         return replace(found, wrong="it moved again after the stop, and not straight up")
     return found
-
-
-def rows(folder: Path) -> Rows:
-    """All columns but the clocks', the first of each row its id; of poses that they are there.
-
-    A move is sent in pieces as time goes by, and when it is asked for its place hangs on that.
-    """
-    out: Rows = {}
-    path = (folder / "journal.sqlite").absolute()
-    with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True)) as db:
-        for table in PRESS_TABLES:
-            columns = [c[1] for c in db.execute(f"PRAGMA table_info({table})")]
-            kept = [c for c in columns if c not in CLOCK_COLUMNS]
-            kept.sort(key=lambda c: c not in ("frame_id", "step_id"))
-            query = f"SELECT {','.join(kept)} FROM {table} ORDER BY 1, 2"
-            found = db.execute(query).fetchall()
-            out[table] = [row[:3] if "pose" in row else row for row in found]
-    return out
 
 
 SHORT = len(FAULTS)  # faults at moments, where not all are asked for
