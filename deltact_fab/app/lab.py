@@ -155,11 +155,10 @@ def pattern(name: str, law: str = "algorithm1", out: Path | None = None) -> Path
 
     Raises InputError as `catalog.write_new`, and for a name or a law that is none.
     """
-    from deltact_fab.fabricate import DEFAULT_SEED, LAW_KEYS, PATTERN_LAWS
+    from deltact_fab.fabricate import DEFAULT_SEED, PATTERN_LAWS
 
     if law not in PATTERN_LAWS:
         raise InputError(f"--law {law!r}: no such law; {did_you_mean(law, PATTERN_LAWS)}")
-    taken = PATTERN_LAWS[law].needs + PATTERN_LAWS[law].may
     keys = described(KINDS["pattern"])["properties"]
     given: dict[str, Any] = {"law": law, "seed": DEFAULT_SEED}
     for key in PATTERN_LAWS[law].needs:
@@ -172,9 +171,9 @@ def pattern(name: str, law: str = "algorithm1", out: Path | None = None) -> Path
         f"    deltact-fab pattern make {name} -o {name}.png",
         f"    deltact-fab pattern sheet {name} -o {name}.pdf",
     )
-    out_of_place = set(LAW_KEYS) - set(taken)
+    foreign = set(PATTERN_LAWS[law].foreign_keys)
     return _write(
-        "pattern", name, out, commented(KINDS["pattern"], given, about, leave_out=out_of_place)
+        "pattern", name, out, commented(KINDS["pattern"], given, about, leave_out=foreign)
     )
 
 

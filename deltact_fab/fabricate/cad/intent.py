@@ -53,6 +53,22 @@ class Wish:
     share: float = SHARE
     camera: str | None = None
 
+    @classmethod
+    def parse(cls, face: str, share: float = SHARE, camera: str | None = None) -> Wish:
+        """A wish as it is typed. Raises InputError for a face, a share or a camera that is none."""
+        try:
+            width, length = (float(word) for word in face.lower().split("x"))
+        except ValueError:
+            raise InputError(f"--face {face!r}: expected two sides in mm, as in 60x50") from None
+        low, high = FACE_MM
+        if not (low <= width <= high and low <= length <= high):
+            raise InputError(f"--face {face!r}: expected sides of {low:g} to {high:g} mm")
+        if not 0.05 <= share <= 0.95:
+            raise InputError(f"--share {share:g}: expected 0.05 to 0.95 of the face")
+        if camera is not None:
+            load_camera(camera)
+        return cls((width, length), share, camera)
+
 
 @dataclass(frozen=True)
 class Choices:
@@ -68,22 +84,6 @@ class Choices:
     rows: int = 2
     share: float = 1.0
     housing_mm: tuple[float, float] = (0.0, 0.0)
-
-
-def wish_from_options(face: str, share: float = SHARE, camera: str | None = None) -> Wish:
-    """A wish as it is typed. Raises InputError for a face, a share or a camera that is none."""
-    try:
-        width, length = (float(word) for word in face.lower().split("x"))
-    except ValueError:
-        raise InputError(f"--face {face!r}: expected two sides in mm, as in 60x50") from None
-    low, high = FACE_MM
-    if not (low <= width <= high and low <= length <= high):
-        raise InputError(f"--face {face!r}: expected sides of {low:g} to {high:g} mm")
-    if not 0.05 <= share <= 0.95:
-        raise InputError(f"--share {share:g}: expected 0.05 to 0.95 of the face")
-    if camera is not None:
-        load_camera(camera)
-    return Wish((width, length), share, camera)
 
 
 class Unsolved(Exception):

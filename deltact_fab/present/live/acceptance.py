@@ -43,11 +43,18 @@ from deltact_fab.estimate import (
     check_health,
     rest_table,
 )
-from deltact_fab.fabricate import EVEN_LIGHT_SHARE, Design, PatternRecipe, illuminance
+from deltact_fab.fabricate import (
+    EVEN_LIGHT_SHARE,
+    Design,
+    FaceFindings,
+    PatternRecipe,
+    PrintInView,
+    illuminance,
+    one_sided_fall,
+)
 from deltact_fab.sensor import FULL_LIGHT_SHARE, CameraModel, FlatField
 from deltact_fab.version import VERSION
 
-from .print_in_view import ComparedPrint, FaceFindings, PrintInView, one_sided_fall
 from .source import Source, images
 
 FRAMES = 100
@@ -99,16 +106,17 @@ def accept_sensor(
         still.add(frame.image)
     view = still.mean[..., ::-1] / np.float32(255)
     sticker = PrintInView(recipe, camera)
-    placement = sticker.place(view)
-    compared = None if placement is None else ComparedPrint(sticker, placement)
+    compared = sticker.compare(view)
     if compared is None or compared.agreement < SURE:
         row = Check(
             "recipe", "recipe", "", "not this recipe's pattern", "the recipe's pattern", "fail",
             remedy="is it this recipe and sensor, its cover off the face, its light on? Guide E, G",
         )  # fmt: skip
         return Acceptance(source.name, still.count, (row,), None, still.raw)
-    found = replace(compared.findings(design), saturated=still.saturated, noise_mm=still.noise_mm,
-                    rest=still.unrest)  # fmt: skip
+    found = replace(
+        compared.findings(design.skin), saturated=still.saturated, noise_mm=still.noise_mm,
+        rest=still.unrest,
+    )  # fmt: skip
     rows = _rows(found, sticker, design, still.count)
     return Acceptance(source.name, still.count, rows, found, still.raw)
 

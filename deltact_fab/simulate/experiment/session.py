@@ -30,7 +30,7 @@ from deltact_fab.bench import (
     usable_note,
 )
 from deltact_fab.common import InputError, Note, Progress, toml_text
-from deltact_fab.fabricate import PatternRecipe, dot_centres_mm
+from deltact_fab.fabricate import PatternRecipe
 from deltact_fab.sensor import indenter_data
 from deltact_fab.version import VERSION
 
@@ -244,7 +244,7 @@ def pattern_data(recipe: PatternRecipe) -> dict[str, Any]:
     dots = recipe.dots
     return {
         "recipe": recipe.model_dump(mode="json"),
-        "dots_mm": dot_centres_mm(dots).tolist() if dots is not None else [],
+        "dots_mm": dots.centres_mm().tolist() if dots is not None else [],
         "dot_diameter_mm": dots.diameter_mm if dots is not None else 0.0,
     }
 

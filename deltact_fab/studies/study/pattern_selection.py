@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from deltact_fab.bench import Protocol, Run, expand_protocol, load_protocol, open_run
-from deltact_fab.common import MM_PER_INCH, InputError, Note, did_you_mean, jobs_at_a_time
+from deltact_fab.common import MM_PER_INCH, InputError, Note, did_you_mean, jobs_at_a_time, validate
 from deltact_fab.estimate import DOTS_ONLY_METHODS, RENEW_SHARE, recorded_frames
-from deltact_fab.fabricate import SeriesEntry, recipe_from_data, series_recipes
+from deltact_fab.fabricate import PatternRecipe, SeriesEntry, series_recipes
 from deltact_fab.present import StudyResult
 from deltact_fab.sensor import parse_indenter
 
@@ -144,7 +144,9 @@ def jobs_of(folders: Sequence[Path], methods: Sequence[str]) -> list[tuple[Serie
 
 def printed_of(run: Run) -> SeriesEntry:
     """The pattern of a run: one of the paper's by its d and r, else by the run's name."""
-    recipe = recipe_from_data(run.pattern["recipe"], f"{run.folder / 'pattern.json'}: recipe")
+    recipe = validate(
+        PatternRecipe, run.pattern["recipe"], f"{run.folder / 'pattern.json'}: recipe"
+    )
     told = recipe.law, recipe.patch_mm, recipe.r
     for entry in series_recipes():
         if told == (entry.recipe.law, entry.recipe.patch_mm, entry.recipe.r):

@@ -10,11 +10,12 @@ from pathlib import Path
 
 import pytest
 
+from deltact_fab.common import validate
 from deltact_fab.common.errors import InputError
 from deltact_fab.fabricate.patterns import series
 from deltact_fab.fabricate.patterns.code import decode_recipe
 from deltact_fab.fabricate.patterns.quality.measure import measure_quality
-from deltact_fab.fabricate.patterns.recipe import load_recipe, recipe_from_data
+from deltact_fab.fabricate.patterns.recipe import PatternRecipe, load_recipe
 from deltact_fab.sensor.shapes.imaging import Printer
 
 SIDE_MM = 5.0
@@ -27,7 +28,7 @@ def small(*keys: tuple[float, float]) -> list[series.SeriesEntry]:
     for entry in series.series_recipes(seed=3):
         if (entry.recipe.patch_mm, entry.recipe.r) in keys:
             data = entry.recipe.model_dump(exclude_none=True) | {"size_mm": SIDE_MM, "dots": dots}
-            out.append(replace(entry, recipe=recipe_from_data(data, "small")))
+            out.append(replace(entry, recipe=validate(PatternRecipe, data, "small")))
     return out
 
 

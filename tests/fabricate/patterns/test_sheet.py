@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from deltact_fab.common import validate
 from deltact_fab.common.errors import InputError
 from deltact_fab.fabricate.patterns.cell_grid import CellGrid
 from deltact_fab.fabricate.patterns.raster import raster
 from deltact_fab.fabricate.patterns.recipe import (
-    draw_patches,
+    PatternRecipe,
     load_recipe,
-    recipe_from_data,
     recipe_from_options,
 )
 from deltact_fab.fabricate.patterns.sheet import job as sheet
@@ -28,7 +28,8 @@ from deltact_fab.fabricate.patterns.sheet.layout import Sheet, width_mm
 from deltact_fab.fabricate.pdf import width_em
 
 PLAIN = recipe_from_options(None, 0.2, 0.3, size_mm=6.0)
-MARKED = recipe_from_data(
+MARKED = validate(
+    PatternRecipe,
     {
         **PLAIN.model_dump(exclude_none=True),
         "dots": {
@@ -47,7 +48,7 @@ MARKED = recipe_from_data(
 def picture(recipe, dpi, mirrored=False, scale=(1.0, 1.0)):
     return CellGrid(
         key="",
-        cells=draw_patches(recipe),
+        cells=recipe.patches(),
         size_mm=(recipe.printed_mm, recipe.printed_mm),
         pitch_mm=(25.4 / dpi / scale[0], 25.4 / dpi / scale[1]),
         mirrored=mirrored,

@@ -12,11 +12,11 @@ import cv2
 import numpy as np
 import pytest
 
+from deltact_fab.common import validate
 from deltact_fab.fabricate.patterns.code import decode_recipe
 from deltact_fab.fabricate.patterns.recipe import (
-    draw_patches,
+    PatternRecipe,
     load_recipe,
-    recipe_from_data,
     recipe_from_options,
 )
 from deltact_fab.fabricate.patterns.sheet import job as sheet
@@ -146,7 +146,7 @@ def test_every_patch_centre_is_exact(tmp_path, d, dpi, transfer):
     made = sheet.write_sheet([recipe], tmp_path / "s.pdf", dpi=dpi, transfer=transfer, paper="A5")
     s, pad = made.stickers[0], 6
     image = rendered(made.out, dpi, s, pad)
-    want = draw_patches(recipe)
+    want = recipe.patches()
     if transfer == "slide":
         want = want[:, ::-1]
     at = np.floor(pad + (np.arange(recipe.n) + 0.5) * d * dpi / 25.4).astype(int)
@@ -170,7 +170,8 @@ def test_every_patch_centre_is_exact(tmp_path, d, dpi, transfer):
 @needs_poppler
 @pytest.mark.parametrize(("dpi", "transfer"), [(300, "face-down"), (600, "slide")])
 def test_the_codes_are_read_from_the_page(tmp_path, dpi, transfer):
-    octave = recipe_from_data(
+    octave = validate(
+        PatternRecipe,
         {"law": "octave", "seed": 5, "size_mm": 20.0, "patch_mm": 0.1, "scales_mm": [0.1, 0.4]},
         "test",
     )
@@ -186,7 +187,7 @@ def test_the_codes_are_read_from_the_page(tmp_path, dpi, transfer):
         assert text == s.code
         again = decode_recipe(text)
         assert again == recipe
-        assert np.array_equal(draw_patches(again), draw_patches(recipe))
+        assert np.array_equal(again.patches(), recipe.patches())
 
 
 @needs_poppler

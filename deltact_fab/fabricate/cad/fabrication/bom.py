@@ -7,7 +7,6 @@ bought is ordered stands in cad/parts.toml, a lab's own list.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
@@ -104,9 +103,25 @@ class BomLine:
     source: BoughtPart | None = None
 
 
+class BillOfMaterials(list[BomLine]):
+    """The lines of an order, in the order of their items."""
+
+    def csv(self) -> str:
+        """The lines as CSV with a header; numbers without rounding noise."""
+        import pandas as pd
+
+        ordered = [f.name for f in fields(BoughtPart) if f.name not in ("line", "when")]
+        rows = []
+        for line in self:
+            row = asdict(line)
+            source = row.pop("source") or {}
+            rows.append(row | {name: source.get(name) for name in ordered})
+        return pd.DataFrame(rows).to_csv(index=False, float_format="%.6g", lineterminator="\n")
+
+
 def bom_lines(
     design: Design, sensors: int = 1, indenters: IndenterList | None = None
-) -> list[BomLine]:
+) -> BillOfMaterials:
     """Everything to order for a number of sensors, one mold, one test bench and the indenters.
 
     indenters: cad/indenters.toml unless given. Raises InputError for a count below 1 and for a
@@ -130,25 +145,12 @@ def bom_lines(
                 about = (told["part"], told["material"], told["process"], count, told["unit"])
                 rows.append((group, *about, told["note"]))
     sources = load_bought()
-    return [
+    return BillOfMaterials(
         line
         if line.process in MADE
         else replace(line, source=sources.of(line.part, line.material, line.note))
         for line in (BomLine(i, *row) for i, row in enumerate(rows, 1))
-    ]
-
-
-def bom_csv(bom: Sequence[BomLine]) -> str:
-    """The lines as CSV with a header; numbers without rounding noise."""
-    import pandas as pd
-
-    ordered = [f.name for f in fields(BoughtPart) if f.name not in ("line", "when")]
-    rows = []
-    for line in bom:
-        row = asdict(line)
-        source = row.pop("source") or {}
-        rows.append(row | {name: source.get(name) for name in ordered})
-    return pd.DataFrame(rows).to_csv(index=False, float_format="%.6g", lineterminator="\n")
+    )
 
 
 def _figures(d: Design, sensors: int) -> dict[str, Any]:

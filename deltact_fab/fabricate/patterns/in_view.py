@@ -13,20 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltact_fab.common import Array, Field, Float, Image, Mask, Point, Point2
-from deltact_fab.fabricate import (
+from deltact_fab.sensor import GAMMA, CameraModel, SkinDimensions
+
+from .locate import (
     LEAST_AGREEMENT,
     LEAST_RESPONSE,
-    Design,
-    PatternRecipe,
     Placement,
     Tiles,
     correlation,
-    grey_levels,
-    pattern_albedo,
     refine,
     tile_shifts,
 )
-from deltact_fab.sensor import GAMMA, CameraModel
+from .quality.figures import grey_levels
+from .raster import pattern_albedo
+from .recipe import PatternRecipe
 
 SEARCH_MM = 9.0  # side of what is compared first
 ASIDE_MM = 3.0  # the sticker's middle is looked for so far off
@@ -86,6 +86,11 @@ class PrintInView:
                 to_px = refine(guess.to_px, rounds, TOLERANCE_PX)
                 return None if to_px is None else replace(guess, to_px=to_px)
         return None
+
+    def compare(self, view: Float) -> ComparedPrint | None:
+        """The print beside what is seen in a view (h, w, 3); None where it is another pattern."""
+        placement = self.place(view)
+        return None if placement is None else ComparedPrint(self, placement)
 
     def _guess(self, view: Float, scales: Sequence[float]) -> Placement:
         """The way round in which the middle of the view is most like the recipe."""
@@ -259,7 +264,7 @@ class ComparedPrint:
         )
         self.agreement = float(np.median(self.like.max(axis=0)))
 
-    def findings(self, design: Design) -> FaceFindings:
+    def findings(self, skin: SkinDimensions) -> FaceFindings:
         camera, tiles, like = self.sticker.camera, self.tiles, self.like
         best = like.argmax(axis=0)
         # Contrast is compared at one blur: a tile without pattern may be like anything very soft.
@@ -285,7 +290,7 @@ class ComparedPrint:
         half = np.array([camera.width_px, camera.height_px]) * camera.mm_per_px / 2
         scale, keystone = _scales(way, half)
         turn = math.degrees(math.atan2(way[1, 1], way[0, 1])) - 90
-        face_mm2 = design.skin.width_mm * design.skin.length_mm
+        face_mm2 = skin.width_mm * skin.length_mm
         x_mm, y_mm = cv2.perspectiveTransform(np.zeros((1, 1, 2)), way)[0, 0].tolist()
         return FaceFindings(
             agreement=self.agreement,
