@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from deltact_fab.common import Check, InputError, SolverError
-from deltact_fab.sensor import ShapeError, fisheye_reach_mm, half_angle_rad
+from deltact_fab.sensor import LayeredPath, ShapeError
 
 from . import feasibility
 from .check import arithmetic, visibility
@@ -172,9 +172,10 @@ def failures(design: Design, wish: Wish) -> Iterator[Check]:
         text, limit = f"{100 * seen:.0f} % of it", f"{100 * wish.share:g} % wanted"
         yield Check("view-share", "view of the face", "", text, limit, "fail")
     yield from (rule for rule in feasibility.rules(design) if rule.failed)
-    path = design.optics.air_gap_mm, design.optics.acrylic_mm, design.skin.thickness_mm
-    angle = half_angle_rad(math.hypot(view_x, view_y) / 2, *path)
-    cone_mm = _reached_mm(angle, (path[0], path[1], 0.0)) + math.sqrt(2) * off_axis_mm(design)
+    optics = design.optics
+    path = LayeredPath(optics.air_gap_mm, optics.acrylic_mm, design.skin.thickness_mm)
+    angle = min(path.half_angle_rad(math.hypot(view_x, view_y) / 2), CORNER_RAD)
+    cone_mm = replace(path, gel_mm=0.0).reach_mm(angle) + math.sqrt(2) * off_axis_mm(design)
     bore_mm = design.light_bore_mm
     if not cone_mm <= bore_mm:
         text, limit = f"{cone_mm:.1f} mm wide at the plate", f"{bore_mm:.1f} mm in the ring"
@@ -298,18 +299,21 @@ def _seen(design: Design, share: float) -> Any:
     share: of that view, along each side.
     """
     optics, camera, skin = design.optics, design.camera, design.skin
-    path = optics.air_gap_mm, optics.acrylic_mm, skin.thickness_mm
+    path = LayeredPath(optics.air_gap_mm, optics.acrylic_mm, skin.thickness_mm)
     off = off_axis_mm(design)
     crop = camera.crop_half_mm
     half = [
-        min(side / 2 - skin.edge_fillet_mm - off, _reached_mm(camera.angle_rad(c), path))
+        min(
+            side / 2 - skin.edge_fillet_mm - off,
+            path.reach_mm(min(camera.angle_rad(c), CORNER_RAD)),
+        )
         for side, c in zip((skin.width_mm, skin.length_mm), crop, strict=True)
     ]
 
     def in_crop(part: float) -> bool:
         x, y = (part * side for side in half)
         corner = math.hypot(x, y)
-        angle = half_angle_rad(corner, *path)
+        angle = path.half_angle_rad(corner)
         have = camera.angle_rad(corner * min(crop[0] / x, crop[1] / y))
         return angle <= min(have, CORNER_RAD)
 
@@ -319,10 +323,6 @@ def _seen(design: Design, share: float) -> Any:
     mm_per_px = max(optics.mm_per_px, math.ceil(10 * x) / 1e4)
     size = [int(side / mm_per_px + 1e-9) for side in (x, y)]
     return replace(optics, mm_per_px=mm_per_px, image_width_px=size[0], image_height_px=size[1])
-
-
-def _reached_mm(angle: float, path: tuple[float, float, float]) -> float:
-    return float(fisheye_reach_mm(min(angle, CORNER_RAD), *path))
 
 
 def _mended(choices: Choices, id: str, design: Design, wish: Wish) -> Choices | None:

@@ -52,7 +52,7 @@ from deltact_fab.fabricate import (
     illuminance,
     one_sided_fall,
 )
-from deltact_fab.sensor import FULL_LIGHT_SHARE, CameraModel, FlatField
+from deltact_fab.sensor import CameraModel, FlatField
 from deltact_fab.version import VERSION
 
 from .source import Source, images
@@ -281,7 +281,7 @@ def _rows(
          f"<= {50 * dark:.0f} %, half of what one dark LED does", found.one_sided <= dark / 2,
          "an LED is dark or hidden: guide G, H.3"),
         ("saturation", "saturation", f"{100 * found.saturated:.2f} % of pixels full",
-         f"<= {100 * FULL_LIGHT_SHARE:g} %", found.saturated <= FULL_LIGHT_SHARE,
+         f"<= {100 * FlatField.most_full:g} %", found.saturated <= FlatField.most_full,
          "less exposure; lamp off, notch closed: guide H.7, H.8"),
         ("edges", "edges of the view",
          f"{lost or 'pattern on all four'}; {100 * found.face_share:.0f} % of the face seen",

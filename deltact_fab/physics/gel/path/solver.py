@@ -8,6 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from deltact_fab.common import (
     Note,
     Point,
     SolverError,
+    cached_file,
     read_cached,
     write_cached,
 )
@@ -96,6 +98,11 @@ class PathSolver:
     def stored_as(self) -> str | None:
         """Equal for presses that one solution serves; None: nothing is stored."""
         return None if self._key is None else json.dumps(self._key)
+
+    @property
+    def stored_file(self) -> Path | None:
+        """The file of the store that has all of the press; None where there is none."""
+        return None if self._key is None else cached_file(SOLVED_PATHS, self._key)
 
     @property
     def knots(self) -> tuple[SolvedKnot, ...]:
