@@ -125,7 +125,7 @@ def design(
     """Write a design that states its base, and what a wish changes of it, and return its file.
 
     Raises InputError as `catalog.write_new`, for a name or a base that is none, and for a wish as
-    `fabricate.cad.intent.design_for_wish`.
+    `fabricate.cad.intent.solve_wish`.
     """
     from deltact_fab.fabricate import load_design
 
@@ -133,9 +133,9 @@ def design(
     inherited = asdict(load_design(base))
     given: dict[str, Any] = {"base": base}
     if wish is not None:
-        from deltact_fab.fabricate import design_for_wish
+        from deltact_fab.fabricate import solve_wish
 
-        made = asdict(design_for_wish(wish, load_design(base)))
+        made = asdict(solve_wish(wish, load_design(base)))
         for section, values in made.items():
             changed = {k: v for k, v in values.items() if v != inherited[section][k]}
             given |= {section: changed} if changed else {}

@@ -188,7 +188,7 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
 
     Raises MissingLibrary without the CAD kernel, RunFailed when a part cannot be built.
     """
-    from .cad.assembly import PlacedPart, assemble, bench
+    from .cad.assembly import PlacedPart, assemble_bench, assemble_sensor
     from .cad.build import build_part
     from .cad.drafting import picture
     from .cad.drafting.casting import Bench
@@ -210,7 +210,7 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
         drawing = picture.picture_svg(part.name, alone, view, picture.PART_MM, numbered=False)
         images[part.name] = _svg_url(drawing)
     tell(len(parts), total, "exploded view")
-    apart = assemble(design, 1.0, parts_of_group("sensor", design), solids)
+    apart = assemble_sensor(design, 1.0, parts_of_group("sensor", design), solids)
     exploded = picture.picture_svg("exploded view", apart, picture.APART, picture.APART_MM)
     steps: dict[str, str] = {}
     for step, placed in Bench(design, solids).steps():
@@ -224,7 +224,7 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     tell(total - 2, total, "test bench")
     whole = ""
     if tip := next((part for part in parts if part.indenter is not None), None):
-        standing = bench(design, tip, solids)
+        standing = assemble_bench(design, tip, solids)
         whole = _svg_url(picture.picture_svg("test bench", standing, room_mm=picture.BENCH_MM))
     tell(total - 1, total, "3D view")
     # Meshes last: they leave triangles on the solids.

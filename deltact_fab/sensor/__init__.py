@@ -21,12 +21,14 @@ if TYPE_CHECKING:
     from .optics.camera import CameraModel, Medium, Pinhole, StageFrame, axes_mm
     from .optics.checkerboard import Checkerboard
     from .optics.fisheye import Fisheye, LayeredPath
-    from .optics.flat import FlatField, camera_from_dict, camera_toml, load_camera
+    from .optics.flat import FlatField, camera_toml, load_camera, restore_camera
     from .optics.lattice import FaceMotion, LatticeSampler, SeenFace, SurfaceLattice
     from .optics.rectified import Rectified
     from .shapes.bounded import Bounded, ShapeError, bounded_number
     from .shapes.imaging import GAMMA, ImageSensor, Printer
-    from .shapes.indenter import INDENTER_KINDS, indenter_data, indenters_of_run, parse_indenter
+    from .shapes.indenter import (
+        INDENTER_KINDS, describe_indenters, parse_indenter, restore_indenter,
+    )
     from .shapes.own import OwnShape
     from .shapes.prism import PrismTip
     from .shapes.rigid import Indenter, PlainTip, PosedTip, Tip

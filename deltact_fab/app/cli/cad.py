@@ -163,7 +163,7 @@ def check(design: str, changes: tuple[str, ...]) -> Answer:
 
     Exit code 1 when a check fails.
     """
-    from deltact_fab.fabricate import check_design, load_design, plain
+    from deltact_fab.fabricate import check_design, load_design, shorten_key
 
     with progress("cad check") as tell:
         rows = check_design(load_design(design, changes), tell, cached=True)
@@ -174,7 +174,7 @@ def check(design: str, changes: tuple[str, ...]) -> Answer:
         "values that nobody has measured yet"
     )
     data = [{**row.as_dict(), **of_part(row)} for row in rows]
-    shown = (replace(r, basis=tuple(dict.fromkeys(map(plain, r.basis)))) for r in rows)
+    shown = (replace(r, basis=tuple(dict.fromkeys(map(shorten_key, r.basis)))) for r in rows)
     failed = sum(row.failed for row in rows)
     why = f"{design}: {failed} of {len(rows)} checks failed" if failed else None
     return Answer(data, [*check_lines(shown), "", told], why)

@@ -100,8 +100,8 @@ def make(
     again. One image pixel is one patch; with --dpi or marker dots it is one printer dot. The
     centres of the marker dots are written beside the PNG, as NAME.dots.csv.
     """
+    from deltact_fab.fabricate import choose_recipe, read_code
     from deltact_fab.fabricate import make_pattern as make_file
-    from deltact_fab.fabricate import read_code, recipe_from_options
 
     coded = None if recipe is None else read_code(recipe)
     if coded is not None:
@@ -109,7 +109,7 @@ def make(
             raise click.UsageError("a sheet's code says all of a sticker; only --dpi goes with it")
         made = make_file(coded, out, dpi, check_view=False)
     else:
-        chosen = recipe_from_options(recipe, patch_mm, factor, size_mm, seed, with_dots)
+        chosen = choose_recipe(recipe, patch_mm, factor, size_mm, seed, with_dots)
         made = make_file(chosen, out, dpi)
     data = made.as_dict()
     return Answer(data, table(("key", "value"), facts(data)))

@@ -44,7 +44,7 @@ CORNER_RAD = math.radians(79.0)  # short of where the acrylic reflects a third
 
 @dataclass(frozen=True)
 class Wish:
-    """What a design is to do: a face (x, y), and the least share of it that the camera sees.
+    """A wish for a design: a face (x, y), and the least share of it that the camera sees.
 
     camera: of cad/cameras.toml; None for the base's.
     """
@@ -124,8 +124,8 @@ def solved(wish: Wish, base: Design) -> Design:
     raise Unsolved(f"no end after {STEPS} steps")
 
 
-def design_for_wish(wish: Wish, base: Design) -> Design:
-    """The design of a wish.
+def solve_wish(wish: Wish, base: Design) -> Design:
+    """Solve a wish for the design that meets it.
 
     Raises InputError with what stands in the way and the smallest change of face or share that
     passes, or else another camera that does, as it is typed.

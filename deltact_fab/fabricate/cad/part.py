@@ -156,10 +156,10 @@ class Part:
     """
 
     name: str
-    material: str
-    process: str
     build: Callable[[Any], Any]
     box: Callable[[Any], Box]
+    material: str = f"{RESIN}, black"
+    process: str = PRINT
     quantity: int = 1
     group: Group = "sensor"
     number: int = 0

@@ -186,7 +186,7 @@ def _quartic(x_px: Array, y_px: Array, w: int, h: int) -> Field:
 
 @dataclass(frozen=True)
 class FaceFindings:
-    """What images at rest show of a sensor, in mm of its frame.
+    """Findings of images at rest about a sensor, in mm of its frame.
 
     turned_deg: of the sticker from where the design has it, counter-clockwise as the camera sees
     it. scale: of the picture, over the camera's. keystone: by how much one side of the view is
@@ -305,7 +305,7 @@ class ComparedPrint:
             ],
             level=float(np.median(white[shown])),
             evenness=float(light.min()) / mean,
-            one_sided=one_sided_fall(light / mean, tiles.x_mm[shown], tiles.y_mm[shown]),
+            one_sided=measure_fall(light / mean, tiles.x_mm[shown], tiles.y_mm[shown]),
             face_share=float(shown.mean() * 4 * half[0] * half[1] / face_mm2),
             edges=edges,
             torn=torn,
@@ -331,8 +331,8 @@ def _smooth(values: Array, known: Mask) -> Float:
     return np.asarray(cv2.medianBlur(values[tuple(nearest)].astype(np.float32), 3), np.float32)
 
 
-def one_sided_fall(share: Array, x_mm: Array, y_mm: Array) -> float:
-    """From one side of the view to the other, beside what falls off alike all round."""
+def measure_fall(share: Array, x_mm: Array, y_mm: Array) -> float:
+    """Measure how much light falls from side to side, beside what falls off alike all round."""
     x, y = x_mm / np.abs(x_mm).max(), y_mm / np.abs(y_mm).max()
     table = np.stack((np.ones_like(x), x, y, x * x, y * y), axis=-1)
     fitted, *_ = np.linalg.lstsq(table, share, rcond=None)

@@ -267,7 +267,7 @@ def load_recipe(name: str = RECOMMENDED_RECIPE) -> PatternRecipe:
     return validate(PatternRecipe, read_toml(path), str(path))
 
 
-def recipe_from_options(
+def choose_recipe(
     name: str | None,
     patch_mm: float | None = None,
     r: float | None = None,

@@ -139,7 +139,7 @@ class PatternSeries:
         return file.read_bytes()
 
 
-def series_recipes(seed: int = DEFAULT_SEED, with_dots: bool = True) -> list[SeriesEntry]:
+def list_series(seed: int = DEFAULT_SEED, with_dots: bool = True) -> list[SeriesEntry]:
     """The 17 patterns of the paper's Pattern Selection, by d, then r; (0.1, 0.5) is in both rounds.
 
     with_dots: 13 x 13 white dots on top, as the paper's. Raises InputError for an unusable seed.
@@ -184,7 +184,7 @@ def write_series(
     Raises InputError for a folder that is there and not empty, for a seed below 0 and for what
     `sheet.write` refuses, RunFailed when the disk refuses, and whatever `page` raises.
     """
-    chosen = series_recipes(seed) if entries is None else list(entries)
+    chosen = list_series(seed) if entries is None else list(entries)
     printer, sensor = Printer(dpi=dpi), ImageSensor()
     tell = progress or (lambda done, total, what: None)
     total = len(chosen) + 1

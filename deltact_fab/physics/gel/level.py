@@ -38,7 +38,7 @@ def unusual_material(modulus_mpa: float) -> str | None:
 
 @dataclass(frozen=True)
 class Reach:
-    """Where a path's tip goes: x_mm and y_mm (low, high) on the face, deepest_mm into the gel."""
+    """The reach of a path's tip: x_mm and y_mm (low, high) on the face, deepest_mm into the gel."""
 
     x_mm: tuple[float, float] = (0.0, 0.0)
     y_mm: tuple[float, float] = (0.0, 0.0)
@@ -74,7 +74,7 @@ class Reach:
 
 @dataclass(frozen=True)
 class Choice:
-    """What `level_selection.pick` picked.
+    """The level and mesh that were picked for a press.
 
     spacing_mm: of the linear grid, or of cells at the contact. step_mm: of a path's increments.
     mirrors: planes x = 0, y = 0 at which the mesh ends. focus: box of fine cells

@@ -50,7 +50,7 @@ from deltact_fab.fabricate import (
     PatternRecipe,
     PrintInView,
     illuminance,
-    one_sided_fall,
+    measure_fall,
 )
 from deltact_fab.sensor import CameraModel, FlatField
 from deltact_fab.version import VERSION
@@ -226,7 +226,7 @@ def _one_led_dark(design: Design) -> float:
     falls = []
     for led in range(design.light.led_count):
         light = illuminance(design, x, y, dark=led)
-        falls.append(one_sided_fall(light.ravel() / light.mean(), x.ravel(), y.ravel()))
+        falls.append(measure_fall(light.ravel() / light.mean(), x.ravel(), y.ravel()))
     return min(falls)
 
 

@@ -28,7 +28,7 @@ _MODELS: dict[str, type[Pinhole | Fisheye | Rectified]] = {
 }
 
 
-def camera_from_dict(data: Mapping[str, Any], source: str = "camera") -> CameraModel:
+def restore_camera(data: Mapping[str, Any], source: str = "camera") -> CameraModel:
     """The model that `as_dict` wrote; one without a name is from when all were pinholes.
 
     Raises InputError, with the source in front, for an unknown model or values that are not its.
@@ -57,7 +57,7 @@ def load_camera(path: Path) -> tuple[CameraModel, dict[str, Any]]:
         raise InputError(f'{path}: camera: missing table; [camera] with model = "fisheye" expected')
     if "model" not in table:
         raise InputError(f"{path}: camera.model: missing key; valid: {', '.join(sorted(_MODELS))}")
-    return camera_from_dict(table, f"{path}: camera"), data
+    return restore_camera(table, f"{path}: camera"), data
 
 
 def camera_toml(

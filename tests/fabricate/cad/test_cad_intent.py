@@ -12,7 +12,7 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.fabricate.cad import check, feasibility, intent
 from deltact_fab.fabricate.cad.check import arithmetic, visibility
 from deltact_fab.fabricate.cad.design import IndenterList, ListedIndenter, load_camera, load_design
-from deltact_fab.fabricate.cad.intent import Wish, design_for_wish, failures, solved
+from deltact_fab.fabricate.cad.intent import Wish, failures, solve_wish, solved
 from deltact_fab.fabricate.cad.parts.camera import off_axis
 from deltact_fab.fabricate.cad.registry import of_design
 
@@ -50,7 +50,7 @@ def test_a_wish_gives_a_design_on_which_all_arithmetic_holds(face, camera):
 )
 def test_a_refusal_names_a_change_that_passes(face, share, camera, key):
     with pytest.raises(InputError, match=rf"the smallest change that passes: --{key} ") as told:
-        design_for_wish(Wish.parse(face, share, camera), BASE)
+        solve_wish(Wish.parse(face, share, camera), BASE)
     typed = {"face": face, "share": share, "camera": camera}
     typed |= {key: str(told.value).rpartition(" ")[2]}
     mended = Wish.parse(typed["face"], float(typed["share"]), typed["camera"])

@@ -15,11 +15,11 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.fabricate.patterns.code import decode_recipe, encode
 from deltact_fab.fabricate.patterns.recipe import (
     PatternRecipe,
+    choose_recipe,
     load_recipe,
-    recipe_from_options,
 )
 
-SMALL = recipe_from_options(None, 0.5, 0.1, size_mm=5.0)
+SMALL = choose_recipe(None, 0.5, 0.1, size_mm=5.0)
 CODE = encode(SMALL)
 
 

@@ -12,13 +12,13 @@ from scipy import stats
 
 from deltact_fab.fabricate.patterns.laws.algorithm1 import Algorithm1
 from deltact_fab.fabricate.patterns.raster import make_pattern
-from deltact_fab.fabricate.patterns.recipe import recipe_from_options
+from deltact_fab.fabricate.patterns.recipe import choose_recipe
 
 
 @pytest.mark.parametrize("r", [0.0, 0.26, 0.6, 0.9999])
 def test_the_law_holds_in_the_file_without_any_tolerance(tmp_path, r):
     path = tmp_path / "p.png"
-    make_pattern(recipe_from_options(None, 0.35, r, seed=3), path)
+    make_pattern(choose_recipe(None, 0.35, r, seed=3), path)
     with Image.open(path) as image:
         pixels = np.asarray(image).astype(np.int64)
     assert pixels.shape == (100, 100, 3)

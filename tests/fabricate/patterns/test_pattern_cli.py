@@ -19,13 +19,13 @@ from deltact_fab.fabricate.patterns.metadata import read_recipe
 from deltact_fab.fabricate.patterns.raster import checked_mm_per_px, make_pattern, raster
 from deltact_fab.fabricate.patterns.recipe import (
     PatternRecipe,
+    choose_recipe,
     load_recipe,
-    recipe_from_options,
 )
 from deltact_fab.fabricate.patterns.sheet import job as sheet
 from deltact_fab.fabricate.patterns.sheet.layout import Sheet
 
-PLAIN = recipe_from_options(None, 0.5, 0.1, size_mm=5.0)
+PLAIN = choose_recipe(None, 0.5, 0.1, size_mm=5.0)
 
 
 def with_dots(size_mm=35.0, patch_mm=0.5, **grid):
@@ -165,7 +165,7 @@ def test_the_resolutions_that_a_refusal_names_are_possible(tmp_path):
 
 def test_r_and_the_patches_are_said_exactly(run, tmp_path, monkeypatch):
     r, seen = 0.9999999999999999, []
-    recipe = recipe_from_options(None, 0.5, r, size_mm=5.0)
+    recipe = choose_recipe(None, 0.5, r, size_mm=5.0)
     real = Sheet.words
     monkeypatch.setattr(Sheet, "words", lambda on, *of: (seen.append(of[2]), real(on, *of))[1])
     sheet.write_sheet([recipe], tmp_path / "s.pdf", dpi=600)

@@ -29,8 +29,8 @@ from deltact_fab.fabricate.patterns.quality.measure import (
 )
 from deltact_fab.fabricate.patterns.recipe import (
     PatternRecipe,
+    choose_recipe,
     load_recipe,
-    recipe_from_options,
 )
 from deltact_fab.physics.imaging import print_colours
 from deltact_fab.sensor.shapes.imaging import ImageSensor, Printer
@@ -48,7 +48,7 @@ def coloured(shade):
 
 
 def dense(d, r):
-    return recipe_from_options(None, d, r)
+    return choose_recipe(None, d, r)
 
 
 @pytest.mark.parametrize(("period_px", "axis"), [(8, 0), (15, 1)])
@@ -166,7 +166,7 @@ def test_the_photograph_shows_the_dots_where_they_are():
 
 
 def test_extremes_are_measured_and_not_refused():
-    tiny = measure_quality(recipe_from_options(None, 0.02, 0.1, size_mm=6.0))  # below a printer dot
+    tiny = measure_quality(choose_recipe(None, 0.02, 0.1, size_mm=6.0))  # below a printer dot
     assert tiny.dots_a_patch < 1
     assert not tiny.printable
     assert tiny.print_contrast < 0.4

@@ -18,12 +18,12 @@ from deltact_fab.fabricate.patterns.raster import make_pattern, pattern_albedo, 
 from deltact_fab.fabricate.patterns.recipe import (
     DotGrid,
     PatternRecipe,
+    choose_recipe,
     load_recipe,
-    recipe_from_options,
 )
 from deltact_fab.sensor.shapes.sensor import SensorDimensions
 
-PLAIN = recipe_from_options(None, 0.15, 0.1, size_mm=9.0)
+PLAIN = choose_recipe(None, 0.15, 0.1, size_mm=9.0)
 MARKED = validate(
     PatternRecipe,
     PLAIN.model_dump(exclude_none=True) | {"dots": {"columns": 3, "rows": 2}},
@@ -60,7 +60,7 @@ def test_the_papers_pattern_is_34_95_mm_and_1200_dpi_is_exact(tmp_path):
 
 @pytest.mark.parametrize(("patch_mm", "dpi"), [(0.075, 1200), (0.15, 600), (0.1, 1439.5)])
 def test_no_edge_drifts(patch_mm, dpi):
-    recipe = recipe_from_options(None, patch_mm, 0.6, size_mm=20.0)
+    recipe = choose_recipe(None, patch_mm, 0.6, size_mm=20.0)
     image = raster(recipe, dpi).astype(int)
     mm_per_px = 25.4 / dpi
     side_px = image.shape[0]

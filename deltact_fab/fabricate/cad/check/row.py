@@ -27,8 +27,8 @@ STEP = 0.01
 GIVEN = ("resin_printer", "laser", "envelope", "drawing")
 
 
-def plain(key: str) -> str:
-    """A key as it is read: `camera.focal_length_mm` is `focal length`.
+def shorten_key(key: str) -> str:
+    """Shorten a key to how it is read: `camera.focal_length_mm` is `focal length`.
 
     The many lengths of the camera's board are one thing to measure, and so is what a machine does.
     """

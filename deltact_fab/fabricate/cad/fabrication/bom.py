@@ -13,7 +13,6 @@ from typing import Any
 from deltact_fab.common import InputError, find_file, read_toml, validate
 
 from .. import feasibility
-from ..design import IndenterList
 from ..dimensions import Design
 from ..part import LASER_CUT, MACHINED, PRINT
 from ..parts.camera import COMPUTER
@@ -119,13 +118,10 @@ class BillOfMaterials(list[BomLine]):
         return pd.DataFrame(rows).to_csv(index=False, float_format="%.6g", lineterminator="\n")
 
 
-def bom_lines(
-    design: Design, sensors: int = 1, indenters: IndenterList | None = None
-) -> BillOfMaterials:
+def bom_lines(design: Design, sensors: int = 1) -> BillOfMaterials:
     """Everything to order for a number of sensors, one mold, one test bench and the indenters.
 
-    indenters: cad/indenters.toml unless given. Raises InputError for a count below 1 and for a
-    broken rule.
+    Raises InputError for a count below 1 and for a broken rule.
     """
     if sensors < 1:
         raise InputError(f"sensors {sensors}: expected 1 or more")
@@ -134,7 +130,7 @@ def bom_lines(
     rows: list[tuple[Any, ...]] = [
         (p.group, p.name, p.material, p.process, p.quantity * (sensors if p.per_sensor else 1),
          PIECES, p.noted(design))
-        for p in list_parts(indenters, design)
+        for p in list_parts(design=design)
     ]  # fmt: skip
     figures = _figures(design, sensors)
     for group, bought in filled_in("bom", d=design, p=DEFAULT, f=figures).items():

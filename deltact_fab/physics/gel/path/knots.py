@@ -70,7 +70,7 @@ class Increments:
 
 @dataclass(frozen=True)
 class KnotPose:
-    """Where and when a knot is solved: tip (x, y, z < 0), seconds since the knot before.
+    """Place and time at which a knot is solved: tip (x, y, z < 0), seconds since the knot before.
 
     part: the fraction of its line; 0 when the tip has rested since the end of the line before.
     """
@@ -82,7 +82,7 @@ class KnotPose:
 
 @dataclass(frozen=True)
 class ObservedChannels:
-    """What is observed of a trajectory; nothing else is computed or kept.
+    """The channels that are observed of a press; nothing else is computed or kept.
 
     fields: of which knots the face's displacement is kept. traction: the face's traction of the
     same knots. lattice_mm: largest distance of the lattice's nodes.

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from deltact_fab.common import Field
 from deltact_fab.fabricate import (
     Algorithm1,
-    recipe_from_options,
+    choose_recipe,
 )
 
 from ..engine import Case, CurveSetting, Engine, Work
@@ -126,7 +126,7 @@ def _law(r: float, scratch: Path) -> float:
 
 
 def _recipe(d: float, r: float, scratch: Path) -> float:
-    return float(violations(recipe_from_options(None, d, r, 35.0).patches(), r))
+    return float(violations(choose_recipe(None, d, r, 35.0).patches(), r))
 
 
 def cases(quick: bool) -> Sequence[Case]:
