@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter
 from deltact_fab.common import cache
 from deltact_fab.common.aliases import Array
 from deltact_fab.estimate.measure.face import FaceFlow
-from deltact_fab.physics.gel.path.knots import ObservedChannels, poses_along
+from deltact_fab.physics.gel.path.knots import Increments, ObservedChannels
 from deltact_fab.physics.gel.path.open import choose_level, open_path
 from deltact_fab.sensor.elasticity.material import GelMaterial
 from deltact_fab.sensor.optics.camera import CameraModel, axes_mm
@@ -83,7 +83,7 @@ def _solved(press: Press) -> dict[str, Array]:
     for depth in press.depths_mm:
         corners.append((x, y, -depth))
         corners += [(x + press.shear_mm * i, y + press.shear_mm * j, -depth) for i, j in AROUND]
-    poses, shape = poses_along(corners, 0.75), parse_indenter(press.indenter)
+    poses, shape = Increments(0.75, 0.75).poses(corners), parse_indenter(press.indenter)
     choice = choose_level(
         SKIN, GEL, shape, poses, 0.03, level="hyperelastic", most_unknowns=MAX_UNKNOWNS
     )

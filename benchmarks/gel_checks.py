@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.physics.gel.finite.gel import face_wrench
 from deltact_fab.studies.numerics.engines.gel_press import (
     GelCase,
     cone_excess,
@@ -51,7 +50,7 @@ def corners(scene: GelCase, at_mm: tuple[float, float], depth_mm: float, scratch
 def side_force_of_a_press(scene: GelCase, depth_mm: float, scratch: Path) -> tuple[float, str]:
     """Side force of a straight press that symmetry forbids, over the force."""
     found = trusted(solved(scene, 0.5, down(depth_mm)))
-    force, _ = face_wrench(found.press.mesh, found.last)
+    force, _ = found.press.wrench(found.last)
     return float(np.abs(force[:2]).max() / abs(force[2])), found.note()
 
 

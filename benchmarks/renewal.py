@@ -24,7 +24,7 @@ from deltact_fab.estimate.measure.flow.renewed import (
 )
 from deltact_fab.estimate.measure.flow.tracker import FlowReference, FlowTracker
 from deltact_fab.fabricate.patterns.recipe import PatternRecipe
-from deltact_fab.fabricate.patterns.series import series_recipes
+from deltact_fab.fabricate.patterns.series import list_series
 from deltact_fab.sensor.shapes.sensor import SensorDimensions
 from deltact_fab.simulate.virtual.picture import FrameRenderer, PictureGeometry
 from deltact_fab.studies.study.pattern_selection import Selection
@@ -45,7 +45,7 @@ def seen() -> Iterator[tuple[str, float, float]]:
         picture = FrameRenderer.printed(geometry, config.virtual, recipe, seed)
         return to_gray(picture.render(None, FrameRenderer.noise(seed, "")))
 
-    for entry in series_recipes():
+    for entry in list_series():
         own = at_rest_of(entry.recipe, 1)
         other = at_rest_of(entry.recipe.model_copy(update={"seed": entry.recipe.seed + 1}), 2)
         still = np.zeros((*own.shape, 2), np.float32)

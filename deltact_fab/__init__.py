@@ -45,9 +45,14 @@ if TYPE_CHECKING:
     from deltact_fab.common import InputError, RunFailed, SensorError
     from deltact_fab.estimate import analyse_tracking as analyze_tracking
     from deltact_fab.estimate import calibrate_depth, calibrate_force, write_force_calibration
-    from deltact_fab.fabricate import PatternRecipe, export_parts, load_design, make_pattern
-    from deltact_fab.fabricate import assemble as assemble_sensor
-    from deltact_fab.fabricate import bench as assemble_bench
+    from deltact_fab.fabricate import (
+        PatternRecipe,
+        assemble_bench,
+        assemble_sensor,
+        export_parts,
+        load_design,
+        make_pattern,
+    )
     from deltact_fab.fabricate import build_named_part as build_part
     from deltact_fab.fabricate import check_feasible as check_design
     from deltact_fab.fabricate import measure_quality as measure_pattern

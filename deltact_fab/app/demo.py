@@ -146,12 +146,10 @@ def _clear(out: Path) -> None:
 
 def _parts(out: Path, seed: int) -> dict[str, Any]:
     """A row a part, and what is said of them."""
-    from deltact_fab.fabricate import EXPORT_FORMATS, export_parts, load_design, select_parts
+    from deltact_fab.fabricate import export_parts, load_design, select_parts
 
     try:
-        files = export_parts(
-            load_design(), select_parts(["sensor"]), EXPORT_FORMATS, 0.01, out / "cad"
-        )
+        files = export_parts(load_design(), select_parts(["sensor"]), None, 0.01, out / "cad")
     except MissingLibrary as why:
         note = f"left out: {why}"
         return {"parts": [], "note": f"The parts were {note}", "said": f"cad: {note}"}

@@ -128,7 +128,7 @@ def design(
     """Write a design that states its base, and what a wish changes of it, and return its file.
 
     Raises InputError as `catalog.write_new`, for a name or a base that is none, and for a wish as
-    `fabricate.cad.intent.design_for_wish`.
+    `fabricate.cad.intent.solve_wish`.
     """
     from deltact_fab.fabricate import load_design
 
@@ -136,9 +136,9 @@ def design(
     inherited = asdict(load_design(base))
     given: dict[str, Any] = {"base": base}
     if wish is not None:
-        from deltact_fab.fabricate import design_for_wish
+        from deltact_fab.fabricate import solve_wish
 
-        made = asdict(design_for_wish(wish, load_design(base)))
+        made = asdict(solve_wish(wish, load_design(base)))
         for section, values in made.items():
             changed = {k: v for k, v in values.items() if v != inherited[section][k]}
             given |= {section: changed} if changed else {}
@@ -158,11 +158,10 @@ def pattern(name: str, law: str = "algorithm1", out: Path | None = None) -> Path
 
     Raises InputError as `catalog.write_new`, and for a name or a law that is none.
     """
-    from deltact_fab.fabricate import DEFAULT_SEED, LAW_KEYS, PATTERN_LAWS
+    from deltact_fab.fabricate import DEFAULT_SEED, PATTERN_LAWS
 
     if law not in PATTERN_LAWS:
         raise InputError(f"--law {law!r}: no such law; {did_you_mean(law, PATTERN_LAWS)}")
-    taken = PATTERN_LAWS[law].needs + PATTERN_LAWS[law].may
     keys = described(KINDS["pattern"])["properties"]
     given: dict[str, Any] = {"law": law, "seed": DEFAULT_SEED}
     for key in PATTERN_LAWS[law].needs:
@@ -175,9 +174,9 @@ def pattern(name: str, law: str = "algorithm1", out: Path | None = None) -> Path
         f"    deltact-fab pattern make {name} -o {name}.png",
         f"    deltact-fab pattern sheet {name} -o {name}.pdf",
     )
-    out_of_place = set(LAW_KEYS) - set(taken)
+    foreign = set(PATTERN_LAWS[law].foreign_keys)
     return _write(
-        "pattern", name, out, commented(KINDS["pattern"], given, about, leave_out=out_of_place)
+        "pattern", name, out, commented(KINDS["pattern"], given, about, leave_out=foreign)
     )
 
 

@@ -9,42 +9,31 @@ from deltact_fab.door import open_door
 if TYPE_CHECKING:
     # isort: off
     # fmt: off
-    from .cad.assembly import assemble, bench
+    from .cad.assembly import assemble_bench, assemble_sensor
     from .cad.build import build_named_part
     from .cad.check import check_design
     from .cad.check.arithmetic import EVEN_LIGHT_SHARE, illuminance
-    from .cad.check.row import plain
+    from .cad.check.row import shorten_key
     from .cad.design import load_cameras, load_design
     from .cad.dimensions import Design
     from .cad.export import export_parts
-    from .cad.export.part_files import EXPORT_FORMATS
-    from .cad.fabrication.bom import bom_csv, bom_lines
-    from .cad.fabrication.readings import design_from_readings, fit_readings, read_readings
+    from .cad.fabrication.bom import bom_lines
+    from .cad.fabrication.readings import fit_design
     from .cad.feasibility import check_feasible
-    from .cad.intent import Wish, design_for_wish, wish_from_options
+    from .cad.intent import Wish, solve_wish
     from .cad.parts.light_holder import plate_bending_room
-    from .cad.registry import find_part, list_parts, part_dimensions, select_parts
+    from .cad.registry import find_part, list_parts, select_parts
     from .cad.stiffness import press_plate
     from .guide import write_guide
-    from .patterns.code import CODE_PREFIX, decode_recipe
+    from .patterns.code import read_code
+    from .patterns.in_view import FaceFindings, PrintInView, measure_fall
     from .patterns.laws import PATTERN_LAWS
-    from .patterns.laws.algorithm1 import FILE_LEVELS, fill, fill_by_rejection, step_levels
-    from .patterns.laws.law import LAW_KEYS
-    from .patterns.locate import (
-        LEAST_AGREEMENT, LEAST_RESPONSE, Placement, Tiles, correlation, refine, tile_shifts,
-    )
+    from .patterns.laws.algorithm1 import Algorithm1
     from .patterns.metadata import read_recipe
-    from .patterns.quality.figures import grey_levels
     from .patterns.quality.measure import measure_quality
     from .patterns.raster import make_pattern, pattern_albedo
-    from .patterns.recipe import (
-        DEFAULT_SEED, PatternRecipe, RECOMMENDED_RECIPE, draw_patches, load_recipe,
-        recipe_from_data, recipe_from_options,
-    )
-    from .patterns.series import (
-        SERIES_FIGURES, SERIES_FORMAT, SERIES_GRIDS, SERIES_PAGE, SERIES_VIEWS, SeriesEntry,
-        series_recipes, write_series,
-    )
+    from .patterns.recipe import DEFAULT_SEED, PatternRecipe, choose_recipe, load_recipe
+    from .patterns.series import PatternSeries, SeriesEntry, list_series, write_series
     from .patterns.sheet.job import write_sheet
     from .patterns.verify import load_printer, verify_print
     # fmt: on

@@ -37,7 +37,7 @@ from .cad.parts.mold import RELEASE_AGENT
 from .cad.parts.screw import stock_note
 from .cad.registry import list_parts, parts_of_group
 from .patterns.quality.measure import measure_quality
-from .patterns.recipe import RECOMMENDED_RECIPE, PatternRecipe, draw_patches, load_recipe
+from .patterns.recipe import PatternRecipe, load_recipe
 
 VIEW_TOLERANCE_MM = 0.05  # the view is looked at, not measured
 VIEW_DOWN_DEG, VIEW_ROUND_DEG, VIEW_AWAY = -20.0, 35.0, 1.25  # the last in diagonals of the model
@@ -185,7 +185,7 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
 
     Raises MissingLibrary without the CAD kernel, RunFailed when a part cannot be built.
     """
-    from .cad.assembly import PlacedPart, assemble, bench
+    from .cad.assembly import PlacedPart, assemble_bench, assemble_sensor
     from .cad.build import build_part
     from .cad.drafting import picture
     from .cad.drafting.casting import Bench
@@ -207,7 +207,7 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
         drawing = picture.picture_svg(part.name, alone, view, picture.PART_MM, numbered=False)
         images[part.name] = _svg_url(drawing)
     tell(len(parts), total, "exploded view")
-    apart = assemble(design, 1.0, parts_of_group("sensor", design), solids)
+    apart = assemble_sensor(design, 1.0, parts_of_group("sensor", design), solids)
     exploded = picture.picture_svg("exploded view", apart, picture.APART, picture.APART_MM)
     steps: dict[str, str] = {}
     for step, placed in Bench(design, solids).steps():
@@ -221,7 +221,7 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     tell(total - 2, total, "test bench")
     whole = ""
     if tip := next((part for part in parts if part.indenter is not None), None):
-        standing = bench(design, tip, solids)
+        standing = assemble_bench(design, tip, solids)
         whole = _svg_url(picture.picture_svg("test bench", standing, room_mm=picture.BENCH_MM))
     tell(total - 1, total, "3D view")
     # Meshes last: they leave triangles on the solids.
@@ -284,14 +284,14 @@ def sticker(design: Design, examples: Examples) -> PatternToPrint:
     """The recommended pattern, as large as the design's view needs it."""
     from PIL import Image
 
-    recipe, view_mm = load_recipe(RECOMMENDED_RECIPE), design.optics.view_mm
+    recipe, view_mm = load_recipe(), design.optics.view_mm
     file = ""
     if design.optics.beyond(recipe.printed_mm) is not None:
         patch_mm = recipe.patch_mm or 1.0
         squares = math.ceil((max(view_mm) + PLACED_MM) / patch_mm)
         recipe = recipe.model_copy(update={"size_mm": round(squares * patch_mm, 6)})
         file = toml_text(recipe.model_dump(mode="json", exclude_none=True))
-    patches, patch_mm = draw_patches(recipe), recipe.patch_mm or recipe.printed_mm
+    patches, patch_mm = recipe.patches(), recipe.patch_mm or recipe.printed_mm
     columns, rows = (min(round(side / patch_mm), len(patches)) for side in view_mm)
     left, top = (len(patches) - columns) // 2, (len(patches) - rows) // 2
     held = io.BytesIO()

@@ -14,27 +14,25 @@ if TYPE_CHECKING:
     # fmt: off
     from .elasticity.block import BlockWindow, FaceCells, FreeBlock, interpolate_block
     from .elasticity.edge_compliance import MAX_LINEAR_POISSON, brick_gradients
-    from .elasticity.layer import flat_punch_n_per_mm, hertz_force_n
-    from .elasticity.material import GelMaterial, unusual_material
-    from .levels import FINITE_LEVEL, GEL_LEVELS, LINEAR_LEVEL, find_level
+    from .elasticity.layer import flat_punch_n_per_mm
+    from .elasticity.material import GelMaterial
+    from .levels import GEL_LEVELS, find_level
     from .occlusion import folded_pixels, nearest_surface
     from .optics.camera import CameraModel, Medium, Pinhole, StageFrame, axes_mm
-    from .optics.checkerboard import Checkerboard, PHOTOGRAPHS
-    from .optics.fisheye import Fisheye, fisheye_reach_mm, half_angle_rad
-    from .optics.flat import FULL_LIGHT_SHARE, FlatField, camera_from_dict, camera_toml, load_camera
+    from .optics.checkerboard import Checkerboard
+    from .optics.fisheye import Fisheye, LayeredPath
+    from .optics.flat import FlatField, camera_toml, load_camera, restore_camera
     from .optics.lattice import FaceMotion, LatticeSampler, SeenFace, SurfaceLattice
-    from .optics.rectified import MIN_RECTIFIED_PX, Rectified, aliased_share, raw_mm_per_px
-    from .shapes.bounded import (
-        Bounded, ShapeError, assumed_length, bounded_number, is_unverified, measured_keys,
-    )
+    from .optics.rectified import Rectified
+    from .shapes.bounded import Bounded, ShapeError, bounded_number
     from .shapes.imaging import GAMMA, ImageSensor, Printer
-    from .shapes.indenter import INDENTER_KINDS, indenter_data, indenters_of_run, parse_indenter
+    from .shapes.indenter import (
+        INDENTER_KINDS, describe_indenters, parse_indenter, restore_indenter,
+    )
     from .shapes.own import OwnShape
     from .shapes.prism import PrismTip
-    from .shapes.rigid import Indenter, PlainTip, PosedTip, Tip, edge_radius_mm
-    from .shapes.sensor import (
-        FILM_MARGIN_MM, N_ACRYLIC, N_SILICONE, SensorDimensions, SkinDimensions,
-    )
+    from .shapes.rigid import Indenter, PlainTip, PosedTip, Tip
+    from .shapes.sensor import SensorDimensions, SkinDimensions
     from .shapes.tips import EllipsoidTip, RidgeTip, SphereTip
     from .shapes.turned import ProfilePiece, TurnedTip
     # fmt: on

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from deltact_fab.common import did_you_mean
 
-LINEAR_LEVEL, FINITE_LEVEL = "linear", "hyperelastic"
-GEL_LEVELS = (LINEAR_LEVEL, FINITE_LEVEL)
-FORMER = {"layer": LINEAR_LEVEL, "block": LINEAR_LEVEL}
+GEL_LEVELS = ("linear", "hyperelastic")
+FORMER = {"layer": "linear", "block": "linear"}
 """Linear levels of older files; there is one now."""
 
 

@@ -83,9 +83,9 @@ def new(
 
     wish = None
     if face is not None:
-        from deltact_fab.fabricate import wish_from_options
+        from deltact_fab.fabricate import Wish
 
-        wish = wish_from_options(face, share, camera)
+        wish = Wish.parse(face, share, camera)
     elif camera is not None:
         raise InputError("--camera: say for which face it is, as in --face 60x50")
     return written(write(name, base, out, wish), f"cad check --design {name}")
@@ -149,11 +149,11 @@ def show(part: str, design: str, changes: tuple[str, ...]) -> Answer:
 
     PART is a name of `cad list`.
     """
-    from deltact_fab.fabricate import find_part, load_design, part_dimensions
+    from deltact_fab.fabricate import find_part, load_design
 
     found = find_part(part)
     about = {n: getattr(found, n) for n in ("name", "group", "material", "process", "quantity")}
-    told = list(part_dimensions(found, load_design(design, changes)))
+    told = list(found.dimensions(load_design(design, changes)))
     shown = table(("key", "value", "limits", "meaning"), [d.row for d in told])
     data = {**about, "dimensions": [asdict(d) for d in told]}
     return Answer(data, [*columns_of(tuple(about), [about]), "", *shown])
@@ -167,7 +167,7 @@ def check(design: str, changes: tuple[str, ...]) -> Answer:
 
     Exit code 1 when a check fails.
     """
-    from deltact_fab.fabricate import check_design, load_design, plain
+    from deltact_fab.fabricate import check_design, load_design, shorten_key
 
     with progress("cad check") as tell:
         rows = check_design(load_design(design, changes), tell, cached=True)
@@ -178,7 +178,7 @@ def check(design: str, changes: tuple[str, ...]) -> Answer:
         "values that nobody has measured yet"
     )
     data = [{**row.as_dict(), **of_part(row)} for row in rows]
-    shown = (replace(r, basis=tuple(dict.fromkeys(map(plain, r.basis)))) for r in rows)
+    shown = (replace(r, basis=tuple(dict.fromkeys(map(shorten_key, r.basis)))) for r in rows)
     failed = sum(row.failed for row in rows)
     why = f"{design}: {failed} of {len(rows)} checks failed" if failed else None
     return Answer(data, [*check_lines(shown), "", told], why)
@@ -223,14 +223,14 @@ def export(
 @answers
 def bom(design: str, changes: tuple[str, ...], sensors: int, out: Path | None) -> Answer:
     """Bill of materials: parts, silicone, screws and electronics for a number of sensors."""
-    from deltact_fab.fabricate import bom_csv, bom_lines
+    from deltact_fab.fabricate import bom_lines
 
     if out is not None and out.suffix not in (".csv", ".json"):
         raise InputError(f"-o {out}: end the name in .csv or .json")
     found = bom_lines(load(design, changes), sensors)
     plain = [asdict(line) for line in found]
     if out is not None:
-        text = bom_csv(found) if out.suffix == ".csv" else json.dumps(plain, indent=1) + "\n"
+        text = found.csv() if out.suffix == ".csv" else json.dumps(plain, indent=1) + "\n"
         write_whole(out, text.encode())
         return written(out)
     columns = ("item", "part", "material", "process", "quantity", "unit", "note")
@@ -253,11 +253,11 @@ def fit(readings: Path, design: str, out: Path | None) -> Answer:
     thickness), nominal_mm, measured_mm, and pieces for strips measured side by side. A spread is
     the 95 % interval of the next piece.
     """
-    from deltact_fab.fabricate import design_from_readings, fit_readings, load_design, read_readings
+    from deltact_fab.fabricate import fit_design
 
-    found = fit_readings(read_readings(readings), load_design(design))
+    found, text = fit_design(readings, design)
     if out is not None:
-        write_whole(out, design_from_readings(design, found, readings.name).encode())
+        write_whole(out, text.encode())
     plain = [asdict(e) for e in found]
     for row in plain:
         row["spread_mm"] = None if math.isnan(row["spread_mm"]) else row["spread_mm"]

@@ -9,9 +9,9 @@ from deltact_fab.common import Check
 
 def of_part(check: Check) -> dict[str, Any]:
     """A row of `cad check`; its limit ends with the remedy."""
-    from deltact_fab.fabricate import plain
+    from deltact_fab.fabricate import shorten_key
 
-    unverified = ", ".join(dict.fromkeys(plain(key) for key in check.basis))
+    unverified = ", ".join(dict.fromkeys(shorten_key(key) for key in check.basis))
     verdict = {"fail": "FAIL", "pass": f"pass (unverified: {unverified})" if unverified else "pass"}
     return {
         "check": check.name, "part": check.subject, "found": check.value,

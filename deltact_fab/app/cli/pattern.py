@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import click
 
@@ -32,10 +32,6 @@ from .output import (
     written,
 )
 
-if TYPE_CHECKING:
-    from deltact_fab.fabricate import PatternRecipe
-
-
 RECIPES = click.argument("recipes", nargs=-1, required=True, metavar="RECIPE...", type=NAME_OR_PATH)
 PRINTER = click.option("--printer", type=PATH, metavar="FILE",
                        help="The printer as `pattern verify -o` found it.")  # fmt: skip
@@ -47,13 +43,6 @@ def pattern() -> None:
 
     A RECIPE is a name of `pattern list` or a path.
     """
-
-
-def _coded(text: str) -> PatternRecipe | None:
-    """The recipe of the text of a sheet's QR code; None for a name or a path."""
-    from deltact_fab.fabricate import CODE_PREFIX, decode_recipe
-
-    return decode_recipe(text) if text.upper().startswith(CODE_PREFIX) else None
 
 
 @pattern.command("list")
@@ -111,16 +100,16 @@ def make(
     again. One image pixel is one patch; with --dpi or marker dots it is one printer dot. The
     centres of the marker dots are written beside the PNG, as NAME.dots.csv.
     """
+    from deltact_fab.fabricate import choose_recipe, read_code
     from deltact_fab.fabricate import make_pattern as make_file
-    from deltact_fab.fabricate import recipe_from_options
 
-    coded = None if recipe is None else _coded(recipe)
+    coded = None if recipe is None else read_code(recipe)
     if coded is not None:
         if (patch_mm, factor, size_mm, seed, with_dots) != (None, None, None, None, False):
             raise click.UsageError("a sheet's code says all of a sticker; only --dpi goes with it")
         made = make_file(coded, out, dpi, check_view=False)
     else:
-        chosen = recipe_from_options(recipe, patch_mm, factor, size_mm, seed, with_dots)
+        chosen = choose_recipe(recipe, patch_mm, factor, size_mm, seed, with_dots)
         made = make_file(chosen, out, dpi)
     data = made.as_dict()
     return Answer(data, table(("key", "value"), facts(data)))
@@ -131,12 +120,12 @@ def make(
 @answers
 def show(recipe: str) -> Answer:
     """Show the keys of RECIPE, which may also be the PNG of a pattern or a sheet's code."""
-    from deltact_fab.fabricate import load_recipe, read_recipe
+    from deltact_fab.fabricate import load_recipe, read_code, read_recipe
 
     if recipe.lower().endswith(".png"):
         found = read_recipe(Path(recipe))
     else:
-        found = _coded(recipe) or load_recipe(recipe)
+        found = read_code(recipe) or load_recipe(recipe)
     data = found.model_dump(exclude_none=True)
     told = {**data, "n": found.n, "printed_mm": found.printed_mm}
     return Answer(data, table(("key", "value"), facts(told)))
@@ -281,10 +270,10 @@ def verify(
     sheet was written with. A photograph, which has no dpi, tells no scale. Exit code 1 when a row
     fails.
     """
-    from deltact_fab.fabricate import load_recipe
+    from deltact_fab.fabricate import load_recipe, read_code
     from deltact_fab.fabricate import verify_print as judge
 
-    asked = _coded(recipe) or load_recipe(recipe)
+    asked = read_code(recipe) or load_recipe(recipe)
     scaled = _scales(scale_x, scale_y, (1.0, 1.0))
     done = judge(scan, asked, dpi, transfer == "slide", scaled)
     if out is None:

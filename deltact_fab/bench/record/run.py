@@ -19,8 +19,8 @@ from deltact_fab.sensor import (
     FlatField,
     Indenter,
     Rectified,
-    camera_from_dict,
-    indenters_of_run,
+    restore_camera,
+    restore_indenter,
 )
 
 from ..protocols.plan import DeadWeights
@@ -132,7 +132,7 @@ class Run:
             )
         if stored is None:
             raise InputError(f"{self.folder}: recorded without a camera")
-        return camera_from_dict(stored, f"{self.folder}/run.json: camera")
+        return restore_camera(stored, f"{self.folder}/run.json: camera")
 
     @property
     def weights(self) -> DeadWeights | None:
@@ -209,7 +209,7 @@ class Run:
 
     def indenter(self, name: str) -> Indenter:
         """An indenter by its name in this run; a lab's own shape is as the run kept it."""
-        return indenters_of_run(
+        return restore_indenter(
             name, self.meta.get("shapes", {}), f"{self.folder / 'run.json'}: shapes"
         )
 

@@ -20,7 +20,7 @@ from deltact_fab.sensor import (
     Rectified,
     SeenFace,
     SurfaceLattice,
-    camera_from_dict,
+    restore_camera,
 )
 
 from .files import TruthFiles
@@ -123,7 +123,7 @@ def load(
     try:
         lattice = validate(SurfaceLattice, read_json(index), str(index))
         if isinstance(camera, Rectified):
-            lens = camera_from_dict(read_json(drawn), str(drawn))
+            lens = restore_camera(read_json(drawn), str(drawn))
     except InputError as why:
         raise RunFailed(str(why)) from why
     if not isinstance(lens, Fisheye | None):

@@ -60,7 +60,7 @@ def places(design: Design, parts: Sequence[Part]) -> list[PlacedPart]:
     ]
 
 
-def assemble(
+def assemble_sensor(
     design: Design,
     explode: float = 0.0,
     parts: Sequence[Part] | None = None,
@@ -113,12 +113,12 @@ def on_bench(
     return standing, [place.up(-depth_mm) for place in (*places(design, [indenter]), *over)]
 
 
-def bench(
+def assemble_bench(
     design: Design, indenter: Part, solids: Mapping[str, Any] | None = None
 ) -> list[PlacedPart]:
     """The test bench: stage plate and sensor, and what hangs over it, its tip on the face.
 
-    solids: as for `assemble`. Raises what `on_bench` and build_part raise.
+    solids: as for `assemble_sensor`. Raises what `on_bench` and build_part raise.
     """
     standing, hanging = on_bench(design, indenter)
     return _put(design, [*standing, *hanging], solids)

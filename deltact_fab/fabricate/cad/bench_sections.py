@@ -10,9 +10,10 @@ import math
 from dataclasses import dataclass, field
 
 from deltact_fab.common import Point2
-from deltact_fab.sensor import Bounded, Indenter, assumed_length, bounded_number, measured_keys
+from deltact_fab.sensor import Bounded, Indenter, bounded_number
 
 from .rule import Length
+from .sensor_sections import assumed_length, measured_keys
 from .standards import CAP_SCREWS, THREADS, Thread
 
 PLANE = ("resin_printer.plane_mm", "resin_printer.hole_bias_mm", "resin_printer.outside_bias_mm")

@@ -19,7 +19,7 @@ import math
 from dataclasses import dataclass, field, fields
 
 from deltact_fab.common import Point2
-from deltact_fab.sensor import Bounded, SensorDimensions, bounded_number, is_unverified
+from deltact_fab.sensor import Bounded, SensorDimensions, bounded_number
 
 from .bench_sections import (
     AdapterDimensions,
@@ -391,7 +391,7 @@ class Design(SensorDimensions):
         for section in fields(self):
             record = getattr(self, section.name)
             for f in fields(record):
-                if not is_unverified(f) or f.name in getattr(record, "measured", ()):
+                if not record.is_unverified(f) or f.name in getattr(record, "measured", ()):
                     continue
                 if section.name == "mount" and self.mount.kind != "franka":
                     continue

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from deltact_fab.common import Check, InputError, SolverError
-from deltact_fab.sensor import ShapeError, fisheye_reach_mm, half_angle_rad
+from deltact_fab.sensor import LayeredPath, ShapeError
 
 from . import feasibility
 from .check import arithmetic, visibility
@@ -44,7 +44,7 @@ CORNER_RAD = math.radians(79.0)  # short of where the acrylic reflects a third
 
 @dataclass(frozen=True)
 class Wish:
-    """What a design is to do: a face (x, y), and the least share of it that the camera sees.
+    """A wish for a design: a face (x, y), and the least share of it that the camera sees.
 
     camera: of cad/cameras.toml; None for the base's.
     """
@@ -52,6 +52,22 @@ class Wish:
     face_mm: tuple[float, float]
     share: float = SHARE
     camera: str | None = None
+
+    @classmethod
+    def parse(cls, face: str, share: float = SHARE, camera: str | None = None) -> Wish:
+        """A wish as it is typed. Raises InputError for a face, a share or a camera that is none."""
+        try:
+            width, length = (float(word) for word in face.lower().split("x"))
+        except ValueError:
+            raise InputError(f"--face {face!r}: expected two sides in mm, as in 60x50") from None
+        low, high = FACE_MM
+        if not (low <= width <= high and low <= length <= high):
+            raise InputError(f"--face {face!r}: expected sides of {low:g} to {high:g} mm")
+        if not 0.05 <= share <= 0.95:
+            raise InputError(f"--share {share:g}: expected 0.05 to 0.95 of the face")
+        if camera is not None:
+            load_camera(camera)
+        return cls((width, length), share, camera)
 
 
 @dataclass(frozen=True)
@@ -68,22 +84,6 @@ class Choices:
     rows: int = 2
     share: float = 1.0
     housing_mm: tuple[float, float] = (0.0, 0.0)
-
-
-def wish_from_options(face: str, share: float = SHARE, camera: str | None = None) -> Wish:
-    """A wish as it is typed. Raises InputError for a face, a share or a camera that is none."""
-    try:
-        width, length = (float(word) for word in face.lower().split("x"))
-    except ValueError:
-        raise InputError(f"--face {face!r}: expected two sides in mm, as in 60x50") from None
-    low, high = FACE_MM
-    if not (low <= width <= high and low <= length <= high):
-        raise InputError(f"--face {face!r}: expected sides of {low:g} to {high:g} mm")
-    if not 0.05 <= share <= 0.95:
-        raise InputError(f"--share {share:g}: expected 0.05 to 0.95 of the face")
-    if camera is not None:
-        load_camera(camera)
-    return Wish((width, length), share, camera)
 
 
 class Unsolved(Exception):
@@ -124,8 +124,8 @@ def solved(wish: Wish, base: Design) -> Design:
     raise Unsolved(f"no end after {STEPS} steps")
 
 
-def design_for_wish(wish: Wish, base: Design) -> Design:
-    """The design of a wish.
+def solve_wish(wish: Wish, base: Design) -> Design:
+    """Solve a wish for the design that meets it.
 
     Raises InputError with what stands in the way and the smallest change of face or share that
     passes, or else another camera that does, as it is typed.
@@ -172,9 +172,10 @@ def failures(design: Design, wish: Wish) -> Iterator[Check]:
         text, limit = f"{100 * seen:.0f} % of it", f"{100 * wish.share:g} % wanted"
         yield Check("view-share", "view of the face", "", text, limit, "fail")
     yield from (rule for rule in feasibility.rules(design) if rule.failed)
-    path = design.optics.air_gap_mm, design.optics.acrylic_mm, design.skin.thickness_mm
-    angle = half_angle_rad(math.hypot(view_x, view_y) / 2, *path)
-    cone_mm = _reached_mm(angle, (path[0], path[1], 0.0)) + math.sqrt(2) * off_axis_mm(design)
+    optics = design.optics
+    path = LayeredPath(optics.air_gap_mm, optics.acrylic_mm, design.skin.thickness_mm)
+    angle = min(path.half_angle_rad(math.hypot(view_x, view_y) / 2), CORNER_RAD)
+    cone_mm = replace(path, gel_mm=0.0).reach_mm(angle) + math.sqrt(2) * off_axis_mm(design)
     bore_mm = design.light_bore_mm
     if not cone_mm <= bore_mm:
         text, limit = f"{cone_mm:.1f} mm wide at the plate", f"{bore_mm:.1f} mm in the ring"
@@ -298,18 +299,21 @@ def _seen(design: Design, share: float) -> Any:
     share: of that view, along each side.
     """
     optics, camera, skin = design.optics, design.camera, design.skin
-    path = optics.air_gap_mm, optics.acrylic_mm, skin.thickness_mm
+    path = LayeredPath(optics.air_gap_mm, optics.acrylic_mm, skin.thickness_mm)
     off = off_axis_mm(design)
     crop = camera.crop_half_mm
     half = [
-        min(side / 2 - skin.edge_fillet_mm - off, _reached_mm(camera.angle_rad(c), path))
+        min(
+            side / 2 - skin.edge_fillet_mm - off,
+            path.reach_mm(min(camera.angle_rad(c), CORNER_RAD)),
+        )
         for side, c in zip((skin.width_mm, skin.length_mm), crop, strict=True)
     ]
 
     def in_crop(part: float) -> bool:
         x, y = (part * side for side in half)
         corner = math.hypot(x, y)
-        angle = half_angle_rad(corner, *path)
+        angle = path.half_angle_rad(corner)
         have = camera.angle_rad(corner * min(crop[0] / x, crop[1] / y))
         return angle <= min(have, CORNER_RAD)
 
@@ -319,10 +323,6 @@ def _seen(design: Design, share: float) -> Any:
     mm_per_px = max(optics.mm_per_px, math.ceil(10 * x) / 1e4)
     size = [int(side / mm_per_px + 1e-9) for side in (x, y)]
     return replace(optics, mm_per_px=mm_per_px, image_width_px=size[0], image_height_px=size[1])
-
-
-def _reached_mm(angle: float, path: tuple[float, float, float]) -> float:
-    return float(fisheye_reach_mm(min(angle, CORNER_RAD), *path))
 
 
 def _mended(choices: Choices, id: str, design: Design, wish: Wish) -> Choices | None:

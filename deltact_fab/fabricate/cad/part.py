@@ -8,8 +8,8 @@ brings are a record among the sections, and a field of Design.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
@@ -108,6 +108,29 @@ def in_its_place(design: Design) -> list[Shift]:
 
 
 @dataclass(frozen=True)
+class Dimension:
+    """One independent value. low, high: what it accepts; None where it is no bounded number."""
+
+    key: str
+    value: Any
+    meaning: str
+    low: float | None = None
+    high: float | None = None
+    unverified: bool = False
+
+    @property
+    def row(self) -> tuple[str, str, str, str]:
+        """Key, value, limits and meaning for a table; numbers with six digits."""
+        key = self.key + (" (unverified)" if self.unverified else "")
+        limits = "" if self.low is None else f"{self.low:g} to {self.high:g}"
+        if isinstance(self.value, dict):
+            lengths = ", ".join(f"{name} {number}" for name, number in self.value.items())
+            return key, "", "", f"{self.meaning}: {lengths}"
+        value = f"{self.value:.6g}" if isinstance(self.value, float) else str(self.value)
+        return key, value, limits, self.meaning
+
+
+@dataclass(frozen=True)
 class Part:
     """One part.
 
@@ -133,10 +156,10 @@ class Part:
     """
 
     name: str
-    material: str
-    process: str
     build: Callable[[Any], Any]
     box: Callable[[Any], Box]
+    material: str = f"{RESIN}, black"
+    process: str = PRINT
     quantity: int = 1
     group: Group = "sensor"
     number: int = 0
@@ -179,3 +202,27 @@ class Part:
         """How it is made, in words."""
         said = (self.lies.words if self.printed else "", self.how)
         return "; ".join(words for words in said if words) or self.process
+
+    def dimensions(self, design: Design) -> Iterator[Dimension]:
+        """Everything that the part is made from, also where a rule is broken: then one looks."""
+        if self.indenter is not None:
+            yield from _of_indenter(self.indenter)
+            return
+        unverified = design.unverified()
+        for section in self.sections:
+            record = getattr(design, section)
+            for f in fields(record):
+                key, meta = f"{section}.{f.name}", f.metadata
+                about = meta.get("description", ""), meta.get("ge"), meta.get("le")
+                yield Dimension(key, getattr(record, f.name), *about, key in unverified)
+
+
+def _of_indenter(dims: IndenterDimensions) -> Iterator[Dimension]:
+    shape = dims.indenter
+    yield Dimension("plate_mm", dims.body.plate_mm, "back plate")
+    yield Dimension("stem_diameter_mm", shape.stem_diameter_mm, "stem, for the tool holder")
+    yield Dimension("stem_length_mm", shape.stem_length_mm, "stem above the plate")
+    yield Dimension("reach_mm", shape.reach_mm, "free length of the tips below the plate")
+    for number, tip in enumerate(shape.tips, 1):
+        kind = type(tip).__name__.removesuffix("Tip").lower()
+        yield Dimension(f"tip{number}", asdict(tip), kind)

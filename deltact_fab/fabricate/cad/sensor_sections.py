@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 from deltact_fab.common import Point2
-from deltact_fab.sensor import Bounded, assumed_length, bounded_number, measured_keys
+from deltact_fab.sensor import Bounded, bounded_number
 
 from .standards import (
     CAP_SCREWS,
@@ -21,6 +21,16 @@ from .standards import (
     Thread,
     next_e24,
 )
+
+
+def assumed_length(default: float, meaning: str, low: float, high: float) -> Any:
+    """A number that nobody has measured: it counts as unverified."""
+    return bounded_number(default, meaning, low, high, unverified=True)
+
+
+def measured_keys(meaning: str) -> Any:
+    """The field for keys that a lab has measured: these no longer count as unverified."""
+    return field(default=(), metadata={"description": meaning})
 
 
 @dataclass(frozen=True)

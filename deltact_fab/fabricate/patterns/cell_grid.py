@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import dots
-from .recipe import DotGrid, dot_centres_mm
+from .recipe import DotGrid
 
 BAND_ROWS = 128
 """Rows of an image that are in memory at a time."""
@@ -82,7 +82,7 @@ class CellGrid:
         assert self.grid is not None
         radius_mm = self.grid.diameter_mm / 2
         pitch_x_mm, pitch_y_mm = self.pitch_mm
-        at_px = dot_centres_mm(self.grid) / np.array(self.pitch_mm)
+        at_px = self.grid.centres_mm() / np.array(self.pitch_mm)
         at_px += (np.array([self.width_px, self.height_px]) - 1) / 2
         for x, y in at_px:
             rows, dy_mm = dots.reached(stop - first, y - first, radius_mm, pitch_y_mm)

@@ -18,9 +18,9 @@ import json
 import re
 from typing import Any
 
-from deltact_fab.common import InputError
+from deltact_fab.common import InputError, validate
 
-from .recipe import PatternRecipe, draw_patches, recipe_from_data
+from .recipe import PatternRecipe
 
 CODE_PREFIX = "DELTACT1"
 HASH_DIGITS = 12
@@ -30,7 +30,7 @@ _ENDING = re.compile(rf"(.+)/([0-9a-f]{{{HASH_DIGITS}}})-([0-9a-f]{{{CHECK_DIGIT
 
 def patches_hash(recipe: PatternRecipe) -> str:
     """First digits of the SHA-256 of the drawn patches: rows, columns, RGB, one byte a value."""
-    return hashlib.sha256(draw_patches(recipe).tobytes()).hexdigest()[:HASH_DIGITS]
+    return hashlib.sha256(recipe.patches().tobytes()).hexdigest()[:HASH_DIGITS]
 
 
 def encode(recipe: PatternRecipe) -> str:
@@ -38,6 +38,11 @@ def encode(recipe: PatternRecipe) -> str:
     data = recipe.model_dump(mode="json", exclude_none=True)
     body = "/".join([CODE_PREFIX, *(f"{_key(k)}:{_written(v)}" for k, v in data.items())])
     return f"{body}/{patches_hash(recipe)}-{_check(body)}".upper()
+
+
+def read_code(text: str) -> PatternRecipe | None:
+    """Read the text of a sheet's QR code; None for a name or a path. Raises as `decode_recipe`."""
+    return decode_recipe(text) if text.upper().startswith(CODE_PREFIX) else None
 
 
 def decode_recipe(text: str) -> PatternRecipe:
@@ -68,7 +73,7 @@ def decode_recipe(text: str) -> PatternRecipe:
         data = _table(body.split("/")[1:])
     except ValueError as why:
         raise InputError(f"code {shown}: {why}") from why
-    recipe = recipe_from_data(data, "code")
+    recipe = validate(PatternRecipe, data, "code")
     found = patches_hash(recipe)
     if found != drawn:
         raise InputError(

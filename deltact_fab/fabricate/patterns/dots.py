@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from deltact_fab.common import Field, InputError
 
-from .recipe import DotGrid, dot_centres_mm
+from .recipe import DotGrid
 
 # A view is given as pixels times mm per pixel: a disc that touches its edge exactly is inside
 SLACK_MM = 1e-9
@@ -41,7 +41,7 @@ def centres_csv(grid: DotGrid, mm_per_px: float, size_px: tuple[int, int]) -> by
     Also where the centres are in an image of size_px (h, w), in px.
     """
     columns = ["index", "row", "col", "x_mm", "y_mm", "diameter_mm", "x_px", "y_px"]
-    xy_mm = dot_centres_mm(grid)
+    xy_mm = grid.centres_mm()
     places = np.hstack((xy_mm, to_px(xy_mm, mm_per_px, size_px)))
     lines = [",".join(columns)]
     for index, place in enumerate(places):
@@ -60,7 +60,7 @@ def blend(image: NDArray[np.float32], grid: DotGrid, mm_per_px: float, colour: F
     """
     radius_mm = grid.diameter_mm / 2
     chords = (np.arange(16) + 0.5) / 16 - 0.5
-    for centre in dot_centres_mm(grid):
+    for centre in grid.centres_mm():
         at_px = to_px(centre, mm_per_px, image.shape[:2])
         (columns, dx_mm), (rows, dy_mm) = (
             reached(n, at, radius_mm, mm_per_px)

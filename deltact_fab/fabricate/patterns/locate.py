@@ -1,9 +1,8 @@
 """A recipe located in an image: rough guesses are ranked by correlation, the best refined by tiles.
 
 A sticker in a scan is a dark or textured square on the film. Each of its eight orientations is
-compared in the recipe's frame. A camera's view, where `present.live.print_in_view` draws the
-recipe, has guesses and a comparison of its own; correlation, shifts of tiles and the fit of the map
-are these.
+compared in the recipe's frame. A camera's view, where `in_view` draws the recipe, has guesses and
+a comparison of its own; correlation, shifts of tiles and the fit of the map are these.
 """
 
 from __future__ import annotations

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import MM_PER_INCH, InputError, parse_json
+from deltact_fab.common import MM_PER_INCH, InputError, parse_json, validate
 from deltact_fab.version import VERSION
 
-from .recipe import PatternRecipe, recipe_from_data
+from .recipe import PatternRecipe
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -95,7 +95,7 @@ def read_recipe(path: Path) -> PatternRecipe:
     if "recipe" not in text:
         raise InputError(f"{path}: carries no recipe; only files of 'pattern make' do")
     source = f"{path}: recipe"
-    return recipe_from_data(parse_json(text["recipe"], source), source)
+    return validate(PatternRecipe, parse_json(text["recipe"], source), source)
 
 
 def _text(

@@ -24,7 +24,7 @@ from . import dots, metadata
 from .cell_grid import CellGrid, edges_mm
 from .code import patches_hash
 from .laws import plain
-from .recipe import PatternRecipe, draw_patches, load_recipe
+from .recipe import PatternRecipe, load_recipe
 
 DEFAULT_DPI = 1200.0
 MAX_SIDE_PX = 11_000
@@ -95,7 +95,7 @@ def raster_window(recipe: PatternRecipe, dpi: float, side_px: int) -> NDArray[np
     """
     mm_per_px = checked_mm_per_px(recipe, dpi, whole=False)
     side_mm, pitch_mm = (recipe.printed_mm,) * 2, (mm_per_px,) * 2
-    whole = CellGrid("", draw_patches(recipe), side_mm, pitch_mm, grid=recipe.dots)
+    whole = CellGrid("", recipe.patches(), side_mm, pitch_mm, grid=recipe.dots)
     low_px = max(0, (whole.height_px - side_px) // 2)
     high_px = whole.height_px - low_px
     return whole.rows(low_px, high_px)[:, low_px:high_px]
@@ -121,7 +121,7 @@ def pattern_albedo(
     if size_px is None:
         side_px = math.ceil(recipe.printed_mm / mm_per_px - 1e-9)
         size_px = (side_px, side_px)
-    ink = np.pad(draw_patches(recipe), ((1, 1), (1, 1), (0, 0)), constant_values=255) / 255.0
+    ink = np.pad(recipe.patches(), ((1, 1), (1, 1), (0, 0)), constant_values=255) / 255.0
     inner_mm = edges_mm(recipe.n, recipe.printed_mm)
     far_mm = max(*size_px) * mm_per_px + inner_mm[-1]
     steps_mm = np.concatenate(([-far_mm], inner_mm, [far_mm]))
@@ -172,7 +172,7 @@ def make_pattern(
         least, largest = _dpi_range(recipe)
         dpi = float(max(least, min(DEFAULT_DPI, largest)))
     if dpi is None:
-        image, mm_per_px = draw_patches(recipe), recipe.patch_mm or recipe.printed_mm
+        image, mm_per_px = recipe.patches(), recipe.patch_mm or recipe.printed_mm
     else:
         mm_per_px = checked_mm_per_px(recipe, dpi)
         image = raster(recipe, dpi)

@@ -84,6 +84,16 @@ class DotGrid(Table, strict=True):
             ((self.rows - 1) * self.pitch_y_mm + self.diameter_mm) / 2,
         )
 
+    def centres_mm(self) -> NDArray[np.float64]:
+        """Dot centres in the sensor frame, (rows * columns, 2) mm, about the grid's offset.
+
+        Row by row: index = row * columns + column; row 0 at -y, column 0 at -x.
+        """
+        x_mm = (np.arange(self.columns) - (self.columns - 1) / 2) * self.pitch_x_mm
+        y_mm = (np.arange(self.rows) - (self.rows - 1) / 2) * self.pitch_y_mm
+        centred_mm = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
+        return centred_mm + np.array(self.offset_mm)
+
 
 class PatternRecipe(Table, strict=True):
     """A square sticker. Only what its law uses may be given (`laws` has the table)."""
@@ -224,29 +234,17 @@ class PatternRecipe(Table, strict=True):
         dots = self.dots
         return {
             "recipe": self.model_dump(mode="json"),
-            "dots_mm": dot_centres_mm(dots).tolist() if dots is not None else [],
+            "dots_mm": dots.centres_mm().tolist() if dots is not None else [],
             "dot_diameter_mm": dots.diameter_mm if dots is not None else 0.0,
         }
 
+    def patches(self) -> NDArray[np.uint8]:
+        """The drawn patches, (n, n, 3) uint8 RGB; row 0, column 0 is the corner at (-x, -y).
 
-def dot_centres_mm(grid: DotGrid) -> NDArray[np.float64]:
-    """Dot centres in the sensor frame, (rows * columns, 2) mm, about the grid's offset.
-
-    Row by row: index = row * columns + column; row 0 at -y, column 0 at -x.
-    """
-    x_mm = (np.arange(grid.columns) - (grid.columns - 1) / 2) * grid.pitch_x_mm
-    y_mm = (np.arange(grid.rows) - (grid.rows - 1) / 2) * grid.pitch_y_mm
-    centred_mm = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
-    return centred_mm + np.array(grid.offset_mm)
-
-
-def draw_patches(recipe: PatternRecipe) -> NDArray[np.uint8]:
-    """The patches of a recipe, (n, n, 3) uint8 RGB; row 0, column 0 is the corner at (-x, -y).
-
-    Clear film is one white patch: no ink, and the white layer behind it shows.
-    """
-    drawn = PATTERN_LAWS[recipe.law].draw(recipe)
-    return np.ascontiguousarray(np.broadcast_to(drawn, (recipe.n, recipe.n, 3)))
+        Clear film is one white patch: no ink, and the white layer behind it shows.
+        """
+        drawn = PATTERN_LAWS[self.law].draw(self)
+        return np.ascontiguousarray(np.broadcast_to(drawn, (self.n, self.n, 3)))
 
 
 def _whole_patches(size_mm: float, patch_mm: float) -> int:
@@ -259,23 +257,18 @@ def _printed_mm(size_mm: float, patch_mm: float | None) -> float:
     return size_mm if patch_mm is None else round(_whole_patches(size_mm, patch_mm) * patch_mm, 9)
 
 
-def recipe_from_data(data: dict[str, Any], source: str) -> PatternRecipe:
-    """A recipe from plain data. Raises InputError of one line, `source: key: fault`."""
-    return validate(PatternRecipe, data, source)
-
-
-def load_recipe(name: str) -> PatternRecipe:
-    """A recipe from a path or a name of the catalogue. Raises InputError naming file and key."""
-    path = find_file("patterns", name)
-    return recipe_from_data(read_toml(path), str(path))
-
-
 DEFAULT_SEED = 7
 RECOMMENDED_RECIPE = "recommended"
 """The pattern to print by default: its file names the printer and the camera it is for."""
 
 
-def recipe_from_options(
+def load_recipe(name: str = RECOMMENDED_RECIPE) -> PatternRecipe:
+    """A recipe from a path or a name of the catalogue. Raises InputError naming file and key."""
+    path = find_file("patterns", name)
+    return validate(PatternRecipe, read_toml(path), str(path))
+
+
+def choose_recipe(
     name: str | None,
     patch_mm: float | None = None,
     r: float | None = None,
@@ -305,4 +298,4 @@ def recipe_from_options(
         data["seed"] = seed
     if with_dots:
         data.setdefault("dots", {})
-    return recipe_from_data(data, source)
+    return validate(PatternRecipe, data, source)

@@ -15,18 +15,27 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from itertools import product
+from os.path import isfile
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from deltact_fab.common import InputError, Progress, disk_errors, toml_text, whole_file
+from deltact_fab.common import (
+    InputError,
+    Progress,
+    disk_errors,
+    read_json,
+    toml_text,
+    validate,
+    whole_file,
+)
 from deltact_fab.sensor import ImageSensor, Printer
 from deltact_fab.version import VERSION
 
 from .code import encode
 from .quality.measure import MM_PER_PX, measure_quality, photograph, sent
-from .recipe import DEFAULT_SEED, PatternRecipe, recipe_from_data
+from .recipe import DEFAULT_SEED, PatternRecipe
 from .sheet import job as sheet
 
 SERIES_GRIDS = (
@@ -96,7 +105,40 @@ class SeriesReport:
         return {**self.figures, "out": str(self.out), "files": [str(f) for f in self.files]}
 
 
-def series_recipes(seed: int = DEFAULT_SEED, with_dots: bool = True) -> list[SeriesEntry]:
+@dataclass(frozen=True)
+class PatternSeries:
+    """A series in its folder. figures: the contents of quality.json. page: where its page goes."""
+
+    folder: Path
+    figures: dict[str, Any]
+    grids: ClassVar = SERIES_GRIDS
+
+    @classmethod
+    def load(cls, folder: Path) -> PatternSeries:
+        """The series of a folder. Raises InputError for a folder that holds none."""
+        kept = folder / SERIES_FIGURES
+        if not isfile(kept):
+            wanted = "name a folder that `pattern series` wrote"
+            raise InputError(f"{folder}: no series: {kept.name} is missing; {wanted}")
+        data = read_json(kept)
+        if (form := data.get("format")) != SERIES_FORMAT:
+            raise InputError(f"{kept}: format {form!r}; this version reads {SERIES_FORMAT!r}")
+        return cls(folder, data)
+
+    @property
+    def page(self) -> Path:
+        """File of its page."""
+        return self.folder / SERIES_PAGE
+
+    def view(self, name: str) -> bytes:
+        """The camera's image of a pattern, as PNG. Raises InputError where it is missing."""
+        file = self.folder / SERIES_VIEWS / f"{name}.png"
+        if not isfile(file):
+            raise InputError(f"{self.folder}: no series: {SERIES_VIEWS}/{file.name} is missing")
+        return file.read_bytes()
+
+
+def list_series(seed: int = DEFAULT_SEED, with_dots: bool = True) -> list[SeriesEntry]:
     """The 17 patterns of the paper's Pattern Selection, by d, then r; (0.1, 0.5) is in both rounds.
 
     with_dots: 13 x 13 white dots on top, as the paper's. Raises InputError for an unusable seed.
@@ -112,7 +154,7 @@ def series_recipes(seed: int = DEFAULT_SEED, with_dots: bool = True) -> list[Ser
             SeriesEntry(
                 name=f"d{d_mm:g}-r{r:g}".replace(".", "p"),
                 rounds=tuple(numbers),
-                recipe=recipe_from_data(data, "series"),
+                recipe=validate(PatternRecipe, data, "series"),
                 paper_error_mm=PAPER_ABOUT_MM.get(d_mm) if exact is None else exact,
                 paper_about=exact is None and d_mm in PAPER_ABOUT_MM,
             )
@@ -141,7 +183,7 @@ def write_series(
     Raises InputError for a folder that is there and not empty, for a seed below 0 and for what
     `sheet.write` refuses, RunFailed when the disk refuses, and whatever `page` raises.
     """
-    chosen = series_recipes(seed) if entries is None else list(entries)
+    chosen = list_series(seed) if entries is None else list(entries)
     printer, sensor = Printer(dpi=dpi), ImageSensor()
     tell = progress or (lambda done, total, what: None)
     total = len(chosen) + 1

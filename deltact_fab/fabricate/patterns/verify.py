@@ -28,7 +28,7 @@ from .locate import LEAST_AGREEMENT, LEAST_RESPONSE, Placement, StickerFrame, lo
 from .metadata import opened
 from .quality.measure import PRINTED_SHARE, kept
 from .raster import pattern_albedo
-from .recipe import PatternRecipe, dot_centres_mm, draw_patches
+from .recipe import PatternRecipe
 
 GAP_TILE_MM = 1.5
 SCALE_OFF, SHEAR_OFF = 0.002, 0.002
@@ -234,7 +234,7 @@ def _in_order(seen: NDArray[np.float32], recipe: PatternRecipe) -> float | None:
     """Share of neighbouring patches of which the lighter one is the lighter one, a colour each."""
     if recipe.patch_mm is None or recipe.n < 3:
         return None
-    patches = draw_patches(recipe).astype(np.float32)
+    patches = recipe.patches().astype(np.float32)
     means = cv2.resize(seen, (recipe.n, recipe.n), interpolation=cv2.INTER_AREA)
     right = whole = 0
     for axis in (0, 1):
@@ -280,7 +280,7 @@ def _dots(seen: NDArray[np.float32], recipe: PatternRecipe) -> tuple[int, int] |
         cv2.filter2D(off, -1, where / where.sum())
         for where in (far < 0.7 * radius, (far > 1.4 * radius) & (far < 2.8 * radius))
     )
-    x, y = np.rint(to_px(dot_centres_mm(recipe.dots), step, off.shape)).astype(int).T
+    x, y = np.rint(to_px(recipe.dots.centres_mm(), step, off.shape)).astype(int).T
     return int((inside[y, x] < DOT_SHARE * beside[y, x]).sum()), len(x)
 
 

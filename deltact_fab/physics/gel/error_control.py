@@ -23,11 +23,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from deltact_fab.common import Field, Progress, SolverError, TimeLimit
-from deltact_fab.sensor import FINITE_LEVEL
 
 from . import time_limit
 from .finite.distance import BLUNT
-from .level import Choice
+from .level import FINITE_LEVEL, Choice
 from .level_selection import HIDDEN, IN_PLANE_MM, MAX_DOFS, TOLERANCE
 from .path.solver import PathSolver
 from .zones import Zones

@@ -11,22 +11,34 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from deltact_fab.common import Field, InputError, Note, Point
-from deltact_fab.sensor import Indenter, SkinDimensions
+from deltact_fab.sensor import GEL_LEVELS, Indenter, SkinDimensions
 
 from .zones import ZoneMap, Zones
 
 Level = str
-"""A name of `levels.LEVELS`."""
+"""A name of GEL_LEVELS."""
+LINEAR_LEVEL, FINITE_LEVEL = GEL_LEVELS
+USUAL_MPA = 0.01, 10.0  # silicone gels and rubbers, with room on both sides
+
+
+def unusual_material(modulus_mpa: float) -> str | None:
+    """A warning of a Young's modulus that is hardly a gel's: of another unit, it may be."""
+    low, high = USUAL_MPA
+    if low <= modulus_mpa <= high:
+        return None
+    return (
+        f"{modulus_mpa:.3g} MPa is outside {low:g} to {high:g} MPa, where soft gels and rubbers lie"
+    )
 
 
 @dataclass(frozen=True)
 class Reach:
-    """Where a path's tip goes: x_mm and y_mm (low, high) on the face, deepest_mm into the gel."""
+    """The reach of a path's tip: x_mm and y_mm (low, high) on the face, deepest_mm into the gel."""
 
     x_mm: tuple[float, float] = (0.0, 0.0)
     y_mm: tuple[float, float] = (0.0, 0.0)
@@ -62,7 +74,7 @@ class Reach:
 
 @dataclass(frozen=True)
 class Choice:
-    """What `level_selection.pick` picked.
+    """The level and mesh that were picked for a press.
 
     spacing_mm: of the linear grid, or of cells at the contact. step_mm: of a path's increments.
     mirrors: planes x = 0, y = 0 at which the mesh ends. focus: box of fine cells
@@ -73,6 +85,8 @@ class Choice:
     growth: of cells away from the focus, from one to the next; 1: of a linear grid.
     """
 
+    model_share: ClassVar[float] = 0.5
+    """Share of a tolerance that the level's own error may take."""
     level: Level
     spacing_mm: float
     step_mm: float

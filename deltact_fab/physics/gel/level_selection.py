@@ -10,23 +10,30 @@ import math
 
 from deltact_fab.common import InputError
 from deltact_fab.sensor import (
-    FINITE_LEVEL,
     GEL_LEVELS,
-    LINEAR_LEVEL,
+    MAX_LINEAR_POISSON,
     GelMaterial,
     Indenter,
     SkinDimensions,
-    edge_radius_mm,
 )
 
+from .finite.material import MAX_FINITE_POISSON
 from .finite.mesh import GROWTH, unknowns
-from .level import Choice, Level, Reach, contact_radius_mm, is_mirrored, section_half_mm
+from .level import (
+    FINITE_LEVEL,
+    LINEAR_LEVEL,
+    Choice,
+    Level,
+    Reach,
+    contact_radius_mm,
+    is_mirrored,
+    section_half_mm,
+)
 from .linear.validity import linear_refusal, model_error
 
 TOLERANCE = 0.03  # of the force
 MIN_TOLERANCE, MAX_TOLERANCE = 0.001, 0.5
 IN_PLANE_MM = 0.05  # rms over the face, at TOLERANCE
-MODEL_TOLERANCE_SHARE = 0.5  # of a tolerance that the model may take
 
 FRICTION_FORCE = 0.5  # x min(friction, 1) x (depth/thickness)^1.6
 
@@ -78,13 +85,13 @@ def select_level(
     depth, thickness = reach.deepest_mm, skin.thickness_mm
     mu = material.friction if friction is None else friction
     effect = friction_force_rel(mu, max(depth, 0.0) / thickness)
-    if not (observe_shear or reach.moves) and effect <= MODEL_TOLERANCE_SHARE * tolerance:
+    if not (observe_shear or reach.moves) and effect <= Choice.model_share * tolerance:
         mu = 0.0
     force, in_plane = model_error(skin, indenter, depth, material.poisson)
     refusal = linear_refusal(skin, material, indenter, depth)
     reason = "asked for"
     if level == "auto":
-        goal = MODEL_TOLERANCE_SHARE * tolerance
+        goal = Choice.model_share * tolerance
         off = f"off by about {force:.1%} of force, {in_plane:.2g} mm in plane"
         near = force <= goal and in_plane <= goal / TOLERANCE * IN_PLANE_MM
         level = FINITE_LEVEL if refusal or not near else LINEAR_LEVEL
@@ -144,6 +151,11 @@ def friction_force_rel(friction: float, part: float) -> float:
     return FRICTION_FORCE * min(friction, 1.0) * part**1.6
 
 
+def poisson_limit(level: Level) -> float:
+    """Largest Poisson's ratio that a level can take."""
+    return MAX_LINEAR_POISSON if level == LINEAR_LEVEL else MAX_FINITE_POISSON
+
+
 def linear_grid_mm(skin: SkinDimensions, indenter: Indenter, depth_mm: float) -> float:
     """Largest grid whose part of the error is small beside the linear level's own."""
     across = contact_radius_mm(indenter, depth_mm) / CELLS_ACROSS if depth_mm > 0 else MAX_GRID_MM
@@ -160,7 +172,7 @@ def cell_mm(
     radius = contact_radius_mm(indenter, depth) if depth > 0 else indenter.tips[0].radius_mm
     h = radius / CELLS_ACROSS * share * (DRAGGED if reach.moves else 1.0)
     what = f"contact radius {radius:.2g} mm"
-    edge = min(edge_radius_mm(t) for t in indenter.tips)
+    edge = indenter.edge_radius_mm
     sharp = min(share * EDGE_CELL_MM, MAX_EDGE_CELL_MM)
     if edge < EDGE_MM and sharp < h:
         h, what = sharp, f"edge radius {edge:.2g} mm"

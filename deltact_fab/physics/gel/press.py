@@ -21,20 +21,17 @@ from deltact_fab.common import (
     TimeLimit,
 )
 from deltact_fab.sensor import (
-    FINITE_LEVEL,
     GelMaterial,
     Indenter,
     SkinDimensions,
-    edge_radius_mm,
-    unusual_material,
 )
 
 from . import time_limit
 from .error_control import MeshConvergence, RefinedPress
 from .finite.mesh import unknowns
-from .level import Choice, Level, contact_radius_mm
+from .level import FINITE_LEVEL, Choice, Level, contact_radius_mm, unusual_material
 from .level_selection import MAX_TOLERANCE, MIN_TOLERANCE, TOLERANCE
-from .path.knots import KnotPose, ObservedChannels, poses_along
+from .path.knots import Increments, KnotPose, ObservedChannels
 from .path.open import choose_level, open_path
 from .path.solver import PathSolver
 
@@ -95,7 +92,7 @@ def press_gel(
         corners.append((x + shear_mm[0], y + shear_mm[1], -depth_mm))
 
     def way(step_mm: float) -> tuple[KnotPose, ...]:
-        return poses_along(corners, step_mm) or (KnotPose(corners[-1], 0.0, 1.0),)
+        return Increments(step_mm, step_mm).poses(corners) or (KnotPose(corners[-1], 0.0, 1.0),)
 
     def picks(level: Level) -> Choice:
         return choose_level(
@@ -110,7 +107,7 @@ def press_gel(
         return unknowns(skin, choice.spacing_mm, choice.focus, choice.mirrors, choice.growth)
 
     radius_mm = contact_radius_mm(indenter, depth_mm) if depth_mm > 0 else math.inf
-    edge_mm = min(edge_radius_mm(tip) for tip in indenter.tips)
+    edge_mm = indenter.edge_radius_mm
     ladder = MeshConvergence(solver, unknowns_of, radius_mm, edge_mm, tolerance, progress)
     picked: Choice | None = None
     found: RefinedPress | None = None

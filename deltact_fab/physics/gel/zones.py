@@ -77,7 +77,7 @@ ZoneMap = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Zones:
-    """Of the whole contact, as it is seen along z in the deformed state; errors are estimates.
+    """Zones of the whole contact, seen along z in the deformed state; errors are estimates.
 
     contact_area_mm2: on the face's plane, pi a^2 of Hertz; a steep indenter has a larger surface.
     stick_area_mm2: of it, below friction's bound; without friction all that touches slips.

@@ -38,10 +38,17 @@ from deltact_fab.estimate import (
     SensorModel,
     format_acceptance,
 )
-from deltact_fab.fabricate import EVEN_LIGHT_SHARE, Design, PatternRecipe, illuminance
-from deltact_fab.sensor import FULL_LIGHT_SHARE, CameraModel, FlatField
+from deltact_fab.fabricate import (
+    EVEN_LIGHT_SHARE,
+    Design,
+    FaceFindings,
+    PatternRecipe,
+    PrintInView,
+    illuminance,
+    measure_fall,
+)
+from deltact_fab.sensor import CameraModel, FlatField
 
-from .print_in_view import ComparedPrint, FaceFindings, PrintInView, one_sided_fall
 from .source import Source, images
 
 FRAMES = 100
@@ -122,16 +129,17 @@ def accept_sensor(
         still.add(frame.image)
     view = still.mean[..., ::-1] / np.float32(255)
     sticker = PrintInView(recipe, camera)
-    placement = sticker.place(view)
-    compared = None if placement is None else ComparedPrint(sticker, placement)
+    compared = sticker.compare(view)
     if compared is None or compared.agreement < SURE:
         row = Check(
             "recipe", "recipe", "", "not this recipe's pattern", "the recipe's pattern", "fail",
             remedy="is it this recipe and sensor, its cover off the face, its light on? Guide E, G",
         )  # fmt: skip
         return Acceptance(source.name, still.count, (row,), None, still.raw)
-    found = replace(compared.findings(design), saturated=still.saturated, noise_mm=still.noise_mm,
-                    rest=still.unrest)  # fmt: skip
+    found = replace(
+        compared.findings(design.skin), saturated=still.saturated, noise_mm=still.noise_mm,
+        rest=still.unrest,
+    )  # fmt: skip
     rows = _rows(found, sticker, design, still.count)
     return Acceptance(source.name, still.count, rows, found, still.raw)
 
@@ -205,7 +213,7 @@ def _one_led_dark(design: Design) -> float:
     falls = []
     for led in range(design.light.led_count):
         light = illuminance(design, x, y, dark=led)
-        falls.append(one_sided_fall(light.ravel() / light.mean(), x.ravel(), y.ravel()))
+        falls.append(measure_fall(light.ravel() / light.mean(), x.ravel(), y.ravel()))
     return min(falls)
 
 
@@ -260,7 +268,7 @@ def _rows(
          f"<= {50 * dark:.0f} %, half of what one dark LED does", found.one_sided <= dark / 2,
          "an LED is dark or hidden: guide G, H.3"),
         ("saturation", "saturation", f"{100 * found.saturated:.2f} % of pixels full",
-         f"<= {100 * FULL_LIGHT_SHARE:g} %", found.saturated <= FULL_LIGHT_SHARE,
+         f"<= {100 * FlatField.most_full:g} %", found.saturated <= FlatField.most_full,
          "less exposure; lamp off, notch closed: guide H.7, H.8"),
         ("edges", "edges of the view",
          f"{lost or 'pattern on all four'}; {100 * found.face_share:.0f} % of the face seen",

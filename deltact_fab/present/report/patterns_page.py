@@ -4,20 +4,13 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
-from os.path import isfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from deltact_fab.common import Check, InputError, graded, html_table, read_json, write_page
-from deltact_fab.fabricate import (
-    SERIES_FIGURES,
-    SERIES_FORMAT,
-    SERIES_GRIDS,
-    SERIES_PAGE,
-    SERIES_VIEWS,
-)
+from deltact_fab.common import Check, graded, html_table, write_page
+from deltact_fab.fabricate import PatternSeries
 
 from . import figures
 
@@ -37,7 +30,8 @@ def write_patterns_page(folder: Path) -> Path:
     Raises InputError for a folder that holds no series, MissingLibrary without the extra `report`,
     RunFailed when the disk refuses.
     """
-    data = _read(folder)
+    series = PatternSeries.load(folder)
+    data = series.figures
     rows = data["patterns"]
     seen = [row for row in rows if row["quality"]["seen"]]
     models = (("printer", data["printer"]), ("camera", data["sensor"]))
@@ -45,7 +39,7 @@ def write_patterns_page(folder: Path) -> Path:
         (f"{what} {key}", str(value)) for what, values in models for key, value in values.items()
     ]
     return write_page(
-        folder / SERIES_PAGE,
+        series.page,
         "patterns.html",
         [_best(rows, seen), Check("assumed", value=ASSUMED)],
         s=data,
@@ -53,8 +47,8 @@ def write_patterns_page(folder: Path) -> Path:
         chart=figures.to_svg(draw(rows)),
         sizes_mm=sorted({row["d_mm"] for row in rows}),
         factors=sorted({row["r"] for row in rows}),
-        views={(row["d_mm"], row["r"]): _view(folder, row["name"]) for row in rows},
-        rounds=SERIES_GRIDS,
+        views={(row["d_mm"], row["r"]): _view(series, row["name"]) for row in rows},
+        rounds=series.grids,
         chosen=min(
             (row for row in rows if row["paper_error_mm"] is not None),
             key=lambda row: row["paper_error_mm"],
@@ -81,24 +75,9 @@ def _best(rows: list[dict[str, Any]], seen: list[dict[str, Any]]) -> Check:
     )
 
 
-def _read(folder: Path) -> dict[str, Any]:
-    """The figures of a series."""
-    kept = folder / SERIES_FIGURES
-    if not isfile(kept):
-        wanted = "name a folder that `pattern series` wrote"
-        raise InputError(f"{folder}: no series: {kept.name} is missing; {wanted}")
-    data = read_json(kept)
-    if (found := data.get("format")) != SERIES_FORMAT:
-        raise InputError(f"{kept}: format {found!r}; this version reads {SERIES_FORMAT!r}")
-    return data
-
-
-def _view(folder: Path, name: str) -> str:
+def _view(series: PatternSeries, name: str) -> str:
     """A pattern's view, as a data URL."""
-    file = folder / SERIES_VIEWS / f"{name}.png"
-    if not isfile(file):
-        raise InputError(f"{folder}: no series: {SERIES_VIEWS}/{file.name} is missing")
-    return "data:image/png;base64," + base64.b64encode(file.read_bytes()).decode()
+    return "data:image/png;base64," + base64.b64encode(series.view(name)).decode()
 
 
 def _seen(row: dict[str, Any]) -> dict[str, Any]:

@@ -249,9 +249,3 @@ def flat_punch_n_per_mm(radius_mm: float, thickness_mm: float, material: GelMate
     kernel = (waves * (2 / math.pi * weight_k * lost)) @ waves.T
     phi = np.linalg.solve(np.eye(NODES) - kernel * weight, np.full(NODES, 2 / math.pi))
     return float(2 * math.pi * stiffness * (weight @ phi))
-
-
-def hertz_force_n(radius_mm: float, depth_mm: float, material: GelMaterial) -> float:
-    """Rigid paraboloid on a half-space: F = 4/3 E/(1 - nu^2) sqrt(R d^3), a = sqrt(R d)."""
-    modulus = material.modulus_mpa / (1 - material.poisson**2)
-    return 4 / 3 * modulus * math.sqrt(radius_mm * depth_mm**3)

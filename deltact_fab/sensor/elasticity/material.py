@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from ..shapes.bounded import Bounded, bounded_number
 
-USUAL_MPA = 0.01, 10.0  # silicone gels and rubbers, with room on both sides
 MAX_PRONY = 100.0  # beyond, shares were given in percent, or the long-term modulus is nothing
 
 
@@ -55,13 +54,3 @@ class GelMaterial(Bounded):
     def prony_sum(self) -> float:
         """Sum of g: a sudden press meets a shear modulus (1 + prony_sum) times as large."""
         return sum((g for g, _ in self.prony), 0.0)
-
-
-def unusual_material(modulus_mpa: float) -> str | None:
-    """A warning of a Young's modulus that is hardly a gel's: of another unit, it may be."""
-    low, high = USUAL_MPA
-    if low <= modulus_mpa <= high:
-        return None
-    return (
-        f"{modulus_mpa:.3g} MPa is outside {low:g} to {high:g} MPa, where soft gels and rubbers lie"
-    )

@@ -17,7 +17,7 @@ Medium = Literal["gel", "air"]
 
 
 class CameraModel(Protocol):
-    """Where the points of the sensor are in the image. Pixel (0, 0) is the first one's centre."""
+    """A camera: points of the sensor to its image. Pixel (0, 0) is the first one's centre."""
 
     @property
     def width_px(self) -> int: ...
@@ -54,7 +54,7 @@ class CameraModel(Protocol):
         """
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data for the record, its class under "model"; `camera_from_dict` reads it."""
+        """Plain data for the record, its class under "model"; `restore_camera` reads it."""
 
 
 def axes_mm(camera: CameraModel, margin_px: int = 0) -> tuple[Array, Array]:

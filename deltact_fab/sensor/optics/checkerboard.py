@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deltact_fab.common import InputError
 
-PHOTOGRAPHS = "photographs.json"
-"""Beside simulated images: {"simulated": true, "seed": N}."""
 FORM = re.compile(r"(\d+)x(\d+)x(\d+(?:\.\d*)?|\.\d+)")
 MAX_SQUARES = 200
 
@@ -24,6 +23,8 @@ class Checkerboard:
     origin and its rows along x, and of which the camera may see only a part.
     """
 
+    mark_file: ClassVar[str] = "photographs.json"
+    """Beside simulated images: {"simulated": true, "seed": N}."""
     nx: int
     ny: int
     square_mm: float

@@ -31,30 +31,39 @@ def across(tan_squared: Any, index: float) -> Any:
     return (index**2 + (index**2 - 1) * tan_squared) ** -0.5
 
 
-def fisheye_reach_mm(
-    half_angle_rad: float, air_gap_mm: float, acrylic_mm: float, gel_mm: float
-) -> float:
-    """Radius on the gel's face that a ray leaving the lens at half_angle_rad reaches."""
-    t = math.tan(half_angle_rad)
-    layers = ((air_gap_mm, 1.0), (acrylic_mm, N_ACRYLIC), (gel_mm, N_SILICONE))
-    return t * float(sum(d * across(t**2, n) for d, n in layers))
+@dataclass(frozen=True)
+class LayeredPath:
+    """Air, acrylic and gel on the way of a ray from the lens to the face, mm along the axis."""
 
+    air_gap_mm: float
+    acrylic_mm: float
+    gel_mm: float
 
-def half_angle_rad(radius_mm: float, air_gap_mm: float, acrylic_mm: float, gel_mm: float) -> float:
-    """Half angle at the lens under which a point of the face is seen; inf when none reaches it.
+    @property
+    def layers(self) -> tuple[tuple[float, float], ...]:
+        """Thickness (mm) and refractive index of each."""
+        return (self.air_gap_mm, 1.0), (self.acrylic_mm, N_ACRYLIC), (self.gel_mm, N_SILICONE)
 
-    Inverse of reached_mm, which grows with the angle, by bisection to 1e-12 rad. radius_mm >= 0.
-    """
-    low, high = 0.0, math.pi / 2 - 1e-9
-    if fisheye_reach_mm(high, air_gap_mm, acrylic_mm, gel_mm) < radius_mm:
-        return math.inf
-    while high - low > 1e-12:
-        middle = (low + high) / 2
-        if fisheye_reach_mm(middle, air_gap_mm, acrylic_mm, gel_mm) < radius_mm:
-            low = middle
-        else:
-            high = middle
-    return high
+    def reach_mm(self, half_angle_rad: float) -> float:
+        """Radius on the gel's face that a ray leaving the lens at half_angle_rad reaches."""
+        t = math.tan(half_angle_rad)
+        return t * float(sum(d * across(t**2, n) for d, n in self.layers))
+
+    def half_angle_rad(self, radius_mm: float) -> float:
+        """Half angle at the lens under which a point of the face is seen; inf: none reaches it.
+
+        Inverse of reach_mm, which grows with the angle, by bisection to 1e-12 rad. radius_mm >= 0.
+        """
+        low, high = 0.0, math.pi / 2 - 1e-9
+        if self.reach_mm(high) < radius_mm:
+            return math.inf
+        while high - low > 1e-12:
+            middle = (low + high) / 2
+            if self.reach_mm(middle) < radius_mm:
+                low = middle
+            else:
+                high = middle
+        return high
 
 
 Depth = NDArray[Any] | float

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ _MODELS: dict[str, type[Pinhole | Fisheye | Rectified]] = {
 }
 
 
-def camera_from_dict(data: Mapping[str, Any], source: str = "camera") -> CameraModel:
+def restore_camera(data: Mapping[str, Any], source: str = "camera") -> CameraModel:
     """The model that `as_dict` wrote; one without a name is from when all were pinholes.
 
     Raises InputError, with the source in front, for an unknown model or values that are not its.
@@ -57,7 +57,7 @@ def load_camera(path: Path) -> tuple[CameraModel, dict[str, Any]]:
         raise InputError(f'{path}: camera: missing table; [camera] with model = "fisheye" expected')
     if "model" not in table:
         raise InputError(f"{path}: camera.model: missing key; valid: {', '.join(sorted(_MODELS))}")
-    return camera_from_dict(table, f"{path}: camera"), data
+    return restore_camera(table, f"{path}: camera"), data
 
 
 def camera_toml(
@@ -76,8 +76,6 @@ SMOOTH = 0.01
 MAX_GAIN = 4.0
 """Where it is darker than that, beyond the skin's window, nothing is to be made bright."""
 FULL = 65535
-FULL_LIGHT_SHARE = 0.001
-"""Of pixels that may be at the end of their scale before light is lost."""
 COARSE = 8
 """Pixels a side that one of the kept image stands for: less than the blur's sigma."""
 
@@ -87,13 +85,15 @@ class FlatField:
     """Share of the full light that each pixel and channel gets, (h, w, 3) float32 BGR, <= 1."""
 
     share: NDArray[np.float32]
+    most_full: ClassVar[float] = 0.001
+    """Share of pixels that may be at the end of their scale before light is lost."""
 
     @classmethod
     def of_blank(cls, image: NDArray[np.uint8], source: str) -> FlatField:
         """From a frame (h, w, 3) BGR of a blank skin. Raises InputError naming the source."""
         import cv2
 
-        if np.mean(image == 255) > FULL_LIGHT_SHARE:
+        if np.mean(image == 255) > cls.most_full:
             raise InputError(f"{source}: over-exposed; take the blank frame with less light")
         smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), SMOOTH * image.shape[1])
         top = smooth.reshape(-1, 3).max(axis=0)

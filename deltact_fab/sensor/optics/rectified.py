@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,10 @@ from ..shapes.sensor import SensorDimensions
 from .camera import Medium, ScaledView
 from .fisheye import Fisheye, on_face
 
+GRID_PX = 8
+"""Between the view's pixels that a share is counted on."""
+STEP_MM = 0.01
+
 
 @dataclass(frozen=True)
 class Rectified(Bounded, ScaledView):
@@ -25,6 +29,8 @@ class Rectified(Bounded, ScaledView):
     origin. Anything else is where the lens's own ray to it crosses the resting face.
     """
 
+    least_patch_px: ClassVar[float] = 2.0
+    """Raw pixels that a patch needs each way: fewer, and its neighbours are mixed in (Nyquist)."""
     lens: Fisheye
     mm_per_px: float = bounded_number(0.0378, "scale of the resting face", 1e-3, 1)
     width_px: int = bounded_number(798, "image's side along x", 8, 10_000)
@@ -74,6 +80,30 @@ class Rectified(Bounded, ScaledView):
             )
         return np.asarray(cv2.remap(image, *self._maps, cv2.INTER_CUBIC))
 
+    def raw_mm_per_px(self, px: Array) -> Array:
+        """Millimetres of the resting face per raw pixel at pixels (..., 2) of the view: (..., 2).
+
+        Along the radius from the pupil's foot, and across it. A view's own pixel is finer where
+        this is more than its mm_per_px: the image is enlarged there, and gains nothing by it.
+        """
+        at = self.rest_mm(np.asarray(px, float))
+        out = at - (self.lens.x0_mm, self.lens.y0_mm)
+        far = np.hypot(out[..., 0], out[..., 1])[..., None]
+        along = np.where(far > 0, out / np.where(far > 0, far, 1.0), (1.0, 0.0))
+        across = np.stack((-along[..., 1], along[..., 0]), axis=-1)
+        scales = []
+        for way in (along, across):
+            apart = self.lens.rest_px(at + STEP_MM * way) - self.lens.rest_px(at - STEP_MM * way)
+            scales.append(2 * STEP_MM / np.hypot(apart[..., 0], apart[..., 1]))
+        return np.stack(scales, axis=-1)
+
+    def aliased_share(self, patch_mm: float) -> float:
+        """Share of the view, 0 to 1, in which a patch has fewer than least_patch_px one way."""
+        columns = np.arange(GRID_PX / 2 - 0.5, self.width_px, GRID_PX)
+        rows = np.arange(GRID_PX / 2 - 0.5, self.height_px, GRID_PX)
+        scales = self.raw_mm_per_px(np.stack(np.meshgrid(columns, rows), axis=-1))
+        return float(np.mean(patch_mm < self.least_patch_px * np.max(scales, axis=-1)))
+
     def as_dict(self) -> dict[str, Any]:
         return {"model": "rectified", **asdict(self), "lens": self.lens.as_dict()}
 
@@ -83,36 +113,3 @@ class Rectified(Bounded, ScaledView):
         at = self.rest_mm(np.stack(np.meshgrid(columns, rows), axis=-1).astype(float))
         raw = self.lens.rest_px(at).astype(np.float32)
         return np.ascontiguousarray(raw[..., 0]), np.ascontiguousarray(raw[..., 1])
-
-
-MIN_RECTIFIED_PX = 2.0
-"""Raw pixels that a patch needs each way: fewer, and its neighbours are mixed with it (Nyquist)."""
-GRID_PX = 8
-"""Between the view's pixels that a share is counted on."""
-STEP_MM = 0.01
-
-
-def raw_mm_per_px(view: Rectified, px: Array) -> Array:
-    """Millimetres of the resting face per raw pixel at pixels (..., 2) of the view: (..., 2).
-
-    Along the radius from the pupil's foot, and across it. A view's own pixel is finer where this
-    is more than its mm_per_px: the image is enlarged there, and gains nothing by it.
-    """
-    at = view.rest_mm(np.asarray(px, float))
-    out = at - (view.lens.x0_mm, view.lens.y0_mm)
-    far = np.hypot(out[..., 0], out[..., 1])[..., None]
-    along = np.where(far > 0, out / np.where(far > 0, far, 1.0), (1.0, 0.0))
-    across = np.stack((-along[..., 1], along[..., 0]), axis=-1)
-    scales = []
-    for way in (along, across):
-        apart = view.lens.rest_px(at + STEP_MM * way) - view.lens.rest_px(at - STEP_MM * way)
-        scales.append(2 * STEP_MM / np.hypot(apart[..., 0], apart[..., 1]))
-    return np.stack(scales, axis=-1)
-
-
-def aliased_share(view: Rectified, patch_mm: float) -> float:
-    """Share of the view, 0 to 1, in which a patch covers less than MIN_PX raw pixels one way."""
-    columns = np.arange(GRID_PX / 2 - 0.5, view.width_px, GRID_PX)
-    rows = np.arange(GRID_PX / 2 - 0.5, view.height_px, GRID_PX)
-    scales = raw_mm_per_px(view, np.stack(np.meshgrid(columns, rows), axis=-1))
-    return float(np.mean(patch_mm < MIN_RECTIFIED_PX * np.max(scales, axis=-1)))

@@ -36,16 +36,6 @@ def bounded_number(
     )
 
 
-def assumed_length(default: float, meaning: str, low: float, high: float) -> Any:
-    """A number that nobody has measured: it counts as unverified."""
-    return bounded_number(default, meaning, low, high, unverified=True)
-
-
-def measured_keys(what: str) -> Any:
-    """The field for keys that a lab has measured: these no longer count as unverified."""
-    return field(default=(), metadata={"description": what})
-
-
 @dataclass(frozen=True)
 class Bounded:
     """A record of numbers with meaning and limits, which `catalog.validate` reads from a file.
@@ -63,12 +53,12 @@ class Bounded:
             value, low, high = getattr(self, f.name), f.metadata["ge"], f.metadata["le"]
             if not (math.isfinite(value) and low <= value <= high):
                 raise ShapeError(f"{low:g} <= {f.name} <= {high:g}: {value:g} fails")
-        open_keys = [f.name for f in fields(self) if is_unverified(f)]
+        open_keys = [f.name for f in fields(self) if self.is_unverified(f)]
         for key in getattr(self, "measured", ()):
             if key not in open_keys:
                 raise ShapeError(f"measured: of {', '.join(open_keys)}: {key!r} fails")
 
-
-def is_unverified(f: Field[Any]) -> bool:
-    """Whether the default of a record's field was assumed and not measured."""
-    return bool(f.metadata.get("json_schema_extra", {}).get("unverified"))
+    @staticmethod
+    def is_unverified(f: Field[Any]) -> bool:
+        """Whether the default of a record's field was assumed and not measured."""
+        return bool(f.metadata.get("json_schema_extra", {}).get("unverified"))

@@ -69,14 +69,14 @@ def parse_indenter(name: str) -> Indenter:
     return scaled if size_mm == SIZE_MM else replace(scaled, name=f"{kind}:{size_mm:g}")
 
 
-def indenter_data(names: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """What a run keeps of the shapes that are the lab's own, by name."""
+def describe_indenters(names: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Describe the shapes that are the lab's own, by name, for a run to keep."""
     named = [name for name in names if name.partition(":")[0] not in INDENTER_KINDS]
     own = own_shapes() if named else {}
     return {name: asdict(own[name]) for name in named}
 
 
-def indenters_of_run(name: str, own: Mapping[str, Any], source: str) -> Indenter:
+def restore_indenter(name: str, own: Mapping[str, Any], source: str) -> Indenter:
     """An indenter of a run by its name; own: what it kept of the lab's shapes, and source where.
 
     Raises InputError as `parse`, and naming source.

@@ -214,6 +214,11 @@ class Indenter:
     reach_mm: float = REACH_MM
 
     @property
+    def edge_radius_mm(self) -> float:
+        """Smallest convex radius of all undersides."""
+        return min(map(edge_radius_mm, self.tips))
+
+    @property
     def slug(self) -> str:
         """The name as it may stand in a file name."""
         return self.name.replace(":", "-").replace(".", "p")

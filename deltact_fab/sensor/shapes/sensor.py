@@ -7,19 +7,20 @@ the length (34 mm), z out of the sensor. All lengths in millimetres.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 from .bounded import Bounded, ShapeError, bounded_number
 
 N_SILICONE = 1.41
 N_ACRYLIC = 1.49
-FILM_MARGIN_MM = 10.0
-"""Pattern film beyond the face on each side (assumed): held while it is laid, trimmed when dry."""
 
 
 @dataclass(frozen=True)
 class SkinDimensions(Bounded):
     """The clear silicone block behind the pattern (paper: 36 x 34 x 12, edges filleted)."""
 
+    film_margin_mm: ClassVar[float] = 10.0
+    """Pattern film beyond the face on each side (assumed): held while laid, trimmed when dry."""
     width_mm: float = bounded_number(36.0, "side along x", 5, 200)
     length_mm: float = bounded_number(34.0, "side along y", 5, 200)
     thickness_mm: float = bounded_number(12.0, "outer face to acrylic", 0.5, 60)
@@ -39,7 +40,7 @@ class SkinDimensions(Bounded):
                 f"{self.edge_fillet_mm} < {self.protrusion_mm} <= {self.thickness_mm} fails"
             )
 
-    def film_mm(self, margin_mm: float = FILM_MARGIN_MM) -> tuple[float, float]:
+    def film_mm(self, margin_mm: float = film_margin_mm) -> tuple[float, float]:
         """Sides (x, y) of the film that carries the pattern: the face, and the margin all around.
 
         The bill of materials, the guide and the print sheets take it from here.

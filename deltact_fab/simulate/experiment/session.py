@@ -25,7 +25,7 @@ from deltact_fab.bench import (
 )
 from deltact_fab.common import InputError, Note, toml_text
 from deltact_fab.fabricate import PatternRecipe
-from deltact_fab.sensor import indenter_data
+from deltact_fab.sensor import describe_indenters
 from deltact_fab.version import library_versions
 
 from .request import RunRequest
@@ -173,7 +173,7 @@ def meta_of(job: RigSetup, rig: RigConfig, rig_name: str) -> dict[str, Any]:
         "rig_name": rig_name,
         "rig": rig.recorded(),
         "sensor": asdict(job.sensor),
-        "shapes": indenter_data(job.protocol.indenters),
+        "shapes": describe_indenters(job.protocol.indenters),
         "camera": job.view.as_dict() if job.view is not None else None,
         "simulated": rig.simulated or rig.served,
         "air": job.air,

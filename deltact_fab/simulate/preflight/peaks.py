@@ -115,7 +115,7 @@ def press_curve(
     solve False: None where finite strain is needed and not in the store; the linear level takes
     about a second. Raises InputError for a depth outside of the gel.
     """
-    from deltact_fab.physics import ObservedChannels, choose_level, open_path, poses_along
+    from deltact_fab.physics import Increments, ObservedChannels, choose_level, open_path
 
     for depth in depths_mm:
         if not 0 < depth < skin.thickness_mm:
@@ -131,13 +131,13 @@ def press_curve(
     for level, most in ATTEMPTS:
         try:
             choice = choose_level(
-                skin, unit, indenter, poses_along(corners, depths[-1]), TOLERANCE,
+                skin, unit, indenter, Increments(depths[-1], depths[-1]).poses(corners), TOLERANCE,
                 level=level, observe_shear=False, most_unknowns=most,
             )  # fmt: skip
         except InputError as why:
             points, ended = NO_POINTS, str(why)
         else:
-            poses = poses_along(corners, choice.step_mm)
+            poses = Increments(choice.step_mm, choice.step_mm).poses(corners)
             solver = open_path(skin, unit, indenter, poses, ObservedChannels(), choice)
             if level == "hyperelastic" and solver.found is None and not solve:
                 return None

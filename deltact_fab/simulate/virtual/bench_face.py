@@ -26,13 +26,18 @@ from deltact_fab.sensor import (
     StageFrame,
     Tip,
     flat_punch_n_per_mm,
-    hertz_force_n,
     parse_indenter,
 )
 
 FLAT_MM = 0.05  # what of an underside is within so much of its lowest point touches at once
 # Dimitriadis et al. (2002): an incompressible layer that is bonded, powers of sqrt(R d)/h.
 _BONDED = (1.0, 1.133, 1.283, 0.769, 0.0975)
+
+
+def hertz_force_n(radius_mm: float, depth_mm: float, material: GelMaterial) -> float:
+    """Rigid paraboloid on a half-space: F = 4/3 E/(1 - nu^2) sqrt(R d^3), a = sqrt(R d)."""
+    modulus = material.modulus_mpa / (1 - material.poisson**2)
+    return 4 / 3 * modulus * math.sqrt(radius_mm * depth_mm**3)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import numpy as np
 from deltact_fab.bench import VirtualConfig, load_view, view_notes
 from deltact_fab.common import InputError, Note
 from deltact_fab.fabricate import load_design
-from deltact_fab.sensor import Fisheye, Rectified, SensorDimensions, camera_from_dict
+from deltact_fab.sensor import Fisheye, Rectified, SensorDimensions, restore_camera
 
 from .picture import BAND_PX
 
@@ -44,7 +44,7 @@ def true_lens(config: VirtualConfig, sensor: SensorDimensions) -> Fisheye:
                 )
             same = made_for[key] == nominal[key]
             values[key] = value if same else nominal[key] + value - made_for[key]
-    lens = camera_from_dict(values, "virtual.lens")
+    lens = restore_camera(values, "virtual.lens")
     assert isinstance(lens, Fisheye), "as_dict names its class"
     return lens
 

@@ -27,7 +27,6 @@ from deltact_fab.bench import VirtualConfig, encode_png
 from deltact_fab.common import Array, InputError, make_folder, write_whole
 from deltact_fab.physics import Exposure
 from deltact_fab.sensor import (
-    PHOTOGRAPHS,
     Checkerboard,
     Fisheye,
     ImageSensor,
@@ -240,6 +239,6 @@ def take_photographs(
     for name, image in taken.items():
         write_whole(folder / name, encode_png(image))
     for name in {str(Path(n).parent) for n in taken}:
-        write_whole(folder / name / PHOTOGRAPHS, said)
+        write_whole(folder / name / Checkerboard.mark_file, said)
     write_whole(folder / "truth" / "lens.toml", truth.encode())
     return [folder / name for name in taken]

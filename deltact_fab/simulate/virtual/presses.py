@@ -8,7 +8,6 @@ before a run; what it solved and left out, after it.
 from __future__ import annotations
 
 import itertools
-import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -18,23 +17,18 @@ from deltact_fab.bench import GelConfig, Protocol, expand_protocol
 from deltact_fab.common import Field, InputError, Note, Point
 from deltact_fab.physics import (
     CONTACT_EPS_MM,
-    MAX_FINITE_POISSON,
-    SMALL_STRAIN,
-    SOLVED_PATHS,
     Choice,
     Increments,
     KnotPose,
     Level,
+    LinearContact,
     ObservedChannels,
     PathSolver,
     choose_level,
-    divide_path,
-    linear_refusal,
     open_path,
+    poisson_limit,
 )
 from deltact_fab.sensor import (
-    LINEAR_LEVEL,
-    MAX_LINEAR_POISSON,
     GelMaterial,
     SensorDimensions,
     SkinDimensions,
@@ -56,8 +50,8 @@ class PlannedPress:
     @property
     def stored_files(self) -> tuple[str, ...]:
         """Name of the file of the store that has all of the press, if it can be there."""
-        key = self.solver.stored_as
-        return () if key is None else (str(SOLVED_PATHS.file(json.loads(key))),)
+        file = self.solver.stored_file
+        return () if file is None else (str(file),)
 
     def snapped(self, point: Point) -> Point:
         """The planned point that this one is but for a motor step, else the point itself."""
@@ -95,7 +89,7 @@ class Presses:
         self.paths = paths(protocol)
         self.opened: list[PlannedPress] = []
         self._skin = skin
-        finite, linear = config.hyperelastic, self.level == LINEAR_LEVEL
+        finite, linear = config.hyperelastic, self.level == "linear"
         of = config if linear else finite
         self.increments = Increments(of.press_increment_mm, of.shear_increment_mm)
         lattice_mm = (config.spacing_mm if linear else None) or finite.lattice_mm
@@ -220,7 +214,7 @@ def poses(
     """
     found = []
     for line in path.lines:
-        at, where = divide_path(line.start_mm, line.end_mm, increments)
+        at, where = increments.divide(line.start_mm, line.end_mm)
         for (a, b), tip in zip(itertools.pairwise(at), where[1:], strict=True):
             if tip[2] < 0:
                 found.append(KnotPose(tip, (b - a) * line.seconds, b))
@@ -273,18 +267,18 @@ def require_gel_level(protocol: Protocol, sensor: SensorDimensions, source: str)
             f"{source}: depths_mm: {deepest:g} mm is not less than the gel's thickness of "
             f"{thickness_mm:g} mm: no level of the gel can be pressed that deep"
         )
-    most = MAX_LINEAR_POISSON if level == LINEAR_LEVEL else MAX_FINITE_POISSON
+    most = poisson_limit(level)
     if specimen.poisson > most:
         raise InputError(
             f"{source}: specimen.poisson: {specimen.poisson} is over {most}: the level {level!r} "
             "stops there; .499 serves"
         )
-    if level != LINEAR_LEVEL:
+    if level != "linear":
         return
     material = GelMaterial(1.0, specimen.poisson, specimen.friction, specimen.prony)
     key = "specimen.prony" if specimen.prony else "depths_mm"
     for indenter in map(parse_indenter, protocol.indenters):
-        if why := linear_refusal(sensor.skin, material, indenter, deepest):
+        if why := LinearContact.refusal(sensor.skin, material, indenter, deepest):
             raise InputError(
                 f"{source}: {key}: {why}: the level {level!r} stops there; this protocol needs the "
                 "level 'hyperelastic'"
@@ -318,15 +312,16 @@ def gel_notes(presses: Presses, choices: Sequence[Choice], skin: SkinDimensions)
         "modulus matters to them); between them displacements and forces are interpolated linearly"
     )
     yield Note("solved", text)
-    if presses.level == LINEAR_LEVEL:
+    linear = presses.level == "linear"
+    if linear:
         text = "the linear gel ignores large strain: tenths of a mm in plane from 2 mm deep"
         yield Note("linear gel", text)
     yield from dict.fromkeys(Note("level", f"gel: {choice.why}") for choice in choices)
     if not presses.shears and any(c.friction for c in choices):
         yield Note("friction", "friction is solved, for it changes the force of these presses")
     # From the plan, for the presses that a resumed run kept are not solved again.
-    limit_mm = SMALL_STRAIN * skin.thickness_mm * (1 + 1e-9)
-    if presses.level == LINEAR_LEVEL and max(p.deepest_mm for p in presses.paths) > limit_mm:
+    deepest_mm = max(p.deepest_mm for p in presses.paths)
+    if linear and LinearContact.is_large_strain(deepest_mm, skin.thickness_mm):
         text = "pressed beyond 10 % of the thickness, past small strain"
         yield Note("small strain", text, warns=True)
     if presses.relaxing_s:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from deltact_fab.bench import Clock
 from deltact_fab.common import Point
-from deltact_fab.physics import CONTACT_EPS_MM, Increments, SolvedKnot, Zones, divide_path
+from deltact_fab.physics import CONTACT_EPS_MM, Increments, SolvedKnot, Zones
 from deltact_fab.sensor import StageFrame, SurfaceLattice
 
 from .clock import NS_PER_S
@@ -269,7 +269,7 @@ class GelScene:
             # The plan's rest is over when the next line starts, whatever the host took for it.
             self._resting(math.inf)
         start, end = (self._planned(p) for p in (segment.start_mm, segment.end_mm))
-        at, where = divide_path(start, end, self.increments)
+        at, where = self.increments.divide(start, end)
         knots = [self._here]
         if line is not None:
             # A hold: the new end lies between two knots of the old plan.

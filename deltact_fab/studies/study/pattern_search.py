@@ -12,7 +12,7 @@ from functools import partial
 
 from deltact_fab.bench import VirtualConfig, load_protocol
 from deltact_fab.common import MM_PER_INCH, InputError, Note, RunFailed, toml_text, validate
-from deltact_fab.fabricate import DEFAULT_SEED, RECOMMENDED_RECIPE, PatternRecipe, load_recipe
+from deltact_fab.fabricate import DEFAULT_SEED, PatternRecipe, load_recipe
 from deltact_fab.present import ReportFigure, ReportTable, StudyResult
 from deltact_fab.sensor import Printer, SensorDimensions
 
@@ -63,7 +63,7 @@ def run(asked: StudyRequest) -> StudyResult:
     config, sensor = bench_of(rig, asked.more.get("dpi"), asked.more.get("mm_per_px"))
     mm_per_dot = MM_PER_INCH / config.virtual.printer.dpi
     whole = candidates(mm_per_dot, sensor.optics.mm_per_px)
-    shipped = name_of(load_recipe(RECOMMENDED_RECIPE))
+    shipped = name_of(load_recipe())
     among = thinned(whole, max(MIN_CANDIDATES, round(scale * len(whole))), (PAPER, shipped))
     whole_protocol, source = load_protocol(PROTOCOL)
     protocol = shortened(whole_protocol, scale)

@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from deltact_fab.bench import Protocol, Run, expand_protocol, load_protocol, open_run
-from deltact_fab.common import MM_PER_INCH, InputError, Note, count_workers, did_you_mean
+from deltact_fab.common import MM_PER_INCH, InputError, Note, count_workers, did_you_mean, validate
 from deltact_fab.estimate import FlowTracker, TrackingPlan, read_frames
-from deltact_fab.fabricate import SeriesEntry, recipe_from_data, series_recipes
+from deltact_fab.fabricate import PatternRecipe, SeriesEntry, list_series
 from deltact_fab.present import StudyResult
 from deltact_fab.sensor import parse_indenter
 
@@ -144,9 +144,11 @@ def jobs_of(folders: Sequence[Path], methods: Sequence[str]) -> list[tuple[Serie
 
 def printed_of(run: Run) -> SeriesEntry:
     """The pattern of a run: one of the paper's by its d and r, else by the run's name."""
-    recipe = recipe_from_data(run.pattern["recipe"], f"{run.folder / 'pattern.json'}: recipe")
+    recipe = validate(
+        PatternRecipe, run.pattern["recipe"], f"{run.folder / 'pattern.json'}: recipe"
+    )
     told = recipe.law, recipe.patch_mm, recipe.r
-    for entry in series_recipes():
+    for entry in list_series():
         if told == (entry.recipe.law, entry.recipe.patch_mm, entry.recipe.r):
             return entry
     if recipe.law == "algorithm1":
@@ -295,7 +297,7 @@ class Selection:
             [parse_indenter(name).name for name in asked.more.get("indenter") or ()],
             list(whole.indenters),
         )
-        every = {entry.name: entry for entry in series_recipes(asked.seed)}
+        every = {entry.name: entry for entry in list_series(asked.seed)}
         chosen = _chosen("--pattern", list(asked.more.get("pattern") or ()), list(every))
         protocol = thinned(whole, SCALE if asked.scale is None else asked.scale)
         protocol = protocol.model_copy(update={"indenters": tuple(indenters)})

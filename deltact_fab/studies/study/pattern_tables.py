@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from deltact_fab.fabricate import SERIES_GRIDS, SeriesEntry
+from deltact_fab.fabricate import PatternSeries, SeriesEntry
 from deltact_fab.present import Claim, Headline, ReportFigure, ReportTable
 
 from .intervals import Interval, headline
@@ -40,13 +40,13 @@ def claims(errors: PatternErrors) -> tuple[Claim, ...]:
     the interval's level is that of as many comparisons together.
     """
     found = []
-    rounds_ = rounds(errors.printed)[: len(SERIES_GRIDS)]
+    rounds_ = rounds(errors.printed)[: len(PatternSeries.grids)]
     for number, ((_, part), best) in enumerate(zip(rounds_, PAPER_BEST, strict=False), start=1):
         theirs = next((p for p in part if (p.recipe.patch_mm, p.recipe.r) == best), None)
         others = [p for p in part if p != theirs]
         if theirs is None or not others:
             continue
-        whole = len(part) == len(SERIES_GRIDS[number - 1][0]) * len(SERIES_GRIDS[number - 1][1])
+        whole = len(part) == math.prod(map(len, PatternSeries.grids[number - 1]))
         level = 1 - 0.05 / len(others)
         readings, rivals = {}, []
         for method in (SUMMED, COMPOSED):
@@ -249,7 +249,7 @@ def rounds(printed: Sequence[SeriesEntry]) -> list[tuple[str, list[SeriesEntry]]
     names = ("First round", "Second round")
     found = [
         (f"{names[n - 1]} of the paper", [p for p in printed if n in p.rounds])
-        for n in range(1, len(SERIES_GRIDS) + 1)
+        for n in range(1, len(PatternSeries.grids) + 1)
     ]
     found.append(("Other patterns", [p for p in printed if not p.rounds]))
     return [(title, part) for title, part in found if part]

@@ -14,7 +14,7 @@ from deltact_fab.bench import Protocol, VirtualConfig, check_limits, expand_prot
 from deltact_fab.common import Check, DeltactFabError, InputError, Note
 from deltact_fab.estimate import ForceCalibration, ForceModel, SensorModel
 from deltact_fab.fabricate import load_design, load_recipe
-from deltact_fab.physics import MODEL_TOLERANCE_SHARE
+from deltact_fab.physics import Choice
 from deltact_fab.present import StudyResult
 from deltact_fab.sensor import SensorDimensions
 from deltact_fab.simulate import Presses, VirtualKind, solve_presses
@@ -154,7 +154,7 @@ class PressScene:
             "gel": f"{specimen.gel_model}; cells below an indenter of {min(cells):.2g} to "
             f"{max(cells):.2g} mm, {hyperelastic.most_unknowns} unknowns at most: the error of the "
             f"mesh may be {times:.2g} times that of the tolerance, "
-            f"{times * (1 - MODEL_TOLERANCE_SHARE) * hyperelastic.tolerance:.1%} of the force",
+            f"{times * (1 - Choice.model_share) * hyperelastic.tolerance:.1%} of the force",
         }
         return found | flagged(gel, "jobs")
 

@@ -22,7 +22,7 @@ from deltact_fab.bench import Protocol, Step, VirtualConfig, expand_protocol
 from deltact_fab.common import Field, SolverError
 from deltact_fab.estimate import PatternDots, TrueFrame
 from deltact_fab.fabricate import PatternRecipe
-from deltact_fab.physics import CONTACT_EPS_MM, Increments, divide_path
+from deltact_fab.physics import CONTACT_EPS_MM, Increments
 from deltact_fab.sensor import FlatField, Pinhole, Rectified, SeenFace, SensorDimensions
 from deltact_fab.simulate import (
     FrameRenderer,
@@ -177,7 +177,7 @@ def looks(protocol: Protocol, path: PressPath, increments: Increments) -> list[L
             knot = 0
             found += [Look(step.id, 0, 0, 0.0, here)] * step.frames
             continue
-        at, where = divide_path(start, here, increments)
+        at, where = increments.divide(start, here)
         numbers = [knot]
         for tip in where[1:]:
             knot = knot + 1 if tip[2] < 0 else 0

@@ -11,8 +11,9 @@ import pytest
 from numpy.typing import NDArray
 from raytraced import Imaging, Lens, Motion, Tracer, true_motion_mm
 
+from deltact_fab.common import validate
 from deltact_fab.estimate.measure.flow.tracker import FlowTracker
-from deltact_fab.fabricate.patterns.recipe import draw_patches, recipe_from_data
+from deltact_fab.fabricate.patterns.recipe import PatternRecipe
 from deltact_fab.sensor.optics.fisheye import Fisheye
 from deltact_fab.sensor.optics.rectified import Rectified
 from deltact_fab.sensor.shapes.sensor import SensorDimensions
@@ -33,10 +34,10 @@ GOALS_MM = {"coarse": (0.0025, 0.9), "dense": (0.009, 0.7)}
 @cache
 def light(pattern: str, part: float, seed: int = 7) -> NDArray[np.float32]:
     patch_mm, r = PATTERNS[pattern]
-    recipe = recipe_from_data(
-        {"law": "algorithm1", "seed": seed, "patch_mm": patch_mm, "r": r}, "test"
+    recipe = validate(
+        PatternRecipe, {"law": "algorithm1", "seed": seed, "patch_mm": patch_mm, "r": r}, "test"
     )
-    tracer = Tracer(draw_patches(recipe), recipe.printed_mm, LENS)
+    tracer = Tracer(recipe.patches(), recipe.printed_mm, LENS)
     return tracer.light(MOTION.share(part) if part else None)
 
 

@@ -23,7 +23,7 @@ from deltact_fab.estimate.measure.force.inverse import (
 from deltact_fab.estimate.measure.force.model import ForceModel
 from deltact_fab.estimate.measure.sensor_id import SensorModel
 from deltact_fab.estimate.measure.shape.depth import DepthFinder, DepthModel, contacts
-from deltact_fab.physics.gel.path.knots import ObservedChannels, poses_along
+from deltact_fab.physics.gel.path.knots import Increments, ObservedChannels
 from deltact_fab.physics.gel.path.open import choose_level, open_path
 from deltact_fab.sensor.elasticity.block import FreeBlock
 from deltact_fab.sensor.elasticity.material import GelMaterial
@@ -180,7 +180,7 @@ def test_motion_that_no_press_makes_is_said_to_be_foreign(features, block, size_
 @pytest.mark.slow
 def test_a_ball_in_finite_strain_is_found_with_the_modulus_alone(features) -> None:
     """Another theory and another mesh: what a calibration is left to do is a few percent."""
-    poses = poses_along([(-3.0, 2.0, 0.0), (-3.0, 2.0, -1.2), (-2.5, 1.7, -1.2)], 1.3)
+    poses = Increments(1.3, 1.3).poses([(-3.0, 2.0, 0.0), (-3.0, 2.0, -1.2), (-2.5, 1.7, -1.2)])
     gel, ball = GelMaterial(0.56, 0.49, 0.5), parse_indenter("sphere:15")
     choice = choose_level(SKIN, gel, ball, poses, 0.05, level="hyperelastic", most_unknowns=4000)
     solver = open_path(

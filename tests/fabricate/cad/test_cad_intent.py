@@ -12,7 +12,7 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.fabricate.cad import check, feasibility, intent
 from deltact_fab.fabricate.cad.check import arithmetic, visibility
 from deltact_fab.fabricate.cad.design import IndenterList, ListedIndenter, load_camera, load_design
-from deltact_fab.fabricate.cad.intent import design_for_wish, failures, solved, wish_from_options
+from deltact_fab.fabricate.cad.intent import Wish, failures, solve_wish, solved
 from deltact_fab.fabricate.cad.parts.camera import off_axis
 from deltact_fab.fabricate.cad.registry import of_design
 
@@ -31,7 +31,7 @@ SLOW = pytest.mark.slow
     ],
 )
 def test_a_wish_gives_a_design_on_which_all_arithmetic_holds(face, camera):
-    wish = wish_from_options(face, camera=camera)
+    wish = Wish.parse(face, camera=camera)
     design = solved(wish, BASE)
     assert (design.skin.width_mm, design.skin.length_mm) == wish.face_mm
     assert list(failures(design, wish)) == []
@@ -50,10 +50,10 @@ def test_a_wish_gives_a_design_on_which_all_arithmetic_holds(face, camera):
 )
 def test_a_refusal_names_a_change_that_passes(face, share, camera, key):
     with pytest.raises(InputError, match=rf"the smallest change that passes: --{key} ") as told:
-        design_for_wish(wish_from_options(face, share, camera), BASE)
+        solve_wish(Wish.parse(face, share, camera), BASE)
     typed = {"face": face, "share": share, "camera": camera}
     typed |= {key: str(told.value).rpartition(" ")[2]}
-    mended = wish_from_options(typed["face"], float(typed["share"]), typed["camera"])
+    mended = Wish.parse(typed["face"], float(typed["share"]), typed["camera"])
     assert list(failures(solved(mended, BASE), mended)) == []
 
 
@@ -67,11 +67,11 @@ def test_a_refusal_names_a_change_that_passes(face, share, camera, key):
 )
 def test_what_is_no_wish_is_one_line(face, share, says):
     with pytest.raises(InputError, match=re.escape(says)):
-        wish_from_options(face, share)
+        Wish.parse(face, share)
 
 
 def test_the_file_states_what_differs_from_its_base_and_gives_the_same_design(tmp_path):
-    wish = wish_from_options("24x24")
+    wish = Wish.parse("24x24")
     path = write("tip", out=tmp_path / "tip.toml", wish=wish)
     assert load_design(str(path)) == solved(wish, BASE)
     text = path.read_text()
@@ -82,14 +82,14 @@ def test_the_file_states_what_differs_from_its_base_and_gives_the_same_design(tm
 @SLOW
 def test_a_solved_design_passes_every_check_on_its_solids():
     one = IndenterList(indenter=(ListedIndenter("sphere:10"),))
-    wish = wish_from_options("24x24", camera="innomaker-u20cam")
+    wish = Wish.parse("24x24", camera="innomaker-u20cam")
     rows = check.check_design(solved(wish, BASE), indenters=one)
     assert [row for row in rows if row.failed] == []
 
 
 def test_a_board_without_holes_is_bonded_and_takes_no_screws():
     bare = replace(BASE, camera=replace(BASE.camera, hole_mm=0.0))
-    design = solved(wish_from_options("36x34"), bare)
+    design = solved(Wish.parse("36x34"), bare)
     assert design.holder.screw == "none"
     assert "camera-screw" not in [part.name for part in of_design(design)]
     # It lies further off the middle than screws would have it.
@@ -98,7 +98,7 @@ def test_a_board_without_holes_is_bonded_and_takes_no_screws():
 
 def test_words_of_a_check_are_no_key(monkeypatch):
     """With every check renamed the same dimensions move; with its id changed nothing does."""
-    wish, told = wish_from_options("60x50"), intent.failures
+    wish, told = Wish.parse("60x50"), intent.failures
     design = solved(wish, BASE)
 
     def renamed(design, wish):
@@ -139,5 +139,5 @@ def test_every_remedy_is_of_a_check_that_there_is():
 )
 def test_behind_the_board_is_room_for_the_highest(changes, room_mm):
     flat = replace(BASE.camera, connector_height_mm=1.0, cable_height_mm=0.5)
-    design = solved(wish_from_options("36x34"), replace(BASE, camera=replace(flat, **changes)))
+    design = solved(Wish.parse("36x34"), replace(BASE, camera=replace(flat, **changes)))
     assert design.holder.clearance_mm == pytest.approx(room_mm)

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from solids import made, of_group
 
 from deltact_fab.fabricate.cad import registry
-from deltact_fab.fabricate.cad.assembly import PlacedPart, assemble
+from deltact_fab.fabricate.cad.assembly import PlacedPart, assemble_sensor
 from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.fabricate.cad.drafting import picture
 from deltact_fab.fabricate.cad.drafting.drawing import drawing
@@ -48,7 +48,7 @@ def exploded():
 
 
 def exploded_svg(design, solids):
-    placed = assemble(design, 1.0, SENSOR, solids)
+    placed = assemble_sensor(design, 1.0, SENSOR, solids)
     return picture.picture_svg("exploded view", placed, picture.APART, picture.APART_MM)
 
 

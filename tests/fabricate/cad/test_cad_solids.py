@@ -16,7 +16,7 @@ from solids import box, common_mm3, made, moved, of_group, rod
 
 from deltact_fab.common.errors import InputError, RunFailed
 from deltact_fab.fabricate.cad import feasibility, kernel, registry
-from deltact_fab.fabricate.cad.assembly import assemble, places
+from deltact_fab.fabricate.cad.assembly import assemble_sensor, places
 from deltact_fab.fabricate.cad.build import build_part
 from deltact_fab.fabricate.cad.check.built import BuiltDesign
 from deltact_fab.fabricate.cad.check.together import shared
@@ -296,7 +296,7 @@ def grips_mm3(design: Design):
 def test_pieces_share_nothing_but_the_threads_and_fill_the_envelope(name, changes):
     design = load_design(name, changes)
     solids = {p.name: made(p.name, name, *changes) for p in registry.parts_of_group("sensor")}
-    placed = assemble(design, solids=solids)
+    placed = assemble_sensor(design, solids=solids)
     assert len(placed) == 8 + 2 + 4
     low, high = hull(placed)
     assert high - low == pytest.approx(design.outer_mm, abs=1e-5)
@@ -320,7 +320,7 @@ def test_a_part_out_of_place_is_found_with_its_volume():
 
 
 def test_exploding_moves_each_part_by_its_own_shift():
-    put, half, whole = (assemble(D, at, solids=of_group("sensor")) for at in (0.0, 0.5, 1.0))
+    put, half, whole = (assemble_sensor(D, at, solids=of_group("sensor")) for at in (0.0, 0.5, 1.0))
     for a, b, c in zip(put, half, whole, strict=True):
         assert (a.part, a.index) == (b.part, b.index) == (c.part, c.index)
         rise = a.part.explode_mm
@@ -334,7 +334,7 @@ def test_exploding_moves_each_part_by_its_own_shift():
 def test_parts_are_built_only_where_no_solid_is_given():
     names = ("cover", "camera-holder")
     given = {"cover": made("cover")}
-    placed = assemble(D, parts=[registry.find_part(name) for name in names], solids=given)
+    placed = assemble_sensor(D, parts=[registry.find_part(name) for name in names], solids=given)
     kept = [piece.solid.wrapped.IsPartner(made(name).wrapped)
             for piece, name in zip(placed, names, strict=True)]  # fmt: skip
     assert kept == [True, False]

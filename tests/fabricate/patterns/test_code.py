@@ -10,17 +10,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deltact_fab.common import catalog
+from deltact_fab.common import catalog, validate
 from deltact_fab.common.errors import InputError
 from deltact_fab.fabricate.patterns.code import decode_recipe, encode
 from deltact_fab.fabricate.patterns.recipe import (
-    draw_patches,
+    PatternRecipe,
+    choose_recipe,
     load_recipe,
-    recipe_from_data,
-    recipe_from_options,
 )
 
-SMALL = recipe_from_options(None, 0.5, 0.1, size_mm=5.0)
+SMALL = choose_recipe(None, 0.5, 0.1, size_mm=5.0)
 CODE = encode(SMALL)
 
 
@@ -35,7 +34,7 @@ def test_every_shipped_recipe_comes_back(name):
     text = encode(recipe)
     back = decode_recipe(text)
     assert back == recipe
-    assert np.array_equal(draw_patches(back), draw_patches(recipe))
+    assert np.array_equal(back.patches(), recipe.patches())
     # The QR code's dense set, and short enough for a symbol of 17 mm
     assert re.fullmatch(r"[0-9A-Z $%*+\-./:]+", text)
     assert len(text) <= 221  # version 8, level M
@@ -70,7 +69,7 @@ def test_any_recipe_comes_back_bit_for_bit(patch_mm, r, seed, size_mm, channels,
         }
         if max(1.0 + diameter_mm, 1.9 + diameter_mm) > size_mm // patch_mm * patch_mm:
             del data["dots"]
-    recipe = recipe_from_data(data, "test")
+    recipe = validate(PatternRecipe, data, "test")
     assert decode_recipe(encode(recipe)) == recipe
 
 

@@ -13,16 +13,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from deltact_fab.common import validate
 from deltact_fab.common.errors import InputError
 from deltact_fab.fabricate.patterns.laws import PATTERN_LAWS
 from deltact_fab.fabricate.patterns.laws.octave import SumOfUniforms, block_sums
 from deltact_fab.fabricate.patterns.laws.plain import inner_corners
 from deltact_fab.fabricate.patterns.raster import make_pattern, pattern_albedo
 from deltact_fab.fabricate.patterns.recipe import (
-    dot_centres_mm,
-    draw_patches,
+    PatternRecipe,
     load_recipe,
-    recipe_from_data,
 )
 from deltact_fab.sensor.shapes.sensor import SensorDimensions
 
@@ -36,7 +35,7 @@ def recipe(law, **more):
         data |= {"patch_mm": 0.1, "size_mm": 4.0}
     if "dots" in PATTERN_LAWS[law].needs:
         data |= {"dots": {"colour": "#000000"}}
-    return recipe_from_data(data | EXTRA.get(law, {}) | more, "here")
+    return validate(PatternRecipe, data | EXTRA.get(law, {}) | more, "here")
 
 
 def named(law, n, **more):
@@ -63,26 +62,26 @@ def named(law, n, **more):
 )
 def test_the_bytes_of_a_seed(law, more, digits):
     """A seed names a sticker that was printed: another draw needs another law's name."""
-    drawn = draw_patches(recipe(law, **more))
+    drawn = recipe(law, **more).patches()
     assert drawn.dtype == np.uint8
     assert hashlib.sha256(drawn.tobytes()).hexdigest().startswith(digits)
 
 
 @pytest.mark.parametrize("law", ["algorithm1", "iid", "binary", "octave"])
 def test_seed_and_channels(law):
-    grey = draw_patches(recipe(law, channels=1))
+    grey = recipe(law, channels=1).patches()
     assert (grey == grey[..., :1]).all()
-    colour = draw_patches(recipe(law))
+    colour = recipe(law).patches()
     assert (colour[..., 0] != colour[..., 1]).any()
-    assert not np.array_equal(colour, draw_patches(recipe(law, seed=6)))
+    assert not np.array_equal(colour, recipe(law, seed=6).patches())
 
 
 def test_iid_is_algorithm_1_at_r_0_bit_by_bit():
-    assert np.array_equal(draw_patches(recipe("iid")), draw_patches(recipe("algorithm1", r=0.0)))
+    assert np.array_equal(recipe("iid").patches(), recipe("algorithm1", r=0.0).patches())
 
 
 def test_binary_is_a_fair_coin():
-    drawn = draw_patches(named("binary", 700))
+    drawn = named("binary", 700).patches()
     assert set(np.unique(drawn)) == {0, 255}
     share = (drawn == 255).mean((0, 1))
     assert (np.abs(share - 0.5) < 4 * 0.5 / 700).all()
@@ -126,7 +125,7 @@ def test_sums_of_uniforms_against_exact_fractions(weights, shares):
 
 def test_the_chessboard_covers_the_view_and_opencv_finds_every_corner(tmp_path):
     board = load_recipe("chessboard")
-    squares = draw_patches(board)
+    squares = board.patches()
     assert (squares[1:] != squares[:-1]).all()
     assert (squares[:, 1:] != squares[:, :-1]).all()
     columns, rows = inner_corners(board, VIEW_MM)
@@ -168,9 +167,9 @@ def test_any_law_carries_dots_but_clear_film(law):
         return
     marked = recipe(law, dots=grid, size_mm=4.0)
     assert marked.dots is not None
-    assert len(dot_centres_mm(marked.dots)) == 6
+    assert len(marked.dots.centres_mm()) == 6
     seen = pattern_albedo(marked, 0.05, (80, 80))
-    for x_mm, y_mm in dot_centres_mm(marked.dots):
+    for x_mm, y_mm in marked.dots.centres_mm():
         assert np.allclose(seen[round(y_mm / 0.05 + 39.5), round(x_mm / 0.05 + 39.5)], (0, 1, 0))
 
 
@@ -202,6 +201,6 @@ def test_what_a_law_refuses(law, more, said):
         else recipe(law).model_dump(exclude_none=True)
     )
     with pytest.raises(InputError) as caught:
-        recipe_from_data(base | more, "p.toml")
+        validate(PatternRecipe, base | more, "p.toml")
     assert str(caught.value).startswith(f"p.toml: {said}")
     assert "\n" not in str(caught.value)

@@ -10,15 +10,15 @@ from hypothesis.extra import numpy as arrays
 from PIL import Image
 from scipy import stats
 
-from deltact_fab.fabricate.patterns.laws import algorithm1 as patches
+from deltact_fab.fabricate.patterns.laws.algorithm1 import Algorithm1
 from deltact_fab.fabricate.patterns.raster import make_pattern
-from deltact_fab.fabricate.patterns.recipe import recipe_from_options
+from deltact_fab.fabricate.patterns.recipe import choose_recipe
 
 
 @pytest.mark.parametrize("r", [0.0, 0.26, 0.6, 0.9999])
 def test_the_law_holds_in_the_file_without_any_tolerance(tmp_path, r):
     path = tmp_path / "p.png"
-    make_pattern(recipe_from_options(None, 0.35, r, seed=3), path)
+    make_pattern(choose_recipe(None, 0.35, r, seed=3), path)
     with Image.open(path) as image:
         pixels = np.asarray(image).astype(np.int64)
     assert pixels.shape == (100, 100, 3)
@@ -34,13 +34,13 @@ def test_the_law_holds_in_the_file_without_any_tolerance(tmp_path, r):
     [(0.0, 0), (1e-12, 1), (0.04, 51), (0.25, 128), (0.64, 204), (0.9999999, 255)],
 )
 def test_step_is_the_least_whole_number_of_levels(r, levels):
-    assert patches.step_levels(r) == levels
+    assert Algorithm1(r).step_levels == levels
 
 
 def row_major(uniforms, r, levels=256):
     """Algorithm 1 in the order of the paper; lists the allowed levels, where `fill` computes."""
     rows, columns, channels = uniforms.shape
-    step, every = patches.step_levels(r, levels), np.arange(levels)
+    step, every = Algorithm1(r, levels).step_levels, np.arange(levels)
     out = np.zeros(uniforms.shape, np.int32)
     for i, j, c in np.ndindex(rows, columns, channels):
         allowed = np.ones(levels, bool)
@@ -65,7 +65,7 @@ def row_major(uniforms, r, levels=256):
     r=st.floats(0, 1, exclude_max=True),
 )
 def test_wavefront_and_row_major_agree_in_every_bit(uniforms, r):
-    fast = patches.fill(uniforms, r)
+    fast = Algorithm1(r).fill(uniforms)
     slow = row_major(uniforms, r)
     assert fast.dtype == slow.dtype
     assert np.array_equal(fast, slow)
@@ -83,12 +83,12 @@ def test_same_law_as_drawing_again_and_again(r, repeats):
     joint law; a channel is a sample of its own.
     """
     rng = np.random.default_rng(11)
-    naive = [patches.fill_by_rejection(rng, 3, 3, r, 10**7) for _ in range(repeats)]
+    naive = [Algorithm1(r).fill_by_rejection(rng, 3, 3, 10**7) for _ in range(repeats)]
     printed = np.array(naive)
     assert np.isfinite(printed).all()
     levels = 2**16
     exact = np.array(
-        [patches.fill(rng.random((3, 3, 3)), r, levels) / (levels - 1) for _ in range(repeats)]
+        [Algorithm1(r, levels).fill(rng.random((3, 3, 3))) / (levels - 1) for _ in range(repeats)]
     )
     places = {
         "first": lambda v: v[:, 0, 0],
@@ -109,7 +109,7 @@ def test_same_law_as_drawing_again_and_again(r, repeats):
 
 def test_the_printed_algorithm_hangs_where_no_second_value_is_far_enough():
     rng, r = np.random.default_rng(5), 0.3
-    runs = np.array([patches.fill_by_rejection(rng, 1, 2, r, 4000) for _ in range(100)])
+    runs = np.array([Algorithm1(r).fill_by_rejection(rng, 1, 2, 4000) for _ in range(100)])
     s = np.sqrt(r)
     stuck = ((runs[:, 0, 0] > 1 - s) & (runs[:, 0, 0] < s)).any(axis=1)
     p = 1 - (2 * (1 - s)) ** 3

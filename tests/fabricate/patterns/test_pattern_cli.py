@@ -12,24 +12,25 @@ import pytest
 from PIL import Image
 
 from deltact_fab.app.cli.main import entry
+from deltact_fab.common import validate
 from deltact_fab.common.errors import InputError
 from deltact_fab.fabricate.patterns.code import encode, patches_hash
 from deltact_fab.fabricate.patterns.metadata import read_recipe
 from deltact_fab.fabricate.patterns.raster import checked_mm_per_px, make_pattern, raster
 from deltact_fab.fabricate.patterns.recipe import (
-    draw_patches,
+    PatternRecipe,
+    choose_recipe,
     load_recipe,
-    recipe_from_data,
-    recipe_from_options,
 )
 from deltact_fab.fabricate.patterns.sheet import job as sheet
 from deltact_fab.fabricate.patterns.sheet.layout import Sheet
 
-PLAIN = recipe_from_options(None, 0.5, 0.1, size_mm=5.0)
+PLAIN = choose_recipe(None, 0.5, 0.1, size_mm=5.0)
 
 
 def with_dots(size_mm=35.0, patch_mm=0.5, **grid):
-    return recipe_from_data(
+    return validate(
+        PatternRecipe,
         {
             "law": "algorithm1",
             "seed": 1,
@@ -44,7 +45,7 @@ def with_dots(size_mm=35.0, patch_mm=0.5, **grid):
 
 
 WIDE = with_dots(pitch_x_mm=14.0, pitch_y_mm=14.0, diameter_mm=3.0)
-BOARD = recipe_from_data({"law": "chessboard", "seed": 0, "size_mm": 20.0, "patch_mm": 2.0}, "test")
+BOARD = PatternRecipe(law="chessboard", seed=0, size_mm=20.0, patch_mm=2.0)
 
 
 @pytest.fixture
@@ -164,12 +165,12 @@ def test_the_resolutions_that_a_refusal_names_are_possible(tmp_path):
 
 def test_r_and_the_patches_are_said_exactly(run, tmp_path, monkeypatch):
     r, seen = 0.9999999999999999, []
-    recipe = recipe_from_options(None, 0.5, r, size_mm=5.0)
+    recipe = choose_recipe(None, 0.5, r, size_mm=5.0)
     real = Sheet.words
     monkeypatch.setattr(Sheet, "words", lambda on, *of: (seen.append(of[2]), real(on, *of))[1])
     sheet.write_sheet([recipe], tmp_path / "s.pdf", dpi=600)
     label = "\n".join(seen)
-    digits = hashlib.sha256(draw_patches(recipe).tobytes()).hexdigest()[:12]
+    digits = hashlib.sha256(recipe.patches().tobytes()).hexdigest()[:12]
     assert digits == patches_hash(recipe)
     assert f"r {r!r}" in label
     assert f"patches {digits}" in label

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from deltact_fab.common import validate
 from deltact_fab.common.errors import InputError
 from deltact_fab.fabricate.patterns.dots import to_px
 from deltact_fab.fabricate.patterns.quality.figures import (
@@ -27,10 +28,9 @@ from deltact_fab.fabricate.patterns.quality.measure import (
     sent,
 )
 from deltact_fab.fabricate.patterns.recipe import (
-    dot_centres_mm,
+    PatternRecipe,
+    choose_recipe,
     load_recipe,
-    recipe_from_data,
-    recipe_from_options,
 )
 from deltact_fab.physics.imaging import print_colours
 from deltact_fab.sensor.shapes.imaging import ImageSensor, Printer
@@ -48,7 +48,7 @@ def coloured(shade):
 
 
 def dense(d, r):
-    return recipe_from_options(None, d, r)
+    return choose_recipe(None, d, r)
 
 
 @pytest.mark.parametrize(("period_px", "axis"), [(8, 0), (15, 1)])
@@ -97,7 +97,7 @@ def test_the_poorest_subset_is_found():
 def test_the_nearest_copy_of_a_fine_pattern_is_one_diagonal_away(d, r):
     """1.3 to 2.6 camera pixels a patch: its nearest copy, at (d, d), is between two pixels."""
     board = {"law": "chessboard", "seed": 0, "patch_mm": d}
-    recipe = recipe_from_data(board, "x") if r is None else dense(d, r)
+    recipe = validate(PatternRecipe, board, "x") if r is None else dense(d, r)
     found = measure_quality(recipe, mm_per_px=0.0378, view_mm=VIEW_MM)
     assert found.designed.peak_mm == pytest.approx(d * math.sqrt(2), rel=0.03)
     assert found.designed.peak > 0.84
@@ -157,7 +157,7 @@ def test_the_photograph_shows_the_dots_where_they_are():
     )
     ink -= np.median(ink)
     assert recipe.dots is not None
-    for x_px, y_px in to_px(dot_centres_mm(recipe.dots), mm_per_px, size_px):
+    for x_px, y_px in to_px(recipe.dots.centres_mm(), mm_per_px, size_px):
         left, top = round(x_px) - 14, round(y_px) - 14
         part = ink[top : top + 29, left : left + 29]
         rows, columns = np.mgrid[top : top + part.shape[0], left : left + part.shape[1]]
@@ -166,7 +166,7 @@ def test_the_photograph_shows_the_dots_where_they_are():
 
 
 def test_extremes_are_measured_and_not_refused():
-    tiny = measure_quality(recipe_from_options(None, 0.02, 0.1, size_mm=6.0))  # below a printer dot
+    tiny = measure_quality(choose_recipe(None, 0.02, 0.1, size_mm=6.0))  # below a printer dot
     assert tiny.dots_a_patch < 1
     assert not tiny.printable
     assert tiny.print_contrast < 0.4

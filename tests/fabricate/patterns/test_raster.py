@@ -10,23 +10,24 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from deltact_fab.common import validate
 from deltact_fab.common.errors import InputError
 from deltact_fab.fabricate.patterns.dots import check_inside
 from deltact_fab.fabricate.patterns.metadata import read_recipe
 from deltact_fab.fabricate.patterns.raster import make_pattern, pattern_albedo, raster
 from deltact_fab.fabricate.patterns.recipe import (
     DotGrid,
-    dot_centres_mm,
-    draw_patches,
+    PatternRecipe,
+    choose_recipe,
     load_recipe,
-    recipe_from_data,
-    recipe_from_options,
 )
 from deltact_fab.sensor.shapes.sensor import SensorDimensions
 
-PLAIN = recipe_from_options(None, 0.15, 0.1, size_mm=9.0)
-MARKED = recipe_from_data(
-    PLAIN.model_dump(exclude_none=True) | {"dots": {"columns": 3, "rows": 2}}, "marked"
+PLAIN = choose_recipe(None, 0.15, 0.1, size_mm=9.0)
+MARKED = validate(
+    PatternRecipe,
+    PLAIN.model_dump(exclude_none=True) | {"dots": {"columns": 3, "rows": 2}},
+    "marked",
 )
 
 
@@ -59,7 +60,7 @@ def test_the_papers_pattern_is_34_95_mm_and_1200_dpi_is_exact(tmp_path):
 
 @pytest.mark.parametrize(("patch_mm", "dpi"), [(0.075, 1200), (0.15, 600), (0.1, 1439.5)])
 def test_no_edge_drifts(patch_mm, dpi):
-    recipe = recipe_from_options(None, patch_mm, 0.6, size_mm=20.0)
+    recipe = choose_recipe(None, patch_mm, 0.6, size_mm=20.0)
     image = raster(recipe, dpi).astype(int)
     mm_per_px = 25.4 / dpi
     side_px = image.shape[0]
@@ -74,10 +75,10 @@ def test_no_edge_drifts(patch_mm, dpi):
 def test_row_0_column_0_is_the_corner_at_minus_x_minus_y():
     seen = pattern_albedo(PLAIN, 0.15)
     assert seen.shape == (60, 60, 3)
-    assert np.allclose(seen * 255, draw_patches(PLAIN), atol=1e-4)
+    assert np.allclose(seen * 255, PLAIN.patches(), atol=1e-4)
     # Two dots in one row lie along x, which is the image's columns
     grid = {"columns": 2, "rows": 1, "colour": "#000000"}
-    lone = recipe_from_data({"law": "dot-matrix", "seed": 0, "dots": grid}, "x")
+    lone = validate(PatternRecipe, {"law": "dot-matrix", "seed": 0, "dots": grid}, "x")
     dark = np.argwhere(raster(lone, 300)[..., 0] == 0)
     side = raster(lone, 300).shape[0]
     x_mm = (dark[:, 1] - (side - 1) / 2) * 25.4 / 300
@@ -100,7 +101,7 @@ def test_dots_that_leave_the_view_are_refused(tmp_path):
             check_inside(DotGrid(**outside), view_mm)
     wide = {"law": "dot-matrix", "seed": 0, "dots": {"pitch_x_mm": 2.6, "colour": "#000000"}}
     with pytest.raises(InputError, match="reduce columns"):
-        make_pattern(recipe_from_data(wide, "x"), tmp_path / "w.png")
+        make_pattern(validate(PatternRecipe, wide, "x"), tmp_path / "w.png")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -120,7 +121,7 @@ SET_OFF = {
 def test_the_table_in_the_image_says_where_every_dot_is(tmp_path, dpi):
     """Centres in px and mm, against the centroids of its black pixels and the table beside it."""
     plain = {"law": "dot-matrix", "seed": 0, "size_mm": 12.0, "dots": SET_OFF}
-    made = make_pattern(recipe_from_data(plain, "x"), tmp_path / "q.png", dpi)
+    made = make_pattern(validate(PatternRecipe, plain, "x"), tmp_path / "q.png", dpi)
     with Image.open(made.image) as image:
         dark = np.asarray(image)[..., 0] == 0
         table = list(csv.DictReader(io.StringIO(image.text["dots_csv"])))
@@ -130,7 +131,7 @@ def test_the_table_in_the_image_says_where_every_dot_is(tmp_path, dpi):
         np.array([[float(row[f"{axis}_{unit}"]) for axis in "xy"] for row in table])
         for unit in ("mm", "px")
     )
-    assert np.abs(at_mm - dot_centres_mm(read_recipe(made.image).dots)).max() <= 0.5e-6 * (1 + 1e-6)
+    assert np.abs(at_mm - read_recipe(made.image).dots.centres_mm()).max() <= 0.5e-6 * (1 + 1e-6)
     at_px = np.argwhere(dark)[:, ::-1]
     nearest = np.argmin(((at_px[:, None] - listed_px) ** 2).sum(-1), axis=1)
     for index, centre_px in enumerate(listed_px):
@@ -177,6 +178,6 @@ def test_albedo_beyond_the_sticker_is_white():
 
 
 def test_centres_are_row_by_row_about_the_offset():
-    found = dot_centres_mm(DotGrid(columns=3, rows=2, offset_x_mm=0.5, offset_y_mm=-0.1))
+    found = DotGrid(columns=3, rows=2, offset_x_mm=0.5, offset_y_mm=-0.1).centres_mm()
     rows = [[-1.7, y, 0.5, y, 2.7, y] for y in (-0.9, 0.7)]
     assert found == pytest.approx(np.array(rows).reshape(6, 2))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from deltact_fab.common import catalog
+from deltact_fab.common import catalog, validate
 from deltact_fab.common.errors import InputError
-from deltact_fab.fabricate.patterns.recipe import load_recipe, recipe_from_data, recipe_from_options
+from deltact_fab.fabricate.patterns.recipe import PatternRecipe, choose_recipe, load_recipe
 
 GOOD = {"law": "algorithm1", "seed": 1, "patch_mm": 0.1, "r": 0.2}
 
@@ -44,15 +44,15 @@ def test_shipped_recipes_load_and_one_is_the_papers():
 )
 def test_a_bad_recipe_is_one_line_with_file_and_key(change, said):
     with pytest.raises(InputError) as caught:
-        recipe_from_data(GOOD | change, "p.toml")
+        validate(PatternRecipe, GOOD | change, "p.toml")
     assert str(caught.value).startswith(said)
     assert "\n" not in str(caught.value)
     assert " | " not in str(caught.value)  # one fault is reported once
 
 
 def test_options_override_a_named_recipe():
-    recipe = recipe_from_options("dense", seed=99, size_mm=30.0, with_dots=True)
+    recipe = choose_recipe("dense", seed=99, size_mm=30.0, with_dots=True)
     assert (recipe.seed, recipe.size_mm, recipe.patch_mm) == (99, 30.0, 0.075)
     assert recipe.dots is not None
-    kept = recipe_from_options("dots", with_dots=True)
+    kept = choose_recipe("dots", with_dots=True)
     assert kept.dots == load_recipe("dots").dots

@@ -10,11 +10,12 @@ from pathlib import Path
 
 import pytest
 
+from deltact_fab.common import validate
 from deltact_fab.common.errors import InputError
 from deltact_fab.fabricate.patterns import series
 from deltact_fab.fabricate.patterns.code import decode_recipe
 from deltact_fab.fabricate.patterns.quality.measure import measure_quality
-from deltact_fab.fabricate.patterns.recipe import load_recipe, recipe_from_data
+from deltact_fab.fabricate.patterns.recipe import PatternRecipe, load_recipe
 from deltact_fab.sensor.shapes.imaging import Printer
 
 SIDE_MM = 5.0
@@ -24,10 +25,10 @@ def small(*keys: tuple[float, float]) -> list[series.SeriesEntry]:
     """Entries of the paper on stickers of a few millimetres, with one marker dot."""
     dots = {"columns": 1, "rows": 1}
     out = []
-    for entry in series.series_recipes(seed=3):
+    for entry in series.list_series(seed=3):
         if (entry.recipe.patch_mm, entry.recipe.r) in keys:
             data = entry.recipe.model_dump(exclude_none=True) | {"size_mm": SIDE_MM, "dots": dots}
-            out.append(replace(entry, recipe=recipe_from_data(data, "small")))
+            out.append(replace(entry, recipe=validate(PatternRecipe, data, "small")))
     return out
 
 
@@ -49,18 +50,18 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 def test_the_papers_17_patterns():
-    found = {(e.recipe.patch_mm, e.recipe.r): e for e in series.series_recipes(seed=5)}
+    found = {(e.recipe.patch_mm, e.recipe.r): e for e in series.list_series(seed=5)}
     first = {(d, r) for d in (0.1, 0.15, 0.2) for r in (0.1, 0.3, 0.5)}
     second = {(d, r) for d in (0.05, 0.075, 0.1) for r in (0.4, 0.5, 0.6)}
     assert set(found) == first | second
-    assert len(series.series_recipes()) == 17 == len({e.name for e in series.series_recipes()})
+    assert len(series.list_series()) == 17 == len({e.name for e in series.list_series()})
     for key, entry in found.items():
         assert entry.rounds == tuple(k for k, grid in ((1, first), (2, second)) if key in grid)
         assert (entry.recipe.seed, entry.recipe.law, entry.recipe.size_mm) == (5, "algorithm1", 35)
         assert entry.recipe.dots is not None
         assert entry.recipe.dots.columns * entry.recipe.dots.rows == 169
     assert found[0.075, 0.6].name == "d0p075-r0p6"
-    said = {e.name: e.paper_says for e in series.series_recipes(with_dots=False) if e.paper_says}
+    said = {e.name: e.paper_says for e in series.list_series(with_dots=False) if e.paper_says}
     about = dict.fromkeys(("d0p05-r0p4", "d0p05-r0p5", "d0p05-r0p6"), "about 0.5 mm")
     assert said == {"d0p1-r0p5": "0.11 mm", "d0p075-r0p6": "0.08 mm"} | about
 

@@ -13,22 +13,23 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from deltact_fab.common import validate
 from deltact_fab.common.errors import InputError
 from deltact_fab.fabricate.patterns.cell_grid import CellGrid
 from deltact_fab.fabricate.patterns.raster import raster
 from deltact_fab.fabricate.patterns.recipe import (
-    draw_patches,
+    PatternRecipe,
+    choose_recipe,
     load_recipe,
-    recipe_from_data,
-    recipe_from_options,
 )
 from deltact_fab.fabricate.patterns.sheet import job as sheet
 from deltact_fab.fabricate.patterns.sheet import layout
 from deltact_fab.fabricate.patterns.sheet.layout import Sheet, width_mm
 from deltact_fab.fabricate.pdf import width_em
 
-PLAIN = recipe_from_options(None, 0.2, 0.3, size_mm=6.0)
-MARKED = recipe_from_data(
+PLAIN = choose_recipe(None, 0.2, 0.3, size_mm=6.0)
+MARKED = validate(
+    PatternRecipe,
     {
         **PLAIN.model_dump(exclude_none=True),
         "dots": {
@@ -47,7 +48,7 @@ MARKED = recipe_from_data(
 def picture(recipe, dpi, mirrored=False, scale=(1.0, 1.0)):
     return CellGrid(
         key="",
-        cells=draw_patches(recipe),
+        cells=recipe.patches(),
         size_mm=(recipe.printed_mm, recipe.printed_mm),
         pitch_mm=(25.4 / dpi / scale[0], 25.4 / dpi / scale[1]),
         mirrored=mirrored,
@@ -162,7 +163,7 @@ def test_nothing_is_drawn_over_anything_else(tmp_path, monkeypatch):
 
     for mark in (words, rectangle, picture):
         monkeypatch.setattr(Sheet, mark.__name__, mark)
-    recipes = [PLAIN, MARKED, load_recipe("dense"), recipe_from_options(None, 1.0, 0.1, 1.0)]
+    recipes = [PLAIN, MARKED, load_recipe("dense"), choose_recipe(None, 1.0, 0.1, 1.0)]
     assert (
         sheet.write_sheet(recipes, tmp_path / "s.pdf", dpi=dpi, copies=2, transfer="slide").pages
         == 1
@@ -188,7 +189,7 @@ def test_equal_sheets_are_equal_bytes(tmp_path):
     assert list(tmp_path.iterdir()) == [first.out]
 
 
-D = recipe_from_options
+D = choose_recipe
 
 
 @pytest.mark.parametrize(

@@ -12,12 +12,12 @@ import cv2
 import numpy as np
 import pytest
 
+from deltact_fab.common import validate
 from deltact_fab.fabricate.patterns.code import decode_recipe
 from deltact_fab.fabricate.patterns.recipe import (
-    draw_patches,
+    PatternRecipe,
+    choose_recipe,
     load_recipe,
-    recipe_from_data,
-    recipe_from_options,
 )
 from deltact_fab.fabricate.patterns.sheet import job as sheet
 from deltact_fab.fabricate.patterns.sheet.page_marks import COLOURS
@@ -25,8 +25,8 @@ from deltact_fab.fabricate.patterns.sheet.page_marks import COLOURS
 needs_poppler = pytest.mark.skipif(
     shutil.which("pdftoppm") is None, reason="pdftoppm (poppler-utils) is not installed"
 )
-FINE = recipe_from_options(None, 0.075, 0.6, size_mm=12.0)
-COARSE = recipe_from_options(None, 0.2, 0.3, size_mm=12.0)
+FINE = choose_recipe(None, 0.075, 0.6, size_mm=12.0)
+COARSE = choose_recipe(None, 0.2, 0.3, size_mm=12.0)
 
 
 def objects(data):
@@ -142,11 +142,11 @@ CASES = [(0.075, 1200, "slide"), (0.05, 2400, "face-down"), (0.12, 1200, "face-d
 @needs_poppler
 @pytest.mark.parametrize(("d", "dpi", "transfer"), CASES)
 def test_every_patch_centre_is_exact(tmp_path, d, dpi, transfer):
-    recipe = recipe_from_options(None, d, 0.3, size_mm=9.0)
+    recipe = choose_recipe(None, d, 0.3, size_mm=9.0)
     made = sheet.write_sheet([recipe], tmp_path / "s.pdf", dpi=dpi, transfer=transfer, paper="A5")
     s, pad = made.stickers[0], 6
     image = rendered(made.out, dpi, s, pad)
-    want = draw_patches(recipe)
+    want = recipe.patches()
     if transfer == "slide":
         want = want[:, ::-1]
     at = np.floor(pad + (np.arange(recipe.n) + 0.5) * d * dpi / 25.4).astype(int)
@@ -170,11 +170,12 @@ def test_every_patch_centre_is_exact(tmp_path, d, dpi, transfer):
 @needs_poppler
 @pytest.mark.parametrize(("dpi", "transfer"), [(300, "face-down"), (600, "slide")])
 def test_the_codes_are_read_from_the_page(tmp_path, dpi, transfer):
-    octave = recipe_from_data(
+    octave = validate(
+        PatternRecipe,
         {"law": "octave", "seed": 5, "size_mm": 20.0, "patch_mm": 0.1, "scales_mm": [0.1, 0.4]},
         "test",
     )
-    recipes = [recipe_from_options(None, 0.1, 0.6), load_recipe("dense-with-dots"), octave]
+    recipes = [choose_recipe(None, 0.1, 0.6), load_recipe("dense-with-dots"), octave]
     made = sheet.write_sheet(recipes, tmp_path / "s.pdf", dpi=dpi, transfer=transfer)
     page = rendered(made.out, dpi)
     for recipe, s in zip(recipes, made.stickers, strict=True):
@@ -186,7 +187,7 @@ def test_the_codes_are_read_from_the_page(tmp_path, dpi, transfer):
         assert text == s.code
         again = decode_recipe(text)
         assert again == recipe
-        assert np.array_equal(draw_patches(again), draw_patches(recipe))
+        assert np.array_equal(again.patches(), recipe.patches())
 
 
 @needs_poppler
@@ -213,7 +214,7 @@ def test_rulers_and_colours_are_on_the_page(tmp_path):
 @pytest.mark.parametrize("scale", [(1.0, 1.0), (1.013, 0.991)])
 def test_the_files_side_is_the_one_that_is_reported(tmp_path, scale):
     """Against the page's matrix; a raster is whole printer dots, not n d."""
-    recipes = [recipe_from_options(None, d, 0.6) for d in (0.05, 0.075, 0.2)]
+    recipes = [choose_recipe(None, d, 0.6) for d in (0.05, 0.075, 0.2)]
     made = sheet.write_sheet(recipes, tmp_path / "s.pdf", scale=scale)
     found = [i for i in placed_images(made.out.read_bytes()) if "/DeviceRGB" in i[4]]
     for recipe, s, (_, matrix, *_) in zip(recipes, made.stickers, found, strict=True):

@@ -8,10 +8,10 @@ import pytest
 from deltact_fab.common.errors import InputError
 from deltact_fab.physics.gel.fit.force_curve import ForceCurve, force_curve
 from deltact_fab.physics.gel.path import open as opening
-from deltact_fab.sensor.elasticity.layer import hertz_force_n
 from deltact_fab.sensor.elasticity.material import GelMaterial
 from deltact_fab.sensor.shapes.indenter import parse_indenter
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
+from deltact_fab.simulate.virtual.bench_face import hertz_force_n
 
 SKIN = SkinDimensions()
 SPHERE = parse_indenter("sphere:15")

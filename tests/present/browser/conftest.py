@@ -102,7 +102,7 @@ def pages(
     def series(out: Path) -> None:
         entries = [
             replace(entry, recipe=entry.recipe.model_copy(update={"size_mm": 7.0}))
-            for entry in job.series_recipes(seed=3, with_dots=False)
+            for entry in job.list_series(seed=3, with_dots=False)
             if entry.name in ("d0p075-r0p6", "d0p2-r0p1")
         ]
         job.write_series(out, seed=3, entries=entries, page=patterns_page.write_patterns_page)

@@ -14,6 +14,7 @@ import pytest
 from PIL import Image
 from seen_page import SeenPage, offline
 
+from deltact_fab.common import validate
 from deltact_fab.common.errors import InputError, MissingLibrary
 from deltact_fab.fabricate import guide
 from deltact_fab.fabricate.cad import kernel
@@ -24,7 +25,7 @@ from deltact_fab.fabricate.cad.mesh import Mesh
 from deltact_fab.fabricate.cad.parts.mold import RELEASE_AGENT
 from deltact_fab.fabricate.cad.registry import list_parts
 from deltact_fab.fabricate.guide import PatternToPrint, Pictures, write_guide
-from deltact_fab.fabricate.patterns.recipe import recipe_from_data
+from deltact_fab.fabricate.patterns.recipe import PatternRecipe
 from deltact_fab.present.report.first_light import render_examples as pairs
 
 STICKER, STICKERS = guide.sticker, {}  # type: ignore[var-annotated]
@@ -209,7 +210,7 @@ def test_the_sticker_is_the_design_s_own() -> None:
     assert (shipped.file, shipped.unseen) == ("", "")
     wide = load_design("large-60x50")
     own = STICKER(wide, pairs)
-    recipe = recipe_from_data(tomllib.loads(own.file), "recommended-large.toml")
+    recipe = validate(PatternRecipe, tomllib.loads(own.file), "recommended-large.toml")
     assert wide.optics.beyond(recipe.printed_mm) is None
     assert own.size_mm == recipe.size_mm == 56.4
     seen = Image.open(io.BytesIO(base64.b64decode(own.image.partition(",")[2])))

@@ -18,7 +18,7 @@ from deltact_fab.present.report import patterns_page
 def report(tmp_path_factory: pytest.TempPathFactory) -> series.SeriesReport:
     """Three of the paper's patterns on small stickers, with their page."""
     entries = []
-    for entry in series.series_recipes(seed=3, with_dots=False):
+    for entry in series.list_series(seed=3, with_dots=False):
         if entry.name in ("d0p05-r0p6", "d0p075-r0p6", "d0p2-r0p1"):
             small = entry.recipe.model_copy(update={"size_mm": 7.0})
             entries.append(series.SeriesEntry(entry.name, small, entry.rounds,

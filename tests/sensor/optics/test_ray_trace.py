@@ -13,7 +13,7 @@ import pytest
 
 from deltact_fab.common.aliases import Field
 from deltact_fab.sensor.optics.camera import Pinhole
-from deltact_fab.sensor.optics.fisheye import Fisheye, fisheye_reach_mm, half_angle_rad
+from deltact_fab.sensor.optics.fisheye import Fisheye, LayeredPath
 from deltact_fab.sensor.optics.rectified import Rectified
 from deltact_fab.sensor.shapes.sensor import SensorDimensions
 
@@ -190,5 +190,5 @@ def test_the_reach_of_a_half_angle_is_the_traced_one(degrees):
     widest = np.argmax(np.hypot(*(traced.px - NOMINAL.centre_px).T))
     radius_mm = np.hypot(*traced.rest_mm[widest])
     angle = np.hypot(*(traced.px[widest] - NOMINAL.centre_px)) / NOMINAL.f_px
-    assert fisheye_reach_mm(angle, 3.0, 2.0, 12.0) == pytest.approx(radius_mm, rel=1e-12)
-    assert half_angle_rad(radius_mm, 3.0, 2.0, 12.0) == pytest.approx(angle, abs=1e-11)
+    assert LayeredPath(3.0, 2.0, 12.0).reach_mm(angle) == pytest.approx(radius_mm, rel=1e-12)
+    assert LayeredPath(3.0, 2.0, 12.0).half_angle_rad(radius_mm) == pytest.approx(angle, abs=1e-11)

@@ -10,7 +10,7 @@ import pytest
 from deltact_fab.common.errors import InputError
 from deltact_fab.sensor.optics.camera import axes_mm
 from deltact_fab.sensor.optics.fisheye import Fisheye
-from deltact_fab.sensor.optics.rectified import Rectified, aliased_share, raw_mm_per_px
+from deltact_fab.sensor.optics.rectified import Rectified
 from deltact_fab.sensor.shapes.sensor import SensorDimensions
 
 SENSOR = SensorDimensions()
@@ -59,7 +59,7 @@ def test_what_the_view_cannot_take_is_refused():
 def test_the_raw_image_is_coarser_in_the_corners():
     view = Rectified.of(SENSOR)
     cx, cy = view.centre_px
-    scales = raw_mm_per_px(view, np.array([[cx, cy], [0.0, cy], [0.0, 0.0]]))
+    scales = view.raw_mm_per_px(np.array([[cx, cy], [0.0, cy], [0.0, 0.0]]))
     np.testing.assert_allclose(
         scales, [[0.0331, 0.0331], [0.053, 0.0386], [0.071, 0.0415]], atol=1e-4
     )
@@ -67,6 +67,6 @@ def test_the_raw_image_is_coarser_in_the_corners():
 
 def test_the_paper_s_patch_is_aliased_over_most_of_the_view_and_a_coarse_one_nowhere():
     view = Rectified.of(SENSOR)
-    assert aliased_share(view, 0.075) == pytest.approx(0.746, abs=0.005)
-    assert aliased_share(view, 0.15) == 0.0
-    assert aliased_share(view, 0.06) == 1.0
+    assert view.aliased_share(0.075) == pytest.approx(0.746, abs=0.005)
+    assert view.aliased_share(0.15) == 0.0
+    assert view.aliased_share(0.06) == 1.0

@@ -11,7 +11,7 @@ import pytest
 from deltact_fab.common.errors import InputError
 from deltact_fab.sensor.optics.camera import CameraModel, Pinhole, axes_mm
 from deltact_fab.sensor.optics.fisheye import Fisheye
-from deltact_fab.sensor.optics.flat import camera_from_dict, camera_toml, load_camera
+from deltact_fab.sensor.optics.flat import camera_toml, load_camera, restore_camera
 from deltact_fab.sensor.optics.rectified import Rectified
 from deltact_fab.sensor.shapes.sensor import SensorDimensions
 
@@ -27,7 +27,7 @@ MODELS: list[CameraModel] = [
 def test_a_model_comes_back_from_its_plain_data(camera: CameraModel, tmp_path: Path) -> None:
     data = json.loads(json.dumps(camera.as_dict()))
     assert data["model"] == type(camera).__name__.lower()
-    assert camera_from_dict(data) == camera
+    assert restore_camera(data) == camera
     file = tmp_path / "camera.toml"
     file.write_text(camera_toml(camera))
     assert load_camera(file) == (camera, {})
@@ -45,7 +45,7 @@ def test_a_model_comes_back_from_its_plain_data(camera: CameraModel, tmp_path: P
 )
 def test_data_of_no_model_is_one_line(data: dict[str, object], says: str) -> None:
     with pytest.raises(InputError, match=rf"^run\.json: {says}") as refused:
-        camera_from_dict(data, "run.json")
+        restore_camera(data, "run.json")
     assert "\n" not in str(refused.value)
 
 
@@ -86,7 +86,7 @@ def test_a_file_that_is_no_camera_is_one_line(tmp_path: Path, text: str, says: s
 
 def test_a_model_of_0_1_has_no_name_and_is_a_pinhole() -> None:
     data = {key: value for key, value in MODELS[0].as_dict().items() if key != "model"}
-    assert camera_from_dict(data) == MODELS[0]
+    assert restore_camera(data) == MODELS[0]
 
 
 def test_axes_are_where_the_pixels_are_at_rest() -> None:

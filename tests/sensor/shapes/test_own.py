@@ -124,13 +124,13 @@ def test_a_run_keeps_the_shape_whatever_the_file_says_later(tmp_path, monkeypatc
         '[shape.mine]\ntips = [{kind = "ball", radius_mm = 2.0, x_mm = 1.0}]\n'
     )
     monkeypatch.chdir(tmp_path)
-    kept = indenter.indenter_data(["sphere:10", "star:8", "mine"])
+    kept = indenter.describe_indenters(["sphere:10", "star:8", "mine"])
     assert list(kept) == ["mine"]
     (tmp_path / "indenters.toml").unlink()
     with pytest.raises(InputError, match="'mine': unknown"):
         indenter.parse_indenter("mine")
-    found = indenter.indenters_of_run("mine", json.loads(json.dumps(kept)), "run.json")
+    found = indenter.restore_indenter("mine", json.loads(json.dumps(kept)), "run.json")
     assert found.tips == (SphereTip(1.0, 0.0, 2.0),)
-    assert indenter.indenters_of_run("sphere:10", {}, "run.json") == indenter.parse_indenter(
+    assert indenter.restore_indenter("sphere:10", {}, "run.json") == indenter.parse_indenter(
         "sphere:10"
     )

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from deltact_fab.bench.rig.config import SimulatorConfig
 from deltact_fab.common.errors import SolverError
-from deltact_fab.fabricate.patterns.recipe import recipe_from_options
+from deltact_fab.fabricate.patterns.recipe import choose_recipe
 from deltact_fab.sensor.optics.camera import Pinhole
 from deltact_fab.sensor.optics.fisheye import Fisheye
 from deltact_fab.sensor.optics.lattice import PointSampler, SurfaceLattice
@@ -88,7 +88,7 @@ def test_each_press_of_each_seed_has_noise_of_its_own() -> None:
 
 
 def test_beside_a_small_sticker_is_bare_film_and_no_stripe() -> None:
-    small = recipe_from_options(None, 0.4, 0.6, size_mm=12.0)
+    small = choose_recipe(None, 0.4, 0.6, size_mm=12.0)
     face = PictureGeometry.resting(SensorDimensions())
     image = FrameRenderer.printed(face, SimulatorConfig(), small, 1).render(
         None, np.random.default_rng(0)

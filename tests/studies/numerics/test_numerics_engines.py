@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deltact_fab.fabricate.patterns.laws import algorithm1 as patches
+from deltact_fab.fabricate.patterns.laws.algorithm1 import Algorithm1
 from deltact_fab.physics.gel.level import follow_path
 from deltact_fab.physics.gel.linear.contact import LinearContact
 from deltact_fab.sensor.elasticity.block import FreeBlock
@@ -54,13 +54,13 @@ def test_distance_to_the_law_sees_another_law() -> None:
     n, limit = 60, 1.95 / np.sqrt(3 * 60 * 60)
     uniforms = np.random.default_rng(1).random((n, n, 3))
     for r in (0.0, 0.1, 0.3, 0.6, 0.95):
-        drawn = patches.fill(uniforms, r)
+        drawn = Algorithm1(r).fill(uniforms)
         assert distance_to_law(drawn, r, 256) < limit
         assert violations(drawn, r) == 0
     for drawn_at, judged_at in ((0.14, 0.1), (0.1, 0.14), (0.6, 0.5)):
-        assert distance_to_law(patches.fill(uniforms, drawn_at), judged_at, 256) > 2 * limit
-    assert violations(patches.fill(uniforms, 0.1), 0.14) > 0
-    biased = patches.fill(uniforms**1.2, 0.1)
+        assert distance_to_law(Algorithm1(drawn_at).fill(uniforms), judged_at, 256) > 2 * limit
+    assert violations(Algorithm1(0.1).fill(uniforms), 0.14) > 0
+    biased = Algorithm1(0.1).fill(uniforms**1.2)
     assert distance_to_law(biased, 0.1, 256) > 2 * limit
 
 

@@ -15,7 +15,7 @@ import pytest
 from deltact_fab.bench.record.run import open_run
 from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.analysis.tracking_error.tally import ErrorTally
-from deltact_fab.fabricate.patterns.series import series_recipes
+from deltact_fab.fabricate.patterns.series import list_series
 from deltact_fab.present.report.result import StudyResult
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
 from deltact_fab.studies.study import pattern_selection
@@ -143,7 +143,7 @@ def made_up(
     composed: times the error of the given patterns when flows are composed.
     """
     rng = np.random.default_rng(1)
-    printed = series_recipes()
+    printed = list_series()
     cells = []
     for p in printed:
         at = p.recipe.patch_mm, p.recipe.r

@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 
 from deltact_fab.bench.protocols import plan
+from deltact_fab.common import validate
 from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.analysis.tracking_error.tally import ErrorTally
 from deltact_fab.fabricate.patterns.raster import checked_mm_per_px
 from deltact_fab.fabricate.patterns.recipe import (
-    RECOMMENDED_RECIPE,
     PatternRecipe,
     load_recipe,
-    recipe_from_data,
 )
 from deltact_fab.studies.study.pattern_errors import OURS, PatternErrors, PressErrors
 from deltact_fab.studies.study.pattern_search import bench_of
@@ -76,7 +75,7 @@ def test_candidates_can_be_printed_and_seen(dpi: int, mm_per_px: float) -> None:
 
 def test_fewer_candidates_still_hold_the_papers_and_the_recommended() -> None:
     whole = candidates(25.4 / 1200, 0.0378)
-    kept = (PAPER, name_of(load_recipe(RECOMMENDED_RECIPE)))
+    kept = (PAPER, name_of(load_recipe()))
     for count in (10, 20, len(whole)):
         among = thinned(whole, count, kept)
         assert len(among) == count
@@ -177,7 +176,7 @@ def test_a_small_search_finds_a_better_pattern_than_the_papers() -> None:
     assert share.state == "undecided"  # two seeds show nothing
     assert len(" ".join(found.verdict).split()) <= 80
     assert found.verdict[0].startswith(f"Print {data['best']['pattern']}")
-    recipe = recipe_from_data(tomllib.loads(found.files["best-pattern.toml"]), "best")
+    recipe = validate(PatternRecipe, tomllib.loads(found.files["best-pattern.toml"]), "best")
     assert recipe.model_dump(mode="json", exclude_none=True) == data["best"]["recipe"]
     rows = data["tables"]["confirmed"]
     assert {row["pattern"] for row in rows} >= {"algorithm1 d 0.075 r 0.6"}

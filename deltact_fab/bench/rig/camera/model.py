@@ -15,14 +15,11 @@ import numpy as np
 
 from deltact_fab.common import InputError, Note, make_folder, write_whole
 from deltact_fab.sensor import (
-    MIN_RECTIFIED_PX,
     CameraModel,
     Fisheye,
     Rectified,
     SensorDimensions,
-    aliased_share,
     load_camera,
-    raw_mm_per_px,
 )
 
 from ...record.images import encode_png
@@ -83,15 +80,15 @@ def view_notes(view: CameraModel | None, patch_mm: float | None) -> Iterator[Not
     if not isinstance(view, Rectified):
         return
     w, h = view.width_px, view.height_px
-    scales = raw_mm_per_px(view, np.array([[w / 2, h / 2], [0, 0], [w, 0], [0, h], [w, h]]))
+    scales = view.raw_mm_per_px(np.array([[w / 2, h / 2], [0, 0], [w, 0], [0, h], [w, h]]))
     middle, corner = scales[0].min(), scales[1:].max()
     text = f"pixel scale: {middle:.3f} mm in the middle, {corner:.3f} mm in the corners"
     yield Note("pixel scale", text)
-    aliased = 0.0 if patch_mm is None else aliased_share(view, patch_mm)
+    aliased = 0.0 if patch_mm is None else view.aliased_share(patch_mm)
     if aliased >= NOTICED:
         text = (
             f"patches of {patch_mm:g} mm alias over {aliased:.0%} of the view: the lens has less "
-            f"than {MIN_RECTIFIED_PX:g} pixels for one there"
+            f"than {view.least_patch_px:g} pixels for one there"
         )
         yield Note("aliasing", text, warns=True)
     yield Note("raw images", "images are stored raw and rectified when they are read")

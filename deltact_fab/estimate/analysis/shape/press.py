@@ -12,7 +12,7 @@ import pandas as pd
 
 from deltact_fab.bench import Run, RunTruth, open_run
 from deltact_fab.common import Array, InputError
-from deltact_fab.sensor import Indenter, LatticeSampler, indenters_of_run
+from deltact_fab.sensor import Indenter, LatticeSampler, restore_indenter
 
 from ...measure.face import FaceFlow
 from ...measure.force import features_of
@@ -101,7 +101,7 @@ class ShapeMaps:
 
     @property
     def pressed(self) -> Indenter:
-        return indenters_of_run(
+        return restore_indenter(
             self.indenter, {self.indenter: self.shape} if self.shape else {}, "a picture"
         )
 

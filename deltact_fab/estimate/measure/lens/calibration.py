@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from deltact_fab.common import InputError, SolverError, read_json
 from deltact_fab.sensor import (
-    PHOTOGRAPHS,
     Checkerboard,
     Fisheye,
     FlatField,
@@ -240,7 +239,7 @@ def _seeds(images: Sequence[Path]) -> list[int] | None:
     seeds = set()
     for folder in {path.parent for path in images}:
         try:
-            said = read_json(folder / PHOTOGRAPHS)
+            said = read_json(folder / Checkerboard.mark_file)
         except InputError:
             continue
         seed = said.get("seed", -1)

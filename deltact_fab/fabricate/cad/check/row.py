@@ -14,7 +14,7 @@ from dataclasses import fields, replace
 from typing import Any
 
 from deltact_fab.common import Check, graded
-from deltact_fab.sensor import ShapeError, is_unverified
+from deltact_fab.sensor import ShapeError
 
 from ..dimensions import Design
 from ..parts.camera import BOARD_KEYS
@@ -27,8 +27,8 @@ STEP = 0.01
 GIVEN = ("resin_printer", "laser", "envelope", "drawing")
 
 
-def plain(key: str) -> str:
-    """A key as it is read: `camera.focal_length_mm` is `focal length`.
+def shorten_key(key: str) -> str:
+    """Shorten a key to how it is read: `camera.focal_length_mm` is `focal length`.
 
     The many lengths of the camera's board are one thing to measure, and so is what a machine does.
     """
@@ -131,7 +131,7 @@ class _Key:
     def moved(self) -> tuple[float, str] | None:
         """The change that mends the failure, as a share of the value, and how to say it."""
         value, bounds = self._value, self._field.metadata
-        if not self._is_number or "ge" not in bounds or is_unverified(self._field):
+        if not self._is_number or "ge" not in bounds or Design.is_unverified(self._field):
             return None
         if self._section in GIVEN:
             return None

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltact_fab.common import Check, graded
-from deltact_fab.sensor import N_ACRYLIC, N_SILICONE, fisheye_reach_mm, half_angle_rad
+from deltact_fab.sensor import LayeredPath
 
 from ..dimensions import Design
 from ..features import near
@@ -31,7 +31,7 @@ CORNER_PX = 5.0  # a third of the 16 px of a dot of 0.6 mm: its middle is still 
 def view(design: Design) -> Iterator[Check]:
     """Angles that the crop sees and that enter the acrylic, the share of the face, the focus."""
     optics, camera, skin = design.optics, design.camera, design.skin
-    path = optics.air_gap_mm, optics.acrylic_mm, skin.thickness_mm
+    path = LayeredPath(optics.air_gap_mm, optics.acrylic_mm, skin.thickness_mm)
     view_x, view_y = optics.view_mm
     diagonal = math.hypot(view_x, view_y)
     crop_x, crop_y = camera.crop_half_mm
@@ -46,7 +46,7 @@ def view(design: Design) -> Iterator[Check]:
         ("view-cone.corner", "view cone, corner", diagonal / 2, camera.angle_rad(corner_mm), crop),
         ("view-enters-acrylic", "view enters the acrylic", diagonal / 2, GRAZING_RAD, grazing),
     ):
-        need = half_angle_rad(radius_mm, *path)
+        need = path.half_angle_rad(radius_mm)
         found = f"{radius_mm:.2f} mm off the axis cannot be seen at any angle"
         if math.isfinite(need):
             found = f"half angle {math.degrees(need):.1f} deg for {radius_mm:.2f} mm on the face"
@@ -85,13 +85,10 @@ def _seen_mm(design: Design, radius_mm: float, depth_mm: float) -> float:
     A fisheye maps directions: it is taken to be sharp on a sphere about its pupil, a rectilinear
     lens on a plane across its axis.
     """
-    layers = (
-        (design.optics.air_gap_mm, 1.0),
-        (design.optics.acrylic_mm, N_ACRYLIC),
-        (design.skin.thickness_mm - depth_mm, N_SILICONE),
-    )
-    sine = math.sin(min(half_angle_rad(radius_mm, *(mm for mm, _ in layers)), math.pi / 2))
-    far_mm = sum(mm / math.sqrt(n**2 - sine**2 + 1e-12) for mm, n in layers)
+    optics, gel_mm = design.optics, design.skin.thickness_mm - depth_mm
+    path = LayeredPath(optics.air_gap_mm, optics.acrylic_mm, gel_mm)
+    sine = math.sin(min(path.half_angle_rad(radius_mm), math.pi / 2))
+    far_mm = sum(mm / math.sqrt(n**2 - sine**2 + 1e-12) for mm, n in path.layers)
     flat = design.camera.projection == "rectilinear"
     return far_mm * math.sqrt(1 - sine**2) if flat else far_mm
 
@@ -104,7 +101,7 @@ def light_cone(built: BuiltDesign) -> Iterator[Check]:
     path = acrylic[0][2] - lens, acrylic[1][2] - acrylic[0][2], skin[1][2] - skin[0][2]
     border = _border_mm(*design.optics.view_mm)
     radius = np.linalg.norm(border, axis=1)
-    angle = np.array([half_angle_rad(float(r), *path) for r in radius])
+    angle = np.array([LayeredPath(*path).half_angle_rad(float(r)) for r in radius])
     rings = near(built.cylinders("light-holder"), 0.0, 0.0, 0.1)
     bore = min((c.radius_mm for c in rings if c.hole), default=0.0)
     limit = f"{BORDER_RAYS} of {BORDER_RAYS} rays reach the face"
@@ -118,7 +115,7 @@ def light_cone(built: BuiltDesign) -> Iterator[Check]:
     heights = np.cumsum([lens, *path])
     # Radii at the lens, acrylic's back and front, and the face.
     depths = ((0.0, 0.0, 0.0), (path[0], 0.0, 0.0), (path[0], path[1], 0.0), path)
-    at_radius = [np.array([fisheye_reach_mm(float(a), *mm) for a in angle]) for mm in depths]
+    at_radius = [np.array([LayeredPath(*mm).reach_mm(float(a)) for a in angle]) for mm in depths]
     off = off_axis_mm(design)
     points = [
         np.column_stack([way * r[:, None], np.full(len(way), z)])

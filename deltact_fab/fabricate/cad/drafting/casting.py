@@ -105,7 +105,7 @@ class Bench:
 
     def _of(self, name: str, colour: tuple[float, float, float, float], solids: Sequence[Any],
             ) -> list[PlacedPart]:  # fmt: skip
-        part = Part(name, "", "", build=str, box=str, group="tools", colour=colour)  # type: ignore[arg-type]
+        part = Part(name, str, str, "", "", group="tools", colour=colour)  # type: ignore[arg-type]
         every = [one for solid in solids for one in solid.Solids()]
         return [PlacedPart(part, i, one, (0.0, 0.0, 0.0)) for i, one in enumerate(every)]
 

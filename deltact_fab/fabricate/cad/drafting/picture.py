@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from deltact_fab.common import Field
 
-from ..assembly import PlacedPart, assemble, lifted
+from ..assembly import PlacedPart, assemble_sensor, lifted
 from ..dimensions import Design
 from ..kernel import bounding_box, guarded
 from ..part import Part
@@ -60,7 +60,7 @@ def stacked(
     top_mm = -math.inf
     there = [[name for name in names if name in parts] for names in layers]
     for names in reversed([names for names in there if names]):
-        layer = assemble(design, 0.0, [parts[name] for name in names], solids)
+        layer = assemble_sensor(design, 0.0, [parts[name] for name in names], solids)
         boxes = [bounding_box(piece.solid) for piece in layer]
         shift = (0.0, 0.0, max(0.0, top_mm + STEP_GAP_MM - min(box[0][2] for box in boxes)))
         placed += [lifted(piece, shift) for piece in layer]

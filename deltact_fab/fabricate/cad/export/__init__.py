@@ -61,7 +61,7 @@ DIGITS = 6  # of lengths and volumes in the manifest
 def export_parts(
     design: Design,
     parts: Sequence[Part],
-    formats: Sequence[str],
+    formats: Sequence[str] | None,
     tolerance_mm: float,
     out_dir: Path,
     progress: Progress | None = None,
@@ -71,6 +71,7 @@ def export_parts(
 ) -> list[PartFile]:
     """Write every part in every format that applies to it, and manifest.json, into out_dir.
 
+    formats: of EXPORT_FORMATS; None: all.
     tolerance_mm: largest distance of a mesh from the surface; measured, not only asked for.
     progress: called with (done, total, what) at the start, after each part, and at the end.
     cached: files made before from the same dimensions, sources and kernel are taken from the
@@ -85,7 +86,8 @@ def export_parts(
     Raises InputError for unusable arguments or dimensions; RunFailed when a part cannot be made, a
     file cannot be written, a worker dies, or on Ctrl-C.
     """
-    kinds, out_dir = checked_formats(formats), Path(out_dir)
+    kinds = EXPORT_FORMATS if formats is None else checked_formats(formats)
+    out_dir = Path(out_dir)
     low, high = TOLERANCE_MM
     if not (math.isfinite(tolerance_mm) and low <= tolerance_mm <= high):
         raise InputError(f"tolerance {tolerance_mm:g} mm: expected {low:g} to {high:g} mm")

@@ -7,14 +7,12 @@ bought is ordered stands in cad/parts.toml, a lab's own list.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 from deltact_fab.common import InputError, find_file, read_toml, validate
 
 from .. import feasibility
-from ..design import IndenterList
 from ..dimensions import Design
 from ..part import LASER_CUT, MACHINED, PRINT
 from ..parts.camera import COMPUTER
@@ -104,13 +102,26 @@ class BomLine:
     source: BoughtPart | None = None
 
 
-def bom_lines(
-    design: Design, sensors: int = 1, indenters: IndenterList | None = None
-) -> list[BomLine]:
+class BillOfMaterials(list[BomLine]):
+    """The lines of an order, in the order of their items."""
+
+    def csv(self) -> str:
+        """The lines as CSV with a header; numbers without rounding noise."""
+        import pandas as pd
+
+        ordered = [f.name for f in fields(BoughtPart) if f.name not in ("line", "when")]
+        rows = []
+        for line in self:
+            row = asdict(line)
+            source = row.pop("source") or {}
+            rows.append(row | {name: source.get(name) for name in ordered})
+        return pd.DataFrame(rows).to_csv(index=False, float_format="%.6g", lineterminator="\n")
+
+
+def bom_lines(design: Design, sensors: int = 1) -> BillOfMaterials:
     """Everything to order for a number of sensors, one mold, one test bench and the indenters.
 
-    indenters: cad/indenters.toml unless given. Raises InputError for a count below 1 and for a
-    broken rule.
+    Raises InputError for a count below 1 and for a broken rule.
     """
     if sensors < 1:
         raise InputError(f"sensors {sensors}: expected 1 or more")
@@ -119,7 +130,7 @@ def bom_lines(
     rows: list[tuple[Any, ...]] = [
         (p.group, p.name, p.material, p.process, p.quantity * (sensors if p.per_sensor else 1),
          PIECES, p.noted(design))
-        for p in list_parts(indenters, design)
+        for p in list_parts(design=design)
     ]  # fmt: skip
     figures = _figures(design, sensors)
     for group, bought in filled_in("bom", d=design, p=DEFAULT, f=figures).items():
@@ -130,25 +141,12 @@ def bom_lines(
                 about = (told["part"], told["material"], told["process"], count, told["unit"])
                 rows.append((group, *about, told["note"]))
     sources = load_bought()
-    return [
+    return BillOfMaterials(
         line
         if line.process in MADE
         else replace(line, source=sources.of(line.part, line.material, line.note))
         for line in (BomLine(i, *row) for i, row in enumerate(rows, 1))
-    ]
-
-
-def bom_csv(bom: Sequence[BomLine]) -> str:
-    """The lines as CSV with a header; numbers without rounding noise."""
-    import pandas as pd
-
-    ordered = [f.name for f in fields(BoughtPart) if f.name not in ("line", "when")]
-    rows = []
-    for line in bom:
-        row = asdict(line)
-        source = row.pop("source") or {}
-        rows.append(row | {name: source.get(name) for name in ordered})
-    return pd.DataFrame(rows).to_csv(index=False, float_format="%.6g", lineterminator="\n")
+    )
 
 
 def _figures(d: Design, sensors: int) -> dict[str, Any]:

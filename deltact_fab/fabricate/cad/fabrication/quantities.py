@@ -15,7 +15,7 @@ from typing import Any
 
 from deltact_fab.common import InputError
 from deltact_fab.paths import asset
-from deltact_fab.sensor import FILM_MARGIN_MM
+from deltact_fab.sensor import SkinDimensions
 
 from ..dimensions import Design
 from ..parts.screw import stock_note
@@ -24,7 +24,7 @@ from ..standards import CAP_SCREWS, next_e24
 from ..stiffness import press_plate
 
 _READ = tomllib.loads(asset("quantities.toml").read_text(encoding="utf-8"))
-_READ["film_margin_mm"]["value"] = FILM_MARGIN_MM
+_READ["film_margin_mm"]["value"] = SkinDimensions.film_margin_mm
 FIGURES: list[dict[str, Any]] = [{"key": key, **row} for key, row in _READ.items()]
 """What chemistry and electricity add to the dimensions: key, value, unit, meaning, basis."""
 DEFAULT = SimpleNamespace(**{row["key"]: row["value"] for row in FIGURES})

@@ -24,6 +24,7 @@ from typing import Literal
 
 from deltact_fab.common import InputError, did_you_mean, read_text, toml_text, validate
 
+from ..design import load_design
 from ..dimensions import Design
 
 FEATURES = {
@@ -176,13 +177,17 @@ def _up(value: float) -> float:
     return math.ceil(value * 1000 - 1e-9) / 1000
 
 
-def design_from_readings(base: str, found: Sequence[MeasuredKey], source: str) -> str:
-    """The text of a design: the base, and what was read over it."""
+def fit_design(readings: Path, base: str) -> tuple[list[MeasuredKey], str]:
+    """Fit a design to a table of readings: the keys that change, and the text of a new design.
+
+    Raises InputError as `read_readings`, `load_design` and `fit_readings`.
+    """
+    found = fit_readings(read_readings(readings), load_design(base))
     tables: dict[str, dict[str, object]] = {}
     for estimate in found:
         section, _, key = estimate.key.partition(".")
         tables.setdefault(section, {})[key] = estimate.value
     for table in tables.values():
         table["measured"] = list(table)
-    about = (f"{base} as made by the machines that {source} was measured on (cad fit).",)
-    return toml_text({"base": base, **tables}, about)
+    about = (f"{base} as made by the machines that {readings.name} was measured on (cad fit).",)
+    return found, toml_text({"base": base, **tables}, about)

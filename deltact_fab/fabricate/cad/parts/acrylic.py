@@ -91,10 +91,10 @@ def note(d: Design) -> str:
 PARTS = (
     Part(
         "acrylic",
-        "cast PMMA, clear",
-        LASER_CUT,
         build,
         box,
+        material="cast PMMA, clear",
+        process=LASER_CUT,
         number=2,
         explode_mm=14,
         colour=CLEAR,

@@ -41,7 +41,7 @@ from ..bench_sections import PLANE
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, x_of, y_of, z_of
 from ..kernel import Box, Shape, cuboid, cylinders, prism
-from ..part import BLACK, BOUGHT, GREEN, PRINT, RESIN, Part, PrintPose
+from ..part import BLACK, BOUGHT, GREEN, Part, PrintPose
 from ..rule import Length, PlayFit, at_most, below
 from ..sensor_sections import CameraDimensions
 from ..standards import screw_tolerance_mm
@@ -235,10 +235,10 @@ def holder_callouts(d: Design) -> Callouts:
 PARTS = (
     Part(
         "camera",
-        "board with its lens",
-        BOUGHT,
         build,
         box,
+        material="board with its lens",
+        process=BOUGHT,
         number=5,
         explode_mm=-48,
         colour=GREEN,
@@ -251,8 +251,6 @@ PARTS = (
     ),
     Part(
         "camera-holder",
-        f"{RESIN}, black",
-        PRINT,
         holder_build,
         holder_box,
         number=6,

@@ -44,7 +44,7 @@ from deltact_fab.common import Check, Point2
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, x_of
 from ..kernel import Box, Shape, around, cuboid, cylinders
-from ..part import AMBER, CLEAR, LASER_CUT, PRINT, RESIN, Part
+from ..part import AMBER, CLEAR, LASER_CUT, RESIN, Part
 from ..rule import at_most, below
 
 PIECES = 10  # of the kerf coupon
@@ -155,10 +155,9 @@ def kerf_callouts(d: Design) -> Callouts:
 PARTS = (
     Part(
         "coupon-mold",
-        RESIN,
-        PRINT,
         well_build,
         well_box,
+        material=RESIN,
         group="tools",
         colour=AMBER,
         sections=("coupon",),
@@ -170,10 +169,9 @@ PARTS = (
     ),
     Part(
         "fit-coupon",
-        RESIN,
-        PRINT,
         fit_build,
         fit_box,
+        material=RESIN,
         group="tools",
         colour=AMBER,
         sections=("fit_coupon", "resin_printer"),
@@ -186,10 +184,10 @@ PARTS = (
     ),
     Part(
         "kerf-coupon",
-        "cast PMMA, clear",
-        LASER_CUT,
         kerf_build,
         kerf_box,
+        material="cast PMMA, clear",
+        process=LASER_CUT,
         quantity=PIECES,
         group="tools",
         colour=CLEAR,

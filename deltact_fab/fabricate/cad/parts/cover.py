@@ -25,7 +25,7 @@ from deltact_fab.common import Check
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, shown, x_of, y_of, z_of
 from ..kernel import Box, Shape, around, cuboid, cylinders, prism, require, without_corners
-from ..part import BLACK, PRINT, RESIN, Part, PrintPose
+from ..part import BLACK, Part, PrintPose
 from ..rule import Length, PlayFit, at_most, below
 
 
@@ -145,8 +145,6 @@ def callouts(d: Design) -> Callouts:
 PARTS = (
     Part(
         "cover",
-        f"{RESIN}, black",
-        PRINT,
         build,
         box,
         number=7,

@@ -35,7 +35,7 @@ from deltact_fab.sensor import (
 from ..design import IndenterBody, IndenterDimensions
 from ..drafting.dimensioning import Callouts, Leader, Told, shown, z_of
 from ..kernel import Box, Shape, around, require
-from ..part import PRINT, RESIN, WHITE, Part, PrintPose
+from ..part import RESIN, WHITE, Part, PrintPose
 
 _APART_MM = 1e-6
 
@@ -218,12 +218,11 @@ def part(indenter: Indenter, body: IndenterBody, quantity: int = 1) -> Part:
     """One indenter as a part; a list of indenters (cad/indenters.toml) says which there are."""
     return Part(
         f"indenter-{indenter.slug}",
-        RESIN,
-        PRINT,
         build,
         box,
-        quantity,
-        "indenters",
+        material=RESIN,
+        quantity=quantity,
+        group="indenters",
         colour=WHITE,
         callouts=callouts,
         lies=PrintPose("+z", "stem's end", supports="under the plate only"),

@@ -32,7 +32,7 @@ from deltact_fab.common import Check
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, z_of
 from ..kernel import Box, Shape, Workplane, around, cuboid, cylinders, require
-from ..part import AMBER, BOUGHT, PRINT, WHITE, Part, PrintPose
+from ..part import AMBER, BOUGHT, WHITE, Part, PrintPose
 from ..rule import Length, PlayFit, at_most, below
 from .camera import UPPER_HOLES
 
@@ -199,10 +199,9 @@ def led_turns(d: Design) -> list[float]:
 PARTS = (
     Part(
         "light-holder",
-        "SLA resin, white, translucent",
-        PRINT,
         build,
         box,
+        material="SLA resin, white, translucent",
         number=4,
         explode_mm=-28,
         colour=WHITE,
@@ -222,10 +221,10 @@ PARTS = (
     ),
     Part(
         "led-strip",
-        "LED strip, 5050, white",
-        BOUGHT,
         strip_build,
         strip_box,
+        material="LED strip, 5050, white",
+        process=BOUGHT,
         group="electronics",
         colour=AMBER,
         sections=("light",),

@@ -27,7 +27,7 @@ from deltact_fab.common import Check, Point2
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, Leader, shown, x_of, y_of, z_of
 from ..kernel import Box, Shape, around, cuboid, require
-from ..part import AMBER, PRINT, RESIN, Part
+from ..part import AMBER, RESIN, Part
 from ..rule import PlayFit, below
 
 # The mold's drawing and the guide say the same.
@@ -125,10 +125,9 @@ def callouts(d: Design) -> Callouts:
 PARTS = (
     Part(
         "mold",
-        RESIN,
-        PRINT,
         build,
         box,
+        material=RESIN,
         group="tools",
         colour=AMBER,
         sections=("mold", "skin", "frame"),

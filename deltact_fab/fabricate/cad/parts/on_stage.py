@@ -36,7 +36,7 @@ from ..bench_sections import BOLT, SCREW
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, shown
 from ..kernel import Box, Shape, around, cylinders, require
-from ..part import BLACK, BOUGHT, PRINT, RESIN, STEEL, Part, PrintPose, Shift
+from ..part import BLACK, BOUGHT, STEEL, Part, PrintPose, Shift
 from ..rule import Length, PlayFit, at_most, below
 
 
@@ -199,8 +199,6 @@ def sensor_places(design: Design) -> list[Shift]:
 PARTS = (
     Part(
         "tool-holder",
-        f"{RESIN}, black",
-        PRINT,
         holder_build,
         holder_box,
         group="bench",
@@ -217,8 +215,6 @@ PARTS = (
     ),
     Part(
         "nano17-adapter",
-        f"{RESIN}, black",
-        PRINT,
         adapter_build,
         adapter_box,
         group="bench",
@@ -236,10 +232,10 @@ PARTS = (
     ),
     Part(
         "nano17",
-        "ATI Nano17, six axes",
-        BOUGHT,
         build_sensor,
         sensor_box,
+        material="ATI Nano17, six axes",
+        process=BOUGHT,
         group="bench",
         explode_mm=100.0,
         colour=STEEL,

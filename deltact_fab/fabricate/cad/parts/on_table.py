@@ -33,7 +33,7 @@ from deltact_fab.common import Check, Point2
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, shown, x_of
 from ..kernel import Box, Shape, Workplane, around, cuboid, cylinders, require
-from ..part import BLACK, MACHINED, PRINT, RESIN, STEEL, Part, PrintPose
+from ..part import BLACK, MACHINED, STEEL, Part, PrintPose
 from ..rule import Length, PlayFit, at_most
 from ..standards import THREADS
 from . import shell
@@ -205,8 +205,6 @@ def plate_note(d: Design) -> str:
 PARTS = (
     Part(
         "testing-shell",
-        f"{RESIN}, black",
-        PRINT,
         testing_build,
         testing_box,
         group="bench",
@@ -227,10 +225,10 @@ PARTS = (
     ),
     Part(
         "stage-plate",
-        "aluminium, EN AW-6082",
-        MACHINED,
         plate_build,
         plate_box,
+        material="aluminium, EN AW-6082",
+        process=MACHINED,
         group="bench",
         explode_mm=-40.0,
         colour=STEEL,

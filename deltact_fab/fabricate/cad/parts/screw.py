@@ -100,10 +100,10 @@ def note(d: Design) -> str:
 PARTS = (
     Part(
         "screw",
-        "steel, ISO 4762",
-        BOUGHT,
         build,
         box,
+        material="steel, ISO 4762",
+        process=BOUGHT,
         quantity=4,
         number=8,
         explode_mm=-104,
@@ -117,10 +117,10 @@ PARTS = (
     ),
     Part(
         "camera-screw",
-        "steel, ISO 1207",
-        BOUGHT,
         build_camera_screw,
         camera_box,
+        material="steel, ISO 1207",
+        process=BOUGHT,
         quantity=2,
         explode_mm=-41,
         colour=STEEL,

@@ -38,7 +38,7 @@ from ..kernel import (
     prism,
     without_corners,
 )
-from ..part import BLACK, PRINT, RESIN, Part, PrintPose
+from ..part import BLACK, Part, PrintPose
 from ..rule import Length, PlayFit, at_most, below
 from . import mount
 from .light_holder import WIRE_OUTER
@@ -166,8 +166,6 @@ def callouts(d: Design) -> Callouts:
 PARTS = (
     Part(
         "shell",
-        f"{RESIN}, black",
-        PRINT,
         build,
         box,
         number=3,

@@ -39,7 +39,7 @@ from deltact_fab.common import Check
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, x_of, y_of, z_of
 from ..kernel import Box, Shape, around, cuboid, cylinders, prism, require, without_corners
-from ..part import BLACK, CLEAR, PRINT, RESIN, Part, PrintPose, nothing
+from ..part import BLACK, CLEAR, Part, PrintPose, nothing
 from ..rule import Length, PlayFit, at_most, below
 from ..standards import screw_tolerance_mm
 
@@ -127,8 +127,6 @@ def callouts(d: Design) -> Callouts:
 
 FRAME = Part(
     "skin-frame",
-    f"{RESIN}, black",
-    PRINT,
     build,
     box,
     number=1,
@@ -209,10 +207,10 @@ PARTS = (
     ),
     Part(
         "skin",
-        "Solaris silicone, Shore 15A, clear, 1:1",
-        "cast in the mold",
         skin_build,
         skin_box,
+        material="Solaris silicone, Shore 15A, clear, 1:1",
+        process="cast in the mold",
         explode_mm=46,
         colour=CLEAR,
         sections=("skin", "frame", "screw", "shell"),

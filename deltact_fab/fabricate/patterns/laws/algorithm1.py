@@ -18,6 +18,7 @@ After the uniform draws all arithmetic is on integers, so the result is the same
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
@@ -32,73 +33,79 @@ Uniforms = NDArray[np.float64]
 FILE_LEVELS = 256
 
 
-def step_levels(r: float, levels: int = FILE_LEVELS) -> int:
-    """Least difference K of neighbours in levels: the smallest K with (K / (levels-1))^2 >= r.
+@dataclass(frozen=True)
+class Algorithm1:
+    """Algorithm 1 at a factor r, on so many levels of a colour, which a file of 8 bits has."""
 
-    r is taken as the decimal that is written, so r = 0.04 asks for exactly 51 of 255.
-    """
-    squared = math.ceil(Fraction(repr(float(r))) * (levels - 1) ** 2)
-    return math.isqrt(squared - 1) + 1 if squared > 0 else 0
+    r: float
+    levels: int = FILE_LEVELS
 
+    @property
+    def step_levels(self) -> int:
+        """Least difference K of neighbours in levels: least K with (K / (levels-1))^2 >= r.
 
-def fill(uniforms: Uniforms, r: float, levels: int = FILE_LEVELS) -> Levels:
-    """Algorithm 1, by anti-diagonals.
+        r is taken as the decimal that is written, so r = 0.04 asks for exactly 51 of 255.
+        """
+        squared = math.ceil(Fraction(repr(float(self.r))) * (self.levels - 1) ** 2)
+        return math.isqrt(squared - 1) + 1 if squared > 0 else 0
 
-    uniforms: (rows, columns, channels) in [0, 1), one draw a patch and channel.
-    Returns levels 0..levels-1 of the same shape as int32.
+    def fill(self, uniforms: Uniforms) -> Levels:
+        """Draw the patches, by anti-diagonals.
 
-    Patches of one anti-diagonal depend on the previous one alone, so each is one array operation.
-    """
-    rows, columns, channels = uniforms.shape
-    step = step_levels(r, levels)
-    out = np.empty((rows * columns, channels), np.int32)
-    flat = uniforms.reshape(rows * columns, channels)
-    # The previous anti-diagonal by row, one slot ahead: before[i] is row i - 1, before[i + 1] row i
-    before = np.zeros((rows + 1, channels), np.int32)
-    for diagonal in range(rows + columns - 1):
-        first, last = max(0, diagonal - columns + 1), min(rows - 1, diagonal)
-        start = first * columns + diagonal - first
-        # From row to row the flat index grows by a row less a column
-        stride = max(columns - 1, 1)
-        members = slice(start, start + (last - first) * stride + 1, stride)
-        if diagonal == 0:
-            values = _pick_first(flat[members], step, levels)
-        else:
-            up = before[first : last + 1]
-            left = before[first + 1 : last + 2]
-            low, high = np.minimum(up, left), np.maximum(up, left)
-            if first == 0:
-                low[0] = high[0] = left[0]
-            if last == diagonal:
-                low[-1] = high[-1] = up[-1]
-            values = _pick(flat[members], low, high, step, levels)
-        out[members] = values
-        before[first + 1 : last + 2] = values
-    return out.reshape(rows, columns, channels)
+        uniforms: (rows, columns, channels) in [0, 1), one draw a patch and channel.
+        Returns levels 0..levels-1 of the same shape as int32.
 
-
-def fill_by_rejection(
-    rng: np.random.Generator, rows: int, columns: int, r: float, max_tries: int
-) -> NDArray[np.float64]:
-    """Algorithm 1 as printed (lines 5-8), with a bound on the tries of a patch: a reference.
-
-    Values (rows, columns, 3); nan from the first patch on that has no colour after max_tries.
-    """
-    values = np.full((rows, columns, 3), np.nan)
-    for i in range(rows):
-        for j in range(columns):
-            neighbours = [values[i - 1, j]] * (i > 0) + [values[i, j - 1]] * (j > 0)
-            for tried in range(0, max_tries, 64):  # in blocks; the first good one counts
-                block = rng.random((min(64, max_tries - tried), 3))
-                far = np.ones(len(block), bool)
-                for neighbour in neighbours:
-                    far &= ~(((block - neighbour) ** 2).min(axis=1) < r)
-                if far.any():
-                    values[i, j] = block[far.argmax()]
-                    break
+        Patches of one anti-diagonal depend on the previous one alone: each is one array operation.
+        """
+        rows, columns, channels = uniforms.shape
+        step, levels = self.step_levels, self.levels
+        out = np.empty((rows * columns, channels), np.int32)
+        flat = uniforms.reshape(rows * columns, channels)
+        # The previous anti-diagonal by row, one slot ahead: before[i] is row i - 1
+        before = np.zeros((rows + 1, channels), np.int32)
+        for diagonal in range(rows + columns - 1):
+            first, last = max(0, diagonal - columns + 1), min(rows - 1, diagonal)
+            start = first * columns + diagonal - first
+            # From row to row the flat index grows by a row less a column
+            stride = max(columns - 1, 1)
+            members = slice(start, start + (last - first) * stride + 1, stride)
+            if diagonal == 0:
+                values = _pick_first(flat[members], step, levels)
             else:
-                return values
-    return values
+                up = before[first : last + 1]
+                left = before[first + 1 : last + 2]
+                low, high = np.minimum(up, left), np.maximum(up, left)
+                if first == 0:
+                    low[0] = high[0] = left[0]
+                if last == diagonal:
+                    low[-1] = high[-1] = up[-1]
+                values = _pick(flat[members], low, high, step, levels)
+            out[members] = values
+            before[first + 1 : last + 2] = values
+        return out.reshape(rows, columns, channels)
+
+    def fill_by_rejection(
+        self, rng: np.random.Generator, rows: int, columns: int, max_tries: int
+    ) -> NDArray[np.float64]:
+        """Draw the patches as printed (lines 5-8), with a bound on the tries of each: a reference.
+
+        Values (rows, columns, 3); nan from the first patch on that has no colour after max_tries.
+        """
+        values = np.full((rows, columns, 3), np.nan)
+        for i in range(rows):
+            for j in range(columns):
+                neighbours = [values[i - 1, j]] * (i > 0) + [values[i, j - 1]] * (j > 0)
+                for tried in range(0, max_tries, 64):  # in blocks; the first good one counts
+                    block = rng.random((min(64, max_tries - tried), 3))
+                    far = np.ones(len(block), bool)
+                    for neighbour in neighbours:
+                        far &= ~(((block - neighbour) ** 2).min(axis=1) < self.r)
+                    if far.any():
+                        values[i, j] = block[far.argmax()]
+                        break
+                else:
+                    return values
+        return values
 
 
 def _pick_first(uniforms: Uniforms, step: int, levels: int) -> Levels:
@@ -126,7 +133,7 @@ def _pick(uniforms: Uniforms, low: Levels, high: Levels, step: int, levels: int)
 
 
 def _draw(recipe: PatchRecipe) -> Patches:
-    return fill(uniforms(recipe), recipe.r).astype(np.uint8)
+    return Algorithm1(recipe.r).fill(uniforms(recipe)).astype(np.uint8)
 
 
 LAWS = {

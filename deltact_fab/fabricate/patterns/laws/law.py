@@ -33,6 +33,11 @@ class Law:
         """Whether its sticker is made of patches; otherwise it is clear film."""
         return "patch_mm" in self.needs
 
+    @property
+    def foreign_keys(self) -> list[str]:
+        """The keys of other laws, which it does not take."""
+        return [key for key in LAW_KEYS if key not in self.needs + self.may]
+
 
 def uniforms(recipe: PatchRecipe) -> NDArray[np.float64]:
     """One draw in [0, 1) a patch and channel by the recipe's seed, (n, n, channels)."""

@@ -19,7 +19,7 @@ from deltact_fab.common import MM_PER_INCH, Array, InputError
 from deltact_fab.sensor import GAMMA, ImageSensor, Printer, SensorDimensions
 
 from ..raster import cell_means, finest_mm, pattern_albedo, raster_window
-from ..recipe import PatternRecipe, draw_patches
+from ..recipe import PatternRecipe
 from .figures import Figures, agreement, figures
 
 MM_PER_PX = SensorDimensions().optics.mm_per_px
@@ -93,7 +93,7 @@ def measure_quality(
     photo = photograph(printed, printer.mm_per_dot, sensor, mm_per_px, size_px, rng)
     rastered = has_raster(recipe, printer.dpi)
     # Where a printer dot covers several patches, the values sent have already lost contrast
-    patches = None if rastered else draw_patches(recipe)
+    patches = None if rastered else recipe.patches()
     coded = np.power(printed, np.float32(1 / GAMMA)) * np.float32(255)
     at, coded = _middle(image), _middle(coded)
     print_contrast = kept(coded, at, at if patches is None else patches)

@@ -17,7 +17,7 @@ from deltact_fab.version import VERSION
 
 from ..cell_grid import CellGrid
 from ..raster import finest_mm
-from ..recipe import PatternRecipe, draw_patches
+from ..recipe import PatternRecipe
 from .layout import (
     HEAD_PT,
     LABEL_GAP_MM,
@@ -215,7 +215,7 @@ def cell(
     side_mm = recipe.printed_mm
     sticker = CellGrid(
         key=code,
-        cells=draw_patches(recipe),
+        cells=recipe.patches(),
         size_mm=(side_mm, side_mm),
         pitch_mm=sheet.pitch_mm,
         mirrored=mirrored,

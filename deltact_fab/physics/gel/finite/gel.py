@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from deltact_fab.common import Field, InputError, Note, Point
-from deltact_fab.sensor import GelMaterial, Indenter, SkinDimensions, edge_radius_mm
+from deltact_fab.sensor import GelMaterial, Indenter, SkinDimensions
 
 from ..level import Choice, GelContact, IncrementDiagnostics, Reach, State, follow_path
 from ..zones import AT_BOUND, RIM, STICK_RIM, ZoneMap, Zones, hermite, inside, means, measured
@@ -78,17 +78,6 @@ class FaceLattice:
                 edges = np.append(k[0], k[:-1, None] + np.diff(k)[:, None] * ends)
                 self._means[n].append(means(unfolded(edges) if mirror else edges, at))
         return self._means[n]
-
-
-def face_wrench(mesh: HexMesh, state: FiniteState) -> tuple[Field, Field]:
-    """Force (3,) in N and torque (3,) in N mm on the whole body of a mirrored mesh."""
-    force = np.array(state.force_n) * mesh.copies
-    torque = np.array(state.torque_nmm) * mesh.copies
-    for axis, mirror in enumerate(mesh.mirrors):
-        if mirror:
-            force[axis] = 0.0
-            torque[np.arange(3) != axis] = 0.0
-    return force, torque
 
 
 def tractions_mpa(press: FinitePress, state: FiniteState) -> Field:
@@ -229,7 +218,7 @@ class FiniteGel(GelContact):
         flags = np.stack([held, held, held, touched], axis=2).astype(np.float64)
         sticks, near = np.moveaxis(lattice.of_points(flags)[..., 2:] > 0.5, -1, 0)
         nearest = distance_transform_edt(~near, return_distances=False, return_indices=True)
-        edge_mm = min(edge_radius_mm(tip) for tip in surface.indenter.tips)
+        edge_mm = surface.indenter.edge_radius_mm
         # Along a sharp edge, no cell tells where on its rounding the contact ends.
         off_mm = edge_mm / 2 if edge_mm < cell_mm else 0.0
         steps = [at[1] - at[0] for at in reversed(axes)]
@@ -283,7 +272,7 @@ class FiniteGel(GelContact):
                 "jump; its slip is part of the history"
             )
             flags.append(Note("friction", now if d.lagged else before))
-        force, torque = face_wrench(self.press.mesh, inner)
+        force, torque = self.press.wrench(inner)
         return State(
             inner,
             (float(force[0]), float(force[1]), float(force[2])),

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from deltact_fab.common import Field, InputError, Point, SolverError
-from deltact_fab.sensor import GelMaterial, Indenter, edge_radius_mm
+from deltact_fab.sensor import GelMaterial, Indenter, SkinDimensions
 
 from ..level import IncrementDiagnostics
 from . import newton
@@ -16,7 +16,7 @@ from .assembly import BulkAssembly, Pattern
 from .distance import blunted
 from .linear import SolverName, make_solver
 from .material import Memory, NeoHooke, Viscosity
-from .mesh import HexMesh
+from .mesh import Box, HexMesh, block_mesh
 from .newton import Equilibrium, descend
 from .state import FiniteState, Guide, start_of
 from .surface import FrictionGrip, Surface
@@ -89,7 +89,7 @@ class FinitePress:
         self.pattern = Pattern(mesh, ~mesh.held)
         self.bulk = BulkAssembly(mesh, self.law, self.pattern)
         face_mm = _smallest_face_mm(mesh)
-        sharp = min(edge_radius_mm(tip) for tip in indenter.tips) < SHARP * face_mm
+        sharp = indenter.edge_radius_mm < SHARP * face_mm
         points = points or (MANY if sharp else 2)
         felt = blunted(indenter, face_mm)
         self.surface = Surface(mesh, self.pattern, felt, material.modulus_mpa, points)
@@ -97,6 +97,25 @@ class FinitePress:
         self._rest_data = self.bulk.evaluate(np.zeros_like(mesh.nodes_mm)).data
         cell = self._cell_mm = float(np.sqrt(self.surface.weights_mm2.sum(axis=1).min()))
         self.floor_n = FLOOR * material.modulus_mpa * cell * float(np.ptp(mesh.nodes_mm[:, 2]))
+
+    @classmethod
+    def on_block(
+        cls, skin: SkinDimensions, material: GelMaterial, indenter: Indenter, spacing_mm: float,
+        focus: Box | None = None, mirrors: tuple[bool, bool] = (False, False),
+        solver: SolverName = "auto",
+    ) -> FinitePress:  # fmt: skip
+        """On a block of a skin, meshed as `block_mesh` does."""
+        return cls(block_mesh(skin, spacing_mm, focus, mirrors), material, indenter, solver=solver)
+
+    def wrench(self, state: FiniteState) -> tuple[Field, Field]:
+        """Force (3,) in N and torque (3,) in N mm on the whole body of a mirrored mesh."""
+        force = np.array(state.force_n) * self.mesh.copies
+        torque = np.array(state.torque_nmm) * self.mesh.copies
+        for axis, mirror in enumerate(self.mesh.mirrors):
+            if mirror:
+                force[axis] = 0.0
+                torque[np.arange(3) != axis] = 0.0
+        return force, torque
 
     def rest(self, tip_mm: Point = (0.0, 0.0, 0.0)) -> FiniteState:
         at = self.surface.weights_mm2.shape

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltact_fab.common import Field, InputError, Point2, Progress, RunFailed
-from deltact_fab.sensor import GelMaterial, Indenter, SkinDimensions, unusual_material
+from deltact_fab.sensor import GelMaterial, Indenter, SkinDimensions
 
-from ..level_selection import MODEL_TOLERANCE_SHARE, TOLERANCE
+from ..level import Choice, unusual_material
+from ..level_selection import TOLERANCE
 from .force_curve import DEEPEST, ForceCurve, cells_mm, force_curve
 from .measured import MeasuredIndentation
 
@@ -143,9 +144,8 @@ def smooth_part(at: Field, residual: Field) -> tuple[Field, float]:
 
 
 COARSER = 1.5
-CELLS_REL = (
-    MODEL_TOLERANCE_SHARE * TOLERANCE
-)  # of the force: what cells by the default tolerance may be off
+# Of the force: what cells by the default tolerance may be off.
+CELLS_REL = Choice.model_share * TOLERANCE
 MODEL_REL = 0.01  # of the force: what the model itself may be off
 TOUCHED = 0.02  # of the largest force, for a first guess of the first touch
 BEFORE, AFTER = 0.4, 0.15  # of the press, round that guess

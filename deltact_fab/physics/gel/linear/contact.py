@@ -38,7 +38,7 @@ from .complementarity import (
     normal_violation,
     patch_below,
 )
-from .validity import least_det, refuse_bad_contact, refuse_out_of_range
+from .validity import least_det, linear_refusal, refuse_bad_contact, refuse_out_of_range
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,7 @@ class Mixer:
         return (self._trials[-1] + moves @ weights).reshape(found.shape)
 
 
-SMALL_STRAIN = 0.10  # of the thickness: beyond, the in-plane field is no longer to be trusted
+SMALL_STRAIN = 0.10  # of the thickness
 
 
 class _Solved(NamedTuple):
@@ -118,6 +118,12 @@ class LinearContact:
     """
 
     max_alternations = 80
+    refusal = staticmethod(linear_refusal)
+
+    @staticmethod
+    def is_large_strain(depth_mm: float, thickness_mm: float) -> bool:
+        """Whether the in-plane field of a press to that depth is no longer to be trusted."""
+        return depth_mm > SMALL_STRAIN * thickness_mm * (1 + 1e-9)
 
     def __init__(
         self,
@@ -262,7 +268,7 @@ class LinearContact:
         pressure[at] = p
         shear[at], more[at] = np.moveaxis(found.shear, 0, -1), np.moveaxis(found.drag, 0, -1)
         flags: tuple[Note, ...] = ()
-        if tip[2] > SMALL_STRAIN * face.thickness_mm * (1 + 1e-9):
+        if self.is_large_strain(tip[2], face.thickness_mm):
             text = (
                 f"depth {tip[2]:g} mm is over 10 % of the thickness; "
                 "the in-plane field of the level linear is not to be trusted there"

@@ -31,10 +31,46 @@ class Increments:
     press_mm: float
     shear_mm: float
 
+    def divide(self, start: Point, end: Point) -> tuple[list[float], list[Point]]:
+        """Fractions and points of the knots of a line, one of them exactly at first touch."""
+        cuts = [0.0, 1.0]
+        if min(start[2], end[2]) < 0 < max(start[2], end[2]):
+            cuts.insert(1, start[2] / (start[2] - end[2]))
+        at = [0.0]
+        for a, b in itertools.pairwise(cuts):
+            dx, dy, dz = ((q - p) * (b - a) for p, q in zip(start, end, strict=True))
+            z = (start[2] + f * (end[2] - start[2]) for f in (a, b))
+            pieces = 1 if max(z) > CONTACT_EPS_MM else max(
+                1,
+                math.ceil(abs(dz) / self.press_mm - 1e-9),
+                math.ceil(math.hypot(dx, dy) / self.shear_mm - 1e-9),
+            )  # fmt: skip
+            at += [a + (b - a) * k / pieces for k in range(1, pieces + 1)]
+        where = []
+        for f in at:
+            x, y, z_mm = (p + f * (q - p) for p, q in zip(start, end, strict=True))
+            where.append((x, y, 0.0 if abs(z_mm) < CONTACT_EPS_MM else z_mm))
+        return at, where
+
+    def poses(self, corners_mm: Sequence[Point]) -> tuple[KnotPose, ...]:
+        """Poses of a way with corners (x, y, z), straight between them.
+
+        The first corner is where the tip comes from. Ways through the air have no pose.
+        """
+        found = []
+        for start, end in itertools.pairwise(corners_mm):
+            at, where = self.divide(start, end)
+            found += [
+                KnotPose(tip, 0.0, f)
+                for f, tip in zip(at[1:], where[1:], strict=True)
+                if tip[2] < 0
+            ]
+        return tuple(found)
+
 
 @dataclass(frozen=True)
 class KnotPose:
-    """Where and when a knot is solved: tip (x, y, z < 0), seconds since the knot before.
+    """Place and time at which a knot is solved: tip (x, y, z < 0), seconds since the knot before.
 
     part: the fraction of its line; 0 when the tip has rested since the end of the line before.
     """
@@ -46,7 +82,7 @@ class KnotPose:
 
 @dataclass(frozen=True)
 class ObservedChannels:
-    """What is observed of a trajectory; nothing else is computed or kept.
+    """The channels that are observed of a press; nothing else is computed or kept.
 
     fields: of which knots the face's displacement is kept. traction: the face's traction of the
     same knots. lattice_mm: largest distance of the lattice's nodes.
@@ -96,44 +132,6 @@ class SolvedKnot:
             torque_nmm=(e * tx, e * ty, e * tz),
             traction_mpa=None if traction is None else np.float32(e) * traction,
         )
-
-
-def divide_path(
-    start: Point, end: Point, increments: Increments
-) -> tuple[list[float], list[Point]]:
-    """Fractions and points of the knots of a line, one of them exactly at first touch."""
-    cuts = [0.0, 1.0]
-    if min(start[2], end[2]) < 0 < max(start[2], end[2]):
-        cuts.insert(1, start[2] / (start[2] - end[2]))
-    at = [0.0]
-    for a, b in itertools.pairwise(cuts):
-        dx, dy, dz = ((q - p) * (b - a) for p, q in zip(start, end, strict=True))
-        z = (start[2] + f * (end[2] - start[2]) for f in (a, b))
-        pieces = 1 if max(z) > CONTACT_EPS_MM else max(
-            1,
-            math.ceil(abs(dz) / increments.press_mm - 1e-9),
-            math.ceil(math.hypot(dx, dy) / increments.shear_mm - 1e-9),
-        )  # fmt: skip
-        at += [a + (b - a) * k / pieces for k in range(1, pieces + 1)]
-    where = []
-    for f in at:
-        x, y, z_mm = (p + f * (q - p) for p, q in zip(start, end, strict=True))
-        where.append((x, y, 0.0 if abs(z_mm) < CONTACT_EPS_MM else z_mm))
-    return at, where
-
-
-def poses_along(corners_mm: Sequence[Point], step_mm: float) -> tuple[KnotPose, ...]:
-    """Poses of a way with corners (x, y, z), straight between them, in increments of step_mm.
-
-    The first corner is where the tip comes from. Ways through the air have no pose.
-    """
-    found = []
-    for start, end in itertools.pairwise(corners_mm):
-        at, where = divide_path(start, end, Increments(step_mm, step_mm))
-        found += [
-            KnotPose(tip, 0.0, f) for f, tip in zip(at[1:], where[1:], strict=True) if tip[2] < 0
-        ]
-    return tuple(found)
 
 
 @dataclass(frozen=True)

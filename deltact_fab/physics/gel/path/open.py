@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from deltact_fab.common import Field, cache_key
-from deltact_fab.sensor import FINITE_LEVEL, GelMaterial, Indenter, SkinDimensions
+from deltact_fab.sensor import GelMaterial, Indenter, SkinDimensions
 
-from ..level import Choice, GelContact, Reach
+from ..level import FINITE_LEVEL, Choice, GelContact, Reach
 from ..level_selection import TOLERANCE, select_level
 from .knots import KnotPose, ObservedChannels, to_solved
 from .solver import PathSolver

@@ -8,12 +8,21 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import DeltactFabError, Field, InputError, Note, Point, SolverError, Store
+from deltact_fab.common import (
+    DeltactFabError,
+    Field,
+    InputError,
+    Note,
+    Point,
+    SolverError,
+    Store,
+)
 
 from .knots import KnotPose, Mirror, ObservedChannels, SolvedKnot
 
@@ -86,6 +95,11 @@ class PathSolver:
     def stored_as(self) -> str | None:
         """Equal for presses that one solution serves; None: nothing is stored."""
         return None if self._key is None else json.dumps(self._key)
+
+    @property
+    def stored_file(self) -> Path | None:
+        """The file of the store that has all of the press; None where there is none."""
+        return None if self._key is None else SOLVED_PATHS.file(self._key)
 
     @property
     def knots(self) -> tuple[SolvedKnot, ...]:

@@ -25,8 +25,6 @@ from deltact_fab.physics import (
     IncrementDiagnostics,
     Level,
     SolverName,
-    block_mesh,
-    face_wrench,
     follow_path,
 )
 from deltact_fab.sensor import GelMaterial, SkinDimensions, parse_indenter
@@ -64,8 +62,10 @@ class GelCase:
 
     def press(self) -> FinitePress:
         """The scene's solver, without history."""
-        mesh = block_mesh(self.skin(), self.spacing_mm, self.focus, self.mirrors)
-        return FinitePress(mesh, self.material(), parse_indenter(self.indenter), solver=self.solver)
+        return FinitePress.on_block(
+            self.skin(), self.material(), parse_indenter(self.indenter), self.spacing_mm,
+            self.focus, self.mirrors, self.solver,
+        )  # fmt: skip
 
     def finer(self) -> GelCase:
         return replace(self, spacing_mm=self.spacing_mm / FINER)
@@ -265,7 +265,7 @@ def solve_finite(run: PressSetup) -> GelAnswer:
     """At finite strain on the run's mesh."""
     press, lattice = prepared(run)
     states = list(follow_path(press, press.rest(), (0.0, 0.0, run.depth_mm), run.step_mm))
-    force, _ = face_wrench(press.mesh, states[-1])
+    force, _ = press.wrench(states[-1])
     work = IncrementDiagnostics.over([s.diagnostics for s in states])
     note = {"dofs": press.mesh.free_dofs, "solver": press.solver.name, **vars(work)}
     u = lattice.displacement_mm(states[-1].displacement_mm)[..., :2]

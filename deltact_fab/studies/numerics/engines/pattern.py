@@ -19,12 +19,8 @@ from numpy.typing import NDArray
 
 from deltact_fab.common import Field
 from deltact_fab.fabricate import (
-    FILE_LEVELS,
-    draw_patches,
-    fill,
-    fill_by_rejection,
-    recipe_from_options,
-    step_levels,
+    Algorithm1,
+    choose_recipe,
 )
 
 from ..engine import Case, CurveSetting, Engine, Work
@@ -43,7 +39,7 @@ def distance_to_law(values: NDArray[Any], r: float, levels: int | None) -> float
     if levels is None:
         below, above, top, width = math.sqrt(r), math.sqrt(r), 1.0, 0.0
     else:
-        step = step_levels(r, levels)
+        step = Algorithm1(r, levels).step_levels
         below, above, top, width = step - 1.0, float(step), float(levels), 1.0
         if step == 0:
             below = above = 0.0
@@ -77,7 +73,7 @@ def distance_to_law(values: NDArray[Any], r: float, levels: int | None) -> float
 def violations(values: NDArray[Any], r: float) -> int:
     """Neighbour pairs and channels whose squared difference is below r, in exact integers."""
     signed = values.astype(np.int64)
-    step = step_levels(r, FILE_LEVELS)
+    step = Algorithm1(r).step_levels
     return sum(int((np.abs(np.diff(signed, axis=axis)) < step).sum()) for axis in (0, 1))
 
 
@@ -85,14 +81,14 @@ def _uniforms(rows: int, columns: int) -> Field:
     return np.random.default_rng(SEED).random((rows, columns, 3))
 
 
-def _by_levels(fill: Callable[..., Any], n: int, r: float, scratch: Path) -> Work:
-    uniforms = _uniforms(n, n)
-    return Work(lambda: fill(uniforms, r), lambda values: distance_to_law(values, r, FILE_LEVELS))
+def _by_levels(n: int, r: float, scratch: Path) -> Work:
+    law, uniforms = Algorithm1(r), _uniforms(n, n)
+    return Work(lambda: law.fill(uniforms), lambda drawn: distance_to_law(drawn, r, law.levels))
 
 
 def _by_rejection(n: int, r: float, scratch: Path) -> Work:
     def run() -> Field:
-        return fill_by_rejection(np.random.default_rng(SEED), n, n, r, CURVE_TRIES)
+        return Algorithm1(r).fill_by_rejection(np.random.default_rng(SEED), n, n, CURVE_TRIES)
 
     def error(found: Field) -> float:
         return math.nan if np.isnan(found).any() else distance_to_law(found, r, None)
@@ -103,7 +99,7 @@ def _by_rejection(n: int, r: float, scratch: Path) -> Work:
 def curves(quick: bool) -> Sequence[CurveSetting]:
     """Exact, and the printed algorithm where it ends (r <= 1/4)."""
     kinds: tuple[tuple[str, Callable[[int, float, Path], Work], tuple[int, ...], float], ...] = (
-        ("exact, by anti-diagonals", partial(_by_levels, fill), (30, 100, 466, 1000), 1.0),
+        ("exact, by anti-diagonals", _by_levels, (30, 100, 466, 1000), 1.0),
         ("as printed (rejection)", _by_rejection, (10, 30, 100), 0.25),
     )
     return [
@@ -119,18 +115,18 @@ def curves(quick: bool) -> Sequence[CurveSetting]:
 
 
 def _broken(uniforms: Field, r: float, scratch: Path) -> tuple[float, str]:
-    drawn = fill(uniforms, r)
+    drawn = Algorithm1(r).fill(uniforms)
     return violations(drawn, r) + int(((drawn < 0) | (drawn > 255)).sum()), ""
 
 
 def _law(r: float, scratch: Path) -> float:
-    uniforms = _uniforms(200, 200)
-    found = distance_to_law(fill(uniforms, r), r, FILE_LEVELS)
+    law, uniforms = Algorithm1(r), _uniforms(200, 200)
+    found = distance_to_law(law.fill(uniforms), r, law.levels)
     return found * math.sqrt(uniforms.size)
 
 
 def _recipe(d: float, r: float, scratch: Path) -> float:
-    return float(violations(draw_patches(recipe_from_options(None, d, r, 35.0)), r))
+    return float(violations(choose_recipe(None, d, r, 35.0).patches(), r))
 
 
 def cases(quick: bool) -> Sequence[Case]:

@@ -9,7 +9,7 @@ from deltact_fab.common import Check
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts
 from ..kernel import Box, Shape, require
-from ..part import PRINT, RESIN, Part
+from ..part import RESIN, Part
 from ..rule import at_most
 
 
@@ -46,10 +46,9 @@ def note(d: Design) -> str:
 PARTS = (
     Part(
         "shim",
-        RESIN,
-        PRINT,
         build,
         box,
+        material=RESIN,
         group="bench",
         sections=("shell",),
         derived=("z_joint_mm",),

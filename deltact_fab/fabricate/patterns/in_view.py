@@ -13,20 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltact_fab.common import Array, Field, Image, Point, Point2
-from deltact_fab.fabricate import (
+from deltact_fab.sensor import GAMMA, CameraModel, SkinDimensions
+
+from .locate import (
     LEAST_AGREEMENT,
     LEAST_RESPONSE,
-    Design,
-    PatternRecipe,
     Placement,
     Tiles,
     correlation,
-    grey_levels,
-    pattern_albedo,
     refine,
     tile_shifts,
 )
-from deltact_fab.sensor import GAMMA, CameraModel
+from .quality.figures import grey_levels
+from .raster import pattern_albedo
+from .recipe import PatternRecipe
 
 SEARCH_MM = 9.0  # side of what is compared first
 ASIDE_MM = 3.0  # the sticker's middle is looked for so far off
@@ -86,6 +86,11 @@ class PrintInView:
                 to_px = refine(guess.to_px, rounds, TOLERANCE_PX)
                 return None if to_px is None else replace(guess, to_px=to_px)
         return None
+
+    def compare(self, view: NDArray[np.float32]) -> ComparedPrint | None:
+        """The print beside what is seen in a view (h, w, 3); None where it is another pattern."""
+        placement = self.place(view)
+        return None if placement is None else ComparedPrint(self, placement)
 
     def _guess(self, view: NDArray[np.float32], scales: Sequence[float]) -> Placement:
         """The way round in which the middle of the view is most like the recipe."""
@@ -183,7 +188,7 @@ def _quartic(x_px: Array, y_px: Array, w: int, h: int) -> Field:
 
 @dataclass(frozen=True)
 class FaceFindings:
-    """What images at rest show of a sensor, in mm of its frame.
+    """Findings of images at rest about a sensor, in mm of its frame.
 
     turned_deg: of the sticker from where the design has it, counter-clockwise as the camera sees
     it. scale: of the picture, over the camera's. keystone: by how much one side of the view is
@@ -261,7 +266,7 @@ class ComparedPrint:
         )
         self.agreement = float(np.median(self.like.max(axis=0)))
 
-    def findings(self, design: Design) -> FaceFindings:
+    def findings(self, skin: SkinDimensions) -> FaceFindings:
         camera, tiles, like = self.sticker.camera, self.tiles, self.like
         best = like.argmax(axis=0)
         # Contrast is compared at one blur: a tile without pattern may be like anything very soft.
@@ -287,7 +292,7 @@ class ComparedPrint:
         half = np.array([camera.width_px, camera.height_px]) * camera.mm_per_px / 2
         scale, keystone = _scales(way, half)
         turn = math.degrees(math.atan2(way[1, 1], way[0, 1])) - 90
-        face_mm2 = design.skin.width_mm * design.skin.length_mm
+        face_mm2 = skin.width_mm * skin.length_mm
         x_mm, y_mm = cv2.perspectiveTransform(np.zeros((1, 1, 2)), way)[0, 0].tolist()
         return FaceFindings(
             agreement=self.agreement,
@@ -302,7 +307,7 @@ class ComparedPrint:
             ],
             level=float(np.median(white[shown])),
             evenness=float(light.min()) / mean,
-            one_sided=one_sided_fall(light / mean, tiles.x_mm[shown], tiles.y_mm[shown]),
+            one_sided=measure_fall(light / mean, tiles.x_mm[shown], tiles.y_mm[shown]),
             face_share=float(shown.mean() * 4 * half[0] * half[1] / face_mm2),
             edges=edges,
             torn=torn,
@@ -328,8 +333,8 @@ def _smooth(values: Array, known: NDArray[np.bool_]) -> NDArray[np.float32]:
     return np.asarray(cv2.medianBlur(values[tuple(nearest)].astype(np.float32), 3), np.float32)
 
 
-def one_sided_fall(share: Array, x_mm: Array, y_mm: Array) -> float:
-    """From one side of the view to the other, beside what falls off alike all round."""
+def measure_fall(share: Array, x_mm: Array, y_mm: Array) -> float:
+    """Measure how much light falls from side to side, beside what falls off alike all round."""
     x, y = x_mm / np.abs(x_mm).max(), y_mm / np.abs(y_mm).max()
     table = np.stack((np.ones_like(x), x, y, x * x, y * y), axis=-1)
     fitted, *_ = np.linalg.lstsq(table, share, rcond=None)
