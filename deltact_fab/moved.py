@@ -11,7 +11,7 @@ from types import ModuleType
 _TOP = __name__.partition(".")[0]
 # Each taught path with its names and what they are now: a name of the top, or MODULE:NAME.
 TAUGHT: dict[str, dict[str, str]] = {
-    "aliases": {"Vector": "common.aliases:Vector"},
+    "aliases": {"Vector": "common.aliases:Point"},
     "analysis.force": {
         "calibrate": "calibrate_force",
         "write_calibration": "write_force_calibration",

@@ -64,7 +64,7 @@ def test_it_is_checked_by_its_own_limits(shim):
 
 def test_two_files_cannot_claim_one_name(shim, tmp_path):
     (tmp_path / "shim2.py").write_text(SHIM)
-    with pytest.raises(RuntimeError, match="two parts are called 'shim'"):
+    with pytest.raises(RuntimeError, match="two entries of PARTS are called 'shim'"):
         of_design()
     sys.modules.pop("deltact_fab.fabricate.cad.parts.shim2", None)
     vars(parts).pop("shim2", None)
