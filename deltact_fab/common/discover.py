@@ -24,6 +24,7 @@ def collect_entries(
         held = getattr(importlib.import_module(f"{package}.{name}"), table, {})
         for key, value in held.items() if isinstance(held, dict) else ((e.name, e) for e in held):
             if key in found:
-                raise RuntimeError(f"two entries of {table} are called {key!r}, one in {package}.{name}")
+                where = f"one in {package}.{name}"
+                raise RuntimeError(f"two entries of {table} are called {key!r}, {where}")
             found[key] = value
     return found
