@@ -39,3 +39,15 @@ def test_no_arrow_leads_from_an_estimator_to_the_truth(graph: architecture.Graph
     assert truth
     for name in estimators:
         assert not architecture.reachable(graph, name) & truth
+
+
+def test_every_file_that_the_page_names_is_there() -> None:
+    """Paths from the package or the checkout, and names of a wing as `bench.open_run`."""
+    page = architecture.PAGE.read_text()
+    tops = (architecture.ROOT / architecture.PACKAGE, architecture.ROOT)
+    paths = set(re.findall(r"`((?:\w+/)+[\w.]*)`", page)) - {"images/", "truth/", "RUN/truth"}
+    assert len(paths) > 40
+    assert [p for p in sorted(paths) if not any((top / p).exists() for top in tops)] == []
+    wings = "|".join(path.parent.name for path in tops[0].glob("*/__init__.py"))
+    names = re.findall(rf"`({wings})\.(\w+)`", page)
+    assert [(wing, name) for wing, name in names if name not in architecture.door(wing)] == []
