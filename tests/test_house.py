@@ -176,3 +176,15 @@ def test_a_class_name_has_one_meaning(sources: Sources) -> None:
                     homes.setdefault(node.name, []).append(module)
     assert len(homes) > 400
     assert {name: found for name, found in homes.items() if len(found) > 1} == {}
+
+
+def test_one_file_knows_where_the_package_lies(sources: Sources) -> None:
+    """What else is read at run time is found through `paths`, so that a file can move."""
+    counting = {
+        module
+        for module, nodes in sources.nodes.items()
+        if module.startswith("deltact_fab")
+        for node in nodes
+        if isinstance(node, ast.Name) and node.id == "__file__"
+    }
+    assert counting == {"deltact_fab.paths"}
