@@ -76,7 +76,7 @@ def test_the_extra_that_a_message_names_brings_the_module() -> None:
     packages = packages_distributions()
     seen = set()
     for path, node in nodes():
-        if not (isinstance(node, ast.Call) and ast.unparse(node.func).endswith("require")):
+        if not (isinstance(node, ast.Call) and ast.unparse(node.func).endswith("require_extra")):
             continue
         words = [a.value for a in node.args if isinstance(a, ast.Constant)]
         if words and words[0] in EXTRAS:

@@ -57,7 +57,7 @@ for case in json.loads(sys.argv[1]):
     os.environ.update(driven)
     n, probes = case.get("n", 12), case.get("probes")
     options = {k: v for k, v in case.items() if k not in (*driven, "n", "probes")}
-    told.append([(c.name, c.status, f"{c.value}; {c.remedy}") for c in
+    told.append([(c.name, c.status, "; ".join(filter(None, (c.value, c.remedy)))) for c in
                  camera_rows(CameraConfig(source=77, **options), Path(), 0.3)] if probes else
                 look(n, options))
     for name in driven:

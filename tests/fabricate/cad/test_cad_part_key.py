@@ -7,7 +7,7 @@ import sys
 from dataclasses import is_dataclass, replace
 from functools import cache as once
 from pathlib import Path
-from types import MethodType
+from types import FunctionType, MethodType
 
 import pytest
 
@@ -57,6 +57,8 @@ def _read(self, name):
     path = f"{state['_path']}.{name}" if state["_path"] else name
     if isinstance(value, MethodType) and value.__self__ is real:
         return MethodType(value.__func__, self)
+    if isinstance(value, FunctionType):  # a static method reads no dimension
+        return value
     if is_dataclass(value) and not isinstance(value, type):
         return watched(value, path, state["_note"])
     state["_note"](path)
