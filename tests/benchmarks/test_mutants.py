@@ -1,0 +1,12 @@
+"""The list of faults put in by hand fits the code."""
+
+import tomllib
+
+from deltact_fab.paths import PACKAGE
+
+
+def test_each_fault_stands_once_in_its_file() -> None:
+    root = PACKAGE.parent
+    faults = tomllib.loads((root / "benchmarks/mutants.toml").read_text())["fault"]
+    assert len(faults) == 20
+    assert [f for f in faults if (root / f["file"]).read_text().count(f["old"]) != 1] == []
