@@ -142,7 +142,7 @@ def study() -> dict[str, Any]:
     """Every figure of a study at small scale."""
     words = ("--scale", "0.02", "--seed", str(SEED), "--out", "study", "--json")
     result: dict[str, Any] = timeless(
-        json.loads(called("study", "run", "force-calibration", *words))
+        json.loads(called("study", "run", "shapes", *words))
     )
     return result
 
