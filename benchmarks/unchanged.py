@@ -141,9 +141,7 @@ def rows_of(journal: sqlite3.Connection, table: str) -> str:
 def study() -> dict[str, Any]:
     """Every figure of a study at small scale."""
     words = ("--scale", "0.02", "--seed", str(SEED), "--out", "study", "--json")
-    result: dict[str, Any] = timeless(
-        json.loads(called("study", "run", "shapes", *words))
-    )
+    result: dict[str, Any] = timeless(json.loads(called("study", "run", "shapes", *words)))
     return result
 
 

@@ -13,27 +13,34 @@ table can say something else.
 
 from __future__ import annotations
 
-import ast
 import sys
-from collections.abc import Callable
-from functools import cache
-from importlib import import_module
-from importlib.util import resolve_name
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import ast
+    from collections.abc import Callable
 
 
 def open_door(package: str) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
     """The functions `__getattr__` and `__dir__` of a package that lists its names as above."""
     module = sys.modules[package]
+    names: dict[str, tuple[str, str]] = {}
 
-    @cache
     def homes() -> dict[str, tuple[str, str]]:
+        if names:
+            return names
+        import ast  # `import deltact_fab` alone needs none of it
+
         loader = module.__spec__.loader if module.__spec__ else None
         source = loader.get_source(package) if loader else None  # type: ignore[attr-defined]
-        return handed_on(ast.parse(source or ""), package)
+        names.update(handed_on(ast.parse(source or ""), package))
+        return names
 
     def load(name: str) -> object:
         if name not in homes():
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        from importlib import import_module
+
         home, original = homes()[name]
         value = getattr(import_module(home), original)
         setattr(module, name, value)
@@ -47,6 +54,9 @@ def handed_on(tree: ast.Module, package: str) -> dict[str, tuple[str, str]]:
 
     Imports at the top count, and those for type checkers.
     """
+    import ast
+    from importlib.util import resolve_name
+
     nodes = list(tree.body)
     for node in tree.body:
         if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):

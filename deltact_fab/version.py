@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-import platform
-from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 VERSION = "0.3.0"
 PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "cadquery")
@@ -11,12 +13,13 @@ PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "cadquery")
 
 def library_versions(packages: Iterable[str] = PACKAGES) -> dict[str, str]:
     """Versions that can change a number: ours, Python's and those of packages."""
+    import platform
     from importlib.metadata import PackageNotFoundError, version
 
-    found = {"deltact-fab": VERSION, "python": platform.python_version()}
+    versions = {"deltact-fab": VERSION, "python": platform.python_version()}
     for name in packages:
         try:
-            found[name] = version(name)
+            versions[name] = version(name)
         except PackageNotFoundError:
-            found[name] = "not installed"
-    return found
+            versions[name] = "not installed"
+    return versions
