@@ -188,7 +188,13 @@ def main() -> int:
     parser.add_argument("--against", type=Path)
     parser.add_argument("--only", nargs="*", choices=SECTIONS, default=list(SECTIONS))
     options = parser.parse_args()
-    figures, against = options.figures.resolve(), options.against and options.against.resolve()
+    figures, before = options.figures.resolve(), None
+    if options.against:  # read first: a wrong name would be told after minutes
+        try:
+            before = json.loads(options.against.read_text())
+            before = {name: before[name] for name in options.only}
+        except (OSError, ValueError, KeyError) as why:
+            parser.error(f"--against {options.against}: no figures of {options.only}: {why}")
     os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
     with tempfile.TemporaryDirectory() as folder:
         os.environ["DELTACT_FAB_CACHE"] = str(Path(folder, "cache"))
@@ -200,10 +206,9 @@ def main() -> int:
             figures.write_text(json.dumps(now, indent=1))
             print(f"{name}: {time.monotonic() - begun_s:.0f} s", file=sys.stderr)
         os.chdir(figures.parent)
-    if not against:
+    if before is None:
         return 0
-    before = json.loads(against.read_text())
-    lines = list(differences(now, {name: before[name] for name in now}))
+    lines = list(differences(now, before))
     print(*lines, f"{len(lines)} differences in {', '.join(now)}", sep="\n")
     return 1 if lines else 0
 
