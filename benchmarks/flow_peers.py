@@ -57,7 +57,7 @@ def speckle_star() -> FlowSequence:
     x, y = np.meshgrid(np.arange(float(w)), np.arange(float(h)))
     truth = STAR.motion(x, y)
     back = y.copy()
-    for _ in range(30):  # the slope is .31 at most
+    for _ in range(30):  # the slope is 0.31 at most
         back = y - STAR.motion(x, back)[..., 1]
     images = []
     columns = ((x + 8.5) * fine - 0.5).astype(np.float32)

@@ -48,11 +48,11 @@ class Believed:
 CONDITIONS = (
     Believed("as it is", models=tuple(FORCE_FEATURES)),
     Believed("no error of the flow", 0.0),
-    Believed("flow: .1 px over 3 mm", wide_mm=3.0),
-    Believed("flow: .3 px over 1 mm", 0.3),
+    Believed("flow: 0.1 px over 3 mm", wide_mm=3.0),
+    Believed("flow: 0.3 px over 1 mm", 0.3),
     Believed("flow: 1 px over 1 mm", 1.0),
-    Believed("Poisson's ratio .45", poisson=0.45),
-    Believed("Poisson's ratio .499", poisson=0.499),
+    Believed("Poisson's ratio 0.45", poisson=0.45),
+    Believed("Poisson's ratio 0.499", poisson=0.499),
     Believed("gel 1 mm thinner", thicker_mm=-1.0),
     Believed("gel 1 mm thicker", thicker_mm=1.0),
     Believed("eye 10 % nearer", eye=0.9),
@@ -194,7 +194,7 @@ def _nearest(axis_mm: Array, at_mm: Array) -> Array:
 
 
 def _cell_means(field: Array, rows: Array, columns: Array) -> Array:
-    """Means over 1 mm cells of a field on nodes .5 mm apart, nodes on the edge by half."""
+    """Means over 1 mm cells of a field on nodes 0.5 mm apart, nodes on the edge by half."""
     wide = np.pad(field.astype(float), ((1, 1), (1, 1), (0, 0)))
     part = (wide[:-2] + 2 * wide[1:-1] + wide[2:]) / 4
     part = (part[:, :-2] + 2 * part[:, 1:-1] + part[:, 2:]) / 4

@@ -1,6 +1,6 @@
 """How often 95 % intervals over few groups hold the truth: `python -m benchmarks.intervals`.
 
-Synthetic: every group has an offset of its own (sd .5) and 20 samples (sd 1). Against
+Synthetic: every group has an offset of its own (sd 0.5) and 20 samples (sd 1). Against
 `studies.study.intervals` stand the bootstraps of whole groups that scipy has. Half a minute.
 """
 

@@ -253,7 +253,7 @@ def bubble(files: Files) -> list[str]:
         "",
         f"Force ranges over {ranges} N and has {rest} N of noise in the first {REST} images. RMSE "
         f"in N of Fx, Fy, Fz with blocks of {BLOCK} images left out, 95 % intervals over the "
-        "blocks, R2 in brackets. It is one press, in one direction. Goals: .20, .19, .25.",
+        "blocks, R2 in brackets. It is one press, in one direction. Goals: 0.20, 0.19, 0.25.",
         "",
         "| tracker | features | Fx | Fy | Fz |",
         "|---" * 5 + "|",

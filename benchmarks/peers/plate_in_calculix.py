@@ -4,7 +4,7 @@ Solid elements, nothing of the series of `fabricate/cad/stiffness.py`.
 `tests/fabricate/cad/test_cad_stiffness.py` holds what `main` prints.
 
 Plate and bead are C3D20R: quadratic, integrated at 8 points, so that a bead that keeps its volume
-(Poisson's ratio .4999) does not lock. The bead is bonded to the plate and to a rigid ledge;
+(Poisson's ratio 0.4999) does not lock. The bead is bonded to the plate and to a rigid ledge;
 without a bead the plate is held on the inner edges of its ledges.
 """
 

@@ -90,5 +90,5 @@ def test_the_tour_runs_in_a_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     live = re.findall(r"([\d.]+) N, ([\d.]+) mm, \d+ ms", said)
     normal_n, depth_mm = (max(map(float, column)) for column in zip(*live, strict=True))
     assert normal_n == pytest.approx(float(told[1]), abs=0.3)
-    # The highest of all images: .56 mm for the press itself, .79 where the shear goes outwards.
+    # The highest of all images: 0.56 mm for the press itself, 0.79 where the shear goes outwards.
     assert depth_mm == pytest.approx(0.6, abs=0.25)

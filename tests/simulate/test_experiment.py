@@ -59,7 +59,7 @@ def test_force_and_pose_are_streams_of_their_own_rates(mini_run: Path) -> None:
     pose = run.pose("sphere-10/p1")
     assert pose["t_press_s"].diff().dropna().min() >= 0.0999
     down = pose[pose["step_id"].str.endswith("/d1.00/press")]
-    assert len(down) > 20  # 1.5 mm at .5 mm/s
+    assert len(down) > 20  # 1.5 mm at 0.5 mm/s
     assert (down["z_mm"].diff().dropna() <= 0).all()
 
 

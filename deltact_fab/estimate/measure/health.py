@@ -137,7 +137,7 @@ def _light(reference: Array, now: Array) -> tuple[float, float]:
 
 PLAIN = 0.1
 """Detail between dots, over their contrast, up to which they are markers. Images of three real
-marker skins have .012 to .050, the shipped pattern of dots .004, the dense one with dots .26."""
+marker skins have 0.012 to 0.050, the shipped dot pattern 0.004, the dense one with dots 0.26."""
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,7 @@ class SensorModel:
 
     def __post_init__(self) -> None:
         if not 0 < self.poisson < 0.5:
-            raise ValueError(f"poisson: between 0 and .5: {self.poisson} fails")
+            raise ValueError(f"poisson: between 0 and 0.5: {self.poisson} fails")
 
     @property
     def camera(self) -> CameraModel:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from .dimensions import Design
 
 TERMS = 14
-"""Polynomials in each direction: the default deflection is within .2 % of that with 24."""
+"""Polynomials in each direction: the default deflection is within 0.2 % of that with 24."""
 BULK_MPA = 1000.0  # of silicone, about: what bounds a very thin bead
 DRY_MM = 0.02  # a ledge without a bead counts as one of this thickness
 LET_GO_N_MM = 1e-4  # at a point where the plate lifts off; keeps a press beyond all ledges finite

@@ -72,8 +72,8 @@ def select_level(
 ) -> Choice:
     """The cheapest level and mesh whose errors keep to the tolerance, or those of a named level.
 
-    tolerance: of the force, .001 to .5; in plane it is IN_PLANE_MM in proportion. The mesh is made
-    for the deepest point of the reach. observe_shear False with a reach of one point in plane
+    tolerance: of the force, 0.001 to 0.5; in plane it is IN_PLANE_MM in proportion. The mesh is for
+    the deepest point of the reach. observe_shear False with a reach of one point in plane
     leaves friction out where that changes the force by less than the model's share.
     most_unknowns: of a finite-strain mesh that is chosen here; cells are enlarged down to it.
     Raises InputError for a depth, a material or a spacing that the level cannot have, and names

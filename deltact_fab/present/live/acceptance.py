@@ -55,7 +55,7 @@ FRAMES = 100
 LEAST_FRAMES = 10  # of which noise can be told
 BLUR_PATCHES = 0.375  # of a patch: there half of the contrast of neighbours is left (MTF50)
 LEAST_BLUR_PX = 1.2  # a Bayer filter and its demosaicing alone take nearly a pixel
-SURE = 0.5  # median correlation of tiles with the recipe; of unlike patterns it is about .3
+SURE = 0.5  # median correlation of tiles with the recipe; of unlike patterns it is about 0.3
 TURN_DEG, SCALE_OFF, KEYSTONE = 3.0, 0.04, 0.06
 DARKEST, BRIGHTEST = 0.2, 0.98  # of white, linear
 

@@ -29,7 +29,7 @@ class FreeBlock:
     spacing_mm: (x, y), the largest below the one asked for that divides the face evenly into a
     number of nodes the transform likes. cell_mm: of the finite elements for its sides, None for a
     default. x_mm (nx,), y_mm (ny,): node coordinates in the sensor frame.
-    Raises InputError for sizes that cannot be used and a Poisson's ratio over .4999.
+    Raises InputError for sizes that cannot be used and a Poisson's ratio over 0.4999.
     """
 
     def __init__(

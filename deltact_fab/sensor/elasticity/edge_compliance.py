@@ -136,7 +136,7 @@ def free_sides(skin: SkinDimensions, poisson: float, cell_mm: float | None = Non
     if not 0 <= poisson <= MAX_LINEAR_POISSON:
         raise InputError(
             f"block: 0 <= poisson <= {MAX_LINEAR_POISSON} is needed: {poisson:g} fails; "
-            f"{MAX_LINEAR_POISSON} is incompressible but for .1 % of force"
+            f"{MAX_LINEAR_POISSON} is incompressible but for 0.1 % of force"
         )
     box = _box(skin, cell_mm)
     key = cache_key(

@@ -1,7 +1,7 @@
 """A linear elastic layer bonded to a rigid base: surface tractions in, surface displacement out.
 
 The operator is a convolution, diagonal in wave number, with a closed form that holds up to
-Poisson's ratio .5. The surface is periodic and knows no sides: `block` adds them.
+Poisson's ratio 0.5. The surface is periodic and knows no sides: `block` adds them.
 """
 
 from __future__ import annotations

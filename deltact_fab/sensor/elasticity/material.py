@@ -14,8 +14,8 @@ MAX_PRONY = 100.0  # beyond, shares were given in percent, or the long-term modu
 class GelMaterial(Bounded):
     """An isotropic silicone gel and its dry friction against the indenter.
 
-    modulus_mpa: Young's modulus; .56 is Gent's relation at Shore 15A, uncertain by a factor of 2.
-    poisson: Poisson's ratio, 0 to .5 (.5, incompressible, is allowed).
+    modulus_mpa: Young's modulus; 0.56 is Gent's relation at Shore 15A, uncertain by a factor of 2.
+    poisson: Poisson's ratio, 0 to 0.5 (0.5, incompressible, is allowed).
     friction: Coulomb coefficient against the indenter.
     prony: pairs (g, tau_s) of a relaxing gel; none: elastic. modulus_mpa is what is left after long
     rest (a slow press, a book value), g the extra share of its shear modulus that fades with tau:

@@ -97,7 +97,7 @@ class Fisheye(Bounded):
     Not seen, and nan where a pixel is given: beyond FIELD_RAD or where the radius stops growing.
     """
 
-    f_px: float = bounded_number(870 / 2.24, "focal length, .87 mm of 2.24 um pixels", 10, 10_000)
+    f_px: float = bounded_number(870 / 2.24, "focal length, 0.87 mm of 2.24 um pixels", 10, 10_000)
     k1: float = bounded_number(0.0, "radial distortion, of theta^3", -1, 1)
     k2: float = bounded_number(0.0, "radial distortion, of theta^5", -1, 1)
     k3: float = bounded_number(0.0, "radial distortion, of theta^7", -1, 1)

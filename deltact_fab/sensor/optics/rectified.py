@@ -53,7 +53,7 @@ class Rectified(Bounded, ScaledView):
         return self.lens.ray_to(on_face(self.rest_mm(px)), medium)
 
     def maps(self) -> tuple[Array, Array]:
-        """Column and row (h, w) float32 of the raw image for each pixel; made once, .3 to .6 s.
+        """Column and row (h, w) float32 of the raw image for each pixel; made once, 0.3 to 0.6 s.
 
         Raises InputError where the view goes beyond the lens's field.
         """

@@ -105,7 +105,7 @@ class SensorDimensions(Bounded):
 
     @property
     def focal_px(self) -> float:
-        """Focal length in px of the raw image: .87 mm of 2.24 um pixels; a design has its own."""
+        """Focal length in px of the raw image: 0.87 mm of 2.24 um pixels; a design has its own."""
         return 870 / 2.24
 
     @property

@@ -39,7 +39,7 @@ INSIDE = 0.3  # of the depth; a state with more penetration is not used
 NOTICED = 0.1  # of the depth; from here on penetration is taken off the depth
 FALL = 0.1  # of the largest force so far; a larger fall means that the mesh has lost the tip
 GROWTH = 1.7
-STIFFEST_POISSON = 0.499  # force within .5 % of .4999, and finite strain ends before .5
+STIFFEST_POISSON = 0.499  # force within 0.5 % of 0.4999, and finite strain ends before 0.5
 BOUND_MARGIN = 1.1  # friction under the punch, which its closed form leaves out
 
 
@@ -199,13 +199,13 @@ datasheet); forces are in proportion to it, and the high side counts."""
 HIGH = "with twice the modulus"
 
 
-# Drags of up to 10 mm along x with friction .5, finite strain, 2 mm cells. Tangential peak over
+# Drags of up to 10 mm along x with friction 0.5, finite strain, 2 mm cells. Tangential peak over
 # friction x normal force of the press: at 5 mm sphere:10 1.5 and ellipsoid 1.5 (both up to 7 mm of
-# drag), 4dots 2.1, hexprism 1.4; at 10 mm sphere:15 .6 and hexprism 1.3. The gel piles up before a
+# drag), 4dots 2.1, hexprism 1.4; at 10 mm sphere:15 0.6 and hexprism 1.3. The gel piles up before a
 # narrow tip and pushes on its flank. Normal force over that of the press: at most 1.13.
 DRAG_SHEAR = 2.2
 DRAG_NORMAL = 1.2
-DRAG_FLANK = 0.1  # of the normal force: without friction at all, .07 at 8 mm
+DRAG_FLANK = 0.1  # of the normal force: without friction at all, 0.07 at 8 mm
 LINEAR_SHEAR = 1.05  # at the linear level a full slide gives friction x normal
 PRESS_SIDE = 0.1  # of the normal force: a press without shear, a star or near a side
 OFF_CENTRE = 0.15  # of the footprint: centre of pressure of a star

@@ -227,7 +227,7 @@ def rest_s(dwell_s: float, relaxing_s: Sequence[float]) -> list[float]:
     """A rest in parts, each ending REST_GROWTH times as late as the one before.
 
     The first is at most an eighth of the shortest time of relaxing. Straight lines between the
-    ends are off by at most .012 of what a branch of the series gives.
+    ends are off by at most 0.012 of what a branch of the series gives.
     """
     latest = math.log(8 * dwell_s / min(relaxing_s)) / math.log(REST_GROWTH)
     parts = max(0, math.ceil(latest))
@@ -271,7 +271,7 @@ def require_gel_level(protocol: Protocol, sensor: SensorDimensions, source: str)
     if specimen.poisson > most:
         raise InputError(
             f"{source}: specimen.poisson: {specimen.poisson} is over {most}: the level {level!r} "
-            "stops there; .499 serves"
+            "stops there; 0.499 serves"
         )
     if level != "linear":
         return

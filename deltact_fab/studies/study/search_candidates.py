@@ -221,11 +221,11 @@ DRAG_MM = 2.4
 STEP_MM = 0.2
 OUTWARD = round(DRAG_MM / STEP_MM)
 DRAG_WIDTH_MM, DRAG_DEPTH_MM = 2.0, 2.0
-"""So steep that the skin before it nearly folds (det F .2) and is lost to a tracker, as before an
+"""So steep that the skin before it nearly folds (det F 0.2) and is lost to a tracker, as before an
 indenter that is dragged: where it comes back, a pattern that repeats itself is mistaken for itself.
 With a width of 3 mm that never happens, and the order of patterns is not that on the gel."""
 WAVES = ((1.5, 0.015), (2.5, 0.03), (4.0, 0.06))
-"""Wavelength and amplitude (mm) of smooth waves on top: a slope of .06 to .09 each."""
+"""Wavelength and amplitude (mm) of smooth waves on top: a slope of 0.06 to 0.09 each."""
 FIELD_PX = 200_000
 """Pixels of the middle of the view, which is what is drawn."""
 TRACKER = "fused"

@@ -78,7 +78,7 @@ def test_from_photographs_to_a_camera_file(place: Path) -> None:
     assert told["camera"] == lens.as_dict()
     assert tables["calibration"]["sigma_face_px"] == told["sigma_face_px"]
     assert tables["calibration"]["parameters"]["f_px"]["sigma"] > 0
-    # The calibrated lens serves to rectify: half a raw pixel is .03 mm.
+    # The calibrated lens serves to rectify: half a raw pixel is 0.03 mm.
     view = Rectified(lens, mm_per_px=0.0756, width_px=399, height_px=293)
     x, y = np.meshgrid(np.linspace(-15, 15, 9), np.linspace(-11, 11, 7))
     at = np.stack((x, y), -1)

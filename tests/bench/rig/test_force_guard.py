@@ -96,7 +96,7 @@ def test_a_force_over_any_limit_stops_the_stage(
     assert trip.byte_ns == record_ns
     z_mm = bench.controller.position_mm()[2]
     bench.clock.sleep_s(1.0)
-    assert z_mm - bench.controller.position_mm()[2] < 0.6  # braking from 10 mm/s takes .5 mm
+    assert z_mm - bench.controller.position_mm()[2] < 0.6  # braking from 10 mm/s takes 0.5 mm
     bench.stage.stop()
     assert bench.controller.state == "Idle"
 

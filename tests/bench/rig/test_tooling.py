@@ -119,7 +119,7 @@ def low(it: Bench) -> None:
 
 @pytest.mark.slow
 def test_a_press_goes_as_deep_as_declared_on_a_face_that_is_elsewhere(tmp_path: Path) -> None:
-    """The face .4 mm lower, the indenter 1.3 mm longer where the file says 1."""
+    """The face 0.4 mm lower, the indenter 1.3 mm longer where the file says 1."""
     it = bench("sphere:10", (0.0, 0.0, -0.4), 1.3, homed=False)
     with typing("S-12", "sphere:10"):
         mounted = carry_out(it, tmp_path / "r")

@@ -29,10 +29,10 @@ def test_ten_presses_tell_a_strangers_gel_and_measure_on_it(stranger: str) -> No
     assert low <= gel.size_mm[2] <= high < low + 0.6
     believed, found = (figures(seen, [judged(seen, learn, judge, one)]) for one in (None, told))
     assert found["normal_n"] <= 0.12
-    assert round(found["normal_n"], 2) in (0.04, 0.05, 0.06)  # told as .05 where it is told
+    assert round(found["normal_n"], 2) in (0.04, 0.05, 0.06)  # told as 0.05 where it is told
     assert found["shear_percent"] <= min(2.0, 0.6 * believed["shear_percent"])
     assert found["pressure_of_peak"] <= 0.25
-    assert found["place_mm"] <= 0.4  # .15 was wanted; docs/evidence/strangers.md says why not
+    assert found["place_mm"] <= 0.4  # 0.15 was wanted; docs/evidence/strangers.md says why not
     assert found["held"] >= 0.85  # of 95 %, on six presses
     # Labels taken at once, of a gel that relaxes by a twentieth, on every second press.
     early, mended = (

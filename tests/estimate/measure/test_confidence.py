@@ -84,7 +84,7 @@ def test_three_pixels_from_the_edge_on_a_node_is_believed(sequence):
 
 @pytest.mark.parametrize(("sign", "stands"), [(-1, True), (1, False)], ids=["turn", "fold"])
 def test_a_turn_stands_and_what_folds_the_face_does_not(sign, stands):
-    """A slope of .97 across: turned the face has 1.94 of its area, sheared .06."""
+    """A slope of 0.97 across: turned the face has 1.94 of its area, sheared 0.06."""
     image = np.random.default_rng(2).integers(0, 256, (256, 256), np.uint8)
     y, x = np.mgrid[-64:64, -64:64].astype(np.float32) * 2
     one = np.ones_like(x)

@@ -71,7 +71,7 @@ def test_what_was_written_is_read(written: tuple[ForceCalibration, Path]) -> Non
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("poisson = 0.49", "poisson = 0.7", "view.poisson: a number between 0 and .5"),
+        ("poisson = 0.49", "poisson = 0.7", "view.poisson: a number between 0 and 0.5"),
         ("thickness_mm = 12.0", "thickness_mm = -1.0", "view.skin"),
         ("fz = [", "fy2 = [", "fz: missing"),
         ("fz = [", "fz = [nan, ", "model.coefficients.fz.0: not a finite number"),

@@ -41,7 +41,7 @@ def corners(
     lens: Lens, board: Checkerboard, at_mm: NDArray[np.float64], rng: np.random.Generator,
     held: bool = False,
 ) -> Corners | None:  # fmt: skip
-    """As a finder has them: those in picture and window, .05 px off; None of a board cut."""
+    """As a finder has them: those in picture and window, 0.05 px off; None of a board cut."""
     index = np.stack(np.meshgrid(*map(np.arange, board.corners)), -1).reshape(-1, 2)
     px = lens.project_px(at_mm, 1.0 if held else None)
     seen = np.all((px > 6) & (px < np.array(lens.size_px) - 7), -1)

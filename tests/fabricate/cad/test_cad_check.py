@@ -199,7 +199,7 @@ def test_the_view_by_snell_and_by_hand():
     assert [row.value.split()[2] for row in cone] == ["57.6", "45.1", "66.4"]
     assert cone[0].limit.startswith("<= 94.4 deg at the 1280 x 720 crop")
     assert rows["view of the face"].value.endswith("54.6 % of the face")
-    # 3 / 1.41 mm nearer than 3 + 2 / 1.49 + 12 / 1.41, an aperture of .87 / 2.8, pixels of 2.24 um.
+    # 3 / 1.41 mm nearer than 3 + 2 / 1.49 + 12 / 1.41, an aperture of 0.87 / 2.8, pixels 2.24 um.
     far, near_mm, f = 12.853, 10.725, 0.87
     blur_px = f**2 / 2.8 * (far - near_mm) / near_mm / (far - f) / 2.24e-3
     assert f"{blur_px:.2f} px at 10.7 mm" in rows["focus, middle, 3 mm deep"].value
@@ -248,7 +248,7 @@ def test_a_wide_ceiling_without_supports_fails(side, passes):
 
 @pytest.mark.slow
 def test_the_foot_of_a_peg_s_leg_is_no_wall_of_the_cover():
-    """The mesh of this cover has a point of a leg .8 um above the floor."""
+    """The mesh of this cover has a point of a leg 0.8 um above the floor."""
     changes = ["skin.width_mm=53.7", "skin.length_mm=41.5", "screw.length_mm=16"]
     built = BuiltDesign(load_design(changes=changes), (find_part("cover"),), {})
     assert [row.value[:8] for row in each_part.walls(built)] == ["1.500 mm", "0.600 mm"]

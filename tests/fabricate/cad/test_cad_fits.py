@@ -46,16 +46,16 @@ def test_play_is_the_sum_of_what_is_left_and_of_what_each_may_be_off():
 
 def test_the_default_pairs_by_hand():
     found = every(Design())
-    # 36 +- .1 less 35.8 +- .1
+    # 36 +- 0.1 less 35.8 +- 0.1
     assert found["plate in its pocket, x"].range_mm == pytest.approx((0.0, 0.4))
-    # pocket 2 +- .15 and drop .5 +- .15 less a sheet of 2 +- 10 %
+    # pocket 2 +- 0.15 and drop 0.5 +- 0.15 less a sheet of 2 +- 10 %
     assert found["plate between the ledges, z"].range_mm == pytest.approx((0.0, 1.0))
-    # 2.0 +- .1 less 1.6; two pitches of +- .1 in x and y, each end half of both: sqrt(2) .2
+    # 2.0 +- 0.1 less 1.6; two pitches of +- 0.1 in x and y, each end half of both: sqrt(2) 0.2
     through = (0.4 - 0.1 - 0.2 * math.sqrt(2), 0.4 + 0.1 + 0.2 * math.sqrt(2))
     assert found["M1.6 through the shell"].range_mm == pytest.approx(through)
-    # Ring 1.0 below the joint; shell, pocket, holder, ring +- .15, board +- .05, sheet +- .2
+    # Ring 1.0 below the joint; shell, pocket, holder, ring +- 0.15, board +- 0.05, sheet +- 0.2
     assert found["ring below the acrylic, z"].range_mm == pytest.approx((0.15, 1.85))
-    # 3.2 + 2 x .12 less 3.2, +- .1 each
+    # 3.2 + 2 x 0.12 less 3.2, +- 0.1 each
     assert found["lips over their hole"].range_mm == pytest.approx((0.04, 0.44))
 
 

@@ -17,7 +17,7 @@ LONG = PlateShape((30.0, 10.2), (0.0, 0.0), (30.0, 10.0), 1.0, 3000.0, 0.3, 0.0,
 
 
 def test_a_long_plate_on_two_bare_ledges_is_that_of_the_textbook():
-    # A concentrated load: Table 23, b / a infinite: w = .01695 P a^2 / D.
+    # A concentrated load: Table 23, b / a infinite: w = 0.01695 P a^2 / D.
     found = bend(LONG, 0.02, terms=22).deflection_mm * LONG.rigidity_nmm / 20**2
     assert found == pytest.approx(0.01695, rel=0.015)
 

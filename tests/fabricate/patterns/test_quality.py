@@ -128,7 +128,7 @@ def test_contrast_that_is_kept_is_the_patterns_own():
 
 @pytest.mark.slow
 def test_fine_patches_lose_their_contrast_on_the_way():
-    """d = .05 at 1200 dpi is 2.4 printer dots and 1.3 camera pixels a patch."""
+    """d = 0.05 at 1200 dpi is 2.4 printer dots and 1.3 camera pixels a patch."""
     by_d = {d: measure_quality(dense(d, 0.3), view_mm=VIEW_MM) for d in (0.05, 0.1, 0.15)}
     fine, coarse = by_d[0.05], by_d[0.15]
     assert fine.dots_a_patch == pytest.approx(0.05 / 25.4 * 1200)

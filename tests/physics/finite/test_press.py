@@ -129,7 +129,7 @@ def test_a_drag_goes_on_where_the_gel_folds():
         assert p.diagnostics.lagged or (shear <= bound + 1e-12 * bound.max()).all()
         off = np.add(p.force_n, p.base_force_n)
         assert np.linalg.norm(off) < 1e-6 * np.linalg.norm(p.force_n)
-    # As high as friction .5 and the flank in front of it together may hold.
+    # As high as friction 0.5 and the flank in front of it together may hold.
     assert 0.3 < path[-1].force_n[0] / -path[-1].force_n[2] < 1.5
     assert not path[-1].trusted
 

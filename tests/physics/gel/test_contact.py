@@ -62,7 +62,7 @@ def cattaneo_shift_mm(
     """Tangential shift of a rigid sphere on a half-space under Q <= mu N (Cattaneo, Mindlin).
 
     3 mu N (2 - nu)/(16 G a) (1 - (1 - Q/(mu N))^(2/3)) (Johnson, Contact Mechanics, 7.2). It
-    neglects the slip across the load and, unless nu = .5, the coupling of normal and tangential.
+    neglects the slip across the load and, unless nu = 0.5, the coupling of normal and tangential.
     """
     limit = friction * normal_n
     full = 3 * limit * (2 - material.poisson) / (16 * material.shear_modulus_mpa * radius_mm)
@@ -114,7 +114,7 @@ def test_flat_punch_converges_at_first_order() -> None:
 
 
 def test_partial_slip_against_cattaneo_and_mindlin() -> None:
-    """nu = .5 uncouples press and shear; small friction keeps the shift far below the radius."""
+    """nu = 0.5 uncouples press and shear; small friction keeps the shift far below the radius."""
     material, mu, depth, n = GelMaterial(poisson=0.5), 0.01, 0.2, 256
     layer = BondedLayer(material, 40.0, (20.0, 20.0), (n, n))
     contact = LinearContact(layer, SPHERE, friction=mu, tolerance=1e-8)
@@ -297,7 +297,7 @@ def test_too_few_iterations_is_an_error_not_a_number(
 # -- the references themselves: a published table
 
 POISSON = (0.3, 0.4, 0.45, 0.5)
-# Flat punch on a bonded layer; Hayes et al. (J. Biomech. 5, 1972) agree to .3 % for a/h <= 1.
+# Flat punch on a bonded layer; Hayes et al. (J. Biomech. 5, 1972) agree to 0.3 % for a/h <= 1.
 FACTORS = {
     0.2: (1.2066, 1.2323, 1.2523, 1.2806),
     0.6: (1.7848, 1.9178, 2.0328, 2.2129),

@@ -62,7 +62,7 @@ def test_a_mesh_over_its_unknowns_is_enlarged_and_says_so() -> None:
 
 
 # A bonded layer to finite strain, d/h and d/R to 0: the integral equation against the axisymmetric
-# solver of tests/finite on a disc of six thicknesses, whose error is below .1 %.
+# solver of tests/finite on a disc of six thicknesses, whose error is below 0.1 %.
 @pytest.mark.parametrize(
     ("nu", "h", "radius", "d", "force"),
     [

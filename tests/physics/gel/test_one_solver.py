@@ -16,7 +16,7 @@ from deltact_fab.simulate.virtual.presses import Presses
 
 
 def four(indenter: str, depth_mm: float, spacing_mm: float | None) -> dict[str, float]:
-    """One press in the middle of the standard block, friction .5, for a modulus of 1 MPa."""
+    """One press in the middle of the standard block, friction 0.5, for a modulus of 1 MPa."""
     skin, unit, shape, middle = (
         SkinDimensions(),
         GelMaterial(1.0),

@@ -22,7 +22,7 @@ from deltact_fab.present.live.picture import LOST, data
 from deltact_fab.present.live.session import MeasuredImage, MeasurementSession
 
 PRESSED = 2
-"""The image at the end of the first press: a ball of 10 mm, 1 mm deep, at (.5, -.5)."""
+"""The image at the end of the first press: a ball of 10 mm, 1 mm deep, at (0.5, -0.5)."""
 
 
 @pytest.fixture(scope="module")

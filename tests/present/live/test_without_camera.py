@@ -87,7 +87,7 @@ def test_dots_on_a_dense_pattern_are_no_markers(name: str, kind: str) -> None:
     )
     assert found.kind == kind
     assert found.markers > 20
-    assert not 0.05 < found.between < 0.2, "the line between both is at .1"
+    assert not 0.05 < found.between < 0.2, "the line between both is at 0.1"
 
 
 @pytest.mark.parametrize("form", ["folder", "film"])

@@ -101,7 +101,7 @@ def test_sides_only_soften() -> None:
 def test_smooth_load_against_plain_finite_elements(component: int, even: tuple[bool, bool]) -> None:
     """Four loads, mirrored in x and y with either sign, on a quarter meshed at a 12th of a height.
 
-    That mesh alone is about .5 % too stiff here, by its change from twice its cells.
+    That mesh alone is about 0.5 % too stiff here, by its change from twice its cells.
     """
     skin = SkinDimensions(width_mm=18, length_mm=17, thickness_mm=6, protrusion_mm=5)
     step, half = 0.5, skin.opening_half_mm
@@ -172,7 +172,7 @@ def test_wide_gel_is_the_layer(nu: float, within: float) -> None:
 
 def test_sides_take_force_off(block: FreeBlock) -> None:
     """sphere:15 at 2 mm. In the middle a disc of equal area, an axisymmetric solution of its own
-    (tests/physics/finite/test_linear_levels.py), has .9724."""
+    (tests/physics/finite/test_linear_levels.py), has 0.9724."""
     layer = BondedLayer(GEL, SKIN.thickness_mm, (108.0, 102.0), (204, 216))
     for x, like in ((0.0, 0.9724), (10.0, 0.898)):
         force = normal_n(block, x, 0, name="sphere:15")
@@ -210,7 +210,7 @@ def test_contact_beyond_the_edge_carries_nothing_there(block: FreeBlock) -> None
 
 @pytest.mark.evidence
 def test_light_presses_against_finite_strain() -> None:
-    """Cells of .5 mm in the finite mesh; cells of .35 mm give .5 % less force."""
+    """Cells of 0.5 mm in the finite mesh; cells of 0.35 mm give 0.5 % less force."""
     press = FinitePress(block_mesh(SKIN, 0.5, (-2.0, 2.0, -2.0, 2.0)), GEL, SPHERE, friction=0)
     gel = FreeBlock(SKIN, GEL, 0.125, 1.5)
     *_, state = follow_path(press, press.rest(), (0.0, 0.0, 0.5), 0.5)

@@ -18,7 +18,7 @@ def compliance_from_ode(
 ) -> np.ndarray:
     """Complex 3 x 3 surface compliance from y' = A y, y = (u, traction on z), u = 0 at the base.
 
-    Written so that it stays finite at nu = .5: the in-plane stress is taken from sigma_zz.
+    Written so that it stays finite at nu = 0.5: the in-plane stress is taken from sigma_zz.
     """
     nu, g = material.poisson, material.shear_modulus_mpa
     k = np.array([kx, ky])
@@ -66,7 +66,7 @@ def test_closed_form_solves_the_layer_equation(nu: float, kh: float) -> None:
 
 
 def test_incompressible_normal_compliance_vanishes_as_k_squared() -> None:
-    """Lubrication limit at nu = .5: u_z/p = k^2 h^3/(3 G), to the last digits as k -> 0."""
+    """Lubrication limit at nu = 0.5: u_z/p = k^2 h^3/(3 G), to the last digits as k -> 0."""
     material = GelMaterial(poisson=0.5)
     k = np.array([1e-6, 1e-5, 1e-4])
     c = surface_compliance(k, 1.0, material)

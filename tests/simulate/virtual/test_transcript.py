@@ -20,7 +20,7 @@ DATA = json.loads((Path(__file__).parents[2] / "data" / "grbl-1.1h-transcript.js
 CASES: list[dict[str, Any]] = DATA["cases"]
 SETTINGS = {int(n): value for n, value in DATA["settings"].items()}
 # What whoever wrote the transcript took to write and read, beyond the waits that it gives: in
-# '$ while Run' a move of 1.0 s is over when .9 s of waits are, and not before .7 s.
+# '$ while Run' a move of 1.0 s is over when 0.9 s of waits are, and not before 0.7 s.
 OVERHEAD_S = 0.05
 IDLE = "<Idle|MPos:-1.000,-1.000,-1.000|Bf:15,128|FS:0,0|"
 

@@ -138,7 +138,7 @@ INDENTERS = tuple(f"i{k}" for k in range(5))
 def made_up(
     errors_mm: dict[tuple[float, float], float], composed: float = 1.0, spread: float = 0.05
 ) -> PatternErrors:
-    """Errors of the paper's tracker at the dots by (d, r), .3 mm where none is given.
+    """Errors of the paper's tracker at the dots by (d, r), 0.3 mm where none is given.
 
     composed: times the error of the given patterns when flows are composed.
     """

@@ -74,7 +74,7 @@ def test_a_recorded_run_gives_back_the_gel_that_it_was_recorded_on(tmp_path: Pat
     for (g, tau), (true_g, true_tau) in zip(own.data["prony"], series, strict=True):
         assert g == pytest.approx(true_g, rel=0.15)
         assert tau == pytest.approx(true_tau, rel=0.2)
-    assert own.data["rms_n"] < 0.008  # straight lines between a rest's knots: .012 of a branch
+    assert own.data["rms_n"] < 0.008  # straight lines between a rest's knots: 0.012 of a branch
     # The gel's own force at rest is the truth of each wait.
     for stop in own.data["tables"]["waits"]:
         assert 0 < stop["wait_2_percent_s"] < 15

@@ -39,7 +39,7 @@ ABOUT = {
     "timestamp": "frame_index / fps, as the format asks; t_press_s and time_ns say when",
 }
 RATE_HZ = 10  # of frames at stops, which have none
-FILE_FRAMES = 500  # some 300 MB; the loader finds frames to .1 ms by float32 s, so not many more
+FILE_FRAMES = 500  # some 300 MB; the loader finds frames to 0.1 ms by float32 s, so not many more
 CHUNK_FILES = 1000
 QUALITY = {RAW: {"crf": "20", "b": "0"}, MOTION: {"lossless": "1"}}
 EVERY = 16  # pixels between those that statistics are of

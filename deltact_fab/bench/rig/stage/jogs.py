@@ -26,7 +26,7 @@ from .controller import (
 from .exchange import NoAnswer, TalkFault, state_text
 from .settings import AXES
 
-ANSWER_S = 0.5  # it comes within .1 s, and without it the carriage may be on its way
+ANSWER_S = 0.5  # it comes within 0.1 s, and without it the carriage may be on its way
 HEAR_S = 0.005  # between two looks at what was said without being asked for
 POLL_S = 0.1  # while a move is under way; the firmware's documents ask for at most 10 a second
 UP = 0.9  # of a way that leads away from the face, at least so much is upwards

@@ -35,7 +35,7 @@ STEPS_MM = (0.02, 0.1, 1.0, 10.0)
 EASE_MM = 2.0  # up, after the guard has stopped it
 TELL_S = 0.2
 HELP = (
-    "arrows: x and y   page up, u / page down, d: z   1 2 3 4: steps of .02, .1, 1, 10 mm   "
+    "arrows: x and y   page up, u / page down, d: z   1 2 3 4: steps of 0.02, 0.1, 1, 10 mm   "
     "space: stop\nh: home   o: the tip stands at the origin   r: register the face   q: end"
 )
 Key = Callable[[float], str]

@@ -32,7 +32,7 @@ from ..runs import settled, view_of_run
 
 TOUCHING_MM = 0.06
 """A point this near to the indenter's surface touches it, where no traction was recorded. The
-gel's cells follow the indenter to within some .04 mm."""
+gel's cells follow the indenter to within some 0.04 mm."""
 PRESSED = 0.01
 """Of the greatest pressure: what is more is contact, where traction was recorded."""
 

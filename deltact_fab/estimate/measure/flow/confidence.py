@@ -26,7 +26,7 @@ KEEP_CORRELATION = 0.35
 KEEP_DET = 0.12
 CHROMA_MIN = 0.5
 COLOUR_SHARE = 0.45
-"""Of the luma's deviation: a Bayer mosaic gives a grey pattern up to .38, colours .61 and more."""
+"""Share of the luma deviation: a Bayer mosaic gives grey up to 0.38, colours 0.61 and more."""
 GREY_MIN = 0.7
 DEVIATION_MAX_PX = 0.29
 BORDER_PX = 3.0

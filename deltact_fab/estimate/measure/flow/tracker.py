@@ -80,8 +80,8 @@ class FlowTracker:
 
     REFERENCES: tuple[FlowReference, ...] = get_args(FlowReference)
     RENEW_SHARE = 0.25
-    """Of the pattern's own difference between unrelated views. The paper gives no threshold: at .25
-    its order of patterns and nearly its figures come out, at .5 not
+    """Share of the difference between unrelated views. The paper gives no threshold: at 0.25
+    its order of patterns and nearly its figures come out, at 0.5 not
     (docs/evidence/study-methods.md)."""
 
     def __init__(

@@ -94,7 +94,7 @@ def load_force(path: Path) -> ForceCalibration:
     view = held["view"]
     poisson = view.get("poisson")
     if not isinstance(poisson, float) or not 0 < poisson < 0.5:
-        raise InputError(f"{path}: view.poisson: a number between 0 and .5 (got {poisson!r})")
+        raise InputError(f"{path}: view.poisson: a number between 0 and 0.5 (got {poisson!r})")
     skin = validate(SkinDimensions, view.get("skin"), f"{path}: view.skin")
     try:
         model = ForceModel.from_dict(held["model"])

@@ -42,7 +42,7 @@ def sight(camera: CameraModel, x_mm: Array, y_mm: Array) -> Array:
 
 CELL_MM = 1.0
 BEYOND_MM = 2.0  # a contact may reach out of the view
-NOISE_MM = 0.002  # rms error of the shift of a cell's picture: .05 px of the paper's camera
+NOISE_MM = 0.002  # rms error of the shift of a cell's picture: 0.05 px of the paper's camera
 MODEL = 0.02  # what linear elasticity leaves unexplained, of the largest shift
 FIRST = {"pressure": 0.1, "shear": 0.015, "reach_mm": 1.5, "error_mm": 0.01}
 ENOUGH = 0.25  # of the first look's peak: cells of the contact

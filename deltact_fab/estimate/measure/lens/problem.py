@@ -148,7 +148,7 @@ NOISE_PX = 0.1
 MIN_NOISE_PX = 0.02
 SYSTEMATIC_PX, SYSTEMATIC_REACH_PX = 0.02, 40.0
 """Smooth error of the corners of an image, which no residual shows, for the lens absorbs it:
-curvature, shading and sharpening within a corner's window. .01 to .02 px on rendered boards
+curvature, shading and sharpening within a corner's window. 0.01 to 0.02 px on rendered boards
 (decision 0019)."""
 OUTLIER = 5.0  # in robust sigmas of the residuals: beyond, a corner was misread
 

@@ -20,7 +20,7 @@ from ..face import FaceFlow, whole
 SIGMA_PX = 3.0  # of the full image, whatever the distance of the flow's points
 DOMAIN = (0.5, 2.0)  # determinants between which splat and Jacobian agree
 RADIUS_MM = 0.6  # of the guided filter
-EPS = 2.5e-4  # variance below which the filter smooths: of .016, thrice what flow noise makes
+EPS = 2.5e-4  # variance below which the filter smooths: of 0.016, thrice what flow noise makes
 
 
 @dataclass(frozen=True)

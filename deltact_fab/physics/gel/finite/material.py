@@ -9,7 +9,7 @@ small strains are Hooke's law and a homogeneous state is the usual compressible 
 and Wood, Nonlinear Continuum Mechanics for Finite Element Analysis, 6.4).
 
 Locking: only U grows with nu, and it sees one number a cell, so a brick keeps enough freedom to
-bend at nu = .4999; with J at each of the 2 x 2 x 2 points it would lock. The pressure of Q1P0 may
+bend at nu = 0.4999; with J at each of the 2 x 2 x 2 points it would lock. The pressure of Q1P0 may
 alternate from cell to cell; contact on a bonded block does not excite that, forces are free of it.
 The part -mu ln J stays local: with Jbar alone a brick can turn inside out at one point. Squeezed
 to a third under a sharp tip it would still fold into an hourglass, whose points lose and gain
@@ -46,8 +46,8 @@ class NeoHooke:
         nu, e = material.poisson, material.modulus_mpa
         if nu > MAX_FINITE_POISSON:
             raise InputError(
-                f"hyperelastic: poisson <= {MAX_FINITE_POISSON} is needed: {nu} fails; .499 gives "
-                "the force of .4999 within .5 %"
+                f"hyperelastic: poisson <= {MAX_FINITE_POISSON} is needed: {nu} fails; 0.499 gives "
+                "the force of 0.4999 within 0.5 %"
             )
         return cls(e / (2 * (1 + nu)), e * nu / ((1 + nu) * (1 - 2 * nu)))
 

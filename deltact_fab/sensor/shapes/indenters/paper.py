@@ -31,10 +31,10 @@ def two_dots(scale: float) -> Indenter:
 
 
 def edges(scale: float) -> Indenter:
-    """Two parallel edges along y: right-angled wedges with a nose of radius .3 mm.
+    """Two parallel edges along y: right-angled wedges with a nose of radius 0.3 mm.
 
     Their straight part is as long as their pitch; round ends add half a width each. Steeper flanks
-    lock under a friction of .5 when the edges are dragged over the linear layer.
+    lock under a friction of 0.5 when the edges are dragged over the linear layer.
     """
     h = 5.5 * scale / 2
     tips = (RidgeTip(x, 0.0, 0.3, 1.75 * scale, 5.5 * scale, flank_deg=45.0) for x in (-h, h))

@@ -146,7 +146,7 @@ def hard_cases(quick: bool) -> list[Case]:
 
 
 PRESS = "sphere:10, 1.2 mm deep and 1.5 mm of shear"
-FAR = "121 px in ten frames, det F from .3 to 2"
+FAR = "121 px in ten frames, det F from 0.3 to 2"
 
 
 def found(method: str, pair: FlowSequence) -> Vectors:

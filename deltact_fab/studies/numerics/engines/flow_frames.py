@@ -125,7 +125,7 @@ def bump(peak_px: float, front_px: float, back_px: float, x: Field, y: Field) ->
     """A shift of peak_px to the right and down with Gaussian flanks of two widths, (h, w, 2).
 
     It moves along the direction in which the flanks differ, so det F = 1 + its slope there: from
-    1 - .607 peak / front to 1 + .607 peak / back.
+    1 - 0.607 peak / front to 1 + 0.607 peak / back.
     """
     along = np.array([2.0, 1.0]) / np.sqrt(5)
     x, y = x - CAMERA.centre_px[0], y - CAMERA.centre_px[1]
@@ -136,7 +136,7 @@ def bump(peak_px: float, front_px: float, back_px: float, x: Field, y: Field) ->
 
 
 far: Motion = partial(bump, 121.0, 105.0, 73.5)
-"""121 px, det F from .3 to 2."""
+"""121 px, det F from 0.3 to 2."""
 near: Motion = partial(bump, 12.0, 90.0, 90.0)
 
 

@@ -84,7 +84,7 @@ def solve_linear(run: PressSetup) -> GelAnswer:
 
 
 def linear_breach(scene: GelCase, depth_mm: float, scratch: Path) -> tuple[float, str]:
-    """Of a press and a drag of .3 mm at the linear level, the worst breach of contact.
+    """Of a press and a drag of 0.3 mm at the linear level, the worst breach of contact.
 
     Penetration, a gap under pressure (both over the depth) and shear above friction x pressure (of
     its largest bound), worked out anew on the whole face.

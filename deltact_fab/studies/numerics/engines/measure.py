@@ -25,7 +25,7 @@ from ..engine import Case, CurveSetting, Engine, Flagged, Work
 
 SMOOTH_MM, FINE_MM = 2.0, 0.5
 EVERY = (1, 2, 4, 8, 16)
-PUSH = 0.3  # of the dent that the curves see: det from 1.7 to about .94
+PUSH = 0.3  # of the dent that the curves see: det from 1.7 to about 0.94
 SENSOR = SensorDimensions()
 CAMERA = Pinhole.of(SENSOR)
 VIEW = SensorModel(CAMERA, SENSOR.skin)
@@ -58,7 +58,7 @@ def means(values: Array, every: int) -> Array:
 
 
 def _slope(x0: float, y0: float, sigma_mm: float) -> Array:
-    """Minus the gradient of a Gaussian, times sigma: .6 at most."""
+    """Minus the gradient of a Gaussian, times sigma: 0.6 at most."""
     x, y = _pixels()
     bump = np.exp(-((x - x0) ** 2 + (y - y0) ** 2) / (2 * sigma_mm**2))
     return np.stack(((x - x0) / sigma_mm * bump, (y - y0) / sigma_mm * bump), axis=-1)

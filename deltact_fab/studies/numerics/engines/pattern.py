@@ -26,7 +26,7 @@ from deltact_fab.fabricate import (
 from ..engine import Case, CurveSetting, Engine, Work
 
 SEED = 20210
-CURVE_TRIES = 10**7  # the tail is heavy even where it ends: 58 tries on average at r = .1
+CURVE_TRIES = 10**7  # the tail is heavy even where it ends: 58 tries on average at r = 0.1
 
 
 def distance_to_law(values: NDArray[Any], r: float, levels: int | None) -> float:
