@@ -75,8 +75,8 @@ def serve(rate_hz: float) -> None:
     grbl = GrblController(SETTINGS, clock, start_mm=(-1, -1, -1), boot_s=0.2)
     config = ForceConfig(rate_hz=rate_hz)
     with (
-        NetFTServer(wrenches, config, sent=sent) as box,
-        PtyCable(grbl, clock, heard=heard) as board,
+        NetFTServer(wrenches, config, on_send=sent) as box,
+        PtyCable(grbl, clock, on_receive=heard) as board,
     ):
         ports = {"host": box.host, "rdt_port": box.rdt_port, "http_port": box.http_port}
         print(json.dumps({"stage": board.port, "netft": ports}), flush=True)

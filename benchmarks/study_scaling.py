@@ -53,7 +53,7 @@ class Counted(StudyRequest):
 
 def solve_gels(of: PressScene, asked: StudyRequest) -> None:
     """Note what the gels would cost, one for the mirror images of a press."""
-    solvers = [presses.of(path).solver for presses in map(of.gel, of.protocols)
+    solvers = [presses.planned_press(path).solver for presses in map(of.gel, of.protocols)
                for path in presses.paths]  # fmt: skip
     costs = {solver.stored_as: KNOT_S * len(solver.poses) for solver in solvers}
     cast(Counted, asked).costs.append(list(costs.values()))

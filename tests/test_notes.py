@@ -25,7 +25,7 @@ from deltact_fab.sensor.shapes.indenter import parse_indenter
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
 from deltact_fab.simulate.experiment.request import RunRequest
 from deltact_fab.simulate.experiment.session import run_experiment
-from deltact_fab.simulate.virtual.presses import Presses, gel_left_out, gel_notes
+from deltact_fab.simulate.virtual.presses import Presses, gel_not_built, gel_notes
 from deltact_fab.studies.study.press_jobs import gel_report
 from deltact_fab.studies.study.scene import flagged, left_out
 
@@ -71,12 +71,12 @@ def test_a_gel_is_reported_by_ids(change: Change) -> None:
     skin, reports, settings, notes = SkinDimensions(), [], [], []
     for _ in range(2):
         presses = Presses(protocol, skin, GelConfig(spacing_mm=2.0, press_increment_mm=0.5))
-        presses.of(presses.paths[0]).solver.solve_all()
+        presses.planned_press(presses.paths[0]).solver.solve_all()
         choices = [presses.choice(path) for path in presses.paths]
         notes.append([*gel_notes(presses, choices, skin)])
         bench: Any = SimpleNamespace(
             presses=presses,
-            left_out=lambda: gel_left_out(presses, choices),  # noqa: B023
+            left_out=lambda: gel_not_built(presses, choices),  # noqa: B023
         )
         reports.append(gel_report(bench))
         settings.append(flagged(reports[-1:], "jobs"))

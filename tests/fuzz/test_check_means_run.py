@@ -73,7 +73,7 @@ def test_check_passes_what_run_begins(tmp_path: Path, monkeypatch: pytest.Monkey
     stop_at_first_motion(monkeypatch.setattr)
     # Forces only warn on a virtual rig, and are not what is asked here.
     monkeypatch.setattr(RunRequest, "forces", lambda self, solve=True: None)
-    monkeypatch.setattr("deltact_fab.simulate.preflight.peaks.predict", lambda *a, **k: None)
+    monkeypatch.setattr("deltact_fab.simulate.preflight.peaks.predict_peaks", lambda *a, **k: None)
     begun = 0
     for number in range(1000, 1050):
         Path("p.toml").write_bytes(toml(drawn(number)))

@@ -22,7 +22,7 @@ from deltact_fab.sensor.optics.flat import FlatField, camera_toml
 from deltact_fab.sensor.optics.lattice import PointSampler
 from deltact_fab.sensor.optics.rectified import Rectified
 from deltact_fab.sensor.shapes.sensor import SensorDimensions
-from deltact_fab.simulate.experiment.request import RunRequest, kind_of
+from deltact_fab.simulate.experiment.request import RunRequest, rig_kind
 from deltact_fab.simulate.experiment.session import run_experiment
 from deltact_fab.simulate.virtual.lens import true_lens
 
@@ -277,7 +277,7 @@ def test_the_shipped_fisheye_is_tracked_by_a_calibration_of_its_own() -> None:
     rig, source = config.load_rig("fisheye")
     assert rig.kind == "virtual"
     true = true_lens(rig, SensorDimensions())
-    view = kind_of(rig, source).camera(plan.load_protocol("smoke")[0], SensorDimensions())
+    view = rig_kind(rig, source).camera(plan.load_protocol("smoke")[0], SensorDimensions())
     assert isinstance(view, Rectified)
     assert view.lens != true
     x, y = np.meshgrid(np.arange(0, view.width_px, 17.0), np.arange(0, view.height_px, 17.0))

@@ -21,8 +21,14 @@ from deltact_fab.sensor.elasticity.material import GelMaterial
 from deltact_fab.sensor.shapes.indenter import parse_indenter
 from deltact_fab.simulate.experiment.request import RunRequest
 from deltact_fab.simulate.experiment.session import run_experiment
-from deltact_fab.simulate.preflight.peaks import Peak, PressCurve, grown_n, predict, press_curve
-from deltact_fab.simulate.preflight.rule import ForceLimits, checks, limits_of
+from deltact_fab.simulate.preflight.peaks import (
+    Peak,
+    PressCurve,
+    extrapolate_n,
+    predict_peaks,
+    press_curve,
+)
+from deltact_fab.simulate.preflight.rule import ForceLimits, force_checks, limits_of
 
 SENSOR = load_design("deltact")
 THICKNESS = SENSOR.skin.thickness_mm
@@ -51,13 +57,15 @@ def deep() -> PressCurve:
 
 
 def _peaks(protocol: Protocol) -> list[Peak]:
-    found = predict(protocol, SENSOR, (0.0, 0.0, 0.0))
+    found = predict_peaks(protocol, SENSOR, (0.0, 0.0, 0.0))
     assert found is not None
     return found
 
 
 def _over(protocol: Protocol, limits: ForceLimits) -> list[Check]:
-    return [row for row in checks(_peaks(protocol), limits) if row.status == "warn" or row.failed]
+    return [
+        row for row in force_checks(_peaks(protocol), limits) if row.status == "warn" or row.failed
+    ]
 
 
 def _with(protocol: Protocol, **changes: object) -> Protocol:
@@ -182,7 +190,7 @@ def test_shear_and_moments_are_never_less_than_the_linear_drag(smoke: Protocol) 
 
 
 def test_moments_count_from_the_declared_origin(smoke: Protocol) -> None:
-    far = predict(smoke, SENSOR, (0.0, 0.0, -50.0))
+    far = predict_peaks(smoke, SENSOR, (0.0, 0.0, -50.0))
     assert far is not None
     for near, there in zip(_peaks(smoke), far, strict=True):
         assert near.moment_nmm is not None
@@ -205,7 +213,7 @@ def test_extrapolation_and_bound_lie_above_what_was_solved(deep: PressCurve) -> 
     for depth, force in deep.points[:-1]:
         for deeper, solved in deep.points:
             if deeper > depth:
-                assert grown_n(depth, force, deeper, THICKNESS) >= solved
+                assert extrapolate_n(depth, force, deeper, THICKNESS) >= solved
     blind = replace(deep, points=())
     for depth, force in deep.points:
         bound, level = blind.normal_n(depth)
@@ -228,7 +236,7 @@ def test_where_the_engine_refuses_the_bound_and_its_reason_stand(
     )
     peak = _peaks(blunt)[0]
     assert (peak.level, peak.reason) == ("bound", "press: cannot be solved")
-    rows = [row for row in checks([peak], REAL) if row.failed]
+    rows = [row for row in force_checks([peak], REAL) if row.failed]
     assert rows
     assert all("(bound: press: cannot be solved)" in "".join(row.basis) for row in rows)
 

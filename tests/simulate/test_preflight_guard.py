@@ -15,8 +15,8 @@ from deltact_fab.common.checks import Check
 from deltact_fab.common.errors import InputError
 from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.simulate.experiment.request import RunRequest
-from deltact_fab.simulate.preflight.peaks import Peak, predict
-from deltact_fab.simulate.preflight.rule import ForceLimits, checks, limits_of
+from deltact_fab.simulate.preflight.peaks import Peak, predict_peaks
+from deltact_fab.simulate.preflight.rule import ForceLimits, force_checks, limits_of
 
 SENSOR = load_design("deltact")
 KEYS = ("[guard] force_n", "the guard, 0.8 of [force] range_nmm")
@@ -24,7 +24,7 @@ KEYS = ("[guard] force_n", "the guard, 0.8 of [force] range_nmm")
 
 @pytest.fixture(scope="module")
 def peaks() -> list[Peak]:
-    found = predict(plan.load_protocol("smoke")[0], SENSOR, (0.0, 0.0, 0.0))
+    found = predict_peaks(plan.load_protocol("smoke")[0], SENSOR, (0.0, 0.0, 0.0))
     assert found is not None
     return found
 
@@ -44,7 +44,7 @@ def limits(guard: GuardLimits, simulated: bool = False) -> ForceLimits:
 
 
 def over(peaks: list[Peak], limits: ForceLimits) -> list[Check]:
-    return [row for row in checks(peaks, limits) if row.status == "warn" or row.failed]
+    return [row for row in force_checks(peaks, limits) if row.status == "warn" or row.failed]
 
 
 def test_what_the_guard_would_trip_is_refused_and_what_it_may_is_told(peaks: list[Peak]) -> None:

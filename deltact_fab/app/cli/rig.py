@@ -330,7 +330,7 @@ def rehearse(protocol: str, name: str, thorough: bool, out: Path | None) -> Answ
         require_pages()
     design, steps = load_design(declared.specimen.design), expand_protocol(declared)
     Check.require(check_limits(declared, design, bench.stage, steps), str(path))
-    scenario = FaultScenario.of(declared, path.read_bytes(), bench)
+    scenario = FaultScenario.from_protocol(declared, path.read_bytes(), bench)
     with progress("rehearse") as report:
         found = rehearse(scenario, thorough, report)
     told = found.as_dict()

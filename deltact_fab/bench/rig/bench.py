@@ -149,7 +149,7 @@ class GrblRig(Rig):
                 change_s=0.0 if job.air else tool_change_s(config.stage, config.touch, park_mm),
                 wall_clock=True,
             )
-            self.opened = opened.pop_all()
+            self.resources = opened.pop_all()
 
     def left_out(self) -> Iterator[Note]:
         yield from super().left_out()

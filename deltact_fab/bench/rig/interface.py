@@ -338,14 +338,14 @@ class OpenBench(ABC):
 class Rig(Devices, OpenBench):
     """A bench whose stage carries out the run. opened: closes its devices, the last one first."""
 
-    opened: ExitStack
+    resources: ExitStack
 
     def identity(self) -> dict[str, Any]:
         devices = {"stage": self.stage, "camera": self.camera, "force": self.force}
         return {name: None if it is None else it.identity() for name, it in devices.items()}
 
     def close(self) -> None:
-        self.opened.close()
+        self.resources.close()
 
 
 class RigKind(ABC):

@@ -68,7 +68,7 @@ class RunRequest:
         self.rig, self.rig_path = load_rig(self.rig_name)
         self.design = load_design(self.protocol.specimen.design)
         self.steps = expand_protocol(self.protocol, self.air)
-        self.kind = kind_of(self.rig, self.rig_path)
+        self.kind = rig_kind(self.rig, self.rig_path)
         if self.protocol.weights is not None and self.rig.kind == "grbl":
             for option in ("unattended", "air"):
                 if getattr(self, option):
@@ -79,8 +79,8 @@ class RunRequest:
         """The specimen's pattern. Raises InputError."""
         try:
             return load_recipe(self.protocol.specimen.pattern)
-        except InputError as why:
-            raise InputError(f"{self.source}: specimen.pattern: {why}") from why
+        except InputError as error:
+            raise InputError(f"{self.source}: specimen.pattern: {error}") from error
 
     @cached_property
     def view(self) -> CameraModel | None:
@@ -95,7 +95,7 @@ class RunRequest:
         )  # fmt: skip
 
     @property
-    def _touches(self) -> bool:
+    def _in_contact(self) -> bool:
         """Whether a stage brings the tip to the face."""
         return not self.air and self.protocol.weights is None
 
@@ -104,7 +104,7 @@ class RunRequest:
         image_px, rig = rule.image_px(self.view, self.rig), self.rig
         return RunEstimate.of(
             self.protocol, image_px, rig.stage, self.steps, not rig.simulated,
-            self.kind.change_s(self.protocol) if self._touches else 0.0,
+            self.kind.change_s(self.protocol) if self._in_contact else 0.0,
         )  # fmt: skip
 
     def require(self) -> list[Note]:
@@ -113,12 +113,14 @@ class RunRequest:
         Returns a warning for each predicted force that is over a limit of the rig or of the plate
         where that breaks nothing, or that may trip the guard.
         """
-        Check.require(self._rows(), str(self.source))
-        found = None if self.air else self.forces()
-        if found is None:
+        Check.require(self._static_rows(), str(self.source))
+        prediction = None if self.air else self.forces()
+        if prediction is None:
             return []
-        Check.require(found[1], str(self.rig_path))
-        lines = [f"{self.protocol.name}: {row.reason}" for row in found[1] if row.status == "warn"]
+        Check.require(prediction[1], str(self.rig_path))
+        lines = [
+            f"{self.protocol.name}: {row.reason}" for row in prediction[1] if row.status == "warn"
+        ]
         for line in lines:
             _LOG.warning("warning: %s", line)
         return [Note("forces", line, warns=True) for line in lines]
@@ -129,16 +131,16 @@ class RunRequest:
         Only a real rig can refuse for its forces, so they are solved for that (minutes, once); for
         a simulated one those that are known already are taken.
         """
-        rows = self._rows()
-        if self.rig.kind == "grbl" and self._touches:
+        rows = self._static_rows()
+        if self.rig.kind == "grbl" and self._in_contact:
             unknown = self.kind.undeclared_lengths(self.protocol)
             status = graded(True, warns=bool(unknown))
             rows.append(Check("tool-lengths", "tool lengths", "unknown", len(unknown), 0, status,
                               tuple(unknown), sign="<="))  # fmt: skip
         # What leaves the gel or the stage is said already, and has no force.
         if not any(row.failed for row in rows) and not self.air:
-            found = self.forces(solve=not self.rig.simulated)
-            rows += [] if found is None else found[1]
+            prediction = self.forces(solve=not self.rig.simulated)
+            rows += [] if prediction is None else prediction[1]
         return rows
 
     def forces(self, solve: bool = True) -> tuple[list[peaks.Peak], list[Check]] | None:
@@ -149,38 +151,40 @@ class RunRequest:
         if self.protocol.weights is not None:
             return [], []  # they are the forces
         declared = rule.limits_of(self.rig, str(self.rig_path), self.protocol)
-        found = peaks.predict(self.protocol, self.design, declared.origin_mm, self.progress, solve)
-        if found is None:
+        predicted = peaks.predict_peaks(
+            self.protocol, self.design, declared.origin_mm, self.progress, solve
+        )
+        if predicted is None:
             return None
-        plate = rule.plate_checks(found, self.design, declared.simulated)
-        return found, rule.checks(found, declared) + plate
+        plate = rule.plate_checks(predicted, self.design, declared.simulated)
+        return predicted, rule.force_checks(predicted, declared) + plate
 
-    def _rows(self) -> list[Check]:
+    def _static_rows(self) -> list[Check]:
         """Every check but that of the forces; check and run ask it alone."""
         protocol, design, rig, kind = self.protocol, self.design, self.rig, self.kind
         by_stage = protocol.weights is None
         rows = check_limits(protocol, design, rig.stage, self.steps) if by_stage else []
-        rows += rule.needs(protocol, self.steps, rig, self.view, self.out)
+        rows += rule.resource_checks(protocol, self.steps, rig, self.view, self.out)
         refused = kind.refusals(protocol, design, str(self.source))
         rows.append(Check.refusal("rig", kind.part, refused))
-        rows.append(Check.refusal("pattern", "pattern", self._pattern()))
-        rows.append(Check.refusal("image-format", "image format", self._format()))
-        if rig.kind == "grbl" and self._touches:
+        rows.append(Check.refusal("pattern", "pattern", self._bad_pattern()))
+        rows.append(Check.refusal("image-format", "image format", self._bad_format()))
+        if rig.kind == "grbl" and self._in_contact:
             lines = kind.unmet_conditions(protocol, design, self.unattended)
             lines = [f"{self.rig_path}: {line}" for line in lines]
             rows.append(Check.refusal("contact", "contact", lines))
         return rows
 
-    def _pattern(self) -> list[str]:
+    def _bad_pattern(self) -> list[str]:
         """Why the specimen's pattern does not serve the protocol."""
         try:
             recipe = self.recipe
-        except InputError as why:
-            return [str(why)]
-        beyond = self.design.optics.beyond(recipe.printed_mm)
-        if "image" in self.protocol.channels and beyond is not None:
+        except InputError as error:
+            return [str(error)]
+        shortfall = self.design.optics.beyond(recipe.printed_mm)
+        if "image" in self.protocol.channels and shortfall is not None:
             return [
-                f"{self.source}: specimen.pattern: {self.protocol.specimen.pattern!r}: {beyond}"
+                f"{self.source}: specimen.pattern: {self.protocol.specimen.pattern!r}: {shortfall}"
             ]
         if "dots" in self.protocol.channels and recipe.dots is None:
             name = self.protocol.specimen.pattern
@@ -190,16 +194,16 @@ class RunRequest:
             ]
         return []
 
-    def _format(self) -> list[str]:
+    def _bad_format(self) -> list[str]:
         """Why images cannot be written as the rig's camera has it."""
         try:
             ImageFormat.of({"rig": self.rig.recorded()}).require()
-        except MissingLibrary as why:
-            return [str(why)]
+        except MissingLibrary as error:
+            return [str(error)]
         return []
 
 
-def kind_of(rig: RigConfig, source: Path) -> RigKind:
+def rig_kind(rig: RigConfig, source: Path) -> RigKind:
     """What a kind of rig says and builds. Only the one that is asked for is imported.
 
     source: of the rig file, from which the paths in it count. Raises InputError.

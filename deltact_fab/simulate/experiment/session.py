@@ -33,7 +33,7 @@ from .request import RunRequest
 if TYPE_CHECKING:
     from ..virtual.rig import VirtualRig
 
-AIR = Note(
+AIR_RUN = Note(
     "air", "an air run: the clearance plane stood for every height below it; nothing was touched"
 )
 
@@ -57,17 +57,17 @@ def run_experiment(
     out, rig, steps, protocol = request.out, request.rig, request.steps, request.protocol
     job = request.setup(out)
     text = request.source.read_bytes()
-    meta = meta_of(job, rig, request.rig_name)
+    meta = run_metadata(job, rig, request.rig_name)
     pattern = request.recipe.as_record()
     resuming = out.exists() and resume
     if resuming:
-        found = open_run(out)
-        require_same_conditions(found, meta, text, pattern, with_versions=not found.finished)
-        if found.finished and note is not None:
+        recorded = open_run(out)
+        require_same_conditions(recorded, meta, text, pattern, with_versions=not recorded.finished)
+        if recorded.finished and note is not None:
             raise InputError(f"--note: {out} has finished; `deltact-fab record note` adds to it")
-        if found.finished:
+        if recorded.finished:
             check_run(out, request.progress).require_whole()
-            return {**found.summary(), "already_finished": True}
+            return {**recorded.summary(), "already_finished": True}
     else:
         _require_new(out, text)
     warnings = request.require()
@@ -80,10 +80,10 @@ def run_experiment(
             remark.add_to(out)
         with closing(request.kind.build(job, request.progress)) as bench:
             counts, rig_seconds = carry_out_steps(bench, steps, writer, request.progress, live)
-            kept = sum(step.frames for step in steps if step.press in writer.kept)
-            remarks = [*bench.notes(), *warnings, *_resumed(writer.session, kept)]
+            kept_frames = sum(step.frames for step in steps if step.press in writer.kept)
+            remarks = [*bench.notes(), *warnings, *_resumed(writer.session, kept_frames)]
             if request.air:
-                remarks.insert(0, AIR)
+                remarks.insert(0, AIR_RUN)
             summary = {
                 "protocol": protocol.name,
                 "rig": request.rig_name,
@@ -95,7 +95,7 @@ def run_experiment(
                 "missed_frames": writer.missed,
                 "frame_counts": counts,
                 "sessions": writer.session,
-                "kept_frames": kept,
+                "kept_frames": kept_frames,
                 "redone": writer.redone,
                 "rig_seconds": rig_seconds,
                 "wall_seconds": time.monotonic() - started,
@@ -119,7 +119,7 @@ def dry_run_experiment(request: RunRequest) -> dict[str, Any]:
     """
     from deltact_fab.bench import ask_devices
 
-    notes = [note.line for note in (*([AIR] if request.air else []), *request.require())]
+    notes = [note.line for note in (*([AIR_RUN] if request.air else []), *request.require())]
     lines: list[str] = []
     if not request.rig.simulated:
         with TemporaryDirectory() as folder:
@@ -142,15 +142,15 @@ def run_presses(
     """
     from ..virtual.rig import VirtualKind
 
-    every = expand_protocol(job.protocol)
-    mounted = {step.indenter for step in every if step.press in presses}
+    plan = expand_protocol(job.protocol)
+    mounted = {step.indenter for step in plan if step.press in presses}
     steps = [
         step
-        for step in every
+        for step in plan
         if step.press in presses or (step.kind == "change" and step.indenter in mounted)
     ]
     kind = VirtualKind(rig, source)
-    meta = meta_of(job, rig, source.stem)
+    meta = run_metadata(job, rig, source.stem)
     text = toml_text(meta["protocol"]).encode()
     assert isinstance(job.recipe, PatternRecipe), "a virtual rig draws it"
     flat = kind.flat(job.protocol)
@@ -165,7 +165,7 @@ def run_presses(
     return bench
 
 
-def meta_of(job: RigSetup, rig: RigConfig, rig_name: str) -> dict[str, Any]:
+def run_metadata(job: RigSetup, rig: RigConfig, rig_name: str) -> dict[str, Any]:
     """What `run.json` keeps: protocol, rig, sensor, camera, seed, versions."""
     return {
         "name": job.folder.name,
@@ -188,8 +188,8 @@ def _require_new(out: Path, protocol: bytes) -> None:
         return
     hint = "name a new --out folder"
     try:
-        found = open_run(out)
-        if not found.finished and (out / "protocol.toml").read_bytes() == protocol:
+        recorded = open_run(out)
+        if not recorded.finished and (out / "protocol.toml").read_bytes() == protocol:
             hint = "an unfinished run of this protocol: go on with --resume, or " + hint
     except (OSError, InputError):
         pass

@@ -22,23 +22,27 @@ from deltact_fab.sensor import (
 if TYPE_CHECKING:
     from deltact_fab.physics import Choice, PathSolver
 
-Level = Literal["linear", "hyperelastic", "extrapolated", "bound"]
+ForceLevel = Literal["linear", "hyperelastic", "extrapolated", "bound"]
 Points = tuple[tuple[float, float], ...]
 NO_POINTS: Points = ()
 
-TOLERANCE = 0.1  # of the force; the safe side takes it whole
-ATTEMPTS: tuple[tuple[Literal["linear", "hyperelastic"], int | None], ...] = (
+FORCE_TOL = 0.1  # of the force; the safe side takes it whole
+LEVEL_ATTEMPTS: tuple[tuple[Literal["linear", "hyperelastic"], int | None], ...] = (
     ("linear", None),
     ("hyperelastic", 6_000),
     ("hyperelastic", 24_000),
 )
 """Levels and most unknowns of a mesh, until one gets far enough."""
-ENOUGH = 0.75  # of the deepest depth: what is missing is then extrapolated by a factor of about 2
-MAX_LARGER = 2.0  # cells than the tolerance requires, that its share of the force grows with
-INSIDE = 0.3  # of the depth; a state with more penetration is not used
-NOTICED = 0.1  # of the depth; from here on penetration is taken off the depth
-FALL = 0.1  # of the largest force so far; a larger fall means that the mesh has lost the tip
-GROWTH = 1.7
+MIN_REACHED_SHARE = (
+    0.75  # of the deepest depth: what is missing is then extrapolated by a factor of about 2
+)
+MAX_COARSER = 2.0  # cells than the tolerance requires, that its share of the force grows with
+MAX_PENETRATION_SHARE = 0.3  # of the depth; a state with more penetration is not used
+MIN_PENETRATION_SHARE = 0.1  # of the depth; from here on penetration is taken off the depth
+MAX_FORCE_DROP = (
+    0.1  # of the largest force so far; a larger fall means that the mesh has lost the tip
+)
+DEPTH_EXPONENT = 1.7
 STIFFEST_POISSON = 0.499  # force within 0.5 % of 0.4999, and finite strain ends before 0.5
 BOUND_MARGIN = 1.1  # friction under the punch, which its closed form leaves out
 
@@ -53,7 +57,7 @@ class PressCurve:
     """
 
     thickness_mm: float
-    level: Level
+    level: ForceLevel
     points: Points
     ended: str
     bound_n_per_mm: float
@@ -62,7 +66,7 @@ class PressCurve:
     def reached_mm(self) -> float:
         return self.points[-1][0] if self.points else 0.0
 
-    def normal_n(self, depth_mm: float) -> tuple[float, Level]:
+    def normal_n(self, depth_mm: float) -> tuple[float, ForceLevel]:
         """Force at a depth and where it is from."""
         h = self.thickness_mm
         ceiling = self.bound_n_per_mm * depth_mm * h / (h - depth_mm)
@@ -74,14 +78,14 @@ class PressCurve:
             return float(f[0] * depth_mm / d[0]), self.level
         if depth_mm <= d[-1] * (1 + 1e-9):
             return float(np.exp(np.interp(np.log(depth_mm), np.log(d), np.log(f)))), self.level
-        grown = grown_n(float(d[-1]), float(f[-1]), depth_mm, h)
-        return max(float(f[-1]), min(grown, ceiling)), "extrapolated"
+        extrapolated_n = extrapolate_n(float(d[-1]), float(f[-1]), depth_mm, h)
+        return max(float(f[-1]), min(extrapolated_n, ceiling)), "extrapolated"
 
 
-def grown_n(depth_mm: float, force_n: float, deeper_mm: float, thickness_mm: float) -> float:
+def extrapolate_n(depth_mm: float, force_n: float, deeper_mm: float, thickness_mm: float) -> float:
     """A force carried on to a deeper press, on the safe side."""
     thinning = (thickness_mm - depth_mm) / (thickness_mm - deeper_mm)
-    return force_n * (deeper_mm / depth_mm) ** GROWTH * thinning
+    return force_n * (deeper_mm / depth_mm) ** DEPTH_EXPONENT * thinning
 
 
 def press_curve(
@@ -127,62 +131,64 @@ def press_curve(
     depths = sorted(set(depths_mm))
     best = PressCurve(skin.thickness_mm, "bound", (), "", _punch_n_per_mm(skin, unit, indenter))
     corners = [(*at_mm, -d) for d in (0.0, *depths)]
-    what = f"{indenter.name} to {depths[-1]:.3g} mm"
-    for level, most in ATTEMPTS:
+    label = f"{indenter.name} to {depths[-1]:.3g} mm"
+    for level, max_unknowns in LEVEL_ATTEMPTS:
         try:
             choice = choose_level(
-                skin, unit, indenter, Increments(depths[-1], depths[-1]).poses(corners), TOLERANCE,
-                level=level, observe_shear=False, most_unknowns=most,
+                skin, unit, indenter, Increments(depths[-1], depths[-1]).poses(corners), FORCE_TOL,
+                level=level, observe_shear=False, most_unknowns=max_unknowns,
             )  # fmt: skip
-        except InputError as why:
-            points, ended = NO_POINTS, str(why)
+        except InputError as error:
+            points, ended = NO_POINTS, str(error)
         else:
             poses = Increments(choice.step_mm, choice.step_mm).poses(corners)
             solver = open_path(skin, unit, indenter, poses, ObservedChannels(), choice)
             if level == "hyperelastic" and solver.found is None and not solve:
                 return None
-            points, ended = _usable(solver, choice, progress, what)
+            points, ended = _safe_points(solver, choice, progress, label)
         if not best.points or (points and points[-1][0] > best.reached_mm):
             best = replace(best, level=level, points=points, ended=ended)
-        if best.reached_mm >= ENOUGH * depths[-1]:
+        if best.reached_mm >= MIN_REACHED_SHARE * depths[-1]:
             break
     return best
 
 
-def _usable(
-    solver: PathSolver, choice: Choice, progress: Progress | None, what: str
+def _safe_points(
+    solver: PathSolver, choice: Choice, progress: Progress | None, label: str
 ) -> tuple[Points, str]:
     """Points (depth, force on the safe side), and why they end where they do."""
     points: list[tuple[float, float]] = []
-    ended = lost = ""
+    ended = failure = ""
     try:
-        solver.solve_all(progress and (lambda done, of, _: progress(done, of, what)))
-    except (InputError, SolverError) as why:
-        ended = str(why)
+        solver.solve_all(progress and (lambda count, total, _: progress(count, total, label)))
+    except (InputError, SolverError) as error:
+        ended = str(error)
     for pose, knot in zip(solver.poses, solver.knots, strict=False):
-        lost = _add(points, -pose.tip_mm[2], -knot.force_n[2], knot.penetration_mm)
+        failure = _add_point(points, -pose.tip_mm[2], -knot.force_n[2], knot.penetration_mm)
     larger = choice.spacing_mm / choice.asked_mm if choice.asked_mm else 1.0
-    margin = 1 + max(TOLERANCE, choice.model_force_rel) * min(max(larger, 1.0), MAX_LARGER)
-    return tuple((d, f * margin) for d, f in points), lost or ended
+    margin = 1 + max(FORCE_TOL, choice.model_force_rel) * min(max(larger, 1.0), MAX_COARSER)
+    return tuple((d, f * margin) for d, f in points), failure or ended
 
 
-def _add(points: list[tuple[float, float]], depth: float, force: float, inside_mm: float) -> str:
+def _add_point(
+    points: list[tuple[float, float]], depth: float, force: float, inside_mm: float
+) -> str:
     """Append a state if it can be used; else, or where it counts as a shallower one, say why."""
     best = points[-1][1] if points else 0.0
     if not force > 0:
         return ""  # not touched yet
-    if inside_mm > INSIDE * depth:
+    if inside_mm > MAX_PENETRATION_SHARE * depth:
         return f"at {depth:g} mm the indenter is {inside_mm:.2g} mm inside the coarse mesh"
-    if not force > (1 - FALL) * best:
+    if not force > (1 - MAX_FORCE_DROP) * best:
         return f"at {depth:g} mm the force on the coarse mesh falls"
-    counted, why = depth, ""
-    if inside_mm > NOTICED * depth:
-        counted = depth - inside_mm
-        why = f"at {depth:g} mm the indenter is {inside_mm:.2g} mm inside the coarse mesh"
-    while points and points[-1][0] >= counted:
+    effective_mm, reason = depth, ""
+    if inside_mm > MIN_PENETRATION_SHARE * depth:
+        effective_mm = depth - inside_mm
+        reason = f"at {depth:g} mm the indenter is {inside_mm:.2g} mm inside the coarse mesh"
+    while points and points[-1][0] >= effective_mm:
         points.pop()
-    points.append((counted, max(best, force)))
-    return why
+    points.append((effective_mm, max(best, force)))
+    return reason
 
 
 def _punch_n_per_mm(skin: SkinDimensions, unit: GelMaterial, indenter: Indenter) -> float:
@@ -196,7 +202,7 @@ def _punch_n_per_mm(skin: SkinDimensions, unit: GelMaterial, indenter: Indenter)
 MODULUS_FACTOR = 2.0
 """The gel's modulus is known to a factor of 2 (Gent's relation from Shore 15A against a
 datasheet); forces are in proportion to it, and the high side counts."""
-HIGH = "with twice the modulus"
+HIGH_TEXT = "with twice the modulus"
 
 
 # Drags of up to 10 mm along x with friction 0.5, finite strain, 2 mm cells. Tangential peak over
@@ -209,7 +215,7 @@ DRAG_FLANK = 0.1  # of the normal force: without friction at all, 0.07 at 8 mm
 LINEAR_SHEAR = 1.05  # at the linear level a full slide gives friction x normal
 PRESS_SIDE = 0.1  # of the normal force: a press without shear, a star or near a side
 OFF_CENTRE = 0.15  # of the footprint: centre of pressure of a star
-GRID = 0.25  # of the thickness: presses in one cell share the curve of its inmost corner
+GRID_SHARE = 0.25  # of the thickness: presses in one cell share the curve of its inmost corner
 
 
 @dataclass(frozen=True)
@@ -228,7 +234,7 @@ class Peak:
     normal_n: float
     tangential_n: float
     moment_nmm: Point | None
-    level: Level
+    level: ForceLevel
     reason: str
 
     @property
@@ -251,7 +257,7 @@ class Peak:
         }
 
 
-def predict(
+def predict_peaks(
     protocol: Protocol,
     sensor: SensorDimensions,
     origin_mm: Point | None = None,
@@ -275,8 +281,8 @@ def predict(
     peaks = []
     for name in protocol.indenters:
         indenter = parse_indenter(name)
-        for number, at in enumerate(protocol.positions_mm, start=1):
-            place = _inmost(at, GRID * skin.thickness_mm)
+        for number, at_mm in enumerate(protocol.positions_mm, start=1):
+            place = _inner_node(at_mm, GRID_SHARE * skin.thickness_mm)
             if (name, place) not in curves:
                 curve = press_curve(
                     skin, material, indenter, place, protocol.depths_mm, progress, solve
@@ -286,25 +292,25 @@ def predict(
                 curves[name, place] = curve
             curve = curves[name, place]
             for depth in protocol.depths_mm:
-                peaks.append(_peak(protocol, indenter, number, at, depth, curve, origin_mm))
+                peaks.append(_peak_at(protocol, indenter, number, at_mm, depth, curve, origin_mm))
     return peaks
 
 
-def worst(figures: Sequence[float], peaks: Sequence[Peak]) -> tuple[float, str]:
+def worst_press(figures: Sequence[float], peaks: Sequence[Peak]) -> tuple[float, str]:
     """The largest of the peaks' figures, and the press that it comes with."""
     k = max(range(len(peaks)), key=lambda k: figures[k])
     peak = peaks[k]
     x, y = peak.at_mm
-    why = f" ({peak.level}: {peak.reason})" if peak.reason else ""
-    return figures[k], f"{peak.indenter} at ({x:g}, {y:g}) mm, {peak.depth_mm:g} mm deep{why}"
+    reason = f" ({peak.level}: {peak.reason})" if peak.reason else ""
+    return figures[k], f"{peak.indenter} at ({x:g}, {y:g}) mm, {peak.depth_mm:g} mm deep{reason}"
 
 
-def _inmost(at_mm: tuple[float, float], grid_mm: float) -> tuple[float, float]:
+def _inner_node(at_mm: tuple[float, float], grid_mm: float) -> tuple[float, float]:
     x, y = (math.floor(abs(v) / grid_mm + 1e-9) * grid_mm for v in at_mm)
     return x, y
 
 
-def _peak(
+def _peak_at(
     protocol: Protocol, indenter: Indenter, number: int, at_mm: tuple[float, float],
     depth_mm: float, curve: PressCurve, origin_mm: Point | None,
 ) -> Peak:  # fmt: skip
@@ -321,14 +327,14 @@ def _peak(
         normal *= DRAG_NORMAL
     moment = None
     if origin_mm is not None:
-        moment = _moment(protocol, indenter, at_mm, depth_mm, normal, side, origin_mm)
+        moment = _moment_nmm(protocol, indenter, at_mm, depth_mm, normal, side, origin_mm)
     reason = curve.ended if level in ("extrapolated", "bound") else ""
     return Peak(
         indenter.name, number, at_mm, depth_mm, normal, side, moment, level, reason
     )  # fmt: skip
 
 
-def _moment(
+def _moment_nmm(
     protocol: Protocol, indenter: Indenter, at_mm: tuple[float, float], depth_mm: float,
     normal_n: float, side_n: float, origin_mm: Point,
 ) -> Point:  # fmt: skip
@@ -337,8 +343,8 @@ def _moment(
     arms = []
     for axis, letter in enumerate("xy"):
         travel = shear.at_depth_mm(depth_mm) if shear and letter in shear.axes else 0.0
-        off = OFF_CENTRE * indenter.footprint_half_mm[axis]
-        arms.append(abs(at_mm[axis] - origin_mm[axis]) + travel + off)
+        offset_mm = OFF_CENTRE * indenter.footprint_half_mm[axis]
+        arms.append(abs(at_mm[axis] - origin_mm[axis]) + travel + offset_mm)
     x, y = arms
     z = max(abs(origin_mm[2]), abs(origin_mm[2] + depth_mm))
     return (y * normal_n + z * side_n, x * normal_n + z * side_n, math.hypot(x, y) * side_n)

@@ -25,7 +25,7 @@ from deltact_fab.bench import (
 from deltact_fab.common import Check, InputError, Point, graded
 from deltact_fab.fabricate import Design, plate_bending_room, press_plate
 
-from .peaks import HIGH, MODULUS_FACTOR, Peak, worst
+from .peaks import HIGH_TEXT, MODULUS_FACTOR, Peak, worst_press
 
 if TYPE_CHECKING:
     from deltact_fab.sensor import CameraModel
@@ -74,8 +74,8 @@ def limits_of(rig: RigConfig, source: str, protocol: Protocol) -> ForceLimits:
     if rig.force is not None and not rig.simulated:
         try:
             guard, keys = GuardLimits.of(rig.guard, rig.force), GuardLimits.keys(rig.guard)
-        except InputError as why:
-            raise InputError(f"{source}: {why}") from why
+        except InputError as error:
+            raise InputError(f"{source}: {error}") from error
     declared = force.model_fields_set if force is not None else set()
     return ForceLimits(
         simulated=rig.simulated,
@@ -90,7 +90,7 @@ def limits_of(rig: RigConfig, source: str, protocol: Protocol) -> ForceLimits:
     )
 
 
-def checks(peaks: Sequence[Peak], limits: ForceLimits) -> list[Check]:
+def force_checks(peaks: Sequence[Peak], limits: ForceLimits) -> list[Check]:
     """A row for each limit with its worst press, and one for the limits that are not declared.
 
     What can break counts with the gel's modulus twice as high. The guard loses a run and no gel: it
@@ -105,59 +105,63 @@ def checks(peaks: Sequence[Peak], limits: ForceLimits) -> list[Check]:
         ]
         row = Check.refusal("force-limits", "force limits", lines)
         rows.append(replace(row, status=graded(limits.simulated, warns=True)))
-    for name, breaks in (("peak force", _declared), ("guard", _guarded)):
-        for id, what, limit, key, loads in breaks(limits, peaks):
-            load, where = worst(loads, peaks)
+    for name, limit_loads in (("peak force", _device_loads), ("guard", _guard_loads)):
+        for id, label, limit, key, loads in limit_loads(limits, peaks):
+            load, press = worst_press(loads, peaks)
             high = MODULUS_FACTOR * load
             fails = (high if name == "peak force" else load) > limit
             if name == "peak force" or (high > limit and not fails):
-                load, text = high, f"{what} {HIGH}, {key}"
+                load, text = high, f"{label} {HIGH_TEXT}, {key}"
             else:
-                text = f"{what} as expected, {key}"
+                text = f"{label} as expected, {key}"
             status = graded(limits.simulated or not fails, warns=load > limit)
-            rows.append(Check.at_most(id, name, text, round(load, 1), limit, where, status))
+            rows.append(Check.at_most(id, name, text, round(load, 1), limit, press, status))
     return rows
 
 
-Loads = tuple[str, str, float, str, list[float]]
+LimitLoads = tuple[str, str, float, str, list[float]]
 """Id and words of a limit, the limit, its key with the unit, and the load of each peak."""
 
 
-def _declared(limits: ForceLimits, peaks: Sequence[Peak]) -> Iterator[Loads]:
+def _device_loads(limits: ForceLimits, peaks: Sequence[Peak]) -> Iterator[LimitLoads]:
     """Against what stage and sensor bear."""
     if limits.stage_n is not None:
-        yield from _forces("stage", peaks, limits.stage_n, "[stage] max_force_n (N)")
+        yield from _force_loads("stage", peaks, limits.stage_n, "[stage] max_force_n (N)")
     if limits.sensor_n is not None:
-        yield from _forces("sensor", peaks, limits.sensor_n, "[force] range_n (N)")
+        yield from _force_loads("sensor", peaks, limits.sensor_n, "[force] range_n (N)")
     if limits.sensor_nmm is not None:
-        yield from _moments("sensor", peaks, limits.sensor_nmm, "[force] range_nmm (N mm)")
+        yield from _moment_loads("sensor", peaks, limits.sensor_nmm, "[force] range_nmm (N mm)")
 
 
-def _guarded(limits: ForceLimits, peaks: Sequence[Peak]) -> Iterator[Loads]:
+def _guard_loads(limits: ForceLimits, peaks: Sequence[Peak]) -> Iterator[LimitLoads]:
     """Against what the guard would stop at."""
     guard = limits.guard
     if guard is None:
         return
     force, torque = limits.guard_keys
-    yield from _forces("guard", peaks, guard.force_n, f"{force} (N)")
+    yield from _force_loads("guard", peaks, guard.force_n, f"{force} (N)")
     if math.isfinite(guard.resultant_n):
         loads = [math.hypot(p.normal_n, p.tangential_n) for p in peaks]
         yield "guard.whole", "whole force", guard.resultant_n, "[guard] resultant_n (N)", loads
-    yield from _moments("guard", peaks, guard.torque_nmm, f"{torque} (N mm)")
+    yield from _moment_loads("guard", peaks, guard.torque_nmm, f"{torque} (N mm)")
 
 
-def _forces(of: str, peaks: Sequence[Peak], limit_n: Point, key: str) -> Iterator[Loads]:
-    yield f"{of}.normal", "normal force", limit_n[2], key, [p.normal_n for p in peaks]
+def _force_loads(
+    device: str, peaks: Sequence[Peak], limit_n: Point, key: str
+) -> Iterator[LimitLoads]:
+    yield f"{device}.normal", "normal force", limit_n[2], key, [p.normal_n for p in peaks]
     # A drag along any axis of the protocol may meet either axis of a turned stage.
     loads = [p.tangential_n for p in peaks]
-    yield f"{of}.tangential", "tangential force", min(limit_n[:2]), key, loads
+    yield f"{device}.tangential", "tangential force", min(limit_n[:2]), key, loads
 
 
-def _moments(of: str, peaks: Sequence[Peak], limit_nmm: Point, key: str) -> Iterator[Loads]:
+def _moment_loads(
+    device: str, peaks: Sequence[Peak], limit_nmm: Point, key: str
+) -> Iterator[LimitLoads]:
     moments = [p.moment_nmm for p in peaks if p.moment_nmm is not None]
     if len(moments) == len(peaks):
         for axis, letter in enumerate("xyz"):
-            id, loads = f"{of}.moment-{letter}", [m[axis] for m in moments]
+            id, loads = f"{device}.moment-{letter}", [m[axis] for m in moments]
             yield id, f"moment about {letter}", limit_nmm[axis], key, loads
 
 
@@ -169,38 +173,38 @@ def plate_checks(peaks: Sequence[Peak], design: Design, simulated: bool) -> list
     the gel does not see; the simulated sensor's plate is rigid and leaves it out.
     Too much stress fails, on the simulated rig it warns; the other two only warn.
     """
-    found = [press_plate(design, peak.normal_n, peak.at_mm) for peak in peaks]
+    bends = [press_plate(design, peak.normal_n, peak.at_mm) for peak in peaks]
     limit_mpa = design.plate.stress_limit_mpa
-    stress_mpa, where = worst([MODULUS_FACTOR * f.stress_mpa for f in found], peaks)
+    stress_mpa, press = worst_press([MODULUS_FACTOR * f.stress_mpa for f in bends], peaks)
     over = stress_mpa > limit_mpa
-    deflects_mm = max(f.deflection_mm for f in found)
+    deflects_mm = max(f.deflection_mm for f in bends)
     return [
         Check.at_most(
-            "plate-stress", "plate stress", f"{HIGH}, plate.stress_limit_mpa (MPa)",
-            round(stress_mpa, 2), limit_mpa, where, graded(simulated or not over, warns=over),
+            "plate-stress", "plate stress", f"{HIGH_TEXT}, plate.stress_limit_mpa (MPa)",
+            round(stress_mpa, 2), limit_mpa, press, graded(simulated or not over, warns=over),
         ),
-        _warning(
+        _warning_row(
             "plate-clear-of-light", "plate clear of the light holder",
-            f"{HIGH}, least play of light.axial_fit_mm (mm)",
-            [MODULUS_FACTOR * f.over_ring_mm for f in found],
+            f"{HIGH_TEXT}, least play of light.axial_fit_mm (mm)",
+            [MODULUS_FACTOR * f.over_ring_mm for f in bends],
             plate_bending_room(design).range_mm[0], peaks,
         ),
-        _warning(
+        _warning_row(
             "plate-deflection", "plate deflection",
             f"up to {deflects_mm:.3f} mm as expected, which a simulated press leaves out; "
             "share of the depth, plate.deflection_share",
-            [f.deflection_mm / p.depth_mm for f, p in zip(found, peaks, strict=True)],
+            [f.deflection_mm / p.depth_mm for f, p in zip(bends, peaks, strict=True)],
             design.plate.deflection_share, peaks,
         ),
     ]  # fmt: skip
 
 
-def _warning(
-    id: str, name: str, what: str, figures: Sequence[float], bound: float, peaks: Sequence[Peak]
+def _warning_row(
+    id: str, name: str, label: str, figures: Sequence[float], bound: float, peaks: Sequence[Peak]
 ) -> Check:
-    figure, where = worst(figures, peaks)
+    figure, press = worst_press(figures, peaks)
     status = graded(True, warns=figure > bound)
-    return Check.at_most(id, name, what, float(f"{figure:.3g}"), bound, where, status)
+    return Check.at_most(id, name, label, float(f"{figure:.3g}"), bound, press, status)
 
 
 USUAL_PX = (1280, 720)  # of a camera that does not say how large its images are
@@ -210,7 +214,7 @@ MIN_FEED_MM_MIN = 1.0
 LONG_H, LONGEST_H = 24.0, 30 * 24.0
 
 
-def needs(
+def resource_checks(
     protocol: Protocol, steps: list[Step], rig: RigConfig, view: CameraModel | None, out: Path
 ) -> list[Check]:
     """Rows of the least feed, the time, the disk and the camera's rate, see `budget`.
@@ -225,7 +229,7 @@ def needs(
     files = out.rglob("*") if (out / "run.json").is_file() else ()
     kept_mb = sum(file.stat().st_size for file in files if file.is_file()) / 1e6
     most_hz = held_hz if camera_hz is None else min(held_hz, camera_hz)
-    return budget(protocol, steps, estimate, out, most_hz, not rig.simulated, kept_mb)
+    return budget_checks(protocol, steps, estimate, out, most_hz, not rig.simulated, kept_mb)
 
 
 def image_px(view: CameraModel | None, rig: RigConfig) -> int:
@@ -238,7 +242,7 @@ def image_px(view: CameraModel | None, rig: RigConfig) -> int:
     return width_px * height_px
 
 
-def budget(
+def budget_checks(
     protocol: Protocol,
     steps: Sequence[Step],
     estimate: RunEstimate,
@@ -257,23 +261,23 @@ def budget(
     slowest = min(steps, key=lambda step: step.feed_mm_min)
     feed = slowest.feed_mm_min
     hours = estimate.seconds / 3600
-    where = next(p for p in (out.absolute(), *out.absolute().parents) if p.exists())
-    free_mb, mb = shutil.disk_usage(where).free / 1e6, max(0.0, estimate.disk_mb - kept_mb)
+    existing = next(p for p in (out.absolute(), *out.absolute().parents) if p.exists())
+    free_mb, mb = shutil.disk_usage(existing).free / 1e6, max(0.0, estimate.disk_mb - kept_mb)
     rows = [
         Check("least-feed", "least feed", "feed (mm/min)", feed, MIN_FEED_MM_MIN,
               graded(feed >= MIN_FEED_MM_MIN), (slowest.id,), sign=">="),
         Check.at_most("time", "time", "of the whole run (h)", hours, LONGEST_H, "the whole run",
                 graded(hours <= LONGEST_H, warns=hours > LONG_H)),
         Check.at_most("disk", "disk", "needed of what is free (MB)", mb, free_mb,
-                f"the disk of {where}", graded(mb <= free_mb)),
+                f"the disk of {existing}", graded(mb <= free_mb)),
     ]  # fmt: skip
     rates_hz = protocol.capture.rates_hz()
     if held_hz is not None and rates_hz and "image" in protocol.channels:
         kind = max(rates_hz, key=rates_hz.__getitem__)
         table = f"{kind}." if kind in ("hold", "retract") else ""
-        over, what = rates_hz[kind] > held_hz, "frames a second that can be kept"
-        status, key = graded(not (over and wall_clock), warns=over), f"capture.{table}rate_hz"
+        exceeds, label = rates_hz[kind] > held_hz, "frames a second that can be kept"
+        status, key = graded(not (exceeds and wall_clock), warns=exceeds), f"capture.{table}rate_hz"
         rows.append(
-            Check.at_most("camera-rate", "camera rate", what, rates_hz[kind], held_hz, key, status)
+            Check.at_most("camera-rate", "camera rate", label, rates_hz[kind], held_hz, key, status)
         )
     return rows

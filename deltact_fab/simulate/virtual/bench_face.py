@@ -29,9 +29,9 @@ from deltact_fab.sensor import (
     parse_indenter,
 )
 
-FLAT_MM = 0.05  # what of an underside is within so much of its lowest point touches at once
+FLATNESS_MM = 0.05  # what of an underside is within so much of its lowest point touches at once
 # Dimitriadis et al. (2002): an incompressible layer that is bonded, powers of sqrt(R d)/h.
-_BONDED = (1.0, 1.133, 1.283, 0.769, 0.0975)
+_DIMITRIADIS_C = (1.0, 1.133, 1.283, 0.769, 0.0975)
 
 
 def hertz_force_n(radius_mm: float, depth_mm: float, material: GelMaterial) -> float:
@@ -41,7 +41,7 @@ def hertz_force_n(radius_mm: float, depth_mm: float, material: GelMaterial) -> f
 
 
 @dataclass(frozen=True)
-class _Touching:
+class _ContactTip:
     """One tip: where it is under the indenter's axis, its stiffness if it is flat."""
 
     at_mm: tuple[float, float]
@@ -61,15 +61,15 @@ class BenchFace:
         self._skin = skin
         self._material = GelMaterial()
         self._longer_mm = 0.0
-        self._touching: Sequence[_Touching] = ()
+        self._touching: Sequence[_ContactTip] = ()
         self.deepest_mm = -math.inf
         """How far below the true face the lowest tip has been, of what was looked at."""
 
     def mount(self, indenter: Indenter | str, longer_mm: float = 0.0) -> None:
         """Mount an indenter whose tip is lower by this much than the one measured with."""
         self._longer_mm = longer_mm
-        found = parse_indenter(indenter) if isinstance(indenter, str) else indenter
-        self._touching = [self._touching_by(tip) for tip in found.tips]
+        shape = parse_indenter(indenter) if isinstance(indenter, str) else indenter
+        self._touching = [self._contact_tip(tip) for tip in shape.tips]
 
     def wrench(self, carriage_mm: Point) -> NDArray[np.float64]:
         """Force (N) and torque (N mm), (6,), with the carriage there, machine mm."""
@@ -87,7 +87,7 @@ class BenchFace:
                 total += (0, 0, -force, -at_y * force, at_x * force, 0)
         return total
 
-    def _force_n(self, touching: _Touching, depth_mm: float, x_mm: float, y_mm: float) -> float:
+    def _force_n(self, touching: _ContactTip, depth_mm: float, x_mm: float, y_mm: float) -> float:
         if depth_mm <= 0:
             return 0.0
         half = self._skin.opening_half_mm
@@ -96,16 +96,16 @@ class BenchFace:
         if not touching.ball_mm:
             return touching.n_per_mm * depth_mm
         chi = math.sqrt(touching.ball_mm * depth_mm) / self._skin.thickness_mm
-        stiffer = sum(c * chi**k for k, c in enumerate(_BONDED))
+        stiffer = sum(c * chi**k for k, c in enumerate(_DIMITRIADIS_C))
         return hertz_force_n(touching.ball_mm, depth_mm, self._material) * stiffer
 
-    def _touching_by(self, tip: Tip) -> _Touching:
+    def _contact_tip(self, tip: Tip) -> _ContactTip:
         plain = tip.tip if isinstance(tip, PosedTip) else tip
         if isinstance(plain, SphereTip | EllipsoidTip):
-            return _Touching(tip.lowest_mm, tip.radius_mm, 0.0)
+            return _ContactTip(tip.lowest_mm, tip.radius_mm, 0.0)
         radius = math.sqrt(_flat_mm2(tip) / math.pi)
         stiffness = flat_punch_n_per_mm(radius, self._skin.thickness_mm, self._material)
-        return _Touching((tip.x_mm, tip.y_mm), 0.0, stiffness)
+        return _ContactTip((tip.x_mm, tip.y_mm), 0.0, stiffness)
 
 
 def _flat_mm2(tip: Tip) -> float:
@@ -113,4 +113,6 @@ def _flat_mm2(tip: Tip) -> float:
     x, y = (np.linspace(-half, half, 201) for half in tip.half_mm)
     grid = np.meshgrid(x + tip.x_mm, y + tip.y_mm)
     # The lowest point of a tilted tip may lie between the points looked at.
-    return float(max((tip.height_mm(*grid) <= FLAT_MM).sum(), 1) * (x[1] - x[0]) * (y[1] - y[0]))
+    return float(
+        max((tip.height_mm(*grid) <= FLATNESS_MM).sum(), 1) * (x[1] - x[0]) * (y[1] - y[0])
+    )

@@ -19,7 +19,7 @@ from deltact_fab.common import Point
 from .motion import Path, Segment, brake, trapezoid
 
 
-def steps(mm: Point, per_mm: Point) -> tuple[int, int, int]:
+def to_steps(mm: Point, per_mm: Point) -> tuple[int, int, int]:
     """Whole steps, halves away from zero as the firmware rounds."""
     x, y, z = (
         int(math.copysign(math.floor(abs(p * k) + 0.5), p)) for p, k in zip(mm, per_mm, strict=True)
@@ -27,7 +27,7 @@ def steps(mm: Point, per_mm: Point) -> tuple[int, int, int]:
     return x, y, z
 
 
-def divide(steps: tuple[int, int, int], per_mm: Point) -> Point:
+def steps_to_mm(steps: tuple[int, int, int], per_mm: Point) -> Point:
     """Position of a number of steps, mm."""
     return (steps[0] / per_mm[0], steps[1] / per_mm[1], steps[2] / per_mm[2])
 
@@ -45,7 +45,7 @@ def rate_along(delta_mm: Point, per_axis: Point) -> float:
 
 PLANNER_BLOCKS = 15
 SCATTER_MM = 0.01
-BEND_MM = 0.01  # of a motor step or two: a line that goes on so is straight
+MAX_BEND_MM = 0.01  # of a motor step or two: a line that goes on so is straight
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Carriage:
         """The piece under way; a carriage that coasts from a reset has none."""
         self._settings = settings
         self._queue: deque[_Block] = deque()
-        self._made = 0
+        self._line_count = 0
         self.forget()
 
     def forget(self) -> None:
@@ -84,8 +84,8 @@ class Carriage:
         """The controller's own idea of where it is, at rest or at a time."""
         count = self._count
         if t_ns is not None and self.moving is not None:
-            count = self._counted(t_ns)
-        return divide(count, self.axes(100))
+            count = self._count_at(t_ns)
+        return steps_to_mm(count, self.axes(100))
 
     def speed_mm_min(self, t_ns: int) -> float:
         return self.moving.speed_mm_s(t_ns) * 60 if self.moving is not None else 0.0
@@ -101,11 +101,11 @@ class Carriage:
 
     def plan(self, target_mm: Point, feed_mm_min: float) -> None:
         """Queue a line; one that is shorter than half a step is none."""
-        self._made += 1
-        target = steps(target_mm, self.axes(100))
-        before = self._queue[-1].target_steps if self._queue else self._count
-        if target != before:
-            self._queue.append(_Block(self._made, target, feed_mm_min))
+        self._line_count += 1
+        target = to_steps(target_mm, self.axes(100))
+        previous = self._queue[-1].target_steps if self._queue else self._count
+        if target != previous:
+            self._queue.append(_Block(self._line_count, target, feed_mm_min))
 
     def prolong(self, target_mm: Point, feed_mm_min: float, t_ns: int) -> bool:
         """Go on to a place straight ahead without coming to rest; False where that is not one.
@@ -115,13 +115,13 @@ class Carriage:
         line = self.moving
         if line is None or len(self._queue) != 1 or self._queue[0].feed_mm_min != feed_mm_min:
             return False
-        here, speed = line.position_mm(t_ns), line.speed_mm_s(t_ns)
-        target = steps(target_mm, self.axes(100))
+        position, speed = line.position_mm(t_ns), line.speed_mm_s(t_ns)
+        target = to_steps(target_mm, self.axes(100))
         end = self._place_mm(target)
-        way, ahead = subtract(end, here), subtract(end, line.end_mm)
+        remaining, ahead = subtract(end, position), subtract(end, line.end_mm)
         forward = sum(map(mul, ahead, line.unit))
-        bent = forward <= 0 or forward < math.hypot(*ahead) - BEND_MM
-        if bent or speed * speed > 2 * line.accel_mm_s2 * math.hypot(*way):
+        bent = forward <= 0 or forward < math.hypot(*ahead) - MAX_BEND_MM
+        if bent or speed * speed > 2 * line.accel_mm_s2 * math.hypot(*remaining):
             return False
         block = self._queue[0]
         self._queue[0] = replace(block, target_steps=target)
@@ -141,10 +141,10 @@ class Carriage:
             self._arrive()
         return False
 
-    def done(self, arrived: bool) -> None:
+    def finish(self, arrived: bool) -> None:
         """The piece under way is over: at the end of its line, or where a brake left it."""
         assert self.moving is not None
-        self._count = self._counted(self.moving.end_ns)
+        self._count = self._count_at(self.moving.end_ns)
         self.moving = None
         if arrived:
             self._arrive()
@@ -165,7 +165,7 @@ class Carriage:
     def stop_dead(self, t_ns: int) -> None:
         """Pulses end now: the count freezes, the carriage coasts to rest."""
         if self.moving is not None and self.path.moving(t_ns) is not None:
-            self._count = self._counted(t_ns)
+            self._count = self._count_at(t_ns)
             coast = brake(self.moving, t_ns)
             self.path.replace_last(t_ns)
             self.path.add(coast)
@@ -186,66 +186,66 @@ class Carriage:
         """
         line = self.moving
         assert line is not None
-        far, met = int(self._settings[23]), []
+        at_min, trips = int(self._settings[23]), []
         for axis, travel in enumerate(self.axes(130)):
-            away = -1.0 if far >> axis & 1 else 1.0  # towards its switch
-            place = (-travel if far >> axis & 1 else 0.0) + scatter(-SCATTER_MM, SCATTER_MM)
+            sign = -1.0 if at_min >> axis & 1 else 1.0  # towards its switch
+            place = (-travel if at_min >> axis & 1 else 0.0) + scatter(-SCATTER_MM, SCATTER_MM)
             start, end = line.start_mm[axis], line.end_mm[axis]
-            if (end - start) * away > 0 and (end - place) * away >= 0:
-                met.append(self._reaches_ns(line, axis, place, away))
-        return min(met, default=None)
+            if (end - start) * sign > 0 and (end - place) * sign >= 0:
+                trips.append(self._crossing_ns(line, axis, place, sign))
+        return min(trips, default=None)
 
     # ---- homing -------------------------------------------------------------------------------
 
     def homing_legs(self) -> Iterator[tuple[dict[int, float], float]]:
         """Goals by axis and the rate to them (mm/min): Z first, then X and Y, each twice."""
         s = self._settings
-        far, pull, seek, feed = int(s[23]), s[27], s[25], s[24]
+        at_min, pull, seek, feed = int(s[23]), s[27], s[25], s[24]
         for axes in ((2,), (0, 1)):
-            switch = {a: -s[130 + a] if far >> a & 1 else 0.0 for a in axes}
-            clear = {a: p + pull if far >> a & 1 else p - pull for a, p in switch.items()}
+            switch = {a: -s[130 + a] if at_min >> a & 1 else 0.0 for a in axes}
+            clear = {a: p + pull if at_min >> a & 1 else p - pull for a, p in switch.items()}
             yield from ((switch, seek), (clear, seek), (switch, feed), (clear, seek))
 
     def seek(self, goal: Mapping[int, float], rate_mm_min: float, t_ns: int) -> bool:
         """Towards a goal, all axes at one rate, until the first is there; False: all are."""
-        here = self.path.end_mm
-        left = {a: g - here[a] for a, g in goal.items() if g != here[a]}
-        if not left:
+        position = self.path.end_mm
+        distances = {a: g - position[a] for a, g in goal.items() if g != position[a]}
+        if not distances:
             return False
-        way = min(abs(d) for d in left.values())
-        end = list(here)
-        for a, d in left.items():
-            end[a] = goal[a] if abs(d) == way else here[a] + math.copysign(way, d)
-        self._made += 1
-        rate = rate_mm_min * math.sqrt(len(left))
-        self.moving = self._line_to((end[0], end[1], end[2]), rate, self._made, t_ns)
+        shortest = min(abs(d) for d in distances.values())
+        end = list(position)
+        for a, d in distances.items():
+            end[a] = goal[a] if abs(d) == shortest else position[a] + math.copysign(shortest, d)
+        self._line_count += 1
+        rate = rate_mm_min * math.sqrt(len(distances))
+        self.moving = self._line_to((end[0], end[1], end[2]), rate, self._line_count, t_ns)
         return True
 
-    def homed(self) -> None:
-        self._count = steps(self.path.end_mm, self.axes(100))
+    def set_home(self) -> None:
+        self._count = to_steps(self.path.end_mm, self.axes(100))
         self._slip_mm = (0.0, 0.0, 0.0)
 
     @staticmethod
-    def _reaches_ns(line: Segment, axis: int, place_mm: float, away: float) -> int:
+    def _crossing_ns(line: Segment, axis: int, place_mm: float, sign: float) -> int:
         times = range(line.start_ns, line.end_ns)
-        k = bisect_left(times, place_mm * away, key=lambda t: line.position_mm(t)[axis] * away)
+        k = bisect_left(times, place_mm * sign, key=lambda t: line.position_mm(t)[axis] * sign)
         return line.start_ns + k
 
     # ---- inside -------------------------------------------------------------------------------
 
     def _place_mm(self, count: tuple[int, int, int]) -> Point:
         """Place of the carriage that belongs to a count of steps."""
-        (x, y, z), (dx, dy, dz) = divide(count, self.axes(100)), self._slip_mm
+        (x, y, z), (dx, dy, dz) = steps_to_mm(count, self.axes(100)), self._slip_mm
         return (x + dx, y + dy, z + dz)
 
-    def _counted(self, t_ns: int) -> tuple[int, int, int]:
-        return steps(subtract(self.path.position_mm(t_ns), self._slip_mm), self.axes(100))
+    def _count_at(self, t_ns: int) -> tuple[int, int, int]:
+        return to_steps(subtract(self.path.position_mm(t_ns), self._slip_mm), self.axes(100))
 
     def _arrive(self) -> None:
         self._count = self._queue.popleft().target_steps
 
     def _line_to(
-        self, end_mm: Point, feed_mm_min: float, number: int, t_ns: int, begun_mm_s: float = 0.0
+        self, end_mm: Point, feed_mm_min: float, number: int, t_ns: int, start_mm_s: float = 0.0
     ) -> Segment:
         start = self.path.end_mm
         delta = subtract(end_mm, start)
@@ -254,5 +254,5 @@ class Carriage:
         rate = rate_along(delta, self.axes(110))
         feed = min(feed_mm_min, rate)
         accel = rate_along(delta, self.axes(120))
-        line = trapezoid(start, end_mm, feed / 60, accel, t_ns, number, begun_mm_s)
+        line = trapezoid(start, end_mm, feed / 60, accel, t_ns, number, start_mm_s)
         return self.path.add(line)

@@ -25,7 +25,7 @@ class Ticks:
         self._start_ns = start_ns
         self._period_ns = NS_PER_S / rate_hz
         self._call = call
-        self._done = 0
+        self._emitted = 0
         self.next_ns = self._start_ns + round(self._period_ns)
         self.cancelled = False
 
@@ -34,12 +34,12 @@ class Ticks:
 
     def run(self, until_ns: int) -> None:
         """Call with all that are left up to and at until_ns; at least one is."""
-        most = int((until_ns - self._start_ns) / self._period_ns) + 2
-        k = np.arange(self._done + 1, most + 1)
+        last = int((until_ns - self._start_ns) / self._period_ns) + 2
+        k = np.arange(self._emitted + 1, last + 1)
         t_ns = self._start_ns + np.rint(k * self._period_ns).astype(np.int64)
         t_ns = t_ns[t_ns <= until_ns]
-        self._done += len(t_ns)
-        self.next_ns = self._start_ns + round((self._done + 1) * self._period_ns)
+        self._emitted += len(t_ns)
+        self.next_ns = self._start_ns + round((self._emitted + 1) * self._period_ns)
         self._call(t_ns)
 
 
@@ -68,7 +68,7 @@ class VirtualClock:
             raise ValueError(f"cannot sleep {seconds} s: a finite time, not negative, is needed")
         self.advance_to_ns(self._now_ns + to_ns(seconds))
 
-    def every(self, rate_hz: float, call: Callable[[NDArray[np.int64]], None]) -> Ticks:
+    def schedule(self, rate_hz: float, call: Callable[[NDArray[np.int64]], None]) -> Ticks:
         """Call at this rate from now on, first one period from now.
 
         Ticks that no other device's tick parts come in one call: in between nobody acts, so that

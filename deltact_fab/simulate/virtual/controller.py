@@ -27,20 +27,28 @@ from deltact_fab.common import Point, to_ns
 
 from .carriage import PLANNER_BLOCKS, Carriage
 from .clock import NS_PER_S
-from .grbl_lines import SETTINGS, GrblError, change, coordinates, grbl_settings, jog_of, listed
+from .grbl_lines import (
+    DEFAULTS_GRBL,
+    GrblError,
+    apply_setting,
+    coordinates,
+    grbl_settings,
+    parse_jog,
+    setting_lines,
+)
 from .motion import Segment
 
-BANNER = "Grbl 1.1h ['$' for help]"
+GRBL_BANNER = "Grbl 1.1h ['$' for help]"
 _RX_BYTES, _LINE_CHARS = 128, 79
 # The firmware waits for its alarm message to get out, deaf to everything, before it does the rest.
 _ALARM_PAUSE_NS = NS_PER_S // 2
 
-State = Literal["Idle", "Jog", "Hold", "Home", "Alarm", "Sleep"]
+ControllerState = Literal["Idle", "Jog", "Hold", "Home", "Alarm", "Sleep"]
 Fault = Literal["reboot", "silence", "limit", "soft limit", "door", "door closes", "hold"]
 # What a line that cannot finish yet waits for: a free planner slot, a carriage at rest, or a moment
 # (ns).
-Wait = Literal["slot", "still"] | int
-Task = Generator[Wait, None, int]
+TaskWait = Literal["slot", "still"] | int
+Task = Generator[TaskWait, None, int]
 
 
 class GrblController:
@@ -51,11 +59,11 @@ class GrblController:
     boot_s: time from power-on or a hardware reset to the banner.
     """
 
-    _state: State
+    _state: ControllerState
     _boot_ns: int | None
     _after_alarm: tuple[int, Callable[[], None]] | None
     _wait_ns: int | None
-    _waiting: Wait | None
+    _waiting: TaskWait | None
     _task: Task | None
     _rx: deque[int]
     _deferred: list[int]
@@ -67,10 +75,10 @@ class GrblController:
         *,
         start_mm: Point = (-20.0, -20.0, -10.0),
         boot_s: float = 1.0,
-        banner: str = BANNER,
+        banner: str = GRBL_BANNER,
     ) -> None:
-        self.settings = {**SETTINGS, **(settings or {})}
-        unknown = sorted(set(self.settings) - set(SETTINGS))
+        self.settings = {**DEFAULTS_GRBL, **(settings or {})}
+        unknown = sorted(set(self.settings) - set(DEFAULTS_GRBL))
         if unknown:
             raise ValueError(f"no such GRBL setting: ${unknown[0]}")
         self.banner = banner
@@ -86,7 +94,7 @@ class GrblController:
         self._power_on()
 
     @classmethod
-    def of(cls, stage: StageConfig, clock: Clock) -> GrblController:
+    def for_stage(cls, stage: StageConfig, clock: Clock) -> GrblController:
         """With the limits of a rig file's stage; all else as a bench usually has it."""
         limits = stage.travel_mm, stage.max_feed_mm_min, stage.acceleration_mm_s2
         return cls(grbl_settings(*limits), clock)
@@ -181,8 +189,8 @@ class GrblController:
         return min(times, default=None)
 
     def _advance(self) -> None:
-        now = self._clock.now_ns()
-        while (t := self._next_ns()) is not None and t <= now:
+        now_ns = self._clock.now_ns()
+        while (t := self._next_ns()) is not None and t <= now_ns:
             self._t = max(t, self._t)
             if self._faults and self._faults[0][0] <= t:
                 self._strike(self._faults.pop(0)[1])
@@ -202,7 +210,7 @@ class GrblController:
             if self._wait_ns is not None and self._wait_ns <= t:
                 self._wait_ns = None
             self._pump()
-        self._t = now
+        self._t = now_ns
 
     def _power_on(self) -> None:
         """Only the settings are remembered: the count starts at 0 wherever the carriage is."""
@@ -315,8 +323,8 @@ class GrblController:
             if line[0] == "$":
                 return (yield from self._system(line))
             return 9 if self._state in ("Alarm", "Jog") else 20  # no program is run here
-        except GrblError as why:
-            return why.code
+        except GrblError as error:
+            return error.code
 
     # ---- realtime bytes -----------------------------------------------------------------------
 
@@ -404,7 +412,7 @@ class GrblController:
     def _segment_done(self) -> None:
         self._trips_ns = None
         arrived = self._state != "Home" and not self._holding
-        self._carriage.done(arrived)
+        self._carriage.finish(arrived)
         if arrived:
             self._begin()
         elif self._holding:
@@ -425,7 +433,7 @@ class GrblController:
             while self._carriage.seek(goal, rate, self._t):
                 yield "still"
             yield self._t + to_ns(self.settings[26] / 1000)
-        self._carriage.homed()
+        self._carriage.set_home()
         self._programmed_mm = self._carriage.count_mm()
         self._state = "Idle"
         return 0
@@ -433,40 +441,40 @@ class GrblController:
     # ---- $ commands ---------------------------------------------------------------------------
 
     def _system(self, line: str) -> Task:
-        what = line[1:]
-        if what.startswith("J"):
+        command = line[1:]
+        if command.startswith("J"):
             if self._state not in ("Idle", "Jog"):
                 return 8
-            if not what.startswith("J="):
+            if not command.startswith("J="):
                 return 3
-            return (yield from self._jog(what[2:]))
-        if what[:1] in ("$", "X"):
-            return self._print_or_unlock(what)
+            return (yield from self._jog(command[2:]))
+        if command[:1] in ("$", "X"):
+            return self._print_or_unlock(command)
         if self._state not in ("Idle", "Alarm"):
             return 8
-        if what == "H":
+        if command == "H":
             if not self.settings[22]:
                 return 5
             return (yield from self._home())
-        if what == "SLP":
+        if command == "SLP":
             self._state = "Sleep"
-        elif what == "I":
+        elif command == "I":
             self._say("[VER:1.1h.20190830:]")
             self._say(f"[OPT:V,{PLANNER_BLOCKS},{_RX_BYTES}]")
-        elif not what or what[0] in "#GCHISRN":
+        elif not command or command[0] in "#GCHISRN":
             return 3
         else:
-            change(self.settings, what)
+            apply_setting(self.settings, command)
             self._wco_in = 0
         return 0
 
-    def _print_or_unlock(self, what: str) -> int:
-        if len(what) > 1:
+    def _print_or_unlock(self, command: str) -> int:
+        if len(command) > 1:
             return 3
-        if what == "$":
+        if command == "$":
             if self._state == "Hold":
                 return 8
-            for line in listed(self.settings):
+            for line in setting_lines(self.settings):
                 self._say(line)
         elif self._state == "Alarm":
             self._say("[MSG:Caution: Unlocked]")
@@ -504,7 +512,7 @@ class GrblController:
     # ---- jogs ---------------------------------------------------------------------------------
 
     def _jog(self, line: str) -> Task:
-        target_mm, feed_mm_min = jog_of(line, self._programmed_mm)
+        target_mm, feed_mm_min = parse_jog(line, self._programmed_mm)
         if self.settings[20] and self._carriage.outside(target_mm):
             raise GrblError(15)
         yield "slot"

@@ -15,10 +15,10 @@ from deltact_fab.bench import CameraFrame, Clock, TruthFiles, VirtualConfig
 from deltact_fab.common import Field, RunFailed, write_whole
 from deltact_fab.sensor import Fisheye, Pinhole, Rectified, SensorDimensions, SurfaceLattice
 
-from .picture import BAND_PX, FrameRenderer, PictureGeometry, RawView
+from .picture import BORDER_BAND_PX, FrameRenderer, PictureGeometry, RawView
 from .scene import GelScene, LatticeCrop
 
-Seen = tuple[int, int, float]  # keys of the knots around it, and how far it is from the first
+FrameKnots = tuple[int, int, float]  # keys of the knots around it, and how far it is from the first
 
 
 def crop_lattice(
@@ -27,7 +27,9 @@ def crop_lattice(
     """Crop a gel's lattice, with nodes (nx,) and (ny,), to what the rig's camera can see."""
     optics = sensor.optics
     view = optics.view_mm
-    margin_px = PictureGeometry.MARGIN_PX + (BAND_PX if config.virtual.lens is not None else 0)
+    margin_px = PictureGeometry.MARGIN_PX + (
+        BORDER_BAND_PX if config.virtual.lens is not None else 0
+    )
     margin_mm = margin_px * optics.mm_per_px
     return LatticeCrop(*axes_mm, (view[0] / 2 + margin_mm, view[1] / 2 + margin_mm))
 
@@ -68,58 +70,60 @@ class VirtualCamera:
 
     def __post_init__(self) -> None:
         self._stream: str | None = None
-        self._seen: list[Seen] = []
+        self._frame_knots: list[FrameKnots] = []
         self._rng = np.random.default_rng(0)
 
     def begin(self, stream: str) -> None:
         """A new press: its noise depends on the seed and its name, not on what came before."""
         self._stream = stream
-        self._seen = []
+        self._frame_knots = []
         self.scene.begin()
         self._rng = FrameRenderer.noise(self.seed, stream)
 
     def capture(self) -> CameraFrame:
         assert self._stream is not None, "begin() comes before the first frame"
-        seen = self.scene.observe()
-        self._seen.append((seen.a.key, seen.b.key, seen.fraction))
+        observation = self.scene.observe()
+        self._frame_knots.append((observation.a.key, observation.b.key, observation.fraction))
         return CameraFrame(
-            self.picture.render(seen.displacement_mm(), self._rng), self.clock.now_s()
+            self.picture.render(observation.displacement_mm(), self._rng), self.clock.now_s()
         )
 
     def end(self, frames: Mapping[str, float]) -> None:
         """Store the press's knots and where each of its frames stands between which of them."""
         assert self._stream is not None, "begin() comes before end()"
-        assert len(frames) == len(self._seen), "one id a frame"
+        assert len(frames) == len(self._frame_knots), "one id a frame"
         files = TruthFiles(self.folder)
         path = files.press(self._stream)
         try:
             path.parent.mkdir(exist_ok=True)
-        except OSError as why:
-            raise RunFailed(f"{path.parent}: cannot be made: {why.strerror}") from why
-        about: dict[Path, SurfaceLattice | Fisheye] = {files.lattice: self.lattice}
+        except OSError as error:
+            raise RunFailed(f"{path.parent}: cannot be made: {error.strerror}") from error
+        models: dict[Path, SurfaceLattice | Fisheye] = {files.lattice: self.lattice}
         if self.lens is not None:
-            about[files.lens] = self.lens
-        for where, what in about.items():
-            write_whole(where, (json.dumps(what.as_dict()) + "\n").encode())
+            models[files.lens] = self.lens
+        for file, model in models.items():
+            write_whole(file, (json.dumps(model.as_dict()) + "\n").encode())
         knots = self.scene.knots
         row = {knot.key: k for k, knot in enumerate(knots)}
         fields = [k.displacement_mm for k in knots if k.displacement_mm is not None]
         tractions = [k.traction_mpa for k in knots if k.traction_mpa is not None]
         x_mm, y_mm = self.scene.axes_mm
-        more: dict[str, Any] = {"traction_mpa": np.stack(tractions)} if tractions else {}
-        more["zone_map"] = np.stack([k.zone_map for k in knots if k.zone_map is not None])
+        arrays: dict[str, Any] = {"traction_mpa": np.stack(tractions)} if tractions else {}
+        arrays["zone_map"] = np.stack([k.zone_map for k in knots if k.zone_map is not None])
         for name in vars(knots[0].zones):
-            more[name] = [vars(k.zones)[name] for k in knots]
+            arrays[name] = [vars(k.zones)[name] for k in knots]
         packed = io.BytesIO()
         np.savez(
             packed,
             displacement_mm=np.stack(fields),
             frame_id=np.asarray(list(frames), dtype=np.str_),
-            knots=np.asarray([(row[a], row[b]) for a, b, _ in self._seen], np.int64).reshape(-1, 2),
-            fraction=np.asarray([f for _, _, f in self._seen], dtype=float),
+            knots=np.asarray([(row[a], row[b]) for a, b, _ in self._frame_knots], np.int64).reshape(
+                -1, 2
+            ),
+            fraction=np.asarray([f for _, _, f in self._frame_knots], dtype=float),
             x_mm=x_mm,
             y_mm=y_mm,
-            **more,
+            **arrays,
         )
         write_whole(path, packed.getvalue())
         self._stream = None

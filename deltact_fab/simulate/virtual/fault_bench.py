@@ -48,10 +48,10 @@ from .netft import BoxFaults, Datagram, NetFTBox
 from .rig import VirtualForce
 from .wire import SerialLink, WireExchange
 
-DRAGS = 1  # of a press
-SETTLE_S = 0.2
-PRESSED = 0.1  # of the guard's limit: at the deepest
-_GROWTH = resource.getrlimit(resource.RLIMIT_FSIZE)
+DRAGS_PER_PRESS = 1  # of a press
+MIN_SETTLE_S = 0.2
+DEEPEST_FORCE_SHARE = 0.1  # of the guard's limit: at the deepest
+_FILE_SIZE_LIMIT = resource.getrlimit(resource.RLIMIT_FSIZE)
 
 
 @dataclass(frozen=True)
@@ -69,14 +69,14 @@ class FaultScenario:
     limits: GuardLimits
 
     @classmethod
-    def of(cls, protocol: Protocol, text: bytes, rig: RigConfig) -> FaultScenario:
+    def from_protocol(cls, protocol: Protocol, text: bytes, rig: RigConfig) -> FaultScenario:
         """The scenario of a protocol on a rig. Raises InputError for no press."""
         stage = rig.stage
         limits = stage.travel_mm, stage.max_feed_mm_min, stage.acceleration_mm_s2
         settings = {**grbl_settings(*limits), 27: stage.pull_off_mm}
         force = rig.force or ForceConfig()
         guard = GuardLimits.of(rig.guard, force)
-        return cls(text, _cut(expand_protocol(protocol)), stage.frame, settings, force, guard)
+        return cls(text, _shorten(expand_protocol(protocol)), stage.frame, settings, force, guard)
 
     @property
     def second(self) -> str:
@@ -92,10 +92,10 @@ class FaultScenario:
     def hertz(self) -> float:
         """N / mm^1.5 of a gel that the deepest press does not trip the guard on."""
         deepest_mm = max(-step.target_mm[2] for step in self.steps)
-        return PRESSED * self.limit_n / max(deepest_mm, 0.1) ** 1.5
+        return DEEPEST_FORCE_SHARE * self.limit_n / max(deepest_mm, 0.1) ** 1.5
 
 
-def _cut(steps: Sequence[Step]) -> tuple[Step, ...]:
+def _shorten(steps: Sequence[Step]) -> tuple[Step, ...]:
     """The first press and the deepest other; of each its lowest depth, DRAGS, frames at rest.
 
     A frame in mid-move has another place each time, by what a host's clock makes of it.
@@ -106,84 +106,84 @@ def _cut(steps: Sequence[Step]) -> tuple[Step, ...]:
     if not presses:
         raise InputError("the protocol presses nothing")
     deepest = min(presses[1:] or presses, key=lambda part: min(s.target_mm[2] for s in part))
-    kept: list[Step] = []
+    shortened: list[Step] = []
     for part in (presses[0], deepest) if len(presses) > 1 else (deepest,):
-        if not kept or kept[-1].indenter != part[0].indenter:
-            kept.append(changes[part[0].indenter])
+        if not shortened or shortened[-1].indenter != part[0].indenter:
+            shortened.append(changes[part[0].indenter])
         low = [i for i, step in enumerate(part) if step.kind == "press"][-1]
         for i, step in enumerate(part):
-            far = step.kind in ("press", "shear") and not low <= i <= low + DRAGS
-            if not far:
-                settle_s = max(step.settle_s, SETTLE_S) if step.frames else 0.0
-                kept.append(replace(step, frames=min(step.frames, 1), settle_s=settle_s))
-    return tuple(kept)
+            skipped = step.kind in ("press", "shear") and not low <= i <= low + DRAGS_PER_PRESS
+            if not skipped:
+                settle_s = max(step.settle_s, MIN_SETTLE_S) if step.frames else 0.0
+                shortened.append(replace(step, frames=min(step.frames, 1), settle_s=settle_s))
+    return tuple(shortened)
 
 
 Change = Callable[[bytes], bytes]
 
 
 @dataclass
-class _Rule:
+class _LineFault:
     """Lines that begin so and are said from from_ns on, at most `most`, are changed."""
 
     begins: bytes
     change: Change
     from_ns: float
-    most: float
+    remaining: float
 
 
 class NoisyController(GrblController):
-    _rules: tuple[_Rule, ...] = ()
-    _invented: tuple[tuple[int, bytes], ...] = ()
+    _rules: tuple[_LineFault, ...] = ()
+    _injected: tuple[tuple[int, bytes], ...] = ()
     first_changed_ns = 0
     """When the first line was said that did not arrive as it was; 0: none was."""
 
-    def change(
+    def alter_lines(
         self,
         change: Change,
         begins: bytes = b"",
         at_s: float = 0.0,
-        most: float = math.inf,
+        limit: float = math.inf,
     ) -> None:
         """Let every line that begins so and is said from then on arrive as `change` makes it."""
-        self._rules += (_Rule(begins, change, to_ns(at_s), most),)
+        self._rules += (_LineFault(begins, change, to_ns(at_s), limit),)
 
-    lose = partialmethod(change, lambda line: b"")
+    lose = partialmethod(alter_lines, lambda line: b"")
     """The same, and the line is lost."""
 
-    def invent(self, words: bytes, at_s: float) -> None:
+    def inject(self, words: bytes, at_s: float) -> None:
         """At that time the host receives what the controller never sent."""
-        self._invented = tuple(sorted((*self._invented, (to_ns(at_s), words))))
+        self._injected = tuple(sorted((*self._injected, (to_ns(at_s), words))))
 
-    def be_true(self) -> None:
+    def clear_line_faults(self) -> None:
         """From now on every word arrives as it was said."""
-        self._rules, self._invented = (), ()
+        self._rules, self._injected = (), ()
 
     def take_output(self) -> list[tuple[int, bytes]]:
         """What arrives, in order of time."""
-        said = [(t_ns, self._arriving(t_ns, line)) for t_ns, line in super().take_output()]
+        output = [(t_ns, self._deliver(t_ns, line)) for t_ns, line in super().take_output()]
         now_ns = self.now_ns()
-        said += [(t_ns, words) for t_ns, words in self._invented if t_ns <= now_ns]
-        self._invented = tuple(pair for pair in self._invented if pair[0] > now_ns)
-        return sorted((pair for pair in said if pair[1]), key=lambda pair: pair[0])
+        output += [(t_ns, words) for t_ns, words in self._injected if t_ns <= now_ns]
+        self._injected = tuple(pair for pair in self._injected if pair[0] > now_ns)
+        return sorted((pair for pair in output if pair[1]), key=lambda pair: pair[0])
 
     def next_event_ns(self) -> int | None:
         """Invented words reach the host at their own time, too."""
-        times = [t for t in (super().next_event_ns(), *(t for t, _ in self._invented)) if t]
+        times = [t for t in (super().next_event_ns(), *(t for t, _ in self._injected)) if t]
         return min(times, default=None)
 
-    def _arriving(self, t_ns: int, line: bytes) -> bytes:
+    def _deliver(self, t_ns: int, line: bytes) -> bytes:
         for rule in self._rules:
-            fits = line.strip() and line.startswith(rule.begins) and rule.most > 0
+            fits = line.strip() and line.startswith(rule.begins) and rule.remaining > 0
             if fits and rule.from_ns <= t_ns:
-                rule.most -= 1
+                rule.remaining -= 1
                 self.first_changed_ns = self.first_changed_ns or t_ns
                 line = rule.change(line)
         return line
 
 
-Place = Callable[[], tuple[float, float, float]]
-Push = Callable[[float], float]
+TipPosition = Callable[[], tuple[float, float, float]]
+ExtraForce = Callable[[float], float]
 
 
 class WatchedFaults(BoxFaults):
@@ -210,10 +210,10 @@ class BenchFeed:
     stamps = "sender"
     check = "its cable"
 
-    def __init__(self, clock: VirtualClock, tip_mm: Place) -> None:
+    def __init__(self, clock: VirtualClock, tip_mm: TipPosition) -> None:
         self._clock = clock
         self._tip_mm = tip_mm
-        self._told = threading.Semaphore(0)
+        self._pending = threading.Semaphore(0)
         self._press, self._k = "", 0
         self._last: Image | None = None
         self.hangs = False
@@ -221,13 +221,13 @@ class BenchFeed:
     def press(self, name: str) -> None:
         self._press, self._k = name, 0
 
-    def tell(self, hangs: bool = False) -> None:
+    def release_image(self, hangs: bool = False) -> None:
         """One image; hangs: from now on the last one, over and over."""
         self.hangs = hangs
-        self._told.release()
+        self._pending.release()
 
     def next(self, timeout_s: float) -> FeedImage | None:
-        if not self.hangs and not self._told.acquire(timeout=timeout_s):
+        if not self.hangs and not self._pending.acquire(timeout=timeout_s):
             return None
         if self.hangs and self._last is not None:
             threading.Event().wait(0.01)
@@ -254,10 +254,12 @@ class BenchCamera(StreamCamera):
 
     first_bad_ns = 0
 
-    def __init__(self, clock: VirtualClock, tip_mm: Place, faults: Mapping[str, float]) -> None:
+    def __init__(
+        self, clock: VirtualClock, tip_mm: TipPosition, faults: Mapping[str, float]
+    ) -> None:
         self.feed, self.clock, self.faults = BenchFeed(clock, tip_mm), clock, faults
         super().__init__(self.feed, clock)
-        self.feed.tell()
+        self.feed.release_image()
         super().capture()  # it is up: the first image may take longer than all others
 
     def begin(self, stream: str) -> None:
@@ -271,7 +273,7 @@ class BenchCamera(StreamCamera):
         if (stalled or hung) and not self.first_bad_ns:
             self.first_bad_ns = self.clock.now_ns()
         if not stalled:
-            self.feed.tell(hung)
+            self.feed.release_image(hung)
         try:
             return super().capture()
         except SensorError:
@@ -282,54 +284,54 @@ class BenchCamera(StreamCamera):
 class FaultBench:
     """Board, force box and camera on one virtual clock; each session opens them anew."""
 
-    def __init__(self, of: FaultScenario) -> None:
-        self.of = of
+    def __init__(self, scenario: FaultScenario) -> None:
+        self.scenario = scenario
         self.clock = VirtualClock()
         self.trace: list[WireExchange] = []
-        self.board = NoisyController(of.settings, self.clock, start_mm=(-6.0, -6.0, -6.0))
+        self.board = NoisyController(scenario.settings, self.clock, start_mm=(-6.0, -6.0, -6.0))
         self.link = SerialLink(
             self.board, self.clock, resets_on_open=False, trace=self.trace,
         )  # fmt: skip
-        self.extra_n: Push = lambda t_s: 0.0  # on z beside the gel, by the time (s)
-        self.box = NetFTBox(of.force, self.clock, 1, self._wrenches, 0.01)
+        self.extra_n: ExtraForce = lambda t_s: 0.0  # on z beside the gel, by the time (s)
+        self.box = NetFTBox(scenario.force, self.clock, 1, self._wrenches, 0.01)
         self.box.faults = self.box_faults = WatchedFaults()
-        self.box_faults.limit_counts = of.limit_n * self.box.settings().counts_per_n
+        self.box_faults.limit_counts = scenario.limit_n * self.box.settings().counts_per_n
         self.camera_faults: dict[str, float] = {}  # stalled or hung: from that time on, s
         self._camera_bad_ns = 0
         self.clock.sleep_s(2.0)  # the board is up
 
     def tip_mm(self, t_s: float | None = None) -> tuple[float, float, float]:
         """Where the carriage really has the tip, in the sensor frame."""
-        return self.of.frame.to_sensor_mm(self.board.position_mm(t_s))
+        return self.scenario.frame.to_sensor_mm(self.board.position_mm(t_s))
 
-    def struck_ns(self, at_s: float) -> int:
+    def fault_ns(self, at_s: float) -> int:
         """When a fault of that time had come to the wire: the first line, record or frame of it."""
         bad = (self.board.first_changed_ns, self.box_faults.first_bad_ns, self._camera_bad_ns)
         return max(round(at_s * 1e9), *bad)
 
-    def at(self, t_s: float, call: Callable[[], object]) -> None:
+    def call_at(self, t_s: float, call: Callable[[], object]) -> None:
         """Call when that time comes. What is called must not let time pass."""
 
-        def once(t_ns: NDArray[np.int64]) -> None:
+        def fire(t_ns: NDArray[np.int64]) -> None:
             ticks.cancel()
             call()
 
-        ticks = self.clock.every(1 / (t_s - self.clock.now_s()), once)
+        ticks = self.clock.schedule(1 / (t_s - self.clock.now_s()), fire)
 
     @staticmethod
     def fill_disk() -> None:
         """From now on no file may grow any more."""
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (0, _GROWTH[1]))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (0, _FILE_SIZE_LIMIT[1]))
 
     @staticmethod
     def free_disk() -> None:
         """Files may grow again."""
-        resource.setrlimit(resource.RLIMIT_FSIZE, _GROWTH)
+        resource.setrlimit(resource.RLIMIT_FSIZE, _FILE_SIZE_LIMIT)
 
-    def mend(self) -> None:
+    def clear_faults(self) -> None:
         """Whatever was wrong is put right; nobody touches the stage."""
-        self.board.be_true()
+        self.board.clear_line_faults()
         self.board.fault("door closes")
         self.link.plug()
         for name in ("silent", "late_s", "error", "saturated", "drop_every"):
@@ -339,8 +341,8 @@ class FaultBench:
 
     def run(self, folder: Path, progress: Any = None) -> None:
         """One session: begin the run of that folder, or go on with it. Raises what the run does."""
-        of = self.of
-        steps = list(of.steps)
+        case = self.scenario
+        steps = list(case.steps)
         if folder.exists():
             writer = RunWriter.resume(folder, steps)
         else:
@@ -350,9 +352,9 @@ class FaultBench:
                 "rig": {}, "sensor": {}, "camera": None, "simulated": False, "air": False,
                 "seed": 1, "versions": {},
             }  # fmt: skip
-            writer = RunWriter.create(folder, meta, of.text, {"dots_mm": []}, steps)
-        stage = GrblStage(self.link, self.clock, of.frame)
-        guard = ForceGuard(stage.cancel, of.limits, self.clock)
+            writer = RunWriter.create(folder, meta, case.text, {"dots_mm": []}, steps)
+        stage = GrblStage(self.link, self.clock, case.frame)
+        guard = ForceGuard(stage.cancel, case.limits, self.clock)
         force = VirtualForce(self.box, self.clock, None)
         camera = BenchCamera(self.clock, self.tip_mm, self.camera_faults)
         try:
@@ -372,7 +374,7 @@ class FaultBench:
         """(n, 6) N, N mm: a Hertzian press, and friction that follows the drag."""
         times_s = [t / 1e9 for t in t_ns.tolist()]
         tips = np.array([self.tip_mm(t_s) for t_s in times_s])
-        normal_n = self.of.hertz * np.maximum(-tips[:, 2], 0.0) ** 1.5
+        normal_n = self.scenario.hertz * np.maximum(-tips[:, 2], 0.0) ** 1.5
         out = np.zeros((len(t_ns), 6))
         out[:, 0] = 0.3 * normal_n * np.tanh(tips[:, 0])
         out[:, 2] = -normal_n - [self.extra_n(t_s) for t_s in times_s]

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 
 from deltact_fab.common import Point
 
-WORD = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+)?)")
-DISTANCE, OTHERS = {"90", "91"}, {"21", "53"}
+GCODE_WORD = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+)?)")
+DISTANCE_MODES, IGNORED_MODES = {"90", "91"}, {"21", "53"}
 
 
 class GrblError(Exception):
@@ -19,20 +19,20 @@ class GrblError(Exception):
         self.code = code
 
 
-def jog_of(line: str, at_mm: Point) -> tuple[Point, float]:
+def parse_jog(line: str, at_mm: Point) -> tuple[Point, float]:
     """Target (machine mm) and feed (mm/min) of what follows `$J=`, from where the last one ended.
 
     There are no work offsets. Raises GrblError.
     """
-    words = WORD.findall(line)
+    words = GCODE_WORD.findall(line)
     if "".join(letter + value for letter, value in words) != line:
         raise GrblError(1)
     if any(not value for _, value in words):
         raise GrblError(2)
     modes = [value for letter, value in words if letter == "G"]
-    if len(DISTANCE.intersection(modes)) > 1:
+    if len(DISTANCE_MODES.intersection(modes)) > 1:
         raise GrblError(21)
-    if set(modes) - DISTANCE - OTHERS:
+    if set(modes) - DISTANCE_MODES - IGNORED_MODES:
         raise GrblError(16)
     values = {letter: float(value) for letter, value in words if letter != "G"}
     if len(values) + len(modes) < len(words):
@@ -46,7 +46,10 @@ def jog_of(line: str, at_mm: Point) -> tuple[Point, float]:
         raise GrblError(22)
     x, y, z = at_mm
     if "91" not in modes or "53" in modes:
-        x, y, z = (at if axis not in values else 0.0 for axis, at in zip("XYZ", at_mm, strict=True))
+        x, y, z = (
+            start_mm if axis not in values else 0.0
+            for axis, start_mm in zip("XYZ", at_mm, strict=True)
+        )
     dx, dy, dz = (values.get(axis, 0.0) for axis in "XYZ")
     return (x + dx, y + dy, z + dz), feed_mm_min
 
@@ -58,7 +61,7 @@ def coordinates(mm: Point) -> str:
 
 # ---- settings -----------------------------------------------------------------------------------
 
-SETTINGS: dict[int, float] = {
+DEFAULTS_GRBL: dict[int, float] = {
     0: 10, 1: 25, 2: 0, 3: 0, 4: 0, 5: 0, 6: 0,
     10: 3, 11: 0.01, 12: 0.002, 13: 0,
     20: 1, 21: 1, 22: 1, 23: 0, 24: 100, 25: 600, 26: 250, 27: 1,
@@ -66,38 +69,38 @@ SETTINGS: dict[int, float] = {
     100: 800, 101: 800, 102: 800, 110: 1500, 111: 1500, 112: 1200,
     120: 50, 121: 50, 122: 50, 130: 120, 131: 120, 132: 60,
 }  # fmt: skip
-_WHOLE = frozenset((0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 32))
+_INTEGER_SETTINGS = frozenset((0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 32))
 
 
 def grbl_settings(
     travel_mm: Point, max_feed_mm_min: Point, acceleration_mm_s2: Point
 ) -> dict[int, float]:
     """The `$` settings of a stage with these limits; the rest are a bench's usual ones."""
-    own = dict(SETTINGS)
+    settings = dict(DEFAULTS_GRBL)
     for axis in range(3):
-        own[110 + axis] = max_feed_mm_min[axis]
-        own[120 + axis] = acceleration_mm_s2[axis]
-        own[130 + axis] = travel_mm[axis]
-    return own
+        settings[110 + axis] = max_feed_mm_min[axis]
+        settings[120 + axis] = acceleration_mm_s2[axis]
+        settings[130 + axis] = travel_mm[axis]
+    return settings
 
 
-def change(settings: dict[int, float], what: str) -> None:
+def apply_setting(settings: dict[int, float], assignment: str) -> None:
     """`N=value`. Raises GrblError, nothing changed."""
-    found = re.fullmatch(r"(\d+)=(-?\d+\.?\d*)", what)
-    if found is None or (n := int(found[1])) not in SETTINGS:
+    match = re.fullmatch(r"(\d+)=(-?\d+\.?\d*)", assignment)
+    if match is None or (n := int(match[1])) not in DEFAULTS_GRBL:
         raise GrblError(3)
-    value = float(found[2])
+    value = float(match[2])
     if value < 0:
         raise GrblError(4)
     if n == 20 and value and not settings[22]:
         raise GrblError(10)
-    settings[n] = float(int(value)) if n in _WHOLE else value
+    settings[n] = float(int(value)) if n in _INTEGER_SETTINGS else value
     if n == 22 and not value:
         settings[20] = 0
 
 
-def listed(settings: Mapping[int, float]) -> list[str]:
+def setting_lines(settings: Mapping[int, float]) -> list[str]:
     return [
-        f"${n}={value:.0f}" if n in _WHOLE or n in (30, 31) else f"${n}={value:.3f}"
+        f"${n}={value:.0f}" if n in _INTEGER_SETTINGS or n in (30, 31) else f"${n}={value:.3f}"
         for n, value in settings.items()
     ]

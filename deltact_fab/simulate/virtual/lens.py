@@ -16,9 +16,9 @@ from deltact_fab.common import InputError, Note
 from deltact_fab.fabricate import load_design
 from deltact_fab.sensor import Fisheye, Rectified, SensorDimensions, restore_camera
 
-from .picture import BAND_PX
+from .picture import BORDER_BAND_PX
 
-NEAR_MM = {"air_gap_mm": 1.0, "acrylic_mm": 0.5, "gel_mm": 1.0}
+ASSEMBLY_MM = {"air_gap_mm": 1.0, "acrylic_mm": 0.5, "gel_mm": 1.0}
 """How far what was put together by hand may be from its design; more is another sensor's."""
 
 
@@ -28,15 +28,15 @@ def true_lens(config: VirtualConfig, sensor: SensorDimensions) -> Fisheye:
     Raises InputError for numbers that are another sensor's.
     """
     nominal = Fisheye.of(sensor).as_dict()
-    given = config.virtual.lens
+    overrides = config.virtual.lens
     values = dict(nominal)
-    if given is not None:
+    if overrides is not None:
         made_for = nominal
-        if given.design is not None:
-            made_for = Fisheye.of(load_design(given.design)).as_dict()
-        for key, value in given.numbers().items():
-            far = abs(value - nominal[key]) > NEAR_MM.get(key, np.inf)
-            if given.design is None and far:
+        if overrides.design is not None:
+            made_for = Fisheye.of(load_design(overrides.design)).as_dict()
+        for key, value in overrides.numbers().items():
+            differs = abs(value - nominal[key]) > ASSEMBLY_MM.get(key, np.inf)
+            if overrides.design is None and differs:
                 raise InputError(
                     f"virtual.lens.{key}: {value:g}, and the design has {nominal[key]:g}: another "
                     "sensor's; name the design that these numbers are of as virtual.lens.design, "
@@ -56,18 +56,18 @@ def tracked_view(config: VirtualConfig, sensor: SensorDimensions, source: Path) 
     or is so far off that its view is not in the picture.
     """
     if config.camera is None:
-        view, named = Rectified.of(sensor, Fisheye.of(sensor)), "the design's lens"
+        view, label = Rectified.of(sensor, Fisheye.of(sensor)), "the design's lens"
     else:
-        named = str(source.parent / config.camera.model)
+        label = str(source.parent / config.camera.model)
         loaded = load_view(config.camera, sensor, source)
         assert loaded is not None, "the table names a file"
         if not isinstance(loaded, Rectified):
             raise InputError(
-                f"{named}: camera.model: {loaded.as_dict()['model']!r}; a virtual rig needs a "
+                f"{label}: camera.model: {loaded.as_dict()['model']!r}; a virtual rig needs a "
                 "'fisheye'"
             )
         view = loaded
-    _require_drawn(true_lens(config, sensor), view, f"{source}: camera.model: {named}")
+    _require_drawn(true_lens(config, sensor), view, f"{source}: camera.model: {label}")
     return view
 
 
@@ -84,12 +84,12 @@ def _require_drawn(true: Fisheye, view: Rectified, source: str) -> None:
     border_mm = view.rest_mm(np.concatenate([np.stack(side, axis=-1) for side in sides]))
     try:
         raw = view.lens.rest_px(border_mm)
-    except InputError as why:
-        raise InputError(f"{source}: the view's border: {why}") from why
+    except InputError as error:
+        raise InputError(f"{source}: the view's border: {error}") from error
     looks_mm = true.rest_mm(raw)
     inside = ((raw >= 0) & (raw <= (true.width_px - 1, true.height_px - 1))).all()
     off_mm = np.nan_to_num(np.hypot(*(looks_mm - border_mm).T), nan=np.inf).max()
-    most_mm = BAND_PX * view.mm_per_px
+    most_mm = BORDER_BAND_PX * view.mm_per_px
     if not inside or off_mm > most_mm:
         raise InputError(
             f"{source}: the view's border lies up to {off_mm:.2g} mm from where [virtual.lens] has "

@@ -66,22 +66,22 @@ class BoxFaults:
         ):
             self._last_ns = max(at_ns + late_ns, self._last_ns)
             record = data[k * size : (k + 1) * size]
-            out += [Datagram(self._last_ns, sent) for sent in self.sent(number, record)]
+            out += [Datagram(self._last_ns, payload) for payload in self.payloads(number, record)]
         return out
 
-    def sent(self, number: int, record: bytes) -> list[bytes]:
+    def payloads(self, number: int, record: bytes) -> list[bytes]:
         """What leaves the box in the place of a record."""
         return [] if self.drop_every and number % self.drop_every == 0 else [record]
 
 
-RECORD = np.dtype([("rdt", ">u4"), ("ft", ">u4"), ("status", ">u4"), ("counts", ">i4", 6)])
-COMMAND = struct.Struct(">HHI")
-HEADER = 0x1234
-STOP, STREAM, BIAS = 0x0000, 0x0002, 0x0042
-QUIET_S = 0.005  # records that were under way when the box was told to stop come within
-COUNTS_PER_N = 1_000_000.0
-COUNTS_PER_NMM = 100_000.0
-MAX_COUNTS = 1e9  # of a range: a record holds twice that, so a sample less its bias fits
+RDT_RECORD = np.dtype([("rdt", ">u4"), ("ft", ">u4"), ("status", ">u4"), ("counts", ">i4", 6)])
+RDT_COMMAND = struct.Struct(">HHI")
+COMMAND_HEADER = 0x1234
+STOP_COMMAND, STREAM_COMMAND, BIAS_COMMAND = 0x0000, 0x0002, 0x0042
+STOP_DRAIN_S = 0.005  # records that were under way when the box was told to stop come within
+MAX_COUNTS_PER_N = 1_000_000.0
+MAX_COUNTS_PER_NMM = 100_000.0
+MAX_RANGE_COUNTS = 1e9  # of a range: a record holds twice that, so a sample less its bias fits
 Wrenches = Callable[[NDArray[np.int64]], NDArray[np.float64]]
 
 
@@ -104,8 +104,8 @@ class NetFTBox:
         self._rate_hz = config.rate_hz
         self._noise_n = noise_n
         self.limits = np.array([*config.range_n, *config.range_nmm])
-        counts_per_n = min(COUNTS_PER_N, MAX_COUNTS / max(config.range_n))
-        counts_per_nmm = min(COUNTS_PER_NMM, MAX_COUNTS / max(config.range_nmm))
+        counts_per_n = min(MAX_COUNTS_PER_N, MAX_RANGE_COUNTS / max(config.range_n))
+        counts_per_nmm = min(MAX_COUNTS_PER_NMM, MAX_RANGE_COUNTS / max(config.range_nmm))
         self._per_unit = np.repeat([counts_per_n, counts_per_nmm], 3)
         self._clock = clock
         self._seed = seed
@@ -114,9 +114,9 @@ class NetFTBox:
         self._bias = np.zeros(6)
         self._rng = np.random.default_rng(np.random.SeedSequence([seed, 0]))
         self._ticks: Ticks | None = None
-        self._left: int | None = None  # of the records asked for; None: without end
-        self._sent = 0  # of the stream under way
-        self._taken = 0  # since power-on
+        self._remaining: int | None = None  # of the records asked for; None: without end
+        self._sent_count = 0  # of the stream under way
+        self._sample_count = 0  # since power-on
         self._out: deque[Datagram] = deque()
         self._trouble: DeltactFabError | None = None
 
@@ -133,19 +133,19 @@ class NetFTBox:
 
     def send(self, command: bytes) -> None:
         """Take one command datagram; unknown ones are ignored, as on the wire."""
-        if len(command) != COMMAND.size:
+        if len(command) != RDT_COMMAND.size:
             return
-        header, word, count = COMMAND.unpack(command)
-        if header != HEADER:
+        header, word, count = RDT_COMMAND.unpack(command)
+        if header != COMMAND_HEADER:
             return
-        if word == BIAS:
+        if word == BIAS_COMMAND:
             gauges = self._gauges(np.array([self._clock.now_ns()]))[0]
             self._bias = np.clip(gauges, -self.limits, self.limits)
-        elif word == STREAM:
+        elif word == STREAM_COMMAND:
             self._stop()
-            self._sent, self._left = 0, count or None
-            self._ticks = self._clock.every(self._rate_hz, self._sample)
-        elif word == STOP:
+            self._sent_count, self._remaining = 0, count or None
+            self._ticks = self._clock.schedule(self._rate_hz, self._sample)
+        elif word == STOP_COMMAND:
             self._stop()
 
     def receive(self, timeout_s: float) -> Datagram | None:
@@ -154,7 +154,7 @@ class NetFTBox:
         Raises what the scene raised when it was asked for a sample, after those before it.
         """
         deadline_ns = self._clock.now_ns() + to_ns(timeout_s)
-        while (data := self.due()) is None and self._trouble is None:
+        while (data := self.pop_due()) is None and self._trouble is None:
             if self._clock.now_ns() >= deadline_ns:
                 return None
             self._clock.advance_to_ns(min(deadline_ns, self.next_ns(deadline_ns)))
@@ -164,7 +164,7 @@ class NetFTBox:
             raise trouble
         return data
 
-    def due(self) -> Datagram | None:
+    def pop_due(self) -> Datagram | None:
         if self._out and self._out[0].at_ns <= self._clock.now_ns():
             return self._out.popleft()
         return None
@@ -186,28 +186,28 @@ class NetFTBox:
 
     def _sample(self, t_ns: NDArray[np.int64]) -> None:
         """The clock's ticks: a record each."""
-        if self._left is not None:
-            t_ns = t_ns[: self._left]
-            self._left -= len(t_ns)
+        if self._remaining is not None:
+            t_ns = t_ns[: self._remaining]
+            self._remaining -= len(t_ns)
         try:
             gauges = self._gauges(t_ns)
-        except DeltactFabError as why:
+        except DeltactFabError as error:
             # It is no fault of whoever lets time pass just now, but of who reads the sensor.
-            self._trouble = why
+            self._trouble = error
             self._stop()
             return
         limits = self.limits
         values = np.clip(gauges, -limits, limits) - self._bias
-        records = np.zeros(len(t_ns), RECORD)
+        records = np.zeros(len(t_ns), RDT_RECORD)
         k = np.arange(1, len(t_ns) + 1)
-        records["rdt"], records["ft"] = self._sent + k, self._taken + k
+        records["rdt"], records["ft"] = self._sent_count + k, self._sample_count + k
         over = (np.abs(gauges) > limits).any(axis=1)
         records["status"] = np.where(over, NetFTSensor.SATURATED | NetFTSensor.ERROR, 0)
         records["counts"] = np.rint(values * self._per_unit)
-        self._sent += len(t_ns)
-        self._taken += len(t_ns)
+        self._sent_count += len(t_ns)
+        self._sample_count += len(t_ns)
         self._out += self.faults.datagrams(t_ns, records)
-        if self._left == 0:
+        if self._remaining == 0:
             self._stop()
 
     def _gauges(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -228,14 +228,14 @@ class LockstepLink:
 
     def bias(self) -> None:
         """The next record is less what pulls now."""
-        self._command(BIAS)
+        self._command(BIAS_COMMAND)
 
     def start(self) -> None:
-        self._command(STREAM)
+        self._command(STREAM_COMMAND)
 
     def stop(self) -> None:
-        self._command(STOP)
-        while self._box.receive(QUIET_S) is not None:
+        self._command(STOP_COMMAND)
+        while self._box.receive(STOP_DRAIN_S) is not None:
             pass
 
     def receive(self, timeout_s: float) -> NDArray[Any]:
@@ -246,7 +246,7 @@ class LockstepLink:
         if (data := self._box.receive(timeout_s)) is not None:
             came.append(data)
         arrivals = np.zeros(len(came), NetFTSensor.RECORD)
-        records = np.frombuffer(b"".join(data.payload for data in came), RECORD)
+        records = np.frombuffer(b"".join(data.payload for data in came), RDT_RECORD)
         arrivals["at_ns"] = [data.at_ns for data in came]
         for name in ("rdt", "status", "counts"):
             arrivals[name] = records[name]
@@ -256,8 +256,8 @@ class LockstepLink:
         return {}
 
     def close(self) -> None:
-        self._command(STOP)
+        self._command(STOP_COMMAND)
         self._box.close()
 
     def _command(self, word: int) -> None:
-        self._box.send(COMMAND.pack(HEADER, word, 0))
+        self._box.send(RDT_COMMAND.pack(COMMAND_HEADER, word, 0))

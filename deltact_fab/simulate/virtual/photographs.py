@@ -39,17 +39,17 @@ from deltact_fab.sensor import (
 from .lens import true_lens
 from .picture import RawView
 
-BLACK, WHITE, BACKGROUND, BLANK = 0.04, 0.85, 0.25, 0.6
+BLACK_LEVEL, WHITE_LEVEL, ROOM_LEVEL, BLANK_LEVEL = 0.04, 0.85, 0.25, 0.6
 """Reflectances; a blank skin is lit so that no pixel is full."""
-EDGE_MM = 0.02
+INK_EDGE_MM = 0.02
 """Half width of the ramp between black and white."""
-FINER = 3
+SUBPIXELS_N = 3
 """Samples a pixel and axis."""
 MARGIN_SQUARES = 1.0
-BORDER_PX = 6
-CLEAR_MM = 0.5
+IMAGE_BORDER_PX = 6
+MIN_AIR_MM = 0.5
 """Of a board in air above the face."""
-TRIES = 300
+POSE_TRIES = 300
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ ON_FACE = BoardPose((0.0, 0.0, 0.0), Rotation.identity())
 class Studio:
     def __init__(self, lens: Fisheye, sensor: ImageSensor, design: SensorDimensions) -> None:
         self.lens, self.design = lens, design
-        self._exposure = Exposure(sensor, RawView(lens, Rectified.of(design, lens)).off)
+        self._exposure = Exposure(sensor, RawView(lens, Rectified.of(design, lens)).offset)
         rows, columns = np.arange(-1.0, lens.height_px + 1), np.arange(-1.0, lens.width_px + 1)
         self._origin, self._slope = lens.ray(np.stack(np.meshgrid(columns, rows), -1), "air")
 
@@ -81,49 +81,53 @@ class Studio:
     ) -> NDArray[np.uint8]:
         """Image (h, w, 3) BGR of a board on the face, or in the air beyond it."""
         turn = pose.turn.as_matrix()
-        origin, at = self._origin, np.asarray(pose.at_mm)
-        met = origin
+        origin, board_mm = self._origin, np.asarray(pose.at_mm)
+        points_mm = origin
         if not contact:
             normal = turn[:, 2]
-            z_mm = (at - origin) @ normal / (self._slope @ normal)
-            met = origin + self._slope * z_mm[..., None]
-        on_board = (met - at) @ turn[:, :2]
-        u, v = (self._fine(on_board[..., k]) for k in range(2))
-        beyond = WHITE if board.skin else BACKGROUND
-        seen = _reflectance(board, u, v, beyond)
-        return self._expose(seen, rng)
+            z_mm = (board_mm - origin) @ normal / (self._slope @ normal)
+            points_mm = origin + self._slope * z_mm[..., None]
+        on_board = (points_mm - board_mm) @ turn[:, :2]
+        u, v = (self._upsample(on_board[..., k]) for k in range(2))
+        surround = WHITE_LEVEL if board.skin else ROOM_LEVEL
+        albedo = _board_albedo(board, u, v, surround)
+        return self._expose(albedo, rng)
 
     def blank(self, rng: np.random.Generator) -> NDArray[np.uint8]:
         """Image (h, w, 3) BGR of a skin without a pattern, for the flat field."""
         height, width = self._origin.shape[:2]
-        even = np.full(((height - 2) * FINER, (width - 2) * FINER), BLANK, np.float32)
+        even = np.full(
+            ((height - 2) * SUBPIXELS_N, (width - 2) * SUBPIXELS_N), BLANK_LEVEL, np.float32
+        )
         return self._expose(even, rng)
 
-    def _expose(self, seen: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.uint8]:
+    def _expose(self, albedo: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.uint8]:
         """Reflectances, FINER a pixel, behind the window of the frame."""
         half = np.array(self.design.skin.opening_half_mm, np.float32)
-        x, y = (self._fine(self._origin[..., k]) for k in range(2))
+        x, y = (self._upsample(self._origin[..., k]) for k in range(2))
         with np.errstate(invalid="ignore"):
             window = (np.abs(x) <= half[0]) & (np.abs(y) <= half[1])
-        seen = np.where(window, seen, np.float32(BLACK))
+        albedo = np.where(window, albedo, np.float32(BLACK_LEVEL))
         size = (self.lens.width_px, self.lens.height_px)
-        light = np.asarray(cv2.resize(seen, size, interpolation=cv2.INTER_AREA), np.float32)
+        light = np.asarray(cv2.resize(albedo, size, interpolation=cv2.INTER_AREA), np.float32)
         return self._exposure.expose(np.repeat(light[..., None], 3, axis=-1), rng)
 
-    def _fine(self, values: Array) -> NDArray[np.float32]:
+    def _upsample(self, values: Array) -> NDArray[np.float32]:
         """Values at the pixels' middles, with a border of one, to FINER a pixel."""
         grid = np.asarray(values, np.float32)
-        fine = cv2.resize(grid, None, fx=FINER, fy=FINER, interpolation=cv2.INTER_LINEAR)
-        return np.asarray(fine[FINER:-FINER, FINER:-FINER], np.float32)
+        fine = cv2.resize(
+            grid, None, fx=SUBPIXELS_N, fy=SUBPIXELS_N, interpolation=cv2.INTER_LINEAR
+        )
+        return np.asarray(fine[SUBPIXELS_N:-SUBPIXELS_N, SUBPIXELS_N:-SUBPIXELS_N], np.float32)
 
-    def sees(self, board: Checkerboard, pose: BoardPose, contact: bool) -> bool:
+    def is_visible(self, board: Checkerboard, pose: BoardPose, contact: bool) -> bool:
         """Whether all inner corners lie in the image and in the face's window, clear of it."""
         columns, rows = board.corners
         index = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1)
         corners = pose.points_mm(board.at_mm(index)).reshape(-1, 3)
         sides = np.array([board.nx, board.ny]) * board.square_mm / 2
         rim = pose.points_mm(np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]]) * sides)
-        if not contact and rim[:, 2].min() < CLEAR_MM:
+        if not contact and rim[:, 2].min() < MIN_AIR_MM:
             return False
         try:
             medium: Medium = "gel" if contact else "air"
@@ -131,9 +135,9 @@ class Studio:
             crossing = self.lens.crossing_mm(corners, medium)
         except InputError:
             return False  # outside the field
-        last = np.array([self.lens.width_px, self.lens.height_px]) - 1 - BORDER_PX
+        last = np.array([self.lens.width_px, self.lens.height_px]) - 1 - IMAGE_BORDER_PX
         half = np.array(self.design.skin.opening_half_mm) - board.square_mm / 4
-        inside = np.all((px >= BORDER_PX) & (px <= last)) and np.all(np.abs(crossing) <= half)
+        inside = np.all((px >= IMAGE_BORDER_PX) & (px <= last)) and np.all(np.abs(crossing) <= half)
         return bool(inside)
 
     def contact_poses(
@@ -148,7 +152,7 @@ class Studio:
             for shrink in np.linspace(1, 0, 41):
                 x, y = out * reach * shrink
                 pose = BoardPose((float(x), float(y), 0.0), turn)
-                if self.sees(board, pose, contact=True):
+                if self.is_visible(board, pose, contact=True):
                     yield pose
                     break
             else:
@@ -159,41 +163,44 @@ class Studio:
     ) -> Iterator[BoardPose]:
         """Of a board in the air beyond the face, at random heights, places and tilts."""
         for _ in range(n):
-            for _ in range(TRIES):
+            for _ in range(POSE_TRIES):
                 tilts = rng.uniform(-25, 25, 2)
                 turn = Rotation.from_euler("xyz", (*tilts, rng.uniform(-15, 15)), degrees=True)
                 x, y = rng.uniform(-5, 5, 2)
                 pose = BoardPose((float(x), float(y), float(rng.uniform(3, 20))), turn)
-                if self.sees(board, pose, contact=False):
+                if self.is_visible(board, pose, contact=False):
                     yield pose
                     break
             else:
                 raise InputError(f"--air: the camera does not see a board of {board} whole")
 
 
-def _reflectance(
-    board: Checkerboard, u_mm: NDArray[np.float32], v_mm: NDArray[np.float32], beyond: float
+def _board_albedo(
+    board: Checkerboard, u_mm: NDArray[np.float32], v_mm: NDArray[np.float32], surround: float
 ) -> NDArray[np.float32]:
     """Of the points of a board's plane; nan, where a pixel sees none, is black."""
     across = np.float32(board.nx * board.square_mm / 2), np.float32(board.ny * board.square_mm / 2)
     out = np.maximum(np.abs(u_mm) - across[0], np.abs(v_mm) - across[1])
-    mean, half = np.float32((WHITE + BLACK) / 2), np.float32((WHITE - BLACK) / 2)
+    mean, half = (
+        np.float32((WHITE_LEVEL + BLACK_LEVEL) / 2),
+        np.float32((WHITE_LEVEL - BLACK_LEVEL) / 2),
+    )
     dark = _stripes(u_mm + across[0], board.square_mm, board.nx)
     dark *= _stripes(v_mm + across[1], board.square_mm, board.ny)
-    seen = np.where(out <= 0, mean - half * dark, np.float32(WHITE))
-    seen = np.where(out > MARGIN_SQUARES * board.square_mm, np.float32(beyond), seen)
-    return np.where(np.isfinite(out), seen, np.float32(BLACK))
+    albedo = np.where(out <= 0, mean - half * dark, np.float32(WHITE_LEVEL))
+    albedo = np.where(out > MARGIN_SQUARES * board.square_mm, np.float32(surround), albedo)
+    return np.where(np.isfinite(out), albedo, np.float32(BLACK_LEVEL))
 
 
 def _stripes(at_mm: NDArray[np.float32], width_mm: float, n: int) -> NDArray[np.float32]:
     """1 in the first of n stripes, from 0 on, -1 in the next, and so on, with ramps between."""
     with np.errstate(invalid="ignore"):
         nearest = np.clip(np.rint(at_mm / np.float32(width_mm)), 1, n - 1)
-        ramp = np.clip((at_mm - nearest * np.float32(width_mm)) / np.float32(EDGE_MM), -1, 1)
+        ramp = np.clip((at_mm - nearest * np.float32(width_mm)) / np.float32(INK_EDGE_MM), -1, 1)
         return np.where(np.mod(nearest, 2) == 0, ramp, -ramp)
 
 
-MOST = 200
+MAX_IMAGES = 200
 
 
 def take_photographs(
@@ -212,33 +219,33 @@ def take_photographs(
     contact, air: how many of `board` on the face and of air_board (default: the same) beyond it; a
     skin is photographed once. Raises InputError before anything is written.
     """
-    held = air_board or board
-    if not (0 <= contact <= MOST and 0 <= air <= MOST):
-        raise InputError(f"contact {contact}, air {air}: 0 to {MOST} images of each")
-    if air and held.skin:
+    raised_board = air_board or board
+    if not (0 <= contact <= MAX_IMAGES and 0 <= air <= MAX_IMAGES):
+        raise InputError(f"contact {contact}, air {air}: 0 to {MAX_IMAGES} images of each")
+    if air and raised_board.skin:
         raise InputError("--air: a skin is not held in the air; name the board with --air-board")
     if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
         raise InputError(f"{folder}: is there already; name a new folder")
-    beyond = design.optics.beyond(board.nx * board.square_mm) if board.skin else None
-    if beyond is not None:
-        raise InputError(f"--board skin: {beyond}: wet a larger board onto the face")
+    shortfall = design.optics.beyond(board.nx * board.square_mm) if board.skin else None
+    if shortfall is not None:
+        raise InputError(f"--board skin: {shortfall}: wet a larger board onto the face")
     lens = true_lens(config, design)
     studio = Studio(lens, config.virtual.camera, design)
     rng = np.random.default_rng(np.random.SeedSequence([seed, 5]))
     poses = [ON_FACE] if board.skin else list(studio.contact_poses(board, contact, rng))
-    taken = {
+    images = {
         f"contact/{k}.png": studio.photograph(board, pose, rng) for k, pose in enumerate(poses, 1)
     }
-    for k, pose in enumerate(studio.air_poses(held, air, rng), 1):
-        taken[f"air/{k}.png"] = studio.photograph(held, pose, rng, contact=False)
-    taken["blank.png"] = studio.blank(rng)
-    said = json.dumps({"seed": seed, "simulated": True}, indent=1).encode() + b"\n"
+    for k, pose in enumerate(studio.air_poses(raised_board, air, rng), 1):
+        images[f"air/{k}.png"] = studio.photograph(raised_board, pose, rng, contact=False)
+    images["blank.png"] = studio.blank(rng)
+    marker = json.dumps({"seed": seed, "simulated": True}, indent=1).encode() + b"\n"
     about = ["The true lens of simulated photographs: for comparison, not for calibration."]
     truth = camera_toml(lens, {"simulated": {"seed": seed}}, about)
-    make_folder(folder, "truth", *(str(Path(name).parent) for name in taken))
-    for name, image in taken.items():
+    make_folder(folder, "truth", *(str(Path(name).parent) for name in images))
+    for name, image in images.items():
         write_whole(folder / name, encode_png(image))
-    for name in {str(Path(n).parent) for n in taken}:
-        write_whole(folder / name / Checkerboard.mark_file, said)
+    for name in {str(Path(n).parent) for n in images}:
+        write_whole(folder / name / Checkerboard.mark_file, marker)
     write_whole(folder / "truth" / "lens.toml", truth.encode())
-    return [folder / name for name in taken]
+    return [folder / name for name in images]

@@ -35,12 +35,12 @@ from deltact_fab.sensor import (
     nearest_surface,
 )
 
-RESTING_MM = 1.0  # between the nodes of a face that does not move
-BAND_PX = 40
+REST_SPACING_MM = 1.0  # between the nodes of a face that does not move
+BORDER_BAND_PX = 40
 """Drawn around the tracked view, for a calibration that is a little off; the rest stays dark."""
 FIXED_POINT_ITERATIONS = 6
 NEWTON_ITERATIONS = 40
-MAX_STEP_PX = 8.0
+MAX_NEWTON_STEP_PX = 8.0
 
 
 class RawView:
@@ -50,7 +50,10 @@ class RawView:
         """lens: what is drawn through. view: what is tracked, of which the size counts."""
         self.lens = lens
         self.flat = Rectified(
-            lens, view.mm_per_px, view.width_px + 2 * BAND_PX, view.height_px + 2 * BAND_PX
+            lens,
+            view.mm_per_px,
+            view.width_px + 2 * BORDER_BAND_PX,
+            view.height_px + 2 * BORDER_BAND_PX,
         )
         # With a border of one pixel, so that a halved grid is interpolated at the edge too.
         columns, rows = np.arange(-1, lens.width_px + 1), np.arange(-1, lens.height_px + 1)
@@ -58,37 +61,37 @@ class RawView:
         looks = self.flat.rest_px(lens.rest_mm(raw))
         edge = (self.flat.width_px - 0.5, self.flat.height_px - 0.5)
         with np.errstate(invalid="ignore"):
-            seen = np.all((looks > -0.5) & (looks < edge), axis=-1)
-        seen = np.pad(seen[1:-1, 1:-1], 1)
-        across, down = (np.flatnonzero(np.any(seen, axis=k)) for k in (0, 1))
+            visible = np.all((looks > -0.5) & (looks < edge), axis=-1)
+        visible = np.pad(visible[1:-1, 1:-1], 1)
+        across, down = (np.flatnonzero(np.any(visible, axis=k)) for k in (0, 1))
         self._rows, self._columns = slice(down[0], down[-1] + 1), slice(across[0], across[-1] + 1)
-        wide = (slice(down[0] - 1, down[-1] + 2), slice(across[0] - 1, across[-1] + 2))
+        bordered = (slice(down[0] - 1, down[-1] + 2), slice(across[0] - 1, across[-1] + 2))
         # A pixel that looks past the flat view is dark, whatever stands here.
-        near = np.clip(np.nan_to_num(looks[wide], nan=0.0), -1, np.add(edge, 0.5))
+        near = np.clip(np.nan_to_num(looks[bordered], nan=0.0), -1, np.add(edge, 0.5))
         self._map = cv2.split(near.astype(np.float32) + 1)  # of a grid with a border
-        self._seen = seen[self._rows, self._columns][..., None]
+        self._visible = visible[self._rows, self._columns][..., None]
         corner_px = np.hypot(view.width_px, view.height_px) / 2
-        off = (looks[1:-1, 1:-1] - np.asarray(self.flat.centre_px)) / corner_px
-        self.off: NDArray[np.float32] = np.nan_to_num(off, nan=np.inf)
+        offset = (looks[1:-1, 1:-1] - np.asarray(self.flat.centre_px)) / corner_px
+        self.offset: NDArray[np.float32] = np.nan_to_num(offset, nan=np.inf)
         """Of raw pixels (h, w, 2) from the view's middle, in its half diagonals; inf: unseen."""
 
-    def look(self, flat: NDArray[np.float32]) -> NDArray[np.float32]:
+    def sample(self, flat: NDArray[np.float32]) -> NDArray[np.float32]:
         """What stands at each pixel of the flat view, on the raw pixels that see it.
 
         flat: (h, w[, 2]) with a border of one pixel, and so is what is returned.
         """
         return np.asarray(cv2.remap(flat, self._map[0], self._map[1], cv2.INTER_LINEAR), np.float32)
 
-    def framed(self, radiance: NDArray[np.float32]) -> NDArray[np.float32]:
+    def pad_to_raw(self, radiance: NDArray[np.float32]) -> NDArray[np.float32]:
         """The raw image (h, w, c) with this in its place and the rest dark."""
         size = (self.lens.height_px, self.lens.width_px, radiance.shape[-1])
-        whole = np.zeros(size, np.float32)
-        at = (
+        image = np.zeros(size, np.float32)
+        window = (
             slice(self._rows.start - 1, self._rows.stop - 1),
             slice(self._columns.start - 1, self._columns.stop - 1),
         )
-        whole[at] = radiance * self._seen
-        return whole
+        image[window] = radiance * self._visible
+        return image
 
 
 class PictureGeometry:
@@ -137,15 +140,16 @@ class PictureGeometry:
         camera = Pinhole.of(sensor)
         margin_mm = cls.MARGIN_PX * camera.mm_per_px
         nx, ny = (
-            2 * math.ceil((side / 2 + margin_mm) / RESTING_MM) + 1 for side in sensor.optics.view_mm
+            2 * math.ceil((side / 2 + margin_mm) / REST_SPACING_MM) + 1
+            for side in sensor.optics.view_mm
         )
-        x_mm, y_mm = (-(n - 1) / 2 * RESTING_MM for n in (nx, ny))
-        return cls(camera, SurfaceLattice(x_mm, y_mm, RESTING_MM, nx, ny))
+        x_mm, y_mm = (-(n - 1) / 2 * REST_SPACING_MM for n in (nx, ny))
+        return cls(camera, SurfaceLattice(x_mm, y_mm, REST_SPACING_MM, nx, ny))
 
     @property
     def size_px(self) -> tuple[int, int]:
-        seen = self.camera if self.raw is None else self.raw.lens
-        return seen.width_px, seen.height_px
+        camera = self.camera if self.raw is None else self.raw.lens
+        return camera.width_px, camera.height_px
 
     def forward_px(self, displacement_mm: NDArray[np.float64]) -> NDArray[np.float32]:
         """Projected displacement of the rest pixels and their margin, (h + 2m, w + 2m, 2)."""
@@ -156,8 +160,8 @@ class PictureGeometry:
     ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Projected displacement of the grid's points, and where in the image they are, px."""
         if self._motion is not None:
-            moved = self._motion_sampler(self._motion(displacement_mm))
-            return np.asarray(moved, np.float32), self._rest_px + moved
+            motion_px = self._motion_sampler(self._motion(displacement_mm))
+            return np.asarray(motion_px, np.float32), self._rest_px + motion_px
         seen_px = self.camera.project_px(self._rest + self._sampler(displacement_mm))
         return np.asarray(seen_px - self._rest_px, np.float32), seen_px
 
@@ -171,29 +175,29 @@ class PictureGeometry:
         if displacement_mm is None:
             return self._target
         field, seen_px = self._forward(displacement_mm)
-        at = before = self._target
+        rest_px = previous = self._target
         for _ in range(FIXED_POINT_ITERATIONS):
-            x, y = cv2.split(at + self._margin_px)
-            moved = cv2.remap(field, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            before, at = at, self._target - moved
+            x, y = cv2.split(rest_px + self._margin_px)
+            motion_px = cv2.remap(field, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            previous, rest_px = rest_px, self._target - motion_px
         # The border's first pixel has the index 0, and lies at -1.
         at_px = seen_px + 1
-        disputed = folded_pixels(at_px, at.shape[:2])
-        x, y = cv2.split(cv2.absdiff(at, before))
+        disputed = folded_pixels(at_px, rest_px.shape[:2])
+        x, y = cv2.split(cv2.absdiff(rest_px, previous))
         open_ = (cv2.max(x, y) >= self.TOLERANCE_PX) & ~disputed
         # Fixed point needs a gradient below 1; the stretched skin behind a sliding tip has more.
-        at[open_] = _newton(field, self._margin_px, self._target[open_], at[open_])
-        wanted = np.isnan(at[..., 0]) | disputed
-        if wanted.any():
+        rest_px[open_] = _newton(field, self._margin_px, self._target[open_], rest_px[open_])
+        unresolved = np.isnan(rest_px[..., 0]) | disputed
+        if unresolved.any():
             out_mm = self._sampler(displacement_mm[..., 2:])[..., 0]
-            at[wanted] = nearest_surface(at_px, out_mm, wanted) - self._margin_px
-            blind = int(np.isnan(at[..., 0]).sum())
+            rest_px[unresolved] = nearest_surface(at_px, out_mm, unresolved) - self._margin_px
+            blind = int(np.isnan(rest_px[..., 0]).sum())
             if blind:
                 raise SolverError(
                     f"{blind} pixels of the picture see no point of the surface within "
                     f"{self.MARGIN_PX} px of the view"
                 )
-        return at
+        return rest_px
 
     def depth_mm(
         self, displacement_mm: NDArray[np.float64], at_px: NDArray[np.float32]
@@ -201,11 +205,11 @@ class PictureGeometry:
         """How deep the points that pixels see lie below rest, (h, w); at_px: of `material_px`."""
         x, y = cv2.split(at_px + self._margin_px)
         out_mm = self._sampler(displacement_mm[..., 2:])[..., 0].astype(np.float32)
-        seen = cv2.remap(out_mm, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        depth = -np.asarray(seen, np.float32)
+        height_mm = cv2.remap(out_mm, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        depth = -np.asarray(height_mm, np.float32)
         if self.raw is None:
             return depth[1:-1, 1:-1]
-        return self.raw.framed(self.raw.look(depth)[1:-1, 1:-1, None])[..., 0]
+        return self.raw.pad_to_raw(self.raw.sample(depth)[1:-1, 1:-1, None])[..., 0]
 
 
 class FrameRenderer:
@@ -224,10 +228,13 @@ class FrameRenderer:
         self._glows = sensor.contact_glow_per_mm > 0
         camera, raw = geometry.camera, geometry.raw
         if raw is None:
-            off, self._beyond = view_grid(camera.height_px, camera.width_px), cv2.BORDER_REPLICATE
+            grid, self._border_mode = (
+                view_grid(camera.height_px, camera.width_px),
+                cv2.BORDER_REPLICATE,
+            )
         else:
-            off, self._beyond = raw.off, cv2.BORDER_CONSTANT  # beyond the print it is dark
-        self._exposure = Exposure(sensor, off)
+            grid, self._border_mode = raw.offset, cv2.BORDER_CONSTANT  # beyond the print it is dark
+        self._exposure = Exposure(sensor, grid)
 
     @classmethod
     def printed(
@@ -269,20 +276,22 @@ class FrameRenderer:
 
         displacement_mm: as of `render`; only a camera in whose light a contact glows reads it.
         """
-        at, camera, raw = at_px, self.geometry.camera, self.geometry.raw
+        material_px, camera, raw = at_px, self.geometry.camera, self.geometry.raw
         if raw is not None:
-            at = raw.look(at)
-        fine = cv2.resize(at, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)[2:-2, 2:-2]
+            material_px = raw.sample(material_px)
+        fine = cv2.resize(material_px, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)[2:-2, 2:-2]
         cx, cy = camera.centre_px
         texels = camera.mm_per_px / self._mm_per_texel
         h, w = self._print.shape[:2]
         map_x = (fine[..., 0] - np.float32(cx)) * np.float32(texels) + np.float32((w - 1) / 2)
         map_y = (fine[..., 1] - np.float32(cy)) * np.float32(texels) + np.float32((h - 1) / 2)
-        seen = cv2.remap(self._print, map_x, map_y, cv2.INTER_LINEAR, borderMode=self._beyond)
-        size = (at.shape[1] - 2, at.shape[0] - 2)
-        radiance = np.asarray(cv2.resize(seen, size, interpolation=cv2.INTER_AREA), np.float32)
+        albedo = cv2.remap(
+            self._print, map_x, map_y, cv2.INTER_LINEAR, borderMode=self._border_mode
+        )
+        size = (material_px.shape[1] - 2, material_px.shape[0] - 2)
+        radiance = np.asarray(cv2.resize(albedo, size, interpolation=cv2.INTER_AREA), np.float32)
         if raw is not None:
-            radiance = raw.framed(radiance)
+            radiance = raw.pad_to_raw(radiance)
         depth_mm: NDArray[np.float32] | None = None
         if self._glows and displacement_mm is not None:
             depth_mm = self.geometry.depth_mm(displacement_mm, at_px)
@@ -300,13 +309,13 @@ def _newton(
     nan for those that no step brings home.
     """
     height, width = field.shape[:2]
-    p, at = target.astype(float), start.astype(float)
-    left = np.arange(len(at))
+    p, position = target.astype(float), start.astype(float)
+    active = np.arange(len(position))
     for _ in range(NEWTON_ITERATIONS):
-        if not len(left):
+        if not len(active):
             break
-        x = np.clip(at[left, 0] + margin_px[0], 0, width - 1.001)
-        y = np.clip(at[left, 1] + margin_px[1], 0, height - 1.001)
+        x = np.clip(position[active, 0] + margin_px[0], 0, width - 1.001)
+        y = np.clip(position[active, 1] + margin_px[1], 0, height - 1.001)
         j, i = x.astype(int), y.astype(int)
         a, b = (x - j)[:, None], (y - i)[:, None]
         q00, q01 = field[i, j], field[i, j + 1]
@@ -314,13 +323,13 @@ def _newton(
         along_x = (q01 - q00) * (1 - b) + (q11 - q10) * b
         along_y = (q10 - q00) * (1 - a) + (q11 - q01) * a
         value = q00 * (1 - b) + q10 * b + along_x * a
-        miss = at[left] + value - p[left]
+        miss = position[active] + value - p[active]
         xx, yx = 1 + along_x[:, 0], along_x[:, 1]
         xy, yy = along_y[:, 0], 1 + along_y[:, 1]
         det = xx * yy - xy * yx
         det = np.where(np.abs(det) < 0.05, np.copysign(0.05, det), det)
         step = np.stack((yy * miss[:, 0] - xy * miss[:, 1], xx * miss[:, 1] - yx * miss[:, 0]), -1)
-        at[left] -= np.clip(step / det[:, None], -MAX_STEP_PX, MAX_STEP_PX)
-        left = left[np.max(np.abs(miss), axis=-1) >= PictureGeometry.TOLERANCE_PX]
-    at[left] = np.nan
-    return at.astype(np.float32)
+        position[active] -= np.clip(step / det[:, None], -MAX_NEWTON_STEP_PX, MAX_NEWTON_STEP_PX)
+        active = active[np.max(np.abs(miss), axis=-1) >= PictureGeometry.TOLERANCE_PX]
+    position[active] = np.nan
+    return position.astype(np.float32)

@@ -57,36 +57,36 @@ def solve_presses(
     ]
     rows: list[PressRow] = []
     todo: dict[str, PressRow] = {}
-    given: list[_Press] = []
+    jobs: list[_Press] = []
     waiting: list[tuple[PressRow, PressRow, Presses, PressPath]] = []
-    over: list[str] = []
+    finished: list[str] = []
 
-    def ended(row: PressRow) -> None:
-        over.append(row.press)
+    def finish_row(row: PressRow) -> None:
+        finished.append(row.press)
         if progress is not None:
-            progress(len(over), len(planned), row.press)
+            progress(len(finished), len(planned), row.press)
 
     for protocol, presses, path in planned:
         try:
-            press = presses.of(path)
-        except DeltactFabError as why:  # no mesh serves this one
-            rows.append(PressRow(path.press, 0, failure=" ".join(str(why).split())))
-            ended(rows[-1])
+            press = presses.planned_press(path)
+        except DeltactFabError as failure:  # no mesh serves this one
+            rows.append(PressRow(path.press, 0, failure=" ".join(str(failure).split())))
+            finish_row(rows[-1])
             continue
-        row = _row(press)
+        row = _press_row(press)
         rows.append(row)
         name = press.solver.stored_as or f"{press.name} of {protocol.name}"
         if press.solver.found is not None:
-            ended(row)
+            finish_row(row)
         elif name in todo:
             row.like = todo[name].press
             waiting.append((row, todo[name], presses, path))
         else:
             todo[name] = row
-            given.append(_Press(protocol, skin, config, path.press, press.stored_files))
+            jobs.append(_Press(protocol, skin, config, path.press, press.stored_files))
     solving = list(todo.values())
 
-    def heard(index: int, value: PressRow | None, error: Exception | None) -> None:
+    def report_result(index: int, value: PressRow | None, error: Exception | None) -> None:
         row = solving[index]
         if value is not None:
             vars(row).update(vars(value))
@@ -94,15 +94,17 @@ def solve_presses(
             row.failure = " ".join(str(error).split())
         elif error is not None:
             raise error
-        ended(row)
+        finish_row(row)
 
-    run_jobs(_one, given, heard, executor)
-    for row, solved, presses, path in waiting:
-        if solved.failure:
-            row.failure = f"as {solved.press}, its mirror image: {solved.failure}"
+    run_jobs(_solve_press, jobs, report_result, executor)
+    for row, source, presses, path in waiting:
+        if source.failure:
+            row.failure = f"as {source.press}, its mirror image: {source.failure}"
         else:
-            vars(row).update(vars(_row(presses.of(path))), like=solved.press, seconds=0.0)
-        ended(row)
+            vars(row).update(
+                vars(_press_row(presses.planned_press(path))), like=source.press, seconds=0.0
+            )
+        finish_row(row)
     return rows
 
 
@@ -117,24 +119,24 @@ class _Press:
     makes: tuple[str, ...]
 
 
-def _one(job: _Press) -> PressRow:
+def _solve_press(job: _Press) -> PressRow:
     """One press, stored when complete."""
     started = time.perf_counter()
     presses = Presses(job.protocol, job.skin, job.config)
-    press = presses.of(presses.path(job.name))
+    press = presses.planned_press(presses.path(job.name))
     failure = ""
     try:
         press.solver.solve_all()
-    except DeltactFabError as why:
-        failure = " ".join(str(why).split())
-    except (ArithmeticError, ValueError, MemoryError) as why:
-        failure = f"{type(why).__name__}: {' '.join(str(why).split())}"
-    row = _row(press)
+    except DeltactFabError as error:
+        failure = " ".join(str(error).split())
+    except (ArithmeticError, ValueError, MemoryError) as error:
+        failure = f"{type(error).__name__}: {' '.join(str(error).split())}"
+    row = _press_row(press)
     row.failure, row.found, row.seconds = failure, False, time.perf_counter() - started
     return row
 
 
-def _row(press: PlannedPress) -> PressRow:
+def _press_row(press: PlannedPress) -> PressRow:
     return PressRow(
         press.name,
         len(press.solver.poses),

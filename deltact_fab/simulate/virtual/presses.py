@@ -35,7 +35,9 @@ from deltact_fab.sensor import (
     parse_indenter,
 )
 
-SAME_MM = 2e-3  # a point of the stage is the plan's within a motor step and its rounding
+WAYPOINT_TOLERANCE_MM = (
+    2e-3  # a point of the stage is the plan's within a motor step and its rounding
+)
 REST_GROWTH = 1.5
 
 
@@ -56,7 +58,9 @@ class PlannedPress:
     def snapped(self, point: Point) -> Point:
         """The planned point that this one is but for a motor step, else the point itself."""
         for planned in self.waypoints:
-            if all(abs(p - q) <= SAME_MM for p, q in zip(planned, point, strict=True)):
+            if all(
+                abs(p - q) <= WAYPOINT_TOLERANCE_MM for p, q in zip(planned, point, strict=True)
+            ):
                 return planned
         return point
 
@@ -86,14 +90,14 @@ class Presses:
         self.tractions = "traction" in protocol.channels
         self.relaxing_s = tuple(tau for g, tau in specimen.prony if g > 0)
         self.material = GelMaterial(1.0, specimen.poisson, specimen.friction, specimen.prony)
-        self.paths = paths(protocol)
-        self.opened: list[PlannedPress] = []
+        self.paths = press_paths(protocol)
+        self.open_presses: list[PlannedPress] = []
         self._skin = skin
         finite, linear = config.hyperelastic, self.level == "linear"
-        of = config if linear else finite
-        self.increments = Increments(of.press_increment_mm, of.shear_increment_mm)
+        increments = config if linear else finite
+        self.increments = Increments(increments.press_increment_mm, increments.shear_increment_mm)
         lattice_mm = (config.spacing_mm if linear else None) or finite.lattice_mm
-        self._shown = ObservedChannels(
+        self._channels = ObservedChannels(
             "all" if self.fields else "none", traction=self.tractions, lattice_mm=lattice_mm
         )
         self._wishes: dict[str, Any] = {
@@ -114,9 +118,11 @@ class Presses:
     def open(self, indenter: str, at_mm: tuple[float, float]) -> PlannedPress:
         """The planned press of an indenter at a place. Raises InputError where there is none."""
         for path in self.paths:
-            there = all(abs(a - b) <= SAME_MM for a, b in zip(path.at_mm, at_mm, strict=True))
-            if path.indenter == indenter and there:
-                return self.of(path)
+            matches = all(
+                abs(a - b) <= WAYPOINT_TOLERANCE_MM for a, b in zip(path.at_mm, at_mm, strict=True)
+            )
+            if path.indenter == indenter and matches:
+                return self.planned_press(path)
         raise InputError(f"no press of {indenter} is planned at ({at_mm[0]:g}, {at_mm[1]:g}) mm")
 
     def path(self, name: str) -> PressPath:
@@ -124,24 +130,24 @@ class Presses:
         for path in self.paths:
             if path.press == name:
                 return path
-        known = ", ".join(path.press for path in self.paths)
-        raise InputError(f"no press {name!r}; valid: {known}")
+        names = ", ".join(path.press for path in self.paths)
+        raise InputError(f"no press {name!r}; valid: {names}")
 
-    def of(self, path: PressPath) -> PlannedPress:
+    def planned_press(self, path: PressPath) -> PlannedPress:
         press = self._waiting.pop(path.press, None) or self._press(path)
-        if self.opened:
-            self.opened[-1].solver.close()
-        self.opened.append(press)
+        if self.open_presses:
+            self.open_presses[-1].solver.close()
+        self.open_presses.append(press)
         return press
 
     def choice(self, path: PressPath) -> Choice:
         """Mesh and friction of a planned press. Raises InputError where the level has none."""
-        return self._choose(path, poses(path, self.increments, self.relaxing_s))
+        return self._choose(path, knot_poses(path, self.increments, self.relaxing_s))
 
     def _press(self, path: PressPath) -> PlannedPress:
-        planned = poses(path, self.increments, self.relaxing_s)
+        planned = knot_poses(path, self.increments, self.relaxing_s)
         shape, choice = parse_indenter(path.indenter), self._choose(path, planned)
-        solver = open_path(self._skin, self.material, shape, planned, self._shown, choice)
+        solver = open_path(self._skin, self.material, shape, planned, self._channels, choice)
         return PlannedPress(solver, path.press, path.waypoints)
 
     def _choose(self, path: PressPath, planned: Sequence[KnotPose]) -> Choice:
@@ -181,30 +187,32 @@ class PressPath:
         return -min(line.end_mm[2] for line in self.lines)
 
 
-def paths(protocol: Protocol) -> list[PressPath]:
+def press_paths(protocol: Protocol) -> list[PressPath]:
     """The press paths of a protocol, in its order.
 
     Ways that end in the air are not in them, but for a retract that is filmed.
     """
-    found: dict[str, PressPath] = {}
-    here: Point = (0.0, 0.0, protocol.motion.park_mm)
+    by_name: dict[str, PressPath] = {}
+    position: Point = (0.0, 0.0, protocol.motion.park_mm)
     for step in expand_protocol(protocol):
-        start, here = here, step.target_mm
+        start, position = position, step.target_mm
         if step.kind == "change":
             continue
-        held = found.setdefault(step.press, PressPath(step.press, step.indenter, here[:2], ()))
+        press = by_name.setdefault(
+            step.press, PressPath(step.press, step.indenter, position[:2], ())
+        )
         if step.kind == "hold":
-            *before, last = held.lines
+            *earlier, last = press.lines
             rests = replace(last, dwell_s=last.dwell_s + step.hold_s)
-            found[step.press] = replace(held, lines=(*before, rests))
-        elif here[2] < -CONTACT_EPS_MM or (step.kind == "retract" and step.frames):
-            seconds = math.dist(start, here) / (step.feed_mm_min / 60)
-            line = LineMove(start, here, seconds, step.settle_s)
-            found[step.press] = replace(held, lines=(*held.lines, line))
-    return list(found.values())
+            by_name[step.press] = replace(press, lines=(*earlier, rests))
+        elif position[2] < -CONTACT_EPS_MM or (step.kind == "retract" and step.frames):
+            seconds = math.dist(start, position) / (step.feed_mm_min / 60)
+            line = LineMove(start, position, seconds, step.settle_s)
+            by_name[step.press] = replace(press, lines=(*press.lines, line))
+    return list(by_name.values())
 
 
-def poses(
+def knot_poses(
     path: PressPath, increments: Increments, relaxing_s: Sequence[float] = ()
 ) -> list[KnotPose]:
     """All knots of a press that have to be solved, in order.
@@ -212,15 +220,15 @@ def poses(
     relaxing_s: the times in which the gel relaxes; none: it does not, and rests do not count. Else
     a rest is knots more at the same place, see `rest_s`.
     """
-    found = []
+    knots = []
     for line in path.lines:
-        at, where = increments.divide(line.start_mm, line.end_mm)
-        for (a, b), tip in zip(itertools.pairwise(at), where[1:], strict=True):
+        fractions, tips_mm = increments.divide(line.start_mm, line.end_mm)
+        for (a, b), tip in zip(itertools.pairwise(fractions), tips_mm[1:], strict=True):
             if tip[2] < 0:
-                found.append(KnotPose(tip, (b - a) * line.seconds, b))
+                knots.append(KnotPose(tip, (b - a) * line.seconds, b))
         if relaxing_s and line.dwell_s > 0:
-            found += [KnotPose(line.end_mm, s, 0.0) for s in rest_s(line.dwell_s, relaxing_s)]
-    return found
+            knots += [KnotPose(line.end_mm, s, 0.0) for s in rest_s(line.dwell_s, relaxing_s)]
+    return knots
 
 
 def rest_s(dwell_s: float, relaxing_s: Sequence[float]) -> list[float]:
@@ -235,23 +243,23 @@ def rest_s(dwell_s: float, relaxing_s: Sequence[float]) -> list[float]:
     return [b - a for a, b in itertools.pairwise([0.0, *ends])]
 
 
-def unanswered(
+def simulation_refusals(
     protocol: Protocol, sensor: SensorDimensions, config: GelConfig, source: str
 ) -> list[str]:
     """Why presses cannot be simulated, a line each; a level that cannot is one line for all."""
     try:
         require_gel_level(protocol, sensor, source)
         presses = Presses(protocol, sensor.skin, config)
-    except InputError as why:
-        return [str(why)]
+    except InputError as error:
+        return [str(error)]
     if not presses.observed:
         return []
     reasons = []
     for path in presses.paths:
         try:
             presses.choice(path)
-        except InputError as why:
-            reasons.append(f"{source}: press {path.press}: {why}")
+        except InputError as error:
+            reasons.append(f"{source}: press {path.press}: {error}")
     return reasons
 
 
@@ -267,25 +275,25 @@ def require_gel_level(protocol: Protocol, sensor: SensorDimensions, source: str)
             f"{source}: depths_mm: {deepest:g} mm is not less than the gel's thickness of "
             f"{thickness_mm:g} mm: no level of the gel can be pressed that deep"
         )
-    most = poisson_limit(level)
-    if specimen.poisson > most:
+    poisson_max = poisson_limit(level)
+    if specimen.poisson > poisson_max:
         raise InputError(
-            f"{source}: specimen.poisson: {specimen.poisson} is over {most}: the level {level!r} "
-            "stops there; 0.499 serves"
+            f"{source}: specimen.poisson: {specimen.poisson} is over {poisson_max}: level {level!r}"
+            " stops there; 0.499 serves"
         )
     if level != "linear":
         return
     material = GelMaterial(1.0, specimen.poisson, specimen.friction, specimen.prony)
     key = "specimen.prony" if specimen.prony else "depths_mm"
     for indenter in map(parse_indenter, protocol.indenters):
-        if why := LinearContact.refusal(sensor.skin, material, indenter, deepest):
+        if refusal := LinearContact.refusal(sensor.skin, material, indenter, deepest):
             raise InputError(
-                f"{source}: {key}: {why}: the level {level!r} stops there; this protocol needs the "
+                f"{source}: {key}: {refusal}: level {level!r} stops there; this protocol needs the "
                 "level 'hyperelastic'"
             )
 
 
-def gel_left_out(presses: Presses, choices: Sequence[Choice]) -> Iterator[Note]:
+def gel_not_built(presses: Presses, choices: Sequence[Choice]) -> Iterator[Note]:
     """What this scene's gel did not solve or keep, and why."""
     if not presses.observed:
         yield Note("gel", "no channel asks for what it does")
@@ -304,11 +312,11 @@ def gel_left_out(presses: Presses, choices: Sequence[Choice]) -> Iterator[Note]:
 
 def gel_notes(presses: Presses, choices: Sequence[Choice], skin: SkinDimensions) -> Iterator[Note]:
     """What a reader of a run on the simulated gel must know."""
-    opened = presses.opened
-    solved = sum(p.solver.solves for p in opened)
-    found = sum(len(p.solver.knots) for p in opened if p.solver.found is not None)
+    pressed = presses.open_presses
+    solves = sum(p.solver.solves for p in pressed)
+    cached = sum(len(p.solver.knots) for p in pressed if p.solver.found is not None)
     text = (
-        f"{solved} contact problems solved, {found} found in the store (no pattern, camera or "
+        f"{solves} contact problems solved, {cached} found in the store (no pattern, camera or "
         "modulus matters to them); between them displacements and forces are interpolated linearly"
     )
     yield Note("solved", text)
@@ -335,12 +343,12 @@ def gel_notes(presses: Presses, choices: Sequence[Choice], skin: SkinDimensions)
 
 def _flag_notes(presses: Presses) -> Iterator[Note]:
     """A note for each kind of flag: where, in how many states, and the last of them in full."""
-    where: dict[str, list[str]] = {}
+    occurrences: dict[str, list[str]] = {}
     example: dict[str, Note] = {}
-    for press in presses.opened:
+    for press in presses.open_presses:
         for name, count in press.solver.flags.items():
-            where.setdefault(name, []).append(f"{count} of {press.name}")
+            occurrences.setdefault(name, []).append(f"{count} of {press.name}")
         example |= {flag.id: flag for knot in press.solver.knots for flag in knot.flags}
-    for id, found in sorted(where.items()):
-        text = f"{example[id].labelled}; states concerned: {', '.join(found)}"
+    for id, counts in sorted(occurrences.items()):
+        text = f"{example[id].labelled}; states concerned: {', '.join(counts)}"
         yield Note(id, text, warns=True)

@@ -22,9 +22,9 @@ from deltact_fab.bench import Clock
 from .clock import NS_PER_S
 from .controller import GrblController
 
-IDLE_MS = 20  # between two looks when nothing is to happen
-CLOSED_MS = 2  # between two looks whether a host has opened the port
-PIECE = 4096
+IDLE_POLL_MS = 20  # between two looks when nothing is to happen
+CLOSED_POLL_MS = 2  # between two looks whether a host has opened the port
+READ_BYTES = 4096
 
 
 class PtyCable(AbstractContextManager["PtyCable"]):
@@ -39,8 +39,8 @@ class PtyCable(AbstractContextManager["PtyCable"]):
         clock: Clock,
         *,
         resets_on_open: bool = False,
-        heard: Callable[[float, bytes], None] | None = None,
-        opened: Callable[[bool], None] | None = None,
+        on_receive: Callable[[float, bytes], None] | None = None,
+        on_open: Callable[[bool], None] | None = None,
     ) -> None:
         """clock: the controller's. resets_on_open: opening the port restarts the controller, as an
         Arduino does. heard: gets every piece of what the host sent, with the time it came
@@ -50,15 +50,15 @@ class PtyCable(AbstractContextManager["PtyCable"]):
         self._clock = clock
         self.lock = threading.RLock()
         self._resets_on_open = resets_on_open
-        self._heard = heard or (lambda t_s, data: None)
-        self._opened = opened or (lambda is_open: None)
+        self._on_receive = on_receive or (lambda t_s, data: None)
+        self._on_open = on_open or (lambda is_open: None)
         self._folder = tempfile.TemporaryDirectory(prefix="deltact-fab-")
         self.port = str(Path(self._folder.name) / "stage")
         """What a host opens; the same after the cable was out."""
-        self._ours: int | None = None
+        self._master_fd: int | None = None
         self._open = False
-        self._unsaid = b""  # that the terminal could not take yet
-        self._done = threading.Event()
+        self._unsent = b""  # that the terminal could not take yet
+        self._stop = threading.Event()
         self.plug()
         self._thread = threading.Thread(target=self._serve, name="pseudo terminal", daemon=True)
         self._thread.start()
@@ -69,29 +69,29 @@ class PtyCable(AbstractContextManager["PtyCable"]):
     def plug(self) -> None:
         """Put the cable back; what was said meanwhile is lost."""
         with self.lock:
-            if self._ours is not None:
+            if self._master_fd is not None:
                 return
-            ours, theirs = os.openpty()
-            tty.setraw(theirs)
-            os.set_blocking(ours, False)
+            master_fd, slave_fd = os.openpty()
+            tty.setraw(slave_fd)
+            os.set_blocking(master_fd, False)
             fresh = f"{self.port}.new"
-            os.symlink(os.ttyname(theirs), fresh)
+            os.symlink(os.ttyname(slave_fd), fresh)
             os.replace(fresh, self.port)
-            os.close(theirs)  # or nobody could tell whether a host has it open
-            self._ours = ours
+            os.close(slave_fd)  # or nobody could tell whether a host has it open
+            self._master_fd = master_fd
 
     def unplug(self) -> None:
         """Pull the cable: reads and writes of the host fail, the controller's motion goes on."""
         with self.lock:
-            if self._ours is not None:
-                os.close(self._ours)
+            if self._master_fd is not None:
+                os.close(self._master_fd)
                 os.unlink(self.port)
-            self._ours, self._unsaid = None, b""
-            self._see(False)
+            self._master_fd, self._unsent = None, b""
+            self._set_open(False)
 
     def close(self) -> None:
         """End the thread and the terminal; again does nothing."""
-        self._done.set()
+        self._stop.set()
         self._thread.join()
         self.unplug()
         self._folder.cleanup()
@@ -99,36 +99,36 @@ class PtyCable(AbstractContextManager["PtyCable"]):
     # ---- the thread ---------------------------------------------------------------------------
 
     def _serve(self) -> None:
-        while not self._done.is_set():
+        while not self._stop.is_set():
             with self.lock:
                 event_ns, now_ns = self.controller.next_event_ns(), self._clock.now_ns()
-                ours = self._ours
-            wait_ms = IDLE_MS if self._open else CLOSED_MS
+                master_fd = self._master_fd
+            wait_ms = IDLE_POLL_MS if self._open else CLOSED_POLL_MS
             if event_ns is not None:
                 wait_ms = min(wait_ms, max(math.ceil((event_ns - now_ns) * 1000 / NS_PER_S), 0))
-            if ours is None or not self._ready(ours, wait_ms):
-                time.sleep(CLOSED_MS / 1000)
+            if master_fd is None or not self._ready(master_fd, wait_ms):
+                time.sleep(CLOSED_POLL_MS / 1000)
             with self.lock:
-                if self._ours is not None and self._ours == ours:
-                    self._exchange(ours)
+                if self._master_fd is not None and self._master_fd == master_fd:
+                    self._exchange(master_fd)
                 else:
                     self.controller.take_output()
 
-    def _ready(self, ours: int, wait_ms: int) -> bool:
+    def _ready(self, master_fd: int, wait_ms: int) -> bool:
         """Wait for bytes, at most so long; False when no host has the port open."""
         poll = select.poll()
-        poll.register(ours, select.POLLIN)
+        poll.register(master_fd, select.POLLIN)
         try:
-            events = dict(poll.poll(wait_ms)).get(ours, 0)
+            events = dict(poll.poll(wait_ms)).get(master_fd, 0)
         except OSError:  # pulled meanwhile
             return False
         is_open = not events & (select.POLLHUP | select.POLLNVAL)
         with self.lock:
-            if self._ours == ours:
-                self._see(is_open)
+            if self._master_fd == master_fd:
+                self._set_open(is_open)
         return is_open
 
-    def _see(self, is_open: bool) -> None:
+    def _set_open(self, is_open: bool) -> None:
         if is_open == self._open:
             return
         self._open = is_open
@@ -136,21 +136,21 @@ class PtyCable(AbstractContextManager["PtyCable"]):
             if self._resets_on_open:
                 self.controller.hard_reset()
             self.controller.take_output()  # nobody heard what it said before
-            self._unsaid = b""
-        self._opened(is_open)
+            self._unsent = b""
+        self._on_open(is_open)
 
-    def _exchange(self, ours: int) -> None:
+    def _exchange(self, master_fd: int) -> None:
         """What has come to the controller, what it says to the host."""
         data = b""
         with suppress(OSError):  # none has come, or the host is gone
-            data = os.read(ours, PIECE)
+            data = os.read(master_fd, READ_BYTES)
         if data:
-            self._heard(time.monotonic(), data)
+            self._on_receive(time.monotonic(), data)
             self.controller.write(data)
-        said = self.controller.read_available()
+        output = self.controller.read_available()
         if not self._open:
             return
-        self._unsaid += said
+        self._unsent += output
         with suppress(OSError):
-            while self._unsaid:
-                self._unsaid = self._unsaid[os.write(ours, self._unsaid) :]
+            while self._unsent:
+                self._unsent = self._unsent[os.write(master_fd, self._unsent) :]

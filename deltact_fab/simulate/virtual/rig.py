@@ -22,7 +22,7 @@ from deltact_fab.sensor import Fisheye, Pinhole, Rectified, SensorDimensions
 from .clock import VirtualClock
 from .controller import GrblController
 from .netft import LockstepLink, NetFTBox
-from .presses import Presses, gel_left_out, gel_notes, unanswered
+from .presses import Presses, gel_not_built, gel_notes, simulation_refusals
 from .scene import GelScene, LatticeCrop
 from .wire import SerialLink
 
@@ -41,7 +41,7 @@ class VirtualKind(RigKind):
 
     def refusals(self, protocol: Protocol, sensor: SensorDimensions, source: str) -> list[str]:
         """Presses that are observed and for which the gel has no level or no mesh."""
-        return unanswered(protocol, sensor, self._config.virtual.gel, source)
+        return simulation_refusals(protocol, sensor, self._config.virtual.gel, source)
 
     def camera(self, protocol: Protocol, sensor: SensorDimensions) -> Pinhole | Rectified | None:
         """The design's pinhole, or the view through the lens; that only where images are taken."""
@@ -82,7 +82,7 @@ class VirtualRig(Rig):
         self._job = job
         self._config = config
         stage, simulator, clock = config.stage, config.virtual, VirtualClock()
-        controller = GrblController.of(stage, clock)
+        controller = GrblController.for_stage(stage, clock)
         self.presses = presses = Presses(job.protocol, job.sensor.skin, simulator.gel)
         self._crop: LatticeCrop | None = None
         if "image" in job.protocol.channels:
@@ -95,8 +95,8 @@ class VirtualRig(Rig):
         )  # fmt: skip
         host = GrblStage.of(stage, clock, SerialLink(controller, clock, baud=stage.baud))
         host.whole_moves = True  # the gel is solved along the lines of the plan
-        with ExitStack() as opened:
-            opened.callback(host.close)
+        with ExitStack() as resources:
+            resources.callback(host.close)
             camera: VirtualCamera | None = None
             if self._crop is not None:
                 from .drawing import VirtualCamera
@@ -105,7 +105,7 @@ class VirtualRig(Rig):
                 camera = VirtualCamera(
                     picture, clock, job.seed, self.scene, self._crop.lattice, lens, job.folder
                 )
-                opened.callback(camera.close)
+                resources.callback(camera.close)
             force: VirtualForce | None = None
             if "force" in job.protocol.channels:
                 scene = self.scene if self._crop is None else None
@@ -113,9 +113,9 @@ class VirtualRig(Rig):
                     config.force, clock, job.seed, self.scene.wrenches, simulator.force.noise_n
                 )
                 force = VirtualForce(box, clock, scene)
-                opened.callback(force.close)
+                resources.callback(force.close)
             super().__init__(clock, host, camera, force, self.scene.mount)
-            self.opened = opened.pop_all()
+            self.resources = resources.pop_all()
 
     def left_out(self) -> Iterator[Note]:
         """What this scene did not build or solve, and why."""
@@ -128,7 +128,7 @@ class VirtualRig(Rig):
             yield Note(lens, "no channel asks for images")
         if self.force is None:
             yield Note("force sensor", "the channel 'force' is not asked for")
-        yield from gel_left_out(self.presses, self._choices)
+        yield from gel_not_built(self.presses, self._choices)
         yield Note("solid models", "a run needs the numbers of the shapes only")
 
     def notes(self) -> Iterator[Note]:

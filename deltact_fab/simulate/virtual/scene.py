@@ -25,7 +25,7 @@ from .controller import GrblController
 from .motion import Segment
 from .presses import PlannedPress
 
-SQUARE = 1e-6  # of the spacing: rounding of a lattice
+SPACING_TOLERANCE = 1e-6  # of the spacing: rounding of a lattice
 
 
 @dataclass(frozen=True)
@@ -54,8 +54,8 @@ class MotionSegment:
     """
 
     segment: Segment
-    at: list[float]
-    where: list[Point]
+    fractions: list[float]
+    tips_mm: list[Point]
     knots: list[SolvedKnot]
 
 
@@ -70,10 +70,10 @@ class LatticeCrop:
     ) -> None:
         d = float(x_mm[1] - x_mm[0])
         self._resampling: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
-        if abs(float(y_mm[1] - y_mm[0]) - d) > SQUARE * d:
+        if abs(float(y_mm[1] - y_mm[0]) - d) > SPACING_TOLERANCE * d:
             x_mm, y_mm = self._square(x_mm, y_mm, d)
-        self.columns = _covering(x_mm, half_mm[0])
-        self.rows = _covering(y_mm, half_mm[1])
+        self.columns = _nodes_within(x_mm, half_mm[0])
+        self.rows = _nodes_within(y_mm, half_mm[1])
         x, y = x_mm[self.columns], y_mm[self.rows]
         self.lattice = SurfaceLattice(float(x[0]), float(y[0]), float(x[1] - x[0]), len(x), len(y))
 
@@ -86,7 +86,7 @@ class LatticeCrop:
         axes, matrices = [], []
         for nodes in (x_mm, y_mm):
             middle, half = (nodes[0] + nodes[-1]) / 2, (nodes[-1] - nodes[0]) / 2
-            n = int(half / d + SQUARE)
+            n = int(half / d + SPACING_TOLERANCE)
             axes.append(middle + d * np.arange(-n, n + 1))
             matrices.append(CubicSpline(nodes, np.eye(len(nodes)))(axes[-1]))
         self._resampling = matrices[0], matrices[1]
@@ -101,7 +101,7 @@ class LatticeCrop:
         return np.ascontiguousarray(np.moveaxis(laid, 0, -1), dtype=np.float32)
 
 
-def _covering(nodes: NDArray[np.float64], half_mm: float) -> slice:
+def _nodes_within(nodes: NDArray[np.float64], half_mm: float) -> slice:
     """Nodes from -half to +half and two more on each side, so that a cubic has its neighbours."""
     inside = np.flatnonzero(np.abs(nodes) <= half_mm)
     return slice(max(int(inside[0]) - 2, 0), int(inside[-1]) + 3)
@@ -130,7 +130,7 @@ class GelScene:
         self._next_segment = 0
         self._line: MotionSegment | None = None
         self._rest = SolvedKnot()
-        self._here = self._rest
+        self._current = self._rest
         self._arrived_ns = 0
         self.knots = [self._rest]
 
@@ -145,15 +145,15 @@ class GelScene:
         self.observe()
         x, y, _ = self.frame.to_sensor_mm(self.controller.position_mm())
         self._press = press = self.presses(self._indenter, (x, y))
-        rest = still = apart = None
+        rest = no_traction = zones = None
         if self.crop is not None:
             nothing = np.zeros((len(self.axes_mm[1]), len(self.axes_mm[0]), 3), np.float32)
             rest = np.zeros_like(self.crop(nothing))
-            still = nothing if press.solver.observed.traction else None
-            apart = nothing[..., 0].astype(np.uint8)
+            no_traction = nothing if press.solver.observed.traction else None
+            zones = nothing[..., 0].astype(np.uint8)
         self._rest = SolvedKnot(
-            zones=Zones(centroid_mm=(x, y)), displacement_mm=rest, traction_mpa=still,
-            zone_map=apart,
+            zones=Zones(centroid_mm=(x, y)), displacement_mm=rest, traction_mpa=no_traction,
+            zone_map=zones,
         )  # fmt: skip
         self._settle(self._rest, 0)
         self.knots = [self._rest]
@@ -169,24 +169,28 @@ class GelScene:
         now_ns = self.clock.now_ns()
         segment = self._reach(now_ns)
         if segment is None:
-            return self._resting(now_ns)
-        return self._between(self._line_of(segment), segment, now_ns)
+            return self._observe_rest(now_ns)
+        return self._between_knots(self._segment_of(segment), segment, now_ns)
 
     def wrenches(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         """Forces (N) and torques (N mm) on the sensor (n, 6) at times (n,), ascending.
 
         None is later than now or earlier than what was looked at before. Raises as `observe`.
         """
-        found = np.empty((len(t_ns), 6))
+        wrenches = np.empty((len(t_ns), 6))
         k = 0
         while k < len(t_ns):
             segment = self._reach(int(t_ns[k]))
             until_ns = self._next_start_ns() if segment is None else segment.end_ns
             last = k + int(np.searchsorted(t_ns[k:], until_ns))
             part = t_ns[k:last]
-            found[k:last] = self._still(part) if segment is None else self._along(segment, part)
+            wrenches[k:last] = (
+                self._rest_wrenches(part)
+                if segment is None
+                else self._wrenches_along(segment, part)
+            )
             k = last
-        return found
+        return wrenches
 
     def _reach(self, now_ns: int) -> Segment | None:
         """Carry the state over all lines that are over; the line under way, None at rest."""
@@ -211,75 +215,77 @@ class GelScene:
             else math.inf
         )
 
-    def _along(self, segment: Segment, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+    def _wrenches_along(self, segment: Segment, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         """Wrenches (n, 6) at times (n,) of a line under way."""
-        line = self._line_of(segment)
+        line = self._segment_of(segment)
         length = math.dist(segment.start_mm, segment.end_mm)
-        done = np.clip(segment.travelled_mm(t_ns) / length, 0.0, 1.0)
-        ends = np.minimum(np.searchsorted(line.at, done[[0, -1]], "right"), len(line.at) - 1)
+        progress = np.clip(segment.travelled_mm(t_ns) / length, 0.0, 1.0)
+        ends = np.minimum(
+            np.searchsorted(line.fractions, progress[[0, -1]], "right"), len(line.fractions) - 1
+        )
         first, last = max(int(ends[0]) - 1, 0), int(ends[1])
         self._solve_up_to(line, last)
         knots = np.array([knot.wrench for knot in line.knots[first : last + 1]])
-        at = line.at[first : last + 1]
-        return np.stack([np.interp(done, at, column) for column in knots.T], axis=1)
+        shares = line.fractions[first : last + 1]
+        return np.stack([np.interp(progress, shares, column) for column in knots.T], axis=1)
 
-    def _still(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+    def _rest_wrenches(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         """Wrenches (n, 6) at times (n,) of a rest, which may have several knots."""
-        found = np.empty((len(t_ns), 6))
+        wrenches = np.empty((len(t_ns), 6))
         for k, now_ns in enumerate(t_ns.tolist()):
-            at = self._resting(now_ns)
-            a, b = np.array(at.a.wrench), np.array(at.b.wrench)
-            found[k] = a + at.fraction * (b - a)
-            if at.a is at.b:  # nothing creeps
-                found[k:] = a
+            observation = self._observe_rest(now_ns)
+            a, b = np.array(observation.a.wrench), np.array(observation.b.wrench)
+            wrenches[k] = a + observation.fraction * (b - a)
+            if observation.a is observation.b:  # nothing creeps
+                wrenches[k:] = a
                 break
-        return found
+        return wrenches
 
-    def _resting(self, now_ns: float) -> Observation:
+    def _observe_rest(self, now_ns: float) -> Observation:
         """Where no line is under way: still, unless the gel creeps under a resting tip."""
         while self._press is not None:
-            rest_s = self._press.rest_after(self._here.key)
+            rest_s = self._press.rest_after(self._current.key)
             if rest_s is None:
                 break
-            tip = self._press.solver.poses[self._here.key].tip_mm
-            after = self._knot(self._press.solver.next(self._here.key, tip, rest_s))
+            tip = self._press.solver.poses[self._current.key].tip_mm
+            successor = self._own_knot(self._press.solver.next(self._current.key, tip, rest_s))
             fraction = (now_ns - self._arrived_ns) / NS_PER_S / rest_s
             if fraction < 1.0:
-                return Observation(self._here, after, fraction)
-            self._settle(after, self._arrived_ns + round(rest_s * NS_PER_S))
-        return Observation(self._here, self._here, 0.0)
+                return Observation(self._current, successor, fraction)
+            self._settle(successor, self._arrived_ns + round(rest_s * NS_PER_S))
+        return Observation(self._current, self._current, 0.0)
 
     def _finish(self, segment: Segment) -> None:
         """Carry the state to the end of a line that is over and ends in contact."""
-        line = self._line_of(segment)
-        self._solve_up_to(line, len(line.at) - 1)
+        line = self._segment_of(segment)
+        self._solve_up_to(line, len(line.fractions) - 1)
         self._settle(line.knots[-1], segment.end_ns)
 
     def _settle(self, knot: SolvedKnot, since_ns: int) -> None:
-        self._here = knot
+        self._current = knot
         self._line = None
         self._arrived_ns = since_ns
 
-    def _line_of(self, segment: Segment) -> MotionSegment:
+    def _segment_of(self, segment: Segment) -> MotionSegment:
         """The line of a segment; when it was cut short since, what was passed already is kept."""
         line = self._line
         if line is not None and line.segment == segment:
             return line
         if line is None:
             # The plan's rest is over when the next line starts, whatever the host took for it.
-            self._resting(math.inf)
+            self._observe_rest(math.inf)
         start, end = (self._planned(p) for p in (segment.start_mm, segment.end_mm))
-        at, where = self.increments.divide(start, end)
-        knots = [self._here]
+        shares, points_mm = self.increments.divide(start, end)
+        knots = [self._current]
         if line is not None:
             # A hold: the new end lies between two knots of the old plan.
             length = math.dist(line.segment.start_mm, line.segment.end_mm)
             share = math.dist(segment.start_mm, segment.end_mm) / length
-            kept = [i for i, a in enumerate(line.at[: len(line.knots)]) if a <= share]
-            at = [line.at[i] / share for i in kept] + [1.0]
-            where = [line.where[i] for i in kept] + [end]
-            knots = [line.knots[i] for i in kept]
-        self._line = MotionSegment(segment, at, where, knots)
+            passed = [i for i, a in enumerate(line.fractions[: len(line.knots)]) if a <= share]
+            shares = [line.fractions[i] / share for i in passed] + [1.0]
+            points_mm = [line.tips_mm[i] for i in passed] + [end]
+            knots = [line.knots[i] for i in passed]
+        self._line = MotionSegment(segment, shares, points_mm, knots)
         return self._line
 
     def _planned(self, machine_mm: Point) -> Point:
@@ -287,36 +293,38 @@ class GelScene:
         point = self.frame.to_sensor_mm(machine_mm)
         return point if self._press is None else self._press.snapped(point)
 
-    def _between(self, line: MotionSegment, segment: Segment, now_ns: int) -> Observation:
+    def _between_knots(self, line: MotionSegment, segment: Segment, now_ns: int) -> Observation:
         length = math.dist(segment.start_mm, segment.end_mm)
-        done = math.dist(segment.start_mm, segment.position_mm(now_ns)) / length
+        progress = math.dist(segment.start_mm, segment.position_mm(now_ns)) / length
         k = 0
-        while k + 2 < len(line.at) and line.at[k + 1] <= done:
+        while k + 2 < len(line.fractions) and line.fractions[k + 1] <= progress:
             k += 1
         self._solve_up_to(line, k + 1)
-        fraction = (done - line.at[k]) / (line.at[k + 1] - line.at[k])
+        fraction = (progress - line.fractions[k]) / (line.fractions[k + 1] - line.fractions[k])
         return Observation(line.knots[k], line.knots[k + 1], min(max(fraction, 0.0), 1.0))
 
     def _solve_up_to(self, line: MotionSegment, last: int) -> None:
         while len(line.knots) <= last:
             k = len(line.knots)
-            tip = line.where[k]
+            tip = line.tips_mm[k]
             if tip[2] >= 0:
                 line.knots.append(self._rest)
                 continue
             assert self._press is not None, "begin() comes before the first press"
             whole_s = (line.segment.end_ns - line.segment.start_ns) / NS_PER_S
-            seconds = (line.at[k] - line.at[k - 1]) * whole_s
-            line.knots.append(self._knot(self._press.solver.next(line.knots[-1].key, tip, seconds)))
+            seconds = (line.fractions[k] - line.fractions[k - 1]) * whole_s
+            line.knots.append(
+                self._own_knot(self._press.solver.next(line.knots[-1].key, tip, seconds))
+            )
 
-    def _knot(self, solved: SolvedKnot) -> SolvedKnot:
+    def _own_knot(self, solution: SolvedKnot) -> SolvedKnot:
         """The scene's own of a knot that the press's solver gave."""
         for knot in reversed(self.knots):
-            if knot.key == solved.key:
+            if knot.key == solution.key:
                 return knot
         field = None
         if self.crop is not None:
-            assert solved.displacement_mm is not None, "a scene that draws keeps fields"
-            field = self.crop(solved.displacement_mm)
-        self.knots.append(replace(solved.scaled(self.modulus_mpa), displacement_mm=field))
+            assert solution.displacement_mm is not None, "a scene that draws keeps fields"
+            field = self.crop(solution.displacement_mm)
+        self.knots.append(replace(solution.scaled(self.modulus_mpa), displacement_mm=field))
         return self.knots[-1]

@@ -35,11 +35,11 @@ from .netft import BoxFaults, NetFTBox, Wrenches
 from .picture import FrameRenderer, PictureGeometry
 from .pty import PtyCable
 
-WAKE_S = 0.05  # how long a command or the end of the server may wait at most
-RIG, CAMERA, IMAGES = "rig.toml", "camera.toml", "images"
+MAX_WAKE_S = 0.05  # how long a command or the end of the server may wait at most
+RIG_FILE, CAMERA_FILE, IMAGE_FOLDER = "rig.toml", "camera.toml", "images"
 IMAGE_COUNT = 20  # of the face at rest
-RATE_HZ = 10.0
-SILENT_S = 1.0  # a busy computer keeps the simulated box from running for a while
+IMAGE_RATE_HZ = 10.0
+SILENCE_LIMIT_S = 1.0  # a busy computer keeps the simulated box from running for a while
 
 
 class NetFTServer(AbstractContextManager["NetFTServer"]):
@@ -58,17 +58,17 @@ class NetFTServer(AbstractContextManager["NetFTServer"]):
         seed: int = 0,
         noise_n: float = 0.0,
         serial: str = "FT00001",
-        sent: Callable[[bytes, int], None] | None = None,
+        on_send: Callable[[bytes, int], None] | None = None,
     ) -> None:
         self._clock = VirtualClock()
         self._clock.advance_to_ns(time.monotonic_ns())
         self._box = NetFTBox(config or ForceConfig(), self._clock, seed, wrenches, noise_n)
-        self._sent = sent
+        self._on_send = on_send
         self.path = "/netftapi2.xml"
         self.page = _page(self._box, serial)
         """What the page shows; may be changed at any time."""
         self.host = "127.0.0.1"
-        self._done = threading.Event()
+        self._stop = threading.Event()
         self._udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._udp.bind((self.host, 0))
@@ -90,7 +90,9 @@ class NetFTServer(AbstractContextManager["NetFTServer"]):
         self.http_port: int = self._http.server_address[1]
         self._threads = [
             threading.Thread(target=self._stream, name="netft-rdt"),
-            threading.Thread(target=self._http.serve_forever, args=(WAKE_S,), name="netft-http"),
+            threading.Thread(
+                target=self._http.serve_forever, args=(MAX_WAKE_S,), name="netft-http"
+            ),
         ]
         for thread in self._threads:
             thread.start()
@@ -101,9 +103,9 @@ class NetFTServer(AbstractContextManager["NetFTServer"]):
 
     def close(self) -> None:
         """End both threads and close the sockets; again does nothing."""
-        if self._done.is_set():
+        if self._stop.is_set():
             return
-        self._done.set()
+        self._stop.set()
         self._http.shutdown()
         for thread in self._threads:
             thread.join()
@@ -117,17 +119,17 @@ class NetFTServer(AbstractContextManager["NetFTServer"]):
         """The one thread that the box belongs to."""
         client: tuple[str, int] | None = None
         udp, box, clock = self._udp, self._box, self._clock
-        while not self._done.is_set():
+        while not self._stop.is_set():
             now_ns = time.monotonic_ns()
             wait_s = (box.next_ns(now_ns + 10**9) - now_ns) / 1e9
-            ready = select.select([udp], [], [], min(max(wait_s, 0.0), WAKE_S))[0]
+            ready = select.select([udp], [], [], min(max(wait_s, 0.0), MAX_WAKE_S))[0]
             clock.advance_to_ns(time.monotonic_ns())
             if ready:
                 command, client = udp.recvfrom(64)
                 box.send(command)
-            while client is not None and (data := box.due()) is not None:
-                if self._sent is not None:
-                    self._sent(data.payload, time.monotonic_ns())
+            while client is not None and (data := box.pop_due()) is not None:
+                if self._on_send is not None:
+                    self._on_send(data.payload, time.monotonic_ns())
                 try:
                     udp.sendto(data.payload, client)
                 except OSError:
@@ -182,7 +184,7 @@ def serve_rig(
     """
     simulator = rig.virtual if rig.kind == "virtual" else SimulatorConfig()
     clock, mount = WallClock(), simulator.mount
-    board = GrblController.of(rig.stage, clock)
+    board = GrblController.for_stage(rig.stage, clock)
     frame = rig.stage.frame
     x, y, z = (a + b for a, b in zip(frame.origin_machine_mm, mount.offset_mm, strict=True))
     true = replace(frame, origin_machine_mm=(x, y, z), tilt_deg=mount.tilt_deg)
@@ -190,44 +192,50 @@ def serve_rig(
     face.mount(indenter, mount.longer_mm.get(indenter, 0.0))
     force = rig.force or ForceConfig()
     with disk_errors(folder, "made"):
-        (folder / IMAGES).mkdir(parents=True)
+        (folder / IMAGE_FOLDER).mkdir(parents=True)
     geometry, rng = PictureGeometry.resting(design), np.random.default_rng(seed)
-    write_new_file(folder / CAMERA, camera_toml(geometry.camera))
+    write_new_file(folder / CAMERA_FILE, camera_toml(geometry.camera))
     draw = FrameRenderer.printed(geometry, simulator, recipe, seed)
     for k in range(IMAGE_COUNT):
         image = draw.render(None, rng)
-        write_whole(folder / IMAGES / f"{k:05d}.png", encode_png(image))
+        write_whole(folder / IMAGE_FOLDER / f"{k:05d}.png", encode_png(image))
     with PtyCable(board, clock) as terminal:
 
         def wrenches(t_ns: Any) -> Any:
             with terminal.lock:
-                at: list[Point] = [board.position_mm(t / 1e9) for t in t_ns.tolist()]
-            return np.reshape([face.wrench(p) for p in at], (-1, 6))
+                positions_mm: list[Point] = [board.position_mm(t / 1e9) for t in t_ns.tolist()]
+            return np.reshape([face.wrench(p) for p in positions_mm], (-1, 6))
 
         noise_n = simulator.force.noise_n
         with NetFTServer(wrenches, force, seed=seed, noise_n=noise_n, serial="simulated") as box:
-            file = folder / RIG
-            write_new_file(file, _text(rig, force, terminal.port, box, image.shape))
+            file = folder / RIG_FILE
+            write_new_file(file, _rig_text(rig, force, terminal.port, box, image.shape))
             yield file
 
 
-def _text(
+def _rig_text(
     rig: RigConfig, force: ForceConfig, port: str, box: NetFTServer, shape: tuple[int, ...]
 ) -> str:
     """The rig file that a lab would write for these devices."""
-    told = rig.model_dump(mode="json", exclude_unset=True, exclude={"virtual", "kind", "camera"})
-    told["stage"]["port"] = port
-    told["stage"].pop("registration", None)
-    kept = force.model_dump(mode="json", exclude_unset=True, exclude={"serial", "netft"})
-    way = {"host": box.host, "rdt_port": box.rdt_port, "http_port": box.http_port}
-    netft = {**way, "silent_s": SILENT_S}
-    told["force"] = {**kept, "netft": netft}
-    shows = [sys.executable, "-m", "deltact_fab.simulate.virtual.shown", IMAGES, f"{RATE_HZ:g}"]
-    told["camera"] = {
+    tables = rig.model_dump(mode="json", exclude_unset=True, exclude={"virtual", "kind", "camera"})
+    tables["stage"]["port"] = port
+    tables["stage"].pop("registration", None)
+    force_table = force.model_dump(mode="json", exclude_unset=True, exclude={"serial", "netft"})
+    address = {"host": box.host, "rdt_port": box.rdt_port, "http_port": box.http_port}
+    netft = {**address, "silent_s": SILENCE_LIMIT_S}
+    tables["force"] = {**force_table, "netft": netft}
+    shows = [
+        sys.executable,
+        "-m",
+        "deltact_fab.simulate.virtual.shown",
+        IMAGE_FOLDER,
+        f"{IMAGE_RATE_HZ:g}",
+    ]
+    tables["camera"] = {
         "command": shows, "stamped": True, "width_px": shape[1], "height_px": shape[0],
-        "rate_hz": RATE_HZ, "model": CAMERA,
+        "rate_hz": IMAGE_RATE_HZ, "model": CAMERA_FILE,
     }  # fmt: skip
     if rig.touch is not None:
-        told["touch"] = rig.touch.model_dump(mode="json", exclude_none=True)
+        tables["touch"] = rig.touch.model_dump(mode="json", exclude_none=True)
     about = ("Simulated devices, while `rig simulate` runs.",)
-    return toml_text({"kind": "grbl", "served": True, **told}, about)
+    return toml_text({"kind": "grbl", "served": True, **tables}, about)

@@ -121,7 +121,7 @@ def gel_report(bench: VirtualRig) -> dict[str, Any]:
     ids. left_out: by the rig.
     """
     presses = bench.presses
-    opened = presses.opened
+    opened = presses.open_presses
     flags = [flag.id for press in opened for knot in press.solver.knots for flag in knot.flags]
     by_name = {path.press: path for path in presses.paths}
     choices = [presses.choice(by_name[press.name]) for press in opened]

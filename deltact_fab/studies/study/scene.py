@@ -102,7 +102,7 @@ class PressScene:
             more["recipe"] = load_recipe(protocol.specimen.pattern)
         needs: tuple[str, ...] = ()
         with suppress(DeltactFabError):  # no mesh serves it
-            needs = presses.of(path).stored_files
+            needs = presses.planned_press(path).stored_files
         # A press does not depend on the other indenters: with more of them it is found again.
         alone = protocol.model_copy(update={"indenters": (path.indenter,)})
         if self.rig.camera is not None:

@@ -82,7 +82,7 @@ class PressStream:
         presses = Presses(protocol, sensor.skin, config.virtual.gel)
         self.path = presses.path(press)
         self.increments = presses.increments
-        self.solver = presses.of(self.path).solver
+        self.solver = presses.planned_press(self.path).solver
         self.solver.solve_all()
         kind = VirtualKind(config, source)
         view, self._flat = kind.camera(protocol, sensor), kind.flat(protocol)

@@ -17,7 +17,7 @@ from deltact_fab.common.checks import Check
 from deltact_fab.common.errors import InputError
 from deltact_fab.simulate.experiment.request import RunRequest
 from deltact_fab.simulate.experiment.session import run_experiment
-from deltact_fab.simulate.preflight.rule import budget
+from deltact_fab.simulate.preflight.rule import budget_checks
 
 SMOKE = plan.load_protocol("smoke")[0]
 
@@ -34,7 +34,7 @@ def rows(protocol: Protocol, out: Path, **more: object) -> dict[str, Check]:
     box = config.load_rig("virtual")[0].stage
     estimate = limits.RunEstimate.of(protocol, 1280 * 720, box)
     arguments: dict[str, object] = {"held_hz": 50.0, **more}
-    found = budget(protocol, plan.expand_protocol(protocol), estimate, out, **arguments)  # type: ignore[arg-type]
+    found = budget_checks(protocol, plan.expand_protocol(protocol), estimate, out, **arguments)  # type: ignore[arg-type]
     return {row.name: row for row in found}
 
 
@@ -55,7 +55,7 @@ def test_days_are_warned_of_and_months_refused(tmp_path: Path) -> None:
     )
     for days, ok, warns in ((0.9, True, False), (2, True, True), (31, False, False)):
         taken = replace(estimate, seconds=days * 86400)
-        found = budget(hour, steps, taken, tmp_path, None)[1]
+        found = budget_checks(hour, steps, taken, tmp_path, None)[1]
         assert (not found.failed, found.status == "warn") == (ok, warns), days
         assert found.value == pytest.approx(24 * days)
 
@@ -65,10 +65,12 @@ def test_the_disk_that_is_judged_is_that_of_the_run(tmp_path: Path) -> None:
     assert str(tmp_path) in found.basis[0]
     box = config.load_rig("virtual")[0].stage
     huge = replace(limits.RunEstimate.of(SMOKE, 1, box), disk_mb=3.5e9)
-    found = budget(SMOKE, plan.expand_protocol(SMOKE), huge, tmp_path, None)[2]
+    found = budget_checks(SMOKE, plan.expand_protocol(SMOKE), huge, tmp_path, None)[2]
     assert found.failed
     assert found.value > found.limit
-    there = budget(SMOKE, plan.expand_protocol(SMOKE), huge, tmp_path, None, kept_mb=3.5e9)[2]
+    there = budget_checks(SMOKE, plan.expand_protocol(SMOKE), huge, tmp_path, None, kept_mb=3.5e9)[
+        2
+    ]
     assert there.value == 0.0  # what a run that goes on has already is not needed again
 
 

@@ -37,7 +37,7 @@ def test_four_of_its_nine_places_are_solved() -> None:
     rig, _ = config.load_rig("virtual")
     assert rig.kind == "virtual"
     presses = Presses(protocol, load_design("deltact").skin, rig.virtual.gel)
-    solved = {presses.of(path).solver.stored_as for path in presses.paths}
+    solved = {presses.planned_press(path).solver.stored_as for path in presses.paths}
     assert len(presses.paths) == 45
     assert len(solved) == 20
 

@@ -37,8 +37,8 @@ class Board:
         self.links: list[str] = []
         self.jogs, self._line = 0, b""
         self.terminal = PtyCable(
-            self.grbl, clock, resets_on_open=arduino, heard=self._hear,
-            opened=lambda is_open: self.links.append("opened" if is_open else "closed"),
+            self.grbl, clock, resets_on_open=arduino, on_receive=self._hear,
+            on_open=lambda is_open: self.links.append("opened" if is_open else "closed"),
         )  # fmt: skip
         self.port = self.terminal.port
 

@@ -18,14 +18,14 @@ from deltact_fab.bench.rig.interface import Devices, RigSetup
 from deltact_fab.common.errors import DeltactFabError, InputError, SensorError
 from deltact_fab.fabricate.patterns.recipe import load_recipe
 from deltact_fab.sensor.shapes.sensor import SensorDimensions
-from deltact_fab.simulate.experiment.request import kind_of
+from deltact_fab.simulate.experiment.request import rig_kind
 
 
 @pytest.fixture
 def build(mini: tuple[Path, Path], tmp_path: Path) -> Iterator[Callable[[], Devices]]:
     """Builds the devices of a virtual rig; closed at the end."""
     protocol, sensor = plan.load_protocol(str(mini[0]))[0], SensorDimensions()
-    of = kind_of(config.load_rig(str(mini[1]))[0], mini[1])
+    of = rig_kind(config.load_rig(str(mini[1]))[0], mini[1])
     recipe, view = load_recipe(protocol.specimen.pattern), of.camera(protocol, sensor)
     with ExitStack() as held:
 

@@ -98,7 +98,7 @@ class Network(BoxFaults):
     def sent(self, number: int, record: bytes) -> list[bytes]:
         held, self.held = self.held, []
         if number % 20 or self.what == "gap":
-            return [*super().sent(number, record), *held]
+            return [*super().payloads(number, record), *held]
         if self.what == "order":  # it comes after the next one
             self.held = [record]
             return []

@@ -15,7 +15,7 @@ from deltact_fab.sensor.optics.camera import StageFrame
 from deltact_fab.simulate.virtual import wire
 from deltact_fab.simulate.virtual.clock import VirtualClock
 from deltact_fab.simulate.virtual.controller import GrblController
-from deltact_fab.simulate.virtual.grbl_lines import SETTINGS, grbl_settings
+from deltact_fab.simulate.virtual.grbl_lines import DEFAULTS_GRBL, grbl_settings
 
 STAGE = {
     "origin_machine_mm": (-60.0, -60.0, -40.0),
@@ -94,11 +94,11 @@ def test_a_board_that_would_move_unhomed() -> None:
     with pytest.raises(StageError, match=r"\[OPT:VL\.\.\.\] .*HOMING_INIT_LOCK.*; flash"):
         connected(options="L")
     said = ["[OPT:V,15,128]", "[FIRMWARE:grblHAL]"]
-    (row,) = judge({**SETTINGS, 1: 255, 22: 1}, said, None)
+    (row,) = judge({**DEFAULTS_GRBL, 1: 255, 22: 1}, said, None)
     assert (row.id, row.status) == ("stage.lock", "fail")
     assert str(row.value).startswith("$22=1 (not locked at its start")
     assert "set $22=5" in row.value
-    assert not judge({**SETTINGS, 1: 255, 22: 5}, said, None)
+    assert not judge({**DEFAULTS_GRBL, 1: 255, 22: 5}, said, None)
 
 
 def test_what_is_not_said() -> None:

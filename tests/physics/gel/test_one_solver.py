@@ -46,7 +46,7 @@ def four(indenter: str, depth_mm: float, spacing_mm: float | None) -> dict[str, 
     return {
         "press": -pressed["force_n"][2],
         "fit": float(curve.normal_n([depth_mm])[0]),
-        "run": -run.of(run.paths[0]).solver.solve_all()[-1].force_n[2],
+        "run": -run.planned_press(run.paths[0]).solver.solve_all()[-1].force_n[2],
         "predicted": predicted.normal_n(depth_mm)[0],
     }
 

@@ -11,7 +11,7 @@ from deltact_fab.simulate.virtual.clock import VirtualClock
 def test_every_tick_comes_once_at_its_time_however_time_passes() -> None:
     clock = VirtualClock(3.0)
     seen: list[int] = []
-    clock.every(7000.0, lambda t_ns: seen.extend(t_ns.tolist()))
+    clock.schedule(7000.0, lambda t_ns: seen.extend(t_ns.tolist()))
     for step_s in (0.1, 1e-9, 0.00015, 0.5, 0.39984999):
         clock.sleep_s(step_s)
         assert not seen or seen[-1] <= clock.now_ns()
@@ -27,9 +27,9 @@ def test_ticks_of_several_devices_are_in_the_order_of_their_times() -> None:
         seen.extend(t_ns.tolist())
         batches.append(len(t_ns))
 
-    clock.every(1000.0, note)
-    clock.every(30.0, note)
-    slow = clock.every(400.0, note)
+    clock.schedule(1000.0, note)
+    clock.schedule(30.0, note)
+    slow = clock.schedule(400.0, note)
     clock.sleep_s(0.5)
     assert seen == sorted(seen)
     assert len(seen) == 500 + 15 + 200
@@ -47,8 +47,8 @@ def test_a_tick_that_fails_loses_no_other_and_none_may_let_time_pass() -> None:
         failing.cancel()
         clock.sleep_s(1.0)
 
-    failing = clock.every(100.0, fail)
-    clock.every(100.0, lambda t_ns: seen.extend(t_ns.tolist()))
+    failing = clock.schedule(100.0, fail)
+    clock.schedule(100.0, lambda t_ns: seen.extend(t_ns.tolist()))
     with pytest.raises(RuntimeError, match="cannot let time pass"):
         clock.sleep_s(0.05)
     assert clock.now_s() == 0.05

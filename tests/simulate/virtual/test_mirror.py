@@ -16,7 +16,7 @@ from deltact_fab.physics.gel.path.solver import PathSolver
 from deltact_fab.sensor.shapes.indenter import parse_indenter
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
 from deltact_fab.simulate.virtual.presolve import solve_presses
-from deltact_fab.simulate.virtual.presses import Presses, PressPath, paths, poses
+from deltact_fab.simulate.virtual.presses import Presses, PressPath, knot_poses, press_paths
 
 GELS = {
     "linear": GelConfig(spacing_mm=1.0, press_increment_mm=0.25, shear_increment_mm=0.5),
@@ -52,7 +52,7 @@ def _own_store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 def whole(protocol: Protocol, number: int, level: str) -> PathSolver:
     presses = Presses(protocol, SKIN, GELS[level])
-    press = presses.of(presses.paths[number]).solver
+    press = presses.planned_press(presses.paths[number]).solver
     press.solve_all()
     return press
 
@@ -99,7 +99,7 @@ def test_off_the_plan_an_image_is_solved_in_its_own_frame() -> None:
     whole(protocol, 0, "linear")
     presses = Presses(protocol, SKIN, GELS["linear"])
     a, b = (
-        presses.of(presses.paths[n]).solver.next(2, (x, 2.0, -0.5), 1.0)
+        presses.planned_press(presses.paths[n]).solver.next(2, (x, 2.0, -0.5), 1.0)
         for n, x in ((0, 3.3), (1, -3.3))
     )
     assert b.force_n == pytest.approx((-a.force_n[0], *a.force_n[1:]), rel=1e-9)
@@ -107,19 +107,22 @@ def test_off_the_plan_an_image_is_solved_in_its_own_frame() -> None:
 
 
 def way(path: PressPath) -> list[KnotPose]:
-    return poses(path, Increments(1.0, 1.0))
+    return knot_poses(path, Increments(1.0, 1.0))
 
 
 def test_only_planes_that_indenter_and_path_share_are_used() -> None:
     outward, positive = declared(), declared(shear={"amplitude_mm": 1.0})
-    there = [to_solved(way(p), parse_indenter("ellipsoid")) for p in paths(outward)]
+    there = [to_solved(way(p), parse_indenter("ellipsoid")) for p in press_paths(outward)]
     assert there == [Mirror(False, False), Mirror(True, False), Mirror(True, True),
                      Mirror(False, True)]  # fmt: skip
     # A star of five points has no mirror plane x = 0.
-    assert to_solved(way(paths(outward)[1]), parse_indenter("star")) == Mirror(False, False)
-    assert to_solved(way(paths(outward)[2]), parse_indenter("star")) == Mirror(False, True)
+    assert to_solved(way(press_paths(outward)[1]), parse_indenter("star")) == Mirror(False, False)
+    assert to_solved(way(press_paths(outward)[2]), parse_indenter("star")) == Mirror(False, True)
     # All go to + first: images in place, but not in path.
-    seen = {Presses(positive, SKIN, GELS["linear"]).of(p).solver.stored_as for p in paths(positive)}
+    seen = {
+        Presses(positive, SKIN, GELS["linear"]).planned_press(p).solver.stored_as
+        for p in press_paths(positive)
+    }
     assert len(seen) == 4
 
 

@@ -13,10 +13,10 @@ from deltact_fab.bench.rig.tables import ForceConfig
 from deltact_fab.common.errors import SensorError, SolverError
 from deltact_fab.simulate.virtual.clock import VirtualClock
 from deltact_fab.simulate.virtual.netft import (
-    COMMAND,
-    HEADER,
-    RECORD,
-    STREAM,
+    COMMAND_HEADER,
+    RDT_COMMAND,
+    RDT_RECORD,
+    STREAM_COMMAND,
     LockstepLink,
     NetFTBox,
 )
@@ -46,7 +46,7 @@ def test_a_record_is_36_bytes_and_carries_newtons_and_signs() -> None:
     hand.wrench = np.array([1.25, -0.5, -3.0, 2.0, -4.0, 0.125])
     sensor.start()
     samples = sensor.read()
-    assert RECORD.itemsize == 36
+    assert RDT_RECORD.itemsize == 36
     assert samples.force_n[-1] == pytest.approx((1.25, -0.5, -3.0), abs=1e-6)
     assert samples.torque_nmm[-1] == pytest.approx((2.0, -4.0, 0.125), abs=1e-5)
     assert not samples.saturated.any()
@@ -134,11 +134,11 @@ def test_a_box_in_error_sends_no_counts() -> None:
     _, box, hand, clock = bench()
     hand.wrench[:] = 1.0
     box.faults.error = True
-    box.send(COMMAND.pack(HEADER, STREAM, 0))
+    box.send(RDT_COMMAND.pack(COMMAND_HEADER, STREAM_COMMAND, 0))
     clock.sleep_s(0.01)
     data = box.receive(0.0)
     assert data is not None
-    (record,) = np.frombuffer(data.payload, RECORD)
+    (record,) = np.frombuffer(data.payload, RDT_RECORD)
     assert record["status"] & 0x80000000
     assert not record["counts"].any()
 

@@ -15,7 +15,7 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.physics.gel.path.knots import Increments
 from deltact_fab.physics.gel.path.solver import SOLVED_PATHS, PathSolver
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
-from deltact_fab.simulate.virtual.presses import Presses, paths, poses, rest_s
+from deltact_fab.simulate.virtual.presses import Presses, knot_poses, press_paths, rest_s
 
 COARSE = GelConfig(spacing_mm=1.0, press_increment_mm=0.25, shear_increment_mm=0.5)
 SKIN = SkinDimensions()
@@ -51,7 +51,7 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 def solved(protocol: Protocol, config: GelConfig = COARSE) -> PathSolver:
     """The first press, whole."""
     presses = Presses(protocol, SKIN, config)
-    press = presses.of(presses.paths[0]).solver
+    press = presses.planned_press(presses.paths[0]).solver
     press.solve_all()
     return press
 
@@ -89,11 +89,11 @@ def test_a_press_is_solved_once_and_found_bit_for_bit(store: Path) -> None:
 )
 def test_only_what_changes_the_mechanics_is_solved_again(other: Protocol, shared: bool) -> None:
     presses = Presses(other, SKIN, COARSE)
-    assert (presses.of(presses.paths[0]).solver.found is not None) == shared
+    assert (presses.planned_press(presses.paths[0]).solver.found is not None) == shared
 
 
 def test_the_way_of_a_press_is_the_plan_s_in_contact() -> None:
-    first, second = paths(declared())
+    first, second = press_paths(declared())
     assert (first.press, second.press) == ("sphere-12/p1", "sphere-12/p2")
     assert [line.end_mm for line in first.lines] == [
         (0.0, 0.0, -0.6), (1.0, 0.0, -0.6), (-1.0, 0.0, -0.6), (0.0, 0.0, -0.6),
@@ -105,8 +105,8 @@ def test_the_way_of_a_press_is_the_plan_s_in_contact() -> None:
 
 def test_rests_count_for_a_gel_that_creeps_only() -> None:
     step = declared(capture={"settle_s": 2.0})
-    path = paths(step)[0]
-    plain, timed = (poses(path, Increments(1.0, 1.0), relaxing_s=t) for t in ((), (5.0, 0.4)))
+    path = press_paths(step)[0]
+    plain, timed = (knot_poses(path, Increments(1.0, 1.0), relaxing_s=t) for t in ((), (5.0, 0.4)))
     assert [p for p in timed if p.part > 0] == plain
     rests = [p for p in timed if p.part == 0]
     stops = len(path.lines) - 1  # the way back to the centre is no stop

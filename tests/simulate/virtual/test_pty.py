@@ -24,7 +24,7 @@ def powered(resets_on_open: bool = False, opened: list[bool] | None = None) -> P
     clock = WallClock()
     grbl = GrblController(QUICK, clock, start_mm=(-1, -1, -1), boot_s=0.1)
     note = None if opened is None else opened.append
-    return PtyCable(grbl, clock, resets_on_open=resets_on_open, opened=note)
+    return PtyCable(grbl, clock, resets_on_open=resets_on_open, on_open=note)
 
 
 def host(terminal: PtyCable) -> GrblStage:

@@ -173,7 +173,7 @@ def test_wrenches_of_many_times_are_those_of_single_looks() -> None:
         last_ns[0] = int(times[-1])
 
     looks: list[float] = []
-    ticks = single.clock.every(
+    ticks = single.clock.schedule(
         10.0, lambda t: looks.extend(single.scene.wrenches(t[i : i + 1])[0] for i in range(len(t)))
     )
     drive(many, look_back)

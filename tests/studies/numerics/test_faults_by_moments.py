@@ -42,7 +42,7 @@ shear_feed_mm_min = 60.0
 @pytest.fixture(scope="module")
 def matrix(tmp_path_factory: pytest.TempPathFactory) -> Matrix:
     protocol = Protocol.model_validate(tomllib.loads(TEXT))
-    of = FaultScenario.of(protocol, TEXT.encode(), config.load_rig("grbl-bench")[0])
+    of = FaultScenario.from_protocol(protocol, TEXT.encode(), config.load_rig("grbl-bench")[0])
     return Matrix(tmp_path_factory.mktemp("bench"), of)
 
 

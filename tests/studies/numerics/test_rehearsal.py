@@ -13,7 +13,7 @@ from deltact_fab.studies.numerics.faults.rehearsal import _covering
 
 def test_the_first_press_and_the_deepest_other_are_kept_with_frames_at_rest() -> None:
     declared, path = plan.load_protocol("pattern-selection")
-    found = FaultScenario.of(declared, path.read_bytes(), config.load_rig("virtual")[0])
+    found = FaultScenario.from_protocol(declared, path.read_bytes(), config.load_rig("virtual")[0])
     whole = {step.id: step for step in plan.expand_protocol(declared)}
     assert len(found.steps) < 25 < len(whole)
     assert all(step.target_mm == whole[step.id].target_mm for step in found.steps)

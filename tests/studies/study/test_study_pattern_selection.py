@@ -128,7 +128,7 @@ def test_at_full_scale_the_gel_of_mirrored_positions_is_solved_once() -> None:
     scene = Selection.of(StudyRequest(scale=1.0))
     assert len(scene.jobs()) == 100
     presses = scene.scene.gel(scene.name)
-    stored = {presses.of(path).solver.stored_as for path in presses.paths}
+    stored = {presses.planned_press(path).solver.stored_as for path in presses.paths}
     assert len(stored) == 6  # the star has one mirror plane
 
 

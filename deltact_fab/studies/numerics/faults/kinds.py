@@ -39,36 +39,38 @@ class FaultKind:
 
 def _box(field: str, value: float, for_s: float = 1e6) -> Strike:
     def strike(bench: FaultBench, at_s: float) -> None:
-        bench.at(at_s, lambda: setattr(bench.box_faults, field, value))
-        bench.at(at_s + for_s, lambda: setattr(bench.box_faults, field, 0))
+        bench.call_at(at_s, lambda: setattr(bench.box_faults, field, value))
+        bench.call_at(at_s + for_s, lambda: setattr(bench.box_faults, field, 0))
 
     return strike
 
 
 def _push(for_s: float) -> Strike:
     def strike(bench: FaultBench, at_s: float) -> None:
-        push_n = PUSHED * bench.of.limit_n  # within the sensor's range where the limit lets it be
+        push_n = (
+            PUSHED * bench.scenario.limit_n
+        )  # within the sensor's range where the limit lets it be
         bench.extra_n = lambda t_s: push_n if at_s <= t_s < at_s + for_s else 0.0
 
     return strike
 
 
 def _drift(bench: FaultBench, at_s: float) -> None:
-    rate_n_s = bench.of.limit_n / DRIFT_S
+    rate_n_s = bench.scenario.limit_n / DRIFT_S
     bench.extra_n = lambda t_s: max(t_s - at_s, 0.0) * rate_n_s
 
 
 FAULTS: tuple[FaultKind, ...] = (
     FaultKind("lost ok", lambda b, at_s: b.board.lose(b"ok", at_s, most=1),
               ("no answer to $",), success=True, within_s=0.6),
-    FaultKind("doubled ok", lambda b, at_s: b.board.change(lambda s: s + s, b"ok", at_s), (),
+    FaultKind("doubled ok", lambda b, at_s: b.board.alter_lines(lambda s: s + s, b"ok", at_s), (),
               success=True),
-    FaultKind("false banner", lambda b, at_s: b.board.invent(BANNER, at_s), ("restarted",)),
-    FaultKind("false alarm", lambda b, at_s: b.board.invent(b"ALARM:3\r\n", at_s), ("ALARM:3",)),
-    FaultKind("garbage, 0xFF and NUL", lambda b, at_s: b.board.invent(GARBAGE, at_s),
+    FaultKind("false banner", lambda b, at_s: b.board.inject(BANNER, at_s), ("restarted",)),
+    FaultKind("false alarm", lambda b, at_s: b.board.inject(b"ALARM:3\r\n", at_s), ("ALARM:3",)),
+    FaultKind("garbage, 0xFF and NUL", lambda b, at_s: b.board.inject(GARBAGE, at_s),
               ("no answer to", "not understood"), success=True, within_s=1.2),
     FaultKind("half lines",
-              lambda b, at_s: b.board.change(lambda s: s[: len(s) // 2], b"", at_s, most=3),
+              lambda b, at_s: b.board.alter_lines(lambda s: s[: len(s) // 2], b"", at_s, limit=3),
               ("no answer to",), success=True, within_s=1.2),
     FaultKind("limit switch", lambda b, at_s: b.board.fault("limit", at_s), ("ALARM:1",)),
     FaultKind("soft limit", lambda b, at_s: b.board.fault("soft limit", at_s), ("ALARM:2",)),
@@ -84,7 +86,7 @@ FAULTS: tuple[FaultKind, ...] = (
               ("no answer to",), success=True, within_s=1.2),
     FaultKind("silent for 30 s", lambda b, at_s: b.board.lose(at_s=at_s, for_s=30.0),
               ("no answer to",), within_s=1.2),
-    FaultKind("disk full", lambda b, at_s: b.at(at_s, FaultBench.fill_disk),
+    FaultKind("disk full", lambda b, at_s: b.call_at(at_s, FaultBench.fill_disk),
               ("No space left", "disk is full", "disk I/O error", "too large"), within_s=3.0),
     FaultKind("force over the limit", _push(1e6), ("over the guard's",), homing=False),
     FaultKind("force spike of 5 ms", _push(0.005), ("over the guard's",), homing=False),

@@ -113,7 +113,7 @@ class Matrix:
         if lost := self.lost(folder, self.committed):
             return lost
         if outcome != "success":
-            bench.mend()
+            bench.clear_faults()
             if (again := ended(bench, folder)) != "success":
                 return f"cannot be resumed: {again}"
         # A run that bore the fault may have its times and samples moved by it; not its images.
@@ -182,7 +182,7 @@ def travelled(
     Counted from when the fault had come to the host, or from its stop byte where that had to wait
     for a time-out; to rest, over every line begun before the stop byte. A lift is begun after it.
     """
-    at_ns = bench.struck_ns(at_s)
+    at_ns = bench.fault_ns(at_s)
     segments = bench.board.segments
     stop_ns = next(
         (t for t, who, data in bench.trace if who == "host" and data in STOPS and t >= at_ns),
