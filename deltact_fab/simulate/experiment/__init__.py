@@ -1,3 +1,3 @@
-"""Where protocol, sensor and rig meet: checks before motion, then the run and its record."""
+"""Checks before motion, then the run of a protocol on a rig and its record."""
 
 __all__ = ["RunRequest", "dry_run", "kind_of", "run", "versions"]

@@ -1,4 +1,4 @@
-"""A run as it is asked for, and all that is known of it before a device is opened."""
+"""A requested run and every check that is possible before a device is opened."""
 
 from __future__ import annotations
 
@@ -44,17 +44,17 @@ class RunRequest:
     """Folder of the run; for checks alone, any on the disk that it will be written to."""
     seed: int = 0
     progress: Progress | None = None
-    """Told of what is solved, and how far the run is."""
+    """Called with the progress of solves and of the run."""
     air: bool = False
     """Nothing goes below the clearance plane, and no force is predicted."""
     unattended: bool = False
-    """Nobody is asked anything, and what would need that is refused."""
+    """No prompts: a step that needs an operator is refused."""
     tip_is_clear: bool = False
-    """The operator's word, where the position is lost."""
+    """Confirmed by the operator after the position was lost."""
 
     protocol: Protocol = field(init=False)
     source: Path = field(init=False)
-    """Of the protocol."""
+    """Path of the protocol."""
     rig: RigConfig = field(init=False)
     rig_path: Path = field(init=False)
     design: Design = field(init=False)
@@ -84,11 +84,11 @@ class RunRequest:
 
     @cached_property
     def view(self) -> CameraModel | None:
-        """Of the images that are tracked; None without a camera. Raises InputError."""
+        """Model of the tracked images; None without a camera. Raises InputError."""
         return self.kind.camera(self.protocol, self.design)
 
     def setup(self, folder: Path) -> RigSetup:
-        """What a rig is built from to record into a folder."""
+        """Inputs from which a rig is built to record into a folder."""
         return RigSetup(
             self.protocol, self.design, self.recipe, self.view, self.seed, folder, self.air,
             unattended=self.unattended, tip_is_clear=self.tip_is_clear,
@@ -96,7 +96,7 @@ class RunRequest:
 
     @property
     def _in_contact(self) -> bool:
-        """Whether a stage brings the tip to the face."""
+        """True if a stage brings the tip to the face."""
         return not self.air and self.protocol.weights is None
 
     def estimate(self) -> RunEstimate:
@@ -108,7 +108,7 @@ class RunRequest:
         )  # fmt: skip
 
     def require(self) -> list[Note]:
-        """Raise InputError for all that a run is refused for.
+        """Raise InputError that lists every reason for which the run is refused.
 
         Returns a warning for each predicted force that is over a limit of the rig or of the plate
         where that breaks nothing, or that may trip the guard.
@@ -126,7 +126,7 @@ class RunRequest:
         return [Note("forces", line, warns=True) for line in lines]
 
     def checks(self) -> list[Check]:
-        """Every check: a run begins where none fails.
+        """Return all checks; a run starts if none fails.
 
         Only a real rig can refuse for its forces, so they are solved for that (minutes, once); for
         a simulated one those that are known already are taken.
@@ -160,7 +160,7 @@ class RunRequest:
         return predicted, rule.force_checks(predicted, declared) + plate
 
     def _static_rows(self) -> list[Check]:
-        """Every check but that of the forces; check and run ask it alone."""
+        """All checks but those of the forces, shared by check and run."""
         protocol, design, rig, kind = self.protocol, self.design, self.rig, self.kind
         by_stage = protocol.weights is None
         rows = check_limits(protocol, design, rig.stage, self.steps) if by_stage else []
@@ -176,7 +176,7 @@ class RunRequest:
         return rows
 
     def _bad_pattern(self) -> list[str]:
-        """Why the specimen's pattern does not serve the protocol."""
+        """Reasons why the specimen's pattern does not suit the protocol."""
         try:
             recipe = self.recipe
         except InputError as error:
@@ -195,7 +195,7 @@ class RunRequest:
         return []
 
     def _bad_format(self) -> list[str]:
-        """Why images cannot be written as the rig's camera has it."""
+        """Reasons why images cannot be written in the format of the rig file."""
         try:
             ImageFormat.of({"rig": self.rig.recorded()}).require()
         except MissingLibrary as error:
@@ -204,7 +204,7 @@ class RunRequest:
 
 
 def rig_kind(rig: RigConfig, source: Path) -> RigKind:
-    """What a kind of rig says and builds. Only the one that is asked for is imported.
+    """Return the implementation of a rig's kind. No other kind is imported.
 
     source: of the rig file, from which the paths in it count. Raises InputError.
     """

@@ -1,4 +1,4 @@
-"""Carrying out a protocol on whatever rig, and its record; some presses, or all but the motion."""
+"""Run a protocol, or some of its presses, on any rig and record it; dry runs without motion."""
 
 from __future__ import annotations
 
@@ -166,7 +166,7 @@ def run_presses(
 
 
 def run_metadata(job: RigSetup, rig: RigConfig, rig_name: str) -> dict[str, Any]:
-    """What `run.json` keeps: protocol, rig, sensor, camera, seed, versions."""
+    """Contents of `run.json`: protocol, rig, sensor, camera, seed, versions."""
     return {
         "name": job.folder.name,
         "protocol": job.protocol.model_dump(mode="json"),

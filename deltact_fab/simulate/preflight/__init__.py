@@ -1,1 +1,1 @@
-"""What a protocol will ask of stage and force sensor, before anything moves."""
+"""Predicted loads on stage and force sensor, checked before any motion."""

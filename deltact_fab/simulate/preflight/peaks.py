@@ -26,25 +26,26 @@ ForceLevel = Literal["linear", "hyperelastic", "extrapolated", "bound"]
 Points = tuple[tuple[float, float], ...]
 NO_POINTS: Points = ()
 
-FORCE_TOL = 0.1  # of the force; the safe side takes it whole
+FORCE_TOL = 0.1  # by hand: relative; added in full on the safe side
 LEVEL_ATTEMPTS: tuple[tuple[Literal["linear", "hyperelastic"], int | None], ...] = (
     ("linear", None),
     ("hyperelastic", 6_000),
     ("hyperelastic", 24_000),
 )
-"""Levels and most unknowns of a mesh, until one gets far enough."""
-MIN_REACHED_SHARE = (
-    0.75  # of the deepest depth: what is missing is then extrapolated by a factor of about 2
-)
-MAX_COARSER = 2.0  # cells than the tolerance requires, that its share of the force grows with
-MAX_PENETRATION_SHARE = 0.3  # of the depth; a state with more penetration is not used
-MIN_PENETRATION_SHARE = 0.1  # of the depth; from here on penetration is taken off the depth
-MAX_FORCE_DROP = (
-    0.1  # of the largest force so far; a larger fall means that the mesh has lost the tip
-)
+"""Levels and mesh sizes (unknowns), tried until one gets far enough."""
+# By hand, trading solves for the width of the safe side: share of the deepest depth that has to be
+# solved (the rest is extrapolated, force times 2 or so); cell ratio up to which the margin grows;
+# penetration over depth, unused above the one and taken off the depth above the other; drop of the
+# force that means a lost tip; growth of force with depth, above all solved curves.
+MIN_REACHED_SHARE = 0.75
+MAX_COARSER = 2.0
+MAX_PENETRATION_SHARE, MIN_PENETRATION_SHARE = 0.3, 0.1
+MAX_FORCE_DROP = 0.1
 DEPTH_EXPONENT = 1.7
-STIFFEST_POISSON = 0.499  # force within 0.5 % of 0.4999, and finite strain ends before 0.5
-BOUND_MARGIN = 1.1  # friction under the punch, which its closed form leaves out
+STIFFEST_POISSON = (
+    0.499  # measured: force within 0.5 % of 0.4999, and finite strain ends before 0.5
+)
+BOUND_MARGIN = 1.1  # by hand: friction under the punch, not in its closed form
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class PressCurve:
 
 
 def extrapolate_n(depth_mm: float, force_n: float, deeper_mm: float, thickness_mm: float) -> float:
-    """A force carried on to a deeper press, on the safe side."""
+    """Extrapolate a force to a deeper press, on the safe side."""
     thinning = (thickness_mm - depth_mm) / (thickness_mm - deeper_mm)
     return force_n * (deeper_mm / depth_mm) ** DEPTH_EXPONENT * thinning
 
@@ -156,7 +157,7 @@ def press_curve(
 def _safe_points(
     solver: PathSolver, choice: Choice, progress: Progress | None, label: str
 ) -> tuple[Points, str]:
-    """Points (depth, force on the safe side), and why they end where they do."""
+    """Return points (depth, force on the safe side) and the reason for an early end."""
     points: list[tuple[float, float]] = []
     ended = failure = ""
     try:
@@ -205,10 +206,10 @@ datasheet); forces are in proportion to it, and the high side counts."""
 HIGH_TEXT = "with twice the modulus"
 
 
-# Drags of up to 10 mm along x with friction 0.5, finite strain, 2 mm cells. Tangential peak over
-# friction x normal force of the press: at 5 mm sphere:10 1.5 and ellipsoid 1.5 (both up to 7 mm of
-# drag), 4dots 2.1, hexprism 1.4; at 10 mm sphere:15 0.6 and hexprism 1.3. The gel piles up before a
-# narrow tip and pushes on its flank. Normal force over that of the press: at most 1.13.
+# Measured by drags of up to 10 mm along x, friction 0.5, finite strain, 2 mm cells. Tangential peak
+# over friction x normal force of the press: at 5 mm sphere:10 1.5 and ellipsoid 1.5 (both up to 7
+# mm of drag), 4dots 2.1, hexprism 1.4; at 10 mm sphere:15 0.6 and hexprism 1.3. The gel piles up
+# before a narrow tip and pushes on its flank. Normal force over that of the press: at most 1.13.
 DRAG_SHEAR = 2.2
 DRAG_NORMAL = 1.2
 DRAG_FLANK = 0.1  # of the normal force: without friction at all, 0.07 at 8 mm

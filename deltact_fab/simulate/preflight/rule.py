@@ -1,4 +1,4 @@
-"""What a rig and the plate behind the gel allow, and what a run needs of rig and disk.
+"""Limits of a rig and of the plate behind the gel; time, disk and rates that a run needs.
 
 On a real rig a predicted peak over a declared limit, and a limit that is not declared, are errors
 before anything moves; the simulated one cannot break, and warns.
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ForceLimits:
-    """What a rig file says about forces; None: not declared.
+    """Force limits of a rig file; None: not declared.
 
     source: the rig file. stage_n: `[stage] max_force_n`. sensor_n, sensor_nmm: `[force] range_n`
     and `range_nmm`. origin_mm: `[force] origin_mm`. has_sensor: a sensor is in the way of the
@@ -124,7 +124,7 @@ LimitLoads = tuple[str, str, float, str, list[float]]
 
 
 def _device_loads(limits: ForceLimits, peaks: Sequence[Peak]) -> Iterator[LimitLoads]:
-    """Against what stage and sensor bear."""
+    """Loads against the ratings of stage and sensor."""
     if limits.stage_n is not None:
         yield from _force_loads("stage", peaks, limits.stage_n, "[stage] max_force_n (N)")
     if limits.sensor_n is not None:
@@ -134,7 +134,7 @@ def _device_loads(limits: ForceLimits, peaks: Sequence[Peak]) -> Iterator[LimitL
 
 
 def _guard_loads(limits: ForceLimits, peaks: Sequence[Peak]) -> Iterator[LimitLoads]:
-    """Against what the guard would stop at."""
+    """Loads against the trip levels of the guard."""
     guard = limits.guard
     if guard is None:
         return
@@ -207,11 +207,11 @@ def _warning_row(
     return Check.at_most(id, name, label, float(f"{figure:.3g}"), bound, press, status)
 
 
-USUAL_PX = (1280, 720)  # of a camera that does not say how large its images are
+USUAL_PX = (1280, 720)  # by hand: for a camera that declares no image size
 # The planner of GRBL 1.1 (MINIMUM_FEED_RATE of its config.h) takes anything slower for this, so
 # that a press would be faster than its protocol says.
 MIN_FEED_MM_MIN = 1.0
-LONG_H, LONGEST_H = 24.0, 30 * 24.0
+LONG_H, LONGEST_H = 24.0, 30 * 24.0  # by hand: a warning, a typing error
 
 
 def resource_checks(

@@ -1,4 +1,4 @@
-"""What a force sensor feels on a bench that is not where its rig file says: closed forms, fast.
+"""Contact forces on a bench that is not where its rig file says, in closed form.
 
 A gel of the design lies somewhere else, and askew; every indenter has a length of its own. A tip
 that goes below the true face meets Hertz' force, made stiffer by the acrylic under it, or that of a
@@ -29,7 +29,7 @@ from deltact_fab.sensor import (
     parse_indenter,
 )
 
-FLATNESS_MM = 0.05  # what of an underside is within so much of its lowest point touches at once
+FLATNESS_MM = 0.05  # by hand: underside within this of its lowest point touches at once
 # Dimitriadis et al. (2002): an incompressible layer that is bonded, powers of sqrt(R d)/h.
 _DIMITRIADIS_C = (1.0, 1.133, 1.283, 0.769, 0.0975)
 
@@ -63,7 +63,7 @@ class BenchFace:
         self._longer_mm = 0.0
         self._touching: Sequence[_ContactTip] = ()
         self.deepest_mm = -math.inf
-        """How far below the true face the lowest tip has been, of what was looked at."""
+        """Largest depth of the lowest tip below the true face over all calls of `wrench`."""
 
     def mount(self, indenter: Indenter | str, longer_mm: float = 0.0) -> None:
         """Mount an indenter whose tip is lower by this much than the one measured with."""

@@ -43,9 +43,9 @@ def rate_along(delta_mm: Point, per_axis: Point) -> float:
     return min(k * length_mm / abs(d) for d, k in zip(delta_mm, per_axis, strict=True) if d != 0)
 
 
-PLANNER_BLOCKS = 15
-SCATTER_MM = 0.01
-MAX_BEND_MM = 0.01  # of a motor step or two: a line that goes on so is straight
+PLANNER_BLOCKS = 15  # GRBL 1.1h, BLOCK_BUFFER_SIZE - 1
+SCATTER_MM = 0.01  # by hand: repeatability of a cheap switch
+MAX_BEND_MM = 0.01  # by hand: a motor step or two, a deviation that still counts as straight
 
 
 @dataclass(frozen=True)

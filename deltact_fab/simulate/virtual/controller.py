@@ -39,7 +39,7 @@ from .grbl_lines import (
 from .motion import Segment
 
 GRBL_BANNER = "Grbl 1.1h ['$' for help]"
-_RX_BYTES, _LINE_CHARS = 128, 79
+_RX_BYTES, _LINE_CHARS = 128, 79  # GRBL 1.1h, config.h
 # The firmware waits for its alarm message to get out, deaf to everything, before it does the rest.
 _ALARM_PAUSE_NS = NS_PER_S // 2
 
@@ -95,7 +95,7 @@ class GrblController:
 
     @classmethod
     def for_stage(cls, stage: StageConfig, clock: Clock) -> GrblController:
-        """With the limits of a rig file's stage; all else as a bench usually has it."""
+        """Controller with the limits of a rig file's stage and default settings otherwise."""
         limits = stage.travel_mm, stage.max_feed_mm_min, stage.acceleration_mm_s2
         return cls(grbl_settings(*limits), clock)
 
@@ -158,7 +158,7 @@ class GrblController:
         return self._carriage.path.segments
 
     def position_mm(self, t_s: float | None = None) -> Point:
-        """Where the carriage is, machine mm, now or at a past time.
+        """Position of the carriage, machine mm, now or at a past time.
 
         Raises ValueError for a time that has not come: what will be is not decided yet.
         """
@@ -170,7 +170,7 @@ class GrblController:
 
     @property
     def state(self) -> str:
-        """What it is doing: Idle, Jog, Hold, Home, Alarm or Sleep."""
+        """State of the controller: Idle, Jog, Hold, Home, Alarm or Sleep."""
         self._advance()
         return self._state
 
@@ -250,7 +250,7 @@ class GrblController:
             self._say("[MSG:'$H'|'$X' to unlock]")
 
     def _clear(self) -> None:
-        """What every kind of reset forgets."""
+        """Reset everything that no kind of reset keeps."""
         self._after_alarm = None
         self._rx = deque()
         self._line = ""

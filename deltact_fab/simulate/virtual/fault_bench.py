@@ -1,8 +1,7 @@
-"""What is rehearsed, few steps of two presses of a protocol, and the cheap bench in lockstep that
-does it: real host, force client, guard, runner and record; no gel is solved.
+"""Fault rehearsal: a few steps of two presses on a cheap bench in lockstep, with the real host,
+force client, guard, runner and record; no gel is solved.
 
-A board outlives the sessions that drive it, as on a table: what a fault leaves it in is what the
-next session finds.
+A board outlives the sessions that drive it: the next session finds it as a fault left it.
 """
 
 from __future__ import annotations
@@ -48,9 +47,10 @@ from .netft import BoxFaults, Datagram, NetFTBox
 from .rig import VirtualForce
 from .wire import SerialLink, WireExchange
 
-DRAGS_PER_PRESS = 1  # of a press
+# By hand, for short rehearsals; the deepest press reaches this share of the guard's limit.
+DRAGS_PER_PRESS = 1
 MIN_SETTLE_S = 0.2
-DEEPEST_FORCE_SHARE = 0.1  # of the guard's limit: at the deepest
+DEEPEST_FORCE_SHARE = 0.1
 _FILE_SIZE_LIMIT = resource.getrlimit(resource.RLIMIT_FSIZE)
 
 
@@ -85,7 +85,7 @@ class FaultScenario:
 
     @property
     def limit_n(self) -> float:
-        """Of the guard along z."""
+        """Trip level of the guard along z."""
         return min(self.limits.force_n[2], self.limits.resultant_n)
 
     @property
@@ -124,11 +124,12 @@ Change = Callable[[bytes], bytes]
 
 @dataclass
 class _LineFault:
-    """Lines that begin so and are said from from_ns on, at most `most`, are changed."""
+    """Alter up to `remaining` lines that begin with `begins`, said from from_ns until until_ns."""
 
     begins: bytes
     change: Change
     from_ns: float
+    until_ns: float
     remaining: float
 
 
@@ -136,31 +137,33 @@ class NoisyController(GrblController):
     _rules: tuple[_LineFault, ...] = ()
     _injected: tuple[tuple[int, bytes], ...] = ()
     first_changed_ns = 0
-    """When the first line was said that did not arrive as it was; 0: none was."""
+    """Time of the first altered line; 0: none yet."""
 
     def alter_lines(
         self,
         change: Change,
         begins: bytes = b"",
         at_s: float = 0.0,
+        for_s: float = math.inf,
         limit: float = math.inf,
     ) -> None:
-        """Let every line that begins so and is said from then on arrive as `change` makes it."""
-        self._rules += (_LineFault(begins, change, to_ns(at_s), limit),)
+        """Pass up to `limit` lines that begin so and are said in that time through `change`."""
+        from_ns = to_ns(at_s)
+        self._rules += (_LineFault(begins, change, from_ns, from_ns + for_s * 1e9, limit),)
 
     lose = partialmethod(alter_lines, lambda line: b"")
     """The same, and the line is lost."""
 
     def inject(self, words: bytes, at_s: float) -> None:
-        """At that time the host receives what the controller never sent."""
+        """Let the host receive bytes at a time that the controller never sent."""
         self._injected = tuple(sorted((*self._injected, (to_ns(at_s), words))))
 
     def clear_line_faults(self) -> None:
-        """From now on every word arrives as it was said."""
+        """Deliver all further output unchanged."""
         self._rules, self._injected = (), ()
 
     def take_output(self) -> list[tuple[int, bytes]]:
-        """What arrives, in order of time."""
+        """Output as the host receives it, in order of time."""
         output = [(t_ns, self._deliver(t_ns, line)) for t_ns, line in super().take_output()]
         now_ns = self.now_ns()
         output += [(t_ns, words) for t_ns, words in self._injected if t_ns <= now_ns]
@@ -175,7 +178,7 @@ class NoisyController(GrblController):
     def _deliver(self, t_ns: int, line: bytes) -> bytes:
         for rule in self._rules:
             fits = line.strip() and line.startswith(rule.begins) and rule.remaining > 0
-            if fits and rule.from_ns <= t_ns:
+            if fits and rule.from_ns <= t_ns < rule.until_ns:
                 rule.remaining -= 1
                 self.first_changed_ns = self.first_changed_ns or t_ns
                 line = rule.change(line)
@@ -243,7 +246,7 @@ class BenchFeed:
         return {"kind": "bench"}
 
     def close(self) -> None:
-        """As Feed."""
+        """Nothing to release."""
 
 
 class BenchCamera(StreamCamera):
@@ -301,16 +304,16 @@ class FaultBench:
         self.clock.sleep_s(2.0)  # the board is up
 
     def tip_mm(self, t_s: float | None = None) -> tuple[float, float, float]:
-        """Where the carriage really has the tip, in the sensor frame."""
+        """True position of the tip in the sensor frame."""
         return self.scenario.frame.to_sensor_mm(self.board.position_mm(t_s))
 
     def fault_ns(self, at_s: float) -> int:
-        """When a fault of that time had come to the wire: the first line, record or frame of it."""
+        """Time at which a fault first showed: its first line, record or frame."""
         bad = (self.board.first_changed_ns, self.box_faults.first_bad_ns, self._camera_bad_ns)
         return max(round(at_s * 1e9), *bad)
 
     def call_at(self, t_s: float, call: Callable[[], object]) -> None:
-        """Call when that time comes. What is called must not let time pass."""
+        """Call at a time of the clock; the callee must not let time pass."""
 
         def fire(t_ns: NDArray[np.int64]) -> None:
             ticks.cancel()
@@ -320,7 +323,7 @@ class FaultBench:
 
     @staticmethod
     def fill_disk() -> None:
-        """From now on no file may grow any more."""
+        """Let every further write fail as on a full disk."""
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (0, _FILE_SIZE_LIMIT[1]))
 
@@ -330,7 +333,7 @@ class FaultBench:
         resource.setrlimit(resource.RLIMIT_FSIZE, _FILE_SIZE_LIMIT)
 
     def clear_faults(self) -> None:
-        """Whatever was wrong is put right; nobody touches the stage."""
+        """Remove all faults; the stage is not moved."""
         self.board.clear_line_faults()
         self.board.fault("door closes")
         self.link.plug()

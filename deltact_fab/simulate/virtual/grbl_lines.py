@@ -61,6 +61,7 @@ def coordinates(mm: Point) -> str:
 
 # ---- settings -----------------------------------------------------------------------------------
 
+# GRBL 1.1h defaults; limits by hand, of a usual bench.
 DEFAULTS_GRBL: dict[int, float] = {
     0: 10, 1: 25, 2: 0, 3: 0, 4: 0, 5: 0, 6: 0,
     10: 3, 11: 0.01, 12: 0.002, 13: 0,

@@ -19,11 +19,11 @@ from deltact_fab.sensor import Fisheye, Rectified, SensorDimensions, restore_cam
 from .picture import BORDER_BAND_PX
 
 ASSEMBLY_MM = {"air_gap_mm": 1.0, "acrylic_mm": 0.5, "gel_mm": 1.0}
-"""How far what was put together by hand may be from its design; more is another sensor's."""
+"""Largest deviation of a sensor put together by hand; a larger one is another sensor's."""
 
 
 def true_lens(config: VirtualConfig, sensor: SensorDimensions) -> Fisheye:
-    """What the rig draws through: the design's lens with what `[virtual.lens]` changes of it.
+    """Lens that the rig draws through: the design's, with the overrides of `[virtual.lens]`.
 
     Raises InputError for numbers that are another sensor's.
     """
@@ -98,7 +98,7 @@ def _require_drawn(true: Fisheye, view: Rectified, source: str) -> None:
 
 
 def lens_notes(config: VirtualConfig, view: Rectified, patch_mm: float | None) -> Iterator[Note]:
-    """What a reader of a run through the lens must know."""
+    """Notes on the lens for readers of a run."""
     if config.camera is None:
         text = (
             "the lens is not calibrated, the design's stands for it: photograph the chessboard "

@@ -119,7 +119,7 @@ def brake(moving: Segment, t_ns: int) -> Segment:
 
 
 class Path:
-    """Where the carriage was, is and is planned to be: segments with rests between them."""
+    """Past and planned motion of the carriage: segments with rests between them."""
 
     def __init__(self, at_mm: Point, t_ns: int) -> None:
         self._origin_mm = at_mm

@@ -70,18 +70,19 @@ class BoxFaults:
         return out
 
     def payloads(self, number: int, record: bytes) -> list[bytes]:
-        """What leaves the box in the place of a record."""
+        """Payloads that leave the box for one record."""
         return [] if self.drop_every and number % self.drop_every == 0 else [record]
 
 
 RDT_RECORD = np.dtype([("rdt", ">u4"), ("ft", ">u4"), ("status", ">u4"), ("counts", ">i4", 6)])
 RDT_COMMAND = struct.Struct(">HHI")
+# Net F/T manual, RDT protocol.
 COMMAND_HEADER = 0x1234
 STOP_COMMAND, STREAM_COMMAND, BIAS_COMMAND = 0x0000, 0x0002, 0x0042
-STOP_DRAIN_S = 0.005  # records that were under way when the box was told to stop come within
-MAX_COUNTS_PER_N = 1_000_000.0
-MAX_COUNTS_PER_NMM = 100_000.0
-MAX_RANGE_COUNTS = 1e9  # of a range: a record holds twice that, so a sample less its bias fits
+STOP_DRAIN_S = 0.005  # by hand: records under way at the stop command arrive within
+# Net F/T datasheet, usual calibrations.
+MAX_COUNTS_PER_N, MAX_COUNTS_PER_NMM = 1_000_000.0, 100_000.0
+MAX_RANGE_COUNTS = 1e9  # record format: holds twice that, so that a sample less its bias fits
 Wrenches = Callable[[NDArray[np.int64]], NDArray[np.float64]]
 
 
@@ -127,7 +128,7 @@ class NetFTBox:
         self._rng = np.random.default_rng(sequence)
 
     def settings(self) -> NetFTSettings:
-        """What the box's configuration page shows."""
+        """Settings as on the box's configuration page."""
         counts_per_n, counts_per_nmm = self._per_unit[[0, 3]].tolist()
         return NetFTSettings(counts_per_n, counts_per_nmm, self._rate_hz, "simulated")
 
@@ -227,7 +228,7 @@ class LockstepLink:
         return self._box.settings()
 
     def bias(self) -> None:
-        """The next record is less what pulls now."""
+        """Tare: subtract the present load from all further records."""
         self._command(BIAS_COMMAND)
 
     def start(self) -> None:

@@ -39,22 +39,21 @@ from deltact_fab.sensor import (
 from .lens import true_lens
 from .picture import RawView
 
+# By hand, for plausible photographs: reflectances (a blank skin saturates no pixel), half width of
+# the ramp from black to white, samples per pixel and axis, white margin, image border, least height
+# of a board in air, draws of a pose.
 BLACK_LEVEL, WHITE_LEVEL, ROOM_LEVEL, BLANK_LEVEL = 0.04, 0.85, 0.25, 0.6
-"""Reflectances; a blank skin is lit so that no pixel is full."""
 INK_EDGE_MM = 0.02
-"""Half width of the ramp between black and white."""
 SUBPIXELS_N = 3
-"""Samples a pixel and axis."""
 MARGIN_SQUARES = 1.0
 IMAGE_BORDER_PX = 6
 MIN_AIR_MM = 0.5
-"""Of a board in air above the face."""
 POSE_TRIES = 300
 
 
 @dataclass(frozen=True)
 class BoardPose:
-    """Where a board is in the sensor frame: a turn, then its middle moved to at_mm."""
+    """Pose of a board in the sensor frame: a rotation, then its middle moved to at_mm."""
 
     at_mm: tuple[float, float, float]
     turn: Rotation
@@ -121,7 +120,7 @@ class Studio:
         return np.asarray(fine[SUBPIXELS_N:-SUBPIXELS_N, SUBPIXELS_N:-SUBPIXELS_N], np.float32)
 
     def is_visible(self, board: Checkerboard, pose: BoardPose, contact: bool) -> bool:
-        """Whether all inner corners lie in the image and in the face's window, clear of it."""
+        """True if all inner corners lie in the image and in the face's window."""
         columns, rows = board.corners
         index = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1)
         corners = pose.points_mm(board.at_mm(index)).reshape(-1, 3)
@@ -143,7 +142,7 @@ class Studio:
     def contact_poses(
         self, board: Checkerboard, n: int, rng: np.random.Generator
     ) -> Iterator[BoardPose]:
-        """Of a board wetted onto the face: in the middle, then out to the corners of the view."""
+        """Poses of a board wetted onto the face: middle first, then toward the corners."""
         places = ((0, 0), (1, 1), (-1, 1), (1, -1), (-1, -1))
         for k in range(n):
             out = np.array(places[k % len(places)])
@@ -161,7 +160,7 @@ class Studio:
     def air_poses(
         self, board: Checkerboard, n: int, rng: np.random.Generator
     ) -> Iterator[BoardPose]:
-        """Of a board in the air beyond the face, at random heights, places and tilts."""
+        """Poses of a board in the air beyond the face at random heights, positions and tilts."""
         for _ in range(n):
             for _ in range(POSE_TRIES):
                 tilts = rng.uniform(-25, 25, 2)
@@ -178,7 +177,7 @@ class Studio:
 def _board_albedo(
     board: Checkerboard, u_mm: NDArray[np.float32], v_mm: NDArray[np.float32], surround: float
 ) -> NDArray[np.float32]:
-    """Of the points of a board's plane; nan, where a pixel sees none, is black."""
+    """Albedo at points of a board's plane; nan (no point seen) is black."""
     across = np.float32(board.nx * board.square_mm / 2), np.float32(board.ny * board.square_mm / 2)
     out = np.maximum(np.abs(u_mm) - across[0], np.abs(v_mm) - across[1])
     mean, half = (
@@ -200,7 +199,7 @@ def _stripes(at_mm: NDArray[np.float32], width_mm: float, n: int) -> NDArray[np.
         return np.where(np.mod(nearest, 2) == 0, ramp, -ramp)
 
 
-MAX_IMAGES = 200
+MAX_PHOTOS = 200  # by hand: more is a typing error
 
 
 def take_photographs(
@@ -220,8 +219,8 @@ def take_photographs(
     skin is photographed once. Raises InputError before anything is written.
     """
     raised_board = air_board or board
-    if not (0 <= contact <= MAX_IMAGES and 0 <= air <= MAX_IMAGES):
-        raise InputError(f"contact {contact}, air {air}: 0 to {MAX_IMAGES} images of each")
+    if not (0 <= contact <= MAX_PHOTOS and 0 <= air <= MAX_PHOTOS):
+        raise InputError(f"contact {contact}, air {air}: 0 to {MAX_PHOTOS} images of each")
     if air and raised_board.skin:
         raise InputError("--air: a skin is not held in the air; name the board with --air-board")
     if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):

@@ -1,4 +1,4 @@
-"""What the camera sees: the printed pattern carried by the deformed surface, drawn by inverse map.
+"""Render the printed pattern on the deformed surface by inverse mapping.
 
 For every image pixel the material point that projects there is found by iteration on the same
 displacement field that the truth stores; where the surface hides a part of itself, the nearest
@@ -35,9 +35,10 @@ from deltact_fab.sensor import (
     nearest_surface,
 )
 
-REST_SPACING_MM = 1.0  # between the nodes of a face that does not move
+# By hand: node spacing of a face at rest; band drawn around the tracked view for a calibration that
+# is a little off; iterations, of which more cost time on every frame and fewer leave pixels open.
+REST_SPACING_MM = 1.0
 BORDER_BAND_PX = 40
-"""Drawn around the tracked view, for a calibration that is a little off; the rest stays dark."""
 FIXED_POINT_ITERATIONS = 6
 NEWTON_ITERATIONS = 40
 MAX_NEWTON_STEP_PX = 8.0
@@ -73,10 +74,10 @@ class RawView:
         corner_px = np.hypot(view.width_px, view.height_px) / 2
         offset = (looks[1:-1, 1:-1] - np.asarray(self.flat.centre_px)) / corner_px
         self.offset: NDArray[np.float32] = np.nan_to_num(offset, nan=np.inf)
-        """Of raw pixels (h, w, 2) from the view's middle, in its half diagonals; inf: unseen."""
+        """Offset (h, w, 2) from the view's middle in half diagonals; inf: unseen."""
 
     def sample(self, flat: NDArray[np.float32]) -> NDArray[np.float32]:
-        """What stands at each pixel of the flat view, on the raw pixels that see it.
+        """Resample values of the flat view at the raw pixels that see it.
 
         flat: (h, w[, 2]) with a border of one pixel, and so is what is returned.
         """
@@ -101,9 +102,9 @@ class PictureGeometry:
     """
 
     MARGIN_PX: ClassVar = 64
-    """Of the face around the view, in which what a pixel sees is looked for."""
+    """Width of the face around the view that is searched for the point a pixel sees."""
     TOLERANCE_PX: ClassVar = 2e-3
-    """To which the place that a pixel sees is found."""
+    """Convergence tolerance of the point that a pixel sees."""
 
     def __init__(self, camera: CameraModel | RawView, lattice: SurfaceLattice) -> None:
         """camera: flat, or the raw view of a lens."""
@@ -202,7 +203,7 @@ class PictureGeometry:
     def depth_mm(
         self, displacement_mm: NDArray[np.float64], at_px: NDArray[np.float32]
     ) -> NDArray[np.float32]:
-        """How deep the points that pixels see lie below rest, (h, w); at_px: of `material_px`."""
+        """Depth (h, w) below rest of the points that pixels see; at_px: from `material_px`."""
         x, y = cv2.split(at_px + self._margin_px)
         out_mm = self._sampler(displacement_mm[..., 2:])[..., 0].astype(np.float32)
         height_mm = cv2.remap(out_mm, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

@@ -35,10 +35,8 @@ from deltact_fab.sensor import (
     parse_indenter,
 )
 
-WAYPOINT_TOLERANCE_MM = (
-    2e-3  # a point of the stage is the plan's within a motor step and its rounding
-)
-REST_GROWTH = 1.5
+WAYPOINT_TOLERANCE_MM = 2e-3  # by hand: a motor step and its rounding
+REST_GROWTH = 1.5  # measured: see `rest_s`, error of at most 0.012 of a branch
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +54,7 @@ class PlannedPress:
         return () if file is None else (str(file),)
 
     def snapped(self, point: Point) -> Point:
-        """The planned point that this one is but for a motor step, else the point itself."""
+        """Snap to a planned point within one motor step, else return the point itself."""
         for planned in self.waypoints:
             if all(
                 abs(p - q) <= WAYPOINT_TOLERANCE_MM for p, q in zip(planned, point, strict=True)
@@ -73,7 +71,7 @@ class PlannedPress:
 
 
 class Presses:
-    """Opens the presses of a protocol on a skin; keeps count of what was solved and what found.
+    """Open the presses of a protocol on a skin and count solved and cached ones.
 
     One press is under way at a time: opening the next closes it.
     Nothing that no channel needs: no friction without shear, no field without images, no time
@@ -246,7 +244,7 @@ def rest_s(dwell_s: float, relaxing_s: Sequence[float]) -> list[float]:
 def simulation_refusals(
     protocol: Protocol, sensor: SensorDimensions, config: GelConfig, source: str
 ) -> list[str]:
-    """Why presses cannot be simulated, a line each; a level that cannot is one line for all."""
+    """Reasons why presses cannot be simulated, one line per press or one for the level."""
     try:
         require_gel_level(protocol, sensor, source)
         presses = Presses(protocol, sensor.skin, config)
@@ -264,7 +262,7 @@ def simulation_refusals(
 
 
 def require_gel_level(protocol: Protocol, sensor: SensorDimensions, source: str) -> None:
-    """Refuse what the protocol's gel level cannot answer for. Raises InputError."""
+    """Raise InputError for a protocol outside the range of its gel level."""
     specimen = protocol.specimen
     level, thickness_mm = specimen.gel_model, sensor.skin.thickness_mm
     if protocol.weights is not None:
@@ -294,7 +292,7 @@ def require_gel_level(protocol: Protocol, sensor: SensorDimensions, source: str)
 
 
 def gel_not_built(presses: Presses, choices: Sequence[Choice]) -> Iterator[Note]:
-    """What this scene's gel did not solve or keep, and why."""
+    """Notes on the parts of the gel model that this scene did not need."""
     if not presses.observed:
         yield Note("gel", "no channel asks for what it does")
         return
@@ -311,7 +309,7 @@ def gel_not_built(presses: Presses, choices: Sequence[Choice]) -> Iterator[Note]
 
 
 def gel_notes(presses: Presses, choices: Sequence[Choice], skin: SkinDimensions) -> Iterator[Note]:
-    """What a reader of a run on the simulated gel must know."""
+    """Notes on the simulated gel for readers of a run."""
     pressed = presses.open_presses
     solves = sum(p.solver.solves for p in pressed)
     cached = sum(len(p.solver.knots) for p in pressed if p.solver.found is not None)

@@ -22,8 +22,8 @@ from deltact_fab.bench import Clock
 from .clock import NS_PER_S
 from .controller import GrblController
 
-IDLE_POLL_MS = 20  # between two looks when nothing is to happen
-CLOSED_POLL_MS = 2  # between two looks whether a host has opened the port
+# By hand: polls with nothing to do, and for a host that opens the port; shorter ones cost CPU.
+IDLE_POLL_MS, CLOSED_POLL_MS = 20, 2
 READ_BYTES = 4096
 
 
@@ -140,7 +140,7 @@ class PtyCable(AbstractContextManager["PtyCable"]):
         self._on_open(is_open)
 
     def _exchange(self, master_fd: int) -> None:
-        """What has come to the controller, what it says to the host."""
+        """Pass bytes from the host to the controller and its output back."""
         data = b""
         with suppress(OSError):  # none has come, or the host is gone
             data = os.read(master_fd, READ_BYTES)

@@ -118,7 +118,7 @@ class VirtualRig(Rig):
             self.resources = resources.pop_all()
 
     def left_out(self) -> Iterator[Note]:
-        """What this scene did not build or solve, and why."""
+        """Notes on the parts that this scene does not need and did not build."""
         lens = "lens, its maps and rectification"
         if self.camera is None:
             yield Note("camera, picture and printer model", "no channel asks for images")
@@ -132,7 +132,7 @@ class VirtualRig(Rig):
         yield Note("solid models", "a run needs the numbers of the shapes only")
 
     def notes(self) -> Iterator[Note]:
-        """What a reader of the results must know of lens and gel."""
+        """Notes on lens and gel for readers of the results."""
         job = self._job
         if self._crop is not None and isinstance(job.view, Rectified):
             from .lens import lens_notes
@@ -142,7 +142,7 @@ class VirtualRig(Rig):
             yield from gel_notes(self.presses, self._choices, job.sensor.skin)
 
     def _picture(self, crop: LatticeCrop) -> tuple[FrameRenderer, Fisheye | None]:
-        """What draws the printed gel, and the true lens it is drawn through; None: a pinhole."""
+        """Return the renderer of the printed gel and its true lens; None: a pinhole."""
         from deltact_fab.fabricate import PatternRecipe
 
         from .drawing import picture_geometry

@@ -25,7 +25,7 @@ from .controller import GrblController
 from .motion import Segment
 from .presses import PlannedPress
 
-SPACING_TOLERANCE = 1e-6  # of the spacing: rounding of a lattice
+SPACING_TOLERANCE = 1e-6  # by hand, fraction of the spacing: above rounding
 
 
 @dataclass(frozen=True)
@@ -242,7 +242,7 @@ class GelScene:
         return wrenches
 
     def _observe_rest(self, now_ns: float) -> Observation:
-        """Where no line is under way: still, unless the gel creeps under a resting tip."""
+        """Observe the gel at rest; it creeps if it relaxes."""
         while self._press is not None:
             rest_s = self._press.rest_after(self._current.key)
             if rest_s is None:

@@ -35,11 +35,12 @@ from .netft import BoxFaults, NetFTBox, Wrenches
 from .picture import FrameRenderer, PictureGeometry
 from .pty import PtyCable
 
-MAX_WAKE_S = 0.05  # how long a command or the end of the server may wait at most
+MAX_WAKE_S = 0.05  # by hand: longest delay of a command or of the end of the server
 RIG_FILE, CAMERA_FILE, IMAGE_FOLDER = "rig.toml", "camera.toml", "images"
-IMAGE_COUNT = 20  # of the face at rest
+# By hand: images at rest, their rate, and a silence that a busy computer does not reach.
+IMAGE_COUNT = 20
 IMAGE_RATE_HZ = 10.0
-SILENCE_LIMIT_S = 1.0  # a busy computer keeps the simulated box from running for a while
+SILENCE_LIMIT_S = 1.0
 
 
 class NetFTServer(AbstractContextManager["NetFTServer"]):

@@ -19,7 +19,7 @@ from deltact_fab.common import to_ns
 from .clock import NS_PER_S, VirtualClock
 from .controller import GrblController
 
-_BITS_PER_BYTE = 10
+_BITS_PER_BYTE = 10  # definition of 8N1
 WireExchange = tuple[int, Literal["host", "controller"], bytes]
 
 
@@ -77,7 +77,7 @@ class SerialLink:
         """The controller goes on."""
 
     def discard(self) -> None:
-        """Forget what has arrived and was not read."""
+        """Drop received bytes that were not read."""
         self.controller.take_output()
         self._arriving.clear()
 
@@ -98,7 +98,7 @@ class SerialLink:
         return sum(through_ns <= now_ns for through_ns, _ in self._arriving)
 
     def read_until(self, end: bytes = b"\n") -> bytes:
-        """Up to that byte, or less at the time-out."""
+        """Read up to the byte `end`, or less at the time-out."""
         return self.read(1 << 30, end)
 
     def read(self, size: int = 1, until: bytes = b"") -> bytes:
@@ -141,7 +141,7 @@ class SerialLink:
         return False
 
     def _collect(self) -> None:
-        """Put what the controller said on the wire, one byte after the other."""
+        """Put output of the controller on the wire, byte after byte."""
         for t_ns, data in self.controller.take_output():
             if not self._out_ns[0] <= t_ns < self._out_ns[1]:
                 start = max(t_ns, self._free_ns)

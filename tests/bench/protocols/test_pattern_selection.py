@@ -71,7 +71,7 @@ def test_a_linear_run_is_refused_before_anything_moves(level: str, tmp_path: Pat
     [
         ({"gel_model": "hyperelastic"}, 12.0, "not less than the gel's thickness of 12 mm"),
         ({"gel_model": "hyperelastic", "poisson": 0.5}, 1.0, "poisson: 0.5 is over 0.49999"),
-        ({"gel_model": "linear", "poisson": 0.5}, 1.0, "poisson: 0.5 is over 0.4999: the level"),
+        ({"gel_model": "linear", "poisson": 0.5}, 1.0, "poisson: 0.5 is over 0.4999: level"),
         ({"gel_model": "linear", "prony": [[0.2, 1.0]]}, 1.0, "needs the level 'hyperelastic'"),
         ({"gel_model": "hyperelastic", "prony": [[0.2, 1.0]]}, 11.0, ""),
     ],

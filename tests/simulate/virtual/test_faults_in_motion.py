@@ -24,16 +24,16 @@ class Bench(hosted.Bench):
 
     def insert(self, text: bytes, in_s: float = 0.0) -> None:
         """The host hears these words, which the controller never said."""
-        self.grbl.invent(text, self.clock.now_s() + in_s)
+        self.grbl.inject(text, self.clock.now_s() + in_s)
 
     def replace(self, begins: bytes, words: bytes) -> None:
         """Every line that begins so arrives as other words."""
-        self.grbl.be_true()
-        self.grbl.change(lambda line: words, begins)
+        self.grbl.clear_line_faults()
+        self.grbl.alter_lines(lambda line: words, begins)
 
     def drop(self, unwanted: bytes) -> None:
         """Every line that begins so is lost."""
-        self.grbl.be_true()
+        self.grbl.clear_line_faults()
         self.grbl.lose(unwanted)
 
     def came_to_rest(self) -> float:
@@ -42,7 +42,7 @@ class Bench(hosted.Bench):
         The wires work again from here on.
         """
         before = self.grbl.position_mm()
-        self.grbl.be_true()
+        self.grbl.clear_line_faults()
         self.clock.sleep_s(30)
         after = self.grbl.position_mm()
         assert math.dist(after, MACHINE_MM) > 40
@@ -242,7 +242,7 @@ def test_where_the_count_was_kept_the_tip_is_lifted(fault: str) -> None:
     with pytest.raises(StageError, match="was told to stop"):
         bench.stage.start_move((0.0, 0.0, -2.0), 60.0) if "ok" in fault else bench.stage.wait()
     assert bench.grbl.position_mm()[2] > MACHINE_MM[2] - 6.7  # short of the end, at 7
-    bench.grbl.be_true()
+    bench.grbl.clear_line_faults()
     assert bench.stage.rescue(5.0, 300.0)
     assert bench.grbl.position_mm() == pytest.approx(MACHINE_MM, abs=0.002)
     with pytest.raises(StageError, match="no motion after a fault"):

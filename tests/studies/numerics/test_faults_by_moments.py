@@ -13,7 +13,7 @@ import pytest
 
 from deltact_fab.bench.protocols.plan import Protocol
 from deltact_fab.bench.rig import config
-from deltact_fab.simulate import FaultScenario
+from deltact_fab.simulate import FaultBench, FaultScenario
 from deltact_fab.studies.numerics.faults.kinds import FAULTS, FaultKind
 from deltact_fab.studies.numerics.faults.rehearsal import FaultOutcome, Matrix
 
@@ -62,6 +62,12 @@ def cell(matrix: Matrix, of: FaultKind, moment: str) -> FaultOutcome:
 )  # fmt: skip
 def test_a_fault_ends_as_it_must(matrix: Matrix, name: str, moment: str) -> None:
     assert cell(matrix, fault(name), moment).wrong == ""
+
+
+@pytest.mark.parametrize("kind", FAULTS, ids=lambda kind: kind.name)
+def test_every_fault_can_strike(kind: FaultKind) -> None:
+    protocol, rig = Protocol.model_validate(tomllib.loads(TEXT)), config.load_rig("grbl-bench")[0]
+    kind.strike(FaultBench(FaultScenario.from_protocol(protocol, TEXT.encode(), rig)), 9.0)
 
 
 def test_a_carriage_that_goes_on_is_found(matrix: Matrix) -> None:

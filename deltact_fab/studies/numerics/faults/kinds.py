@@ -61,7 +61,7 @@ def _drift(bench: FaultBench, at_s: float) -> None:
 
 
 FAULTS: tuple[FaultKind, ...] = (
-    FaultKind("lost ok", lambda b, at_s: b.board.lose(b"ok", at_s, most=1),
+    FaultKind("lost ok", lambda b, at_s: b.board.lose(b"ok", at_s, limit=1),
               ("no answer to $",), success=True, within_s=0.6),
     FaultKind("doubled ok", lambda b, at_s: b.board.alter_lines(lambda s: s + s, b"ok", at_s), (),
               success=True),
