@@ -11,7 +11,7 @@ RECORDS = Path(__file__).parents[1] / "docs" / "decisions"
 FILES = sorted(file for file in RECORDS.glob("*.md") if file.name != "README.md")
 
 
-def test_the_index_has_every_record_once_and_every_number_that_is_gone() -> None:
+def test_index_lists_every_record_once() -> None:
     subjects, table = (RECORDS / "README.md").read_text().split("| gone |", 1)
     held = sorted(int(number) for number in re.findall(r"\]\((\d{4})-", subjects))
     assert held == [int(file.name[:4]) for file in FILES] == sorted(set(held))
@@ -20,7 +20,7 @@ def test_the_index_has_every_record_once_and_every_number_that_is_gone() -> None
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
-def test_a_record_is_short_and_says_what_a_record_must(file: Path) -> None:
+def test_record_is_short_and_complete(file: Path) -> None:
     text = file.read_text()
     lines = text.splitlines()
     assert re.match(rf"# {int(file.name[:4])}\. \S", lines[0])
@@ -32,7 +32,7 @@ def test_a_record_is_short_and_says_what_a_record_must(file: Path) -> None:
     assert re.match(r"(Proposed|Accepted|Superseded by \[)", sections["Status"])
 
 
-def test_links_between_records_and_evidence_lead_somewhere() -> None:
+def test_links_between_records_resolve() -> None:
     dead = [
         f"{file.name}: {target}"
         for file in [*RECORDS.glob("*.md"), *(RECORDS.parent / "evidence").glob("*.md")]

@@ -45,7 +45,7 @@ def users() -> dict[tuple[str, str], list[Path]]:
 
 
 @pytest.mark.parametrize("wing", WINGS)
-def test_each_name_at_a_door_is_there_and_documented(wing: str) -> None:
+def test_door_names_exist_and_are_documented(wing: str) -> None:
     module = import_module(f"deltact_fab.{wing}")
     for name, (home, original) in door(wing).items():
         value = getattr(module, name)
@@ -62,7 +62,7 @@ def test_doors_stay_small() -> None:
     assert sum(counts.values()) <= MOST_ALL, counts
 
 
-def test_each_name_at_a_door_is_used_outside(users: dict[tuple[str, str], list[Path]]) -> None:
+def test_door_names_are_used_outside(users: dict[tuple[str, str], list[Path]]) -> None:
     listed = {(wing, name) for wing in WINGS for name in door(wing)}
     outermost = handed_on(ast.parse((PACKAGE / "__init__.py").read_text()), "deltact_fab").values()
     taken = {(home.partition(".")[2], name) for home, name in outermost} | {("app", "entry")}
@@ -102,7 +102,7 @@ def test_what_is_silent_is_no_wing() -> None:
 
 
 @pytest.mark.slow
-def test_a_leak_through_two_doors_is_refused(tmp_path: Path) -> None:
+def test_leak_through_two_doors_fails(tmp_path: Path) -> None:
     """An estimator that imports the record, which imports the gel: each through its door."""
     shutil.copytree(PACKAGE, tmp_path / "deltact_fab", ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(ROOT / "pyproject.toml", tmp_path)

@@ -141,12 +141,12 @@ def sources() -> Sources:
     return Sources(_texts(*USERS))
 
 
-def test_no_private_name_is_used_in_another_wing(sources: Sources) -> None:
+def test_private_names_stay_in_their_wing(sources: Sources) -> None:
     assert len(sources.trees) > 300
     assert sorted(sources.foreign_private()) == []
 
 
-def test_nothing_inside_the_package_imports_its_face(sources: Sources) -> None:
+def test_package_does_not_import_its_face(sources: Sources) -> None:
     """`import deltact_fab as dt` is for users: it names the package's top, which names the rest."""
     found = [
         f"{module}: {name}"
@@ -158,7 +158,7 @@ def test_nothing_inside_the_package_imports_its_face(sources: Sources) -> None:
     assert found == []
 
 
-def test_what_the_package_defines_is_used_there_or_documented(sources: Sources) -> None:
+def test_definitions_are_used_or_documented(sources: Sources) -> None:
     """What tests alone use belongs to the tests."""
     docs = " ".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").rglob("*.md"))
     words = set(re.findall(r"\w+", " ".join(re.findall(r"`[^`\n]+`", docs))))
@@ -178,7 +178,7 @@ def test_a_class_name_has_one_meaning(sources: Sources) -> None:
     assert {name: found for name, found in homes.items() if len(found) > 1} == {}
 
 
-def test_one_file_knows_where_the_package_lies(sources: Sources) -> None:
+def test_one_file_locates_the_package(sources: Sources) -> None:
     """What else is read at run time is found through `paths`, so that a file can move."""
     counting = {
         module

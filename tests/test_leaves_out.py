@@ -175,7 +175,7 @@ def calls_of(
 
 
 @pytest.mark.slow
-def test_the_full_scene_calls_everything_but_a_real_port(
+def test_full_scene_calls_everything(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     calls = calls_of("full", tmp_path, monkeypatch)
@@ -200,7 +200,7 @@ def test_a_force_only_scene_never_draws(tmp_path: Path, monkeypatch: pytest.Monk
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["tracking", "no dots"])
-def test_an_analysis_follows_the_dots_only_where_they_are_asked_for(
+def test_dots_are_tracked_on_demand(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from deltact_fab.estimate.analysis.tracking_error.follow import analyse_tracking
@@ -222,14 +222,14 @@ def test_an_analysis_follows_the_dots_only_where_they_are_asked_for(
 
 
 @pytest.mark.slow
-def test_a_force_only_run_imports_nothing_that_draws(tmp_path: Path) -> None:
+def test_force_run_imports_no_renderer(tmp_path: Path) -> None:
     protocol, rig = scene("force and shear", tmp_path, LENS)
     (run,) = loaded_by(RUN.format(protocol=protocol, rig=rig), cwd=tmp_path)
     assert run == {"scipy.interpolate"}  # the gel's free sides
 
 
 @pytest.mark.slow
-def test_a_tracking_run_draws_and_only_the_report_loads_the_makers_of_pages(tmp_path: Path) -> None:
+def test_tracking_run_loads_no_page_makers(tmp_path: Path) -> None:
     protocol, rig = scene("tracking", tmp_path)
     run, analysed, reported = loaded_by(
         RUN.format(protocol=protocol, rig=rig),
@@ -257,7 +257,7 @@ write_run_page("run", Path("page.html"), result)
         pytest.param("gel press --depth 0.6 --spacing 0.5 --model linear", marks=pytest.mark.slow),
     ],
 )
-def test_a_command_of_numbers_loads_no_kernel_no_pages_and_no_opencv(
+def test_number_commands_load_no_opencv(
     words: str, tmp_path: Path
 ) -> None:
     (loaded,) = loaded_by(COMMAND.format(words=words.split()), cwd=tmp_path)
@@ -269,7 +269,7 @@ def commands(*lines: str) -> list[str]:
     return [COMMAND.format(words=line.split()) for line in lines]
 
 
-def test_a_sheet_asks_the_design_for_its_film_and_builds_no_registry_of_parts(
+def test_sheet_builds_no_part_registry(
     tmp_path: Path,
 ) -> None:
     bodies = commands("pattern sheet recommended -o sheet.pdf", "cad bom")
@@ -279,7 +279,7 @@ def test_a_sheet_asks_the_design_for_its_film_and_builds_no_registry_of_parts(
 
 
 @pytest.mark.slow
-def test_measuring_a_run_loads_nothing_that_writes_or_checks_one_and_no_dimensions(
+def test_measuring_loads_no_writer_or_dimensions(
     mini_run: Path, tmp_path: Path
 ) -> None:
     (tmp_path / "own.toml").write_text(f'images = "{mini_run / "images"}"\nrate_hz = 20\n')
@@ -290,7 +290,7 @@ def test_measuring_a_run_loads_nothing_that_writes_or_checks_one_and_no_dimensio
 
 
 @pytest.mark.slow
-def test_a_step_file_loads_no_drawing_and_no_cluster(tmp_path: Path) -> None:
+def test_step_export_loads_no_drawing(tmp_path: Path) -> None:
     export = "cad export cover --out parts --format"
     bodies = commands(f"{export} step", f"{export} pdf")
     elsewhere = """

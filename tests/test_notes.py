@@ -48,7 +48,7 @@ def change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Change:
     return changed
 
 
-def test_a_press_has_its_flags_by_id(change: Change) -> None:
+def test_press_flags_have_ids(change: Change) -> None:
     asked = (SkinDimensions(), GelMaterial(), parse_indenter("sphere:10"), (0.0, 0.0), 1.5)
     results = []
     for _ in range(2):
@@ -92,7 +92,7 @@ def test_a_gel_is_reported_by_ids(change: Change) -> None:
     assert reports[0] == reports[1]
 
 
-def test_an_event_has_the_id_that_the_sensor_gave(change: Change) -> None:
+def test_event_keeps_the_sensor_id(change: Change) -> None:
     events: list[tuple[str, str]] = []
 
     def read() -> ForceSamples:
@@ -111,7 +111,7 @@ def test_an_event_has_the_id_that_the_sensor_gave(change: Change) -> None:
     assert after == ("gap", ODD)
 
 
-def test_a_summary_tells_its_warnings_by_data_and_an_older_one_by_their_mark(
+def test_warnings_are_read_from_data(
     mini_run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = open_run(mini_run)
@@ -127,7 +127,7 @@ def test_a_summary_tells_its_warnings_by_data_and_an_older_one_by_their_mark(
 
 
 @pytest.mark.slow
-def test_a_run_is_the_same_under_other_sentences(
+def test_run_does_not_depend_on_sentences(
     mini: tuple[Path, Path], tmp_path: Path, change: Change
 ) -> None:
     protocol = tmp_path / "force.toml"

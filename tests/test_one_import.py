@@ -55,14 +55,14 @@ def _every_subpackage() -> None:
             import_module(f"deltact_fab.{module.name}")
 
 
-def test_its_names_are_offered_and_no_module_takes_one() -> None:
+def test_names_are_offered_once() -> None:
     assert set(dt.__all__) <= set(dir(dt))
     assert not [n for n in dt.__all__ if isinstance(getattr(dt, n), ModuleType)]
     with pytest.raises(AttributeError, match="'deltact_fab' has no attribute 'trak'"):
         dt.trak  # type: ignore[attr-defined]  # noqa: B018
 
 
-def test_each_name_is_exported_and_has_a_line() -> None:
+def test_exported_names_have_a_line() -> None:
     homes = handed_on(ast.parse(Path(dt.__file__).read_text()), "deltact_fab")
     ours = {name for name, (home, _) in homes.items() if home.startswith("deltact_fab")}
     assert ours - {"open_door"} == {*dt.__all__}
@@ -75,7 +75,7 @@ def test_an_import_loads_the_version_alone() -> None:
     assert set(done.stdout.split()) == {"deltact_fab", "deltact_fab.door", "deltact_fab.version"}
 
 
-def test_what_users_copied_from_0_3_goes_on_working() -> None:
+def test_old_user_code_still_works() -> None:
     for path, names in moved.TAUGHT.items():
         with pytest.warns(FutureWarning, match=re.escape(f"deltact_fab.{path} goes in 0.5: ")):
             module = import_module(f"deltact_fab.{path}")
@@ -85,7 +85,7 @@ def test_what_users_copied_from_0_3_goes_on_working() -> None:
     assert {"record", "rig.config", "cad.registry", "shapes.indenter"} <= moved.TAUGHT.keys()
 
 
-def test_a_path_that_moved_leads_on_and_says_once_what_replaces_it() -> None:
+def test_moved_path_warns_once() -> None:
     with pytest.warns(FutureWarning) as told:
         from deltact_fab.gel.press import press
     with warnings.catch_warnings():
@@ -121,7 +121,7 @@ def test_what_users_copy_imports_dt_alone() -> None:
 
 
 @pytest.mark.slow
-def test_four_tasks_take_25_lines_at_most(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_four_tasks_take_25_lines(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert sum(len(task.splitlines()) for task in TASKS) <= 25
     names: dict[str, Any] = {"folder": folder}
     said = []
@@ -138,7 +138,7 @@ def test_four_tasks_take_25_lines_at_most(folder: Path, capsys: pytest.CaptureFi
 
 
 @pytest.mark.slow
-def test_a_source_is_measured_as_the_live_loop_measures_it(folder: Path) -> None:
+def test_source_matches_the_live_loop(folder: Path) -> None:
     files = [folder / "force.toml", folder / "depth.toml"]
     measured = [seen.result for seen in dt.measure_source(folder / "run", files, show=["force"])]
     run = dt.load_run(folder / "run")

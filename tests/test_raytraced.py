@@ -26,7 +26,7 @@ def test_it_imports_nothing_of_the_product() -> None:
 
 
 @pytest.mark.parametrize("name", LENSES)
-def test_a_pixel_s_ray_is_seen_in_that_pixel(name: str) -> None:
+def test_ray_projects_to_its_pixel(name: str) -> None:
     lens = LENSES[name]
     px = np.random.default_rng(1).uniform((250, 60), (1030, 660), (200, 2))
     rest, slope = lens.rays(px)
@@ -35,7 +35,7 @@ def test_a_pixel_s_ray_is_seen_in_that_pixel(name: str) -> None:
         assert np.abs(lens.project_px(points) - px).max() < 1e-5
 
 
-def test_a_point_that_comes_nearer_is_seen_further_out() -> None:
+def test_nearer_point_projects_further_out() -> None:
     lens, press = Lens(), Motion(press_mm=2.0, at_mm=(3.0, 0.0))
     seen = true_motion_mm(lens, press, np.array([[3.0, 0.0], [-12.0, 0.0]]))
     assert seen[0, 0] > 0.2
