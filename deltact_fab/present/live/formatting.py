@@ -132,7 +132,7 @@ COLUMNS = [
     ),
     *_columns(
         "bool",
-        trusted="The tracker believes enough of what it sees; else no other number counts.",
+        trusted="False: ignore all other values.",
         extrapolated="A calibration is used beyond what it was made from.",
     ),
     *_columns(

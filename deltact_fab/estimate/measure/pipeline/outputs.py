@@ -55,7 +55,7 @@ class MeasurementResult:
     frame: 0 for the reference image, then one more an image followed. t_s: when the image was
     taken, on the clock of `time.monotonic`, or when it was given; age_ms: from then until this
     result was complete. cover: share of the view whose motion is known. trusted: the tracker
-    believes enough of what it sees; without it no output counts.
+    tracks enough of the image; if False, ignore all other values.
 
     health: of the sensor at the reference image, None where no calibration kept one to compare.
     flow: of the face. observation: the tracker's own words, on its half grid. contacts: the deepest
