@@ -17,7 +17,7 @@ import pydantic
 
 import deltact_fab
 from deltact_fab.app.cli.main import main as program
-from deltact_fab.app.schema import KINDS, OUTPUTS, Kind, rows
+from deltact_fab.app.schema import KINDS, OUTPUTS, FileKind, rows
 from deltact_fab.common import catalog
 
 from . import architecture, extend_pages
@@ -75,7 +75,7 @@ def _index() -> str:
     return "\n".join(lines)
 
 
-def _keys(kind: Kind) -> str:
+def _keys(kind: FileKind) -> str:
     about = kind.about[:1].upper() + kind.about[1:]
     lines = [
         f"# Keys of a file of kind {kind.name}",
@@ -87,7 +87,7 @@ def _keys(kind: Kind) -> str:
         "|---|---|---|---|---|---|",
     ]
     for row in rows(kind):
-        default = row.otherwise
+        default = row.default_text
         if default.startswith("default "):
             default = f"`{row.default}`"
         cells = (f"`{row.key}`", row.type, row.unit, default, row.limits, row.meaning)

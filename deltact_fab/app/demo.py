@@ -38,16 +38,16 @@ def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
 
     require_pages()
     started = time.monotonic()
-    _clear(out)
+    _prepare_folder(out)
     first = {
         "calibration (simulated)": _calibrate,
         "indentation (simulated)": _indent,
-        "parts": _parts,
-        "pattern": _pattern,
+        "parts": _export_parts,
+        "pattern": _make_pattern,
     }
-    calibrated, summary, parts, made = _side_by_side("parts, pattern, runs", first, out, seed, bar)
+    calibrated, summary, parts, sticker = _parallel("parts, pattern, runs", first, out, seed, bar)
     say(parts["said"])
-    say(f"pattern: {made}")
+    say(f"pattern: {sticker}")
     for line in calibrated:
         say(f"calibration: {line}")
     say(
@@ -55,42 +55,40 @@ def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
         f"{summary['rig_seconds']:.0f} s of rig time in {summary['wall_seconds']:.0f} s"
     )
     then = {"tracking": _track, "shape and force": _measure}
-    tracking, (shape, found) = _side_by_side("tracking, shape, force", then, out, seed, bar)
+    tracking, (shape, forces) = _parallel("tracking, shape, force", then, out, seed, bar)
 
     from deltact_fab.present import write_run_page
 
-    page = write_run_page(out / "run", out / "report.html", tracking, found, parts, shape)
+    page = write_run_page(out / "run", out / "report.html", tracking, forces, parts, shape)
     seconds = time.monotonic() - started
     (out / MARKER).write_text(json.dumps({"seed": seed, "finished": True}) + "\n")
     say(f"report: {page} ({seconds:.0f} s in all)")
     say(f"simulated, seed {seed}; calibrated on sphere:25, measured on other indenters:")
     say(f"tracking error: {tracking.verdict.line}")
     say(f"shape: {shape.line}")
-    if found.force is not None:
-        say(f"force error: {found.force.line}")
+    if forces.force is not None:
+        say(f"force error: {forces.force.line}")
     return page
 
 
-def _side_by_side(
-    title: str, works: Mapping[str, Work], out: Path, seed: int, bar: Bar
-) -> list[Any]:
+def _parallel(title: str, tasks: Mapping[str, Work], out: Path, seed: int, bar: Bar) -> list[Any]:
     """What the works return, in their order."""
-    given = [(work, out, seed) for work in works.values()]
+    jobs = [(work, out, seed) for work in tasks.values()]
     with bar(title) as tick:
-        tick(0, len(works), ", ".join(works))
-        return run_each(_do, given, list(works), progress=tick)
+        tick(0, len(tasks), ", ".join(tasks))
+        return run_each(_run_task, jobs, list(tasks), progress=tick)
 
 
-def _do(job: tuple[Work, Path, int]) -> Any:
+def _run_task(task: tuple[Work, Path, int]) -> Any:
     """In a process of its own."""
-    work, out, seed = job
+    work, out, seed = task
     return work(out, seed)
 
 
-def _calibrations(out: Path) -> tuple[Path, Path]:
+def _calibration_files(out: Path) -> tuple[Path, Path]:
     """The calibrations of force and depth, with the run that they were made from."""
-    kept = out / "calibration" / "analysis"
-    return kept / "calibration.toml", kept / "depth.toml"
+    folder = out / "calibration" / "analysis"
+    return folder / "calibration.toml", folder / "depth.toml"
 
 
 def _calibrate(out: Path, seed: int) -> tuple[str, str]:
@@ -98,7 +96,7 @@ def _calibrate(out: Path, seed: int) -> tuple[str, str]:
     from deltact_fab.common import write_whole
     from deltact_fab.estimate import calibrate_depth, calibrate_force, write_force_calibration
 
-    folder, (force_file, depth_file) = out / "calibration", _calibrations(out)
+    folder, (force_file, depth_file) = out / "calibration", _calibration_files(out)
     # Another noise than that of the run that is measured.
     run_experiment(RunRequest(CALIBRATION, RIG, folder, seed=seed + 1))
     force = calibrate_force([folder], (FORCE_MODEL,), seed)
@@ -128,12 +126,12 @@ def _measure(out: Path, seed: int) -> tuple[ShapeResult, RunMeasurement]:
     from deltact_fab.bench import open_run
     from deltact_fab.estimate import analyse_shape, measure_run
 
-    shape = analyse_shape(out / "run", _calibrations(out)[1])
+    shape = analyse_shape(out / "run", _calibration_files(out)[1])
     shape.save(out / "run" / "analysis")
-    return shape, measure_run(open_run(out / "run"), _calibrations(out))
+    return shape, measure_run(open_run(out / "run"), _calibration_files(out))
 
 
-def _clear(out: Path) -> None:
+def _prepare_folder(out: Path) -> None:
     if not out.exists():
         out.mkdir(parents=True)
     elif (out / MARKER).is_file():
@@ -144,39 +142,39 @@ def _clear(out: Path) -> None:
     (out / MARKER).write_text(json.dumps({"finished": False}) + "\n")
 
 
-def _parts(out: Path, seed: int) -> dict[str, Any]:
+def _export_parts(out: Path, seed: int) -> dict[str, Any]:
     """A row a part, and what is said of them."""
     from deltact_fab.fabricate import export_parts, load_design, select_parts
 
     try:
         files = export_parts(load_design(), select_parts(["sensor"]), None, 0.01, out / "cad")
-    except MissingLibrary as why:
-        note = f"left out: {why}"
+    except MissingLibrary as error:
+        note = f"left out: {error}"
         return {"parts": [], "note": f"The parts were {note}", "said": f"cad: {note}"}
     rows = []
     for part in dict.fromkeys(f.part for f in files):
-        own = [f for f in files if f.part == part]
-        off_mm = [f.mesh_deviation_mm for f in own if f.mesh_deviation_mm is not None]
+        part_files = [f for f in files if f.part == part]
+        off_mm = [f.mesh_deviation_mm for f in part_files if f.mesh_deviation_mm is not None]
         rows.append(
             {
                 "part": part,
-                "formats": ", ".join(f.file.removeprefix(f"{part}.") for f in own),
-                "material": own[0].material,
-                "process": own[0].process,
-                "quantity": own[0].quantity,
-                "volume_mm3": own[0].volume_mm3 or None,
+                "formats": ", ".join(f.file.removeprefix(f"{part}.") for f in part_files),
+                "material": part_files[0].material,
+                "process": part_files[0].process,
+                "quantity": part_files[0].quantity,
+                "volume_mm3": part_files[0].volume_mm3 or None,
                 "mesh_deviation_mm": max(off_mm, default=None),
             }
         )
     return {"parts": rows, "note": "", "said": f"cad: {len(files)} files in {out / 'cad'}"}
 
 
-def _pattern(out: Path, seed: int) -> str:
+def _make_pattern(out: Path, seed: int) -> str:
     from deltact_fab.fabricate import load_recipe, make_pattern
 
     folder = out / "pattern"
     folder.mkdir()
-    made = make_pattern(load_recipe("dense-with-dots"), folder / "dense-with-dots.png")
-    recipe = made.recipe
+    sticker = make_pattern(load_recipe("dense-with-dots"), folder / "dense-with-dots.png")
+    recipe = sticker.recipe
     dots = recipe.dots.columns * recipe.dots.rows if recipe.dots is not None else 0
-    return f"{recipe.n} x {recipe.n} patches of {recipe.patch_mm} mm, {dots} dots: {made.image}"
+    return f"{recipe.n} x {recipe.n} patches of {recipe.patch_mm} mm, {dots} dots: {sticker.image}"

@@ -42,10 +42,10 @@ class InstalledItem:
     get: str = ""
 
 
-def look() -> list[InstalledItem]:
+def inspect_installation() -> list[InstalledItem]:
     """Everything, in order. Fast: no large package is imported."""
-    found = f"{platform.python_version()} {sys.executable}"
-    python = InstalledItem(NEEDED, "python", "ok", found)
+    interpreter = f"{platform.python_version()} {sys.executable}"
+    python = InstalledItem(NEEDED, "python", "ok", interpreter)
     return [python, *_packages(), *_system()]
 
 
@@ -56,19 +56,19 @@ def is_broken(findings: list[InstalledItem]) -> bool:
 
 def _packages() -> Iterator[InstalledItem]:
     try:
-        version, wanted = metadata.version(PACKAGE), metadata.requires(PACKAGE) or []
+        version, requirements = metadata.version(PACKAGE), metadata.requires(PACKAGE) or []
     except metadata.PackageNotFoundError:
         yield InstalledItem(NEEDED, PACKAGE, "broken", "runs, and is not installed",
                             "its requirements", "pip install -e .")  # fmt: skip
         return
     yield InstalledItem(NEEDED, PACKAGE, "ok", version)
-    for line in wanted:
-        name, group = required(line)
+    for line in requirements:
+        name, group = parse_requirement(line)
         if group == NEEDED or group in EXTRAS:
             yield _package(name, group, line)
 
 
-def required(line: str) -> tuple[str, str]:
+def parse_requirement(line: str) -> tuple[str, str]:
     """Name and extra of a requirement as package metadata has it; `core` without an extra."""
     name = re.match(r"[A-Za-z0-9._-]+", line)
     extra = re.search(r"extra == ['\"]([\w-]+)['\"]", line)

@@ -22,7 +22,7 @@ from deltact_fab.common import (
 )
 from deltact_fab.paths import asset, shipped_folder
 
-from .schema import BY_NAME, KINDS, TABLE, KeyRow, Kind, described, document, rows
+from .schema import BY_NAME, KINDS, TABLE, FileKind, KeyRow, described_schema, rows, schema_document
 
 if TYPE_CHECKING:
     from deltact_fab.bench import HostDevice
@@ -55,7 +55,7 @@ def _texts() -> dict[str, str]:
     texts = {"README.md": asset("tour.md").read_text(encoding="utf-8")}
     catalogues = {kind.catalogue for kind in KINDS.values()}
     for kind in KINDS.values():
-        text = json.dumps(document(kind), indent=1, ensure_ascii=False, allow_nan=False)
+        text = json.dumps(schema_document(kind), indent=1, ensure_ascii=False, allow_nan=False)
         texts[f"{SCHEMAS}/{kind.name}.json"] = text + "\n"
     for top in SHIPPED:
         shipped = shipped_folder(top)
@@ -111,7 +111,7 @@ def protocol(name: str, source: str = "smoke", out: Path | None = None) -> Path:
 
     _, path = load_protocol(source, by_hand=True)
     text = f"As {source}; say here what the experiment is for."
-    given = {**read_toml(path), "name": name, "description": text}
+    settings = {**read_toml(path), "name": name, "description": text}
     about = (
         f"An indentation experiment, begun from {source!r}. Places count from the centre of the",
         "resting face: x along its width, y along its length, z out of it. Afterwards:",
@@ -119,7 +119,7 @@ def protocol(name: str, source: str = "smoke", out: Path | None = None) -> Path:
         f"    deltact-fab protocol show {name}",
         f"    deltact-fab run {name} --rig virtual --out {name}-run",
     )
-    return _write("protocol", name, out, commented(KINDS["protocol"], given, about))
+    return _write("protocol", name, out, commented_toml(KINDS["protocol"], settings, about))
 
 
 def design(
@@ -132,25 +132,25 @@ def design(
     """
     from deltact_fab.fabricate import load_design
 
-    hoped = ""
+    purpose = ""
     inherited = asdict(load_design(base))
-    given: dict[str, Any] = {"base": base}
+    settings: dict[str, Any] = {"base": base}
     if wish is not None:
         from deltact_fab.fabricate import solve_wish
 
-        made = asdict(solve_wish(wish, load_design(base)))
-        for section, values in made.items():
+        solution = asdict(solve_wish(wish, load_design(base)))
+        for section, values in solution.items():
             changed = {k: v for k, v in values.items() if v != inherited[section][k]}
-            given |= {section: changed} if changed else {}
+            settings |= {section: changed} if changed else {}
         x, y = wish.face_mm
-        hoped = f"Made for a face of {x:g} x {y:g} mm, {100 * wish.share:g} % of it seen. "
+        purpose = f"Made for a face of {x:g} x {y:g} mm, {100 * wish.share:g} % of it seen. "
     about = (
-        f"{hoped}A design that takes from {base!r} all that it does not set itself. Afterwards:",
+        f"{purpose}A design that takes from {base!r} all that it does not set itself. Afterwards:",
         f"    deltact-fab cad check --design {name}",
         f"    deltact-fab cad export --design {name} --out parts",
         "What is assumed and not measured is to be measured, and then listed under `measured`.",
     )
-    return _write("design", name, out, commented(KINDS["design"], given, about, inherited))
+    return _write("design", name, out, commented_toml(KINDS["design"], settings, about, inherited))
 
 
 def pattern(name: str, law: str = "algorithm1", out: Path | None = None) -> Path:
@@ -162,12 +162,12 @@ def pattern(name: str, law: str = "algorithm1", out: Path | None = None) -> Path
 
     if law not in PATTERN_LAWS:
         raise InputError(f"--law {law!r}: no such law; {did_you_mean(law, PATTERN_LAWS)}")
-    keys = described(KINDS["pattern"])["properties"]
-    given: dict[str, Any] = {"law": law, "seed": DEFAULT_SEED}
+    keys = described_schema(KINDS["pattern"])["properties"]
+    settings: dict[str, Any] = {"law": law, "seed": DEFAULT_SEED}
     for key in PATTERN_LAWS[law].needs:
         # White dots show the white layer behind: on clear film there is none.
         black = {"colour": "#000000"}
-        given[key] = black if key == "dots" else keys[key]["examples"][0]
+        settings[key] = black if key == "dots" else keys[key]["examples"][0]
     about = (
         f"A sticker of law {law}: {PATTERN_LAWS[law].about}. Afterwards:",
         f"    deltact-fab pattern quality {name}",
@@ -176,7 +176,7 @@ def pattern(name: str, law: str = "algorithm1", out: Path | None = None) -> Path
     )
     foreign = set(PATTERN_LAWS[law].foreign_keys)
     return _write(
-        "pattern", name, out, commented(KINDS["pattern"], given, about, leave_out=foreign)
+        "pattern", name, out, commented_toml(KINDS["pattern"], settings, about, leave_out=foreign)
     )
 
 
@@ -187,8 +187,8 @@ def rig(name: str, out: Path | None = None) -> tuple[Path, dict[str, list[HostDe
     """
     from deltact_fab.bench import list_devices
 
-    found = list_devices()
-    return _write("grbl-rig", name, out, rig_text(**found)), found
+    devices = list_devices()
+    return _write("grbl-rig", name, out, rig_text(**devices)), devices
 
 
 def rig_text(ports: Sequence[HostDevice] = (), cameras: Sequence[HostDevice] = ()) -> str:
@@ -196,17 +196,17 @@ def rig_text(ports: Sequence[HostDevice] = (), cameras: Sequence[HostDevice] = (
 
     Of ports and of cameras the first is taken, the others stand beside it in comments.
     """
-    given: dict[str, Any] = {"kind": "grbl"}
-    written = {}
-    for table, key, found in (("stage", "port", ports), ("camera", "source", cameras)):
-        values = [f"{toml_literal(one.name)}  # {one.text}".rstrip(" #") for one in found]
-        if found:
-            given[table] = {key: found[0].name}
-            written[f"{table}.{key}"] = f"\n#or {key} = ".join(values)
+    settings: dict[str, Any] = {"kind": "grbl"}
+    texts = {}
+    for table, key, devices in (("stage", "port", ports), ("camera", "source", cameras)):
+        values = [f"{toml_literal(d.name)}  # {d.text}".rstrip(" #") for d in devices]
+        if devices:
+            settings[table] = {key: devices[0].name}
+            texts[f"{table}.{key}"] = f"\n#or {key} = ".join(values)
     if not ports:
-        given["stage"] = {"port": "/dev/ttyACM0"}
-        written["stage.port"] = '"/dev/ttyACM0"  # an example: none was found'
-    return commented(KINDS["grbl-rig"], given, ABOUT_RIG, written=written)
+        settings["stage"] = {"port": "/dev/ttyACM0"}
+        texts["stage.port"] = '"/dev/ttyACM0"  # an example: none was found'
+    return commented_toml(KINDS["grbl-rig"], settings, ABOUT_RIG, texts=texts)
 
 
 def _write(kind_name: str, name: str, out: Path | None, text: str) -> Path:
@@ -235,13 +235,13 @@ HOW = (
 OR = 'A line that begins with "#or" says the same in another way: one of both is given.'
 
 
-def commented(
-    kind: Kind,
-    given: Mapping[str, Any],
+def commented_toml(
+    kind: FileKind,
+    settings: Mapping[str, Any],
     about: Sequence[str] = (),
     inherited: Mapping[str, Any] | None = None,
     leave_out: Collection[str] = (),
-    written: Mapping[str, str] | None = None,
+    texts: Mapping[str, str] | None = None,
 ) -> str:
     """The text of a file.
 
@@ -249,44 +249,44 @@ def commented(
     default; leave_out: keys at the top that do not belong into this file; written: what stands for
     the value of a key, by its path. A required key that is not given has its example.
     """
-    found = [row for row in rows(kind) if row.key.partition(".")[0] not in leave_out]
-    ways = (OR,) if any(row.instead_of for row in found) else ()
+    key_rows = [row for row in rows(kind) if row.key.partition(".")[0] not in leave_out]
+    ways = (OR,) if any(row.instead_of for row in key_rows) else ()
     lines = [f"# {line}".rstrip() for line in (*about, *HOW, *ways)]
     marks = {"": ""}  # of each table, what stands before its lines
-    for row in found:
+    for row in key_rows:
         table, _, name = row.key.rpartition(".")
-        value = _at(given, row.key)
+        value = _value_at(settings, row.key)
         unset = "" if value is not None or row.required else "#or " if row.instead_of else "#"
         lines.append("")
         if row.type in (TABLE, BY_NAME):
             any_name = row.type == BY_NAME
             mark = max(marks[table], "" if row.default and not any_name else unset, key=len)
             marks[f"{row.key}.*" if any_name else row.key] = mark
-            lines += _wrapped(row.meaning, "## ")
+            lines += _wrap_comment(row.meaning, "## ")
             lines.append(f"{mark}[{row.key}.{row.example}]" if any_name else f"{mark}[{row.key}]")
             continue
         if value is None:
-            value = _at(inherited or {}, row.key)
+            value = _value_at(inherited or {}, row.key)
         text = (row.default or row.example) if value is None else toml_literal(value)
-        text = (written or {}).get(row.key, text)
-        lines += _note(row)
+        text = (texts or {}).get(row.key, text)
+        lines += _comment_lines(row)
         lines.append(f"{max(marks[table], unset, key=len)}{name} = {text}")
     return "\n".join(lines) + "\n"
 
 
-def _at(data: Any, key: str) -> Any:
+def _value_at(data: Any, key: str) -> Any:
     """The value at a path in tables; None where there is none."""
     for name in key.split("."):
         data = data.get(name) if isinstance(data, Mapping) else None
     return data
 
 
-def _note(row: KeyRow) -> list[str]:
+def _comment_lines(row: KeyRow) -> list[str]:
     """Meaning, then type, unit and limits in brackets."""
     facts = (row.type if row.type != "number" else "", row.unit, row.limits)
-    said = "; ".join(fact for fact in facts if fact)
-    return _wrapped(f"{row.meaning} [{said}]" if said else row.meaning, "# ")
+    details = "; ".join(fact for fact in facts if fact)
+    return _wrap_comment(f"{row.meaning} [{details}]" if details else row.meaning, "# ")
 
 
-def _wrapped(text: str, mark: str) -> list[str]:
+def _wrap_comment(text: str, mark: str) -> list[str]:
     return [mark + line for line in textwrap.wrap(text, 96, break_on_hyphens=False)]

@@ -20,49 +20,49 @@ from deltact_fab.common import (
 
 
 @dataclass(frozen=True)
-class Kind:
+class FileKind:
     """One kind of file. where: the class that validates it; catalogue: as `catalog.KINDS`."""
 
     name: str
     catalogue: str
     about: str
-    where: str
+    class_path: str
 
     def model(self) -> Any:
         """The class, "module:name" of this package, imported when it is asked for."""
-        module, _, name = self.where.partition(":")
+        module, _, name = self.class_path.partition(":")
         return getattr(import_module(f"deltact_fab.{module}"), name)
 
 
-def _named(*kinds: Kind) -> dict[str, Kind]:
+def _by_name(*kinds: FileKind) -> dict[str, FileKind]:
     return {kind.name: kind for kind in kinds}
 
 
 _RIGS = "protocols/rigs"
-KINDS = _named(
-    Kind("protocol", "protocols", "an indentation experiment", "bench.protocols.plan:Protocol"),
-    Kind(
+KINDS = _by_name(
+    FileKind("protocol", "protocols", "an indentation experiment", "bench.protocols.plan:Protocol"),
+    FileKind(
         "virtual-rig",
         _RIGS,
         'a simulated bench, kind = "virtual"',
         "bench.rig.config:VirtualConfig",
     ),
-    Kind("grbl-rig", _RIGS, 'a real bench, kind = "grbl"', "bench.rig.config:GrblConfig"),
-    Kind("pattern", "patterns", "a pattern sticker", "fabricate.patterns.recipe:PatternRecipe"),
-    Kind(
+    FileKind("grbl-rig", _RIGS, 'a real bench, kind = "grbl"', "bench.rig.config:GrblConfig"),
+    FileKind("pattern", "patterns", "a pattern sticker", "fabricate.patterns.recipe:PatternRecipe"),
+    FileKind(
         "design",
         "cad",
         "the dimensions of a sensor and its tools",
         "fabricate.cad.dimensions:Design",
     ),
-    Kind("indenters", "cad", "the indenters that a lab makes", "fabricate.cad.design:IndenterList"),
-    Kind(
+    FileKind("indenters", "cad", "a lab's own indenters", "fabricate.cad.design:IndenterList"),
+    FileKind(
         "cameras",
         "cad",
         "the cameras that a design can be made for",
         "fabricate.cad.design:CameraList",
     ),
-    Kind(
+    FileKind(
         "parts",
         "cad",
         "where what is bought is ordered",
@@ -70,19 +70,19 @@ KINDS = _named(
     ),
 )
 _OF_EACH = "that `measure --out` keeps of each image"
-OUTPUTS = _named(
-    Kind("measured", "", f"columns {_OF_EACH}", "present.live.formatting:MeasuredRow"),
-    Kind("fields", "", f"arrays {_OF_EACH}", "present.live.formatting:FieldArrays"),
+OUTPUTS = _by_name(
+    FileKind("measured", "", f"columns {_OF_EACH}", "present.live.formatting:MeasuredRow"),
+    FileKind("fields", "", f"arrays {_OF_EACH}", "present.live.formatting:FieldArrays"),
 )
 """What the program writes: no one edits them."""
 
 
-def kind_named(name: str) -> Kind:
+def find_kind(name: str) -> FileKind:
     """Raises InputError naming the nearest kind, or all of them."""
-    found = KINDS | OUTPUTS
-    if name not in found:
-        raise InputError(f"schema {name!r}: no such kind of file; {did_you_mean(name, found)}")
-    return found[name]
+    kinds = KINDS | OUTPUTS
+    if name not in kinds:
+        raise InputError(f"schema {name!r}: no such kind of file; {did_you_mean(name, kinds)}")
+    return kinds[name]
 
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -104,9 +104,9 @@ def unit_of(key: str) -> str:
     return ""
 
 
-def document(kind: Kind) -> dict[str, Any]:
+def schema_document(kind: FileKind) -> dict[str, Any]:
     """The JSON Schema of a kind, each key's unit behind its meaning."""
-    schema = described(kind)
+    schema = described_schema(kind)
     for node in (schema, *schema.get("$defs", {}).values()):
         for name, key in node["properties"].items():
             key.pop("instead_of", None)
@@ -115,7 +115,7 @@ def document(kind: Kind) -> dict[str, Any]:
     return {"$schema": DIALECT, **schema, "title": f"deltact-fab: {kind.about}"}
 
 
-def described(kind: Kind) -> dict[str, Any]:
+def described_schema(kind: FileKind) -> dict[str, Any]:
     """The schema of a kind's model, each meaning one line that ends in a full stop."""
     schema = copy.deepcopy(json_schema_of(kind.model()))
     for node in (schema, *schema.get("$defs", {}).values()):
@@ -124,8 +124,8 @@ def described(kind: Kind) -> dict[str, Any]:
         for key in node["properties"].values():
             assumed = key.pop("unverified", False)
             if "description" in key:
-                said = _one_line(key["description"]).rstrip(".") + "."
-                key["description"] = f"{said} Assumed, not measured." if assumed else said
+                text = _one_line(key["description"]).rstrip(".") + "."
+                key["description"] = f"{text} Assumed, not measured." if assumed else text
     if kind.name == "design":  # `load_design` takes it away before the model sees the file
         base = {"type": "string", "examples": ["deltact"], "description": _BASE}
         schema["properties"] = {"base": base, **schema["properties"]}
@@ -162,7 +162,7 @@ class KeyRow:
     instead_of: str = ""
 
     @property
-    def otherwise(self) -> str:
+    def default_text(self) -> str:
         """What holds when the key is left out; empty of a table, whose keys say theirs."""
         if self.required:
             return "required"
@@ -171,23 +171,23 @@ class KeyRow:
         return "not set" if self.default is None else f"default {self.default}"
 
 
-def rows(kind: Kind) -> list[KeyRow]:
+def rows(kind: FileKind) -> list[KeyRow]:
     """Every key of a kind: those of a table, then the tables in it, each above its keys."""
-    root = described(kind)
+    root = described_schema(kind)
     return list(_rows(root, root, ""))
 
 
-def _rows(node: dict[str, Any], root: dict[str, Any], at: str) -> Iterator[KeyRow]:
+def _rows(node: dict[str, Any], root: dict[str, Any], prefix: str) -> Iterator[KeyRow]:
     needed = node.get("required", [])
     keys = {name: resolve_schema(key, root) for name, key in node["properties"].items()}
-    inner = {name: _inner(key, root) for name, key in keys.items()}
+    inner = {name: _find_table(key, root) for name, key in keys.items()}
     for name in sorted(keys, key=lambda name: inner[name] is not None):
         key, (kind, table) = keys[name], inner[name] or ("", {})
         example = next(iter(key.get("examples", ())), None)
         if kind == BY_NAME and example is not None:
             example = next(iter(example))
         yield KeyRow(
-            f"{at}{name}",
+            f"{prefix}{name}",
             kind or type_of(key),
             "" if table else unit_of(name),
             toml_literal(key["default"]) if "default" in key else None,
@@ -198,10 +198,10 @@ def _rows(node: dict[str, Any], root: dict[str, Any], at: str) -> Iterator[KeyRo
             key.get("instead_of", ""),
         )
         if table:
-            yield from _rows(table, root, f"{at}{name}{_MARKS[kind]}.")
+            yield from _rows(table, root, f"{prefix}{name}{_MARKS[kind]}.")
 
 
-def _inner(key: dict[str, Any], root: dict[str, Any]) -> tuple[str, dict[str, Any]] | None:
+def _find_table(key: dict[str, Any], root: dict[str, Any]) -> tuple[str, dict[str, Any]] | None:
     """How a key holds a table, itself or in each of its entries, and that table."""
     parts = {TABLE: key, MANY: key.get("items"), BY_NAME: key.get("additionalProperties")}
     for kind, part in parts.items():
@@ -223,56 +223,56 @@ def type_of(key: dict[str, Any]) -> str:
         return " or ".join(dict.fromkeys(map(type_of, key["anyOf"])))
     kind = key.get("type", "any")
     if kind == "array" and "prefixItems" in key:
-        kinds = dict.fromkeys(map(_several, key["prefixItems"]))
+        kinds = dict.fromkeys(map(_plural_type, key["prefixItems"]))
         return f"list of {len(key['prefixItems'])} {' and '.join(kinds)}"
     if kind == "array":
-        return f"list of {_several(key['items'])}"
+        return f"list of {_plural_type(key['items'])}"
     if kind == "object":
         entry = key.get("additionalProperties")
         return f"table of {type_of(entry)} by name" if isinstance(entry, dict) else "table"
     return _TYPES[kind]
 
 
-def _several(key: dict[str, Any]) -> str:
+def _plural_type(key: dict[str, Any]) -> str:
     """The type of entries: numbers, whole numbers, lists of numbers; a choice by its values."""
     if "enum" in key:
         return ", ".join(map(toml_literal, key["enum"]))
-    first, *more = type_of(key).split(" of ", 1)
-    return " of ".join([first if first == "true, false" else f"{first}s", *more])
+    first, *remaining = type_of(key).split(" of ", 1)
+    return " of ".join([first if first == "true, false" else f"{first}s", *remaining])
 
 
 def limits_of(key: dict[str, Any]) -> str:
     """What a value may be at least and at most, in plain words."""
     if "anyOf" in key:
-        return _each(" or ", key["anyOf"])
+        return _join_limits(" or ", key["anyOf"])
     if isinstance(entry := key.get("additionalProperties"), dict):
         return limits_of(entry)
-    said = []
+    parts = []
     if key.get("type") == "array":
         if "items" in key:
-            count = _range(key, "minItems", "maxItems", " entries")
-            said.append(count.replace("st 1 entries", "st 1 entry"))
-        inner = _each(" and ", key.get("prefixItems") or [key.get("items", {})])
-        said.append(inner if inner.startswith("each") or not inner else f"each {inner}")
-    said.append(_range(key, "minLength", "maxLength", " characters"))
-    said.append(f"matches {key['pattern']}" if "pattern" in key else "")
-    said.append(_range(key, "minimum", "maximum", "", "exclusiveMinimum", "exclusiveMaximum"))
-    return ", ".join(filter(None, said))
+            count = _bounds(key, "minItems", "maxItems", " entries")
+            parts.append(count.replace("st 1 entries", "st 1 entry"))
+        inner = _join_limits(" and ", key.get("prefixItems") or [key.get("items", {})])
+        parts.append(inner if inner.startswith("each") or not inner else f"each {inner}")
+    parts.append(_bounds(key, "minLength", "maxLength", " characters"))
+    parts.append(f"matches {key['pattern']}" if "pattern" in key else "")
+    parts.append(_bounds(key, "minimum", "maximum", "", "exclusiveMinimum", "exclusiveMaximum"))
+    return ", ".join(filter(None, parts))
 
 
-def _each(between: str, keys: list[dict[str, Any]]) -> str:
-    return between.join(dict.fromkeys(filter(None, map(limits_of, keys))))
+def _join_limits(separator: str, keys: list[dict[str, Any]]) -> str:
+    return separator.join(dict.fromkeys(filter(None, map(limits_of, keys))))
 
 
-def _range(key: dict[str, Any], low: str, high: str, of: str, *beyond: str) -> str:
+def _bounds(key: dict[str, Any], low: str, high: str, unit: str, *exclusive: str) -> str:
     """beyond: names of what a value must be above, and below."""
-    least, most, above, below = (*map(key.get, (low, high, *beyond)), None, None)[:4]
-    if least is not None and most is not None:
+    lower, upper, above, below = (*map(key.get, (low, high, *exclusive)), None, None)[:4]
+    if lower is not None and upper is not None:
         return (
-            f"{_number(least)}" if least == most else f"{_number(least)} to {_number(most)}"
-        ) + of
-    words = {"above": above, "at least": least, "below": below, "at most": most}
-    return ", ".join(f"{word} {_number(v)}{of}" for word, v in words.items() if v is not None)
+            f"{_number(lower)}" if lower == upper else f"{_number(lower)} to {_number(upper)}"
+        ) + unit
+    words = {"above": above, "at least": lower, "below": below, "at most": upper}
+    return ", ".join(f"{word} {_number(v)}{unit}" for word, v in words.items() if v is not None)
 
 
 def _number(value: float) -> str:

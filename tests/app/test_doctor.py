@@ -14,9 +14,9 @@ from deltact_fab.app.cli.main import main
 
 
 def test_requirements_are_read() -> None:
-    assert doctor.required("numpy>=1.26") == ("numpy", "core")
+    assert doctor.parse_requirement("numpy>=1.26") == ("numpy", "core")
     line = "pypardiso>=0.4.5; platform_machine == 'x86_64' and extra == 'fast'"
-    assert doctor.required(line) == ("pypardiso", "fast")
+    assert doctor.parse_requirement(line) == ("pypardiso", "fast")
 
 
 def test_the_core_is_complete_here() -> None:

@@ -75,7 +75,7 @@ def shape(run: Path, depth: Path | None, force: Path | None, out: Path | None) -
     keys = ("frames", "depth_error_contact_mm", "depth_error_face_mm", "relative_correlation",
             "contact_iou", "centroid_error_mm", "place_error_mm", "area_mm2", "cover")  # fmt: skip
     rows = [{"indenter": name, **result.means(name)} for name in result.indenters]
-    told = columns_of(("indenter", *keys), [{"indenter": "all", **result.means()}, *rows])
+    error_lines = columns_of(("indenter", *keys), [{"indenter": "all", **result.means()}, *rows])
     pictures, field, note = result.pictures, result.field, result.note
     files += save_figures(
         folder,
@@ -84,5 +84,5 @@ def shape(run: Path, depth: Path | None, force: Path | None, out: Path | None) -
             "force-distribution": plot_distribution(field, note) if field else None,
         },
     )
-    lines = [f"{result.line}\n", *told, f"\n{note}", files_line(files)]
+    lines = [f"{result.line}\n", *error_lines, f"\n{note}", files_line(files)]
     return Answer(result.as_dict(), lines)

@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from .options import JSON, PATH, out_folder, seed
-from .output import Answer, answers, compact, echo_json, listed, progress
+from .output import Answer, answers, compact, echo_json, listing, progress
 
 
 @click.command(epilog="Example: deltact-fab init my-lab")
@@ -25,8 +25,8 @@ def init(folder: Path) -> Answer:
     from ..lab import init as write
 
     files = write(folder)
-    told = f"{folder}: {len(files)} files written; `cd {folder}`, then see README.md"
-    return Answer([str(file) for file in files], [told])
+    summary = f"{folder}: {len(files)} files written; `cd {folder}`, then see README.md"
+    return Answer([str(file) for file in files], [summary])
 
 
 @click.command()
@@ -51,16 +51,16 @@ def doctor() -> Answer:
     Looks at Python, the packages of the core and of each extra, and system libraries. Nothing is
     opened or changed. Exit code 1 when the core is broken.
     """
-    from ..doctor import is_broken, look
+    from ..doctor import inspect_installation, is_broken
 
-    findings = look()
+    findings = inspect_installation()
     broken = is_broken(findings)
     absent = sum(f.state != "ok" for f in findings)
     verdict = f"the core is {'broken' if broken else 'complete'}; {absent} things are not there"
     data = {"ok": not broken, "findings": [asdict(f) for f in findings]}
     lines = [(f.state, f.group, f.name, f.text, f.brings, f.get) for f in findings]
-    shown = compact(("", "part of", "name", "found", "for", "to get it"), lines)
-    return Answer(data, [*shown, verdict], "" if broken else None)
+    item_lines = compact(("", "part of", "name", "found", "for", "to get it"), lines)
+    return Answer(data, [*item_lines, verdict], "" if broken else None)
 
 
 @click.command(no_args_is_help=False, epilog="Example: deltact-fab schema protocol")
@@ -73,15 +73,15 @@ def schema(kind: str | None) -> Answer:
     measured or fields, which `measure --out` writes. Without KIND the kinds are listed. --json
     prints a JSON Schema.
     """
-    from ..schema import KINDS, OUTPUTS, document, kind_named, rows
+    from ..schema import KINDS, OUTPUTS, find_kind, rows, schema_document
 
     if kind is None:
         kinds = [(k.name, k.catalogue, k.about) for k in (KINDS | OUTPUTS).values()]
-        return listed(("kind", "folder", "about"), kinds)
-    found = kind_named(kind)
+        return listing(("kind", "folder", "about"), kinds)
+    file_kind = find_kind(kind)
     lines = []
-    for row in rows(found):
-        facts = (row.type, row.unit, row.limits, row.otherwise)
+    for row in rows(file_kind):
+        facts = (row.type, row.unit, row.limits, row.default_text)
         lines.append(f"{row.key}  ({'; '.join(fact for fact in facts if fact)})")
         lines.append(textwrap.indent(textwrap.fill(row.meaning, 92), "    "))
-    return Answer(document(found), lines)
+    return Answer(schema_document(file_kind), lines)

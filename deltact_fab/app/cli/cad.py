@@ -16,7 +16,7 @@ from deltact_fab.common import InputError, catalogue_names, find_file, read_toml
 from .group import CommandGroup
 from .old_keys import of_part
 from .options import DESIGN, NAME_OR_PATH, NEW_FILE, PATH, PROCESSES, out_file, out_folder
-from .output import Answer, answers, check_lines, columns_of, listed, progress, table, written
+from .output import Answer, answers, check_lines, columns_of, file_note, listing, progress, table
 
 if TYPE_CHECKING:
     from deltact_fab.fabricate import Design
@@ -32,7 +32,7 @@ def cad() -> None:
     """
 
 
-def of_design(command: F) -> F:
+def design_options(command: F) -> F:
     """Options that name a design and change it."""
     command = click.option(
         "--set",
@@ -49,7 +49,7 @@ SENSORS = click.option(
 )  # fmt: skip
 
 
-def load(design: str, changes: tuple[str, ...]) -> Design:
+def load_feasible(design: str, changes: tuple[str, ...]) -> Design:
     """The design with its changes, every inequality enforced."""
     from deltact_fab.fabricate import check_feasible, load_design
 
@@ -88,32 +88,32 @@ def new(
         wish = Wish.parse(face, share, camera)
     elif camera is not None:
         raise InputError("--camera: say for which face it is, as in --face 60x50")
-    return written(write(name, base, out, wish), f"cad check --design {name}")
+    return file_note(write(name, base, out, wish), f"cad check --design {name}")
 
 
 @cad.command("list", epilog="Example: deltact-fab cad list designs")
 @click.argument("what", type=click.Choice(["parts", "designs", "cameras"]), default="parts",
                 metavar="[WHAT]")  # fmt: skip
 @answers
-def list_(what: str) -> Answer:
+def list_(kind: str) -> Answer:
     """Parts that can be exported; or designs or cameras, where WHAT says so.
 
     A part has its group, material, process and quantity; designs are your own and the shipped ones;
     a camera, from cad/cameras.toml, has its sources.
     """
-    return {"parts": _parts, "designs": _designs, "cameras": _cameras}[what]()
+    return {"parts": _list_parts, "designs": _list_designs, "cameras": _list_cameras}[kind]()
 
 
-def _parts() -> Answer:
+def _list_parts() -> Answer:
     from deltact_fab.fabricate import list_parts as parts
 
     columns = ("part", "group", "material", "process", "quantity")
     rows = [(p.name, p.group, p.material, p.process, p.quantity) for p in parts()]
-    told = "Any indenter is a part too: sphere:DIAMETER_MM, star:SIZE_MM and so on."
-    return listed(columns, rows, "", told)
+    note = "Any indenter is a part too: sphere:DIAMETER_MM, star:SIZE_MM and so on."
+    return listing(columns, rows, "", note)
 
 
-def _cameras() -> Answer:
+def _list_cameras() -> Answer:
     from deltact_fab.fabricate import load_cameras
 
     columns = ("camera", "module", "focal_length_mm", "projection", "picture_px", "source")
@@ -122,10 +122,10 @@ def _cameras() -> Answer:
          c.source)
         for name, c in load_cameras().items()
     ]  # fmt: skip
-    return listed(columns, rows)
+    return listing(columns, rows)
 
 
-def _designs() -> Answer:
+def _list_designs() -> Answer:
     from deltact_fab.fabricate import load_design
 
     from ..lab import kind_of
@@ -137,12 +137,12 @@ def _designs() -> Answer:
             continue
         skin = load_design(name).skin
         rows.append((name, data.get("base"), skin.width_mm, skin.length_mm, skin.thickness_mm))
-    return listed(("design", "base", "width_mm", "length_mm", "thickness_mm"), rows)
+    return listing(("design", "base", "width_mm", "length_mm", "thickness_mm"), rows)
 
 
 @cad.command(epilog="Example: deltact-fab cad show shell --design franka")
 @click.argument("part")
-@of_design
+@design_options
 @answers
 def show(part: str, design: str, changes: tuple[str, ...]) -> Answer:
     """Dimensions of PART with meaning and limits.
@@ -151,16 +151,16 @@ def show(part: str, design: str, changes: tuple[str, ...]) -> Answer:
     """
     from deltact_fab.fabricate import find_part, load_design
 
-    found = find_part(part)
-    about = {n: getattr(found, n) for n in ("name", "group", "material", "process", "quantity")}
-    told = list(found.dimensions(load_design(design, changes)))
-    shown = table(("key", "value", "limits", "meaning"), [d.row for d in told])
-    data = {**about, "dimensions": [asdict(d) for d in told]}
-    return Answer(data, [*columns_of(tuple(about), [about]), "", *shown])
+    entry = find_part(part)
+    about = {n: getattr(entry, n) for n in ("name", "group", "material", "process", "quantity")}
+    dimensions = list(entry.dimensions(load_design(design, changes)))
+    dimension_lines = table(("key", "value", "limits", "meaning"), [d.row for d in dimensions])
+    data = {**about, "dimensions": [asdict(d) for d in dimensions]}
+    return Answer(data, [*columns_of(tuple(about), [about]), "", *dimension_lines])
 
 
 @cad.command()
-@of_design
+@design_options
 @answers
 def check(design: str, changes: tuple[str, ...]) -> Answer:
     """Check the whole design on its solids: a table of passes and failures.
@@ -173,20 +173,20 @@ def check(design: str, changes: tuple[str, ...]) -> Answer:
         rows = check_design(load_design(design, changes), tell, cached=True)
     passed = [row for row in rows if row.status == "pass"]
     unverified = sum(bool(row.basis) for row in passed)
-    told = (
+    summary = (
         f"{len(passed)} of {len(rows)} checks pass, {unverified} of them on "
         "values that nobody has measured yet"
     )
     data = [{**row.as_dict(), **of_part(row)} for row in rows]
-    shown = (replace(r, basis=tuple(dict.fromkeys(map(shorten_key, r.basis)))) for r in rows)
+    short_rows = (replace(r, basis=tuple(dict.fromkeys(map(shorten_key, r.basis)))) for r in rows)
     failed = sum(row.failed for row in rows)
-    why = f"{design}: {failed} of {len(rows)} checks failed" if failed else None
-    return Answer(data, [*check_lines(shown), "", told], why)
+    failure = f"{design}: {failed} of {len(rows)} checks failed" if failed else None
+    return Answer(data, [*check_lines(short_rows), "", summary], failure)
 
 
 @cad.command(epilog="Example: deltact-fab cad export sensor sphere:12.5 --out parts")
 @click.argument("parts", nargs=-1, metavar="[PART]...")
-@of_design
+@design_options
 @click.option("--format", "formats", default="step,stl,3mf,dxf,glb,svg,pdf", metavar="LIST",
               help="Formats, separated by commas; each part gets those that suit it.")  # fmt: skip
 @click.option("--tolerance", "tolerance_mm", type=float, default=0.01, metavar="MM",
@@ -207,17 +207,17 @@ def export(
     """
     from deltact_fab.fabricate import export_parts, select_parts
 
-    dims, chosen = load(design, changes), select_parts(parts)
+    dims, chosen = load_feasible(design, changes), select_parts(parts)
     with progress("cad export") as tell:
         files = export_parts(dims, chosen, formats.split(","), tolerance_mm, out, tell, jobs=jobs)
     plain = [asdict(f) for f in files]
-    told = f"{len(files)} files and manifest.json in {out}"
-    shown = columns_of(("file", "quantity", "process", "volume_mm3", "mesh_deviation_mm"), plain)
-    return Answer(plain, [*shown, "", told])
+    summary = f"{len(files)} files and manifest.json in {out}"
+    lines = columns_of(("file", "quantity", "process", "volume_mm3", "mesh_deviation_mm"), plain)
+    return Answer(plain, [*lines, "", summary])
 
 
 @cad.command(epilog="Example: deltact-fab cad bom --sensors 4 -o bom.csv")
-@of_design
+@design_options
 @SENSORS
 @out_file("Write it as .csv or .json instead of printing it.")
 @answers
@@ -227,16 +227,16 @@ def bom(design: str, changes: tuple[str, ...], sensors: int, out: Path | None) -
 
     if out is not None and out.suffix not in (".csv", ".json"):
         raise InputError(f"-o {out}: end the name in .csv or .json")
-    found = bom_lines(load(design, changes), sensors)
-    plain = [asdict(line) for line in found]
+    bill = bom_lines(load_feasible(design, changes), sensors)
+    plain = [asdict(line) for line in bill]
     if out is not None:
-        text = found.csv() if out.suffix == ".csv" else json.dumps(plain, indent=1) + "\n"
+        text = bill.csv() if out.suffix == ".csv" else json.dumps(plain, indent=1) + "\n"
         write_whole(out, text.encode())
-        return written(out)
+        return file_note(out)
     columns = ("item", "part", "material", "process", "quantity", "unit", "note")
     rows = [
-        (*(line[c] for c in columns), str(at.source or "made here"))
-        for line, at in zip(plain, found, strict=True)
+        (*(line[c] for c in columns), str(item.source or "made here"))
+        for line, item in zip(plain, bill, strict=True)
     ]
     return Answer(plain, table((*columns, "to order"), rows))
 
@@ -255,18 +255,18 @@ def fit(readings: Path, design: str, out: Path | None) -> Answer:
     """
     from deltact_fab.fabricate import fit_design
 
-    found, text = fit_design(readings, design)
+    estimates, text = fit_design(readings, design)
     if out is not None:
         write_whole(out, text.encode())
-    plain = [asdict(e) for e in found]
+    plain = [asdict(e) for e in estimates]
     for row in plain:
         row["spread_mm"] = None if math.isnan(row["spread_mm"]) else row["spread_mm"]
-    told = columns_of(("key", "value", "before", "count", "bias_mm", "spread_mm"), plain)
-    return Answer(plain, [*told, *([f"written: {out}"] if out else [])])
+    estimate_lines = columns_of(("key", "value", "before", "count", "bias_mm", "spread_mm"), plain)
+    return Answer(plain, [*estimate_lines, *([f"written: {out}"] if out else [])])
 
 
 @cad.command(epilog="Example: deltact-fab cad guide --sensors 4 -o guide.html")
-@of_design
+@design_options
 @SENSORS
 @out_file("Page to write.", default=Path("guide.html"))
 @answers
@@ -275,6 +275,6 @@ def guide(design: str, changes: tuple[str, ...], sensors: int, out: Path) -> Ans
     from deltact_fab.fabricate import write_guide
     from deltact_fab.present import render_examples
 
-    dims = load(design, changes)
+    dims = load_feasible(design, changes)
     with progress("cad guide") as tell:
-        return written(write_guide(dims, out, sensors, tell, examples=render_examples))
+        return file_note(write_guide(dims, out, sensors, tell, examples=render_examples))

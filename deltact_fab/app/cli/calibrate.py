@@ -58,23 +58,23 @@ def lens(
     from deltact_fab.estimate import calibrate_lens, fit_flat_field
     from deltact_fab.fabricate import load_design
 
-    wanted = board_named(board, "--board")
-    held = None if air_board is None else board_named(air_board, "--air-board")
+    on_face = parse_board(board, "--board")
+    in_air = None if air_board is None else parse_board(air_board, "--air-board")
     if out.suffix != ".toml":
         raise click.BadParameter(f"{out}: a camera file ends in .toml", param_hint="-o")
-    found = calibrate_lens(_images(images), wanted, _images(air), held, load_design(design))
-    field = None if flat is None else fit_flat_field(flat, found.lens)
-    beside = out.with_suffix(".flat.png")
+    result = calibrate_lens(_files(images), on_face, _files(air), in_air, load_design(design))
+    field = None if flat is None else fit_flat_field(flat, result.lens)
+    flat_file = out.with_suffix(".flat.png")
     if field is not None:
-        write_whole(beside, field.png())
-    write_whole(out, found.camera_toml(None if field is None else beside.name).encode())
-    named = None if field is None else beside.name
-    data = {"camera": found.lens.as_dict(), **found.as_dict(), "flat": named}
-    told = f"written: {out}" + ("" if field is None else f", {beside}")
-    return Answer(data, [*_lens_lines(found), told])
+        write_whole(flat_file, field.png())
+    write_whole(out, result.camera_toml(None if field is None else flat_file.name).encode())
+    flat_name = None if field is None else flat_file.name
+    data = {"camera": result.lens.as_dict(), **result.as_dict(), "flat": flat_name}
+    summary = f"written: {out}" + ("" if field is None else f", {flat_file}")
+    return Answer(data, [*_lens_lines(result), summary])
 
 
-def board_named(words: str, option: str) -> Checkerboard:
+def parse_board(words: str, option: str) -> Checkerboard:
     """A board by its numbers, or the catalogue's chessboard skin."""
     from deltact_fab.fabricate import load_recipe
     from deltact_fab.sensor import Checkerboard
@@ -86,7 +86,7 @@ def board_named(words: str, option: str) -> Checkerboard:
     return Checkerboard(recipe.n, recipe.n, recipe.patch_mm, skin=True)
 
 
-def _images(names: tuple[Path, ...]) -> list[Path]:
+def _files(names: tuple[Path, ...]) -> list[Path]:
     """Files as they are named, and the images in the folders among them."""
     from deltact_fab.bench import ImageFolder
 
@@ -99,22 +99,22 @@ def _images(names: tuple[Path, ...]) -> list[Path]:
     return files
 
 
-def _lens_lines(found: LensCalibration) -> Iterator[str]:
-    said = found.as_dict()
-    known = [{"parameter": name, **p} for name, p in said["parameters"].items()]
-    yield from columns_of(("parameter", "value", "sigma", "prior", "prior_sigma"), known)
+def _lens_lines(calibration: LensCalibration) -> Iterator[str]:
+    data = calibration.as_dict()
+    parameters = [{"parameter": name, **p} for name, p in data["parameters"].items()]
+    yield from columns_of(("parameter", "value", "sigma", "prior", "prior_sigma"), parameters)
     yield ""
-    seen = ("file", "board", "contact", "corners", "outliers", "rms_px")
-    yield from columns_of(seen, said["images"])
+    columns = ("file", "board", "contact", "corners", "outliers", "rms_px")
+    yield from columns_of(columns, data["images"])
     yield (
         "\nuncertainty in px of the raw image (one sigma, over 95 % of the view): "
-        f"face {found.face_px:.3f}, "
-        f"3 mm below {found.depth_px[3.0]:.2f}, 6 mm below {found.depth_px[6.0]:.2f}"
+        f"face {calibration.face_px:.3f}, "
+        f"3 mm below {calibration.depth_px[3.0]:.2f}, 6 mm below {calibration.depth_px[6.0]:.2f}"
     )
-    yield f"contact corners cover {found.cover:.0%} of the view"
-    if found.simulated is not None:
-        yield f"simulated images, seed {', '.join(map(str, found.simulated))}"
-    yield from (f"note: {line}" for line in found.notes())
+    yield f"contact corners cover {calibration.cover:.0%} of the view"
+    if calibration.simulated is not None:
+        yield f"simulated images, seed {', '.join(map(str, calibration.simulated))}"
+    yield from (f"note: {line}" for line in calibration.notes())
 
 
 @calibrate.command(epilog="Example: deltact-fab calibrate depth ball-run -o depth.toml")
@@ -132,9 +132,9 @@ def depth(run: Path, force: Path | None, out: Path) -> Answer:
     """
     from deltact_fab.estimate import calibrate_depth
 
-    made = calibrate_depth(run, force)
-    write_whole(out, made.toml().encode())
-    return Answer({**made.as_dict(), "file": str(out)}, [made.line, f"written: {out}"])
+    result = calibrate_depth(run, force)
+    write_whole(out, result.toml().encode())
+    return Answer({**result.as_dict(), "file": str(out)}, [result.line, f"written: {out}"])
 
 
 @calibrate.command(epilog="Example: deltact-fab calibrate force run1 run2 -o calibration.toml")
@@ -168,24 +168,24 @@ def force(
                 "--model: does not go with --transfer, which keeps the model of its file"
             )
         with progress("transfer") as report:
-            moved, kept, left_out = transfer_calibration(runs, transfer, progress=report)
-        told = [f"{moved.line} ({kept.head.origin})", *(f"left out: {line}" for line in left_out)]
-        files = write_force_calibration(kept, output)
-        data = {"transfer": moved.as_dict(), "left_out": left_out}
-        return Answer(data, [*told, files_line(files)])
+            fit, carried, left_out = transfer_calibration(runs, transfer, progress=report)
+        lines = [f"{fit.line} ({carried.head.origin})", *(f"left out: {line}" for line in left_out)]
+        files = write_force_calibration(carried, output)
+        data = {"transfer": fit.as_dict(), "left_out": left_out}
+        return Answer(data, [*lines, files_line(files)])
     with progress("force") as report:
         result = calibrate_force(runs, models or None, seed, progress=report)
-    told = [*_force_lines(result, folder), *(f"left out: {line}" for line in result.left_out)]
+    lines = [*_force_lines(result, folder), *(f"left out: {line}" for line in result.left_out)]
     files, figure = result.save(folder, output), plot_predicted_force(result)
     files += save_figures(folder, lambda: {figure.name: figure.draw()})
-    return Answer(result.as_dict(), [*told, files_line(files)])
+    return Answer(result.as_dict(), [*lines, files_line(files)])
 
 
 def _force_lines(result: ForceResult, folder: Path) -> Iterator[str]:
     yield result.line + "\n"
-    for found in (result.early, result.gel):
-        if found is not None:
-            yield found.line + "\n"
+    for finding in (result.early, result.gel):
+        if finding is not None:
+            yield finding.line + "\n"
     head = (
         "model",
         "component",
@@ -200,11 +200,11 @@ def _force_lines(result: ForceResult, folder: Path) -> Iterator[str]:
         "adjusted_r2", "adjusted_r2_about_zero", "rmse_fitted",
         *(f"rmse_left_out_{split}" for split in result.SPLITS), "range", "percent_of_range",
     )  # fmt: skip
-    shown = {result.best.name, result.paper.name}
+    model_names = {result.best.name, result.paper.name}
     rows = [
         (row["model"], f"{row['component']}, {row['unit']}", *(row.get(key) for key in keys))
         for row in result.rows()
-        if row["model"] in shown
+        if row["model"] in model_names
     ]
     yield from table(head, rows)
     yield (

@@ -15,7 +15,7 @@ from deltact_fab.sensor import GEL_LEVELS
 
 from .group import CommandGroup
 from .options import NAME_OR_PATH, ON, PATH, PROCESSES, RIG, Point
-from .output import Answer, answers, columns_of, facts, progress, table
+from .output import Answer, answers, columns_of, pairs, progress, table
 
 if TYPE_CHECKING:
     from deltact_fab.sensor import SkinDimensions
@@ -31,7 +31,7 @@ AT = click.option(
 )  # fmt: skip
 
 
-def of_block(command: F) -> F:
+def block_options(command: F) -> F:
     """Options that say what block of gel is pressed."""
     for option in (
         click.option("--poisson", default=0.49, metavar="NU",
@@ -47,7 +47,7 @@ def of_block(command: F) -> F:
     return command
 
 
-def block(width_mm: float, length_mm: float, thickness_mm: float) -> SkinDimensions:
+def build_block(width_mm: float, length_mm: float, thickness_mm: float) -> SkinDimensions:
     """The gel as the levels know it. Raises InputError for sizes out of range."""
     from deltact_fab.sensor import SkinDimensions
 
@@ -84,7 +84,7 @@ def gel() -> None:
 @AT
 @click.option("--model", type=click.Choice(MODELS), default="auto",
               help="Level of the gel; auto takes the cheapest within the tolerance.")  # fmt: skip
-@of_block
+@block_options
 @click.option("--modulus", "modulus_mpa", default=0.56, metavar="MPA",
               help="Young's modulus of the gel.")  # fmt: skip
 @click.option("--friction", default=0.5, metavar="MU", help="Coefficient of friction.")
@@ -109,9 +109,9 @@ def press(
     from deltact_fab.physics import press_gel as run
     from deltact_fab.sensor import GelMaterial, parse_indenter
 
-    skin = block(width_mm, length_mm, thickness_mm)
-    known = {"modulus_mpa": modulus_mpa, "poisson": poisson, "friction": friction}
-    material = validate(GelMaterial, known, "options")
+    skin = build_block(width_mm, length_mm, thickness_mm)
+    settings = {"modulus_mpa": modulus_mpa, "poisson": poisson, "friction": friction}
+    material = validate(GelMaterial, settings, "options")
     shape = parse_indenter(indenter)
     with progress("gel press") as report:
         pressed = run(
@@ -122,16 +122,16 @@ def press(
     flags = [f"warning: {flag}" for flag in result["flags"]]
     if not result["converged"]:
         return Answer(result, failed=result["reason"], asides=flags)
-    told = table(("simulated", "value"), facts({**result, "flags": None}))
-    return Answer(result, told, asides=flags)
+    lines = table(("simulated", "value"), pairs({**result, "flags": None}))
+    return Answer(result, lines, asides=flags)
 
 
-def _or_fit(ctx: click.Context, param: click.Parameter, value: str) -> float | None:
+def _parse_offset(ctx: click.Context, param: click.Parameter, value: str) -> float | None:
     """None: it is fitted."""
     try:
         return None if value == "fit" else float(value)
-    except ValueError as why:
-        raise click.BadParameter(f"{value!r}: a number of mm or fit is needed") from why
+    except ValueError as error:
+        raise click.BadParameter(f"{value!r}: a number of mm or fit is needed") from error
 
 
 @gel.command(epilog="Example: deltact-fab gel fit measured.csv --indenter sphere:15 --offset fit")
@@ -139,9 +139,9 @@ def _or_fit(ctx: click.Context, param: click.Parameter, value: str) -> float | N
 @click.option("--indenter", required=True, metavar="NAME",
               help="What pressed, as in `gel press`: sphere:15.")  # fmt: skip
 @AT
-@of_block
+@block_options
 @click.option("--friction", default=0.5, metavar="MU", help="Coefficient of friction.")
-@click.option("--offset", "offset_mm", default="0", callback=_or_fit,
+@click.option("--offset", "offset_mm", default="0", callback=_parse_offset,
               metavar="MM|fit", help="depth_mm at first touch, or fit.")  # fmt: skip
 @click.option("--spacing", "spacing_mm", type=float, metavar="MM", show_default="chosen",
               help="Size of the mesh below the indenter.")  # fmt: skip
@@ -162,21 +162,21 @@ def fit(
     from deltact_fab.physics import fit_press, read_press_csv
     from deltact_fab.sensor import GelMaterial, parse_indenter
 
-    skin = block(width_mm, length_mm, thickness_mm)
+    skin = build_block(width_mm, length_mm, thickness_mm)
     validate(GelMaterial, {"poisson": poisson, "friction": friction}, "options")
     shape = parse_indenter(indenter)
     data = read_press_csv(csv)
     if offset_mm is not None:
         data = replace(data, depth_mm=data.depth_mm - offset_mm)
     with progress("gel fit") as report:
-        found = fit_press(
+        estimate = fit_press(
             data, skin, shape, at_mm, poisson, friction,
             fit_offset=offset_mm is None, spacing_mm=spacing_mm, progress=report,
         )  # fmt: skip
-    result = found.as_dict()
-    told = [*table(("key", "value"), facts({**result, "notes": None})), "\n[specimen]"]
-    told.append(f"modulus_mpa = {found.modulus_mpa.value:.4g}")
-    return Answer(result, told, asides=result["notes"])
+    result = estimate.as_dict()
+    lines = [*table(("key", "value"), pairs({**result, "notes": None})), "\n[specimen]"]
+    lines.append(f"modulus_mpa = {estimate.modulus_mpa.value:.4g}")
+    return Answer(result, lines, asides=result["notes"])
 
 
 @gel.command(epilog="Example: deltact-fab gel path pattern-selection --jobs 2")
@@ -207,8 +207,8 @@ def path(protocol: str, rig_name: str, jobs: int | None, on: str) -> Answer:
     require_gel_level(declared, sensor, str(source))
     level = declared.specimen.gel_model
     started = time.monotonic()
-    with open_executor(on, jobs) as where, progress("gel path") as tick:
-        rows = solve_presses([declared], sensor.skin, rig.virtual.gel, where, tick)
+    with open_executor(on, jobs) as executor, progress("gel path") as tick:
+        rows = solve_presses([declared], sensor.skin, rig.virtual.gel, executor, tick)
     seconds = time.monotonic() - started
     failed = [row for row in rows if row.failure]
     data = {
@@ -218,21 +218,21 @@ def path(protocol: str, rig_name: str, jobs: int | None, on: str) -> Answer:
         "failed": len(failed),
         "presses": [asdict(row) for row in rows],
     }
-    return Answer(data, _lines(rows, level, seconds), "" if failed else None, _asides(rows))
+    return Answer(data, _table(rows, level, seconds), "" if failed else None, _warnings(rows))
 
 
-def _lines(rows: list[PressRow], level: str, seconds: float) -> list[str]:
+def _table(rows: list[PressRow], level: str, seconds: float) -> list[str]:
     names = ("press", "knots", "done", "found", "like", "seconds")
     zones = ("contact_area_mm2", "contact_area_error_mm2", "stick_area_mm2", "stick_area_error_mm2")
-    solved = sum(r.done for r in rows if not r.found)
+    n_solved = sum(r.done for r in rows if not r.found)
     return [
         *columns_of((*names, *zones), [{**vars(row), **asdict(row.zones)} for row in rows]),
-        f"{len(rows)} presses (simulated, {level}), {solved} knots solved in {seconds:.1f} s; "
+        f"{len(rows)} presses (simulated, {level}), {n_solved} knots solved in {seconds:.1f} s; "
         "found: in the store; like: a mirror image of that press; zones at the end of the press",
     ]
 
 
-def _asides(rows: list[PressRow]) -> list[str]:
+def _warnings(rows: list[PressRow]) -> list[str]:
     lines = []
     for row in rows:
         for flag, count in ({} if row.like else row.flags).items():

@@ -47,38 +47,36 @@ class CommandGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        name, known = args[0], self.list_commands(ctx)
-        if name in known or ctx.resilient_parsing:
+        name, commands = args[0], self.list_commands(ctx)
+        if name in commands or ctx.resilient_parsing:
             return super().resolve_command(ctx, args)
         typed = "" if self.name == "main" else str(self.name)
         is_path = name.startswith("-") or Path(name).exists()
-        for old, left in ((name, args[1:]), ("PATH" if is_path else "", args)):
-            if now := MOVED.get(f"{typed} {old}".strip()):
-                told = f"{typed} {'' if left is args else old}".strip()
-                click.echo(
-                    f"`deltact-fab {told}` is `deltact-fab {now}` now; the old name goes with 0.4",
-                    err=True,
-                )
-                return _command_of(now, left)
+        for old, remaining in ((name, args[1:]), ("PATH" if is_path else "", args)):
+            if replacement := MOVED.get(f"{typed} {old}".strip()):
+                old_words = f"{typed} {'' if remaining is args else old}".strip()
+                notice = f"`deltact-fab {old_words}` is now `deltact-fab {replacement}`"
+                click.echo(f"{notice}; the old name is removed in 0.4", err=True)
+                return _resolve_words(replacement, remaining)
         # An option that stands where a command should is click's to refuse.
         if not name.startswith("-"):
             raise click.UsageError(
-                f"{name!r}: no such {self.noun}; {did_you_mean(name, known)}", ctx
+                f"{name!r}: no such {self.noun}; {did_you_mean(name, commands)}", ctx
             )
         return super().resolve_command(ctx, args)
 
 
-def loaded(noun: str) -> click.Command:
+def load_command(noun: str) -> click.Command:
     """The command of a noun, which stands in the module of its name, or in `begin`."""
     module = "begin" if noun in BEGIN else noun
     command: click.Command = getattr(importlib.import_module(f"{__package__}.{module}"), noun)
     return command
 
 
-def _command_of(typed: str, args: list[str]) -> tuple[str, click.Command, list[str]]:
+def _resolve_words(typed: str, args: list[str]) -> tuple[str, click.Command, list[str]]:
     """What `resolve_command` gives for words that are typed, as in "cad list designs"."""
     noun, *words = typed.split()
-    command = loaded(noun)
+    command = load_command(noun)
     while isinstance(command, click.Group):
         command = command.commands[words.pop(0)]
     return str(command.name), command, [*words, *args]

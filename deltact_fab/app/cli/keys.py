@@ -16,7 +16,7 @@ NAMED = {
 
 
 @contextmanager
-def keys() -> Iterator[Callable[[float], str]]:
+def read_keys() -> Iterator[Callable[[float], str]]:
     """A function that waits so long (s) for a key: its name or letter, "" where none came.
 
     Ctrl-C stays what it is. The terminal is as it was afterwards.
@@ -25,7 +25,7 @@ def keys() -> Iterator[Callable[[float], str]]:
     import tty
 
     number = sys.stdin.fileno()
-    before = termios.tcgetattr(number)
+    saved = termios.tcgetattr(number)
 
     def key(wait_s: float) -> str:
         if not select.select([number], [], [], wait_s)[0]:
@@ -39,19 +39,19 @@ def keys() -> Iterator[Callable[[float], str]]:
     try:
         yield key
     finally:
-        termios.tcsetattr(number, termios.TCSADRAIN, before)
+        termios.tcsetattr(number, termios.TCSADRAIN, saved)
 
 
 @contextmanager
-def whole_lines() -> Iterator[None]:
+def line_mode() -> Iterator[None]:
     """A whole line can be typed meanwhile, as a terminal usually lets one."""
     import termios
 
     number = sys.stdin.fileno()
     raw = termios.tcgetattr(number)
-    whole = termios.tcgetattr(number)
-    whole[3] |= termios.ICANON | termios.ECHO
-    termios.tcsetattr(number, termios.TCSADRAIN, whole)
+    cooked = termios.tcgetattr(number)
+    cooked[3] |= termios.ICANON | termios.ECHO
+    termios.tcsetattr(number, termios.TCSADRAIN, cooked)
     try:
         yield
     finally:

@@ -13,7 +13,7 @@ import click
 from deltact_fab.common import DeltactFabError, MissingLibrary, RunFailed, Stopped, fault_line
 from deltact_fab.version import VERSION
 
-from .group import CommandGroup, loaded
+from .group import CommandGroup, load_command
 
 PROGRAM = "deltact-fab"
 
@@ -58,17 +58,17 @@ class LazyGroup(CommandGroup):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """An empty word is no path and no name: a shell makes one of a variable that is unset."""
-        for before, word in pairwise(["", *args]):
+        for previous, word in pairwise(["", *args]):
             if (not word or word[:2] + word[-1] == "--=") and not ctx.resilient_parsing:
-                named = word[:-1] or (before if before.startswith("-") else "an argument")
-                raise click.UsageError(f"{named}: empty; give a value, or leave it out", ctx)
+                label = word[:-1] or (previous if previous.startswith("-") else "an argument")
+                raise click.UsageError(f"{label}: empty; give a value, or leave it out", ctx)
         return super().parse_args(ctx, args)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        return loaded(cmd_name) if cmd_name in COMMANDS else None
+        return load_command(cmd_name) if cmd_name in COMMANDS else None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         widest = max(map(len, COMMANDS))
@@ -92,61 +92,61 @@ def main(debug: bool) -> None:
 def entry() -> None:
     """Console entry: one line on stderr for an error; exit 1 failed, 2 bad input, 130 stopped."""
     try:
-        status = _status()
+        status = _run_main()
         sys.stdout.flush()
-    except OSError as why:
-        known = isinstance(why, BrokenPipeError) or why.errno in (
+    except OSError as error:
+        expected = isinstance(error, BrokenPipeError) or error.errno in (
             *RunFailed.DISK,
             errno.ENAMETOOLONG,
         )
-        if not known or "--debug" in sys.argv:
+        if not expected or "--debug" in sys.argv:
             raise
         # What is still in the buffer goes nowhere.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        status = _of_the_system(why)
+        status = _report_os_error(error)
     sys.exit(status)
 
 
-def _status() -> int:
+def _run_main() -> int:
     """The exit code. Raises OSError where the system refuses."""
     try:
         status = main(prog_name=PROGRAM, standalone_mode=False)
-    except click.exceptions.Exit as done:
-        return done.exit_code
-    except click.ClickException as why:
-        click.echo(fault_line(f"{PROGRAM}: {why.format_message()}"), err=True)
+    except click.exceptions.Exit as exit_request:
+        return exit_request.exit_code
+    except click.ClickException as error:
+        click.echo(fault_line(f"{PROGRAM}: {error.format_message()}"), err=True)
         return 2
     except (click.Abort, KeyboardInterrupt):
         click.echo(f"{PROGRAM}: stopped", err=True)
         return Stopped.exit_code
-    except DeltactFabError as why:
+    except DeltactFabError as error:
         if "--debug" in sys.argv:
             raise
-        stopped = isinstance(why, MissingLibrary) and _caused_by(why, KeyboardInterrupt)
-        first, *others = ("stopped",) if stopped else why.faults
-        click.echo(fault_line(f"{PROGRAM}: {first}", *others, untold=why.untold), err=True)
-        refused = _caused_by(why, OSError)
+        stopped = isinstance(error, MissingLibrary) and _find_cause(error, KeyboardInterrupt)
+        first, *details = ("stopped",) if stopped else error.faults
+        click.echo(fault_line(f"{PROGRAM}: {first}", *details, untold=error.untold), err=True)
+        refused = _find_cause(error, OSError)
         if isinstance(refused, OSError) and refused.errno in RunFailed.DISK:
             return 1
-        return Stopped.exit_code if stopped else why.exit_code
+        return Stopped.exit_code if stopped else error.exit_code
     return status if isinstance(status, int) else 0
 
 
-def _of_the_system(why: OSError) -> int:
+def _report_os_error(error: OSError) -> int:
     """Says what the system refused, but for a reader that has enough; the exit code."""
-    if isinstance(why, BrokenPipeError):  # most are click's, which ends with 1 as well
+    if isinstance(error, BrokenPipeError):  # most are click's, which ends with 1 as well
         return 1
     with suppress(OSError):
-        told = f"{PROGRAM}: {why.filename or 'output'}: cannot be written: {why.strerror}"
-        click.echo(fault_line(told), err=True)
-    return 2 if why.errno == errno.ENAMETOOLONG else 1
+        message = f"{PROGRAM}: {error.filename or 'output'}: cannot be written: {error.strerror}"
+        click.echo(fault_line(message), err=True)
+    return 2 if error.errno == errno.ENAMETOOLONG else 1
 
 
-def _caused_by(why: BaseException | None, kind: type[BaseException]) -> BaseException | None:
+def _find_cause(error: BaseException | None, kind: type[BaseException]) -> BaseException | None:
     """What an error goes back to: a compiled library turns Ctrl-C into a failed import."""
-    while why is not None and not isinstance(why, kind):
-        why = why.__cause__ or why.__context__
-    return why
+    while error is not None and not isinstance(error, kind):
+        error = error.__cause__ or error.__context__
+    return error
 
 
 if __name__ == "__main__":

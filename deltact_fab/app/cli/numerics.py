@@ -34,12 +34,12 @@ def numerics(engines: tuple[str, ...], quick: bool, out: Path | None) -> Answer:
     if out is not None:
         require_pages()
     with progress("numerics") as report:
-        found = run_engines(engines, quick, report)
+        result = run_engines(engines, quick, report)
     asides = []
-    lines = [*columns_of(CURVES, found.curves), "", *columns_of(CASES, found.stability)]
-    for row in found.wrong:
-        said = row["note"] or f"{row['figure']} over {row['bound']} {row['unit']}"
-        asides.append(f"deltact-fab: wrong: {row['engine']}: {row['case']}: {said}")
+    lines = [*columns_of(CURVES, result.curves), "", *columns_of(CASES, result.stability)]
+    for row in result.wrong:
+        reason = row["note"] or f"{row['figure']} over {row['bound']} {row['unit']}"
+        asides.append(f"deltact-fab: wrong: {row['engine']}: {row['case']}: {reason}")
     if out is not None:
-        lines += ["", files_line(found.save(out))]
-    return Answer(found.as_dict(), lines, "" if found.wrong else None, asides)
+        lines += ["", files_line(result.save(out))]
+    return Answer(result.as_dict(), lines, "" if result.wrong else None, asides)

@@ -21,13 +21,13 @@ PATH = click.Path(path_type=Path)
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 
-def checked(file: Path) -> Path:
+def require_writable(file: Path) -> Path:
     """A file that a command writes where none was named. Raises InputError where it cannot be."""
     check_writable(file)
     return file
 
 
-def _target(folder: bool, *names: str, **given: Any) -> Decorator:
+def _output_option(folder: bool, *names: str, **settings: Any) -> Decorator:
     """What a command writes: refused before the work where it cannot be, by an InputError."""
 
     def writable(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path | None:
@@ -35,17 +35,17 @@ def _target(folder: bool, *names: str, **given: Any) -> Decorator:
             check_writable(path, folder)
         return path
 
-    return click.option(*names, type=PATH, callback=writable, **given)
+    return click.option(*names, type=PATH, callback=writable, **settings)
 
 
-def out_file(help: str, name: str = "out", flag: str = "-o", **given: Any) -> Decorator:
+def out_file(help: str, name: str = "out", flag: str = "-o", **settings: Any) -> Decorator:
     """`-o FILE`, the one file that a command writes."""
-    return _target(False, flag, name, metavar="FILE", help=help, **given)
+    return _output_option(False, flag, name, metavar="FILE", help=help, **settings)
 
 
-def out_folder(help: str, flag: str = "--out", **given: Any) -> Decorator:
+def out_folder(help: str, flag: str = "--out", **settings: Any) -> Decorator:
     """`--out DIR`, the folder that a command writes into."""
-    return _target(True, flag, metavar="DIR", help=help, **given)
+    return _output_option(True, flag, metavar="DIR", help=help, **settings)
 
 
 NEW_FILE = out_file(

@@ -16,20 +16,20 @@ from deltact_fab.common import (
     write_new_file,
 )
 
-from .cad import of_design
+from .cad import design_options
 from .group import CommandGroup
 from .options import NAME_OR_PATH, NEW_FILE, PATH, SEED, out_file, out_folder, seed
 from .output import (
     Answer,
     answers,
     columns_of,
-    facts,
+    file_note,
     files_line,
-    judged,
-    listed,
+    grade,
+    listing,
+    pairs,
     progress,
     table,
-    written,
 )
 
 RECIPES = click.argument("recipes", nargs=-1, required=True, metavar="RECIPE...", type=NAME_OR_PATH)
@@ -57,7 +57,7 @@ def list_() -> Answer:
         scales = r.scales_mm and ", ".join(f"{s:g}" for s in r.scales_mm)
         dots = r.dots and f"{r.dots.columns} x {r.dots.rows}"
         rows.append((name, r.law, r.patch_mm, r.r, r.channels, scales, dots))
-    return listed(("recipe", "law", "d_mm", "r", "channels", "scales_mm", "dots"), rows)
+    return listing(("recipe", "law", "d_mm", "r", "channels", "scales_mm", "dots"), rows)
 
 
 @pattern.command(epilog="Example: deltact-fab pattern new mine --law octave")
@@ -73,7 +73,7 @@ def new(name: str, law: str, out: Path | None) -> Answer:
     """
     from ..lab import pattern as write
 
-    return written(write(name, law, out), f"pattern quality {name}")
+    return file_note(write(name, law, out), f"pattern quality {name}")
 
 
 @pattern.command(epilog="Example: deltact-fab pattern make -d 0.15 -r 0.1 --dots -o sticker.png")
@@ -107,12 +107,12 @@ def make(
     if coded is not None:
         if (patch_mm, factor, size_mm, seed, with_dots) != (None, None, None, None, False):
             raise click.UsageError("a sheet's code says all of a sticker; only --dpi goes with it")
-        made = make_file(coded, out, dpi, check_view=False)
+        sticker = make_file(coded, out, dpi, check_view=False)
     else:
         chosen = choose_recipe(recipe, patch_mm, factor, size_mm, seed, with_dots)
-        made = make_file(chosen, out, dpi)
-    data = made.as_dict()
-    return Answer(data, table(("key", "value"), facts(data)))
+        sticker = make_file(chosen, out, dpi)
+    data = sticker.as_dict()
+    return Answer(data, table(("key", "value"), pairs(data)))
 
 
 @pattern.command(epilog="Example: deltact-fab pattern show sticker.png")
@@ -123,12 +123,12 @@ def show(recipe: str) -> Answer:
     from deltact_fab.fabricate import load_recipe, read_code, read_recipe
 
     if recipe.lower().endswith(".png"):
-        found = read_recipe(Path(recipe))
+        loaded = read_recipe(Path(recipe))
     else:
-        found = read_code(recipe) or load_recipe(recipe)
-    data = found.model_dump(exclude_none=True)
-    told = {**data, "n": found.n, "printed_mm": found.printed_mm}
-    return Answer(data, table(("key", "value"), facts(told)))
+        loaded = read_code(recipe) or load_recipe(recipe)
+    data = loaded.model_dump(exclude_none=True)
+    values = {**data, "n": loaded.n, "printed_mm": loaded.printed_mm}
+    return Answer(data, table(("key", "value"), pairs(values)))
 
 
 @pattern.command(epilog="Example: deltact-fab pattern quality dense octave")
@@ -151,27 +151,27 @@ def quality(
     if printer is not None:
         from deltact_fab.fabricate import load_printer
 
-        own = load_printer(printer)
-        model = Printer(dpi, spread_um=own.spread_um, misregistration_um=own.misregistration_um)
-    found = []
+        fit = load_printer(printer)
+        model = Printer(dpi, spread_um=fit.spread_um, misregistration_um=fit.misregistration_um)
+    merits = []
     with progress("pattern quality") as tell:
-        for done, (name, recipe) in enumerate(chosen):
-            tell(done, len(chosen), name)
-            found.append((name, measure_quality(recipe, model, None, mm_per_px, seed)))
+        for index, (name, recipe) in enumerate(chosen):
+            tell(index, len(chosen), name)
+            merits.append((name, measure_quality(recipe, model, None, mm_per_px, seed)))
     figures = ("mean_gradient", "sssig", "contrast", "peak", "peak_mm")
     rows = [
         (name, when, *(getattr(f, key) for key in figures))
-        for name, q in found
+        for name, q in merits
         for when, f in (("designed", q.designed), ("photographed", q.photographed))
     ]
-    kept = ("dots_a_patch", "print_contrast", "printable", "px_a_patch", "camera_contrast", "seen")
-    seen = table(("recipe", *kept), [(n, *(getattr(q, key) for key in kept)) for n, q in found])
-    told = (
+    keys = ("dots_a_patch", "print_contrast", "printable", "px_a_patch", "camera_contrast", "seen")
+    body = table(("recipe", *keys), [(n, *(getattr(q, key) for key in keys)) for n, q in merits])
+    note = (
         f"photographed: simulated at {dpi} dpi and {mm_per_px:g} mm/px, seed {seed}; values of "
         f"{'printer and camera' if printer is None else 'the camera'} are assumed"
     )
-    data = [{"recipe": name, "simulated": True, **asdict(q)} for name, q in found]
-    return Answer(data, [*table(("recipe", "", *figures), rows), "", *seen, "", told])
+    data = [{"recipe": name, "simulated": True, **asdict(q)} for name, q in merits]
+    return Answer(data, [*table(("recipe", "", *figures), rows), "", *body, "", note])
 
 
 TRANSFER = click.option(
@@ -185,7 +185,7 @@ SCALE_X, SCALE_Y = (
 )  # fmt: skip
 
 
-def _scales(
+def _choose_scales(
     x: float | None, y: float | None, otherwise: tuple[float, float]
 ) -> tuple[float, float]:
     """The scales that are given, else the others."""
@@ -203,7 +203,7 @@ PAPER = click.option(
 @RECIPES
 @PAPER
 @TRANSFER
-@of_design
+@design_options
 @click.option("--dpi", type=float, default=1200.0, metavar="DPI", help="Resolution of the printer.")
 @click.option("--copies", type=int, default=1, metavar="N", help="Copies of each sticker.")
 @SCALE_X
@@ -226,28 +226,28 @@ def sheet(
     if printer is not None:
         from deltact_fab.fabricate import load_printer
 
-        known = load_printer(printer)
-        scale = known.scale_x, known.scale_y
+        profile = load_printer(printer)
+        scale = profile.scale_x, profile.scale_y
     chosen = [load_recipe(name) for name in recipes]
     sensor = load_design(design, changes)  # its film and view; `cad check` judges the parts
     # For no design that was named a small sticker is a trial print.
     source = click.get_current_context().get_parameter_source("design")
-    named = bool(changes) or source is not click.core.ParameterSource.DEFAULT
+    explicit = bool(changes) or source is not click.core.ParameterSource.DEFAULT
     for name, recipe in zip(recipes, chosen, strict=True):
-        beyond = sensor.optics.beyond(recipe.printed_mm) if named else None
-        if beyond is not None:
-            raise InputError(f"{name}: size_mm: {beyond} by --design {design}")
+        excess = sensor.optics.beyond(recipe.printed_mm) if explicit else None
+        if excess is not None:
+            raise InputError(f"{name}: size_mm: {excess} by --design {design}")
     with progress("pattern sheet") as tell:
-        done = write_sheet(
+        result = write_sheet(
             chosen, out, paper=paper, dpi=dpi, transfer=transfer, copies=copies,
-            scale=_scales(scale_x, scale_y, scale), sensor=sensor,
+            scale=_choose_scales(scale_x, scale_y, scale), sensor=sensor,
             progress=tell,
         )  # fmt: skip
-    data = done.as_dict()
-    told = table(("key", "value"), facts({**data, "stickers": None, "codes": None}))
+    data = result.as_dict()
+    lines = table(("key", "value"), pairs({**data, "stickers": None, "codes": None}))
     columns = ("dots_per_patch", "side_mm", "file_side_mm", "print_error_mm", "code")
     kinds = columns_of(columns, {s["code"]: s for s in data["stickers"]}.values())
-    return Answer(data, [*told, "", *kinds])
+    return Answer(data, [*lines, "", *kinds])
 
 
 @pattern.command(epilog="Example: deltact-fab pattern verify scan.png dense -o my-printer.toml")
@@ -273,13 +273,13 @@ def verify(
     from deltact_fab.fabricate import load_recipe, read_code
     from deltact_fab.fabricate import verify_print as judge
 
-    asked = read_code(recipe) or load_recipe(recipe)
-    scaled = _scales(scale_x, scale_y, (1.0, 1.0))
-    done = judge(scan, asked, dpi, transfer == "slide", scaled)
+    expected = read_code(recipe) or load_recipe(recipe)
+    scale = _choose_scales(scale_x, scale_y, (1.0, 1.0))
+    result = judge(scan, expected, dpi, transfer == "slide", scale)
     if out is None:
-        return judged(str(scan), done, "right")
-    write_new_file(out, toml_text(asdict(done.printer())))
-    return judged(str(scan), done, "right", "", f"written: {out}; pattern sheet --printer {out}")
+        return grade(str(scan), result, "right")
+    write_new_file(out, toml_text(asdict(result.printer())))
+    return grade(str(scan), result, "right", "", f"written: {out}; pattern sheet --printer {out}")
 
 
 @pattern.command()
@@ -301,12 +301,12 @@ def series(
     try:  # before a series is made, not after
         require_pages()
         page = write_patterns_page
-    except MissingLibrary as why:
-        asides = [f"no page: {why}"]
+    except MissingLibrary as error:
+        asides = [f"no page: {error}"]
     with progress("pattern series") as tell:
-        done = write_series(
+        result = write_series(
             out, seed=seed, dpi=dpi, paper=paper, transfer=transfer, page=page, progress=tell,
         )  # fmt: skip
-    data = done.as_dict()
-    told = table(("key", "value"), facts({**done.figures, "patterns": None}))
-    return Answer(data, [*told, files_line(done.files)], asides=asides)
+    data = result.as_dict()
+    lines = table(("key", "value"), pairs({**result.figures, "patterns": None}))
+    return Answer(data, [*lines, files_line(result.files)], asides=asides)

@@ -14,7 +14,7 @@ from deltact_fab.common import catalogue_names, find_file, format_duration, read
 from .group import CommandGroup
 from .old_keys import of_protocol
 from .options import NAME_OR_PATH, NEW_FILE, RIG, out_folder
-from .output import Answer, answers, check_lines, columns_of, listed, progress, written
+from .output import Answer, answers, check_lines, columns_of, file_note, listing, progress
 
 PAPER_REMARK = (
     "the paper's own depth of 10 mm means about 271 N (expected, at 0.56 MPa and friction 0.5) "
@@ -39,7 +39,7 @@ def list_() -> Answer:
     """Protocols that can be named: your own and the shipped ones."""
     names = catalogue_names("protocols")
     rows = [(n, read_toml(find_file("protocols", n)).get("description", "")) for n in names]
-    return listed(("protocol", "description"), rows)
+    return listing(("protocol", "description"), rows)
 
 
 @protocol.command(epilog="Example: deltact-fab protocol new mine --from smoke")
@@ -55,7 +55,7 @@ def new(name: str, source: str, out: Path | None) -> Answer:
     """
     from ..lab import protocol as write
 
-    return written(write(name, source, out), f"protocol check {name}")
+    return file_note(write(name, source, out), f"protocol check {name}")
 
 
 @protocol.command(epilog="Example: deltact-fab protocol check smoke --rig virtual")
@@ -74,8 +74,8 @@ def check(name: str, rig_name: str, air: bool, unattended: bool, out: Path) -> A
     from deltact_fab.simulate import RunRequest
 
     with progress("check") as report:
-        asked = RunRequest(name, rig_name, out, progress=report, air=air, unattended=unattended)
-        rows = asked.checks()
+        request = RunRequest(name, rig_name, out, progress=report, air=air, unattended=unattended)
+        rows = request.checks()
     data = [{**row.as_dict(), **of_protocol(row)} for row in rows]
     return Answer(data, check_lines(rows), "" if any(row.failed for row in rows) else None)
 
@@ -119,10 +119,10 @@ def show(name: str, rig_name: str, forces: bool) -> Answer:
     if peaks is None or findings is None:
         lines.append("peak forces: --forces solves the deep presses, once (minutes)")
         return Answer(data, [*lines, PAPER_REMARK])
-    return Answer(data, [*lines, *_peaks(peaks, findings)])
+    return Answer(data, [*lines, *_peak_lines(peaks, findings)])
 
 
-def _peaks(peaks: Sequence[dict[str, Any]], findings: Sequence[str]) -> Iterator[str]:
+def _peak_lines(peaks: Sequence[dict[str, Any]], findings: Sequence[str]) -> Iterator[str]:
     """Each peak, then what the rig says to them."""
     loads = ("normal_n", "normal_high_n", "tangential_n", "tangential_high_n")
     yield "\npeak forces, expected and (high) with the gel's modulus twice as high:"

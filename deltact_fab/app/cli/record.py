@@ -10,7 +10,7 @@ import click
 
 from .group import CommandGroup
 from .options import PATH, out_file, out_folder
-from .output import Answer, answers, compact, facts, progress, table
+from .output import Answer, answers, compact, pairs, progress, table
 
 RUN = click.argument("run", type=PATH)
 
@@ -34,8 +34,8 @@ def check(run: Path) -> Answer:
 
     with progress("check") as bar:
         verdict = verify(run, bar)
-    shown = compact(("", "where", "what"), rows) if (rows := verdict.rows()) else ()
-    return Answer(verdict.as_dict(), [verdict.line, *shown], None if verdict.whole else "")
+    lines = compact(("", "where", "what"), rows) if (rows := verdict.rows()) else ()
+    return Answer(verdict.as_dict(), [verdict.line, *lines], None if verdict.whole else "")
 
 
 @record.command()
@@ -46,9 +46,9 @@ def show(run: Path) -> Answer:
     from deltact_fab.bench import open_run
 
     data = open_run(run).describe()
-    times = {key: data[key] and _day(data[key]) for key in ("begun_s", "ended_s")}
-    told = table(("key", "value"), facts({**data, **times, "notes": None}))
-    return Answer(data, [*told, *map(_note, data["notes"])])
+    times = {key: data[key] and _format_time(data[key]) for key in ("begun_s", "ended_s")}
+    lines = table(("key", "value"), pairs({**data, **times, "notes": None}))
+    return Answer(data, [*lines, *map(_note_line, data["notes"])])
 
 
 @record.command()
@@ -59,8 +59,8 @@ def note(run: Path, text: str) -> Answer:
     """Add the remark TEXT to RUN, during the run or later."""
     from deltact_fab.bench import RunNote
 
-    added = RunNote(text).add_to(run)
-    return Answer(added, [_note(added)])
+    stored = RunNote(text).add_to(run)
+    return Answer(stored, [_note_line(stored)])
 
 
 @record.command("import", epilog="Example: deltact-fab record import recording.toml --out bubble")
@@ -78,10 +78,10 @@ def import_(recording: Path, out: Path) -> Answer:
     from deltact_fab.fabricate import load_design
 
     with progress("import") as bar:
-        done = import_recording(recording, out, open_images, load_design, bar)
-    samples = "".join(f", {n} samples of {name}" for name, n in done["samples"].items())
-    told = [f"{out}: {done['frames']} images imported{samples}"]
-    return Answer({"out": str(out), **done}, [*told, *(f"  {note}" for note in done["notes"])])
+        data = import_recording(recording, out, open_images, load_design, bar)
+    samples = "".join(f", {n} samples of {name}" for name, n in data["samples"].items())
+    head = [f"{out}: {data['frames']} images imported{samples}"]
+    return Answer({"out": str(out), **data}, [*head, *(f"  {note}" for note in data["notes"])])
 
 
 @record.command(epilog="Example: deltact-fab record export smoke-run --format csv --out tables")
@@ -109,25 +109,25 @@ def export(
     from deltact_fab.bench import export_run as write
     from deltact_fab.bench import open_run
 
-    place, other = (file, out) if form == "mcap" else (out, file)
-    if place is None or other is not None:
+    place, unsuitable = (file, out) if form == "mcap" else (out, file)
+    if place is None or unsuitable is not None:
         right = "-o FILE" if form == "mcap" else "--out DIR"
         raise click.UsageError(f"--format {form}: {right} says where it goes")
     with progress("export") as bar:
-        opened = [open_run(run) for run in runs]
+        recordings = [open_run(run) for run in runs]
         if deformation and form == "lerobot":
             from deltact_fab.estimate import open_follower
 
-            rows = write(opened, form, place, bar, open_follower)
+            rows = write(recordings, form, place, bar, open_follower)
         else:
-            rows = write(opened, form, place, bar)
-    told = f"{place}: " + ", ".join(f"{n} {name}" for name, n in rows.items())
-    return Answer({"out": str(place), "format": form, "rows": rows}, [told])
+            rows = write(recordings, form, place, bar)
+    summary = f"{place}: " + ", ".join(f"{n} {name}" for name, n in rows.items())
+    return Answer({"out": str(place), "format": form, "rows": rows}, [summary])
 
 
-def _note(note: dict[str, Any]) -> str:
-    return f"note {_day(note['wall_s'])}: {note['text']}"
+def _note_line(note: dict[str, Any]) -> str:
+    return f"note {_format_time(note['wall_s'])}: {note['text']}"
 
 
-def _day(wall_s: float) -> str:
+def _format_time(wall_s: float) -> str:
     return datetime.fromtimestamp(wall_s).astimezone().isoformat(" ", "seconds")

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from .options import PATH, checked, out_file
-from .output import Answer, answers, progress, written
+from .options import PATH, out_file, require_writable
+from .output import Answer, answers, file_note, progress
 
 
 @click.command(epilog="Example: deltact-fab report smoke-run -o smoke.html")
@@ -35,12 +35,12 @@ def report(run: Path, out: Path | None, calibrations: tuple[Path, ...]) -> Answe
 
     require_pages()
     if is_index_above(run):
-        return written(write_index(run, out or checked(run / "index.html")))
-    opened = open_run(run)
-    page = out or checked(run / "report.html")
-    if opened.imported:
-        return written(write_imported_page(opened, page))
-    folder, files = run / "analysis", find_calibrations(opened, calibrations)
+        return file_note(write_index(run, out or require_writable(run / "index.html")))
+    recording = open_run(run)
+    page = out or require_writable(run / "report.html")
+    if recording.imported:
+        return file_note(write_imported_page(recording, page))
+    folder, files = run / "analysis", find_calibrations(recording, calibrations)
     if (folder / "tracking.json").is_file():
         result = TrackingResult.load(folder)
     else:
@@ -48,5 +48,5 @@ def report(run: Path, out: Path | None, calibrations: tuple[Path, ...]) -> Answe
             result = analyse_tracking(run, progress=bar)
         result.save(folder)
     with progress("shape and force") as bar:
-        found = measure_run(opened, files, bar)
-    return written(write_run_page(run, page, result, found))
+        measurement = measure_run(recording, files, bar)
+    return file_note(write_run_page(run, page, result, measurement))

@@ -27,7 +27,7 @@ from .options import (
     out_folder,
     seed,
 )
-from .output import Answer, answers, check_lines, echo_json, facts, judged, listed, progress, table
+from .output import Answer, answers, check_lines, echo_json, grade, listing, pairs, progress, table
 
 RIG = click.argument("name", metavar="RIG", type=NAME_OR_PATH)
 
@@ -51,7 +51,7 @@ def list_() -> Answer:
         bench = load_rig(name)[0]
         camera = ["camera"] if bench.camera is not None or bench.kind == "virtual" else []
         rows.append((name, bench.kind, camera + (["force"] if bench.force is not None else [])))
-    return listed(("rig", "kind", "measures"), rows)
+    return listing(("rig", "kind", "measures"), rows)
 
 
 @rig.command()
@@ -66,7 +66,7 @@ def show(name: str) -> Answer:
 
     rig_config, path = load_rig(name)
     data = rig_config.model_dump(mode="json")
-    return Answer(data, [f"{name} ({path.name})\n", *table(("key", "value"), facts(data))])
+    return Answer(data, [f"{name} ({path.name})\n", *table(("key", "value"), pairs(data))])
 
 
 @rig.command(epilog="Example: deltact-fab rig photograph fisheye --board skin --out photos")
@@ -98,7 +98,7 @@ def photograph(
     from deltact_fab.fabricate import load_design
     from deltact_fab.simulate import take_photographs
 
-    from .calibrate import board_named
+    from .calibrate import parse_board
 
     bench, path = load_rig(name)
     if isinstance(bench, GrblConfig):
@@ -111,8 +111,8 @@ def photograph(
 
         if bench.camera is None:
             raise InputError(f"{path}: camera: missing table; without one there is no image")
-        taken = by_camera(bench.camera, path.parent, out, contact, ask)
-        paths = [str(file) for file in taken]
+        images = by_camera(bench.camera, path.parent, out, contact, ask)
+        paths = [str(file) for file in images]
         return Answer({"simulated": False, "files": paths}, paths)
     if bench.virtual.lens is None:
         raise InputError(f"{path}: a virtual rig with [virtual.lens] is needed, as fisheye")
@@ -120,14 +120,14 @@ def photograph(
         raise click.UsageError(
             "--board: missing; a virtual rig needs to know what lies on the face"
         )
-    held = None if air_board is None else board_named(air_board, "--air-board")
+    board_in_air = None if air_board is None else parse_board(air_board, "--air-board")
     files = take_photographs(
-        bench, load_design(design), board_named(board, "--board"), out, contact=contact, air=air,
-        air_board=held, seed=seed,
+        bench, load_design(design), parse_board(board, "--board"), out, contact=contact, air=air,
+        air_board=board_in_air, seed=seed
     )  # fmt: skip
     paths = [str(file) for file in files]
-    told = f"simulated, seed {seed}; the true lens is in {out / 'truth'}"
-    return Answer({"simulated": True, "seed": seed, "files": paths}, [*paths, told])
+    note = f"simulated, seed {seed}; the true lens is in {out / 'truth'}"
+    return Answer({"simulated": True, "seed": seed, "files": paths}, [*paths, note])
 
 
 @rig.command(epilog="Example: deltact-fab rig new bench")
@@ -142,14 +142,14 @@ def new(name: str, out: Path | None) -> Answer:
     """
     from ..lab import rig as write
 
-    file, found = write(name, out)
+    file, by_kind = write(name, out)
     lines = [
-        f"{what}: {', '.join(one.name for one in devices) or 'none was found'}"
-        for what, devices in found.items()
+        f"{kind}: {', '.join(d.name for d in devices) or 'none was found'}"
+        for kind, devices in by_kind.items()
     ]
     then = f"`deltact-fab rig check {name if out is None else out}`"
     lines.append(f"{file}: written; fill in what it lists under MEASURE, then {then}")
-    data = {what: [asdict(device) for device in devices] for what, devices in found.items()}
+    data = {kind: [asdict(device) for device in devices] for kind, devices in by_kind.items()}
     return Answer({"file": str(file), **data}, lines)
 
 
@@ -206,12 +206,12 @@ def check(name: str, seconds: float) -> Answer:
     with progress("rig check"):
         rows = list(look(bench, path.parent, seconds))
     failed = sum(row.failed for row in rows)
-    told = f"{path}: {f'{failed} to put right' if failed else 'ready'}"
+    summary = f"{path}: {f'{failed} to put right' if failed else 'ready'}"
     data = {
         "rig": str(path), "ok": not failed, "checks": [row.as_dict() for row in rows],
         "rows": [of_device(row) for row in rows],
     }  # fmt: skip
-    return Answer(data, [*check_lines(rows), told], "" if failed else None)
+    return Answer(data, [*check_lines(rows), summary], "" if failed else None)
 
 
 @rig.command(epilog="Example: deltact-fab rig accept 0 dense --serial A1")
@@ -248,38 +248,38 @@ def accept(
     if out is not None and out.exists():
         raise InputError(f"{out}: already there; name another file with -o, or remove it")
     steps = [] if step is None else check_known_step(step)
-    opened = open_source(source, camera, design, serial, seed, rest_only=True)
+    images = open_source(source, camera, design, serial, seed, rest_only=True)
     try:
-        known = opened.known
-        if recipe is None and known.recipe is None:
+        model = images.known
+        if recipe is None and model.recipe is None:
             raise InputError("RECIPE: missing; a name of `pattern list` or a recipe's file")
-        asked = load_recipe(recipe) if recipe else validate(PatternRecipe, known.recipe, source)
-        done = accept_sensor(opened, asked, load_design(known.design or "deltact"), frames)
+        expected = load_recipe(recipe) if recipe else validate(PatternRecipe, model.recipe, source)
+        result = accept_sensor(images, expected, load_design(model.design or "deltact"), frames)
     finally:
-        opened.close()
-    done = replace(done, rows=(*done.rows, *steps))
+        images.close()
+    result = replace(result, rows=(*result.rows, *steps))
     if picture is not None:
-        write_whole(picture, done.picture(known.camera))
-    if out is not None and done.passed:
-        done.save(known, seed, out)
-    told = [known.simulated] if known.simulated else []
-    if done.passed:
-        told.append(f"kept: {out}" if out else "not kept: name it with --serial")
-    return judged(source, done, "accepted", "", *told)
+        write_whole(picture, result.picture(model.camera))
+    if out is not None and result.passed:
+        result.save(model, seed, out)
+    notes = [model.simulated] if model.simulated else []
+    if result.passed:
+        notes.append(f"kept: {out}" if out else "not kept: name it with --serial")
+    return grade(source, result, "accepted", "", *notes)
 
 
 @click.command()
 @RIG
 @click.option("--indenter", default="sphere:10", metavar="sphere:MM",
               help="The ball that is mounted.")  # fmt: skip
-@click.option("--at", "at", multiple=True, type=Point(), metavar="X,Y",
+@click.option("--at", "places_mm", multiple=True, type=Point(), metavar="X,Y",
               help="Where to touch the face, mm; give at least three.")  # fmt: skip
 @DESIGN
 @TIP_IS_CLEAR
 @out_file("Registration to write, .toml.", required=True)
 @answers
 def register(
-    name: str, indenter: str, at: tuple[tuple[float, float], ...], design: str,
+    name: str, indenter: str, places_mm: tuple[tuple[float, float], ...], design: str,
     tip_is_clear: bool, out: Path,
 ) -> Answer:  # fmt: skip
     """Find where the face of the sensor is by touching it with a ball.
@@ -292,9 +292,9 @@ def register(
     from deltact_fab.bench import register_rig
     from deltact_fab.fabricate import load_design
 
-    found = register_rig(name, load_design(design), indenter, at, out, tip_is_clear)
-    data = {"file": str(out), **found.model_dump(mode="json", exclude_none=True)}
-    return Answer(data, [f"{out}: {found.line()}"])
+    registration = register_rig(name, load_design(design), indenter, places_mm, out, tip_is_clear)
+    data = {"file": str(out), **registration.model_dump(mode="json", exclude_none=True)}
+    return Answer(data, [f"{out}: {registration.line()}"])
 
 
 @rig.command(epilog="Example: deltact-fab rig rehearse smoke --rig bench.toml --out rehearsed")
@@ -332,16 +332,16 @@ def rehearse(protocol: str, name: str, thorough: bool, out: Path | None) -> Answ
     Check.require(check_limits(declared, design, bench.stage, steps), str(path))
     scenario = FaultScenario.of(declared, path.read_bytes(), bench)
     with progress("rehearse") as report:
-        found = rehearse(scenario, thorough, report)
-    told = found.as_dict()
-    lines = [found.verdict()]
-    lines += [f"{c.fault}, {c.moment}: {c.wrong}; {c.outcome}" for c in found.wrong]
+        result = rehearse(scenario, thorough, report)
+    data = result.as_dict()
+    lines = [result.verdict()]
+    lines += [f"{c.fault}, {c.moment}: {c.wrong}; {c.outcome}" for c in result.wrong]
     if out is not None:
         from deltact_fab.present import write_rehearsal_page
 
         lines += [f"written: {file}" for file in
-                  write_rehearsal_page(told, path.stem, bench_path.stem, out)]  # fmt: skip
-    return Answer(told, lines, "" if found.wrong else None)
+                  write_rehearsal_page(data, path.stem, bench_path.stem, out)]  # fmt: skip
+    return Answer(data, lines, "" if result.wrong else None)
 
 
 for _command in rig_stage.COMMANDS:

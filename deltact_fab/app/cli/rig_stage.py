@@ -59,15 +59,15 @@ def home(rig: str, yes: bool, tip_is_clear: bool) -> Answer:
     if not (yes or click.confirm(question, err=True)):
         raise RunFailed("not homed")
     how, seconds, state = stage.home(tip_is_clear, ask=not yes)
-    told = [f"{how}; homed in {seconds:.1f} s", state.line()]
-    return Answer({"how": how, "seconds": seconds, "state": asdict(state)}, told)
+    lines = [f"{how}; homed in {seconds:.1f} s", state.line()]
+    return Answer({"how": how, "seconds": seconds, "state": asdict(state)}, lines)
 
 
 @click.command(context_settings=NUMBERS, epilog="Example: deltact-fab rig jog bench 0 0 5")
 @RIG
 @click.argument("by_mm", type=Finite(), nargs=3, required=False, metavar="[DX DY DZ]")
 @FEED
-@click.option("--most", type=Finite(0), default=10.0, metavar="MM",
+@click.option("--most", "max_mm", type=Finite(0), default=10.0, metavar="MM",
               help="Longest move that is allowed.")  # fmt: skip
 @INTO_GEL
 @click.option("--indenter", default="sphere:10", metavar="sphere:MM",
@@ -75,7 +75,7 @@ def home(rig: str, yes: bool, tip_is_clear: bool) -> Answer:
 @DESIGN
 @answers
 def jog(
-    rig: str, by_mm: tuple[float, float, float] | None, feed: float, most: float,
+    rig: str, by_mm: tuple[float, float, float] | None, feed: float, max_mm: float,
     into_gel: bool, indenter: str, design: str,
 ) -> Answer:  # fmt: skip
     """Move the tip by DX DY DZ mm in the sensor frame, whose z is up, out of the gel.
@@ -89,22 +89,22 @@ def jog(
 
     stage = HandStage(rig)
     if by_mm is None:
-        return _by_keys(stage, into_gel, indenter, design)
-    state = stage.jog(by_mm, feed, most, into_gel)
+        return _jog_by_keys(stage, into_gel, indenter, design)
+    state = stage.jog(by_mm, feed, max_mm, into_gel)
     return Answer(asdict(state), [state.line()])
 
 
-def _by_keys(stage: HandStage, into_gel: bool, indenter: str, design: str) -> Answer:
+def _jog_by_keys(stage: HandStage, into_gel: bool, indenter: str, design: str) -> Answer:
     from deltact_fab.fabricate import load_design
 
-    from .keys import keys, whole_lines
+    from .keys import line_mode, read_keys
 
     if not sys.stdin.isatty():
         raise InputError("DX DY DZ: missing; keys need a terminal")
 
     @contextmanager
     def keyboard() -> Iterator[Callable[[float], str]]:
-        with keys() as key:
+        with read_keys() as key:
             yield key
             click.echo("", err=True)
 
@@ -115,7 +115,7 @@ def _by_keys(stage: HandStage, into_gel: bool, indenter: str, design: str) -> An
         click.echo(f"\r\x1b[K{line}", nl=False, err=True)
 
     state = stage.drive_by_keys(
-        keyboard, whole_lines, tell, show, load_design(design), indenter, into_gel
+        keyboard, line_mode, tell, show, load_design(design), indenter, into_gel
     )
     return Answer(asdict(state), [state.line()])
 

@@ -60,19 +60,19 @@ def run(
             unattended=unattended, tip_is_clear=tip_is_clear,
         )  # fmt: skip
         if dry_run:
-            found = dry_run_experiment(request)
+            plan = dry_run_experiment(request)
         else:
             summary = run_experiment(
                 request, resume=resume, note=note,
-                live=lambda it: report(it.done, it.total, it.line()),
+                live=lambda state: report(state.done, state.total, state.line())
             )  # fmt: skip
     if dry_run:
-        told = (
-            f"{protocol} on {rig_name}: {found['steps']} steps, {found['presses']} presses, "
-            f"{found['frames']} frames, about {format_duration(found['seconds'])} of rig time, "
-            f"{found['disk_mb']:.0f} MB; nothing was moved or recorded"
+        text = (
+            f"{protocol} on {rig_name}: {plan['steps']} steps, {plan['presses']} presses, "
+            f"{plan['frames']} frames, about {format_duration(plan['seconds'])} of rig time, "
+            f"{plan['disk_mb']:.0f} MB; nothing was moved or recorded"
         )
-        return Answer(found, [told, *(f"  {it}" for it in (*found["devices"], *found["notes"]))])
+        return Answer(plan, [text, *(f"  {state}" for state in (*plan["devices"], *plan["notes"]))])
     return Answer(summary, _run_lines(summary, out))
 
 
@@ -82,11 +82,13 @@ def _run_lines(summary: dict[str, Any], out: Path | None) -> Iterator[str]:
         return
     if summary["sessions"] > 1:
         yield f"{out}: resumed, {summary['kept_frames']} frames kept"
-        yield from (f"  done again: {press}: {why}" for press, why in summary["redone"].items())
-    how = " (simulated)" if summary["simulated"] else ""
-    how += " in air" if summary["air"] else ""
+        yield from (
+            f"  done again: {press}: {reason}" for press, reason in summary["redone"].items()
+        )
+    mode = " (simulated)" if summary["simulated"] else ""
+    mode += " in air" if summary["air"] else ""
     yield (
-        f"{out}: {summary['frames']} frames of {summary['protocol']} on {summary['rig']}{how}, "
+        f"{out}: {summary['frames']} frames of {summary['protocol']} on {summary['rig']}{mode}, "
         f"seed {summary['seed']}: "
         f"{summary['rig_seconds']:.1f} s of rig time in {summary['wall_seconds']:.1f} s"
     )

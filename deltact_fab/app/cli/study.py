@@ -14,7 +14,7 @@ import click
 
 from .group import CommandGroup
 from .options import NAME_OR_PATH, ON, PATH, PROCESSES, Decorator, Finite, out_folder, seed
-from .output import Answer, answers, listed, progress
+from .output import Answer, answers, listing, progress
 
 if TYPE_CHECKING:
     from deltact_fab.studies import Study
@@ -33,7 +33,7 @@ def list_() -> Answer:
     """Every study, with what it is about."""
     from deltact_fab.studies import STUDIES
 
-    return listed(("study", "about"), [(name, one.line) for name, one in STUDIES.items()])
+    return listing(("study", "about"), [(name, entry.line) for name, entry in STUDIES.items()])
 
 
 class Studies(CommandGroup):
@@ -49,7 +49,7 @@ class Studies(CommandGroup):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         from deltact_fab.studies import find_study
 
-        return command(cmd_name, find_study(cmd_name))
+        return make_command(cmd_name, find_study(cmd_name))
 
 
 @study.group("run", cls=Studies)
@@ -60,7 +60,7 @@ def run(**_: Any) -> None:
     """
 
 
-def _common(scale: float | None) -> dict[str, tuple[Decorator, ...]]:
+def _shared(scale: float | None) -> dict[str, tuple[Decorator, ...]]:
     """The options that studies share, by what `Study.takes` calls them."""
     return {
         "scale": (
@@ -80,22 +80,22 @@ def _common(scale: float | None) -> dict[str, tuple[Decorator, ...]]:
     }  # fmt: skip
 
 
-def command(name: str, one: Study) -> click.Command:
+def make_command(name: str, spec: Study) -> click.Command:
     """`study run NAME`, with the options that this study takes."""
-    options = [o for what, own in _common(one.scale).items() if what in one.takes for o in own]
-    options += [click.option(flag, **given) for flag, given in one.options.items()]
+    options = [o for key, group in _shared(spec.scale).items() if key in spec.takes for o in group]
+    options += [click.option(flag, **settings) for flag, settings in spec.options.items()]
     options.append(out_folder("Folder for the page and the tables.", default=Path(OUT) / name))
     options.append(
         out_folder("Also write the figures as SVG and PDF into this folder.", flag="--figures")
     )
-    made = answers(lambda **given: _run(name, one, given))
+    run_command = answers(lambda **settings: _run_study(name, spec, settings))
     for option in reversed(options):
-        made = option(made)
-    about = f"{one.line}\n\n{one.about}".strip()
-    return click.command(name, help=about, short_help=one.line)(made)
+        run_command = option(run_command)
+    about = f"{spec.line}\n\n{spec.about}".strip()
+    return click.command(name, help=about, short_help=spec.line)(run_command)
 
 
-def _run(name: str, one: Study, given: dict[str, Any]) -> Answer:
+def _run_study(name: str, spec: Study, values: dict[str, Any]) -> Answer:
     """Run a study with the options of its command, by their names.
 
     What would keep its page from being written is said before anything is computed.
@@ -104,33 +104,33 @@ def _run(name: str, one: Study, given: dict[str, Any]) -> Answer:
     from deltact_fab.present import require_ready_study, write_study_figures, write_study_page
     from deltact_fab.studies import StudyRequest, run_study
 
-    out, figures = given["out"], given["figures"]
+    out, figures = values["out"], values["figures"]
     require_ready_study(name, out)
-    more = (flag.removeprefix("--").replace("-", "_") for flag in one.options)
+    extra_keys = (flag.removeprefix("--").replace("-", "_") for flag in spec.options)
     grid: AbstractContextManager[Executor | None] = nullcontext()
-    if "on" in given:
-        grid = open_executor(given["on"], given["jobs"])
+    if "on" in values:
+        grid = open_executor(values["on"], values["jobs"])
     with grid as executor, progress(name) as tick:
-        found = run_study(
+        result = run_study(
             name,
             StudyRequest(
-                scale=given.get("scale"),
-                seed=given.get("seed", 0),
-                rig=given.get("rig"),
-                runs=given.get("from", ()),
+                scale=values.get("scale"),
+                seed=values.get("seed", 0),
+                rig=values.get("rig"),
+                runs=values.get("from", ()),
                 executor=executor,
                 progress=tick,
                 say=lambda text: click.echo(text, err=True),
-                more={key: given[key] for key in more},
+                more={key: values[key] for key in extra_keys},
             ),
         )
-    click.echo(f"report: {write_study_page(found, out)}", err=True)
+    click.echo(f"report: {write_study_page(result, out)}", err=True)
     if figures is not None:
-        files = write_study_figures(found, figures)
+        files = write_study_figures(result, figures)
         click.echo(f"figures: {len(files)} files in {figures}", err=True)
     missing = (
-        f"warning: {len(found.missing)} jobs have no result and are left out: "
-        f"{', '.join(found.missing[:5])}{', ...' if len(found.missing) > 5 else ''}; "
+        f"warning: {len(result.missing)} jobs have no result and are left out: "
+        f"{', '.join(result.missing[:5])}{', ...' if len(result.missing) > 5 else ''}; "
         "the same command tries them again"
     )
-    return Answer(found.data, found.verdict, asides=[missing] if found.missing else ())
+    return Answer(result.data, result.verdict, asides=[missing] if result.missing else ())

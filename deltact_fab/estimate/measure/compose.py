@@ -34,7 +34,7 @@ def landing_px(flow: Array) -> Array:
     return landed
 
 
-def inside(points_px: Array, height_px: int, width_px: int) -> Array:
+def is_inside(points_px: Array, height_px: int, width_px: int) -> Array:
     """Which points (..., 2) lie within the image, edges of the outer pixels' centres included."""
     x, y = points_px[..., 0], points_px[..., 1]
     within: Array = (x >= 0) & (x <= width_px - 1) & (y >= 0) & (y <= height_px - 1)
@@ -49,7 +49,7 @@ def sample(field: Array, points_px: Array) -> Array:
     return cv2.remap(field, points_px, _NO_MAP2, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
-def shrunk(image: Array, side: int) -> Array:
+def shrink(image: Array, side: int) -> Array:
     """Means over cells of side x side pixels, (ceil(h / side), ceil(w / side)[, c]).
 
     The last cells continue what they have.
@@ -79,42 +79,42 @@ NOISE_NODES = 13  # to a side of the window over which noise is told from motion
 SLOPES = 0.3  # cells^2: how far known cells must lie apart before their slope is believed
 
 
-def filled(flow: Array, known: Array, kept: Array) -> Array:
+def fill_gaps(flow: Array, reliable: Array, valid: Array) -> Array:
     """The flow, (h, w, 2) float32, where it is kept; elsewhere what its known neighbours say.
 
     known, kept: (h, w) bool. Around each cell a plane is fitted to the known nodes (normalised
     convolution of the first order, Knutsson and Westin 1993), over the smallest window that knows
     enough and wider ones for the rest. With nothing known the flow is 0.
     """
-    if kept.all():
+    if valid.all():
         return flow
-    h, w = kept.shape
-    weight = known.astype(np.float32)
-    n, u, v = (shrunk(part, CELL) for part in (weight, *(f * weight for f in cv2.split(flow))))
+    h, w = valid.shape
+    weight = reliable.astype(np.float32)
+    n, u, v = (shrink(part, CELL) for part in (weight, *(f * weight for f in cv2.split(flow))))
     # A node is interpolated between its cell and the next ones.
-    some = (shrunk((~kept).astype(np.float32), CELL) > 0).astype(np.uint8)
-    gone = cv2.dilate(some, np.ones((3, 3), np.uint8)) > 0
+    gap_mask = (shrink((~valid).astype(np.float32), CELL) > 0).astype(np.uint8)
+    gaps = cv2.dilate(gap_mask, np.ones((3, 3), np.uint8)) > 0
     x, y = np.meshgrid(*(np.arange(s) - s / 2 for s in n.shape[::-1]))
     sums = np.dstack(
         [n, n * x, n * y, n * x * x, n * x * y, n * y * y, u, u * x, u * y, v, v * x, v * y]
     )
-    found, done = np.zeros((*n.shape, 2), np.float32), np.zeros(np.count_nonzero(gone))
-    at = x[gone], y[gone]
-    told = np.zeros((2, done.size))
+    values, total = (np.zeros((*n.shape, 2), np.float32), np.zeros(np.count_nonzero(gaps)))
+    gap_xy = x[gaps], y[gaps]
+    sums_uv = np.zeros((2, total.size))
     for window in WINDOWS:
         side = min(window, 2 * max(n.shape) - 1)
-        near = cv2.blur(sums, (side, side), borderType=cv2.BORDER_CONSTANT)[gone].T
-        share = np.clip(near[0] / ENOUGH, 0, 1) * (1 - done)
-        told += share * _planes(*at, near)
-        done += share
-        if done.min(initial=1.0) > 0.999:
+        near = cv2.blur(sums, (side, side), borderType=cv2.BORDER_CONSTANT)[gaps].T
+        share = np.clip(near[0] / ENOUGH, 0, 1) * (1 - total)
+        sums_uv += share * _planes(*gap_xy, near)
+        total += share
+        if total.min(initial=1.0) > 0.999:
             break
-    found[gone] = (told / np.maximum(done, 1e-6)).T
-    out = cv2.resize(found, None, fx=CELL, fy=CELL, interpolation=cv2.INTER_LINEAR)[:h, :w]
-    return cv2.copyTo(flow, kept.view(np.uint8), np.ascontiguousarray(out))
+    values[gaps] = (sums_uv / np.maximum(total, 1e-6)).T
+    out = cv2.resize(values, None, fx=CELL, fy=CELL, interpolation=cv2.INTER_LINEAR)[:h, :w]
+    return cv2.copyTo(flow, valid.view(np.uint8), np.ascontiguousarray(out))
 
 
-def denoised(flow: Array, deviation_px: Array, kept: Array) -> Array:
+def denoise(flow: Array, deviation_px: Array, valid: Array) -> Array:
     """The flow (h, w, 2) float32 with less of its noise, which is white beside the motion.
 
     Wiener's filter as Lee (1980) made it local: of what a node has over the mean of its window only
@@ -124,7 +124,7 @@ def denoised(flow: Array, deviation_px: Array, kept: Array) -> Array:
     smooth = cv2.blur(flow, window, borderType=rim)
     fine = flow - smooth
     power = cv2.blur(cv2.transform(fine * fine, _BOTH), window, borderType=rim)
-    noise = cv2.blur(deviation_px * deviation_px * kept, window, borderType=rim)
+    noise = cv2.blur(deviation_px * deviation_px * valid, window, borderType=rim)
     share = np.maximum(1 - noise / np.maximum(power, np.float32(1e-12)), 0)
     return np.asarray(smooth + fine * cv2.merge((share, share)))
 

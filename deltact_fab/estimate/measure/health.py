@@ -20,7 +20,7 @@ from deltact_fab.common import Array, InputError, SensorError
 from deltact_fab.sensor import CameraModel
 
 from .dots.detect import FoundDots, find_dots
-from .face import FaceFlow, rigid
+from .face import FaceFlow, fit_rigid_motion
 from .flow.confidence import FINE_PX, TEXTURED_SHARE
 from .flow.fused import to_gray
 from .flow.tracker import FlowTracker
@@ -70,38 +70,38 @@ class Health:
         return {"fit": self.fit, "verdict": self.line, **asdict(self)}
 
     @classmethod
-    def compare(cls, reference: Array, now: Array, camera: CameraModel) -> Health:
+    def compare(cls, reference: Array, current: Array, camera: CameraModel) -> Health:
         """Compare an unloaded image with the calibration's, both as they are tracked.
 
         reference, now: (h, w, 3) BGR or (h, w) grey, uint8, of the camera's size. Raises InputError
         for another size, and for a reference without texture.
         """
-        for what, image in (("the calibration's image", reference), ("the image", now)):
+        for name, image in (("the calibration's image", reference), ("the image", current)):
             if image.shape[:2] != (camera.height_px, camera.width_px):
                 raise InputError(
-                    f"health: {what} is {image.shape[1]} x {image.shape[0]} px, "
+                    f"health: {name} is {image.shape[1]} x {image.shape[0]} px, "
                     f"the camera {camera.width_px} x {camera.height_px}"
                 )
         tracker = FlowTracker(full=False)
         try:
             first = tracker.update(reference)
-        except SensorError as why:
-            raise InputError(f"health: the calibration's image: {why}") from why
-        seen = tracker.update(now)
-        brightness, contrast = _light(to_gray(reference), to_gray(now))
-        flow = FaceFlow.of(seen, camera, every=FaceFlow.SPACING_PX)
+        except SensorError as error:
+            raise InputError(f"health: the calibration's image: {error}") from error
+        observation = tracker.update(current)
+        brightness, contrast = _light_ratios(to_gray(reference), to_gray(current))
+        flow = FaceFlow.from_flow(observation, camera, spacing_px=FaceFlow.SPACING_PX)
         inner = (slice(_RIM, -_RIM), slice(_RIM, -_RIM))
-        matched = float(np.sum(seen.confident[inner]) / np.sum(first.confident[inner]))
-        if not seen.diagnostics.trusted or not flow.known.any():
-            lost = "the pattern of the calibration was not found: another skin, or covered, or dark"
-            return cls(None, None, None, None, brightness, contrast, matched, (lost,))
-        shift, turn_deg, left = rigid(flow)
-        size = np.linalg.norm(left, axis=-1)
+        matched = float(np.sum(observation.confident[inner]) / np.sum(first.confident[inner]))
+        if not observation.diagnostics.trusted or not flow.known.any():
+            reason = "calibration pattern not found: another skin, covered, or dark"
+            return cls(None, None, None, None, brightness, contrast, matched, (reason,))
+        shift, turn_deg, residual = fit_rigid_motion(flow)
+        size = np.linalg.norm(residual, axis=-1)
         rms, peak = float(np.sqrt(np.mean(size**2))), float(np.percentile(size, 99))
-        moved = float(np.hypot(*shift))
+        shift_size_mm = float(np.hypot(*shift))
         reasons = []
-        if moved > MAX_SHIFT_MM:
-            reasons.append(f"the pattern moved by {moved:.2f} mm (limit {MAX_SHIFT_MM:g})")
+        if shift_size_mm > MAX_SHIFT_MM:
+            reasons.append(f"the pattern moved by {shift_size_mm:.2f} mm (limit {MAX_SHIFT_MM:g})")
         if abs(turn_deg) > MAX_TURN_DEG:
             reasons.append(f"the pattern turned by {turn_deg:.2f} degrees (limit {MAX_TURN_DEG:g})")
         if rms > cls.MAX_DEFORMATION_MM:
@@ -120,10 +120,10 @@ class Health:
         )  # fmt: skip
 
 
-def _light(reference: Array, now: Array) -> tuple[float, float]:
+def _light_ratios(reference: Array, current: Array) -> tuple[float, float]:
     """Medians over blocks of brightness and of standard deviation, now over then."""
     ratios = []
-    for image in (reference, now):
+    for image in (reference, current):
         grey = image.astype(np.float32)
         size = (grey.shape[1] // _BLOCK_PX, grey.shape[0] // _BLOCK_PX)
         mean, square = (
@@ -160,14 +160,14 @@ class RestPattern:
         Whether there is a dense pattern is the tracker's word; markers are told from it here.
         """
         try:
-            said = FlowTracker(full=False).update(image).diagnostics
-            share, trusted = said.textured_share, said.trusted
+            diagnostics = FlowTracker(full=False).update(image).diagnostics
+            share, trusted = diagnostics.textured_share, diagnostics.trusted
         except SensorError:
             share, trusted = 0.0, False
         try:
             dots = find_dots(image)
             count = len(dots.position_px)
-            between = _between(to_gray(image).astype(np.float32), dots)
+            between = _ground_detail(to_gray(image).astype(np.float32), dots)
         except SensorError:
             count, between = 0, np.inf
         if between <= PLAIN:
@@ -183,16 +183,16 @@ class RestPattern:
         )
 
 
-def _between(grey: Array, dots: FoundDots) -> float:
+def _ground_detail(grey: Array, dots: FoundDots) -> float:
     """Robust deviation of the ground from its means, over the dots' contrast to it."""
-    ground, at = np.ones(grey.shape, np.float32), np.round(dots.position_px).astype(int)
-    for x, y in at.tolist():
+    ground, xy = np.ones(grey.shape, np.float32), np.round(dots.position_px).astype(int)
+    for x, y in xy.tolist():
         cv2.circle(ground, (x, y), int(np.ceil(0.85 * dots.diameter_px)), (0,), -1)
 
-    def off(side_px: int) -> Array:
-        seen, weight = (cv2.blur(one, (side_px, side_px)) for one in (grey * ground, ground))
-        return np.asarray(np.abs(grey - seen / np.maximum(weight, np.float32(1e-3))))
+    def spread(side_px: int) -> Array:
+        blurred, weight = (cv2.blur(image, (side_px, side_px)) for image in (grey * ground, ground))
+        return np.asarray(np.abs(grey - blurred / np.maximum(weight, np.float32(1e-3))))
 
-    detail = off(FINE_PX)[ground > 0]
-    contrast = float(np.median(off(2 * int(np.ceil(dots.diameter_px)) + 1)[at[:, 1], at[:, 0]]))
+    detail = spread(FINE_PX)[ground > 0]
+    contrast = float(np.median(spread(2 * int(np.ceil(dots.diameter_px)) + 1)[xy[:, 1], xy[:, 0]]))
     return 1.4826 * float(np.median(detail)) / max(contrast, 1.0) if len(detail) else np.inf

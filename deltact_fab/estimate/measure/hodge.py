@@ -93,14 +93,14 @@ def _potential(source: Array) -> Array:
     """The free potential of a source at the corners (h, w), there and one beyond (h + 2, w + 2)."""
     h, w = (side + 1 for side in source.shape)
     green = _green_spectrum(h, w, source.dtype.char)
-    high, wide = green.shape[0], 2 * (green.shape[1] - 1)
-    padded = np.zeros((h, wide), source.dtype)
+    n_rows, n_columns = green.shape[0], 2 * (green.shape[1] - 1)
+    padded = np.zeros((h, n_columns), source.dtype)
     padded[1:, 1:w] = source
     # Row by row first, so that the rows of padding are never transformed.
-    waves = fft.fft(fft.rfft(padded, axis=1), high, axis=0, overwrite_x=True)
+    waves = fft.fft(fft.rfft(padded, axis=1), n_rows, axis=0, overwrite_x=True)
     waves *= green
     waves = fft.ifft(waves, axis=0, overwrite_x=True)[: h + 1]
-    return np.asarray(fft.irfft(waves, wide, axis=1)[:, : w + 1])
+    return np.asarray(fft.irfft(waves, n_columns, axis=1)[:, : w + 1])
 
 
 @lru_cache(maxsize=8)
@@ -109,15 +109,15 @@ def _green_spectrum(h: int, w: int, kind: str) -> Array:
 
     The transform is so long that no source is met again by its own period.
     """
-    high = fft.next_fast_len(2 * h - 1, real=False)
-    wide = fft.next_fast_len(2 * w - 1, real=True)
-    while wide % 2:
-        wide = fft.next_fast_len(wide + 1, real=True)
+    n_rows = fft.next_fast_len(2 * h - 1, real=False)
+    n_columns = fft.next_fast_len(2 * w - 1, real=True)
+    while n_columns % 2:
+        n_columns = fft.next_fast_len(n_columns + 1, real=True)
     y, x = np.meshgrid(np.arange(h), np.arange(w), indexing="ij")
     green = 2 * lattice_green((x + y) // 2, abs(x - y) // 2)
     # A potential's constant is free: about 0 the transform rounds less.
     quarter = np.where((x + y) % 2, 0.0, green - green.mean())
-    kernel = np.zeros((high, wide))
+    kernel = np.zeros((n_rows, n_columns))
     for down in (1, -1):
         for across in (1, -1):
             kernel[np.ix_(down * np.arange(h), across * np.arange(w))] = quarter

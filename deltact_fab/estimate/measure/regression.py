@@ -74,50 +74,50 @@ def least_squares(
         shapes = f"{columns.shape}, {y.shape}, {len(names)}, {len(presses)}"
         raise ValueError(f"(n, k), (n,), k names, n presses: {shapes}")
     _check_finite(columns, y, names)
-    held = [np.where(np.array(names) == name, firm, 0.0) for name, firm in prior.items()]
-    rows = np.vstack((columns, *held))
+    prior_rows = [np.where(np.array(names) == name, firm, 0.0) for name, firm in prior.items()]
+    rows = np.vstack((columns, *prior_rows))
     length = np.linalg.norm(rows, axis=0)
     scaled = rows / np.where(length > 0, length, 1)
-    kept, why = _independent(scaled, names)
-    free = n - len(kept)
+    basis, notes = _select_independent(scaled, names)
+    free = n - len(basis)
     if free < 1:
         raise InputError(
-            f"regression: {n} rows for {len(kept)} columns; at least {len(kept) + 1} are needed"
+            f"regression: {n} rows for {len(basis)} columns; at least {len(basis) + 1} are needed"
         )
-    q, r = np.linalg.qr(scaled[:, kept])
+    q, r = np.linalg.qr(scaled[:, basis])
     b = np.zeros(k)
-    b[kept] = linalg.solve_triangular(r, q[:n].T @ y) / length[kept]
-    left = y - columns @ b
-    rss = float(left @ left)
-    of, press = np.unique(np.asarray(presses), return_inverse=True)
+    b[basis] = linalg.solve_triangular(r, q[:n].T @ y) / length[basis]
+    residual = y - columns @ b
+    rss = float(residual @ residual)
+    groups, press = np.unique(np.asarray(presses), return_inverse=True)
     half = None
-    if len(of) < MIN_PRESSES:
-        why.append(f"no intervals: {MIN_PRESSES} presses are needed, and there are {len(of)}")
+    if len(groups) < MIN_PRESSES:
+        notes.append(f"no intervals: {MIN_PRESSES} presses are needed, and there are {len(groups)}")
     else:
         # What each press moves the coefficients by; their squares add up to the sandwich.
-        moved = np.zeros((len(of), len(kept)))
-        np.add.at(moved, press, left[:, None] * linalg.solve_triangular(r, q[:n].T).T)
-        few = len(of) / (len(of) - 1) * (n - 1) / free
+        influence = np.zeros((len(groups), len(basis)))
+        np.add.at(influence, press, residual[:, None] * linalg.solve_triangular(r, q[:n].T).T)
+        small_sample = len(groups) / (len(groups) - 1) * (n - 1) / free
         half = np.zeros(k)
-        half[kept] = np.sqrt(few * (moved**2).sum(axis=0)) / length[kept]
-        half *= float(special.stdtrit(len(of) - 1, (1 + level) / 2))
-    why += [
+        half[basis] = np.sqrt(small_sample * (influence**2).sum(axis=0)) / length[basis]
+        half *= float(special.stdtrit(len(groups) - 1, (1 + level) / 2))
+    notes += [
         f"{names[i]} is the same throughout: its coefficient is an offset"
-        for i in kept
+        for i in basis
         if n > 1 and np.ptp(columns[:, i]) <= 1e-12 * abs(columns[0, i])
     ]
     if not y.any():
-        why.append("y is 0 throughout: the coefficients say nothing")
+        notes.append("y is 0 throughout: the coefficients say nothing")
     about_mean = y - y.mean()
     tss = float(about_mean @ about_mean)
     varies = tss > 1e-24 * float(y @ y)  # or the sum about the mean is but rounding
     return RegressionFit(
         tuple(names), tuple(map(float, b)), dict(prior),
         None if half is None else tuple(zip((b - half).tolist(), (b + half).tolist(), strict=True)),
-        level, len(of), tuple(name for i, name in enumerate(names) if i not in kept), tuple(why),
-        n, free, float(np.sqrt(np.mean(np.square(left)))),
+        level, len(groups), tuple(name for i, name in enumerate(names) if i not in basis),
+        tuple(notes), n, free, float(np.sqrt(np.mean(np.square(residual)))),
         *_r2(rss, tss if varies else 0.0, free, n - 1), *_r2(rss, float(y @ y), free, n),
-        _condition(rows[:, kept]), _condition(scaled[:, kept]),
+        _condition(rows[:, basis]), _condition(scaled[:, basis])
     )  # fmt: skip
 
 
@@ -128,13 +128,13 @@ def relative_leverage(columns: Array, fit: RegressionFit) -> Array:
     1 for the most unusual row fitted, 0 for a row of zeros. A column that was left out has no say.
     """
     columns = np.asarray(columns, float)
-    kept = [i for i, name in enumerate(fit.names) if name not in fit.dropped]
+    basis = [i for i, name in enumerate(fit.names) if name not in fit.dropped]
     out = np.zeros((len(fit.names), len(fit.names)))
-    if kept:
-        length = np.linalg.norm(columns[:, kept], axis=0)
-        q, r = np.linalg.qr(columns[:, kept] / length)
-        root = linalg.solve_triangular(r, np.eye(len(kept))) / length[:, None]
-        out[np.ix_(kept, range(len(kept)))] = root / np.sqrt((q**2).sum(axis=1).max())
+    if basis:
+        length = np.linalg.norm(columns[:, basis], axis=0)
+        q, r = np.linalg.qr(columns[:, basis] / length)
+        root = linalg.solve_triangular(r, np.eye(len(basis))) / length[:, None]
+        out[np.ix_(basis, range(len(basis)))] = root / np.sqrt((q**2).sum(axis=1).max())
     return out
 
 
@@ -148,25 +148,25 @@ def _check_finite(columns: Array, y: Array, names: Sequence[str]) -> None:
             )
 
 
-def _independent(scaled: Array, names: Sequence[str]) -> tuple[list[int], list[str]]:
+def _select_independent(scaled: Array, names: Sequence[str]) -> tuple[list[int], list[str]]:
     """The columns that add something to those before them, and a line for each other one."""
-    kept: list[int] = []
-    why: list[str] = []
+    chosen: list[int] = []
+    notes: list[str] = []
     basis = np.zeros((len(scaled), 0))
     for i, column in enumerate(scaled.T):
         rest = column - basis @ (basis.T @ column)
         rest = rest - basis @ (basis.T @ rest)  # twice is enough (Kahan)
         size = float(np.linalg.norm(rest))
         if size > DEPENDENT:
-            kept.append(i)
+            chosen.append(i)
             basis = np.column_stack((basis, rest / size))
         elif not column.any():
-            why.append(f"{names[i]} is 0 throughout and left out")
+            notes.append(f"{names[i]} is 0 throughout and left out")
         else:
-            share = np.linalg.lstsq(scaled[:, kept], column, rcond=None)[0]
-            of = [names[j] for j, s in zip(kept, share, strict=True) if abs(s) > 1e-6]
-            why.append(f"{names[i]} is given by {', '.join(of)} and left out")
-    return kept, why
+            share = np.linalg.lstsq(scaled[:, chosen], column, rcond=None)[0]
+            sources = [names[j] for j, s in zip(chosen, share, strict=True) if abs(s) > 1e-6]
+            notes.append(f"{names[i]} is given by {', '.join(sources)} and left out")
+    return chosen, notes
 
 
 def _r2(rss: float, tss: float, free: int, total_free: int) -> tuple[float | None, float | None]:

@@ -19,7 +19,7 @@ from deltact_fab.sensor import CameraModel, FlatField, SkinDimensions
 from deltact_fab.version import VERSION
 
 SCHEMA = 1
-Kind = Literal["depth", "force", "acceptance"]
+CalibrationKind = Literal["depth", "force", "acceptance"]
 _WRITERS: dict[str, str] = {
     "depth": "calibrate depth",
     "force": "calibrate force",
@@ -92,19 +92,19 @@ class SensorId:
 
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by catalog.validate
 
-    def unlike(self, other: SensorId) -> dict[str, tuple[Any, Any]]:
+    def differences_from(self, reference: SensorId) -> dict[str, tuple[Any, Any]]:
         """What both know and differ in: this one's value and the other's, by key."""
         differences: dict[str, tuple[Any, Any]] = {}
-        for name, mine in vars(self).items():
-            yours = getattr(other, name)
-            if mine is None or yours is None:
+        for name, own_value in vars(self).items():
+            reference_value = getattr(reference, name)
+            if own_value is None or reference_value is None:
                 continue
-            if isinstance(mine, str) or isinstance(yours, str):
-                mine, yours = _digest(mine), _digest(yours)
-            ours, theirs = _flat(name, mine), _flat(name, yours)
-            for key in {**ours, **theirs}:
-                if ours.get(key) != theirs.get(key):
-                    differences[key] = ours.get(key), theirs.get(key)
+            if isinstance(own_value, str) or isinstance(reference_value, str):
+                own_value, reference_value = _digest(own_value), _digest(reference_value)
+            first, second = (_flatten(name, own_value), _flatten(name, reference_value))
+            for key in {**first, **second}:
+                if first.get(key) != second.get(key):
+                    differences[key] = first.get(key), second.get(key)
         return differences
 
 
@@ -122,7 +122,7 @@ class CalibrationSource:
 
 @dataclass(frozen=True)
 class CalibrationHead:
-    kind: Kind
+    kind: CalibrationKind
     sensor: SensorId
     made: CalibrationSource
 
@@ -148,30 +148,31 @@ def require_same_sensor(calibration: CalibrationHead, present: SensorId, source:
 
     Raises InputError, one line that says in what the two differ, and what to do.
     """
-    if not (unlike := present.unlike(calibration.sensor)):
+    if not (differences := present.differences_from(calibration.sensor)):
         return
     words = _WRITERS[calibration.kind] + _ANEW[calibration.kind].format(source)
-    made, remedy = "on another sensor", f"`deltact-fab {words}` makes one for this sensor"
-    if all(key.startswith("camera") for key in unlike):
-        made = "with another camera file"
+    mismatch, remedy = "on another sensor", f"`deltact-fab {words}` makes one for this sensor"
+    if all(key.startswith("camera") for key in differences):
+        mismatch = "with another camera file"
         remedy = f"measure with that one; or, if the lens was calibrated again since, {remedy}"
-    raise InputError(f"{source}: made {made}: {told(unlike, 'in this file')}; {remedy}")
+    text = format_differences(differences, "in this file")
+    raise InputError(f"{source}: made {mismatch}: {text}; {remedy}")
 
 
-def told(unlike: Mapping[str, tuple[Any, Any]], there: str) -> str:
+def format_differences(differences: Mapping[str, tuple[Any, Any]], reference_place: str) -> str:
     """Differences in words: "serial 'B2' here, 'A1' in this file"; of many the first ones."""
     words = []
-    for key, values in list(unlike.items())[:SHOWN]:
-        one, other = (f"{v:.6g}" if isinstance(v, float) else repr(v) for v in values)
-        if one == other:  # to the digits that are shown
-            one, other = map(repr, values)
-        words.append(f"{key} {one} here, {other} {there}")
-    more = len(unlike) - SHOWN
-    return "; ".join([*words, f"{more} more"] if more > 0 else words)
+    for key, values in list(differences.items())[:SHOWN]:
+        value, reference_value = (f"{v:.6g}" if isinstance(v, float) else repr(v) for v in values)
+        if value == reference_value:  # to the digits that are shown
+            value, reference_value = map(repr, values)
+        words.append(f"{key} {value} here, {reference_value} {reference_place}")
+    n_hidden = len(differences) - SHOWN
+    return "; ".join([*words, f"{n_hidden} more"] if n_hidden > 0 else words)
 
 
 def read_calibration(
-    path: Path, kind: Kind | None = None
+    path: Path, kind: CalibrationKind | None = None
 ) -> tuple[CalibrationHead, dict[str, Any]]:
     """Head and own tables of a calibration file, of one kind or of any (None).
 
@@ -181,18 +182,18 @@ def read_calibration(
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     data = read_toml(path)
-    schema, found = data.pop("schema", None), data.pop("kind", None)
-    if schema is None and found is None:
-        raise InputError(f"{path}: not a calibration: no `schema` and `kind`; {_made_by(kind)}")
+    schema, stated = data.pop("schema", None), data.pop("kind", None)
+    if schema is None and stated is None:
+        raise InputError(f"{path}: not a calibration: no `schema` and `kind`; {_hint(kind)}")
     if schema != SCHEMA or isinstance(schema, bool):
         raise InputError(f"{path}: schema: {schema!r}, this version reads {SCHEMA}")
-    if found not in get_args(Kind):
-        raise InputError(f"{path}: kind: {found!r}; valid: {', '.join(get_args(Kind))}")
-    if kind is not None and found != kind:
-        raise InputError(f"{path}: kind: a calibration of {found}, not of {kind}; {_made_by(kind)}")
-    head = {"kind": found, "sensor": data.pop("sensor", {}), "made": data.pop("made", {})}
-    if where := _not_finite(data):
-        raise InputError(f"{path}: {where}: not a finite number")
+    if stated not in get_args(CalibrationKind):
+        raise InputError(f"{path}: kind: {stated!r}; valid: {', '.join(get_args(CalibrationKind))}")
+    if kind is not None and stated != kind:
+        raise InputError(f"{path}: kind: a calibration of {stated}, not of {kind}; {_hint(kind)}")
+    head = {"kind": stated, "sensor": data.pop("sensor", {}), "made": data.pop("made", {})}
+    if bad_key := _not_finite(data):
+        raise InputError(f"{path}: {bad_key}: not a finite number")
     return validate(CalibrationHead, head, str(path)), data
 
 
@@ -214,15 +215,15 @@ def read_rest(path: Path, table: Mapping[str, Any]) -> bytes | None:
     image = path.with_name(name)
     try:
         data = image.read_bytes()
-    except OSError as why:
-        raise InputError(f"{image}: cannot be read: {why.strerror}; {path} names it") from why
+    except OSError as error:
+        raise InputError(f"{image}: cannot be read: {error.strerror}; {path} names it") from error
     if hashlib.sha256(data).hexdigest() != table.get("sha256"):
         raise InputError(f"{image}: differs from the hash in {path}: damaged, or of another one")
     return data
 
 
 def format_acceptance(
-    known: SensorModel,
+    model: SensorModel,
     source: str,
     seed: int,
     rest: tuple[str, bytes],
@@ -233,26 +234,26 @@ def format_acceptance(
     source: of its images. seed: of simulated ones. rest: name of the image of the face at rest,
     which lies beside the file, and its bytes. rows: what was checked.
     """
-    simulated = known.simulated is not None
-    made = CalibrationSource((source,), simulated, VERSION, seed if simulated else None)
-    head = CalibrationHead("acceptance", SensorId(known.design, known.serial), made)
+    simulated = model.simulated is not None
+    provenance = CalibrationSource((source,), simulated, VERSION, seed if simulated else None)
+    head = CalibrationHead("acceptance", SensorId(model.design, model.serial), provenance)
     return head.toml({"rest": rest_table(*rest), "accepted": {"rows": rows}})
 
 
-def read_acceptance(path: Path, known: SensorModel) -> bytes | None:
+def read_acceptance(path: Path, model: SensorModel) -> bytes | None:
     """Read the image of the face at rest that an acceptance's file names; None without one.
 
     Raises InputError for a file that is none or another sensor's, and as `read_rest`.
     """
     head, data = read_calibration(path, "acceptance")
-    require_same_sensor(head, SensorId(known.design, known.serial), str(path))
+    require_same_sensor(head, SensorId(model.design, model.serial), str(path))
     table = data.get("rest")
     return read_rest(path, table) if isinstance(table, dict) else None
 
 
-def _made_by(kind: Kind | None) -> str:
-    which = [_WRITERS[kind]] if kind else list(_WRITERS.values())
-    return f"one is made by {' or '.join(f'`{name}`' for name in which)}"
+def _hint(kind: CalibrationKind | None) -> str:
+    commands = [_WRITERS[kind]] if kind else list(_WRITERS.values())
+    return f"one is made by {' or '.join(f'`{name}`' for name in commands)}"
 
 
 def _not_finite(value: Any) -> str | None:
@@ -266,11 +267,11 @@ def _not_finite(value: Any) -> str | None:
     return None
 
 
-def _flat(name: str, data: Any) -> dict[str, Any]:
+def _flatten(name: str, data: Any) -> dict[str, Any]:
     """Numbers and words by their keys, as in "camera.lens.f_px"; what a file leaves out is not."""
     if not isinstance(data, Mapping):
         return {} if data is None else {name: list(data) if isinstance(data, tuple) else data}
-    return {k: v for key, value in data.items() for k, v in _flat(f"{name}.{key}", value).items()}
+    return {k: v for key, x in data.items() for k, v in _flatten(f"{name}.{key}", x).items()}
 
 
 def _digest(data: Description) -> str:

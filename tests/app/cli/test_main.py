@@ -75,7 +75,7 @@ def test_an_old_form_does_what_the_new_one_does_and_says_so(
     told, left = done.stderr.split("\n", 1)
     new = told.split("`")[3]
     assert now.startswith(new.removeprefix("deltact-fab "))
-    assert told.endswith(f"is `{new}` now; the old name goes with 0.4")
+    assert told.endswith(f"is now `{new}`; the old name is removed in 0.4")
     assert (left, done.returncode) == (same.stderr, 2)
 
 

@@ -16,11 +16,11 @@ from deltact_fab.app.lab import kind_of
 from deltact_fab.app.schema import (
     KINDS,
     OUTPUTS,
-    Kind,
-    described,
-    document,
+    FileKind,
+    described_schema,
     limits_of,
     rows,
+    schema_document,
     type_of,
     unit_of,
 )
@@ -42,7 +42,7 @@ EXAMPLES = {
 ALL = pytest.mark.parametrize("kind", KINDS.values(), ids=lambda kind: kind.name)
 
 
-def shipped(kind: Kind) -> Iterator[tuple[Path, dict[str, Any]]]:
+def shipped(kind: FileKind) -> Iterator[tuple[Path, dict[str, Any]]]:
     for file in sorted(shipped_folder(kind.catalogue).glob("*.toml")):
         data = catalog.read_toml(file)
         if kind_of(kind.catalogue, data) == kind.name:
@@ -50,7 +50,7 @@ def shipped(kind: Kind) -> Iterator[tuple[Path, dict[str, Any]]]:
 
 
 @pytest.mark.parametrize("kind", (KINDS | OUTPUTS).values(), ids=lambda kind: kind.name)
-def test_every_key_says_what_it_means(kind: Kind) -> None:
+def test_every_key_says_what_it_means(kind: FileKind) -> None:
     found = rows(kind)
     assert len(found) >= 5
     assert [row.key for row in found if len(row.meaning) < 8] == []
@@ -58,9 +58,9 @@ def test_every_key_says_what_it_means(kind: Kind) -> None:
 
 
 @ALL
-def test_shipped_files_are_valid_to_another_reader_of_json_schema(kind: Kind) -> None:
+def test_shipped_files_are_valid_to_another_reader_of_json_schema(kind: FileKind) -> None:
     jsonschema = pytest.importorskip("jsonschema")
-    made = document(kind)
+    made = schema_document(kind)
     jsonschema.Draft202012Validator.check_schema(made)
     reader = jsonschema.Draft202012Validator(made)
     for file, data in shipped(kind):
@@ -93,10 +93,10 @@ def numbers(node: dict[str, Any], root: dict[str, Any], at: tuple[str, ...]) -> 
         if kind.name not in ("cameras", "parts")  # a camera's are a design's; parts have none
     ],
 )
-def test_a_number_beyond_its_limits_is_refused_by_the_model(kind: Kind) -> None:
+def test_a_number_beyond_its_limits_is_refused_by_the_model(kind: FileKind) -> None:
     """The limits of the schema are those of the model: else an editor and `check` disagree."""
     start = catalog.read_toml(catalog.find_file(kind.catalogue, EXAMPLES[kind.name]))
-    root = described(kind)
+    root = described_schema(kind)
     tried = 0
     for number in numbers(root, root, ()):
         least = number.key.get("minimum", number.key.get("exclusiveMinimum"))
@@ -118,7 +118,7 @@ def test_a_number_beyond_its_limits_is_refused_by_the_model(kind: Kind) -> None:
 
 
 @ALL
-def test_defaults_are_those_of_the_model(kind: Kind) -> None:
+def test_defaults_are_those_of_the_model(kind: FileKind) -> None:
     """With every default of its rows written out, a file is the same to the model."""
     start = catalog.read_toml(catalog.find_file(kind.catalogue, EXAMPLES[kind.name]))
     start.pop("base", None)

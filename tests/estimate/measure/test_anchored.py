@@ -11,7 +11,7 @@ import pytest
 import benchmarks.renewal
 from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.measure import compose
-from deltact_fab.estimate.measure.compose import filled
+from deltact_fab.estimate.measure.compose import fill_gaps
 from deltact_fab.estimate.measure.flow.confidence import FlowState
 from deltact_fab.estimate.measure.flow.renewed import FlowMethod
 from deltact_fab.estimate.measure.flow.tracker import FlowTracker
@@ -116,14 +116,14 @@ def test_a_fill_continues_what_its_neighbours_do(monkeypatch):
     kept[30:80, 40:110] = False
     kept[:, 150:] = False
     shown = np.where(kept[..., None], truth, np.float32(99))
-    out = filled(shown, kept, kept)
+    out = fill_gaps(shown, kept, kept)
     assert np.array_equal(out[kept], truth[kept])
     assert off_px(out, truth)[~kept].mean() < 1.5
-    assert not filled(shown, np.zeros_like(kept), np.zeros_like(kept)).any()
-    assert np.array_equal(filled(shown, kept, np.ones_like(kept)), shown)
+    assert not fill_gaps(shown, np.zeros_like(kept), np.zeros_like(kept)).any()
+    assert np.array_equal(fill_gaps(shown, kept, np.ones_like(kept)), shown)
     with monkeypatch.context() as patch:
         patch.setattr(compose, "SLOPES", 1e9)  # means instead of planes
-        flat = filled(shown, kept, kept)
+        flat = fill_gaps(shown, kept, kept)
     assert off_px(out, truth)[~kept].mean() < 0.5 * off_px(flat, truth)[~kept].mean()
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from deltact_fab.estimate.measure.flow.confidence import ConfidenceEstimator
-from deltact_fab.estimate.measure.flow.fused import Plane, Refined, to_gray
+from deltact_fab.estimate.measure.flow.fused import Plane, RefinedFlow, to_gray
 from deltact_fab.estimate.measure.flow.tracker import FlowTracker
 
 W, H = 480, 360
@@ -88,8 +88,8 @@ def test_a_turn_stands_and_what_folds_the_face_does_not(sign, stands):
     image = np.random.default_rng(2).integers(0, 256, (256, 256), np.uint8)
     y, x = np.mgrid[-64:64, -64:64].astype(np.float32) * 2
     one = np.ones_like(x)
-    match = Refined(np.stack((sign * 0.97 * y, 0.97 * x), -1), one, 0 * one, 0 * one)
-    kept, _ = ConfidenceEstimator(image, Plane.of(image)).look([], match)
+    match = RefinedFlow(np.stack((sign * 0.97 * y, 0.97 * x), -1), one, 0 * one, 0 * one)
+    kept, _ = ConfidenceEstimator(image, Plane.from_image(image)).check([], match)
     assert (kept[54:74, 54:74] == stands).all()
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from deltact_fab.common.errors import InputError
-from deltact_fab.estimate.measure.face import FaceFlow, whole
+from deltact_fab.estimate.measure.face import FaceFlow, fill_unknown
 from deltact_fab.estimate.measure.force import make_features
 from deltact_fab.estimate.measure.force.model import COMPONENTS, ForceModel
 from deltact_fab.estimate.measure.sensor_id import SensorModel
@@ -127,12 +127,12 @@ def test_a_hole_goes_on_as_its_surroundings_and_no_further_than_was_seen():
     known[:, :9] = False
     shift = flow.shift_mm.copy()
     shift[5, 60] = np.nan  # called known, and is not
-    mended = whole(replace(flow, shift_mm=shift, known=known))
+    mended = fill_unknown(replace(flow, shift_mm=shift, known=known))
     assert not mended.known[5, 60]
     assert mended.cover < np.mean(known)
     assert np.abs(mended.shift_mm - flow.shift_mm)[:, 9:].max() < 2e-3
     assert mended.shift_mm.min() >= flow.shift_mm[:, 9:].min()
-    assert whole(flow) is flow
+    assert fill_unknown(flow) is flow
 
 
 def test_a_model_remembers_its_range_and_survives_a_file():

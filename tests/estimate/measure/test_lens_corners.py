@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from deltact_fab.common.errors import InputError
-from deltact_fab.estimate.measure.lens.corners import find
+from deltact_fab.estimate.measure.lens.corners import find_corners
 from deltact_fab.sensor.optics.checkerboard import Checkerboard
 from deltact_fab.sensor.optics.fisheye import Fisheye
 from deltact_fab.sensor.shapes.imaging import ImageSensor
@@ -41,7 +41,7 @@ def skin(studio: Studio) -> NDArray[np.uint8]:
 
 
 def test_the_part_of_the_skin_that_is_seen_is_told_and_found(skin: NDArray[np.uint8]) -> None:
-    found = find(skin, SKIN, "skin")
+    found = find_corners(skin, SKIN, "skin")
     assert found is not None
     assert len(found.px) > 300
     off = np.linalg.norm(found.px - LENS.rest_px(found.board_mm), axis=1)
@@ -58,7 +58,7 @@ def test_a_board_is_found_where_the_lens_has_it(studio: Studio, contact: bool, t
     turned = Rotation.from_euler("xyz", (*tilts, turn), degrees=True)
     pose = BoardPose((1.0, -0.5, 0.0 if contact else 8.0), turned)
     image = studio.photograph(board, pose, np.random.default_rng(3), contact)
-    found = find(image, board, "board")
+    found = find_corners(image, board, "board")
     assert found is not None
     assert len(found.px) == 30
     at = pose.points_mm(found.board_mm)
@@ -72,15 +72,15 @@ def test_a_board_is_found_where_the_lens_has_it(studio: Studio, contact: bool, t
 
 def test_another_board_is_refused_and_none_is_none(studio: Studio, skin: NDArray[np.uint8]) -> None:
     with pytest.raises(InputError, match=r"a.png: .* inner corners found, and a board of 9x7x3"):
-        find(skin, PLATE, "a.png")
+        find_corners(skin, PLATE, "a.png")
     rng = np.random.default_rng(4)
-    assert find(studio.blank(rng), PLATE, "b.png") is None
-    assert find(studio.blank(rng), SKIN, "b.png") is None
+    assert find_corners(studio.blank(rng), PLATE, "b.png") is None
+    assert find_corners(studio.blank(rng), SKIN, "b.png") is None
     coarser = Checkerboard(9, 9, 1.5, skin=True)
     with pytest.raises(InputError, match=r"a.png: .* and a board of 9x9x1.5 has 8 x 8"):
-        find(skin, coarser, "a.png")
+        find_corners(skin, coarser, "a.png")
 
 
 def test_a_skin_of_which_the_middle_cannot_be_told_is_refused(skin: NDArray[np.uint8]) -> None:
     with pytest.raises(InputError, match="the colours of another board, or its negative"):
-        find(cv2.bitwise_not(skin), SKIN, "negative.png")
+        find_corners(cv2.bitwise_not(skin), SKIN, "negative.png")

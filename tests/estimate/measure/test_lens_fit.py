@@ -13,9 +13,9 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.measure.lens.calibration import (
     LensCalibration,
     calibrate_lens,
-    of_corners,
+    lens_from_corners,
 )
-from deltact_fab.estimate.measure.lens.corners import find
+from deltact_fab.estimate.measure.lens.corners import find_corners
 from deltact_fab.estimate.measure.lens.problem import BoardView
 from deltact_fab.sensor.optics.checkerboard import Checkerboard
 from deltact_fab.sensor.shapes.imaging import ImageSensor
@@ -34,7 +34,7 @@ HELD = [at(1, 0, 8, 20, 5), at(-2, 1, 12, -15, 18), at(0, -2, 16, 5, -24), at(2,
 
 
 def fitted(*seen: BoardView) -> LensCalibration:
-    return of_corners(seen, SIZE_PX, DESIGN)
+    return lens_from_corners(seen, SIZE_PX, DESIGN)
 
 
 def check(found: LensCalibration, off: dict[float, float]) -> None:
@@ -112,7 +112,7 @@ def test_ten_lenses_from_rendered_images(skin: bool, air: int) -> None:
         seen = []
         for image, board, contact in images:
             with suppress(InputError):  # a corner was not found: the photograph is taken again
-                if (corners := find(image, board, "image")) is not None:
+                if (corners := find_corners(image, board, "image")) is not None:
                     seen.append(BoardView(corners, contact))
         assert len(seen) >= len(images) - 2
         found = fitted(*seen)

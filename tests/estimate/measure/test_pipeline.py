@@ -37,7 +37,7 @@ def images(make_scene: Any, make_bump: Any) -> list[np.ndarray]:
 def model(images: list[np.ndarray]) -> ForceModel:
     """Of made-up forces: what is tested is the way to them."""
     features = make_features("sums", VIEW)
-    measurement = Measurement(VIEW, ["flow"], every=FaceFlow.SPACING_PX)
+    measurement = Measurement(VIEW, ["flow"], spacing_px=FaceFlow.SPACING_PX)
     flows = [measurement.update(image).flow for image in images]
     x = np.array([features.of(flow) for flow in flows if flow is not None])
     wrench = np.random.default_rng(3).normal(size=(len(x), 6))
@@ -57,12 +57,12 @@ def test_only_what_the_outputs_need_is_run(
     images: list[np.ndarray], model: ForceModel, monkeypatch: pytest.MonkeyPatch
 ):
     called = list[str]()
-    for name in ("whole", "jacobian_density", "relative_depth", "contacts"):
+    for name in ("fill_unknown", "jacobian_density", "relative_depth", "contacts"):
         monkeypatch.setattr(outputs, name, lambda face, *_, name=name: called.append(name) or face)
     Measurement(VIEW, ["flow", "observation"], [model]).update(images[0])
     assert called == []
     Measurement(VIEW, ["force"], [model]).update(images[0])
-    assert called == ["whole"]
+    assert called == ["fill_unknown"]
 
 
 @pytest.mark.parametrize(

@@ -74,7 +74,7 @@ def test_a_lens_that_was_fitted_again_is_told_by_its_numbers(tmp_path: Path) -> 
 
 def test_a_file_of_version_0_2_is_known_by_its_digests() -> None:
     old = SensorId("deltact", "A1", pattern="bfbaacc286e0", camera="ff7980730857")
-    assert not SENSOR.unlike(old)
+    assert not SENSOR.differences_from(old)
 
 
 @pytest.mark.parametrize(

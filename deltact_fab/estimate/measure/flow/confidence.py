@@ -16,8 +16,8 @@ import numpy as np
 
 from deltact_fab.common import Array
 
-from ..compose import landing_px, sample, shrunk
-from .fused import Plane, Refined, Sampled
+from ..compose import landing_px, sample, shrink
+from .fused import Plane, RefinedFlow, SampledImage
 
 _EDGE = cv2.BORDER_REPLICATE
 _COARSE_PX = 4  # windows are counted in cells of two nodes each way
@@ -70,30 +70,30 @@ class ConfidenceEstimator:
     image: (h, w, 3) BGR or (h, w) grey, uint8; plane: of the same.
     """
 
-    def __init__(self, image: Array | Sampled, plane: Plane) -> None:
+    def __init__(self, image: Array | SampledImage, plane: Plane) -> None:
         self._colour = image.ndim == 3
         self._shape = plane.shape
         fine = plane.gray.astype(np.float32)
         fine -= cv2.blur(fine, (FINE_PX, FINE_PX), borderType=_EDGE)
-        power = self._around(shrunk(fine * fine, 2))
+        power = self._means(shrink(fine * fine, 2))
         self.contrast = float(np.sqrt(power.max()))
-        self.textured: Array = self._wide(power) >= TEXTURE_MIN**2
+        self.textured: Array = self._fine(power) >= TEXTURE_MIN**2
         self.textured_share = float(self.textured.mean())
         self._textured_near = self._near(self.textured)
         if self._colour:
             self._secondary = [channel.astype(np.float32) - 128 for channel in _secondary(image)]
-            self._mean = [self._around(channel) for channel in self._secondary]
-            power = self._around(_product(self._secondary, self._secondary))
+            self._mean = [self._means(channel) for channel in self._secondary]
+            power = self._means(_product(self._secondary, self._secondary))
             self._power = power - _product(self._mean, self._mean)
-            luma = shrunk(plane.gray, 2).astype(np.float32)
-            contrast = self._around(luma * luma) - self._around(luma) ** 2
-            self._colourless = self._wide(self._power < COLOUR_SHARE**2 * contrast)
+            luma = shrink(plane.gray, 2).astype(np.float32)
+            contrast = self._means(luma * luma) - self._means(luma) ** 2
+            self._colourless = self._fine(self._power < COLOUR_SHARE**2 * contrast)
 
-    def secondary_match(self, image: Array | Sampled) -> list[Array]:
+    def secondary_match(self, image: Array | SampledImage) -> list[Array]:
         """What `look` asks of the current image (h, w[, 3]), nothing of a grey one."""
         return _secondary(image) if self._colour else []
 
-    def look(self, secondary_match: list[Array], match: Refined) -> tuple[Array, Array]:
+    def check(self, secondary_match: list[Array], match: RefinedFlow) -> tuple[Array, Array]:
         """Nodes whose own flow stands, and those of them that the secondary match bears out.
 
         Both (hh, ww) bool; secondary_match: of the current image, of which the match is.
@@ -108,63 +108,63 @@ class ConfidenceEstimator:
         near = np.minimum(
             np.minimum(x, np.float32(width - 1) - x), np.minimum(y, np.float32(height - 1) - y)
         )
-        kept = (correlation > KEEP_CORRELATION) & (det > KEEP_DET) & (near >= 0)
-        agreeing = kept & self.textured & (deviation < DEVIATION_MAX_PX) & (near >= BORDER_PX)
+        valid = (correlation > KEEP_CORRELATION) & (det > KEEP_DET) & (near >= 0)
+        agreeing = valid & self.textured & (deviation < DEVIATION_MAX_PX) & (near >= BORDER_PX)
         if self._colour:
-            alike = self._wide(self._chroma(secondary_match, _landing(flow)) > CHROMA_MIN)
-            agreeing &= np.where(self._colourless, correlation > GREY_MIN, alike)
+            chroma_ok = self._fine(self._chroma(secondary_match, _landing(flow)) > CHROMA_MIN)
+            agreeing &= np.where(self._colourless, correlation > GREY_MIN, chroma_ok)
         else:
             agreeing &= correlation > GREY_MIN
-        return kept, agreeing
+        return valid, agreeing
 
-    def state(self, inside: Array, kept: Array) -> Array:
+    def node_states(self, inside: Array, valid: Array) -> Array:
         """What stands behind each node's flow, (hh, ww) uint8 of FlowState."""
-        state = np.full(kept.shape, FlowState.MATCHED, np.uint8)
-        if not kept.all():
-            guided = (self._near(kept) >= SUPPORT_SHARE) & inside
-            state[~kept] = np.where(guided[~kept], FlowState.PREDICTED, FlowState.LOST)
+        state = np.full(valid.shape, FlowState.MATCHED, np.uint8)
+        if not valid.all():
+            guided = (self._near(valid) >= SUPPORT_SHARE) & inside
+            state[~valid] = np.where(guided[~valid], FlowState.PREDICTED, FlowState.LOST)
         return state
 
-    def settled(self, match: Refined, kept: Array) -> Array:
+    def converged(self, match: RefinedFlow, valid: Array) -> Array:
         """Where the steps around have little left to do, (hh, ww) bool.
 
         One node's own step may happen to be 0, so the kept ones around count.
         """
-        weight = shrunk(kept.astype(np.float32), 2)
-        ahead = shrunk(np.where(kept, match.ahead_px2, np.float32(0)), 2)
+        weight = shrink(valid.astype(np.float32), 2)
+        ahead = shrink(np.where(valid, match.ahead_px2, np.float32(0)), 2)
         n, total = (cv2.blur(a, _FIT, borderType=_EDGE) for a in (weight, ahead))
-        left = self._wide(total / np.maximum(n, np.float32(1e-3)))
-        return np.asarray(match.deviation_px**2 + left < DEVIATION_MAX_PX**2)
+        rest_px2 = self._fine(total / np.maximum(n, np.float32(1e-3)))
+        return np.asarray(match.deviation_px**2 + rest_px2 < DEVIATION_MAX_PX**2)
 
-    def confident(self, agreeing: Array) -> Array:
+    def select_confident(self, agreeing: Array) -> Array:
         """Nodes that agree, with enough others around them that do, (hh, ww) bool."""
         return np.asarray(agreeing & (self._near(agreeing) >= SUPPORT_SHARE * self._textured_near))
 
-    def trusted(self, confident: Array) -> bool:
+    def is_trusted(self, confident: Array) -> bool:
         """Whether a frame with these confident nodes is trusted."""
-        least = TRUSTED_SHARE * max(1, int(np.count_nonzero(self.textured)))
-        return self.textured_share >= TEXTURED_SHARE and int(np.count_nonzero(confident)) >= least
+        limit = TRUSTED_SHARE * max(1, int(np.count_nonzero(self.textured)))
+        return self.textured_share >= TEXTURED_SHARE and int(np.count_nonzero(confident)) >= limit
 
     def _chroma(self, secondary_match: list[Array], landing: Array) -> Array:
         """Correlation, by coarse cell, of what the fit has not seen; both channels together."""
         current = [sample(c, landing).astype(np.float32) - 128 for c in secondary_match]
-        mean = [self._around(channel) for channel in current]
-        power = self._around(_product(current, current)) - _product(mean, mean)
-        shared = self._around(_product(self._secondary, current)) - _product(self._mean, mean)
+        mean = [self._means(channel) for channel in current]
+        power = self._means(_product(current, current)) - _product(mean, mean)
+        shared = self._means(_product(self._secondary, current)) - _product(self._mean, mean)
         return np.asarray(
             shared
             / np.sqrt(np.maximum(self._power, _MIN_VARIANCE) * np.maximum(power, _MIN_VARIANCE))
         )
 
-    def _around(self, nodes: Array) -> Array:
+    def _means(self, nodes: Array) -> Array:
         """Means over WINDOW_PX, by coarse cell."""
-        return cv2.blur(shrunk(nodes, 2), _WINDOW, borderType=_EDGE)
+        return cv2.blur(shrink(nodes, 2), _WINDOW, borderType=_EDGE)
 
     def _near(self, mask: Array) -> Array:
         """Share of the nodes in SUPPORT_PX around, (hh, ww)."""
-        return self._wide(cv2.blur(shrunk(mask.astype(np.float32), 2), _SUPPORT, borderType=_EDGE))
+        return self._fine(cv2.blur(shrink(mask.astype(np.float32), 2), _SUPPORT, borderType=_EDGE))
 
-    def _wide(self, coarse: Array) -> Array:
+    def _fine(self, coarse: Array) -> Array:
         hh, ww = (-(-s // 2) for s in self._shape)
         return np.repeat(np.repeat(coarse, 2, axis=0), 2, axis=1)[:hh, :ww]
 
@@ -174,9 +174,9 @@ def _landing(flow_px: Array) -> Array:
     return landing_px(flow_px * np.float32(0.5))
 
 
-def _secondary(image: Array | Sampled) -> list[Array]:
+def _secondary(image: Array | SampledImage) -> list[Array]:
     """Colour differences of a BGR image on the half grid, (hh, ww) uint8 each: without luma."""
-    small = image.nodes if isinstance(image, Sampled) else shrunk(image, 2)
+    small = image.nodes if isinstance(image, SampledImage) else shrink(image, 2)
     return list(cv2.split(cv2.cvtColor(small, cv2.COLOR_BGR2YCrCb))[1:])
 
 
@@ -233,12 +233,12 @@ class TrackedFrame:
     """
 
     flow_px: Array
-    kept: Array
+    valid: Array
     agreeing: Array
     full_px: Array | None = None
-    stayed: Array | None = None
+    inside: Array | None = None
     n_reference_switches: int = 0
-    match: Refined | None = None
+    match: RefinedFlow | None = None
 
 
 class PreparedImage(NamedTuple):
@@ -250,7 +250,7 @@ class PreparedImage(NamedTuple):
     """
 
     frame: int
-    image: Array | Sampled
+    image: Array | SampledImage
     plane: Plane
     secondary_match: list[Array]
     ahead_px: Array | None

@@ -20,7 +20,7 @@ import numpy as np
 
 from deltact_fab.common import Array, InputError
 
-from ..compose import shrunk
+from ..compose import shrink
 from . import nodes
 from .nodes import MIN_VARIANCE
 
@@ -38,7 +38,7 @@ _PRIOR = 0.02
 NOISE_GAIN = 1.24 * 2.0
 
 
-class Sampled(NamedTuple):
+class SampledImage(NamedTuple):
     """All that the anchored tracker reads of a colour image, where the rest is not needed.
 
     luma (h, w) uint8: what is tracked. nodes (hh, ww, 3) BGR uint8: one pixel a node
@@ -90,15 +90,15 @@ class Plane:
             half = (level.shape[1] // 2, level.shape[0] // 2)
             level = cv2.resize(level, half, interpolation=cv2.INTER_AREA)
             self._levels.append(level)
-        self.small = _evened(self._levels[1][: -(-h // 2), : -(-w // 2)])
+        self.small = _equalize_contrast(self._levels[1][: -(-h // 2), : -(-w // 2)])
 
     @classmethod
-    def of(cls, image: Array | Sampled) -> Plane:
+    def from_image(cls, image: Array | SampledImage) -> Plane:
         """(h, w) grey or (h, w, 3) BGR uint8 to its plane, which shares no memory with it.
 
         Raises InputError for another type or shape, and for sides below 64 px.
         """
-        gray = to_gray(image.luma if isinstance(image, Sampled) else image)
+        gray = to_gray(image.luma if isinstance(image, SampledImage) else image)
         if min(gray.shape) < MIN_SIDE_PX:
             raise InputError(
                 f"flow: the image is {gray.shape}; sides of {MIN_SIDE_PX} px or more are needed"
@@ -114,7 +114,7 @@ class Plane:
         return self.shape[0] >> k, self.shape[1] >> k
 
 
-class Refined(NamedTuple):
+class RefinedFlow(NamedTuple):
     """What a refinement gives at the nodes of the half grid, float32.
 
     flow_px (hh, ww, 2), in px of the full image. correlation (hh, ww) in -1..1, of the windows of
@@ -146,7 +146,7 @@ class RefinementReference:
             _Level(nodes.pixels(image), nodes.normal(image, size), size) for image, size in sizes
         ]
 
-    def refine(self, current: Plane, start_px: Array | None = None) -> Refined:
+    def refine(self, current: Plane, start_px: Array | None = None) -> RefinedFlow:
         """The flow from the reference to the current image, of the same size.
 
         start_px: (hh, ww, 2) float32 to start from, or its means over COARSE x COARSE nodes, which
@@ -155,45 +155,45 @@ class RefinementReference:
         """
         start = predict(self.plane, current) if start_px is None else start_px
         if start.shape[:2] == self.plane.small.shape:
-            start = shrunk(start, COARSE)
+            start = shrink(start, COARSE)
         planes = light = np.stack(cv2.split(start * np.float32(1 / COARSE)))
         n_rows, n_cols = (s // 2 for s in self.plane.level(0).shape)
         for k, n in zip(reversed(range(_LEVELS)), STEPS, strict=True):
             size = (n_cols >> k, n_rows >> k)
-            planes = _resized(planes, size)
+            planes = _resize(planes, size)
             # Grey levels are the same on every level: what the first one says serves the next.
             between = 0 < k < _LEVELS - 1
-            light = _resized(light, size, 1) if between else self._light(current, k, planes)
-            target = _target(current, k)
+            light = _resize(light, size, 1) if between else self._lighting(current, k, planes)
+            target = _padded(current, k)
             for i in range(n):
                 last = k == 0 and i == n - 1
-                planes, told = self._step(target, k, planes, light, last)
-        return self._cut(cv2.merge(list(planes)), told)
+                planes, quality = self._step(target, k, planes, light, last)
+        return self._crop(cv2.merge(list(planes)), quality)
 
-    def evaluate(self, current: Plane, flow_px: Array) -> Refined:
+    def evaluate(self, current: Plane, flow_px: Array) -> RefinedFlow:
         """Correlation and deviation, as in `refine`, of a flow (hh, ww, 2) found elsewhere."""
         (h, w), (hh, ww) = self.plane.level(0).shape, flow_px.shape[:2]
-        wide = cv2.copyMakeBorder(flow_px, 0, h // 2 - hh, 0, w // 2 - ww, cv2.BORDER_REPLICATE)
-        planes = np.stack(cv2.split(wide))
-        light = self._light(current, 0, planes)
-        return self._cut(flow_px, self._step(_target(current, 0), 0, planes, light, True)[1])
+        padded = cv2.copyMakeBorder(flow_px, 0, h // 2 - hh, 0, w // 2 - ww, cv2.BORDER_REPLICATE)
+        planes = np.stack(cv2.split(padded))
+        light = self._lighting(current, 0, planes)
+        return self._crop(flow_px, self._step(_padded(current, 0), 0, planes, light, True)[1])
 
-    def _light(self, current: Plane, k: int, planes: Array) -> Array:
+    def _lighting(self, current: Plane, k: int, planes: Array) -> Array:
         """What a change of light makes of reference less current image, see `kernel.step`.
 
         By a fit over what the current image shows of a window, to one pixel of each 8 cells.
         """
-        apart = 1 << (_LEVELS - 1 - k)
+        stride = 1 << (_LEVELS - 1 - k)
         height, width = self._levels[k].size_px
-        start = planes[:, ::apart, ::apart]
-        x0, y0 = (2 * apart * np.arange(n, dtype=np.float32) for n in start.shape[:0:-1])
+        start = planes[:, ::stride, ::stride]
+        x0, y0 = (2 * stride * np.arange(n, dtype=np.float32) for n in start.shape[:0:-1])
         x, y = start[0] + x0, start[1] + y0[:, None]
-        shown = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
-        shown &= (x0 < width) & (y0[:, None] < height)
-        seen = cv2.remap(current.level(k), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        r = self.plane.level(k)[:: 2 * apart, :: 2 * apart].astype(np.float32) - 128
-        d = r + 128 - seen
-        sums = [shown * a for a in (np.ones_like(r), r, d, r * r, r * d)]
+        visible = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
+        visible &= (x0 < width) & (y0[:, None] < height)
+        grey = cv2.remap(current.level(k), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        r = self.plane.level(k)[:: 2 * stride, :: 2 * stride].astype(np.float32) - 128
+        d = r + 128 - grey
+        sums = [visible * a for a in (np.ones_like(r), r, d, r * r, r * d)]
         # With a little of the whole image, for where next to nothing is shown.
         n, r, d, rr, rd = (
             cv2.blur(a, (_LIGHT_WINDOW,) * 2, borderType=cv2.BORDER_CONSTANT) + _PRIOR * a.mean()
@@ -202,7 +202,7 @@ class RefinementReference:
         n = np.maximum(n, _PRIOR / r.size)
         slope = (n * rd - r * d) / np.maximum(n * rr - r * r, MIN_VARIANCE * n * n)
         coarse = np.stack([(d - slope * r) / n, slope])
-        return _resized(coarse, (planes.shape[2], planes.shape[1]), 1)
+        return _resize(coarse, (planes.shape[2], planes.shape[1]), 1)
 
     def _step(
         self, target: Array, k: int, planes: Array, light: Array, last: bool
@@ -212,18 +212,18 @@ class RefinementReference:
         level, gain = self._levels[k], NOISE_GAIN if last else 0.0
         return kernel.step(target, level.pixels, level.normal, level.size_px, planes, light, gain)
 
-    def _cut(self, flow: Array, told: Array) -> Refined:
+    def _crop(self, flow: Array, quality: Array) -> RefinedFlow:
         hh, ww = self.plane.small.shape
-        return Refined(*(np.ascontiguousarray(a[:hh, :ww]) for a in (flow, *told)))
+        return RefinedFlow(*(np.ascontiguousarray(a[:hh, :ww]) for a in (flow, *quality)))
 
 
-def _target(plane: Plane, k: int) -> Array:
+def _padded(plane: Plane, k: int) -> Array:
     """What a step reads of a level."""
     edge = cv2.BORDER_REPLICATE
     return cv2.copyMakeBorder(plane.level(k), 0, _BEYOND_PX, 0, _BEYOND_PX, edge)
 
 
-def _resized(planes: Array, size: tuple[int, int], unit: float | None = None) -> Array:
+def _resize(planes: Array, size: tuple[int, int], unit: float | None = None) -> Array:
     """Planes (2, rows, cols) on a grid (cols, rows) that is coarser or finer.
 
     unit: how the values change with it; by default as a flow in px of the grid's image does.
@@ -239,7 +239,7 @@ def _resized(planes: Array, size: tuple[int, int], unit: float | None = None) ->
     return out
 
 
-def _evened(image: Array) -> Array:
+def _equalize_contrast(image: Array) -> Array:
     """An image (h, w) uint8 less its local mean, over its local contrast, around 128: light would
     else move what DIS finds of a weak pattern."""
     fine = image.astype(np.float32)
@@ -273,20 +273,20 @@ def to_half(flow_px: Array) -> Array:
     A node is at the centre of its 2 x 2 pixels; a lone last row or column is continued.
     """
     h, w = flow_px.shape[:2]
-    whole = np.asarray(flow_px, np.float32)
+    padded = np.asarray(flow_px, np.float32)
     if h % 2:
-        whole = np.concatenate((whole, 2 * whole[-1:] - whole[-2:-1]), axis=0)
+        padded = np.concatenate((padded, 2 * padded[-1:] - padded[-2:-1]), axis=0)
     if w % 2:
-        whole = np.concatenate((whole, 2 * whole[:, -1:] - whole[:, -2:-1]), axis=1)
-    size = (whole.shape[1] // 2, whole.shape[0] // 2)
-    return np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA))
+        padded = np.concatenate((padded, 2 * padded[:, -1:] - padded[:, -2:-1]), axis=1)
+    size = (padded.shape[1] // 2, padded.shape[0] // 2)
+    return np.asarray(cv2.resize(padded, size, interpolation=cv2.INTER_AREA))
 
 
 def to_full(nodes_px: Array, shape: tuple[int, int]) -> Array:
     """A field at nodes (hh, ww[, c]) float32 to pixels (h, w[, c]), exact where it is linear."""
     hh, ww = nodes_px.shape[:2]
-    wide = cv2.copyMakeBorder(nodes_px, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
-    wide[:, 0], wide[:, -1] = 2 * wide[:, 1] - wide[:, 2], 2 * wide[:, -2] - wide[:, -3]
-    wide[0], wide[-1] = 2 * wide[1] - wide[2], 2 * wide[-2] - wide[-3]
-    full = cv2.resize(wide, (2 * ww + 4, 2 * hh + 4), interpolation=cv2.INTER_LINEAR)
+    padded = cv2.copyMakeBorder(nodes_px, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
+    for side in (padded.swapaxes(0, 1), padded):
+        side[0], side[-1] = 2 * side[1] - side[2], 2 * side[-2] - side[-3]
+    full = cv2.resize(padded, (2 * ww + 4, 2 * hh + 4), interpolation=cv2.INTER_LINEAR)
     return np.ascontiguousarray(full[2 : 2 + shape[0], 2 : 2 + shape[1]])

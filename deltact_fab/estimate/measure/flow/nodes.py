@@ -18,10 +18,10 @@ _DAMPING = 0.01  # grey levels^2 / px^2 a pixel, on the normal matrix
 
 def pixels(image: Array) -> Array:
     """A cell's four pixels apart, a cell more on each side: (rows + 2, 4, cols + 2) float32."""
-    wide = cv2.copyMakeBorder(image, 2, 2, 2, 2, cv2.BORDER_REPLICATE)
-    out = np.empty((wide.shape[0] // 2, 4, wide.shape[1] // 2), np.float32)
+    padded = cv2.copyMakeBorder(image, 2, 2, 2, 2, cv2.BORDER_REPLICATE)
+    out = np.empty((padded.shape[0] // 2, 4, padded.shape[1] // 2), np.float32)
     for k in range(4):
-        out[:, k] = wide[k // 2 :: 2, k % 2 :: 2]
+        out[:, k] = padded[k // 2 :: 2, k % 2 :: 2]
     out -= 128
     return out
 

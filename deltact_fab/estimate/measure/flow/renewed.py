@@ -14,9 +14,9 @@ import numpy as np
 
 from deltact_fab.common import Array, InputError, did_you_mean
 
-from ..compose import compose, inside, landing_px, sample
+from ..compose import compose, is_inside, landing_px, sample
 from .confidence import ConfidenceEstimator, PreparedImage, TrackedFrame
-from .fused import Plane, RefinementReference, Sampled, to_full, to_gray, to_half
+from .fused import Plane, RefinementReference, SampledImage, to_full, to_gray, to_half
 
 # Farneback 2003: 5 levels, a window of 13 and 10 iterations are the defaults of OpenCV's GPU
 # version, which the paper cites.
@@ -44,8 +44,8 @@ class FlowMethod:
     """The paper's method, Farneback's; alone it is summed, as the paper's tracker."""
 
     def __init__(self, name: str = FUSED) -> None:
-        if name not in (known := (self.PAPER, *self.NAMES)):
-            raise InputError(f"flow method {name!r}: unknown; {did_you_mean(name, known)}")
+        if name not in (valid_names := (self.PAPER, *self.NAMES)):
+            raise InputError(f"flow method {name!r}: unknown; {did_you_mean(name, valid_names)}")
         self.name = name = "farneback-paper" if name == self.PAPER else name
         self._dis = cv2.DISOpticalFlow.create(_DIS[name]) if name in _DIS else None
         self._prepared: tuple[Array, RefinementReference] | None = None
@@ -54,7 +54,7 @@ class FlowMethod:
     @staticmethod
     def prepare(image: Array) -> Array:
         """Make an image (h, w[, 3]) ready for `between`, as trackers do: luma, blurred."""
-        return Plane.of(image).gray
+        return Plane.from_image(image).gray
 
     def between(self, ref_gray: Array, cur_gray: Array, initial: Array | None = None) -> Array:
         """Flow from the reference to the current image at the reference's pixels.
@@ -68,7 +68,7 @@ class FlowMethod:
         start: Any = None if initial is None else np.array(initial, dtype=np.float32, order="C")
         if self._dis is not None:
             return self._dis.calc(ref_gray, cur_gray, start)
-        key = [None if one is None else one.tobytes() for one in (ref_gray, cur_gray, start)]
+        key = [None if image is None else image.tobytes() for image in (ref_gray, cur_gray, start)]
         if self._last is None or self._last[0] != key:
             flags = cv2.OPTFLOW_USE_INITIAL_FLOW if start is not None else 0
             flow = cv2.calcOpticalFlowFarneback(
@@ -79,13 +79,13 @@ class FlowMethod:
 
     def _fused(self, ref_gray: Array, cur_gray: Array, initial: Array | None) -> Array:
         if self._prepared is None or self._prepared[0] is not ref_gray:
-            self._prepared = ref_gray, RefinementReference(Plane.of(ref_gray))
+            self._prepared = ref_gray, RefinementReference(Plane.from_image(ref_gray))
         start = None if initial is None else to_half(initial)
-        found = self._prepared[1].refine(Plane.of(cur_gray), start)
-        return to_full(found.flow_px, ref_gray.shape)
+        refined = self._prepared[1].refine(Plane.from_image(cur_gray), start)
+        return to_full(refined.flow_px, ref_gray.shape)
 
 
-Sum = Literal["composed", "summed", "static"]
+CompositionRule = Literal["composed", "summed", "static"]
 LIGHT_PX, BLOB_PX, BLOB = 24.0, 3.0, 3.0
 SHIFTS_PX = tuple((60 + 7 * k, 200 - 11 * k) for k in range(16))
 """Many, for a pattern of two colours alternates: one shift may lay like on like."""
@@ -95,7 +95,7 @@ SHIFTS_PX = tuple((60 + 7 * k, 200 - 11 * k) for k in range(16))
 class _Keyframe:
     gray: Array
     flow_px: Array
-    stayed: Array
+    inside: Array
 
 
 class RenewedTracker:
@@ -114,7 +114,7 @@ class RenewedTracker:
     def __init__(
         self,
         method: FlowMethod,
-        total: Sum,
+        total: CompositionRule,
         image: Array,
         first: RefinementReference,
         judge: ConfidenceEstimator,
@@ -133,7 +133,7 @@ class RenewedTracker:
         """Nothing: each flow starts from the last one."""
 
     def step(self, ready: PreparedImage) -> TrackedFrame:
-        assert not isinstance(ready.image, Sampled), "for the anchored reference only"
+        assert not isinstance(ready.image, SampledImage), "for the anchored reference only"
         gray, ref = to_gray(ready.image), self._ref
         relative = self._relative = self._method.between(ref.gray, gray, self._relative)
         if not self._switches:
@@ -143,16 +143,16 @@ class RenewedTracker:
         else:
             flow = compose(ref.flow_px, relative)
         # What left the image before the reference was continued from the border, so it stays out.
-        stayed = ref.stayed & inside(landing_px(flow), *flow.shape[:2])
+        within = ref.inside & is_inside(landing_px(flow), *flow.shape[:2])
         if self._total != "static" and photometric_error(ref.gray, gray, relative) > self.threshold:
-            self._ref = _Keyframe(gray, flow, stayed)
+            self._ref = _Keyframe(gray, flow, within)
             self._relative = None
             self._switches += 1
         nodes = to_half(flow)
-        kept, agreeing = self.judge.look(
+        valid, agreeing = self.judge.check(
             ready.secondary_match, self._first.evaluate(ready.plane, nodes)
         )
-        return TrackedFrame(nodes, kept, agreeing, flow, stayed, self._switches)
+        return TrackedFrame(nodes, valid, agreeing, flow, within, self._switches)
 
 
 def photometric_error(reference: Array, current: Array, flow: Array) -> float:
@@ -161,9 +161,9 @@ def photometric_error(reference: Array, current: Array, flow: Array) -> float:
     What lands outside of the image is left out; 255 where everything does.
     """
     landing = landing_px(flow)
-    off = cv2.absdiff(reference, sample(current, landing))
-    within = inside(landing, *reference.shape)
-    return float(off[within].mean()) if within.any() else 255.0
+    difference = cv2.absdiff(reference, sample(current, landing))
+    within = is_inside(landing, *reference.shape)
+    return float(difference[within].mean()) if within.any() else 255.0
 
 
 def unrelated_difference(gray: Array) -> float:
@@ -176,8 +176,8 @@ def unrelated_difference(gray: Array) -> float:
     detail = image - cv2.GaussianBlur(image, (0, 0), LIGHT_PX)
     blobs = np.abs(cv2.GaussianBlur(detail, (0, 0), BLOB_PX))
     plain = blobs < BLOB * np.median(blobs)
-    found = []
+    differences = []
     for shift in SHIFTS_PX:
-        both = plain & np.roll(plain, shift, (0, 1))
-        found.append(np.abs(detail - np.roll(detail, shift, (0, 1)))[both].mean())
-    return float(np.mean(found))
+        overlap = plain & np.roll(plain, shift, (0, 1))
+        differences.append(np.abs(detail - np.roll(detail, shift, (0, 1)))[overlap].mean())
+    return float(np.mean(differences))

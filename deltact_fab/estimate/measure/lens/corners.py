@@ -55,7 +55,7 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     return np.asarray(image, np.uint8)
 
 
-def find(image: Array, board: Checkerboard, source: str) -> Corners | None:
+def find_corners(image: Array, board: Checkerboard, source: str) -> Corners | None:
     """The board's inner corners in an image (h, w, 3) BGR, None where no board is found.
 
     Sector-based detection (Duda and Frese, 2018). A board must be seen whole. A skin is seen in
@@ -71,22 +71,22 @@ def find(image: Array, board: Checkerboard, source: str) -> Corners | None:
         return None
     grid, inside = seed, _inside(grey, seed)
     if board.skin:
-        grid, inside = _grown(grey, grid, inside, board)
+        grid, inside = _grow_grid(grey, grid, inside, board)
     elif grid.shape[:2] == (columns, rows) != (rows, columns):
         # A board that lies across: count along its own sides.
         grid = np.ascontiguousarray(grid.transpose(1, 0, 2)[::-1])
         inside = np.ascontiguousarray(inside.T[::-1])
-    found = grid.shape[1], grid.shape[0]
-    more = found[0] > columns or found[1] > rows
-    if more or (not board.skin and found != (columns, rows)):
+    size = grid.shape[1], grid.shape[0]
+    too_large = size[0] > columns or size[1] > rows
+    if too_large or (not board.skin and size != (columns, rows)):
         raise InputError(
-            f"{source}: {found[0]} x {found[1]} inner corners found, and a board of {board} has "
+            f"{source}: {size[0]} x {size[1]} inner corners found, and a board of {board} has "
             f"{columns} x {rows}: another board?"
         )
-    grid = _refined(grey, grid, inside)
-    index = np.stack(np.meshgrid(np.arange(found[0]), np.arange(found[1])), -1)
+    grid = _refine_corners(grey, grid, inside)
+    index = np.stack(np.meshgrid(np.arange(size[0]), np.arange(size[1])), -1)
     if board.skin:
-        index = index + _shift(grey, grid, inside, board, source)
+        index = index + _skin_offset(grey, grid, inside, board, source)
     return Corners(source, board, grid[inside], index[inside])
 
 
@@ -95,22 +95,22 @@ def _seed(grey: Array, board: Checkerboard) -> Array | None:
 
     A skin is looked for in the middle first: under uneven light a finder may leave corners out.
     """
-    least = tuple(min(FEWEST, n) for n in board.corners) if board.skin else board.corners
+    min_corners = tuple(min(FEWEST, n) for n in board.corners) if board.skin else board.corners
     flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
     for share in SKIN_SHARES if board.skin else (1.0,):
         y, x = (round(n * (1 - share) / 2) for n in grey.shape)
         part = np.ascontiguousarray(grey[y : grey.shape[0] - y, x : grey.shape[1] - x])
-        seen, px, meta = cv2.findChessboardCornersSBWithMeta(part, least, flags)
-        if seen:
-            grid = _upright(np.asarray(px, np.float64).reshape(*meta.shape[:2], 2) + (x, y))
+        detected, px, meta = cv2.findChessboardCornersSBWithMeta(part, min_corners, flags)
+        if detected:
+            grid = _turn_upright(np.asarray(px, np.float64).reshape(*meta.shape[:2], 2) + (x, y))
             if not board.skin:
-                grid = _trimmed(grey, grid)
-            if _alternates(grey, grid):
+                grid = _trim_rim(grey, grid)
+            if _is_alternating(grey, grid):
                 return grid
     return None
 
 
-def _trimmed(grey: Array, grid: Array) -> Array:
+def _trim_rim(grey: Array, grid: Array) -> Array:
     """The rectangle without sides along the board's edge: a finder may take them for inner ones."""
     for side in range(4):
         turned = np.rot90(grid, side)
@@ -122,26 +122,26 @@ def _trimmed(grey: Array, grid: Array) -> Array:
 def _squares(grey: Array, grid: Array, inside: Array) -> tuple[Array, Array, Array]:
     """Of the squares between corners, (rows - 1, columns - 1) each: grey level, whether all four
     are inside, whether column and row add up to an even number."""
-    whole = inside[1:, 1:] & inside[:-1, 1:] & inside[1:, :-1] & inside[:-1, :-1]
+    complete = inside[1:, 1:] & inside[:-1, 1:] & inside[1:, :-1] & inside[:-1, :-1]
     middles = (grid[1:, 1:] + grid[:-1, 1:] + grid[1:, :-1] + grid[:-1, :-1]) / 4
-    at = np.rint(np.where(whole[..., None], middles, 0)).astype(int)
-    rows, columns = whole.shape
+    xy = np.rint(np.where(complete[..., None], middles, 0)).astype(int)
+    rows, columns = complete.shape
     even = (np.arange(rows)[:, None] + np.arange(columns)) % 2 == 0
-    return cv2.blur(grey, (3, 3))[at[..., 1], at[..., 0]].astype(float), whole, even
+    return (cv2.blur(grey, (3, 3))[xy[..., 1], xy[..., 0]].astype(float), complete, even)
 
 
-def _alternates(grey: Array, grid: Array) -> bool:
+def _is_alternating(grey: Array, grid: Array) -> bool:
     """Whether the squares between corners are dark and light in turn: none was left out."""
-    values, whole, even = _squares(grey, grid, _inside(grey, grid))
+    values, complete, even = _squares(grey, grid, _inside(grey, grid))
     sign = np.where(even, 1, -1)
-    right = (np.diff(values, axis=1) * sign[:, 1:])[whole[:, 1:] & whole[:, :-1]]
-    down = (np.diff(values, axis=0) * sign[1:])[whole[1:] & whole[:-1]]
+    right = (np.diff(values, axis=1) * sign[:, 1:])[complete[:, 1:] & complete[:, :-1]]
+    down = (np.diff(values, axis=0) * sign[1:])[complete[1:] & complete[:-1]]
     steps = np.concatenate((right, down))
     steps *= np.sign(np.median(steps)) if len(steps) else 1.0
     return len(steps) > 0 and bool(np.mean(steps > 0) > ALTERNATING)
 
 
-def _upright(grid: Array) -> Array:
+def _turn_upright(grid: Array) -> Array:
     """The rectangle (rows, columns, 2) px turned so that columns run to +x and rows to +y."""
     along = np.diff(grid, axis=1).mean((0, 1))
     if abs(along[0]) < abs(along[1]):
@@ -159,40 +159,40 @@ def _inside(grey: Array, grid: Array) -> NDArray[np.bool_]:
     return np.asarray(np.all((grid >= BORDER_PX) & (grid <= limits), axis=-1))
 
 
-def _grown(
+def _grow_grid(
     grey: Array, grid: Array, inside: Array, board: Checkerboard
 ) -> tuple[Array, NDArray[np.bool_]]:
     """The rectangle with all that lies around it, and which of its corners are seen.
 
     Each side is continued by the parabola of its last three corners, as long as there are some.
     """
-    most = board.corners[::-1]
+    max_size = board.corners[::-1]
     sides = [0, 1, 2, 3]
     while sides:
         for side in tuple(sides):
             # The side to be continued is made the last row.
-            turned, seen = np.rot90(grid, side), np.rot90(inside, side)
-            if len(turned) < 3 or len(turned) >= most[side % 2]:
+            turned, turned_inside = np.rot90(grid, side), np.rot90(inside, side)
+            if len(turned) < 3 or len(turned) >= max_size[side % 2]:
                 sides.remove(side)
                 continue
             guess = 3 * turned[-1] - 3 * turned[-2] + turned[-3]
-            found, real = _corners_near(grey, guess, turned[-1])
-            if not real.any():
+            row_px, detected = _corners_near(grey, guess, turned[-1])
+            if not detected.any():
                 sides.remove(side)
                 continue
-            grid = np.rot90(np.concatenate((turned, found[None])), -side)
-            inside = np.rot90(np.concatenate((seen, real[None])), -side)
+            grid = np.rot90(np.concatenate((turned, row_px[None])), -side)
+            inside = np.rot90(np.concatenate((turned_inside, detected[None])), -side)
     return np.ascontiguousarray(grid), np.ascontiguousarray(inside)
 
 
-def _corners_near(grey: Array, guess: Array, before: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _corners_near(grey: Array, guess: Array, inner: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Corners (n, 2) near guesses (n, 2) px of a row, and which are there.
 
     before: the row beside it. In a corner two dark squares meet two light ones.
     """
-    found = guess.copy()
+    corners = guess.copy()
     inside = _inside(grey, guess)
-    out, along = guess - before, np.gradient(guess, axis=0)
+    out, along = guess - inner, np.gradient(guess, axis=0)
     pitch = np.minimum(np.linalg.norm(out, axis=1), np.linalg.norm(along, axis=1))
     for k in np.flatnonzero(inside):
         half = int(np.clip(np.rint(WINDOW * pitch[k]), *WINDOWS_PX))
@@ -200,18 +200,18 @@ def _corners_near(grey: Array, guess: Array, before: Array) -> tuple[Array, NDAr
         new = cv2.cornerSubPix(grey, start, (half, half), (-1, -1), _STOP).reshape(2)
         inside[k] = np.linalg.norm(new - guess[k]) < WINDOW * pitch[k]
         if inside[k]:
-            found[k] = new
-    squares = [found + WINDOW * (a * out + b * along) for a in (-1, 1) for b in (-1, 1)]
+            corners[k] = new
+    squares = [corners + WINDOW * (a * out + b * along) for a in (-1, 1) for b in (-1, 1)]
     last = np.array(grey.shape[::-1]) - 1
-    at = [np.rint(np.clip(square, 0, last)).astype(int) for square in squares]
-    first, second, third, fourth = (grey[p[:, 1], p[:, 0]].astype(float) for p in at)
+    samples = [np.rint(np.clip(square, 0, last)).astype(int) for square in squares]
+    first, second, third, fourth = (grey[p[:, 1], p[:, 0]].astype(float) for p in samples)
     low, high = np.minimum(first, fourth), np.maximum(first, fourth)
-    apart = np.maximum(low - np.maximum(second, third), np.minimum(second, third) - high)
-    alike = np.maximum(high - low, np.abs(second - third))
-    return found, np.asarray(inside & (apart > np.maximum(MIN_CONTRAST, alike)))
+    contrast = np.maximum(low - np.maximum(second, third), np.minimum(second, third) - high)
+    spread = np.maximum(high - low, np.abs(second - third))
+    return corners, np.asarray(inside & (contrast > np.maximum(MIN_CONTRAST, spread)))
 
 
-def _refined(grey: Array, grid: Array, inside: Array) -> Array:
+def _refine_corners(grey: Array, grid: Array, inside: Array) -> Array:
     """The same corners, each refined in a window as large as its neighbours allow."""
     rows, columns = grid.shape[:2]
     nearest_px = np.full((rows, columns), np.inf)
@@ -226,16 +226,16 @@ def _refined(grey: Array, grid: Array, inside: Array) -> Array:
     half_px = np.clip(np.rint(WINDOW * nearest_px), *WINDOWS_PX).astype(int)
     refined = grid.copy()
     for half in np.unique(half_px[inside]):
-        at = (half_px == half) & inside
-        start = grid[at].astype(np.float32).reshape(-1, 1, 2)
+        selected = (half_px == half) & inside
+        start = grid[selected].astype(np.float32).reshape(-1, 1, 2)
         new = cv2.cornerSubPix(grey, start, (int(half), int(half)), (-1, -1), _STOP).reshape(-1, 2)
         # One that wanders off has met something else than its corner.
-        stays = np.linalg.norm(new - grid[at], axis=1) < half / 2
-        refined[at] = np.where(stays[:, None], new, grid[at])
+        stays = np.linalg.norm(new - grid[selected], axis=1) < half / 2
+        refined[selected] = np.where(stays[:, None], new, grid[selected])
     return refined
 
 
-def _shift(
+def _skin_offset(
     grey: Array, grid: Array, inside: Array, board: Checkerboard, source: str
 ) -> NDArray[np.int64]:
     """What to add to (column, row) in the rectangle to have the skin's own. Raises InputError."""
@@ -243,12 +243,12 @@ def _shift(
     middle_px = (np.array(grey.shape[::-1]) - 1) / 2
     # Where the guess of the origin lies in the rectangle, from an affine map of the corners near it
     near = np.argsort(np.linalg.norm(grid.reshape(-1, 2) - middle_px, axis=1))[:16]
-    where = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1).reshape(-1, 2)
+    indices = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1).reshape(-1, 2)
     px = np.column_stack((grid.reshape(-1, 2)[near] - middle_px, np.ones(len(near))))
-    guess = np.linalg.lstsq(px, where[near], rcond=None)[0][2]
+    guess = np.linalg.lstsq(px, indices[near], rcond=None)[0][2]
     # The square right of and below corner (i, j) of the skin is (i + 1, j + 1), dark where even.
-    values, whole, even = _squares(grey, grid, inside)
-    dark_even = bool(values[whole & even].mean() < values[whole & ~even].mean())
+    values, complete, even = _squares(grey, grid, inside)
+    dark_even = bool(values[complete & even].mean() < values[complete & ~even].mean())
     half = np.array([board.nx, board.ny]) / 2 - 1  # the origin, counted in the skin's corners
     shifts = np.argwhere(np.ones((board.corners[0] - columns + 1, board.corners[1] - rows + 1)))
     shifts = shifts[(shifts.sum(axis=1) % 2 == 0) == dark_even]

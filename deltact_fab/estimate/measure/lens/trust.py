@@ -43,14 +43,14 @@ def sigma_px(
     """
     lens = problem.lens(fit.x)
     origin, slope = lens.ray(lens.rest_px(view_mm(sensor)), "gel")
-    at = origin - depth_mm * slope
-    here = lens.project_px(at)
+    points = origin - depth_mm * slope
+    projected = lens.project_px(points)
     n = len(problem.names)
-    j = np.empty((*here.shape, n))
+    j = np.empty((*projected.shape, n))
     for k in range(n):
-        moved = fit.x.copy()
-        moved[k] += PRIOR_STEP
-        j[..., k] = (problem.lens(moved).project_px(at) - here) / PRIOR_STEP
+        shifted = fit.x.copy()
+        shifted[k] += PRIOR_STEP
+        j[..., k] = (problem.lens(shifted).project_px(points) - projected) / PRIOR_STEP
     var = np.einsum("pak,kl,pal->p", j, fit.covariance[:n, :n], j) + 2 * SYSTEMATIC_PX**2
     return float(np.percentile(np.sqrt(var), 95))
 
@@ -60,15 +60,15 @@ def cover(problem: LensProblem, fit: LensSolution, sensor: SensorDimensions) -> 
     half = np.array(sensor.optics.view_mm) / 2
     per_mm = 10.0
     mask = np.zeros(np.ceil(2 * half[::-1] * per_mm).astype(int), np.uint8)
-    at = problem.points_mm(fit.x)[:, :2]
-    for seen, rows in zip(problem.seen, problem.rows, strict=True):
-        points = at[rows][fit.kept[rows]]
-        if not seen.contact or len(points) < 3:
+    points_mm = problem.points_mm(fit.x)[:, :2]
+    for view, rows in zip(problem.views, problem.rows, strict=True):
+        points = points_mm[rows][fit.inliers[rows]]
+        if not view.contact or len(points) < 3:
             continue
         middle = points.mean(0)
         out = points - middle
         reach = np.linalg.norm(out, axis=1, keepdims=True)
-        wider = middle + out * (1 + 0.5 * seen.corners.board.square_mm / np.maximum(reach, 1e-9))
+        wider = middle + out * (1 + 0.5 * view.corners.board.square_mm / np.maximum(reach, 1e-9))
         hull = cv2.convexHull(((wider + half) * per_mm).astype(np.float32))
         cv2.fillConvexPoly(mask, np.rint(hull).astype(np.int32), 1)
     return float(mask.mean())
@@ -109,8 +109,8 @@ def refuse(
         )
     unknown = [
         name
-        for (name, prior), left in zip(problem.priors.items(), share, strict=True)
-        if prior.weak and not left <= PRIOR_SHARE
+        for (name, prior), remaining in zip(problem.priors.items(), share, strict=True)
+        if prior.weak and not remaining <= PRIOR_SHARE
     ]
     if unknown:
         raise InputError(
@@ -125,22 +125,22 @@ def refuse(
 
 
 def _refuse_misfit(problem: LensProblem, fit: LensSolution) -> None:
-    at = problem.points_mm(fit.x)
-    for seen, rows in zip(problem.seen, problem.rows, strict=True):
-        off, kept = fit.off_px[rows], fit.kept[rows]
-        if not seen.contact and at[rows, 2].min() < MIN_HEIGHT_MM:
+    points = problem.points_mm(fit.x)
+    for view, rows in zip(problem.views, problem.rows, strict=True):
+        residual, ok = fit.residual_px[rows], fit.inliers[rows]
+        if not view.contact and points[rows, 2].min() < MIN_HEIGHT_MM:
             raise InputError(
-                f"{seen.corners.source}: its board touches the face, and the image was given as "
+                f"{view.corners.source}: its board touches the face, and the image was given as "
                 "one in air: is it a contact image?"
             )
-        rms = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
-        lost = 1 - kept.mean()
-        smooth = smooth_px(seen.corners.px[kept], off[kept]) if kept.sum() > 3 else np.inf
-        if lost > MAX_OUTLIERS or smooth > MAX_SMOOTH_PX or rms > 10 * MAX_NOISE_PX:
-            flat = "not flat on the face" if seen.contact else "not flat"
+        rms = float(np.sqrt(np.mean(np.sum(residual**2, axis=1))))
+        outlier_share = 1 - ok.mean()
+        smooth = smooth_px(view.corners.px[ok], residual[ok]) if ok.sum() > 3 else np.inf
+        if outlier_share > MAX_OUTLIERS or smooth > MAX_SMOOTH_PX or rms > 10 * MAX_NOISE_PX:
+            flat = "not flat on the face" if view.contact else "not flat"
             raise InputError(
-                f"{seen.corners.source}: its corners miss the fit by {rms:.2f} px rms, and not at "
-                f"random: not a board of {seen.corners.board}, {flat}, or a lens of another law "
+                f"{view.corners.source}: its corners miss the fit by {rms:.2f} px rms, and not at "
+                f"random: not a board of {view.corners.board}, {flat}, or a lens of another law "
                 "(theta to theta^9, decentring, aspect)"
             )
     if fit.noise_px > MAX_NOISE_PX:

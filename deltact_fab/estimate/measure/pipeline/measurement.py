@@ -18,7 +18,7 @@ from deltact_fab.sensor import CameraModel, Rectified
 from ..compose import sample
 from ..dots.tracker import DotTracker
 from ..flow.confidence import PreparedImage
-from ..flow.fused import Sampled, to_gray, to_half
+from ..flow.fused import SampledImage, to_gray, to_half
 from ..flow.tracker import FlowTracker
 from ..health import Health
 from ..sensor_id import SensorModel
@@ -49,7 +49,7 @@ class Rectifier:
             return image
         return np.asarray(cv2.remap(image, *self._maps, cv2.INTER_CUBIC))
 
-    def sampled(self, image: Array) -> Array | Sampled:
+    def sampled(self, image: Array) -> Array | SampledImage:
         """What the tracker reads: a raw colour image's luma, and all channels at the nodes alone.
 
         It saves half of the rectification. Raises as `view`.
@@ -58,7 +58,7 @@ class Rectifier:
         if not raw or self._maps is None or image.ndim != 3 or image.dtype != np.uint8:
             return self.view(image)
         luma = cv2.remap(to_gray(image), *self._maps, cv2.INTER_CUBIC)
-        return Sampled(luma, sample(image, self._nodes_px))
+        return SampledImage(luma, sample(image, self._nodes_px))
 
 
 TRUSTED_SHARE = 0.5
@@ -67,7 +67,7 @@ Step = Callable[["ImageTask"], None]
 
 
 @dataclass
-class Since:
+class ReferenceState:
     """What goes on from one reference image to the next; markers, count: of `MarkerMeasurement`."""
 
     tracker: FlowTracker
@@ -80,9 +80,9 @@ class Since:
 class ImageTask:
     """One image on its way. made: what the steps so far made of it."""
 
-    since: Since
+    reference: ReferenceState
     t_s: float
-    made: tuple[Any, ...]
+    data: tuple[Any, ...]
     result: MeasurementResult | None = None
     error: Exception | None = None
 
@@ -107,13 +107,13 @@ class Measurement:
         include: Sequence[str] | None = ("flow",),
         calibrations: Sequence[Calibration] = (),
         *,
-        every: int = 2,
+        spacing_px: int = 2,
     ) -> None:
         self._estimators = Estimators(view, calibrations)
         self.view, self.include = self._estimators.view, tuple(include or ())
         if include is None:
             self.include = self._estimators.allowed
-        self._every = every
+        self._spacing_px = spacing_px
         self._estimators.prepare(self.include)
         self._rectify = Rectifier(self.view.camera)
         self._lock = Lock()
@@ -135,7 +135,7 @@ class Measurement:
         May be called at any time and from any thread. Images given before are finished with the
         reference that they were given under. Raises as `update`, and then changes nothing.
         """
-        since = Since(FlowTracker(full=False))
+        since = ReferenceState(FlowTracker(full=False))
         if reference is not None:
             self._ready(since, reference)
         self._since = since
@@ -164,7 +164,7 @@ class Measurement:
         """The parts that may run side by side, each taking the jobs in their order."""
         return (self._prepare, self._follow, self._finish)
 
-    def take(self, busy: bool) -> None:
+    def claim(self, busy: bool) -> None:
         """For the one pipeline that runs this measurement. Raises RuntimeError for a second one."""
         with self._lock:
             if busy and self._busy:
@@ -172,30 +172,30 @@ class Measurement:
             self._busy = busy
 
     def _prepare(self, job: ImageTask) -> None:
-        (image,) = job.made
-        job.made = (self._ready(job.since, image),)
+        (image,) = job.data
+        job.data = (self._ready(job.reference, image),)
 
-    def _ready(self, since: Since, image: Array) -> PreparedImage:
+    def _ready(self, since: ReferenceState, image: Array) -> PreparedImage:
         ready = since.tracker.prepare(self._rectify.sampled(image))
         if ready.frame == 0:
             since.health = self._estimators.health(self._rectify.view(image))
         return ready
 
     def _follow(self, job: ImageTask) -> None:
-        (ready,) = job.made
-        job.made = (ready, job.since.tracker.follow(ready))
+        (ready,) = job.data
+        job.data = (ready, job.reference.tracker.follow(ready))
 
     def _finish(self, job: ImageTask) -> None:
-        seen = job.since.tracker.judge(*job.made)
-        job.made = ()
-        outputs = self._estimators.outputs(self.include, seen, self._every)
+        observation = job.reference.tracker.judge(*job.data)
+        job.data = ()
+        outputs = self._estimators.outputs(self.include, observation, self._spacing_px)
         job.result = MeasurementResult(
-            seen.diagnostics.frame,
+            observation.diagnostics.frame,
             job.t_s,
             (time.monotonic() - job.t_s) * 1e3,
-            float(np.mean(seen.visible & (seen.state > 0))),
-            seen.diagnostics.trusted,
-            job.since.health,
+            float(np.mean(observation.visible & (observation.state > 0))),
+            observation.diagnostics.trusted,
+            job.reference.health,
             **outputs,
         )
 
@@ -212,29 +212,29 @@ class MarkerMeasurement(Measurement):
     def steps(self) -> tuple[Step, ...]:
         return (self._measure,)
 
-    def _ready(self, since: Since, image: Array) -> Array:  # type: ignore[override]
-        seen = self.rectified(image)
+    def _ready(self, since: ReferenceState, image: Array) -> Array:  # type: ignore[override]
+        frame = self.rectified(image)
         if since.markers is None:
-            since.markers = DotTracker.found_in(seen)
-            since.markers.update(seen)  # now, for a reference is given once
-        return seen
+            since.markers = DotTracker.found_in(frame)
+            since.markers.update(frame)  # now, for a reference is given once
+        return frame
 
     def _measure(self, job: ImageTask) -> None:
-        (image,), since = job.made, job.since
+        (image,), since = job.data, job.reference
         ready = self._ready(since, image)
         assert since.markers is not None, "made ready"
-        seen = since.markers.update(ready)
-        held = float(seen.found.mean())
-        job.made = ()
+        dots = since.markers.update(ready)
+        share = float(dots.found.mean())
+        job.data = ()
         age_ms = (time.monotonic() - job.t_s) * 1e3
         job.result = MeasurementResult(
-            since.count, job.t_s, age_ms, held, held >= TRUSTED_SHARE, markers=seen
+            since.count, job.t_s, age_ms, share, share >= TRUSTED_SHARE, markers=dots
         )
         since.count += 1
 
 
 Policy = Literal["every", "newest"]
-_Belt = Queue[ImageTask | None]  # None: nothing more will come
+_TaskQueue = Queue[ImageTask | None]  # None: nothing more will come
 _KEPT = 64  # results of a live source that wait to be read
 
 
@@ -253,14 +253,14 @@ class Pipeline:
     """
 
     def __init__(self, measurement: Measurement, policy: Policy = "every") -> None:
-        measurement.take(True)
+        measurement.claim(True)
         self.measurement, self.policy = measurement, policy
-        self._giving, self._closed, self._fell = Lock(), False, {0: 0, -1: 0}
+        self._submit_lock, self._closed, self._dropped = Lock(), False, {0: 0, -1: 0}
         steps = measurement.steps()
-        self._belts: list[_Belt] = [*(Queue(1) for _ in steps), Queue()]
+        self._queues: list[_TaskQueue] = [*(Queue(1) for _ in steps), Queue()]
         self._threads = [
             Thread(target=self._work, args=(step, *ends), daemon=True)
-            for step, *ends in zip(steps, self._belts, self._belts[1:], strict=False)
+            for step, *ends in zip(steps, self._queues, self._queues[1:], strict=False)
         ]
         for thread in self._threads:
             thread.start()
@@ -268,7 +268,7 @@ class Pipeline:
     @property
     def dropped(self) -> int:
         """Images and results that gave way so far."""
-        return sum(self._fell.values())
+        return sum(self._dropped.values())
 
     def submit(self, image: Array, t_s: float | None = None) -> None:
         """Give one image, as to `Measurement.update`; it must not be changed afterwards.
@@ -277,11 +277,11 @@ class Pipeline:
         pipeline is closed.
         """
         job = self.measurement.job(image, t_s)
-        with self._giving:
+        with self._submit_lock:
             if self._closed:
                 raise RuntimeError("the pipeline is closed")
             self._make_room(0, 1)
-            self._belts[0].put(job)
+            self._queues[0].put(job)
 
     def result(self, timeout_s: float | None = None) -> MeasurementResult | None:
         """The next result, in the order of the images; None when closed and none is left.
@@ -289,11 +289,11 @@ class Pipeline:
         Raises what the stages raise of its image, TimeoutError when none came in time.
         """
         try:
-            job = self._belts[-1].get(timeout=timeout_s)
+            job = self._queues[-1].get(timeout=timeout_s)
         except Empty:
             raise TimeoutError from None
         if job is None:
-            self._belts[-1].put(None)  # for whoever asks again
+            self._queues[-1].put(None)  # for whoever asks again
             return None
         if job.error is not None:
             raise job.error
@@ -309,14 +309,14 @@ class Pipeline:
 
         From any thread, and more than once.
         """
-        with self._giving:
+        with self._submit_lock:
             first, self._closed = not self._closed, True
             if first:
-                self._belts[0].put(None)
+                self._queues[0].put(None)
         for thread in self._threads:
             thread.join()
         if first:
-            self.measurement.take(False)
+            self.measurement.claim(False)
 
     def __enter__(self) -> Pipeline:
         return self
@@ -324,23 +324,23 @@ class Pipeline:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _make_room(self, which: int, size: int) -> None:
+    def _make_room(self, index: int, size: int) -> None:
         """On a belt of a live source: what waits longest falls off."""
-        while self.policy == "newest" and self._belts[which].qsize() >= size:
+        while self.policy == "newest" and self._queues[index].qsize() >= size:
             try:
-                self._belts[which].get_nowait()
+                self._queues[index].get_nowait()
             except Empty:  # taken meanwhile
                 return
-            self._fell[which] += 1
+            self._dropped[index] += 1
 
-    def _work(self, step: Step, before: _Belt, after: _Belt) -> None:
-        while (job := before.get()) is not None:
+    def _work(self, step: Step, source: _TaskQueue, target: _TaskQueue) -> None:
+        while (job := source.get()) is not None:
             if job.error is None:
                 try:
                     step(job)
-                except Exception as why:  # whoever asks for the result gets it
-                    job.error = why
-            if after is self._belts[-1]:
+                except Exception as error:  # whoever asks for the result gets it
+                    job.error = error
+            if target is self._queues[-1]:
                 self._make_room(-1, _KEPT)
-            after.put(job)
-        after.put(None)
+            target.put(job)
+        target.put(None)

@@ -12,7 +12,7 @@ from deltact_fab.common import Array, InputError, did_you_mean
 from deltact_fab.sensor import CameraModel
 
 from ..dots.tracker import DotObservation
-from ..face import FaceFlow, whole
+from ..face import FaceFlow, fill_unknown
 from ..flow.confidence import FlowObservation
 from ..force import features_of
 from ..force.calibration import ForceCalibration, load_force
@@ -100,11 +100,9 @@ class Estimators:
         self.force: ForceModel | None = None
         self.features: Features | None = None
         self.depth: DepthModel | None = None
-        for given in calibrations:
-            name = str(given) if isinstance(given, Path | str) else "calibration"
-            self._take(
-                _read(Path(given), self.view) if isinstance(given, Path | str) else given, name
-            )
+        for item in calibrations:
+            name = str(item) if isinstance(item, Path | str) else "calibration"
+            self._take(_load(Path(item), self.view) if isinstance(item, Path | str) else item, name)
         if self.force is not None:
             self.features = features_of(self.force, self.view, "force model")
 
@@ -156,38 +154,40 @@ class Estimators:
         rest = self.view.rest
         return None if rest is None else Health.compare(rest, unloaded, self.view.camera)
 
-    def outputs(self, include: Sequence[str], seen: FlowObservation, every: int) -> dict[str, Any]:
+    def outputs(
+        self, include: Sequence[str], observation: FlowObservation, spacing_px: int
+    ) -> dict[str, Any]:
         """What an observation says, by name; no more is made than these outputs need.
 
         every: px between the points of "flow".
         """
-        camera, asked = self.view.camera, set(include)
-        made: dict[str, Any] = {"observation": seen} if "observation" in asked else {}
-        if "flow" in asked:
-            made["flow"] = FaceFlow.of(seen, camera, every)
-        if asked <= {"flow", "observation"}:
-            return made
-        face = whole(FaceFlow.of(seen, camera, FaceFlow.SPACING_PX))
+        camera, requested = self.view.camera, set(include)
+        results: dict[str, Any] = {"observation": observation} if "observation" in requested else {}
+        if "flow" in requested:
+            results["flow"] = FaceFlow.from_flow(observation, camera, spacing_px)
+        if requested <= {"flow", "observation"}:
+            return results
+        face = fill_unknown(FaceFlow.from_flow(observation, camera, FaceFlow.SPACING_PX))
         depth = None
-        if self.finder is not None and asked & {"shape", "contacts"}:
+        if self.finder is not None and requested & {"shape", "contacts"}:
             depth = self.finder.of(face)
-        if "shape" in asked:
+        if "shape" in requested:
             density = jacobian_density(face, camera.mm_per_px)
             relative = relative_depth(density, face)
-            made["shape"] = Shape(density, relative, face.x_mm, face.y_mm, depth)
-        if self.finder is not None and depth is not None and "contacts" in asked:
+            results["shape"] = Shape(density, relative, face.x_mm, face.y_mm, depth)
+        if self.finder is not None and depth is not None and "contacts" in requested:
             press = self.finder.inverse.of(face)  # kept since the depth asked for it
-            made["contacts"] = contacts(depth, face, camera, press)
+            results["contacts"] = contacts(depth, face, camera, press)
         if self.features is not None and self.force is not None:
-            if "force" in asked:
+            if "force" in requested:
                 numbers, cover = self.features.of(face), self.features.cover(face)
-                made["force"] = self.force.wrench(numbers, cover)
-            if "traction" in asked:
-                made["traction"] = self.features.traction(face, self.force)
-        return made
+                results["force"] = self.force.wrench(numbers, cover)
+            if "traction" in requested:
+                results["traction"] = self.features.traction(face, self.force)
+        return results
 
 
-def _read(path: Path, view: SensorModel) -> ForceCalibration | DepthModel:
+def _load(path: Path, view: SensorModel) -> ForceCalibration | DepthModel:
     """Of a file, which must be this sensor's."""
     head, _ = read_calibration(path)
     require_same_sensor(head, view.id, str(path))
