@@ -1,6 +1,6 @@
-"""Every key that a lab can write: type, unit, default, limits and meaning, from the models.
+"""Keys of all files that a lab writes: type, unit, default, limits and meaning, from the models.
 
-And every column that it gets."""
+Also the columns of measured output."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from deltact_fab.common import (
 
 @dataclass(frozen=True)
 class FileKind:
-    """One kind of file. where: the class that validates it; catalogue: as `catalog.KINDS`."""
+    """Kind of file. class_path: class that validates it; catalogue: as in `catalog.KINDS`."""
 
     name: str
     catalogue: str
@@ -29,7 +29,7 @@ class FileKind:
     class_path: str
 
     def model(self) -> Any:
-        """The class, "module:name" of this package, imported when it is asked for."""
+        """Import and return the class at "module:name" of this package."""
         module, _, name = self.class_path.partition(":")
         return getattr(import_module(f"deltact_fab.{module}"), name)
 
@@ -38,16 +38,16 @@ def _by_name(*kinds: FileKind) -> dict[str, FileKind]:
     return {kind.name: kind for kind in kinds}
 
 
-_RIGS = "protocols/rigs"
-KINDS = _by_name(
+_RIG_FOLDER = "protocols/rigs"
+FILE_KINDS = _by_name(
     FileKind("protocol", "protocols", "an indentation experiment", "bench.protocols.plan:Protocol"),
     FileKind(
         "virtual-rig",
-        _RIGS,
+        _RIG_FOLDER,
         'a simulated bench, kind = "virtual"',
         "bench.rig.config:VirtualConfig",
     ),
-    FileKind("grbl-rig", _RIGS, 'a real bench, kind = "grbl"', "bench.rig.config:GrblConfig"),
+    FileKind("grbl-rig", _RIG_FOLDER, 'a real bench, kind = "grbl"', "bench.rig.config:GrblConfig"),
     FileKind("pattern", "patterns", "a pattern sticker", "fabricate.patterns.recipe:PatternRecipe"),
     FileKind(
         "design",
@@ -69,26 +69,26 @@ KINDS = _by_name(
         "fabricate.cad.fabrication.bom:BoughtParts",
     ),
 )
-_OF_EACH = "that `measure --out` keeps of each image"
-OUTPUTS = _by_name(
+_OF_EACH = "that `measure --out` writes for each image"
+OUTPUT_KINDS = _by_name(
     FileKind("measured", "", f"columns {_OF_EACH}", "present.live.formatting:MeasuredRow"),
     FileKind("fields", "", f"arrays {_OF_EACH}", "present.live.formatting:FieldArrays"),
 )
-"""What the program writes: no one edits them."""
+"""Files that the program writes."""
 
 
 def find_kind(name: str) -> FileKind:
-    """Raises InputError naming the nearest kind, or all of them."""
-    kinds = KINDS | OUTPUTS
+    """Return a kind by name. Raises InputError with the nearest name, or all of them."""
+    kinds = FILE_KINDS | OUTPUT_KINDS
     if name not in kinds:
-        raise InputError(f"schema {name!r}: no such kind of file; {did_you_mean(name, kinds)}")
+        raise InputError(f"no kind of file {name!r}; {did_you_mean(name, kinds)}")
     return kinds[name]
 
 
-DIALECT = "https://json-schema.org/draft/2020-12/schema"
-_BASE = "The design, a name or a path, from which this one takes what it does not give itself."
-# By the end of a key's name; the longest first: mm_min before min, nmm before mm.
-_UNITS = {
+SCHEMA_DIALECT = "https://json-schema.org/draft/2020-12/schema"
+_BASE_MEANING = "The design, a name or a path, whose values hold for keys that are not set."
+# By suffix of a key's name, longest first: mm_min before min, nmm before mm.
+_UNIT_SUFFIXES = {
     "mm_per_px": "mm/px", "per_m": "1/m", "mm_min": "mm/min", "mm_s2": "mm/s2",
     "electrons": "electrons", "nmm": "N mm", "mpa": "MPa", "ohm": "ohm", "deg": "degrees",
     "mm2": "mm2", "mm": "mm", "um": "um", "px": "px", "hz": "Hz", "ms": "ms", "s": "s", "n": "N",
@@ -97,26 +97,26 @@ _UNITS = {
 
 
 def unit_of(key: str) -> str:
-    """The unit of a key as a person writes it; empty for a key without one."""
-    for end, unit in _UNITS.items():
+    """Return the unit of a key as printed; empty for a key without one."""
+    for end, unit in _UNIT_SUFFIXES.items():
         if key.endswith(f"_{end}") or (key == end and len(end) > 2):
             return unit
     return ""
 
 
-def schema_document(kind: FileKind) -> dict[str, Any]:
-    """The JSON Schema of a kind, each key's unit behind its meaning."""
-    schema = described_schema(kind)
+def json_schema(kind: FileKind) -> dict[str, Any]:
+    """Return the JSON Schema of a kind, with each key's unit after its meaning."""
+    schema = describe(kind)
     for node in (schema, *schema.get("$defs", {}).values()):
         for name, key in node["properties"].items():
             key.pop("instead_of", None)
             if (unit := unit_of(name)) and "description" in key:
                 key["description"] += f" [{unit}]"
-    return {"$schema": DIALECT, **schema, "title": f"deltact-fab: {kind.about}"}
+    return {"$schema": SCHEMA_DIALECT, **schema, "title": f"deltact-fab: {kind.about}"}
 
 
-def described_schema(kind: FileKind) -> dict[str, Any]:
-    """The schema of a kind's model, each meaning one line that ends in a full stop."""
+def describe(kind: FileKind) -> dict[str, Any]:
+    """Return the schema of a kind's model, each meaning one line that ends in a full stop."""
     schema = copy.deepcopy(json_schema_of(kind.model()))
     for node in (schema, *schema.get("$defs", {}).values()):
         if "description" in node:
@@ -126,8 +126,8 @@ def described_schema(kind: FileKind) -> dict[str, Any]:
             if "description" in key:
                 text = _one_line(key["description"]).rstrip(".") + "."
                 key["description"] = f"{text} Assumed, not measured." if assumed else text
-    if kind.name == "design":  # `load_design` takes it away before the model sees the file
-        base = {"type": "string", "examples": ["deltact"], "description": _BASE}
+    if kind.name == "design":  # `load_design` removes it before validation
+        base = {"type": "string", "examples": ["deltact"], "description": _BASE_MEANING}
         schema["properties"] = {"base": base, **schema["properties"]}
     return schema
 
@@ -137,18 +137,17 @@ def _one_line(text: str) -> str:
     return plain[:1].upper() + plain[1:]
 
 
-TABLE, BY_NAME, MANY = "table", "tables by name", "list of tables"
-_MARKS = {TABLE: "", BY_NAME: ".*", MANY: "[]"}
+ONE_TABLE, BY_NAME, MANY_TABLES = "table", "tables by name", "list of tables"
+_PATH_MARKS = {ONE_TABLE: "", BY_NAME: ".*", MANY_TABLES: "[]"}
 
 
 @dataclass(frozen=True)
 class KeyRow:
-    """One key.
+    """Description of a key.
 
-    key: its path, as `capture.settle_s`; `[]` is an entry of a list of tables, `*` any name.
-    default, example: as TOML writes them; None where there is none. The default of a table is {}
-    where it holds without being written, and the example of tables by name is a name. instead_of:
-    the key beside it that is not given where this one is.
+    key: its path, such as `capture.settle_s`; `[]` is an entry of a list of tables, `*` any name.
+    default, example: TOML literals; None if there is none. The default of an optional table is {},
+    and the example of tables by name is a name. instead_of: sibling key that this one replaces.
     """
 
     key: str
@@ -163,7 +162,7 @@ class KeyRow:
 
     @property
     def default_text(self) -> str:
-        """What holds when the key is left out; empty of a table, whose keys say theirs."""
+        """Effect of omitting the key; empty for a table, whose keys have their own."""
         if self.required:
             return "required"
         if self.default == "{}":
@@ -172,15 +171,15 @@ class KeyRow:
 
 
 def rows(kind: FileKind) -> list[KeyRow]:
-    """Every key of a kind: those of a table, then the tables in it, each above its keys."""
-    root = described_schema(kind)
+    """Return all keys of a kind: plain keys of a table first, then its tables with their keys."""
+    root = describe(kind)
     return list(_rows(root, root, ""))
 
 
 def _rows(node: dict[str, Any], root: dict[str, Any], prefix: str) -> Iterator[KeyRow]:
     needed = node.get("required", [])
     keys = {name: resolve_schema(key, root) for name, key in node["properties"].items()}
-    inner = {name: _find_table(key, root) for name, key in keys.items()}
+    inner = {name: _inner_table(key, root) for name, key in keys.items()}
     for name in sorted(keys, key=lambda name: inner[name] is not None):
         key, (kind, table) = keys[name], inner[name] or ("", {})
         example = next(iter(key.get("examples", ())), None)
@@ -198,23 +197,26 @@ def _rows(node: dict[str, Any], root: dict[str, Any], prefix: str) -> Iterator[K
             key.get("instead_of", ""),
         )
         if table:
-            yield from _rows(table, root, f"{prefix}{name}{_MARKS[kind]}.")
+            yield from _rows(table, root, f"{prefix}{name}{_PATH_MARKS[kind]}.")
 
 
-def _find_table(key: dict[str, Any], root: dict[str, Any]) -> tuple[str, dict[str, Any]] | None:
-    """How a key holds a table, itself or in each of its entries, and that table."""
-    parts = {TABLE: key, MANY: key.get("items"), BY_NAME: key.get("additionalProperties")}
+def _inner_table(key: dict[str, Any], root: dict[str, Any]) -> tuple[str, dict[str, Any]] | None:
+    """Return how a key contains a table, directly or per entry, and that table."""
+    entries = key.get("additionalProperties")
+    parts = {ONE_TABLE: key, MANY_TABLES: key.get("items"), BY_NAME: entries}
     for kind, part in parts.items():
         if isinstance(part, dict) and "properties" in (table := resolve_schema(part, root)):
             return kind, table
     return None
 
 
-_TYPES = {"number": "number", "integer": "whole number", "string": "text", "boolean": "true, false"}
+_TYPE_TEXT = {
+    "number": "number", "integer": "whole number", "string": "text", "boolean": "true, false"
+}  # fmt: skip
 
 
 def type_of(key: dict[str, Any]) -> str:
-    """The type in plain words."""
+    """Return the type in plain words."""
     if "const" in key:
         return toml_literal(key["const"])
     if "enum" in key:
@@ -230,11 +232,11 @@ def type_of(key: dict[str, Any]) -> str:
     if kind == "object":
         entry = key.get("additionalProperties")
         return f"table of {type_of(entry)} by name" if isinstance(entry, dict) else "table"
-    return _TYPES[kind]
+    return _TYPE_TEXT[kind]
 
 
 def _plural_type(key: dict[str, Any]) -> str:
-    """The type of entries: numbers, whole numbers, lists of numbers; a choice by its values."""
+    """Return the plural of a type: numbers, lists of numbers; a choice by its values."""
     if "enum" in key:
         return ", ".join(map(toml_literal, key["enum"]))
     first, *remaining = type_of(key).split(" of ", 1)
@@ -242,7 +244,7 @@ def _plural_type(key: dict[str, Any]) -> str:
 
 
 def limits_of(key: dict[str, Any]) -> str:
-    """What a value may be at least and at most, in plain words."""
+    """Return the limits of a value in plain words."""
     if "anyOf" in key:
         return _join_limits(" or ", key["anyOf"])
     if isinstance(entry := key.get("additionalProperties"), dict):
@@ -265,7 +267,7 @@ def _join_limits(separator: str, keys: list[dict[str, Any]]) -> str:
 
 
 def _bounds(key: dict[str, Any], low: str, high: str, unit: str, *exclusive: str) -> str:
-    """beyond: names of what a value must be above, and below."""
+    """Format the range of a value. exclusive: keys of its exclusive limits."""
     lower, upper, above, below = (*map(key.get, (low, high, *exclusive)), None, None)[:4]
     if lower is not None and upper is not None:
         return (

@@ -1,13 +1,12 @@
-"""`deltact-fab cad`: parts to look up, check, write, buy and put together."""
+"""`deltact-fab cad`: list, check, export, order and assemble parts."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING
 
 import click
 
@@ -15,25 +14,32 @@ from deltact_fab.common import InputError, catalogue_names, find_file, read_toml
 
 from .group import CommandGroup
 from .old_keys import of_part
-from .options import DESIGN, NAME_OR_PATH, NEW_FILE, PATH, PROCESSES, out_file, out_folder
+from .options import (
+    DESIGN_OPTION,
+    JOBS_OPTION,
+    NAME_OR_PATH,
+    NEW_FILE,
+    PATH_TYPE,
+    Command,
+    out_file,
+    out_folder,
+)  # fmt: skip
 from .output import Answer, answers, check_lines, columns_of, file_note, listing, progress, table
 
 if TYPE_CHECKING:
     from deltact_fab.fabricate import Design
-
-F = TypeVar("F", bound=Callable[..., Any])
 
 
 @click.group(cls=CommandGroup)
 def cad() -> None:
     """Parametric parts of the sensor, its mold, bench and indenters.
 
-    Every number is in a design (`cad list designs`); --set changes one for a single command.
+    Every dimension is in a design (`cad list designs`); --set changes one for a single command.
     """
 
 
-def design_options(command: F) -> F:
-    """Options that name a design and change it."""
+def design_options(command: Command) -> Command:
+    """Add options that name a design and change it."""
     command = click.option(
         "--set",
         "changes",
@@ -41,16 +47,16 @@ def design_options(command: F) -> F:
         metavar="SECTION.KEY=VALUE",
         help="Change a dimension, as in skin.width_mm=44; repeatable. `cad show PART` lists them.",
     )(command)
-    return DESIGN(command)
+    return DESIGN_OPTION(command)
 
 
-SENSORS = click.option(
+SENSORS_OPTION = click.option(
     "--sensors", type=int, default=1, metavar="N", help="How many sensors to make.",
 )  # fmt: skip
 
 
 def load_feasible(design: str, changes: tuple[str, ...]) -> Design:
-    """The design with its changes, every inequality enforced."""
+    """Load the design with its changes. Raises InputError if a design rule fails."""
     from deltact_fab.fabricate import check_feasible, load_design
 
     loaded = load_design(design, changes)
@@ -62,11 +68,11 @@ def load_feasible(design: str, changes: tuple[str, ...]) -> Design:
 @click.argument("name")
 @click.option("--base", type=NAME_OR_PATH, default="deltact", metavar="DESIGN",
               help="Design to start from: a name of `cad list designs` or a path.")  # fmt: skip
-@click.option("--face", metavar="WxL", help="Solve for a face of these sides in mm, as in 60x50.")
+@click.option("--face", metavar="WxL", help="Solve for a face of this size in mm, such as 60x50.")
 @click.option("--share", type=float, default=0.55,
-              help="Least share of the face that the camera sees.")  # fmt: skip
+              help="Smallest fraction of the face that the camera sees.")  # fmt: skip
 @click.option("--camera", metavar="CAMERA",
-              help="A camera of `cad list cameras`; the base's unless given.")  # fmt: skip
+              help="Camera from `cad list cameras`; default: that of the base.")  # fmt: skip
 @NEW_FILE
 @answers
 def new(
@@ -74,10 +80,10 @@ def new(
 ) -> Answer:
     """Write a new design with every dimension explained.
 
-    Each dimension is there as its base has it, commented out; uncomment those to change. With
-    --face, what follows from it and from the camera is solved for and set: housing, plate, gap,
-    view, light, screws, pegs, envelope, mold. What cannot be is refused, with the smallest change
-    that can.
+    Each dimension of the base is listed, commented out; uncomment those to change. With --face,
+    the dimensions that depend on it and on the camera are solved and set: housing, plate, gap,
+    view, light, screws, pegs, envelope, mold. An impossible wish is refused, with the smallest
+    change that makes it possible.
     """
     from ..lab import design as write
 
@@ -87,7 +93,7 @@ def new(
 
         wish = Wish.parse(face, share, camera)
     elif camera is not None:
-        raise InputError("--camera: say for which face it is, as in --face 60x50")
+        raise InputError("--camera needs --face, such as --face 60x50")
     return file_note(write(name, base, out, wish), f"cad check --design {name}")
 
 
@@ -96,10 +102,10 @@ def new(
                 metavar="[WHAT]")  # fmt: skip
 @answers
 def list_(kind: str) -> Answer:
-    """Parts that can be exported; or designs or cameras, where WHAT says so.
+    """List parts that can be exported; or designs or cameras.
 
-    A part has its group, material, process and quantity; designs are your own and the shipped ones;
-    a camera, from cad/cameras.toml, has its sources.
+    Parts with group, material, process and quantity; your own and the shipped designs; cameras of
+    cad/cameras.toml with their sources.
     """
     return {"parts": _list_parts, "designs": _list_designs, "cameras": _list_cameras}[kind]()
 
@@ -109,7 +115,7 @@ def _list_parts() -> Answer:
 
     columns = ("part", "group", "material", "process", "quantity")
     rows = [(p.name, p.group, p.material, p.process, p.quantity) for p in parts()]
-    note = "Any indenter is a part too: sphere:DIAMETER_MM, star:SIZE_MM and so on."
+    note = "Indenters are parts too: sphere:DIAMETER_MM, star:SIZE_MM and others."
     return listing(columns, rows, "", note)
 
 
@@ -145,7 +151,7 @@ def _list_designs() -> Answer:
 @design_options
 @answers
 def show(part: str, design: str, changes: tuple[str, ...]) -> Answer:
-    """Dimensions of PART with meaning and limits.
+    """Show the dimensions of PART with meaning and limits.
 
     PART is a name of `cad list`.
     """
@@ -165,7 +171,7 @@ def show(part: str, design: str, changes: tuple[str, ...]) -> Answer:
 def check(design: str, changes: tuple[str, ...]) -> Answer:
     """Check the whole design on its solids: a table of passes and failures.
 
-    Exit code 1 when a check fails.
+    Exit code 1 if a check fails.
     """
     from deltact_fab.fabricate import check_design, load_design, shorten_key
 
@@ -174,13 +180,12 @@ def check(design: str, changes: tuple[str, ...]) -> Answer:
     passed = [row for row in rows if row.status == "pass"]
     unverified = sum(bool(row.basis) for row in passed)
     summary = (
-        f"{len(passed)} of {len(rows)} checks pass, {unverified} of them on "
-        "values that nobody has measured yet"
+        f"{len(passed)}/{len(rows)} checks passed, {unverified} of them depend on unverified values"
     )
     data = [{**row.as_dict(), **of_part(row)} for row in rows]
     short_rows = (replace(r, basis=tuple(dict.fromkeys(map(shorten_key, r.basis)))) for r in rows)
     failed = sum(row.failed for row in rows)
-    failure = f"{design}: {failed} of {len(rows)} checks failed" if failed else None
+    failure = f"{design}: {failed}/{len(rows)} checks failed" if failed else None
     return Answer(data, [*check_lines(short_rows), "", summary], failure)
 
 
@@ -188,11 +193,11 @@ def check(design: str, changes: tuple[str, ...]) -> Answer:
 @click.argument("parts", nargs=-1, metavar="[PART]...")
 @design_options
 @click.option("--format", "formats", default="step,stl,3mf,dxf,glb,svg,pdf", metavar="LIST",
-              help="Formats, separated by commas; each part gets those that suit it.")  # fmt: skip
+              help="Formats, comma-separated; each part gets those that suit it.")  # fmt: skip
 @click.option("--tolerance", "tolerance_mm", type=float, default=0.01, metavar="MM",
               help="Largest distance of a mesh from the true surface.")  # fmt: skip
 @out_folder("Folder to write into.", default=Path("cad-out"))
-@PROCESSES
+@JOBS_OPTION
 @answers
 def export(
     parts: tuple[str, ...], design: str, changes: tuple[str, ...], formats: str,
@@ -201,8 +206,8 @@ def export(
     """Write each PART and the assembly, with a manifest.json; without PART, everything.
 
     A PART is a name of `cad list`, a group (sensor, electronics, tools, bench, indenters), or an
-    indenter as in a protocol: sphere:10, 4dots. The assembly and the wiring are written with the
-    whole sensor. STEP is for the machine shop, STL or 3MF for the printer, DXF for the laser, GLB
+    indenter as in a protocol: sphere:10, 4dots. Assembly and wiring are written with the complete
+    sensor. STEP is for the machine shop, STL or 3MF for the printer, DXF for the laser, GLB
     for a 3D viewer; drawings are PDF and SVG.
     """
     from deltact_fab.fabricate import export_parts, select_parts
@@ -218,15 +223,15 @@ def export(
 
 @cad.command(epilog="Example: deltact-fab cad bom --sensors 4 -o bom.csv")
 @design_options
-@SENSORS
-@out_file("Write it as .csv or .json instead of printing it.")
+@SENSORS_OPTION
+@out_file("File to write, .csv or .json, instead of printing.")
 @answers
 def bom(design: str, changes: tuple[str, ...], sensors: int, out: Path | None) -> Answer:
-    """Bill of materials: parts, silicone, screws and electronics for a number of sensors."""
+    """Write the bill of materials: parts, silicone, screws and electronics for several sensors."""
     from deltact_fab.fabricate import bom_lines
 
     if out is not None and out.suffix not in (".csv", ".json"):
-        raise InputError(f"-o {out}: end the name in .csv or .json")
+        raise InputError(f"-o {out}: must end in .csv or .json")
     bill = bom_lines(load_feasible(design, changes), sensors)
     plain = [asdict(line) for line in bill]
     if out is not None:
@@ -242,12 +247,12 @@ def bom(design: str, changes: tuple[str, ...], sensors: int, out: Path | None) -
 
 
 @cad.command(epilog="Example: deltact-fab cad fit readings.csv -o mine.toml")
-@click.argument("readings", type=PATH)
-@DESIGN
-@out_file("Design to write: --design with the measured values in it.")
+@click.argument("readings", type=PATH_TYPE)
+@DESIGN_OPTION
+@out_file("Write a design based on --design with the measured values.")
 @answers
 def fit(readings: Path, design: str, out: Path | None) -> Answer:
-    """Estimate what your printer and laser are off by, from READINGS of the two coupons (CSV).
+    """Estimate the errors of your printer and laser from READINGS of the two coupons (CSV).
 
     Columns: coupon (fit-coupon, kerf-coupon), feature (hole, slot, outside, height; strip,
     thickness), nominal_mm, measured_mm, and pieces for strips measured side by side. A spread is
@@ -267,11 +272,11 @@ def fit(readings: Path, design: str, out: Path | None) -> Answer:
 
 @cad.command(epilog="Example: deltact-fab cad guide --sensors 4 -o guide.html")
 @design_options
-@SENSORS
+@SENSORS_OPTION
 @out_file("Page to write.", default=Path("guide.html"))
 @answers
 def guide(design: str, changes: tuple[str, ...], sensors: int, out: Path) -> Answer:
-    """Fabrication guide of a design, one offline page: print, cast, wire, assemble."""
+    """Write the fabrication guide of a design, one offline page: print, cast, wire, assemble."""
     from deltact_fab.fabricate import write_guide
     from deltact_fab.present import render_examples
 

@@ -1,4 +1,4 @@
-"""`deltact-fab calibrate`: what turns images into millimetres and newtons, one file each."""
+"""`deltact-fab calibrate`: lens, depth and force calibrations, one file each."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import click
 from deltact_fab.common import InputError, write_whole
 
 from .group import CommandGroup
-from .options import DESIGN, PATH, out_file, out_folder, seed
+from .options import DESIGN_OPTION, PATH_TYPE, out_file, out_folder, seed
 from .output import Answer, answers, columns_of, files_line, progress, save_figures, table
 
 if TYPE_CHECKING:
@@ -27,15 +27,15 @@ def calibrate() -> None:
 @calibrate.command(
     epilog="Example: deltact-fab calibrate lens photos/contact --board skin -o camera.toml"
 )
-@click.argument("images", nargs=-1, type=PATH)
-@click.option("--board", required=True, metavar="skin|NXxNYxMM", help="Board that IMAGES show.")
-@click.option("--air", multiple=True, type=PATH, metavar="PATH", help="Image, or folder of images, "
-              "of a board held in the air; repeatable.")  # fmt: skip
+@click.argument("images", nargs=-1, type=PATH_TYPE)
+@click.option("--board", required=True, metavar="skin|NXxNYxMM", help="Board in IMAGES.")
+@click.option("--air", multiple=True, type=PATH_TYPE, metavar="PATH",
+              help="Image or folder of images of a board in the air; repeatable.")  # fmt: skip
 @click.option("--air-board", metavar="NXxNYxMM", show_default="as --board",
-              help="Board that --air shows.")  # fmt: skip
-@click.option("--flat", type=PATH, metavar="FILE",
+              help="Board in --air.")  # fmt: skip
+@click.option("--flat", type=PATH_TYPE, metavar="FILE",
               help="Image of a blank skin, to correct the shading.")  # fmt: skip
-@DESIGN
+@DESIGN_OPTION
 @out_file("Camera file to write, .toml.", required=True)
 @answers
 def lens(
@@ -44,16 +44,16 @@ def lens(
 ) -> Answer:  # fmt: skip
     """Calibrate the camera through its lens, plate and gel, from IMAGES of a board on the face.
 
-    IMAGES (files, or folders of them) are contact images: the board touches the outer face of the
-    clear gel with no air between. Best is one image of the shipped chessboard skin (`pattern sheet
+    IMAGES (files or folders) are contact images: the board touches the outer face of the clear gel
+    with no air between. Best is one image of the shipped chessboard skin (`pattern sheet
     chessboard`) with --board skin; its middle, the origin of the sensor, must be within 0.8 mm of
     the middle of the image, and the skin turned by less than 45 degrees. Otherwise wet a board onto
     the face at five or more places that together cover the view; --board 9x7x3 is a board of 9 x 7
     squares of 3 mm.
 
-    Boards held in the air beyond the face (--air), tilted and at several heights, improve the
+    Boards in the air beyond the face (--air), tilted and at several heights, improve the
     calibration below the face; on their own they leave the face undetermined. The thicknesses of
-    --design are what is assumed beforehand.
+    --design are the prior values.
     """
     from deltact_fab.estimate import calibrate_lens, fit_flat_field
     from deltact_fab.fabricate import load_design
@@ -61,7 +61,7 @@ def lens(
     on_face = parse_board(board, "--board")
     in_air = None if air_board is None else parse_board(air_board, "--air-board")
     if out.suffix != ".toml":
-        raise click.BadParameter(f"{out}: a camera file ends in .toml", param_hint="-o")
+        raise click.BadParameter(f"{out}: must end in .toml", param_hint="-o")
     result = calibrate_lens(_files(images), on_face, _files(air), in_air, load_design(design))
     field = None if flat is None else fit_flat_field(flat, result.lens)
     flat_file = out.with_suffix(".flat.png")
@@ -75,7 +75,7 @@ def lens(
 
 
 def parse_board(words: str, option: str) -> Checkerboard:
-    """A board by its numbers, or the catalogue's chessboard skin."""
+    """Parse a board such as 9x7x3, or return the chessboard skin of the catalogue."""
     from deltact_fab.fabricate import load_recipe
     from deltact_fab.sensor import Checkerboard
 
@@ -87,7 +87,7 @@ def parse_board(words: str, option: str) -> Checkerboard:
 
 
 def _files(names: tuple[Path, ...]) -> list[Path]:
-    """Files as they are named, and the images in the folders among them."""
+    """Return the files named, and the images in the folders named."""
     from deltact_fab.bench import ImageFolder
 
     files: list[Path] = []
@@ -118,17 +118,17 @@ def _lens_lines(calibration: LensCalibration) -> Iterator[str]:
 
 
 @calibrate.command(epilog="Example: deltact-fab calibrate depth ball-run -o depth.toml")
-@click.argument("run", type=PATH)
-@click.option("--force", type=PATH, metavar="FILE", show_default="the design's gel",
-              help="Calibration of force whose gel is taken, so that a measurement with both is "
-              "as fast as with one.")  # fmt: skip
+@click.argument("run", type=PATH_TYPE)
+@click.option("--force", type=PATH_TYPE, metavar="FILE", show_default="the design's gel",
+              help="Force calibration whose gel to use; a measurement with both is then as fast "
+              "as with one.")  # fmt: skip
 @out_file("Calibration to write.", default=Path("depth.toml"))
 @answers
 def depth(run: Path, force: Path | None, out: Path) -> Answer:
     """Calibrate depth on RUN, in which a ball of known diameter presses the face.
 
-    It uses the images, the positions of the stage and the diameter of the ball. The protocol
-    `ball-press` makes such a run.
+    Uses the images, the positions of the stage and the diameter of the ball. The protocol
+    `ball-press` records such a run.
     """
     from deltact_fab.estimate import calibrate_depth
 
@@ -138,11 +138,11 @@ def depth(run: Path, force: Path | None, out: Path) -> Answer:
 
 
 @calibrate.command(epilog="Example: deltact-fab calibrate force run1 run2 -o calibration.toml")
-@click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=PATH)
+@click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=PATH_TYPE)
 @click.option("--model", "models", multiple=True, metavar="MODEL",
               show_default="all", help="sums, paper or inverse-placed; repeatable.")  # fmt: skip
-@click.option("--transfer", type=PATH, metavar="OTHER.toml", help="Carry another sensor's "
-              "calibration over, using the few presses of RUN.")  # fmt: skip
+@click.option("--transfer", type=PATH_TYPE, metavar="OTHER.toml", help="Adapt another sensor's "
+              "calibration, using the few presses of RUN.")  # fmt: skip
 @out_file("Calibration to write.", "file", show_default="calibration.toml in --out")
 @out_folder("Folder for the results.", show_default="RUN/analysis")
 @seed("Seed of the folds and the learning curve.")
@@ -151,11 +151,11 @@ def force(
     runs: tuple[Path, ...], models: tuple[str, ...], transfer: Path | None, file: Path | None,
     out: Path | None, seed: int,
 ) -> Answer:  # fmt: skip
-    """Calibrate force on runs of one sensor: models are cross-validated, the best one is written.
+    """Calibrate force on runs of one sensor: cross-validate models and write the best one.
 
-    The points are the settled frames. Positions and indenters are left out together, which shows
-    how far a model can be trusted on what it was not fitted to; presses, points and runs too. The
-    best model is shown beside the paper's; force.json has all of them.
+    The points are the settled frames. Models are ranked by their error on unseen positions and
+    indenters together; errors on unseen presses, points and runs are reported too. The best model
+    is shown beside the paper's; force.json has all of them.
     """
     from deltact_fab.estimate import calibrate_force, transfer_calibration, write_force_calibration
     from deltact_fab.present import plot_predicted_force
@@ -165,7 +165,7 @@ def force(
     if transfer is not None:
         if models:
             raise InputError(
-                "--model: does not go with --transfer, which keeps the model of its file"
+                "--model cannot be used with --transfer, which keeps the model of its file"
             )
         with progress("transfer") as report:
             fit, carried, left_out = transfer_calibration(runs, transfer, progress=report)
@@ -190,7 +190,7 @@ def _force_lines(result: ForceResult, folder: Path) -> Iterator[str]:
         "model",
         "component",
         "adj. R2",
-        "about 0",
+        "R2 about 0",
         "fitted",
         *result.SPLITS,
         "range",
@@ -208,8 +208,7 @@ def _force_lines(result: ForceResult, folder: Path) -> Iterator[str]:
     ]
     yield from table(head, rows)
     yield (
-        f"\n{folder / 'force.json'} has all models; RMSE on the {len(result.data)} points "
-        "fitted to, and on what was left out (unseen: position and indenter together; press, "
-        "point: a fifth); "
-        f"{result.calibration.head.origin}; as printed: the paper's table, on a real sensor"
+        f"\nall models: {folder / 'force.json'}; {result.calibration.head.origin}; RMSE on the "
+        f"{len(result.data)} fitted points, and on points not fitted (unseen: position and "
+        "indenter together; press, point: a fifth); as printed: the paper's table, real sensor"
     )

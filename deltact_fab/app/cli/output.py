@@ -1,4 +1,4 @@
-"""Printing for people and for programs: tables, JSON, how far a command has come."""
+"""Output for people and programs: tables, JSON, progress."""
 
 from __future__ import annotations
 
@@ -20,28 +20,28 @@ import click
 from deltact_fab.common import MissingLibrary, RunFailed, format_duration, write_whole
 
 from .old_keys import of_image
-from .options import JSON
+from .options import JSON_OPTION
 
 if TYPE_CHECKING:
     from deltact_fab.common import Check, Progress
 
 LINE_EVERY_S = 10.0
-"""Where no terminal shows a bar: a line so often, when there is something new to say."""
-_GAP = "  "
-_DIGITS = 4  # significant ones of a number that a person reads
+"""Interval of progress lines without a terminal; by hand: readable in a log."""
+_COLUMN_GAP = "  "
+_CELL_DIGITS = 4  # significant digits of a number; by hand: more make tables wide
 
 
 def echo_json(data: Any) -> None:
-    """Print plain data as JSON; NaN is refused, for no JSON reader takes it."""
+    """Print plain data as JSON; NaN is refused, as JSON has none."""
     click.echo(json.dumps(data, indent=1, allow_nan=False))
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What a command found.
+    """Result of a command.
 
-    data: for a program, without NaN; lines: for a reader; asides: on stderr, after either. failed:
-    why the exit code is 1, empty where the lines say it; None for a command that succeeded.
+    data: for a program, without NaN; lines: text; asides: on stderr, after either. failed: reason
+    of exit code 1, empty if the lines contain it; None for success.
     """
 
     data: Any
@@ -51,7 +51,7 @@ class Answer:
 
 
 def answers(command: Callable[..., Answer]) -> Callable[..., None]:
-    """Gives a command `--json`, and prints what it returns."""
+    """Add `--json` to a command, and print its Answer."""
 
     @wraps(command)
     def print_answer(as_json: bool, **params: Any) -> None:
@@ -66,33 +66,33 @@ def answers(command: Callable[..., Answer]) -> Callable[..., None]:
         if answer.failed is not None:
             raise RunFailed(answer.failed) if answer.failed else click.exceptions.Exit(1)
 
-    return JSON(print_answer)
+    return JSON_OPTION(print_answer)
 
 
 def file_note(file: Path, then: str = "") -> Answer:
-    """Says which file was written and, if it is to be changed, what to run then."""
-    line = f"{file}: written; change it, then `deltact-fab {then}`" if then else f"written: {file}"
+    """Report the file written and, if it is to be edited, the next command."""
+    line = f"written: {file}" + (f"; edit it, then run `deltact-fab {then}`" if then else "")
     return Answer({"file": str(file)}, [line])
 
 
 def files_line(files: Iterable[Path]) -> str:
-    """The last line of a command that writes several files."""
+    """Format the last line of a command that writes several files."""
     return f"written: {', '.join(map(str, files))}"
 
 
 def listing(columns: Sequence[str], rows: Sequence[Sequence[Any]], *notes: str) -> Answer:
-    """A list, for a program an object a row by the same columns; more: lines below its table."""
+    """List rows: a table, or one JSON object per row; notes: lines below the table."""
     data = [dict(zip(columns, row, strict=True)) for row in rows]
     return Answer(data, [*table(columns, rows), *notes])
 
 
 def columns_of(names: Sequence[str], records: Iterable[Mapping[str, Any]]) -> Iterator[str]:
-    """A table of these values of records, each under its name."""
+    """Format a table of the named values of records."""
     return table(names, [[record.get(name) for name in names] for record in records])
 
 
 def pairs(data: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """The values of nested tables, each with its path, without those that are None."""
+    """Yield the values of nested tables with their dotted keys, without None."""
     for key, value in data.items():
         if isinstance(value, Mapping):
             yield from pairs(value, f"{prefix}{key}.")
@@ -101,7 +101,7 @@ def pairs(data: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]
 
 
 def grade(name: str, result: Any, success: str, *notes: str) -> Answer:
-    """A verdict, then the checks behind it, those of done.rows."""
+    """Report a verdict and the checks behind it, those of result.rows."""
     failed = [row.name for row in result.rows if row.failed]
     verdict = f"{name}: {'fails: ' + ', '.join(failed) if failed else success}"
     data = {**result.as_dict(), "rows": [of_image(row) for row in result.rows]}
@@ -109,7 +109,7 @@ def grade(name: str, result: Any, success: str, *notes: str) -> Answer:
 
 
 def check_lines(checks: Iterable[Check]) -> Iterator[str]:
-    """The table of checks, a line each."""
+    """Format the table of checks, one line each."""
     words = {"warn": "WARN", "fail": "FAIL"}
     return compact(
         ("", "check", "of", "found", "limit", "basis", "what to do"),
@@ -123,22 +123,22 @@ def check_lines(checks: Iterable[Check]) -> Iterator[str]:
 
 
 def compact(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
-    """A table of texts without the columns that are empty in every row."""
+    """Format a table of texts without its empty columns."""
     filled = [i for i in range(len(columns)) if any(row[i] for row in rows)]
     return table([columns[i] for i in filled], [[row[i] for i in filled] for row in rows])
 
 
 def table(columns: Sequence[str], records: Iterable[Sequence[Any]]) -> Iterator[str]:
-    """The lines of rows under their columns, numbers to the right.
+    """Format rows under their columns, numbers to the right.
 
-    On a terminal that is too narrow cells are wrapped. Elsewhere a row is always one line.
+    On a narrow terminal cells are wrapped. Elsewhere a row is always one line.
     """
     rows = list(records)
     right = [bool(rows) and all(_is_number(row[i]) for row in rows) for i in range(len(columns))]
     cells = [_format_column([row[i] for row in rows]) for i in range(len(columns))]
     widths = [max(map(len, (c, *column))) for c, column in zip(columns, cells, strict=True)]
     terminal_width = shutil.get_terminal_size().columns
-    if sys.stdout.isatty() and sum(widths) + len(_GAP) * (len(widths) - 1) > terminal_width:
+    if sys.stdout.isatty() and sum(widths) + len(_COLUMN_GAP) * (len(widths) - 1) > terminal_width:
         yield from _wrap_table(columns, right, list(zip(*cells, strict=True)), terminal_width)
         return
     for row in [columns, *zip(*cells, strict=True)]:
@@ -146,7 +146,7 @@ def table(columns: Sequence[str], records: Iterable[Sequence[Any]]) -> Iterator[
             cell.rjust(width) if number else cell.ljust(width)
             for cell, width, number in zip(row, widths, right, strict=True)
         ]
-        yield _GAP.join(aligned).rstrip()
+        yield _COLUMN_GAP.join(aligned).rstrip()
 
 
 def _wrap_table(
@@ -155,7 +155,7 @@ def _wrap_table(
     from rich.console import Console
     from rich.table import Table
 
-    grid = Table(box=None, padding=(0, len(_GAP), 0, 0), pad_edge=False, header_style="")
+    grid = Table(box=None, padding=(0, len(_COLUMN_GAP), 0, 0), pad_edge=False, header_style="")
     for name, number in zip(columns, right, strict=True):
         grid.add_column(name, justify="right" if number else "left", overflow="fold")
     for row in rows:
@@ -167,16 +167,16 @@ def _wrap_table(
 
 
 def _format_column(values: Sequence[Any]) -> list[str]:
-    """The cells of a column; floats of like size get as many decimals, so that points align."""
+    """Format the cells of a column; floats of similar size get equal decimals, to align points."""
     numbers = [abs(v) for v in values if isinstance(v, int | float) and math.isfinite(v) and v]
     largest = max(numbers, default=0.0)
-    # What cancelled is none.
+    # Rounding errors of cancelled terms count as 0.
     cleaned = [0 if isinstance(v, float) and 0 < abs(v) <= 1e-9 * largest else v for v in values]
     sizes = [n for n in numbers if n > 1e-9 * largest]
     near = all(map(_is_number, values)) and min(sizes, default=0) >= max(1e-4, largest / 1e3)
     if not near:
         return list(map(_format_cell, cleaned))
-    decimals = max(0, _DIGITS - 1 - math.floor(math.log10(largest)))
+    decimals = max(0, _CELL_DIGITS - 1 - math.floor(math.log10(largest)))
     return [f"{v:.{decimals}f}" if isinstance(v, float) else _format_cell(v) for v in cleaned]
 
 
@@ -191,17 +191,17 @@ def _format_cell(value: Any) -> str:
         return "yes" if value else "no"
     if isinstance(value, float):
         # Without an exponent between 0.0001 and a million.
-        as_integer = 10**_DIGITS <= abs(value) < 1e6
-        return f"{value:.0f}" if as_integer else f"{value:.{_DIGITS}g}"
+        as_integer = 10**_CELL_DIGITS <= abs(value) < 1e6
+        return f"{value:.0f}" if as_integer else f"{value:.{_CELL_DIGITS}g}"
     if isinstance(value, list | tuple):
         return ", ".join(map(_format_cell, value)) or "none"
     return str(value)
 
 
 def save_figures(folder: Path, draw: Callable[[], Mapping[str, Any]]) -> list[Path]:
-    """Write figures as NAME.svg and return the files; say so where there is no matplotlib.
+    """Write figures as NAME.svg and return the files; warn without matplotlib.
 
-    drawn: makes them, by name; None is nothing to draw. Raises RunFailed when the disk refuses.
+    draw: makes the figures by name; None is skipped. Raises RunFailed if the disk fails.
     """
     files = []
     try:
@@ -218,7 +218,7 @@ def save_figures(folder: Path, draw: Callable[[], Mapping[str, Any]]) -> list[Pa
 
 @contextmanager
 def progress(title: str) -> Iterator[Progress]:
-    """Tell on stderr how far a command has come: a bar on a terminal, elsewhere a line at times.
+    """Show progress on stderr: a bar on a terminal, otherwise occasional lines.
 
     A command that ends within LINE_EVERY_S writes no line.
     """

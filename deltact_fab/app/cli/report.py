@@ -6,22 +6,22 @@ from pathlib import Path
 
 import click
 
-from .options import PATH, out_file, require_writable
+from .options import PATH_TYPE, out_file, require_writable
 from .output import Answer, answers, file_note, progress
 
 
 @click.command(epilog="Example: deltact-fab report smoke-run -o smoke.html")
-@click.argument("run", type=PATH)
+@click.argument("run", type=PATH_TYPE)
 @out_file("Page to write.", show_default="report.html in RUN, or index.html in a folder of runs")
-@click.option("--calibration", "calibrations", multiple=True, type=PATH, metavar="FILE",
+@click.option("--calibration", "calibrations", multiple=True, type=PATH_TYPE, metavar="FILE",
               show_default="those in RUN/analysis",
               help="Calibration of force or depth; repeatable.")  # fmt: skip
 @answers
 def report(run: Path, out: Path | None, calibrations: tuple[Path, ...]) -> Answer:
-    """Write one offline page about RUN, after its tracking analysis where that is missing.
+    """Write one offline page about RUN, after a tracking analysis if there is none.
 
-    Of a folder with runs and studies below it, the page lists them all; unfinished and damaged
-    ones are marked.
+    For a folder of runs and studies, the page lists them all; unfinished and damaged ones are
+    marked.
     """
     from deltact_fab.bench import open_run
     from deltact_fab.common import require_pages

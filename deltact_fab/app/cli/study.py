@@ -1,6 +1,6 @@
 """`deltact-fab study`: the paper's experiments, on the virtual rig or on recorded runs.
 
-The command of each is made from what the registry declares: asked, run, written, told.
+Each command is generated from its entry in the registry.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .group import CommandGroup
-from .options import NAME_OR_PATH, ON, PATH, PROCESSES, Decorator, Finite, out_folder, seed
+from .options import GRID_OPTIONS, NAME_OR_PATH, PATH_TYPE, Decorator, Finite, out_folder, seed
 from .output import Answer, answers, listing, progress
 
 if TYPE_CHECKING:
     from deltact_fab.studies import Study
 
-OUT = "study-out"
+DEFAULT_OUT = "study-out"
 
 
 @click.group(cls=CommandGroup)
@@ -30,14 +30,14 @@ def study() -> None:
 @study.command("list")
 @answers
 def list_() -> Answer:
-    """Every study, with what it is about."""
+    """List the studies and their subjects."""
     from deltact_fab.studies import STUDIES
 
     return listing(("study", "about"), [(name, entry.line) for name, entry in STUDIES.items()])
 
 
 class Studies(CommandGroup):
-    """A command for each study, made when it is needed."""
+    """Commands of the studies, made on demand."""
 
     noun = "study"
 
@@ -56,16 +56,16 @@ class Studies(CommandGroup):
 def run(**_: Any) -> None:
     """Run a study, which writes a page, tables and figures into a folder.
 
-    Whatever a study computes is kept: when it is stopped, the same command continues.
+    All results are cached: if stopped, the same command continues.
     """
 
 
 def _shared(scale: float | None) -> dict[str, tuple[Decorator, ...]]:
-    """The options that studies share, by what `Study.takes` calls them."""
+    """Return the shared options by their names in `Study.takes`."""
     return {
         "scale": (
             click.option("--scale", type=Finite(0, 1, min_open=True), default=scale,
-                         metavar="SHARE", help="Share of the paper's points or frames, up to 1."),
+                         metavar="SHARE", help="Fraction of the paper's points or frames."),
         ),
         "seed": (seed("Seed of everything random."),),
         "rig": (
@@ -73,18 +73,18 @@ def _shared(scale: float | None) -> dict[str, tuple[Decorator, ...]]:
                          help="Virtual rig: a name of `rig list` or a path."),
         ),
         "from": (
-            click.option("--from", multiple=True, type=PATH, metavar="RUN",
-                         help="A recorded run, in place of a simulated one; repeatable."),
+            click.option("--from", multiple=True, type=PATH_TYPE, metavar="RUN",
+                         help="Recorded run to use; repeatable."),
         ),
-        "grid": (PROCESSES, ON),
+        "grid": GRID_OPTIONS,
     }  # fmt: skip
 
 
 def make_command(name: str, spec: Study) -> click.Command:
-    """`study run NAME`, with the options that this study takes."""
+    """Make `study run NAME` with the options of this study."""
     options = [o for key, group in _shared(spec.scale).items() if key in spec.takes for o in group]
     options += [click.option(flag, **settings) for flag, settings in spec.options.items()]
-    options.append(out_folder("Folder for the page and the tables.", default=Path(OUT) / name))
+    options.append(out_folder("Folder for page and tables.", default=Path(DEFAULT_OUT) / name))
     options.append(
         out_folder("Also write the figures as SVG and PDF into this folder.", flag="--figures")
     )
@@ -96,9 +96,9 @@ def make_command(name: str, spec: Study) -> click.Command:
 
 
 def _run_study(name: str, spec: Study, values: dict[str, Any]) -> Answer:
-    """Run a study with the options of its command, by their names.
+    """Run a study with the options of its command.
 
-    What would keep its page from being written is said before anything is computed.
+    Obstacles to writing its page are reported before anything is computed.
     """
     from deltact_fab.common import open_executor
     from deltact_fab.present import require_ready_study, write_study_figures, write_study_page
@@ -129,8 +129,8 @@ def _run_study(name: str, spec: Study, values: dict[str, Any]) -> Answer:
         files = write_study_figures(result, figures)
         click.echo(f"figures: {len(files)} files in {figures}", err=True)
     missing = (
-        f"warning: {len(result.missing)} jobs have no result and are left out: "
+        f"warning: {len(result.missing)} jobs failed and are not included: "
         f"{', '.join(result.missing[:5])}{', ...' if len(result.missing) > 5 else ''}; "
-        "the same command tries them again"
+        "run the same command to retry"
     )
     return Answer(result.data, result.verdict, asides=[missing] if result.missing else ())

@@ -1,6 +1,6 @@
-"""What a frame's flow says of the face: the motion of the pattern on a regular grid, in mm.
+"""Motion of the pattern on a regular grid of the face, in mm, from the flow of a frame.
 
-All that measures shape, force and contact starts here and knows no pixels, no lens and no tracker.
+Shape, force and contact are computed from it, independent of pixels, lens and tracker.
 """
 
 from __future__ import annotations
@@ -20,17 +20,16 @@ from .flow.confidence import FlowObservation, FlowState
 
 @dataclass(frozen=True)
 class FaceFlow:
-    """The pattern's motion in the view, at points of the resting face; sensor frame.
+    """Motion of the pattern in the view, at points of the resting face; sensor frame.
 
-    shift_mm (h, w, 2) float32: the way of each point's picture, in mm of the resting face, so the
-    parallax of its depth is in it. known (h, w) bool: found in the image, or between points that
+    shift_mm: (h, w, 2) float32, motion of each point's image in mm of the resting face, including
+    the parallax of its depth. known: (h, w) bool, matched in the image or between points that
     were; elsewhere the shift is a guess. x_mm (w,), y_mm (h,): the points, equally spaced by
-    cell_mm. trusted: as the tracker says.
+    cell_mm. trusted: verdict of the tracker.
     """
 
     SPACING_PX: ClassVar[int] = 8
-    """Between the points on which shape, depth and force rest: depth and contacts rest on cells of
-    a millimetre and say no more on finer ones, and the relative depth is smoothed over more."""
+    """Spacing for shape, depth and force; finer gains nothing (docs/evidence/flow.md)."""
 
     shift_mm: Array
     known: Array
@@ -44,21 +43,21 @@ class FaceFlow:
 
     @property
     def cover(self) -> float:
-        """Share of the points whose motion is known."""
+        """Fraction of the points whose motion is known."""
         return float(np.count_nonzero(self.known)) / self.known.size
 
     @classmethod
     def from_flow(cls, flow: FlowObservation, camera: CameraModel, spacing_px: int = 1) -> FaceFlow:
-        """From a tracker's observation, full or half, of a camera's (rectified) image.
+        """Convert a tracker's observation, full or half, of a camera's (rectified) image.
 
-        every: pixels between points, 1, 2, 4, 8 ...; means over every x every pixels, of the known
-        ones where there are such, as near the middle of the view as whole cells go. Raises
-        ValueError for less than what was observed: 2 of a half observation.
+        spacing_px: pixels between points, 1, 2, 4, 8 ...; each point is the mean of a square of
+        that side, over its known pixels if any; the grid is centred in the view. Raises ValueError
+        if finer than the observation (2 for a half one).
         """
         h, w = flow.flow_px.shape[:2]
         node_px = 1 if (w, h) == (camera.width_px, camera.height_px) else 2
         if spacing_px < node_px or spacing_px % node_px:
-            raise ValueError(f"every: {node_px} px or a multiple: {spacing_px} fails")
+            raise ValueError(f"spacing_px: {spacing_px}; must be a multiple of {node_px}")
         shift, valid = (flow.flow_px, (flow.state > FlowState.LOST) & flow.visible)
         n = spacing_px // node_px
         # A mirror image of the view then gives the mirror image of the points, to half a node.
@@ -75,7 +74,7 @@ class FaceFlow:
 
 
 def _mean_shifts(shift: Array, valid: Array, n: int) -> tuple[Array, Array]:
-    """Over n x n cells: of what is known, of all where that is less than half; and where it is."""
+    """Return means over n x n cells, of valid points where at least half are, and that mask."""
     h, w = (side // n for side in valid.shape)
     weight = valid[: h * n, : w * n].astype(np.float32)
     share = _mean(weight, (w, h))
@@ -94,11 +93,11 @@ def _mean(values: Array, size: tuple[int, int]) -> Array:
 
 
 def fill_unknown(flow: FaceFlow) -> FaceFlow:
-    """The same flow with its shift replaced wherever it is not known; finite everywhere.
+    """Replace the shift wherever it is not known; the result is finite everywhere.
 
-    There it goes on as planes fitted to the known points around (`compose.filled`), held between
-    the least and the largest of the known shifts. A point that is not finite, or that moved farther
-    than the view is wide, is not known whatever the flow says. With nothing known the shift is 0.
+    Gaps get planes fitted to the known points around (`compose.fill_gaps`), clipped to the range
+    of the known shifts. A point that is not finite, or that moved farther than the view is wide,
+    counts as unknown. With nothing known the shift is 0.
     """
     if isinstance(flow, FilledFaceFlow):
         return flow
@@ -119,13 +118,13 @@ def fill_unknown(flow: FaceFlow) -> FaceFlow:
 
 
 class FilledFaceFlow(FaceFlow):
-    """One that `whole` has made; it is not made so again."""
+    """Flow whose gaps are already filled."""
 
 
 def fit_rigid_motion(flow: FaceFlow) -> tuple[Array, float, Array]:
-    """Shift (2,) mm and turn in degrees that best fit the known points, and what is left (n, 2).
+    """Fit a rigid motion to the known points: shift (2,) mm, turn in degrees, residual (n, 2) mm.
 
-    Least squares over x -> R x + t (Kabsch 1976, in the plane). At least one point must be known.
+    Least squares over x -> R x + t (Kabsch 1976, in the plane). Needs at least one known point.
     """
     # As complex numbers x + i y: numpy is slow along an axis of two.
     points = (flow.x_mm + 1j * flow.y_mm[:, None])[flow.known]

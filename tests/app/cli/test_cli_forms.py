@@ -34,7 +34,7 @@ def test_json_a_file_and_a_folder_are_asked_for_in_one_way() -> None:
                 free = flag == "--seed" or path == "deltact-fab run"  # a finished one is read only
                 assert free or by_name[flag].callback.__name__ == "writable", path
         if "--seed" in by_name:
-            assert by_name["--seed"].type is options.SEED, path
+            assert by_name["--seed"].type is options.SEED_TYPE, path
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from click.testing import CliRunner, Result
 
 from deltact_fab.app import lab
 from deltact_fab.app.cli.main import main
-from deltact_fab.app.lab import SHIPPED
+from deltact_fab.app.lab import SHIPPED_FOLDERS
 from deltact_fab.bench.protocols import plan
 from deltact_fab.common import catalog
 from deltact_fab.common.errors import InputError
@@ -44,7 +44,7 @@ def mine(here: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_the_folder_holds_the_shipped_files_as_they_are(mine: Path) -> None:
-    for kind in SHIPPED:
+    for kind in SHIPPED_FOLDERS:
         shipped = {p.relative_to(shipped_folder(kind)): p
                    for p in shipped_folder(kind).rglob("*.toml")}  # fmt: skip
         own = {p.relative_to(mine / kind): p for p in (mine / kind).rglob("*.toml")}

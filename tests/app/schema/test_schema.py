@@ -14,13 +14,13 @@ from pydantic import TypeAdapter
 
 from deltact_fab.app.lab import kind_of
 from deltact_fab.app.schema import (
-    KINDS,
-    OUTPUTS,
+    FILE_KINDS,
+    OUTPUT_KINDS,
     FileKind,
-    described_schema,
+    describe,
+    json_schema,
     limits_of,
     rows,
-    schema_document,
     type_of,
     unit_of,
 )
@@ -39,7 +39,7 @@ EXAMPLES = {
     "cameras": "cameras",
     "parts": "parts",
 }
-ALL = pytest.mark.parametrize("kind", KINDS.values(), ids=lambda kind: kind.name)
+ALL = pytest.mark.parametrize("kind", FILE_KINDS.values(), ids=lambda kind: kind.name)
 
 
 def shipped(kind: FileKind) -> Iterator[tuple[Path, dict[str, Any]]]:
@@ -49,7 +49,7 @@ def shipped(kind: FileKind) -> Iterator[tuple[Path, dict[str, Any]]]:
             yield file, data
 
 
-@pytest.mark.parametrize("kind", (KINDS | OUTPUTS).values(), ids=lambda kind: kind.name)
+@pytest.mark.parametrize("kind", (FILE_KINDS | OUTPUT_KINDS).values(), ids=lambda kind: kind.name)
 def test_every_key_says_what_it_means(kind: FileKind) -> None:
     found = rows(kind)
     assert len(found) >= 5
@@ -60,7 +60,7 @@ def test_every_key_says_what_it_means(kind: FileKind) -> None:
 @ALL
 def test_shipped_files_are_valid_to_another_reader_of_json_schema(kind: FileKind) -> None:
     jsonschema = pytest.importorskip("jsonschema")
-    made = schema_document(kind)
+    made = json_schema(kind)
     jsonschema.Draft202012Validator.check_schema(made)
     reader = jsonschema.Draft202012Validator(made)
     for file, data in shipped(kind):
@@ -89,14 +89,14 @@ def numbers(node: dict[str, Any], root: dict[str, Any], at: tuple[str, ...]) -> 
     "kind",
     [
         pytest.param(kind, id=kind.name, marks=[pytest.mark.slow] * (kind.name == "design"))
-        for kind in KINDS.values()
+        for kind in FILE_KINDS.values()
         if kind.name not in ("cameras", "parts")  # a camera's are a design's; parts have none
     ],
 )
 def test_a_number_beyond_its_limits_is_refused_by_the_model(kind: FileKind) -> None:
     """The limits of the schema are those of the model: else an editor and `check` disagree."""
     start = catalog.read_toml(catalog.find_file(kind.catalogue, EXAMPLES[kind.name]))
-    root = described_schema(kind)
+    root = describe(kind)
     tried = 0
     for number in numbers(root, root, ()):
         least = number.key.get("minimum", number.key.get("exclusiveMinimum"))

@@ -13,7 +13,7 @@ from deltact_fab.estimate.measure.flow.fused import (
     to_gray,
     to_half,
 )
-from deltact_fab.estimate.measure.flow.nodes import WINDOW
+from deltact_fab.estimate.measure.flow.nodes import WINDOW_WEIGHTS
 
 W, H = 320, 256
 EDGE = 12  # nodes at the border whose windows are cut
@@ -139,7 +139,7 @@ def test_correlation_is_that_of_the_windows(scene, make_scene):
     )
     i, j = 60, 70
     cut = np.s_[2 * i - 10 : 2 * i + 12, 2 * j - 10 : 2 * j + 12]
-    weight = np.repeat(WINDOW.astype(float), 2)
+    weight = np.repeat(WINDOW_WEIGHTS.astype(float), 2)
     first, second = (Plane.from_image(a).gray[cut].ravel() for a in (image, other))
     by_hand = np.cov(first, second, aweights=np.outer(weight, weight).ravel())
     expected = by_hand[0, 1] / np.sqrt(by_hand[0, 0] * by_hand[1, 1])

@@ -24,25 +24,25 @@ from ..compose import shrink
 from . import nodes
 from .nodes import MIN_VARIANCE
 
-MIN_SIDE_PX = 64  # below it the pyramids of every method degenerate
-STEPS = (6, 4, 2)  # on a quarter, half and the full size
-_LEVELS = 3
-COARSE = 2 ** (_LEVELS - 1)  # nodes to a side of the grid that a refinement starts on
-_BEYOND_PX = 4  # pixels behind the last one that a warp may read
-_EVEN_PX = 41  # of the half-size image
-_EVEN_CONTRAST, _LEAST_CONTRAST = np.float32(40), np.float32(2)  # grey levels
-_LIGHT_WINDOW = 11  # of 8 px: within it the light is alike
-_PRIOR = 0.02
+MIN_SIDE_PX = 64  # by hand: below it the pyramids of every method degenerate
+LEVEL_STEPS = (6, 4, 2)  # on a quarter, half and the full size; decision 0015
+_N_LEVELS = 3  # decision 0015
+COARSE_NODES = 2 ** (_N_LEVELS - 1)  # along a cell of the grid that a refinement starts on
+_BEYOND_PX = 4  # exact: farthest pixel behind the last one that a warp reads
+_EVEN_PX = 41  # of the half-size image; decision 0061
+_EVEN_CONTRAST, _LEAST_CONTRAST = np.float32(40), np.float32(2)  # grey levels; by hand
+_LIGHT_WINDOW = 11  # of 8 px; by hand: larger misses gradients, smaller follows the pattern
+_PRIOR_WEIGHT = 0.02  # of the whole image; by hand: more flattens local light where little is shown
 # Two steps pass 1.24 times the noise of one fit; the blur makes the noise of neighbours alike, so
 # the fit leaves half of it or less (decision 0015).
 NOISE_GAIN = 1.24 * 2.0
 
 
 class SampledImage(NamedTuple):
-    """All that the anchored tracker reads of a colour image, where the rest is not needed.
+    """Parts of a colour image that the anchored tracker reads.
 
-    luma (h, w) uint8: what is tracked. nodes (hh, ww, 3) BGR uint8: one pixel a node
-    of the half grid, hh = ceil(h / 2).
+    luma: (h, w) uint8, tracked channel. nodes: (hh, ww, 3) BGR uint8, one pixel per node of the
+    half grid, hh = ceil(h / 2).
     """
 
     luma: Array
@@ -58,7 +58,7 @@ class SampledImage(NamedTuple):
 
 
 def to_gray(image: Array) -> Array:
-    """BGR (h, w, 3) or grey (h, w) uint8 to a contiguous grey (h, w) uint8 that is our own.
+    """Convert BGR (h, w, 3) or grey (h, w) uint8 to a contiguous grey copy (h, w) uint8.
 
     Raises InputError for another type or shape.
     """
@@ -73,20 +73,20 @@ def to_gray(image: Array) -> Array:
 
 
 class Plane:
-    """The tracked channel of one image, made ready once: to be a reference or to be matched.
+    """Tracked channel of one image with its pyramid, as a reference or as the image to match.
 
-    gray (h, w) uint8: what is tracked. small (hh, ww) uint8: the same at half the size, a pixel a
-    node, with brightness and contrast evened out: what `predict` matches.
+    gray: (h, w) uint8. small: (hh, ww) uint8, the same at half the size, a pixel per node, with
+    local brightness and contrast equalized; input of `predict`.
     """
 
     def __init__(self, gray: Array) -> None:
         self.gray = gray
         h, w = gray.shape
         self.shape = (h, w)
-        block = 2**_LEVELS
+        block = 2**_N_LEVELS
         level = cv2.copyMakeBorder(gray, 0, -h % block, 0, -w % block, cv2.BORDER_REPLICATE)
         self._levels = [level]
-        for _ in range(1, _LEVELS):
+        for _ in range(1, _N_LEVELS):
             half = (level.shape[1] // 2, level.shape[0] // 2)
             level = cv2.resize(level, half, interpolation=cv2.INTER_AREA)
             self._levels.append(level)
@@ -94,7 +94,7 @@ class Plane:
 
     @classmethod
     def from_image(cls, image: Array | SampledImage) -> Plane:
-        """(h, w) grey or (h, w, 3) BGR uint8 to its plane, which shares no memory with it.
+        """Convert (h, w) grey or (h, w, 3) BGR uint8 to its plane, which shares no memory with it.
 
         Raises InputError for another type or shape, and for sides below 64 px.
         """
@@ -106,22 +106,22 @@ class Plane:
         return cls(cv2.GaussianBlur(gray, (0, 0), 1.0))
 
     def level(self, k: int) -> Array:
-        """The image at 1 / 2^k of its size, padded to whole cells at every level."""
+        """Return the image at 1 / 2^k of its size, padded to whole cells at every level."""
         return self._levels[k]
 
     def size_px(self, k: int) -> tuple[int, int]:
-        """Height and width of a level without its padding."""
+        """Return height and width of a level without its padding."""
         return self.shape[0] >> k, self.shape[1] >> k
 
 
 class RefinedFlow(NamedTuple):
-    """What a refinement gives at the nodes of the half grid, float32.
+    """Result of a refinement at the nodes of the half grid, float32.
 
-    flow_px (hh, ww, 2), in px of the full image. correlation (hh, ww) in -1..1, of the windows of
-    reference and warped image; 0 where the current image does not show them. deviation_px (hh, ww):
-    standard deviation of the flow's endpoint by noise; a wrong match is not in it. ahead_px2
-    (hh, ww): estimate of what the steps have yet to do, squared: the last step over the contrast
-    that the current image has to the reference.
+    flow_px: (hh, ww, 2), in px of the full image. correlation: (hh, ww) in -1..1, of the windows of
+    reference and warped image; 0 if not visible in the current image. deviation_px: (hh, ww),
+    standard deviation of the flow's endpoint by noise, wrong matches excluded. ahead_px2: (hh, ww),
+    estimated remaining motion, squared: the last step over the contrast ratio of the current image
+    to the reference.
     """
 
     flow_px: Array
@@ -131,38 +131,38 @@ class RefinedFlow(NamedTuple):
 
 
 class _Level(NamedTuple):
-    pixels: Array  # as in `nodes`, and so
+    pixels: Array  # see `nodes`
     normal: Array
     size_px: tuple[int, int]
 
 
 class RefinementReference:
-    """The reference's side of the refinement, of the plane of the reference image."""
+    """Precomputed reference of the refinement, from the plane of the reference image."""
 
     def __init__(self, plane: Plane) -> None:
         self.plane = plane
-        sizes = [(plane.level(k), plane.size_px(k)) for k in range(_LEVELS)]
+        sizes = [(plane.level(k), plane.size_px(k)) for k in range(_N_LEVELS)]
         self._levels = [
             _Level(nodes.pixels(image), nodes.normal(image, size), size) for image, size in sizes
         ]
 
     def refine(self, current: Plane, start_px: Array | None = None) -> RefinedFlow:
-        """The flow from the reference to the current image, of the same size.
+        """Compute the flow from the reference to the current image, of the same size.
 
-        start_px: (hh, ww, 2) float32 to start from, or its means over COARSE x COARSE nodes, which
-        are all that is read of it; `predict` by default. Correlation and deviation are those
+        start_px: (hh, ww, 2) float32 initial flow, or its means over COARSE_NODES x COARSE_NODES
+        nodes (only these are used); `predict` by default. Correlation and deviation are those
         before the last step.
         """
         start = predict(self.plane, current) if start_px is None else start_px
         if start.shape[:2] == self.plane.small.shape:
-            start = shrink(start, COARSE)
-        planes = light = np.stack(cv2.split(start * np.float32(1 / COARSE)))
+            start = shrink(start, COARSE_NODES)
+        planes = light = np.stack(cv2.split(start * np.float32(1 / COARSE_NODES)))
         n_rows, n_cols = (s // 2 for s in self.plane.level(0).shape)
-        for k, n in zip(reversed(range(_LEVELS)), STEPS, strict=True):
+        for k, n in zip(reversed(range(_N_LEVELS)), LEVEL_STEPS, strict=True):
             size = (n_cols >> k, n_rows >> k)
             planes = _resize(planes, size)
-            # Grey levels are the same on every level: what the first one says serves the next.
-            between = 0 < k < _LEVELS - 1
+            # Grey levels are the same on every level: the first one's fit serves the next.
+            between = 0 < k < _N_LEVELS - 1
             light = _resize(light, size, 1) if between else self._lighting(current, k, planes)
             target = _padded(current, k)
             for i in range(n):
@@ -171,7 +171,7 @@ class RefinementReference:
         return self._crop(cv2.merge(list(planes)), quality)
 
     def evaluate(self, current: Plane, flow_px: Array) -> RefinedFlow:
-        """Correlation and deviation, as in `refine`, of a flow (hh, ww, 2) found elsewhere."""
+        """Compute correlation and deviation, as in `refine`, of a given flow (hh, ww, 2)."""
         (h, w), (hh, ww) = self.plane.level(0).shape, flow_px.shape[:2]
         padded = cv2.copyMakeBorder(flow_px, 0, h // 2 - hh, 0, w // 2 - ww, cv2.BORDER_REPLICATE)
         planes = np.stack(cv2.split(padded))
@@ -179,11 +179,11 @@ class RefinementReference:
         return self._crop(flow_px, self._step(_padded(current, 0), 0, planes, light, True)[1])
 
     def _lighting(self, current: Plane, k: int, planes: Array) -> Array:
-        """What a change of light makes of reference less current image, see `kernel.step`.
+        """Fit the effect of changed light on reference less current image, see `kernel.step`.
 
-        By a fit over what the current image shows of a window, to one pixel of each 8 cells.
+        The fit uses the visible part of a window, one pixel of each 8 cells.
         """
-        stride = 1 << (_LEVELS - 1 - k)
+        stride = 1 << (_N_LEVELS - 1 - k)
         height, width = self._levels[k].size_px
         start = planes[:, ::stride, ::stride]
         x0, y0 = (2 * stride * np.arange(n, dtype=np.float32) for n in start.shape[:0:-1])
@@ -193,13 +193,14 @@ class RefinementReference:
         grey = cv2.remap(current.level(k), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         r = self.plane.level(k)[:: 2 * stride, :: 2 * stride].astype(np.float32) - 128
         d = r + 128 - grey
+        window = (_LIGHT_WINDOW, _LIGHT_WINDOW)
         sums = [visible * a for a in (np.ones_like(r), r, d, r * r, r * d)]
-        # With a little of the whole image, for where next to nothing is shown.
+        # The mean of the whole image stabilises windows of which little is visible.
         n, r, d, rr, rd = (
-            cv2.blur(a, (_LIGHT_WINDOW,) * 2, borderType=cv2.BORDER_CONSTANT) + _PRIOR * a.mean()
+            cv2.blur(a, window, borderType=cv2.BORDER_CONSTANT) + _PRIOR_WEIGHT * a.mean()
             for a in sums
         )
-        n = np.maximum(n, _PRIOR / r.size)
+        n = np.maximum(n, _PRIOR_WEIGHT / r.size)
         slope = (n * rd - r * d) / np.maximum(n * rr - r * r, MIN_VARIANCE * n * n)
         coarse = np.stack([(d - slope * r) / n, slope])
         return _resize(coarse, (planes.shape[2], planes.shape[1]), 1)
@@ -207,7 +208,7 @@ class RefinementReference:
     def _step(
         self, target: Array, k: int, planes: Array, light: Array, last: bool
     ) -> tuple[Array, Array]:
-        from . import kernel  # and numba with it, which takes its time
+        from . import kernel  # imports numba, which is slow
 
         level, gain = self._levels[k], NOISE_GAIN if last else 0.0
         return kernel.step(target, level.pixels, level.normal, level.size_px, planes, light, gain)
@@ -218,15 +219,15 @@ class RefinementReference:
 
 
 def _padded(plane: Plane, k: int) -> Array:
-    """What a step reads of a level."""
+    """Return a level with the border that a step reads."""
     edge = cv2.BORDER_REPLICATE
     return cv2.copyMakeBorder(plane.level(k), 0, _BEYOND_PX, 0, _BEYOND_PX, edge)
 
 
 def _resize(planes: Array, size: tuple[int, int], unit: float | None = None) -> Array:
-    """Planes (2, rows, cols) on a grid (cols, rows) that is coarser or finer.
+    """Resample planes (2, rows, cols) to a grid of size (cols, rows).
 
-    unit: how the values change with it; by default as a flow in px of the grid's image does.
+    unit: factor on the values; by default the change of size, as for a flow in px of the grid.
     """
     if planes.shape[:0:-1] == size:
         return planes
@@ -240,8 +241,8 @@ def _resize(planes: Array, size: tuple[int, int], unit: float | None = None) -> 
 
 
 def _equalize_contrast(image: Array) -> Array:
-    """An image (h, w) uint8 less its local mean, over its local contrast, around 128: light would
-    else move what DIS finds of a weak pattern."""
+    """Normalise an image (h, w) uint8 by its local mean and contrast, around 128: otherwise shading
+    moves the DIS flow of a weak pattern."""
     fine = image.astype(np.float32)
     fine -= cv2.blur(fine, (_EVEN_PX, _EVEN_PX))
     power = cv2.blur(fine * fine, (_EVEN_PX, _EVEN_PX))
@@ -251,8 +252,8 @@ def _equalize_contrast(image: Array) -> Array:
 
 @lru_cache(maxsize=8)
 def _dis(shape: tuple[int, int], thread: int) -> cv2.DISOpticalFlow:
-    # One for each size: cv2 rewrites the settings of one that meets a small image. And one for each
-    # thread: it keeps its pyramids between calls.
+    # One per size, as cv2 rewrites the settings of an instance that gets a small image; one per
+    # thread, as it keeps its pyramids between calls.
     dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
     dis.setFinestScale(2)
     dis.setGradientDescentIterations(25)
@@ -261,16 +262,16 @@ def _dis(shape: tuple[int, int], thread: int) -> cv2.DISOpticalFlow:
 
 
 def predict(a: Plane, b: Plane) -> Array:
-    """A coarse flow from one image to another, by DIS at half the size: (hh, ww, 2) float32 px."""
+    """Predict the flow between two images by DIS at half the size: (hh, ww, 2) float32 px."""
     start: Any = None
     dis = _dis(a.small.shape, get_ident())
     return np.asarray(dis.calc(a.small, b.small, start)) * np.float32(2)
 
 
 def to_half(flow_px: Array) -> Array:
-    """A flow at pixels (h, w, 2) to one at nodes (hh, ww, 2) float32, hh = ceil(h / 2).
+    """Convert a flow at pixels (h, w, 2) to nodes (hh, ww, 2) float32, hh = ceil(h / 2).
 
-    A node is at the centre of its 2 x 2 pixels; a lone last row or column is continued.
+    A node is at the centre of its 2 x 2 pixels; a single last row or column is extrapolated.
     """
     h, w = flow_px.shape[:2]
     padded = np.asarray(flow_px, np.float32)
@@ -283,7 +284,7 @@ def to_half(flow_px: Array) -> Array:
 
 
 def to_full(nodes_px: Array, shape: tuple[int, int]) -> Array:
-    """A field at nodes (hh, ww[, c]) float32 to pixels (h, w[, c]), exact where it is linear."""
+    """Interpolate nodes (hh, ww[, c]) float32 at pixels (h, w[, c]); exact for linear fields."""
     hh, ww = nodes_px.shape[:2]
     padded = cv2.copyMakeBorder(nodes_px, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
     for side in (padded.swapaxes(0, 1), padded):

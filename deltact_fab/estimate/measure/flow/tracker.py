@@ -19,16 +19,15 @@ from .confidence import (
     PreparedImage,
     TrackedFrame,
 )
-from .fused import COARSE, Plane, RefinementReference, SampledImage, predict, to_full
-from .renewed import FUSED, FlowMethod, RenewedTracker
+from .fused import COARSE_NODES, Plane, RefinementReference, SampledImage, predict, to_full
+from .renewed import FUSED_METHOD, FlowMethod, RenewedTracker
 
-DARK, BRIGHT = 25, 235  # grey levels: beyond them a pattern has no room
-LOST_SHARE = 0.1
-"""Of the textured nodes: where fewer agree, an image shows nothing of the reference."""
+TOO_DARK_GREY, TOO_BRIGHT_GREY = 25, 235  # by hand: no room for a pattern beyond them
+LOST_SHARE = 0.1  # of textured nodes that agree; fewer: the reference is not in view; decision 0061
 
 
 class AnchoredTracker:
-    """Follows one sequence from its first image on, of which reference and judge are."""
+    """Tracker of one sequence against its first image, of which reference and judge are made."""
 
     def __init__(self, reference: RefinementReference, judge: ConfidenceEstimator) -> None:
         self._reference = reference
@@ -38,25 +37,24 @@ class AnchoredTracker:
         self._is_lost = False
 
     def ahead(self, plane: Plane) -> Array:
-        """The flow in px from the image before to this one, as far as one look shows: coarse."""
+        """Predict the flow in px from the previous image to this one, at coarse nodes."""
         previous, self._previous = self._previous, plane
-        return shrink(predict(previous, plane), COARSE)
+        return shrink(predict(previous, plane), COARSE_NODES)
 
     def step(self, ready: PreparedImage) -> TrackedFrame:
-        """Follow one more image. After one in which nothing agrees the next is looked for where
-        the face was last seen, and from rest."""
+        """Track one more image. After a lost one, starts from the last good flow and from rest are
+        tried."""
         assert ready.ahead_px is not None, "made by `ahead`"
-        so_far = shrink(self._flow, COARSE)
+        so_far = shrink(self._flow, COARSE_NODES)
         if self._is_lost:
-            starts = [so_far, shrink(predict(self._reference.plane, ready.plane), COARSE)]
+            starts = [so_far, shrink(predict(self._reference.plane, ready.plane), COARSE_NODES)]
         else:
-            landing = landing_px(so_far * np.float32(0.5 / COARSE))
+            landing = landing_px(so_far * np.float32(0.5 / COARSE_NODES))
             starts = [so_far + sample(ready.ahead_px, landing)]
         matches = [self._reference.refine(ready.plane, start) for start in starts]
         trials = [(*self.judge.check(ready.secondary_match, match), match) for match in matches]
         valid, agreeing, match = max(trials, key=lambda c: int(np.count_nonzero(c[1])))
-        # Neighbours are asked only where they agree: a match that is kept and wrong would draw
-        # others after it.
+        # Gaps are filled from agreeing nodes only: a valid but wrong match would spread.
         flow = denoise(fill_gaps(match.flow_px, agreeing, valid), match.deviation_px, valid)
         textured = np.count_nonzero(self.judge.textured)
         self._is_lost = bool(np.count_nonzero(agreeing) < LOST_SHARE * textured)
@@ -73,8 +71,8 @@ class FlowTracker:
 
     reference: "anchored" (`AnchoredTracker`, by `fused` only), or "composed", "summed" and "static"
     (`RenewedTracker`) by any method; by default anchored for `fused` and composed for the others.
-    renew_share: of those, when they take another reference.
-    full: False gives all arrays on the half grid (see `FlowObservation`).
+    renew_share: threshold at which those renew their reference.
+    full: False returns all arrays on the half grid (see `FlowObservation`).
     Raises InputError for unknown names.
     """
 
@@ -86,14 +84,14 @@ class FlowTracker:
 
     def __init__(
         self,
-        method: FlowMethod | str = FUSED,
+        method: FlowMethod | str = FUSED_METHOD,
         reference: str | None = None,
         *,
         full: bool = True,
         renew_share: float = RENEW_SHARE,
     ) -> None:
         self.method = FlowMethod(method) if isinstance(method, str) else method
-        fused = self.method.name == FUSED
+        fused = self.method.name == FUSED_METHOD
         available = [k for k in self.REFERENCES if k != "anchored" or fused]
         reference_name = reference or available[0]
         chosen = next((k for k in available if k == reference_name), None)
@@ -110,11 +108,11 @@ class FlowTracker:
 
     @classmethod
     def from_name(cls, name: str, *, shared: dict[str, FlowMethod] | None = None) -> FlowTracker:
-        """The tracker `method` or `method/reference`; `paper` stands for `farneback-paper`.
+        """Create the tracker `method` or `method/reference`; `paper` stands for `farneback-paper`.
 
-        `fused` alone is anchored, `paper` summed, any other method alone composed. shared: methods
-        by name, which trackers that are given the same dictionary have in common; their CPU time is
-        then no one's own. Raises InputError with the valid names.
+        By default `fused` is anchored, `paper` summed, any other method composed. shared: cache of
+        methods by name for several trackers, whose CPU time is then shared too. Raises InputError
+        with the valid names.
         """
         method, _, reference = name.partition("/")
         reference = reference or ("summed" if method == FlowMethod.PAPER else "")
@@ -124,7 +122,7 @@ class FlowTracker:
         return cls(flow_method, reference or None)
 
     def update(self, image: Array) -> FlowObservation:
-        """Follow one more image: (h, w, 3) BGR or (h, w) grey, uint8, like the first one.
+        """Track one more image: (h, w, 3) BGR or (h, w) grey, uint8, like the first one.
 
         Raises InputError for another type, size or number of channels, SensorError for a first
         image without texture.
@@ -132,13 +130,13 @@ class FlowTracker:
         ready = self.prepare(image)
         return self.judge(ready, self.follow(ready))
 
-    # The three parts of an update. Each may run in a thread of its own, as long as each takes the
-    # images in their order; what a part needs of the image before, no later part changes.
+    # Three parts of an update. Each may run in its own thread if each takes the images in order;
+    # later parts do not change what an earlier part needs of the previous image.
 
     def prepare(self, image: Array | SampledImage) -> PreparedImage:
-        """What can be done of an update before the image before is followed. Raises as `update`.
+        """First part of an update, independent of the previous flow. Raises as `update`.
 
-        Sampled: for the anchored reference only, and for all images of a sequence alike.
+        A SampledImage is for the anchored reference only, and then for the whole sequence.
         """
         start_s = time.process_time()
         plane = Plane.from_image(image)
@@ -146,7 +144,7 @@ class FlowTracker:
             self._tracker, self._shape = self._begin(image, plane), image.shape
             return PreparedImage(0, image, plane, [], None, start_s)
         if image.shape != self._shape:
-            # Height and width say it, unless it is the channels that differ.
+            # Show height and width, unless only the channels differ.
             size = slice(0, 2 if image.ndim == len(self._shape) else 3)
             raise InputError(
                 f"flow: the image is {image.shape[size]}, the first one was {self._shape[size]}"
@@ -156,7 +154,7 @@ class FlowTracker:
         return PreparedImage(self._frame, image, plane, match, ahead, start_s)
 
     def follow(self, ready: PreparedImage) -> TrackedFrame:
-        """What only the flow of the image before allows."""
+        """Second part of an update, which needs the previous flow."""
         assert self._tracker is not None, "made ready"
         if ready.frame:
             return self._tracker.step(ready)
@@ -165,7 +163,7 @@ class FlowTracker:
         return TrackedFrame(nothing, np.ones(textured.shape, bool), textured)
 
     def judge(self, ready: PreparedImage, frame: TrackedFrame) -> FlowObservation:
-        """What the next image does not wait for."""
+        """Third part of an update, which the next image does not need."""
         assert self._tracker is not None, "made ready"
         judge, shape, flow = self._tracker.judge, ready.plane.shape, frame.flow_px
         inside = _inside(flow, shape)
@@ -184,7 +182,7 @@ class FlowTracker:
         n_visible = int(np.count_nonzero(visible))
         share = int(np.count_nonzero(confident & visible)) / max(n_visible, 1)
         for out in (flow, visible, confident, state):
-            out.setflags(write=False)  # some are kept for the frames to come
+            out.setflags(write=False)  # some are used for later frames
         cpu_ms = (time.process_time() - ready.start_s) * 1e3
         return FlowObservation(
             flow, visible, confident, state,
@@ -208,13 +206,13 @@ class FlowTracker:
 
 
 def _explain_plain(gray: Array) -> str:
-    """What an image (h, w) uint8 without fine detail shows."""
+    """Explain the lack of fine detail in an image (h, w) uint8."""
     dark, light = (float(np.percentile(gray, p)) for p in (5, 95))
-    if light < DARK:
+    if light < TOO_DARK_GREY:
         return (
             f"it is dark (95 % of it below grey level {light:.0f}): is the light on, the lens open?"
         )
-    if dark > BRIGHT:
+    if dark > TOO_BRIGHT_GREY:
         return f"it is overexposed (95 % of it above grey level {dark:.0f}): less light or exposure"
     return (
         f"its light is right (grey levels {dark:.0f} to {light:.0f}): the view is covered, far out "
@@ -223,14 +221,14 @@ def _explain_plain(gray: Array) -> str:
 
 
 def _inside(flow: Array, shape: tuple[int, int]) -> Array:
-    """Which nodes land inside the image (h, w), (hh, ww) bool."""
+    """True for nodes that land inside the image (h, w), (hh, ww) bool."""
     # Node j lies at pixel 2 j + 1/2.
     high = ((shape[1] - 1) / 2 - 0.25, (shape[0] - 1) / 2 - 0.25)
     return cv2.inRange(landing_px(flow * np.float32(0.5)), (-0.25, -0.25), high).view(bool)
 
 
 def _to_pixels(nodes: Array, shape: tuple[int, int]) -> Array:
-    """A mask or a state at nodes, (hh, ww), to pixels (h, w): each node has its 2 x 2."""
+    """Expand a mask or state at nodes (hh, ww) to pixels (h, w), 2 x 2 per node."""
     # A byte times 257 is that byte twice: three times as quick as a resize.
     rows = (nodes.view(np.uint8) * np.uint16(257)).view(np.uint8)
     doubled = np.repeat(rows, 2, axis=0)

@@ -1,4 +1,4 @@
-"""A lens from images of boards: the fit, its own uncertainty, and the file it is kept in."""
+"""Lens calibration from images of boards: fit, uncertainty and camera file."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from . import trust
 from .corners import find_corners, read_image
 from .problem import BoardView, LensProblem, LensSolution, Prior, first_pose, nominal, priors, solve
 
-CLEAR_DEPTH_PX = 0.5
+CLEAR_DEPTH_PX = 0.5  # sigma 3 mm below the face; by hand: boards in air reach 0.25 (decision 0019)
 
 
 @dataclass(frozen=True)
 class LensCalibration:
-    """A lens with its uncertainty.
+    """Lens with its uncertainty.
 
-    sigma, covariance: of the fitted parameters, in the order and units of `priors`. share: what is
-    left of a prior's sigma. face_px, depth_px: own sigma of where a point of the view is seen, raw
-    px, on the face and below it. cover: share of the view that contact corners span. simulated:
-    seeds of simulated images, None where they are real.
+    sigma, covariance: of the fitted parameters, in the order and units of `priors`. share:
+    posterior over prior sigma. face_px, depth_px: sigma of projected points of the view, raw px,
+    on the face and below it. cover: fraction of the view that contact corners span. simulated:
+    seeds of simulated images, None for real ones.
     """
 
     lens: Fisheye
@@ -51,19 +51,20 @@ class LensCalibration:
     simulated: list[int] | None
 
     def notes(self) -> list[str]:
-        """What a reader of the numbers must know."""
+        """Return remarks on the figures."""
         guessed = [n for n, s in self.share.items() if not self.priors[n].weak and s > 0.9]
         lines = []
         if guessed:
-            lines.append(f"the images do not tell, taken as made: {', '.join(guessed)}")
+            names = ", ".join(guessed)
+            lines.append(f"not determined by these images, kept at design values: {names}")
         if self.depth_px[3.0] > CLEAR_DEPTH_PX:
             lines.append(
-                f"what lies 3 mm below the face is known to {self.depth_px[3.0]:.1f} px (one "
-                "sigma): photograph boards in the air too, at several heights and tilts"
+                f"uncertainty 3 mm below the face: {self.depth_px[3.0]:.1f} px (one sigma); add "
+                "photographs of boards in air, at several heights and tilts"
             )
         lines.append(
-            "lengths have the boards' scale: what is wrong with the squares' side shows only where "
-            "it contradicts the thicknesses"
+            "absolute scale comes from the board's square size; an error in it is not detectable "
+            "here"
         )
         if self.images[0]["skin"]:
             lines.append("the sensor's origin is the middle of the skin, its axes the skin's")
@@ -73,7 +74,7 @@ class LensCalibration:
         return lines
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data, as the camera file and `calibrate --json` hold it."""
+        """Return plain data, as in the camera file and `calibrate lens --json`."""
         return {
             "simulated": self.simulated is not None,
             "seeds": self.simulated or [],
@@ -102,7 +103,7 @@ class LensCalibration:
         }
 
     def camera_toml(self, flat: str | None = None) -> str:
-        """The text of the camera file; flat: name of the flat-field image beside it."""
+        """Format the camera file; flat: name of the flat-field image beside it."""
         data = self.as_dict()
         images = data.pop("images")
         data["files"] = [i["file"] for i in images]
@@ -124,20 +125,20 @@ def calibrate_lens(
     air_board: Checkerboard | None = None,
     sensor: SensorDimensions | None = None,
 ) -> LensCalibration:
-    """Calibrate the lens of a sensor by image files of boards on its face and in the air beyond.
+    """Calibrate the lens of a sensor from image files of boards on its face and in the air.
 
     contact: of `board`, in optical contact with the face. air: of `air_board` (default: the same).
-    sensor: the design, whose thicknesses are the priors. Raises InputError for images that cannot
-    be used and for a calibration that would not be known well enough (see `trust`).
+    sensor: the design, whose thicknesses are the priors. Raises InputError for unusable images
+    and for a calibration that is too uncertain (see `trust`).
     """
     if not contact:
         raise InputError(
-            "no contact image: boards in air leave the face undetermined, for the air gap and "
-            "their heights shift together; give an image of the chessboard skin, or of a board "
+            "no contact image: boards in air alone leave the face undetermined, as air gap and "
+            "board heights are coupled; give an image of the chessboard skin, or of a board "
             "wetted onto the face"
         )
     if air and (air_board or board).skin:
-        raise InputError("--air: a skin is not held in the air; name the board with --air-board")
+        raise InputError("--air: a skin cannot be held in the air; name the board with --air-board")
     views: list[BoardView] = []
     unread: list[str] = []
     height, width = read_image(contact[0]).shape[:2]
@@ -180,7 +181,7 @@ def lens_from_corners(
     unread: Sequence[str] = (),
     simulated: list[int] | None = None,
 ) -> LensCalibration:
-    """The same from corners that were found, in images of (width, height) px. Raises InputError."""
+    """Calibrate from detected corners in images of (width, height) px. Raises InputError."""
     contact_views = [s for s in views if s.contact]
     air_views = [s for s in views if not s.contact]
     base = nominal(sensor, [s.corners for s in contact_views], np.array(size_px))
@@ -235,7 +236,7 @@ def _entry(view: BoardView, fit: LensSolution, rows: slice) -> dict[str, Any]:
 
 
 def _seeds(images: Sequence[Path]) -> list[int] | None:
-    """Seeds of the simulated images among these; None where all are real."""
+    """Return the seeds of simulated images among these; None if all are real."""
     seeds = set()
     for folder in {path.parent for path in images}:
         try:
