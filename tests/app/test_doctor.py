@@ -28,7 +28,7 @@ def test_the_core_is_complete_here() -> None:
     assert (done.exit_code, said["ok"]) == (0, True)
 
 
-def test_what_is_missing_is_named_with_the_way_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_items_name_install_command(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = metadata.version
 
     def without(name: str) -> str:

@@ -110,7 +110,7 @@ def test_from_photographs_to_a_camera_file(place: Path) -> None:
     ],
     ids=lambda w: "-".join(Path(x).stem for x in w) or "none" if isinstance(w, list) else "",
 )
-def test_what_cannot_be_used_is_one_line_and_writes_nothing(
+def test_unusable_input_writes_nothing(
     place: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], says: str
 ) -> None:
     monkeypatch.chdir(place)

@@ -43,7 +43,7 @@ def mine(here: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return here / "my-lab"
 
 
-def test_the_folder_holds_the_shipped_files_as_they_are(mine: Path) -> None:
+def test_folder_holds_unchanged_shipped_files(mine: Path) -> None:
     for kind in SHIPPED_FOLDERS:
         shipped = {p.relative_to(shipped_folder(kind)): p
                    for p in shipped_folder(kind).rglob("*.toml")}  # fmt: skip
@@ -74,21 +74,21 @@ def test_what_is_there_is_never_touched(here: Path, content: str) -> None:
     assert len(list(here.rglob("*"))) == (2 if content == "folder" else 1)
 
 
-def test_an_empty_folder_and_a_repository_are_taken(here: Path) -> None:
+def test_empty_folder_or_repository_accepted(here: Path) -> None:
     (here / ".git").mkdir()
     lab.init(Path())
     assert (here / "README.md").is_file()
 
 
 @pytest.mark.parametrize("source", catalog.catalogue_names("protocols"))
-def test_a_new_protocol_is_the_one_it_began_as(here: Path, source: str) -> None:
+def test_new_protocol_equals_its_source(here: Path, source: str) -> None:
     lab.protocol("own", source)
     own, _ = plan.load_protocol("own", by_hand=True)
     changed = {"name": "own", "description": own.description}
     assert own == plan.load_protocol(source, by_hand=True)[0].model_copy(update=changed)
 
 
-def test_what_stands_in_comments_is_what_holds_without_it(here: Path) -> None:
+def test_commented_values_are_defaults(here: Path) -> None:
     """All defaults uncommented make the same protocol, pattern and design."""
     protocol = lab.protocol("own", "force-calibration").read_text()
     examples = r"(?m)^#(amplitude_mm|amplitude_of_depth|rate_hz|s|settle_s|serial) = .*\n"
@@ -107,7 +107,7 @@ def uncommented(text: str) -> str:
 
 
 @pytest.mark.parametrize("law", PATTERN_LAWS)
-def test_a_new_recipe_has_the_keys_of_its_law(here: Path, law: str) -> None:
+def test_new_recipe_has_law_keys(here: Path, law: str) -> None:
     text = lab.pattern("own", law).read_text()
     assert load_recipe("own").law == law
     named = {found[1] for found in re.finditer(r"(?m)^#?([a-z_]+) = ", text)}
@@ -117,7 +117,7 @@ def test_a_new_recipe_has_the_keys_of_its_law(here: Path, law: str) -> None:
     assert not ({"patch_mm", "r", "scales_mm", "weights"} - taken) & named
 
 
-def test_a_file_is_never_overwritten_and_a_name_is_a_name(here: Path) -> None:
+def test_no_overwrite_and_no_path_names(here: Path) -> None:
     run("protocol", "new", "own", "-o", "there.toml")
     before = Path("there.toml").read_bytes()
     for words, says in (

@@ -58,7 +58,7 @@ def test_every_key_says_what_it_means(kind: FileKind) -> None:
 
 
 @ALL
-def test_shipped_files_are_valid_to_another_reader_of_json_schema(kind: FileKind) -> None:
+def test_shipped_files_pass_other_schema_validator(kind: FileKind) -> None:
     jsonschema = pytest.importorskip("jsonschema")
     made = json_schema(kind)
     jsonschema.Draft202012Validator.check_schema(made)
@@ -93,7 +93,7 @@ def numbers(node: dict[str, Any], root: dict[str, Any], at: tuple[str, ...]) -> 
         if kind.name not in ("cameras", "parts")  # a camera's are a design's; parts have none
     ],
 )
-def test_a_number_beyond_its_limits_is_refused_by_the_model(kind: FileKind) -> None:
+def test_model_refuses_number_beyond_limits(kind: FileKind) -> None:
     """The limits of the schema are those of the model: else an editor and `check` disagree."""
     start = catalog.read_toml(catalog.find_file(kind.catalogue, EXAMPLES[kind.name]))
     root = describe(kind)
@@ -161,5 +161,5 @@ def test_types_and_limits_in_plain_words(key: dict[str, Any], says: tuple[str, s
     [("press_feed_mm_min", "mm/min"), ("range_nmm", "N mm"), ("mm_per_px", "mm/px"),
      ("settle_s", "s"), ("poisson", ""), ("axes", ""), ("force_n", "N"), ("positions_mm", "mm")],
 )  # fmt: skip
-def test_the_unit_is_the_end_of_the_name(key: str, unit: str) -> None:
+def test_unit_is_name_suffix(key: str, unit: str) -> None:
     assert unit_of(key) == unit

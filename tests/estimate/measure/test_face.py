@@ -34,7 +34,7 @@ def _at(columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("have", "every"), [(1, 1), (1, 2), (1, 4), (2, 2), (2, 8)])
-def test_a_linear_flow_stays_linear_and_points_stand_in_the_middle_of_their_pixels(have, every):
+def test_linear_flow_stays_linear(have, every):
     face = FaceFlow.from_flow(_seen(_linear(have)), CAMERA, every)
     assert face.shift_mm.shape == (78 // every, 102 // every, 2)
     assert face.cell_mm == pytest.approx(every * 0.04)
@@ -44,13 +44,13 @@ def test_a_linear_flow_stays_linear_and_points_stand_in_the_middle_of_their_pixe
     assert face.cover == 1
 
 
-def test_what_is_left_over_lies_half_on_either_side():
+def test_grid_is_centred_in_view():
     face = FaceFlow.from_flow(_seen(_linear(1)), CAMERA, 4)
     assert face.x_mm.mean() == pytest.approx(0)
     assert face.y_mm.mean() == pytest.approx(0)
 
 
-def test_what_is_lost_enters_no_mean_and_a_cell_of_lost_pixels_is_not_known():
+def test_lost_pixels_enter_no_mean():
     flow = np.zeros((78, 102, 2))
     state = np.full((78, 102), FlowState.MATCHED, np.uint8)
     flow[:4, :8], state[:4, :8] = 50.0, FlowState.LOST
@@ -62,7 +62,7 @@ def test_what_is_lost_enters_no_mean_and_a_cell_of_lost_pixels_is_not_known():
     assert np.abs(face.shift_mm[face.known]).max() == 0
 
 
-def test_a_matched_point_out_of_view_is_unknown():
+def test_point_out_of_view_is_unknown():
     flow, visible = np.zeros((78, 102, 2)), np.ones((78, 102), bool)
     flow[:4, :8], visible[:4, :8] = 50.0, False
     face = FaceFlow.from_flow(_seen(flow, visible=visible), CAMERA, 4)
@@ -73,7 +73,7 @@ def test_a_matched_point_out_of_view_is_unknown():
 
 @pytest.mark.parametrize("axis", [0, 1])
 @pytest.mark.parametrize("far_mm", [9.0, -9.0, np.inf, np.nan])
-def test_motion_wider_than_the_view_is_filled(far_mm, axis):
+def test_motion_beyond_view_is_filled(far_mm, axis):
     """The view is 7 x 3 mm."""
     shift = np.full((7, 15, 2), 0.1, np.float32)
     shift[3, 4, axis] = far_mm
@@ -85,7 +85,7 @@ def test_motion_wider_than_the_view_is_filled(far_mm, axis):
     assert fill_unknown(flow) is flow
 
 
-def test_the_best_rigid_motion_has_its_shift_and_the_turn_s_sign():
+def test_rigid_motion_shift_and_turn_sign():
     x, y = np.arange(-6, 9) * 0.5, np.arange(-4, 3) * 0.5
     at, (c, s) = np.stack(np.meshgrid(x, y), -1), (np.cos(0.1), np.sin(0.1))
     shift = (at @ np.array([[c, s], [-s, c]]) + (0.3, -0.2) - at).astype(np.float32)
@@ -95,6 +95,6 @@ def test_the_best_rigid_motion_has_its_shift_and_the_turn_s_sign():
     assert np.abs(left).max() < 1e-6
 
 
-def test_a_half_observation_has_no_single_pixels():
+def test_half_observation_needs_even_spacing():
     with pytest.raises(ValueError, match="2 px or a multiple"):
         FaceFlow.from_flow(_seen(_linear(2)), CAMERA, 1)

@@ -62,7 +62,7 @@ def off_px(flow: Any, truth: Any) -> Any:
     [Affine((6.3, -5.1)), Affine((-2.1, 1.4), ((0.03, 0.06), (-0.02, 0.05)))],
     ids=["six px", "turn and stretch"],
 )
-def test_shifts_and_affine_motions_are_found_within_a_twentieth_of_a_pixel(motion, grey, scene):
+def test_affine_motion_within_twentieth_pixel(motion, grey, scene):
     first, second = scene.picture(), scene.picture(motion, 1)
     if grey:
         first, second = to_gray(first), to_gray(second)
@@ -76,7 +76,7 @@ def test_shifts_and_affine_motions_are_found_within_a_twentieth_of_a_pixel(motio
 
 @pytest.mark.parametrize(("gain", "offset"), [(1, -60), (1, 40), (0.6, 0)])
 @pytest.mark.parametrize("shift_px", [0, 5])
-def test_another_light_does_no_harm_where_the_view_ends(shift_px, gain, offset, make_scene):
+def test_light_change_harmless_at_border(shift_px, gain, offset, make_scene):
     """What the current image does not show must not pull by the difference of the light."""
     scene = make_scene(W, H, patch_mm=0.1, contrast=0.4, shading=0.0)
     motion = Affine((shift_px, shift_px))
@@ -94,7 +94,7 @@ def test_another_light_does_no_harm_where_the_view_ends(shift_px, gain, offset, 
     assert error.max() < 0.35
 
 
-def test_its_own_result_as_the_start_changes_little_however_often(scene):
+def test_restart_from_result_is_stable(scene):
     motion = Affine((1.2, 0.7), ((0.03, 0.0), (0.0, -0.02)))
     reference = RefinementReference(Plane.from_image(scene.picture()))
     current = Plane.from_image(scene.picture(motion, 1))
@@ -109,7 +109,7 @@ def test_its_own_result_as_the_start_changes_little_however_often(scene):
 
 @pytest.mark.parametrize("grey", [True, False], ids=["grey", "colour"])
 @pytest.mark.parametrize("noise", [2.0, 10.0])
-def test_the_deviation_is_the_error_that_noise_makes(noise, grey, make_scene):
+def test_deviation_equals_noise_error(noise, grey, make_scene):
     scene = make_scene(W, H, patch_mm=0.1, noise=noise)
     first, second = scene.picture(), scene.picture(Affine((0.5, 0.5)), 1)
     if grey:
@@ -150,7 +150,7 @@ def test_correlation_is_that_of_the_windows(scene, make_scene):
 
 
 @pytest.mark.parametrize("shape", [(64, 96), (65, 97), (67, 64)])
-def test_a_node_is_at_the_centre_of_its_four_pixels(shape):
+def test_node_is_centre_of_pixels(shape):
     h, w = shape
     hh, ww = -(-h // 2), -(-w // 2)
     field = (0.3 * _grid(h, w) @ np.array([[1.0, -0.4], [0.2, 2.0]]) + [3, -5]).astype(np.float32)
@@ -161,7 +161,7 @@ def test_a_node_is_at_the_centre_of_its_four_pixels(shape):
     assert to_full(nodes[..., 0], shape) == pytest.approx(field[..., 0], abs=1e-3)
 
 
-def test_what_leaves_the_image_does_no_harm_to_what_stays(scene):
+def test_leaving_parts_do_not_disturb(scene):
     motion = Affine((45.0, -30.0))
     reference = RefinementReference(Plane.from_image(scene.picture()))
     current = Plane.from_image(scene.picture(motion, 1))

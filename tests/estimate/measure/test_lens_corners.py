@@ -40,7 +40,7 @@ def skin(studio: Studio) -> NDArray[np.uint8]:
     return studio.photograph(SKIN, ON_FACE, np.random.default_rng(1))
 
 
-def test_the_part_of_the_skin_that_is_seen_is_told_and_found(skin: NDArray[np.uint8]) -> None:
+def test_visible_part_of_skin_found(skin: NDArray[np.uint8]) -> None:
     found = find_corners(skin, SKIN, "skin")
     assert found is not None
     assert len(found.px) > 300
@@ -52,7 +52,7 @@ def test_the_part_of_the_skin_that_is_seen_is_told_and_found(skin: NDArray[np.ui
 
 @pytest.mark.parametrize("contact", [True, False], ids=["face", "air"])
 @pytest.mark.parametrize("turn", [0.0, 80.0])
-def test_a_board_is_found_where_the_lens_has_it(studio: Studio, contact: bool, turn: float) -> None:
+def test_board_corners_match_lens(studio: Studio, contact: bool, turn: float) -> None:
     tilts = (0.0, 0.0) if contact else (18.0, -12.0)
     board = Checkerboard(7, 6, 3.0)
     turned = Rotation.from_euler("xyz", (*tilts, turn), degrees=True)
@@ -70,7 +70,7 @@ def test_a_board_is_found_where_the_lens_has_it(studio: Studio, contact: bool, t
     assert min(off.max(), back.max()) < 0.3
 
 
-def test_another_board_is_refused_and_none_is_none(studio: Studio, skin: NDArray[np.uint8]) -> None:
+def test_other_board_refused_missing_is_none(studio: Studio, skin: NDArray[np.uint8]) -> None:
     with pytest.raises(InputError, match=r"a.png: .* inner corners found, and a board of 9x7x3"):
         find_corners(skin, PLATE, "a.png")
     rng = np.random.default_rng(4)
@@ -81,6 +81,6 @@ def test_another_board_is_refused_and_none_is_none(studio: Studio, skin: NDArray
         find_corners(skin, coarser, "a.png")
 
 
-def test_a_skin_of_which_the_middle_cannot_be_told_is_refused(skin: NDArray[np.uint8]) -> None:
+def test_ambiguous_skin_middle_is_refused(skin: NDArray[np.uint8]) -> None:
     with pytest.raises(InputError, match="the colours of another board, or its negative"):
         find_corners(cv2.bitwise_not(skin), SKIN, "negative.png")

@@ -44,7 +44,7 @@ def check(found: LensCalibration, off: dict[float, float]) -> None:
         assert off[depth_mm] < 2 * own[depth_mm]
 
 
-def test_one_image_of_the_skin_gives_the_lens_and_says_how_well() -> None:
+def test_one_skin_image_calibrates_lens() -> None:
     true = lens_of(1)
     found = fitted(exact(true, SKIN, outliers=8))
     check(found, p95_px(found.lens, true))
@@ -62,7 +62,7 @@ def test_one_image_of_the_skin_gives_the_lens_and_says_how_well() -> None:
 
 
 @pytest.mark.slow
-def test_wetted_boards_and_boards_in_air_give_the_same_but_for_the_frame() -> None:
+def test_wetted_and_air_boards_calibrate_lens() -> None:
     true = lens_of(2)
     touching = [exact(true, PLATE, p, seed=k, noise_px=0.03) for k, p in enumerate(WETTED)]
     held = [
@@ -86,7 +86,7 @@ def test_wetted_boards_and_boards_in_air_give_the_same_but_for_the_frame() -> No
     ],
     ids=["small", "coarse", "stretched", "misread", "noisy", "in-air"],
 )
-def test_what_is_not_known_well_enough_is_refused(seen: dict[str, object], says: str) -> None:
+def test_uncertain_calibration_is_refused(seen: dict[str, object], says: str) -> None:
     wrong = exact(lens_of(1), **seen)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=says) as refused:
         # As the user says: they are all contact images.
@@ -122,7 +122,7 @@ def test_ten_lenses_from_rendered_images(skin: bool, air: int) -> None:
 
 
 @pytest.mark.slow
-def test_a_contact_image_given_as_one_in_air_is_refused() -> None:
+def test_contact_image_as_air_is_refused() -> None:
     true = lens_of(0)
     wrong = exact(true, PLATE, at(1, 1))
     with pytest.raises(InputError, match=r"touches the face.*is it a contact image"):
@@ -135,6 +135,6 @@ def test_boards_in_air_alone_are_refused() -> None:
 
 
 @pytest.mark.parametrize("words", ["9x7", "9x7x0", "3x7x2", "9x7x3mm", "999x7x1"])
-def test_a_board_of_no_sense_is_refused(words: str) -> None:
+def test_invalid_board_is_refused(words: str) -> None:
     with pytest.raises(InputError, match="--board: "):
         Checkerboard.parse(words)

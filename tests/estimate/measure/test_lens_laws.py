@@ -103,7 +103,7 @@ def require_honest(cases: Iterable[tuple[str, Lens, list[BoardView]]]) -> None:
     assert max(sigmas) <= 3
 
 
-def test_a_lens_of_another_law_is_off_by_no_more_than_its_sigmas() -> None:
+def test_other_lens_model_within_its_sigmas() -> None:
     lens = LENSES["seventh order -"]
     require_honest([("seventh order -", lens, list(seen(lens, 0, 0)))])
 
@@ -112,7 +112,7 @@ def test_a_lens_of_another_law_is_off_by_no_more_than_its_sigmas() -> None:
     "in_air",
     [pytest.param(0, marks=pytest.mark.slow), pytest.param(6, marks=pytest.mark.evidence)],
 )
-def test_every_lens_is_off_by_no_more_than_its_sigmas(in_air: int) -> None:
+def test_lens_error_is_within_sigmas(in_air: int) -> None:
     require_honest(
         (f"{name}, {in_air} in air", lens, list(seen(lens, seed, in_air)))
         for seed, (name, lens) in enumerate(LENSES.items())
@@ -141,6 +141,6 @@ def photographed(
 
 
 @pytest.mark.slow
-def test_the_skin_is_found_under_the_light_of_leds() -> None:
+def test_skin_found_under_led_light() -> None:
     pairs = zip(LENSES, (*GRADIENTS, 1.0), strict=True)
     require_honest(photographed(pairs))
