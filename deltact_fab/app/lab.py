@@ -39,7 +39,7 @@ def init(folder: Path) -> list[Path]:
     fails.
     """
     if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is a file, not a folder")
+        raise InputError(f"{folder}: is a file; must be a new or empty folder")
     if folder.is_dir() and any(not path.name.startswith(".") for path in folder.iterdir()):
         raise InputError(f"{folder}: must be a new or empty folder")
     texts = _texts()

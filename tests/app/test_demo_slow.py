@@ -145,10 +145,10 @@ def test_missing_libgl_is_named_demo_continues(how: str, why: str, tmp_path: Pat
     assert not (tmp_path / "parts").exists()
     words = (
         "import json; from pathlib import Path; from deltact_fab.app import demo; print(json.dumps("
-        "demo._parts(Path('demo'), 3)))"
+        "demo._export_parts(Path('demo'), 3)))"
     )
     done = without_libgl(how, "-c", words, cwd=tmp_path, program=(sys.executable,))
-    left = f"left out: {said}"
+    left = f"not exported: {said}"
     assert json.loads(done.stdout) == {
         "parts": [], "note": f"The parts were {left}", "said": f"cad: {left}"
     }  # fmt: skip

@@ -49,4 +49,4 @@ def test_missing_items_name_install_command(monkeypatch: pytest.MonkeyPatch) -> 
     for words in ("runs as Parquet, MCAP and LeRobot", "pip install 'deltact-fab[export]'"):
         assert words in lines["mcap"]
     assert "apt-get install libgl1" in lines["libGL.so.1"]
-    assert "the core is broken" in done.output
+    assert "Core broken." in done.output

@@ -56,7 +56,7 @@ def doctor() -> Answer:
     findings = inspect_installation()
     broken = is_broken(findings)
     absent = sum(f.state != "ok" for f in findings)
-    verdict = f"Core {'broken' if broken else 'OK'}. {absent} optional items missing."
+    verdict = f"Core {'broken' if broken else 'OK'}. {absent} items missing."
     data = {"ok": not broken, "findings": [asdict(f) for f in findings]}
     lines = [(f.state, f.group, f.name, f.text, f.brings, f.get) for f in findings]
     item_lines = compact(("", "part of", "name", "found", "for", "to get it"), lines)

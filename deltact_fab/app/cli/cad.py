@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,16 +15,7 @@ from deltact_fab.common import InputError, catalogue_names, find_file, read_toml
 
 from .group import CommandGroup
 from .old_keys import of_part
-from .options import (
-    DESIGN_OPTION,
-    JOBS_OPTION,
-    NAME_OR_PATH,
-    NEW_FILE,
-    PATH_TYPE,
-    Command,
-    out_file,
-    out_folder,
-)  # fmt: skip
+from .options import DESIGN_OPTION, JOBS_OPTION, NAME_OR_PATH, NEW_FILE, out_file, out_folder
 from .output import Answer, answers, check_lines, columns_of, file_note, listing, progress, table
 
 if TYPE_CHECKING:
@@ -38,7 +30,7 @@ def cad() -> None:
     """
 
 
-def design_options(command: Command) -> Command:
+def design_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add options that name a design and change it."""
     command = click.option(
         "--set",
@@ -98,7 +90,7 @@ def new(
 
 
 @cad.command("list", epilog="Example: deltact-fab cad list designs")
-@click.argument("what", type=click.Choice(["parts", "designs", "cameras"]), default="parts",
+@click.argument("kind", type=click.Choice(["parts", "designs", "cameras"]), default="parts",
                 metavar="[WHAT]")  # fmt: skip
 @answers
 def list_(kind: str) -> Answer:
@@ -151,10 +143,7 @@ def _list_designs() -> Answer:
 @design_options
 @answers
 def show(part: str, design: str, changes: tuple[str, ...]) -> Answer:
-    """Show the dimensions of PART with meaning and limits.
-
-    PART is a name of `cad list`.
-    """
+    """Show the dimensions of PART, a name of `cad list`, with meaning and limits."""
     from deltact_fab.fabricate import find_part, load_design
 
     entry = find_part(part)
@@ -169,10 +158,7 @@ def show(part: str, design: str, changes: tuple[str, ...]) -> Answer:
 @design_options
 @answers
 def check(design: str, changes: tuple[str, ...]) -> Answer:
-    """Check the whole design on its solids: a table of passes and failures.
-
-    Exit code 1 if a check fails.
-    """
+    """Check the whole design on its solids; exit code 1 if a check fails."""
     from deltact_fab.fabricate import check_design, load_design, shorten_key
 
     with progress("cad check") as tell:
@@ -247,7 +233,7 @@ def bom(design: str, changes: tuple[str, ...], sensors: int, out: Path | None) -
 
 
 @cad.command(epilog="Example: deltact-fab cad fit readings.csv -o mine.toml")
-@click.argument("readings", type=PATH_TYPE)
+@click.argument("readings", type=click.Path(path_type=Path))
 @DESIGN_OPTION
 @out_file("Write a design based on --design with the measured values.")
 @answers

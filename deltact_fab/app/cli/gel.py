@@ -13,7 +13,7 @@ from deltact_fab.common import InputError, validate
 from deltact_fab.sensor import GEL_LEVELS
 
 from .group import CommandGroup
-from .options import JOBS_OPTION, NAME_OR_PATH, ON_OPTION, PATH_TYPE, RIG_OPTION, Command, Point
+from .options import JOBS_OPTION, NAME_OR_PATH, ON_OPTION, PATH_TYPE, RIG_OPTION, Decorator, Point
 from .output import Answer, answers, columns_of, pairs, progress, table
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ AT_OPTION = click.option(
 )  # fmt: skip
 
 
-def block_options(command: Command) -> Command:
+def block_options(command: Decorator) -> Decorator:
     """Add options that describe the block of gel."""
     for option in (
         click.option("--poisson", default=0.49, metavar="NU",

@@ -113,6 +113,9 @@ def _run_main() -> int:
         status = main(prog_name=PROGRAM_NAME, standalone_mode=False)
     except click.exceptions.Exit as exit_request:
         return exit_request.exit_code
+    except click.exceptions.NoArgsIsHelpError as error:
+        error.show()
+        return 2
     except click.ClickException as error:
         click.echo(fault_line(f"{PROGRAM_NAME}: {error.format_message()}"), err=True)
         return 2

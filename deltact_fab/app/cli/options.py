@@ -9,13 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import click
 
 from deltact_fab.common import check_writable
 
-Command = TypeVar("Command", bound=Callable[..., Any])
 Decorator = Callable[..., Any]
 PATH_TYPE = click.Path(path_type=Path)
 

@@ -58,10 +58,7 @@ def list_() -> Answer:
 @RIG_ARGUMENT
 @answers
 def show(name: str) -> Answer:
-    """Show the settings of RIG, including defaults.
-
-    No device is opened.
-    """
+    """Show the settings of RIG, including defaults; no device is opened."""
     from deltact_fab.bench import load_rig
 
     rig_config, path = load_rig(name)

@@ -113,7 +113,7 @@ def test_moved_command_works_with_notice(old: str, now: str, tmp_path: Path) -> 
         ("rig goto b.toml 0 0 inf --as-counted", "inf is not a finite number"),
         ("rig check b.toml --seconds nan", "nan is not a finite number"),
         ("rig register b.toml -o f.toml --indenter 4dots", "registered with a ball"),
-        ("rig register b.toml -o f.toml --at nan,0", "two numbers are needed"),
+        ("rig register b.toml -o f.toml --at nan,0", "must be two finite numbers"),
         ("rig register b.toml -o gone/f.toml", "there is no folder gone; create it first"),
     ],
 )

@@ -80,7 +80,7 @@ def bench(folder: Path, settings: dict[int, float] | None = None) -> Iterator[Be
 def test_misconfigured_board_is_not_homed(tmp_path: Path) -> None:
     with bench(tmp_path, {21: 0, 3: 1}) as it:
         text = it.prints("probe")  # its old name
-        assert "`deltact-fab rig check` now" in text
+        assert "is now `deltact-fab rig check`" in text
         told = [line for line in text.splitlines() if line.startswith("FAIL  stage")]
         assert ["$21=0" in told[0], "$3=1" in told[1], len(told)] == [True, True, 2]
         with pytest.raises(StageError, match=r"\$21=0 .* set \$21=1 .*\(and 1 more"):

@@ -67,7 +67,7 @@ def test_what_is_there_is_never_touched(here: Path, content: str) -> None:
     else:
         (here / "my-lab").mkdir()
         (here / "my-lab" / "notes.txt").write_text("mine")
-    with pytest.raises(InputError, match="expected the name of a new or empty folder"):
+    with pytest.raises(InputError, match="must be a new or empty folder"):
         lab.init(Path("my-lab"))
     left = here / "my-lab" / "notes.txt" if content == "folder" else here / "my-lab"
     assert left.read_text() == "mine"
@@ -123,8 +123,8 @@ def test_no_overwrite_and_no_path_names(here: Path) -> None:
     for words, says in (
         (["protocol", "new", "own", "-o", "there.toml"], "there.toml: already there"),
         (["protocol", "new", "own", "-o", "no/own.toml"], "no/own.toml: there is no folder no"),
-        (["protocol", "new", "own.toml"], "expected a name"),
-        (["cad", "new", "../own"], "expected a name"),
+        (["protocol", "new", "own.toml"], "must be a name"),
+        (["cad", "new", "../own"], "must be a name"),
         (["protocol", "new", "two words"], "name: "),
         (["protocol", "new", "own", "--from", "smokes"], "did you mean 'smoke'"),
         (["pattern", "new", "own", "--law", "octav"], "did you mean 'octave'"),

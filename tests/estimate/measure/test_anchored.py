@@ -122,7 +122,7 @@ def test_gap_fill_continues_neighbours(monkeypatch):
     assert not fill_gaps(shown, np.zeros_like(kept), np.zeros_like(kept)).any()
     assert np.array_equal(fill_gaps(shown, kept, np.ones_like(kept)), shown)
     with monkeypatch.context() as patch:
-        patch.setattr(compose, "SLOPES", 1e9)  # means instead of planes
+        patch.setattr(compose, "SLOPE_RIDGE", 1e9)  # means instead of planes
         flat = fill_gaps(shown, kept, kept)
     assert off_px(out, truth)[~kept].mean() < 0.5 * off_px(flat, truth)[~kept].mean()
 

@@ -96,5 +96,5 @@ def test_rigid_motion_shift_and_turn_sign():
 
 
 def test_half_observation_needs_even_spacing():
-    with pytest.raises(ValueError, match="2 px or a multiple"):
+    with pytest.raises(ValueError, match="must be a multiple of 2"):
         FaceFlow.from_flow(_seen(_linear(2)), CAMERA, 1)

@@ -77,11 +77,14 @@ def test_wetted_and_air_boards_calibrate_lens() -> None:
 @pytest.mark.parametrize(
     ("seen", "says"),
     [
-        ({"pose": at(0, 0), "board": PLATE}, "cover 6.% of the view; at least 80%"),
-        ({"board": Checkerboard(7, 5, 5.0, skin=True)}, r"the face is known to 0.\d+ px .* most"),
+        ({"pose": at(0, 0), "board": PLATE}, "cover 6.% of the view .minimum 80%"),
+        ({"board": Checkerboard(7, 5, 5.0, skin=True)}, r"of the face: 0.\d+ px, one sigma .limit"),
         ({"board": SKIN, "printed": (1.003, 1.0)}, "along y are 0.2.% shorter than along x"),
-        ({"board": SKIN, "outliers": 70}, "board.png: its corners miss the fit by 1.* px rms"),
-        ({"board": SKIN, "noise_px": 0.3}, r"miss the fit by 0\.\d+ px rms; at most 0.25: blurred"),
+        ({"board": SKIN, "outliers": 70}, "board.png: corner residuals of 1.* px rms"),
+        (
+            {"board": SKIN, "noise_px": 0.3},
+            r"residuals of 0\.\d+ px rms .limit 0.25.: blurred",
+        ),
         ({"board": PLATE, "pose": at(0, 0, 6, 15), "contact": False}, "not flat on the face"),
     ],
     ids=["small", "coarse", "stretched", "misread", "noisy", "in-air"],
@@ -130,7 +133,7 @@ def test_contact_image_as_air_is_refused() -> None:
 
 
 def test_boards_in_air_alone_are_refused() -> None:
-    with pytest.raises(InputError, match=r"^no contact image: boards in air leave the face"):
+    with pytest.raises(InputError, match=r"^no contact image: boards in air alone leave the face"):
         calibrate_lens([], PLATE, [])
 
 

@@ -157,7 +157,7 @@ def test_closed_pipeline_releases_measurement(images: list[np.ndarray], policy: 
     pipeline.submit(images[0])
     with pytest.raises(RuntimeError, match="another pipeline"):
         Pipeline(measurement)
-    with pytest.raises(RuntimeError, match="give it the images"):
+    with pytest.raises(RuntimeError, match="submit the images to it"):
         measurement.update(images[1])
     closers = [threading.Thread(target=pipeline.close) for _ in range(3)]
     for thread in closers:

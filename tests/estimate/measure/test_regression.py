@@ -110,8 +110,8 @@ def test_dependent_column_is_dropped_and_named():
     plain = least_squares(COLUMNS, Y, NAMES, PRESSES)
     assert fit.dropped == ("mix", "dead")
     assert fit.notes == (
-        "mix is given by D, D^2 and left out",
-        "dead is 0 throughout and left out",
+        "mix depends on D, D^2 and was dropped",
+        "dead is zero and was dropped",
     )
     assert fit.coefficients == pytest.approx((*plain.coefficients, 0, 0), rel=1e-9)
     assert fit.intervals[3:] == ((0, 0), (0, 0))
@@ -125,13 +125,13 @@ def test_zero_or_constant_force_lacks_r2():
     assert none.coefficients == (0, 0, 0)
     assert none.rmse == 0
     assert none.r2 is none.adjusted_r2 is none.r2_about_zero is None
-    assert none.notes == ("y is 0 throughout: the coefficients say nothing",)
+    assert none.notes == ("y is zero everywhere: the coefficients are meaningless",)
     constant = least_squares(COLUMNS, np.full(ROWS, 0.3), NAMES)
     assert constant.r2 is constant.adjusted_r2 is None
     assert constant.r2_about_zero is not None
     with_one = np.column_stack((COLUMNS, np.ones(ROWS)))
     offset = least_squares(with_one, Y, (*NAMES, "one"), PRESSES)
-    assert offset.notes == ("one is the same throughout: its coefficient is an offset",)
+    assert offset.notes == ("one is constant: its coefficient is an offset",)
     nothing = least_squares(np.zeros((ROWS, 3)), Y, NAMES)
     assert nothing.dropped == NAMES
     assert nothing.rmse == pytest.approx(np.sqrt(np.mean(Y**2)))

@@ -119,8 +119,8 @@ def test_a_scale_gives_mm_and_what_needs_a_camera_is_one_line(tmp_path: Path) ->
     for words, says in (
         (["--show", "shape"], "--show shape: needs a scale: --mm-per-px or --camera"),
         (["--calibration", "f.toml"], "f.toml: a calibration holds for the camera"),
-        (["--pictures"], "--pictures: only with --out"),
-        (["--out", source], "already there; name a new or empty --out folder"),
+        (["--pictures"], "--pictures needs --out"),
+        (["--out", source], "must be a new or empty folder"),
     ):
         done = called("measure", source, *words)
         assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
