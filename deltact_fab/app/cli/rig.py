@@ -201,7 +201,7 @@ def check(name: str, seconds: float) -> Answer:
     with progress("rig check"):
         rows = list(look(bench, path.parent, seconds))
     failed = sum(row.failed for row in rows)
-    summary = f"{path}: {f'{failed} faults' if failed else 'ready'}"
+    summary = f"{path}: {f'faults: {failed}' if failed else 'ready'}"
     data = {
         "rig": str(path), "ok": not failed, "checks": [row.as_dict() for row in rows],
         "rows": [of_device(row) for row in rows],

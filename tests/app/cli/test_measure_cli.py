@@ -52,7 +52,7 @@ def test_ctrl_c_exits_130_complete_lines(mini_run: Path) -> None:
     [
         ([], "Missing argument 'SOURCE'"),
         (["{run}", "--show", "forc"], "did you mean"),
-        (["{run}", "--show", "force"], "a calibration of force is needed"),
+        (["{run}", "--show", "force"], "needs a force calibration"),
         (["{run}", "--calibration", "{run}/protocol.toml"], "not a calibration"),
         (["{run}", "--calibration", "{run}/none.toml"], "no such file"),
         (["{run}", "--camera", "{run}/none.toml"], "none.toml"),

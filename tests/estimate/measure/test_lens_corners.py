@@ -77,7 +77,7 @@ def test_other_board_refused_missing_is_none(studio: Studio, skin: NDArray[np.ui
     assert find_corners(studio.blank(rng), PLATE, "b.png") is None
     assert find_corners(studio.blank(rng), SKIN, "b.png") is None
     coarser = Checkerboard(9, 9, 1.5, skin=True)
-    with pytest.raises(InputError, match=r"a.png: .* and a board of 9x9x1.5 has 8 x 8"):
+    with pytest.raises(InputError, match=r"a.png: .* but a board of 9x9x1.5 has 8 x 8"):
         find_corners(skin, coarser, "a.png")
 
 
