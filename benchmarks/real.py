@@ -222,7 +222,7 @@ def bubble(files: Files) -> list[str]:
         seen = [tracker.update(image) for image in images]
         found, sure = (np.stack([f[y, x] for f in of]) for of in
                        ([s.flow_px for s in seen], [s.confident for s in seen]))  # fmt: skip
-        faces = [FaceFlow.of(s, camera, every=8) for s in seen]
+        faces = [FaceFlow.from_flow(s, camera, spacing_px=8) for s in seen]
         first = found if first is None else first
         off = np.linalg.norm(found - moved, axis=-1)
         middle, most = np.percentile(off[moving & sure], (50, 95))

@@ -17,7 +17,7 @@ import pydantic
 
 import deltact_fab
 from deltact_fab.app.cli.main import main as program
-from deltact_fab.app.schema import KINDS, OUTPUTS, Kind, rows
+from deltact_fab.app.schema import FILE_KINDS, OUTPUT_KINDS, FileKind, rows
 from deltact_fab.common import catalog
 
 from . import architecture, extend_pages
@@ -28,7 +28,7 @@ MADE = "<!-- written by python -m benchmarks.reference -->"
 
 def pages() -> dict[str, str]:
     """The text of each page, by the name of its file."""
-    made = {f"{kind.name}.md": _keys(kind) for kind in (KINDS | OUTPUTS).values()}
+    made = {f"{kind.name}.md": _keys(kind) for kind in (FILE_KINDS | OUTPUT_KINDS).values()}
     made["commands.md"] = _commands()
     made["python.md"] = _python()
     made["README.md"] = _index()
@@ -58,7 +58,10 @@ def _index() -> str:
         "",
         "- [commands](commands.md): every command with its arguments and options",
         "- [Python](python.md): what `import deltact_fab as dt` has",
-        *(f"- [{kind.name}]({kind.name}.md): {kind.about}" for kind in (KINDS | OUTPUTS).values()),
+        *(
+            f"- [{kind.name}]({kind.name}.md): {kind.about}"
+            for kind in (FILE_KINDS | OUTPUT_KINDS).values()
+        ),
         "",
         "## Where a name is looked for",
         "",
@@ -70,12 +73,12 @@ def _index() -> str:
     ]
     for folder, marks in catalog.MARKS.items():
         names = ", ".join(f"`{mark}`" for mark in sorted(marks))
-        kinds = " or ".join(k.name for k in KINDS.values() if k.catalogue == folder)
+        kinds = " or ".join(k.name for k in FILE_KINDS.values() if k.catalogue == folder)
         lines.append(f"| {kinds} | `{folder}/NAME.toml` | `NAME.toml` ({names}) | `NAME` |")
     return "\n".join(lines)
 
 
-def _keys(kind: Kind) -> str:
+def _keys(kind: FileKind) -> str:
     about = kind.about[:1].upper() + kind.about[1:]
     lines = [
         f"# Keys of a file of kind {kind.name}",
@@ -87,7 +90,7 @@ def _keys(kind: Kind) -> str:
         "|---|---|---|---|---|---|",
     ]
     for row in rows(kind):
-        default = row.otherwise
+        default = row.default_text
         if default.startswith("default "):
             default = f"`{row.default}`"
         cells = (f"`{row.key}`", row.type, row.unit, default, row.limits, row.meaning)

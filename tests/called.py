@@ -14,12 +14,12 @@ from typing import Any
 
 import pytest
 
-from deltact_fab.app.cli.main import PROGRAM, entry
+from deltact_fab.app.cli.main import PROGRAM_NAME, entry
 
 
 def called(*words: str | Path, cwd: Path | None = None) -> CompletedProcess[str]:
     """What the console entry prints and ends with; an error that it lets through ends with 1."""
-    argv, out, err = [PROGRAM, *map(str, words)], io.StringIO(), io.StringIO()
+    argv, out, err = [PROGRAM_NAME, *map(str, words)], io.StringIO(), io.StringIO()
     code: object = 0
     with (
         pytest.MonkeyPatch.context() as patch,

@@ -1,4 +1,4 @@
-"""The command line, the demo and a lab's own files."""
+"""Command line, demo and a lab's own files."""
 
 from __future__ import annotations
 

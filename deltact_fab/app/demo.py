@@ -1,6 +1,6 @@
 """The whole chain in one go: parts, pattern, calibration, run, tracking, shape, force, report.
 
-What does not wait for anything else is done side by side: two processes serve two cores.
+Independent tasks run in parallel, in two processes.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from deltact_fab.simulate import RunRequest, run_experiment
 if TYPE_CHECKING:
     from deltact_fab.estimate import RunMeasurement, ShapeResult
 
-Bar = Callable[[str], AbstractContextManager[Callable[[int, int, str], None]]]
-Work = Callable[[Path, int], Any]
-MARKER = "demo.json"
-RIG = "usb"
-PROTOCOL, CALIBRATION = "demo", "demo-calibration"
+ProgressBar = Callable[[str], AbstractContextManager[Callable[[int, int, str], None]]]
+DemoTask = Callable[[Path, int], Any]
+DEMO_MARKER = "demo.json"
+DEMO_RIG = "usb"
+DEMO_PROTOCOL, CALIBRATION_PROTOCOL = "demo", "demo-calibration"
 FORCE_MODEL = "inverse-placed"
-"""The one that does not depend on the indenter, which is another in the calibration."""
+"""Model that is independent of the indenter, which differs in the calibration."""
 
 
-def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
+def run(out: Path, seed: int, bar: ProgressBar, say: Callable[[str], None]) -> Path:
     """Make everything under `out` and return the report's path.
 
     A folder of an earlier demo is replaced; any other folder that is not empty is refused.
@@ -38,82 +38,82 @@ def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
 
     require_pages()
     started = time.monotonic()
-    _clear(out)
+    _prepare_folder(out)
     first = {
         "calibration (simulated)": _calibrate,
         "indentation (simulated)": _indent,
-        "parts": _parts,
-        "pattern": _pattern,
+        "parts": _export_parts,
+        "pattern": _make_pattern,
     }
-    calibrated, summary, parts, made = _side_by_side("parts, pattern, runs", first, out, seed, bar)
+    calibrated, summary, parts, sticker = _parallel("parts, pattern, runs", first, out, seed, bar)
     say(parts["said"])
-    say(f"pattern: {made}")
+    say(f"pattern: {sticker}")
     for line in calibrated:
         say(f"calibration: {line}")
     say(
         f"run: {summary['frames']} frames through a USB camera and a fisheye, "
-        f"{summary['rig_seconds']:.0f} s of rig time in {summary['wall_seconds']:.0f} s"
+        f"{summary['rig_seconds']:.0f} s simulated in {summary['wall_seconds']:.0f} s"
     )
     then = {"tracking": _track, "shape and force": _measure}
-    tracking, (shape, found) = _side_by_side("tracking, shape, force", then, out, seed, bar)
+    tracking, (shape, forces) = _parallel("tracking, shape, force", then, out, seed, bar)
 
     from deltact_fab.present import write_run_page
 
-    page = write_run_page(out / "run", out / "report.html", tracking, found, parts, shape)
+    page = write_run_page(out / "run", out / "report.html", tracking, forces, parts, shape)
     seconds = time.monotonic() - started
-    (out / MARKER).write_text(json.dumps({"seed": seed, "finished": True}) + "\n")
-    say(f"report: {page} ({seconds:.0f} s in all)")
+    (out / DEMO_MARKER).write_text(json.dumps({"seed": seed, "finished": True}) + "\n")
+    say(f"report: {page} ({seconds:.0f} s in total)")
     say(f"simulated, seed {seed}; calibrated on sphere:25, measured on other indenters:")
     say(f"tracking error: {tracking.verdict.line}")
     say(f"shape: {shape.line}")
-    if found.force is not None:
-        say(f"force error: {found.force.line}")
+    if forces.force is not None:
+        say(f"force error: {forces.force.line}")
     return page
 
 
-def _side_by_side(
-    title: str, works: Mapping[str, Work], out: Path, seed: int, bar: Bar
+def _parallel(
+    title: str, tasks: Mapping[str, DemoTask], out: Path, seed: int, bar: ProgressBar
 ) -> list[Any]:
-    """What the works return, in their order."""
-    given = [(work, out, seed) for work in works.values()]
+    """Run the tasks and return their results in order."""
+    jobs = [(work, out, seed) for work in tasks.values()]
     with bar(title) as tick:
-        tick(0, len(works), ", ".join(works))
-        return run_each(_do, given, list(works), progress=tick)
+        tick(0, len(tasks), ", ".join(tasks))
+        return run_each(_run_task, jobs, list(tasks), progress=tick)
 
 
-def _do(job: tuple[Work, Path, int]) -> Any:
-    """In a process of its own."""
-    work, out, seed = job
+def _run_task(task: tuple[DemoTask, Path, int]) -> Any:
+    """Run one task, in a separate process."""
+    work, out, seed = task
     return work(out, seed)
 
 
-def _calibrations(out: Path) -> tuple[Path, Path]:
-    """The calibrations of force and depth, with the run that they were made from."""
-    kept = out / "calibration" / "analysis"
-    return kept / "calibration.toml", kept / "depth.toml"
+def _calibration_files(out: Path) -> tuple[Path, Path]:
+    """Return the files of the force and depth calibrations."""
+    folder = out / "calibration" / "analysis"
+    return folder / "calibration.toml", folder / "depth.toml"
 
 
 def _calibrate(out: Path, seed: int) -> tuple[str, str]:
-    """Press a ball in the middle, and fit force and depth to it. What was found, in two lines."""
+    """Press a ball in the middle and calibrate force and depth; return two lines of results."""
     from deltact_fab.common import write_whole
     from deltact_fab.estimate import calibrate_depth, calibrate_force, write_force_calibration
 
-    folder, (force_file, depth_file) = out / "calibration", _calibrations(out)
-    # Another noise than that of the run that is measured.
-    run_experiment(RunRequest(CALIBRATION, RIG, folder, seed=seed + 1))
+    folder, (force_file, depth_file) = out / "calibration", _calibration_files(out)
+    # Other noise than in the measured run.
+    run_experiment(RunRequest(CALIBRATION_PROTOCOL, DEMO_RIG, folder, seed=seed + 1))
     force = calibrate_force([folder], (FORCE_MODEL,), seed)
     write_force_calibration(force.calibration, force_file)
     depth = calibrate_depth(folder, force_file)
     write_whole(depth_file, depth.toml().encode())
     return (
         f"force by {force.best.name!r} from {len(force.data)} settled points of sphere:25 in "
-        f"the middle, too few to be judged by: {force_file}",
-        f"depth from the same, gain {depth.model.gain:.3f}: {depth_file}",
+        f"the middle, too few to validate: {force_file}",
+        f"depth from the same points, gain {depth.model.gain:.3f}: {depth_file}",
     )
 
 
 def _indent(out: Path, seed: int) -> dict[str, Any]:
-    return run_experiment(RunRequest(PROTOCOL, RIG, out / "run", seed=seed))
+    return run_experiment(RunRequest(DEMO_PROTOCOL, DEMO_RIG, out / "run", seed=seed))
 
 
 def _track(out: Path, seed: int) -> Any:
@@ -128,55 +128,55 @@ def _measure(out: Path, seed: int) -> tuple[ShapeResult, RunMeasurement]:
     from deltact_fab.bench import open_run
     from deltact_fab.estimate import analyse_shape, measure_run
 
-    shape = analyse_shape(out / "run", _calibrations(out)[1])
+    shape = analyse_shape(out / "run", _calibration_files(out)[1])
     shape.save(out / "run" / "analysis")
-    return shape, measure_run(open_run(out / "run"), _calibrations(out))
+    return shape, measure_run(open_run(out / "run"), _calibration_files(out))
 
 
-def _clear(out: Path) -> None:
+def _prepare_folder(out: Path) -> None:
     if not out.exists():
         out.mkdir(parents=True)
-    elif (out / MARKER).is_file():
+    elif (out / DEMO_MARKER).is_file():
         shutil.rmtree(out)
         out.mkdir()
     elif any(out.iterdir()):
-        raise InputError(f"{out}: is not empty and not an earlier demo; name another --out folder")
-    (out / MARKER).write_text(json.dumps({"finished": False}) + "\n")
+        raise InputError(f"--out {out}: must be a new or empty folder, or that of an earlier demo")
+    (out / DEMO_MARKER).write_text(json.dumps({"finished": False}) + "\n")
 
 
-def _parts(out: Path, seed: int) -> dict[str, Any]:
-    """A row a part, and what is said of them."""
+def _export_parts(out: Path, seed: int) -> dict[str, Any]:
+    """Export the parts; return one row per part, and a summary."""
     from deltact_fab.fabricate import export_parts, load_design, select_parts
 
     try:
         files = export_parts(load_design(), select_parts(["sensor"]), None, 0.01, out / "cad")
-    except MissingLibrary as why:
-        note = f"left out: {why}"
+    except MissingLibrary as error:
+        note = f"not exported: {error}"
         return {"parts": [], "note": f"The parts were {note}", "said": f"cad: {note}"}
     rows = []
     for part in dict.fromkeys(f.part for f in files):
-        own = [f for f in files if f.part == part]
-        off_mm = [f.mesh_deviation_mm for f in own if f.mesh_deviation_mm is not None]
+        part_files = [f for f in files if f.part == part]
+        off_mm = [f.mesh_deviation_mm for f in part_files if f.mesh_deviation_mm is not None]
         rows.append(
             {
                 "part": part,
-                "formats": ", ".join(f.file.removeprefix(f"{part}.") for f in own),
-                "material": own[0].material,
-                "process": own[0].process,
-                "quantity": own[0].quantity,
-                "volume_mm3": own[0].volume_mm3 or None,
+                "formats": ", ".join(f.file.removeprefix(f"{part}.") for f in part_files),
+                "material": part_files[0].material,
+                "process": part_files[0].process,
+                "quantity": part_files[0].quantity,
+                "volume_mm3": part_files[0].volume_mm3 or None,
                 "mesh_deviation_mm": max(off_mm, default=None),
             }
         )
     return {"parts": rows, "note": "", "said": f"cad: {len(files)} files in {out / 'cad'}"}
 
 
-def _pattern(out: Path, seed: int) -> str:
+def _make_pattern(out: Path, seed: int) -> str:
     from deltact_fab.fabricate import load_recipe, make_pattern
 
     folder = out / "pattern"
     folder.mkdir()
-    made = make_pattern(load_recipe("dense-with-dots"), folder / "dense-with-dots.png")
-    recipe = made.recipe
+    sticker = make_pattern(load_recipe("dense-with-dots"), folder / "dense-with-dots.png")
+    recipe = sticker.recipe
     dots = recipe.dots.columns * recipe.dots.rows if recipe.dots is not None else 0
-    return f"{recipe.n} x {recipe.n} patches of {recipe.patch_mm} mm, {dots} dots: {made.image}"
+    return f"{recipe.n} x {recipe.n} patches of {recipe.patch_mm} mm, {dots} dots: {sticker.image}"

@@ -1,4 +1,4 @@
-"""What is installed, what is not, what it would bring, and how to get it. Nothing is changed."""
+"""Check of the installation: what is missing, its purpose and how to install it."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from importlib import metadata
 from typing import Literal
 
-State = Literal["ok", "missing", "broken"]
-PACKAGE = "deltact-fab"
-NEEDED = "core"
-EXTRAS = {
+ItemState = Literal["ok", "missing", "broken"]
+DISTRIBUTION_NAME = "deltact-fab"
+CORE_GROUP = "core"
+EXTRA_PURPOSES = {
     "cad": "parts, drawings and checks of the built solids",
     "report": "pages and figures",
     "fast": "faster solves of large gels",
@@ -22,66 +22,67 @@ EXTRAS = {
     "export": "runs as Parquet, MCAP and LeRobot",
     "cluster": "studies on a Dask cluster",
 }
-"""What each extra of pyproject.toml brings to one who uses the program."""
-LIBRARIES = {"libGL.so.1": "libgl1", "libEGL.so.1": "libegl1", "libX11.so.6": "libx11-6"}
+"""Purpose of each user extra of pyproject.toml."""
+SYSTEM_LIBRARIES = {"libGL.so.1": "libgl1", "libEGL.so.1": "libegl1", "libX11.so.6": "libx11-6"}
 
 
 @dataclass(frozen=True)
 class InstalledItem:
-    """One thing that is there or is not.
+    """Installed or missing item.
 
-    group: `core`, an extra or `system`. brings, get: what it is for, and the command that installs
-    it, where it is missing or broken.
+    group: `core`, an extra or `system`. brings, get: its purpose and the command that installs it,
+    if it is missing or broken.
     """
 
     group: str
     name: str
-    state: State
+    state: ItemState
     text: str
     brings: str = ""
     get: str = ""
 
 
-def look() -> list[InstalledItem]:
-    """Everything, in order. Fast: no large package is imported."""
-    found = f"{platform.python_version()} {sys.executable}"
-    python = InstalledItem(NEEDED, "python", "ok", found)
+def inspect_installation() -> list[InstalledItem]:
+    """Return all items. Fast: no large package is imported."""
+    interpreter = f"{platform.python_version()} {sys.executable}"
+    python = InstalledItem(CORE_GROUP, "python", "ok", interpreter)
     return [python, *_packages(), *_system()]
 
 
 def is_broken(findings: list[InstalledItem]) -> bool:
-    """Whether the core cannot work as it is."""
-    return any(f.group == NEEDED and f.state != "ok" for f in findings)
+    """True if a core item is missing or broken."""
+    return any(f.group == CORE_GROUP and f.state != "ok" for f in findings)
 
 
 def _packages() -> Iterator[InstalledItem]:
     try:
-        version, wanted = metadata.version(PACKAGE), metadata.requires(PACKAGE) or []
+        version = metadata.version(DISTRIBUTION_NAME)
+        requirements = metadata.requires(DISTRIBUTION_NAME) or []
     except metadata.PackageNotFoundError:
-        yield InstalledItem(NEEDED, PACKAGE, "broken", "runs, and is not installed",
+        yield InstalledItem(CORE_GROUP, DISTRIBUTION_NAME, "broken", "running, but not installed",
                             "its requirements", "pip install -e .")  # fmt: skip
         return
-    yield InstalledItem(NEEDED, PACKAGE, "ok", version)
-    for line in wanted:
-        name, group = required(line)
-        if group == NEEDED or group in EXTRAS:
+    yield InstalledItem(CORE_GROUP, DISTRIBUTION_NAME, "ok", version)
+    for line in requirements:
+        name, group = parse_requirement(line)
+        if group == CORE_GROUP or group in EXTRA_PURPOSES:
             yield _package(name, group, line)
 
 
-def required(line: str) -> tuple[str, str]:
-    """Name and extra of a requirement as package metadata has it; `core` without an extra."""
+def parse_requirement(line: str) -> tuple[str, str]:
+    """Parse a requirement of package metadata: name and extra; `core` without an extra."""
     name = re.match(r"[A-Za-z0-9._-]+", line)
     extra = re.search(r"extra == ['\"]([\w-]+)['\"]", line)
     assert name is not None
-    return name[0], extra[1] if extra else NEEDED
+    return name[0], extra[1] if extra else CORE_GROUP
 
 
 def _package(name: str, group: str, line: str) -> InstalledItem:
-    brings = "" if group == NEEDED else EXTRAS[group]
-    get = "pip install " + (name if group == NEEDED else f"'{PACKAGE}[{group}]'")
+    brings = "" if group == CORE_GROUP else EXTRA_PURPOSES[group]
+    get = "pip install " + (name if group == CORE_GROUP else f"'{DISTRIBUTION_NAME}[{group}]'")
     if "platform_machine" in line and platform.machine() not in line:
         return InstalledItem(
-            group, name, "ok", f"not made for {platform.machine()}, and not needed"
+            group, name, "ok", f"not available for {platform.machine()}, not needed"
         )
     try:
         version = metadata.version(name)
@@ -93,11 +94,11 @@ def _package(name: str, group: str, line: str) -> InstalledItem:
 def _system() -> Iterator[InstalledItem]:
     if not sys.platform.startswith("linux"):
         return
-    for library, package in LIBRARIES.items():
+    for library, package in SYSTEM_LIBRARIES.items():
         try:
             ctypes.CDLL(library)
         except OSError:
-            yield InstalledItem("system", library, "missing", "not found", EXTRAS["cad"],
+            yield InstalledItem("system", library, "missing", "not found", EXTRA_PURPOSES["cad"],
                           f"apt-get install {package}")  # fmt: skip
         else:
             yield InstalledItem("system", library, "ok", "found")

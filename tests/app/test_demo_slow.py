@@ -36,7 +36,7 @@ exec "$@"
 """
 
 
-def test_the_demo_makes_parts_pattern_run_and_report(demo: Path) -> None:
+def test_demo_makes_all_files(demo: Path) -> None:
     made = {f["file"] for f in json.loads((demo / "cad" / "manifest.json").read_text())["files"]}
     assert {"assembly.step", "assembly.glb", "skin.stl", "shell.3mf", "acrylic.dxf"} <= made
     assert {"cover.svg", "screw.step"} <= made
@@ -60,7 +60,7 @@ def test_the_demo_measures_what_it_claims(demo: Path) -> None:
         assert row["peak_true_mm"] >= 0.5, row["indenter"]
 
 
-def test_the_demo_ends_with_shape_contact_and_force_beside_the_tracking_error(demo: Path) -> None:
+def test_demo_report_has_all_results(demo: Path) -> None:
     """Judged on indenters and a noise that the calibration never saw."""
     shape = json.loads((demo / "run" / "analysis" / "shape.json").read_text())
     assert shape["contact_by"] == "traction"
@@ -86,7 +86,7 @@ def test_the_demo_ends_with_shape_contact_and_force_beside_the_tracking_error(de
         assert words in page
 
 
-def test_the_demo_s_last_lines_are_its_figures(demo: Path) -> None:
+def test_demo_ends_with_figures(demo: Path) -> None:
     said = (demo / "said.txt").read_text().splitlines()
     heads = [line.partition(":")[0] for line in said[-5:]]
     assert heads == [
@@ -95,7 +95,7 @@ def test_the_demo_s_last_lines_are_its_figures(demo: Path) -> None:
     ]  # fmt: skip
 
 
-def test_the_demo_tells_its_own_time_and_that_of_the_bench_it_simulates(demo: Path) -> None:
+def test_demo_prints_wall_and_rig_time(demo: Path) -> None:
     summary = json.loads((demo / "run" / "summary.json").read_text())
     assert 60 < summary["rig_seconds"] < 300  # 1 min 11 s of motion, and the host's part
     assert summary["wall_seconds"] > 0
@@ -136,9 +136,7 @@ def without_libgl(
         ("missing", "libGL.so.1: cannot open shared object file: No such file or directory"),
     ],
 )
-def test_without_libgl_an_export_says_what_to_install_and_the_demo_leaves_parts_out(
-    how: str, why: str, tmp_path: Path
-) -> None:
+def test_missing_libgl_is_named_demo_continues(how: str, why: str, tmp_path: Path) -> None:
     done = without_libgl(how, "cad", "export", "sphere:10", "--out", "parts", cwd=tmp_path)
     assert (done.returncode, done.stdout) == (2, "")
     said = done.stderr.removeprefix("deltact-fab: ").removesuffix("\n")
@@ -147,10 +145,10 @@ def test_without_libgl_an_export_says_what_to_install_and_the_demo_leaves_parts_
     assert not (tmp_path / "parts").exists()
     words = (
         "import json; from pathlib import Path; from deltact_fab.app import demo; print(json.dumps("
-        "demo._parts(Path('demo'), 3)))"
+        "demo._export_parts(Path('demo'), 3)))"
     )
     done = without_libgl(how, "-c", words, cwd=tmp_path, program=(sys.executable,))
-    left = f"left out: {said}"
+    left = f"not exported: {said}"
     assert json.loads(done.stdout) == {
         "parts": [], "note": f"The parts were {left}", "said": f"cad: {left}"
     }  # fmt: skip

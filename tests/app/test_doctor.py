@@ -14,9 +14,9 @@ from deltact_fab.app.cli.main import main
 
 
 def test_requirements_are_read() -> None:
-    assert doctor.required("numpy>=1.26") == ("numpy", "core")
+    assert doctor.parse_requirement("numpy>=1.26") == ("numpy", "core")
     line = "pypardiso>=0.4.5; platform_machine == 'x86_64' and extra == 'fast'"
-    assert doctor.required(line) == ("pypardiso", "fast")
+    assert doctor.parse_requirement(line) == ("pypardiso", "fast")
 
 
 def test_the_core_is_complete_here() -> None:
@@ -28,7 +28,7 @@ def test_the_core_is_complete_here() -> None:
     assert (done.exit_code, said["ok"]) == (0, True)
 
 
-def test_what_is_missing_is_named_with_the_way_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_items_name_install_command(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = metadata.version
 
     def without(name: str) -> str:
@@ -49,4 +49,4 @@ def test_what_is_missing_is_named_with_the_way_to_get_it(monkeypatch: pytest.Mon
     for words in ("runs as Parquet, MCAP and LeRobot", "pip install 'deltact-fab[export]'"):
         assert words in lines["mcap"]
     assert "apt-get install libgl1" in lines["libGL.so.1"]
-    assert "the core is broken" in done.output
+    assert "Core broken." in done.output

@@ -133,9 +133,7 @@ def assert_same(old: Any, new: Any, where: str) -> None:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_checks_are_of_one_type_and_the_keys_of_0_3_0_keep_their_values(
-    tmp_path: Path, command: Callable[[Path], str]
-) -> None:
+def test_checks_keep_0_3_0_keys(tmp_path: Path, command: Callable[[Path], str]) -> None:
     data, name = json.loads(command(tmp_path)), command.__name__
     assert_same(json.loads((RECORDED / f"{name}.json").read_text()), data, name)
     checks = data if isinstance(data, list) else data["checks"]

@@ -143,7 +143,7 @@ def test_a_finished_run_is_left_as_it_is(tiny: ShortRun, tmp_path: Path) -> None
     shutil.copytree(tiny.finished, out)
     before = files(out)
     done = called(*tiny.words(out, "--resume"))
-    assert done.stdout == f"{out}: finished before, 32 frames; nothing was changed\n"
+    assert done.stdout == f"{out}: already finished, 32 frames; nothing changed\n"
     assert files(out) == before
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
-from deltact_fab.app.doctor import EXTRAS
+from deltact_fab.app.doctor import EXTRA_PURPOSES
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -48,7 +48,7 @@ def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
     about.parent.mkdir()
     lines = ["Metadata-Version: 2.4", "Name: deltact-fab", f"Version: {PROJECT['version']}"]
     lines += [f"Requires-Dist: {line}" for line in PROJECT["dependencies"]]
-    for extra in EXTRAS:
+    for extra in EXTRA_PURPOSES:
         wanted = map(Requirement, PROJECT["optional-dependencies"][extra])
         lines += [f'Requires-Dist: {one.name}; extra == "{extra}"' for one in wanted]
     about.write_text("\n".join(lines))

@@ -14,7 +14,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 import deltact_fab
-from deltact_fab.app.doctor import EXTRAS
+from deltact_fab.app.doctor import EXTRA_PURPOSES
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -60,15 +60,15 @@ def imported() -> dict[str, str]:
 @pytest.mark.slow
 def test_what_the_package_imports_is_what_is_declared() -> None:
     used = imported()
-    extras = set().union(*(declared(extra) for extra in EXTRAS))
+    extras = set().union(*(declared(extra) for extra in EXTRA_PURPOSES))
     assert not extras & declared("")
     assert set(used) == declared("") | extras, used
 
 
 def test_all_is_every_extra_of_the_program() -> None:
-    assert set(PROJECT["optional-dependencies"]) >= {*EXTRAS, "all", "test"}
+    assert set(PROJECT["optional-dependencies"]) >= {*EXTRA_PURPOSES, "all", "test"}
     (line,) = PROJECT["optional-dependencies"]["all"]
-    assert line == f"deltact-fab[{','.join(EXTRAS)}]"
+    assert line == f"deltact-fab[{','.join(EXTRA_PURPOSES)}]"
 
 
 @pytest.mark.slow
@@ -79,12 +79,12 @@ def test_the_extra_that_a_message_names_brings_the_module() -> None:
         if not (isinstance(node, ast.Call) and ast.unparse(node.func).endswith("require_extra")):
             continue
         words = [a.value for a in node.args if isinstance(a, ast.Constant)]
-        if words and words[0] in EXTRAS:
+        if words and words[0] in EXTRA_PURPOSES:
             extra, modules = words[0], [w for w in words[1:] if w in packages]
             brought = {named(package) for module in modules for package in packages[module]}
             assert brought <= declared(extra), path
             seen.add(extra)
-    assert seen == set(EXTRAS)
+    assert seen == set(EXTRA_PURPOSES)
 
 
 @pytest.mark.parametrize("file", ["pyproject.toml", "CITATION.cff", "CHANGELOG.md"])

@@ -1,1 +1,1 @@
-"""The command line: one file a noun, no logic, heavy imports inside the commands."""
+"""The command line: one file per noun, no logic, heavy imports inside the commands."""

@@ -1,4 +1,4 @@
-"""`deltact-fab analyze`: how far each tracker is off; shape, and its error against truth."""
+"""`deltact-fab analyze`: errors of the trackers; shape and its errors against truth."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from .group import CommandGroup
-from .options import PATH, out_folder
+from .options import PATH_TYPE, out_folder
 from .output import Answer, answers, columns_of, files_line, progress, save_figures
 
 
@@ -17,15 +17,15 @@ def analyze() -> None:
 
 
 @analyze.command(epilog="Example: deltact-fab analyze tracking smoke-run --method fused")
-@click.argument("run", type=PATH)
+@click.argument("run", type=PATH_TYPE)
 @click.option("--method", "methods", multiple=True, metavar="METHOD[/REFERENCE]",
-              show_default="those worth comparing", help="fused, dis-medium, dis-fast, "
+              show_default="a useful selection", help="fused, dis-medium, dis-fast, "
               "farneback-paper, or paper; as in dis-medium/static, with one of "
               "anchored (fused only), composed, summed, static; repeatable.")  # fmt: skip
 @out_folder("Folder for the results.", show_default="RUN/analysis")
 @answers
 def tracking(run: Path, methods: tuple[str, ...], out: Path | None) -> Answer:
-    """Tracking error against truth and, as in the paper, at the dots; and which method to use."""
+    """Tracking error against truth and, as in the paper, at the dots; recommends a method."""
     from deltact_fab.bench import open_run
     from deltact_fab.estimate import analyse_tracking
     from deltact_fab.present import plot_error_by_time
@@ -52,18 +52,18 @@ def tracking(run: Path, methods: tuple[str, ...], out: Path | None) -> Answer:
 
 
 @analyze.command(epilog="Example: deltact-fab analyze shape smoke-run --depth depth.toml")
-@click.argument("run", type=PATH)
-@click.option("--depth", type=PATH, metavar="FILE", help="Calibration made by `calibrate depth`; "
-              "without it depth is relative.")  # fmt: skip
-@click.option("--force", type=PATH, metavar="FILE", help="Calibration made by `calibrate force`; "
-              "with it force and pressure are drawn.")  # fmt: skip
+@click.argument("run", type=PATH_TYPE)
+@click.option("--depth", type=PATH_TYPE, metavar="FILE",
+              help="Depth calibration; without it depth is relative.")  # fmt: skip
+@click.option("--force", type=PATH_TYPE, metavar="FILE",
+              help="Force calibration; with it force and pressure are drawn.")  # fmt: skip
 @out_folder("Folder for the results.", show_default="RUN/analysis")
 @answers
 def shape(run: Path, depth: Path | None, force: Path | None, out: Path | None) -> Answer:
     """Depth, contacts and the paper's relative depth of the settled frames, and their errors.
 
     Errors are against the truth of the virtual rig. The depth error is given over the contact and
-    over the whole face; most of the face is not pressed, so the second figure flatters.
+    over the whole face, most of which is not pressed: the second figure is optimistic.
     """
     from deltact_fab.estimate import analyse_shape
     from deltact_fab.present import plot_distribution, plot_gallery
@@ -75,7 +75,7 @@ def shape(run: Path, depth: Path | None, force: Path | None, out: Path | None) -
     keys = ("frames", "depth_error_contact_mm", "depth_error_face_mm", "relative_correlation",
             "contact_iou", "centroid_error_mm", "place_error_mm", "area_mm2", "cover")  # fmt: skip
     rows = [{"indenter": name, **result.means(name)} for name in result.indenters]
-    told = columns_of(("indenter", *keys), [{"indenter": "all", **result.means()}, *rows])
+    error_lines = columns_of(("indenter", *keys), [{"indenter": "all", **result.means()}, *rows])
     pictures, field, note = result.pictures, result.field, result.note
     files += save_figures(
         folder,
@@ -84,5 +84,5 @@ def shape(run: Path, depth: Path | None, force: Path | None, out: Path | None) -
             "force-distribution": plot_distribution(field, note) if field else None,
         },
     )
-    lines = [f"{result.line}\n", *told, f"\n{note}", files_line(files)]
+    lines = [f"{result.line}\n", *error_lines, f"\n{note}", files_line(files)]
     return Answer(result.as_dict(), lines)

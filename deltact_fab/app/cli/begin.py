@@ -1,4 +1,4 @@
-"""`deltact-fab init`, `demo`, `doctor`, `schema`: what one begins with."""
+"""`deltact-fab init`, `demo`, `doctor`, `schema`: first steps."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from pathlib import Path
 
 import click
 
-from .options import JSON, PATH, out_folder, seed
-from .output import Answer, answers, compact, echo_json, listed, progress
+from .options import JSON_OPTION, PATH_TYPE, out_folder, seed
+from .output import Answer, answers, compact, echo_json, listing, progress
 
 
 @click.command(epilog="Example: deltact-fab init my-lab")
-@click.argument("folder", type=PATH)
+@click.argument("folder", type=PATH_TYPE)
 @answers
 def init(folder: Path) -> Answer:
     """Make a working folder with files of your own.
@@ -25,14 +25,14 @@ def init(folder: Path) -> Answer:
     from ..lab import init as write
 
     files = write(folder)
-    told = f"{folder}: {len(files)} files written; `cd {folder}`, then see README.md"
-    return Answer([str(file) for file in files], [told])
+    summary = f"{folder}: {len(files)} files written; `cd {folder}`, then see README.md"
+    return Answer([str(file) for file in files], [summary])
 
 
 @click.command()
 @out_folder("Folder to write; that of an earlier demo is replaced.", default=Path("demo-out"))
 @seed("Seed of everything random.", 3)
-@JSON
+@JSON_OPTION
 def demo(out: Path, seed: int, as_json: bool) -> None:
     """Run the whole chain once: parts, pattern, calibration, a virtual experiment, its report."""
     from .. import demo as chain
@@ -46,42 +46,42 @@ def demo(out: Path, seed: int, as_json: bool) -> None:
 @click.command()
 @answers
 def doctor() -> Answer:
-    """Say what is installed, what each missing thing would bring, and how to get it.
+    """Report what is installed, and for each missing item its purpose and how to install it.
 
-    Looks at Python, the packages of the core and of each extra, and system libraries. Nothing is
-    opened or changed. Exit code 1 when the core is broken.
+    Checks Python, the packages of the core and of each extra, and system libraries. Nothing is
+    opened or changed. Exit code 1 if the core is broken.
     """
-    from ..doctor import is_broken, look
+    from ..doctor import inspect_installation, is_broken
 
-    findings = look()
+    findings = inspect_installation()
     broken = is_broken(findings)
     absent = sum(f.state != "ok" for f in findings)
-    verdict = f"the core is {'broken' if broken else 'complete'}; {absent} things are not there"
+    verdict = f"Core {'broken' if broken else 'OK'}. {absent} items missing."
     data = {"ok": not broken, "findings": [asdict(f) for f in findings]}
     lines = [(f.state, f.group, f.name, f.text, f.brings, f.get) for f in findings]
-    shown = compact(("", "part of", "name", "found", "for", "to get it"), lines)
-    return Answer(data, [*shown, verdict], "" if broken else None)
+    item_lines = compact(("", "part of", "name", "found", "for", "to get it"), lines)
+    return Answer(data, [*item_lines, verdict], "" if broken else None)
 
 
 @click.command(no_args_is_help=False, epilog="Example: deltact-fab schema protocol")
 @click.argument("kind", required=False)
 @answers
 def schema(kind: str | None) -> Answer:
-    """Every key of a kind of file: type, unit, default, limits, meaning.
+    """List the keys of a kind of file: type, unit, default, limits, meaning.
 
     KIND is protocol, virtual-rig, grbl-rig, pattern, design, indenters, cameras or parts; or
     measured or fields, which `measure --out` writes. Without KIND the kinds are listed. --json
     prints a JSON Schema.
     """
-    from ..schema import KINDS, OUTPUTS, document, kind_named, rows
+    from ..schema import FILE_KINDS, OUTPUT_KINDS, find_kind, json_schema, rows
 
     if kind is None:
-        kinds = [(k.name, k.catalogue, k.about) for k in (KINDS | OUTPUTS).values()]
-        return listed(("kind", "folder", "about"), kinds)
-    found = kind_named(kind)
+        kinds = [(k.name, k.catalogue, k.about) for k in (FILE_KINDS | OUTPUT_KINDS).values()]
+        return listing(("kind", "folder", "about"), kinds)
+    file_kind = find_kind(kind)
     lines = []
-    for row in rows(found):
-        facts = (row.type, row.unit, row.limits, row.otherwise)
+    for row in rows(file_kind):
+        facts = (row.type, row.unit, row.limits, row.default_text)
         lines.append(f"{row.key}  ({'; '.join(fact for fact in facts if fact)})")
         lines.append(textwrap.indent(textwrap.fill(row.meaning, 92), "    "))
-    return Answer(document(found), lines)
+    return Answer(json_schema(file_kind), lines)

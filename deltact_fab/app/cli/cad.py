@@ -1,4 +1,4 @@
-"""`deltact-fab cad`: parts to look up, check, write, buy and put together."""
+"""`deltact-fab cad`: list, check, export, order and assemble parts."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -15,25 +15,23 @@ from deltact_fab.common import InputError, catalogue_names, find_file, read_toml
 
 from .group import CommandGroup
 from .old_keys import of_part
-from .options import DESIGN, NAME_OR_PATH, NEW_FILE, PATH, PROCESSES, out_file, out_folder
-from .output import Answer, answers, check_lines, columns_of, listed, progress, table, written
+from .options import DESIGN_OPTION, JOBS_OPTION, NAME_OR_PATH, NEW_FILE, out_file, out_folder
+from .output import Answer, answers, check_lines, columns_of, file_note, listing, progress, table
 
 if TYPE_CHECKING:
     from deltact_fab.fabricate import Design
-
-F = TypeVar("F", bound=Callable[..., Any])
 
 
 @click.group(cls=CommandGroup)
 def cad() -> None:
     """Parametric parts of the sensor, its mold, bench and indenters.
 
-    Every number is in a design (`cad list designs`); --set changes one for a single command.
+    Every dimension is in a design (`cad list designs`); --set changes one for a single command.
     """
 
 
-def of_design(command: F) -> F:
-    """Options that name a design and change it."""
+def design_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add options that name a design and change it."""
     command = click.option(
         "--set",
         "changes",
@@ -41,16 +39,16 @@ def of_design(command: F) -> F:
         metavar="SECTION.KEY=VALUE",
         help="Change a dimension, as in skin.width_mm=44; repeatable. `cad show PART` lists them.",
     )(command)
-    return DESIGN(command)
+    return DESIGN_OPTION(command)
 
 
-SENSORS = click.option(
+SENSORS_OPTION = click.option(
     "--sensors", type=int, default=1, metavar="N", help="How many sensors to make.",
 )  # fmt: skip
 
 
-def load(design: str, changes: tuple[str, ...]) -> Design:
-    """The design with its changes, every inequality enforced."""
+def load_feasible(design: str, changes: tuple[str, ...]) -> Design:
+    """Load the design with its changes. Raises InputError if a design rule fails."""
     from deltact_fab.fabricate import check_feasible, load_design
 
     loaded = load_design(design, changes)
@@ -62,11 +60,11 @@ def load(design: str, changes: tuple[str, ...]) -> Design:
 @click.argument("name")
 @click.option("--base", type=NAME_OR_PATH, default="deltact", metavar="DESIGN",
               help="Design to start from: a name of `cad list designs` or a path.")  # fmt: skip
-@click.option("--face", metavar="WxL", help="Solve for a face of these sides in mm, as in 60x50.")
+@click.option("--face", metavar="WxL", help="Solve for a face of this size in mm, such as 60x50.")
 @click.option("--share", type=float, default=0.55,
-              help="Least share of the face that the camera sees.")  # fmt: skip
+              help="Smallest fraction of the face that the camera sees.")  # fmt: skip
 @click.option("--camera", metavar="CAMERA",
-              help="A camera of `cad list cameras`; the base's unless given.")  # fmt: skip
+              help="Camera from `cad list cameras`; default: that of the base.")  # fmt: skip
 @NEW_FILE
 @answers
 def new(
@@ -74,10 +72,10 @@ def new(
 ) -> Answer:
     """Write a new design with every dimension explained.
 
-    Each dimension is there as its base has it, commented out; uncomment those to change. With
-    --face, what follows from it and from the camera is solved for and set: housing, plate, gap,
-    view, light, screws, pegs, envelope, mold. What cannot be is refused, with the smallest change
-    that can.
+    Each dimension of the base is listed, commented out; uncomment those to change. With --face,
+    the dimensions that depend on it and on the camera are solved and set: housing, plate, gap,
+    view, light, screws, pegs, envelope, mold. An impossible wish is refused, with the smallest
+    change that makes it possible.
     """
     from ..lab import design as write
 
@@ -87,33 +85,33 @@ def new(
 
         wish = Wish.parse(face, share, camera)
     elif camera is not None:
-        raise InputError("--camera: say for which face it is, as in --face 60x50")
-    return written(write(name, base, out, wish), f"cad check --design {name}")
+        raise InputError("--camera needs --face, such as --face 60x50")
+    return file_note(write(name, base, out, wish), f"cad check --design {name}")
 
 
 @cad.command("list", epilog="Example: deltact-fab cad list designs")
-@click.argument("what", type=click.Choice(["parts", "designs", "cameras"]), default="parts",
+@click.argument("kind", type=click.Choice(["parts", "designs", "cameras"]), default="parts",
                 metavar="[WHAT]")  # fmt: skip
 @answers
-def list_(what: str) -> Answer:
-    """Parts that can be exported; or designs or cameras, where WHAT says so.
+def list_(kind: str) -> Answer:
+    """List parts that can be exported; or designs or cameras.
 
-    A part has its group, material, process and quantity; designs are your own and the shipped ones;
-    a camera, from cad/cameras.toml, has its sources.
+    Parts with group, material, process and quantity; your own and the shipped designs; cameras of
+    cad/cameras.toml with their sources.
     """
-    return {"parts": _parts, "designs": _designs, "cameras": _cameras}[what]()
+    return {"parts": _list_parts, "designs": _list_designs, "cameras": _list_cameras}[kind]()
 
 
-def _parts() -> Answer:
+def _list_parts() -> Answer:
     from deltact_fab.fabricate import list_parts as parts
 
     columns = ("part", "group", "material", "process", "quantity")
     rows = [(p.name, p.group, p.material, p.process, p.quantity) for p in parts()]
-    told = "Any indenter is a part too: sphere:DIAMETER_MM, star:SIZE_MM and so on."
-    return listed(columns, rows, "", told)
+    note = "Indenters are parts too: sphere:DIAMETER_MM, star:SIZE_MM and others."
+    return listing(columns, rows, "", note)
 
 
-def _cameras() -> Answer:
+def _list_cameras() -> Answer:
     from deltact_fab.fabricate import load_cameras
 
     columns = ("camera", "module", "focal_length_mm", "projection", "picture_px", "source")
@@ -122,10 +120,10 @@ def _cameras() -> Answer:
          c.source)
         for name, c in load_cameras().items()
     ]  # fmt: skip
-    return listed(columns, rows)
+    return listing(columns, rows)
 
 
-def _designs() -> Answer:
+def _list_designs() -> Answer:
     from deltact_fab.fabricate import load_design
 
     from ..lab import kind_of
@@ -137,62 +135,55 @@ def _designs() -> Answer:
             continue
         skin = load_design(name).skin
         rows.append((name, data.get("base"), skin.width_mm, skin.length_mm, skin.thickness_mm))
-    return listed(("design", "base", "width_mm", "length_mm", "thickness_mm"), rows)
+    return listing(("design", "base", "width_mm", "length_mm", "thickness_mm"), rows)
 
 
 @cad.command(epilog="Example: deltact-fab cad show shell --design franka")
 @click.argument("part")
-@of_design
+@design_options
 @answers
 def show(part: str, design: str, changes: tuple[str, ...]) -> Answer:
-    """Dimensions of PART with meaning and limits.
-
-    PART is a name of `cad list`.
-    """
+    """Show the dimensions of PART, a name of `cad list`, with meaning and limits."""
     from deltact_fab.fabricate import find_part, load_design
 
-    found = find_part(part)
-    about = {n: getattr(found, n) for n in ("name", "group", "material", "process", "quantity")}
-    told = list(found.dimensions(load_design(design, changes)))
-    shown = table(("key", "value", "limits", "meaning"), [d.row for d in told])
-    data = {**about, "dimensions": [asdict(d) for d in told]}
-    return Answer(data, [*columns_of(tuple(about), [about]), "", *shown])
+    entry = find_part(part)
+    about = {n: getattr(entry, n) for n in ("name", "group", "material", "process", "quantity")}
+    dimensions = list(entry.dimensions(load_design(design, changes)))
+    dimension_lines = table(("key", "value", "limits", "meaning"), [d.row for d in dimensions])
+    data = {**about, "dimensions": [asdict(d) for d in dimensions]}
+    return Answer(data, [*columns_of(tuple(about), [about]), "", *dimension_lines])
 
 
 @cad.command()
-@of_design
+@design_options
 @answers
 def check(design: str, changes: tuple[str, ...]) -> Answer:
-    """Check the whole design on its solids: a table of passes and failures.
-
-    Exit code 1 when a check fails.
-    """
+    """Check the whole design on its solids; exit code 1 if a check fails."""
     from deltact_fab.fabricate import check_design, load_design, shorten_key
 
     with progress("cad check") as tell:
         rows = check_design(load_design(design, changes), tell, cached=True)
     passed = [row for row in rows if row.status == "pass"]
     unverified = sum(bool(row.basis) for row in passed)
-    told = (
-        f"{len(passed)} of {len(rows)} checks pass, {unverified} of them on "
-        "values that nobody has measured yet"
+    summary = (
+        f"{len(passed)}/{len(rows)} checks passed, {unverified} of them depend on unverified values"
     )
     data = [{**row.as_dict(), **of_part(row)} for row in rows]
-    shown = (replace(r, basis=tuple(dict.fromkeys(map(shorten_key, r.basis)))) for r in rows)
+    short_rows = (replace(r, basis=tuple(dict.fromkeys(map(shorten_key, r.basis)))) for r in rows)
     failed = sum(row.failed for row in rows)
-    why = f"{design}: {failed} of {len(rows)} checks failed" if failed else None
-    return Answer(data, [*check_lines(shown), "", told], why)
+    failure = f"{design}: {failed}/{len(rows)} checks failed" if failed else None
+    return Answer(data, [*check_lines(short_rows), "", summary], failure)
 
 
 @cad.command(epilog="Example: deltact-fab cad export sensor sphere:12.5 --out parts")
 @click.argument("parts", nargs=-1, metavar="[PART]...")
-@of_design
+@design_options
 @click.option("--format", "formats", default="step,stl,3mf,dxf,glb,svg,pdf", metavar="LIST",
-              help="Formats, separated by commas; each part gets those that suit it.")  # fmt: skip
+              help="Formats, comma-separated; each part gets those that suit it.")  # fmt: skip
 @click.option("--tolerance", "tolerance_mm", type=float, default=0.01, metavar="MM",
               help="Largest distance of a mesh from the true surface.")  # fmt: skip
 @out_folder("Folder to write into.", default=Path("cad-out"))
-@PROCESSES
+@JOBS_OPTION
 @answers
 def export(
     parts: tuple[str, ...], design: str, changes: tuple[str, ...], formats: str,
@@ -201,53 +192,53 @@ def export(
     """Write each PART and the assembly, with a manifest.json; without PART, everything.
 
     A PART is a name of `cad list`, a group (sensor, electronics, tools, bench, indenters), or an
-    indenter as in a protocol: sphere:10, 4dots. The assembly and the wiring are written with the
-    whole sensor. STEP is for the machine shop, STL or 3MF for the printer, DXF for the laser, GLB
+    indenter as in a protocol: sphere:10, 4dots. Assembly and wiring are written with the complete
+    sensor. STEP is for the machine shop, STL or 3MF for the printer, DXF for the laser, GLB
     for a 3D viewer; drawings are PDF and SVG.
     """
     from deltact_fab.fabricate import export_parts, select_parts
 
-    dims, chosen = load(design, changes), select_parts(parts)
+    dims, chosen = load_feasible(design, changes), select_parts(parts)
     with progress("cad export") as tell:
         files = export_parts(dims, chosen, formats.split(","), tolerance_mm, out, tell, jobs=jobs)
     plain = [asdict(f) for f in files]
-    told = f"{len(files)} files and manifest.json in {out}"
-    shown = columns_of(("file", "quantity", "process", "volume_mm3", "mesh_deviation_mm"), plain)
-    return Answer(plain, [*shown, "", told])
+    summary = f"{len(files)} files and manifest.json in {out}"
+    lines = columns_of(("file", "quantity", "process", "volume_mm3", "mesh_deviation_mm"), plain)
+    return Answer(plain, [*lines, "", summary])
 
 
 @cad.command(epilog="Example: deltact-fab cad bom --sensors 4 -o bom.csv")
-@of_design
-@SENSORS
-@out_file("Write it as .csv or .json instead of printing it.")
+@design_options
+@SENSORS_OPTION
+@out_file("File to write, .csv or .json, instead of printing.")
 @answers
 def bom(design: str, changes: tuple[str, ...], sensors: int, out: Path | None) -> Answer:
-    """Bill of materials: parts, silicone, screws and electronics for a number of sensors."""
+    """Write the bill of materials: parts, silicone, screws and electronics for several sensors."""
     from deltact_fab.fabricate import bom_lines
 
     if out is not None and out.suffix not in (".csv", ".json"):
-        raise InputError(f"-o {out}: end the name in .csv or .json")
-    found = bom_lines(load(design, changes), sensors)
-    plain = [asdict(line) for line in found]
+        raise InputError(f"-o {out}: must end in .csv or .json")
+    bill = bom_lines(load_feasible(design, changes), sensors)
+    plain = [asdict(line) for line in bill]
     if out is not None:
-        text = found.csv() if out.suffix == ".csv" else json.dumps(plain, indent=1) + "\n"
+        text = bill.csv() if out.suffix == ".csv" else json.dumps(plain, indent=1) + "\n"
         write_whole(out, text.encode())
-        return written(out)
+        return file_note(out)
     columns = ("item", "part", "material", "process", "quantity", "unit", "note")
     rows = [
-        (*(line[c] for c in columns), str(at.source or "made here"))
-        for line, at in zip(plain, found, strict=True)
+        (*(line[c] for c in columns), str(item.source or "made here"))
+        for line, item in zip(plain, bill, strict=True)
     ]
     return Answer(plain, table((*columns, "to order"), rows))
 
 
 @cad.command(epilog="Example: deltact-fab cad fit readings.csv -o mine.toml")
-@click.argument("readings", type=PATH)
-@DESIGN
-@out_file("Design to write: --design with the measured values in it.")
+@click.argument("readings", type=click.Path(path_type=Path))
+@DESIGN_OPTION
+@out_file("Write a design based on --design with the measured values.")
 @answers
 def fit(readings: Path, design: str, out: Path | None) -> Answer:
-    """Estimate what your printer and laser are off by, from READINGS of the two coupons (CSV).
+    """Estimate the errors of your printer and laser from READINGS of the two coupons (CSV).
 
     Columns: coupon (fit-coupon, kerf-coupon), feature (hole, slot, outside, height; strip,
     thickness), nominal_mm, measured_mm, and pieces for strips measured side by side. A spread is
@@ -255,26 +246,26 @@ def fit(readings: Path, design: str, out: Path | None) -> Answer:
     """
     from deltact_fab.fabricate import fit_design
 
-    found, text = fit_design(readings, design)
+    estimates, text = fit_design(readings, design)
     if out is not None:
         write_whole(out, text.encode())
-    plain = [asdict(e) for e in found]
+    plain = [asdict(e) for e in estimates]
     for row in plain:
         row["spread_mm"] = None if math.isnan(row["spread_mm"]) else row["spread_mm"]
-    told = columns_of(("key", "value", "before", "count", "bias_mm", "spread_mm"), plain)
-    return Answer(plain, [*told, *([f"written: {out}"] if out else [])])
+    estimate_lines = columns_of(("key", "value", "before", "count", "bias_mm", "spread_mm"), plain)
+    return Answer(plain, [*estimate_lines, *([f"written: {out}"] if out else [])])
 
 
 @cad.command(epilog="Example: deltact-fab cad guide --sensors 4 -o guide.html")
-@of_design
-@SENSORS
+@design_options
+@SENSORS_OPTION
 @out_file("Page to write.", default=Path("guide.html"))
 @answers
 def guide(design: str, changes: tuple[str, ...], sensors: int, out: Path) -> Answer:
-    """Fabrication guide of a design, one offline page: print, cast, wire, assemble."""
+    """Write the fabrication guide of a design, one offline page: print, cast, wire, assemble."""
     from deltact_fab.fabricate import write_guide
     from deltact_fab.present import render_examples
 
-    dims = load(design, changes)
+    dims = load_feasible(design, changes)
     with progress("cad guide") as tell:
-        return written(write_guide(dims, out, sensors, tell, examples=render_examples))
+        return file_note(write_guide(dims, out, sensors, tell, examples=render_examples))

@@ -1,4 +1,4 @@
-"""`deltact-fab calibrate`: what turns images into millimetres and newtons, one file each."""
+"""`deltact-fab calibrate`: lens, depth and force calibrations, one file each."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import click
 from deltact_fab.common import InputError, write_whole
 
 from .group import CommandGroup
-from .options import DESIGN, PATH, out_file, out_folder, seed
+from .options import DESIGN_OPTION, PATH_TYPE, out_file, out_folder, seed
 from .output import Answer, answers, columns_of, files_line, progress, save_figures, table
 
 if TYPE_CHECKING:
@@ -27,15 +27,15 @@ def calibrate() -> None:
 @calibrate.command(
     epilog="Example: deltact-fab calibrate lens photos/contact --board skin -o camera.toml"
 )
-@click.argument("images", nargs=-1, type=PATH)
-@click.option("--board", required=True, metavar="skin|NXxNYxMM", help="Board that IMAGES show.")
-@click.option("--air", multiple=True, type=PATH, metavar="PATH", help="Image, or folder of images, "
-              "of a board held in the air; repeatable.")  # fmt: skip
+@click.argument("images", nargs=-1, type=PATH_TYPE)
+@click.option("--board", required=True, metavar="skin|NXxNYxMM", help="Board in IMAGES.")
+@click.option("--air", multiple=True, type=PATH_TYPE, metavar="PATH",
+              help="Image or folder of images of a board in the air; repeatable.")  # fmt: skip
 @click.option("--air-board", metavar="NXxNYxMM", show_default="as --board",
-              help="Board that --air shows.")  # fmt: skip
-@click.option("--flat", type=PATH, metavar="FILE",
+              help="Board in --air.")  # fmt: skip
+@click.option("--flat", type=PATH_TYPE, metavar="FILE",
               help="Image of a blank skin, to correct the shading.")  # fmt: skip
-@DESIGN
+@DESIGN_OPTION
 @out_file("Camera file to write, .toml.", required=True)
 @answers
 def lens(
@@ -44,38 +44,38 @@ def lens(
 ) -> Answer:  # fmt: skip
     """Calibrate the camera through its lens, plate and gel, from IMAGES of a board on the face.
 
-    IMAGES (files, or folders of them) are contact images: the board touches the outer face of the
-    clear gel with no air between. Best is one image of the shipped chessboard skin (`pattern sheet
+    IMAGES (files or folders) are contact images: the board touches the outer face of the clear gel
+    with no air between. Best is one image of the shipped chessboard skin (`pattern sheet
     chessboard`) with --board skin; its middle, the origin of the sensor, must be within 0.8 mm of
     the middle of the image, and the skin turned by less than 45 degrees. Otherwise wet a board onto
     the face at five or more places that together cover the view; --board 9x7x3 is a board of 9 x 7
     squares of 3 mm.
 
-    Boards held in the air beyond the face (--air), tilted and at several heights, improve the
+    Boards in the air beyond the face (--air), tilted and at several heights, improve the
     calibration below the face; on their own they leave the face undetermined. The thicknesses of
-    --design are what is assumed beforehand.
+    --design are the prior values.
     """
     from deltact_fab.estimate import calibrate_lens, fit_flat_field
     from deltact_fab.fabricate import load_design
 
-    wanted = board_named(board, "--board")
-    held = None if air_board is None else board_named(air_board, "--air-board")
+    on_face = parse_board(board, "--board")
+    in_air = None if air_board is None else parse_board(air_board, "--air-board")
     if out.suffix != ".toml":
-        raise click.BadParameter(f"{out}: a camera file ends in .toml", param_hint="-o")
-    found = calibrate_lens(_images(images), wanted, _images(air), held, load_design(design))
-    field = None if flat is None else fit_flat_field(flat, found.lens)
-    beside = out.with_suffix(".flat.png")
+        raise click.BadParameter(f"{out}: must end in .toml", param_hint="-o")
+    result = calibrate_lens(_files(images), on_face, _files(air), in_air, load_design(design))
+    field = None if flat is None else fit_flat_field(flat, result.lens)
+    flat_file = out.with_suffix(".flat.png")
     if field is not None:
-        write_whole(beside, field.png())
-    write_whole(out, found.camera_toml(None if field is None else beside.name).encode())
-    named = None if field is None else beside.name
-    data = {"camera": found.lens.as_dict(), **found.as_dict(), "flat": named}
-    told = f"written: {out}" + ("" if field is None else f", {beside}")
-    return Answer(data, [*_lens_lines(found), told])
+        write_whole(flat_file, field.png())
+    write_whole(out, result.camera_toml(None if field is None else flat_file.name).encode())
+    flat_name = None if field is None else flat_file.name
+    data = {"camera": result.lens.as_dict(), **result.as_dict(), "flat": flat_name}
+    summary = f"written: {out}" + ("" if field is None else f", {flat_file}")
+    return Answer(data, [*_lens_lines(result), summary])
 
 
-def board_named(words: str, option: str) -> Checkerboard:
-    """A board by its numbers, or the catalogue's chessboard skin."""
+def parse_board(words: str, option: str) -> Checkerboard:
+    """Parse a board such as 9x7x3, or return the chessboard skin of the catalogue."""
     from deltact_fab.fabricate import load_recipe
     from deltact_fab.sensor import Checkerboard
 
@@ -86,8 +86,8 @@ def board_named(words: str, option: str) -> Checkerboard:
     return Checkerboard(recipe.n, recipe.n, recipe.patch_mm, skin=True)
 
 
-def _images(names: tuple[Path, ...]) -> list[Path]:
-    """Files as they are named, and the images in the folders among them."""
+def _files(names: tuple[Path, ...]) -> list[Path]:
+    """Return the files named, and the images in the folders named."""
     from deltact_fab.bench import ImageFolder
 
     files: list[Path] = []
@@ -99,50 +99,50 @@ def _images(names: tuple[Path, ...]) -> list[Path]:
     return files
 
 
-def _lens_lines(found: LensCalibration) -> Iterator[str]:
-    said = found.as_dict()
-    known = [{"parameter": name, **p} for name, p in said["parameters"].items()]
-    yield from columns_of(("parameter", "value", "sigma", "prior", "prior_sigma"), known)
+def _lens_lines(calibration: LensCalibration) -> Iterator[str]:
+    data = calibration.as_dict()
+    parameters = [{"parameter": name, **p} for name, p in data["parameters"].items()]
+    yield from columns_of(("parameter", "value", "sigma", "prior", "prior_sigma"), parameters)
     yield ""
-    seen = ("file", "board", "contact", "corners", "outliers", "rms_px")
-    yield from columns_of(seen, said["images"])
+    columns = ("file", "board", "contact", "corners", "outliers", "rms_px")
+    yield from columns_of(columns, data["images"])
     yield (
         "\nuncertainty in px of the raw image (one sigma, over 95 % of the view): "
-        f"face {found.face_px:.3f}, "
-        f"3 mm below {found.depth_px[3.0]:.2f}, 6 mm below {found.depth_px[6.0]:.2f}"
+        f"face {calibration.face_px:.3f}, "
+        f"3 mm below {calibration.depth_px[3.0]:.2f}, 6 mm below {calibration.depth_px[6.0]:.2f}"
     )
-    yield f"contact corners cover {found.cover:.0%} of the view"
-    if found.simulated is not None:
-        yield f"simulated images, seed {', '.join(map(str, found.simulated))}"
-    yield from (f"note: {line}" for line in found.notes())
+    yield f"contact corners cover {calibration.cover:.0%} of the view"
+    if calibration.simulated is not None:
+        yield f"simulated images, seed {', '.join(map(str, calibration.simulated))}"
+    yield from (f"note: {line}" for line in calibration.notes())
 
 
 @calibrate.command(epilog="Example: deltact-fab calibrate depth ball-run -o depth.toml")
-@click.argument("run", type=PATH)
-@click.option("--force", type=PATH, metavar="FILE", show_default="the design's gel",
-              help="Calibration of force whose gel is taken, so that a measurement with both is "
-              "as fast as with one.")  # fmt: skip
+@click.argument("run", type=PATH_TYPE)
+@click.option("--force", type=PATH_TYPE, metavar="FILE", show_default="the design's gel",
+              help="Force calibration whose gel to use; a measurement with both is then as fast "
+              "as with one.")  # fmt: skip
 @out_file("Calibration to write.", default=Path("depth.toml"))
 @answers
 def depth(run: Path, force: Path | None, out: Path) -> Answer:
     """Calibrate depth on RUN, in which a ball of known diameter presses the face.
 
-    It uses the images, the positions of the stage and the diameter of the ball. The protocol
-    `ball-press` makes such a run.
+    Uses the images, the positions of the stage and the diameter of the ball. The protocol
+    `ball-press` records such a run.
     """
     from deltact_fab.estimate import calibrate_depth
 
-    made = calibrate_depth(run, force)
-    write_whole(out, made.toml().encode())
-    return Answer({**made.as_dict(), "file": str(out)}, [made.line, f"written: {out}"])
+    result = calibrate_depth(run, force)
+    write_whole(out, result.toml().encode())
+    return Answer({**result.as_dict(), "file": str(out)}, [result.line, f"written: {out}"])
 
 
 @calibrate.command(epilog="Example: deltact-fab calibrate force run1 run2 -o calibration.toml")
-@click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=PATH)
+@click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=PATH_TYPE)
 @click.option("--model", "models", multiple=True, metavar="MODEL",
               show_default="all", help="sums, paper or inverse-placed; repeatable.")  # fmt: skip
-@click.option("--transfer", type=PATH, metavar="OTHER.toml", help="Carry another sensor's "
-              "calibration over, using the few presses of RUN.")  # fmt: skip
+@click.option("--transfer", type=PATH_TYPE, metavar="OTHER.toml", help="Adapt another sensor's "
+              "calibration, using the few presses of RUN.")  # fmt: skip
 @out_file("Calibration to write.", "file", show_default="calibration.toml in --out")
 @out_folder("Folder for the results.", show_default="RUN/analysis")
 @seed("Seed of the folds and the learning curve.")
@@ -151,11 +151,11 @@ def force(
     runs: tuple[Path, ...], models: tuple[str, ...], transfer: Path | None, file: Path | None,
     out: Path | None, seed: int,
 ) -> Answer:  # fmt: skip
-    """Calibrate force on runs of one sensor: models are cross-validated, the best one is written.
+    """Calibrate force on runs of one sensor: cross-validate models and write the best one.
 
-    The points are the settled frames. Positions and indenters are left out together, which shows
-    how far a model can be trusted on what it was not fitted to; presses, points and runs too. The
-    best model is shown beside the paper's; force.json has all of them.
+    The points are the settled frames. Models are ranked by their error on unseen positions and
+    indenters together; errors on unseen presses, points and runs are reported too. The best model
+    is shown beside the paper's; force.json has all of them.
     """
     from deltact_fab.estimate import calibrate_force, transfer_calibration, write_force_calibration
     from deltact_fab.present import plot_predicted_force
@@ -165,32 +165,32 @@ def force(
     if transfer is not None:
         if models:
             raise InputError(
-                "--model: does not go with --transfer, which keeps the model of its file"
+                "--model cannot be used with --transfer, which keeps the model of its file"
             )
         with progress("transfer") as report:
-            moved, kept, left_out = transfer_calibration(runs, transfer, progress=report)
-        told = [f"{moved.line} ({kept.head.origin})", *(f"left out: {line}" for line in left_out)]
-        files = write_force_calibration(kept, output)
-        data = {"transfer": moved.as_dict(), "left_out": left_out}
-        return Answer(data, [*told, files_line(files)])
+            fit, carried, left_out = transfer_calibration(runs, transfer, progress=report)
+        lines = [f"{fit.line} ({carried.head.origin})", *(f"left out: {line}" for line in left_out)]
+        files = write_force_calibration(carried, output)
+        data = {"transfer": fit.as_dict(), "left_out": left_out}
+        return Answer(data, [*lines, files_line(files)])
     with progress("force") as report:
         result = calibrate_force(runs, models or None, seed, progress=report)
-    told = [*_force_lines(result, folder), *(f"left out: {line}" for line in result.left_out)]
+    lines = [*_force_lines(result, folder), *(f"left out: {line}" for line in result.left_out)]
     files, figure = result.save(folder, output), plot_predicted_force(result)
     files += save_figures(folder, lambda: {figure.name: figure.draw()})
-    return Answer(result.as_dict(), [*told, files_line(files)])
+    return Answer(result.as_dict(), [*lines, files_line(files)])
 
 
 def _force_lines(result: ForceResult, folder: Path) -> Iterator[str]:
     yield result.line + "\n"
-    for found in (result.early, result.gel):
-        if found is not None:
-            yield found.line + "\n"
+    for finding in (result.early, result.gel):
+        if finding is not None:
+            yield finding.line + "\n"
     head = (
         "model",
         "component",
         "adj. R2",
-        "about 0",
+        "R2 about 0",
         "fitted",
         *result.SPLITS,
         "range",
@@ -200,16 +200,15 @@ def _force_lines(result: ForceResult, folder: Path) -> Iterator[str]:
         "adjusted_r2", "adjusted_r2_about_zero", "rmse_fitted",
         *(f"rmse_left_out_{split}" for split in result.SPLITS), "range", "percent_of_range",
     )  # fmt: skip
-    shown = {result.best.name, result.paper.name}
+    model_names = {result.best.name, result.paper.name}
     rows = [
         (row["model"], f"{row['component']}, {row['unit']}", *(row.get(key) for key in keys))
         for row in result.rows()
-        if row["model"] in shown
+        if row["model"] in model_names
     ]
     yield from table(head, rows)
     yield (
-        f"\n{folder / 'force.json'} has all models; RMSE on the {len(result.data)} points "
-        "fitted to, and on what was left out (unseen: position and indenter together; press, "
-        "point: a fifth); "
-        f"{result.calibration.head.origin}; as printed: the paper's table, on a real sensor"
+        f"\nall models: {folder / 'force.json'}; {result.calibration.head.origin}; RMSE on the "
+        f"{len(result.data)} fitted points, and on points not fitted (unseen: position and "
+        "indenter together; press, point: a fifth); as printed: the paper's table, real sensor"
     )

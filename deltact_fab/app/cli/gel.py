@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING
 
 import click
 
@@ -14,25 +13,24 @@ from deltact_fab.common import InputError, validate
 from deltact_fab.sensor import GEL_LEVELS
 
 from .group import CommandGroup
-from .options import NAME_OR_PATH, ON, PATH, PROCESSES, RIG, Point
-from .output import Answer, answers, columns_of, facts, progress, table
+from .options import JOBS_OPTION, NAME_OR_PATH, ON_OPTION, PATH_TYPE, RIG_OPTION, Decorator, Point
+from .output import Answer, answers, columns_of, pairs, progress, table
 
 if TYPE_CHECKING:
     from deltact_fab.sensor import SkinDimensions
     from deltact_fab.simulate import PressRow
 
-MODELS = ("auto", *GEL_LEVELS)
-F = TypeVar("F", bound=Callable[..., Any])
+MODEL_NAMES = ("auto", *GEL_LEVELS)
 
 
-AT = click.option(
+AT_OPTION = click.option(
     "--at", "at_mm", type=Point(), default="0,0", metavar="X,Y",
-    help="Where it presses, mm from the centre of the face.",
+    help="Position of the press, mm from the centre of the face."
 )  # fmt: skip
 
 
-def of_block(command: F) -> F:
-    """Options that say what block of gel is pressed."""
+def block_options(command: Decorator) -> Decorator:
+    """Add options that describe the block of gel."""
     for option in (
         click.option("--poisson", default=0.49, metavar="NU",
                      help="Poisson's ratio of the gel."),
@@ -47,8 +45,8 @@ def of_block(command: F) -> F:
     return command
 
 
-def block(width_mm: float, length_mm: float, thickness_mm: float) -> SkinDimensions:
-    """The gel as the levels know it. Raises InputError for sizes out of range."""
+def build_block(width_mm: float, length_mm: float, thickness_mm: float) -> SkinDimensions:
+    """Return the gel's dimensions for the models. Raises InputError for sizes out of range."""
     from deltact_fab.sensor import SkinDimensions
 
     return validate(
@@ -57,7 +55,7 @@ def block(width_mm: float, length_mm: float, thickness_mm: float) -> SkinDimensi
             "width_mm": width_mm,
             "length_mm": length_mm,
             "thickness_mm": thickness_mm,
-            # No level has a frame or a fillet: these need only be consistent.
+            # No model has a frame or a fillet: these only need to be consistent.
             "protrusion_mm": thickness_mm,
             "edge_fillet_mm": min(2.0, thickness_mm / 2, width_mm / 4, length_mm / 4),
         },
@@ -72,7 +70,7 @@ def gel() -> None:
 
 @gel.command(epilog="Example: deltact-fab gel press --indenter sphere:15 --depth 5 --shear-x 3")
 @click.option("--indenter", default="sphere:10", metavar="NAME",
-              help="What presses: sphere:DIAMETER_MM, or 4dots, 2dots, edges, ellipsoid, hexprism, "
+              help="Indenter: sphere:DIAMETER_MM, or 4dots, 2dots, edges, ellipsoid, hexprism, "
               "star, cylinder, ring, hat, with or without :SIZE_MM; or a shape of "
               "cad/indenters.toml.")  # fmt: skip
 @click.option("--depth", "depth_mm", required=True, type=float, metavar="MM",
@@ -81,19 +79,19 @@ def gel() -> None:
               help="Motion along x after pressing.")  # fmt: skip
 @click.option("--shear-y", "shear_y_mm", default=0.0, metavar="MM",
               help="Motion along y after pressing.")  # fmt: skip
-@AT
-@click.option("--model", type=click.Choice(MODELS), default="auto",
-              help="Level of the gel; auto takes the cheapest within the tolerance.")  # fmt: skip
-@of_block
+@AT_OPTION
+@click.option("--model", type=click.Choice(MODEL_NAMES), default="auto",
+              help="Gel model; auto takes the cheapest within the tolerance.")  # fmt: skip
+@block_options
 @click.option("--modulus", "modulus_mpa", default=0.56, metavar="MPA",
               help="Young's modulus of the gel.")  # fmt: skip
 @click.option("--friction", default=0.5, metavar="MU", help="Coefficient of friction.")
 @click.option("--tolerance", default=0.03, metavar="SHARE",
-              help="Relative error of the force that is allowed.")  # fmt: skip
+              help="Allowed relative error of the force.")  # fmt: skip
 @click.option("--spacing", "spacing_mm", type=float, metavar="MM", show_default="chosen",
               help="Size of the grid or the cells.")  # fmt: skip
-@click.option("--limit-s", "limit_s", default=120.0, metavar="S", help="CPU seconds it may take; "
-              "the finest mesh solved by then gives the answer.")  # fmt: skip
+@click.option("--limit-s", "limit_s", default=120.0, metavar="S", help="Limit of CPU seconds; "
+              "the result is that of the finest mesh solved by then.")  # fmt: skip
 @answers
 def press(
     indenter: str, depth_mm: float, shear_x_mm: float, shear_y_mm: float,
@@ -103,15 +101,15 @@ def press(
 ) -> Answer:  # fmt: skip
     """Force, contact area and in-plane displacement of one press (simulated).
 
-    Chooses level, mesh and steps to meet the tolerance, says what it chose, and estimates the
-    error. Exit code 1 when the press is refused or does not converge.
+    Chooses model, mesh and steps for the tolerance, reports the choice, and estimates the error.
+    Exit code 1 if the press is refused or does not converge.
     """
     from deltact_fab.physics import press_gel as run
     from deltact_fab.sensor import GelMaterial, parse_indenter
 
-    skin = block(width_mm, length_mm, thickness_mm)
-    known = {"modulus_mpa": modulus_mpa, "poisson": poisson, "friction": friction}
-    material = validate(GelMaterial, known, "options")
+    skin = build_block(width_mm, length_mm, thickness_mm)
+    settings = {"modulus_mpa": modulus_mpa, "poisson": poisson, "friction": friction}
+    material = validate(GelMaterial, settings, "options")
     shape = parse_indenter(indenter)
     with progress("gel press") as report:
         pressed = run(
@@ -122,26 +120,26 @@ def press(
     flags = [f"warning: {flag}" for flag in result["flags"]]
     if not result["converged"]:
         return Answer(result, failed=result["reason"], asides=flags)
-    told = table(("simulated", "value"), facts({**result, "flags": None}))
-    return Answer(result, told, asides=flags)
+    lines = table(("simulated", "value"), pairs({**result, "flags": None}))
+    return Answer(result, lines, asides=flags)
 
 
-def _or_fit(ctx: click.Context, param: click.Parameter, value: str) -> float | None:
-    """None: it is fitted."""
+def _parse_offset(ctx: click.Context, param: click.Parameter, value: str) -> float | None:
+    """Parse a number of mm, or `fit` as None."""
     try:
         return None if value == "fit" else float(value)
-    except ValueError as why:
-        raise click.BadParameter(f"{value!r}: a number of mm or fit is needed") from why
+    except ValueError as error:
+        raise click.BadParameter(f"{value!r}: must be a number in mm, or fit") from error
 
 
 @gel.command(epilog="Example: deltact-fab gel fit measured.csv --indenter sphere:15 --offset fit")
-@click.argument("csv", type=PATH)
+@click.argument("csv", type=PATH_TYPE)
 @click.option("--indenter", required=True, metavar="NAME",
-              help="What pressed, as in `gel press`: sphere:15.")  # fmt: skip
-@AT
-@of_block
+              help="Indenter, as in `gel press`: sphere:15.")  # fmt: skip
+@AT_OPTION
+@block_options
 @click.option("--friction", default=0.5, metavar="MU", help="Coefficient of friction.")
-@click.option("--offset", "offset_mm", default="0", callback=_or_fit,
+@click.option("--offset", "offset_mm", default="0", callback=_parse_offset,
               metavar="MM|fit", help="depth_mm at first touch, or fit.")  # fmt: skip
 @click.option("--spacing", "spacing_mm", type=float, metavar="MM", show_default="chosen",
               help="Size of the mesh below the indenter.")  # fmt: skip
@@ -153,44 +151,44 @@ def fit(
 ) -> Answer:  # fmt: skip
     """Fit the modulus of a gel to a measured press, with a 95 % interval.
 
-    Ends with the lines to copy into a protocol.
+    The last lines are for a protocol.
 
-    CSV is a table with the columns depth_mm and normal_n (positive when pressed), its rows in the
-    order in which they were measured. Friction is the side force over the normal force of a light
-    drag, once it stays level.
+    CSV is a table with the columns depth_mm and normal_n (positive when pressed), rows in the order
+    of measurement. Friction is the ratio of side force to normal force in a light drag, once it is
+    constant.
     """
     from deltact_fab.physics import fit_press, read_press_csv
     from deltact_fab.sensor import GelMaterial, parse_indenter
 
-    skin = block(width_mm, length_mm, thickness_mm)
+    skin = build_block(width_mm, length_mm, thickness_mm)
     validate(GelMaterial, {"poisson": poisson, "friction": friction}, "options")
     shape = parse_indenter(indenter)
     data = read_press_csv(csv)
     if offset_mm is not None:
         data = replace(data, depth_mm=data.depth_mm - offset_mm)
     with progress("gel fit") as report:
-        found = fit_press(
+        estimate = fit_press(
             data, skin, shape, at_mm, poisson, friction,
             fit_offset=offset_mm is None, spacing_mm=spacing_mm, progress=report,
         )  # fmt: skip
-    result = found.as_dict()
-    told = [*table(("key", "value"), facts({**result, "notes": None})), "\n[specimen]"]
-    told.append(f"modulus_mpa = {found.modulus_mpa.value:.4g}")
-    return Answer(result, told, asides=result["notes"])
+    result = estimate.as_dict()
+    lines = [*table(("key", "value"), pairs({**result, "notes": None})), "\n[specimen]"]
+    lines.append(f"modulus_mpa = {estimate.modulus_mpa.value:.4g}")
+    return Answer(result, lines, asides=result["notes"])
 
 
 @gel.command(epilog="Example: deltact-fab gel path pattern-selection --jobs 2")
 @click.argument("protocol", type=NAME_OR_PATH)
-@RIG
-@PROCESSES
-@ON
+@RIG_OPTION
+@JOBS_OPTION
+@ON_OPTION
 @answers
 def path(protocol: str, rig_name: str, jobs: int | None, on: str) -> Answer:
     """Solve every press of PROTOCOL on the simulated gel and keep the results for `run`.
 
-    When it is stopped, the same command continues: presses that are complete are kept. A press that
-    fails does not stop the others; exit code 1 when one failed. `run` finds what was solved with
-    the [virtual.gel] settings of its rig file.
+    If stopped, the same command continues: complete presses are kept. A press that fails does not
+    stop the others; exit code 1 if one failed. `run` uses results that were solved with the
+    [virtual.gel] settings of its rig file.
     """
     from deltact_fab.bench import load_protocol, load_rig
     from deltact_fab.common import open_executor
@@ -207,8 +205,8 @@ def path(protocol: str, rig_name: str, jobs: int | None, on: str) -> Answer:
     require_gel_level(declared, sensor, str(source))
     level = declared.specimen.gel_model
     started = time.monotonic()
-    with open_executor(on, jobs) as where, progress("gel path") as tick:
-        rows = solve_presses([declared], sensor.skin, rig.virtual.gel, where, tick)
+    with open_executor(on, jobs) as executor, progress("gel path") as tick:
+        rows = solve_presses([declared], sensor.skin, rig.virtual.gel, executor, tick)
     seconds = time.monotonic() - started
     failed = [row for row in rows if row.failure]
     data = {
@@ -218,21 +216,21 @@ def path(protocol: str, rig_name: str, jobs: int | None, on: str) -> Answer:
         "failed": len(failed),
         "presses": [asdict(row) for row in rows],
     }
-    return Answer(data, _lines(rows, level, seconds), "" if failed else None, _asides(rows))
+    return Answer(data, _table(rows, level, seconds), "" if failed else None, _warnings(rows))
 
 
-def _lines(rows: list[PressRow], level: str, seconds: float) -> list[str]:
+def _table(rows: list[PressRow], level: str, seconds: float) -> list[str]:
     names = ("press", "knots", "done", "found", "like", "seconds")
     zones = ("contact_area_mm2", "contact_area_error_mm2", "stick_area_mm2", "stick_area_error_mm2")
-    solved = sum(r.done for r in rows if not r.found)
+    n_solved = sum(r.done for r in rows if not r.found)
     return [
         *columns_of((*names, *zones), [{**vars(row), **asdict(row.zones)} for row in rows]),
-        f"{len(rows)} presses (simulated, {level}), {solved} knots solved in {seconds:.1f} s; "
-        "found: in the store; like: a mirror image of that press; zones at the end of the press",
+        f"{len(rows)} presses (simulated, {level}), {n_solved} knots solved in {seconds:.1f} s; "
+        "found: from the cache; like: mirror image of that press; zones at the end of the press",
     ]
 
 
-def _asides(rows: list[PressRow]) -> list[str]:
+def _warnings(rows: list[PressRow]) -> list[str]:
     lines = []
     for row in rows:
         for flag, count in ({} if row.like else row.flags).items():

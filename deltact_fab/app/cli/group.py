@@ -1,4 +1,4 @@
-"""Groups of commands: in the order in which they are used, and a near miss told what was meant."""
+"""Command groups: commands in order of use, suggestions for misspelt and moved ones."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import click
 
 from deltact_fab.common import did_you_mean
 
-MOVED = {
+MOVED_COMMANDS = {
     "analyze force": "calibrate force",
     "cad cameras": "cad list cameras",
     "cad designs": "cad list designs",
@@ -21,13 +21,13 @@ MOVED = {
     "rig probe": "rig check",
     "study index": "report",
 }
-"""What was typed before, and what is typed now. PATH: an option or a path, which stays."""
+"""Old forms and their replacements. PATH: an option or a path, which is passed on."""
 
-BEGIN = ("init", "demo", "doctor", "schema")
+BEGIN_COMMANDS = ("init", "demo", "doctor", "schema")
 
 
 class CommandGroup(click.Group):
-    """A group whose commands stand in its help as they were added. noun: what one is called."""
+    """Group that lists commands in the order added. noun: name of one in messages."""
 
     noun = "command"
 
@@ -39,7 +39,7 @@ class CommandGroup(click.Group):
         for name in self.list_commands(ctx):
             command = self.get_command(ctx, name)
             text = "" if command is None else inspect.cleandoc(command.help or "")
-            # The first sentence, whole: click's own short help ends in dots.
+            # The complete first sentence: click's own short help is truncated.
             rows.append((name, re.split(r"(?<=\.)\s|\n\n", text, maxsplit=1)[0]))
         with formatter.section("Commands"):
             formatter.write_dl(rows)
@@ -47,38 +47,36 @@ class CommandGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        name, known = args[0], self.list_commands(ctx)
-        if name in known or ctx.resilient_parsing:
+        name, commands = args[0], self.list_commands(ctx)
+        if name in commands or ctx.resilient_parsing:
             return super().resolve_command(ctx, args)
         typed = "" if self.name == "main" else str(self.name)
         is_path = name.startswith("-") or Path(name).exists()
-        for old, left in ((name, args[1:]), ("PATH" if is_path else "", args)):
-            if now := MOVED.get(f"{typed} {old}".strip()):
-                told = f"{typed} {'' if left is args else old}".strip()
-                click.echo(
-                    f"`deltact-fab {told}` is `deltact-fab {now}` now; the old name goes with 0.4",
-                    err=True,
-                )
-                return _command_of(now, left)
-        # An option that stands where a command should is click's to refuse.
+        for old, remaining in ((name, args[1:]), ("PATH" if is_path else "", args)):
+            if replacement := MOVED_COMMANDS.get(f"{typed} {old}".strip()):
+                old_words = f"{typed} {'' if remaining is args else old}".strip()
+                notice = f"`deltact-fab {old_words}` is now `deltact-fab {replacement}`"
+                click.echo(f"{notice}; the old name is removed in 0.4", err=True)
+                return _resolve_words(replacement, remaining)
+        # An option in place of a command is refused by click.
         if not name.startswith("-"):
             raise click.UsageError(
-                f"{name!r}: no such {self.noun}; {did_you_mean(name, known)}", ctx
+                f"{name!r}: no such {self.noun}; {did_you_mean(name, commands)}", ctx
             )
         return super().resolve_command(ctx, args)
 
 
-def loaded(noun: str) -> click.Command:
-    """The command of a noun, which stands in the module of its name, or in `begin`."""
-    module = "begin" if noun in BEGIN else noun
+def load_command(noun: str) -> click.Command:
+    """Load the command of a noun from the module of its name, or from `begin`."""
+    module = "begin" if noun in BEGIN_COMMANDS else noun
     command: click.Command = getattr(importlib.import_module(f"{__package__}.{module}"), noun)
     return command
 
 
-def _command_of(typed: str, args: list[str]) -> tuple[str, click.Command, list[str]]:
-    """What `resolve_command` gives for words that are typed, as in "cad list designs"."""
+def _resolve_words(typed: str, args: list[str]) -> tuple[str, click.Command, list[str]]:
+    """Return the result of `resolve_command` for typed words, such as "cad list designs"."""
     noun, *words = typed.split()
-    command = loaded(noun)
+    command = load_command(noun)
     while isinstance(command, click.Group):
         command = command.commands[words.pop(0)]
     return str(command.name), command, [*words, *args]

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-NAMED = {
+KEY_NAMES = {
     b"\x1b[A": "up", b"\x1b[B": "down", b"\x1b[C": "right", b"\x1b[D": "left",
     b"\x1bOA": "up", b"\x1bOB": "down", b"\x1bOC": "right", b"\x1bOD": "left",
     b"\x1b[5~": "page up", b"\x1b[6~": "page down",
@@ -16,16 +16,16 @@ NAMED = {
 
 
 @contextmanager
-def keys() -> Iterator[Callable[[float], str]]:
-    """A function that waits so long (s) for a key: its name or letter, "" where none came.
+def read_keys() -> Iterator[Callable[[float], str]]:
+    """Yield a function that waits up to (s) for a key and returns its name or letter, else "".
 
-    Ctrl-C stays what it is. The terminal is as it was afterwards.
+    Ctrl-C still works. The terminal is restored afterwards.
     """
     import termios
     import tty
 
     number = sys.stdin.fileno()
-    before = termios.tcgetattr(number)
+    saved = termios.tcgetattr(number)
 
     def key(wait_s: float) -> str:
         if not select.select([number], [], [], wait_s)[0]:
@@ -33,25 +33,25 @@ def keys() -> Iterator[Callable[[float], str]]:
         data = os.read(number, 8)
         if not data:
             return "q"
-        return NAMED.get(data, data[:1].decode("ascii", "replace"))
+        return KEY_NAMES.get(data, data[:1].decode("ascii", "replace"))
 
     tty.setcbreak(number)
     try:
         yield key
     finally:
-        termios.tcsetattr(number, termios.TCSADRAIN, before)
+        termios.tcsetattr(number, termios.TCSADRAIN, saved)
 
 
 @contextmanager
-def whole_lines() -> Iterator[None]:
-    """A whole line can be typed meanwhile, as a terminal usually lets one."""
+def line_mode() -> Iterator[None]:
+    """Switch the terminal to line input meanwhile."""
     import termios
 
     number = sys.stdin.fileno()
     raw = termios.tcgetattr(number)
-    whole = termios.tcgetattr(number)
-    whole[3] |= termios.ICANON | termios.ECHO
-    termios.tcsetattr(number, termios.TCSADRAIN, whole)
+    cooked = termios.tcgetattr(number)
+    cooked[3] |= termios.ICANON | termios.ECHO
+    termios.tcsetattr(number, termios.TCSADRAIN, cooked)
     try:
         yield
     finally:

@@ -11,69 +11,69 @@ import click
 
 from deltact_fab.common import InputError, Stopped
 
-from .options import NAME_OR_PATH, PATH, Finite, out_folder, seed
+from .options import NAME_OR_PATH, PATH_TYPE, Finite, out_folder, seed
 from .output import echo_json
 
-VIEW_HZ = 10.0
+VIEW_HZ = 10.0  # by hand: smooth to the eye at a low load
 
 
 @click.command(epilog="Example: deltact-fab measure smoke-run --view")
 @click.argument("source", type=NAME_OR_PATH)
-@click.option("--camera", type=PATH, metavar="FILE", help="Camera file made by `calibrate lens`.")
-@click.option("--calibration", "calibrations", multiple=True, type=PATH, metavar="FILE",
+@click.option("--camera", type=PATH_TYPE, metavar="FILE", help="Camera file of `calibrate lens`.")
+@click.option("--calibration", "calibrations", multiple=True, type=PATH_TYPE, metavar="FILE",
               help="Calibration of depth or force; repeatable.")  # fmt: skip
 @click.option("--mm-per-px", type=Finite(min=1e-4, max=100), metavar="MM",
-              help="Scale of the resting face, where no camera file is known.")  # fmt: skip
+              help="Scale of the resting face, if there is no camera file.")  # fmt: skip
 @click.option("--show", metavar="LIST", show_default="all that the calibrations allow",
               help="flow, observation, shape, contacts, force, traction; separated by commas."
               )  # fmt: skip
 @click.option("--design", type=NAME_OR_PATH, metavar="DESIGN",
-              help="Design of the sensor, where the source does not say.")  # fmt: skip
+              help="Design of the sensor, if the source does not state it.")  # fmt: skip
 @click.option("--serial", metavar="TEXT",
-              help="Serial number of the sensor, where the source does not say.")  # fmt: skip
+              help="Serial number of the sensor, if the source does not state it.")  # fmt: skip
 @seed("Seed of a virtual rig.")
 @click.option("--hz", type=Finite(min=0.01), metavar="HZ",
               show_default="as fast as possible; with --view 10",
-              help="Images per second at most, unless a camera gives them.")  # fmt: skip
-@click.option("--jsonl", is_flag=True, help="Print one JSON object per image, as it comes.")
+              help="Largest rate in images per second, except for a camera.")  # fmt: skip
+@click.option("--jsonl", is_flag=True, help="Print one JSON object per image, at once.")
 @click.option("--follow", type=Finite(min=0.1), metavar="S",
-              help="Go on taking images that are written into the folder SOURCE, until none came "
-              "for S seconds.")  # fmt: skip
+              help="Wait for new images in the folder SOURCE, until there is none for S "
+              "seconds.")  # fmt: skip
 @out_folder("New folder for a table of the results and each image's arrays.")
-@click.option("--pictures", is_flag=True, help="With --out: keep each image too, as tracked.")
-@click.option("--view", is_flag=True, help="Show everything live on a page on this computer.")
+@click.option("--pictures", is_flag=True, help="With --out: save each tracked image too.")
+@click.option("--view", is_flag=True, help="Show the results live on a local page.")
 @click.option("--port", type=click.IntRange(0, 65535), default=0, metavar="N",
               show_default="a free one", help="Port of that page.")  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print JSON, once all is measured.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON at the end.")
 def measure(
     source: str, camera: Path | None, calibrations: tuple[Path, ...], mm_per_px: float | None,
     show: str | None, design: str | None, serial: str | None, seed: int, hz: float | None,
     jsonl: bool, follow: float | None, out: Path | None, pictures: bool, view: bool, port: int,
     as_json: bool,
 ) -> None:  # fmt: skip
-    """Measure the images of SOURCE as they come; the first must show the face at rest.
+    """Measure the images of SOURCE; the first must show the face at rest.
 
     SOURCE is the number of a camera, such as 0, its device file or its address; a video; a folder
     of images; a run; or a rig. Of a real rig, such as bench.toml, only the camera is opened; a
     virtual one, virtual or virtual:PROTOCOL, simulates its images. From a camera the newest image
-    is measured, and those that come meanwhile are dropped and counted; otherwise every image is
-    measured. Ctrl-C ends it. Without a camera it measures in pixels, and a skin of markers is
-    recognised by its first image. `schema measured` names what --out keeps.
+    is measured, and those in between are dropped and counted; otherwise every image is measured.
+    Ctrl-C stops it. Without a camera file lengths are in pixels. A skin of markers is recognised in
+    the first image. `schema measured` lists the columns written by --out.
     """
-    # Every BLAS reads it, when numpy is imported. The stages have the cores already.
+    # Read by every BLAS when numpy is imported. The pipeline uses the cores already.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     if pictures and out is None:
-        raise click.UsageError("--pictures: only with --out")
+        raise click.UsageError("--pictures needs --out")
     if jsonl and as_json:
-        raise click.UsageError("--jsonl, --json: one of them, as both write to stdout")
+        raise click.UsageError("give --jsonl or --json, not both: each writes to stdout")
     import cv2
 
     from deltact_fab.present import deliver_results, open_session
 
-    cv2.setNumThreads(1)  # the flow depends on their number, and more bring nothing
+    cv2.setNumThreads(1)  # the flow depends on their number; more are no faster
     if out is not None and out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError(f"{out}: already there; name a new or empty --out folder")
-    # As Ctrl-C, so that what a supervisor ends is kept in good order too.
+        raise InputError(f"--out {out}: must be a new or empty folder")
+    # As Ctrl-C, so that output is complete when a supervisor ends the process.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     session = open_session(
         source, camera, calibrations,

@@ -9,11 +9,11 @@ import click
 from .options import out_folder
 from .output import Answer, answers, columns_of, files_line, progress
 
-CURVES = (
+CURVE_COLUMNS = (
     "engine", "case", "series", "setting", "cpu_s", "cpu_most_s", "wall_s", "compile_s", "peak_mb",
     "error", "unit", "kind", "reference", "reference_error", "times_as_fast", "baseline", "pareto",
 )  # fmt: skip
-CASES = ("engine", "outcome", "case", "expectation", "figure", "bound", "unit")
+CASE_COLUMNS = ("engine", "outcome", "case", "expectation", "figure", "bound", "unit")
 
 
 @click.command(epilog="Example: deltact-fab numerics pattern --quick")
@@ -22,11 +22,10 @@ CASES = ("engine", "outcome", "case", "expectation", "figure", "bound", "unit")
 @out_folder("Folder for a page, JSON and CSV.")
 @answers
 def numerics(engines: tuple[str, ...], quick: bool, out: Path | None) -> Answer:
-    """Error against CPU time, and stability, of the numerical engines.
+    """Measure error against CPU time, and stability, of the numerical engines.
 
-    ENGINE is pattern, flow, gel or measure; the default is all of them. Each time is the best of
-    several runs, with the slowest beside it. Nothing is measured on hardware. Exit code 1 when a
-    row is wrong.
+    ENGINE is pattern, flow, gel or measure; default: all. Each time is the best of several runs,
+    with the slowest beside it. No hardware is used. Exit code 1 if a row is wrong.
     """
     from deltact_fab.common import require_pages
     from deltact_fab.studies import run_engines
@@ -34,12 +33,13 @@ def numerics(engines: tuple[str, ...], quick: bool, out: Path | None) -> Answer:
     if out is not None:
         require_pages()
     with progress("numerics") as report:
-        found = run_engines(engines, quick, report)
+        result = run_engines(engines, quick, report)
     asides = []
-    lines = [*columns_of(CURVES, found.curves), "", *columns_of(CASES, found.stability)]
-    for row in found.wrong:
-        said = row["note"] or f"{row['figure']} over {row['bound']} {row['unit']}"
-        asides.append(f"deltact-fab: wrong: {row['engine']}: {row['case']}: {said}")
+    curves = columns_of(CURVE_COLUMNS, result.curves)
+    lines = [*curves, "", *columns_of(CASE_COLUMNS, result.stability)]
+    for row in result.wrong:
+        reason = row["note"] or f"{row['figure']} over {row['bound']} {row['unit']}"
+        asides.append(f"deltact-fab: wrong: {row['engine']}: {row['case']}: {reason}")
     if out is not None:
-        lines += ["", files_line(found.save(out))]
-    return Answer(found.as_dict(), lines, "" if found.wrong else None, asides)
+        lines += ["", files_line(result.save(out))]
+    return Answer(result.as_dict(), lines, "" if result.wrong else None, asides)

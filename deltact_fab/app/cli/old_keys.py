@@ -1,4 +1,4 @@
-"""JSON keys of 0.3.0 for a check, which stay one version beside those of `Check`."""
+"""JSON keys of 0.3.0 for a check, kept for one version beside those of `Check`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from deltact_fab.common import Check
 
 
 def of_part(check: Check) -> dict[str, Any]:
-    """A row of `cad check`; its limit ends with the remedy."""
+    """Row of `cad check`; its limit ends with the remedy."""
     from deltact_fab.fabricate import shorten_key
 
     unverified = ", ".join(dict.fromkeys(shorten_key(key) for key in check.basis))
@@ -22,7 +22,7 @@ def of_part(check: Check) -> dict[str, Any]:
 
 
 def of_protocol(check: Check) -> dict[str, Any]:
-    """A row of `protocol check`."""
+    """Row of `protocol check`."""
     return {
         "name": check.name, "ok": not check.failed, "what": check.subject, "figure": check.value,
         "bound": check.limit, "where": check.remedy or "; ".join(check.basis),
@@ -31,14 +31,14 @@ def of_protocol(check: Check) -> dict[str, Any]:
 
 
 def of_device(check: Check) -> dict[str, Any]:
-    """A row of `rig check`."""
+    """Row of `rig check`."""
     text = f"{check.value}; {check.remedy}" if check.remedy else check.value
     verdict = {"warn": "WARN", "fail": "FAIL"}.get(check.status, check.status)
     return {"device": check.name, "verdict": verdict, "text": text}
 
 
 def of_image(check: Check) -> dict[str, Any]:
-    """A row of `pattern verify` and `rig accept`."""
+    """Row of `pattern verify` and `rig accept`."""
     return {
         "check": check.name, "found": check.value, "limit": check.limit,
         "passed": not check.failed, "advice": check.remedy,

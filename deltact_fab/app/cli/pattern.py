@@ -16,25 +16,26 @@ from deltact_fab.common import (
     write_new_file,
 )
 
-from .cad import of_design
+from .cad import design_options
 from .group import CommandGroup
-from .options import NAME_OR_PATH, NEW_FILE, PATH, SEED, out_file, out_folder, seed
+from .options import NAME_OR_PATH, NEW_FILE, PATH_TYPE, SEED_TYPE, out_file, out_folder, seed
 from .output import (
     Answer,
     answers,
     columns_of,
-    facts,
+    file_note,
     files_line,
-    judged,
-    listed,
+    grade,
+    listing,
+    pairs,
     progress,
     table,
-    written,
 )
 
-RECIPES = click.argument("recipes", nargs=-1, required=True, metavar="RECIPE...", type=NAME_OR_PATH)
-PRINTER = click.option("--printer", type=PATH, metavar="FILE",
-                       help="The printer as `pattern verify -o` found it.")  # fmt: skip
+RECIPES_ARGUMENT = click.argument("recipes", nargs=-1, required=True, metavar="RECIPE...",
+                                  type=NAME_OR_PATH)  # fmt: skip
+PRINTER_OPTION = click.option("--printer", type=PATH_TYPE, metavar="FILE",
+                       help="Printer file written by `pattern verify -o`.")  # fmt: skip
 
 
 @click.group(cls=CommandGroup)
@@ -48,7 +49,7 @@ def pattern() -> None:
 @pattern.command("list")
 @answers
 def list_() -> Answer:
-    """Recipes that can be named: your own and the shipped ones."""
+    """List recipes: your own and the shipped ones."""
     from deltact_fab.fabricate import load_recipe
 
     rows = []
@@ -57,33 +58,33 @@ def list_() -> Answer:
         scales = r.scales_mm and ", ".join(f"{s:g}" for s in r.scales_mm)
         dots = r.dots and f"{r.dots.columns} x {r.dots.rows}"
         rows.append((name, r.law, r.patch_mm, r.r, r.channels, scales, dots))
-    return listed(("recipe", "law", "d_mm", "r", "channels", "scales_mm", "dots"), rows)
+    return listing(("recipe", "law", "d_mm", "r", "channels", "scales_mm", "dots"), rows)
 
 
 @pattern.command(epilog="Example: deltact-fab pattern new mine --law octave")
 @click.argument("name")
 @click.option("--law", default="algorithm1", metavar="LAW",
-              help="How patches are coloured; `schema pattern` lists the laws.")  # fmt: skip
+              help="Law that colours the patches; `schema pattern` lists them.")  # fmt: skip
 @NEW_FILE
 @answers
 def new(name: str, law: str, out: Path | None) -> Answer:
-    """Write a new recipe with every key that its law takes.
+    """Write a new recipe with every key of its law.
 
-    Above each key stand its meaning and its limits.
+    Each key has a comment with its meaning and limits.
     """
     from ..lab import pattern as write
 
-    return written(write(name, law, out), f"pattern quality {name}")
+    return file_note(write(name, law, out), f"pattern quality {name}")
 
 
 @pattern.command(epilog="Example: deltact-fab pattern make -d 0.15 -r 0.1 --dots -o sticker.png")
 @click.argument("recipe", required=False, type=NAME_OR_PATH)
 @click.option("-d", "patch_mm", type=float, metavar="MM", help="Patch size, instead of a RECIPE.")
 @click.option("-r", "factor", type=float, metavar="R",
-              help="Randomness factor, 0 <= r < 1; goes with -d.")  # fmt: skip
+              help="Randomness factor, 0 <= r < 1; needs -d.")  # fmt: skip
 @click.option("--size", "size_mm", type=float, metavar="MM", show_default="35",
               help="Side of the sticker.")  # fmt: skip
-@click.option("--seed", type=SEED, metavar="N", show_default="the recipe's, or 7",
+@click.option("--seed", type=SEED_TYPE, metavar="N", show_default="the recipe's, or 7",
               help="Seed of the random pattern.")  # fmt: skip
 @click.option("--dots", "with_dots", is_flag=True, help="Add the 13 x 13 white marker dots.")
 @click.option("--dpi", type=float, show_default="near 1200 with dots", metavar="DPI",
@@ -96,9 +97,9 @@ def make(
 ) -> Answer:  # fmt: skip
     """Make a sticker's PNG from a RECIPE, or from -d and -r.
 
-    RECIPE may also be the text of a sheet's QR code and label, in quotes: the same sticker is made
-    again. One image pixel is one patch; with --dpi or marker dots it is one printer dot. The
-    centres of the marker dots are written beside the PNG, as NAME.dots.csv.
+    RECIPE may also be the quoted text of a sheet's QR code or label, to remake that sticker. One
+    image pixel is one patch; with --dpi or marker dots it is one printer dot. The centres of the
+    marker dots are written beside the PNG, as NAME.dots.csv.
     """
     from deltact_fab.fabricate import choose_recipe, read_code
     from deltact_fab.fabricate import make_pattern as make_file
@@ -106,13 +107,13 @@ def make(
     coded = None if recipe is None else read_code(recipe)
     if coded is not None:
         if (patch_mm, factor, size_mm, seed, with_dots) != (None, None, None, None, False):
-            raise click.UsageError("a sheet's code says all of a sticker; only --dpi goes with it")
-        made = make_file(coded, out, dpi, check_view=False)
+            raise click.UsageError("with a sheet's code, only --dpi may be given")
+        sticker = make_file(coded, out, dpi, check_view=False)
     else:
         chosen = choose_recipe(recipe, patch_mm, factor, size_mm, seed, with_dots)
-        made = make_file(chosen, out, dpi)
-    data = made.as_dict()
-    return Answer(data, table(("key", "value"), facts(data)))
+        sticker = make_file(chosen, out, dpi)
+    data = sticker.as_dict()
+    return Answer(data, table(("key", "value"), pairs(data)))
 
 
 @pattern.command(epilog="Example: deltact-fab pattern show sticker.png")
@@ -123,18 +124,18 @@ def show(recipe: str) -> Answer:
     from deltact_fab.fabricate import load_recipe, read_code, read_recipe
 
     if recipe.lower().endswith(".png"):
-        found = read_recipe(Path(recipe))
+        loaded = read_recipe(Path(recipe))
     else:
-        found = read_code(recipe) or load_recipe(recipe)
-    data = found.model_dump(exclude_none=True)
-    told = {**data, "n": found.n, "printed_mm": found.printed_mm}
-    return Answer(data, table(("key", "value"), facts(told)))
+        loaded = read_code(recipe) or load_recipe(recipe)
+    data = loaded.model_dump(exclude_none=True)
+    values = {**data, "n": loaded.n, "printed_mm": loaded.printed_mm}
+    return Answer(data, table(("key", "value"), pairs(values)))
 
 
 @pattern.command(epilog="Example: deltact-fab pattern quality dense octave")
-@RECIPES
+@RECIPES_ARGUMENT
 @click.option("--dpi", type=int, default=1200, metavar="DPI", help="Resolution of the printer.")
-@PRINTER
+@PRINTER_OPTION
 @click.option("--mm-per-px", type=float, default=0.0378, metavar="MM",
               help="Size of a camera pixel on the resting face.")  # fmt: skip
 @seed("Seed of halftone and noise.")
@@ -142,7 +143,7 @@ def show(recipe: str) -> Answer:
 def quality(
     recipes: tuple[str, ...], dpi: int, printer: Path | None, mm_per_px: float, seed: int
 ) -> Answer:
-    """Figures of merit of each RECIPE, as designed and as printed and photographed (simulated)."""
+    """Compute figures of merit of each RECIPE, as designed and as photographed (simulated)."""
     from deltact_fab.fabricate import load_recipe, measure_quality
     from deltact_fab.sensor import Printer
 
@@ -151,48 +152,48 @@ def quality(
     if printer is not None:
         from deltact_fab.fabricate import load_printer
 
-        own = load_printer(printer)
-        model = Printer(dpi, spread_um=own.spread_um, misregistration_um=own.misregistration_um)
-    found = []
+        fit = load_printer(printer)
+        model = Printer(dpi, spread_um=fit.spread_um, misregistration_um=fit.misregistration_um)
+    merits = []
     with progress("pattern quality") as tell:
-        for done, (name, recipe) in enumerate(chosen):
-            tell(done, len(chosen), name)
-            found.append((name, measure_quality(recipe, model, None, mm_per_px, seed)))
+        for index, (name, recipe) in enumerate(chosen):
+            tell(index, len(chosen), name)
+            merits.append((name, measure_quality(recipe, model, None, mm_per_px, seed)))
     figures = ("mean_gradient", "sssig", "contrast", "peak", "peak_mm")
     rows = [
         (name, when, *(getattr(f, key) for key in figures))
-        for name, q in found
+        for name, q in merits
         for when, f in (("designed", q.designed), ("photographed", q.photographed))
     ]
-    kept = ("dots_a_patch", "print_contrast", "printable", "px_a_patch", "camera_contrast", "seen")
-    seen = table(("recipe", *kept), [(n, *(getattr(q, key) for key in kept)) for n, q in found])
-    told = (
+    keys = ("dots_a_patch", "print_contrast", "printable", "px_a_patch", "camera_contrast", "seen")
+    body = table(("recipe", *keys), [(n, *(getattr(q, key) for key in keys)) for n, q in merits])
+    note = (
         f"photographed: simulated at {dpi} dpi and {mm_per_px:g} mm/px, seed {seed}; values of "
         f"{'printer and camera' if printer is None else 'the camera'} are assumed"
     )
-    data = [{"recipe": name, "simulated": True, **asdict(q)} for name, q in found]
-    return Answer(data, [*table(("recipe", "", *figures), rows), "", *seen, "", told])
+    data = [{"recipe": name, "simulated": True, **asdict(q)} for name, q in merits]
+    return Answer(data, [*table(("recipe", "", *figures), rows), "", *body, "", note])
 
 
-TRANSFER = click.option(
+TRANSFER_OPTION = click.option(
     "--transfer", type=click.Choice(("face-down", "slide")), default="face-down",
-    help="Which side faces the gel: the ink, or the film (mirrored).",
+    help="Side towards the gel: face-down, the ink; slide, the film (mirrored)."
 )  # fmt: skip
 SCALE_X, SCALE_Y = (
     click.option(f"--scale-{axis}", type=float, metavar="FACTOR", show_default="1",
-                 help=f"100 mm divided by what the printed ruler in {axis} measures.")
+                 help=f"100 mm divided by the measured length of the printed {axis} ruler.")
     for axis in "xy"
 )  # fmt: skip
 
 
-def _scales(
+def _choose_scales(
     x: float | None, y: float | None, otherwise: tuple[float, float]
 ) -> tuple[float, float]:
-    """The scales that are given, else the others."""
+    """Return the given scales, else the defaults."""
     return (otherwise[0] if x is None else x, otherwise[1] if y is None else y)
 
 
-PAPER = click.option(
+PAPER_OPTION = click.option(
     "--paper", default="A4", metavar="SIZE", help="A2, A3, A4, A5, SRA3, Letter, Legal or Tabloid.",
 )  # fmt: skip
 
@@ -200,15 +201,15 @@ PAPER = click.option(
 @pattern.command(
     epilog="Example: deltact-fab pattern sheet dense-with-dots --copies 4 -o sheet.pdf"
 )
-@RECIPES
-@PAPER
-@TRANSFER
-@of_design
+@RECIPES_ARGUMENT
+@PAPER_OPTION
+@TRANSFER_OPTION
+@design_options
 @click.option("--dpi", type=float, default=1200.0, metavar="DPI", help="Resolution of the printer.")
 @click.option("--copies", type=int, default=1, metavar="N", help="Copies of each sticker.")
 @SCALE_X
 @SCALE_Y
-@PRINTER
+@PRINTER_OPTION
 @out_file("PDF to write.", required=True)
 @answers
 def sheet(
@@ -218,7 +219,7 @@ def sheet(
 ) -> Answer:  # fmt: skip
     """Write a sheet to print: each RECIPE at its exact size, with cut marks, rulers and QR code.
 
-    Around each sticker is the margin of film that the design's skin needs; cut as the guide says.
+    Each sticker has the film margin of the design's skin around it; cut as the guide shows.
     """
     from deltact_fab.fabricate import load_design, load_recipe, write_sheet
 
@@ -226,87 +227,87 @@ def sheet(
     if printer is not None:
         from deltact_fab.fabricate import load_printer
 
-        known = load_printer(printer)
-        scale = known.scale_x, known.scale_y
+        profile = load_printer(printer)
+        scale = profile.scale_x, profile.scale_y
     chosen = [load_recipe(name) for name in recipes]
-    sensor = load_design(design, changes)  # its film and view; `cad check` judges the parts
-    # For no design that was named a small sticker is a trial print.
+    sensor = load_design(design, changes)  # film and view only; `cad check` checks the parts
+    # Without an explicit design, a small sticker is a trial print.
     source = click.get_current_context().get_parameter_source("design")
-    named = bool(changes) or source is not click.core.ParameterSource.DEFAULT
+    explicit = bool(changes) or source is not click.core.ParameterSource.DEFAULT
     for name, recipe in zip(recipes, chosen, strict=True):
-        beyond = sensor.optics.beyond(recipe.printed_mm) if named else None
-        if beyond is not None:
-            raise InputError(f"{name}: size_mm: {beyond} by --design {design}")
+        excess = sensor.optics.beyond(recipe.printed_mm) if explicit else None
+        if excess is not None:
+            raise InputError(f"{name}: size_mm: {excess} by --design {design}")
     with progress("pattern sheet") as tell:
-        done = write_sheet(
+        result = write_sheet(
             chosen, out, paper=paper, dpi=dpi, transfer=transfer, copies=copies,
-            scale=_scales(scale_x, scale_y, scale), sensor=sensor,
+            scale=_choose_scales(scale_x, scale_y, scale), sensor=sensor,
             progress=tell,
         )  # fmt: skip
-    data = done.as_dict()
-    told = table(("key", "value"), facts({**data, "stickers": None, "codes": None}))
+    data = result.as_dict()
+    lines = table(("key", "value"), pairs({**data, "stickers": None, "codes": None}))
     columns = ("dots_per_patch", "side_mm", "file_side_mm", "print_error_mm", "code")
     kinds = columns_of(columns, {s["code"]: s for s in data["stickers"]}.values())
-    return Answer(data, [*told, "", *kinds])
+    return Answer(data, [*lines, "", *kinds])
 
 
 @pattern.command(epilog="Example: deltact-fab pattern verify scan.png dense -o my-printer.toml")
-@click.argument("scan", type=PATH)
+@click.argument("scan", type=PATH_TYPE)
 @click.argument("recipe", type=NAME_OR_PATH)
 @click.option("--dpi", type=float, metavar="DPI", show_default="the file's",
               help="Resolution of the scan.")  # fmt: skip
-@TRANSFER
+@TRANSFER_OPTION
 @SCALE_X
 @SCALE_Y
-@out_file("Write what the print tells of its printer, for the next sheet and `pattern quality`.")
+@out_file("Printer file to write, for `pattern sheet` and `pattern quality`.")
 @answers
 def verify(
     scan: Path, recipe: str, dpi: float | None, transfer: str, scale_x: float | None,
     scale_y: float | None, out: Path | None,
 ) -> Answer:  # fmt: skip
-    """Hold SCAN, a scan or photograph of a print, against its RECIPE.
+    """Compare SCAN, a scan or photograph of a print, with its RECIPE.
 
-    RECIPE may also be the text of the sheet's QR code. --transfer and the scales are those that the
-    sheet was written with. A photograph, which has no dpi, tells no scale. Exit code 1 when a row
-    fails.
+    RECIPE may also be the text of the sheet's QR code. Give --transfer and the scales that the
+    sheet was written with. Scale cannot be checked without a dpi, as in a photograph. Exit code 1
+    if a row fails.
     """
     from deltact_fab.fabricate import load_recipe, read_code
     from deltact_fab.fabricate import verify_print as judge
 
-    asked = read_code(recipe) or load_recipe(recipe)
-    scaled = _scales(scale_x, scale_y, (1.0, 1.0))
-    done = judge(scan, asked, dpi, transfer == "slide", scaled)
+    expected = read_code(recipe) or load_recipe(recipe)
+    scale = _choose_scales(scale_x, scale_y, (1.0, 1.0))
+    result = judge(scan, expected, dpi, transfer == "slide", scale)
     if out is None:
-        return judged(str(scan), done, "right")
-    write_new_file(out, toml_text(asdict(done.printer())))
-    return judged(str(scan), done, "right", "", f"written: {out}; pattern sheet --printer {out}")
+        return grade(str(scan), result, "OK")
+    write_new_file(out, toml_text(asdict(result.printer())))
+    return grade(str(scan), result, "OK", "", f"written: {out}; pattern sheet --printer {out}")
 
 
 @pattern.command()
 @out_folder("New folder to write.", required=True)
 @seed("Seed of every pattern.", 7)
-@PAPER
-@TRANSFER
+@PAPER_OPTION
+@TRANSFER_OPTION
 @click.option("--dpi", type=int, default=1200, metavar="DPI", help="Resolution of the printer.")
 @answers
 def series(
     out: Path, seed: int, paper: str, dpi: int, transfer: Literal["face-down", "slide"]
 ) -> Answer:
-    """Write the 17 patterns that the paper compares: recipes, sheets to print, quality, a page."""
+    """Write the 17 patterns that the paper compares: recipes, sheets, quality, a page."""
     from deltact_fab.common import require_pages
     from deltact_fab.fabricate import write_series
     from deltact_fab.present import write_patterns_page
 
     page, asides = None, []
-    try:  # before a series is made, not after
+    try:  # check before the series is made
         require_pages()
         page = write_patterns_page
-    except MissingLibrary as why:
-        asides = [f"no page: {why}"]
+    except MissingLibrary as error:
+        asides = [f"no page: {error}"]
     with progress("pattern series") as tell:
-        done = write_series(
+        result = write_series(
             out, seed=seed, dpi=dpi, paper=paper, transfer=transfer, page=page, progress=tell,
         )  # fmt: skip
-    data = done.as_dict()
-    told = table(("key", "value"), facts({**done.figures, "patterns": None}))
-    return Answer(data, [*told, files_line(done.files)], asides=asides)
+    data = result.as_dict()
+    lines = table(("key", "value"), pairs({**result.figures, "patterns": None}))
+    return Answer(data, [*lines, files_line(result.files)], asides=asides)

@@ -13,33 +13,33 @@ from deltact_fab.common import catalogue_names, find_file, format_duration, read
 
 from .group import CommandGroup
 from .old_keys import of_protocol
-from .options import NAME_OR_PATH, NEW_FILE, RIG, out_folder
-from .output import Answer, answers, check_lines, columns_of, listed, progress, written
+from .options import NAME_OR_PATH, NEW_FILE, RIG_OPTION, out_folder
+from .output import Answer, answers, check_lines, columns_of, file_note, listing, progress
 
 PAPER_REMARK = (
-    "the paper's own depth of 10 mm means about 271 N (expected, at 0.56 MPa and friction 0.5) "
-    "with a sphere of 15 mm"
+    "the paper's depth of 10 mm needs about 271 N with a sphere of 15 mm (predicted, at 0.56 MPa "
+    "and friction 0.5)"
 )
 
 
 @click.group(cls=CommandGroup)
 def protocol() -> None:
-    """Indentation experiments: write, check, look at.
+    """Indentation experiments: write, check, show.
 
     A PROTOCOL is a name of `protocol list` or a path.
     """
 
 
-PROTOCOL = click.argument("name", metavar="PROTOCOL", type=NAME_OR_PATH)
+PROTOCOL_ARGUMENT = click.argument("name", metavar="PROTOCOL", type=NAME_OR_PATH)
 
 
 @protocol.command("list")
 @answers
 def list_() -> Answer:
-    """Protocols that can be named: your own and the shipped ones."""
+    """List protocols: your own and the shipped ones."""
     names = catalogue_names("protocols")
     rows = [(n, read_toml(find_file("protocols", n)).get("description", "")) for n in names]
-    return listed(("protocol", "description"), rows)
+    return listing(("protocol", "description"), rows)
 
 
 @protocol.command(epilog="Example: deltact-fab protocol new mine --from smoke")
@@ -51,44 +51,44 @@ def list_() -> Answer:
 def new(name: str, source: str, out: Path | None) -> Answer:
     """Write a new protocol with every key explained.
 
-    Its values are those of another one; `protocol check NAME` then finds it by its name.
+    Its values are those of --from; `protocol check NAME` then finds it by name.
     """
     from ..lab import protocol as write
 
-    return written(write(name, source, out), f"protocol check {name}")
+    return file_note(write(name, source, out), f"protocol check {name}")
 
 
 @protocol.command(epilog="Example: deltact-fab protocol check smoke --rig virtual")
-@PROTOCOL
-@RIG
-@click.option("--air", is_flag=True, help="As for `run --air`: nothing is touched.")
-@click.option("--unattended", is_flag=True, help="As for `run --unattended`: nobody is there.")
-@out_folder("As for `run --out`: checks that its disk has room.", default=Path(),
+@PROTOCOL_ARGUMENT
+@RIG_OPTION
+@click.option("--air", is_flag=True, help="As for `run --air`: touch nothing.")
+@click.option("--unattended", is_flag=True, help="As for `run --unattended`: no prompts.")
+@out_folder("As for `run --out`: check its disk space.", default=Path(),
             show_default="here")  # fmt: skip
 @answers
 def check(name: str, rig_name: str, air: bool, unattended: bool, out: Path) -> Answer:
-    """Check that `run` would start; exit code 1 when it would refuse.
+    """Check whether `run` would start; exit code 1 if not.
 
-    For a real rig, peak forces that are not known yet are solved once, which takes minutes.
+    For a real rig, missing peak forces are solved once, which takes minutes.
     """
     from deltact_fab.simulate import RunRequest
 
     with progress("check") as report:
-        asked = RunRequest(name, rig_name, out, progress=report, air=air, unattended=unattended)
-        rows = asked.checks()
+        request = RunRequest(name, rig_name, out, progress=report, air=air, unattended=unattended)
+        rows = request.checks()
     data = [{**row.as_dict(), **of_protocol(row)} for row in rows]
     return Answer(data, check_lines(rows), "" if any(row.failed for row in rows) else None)
 
 
 @protocol.command()
-@PROTOCOL
-@RIG
-@click.option("--forces", is_flag=True, help="Solve peak forces that are not known yet (minutes).")
+@PROTOCOL_ARGUMENT
+@RIG_OPTION
+@click.option("--forces", is_flag=True, help="Solve missing peak forces (minutes).")
 @answers
 def show(name: str, rig_name: str, forces: bool) -> Answer:
     """Show the steps, frames, time, disk space and peak forces of PROTOCOL.
 
-    Peak forces of deep presses take a solve at finite strain, done once, with --forces.
+    Peak forces of deep presses need a solve at finite strain, done once with --forces.
     """
     from deltact_fab.simulate import RunRequest
 
@@ -112,22 +112,22 @@ def show(name: str, rig_name: str, forces: bool) -> Answer:
         f"specimen: design {specimen.design}, pattern {specimen.pattern}{serial}\n",
         *columns_of(("id", "kind", "target_mm", "feed_mm_min", "frames"), data["steps"]),
         f"\n{estimate.steps} steps, {estimate.presses} presses, {estimate.frames} frames "
-        f"({estimate.settled} settled, up to {estimate.between_frames_mm:.2g} mm of the tip's way "
-        f"between two), {format_duration(estimate.seconds)} of motion and settling, "
+        f"({estimate.settled} settled; tip moves at most {estimate.between_frames_mm:.2g} mm "
+        f"between frames), {format_duration(estimate.seconds)} of motion and settling, "
         f"about {estimate.disk_mb:.0f} MB",
     ]
     if peaks is None or findings is None:
         lines.append("peak forces: --forces solves the deep presses, once (minutes)")
         return Answer(data, [*lines, PAPER_REMARK])
-    return Answer(data, [*lines, *_peaks(peaks, findings)])
+    return Answer(data, [*lines, *_peak_lines(peaks, findings)])
 
 
-def _peaks(peaks: Sequence[dict[str, Any]], findings: Sequence[str]) -> Iterator[str]:
-    """Each peak, then what the rig says to them."""
+def _peak_lines(peaks: Sequence[dict[str, Any]], findings: Sequence[str]) -> Iterator[str]:
+    """Format the peaks, then the rig's findings."""
     loads = ("normal_n", "normal_high_n", "tangential_n", "tangential_high_n")
-    yield "\npeak forces, expected and (high) with the gel's modulus twice as high:"
+    yield "\npeak forces: predicted, and (high) for twice the gel's modulus:"
     names = ("indenter", "position", "depth_mm", *loads, "level")
     yield from columns_of(names, peaks)
     for reason in dict.fromkeys(f"{p['indenter']}: {p['reason']}" for p in peaks if p["reason"]):
         yield f"upper estimate, {reason}"
-    yield from (f"over: {line}" for line in findings)
+    yield from (f"over limit: {line}" for line in findings)

@@ -6,22 +6,22 @@ from pathlib import Path
 
 import click
 
-from .options import PATH, checked, out_file
-from .output import Answer, answers, progress, written
+from .options import PATH_TYPE, out_file, require_writable
+from .output import Answer, answers, file_note, progress
 
 
 @click.command(epilog="Example: deltact-fab report smoke-run -o smoke.html")
-@click.argument("run", type=PATH)
+@click.argument("run", type=PATH_TYPE)
 @out_file("Page to write.", show_default="report.html in RUN, or index.html in a folder of runs")
-@click.option("--calibration", "calibrations", multiple=True, type=PATH, metavar="FILE",
+@click.option("--calibration", "calibrations", multiple=True, type=PATH_TYPE, metavar="FILE",
               show_default="those in RUN/analysis",
               help="Calibration of force or depth; repeatable.")  # fmt: skip
 @answers
 def report(run: Path, out: Path | None, calibrations: tuple[Path, ...]) -> Answer:
-    """Write one offline page about RUN, after its tracking analysis where that is missing.
+    """Write one offline page about RUN, after a tracking analysis if there is none.
 
-    Of a folder with runs and studies below it, the page lists them all; unfinished and damaged
-    ones are marked.
+    For a folder of runs and studies, the page lists them all; unfinished and damaged ones are
+    marked.
     """
     from deltact_fab.bench import open_run
     from deltact_fab.common import require_pages
@@ -35,12 +35,12 @@ def report(run: Path, out: Path | None, calibrations: tuple[Path, ...]) -> Answe
 
     require_pages()
     if is_index_above(run):
-        return written(write_index(run, out or checked(run / "index.html")))
-    opened = open_run(run)
-    page = out or checked(run / "report.html")
-    if opened.imported:
-        return written(write_imported_page(opened, page))
-    folder, files = run / "analysis", find_calibrations(opened, calibrations)
+        return file_note(write_index(run, out or require_writable(run / "index.html")))
+    recording = open_run(run)
+    page = out or require_writable(run / "report.html")
+    if recording.imported:
+        return file_note(write_imported_page(recording, page))
+    folder, files = run / "analysis", find_calibrations(recording, calibrations)
     if (folder / "tracking.json").is_file():
         result = TrackingResult.load(folder)
     else:
@@ -48,5 +48,5 @@ def report(run: Path, out: Path | None, calibrations: tuple[Path, ...]) -> Answe
             result = analyse_tracking(run, progress=bar)
         result.save(folder)
     with progress("shape and force") as bar:
-        found = measure_run(opened, files, bar)
-    return written(write_run_page(run, page, result, found))
+        measurement = measure_run(recording, files, bar)
+    return file_note(write_run_page(run, page, result, measurement))

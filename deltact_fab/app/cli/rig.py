@@ -15,11 +15,11 @@ from . import rig_stage
 from .group import CommandGroup
 from .old_keys import of_device
 from .options import (
-    DESIGN,
-    JSON,
+    DESIGN_OPTION,
+    JSON_OPTION,
     NAME_OR_PATH,
     NEW_FILE,
-    PATH,
+    PATH_TYPE,
     TIP_IS_CLEAR,
     Finite,
     Point,
@@ -27,23 +27,23 @@ from .options import (
     out_folder,
     seed,
 )
-from .output import Answer, answers, check_lines, echo_json, facts, judged, listed, progress, table
+from .output import Answer, answers, check_lines, echo_json, grade, listing, pairs, progress, table
 
-RIG = click.argument("name", metavar="RIG", type=NAME_OR_PATH)
+RIG_ARGUMENT = click.argument("name", metavar="RIG", type=NAME_OR_PATH)
 
 
 @click.group(cls=CommandGroup)
 def rig() -> None:
-    """Benches: describe and check one, drive its stage by hand, photograph boards.
+    """Benches: describe, check, move the stage by hand, photograph boards.
 
-    A RIG is a name of `rig list` or a path. A `virtual` one is simulated, a `grbl` one is real.
+    A RIG is a name of `rig list` or a path. A `virtual` rig is simulated, a `grbl` rig is real.
     """
 
 
 @rig.command("list")
 @answers
 def list_() -> Answer:
-    """Rigs that can be named: your own and the shipped ones."""
+    """List rigs: your own and the shipped ones."""
     from deltact_fab.bench import load_rig
 
     rows = []
@@ -51,35 +51,32 @@ def list_() -> Answer:
         bench = load_rig(name)[0]
         camera = ["camera"] if bench.camera is not None or bench.kind == "virtual" else []
         rows.append((name, bench.kind, camera + (["force"] if bench.force is not None else [])))
-    return listed(("rig", "kind", "measures"), rows)
+    return listing(("rig", "kind", "measures"), rows)
 
 
 @rig.command()
-@RIG
+@RIG_ARGUMENT
 @answers
 def show(name: str) -> Answer:
-    """Show the settings of RIG, with the defaults filled in.
-
-    Nothing is opened.
-    """
+    """Show the settings of RIG, including defaults; no device is opened."""
     from deltact_fab.bench import load_rig
 
     rig_config, path = load_rig(name)
     data = rig_config.model_dump(mode="json")
-    return Answer(data, [f"{name} ({path.name})\n", *table(("key", "value"), facts(data))])
+    return Answer(data, [f"{name} ({path.name})\n", *table(("key", "value"), pairs(data))])
 
 
 @rig.command(epilog="Example: deltact-fab rig photograph fisheye --board skin --out photos")
-@RIG
+@RIG_ARGUMENT
 @click.option("--board", metavar="skin|NXxNYxMM",
               help="Board on the face of a virtual rig's sensor.")  # fmt: skip
 @click.option("--contact", default=5, metavar="N",
-              help="Images with the board on the face; of a skin, one.")  # fmt: skip
+              help="Images with the board on the face; one for a skin.")  # fmt: skip
 @click.option("--air", default=0, metavar="N",
               help="Images with the board in the air beyond the face.")  # fmt: skip
 @click.option("--air-board", metavar="NXxNYxMM", show_default="as --board",
               help="Board in the air.")  # fmt: skip
-@DESIGN
+@DESIGN_OPTION
 @seed("Seed of places, tilts and noise.")
 @out_folder("New folder for the images.", required=True)
 @answers
@@ -89,8 +86,8 @@ def photograph(
 ) -> Answer:  # fmt: skip
     """Photograph boards with the camera of RIG, for `calibrate lens`.
 
-    A real rig waits for Enter before each of the --contact images, where there is a terminal, and
-    puts them into DIR/contact. A virtual rig photographs through its true lens: --board skin is the
+    A real rig waits for Enter before each of the --contact images, if there is a terminal, and
+    writes them to DIR/contact. A virtual rig photographs through its true lens: --board skin is the
     shipped chessboard skin, --board 9x7x3 a board of 9 x 7 squares of 3 mm wetted onto the face.
     DIR gets contact/, air/, a blank frame for the flat field, and truth/.
     """
@@ -98,7 +95,7 @@ def photograph(
     from deltact_fab.fabricate import load_design
     from deltact_fab.simulate import take_photographs
 
-    from .calibrate import board_named
+    from .calibrate import parse_board
 
     bench, path = load_rig(name)
     if isinstance(bench, GrblConfig):
@@ -110,24 +107,22 @@ def photograph(
                              show_default=False, err=True)  # fmt: skip
 
         if bench.camera is None:
-            raise InputError(f"{path}: camera: missing table; without one there is no image")
-        taken = by_camera(bench.camera, path.parent, out, contact, ask)
-        paths = [str(file) for file in taken]
+            raise InputError(f"{path}: camera: missing table")
+        images = by_camera(bench.camera, path.parent, out, contact, ask)
+        paths = [str(file) for file in images]
         return Answer({"simulated": False, "files": paths}, paths)
     if bench.virtual.lens is None:
-        raise InputError(f"{path}: a virtual rig with [virtual.lens] is needed, as fisheye")
+        raise InputError(f"{path}: needs [virtual.lens], such as the rig fisheye")
     if board is None:
-        raise click.UsageError(
-            "--board: missing; a virtual rig needs to know what lies on the face"
-        )
-    held = None if air_board is None else board_named(air_board, "--air-board")
+        raise click.UsageError("--board: missing; a virtual rig needs the board on the face")
+    board_in_air = None if air_board is None else parse_board(air_board, "--air-board")
     files = take_photographs(
-        bench, load_design(design), board_named(board, "--board"), out, contact=contact, air=air,
-        air_board=held, seed=seed,
+        bench, load_design(design), parse_board(board, "--board"), out, contact=contact, air=air,
+        air_board=board_in_air, seed=seed
     )  # fmt: skip
     paths = [str(file) for file in files]
-    told = f"simulated, seed {seed}; the true lens is in {out / 'truth'}"
-    return Answer({"simulated": True, "seed": seed, "files": paths}, [*paths, told])
+    note = f"simulated, seed {seed}; the true lens is in {out / 'truth'}"
+    return Answer({"simulated": True, "seed": seed, "files": paths}, [*paths, note])
 
 
 @rig.command(epilog="Example: deltact-fab rig new bench")
@@ -137,40 +132,40 @@ def photograph(
 def new(name: str, out: Path | None) -> Answer:
     """Write a new rig file with the serial ports and cameras of this computer.
 
-    Nothing is opened, and nothing is asked. Then fill in what the file lists under MEASURE, and
-    test it with `rig check NAME`.
+    No device is opened. Fill in the values that the file marks with MEASURE, then test it with
+    `rig check NAME`.
     """
     from ..lab import rig as write
 
-    file, found = write(name, out)
+    file, by_kind = write(name, out)
     lines = [
-        f"{what}: {', '.join(one.name for one in devices) or 'none was found'}"
-        for what, devices in found.items()
+        f"{kind}: {', '.join(d.name for d in devices) or 'none found'}"
+        for kind, devices in by_kind.items()
     ]
     then = f"`deltact-fab rig check {name if out is None else out}`"
-    lines.append(f"{file}: written; fill in what it lists under MEASURE, then {then}")
-    data = {what: [asdict(device) for device in devices] for what, devices in found.items()}
+    lines.append(f"written: {file}; fill in the values marked MEASURE, then run {then}")
+    data = {kind: [asdict(device) for device in devices] for kind, devices in by_kind.items()}
     return Answer({"file": str(file), **data}, lines)
 
 
 @rig.command(epilog="Example: deltact-fab rig simulate grbl-bench --out bench")
-@RIG
-@DESIGN
+@RIG_ARGUMENT
+@DESIGN_OPTION
 @click.option("--pattern", "recipe", type=NAME_OR_PATH, default="dense-with-dots",
-              metavar="RECIPE", help="Of the face.")  # fmt: skip
-@click.option("--indenter", default="sphere:10", metavar="NAME", help="The one that is mounted.")
+              metavar="RECIPE", help="Pattern of the face.")  # fmt: skip
+@click.option("--indenter", default="sphere:10", metavar="NAME", help="Mounted indenter.")
 @seed("Seed of noise.")
 @out_folder("New folder for its rig file and its images.", required=True)
-@JSON
+@JSON_OPTION
 def simulate(
     name: str, design: str, recipe: str, indenter: str, seed: int, out: Path, as_json: bool
 ) -> None:
-    """Serve the devices of RIG on this computer's own wires until Ctrl-C.
+    """Simulate the devices of RIG on this computer's interfaces until Ctrl-C.
 
-    DIR/rig.toml names them: a controller behind a terminal, a force sensor behind sockets, a camera
-    as a command. Every command that takes a real rig takes it, from another terminal. A tip that
-    goes into the gel is felt and not seen. `[virtual.mount]` of a virtual RIG puts the face
-    elsewhere. The controller homes and jogs, as this program has it; it runs no program.
+    DIR/rig.toml names them: a controller on a pseudo-terminal, a force sensor on sockets, a camera
+    as a command. Use it like a real rig from another terminal. A tip in the gel changes the force,
+    but not the images. `[virtual.mount]` of a virtual RIG moves the face. The controller homes and
+    jogs; it does not run a G-code program.
     """
     from deltact_fab.bench import load_rig
     from deltact_fab.fabricate import load_design, load_recipe
@@ -187,14 +182,14 @@ def simulate(
 
 
 @rig.command()
-@RIG
+@RIG_ARGUMENT
 @click.option("--seconds", type=Finite(0.1, 60), default=2.0, metavar="S",
-              help="How long to watch each device.")  # fmt: skip
+              help="Time to observe each device.")  # fmt: skip
 @answers
 def check(name: str, seconds: float) -> Answer:
-    """Talk to each device of RIG and say what is wrong and how to put it right.
+    """Test the connection to each device of RIG and report faults with their remedies.
 
-    Nothing moves. Nothing may touch the sensor, as its force is zeroed. Exit code 1 when a line
+    Nothing moves. Nothing may touch the sensor, as its force is zeroed. Exit code 1 if a line
     says FAIL.
     """
     from deltact_fab.bench import GrblConfig, load_rig
@@ -202,43 +197,43 @@ def check(name: str, seconds: float) -> Answer:
 
     bench, path = load_rig(name)
     if not isinstance(bench, GrblConfig):
-        raise InputError(f"{path}: kind: 'virtual' has no device to talk to; expected a 'grbl' rig")
+        raise InputError(f"{path}: kind: 'virtual' has no devices; expected a 'grbl' rig")
     with progress("rig check"):
         rows = list(look(bench, path.parent, seconds))
     failed = sum(row.failed for row in rows)
-    told = f"{path}: {f'{failed} to put right' if failed else 'ready'}"
+    summary = f"{path}: {f'faults: {failed}' if failed else 'ready'}"
     data = {
         "rig": str(path), "ok": not failed, "checks": [row.as_dict() for row in rows],
         "rows": [of_device(row) for row in rows],
     }  # fmt: skip
-    return Answer(data, [*check_lines(rows), told], "" if failed else None)
+    return Answer(data, [*check_lines(rows), summary], "" if failed else None)
 
 
 @rig.command(epilog="Example: deltact-fab rig accept 0 dense --serial A1")
 @click.argument("source", type=NAME_OR_PATH)
 @click.argument("recipe", required=False, type=NAME_OR_PATH)
-@click.option("--serial", metavar="TEXT", help="Serial number, under which it is kept.")
-@click.option("--camera", type=PATH, metavar="FILE", show_default="the design's lens",
+@click.option("--serial", metavar="TEXT", help="Serial number, used as file name.")
+@click.option("--camera", type=PATH_TYPE, metavar="FILE", show_default="the design's lens",
               help="Camera file made by `calibrate lens`.")  # fmt: skip
 @click.option("--design", type=NAME_OR_PATH, metavar="DESIGN", help="Design of the sensor.")
 @click.option("--frames", type=click.IntRange(1, 10000), default=100,
-              metavar="N", help="Images at rest to look at.")  # fmt: skip
-@click.option("--step", type=PATH, metavar="RUN",
+              metavar="N", help="Number of images at rest.")  # fmt: skip
+@click.option("--step", type=PATH_TYPE, metavar="RUN",
               help="Run of the protocol known-step on this sensor.")  # fmt: skip
 @out_file("PNG of the face to write, marked.", "picture", "--picture")
 @seed("Seed of a virtual rig.")
-@out_file("Where to keep it.", show_default="sensors/SERIAL.toml")
+@out_file("Acceptance file to write.", show_default="sensors/SERIAL.toml")
 @answers
 def accept(
     source: str, recipe: str | None, serial: str | None, camera: Path | None, design: str | None,
     frames: int, step: Path | None, picture: Path | None, seed: int, out: Path | None,
 ) -> Answer:  # fmt: skip
-    """Hold a finished sensor against its design, before anything presses on it.
+    """Check a finished sensor against its design before the first press.
 
-    SOURCE is what `measure` takes: a camera, a video, a folder of images, a run or a rig; nothing
-    may touch the face. RECIPE is that of its pattern, where the source does not know. What is
-    accepted is kept with an image of the face at rest, and `measure --serial` tells from then on
-    what has changed. Exit code 1 when a row fails.
+    SOURCE is as for `measure`: a camera, a video, a folder of images, a run or a rig; nothing may
+    touch the face. RECIPE is its pattern, if the source does not state it. The result is saved
+    with an image of the face at rest, and `measure --serial` then reports changes. Exit code 1 if
+    a row fails.
     """
     from deltact_fab.fabricate import PatternRecipe, load_design, load_recipe
     from deltact_fab.present import accept_sensor, acceptance_file, check_known_step, open_source
@@ -246,72 +241,72 @@ def accept(
     if out is None and serial is not None:
         out = acceptance_file(serial)
     if out is not None and out.exists():
-        raise InputError(f"{out}: already there; name another file with -o, or remove it")
+        raise InputError(f"{out}: already exists; name another file with -o, or remove it")
     steps = [] if step is None else check_known_step(step)
-    opened = open_source(source, camera, design, serial, seed, rest_only=True)
+    images = open_source(source, camera, design, serial, seed, rest_only=True)
     try:
-        known = opened.known
-        if recipe is None and known.recipe is None:
+        model = images.known
+        if recipe is None and model.recipe is None:
             raise InputError("RECIPE: missing; a name of `pattern list` or a recipe's file")
-        asked = load_recipe(recipe) if recipe else validate(PatternRecipe, known.recipe, source)
-        done = accept_sensor(opened, asked, load_design(known.design or "deltact"), frames)
+        expected = load_recipe(recipe) if recipe else validate(PatternRecipe, model.recipe, source)
+        result = accept_sensor(images, expected, load_design(model.design or "deltact"), frames)
     finally:
-        opened.close()
-    done = replace(done, rows=(*done.rows, *steps))
+        images.close()
+    result = replace(result, rows=(*result.rows, *steps))
     if picture is not None:
-        write_whole(picture, done.picture(known.camera))
-    if out is not None and done.passed:
-        done.save(known, seed, out)
-    told = [known.simulated] if known.simulated else []
-    if done.passed:
-        told.append(f"kept: {out}" if out else "not kept: name it with --serial")
-    return judged(source, done, "accepted", "", *told)
+        write_whole(picture, result.picture(model.camera))
+    if out is not None and result.passed:
+        result.save(model, seed, out)
+    notes = [model.simulated] if model.simulated else []
+    if result.passed:
+        notes.append(f"written: {out}" if out else "not saved: give --serial")
+    return grade(source, result, "accepted", "", *notes)
 
 
 @click.command()
-@RIG
+@RIG_ARGUMENT
 @click.option("--indenter", default="sphere:10", metavar="sphere:MM",
-              help="The ball that is mounted.")  # fmt: skip
-@click.option("--at", "at", multiple=True, type=Point(), metavar="X,Y",
-              help="Where to touch the face, mm; give at least three.")  # fmt: skip
-@DESIGN
+              help="Mounted ball.")  # fmt: skip
+@click.option("--at", "places_mm", multiple=True, type=Point(), metavar="X,Y",
+              help="Place to touch the face, mm; give at least three.")  # fmt: skip
+@DESIGN_OPTION
 @TIP_IS_CLEAR
 @out_file("Registration to write, .toml.", required=True)
 @answers
 def register(
-    name: str, indenter: str, at: tuple[tuple[float, float], ...], design: str,
+    name: str, indenter: str, places_mm: tuple[tuple[float, float], ...], design: str,
     tip_is_clear: bool, out: Path,
 ) -> Answer:  # fmt: skip
-    """Find where the face of the sensor is by touching it with a ball.
+    """Locate the face of the sensor by touching it with a ball.
 
     The rig homes, and the ball touches the face at several places; height and tilt of the face are
-    written to a file. Without --at it touches four places, so that the file can say how flat they
-    are. Name the file as `registration` under [stage] of the rig file. Where the face is sideways,
-    examples/find_the_block.py finds by a block around the sensor.
+    written to a file. Without --at it touches four places, which also gives the flatness. Name the
+    file as `registration` under [stage] of the rig file. The lateral position is found with a block
+    around the sensor, see examples/find_the_block.py.
     """
     from deltact_fab.bench import register_rig
     from deltact_fab.fabricate import load_design
 
-    found = register_rig(name, load_design(design), indenter, at, out, tip_is_clear)
-    data = {"file": str(out), **found.model_dump(mode="json", exclude_none=True)}
-    return Answer(data, [f"{out}: {found.line()}"])
+    registration = register_rig(name, load_design(design), indenter, places_mm, out, tip_is_clear)
+    data = {"file": str(out), **registration.model_dump(mode="json", exclude_none=True)}
+    return Answer(data, [f"{out}: {registration.line()}"])
 
 
 @rig.command(epilog="Example: deltact-fab rig rehearse smoke --rig bench.toml --out rehearsed")
 @click.argument("protocol", metavar="PROTOCOL", type=NAME_OR_PATH)
 @click.option("--rig", "name", default="virtual", metavar="RIG",
-              type=NAME_OR_PATH, help="Whose stage and guard are simulated.")  # fmt: skip
-@click.option("--thorough", is_flag=True, help="Every fault at every moment; minutes.")
+              type=NAME_OR_PATH, help="Rig whose stage and guard are simulated.")  # fmt: skip
+@click.option("--thorough", is_flag=True, help="Every fault at every moment (minutes).")
 @out_folder("Folder for a page and JSON.")
 @answers
 def rehearse(protocol: str, name: str, thorough: bool, out: Path | None) -> Answer:
-    """Put a protocol through every fault on the simulated stage of a rig file.
+    """Rehearse a protocol with every fault on the simulated stage of a rig file.
 
     Lost and mangled answers, silence, a pulled cable, alarms, switches, an open door, forces over
     the limit, a lost sensor or camera, a full disk: at every change of state of the deepest press,
-    and at moments drawn between. Tells what the operator reads, how far the tip goes after
-    that, and whether --resume gives the same record. No device is opened. Exit code 1 when a fault
-    does not end as it must.
+    and at random moments between. Reports the operator's message, how far the tip still moves, and
+    whether --resume gives the same record. No device is opened. Exit code 1 if a fault does not
+    end as it must.
     """
     from deltact_fab.bench import (
         check_limits,
@@ -332,18 +327,18 @@ def rehearse(protocol: str, name: str, thorough: bool, out: Path | None) -> Answ
     Check.require(check_limits(declared, design, bench.stage, steps), str(path))
     scenario = FaultScenario.from_protocol(declared, path.read_bytes(), bench)
     with progress("rehearse") as report:
-        found = rehearse(scenario, thorough, report)
-    told = found.as_dict()
-    lines = [found.verdict()]
-    lines += [f"{c.fault}, {c.moment}: {c.wrong}; {c.outcome}" for c in found.wrong]
+        result = rehearse(scenario, thorough, report)
+    data = result.as_dict()
+    lines = [result.verdict()]
+    lines += [f"{c.fault}, {c.moment}: {c.wrong}; {c.outcome}" for c in result.wrong]
     if out is not None:
         from deltact_fab.present import write_rehearsal_page
 
         lines += [f"written: {file}" for file in
-                  write_rehearsal_page(told, path.stem, bench_path.stem, out)]  # fmt: skip
-    return Answer(told, lines, "" if found.wrong else None)
+                  write_rehearsal_page(data, path.stem, bench_path.stem, out)]  # fmt: skip
+    return Answer(data, lines, "" if result.wrong else None)
 
 
-for _command in rig_stage.COMMANDS:
+for _command in rig_stage.STAGE_COMMANDS:
     rig.add_command(_command)
 rig.add_command(register)

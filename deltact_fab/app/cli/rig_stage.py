@@ -1,4 +1,4 @@
-"""`deltact-fab rig status|home|jog|goto|reset`: a real rig's stage, one command at a time."""
+"""`deltact-fab rig status|home|jog|goto|reset`: commands for a real rig's stage."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ import click
 
 from deltact_fab.common import InputError, RunFailed
 
-from .options import DESIGN, NAME_OR_PATH, TIP_IS_CLEAR, Finite
+from .options import DESIGN_OPTION, NAME_OR_PATH, TIP_IS_CLEAR, Finite
 from .output import Answer, answers
 
 if TYPE_CHECKING:
     from deltact_fab.bench import HandStage
 
-RIG = click.argument("rig", type=NAME_OR_PATH)
-FEED = click.option(
+STAGE_RIG_ARGUMENT = click.argument("rig", type=NAME_OR_PATH)
+FEED_OPTION = click.option(
     "--feed", type=Finite(0, min_open=True), default=300.0, metavar="MM/MIN", help="Speed.",
 )  # fmt: skip
 INTO_GEL = click.option(
     "--into-gel", is_flag=True,
-    help="Allow heights below 5 mm over the face; the stage moves slowly there.",
+    help="Allow heights below 5 mm above the face; the stage moves slowly there."
 )  # fmt: skip
-NUMBERS = {"ignore_unknown_options": True}  # -1.5 is no option
+NEGATIVE_NUMBERS = {"ignore_unknown_options": True}  # -1.5 is not an option
 
 
 @click.command()
-@RIG
+@STAGE_RIG_ARGUMENT
 @answers
 def status(rig: str) -> Answer:
-    """Say what the stage is doing and where it is. Nothing moves."""
+    """Show state and position of the stage. Nothing moves."""
     from deltact_fab.bench import HandStage
 
     state = HandStage(rig).status()
@@ -41,7 +41,7 @@ def status(rig: str) -> Answer:
 
 
 @click.command()
-@RIG
+@STAGE_RIG_ARGUMENT
 @click.option("--yes", is_flag=True, help="Do not ask whether the path is clear.")
 @TIP_IS_CLEAR
 @answers
@@ -49,8 +49,8 @@ def home(rig: str, yes: bool, tip_is_clear: bool) -> Answer:
     """Home the stage: every axis moves to its end switch.
 
     If the position is known, the tip is lifted first. If it is lost, the force sensor, you, or
-    --tip-is-clear must confirm that the tip is not in the gel. The force sensor of the rig file is
-    watched meanwhile, and its guard stops the stage as in a run.
+    --tip-is-clear must confirm that the tip is not in the gel. The guard of the rig's force sensor
+    stops the stage as in a run.
     """
     from deltact_fab.bench import HandStage
 
@@ -59,52 +59,52 @@ def home(rig: str, yes: bool, tip_is_clear: bool) -> Answer:
     if not (yes or click.confirm(question, err=True)):
         raise RunFailed("not homed")
     how, seconds, state = stage.home(tip_is_clear, ask=not yes)
-    told = [f"{how}; homed in {seconds:.1f} s", state.line()]
-    return Answer({"how": how, "seconds": seconds, "state": asdict(state)}, told)
+    lines = [f"{how}; homed in {seconds:.1f} s", state.line()]
+    return Answer({"how": how, "seconds": seconds, "state": asdict(state)}, lines)
 
 
-@click.command(context_settings=NUMBERS, epilog="Example: deltact-fab rig jog bench 0 0 5")
-@RIG
+@click.command(context_settings=NEGATIVE_NUMBERS, epilog="Example: deltact-fab rig jog bench 0 0 5")
+@STAGE_RIG_ARGUMENT
 @click.argument("by_mm", type=Finite(), nargs=3, required=False, metavar="[DX DY DZ]")
-@FEED
-@click.option("--most", type=Finite(0), default=10.0, metavar="MM",
-              help="Longest move that is allowed.")  # fmt: skip
+@FEED_OPTION
+@click.option("--most", "max_mm", type=Finite(0), default=10.0, metavar="MM",
+              help="Longest allowed move.")  # fmt: skip
 @INTO_GEL
 @click.option("--indenter", default="sphere:10", metavar="sphere:MM",
-              help="The ball that the key r registers with.")  # fmt: skip
-@DESIGN
+              help="Ball for registration with the key r.")  # fmt: skip
+@DESIGN_OPTION
 @answers
 def jog(
-    rig: str, by_mm: tuple[float, float, float] | None, feed: float, most: float,
+    rig: str, by_mm: tuple[float, float, float] | None, feed: float, max_mm: float,
     into_gel: bool, indenter: str, design: str,
 ) -> Answer:  # fmt: skip
     """Move the tip by DX DY DZ mm in the sensor frame, whose z is up, out of the gel.
 
-    Relies on the position that the controller has counted since it was homed. Ctrl-C stops it. The
-    guard on the force sensor of the rig file stops it as in a run. Without DX DY DZ the keys move
-    it, in one session on one open port: homing, origin and registration (written beside the rig
-    file) as well, with the force on the screen.
+    Relies on the controller's position since homing. Ctrl-C stops it. The guard of the rig's force
+    sensor stops it as in a run. Without DX DY DZ the keys move the tip in one session, with the
+    force on the screen; they also home, set the origin and register (written beside the rig
+    file).
     """
     from deltact_fab.bench import HandStage
 
     stage = HandStage(rig)
     if by_mm is None:
-        return _by_keys(stage, into_gel, indenter, design)
-    state = stage.jog(by_mm, feed, most, into_gel)
+        return _jog_by_keys(stage, into_gel, indenter, design)
+    state = stage.jog(by_mm, feed, max_mm, into_gel)
     return Answer(asdict(state), [state.line()])
 
 
-def _by_keys(stage: HandStage, into_gel: bool, indenter: str, design: str) -> Answer:
+def _jog_by_keys(stage: HandStage, into_gel: bool, indenter: str, design: str) -> Answer:
     from deltact_fab.fabricate import load_design
 
-    from .keys import keys, whole_lines
+    from .keys import line_mode, read_keys
 
     if not sys.stdin.isatty():
-        raise InputError("DX DY DZ: missing; keys need a terminal")
+        raise InputError("give DX DY DZ; moving by keys needs a terminal")
 
     @contextmanager
     def keyboard() -> Iterator[Callable[[float], str]]:
-        with keys() as key:
+        with read_keys() as key:
             yield key
             click.echo("", err=True)
 
@@ -115,20 +115,21 @@ def _by_keys(stage: HandStage, into_gel: bool, indenter: str, design: str) -> An
         click.echo(f"\r\x1b[K{line}", nl=False, err=True)
 
     state = stage.drive_by_keys(
-        keyboard, whole_lines, tell, show, load_design(design), indenter, into_gel
+        keyboard, line_mode, tell, show, load_design(design), indenter, into_gel
     )
     return Answer(asdict(state), [state.line()])
 
 
-@click.command(context_settings=NUMBERS, epilog="Example: deltact-fab rig goto bench 0 0 10 --home")
-@RIG
+@click.command(context_settings=NEGATIVE_NUMBERS,
+               epilog="Example: deltact-fab rig goto bench 0 0 10 --home")  # fmt: skip
+@STAGE_RIG_ARGUMENT
 @click.argument("target_mm", type=Finite(), nargs=3, metavar="X Y Z")
-@FEED
+@FEED_OPTION
 @INTO_GEL
 @click.option("--as-counted", is_flag=True,
-              help="The stage was homed, and not unlocked by $X since.")  # fmt: skip
+              help="Trust the position: homed, and not unlocked by $X since.")  # fmt: skip
 @click.option("--home", "home_first", is_flag=True,
-              help="Home first; you confirm that the tip touches nothing.")  # fmt: skip
+              help="Home first; confirms that the tip touches nothing.")  # fmt: skip
 @answers
 def goto(
     rig: str, target_mm: tuple[float, float, float], feed: float, into_gel: bool,
@@ -136,31 +137,31 @@ def goto(
 ) -> Answer:  # fmt: skip
     """Move the tip to X Y Z mm in the sensor frame, whose z = 0 is the resting face.
 
-    It goes up, then sideways, then down. Give --home or --as-counted, as the stage must know where
-    it is. Ctrl-C stops it, and the guard on the force sensor of the rig file as in a run.
+    Moves up, then sideways, then down. Needs a known position: give --home or --as-counted. Ctrl-C
+    stops it, and the guard of the rig's force sensor as in a run.
     """
     from deltact_fab.bench import HandStage
 
     stage = HandStage(rig)
     if home_first == as_counted:
-        raise InputError("give either --home or --as-counted: the stage must know where it is")
+        raise InputError("give either --home or --as-counted: the position must be known")
     state = stage.go_to(target_mm, feed, into_gel, home_first)
     return Answer(asdict(state), [state.line()])
 
 
 @click.command()
-@RIG
+@STAGE_RIG_ARGUMENT
 @answers
 def reset(rig: str) -> Answer:
     """Reset the controller of RIG (0x18).
 
-    For one that answers nothing else after an alarm, or that sleeps. All motion stops at once, and
+    For a controller that no longer responds after an alarm, or sleeps. Motion stops at once, and
     the position is lost.
     """
     from deltact_fab.bench import HandStage
 
     banner = HandStage(rig).reset()
-    return Answer({"banner": banner}, [f"{banner}; its position is lost: home next"])
+    return Answer({"banner": banner}, [f"{banner}; position lost: home next"])
 
 
-COMMANDS = (status, home, jog, goto, reset)
+STAGE_COMMANDS = (status, home, jog, goto, reset)

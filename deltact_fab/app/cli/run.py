@@ -10,21 +10,21 @@ import click
 
 from deltact_fab.common import check_writable, format_duration
 
-from .options import NAME_OR_PATH, PATH, RIG, TIP_IS_CLEAR, seed
+from .options import NAME_OR_PATH, PATH_TYPE, RIG_OPTION, TIP_IS_CLEAR, seed
 from .output import Answer, answers, progress
 
 
 @click.command(epilog="Example: deltact-fab run smoke --rig virtual --seed 3 --out smoke-run")
 @click.argument("protocol", type=NAME_OR_PATH)
-@RIG
+@RIG_OPTION
 @seed("Seed of everything random.")
-@click.option("--out", type=PATH, metavar="DIR", help="New folder for the run.")
+@click.option("--out", type=PATH_TYPE, metavar="DIR", help="New folder for the run.")
 @click.option("--resume", is_flag=True, help="Continue the unfinished run in --out.")
 @click.option("--air", is_flag=True, help="Touch nothing: never go below the clearance plane.")
-@click.option("--unattended", is_flag=True, help="Run without prompts; refuse what would need an "
-              "answer.")  # fmt: skip
+@click.option("--unattended", is_flag=True, help="Run without prompts; refuse if one would be "
+              "needed.")  # fmt: skip
 @TIP_IS_CLEAR
-@click.option("--note", metavar="TEXT", help="A remark to keep with the run.")
+@click.option("--note", metavar="TEXT", help="Note to save with the run.")
 @click.option("--dry-run", is_flag=True,
               help="Check everything and query each device, but move nothing.")  # fmt: skip
 @answers
@@ -35,14 +35,13 @@ def run(
     """Carry out PROTOCOL on a rig and record it in a new folder.
 
     With --resume an interrupted run continues: complete presses are kept, the interrupted one is
-    repeated from its start. If there is no folder yet, the run starts; a finished run is left as it
-    is.
+    repeated. If there is no folder yet, the run starts; a finished run is not changed.
 
-    A real rig (kind = "grbl") has you type the name of the sensor and of each indenter once they
-    are mounted, and finds the face as [touch] of its rig file says before it presses. If the
-    position was lost and the force sensor cannot tell, it asks whether the tip is clear of the gel.
-    With --unattended it asks nothing, so the protocol must have one indenter and the face must be
-    found by force.
+    On a real rig (kind = "grbl") you type the names of the sensor and of each indenter once they
+    are mounted, and the face is located as configured in [touch] before the first press. If the
+    position was lost and the force sensor cannot decide, you are asked whether the tip is clear of
+    the gel. With --unattended there are no prompts: the protocol must have one indenter and the
+    face must be located by force.
 
     The first Ctrl-C stops and lifts the tip; the second resets the controller at once. --dry-run
     makes all checks of a run and queries each device of a real rig; it needs no --out, moves
@@ -60,35 +59,36 @@ def run(
             unattended=unattended, tip_is_clear=tip_is_clear,
         )  # fmt: skip
         if dry_run:
-            found = dry_run_experiment(request)
+            plan = dry_run_experiment(request)
         else:
             summary = run_experiment(
                 request, resume=resume, note=note,
-                live=lambda it: report(it.done, it.total, it.line()),
+                live=lambda state: report(state.done, state.total, state.line())
             )  # fmt: skip
     if dry_run:
-        told = (
-            f"{protocol} on {rig_name}: {found['steps']} steps, {found['presses']} presses, "
-            f"{found['frames']} frames, about {format_duration(found['seconds'])} of rig time, "
-            f"{found['disk_mb']:.0f} MB; nothing was moved or recorded"
+        text = (
+            f"{protocol} on {rig_name}: {plan['steps']} steps, {plan['presses']} presses, "
+            f"{plan['frames']} frames, about {format_duration(plan['seconds'])}, "
+            f"{plan['disk_mb']:.0f} MB; nothing was moved or recorded"
         )
-        return Answer(found, [told, *(f"  {it}" for it in (*found["devices"], *found["notes"]))])
+        return Answer(plan, [text, *(f"  {state}" for state in (*plan["devices"], *plan["notes"]))])
     return Answer(summary, _run_lines(summary, out))
 
 
 def _run_lines(summary: dict[str, Any], out: Path | None) -> Iterator[str]:
     if summary["already_finished"]:
-        yield f"{out}: finished before, {summary['frames']} frames; nothing was changed"
+        yield f"{out}: already finished, {summary['frames']} frames; nothing changed"
         return
     if summary["sessions"] > 1:
         yield f"{out}: resumed, {summary['kept_frames']} frames kept"
-        yield from (f"  done again: {press}: {why}" for press, why in summary["redone"].items())
-    how = " (simulated)" if summary["simulated"] else ""
-    how += " in air" if summary["air"] else ""
+        yield from (f"  repeated: {press}: {text}" for press, text in summary["redone"].items())
+    mode = " (simulated)" if summary["simulated"] else ""
+    mode += " in air" if summary["air"] else ""
     yield (
-        f"{out}: {summary['frames']} frames of {summary['protocol']} on {summary['rig']}{how}, "
+        f"{out}: {summary['frames']} frames of {summary['protocol']} on {summary['rig']}{mode}, "
         f"seed {summary['seed']}: "
-        f"{summary['rig_seconds']:.1f} s of rig time in {summary['wall_seconds']:.1f} s"
+        f"{'simulated ' if summary['simulated'] else ''}{summary['rig_seconds']:.1f} s in "
+        f"{summary['wall_seconds']:.1f} s"
     )
     yield from (f"  {kind}: {n}" for kind, n in summary["frame_counts"].items())
-    yield from (f"  left out: {line}" for line in summary["left_out"])
+    yield from (f"  skipped: {line}" for line in summary["left_out"])

@@ -1,6 +1,6 @@
 """`deltact-fab study`: the paper's experiments, on the virtual rig or on recorded runs.
 
-The command of each is made from what the registry declares: asked, run, written, told.
+Each command is generated from its entry in the registry.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .group import CommandGroup
-from .options import NAME_OR_PATH, ON, PATH, PROCESSES, Decorator, Finite, out_folder, seed
-from .output import Answer, answers, listed, progress
+from .options import GRID_OPTIONS, NAME_OR_PATH, PATH_TYPE, Decorator, Finite, out_folder, seed
+from .output import Answer, answers, listing, progress
 
 if TYPE_CHECKING:
     from deltact_fab.studies import Study
 
-OUT = "study-out"
+DEFAULT_OUT = "study-out"
 
 
 @click.group(cls=CommandGroup)
@@ -30,14 +30,14 @@ def study() -> None:
 @study.command("list")
 @answers
 def list_() -> Answer:
-    """Every study, with what it is about."""
+    """List the studies and their subjects."""
     from deltact_fab.studies import STUDIES
 
-    return listed(("study", "about"), [(name, one.line) for name, one in STUDIES.items()])
+    return listing(("study", "about"), [(name, entry.line) for name, entry in STUDIES.items()])
 
 
 class Studies(CommandGroup):
-    """A command for each study, made when it is needed."""
+    """Commands of the studies, made on demand."""
 
     noun = "study"
 
@@ -49,23 +49,23 @@ class Studies(CommandGroup):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         from deltact_fab.studies import find_study
 
-        return command(cmd_name, find_study(cmd_name))
+        return make_command(cmd_name, find_study(cmd_name))
 
 
 @study.group("run", cls=Studies)
 def run(**_: Any) -> None:
     """Run a study, which writes a page, tables and figures into a folder.
 
-    Whatever a study computes is kept: when it is stopped, the same command continues.
+    All results are cached: if stopped, the same command continues.
     """
 
 
-def _common(scale: float | None) -> dict[str, tuple[Decorator, ...]]:
-    """The options that studies share, by what `Study.takes` calls them."""
+def _shared(scale: float | None) -> dict[str, tuple[Decorator, ...]]:
+    """Return the shared options by their names in `Study.takes`."""
     return {
         "scale": (
             click.option("--scale", type=Finite(0, 1, min_open=True), default=scale,
-                         metavar="SHARE", help="Share of the paper's points or frames, up to 1."),
+                         metavar="SHARE", help="Fraction of the paper's points or frames."),
         ),
         "seed": (seed("Seed of everything random."),),
         "rig": (
@@ -73,64 +73,64 @@ def _common(scale: float | None) -> dict[str, tuple[Decorator, ...]]:
                          help="Virtual rig: a name of `rig list` or a path."),
         ),
         "from": (
-            click.option("--from", multiple=True, type=PATH, metavar="RUN",
-                         help="A recorded run, in place of a simulated one; repeatable."),
+            click.option("--from", multiple=True, type=PATH_TYPE, metavar="RUN",
+                         help="Recorded run to use; repeatable."),
         ),
-        "grid": (PROCESSES, ON),
+        "grid": GRID_OPTIONS,
     }  # fmt: skip
 
 
-def command(name: str, one: Study) -> click.Command:
-    """`study run NAME`, with the options that this study takes."""
-    options = [o for what, own in _common(one.scale).items() if what in one.takes for o in own]
-    options += [click.option(flag, **given) for flag, given in one.options.items()]
-    options.append(out_folder("Folder for the page and the tables.", default=Path(OUT) / name))
+def make_command(name: str, spec: Study) -> click.Command:
+    """Make `study run NAME` with the options of this study."""
+    options = [o for key, group in _shared(spec.scale).items() if key in spec.takes for o in group]
+    options += [click.option(flag, **settings) for flag, settings in spec.options.items()]
+    options.append(out_folder("Folder for page and tables.", default=Path(DEFAULT_OUT) / name))
     options.append(
         out_folder("Also write the figures as SVG and PDF into this folder.", flag="--figures")
     )
-    made = answers(lambda **given: _run(name, one, given))
+    run_command = answers(lambda **settings: _run_study(name, spec, settings))
     for option in reversed(options):
-        made = option(made)
-    about = f"{one.line}\n\n{one.about}".strip()
-    return click.command(name, help=about, short_help=one.line)(made)
+        run_command = option(run_command)
+    about = f"{spec.line}\n\n{spec.about}".strip()
+    return click.command(name, help=about, short_help=spec.line)(run_command)
 
 
-def _run(name: str, one: Study, given: dict[str, Any]) -> Answer:
-    """Run a study with the options of its command, by their names.
+def _run_study(name: str, spec: Study, values: dict[str, Any]) -> Answer:
+    """Run a study with the options of its command.
 
-    What would keep its page from being written is said before anything is computed.
+    Obstacles to writing its page are reported before anything is computed.
     """
     from deltact_fab.common import open_executor
     from deltact_fab.present import require_ready_study, write_study_figures, write_study_page
     from deltact_fab.studies import StudyRequest, run_study
 
-    out, figures = given["out"], given["figures"]
+    out, figures = values["out"], values["figures"]
     require_ready_study(name, out)
-    more = (flag.removeprefix("--").replace("-", "_") for flag in one.options)
+    extra_keys = (flag.removeprefix("--").replace("-", "_") for flag in spec.options)
     grid: AbstractContextManager[Executor | None] = nullcontext()
-    if "on" in given:
-        grid = open_executor(given["on"], given["jobs"])
+    if "on" in values:
+        grid = open_executor(values["on"], values["jobs"])
     with grid as executor, progress(name) as tick:
-        found = run_study(
+        result = run_study(
             name,
             StudyRequest(
-                scale=given.get("scale"),
-                seed=given.get("seed", 0),
-                rig=given.get("rig"),
-                runs=given.get("from", ()),
+                scale=values.get("scale"),
+                seed=values.get("seed", 0),
+                rig=values.get("rig"),
+                runs=values.get("from", ()),
                 executor=executor,
                 progress=tick,
                 say=lambda text: click.echo(text, err=True),
-                more={key: given[key] for key in more},
+                more={key: values[key] for key in extra_keys},
             ),
         )
-    click.echo(f"report: {write_study_page(found, out)}", err=True)
+    click.echo(f"report: {write_study_page(result, out)}", err=True)
     if figures is not None:
-        files = write_study_figures(found, figures)
+        files = write_study_figures(result, figures)
         click.echo(f"figures: {len(files)} files in {figures}", err=True)
     missing = (
-        f"warning: {len(found.missing)} jobs have no result and are left out: "
-        f"{', '.join(found.missing[:5])}{', ...' if len(found.missing) > 5 else ''}; "
-        "the same command tries them again"
+        f"warning: {len(result.missing)} jobs failed and are not included: "
+        f"{', '.join(result.missing[:5])}{', ...' if len(result.missing) > 5 else ''}; "
+        "run the same command to retry"
     )
-    return Answer(found.data, found.verdict, asides=[missing] if found.missing else ())
+    return Answer(result.data, result.verdict, asides=[missing] if result.missing else ())

@@ -54,7 +54,7 @@ def flows_of(run: Run, press: str, every: int) -> list[FaceFlow]:
 def open_follower(run: Run) -> Callable[[Array], FaceFlow]:
     """Open a follower of the images of a press, each as `Run.image` gives it, from its first on."""
     tracker = _tracker()
-    return lambda image: FaceFlow.of(tracker.update(image), run.camera, every=MAP_EVERY_PX)
+    return lambda image: FaceFlow.from_flow(tracker.update(image), run.camera, MAP_EVERY_PX)
 
 
 def _tracker() -> FlowTracker:
@@ -78,5 +78,5 @@ def _tracked(run: Run, press: str, every: int) -> list[FaceFlow]:
             break
         seen = tracker.update(run.image(str(row.file)))
         if row.seq in wanted:
-            flows.append(FaceFlow.of(seen, camera, every=every))
+            flows.append(FaceFlow.from_flow(seen, camera, spacing_px=every))
     return flows

@@ -19,7 +19,7 @@ from deltact_fab.common import Array, InputError, Progress
 from ..measure.force.calibration import ForceCalibration, load_force
 from ..measure.pipeline.measurement import Measurement
 from ..measure.pipeline.outputs import MeasurementResult
-from ..measure.sensor_id import Kind, read_calibration, require_same_sensor
+from ..measure.sensor_id import CalibrationKind, read_calibration, require_same_sensor
 from .flows import MAP_EVERY_PX
 from .runs import sensor_of, view_of_run
 
@@ -106,7 +106,7 @@ def measure_run(
     if frames.empty:
         raise InputError(f"{run.folder}: a run without images")
     view = view_of_run(run)
-    measurement = Measurement(view, None, calibrations, every=MAP_EVERY_PX)
+    measurement = Measurement(view, None, calibrations, spacing_px=MAP_EVERY_PX)
     heads = {read_calibration(file)[0].kind: file for file in calibrations}
     last = frames[frames["kind"] == "press"].groupby("step_id", sort=False).tail(1)
     last = last.dropna(subset="z_mm")  # under a weight nobody knows how deep it went
@@ -151,7 +151,7 @@ def _held(run: Run, force: ForceCalibration, followed: pd.DataFrame, found: Arra
     return Force(table, force.model.features, own, rms)
 
 
-def _left_out(kinds: set[Kind], pressed: bool, frames: int) -> list[str]:
+def _left_out(kinds: set[CalibrationKind], pressed: bool, frames: int) -> list[str]:
     lines = []
     if not pressed:
         lines.append("shape and contacts: no step of this run presses")

@@ -17,11 +17,11 @@ from deltact_fab.version import VERSION
 
 from ..measure.sensor_id import (
     CalibrationHead,
+    CalibrationKind,
     CalibrationSource,
-    Kind,
     SensorId,
     SensorModel,
-    told,
+    format_differences,
 )
 
 PRESSING = ("press", "shear")
@@ -124,17 +124,16 @@ def sensor_of(run: Run) -> SensorId:
     return SensorModel(camera_of(run), recipe=recipe, design=design, serial=serial).id
 
 
-def head_of(runs: Sequence[Run], kind: Kind) -> CalibrationHead:
+def head_of(runs: Sequence[Run], kind: CalibrationKind) -> CalibrationHead:
     """The head of a calibration made from runs, which must be of one sensor.
 
     Raises InputError, one line that names the run that differs and in what.
     """
     first = sensor_of(runs[0])
     for run in runs[1:]:
-        if unlike := sensor_of(run).unlike(first):
-            raise InputError(
-                f"{run.folder}: another sensor than {runs[0].folder}: {told(unlike, 'there')}"
-            )
+        if unlike := sensor_of(run).differences_from(first):
+            text = format_differences(unlike, "there")
+            raise InputError(f"{run.folder}: another sensor than {runs[0].folder}: {text}")
     simulated = any(run.simulated for run in runs)
     made = CalibrationSource(
         runs=tuple(run.folder.resolve().name for run in runs),

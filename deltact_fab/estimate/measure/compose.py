@@ -1,4 +1,4 @@
-"""Putting flows together: sampling, composition, and what neighbours say where one is lost.
+"""Flow composition: sampling, concatenation, and filling of gaps from neighbours.
 
 A flow F is (h, w, 2) float32 in px: the material at pixel x of its first image lies at x + F(x) in
 its second. All flows of one sequence share the image size.
@@ -29,13 +29,13 @@ def pixel_grid(height_px: int, width_px: int) -> Array:
 
 
 def landing_px(flow: Array) -> Array:
-    """x + F(x), (h, w, 2) float32: where each pixel of the first image went."""
+    """Return x + F(x), (h, w, 2) float32: position of each pixel of the first image."""
     landed: Array = pixel_grid(*flow.shape[:2]) + flow
     return landed
 
 
-def inside(points_px: Array, height_px: int, width_px: int) -> Array:
-    """Which points (..., 2) lie within the image, edges of the outer pixels' centres included."""
+def is_inside(points_px: Array, height_px: int, width_px: int) -> Array:
+    """True for points (..., 2) within the image, the centres of the outer pixels included."""
     x, y = points_px[..., 0], points_px[..., 1]
     within: Array = (x >= 0) & (x <= width_px - 1) & (y >= 0) & (y <= height_px - 1)
     return within
@@ -49,10 +49,10 @@ def sample(field: Array, points_px: Array) -> Array:
     return cv2.remap(field, points_px, _NO_MAP2, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
-def shrunk(image: Array, side: int) -> Array:
+def shrink(image: Array, side: int) -> Array:
     """Means over cells of side x side pixels, (ceil(h / side), ceil(w / side)[, c]).
 
-    The last cells continue what they have.
+    Incomplete cells at the end are padded with the border pixel.
     """
     h, w = image.shape[:2]
     down, right = -h % side, -w % side
@@ -62,77 +62,78 @@ def shrunk(image: Array, side: int) -> Array:
 
 
 def compose(first: Array, second: Array) -> Array:
-    """F(x) = first(x) + second(x + first(x)): the second flow is read where the first one lands.
+    """Return F(x) = first(x) + second(x + first(x)).
 
     first: flow from image 0 to image k; second: from image k to image n; both (h, w, 2) float32.
-    Returns the flow from 0 to n, at pixels of image 0. Where the first flow leaves the image the
-    second is continued from the border: mask those pixels.
+    The result is the flow from 0 to n, at pixels of image 0. Where the first flow leaves the image
+    the second is read at the border: mask those pixels.
     """
     return np.add(first, sample(second, landing_px(first)))
 
 
-CELL = 4  # nodes to a side of a cell
-WINDOWS = (5, 13, 33, 97)  # cells to a side
-ENOUGH = 0.15  # share of a window that must be known before it is believed alone
-_BOTH = np.ones((1, 2), np.float32)
-NOISE_NODES = 13  # to a side of the window over which noise is told from motion
-SLOPES = 0.3  # cells^2: how far known cells must lie apart before their slope is believed
+CELL_NODES = 4  # nodes along a cell; by hand: larger cells are faster and blur the filled motion
+FILL_WINDOW_CELLS = (5, 13, 33, 97)  # by hand: smallest window first, each 2.5 to 3 times larger
+MIN_KNOWN_SHARE = 0.15  # of a window to rely on it alone; by hand: less fits planes to few nodes
+_SUM_UV = np.ones((1, 2), np.float32)
+NOISE_WINDOW_NODES = 13  # window of the Wiener filter, decision 0061
+SLOPE_RIDGE = 0.3  # ridge on the plane's slopes; by hand: more turns planes into means
 
 
-def filled(flow: Array, known: Array, kept: Array) -> Array:
-    """The flow, (h, w, 2) float32, where it is kept; elsewhere what its known neighbours say.
+def fill_gaps(flow: Array, reliable: Array, valid: Array) -> Array:
+    """Replace the flow, (h, w, 2) float32, where it is not valid, by planes through its neighbours.
 
-    known, kept: (h, w) bool. Around each cell a plane is fitted to the known nodes (normalised
-    convolution of the first order, Knutsson and Westin 1993), over the smallest window that knows
-    enough and wider ones for the rest. With nothing known the flow is 0.
+    reliable, valid: (h, w) bool, nodes to fit to and nodes to keep. Around each cell a plane is
+    fitted to the reliable nodes (normalised convolution of the first order, Knutsson and Westin
+    1993), over the smallest window with enough of them. Without any the flow is 0.
     """
-    if kept.all():
+    if valid.all():
         return flow
-    h, w = kept.shape
-    weight = known.astype(np.float32)
-    n, u, v = (shrunk(part, CELL) for part in (weight, *(f * weight for f in cv2.split(flow))))
+    h, w = valid.shape
+    weight = reliable.astype(np.float32)
+    weighted = (f * weight for f in cv2.split(flow))
+    n, u, v = (shrink(part, CELL_NODES) for part in (weight, *weighted))
     # A node is interpolated between its cell and the next ones.
-    some = (shrunk((~kept).astype(np.float32), CELL) > 0).astype(np.uint8)
-    gone = cv2.dilate(some, np.ones((3, 3), np.uint8)) > 0
+    gap_mask = (shrink((~valid).astype(np.float32), CELL_NODES) > 0).astype(np.uint8)
+    gaps = cv2.dilate(gap_mask, np.ones((3, 3), np.uint8)) > 0
     x, y = np.meshgrid(*(np.arange(s) - s / 2 for s in n.shape[::-1]))
     sums = np.dstack(
         [n, n * x, n * y, n * x * x, n * x * y, n * y * y, u, u * x, u * y, v, v * x, v * y]
     )
-    found, done = np.zeros((*n.shape, 2), np.float32), np.zeros(np.count_nonzero(gone))
-    at = x[gone], y[gone]
-    told = np.zeros((2, done.size))
-    for window in WINDOWS:
+    values, total = (np.zeros((*n.shape, 2), np.float32), np.zeros(np.count_nonzero(gaps)))
+    gap_xy = x[gaps], y[gaps]
+    sums_uv = np.zeros((2, total.size))
+    for window in FILL_WINDOW_CELLS:
         side = min(window, 2 * max(n.shape) - 1)
-        near = cv2.blur(sums, (side, side), borderType=cv2.BORDER_CONSTANT)[gone].T
-        share = np.clip(near[0] / ENOUGH, 0, 1) * (1 - done)
-        told += share * _planes(*at, near)
-        done += share
-        if done.min(initial=1.0) > 0.999:
+        near = cv2.blur(sums, (side, side), borderType=cv2.BORDER_CONSTANT)[gaps].T
+        share = np.clip(near[0] / MIN_KNOWN_SHARE, 0, 1) * (1 - total)
+        sums_uv += share * _planes(*gap_xy, near)
+        total += share
+        if total.min(initial=1.0) > 0.999:
             break
-    found[gone] = (told / np.maximum(done, 1e-6)).T
-    out = cv2.resize(found, None, fx=CELL, fy=CELL, interpolation=cv2.INTER_LINEAR)[:h, :w]
-    return cv2.copyTo(flow, kept.view(np.uint8), np.ascontiguousarray(out))
+    values[gaps] = (sums_uv / np.maximum(total, 1e-6)).T
+    out = cv2.resize(values, None, fx=CELL_NODES, fy=CELL_NODES, interpolation=cv2.INTER_LINEAR)
+    return cv2.copyTo(flow, valid.view(np.uint8), np.ascontiguousarray(out[:h, :w]))
 
 
-def denoised(flow: Array, deviation_px: Array, kept: Array) -> Array:
-    """The flow (h, w, 2) float32 with less of its noise, which is white beside the motion.
+def denoise(flow: Array, deviation_px: Array, valid: Array) -> Array:
+    """Return the flow (h, w, 2) float32 with its white noise reduced.
 
-    Wiener's filter as Lee (1980) made it local: of what a node has over the mean of its window only
-    the share stays that is more than the noise, `deviation_px` (h, w) where it is `kept`.
+    Local Wiener filter (Lee 1980): a node's difference from the mean of its window is scaled by the
+    share of its power that exceeds the noise, `deviation_px` (h, w) where it is `valid`.
     """
-    window, rim = (NOISE_NODES, NOISE_NODES), cv2.BORDER_REFLECT
+    window, rim = (NOISE_WINDOW_NODES, NOISE_WINDOW_NODES), cv2.BORDER_REFLECT
     smooth = cv2.blur(flow, window, borderType=rim)
     fine = flow - smooth
-    power = cv2.blur(cv2.transform(fine * fine, _BOTH), window, borderType=rim)
-    noise = cv2.blur(deviation_px * deviation_px * kept, window, borderType=rim)
+    power = cv2.blur(cv2.transform(fine * fine, _SUM_UV), window, borderType=rim)
+    noise = cv2.blur(deviation_px * deviation_px * valid, window, borderType=rim)
     share = np.maximum(1 - noise / np.maximum(power, np.float32(1e-12)), 0)
     return np.asarray(smooth + fine * cv2.merge((share, share)))
 
 
 def _planes(x: Array, y: Array, sums: Array) -> Array:
-    """The values at (x, y), each (n,), of the planes fitted to sums (12, n): (2, n)."""
+    """Return the values (2, n) at (x, y), each (n,), of the planes fitted to sums (12, n)."""
     mx, my, xx, xy, yy, *moments = sums[1:] / np.maximum(sums[0], 1e-12)
-    xx, xy, yy = xx - mx * mx + SLOPES, xy - mx * my, yy - my * my + SLOPES
+    xx, xy, yy = xx - mx * mx + SLOPE_RIDGE, xy - mx * my, yy - my * my + SLOPE_RIDGE
     dx, dy = x - mx, y - my
     a, b = (yy * dx - xy * dy), (xx * dy - xy * dx)
     u, ux, uy, v, vx, vy = moments

@@ -1,11 +1,11 @@
-"""What one image at rest says: what can be followed in it, and the sensor's state of health.
+"""Checks of one image at rest: kind of pattern, and the sensor's state of health.
 
-State of health is the unloaded pattern now, against the one that it was calibrated with. Skin that
-slipped or was changed, a camera that moved, gel that took a set, and light that went are told
-before a measurement rests on them. A contact at the start looks like a set, and is refused so.
+State of health compares the unloaded pattern with the one at calibration. It finds a skin that
+slipped or was changed, a camera that moved, gel with a permanent set, and failed lights before a
+measurement relies on them. A contact at the start looks like a permanent set and is refused too.
 
-Of a skin of markers the dense flow says what it filled in between them, and calls it trusted: so a
-dense pattern, markers and nothing are told apart first.
+On a skin of markers the dense flow is interpolated between them and still trusted, so dense
+patterns, markers and blank skins are distinguished first.
 """
 
 from __future__ import annotations
@@ -20,33 +20,33 @@ from deltact_fab.common import Array, InputError, SensorError
 from deltact_fab.sensor import CameraModel
 
 from .dots.detect import FoundDots, find_dots
-from .face import FaceFlow, rigid
+from .face import FaceFlow, fit_rigid_motion
 from .flow.confidence import FINE_PX, TEXTURED_SHARE
 from .flow.fused import to_gray
 from .flow.tracker import FlowTracker
 
-# Beyond these a calibration no longer tells the force within its stated error (decision 0026).
+# Beyond these a calibrated force exceeds its stated error (decision 0026).
 MAX_SHIFT_MM = 0.3
 MAX_TURN_DEG = 1.0
 MIN_MATCHED = 0.9
 MIN_BRIGHTNESS, MAX_BRIGHTNESS = 0.4, 1.6
-MIN_CONTRAST = 0.4
-_BLOCK_PX = 32
-_RIM = 4  # nodes at the image's edge that are never confident: their windows are cut
+MIN_CONTRAST_RATIO = 0.4
+_BLOCK_PX = 32  # by hand: smaller blocks hold too few patches, larger ones average the shading
+_RIM_NODES = 4  # by hand: never confident at the edge, as their windows are cut
 
 
 @dataclass(frozen=True)
 class Health:
-    """State of health: what changed since the calibration, and whether that may be.
+    """Changes since the calibration, and whether they are within limits.
 
     shift_mm (x, y) and turn_deg: of the whole pattern, about the view's centre. deformation_mm:
-    root mean square of what that leaves, deformation_peak_mm: its 99th percentile. brightness,
-    contrast: now over then, medians over blocks. matched_share: of the pattern, found again.
-    reasons: what speaks against use, a phrase each. All but light is None where the pattern was
-    not found again at all.
+    root mean square of the residual, deformation_peak_mm: its 99th percentile. brightness,
+    contrast: current over calibration, medians over blocks. matched_share: fraction of the pattern
+    matched. reasons: objections to use, a phrase each. All but light is None if the pattern was
+    not matched at all.
     """
 
-    MAX_DEFORMATION_MM: ClassVar[float] = 0.006
+    MAX_DEFORMATION_MM: ClassVar[float] = 0.006  # decision 0026
 
     shift_mm: tuple[float, float] | None
     turn_deg: float | None
@@ -66,64 +66,64 @@ class Health:
         return "fit to use" if self.fit else f"calibrate again: {'; '.join(self.reasons)}"
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data, the verdict in it."""
+        """Return plain data, including the verdict."""
         return {"fit": self.fit, "verdict": self.line, **asdict(self)}
 
     @classmethod
-    def compare(cls, reference: Array, now: Array, camera: CameraModel) -> Health:
-        """Compare an unloaded image with the calibration's, both as they are tracked.
+    def compare(cls, reference: Array, current: Array, camera: CameraModel) -> Health:
+        """Compare an unloaded image with the calibration's, both as tracked.
 
-        reference, now: (h, w, 3) BGR or (h, w) grey, uint8, of the camera's size. Raises InputError
-        for another size, and for a reference without texture.
+        reference, current: (h, w, 3) BGR or (h, w) grey, uint8, of the camera's size. Raises
+        InputError for another size, and for a reference without texture.
         """
-        for what, image in (("the calibration's image", reference), ("the image", now)):
+        for name, image in (("the calibration's image", reference), ("the image", current)):
             if image.shape[:2] != (camera.height_px, camera.width_px):
                 raise InputError(
-                    f"health: {what} is {image.shape[1]} x {image.shape[0]} px, "
+                    f"health: {name} is {image.shape[1]} x {image.shape[0]} px, "
                     f"the camera {camera.width_px} x {camera.height_px}"
                 )
         tracker = FlowTracker(full=False)
         try:
             first = tracker.update(reference)
-        except SensorError as why:
-            raise InputError(f"health: the calibration's image: {why}") from why
-        seen = tracker.update(now)
-        brightness, contrast = _light(to_gray(reference), to_gray(now))
-        flow = FaceFlow.of(seen, camera, every=FaceFlow.SPACING_PX)
-        inner = (slice(_RIM, -_RIM), slice(_RIM, -_RIM))
-        matched = float(np.sum(seen.confident[inner]) / np.sum(first.confident[inner]))
-        if not seen.diagnostics.trusted or not flow.known.any():
-            lost = "the pattern of the calibration was not found: another skin, or covered, or dark"
-            return cls(None, None, None, None, brightness, contrast, matched, (lost,))
-        shift, turn_deg, left = rigid(flow)
-        size = np.linalg.norm(left, axis=-1)
+        except SensorError as error:
+            raise InputError(f"health: the calibration's image: {error}") from error
+        observation = tracker.update(current)
+        brightness, contrast = _light_ratios(to_gray(reference), to_gray(current))
+        flow = FaceFlow.from_flow(observation, camera, spacing_px=FaceFlow.SPACING_PX)
+        inner = (slice(_RIM_NODES, -_RIM_NODES), slice(_RIM_NODES, -_RIM_NODES))
+        matched = float(np.sum(observation.confident[inner]) / np.sum(first.confident[inner]))
+        if not observation.diagnostics.trusted or not flow.known.any():
+            reason = "calibration pattern not found: another skin, covered, or dark"
+            return cls(None, None, None, None, brightness, contrast, matched, (reason,))
+        shift, turn_deg, residual = fit_rigid_motion(flow)
+        size = np.linalg.norm(residual, axis=-1)
         rms, peak = float(np.sqrt(np.mean(size**2))), float(np.percentile(size, 99))
-        moved = float(np.hypot(*shift))
+        shift_size_mm = float(np.hypot(*shift))
         reasons = []
-        if moved > MAX_SHIFT_MM:
-            reasons.append(f"the pattern moved by {moved:.2f} mm (limit {MAX_SHIFT_MM:g})")
+        if shift_size_mm > MAX_SHIFT_MM:
+            reasons.append(f"the pattern moved by {shift_size_mm:.2f} mm (limit {MAX_SHIFT_MM:g})")
         if abs(turn_deg) > MAX_TURN_DEG:
             reasons.append(f"the pattern turned by {turn_deg:.2f} degrees (limit {MAX_TURN_DEG:g})")
         if rms > cls.MAX_DEFORMATION_MM:
-            limit = f"(limit {cls.MAX_DEFORMATION_MM:g}): touched, or it took a set"
+            limit = f"(limit {cls.MAX_DEFORMATION_MM:g}): touched, or a permanent set"
             reasons.append(f"the face is deformed by {rms:.3f} mm at rest {limit}")
         if matched < MIN_MATCHED:
-            reasons.append(f"{matched:.0%} of the pattern is found again (limit {MIN_MATCHED:.0%})")
+            reasons.append(f"{matched:.0%} of the pattern was matched (limit {MIN_MATCHED:.0%})")
         if not MIN_BRIGHTNESS <= brightness <= MAX_BRIGHTNESS:
             limits = f"(limits {MIN_BRIGHTNESS:g} to {MAX_BRIGHTNESS:g})"
-            reasons.append(f"brightness is {brightness:.2f} of what it was {limits}")
-        if contrast < MIN_CONTRAST:
-            reasons.append(f"contrast is {contrast:.2f} of what it was (limit {MIN_CONTRAST:g})")
+            reasons.append(f"brightness is {brightness:.2f} times the calibration's {limits}")
+        if contrast < MIN_CONTRAST_RATIO:
+            reasons.append(f"contrast fell to {contrast:.0%} (limit {MIN_CONTRAST_RATIO:.0%})")
         return cls(
             (float(shift[0]), float(shift[1])), turn_deg, rms, peak, brightness, contrast, matched,
             tuple(reasons),
         )  # fmt: skip
 
 
-def _light(reference: Array, now: Array) -> tuple[float, float]:
-    """Medians over blocks of brightness and of standard deviation, now over then."""
+def _light_ratios(reference: Array, current: Array) -> tuple[float, float]:
+    """Return median block ratios, current over reference: brightness, standard deviation."""
     ratios = []
-    for image in (reference, now):
+    for image in (reference, current):
         grey = image.astype(np.float32)
         size = (grey.shape[1] // _BLOCK_PX, grey.shape[0] // _BLOCK_PX)
         mean, square = (
@@ -135,17 +135,17 @@ def _light(reference: Array, now: Array) -> tuple[float, float]:
     return float(np.median(mean1[lit] / mean0[lit])), float(np.median(std1[lit] / std0[lit]))
 
 
-PLAIN = 0.1
-"""Detail between dots, over their contrast, up to which they are markers. Images of three real
-marker skins have 0.012 to 0.050, the shipped dot pattern 0.004, the dense one with dots 0.26."""
+PLAIN_GROUND_SHARE = 0.1
+"""Detail between dots over their contrast; more is a dense pattern. Measured: three real marker
+skins 0.012 to 0.050, the shipped dot pattern 0.004, the dense one with dots 0.26."""
 
 
 @dataclass(frozen=True)
 class RestPattern:
-    """Pattern that one image at rest shows.
+    """Kind of pattern in one image at rest.
 
-    markers: dots of one size. between: detail between them over their contrast, infinite without
-    any. lacks: what a reader who expects a dense pattern must know; empty where there is one.
+    markers: number of dots of one size. between: detail between them over their contrast, infinite
+    without dots. lacks: explanation if there is no dense pattern, else empty.
     """
 
     kind: Literal["dense", "markers", "nothing"]
@@ -155,22 +155,22 @@ class RestPattern:
 
     @classmethod
     def recognise(cls, image: Array) -> RestPattern:
-        """Recognise it in an image (h, w, 3) BGR uint8. Raises InputError as the flow does.
+        """Classify an image (h, w, 3) BGR uint8. Raises InputError as the flow does.
 
-        Whether there is a dense pattern is the tracker's word; markers are told from it here.
+        Markers are recognised here; a dense pattern is what the tracker trusts.
         """
         try:
-            said = FlowTracker(full=False).update(image).diagnostics
-            share, trusted = said.textured_share, said.trusted
+            diagnostics = FlowTracker(full=False).update(image).diagnostics
+            share, trusted = diagnostics.textured_share, diagnostics.trusted
         except SensorError:
             share, trusted = 0.0, False
         try:
             dots = find_dots(image)
             count = len(dots.position_px)
-            between = _between(to_gray(image).astype(np.float32), dots)
+            between = _ground_detail(to_gray(image).astype(np.float32), dots)
         except SensorError:
             count, between = 0, np.inf
-        if between <= PLAIN:
+        if between <= PLAIN_GROUND_SHARE:
             return cls("markers", count, between, f"no dense pattern: {count} markers")
         if trusted:
             return cls("dense", count, between)
@@ -178,21 +178,21 @@ class RestPattern:
             "nothing",
             count,
             between,
-            f"no pattern: {share:.0%} of the first image has detail to follow, "
-            f"{TEXTURED_SHARE:.0%} are needed: nothing is trusted",
+            f"no pattern: {share:.0%} of the first image has texture, "
+            f"{TEXTURED_SHARE:.0%} are needed; nothing is trusted",
         )
 
 
-def _between(grey: Array, dots: FoundDots) -> float:
-    """Robust deviation of the ground from its means, over the dots' contrast to it."""
-    ground, at = np.ones(grey.shape, np.float32), np.round(dots.position_px).astype(int)
-    for x, y in at.tolist():
+def _ground_detail(grey: Array, dots: FoundDots) -> float:
+    """Return the robust deviation of the ground from its local mean, over the dots' contrast."""
+    ground, xy = np.ones(grey.shape, np.float32), np.round(dots.position_px).astype(int)
+    for x, y in xy.tolist():
         cv2.circle(ground, (x, y), int(np.ceil(0.85 * dots.diameter_px)), (0,), -1)
 
-    def off(side_px: int) -> Array:
-        seen, weight = (cv2.blur(one, (side_px, side_px)) for one in (grey * ground, ground))
-        return np.asarray(np.abs(grey - seen / np.maximum(weight, np.float32(1e-3))))
+    def spread(side_px: int) -> Array:
+        blurred, weight = (cv2.blur(image, (side_px, side_px)) for image in (grey * ground, ground))
+        return np.asarray(np.abs(grey - blurred / np.maximum(weight, np.float32(1e-3))))
 
-    detail = off(FINE_PX)[ground > 0]
-    contrast = float(np.median(off(2 * int(np.ceil(dots.diameter_px)) + 1)[at[:, 1], at[:, 0]]))
+    detail = spread(FINE_PX)[ground > 0]
+    contrast = float(np.median(spread(2 * int(np.ceil(dots.diameter_px)) + 1)[xy[:, 1], xy[:, 0]]))
     return 1.4826 * float(np.median(detail)) / max(contrast, 1.0) if len(detail) else np.inf

@@ -25,7 +25,7 @@ from deltact_fab.common import Array, InputError
 
 @dataclass(frozen=True, eq=False)
 class Hodge:
-    """The parts of a field (h, w, 2), each of that shape, computed once, on first use.
+    """Parts of a field (h, w, 2), each of that shape, computed on first use.
 
     float32 or float64 as the field is. Raises InputError for a field that is not finite everywhere.
     """
@@ -38,42 +38,42 @@ class Hodge:
 
     @cached_property
     def d(self) -> Array:
-        """Without curl: the gradient of a potential."""
+        """Curl-free part: the gradient of a potential."""
         return gradient(_potential(divergence(self.field)))
 
     @cached_property
     def r(self) -> Array:
-        """Without divergence: the rotated gradient of a potential."""
+        """Divergence-free part: the rotated gradient of a potential."""
         return rotated(gradient(_potential(curl(self.field))))
 
     @cached_property
     def hr(self) -> Array:
-        """h + r = V - d, all that the paper's shear forces need."""
+        """h + r = V - d, input of the paper's shear forces."""
         return np.asarray(self.field - self.d)
 
     @cached_property
     def h(self) -> Array:
-        """Neither curl nor divergence."""
+        """Harmonic part: neither curl nor divergence."""
         return np.asarray(self.hr - self.r)
 
 
 def divergence(field: Array) -> Array:
-    """Of a field (h, w, 2), per cell, at the corners (h - 1, w - 1) between its points."""
+    """Divergence per cell of a field (h, w, 2), at the corners (h - 1, w - 1) between points."""
     return _across(field[..., 0]) + _down(field[..., 1])
 
 
 def curl(field: Array) -> Array:
-    """Of a field (h, w, 2), per cell, at the corners (h - 1, w - 1) between its points."""
+    """Curl per cell of a field (h, w, 2), at the corners (h - 1, w - 1) between its points."""
     return _across(field[..., 1]) - _down(field[..., 0])
 
 
 def gradient(potential: Array) -> Array:
-    """Of values at corners (h + 1, w + 1), at the points (h, w, 2) between them."""
+    """Gradient of values at corners (h + 1, w + 1), at the points (h, w, 2) between them."""
     return np.stack((_across(potential), _down(potential)), axis=-1)
 
 
 def rotated(field: Array) -> Array:
-    """A field turned by a quarter, x to y: of a gradient, one without divergence."""
+    """Rotate a field by 90 degrees, x to y; a gradient becomes divergence-free."""
     return np.stack((-field[..., 1], field[..., 0]), axis=-1)
 
 
@@ -90,34 +90,34 @@ def _down(values: Array) -> Array:
 
 
 def _potential(source: Array) -> Array:
-    """The free potential of a source at the corners (h, w), there and one beyond (h + 2, w + 2)."""
+    """Free-space potential of a source at corners (h, w), padded by one corner (h + 2, w + 2)."""
     h, w = (side + 1 for side in source.shape)
     green = _green_spectrum(h, w, source.dtype.char)
-    high, wide = green.shape[0], 2 * (green.shape[1] - 1)
-    padded = np.zeros((h, wide), source.dtype)
+    n_rows, n_columns = green.shape[0], 2 * (green.shape[1] - 1)
+    padded = np.zeros((h, n_columns), source.dtype)
     padded[1:, 1:w] = source
     # Row by row first, so that the rows of padding are never transformed.
-    waves = fft.fft(fft.rfft(padded, axis=1), high, axis=0, overwrite_x=True)
+    waves = fft.fft(fft.rfft(padded, axis=1), n_rows, axis=0, overwrite_x=True)
     waves *= green
     waves = fft.ifft(waves, axis=0, overwrite_x=True)[: h + 1]
-    return np.asarray(fft.irfft(waves, wide, axis=1)[:, : w + 1])
+    return np.asarray(fft.irfft(waves, n_columns, axis=1)[:, : w + 1])
 
 
 @lru_cache(maxsize=8)
 def _green_spectrum(h: int, w: int, kind: str) -> Array:
-    """Spectrum, real, of the diagonal lattice's Green's function, for a view of h x w points.
+    """Real spectrum of the diagonal lattice's Green's function, for a view of h x w points.
 
-    The transform is so long that no source is met again by its own period.
+    Padded so that the periods of the transform do not overlap.
     """
-    high = fft.next_fast_len(2 * h - 1, real=False)
-    wide = fft.next_fast_len(2 * w - 1, real=True)
-    while wide % 2:
-        wide = fft.next_fast_len(wide + 1, real=True)
+    n_rows = fft.next_fast_len(2 * h - 1, real=False)
+    n_columns = fft.next_fast_len(2 * w - 1, real=True)
+    while n_columns % 2:
+        n_columns = fft.next_fast_len(n_columns + 1, real=True)
     y, x = np.meshgrid(np.arange(h), np.arange(w), indexing="ij")
     green = 2 * lattice_green((x + y) // 2, abs(x - y) // 2)
     # A potential's constant is free: about 0 the transform rounds less.
     quarter = np.where((x + y) % 2, 0.0, green - green.mean())
-    kernel = np.zeros((high, wide))
+    kernel = np.zeros((n_rows, n_columns))
     for down in (1, -1):
         for across in (1, -1):
             kernel[np.ix_(down * np.arange(h), across * np.arange(w))] = quarter

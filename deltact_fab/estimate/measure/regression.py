@@ -1,7 +1,7 @@
-"""Linear least squares that says how far to believe it: y = X b, by QR with scaled columns.
+"""Linear least squares with intervals and diagnostics: y = X b, by QR with scaled columns.
 
-Columns are first brought to length 1, so that a sum of cubes and a sum weigh the same; a column
-that the ones before it already give is left out by name, never silently.
+Columns are first scaled to length 1, so that a sum of cubes and a sum weigh the same; a column
+that depends linearly on those before it is dropped and named.
 """
 
 from __future__ import annotations
@@ -15,23 +15,23 @@ from scipy import linalg, special
 
 from deltact_fab.common import Array, InputError
 
-DEPENDENT = 1e-8  # share of a column's length that the columns before it must leave unexplained
-MIN_PRESSES = 10  # for intervals: the spread of fewer is itself not known
+DEPENDENT_SHARE = 1e-8  # least unexplained part of a column; by hand: well above rounding
+MIN_PRESSES = 10  # for intervals; by hand: the spread of fewer is itself uncertain
 
 
 @dataclass(frozen=True)
 class RegressionFit:
-    """One regression. Figures that do not exist are None: R2 of what never varies.
+    """Result of a regression. Undefined figures are None, such as R2 of a constant.
 
-    names, coefficients (k,): of all columns, in order; a column that was left out has 0. prior: the
-    columns that were held at 0, and how firmly: this times the coefficient was one more error,
-    in the unit of y; nothing below counts it but the conditions. intervals (k, 2): of a share
-    `level`, clustered by press (CR1, Student's t of presses - 1); None of fewer than MIN_PRESSES
-    presses. dropped: the columns left out. notes: why, and what else a reader must know. samples,
-    free: number of rows, and rows less columns kept. rmse: of the rows fitted, in the unit of y.
-    r2, adjusted_r2: against a model that says the mean; r2_about_zero, adjusted_r2_about_zero:
-    against one that says 0, which `statsmodels` prints where there is no constant. condition_raw,
-    condition_scaled: of the columns kept, as they came and with length 1.
+    names, coefficients (k,): of all columns, in order; a dropped column has 0. prior: weight of a
+    ridge on a coefficient, by column: weight times coefficient is one more residual, in the unit
+    of y; only the conditions below include it. intervals (k, 2): confidence intervals at `level`,
+    clustered by press (CR1, Student's t of presses - 1); None with fewer than MIN_PRESSES presses.
+    dropped: columns without effect on the fit. notes: reasons and remarks. samples, free: number
+    of rows, and rows less independent columns. rmse: over the rows fitted, in the unit of y.
+    r2, adjusted_r2: relative to predicting the mean; r2_about_zero, adjusted_r2_about_zero:
+    relative to predicting 0, as `statsmodels` prints without a constant. condition_raw,
+    condition_scaled: of the independent columns, unscaled and with length 1.
     """
 
     names: tuple[str, ...]
@@ -63,10 +63,10 @@ def least_squares(
 ) -> RegressionFit:
     """Fit y (n,) by columns (n, k), named; no constant is added.
 
-    presses (n,): whose rows err together; without, there are no intervals. prior: as of
-    `RegressionFit`. A column that is 0 throughout, or that the columns before it give, is left out
-    and noted. Raises InputError for values that are not finite, with the column, and for no more
-    rows than columns that count.
+    presses (n,): cluster of each row; without it there are no intervals. prior: see
+    `RegressionFit`. A column of zeros, or one that depends on those before it, is dropped and
+    noted. Raises InputError for values that are not finite, with the column, and for fewer rows
+    than independent columns plus one.
     """
     columns, y = np.asarray(columns, float), np.asarray(y, float)
     n, k = columns.shape
@@ -74,67 +74,67 @@ def least_squares(
         shapes = f"{columns.shape}, {y.shape}, {len(names)}, {len(presses)}"
         raise ValueError(f"(n, k), (n,), k names, n presses: {shapes}")
     _check_finite(columns, y, names)
-    held = [np.where(np.array(names) == name, firm, 0.0) for name, firm in prior.items()]
-    rows = np.vstack((columns, *held))
+    prior_rows = [np.where(np.array(names) == name, firm, 0.0) for name, firm in prior.items()]
+    rows = np.vstack((columns, *prior_rows))
     length = np.linalg.norm(rows, axis=0)
     scaled = rows / np.where(length > 0, length, 1)
-    kept, why = _independent(scaled, names)
-    free = n - len(kept)
+    basis, notes = _select_independent(scaled, names)
+    free = n - len(basis)
     if free < 1:
         raise InputError(
-            f"regression: {n} rows for {len(kept)} columns; at least {len(kept) + 1} are needed"
+            f"regression: {n} rows for {len(basis)} columns; at least {len(basis) + 1} are needed"
         )
-    q, r = np.linalg.qr(scaled[:, kept])
+    q, r = np.linalg.qr(scaled[:, basis])
     b = np.zeros(k)
-    b[kept] = linalg.solve_triangular(r, q[:n].T @ y) / length[kept]
-    left = y - columns @ b
-    rss = float(left @ left)
-    of, press = np.unique(np.asarray(presses), return_inverse=True)
+    b[basis] = linalg.solve_triangular(r, q[:n].T @ y) / length[basis]
+    residual = y - columns @ b
+    rss = float(residual @ residual)
+    groups, press = np.unique(np.asarray(presses), return_inverse=True)
     half = None
-    if len(of) < MIN_PRESSES:
-        why.append(f"no intervals: {MIN_PRESSES} presses are needed, and there are {len(of)}")
+    if len(groups) < MIN_PRESSES:
+        notes.append(f"no intervals: {MIN_PRESSES} presses are needed, and there are {len(groups)}")
     else:
-        # What each press moves the coefficients by; their squares add up to the sandwich.
-        moved = np.zeros((len(of), len(kept)))
-        np.add.at(moved, press, left[:, None] * linalg.solve_triangular(r, q[:n].T).T)
-        few = len(of) / (len(of) - 1) * (n - 1) / free
+        # Influence of each press on the coefficients; the squares sum to the sandwich estimate.
+        influence = np.zeros((len(groups), len(basis)))
+        np.add.at(influence, press, residual[:, None] * linalg.solve_triangular(r, q[:n].T).T)
+        small_sample = len(groups) / (len(groups) - 1) * (n - 1) / free
         half = np.zeros(k)
-        half[kept] = np.sqrt(few * (moved**2).sum(axis=0)) / length[kept]
-        half *= float(special.stdtrit(len(of) - 1, (1 + level) / 2))
-    why += [
-        f"{names[i]} is the same throughout: its coefficient is an offset"
-        for i in kept
+        half[basis] = np.sqrt(small_sample * (influence**2).sum(axis=0)) / length[basis]
+        half *= float(special.stdtrit(len(groups) - 1, (1 + level) / 2))
+    notes += [
+        f"{names[i]} is constant: its coefficient is an offset"
+        for i in basis
         if n > 1 and np.ptp(columns[:, i]) <= 1e-12 * abs(columns[0, i])
     ]
     if not y.any():
-        why.append("y is 0 throughout: the coefficients say nothing")
+        notes.append("y is zero everywhere: the coefficients are meaningless")
     about_mean = y - y.mean()
     tss = float(about_mean @ about_mean)
     varies = tss > 1e-24 * float(y @ y)  # or the sum about the mean is but rounding
     return RegressionFit(
         tuple(names), tuple(map(float, b)), dict(prior),
         None if half is None else tuple(zip((b - half).tolist(), (b + half).tolist(), strict=True)),
-        level, len(of), tuple(name for i, name in enumerate(names) if i not in kept), tuple(why),
-        n, free, float(np.sqrt(np.mean(np.square(left)))),
+        level, len(groups), tuple(name for i, name in enumerate(names) if i not in basis),
+        tuple(notes), n, free, float(np.sqrt(np.mean(np.square(residual)))),
         *_r2(rss, tss if varies else 0.0, free, n - 1), *_r2(rss, float(y @ y), free, n),
-        _condition(rows[:, kept]), _condition(scaled[:, kept]),
+        _condition(rows[:, basis]), _condition(scaled[:, basis])
     )  # fmt: skip
 
 
 def relative_leverage(columns: Array, fit: RegressionFit) -> Array:
-    """How unlike the rows of a fit a row is: (k, k) that it is to be multiplied by.
+    """Return the matrix (k, k) that maps a row to its relative leverage in a fit.
 
-    The squares of the product add up to the row's leverage over the largest among columns (n, k):
-    1 for the most unusual row fitted, 0 for a row of zeros. A column that was left out has no say.
+    The squares of row @ matrix sum to the row's leverage over the largest among columns (n, k):
+    1 for the most unusual row fitted, 0 for a row of zeros. Dropped columns are ignored.
     """
     columns = np.asarray(columns, float)
-    kept = [i for i, name in enumerate(fit.names) if name not in fit.dropped]
+    basis = [i for i, name in enumerate(fit.names) if name not in fit.dropped]
     out = np.zeros((len(fit.names), len(fit.names)))
-    if kept:
-        length = np.linalg.norm(columns[:, kept], axis=0)
-        q, r = np.linalg.qr(columns[:, kept] / length)
-        root = linalg.solve_triangular(r, np.eye(len(kept))) / length[:, None]
-        out[np.ix_(kept, range(len(kept)))] = root / np.sqrt((q**2).sum(axis=1).max())
+    if basis:
+        length = np.linalg.norm(columns[:, basis], axis=0)
+        q, r = np.linalg.qr(columns[:, basis] / length)
+        root = linalg.solve_triangular(r, np.eye(len(basis))) / length[:, None]
+        out[np.ix_(basis, range(len(basis)))] = root / np.sqrt((q**2).sum(axis=1).max())
     return out
 
 
@@ -148,25 +148,25 @@ def _check_finite(columns: Array, y: Array, names: Sequence[str]) -> None:
             )
 
 
-def _independent(scaled: Array, names: Sequence[str]) -> tuple[list[int], list[str]]:
-    """The columns that add something to those before them, and a line for each other one."""
-    kept: list[int] = []
-    why: list[str] = []
+def _select_independent(scaled: Array, names: Sequence[str]) -> tuple[list[int], list[str]]:
+    """Return indices of linearly independent columns, and a note for each dropped one."""
+    chosen: list[int] = []
+    notes: list[str] = []
     basis = np.zeros((len(scaled), 0))
     for i, column in enumerate(scaled.T):
         rest = column - basis @ (basis.T @ column)
         rest = rest - basis @ (basis.T @ rest)  # twice is enough (Kahan)
         size = float(np.linalg.norm(rest))
-        if size > DEPENDENT:
-            kept.append(i)
+        if size > DEPENDENT_SHARE:
+            chosen.append(i)
             basis = np.column_stack((basis, rest / size))
         elif not column.any():
-            why.append(f"{names[i]} is 0 throughout and left out")
+            notes.append(f"{names[i]} is zero and was dropped")
         else:
-            share = np.linalg.lstsq(scaled[:, kept], column, rcond=None)[0]
-            of = [names[j] for j, s in zip(kept, share, strict=True) if abs(s) > 1e-6]
-            why.append(f"{names[i]} is given by {', '.join(of)} and left out")
-    return kept, why
+            share = np.linalg.lstsq(scaled[:, chosen], column, rcond=None)[0]
+            sources = [names[j] for j, s in zip(chosen, share, strict=True) if abs(s) > 1e-6]
+            notes.append(f"{names[i]} depends on {', '.join(sources)} and was dropped")
+    return chosen, notes
 
 
 def _r2(rss: float, tss: float, free: int, total_free: int) -> tuple[float | None, float | None]:
@@ -176,5 +176,5 @@ def _r2(rss: float, tss: float, free: int, total_free: int) -> tuple[float | Non
 
 
 def _condition(columns: Array) -> float:
-    """Largest over smallest singular value; 1 without columns."""
+    """Ratio of largest to smallest singular value; 1 without columns."""
     return float(np.linalg.cond(columns)) if columns.shape[1] else 1.0

@@ -1,6 +1,6 @@
-"""What is known of a sensor, which one a calibration belongs to, and the head of its file.
+"""Model and identity of a sensor, and the head of its calibration files.
 
-A calibration file is TOML: `schema`, `kind`, [sensor], [made], and then its kind's own tables.
+A calibration file is TOML: `schema`, `kind`, [sensor], [made], and then the tables of its kind.
 """
 
 from __future__ import annotations
@@ -18,31 +18,31 @@ from deltact_fab.common import Array, InputError, read_toml, toml_text, validate
 from deltact_fab.sensor import CameraModel, FlatField, SkinDimensions
 from deltact_fab.version import VERSION
 
-SCHEMA = 1
-Kind = Literal["depth", "force", "acceptance"]
-_WRITERS: dict[str, str] = {
+CALIBRATION_SCHEMA = 1  # format version of the files
+CalibrationKind = Literal["depth", "force", "acceptance"]
+_WRITER_COMMANDS: dict[str, str] = {
     "depth": "calibrate depth",
     "force": "calibrate force",
     "acceptance": "rig accept",
 }
-_ANEW = {"depth": " RUN", "force": " RUN --transfer {}", "acceptance": " SOURCE RECIPE"}
-"""What is typed for another sensor: one to three presses are enough in RUN."""
-SHOWN = 3  # so many differences are told; a lens that was fitted again differs in all its numbers
+_WRITER_ARGUMENTS = {"depth": " RUN", "force": " RUN --transfer {}", "acceptance": " SOURCE RECIPE"}
+"""Arguments for another sensor; one to three presses suffice in RUN."""
+MAX_DIFFERENCES = 3  # named in a message; by hand: a refitted lens differs in all its numbers
 Description = Mapping[str, Any] | str
 
 
 @dataclass(frozen=True)
 class SensorModel:
-    """Model of a sensor: all that a measurement may know of it; None where nobody can tell.
+    """Model of a sensor: prior knowledge of a measurement; None where unknown.
 
-    Any of it may be wrong: an estimate is to be judged with that in mind. Young's modulus is not
-    here, because a calibration's factors take its place.
+    Any value may be wrong, which limits an estimate. Young's modulus is absent, as the factors of
+    a calibration replace it.
 
-    projection: of the images that are tracked; its `maps` make them from those that the camera
-    gives. skin: the gel's outer dimensions. flat: how the light falls off over the tracked images.
-    rest: the face untouched, as it is tracked. recipe: of the pattern. design, serial: of the
-    sensor. simulated: a word and the seed, where no hardware was involved. nominal: the camera is
-    the design's, for none was calibrated. in_px: it stands for none, and its millimetre is a pixel.
+    projection: camera of the tracked images; its `maps` rectify raw ones. skin: outer dimensions
+    of the gel. flat: shading of the tracked images. rest: tracked image of the untouched face.
+    recipe: of the pattern. design, serial: of the sensor. simulated: a word and the seed if no
+    hardware is involved. nominal: the camera is the design's, not calibrated. in_px: no camera is
+    known, and lengths are in pixels.
     """
 
     projection: CameraModel | None = None
@@ -63,9 +63,9 @@ class SensorModel:
 
     @property
     def camera(self) -> CameraModel:
-        """The projection, where a caller made sure that there is one. Raises ValueError."""
+        """The projection. Raises ValueError if there is none."""
         if self.projection is None:
-            raise ValueError("nobody knows the camera of this sensor")
+            raise ValueError("the camera of this sensor is unknown")
         return self.projection
 
     @property
@@ -73,16 +73,16 @@ class SensorModel:
         return SensorId(self.design, self.serial, self.recipe, self.camera.as_dict())
 
     def with_gel(self, poisson: float, thickness_mm: float) -> SensorModel:
-        """The sensor with another gel behind the same face."""
+        """Return a copy with another gel behind the same face."""
         return replace(self, poisson=poisson, skin=replace(self.skin, thickness_mm=thickness_mm))
 
 
 @dataclass(frozen=True)
 class SensorId:
-    """What identifies a sensor; None where a source of images does not know it.
+    """Identity of a sensor; None for what the source of images does not state.
 
-    pattern, camera: the pattern's recipe and the camera, as they are stored; in files up to version
-    0.2 short digests of them.
+    pattern, camera: recipe of the pattern and camera, as stored; in files up to version 0.2 short
+    digests of them.
     """
 
     design: str | None = None
@@ -92,25 +92,25 @@ class SensorId:
 
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by catalog.validate
 
-    def unlike(self, other: SensorId) -> dict[str, tuple[Any, Any]]:
-        """What both know and differ in: this one's value and the other's, by key."""
+    def differences_from(self, reference: SensorId) -> dict[str, tuple[Any, Any]]:
+        """Return differing values by key, own and reference; keys that one lacks are skipped."""
         differences: dict[str, tuple[Any, Any]] = {}
-        for name, mine in vars(self).items():
-            yours = getattr(other, name)
-            if mine is None or yours is None:
+        for name, own_value in vars(self).items():
+            reference_value = getattr(reference, name)
+            if own_value is None or reference_value is None:
                 continue
-            if isinstance(mine, str) or isinstance(yours, str):
-                mine, yours = _digest(mine), _digest(yours)
-            ours, theirs = _flat(name, mine), _flat(name, yours)
-            for key in {**ours, **theirs}:
-                if ours.get(key) != theirs.get(key):
-                    differences[key] = ours.get(key), theirs.get(key)
+            if isinstance(own_value, str) or isinstance(reference_value, str):
+                own_value, reference_value = _digest(own_value), _digest(reference_value)
+            first, second = (_flatten(name, own_value), _flatten(name, reference_value))
+            for key in {**first, **second}:
+                if first.get(key) != second.get(key):
+                    differences[key] = first.get(key), second.get(key)
         return differences
 
 
 @dataclass(frozen=True)
 class CalibrationSource:
-    """What a calibration was made from. seed: of a simulated run."""
+    """Source of a calibration. seed: of a simulated run."""
 
     runs: tuple[str, ...]
     simulated: bool
@@ -122,19 +122,19 @@ class CalibrationSource:
 
 @dataclass(frozen=True)
 class CalibrationHead:
-    kind: Kind
+    kind: CalibrationKind
     sensor: SensorId
     made: CalibrationSource
 
     @property
     def origin(self) -> str:
-        """Of its figures, in words."""
+        """Origin of the figures: measured, or simulated with its seed."""
         return f"simulated, seed {self.made.seed}" if self.made.simulated else "measured"
 
     def toml(self, tables: Mapping[str, Any]) -> str:
-        """The text of the file: this head, then the tables."""
+        """Format the file: this head, then the tables."""
         head = {
-            "schema": SCHEMA,
+            "schema": CALIBRATION_SCHEMA,
             "kind": self.kind,
             "sensor": asdict(self.sensor),
             "made": {**asdict(self.made), "runs": list(self.made.runs)},
@@ -144,67 +144,68 @@ class CalibrationHead:
 
 
 def require_same_sensor(calibration: CalibrationHead, present: SensorId, source: str) -> None:
-    """Refuse a calibration (of the file `source`) for another sensor than it was made on.
+    """Refuse a calibration (of the file `source`) that was made on another sensor.
 
-    Raises InputError, one line that says in what the two differ, and what to do.
+    Raises InputError, one line with the differences and the remedy.
     """
-    if not (unlike := present.unlike(calibration.sensor)):
+    if not (differences := present.differences_from(calibration.sensor)):
         return
-    words = _WRITERS[calibration.kind] + _ANEW[calibration.kind].format(source)
-    made, remedy = "on another sensor", f"`deltact-fab {words}` makes one for this sensor"
-    if all(key.startswith("camera") for key in unlike):
-        made = "with another camera file"
+    words = _WRITER_COMMANDS[calibration.kind] + _WRITER_ARGUMENTS[calibration.kind].format(source)
+    mismatch, remedy = "on another sensor", f"`deltact-fab {words}` makes one for this sensor"
+    if all(key.startswith("camera") for key in differences):
+        mismatch = "with another camera file"
         remedy = f"measure with that one; or, if the lens was calibrated again since, {remedy}"
-    raise InputError(f"{source}: made {made}: {told(unlike, 'in this file')}; {remedy}")
+    text = format_differences(differences, "in this file")
+    raise InputError(f"{source}: made {mismatch}: {text}; {remedy}")
 
 
-def told(unlike: Mapping[str, tuple[Any, Any]], there: str) -> str:
-    """Differences in words: "serial 'B2' here, 'A1' in this file"; of many the first ones."""
+def format_differences(differences: Mapping[str, tuple[Any, Any]], reference_place: str) -> str:
+    """Format differences, at most MAX_DIFFERENCES: "serial 'B2' here, 'A1' in this file"."""
     words = []
-    for key, values in list(unlike.items())[:SHOWN]:
-        one, other = (f"{v:.6g}" if isinstance(v, float) else repr(v) for v in values)
-        if one == other:  # to the digits that are shown
-            one, other = map(repr, values)
-        words.append(f"{key} {one} here, {other} {there}")
-    more = len(unlike) - SHOWN
-    return "; ".join([*words, f"{more} more"] if more > 0 else words)
+    for key, values in list(differences.items())[:MAX_DIFFERENCES]:
+        value, reference_value = (f"{v:.6g}" if isinstance(v, float) else repr(v) for v in values)
+        if value == reference_value:  # in the digits shown
+            value, reference_value = map(repr, values)
+        words.append(f"{key} {value} here, {reference_value} {reference_place}")
+    n_hidden = len(differences) - MAX_DIFFERENCES
+    return "; ".join([*words, f"{n_hidden} more"] if n_hidden > 0 else words)
 
 
 def read_calibration(
-    path: Path, kind: Kind | None = None
+    path: Path, kind: CalibrationKind | None = None
 ) -> tuple[CalibrationHead, dict[str, Any]]:
-    """Head and own tables of a calibration file, of one kind or of any (None).
+    """Read head and other tables of a calibration file, of one kind or of any (None).
 
-    Raises InputError of one line: no such file, no TOML, another schema or kind, a head that is
-    not one, a number that is not finite.
+    Raises InputError of one line: no such file, no TOML, another schema or kind, an invalid head,
+    a number that is not finite.
     """
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     data = read_toml(path)
-    schema, found = data.pop("schema", None), data.pop("kind", None)
-    if schema is None and found is None:
-        raise InputError(f"{path}: not a calibration: no `schema` and `kind`; {_made_by(kind)}")
-    if schema != SCHEMA or isinstance(schema, bool):
-        raise InputError(f"{path}: schema: {schema!r}, this version reads {SCHEMA}")
-    if found not in get_args(Kind):
-        raise InputError(f"{path}: kind: {found!r}; valid: {', '.join(get_args(Kind))}")
-    if kind is not None and found != kind:
-        raise InputError(f"{path}: kind: a calibration of {found}, not of {kind}; {_made_by(kind)}")
-    head = {"kind": found, "sensor": data.pop("sensor", {}), "made": data.pop("made", {})}
-    if where := _not_finite(data):
-        raise InputError(f"{path}: {where}: not a finite number")
+    schema, stated = data.pop("schema", None), data.pop("kind", None)
+    if schema is None and stated is None:
+        raise InputError(f"{path}: not a calibration: no `schema` and `kind`; {_hint(kind)}")
+    if schema != CALIBRATION_SCHEMA or isinstance(schema, bool):
+        raise InputError(f"{path}: schema: {schema!r}, this version reads {CALIBRATION_SCHEMA}")
+    if stated not in get_args(CalibrationKind):
+        raise InputError(f"{path}: kind: {stated!r}; valid: {', '.join(get_args(CalibrationKind))}")
+    if kind is not None and stated != kind:
+        raise InputError(f"{path}: kind: a calibration of {stated}, not of {kind}; {_hint(kind)}")
+    head = {"kind": stated, "sensor": data.pop("sensor", {}), "made": data.pop("made", {})}
+    if bad_key := _not_finite(data):
+        raise InputError(f"{path}: {bad_key}: not a finite number")
     return validate(CalibrationHead, head, str(path)), data
 
 
 def rest_table(name: str, data: bytes) -> dict[str, str]:
-    """The table [rest] of a file beside which the face at rest lies as `name`."""
+    """Make the table [rest] that names the image of the face at rest, beside the file."""
     return {"file": name, "sha256": hashlib.sha256(data).hexdigest()}
 
 
 def read_rest(path: Path, table: Mapping[str, Any]) -> bytes | None:
-    """The image that [rest] of a calibration file names; None of an empty table.
+    """Read the image that [rest] of a calibration file names; None for an empty table.
 
-    Raises InputError for one that cannot be read or is not the one that was written.
+    Raises InputError if it cannot be read or does not match the hash.
     """
     if not table:
         return None
@@ -214,49 +215,49 @@ def read_rest(path: Path, table: Mapping[str, Any]) -> bytes | None:
     image = path.with_name(name)
     try:
         data = image.read_bytes()
-    except OSError as why:
-        raise InputError(f"{image}: cannot be read: {why.strerror}; {path} names it") from why
+    except OSError as error:
+        raise InputError(f"{image}: cannot be read: {error.strerror}; {path} names it") from error
     if hashlib.sha256(data).hexdigest() != table.get("sha256"):
-        raise InputError(f"{image}: differs from the hash in {path}: damaged, or of another one")
+        raise InputError(f"{image}: differs from the hash in {path}: damaged, or from another file")
     return data
 
 
 def format_acceptance(
-    known: SensorModel,
+    model: SensorModel,
     source: str,
     seed: int,
     rest: tuple[str, bytes],
     rows: Sequence[Sequence[Any]],
 ) -> str:
-    """Format the file of a sensor that was accepted.
+    """Format the file of an accepted sensor.
 
     source: of its images. seed: of simulated ones. rest: name of the image of the face at rest,
-    which lies beside the file, and its bytes. rows: what was checked.
+    beside the file, and its bytes. rows: the checks.
     """
-    simulated = known.simulated is not None
-    made = CalibrationSource((source,), simulated, VERSION, seed if simulated else None)
-    head = CalibrationHead("acceptance", SensorId(known.design, known.serial), made)
+    simulated = model.simulated is not None
+    provenance = CalibrationSource((source,), simulated, VERSION, seed if simulated else None)
+    head = CalibrationHead("acceptance", SensorId(model.design, model.serial), provenance)
     return head.toml({"rest": rest_table(*rest), "accepted": {"rows": rows}})
 
 
-def read_acceptance(path: Path, known: SensorModel) -> bytes | None:
-    """Read the image of the face at rest that an acceptance's file names; None without one.
+def read_acceptance(path: Path, model: SensorModel) -> bytes | None:
+    """Read the image of the face at rest that an acceptance file names; None without one.
 
-    Raises InputError for a file that is none or another sensor's, and as `read_rest`.
+    Raises InputError for an invalid file or another sensor's, and as `read_rest`.
     """
     head, data = read_calibration(path, "acceptance")
-    require_same_sensor(head, SensorId(known.design, known.serial), str(path))
+    require_same_sensor(head, SensorId(model.design, model.serial), str(path))
     table = data.get("rest")
     return read_rest(path, table) if isinstance(table, dict) else None
 
 
-def _made_by(kind: Kind | None) -> str:
-    which = [_WRITERS[kind]] if kind else list(_WRITERS.values())
-    return f"one is made by {' or '.join(f'`{name}`' for name in which)}"
+def _hint(kind: CalibrationKind | None) -> str:
+    commands = [_WRITER_COMMANDS[kind]] if kind else list(_WRITER_COMMANDS.values())
+    return f"one is made by {' or '.join(f'`{name}`' for name in commands)}"
 
 
 def _not_finite(value: Any) -> str | None:
-    """The key of a number that is none, "a.b.0"; None where all are finite."""
+    """Return the key of a non-finite number, "a.b.0"; None if all are finite."""
     if isinstance(value, float):
         return None if value - value == 0 else ""
     inner = value.items() if isinstance(value, dict) else ()
@@ -266,15 +267,15 @@ def _not_finite(value: Any) -> str | None:
     return None
 
 
-def _flat(name: str, data: Any) -> dict[str, Any]:
-    """Numbers and words by their keys, as in "camera.lens.f_px"; what a file leaves out is not."""
+def _flatten(name: str, data: Any) -> dict[str, Any]:
+    """Flatten nested tables to dotted keys, as in "camera.lens.f_px", without None."""
     if not isinstance(data, Mapping):
         return {} if data is None else {name: list(data) if isinstance(data, tuple) else data}
-    return {k: v for key, value in data.items() for k, v in _flat(f"{name}.{key}", value).items()}
+    return {k: v for key, x in data.items() for k, v in _flatten(f"{name}.{key}", x).items()}
 
 
 def _digest(data: Description) -> str:
-    """As files up to version 0.2 have it, which is kept as it is."""
+    """Return the digest that files up to version 0.2 hold; strings unchanged."""
     if isinstance(data, str):
         return data
     text = json.dumps(data, sort_keys=True, separators=(",", ":"))

@@ -173,7 +173,7 @@ class _Still:
         even = seen if self._flat is None else self._flat.apply(seen)
         if not self.untrackable:
             try:
-                flow = FaceFlow.of(self._tracker.update(even), self._camera, 8)
+                flow = FaceFlow.from_flow(self._tracker.update(even), self._camera, 8)
             except SensorError as why:
                 self.untrackable = str(why)
                 return

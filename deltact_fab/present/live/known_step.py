@@ -33,7 +33,7 @@ def check_known_step(folder: Path) -> list[Check]:
     tracker = FlowTracker(full=False)
     flows, at_mm = {}, {}
     for name, (_, row) in zip(names, frames.iterrows(), strict=True):
-        flows[name] = FaceFlow.of(tracker.update(run.image(str(row["file"]))), camera, 2)
+        flows[name] = FaceFlow.from_flow(tracker.update(run.image(str(row["file"]))), camera, 2)
         at_mm[name] = row[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
     x, y = np.meshgrid(flows["rest"].x_mm, flows["rest"].y_mm)
     rest = at_mm["rest"]

@@ -47,7 +47,7 @@ def data(m: MeasuredImage, camera: CameraModel) -> dict[str, Any]:
     f, least, arrow = result.flow, MIN_MM, ARROW_MM
     if in_px and result.observation is not None:
         f, least, arrow = (
-            FaceFlow.of(result.observation, camera, FaceFlow.SPACING_PX),
+            FaceFlow.from_flow(result.observation, camera, FaceFlow.SPACING_PX),
             MIN_PX,
             ARROW_PX,
         )

@@ -66,7 +66,7 @@ class Motion:
             counts = len(dots.found), len(shift_px)
         else:
             assert result.observation is not None, "`measurement_of` asks for it"
-            flow = FaceFlow.of(result.observation, camera, FaceFlow.SPACING_PX)
+            flow = FaceFlow.from_flow(result.observation, camera, FaceFlow.SPACING_PX)
             shift_px = flow.shift_mm[flow.known] / np.float32(camera.mm_per_px)
         size = np.hypot(*shift_px.T)
         most, middle = (float(size.max()), float(np.median(size))) if len(size) else (None, None)

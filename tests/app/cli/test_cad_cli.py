@@ -36,7 +36,7 @@ def refused(*words: str, kind: type[Exception] = InputError) -> str:
     return str(result.exception)
 
 
-def test_the_bill_is_a_table_or_json_by_its_name() -> None:
+def test_bom_format_follows_file_name() -> None:
     done("bom", "-o", "b.csv")
     assert len(list(csv.DictReader(Path("b.csv").read_text().splitlines()))) > 10
     done("bom", "-o", "b.json")
@@ -44,7 +44,7 @@ def test_the_bill_is_a_table_or_json_by_its_name() -> None:
 
 
 @pytest.mark.slow
-def test_an_export_over_another_leaves_nothing_of_it() -> None:
+def test_export_replaces_earlier_export() -> None:
     done("export", "acrylic", "cover", "--format", "dxf,step", "--out", "two")
     thick = ("--set", "optics.acrylic_mm=3", "--out", "two")
     done("export", "acrylic", "--format", "dxf", *thick)

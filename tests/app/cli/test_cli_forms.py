@@ -22,7 +22,7 @@ from deltact_fab.common.errors import InputError
 LEAVES = {c.command_path: (c, one) for c, one in commands() if not isinstance(one, click.Group)}
 
 
-def test_json_a_file_and_a_folder_are_asked_for_in_one_way() -> None:
+def test_output_options_are_uniform() -> None:
     for path, (_, command) in LEAVES.items():
         by_name = {flag: p for p in command.params for flag in p.opts}
         assert by_name["--json"].is_flag, path
@@ -34,7 +34,7 @@ def test_json_a_file_and_a_folder_are_asked_for_in_one_way() -> None:
                 free = flag == "--seed" or path == "deltact-fab run"  # a finished one is read only
                 assert free or by_name[flag].callback.__name__ == "writable", path
         if "--seed" in by_name:
-            assert by_name["--seed"].type is options.SEED, path
+            assert by_name["--seed"].type is options.SEED_TYPE, path
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def test_json_a_file_and_a_folder_are_asked_for_in_one_way() -> None:
         (True, "locked/x", "locked/x: cannot be written: .*locked is read-only"),
     ],
 )
-def test_a_place_that_cannot_be_written_is_refused_before_the_work(
+def test_unwritable_output_is_refused_first(
     folder: bool,
     place: str,
     says: str,
@@ -70,7 +70,7 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_work(
     assert sorted(p.name for p in Path().iterdir()) == ["file", "held", "locked"]
 
 
-def test_the_examples_of_the_helps_are_commands() -> None:
+def test_help_examples_are_commands() -> None:
     shown = [one.epilog for _, one in LEAVES.values() if one.epilog]
     assert len(shown) > 20
     for example in shown:
@@ -86,7 +86,7 @@ def test_the_examples_of_the_helps_are_commands() -> None:
         command.parse_args(context, words)
 
 
-def test_a_table_on_a_narrow_terminal_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_narrow_terminal_table_is_complete(monkeypatch: pytest.MonkeyPatch) -> None:
     columns = ("item", "note", *(f"f{i}_mm" for i in range(4)))
     rows = [("a", "[some] words that go on and on", *[0.5] * 4), ("b", "", *[12.25] * 4)]
     wide = list(output.table(columns, rows))
@@ -98,7 +98,7 @@ def test_a_table_on_a_narrow_terminal_loses_nothing(monkeypatch: pytest.MonkeyPa
     assert sorted(" ".join(narrow).split()) == sorted(" ".join(wide).split())
 
 
-def test_progress_is_told_in_lines_where_there_is_no_terminal(
+def test_progress_lines_without_terminal(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with output.progress("quick") as tick:
@@ -113,7 +113,7 @@ def test_progress_is_told_in_lines_where_there_is_no_terminal(
     assert told.out == ""
 
 
-def test_numbers_have_as_many_digits_as_are_of_use() -> None:
+def test_numbers_have_useful_digits() -> None:
     lines = output.table(
         ("a", "b", "c", "d"),
         [(0.30000000000000004, 1e-17, 76777.25, True), (12.0, 1.0, 1.0, False)],
@@ -124,7 +124,7 @@ def test_numbers_have_as_many_digits_as_are_of_use() -> None:
     ]
 
 
-def test_no_colour_is_drawn_where_none_is_wanted(tmp_path: Path) -> None:
+def test_no_color_is_respected(tmp_path: Path) -> None:
     """On a pseudo terminal, with NO_COLOR."""
     code = (
         "import time\nfrom deltact_fab.app.cli.output import progress\n"
@@ -160,7 +160,7 @@ def test_ctrl_c_is_130(tmp_path: Path) -> None:
     assert b'"ended": "stopped"' in out
 
 
-def test_what_failed_after_ctrl_c_is_still_told(
+def test_failure_after_ctrl_c_is_reported(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A lift that failed is not hidden behind the word that it was stopped."""

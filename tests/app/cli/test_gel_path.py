@@ -60,7 +60,7 @@ def ask(protocol: str, rig: str, *more: str) -> Result:
 
 
 @pytest.mark.slow
-def test_what_is_solved_ahead_is_found_again_and_by_run(tmp_path: Path) -> None:
+def test_run_reuses_solved_path(tmp_path: Path) -> None:
     protocol, rig = files(tmp_path, "hyperelastic")
     first = ask(protocol, rig, "--jobs", "1", "--json")
     assert first.exit_code == 0, first.output
@@ -76,7 +76,7 @@ def test_what_is_solved_ahead_is_found_again_and_by_run(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_press_that_fails_is_one_line_and_exit_1(tmp_path: Path) -> None:
+def test_failed_press_exits_1(tmp_path: Path) -> None:
     # So light a touch meets a node of so coarse a grid only at odd millimetres.
     protocol, rig = files(tmp_path, positions="[[0, 0], [11, 1]]")
     Path(protocol).write_text(Path(protocol).read_text().replace("[0.5]", "[0.02]"))
@@ -95,7 +95,7 @@ def test_a_press_that_fails_is_one_line_and_exit_1(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_killed_it_goes_on_with_what_is_whole(tmp_path: Path) -> None:
+def test_killed_path_resumes(tmp_path: Path) -> None:
     protocol, rig = files(tmp_path, "hyperelastic", "[[0, 0], [1, 0], [2, 0], [3, 0]]")
     code = "from deltact_fab.app.cli.gel import path; path()"
     arguments = [protocol, "--rig", rig, "--jobs", "1"]

@@ -44,7 +44,7 @@ print("@@", [m for m in {heavy!r} if m in sys.modules])
 """
 
 
-def test_help_of_every_command_loads_nothing_heavy() -> None:
+def test_help_imports_nothing_heavy() -> None:
     words = [path.split()[1:] for path in (context.command_path for context, _ in commands())]
     words = [[], *words, *(["study", "run", name] for name in STUDIES)]
     script = ASK.format(words=words, heavy=HEAVY)
@@ -68,14 +68,12 @@ def test_help_of_every_command_loads_nothing_heavy() -> None:
         ("analyze force none", "calibrate force none"),
     ],
 )
-def test_an_old_form_does_what_the_new_one_does_and_says_so(
-    old: str, now: str, tmp_path: Path
-) -> None:
+def test_moved_command_works_with_notice(old: str, now: str, tmp_path: Path) -> None:
     done, same = (called(*words.split(), cwd=tmp_path) for words in (old, now))
     told, left = done.stderr.split("\n", 1)
     new = told.split("`")[3]
     assert now.startswith(new.removeprefix("deltact-fab "))
-    assert told.endswith(f"is `{new}` now; the old name goes with 0.4")
+    assert told.endswith(f"is now `{new}`; the old name is removed in 0.4")
     assert (left, done.returncode) == (same.stderr, 2)
 
 
@@ -115,11 +113,11 @@ def test_an_old_form_does_what_the_new_one_does_and_says_so(
         ("rig goto b.toml 0 0 inf --as-counted", "inf is not a finite number"),
         ("rig check b.toml --seconds nan", "nan is not a finite number"),
         ("rig register b.toml -o f.toml --indenter 4dots", "registered with a ball"),
-        ("rig register b.toml -o f.toml --at nan,0", "two numbers are needed"),
+        ("rig register b.toml -o f.toml --at nan,0", "must be two finite numbers"),
         ("rig register b.toml -o gone/f.toml", "there is no folder gone; create it first"),
     ],
 )
-def test_bad_input_is_one_line_and_exit_2(words: str, says: str, tmp_path: Path) -> None:
+def test_bad_input_is_one_line(words: str, says: str, tmp_path: Path) -> None:
     """Before a port is opened or a folder is made."""
     (tmp_path / "b.toml").write_text(BENCH)
     done = called(*words.split(" "), cwd=tmp_path)
@@ -135,9 +133,7 @@ def test_bad_input_is_one_line_and_exit_2(words: str, says: str, tmp_path: Path)
         ("schema protocol", "pipe", 1, ""),
     ],
 )
-def test_a_full_disk_is_exit_1_and_a_closed_pipe_is_silent(
-    words: str, to: str, code: int, says: str
-) -> None:
+def test_full_disk_exits_1_pipe_silent(words: str, to: str, code: int, says: str) -> None:
     read, write = os.pipe()
     os.close(read)
     with open(to if to != "pipe" else write, "w") as out:
@@ -150,9 +146,7 @@ def test_a_full_disk_is_exit_1_and_a_closed_pipe_is_silent(
 
 
 @pytest.mark.parametrize("kind", [InputError, RunFailed])
-def test_a_full_disk_is_exit_1_whatever_met_it(
-    kind: type[Exception], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_full_disk_exits_1_anywhere(kind: type[Exception], monkeypatch: pytest.MonkeyPatch) -> None:
     def full(**options: object) -> None:
         raise kind("out: cannot be written") from OSError(errno.ENOSPC, "no space")
 
@@ -162,7 +156,7 @@ def test_a_full_disk_is_exit_1_whatever_met_it(
 
 
 @pytest.mark.slow
-def test_a_check_that_fails_is_exit_1(tmp_path: Path) -> None:
+def test_failed_check_exits_1(tmp_path: Path) -> None:
     text = (Path(__file__).parents[3] / "protocols" / "smoke.toml").read_text()
     (tmp_path / "p.toml").write_text(text.replace("[1.0]", "[11.5]"))
     done = called("protocol", "check", "p.toml", cwd=tmp_path)
@@ -182,7 +176,7 @@ def test_a_check_that_fails_is_exit_1(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_gel_press_ends_at_its_limit_of_time(tmp_path: Path) -> None:
+def test_gel_press_stops_at_limit(tmp_path: Path) -> None:
     words = ["gel", "press", "--indenter", "star", "--at", "1,0", "--depth", "3"]
     done = called(*words, "--tolerance", "0.005", "--limit-s", "0.01", cwd=tmp_path)
     assert done.returncode == 1

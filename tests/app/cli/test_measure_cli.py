@@ -18,7 +18,7 @@ COMMAND = [sys.executable, "-m", "deltact_fab.app.cli.main", "measure"]
 
 
 @pytest.mark.slow
-def test_a_line_of_json_an_image_with_gaps_and_origin_told(mini_run: Path) -> None:
+def test_jsonl_line_per_image(mini_run: Path) -> None:
     done = subprocess.run(
         [*COMMAND, str(mini_run), "--jsonl"], capture_output=True, text=True, check=True
     )
@@ -32,7 +32,7 @@ def test_a_line_of_json_an_image_with_gaps_and_origin_told(mini_run: Path) -> No
 
 
 @pytest.mark.slow
-def test_ctrl_c_ends_it_with_130_and_whole_lines(mini_run: Path) -> None:
+def test_ctrl_c_exits_130_complete_lines(mini_run: Path) -> None:
     # Without a pipe's buffer of results in front of us: it is measuring when it is interrupted.
     words = [*COMMAND[1:], str(mini_run), "--jsonl", "--hz", "2"]
     with started(*words, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as going:
@@ -52,7 +52,7 @@ def test_ctrl_c_ends_it_with_130_and_whole_lines(mini_run: Path) -> None:
     [
         ([], "Missing argument 'SOURCE'"),
         (["{run}", "--show", "forc"], "did you mean"),
-        (["{run}", "--show", "force"], "a calibration of force is needed"),
+        (["{run}", "--show", "force"], "needs a force calibration"),
         (["{run}", "--calibration", "{run}/protocol.toml"], "not a calibration"),
         (["{run}", "--calibration", "{run}/none.toml"], "no such file"),
         (["{run}", "--camera", "{run}/none.toml"], "none.toml"),
@@ -60,7 +60,7 @@ def test_ctrl_c_ends_it_with_130_and_whole_lines(mini_run: Path) -> None:
         (["{run}", "--view", "--port", "{taken}"], "in use; leave it out for a free one"),
     ],
 )
-def test_what_cannot_be_measured_is_one_line(asked: list[str], told: str, mini_run: Path) -> None:
+def test_unmeasurable_source_is_one_line(asked: list[str], told: str, mini_run: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         names = {"run": mini_run, "taken": other.getsockname()[1]}
         done = subprocess.run(

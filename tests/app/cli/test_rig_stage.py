@@ -77,10 +77,10 @@ def bench(folder: Path, settings: dict[int, float] | None = None) -> Iterator[Be
         yield Bench(terminal, file)
 
 
-def test_a_board_set_up_wrongly_is_not_homed(tmp_path: Path) -> None:
+def test_misconfigured_board_is_not_homed(tmp_path: Path) -> None:
     with bench(tmp_path, {21: 0, 3: 1}) as it:
         text = it.prints("probe")  # its old name
-        assert "`deltact-fab rig check` now" in text
+        assert "is now `deltact-fab rig check`" in text
         told = [line for line in text.splitlines() if line.startswith("FAIL  stage")]
         assert ["$21=0" in told[0], "$3=1" in told[1], len(told)] == [True, True, 2]
         with pytest.raises(StageError, match=r"\$21=0 .* set \$21=1 .*\(and 1 more"):
@@ -142,7 +142,7 @@ def test_what_is_refused_moves_nothing(words: tuple[str, ...], said: str, waitin
 
 
 @pytest.mark.slow
-def test_into_the_gel_only_when_asked_for_and_out_first(tmp_path: Path) -> None:
+def test_into_gel_needs_flag(tmp_path: Path) -> None:
     with bench(tmp_path) as it:
         it.does("home", "--yes", "--tip-is-clear")
         it.does("goto", "0", "0", "4.7", "--as-counted", "--into-gel", "--feed", "1200")
@@ -191,7 +191,7 @@ def test_ctrl_c_stops_a_jog(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("words", [("status",), ("jog", "0", "0", "1"), ("reset",)])
-def test_a_virtual_rig_has_nothing_to_drive(words: tuple[str, ...]) -> None:
+def test_virtual_rig_has_no_stage(words: tuple[str, ...]) -> None:
     result = CliRunner().invoke(rig, [words[0], "virtual", *words[1:]])
     assert isinstance(result.exception, DeltactFabError)
     assert str(result.exception).endswith("kind: a 'virtual' rig has no stage to drive; 'grbl' has")

@@ -12,7 +12,7 @@ from click.testing import CliRunner, Result
 
 from deltact_fab.app import lab
 from deltact_fab.app.cli.main import main
-from deltact_fab.app.lab import SHIPPED
+from deltact_fab.app.lab import SHIPPED_FOLDERS
 from deltact_fab.bench.protocols import plan
 from deltact_fab.common import catalog
 from deltact_fab.common.errors import InputError
@@ -43,8 +43,8 @@ def mine(here: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return here / "my-lab"
 
 
-def test_the_folder_holds_the_shipped_files_as_they_are(mine: Path) -> None:
-    for kind in SHIPPED:
+def test_folder_holds_unchanged_shipped_files(mine: Path) -> None:
+    for kind in SHIPPED_FOLDERS:
         shipped = {p.relative_to(shipped_folder(kind)): p
                    for p in shipped_folder(kind).rglob("*.toml")}  # fmt: skip
         own = {p.relative_to(mine / kind): p for p in (mine / kind).rglob("*.toml")}
@@ -67,28 +67,28 @@ def test_what_is_there_is_never_touched(here: Path, content: str) -> None:
     else:
         (here / "my-lab").mkdir()
         (here / "my-lab" / "notes.txt").write_text("mine")
-    with pytest.raises(InputError, match="expected the name of a new or empty folder"):
+    with pytest.raises(InputError, match="must be a new or empty folder"):
         lab.init(Path("my-lab"))
     left = here / "my-lab" / "notes.txt" if content == "folder" else here / "my-lab"
     assert left.read_text() == "mine"
     assert len(list(here.rglob("*"))) == (2 if content == "folder" else 1)
 
 
-def test_an_empty_folder_and_a_repository_are_taken(here: Path) -> None:
+def test_empty_folder_or_repository_accepted(here: Path) -> None:
     (here / ".git").mkdir()
     lab.init(Path())
     assert (here / "README.md").is_file()
 
 
 @pytest.mark.parametrize("source", catalog.catalogue_names("protocols"))
-def test_a_new_protocol_is_the_one_it_began_as(here: Path, source: str) -> None:
+def test_new_protocol_equals_its_source(here: Path, source: str) -> None:
     lab.protocol("own", source)
     own, _ = plan.load_protocol("own", by_hand=True)
     changed = {"name": "own", "description": own.description}
     assert own == plan.load_protocol(source, by_hand=True)[0].model_copy(update=changed)
 
 
-def test_what_stands_in_comments_is_what_holds_without_it(here: Path) -> None:
+def test_commented_values_are_defaults(here: Path) -> None:
     """All defaults uncommented make the same protocol, pattern and design."""
     protocol = lab.protocol("own", "force-calibration").read_text()
     examples = r"(?m)^#(amplitude_mm|amplitude_of_depth|rate_hz|s|settle_s|serial) = .*\n"
@@ -107,7 +107,7 @@ def uncommented(text: str) -> str:
 
 
 @pytest.mark.parametrize("law", PATTERN_LAWS)
-def test_a_new_recipe_has_the_keys_of_its_law(here: Path, law: str) -> None:
+def test_new_recipe_has_law_keys(here: Path, law: str) -> None:
     text = lab.pattern("own", law).read_text()
     assert load_recipe("own").law == law
     named = {found[1] for found in re.finditer(r"(?m)^#?([a-z_]+) = ", text)}
@@ -117,14 +117,14 @@ def test_a_new_recipe_has_the_keys_of_its_law(here: Path, law: str) -> None:
     assert not ({"patch_mm", "r", "scales_mm", "weights"} - taken) & named
 
 
-def test_a_file_is_never_overwritten_and_a_name_is_a_name(here: Path) -> None:
+def test_no_overwrite_and_no_path_names(here: Path) -> None:
     run("protocol", "new", "own", "-o", "there.toml")
     before = Path("there.toml").read_bytes()
     for words, says in (
         (["protocol", "new", "own", "-o", "there.toml"], "there.toml: already there"),
         (["protocol", "new", "own", "-o", "no/own.toml"], "no/own.toml: there is no folder no"),
-        (["protocol", "new", "own.toml"], "expected a name"),
-        (["cad", "new", "../own"], "expected a name"),
+        (["protocol", "new", "own.toml"], "must be a name"),
+        (["cad", "new", "../own"], "must be a name"),
         (["protocol", "new", "two words"], "name: "),
         (["protocol", "new", "own", "--from", "smokes"], "did you mean 'smoke'"),
         (["pattern", "new", "own", "--law", "octav"], "did you mean 'octave'"),

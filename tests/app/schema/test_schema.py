@@ -14,11 +14,11 @@ from pydantic import TypeAdapter
 
 from deltact_fab.app.lab import kind_of
 from deltact_fab.app.schema import (
-    KINDS,
-    OUTPUTS,
-    Kind,
-    described,
-    document,
+    FILE_KINDS,
+    OUTPUT_KINDS,
+    FileKind,
+    describe,
+    json_schema,
     limits_of,
     rows,
     type_of,
@@ -39,18 +39,18 @@ EXAMPLES = {
     "cameras": "cameras",
     "parts": "parts",
 }
-ALL = pytest.mark.parametrize("kind", KINDS.values(), ids=lambda kind: kind.name)
+ALL = pytest.mark.parametrize("kind", FILE_KINDS.values(), ids=lambda kind: kind.name)
 
 
-def shipped(kind: Kind) -> Iterator[tuple[Path, dict[str, Any]]]:
+def shipped(kind: FileKind) -> Iterator[tuple[Path, dict[str, Any]]]:
     for file in sorted(shipped_folder(kind.catalogue).glob("*.toml")):
         data = catalog.read_toml(file)
         if kind_of(kind.catalogue, data) == kind.name:
             yield file, data
 
 
-@pytest.mark.parametrize("kind", (KINDS | OUTPUTS).values(), ids=lambda kind: kind.name)
-def test_every_key_says_what_it_means(kind: Kind) -> None:
+@pytest.mark.parametrize("kind", (FILE_KINDS | OUTPUT_KINDS).values(), ids=lambda kind: kind.name)
+def test_every_key_says_what_it_means(kind: FileKind) -> None:
     found = rows(kind)
     assert len(found) >= 5
     assert [row.key for row in found if len(row.meaning) < 8] == []
@@ -58,9 +58,9 @@ def test_every_key_says_what_it_means(kind: Kind) -> None:
 
 
 @ALL
-def test_shipped_files_are_valid_to_another_reader_of_json_schema(kind: Kind) -> None:
+def test_shipped_files_pass_other_schema_validator(kind: FileKind) -> None:
     jsonschema = pytest.importorskip("jsonschema")
-    made = document(kind)
+    made = json_schema(kind)
     jsonschema.Draft202012Validator.check_schema(made)
     reader = jsonschema.Draft202012Validator(made)
     for file, data in shipped(kind):
@@ -89,14 +89,14 @@ def numbers(node: dict[str, Any], root: dict[str, Any], at: tuple[str, ...]) -> 
     "kind",
     [
         pytest.param(kind, id=kind.name, marks=[pytest.mark.slow] * (kind.name == "design"))
-        for kind in KINDS.values()
+        for kind in FILE_KINDS.values()
         if kind.name not in ("cameras", "parts")  # a camera's are a design's; parts have none
     ],
 )
-def test_a_number_beyond_its_limits_is_refused_by_the_model(kind: Kind) -> None:
+def test_model_refuses_number_beyond_limits(kind: FileKind) -> None:
     """The limits of the schema are those of the model: else an editor and `check` disagree."""
     start = catalog.read_toml(catalog.find_file(kind.catalogue, EXAMPLES[kind.name]))
-    root = described(kind)
+    root = describe(kind)
     tried = 0
     for number in numbers(root, root, ()):
         least = number.key.get("minimum", number.key.get("exclusiveMinimum"))
@@ -118,7 +118,7 @@ def test_a_number_beyond_its_limits_is_refused_by_the_model(kind: Kind) -> None:
 
 
 @ALL
-def test_defaults_are_those_of_the_model(kind: Kind) -> None:
+def test_defaults_are_those_of_the_model(kind: FileKind) -> None:
     """With every default of its rows written out, a file is the same to the model."""
     start = catalog.read_toml(catalog.find_file(kind.catalogue, EXAMPLES[kind.name]))
     start.pop("base", None)
@@ -161,5 +161,5 @@ def test_types_and_limits_in_plain_words(key: dict[str, Any], says: tuple[str, s
     [("press_feed_mm_min", "mm/min"), ("range_nmm", "N mm"), ("mm_per_px", "mm/px"),
      ("settle_s", "s"), ("poisson", ""), ("axes", ""), ("force_n", "N"), ("positions_mm", "mm")],
 )  # fmt: skip
-def test_the_unit_is_the_end_of_the_name(key: str, unit: str) -> None:
+def test_unit_is_name_suffix(key: str, unit: str) -> None:
     assert unit_of(key) == unit

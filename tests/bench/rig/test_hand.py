@@ -112,11 +112,11 @@ def test_keys_have_names(monkeypatch: pytest.MonkeyPatch, held: ExitStack) -> No
     tty.setraw(ours)
     with open(theirs) as terminal:
         monkeypatch.setattr("sys.stdin", terminal)
-        with keys.keys() as key:
+        with keys.read_keys() as key:
             for typed, name in ((b"\x1b[A", "up"), (b"\x1b[6~", "page down"), (b"q", "q")):
                 os.write(ours, typed)
                 assert key(2.0) == name
             assert key(0.0) == ""
-            with keys.whole_lines():
+            with keys.line_mode():
                 os.write(ours, b"clear\n")
                 assert terminal.readline() == "clear\n"

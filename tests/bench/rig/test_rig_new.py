@@ -138,7 +138,7 @@ def test_the_command_never_overwrites(tmp_path: Path) -> None:
     file = tmp_path / "bench.toml"
     done = CliRunner().invoke(main, ["rig", "new", "bench", "-o", str(file)])
     assert done.exit_code == 0, done.output
-    assert f"then `deltact-fab rig check {file}`" in done.output
+    assert f"then run `deltact-fab rig check {file}`" in done.output
     shown = CliRunner().invoke(main, ["rig", "show", str(file)])
     assert shown.exit_code == 0
     assert "stage.port" in shown.output

@@ -11,7 +11,7 @@ import pytest
 import benchmarks.renewal
 from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.measure import compose
-from deltact_fab.estimate.measure.compose import filled
+from deltact_fab.estimate.measure.compose import fill_gaps
 from deltact_fab.estimate.measure.flow.confidence import FlowState
 from deltact_fab.estimate.measure.flow.renewed import FlowMethod
 from deltact_fab.estimate.measure.flow.tracker import FlowTracker
@@ -62,7 +62,7 @@ def under(mask: Any, truth: Any) -> Any:
 
 
 @pytest.mark.slow
-def test_what_was_hidden_is_found_again_and_what_hides_it_is_not_followed(passing):
+def test_hidden_part_recovers_occluder_is_ignored(passing):
     images, hidden, truths = passing
     seen = follow(images)
     inner = np.zeros((256, 320), bool)
@@ -84,7 +84,7 @@ def test_what_was_hidden_is_found_again_and_what_hides_it_is_not_followed(passin
     assert error.mean() < 0.2 * lost.mean()
 
 
-def test_states_tell_matched_from_predicted_from_lost(make_scene):
+def test_states_matched_predicted_lost(make_scene):
     scene = make_scene(320, 256)
     rest = scene.picture()
     covered = rest.copy()
@@ -98,7 +98,7 @@ def test_states_tell_matched_from_predicted_from_lost(make_scene):
 
 
 @pytest.mark.parametrize("share", [0.0, 1.0])
-def test_a_lost_face_returns_at_rest_or_displaced(make_scene, make_bump, share):
+def test_lost_face_recovers(make_scene, make_bump, share):
     scene = make_scene(320, 256, margin=130)
     bump = make_bump((160, 128), 60, shift_px=(90, 0))
     images = [scene.picture(bump.scaled(k / 9), k) for k in range(10)]
@@ -109,28 +109,28 @@ def test_a_lost_face_returns_at_rest_or_displaced(make_scene, make_bump, share):
     assert error_px.mean() < 0.1
 
 
-def test_a_fill_continues_what_its_neighbours_do(monkeypatch):
+def test_gap_fill_continues_neighbours(monkeypatch):
     y, x = np.mgrid[:120, :160].astype(np.float32)
     truth = np.stack((3 + 0.2 * x - 0.1 * y, -4 + 0.05 * x + 0.15 * y), -1)
     kept = np.ones((120, 160), bool)
     kept[30:80, 40:110] = False
     kept[:, 150:] = False
     shown = np.where(kept[..., None], truth, np.float32(99))
-    out = filled(shown, kept, kept)
+    out = fill_gaps(shown, kept, kept)
     assert np.array_equal(out[kept], truth[kept])
     assert off_px(out, truth)[~kept].mean() < 1.5
-    assert not filled(shown, np.zeros_like(kept), np.zeros_like(kept)).any()
-    assert np.array_equal(filled(shown, kept, np.ones_like(kept)), shown)
+    assert not fill_gaps(shown, np.zeros_like(kept), np.zeros_like(kept)).any()
+    assert np.array_equal(fill_gaps(shown, kept, np.ones_like(kept)), shown)
     with monkeypatch.context() as patch:
-        patch.setattr(compose, "SLOPES", 1e9)  # means instead of planes
-        flat = filled(shown, kept, kept)
+        patch.setattr(compose, "SLOPE_RIDGE", 1e9)  # means instead of planes
+        flat = fill_gaps(shown, kept, kept)
     assert off_px(out, truth)[~kept].mean() < 0.5 * off_px(flat, truth)[~kept].mean()
 
 
 # Contract
 
 
-def test_half_the_resolution_is_the_same_flow_at_nodes(make_scene, make_bump):
+def test_half_resolution_equals_flow_at_nodes(make_scene, make_bump):
     scene = make_scene(319, 257)
     bump = make_bump((150, 130), 70, shear_px=(9, -6))
     images = [scene.picture(), scene.picture(bump, 1)]
@@ -166,7 +166,7 @@ def test_every_name_is_a_tracker():
         FlowTracker.from_name("dis-fast/anchored")
 
 
-def test_the_paper_renews_when_the_image_warped_back_differs(make_scene, make_bump):
+def test_paper_renews_on_warped_difference(make_scene, make_bump):
     scene = make_scene(320, 256, margin=90)
     bump = make_bump((150, 130), 70, shear_px=(60, -20))
     images = [scene.picture(bump.scaled(k / 4), k) for k in range(5)]
@@ -175,9 +175,7 @@ def test_the_paper_renews_when_the_image_warped_back_differs(make_scene, make_bu
         assert [o.diagnostics.n_reference_switches for o in seen[1:]] == switches
 
 
-def test_trackers_share_a_flow_where_they_are_told_to_and_only_there(
-    make_scene, make_bump, monkeypatch
-):
+def test_trackers_share_flow_on_request(make_scene, make_bump, monkeypatch):
     """A summed one beside a composed one: else the second would seem to cost nothing."""
     bump = make_bump((150, 130), 70, shear_px=(60, -20))
     scene = make_scene(320, 256, margin=90)
@@ -197,7 +195,7 @@ def test_trackers_share_a_flow_where_they_are_told_to_and_only_there(
 
 
 @pytest.mark.slow
-def test_the_rule_can_fire_on_every_pattern_of_the_paper() -> None:
+def test_renewal_possible_on_paper_patterns() -> None:
     """A threshold of 12 grey levels at a quarter of the size could on five of seventeen."""
     found = list(benchmarks.renewal.seen())
     assert len(found) == 17

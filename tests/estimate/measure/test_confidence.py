@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from deltact_fab.estimate.measure.flow.confidence import ConfidenceEstimator
-from deltact_fab.estimate.measure.flow.fused import Plane, Refined, to_gray
+from deltact_fab.estimate.measure.flow.fused import Plane, RefinedFlow, to_gray
 from deltact_fab.estimate.measure.flow.tracker import FlowTracker
 
 W, H = 480, 360
@@ -62,7 +62,7 @@ def test_an_unrelated_image_is_not_believed(what, gray, sequence):
 
 
 @pytest.mark.parametrize("gray", [False, True])
-def test_true_images_are_believed_and_an_unrelated_one_leaves_no_trace(gray, sequence):
+def test_unrelated_image_leaves_no_trace(gray, sequence):
     images, truths, other = sequence
     take = to_gray if gray else np.asarray
     shown = [take(i) for i in (*images[:3], other, *images[3:])]
@@ -76,25 +76,25 @@ def test_true_images_are_believed_and_an_unrelated_one_leaves_no_trace(gray, seq
     assert (error > 2.6).mean() <= 0.0005
 
 
-def test_three_pixels_from_the_edge_on_a_node_is_believed(sequence):
+def test_confident_from_three_pixels_inside_edge(sequence):
     still = follow([sequence[0][0]] * 2).confident
     assert not still[:2].any()
     assert still[30:40, 30:-30].mean() > 0.9
 
 
 @pytest.mark.parametrize(("sign", "stands"), [(-1, True), (1, False)], ids=["turn", "fold"])
-def test_a_turn_stands_and_what_folds_the_face_does_not(sign, stands):
+def test_rotation_valid_fold_invalid(sign, stands):
     """A slope of 0.97 across: turned the face has 1.94 of its area, sheared 0.06."""
     image = np.random.default_rng(2).integers(0, 256, (256, 256), np.uint8)
     y, x = np.mgrid[-64:64, -64:64].astype(np.float32) * 2
     one = np.ones_like(x)
-    match = Refined(np.stack((sign * 0.97 * y, 0.97 * x), -1), one, 0 * one, 0 * one)
-    kept, _ = ConfidenceEstimator(image, Plane.of(image)).look([], match)
+    match = RefinedFlow(np.stack((sign * 0.97 * y, 0.97 * x), -1), one, 0 * one, 0 * one)
+    kept, _ = ConfidenceEstimator(image, Plane.from_image(image)).check([], match)
     assert (kept[54:74, 54:74] == stands).all()
 
 
 @pytest.mark.parametrize("with_what", ["grey card", "another pattern"])
-def test_half_a_view_is_believed_for_its_half(with_what, sequence):
+def test_half_covered_view_trusts_visible_half(with_what, sequence):
     images, truths, other = sequence
     half = images[-1].copy()
     half[:, : W // 2] = 80 if with_what == "grey card" else other[:, : W // 2]
@@ -106,7 +106,7 @@ def test_half_a_view_is_believed_for_its_half(with_what, sequence):
     assert (off_px(seen, truths[-1])[seen.confident] > 2.6).mean() <= 0.002
 
 
-def test_trust_needs_texture_over_half_of_the_image(sequence):
+def test_trust_needs_texture_over_half(sequence):
     images, _, _ = sequence
     corner = [np.full_like(image, 120) for image in images[:2]]
     for image, true in zip(corner, images, strict=False):
@@ -131,7 +131,7 @@ def test_light_does_not_matter(light, sequence):
 
 
 @pytest.mark.parametrize("name", ["dis-fast", "dis-fast/static", "paper"])
-def test_every_tracker_is_judged_by_the_same_rule(name, sequence):
+def test_trackers_share_confidence_rule(name, sequence):
     images, truths, _ = sequence
     true = follow(images, FlowTracker.from_name(name))
     assert true.diagnostics.trusted
@@ -142,7 +142,7 @@ def test_every_tracker_is_judged_by_the_same_rule(name, sequence):
 
 
 @pytest.mark.parametrize("at_once", [True, False], ids=["first", "after a sequence"])
-def test_what_a_blur_leaves_unresolved_is_not_confident(at_once, sequence):
+def test_blurred_detail_is_not_confident(at_once, sequence):
     """Steps that the blurred image makes too short have not arrived, however small they are."""
     images, truths, _ = sequence
     before = images[:1] if at_once else images[:-1]

@@ -31,7 +31,7 @@ def _flow(shift: tuple[float, float] = (0, 0)) -> FaceFlow:
     return FaceFlow(moved, np.ones(AT.shape[:2], bool), X, Y)
 
 
-def test_a_cap_has_its_centre_its_rim_at_three_tenths_and_a_closed_outline():
+def test_cap_centre_rim_and_outline():
     (one,) = contacts(_depth((3.0, -2.0, 1.0, 4.0)), _flow(), CAMERA)
     area = np.pi * 4.0**2 * 0.7
     assert one.area_mm2 == pytest.approx(area, rel=0.02)
@@ -44,7 +44,7 @@ def test_a_cap_has_its_centre_its_rim_at_three_tenths_and_a_closed_outline():
     assert np.abs(far - 4 * np.sqrt(0.7)).max() < CELL
 
 
-def test_a_contact_is_where_its_picture_went_less_what_its_depth_looks_like():
+def test_contact_position_corrected_for_parallax():
     """Seen off the axis a depth is motion, outwards; the rest of the motion is the shear."""
     depth = _depth((6.0, 0.0, 1.0, 3.0))
     sheared = AT + (0.8, -0.5)
@@ -56,7 +56,7 @@ def test_a_contact_is_where_its_picture_went_less_what_its_depth_looks_like():
     assert np.allclose(one.place_mm, (6.8, -0.5), atol=0.03)
 
 
-def test_two_contacts_are_two_and_share_the_pressure():
+def test_two_contacts_share_pressure():
     depth = _depth((-5.0, 0.0, 1.0, 3.0), (5.0, 1.0, 0.4, 2.0))
     pressure = np.where(AT[..., 0] < 0, 3.0, 1.0) * (depth.depth_mm > 0)
     sums = [pressure[:, X < 0].sum(), pressure[:, X >= 0].sum()]
@@ -67,12 +67,12 @@ def test_two_contacts_are_two_and_share_the_pressure():
 
 
 @pytest.mark.parametrize(("apart", "number"), [(3.0, 1), (5.0, 2)])
-def test_peaks_without_a_dip_between_them_are_one_contact(apart, number):
+def test_merged_peaks_are_one_contact(apart, number):
     near = _depth((-apart / 2, 0.0, 1.0, 3.5), (apart / 2, 0.0, 0.9, 3.5))
     assert len(contacts(near, _flow(), CAMERA)) == number
 
 
-def test_a_face_at_rest_has_no_contact_and_lost_points_lower_the_cover():
+def test_rest_has_no_contact():
     assert contacts(_depth(), _flow(), CAMERA) == []
     depth = _depth((0.0, 0.0, 1.0, 4.0))
     depth.known[:, X > 0] = False

@@ -34,7 +34,7 @@ def _bump(height: float, width_mm: float = 1.0):
 
 
 @pytest.mark.parametrize("every", [1, 16])  # farther apart than sigma, too
-def test_a_uniform_expansion_thins_by_its_determinant(every):
+def test_uniform_expansion_thins_by_determinant(every):
     seen = jacobian_density(_flow(lambda x, y: (0.3 * x + 0.1 * y, 0.1 * y), every), MM_PER_PX)
     assert np.allclose(seen.value, 1 / (1.3 * 1.1), atol=2e-3)
 
@@ -47,7 +47,7 @@ def _splat(flow: FaceFlow, at: np.ndarray) -> np.ndarray:
     return np.exp(-far2 / (2 * sigma2)).sum(1) * flow.cell_mm**2 / (2 * np.pi * sigma2)
 
 
-def test_it_is_the_papers_splat_within_its_domain():
+def test_density_equals_paper_splat():
     flow = _flow(_bump(0.35))
     seen = jacobian_density(flow, MM_PER_PX)
     assert seen.reliable.mean() > 0.9
@@ -60,14 +60,14 @@ def test_it_is_the_papers_splat_within_its_domain():
     assert np.abs(jacobian - splat).max() < 0.04
 
 
-def test_features_of_three_pixels_keep_the_slope_that_the_gaussian_leaves_them():
+def test_small_features_keep_gaussian_slope():
     waves = 2 * np.pi / (18 * MM_PER_PX)
     got = jacobian_density(_flow(lambda x, y: (0.02 / waves * np.sin(waves * x), 0 * y)), MM_PER_PX)
     left = np.exp(-0.5 * (3 * MM_PER_PX * waves) ** 2)
     assert np.ptp(1 / got.value) / 2 == pytest.approx(0.02 * left, rel=0.01)
 
 
-def test_a_fold_and_a_lost_point_are_finite_and_flagged():
+def test_fold_and_lost_point_flagged():
     folded = _flow(lambda x, y: (-1.5 * np.exp(-((x / 0.5) ** 2)) * np.sign(x), 0 * y))
     seen = jacobian_density(folded, MM_PER_PX)
     assert np.isfinite(seen.value).all()

@@ -56,7 +56,7 @@ def pressed() -> np.ndarray:
     return np.stack(parts, axis=-1)
 
 
-def test_the_depth_of_a_ball_is_its_cap_wherever_its_picture_went():
+def test_ball_depth_is_its_cap():
     tip, radius = np.array([5.0, -4.0, -1.5]), 6.0
     cap = radius - np.sqrt(np.maximum(radius**2 - ((AT[..., :2] - tip[:2]) ** 2).sum(-1), 1))
     depth = np.maximum(1.5 - cap, 0)
@@ -65,7 +65,7 @@ def test_the_depth_of_a_ball_is_its_cap_wherever_its_picture_went():
     assert np.abs(ball_mm(drawn, VIEW, tip, radius) - depth).max() < 1e-3
 
 
-def test_a_press_is_found_where_it_is_and_as_deep_as_it_is(finder, pressed):
+def test_press_position_and_depth(finder, pressed):
     true = -pressed[..., 2]
     got = finder.of(_seen(pressed))
     assert got.cover == 1
@@ -76,7 +76,7 @@ def test_a_press_is_found_where_it_is_and_as_deep_as_it_is(finder, pressed):
     assert np.hypot(X[column] - 4, Y[row] + 3) < 0.5
 
 
-def test_the_gain_scales_and_what_is_deeper_than_the_calibration_is_said(finder, pressed):
+def test_gain_scales_and_extrapolation_is_flagged(finder, pressed):
     flow = _seen(pressed)
     once = finder.of(flow)
     shallow = DepthFinder(VIEW, DepthModel(1.5, 0.3)).of(flow)
@@ -84,7 +84,7 @@ def test_the_gain_scales_and_what_is_deeper_than_the_calibration_is_said(finder,
     assert (once.extrapolated, shallow.extrapolated) == (False, True)
 
 
-def test_a_hidden_part_lowers_the_cover_and_its_guess_has_no_say(finder, pressed):
+def test_hidden_part_lowers_cover_only(finder, pressed):
     shift = _seen(pressed).shift_mm
     known = np.hypot(AT[..., 0] - 5, AT[..., 1] + 3) > 2.5
     guessed = np.where(known[..., None], shift, 3.0).astype(np.float32)
@@ -95,7 +95,7 @@ def test_a_hidden_part_lowers_the_cover_and_its_guess_has_no_say(finder, pressed
 
 
 @pytest.mark.parametrize("lost", ["contact", "all"])
-def test_what_is_no_number_is_lost_and_makes_no_other_one_so(finder, pressed, lost):
+def test_nan_points_do_not_spread(finder, pressed, lost):
     shift = _seen(pressed).shift_mm.copy()
     gone = np.hypot(AT[..., 0] - 4, AT[..., 1] + 3) < (2 if lost == "contact" else 99)
     shift[gone] = np.nan
@@ -128,7 +128,7 @@ def test_a_rigid_motion_has_no_depth(finder, flow):
     assert np.abs(relative_depth(density, flow)).max() < 3e-3
 
 
-def test_relative_depth_keeps_an_edge_and_smooths_noise():
+def test_relative_depth_keeps_edges():
     rng = np.random.default_rng(1)
     grow = 0.3 * (np.hypot(AT[..., 0], AT[..., 1]) < 4)
     noise = rng.normal(0, 0.0015, (2, len(Y), len(X)))
@@ -142,7 +142,7 @@ def test_relative_depth_keeps_an_edge_and_smooths_noise():
     assert got[outer].std() < 0.5 * density.relative_depth[outer].std()
 
 
-def test_a_file_without_a_gain_is_no_depth_calibration(tmp_path: Path):
+def test_file_without_gain_is_refused(tmp_path: Path):
     file = tmp_path / "depth.toml"
     made = '[made]\nruns = []\nsimulated = true\nversion = "0"\n'
     file.write_text(f'schema = 1\nkind = "depth"\n{made}')

@@ -31,7 +31,7 @@ def small(make_scene):
 
 
 @pytest.mark.parametrize("jump_px", [(58.2, 0.0), (0.0, -42.3), (116.4, 42.3), (150.0, 10.0)])
-def test_a_jump_by_whole_pitches_keeps_the_identities(jump_px, small, make_bump):
+def test_jump_by_pitches_keeps_identities(jump_px, small, make_bump):
     tracker = DotTracker(small.rest_px, DIAMETER_PX)
     tracker.update(small.picture())
     jump = make_bump((0, 0), 100, shift_px=jump_px)
@@ -41,7 +41,7 @@ def test_a_jump_by_whole_pitches_keeps_the_identities(jump_px, small, make_bump)
     assert not (in_view(small, jump) & ~seen.found).any()
 
 
-def test_covered_dots_are_flagged_not_guessed_and_come_back(small, make_bump):
+def test_covered_dots_flagged_and_return(small, make_bump):
     bump = make_bump((200, 160), 80, shear_px=(20, 8))
     tracker = DotTracker(small.rest_px, DIAMETER_PX)
     tracker.update(small.picture())
@@ -66,7 +66,7 @@ def test_covered_dots_are_flagged_not_guessed_and_come_back(small, make_bump):
     assert seen.found.all()
 
 
-def test_a_blank_or_unrelated_image_finds_nothing_and_the_next_one_recovers(small, make_scene):
+def test_tracking_recovers_after_unrelated_image(small, make_scene):
     tracker = DotTracker(small.rest_px, DIAMETER_PX)
     tracker.update(small.picture())
     other = make_scene(400, 320, dots=True, seed=9).picture()
@@ -78,7 +78,7 @@ def test_a_blank_or_unrelated_image_finds_nothing_and_the_next_one_recovers(smal
     assert tracker.update(small.picture(None, 7)).found.all()
 
 
-def test_a_first_image_without_the_dots_is_an_error(small, make_scene):
+def test_first_image_needs_dots(small, make_scene):
     without = make_scene(400, 320, dots=False).picture()
     for image in (without, np.zeros((320, 400, 3), np.uint8)):
         tracker = DotTracker(small.rest_px, DIAMETER_PX)
@@ -89,7 +89,7 @@ def test_a_first_image_without_the_dots_is_an_error(small, make_scene):
         DotTracker(small.rest_px + 20.0, DIAMETER_PX).update(small.picture())
 
 
-def test_a_dot_hidden_in_the_first_image_is_never_reported(small, make_bump):
+def test_dot_hidden_at_first_stays_unreported(small, make_bump):
     image = small.picture()
     x, y = (int(v) for v in small.rest_px[10])
     image[y - 15 : y + 15, x - 15 : x + 15] = 40

@@ -92,7 +92,7 @@ def test_10_mm_of_shear_swaps_none(layout, make_bump, round_discs):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [21, 22])
-def test_10_mm_of_shear_and_back_with_dropouts_and_specks(seed, make_bump, round_discs):
+def test_large_shear_with_dropouts_and_specks(seed, make_bump, round_discs):
     rest = grid((2.2, 1.6), 13, 13)
     rng = np.random.default_rng(seed)
     bump = make_bump((330, 300), 215, shear_px=(10 / MM_PER_PX, 0.0))
@@ -114,7 +114,7 @@ def test_10_mm_of_shear_and_back_with_dropouts_and_specks(seed, make_bump, round
     print(f"{wrong} wrong, {lost} lost of {seen_at_all}")
 
 
-def test_an_irregular_layout_of_unknown_size_is_found_and_followed(make_bump):
+def test_irregular_layout_is_tracked(make_bump):
     rest = grid((1.9, 1.7), 12, 11)
     rest += np.random.default_rng(3).uniform(-9, 9, rest.shape)
     tracker = DotTracker.found_in(picture(rest, 0.5))
@@ -132,7 +132,7 @@ def test_an_irregular_layout_of_unknown_size_is_found_and_followed(make_bump):
         assert seen.found.mean() >= 0.97
 
 
-def test_dots_that_leave_and_dots_that_are_hidden_come_back():
+def test_left_and_hidden_dots_return():
     rest = grid((2.2, 1.6), 13, 13)
     tracker = DotTracker(rest, 0.6 / MM_PER_PX, polarity="dark")
     tracker.update(picture(rest, 0.6))
@@ -147,7 +147,7 @@ def test_dots_that_leave_and_dots_that_are_hidden_come_back():
     assert seen.found.all()
 
 
-def test_a_glitch_is_survived_and_a_longer_gap_leaves_all_dots_lost():
+def test_short_glitch_survived_long_gap_lost():
     rest = grid((2.2, 1.6), 13, 13)
     first = picture(rest, 0.6)
     moved = picture(rest + [11.0, -9.0], 0.6, 3)
@@ -163,7 +163,7 @@ def test_a_glitch_is_survived_and_a_longer_gap_leaves_all_dots_lost():
         assert not seen.found.any() or errors_mm(seen, np.tile([11.0, -9.0], (169, 1))).max() < 0.06
 
 
-def test_a_skin_let_go_at_once_is_followed_home(make_bump):
+def test_sudden_release_is_tracked(make_bump):
     rest = grid((2.2, 1.6), 13, 13)
     bump = make_bump((400, 290), 170, shear_px=(110, 0))
     tracker = DotTracker(rest, 0.6 / MM_PER_PX, polarity="dark")
@@ -195,7 +195,7 @@ def test_a_chessboard_is_not_dots(turn_deg, square_px):
         find_dots(np.repeat(board[..., None], 3, axis=2))
 
 
-def test_white_dots_among_colours_are_found_too(make_scene):
+def test_white_dots_among_colours_found(make_scene):
     scene = make_scene(W, H, dots=True)
     dots = find_dots(scene.picture())
     assert (dots.polarity, len(dots.position_px)) == ("white", 169)
@@ -203,7 +203,7 @@ def test_white_dots_among_colours_are_found_too(make_scene):
     assert dots.pitch_px == pytest.approx(1.6 / MM_PER_PX, rel=0.02)
 
 
-def test_without_colours_the_order_of_the_neighbours_is_kept():
+def test_neighbour_order_kept_without_colours():
     rest = grid((2.2, 1.6), 7, 7)
 
     def picture_of(at):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deltact_fab.estimate.measure.face import FaceFlow, rigid, whole
+from deltact_fab.estimate.measure.face import FaceFlow, fill_unknown, fit_rigid_motion
 from deltact_fab.estimate.measure.flow.confidence import FlowDiagnostics, FlowObservation, FlowState
 from deltact_fab.sensor.optics.camera import Pinhole
 
@@ -34,8 +34,8 @@ def _at(columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("have", "every"), [(1, 1), (1, 2), (1, 4), (2, 2), (2, 8)])
-def test_a_linear_flow_stays_linear_and_points_stand_in_the_middle_of_their_pixels(have, every):
-    face = FaceFlow.of(_seen(_linear(have)), CAMERA, every)
+def test_linear_flow_stays_linear(have, every):
+    face = FaceFlow.from_flow(_seen(_linear(have)), CAMERA, every)
     assert face.shift_mm.shape == (78 // every, 102 // every, 2)
     assert face.cell_mm == pytest.approx(every * 0.04)
     columns, rows = face.x_mm / 0.04 + 50.5, face.y_mm / 0.04 + 38.5
@@ -44,28 +44,28 @@ def test_a_linear_flow_stays_linear_and_points_stand_in_the_middle_of_their_pixe
     assert face.cover == 1
 
 
-def test_what_is_left_over_lies_half_on_either_side():
-    face = FaceFlow.of(_seen(_linear(1)), CAMERA, 4)
+def test_grid_is_centred_in_view():
+    face = FaceFlow.from_flow(_seen(_linear(1)), CAMERA, 4)
     assert face.x_mm.mean() == pytest.approx(0)
     assert face.y_mm.mean() == pytest.approx(0)
 
 
-def test_what_is_lost_enters_no_mean_and_a_cell_of_lost_pixels_is_not_known():
+def test_lost_pixels_enter_no_mean():
     flow = np.zeros((78, 102, 2))
     state = np.full((78, 102), FlowState.MATCHED, np.uint8)
     flow[:4, :8], state[:4, :8] = 50.0, FlowState.LOST
     flow[8, 8], state[8, 8] = 50.0, FlowState.LOST
     state[20:30, 20:30] = FlowState.PREDICTED
-    face = FaceFlow.of(_seen(flow, state), CAMERA, 4)
+    face = FaceFlow.from_flow(_seen(flow, state), CAMERA, 4)
     assert not face.known[0, :2].any()
     assert face.known.sum() == face.known.size - 2
     assert np.abs(face.shift_mm[face.known]).max() == 0
 
 
-def test_a_matched_point_out_of_view_is_unknown():
+def test_point_out_of_view_is_unknown():
     flow, visible = np.zeros((78, 102, 2)), np.ones((78, 102), bool)
     flow[:4, :8], visible[:4, :8] = 50.0, False
-    face = FaceFlow.of(_seen(flow, visible=visible), CAMERA, 4)
+    face = FaceFlow.from_flow(_seen(flow, visible=visible), CAMERA, 4)
     assert not face.known[0, :2].any()
     assert face.known.sum() == face.known.size - 2
     assert np.abs(face.shift_mm[face.known]).max() == 0
@@ -73,28 +73,28 @@ def test_a_matched_point_out_of_view_is_unknown():
 
 @pytest.mark.parametrize("axis", [0, 1])
 @pytest.mark.parametrize("far_mm", [9.0, -9.0, np.inf, np.nan])
-def test_motion_wider_than_the_view_is_filled(far_mm, axis):
+def test_motion_beyond_view_is_filled(far_mm, axis):
     """The view is 7 x 3 mm."""
     shift = np.full((7, 15, 2), 0.1, np.float32)
     shift[3, 4, axis] = far_mm
     flow = FaceFlow(shift, np.ones((7, 15), bool), np.arange(15) * 0.5, np.arange(7) * 0.5)
-    result = whole(flow)
+    result = fill_unknown(flow)
     assert np.argwhere(~result.known).tolist() == [[3, 4]]
     assert result.shift_mm[3, 4] == pytest.approx([0.1, 0.1], abs=0.01)
     shift[3, 4, axis] = 6.0
-    assert whole(flow) is flow
+    assert fill_unknown(flow) is flow
 
 
-def test_the_best_rigid_motion_has_its_shift_and_the_turn_s_sign():
+def test_rigid_motion_shift_and_turn_sign():
     x, y = np.arange(-6, 9) * 0.5, np.arange(-4, 3) * 0.5
     at, (c, s) = np.stack(np.meshgrid(x, y), -1), (np.cos(0.1), np.sin(0.1))
     shift = (at @ np.array([[c, s], [-s, c]]) + (0.3, -0.2) - at).astype(np.float32)
-    moved, turn_deg, left = rigid(FaceFlow(shift, np.ones(shift.shape[:2], bool), x, y))
+    moved, turn_deg, left = fit_rigid_motion(FaceFlow(shift, np.ones(shift.shape[:2], bool), x, y))
     assert moved == pytest.approx((0.3, -0.2), abs=1e-6)
     assert turn_deg == pytest.approx(np.degrees(0.1), abs=1e-4)  # from x towards y
     assert np.abs(left).max() < 1e-6
 
 
-def test_a_half_observation_has_no_single_pixels():
-    with pytest.raises(ValueError, match="2 px or a multiple"):
-        FaceFlow.of(_seen(_linear(2)), CAMERA, 1)
+def test_half_observation_needs_even_spacing():
+    with pytest.raises(ValueError, match="must be a multiple of 2"):
+        FaceFlow.from_flow(_seen(_linear(2)), CAMERA, 1)

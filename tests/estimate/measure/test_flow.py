@@ -47,7 +47,7 @@ def pressed(make_scene, make_bump):
 
 
 @pytest.mark.parametrize("name", FlowMethod.NAMES)
-def test_every_method_tracks_a_press_cold_and_warm(name, pressed):
+def test_methods_track_press_cold_warm(name, pressed):
     first, second, truth = pressed
     method = FlowMethod(name)
     cold = method.between(to_gray(first), to_gray(second))
@@ -71,7 +71,7 @@ def small(make_scene, make_bump):
     return scene, bump
 
 
-def test_a_pattern_of_low_contrast_is_followed(small, make_scene):
+def test_low_contrast_pattern_is_tracked(small, make_scene):
     _, bump = small
     faint = make_scene(320, 256, contrast=0.25, noise=8.0, shading=0.0)
     seen = run([faint.picture(bump.scaled(k / 5), k) for k in range(6)])
@@ -80,7 +80,7 @@ def test_a_pattern_of_low_contrast_is_followed(small, make_scene):
 
 
 @pytest.mark.parametrize("contrast", [0.25, 1.0])
-def test_the_threshold_is_a_share_of_what_unrelated_prints_differ_by(contrast, make_scene):
+def test_renewal_threshold_scales_with_pattern(contrast, make_scene):
     """Of prints of two seeds, without and with light that falls off."""
     one, other = (
         to_gray(make_scene(640, 480, seed=seed, contrast=contrast, shading=0.0).picture())
@@ -114,9 +114,7 @@ def test_composition_of_affine_flows_is_exact(a, b, c, d, e, f, tx, ty):
     assert sample(second, where).shape == second.shape
 
 
-def test_a_path_that_left_the_image_stays_invisible_when_followed_by_composition(
-    make_scene, make_bump
-):
+def test_composed_path_outside_stays_invisible(make_scene, make_bump):
     scene = make_scene(320, 256, patch_mm=0.2, margin=90)
     way = [0, 15, 30, 45, 60, 45, 30, 15, 0]
     images = [
@@ -135,7 +133,7 @@ def test_a_path_that_left_the_image_stays_invisible_when_followed_by_composition
 # Contract
 
 
-def test_a_camera_that_reuses_its_buffer_does_not_disturb(small):
+def test_reused_camera_buffer_is_safe(small):
     scene, bump = small
     frames = [to_gray(scene.picture(bump.scaled(k / 3), k)) for k in range(4)]
     separate = run(frames, "dis-fast")

@@ -70,7 +70,7 @@ def error_mm(found: Any) -> NDArray[np.float64]:
         )
     ],
 )  # fmt: skip
-def test_a_drag_is_measured_through_an_ordinary_camera(pattern: str, camera: str) -> None:
+def test_drag_through_ordinary_camera(pattern: str, camera: str) -> None:
     found = follow([seen(pattern, camera, k / STEPS) for k in range(STEPS + 1)])
     assert found.diagnostics.trusted
     error = error_mm(found)[found.confident & found.visible]
@@ -84,7 +84,7 @@ def test_a_drag_is_measured_through_an_ordinary_camera(pattern: str, camera: str
 @pytest.mark.parametrize(
     ("level", "says"), [(8, "it is dark"), (250, "overexposed"), (120, "its light is right")]
 )
-def test_a_first_image_without_texture_says_why(level: int, says: str) -> None:
+def test_textureless_first_image_explains_why(level: int, says: str) -> None:
     plain = np.random.default_rng(1).normal(level, 1.0, (240, 320, 3)).clip(0, 255)
     with pytest.raises(Exception, match=says):
         FlowTracker().update(plain.astype(np.uint8))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from deltact_fab.common.errors import InputError
-from deltact_fab.estimate.measure.face import FaceFlow, whole
+from deltact_fab.estimate.measure.face import FaceFlow, fill_unknown
 from deltact_fab.estimate.measure.force import make_features
 from deltact_fab.estimate.measure.force.model import COMPONENTS, ForceModel
 from deltact_fab.estimate.measure.sensor_id import SensorModel
@@ -58,13 +58,13 @@ def _fitted(name: str, flows=FLOWS, wrenches=WRENCHES):
     return features, ForceModel.fit(features, columns, wrenches)[0], columns
 
 
-def test_the_mirrored_face_has_the_mirrored_wrench():
+def test_mirrored_face_gives_mirrored_wrench():
     features, model, columns = _fitted("sums")
     mirrored = np.stack([features.of(_mirrored(flow)) for flow in FLOWS])
     assert np.allclose(model.predict(mirrored), model.predict(columns) * MIRROR_X, atol=1e-4)
 
 
-def test_even_powers_break_the_mirror_of_the_papers_shear_and_of_nothing_else():
+def test_even_powers_break_shear_mirror_only():
     features, model, columns = _fitted("paper")
     mirrored = np.stack([features.of(_mirrored(flow)) for flow in FLOWS])
     off = model.predict(mirrored) - model.predict(columns) * MIRROR_X
@@ -82,7 +82,7 @@ def _twist(x, y):
 
 
 @pytest.mark.parametrize("name", SETS)
-def test_a_pure_twist_turns_and_neither_presses_nor_shears(name):
+def test_pure_twist_gives_torque_only(name):
     features, model, columns = _fitted(name)
     seen = features.of(_face(_twist))
     found = dict(zip(features.names, seen, strict=True))
@@ -96,7 +96,7 @@ def test_a_pure_twist_turns_and_neither_presses_nor_shears(name):
     assert (share[:2] < 0.02).all() == (name != "paper")
 
 
-def test_the_papers_force_field_adds_up_to_its_force():
+def test_paper_force_field_sums_to_force():
     features, model, columns = _fitted("paper")
     field = features.traction(FLOWS[3], model)
     assert field.traction_mpa.shape == (*FLOWS[3].known.shape, 3)
@@ -104,7 +104,7 @@ def test_the_papers_force_field_adds_up_to_its_force():
 
 
 @pytest.mark.parametrize("name", SETS)
-def test_what_is_not_known_has_no_say_and_nothing_known_is_nothing(name):
+def test_unknown_points_have_no_effect(name):
     features = make_features(name, VIEW)
     lost = FLOWS[2].known.copy()
     lost[20:30, 30:40] = False
@@ -120,22 +120,22 @@ def test_what_is_not_known_has_no_say_and_nothing_known_is_nothing(name):
     assert not features.of(nothing).any()
 
 
-def test_a_hole_goes_on_as_its_surroundings_and_no_further_than_was_seen():
+def test_hole_fill_stays_in_known_range():
     flow = _face(lambda x, y: (0.02 * x + 0 * y, 0.01 * y + 0 * x))
     known = flow.known.copy()
     known[20:26, 30:36] = False
     known[:, :9] = False
     shift = flow.shift_mm.copy()
     shift[5, 60] = np.nan  # called known, and is not
-    mended = whole(replace(flow, shift_mm=shift, known=known))
+    mended = fill_unknown(replace(flow, shift_mm=shift, known=known))
     assert not mended.known[5, 60]
     assert mended.cover < np.mean(known)
     assert np.abs(mended.shift_mm - flow.shift_mm)[:, 9:].max() < 2e-3
     assert mended.shift_mm.min() >= flow.shift_mm[:, 9:].min()
-    assert whole(flow) is flow
+    assert fill_unknown(flow) is flow
 
 
-def test_a_model_remembers_its_range_and_survives_a_file():
+def test_model_range_survives_file():
     _, model, columns = _fitted("paper")
     again = ForceModel.from_dict(json.loads(json.dumps(model.as_dict())))
     assert np.array_equal(again.predict(columns), model.predict(columns))
@@ -148,7 +148,7 @@ def test_a_model_remembers_its_range_and_survives_a_file():
     assert far.cover == 0.6
 
 
-def test_a_light_touch_is_unlike_deep_presses_though_no_feature_leaves_its_range():
+def test_light_touch_is_extrapolated_within_range():
     features, _, columns = _fitted("paper")
     deep = columns[:, 0] > np.median(columns[:, 0])
     model, _ = ForceModel.fit(features, columns[deep], WRENCHES[deep])
@@ -161,7 +161,7 @@ def test_a_light_touch_is_unlike_deep_presses_though_no_feature_leaves_its_range
     assert model.outside(np.full_like(seen, np.nan)).all()
 
 
-def test_an_unknown_set_and_an_unusable_column_are_named():
+def test_unknown_set_and_column_are_named():
     with pytest.raises(InputError, match="'papre': unknown; did you mean 'paper'"):
         make_features("papre", VIEW)
     features, _, columns = _fitted("sums")

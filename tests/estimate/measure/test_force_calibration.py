@@ -41,7 +41,7 @@ def written(tmp_path: Path) -> tuple[ForceCalibration, Path]:
     return made, tmp_path / "c.toml"
 
 
-def test_features_of_older_files_are_those_that_have_their_numbers(
+def test_old_feature_names_are_mapped(
     written: tuple[ForceCalibration, Path],
 ) -> None:
     _, path = written
@@ -82,7 +82,7 @@ def test_what_was_written_is_read(written: tuple[ForceCalibration, Path]) -> Non
         ("[error.normal]", "[more.normal]", "more: unknown key"),
     ],
 )
-def test_a_damaged_file_is_refused_in_one_line(
+def test_damaged_file_is_refused(
     written: tuple[ForceCalibration, Path], old: str, new: str, said: str
 ) -> None:
     _, path = written

@@ -13,7 +13,7 @@ from deltact_fab.estimate.measure.flow.fused import (
     to_gray,
     to_half,
 )
-from deltact_fab.estimate.measure.flow.nodes import WINDOW
+from deltact_fab.estimate.measure.flow.nodes import WINDOW_WEIGHTS
 
 W, H = 320, 256
 EDGE = 12  # nodes at the border whose windows are cut
@@ -62,11 +62,11 @@ def off_px(flow: Any, truth: Any) -> Any:
     [Affine((6.3, -5.1)), Affine((-2.1, 1.4), ((0.03, 0.06), (-0.02, 0.05)))],
     ids=["six px", "turn and stretch"],
 )
-def test_shifts_and_affine_motions_are_found_within_a_twentieth_of_a_pixel(motion, grey, scene):
+def test_affine_motion_within_twentieth_pixel(motion, grey, scene):
     first, second = scene.picture(), scene.picture(motion, 1)
     if grey:
         first, second = to_gray(first), to_gray(second)
-    found = RefinementReference(Plane.of(first)).refine(Plane.of(second))
+    found = RefinementReference(Plane.from_image(first)).refine(Plane.from_image(second))
     error = off_px(found.flow_px, motion.flow_px(H, W))
     print(f"rms {np.sqrt(np.mean(error**2)):.4f} max {error.max():.3f} px")
     assert np.sqrt(np.mean(error**2)) < 0.05
@@ -76,7 +76,7 @@ def test_shifts_and_affine_motions_are_found_within_a_twentieth_of_a_pixel(motio
 
 @pytest.mark.parametrize(("gain", "offset"), [(1, -60), (1, 40), (0.6, 0)])
 @pytest.mark.parametrize("shift_px", [0, 5])
-def test_another_light_does_no_harm_where_the_view_ends(shift_px, gain, offset, make_scene):
+def test_light_change_harmless_at_border(shift_px, gain, offset, make_scene):
     """What the current image does not show must not pull by the difference of the light."""
     scene = make_scene(W, H, patch_mm=0.1, contrast=0.4, shading=0.0)
     motion = Affine((shift_px, shift_px))
@@ -85,17 +85,19 @@ def test_another_light_does_no_harm_where_the_view_ends(shift_px, gain, offset, 
     assert np.mean(lit == 0) < 0.01
     truth = to_half(motion.flow_px(H, W))
     start = np.ascontiguousarray(truth, np.float32)
-    found = RefinementReference(Plane.of(first)).refine(Plane.of(lit), start).flow_px
+    found = (
+        RefinementReference(Plane.from_image(first)).refine(Plane.from_image(lit), start).flow_px
+    )
     stays = np.s_[: H // 2 - 4, : W // 2 - 4]
     error = np.hypot(*np.moveaxis(found - truth, -1, 0))[stays]
     print(f"max {error.max():.3f} px")
     assert error.max() < 0.35
 
 
-def test_its_own_result_as_the_start_changes_little_however_often(scene):
+def test_restart_from_result_is_stable(scene):
     motion = Affine((1.2, 0.7), ((0.03, 0.0), (0.0, -0.02)))
-    reference = RefinementReference(Plane.of(scene.picture()))
-    current = Plane.of(scene.picture(motion, 1))
+    reference = RefinementReference(Plane.from_image(scene.picture()))
+    current = Plane.from_image(scene.picture(motion, 1))
     first = flow = reference.refine(current).flow_px
     for _ in range(30):
         flow = reference.refine(current, flow).flow_px
@@ -107,12 +109,12 @@ def test_its_own_result_as_the_start_changes_little_however_often(scene):
 
 @pytest.mark.parametrize("grey", [True, False], ids=["grey", "colour"])
 @pytest.mark.parametrize("noise", [2.0, 10.0])
-def test_the_deviation_is_the_error_that_noise_makes(noise, grey, make_scene):
+def test_deviation_equals_noise_error(noise, grey, make_scene):
     scene = make_scene(W, H, patch_mm=0.1, noise=noise)
     first, second = scene.picture(), scene.picture(Affine((0.5, 0.5)), 1)
     if grey:
         first, second = to_gray(first), to_gray(second)
-    found = RefinementReference(Plane.of(first)).refine(Plane.of(second))
+    found = RefinementReference(Plane.from_image(first)).refine(Plane.from_image(second))
     error = off_px(found.flow_px, Affine((0.5, 0.5)).flow_px(H, W))
     told = found.deviation_px[EDGE:-EDGE, EDGE:-EDGE]
     ratio = np.sqrt(np.mean(error**2) / np.mean(told**2))
@@ -122,19 +124,23 @@ def test_the_deviation_is_the_error_that_noise_makes(noise, grey, make_scene):
 
 def test_correlation_is_that_of_the_windows(scene, make_scene):
     image = to_gray(scene.picture())
-    same = RefinementReference(Plane.of(image)).evaluate(
-        Plane.of(image), np.zeros((H // 2, W // 2, 2), np.float32)
+    same = RefinementReference(Plane.from_image(image)).evaluate(
+        Plane.from_image(image), np.zeros((H // 2, W // 2, 2), np.float32)
     )
     assert same.correlation[1:-1, 1:-1].min() > 0.999
-    negative = RefinementReference(Plane.of(image)).evaluate(Plane.of(255 - image), same.flow_px)
+    negative = RefinementReference(Plane.from_image(image)).evaluate(
+        Plane.from_image(255 - image), same.flow_px
+    )
     assert negative.correlation[1:-1, 1:-1].max() < -0.999
     # By hand, at one node: the weights are those of the window, cell by cell.
     other = to_gray(make_scene(W, H, patch_mm=0.1, seed=9).picture())
-    found = RefinementReference(Plane.of(image)).evaluate(Plane.of(other), same.flow_px)
+    found = RefinementReference(Plane.from_image(image)).evaluate(
+        Plane.from_image(other), same.flow_px
+    )
     i, j = 60, 70
     cut = np.s_[2 * i - 10 : 2 * i + 12, 2 * j - 10 : 2 * j + 12]
-    weight = np.repeat(WINDOW.astype(float), 2)
-    first, second = (Plane.of(a).gray[cut].ravel() for a in (image, other))
+    weight = np.repeat(WINDOW_WEIGHTS.astype(float), 2)
+    first, second = (Plane.from_image(a).gray[cut].ravel() for a in (image, other))
     by_hand = np.cov(first, second, aweights=np.outer(weight, weight).ravel())
     expected = by_hand[0, 1] / np.sqrt(by_hand[0, 0] * by_hand[1, 1])
     assert found.correlation[i, j] == pytest.approx(expected, abs=2e-3)
@@ -144,7 +150,7 @@ def test_correlation_is_that_of_the_windows(scene, make_scene):
 
 
 @pytest.mark.parametrize("shape", [(64, 96), (65, 97), (67, 64)])
-def test_a_node_is_at_the_centre_of_its_four_pixels(shape):
+def test_node_is_centre_of_pixels(shape):
     h, w = shape
     hh, ww = -(-h // 2), -(-w // 2)
     field = (0.3 * _grid(h, w) @ np.array([[1.0, -0.4], [0.2, 2.0]]) + [3, -5]).astype(np.float32)
@@ -155,10 +161,10 @@ def test_a_node_is_at_the_centre_of_its_four_pixels(shape):
     assert to_full(nodes[..., 0], shape) == pytest.approx(field[..., 0], abs=1e-3)
 
 
-def test_what_leaves_the_image_does_no_harm_to_what_stays(scene):
+def test_leaving_parts_do_not_disturb(scene):
     motion = Affine((45.0, -30.0))
-    reference = RefinementReference(Plane.of(scene.picture()))
-    current = Plane.of(scene.picture(motion, 1))
+    reference = RefinementReference(Plane.from_image(scene.picture()))
+    current = Plane.from_image(scene.picture(motion, 1))
     start = to_half(motion.flow_px(H, W)) + np.float32(0.8)
     found = reference.refine(current, start)
     stays = np.s_[15 + EDGE : -EDGE, EDGE : -23 - EDGE]

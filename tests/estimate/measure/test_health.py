@@ -29,7 +29,7 @@ def look(make_scene: Callable[..., Any], make_bump: type) -> Callable[..., Healt
     return of
 
 
-def test_the_same_face_is_fit_to_use(look: Callable[..., Health]) -> None:
+def test_unchanged_face_is_fit(look: Callable[..., Health]) -> None:
     found = look()
     assert found.fit
     assert found.line == "fit to use"
@@ -39,7 +39,7 @@ def test_the_same_face_is_fit_to_use(look: Callable[..., Health]) -> None:
     assert found.as_dict()["fit"] is True
 
 
-def test_a_pattern_that_slipped_is_measured_and_refused_beyond_the_limit(
+def test_slipped_pattern_is_refused_beyond_limit(
     look: Callable[..., Health],
 ) -> None:
     little = look(shift_px=(3.0, -2.0))
@@ -50,14 +50,14 @@ def test_a_pattern_that_slipped_is_measured_and_refused_beyond_the_limit(
     assert "the pattern moved by 0.68 mm (limit 0.3)" in much.line
 
 
-def test_a_face_that_is_touched_at_the_start_is_refused(look: Callable[..., Health]) -> None:
+def test_touched_face_is_refused(look: Callable[..., Health]) -> None:
     found = look(press_px=8.0)
     assert not found.fit
     assert "deformed" in found.line
     assert found.shift_mm == pytest.approx((0, 0), abs=0.01)
 
 
-def test_light_that_went_is_told_from_motion(look: Callable[..., Health]) -> None:
+def test_light_loss_is_not_motion(look: Callable[..., Health]) -> None:
     found = look(light=0.3)
     assert found.brightness == pytest.approx(0.3, abs=0.02)
     assert found.contrast == pytest.approx(0.3, abs=0.03)
@@ -65,7 +65,7 @@ def test_light_that_went_is_told_from_motion(look: Callable[..., Health]) -> Non
     assert look(light=0.7).fit
 
 
-def test_another_skin_and_an_image_of_another_size(make_scene: Callable[..., Any]) -> None:
+def test_other_skin_or_size_is_refused(make_scene: Callable[..., Any]) -> None:
     one, other = (make_scene(W, H, patch_mm=0.15, seed=seed).picture() for seed in (1, 2))
     found = Health.compare(one, other, CAMERA)
     assert not found.fit

@@ -39,7 +39,7 @@ def _rms(a: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
-def test_inside_the_view_no_part_has_what_it_must_not_have(kind):
+def test_parts_lack_curl_or_divergence(kind):
     noise = np.random.default_rng(1).normal(size=(H, W, 2)) * 0.1
     field = (_pure_d() + 2 * _pure_r() + HARMONIC["second order"] + noise).astype(kind)
     found = Hodge(field)
@@ -53,7 +53,7 @@ def test_inside_the_view_no_part_has_what_it_must_not_have(kind):
     assert np.array_equal(found.hr, field - found.d)
 
 
-def test_smooth_fields_of_one_kind_are_recovered_to_the_second_order_of_the_cell():
+def test_pure_fields_recovered_to_second_order():
     sigma = 4.0
     d, r = _pure_d(sigma), _pure_r(sigma)
     error = 0.25 / sigma**2
@@ -66,7 +66,7 @@ def test_smooth_fields_of_one_kind_are_recovered_to_the_second_order_of_the_cell
 
 
 @pytest.mark.parametrize("name", HARMONIC)
-def test_a_harmonic_polynomial_is_all_h_to_rounding(name):
+def test_harmonic_polynomial_is_h(name):
     field = HARMONIC[name]
     found = Hodge(field)
     assert np.abs(found.h - field).max() < 1e-9
@@ -74,7 +74,7 @@ def test_a_harmonic_polynomial_is_all_h_to_rounding(name):
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_a_field_that_is_not_finite_has_no_parts(bad):
+def test_non_finite_field_is_refused(bad):
     field = np.zeros((8, 8, 2))
     field[3, 3, 0] = bad
     with pytest.raises(InputError, match="not finite"):

@@ -75,7 +75,7 @@ PLACES = [(0.0, 0.0, 2.5), (3.0, -2.0, 2.0), (-5.0, 4.0, 3.0)]
 
 
 @pytest.mark.parametrize(("x0", "y0", "radius"), PLACES)
-def test_a_press_of_another_forward_comes_back(features, block, x0, y0, radius) -> None:
+def test_press_of_other_model_recovered(features, block, x0, y0, radius) -> None:
     traction, force = _spot(block, x0, y0, radius, (0.05, -0.07, -0.3))
     flow = _seen(block, traction)
     press = features.inverse.of(flow)
@@ -96,7 +96,7 @@ def test_an_even_pressure_is_not_lost(features, block) -> None:
     assert six[2] == pytest.approx(force[2], rel=0.05)
 
 
-def test_the_traction_adds_up_to_the_models_force(features, block) -> None:
+def test_traction_sums_to_model_force(features, block) -> None:
     rng = np.random.default_rng(4)
     flows, wrenches = [], []
     for x0, y0, radius in PLACES * 4:
@@ -117,7 +117,7 @@ def test_the_traction_adds_up_to_the_models_force(features, block) -> None:
     assert model.coefficients[2, 2] == pytest.approx(0.6, rel=0.05)
 
 
-def test_presses_at_one_place_leave_the_factor_alone(features, block) -> None:
+def test_single_place_keeps_factor(features, block) -> None:
     """Else it would be drawn from next to nothing, and wrong by far elsewhere."""
     made = make_features("inverse-placed", VIEW)
     found, wrenches = [], []
@@ -146,7 +146,7 @@ def test_noise_is_no_press(features, block, wide_mm) -> None:
         assert press.cover == 1
 
 
-def test_a_hole_is_left_out_and_said(features, block) -> None:
+def test_hole_is_excluded_and_reported(features, block) -> None:
     traction, force = _spot(block, 1.0, 0.0, 2.5, (0.02, 0, -0.12))
     flow = _seen(block, traction)
     beside = flow.known & ~(np.hypot(flow.x_mm + 4, flow.y_mm[:, None] - 3) < 2)
@@ -169,7 +169,7 @@ def _wild(flow: FaceFlow, where) -> np.ndarray:
 
 
 @pytest.mark.parametrize("size_mm", [0.5, 20.0])
-def test_motion_that_no_press_makes_is_said_to_be_foreign(features, block, size_mm) -> None:
+def test_impossible_motion_is_foreign(features, block, size_mm) -> None:
     flow = _seen(block, np.zeros((*block.shape, 3)))
     wild = np.random.default_rng(6).normal(size=flow.shift_mm.shape).astype(np.float32) * size_mm
     wild_flow = replace(flow, shift_mm=wild)
@@ -178,7 +178,7 @@ def test_motion_that_no_press_makes_is_said_to_be_foreign(features, block, size_
 
 
 @pytest.mark.slow
-def test_a_ball_in_finite_strain_is_found_with_the_modulus_alone(features) -> None:
+def test_finite_strain_ball_needs_modulus_only(features) -> None:
     """Another theory and another mesh: what a calibration is left to do is a few percent."""
     poses = Increments(1.3, 1.3).poses([(-3.0, 2.0, 0.0), (-3.0, 2.0, -1.2), (-2.5, 1.7, -1.2)])
     gel, ball = GelMaterial(0.56, 0.49, 0.5), parse_indenter("sphere:15")
@@ -195,7 +195,7 @@ def test_a_ball_in_finite_strain_is_found_with_the_modulus_alone(features) -> No
         assert np.hypot(*(found.place_mm - pose.tip_mm[:2])) < 0.5
 
 
-def test_a_skin_that_cannot_be_is_refused() -> None:
+def test_impossible_skin_is_refused() -> None:
     with pytest.raises(InputError, match="poisson"):
         FaceInverse(replace(VIEW, poisson=0.49995))
 

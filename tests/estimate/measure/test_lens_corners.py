@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from deltact_fab.common.errors import InputError
-from deltact_fab.estimate.measure.lens.corners import find
+from deltact_fab.estimate.measure.lens.corners import find_corners
 from deltact_fab.sensor.optics.checkerboard import Checkerboard
 from deltact_fab.sensor.optics.fisheye import Fisheye
 from deltact_fab.sensor.shapes.imaging import ImageSensor
@@ -40,8 +40,8 @@ def skin(studio: Studio) -> NDArray[np.uint8]:
     return studio.photograph(SKIN, ON_FACE, np.random.default_rng(1))
 
 
-def test_the_part_of_the_skin_that_is_seen_is_told_and_found(skin: NDArray[np.uint8]) -> None:
-    found = find(skin, SKIN, "skin")
+def test_visible_part_of_skin_found(skin: NDArray[np.uint8]) -> None:
+    found = find_corners(skin, SKIN, "skin")
     assert found is not None
     assert len(found.px) > 300
     off = np.linalg.norm(found.px - LENS.rest_px(found.board_mm), axis=1)
@@ -52,13 +52,13 @@ def test_the_part_of_the_skin_that_is_seen_is_told_and_found(skin: NDArray[np.ui
 
 @pytest.mark.parametrize("contact", [True, False], ids=["face", "air"])
 @pytest.mark.parametrize("turn", [0.0, 80.0])
-def test_a_board_is_found_where_the_lens_has_it(studio: Studio, contact: bool, turn: float) -> None:
+def test_board_corners_match_lens(studio: Studio, contact: bool, turn: float) -> None:
     tilts = (0.0, 0.0) if contact else (18.0, -12.0)
     board = Checkerboard(7, 6, 3.0)
     turned = Rotation.from_euler("xyz", (*tilts, turn), degrees=True)
     pose = BoardPose((1.0, -0.5, 0.0 if contact else 8.0), turned)
     image = studio.photograph(board, pose, np.random.default_rng(3), contact)
-    found = find(image, board, "board")
+    found = find_corners(image, board, "board")
     assert found is not None
     assert len(found.px) == 30
     at = pose.points_mm(found.board_mm)
@@ -70,17 +70,17 @@ def test_a_board_is_found_where_the_lens_has_it(studio: Studio, contact: bool, t
     assert min(off.max(), back.max()) < 0.3
 
 
-def test_another_board_is_refused_and_none_is_none(studio: Studio, skin: NDArray[np.uint8]) -> None:
-    with pytest.raises(InputError, match=r"a.png: .* inner corners found, and a board of 9x7x3"):
-        find(skin, PLATE, "a.png")
+def test_other_board_refused_missing_is_none(studio: Studio, skin: NDArray[np.uint8]) -> None:
+    with pytest.raises(InputError, match=r"a.png: .* inner corners found, but a board of 9x7x3"):
+        find_corners(skin, PLATE, "a.png")
     rng = np.random.default_rng(4)
-    assert find(studio.blank(rng), PLATE, "b.png") is None
-    assert find(studio.blank(rng), SKIN, "b.png") is None
+    assert find_corners(studio.blank(rng), PLATE, "b.png") is None
+    assert find_corners(studio.blank(rng), SKIN, "b.png") is None
     coarser = Checkerboard(9, 9, 1.5, skin=True)
-    with pytest.raises(InputError, match=r"a.png: .* and a board of 9x9x1.5 has 8 x 8"):
-        find(skin, coarser, "a.png")
+    with pytest.raises(InputError, match=r"a.png: .* but a board of 9x9x1.5 has 8 x 8"):
+        find_corners(skin, coarser, "a.png")
 
 
-def test_a_skin_of_which_the_middle_cannot_be_told_is_refused(skin: NDArray[np.uint8]) -> None:
-    with pytest.raises(InputError, match="the colours of another board, or its negative"):
-        find(cv2.bitwise_not(skin), SKIN, "negative.png")
+def test_ambiguous_skin_middle_is_refused(skin: NDArray[np.uint8]) -> None:
+    with pytest.raises(InputError, match="another board, or a negative"):
+        find_corners(cv2.bitwise_not(skin), SKIN, "negative.png")

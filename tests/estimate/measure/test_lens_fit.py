@@ -13,9 +13,9 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.measure.lens.calibration import (
     LensCalibration,
     calibrate_lens,
-    of_corners,
+    lens_from_corners,
 )
-from deltact_fab.estimate.measure.lens.corners import find
+from deltact_fab.estimate.measure.lens.corners import find_corners
 from deltact_fab.estimate.measure.lens.problem import BoardView
 from deltact_fab.sensor.optics.checkerboard import Checkerboard
 from deltact_fab.sensor.shapes.imaging import ImageSensor
@@ -34,7 +34,7 @@ HELD = [at(1, 0, 8, 20, 5), at(-2, 1, 12, -15, 18), at(0, -2, 16, 5, -24), at(2,
 
 
 def fitted(*seen: BoardView) -> LensCalibration:
-    return of_corners(seen, SIZE_PX, DESIGN)
+    return lens_from_corners(seen, SIZE_PX, DESIGN)
 
 
 def check(found: LensCalibration, off: dict[float, float]) -> None:
@@ -44,7 +44,7 @@ def check(found: LensCalibration, off: dict[float, float]) -> None:
         assert off[depth_mm] < 2 * own[depth_mm]
 
 
-def test_one_image_of_the_skin_gives_the_lens_and_says_how_well() -> None:
+def test_one_skin_image_calibrates_lens() -> None:
     true = lens_of(1)
     found = fitted(exact(true, SKIN, outliers=8))
     check(found, p95_px(found.lens, true))
@@ -62,7 +62,7 @@ def test_one_image_of_the_skin_gives_the_lens_and_says_how_well() -> None:
 
 
 @pytest.mark.slow
-def test_wetted_boards_and_boards_in_air_give_the_same_but_for_the_frame() -> None:
+def test_wetted_and_air_boards_calibrate_lens() -> None:
     true = lens_of(2)
     touching = [exact(true, PLATE, p, seed=k, noise_px=0.03) for k, p in enumerate(WETTED)]
     held = [
@@ -77,16 +77,19 @@ def test_wetted_boards_and_boards_in_air_give_the_same_but_for_the_frame() -> No
 @pytest.mark.parametrize(
     ("seen", "says"),
     [
-        ({"pose": at(0, 0), "board": PLATE}, "cover 6.% of the view; at least 80%"),
-        ({"board": Checkerboard(7, 5, 5.0, skin=True)}, r"the face is known to 0.\d+ px .* most"),
+        ({"pose": at(0, 0), "board": PLATE}, "cover 6.% of the view .minimum 80%"),
+        ({"board": Checkerboard(7, 5, 5.0, skin=True)}, r"of the face: 0.\d+ px, one sigma .limit"),
         ({"board": SKIN, "printed": (1.003, 1.0)}, "along y are 0.2.% shorter than along x"),
-        ({"board": SKIN, "outliers": 70}, "board.png: its corners miss the fit by 1.* px rms"),
-        ({"board": SKIN, "noise_px": 0.3}, r"miss the fit by 0\.\d+ px rms; at most 0.25: blurred"),
+        ({"board": SKIN, "outliers": 70}, "board.png: corner residuals of 1.* px rms"),
+        (
+            {"board": SKIN, "noise_px": 0.3},
+            r"residuals of 0\.\d+ px rms .limit 0.25.: blurred",
+        ),
         ({"board": PLATE, "pose": at(0, 0, 6, 15), "contact": False}, "not flat on the face"),
     ],
     ids=["small", "coarse", "stretched", "misread", "noisy", "in-air"],
 )
-def test_what_is_not_known_well_enough_is_refused(seen: dict[str, object], says: str) -> None:
+def test_uncertain_calibration_is_refused(seen: dict[str, object], says: str) -> None:
     wrong = exact(lens_of(1), **seen)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=says) as refused:
         # As the user says: they are all contact images.
@@ -112,7 +115,7 @@ def test_ten_lenses_from_rendered_images(skin: bool, air: int) -> None:
         seen = []
         for image, board, contact in images:
             with suppress(InputError):  # a corner was not found: the photograph is taken again
-                if (corners := find(image, board, "image")) is not None:
+                if (corners := find_corners(image, board, "image")) is not None:
                     seen.append(BoardView(corners, contact))
         assert len(seen) >= len(images) - 2
         found = fitted(*seen)
@@ -122,7 +125,7 @@ def test_ten_lenses_from_rendered_images(skin: bool, air: int) -> None:
 
 
 @pytest.mark.slow
-def test_a_contact_image_given_as_one_in_air_is_refused() -> None:
+def test_contact_image_as_air_is_refused() -> None:
     true = lens_of(0)
     wrong = exact(true, PLATE, at(1, 1))
     with pytest.raises(InputError, match=r"touches the face.*is it a contact image"):
@@ -130,11 +133,11 @@ def test_a_contact_image_given_as_one_in_air_is_refused() -> None:
 
 
 def test_boards_in_air_alone_are_refused() -> None:
-    with pytest.raises(InputError, match=r"^no contact image: boards in air leave the face"):
+    with pytest.raises(InputError, match=r"^no contact image: boards in air alone leave the face"):
         calibrate_lens([], PLATE, [])
 
 
 @pytest.mark.parametrize("words", ["9x7", "9x7x0", "3x7x2", "9x7x3mm", "999x7x1"])
-def test_a_board_of_no_sense_is_refused(words: str) -> None:
+def test_invalid_board_is_refused(words: str) -> None:
     with pytest.raises(InputError, match="--board: "):
         Checkerboard.parse(words)

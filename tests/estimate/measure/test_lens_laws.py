@@ -15,8 +15,8 @@ from raytraced import LAWS, Imaging, Lens, Tracer, chessboard
 from scipy.spatial.transform import Rotation
 
 from deltact_fab.common.errors import InputError
-from deltact_fab.estimate.measure.lens.calibration import LensCalibration, of_corners
-from deltact_fab.estimate.measure.lens.corners import Corners, find
+from deltact_fab.estimate.measure.lens.calibration import LensCalibration, lens_from_corners
+from deltact_fab.estimate.measure.lens.corners import Corners, find_corners
 from deltact_fab.estimate.measure.lens.problem import BoardView
 from deltact_fab.estimate.measure.lens.trust import view_mm
 from deltact_fab.sensor.optics.checkerboard import Checkerboard
@@ -90,7 +90,7 @@ def require_honest(cases: Iterable[tuple[str, Lens, list[BoardView]]]) -> None:
     for name, lens, views in cases:
         n += 1
         try:
-            found = of_corners(views, lens.size_px, DESIGN)
+            found = lens_from_corners(views, lens.size_px, DESIGN)
         except InputError as why:
             refused.append(f"{name}: {why}")
             continue
@@ -103,7 +103,7 @@ def require_honest(cases: Iterable[tuple[str, Lens, list[BoardView]]]) -> None:
     assert max(sigmas) <= 3
 
 
-def test_a_lens_of_another_law_is_off_by_no_more_than_its_sigmas() -> None:
+def test_other_lens_model_within_its_sigmas() -> None:
     lens = LENSES["seventh order -"]
     require_honest([("seventh order -", lens, list(seen(lens, 0, 0)))])
 
@@ -112,7 +112,7 @@ def test_a_lens_of_another_law_is_off_by_no_more_than_its_sigmas() -> None:
     "in_air",
     [pytest.param(0, marks=pytest.mark.slow), pytest.param(6, marks=pytest.mark.evidence)],
 )
-def test_every_lens_is_off_by_no_more_than_its_sigmas(in_air: int) -> None:
+def test_lens_error_is_within_sigmas(in_air: int) -> None:
     require_honest(
         (f"{name}, {in_air} in air", lens, list(seen(lens, seed, in_air)))
         for seed, (name, lens) in enumerate(LENSES.items())
@@ -131,7 +131,7 @@ def photographed(
             pictures = {name: Tracer(chessboard(SKIN.nx), side_mm, lens).light()}
         camera = Imaging(edge_to_centre=gradient, side=0.3)
         image = camera.develop(pictures[name], np.random.default_rng(1))
-        found = find(image, SKIN, f"{name} {gradient}")
+        found = find_corners(image, SKIN, f"{name} {gradient}")
         assert found is not None
         true = lens.project_px(np.column_stack((found.board_mm, np.zeros(len(found.px)))))
         off = np.linalg.norm(found.px - true, axis=1)
@@ -141,6 +141,6 @@ def photographed(
 
 
 @pytest.mark.slow
-def test_the_skin_is_found_under_the_light_of_leds() -> None:
+def test_skin_found_under_led_light() -> None:
     pairs = zip(LENSES, (*GRADIENTS, 1.0), strict=True)
     require_honest(photographed(pairs))

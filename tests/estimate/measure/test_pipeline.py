@@ -37,7 +37,7 @@ def images(make_scene: Any, make_bump: Any) -> list[np.ndarray]:
 def model(images: list[np.ndarray]) -> ForceModel:
     """Of made-up forces: what is tested is the way to them."""
     features = make_features("sums", VIEW)
-    measurement = Measurement(VIEW, ["flow"], every=FaceFlow.SPACING_PX)
+    measurement = Measurement(VIEW, ["flow"], spacing_px=FaceFlow.SPACING_PX)
     flows = [measurement.update(image).flow for image in images]
     x = np.array([features.of(flow) for flow in flows if flow is not None])
     wrench = np.random.default_rng(3).normal(size=(len(x), 6))
@@ -53,16 +53,16 @@ def same(a: Any, b: Any) -> bool:
     )
 
 
-def test_only_what_the_outputs_need_is_run(
+def test_only_required_parts_run(
     images: list[np.ndarray], model: ForceModel, monkeypatch: pytest.MonkeyPatch
 ):
     called = list[str]()
-    for name in ("whole", "jacobian_density", "relative_depth", "contacts"):
+    for name in ("fill_unknown", "jacobian_density", "relative_depth", "contacts"):
         monkeypatch.setattr(outputs, name, lambda face, *_, name=name: called.append(name) or face)
     Measurement(VIEW, ["flow", "observation"], [model]).update(images[0])
     assert called == []
     Measurement(VIEW, ["force"], [model]).update(images[0])
-    assert called == ["whole"]
+    assert called == ["fill_unknown"]
 
 
 @pytest.mark.parametrize(
@@ -73,14 +73,12 @@ def test_only_what_the_outputs_need_is_run(
         (["forces"], "did you mean 'force'"),
     ],
 )
-def test_an_output_that_cannot_be_is_refused_at_once(include: list[str], says: str):
+def test_impossible_output_is_refused(include: list[str], says: str):
     with pytest.raises(InputError, match=says):
         Measurement(VIEW, include)
 
 
-def test_side_by_side_gives_to_the_bit_what_one_by_one_does(
-    images: list[np.ndarray], model: ForceModel
-):
+def test_pipeline_equals_sequential_bitwise(images: list[np.ndarray], model: ForceModel):
     measurement = Measurement(VIEW, ["flow", "force"], [model])
     one_by_one = [measurement.update(image) for image in images]
     measurement.reset()
@@ -93,7 +91,7 @@ def test_side_by_side_gives_to_the_bit_what_one_by_one_does(
     assert all(result.age_ms > 0 and result.trusted for result in side_by_side)
 
 
-def test_a_reset_counts_from_the_next_image_given_and_spares_those_before(
+def test_reset_applies_to_later_images_only(
     images: list[np.ndarray],
 ):
     measurement = Measurement(CAMERA)
@@ -114,7 +112,7 @@ def test_a_reset_counts_from_the_next_image_given_and_spares_those_before(
     assert all(map(same, results[4:], alone))
 
 
-def test_a_reference_may_be_another_image_than_the_next(images: list[np.ndarray]):
+def test_reset_accepts_explicit_reference(images: list[np.ndarray]):
     measurement = Measurement(CAMERA)
     measurement.update(images[3])
     measurement.reset(images[0])
@@ -128,7 +126,7 @@ def test_a_reference_may_be_another_image_than_the_next(images: list[np.ndarray]
     assert measurement.update(images[9]).frame == 2  # as if it had not been asked
 
 
-def test_what_is_wrong_with_an_image_is_raised_in_its_place(images: list[np.ndarray]):
+def test_image_error_raised_by_its_result(images: list[np.ndarray]):
     with Pipeline(Measurement(CAMERA)) as pipeline:
         for image in (images[0], images[1][:, :150], images[2]):
             pipeline.submit(image)
@@ -139,7 +137,7 @@ def test_what_is_wrong_with_an_image_is_raised_in_its_place(images: list[np.ndar
     assert [one.frame for one in (first, third) if one is not None] == [0, 1]
 
 
-def test_a_camera_gets_its_newest_image_measured_and_knows_how_many_were_not(
+def test_newest_image_measured_and_drops_counted(
     images: list[np.ndarray],
 ):
     with Pipeline(Measurement(CAMERA), "newest") as pipeline:
@@ -153,15 +151,13 @@ def test_a_camera_gets_its_newest_image_measured_and_knows_how_many_were_not(
 
 
 @pytest.mark.parametrize("policy", ["every", "newest"])
-def test_a_closed_pipeline_takes_nothing_more_and_frees_the_measurement(
-    images: list[np.ndarray], policy: Any
-):
+def test_closed_pipeline_releases_measurement(images: list[np.ndarray], policy: Any):
     measurement = Measurement(CAMERA)
     pipeline = Pipeline(measurement, policy)
     pipeline.submit(images[0])
     with pytest.raises(RuntimeError, match="another pipeline"):
         Pipeline(measurement)
-    with pytest.raises(RuntimeError, match="give it the images"):
+    with pytest.raises(RuntimeError, match="submit the images to it"):
         measurement.update(images[1])
     closers = [threading.Thread(target=pipeline.close) for _ in range(3)]
     for thread in closers:
@@ -176,7 +172,7 @@ def test_a_closed_pipeline_takes_nothing_more_and_frees_the_measurement(
     assert measurement.update(images[1]).frame == 1
 
 
-def test_an_image_on_which_nothing_is_found_is_flagged_and_never_nan(
+def test_blank_image_is_untrusted_without_nan(
     images: list[np.ndarray], model: ForceModel, make_scene: Callable[..., Any]
 ):
     measurement = Measurement(VIEW, ["flow", "force"], [model])

@@ -25,7 +25,7 @@ VIEW = SensorModel(Pinhole(0.04, 640, 480, 13.0), SkinDimensions())
 
 
 @pytest.mark.parametrize("constant", [False, True])
-def test_statsmodels_gives_the_same_figures_of_badly_scaled_columns(constant):
+def test_statsmodels_agrees_on_badly_scaled_columns(constant):
     from statsmodels.api import OLS, add_constant
 
     columns = add_constant(COLUMNS, prepend=False) if constant else COLUMNS
@@ -50,7 +50,7 @@ def test_statsmodels_gives_the_same_figures_of_badly_scaled_columns(constant):
 @pytest.mark.parametrize(
     ("name", "component"), [("sums", "tx"), ("paper", "fx"), ("inverse-placed", "fz")]
 )
-def test_statsmodels_gives_the_same_figures_of_force_models(name, component):
+def test_statsmodels_agrees_on_force_models(name, component):
     from statsmodels.api import OLS
     from statsmodels.stats.sandwich_covariance import S_crosssection
 
@@ -93,7 +93,7 @@ def test_statsmodels_gives_the_same_figures_of_force_models(name, component):
     assert ours.adjusted_r2 == pytest.approx(1 - rss / (n - k) / mean.mse_resid, rel=1e-10)
 
 
-def test_fewer_than_ten_presses_have_no_intervals_and_say_so():
+def test_few_presses_have_no_intervals():
     few = np.where(PRESSES.astype(int) < MIN_PRESSES - 1, PRESSES, "0")
     fit = least_squares(COLUMNS, Y, NAMES, few)
     assert fit.intervals is None
@@ -103,15 +103,15 @@ def test_fewer_than_ten_presses_have_no_intervals_and_say_so():
         least_squares(COLUMNS, Y, NAMES, few[1:])
 
 
-def test_a_column_that_others_give_is_left_out_by_name():
+def test_dependent_column_is_dropped_and_named():
     copies = np.column_stack((COLUMNS, COLUMNS[:, 0] + 1e-4 * COLUMNS[:, 1], np.zeros(ROWS)))
     names = (*NAMES, "mix", "dead")
     fit = least_squares(copies, Y, names, PRESSES)
     plain = least_squares(COLUMNS, Y, NAMES, PRESSES)
     assert fit.dropped == ("mix", "dead")
     assert fit.notes == (
-        "mix is given by D, D^2 and left out",
-        "dead is 0 throughout and left out",
+        "mix depends on D, D^2 and was dropped",
+        "dead is zero and was dropped",
     )
     assert fit.coefficients == pytest.approx((*plain.coefficients, 0, 0), rel=1e-9)
     assert fit.intervals[3:] == ((0, 0), (0, 0))
@@ -120,25 +120,25 @@ def test_a_column_that_others_give_is_left_out_by_name():
     assert fit.free == plain.free
 
 
-def test_no_force_and_constant_force_have_no_r2_rather_than_a_wrong_one():
+def test_zero_or_constant_force_lacks_r2():
     none = least_squares(COLUMNS, np.zeros(ROWS), NAMES, PRESSES)
     assert none.coefficients == (0, 0, 0)
     assert none.rmse == 0
     assert none.r2 is none.adjusted_r2 is none.r2_about_zero is None
-    assert none.notes == ("y is 0 throughout: the coefficients say nothing",)
+    assert none.notes == ("y is zero everywhere: the coefficients are meaningless",)
     constant = least_squares(COLUMNS, np.full(ROWS, 0.3), NAMES)
     assert constant.r2 is constant.adjusted_r2 is None
     assert constant.r2_about_zero is not None
     with_one = np.column_stack((COLUMNS, np.ones(ROWS)))
     offset = least_squares(with_one, Y, (*NAMES, "one"), PRESSES)
-    assert offset.notes == ("one is the same throughout: its coefficient is an offset",)
+    assert offset.notes == ("one is constant: its coefficient is an offset",)
     nothing = least_squares(np.zeros((ROWS, 3)), Y, NAMES)
     assert nothing.dropped == NAMES
     assert nothing.rmse == pytest.approx(np.sqrt(np.mean(Y**2)))
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_what_is_not_finite_is_refused_by_row_and_column(bad):
+def test_non_finite_named_by_row_column(bad):
     columns = COLUMNS.copy()
     columns[5, 1] = bad
     with pytest.raises(InputError, match=r"D\^2: row 5: (nan|inf)"):

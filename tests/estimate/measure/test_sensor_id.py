@@ -26,7 +26,7 @@ SENSOR = SensorModel(
 HEAD = CalibrationHead("force", SENSOR, CalibrationSource(("run-1",), True, "0.1.0", 3))
 
 
-def test_a_file_gives_back_what_was_written(tmp_path: Path) -> None:
+def test_file_round_trip(tmp_path: Path) -> None:
     path = tmp_path / "calibration.toml"
     tables = {"model": {"name": "sums", "gain": [1.5, -2e-7]}, "empty": {}}
     path.write_text(HEAD.toml(tables))
@@ -36,7 +36,7 @@ def test_a_file_gives_back_what_was_written(tmp_path: Path) -> None:
     assert read_calibration(path) == (bare, {})
 
 
-def test_another_sensor_is_told_by_what_both_know() -> None:
+def test_other_sensor_named_by_common_keys() -> None:
     require_same_sensor(HEAD, SENSOR, "c.toml")
     require_same_sensor(HEAD, SensorModel(CAMERA).id, "c.toml")  # a bare camera knows no serial
     nearer = SensorModel(replace(CAMERA, mm_per_px=0.04)).id
@@ -50,7 +50,7 @@ def test_another_sensor_is_told_by_what_both_know() -> None:
     )
 
 
-def test_a_lens_that_was_fitted_again_is_told_by_its_numbers(tmp_path: Path) -> None:
+def test_refitted_lens_named_by_numbers(tmp_path: Path) -> None:
     """Of a file that was read again; and one of before, which kept a digest, by that."""
     lens = Fisheye()
     before = CalibrationHead("depth", SensorModel(lens, serial="A1").id, HEAD.made)
@@ -72,9 +72,9 @@ def test_a_lens_that_was_fitted_again_is_told_by_its_numbers(tmp_path: Path) -> 
         require_same_sensor(old, SensorModel(lens).id, str(path))
 
 
-def test_a_file_of_version_0_2_is_known_by_its_digests() -> None:
+def test_old_file_matches_by_digests() -> None:
     old = SensorId("deltact", "A1", pattern="bfbaacc286e0", camera="ff7980730857")
-    assert not SENSOR.unlike(old)
+    assert not SENSOR.differences_from(old)
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def test_a_file_of_version_0_2_is_known_by_its_digests() -> None:
         ('version = "0.1.0"', "", "made.version: missing key"),
     ],
 )
-def test_what_is_wrong_is_said_in_one_line(tmp_path: Path, old: str, new: str, said: str) -> None:
+def test_errors_are_one_line(tmp_path: Path, old: str, new: str, said: str) -> None:
     path = tmp_path / "calibration.toml"
     text = HEAD.toml({"model": {"gain": 1.5}})
     assert old in text

@@ -275,7 +275,7 @@ def test_an_accepted_sensor_is_kept_and_later_health_starts_from_it(tmp_path):
     assert cv2.imread(str(tmp_path / "face.png")) is not None
     again = called(*words, cwd=tmp_path)
     assert again.returncode == 2
-    assert "sensors/A1.toml: already there; name another file" in again.stderr
+    assert "sensors/A1.toml: already exists; name another file" in again.stderr
     rest = cv2.imread(str(tmp_path / "sensors" / "A1.rest.png"))
     folder = tmp_path / "later"
     folder.mkdir()

@@ -14,7 +14,7 @@ import pytest
 from called import called
 from numpy.typing import NDArray
 
-from deltact_fab.app.schema import kind_named, rows
+from deltact_fab.app.schema import find_kind, rows
 from deltact_fab.common import catalog
 from deltact_fab.estimate.measure.health import RestPattern
 from deltact_fab.fabricate.patterns.raster import raster_window
@@ -119,8 +119,8 @@ def test_a_scale_gives_mm_and_what_needs_a_camera_is_one_line(tmp_path: Path) ->
     for words, says in (
         (["--show", "shape"], "--show shape: needs a scale: --mm-per-px or --camera"),
         (["--calibration", "f.toml"], "f.toml: a calibration holds for the camera"),
-        (["--pictures"], "--pictures: only with --out"),
-        (["--out", source], "already there; name a new or empty --out folder"),
+        (["--pictures"], "--pictures needs --out"),
+        (["--out", source], "must be a new or empty folder"),
     ):
         done = called("measure", source, *words)
         assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
@@ -160,10 +160,10 @@ def test_what_is_measured_is_kept_by_name_and_unit(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     with (out / "measured.csv").open() as lines:
         *_, last = csv.DictReader(lines)
-    assert list(last) == [row.key for row in rows(kind_named("measured"))]
+    assert list(last) == [row.key for row in rows(find_kind("measured"))]
     assert 5 < float(last["motion_px"]) < 7
     assert last["fx_n"] == ""
     with np.load(out / last["fields"]) as arrays:
-        assert set(arrays) <= {row.key for row in rows(kind_named("fields"))}
+        assert set(arrays) <= {row.key for row in rows(find_kind("fields"))}
         assert arrays["flow_px"].shape == (H // 2, W // 2, 2)
     assert np.array_equal(cv2.imread(str(out / last["picture"])), moved(speckle()))

@@ -102,7 +102,7 @@ def test_a_study_is_told_written_and_its_own_folder_taken_again(tmp_path: Path) 
     assert again.stdout == "3 means.\n1 job is missing, so nothing is decided.\n"
     assert "3 of 4 jobs are kept, 1 to do" in again.stderr
     assert "failed: job-3: it did not converge\n" in again.stderr
-    assert "warning: 1 jobs have no result and are left out: job-3;" in again.stderr
+    assert "warning: 1 jobs failed and are not included: job-3;" in again.stderr
     assert "job-3" in (tmp_path / "study-out/tiny/report.html").read_text()
     before = files(tmp_path / "study-out/tiny")
     failed = call(tmp_path, "--count", "4", "--fails", "job-3")

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from deltact_fab.common import Field
 from deltact_fab.sensor import CameraModel, Rectified, folded_pixels
 
-from ...measure.compose import inside
+from ...measure.compose import is_inside
 from ...measure.dots.detect import Polarity
 from ...measure.dots.tracker import DotObservation, DotTracker
 
@@ -218,7 +218,7 @@ class DotFollower:
         share = float(np.isfinite(seen.displacement_px[:, 0]).mean())
         one = ErrorTally.of_frame(share, share >= MIN_FOUND_SHARE, seen.cpu_ms)
         if true_px is not None:
-            visible = inside(self.rest_px + true_px, *self.shape)
+            visible = is_inside(self.rest_px + true_px, *self.shape)
             moved_mm = np.hypot(*true_px.T) * self.mm_per_px
             moving = visible & (moved_mm >= MOVING_MM)
             errors = _lengths((seen.displacement_px - true_px)[moving]) * self.mm_per_px
@@ -271,7 +271,7 @@ class TrueFrame:
         h, w = seen.shape
         y, x = np.mgrid[:h, :w]
         to = np.stack((x + flow[..., 0], y + flow[..., 1]), axis=-1)
-        visible = inside(to, h, w)
+        visible = is_inside(to, h, w)
         # Where a steep flank hides what is behind it, no one point of the face is the true one.
         disputed = folded_pixels(to, seen.shape)
         column, row = np.rint(to[visible]).astype(int).T

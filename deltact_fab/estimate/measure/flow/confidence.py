@@ -1,8 +1,8 @@
-"""What is known of one frame, and which parts of its flow are kept and trusted: one rule for all.
+"""Confidence of a frame's flow: which nodes are valid, confident and trusted, for all trackers.
 
 All arrays of the rule lie on the half grid of `fused`, (hh, ww): a node stands for 2 x 2 pixels;
-flows are in pixels of the image. Every flow is judged against the *first* image, whatever it was
-composed over.
+flows are in pixels of the image. Every flow is judged against the *first* image, however it was
+composed.
 """
 
 from __future__ import annotations
@@ -16,91 +16,93 @@ import numpy as np
 
 from deltact_fab.common import Array
 
-from ..compose import landing_px, sample, shrunk
-from .fused import Plane, Refined, Sampled
+from ..compose import landing_px, sample, shrink
+from .fused import Plane, RefinedFlow, SampledImage
 
-_EDGE = cv2.BORDER_REPLICATE
-_COARSE_PX = 4  # windows are counted in cells of two nodes each way
-_MIN_VARIANCE = 1.0  # grey levels^2: less than a camera's noise
+_EDGE_MODE = cv2.BORDER_REPLICATE
+# Thresholds without another source: decision 0061; how they were set: docs/evidence/flow.md.
+_COARSE_PX = 4  # windows are counted in cells of 2 x 2 nodes
+_CHROMA_FLOOR = 1.0  # grey levels^2, below the noise of a camera
 KEEP_CORRELATION = 0.35
 KEEP_DET = 0.12
 CHROMA_MIN = 0.5
-COLOUR_SHARE = 0.45
-"""Share of the luma deviation: a Bayer mosaic gives grey up to 0.38, colours 0.61 and more."""
+COLOUR_SHARE = 0.45  # of the luma deviation; measured with a Bayer mosaic: grey 0.38, colour 0.61
 GREY_MIN = 0.7
 DEVIATION_MAX_PX = 0.29
-BORDER_PX = 3.0
+EDGE_GAP_PX = 3.0
 WINDOW_PX, FIT_PX, SUPPORT_PX = 20, 28, 68
-_WINDOW, _FIT, _SUPPORT = ((px // _COARSE_PX,) * 2 for px in (WINDOW_PX, FIT_PX, SUPPORT_PX))
 SUPPORT_SHARE = 0.5
-TEXTURE_MIN = 2.0
-"""Grey levels: rounding, noise and compression leave up to 1.9 in a picture of a plain face."""
+TEXTURE_MIN = 2.0  # grey levels; a plain face has up to 1.9 by rounding, noise and compression
 FINE_PX = 19
 TEXTURED_SHARE = 0.5
-TRUSTED_SHARE = 0.25
+TRUSTED_FLOW_SHARE = 0.25
+_WINDOW_CELLS, _FIT_CELLS, _SUPPORT_CELLS = (
+    (px // _COARSE_PX,) * 2 for px in (WINDOW_PX, FIT_PX, SUPPORT_PX)
+)
 
 
 class FlowState(IntEnum):
     LOST = 0
-    """Hidden or out of view, and no trustworthy neighbour near: a guess."""
+    """Hidden or out of view, without confident neighbours: a guess."""
     PREDICTED = 1
-    """Not found in this image; filled from trustworthy neighbours."""
+    """Not matched in this image; filled from confident neighbours."""
     MATCHED = 2
-    """Found in this image."""
+    """Matched in this image."""
 
 
 class ConfidenceEstimator:
-    """What a node must show; the first image's side of it, prepared once.
+    """Rules for valid and confident nodes, with the first image prepared once.
 
-    Kept, so that its own flow stands: the tracked channel correlates above KEEP_CORRELATION, it
-    lands inside the image, and the flow around it does not squeeze areas below KEEP_DET.
+    Valid, so that a node keeps its own flow: the tracked channel correlates above KEEP_CORRELATION,
+    it lands inside the image, and the flow around it does not shrink areas below KEEP_DET.
 
-    Confident: kept, and a secondary match. Of a colour image the fit sees the luma, so the colour
-    differences, which hold none of it, must correlate above CHROMA_MIN over WINDOW_PX. A grey
-    image, and a place whose colour varies by less than COLOUR_SHARE, has no secondary match: the
-    one correlation must be above GREY_MIN. In all, the fit's own predicted deviation is below
-    DEVIATION_MAX_PX; of a flow that the fused steps found, together with what they have yet to do
-    around (root of the mean square over FIT_PX). It lands BORDER_PX or more from the image's edge,
-    and of the textured nodes in SUPPORT_PX around at least SUPPORT_SHARE agree.
+    Confident: valid, with a secondary match. In a colour image the fit uses the luma, so the colour
+    differences, which are independent of it, must correlate above CHROMA_MIN over WINDOW_PX. A grey
+    image, or a place whose colour varies by less than COLOUR_SHARE, has no secondary match: its
+    correlation must exceed GREY_MIN. In all, the fit's predicted deviation is below
+    DEVIATION_MAX_PX; for `fused`, the remaining steps around are added to it (root mean square
+    over FIT_PX). The node lands EDGE_GAP_PX or more inside the image, and at least
+    SUPPORT_SHARE of the textured nodes in SUPPORT_PX around agree.
 
-    A frame is trusted when TEXTURED_SHARE or more of the first image has a standard deviation of
-    TEXTURE_MIN grey levels in detail finer than FINE_PX, at full size; and TRUSTED_SHARE or more of
-    that is confident now. One image does not tell that detail from noise; later ones do.
+    A frame is trusted if TEXTURED_SHARE or more of the first image has a standard deviation of
+    TEXTURE_MIN grey levels in detail finer than FINE_PX, at full size, and TRUSTED_FLOW_SHARE or
+    more of that is confident now. A single image cannot separate that detail from noise.
 
-    image: (h, w, 3) BGR or (h, w) grey, uint8; plane: of the same.
+    image: (h, w, 3) BGR or (h, w) grey, uint8; plane: made from it.
     """
 
-    def __init__(self, image: Array | Sampled, plane: Plane) -> None:
+    def __init__(self, image: Array | SampledImage, plane: Plane) -> None:
         self._colour = image.ndim == 3
         self._shape = plane.shape
         fine = plane.gray.astype(np.float32)
-        fine -= cv2.blur(fine, (FINE_PX, FINE_PX), borderType=_EDGE)
-        power = self._around(shrunk(fine * fine, 2))
+        fine -= cv2.blur(fine, (FINE_PX, FINE_PX), borderType=_EDGE_MODE)
+        power = self._means(shrink(fine * fine, 2))
         self.contrast = float(np.sqrt(power.max()))
-        self.textured: Array = self._wide(power) >= TEXTURE_MIN**2
+        self.textured: Array = self._fine(power) >= TEXTURE_MIN**2
         self.textured_share = float(self.textured.mean())
         self._textured_near = self._near(self.textured)
         if self._colour:
             self._secondary = [channel.astype(np.float32) - 128 for channel in _secondary(image)]
-            self._mean = [self._around(channel) for channel in self._secondary]
-            power = self._around(_product(self._secondary, self._secondary))
+            self._mean = [self._means(channel) for channel in self._secondary]
+            power = self._means(_product(self._secondary, self._secondary))
             self._power = power - _product(self._mean, self._mean)
-            luma = shrunk(plane.gray, 2).astype(np.float32)
-            contrast = self._around(luma * luma) - self._around(luma) ** 2
-            self._colourless = self._wide(self._power < COLOUR_SHARE**2 * contrast)
+            luma = shrink(plane.gray, 2).astype(np.float32)
+            contrast = self._means(luma * luma) - self._means(luma) ** 2
+            self._colourless = self._fine(self._power < COLOUR_SHARE**2 * contrast)
 
-    def secondary_match(self, image: Array | Sampled) -> list[Array]:
-        """What `look` asks of the current image (h, w[, 3]), nothing of a grey one."""
+    def secondary_match(self, image: Array | SampledImage) -> list[Array]:
+        """Return chroma planes of the current image (h, w[, 3]) for `check`; none of a grey one."""
         return _secondary(image) if self._colour else []
 
-    def look(self, secondary_match: list[Array], match: Refined) -> tuple[Array, Array]:
-        """Nodes whose own flow stands, and those of them that the secondary match bears out.
+    def check(self, secondary_match: list[Array], match: RefinedFlow) -> tuple[Array, Array]:
+        """Return masks of valid nodes, and of those that the secondary match confirms.
 
-        Both (hh, ww) bool; secondary_match: of the current image, of which the match is.
+        Both (hh, ww) bool; secondary_match, match: of the current image.
         """
         flow, correlation, deviation, _ = match
         right, down = (
-            cv2.Sobel(flow, -1, dx, 1 - dx, ksize=1, scale=0.25, borderType=_EDGE) for dx in (1, 0)
+            cv2.Sobel(flow, -1, x, 1 - x, ksize=1, scale=0.25, borderType=_EDGE_MODE)
+            for x in (1, 0)
         )
         det = (1 + right[..., 0]) * (1 + down[..., 1]) - down[..., 0] * right[..., 1]
         height, width = self._shape
@@ -108,75 +110,76 @@ class ConfidenceEstimator:
         near = np.minimum(
             np.minimum(x, np.float32(width - 1) - x), np.minimum(y, np.float32(height - 1) - y)
         )
-        kept = (correlation > KEEP_CORRELATION) & (det > KEEP_DET) & (near >= 0)
-        agreeing = kept & self.textured & (deviation < DEVIATION_MAX_PX) & (near >= BORDER_PX)
+        valid = (correlation > KEEP_CORRELATION) & (det > KEEP_DET) & (near >= 0)
+        agreeing = valid & self.textured & (deviation < DEVIATION_MAX_PX) & (near >= EDGE_GAP_PX)
         if self._colour:
-            alike = self._wide(self._chroma(secondary_match, _landing(flow)) > CHROMA_MIN)
-            agreeing &= np.where(self._colourless, correlation > GREY_MIN, alike)
+            chroma_ok = self._fine(self._chroma(secondary_match, _landing(flow)) > CHROMA_MIN)
+            agreeing &= np.where(self._colourless, correlation > GREY_MIN, chroma_ok)
         else:
             agreeing &= correlation > GREY_MIN
-        return kept, agreeing
+        return valid, agreeing
 
-    def state(self, inside: Array, kept: Array) -> Array:
-        """What stands behind each node's flow, (hh, ww) uint8 of FlowState."""
-        state = np.full(kept.shape, FlowState.MATCHED, np.uint8)
-        if not kept.all():
-            guided = (self._near(kept) >= SUPPORT_SHARE) & inside
-            state[~kept] = np.where(guided[~kept], FlowState.PREDICTED, FlowState.LOST)
+    def node_states(self, inside: Array, valid: Array) -> Array:
+        """Return the FlowState of each node, (hh, ww) uint8."""
+        state = np.full(valid.shape, FlowState.MATCHED, np.uint8)
+        if not valid.all():
+            guided = (self._near(valid) >= SUPPORT_SHARE) & inside
+            state[~valid] = np.where(guided[~valid], FlowState.PREDICTED, FlowState.LOST)
         return state
 
-    def settled(self, match: Refined, kept: Array) -> Array:
-        """Where the steps around have little left to do, (hh, ww) bool.
+    def converged(self, match: RefinedFlow, valid: Array) -> Array:
+        """True where the fit has converged, (hh, ww) bool.
 
-        One node's own step may happen to be 0, so the kept ones around count.
+        A single node's step may be 0 by chance, so steps of valid nodes around are averaged.
         """
-        weight = shrunk(kept.astype(np.float32), 2)
-        ahead = shrunk(np.where(kept, match.ahead_px2, np.float32(0)), 2)
-        n, total = (cv2.blur(a, _FIT, borderType=_EDGE) for a in (weight, ahead))
-        left = self._wide(total / np.maximum(n, np.float32(1e-3)))
-        return np.asarray(match.deviation_px**2 + left < DEVIATION_MAX_PX**2)
+        weight = shrink(valid.astype(np.float32), 2)
+        ahead = shrink(np.where(valid, match.ahead_px2, np.float32(0)), 2)
+        n, total = (cv2.blur(a, _FIT_CELLS, borderType=_EDGE_MODE) for a in (weight, ahead))
+        rest_px2 = self._fine(total / np.maximum(n, np.float32(1e-3)))
+        return np.asarray(match.deviation_px**2 + rest_px2 < DEVIATION_MAX_PX**2)
 
-    def confident(self, agreeing: Array) -> Array:
-        """Nodes that agree, with enough others around them that do, (hh, ww) bool."""
+    def select_confident(self, agreeing: Array) -> Array:
+        """True for agreeing nodes with enough agreeing nodes around, (hh, ww) bool."""
         return np.asarray(agreeing & (self._near(agreeing) >= SUPPORT_SHARE * self._textured_near))
 
-    def trusted(self, confident: Array) -> bool:
-        """Whether a frame with these confident nodes is trusted."""
-        least = TRUSTED_SHARE * max(1, int(np.count_nonzero(self.textured)))
-        return self.textured_share >= TEXTURED_SHARE and int(np.count_nonzero(confident)) >= least
+    def is_trusted(self, confident: Array) -> bool:
+        """True if a frame with these confident nodes is trusted."""
+        limit = TRUSTED_FLOW_SHARE * max(1, int(np.count_nonzero(self.textured)))
+        return self.textured_share >= TEXTURED_SHARE and int(np.count_nonzero(confident)) >= limit
 
     def _chroma(self, secondary_match: list[Array], landing: Array) -> Array:
-        """Correlation, by coarse cell, of what the fit has not seen; both channels together."""
+        """Correlation of the colour differences by coarse cell, both channels together."""
         current = [sample(c, landing).astype(np.float32) - 128 for c in secondary_match]
-        mean = [self._around(channel) for channel in current]
-        power = self._around(_product(current, current)) - _product(mean, mean)
-        shared = self._around(_product(self._secondary, current)) - _product(self._mean, mean)
+        mean = [self._means(channel) for channel in current]
+        power = self._means(_product(current, current)) - _product(mean, mean)
+        shared = self._means(_product(self._secondary, current)) - _product(self._mean, mean)
         return np.asarray(
             shared
-            / np.sqrt(np.maximum(self._power, _MIN_VARIANCE) * np.maximum(power, _MIN_VARIANCE))
+            / np.sqrt(np.maximum(self._power, _CHROMA_FLOOR) * np.maximum(power, _CHROMA_FLOOR))
         )
 
-    def _around(self, nodes: Array) -> Array:
+    def _means(self, nodes: Array) -> Array:
         """Means over WINDOW_PX, by coarse cell."""
-        return cv2.blur(shrunk(nodes, 2), _WINDOW, borderType=_EDGE)
+        return cv2.blur(shrink(nodes, 2), _WINDOW_CELLS, borderType=_EDGE_MODE)
 
     def _near(self, mask: Array) -> Array:
-        """Share of the nodes in SUPPORT_PX around, (hh, ww)."""
-        return self._wide(cv2.blur(shrunk(mask.astype(np.float32), 2), _SUPPORT, borderType=_EDGE))
+        """Fraction of the nodes in SUPPORT_PX around, (hh, ww)."""
+        cells = shrink(mask.astype(np.float32), 2)
+        return self._fine(cv2.blur(cells, _SUPPORT_CELLS, borderType=_EDGE_MODE))
 
-    def _wide(self, coarse: Array) -> Array:
+    def _fine(self, coarse: Array) -> Array:
         hh, ww = (-(-s // 2) for s in self._shape)
         return np.repeat(np.repeat(coarse, 2, axis=0), 2, axis=1)[:hh, :ww]
 
 
 def _landing(flow_px: Array) -> Array:
-    """Where nodes go, (hh, ww, 2) in nodes of the current image."""
+    """Positions of the nodes in the current image, (hh, ww, 2) in nodes."""
     return landing_px(flow_px * np.float32(0.5))
 
 
-def _secondary(image: Array | Sampled) -> list[Array]:
-    """Colour differences of a BGR image on the half grid, (hh, ww) uint8 each: without luma."""
-    small = image.nodes if isinstance(image, Sampled) else shrunk(image, 2)
+def _secondary(image: Array | SampledImage) -> list[Array]:
+    """Colour differences Cr, Cb of a BGR image on the half grid, (hh, ww) uint8 each."""
+    small = image.nodes if isinstance(image, SampledImage) else shrink(image, 2)
     return list(cv2.split(cv2.cvtColor(small, cv2.COLOR_BGR2YCrCb))[1:])
 
 
@@ -186,13 +189,12 @@ def _product(first: list[Array], second: list[Array]) -> Array:
 
 @dataclass(frozen=True)
 class FlowDiagnostics:
-    """What is known of one frame's flow besides the flow.
+    """Quality figures of a frame's flow.
 
-    frame: 0 for the first image. n_reference_switches: since then. textured_share: share of the
-    first image in which there is anything to see. trusted: texture and confidence suffice
-    (`ConfidenceEstimator`). confident_share: share of the visible pixels that are confident.
-    cpu_ms: process time of the update, over all threads; where its parts run side by side, that of
-    the other parts is in it.
+    frame: 0 for the first image. n_reference_switches: since then. textured_share: fraction of the
+    first image with texture. trusted: texture and confidence suffice (`ConfidenceEstimator`).
+    confident_share: fraction of the visible pixels that are confident. cpu_ms: process time of the
+    update, over all threads, including other parts that run in parallel.
     """
 
     frame: int
@@ -212,7 +214,7 @@ class FlowObservation:
     Flows are in pixels of the image in either case.
 
     flow_px: (h, w, 2) float32, from the first image, at its pixels (Lagrangian). visible: (h, w)
-    bool, the flow ends inside this image, and inside every reference that it was composed over.
+    bool, the flow ends inside this image and inside every reference it was composed over.
     confident: (h, w) bool, see `ConfidenceEstimator`. state: (h, w) uint8 of `FlowState`.
     """
 
@@ -225,32 +227,32 @@ class FlowObservation:
 
 @dataclass(frozen=True)
 class TrackedFrame:
-    """What one way to follow a sequence says of one frame, before it is judged.
+    """Flow of a frame from a tracker, before its confidence is computed.
 
-    flow_px, kept, agreeing: on the half grid, see `confidence`. full_px: (h, w, 2), where the way
-    finds its flow at every pixel. stayed: (h, w) bool, the flow never left an image that it was
-    composed over; None: that is no question. match: what the fused steps found it by.
+    flow_px, valid, agreeing: on the half grid, see `confidence`. full_px: (h, w, 2), from trackers
+    with a flow at every pixel. inside: (h, w) bool, the flow never left an image it was composed
+    over; None if it is not composed. match: result of the fused steps.
     """
 
     flow_px: Array
-    kept: Array
+    valid: Array
     agreeing: Array
     full_px: Array | None = None
-    stayed: Array | None = None
+    inside: Array | None = None
     n_reference_switches: int = 0
-    match: Refined | None = None
+    match: RefinedFlow | None = None
 
 
 class PreparedImage(NamedTuple):
-    """An image of a sequence, made ready to be followed.
+    """Image of a sequence, prepared for tracking.
 
-    frame: 0 for the first. plane, secondary_match: what is tracked of it and what
-    `ConfidenceEstimator.look` asks of it. ahead_px: a look ahead, by coarse node.
-    start_s: process time when it came.
+    frame: 0 for the first. plane: tracked channel. secondary_match: input of
+    `ConfidenceEstimator.check`. ahead_px: predicted motion by coarse node. start_s: process time
+    at its arrival.
     """
 
     frame: int
-    image: Array | Sampled
+    image: Array | SampledImage
     plane: Plane
     secondary_match: list[Array]
     ahead_px: Array | None

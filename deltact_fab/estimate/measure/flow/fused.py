@@ -20,29 +20,29 @@ import numpy as np
 
 from deltact_fab.common import Array, InputError
 
-from ..compose import shrunk
+from ..compose import shrink
 from . import nodes
 from .nodes import MIN_VARIANCE
 
-MIN_SIDE_PX = 64  # below it the pyramids of every method degenerate
-STEPS = (6, 4, 2)  # on a quarter, half and the full size
-_LEVELS = 3
-COARSE = 2 ** (_LEVELS - 1)  # nodes to a side of the grid that a refinement starts on
-_BEYOND_PX = 4  # pixels behind the last one that a warp may read
-_EVEN_PX = 41  # of the half-size image
-_EVEN_CONTRAST, _LEAST_CONTRAST = np.float32(40), np.float32(2)  # grey levels
-_LIGHT_WINDOW = 11  # of 8 px: within it the light is alike
-_PRIOR = 0.02
+MIN_SIDE_PX = 64  # by hand: below it the pyramids of every method degenerate
+LEVEL_STEPS = (6, 4, 2)  # on a quarter, half and the full size; decision 0015
+_N_LEVELS = 3  # decision 0015
+COARSE_NODES = 2 ** (_N_LEVELS - 1)  # along a cell of the grid that a refinement starts on
+_BEYOND_PX = 4  # exact: farthest pixel behind the last one that a warp reads
+_EVEN_PX = 41  # of the half-size image; decision 0061
+_EVEN_CONTRAST, _LEAST_CONTRAST = np.float32(40), np.float32(2)  # grey levels; by hand
+_LIGHT_WINDOW = 11  # of 8 px; by hand: larger misses gradients, smaller follows the pattern
+_PRIOR_WEIGHT = 0.02  # of the whole image; by hand: more flattens local light where little is shown
 # Two steps pass 1.24 times the noise of one fit; the blur makes the noise of neighbours alike, so
 # the fit leaves half of it or less (decision 0015).
 NOISE_GAIN = 1.24 * 2.0
 
 
-class Sampled(NamedTuple):
-    """All that the anchored tracker reads of a colour image, where the rest is not needed.
+class SampledImage(NamedTuple):
+    """Parts of a colour image that the anchored tracker reads.
 
-    luma (h, w) uint8: what is tracked. nodes (hh, ww, 3) BGR uint8: one pixel a node
-    of the half grid, hh = ceil(h / 2).
+    luma: (h, w) uint8, tracked channel. nodes: (hh, ww, 3) BGR uint8, one pixel per node of the
+    half grid, hh = ceil(h / 2).
     """
 
     luma: Array
@@ -58,7 +58,7 @@ class Sampled(NamedTuple):
 
 
 def to_gray(image: Array) -> Array:
-    """BGR (h, w, 3) or grey (h, w) uint8 to a contiguous grey (h, w) uint8 that is our own.
+    """Convert BGR (h, w, 3) or grey (h, w) uint8 to a contiguous grey copy (h, w) uint8.
 
     Raises InputError for another type or shape.
     """
@@ -73,32 +73,32 @@ def to_gray(image: Array) -> Array:
 
 
 class Plane:
-    """The tracked channel of one image, made ready once: to be a reference or to be matched.
+    """Tracked channel of one image with its pyramid, as a reference or as the image to match.
 
-    gray (h, w) uint8: what is tracked. small (hh, ww) uint8: the same at half the size, a pixel a
-    node, with brightness and contrast evened out: what `predict` matches.
+    gray: (h, w) uint8. small: (hh, ww) uint8, the same at half the size, a pixel per node, with
+    local brightness and contrast equalized; input of `predict`.
     """
 
     def __init__(self, gray: Array) -> None:
         self.gray = gray
         h, w = gray.shape
         self.shape = (h, w)
-        block = 2**_LEVELS
+        block = 2**_N_LEVELS
         level = cv2.copyMakeBorder(gray, 0, -h % block, 0, -w % block, cv2.BORDER_REPLICATE)
         self._levels = [level]
-        for _ in range(1, _LEVELS):
+        for _ in range(1, _N_LEVELS):
             half = (level.shape[1] // 2, level.shape[0] // 2)
             level = cv2.resize(level, half, interpolation=cv2.INTER_AREA)
             self._levels.append(level)
-        self.small = _evened(self._levels[1][: -(-h // 2), : -(-w // 2)])
+        self.small = _equalize_contrast(self._levels[1][: -(-h // 2), : -(-w // 2)])
 
     @classmethod
-    def of(cls, image: Array | Sampled) -> Plane:
-        """(h, w) grey or (h, w, 3) BGR uint8 to its plane, which shares no memory with it.
+    def from_image(cls, image: Array | SampledImage) -> Plane:
+        """Convert (h, w) grey or (h, w, 3) BGR uint8 to its plane, which shares no memory with it.
 
         Raises InputError for another type or shape, and for sides below 64 px.
         """
-        gray = to_gray(image.luma if isinstance(image, Sampled) else image)
+        gray = to_gray(image.luma if isinstance(image, SampledImage) else image)
         if min(gray.shape) < MIN_SIDE_PX:
             raise InputError(
                 f"flow: the image is {gray.shape}; sides of {MIN_SIDE_PX} px or more are needed"
@@ -106,22 +106,22 @@ class Plane:
         return cls(cv2.GaussianBlur(gray, (0, 0), 1.0))
 
     def level(self, k: int) -> Array:
-        """The image at 1 / 2^k of its size, padded to whole cells at every level."""
+        """Return the image at 1 / 2^k of its size, padded to whole cells at every level."""
         return self._levels[k]
 
     def size_px(self, k: int) -> tuple[int, int]:
-        """Height and width of a level without its padding."""
+        """Return height and width of a level without its padding."""
         return self.shape[0] >> k, self.shape[1] >> k
 
 
-class Refined(NamedTuple):
-    """What a refinement gives at the nodes of the half grid, float32.
+class RefinedFlow(NamedTuple):
+    """Result of a refinement at the nodes of the half grid, float32.
 
-    flow_px (hh, ww, 2), in px of the full image. correlation (hh, ww) in -1..1, of the windows of
-    reference and warped image; 0 where the current image does not show them. deviation_px (hh, ww):
-    standard deviation of the flow's endpoint by noise; a wrong match is not in it. ahead_px2
-    (hh, ww): estimate of what the steps have yet to do, squared: the last step over the contrast
-    that the current image has to the reference.
+    flow_px: (hh, ww, 2), in px of the full image. correlation: (hh, ww) in -1..1, of the windows of
+    reference and warped image; 0 if not visible in the current image. deviation_px: (hh, ww),
+    standard deviation of the flow's endpoint by noise, wrong matches excluded. ahead_px2: (hh, ww),
+    estimated remaining motion, squared: the last step over the contrast ratio of the current image
+    to the reference.
     """
 
     flow_px: Array
@@ -131,102 +131,103 @@ class Refined(NamedTuple):
 
 
 class _Level(NamedTuple):
-    pixels: Array  # as in `nodes`, and so
+    pixels: Array  # see `nodes`
     normal: Array
     size_px: tuple[int, int]
 
 
 class RefinementReference:
-    """The reference's side of the refinement, of the plane of the reference image."""
+    """Precomputed reference of the refinement, from the plane of the reference image."""
 
     def __init__(self, plane: Plane) -> None:
         self.plane = plane
-        sizes = [(plane.level(k), plane.size_px(k)) for k in range(_LEVELS)]
+        sizes = [(plane.level(k), plane.size_px(k)) for k in range(_N_LEVELS)]
         self._levels = [
             _Level(nodes.pixels(image), nodes.normal(image, size), size) for image, size in sizes
         ]
 
-    def refine(self, current: Plane, start_px: Array | None = None) -> Refined:
-        """The flow from the reference to the current image, of the same size.
+    def refine(self, current: Plane, start_px: Array | None = None) -> RefinedFlow:
+        """Compute the flow from the reference to the current image, of the same size.
 
-        start_px: (hh, ww, 2) float32 to start from, or its means over COARSE x COARSE nodes, which
-        are all that is read of it; `predict` by default. Correlation and deviation are those
+        start_px: (hh, ww, 2) float32 initial flow, or its means over COARSE_NODES x COARSE_NODES
+        nodes (only these are used); `predict` by default. Correlation and deviation are those
         before the last step.
         """
         start = predict(self.plane, current) if start_px is None else start_px
         if start.shape[:2] == self.plane.small.shape:
-            start = shrunk(start, COARSE)
-        planes = light = np.stack(cv2.split(start * np.float32(1 / COARSE)))
+            start = shrink(start, COARSE_NODES)
+        planes = light = np.stack(cv2.split(start * np.float32(1 / COARSE_NODES)))
         n_rows, n_cols = (s // 2 for s in self.plane.level(0).shape)
-        for k, n in zip(reversed(range(_LEVELS)), STEPS, strict=True):
+        for k, n in zip(reversed(range(_N_LEVELS)), LEVEL_STEPS, strict=True):
             size = (n_cols >> k, n_rows >> k)
-            planes = _resized(planes, size)
-            # Grey levels are the same on every level: what the first one says serves the next.
-            between = 0 < k < _LEVELS - 1
-            light = _resized(light, size, 1) if between else self._light(current, k, planes)
-            target = _target(current, k)
+            planes = _resize(planes, size)
+            # Grey levels are the same on every level: the first one's fit serves the next.
+            between = 0 < k < _N_LEVELS - 1
+            light = _resize(light, size, 1) if between else self._lighting(current, k, planes)
+            target = _padded(current, k)
             for i in range(n):
                 last = k == 0 and i == n - 1
-                planes, told = self._step(target, k, planes, light, last)
-        return self._cut(cv2.merge(list(planes)), told)
+                planes, quality = self._step(target, k, planes, light, last)
+        return self._crop(cv2.merge(list(planes)), quality)
 
-    def evaluate(self, current: Plane, flow_px: Array) -> Refined:
-        """Correlation and deviation, as in `refine`, of a flow (hh, ww, 2) found elsewhere."""
+    def evaluate(self, current: Plane, flow_px: Array) -> RefinedFlow:
+        """Compute correlation and deviation, as in `refine`, of a given flow (hh, ww, 2)."""
         (h, w), (hh, ww) = self.plane.level(0).shape, flow_px.shape[:2]
-        wide = cv2.copyMakeBorder(flow_px, 0, h // 2 - hh, 0, w // 2 - ww, cv2.BORDER_REPLICATE)
-        planes = np.stack(cv2.split(wide))
-        light = self._light(current, 0, planes)
-        return self._cut(flow_px, self._step(_target(current, 0), 0, planes, light, True)[1])
+        padded = cv2.copyMakeBorder(flow_px, 0, h // 2 - hh, 0, w // 2 - ww, cv2.BORDER_REPLICATE)
+        planes = np.stack(cv2.split(padded))
+        light = self._lighting(current, 0, planes)
+        return self._crop(flow_px, self._step(_padded(current, 0), 0, planes, light, True)[1])
 
-    def _light(self, current: Plane, k: int, planes: Array) -> Array:
-        """What a change of light makes of reference less current image, see `kernel.step`.
+    def _lighting(self, current: Plane, k: int, planes: Array) -> Array:
+        """Fit the effect of changed light on reference less current image, see `kernel.step`.
 
-        By a fit over what the current image shows of a window, to one pixel of each 8 cells.
+        The fit uses the visible part of a window, one pixel of each 8 cells.
         """
-        apart = 1 << (_LEVELS - 1 - k)
+        stride = 1 << (_N_LEVELS - 1 - k)
         height, width = self._levels[k].size_px
-        start = planes[:, ::apart, ::apart]
-        x0, y0 = (2 * apart * np.arange(n, dtype=np.float32) for n in start.shape[:0:-1])
+        start = planes[:, ::stride, ::stride]
+        x0, y0 = (2 * stride * np.arange(n, dtype=np.float32) for n in start.shape[:0:-1])
         x, y = start[0] + x0, start[1] + y0[:, None]
-        shown = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
-        shown &= (x0 < width) & (y0[:, None] < height)
-        seen = cv2.remap(current.level(k), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        r = self.plane.level(k)[:: 2 * apart, :: 2 * apart].astype(np.float32) - 128
-        d = r + 128 - seen
-        sums = [shown * a for a in (np.ones_like(r), r, d, r * r, r * d)]
-        # With a little of the whole image, for where next to nothing is shown.
+        visible = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
+        visible &= (x0 < width) & (y0[:, None] < height)
+        grey = cv2.remap(current.level(k), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        r = self.plane.level(k)[:: 2 * stride, :: 2 * stride].astype(np.float32) - 128
+        d = r + 128 - grey
+        window = (_LIGHT_WINDOW, _LIGHT_WINDOW)
+        sums = [visible * a for a in (np.ones_like(r), r, d, r * r, r * d)]
+        # The mean of the whole image stabilises windows of which little is visible.
         n, r, d, rr, rd = (
-            cv2.blur(a, (_LIGHT_WINDOW,) * 2, borderType=cv2.BORDER_CONSTANT) + _PRIOR * a.mean()
+            cv2.blur(a, window, borderType=cv2.BORDER_CONSTANT) + _PRIOR_WEIGHT * a.mean()
             for a in sums
         )
-        n = np.maximum(n, _PRIOR / r.size)
+        n = np.maximum(n, _PRIOR_WEIGHT / r.size)
         slope = (n * rd - r * d) / np.maximum(n * rr - r * r, MIN_VARIANCE * n * n)
         coarse = np.stack([(d - slope * r) / n, slope])
-        return _resized(coarse, (planes.shape[2], planes.shape[1]), 1)
+        return _resize(coarse, (planes.shape[2], planes.shape[1]), 1)
 
     def _step(
         self, target: Array, k: int, planes: Array, light: Array, last: bool
     ) -> tuple[Array, Array]:
-        from . import kernel  # and numba with it, which takes its time
+        from . import kernel  # imports numba, which is slow
 
         level, gain = self._levels[k], NOISE_GAIN if last else 0.0
         return kernel.step(target, level.pixels, level.normal, level.size_px, planes, light, gain)
 
-    def _cut(self, flow: Array, told: Array) -> Refined:
+    def _crop(self, flow: Array, quality: Array) -> RefinedFlow:
         hh, ww = self.plane.small.shape
-        return Refined(*(np.ascontiguousarray(a[:hh, :ww]) for a in (flow, *told)))
+        return RefinedFlow(*(np.ascontiguousarray(a[:hh, :ww]) for a in (flow, *quality)))
 
 
-def _target(plane: Plane, k: int) -> Array:
-    """What a step reads of a level."""
+def _padded(plane: Plane, k: int) -> Array:
+    """Return a level with the border that a step reads."""
     edge = cv2.BORDER_REPLICATE
     return cv2.copyMakeBorder(plane.level(k), 0, _BEYOND_PX, 0, _BEYOND_PX, edge)
 
 
-def _resized(planes: Array, size: tuple[int, int], unit: float | None = None) -> Array:
-    """Planes (2, rows, cols) on a grid (cols, rows) that is coarser or finer.
+def _resize(planes: Array, size: tuple[int, int], unit: float | None = None) -> Array:
+    """Resample planes (2, rows, cols) to a grid of size (cols, rows).
 
-    unit: how the values change with it; by default as a flow in px of the grid's image does.
+    unit: factor on the values; by default the change of size, as for a flow in px of the grid.
     """
     if planes.shape[:0:-1] == size:
         return planes
@@ -239,9 +240,9 @@ def _resized(planes: Array, size: tuple[int, int], unit: float | None = None) ->
     return out
 
 
-def _evened(image: Array) -> Array:
-    """An image (h, w) uint8 less its local mean, over its local contrast, around 128: light would
-    else move what DIS finds of a weak pattern."""
+def _equalize_contrast(image: Array) -> Array:
+    """Normalise an image (h, w) uint8 by its local mean and contrast, around 128: otherwise shading
+    moves the DIS flow of a weak pattern."""
     fine = image.astype(np.float32)
     fine -= cv2.blur(fine, (_EVEN_PX, _EVEN_PX))
     power = cv2.blur(fine * fine, (_EVEN_PX, _EVEN_PX))
@@ -251,8 +252,8 @@ def _evened(image: Array) -> Array:
 
 @lru_cache(maxsize=8)
 def _dis(shape: tuple[int, int], thread: int) -> cv2.DISOpticalFlow:
-    # One for each size: cv2 rewrites the settings of one that meets a small image. And one for each
-    # thread: it keeps its pyramids between calls.
+    # One per size, as cv2 rewrites the settings of an instance that gets a small image; one per
+    # thread, as it keeps its pyramids between calls.
     dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
     dis.setFinestScale(2)
     dis.setGradientDescentIterations(25)
@@ -261,32 +262,32 @@ def _dis(shape: tuple[int, int], thread: int) -> cv2.DISOpticalFlow:
 
 
 def predict(a: Plane, b: Plane) -> Array:
-    """A coarse flow from one image to another, by DIS at half the size: (hh, ww, 2) float32 px."""
+    """Predict the flow between two images by DIS at half the size: (hh, ww, 2) float32 px."""
     start: Any = None
     dis = _dis(a.small.shape, get_ident())
     return np.asarray(dis.calc(a.small, b.small, start)) * np.float32(2)
 
 
 def to_half(flow_px: Array) -> Array:
-    """A flow at pixels (h, w, 2) to one at nodes (hh, ww, 2) float32, hh = ceil(h / 2).
+    """Convert a flow at pixels (h, w, 2) to nodes (hh, ww, 2) float32, hh = ceil(h / 2).
 
-    A node is at the centre of its 2 x 2 pixels; a lone last row or column is continued.
+    A node is at the centre of its 2 x 2 pixels; a single last row or column is extrapolated.
     """
     h, w = flow_px.shape[:2]
-    whole = np.asarray(flow_px, np.float32)
+    padded = np.asarray(flow_px, np.float32)
     if h % 2:
-        whole = np.concatenate((whole, 2 * whole[-1:] - whole[-2:-1]), axis=0)
+        padded = np.concatenate((padded, 2 * padded[-1:] - padded[-2:-1]), axis=0)
     if w % 2:
-        whole = np.concatenate((whole, 2 * whole[:, -1:] - whole[:, -2:-1]), axis=1)
-    size = (whole.shape[1] // 2, whole.shape[0] // 2)
-    return np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA))
+        padded = np.concatenate((padded, 2 * padded[:, -1:] - padded[:, -2:-1]), axis=1)
+    size = (padded.shape[1] // 2, padded.shape[0] // 2)
+    return np.asarray(cv2.resize(padded, size, interpolation=cv2.INTER_AREA))
 
 
 def to_full(nodes_px: Array, shape: tuple[int, int]) -> Array:
-    """A field at nodes (hh, ww[, c]) float32 to pixels (h, w[, c]), exact where it is linear."""
+    """Interpolate nodes (hh, ww[, c]) float32 at pixels (h, w[, c]); exact for linear fields."""
     hh, ww = nodes_px.shape[:2]
-    wide = cv2.copyMakeBorder(nodes_px, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
-    wide[:, 0], wide[:, -1] = 2 * wide[:, 1] - wide[:, 2], 2 * wide[:, -2] - wide[:, -3]
-    wide[0], wide[-1] = 2 * wide[1] - wide[2], 2 * wide[-2] - wide[-3]
-    full = cv2.resize(wide, (2 * ww + 4, 2 * hh + 4), interpolation=cv2.INTER_LINEAR)
+    padded = cv2.copyMakeBorder(nodes_px, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
+    for side in (padded.swapaxes(0, 1), padded):
+        side[0], side[-1] = 2 * side[1] - side[2], 2 * side[-2] - side[-3]
+    full = cv2.resize(padded, (2 * ww + 4, 2 * hh + 4), interpolation=cv2.INTER_LINEAR)
     return np.ascontiguousarray(full[2 : 2 + shape[0], 2 : 2 + shape[1]])

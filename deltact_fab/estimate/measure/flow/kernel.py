@@ -1,7 +1,6 @@
-"""One step of the refinement, and what of it stands, in machine code.
+"""One step of the refinement with its quality figures, compiled.
 
-The loops over a row are many and small: only so does the compiler find that each may run on eight
-nodes at once.
+Many small loops over a row let the compiler vectorise each over eight nodes.
 """
 
 from __future__ import annotations
@@ -15,14 +14,14 @@ from deltact_fab.common import Array, compile_loop
 
 from .nodes import MIN_VARIANCE, OWN_WEIGHT
 
-_ROUNDING = 1 / 6  # variance of the difference of two images of whole grey levels
-_MAX_STEP_PX = 1.0
-_MIN_CONTRAST = 0.05  # of the current image to the reference
-_OUTER, _INNER = 6, 5  # the window is a box of 6 of a box of 5 of a box of 2
-_REACH = 5  # cells to each side of its own
-_SUMS, _LAST_SUMS = 4, 8  # of a step, and of the last
-_BYTE = np.uint32(255)
-_SMOOTH = np.array([0.25, 0.5, 0.25], np.float32)
+_ROUNDING_VARIANCE = 1 / 6  # exact: of the difference of two images of whole grey levels
+_MAX_STEP_PX = 1.0  # by hand: larger steps leave the range of the linearisation
+_MIN_CONTRAST = 0.05  # of the current image to the reference; by hand: bounds `ahead_px2`
+_OUTER_BOX, _INNER_BOX = 6, 5  # decision 0015: a box of 6 of a box of 5 of a box of 2
+_REACH_CELLS = 5  # exact: of that window, to each side of its centre
+_N_SUMS, _N_LAST_SUMS = 4, 8  # exact: of a step, and of the last
+_BYTE_MASK = np.uint32(255)
+_SMOOTH_KERNEL = np.array([0.25, 0.5, 0.25], np.float32)  # decision 0015
 
 
 _compiled = compile_loop(error_model="numpy", nogil=True)
@@ -34,148 +33,149 @@ def step(
 ) -> tuple[Array, Array]:  # fmt: skip
     """One step of every node, then one pass of 1 2 1 over the flow.
 
-    image (h, w) uint8: the current one, 4 px more than the nodes need. pixels, normal, size_px: of
-    the reference, see `nodes`. flow (2, rows, cols) float32 px. light (2, rows, cols) float32: what
-    a change of light makes of reference less current image, light[0] + light[1] * reference; it
-    stands in for pixels that the current image does not show. gain: how much more noise the chain
-    of steps passes than one fit. Returns the new flow and, if gain is positive, (3, rows, cols):
-    correlation, deviation (px) of the flow that was given, and `Refined.ahead_px2`.
+    image: (h, w) uint8, the current one, padded by 4 px. pixels, normal, size_px: of the reference,
+    see `nodes`. flow: (2, rows, cols) float32 px. light: (2, rows, cols) float32, effect of changed
+    light on reference less current image, light[0] + light[1] * reference; it replaces pixels that
+    the current image does not show. gain: noise of the chain of steps over that of one fit. Returns
+    the new flow and, if gain is positive, (3, rows, cols): correlation and deviation (px) of the
+    input flow, and `RefinedFlow.ahead_px2`.
     """
     last = gain > 0
     rows, cols = flow.shape[1:]
     out = np.empty_like(flow)
-    told = np.empty((3, rows if last else 0, cols), np.float32)
-    # From each pixel on, four of its row in one word.
+    quality = np.empty((3, rows if last else 0, cols), np.float32)
+    # Each word holds a pixel and the next three of its row.
     words: Array = np.ndarray((image.size - 3,), np.uint32, image, strides=(1,))
     _step(
         words, image.shape[1], pixels, normal, size_px[0], size_px[1], flow, light, gain,
-        out, told,
+        out, quality
     )  # fmt: skip
     edge = cv2.BORDER_REPLICATE
-    smooth = [cv2.sepFilter2D(plane, -1, _SMOOTH, _SMOOTH, borderType=edge) for plane in out]
-    return np.stack(smooth), told
+    kernel = _SMOOTH_KERNEL
+    smooth = [cv2.sepFilter2D(plane, -1, kernel, kernel, borderType=edge) for plane in out]
+    return np.stack(smooth), quality
 
 
 @_compiled
 def _step(
     words: Any, stride: int, reference: Any, nodes: Any, height: int, width: int, flow: Any,
-    light: Any, gain: float, out: Any, told: Any,
+    light: Any, gain: float, out: Any, quality: Any
 ) -> None:  # fmt: skip
     rows, cols = flow.shape[1], flow.shape[2]
     seen_rows, seen_cols = height // 2, width // 2
     last = gain > 0
-    n_sums = _LAST_SUMS if last else _SUMS
-    at = np.zeros(cols, np.uint32)
-    found = np.zeros((3, cols), np.uint32)
-    where = np.zeros((3, cols), np.float32)
+    n_sums = _N_LAST_SUMS if last else _N_SUMS
+    index = np.zeros(cols, np.uint32)
+    pixels = np.zeros((3, cols), np.uint32)
+    frac = np.zeros((3, cols), np.float32)
     d = np.zeros((4, cols), np.float32)
     new = np.zeros((n_sums, cols), np.float32)
-    before = np.zeros((n_sums, cols), np.float32)
-    old = np.zeros((_OUTER, n_sums, cols), np.float32)
+    previous = np.zeros((n_sums, cols), np.float32)
+    old = np.zeros((_OUTER_BOX, n_sums, cols), np.float32)
     outer = np.zeros((n_sums, cols), np.float32)
-    old_outer = np.zeros((_INNER, n_sums, cols), np.float32)
-    column = np.zeros((n_sums, cols + 2 * _REACH), np.float32)
+    old_outer = np.zeros((_INNER_BOX, n_sums, cols), np.float32)
+    column = np.zeros((n_sums, cols + 2 * _REACH_CELLS), np.float32)
     box = np.zeros((n_sums, cols), np.float32)
-    kept = np.zeros((3, cols), np.float32)
-    for i in range(rows + _REACH):
+    moments = np.zeros((3, cols), np.float32)
+    for i in range(rows + _REACH_CELLS):
         if i < seen_rows:
-            _address(flow[0, i], flow[1, i], i, seen_cols, height, width, stride, where, at)
-            _gather(words, stride, at, seen_cols, found)
-            _difference(found, where, reference[i + 1], seen_cols, d)
-            _stand_in(where[2], light[:, i], reference[i + 1], seen_cols, d)
+            _locate(flow[0, i], flow[1, i], i, seen_cols, height, width, stride, frac, index)
+            _gather(words, stride, index, seen_cols, pixels)
+            _difference(pixels, frac, reference[i + 1], seen_cols, d)
+            _fill_hidden(frac[2], light[:, i], reference[i + 1], seen_cols, d)
             _sum(d, reference, i + 1, seen_cols, new)
             if last:
-                _sum_last(d, where[2], reference[i + 1], seen_cols, new)
+                _sum_last(d, frac[2], reference[i + 1], seen_cols, new)
         elif i == seen_rows:
             new[:] = 0
         for k in range(n_sums):
             _down(
-                new[k], before[k], old[i % _OUTER, k], outer[k], old_outer[i % _INNER, k],
-                column[k, _REACH : _REACH + cols],
+                new[k], previous[k], old[i % _OUTER_BOX, k], outer[k], old_outer[i % _INNER_BOX, k],
+                column[k, _REACH_CELLS : _REACH_CELLS + cols]
             )  # fmt: skip
-        i0 = i - _REACH
+        i0 = i - _REACH_CELLS
         if i0 < 0:
             continue
         for k in range(n_sums):
             _across(column[k], cols, box[k])
         _solve(box, nodes, flow, i0, cols, out)
         if last:
-            _shown(box, light[0, i0], light[1, i0], cols)
-            _judge(box, nodes, flow, i0, cols, out, kept, gain,
-                   told[0, i0], told[1, i0], told[2, i0])  # fmt: skip
+            _remove_hidden(box, light[0, i0], light[1, i0], cols)
+            _estimate_quality(box, nodes, flow, i0, cols, out, moments, gain,
+                   quality[0, i0], quality[1, i0], quality[2, i0])  # fmt: skip
 
 
 @_compiled
-def _address(
-    ux: Any, uy: Any, i: int, n: int, height: int, width: int, stride: int, where: Any, at: Any
+def _locate(
+    ux: Any, uy: Any, i: int, n: int, height: int, width: int, stride: int, frac: Any, index: Any
 ) -> None:
     right, bottom, top = np.float32(width - 2), np.float32(height - 2), np.float32(2 * i)
-    zero, one = np.float32(0), np.float32(1)
-    ax, ay, seen = where[0], where[1], where[2]
+    zero, unit = np.float32(0), np.float32(1)
+    ax, ay, mask = frac[0], frac[1], frac[2]
     for j in range(n):
         x, y = np.float32(2 * j) + ux[j], top + uy[j]
         ok = (x >= zero) & (x <= right) & (y >= zero) & (y <= bottom)
         x, y = min(max(x, zero), right), min(max(y, zero), bottom)
         xi, yi = np.int32(x), np.int32(y)
         ax[j], ay[j] = x - np.float32(xi), y - np.float32(yi)
-        seen[j] = one if ok else zero
-        at[j] = np.uint32(yi * stride + xi)
+        mask[j] = unit if ok else zero
+        index[j] = np.uint32(yi * stride + xi)
 
 
 @_compiled
-def _gather(words: Any, stride: int, at: Any, n: int, found: Any) -> None:
+def _gather(words: Any, stride: int, index: Any, n: int, pixels: Any) -> None:
     below, lowest = words[stride:], words[2 * stride :]
-    a, b, c = found[0], found[1], found[2]
+    a, b, c = pixels[0], pixels[1], pixels[2]
     for j in range(n):
-        k = at[j]
+        k = index[j]
         a[j], b[j], c[j] = words[k], below[k], lowest[k]
 
 
 @_compiled
-def _difference(found: Any, where: Any, r: Any, n: int, d: Any) -> None:
-    """Reference less current image at a row's cells, (4, cols); 0 outside."""
-    a, b, c = found[0], found[1], found[2]
-    ax, ay, seen = where[0], where[1], where[2]
+def _difference(pixels: Any, frac: Any, r: Any, n: int, d: Any) -> None:
+    """Compute reference less current image at a row's cells, (4, cols); 0 outside."""
+    a, b, c = pixels[0], pixels[1], pixels[2]
+    ax, ay, mask = frac[0], frac[1], frac[2]
     d0, d1, d2, d3 = d[0], d[1], d[2], d[3]
     r0, r1, r2, r3 = r[0, 1:], r[1, 1:], r[2, 1:], r[3, 1:]
-    off = np.float32(128)
+    offset = np.float32(128)
     for j in range(n):
-        fx, fy, m = ax[j], ay[j], seen[j]
-        p0 = np.float32(np.int32(a[j] & _BYTE))
-        p1 = np.float32(np.int32((a[j] >> np.uint32(8)) & _BYTE))
-        p2 = np.float32(np.int32((a[j] >> np.uint32(16)) & _BYTE))
-        q0 = np.float32(np.int32(b[j] & _BYTE))
-        q1 = np.float32(np.int32((b[j] >> np.uint32(8)) & _BYTE))
-        q2 = np.float32(np.int32((b[j] >> np.uint32(16)) & _BYTE))
-        s0 = np.float32(np.int32(c[j] & _BYTE))
-        s1 = np.float32(np.int32((c[j] >> np.uint32(8)) & _BYTE))
-        s2 = np.float32(np.int32((c[j] >> np.uint32(16)) & _BYTE))
+        fx, fy, m = ax[j], ay[j], mask[j]
+        p0 = np.float32(np.int32(a[j] & _BYTE_MASK))
+        p1 = np.float32(np.int32((a[j] >> np.uint32(8)) & _BYTE_MASK))
+        p2 = np.float32(np.int32((a[j] >> np.uint32(16)) & _BYTE_MASK))
+        q0 = np.float32(np.int32(b[j] & _BYTE_MASK))
+        q1 = np.float32(np.int32((b[j] >> np.uint32(8)) & _BYTE_MASK))
+        q2 = np.float32(np.int32((b[j] >> np.uint32(16)) & _BYTE_MASK))
+        s0 = np.float32(np.int32(c[j] & _BYTE_MASK))
+        s1 = np.float32(np.int32((c[j] >> np.uint32(8)) & _BYTE_MASK))
+        s2 = np.float32(np.int32((c[j] >> np.uint32(16)) & _BYTE_MASK))
         p0, p1 = p0 + fx * (p1 - p0), p1 + fx * (p2 - p1)
         q0, q1 = q0 + fx * (q1 - q0), q1 + fx * (q2 - q1)
         s0, s1 = s0 + fx * (s1 - s0), s1 + fx * (s2 - s1)
-        d0[j] = m * (r0[j] + off - (p0 + fy * (q0 - p0)))
-        d1[j] = m * (r1[j] + off - (p1 + fy * (q1 - p1)))
-        d2[j] = m * (r2[j] + off - (q0 + fy * (s0 - q0)))
-        d3[j] = m * (r3[j] + off - (q1 + fy * (s1 - q1)))
+        d0[j] = m * (r0[j] + offset - (p0 + fy * (q0 - p0)))
+        d1[j] = m * (r1[j] + offset - (p1 + fy * (q1 - p1)))
+        d2[j] = m * (r2[j] + offset - (q0 + fy * (s0 - q0)))
+        d3[j] = m * (r3[j] + offset - (q1 + fy * (s1 - q1)))
 
 
 @_compiled
-def _stand_in(seen: Any, light: Any, r: Any, n: int, d: Any) -> None:
-    """What the light makes of a row's cells that the current image does not show."""
+def _fill_hidden(mask: Any, light: Any, r: Any, n: int, d: Any) -> None:
+    """Set cells that the current image does not show to the effect of the light."""
     n_seen = np.float32(0)
     for j in range(n):
-        n_seen += seen[j]
+        n_seen += mask[j]
     if n_seen == n:  # most rows
         return
     for j in range(n):
-        if not seen[j]:
+        if not mask[j]:
             for k in range(4):
                 d[k, j] = light[0, j] + light[1, j] * r[k, j + 1]
 
 
 @_compiled
 def _sum(d: Any, reference: Any, i: int, n: int, new: Any) -> None:
-    """gx D, gy D, D and R D over each cell of a row; gradients are central differences."""
+    """Sum gx D, gy D, D and R D over each cell of a row; gradients are central differences."""
     d0, d1, d2, d3 = d[0], d[1], d[2], d[3]
     r0, r1, r2, r3 = reference[i, 0], reference[i, 1], reference[i, 2], reference[i, 3]
     up2, up3, down0, down1 = (
@@ -206,27 +206,27 @@ def _sum(d: Any, reference: Any, i: int, n: int, new: Any) -> None:
 
 
 @_compiled
-def _sum_last(d: Any, seen: Any, r: Any, n: int, new: Any) -> None:
-    """D^2, and of what the current image does not show the pixels, R and R^2, over each cell."""
+def _sum_last(d: Any, mask: Any, r: Any, n: int, new: Any) -> None:
+    """Sum over each cell: D^2; number, R and R^2 of pixels that the current image does not show."""
     d0, d1, d2, d3 = d[0], d[1], d[2], d[3]
     r0, r1, r2, r3 = r[0, 1:], r[1, 1:], r[2, 1:], r[3, 1:]
     s4, s5, s6, s7 = new[4], new[5], new[6], new[7]
-    one, four = np.float32(1), np.float32(4)
+    unit, four = np.float32(1), np.float32(4)
     for j in range(n):
         s4[j] = d0[j] * d0[j] + d1[j] * d1[j] + d2[j] * d2[j] + d3[j] * d3[j]
     for j in range(n):
-        s5[j] = (one - seen[j]) * four
-        s6[j] = (one - seen[j]) * (r0[j] + r1[j] + r2[j] + r3[j])
+        s5[j] = (unit - mask[j]) * four
+        s6[j] = (unit - mask[j]) * (r0[j] + r1[j] + r2[j] + r3[j])
     for j in range(n):
-        s7[j] = (one - seen[j]) * (r0[j] * r0[j] + r1[j] * r1[j] + r2[j] * r2[j] + r3[j] * r3[j])
+        s7[j] = (unit - mask[j]) * (r0[j] * r0[j] + r1[j] * r1[j] + r2[j] * r2[j] + r3[j] * r3[j])
 
 
 @_compiled
-def _down(new: Any, before: Any, old: Any, outer: Any, old_outer: Any, column: Any) -> None:
-    """The window's sums down the columns, carried on by one row."""
+def _down(new: Any, previous: Any, old: Any, outer: Any, old_outer: Any, column: Any) -> None:
+    """Advance the window's running sums down the columns by one row."""
     for j in range(len(new)):
-        two = new[j] + before[j]
-        before[j] = new[j]
+        two = new[j] + previous[j]
+        previous[j] = new[j]
         s = outer[j] + (two - old[j])
         old[j] = two
         outer[j] = s
@@ -251,7 +251,7 @@ def _across(v: Any, n: int, box: Any) -> None:
 
 @_compiled
 def _solve(box: Any, nodes: Any, flow: Any, i: int, n: int, out: Any) -> None:
-    most = np.float32(_MAX_STEP_PX)
+    max_step = np.float32(_MAX_STEP_PX)
     b0, b1, b2, b3 = box[0], box[1], box[2], box[3]
     i11, i12, i22, ex, ey, fx, fy = (
         nodes[i, 0], nodes[i, 1], nodes[i, 2], nodes[i, 3], nodes[i, 4], nodes[i, 5], nodes[i, 6],
@@ -259,20 +259,20 @@ def _solve(box: Any, nodes: Any, flow: Any, i: int, n: int, out: Any) -> None:
     ux, uy, mx, my = flow[0, i], flow[1, i], out[0, i], out[1, i]
     for j in range(n):
         dx = i11[j] * b0[j] + i12[j] * b1[j] - ex[j] * b2[j] - fx[j] * b3[j]
-        mx[j] = ux[j] + min(max(dx, -most), most)
+        mx[j] = ux[j] + min(max(dx, -max_step), max_step)
     for j in range(n):
         dy = i12[j] * b0[j] + i22[j] * b1[j] - ey[j] * b2[j] - fy[j] * b3[j]
-        my[j] = uy[j] + min(max(dy, -most), most)
+        my[j] = uy[j] + min(max(dy, -max_step), max_step)
 
 
 @_compiled
-def _shown(box: Any, a: Any, b: Any, n: int) -> None:
-    """Takes out of the sums over D what the light stands in for."""
+def _remove_hidden(box: Any, a: Any, b: Any, n: int) -> None:
+    """Subtract the pixels that were replaced by `_fill_hidden` from the sums over D."""
     b2, b3, b4, b5, b6, b7 = box[2], box[3], box[4], box[5], box[6], box[7]
     hidden = np.float32(0)
     for j in range(n):
         hidden += b5[j]
-    if hidden == 0:  # whole numbers: exactly so in most rows
+    if hidden == 0:  # integers: exactly 0 in most rows
         return
     for j in range(n):
         b2[j] -= a[j] * b5[j] + b[j] * b6[j]
@@ -282,39 +282,39 @@ def _shown(box: Any, a: Any, b: Any, n: int) -> None:
 
 
 @_compiled
-def _judge(
-    box: Any, nodes: Any, flow: Any, i: int, n: int, out: Any, kept: Any, gain: float,
+def _estimate_quality(
+    box: Any, nodes: Any, flow: Any, i: int, n: int, out: Any, moments: Any, gain: float,
     correlation: Any, deviation: Any, ahead: Any,
 ) -> None:  # fmt: skip
-    zero, one, two = np.float32(0), np.float32(1), np.float32(2)
+    zero, unit, two = np.float32(0), np.float32(1), np.float32(2)
     b2, b3, b4, b5, b6, b7 = box[2], box[3], box[4], box[5], box[6], box[7]
-    power, shared, rest = kept[0], kept[1], kept[2]
+    power, shared, rest = moments[0], moments[1], moments[2]
     all_mean, all_power, weights = nodes[i, 7], nodes[i, 8], nodes[i, 9]
-    least, own = np.float32(MIN_VARIANCE), np.float32(OWN_WEIGHT)
+    floor, min_n = np.float32(MIN_VARIANCE), np.float32(OWN_WEIGHT)
     for j in range(n):
-        n_seen = max(weights[j] - b5[j], own)
+        n_seen = max(weights[j] - b5[j], min_n)
         total = weights[j] * all_mean[j]
         mean = (total - b6[j]) / n_seen
         squares = all_power[j] + total * all_mean[j] - b7[j]
-        power[j] = max(squares - n_seen * mean * mean, least * n_seen)
+        power[j] = max(squares - n_seen * mean * mean, floor * n_seen)
         shared[j] = b3[j] - mean * b2[j]
         rest[j] = max(b4[j] - b2[j] * b2[j] / n_seen, zero)
     for j in range(n):
-        current = max(power[j] - two * shared[j] + rest[j], least * max(weights[j] - b5[j], own))
-        found = (power[j] - shared[j]) / np.sqrt(power[j] * current)
-        correlation[j] = min(max(found, -one), one) if b5[j] < weights[j] - own else zero
+        current = max(power[j] - two * shared[j] + rest[j], floor * max(weights[j] - b5[j], min_n))
+        ratio = (power[j] - shared[j]) / np.sqrt(power[j] * current)
+        correlation[j] = min(max(ratio, -unit), unit) if b5[j] < weights[j] - min_n else zero
     i11, i12, i22 = nodes[i, 0], nodes[i, 1], nodes[i, 2]
     ux, uy, mx, my = flow[0, i], flow[1, i], out[0, i], out[1, i]
-    lost = np.float32(4 * OWN_WEIGHT)
-    factor, rounding = np.float32(gain * gain * OWN_WEIGHT), np.float32(_ROUNDING)
+    fitted_n = np.float32(4 * OWN_WEIGHT)
+    factor, rounding = np.float32(gain * gain * OWN_WEIGHT), np.float32(_ROUNDING_VARIANCE)
     for j in range(n):
         dx, dy = mx[j] - ux[j], my[j] - uy[j]
         explained = (i22[j] * dx * dx - two * i12[j] * dx * dy + i11[j] * dy * dy) / (
             i11[j] * i22[j] - i12[j] * i12[j]
         )
-        left = max(rest[j] - shared[j] * shared[j] / power[j] - explained, zero)
-        noise = left / max(weights[j] - b5[j] - lost, own) + rounding
-        spread = (i11[j] + i22[j]) * weights[j] / max(weights[j] - b5[j], own)
+        residual = max(rest[j] - shared[j] * shared[j] / power[j] - explained, zero)
+        noise = residual / max(weights[j] - b5[j] - fitted_n, min_n) + rounding
+        spread = (i11[j] + i22[j]) * weights[j] / max(weights[j] - b5[j], min_n)
         deviation[j] = np.sqrt(factor * noise * spread)
     least_contrast = np.float32(_MIN_CONTRAST)
     for j in range(n):

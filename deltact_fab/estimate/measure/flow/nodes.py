@@ -1,4 +1,4 @@
-"""What a step needs of the reference image at each node: its pixels and its normal matrix."""
+"""Pixels and normal matrix of the reference image at each node, as input of a step."""
 
 from __future__ import annotations
 
@@ -7,31 +7,31 @@ import numpy as np
 
 from deltact_fab.common import Array
 
-# A box of 6 of a box of 5 of a box of 2: its transfer function has hardly a negative part, which
-# steps would amplify.
-WINDOW = np.array([1, 3, 5, 7, 9, 10, 9, 7, 5, 3, 1], np.float32)
-# Independent noise in the pixels weighs so much more, squared, than one pixel does.
-OWN_WEIGHT = float(np.sum(WINDOW**2) ** 2 / np.sum(WINDOW) ** 2)
-MIN_VARIANCE = 0.25  # grey levels^2: less is no texture
-_DAMPING = 0.01  # grey levels^2 / px^2 a pixel, on the normal matrix
+# A box of 6 of a box of 5 of a box of 2: its transfer function is hardly negative; steps amplify
+# negative parts (decision 0015).
+WINDOW_WEIGHTS = np.array([1, 3, 5, 7, 9, 10, 9, 7, 5, 3, 1], np.float32)
+# Definition: squared weight of independent pixel noise relative to one pixel.
+OWN_WEIGHT = float(np.sum(WINDOW_WEIGHTS**2) ** 2 / np.sum(WINDOW_WEIGHTS) ** 2)
+MIN_VARIANCE = 0.25  # grey levels^2; by hand: below the noise of a camera there is no texture
+_GRADIENT_DAMPING = 0.01  # grey levels^2/px^2 per pixel; by hand: more slows steps on weak texture
 
 
 def pixels(image: Array) -> Array:
-    """A cell's four pixels apart, a cell more on each side: (rows + 2, 4, cols + 2) float32."""
-    wide = cv2.copyMakeBorder(image, 2, 2, 2, 2, cv2.BORDER_REPLICATE)
-    out = np.empty((wide.shape[0] // 2, 4, wide.shape[1] // 2), np.float32)
+    """Split cells into their four pixels, padded by one cell: (rows + 2, 4, cols + 2) float32."""
+    padded = cv2.copyMakeBorder(image, 2, 2, 2, 2, cv2.BORDER_REPLICATE)
+    out = np.empty((padded.shape[0] // 2, 4, padded.shape[1] // 2), np.float32)
     for k in range(4):
-        out[:, k] = wide[k // 2 :: 2, k % 2 :: 2]
+        out[:, k] = padded[k // 2 :: 2, k % 2 :: 2]
     out -= 128
     return out
 
 
 def normal(image: Array, size_px: tuple[int, int]) -> Array:
-    """Normal matrix and light of each node's window, (rows, 10, cols) float32.
+    """Compute normal matrix and light terms of each node's window, (rows, 10, cols) float32.
 
-    size_px: height and width of the image within its padding. The inverse's three entries; what the
-    offset and the gain of the light take from a step, x and y each; mean, power and weight of the
-    window.
+    size_px: height and width of the image without padding. Rows: three entries of the inverse;
+    correction of a step for offset and gain of the light, x and y each; mean, power and weight of
+    the window.
     """
     h, w = size_px
     gray = image.astype(np.float32) - 128
@@ -54,9 +54,9 @@ def normal(image: Array, size_px: tuple[int, int]) -> Array:
     power = np.maximum(box(r, r) - n * mean**2, n * MIN_VARIANCE)
     sx, sy = _around(gx.sum(axis=0)), _around(gy.sum(axis=0))
     kx, ky = box(gx, r) - mean * sx, box(gy, r) - mean * sy
-    a11 = box(gx, gx) - sx * sx / n - kx * kx / power + _DAMPING * n
+    a11 = box(gx, gx) - sx * sx / n - kx * kx / power + _GRADIENT_DAMPING * n
     a12 = box(gx, gy) - sx * sy / n - kx * ky / power
-    a22 = box(gy, gy) - sy * sy / n - ky * ky / power + _DAMPING * n
+    a22 = box(gy, gy) - sy * sy / n - ky * ky / power + _GRADIENT_DAMPING * n
     det = a11 * a22 - a12 * a12
     i11, i12, i22 = a22 / det, -a12 / det, a11 / det
     # A step is i (gx D - c D - k R D), summed: gain and offset are projected out of D.
@@ -71,5 +71,6 @@ def normal(image: Array, size_px: tuple[int, int]) -> Array:
 
 
 def _around(cells: Array) -> Array:
-    """Weighted sums over the window, with nothing outside."""
-    return np.asarray(cv2.sepFilter2D(cells, -1, WINDOW, WINDOW, borderType=cv2.BORDER_CONSTANT))
+    """Weighted sums over the window, zero outside the image."""
+    w = WINDOW_WEIGHTS
+    return np.asarray(cv2.sepFilter2D(cells, -1, w, w, borderType=cv2.BORDER_CONSTANT))

@@ -1,7 +1,7 @@
-"""Flow between two images by name, and the paper's tracker of a sequence.
+"""Flow between two images by named method, and the paper's tracker of a sequence.
 
-Dense Optical Flow and Adaptive Reference, after Du et al. 2021: a reference that is renewed on the
-way. It is what the anchored tracker is compared with.
+Dense Optical Flow and Adaptive Reference, after Du et al. 2021: the reference is renewed during the
+sequence. Baseline for the anchored tracker.
 """
 
 from __future__ import annotations
@@ -14,107 +14,107 @@ import numpy as np
 
 from deltact_fab.common import Array, InputError, did_you_mean
 
-from ..compose import compose, inside, landing_px, sample
+from ..compose import compose, is_inside, landing_px, sample
 from .confidence import ConfidenceEstimator, PreparedImage, TrackedFrame
-from .fused import Plane, RefinementReference, Sampled, to_full, to_gray, to_half
+from .fused import Plane, RefinementReference, SampledImage, to_full, to_gray, to_half
 
 # Farneback 2003: 5 levels, a window of 13 and 10 iterations are the defaults of OpenCV's GPU
 # version, which the paper cites.
-_FARNEBACK: dict[str, Any] = {
+_FARNEBACK_SETTINGS: dict[str, Any] = {
     "pyr_scale": 0.5, "levels": 5, "winsize": 13, "iterations": 10, "poly_n": 5, "poly_sigma": 1.1,
 }  # fmt: skip
 # Dense Inverse Search (Kroeger 2016): to half resolution; finer patches and refinement.
-_DIS = {
+_DIS_PRESETS = {
     "dis-fast": cv2.DISOPTICAL_FLOW_PRESET_FAST,
     "dis-medium": cv2.DISOPTICAL_FLOW_PRESET_MEDIUM,
 }
-FUSED = "fused"  # Dense Inverse Search at half the size, then inverse-compositional steps
+FUSED_METHOD = "fused"  # Dense Inverse Search at half the size, then inverse-compositional steps
 
 
 class FlowMethod:
-    """One way to find the flow between two grey images (h, w) uint8 of one size.
+    """Flow method for two grey images (h, w) uint8 of one size.
 
-    name: PAPER or one of NAMES; InputError is raised for any other. What `fused` computes of
-    the last reference alone is kept, and so is Farneback's last flow, which trackers that share a
-    method ask for again: a summed and a composed one of the same images.
+    name: PAPER or one of NAMES; raises InputError for any other. Caches the prepared reference of
+    `fused` and Farneback's last flow, which a summed and a composed tracker that share a method
+    request twice.
     """
 
-    NAMES = ("farneback-paper", *_DIS, FUSED)
+    NAMES = ("farneback-paper", *_DIS_PRESETS, FUSED_METHOD)
     PAPER = "paper"
-    """The paper's method, Farneback's; alone it is summed, as the paper's tracker."""
+    """The paper's method, Farneback; by default with a summed reference, as the paper's tracker."""
 
-    def __init__(self, name: str = FUSED) -> None:
-        if name not in (known := (self.PAPER, *self.NAMES)):
-            raise InputError(f"flow method {name!r}: unknown; {did_you_mean(name, known)}")
+    def __init__(self, name: str = FUSED_METHOD) -> None:
+        if name not in (valid_names := (self.PAPER, *self.NAMES)):
+            raise InputError(f"flow method {name!r}: unknown; {did_you_mean(name, valid_names)}")
         self.name = name = "farneback-paper" if name == self.PAPER else name
-        self._dis = cv2.DISOpticalFlow.create(_DIS[name]) if name in _DIS else None
+        self._dis = cv2.DISOpticalFlow.create(_DIS_PRESETS[name]) if name in _DIS_PRESETS else None
         self._prepared: tuple[Array, RefinementReference] | None = None
         self._last: tuple[list[bytes | None], Array] | None = None
 
     @staticmethod
     def prepare(image: Array) -> Array:
-        """Make an image (h, w[, 3]) ready for `between`, as trackers do: luma, blurred."""
-        return Plane.of(image).gray
+        """Convert an image (h, w[, 3]) for `between` as trackers do: blurred luma."""
+        return Plane.from_image(image).gray
 
     def between(self, ref_gray: Array, cur_gray: Array, initial: Array | None = None) -> Array:
-        """Flow from the reference to the current image at the reference's pixels.
+        """Compute the flow from the reference to the current image at the reference's pixels.
 
-        ref_gray: must not change between calls. initial: (h, w, 2) px to start from, or None for a
-        cold start. Returns (h, w, 2) float32 px, never the array given as initial.
+        ref_gray: must not change between calls. initial: (h, w, 2) px initial flow, None for a
+        cold start. Returns (h, w, 2) float32 px, never the array passed as initial.
         """
-        if self.name == FUSED:
+        if self.name == FUSED_METHOD:
             return self._fused(ref_gray, cur_gray, initial)
-        # The others write into the array they start from, and need it contiguous.
+        # cv2 methods write into the initial array, and need it contiguous.
         start: Any = None if initial is None else np.array(initial, dtype=np.float32, order="C")
         if self._dis is not None:
             return self._dis.calc(ref_gray, cur_gray, start)
-        key = [None if one is None else one.tobytes() for one in (ref_gray, cur_gray, start)]
+        key = [None if image is None else image.tobytes() for image in (ref_gray, cur_gray, start)]
         if self._last is None or self._last[0] != key:
             flags = cv2.OPTFLOW_USE_INITIAL_FLOW if start is not None else 0
             flow = cv2.calcOpticalFlowFarneback(
-                ref_gray, cur_gray, start, flags=flags, **_FARNEBACK
+                ref_gray, cur_gray, start, flags=flags, **_FARNEBACK_SETTINGS
             )
             self._last = key, flow
         return self._last[1]
 
     def _fused(self, ref_gray: Array, cur_gray: Array, initial: Array | None) -> Array:
         if self._prepared is None or self._prepared[0] is not ref_gray:
-            self._prepared = ref_gray, RefinementReference(Plane.of(ref_gray))
+            self._prepared = ref_gray, RefinementReference(Plane.from_image(ref_gray))
         start = None if initial is None else to_half(initial)
-        found = self._prepared[1].refine(Plane.of(cur_gray), start)
-        return to_full(found.flow_px, ref_gray.shape)
+        refined = self._prepared[1].refine(Plane.from_image(cur_gray), start)
+        return to_full(refined.flow_px, ref_gray.shape)
 
 
-Sum = Literal["composed", "summed", "static"]
-LIGHT_PX, BLOB_PX, BLOB = 24.0, 3.0, 3.0
+CompositionRule = Literal["composed", "summed", "static"]
+LIGHT_SIGMA_PX, BLOB_SIGMA_PX, BLOB_FACTOR = 24.0, 3.0, 3.0  # by hand: larger blobs leave dots in
 SHIFTS_PX = tuple((60 + 7 * k, 200 - 11 * k) for k in range(16))
-"""Many, for a pattern of two colours alternates: one shift may lay like on like."""
+"""By hand: 16, as a periodic pattern of two colours may match itself under one shift."""
 
 
 @dataclass(frozen=True)
 class _Keyframe:
     gray: Array
     flow_px: Array
-    stayed: Array
+    inside: Array
 
 
 class RenewedTracker:
-    """Follows one sequence from its first image on.
+    """Tracker of one sequence with a renewed reference.
 
-    The current image, warped back by its flow, is compared with the reference; when they differ by
-    more than `share` of what unrelated views of the pattern differ by (mean absolute, grey levels,
-    at full size), the current image is the reference from then on.
+    The current image, warped back by its flow, is compared with the reference; if they differ by
+    more than `share` of the difference of unrelated views of the pattern (mean absolute, grey
+    levels, at full size), the current image becomes the reference.
 
-    total: "composed" F(x) = F_ref(x) + f(x + F_ref(x)); "summed" F_ref(x) + f(x), the plain
-    superposition; the paper's text can mean both. "static" keeps the first image.
+    total: "composed" F(x) = F_ref(x) + f(x + F_ref(x)); "summed" F_ref(x) + f(x), plain
+    superposition; the paper's text allows both. "static" keeps the first image.
     Each flow starts from the last one against the same reference; after a switch it starts cold.
-    first, judge: of the first image, for what is said of the total.
+    first, judge: of the first image, to judge the total flow.
     """
 
     def __init__(
         self,
         method: FlowMethod,
-        total: Sum,
+        total: CompositionRule,
         image: Array,
         first: RefinementReference,
         judge: ConfidenceEstimator,
@@ -130,10 +130,10 @@ class RenewedTracker:
         self._switches = 0
 
     def ahead(self, plane: Plane) -> None:
-        """Nothing: each flow starts from the last one."""
+        """No-op: each flow starts from the last one."""
 
     def step(self, ready: PreparedImage) -> TrackedFrame:
-        assert not isinstance(ready.image, Sampled), "for the anchored reference only"
+        assert not isinstance(ready.image, SampledImage), "for the anchored reference only"
         gray, ref = to_gray(ready.image), self._ref
         relative = self._relative = self._method.between(ref.gray, gray, self._relative)
         if not self._switches:
@@ -142,42 +142,42 @@ class RenewedTracker:
             flow = ref.flow_px + relative
         else:
             flow = compose(ref.flow_px, relative)
-        # What left the image before the reference was continued from the border, so it stays out.
-        stayed = ref.stayed & inside(landing_px(flow), *flow.shape[:2])
+        # Flow that left the image earlier is extrapolated from the border: excluded for good.
+        within = ref.inside & is_inside(landing_px(flow), *flow.shape[:2])
         if self._total != "static" and photometric_error(ref.gray, gray, relative) > self.threshold:
-            self._ref = _Keyframe(gray, flow, stayed)
+            self._ref = _Keyframe(gray, flow, within)
             self._relative = None
             self._switches += 1
         nodes = to_half(flow)
-        kept, agreeing = self.judge.look(
+        valid, agreeing = self.judge.check(
             ready.secondary_match, self._first.evaluate(ready.plane, nodes)
         )
-        return TrackedFrame(nodes, kept, agreeing, flow, stayed, self._switches)
+        return TrackedFrame(nodes, valid, agreeing, flow, within, self._switches)
 
 
 def photometric_error(reference: Array, current: Array, flow: Array) -> float:
     """Mean absolute difference, grey levels, of the reference and the current image warped back.
 
-    What lands outside of the image is left out; 255 where everything does.
+    Pixels that land outside the image are ignored; 255 if all do.
     """
     landing = landing_px(flow)
-    off = cv2.absdiff(reference, sample(current, landing))
-    within = inside(landing, *reference.shape)
-    return float(off[within].mean()) if within.any() else 255.0
+    difference = cv2.absdiff(reference, sample(current, landing))
+    within = is_inside(landing, *reference.shape)
+    return float(difference[within].mean()) if within.any() else 255.0
 
 
 def unrelated_difference(gray: Array) -> float:
-    """Mean absolute difference, grey levels, that views of other places of a pattern would show.
+    """Mean absolute difference, grey levels, between views of different places of a pattern.
 
-    Of one image (h, w) with itself shifted far; its light, which changes slowly, and marker dots,
-    which stand out of the pattern, are left out.
+    Estimated from one image (h, w) and large shifts of itself, without slowly varying light and
+    without marker dots.
     """
     image = gray.astype(np.float32)
-    detail = image - cv2.GaussianBlur(image, (0, 0), LIGHT_PX)
-    blobs = np.abs(cv2.GaussianBlur(detail, (0, 0), BLOB_PX))
-    plain = blobs < BLOB * np.median(blobs)
-    found = []
+    detail = image - cv2.GaussianBlur(image, (0, 0), LIGHT_SIGMA_PX)
+    blobs = np.abs(cv2.GaussianBlur(detail, (0, 0), BLOB_SIGMA_PX))
+    plain = blobs < BLOB_FACTOR * np.median(blobs)
+    differences = []
     for shift in SHIFTS_PX:
-        both = plain & np.roll(plain, shift, (0, 1))
-        found.append(np.abs(detail - np.roll(detail, shift, (0, 1)))[both].mean())
-    return float(np.mean(found))
+        overlap = plain & np.roll(plain, shift, (0, 1))
+        differences.append(np.abs(detail - np.roll(detail, shift, (0, 1)))[overlap].mean())
+    return float(np.mean(differences))

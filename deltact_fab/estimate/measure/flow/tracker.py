@@ -10,7 +10,7 @@ import numpy as np
 
 from deltact_fab.common import Array, InputError, SensorError, did_you_mean
 
-from ..compose import denoised, filled, landing_px, sample, shrunk
+from ..compose import denoise, fill_gaps, landing_px, sample, shrink
 from .confidence import (
     TEXTURE_MIN,
     ConfidenceEstimator,
@@ -19,50 +19,48 @@ from .confidence import (
     PreparedImage,
     TrackedFrame,
 )
-from .fused import COARSE, Plane, RefinementReference, Sampled, predict, to_full
-from .renewed import FUSED, FlowMethod, RenewedTracker
+from .fused import COARSE_NODES, Plane, RefinementReference, SampledImage, predict, to_full
+from .renewed import FUSED_METHOD, FlowMethod, RenewedTracker
 
-DARK, BRIGHT = 25, 235  # grey levels: beyond them a pattern has no room
-LOST_SHARE = 0.1
-"""Of the textured nodes: where fewer agree, an image shows nothing of the reference."""
+TOO_DARK_GREY, TOO_BRIGHT_GREY = 25, 235  # by hand: no room for a pattern beyond them
+LOST_SHARE = 0.1  # of textured nodes that agree; fewer: the reference is not in view; decision 0061
 
 
 class AnchoredTracker:
-    """Follows one sequence from its first image on, of which reference and judge are."""
+    """Tracker of one sequence against its first image, of which reference and judge are made."""
 
     def __init__(self, reference: RefinementReference, judge: ConfidenceEstimator) -> None:
         self._reference = reference
         self.judge = judge
-        self._before = reference.plane
+        self._previous = reference.plane
         self._flow: Array = np.zeros((*reference.plane.small.shape, 2), np.float32)
-        self._lost = False
+        self._is_lost = False
 
     def ahead(self, plane: Plane) -> Array:
-        """The flow in px from the image before to this one, as far as one look shows: coarse."""
-        before, self._before = self._before, plane
-        return shrunk(predict(before, plane), COARSE)
+        """Predict the flow in px from the previous image to this one, at coarse nodes."""
+        previous, self._previous = self._previous, plane
+        return shrink(predict(previous, plane), COARSE_NODES)
 
     def step(self, ready: PreparedImage) -> TrackedFrame:
-        """Follow one more image. After one in which nothing agrees the next is looked for where
-        the face was last seen, and from rest."""
+        """Track one more image. After a lost one, starts from the last good flow and from rest are
+        tried."""
         assert ready.ahead_px is not None, "made by `ahead`"
-        so_far = shrunk(self._flow, COARSE)
-        if self._lost:
-            starts = [so_far, shrunk(predict(self._reference.plane, ready.plane), COARSE)]
+        so_far = shrink(self._flow, COARSE_NODES)
+        if self._is_lost:
+            starts = [so_far, shrink(predict(self._reference.plane, ready.plane), COARSE_NODES)]
         else:
-            at = landing_px(so_far * np.float32(0.5 / COARSE))
-            starts = [so_far + sample(ready.ahead_px, at)]
+            landing = landing_px(so_far * np.float32(0.5 / COARSE_NODES))
+            starts = [so_far + sample(ready.ahead_px, landing)]
         matches = [self._reference.refine(ready.plane, start) for start in starts]
-        seen = [(*self.judge.look(ready.secondary_match, match), match) for match in matches]
-        kept, agreeing, match = max(seen, key=lambda one: int(np.count_nonzero(one[1])))
-        # Neighbours are asked only where they agree: a match that is kept and wrong would draw
-        # others after it.
-        flow = denoised(filled(match.flow_px, agreeing, kept), match.deviation_px, kept)
+        trials = [(*self.judge.check(ready.secondary_match, match), match) for match in matches]
+        valid, agreeing, match = max(trials, key=lambda c: int(np.count_nonzero(c[1])))
+        # Gaps are filled from agreeing nodes only: a valid but wrong match would spread.
+        flow = denoise(fill_gaps(match.flow_px, agreeing, valid), match.deviation_px, valid)
         textured = np.count_nonzero(self.judge.textured)
-        self._lost = bool(np.count_nonzero(agreeing) < LOST_SHARE * textured)
-        if not self._lost:
+        self._is_lost = bool(np.count_nonzero(agreeing) < LOST_SHARE * textured)
+        if not self._is_lost:
             self._flow = flow
-        return TrackedFrame(flow, kept, agreeing, match=match)
+        return TrackedFrame(flow, valid, agreeing, match=match)
 
 
 FlowReference = Literal["anchored", "composed", "summed", "static"]
@@ -73,8 +71,8 @@ class FlowTracker:
 
     reference: "anchored" (`AnchoredTracker`, by `fused` only), or "composed", "summed" and "static"
     (`RenewedTracker`) by any method; by default anchored for `fused` and composed for the others.
-    renew_share: of those, when they take another reference.
-    full: False gives all arrays on the half grid (see `FlowObservation`).
+    renew_share: threshold at which those renew their reference.
+    full: False returns all arrays on the half grid (see `FlowObservation`).
     Raises InputError for unknown names.
     """
 
@@ -86,45 +84,45 @@ class FlowTracker:
 
     def __init__(
         self,
-        method: FlowMethod | str = FUSED,
+        method: FlowMethod | str = FUSED_METHOD,
         reference: str | None = None,
         *,
         full: bool = True,
         renew_share: float = RENEW_SHARE,
     ) -> None:
         self.method = FlowMethod(method) if isinstance(method, str) else method
-        fused = self.method.name == FUSED
-        known = [k for k in self.REFERENCES if k != "anchored" or fused]
-        wanted = reference or known[0]
-        found = next((k for k in known if k == wanted), None)
-        if found is None:
+        fused = self.method.name == FUSED_METHOD
+        available = [k for k in self.REFERENCES if k != "anchored" or fused]
+        reference_name = reference or available[0]
+        chosen = next((k for k in available if k == reference_name), None)
+        if chosen is None:
             raise InputError(
-                f"flow reference {wanted!r} of {self.method.name!r}: not available; "
-                f"{did_you_mean(wanted, known)}"
+                f"flow reference {reference_name!r} of {self.method.name!r}: not available; "
+                f"{did_you_mean(reference_name, available)}"
             )
-        self.reference = found
+        self.reference = chosen
         self.full, self.renew_share = full, renew_share
-        self._way: AnchoredTracker | RenewedTracker | None = None
+        self._tracker: AnchoredTracker | RenewedTracker | None = None
         self._shape: tuple[int, ...] = ()
         self._frame = 0
 
     @classmethod
     def from_name(cls, name: str, *, shared: dict[str, FlowMethod] | None = None) -> FlowTracker:
-        """The tracker `method` or `method/reference`; `paper` stands for `farneback-paper`.
+        """Create the tracker `method` or `method/reference`; `paper` stands for `farneback-paper`.
 
-        `fused` alone is anchored, `paper` summed, any other method alone composed. shared: methods
-        by name, which trackers that are given the same dictionary have in common; their CPU time is
-        then no one's own. Raises InputError with the valid names.
+        By default `fused` is anchored, `paper` summed, any other method composed. shared: cache of
+        methods by name for several trackers, whose CPU time is then shared too. Raises InputError
+        with the valid names.
         """
-        method, _, kept = name.partition("/")
-        kept = kept or ("summed" if method == FlowMethod.PAPER else "")
-        own = FlowMethod(method)
+        method, _, reference = name.partition("/")
+        reference = reference or ("summed" if method == FlowMethod.PAPER else "")
+        flow_method = FlowMethod(method)
         if shared is not None:
-            own = shared.setdefault(own.name, own)
-        return cls(own, kept or None)
+            flow_method = shared.setdefault(flow_method.name, flow_method)
+        return cls(flow_method, reference or None)
 
     def update(self, image: Array) -> FlowObservation:
-        """Follow one more image: (h, w, 3) BGR or (h, w) grey, uint8, like the first one.
+        """Track one more image: (h, w, 3) BGR or (h, w) grey, uint8, like the first one.
 
         Raises InputError for another type, size or number of channels, SensorError for a first
         image without texture.
@@ -132,89 +130,89 @@ class FlowTracker:
         ready = self.prepare(image)
         return self.judge(ready, self.follow(ready))
 
-    # The three parts of an update. Each may run in a thread of its own, as long as each takes the
-    # images in their order; what a part needs of the image before, no later part changes.
+    # Three parts of an update. Each may run in its own thread if each takes the images in order;
+    # later parts do not change what an earlier part needs of the previous image.
 
-    def prepare(self, image: Array | Sampled) -> PreparedImage:
-        """What can be done of an update before the image before is followed. Raises as `update`.
+    def prepare(self, image: Array | SampledImage) -> PreparedImage:
+        """First part of an update, independent of the previous flow. Raises as `update`.
 
-        Sampled: for the anchored reference only, and for all images of a sequence alike.
+        A SampledImage is for the anchored reference only, and then for the whole sequence.
         """
         start_s = time.process_time()
-        plane = Plane.of(image)
-        if self._way is None:
-            self._way, self._shape = self._begin(image, plane), image.shape
+        plane = Plane.from_image(image)
+        if self._tracker is None:
+            self._tracker, self._shape = self._begin(image, plane), image.shape
             return PreparedImage(0, image, plane, [], None, start_s)
         if image.shape != self._shape:
-            # Height and width say it, unless it is the channels that differ.
+            # Show height and width, unless only the channels differ.
             size = slice(0, 2 if image.ndim == len(self._shape) else 3)
             raise InputError(
                 f"flow: the image is {image.shape[size]}, the first one was {self._shape[size]}"
             )
         self._frame += 1
-        match, ahead = self._way.judge.secondary_match(image), self._way.ahead(plane)
+        match, ahead = self._tracker.judge.secondary_match(image), self._tracker.ahead(plane)
         return PreparedImage(self._frame, image, plane, match, ahead, start_s)
 
     def follow(self, ready: PreparedImage) -> TrackedFrame:
-        """What only the flow of the image before allows."""
-        assert self._way is not None, "made ready"
+        """Second part of an update, which needs the previous flow."""
+        assert self._tracker is not None, "made ready"
         if ready.frame:
-            return self._way.step(ready)
-        textured = self._way.judge.textured
+            return self._tracker.step(ready)
+        textured = self._tracker.judge.textured
         nothing = np.zeros((*textured.shape, 2), np.float32)
         return TrackedFrame(nothing, np.ones(textured.shape, bool), textured)
 
-    def judge(self, ready: PreparedImage, seen: TrackedFrame) -> FlowObservation:
-        """What the next image does not wait for."""
-        assert self._way is not None, "made ready"
-        judge, shape, flow = self._way.judge, ready.plane.shape, seen.flow_px
+    def judge(self, ready: PreparedImage, frame: TrackedFrame) -> FlowObservation:
+        """Third part of an update, which the next image does not need."""
+        assert self._tracker is not None, "made ready"
+        judge, shape, flow = self._tracker.judge, ready.plane.shape, frame.flow_px
         inside = _inside(flow, shape)
-        confident, agreeing = judge.textured, seen.agreeing
+        confident, agreeing = judge.textured, frame.agreeing
         if ready.frame:
-            if seen.match is not None:
-                agreeing = agreeing & judge.settled(seen.match, seen.kept)
-            confident = judge.confident(agreeing)
-        trusted, state = judge.trusted(confident), judge.state(inside, seen.kept)
+            if frame.match is not None:
+                agreeing = agreeing & judge.converged(frame.match, frame.valid)
+            confident = judge.select_confident(agreeing)
+        trusted, state = judge.is_trusted(confident), judge.node_states(inside, frame.valid)
         if self.full:
-            flow = to_full(flow, shape) if seen.full_px is None else seen.full_px
-            visible = _pixels(inside, shape) if seen.stayed is None else seen.stayed
-            state, confident = _pixels(state, shape), _pixels(confident, shape)
+            flow = to_full(flow, shape) if frame.full_px is None else frame.full_px
+            visible = _to_pixels(inside, shape) if frame.inside is None else frame.inside
+            state, confident = _to_pixels(state, shape), _to_pixels(confident, shape)
         else:
-            visible = inside if seen.stayed is None else seen.stayed[::2, ::2]
+            visible = inside if frame.inside is None else frame.inside[::2, ::2]
         n_visible = int(np.count_nonzero(visible))
         share = int(np.count_nonzero(confident & visible)) / max(n_visible, 1)
         for out in (flow, visible, confident, state):
-            out.setflags(write=False)  # some are kept for the frames to come
+            out.setflags(write=False)  # some are used for later frames
         cpu_ms = (time.process_time() - ready.start_s) * 1e3
         return FlowObservation(
             flow, visible, confident, state,
-            FlowDiagnostics(ready.frame, seen.n_reference_switches, judge.textured_share, trusted,
+            FlowDiagnostics(ready.frame, frame.n_reference_switches, judge.textured_share, trusted,
                             share, cpu_ms),
         )  # fmt: skip
 
-    def _begin(self, image: Array | Sampled, plane: Plane) -> AnchoredTracker | RenewedTracker:
+    def _begin(self, image: Array | SampledImage, plane: Plane) -> AnchoredTracker | RenewedTracker:
         judge = ConfidenceEstimator(image, plane)
         if not judge.textured.any():
             raise SensorError(
                 "flow: the first image has no texture anywhere: its fine detail is "
                 f"{judge.contrast:.1f} grey levels strong, {TEXTURE_MIN:g} are needed; "
-                + _why_plain(plane.gray)
+                + _explain_plain(plane.gray)
             )
         first = RefinementReference(plane)
         if self.reference == "anchored":
             return AnchoredTracker(first, judge)
-        assert not isinstance(image, Sampled), "for the anchored reference only"
+        assert not isinstance(image, SampledImage), "for the anchored reference only"
         return RenewedTracker(self.method, self.reference, image, first, judge, self.renew_share)
 
 
-def _why_plain(gray: Array) -> str:
-    """What an image (h, w) uint8 without fine detail shows."""
+def _explain_plain(gray: Array) -> str:
+    """Explain the lack of fine detail in an image (h, w) uint8."""
     dark, light = (float(np.percentile(gray, p)) for p in (5, 95))
-    if light < DARK:
+    if light < TOO_DARK_GREY:
         return (
             f"it is dark (95 % of it below grey level {light:.0f}): is the light on, the lens open?"
         )
-    if dark > BRIGHT:
+    if dark > TOO_BRIGHT_GREY:
         return f"it is overexposed (95 % of it above grey level {dark:.0f}): less light or exposure"
     return (
         f"its light is right (grey levels {dark:.0f} to {light:.0f}): the view is covered, far out "
@@ -223,15 +221,15 @@ def _why_plain(gray: Array) -> str:
 
 
 def _inside(flow: Array, shape: tuple[int, int]) -> Array:
-    """Which nodes land inside the image (h, w), (hh, ww) bool."""
+    """True for nodes that land inside the image (h, w), (hh, ww) bool."""
     # Node j lies at pixel 2 j + 1/2.
     high = ((shape[1] - 1) / 2 - 0.25, (shape[0] - 1) / 2 - 0.25)
     return cv2.inRange(landing_px(flow * np.float32(0.5)), (-0.25, -0.25), high).view(bool)
 
 
-def _pixels(nodes: Array, shape: tuple[int, int]) -> Array:
-    """A mask or a state at nodes, (hh, ww), to pixels (h, w): each node has its 2 x 2."""
+def _to_pixels(nodes: Array, shape: tuple[int, int]) -> Array:
+    """Expand a mask or state at nodes (hh, ww) to pixels (h, w), 2 x 2 per node."""
     # A byte times 257 is that byte twice: three times as quick as a resize.
     rows = (nodes.view(np.uint8) * np.uint16(257)).view(np.uint8)
-    wide = np.repeat(rows, 2, axis=0)
-    return np.ascontiguousarray(wide[: shape[0], : shape[1]]).view(nodes.dtype)
+    doubled = np.repeat(rows, 2, axis=0)
+    return np.ascontiguousarray(doubled[: shape[0], : shape[1]]).view(nodes.dtype)

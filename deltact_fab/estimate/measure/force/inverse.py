@@ -21,7 +21,7 @@ from scipy import linalg, ndimage, optimize
 from deltact_fab.common import Array
 from deltact_fab.sensor import CameraModel, FaceCells, axes_mm
 
-from ..face import FaceFlow, whole
+from ..face import FaceFlow, fill_unknown
 from ..sensor_id import SensorModel
 from .model import Features, ForceModel, TractionField
 
@@ -162,7 +162,7 @@ class FaceInverse:
 
     def _cells(self, flow: FaceFlow) -> tuple[Array, Array]:
         """Mean shift of the view's cells (ny, nx, 2), and which are at least half known."""
-        flow = whole(flow)
+        flow = fill_unknown(flow)
         over_x = _overlap(flow.x_mm, self.seen_x_mm)
         over_y = _overlap(flow.y_mm, self.seen_y_mm)
         known = np.ones((len(self.seen_y_mm), len(self.seen_x_mm)), bool)

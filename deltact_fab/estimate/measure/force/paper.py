@@ -16,7 +16,7 @@ import numpy as np
 
 from deltact_fab.common import Array
 
-from ..face import FaceFlow, whole
+from ..face import FaceFlow, fill_unknown
 from ..hodge import Hodge
 from ..sensor_id import SensorModel
 from ..shape.density import jacobian_density
@@ -52,7 +52,7 @@ class Sums(Features):
 
     def of(self, flow: FaceFlow) -> Array:
         """(9,) in mm3 and mm4."""
-        flow = whole(flow)
+        flow = fill_unknown(flow)
         parts = Hodge(flow.shift_mm)
         spread = np.sqrt(np.einsum("...i,...i", parts.d, parts.d))
         shear = [integrals(flow.shift_mm[..., i], flow)[0] for i in (0, 1)]
@@ -104,7 +104,7 @@ class Paper(Features):
 
     def of(self, flow: FaceFlow) -> Array:
         """(19,): the integrals of the terms over the view, and their first moments."""
-        flow = whole(flow)
+        flow = fill_unknown(flow)
         parts = Hodge(flow.shift_mm)
         terms = self._terms(flow, parts.hr)
         sums = np.transpose([integrals(term, flow) for term in terms])
@@ -112,7 +112,7 @@ class Paper(Features):
 
     def traction(self, flow: FaceFlow, model: ForceModel) -> TractionField:
         """The per-pixel force of the paper, here by area; it integrates to the model's force."""
-        flow = whole(flow)
+        flow = fill_unknown(flow)
         terms = self._terms(flow, Hodge(flow.shift_mm).hr)
         share = model.coefficients[:3, : len(terms)]
         field = np.tensordot(share, terms.astype(float), axes=1)

@@ -1,4 +1,4 @@
-"""A lens from images of boards: the fit, its own uncertainty, and the file it is kept in."""
+"""Lens calibration from images of boards: fit, uncertainty and camera file."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from deltact_fab.sensor import (
 )
 
 from . import trust
-from .corners import find, read_image
-from .problem import BoardView, LensProblem, LensSolution, Prior, nominal, pose, priors, solve
+from .corners import find_corners, read_image
+from .problem import BoardView, LensProblem, LensSolution, Prior, first_pose, nominal, priors, solve
 
-CLEAR_DEPTH_PX = 0.5
+CLEAR_DEPTH_PX = 0.5  # sigma 3 mm below the face; by hand: boards in air reach 0.25 (decision 0019)
 
 
 @dataclass(frozen=True)
 class LensCalibration:
-    """A lens with its uncertainty.
+    """Lens with its uncertainty.
 
-    sigma, covariance: of the fitted parameters, in the order and units of `priors`. share: what is
-    left of a prior's sigma. face_px, depth_px: own sigma of where a point of the view is seen, raw
-    px, on the face and below it. cover: share of the view that contact corners span. simulated:
-    seeds of simulated images, None where they are real.
+    sigma, covariance: of the fitted parameters, in the order and units of `priors`. share:
+    posterior over prior sigma. face_px, depth_px: sigma of projected points of the view, raw px,
+    on the face and below it. cover: fraction of the view that contact corners span. simulated:
+    seeds of simulated images, None for real ones.
     """
 
     lens: Fisheye
@@ -51,19 +51,20 @@ class LensCalibration:
     simulated: list[int] | None
 
     def notes(self) -> list[str]:
-        """What a reader of the numbers must know."""
+        """Return remarks on the figures."""
         guessed = [n for n, s in self.share.items() if not self.priors[n].weak and s > 0.9]
         lines = []
         if guessed:
-            lines.append(f"the images do not tell, taken as made: {', '.join(guessed)}")
+            names = ", ".join(guessed)
+            lines.append(f"not determined by these images, kept at design values: {names}")
         if self.depth_px[3.0] > CLEAR_DEPTH_PX:
             lines.append(
-                f"what lies 3 mm below the face is known to {self.depth_px[3.0]:.1f} px (one "
-                "sigma): photograph boards in the air too, at several heights and tilts"
+                f"uncertainty 3 mm below the face: {self.depth_px[3.0]:.1f} px (one sigma); add "
+                "photographs of boards in air, at several heights and tilts"
             )
         lines.append(
-            "lengths have the boards' scale: what is wrong with the squares' side shows only where "
-            "it contradicts the thicknesses"
+            "absolute scale comes from the board's square size; an error in it is not detectable "
+            "here"
         )
         if self.images[0]["skin"]:
             lines.append("the sensor's origin is the middle of the skin, its axes the skin's")
@@ -73,7 +74,7 @@ class LensCalibration:
         return lines
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data, as the camera file and `calibrate --json` hold it."""
+        """Return plain data, as in the camera file and `calibrate lens --json`."""
         return {
             "simulated": self.simulated is not None,
             "seeds": self.simulated or [],
@@ -92,7 +93,7 @@ class LensCalibration:
                     "sigma": self.sigma[n],
                     "prior": p.mean,
                     "prior_sigma": p.sigma,
-                    "prior_from": p.why,
+                    "prior_from": p.source,
                 }
                 for n, p in self.priors.items()
             },
@@ -102,16 +103,16 @@ class LensCalibration:
         }
 
     def camera_toml(self, flat: str | None = None) -> str:
-        """The text of the camera file; flat: name of the flat-field image beside it."""
-        found = self.as_dict()
-        images = found.pop("images")
-        found["files"] = [i["file"] for i in images]
-        tables: dict[str, Any] = {"calibration": found}
+        """Format the camera file; flat: name of the flat-field image beside it."""
+        data = self.as_dict()
+        images = data.pop("images")
+        data["files"] = [i["file"] for i in images]
+        tables: dict[str, Any] = {"calibration": data}
         if flat is not None:
             tables["flat"] = {"file": flat}
-        origin = "simulated images" if found["simulated"] else "images"
+        origin = "simulated images" if data["simulated"] else "images"
         about = [
-            f"A camera, calibrated from {found['n_corners']} corners in {len(images)} {origin}.",
+            f"A camera, calibrated from {data['n_corners']} corners in {len(images)} {origin}.",
             "sigma_*_px: own sigma (one, in px of the raw image, 95th percentile of the view).",
         ]
         return camera_toml(self.lens, tables, about)
@@ -124,21 +125,21 @@ def calibrate_lens(
     air_board: Checkerboard | None = None,
     sensor: SensorDimensions | None = None,
 ) -> LensCalibration:
-    """Calibrate the lens of a sensor by image files of boards on its face and in the air beyond.
+    """Calibrate the lens of a sensor from image files of boards on its face and in the air.
 
     contact: of `board`, in optical contact with the face. air: of `air_board` (default: the same).
-    sensor: the design, whose thicknesses are the priors. Raises InputError for images that cannot
-    be used and for a calibration that would not be known well enough (see `trust`).
+    sensor: the design, whose thicknesses are the priors. Raises InputError for unusable images
+    and for a calibration that is too uncertain (see `trust`).
     """
     if not contact:
         raise InputError(
-            "no contact image: boards in air leave the face undetermined, for the air gap and "
-            "their heights shift together; give an image of the chessboard skin, or of a board "
+            "no contact image: boards in air alone leave the face undetermined, as air gap and "
+            "board heights are coupled; give an image of the chessboard skin, or of a board "
             "wetted onto the face"
         )
     if air and (air_board or board).skin:
-        raise InputError("--air: a skin is not held in the air; name the board with --air-board")
-    seen: list[BoardView] = []
+        raise InputError("--air: a skin cannot be held in the air; name the board with --air-board")
+    views: list[BoardView] = []
     unread: list[str] = []
     height, width = read_image(contact[0]).shape[:2]
     for path in (*contact, *air):
@@ -148,17 +149,17 @@ def calibrate_lens(
                 f"{path}: {image.shape[1]} x {image.shape[0]} px, and {contact[0]} has "
                 f"{width} x {height}"
             )
-        corners = find(image, board if touching else air_board or board, str(path))
+        corners = find_corners(image, board if touching else air_board or board, str(path))
         if corners is None:
             unread.append(str(path))
         else:
-            seen.append(BoardView(corners, touching))
-    if not any(s.contact for s in seen):
+            views.append(BoardView(corners, touching))
+    if not any(s.contact for s in views):
         sides = "a skin" if board.skin else f"a board of {board}, seen whole,"
         names = ", ".join(map(str, contact[:3])) + (", ..." if len(contact) > 3 else "")
         raise InputError(f"{names}: {sides} was not found in any contact image")
     sensor = sensor or SensorDimensions()
-    return of_corners(seen, (width, height), sensor, unread, _seeds((*contact, *air)))
+    return lens_from_corners(views, (width, height), sensor, unread, _seeds((*contact, *air)))
 
 
 def fit_flat_field(blank: Path, lens: Fisheye) -> FlatField:
@@ -173,76 +174,76 @@ def fit_flat_field(blank: Path, lens: Fisheye) -> FlatField:
     return FlatField.of_blank(image, f"--flat {blank}")
 
 
-def of_corners(
-    seen: Sequence[BoardView],
+def lens_from_corners(
+    views: Sequence[BoardView],
     size_px: tuple[int, int],
     sensor: SensorDimensions,
     unread: Sequence[str] = (),
     simulated: list[int] | None = None,
 ) -> LensCalibration:
-    """The same from corners that were found, in images of (width, height) px. Raises InputError."""
-    touching = [s for s in seen if s.contact]
-    held = [s for s in seen if not s.contact]
-    base = nominal(sensor, [s.corners for s in touching], np.array(size_px))
-    known = priors(base, placed=touching[0].corners.board.skin)
+    """Calibrate from detected corners in images of (width, height) px. Raises InputError."""
+    contact_views = [s for s in views if s.contact]
+    air_views = [s for s in views if not s.contact]
+    base = nominal(sensor, [s.corners for s in contact_views], np.array(size_px))
+    by_name = priors(base, on_skin=contact_views[0].corners.board.skin)
     try:
-        problem = LensProblem(base, known, touching)
+        problem = LensProblem(base, by_name, contact_views)
         fit = solve(
             problem,
-            np.concatenate((np.zeros(len(known)), *(pose(s, base) for s in touching))),
+            np.concatenate((np.zeros(len(by_name)), *(first_pose(s, base) for s in contact_views))),
             scale_px=1.0,
         )
-        if held:
+        if air_views:
             lens = problem.lens(fit.x)
-            more = [pose(s, lens) for s in held]
-            problem = LensProblem(base, known, [*touching, *held])
-            fit = solve(problem, np.concatenate((fit.x, *more)))
-    except (SolverError, ShapeError) as why:
-        raise InputError(f"{seen[0].corners.source}: {why}") from why
+            air_poses = [first_pose(s, lens) for s in air_views]
+            problem = LensProblem(base, by_name, [*contact_views, *air_views])
+            fit = solve(problem, np.concatenate((fit.x, *air_poses)))
+    except (SolverError, ShapeError) as error:
+        raise InputError(f"{views[0].corners.source}: {error}") from error
     n = len(problem.names)
-    left = np.sqrt(np.diag(fit.covariance))[:n]
+    shares = np.sqrt(np.diag(fit.covariance))[:n]
     covered = trust.cover(problem, fit, sensor)
     face_px = trust.sigma_px(problem, fit, sensor, 0.0)
-    trust.refuse(problem, fit, left.tolist(), covered, face_px)
-    scale = np.array([p.sigma for p in known.values()])
+    trust.refuse(problem, fit, shares.tolist(), covered, face_px)
+    scale = np.array([p.sigma for p in by_name.values()])
     return LensCalibration(
         lens=problem.lens(fit.x),
-        priors=known,
-        sigma=dict(zip(known, (left * scale).tolist(), strict=True)),
-        share=dict(zip(known, left.tolist(), strict=True)),
+        priors=by_name,
+        sigma=dict(zip(by_name, (shares * scale).tolist(), strict=True)),
+        share=dict(zip(by_name, shares.tolist(), strict=True)),
         covariance=fit.covariance[:n, :n] * scale[:, None] * scale,
         face_px=face_px,
         depth_px={d: trust.sigma_px(problem, fit, sensor, d) for d in trust.DEPTHS_MM},
         cover=covered,
         noise_px=fit.noise_px,
-        images=[_said(s, fit, rows) for s, rows in zip(problem.seen, problem.rows, strict=True)],
+        images=[_entry(s, fit, rows) for s, rows in zip(problem.views, problem.rows, strict=True)],
         unread=list(unread),
         simulated=simulated,
     )
 
 
-def _said(seen: BoardView, fit: LensSolution, rows: slice) -> dict[str, Any]:
-    kept = fit.kept[rows]
+def _entry(view: BoardView, fit: LensSolution, rows: slice) -> dict[str, Any]:
+    inliers = fit.inliers[rows]
     return {
-        "file": seen.corners.source,
-        "board": str(seen.corners.board),
-        "skin": seen.corners.board.skin,
-        "contact": seen.contact,
-        "corners": len(kept),
-        "outliers": int((~kept).sum()),
-        "rms_px": float(np.sqrt(np.mean(fit.off_px[rows][kept] ** 2))),
+        "file": view.corners.source,
+        "board": str(view.corners.board),
+        "skin": view.corners.board.skin,
+        "contact": view.contact,
+        "corners": len(inliers),
+        "outliers": int((~inliers).sum()),
+        "rms_px": float(np.sqrt(np.mean(fit.residual_px[rows][inliers] ** 2))),
     }
 
 
 def _seeds(images: Sequence[Path]) -> list[int] | None:
-    """Seeds of the simulated images among these; None where all are real."""
+    """Return the seeds of simulated images among these; None if all are real."""
     seeds = set()
     for folder in {path.parent for path in images}:
         try:
-            said = read_json(folder / Checkerboard.mark_file)
+            mark = read_json(folder / Checkerboard.mark_file)
         except InputError:
             continue
-        seed = said.get("seed", -1)
-        if said.get("simulated") and isinstance(seed, int):
+        seed = mark.get("seed", -1)
+        if mark.get("simulated") and isinstance(seed, int):
             seeds.add(seed)
     return sorted(seeds) or None

@@ -1,1 +1,1 @@
-"""The measurement as a robot calls it: images in; flow, shape, force and contact out."""
+"""Measurement for a robot: images in; flow, shape, force and contact out."""

@@ -1,4 +1,4 @@
-"""Images in, results out: one after another, or with their parts side by side over cores."""
+"""Measurement of images, sequentially or pipelined over cores."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from deltact_fab.sensor import CameraModel, Rectified
 from ..compose import sample
 from ..dots.tracker import DotTracker
 from ..flow.confidence import PreparedImage
-from ..flow.fused import Sampled, to_gray, to_half
+from ..flow.fused import SampledImage, to_gray, to_half
 from ..flow.tracker import FlowTracker
 from ..health import Health
 from ..sensor_id import SensorModel
-from .outputs import OUTPUTS, Calibration, Estimators, MeasurementResult
+from .outputs import OUTPUT_NAMES, Calibration, Estimators, MeasurementResult
 
 
 class Rectifier:
-    """Takes images of one camera, as its lens makes them or rectified already; maps made once."""
+    """Rectifier of images of one camera, raw or already rectified; maps are computed once."""
 
     def __init__(self, camera: CameraModel) -> None:
         raw = camera.lens if isinstance(camera, Rectified) else camera
@@ -36,7 +36,7 @@ class Rectifier:
             self._nodes_px = to_half(np.stack(self._maps, axis=-1))
 
     def view(self, image: Array) -> Array:
-        """The whole rectified image (h, w[, 3]). Raises InputError for a size that is neither."""
+        """Return the full rectified image (h, w[, 3]). Raises InputError for another size."""
         size = image.shape[1::-1]
         if size not in (self._raw_px, self._view_px):
             w, h = self._raw_px
@@ -49,26 +49,26 @@ class Rectifier:
             return image
         return np.asarray(cv2.remap(image, *self._maps, cv2.INTER_CUBIC))
 
-    def sampled(self, image: Array) -> Array | Sampled:
-        """What the tracker reads: a raw colour image's luma, and all channels at the nodes alone.
+    def sampled(self, image: Array) -> Array | SampledImage:
+        """Rectify the input of the tracker: luma of a raw colour image, all channels at nodes only.
 
-        It saves half of the rectification. Raises as `view`.
+        Saves half of the rectification. Raises as `view`.
         """
         raw = self._maps is not None and image.shape[1::-1] == self._raw_px
         if not raw or self._maps is None or image.ndim != 3 or image.dtype != np.uint8:
             return self.view(image)
         luma = cv2.remap(to_gray(image), *self._maps, cv2.INTER_CUBIC)
-        return Sampled(luma, sample(image, self._nodes_px))
+        return SampledImage(luma, sample(image, self._nodes_px))
 
 
-TRUSTED_SHARE = 0.5
-"""Of the first image's markers, that must be held: as many as `DotTracker` asks of its first."""
+TRUSTED_MARKER_SHARE = 0.5
+"""Fraction of the first image's markers to be tracked; by hand: as in `DotTracker`."""
 Step = Callable[["ImageTask"], None]
 
 
 @dataclass
-class Since:
-    """What goes on from one reference image to the next; markers, count: of `MarkerMeasurement`."""
+class ReferenceState:
+    """State since a reference image; markers, count: of `MarkerMeasurement`."""
 
     tracker: FlowTracker
     health: Health | None = None
@@ -78,11 +78,11 @@ class Since:
 
 @dataclass
 class ImageTask:
-    """One image on its way. made: what the steps so far made of it."""
+    """Image in progress. data: results of the previous step."""
 
-    since: Since
+    reference: ReferenceState
     t_s: float
-    made: tuple[Any, ...]
+    data: tuple[Any, ...]
     result: MeasurementResult | None = None
     error: Exception | None = None
 
@@ -90,16 +90,16 @@ class ImageTask:
 class Measurement:
     """Measures a sequence of images of one sensor.
 
-    view: of the sensor; for the output "flow" its rectified camera does, and a calibration of force
-    brings its own gel. include: outputs, see `OUTPUTS`, None: all that the calibrations allow; only
-    what they need is run. calibrations: what the outputs need of them, at most one a kind. every:
-    px between the points of the flow that is given out, 2, 4, 8 ... Raises InputError for unknown
-    names and for a calibration that is missing, given twice or another sensor's.
+    view: the sensor; for the output "flow" its rectified camera suffices, and a force calibration
+    contains its own gel. include: outputs, see `OUTPUTS`; None: all that the calibrations allow.
+    Only required parts run. calibrations: at most one per kind. spacing_px: px between the points
+    of the output "flow", 2, 4, 8 ... Raises InputError for unknown names and for a calibration
+    that is missing, given twice or another sensor's.
 
-    The first image is the reference that all motion is counted from.
+    The first image is the reference of all motion.
     """
 
-    OUTPUTS: ClassVar = OUTPUTS
+    OUTPUTS: ClassVar = OUTPUT_NAMES
 
     def __init__(
         self,
@@ -107,13 +107,13 @@ class Measurement:
         include: Sequence[str] | None = ("flow",),
         calibrations: Sequence[Calibration] = (),
         *,
-        every: int = 2,
+        spacing_px: int = 2,
     ) -> None:
         self._estimators = Estimators(view, calibrations)
         self.view, self.include = self._estimators.view, tuple(include or ())
         if include is None:
             self.include = self._estimators.allowed
-        self._every = every
+        self._spacing_px = spacing_px
         self._estimators.prepare(self.include)
         self._rectify = Rectifier(self.view.camera)
         self._lock = Lock()
@@ -122,20 +122,20 @@ class Measurement:
 
     @staticmethod
     def of_markers(camera: CameraModel) -> Measurement:
-        """Measurement of a skin of markers instead of a dense pattern, in images of this camera."""
+        """Return a measurement of a skin of markers instead of a dense pattern."""
         return MarkerMeasurement(camera)
 
     def rectified(self, image: Array) -> Array:
-        """The whole of an image as it is tracked. Raises InputError for another size."""
+        """Return the full image as it is tracked. Raises InputError for another size."""
         return self._rectify.view(image)
 
     def reset(self, reference: Array | None = None) -> None:
-        """A new reference: this image, or the next one that is given.
+        """Set a new reference: this image, or the next one.
 
-        May be called at any time and from any thread. Images given before are finished with the
-        reference that they were given under. Raises as `update`, and then changes nothing.
+        May be called at any time and from any thread. Earlier images are still measured against
+        the earlier reference. Raises as `update`, and then changes nothing.
         """
-        since = Since(FlowTracker(full=False))
+        since = ReferenceState(FlowTracker(full=False))
         if reference is not None:
             self._ready(since, reference)
         self._since = since
@@ -144,12 +144,12 @@ class Measurement:
         """Measure one image, (h, w, 3) BGR or (h, w) grey, uint8, raw or rectified.
 
         From one thread at a time; `Pipeline` takes images while others are still measured.
-        t_s: when it was taken, on the clock of `time.monotonic`; by default now. Raises InputError
-        for an image of another size or type than the view's, the lens's or the reference's,
+        t_s: time of capture on the clock of `time.monotonic`; by default now. Raises InputError
+        for an image of another size or type than that of the view, the lens or the reference,
         SensorError for a reference without texture.
         """
         if self._busy:
-            raise RuntimeError("a pipeline has this measurement; give it the images")
+            raise RuntimeError("a pipeline runs this measurement; submit the images to it")
         job = self.job(image, t_s)
         for step in self.steps():
             step(job)
@@ -157,53 +157,53 @@ class Measurement:
         return job.result
 
     def job(self, image: Array, t_s: float | None = None) -> ImageTask:
-        """An image to be measured against the reference of now."""
+        """Create the task of an image, to be measured against the current reference."""
         return ImageTask(self._since, time.monotonic() if t_s is None else t_s, (image,))
 
     def steps(self) -> tuple[Step, ...]:
-        """The parts that may run side by side, each taking the jobs in their order."""
+        """Return the parts that may run in parallel, each taking the tasks in order."""
         return (self._prepare, self._follow, self._finish)
 
-    def take(self, busy: bool) -> None:
-        """For the one pipeline that runs this measurement. Raises RuntimeError for a second one."""
+    def claim(self, busy: bool) -> None:
+        """Claim or release this measurement for a pipeline. Raises RuntimeError if it has one."""
         with self._lock:
             if busy and self._busy:
-                raise RuntimeError("another pipeline has this measurement")
+                raise RuntimeError("another pipeline runs this measurement")
             self._busy = busy
 
     def _prepare(self, job: ImageTask) -> None:
-        (image,) = job.made
-        job.made = (self._ready(job.since, image),)
+        (image,) = job.data
+        job.data = (self._ready(job.reference, image),)
 
-    def _ready(self, since: Since, image: Array) -> PreparedImage:
+    def _ready(self, since: ReferenceState, image: Array) -> PreparedImage:
         ready = since.tracker.prepare(self._rectify.sampled(image))
         if ready.frame == 0:
             since.health = self._estimators.health(self._rectify.view(image))
         return ready
 
     def _follow(self, job: ImageTask) -> None:
-        (ready,) = job.made
-        job.made = (ready, job.since.tracker.follow(ready))
+        (ready,) = job.data
+        job.data = (ready, job.reference.tracker.follow(ready))
 
     def _finish(self, job: ImageTask) -> None:
-        seen = job.since.tracker.judge(*job.made)
-        job.made = ()
-        outputs = self._estimators.outputs(self.include, seen, self._every)
+        observation = job.reference.tracker.judge(*job.data)
+        job.data = ()
+        outputs = self._estimators.outputs(self.include, observation, self._spacing_px)
         job.result = MeasurementResult(
-            seen.diagnostics.frame,
+            observation.diagnostics.frame,
             job.t_s,
             (time.monotonic() - job.t_s) * 1e3,
-            float(np.mean(seen.visible & (seen.state > 0))),
-            seen.diagnostics.trusted,
-            job.since.health,
+            float(np.mean(observation.visible & (observation.state > 0))),
+            observation.diagnostics.trusted,
+            job.reference.health,
             **outputs,
         )
 
 
 class MarkerMeasurement(Measurement):
-    """As Measurement, of the markers that the first image after each `reset` shows.
+    """Measurement of the markers in the first image after each `reset`.
 
-    camera: of the images. `update` raises as `DotTracker.found_in` does of a first image.
+    camera: of the images. `update` raises as `DotTracker.found_in` for the first image.
     """
 
     def __init__(self, camera: CameraModel) -> None:
@@ -212,38 +212,38 @@ class MarkerMeasurement(Measurement):
     def steps(self) -> tuple[Step, ...]:
         return (self._measure,)
 
-    def _ready(self, since: Since, image: Array) -> Array:  # type: ignore[override]
-        seen = self.rectified(image)
+    def _ready(self, since: ReferenceState, image: Array) -> Array:  # type: ignore[override]
+        frame = self.rectified(image)
         if since.markers is None:
-            since.markers = DotTracker.found_in(seen)
-            since.markers.update(seen)  # now, for a reference is given once
-        return seen
+            since.markers = DotTracker.found_in(frame)
+            since.markers.update(frame)  # the reference is processed only once
+        return frame
 
     def _measure(self, job: ImageTask) -> None:
-        (image,), since = job.made, job.since
+        (image,), since = job.data, job.reference
         ready = self._ready(since, image)
         assert since.markers is not None, "made ready"
-        seen = since.markers.update(ready)
-        held = float(seen.found.mean())
-        job.made = ()
+        dots = since.markers.update(ready)
+        share = float(dots.found.mean())
+        job.data = ()
         age_ms = (time.monotonic() - job.t_s) * 1e3
         job.result = MeasurementResult(
-            since.count, job.t_s, age_ms, held, held >= TRUSTED_SHARE, markers=seen
+            since.count, job.t_s, age_ms, share, share >= TRUSTED_MARKER_SHARE, markers=dots
         )
         since.count += 1
 
 
 Policy = Literal["every", "newest"]
-_Belt = Queue[ImageTask | None]  # None: nothing more will come
-_KEPT = 64  # results of a live source that wait to be read
+_TaskQueue = Queue[ImageTask | None]  # None: end of the images
+_MAX_WAITING = 64  # unread results of a live source; by hand: bounds memory and latency
 
 
 class Pipeline:
-    """Runs the parts of one measurement in a thread each.
+    """Pipeline that runs each part of a measurement in its own thread.
 
-    policy: "every" image is measured, `submit` waits for room: for files. "newest": an image that
-    waits gives way to a newer one, and so does a result that no one reads: for cameras; `dropped`
-    counts both. While it is open the measurement's own `update` is refused; `reset` works.
+    policy: "every" image is measured and `submit` blocks, for files. "newest": a waiting image is
+    replaced by a newer one, and so is an unread result, for cameras; `dropped` counts both. While
+    it is open, `Measurement.update` is refused; `reset` works.
 
         with Pipeline(measurement) as p:
             for image in images:
@@ -253,70 +253,69 @@ class Pipeline:
     """
 
     def __init__(self, measurement: Measurement, policy: Policy = "every") -> None:
-        measurement.take(True)
+        measurement.claim(True)
         self.measurement, self.policy = measurement, policy
-        self._giving, self._closed, self._fell = Lock(), False, {0: 0, -1: 0}
+        self._submit_lock, self._closed, self._dropped = Lock(), False, {0: 0, -1: 0}
         steps = measurement.steps()
-        self._belts: list[_Belt] = [*(Queue(1) for _ in steps), Queue()]
+        self._queues: list[_TaskQueue] = [*(Queue(1) for _ in steps), Queue()]
         self._threads = [
             Thread(target=self._work, args=(step, *ends), daemon=True)
-            for step, *ends in zip(steps, self._belts, self._belts[1:], strict=False)
+            for step, *ends in zip(steps, self._queues, self._queues[1:], strict=False)
         ]
         for thread in self._threads:
             thread.start()
 
     @property
     def dropped(self) -> int:
-        """Images and results that gave way so far."""
-        return sum(self._fell.values())
+        """Number of images and results dropped so far."""
+        return sum(self._dropped.values())
 
     def submit(self, image: Array, t_s: float | None = None) -> None:
-        """Give one image, as to `Measurement.update`; it must not be changed afterwards.
+        """Submit an image, as to `Measurement.update`; it must not be changed afterwards.
 
-        What is wrong with it is raised where its result is asked for. Raises RuntimeError when the
-        pipeline is closed.
+        Errors of the image are raised by `result`. Raises RuntimeError if the pipeline is closed.
         """
         job = self.measurement.job(image, t_s)
-        with self._giving:
+        with self._submit_lock:
             if self._closed:
                 raise RuntimeError("the pipeline is closed")
             self._make_room(0, 1)
-            self._belts[0].put(job)
+            self._queues[0].put(job)
 
     def result(self, timeout_s: float | None = None) -> MeasurementResult | None:
-        """The next result, in the order of the images; None when closed and none is left.
+        """Return the next result, in the order of the images; None after the last one when closed.
 
-        Raises what the stages raise of its image, TimeoutError when none came in time.
+        Raises the errors of its image, TimeoutError if there is no result in time.
         """
         try:
-            job = self._belts[-1].get(timeout=timeout_s)
+            job = self._queues[-1].get(timeout=timeout_s)
         except Empty:
             raise TimeoutError from None
         if job is None:
-            self._belts[-1].put(None)  # for whoever asks again
+            self._queues[-1].put(None)  # for later calls
             return None
         if job.error is not None:
             raise job.error
         return job.result
 
     def results(self) -> Iterator[MeasurementResult]:
-        """All results until the pipeline closes. Raises as `result`; may then be called again."""
+        """Yield all results until the pipeline closes. Raises as `result`; can be resumed then."""
         while (result := self.result()) is not None:
             yield result
 
     def close(self) -> None:
-        """Finish what was given and let the measurement go; results can still be read.
+        """Finish the submitted images and release the measurement; results can still be read.
 
-        From any thread, and more than once.
+        May be called from any thread, and repeatedly.
         """
-        with self._giving:
+        with self._submit_lock:
             first, self._closed = not self._closed, True
             if first:
-                self._belts[0].put(None)
+                self._queues[0].put(None)
         for thread in self._threads:
             thread.join()
         if first:
-            self.measurement.take(False)
+            self.measurement.claim(False)
 
     def __enter__(self) -> Pipeline:
         return self
@@ -324,23 +323,23 @@ class Pipeline:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _make_room(self, which: int, size: int) -> None:
-        """On a belt of a live source: what waits longest falls off."""
-        while self.policy == "newest" and self._belts[which].qsize() >= size:
+    def _make_room(self, index: int, size: int) -> None:
+        """Drop the oldest entries of a queue of a live source."""
+        while self.policy == "newest" and self._queues[index].qsize() >= size:
             try:
-                self._belts[which].get_nowait()
+                self._queues[index].get_nowait()
             except Empty:  # taken meanwhile
                 return
-            self._fell[which] += 1
+            self._dropped[index] += 1
 
-    def _work(self, step: Step, before: _Belt, after: _Belt) -> None:
-        while (job := before.get()) is not None:
+    def _work(self, step: Step, source: _TaskQueue, target: _TaskQueue) -> None:
+        while (job := source.get()) is not None:
             if job.error is None:
                 try:
                     step(job)
-                except Exception as why:  # whoever asks for the result gets it
-                    job.error = why
-            if after is self._belts[-1]:
-                self._make_room(-1, _KEPT)
-            after.put(job)
-        after.put(None)
+                except Exception as error:  # raised by `result`
+                    job.error = error
+            if target is self._queues[-1]:
+                self._make_room(-1, _MAX_WAITING)
+            target.put(job)
+        target.put(None)

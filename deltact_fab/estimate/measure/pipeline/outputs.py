@@ -1,4 +1,4 @@
-"""A sensor as its calibrations know it, and what it says of one image."""
+"""Estimators of a calibrated sensor, and their outputs for one image."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from deltact_fab.common import Array, InputError, did_you_mean
 from deltact_fab.sensor import CameraModel
 
 from ..dots.tracker import DotObservation
-from ..face import FaceFlow, whole
+from ..face import FaceFlow, fill_unknown
 from ..flow.confidence import FlowObservation
 from ..force import features_of
 from ..force.calibration import ForceCalibration, load_force
@@ -24,16 +24,16 @@ from ..shape.density import Density, jacobian_density, relative_depth
 from ..shape.depth import ContactRegion, Depth, DepthFinder, DepthModel, contacts
 
 Output = Literal["flow", "observation", "shape", "contacts", "force", "traction"]
-OUTPUTS: tuple[Output, ...] = get_args(Output)
+OUTPUT_NAMES: tuple[Output, ...] = get_args(Output)
 Calibration = ForceModel | ForceCalibration | DepthModel | Path | str
 
 
 @dataclass(frozen=True)
 class Shape:
-    """Of the face, at points of the resting face x_mm (w,), y_mm (h,).
+    """Shape of the face at points of the resting face x_mm (w,), y_mm (h,).
 
-    density: as in the paper. relative (h, w) float32: its relative depth, without unit. depth: in
-    mm, None without a calibration of depth.
+    density: as in the paper. relative: (h, w) float32, its relative depth, without unit. depth: in
+    mm, None without a depth calibration.
     """
 
     density: Density
@@ -44,23 +44,23 @@ class Shape:
 
     @property
     def cover(self) -> float:
-        """Share of what it rests on that is known."""
+        """Fraction of its input that is known."""
         return self.density.cover if self.depth is None else self.depth.cover
 
 
 @dataclass(frozen=True)
 class MeasurementResult:
-    """One image's outputs; those that were not asked for are None.
+    """Outputs for one image; those not requested are None.
 
-    frame: 0 for the reference image, then one more an image followed. t_s: when the image was
-    taken, on the clock of `time.monotonic`, or when it was given; age_ms: from then until this
-    result was complete. cover: share of the view whose motion is known. trusted: the tracker
-    tracks enough of the image; if False, ignore all other values.
+    frame: 0 for the reference image, then counted up. t_s: time of capture on the clock of
+    `time.monotonic`, or of submission; age_ms: from then until this result was complete. cover:
+    fraction of the view whose motion is known. trusted: enough of the flow is confident; if False,
+    ignore all other outputs.
 
-    health: of the sensor at the reference image, None where no calibration kept one to compare.
-    flow: of the face. observation: the tracker's own words, on its half grid. contacts: the deepest
-    first. force: on the sensor. traction: its distribution over the face. Each has a cover of its
-    own, of what it rests on. markers: of a skin of such; cover is then the share that is held.
+    health: of the sensor at the reference image, None without a calibration image to compare with.
+    flow: of the face. observation: the tracker's output on its half grid. contacts: deepest first.
+    force: on the sensor. traction: its distribution over the face. Each has its own cover, of its
+    input. markers: of a marker skin; cover is then the fraction tracked.
     """
 
     frame: int
@@ -79,18 +79,18 @@ class MeasurementResult:
 
     @property
     def extrapolated(self) -> bool:
-        """A calibration is used beyond what it was made from, so its errors do not hold."""
+        """True if a calibration is used outside its range, so that its errors do not hold."""
         depth = self.shape.depth if self.shape is not None else None
         return any(part is not None and part.extrapolated for part in (self.force, depth))
 
 
 class Estimators:
-    """All that makes outputs of a sensor's observations, by its calibrations, at most one a kind.
+    """Estimators of a sensor's outputs from its calibrations, at most one per kind.
 
-    view: the sensor with gel and untouched face of the calibration of force. force, features,
-    depth: None where they are not calibrated.
+    view: the sensor with gel and untouched face of the force calibration. force, features, depth:
+    None if not calibrated.
 
-    Raises InputError for a file that is none, another sensor's, and a second one of a kind.
+    Raises InputError for an invalid file, another sensor's, and a second one of a kind.
     """
 
     def __init__(
@@ -100,11 +100,9 @@ class Estimators:
         self.force: ForceModel | None = None
         self.features: Features | None = None
         self.depth: DepthModel | None = None
-        for given in calibrations:
-            name = str(given) if isinstance(given, Path | str) else "calibration"
-            self._take(
-                _read(Path(given), self.view) if isinstance(given, Path | str) else given, name
-            )
+        for item in calibrations:
+            name = str(item) if isinstance(item, Path | str) else "calibration"
+            self._take(_load(Path(item), self.view) if isinstance(item, Path | str) else item, name)
         if self.force is not None:
             self.features = features_of(self.force, self.view, "force model")
 
@@ -113,33 +111,33 @@ class Estimators:
             self.view, model = model.view(self.view), model.model
         kind = "force" if isinstance(model, ForceModel) else "depth"
         if getattr(self, kind) is not None:
-            raise InputError(f"{name}: a second calibration of {kind}; one is needed")
+            raise InputError(f"{name}: a second {kind} calibration; give one only")
         setattr(self, kind, model)
 
     @property
     def allowed(self) -> tuple[str, ...]:
-        """All outputs for which there is what they need."""
+        """Outputs whose calibrations are present."""
         lacking = {"contacts"} if self.depth is None else set[str]()
         if self.features is None or not self.features.local:
             lacking |= {"force", "traction"} if self.features is None else {"traction"}
-        return tuple(output for output in OUTPUTS if output not in lacking)
+        return tuple(output for output in OUTPUT_NAMES if output not in lacking)
 
     def prepare(self, include: Sequence[str]) -> None:
-        """Make what these outputs need and no image changes, which may take seconds.
+        """Precompute the image-independent parts of these outputs, which may take seconds.
 
         Raises InputError for an output that is unknown or whose calibration is missing.
         """
         for output in include:
-            if output not in OUTPUTS:
-                raise InputError(f"output {output!r}: unknown; {did_you_mean(output, OUTPUTS)}")
+            if output not in OUTPUT_NAMES:
+                raise InputError(f"no output {output!r}; {did_you_mean(output, OUTPUT_NAMES)}")
             if output not in self.allowed:
                 kind = "depth" if output == "contacts" else "force"
                 if kind == "force" and self.features is not None:
                     features = f"the force model's features {self.features.name!r}"
-                    raise InputError(f"output {output!r}: {features} do not say where")
+                    raise InputError(f"output {output!r}: {features} do not locate contacts")
                 raise InputError(
-                    f"output {output!r}: a calibration of {kind} is needed; `deltact-fab calibrate "
-                    f"{kind} RUN` makes one"
+                    f"output {output!r}: needs a {kind} calibration; make one with "
+                    f"`deltact-fab calibrate {kind} RUN`"
                 )
         if isinstance(self.features, Inverse) and {"force", "traction"} & set(include):
             _ = self.features.inverse
@@ -148,47 +146,49 @@ class Estimators:
 
     @cached_property
     def finder(self) -> DepthFinder | None:
-        """By the calibration of depth."""
+        """Depth finder of the depth calibration."""
         return None if self.depth is None else DepthFinder(self.view, self.depth)
 
     def health(self, unloaded: Array) -> Health | None:
-        """Of an unloaded face (h, w[, 3]) as it is tracked; None with no image to compare."""
+        """Check an unloaded face (h, w[, 3]), as tracked; None without an image to compare with."""
         rest = self.view.rest
         return None if rest is None else Health.compare(rest, unloaded, self.view.camera)
 
-    def outputs(self, include: Sequence[str], seen: FlowObservation, every: int) -> dict[str, Any]:
-        """What an observation says, by name; no more is made than these outputs need.
+    def outputs(
+        self, include: Sequence[str], observation: FlowObservation, spacing_px: int
+    ) -> dict[str, Any]:
+        """Compute the requested outputs of an observation, by name.
 
-        every: px between the points of "flow".
+        spacing_px: px between the points of "flow".
         """
-        camera, asked = self.view.camera, set(include)
-        made: dict[str, Any] = {"observation": seen} if "observation" in asked else {}
-        if "flow" in asked:
-            made["flow"] = FaceFlow.of(seen, camera, every)
-        if asked <= {"flow", "observation"}:
-            return made
-        face = whole(FaceFlow.of(seen, camera, FaceFlow.SPACING_PX))
+        camera, requested = self.view.camera, set(include)
+        results: dict[str, Any] = {"observation": observation} if "observation" in requested else {}
+        if "flow" in requested:
+            results["flow"] = FaceFlow.from_flow(observation, camera, spacing_px)
+        if requested <= {"flow", "observation"}:
+            return results
+        face = fill_unknown(FaceFlow.from_flow(observation, camera, FaceFlow.SPACING_PX))
         depth = None
-        if self.finder is not None and asked & {"shape", "contacts"}:
+        if self.finder is not None and requested & {"shape", "contacts"}:
             depth = self.finder.of(face)
-        if "shape" in asked:
+        if "shape" in requested:
             density = jacobian_density(face, camera.mm_per_px)
             relative = relative_depth(density, face)
-            made["shape"] = Shape(density, relative, face.x_mm, face.y_mm, depth)
-        if self.finder is not None and depth is not None and "contacts" in asked:
-            press = self.finder.inverse.of(face)  # kept since the depth asked for it
-            made["contacts"] = contacts(depth, face, camera, press)
+            results["shape"] = Shape(density, relative, face.x_mm, face.y_mm, depth)
+        if self.finder is not None and depth is not None and "contacts" in requested:
+            press = self.finder.inverse.of(face)  # cached by the depth
+            results["contacts"] = contacts(depth, face, camera, press)
         if self.features is not None and self.force is not None:
-            if "force" in asked:
+            if "force" in requested:
                 numbers, cover = self.features.of(face), self.features.cover(face)
-                made["force"] = self.force.wrench(numbers, cover)
-            if "traction" in asked:
-                made["traction"] = self.features.traction(face, self.force)
-        return made
+                results["force"] = self.force.wrench(numbers, cover)
+            if "traction" in requested:
+                results["traction"] = self.features.traction(face, self.force)
+        return results
 
 
-def _read(path: Path, view: SensorModel) -> ForceCalibration | DepthModel:
-    """Of a file, which must be this sensor's."""
+def _load(path: Path, view: SensorModel) -> ForceCalibration | DepthModel:
+    """Load a calibration file, which must be this sensor's."""
     head, _ = read_calibration(path)
     require_same_sensor(head, view.id, str(path))
     return load_force(path) if head.kind == "force" else DepthModel.load(path)[1]

@@ -15,7 +15,7 @@ import numpy as np
 
 from deltact_fab.common import Array
 
-from ..face import FaceFlow, whole
+from ..face import FaceFlow, fill_unknown
 
 SIGMA_PX = 3.0  # of the full image, whatever the distance of the flow's points
 DOMAIN = (0.5, 2.0)  # determinants between which splat and Jacobian agree
@@ -50,7 +50,7 @@ def jacobian_density(flow: FaceFlow, mm_per_px: float) -> Density:
 
     Where the map folds the determinant is held at an eighth of DOMAIN: finite, and not reliable.
     """
-    flow, sigma = whole(flow), _cells(flow, mm_per_px)
+    flow, sigma = fill_unknown(flow), _cells(flow, mm_per_px)
     det = _determinant(flow, sigma)
     sound = flow.known & (det >= DOMAIN[0]) & (det <= DOMAIN[1])
     side = 2 * int(np.ceil(2 * sigma)) + 1

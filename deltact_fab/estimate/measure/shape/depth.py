@@ -19,7 +19,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from deltact_fab.common import Array, validate
 from deltact_fab.sensor import CameraModel, interpolate_block
 
-from ..face import FaceFlow, rigid, whole
+from ..face import FaceFlow, fill_unknown, fit_rigid_motion
 from ..force.inverse import inverse_for
 from ..force.model import TractionField
 from ..sensor_id import CalibrationHead, SensorModel, read_calibration
@@ -86,7 +86,7 @@ class DepthFinder:
 
     def of(self, flow: FaceFlow) -> Depth:
         """Of a flow, in mm."""
-        flow = whole(flow)
+        flow = fill_unknown(flow)
         press = self.inverse.of(flow)
         depth = np.maximum(np.float32(self.model.gain) * self.found_mm(flow, press), 0)
         beyond = float(depth.max()) > BEYOND * self.model.deepest_mm
@@ -119,7 +119,7 @@ def is_rigid(flow: FaceFlow) -> bool:
     """
     if not flow.known.any():
         return False
-    *_, left = rigid(flow)
+    *_, left = fit_rigid_motion(flow)
     moved = flow.shift_mm[flow.known].astype(float)
     return bool((left**2).sum() < RIGID**2 * (moved**2).sum())
 
@@ -178,7 +178,7 @@ def contacts(
 
     flow: the depth was found from it. traction: for the share of the force.
     """
-    labels, flow = contact_labels(depth), whole(flow)
+    labels, flow = contact_labels(depth), fill_unknown(flow)
     carried = None if traction is None else _carried(traction, labels, depth)
     masks = [labels == k for k in range(1, int(labels.max()) + 1)]
     if not masks:
