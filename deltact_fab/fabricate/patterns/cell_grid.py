@@ -66,8 +66,8 @@ class CellGrid:
     def rows(self, first: int, stop: int) -> NDArray[np.uint8]:
         """Printer dots of rows first to stop as printed, (stop - first, width, 3) or without 3."""
         of_row = np.searchsorted(self.rows_px, np.arange(first, stop), "right") - 1
-        used = self.cells[of_row[0] : of_row[-1] + 1]
-        band = used.repeat(np.diff(self.columns_px), axis=1)[of_row - of_row[0]]
+        cells = self.cells[of_row[0] : of_row[-1] + 1]
+        band = cells.repeat(np.diff(self.columns_px), axis=1)[of_row - of_row[0]]
         if self.grid is not None:
             self._stamp(band, first, stop)
         return band[:, ::-1] if self.mirrored else band

@@ -25,7 +25,7 @@ from .recipe import PatternRecipe
 CODE_PREFIX = "DELTACT1"
 HASH_DIGITS = 12
 CHECK_DIGITS = 6
-_ENDING = re.compile(rf"(.+)/([0-9a-f]{{{HASH_DIGITS}}})-([0-9a-f]{{{CHECK_DIGITS}}})")
+_CHECKED_CODE = re.compile(rf"(.+)/([0-9a-f]{{{HASH_DIGITS}}})-([0-9a-f]{{{CHECK_DIGITS}}})")
 
 
 def patches_hash(recipe: PatternRecipe) -> str:
@@ -36,7 +36,7 @@ def patches_hash(recipe: PatternRecipe) -> str:
 def encode(recipe: PatternRecipe) -> str:
     """The recipe as a line of text."""
     data = recipe.model_dump(mode="json", exclude_none=True)
-    body = "/".join([CODE_PREFIX, *(f"{_key(k)}:{_written(v)}" for k, v in data.items())])
+    body = "/".join([CODE_PREFIX, *(f"{_key(k)}:{_encode_value(v)}" for k, v in data.items())])
     return f"{body}/{patches_hash(recipe)}-{_check(body)}".upper()
 
 
@@ -51,34 +51,34 @@ def decode_recipe(text: str) -> PatternRecipe:
     Raises InputError of one line for anything else: no code, a damaged one, or one whose patches
     this version draws otherwise.
     """
-    shown = ascii(text if len(text) <= 40 else text[:37] + "...")
+    excerpt = ascii(text if len(text) <= 40 else text[:37] + "...")
     if not text.isascii():
-        raise InputError(f"code {shown}: a code has 0-9, A-Z and $ % * + - . / : alone")
+        raise InputError(f"code {excerpt}: a code has 0-9, A-Z and $ % * + - . / : alone")
     clean = "".join(text.split()).lower()
     if not clean.startswith(CODE_PREFIX.lower() + "/"):
-        raise InputError(f"code {shown}: not the code of a sheet; one begins with {CODE_PREFIX}/")
-    ending = _ENDING.fullmatch(clean)
+        raise InputError(f"code {excerpt}: not the code of a sheet; one begins with {CODE_PREFIX}/")
+    ending = _CHECKED_CODE.fullmatch(clean)
     if ending is None:
         raise InputError(
-            f"code {shown}: cut short or damaged; one ends in / and {HASH_DIGITS} digits, "
+            f"code {excerpt}: cut short or damaged; one ends in / and {HASH_DIGITS} digits, "
             f"- and {CHECK_DIGITS} digits (0-9, A-F)"
         )
-    body, drawn, check = ending.groups()
+    body, code_hash, check = ending.groups()
     if _check(body) != check:
         raise InputError(
-            f"code {shown}: damaged or mistyped: its check digits are {check.upper()} and its "
+            f"code {excerpt}: damaged or mistyped: its check digits are {check.upper()} and its "
             f"text gives {_check(body).upper()}; read it again"
         )
     try:
-        data = _table(body.split("/")[1:])
-    except ValueError as why:
-        raise InputError(f"code {shown}: {why}") from why
+        data = _parse_table(body.split("/")[1:])
+    except ValueError as error:
+        raise InputError(f"code {excerpt}: {error}") from error
     recipe = validate(PatternRecipe, data, "code")
-    found = patches_hash(recipe)
-    if found != drawn:
+    drawn_hash = patches_hash(recipe)
+    if drawn_hash != code_hash:
         raise InputError(
-            f"code {shown}: names patches {drawn.upper()} and this version draws "
-            f"{found.upper()}: it was made by another version"
+            f"code {excerpt}: names patches {code_hash.upper()} and this version draws "
+            f"{drawn_hash.upper()}: it was made by another version"
         )
     return recipe
 
@@ -91,17 +91,17 @@ def _key(key: str) -> str:
     return key.replace("_", "-")
 
 
-def _written(value: Any) -> str:
+def _encode_value(value: Any) -> str:
     if isinstance(value, dict):
-        return "+".join(f"{_key(k)}:{_written(v)}" for k, v in value.items())
+        return "+".join(f"{_key(k)}:{_encode_value(v)}" for k, v in value.items())
     if isinstance(value, list):
-        return "".join(f"{_written(v)}*" for v in value)
+        return "".join(f"{_encode_value(v)}*" for v in value)
     if isinstance(value, float):
         return repr(value).removesuffix(".0")
     return str(value).replace("#", "%")
 
 
-def _table(entries: list[str], inner: bool = False) -> dict[str, Any]:
+def _parse_table(entries: list[str], inner: bool = False) -> dict[str, Any]:
     data: dict[str, Any] = {}
     for entry in entries:
         key, colon, value = entry.partition(":")
@@ -112,13 +112,14 @@ def _table(entries: list[str], inner: bool = False) -> dict[str, Any]:
             raise ValueError(f"{key.upper()} occurs twice")
         if ":" in value and inner:
             raise ValueError(f"{key.upper()} is a table within a table")
-        data[name] = _table(value.split("+"), inner=True) if ":" in value else _value(value)
+        table = ":" in value
+        data[name] = _parse_table(value.split("+"), inner=True) if table else _parse_value(value)
     return data
 
 
-def _value(text: str) -> Any:
+def _parse_value(text: str) -> Any:
     if text.endswith("*"):
-        return [_value(part) for part in text[:-1].split("*")]
+        return [_parse_value(part) for part in text[:-1].split("*")]
     try:
         return json.loads(text)
     except (ValueError, RecursionError):  # also of "nan" and "1_0"

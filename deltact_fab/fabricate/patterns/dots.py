@@ -12,7 +12,7 @@ from deltact_fab.common import Field, InputError
 from .recipe import DotGrid
 
 # A view is given as pixels times mm per pixel: a disc that touches its edge exactly is inside
-SLACK_MM = 1e-9
+VIEW_SLACK_MM = 1e-9
 
 
 def to_px(xy_mm: Field, mm_per_px: float, size_px: tuple[int, ...]) -> Field:
@@ -27,7 +27,7 @@ def check_inside(grid: DotGrid, view_mm: tuple[float, float]) -> None:
         "xy", ("columns", "rows"), grid.half_mm, grid.offset_mm, view_mm, strict=True
     ):
         reach_mm = half_mm + abs(offset_mm)
-        if reach_mm > side_mm / 2 + SLACK_MM:
+        if reach_mm > side_mm / 2 + VIEW_SLACK_MM:
             raise InputError(
                 f"dots: along {axis} they reach {reach_mm:g} mm from the middle, the camera sees "
                 f"{np.floor(side_mm * 50) / 100:g} mm; reduce {line}, pitch_{axis}_mm, diameter_mm "
@@ -63,8 +63,8 @@ def blend(image: NDArray[np.float32], grid: DotGrid, mm_per_px: float, colour: F
     for centre in grid.centres_mm():
         at_px = to_px(centre, mm_per_px, image.shape[:2])
         (columns, dx_mm), (rows, dy_mm) = (
-            reached(n, at, radius_mm, mm_per_px)
-            for n, at in zip(image.shape[1::-1], at_px, strict=True)
+            reached(n, centre_px, radius_mm, mm_per_px)
+            for n, centre_px in zip(image.shape[1::-1], at_px, strict=True)
         )
         rise_mm = dy_mm[:, None] + chords * mm_per_px
         half_mm = np.sqrt(np.maximum(radius_mm**2 - rise_mm**2, 0.0))[..., None]

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 ZLIB_LEVEL = 6
 MAX_TABLE_BYTES = 1_000_000
 """Of dots within a PNG: readers refuse texts of more than 1 MiB (Pillow, MAX_TEXT_CHUNK)."""
-FRAME = (
+FRAME_NOTE = (
     "x_px = x_mm / mm_per_px + (width - 1) / 2, y_px = y_mm / mm_per_px + (height - 1) / 2; "
     "pixel (0, 0) has its centre at 0, 0 and is the corner at -x, -y as the camera sees it"
 )
@@ -70,7 +70,7 @@ def png(
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[Image.Image]:
+def open_image(path: Path) -> Iterator[Image.Image]:
     """An image file of any kind and size. Raises InputError for one that Pillow cannot read."""
     from PIL import Image, UnidentifiedImageError
 
@@ -80,17 +80,17 @@ def opened(path: Path) -> Iterator[Image.Image]:
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             with Image.open(path) as image:
                 yield image
-    except FileNotFoundError as why:
-        raise InputError(f"{path}: no such file") from why
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file") from error
     except (
         UnidentifiedImageError, OSError, SyntaxError, ValueError, Image.DecompressionBombError
-    ) as why:  # fmt: skip
-        raise InputError(f"{path}: not a readable image: {why}") from why
+    ) as error:  # fmt: skip
+        raise InputError(f"{path}: not a readable image: {error}") from error
 
 
 def read_recipe(path: Path) -> PatternRecipe:
     """The recipe that a PNG of `make` carries. Raises InputError when there is none."""
-    with opened(path) as image:
+    with open_image(path) as image:
         text = dict(getattr(image, "text", {}))
     if "recipe" not in text:
         raise InputError(f"{path}: carries no recipe; only files of 'pattern make' do")
@@ -120,5 +120,5 @@ def _text(
     if recipe.dots is not None:
         grid = recipe.dots
         text["dots"] = f"{grid.columns} x {grid.rows}, {grid.diameter_mm:g} mm, {grid.colour}"
-        text["frame"] = FRAME
+        text["frame"] = FRAME_NOTE
     return text

@@ -93,12 +93,12 @@ def raster_window(recipe: PatternRecipe, dpi: float, side_px: int) -> NDArray[np
     For stickers of any size: only the whole raster is limited. Raises InputError when dpi loses
     the patches.
     """
-    mm_per_px = checked_mm_per_px(recipe, dpi, whole=False)
+    mm_per_px = checked_mm_per_px(recipe, dpi, full_sticker=False)
     side_mm, pitch_mm = (recipe.printed_mm,) * 2, (mm_per_px,) * 2
-    whole = CellGrid("", recipe.patches(), side_mm, pitch_mm, grid=recipe.dots)
-    low_px = max(0, (whole.height_px - side_px) // 2)
-    high_px = whole.height_px - low_px
-    return whole.rows(low_px, high_px)[:, low_px:high_px]
+    cells = CellGrid("", recipe.patches(), side_mm, pitch_mm, grid=recipe.dots)
+    low_px = max(0, (cells.height_px - side_px) // 2)
+    high_px = cells.height_px - low_px
+    return cells.rows(low_px, high_px)[:, low_px:high_px]
 
 
 def pattern_albedo(
@@ -169,8 +169,8 @@ def make_pattern(
         check_seen(recipe, view_mm)
     corners = plain.inner_corners(recipe, view_mm) if recipe.law == "chessboard" else None
     if dpi is None and (recipe.dots is not None or recipe.patch_mm is None):
-        least, largest = _dpi_range(recipe)
-        dpi = float(max(least, min(DEFAULT_DPI, largest)))
+        lowest, highest = _dpi_range(recipe)
+        dpi = float(max(lowest, min(DEFAULT_DPI, highest)))
     if dpi is None:
         image, mm_per_px = recipe.patches(), recipe.patch_mm or recipe.printed_mm
     else:
@@ -180,10 +180,10 @@ def make_pattern(
     table = None if recipe.dots is None else dots.centres_csv(recipe.dots, mm_per_px, size_px)
     table_hash = None if table is None else hashlib.sha256(table).hexdigest()
     content = metadata.png(image, recipe, mm_per_px, dpi, table)
-    wanted = {path: content}
+    files = {path: content}
     if table is not None and table_path is not None:
-        wanted[table_path] = table
-    write_files(wanted)
+        files[table_path] = table
+    write_files(files)
     return PatternFiles(
         recipe=recipe,
         image=path,
@@ -209,16 +209,16 @@ def check_seen(recipe: PatternRecipe, view_mm: tuple[float, float]) -> None:
         plain.check_covers(recipe, view_mm)
 
 
-def checked_mm_per_px(recipe: PatternRecipe, dpi: float, whole: bool = True) -> float:
+def checked_mm_per_px(recipe: PatternRecipe, dpi: float, full_sticker: bool = True) -> float:
     """Side of a printer dot; InputError when it is too coarse, or the whole sticker too large.
 
     whole: False where only a part is drawn, which has no limit of its own.
     """
     if not (math.isfinite(dpi) and dpi > 0):
         raise InputError(f"dpi: {dpi:g} must be above 0, as in 1200")
-    least, largest = _dpi_range(recipe)
-    right = f"use {least} to {largest}" if whole else f"use {least} or more"
-    if whole and least > largest:
+    lowest, highest = _dpi_range(recipe)
+    right = f"use {lowest} to {highest}" if full_sticker else f"use {lowest} or more"
+    if full_sticker and lowest > highest:
         right = f"no resolution shows it within {MAX_SIDE_PX} pixels: make the sticker smaller"
     for limit_mm, name in finest_mm(recipe):
         if MM_PER_INCH / dpi > limit_mm * (1 + 1e-9):
@@ -227,7 +227,7 @@ def checked_mm_per_px(recipe: PatternRecipe, dpi: float, whole: bool = True) -> 
                 f"{name} ({limit_mm:g} mm); {right}"
             )
     side_px = recipe.printed_mm * dpi / MM_PER_INCH
-    if side_px < 1 or (whole and side_px > MAX_SIDE_PX * (1 + 1e-9)):
+    if side_px < 1 or (full_sticker and side_px > MAX_SIDE_PX * (1 + 1e-9)):
         raise InputError(
             f"dpi: {recipe.printed_mm:g} mm at {dpi:g} dpi is {side_px:.4g} pixels a side; at most "
             f"{MAX_SIDE_PX}; {right}"
@@ -248,8 +248,8 @@ def finest_mm(recipe: PatternRecipe) -> list[tuple[float, str]]:
 def _dpi_range(recipe: PatternRecipe) -> tuple[int, int]:
     """Least and largest whole dpi; empty when the finest detail needs more than MAX_SIDE_PX."""
     least_mm = min([recipe.printed_mm, *(limit_mm for limit_mm, _ in finest_mm(recipe))])
-    least = math.ceil(MM_PER_INCH / least_mm * (1 - 1e-9))
-    return least, math.floor(MAX_SIDE_PX * MM_PER_INCH / recipe.printed_mm * (1 + 1e-9))
+    lowest = math.ceil(MM_PER_INCH / least_mm * (1 - 1e-9))
+    return lowest, math.floor(MAX_SIDE_PX * MM_PER_INCH / recipe.printed_mm * (1 + 1e-9))
 
 
 def cell_means(
@@ -263,6 +263,6 @@ def cell_means(
     steps_mm = np.diff(edges_mm)[:, None, None]
     integral = np.concatenate((np.zeros((1, *values.shape[1:])), np.cumsum(values * steps_mm, 0)))
     inside = np.clip(np.searchsorted(edges_mm, cells_mm, "right") - 1, 0, len(values) - 1)
-    at = integral[inside] + values[inside] * (cells_mm - edges_mm[inside])[:, None, None]
-    means = np.diff(at, axis=0) / np.diff(cells_mm)[:, None, None]
+    cumulative = integral[inside] + values[inside] * (cells_mm - edges_mm[inside])[:, None, None]
+    means = np.diff(cumulative, axis=0) / np.diff(cells_mm)[:, None, None]
     return np.clip(means, 0.0, 1.0)  # the sums round in the 13th digit

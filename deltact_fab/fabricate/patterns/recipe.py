@@ -21,10 +21,10 @@ from .laws.law import LAW_KEYS
 MAX_PATCHES = 2000
 """Patches along a side: the uniforms of a larger sticker would need more than 100 MB."""
 
-Length = Annotated[float, Field(gt=0, le=1000)]
+StickerLength = Annotated[float, Field(gt=0, le=1000)]
 Offset = Annotated[float, Field(ge=-150, le=150)]
-Count = Annotated[int, Field(ge=1, le=200)]
-Weight = Annotated[float, Field(ge=octave.WEIGHTS[0], le=octave.WEIGHTS[1])]
+DotCount = Annotated[int, Field(ge=1, le=200)]
+Weight = Annotated[float, Field(ge=octave.WEIGHT_RANGE[0], le=octave.WEIGHT_RANGE[1])]
 
 
 class DotGrid(Table, strict=True):
@@ -34,15 +34,15 @@ class DotGrid(Table, strict=True):
     the outer ones would leave it.
     """
 
-    columns: Count = 13
+    columns: DotCount = 13
     """Dots along x."""
-    rows: Count = 13
+    rows: DotCount = 13
     """Dots along y."""
-    pitch_x_mm: Length = 2.2
+    pitch_x_mm: StickerLength = 2.2
     """Between the centres of two dots along x."""
-    pitch_y_mm: Length = 1.6
+    pitch_y_mm: StickerLength = 1.6
     """Between the centres of two dots along y."""
-    diameter_mm: Length = 0.6
+    diameter_mm: StickerLength = 0.6
     """Of a dot; below the pitch."""
     offset_x_mm: Offset = 0.0
     """Centre of the grid in the sensor frame, along x."""
@@ -52,7 +52,7 @@ class DotGrid(Table, strict=True):
     """`#rrggbb` as sent to the printer. White is no ink: the white layer behind shows through."""
 
     @model_validator(mode="after")
-    def _apart(self) -> DotGrid:
+    def _check_pitch(self) -> DotGrid:
         pitches_mm = [
             pitch_mm
             for pitch_mm, dots in ((self.pitch_x_mm, self.columns), (self.pitch_y_mm, self.rows))
@@ -243,8 +243,8 @@ class PatternRecipe(Table, strict=True):
 
         Clear film is one white patch: no ink, and the white layer behind it shows.
         """
-        drawn = PATTERN_LAWS[self.law].draw(self)
-        return np.ascontiguousarray(np.broadcast_to(drawn, (self.n, self.n, 3)))
+        patches = PATTERN_LAWS[self.law].draw(self)
+        return np.ascontiguousarray(np.broadcast_to(patches, (self.n, self.n, 3)))
 
 
 def _whole_patches(size_mm: float, patch_mm: float) -> int:

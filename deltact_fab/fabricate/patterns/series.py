@@ -34,7 +34,7 @@ from deltact_fab.sensor import ImageSensor, Printer
 from deltact_fab.version import VERSION
 
 from .code import encode
-from .quality.measure import MM_PER_PX, measure_quality, photograph, sent
+from .quality.measure import STANDARD_MM_PER_PX, driver_image, measure_quality, photograph
 from .recipe import DEFAULT_SEED, PatternRecipe
 from .sheet import job as sheet
 
@@ -54,13 +54,13 @@ PAPER_ERROR_MM = {(0.1, 0.5): 0.11, (0.075, 0.6): 0.08}
 PAPER_ABOUT_MM = {0.05: 0.5}
 """By d, of whichever r: "around 0.5 mm". The paper gives the others as columns of a chart only."""
 
-VIEW_MM = 6.0
+SERIES_VIEW_MM = 6.0
 SERIES_FORMAT = "deltact-fab pattern series 3"
-RECIPES = "recipes"
-SHEET = "series.pdf"
+SERIES_RECIPES = "recipes"
+SERIES_PDF = "series.pdf"
 SERIES_VIEWS = "views"
 SERIES_FIGURES = "quality.json"
-TABLE = "quality.csv"
+SERIES_TABLE = "quality.csv"
 SERIES_PAGE = "patterns.html"
 
 
@@ -87,8 +87,8 @@ class SeriesEntry:
     @property
     def paper_says(self) -> str:
         """The paper's error in words, empty where it gives none."""
-        known = self.paper_error_mm
-        return "" if known is None else f"{'about ' * self.paper_about}{known:g} mm"
+        error_mm = self.paper_error_mm
+        return "" if error_mm is None else f"{'about ' * self.paper_about}{error_mm:g} mm"
 
 
 @dataclass(frozen=True)
@@ -116,13 +116,13 @@ class PatternSeries:
     @classmethod
     def load(cls, folder: Path) -> PatternSeries:
         """The series of a folder. Raises InputError for a folder that holds none."""
-        kept = folder / SERIES_FIGURES
-        if not isfile(kept):
-            wanted = "name a folder that `pattern series` wrote"
-            raise InputError(f"{folder}: no series: {kept.name} is missing; {wanted}")
-        data = read_json(kept)
+        path = folder / SERIES_FIGURES
+        if not isfile(path):
+            hint = "name a folder that `pattern series` wrote"
+            raise InputError(f"{folder}: no series: {path.name} is missing; {hint}")
+        data = read_json(path)
         if (form := data.get("format")) != SERIES_FORMAT:
-            raise InputError(f"{kept}: format {form!r}; this version reads {SERIES_FORMAT!r}")
+            raise InputError(f"{path}: format {form!r}; this version reads {SERIES_FORMAT!r}")
         return cls(folder, data)
 
     @property
@@ -185,7 +185,7 @@ def write_series(
     """
     chosen = list_series(seed) if entries is None else list(entries)
     printer, sensor = Printer(dpi=dpi), ImageSensor()
-    tell = progress or (lambda done, total, what: None)
+    tell = progress or (lambda *_: None)
     total = len(chosen) + 1
     with disk_errors(out, "made"):
         inside = Path.cwd().is_relative_to(out.absolute())
@@ -194,11 +194,11 @@ def write_series(
         out.parent.mkdir(parents=True, exist_ok=True)
     with disk_errors(out), whole_file(out.absolute()) as folder:
         folder.mkdir()
-        _write_recipes(folder / RECIPES, chosen)
-        tell(0, total, SHEET)
+        _write_recipes(folder / SERIES_RECIPES, chosen)
+        tell(0, total, SERIES_PDF)
         # First, for it refuses an unusable paper, dpi or transfer before the long part.
         job = sheet.write_sheet(
-            [e.recipe for e in chosen], folder / SHEET, paper=paper, dpi=dpi, transfer=transfer
+            [e.recipe for e in chosen], folder / SERIES_PDF, paper=paper, dpi=dpi, transfer=transfer
         )
         (folder / SERIES_VIEWS).mkdir()
         rows = []
@@ -206,7 +206,7 @@ def write_series(
             tell(k, total, entry.name)
             # Dots are the same on every pattern; on coarse levels their contrast would hide its own
             bare = entry.recipe.model_copy(update={"dots": None})
-            figures = asdict(measure_quality(bare, printer, sensor, MM_PER_PX, seed))
+            figures = asdict(measure_quality(bare, printer, sensor, STANDARD_MM_PER_PX, seed))
             rows.append(_row(entry, job, _rounded(figures)))
             view = _view(entry.recipe, printer, sensor, seed)
             (folder / SERIES_VIEWS / f"{entry.name}.png").write_bytes(view)
@@ -218,19 +218,19 @@ def write_series(
             "paper": paper,
             "transfer": transfer,
             "pages": job.pages,
-            "mm_per_px": MM_PER_PX,
+            "mm_per_px": STANDARD_MM_PER_PX,
             "printer": asdict(printer),
             "sensor": asdict(sensor),
             "patterns": rows,
         }
         text = json.dumps(data, indent=1, allow_nan=False) + "\n"
         (folder / SERIES_FIGURES).write_bytes(text.encode())
-        (folder / TABLE).write_bytes(_csv(rows))
+        (folder / SERIES_TABLE).write_bytes(_csv(rows))
         if page is not None:
             page(folder)
-        written = sorted(p.relative_to(folder) for p in folder.rglob("*") if p.is_file())
+        paths = sorted(p.relative_to(folder) for p in folder.rglob("*") if p.is_file())
     tell(total, total, "done")
-    return SeriesReport(out, tuple(out / name for name in written), job.pages, data)
+    return SeriesReport(out, tuple(out / name for name in paths), job.pages, data)
 
 
 def _view(recipe: PatternRecipe, printer: Printer, sensor: ImageSensor, seed: int) -> bytes:
@@ -242,13 +242,14 @@ def _view(recipe: PatternRecipe, printer: Printer, sensor: ImageSensor, seed: in
 
     from deltact_fab.physics import print_colours
 
-    side_px = 2 * round(min(VIEW_MM, recipe.printed_mm) / MM_PER_PX / 2)
+    side_px = 2 * round(min(SERIES_VIEW_MM, recipe.printed_mm) / STANDARD_MM_PER_PX / 2)
     rng = np.random.default_rng([seed, 1])
-    values = sent(recipe, printer.dpi, (side_px * MM_PER_PX,) * 2)
+    values = driver_image(recipe, printer.dpi, (side_px * STANDARD_MM_PER_PX,) * 2)
     printed = print_colours(printer, values.astype(np.float32) / np.float32(255), rng)
-    seen = photograph(printed, printer.mm_per_dot, sensor, MM_PER_PX, (side_px, side_px), rng)
+    size_px = (side_px, side_px)
+    photo = photograph(printed, printer.mm_per_dot, sensor, STANDARD_MM_PER_PX, size_px, rng)
     file = io.BytesIO()
-    Image.fromarray(seen).save(file, "PNG")
+    Image.fromarray(photo).save(file, "PNG")
     return file.getvalue()
 
 

@@ -31,10 +31,10 @@ def planned(part, design, solid) -> Scheme:
 def printed(plan: Scheme) -> list[str]:
     """All texts of a drawing, to hundredths as they are printed, and its faults."""
     lengths = [
-        f"{t.axis} {t.before}{t.value_mm:.2f}{t.after} {t.fitted} {t.auxiliary}"
+        f"{t.axis} {t.prefix}{t.value_mm:.2f}{t.suffix} {t.fitted} {t.auxiliary}"
         for t in plan.lengths
     ]
-    return sorted([*lengths, *(g.words for g in plan.rounds), *(w for _, w in plan.others),
+    return sorted([*lengths, *(g.words for g in plan.rounds), *(w for _, w in plan.other_faces),
                    *plan.faults])  # fmt: skip
 
 

@@ -6,7 +6,7 @@ import pytest
 from solids import made
 
 from deltact_fab.fabricate.cad.design import load_design
-from deltact_fab.fabricate.cad.drafting.casting import Bench
+from deltact_fab.fabricate.cad.drafting.casting import CastingScenes
 from deltact_fab.fabricate.cad.drafting.picture import picture_svg
 from deltact_fab.fabricate.cad.registry import list_parts
 from deltact_fab.paths import asset
@@ -23,7 +23,7 @@ NO_PICTURE = {
 @pytest.fixture(scope="module")
 def scenes():
     solids = {p.name: made(p.name) for p in list_parts(design=DESIGN) if p.indenter is None}
-    return dict(Bench(DESIGN, solids).steps())
+    return dict(CastingScenes(DESIGN, solids).steps())
 
 
 def of(placed, name):

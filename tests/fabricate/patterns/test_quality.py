@@ -20,12 +20,12 @@ from deltact_fab.fabricate.patterns.quality.figures import (
 )
 from deltact_fab.fabricate.patterns.quality.measure import (
     MAX_DOTS,
-    MAX_PX,
+    MAX_FIELD_PX,
+    contrast_share,
+    driver_image,
     field_px,
-    kept,
     measure_quality,
     photograph,
-    sent,
 )
 from deltact_fab.fabricate.patterns.recipe import (
     PatternRecipe,
@@ -121,9 +121,9 @@ def test_agreement_survives_a_part_of_a_pixel_and_no_more():
 def test_contrast_that_is_kept_is_the_patterns_own():
     original = coloured(noise(300, 300))
     rest = np.random.default_rng(9).normal(0, 30, original.shape)
-    assert kept(0.3 * original + rest, original, original) == pytest.approx(0.3, abs=0.02)
-    assert kept(rest, original, original) < 0.03
-    assert kept(original, original, np.ones((5, 5, 3))) is None
+    assert contrast_share(0.3 * original + rest, original, original) == pytest.approx(0.3, abs=0.02)
+    assert contrast_share(rest, original, original) < 0.03
+    assert contrast_share(original, original, np.ones((5, 5, 3))) is None
 
 
 @pytest.mark.slow
@@ -150,7 +150,7 @@ def test_the_photograph_shows_the_dots_where_they_are():
     sensor = ImageSensor(shading=0.0, full_well_electrons=1e9, read_noise_electrons=0.0)
     size_px, mm_per_px = (586, 798), 0.0378
     rng = np.random.default_rng(0)
-    image = sent(recipe, printer.dpi, (size_px[1] * mm_per_px, size_px[0] * mm_per_px))
+    image = driver_image(recipe, printer.dpi, (size_px[1] * mm_per_px, size_px[0] * mm_per_px))
     printed = print_colours(printer, image.astype(np.float32) / 255, rng)
     ink = 255 - grey_levels(
         photograph(printed, printer.mm_per_dot, sensor, mm_per_px, size_px, rng)
@@ -184,7 +184,7 @@ def test_the_field_is_the_view_as_far_as_memory_goes():
     assert 0.9 * MAX_DOTS < dots <= MAX_DOTS
     assert columns / rows == pytest.approx(798 / 586, rel=0.01)
     rows, columns = field_px(recipe, 25.4 / 1200, 0.005, None)
-    assert 0.9 * MAX_PX < rows * columns <= MAX_PX
+    assert 0.9 * MAX_FIELD_PX < rows * columns <= MAX_FIELD_PX
     assert field_px(recipe, 25.4 / 1200, 0.0378, (100.0, 5.0)) == (132, 925)  # 35 mm wide
 
 

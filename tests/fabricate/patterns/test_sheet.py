@@ -198,7 +198,7 @@ D = choose_recipe
         (
             D(None, 0.02, 0.1, 20.0),
             {},
-            "larger than a patch (0.02 mm), and cannot show it; use 1270",
+            "larger than a patch (0.02 mm); use 1270",
         ),
         (load_recipe("dots"), {"dpi": 100}, "a quarter of a marker dot"),
         (D(None, 1, 0.1, 300.0), {"dpi": 600}, "do not fit on the paper"),

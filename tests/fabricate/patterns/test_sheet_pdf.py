@@ -20,7 +20,7 @@ from deltact_fab.fabricate.patterns.recipe import (
     load_recipe,
 )
 from deltact_fab.fabricate.patterns.sheet import job as sheet
-from deltact_fab.fabricate.patterns.sheet.page_marks import COLOURS
+from deltact_fab.fabricate.patterns.sheet.page_marks import INK_PATCHES
 
 needs_poppler = pytest.mark.skipif(
     shutil.which("pdftoppm") is None, reason="pdftoppm (poppler-utils) is not installed"
@@ -195,7 +195,7 @@ def test_rulers_and_colours_are_on_the_page(tmp_path):
     made = sheet.write_sheet([COARSE], tmp_path / "s.pdf", dpi=600, paper="A5")
     page = rendered(made.out, 600)
     seen = {tuple(c) for c in np.unique(page[::9, ::9].reshape(-1, 3), axis=0)}
-    for _, ink in COLOURS:
+    for _, ink in INK_PATCHES:
         assert (ink if isinstance(ink, tuple) else (ink,) * 3) in seen
     dark = page.max(axis=2) < 128
     for lines in (dark, dark.T):

@@ -59,23 +59,23 @@ def test_a_fault_fails_its_own_row_and_no_other(tmp_path, fault):
     done = verify_print(scan, RECIPE)
     assert {row.name for row in done.rows if row.failed} == fails
     x, y = how.get("scale", (1.0, 1.0))
-    assert done.found.scale == pytest.approx((x, y), abs=1e-3)
-    assert done.found.shear == pytest.approx(how.get("shear", 0.0), abs=1e-3)
+    assert done.measured.scale == pytest.approx((x, y), abs=1e-3)
+    assert done.measured.shear == pytest.approx(how.get("shear", 0.0), abs=1e-3)
     turn = how.get("turn_deg", 0.0)
-    assert (done.found.turned_deg - turn + 180) % 360 - 180 == pytest.approx(0, abs=0.1)
+    assert (done.measured.turned_deg - turn + 180) % 360 - 180 == pytest.approx(0, abs=0.1)
 
 
 def test_where_ink_lacks_and_how_far_inks_are_apart_is_told(tmp_path):
     image = spoiled.print_of(SHEET, streaks=(slice(230, 252),))
     done = verify_print(spoiled.save(image, tmp_path / "a.png", DPI), RECIPE)
     there_mm = (241 - 120) * 25.4 / DPI - 6.0
-    assert {round(y - there_mm) for _, y in done.found.gaps_mm} <= {-1, 0, 1}
-    assert len({x for x, _ in done.found.gaps_mm}) > 5
+    assert {round(y - there_mm) for _, y in done.measured.gaps_mm} <= {-1, 0, 1}
+    assert len({x for x, _ in done.measured.gaps_mm}) > 5
     image = spoiled.print_of(SHEET, inks_px=((3.0, 0.0), (0.0, -3.0), (0.0, 0.0)))
     done = verify_print(spoiled.save(image, tmp_path / "b.png", DPI), RECIPE)
     pitch_um = 25400 / DPI
     exact = np.array([[2, 1], [-1, -2], [-1, 1]]) * pitch_um
-    assert np.array(done.found.ink_um) == pytest.approx(exact, abs=0.15 * pitch_um)
+    assert np.array(done.measured.ink_um) == pytest.approx(exact, abs=0.15 * pitch_um)
 
 
 def test_a_hand_held_photograph_is_judged_but_for_its_scale(tmp_path):
@@ -83,7 +83,7 @@ def test_a_hand_held_photograph_is_judged_but_for_its_scale(tmp_path):
     photo = spoiled.photograph_of(scan, ((60, 40), (620, 90), (590, 600), (20, 550)))
     done = verify_print(spoiled.save(photo, tmp_path / "photo.jpg"), RECIPE)
     assert done.passed
-    assert done.found.scale is None
+    assert done.measured.scale is None
     with pytest.raises(InputError, match="has no scale: use a flatbed scan with its dpi"):
         done.printer()
 
@@ -173,7 +173,7 @@ def test_a_whole_sheet_as_another_program_draws_it(tmp_path, name):
     path = spoiled.save(scan, tmp_path / "scan.png", 1200)
     done = verify_print(path, load_recipe(name))
     assert {row.name for row in done.rows if row.failed} == {"scale, x", "scale, y"}
-    assert done.found.scale == pytest.approx((1.004, 0.997), abs=1e-3)
+    assert done.measured.scale == pytest.approx((1.004, 0.997), abs=1e-3)
     other = load_recipe(name).model_copy(update={"seed": 99})
     (row,) = verify_print(path, other).rows
     assert row.failed

@@ -26,8 +26,8 @@ def check_key(name: str, key: str, is_given: bool) -> None:
     """Raise ValueError when a law lacks a key it needs, or is given one it does not take."""
     law = PATTERN_LAWS[name]
     if key in law.needs and not is_given:
-        what = "a [dots] table" if key == "dots" else "it"
-        raise ValueError(f"law {name!r} needs {what}")
+        missing = "a [dots] table" if key == "dots" else "it"
+        raise ValueError(f"law {name!r} needs {missing}")
     if is_given and key not in law.needs + law.may:
         if key == "dots":
             raise ValueError(f"law {name!r} has no dots: remove them, or use law 'dot-matrix'")

@@ -62,7 +62,7 @@ class Algorithm1:
         out = np.empty((rows * columns, channels), np.int32)
         flat = uniforms.reshape(rows * columns, channels)
         # The previous anti-diagonal by row, one slot ahead: before[i] is row i - 1
-        before = np.zeros((rows + 1, channels), np.int32)
+        previous = np.zeros((rows + 1, channels), np.int32)
         for diagonal in range(rows + columns - 1):
             first, last = max(0, diagonal - columns + 1), min(rows - 1, diagonal)
             start = first * columns + diagonal - first
@@ -72,16 +72,16 @@ class Algorithm1:
             if diagonal == 0:
                 values = _pick_first(flat[members], step, levels)
             else:
-                up = before[first : last + 1]
-                left = before[first + 1 : last + 2]
-                low, high = np.minimum(up, left), np.maximum(up, left)
+                up_values = previous[first : last + 1]
+                left_values = previous[first + 1 : last + 2]
+                low, high = np.minimum(up_values, left_values), np.maximum(up_values, left_values)
                 if first == 0:
-                    low[0] = high[0] = left[0]
+                    low[0] = high[0] = left_values[0]
                 if last == diagonal:
-                    low[-1] = high[-1] = up[-1]
+                    low[-1] = high[-1] = up_values[-1]
                 values = _pick(flat[members], low, high, step, levels)
             out[members] = values
-            before[first + 1 : last + 2] = values
+            previous[first + 1 : last + 2] = values
         return out.reshape(rows, columns, channels)
 
     def fill_by_rejection(
@@ -95,13 +95,13 @@ class Algorithm1:
         for i in range(rows):
             for j in range(columns):
                 neighbours = [values[i - 1, j]] * (i > 0) + [values[i, j - 1]] * (j > 0)
-                for tried in range(0, max_tries, 64):  # in blocks; the first good one counts
-                    block = rng.random((min(64, max_tries - tried), 3))
-                    far = np.ones(len(block), bool)
+                for attempt in range(0, max_tries, 64):  # in blocks; the first good one counts
+                    block = rng.random((min(64, max_tries - attempt), 3))
+                    allowed = np.ones(len(block), bool)
                     for neighbour in neighbours:
-                        far &= ~(((block - neighbour) ** 2).min(axis=1) < self.r)
-                    if far.any():
-                        values[i, j] = block[far.argmax()]
+                        allowed &= ~(((block - neighbour) ** 2).min(axis=1) < self.r)
+                    if allowed.any():
+                        values[i, j] = block[allowed.argmax()]
                         break
                 else:
                     return values

@@ -28,8 +28,8 @@ from .law import Law, Patches, PatchRecipe
 
 MAX_SCALES = 6
 """At most 2^k pieces of 2^k fractions each: for k = 6 they take some hundredths of a second."""
-WEIGHTS = (0.01, 100.0)
-STRIP_ROWS = 128
+WEIGHT_RANGE = (0.01, 100.0)
+OCTAVE_STRIP_ROWS = 128
 
 
 def draw(
@@ -37,10 +37,10 @@ def draw(
 ) -> NDArray[np.uint8]:
     """Patches (n, n, channels), every level equally likely; blocks: sides in patches."""
     layers = [rng.random((-(-n // side), -(-n // side), channels)) for side in blocks]
-    share = SumOfUniforms.of(tuple(weights))
+    share = SumOfUniforms.cached(tuple(weights))
     out = np.empty((n, n, channels), np.uint8)
-    for first in range(0, n, STRIP_ROWS):  # bounds the memory of the float intermediates
-        rows = np.arange(first, min(first + STRIP_ROWS, n))
+    for first in range(0, n, OCTAVE_STRIP_ROWS):  # bounds the memory of the float intermediates
+        rows = np.arange(first, min(first + OCTAVE_STRIP_ROWS, n))
         total = block_sums(layers, blocks, weights, rows, n)
         out[rows] = np.minimum(share(total) * FILE_LEVELS, FILE_LEVELS - 1).astype(np.uint8)
     return out
@@ -73,25 +73,25 @@ class SumOfUniforms:
         degree = len(exact)
         terms: dict[Fraction, int] = {}
         for subset in product((0, 1), repeat=degree):
-            at = sum((w for w, chosen in zip(exact, subset, strict=True) if chosen), Fraction(0))
-            terms[at] = terms.get(at, 0) + (-1) ** sum(subset)
+            knot = sum((w for w, chosen in zip(exact, subset, strict=True) if chosen), Fraction(0))
+            terms[knot] = terms.get(knot, 0) + (-1) ** sum(subset)
         knots = sorted(terms)
         scale = math.factorial(degree) * math.prod(exact)
         pieces = [
             [
                 math.comb(degree, power)
-                * sum(terms[k] * (knot - k) ** (degree - power) for k in knots[: i + 1])
+                * sum(terms[k] * (start - k) ** (degree - power) for k in knots[: i + 1])
                 / scale
                 for power in range(degree + 1)
             ]
-            for i, knot in enumerate(knots[:-1])
+            for i, start in enumerate(knots[:-1])
         ]
         self.knots = np.array([float(k) for k in knots])
         self.coefficients = np.array([[float(c) for c in piece] for piece in pieces])
 
     @staticmethod
     @cache
-    def of(weights: tuple[float, ...]) -> SumOfUniforms:
+    def cached(weights: tuple[float, ...]) -> SumOfUniforms:
         """The same, cached: the fractions cost more than drawing a small pattern."""
         return SumOfUniforms(weights)
 

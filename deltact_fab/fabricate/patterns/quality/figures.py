@@ -15,13 +15,13 @@ import numpy as np
 
 from deltact_fab.common import Array, Field
 
-LUMA = (0.299, 0.587, 0.114)
+LUMA_WEIGHTS = (0.299, 0.587, 0.114)
 SUBSET_PX = 15
 """Side of a subset: radius 7, as in the DIC methods that this toolchain is compared with."""
-LEVELS = 6
-STEPS = 4
+PYRAMID_LEVELS = 6
+LAGS_PER_PX = 4
 """Lags per camera pixel; whole pixels would miss the peak at a fine pattern's nearest copy."""
-LOBE = 0.1
+LOBE_EDGE = 0.1
 """Autocorrelation at which the main lobe ends. Lower peaks do not count: single-pixel noise, around
 which the spline rings, has peaks of 0.07."""
 PEAK_SHARE = 0.8
@@ -57,11 +57,11 @@ def figures(image: Array, mm_per_px: float) -> Figures:
     shade = grey_levels(image)
     gx, gy = gradient(shade)
     height, peak_px = secondary_peak(autocorrelation(shade))
-    least, mean = sssig(gx, gy)
+    weakest, mean = sssig(gx, gy)
     return Figures(
         mean_gradient=float(np.hypot(gx, gy).mean()),
         sssig=mean,
-        sssig_least=least,
+        sssig_least=weakest,
         contrast=contrast(shade),
         peak=height,
         peak_mm=None if peak_px is None else peak_px * mm_per_px,
@@ -71,7 +71,7 @@ def figures(image: Array, mm_per_px: float) -> Figures:
 def grey_levels(image: Array) -> Field:
     """Luma of an RGB image (h, w, 3), float64."""
     red, green, blue = (image[..., c].astype(np.float64) for c in range(3))
-    return LUMA[0] * red + LUMA[1] * green + LUMA[2] * blue
+    return LUMA_WEIGHTS[0] * red + LUMA_WEIGHTS[1] * green + LUMA_WEIGHTS[2] * blue
 
 
 def gradient(shade: Field) -> tuple[Field, Field]:
@@ -93,7 +93,7 @@ def sssig(gx: Field, gy: Field, side_px: int = SUBSET_PX) -> tuple[float, float]
 def contrast(shade: Field) -> tuple[float, ...]:
     """Standard deviation at each level of the pyramid of 2 x 2 means."""
     out = []
-    for level in range(LEVELS):
+    for level in range(PYRAMID_LEVELS):
         if level:
             rows, columns = (length // 2 * 2 for length in shade.shape)
             even = shade[:rows, :columns]
@@ -130,30 +130,30 @@ def secondary_peak(rho: Field) -> tuple[float, float | None]:
     """
     from scipy import ndimage
 
-    reach = len(rho) // 2 * STEPS
+    reach = len(rho) // 2 * LAGS_PER_PX
     rho = ndimage.zoom(rho, (2 * reach + 1) / len(rho), order=5)
-    lobes, _ = ndimage.label(rho > LOBE)
+    lobes, _ = ndimage.label(rho > LOBE_EDGE)
     # The outermost lags have no neighbours: a slope would pass for a maximum there
     inside = np.zeros(rho.shape, bool)
     inside[1:-1, 1:-1] = True
     inside &= lobes != lobes[reach, reach]
-    inside &= (rho == ndimage.maximum_filter(rho, 3)) & (rho > LOBE)
+    inside &= (rho == ndimage.maximum_filter(rho, 3)) & (rho > LOBE_EDGE)
     if not inside.any():
         return 0.0, None
     tops = np.argwhere(inside)
     heights = rho[tops[:, 0], tops[:, 1]]
     tops = tops[heights >= PEAK_SHARE * heights.max()]
     row, column = min(tops.tolist(), key=lambda top: math.dist(top, (reach, reach)))
-    at = (_vertex(rho[row - 1 : row + 2, column]), _vertex(rho[row, column - 1 : column + 2]))
-    distance = math.hypot(row + at[0] - reach, column + at[1] - reach) / STEPS
+    vertex = (_vertex(rho[row - 1 : row + 2, column]), _vertex(rho[row, column - 1 : column + 2]))
+    distance = math.hypot(row + vertex[0] - reach, column + vertex[1] - reach) / LAGS_PER_PX
     return float(min(rho[row, column], 1.0)), distance
 
 
 def _vertex(three: Field) -> float:
     """Vertex of the parabola through three values at -1, 0, 1; 0 for a plateau."""
-    left, middle, right = (float(v) for v in three)
-    bend = left - 2 * middle + right
-    return 0.0 if abs(bend) < 1e-9 else max(-0.5, min(0.5, (left - right) / (2 * bend)))
+    low, middle, high = (float(v) for v in three)
+    bend = low - 2 * middle + high
+    return 0.0 if abs(bend) < 1e-9 else max(-0.5, min(0.5, (low - high) / (2 * bend)))
 
 
 def agreement(image: Array, template: Array) -> float:
@@ -173,6 +173,6 @@ def agreement(image: Array, template: Array) -> float:
     shifts = np.arange(-SHIFT_PX, SHIFT_PX + 1e-9, 1 / 8)
     down = np.exp(2j * np.pi * np.outer(shifts, np.fft.fftfreq(rows)))
     across = np.exp(2j * np.pi * np.outer(np.fft.fftfreq(columns), shifts))
-    found = (down @ cross @ across).real / (rows * columns) ** 2
-    best = float(found.flat[np.abs(found).argmax()])
+    correlations = (down @ cross @ across).real / (rows * columns) ** 2
+    best = float(correlations.flat[np.abs(correlations).argmax()])
     return max(-1.0, min(1.0, best / spread))

@@ -22,7 +22,7 @@ from ..raster import cell_means, finest_mm, pattern_albedo, raster_window
 from ..recipe import PatternRecipe
 from .figures import Figures, agreement, figures
 
-MM_PER_PX = SensorDimensions().optics.mm_per_px
+STANDARD_MM_PER_PX = SensorDimensions().optics.mm_per_px
 MIN_SIDE_PX = 64
 """Shorter side of the smallest field: level 5 of its pyramid has 2 pixels."""
 PRINTED_SHARE = 0.5
@@ -30,7 +30,7 @@ PRINTED_SHARE = 0.5
 SEEN_SHARE = 0.1
 """Contrast at which detail counts as resolved: the MTF10 of the same. Below it, only the coarse
 remainder of the pattern can be tracked, not its patches."""
-MAX_PX = 1_000_000
+MAX_FIELD_PX = 1_000_000
 MAX_DOTS = 6_000_000
 """The whole view at 2400 dpi; about 0.5 GB of memory while it is printed."""
 
@@ -66,7 +66,7 @@ def measure_quality(
     recipe: PatternRecipe,
     printer: Printer | None = None,
     sensor: ImageSensor | None = None,
-    mm_per_px: float = MM_PER_PX,
+    mm_per_px: float = STANDARD_MM_PER_PX,
     seed: int = 0,
     view_mm: tuple[float, float] | None = None,
 ) -> Quality:
@@ -87,7 +87,7 @@ def measure_quality(
     size_px = field_px(recipe, printer.mm_per_dot, mm_per_px, view_mm)
     field_mm = (size_px[1] * mm_per_px, size_px[0] * mm_per_px)
     designed = pattern_albedo(recipe, mm_per_px, size_px) * np.float32(255)
-    image = sent(recipe, printer.dpi, field_mm)
+    image = driver_image(recipe, printer.dpi, field_mm)
     rng = np.random.default_rng([seed, 5])
     printed = print_colours(printer, image.astype(np.float32) / np.float32(255), rng)
     photo = photograph(printed, printer.mm_per_dot, sensor, mm_per_px, size_px, rng)
@@ -95,9 +95,9 @@ def measure_quality(
     # Where a printer dot covers several patches, the values sent have already lost contrast
     patches = None if rastered else recipe.patches()
     coded = np.power(printed, np.float32(1 / GAMMA)) * np.float32(255)
-    at, coded = _middle(image), _middle(coded)
-    print_contrast = kept(coded, at, at if patches is None else patches)
-    camera_contrast = kept(photo, designed, image if patches is None else patches)
+    original, coded = _middle(image), _middle(coded)
+    print_contrast = contrast_share(coded, original, original if patches is None else patches)
+    camera_contrast = contrast_share(photo, designed, image if patches is None else patches)
     feature_mm = recipe.patch_mm
     if feature_mm is None and recipe.dots is not None:
         feature_mm = recipe.dots.diameter_mm
@@ -130,7 +130,7 @@ def field_px(
     across_mm = math.sqrt(width_mm * height_mm)
     too_fine = max(
         1.0,
-        across_mm / mm_per_px / math.sqrt(MAX_PX),
+        across_mm / mm_per_px / math.sqrt(MAX_FIELD_PX),
         across_mm / mm_per_dot / math.sqrt(MAX_DOTS),
     )
     width_px, height_px = (
@@ -147,11 +147,11 @@ def field_px(
 
 def _middle(image: Array) -> Array:
     """At most 512 x 512 px of the middle, enough for the contrast of the print."""
-    top, left = (max(0, (length - 512) // 2) for length in image.shape[:2])
-    return image[top : top + 512, left : left + 512]
+    row, column = (max(0, (length - 512) // 2) for length in image.shape[:2])
+    return image[row : row + 512, column : column + 512]
 
 
-def kept(image: Array, original: Array, whole: Array) -> float | None:
+def contrast_share(image: Array, original: Array, full: Array) -> float | None:
     """Share of a pattern's contrast that an image still has, mean of R, G and B.
 
     image, original: (h, w, 3) of one shape; whole: an image with the pattern's full contrast.
@@ -160,21 +160,22 @@ def kept(image: Array, original: Array, whole: Array) -> float | None:
     """
     shares = []
     for c in range(3):
-        designed = float(whole[..., c].std(dtype=np.float64))
+        designed = float(full[..., c].std(dtype=np.float64))
         if designed > 0:
-            own = agreement(image[..., c], original[..., c]) * float(image[..., c].std(dtype=float))
-            shares.append(max(0.0, own) / designed)
+            share = agreement(image[..., c], original[..., c])
+            share *= float(image[..., c].std(dtype=float))
+            shares.append(max(0.0, share) / designed)
     return float(np.mean(shares)) if shares else None
 
 
-MARGIN_MM = 0.3
+INK_REACH_MM = 0.3
 """Printed around the field, from where misregistered (15 um) and spreading (20 um) ink comes."""
-MARGIN_PX = 4
+EDGE_PX = 4
 """Camera pixels around the field, for blur and demosaicing; even, to keep the mosaic's phase."""
-STRIP = 256
+STRIP_COLUMNS = 256
 
 
-def sent(recipe: PatternRecipe, dpi: float, field_mm: tuple[float, float]) -> NDArray[np.uint8]:
+def driver_image(recipe: PatternRecipe, dpi: float, field_mm: tuple[float, float]) -> Array:
     """The middle of a sticker in printer dots, (h, w, 3) file values: field_mm (x, y) and a margin.
 
     Where a patch or marker is smaller than a printer dot, each dot gets the mean of what it covers,
@@ -183,12 +184,12 @@ def sent(recipe: PatternRecipe, dpi: float, field_mm: tuple[float, float]) -> ND
     mm_per_dot = MM_PER_INCH / dpi
     whole_px = round(recipe.printed_mm / mm_per_dot)
     width_px, height_px = (
-        _centred(round((side_mm + 2 * MARGIN_MM) / mm_per_dot), whole_px) for side_mm in field_mm
+        _centred(round((side + 2 * INK_REACH_MM) / mm_per_dot), whole_px) for side in field_mm
     )
     if has_raster(recipe, dpi):
         image = raster_window(recipe, dpi, max(width_px, height_px))
-        top, left = (len(image) - height_px) // 2, (len(image) - width_px) // 2
-        return image[top : top + height_px, left : left + width_px]
+        row, column = (len(image) - height_px) // 2, (len(image) - width_px) // 2
+        return image[row : row + height_px, column : column + width_px]
     means = pattern_albedo(recipe, mm_per_dot, (height_px, width_px))
     return np.rint(means * 255).astype(np.uint8)
 
@@ -209,22 +210,22 @@ def photograph(
     """A centred print (rows, columns, 3) as the camera's image of size_px (h, w), (h, w, 3) RGB."""
     from deltact_fab.physics import Exposure, view_grid
 
-    height_px, width_px = (length + 2 * MARGIN_PX for length in size_px)
+    height_px, width_px = (length + 2 * EDGE_PX for length in size_px)
     edges_mm, ends_mm = _edges(printed.shape[0], mm_per_dot), _edges(height_px, mm_per_px)
     # Columns by strips: the float64 intermediates of a fine print would be gigabytes
     band = np.concatenate(
         [
-            cell_means(printed[:, first : first + STRIP], edges_mm, ends_mm)
-            for first in range(0, printed.shape[1], STRIP)
+            cell_means(printed[:, first : first + STRIP_COLUMNS], edges_mm, ends_mm)
+            for first in range(0, printed.shape[1], STRIP_COLUMNS)
         ],
         axis=1,
     ).swapaxes(0, 1)
     edges_mm, ends_mm = _edges(printed.shape[1], mm_per_dot), _edges(width_px, mm_per_px)
     radiance = cell_means(band, edges_mm, ends_mm).swapaxes(0, 1).astype(np.float32)
     # Every pixel gets the mean light of the view
-    off = np.sqrt(np.mean(view_grid(*size_px) ** 2, axis=(0, 1)))
-    bgr = Exposure(sensor, np.broadcast_to(off, (height_px, width_px, 2))).expose(radiance, rng)
-    return np.ascontiguousarray(bgr[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX, ::-1])
+    offset = np.sqrt(np.mean(view_grid(*size_px) ** 2, axis=(0, 1)))
+    bgr = Exposure(sensor, np.broadcast_to(offset, (height_px, width_px, 2))).expose(radiance, rng)
+    return np.ascontiguousarray(bgr[EDGE_PX:-EDGE_PX, EDGE_PX:-EDGE_PX, ::-1])
 
 
 def _centred(wanted_px: int, whole_px: int) -> int:

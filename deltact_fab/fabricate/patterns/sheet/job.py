@@ -41,8 +41,8 @@ from .layout import INSET_MM, Sheet, StickerCell
 
 Transfer = Literal["face-down", "slide"]
 
-TRANSFERS = ("face-down", "slide")
-DPI_RANGE = (100.0, 9600.0)
+TRANSFER_SIDES = ("face-down", "slide")
+SHEET_DPI_RANGE = (100.0, 9600.0)
 SCALE_RANGE = (0.9, 1.1)
 MAX_STICKERS = 2000
 
@@ -111,7 +111,7 @@ def write_sheet(
     """
     if out.suffix.lower() != ".pdf":
         raise InputError(f"{out}: a sheet is a PDF: end the name in .pdf")
-    paper = next((name for name in layout.PAPERS if name.lower() == paper.lower()), paper)
+    paper = next((name for name in layout.PAPERS_MM if name.lower() == paper.lower()), paper)
     sheet = _checked_sheet(paper, dpi, transfer, scale)
     if not recipes:
         raise InputError("a sheet needs at least one recipe")
@@ -120,7 +120,7 @@ def write_sheet(
             f"copies: {copies} of {len(recipes)} recipes; at least 1, and at most {MAX_STICKERS} "
             "stickers in all"
         )
-    tell = progress or (lambda done, total, what: None)
+    tell = progress or (lambda *_: None)
     sensor = sensor or SensorDimensions()
     total = len(recipes) + 1
     cells: dict[PatternRecipe, StickerCell] = {}
@@ -130,33 +130,33 @@ def write_sheet(
             continue
         try:
             check_seen(recipe, sensor.optics.view_mm)
-        except InputError as why:
-            raise InputError(f"{page_marks.name(recipe)}: {why}") from why
-        cells[recipe] = page_marks.cell(
+        except InputError as error:
+            raise InputError(f"{page_marks.sticker_name(recipe)}: {error}") from error
+        cells[recipe] = page_marks.make_cell(
             recipe, encode(recipe), sheet, transfer == "slide", sensor.skin.film_mm()
         )
     tell(len(recipes), total, "file")
     order = [recipe for recipe in recipes for _ in range(copies)]
-    names = [page_marks.name(recipe) for recipe in order]
+    names = [page_marks.sticker_name(recipe) for recipe in order]
     head, top_mm = page_marks.header(sheet, paper, transfer)
-    places = layout.placed(sheet, [cells[recipe] for recipe in order], names, top_mm)
+    places = layout.place_cells(sheet, [cells[recipe] for recipe in order], names, top_mm)
     pages = places[-1].page + 1
     file, images = Document(), dict[str, int]()
-    found: list[Sticker] = []
+    stickers: list[Sticker] = []
     for page in range(pages):
-        marks, used = list(head), dict[str, int]()
+        marks, page_images = list(head), dict[str, int]()
         for place in (p for p in places if p.page == page):
             recipe = order[place.cell]
             cell = cells[recipe]
             for picture in (cell.sticker, cell.code):
                 if picture.key not in images:
                     images[picture.key] = _image(file, picture)
-                used[f"I{images[picture.key]}"] = images[picture.key]
-            on_page, at_px = page_marks.put(sheet, cell, place.x_mm, place.y_mm, images)
+                page_images[f"I{images[picture.key]}"] = images[picture.key]
+            on_page, at_px = page_marks.draw_cell(sheet, cell, place.x_mm, place.y_mm, images)
             marks += on_page
-            found.append(_sticker(page, cell.sticker, at_px, scale, recipe))
+            stickers.append(_sticker(page, cell.sticker, at_px, scale, recipe))
         marks += page_marks.footer(sheet, page, pages)
-        file.page(sheet.size_pt, "\n".join(marks), used)
+        file.page(sheet.size_pt, "\n".join(marks), page_images)
     codes = tuple(cell.sticker.key for cell in cells.values())
     content = file.finish("Pattern stickers", f"deltact-fab {VERSION}", codes)
     write_files({out: content})
@@ -168,8 +168,8 @@ def write_sheet(
         transfer=transfer,
         scale=scale,
         pages=pages,
-        stickers=tuple(found),
-        print_error_mm=max(s.print_error_mm for s in found),
+        stickers=tuple(stickers),
+        print_error_mm=max(s.print_error_mm for s in stickers),
         bytes=len(content),
         sha256=hashlib.sha256(content).hexdigest(),
         codes=codes,
@@ -177,10 +177,11 @@ def write_sheet(
 
 
 def _checked_sheet(paper: str, dpi: float, transfer: str, scale: tuple[float, float]) -> Sheet:
-    for key, name, known in (("paper", paper, layout.PAPERS), ("transfer", transfer, TRANSFERS)):
-        if name not in known:
-            raise InputError(f"{key}: {name!r}; {did_you_mean(name, known)}")
-    low, high = DPI_RANGE
+    papers = layout.PAPERS_MM
+    for key, name, choices in (("paper", paper, papers), ("transfer", transfer, TRANSFER_SIDES)):
+        if name not in choices:
+            raise InputError(f"{key}: {name!r}; {did_you_mean(name, choices)}")
+    low, high = SHEET_DPI_RANGE
     if not low <= dpi <= high:  # NaN fails too
         raise InputError(f"dpi: {dpi:g}; a printer has {low:g} to {high:g}, as in 1200")
     low, high = SCALE_RANGE
@@ -190,7 +191,7 @@ def _checked_sheet(paper: str, dpi: float, transfer: str, scale: tuple[float, fl
                 f"scale {axis}: {value:g} must be {low:g} to {high:g}: 100 / what the ruler in "
                 f"{axis} measures in mm"
             )
-    return Sheet(layout.PAPERS[paper], dpi, scale)
+    return Sheet(layout.PAPERS_MM[paper], dpi, scale)
 
 
 def _sticker(

@@ -29,7 +29,7 @@ from deltact_fab.common import MM_PER_INCH, InputError
 from ...pdf import POINTS_PER_MM, figure, glyphs, width_em
 from ..cell_grid import CellGrid
 
-PAPERS = {
+PAPERS_MM = {
     "A5": (148.0, 210.0),
     "A4": (210.0, 297.0),
     "A3": (297.0, 420.0),
@@ -43,12 +43,12 @@ PAPERS = {
 
 TEXT_PT = 6.0
 HEAD_PT = 7.0
-LEADING = 1.2
+LINE_SPACING = 1.2
 FOOTER_MM = 6.0
 LEFT_BAND_MM = 10.0
-MARGIN_MM = 8.0
+PAGE_MARGIN_MM = 8.0
 """Left blank around a page."""
-PAD_MM = 4.5
+STICKER_PAD_MM = 4.5
 """Least margin around a sticker, for its ticks and its F."""
 LABEL_GAP_MM = 1.6
 QUIET_MM = 1.6
@@ -151,22 +151,22 @@ class Sheet:
 
     def picture(self, x_px: int, y_px: int, picture: CellGrid, number: int) -> str:
         """A picture, one pixel a printer dot; number: of its object in the file."""
-        left, low, wide, high = self._place(x_px, y_px, picture.width_px, picture.height_px)
-        return f"q {wide} 0 0 {high} {left} {low} cm /I{number} Do Q"
+        x, y, width, height = self._place(x_px, y_px, picture.width_px, picture.height_px)
+        return f"q {width} 0 0 {height} {x} {y} cm /I{number} Do Q"
 
     def words(self, x_mm: float, y_mm: float, text: str, size_pt: float = TEXT_PT) -> str:
         """A line of text in black, ASCII only, with its baseline's left end at a place."""
-        x, y = (figure(v) for v in self._at(self.x_px(x_mm), self.y_px(y_mm)))
+        x, y = (figure(v) for v in self._to_points(self.x_px(x_mm), self.y_px(y_mm)))
         return f"BT 0 g /F {figure(size_pt)} Tf {x} {y} Td <{glyphs(text)}> Tj ET"
 
     def _place(self, x_px: int, y_px: int, width_px: int, height_px: int) -> list[str]:
         """Left, lower edge, width and height in points, less the inset on each side."""
         inset = INSET_MM * POINTS_PER_MM
-        left, low = self._at(x_px, y_px + height_px)
+        x, y = self._to_points(x_px, y_px + height_px)
         sides = (px * 72 / self.dpi - 2 * inset for px in (width_px, height_px))
-        return [figure(v) for v in (left + inset, low + inset, *sides)]
+        return [figure(v) for v in (x + inset, y + inset, *sides)]
 
-    def _at(self, x_px: int, y_px: int) -> tuple[float, float]:
+    def _to_points(self, x_px: int, y_px: int) -> tuple[float, float]:
         """A place in points from the lower left corner."""
         return x_px * 72 / self.dpi, self.size_pt[1] - y_px * 72 / self.dpi
 
@@ -192,7 +192,7 @@ class StickerCell:
     def cut_mm(self) -> tuple[float, float]:
         """Sides of the film as it is cut: the sensor's, or more where the sticker needs more."""
         x_mm, y_mm = self.film_mm
-        least_mm = self.side_mm + 2 * PAD_MM
+        least_mm = self.side_mm + 2 * STICKER_PAD_MM
         return (max(x_mm, least_mm), max(y_mm, least_mm))
 
     @property
@@ -213,7 +213,7 @@ class StickerCell:
 
 
 @dataclass(frozen=True)
-class Place:
+class CellPlace:
     """Where a cell stands: page from 0, and the cell's top left corner in mm."""
 
     cell: int
@@ -224,35 +224,35 @@ class Place:
 
 def line_mm(size_pt: float) -> float:
     """From one baseline to the next."""
-    return size_pt * LEADING * MM_PER_INCH / 72
+    return size_pt * LINE_SPACING * MM_PER_INCH / 72
 
 
-def placed(
+def place_cells(
     sheet: Sheet, cells: Sequence[StickerCell], names: Sequence[str], top_mm: float
-) -> list[Place]:
+) -> list[CellPlace]:
     """Cells row by row on as many pages as they take, in the order given.
 
     Raises InputError for a cell that no page can hold.
     """
     width, height = sheet.size_mm
-    left = MARGIN_MM + LEFT_BAND_MM
-    right, bottom = width - MARGIN_MM, height - MARGIN_MM - FOOTER_MM
-    places: list[Place] = []
-    page, x_mm, y_mm, row_mm = 0, left, top_mm, 0.0
+    x0 = PAGE_MARGIN_MM + LEFT_BAND_MM
+    x1, y1 = width - PAGE_MARGIN_MM, height - PAGE_MARGIN_MM - FOOTER_MM
+    places: list[CellPlace] = []
+    page, x_mm, y_mm, row_mm = 0, x0, top_mm, 0.0
     for i, cell in enumerate(cells):
         wide_mm, high_mm = cell.size_mm
-        if wide_mm > right - left or high_mm > bottom - top_mm:
+        if wide_mm > x1 - x0 or high_mm > y1 - top_mm:
             side_mm = min(
-                right - left - (wide_mm - cell.side_mm), bottom - top_mm - (high_mm - cell.side_mm)
+                x1 - x0 - (wide_mm - cell.side_mm), y1 - top_mm - (high_mm - cell.side_mm)
             )
             raise InputError(
                 f"{names[i]}: {cell.side_mm:g} mm do not fit on the paper with marks and label; "
                 f"it has room for {max(0, math.floor(side_mm))} mm: use a larger --paper"
             )
-        if x_mm + wide_mm > right + 1e-9:
-            x_mm, y_mm, row_mm = left, y_mm + row_mm, 0.0
-        if y_mm + high_mm > bottom + 1e-9:
-            page, x_mm, y_mm, row_mm = page + 1, left, top_mm, 0.0
-        places.append(Place(i, page, x_mm, y_mm))
+        if x_mm + wide_mm > x1 + 1e-9:
+            x_mm, y_mm, row_mm = x0, y_mm + row_mm, 0.0
+        if y_mm + high_mm > y1 + 1e-9:
+            page, x_mm, y_mm, row_mm = page + 1, x0, top_mm, 0.0
+        places.append(CellPlace(i, page, x_mm, y_mm))
         x_mm, row_mm = x_mm + wide_mm, max(row_mm, high_mm)
     return places

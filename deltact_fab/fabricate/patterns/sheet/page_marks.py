@@ -23,8 +23,8 @@ from .layout import (
     LABEL_GAP_MM,
     LABEL_MM,
     LEFT_BAND_MM,
-    MARGIN_MM,
     MODULE_MM,
+    PAGE_MARGIN_MM,
     QUIET_MM,
     TEXT_PT,
     Sheet,
@@ -35,7 +35,7 @@ from .layout import (
 )
 
 RULER_MM = 100.0
-LINE_MM = 0.1
+MARK_LINE_MM = 0.1
 TICK_MM = 3.0
 TICK_GAP_MM = 1.0
 FILM_CORNER_MM = 4.0
@@ -72,31 +72,31 @@ def _instructions(sheet: Sheet, paper: str, transfer: str) -> list[str]:
 
 def header(sheet: Sheet, paper: str, transfer: str) -> tuple[list[str], float]:
     """Header, rulers, colour patches; and where the stickers begin (y, mm)."""
-    left = MARGIN_MM + LEFT_BAND_MM
-    room_mm = sheet.size_mm[0] - MARGIN_MM - left
+    left_mm = PAGE_MARGIN_MM + LEFT_BAND_MM
+    room_mm = sheet.size_mm[0] - PAGE_MARGIN_MM - left_mm
     marks: list[str] = []
-    y_mm = MARGIN_MM
+    y_mm = PAGE_MARGIN_MM
     for line in _instructions(sheet, paper, transfer):
         for part in wrapped(line.split(" "), room_mm, HEAD_PT, " "):
             y_mm += line_mm(HEAD_PT)
-            marks.append(sheet.words(left, y_mm, part, HEAD_PT))
+            marks.append(sheet.words(left_mm, y_mm, part, HEAD_PT))
     y_mm += 3.0
-    marks += _ruler(sheet, left, y_mm, 0)
+    marks += _ruler(sheet, left_mm, y_mm, 0)
     y_mm += 8.5
-    marks += _colours(sheet, left, y_mm)
+    marks += _colours(sheet, left_mm, y_mm)
     y_mm += 9.0
-    marks += _ruler(sheet, MARGIN_MM, y_mm + 2.0, 1)
+    marks += _ruler(sheet, PAGE_MARGIN_MM, y_mm + 2.0, 1)
     return marks, y_mm
 
 
 def footer(sheet: Sheet, page: int, pages: int) -> list[str]:
     """A line along the lower margin."""
-    y_mm = sheet.size_mm[1] - MARGIN_MM - 1.0
+    y_mm = sheet.size_mm[1] - PAGE_MARGIN_MM - 1.0
     text = (
         f"deltact-fab {VERSION}, page {page + 1} of {pages}. The text of a QR code regenerates "
         "its pattern: deltact-fab pattern make CODE -o FILE"
     )
-    return [sheet.words(MARGIN_MM + LEFT_BAND_MM, y_mm, text)]
+    return [sheet.words(PAGE_MARGIN_MM + LEFT_BAND_MM, y_mm, text)]
 
 
 def corner_mark(sheet: Sheet, x_px: int, y_px: int, mirrored: bool) -> list[str]:
@@ -112,21 +112,21 @@ def corner_mark(sheet: Sheet, x_px: int, y_px: int, mirrored: bool) -> list[str]
         # From the corner outwards: 3.6 to 1.6 mm to the left and 4.2 to 1.2 mm up
         near, far = round((3.6 - x_mm - w_mm) / pitch_x_mm), round((3.6 - x_mm) / pitch_x_mm)
         top, end = round((4.2 - y_mm) / pitch_y_mm), round((4.2 - y_mm - h_mm) / pitch_y_mm)
-        left = x_px + near if mirrored else x_px - far
-        out.append(sheet.rectangle(left, y_px - top, max(1, far - near), max(1, top - end)))
+        start_px = x_px + near if mirrored else x_px - far
+        out.append(sheet.rectangle(start_px, y_px - top, max(1, far - near), max(1, top - end)))
     return out
 
 
 def film_corners(sheet: Sheet, x_mm: float, y_mm: float, film_mm: tuple[float, float]) -> list[str]:
     """An angle in each corner of the film, inside it: the film is cut along their outer edges."""
     out: list[str] = []
-    far_mm = FILM_CORNER_MM - LINE_MM  # from where an angle begins to its upright on the far side
+    far_mm = FILM_CORNER_MM - MARK_LINE_MM  # an angle's start to its upright on the far side
     right_mm, low_mm = x_mm + film_mm[0] - FILM_CORNER_MM, y_mm + film_mm[1] - FILM_CORNER_MM
     for left_mm, top_mm in product((x_mm, right_mm), (y_mm, low_mm)):
         row_mm = top_mm + (far_mm if top_mm == low_mm else 0)
         column_mm = left_mm + (far_mm if left_mm == right_mm else 0)
-        out.append(sheet.box(left_mm, row_mm, FILM_CORNER_MM, LINE_MM))
-        out.append(sheet.box(column_mm, top_mm, LINE_MM, FILM_CORNER_MM))
+        out.append(sheet.box(left_mm, row_mm, FILM_CORNER_MM, MARK_LINE_MM))
+        out.append(sheet.box(column_mm, top_mm, MARK_LINE_MM, FILM_CORNER_MM))
     return out
 
 
@@ -135,8 +135,8 @@ def edge_ticks(sheet: Sheet, x_px: int, y_px: int, width_px: int, height_px: int
     pitch_x_mm, pitch_y_mm = sheet.pitch_mm
     gap_x, gap_y = round(TICK_GAP_MM / pitch_x_mm), round(TICK_GAP_MM / pitch_y_mm)
     long_x, long_y = round(TICK_MM / pitch_x_mm), round(TICK_MM / pitch_y_mm)
-    thick_x = max(1, round(LINE_MM / pitch_x_mm))
-    thick_y = max(1, round(LINE_MM / pitch_y_mm))
+    thick_x = max(1, round(MARK_LINE_MM / pitch_x_mm))
+    thick_y = max(1, round(MARK_LINE_MM / pitch_y_mm))
     ends_x = (x_px - gap_x - long_x, x_px + width_px + gap_x)
     ends_y = (y_px - gap_y - long_y, y_px + height_px + gap_y)
     return [
@@ -153,9 +153,9 @@ def edge_ticks(sheet: Sheet, x_px: int, y_px: int, width_px: int, height_px: int
 
 def _ruler(sheet: Sheet, x_mm: float, y_mm: float, axis: int) -> list[str]:
     """100 mm along x (0) or y (1), from the left or upper edge of the first tick to the last's."""
-    along = ((RULER_MM, LINE_MM), (LINE_MM, RULER_MM))[axis]
+    along = ((RULER_MM, MARK_LINE_MM), (MARK_LINE_MM, RULER_MM))[axis]
     marks: list[str] = [sheet.box(x_mm, y_mm, *along)]
-    thick = max(1, (sheet.x_px, sheet.y_px)[axis](LINE_MM))
+    thick = max(1, (sheet.x_px, sheet.y_px)[axis](MARK_LINE_MM))
     for k in range(101):
         long_mm = 4.0 if k % 10 == 0 else 2.8 if k % 5 == 0 else 1.8
         if axis == 0:
@@ -172,7 +172,7 @@ def _ruler(sheet: Sheet, x_mm: float, y_mm: float, axis: int) -> list[str]:
     return marks
 
 
-COLOURS: tuple[tuple[str, int | tuple[int, int, int]], ...] = (
+INK_PATCHES: tuple[tuple[str, int | tuple[int, int, int]], ...] = (
     ("K", 0),
     ("C", (0, 255, 255)),
     ("M", (255, 0, 255)),
@@ -188,7 +188,7 @@ COLOURS: tuple[tuple[str, int | tuple[int, int, int]], ...] = (
 
 def _colours(sheet: Sheet, x_mm: float, y_mm: float) -> list[str]:
     marks: list[str] = []
-    for k, (name, ink) in enumerate(COLOURS):
+    for k, (name, ink) in enumerate(INK_PATCHES):
         marks.append(sheet.box(x_mm + 6 * k, y_mm, 5.0, 4.0, ink))
         middle_mm = (5.0 - width_mm(name, TEXT_PT)) / 2
         marks.append(sheet.words(x_mm + 6 * k + middle_mm, y_mm + 6.4, name))
@@ -198,16 +198,16 @@ def _colours(sheet: Sheet, x_mm: float, y_mm: float) -> list[str]:
 def check_dots(recipe: PatternRecipe, sheet: Sheet) -> None:
     """Raise InputError where the printer's dots are too coarse for the recipe, or too many."""
     pitch_mm = max(sheet.pitch_mm)
-    for limit_mm, what in finest_mm(recipe):
+    for limit_mm, feature in finest_mm(recipe):
         if pitch_mm > limit_mm * (1 + 1e-9):
-            least = math.ceil(sheet.dpi * pitch_mm / limit_mm - 1e-9)
+            least_dpi = math.ceil(sheet.dpi * pitch_mm / limit_mm - 1e-9)
             raise InputError(
-                f"{name(recipe)}: a printer dot at {sheet.dpi:g} dpi is {pitch_mm:.4g} mm, larger "
-                f"than {what} ({limit_mm:g} mm), and cannot show it; use {least} dpi or more"
+                f"{sticker_name(recipe)}: a printer dot at {sheet.dpi:g} dpi is {pitch_mm:.4g} mm, "
+                f"larger than {feature} ({limit_mm:g} mm); use {least_dpi} dpi or more"
             )
 
 
-def cell(
+def make_cell(
     recipe: PatternRecipe, code: str, sheet: Sheet, mirrored: bool, film_mm: tuple[float, float]
 ) -> StickerCell:
     """The sticker without a place. Raises InputError when the printer cannot show it."""
@@ -223,11 +223,11 @@ def cell(
     )
     area_px = sticker.width_px * sticker.height_px
     if area_px > MAX_STICKER_PX:
-        most = math.floor(sheet.dpi * math.sqrt(MAX_STICKER_PX / area_px))
+        max_dpi = math.floor(sheet.dpi * math.sqrt(MAX_STICKER_PX / area_px))
         raise InputError(
-            f"{name(recipe)}: {side_mm:g} mm at {sheet.dpi:g} dpi is {sticker.width_px} x "
+            f"{sticker_name(recipe)}: {side_mm:g} mm at {sheet.dpi:g} dpi is {sticker.width_px} x "
             f"{sticker.height_px} printer dots, more than {MAX_STICKER_PX // 10**6} million; use "
-            f"at most {most} dpi"
+            f"at most {max_dpi} dpi"
         )
     label = wrapped(_facts(recipe, code), LABEL_MM, TEXT_PT)
     return StickerCell(film_mm, sticker, _qr(code, sheet), tuple(label))
@@ -268,7 +268,7 @@ def _qr(code: str, sheet: Sheet) -> CellGrid:
     )
 
 
-def put(
+def draw_cell(
     sheet: Sheet, cell: StickerCell, x_mm: float, y_mm: float, images: Mapping[str, int]
 ) -> tuple[list[str], tuple[int, int]]:
     """A cell's marks at its place, and where its sticker begins, px; images: numbers, by key."""
@@ -291,7 +291,7 @@ def put(
     return marks, (x_px, y_px)
 
 
-def name(recipe: PatternRecipe) -> str:
+def sticker_name(recipe: PatternRecipe) -> str:
     """A recipe in a few words, for messages."""
     patch = "" if recipe.patch_mm is None else f", d {recipe.patch_mm:g} mm"
     return f"sticker ({recipe.law}{patch}, {recipe.printed_mm:g} mm)"
