@@ -1,4 +1,4 @@
-"""A recipe as one short line of text: what a sheet's QR code holds, and the way back.
+"""Encode a recipe as the short text of a sheet's QR code, and decode it.
 
     DELTACT1/LAW:ALGORITHM1/SEED:7/SIZE-MM:35/PATCH-MM:0.075/R:0.6/CHANNELS:3/<patches>-<text>
 
@@ -23,18 +23,17 @@ from deltact_fab.common import InputError, validate
 from .recipe import PatternRecipe
 
 CODE_PREFIX = "DELTACT1"
-HASH_DIGITS = 12
-CHECK_DIGITS = 6
+HASH_DIGITS, CHECK_DIGITS = 12, 6  # format of the code; a change makes printed codes unreadable
 _CHECKED_CODE = re.compile(rf"(.+)/([0-9a-f]{{{HASH_DIGITS}}})-([0-9a-f]{{{CHECK_DIGITS}}})")
 
 
 def patches_hash(recipe: PatternRecipe) -> str:
-    """First digits of the SHA-256 of the drawn patches: rows, columns, RGB, one byte a value."""
+    """First digits of the SHA-256 of the patches: rows, columns, RGB, one byte per value."""
     return hashlib.sha256(recipe.patches().tobytes()).hexdigest()[:HASH_DIGITS]
 
 
 def encode(recipe: PatternRecipe) -> str:
-    """The recipe as a line of text."""
+    """Encode a recipe as a line of text."""
     data = recipe.model_dump(mode="json", exclude_none=True)
     body = "/".join([CODE_PREFIX, *(f"{_key(k)}:{_encode_value(v)}" for k, v in data.items())])
     return f"{body}/{patches_hash(recipe)}-{_check(body)}".upper()
@@ -46,14 +45,14 @@ def read_code(text: str) -> PatternRecipe | None:
 
 
 def decode_recipe(text: str) -> PatternRecipe:
-    """The recipe of a code, after both checks; it draws the identical patches.
+    """Decode a code to the recipe that draws the identical patches; both checks are made.
 
-    Raises InputError of one line for anything else: no code, a damaged one, or one whose patches
-    this version draws otherwise.
+    Raises InputError for other text, a damaged code, or patches that this version draws
+    differently.
     """
     excerpt = ascii(text if len(text) <= 40 else text[:37] + "...")
     if not text.isascii():
-        raise InputError(f"code {excerpt}: a code has 0-9, A-Z and $ % * + - . / : alone")
+        raise InputError(f"code {excerpt}: only 0-9, A-Z and $ % * + - . / : are allowed")
     clean = "".join(text.split()).lower()
     if not clean.startswith(CODE_PREFIX.lower() + "/"):
         raise InputError(f"code {excerpt}: not the code of a sheet; one begins with {CODE_PREFIX}/")

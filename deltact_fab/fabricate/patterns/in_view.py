@@ -1,4 +1,4 @@
-"""A recipe's print located in a camera's view, drawn where it lies there, and compared with it."""
+"""Locate a recipe's print in a camera's view, render it there, and compare the two."""
 
 from __future__ import annotations
 
@@ -28,39 +28,41 @@ from .quality.figures import grey_levels
 from .raster import pattern_albedo
 from .recipe import PatternRecipe
 
-VIEW_SEARCH_MM = 9.0  # side of what is compared first
-REACH_MM = 3.0  # the sticker's middle is looked for so far off
-ALIGN_PX, RIM_PX = 48, 32
-REFINE_PX = (96, 96, 64, 64)  # sides of the tiles, from round to round
-VIEW_TOLERANCE_PX = 1.5
+# Search range of decision 0071: turn by up to 7.5 degrees, scale by up to 6 %, the middle off by
+# REACH_MM; by hand: a wider one takes longer and finds more false matches.
+VIEW_SEARCH_MM, REACH_MM = 9.0, 3.0  # side of the compared middle, largest offset
 TURNS_DEG = np.arange(-7.5, 7.6, 1.5)
-TRIED_SCALES = ((1.0,), (0.94, 0.96, 0.98, 1.02, 1.04, 1.06))  # of the picture; tried in turn
+TRIED_SCALES = ((1.0,), (0.94, 0.96, 0.98, 1.02, 1.04, 1.06))
+# Refinement, by hand: larger tiles are more certain, smaller ones follow the lens.
+REFINE_PX, VIEW_TOLERANCE_PX = (96, 96, 64, 64), 1.5  # tile side per round, outlier threshold
+ALIGN_PX, RIM_PX = 48, 32  # tile side, largest shift beyond the view
+# Findings of decision 0071 on tiles of 1.5 mm; by hand: thresholds between ten sound sensors and
+# thirty bad ones, all simulated.
 FINDINGS_TILE_MM = 1.5
 BLURS_PX = np.geomspace(0.25, 6.0, 20)
-TILE_CORRELATION = 0.3  # correlation of a tile with the recipe
-TILE_GAIN = 0.15  # contrast of a tile, of the median one
-DEVIATION_MM, DEVIATION_SIGMA, DEVIATION_SHARE = 0.25, 7.0, 0.6  # XX
-MIN_DEVIATION_MM = 0.2
-SHADING_MM = 2.0  # what differs alike over more is light
+TILE_CORRELATION, TILE_GAIN = 0.3, 0.15  # correlation with the recipe; contrast over the median
+# A deviation: averaged over MM, above SIGMA robust standard deviations and SHARE of the contrast.
+DEVIATION_MM, DEVIATION_SIGMA, DEVIATION_SHARE, MIN_DEVIATION_MM = 0.25, 7.0, 0.6, 0.2
+SHADING_MM = 2.0  # smooth differences over more than this are light
 
 
 class PrintInView:
-    """The recipe's print, drawn as a camera sees it. patch_mm: of the recipe, which has patches."""
+    """The recipe's print, rendered as a camera sees it; the recipe must have patches."""
 
     def __init__(self, recipe: PatternRecipe, camera: CameraModel) -> None:
         assert recipe.patch_mm is not None, "accept asks"
         self.recipe, self.camera, self.patch_mm = recipe, camera, recipe.patch_mm
         scale, (x, y) = camera.mm_per_px, camera.centre_px
         self.nominal = np.array([[1 / scale, 0, x], [0, 1 / scale, y], [0, 0, 1]])
-        """From the sensor's mm (x, y) to px of the view."""
+        """(3, 3), sensor mm (x, y) to px of the view."""
         self._step_mm = scale / 2
         self._print: NDArray[np.float32] = pattern_albedo(recipe, self._step_mm)
-        self._bare = recipe.model_copy(update={"dots": None})  # those look the same in all recipes
+        self._bare = recipe.model_copy(update={"dots": None})  # dots look the same in all recipes
 
     def render(self, to_px: Field, rim_px: int = 0) -> NDArray[np.float32]:
-        """(h, w, 3) RGB in 0..1, white beyond the sticker. to_px: from its mm to the view's px.
+        """Render the view, (h, w, 3) RGB in 0..1, white beyond the sticker.
 
-        rim_px: so much wider on every side.
+        to_px: (3, 3), sticker mm to px. rim_px: added on every side.
         """
         w, h = self.camera.width_px + 2 * rim_px, self.camera.height_px + 2 * rim_px
         twice = np.array([[2, 0, 0.5 + 2 * rim_px], [0, 2, 0.5 + 2 * rim_px], [0, 0, 1]])
@@ -68,7 +70,7 @@ class PrintInView:
         return np.asarray(cv2.resize(fine, (w, h), interpolation=cv2.INTER_AREA), np.float32)
 
     def dots(self, to_px: Field) -> Image:
-        """Where in the view (h, w) a marker dot is, or its edge."""
+        """Mask (h, w) of marker dots and their edges in the view."""
         w, h = self.camera.width_px, self.camera.height_px
         if self.recipe.dots is None:
             return np.zeros((h, w), np.uint8)
@@ -78,7 +80,7 @@ class PrintInView:
         return (_warped(bare, self._step_mm, to_px, (w, h)) < 0.5).astype(np.uint8)
 
     def place(self, view: NDArray[np.float32]) -> Placement | None:
-        """The print in a view (h, w, 3); None where it is another pattern."""
+        """Locate the print in a view (h, w, 3); None for another pattern."""
         for scales in TRIED_SCALES:
             guess = self._guess(view, scales)
             if guess.agreement >= MIN_AGREEMENT:
@@ -88,12 +90,12 @@ class PrintInView:
         return None
 
     def compare(self, view: NDArray[np.float32]) -> ComparedPrint | None:
-        """The print beside what is seen in a view (h, w, 3); None where it is another pattern."""
+        """Compare the print with a view (h, w, 3); None for another pattern."""
         placement = self.place(view)
         return None if placement is None else ComparedPrint(self, placement)
 
     def _guess(self, view: NDArray[np.float32], scales: Sequence[float]) -> Placement:
-        """The way round in which the middle of the view is most like the recipe."""
+        """Best match of the middle of the view over orientation, turn and scale."""
         step = min(0.1, max(self.patch_mm / 2, self.camera.mm_per_px))
         shrink = self.camera.mm_per_px / step
         small = np.asarray(
@@ -104,7 +106,7 @@ class PrintInView:
         row, column = (h - px) // 2, (w - px) // 2
         image = _levelled(small[row : row + px, column : column + px], step)
         coarse = _levelled(pattern_albedo(self._bare, step), step)
-        # Of the window: its px are the view's, shrunk and cut.
+        # View px to window px: shrunk and cropped.
         cut = np.array([[shrink, 0, (shrink - 1) / 2 - column],
                         [0, shrink, (shrink - 1) / 2 - row], [0, 0, 1]])  # fmt: skip
         window, reach = np.ones((px, px, 1), np.float32), min(round(REACH_MM / step), px // 2 - 1)
@@ -120,7 +122,7 @@ class PrintInView:
         return best
 
     def _compare(self, image: NDArray[np.float32], tile_px: int, to_px: Field) -> TileShifts:
-        """A round of `locate.refine`, tile by tile of a view's luma."""
+        """One round of `locate.refine` on tiles of a view's luma."""
         middles, shifts, responses = tile_shifts(image, luma(self.render(to_px)), tile_px)
         middles = middles - 0.5
         points_mm = cv2.perspectiveTransform(middles[None], np.linalg.inv(to_px))[0]
@@ -130,7 +132,7 @@ class PrintInView:
 def _warped(
     image: NDArray[np.float32], step_mm: float, to_px: Field, size: tuple[int, int]
 ) -> NDArray[np.float32]:
-    """A print of step_mm, its middle at 0, through a map from mm to px; beyond it white."""
+    """Warp a print with pixels of step_mm, centred at 0, by a map mm to px; white outside."""
     middle = [(1 - n) * step_mm / 2 for n in image.shape[1::-1]]
     grid = np.array([[step_mm, 0, middle[0]], [0, step_mm, middle[1]], [0, 0, 1]])
     return np.asarray(cv2.warpPerspective(image, to_px @ grid, size, flags=cv2.INTER_LINEAR,
@@ -143,19 +145,19 @@ def _turn(deg: float) -> Field:
 
 
 def _levelled(image: NDArray[np.float32], step_mm: float) -> NDArray[np.float32]:
-    """Without what light does to it over more than a millimetre."""
+    """Remove shading: a high-pass filter of 1 mm."""
     return np.asarray(image - cv2.GaussianBlur(image, (0, 0), 1.0 / step_mm), np.float32)
 
 
 def luma(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Of an RGB picture (h, w, 3), float32."""
+    """Luma of an RGB image (h, w, 3), float32."""
     return np.asarray(grey_levels(image), np.float32)
 
 
 def align(image: NDArray[np.float32], template: NDArray[np.float32]) -> NDArray[np.float32]:
-    """What is drawn wide, RIM_PX on every side, each part of it where it lies in what is seen.
+    """Align a template, RIM_PX wider on every side, with an image by a smooth polynomial shift.
 
-    What a homography leaves of a lens is smooth.
+    It takes up the lens distortion that a homography leaves.
     """
     h, w = image.shape
     warped = template[RIM_PX:-RIM_PX, RIM_PX:-RIM_PX]
@@ -181,7 +183,7 @@ def align(image: NDArray[np.float32], template: NDArray[np.float32]) -> NDArray[
 
 
 def _quartic(x_px: Array, y_px: Array, w: int, h: int) -> Field:
-    """The monomials up to the fourth degree, (n, 15)."""
+    """Monomials up to the fourth degree, (n, 15)."""
     x, y = 2 * x_px / w - 1, 2 * y_px / h - 1
     return np.stack([x**i * y**j for i in range(5) for j in range(5 - i)], axis=-1)
 
@@ -190,14 +192,13 @@ def _quartic(x_px: Array, y_px: Array, w: int, h: int) -> Field:
 class FaceFindings:
     """Findings of images at rest about a sensor, in mm of its frame.
 
-    turned_deg: of the sticker from where the design has it, counter-clockwise as the camera sees
-    it. scale: of the picture, over the camera's. keystone: by how much one side of the view is
-    larger than the other. blur_px: standard deviation in each tile, rows of y, None where there is
-    no pattern. level: of white, linear, 1 is full. evenness: least over mean; one_sided: by how
-    much it falls from side to side, of its mean. edges: what of each side shows no pattern. torn,
-    places: (x, y, length) of what lacks pattern at the rim, and of what lies before it. saturated:
-    share of full pixels. noise_mm: of a point of the face; None: not known. rest: what `health`
-    says against it.
+    turned_deg: rotation of the sticker against the design, counter-clockwise as the camera sees
+    it. scale: image scale over the camera's. keystone: size ratio of opposite sides, less 1.
+    blur_px: standard deviation per tile, rows of y, None without pattern. level: white level,
+    linear, 1 is full scale. evenness: least over mean light; one_sided: fall from side to side
+    over the mean. edges: width without pattern at each side, mm. torn, places: (x, y, length) of
+    missing pattern at the rim, and of deviations. saturated: share of full pixels. noise_mm: of a
+    face point, None: unknown. rest: findings of `health`.
     """
 
     agreement: float
@@ -220,7 +221,7 @@ class FaceFindings:
 
 
 class _TileGrid:
-    """Means over tiles of the view, and what they say of a drawn picture in a seen one."""
+    """Tiles of the view: means, and regression of an image on another."""
 
     def __init__(self, shape: tuple[int, ...], mm_per_px: float) -> None:
         self.ny, self.nx = (max(3, round(n * mm_per_px / FINDINGS_TILE_MM)) for n in shape[:2])
@@ -231,13 +232,13 @@ class _TileGrid:
         self.x_mm, self.y_mm = np.meshgrid(x, y)
 
     def mean(self, image: Array) -> Field:
-        """(ny, nx)."""
+        """Mean of each tile, (ny, nx)."""
         return np.asarray(
             cv2.resize(image, (self.nx, self.ny), interpolation=cv2.INTER_AREA), np.float64
         )
 
     def spread(self, values: Array) -> NDArray[np.float32]:
-        """Values of tiles over the view's pixels."""
+        """Interpolate tile values to the view's pixels."""
         size = (self._shape[1], self._shape[0])
         return np.asarray(cv2.resize(values.astype(np.float32), size), np.float32)
 
@@ -251,7 +252,7 @@ class _TileGrid:
 
 
 class ComparedPrint:
-    """The recipe's print beside what is seen, at each of BLURS_PX: (blurs, ny, nx)."""
+    """Rendered print against the image at each of BLURS_PX, (blurs, ny, nx)."""
 
     def __init__(self, sticker: PrintInView, placement: Placement) -> None:
         self.image, self.sticker, self.placement = luma(placement.image), sticker, placement
@@ -269,7 +270,7 @@ class ComparedPrint:
     def findings(self, skin: SkinDimensions) -> FaceFindings:
         camera, tiles, correlations = self.sticker.camera, self.tiles, self.correlations
         best = correlations.argmax(axis=0)
-        # Contrast is compared at one blur: a tile without pattern may be like anything very soft.
+        # Contrast is compared at one blur: a blank tile correlates with any very soft image.
         usual = self.slope[int(np.median(best))]
         has_pattern = correlations.max(axis=0) >= TILE_CORRELATION
         has_pattern &= usual >= TILE_GAIN * np.median(usual)
@@ -288,7 +289,7 @@ class ComparedPrint:
         residual = np.abs(residual - cv2.blur(residual, (window_px, window_px)))
         residual = residual / np.maximum(slope_px, 1e-3) / self.template.std()
         marked = cv2.dilate((~has_pattern & ~inside).astype(np.uint8), np.ones((5, 5), np.uint8))
-        # A dot is white beside any ink: its edge depends on light and code, not on dirt.
+        # The edges of white dots depend on light and interpolation, not on dirt.
         ignored = (tiles.spread(marked) > 0.5) | (self.sticker.dots(self.placement.to_px) > 0)
         to_face = np.linalg.inv(self.sticker.nominal) @ self.placement.to_px
         half = np.array([camera.width_px, camera.height_px]) * camera.mm_per_px / 2
@@ -318,7 +319,7 @@ class ComparedPrint:
 
 
 def _refine_blur(rho: Field, best: NDArray[np.int64]) -> Field:
-    """The blur in px at the top of the parabola through the best of BLURS_PX and its neighbours."""
+    """Refine the best of BLURS_PX by a parabola through its neighbours, px."""
     peak = np.clip(best, 1, len(BLURS_PX) - 2)
     below, top, above = (np.take_along_axis(rho, (peak + k)[None], 0)[0] for k in (-1, 0, 1))
     bend = below - 2 * top + above
@@ -328,7 +329,7 @@ def _refine_blur(rho: Field, best: NDArray[np.int64]) -> Field:
 
 
 def _smooth(values: Array, valid: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Values of tiles, those that are not known as the nearest known one; medians of nine."""
+    """Fill invalid tiles with the nearest valid value, then filter by 3 x 3 medians."""
     from scipy.ndimage import distance_transform_edt
 
     nearest = distance_transform_edt(~valid, return_distances=False, return_indices=True)
@@ -336,7 +337,7 @@ def _smooth(values: Array, valid: NDArray[np.bool_]) -> NDArray[np.float32]:
 
 
 def measure_fall(share: Array, x_mm: Array, y_mm: Array) -> float:
-    """Measure how much light falls from side to side, beside what falls off alike all round."""
+    """Measure the linear fall of light from side to side, apart from symmetric falloff."""
     x, y = x_mm / np.abs(x_mm).max(), y_mm / np.abs(y_mm).max()
     table = np.stack((np.ones_like(x), x, y, x * x, y * y), axis=-1)
     fitted, *_ = np.linalg.lstsq(table, share, rcond=None)
@@ -346,7 +347,7 @@ def measure_fall(share: Array, x_mm: Array, y_mm: Array) -> float:
 def _missing(
     missing: NDArray[np.bool_], tiles: _TileGrid
 ) -> tuple[dict[str, float], tuple[Point, ...], NDArray[np.bool_]]:
-    """Along whole sides, at the rim beside that, and which tiles lie inside."""
+    """Missing pattern: width along whole sides, pieces at the rim, and mask of inner tiles."""
     depths, edges = [], {}
     for side, axis, flip in (("-x", 1, 1), ("+x", 1, -1), ("-y", 0, 1), ("+y", 0, -1)):
         blank = np.moveaxis(missing, axis, 0)[::flip].mean(axis=1) >= 0.5
@@ -371,7 +372,7 @@ def _missing(
 def _find_deviations(
     residual: NDArray[np.float32], ignored: NDArray[np.bool_], mm_per_px: float
 ) -> tuple[Point, ...]:
-    """Where the view is not what the pattern would be: middle and length, mm; the largest first."""
+    """Find deviations from the pattern: (x, y, length), mm, largest first."""
     size = max(3, round(DEVIATION_MM / mm_per_px))
     mean = cv2.blur(residual, (size, size))
     usual = mean[~ignored]
@@ -394,7 +395,7 @@ def _find_deviations(
 
 
 def _scales(to_face: Field, half_mm: Field) -> tuple[float, float]:
-    """Of a map in the middle, and by how much one side's is larger than the other's, less 1."""
+    """Scale of a map in the middle, and the largest ratio of opposite sides' scales, less 1."""
 
     def scale_at(x: float, y: float) -> float:
         corners = np.array([[[x, y]], [[x + 0.1, y]], [[x, y + 0.1]]])

@@ -183,7 +183,7 @@ def test_a_large_picture_without_a_recipe_is_one_line(run, tmp_path, monkeypatch
     Image.new("RGB", (40, 4)).save(tmp_path / "f.png")
     make_pattern(load_recipe("transparent"), tmp_path / "p.png", 25.4)
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 100)
-    one_line(run("show", "f.png"), "carries no recipe")
+    one_line(run("show", "f.png"), "contains no recipe")
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 40)
     one_line(run("show", "f.png"), "not a readable image")
 

@@ -30,12 +30,12 @@ from .law import Law, Patches, PatchRecipe, uniforms
 Levels = NDArray[Any]
 Uniforms = NDArray[np.float64]
 
-FILE_LEVELS = 256
+FILE_LEVELS = 256  # of an 8-bit channel, by the PNG format
 
 
 @dataclass(frozen=True)
 class Algorithm1:
-    """Algorithm 1 at a factor r, on so many levels of a colour, which a file of 8 bits has."""
+    """Algorithm 1 at a factor r, on the given number of levels of a channel."""
 
     r: float
     levels: int = FILE_LEVELS
@@ -44,7 +44,7 @@ class Algorithm1:
     def step_levels(self) -> int:
         """Least difference K of neighbours in levels: least K with (K / (levels-1))^2 >= r.
 
-        r is taken as the decimal that is written, so r = 0.04 asks for exactly 51 of 255.
+        r is taken as the written decimal, so r = 0.04 asks for exactly 51 of 255.
         """
         squared = math.ceil(Fraction(repr(float(self.r))) * (self.levels - 1) ** 2)
         return math.isqrt(squared - 1) + 1 if squared > 0 else 0
@@ -52,7 +52,7 @@ class Algorithm1:
     def fill(self, uniforms: Uniforms) -> Levels:
         """Draw the patches, by anti-diagonals.
 
-        uniforms: (rows, columns, channels) in [0, 1), one draw a patch and channel.
+        uniforms: (rows, columns, channels) in [0, 1), one draw per patch and channel.
         Returns levels 0..levels-1 of the same shape as int32.
 
         Patches of one anti-diagonal depend on the previous one alone: each is one array operation.
@@ -89,7 +89,7 @@ class Algorithm1:
     ) -> NDArray[np.float64]:
         """Draw the patches as printed (lines 5-8), with a bound on the tries of each: a reference.
 
-        Values (rows, columns, 3); nan from the first patch on that has no colour after max_tries.
+        Returns (rows, columns, 3), nan from the first patch without a colour after max_tries.
         """
         values = np.full((rows, columns, 3), np.nan)
         for i in range(rows):
@@ -109,14 +109,14 @@ class Algorithm1:
 
 
 def _pick_first(uniforms: Uniforms, step: int, levels: int) -> Levels:
-    """The first patch: levels in the middle are forbidden, as no neighbour could differ enough."""
+    """Pick the first patch; middle levels are forbidden: no neighbour could differ enough."""
     start, stop = levels - step, max(step, levels - step)
     picked = (uniforms * (levels - (stop - start))).astype(np.int32)
     return picked + (picked >= start) * np.int32(stop - start)
 
 
 def _pick(uniforms: Uniforms, low: Levels, high: Levels, step: int, levels: int) -> Levels:
-    """One allowed level each, given the lower and the higher of two neighbours.
+    """Pick one allowed level each, given the lower and the higher of two neighbours.
 
     The two forbidden runs [start, stop) are made disjoint; the k-th allowed level is k plus the
     length of every run that begins at or below it.

@@ -1,4 +1,4 @@
-"""Independent patches, clear film, and a chessboard with how many of its inner corners are seen."""
+"""Independent patches, clear film, and a chessboard with its count of visible corners."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from deltact_fab.common import InputError
 
 from .law import Law, Patches, PatchRecipe, uniforms
 
-BOARD_SLACK_MM = 1e-9
+BOARD_SLACK_MM = 1e-9  # by hand, for rounding: an edge on the view's edge is not inside
 
 
 def inner_corners(recipe: PatchRecipe, view_mm: tuple[float, float]) -> tuple[int, int]:
-    """How many corners of four squares a centred view (x, y) holds, along x and along y."""
+    """Number of inner corners in a centred view (x, y), along x and y."""
     inner_mm = (np.arange(1, recipe.n) - recipe.n / 2) * recipe.patch_mm
     columns, rows = (int((np.abs(inner_mm) < side / 2 - BOARD_SLACK_MM).sum()) for side in view_mm)
     return columns, rows
