@@ -1,4 +1,4 @@
-"""One offline HTML page by which a sensor is made: print, cast, coat, wire, assemble."""
+"""The build guide, one offline HTML page: print, cast, coat, wire, assemble."""
 
 from __future__ import annotations
 
@@ -39,15 +39,14 @@ from .cad.registry import list_parts, parts_of_group
 from .patterns.quality.measure import measure_quality
 from .patterns.recipe import PatternRecipe, load_recipe
 
-VIEW_TOLERANCE_MM = 0.05  # the view is looked at, not measured
-VIEW_TILT_DEG, VIEW_TURN_DEG = -20.0, 35.0
-VIEW_DISTANCE = 1.25  # in diagonals of the model
-MIN_CHANNEL = 0.6  # of a colour's strongest channel: the view's one lamp leaves black without edges
-PRINT_LAYER_MM = 0.05
-STICKER_SPARE_MM = 1.0  # by which a sticker is larger than the view, for a hand that places it
-PATTERN_WIDTH_MM = 120.0  # width of the pattern's picture on the page
-QUALITY_PX = 100  # of the view, in which it is measured whether the camera sees the pattern
-CUP_STEP_ML = 50  # cups are sold in steps of it
+# The 3D view, by hand: finer meshes cost bytes; distance in diagonals of the model.
+VIEW_TOLERANCE_MM, VIEW_TILT_DEG, VIEW_TURN_DEG, VIEW_DISTANCE = 0.05, -20.0, 35.0, 1.25
+MIN_CHANNEL = 0.6  # of a colour's strongest channel, by hand: darker ones show no edges
+PRINT_LAYER_MM = 0.05  # by hand, the usual layer of resin printers
+STICKER_SPARE_MM = 1.0  # sticker beyond the view, by hand: room for misplacing it
+PATTERN_WIDTH_MM = 120.0  # of the pattern's picture, by hand: fits the page
+QUALITY_PX = 100  # side of the field that is tested for contrast, by hand: more takes longer
+CUP_STEP_ML = 50  # by hand: usual sizes of mixing cups
 
 _CAMERA_UNIT = ("camera-screw", "camera", "camera-holder")
 _BACK_UNIT = (*_CAMERA_UNIT, "cover")
@@ -63,10 +62,10 @@ ASSEMBLY_STEPS: dict[str, tuple[tuple[str, ...], ...]] = {
     "H.7": ((*_FACE_UNIT, "shell", *_LIGHT_UNIT, "screw"),),
     "H.9": ((*_FACE_UNIT, "shell", *_LIGHT_UNIT, "screw"),),
 }
-"""What each step of the assembly brings together, from the face backwards."""
-FROM_BEHIND = ("H.7",)  # what is done there is done at the cable's notch
+"""Layers joined by each step of the assembly, from the face backwards."""
+FROM_BEHIND = ("H.7",)  # steps at the cable's notch
 ASSEMBLED_STEP = "H.9"
-# Heads of the tables of dataclasses.
+# Headings of the tables.
 BATCH_HEADS = ["cavities filled", "part A, g", "part B, g", "mixture, ml"]
 PROCESS_HEADS = {"key": "figure", "meaning": "what it is", "basis": "rests on"}
 GAP_HEADS = {"said": "the paper", "found": "what is found", "chosen": "what was chosen"}
@@ -74,11 +73,10 @@ GAP_HEADS = {"said": "the paper", "found": "what is found", "chosen": "what was 
 
 @dataclass(frozen=True)
 class Pictures:
-    """What the kernel adds to the page; empty without it, and `note` says why.
+    """Pictures that need the CAD kernel; empty without it, `note` gives the reason.
 
-    Data URLs: exploded, bench, parts (by name) and steps (by number), all SVG. model: a page of its
-    own in which the exploded sensor is turned.
-    ceilings: what of a printed part hangs as it lies on the platform, in words, by name.
+    Data URLs: exploded, bench, parts (by name) and steps (by number), all SVG. model: HTML page
+    with the exploded sensor in 3D. ceilings: overhangs of each printed part as text, by name.
     """
 
     exploded: str = ""
@@ -91,12 +89,12 @@ class Pictures:
 
     @property
     def assembled(self) -> str:
-        """The sensor put together: what stands where its model cannot be turned."""
+        """Picture of the assembled sensor, shown where the 3D model cannot be."""
         return self.steps.get(ASSEMBLED_STEP, "")
 
 
 Examples = Callable[[Design, PatternRecipe], Mapping[str, tuple[bytes, bytes]]]
-"""Makes JPEG images of a good and a spoiled specimen: of the `print` and of the `sensor`'s view."""
+"""Returns JPEG images of a good and a faulty specimen, for `print` and the `sensor`'s view."""
 
 
 def write_guide(
@@ -108,13 +106,13 @@ def write_guide(
     examples: Examples,
     pictures: Pictures | None = None,
 ) -> Path:
-    """Write the guide of a design to one self-contained file; no part of it is fetched.
+    """Write the guide of a design to one self-contained file.
 
-    progress: called with (done, total, what). examples: images of a good and a spoiled print and
-    sensor, simulated. pictures: ready ones, instead of drawing them.
-    Without the CAD kernel the page is written without pictures and 3D view and says what to
-    install. Raises InputError for a broken rule or a count below 1, MissingLibrary without
-    the extra `report` or shapely, RunFailed when a part cannot be built or the disk refuses.
+    progress: called with (done, total, text). examples: simulated images of a good and a faulty
+    print and sensor. pictures: ready-made ones. Without the CAD kernel the page has no pictures
+    and 3D view and names the package to install. Raises InputError for a failed rule or a count
+    below 1, MissingLibrary without the extra `report` or shapely, RunFailed if a part cannot be
+    built or written.
     """
     require_pages()
     require_extra("cad", "the guide's wiring diagram", "shapely")
@@ -155,7 +153,7 @@ def write_guide(
         process=html_table(pd.DataFrame(quantities.FIGURES, dtype=object), PROCESS_HEADS),
         gaps=html_table(pd.DataFrame(gaps(design)), GAP_HEADS),
         unverified=[(key, f"{attrgetter(key)(design):g}") for key in design.unverified()],
-        # Keys that take the names of what a lab has measured, where something is unverified.
+        # Keys that list measured dimensions, for sections with unverified ones.
         measured=[
             f"{section}.measured"
             for section in dict.fromkeys(key.partition(".")[0] for key in design.unverified())
@@ -168,12 +166,12 @@ def write_guide(
 
 
 def _guide_checks(design: Design, pictures: Pictures, pattern: PatternToPrint) -> Iterator[Check]:
-    """What speaks for the design, and what is to be seen to before it is printed."""
-    yield Check("rules", value="The dimensions of this design go together by all their rules.")
+    """Yield the checks at the top of the page."""
+    yield Check("rules", value="All design rules pass.")
     if n := len(design.unverified()):
         text = (
-            f"{n} dimensions were assumed and never measured: measure yours before you print "
-            "(the last section names them)."
+            f"{n} dimensions are assumed, not measured: measure yours before you print (list in "
+            "the last section)."
         )
         yield Check("unverified", value=text, status="warn")
     else:
@@ -182,9 +180,9 @@ def _guide_checks(design: Design, pictures: Pictures, pattern: PatternToPrint) -
 
 
 def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
-    """Build every part once and draw it; the sensor exploded, at each step, and on the test bench.
+    """Build and draw every part, the exploded sensor, each step, and the test bench.
 
-    Raises MissingLibrary without the CAD kernel, RunFailed when a part cannot be built.
+    Raises MissingLibrary without the CAD kernel, RunFailed if a part cannot be built.
     """
     from .cad.assembly import PlacedPart, assemble_bench, assemble_sensor
     from .cad.build import build_part
@@ -226,7 +224,7 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
         standing = assemble_bench(design, tip, solids)
         bench = _svg_url(picture.picture_svg("test bench", standing, room_mm=picture.BENCH_ROOM_MM))
     tell(total - 1, total, "3D view")
-    # Meshes last: they leave triangles on the solids.
+    # Meshes last: OCCT stores the triangles in the solids.
     fine = {p.name: mesh_solid(solids[p.name], VIEW_TOLERANCE_MM, p.name) for p in parts}
     ceilings = {
         part.name: stand(laid(fine[part.name], part.lies)).words(part.lies.supports)
@@ -246,7 +244,7 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
 
 
 def _to_order(line: bom.BomLine) -> dict[str, str]:
-    """A line of the bill of materials."""
+    """Table row of a line of the bill of materials."""
     amount = format_number(line.quantity, 2 if line.unit == "ml" else 1)
     order = "made"
     if line.source is not None:
@@ -267,11 +265,11 @@ def _to_order(line: bom.BomLine) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class PatternToPrint:
-    """The pattern to print for a design: its side, and what the camera sees of it.
+    """The pattern to print for a design.
 
-    file: the recipe, where it is no shipped one. image: a data URL, one pixel a patch; enlarged: by
-    how much it is larger on the page. pairs: a good and a spoiled print and sensor of it. unseen:
-    a warning where the camera does not see the pattern, by the model of `pattern quality`.
+    file: the recipe, unless it is a shipped one. image: data URL of the visible part, one pixel
+    per patch; enlarged: its magnification on the page. pairs: images of a good and a faulty print
+    and sensor. unseen: warning if the camera does not resolve it (model of `pattern quality`).
     """
 
     size_mm: float
@@ -283,7 +281,7 @@ class PatternToPrint:
 
 
 def sticker(design: Design, examples: Examples) -> PatternToPrint:
-    """The recommended pattern, as large as the design's view needs it."""
+    """Return the recommended pattern, enlarged if the design's view needs it."""
     from PIL import Image
 
     recipe, view_mm = load_recipe(), design.optics.view_mm
@@ -307,22 +305,21 @@ def sticker(design: Design, examples: Examples) -> PatternToPrint:
     field_mm = (QUALITY_PX * mm_per_px,) * 2
     resolved = measure_quality(bare, mm_per_px=mm_per_px, view_mm=field_mm).seen
     unseen = "" if resolved else (
-        "The camera of this design hardly resolves the pattern below, by the model of printer and "
-        f"camera of `pattern quality`: `study run pattern-search --mm-per-px {mm_per_px:.4g}` "
-        "finds a coarser one."
+        "The camera of this design hardly resolves the pattern below (model of `pattern quality`). "
+        f"Find a coarser one: `study run pattern-search --mm-per-px {mm_per_px:.4g}`."
     )  # fmt: skip
     return PatternToPrint(recipe.size_mm, file, image, PATTERN_WIDTH_MM / view_mm[0], pairs, unseen)
 
 
 def turntable(glb: bytes) -> str:
-    """A page in which a model is turned: three.js (MIT) around it, as trimesh carries it."""
+    """HTML page with a turnable model, by the three.js (MIT) of trimesh."""
     from trimesh import load_scene
     from trimesh.scene import Camera
     from trimesh.viewer.notebook import scene_to_html
 
     scene = load_scene(io.BytesIO(glb), file_type="glb")
     angles = (math.radians(VIEW_TILT_DEG), math.radians(VIEW_TURN_DEG), 0.0)
-    # Unnamed it gets another name each time, and one of a part would be that part's node.
+    # A fixed name: random ones change the bytes, a part's name would be that part's node.
     scene.camera = Camera("viewpoint", fov=(60, 45))
     scene.set_camera(angles, distance=VIEW_DISTANCE * scene.scale)
     return str(scene_to_html(scene))
@@ -335,14 +332,14 @@ def _lit(colour: tuple[float, float, float, float]) -> tuple[float, float, float
 
 
 def _figures(d: Design) -> dict[str, Any]:
-    """What the steps name and no dimension or quantity says."""
+    """Figures of the steps that are no dimension or quantity."""
     screw = d.screw
     deepest_mm = screw.length_mm + screw.tip_clearance_mm
     full = quantities.skins_batch(d, quantities.cavities(d))
     coupon_g = d.coupon.wells * well_volume_mm3(d) / 1000 * DEFAULT.density_g_cm3
     return {
         "cup_ml": CUP_STEP_ML * math.ceil(full.volume_cm3 * DEFAULT.foam_factor / CUP_STEP_ML),
-        # Half as much again: two drops, and what stays in the cup.
+        # Half as much again for two drops and the rest in the cup.
         "coupon_g": max(1.5 * coupon_g, DEFAULT.coat_batch_g),
         "brighter": quantities.resistor_for_ohm(20.0, d.light),
         "shrinkage_mm": quantities.shrinkage_mm(d),

@@ -29,8 +29,8 @@ from .raster import pattern_albedo
 from .recipe import PatternRecipe
 
 # Search range of decision 0071: turn by up to 7.5 degrees, scale by up to 6 %, the middle off by
-# REACH_MM; by hand: a wider one takes longer and finds more false matches.
-VIEW_SEARCH_MM, REACH_MM = 9.0, 3.0  # side of the compared middle, largest offset
+# LAG_MM; by hand: a wider one takes longer and finds more false matches.
+VIEW_SEARCH_MM, LAG_MM = 9.0, 3.0  # side of the compared middle, largest offset
 TURNS_DEG = np.arange(-7.5, 7.6, 1.5)
 TRIED_SCALES = ((1.0,), (0.94, 0.96, 0.98, 1.02, 1.04, 1.06))
 # Refinement, by hand: larger tiles are more certain, smaller ones follow the lens.
@@ -41,9 +41,9 @@ ALIGN_PX, RIM_PX = 48, 32  # tile side, largest shift beyond the view
 FINDINGS_TILE_MM = 1.5
 BLURS_PX = np.geomspace(0.25, 6.0, 20)
 TILE_CORRELATION, TILE_GAIN = 0.3, 0.15  # correlation with the recipe; contrast over the median
-# A deviation: averaged over MM, above SIGMA robust standard deviations and SHARE of the contrast.
+# By hand: averaging length, robust standard deviations, share of the contrast, and least length.
 DEVIATION_MM, DEVIATION_SIGMA, DEVIATION_SHARE, MIN_DEVIATION_MM = 0.25, 7.0, 0.6, 0.2
-SHADING_MM = 2.0  # smooth differences over more than this are light
+SHADING_MM = 2.0  # differences smooth over this are light, by hand: smaller hides wide stains
 
 
 class PrintInView:
@@ -109,7 +109,7 @@ class PrintInView:
         # View px to window px: shrunk and cropped.
         cut = np.array([[shrink, 0, (shrink - 1) / 2 - column],
                         [0, shrink, (shrink - 1) / 2 - row], [0, 0, 1]])  # fmt: skip
-        window, reach = np.ones((px, px, 1), np.float32), min(round(REACH_MM / step), px // 2 - 1)
+        window, reach = np.ones((px, px, 1), np.float32), min(round(LAG_MM / step), px // 2 - 1)
         best, pair_px = Placement(view, self.nominal, 0.0), 2 * self.patch_mm / step
         turns = np.add.outer((0.0, 90.0, 180.0, 270.0), TURNS_DEG).ravel()
         for scale, flip, turn_deg in product(scales, (1.0, -1.0), turns):

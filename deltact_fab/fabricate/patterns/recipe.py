@@ -1,4 +1,4 @@
-"""What a sticker is: the law of its patches, their size and seed, and the dots on top.
+"""Recipe of a sticker: law, size and seed of its patches, and dots on top.
 
 A recipe is a value: frozen, validated once, written into every file made from it.
 """
@@ -19,7 +19,7 @@ from .laws import PATTERN_LAWS, check_key, octave
 from .laws.law import LAW_KEYS
 
 MAX_PATCHES = 2000
-"""Patches along a side: the uniforms of a larger sticker would need more than 100 MB."""
+"""Patches along a side, by hand: the random numbers of more would need over 100 MB."""
 
 StickerLength = Annotated[float, Field(gt=0, le=1000)]
 Offset = Annotated[float, Field(ge=-150, le=150)]
@@ -28,7 +28,7 @@ Weight = Annotated[float, Field(ge=octave.WEIGHT_RANGE[0], le=octave.WEIGHT_RANG
 
 
 class DotGrid(Table, strict=True):
-    """A grid of round dots, centred or set off (paper, Pattern Selection: 169 white dots).
+    """A grid of round dots, centred or offset (paper, Pattern Selection: 169 white dots).
 
     The pitches keep all 13 x 13 dots inside the camera's 30.2 x 22.2 mm view; spread over 35 mm
     the outer ones would leave it.
@@ -43,7 +43,7 @@ class DotGrid(Table, strict=True):
     pitch_y_mm: StickerLength = 1.6
     """Between the centres of two dots along y."""
     diameter_mm: StickerLength = 0.6
-    """Of a dot; below the pitch."""
+    """Diameter of a dot; below the pitch."""
     offset_x_mm: Offset = 0.0
     """Centre of the grid in the sensor frame, along x."""
     offset_y_mm: Offset = 0.0
@@ -67,7 +67,7 @@ class DotGrid(Table, strict=True):
 
     @property
     def rgb(self) -> tuple[int, int, int]:
-        """The colour as three 8-bit values."""
+        """Colour as three 8-bit values."""
         red, green, blue = bytes.fromhex(self.colour[1:])
         return red, green, blue
 
@@ -78,7 +78,7 @@ class DotGrid(Table, strict=True):
 
     @property
     def half_mm(self) -> tuple[float, float]:
-        """Half sides (x, y) of the box around all discs, which `offset_mm` is the centre of."""
+        """Half sides (x, y) of the box around all discs, centred at `offset_mm`."""
         return (
             ((self.columns - 1) * self.pitch_x_mm + self.diameter_mm) / 2,
             ((self.rows - 1) * self.pitch_y_mm + self.diameter_mm) / 2,
@@ -96,15 +96,15 @@ class DotGrid(Table, strict=True):
 
 
 class PatternRecipe(Table, strict=True):
-    """A square sticker. Only what its law uses may be given (`laws` has the table)."""
+    """A square sticker. Only keys that its law uses are allowed (table in `laws`)."""
 
     law: Annotated[str, Field(json_schema_extra={"enum": list(PATTERN_LAWS)})]
     """How the patches are coloured: algorithm1 (the paper's), iid, binary, octave, chessboard,
     dot-matrix or transparent."""
     seed: Annotated[int, Field(ge=0, lt=2**63)]
-    """Of the draw: the same seed makes the same pattern."""
+    """Random seed: the same seed makes the same pattern."""
     size_mm: Annotated[float, Field(ge=1, le=300)] = 35.0
-    """Requested side of the sticker; whole patches may make it up to a patch smaller."""
+    """Requested side of the sticker; printed up to a patch smaller, in whole patches."""
     patch_mm: Annotated[
         Annotated[float, Field(gt=0, le=300)] | None,
         Field(validate_default=True, examples=[0.4]),
@@ -126,10 +126,10 @@ class PatternRecipe(Table, strict=True):
         tuple[Weight, ...] | None,
         Field(validate_default=True, examples=[[1.0, 1.0, 1.0, 1.0]]),
     ] = None
-    """Weight of each scale, 0.01 to 100; equal when left out."""
+    """Weight of each scale, 0.01 to 100; equal if not set."""
     dots: Annotated[DotGrid | None, Field(validate_default=True)] = None
 
-    # A field sees those above it in info.data, less any that failed: each fault names its own key
+    # info.data holds the valid fields above, so that each fault names its own key
 
     @field_validator("law")
     @classmethod
@@ -141,7 +141,7 @@ class PatternRecipe(Table, strict=True):
     @field_validator(*LAW_KEYS)
     @classmethod
     def _of_law(cls, value: Any, info: ValidationInfo) -> Any:
-        # Every recipe has the channels' default in its files: only another one would mislead.
+        # Files of every recipe contain the default of channels: only another value is an error.
         if "law" in info.data:
             nothing = 3 if info.field_name == "channels" else None
             check_key(info.data["law"], str(info.field_name), value != nothing)
@@ -195,7 +195,7 @@ class PatternRecipe(Table, strict=True):
         if weights is None or scales_mm is None:
             return weights
         if len(weights) != len(scales_mm):
-            raise ValueError(f"one weight a scale: {len(weights)} for {len(scales_mm)} scales")
+            raise ValueError(f"one weight per scale: {len(weights)} for {len(scales_mm)} scales")
         return weights
 
     @field_validator("dots")
@@ -205,7 +205,7 @@ class PatternRecipe(Table, strict=True):
             return None
         law = info.data.get("law")
         if law in PATTERN_LAWS and not PATTERN_LAWS[law].has_patches and dots.colour == "#ffffff":
-            raise ValueError("white dots cannot be seen on a clear sticker: give another colour")
+            raise ValueError("white dots are invisible on a clear sticker: choose another colour")
         if "size_mm" in info.data and "patch_mm" in info.data:
             printed_mm = _printed_mm(info.data["size_mm"], info.data["patch_mm"])
             wide_mm, high_mm = (2 * half_mm for half_mm in dots.half_mm)
@@ -230,7 +230,7 @@ class PatternRecipe(Table, strict=True):
         return _printed_mm(self.size_mm, self.patch_mm)
 
     def as_record(self) -> dict[str, Any]:
-        """Recipe and dot centres as plain data, so that analysis needs no maker of patterns."""
+        """Recipe and dot centres as plain data, for analysis without this package."""
         dots = self.dots
         return {
             "recipe": self.model_dump(mode="json"),
@@ -239,9 +239,9 @@ class PatternRecipe(Table, strict=True):
         }
 
     def patches(self) -> NDArray[np.uint8]:
-        """The drawn patches, (n, n, 3) uint8 RGB; row 0, column 0 is the corner at (-x, -y).
+        """Draw the patches, (n, n, 3) uint8 RGB; row 0, column 0 is the corner at (-x, -y).
 
-        Clear film is one white patch: no ink, and the white layer behind it shows.
+        Clear film is one white patch: no ink, the white layer behind shows.
         """
         patches = PATTERN_LAWS[self.law].draw(self)
         return np.ascontiguousarray(np.broadcast_to(patches, (self.n, self.n, 3)))
@@ -257,13 +257,13 @@ def _printed_mm(size_mm: float, patch_mm: float | None) -> float:
     return size_mm if patch_mm is None else round(_whole_patches(size_mm, patch_mm) * patch_mm, 9)
 
 
-DEFAULT_SEED = 7
+DEFAULT_SEED = 7  # by hand; a change would change every default pattern
 RECOMMENDED_RECIPE = "recommended"
-"""The pattern to print by default: its file names the printer and the camera it is for."""
+"""Default pattern to print; its file names the printer and the camera it suits."""
 
 
 def load_recipe(name: str = RECOMMENDED_RECIPE) -> PatternRecipe:
-    """A recipe from a path or a name of the catalogue. Raises InputError naming file and key."""
+    """Load a recipe by path or catalogue name. Raises InputError naming file and key."""
     path = find_file("patterns", name)
     return validate(PatternRecipe, read_toml(path), str(path))
 
@@ -276,10 +276,10 @@ def choose_recipe(
     seed: int | None = None,
     with_dots: bool = False,
 ) -> PatternRecipe:
-    """A recipe from what was typed: a name or path, or d and r; then size, seed, dots on top.
+    """Build a recipe from options: a name or path, or d and r; then size, seed, dots.
 
-    with_dots adds the default grid to a recipe that has no dots of its own. Raises InputError when
-    both or neither of name and (d, r) are given, or when a value is out of range.
+    with_dots: add the default grid to a recipe without dots. Raises InputError if both or neither
+    of name and (d, r) are given, or a value is out of range.
     """
     data: dict[str, Any]
     if name is not None:

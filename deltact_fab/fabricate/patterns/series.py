@@ -1,11 +1,11 @@
-"""The paper's pattern series as one folder: recipes, one print job, contact sheet, figures.
+"""The paper's pattern series in one folder: recipes, print job, contact sheet, figures.
 
 DIR/
-  recipes/d0p075-r0p6.toml ...   what every command takes as a RECIPE
-  series.pdf                     one sticker of each
-  views/d0p075-r0p6.png ...      the middle of each as the camera would see it, pixel by pixel
-  quality.csv  quality.json      every figure, as designed and as seen
-  patterns.html                  where a page is asked for
+  recipes/d0p075-r0p6.toml ...   a RECIPE for every command
+  series.pdf                     one sticker per pattern
+  views/d0p075-r0p6.png ...      the middle of each in the camera's pixels, simulated
+  quality.csv  quality.json      every figure, as designed and as photographed
+  patterns.html                  optional page
 """
 
 from __future__ import annotations
@@ -44,17 +44,16 @@ SERIES_GRIDS = (
 )
 """(d in mm, r) of the two rounds of the paper's Pattern Selection.
 
-The second is printed as d in {0.5, 0.75, 0.1}. Taken: 0.05 and 0.075, for the text that follows
-names d = 0.075 as the best of that round and d = 0.05 as too small, both "near" the first round's
-0.1; 0.5 and 0.75 mm would be neither.
+The second is printed as d in {0.5, 0.75, 0.1}, read as 0.05 and 0.075: the text that follows names
+d = 0.075 as the best of that round and d = 0.05 as too small, both "near" the first round's 0.1.
 """
 
 PAPER_ERROR_MM = {(0.1, 0.5): 0.11, (0.075, 0.6): 0.08}
-"""Mean tracking error at the dots, by (d, r): least of its round. On the authors' real sensor."""
+"""Mean tracking error at the dots by (d, r), best of each round, real sensor (paper)."""
 PAPER_ABOUT_MM = {0.05: 0.5}
-"""By d, of whichever r: "around 0.5 mm". The paper gives the others as columns of a chart only."""
+"""By d, for any r: "around 0.5 mm" (paper). The others are only in a chart there."""
 
-SERIES_VIEW_MM = 6.0
+SERIES_VIEW_MM = 6.0  # by hand: patches are visible, files stay small
 SERIES_FORMAT = "deltact-fab pattern series 3"
 SERIES_RECIPES = "recipes"
 SERIES_PDF = "series.pdf"
@@ -66,10 +65,10 @@ SERIES_PAGE = "patterns.html"
 
 @dataclass(frozen=True)
 class SeriesEntry:
-    """One pattern. rounds: 1, 2 or both, the rounds of the paper that it stands in, if any.
+    """One pattern. rounds: rounds of the paper that contain it (1, 2).
 
-    paper_error_mm: the paper's, on a real sensor, None where it gives none; paper_about: it is
-    said of all patterns of this d, as "around".
+    paper_error_mm: error in the paper on a real sensor, None if not given; paper_about: given as
+    "around" for all patterns of this d.
     """
 
     name: str
@@ -80,20 +79,20 @@ class SeriesEntry:
 
     @property
     def words(self) -> str:
-        """As `d 0.075 r 0.6`; the name of one that is none of Algorithm 1."""
+        """Short text, `d 0.075 r 0.6`; the name for other laws than Algorithm 1."""
         recipe = self.recipe
         return f"d {recipe.patch_mm:g} r {recipe.r:g}" if recipe.law == "algorithm1" else self.name
 
     @property
     def paper_says(self) -> str:
-        """The paper's error in words, empty where it gives none."""
+        """The paper's error as text, empty if not given."""
         error_mm = self.paper_error_mm
         return "" if error_mm is None else f"{'about ' * self.paper_about}{error_mm:g} mm"
 
 
 @dataclass(frozen=True)
 class SeriesReport:
-    """What `write` wrote. figures: the contents of quality.json."""
+    """Result of `write_series`; figures: contents of quality.json."""
 
     out: Path
     files: tuple[Path, ...]
@@ -107,7 +106,7 @@ class SeriesReport:
 
 @dataclass(frozen=True)
 class PatternSeries:
-    """A series in its folder. figures: the contents of quality.json. page: where its page goes."""
+    """A series in its folder; figures: contents of quality.json."""
 
     folder: Path
     figures: dict[str, Any]
@@ -115,7 +114,7 @@ class PatternSeries:
 
     @classmethod
     def load(cls, folder: Path) -> PatternSeries:
-        """The series of a folder. Raises InputError for a folder that holds none."""
+        """Load the series of a folder. Raises InputError if there is none."""
         path = folder / SERIES_FIGURES
         if not isfile(path):
             hint = "name a folder that `pattern series` wrote"
@@ -127,11 +126,11 @@ class PatternSeries:
 
     @property
     def page(self) -> Path:
-        """File of its page."""
+        """Path of its page."""
         return self.folder / SERIES_PAGE
 
     def view(self, name: str) -> bytes:
-        """The camera's image of a pattern, as PNG. Raises InputError where it is missing."""
+        """Read the camera image of a pattern, PNG. Raises InputError if it is missing."""
         file = self.folder / SERIES_VIEWS / f"{name}.png"
         if not isfile(file):
             raise InputError(f"{self.folder}: no series: {SERIES_VIEWS}/{file.name} is missing")
@@ -139,9 +138,9 @@ class PatternSeries:
 
 
 def list_series(seed: int = DEFAULT_SEED, with_dots: bool = True) -> list[SeriesEntry]:
-    """The 17 patterns of the paper's Pattern Selection, by d, then r; (0.1, 0.5) is in both rounds.
+    """List the 17 patterns of the paper's Pattern Selection by d, then r.
 
-    with_dots: 13 x 13 white dots on top, as the paper's. Raises InputError for an unusable seed.
+    with_dots: 13 x 13 white dots as in the paper. Raises InputError for an invalid seed.
     """
     entries = []
     for d_mm, r in sorted({pair for grid in SERIES_GRIDS for pair in product(*grid)}):
@@ -173,15 +172,14 @@ def write_series(
     page: Callable[[Path], object] | None = None,
     progress: Progress | None = None,
 ) -> SeriesReport:
-    """Write the series into the new folder `out`, which is whole afterwards or not there.
+    """Write the series into the new folder `out`, completely or not at all.
 
-    seed: of every draw, of the printer's and the camera's too. dpi: of the print job and of the
-    printer model. entries: other Algorithm 1 patterns than the paper's. page: called with the
-    folder when all else is in it, to add `patterns.html`. Equal arguments and versions give equal
-    bytes.
+    seed: of patterns, printer and camera. dpi: of print job and printer model. entries: other
+    Algorithm 1 patterns than the paper's. page: called with the finished folder to add
+    `patterns.html`. Equal arguments and versions give equal bytes.
 
-    Raises InputError for a folder that is there and not empty, for a seed below 0 and for what
-    `sheet.write` refuses, RunFailed when the disk refuses, and whatever `page` raises.
+    Raises InputError for a folder that is not empty, a seed below 0 and what `write_sheet`
+    refuses, RunFailed for disk errors, and whatever `page` raises.
     """
     chosen = list_series(seed) if entries is None else list(entries)
     printer, sensor = Printer(dpi=dpi), ImageSensor()
@@ -190,13 +188,13 @@ def write_series(
     with disk_errors(out, "made"):
         inside = Path.cwd().is_relative_to(out.absolute())
         if out.exists() and (inside or not out.is_dir() or any(out.iterdir())):
-            raise InputError(f"{out}: is there already; name a new folder")
+            raise InputError(f"{out}: exists already; name a new folder")
         out.parent.mkdir(parents=True, exist_ok=True)
     with disk_errors(out), whole_file(out.absolute()) as folder:
         folder.mkdir()
         _write_recipes(folder / SERIES_RECIPES, chosen)
         tell(0, total, SERIES_PDF)
-        # First, for it refuses an unusable paper, dpi or transfer before the long part.
+        # First, because it checks paper, dpi and transfer before the long part.
         job = sheet.write_sheet(
             [e.recipe for e in chosen], folder / SERIES_PDF, paper=paper, dpi=dpi, transfer=transfer
         )
@@ -204,7 +202,7 @@ def write_series(
         rows = []
         for k, entry in enumerate(chosen, 1):
             tell(k, total, entry.name)
-            # Dots are the same on every pattern; on coarse levels their contrast would hide its own
+            # Dots are the same on every pattern; their contrast would hide its own on coarse levels
             bare = entry.recipe.model_copy(update={"dots": None})
             figures = asdict(measure_quality(bare, printer, sensor, STANDARD_MM_PER_PX, seed))
             rows.append(_row(entry, job, _rounded(figures)))
@@ -234,9 +232,9 @@ def write_series(
 
 
 def _view(recipe: PatternRecipe, printer: Printer, sensor: ImageSensor, seed: int) -> bytes:
-    """The middle of the camera's image of a sticker at rest, simulated, as PNG.
+    """Simulate the middle of the camera's image of a sticker at rest, as PNG.
 
-    VIEW_MM wide, or what the sticker has of it. seed: of halftone, misregistration and noise.
+    SERIES_VIEW_MM wide at most. seed: of halftone, misregistration and noise.
     """
     from PIL import Image
 
@@ -254,7 +252,7 @@ def _view(recipe: PatternRecipe, printer: Printer, sensor: ImageSensor, seed: in
 
 
 def _rounded(value: Any) -> Any:
-    """Nine digits of every float: the last ones change with the number of threads."""
+    """Round every float to nine digits; the last ones depend on the number of threads."""
     if isinstance(value, dict):
         return {key: _rounded(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):
@@ -263,7 +261,7 @@ def _rounded(value: Any) -> Any:
 
 
 def _row(entry: SeriesEntry, job: sheet.SheetReport, figures: dict[str, Any]) -> dict[str, Any]:
-    """All that is known of a pattern, as quality.json holds it."""
+    """Row of a pattern in quality.json."""
     recipe = entry.recipe
     code = encode(recipe)
     sticker = next(s for s in job.stickers if s.code == code)
@@ -292,13 +290,13 @@ def _write_recipes(folder: Path, entries: Sequence[SeriesEntry]) -> None:
         if entry.paper_says:
             about.append(f"Tracking error there, on a real sensor: {entry.paper_says}.")
         path = folder / f"{entry.name}.toml"
-        # Every key that has a value, so that a later default cannot change the pattern.
+        # Every key with a value, so that a later default cannot change the pattern.
         data = entry.recipe.model_dump(mode="json", exclude_none=True)
         path.write_bytes(toml_text(data, about).encode())
 
 
 def _csv(rows: Sequence[dict[str, Any]]) -> bytes:
-    """One row a pattern; a figure's column is its path inside `quality`, joined by dots."""
+    """One row per pattern; a figure's column is its path inside `quality`, joined by dots."""
     import pandas as pd
 
     table = pd.json_normalize(

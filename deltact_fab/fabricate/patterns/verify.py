@@ -1,4 +1,4 @@
-"""A print against its recipe: is it right, how large is it, what did the printer do to it.
+"""Compare a print with its recipe: identity, scale, and effects of the printer.
 
 The positions of its tiles (`locate`) give scale, shear and the registration of the inks; their
 content gives contrast, order and gaps. Scale needs the dpi of a flatbed scan, which a photograph
@@ -30,25 +30,24 @@ from .quality.measure import PRINTED_SHARE, contrast_share
 from .raster import pattern_albedo
 from .recipe import PatternRecipe
 
-GAP_TILE_MM = 1.5
+# Limits of decision 0071, by hand: tighter refuses usable prints, looser passes faults.
 SCALE_TOL, SHEAR_TOL = 0.002, 0.002
-MIN_IN_ORDER = 0.8  # of neighbouring patches; by chance it is half of them
-INK_SHARE = 0.5  # of the strongest ink's contrast
-GAP_SHARE = 0.5  # of the median tile's contrast
-DOT_SHARE = 0.5  # of a dot's contrast with what is around it
-SCAN_DPI_RANGE = (50.0, 9600.0)
-HALVED_COLOUR = "this JPEG keeps half of the colours' resolution: scan it as PNG or TIFF"
+MIN_IN_ORDER = 0.8  # share of neighbouring patches in order; 0.5 by chance
+INK_SHARE, GAP_SHARE, DOT_SHARE = 0.5, 0.5, 0.5  # contrast over best ink, median tile, surroundings
+GAP_TILE_MM, SCAN_DPI_RANGE = 1.5, (50.0, 9600.0)  # smaller tiles are noisier; dpi of scanners
+NOT_LOCATED = "pattern not located; does the file have a dpi? give --dpi"
+HALVED_COLOUR = "JPEG with halved colour resolution: scan as PNG or TIFF"
 
 
 @dataclass(frozen=True)
 class PrintMeasurement:
-    """A sticker in a scan. scale: its sides in (x, y) over the recipe's, None in a photograph.
+    """A measured sticker. scale: its sides (x, y) over the recipe's, None in a photograph.
 
-    shear: tangent of the deviation of its axes from a right angle. turned_deg: counter-clockwise,
-    as it lies in the scan. ink_um: offsets of R, G, B from their mean, (3, 2). contrast: of R, G, B
-    as a share of the recipe's. gaps_mm: centres of tiles that lack ink. spread_um: ink spread at
-    which the printer model of `pattern quality` keeps as much contrast. halved: the file keeps
-    colours at half its resolution, so contrast and inks are not judged.
+    shear: tangent of the axes' deviation from a right angle. turned_deg: counter-clockwise in the
+    scan. ink_um: offsets of R, G, B from their mean, (3, 2). contrast: of R, G, B over the
+    recipe's. gaps_mm: centres of tiles without ink. spread_um: ink spread at which the printer
+    model of `pattern quality` keeps as much contrast. halved: the file's colours have half its
+    resolution, so contrast and inks are not judged.
     """
 
     mirrored: bool
@@ -68,7 +67,7 @@ class PrintMeasurement:
 
 @dataclass(frozen=True)
 class KnownPrinter(Bounded):
-    """A printer as its own print showed it: the file of `pattern verify -o`."""
+    """A printer measured on its own print: the file of `pattern verify -o`."""
 
     scale_x: float = bounded_number(1.0, "stretch in x by which a sheet comes out right", 0.5, 2)
     scale_y: float = bounded_number(1.0, "the same in y", 0.5, 2)
@@ -79,15 +78,15 @@ class KnownPrinter(Bounded):
 
 
 def load_printer(path: Path) -> KnownPrinter:
-    """The file of `pattern verify -o`. Raises InputError naming file and key."""
+    """Load the file of `pattern verify -o`. Raises InputError naming file and key."""
     return validate(KnownPrinter, read_toml(path), str(path))
 
 
 @dataclass(frozen=True)
 class PrintCheck:
-    """What `verify` says: rows, the worst of which is the verdict, and the figures behind them.
+    """Result of `verify_print`: rows, the worst of which is the verdict, and the measurement.
 
-    scaled: by which the sheet was stretched when it was written.
+    scaled: scale correction the sheet was written with.
     """
 
     scan: str
@@ -97,7 +96,7 @@ class PrintCheck:
 
     @property
     def passed(self) -> bool:
-        """True where no row fails."""
+        """True if no row fails."""
         return not any(row.failed for row in self.rows)
 
     def as_dict(self) -> dict[str, Any]:
@@ -109,13 +108,13 @@ class PrintCheck:
         }  # fmt: skip
 
     def printer(self) -> KnownPrinter:
-        """What the print shows about its printer.
+        """Return the printer measured on the print.
 
-        Raises InputError for a photograph, and for a print that is not the recipe's.
+        Raises InputError for a photograph, and for another recipe's print.
         """
         measured = self.measured
         if measured is None or measured.scale is None:
-            raise InputError(f"{self.scan}: has no scale: use a flatbed scan with its dpi")
+            raise InputError(f"{self.scan}: no scale: use a flatbed scan with a dpi")
         if measured.halved:
             raise InputError(f"{self.scan}: {HALVED_COLOUR}")
         x, y = (was / is_ for was, is_ in zip(self.scaled, measured.scale, strict=True))
@@ -123,10 +122,10 @@ class PrintCheck:
 
 
 def load_scan(path: Path, dpi: float | None = None) -> tuple[NDArray[np.uint8], float | None, bool]:
-    """An image (h, w, 3) RGB, its dpi, and whether its colours are halved, as JPEG does.
+    """Load an image (h, w, 3) RGB, its dpi, and True for halved colours (JPEG 4:2:0).
 
-    dpi: of the file unless given; None where neither says it. Raises InputError for a file that is
-    no image, and for a dpi that no scanner has.
+    dpi: overrides the file's; None if neither is known. Raises InputError for a file that is no
+    image, and for a dpi out of range.
     """
     low, high = SCAN_DPI_RANGE
     if dpi is not None and not low <= dpi <= high:
@@ -151,12 +150,12 @@ def verify_print(
 ) -> PrintCheck:
     """Compare a scan or photograph of a print with its recipe.
 
-    dpi: of the scan, instead of the file's. mirrored: what the transfer requires (`slide`). scaled:
-    by which the sheet was stretched already. Raises InputError for a file that cannot be used and
-    for a recipe of one colour.
+    dpi: of the scan, instead of the file's. mirrored: expected orientation (`slide`). scaled:
+    scale correction of the sheet. Raises InputError for an unusable file and for a recipe of one
+    colour.
     """
     if recipe.patch_mm is None and recipe.dots is None:
-        raise InputError(f"{recipe.law}: one uniform colour: there is nothing to compare")
+        raise InputError(f"{recipe.law}: one uniform colour, nothing to compare")
     scan, dpi, halved = load_scan(path, dpi)
     best = locate_in_scan(scan, recipe, dpi)
     if best is None:
@@ -172,9 +171,9 @@ def verify_print(
 
 
 def _identify_print(scan: NDArray[np.uint8]) -> str:
-    """What is there instead, as far as a code beside it tells."""
+    """Describe the print in the scan by its QR code, if any."""
     text, *_ = cv2.QRCodeDetector().detectAndDecode(cv2.cvtColor(scan, cv2.COLOR_RGB2GRAY))
-    return f"another one: {text}" if text else "not this recipe's pattern"
+    return f"not located; QR code: {text}" if text else NOT_LOCATED
 
 
 def _measure_print(
@@ -183,7 +182,7 @@ def _measure_print(
     frame = StickerFrame.finest(recipe)
     side, template = frame.side_px, frame.template
     image = frame.flatten(placement.image, placement.to_px)
-    # A scan's pixel, and the line between two of them: a box and a triangle.
+    # Blur of the scan: pixel area (box) and interpolation (triangle).
     long_px = math.sqrt(abs(np.linalg.det(placement.to_px[:2, :2]))) * recipe.printed_mm
     blur_px = max(0.5 * side / long_px, 1e-3)
     template = np.asarray(cv2.GaussianBlur(template, (0, 0), blur_px), np.float32)
@@ -201,7 +200,7 @@ def _measure_print(
         _, shift_mm, response = frame.shifts_mm(image[..., c], template[..., c])
         good = response > MIN_RESPONSE
         inks.append(np.median(shift_mm[good], axis=0) if good.any() else np.zeros(2))
-        # Each ink is judged where it lies.
+        # Undo the shift of this ink.
         x_px, y_px = inks[-1] * side / recipe.printed_mm
         back = np.array([[1, 0, -x_px], [0, 1, -y_px]])
         image[..., c] = cv2.warpAffine(
@@ -228,14 +227,14 @@ def _measure_print(
 
 
 def _gain(image: NDArray[Any], template: NDArray[Any]) -> float:
-    """Contrast of one ink as a share of the recipe's; 1 where it has none."""
+    """Contrast of one ink over the recipe's; 1 if it has none."""
     a, b = template - template.mean(), image - image.mean()
     power = float((a * a).mean())
     return float((a * b).mean()) / power if power > 0 else 1.0
 
 
 def _share_in_order(image: NDArray[np.float32], recipe: PatternRecipe) -> float | None:
-    """Share of neighbouring patches of which the lighter one is the lighter one, a colour each."""
+    """Share of neighbouring patches, per colour, whose order of lightness is right."""
     if recipe.patch_mm is None or recipe.n < 3:
         return None
     patches = recipe.patches().astype(np.float32)
@@ -252,7 +251,7 @@ def _share_in_order(image: NDArray[np.float32], recipe: PatternRecipe) -> float 
 def _gaps(
     image: NDArray[np.float32], template: NDArray[np.float32], recipe: PatternRecipe
 ) -> tuple[tuple[float, float], ...]:
-    """Middles (mm) of tiles that have half of the contrast of the others, or less."""
+    """Centres, mm, of tiles with less than GAP_SHARE of the median contrast."""
     side = len(image)
     step = recipe.printed_mm / side
     size = max(16, round(GAP_TILE_MM / step))
@@ -272,7 +271,7 @@ def _gaps(
 
 
 def _dots(image: NDArray[np.float32], recipe: PatternRecipe) -> tuple[int, int] | None:
-    """Marker dots that stand out from what is around them, and how many there should be."""
+    """Count marker dots that stand out from their surroundings, and expected dots."""
     if recipe.dots is None:
         return None
     step = recipe.printed_mm / len(image)
@@ -289,7 +288,7 @@ def _dots(image: NDArray[np.float32], recipe: PatternRecipe) -> tuple[int, int] 
 
 
 def _spread_um(recipe: PatternRecipe, share: float) -> float:
-    """The spread at which the printer's model keeps that share of a recipe's contrast."""
+    """Ink spread at which the printer model keeps that share of a recipe's contrast."""
     if recipe.patch_mm is None:
         return 0.0
     fine = recipe.patch_mm / 8

@@ -28,7 +28,7 @@ from deltact_fab.fabricate.cad.drafting.dimensioning import (
 from deltact_fab.fabricate.cad.drafting.drawing import STANDARD_SCALES, drawing
 from deltact_fab.fabricate.cad.drafting.page import (  # fmt: skip
     BORDER_MM,
-    SHEETS_MM,
+    FORMATS_MM,
     TEXT_GAP_MM,
     DrawingPage,
     Polylines,
@@ -98,7 +98,7 @@ def faults(page):
         left, top, right, bottom = mark.box
         if left < edge[0] or top < edge[1] or right > edge[2] or bottom > edge[3]:
             found.append(f"{mark.words!r} off the sheet")
-    sheet = next(name for name, size in SHEETS_MM.items() if size == page.size_mm)
+    sheet = next(name for name, size in FORMATS_MM.items() if size == page.size_mm)
     block = shapely.box(*block_rect(sheet))
     for mark in page.broken():
         if isinstance(mark, Polylines):
@@ -268,7 +268,7 @@ def test_what_nobody_measured_is_named_on_the_drawing(made):
 
 
 def test_a_narrow_line_ends_at_a_text_and_a_wide_one_is_a_fault():
-    page = DrawingPage(SHEETS_MM["A4"], "test")
+    page = DrawingPage(FORMATS_MM["A4"], "test")
     page.text((40, 25), "36", anchor="middle")
     page.line((20, 24), (60, 24))
     assert faults(page) == []

@@ -116,7 +116,7 @@ def test_the_same_again_in_the_same_bytes_and_never_over_another(written, entrie
     (tmp_path / "again").mkdir()  # empty
     again = series.write_series(tmp_path / "again", seed=3, entries=entries)
     assert contents(again.out) == contents(written.out)
-    with pytest.raises(InputError, match="again: is there already; name a new folder"):
+    with pytest.raises(InputError, match="again: exists already; name a new folder"):
         series.write_series(again.out, seed=3, entries=entries)
 
 

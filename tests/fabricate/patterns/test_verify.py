@@ -84,7 +84,7 @@ def test_a_hand_held_photograph_is_judged_but_for_its_scale(tmp_path):
     done = verify_print(spoiled.save(photo, tmp_path / "photo.jpg"), RECIPE)
     assert done.passed
     assert done.measured.scale is None
-    with pytest.raises(InputError, match="has no scale: use a flatbed scan with its dpi"):
+    with pytest.raises(InputError, match="no scale: use a flatbed scan with a dpi"):
         done.printer()
 
 
@@ -92,7 +92,7 @@ def test_a_jpeg_of_halved_colours_says_what_it_cannot_tell(sound):
     done = verify_print(sound[1], RECIPE)
     assert done.passed
     assert "contrast and inks" in [row.name for row in done.rows]
-    with pytest.raises(InputError, match="scan it as PNG or TIFF"):
+    with pytest.raises(InputError, match="scan as PNG or TIFF"):
         done.printer()
 
 
@@ -104,7 +104,7 @@ def test_a_sheet_that_was_stretched_already_keeps_its_stretch(sound):
 def test_another_recipe_is_told(sound):
     (row,) = verify_print(sound[1], RECIPE.model_copy(update={"seed": 4})).rows
     assert row.failed
-    assert row.value == "not this recipe's pattern"
+    assert row.value == "pattern not located; does the file have a dpi? give --dpi"
 
 
 def test_what_is_no_scan_is_one_line(tmp_path):

@@ -10,7 +10,7 @@ import numpy as np
 
 from deltact_fab.common import Field, Point, Point2
 
-from .dimensioning import CentreLine, Item, Leader, Linear, Side
+from .dimensioning import CentreLine, Item, Leader, Linear, PaperSide
 from .page import (
     ARROW_HEAD_MM,
     TEXT_LINE_MM,
@@ -23,7 +23,7 @@ from .page import (
 )
 from .projection import DrawnView
 
-PAPER_SIDES: tuple[Side, ...] = ("left", "right", "top", "bottom")
+PAPER_SIDES: tuple[PaperSide, ...] = ("left", "right", "top", "bottom")
 # By hand, paper mm: smaller values crowd the texts, larger ones need a larger sheet.
 FIRST_LEVEL_MM = 9.0  # from the view to its first dimension line
 NEXT_LEVEL_MM = 7.0  # from one dimension line to the next
@@ -59,7 +59,7 @@ class ArrangedView:
     items: Sequence[Item]
     cut_x: float | None = None  # on the model's plane, where this view shows the cutting plane
     heading: str = ""
-    lines: dict[Side, list[_Line]] = field(default_factory=dict)
+    lines: dict[PaperSide, list[_Line]] = field(default_factory=dict)
     labels: list[tuple[Leader, float, float]] = field(default_factory=list)
     margins: Rect = (0.0, 0.0, 0.0, 0.0)
 
@@ -103,20 +103,20 @@ class ArrangedView:
         (x0, _), (_, y1) = self.projection.box_mm
         return (u - x0) * self.scale, (y1 - v) * self.scale
 
-    def _across(self, side: Side, level: int) -> float:
+    def _across(self, side: PaperSide, level: int) -> float:
         """Coordinate of a level's dimension line, from the view's upper left corner."""
         cut = CUT_ROOM_MM if self.cut_x is not None and side in ("top", "bottom") else 0.0
         offset, (width, height) = FIRST_LEVEL_MM + cut + NEXT_LEVEL_MM * level, self.size_mm
         return {"top": -offset, "bottom": height + offset, "left": -offset,
                 "right": width + offset}[side]  # fmt: skip
 
-    def _rect(self, side: Side, line: _Line) -> Rect:
+    def _rect(self, side: PaperSide, line: _Line) -> Rect:
         """Rectangle of a dimension line and its text, which stands above it or to its left."""
         across, (a, b) = self._across(side, line.level), line.span
         low, high = across - TEXT_MM - 1.5, across + 1.5
         return (a, low, b, high) if side in ("top", "bottom") else (low, a, high, b)
 
-    def _levels(self, side: Side, lines: Iterable[_Line], occupied: Sequence[Rect]) -> list[_Line]:
+    def _levels(self, side: PaperSide, lines: list[_Line], occupied: list[Rect]) -> list[_Line]:
         """Assign levels: short dimensions nearest to the view, without overlaps."""
         levelled: list[_Line] = []
         for line in sorted(lines, key=lambda i: (round(i.high - i.low, 6), i.low, i.item.words)):
@@ -145,7 +145,7 @@ class ArrangedView:
         text_centre = high + ARROW_TAIL_MM + width / 2
         return _Line(item, low, high, text_centre, False, (span[0], text_centre + width / 2))
 
-    def _column(self, side: Side) -> Iterable[tuple[Leader, float]]:
+    def _column(self, side: PaperSide) -> Iterable[tuple[Leader, float]]:
         """Yield the labels of one side from the top down, with their base lines' y."""
         leaders = [i for i in self.items if isinstance(i, Leader) and i.side == side]
         y_min = -math.inf
@@ -183,7 +183,7 @@ class ArrangedView:
             middle = page_point(self.size_mm[0] / 2, -self.margins[1] + TITLE_MM)
             page.text(middle, self.heading, TITLE_MM, "middle")
 
-    def _draw_line(self, page: DrawingPage, origin: Point2, side: Side, line: _Line) -> None:
+    def _draw_line(self, page: DrawingPage, origin: Point2, side: PaperSide, line: _Line) -> None:
         flat = side in ("top", "bottom")
         across = self._across(side, line.level)
         overrun = LINE_OVERRUN_MM if side in ("bottom", "right") else -LINE_OVERRUN_MM

@@ -18,7 +18,7 @@ from ..parts import coupons, mold
 from ..registry import find_part
 
 # By hand, for a clear picture: height of a lifted piece, tilt of the mold, drawn film thickness.
-LIFT_MM = 12.0
+LIFTED_MM = 12.0
 TIPPED_DEG = -10.0
 FILM_MM = 0.4
 TAPE_BLUE = (0.25, 0.45, 0.75, 1.0)
@@ -121,7 +121,7 @@ class CastingScenes:
         ]
 
     def _lifted(self, pieces: Sequence[PlacedPart]) -> list[PlacedPart]:
-        return self._map(pieces, lambda solid: solid.translate((0, 0, LIFT_MM)))
+        return self._map(pieces, lambda solid: solid.translate((0, 0, LIFTED_MM)))
 
     def _halved(self, pieces: Sequence[PlacedPart]) -> list[PlacedPart]:
         """Keep the half of each piece at x > 0."""

@@ -14,7 +14,7 @@ from typing import Any, Literal
 from deltact_fab.common import Point
 from deltact_fab.sensor import Bounded, ShapeError
 
-Side = Literal["left", "right", "top", "bottom"]
+PaperSide = Literal["left", "right", "top", "bottom"]
 MAX_TITLE_CHARS = 60  # of one cell, by hand: more text would become unreadably small
 
 
@@ -35,7 +35,7 @@ class Linear:
     view: str
     a: Point
     b: Point
-    side: Side
+    side: PaperSide
     words: str
 
 

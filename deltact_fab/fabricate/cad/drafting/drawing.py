@@ -25,7 +25,7 @@ from .arrangement import ArrangedView, on_paper
 from .dimensioning import GENERAL_TOLERANCE, Callouts, Item
 from .page import (
     BORDER_MM,
-    SHEETS_MM,
+    FORMATS_MM,
     TEXT_LINE_MM,
     TEXT_MM,
     DrawingPage,
@@ -72,7 +72,7 @@ class Layout:
     @property
     def fits(self) -> bool:
         """True if all views lie on the sheet, clear of each other and of the title block."""
-        (width, height), edge, rects = SHEETS_MM[self.sheet], BORDER_MM + 1, self.extents.values()
+        (width, height), edge, rects = FORMATS_MM[self.sheet], BORDER_MM + 1, self.extents.values()
         widest = max(view.size_mm[0] for view in self.arranged.values())
         if STANDARD_SCALES[self.scale] > 1 and widest > MAX_ENLARGED_MM:
             return False
@@ -84,7 +84,7 @@ class Layout:
     @property
     def picture(self) -> Rect:
         """The larger free rectangle, below or beside the left view."""
-        (width, _), (_, above, _, _) = SHEETS_MM[self.sheet], self.reserved
+        (width, _), (_, above, _, _) = FORMATS_MM[self.sheet], self.reserved
         _, _, x_top, _ = self.extents["top"]
         _, _, right, below = self.extents["left"]
         edge, above = width - BORDER_MM - 2, above - 2
@@ -110,7 +110,7 @@ def drawing(part: Part, design: Design, solid: Any) -> DrawingPage:
     general, off_mm = _tolerances(part, design)
     items = list(Placing(features, callouts, projections, off_mm).items(scheme(features, callouts)))
     layout = _fit_layout(part.name, projections, callouts, items, notes)
-    page = DrawingPage(SHEETS_MM[layout.sheet], f"{part.name}, {layout.scale}")
+    page = DrawingPage(FORMATS_MM[layout.sheet], f"{part.name}, {layout.scale}")
     cells = {
         "Material": part.material, "Process": part.process, "Quantity": str(part.quantity),
         "General tolerances": general, "Scale": layout.scale, "Document": "part drawing",
@@ -166,7 +166,7 @@ def _fit_layout(
             )
             for name in ("front", "top", "left")
         }
-        for sheet in SHEETS_MM:
+        for sheet in FORMATS_MM:
             for spare_mm in VIEW_SPARE_MM:
                 origins = _origins(sheet, arranged, spare_mm)
                 layout = Layout(sheet, scale, arranged, origins, lines)
@@ -188,8 +188,8 @@ def _origins(sheet: str, views: Mapping[str, ArrangedView], spare_mm: float) -> 
     y_top = y + front.size_mm[1] + below + VIEW_GAP_MM + top.margins[1]
     width = max(x_left + side.size_mm[0] + side.margins[2], x + top.size_mm[0] + top.margins[2])
     height = y_top + top.size_mm[1] + top.margins[3]
-    spare_x = min((SHEETS_MM[sheet][0] - 2 * BORDER_MM - width) / 3, spare_mm)
-    spare_y = min((SHEETS_MM[sheet][1] - 2 * BORDER_MM - height) / 3, spare_mm)
+    spare_x = min((FORMATS_MM[sheet][0] - 2 * BORDER_MM - width) / 3, spare_mm)
+    spare_y = min((FORMATS_MM[sheet][1] - 2 * BORDER_MM - height) / 3, spare_mm)
     x, y = BORDER_MM + spare_x + x, BORDER_MM + spare_y + y
     x_left, y_top = BORDER_MM + 2 * spare_x + x_left, BORDER_MM + 2 * spare_y + y_top
     return {"front": (x, y), "left": (x_left, y), "top": (x, y_top)}

@@ -46,7 +46,7 @@ LINE_STROKES: dict[str, tuple[float, tuple[float, ...]]] = {
     "filled": (0.0, ()),
 }
 # Sheets of ISO 216, landscape; title block as wide as in ISO 7200; border and height by hand.
-SHEETS_MM = {"A4": (297.0, 210.0), "A3": (420.0, 297.0)}
+FORMATS_MM = {"A4": (297.0, 210.0), "A3": (420.0, 297.0)}
 BORDER_MM, TITLE_BLOCK_MM = 10.0, (180.0, 45.0)
 LARGE_CELLS = ("Title", "Scale", "Drawing number", "Revision")
 TEXT_LINE_MM = 4.2  # baseline distance of small text, by hand: 1.7 times its height
@@ -270,7 +270,7 @@ def _as_pdf(mark: Mark) -> Iterator[str]:
 
 def block_rect(sheet: str) -> Rect:
     """Rectangle of the title block on a sheet."""
-    width, height = SHEETS_MM[sheet]
+    width, height = FORMATS_MM[sheet]
     right, bottom = width - BORDER_MM, height - BORDER_MM
     return right - TITLE_BLOCK_MM[0], bottom - TITLE_BLOCK_MM[1], right, bottom
 
@@ -279,7 +279,7 @@ def draw_frame(
     page: DrawingPage, sheet: str, name: str, lab: TitleBlock, cells: Mapping[str, str]
 ) -> None:
     """Draw border and title block with the first-angle symbol; cells: other cells by label."""
-    width, height = SHEETS_MM[sheet]
+    width, height = FORMATS_MM[sheet]
     b = BORDER_MM
     page.group = "sheet"
     corners = [(b, b), (width - b, b), (width - b, height - b), (b, height - b)]

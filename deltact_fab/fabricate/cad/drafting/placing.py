@@ -14,7 +14,7 @@ import numpy as np
 from deltact_fab.common import Field, Point
 
 from ..features import OtherFace, Round, SolidFeatures
-from .dimensioning import Callouts, CentreLine, Item, Leader, Linear, Side, Span, toleranced
+from .dimensioning import Callouts, CentreLine, Item, Leader, Linear, PaperSide, Span, toleranced
 from .projection import DrawnView
 from .scheme import GRID_MM, Rounds, Scheme
 
@@ -24,7 +24,7 @@ AXIAL_VIEWS = ("left", "front", "top")  # the view along each axis
 ON_LINE_MM = 2e-3  # of a drawn line, by hand: more takes points beside a line for visible
 # By hand: hidden ends outweigh distance, distance outweighs levels; a sheet is wider than high.
 HIDDEN_COST, FAR_COST, CROWD_COST = 10.0, 6.0, (2.0, 0.7)
-LENGTH_SIDES: tuple[tuple[Side, Side], ...] = (("bottom", "top"), ("left", "right"))
+LENGTH_SIDES: tuple[tuple[PaperSide, PaperSide], ...] = (("bottom", "top"), ("left", "right"))
 
 
 # End point of a length, and points of which one must be visible for the end to be seen.
@@ -46,7 +46,7 @@ class Placing:
     ) -> None:
         self._features, self._callouts = features, callouts
         self._projections, self._off_mm = projections, off_mm
-        self._count: dict[tuple[str, Side], int] = {}
+        self._count: dict[tuple[str, PaperSide], int] = {}
 
     def items(self, plan: Scheme) -> Iterator[Item]:
         """Yield all items of the views."""
@@ -78,7 +78,7 @@ class Placing:
         self._count[item.view, item.side] = self._count.get((item.view, item.side), 0) + 1
         return item
 
-    def _nearest(self, view: str, side: Side, anchors: Sequence[Anchor]) -> tuple[float, Point]:
+    def _nearest(self, view: str, side: PaperSide, anchors: list[Anchor]) -> tuple[float, Point]:
         """Return cost and point of the cheapest end in a view."""
         projection = self._projections[view]
         (x0, y0), (x1, y1) = projection.box_mm

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from ..dimensions import Design
 from ..parts.camera import COMPUTER
 from ..parts.light_holder import WIRE, WIRE_COLOURS
-from .page import SHEETS_MM, TEXT_LINE_MM, TEXT_MM, TITLE_MM, DrawingPage, draw_frame, wrapped
+from .page import FORMATS_MM, TEXT_LINE_MM, TEXT_MM, TITLE_MM, DrawingPage, draw_frame, wrapped
 
 WIRING_SHEET = "A4"
 # By hand, mm on an A4 sheet: most LEDs drawn one by one, and a layout without overlaps.
@@ -24,7 +24,7 @@ RESISTOR_MM, JUNCTION_MM = 20.0, 0.6
 def wiring(design: Design) -> DrawingPage:
     """Draw the wiring on a sheet of A4. Same dimensions, same page."""
     light = design.light
-    page = DrawingPage(SHEETS_MM[WIRING_SHEET], "wiring, not to scale")
+    page = DrawingPage(FORMATS_MM[WIRING_SHEET], "wiring, not to scale")
     cells = {"Material": "see bill of materials", "Process": "soldered", "Quantity": "1",
              "Document": "wiring", "Belongs to": "DelTact sensor"}  # fmt: skip
     draw_frame(page, WIRING_SHEET, "wiring", design.drawing, cells)

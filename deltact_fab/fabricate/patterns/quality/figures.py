@@ -1,4 +1,4 @@
-"""Figures of one image of a pattern: how much there is to track, and what could be mismatched.
+"""Figures of a pattern's image: texture to track, and risk of false matches.
 
 They are taken from the grey image (ITU-R BT.601 luma), which the trackers follow. Mean intensity
 gradient: Pan, Lu, Xie, Opt. Lasers Eng. 48 (2010) 469. SSSIG: Pan, Xie, Wang, Qian, Asundi, Opt.
@@ -15,45 +15,45 @@ import numpy as np
 
 from deltact_fab.common import Array, Field
 
-LUMA_WEIGHTS = (0.299, 0.587, 0.114)
+LUMA_WEIGHTS = (0.299, 0.587, 0.114)  # R, G, B by definition of ITU-R BT.601
 SUBSET_PX = 15
-"""Side of a subset: radius 7, as in the DIC methods that this toolchain is compared with."""
-PYRAMID_LEVELS = 6
+"""Side of a subset, radius 7 as in the DIC codes of benchmarks/flow_peers.py."""
+PYRAMID_LEVELS = 6  # by hand: level 5 of the smallest field has 2 pixels
 LAGS_PER_PX = 4
-"""Lags per camera pixel; whole pixels would miss the peak at a fine pattern's nearest copy."""
+"""Lags per camera pixel, by hand: whole pixels would miss the peak of a fine pattern."""
 LOBE_EDGE = 0.1
-"""Autocorrelation at which the main lobe ends. Lower peaks do not count: single-pixel noise, around
-which the spline rings, has peaks of 0.07."""
+"""Autocorrelation at which the main lobe ends, and least height of a peak; measured: the spline
+rings to 0.07 around single-pixel noise."""
 PEAK_SHARE = 0.8
-"""A regular pattern has a lattice of similar peaks, of which the nearest is the likeliest false
-match. With patches of 2.6 camera pixels it has 0.88 of the highest."""
+"""Share of the highest peak. A regular pattern has a lattice of similar peaks, the nearest of which
+is the likeliest false match; measured: 0.88 of the highest with patches of 2.6 camera pixels."""
 PEAK_WITHIN = 0.25
-"""Largest lag, as a share of the shorter side: beyond, the overlap is small and noise dominates."""
+"""Largest lag over the shorter side, by hand: beyond, overlap is small and noise dominates."""
 SHIFT_PX = 2.0
-"""Misregistration of the inks moves a colour by less."""
+"""Largest shift of a colour, by hand: more than misregistration of the inks causes."""
 
 
 @dataclass(frozen=True)
 class Figures:
-    """One image in numbers; grey levels are of 0..255."""
+    """Figures of one image; grey levels 0..255."""
 
     mean_gradient: float
-    """Mean intensity gradient, grey levels a pixel."""
+    """Mean intensity gradient, grey levels per pixel."""
     sssig: float
-    """Sum of squared gradients in a subset of 15 x 15 px, mean of x and y and of subsets."""
+    """Sum of squared gradients in a subset of 15 x 15 px, mean over x and y and subsets."""
     sssig_least: float
-    """The same for the weakest subset: 0 where there is nothing to track."""
+    """The same for the weakest subset; 0: nothing to track."""
     contrast: tuple[float, ...]
     """Standard deviation at pyramid levels 0..5, each half as large as the last (2 x 2 means)."""
     peak: float
-    """Secondary peak of the autocorrelation: the nearest with 0.8 of the highest one. 1 is an exact
-    copy, 0 means that there is none."""
+    """Secondary peak of the autocorrelation: the nearest with 0.8 of the highest; 1: exact copy,
+    0: none."""
     peak_mm: float | None
-    """Its distance: a displacement near it can be misidentified as none. None: there is no peak."""
+    """Its distance: a displacement near it can be mistaken for none. None: no peak."""
 
 
 def figures(image: Array, mm_per_px: float) -> Figures:
-    """All figures of an image (h, w, 3) RGB in 0..255; h, w at least 64."""
+    """Compute the figures of an image (h, w, 3), RGB 0..255; h, w at least 64."""
     shade = grey_levels(image)
     gx, gy = gradient(shade)
     height, peak_px = secondary_peak(autocorrelation(shade))
@@ -75,7 +75,7 @@ def grey_levels(image: Array) -> Field:
 
 
 def gradient(shade: Field) -> tuple[Field, Field]:
-    """Central differences (x, y) of an image (h, w), where both exist: (h - 2, w - 2)."""
+    """Central differences (x, y) of an image (h, w), each (h - 2, w - 2)."""
     return (
         (shade[1:-1, 2:] - shade[1:-1, :-2]) / 2,
         (shade[2:, 1:-1] - shade[:-2, 1:-1]) / 2,
@@ -83,7 +83,7 @@ def gradient(shade: Field) -> tuple[Field, Field]:
 
 
 def sssig(gx: Field, gy: Field, side_px: int = SUBSET_PX) -> tuple[float, float]:
-    """(least, mean) over all subsets of the sum of squared gradients, mean of x and y."""
+    """Least and mean sum of squared gradients over all subsets, mean of x and y."""
     sums = np.pad((gx**2 + gy**2) / 2, ((1, 0), (1, 0))).cumsum(0).cumsum(1)
     boxes = sums[side_px:, side_px:] - sums[:-side_px, side_px:]
     boxes -= sums[side_px:, :-side_px] - sums[:-side_px, :-side_px]
@@ -150,7 +150,7 @@ def secondary_peak(rho: Field) -> tuple[float, float | None]:
 
 
 def _vertex(three: Field) -> float:
-    """Vertex of the parabola through three values at -1, 0, 1; 0 for a plateau."""
+    """Vertex of the parabola through values at -1, 0, 1; 0 for a plateau."""
     low, middle, high = (float(v) for v in three)
     bend = low - 2 * middle + high
     return 0.0 if abs(bend) < 1e-9 else max(-0.5, min(0.5, (low - high) / (2 * bend)))
@@ -159,8 +159,8 @@ def _vertex(three: Field) -> float:
 def agreement(image: Array, template: Array) -> float:
     """Correlation coefficient of two images (h, w) at the best shift of at most SHIFT_PX.
 
-    The best has the largest magnitude; its sign is kept. 0 when either image is constant. Shifts
-    are 1/8 px apart, by Fourier interpolation: a displaced colour has not lost contrast.
+    The best has the largest magnitude, with its sign. 0 if either image is constant. Shifts are
+    1/8 px apart, by Fourier interpolation, so that a displaced colour keeps its contrast.
     """
     from scipy import fft
 

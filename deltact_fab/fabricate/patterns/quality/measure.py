@@ -1,10 +1,10 @@
-"""How well a pattern can be tracked, before and after it is printed and photographed.
+"""Trackability of a pattern before and after printing and photographing.
 
-Before: the colours as designed, averaged over camera pixels. After: rasterised, printed, averaged
-over camera pixels and exposed by the model of `imaging`, whose values are assumed. Lens distortion
-and vignetting are left out, because they belong to the camera and not to the pattern; the mean
-falloff of light is kept, because it sets the noise. Both cover the middle of the sticker: the
-camera's view, or as much of it as the sticker or the number of printer dots allows (`field_mm`).
+Before: the designed colours, averaged over camera pixels. After: rasterised, printed, averaged over
+camera pixels and exposed by the model of `imaging`, whose values are assumed. Lens distortion and
+vignetting belong to the camera and are not modelled; the mean falloff of light is, because it sets
+the noise. Both cover the middle of the sticker: the camera's view, or what the sticker or the
+number of printer dots allows (`field_mm`).
 """
 
 from __future__ import annotations
@@ -24,40 +24,39 @@ from .figures import Figures, agreement, figures
 
 STANDARD_MM_PER_PX = SensorDimensions().optics.mm_per_px
 MIN_SIDE_PX = 64
-"""Shorter side of the smallest field: level 5 of its pyramid has 2 pixels."""
+"""Shorter side of the smallest field, by hand: level 5 of its pyramid has 2 pixels."""
 PRINTED_SHARE = 0.5
-"""Contrast that a sharp print keeps at least: the MTF50 of camera tests (ISO 12233)."""
+"""Least contrast of a sharp print: the MTF50 of ISO 12233."""
 SEEN_SHARE = 0.1
-"""Contrast at which detail counts as resolved: the MTF10 of the same. Below it, only the coarse
-remainder of the pattern can be tracked, not its patches."""
-MAX_FIELD_PX = 1_000_000
-MAX_DOTS = 6_000_000
-"""The whole view at 2400 dpi; about 0.5 GB of memory while it is printed."""
+"""Least contrast of resolved detail: the MTF10 of ISO 12233. Below it only the coarse remainder of
+the pattern can be tracked, not its patches."""
+MAX_FIELD_PX, MAX_DOTS = 1_000_000, 6_000_000
+"""By hand: the whole view at 2400 dpi; about 0.5 GB of memory while it is printed."""
 
 
 @dataclass(frozen=True)
 class Quality:
-    """A pattern's figures as designed and as photographed, and how much contrast it keeps."""
+    """Figures of a pattern as designed and as photographed, and the contrast it keeps."""
 
     field_mm: tuple[float, float]
-    """Field of view that was measured (x, y)."""
+    """Measured field of view (x, y)."""
     field_px: tuple[int, int]
     dpi: float
     mm_per_px: float
     seed: int
     """Seed of halftone, misregistration and noise."""
     dots_a_patch: float | None
-    """Printer dots along a patch; along a marker where there are no patches; None on clear film."""
+    """Printer dots along a patch, or along a marker without patches; None on clear film."""
     px_a_patch: float | None
     """Camera pixels along the same."""
     print_contrast: float | None
-    """Share of the designed contrast on the print; None where the design has no contrast."""
+    """Share of the designed contrast on the print; None if the design has no contrast."""
     camera_contrast: float | None
     """The same in the camera's image."""
     printable: bool
-    """The print keeps half of the contrast, and `raster` takes patches and markers of this size."""
+    """True if the print keeps half of the contrast and `raster` accepts the feature sizes."""
     seen: bool
-    """The camera's image keeps a tenth of the contrast."""
+    """True if the camera's image keeps a tenth of the contrast."""
     designed: Figures
     photographed: Figures
 
@@ -124,7 +123,7 @@ def field_px(
     mm_per_px: float,
     view_mm: tuple[float, float] | None,
 ) -> tuple[int, int]:
-    """(h, w) of the field in camera pixels."""
+    """Size (h, w) of the field in camera pixels."""
     view_mm = view_mm or SensorDimensions().optics.view_mm
     width_mm, height_mm = (min(side_mm, recipe.printed_mm) for side_mm in view_mm)
     across_mm = math.sqrt(width_mm * height_mm)
@@ -146,17 +145,16 @@ def field_px(
 
 
 def _middle(image: Array) -> Array:
-    """At most 512 x 512 px of the middle, enough for the contrast of the print."""
+    """Crop the middle 512 x 512 px at most, enough for the print's contrast."""
     row, column = (max(0, (length - 512) // 2) for length in image.shape[:2])
     return image[row : row + 512, column : column + 512]
 
 
 def contrast_share(image: Array, original: Array, full: Array) -> float | None:
-    """Share of a pattern's contrast that an image still has, mean of R, G and B.
+    """Share of a pattern's contrast kept by an image, mean of R, G and B; None if it has none.
 
-    image, original: (h, w, 3) of one shape; whole: an image with the pattern's full contrast.
-    Halftone and noise do not count: they are uncorrelated with the original. None where the
-    pattern has no contrast.
+    image, original: (h, w, 3) of one shape. full: an image with the pattern's full contrast.
+    Halftone and noise do not count: they are uncorrelated with the original.
     """
     shares = []
     for c in range(3):
@@ -169,17 +167,17 @@ def contrast_share(image: Array, original: Array, full: Array) -> float | None:
 
 
 INK_REACH_MM = 0.3
-"""Printed around the field, from where misregistered (15 um) and spreading (20 um) ink comes."""
+"""Printed around the field, by hand: far more than inks spread (20 um) or lie apart (15 um)."""
 EDGE_PX = 4
-"""Camera pixels around the field, for blur and demosaicing; even, to keep the mosaic's phase."""
-STRIP_COLUMNS = 256
+"""Camera pixels around the field for blur and demosaicing, by hand; even: mosaic phase."""
+STRIP_COLUMNS = 256  # by hand: more costs memory
 
 
 def driver_image(recipe: PatternRecipe, dpi: float, field_mm: tuple[float, float]) -> Array:
-    """The middle of a sticker in printer dots, (h, w, 3) file values: field_mm (x, y) and a margin.
+    """Render the middle of a sticker in printer dots, (h, w, 3) uint8: field_mm (x, y), margin.
 
-    Where a patch or marker is smaller than a printer dot, each dot gets the mean of what it covers,
-    as from a driver that scales down. Nothing outside the sticker is included.
+    Where a patch or marker is smaller than a printer dot, each dot gets the mean over its area, as
+    from a driver that scales down. Nothing outside the sticker is included.
     """
     mm_per_dot = MM_PER_INCH / dpi
     whole_px = round(recipe.printed_mm / mm_per_dot)
@@ -195,7 +193,7 @@ def driver_image(recipe: PatternRecipe, dpi: float, field_mm: tuple[float, float
 
 
 def has_raster(recipe: PatternRecipe, dpi: float) -> bool:
-    """Whether patches and markers are as large as `raster` asks for."""
+    """True if patches and markers are large enough for `raster`."""
     return all(MM_PER_INCH / dpi <= limit_mm * (1 + 1e-9) for limit_mm, _ in finest_mm(recipe))
 
 
@@ -207,7 +205,7 @@ def photograph(
     size_px: tuple[int, int],
     rng: np.random.Generator,
 ) -> NDArray[np.uint8]:
-    """A centred print (rows, columns, 3) as the camera's image of size_px (h, w), (h, w, 3) RGB."""
+    """Photograph a centred print (rows, columns, 3): camera image of size_px (h, w), RGB uint8."""
     from deltact_fab.physics import Exposure, view_grid
 
     height_px, width_px = (length + 2 * EDGE_PX for length in size_px)
@@ -229,7 +227,7 @@ def photograph(
 
 
 def _centred(wanted_px: int, whole_px: int) -> int:
-    """A length near the wanted one that leaves equal margins on both sides of the whole."""
+    """Adjust a length by at most 1 to leave equal margins on both sides of the whole."""
     return whole_px if wanted_px >= whole_px else wanted_px + (whole_px - wanted_px) % 2
 
 
