@@ -83,7 +83,7 @@ def page(root):
 
 
 @pytest.mark.parametrize("name", ["screw", "mold", "indenter-ring"])
-def test_a_part_fills_its_room_and_no_more(cq, name):
+def test_part_fills_its_room(cq, name):
     root = ET.fromstring(part_svg(registry.find_part(name), made(name)))
     size, margin = page(root), picture.PICTURE_MARGIN_MM
     assert np.all(size <= np.array(picture.PART_ROOM_MM) + 1e-3)
@@ -94,7 +94,7 @@ def test_a_part_fills_its_room_and_no_more(cq, name):
     assert np.allclose(points.max(axis=0), size - margin, atol=0.05)
 
 
-def test_a_region_is_what_is_seen_of_a_body(cq):
+def test_region_is_visible_part_of_body(cq):
     view = picture.CORNER_VIEW
     box = cq.Solid.makeBox(3, 4, 5)
     # A box shows three faces, each foreshortened by its normal's part along the line of sight.
@@ -114,7 +114,7 @@ def test_a_region_is_what_is_seen_of_a_body(cq):
 
 
 @pytest.mark.slow
-def test_each_part_seen_has_one_balloon_with_the_paper_s_number(exploded):
+def test_visible_parts_have_one_balloon(exploded):
     found = Counter(
         name.removeprefix("balloon ")
         for g in exploded.iter(f"{SVG}g")
@@ -130,7 +130,7 @@ def test_each_part_seen_has_one_balloon_with_the_paper_s_number(exploded):
     assert said["screw, 4×"] == 1
 
 
-def test_a_part_that_is_hidden_altogether_has_no_balloon():
+def test_hidden_part_has_no_balloon():
     one, other = registry.find_part("shell"), registry.find_part("cover")
     line = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 8.0]])
     (balloon,) = arrange_balloons([(one, [line]), (other, [])], np.array([1.0, 0.0]))
@@ -138,7 +138,7 @@ def test_a_part_that_is_hidden_altogether_has_no_balloon():
 
 
 @pytest.mark.slow
-def test_leaders_end_on_their_part_and_cross_no_line(exploded):
+def test_leaders_cross_no_line(exploded):
     drawn = {
         n: shapely.MultiLineString(x) for n, x in lines_of(exploded, "lines", "picture").items()
     }
@@ -152,7 +152,7 @@ def test_leaders_end_on_their_part_and_cross_no_line(exploded):
 
 
 @pytest.mark.slow
-def test_no_piece_is_painted_over_a_line_that_is_seen(exploded):
+def test_fills_hide_no_visible_line(exploded):
     drawn = lines_of(exploded, "lines", "picture")
     for name, loops in lines_of(exploded, "piece", "filled").items():
         deep = shape(loops).buffer(-0.3)
@@ -162,7 +162,7 @@ def test_no_piece_is_painted_over_a_line_that_is_seen(exploded):
 
 
 @pytest.mark.slow
-def test_balloons_stand_apart_and_on_the_page(exploded):
+def test_balloons_are_apart_on_page(exploded):
     circles = lines_of(exploded, "balloon", "picture")
     at = np.array([circle.mean(axis=0) for (circle,) in circles.values()])
     gaps = np.hypot(*(at[:, None] - at[None]).T) + 1e9 * np.eye(len(at))
@@ -172,7 +172,7 @@ def test_balloons_stand_apart_and_on_the_page(exploded):
 
 
 @given(st.lists(st.floats(-100, 100), min_size=1, max_size=12))
-def test_balloons_keep_their_order_and_their_distance(wanted):
+def test_balloons_keep_order_and_distance(wanted):
     wanted = sorted(wanted)
     at = spread(wanted, BALLOON_PITCH_MM)
     assert np.all(np.diff(at) >= BALLOON_PITCH_MM - 1e-6)
@@ -199,7 +199,7 @@ print(hashlib.sha256("".join(texts).encode()).hexdigest())
 
 
 @pytest.mark.slow
-def test_another_process_and_a_mesh_left_on_the_solid_change_no_byte():
+def test_leftover_mesh_changes_no_byte():
     design, cover, solids = load_design(), registry.find_part("cover"), of_group("sensor")
     texts = [exploded_svg(design, solids), part_svg(cover, solids["cover"])]
     texts.append(drawing(cover, design, solids["cover"]).svg())

@@ -11,7 +11,7 @@ from deltact_fab.fabricate.patterns.recipe import PatternRecipe, choose_recipe, 
 GOOD = {"law": "algorithm1", "seed": 1, "patch_mm": 0.1, "r": 0.2}
 
 
-def test_shipped_recipes_load_and_one_is_the_papers():
+def test_shipped_recipes_include_the_papers():
     recipes = {name: load_recipe(name) for name in catalog.catalogue_names("patterns")}
     assert {"dense", "dense-with-dots", "dots", "transparent"} <= set(recipes)
     dense = recipes["dense"]
@@ -42,7 +42,7 @@ def test_shipped_recipes_load_and_one_is_the_papers():
         ),
     ],
 )
-def test_a_bad_recipe_is_one_line_with_file_and_key(change, said):
+def test_bad_recipe_names_file_and_key(change, said):
     with pytest.raises(InputError) as caught:
         validate(PatternRecipe, GOOD | change, "p.toml")
     assert str(caught.value).startswith(said)

@@ -79,7 +79,7 @@ def crop(page, sticker, dpi, scale=(1.0, 1.0)):
 
 @pytest.mark.parametrize("recipe", [PLAIN, MARKED])
 @pytest.mark.parametrize("dpi", [600, 1439.5])
-def test_bands_are_the_raster_bit_for_bit(recipe, dpi):
+def test_bands_equal_the_raster(recipe, dpi):
     whole = raster(recipe, dpi)
     assert np.array_equal(np.concatenate(list(picture(recipe, dpi).bands())), whole)
     turned = np.concatenate(list(picture(recipe, dpi, mirrored=True).bands()))
@@ -87,7 +87,7 @@ def test_bands_are_the_raster_bit_for_bit(recipe, dpi):
 
 
 @pytest.mark.parametrize("transfer", ["face-down", "slide"])
-def test_the_camera_sees_the_recipe_as_designed(tmp_path, transfer):
+def test_camera_sees_designed_recipe(tmp_path, transfer):
     """The film is laid on the gel by a rotation, and the camera looks at it from inside."""
     dpi = 600
     made = sheet.write_sheet([MARKED], tmp_path / "s.pdf", dpi=dpi, transfer=transfer, paper="A5")
@@ -121,7 +121,7 @@ def test_the_camera_sees_the_recipe_as_designed(tmp_path, transfer):
     assert not letter[:, -w // 8 :].all()
 
 
-def test_a_scale_stretches_the_sticker_and_the_rulers(tmp_path):
+def test_scale_stretches_sticker_and_rulers(tmp_path):
     dpi, scale = 300, (1.02, 0.97)
     made = sheet.write_sheet([PLAIN], tmp_path / "s.pdf", dpi=dpi, paper="A4", scale=scale)
     page = page_image(made.out, dpi)
@@ -142,7 +142,7 @@ def longest(line):
     return int(np.diff(edges)[::2].max(initial=0))
 
 
-def test_nothing_is_drawn_over_anything_else(tmp_path, monkeypatch):
+def test_marks_do_not_overlap(tmp_path, monkeypatch):
     """Words, codes, stickers and marks of a crowded page, by their boxes."""
     boxes, dpi = [], 400
     real = Sheet.words, Sheet.rectangle, Sheet.picture
@@ -212,7 +212,7 @@ D = choose_recipe
         (PLAIN, {"out": "no/s.pdf"}, "No such file"),
     ],
 )
-def test_what_cannot_be_printed_is_one_line_and_no_file(tmp_path, recipe, options, says):
+def test_unprintable_sheet_writes_no_file(tmp_path, recipe, options, says):
     options = dict(options)
     out = tmp_path / options.pop("out", "s.pdf")
     with pytest.raises(InputError, match=re.escape(says)) as why:
@@ -234,7 +234,7 @@ def test_fonts_are_embedded(tmp_path):
     assert "Print at 100 % (actual size, no fitting)" in said.stdout
 
 
-def test_every_sticker_has_the_film_that_the_bill_says(tmp_path):
+def test_film_size_matches_the_bill(tmp_path):
     """Pieces of film are cut from the sheet as they are, so they must not overlap on it."""
     from deltact_fab.fabricate.cad.design import load_design
     from deltact_fab.fabricate.cad.fabrication import bom
@@ -254,7 +254,7 @@ def test_every_sticker_has_the_film_that_the_bill_says(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_large_sticker_is_never_held_whole(tmp_path):
+def test_large_sticker_is_streamed(tmp_path):
     tracemalloc.start()
     sheet.write_sheet([D(None, 0.1, 0.6, 60.0)], tmp_path / "s.pdf", dpi=2400)
     peak = tracemalloc.get_traced_memory()[1]
@@ -262,7 +262,7 @@ def test_a_large_sticker_is_never_held_whole(tmp_path):
     assert peak < 60e6  # the raster alone is 96 MB
 
 
-def test_widths_are_helveticas():
+def test_text_widths_match_helvetica():
     matplotlib = pytest.importorskip("matplotlib", reason="brings the font metrics compared with")
     file = Path(matplotlib.get_data_path(), "fonts/pdfcorefonts/Helvetica.afm")
     found = dict(re.findall(r"C (\d+) ; WX (\d+)", file.read_text(encoding="latin-1")))
