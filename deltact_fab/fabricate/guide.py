@@ -67,8 +67,8 @@ FROM_BEHIND = ("H.7",)  # steps at the cable's notch
 ASSEMBLED_STEP = "H.9"
 # Headings of the tables.
 BATCH_HEADS = ["cavities filled", "part A, g", "part B, g", "mixture, ml"]
-PROCESS_HEADS = {"key": "figure", "meaning": "what it is", "basis": "rests on"}
-GAP_HEADS = {"said": "the paper", "found": "what is found", "chosen": "what was chosen"}
+PROCESS_HEADS = {"key": "figure", "meaning": "meaning", "basis": "basis"}
+GAP_HEADS = {"said": "paper", "found": "finding", "chosen": "choice here"}
 
 
 @dataclass(frozen=True)

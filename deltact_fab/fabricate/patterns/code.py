@@ -55,18 +55,18 @@ def decode_recipe(text: str) -> PatternRecipe:
         raise InputError(f"code {excerpt}: only 0-9, A-Z and $ % * + - . / : are allowed")
     clean = "".join(text.split()).lower()
     if not clean.startswith(CODE_PREFIX.lower() + "/"):
-        raise InputError(f"code {excerpt}: not the code of a sheet; one begins with {CODE_PREFIX}/")
+        raise InputError(f"code {excerpt}: not a sheet's code, which begins with {CODE_PREFIX}/")
     ending = _CHECKED_CODE.fullmatch(clean)
     if ending is None:
         raise InputError(
-            f"code {excerpt}: cut short or damaged; one ends in / and {HASH_DIGITS} digits, "
+            f"code {excerpt}: truncated or damaged; a code ends in / and {HASH_DIGITS} digits, "
             f"- and {CHECK_DIGITS} digits (0-9, A-F)"
         )
     body, code_hash, check = ending.groups()
     if _check(body) != check:
         raise InputError(
-            f"code {excerpt}: damaged or mistyped: its check digits are {check.upper()} and its "
-            f"text gives {_check(body).upper()}; read it again"
+            f"code {excerpt}: damaged or mistyped: check digits {check.upper()}, expected "
+            f"{_check(body).upper()}; read it again"
         )
     try:
         data = _parse_table(body.split("/")[1:])
@@ -76,8 +76,8 @@ def decode_recipe(text: str) -> PatternRecipe:
     drawn_hash = patches_hash(recipe)
     if drawn_hash != code_hash:
         raise InputError(
-            f"code {excerpt}: names patches {code_hash.upper()} and this version draws "
-            f"{drawn_hash.upper()}: it was made by another version"
+            f"code {excerpt}: patch hash {code_hash.upper()}, but this version draws "
+            f"{drawn_hash.upper()}: made by another version"
         )
     return recipe
 

@@ -216,7 +216,7 @@ def checked_mm_per_px(recipe: PatternRecipe, dpi: float, full_sticker: bool = Tr
     lowest, highest = _dpi_range(recipe)
     right = f"use {lowest} to {highest}" if full_sticker else f"use {lowest} or more"
     if full_sticker and lowest > highest:
-        right = f"no resolution shows it within {MAX_SIDE_PX} pixels: make the sticker smaller"
+        right = f"no resolution resolves it within {MAX_SIDE_PX} pixels: make the sticker smaller"
     for limit_mm, name in finest_mm(recipe):
         if MM_PER_INCH / dpi > limit_mm * (1 + 1e-9):
             raise InputError(

@@ -157,7 +157,7 @@ class PatternRecipe(Table, strict=True):
             raise ValueError(f"the patch size d must be at most the side, {size_mm:g} mm")
         if size_mm / patch_mm >= MAX_PATCHES + 1:
             raise ValueError(
-                f"makes {size_mm / patch_mm:.4g} patches a side; at most {MAX_PATCHES}, "
+                f"makes {size_mm / patch_mm:.4g} patches per side; at most {MAX_PATCHES}, "
                 f"so at least {size_mm / MAX_PATCHES:g} mm"
             )
         return patch_mm

@@ -161,7 +161,7 @@ def verify_print(
     if best is None:
         row = _row(
             "recipe", "recipe", _identify_print(scan),
-            "this recipe's pattern, whole, with blank film around it", False,
+            "this recipe's whole pattern, with blank film around it", False,
             "scan the whole sticker at 600 dpi or more; is it this recipe?",
         )  # fmt: skip
         return PrintCheck(str(path), (row,), None)

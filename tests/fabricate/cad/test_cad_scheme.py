@@ -94,8 +94,8 @@ def test_drawings_dimension_every_feature(design):
 @pytest.mark.parametrize(
     ("lengths", "fault"),
     [
-        ((x_of(-10.0, 9.0),), "19 along x ends at 9, where the part has nothing"),
-        ((x_of(-10.0, 10.0), x_of(-10.0, 10.0)), "20 along x follows from what is said already"),
+        ((x_of(-10.0, 9.0),), "19 along x ends at 9, where the part has no feature"),
+        ((x_of(-10.0, 10.0), x_of(-10.0, 10.0)), "20 along x is redundant: it follows from other lengths"),
         ((z_of(0.0, 2.0), z_of(2.0, 5.0), z_of(0.0, 5.0)), "5 along z follows from"),
     ],
 )
@@ -116,7 +116,7 @@ def test_holes_on_circle_give_angle(cq):
 def test_unknown_face_form_fails(cq):
     lens = cq.Workplane("XZ").moveTo(0, 0).lineTo(8, 0).spline([(4, 5), (0, 6)]).close()
     plan = scheme(features_of(lens.revolve(360, (0, 0), (0, 1)).val()), Callouts())
-    assert any(told.startswith("no number for the curve") for told in plan.faults)
+    assert any(told.startswith("no dimension for the curve") for told in plan.faults)
 
 
 def test_row_names_part_and_fault():
@@ -128,4 +128,4 @@ def test_row_names_part_and_fault():
     (row,) = drawings(BuiltDesign(load_design(), (wrong,)))
     assert row.failed
     assert row.subject == "acrylic"
-    assert "1 along x ends at 1, where the part has nothing" in row.value
+    assert "1 along x ends at 1, where the part has no feature" in row.value

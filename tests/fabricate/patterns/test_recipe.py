@@ -29,7 +29,7 @@ def test_shipped_recipes_include_the_papers():
         ({"r": float("nan")}, "p.toml: r: "),
         ({"patch_mm": 0.0}, "p.toml: patch_mm: 0.0; expected 0 < patch_mm <= 300"),
         ({"patch_mm": 36.0}, "p.toml: patch_mm: the patch size d must be at most the side, 35 mm"),
-        ({"patch_mm": 0.001}, "p.toml: patch_mm: makes 3.5e+04 patches a side; at most 2000"),
+        ({"patch_mm": 0.001}, "p.toml: patch_mm: makes 3.5e+04 patches per side; at most 2000"),
         ({"size_mm": float("nan")}, "p.toml: size_mm: nan; expected 1 <= size_mm <= 300"),
         ({"seed": 1.5}, "p.toml: seed: "),
         ({"sede": 1}, "p.toml: sede: unknown key; did you mean 'seed'?"),

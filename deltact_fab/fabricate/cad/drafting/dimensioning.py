@@ -133,7 +133,7 @@ class TitleBlock(Bounded):
     An empty field is drawn as a dash.
     """
 
-    number: str = _line("drawing number; a part's is this, a hyphen and its name")
+    number: str = _line("drawing number; a hyphen and the part's name are appended")
     revision: str = _line("revision, as in A or 02")
     date: str = _line("date of issue, as in 2026-11-23")
     owner: str = _line("legal owner: the lab")
@@ -148,7 +148,7 @@ class TitleBlock(Bounded):
 
             if len(text) > MAX_TITLE_CHARS or not text.isprintable():
                 raise ShapeError(
-                    f"{f.name}: one line of at most {MAX_TITLE_CHARS} characters: {text!r} fails"
+                    f"{f.name}: expected one line of at most {MAX_TITLE_CHARS} characters: {text!r}"
                 )
             try:
                 width_em(text)

@@ -89,7 +89,7 @@ def scheme(features: SolidFeatures, callouts: Callouts) -> Scheme:
             labelled.append((tuple(faces), words))
         else:
             place = ", ".join(map(fmt, faces[0].at))
-            faults.append(f"no number for the {faces[0].kind} at ({place})")
+            faults.append(f"no dimension for the {faces[0].kind} at ({place})")
     return Scheme(tuple(lengths), tuple(groups), tuple(labelled), tuple(middle), tuple(faults))
 
 
@@ -167,13 +167,13 @@ class _Chain:
         name = f"{fmt(length.value_mm)} along {AXIS_NAMES[self.axis]}"
         for end in (a, b):
             if not self._reach(end):
-                yield f"{name} ends at {fmt(end * GRID_MM)}, where the part has nothing"
+                yield f"{name} ends at {fmt(end * GRID_MM)}, where the part has no feature"
         middle = self._middle(a, b)
         ends = self._find(a), self._find(b)
         if middle is not None and self.same.connected(a, b):
             ends = ends[0], self._find(middle)
         if ends[0] == ends[1]:
-            yield f"{name} follows from what is said already"
+            yield f"{name} is redundant: it follows from other lengths"
         self._add(length)
 
     def complete(self) -> None:

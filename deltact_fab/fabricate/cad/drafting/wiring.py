@@ -81,7 +81,7 @@ def wiring(design: Design) -> DrawingPage:
 def _notes(design: Design) -> Sequence[str]:
     light, shell = design.light, design.shell
     keys = [key for key in design.unverified() if key.startswith("light.")]
-    strip_resistor = f"{light.strip_resistor_ohm:g} ohm" if light.strip_resistor_ohm else "left out"
+    strip = f"{light.strip_resistor_ohm:g} ohm" if light.strip_resistor_ohm else "not counted"
     foam = f"closed by black foam, {shell.cable_foam_mm:g} mm" if shell.cable_foam_mm else "no foam"
     return (
         f"At −y, wires through the light holder's slot of {light.slot_mm:g} mm, wires and cable "
@@ -90,8 +90,8 @@ def _notes(design: Design) -> Sequence[str]:
         f"All LEDs: {light.total_ma:.2f} mA ({light.least_ma:.2f} to {light.most_ma:.2f}); "
         f"a chip: at most {light.chip_most_ma:.2f} of {light.led_limit_ma:g} mA.",
         f"LED {light.led_v:g} ± {light.led_spread_v:g} V, {light.led_chips} chips in parallel; "
-        f"the strip's own resistor at each LED: {strip_resistor}.",
-        f"Resistor: {1000 * light.resistor_most_w:.1f} mW at most; the least of E24 for these "
+        f"the strip's own resistor at each LED: {strip}.",
+        f"Resistor: {1000 * light.resistor_most_w:.1f} mW at most; lowest E24 value for these "
         f"LEDs: {light.least_resistor_ohm:g} ohm. A LED's bar is its minus side.",
         *([f"Rests on unverified values: {', '.join(keys)}."] if keys else []),
     )
