@@ -134,7 +134,7 @@ def write_guide(
         parts=parts,
         layer_mm=PRINT_LAYER_MM,
         pictures=pictures,
-        bom=html_table(pd.DataFrame([_to_order(line) for line in lines])),
+        bom=html_table(pd.DataFrame([_bom_row(line) for line in lines])),
         stock_note=stock_note(design),
         q=quantities,
         f=_figures(design),
@@ -216,13 +216,13 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     for index, (step, layers) in enumerate(ASSEMBLY_STEPS.items(), len(parts) + 1):
         tell(index, total, f"step {step}")
         view = picture.FROM_BACK if step in FROM_BEHIND else picture.EXPLODED_VIEW
-        scene = picture.stacked(design, layers, solids)
+        scene = picture.stack_layers(design, layers, solids)
         steps[step] = _svg_url(picture.picture_svg(f"step {step}", scene, view))
     tell(total - 2, total, "test bench")
     bench = ""
     if tip := next((part for part in parts if part.indenter is not None), None):
-        standing = assemble_bench(design, tip, solids)
-        bench = _svg_url(picture.picture_svg("test bench", standing, room_mm=picture.BENCH_ROOM_MM))
+        scene = assemble_bench(design, tip, solids)
+        bench = _svg_url(picture.picture_svg("test bench", scene, room_mm=picture.BENCH_ROOM_MM))
     tell(total - 1, total, "3D view")
     # Meshes last: OCCT stores the triangles in the solids.
     fine = {p.name: mesh_solid(solids[p.name], VIEW_TOLERANCE_MM, p.name) for p in parts}
@@ -233,7 +233,7 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     }
     exploded_glb = {
         part.name: (
-            drawn(fine[part.name], part.name, _lit(part.colour)),
+            drawn(fine[part.name], part.name, _brighten(part.colour)),
             [(x, y, z + part.explode_mm) for x, y, z in part.places(design)],
         )
         for part in parts_of_group("sensor", design)
@@ -243,15 +243,15 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     return Pictures(_svg_url(exploded), bench, images, model, steps, ceilings)
 
 
-def _to_order(line: bom.BomLine) -> dict[str, str]:
+def _bom_row(line: bom.BomLine) -> dict[str, str]:
     """Table row of a line of the bill of materials."""
     amount = format_number(line.quantity, 2 if line.unit == "ml" else 1)
     order = "made"
     if line.source is not None:
-        second, instead = line.source.second_source, line.source.instead
+        second, alternative = line.source.second_source, line.source.instead
         order = str(line.source)
         order += f"; or {second}" * (not second.startswith("not "))
-        order += f"; {instead}" * (instead != "not looked up")
+        order += f"; {alternative}" * (alternative != "not looked up")
     return {
         "part": f"{line.item}. {line.part}",
         "for": line.group,
@@ -325,7 +325,7 @@ def turntable(glb: bytes) -> str:
     return str(scene_to_html(scene))
 
 
-def _lit(colour: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+def _brighten(colour: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
     red, green, blue, alpha = colour
     gain = max(1.0, MIN_CHANNEL / max(red, green, blue))
     return red * gain, green * gain, blue * gain, alpha

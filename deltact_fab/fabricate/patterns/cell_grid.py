@@ -36,12 +36,12 @@ class CellGrid:
     @cached_property
     def columns_px(self) -> NDArray[np.int64]:
         """Edges of the columns from 0, before mirroring, (columns + 1,)."""
-        return snapped(self.cells.shape[1], self.size_mm[0], self.pitch_mm[0])
+        return snap_edges(self.cells.shape[1], self.size_mm[0], self.pitch_mm[0])
 
     @cached_property
     def rows_px(self) -> NDArray[np.int64]:
         """Edges of the rows from 0, (rows + 1,)."""
-        return snapped(self.cells.shape[0], self.size_mm[1], self.pitch_mm[1])
+        return snap_edges(self.cells.shape[0], self.size_mm[1], self.pitch_mm[1])
 
     @property
     def width_px(self) -> int:
@@ -65,9 +65,9 @@ class CellGrid:
 
     def rows(self, first: int, stop: int) -> NDArray[np.uint8]:
         """Render rows first to stop as printed, (stop - first, width[, 3])."""
-        of_row = np.searchsorted(self.rows_px, np.arange(first, stop), "right") - 1
-        cells = self.cells[of_row[0] : of_row[-1] + 1]
-        band = cells.repeat(np.diff(self.columns_px), axis=1)[of_row - of_row[0]]
+        cell_row = np.searchsorted(self.rows_px, np.arange(first, stop), "right") - 1
+        cells = self.cells[cell_row[0] : cell_row[-1] + 1]
+        band = cells.repeat(np.diff(self.columns_px), axis=1)[cell_row - cell_row[0]]
         if self.grid is not None:
             self._stamp(band, first, stop)
         return band[:, ::-1] if self.mirrored else band
@@ -85,13 +85,13 @@ class CellGrid:
         at_px = self.grid.centres_mm() / np.array(self.pitch_mm)
         at_px += (np.array([self.width_px, self.height_px]) - 1) / 2
         for x, y in at_px:
-            rows, dy_mm = dots.reached(stop - first, y - first, radius_mm, pitch_y_mm)
-            columns, dx_mm = dots.reached(self.width_px, x, radius_mm, pitch_x_mm)
+            rows, dy_mm = dots.covered_px(stop - first, y - first, radius_mm, pitch_y_mm)
+            columns, dx_mm = dots.covered_px(self.width_px, x, radius_mm, pitch_x_mm)
             inked = dx_mm[None, :] ** 2 + dy_mm[:, None] ** 2 <= radius_mm**2
             band[rows, columns][inked] = self.grid.rgb
 
 
-def snapped(count: int, size_mm: float, pitch_mm: float) -> NDArray[np.int64]:
+def snap_edges(count: int, size_mm: float, pitch_mm: float) -> NDArray[np.int64]:
     """Snap the edges of equal cells to printer dots, from 0, (count + 1,)."""
     side_px = max(1, round(size_mm / pitch_mm))
     edges_px = np.floor(edges_mm(count, size_mm) / pitch_mm + side_px / 2 + 0.5)

@@ -35,8 +35,8 @@ def patches_hash(recipe: PatternRecipe) -> str:
 def encode(recipe: PatternRecipe) -> str:
     """Encode a recipe as a line of text."""
     data = recipe.model_dump(mode="json", exclude_none=True)
-    body = "/".join([CODE_PREFIX, *(f"{_key(k)}:{_encode_value(v)}" for k, v in data.items())])
-    return f"{body}/{patches_hash(recipe)}-{_check(body)}".upper()
+    body = "/".join([CODE_PREFIX, *(f"{_encoded(k)}:{_encode_value(v)}" for k, v in data.items())])
+    return f"{body}/{patches_hash(recipe)}-{_check_digits(body)}".upper()
 
 
 def read_code(text: str) -> PatternRecipe | None:
@@ -63,10 +63,10 @@ def decode_recipe(text: str) -> PatternRecipe:
             f"- and {CHECK_DIGITS} digits (0-9, A-F)"
         )
     body, code_hash, check = ending.groups()
-    if _check(body) != check:
+    if _check_digits(body) != check:
         raise InputError(
             f"code {excerpt}: damaged or mistyped: check digits {check.upper()}, expected "
-            f"{_check(body).upper()}; read it again"
+            f"{_check_digits(body).upper()}; read it again"
         )
     try:
         data = _parse_table(body.split("/")[1:])
@@ -82,17 +82,17 @@ def decode_recipe(text: str) -> PatternRecipe:
     return recipe
 
 
-def _check(body: str) -> str:
+def _check_digits(body: str) -> str:
     return hashlib.sha256(body.lower().encode()).hexdigest()[:CHECK_DIGITS]
 
 
-def _key(key: str) -> str:
+def _encoded(key: str) -> str:
     return key.replace("_", "-")
 
 
 def _encode_value(value: Any) -> str:
     if isinstance(value, dict):
-        return "+".join(f"{_key(k)}:{_encode_value(v)}" for k, v in value.items())
+        return "+".join(f"{_encoded(k)}:{_encode_value(v)}" for k, v in value.items())
     if isinstance(value, list):
         return "".join(f"{_encode_value(v)}*" for v in value)
     if isinstance(value, float):

@@ -63,7 +63,7 @@ def blend(image: NDArray[np.float32], grid: DotGrid, mm_per_px: float, colour: F
     for centre in grid.centres_mm():
         at_px = to_px(centre, mm_per_px, image.shape[:2])
         (columns, dx_mm), (rows, dy_mm) = (
-            reached(n, centre_px, radius_mm, mm_per_px)
+            covered_px(n, centre_px, radius_mm, mm_per_px)
             for n, centre_px in zip(image.shape[1::-1], at_px, strict=True)
         )
         rise_mm = dy_mm[:, None] + chords * mm_per_px
@@ -74,7 +74,7 @@ def blend(image: NDArray[np.float32], grid: DotGrid, mm_per_px: float, colour: F
         image[rows, columns] = image[rows, columns] * (1 - covered) + colour * covered
 
 
-def reached(length: int, at_px: float, radius_mm: float, pitch_mm: float) -> tuple[slice, Field]:
+def covered_px(length: int, at_px: float, radius_mm: float, pitch_mm: float) -> tuple[slice, Field]:
     """Pixels along one axis that a disc at at_px may cover, and their distances from it, mm."""
     reach_px = radius_mm / pitch_mm + 1
     first = max(0, math.floor(at_px - reach_px))

@@ -65,8 +65,8 @@ class PrintInView:
         to_px: (3, 3), sticker mm to px. rim_px: added on every side.
         """
         w, h = self.camera.width_px + 2 * rim_px, self.camera.height_px + 2 * rim_px
-        twice = np.array([[2, 0, 0.5 + 2 * rim_px], [0, 2, 0.5 + 2 * rim_px], [0, 0, 1]])
-        fine = _warped(self._print, self._step_mm, twice @ to_px, (2 * w, 2 * h))
+        upsample = np.array([[2, 0, 0.5 + 2 * rim_px], [0, 2, 0.5 + 2 * rim_px], [0, 0, 1]])
+        fine = _warp(self._print, self._step_mm, upsample @ to_px, (2 * w, 2 * h))
         return np.asarray(cv2.resize(fine, (w, h), interpolation=cv2.INTER_AREA), np.float32)
 
     def dots(self, to_px: Field) -> Image:
@@ -77,12 +77,12 @@ class PrintInView:
         difference = np.abs(self._print - pattern_albedo(self._bare, self._step_mm)).max(axis=2)
         mask = cv2.dilate((difference > 0.02).astype(np.float32), np.ones((9, 9), np.uint8))
         bare = np.asarray(1 - mask, np.float32)
-        return (_warped(bare, self._step_mm, to_px, (w, h)) < 0.5).astype(np.uint8)
+        return (_warp(bare, self._step_mm, to_px, (w, h)) < 0.5).astype(np.uint8)
 
     def place(self, view: NDArray[np.float32]) -> Placement | None:
         """Locate the print in a view (h, w, 3); None for another pattern."""
         for scales in TRIED_SCALES:
-            guess = self._guess(view, scales)
+            guess = self._best_guess(view, scales)
             if guess.agreement >= MIN_AGREEMENT:
                 rounds = [partial(self._compare, luma(view), side_px) for side_px in REFINE_PX]
                 to_px = refine(guess.to_px, rounds, VIEW_TOLERANCE_PX)
@@ -94,7 +94,7 @@ class PrintInView:
         placement = self.place(view)
         return None if placement is None else ComparedPrint(self, placement)
 
-    def _guess(self, view: NDArray[np.float32], scales: Sequence[float]) -> Placement:
+    def _best_guess(self, view: NDArray[np.float32], scales: Sequence[float]) -> Placement:
         """Best match of the middle of the view over orientation, turn and scale."""
         step = min(0.1, max(self.patch_mm / 2, self.camera.mm_per_px))
         shrink = self.camera.mm_per_px / step
@@ -104,8 +104,8 @@ class PrintInView:
         h, w = small.shape[:2]
         px = min(round(VIEW_SEARCH_MM / step), h, w) // 2 * 2
         row, column = (h - px) // 2, (w - px) // 2
-        image = _levelled(small[row : row + px, column : column + px], step)
-        coarse = _levelled(pattern_albedo(self._bare, step), step)
+        image = _remove_shading(small[row : row + px, column : column + px], step)
+        coarse = _remove_shading(pattern_albedo(self._bare, step), step)
         # View px to window px: shrunk and cropped.
         cut = np.array([[shrink, 0, (shrink - 1) / 2 - column],
                         [0, shrink, (shrink - 1) / 2 - row], [0, 0, 1]])  # fmt: skip
@@ -113,8 +113,8 @@ class PrintInView:
         best, pair_px = Placement(view, self.nominal, 0.0), 2 * self.patch_mm / step
         turns = np.add.outer((0.0, 90.0, 180.0, 270.0), TURNS_DEG).ravel()
         for scale, flip, turn_deg in product(scales, (1.0, -1.0), turns):
-            to_view = self.nominal @ _turn(turn_deg) @ np.diag([scale * flip, scale, 1.0])
-            template = _warped(coarse, step, cut @ to_view, (px, px))
+            to_view = self.nominal @ _rotation(turn_deg) @ np.diag([scale * flip, scale, 1.0])
+            template = _warp(coarse, step, cut @ to_view, (px, px))
             agreement, (x, y) = correlation(image, template, window, reach, pair_px)
             if agreement > best.agreement:
                 shift = np.array([[1, 0, x / shrink], [0, 1, y / shrink], [0, 0, 1]])
@@ -129,7 +129,7 @@ class PrintInView:
         return points_mm, middles + shifts, responses
 
 
-def _warped(
+def _warp(
     image: NDArray[np.float32], step_mm: float, to_px: Field, size: tuple[int, int]
 ) -> NDArray[np.float32]:
     """Warp a print with pixels of step_mm, centred at 0, by a map mm to px; white outside."""
@@ -139,12 +139,12 @@ def _warped(
                                           borderValue=(1, 1, 1)), np.float32)  # fmt: skip
 
 
-def _turn(deg: float) -> Field:
+def _rotation(deg: float) -> Field:
     c, s = math.cos(math.radians(deg)), math.sin(math.radians(deg))
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
 
 
-def _levelled(image: NDArray[np.float32], step_mm: float) -> NDArray[np.float32]:
+def _remove_shading(image: NDArray[np.float32], step_mm: float) -> NDArray[np.float32]:
     """Remove shading: a high-pass filter of 1 mm."""
     return np.asarray(image - cv2.GaussianBlur(image, (0, 0), 1.0 / step_mm), np.float32)
 
@@ -271,16 +271,16 @@ class ComparedPrint:
         camera, tiles, correlations = self.sticker.camera, self.tiles, self.correlations
         best = correlations.argmax(axis=0)
         # Contrast is compared at one blur: a blank tile correlates with any very soft image.
-        usual = self.slope[int(np.median(best))]
+        gain = self.slope[int(np.median(best))]
         has_pattern = correlations.max(axis=0) >= TILE_CORRELATION
-        has_pattern &= usual >= TILE_GAIN * np.median(usual)
+        has_pattern &= gain >= TILE_GAIN * np.median(gain)
         slope, offset = (
             np.take_along_axis(values, best[None], 0)[0] for values in (self.slope, self.offset)
         )
         white = np.clip(slope + offset, 0, None) ** GAMMA
         light = _smooth(white, has_pattern)[has_pattern]
         mean = float(light.mean())
-        edges, torn, inside = _missing(~has_pattern, tiles)
+        edges, torn, inside = _find_missing(~has_pattern, tiles)
         index = tiles.spread(_smooth(best, has_pattern)).round().astype(int)
         slope_px, offset_px = (tiles.spread(_smooth(v, has_pattern)) for v in (slope, offset))
         template = np.take_along_axis(np.stack(self.blurred), index[None], 0)[0]
@@ -322,9 +322,9 @@ def _refine_blur(rho: Field, best: NDArray[np.int64]) -> Field:
     """Refine the best of BLURS_PX by a parabola through its neighbours, px."""
     peak = np.clip(best, 1, len(BLURS_PX) - 2)
     below, top, above = (np.take_along_axis(rho, (peak + k)[None], 0)[0] for k in (-1, 0, 1))
-    bend = below - 2 * top + above
-    move = np.where(bend < 0, 0.5 * (below - above) / np.minimum(bend, -1e-12), 0.0)
-    index = peak + np.clip(move, -1, 1)
+    curvature = below - 2 * top + above
+    step = np.where(curvature < 0, 0.5 * (below - above) / np.minimum(curvature, -1e-12), 0.0)
+    index = peak + np.clip(step, -1, 1)
     return np.exp(np.interp(index, np.arange(len(BLURS_PX)), np.log(BLURS_PX)))
 
 
@@ -344,7 +344,7 @@ def measure_fall(share: Array, x_mm: Array, y_mm: Array) -> float:
     return float(2 * np.hypot(fitted[1], fitted[2]))
 
 
-def _missing(
+def _find_missing(
     missing: NDArray[np.bool_], tiles: _TileGrid
 ) -> tuple[dict[str, float], tuple[Point, ...], NDArray[np.bool_]]:
     """Missing pattern: width along whole sides, pieces at the rim, and mask of inner tiles."""
@@ -375,9 +375,9 @@ def _find_deviations(
     """Find deviations from the pattern: (x, y, length), mm, largest first."""
     size = max(3, round(DEVIATION_MM / mm_per_px))
     mean = cv2.blur(residual, (size, size))
-    usual = mean[~ignored]
-    middle = float(np.median(usual))
-    limit = middle + DEVIATION_SIGMA * 1.4826 * float(np.median(np.abs(usual - middle)))
+    background = mean[~ignored]
+    middle = float(np.median(background))
+    limit = middle + DEVIATION_SIGMA * 1.4826 * float(np.median(np.abs(background - middle)))
     limit = max(limit, DEVIATION_SHARE)
     deviating = (mean > limit) & ~ignored
     joined = cv2.dilate(deviating.astype(np.uint8), np.ones((size, size), np.uint8))

@@ -96,8 +96,8 @@ class StickerFrame:
         source = scan
         if pitch > 1.5:
             source = np.asarray(cv2.GaussianBlur(scan, (0, 0), pitch / 2.5), np.float32)
-        size, way_back = (self.side_px, self.side_px), cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        flat = cv2.warpPerspective(source, to_scan, size, None, way_back, cv2.BORDER_REPLICATE)
+        size, flags = (self.side_px, self.side_px), cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        flat = cv2.warpPerspective(source, to_scan, size, None, flags, cv2.BORDER_REPLICATE)
         return np.asarray(flat, np.float32)
 
     def shifts_mm(self, image: Array, template: Array) -> TileShifts:

@@ -140,11 +140,11 @@ class PatternRecipe(Table, strict=True):
 
     @field_validator(*LAW_KEYS)
     @classmethod
-    def _of_law(cls, value: Any, info: ValidationInfo) -> Any:
+    def _check_law_key(cls, value: Any, info: ValidationInfo) -> Any:
         # Files of every recipe contain the default of channels: only another value is an error.
         if "law" in info.data:
-            nothing = 3 if info.field_name == "channels" else None
-            check_key(info.data["law"], str(info.field_name), value != nothing)
+            default = 3 if info.field_name == "channels" else None
+            check_key(info.data["law"], str(info.field_name), value != default)
         return value
 
     @field_validator("patch_mm")
@@ -208,13 +208,13 @@ class PatternRecipe(Table, strict=True):
             raise ValueError("white dots are invisible on a clear sticker: choose another colour")
         if "size_mm" in info.data and "patch_mm" in info.data:
             printed_mm = _printed_mm(info.data["size_mm"], info.data["patch_mm"])
-            wide_mm, high_mm = (2 * half_mm for half_mm in dots.half_mm)
+            width_mm, height_mm = (2 * half_mm for half_mm in dots.half_mm)
             reach_mm = max(h + abs(o) for h, o in zip(dots.half_mm, dots.offset_mm, strict=True))
             if 2 * reach_mm > printed_mm + 1e-9:
                 x_mm, y_mm = dots.offset_mm
                 centre = f" about ({x_mm:g}, {y_mm:g}) mm" if x_mm or y_mm else ""
                 raise ValueError(
-                    f"the grid covers {wide_mm:g} x {high_mm:g} mm{centre} and must fit on the "
+                    f"the grid covers {width_mm:g} x {height_mm:g} mm{centre} and must fit on the "
                     f"printed {printed_mm:g} mm"
                 )
         return dots

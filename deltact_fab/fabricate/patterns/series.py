@@ -78,13 +78,13 @@ class SeriesEntry:
     paper_about: bool = False
 
     @property
-    def words(self) -> str:
+    def label(self) -> str:
         """Short text, `d 0.075 r 0.6`; the name for other laws than Algorithm 1."""
         recipe = self.recipe
         return f"d {recipe.patch_mm:g} r {recipe.r:g}" if recipe.law == "algorithm1" else self.name
 
     @property
-    def paper_says(self) -> str:
+    def paper_text(self) -> str:
         """The paper's error as text, empty if not given."""
         error_mm = self.paper_error_mm
         return "" if error_mm is None else f"{'about ' * self.paper_about}{error_mm:g} mm"
@@ -287,8 +287,8 @@ def _write_recipes(folder: Path, entries: Sequence[SeriesEntry]) -> None:
         rounds = " and ".join(str(k) for k in entry.rounds)
         many = "s" if len(entry.rounds) > 1 else ""
         about = [f"Pattern Selection of the paper, round{many} {rounds}."]
-        if entry.paper_says:
-            about.append(f"Tracking error there, on a real sensor: {entry.paper_says}.")
+        if entry.paper_text:
+            about.append(f"Tracking error there, on a real sensor: {entry.paper_text}.")
         path = folder / f"{entry.name}.toml"
         # Every key with a value, so that a later default cannot change the pattern.
         data = entry.recipe.model_dump(mode="json", exclude_none=True)

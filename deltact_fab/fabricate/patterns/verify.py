@@ -117,7 +117,7 @@ class PrintCheck:
             raise InputError(f"{self.scan}: no scale: use a flatbed scan with a dpi")
         if measured.halved:
             raise InputError(f"{self.scan}: {HALVED_COLOUR}")
-        x, y = (was / is_ for was, is_ in zip(self.scaled, measured.scale, strict=True))
+        x, y = (old / scale for old, scale in zip(self.scaled, measured.scale, strict=True))
         return KnownPrinter(x, y, measured.spread_um, measured.misregistration_um)
 
 
@@ -207,7 +207,7 @@ def _measure_print(
             image[..., c], back, (side, side), borderMode=cv2.BORDER_REPLICATE
         )
     contrast = [_gain(image[..., c], template[..., c]) for c in range(3)]
-    off_um = 1000 * (np.array(inks) - np.mean(inks, axis=0))
+    offset_um = 1000 * (np.array(inks) - np.mean(inks, axis=0))
     share = contrast_share(image * 255, template * 255, template * 255) or 0.0
     return PrintMeasurement(
         mirrored=placement.mirrored,
@@ -217,11 +217,11 @@ def _measure_print(
         contrast=(contrast[0], contrast[1], contrast[2]),
         kept=share,
         in_order=_share_in_order(image, recipe),
-        ink_um=tuple((float(u), float(v)) for u, v in off_um),
-        gaps_mm=_gaps(image, template, recipe),
-        dots=_dots(image, recipe),
+        ink_um=tuple((float(u), float(v)) for u, v in offset_um),
+        gaps_mm=_find_gaps(image, template, recipe),
+        dots=_count_dots(image, recipe),
         spread_um=_spread_um(recipe, share),
-        misregistration_um=float(np.sqrt(np.mean(off_um**2))),
+        misregistration_um=float(np.sqrt(np.mean(offset_um**2))),
         halved=halved,
     )
 
@@ -241,14 +241,14 @@ def _share_in_order(image: NDArray[np.float32], recipe: PatternRecipe) -> float 
     means = cv2.resize(image, (recipe.n, recipe.n), interpolation=cv2.INTER_AREA)
     correct = total = 0
     for axis in (0, 1):
-        want, have = np.diff(patches, axis=axis), np.diff(means, axis=axis)
-        clear = np.abs(want) >= 64
+        expected, actual = np.diff(patches, axis=axis), np.diff(means, axis=axis)
+        clear = np.abs(expected) >= 64
         total += int(clear.sum())
-        correct += int((np.sign(want) == np.sign(have))[clear].sum())
+        correct += int((np.sign(expected) == np.sign(actual))[clear].sum())
     return correct / total if total else None
 
 
-def _gaps(
+def _find_gaps(
     image: NDArray[np.float32], template: NDArray[np.float32], recipe: PatternRecipe
 ) -> tuple[tuple[float, float], ...]:
     """Centres, mm, of tiles with less than GAP_SHARE of the median contrast."""
@@ -270,7 +270,7 @@ def _gaps(
     )
 
 
-def _dots(image: NDArray[np.float32], recipe: PatternRecipe) -> tuple[int, int] | None:
+def _count_dots(image: NDArray[np.float32], recipe: PatternRecipe) -> tuple[int, int] | None:
     """Count marker dots that stand out from their surroundings, and expected dots."""
     if recipe.dots is None:
         return None
@@ -322,11 +322,11 @@ def _rows(
         reason = "unknown from a photograph; scan it on a flatbed"
         yield Check("scale", "scale and shear", "", reason, "not judged", "not run")
     else:
-        for axis, scale, was in zip("xy", measured.scale, scaled, strict=True):
+        for axis, scale, old in zip("xy", measured.scale, scaled, strict=True):
             yield _row(
                 f"scale.{axis}", f"scale, {axis}", f"{scale:.4f}", f"1 +- {SCALE_TOL:g}",
                 abs(scale - 1) <= SCALE_TOL,
-                f"print again with --scale-{axis} {was / scale:.4f}, and no scaling in the viewer",
+                f"print again with --scale-{axis} {old / scale:.4f}, and no scaling in the viewer",
             )  # fmt: skip
         yield _row(
             "shear", "shear", f"{measured.shear:.4f}", f"<= {SHEAR_TOL:g}",
@@ -354,12 +354,12 @@ def _rows(
             f"the weakest >= {INK_SHARE:g} of the best",
             weakest >= INK_SHARE, "an ink is missing or nearly empty: clean the head, change it",
         )  # fmt: skip
-    most_um = 500 * (recipe.patch_mm or 0.15)
+    limit_um = 500 * (recipe.patch_mm or 0.15)
     worst_um = max(math.hypot(u, v) for u, v in measured.ink_um)
     yield _row(
         "misregistration", "misregistration of inks", f"{worst_um:.0f} um",
-        f"<= {most_um:.0f} um, half a patch",
-        worst_um <= most_um, "align the print heads",
+        f"<= {limit_um:.0f} um, half a patch",
+        worst_um <= limit_um, "align the print heads",
     )  # fmt: skip
     centres = "; ".join(f"({x:g}, {y:g})" for x, y in measured.gaps_mm[:4])
     yield _row(

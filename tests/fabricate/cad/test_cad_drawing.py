@@ -70,7 +70,7 @@ def made(cq):
 
 
 def texts(page):
-    return [mark.words for mark in page.marks if isinstance(mark, Text)]
+    return [mark.text for mark in page.marks if isinstance(mark, Text)]
 
 
 def bare(words):
@@ -92,12 +92,12 @@ def faults(page):
     words = [mark for mark in page.marks if isinstance(mark, Text)]
     for a, b in combinations(words, 2):
         if overlap(a.box, b.box):
-            found.append(f"{a.words!r} over {b.words!r}")
+            found.append(f"{a.text!r} over {b.text!r}")
     edge = [BORDER_MM, BORDER_MM, *(side - BORDER_MM for side in page.size_mm)]
     for mark in words:
         left, top, right, bottom = mark.box
         if left < edge[0] or top < edge[1] or right > edge[2] or bottom > edge[3]:
-            found.append(f"{mark.words!r} off the sheet")
+            found.append(f"{mark.text!r} off the sheet")
     sheet = next(name for name, size in FORMATS_MM.items() if size == page.size_mm)
     block = shapely.box(*block_rect(sheet))
     for mark in page.broken():
@@ -105,7 +105,7 @@ def faults(page):
             lines = [(*line, line[0]) if mark.closed else line for line in mark.lines]
             drawn = shapely.MultiLineString([pair for line in lines for pair in pairwise(line)])
             found += [
-                f"{text.words!r} struck by {mark.style}"
+                f"{text.text!r} struck by {mark.style}"
                 for text in words
                 if drawn.crosses(shapely.box(*text.box))
             ]
@@ -315,7 +315,7 @@ def test_svg_and_pdf_are_the_same_page(made, tmp_path):
         float(v) * 25.4 / 72
         for v in re.search(r'xMin="([\d.]+)" yMin="([\d.]+)"[^>]*>light-holder<', told).groups()
     )
-    at = next(mark.position for mark in page.marks if getattr(mark, "words", "") == "light-holder")
+    at = next(mark.position for mark in page.marks if getattr(mark, "text", "") == "light-holder")
     assert left == pytest.approx(at[0], abs=0.05)
     assert top < at[1] < top + 6
 
@@ -328,8 +328,8 @@ def test_a_length_is_printed_as_a_machinist_writes_it_with_its_own_limits():
         "36", "1.35", "10.01", "0.3", "0", "16.67",
     ]  # fmt: skip
     assert [toleranced(35.8), toleranced(3, 0.1)] == ["35.8", "3 ±0.1"]
-    assert Span(0, 1, 4, auxiliary=True).words(0.1) == "(3 ±0.1)"
-    assert Span(0, 1, 4, prefix="Ø", fitted=False).words(0.1) == "Ø3"
+    assert Span(0, 1, 4, auxiliary=True).text(0.1) == "(3 ±0.1)"
+    assert Span(0, 1, 4, prefix="Ø", fitted=False).text(0.1) == "Ø3"
 
 
 def test_a_label_s_arrow_ends_on_the_rim_of_what_it_tells(cq):

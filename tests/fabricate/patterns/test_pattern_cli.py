@@ -166,8 +166,8 @@ def test_suggested_resolutions_work(tmp_path):
 def test_r_and_hash_are_printed_exactly(run, tmp_path, monkeypatch):
     r, seen = 0.9999999999999999, []
     recipe = choose_recipe(None, 0.5, r, size_mm=5.0)
-    real = Sheet.words
-    monkeypatch.setattr(Sheet, "words", lambda on, *of: (seen.append(of[2]), real(on, *of))[1])
+    real = Sheet.text_line
+    monkeypatch.setattr(Sheet, "text_line", lambda on, *of: (seen.append(of[2]), real(on, *of))[1])
     sheet.write_sheet([recipe], tmp_path / "s.pdf", dpi=600)
     label = "\n".join(seen)
     digits = hashlib.sha256(recipe.patches().tobytes()).hexdigest()[:12]

@@ -61,7 +61,7 @@ def test_the_papers_17_patterns():
         assert entry.recipe.dots is not None
         assert entry.recipe.dots.columns * entry.recipe.dots.rows == 169
     assert found[0.075, 0.6].name == "d0p075-r0p6"
-    said = {e.name: e.paper_says for e in series.list_series(with_dots=False) if e.paper_says}
+    said = {e.name: e.paper_text for e in series.list_series(with_dots=False) if e.paper_text}
     about = dict.fromkeys(("d0p05-r0p4", "d0p05-r0p5", "d0p05-r0p6"), "about 0.5 mm")
     assert said == {"d0p1-r0p5": "0.11 mm", "d0p075-r0p6": "0.08 mm"} | about
 

@@ -145,7 +145,7 @@ def longest(line):
 def test_marks_do_not_overlap(tmp_path, monkeypatch):
     """Words, codes, stickers and marks of a crowded page, by their boxes."""
     boxes, dpi = [], 400
-    real = Sheet.words, Sheet.rectangle, Sheet.picture
+    real = Sheet.text_line, Sheet.rectangle, Sheet.picture
 
     def words(on, x_mm, y_mm, text, size_pt=layout.TEXT_PT):
         x, y, high = on.x_px(x_mm), on.y_px(y_mm), size_pt * dpi / 72

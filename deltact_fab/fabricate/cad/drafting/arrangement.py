@@ -75,7 +75,7 @@ class ArrangedView:
             x = width + edge + LABEL_COLUMN_MM if side == "right" else -edge - LABEL_COLUMN_MM
             for leader, y in self._column(side):
                 self.labels.append((leader, x, y))
-                text_mm = text_width_mm(leader.words)
+                text_mm = text_width_mm(leader.text)
                 x_text = x if side == "right" else x - text_mm
                 rects.append((x_text, y - TEXT_MM, x_text + text_mm, y))
         cut_room = CUT_ROOM_MM if self.cut_x is not None else 0.0
@@ -119,7 +119,7 @@ class ArrangedView:
     def _levels(self, side: PaperSide, lines: list[_Line], occupied: list[Rect]) -> list[_Line]:
         """Assign levels: short dimensions nearest to the view, without overlaps."""
         levelled: list[_Line] = []
-        for line in sorted(lines, key=lambda i: (round(i.high - i.low, 6), i.low, i.item.words)):
+        for line in sorted(lines, key=lambda i: (round(i.high - i.low, 6), i.low, i.item.text)):
             a, b = line.span
             overlapping = [p.level for p in levelled if p.span[0] < b + 1.5 and a < p.span[1] + 1.5]
             line = replace(line, level=1 + max(overlapping) if overlapping else 0)
@@ -132,7 +132,7 @@ class ArrangedView:
     def _line(self, item: Linear) -> _Line:
         along = 0 if item.side in ("top", "bottom") else 1
         low, high = sorted((self.local(item.a)[along], self.local(item.b)[along]))
-        width, room = text_width_mm(item.words) + 1.0, high - low
+        width, room = text_width_mm(item.text) + 1.0, high - low
         inside = room >= 2 * ARROW_HEAD_MM[0] + 2.0 and room >= width + 2.0
         span = (low, high) if inside else (low - ARROW_TAIL_MM, high + ARROW_TAIL_MM)
         middle = (low + high) / 2
@@ -202,7 +202,7 @@ class ArrangedView:
         for end, direction in ((line.low, -sign), (line.high, sign)):
             page.arrow(page_point(end, across), (direction, 0.0) if flat else (0.0, direction))
         middle = page_point(line.text_at, across - 1.0)
-        page.text(middle, line.item.words, anchor="middle", upright=not flat)
+        page.text(middle, line.item.text, anchor="middle", upright=not flat)
 
     def _draw_label(self, page: DrawingPage, origin: Point2, leader: Leader, end: Point2) -> None:
         """Draw a label and its leader, which ends in an arrow at the feature's rim."""
@@ -214,7 +214,7 @@ class ArrangedView:
         tip = (cx + dx * rim_share, cy + dy * rim_share)
         page.path([[tip, knee, (end[0] - sign * 0.8, knee[1])]], "thin")
         page.arrow(tip, (-dx, -dy))
-        page.text(end, leader.words, TEXT_MM, "end" if leader.side == "left" else "start")
+        page.text(end, leader.text, TEXT_MM, "end" if leader.side == "left" else "start")
 
     def _draw_cut(self, page: DrawingPage, origin: Point2) -> None:
         """Draw the cutting plane (ISO 128-44): wide ends, arrows in the viewing direction."""

@@ -36,7 +36,7 @@ class Linear:
     a: Point
     b: Point
     side: PaperSide
-    words: str
+    text: str
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Leader:
     view: str
     point: Point
     radius_mm: float
-    words: str
+    text: str
     side: Literal["left", "right"] = "right"
 
 
@@ -88,7 +88,7 @@ class Span:
         """Absolute length."""
         return abs(self.b_mm - self.a_mm)
 
-    def words(self, off_mm: float) -> str:
+    def text(self, off_mm: float) -> str:
         """Text of the dimension; off_mm: limit of a fitted length."""
         length = toleranced(self.value_mm, off_mm if self.fitted else 0.0)
         words = f"{self.prefix}{length}{self.suffix}"

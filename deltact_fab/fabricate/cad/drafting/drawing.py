@@ -114,7 +114,7 @@ def drawing(part: Part, design: Design, solid: Any) -> DrawingPage:
     cells = {
         "Material": part.material, "Process": part.process, "Quantity": str(part.quantity),
         "General tolerances": general, "Scale": layout.scale, "Document": "part drawing",
-        "Belongs to": _belongs(part),
+        "Belongs to": _group_text(part),
     }  # fmt: skip
     draw_frame(page, layout.sheet, part.name, design.drawing, cells)
     note_x, note_y, _, _ = layout.reserved
@@ -139,7 +139,7 @@ def _tolerances(part: Part, design: Design) -> tuple[str, tuple[float, float, fl
     return GENERAL_TOLERANCE, (0.0, 0.0, 0.0)
 
 
-def _belongs(part: Part) -> str:
+def _group_text(part: Part) -> str:
     if part.group == "sensor":
         return f"DelTact sensor, part {part.number}" if part.number else "DelTact sensor"
     return {"tools": "casting tools", "bench": "test bench"}.get(part.group, part.group)

@@ -94,7 +94,7 @@ class Text:
     """Text anchored at its base line's start, middle or end; upright: reads upwards."""
 
     position: Point2
-    words: str
+    text: str
     height_mm: float
     anchor: str
     upright: bool
@@ -103,7 +103,7 @@ class Text:
     @property
     def start(self) -> Point2:
         """Base line point of the first letter."""
-        width = text_width_mm(self.words, self.height_mm)
+        width = text_width_mm(self.text, self.height_mm)
         back = {"start": 0.0, "middle": width / 2, "end": width}[self.anchor]
         x, y = self.position
         return (x, y + back) if self.upright else (x - back, y)
@@ -112,7 +112,7 @@ class Text:
     def box(self) -> Rect:
         """Bounding rectangle of capitals and figures; descenders may touch a line."""
         x, y = self.start
-        width = text_width_mm(self.words, self.height_mm)
+        width = text_width_mm(self.text, self.height_mm)
         if self.upright:
             return x - self.height_mm, y - width, x, y
         return x, y - self.height_mm, x + width, y
@@ -176,14 +176,14 @@ class DrawingPage:
     def text(
         self,
         position: Point2,
-        words: str,
+        text: str,
         height_mm: float = TEXT_MM,
         anchor: str = "start",
         *,
         upright: bool = False,
     ) -> None:
         """Text anchored at its base line's start, middle or end; upright: reads upwards."""
-        self.marks.append(Text(position, words, height_mm, anchor, upright, self.group))
+        self.marks.append(Text(position, text, height_mm, anchor, upright, self.group))
 
     def broken(self) -> list[Mark]:
         """Return the marks with narrow lines broken at texts."""
@@ -231,7 +231,7 @@ def _as_svg(mark: Mark) -> str:
         return (
             f'<text x="{x}" y="{y}" font-family="{SVG_FONT}" '
             f'font-size="{number(mark.height_mm / CAPITAL_SHARE)}" '
-            f'text-anchor="{mark.anchor}"{turn}>{escape(mark.words)}</text>'
+            f'text-anchor="{mark.anchor}"{turn}>{escape(mark.text)}</text>'
         )
     end = "Z" if mark.closed else ""
     data = "".join(
@@ -252,7 +252,7 @@ def _as_pdf(mark: Mark) -> Iterator[str]:
         x, y = (number(v) for v in mark.start)
         size = number(mark.height_mm / CAPITAL_SHARE)
         turn = "0 -1 -1 0" if mark.upright else "1 0 0 -1"
-        yield f"BT 0 g /F {size} Tf {turn} {x} {y} Tm <{glyphs(mark.words)}> Tj ET"
+        yield f"BT 0 g /F {size} Tf {turn} {x} {y} Tm <{glyphs(mark.text)}> Tj ET"
         return
     path = " ".join(
         f"{number(x)} {number(y)} {'l' if i else 'm'}" + " h" * (mark.closed and i + 1 == len(line))

@@ -41,7 +41,7 @@ LEADER_CLEAR_MM = 1.0  # least distance of a leader's end from another part's li
 LEADER_START_MM = 0.2  # a leader may touch the line it starts on
 
 
-def stacked(
+def stack_layers(
     design: Design, layers: Sequence[Sequence[str]], solids: Mapping[str, Any]
 ) -> list[PlacedPart]:
     """Place the layers of one assembly step apart along the axis.

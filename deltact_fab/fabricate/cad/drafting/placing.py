@@ -51,18 +51,18 @@ class Placing:
     def items(self, plan: Scheme) -> Iterator[Item]:
         """Yield all items of the views."""
         yield from self._callouts.labels
-        for faces, words in plan.other_faces:
-            yield self._face_label(faces, words)
+        for faces, text in plan.other_faces:
+            yield self._face_label(faces, text)
         for length in sorted(plan.lengths, key=lambda t: t.value_mm):
             a, b = (self._anchors(length.axis, end) for end in (length.a_mm, length.b_mm))
-            yield self._register(self._best(length, a, b))
+            yield self._register(self._cheapest(length, a, b))
         for group in plan.rounds:
             yield from self._label(group)
         yield from self._centre_lines(plan)
 
-    def _best(self, length: Span, a: list[Anchor], b: list[Anchor]) -> tuple[float, Linear]:
+    def _cheapest(self, length: Span, a: list[Anchor], b: list[Anchor]) -> tuple[float, Linear]:
         """Return the placement of least cost: view and side."""
-        options, words = [], length.words(self._off_mm[length.axis])
+        options, words = [], length.text(self._off_mm[length.axis])
         for view, along in LENGTH_VIEWS[length.axis].items():
             for side in LENGTH_SIDES[along]:
                 (start_cost, start), (end_cost, end) = (
@@ -127,10 +127,10 @@ class Placing:
             yield self._register(self._diameter(group, fitted))
             return
         view, projection = AXIAL_VIEWS[r.axis], self._projections[AXIAL_VIEWS[r.axis]]
-        words = group.words
+        text = group.label
         if fitted:
             plain, limits = (toleranced(2 * r.radius_mm, mm) for mm in (0.0, self._off_mm[0]))
-            words = words.replace(f"Ø{plain}", f"Ø{limits}", 1)
+            text = text.replace(f"Ø{plain}", f"Ø{limits}", 1)
         if r.turn_deg > 180:
             for member in group.members:
                 yield from self._cross(view, np.array(member.high_mm), r.radius_mm)
@@ -145,9 +145,9 @@ class Placing:
         u = projection.view.flat(nearest.high_mm)[0]
         side: Literal["left", "right"] = "right" if x1 - u <= u - x0 + 1e-6 else "left"
         if nearest.turn_deg < 180:
-            yield Leader(view, nearest.on, 0, words, side)
+            yield Leader(view, nearest.on, 0, text, side)
         else:
-            yield Leader(view, nearest.high_mm, nearest.radius_mm, words, side)
+            yield Leader(view, nearest.high_mm, nearest.radius_mm, text, side)
 
     def _cross(self, view: str, centre: Field, radius_mm: float) -> Iterator[CentreLine]:
         """Yield the cross over a circle; the cutting plane is a centre line already."""
@@ -157,17 +157,17 @@ class Placing:
         if cut is None or abs(centre[0] - cut) > 1e-6:
             yield CentreLine(view, _point(centre + up), _point(centre - up), 1.5)
 
-    def _face_label(self, faces: Sequence[OtherFace], words: str) -> Leader:
+    def _face_label(self, faces: Sequence[OtherFace], text: str) -> Leader:
         """Label one of several equal faces that are neither flat nor round."""
         projection = self._projections["front"]
         (x0, _), (x1, _) = projection.box_mm
         right = 2 * projection.view.flat(faces[0].at)[0] >= x0 + x1
-        return Leader("front", faces[0].at, 0, words, "right" if right else "left")
+        return Leader("front", faces[0].at, 0, text, "right" if right else "left")
 
     def _diameter(self, group: Rounds, fitted: bool) -> tuple[float, Linear]:
         """Place a diameter as a length, preferably in a view from the side."""
         r = group.first
-        suffix = group.words.partition(f"Ø{toleranced(2 * r.radius_mm)}")[2]
+        suffix = group.label.partition(f"Ø{toleranced(2 * r.radius_mm)}")[2]
         options = []
         for across in (i for i in range(3) if i != r.axis):
             suffix = suffix.removeprefix(" through")
@@ -176,7 +176,7 @@ class Placing:
                 [_replace(end, across, side_mm) for end in (r.low_mm, r.high_mm)]
                 for side_mm in (-r.radius_mm, r.radius_mm)
             )
-            cost, item = self._best(length, [(p, (p,)) for p in a], [(p, (p,)) for p in b])
+            cost, item = self._cheapest(length, [(p, (p,)) for p in a], [(p, (p,)) for p in b])
             options.append((cost + FAR_COST * (item.view == AXIAL_VIEWS[r.axis]), item))
         return min(options, key=lambda f: f[0])
 

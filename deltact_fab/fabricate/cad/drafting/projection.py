@@ -121,14 +121,14 @@ def project(solids: Sequence[Any], view: View, chord_mm: float = SHEET_CHORD_MM)
         hidden += _lines(extractor.OutLineHCompound(shape), chord_mm)
         smooth = [*_lines(extractor.Rg1LineVCompound(shape), chord_mm)]
         line_sets.append((visible, hidden, smooth))
-    covering = _united(line for visible, _, _ in line_sets for line in visible)
+    covering = _merge_lines(line for visible, _, _ in line_sets for line in visible)
     return [
-        DrawnView(view, _tidy(visible), _tidy(hidden, covering), _tidy(smooth, covering))
+        DrawnView(view, _clean(visible), _clean(hidden, covering), _clean(smooth, covering))
         for visible, hidden, smooth in line_sets
     ]
 
 
-def sampled(edge: Any, chord_mm: float = SHEET_CHORD_MM) -> Field:
+def sample_edge(edge: Any, chord_mm: float = SHEET_CHORD_MM) -> Field:
     """Sample a cadquery Edge to points (n, 3), in its curve's sense."""
     from OCP.BRepAdaptor import BRepAdaptor_Curve
     from OCP.GCPnts import GCPnts_TangentialDeflection
@@ -148,10 +148,10 @@ def _lines(compound: Any, chord_mm: float) -> Iterator[Field]:
         return
     BRepLib.BuildCurves3d_s(compound)
     for edge in Compound(compound).Edges():
-        yield sampled(edge, chord_mm)[:, :2]
+        yield sample_edge(edge, chord_mm)[:, :2]
 
 
-def _united(lines: Iterable[Field]) -> Any:
+def _merge_lines(lines: Iterable[Field]) -> Any:
     """Merge lines to one geometry without duplicates."""
     import shapely
 
@@ -159,11 +159,11 @@ def _united(lines: Iterable[Field]) -> Any:
     return shapely.union_all([shapely.LineString(line) for line in long], grid_size=SAME_LINE_MM)
 
 
-def _tidy(lines: Iterable[Field], covering: Any = None) -> tuple[Field, ...]:
+def _clean(lines: Iterable[Field], covering: Any = None) -> tuple[Field, ...]:
     """Return the lines without duplicates and covered parts, chained, in a fixed order."""
     import shapely
 
-    merged = _united(lines)
+    merged = _merge_lines(lines)
     if covering is not None:
         merged = shapely.difference(merged, covering, grid_size=SAME_LINE_MM)
     chains = [line.coords for line in shapely.get_parts(shapely.line_merge(merged).normalize())]
@@ -204,6 +204,6 @@ def _outline(wire: Any) -> Field:
 
     points = []
     for edge in wire:
-        along = sampled(edge)
+        along = sample_edge(edge)
         points.append(along[::-1] if edge.wrapped.Orientation() == TopAbs_REVERSED else along)
     return np.concatenate(points)

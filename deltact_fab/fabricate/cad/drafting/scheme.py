@@ -32,7 +32,7 @@ class Rounds:
     """Equal rounds with one common label; words: its text."""
 
     members: tuple[Round, ...]
-    words: str
+    label: str
 
     @property
     def first(self) -> Round:
@@ -62,8 +62,8 @@ class Scheme:
 
 def scheme(features: SolidFeatures, callouts: Callouts) -> Scheme:
     """Build the scheme of a solid; callouts: fitted lengths and labels of its part."""
-    groups = _grouped(features, callouts)
-    on_circle = {r for group in groups if " apart" in group.words for r in group.members}
+    groups = _group_rounds(features, callouts)
+    on_circle = {r for group in groups if " apart" in group.label for r in group.members}
     lengths: list[Span] = []
     faults: list[str] = []
     middle = []
@@ -76,7 +76,7 @@ def scheme(features: SolidFeatures, callouts: Callouts) -> Scheme:
         lengths += chain.lengths
         if chain.even:
             middle.append(axis)
-    printed = _printed(lengths, groups, callouts)
+    printed = _numbers(lengths, groups, callouts)
     open_faces: dict[tuple[object, ...], list[OtherFace]] = {}
     for face in features.others:
         if not _is_dimensioned(face, features, printed):
@@ -84,7 +84,7 @@ def scheme(features: SolidFeatures, callouts: Callouts) -> Scheme:
             open_faces.setdefault(key, []).append(face)
     labelled = []
     for faces in open_faces.values():
-        words = _face_words(faces)
+        words = _face_label(faces)
         if words:
             labelled.append((tuple(faces), words))
         else:
@@ -93,7 +93,7 @@ def scheme(features: SolidFeatures, callouts: Callouts) -> Scheme:
     return Scheme(tuple(lengths), tuple(groups), tuple(labelled), tuple(middle), tuple(faults))
 
 
-def _face_words(faces: Sequence[OtherFace]) -> str:
+def _face_label(faces: Sequence[OtherFace]) -> str:
     """Label of equal faces of another kind; empty if one number does not define their form."""
     forms = {"SR": "SR{}", "R": "R{}", "cone": "{}° to the axis"}
     if faces[0].kind not in forms:
@@ -129,10 +129,10 @@ class _Chain:
         self.same = DisjointSet({-n for n in self.nodes} | self.nodes)
         # Nodes connected by lengths.
         self.joined = DisjointSet()
-        self.even = any(node > 0 and self._paired(node) for node in self.nodes)
+        self.even = any(node > 0 and self._is_symmetric(node) for node in self.nodes)
         self.datum = 0 if self.even or 0 in self.centres else min(self.ends)
         for node in self.nodes:
-            if node > 0 and self._paired(node):
+            if node > 0 and self._is_symmetric(node):
                 self.same.merge(node, -node)
             if (counterpart := self._counterpart(node)) is not None:
                 self.same.merge(node, counterpart)
@@ -166,7 +166,7 @@ class _Chain:
         a, b = _key(length.a_mm), _key(length.b_mm)
         name = f"{fmt(length.value_mm)} along {AXIS_NAMES[self.axis]}"
         for end in (a, b):
-            if not self._reach(end):
+            if not self._has_feature(end):
                 yield f"{name} ends at {fmt(end * GRID_MM)}, where the part has no feature"
         middle = self._middle(a, b)
         ends = self._find(a), self._find(b)
@@ -178,16 +178,16 @@ class _Chain:
 
     def complete(self) -> None:
         """Add a length for every open coordinate, and the overall size."""
-        self._in_rows()
-        self._across_slots()
+        self._add_rows()
+        self._add_slots()
 
         def rank(n: int) -> tuple[bool, bool, bool, int, int]:
             """Sort key: of connected nodes place a centre, else a symmetric one."""
-            return n not in self.axes, n not in self.centres, not self._paired(n), -abs(n), n
+            return n not in self.axes, n not in self.centres, not self._is_symmetric(n), -abs(n), n
 
         for node in sorted(self.nodes, key=rank):
             if not self._is_located(node):
-                self._open(self.datum, node)
+                self._add_from_datum(self.datum, node)
         low, high = min(self.ends) * GRID_MM, max(self.ends) * GRID_MM
         known_lengths = {_key(t.value_mm) for t in self.lengths}
         if _key(high - low) not in known_lengths and not self._is_diameter(low, high):
@@ -200,14 +200,14 @@ class _Chain:
             for r in self.rounds
         )
 
-    def _open(self, a: int, b: int) -> None:
-        if self._paired(b):
+    def _add_from_datum(self, a: int, b: int) -> None:
+        if self._is_symmetric(b):
             a, b = -abs(b), abs(b)
         if a != b:
             low, high = sorted((a, b))
             self._add(Span(self.axis, low * GRID_MM, high * GRID_MM, fitted=False))
 
-    def _in_rows(self) -> None:
+    def _add_rows(self) -> None:
         """Dimension three or more centres at equal steps in a row by one length."""
         rows: dict[tuple[object, ...], set[int]] = {}
         for r in self.rounds:
@@ -215,7 +215,7 @@ class _Chain:
             row = rows.setdefault((r.axis, r.hole, r.turn_deg > 180, *rest), set())
             row.add(_key(r.low_mm[self.axis]))
         for row in rows.values():
-            loose = sorted(n for n in row if not self._is_located(n) and not self._paired(n))
+            loose = sorted(n for n in row if not self._is_located(n) and not self._is_symmetric(n))
             steps = {round((b - a) * GRID_MM, 3) for a, b in pairwise(loose)}
             if len(loose) > 2 and len(steps) == 1:
                 prefix = f"{len(loose) - 1} × {fmt(steps.pop())} = "
@@ -224,7 +224,7 @@ class _Chain:
                 for node in loose:
                     self._union(node, loose[0])
 
-    def _across_slots(self) -> None:
+    def _add_slots(self) -> None:
         """Dimension two opposed faces symmetric about a centre by one length."""
         k, faces = self.axis, self.features.planes
         lows = {_key(p.at_mm) for p in faces if p.axis == k and p.up}
@@ -250,7 +250,7 @@ class _Chain:
         centres = self.centres | ({0} if self.even else set())
         return mid if (a + b) % 2 == 0 and mid in centres else None
 
-    def _reach(self, end: int) -> bool:
+    def _has_feature(self, end: int) -> bool:
         """True if a feature is there: a node, the middle, or the side of a round."""
         if end in self.nodes or (end == 0 and self.even):
             return True
@@ -262,7 +262,7 @@ class _Chain:
                 return True
         return False
 
-    def _paired(self, node: int) -> bool:
+    def _is_symmetric(self, node: int) -> bool:
         """True if the node has a mirror image about the middle."""
         if node == 0 or -node not in self.nodes:
             return False
@@ -304,7 +304,7 @@ def _key(value_mm: float) -> int:
     return round(value_mm / GRID_MM)
 
 
-def _grouped(features: SolidFeatures, callouts: Callouts) -> list[Rounds]:
+def _group_rounds(features: SolidFeatures, callouts: Callouts) -> list[Rounds]:
     """Group equal rounds with their labels."""
     groups: dict[tuple[object, ...], list[Round]] = {}
     for r in features.rounds:
@@ -312,23 +312,23 @@ def _grouped(features: SolidFeatures, callouts: Callouts) -> list[Rounds]:
         if not r.rounds_an_edge or r.axis == 2:
             key = (*key, r.axis, r.turn_deg > 180, r.blind, _key(r.length_mm))
         groups.setdefault(key, []).append(r)
-    return [Rounds(tuple(group), _words(group, features, callouts)) for group in groups.values()]
+    return [Rounds(tuple(g), _round_label(g, features, callouts)) for g in groups.values()]
 
 
-def _words(group: Sequence[Round], features: SolidFeatures, callouts: Callouts) -> str:
+def _round_label(group: Sequence[Round], features: SolidFeatures, callouts: Callouts) -> str:
     first, count = group[0], len(group)
     diameter = 2 * first.radius_mm
     callout = next((w for d, w in callouts.rounds.items() if abs(d - diameter) < 1e-6), None)
     sort = f"Ø{fmt(diameter)}" if first.turn_deg > 180 else f"R{fmt(first.radius_mm)}"
-    words = (f"{count}× " if count > 1 else "") + sort
+    label = (f"{count}× " if count > 1 else "") + sort
     if first.hole and first.turn_deg > 180:
-        words += f" depth {fmt(first.length_mm)}" if first.blind else " through"
+        label += f" depth {fmt(first.length_mm)}" if first.blind else " through"
     if callout:
-        words += f" {callout}"
-    return words + _circle(group, features)
+        label += f" {callout}"
+    return label + _circle_text(group, features)
 
 
-def _circle(group: Sequence[Round], features: SolidFeatures) -> str:
+def _circle_text(group: Sequence[Round], features: SolidFeatures) -> str:
     """Label text of rounds evenly spaced on a circle about the middle; empty if not."""
     axis, r = group[0].axis, group[0].radius_mm
     plan = [i for i in range(3) if i != axis]
@@ -354,9 +354,9 @@ def _circle(group: Sequence[Round], features: SolidFeatures) -> str:
     return f", on Ø{fmt(2 * radius[0])}, {fmt(step)}° apart, first at {fmt(angle[0])}°"
 
 
-def _printed(lengths: Sequence[Span], groups: Sequence[Rounds], callouts: Callouts) -> list[float]:
+def _numbers(lengths: Sequence[Span], groups: Sequence[Rounds], callouts: Callouts) -> list[float]:
     """Collect every number of the drawing."""
-    texts = [*(g.words for g in groups), *(i.words for i in callouts.labels), *callouts.notes]
+    texts = [*(g.label for g in groups), *(i.text for i in callouts.labels), *callouts.notes]
     numbers = [float(n) for text in texts for n in re.findall(r"\d+(?:\.\d+)?", text)]
     return numbers + [length.value_mm for length in lengths]
 

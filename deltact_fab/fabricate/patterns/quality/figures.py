@@ -112,13 +112,13 @@ def autocorrelation(shade: Field) -> Field:
     reach = int(min(shade.shape) * PEAK_WITHIN)
     lags = np.arange(-reach, reach + 1)
     centred = shade - shade.mean()
-    at_rest = float((centred**2).mean())
-    if at_rest < 1e-12:
+    variance = float((centred**2).mean())
+    if variance < 1e-12:
         return np.equal.outer(lags, -lags) * (lags == 0).astype(np.float64)
     size = [fft.next_fast_len(length + reach, real=True) for length in shade.shape]
     power = np.abs(fft.rfft2(centred, size)) ** 2
     overlap = np.outer(shade.shape[0] - np.abs(lags), shade.shape[1] - np.abs(lags))
-    return np.asarray(fft.irfft2(power, size)[np.ix_(lags, lags)] / overlap / at_rest)
+    return np.asarray(fft.irfft2(power, size)[np.ix_(lags, lags)] / overlap / variance)
 
 
 def secondary_peak(rho: Field) -> tuple[float, float | None]:
@@ -149,11 +149,11 @@ def secondary_peak(rho: Field) -> tuple[float, float | None]:
     return float(min(rho[row, column], 1.0)), distance
 
 
-def _vertex(three: Field) -> float:
+def _vertex(values: Field) -> float:
     """Vertex of the parabola through values at -1, 0, 1; 0 for a plateau."""
-    low, middle, high = (float(v) for v in three)
-    bend = low - 2 * middle + high
-    return 0.0 if abs(bend) < 1e-9 else max(-0.5, min(0.5, (low - high) / (2 * bend)))
+    low, middle, high = (float(v) for v in values)
+    curvature = low - 2 * middle + high
+    return 0.0 if abs(curvature) < 1e-9 else max(-0.5, min(0.5, (low - high) / (2 * curvature)))
 
 
 def agreement(image: Array, template: Array) -> float:

@@ -90,9 +90,9 @@ def measure_quality(
     rng = np.random.default_rng([seed, 5])
     printed = print_colours(printer, image.astype(np.float32) / np.float32(255), rng)
     photo = photograph(printed, printer.mm_per_dot, sensor, mm_per_px, size_px, rng)
-    rastered = has_raster(recipe, printer.dpi)
+    resolved = has_raster(recipe, printer.dpi)
     # Where a printer dot covers several patches, the values sent have already lost contrast
-    patches = None if rastered else recipe.patches()
+    patches = None if resolved else recipe.patches()
     coded = np.power(printed, np.float32(1 / GAMMA)) * np.float32(255)
     original, coded = _middle(image), _middle(coded)
     print_contrast = contrast_share(coded, original, original if patches is None else patches)
@@ -110,7 +110,7 @@ def measure_quality(
         px_a_patch=None if feature_mm is None else feature_mm / mm_per_px,
         print_contrast=print_contrast,
         camera_contrast=camera_contrast,
-        printable=rastered and (print_contrast is None or print_contrast >= PRINTED_SHARE),
+        printable=resolved and (print_contrast is None or print_contrast >= PRINTED_SHARE),
         seen=camera_contrast is not None and camera_contrast >= SEEN_SHARE,
         designed=figures(designed, mm_per_px),
         photographed=figures(photo, mm_per_px),
@@ -127,19 +127,19 @@ def field_px(
     view_mm = view_mm or SensorDimensions().optics.view_mm
     width_mm, height_mm = (min(side_mm, recipe.printed_mm) for side_mm in view_mm)
     across_mm = math.sqrt(width_mm * height_mm)
-    too_fine = max(
+    reduction = max(
         1.0,
         across_mm / mm_per_px / math.sqrt(MAX_FIELD_PX),
         across_mm / mm_per_dot / math.sqrt(MAX_DOTS),
     )
     width_px, height_px = (
-        math.floor(side_mm / too_fine / mm_per_px + 1e-9) for side_mm in (width_mm, height_mm)
+        math.floor(side_mm / reduction / mm_per_px + 1e-9) for side_mm in (width_mm, height_mm)
     )
     if min(width_px, height_px) < MIN_SIDE_PX:
         raise InputError(
-            f"quality: {MAX_DOTS // 10**6} million dots at {MM_PER_INCH / mm_per_dot:.0f} dpi cover "
-            f"{width_px} x {height_px} px of {mm_per_px:g} mm; at least {MIN_SIDE_PX} px per side: "
-            "use a larger sticker or a lower dpi"
+            f"quality: {MAX_DOTS // 10**6} million dots at {MM_PER_INCH / mm_per_dot:.0f} dpi "
+            f"cover {width_px} x {height_px} px of {mm_per_px:g} mm; at least {MIN_SIDE_PX} px per "
+            "side: use a larger sticker or a lower dpi"
         )
     return height_px, width_px
 

@@ -147,7 +147,7 @@ class Sheet:
         x, y, width, height = self._place(x_px, y_px, picture.width_px, picture.height_px)
         return f"q {width} 0 0 {height} {x} {y} cm /I{number} Do Q"
 
-    def words(self, x_mm: float, y_mm: float, text: str, size_pt: float = TEXT_PT) -> str:
+    def text_line(self, x_mm: float, y_mm: float, text: str, size_pt: float = TEXT_PT) -> str:
         """Line of black ASCII text; x_mm, y_mm: left end of its baseline."""
         x, y = (figure(v) for v in self._to_points(self.x_px(x_mm), self.y_px(y_mm)))
         return f"BT 0 g /F {figure(size_pt)} Tf {x} {y} Td <{glyphs(text)}> Tj ET"
@@ -197,10 +197,10 @@ class StickerCell:
     def size_mm(self) -> tuple[float, float]:
         """Width and height of the cell with marks and label."""
         label_mm = max(self.code_mm, len(self.label) * line_mm(TEXT_PT))
-        beside_mm = self.code_mm + QUIET_MM
+        code_room_mm = self.code_mm + QUIET_MM
         widest_mm = max(width_mm(line, TEXT_PT) for line in self.label)
         return (
-            max(self.cut_mm[0], beside_mm + widest_mm + 2 * QUIET_MM),
+            max(self.cut_mm[0], code_room_mm + widest_mm + 2 * QUIET_MM),
             self.cut_mm[1] + LABEL_GAP_MM + label_mm + QUIET_MM,
         )
 

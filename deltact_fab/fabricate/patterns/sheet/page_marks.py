@@ -42,7 +42,7 @@ MAX_STICKER_PX = 120_000_000
 
 def _instructions(sheet: Sheet, paper: str, transfer: str) -> list[str]:
     """Lines of the header."""
-    how = {
+    transfer_text = {
         "face-down": "Transfer face-down: ink towards the gel. Printed as the camera sees it, not "
         "mirrored.",
         "slide": "Transfer slide: film towards the gel, ink away from it. Stickers are printed "
@@ -59,7 +59,7 @@ def _instructions(sheet: Sheet, paper: str, transfer: str) -> list[str]:
     return [
         f"Pattern stickers, {paper}, {sheet.dpi:g} dpi. Print at 100 % (actual size, no fitting), "
         f"at {sheet.dpi:g} dpi, with no smoothing, sharpening or toner saving.",
-        how,
+        transfer_text,
         "Test: seen from the side that will lie on the gel, every F reads correctly and marks "
         "the corner (-x, -y). Cut the film at its corner marks; the ticks point along the edges of "
         "the pattern and are trimmed off with F and margin when it is dry.",
@@ -76,7 +76,7 @@ def header(sheet: Sheet, paper: str, transfer: str) -> tuple[list[str], float]:
     for line in _instructions(sheet, paper, transfer):
         for part in wrapped(line.split(" "), room_mm, HEAD_PT, " "):
             y_mm += line_mm(HEAD_PT)
-            marks.append(sheet.words(left_mm, y_mm, part, HEAD_PT))
+            marks.append(sheet.text_line(left_mm, y_mm, part, HEAD_PT))
     y_mm += 3.0
     marks += _ruler(sheet, left_mm, y_mm, 0)
     y_mm += 8.5
@@ -93,7 +93,7 @@ def footer(sheet: Sheet, page: int, pages: int) -> list[str]:
         f"deltact-fab {VERSION}, page {page + 1} of {pages}. The text of a QR code regenerates "
         "its pattern: deltact-fab pattern make CODE -o FILE"
     )
-    return [sheet.words(PAGE_MARGIN_MM + LEFT_BAND_MM, y_mm, text)]
+    return [sheet.text_line(PAGE_MARGIN_MM + LEFT_BAND_MM, y_mm, text)]
 
 
 def corner_mark(sheet: Sheet, x_px: int, y_px: int, mirrored: bool) -> list[str]:
@@ -163,9 +163,9 @@ def _ruler(sheet: Sheet, x_mm: float, y_mm: float, axis: int) -> list[str]:
             x_px, y_px = sheet.x_px(x_mm), sheet.y_px(y_mm + k)
             tick = sheet.rectangle(x_px, y_px, sheet.x_px(x_mm + long_mm) - x_px, thick)
             number = x_mm + 2.4, y_mm + k + 2.3, f"{k}"
-        marks += [tick, sheet.words(*number)] if k % 10 == 0 else [tick]
+        marks += [tick, sheet.text_line(*number)] if k % 10 == 0 else [tick]
     if axis == 1:
-        marks.append(sheet.words(x_mm + 2.4, y_mm + RULER_MM + 4.6, "mm y"))
+        marks.append(sheet.text_line(x_mm + 2.4, y_mm + RULER_MM + 4.6, "mm y"))
     return marks
 
 
@@ -188,7 +188,7 @@ def _colours(sheet: Sheet, x_mm: float, y_mm: float) -> list[str]:
     for k, (name, ink) in enumerate(INK_PATCHES):
         marks.append(sheet.box(x_mm + 6 * k, y_mm, 5.0, 4.0, ink))
         middle_mm = (5.0 - width_mm(name, TEXT_PT)) / 2
-        marks.append(sheet.words(x_mm + 6 * k + middle_mm, y_mm + 6.4, name))
+        marks.append(sheet.text_line(x_mm + 6 * k + middle_mm, y_mm + 6.4, name))
     return marks
 
 
@@ -284,7 +284,7 @@ def draw_cell(
     ]
     for k, line in enumerate(cell.label):
         baseline_mm = label_y_mm + 1.8 + k * line_mm(TEXT_PT)
-        marks.append(sheet.words(code_x_mm + cell.code_mm + QUIET_MM, baseline_mm, line))
+        marks.append(sheet.text_line(code_x_mm + cell.code_mm + QUIET_MM, baseline_mm, line))
     return marks, (x_px, y_px)
 
 
