@@ -105,7 +105,7 @@ BODY, DRAWN = CODE.rsplit("/", 1)[0], CODE.rsplit("/", 1)[1].split("-")[0]
     ("text", "says"),
     [
         ("", "begins with DELTACT1/"),
-        ("DELTACT1/", "cut short"),
+        ("DELTACT1/", "truncated"),
         (CODE.replace("R:0.1", "R:0.2"), "damaged or mistyped"),
         (signed(BODY.replace("R:0.1", "R:0.2"), DRAWN), "another version"),
         (signed(BODY.replace("R:0.1", "R:1E999"), DRAWN), "r"),

@@ -194,8 +194,8 @@ def test_field_is_limited_by_memory():
         ({"mm_per_px": math.nan}, "mm_per_px nan and dpi 1200 must be above 0"),
         ({"printer": Printer(dpi=0)}, "dpi 0 must be above 0"),
         ({"seed": -1}, "seed -1 0 or above"),
-        ({"mm_per_px": 0.5}, "field is 60 x 44 px of 0.5 mm, .*; at least 64 px a side"),
-        ({"printer": Printer(dpi=10**8)}, "million dots at 100000000 dpi cover 0 x 0 px"),
+        ({"mm_per_px": 0.5}, "field is 60 x 44 px of 0.5 mm .* at least 64 px per side"),
+        ({"printer": Printer(dpi=10**8)}, "field is 0 x 0 px .* million dots at 100000000 dpi"),
     ],
 )
 def test_bad_scales_give_one_line(more, said):

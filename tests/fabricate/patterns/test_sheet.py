@@ -147,7 +147,7 @@ def test_marks_do_not_overlap(tmp_path, monkeypatch):
     boxes, dpi = [], 400
     real = Sheet.text_line, Sheet.rectangle, Sheet.picture
 
-    def words(on, x_mm, y_mm, text, size_pt=layout.TEXT_PT):
+    def text_line(on, x_mm, y_mm, text, size_pt=layout.TEXT_PT):
         x, y, high = on.x_px(x_mm), on.y_px(y_mm), size_pt * dpi / 72
         wide = width_mm(text, size_pt) * dpi / 25.4
         boxes.append((x, y - 0.72 * high, x + wide, y, "words"))
@@ -161,7 +161,7 @@ def test_marks_do_not_overlap(tmp_path, monkeypatch):
         boxes.append((x, y, x + shown.width_px, y + shown.height_px, "picture"))
         return real[2](on, x, y, shown, number)
 
-    for mark in (words, rectangle, picture):
+    for mark in (text_line, rectangle, picture):
         monkeypatch.setattr(Sheet, mark.__name__, mark)
     recipes = [PLAIN, MARKED, load_recipe("dense"), choose_recipe(None, 1.0, 0.1, 1.0)]
     assert (

@@ -137,9 +137,9 @@ def field_px(
     )
     if min(width_px, height_px) < MIN_SIDE_PX:
         raise InputError(
-            f"quality: {MAX_DOTS // 10**6} million dots at {MM_PER_INCH / mm_per_dot:.0f} dpi "
-            f"cover {width_px} x {height_px} px of {mm_per_px:g} mm; at least {MIN_SIDE_PX} px per "
-            "side: use a larger sticker or a lower dpi"
+            f"quality: the field is {width_px} x {height_px} px of {mm_per_px:g} mm (at most "
+            f"{MAX_DOTS // 10**6} million dots at {MM_PER_INCH / mm_per_dot:.0f} dpi), expected at "
+            f"least {MIN_SIDE_PX} px per side: use a larger sticker or a lower dpi"
         )
     return height_px, width_px
 
