@@ -316,7 +316,8 @@ def _rows(
     wording = {False: "not mirrored", True: "mirrored"}
     yield _row(
         "mirror", "mirror", wording[measured.mirrored], wording[mirrored],
-        measured.mirrored == mirrored, "print with the other --transfer, or name the one used",
+        measured.mirrored == mirrored,
+        "print with the other --transfer, or name the one that was used",
     )  # fmt: skip
     if measured.scale is None:
         reason = "unknown from a photograph; scan it on a flatbed"
@@ -330,7 +331,8 @@ def _rows(
             )  # fmt: skip
         yield _row(
             "shear", "shear", f"{measured.shear:.4f}", f"<= {SHEAR_TOL:g}",
-            measured.shear <= SHEAR_TOL, "paper fed at an angle, or film not flat on the scanner",
+            measured.shear <= SHEAR_TOL,
+            "the paper was fed at an angle, or the film was not flat on the scanner",
         )  # fmt: skip
     if measured.in_order is not None:
         yield _row(

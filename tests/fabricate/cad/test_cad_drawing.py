@@ -236,7 +236,7 @@ def test_the_title_block_names_part_process_tolerance_and_lab(made):
     ("change", "says"),
     [
         ("drawing.owner=実験室", "owner: '実験室': the font has no '実'"),
-        (f"drawing.number={'x' * 61}", "number: one line of at most 60 characters"),
+        (f"drawing.number={'x' * 61}", "number: expected one line of at most 60 characters"),
     ],
 )
 def test_a_title_that_cannot_be_drawn_is_refused(change, says):
