@@ -35,7 +35,7 @@ def main(design: str = "deltact") -> int:
             print("not run: DELTACT_PEERS names no interpreter with draftwright")
             return 0
         plan = scheme(features_of(solid), part.callouts(part.source(dims)))
-        ours = [r for group in plan.rounds for r in group.alike if r.hole]
+        ours = [r for group in plan.rounds for r in group.members if r.hole]
         missing = []
         for at, axis, wide in zip(
             answer["at_mm"], answer["axis"], answer["diameter_mm"], strict=True

@@ -1,4 +1,4 @@
-"""One offline HTML page by which a sensor is made: print, cast, coat, wire, assemble."""
+"""The build guide, one offline HTML page: print, cast, coat, wire, assemble."""
 
 from __future__ import annotations
 
@@ -39,45 +39,44 @@ from .cad.registry import list_parts, parts_of_group
 from .patterns.quality.measure import measure_quality
 from .patterns.recipe import PatternRecipe, load_recipe
 
-VIEW_TOLERANCE_MM = 0.05  # the view is looked at, not measured
-VIEW_DOWN_DEG, VIEW_ROUND_DEG, VIEW_AWAY = -20.0, 35.0, 1.25  # the last in diagonals of the model
-DARKEST = 0.6  # of a colour's strongest channel: the view's one lamp leaves black without edges
-LAYER_MM = 0.05
-PLACED_MM = 1.0  # by which a sticker is larger than the view, for a hand that places it
-SHOWN_MM = 120.0  # width of the pattern's picture on the page
-QUALITY_PX = 100  # of the view, in which it is measured whether the camera sees the pattern
-CUP_ML = 50  # cups are sold in steps of it
+# The 3D view, by hand: finer meshes cost bytes; distance in diagonals of the model.
+VIEW_TOLERANCE_MM, VIEW_TILT_DEG, VIEW_TURN_DEG, VIEW_DISTANCE = 0.05, -20.0, 35.0, 1.25
+MIN_CHANNEL = 0.6  # of a colour's strongest channel, by hand: darker ones show no edges
+PRINT_LAYER_MM = 0.05  # by hand, the usual layer of resin printers
+STICKER_SPARE_MM = 1.0  # sticker beyond the view, by hand: room for misplacing it
+PATTERN_WIDTH_MM = 120.0  # of the pattern's picture, by hand: fits the page
+QUALITY_PX = 100  # side of the field that is tested for contrast, by hand: more takes longer
+CUP_STEP_ML = 50  # by hand: usual sizes of mixing cups
 
-_BOARD = ("camera-screw", "camera", "camera-holder")
-_BACK = (*_BOARD, "cover")
-_STACK = ("light-holder", *_BACK)
-_FACE = ("skin", "acrylic", "skin-frame")
-STEPS: dict[str, tuple[tuple[str, ...], ...]] = {
+_CAMERA_UNIT = ("camera-screw", "camera", "camera-holder")
+_BACK_UNIT = (*_CAMERA_UNIT, "cover")
+_LIGHT_UNIT = ("light-holder", *_BACK_UNIT)
+_FACE_UNIT = ("skin", "acrylic", "skin-frame")
+ASSEMBLY_STEPS: dict[str, tuple[tuple[str, ...], ...]] = {
     "H.1": (("camera-screw",), ("camera",), ("camera-holder",)),
-    "H.2": (_BOARD, ("cover",)),
-    "H.3": (("light-holder",), _BACK),
-    "H.4": (("shell",), _STACK),
-    "H.5": (_FACE, ("shell", *_STACK)),
-    "H.6": ((*_FACE, "shell", *_STACK), ("screw",)),
-    "H.7": ((*_FACE, "shell", *_STACK, "screw"),),
-    "H.9": ((*_FACE, "shell", *_STACK, "screw"),),
+    "H.2": (_CAMERA_UNIT, ("cover",)),
+    "H.3": (("light-holder",), _BACK_UNIT),
+    "H.4": (("shell",), _LIGHT_UNIT),
+    "H.5": (_FACE_UNIT, ("shell", *_LIGHT_UNIT)),
+    "H.6": ((*_FACE_UNIT, "shell", *_LIGHT_UNIT), ("screw",)),
+    "H.7": ((*_FACE_UNIT, "shell", *_LIGHT_UNIT, "screw"),),
+    "H.9": ((*_FACE_UNIT, "shell", *_LIGHT_UNIT, "screw"),),
 }
-"""What each step of the assembly brings together, from the face backwards."""
-FROM_BEHIND = ("H.7",)  # what is done there is done at the cable's notch
-WHOLE = "H.9"
-# Heads of the tables of dataclasses.
-BATCH = ["cavities filled", "part A, g", "part B, g", "mixture, ml"]
-PROCESS = {"key": "figure", "meaning": "what it is", "basis": "rests on"}
-GAPS = {"said": "the paper", "found": "what is found", "chosen": "what was chosen"}
+"""Layers joined by each step of the assembly, from the face backwards."""
+FROM_BEHIND = ("H.7",)  # steps at the cable's notch
+ASSEMBLED_STEP = "H.9"
+# Headings of the tables.
+BATCH_HEADS = ["cavities filled", "part A, g", "part B, g", "mixture, ml"]
+PROCESS_HEADS = {"key": "figure", "meaning": "meaning", "basis": "basis"}
+GAP_HEADS = {"said": "paper", "found": "finding", "chosen": "choice here"}
 
 
 @dataclass(frozen=True)
 class Pictures:
-    """What the kernel adds to the page; empty without it, and `note` says why.
+    """Pictures that need the CAD kernel; empty without it, `note` gives the reason.
 
-    Data URLs: exploded, bench, parts (by name) and steps (by number), all SVG. model: a page of its
-    own in which the exploded sensor is turned.
-    ceilings: what of a printed part hangs as it lies on the platform, in words, by name.
+    Data URLs: exploded, bench, parts (by name) and steps (by number), all SVG. model: HTML page
+    with the exploded sensor in 3D. ceilings: overhangs of each printed part as text, by name.
     """
 
     exploded: str = ""
@@ -89,13 +88,13 @@ class Pictures:
     note: str = ""
 
     @property
-    def whole(self) -> str:
-        """The sensor put together: what stands where its model cannot be turned."""
-        return self.steps.get(WHOLE, "")
+    def assembled(self) -> str:
+        """Picture of the assembled sensor, shown where the 3D model cannot be."""
+        return self.steps.get(ASSEMBLED_STEP, "")
 
 
 Examples = Callable[[Design, PatternRecipe], Mapping[str, tuple[bytes, bytes]]]
-"""Makes JPEG images of a good and a spoiled specimen: of the `print` and of the `sensor`'s view."""
+"""Returns JPEG images of a good and a faulty specimen, for `print` and the `sensor`'s view."""
 
 
 def write_guide(
@@ -107,35 +106,35 @@ def write_guide(
     examples: Examples,
     pictures: Pictures | None = None,
 ) -> Path:
-    """Write the guide of a design to one self-contained file; no part of it is fetched.
+    """Write the guide of a design to one self-contained file.
 
-    progress: called with (done, total, what). examples: images of a good and a spoiled print and
-    sensor, simulated. pictures: ready ones, instead of drawing them.
-    Without the CAD kernel the page is written without pictures and 3D view and says what to
-    install. Raises InputError for a broken rule or a count below 1, MissingLibrary without
-    the extra `report` or shapely, RunFailed when a part cannot be built or the disk refuses.
+    progress: called with (done, total, text). examples: simulated images of a good and a faulty
+    print and sensor. pictures: ready-made ones. Without the CAD kernel the page has no pictures
+    and 3D view and names the package to install. Raises InputError for a failed rule or a count
+    below 1, MissingLibrary without the extra `report` or shapely, RunFailed if a part cannot be
+    built or written.
     """
     require_pages()
     require_extra("cad", "the guide's wiring diagram", "shapely")
-    tell = progress or (lambda done, total, what: None)
+    tell = progress or (lambda *_: None)
     lines = bom.bom_lines(design, sensors)
     parts = list_parts(design=design)
     if pictures is None:
         try:
             pictures = draw(design, parts, tell)
-        except MissingLibrary as why:
-            pictures = Pictures(note=f"No pictures and no 3D view: {why}")
+        except MissingLibrary as error:
+            pictures = Pictures(note=f"No pictures and no 3D view: {error}")
     pattern = sticker(design, examples)
     return write_page(
         out,
         "guide.html",
-        _judged(design, pictures, pattern),
+        _guide_checks(design, pictures, pattern),
         d=design,
         sensors=sensors,
         parts=parts,
-        layer_mm=LAYER_MM,
+        layer_mm=PRINT_LAYER_MM,
         pictures=pictures,
-        bom=html_table(pd.DataFrame([_to_order(line) for line in lines])),
+        bom=html_table(pd.DataFrame([_bom_row(line) for line in lines])),
         stock_note=stock_note(design),
         q=quantities,
         f=_figures(design),
@@ -145,16 +144,16 @@ def write_guide(
                 + [format_number(x, 1) for x in (batch.a_g, batch.b_g, batch.volume_cm3)]
                 for count in range(1, quantities.cavities(design) + 1)
                 for batch in (quantities.skins_batch(design, count),)
-            ).set_axis(BATCH, axis="columns")
+            ).set_axis(BATCH_HEADS, axis="columns")
         ),
         wiring=_svg_url(wiring(design).svg()),
         p=DEFAULT,
         sticker=pattern,
         facts=quantities.FIGURES,
-        process=html_table(pd.DataFrame(quantities.FIGURES, dtype=object), PROCESS),
-        gaps=html_table(pd.DataFrame(gaps(design)), GAPS),
+        process=html_table(pd.DataFrame(quantities.FIGURES, dtype=object), PROCESS_HEADS),
+        gaps=html_table(pd.DataFrame(gaps(design)), GAP_HEADS),
         unverified=[(key, f"{attrgetter(key)(design):g}") for key in design.unverified()],
-        # Keys that take the names of what a lab has measured, where something is unverified.
+        # Keys that list measured dimensions, for sections with unverified ones.
         measured=[
             f"{section}.measured"
             for section in dict.fromkeys(key.partition(".")[0] for key in design.unverified())
@@ -166,13 +165,13 @@ def write_guide(
     )
 
 
-def _judged(design: Design, pictures: Pictures, pattern: PatternToPrint) -> Iterator[Check]:
-    """What speaks for the design, and what is to be seen to before it is printed."""
-    yield Check("rules", value="The dimensions of this design go together by all their rules.")
+def _guide_checks(design: Design, pictures: Pictures, pattern: PatternToPrint) -> Iterator[Check]:
+    """Yield the checks at the top of the page."""
+    yield Check("rules", value="All design rules pass.")
     if n := len(design.unverified()):
         text = (
-            f"{n} dimensions were assumed and never measured: measure yours before you print "
-            "(the last section names them)."
+            f"{n} dimensions are assumed, not measured: measure yours before you print (list in "
+            "the last section)."
         )
         yield Check("unverified", value=text, status="warn")
     else:
@@ -181,50 +180,51 @@ def _judged(design: Design, pictures: Pictures, pattern: PatternToPrint) -> Iter
 
 
 def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
-    """Build every part once and draw it; the sensor exploded, at each step, and on the test bench.
+    """Build and draw every part, the exploded sensor, each step, and the test bench.
 
-    Raises MissingLibrary without the CAD kernel, RunFailed when a part cannot be built.
+    Raises MissingLibrary without the CAD kernel, RunFailed if a part cannot be built.
     """
     from .cad.assembly import PlacedPart, assemble_bench, assemble_sensor
     from .cad.build import build_part
     from .cad.drafting import picture
-    from .cad.drafting.casting import Bench
+    from .cad.drafting.casting import CastingScenes
     from .cad.export.meshes import drawn, glb_bytes
     from .cad.kernel import require
     from .cad.mesh import mesh_solid
 
     require()
     require_extra("cad", "the guide's 3D view", "trimesh")
-    total = len(parts) + len(STEPS) + 3
+    total = len(parts) + len(ASSEMBLY_STEPS) + 3
     solids: dict[str, Any] = {}
     images: dict[str, str] = {}
-    for done, part in enumerate(parts):
-        tell(done, total, part.name)
+    for index, part in enumerate(parts):
+        tell(index, total, part.name)
         solids[part.name] = build_part(part, design)[0]
         alone = [PlacedPart(part, 0, solids[part.name], (0.0, 0.0, 0.0))]
         # An indenter stands on its stem.
-        view = picture.TIPS_UP if part.indenter is not None else picture.CORNER
-        drawing = picture.picture_svg(part.name, alone, view, picture.PART_MM, numbered=False)
+        view = picture.TIPS_UP if part.indenter is not None else picture.CORNER_VIEW
+        drawing = picture.picture_svg(part.name, alone, view, picture.PART_ROOM_MM, numbered=False)
         images[part.name] = _svg_url(drawing)
     tell(len(parts), total, "exploded view")
-    apart = assemble_sensor(design, 1.0, parts_of_group("sensor", design), solids)
-    exploded = picture.picture_svg("exploded view", apart, picture.APART, picture.APART_MM)
+    sensor_parts = assemble_sensor(design, 1.0, parts_of_group("sensor", design), solids)
+    view, room_mm = picture.EXPLODED_VIEW, picture.EXPLODED_MM
+    exploded = picture.picture_svg("exploded view", sensor_parts, view, room_mm)
     steps: dict[str, str] = {}
-    for step, placed in Bench(design, solids).steps():
+    for step, scene in CastingScenes(design, solids).steps():
         tell(len(parts), total, f"step {step}")
-        steps[step] = _svg_url(picture.picture_svg(f"step {step}", placed))
-    for done, (step, layers) in enumerate(STEPS.items(), len(parts) + 1):
-        tell(done, total, f"step {step}")
-        view = picture.FROM_BACK if step in FROM_BEHIND else picture.APART
-        placed = picture.stacked(design, layers, solids)
-        steps[step] = _svg_url(picture.picture_svg(f"step {step}", placed, view))
+        steps[step] = _svg_url(picture.picture_svg(f"step {step}", scene))
+    for index, (step, layers) in enumerate(ASSEMBLY_STEPS.items(), len(parts) + 1):
+        tell(index, total, f"step {step}")
+        view = picture.FROM_BACK if step in FROM_BEHIND else picture.EXPLODED_VIEW
+        scene = picture.stack_layers(design, layers, solids)
+        steps[step] = _svg_url(picture.picture_svg(f"step {step}", scene, view))
     tell(total - 2, total, "test bench")
-    whole = ""
+    bench = ""
     if tip := next((part for part in parts if part.indenter is not None), None):
-        standing = assemble_bench(design, tip, solids)
-        whole = _svg_url(picture.picture_svg("test bench", standing, room_mm=picture.BENCH_MM))
+        scene = assemble_bench(design, tip, solids)
+        bench = _svg_url(picture.picture_svg("test bench", scene, room_mm=picture.BENCH_ROOM_MM))
     tell(total - 1, total, "3D view")
-    # Meshes last: they leave triangles on the solids.
+    # Meshes last: OCCT stores the triangles in the solids.
     fine = {p.name: mesh_solid(solids[p.name], VIEW_TOLERANCE_MM, p.name) for p in parts}
     ceilings = {
         part.name: stand(laid(fine[part.name], part.lies)).words(part.lies.supports)
@@ -233,25 +233,25 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     }
     exploded_glb = {
         part.name: (
-            drawn(fine[part.name], part.name, _lit(part.colour)),
+            drawn(fine[part.name], part.name, _brighten(part.colour)),
             [(x, y, z + part.explode_mm) for x, y, z in part.places(design)],
         )
         for part in parts_of_group("sensor", design)
     }
     model = turntable(glb_bytes(exploded_glb))
     tell(total, total, "done")
-    return Pictures(_svg_url(exploded), whole, images, model, steps, ceilings)
+    return Pictures(_svg_url(exploded), bench, images, model, steps, ceilings)
 
 
-def _to_order(line: bom.BomLine) -> dict[str, str]:
-    """A line of the bill of materials."""
+def _bom_row(line: bom.BomLine) -> dict[str, str]:
+    """Table row of a line of the bill of materials."""
     amount = format_number(line.quantity, 2 if line.unit == "ml" else 1)
     order = "made"
     if line.source is not None:
-        second, instead = line.source.second_source, line.source.instead
+        second, alternative = line.source.second_source, line.source.instead
         order = str(line.source)
         order += f"; or {second}" * (not second.startswith("not "))
-        order += f"; {instead}" * (instead != "not looked up")
+        order += f"; {alternative}" * (alternative != "not looked up")
     return {
         "part": f"{line.item}. {line.part}",
         "for": line.group,
@@ -265,11 +265,11 @@ def _to_order(line: bom.BomLine) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class PatternToPrint:
-    """The pattern to print for a design: its side, and what the camera sees of it.
+    """The pattern to print for a design.
 
-    file: the recipe, where it is no shipped one. image: a data URL, one pixel a patch; enlarged: by
-    how much it is larger on the page. pairs: a good and a spoiled print and sensor of it. unseen:
-    a warning where the camera does not see the pattern, by the model of `pattern quality`.
+    file: the recipe, unless it is a shipped one. image: data URL of the visible part, one pixel
+    per patch; enlarged: its magnification on the page. pairs: images of a good and a faulty print
+    and sensor. unseen: warning if the camera does not resolve it (model of `pattern quality`).
     """
 
     size_mm: float
@@ -281,65 +281,65 @@ class PatternToPrint:
 
 
 def sticker(design: Design, examples: Examples) -> PatternToPrint:
-    """The recommended pattern, as large as the design's view needs it."""
+    """Return the recommended pattern, enlarged if the design's view needs it."""
     from PIL import Image
 
     recipe, view_mm = load_recipe(), design.optics.view_mm
     file = ""
     if design.optics.beyond(recipe.printed_mm) is not None:
         patch_mm = recipe.patch_mm or 1.0
-        squares = math.ceil((max(view_mm) + PLACED_MM) / patch_mm)
+        squares = math.ceil((max(view_mm) + STICKER_SPARE_MM) / patch_mm)
         recipe = recipe.model_copy(update={"size_mm": round(squares * patch_mm, 6)})
         file = toml_text(recipe.model_dump(mode="json", exclude_none=True))
     patches, patch_mm = recipe.patches(), recipe.patch_mm or recipe.printed_mm
     columns, rows = (min(round(side / patch_mm), len(patches)) for side in view_mm)
-    left, top = (len(patches) - columns) // 2, (len(patches) - rows) // 2
-    held = io.BytesIO()
-    Image.fromarray(patches[top : top + rows, left : left + columns]).save(held, "PNG")
-    image = _data_url("image/png", held.getvalue())
+    column, row = (len(patches) - columns) // 2, (len(patches) - rows) // 2
+    buffer = io.BytesIO()
+    Image.fromarray(patches[row : row + rows, column : column + columns]).save(buffer, "PNG")
+    image = _data_url("image/png", buffer.getvalue())
     pairs = {
-        of: [_data_url("image/jpeg", one) for one in pair]
-        for of, pair in examples(design, recipe).items()
+        subject: [_data_url("image/jpeg", data) for data in pair]
+        for subject, pair in examples(design, recipe).items()
     }
     bare, mm_per_px = recipe.model_copy(update={"dots": None}), design.optics.mm_per_px
-    seen = measure_quality(bare, mm_per_px=mm_per_px, view_mm=(QUALITY_PX * mm_per_px,) * 2).seen
-    unseen = "" if seen else (
-        "The camera of this design hardly resolves the pattern below, by the model of printer and "
-        f"camera of `pattern quality`: `study run pattern-search --mm-per-px {mm_per_px:.4g}` "
-        "finds a coarser one."
+    field_mm = (QUALITY_PX * mm_per_px,) * 2
+    resolved = measure_quality(bare, mm_per_px=mm_per_px, view_mm=field_mm).seen
+    unseen = "" if resolved else (
+        "The camera of this design hardly resolves the pattern below (model of `pattern quality`). "
+        f"Find a coarser one: `study run pattern-search --mm-per-px {mm_per_px:.4g}`."
     )  # fmt: skip
-    return PatternToPrint(recipe.size_mm, file, image, SHOWN_MM / view_mm[0], pairs, unseen)
+    return PatternToPrint(recipe.size_mm, file, image, PATTERN_WIDTH_MM / view_mm[0], pairs, unseen)
 
 
 def turntable(glb: bytes) -> str:
-    """A page in which a model is turned: three.js (MIT) around it, as trimesh carries it."""
+    """HTML page with a turnable model, by the three.js (MIT) of trimesh."""
     from trimesh import load_scene
     from trimesh.scene import Camera
     from trimesh.viewer.notebook import scene_to_html
 
     scene = load_scene(io.BytesIO(glb), file_type="glb")
-    angles = (math.radians(VIEW_DOWN_DEG), math.radians(VIEW_ROUND_DEG), 0.0)
-    # Unnamed it gets another name each time, and one of a part would be that part's node.
+    angles = (math.radians(VIEW_TILT_DEG), math.radians(VIEW_TURN_DEG), 0.0)
+    # A fixed name: random ones change the bytes, a part's name would be that part's node.
     scene.camera = Camera("viewpoint", fov=(60, 45))
-    scene.set_camera(angles, distance=VIEW_AWAY * scene.scale)
+    scene.set_camera(angles, distance=VIEW_DISTANCE * scene.scale)
     return str(scene_to_html(scene))
 
 
-def _lit(colour: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+def _brighten(colour: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
     red, green, blue, alpha = colour
-    gain = max(1.0, DARKEST / max(red, green, blue))
+    gain = max(1.0, MIN_CHANNEL / max(red, green, blue))
     return red * gain, green * gain, blue * gain, alpha
 
 
 def _figures(d: Design) -> dict[str, Any]:
-    """What the steps name and no dimension or quantity says."""
+    """Figures of the steps that are no dimension or quantity."""
     screw = d.screw
     deepest_mm = screw.length_mm + screw.tip_clearance_mm
     full = quantities.skins_batch(d, quantities.cavities(d))
     coupon_g = d.coupon.wells * well_volume_mm3(d) / 1000 * DEFAULT.density_g_cm3
     return {
-        "cup_ml": CUP_ML * math.ceil(full.volume_cm3 * DEFAULT.foam_factor / CUP_ML),
-        # Half as much again: two drops, and what stays in the cup.
+        "cup_ml": CUP_STEP_ML * math.ceil(full.volume_cm3 * DEFAULT.foam_factor / CUP_STEP_ML),
+        # Half as much again for two drops and the rest in the cup.
         "coupon_g": max(1.5 * coupon_g, DEFAULT.coat_batch_g),
         "brighter": quantities.resistor_for_ohm(20.0, d.light),
         "shrinkage_mm": quantities.shrinkage_mm(d),

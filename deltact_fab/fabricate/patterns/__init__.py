@@ -1,1 +1,1 @@
-"""Patterns: a recipe becomes patches, dots, a printer's file and a virtual sticker's colours."""
+"""Patterns: from a recipe to patches, dots, the printer's file and a virtual sticker."""

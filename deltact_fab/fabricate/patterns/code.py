@@ -1,4 +1,4 @@
-"""A recipe as one short line of text: what a sheet's QR code holds, and the way back.
+"""Encode a recipe as the short text of a sheet's QR code, and decode it.
 
     DELTACT1/LAW:ALGORITHM1/SEED:7/SIZE-MM:35/PATCH-MM:0.075/R:0.6/CHANNELS:3/<patches>-<text>
 
@@ -23,21 +23,20 @@ from deltact_fab.common import InputError, validate
 from .recipe import PatternRecipe
 
 CODE_PREFIX = "DELTACT1"
-HASH_DIGITS = 12
-CHECK_DIGITS = 6
-_ENDING = re.compile(rf"(.+)/([0-9a-f]{{{HASH_DIGITS}}})-([0-9a-f]{{{CHECK_DIGITS}}})")
+HASH_DIGITS, CHECK_DIGITS = 12, 6  # format of the code; a change makes printed codes unreadable
+_CHECKED_CODE = re.compile(rf"(.+)/([0-9a-f]{{{HASH_DIGITS}}})-([0-9a-f]{{{CHECK_DIGITS}}})")
 
 
 def patches_hash(recipe: PatternRecipe) -> str:
-    """First digits of the SHA-256 of the drawn patches: rows, columns, RGB, one byte a value."""
+    """First digits of the SHA-256 of the patches: rows, columns, RGB, one byte per value."""
     return hashlib.sha256(recipe.patches().tobytes()).hexdigest()[:HASH_DIGITS]
 
 
 def encode(recipe: PatternRecipe) -> str:
-    """The recipe as a line of text."""
+    """Encode a recipe as a line of text."""
     data = recipe.model_dump(mode="json", exclude_none=True)
-    body = "/".join([CODE_PREFIX, *(f"{_key(k)}:{_written(v)}" for k, v in data.items())])
-    return f"{body}/{patches_hash(recipe)}-{_check(body)}".upper()
+    body = "/".join([CODE_PREFIX, *(f"{_encoded(k)}:{_encode_value(v)}" for k, v in data.items())])
+    return f"{body}/{patches_hash(recipe)}-{_check_digits(body)}".upper()
 
 
 def read_code(text: str) -> PatternRecipe | None:
@@ -46,62 +45,62 @@ def read_code(text: str) -> PatternRecipe | None:
 
 
 def decode_recipe(text: str) -> PatternRecipe:
-    """The recipe of a code, after both checks; it draws the identical patches.
+    """Decode a code to the recipe that draws the identical patches; both checks are made.
 
-    Raises InputError of one line for anything else: no code, a damaged one, or one whose patches
-    this version draws otherwise.
+    Raises InputError for other text, a damaged code, or patches that this version draws
+    differently.
     """
-    shown = ascii(text if len(text) <= 40 else text[:37] + "...")
+    excerpt = ascii(text if len(text) <= 40 else text[:37] + "...")
     if not text.isascii():
-        raise InputError(f"code {shown}: a code has 0-9, A-Z and $ % * + - . / : alone")
+        raise InputError(f"code {excerpt}: only 0-9, A-Z and $ % * + - . / : are allowed")
     clean = "".join(text.split()).lower()
     if not clean.startswith(CODE_PREFIX.lower() + "/"):
-        raise InputError(f"code {shown}: not the code of a sheet; one begins with {CODE_PREFIX}/")
-    ending = _ENDING.fullmatch(clean)
+        raise InputError(f"code {excerpt}: not a sheet's code, which begins with {CODE_PREFIX}/")
+    ending = _CHECKED_CODE.fullmatch(clean)
     if ending is None:
         raise InputError(
-            f"code {shown}: cut short or damaged; one ends in / and {HASH_DIGITS} digits, "
+            f"code {excerpt}: truncated or damaged; a code ends in / and {HASH_DIGITS} digits, "
             f"- and {CHECK_DIGITS} digits (0-9, A-F)"
         )
-    body, drawn, check = ending.groups()
-    if _check(body) != check:
+    body, code_hash, check = ending.groups()
+    if _check_digits(body) != check:
         raise InputError(
-            f"code {shown}: damaged or mistyped: its check digits are {check.upper()} and its "
-            f"text gives {_check(body).upper()}; read it again"
+            f"code {excerpt}: damaged or mistyped: check digits {check.upper()}, expected "
+            f"{_check_digits(body).upper()}; read it again"
         )
     try:
-        data = _table(body.split("/")[1:])
-    except ValueError as why:
-        raise InputError(f"code {shown}: {why}") from why
+        data = _parse_table(body.split("/")[1:])
+    except ValueError as error:
+        raise InputError(f"code {excerpt}: {error}") from error
     recipe = validate(PatternRecipe, data, "code")
-    found = patches_hash(recipe)
-    if found != drawn:
+    drawn_hash = patches_hash(recipe)
+    if drawn_hash != code_hash:
         raise InputError(
-            f"code {shown}: names patches {drawn.upper()} and this version draws "
-            f"{found.upper()}: it was made by another version"
+            f"code {excerpt}: patch hash {code_hash.upper()}, but this version draws "
+            f"{drawn_hash.upper()}: made by another version"
         )
     return recipe
 
 
-def _check(body: str) -> str:
+def _check_digits(body: str) -> str:
     return hashlib.sha256(body.lower().encode()).hexdigest()[:CHECK_DIGITS]
 
 
-def _key(key: str) -> str:
+def _encoded(key: str) -> str:
     return key.replace("_", "-")
 
 
-def _written(value: Any) -> str:
+def _encode_value(value: Any) -> str:
     if isinstance(value, dict):
-        return "+".join(f"{_key(k)}:{_written(v)}" for k, v in value.items())
+        return "+".join(f"{_encoded(k)}:{_encode_value(v)}" for k, v in value.items())
     if isinstance(value, list):
-        return "".join(f"{_written(v)}*" for v in value)
+        return "".join(f"{_encode_value(v)}*" for v in value)
     if isinstance(value, float):
         return repr(value).removesuffix(".0")
     return str(value).replace("#", "%")
 
 
-def _table(entries: list[str], inner: bool = False) -> dict[str, Any]:
+def _parse_table(entries: list[str], inner: bool = False) -> dict[str, Any]:
     data: dict[str, Any] = {}
     for entry in entries:
         key, colon, value = entry.partition(":")
@@ -112,13 +111,14 @@ def _table(entries: list[str], inner: bool = False) -> dict[str, Any]:
             raise ValueError(f"{key.upper()} occurs twice")
         if ":" in value and inner:
             raise ValueError(f"{key.upper()} is a table within a table")
-        data[name] = _table(value.split("+"), inner=True) if ":" in value else _value(value)
+        table = ":" in value
+        data[name] = _parse_table(value.split("+"), inner=True) if table else _parse_value(value)
     return data
 
 
-def _value(text: str) -> Any:
+def _parse_value(text: str) -> Any:
     if text.endswith("*"):
-        return [_value(part) for part in text[:-1].split("*")]
+        return [_parse_value(part) for part in text[:-1].split("*")]
     try:
         return json.loads(text)
     except (ValueError, RecursionError):  # also of "nan" and "1_0"

@@ -1,6 +1,6 @@
-"""What a pattern's PNG says about itself: the recipe, the scale, and where every dot is.
+"""Metadata in a pattern's PNG: recipe, scale and dot positions.
 
-The image alone is enough: nobody has to find the grid's corner or guess its pitch.
+The image alone is enough to find every dot.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from .recipe import PatternRecipe
 if TYPE_CHECKING:
     from PIL import Image
 
-ZLIB_LEVEL = 6
+ZLIB_LEVEL = 6  # by hand, zlib's default: more costs time for few bytes
 MAX_TABLE_BYTES = 1_000_000
-"""Of dots within a PNG: readers refuse texts of more than 1 MiB (Pillow, MAX_TEXT_CHUNK)."""
-FRAME = (
+"""Of dots in a PNG; by definition of Pillow's MAX_TEXT_CHUNK readers refuse more than 1 MiB."""
+FRAME_NOTE = (
     "x_px = x_mm / mm_per_px + (width - 1) / 2, y_px = y_mm / mm_per_px + (height - 1) / 2; "
     "pixel (0, 0) has its centre at 0, 0 and is the corner at -x, -y as the camera sees it"
 )
@@ -40,11 +40,11 @@ def png(
     dpi: float | None,
     table: bytes | None,
 ) -> bytes:
-    """A pattern's PNG; table: the CSV of its dots.
+    """Encode a pattern's PNG; table: CSV of its dots.
 
-    A table beyond MAX_TABLE_BYTES is left out but for its hash; the recipe gives it again.
+    A table beyond MAX_TABLE_BYTES is replaced by its hash; the recipe can regenerate it.
 
-    pHYs holds whole pixels per metre, so the size in it is right to 0.5 px/m; the text is exact.
+    pHYs holds whole pixels per metre, so its size is right to 0.5 px/m; the text is exact.
     """
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
@@ -70,8 +70,8 @@ def png(
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[Image.Image]:
-    """An image file of any kind and size. Raises InputError for one that Pillow cannot read."""
+def open_image(path: Path) -> Iterator[Image.Image]:
+    """Open an image file of any size. Raises InputError if Pillow cannot read it."""
     from PIL import Image, UnidentifiedImageError
 
     try:
@@ -80,20 +80,20 @@ def opened(path: Path) -> Iterator[Image.Image]:
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             with Image.open(path) as image:
                 yield image
-    except FileNotFoundError as why:
-        raise InputError(f"{path}: no such file") from why
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file") from error
     except (
         UnidentifiedImageError, OSError, SyntaxError, ValueError, Image.DecompressionBombError
-    ) as why:  # fmt: skip
-        raise InputError(f"{path}: not a readable image: {why}") from why
+    ) as error:  # fmt: skip
+        raise InputError(f"{path}: not a readable image: {error}") from error
 
 
 def read_recipe(path: Path) -> PatternRecipe:
-    """The recipe that a PNG of `make` carries. Raises InputError when there is none."""
-    with opened(path) as image:
+    """Read the recipe from a PNG of `pattern make`. Raises InputError if there is none."""
+    with open_image(path) as image:
         text = dict(getattr(image, "text", {}))
     if "recipe" not in text:
-        raise InputError(f"{path}: carries no recipe; only files of 'pattern make' do")
+        raise InputError(f"{path}: contains no recipe; expected a PNG from 'pattern make'")
     source = f"{path}: recipe"
     return validate(PatternRecipe, parse_json(text["recipe"], source), source)
 
@@ -101,7 +101,7 @@ def read_recipe(path: Path) -> PatternRecipe:
 def _text(
     recipe: PatternRecipe, mm_per_px: float, dpi: float | None, size_px: tuple[int, ...]
 ) -> dict[str, str]:
-    """For a person, and for `read_recipe`."""
+    """Text chunks for people and for `read_recipe`."""
     values = {
         "law": recipe.law,
         "d_mm": recipe.patch_mm,
@@ -120,5 +120,5 @@ def _text(
     if recipe.dots is not None:
         grid = recipe.dots
         text["dots"] = f"{grid.columns} x {grid.rows}, {grid.diameter_mm:g} mm, {grid.colour}"
-        text["frame"] = FRAME
+        text["frame"] = FRAME_NOTE
     return text

@@ -1,4 +1,4 @@
-"""A recipe as pixels: the file for the printer, and the colours that a virtual sticker has.
+"""Render a recipe to pixels: the printer's file, and the colours of a virtual sticker.
 
 Image x is sensor +x and image y is sensor +y, as the camera sees the sticker from inside; row 0,
 column 0 is the corner at (-x, -y). Every image here is centred on the sensor's origin: the centre
@@ -26,27 +26,27 @@ from .code import patches_hash
 from .laws import plain
 from .recipe import PatternRecipe, load_recipe
 
-DEFAULT_DPI = 1200.0
+DEFAULT_DPI = 1200.0  # by hand: common to laser and inkjet printers
 MAX_SIDE_PX = 11_000
-"""Side of the largest raster, as of a sticker on a sheet: about 1 GB of memory while written."""
+"""Side of the largest raster, by hand: about 1 GB of memory while it is written."""
 
 
 @dataclass(frozen=True)
 class PatternFiles:
-    """What `make` wrote. `dpi` is None where one image pixel is one patch."""
+    """Files written by `pattern make`; dpi: None if one image pixel is one patch."""
 
     recipe: PatternRecipe
     image: Path
     image_sha256: str
     patches_sha256: str
-    """First digits, of the patches without dots; a sheet's label shows them too."""
+    """First digits, patches without dots, as on a sheet's label."""
     side_px: int
     mm_per_px: float
     dpi: float | None
     dots_csv: Path | None
     dots_sha256: str | None
     inner_corners: tuple[int, int] | None = None
-    """Of a chessboard, in the camera's view, along x and y."""
+    """Inner corners of a chessboard in the camera's view, along x and y."""
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data, as `pattern make --json` prints it."""
@@ -75,7 +75,7 @@ class PatternFiles:
 
 
 def raster(recipe: PatternRecipe, dpi: float) -> NDArray[np.uint8]:
-    """The sticker in printer dots, (h, h, 3) uint8 RGB, h = printed side in dots.
+    """Render the sticker in printer dots, (h, h, 3) uint8 RGB, h = printed side in dots.
 
     Every patch edge lies at the printer dot nearest to its true place, so the error of an edge is
     at most half a dot and does not grow across the sticker; patches differ by one dot in width.
@@ -88,17 +88,17 @@ def raster(recipe: PatternRecipe, dpi: float) -> NDArray[np.uint8]:
 
 
 def raster_window(recipe: PatternRecipe, dpi: float, side_px: int) -> NDArray[np.uint8]:
-    """The middle of `raster`, (side_px, side_px, 3); one dot more or less keeps it centred.
+    """Render the middle of `raster`, (side_px, side_px, 3), adjusted by a dot to stay centred.
 
-    For stickers of any size: only the whole raster is limited. Raises InputError when dpi loses
+    Stickers may have any size; only the whole raster is limited. Raises InputError if dpi loses
     the patches.
     """
-    mm_per_px = checked_mm_per_px(recipe, dpi, whole=False)
+    mm_per_px = checked_mm_per_px(recipe, dpi, full_sticker=False)
     side_mm, pitch_mm = (recipe.printed_mm,) * 2, (mm_per_px,) * 2
-    whole = CellGrid("", recipe.patches(), side_mm, pitch_mm, grid=recipe.dots)
-    low_px = max(0, (whole.height_px - side_px) // 2)
-    high_px = whole.height_px - low_px
-    return whole.rows(low_px, high_px)[:, low_px:high_px]
+    cells = CellGrid("", recipe.patches(), side_mm, pitch_mm, grid=recipe.dots)
+    low_px = max(0, (cells.height_px - side_px) // 2)
+    high_px = cells.height_px - low_px
+    return cells.rows(low_px, high_px)[:, low_px:high_px]
 
 
 def pattern_albedo(
@@ -106,13 +106,13 @@ def pattern_albedo(
     mm_per_px: float,
     size_px: tuple[int, int] | None = None,
 ) -> NDArray[np.float32]:
-    """Colour of the sticker as designed, (h, w, 3) float32 RGB in 0..1, linear in the file's value.
+    """Designed colour of the sticker, (h, w, 3) float32 RGB in 0..1, linear in the file's value.
 
-    White is no ink, as beyond the sticker. No gamma is applied: that belongs to `imaging.Printer`,
-    which takes these values. Each pixel holds the mean over its area (patches exactly, marker dots
-    to about 1e-3 of a pixel). Printer dots, halftone and ink spread are not in it.
+    White is no ink, as outside the sticker. Gamma, printer dots, halftone and ink spread belong to
+    `imaging.Printer`, which takes these values. Each pixel is the mean over its area (patches
+    exact, marker dots to about 1e-3 of a pixel).
 
-    mm_per_px: side of a pixel. size_px: (h, w); by default the least square that covers the
+    mm_per_px: side of a pixel. size_px: (h, w); default: the least square that covers the
     sticker. The image is centred on the sensor's origin (see the module for pixel to mm).
     Raises InputError when mm_per_px is not above zero.
     """
@@ -151,26 +151,26 @@ def make_pattern(
     recipe: also a name of the catalogue, or a recipe's file.
 
     One image pixel is one patch, unless dpi is given or the sticker has dots or no patches: then
-    it is a raster, at DEFAULT_DPI unless told, or the nearest dpi that shows it. The PNG's text
-    holds the recipe and the dots (`metadata`), its pHYs chunk the size. Equal recipe, resolution
+    it is a raster at dpi, by default DEFAULT_DPI or the nearest one that resolves it. The PNG holds
+    recipe and dots as text (`metadata`), the size in its pHYs chunk. Equal recipe, resolution
     and versions give equal bytes.
 
-    check_view: False for a sticker that exists, whatever this sensor sees of it.
+    check_view: False for an existing sticker, whatever this sensor sees of it.
 
-    Raises InputError when the dots leave the sensor's view or a chessboard does not fill it, or a
-    file cannot be written; then both places are as they were.
+    Raises InputError if dots leave the sensor's view, a chessboard does not fill it, or a file
+    cannot be written; nothing is changed then.
     """
     recipe, path = load_recipe(recipe) if isinstance(recipe, str) else recipe, Path(path)
     if path.suffix.lower() != ".png":
-        raise InputError(f"{path}: the pattern is a PNG: end the name in .png")
+        raise InputError(f"{path}: expected a name that ends in .png")
     table_path = None if recipe.dots is None else path.with_suffix(".dots.csv")
     view_mm = (sensor or SensorDimensions()).optics.view_mm
     if check_view:
         check_seen(recipe, view_mm)
     corners = plain.inner_corners(recipe, view_mm) if recipe.law == "chessboard" else None
     if dpi is None and (recipe.dots is not None or recipe.patch_mm is None):
-        least, largest = _dpi_range(recipe)
-        dpi = float(max(least, min(DEFAULT_DPI, largest)))
+        lowest, highest = _dpi_range(recipe)
+        dpi = float(max(lowest, min(DEFAULT_DPI, highest)))
     if dpi is None:
         image, mm_per_px = recipe.patches(), recipe.patch_mm or recipe.printed_mm
     else:
@@ -180,10 +180,10 @@ def make_pattern(
     table = None if recipe.dots is None else dots.centres_csv(recipe.dots, mm_per_px, size_px)
     table_hash = None if table is None else hashlib.sha256(table).hexdigest()
     content = metadata.png(image, recipe, mm_per_px, dpi, table)
-    wanted = {path: content}
+    files = {path: content}
     if table is not None and table_path is not None:
-        wanted[table_path] = table
-    write_files(wanted)
+        files[table_path] = table
+    write_files(files)
     return PatternFiles(
         recipe=recipe,
         image=path,
@@ -199,27 +199,24 @@ def make_pattern(
 
 
 def check_seen(recipe: PatternRecipe, view_mm: tuple[float, float]) -> None:
-    """Raise InputError for what a camera with a view (x, y) of that size cannot use.
-
-    Dots that leave the view, or a chessboard that does not fill it.
-    """
+    """Raise InputError for dots that leave a view (x, y), or a chessboard that does not fill it."""
     if recipe.dots is not None:
         dots.check_inside(recipe.dots, view_mm)
     if recipe.law == "chessboard":
         plain.check_covers(recipe, view_mm)
 
 
-def checked_mm_per_px(recipe: PatternRecipe, dpi: float, whole: bool = True) -> float:
-    """Side of a printer dot; InputError when it is too coarse, or the whole sticker too large.
+def checked_mm_per_px(recipe: PatternRecipe, dpi: float, full_sticker: bool = True) -> float:
+    """Return the side of a printer dot; InputError if it is too coarse or the sticker too large.
 
-    whole: False where only a part is drawn, which has no limit of its own.
+    full_sticker: False if only a part is rendered, which has no size limit.
     """
     if not (math.isfinite(dpi) and dpi > 0):
         raise InputError(f"dpi: {dpi:g} must be above 0, as in 1200")
-    least, largest = _dpi_range(recipe)
-    right = f"use {least} to {largest}" if whole else f"use {least} or more"
-    if whole and least > largest:
-        right = f"no resolution shows it within {MAX_SIDE_PX} pixels: make the sticker smaller"
+    lowest, highest = _dpi_range(recipe)
+    right = f"use {lowest} to {highest}" if full_sticker else f"use {lowest} or more"
+    if full_sticker and lowest > highest:
+        right = f"no resolution resolves it within {MAX_SIDE_PX} pixels: make the sticker smaller"
     for limit_mm, name in finest_mm(recipe):
         if MM_PER_INCH / dpi > limit_mm * (1 + 1e-9):
             raise InputError(
@@ -227,7 +224,7 @@ def checked_mm_per_px(recipe: PatternRecipe, dpi: float, whole: bool = True) -> 
                 f"{name} ({limit_mm:g} mm); {right}"
             )
     side_px = recipe.printed_mm * dpi / MM_PER_INCH
-    if side_px < 1 or (whole and side_px > MAX_SIDE_PX * (1 + 1e-9)):
+    if side_px < 1 or (full_sticker and side_px > MAX_SIDE_PX * (1 + 1e-9)):
         raise InputError(
             f"dpi: {recipe.printed_mm:g} mm at {dpi:g} dpi is {side_px:.4g} pixels a side; at most "
             f"{MAX_SIDE_PX}; {right}"
@@ -236,8 +233,8 @@ def checked_mm_per_px(recipe: PatternRecipe, dpi: float, whole: bool = True) -> 
 
 
 def finest_mm(recipe: PatternRecipe) -> list[tuple[float, str]]:
-    """What a printer dot may not be larger than, with its name."""
-    # A marker of four printer dots is hardly round any more; a patch below one is lost
+    """Upper limits of a printer dot's size, each with the name of its feature."""
+    # A marker below four printer dots is not round; a patch below one is lost
     limits = (
         (recipe.patch_mm, "a patch"),
         (recipe.dots and recipe.dots.diameter_mm / 4, "a quarter of a marker dot"),
@@ -246,10 +243,10 @@ def finest_mm(recipe: PatternRecipe) -> list[tuple[float, str]]:
 
 
 def _dpi_range(recipe: PatternRecipe) -> tuple[int, int]:
-    """Least and largest whole dpi; empty when the finest detail needs more than MAX_SIDE_PX."""
+    """Least and largest whole dpi; empty if the finest detail needs more than MAX_SIDE_PX."""
     least_mm = min([recipe.printed_mm, *(limit_mm for limit_mm, _ in finest_mm(recipe))])
-    least = math.ceil(MM_PER_INCH / least_mm * (1 - 1e-9))
-    return least, math.floor(MAX_SIDE_PX * MM_PER_INCH / recipe.printed_mm * (1 + 1e-9))
+    lowest = math.ceil(MM_PER_INCH / least_mm * (1 - 1e-9))
+    return lowest, math.floor(MAX_SIDE_PX * MM_PER_INCH / recipe.printed_mm * (1 + 1e-9))
 
 
 def cell_means(
@@ -257,12 +254,12 @@ def cell_means(
 ) -> NDArray[np.float64]:
     """Mean of a step function over cells, along axis 0.
 
-    values: (k, m, 3) between edges_mm (k + 1); cells_mm: (c + 1) within the edges. (c, m, 3).
-    The integral of a step function is linear between its edges: read it at the cells' ends.
+    values: (k, m, 3) between edges_mm (k + 1,). cells_mm: (c + 1,) within the edges. Returns
+    (c, m, 3). The integral is linear between the edges and is interpolated at the cells' ends.
     """
     steps_mm = np.diff(edges_mm)[:, None, None]
     integral = np.concatenate((np.zeros((1, *values.shape[1:])), np.cumsum(values * steps_mm, 0)))
     inside = np.clip(np.searchsorted(edges_mm, cells_mm, "right") - 1, 0, len(values) - 1)
-    at = integral[inside] + values[inside] * (cells_mm - edges_mm[inside])[:, None, None]
-    means = np.diff(at, axis=0) / np.diff(cells_mm)[:, None, None]
+    cumulative = integral[inside] + values[inside] * (cells_mm - edges_mm[inside])[:, None, None]
+    means = np.diff(cumulative, axis=0) / np.diff(cells_mm)[:, None, None]
     return np.clip(means, 0.0, 1.0)  # the sums round in the 13th digit

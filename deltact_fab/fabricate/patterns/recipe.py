@@ -1,4 +1,4 @@
-"""What a sticker is: the law of its patches, their size and seed, and the dots on top.
+"""Recipe of a sticker: law, size and seed of its patches, and dots on top.
 
 A recipe is a value: frozen, validated once, written into every file made from it.
 """
@@ -19,31 +19,31 @@ from .laws import PATTERN_LAWS, check_key, octave
 from .laws.law import LAW_KEYS
 
 MAX_PATCHES = 2000
-"""Patches along a side: the uniforms of a larger sticker would need more than 100 MB."""
+"""Patches along a side, by hand: the random numbers of more would need over 100 MB."""
 
-Length = Annotated[float, Field(gt=0, le=1000)]
+StickerLength = Annotated[float, Field(gt=0, le=1000)]
 Offset = Annotated[float, Field(ge=-150, le=150)]
-Count = Annotated[int, Field(ge=1, le=200)]
-Weight = Annotated[float, Field(ge=octave.WEIGHTS[0], le=octave.WEIGHTS[1])]
+DotCount = Annotated[int, Field(ge=1, le=200)]
+Weight = Annotated[float, Field(ge=octave.WEIGHT_RANGE[0], le=octave.WEIGHT_RANGE[1])]
 
 
 class DotGrid(Table, strict=True):
-    """A grid of round dots, centred or set off (paper, Pattern Selection: 169 white dots).
+    """A grid of round dots, centred or offset (paper, Pattern Selection: 169 white dots).
 
     The pitches keep all 13 x 13 dots inside the camera's 30.2 x 22.2 mm view; spread over 35 mm
     the outer ones would leave it.
     """
 
-    columns: Count = 13
+    columns: DotCount = 13
     """Dots along x."""
-    rows: Count = 13
+    rows: DotCount = 13
     """Dots along y."""
-    pitch_x_mm: Length = 2.2
+    pitch_x_mm: StickerLength = 2.2
     """Between the centres of two dots along x."""
-    pitch_y_mm: Length = 1.6
+    pitch_y_mm: StickerLength = 1.6
     """Between the centres of two dots along y."""
-    diameter_mm: Length = 0.6
-    """Of a dot; below the pitch."""
+    diameter_mm: StickerLength = 0.6
+    """Diameter of a dot; below the pitch."""
     offset_x_mm: Offset = 0.0
     """Centre of the grid in the sensor frame, along x."""
     offset_y_mm: Offset = 0.0
@@ -52,7 +52,7 @@ class DotGrid(Table, strict=True):
     """`#rrggbb` as sent to the printer. White is no ink: the white layer behind shows through."""
 
     @model_validator(mode="after")
-    def _apart(self) -> DotGrid:
+    def _check_pitch(self) -> DotGrid:
         pitches_mm = [
             pitch_mm
             for pitch_mm, dots in ((self.pitch_x_mm, self.columns), (self.pitch_y_mm, self.rows))
@@ -67,7 +67,7 @@ class DotGrid(Table, strict=True):
 
     @property
     def rgb(self) -> tuple[int, int, int]:
-        """The colour as three 8-bit values."""
+        """Colour as three 8-bit values."""
         red, green, blue = bytes.fromhex(self.colour[1:])
         return red, green, blue
 
@@ -78,7 +78,7 @@ class DotGrid(Table, strict=True):
 
     @property
     def half_mm(self) -> tuple[float, float]:
-        """Half sides (x, y) of the box around all discs, which `offset_mm` is the centre of."""
+        """Half sides (x, y) of the box around all discs, centred at `offset_mm`."""
         return (
             ((self.columns - 1) * self.pitch_x_mm + self.diameter_mm) / 2,
             ((self.rows - 1) * self.pitch_y_mm + self.diameter_mm) / 2,
@@ -96,15 +96,15 @@ class DotGrid(Table, strict=True):
 
 
 class PatternRecipe(Table, strict=True):
-    """A square sticker. Only what its law uses may be given (`laws` has the table)."""
+    """A square sticker. Only keys that its law uses are allowed (table in `laws`)."""
 
     law: Annotated[str, Field(json_schema_extra={"enum": list(PATTERN_LAWS)})]
     """How the patches are coloured: algorithm1 (the paper's), iid, binary, octave, chessboard,
     dot-matrix or transparent."""
     seed: Annotated[int, Field(ge=0, lt=2**63)]
-    """Of the draw: the same seed makes the same pattern."""
+    """Random seed: the same seed makes the same pattern."""
     size_mm: Annotated[float, Field(ge=1, le=300)] = 35.0
-    """Requested side of the sticker; whole patches may make it up to a patch smaller."""
+    """Requested side of the sticker; printed up to a patch smaller, in whole patches."""
     patch_mm: Annotated[
         Annotated[float, Field(gt=0, le=300)] | None,
         Field(validate_default=True, examples=[0.4]),
@@ -126,10 +126,10 @@ class PatternRecipe(Table, strict=True):
         tuple[Weight, ...] | None,
         Field(validate_default=True, examples=[[1.0, 1.0, 1.0, 1.0]]),
     ] = None
-    """Weight of each scale, 0.01 to 100; equal when left out."""
+    """Weight of each scale, 0.01 to 100; equal if not set."""
     dots: Annotated[DotGrid | None, Field(validate_default=True)] = None
 
-    # A field sees those above it in info.data, less any that failed: each fault names its own key
+    # info.data holds the valid fields above, so that each fault names its own key
 
     @field_validator("law")
     @classmethod
@@ -140,11 +140,11 @@ class PatternRecipe(Table, strict=True):
 
     @field_validator(*LAW_KEYS)
     @classmethod
-    def _of_law(cls, value: Any, info: ValidationInfo) -> Any:
-        # Every recipe has the channels' default in its files: only another one would mislead.
+    def _check_law_key(cls, value: Any, info: ValidationInfo) -> Any:
+        # Files of every recipe contain the default of channels: only another value is an error.
         if "law" in info.data:
-            nothing = 3 if info.field_name == "channels" else None
-            check_key(info.data["law"], str(info.field_name), value != nothing)
+            default = 3 if info.field_name == "channels" else None
+            check_key(info.data["law"], str(info.field_name), value != default)
         return value
 
     @field_validator("patch_mm")
@@ -157,7 +157,7 @@ class PatternRecipe(Table, strict=True):
             raise ValueError(f"the patch size d must be at most the side, {size_mm:g} mm")
         if size_mm / patch_mm >= MAX_PATCHES + 1:
             raise ValueError(
-                f"makes {size_mm / patch_mm:.4g} patches a side; at most {MAX_PATCHES}, "
+                f"makes {size_mm / patch_mm:.4g} patches per side; at most {MAX_PATCHES}, "
                 f"so at least {size_mm / MAX_PATCHES:g} mm"
             )
         return patch_mm
@@ -195,7 +195,7 @@ class PatternRecipe(Table, strict=True):
         if weights is None or scales_mm is None:
             return weights
         if len(weights) != len(scales_mm):
-            raise ValueError(f"one weight a scale: {len(weights)} for {len(scales_mm)} scales")
+            raise ValueError(f"one weight per scale: {len(weights)} for {len(scales_mm)} scales")
         return weights
 
     @field_validator("dots")
@@ -205,16 +205,16 @@ class PatternRecipe(Table, strict=True):
             return None
         law = info.data.get("law")
         if law in PATTERN_LAWS and not PATTERN_LAWS[law].has_patches and dots.colour == "#ffffff":
-            raise ValueError("white dots cannot be seen on a clear sticker: give another colour")
+            raise ValueError("white dots are invisible on a clear sticker: choose another colour")
         if "size_mm" in info.data and "patch_mm" in info.data:
             printed_mm = _printed_mm(info.data["size_mm"], info.data["patch_mm"])
-            wide_mm, high_mm = (2 * half_mm for half_mm in dots.half_mm)
+            width_mm, height_mm = (2 * half_mm for half_mm in dots.half_mm)
             reach_mm = max(h + abs(o) for h, o in zip(dots.half_mm, dots.offset_mm, strict=True))
             if 2 * reach_mm > printed_mm + 1e-9:
                 x_mm, y_mm = dots.offset_mm
                 centre = f" about ({x_mm:g}, {y_mm:g}) mm" if x_mm or y_mm else ""
                 raise ValueError(
-                    f"the grid covers {wide_mm:g} x {high_mm:g} mm{centre} and must fit on the "
+                    f"the grid covers {width_mm:g} x {height_mm:g} mm{centre} and must fit on the "
                     f"printed {printed_mm:g} mm"
                 )
         return dots
@@ -230,7 +230,7 @@ class PatternRecipe(Table, strict=True):
         return _printed_mm(self.size_mm, self.patch_mm)
 
     def as_record(self) -> dict[str, Any]:
-        """Recipe and dot centres as plain data, so that analysis needs no maker of patterns."""
+        """Recipe and dot centres as plain data, for analysis without this package."""
         dots = self.dots
         return {
             "recipe": self.model_dump(mode="json"),
@@ -239,12 +239,12 @@ class PatternRecipe(Table, strict=True):
         }
 
     def patches(self) -> NDArray[np.uint8]:
-        """The drawn patches, (n, n, 3) uint8 RGB; row 0, column 0 is the corner at (-x, -y).
+        """Draw the patches, (n, n, 3) uint8 RGB; row 0, column 0 is the corner at (-x, -y).
 
-        Clear film is one white patch: no ink, and the white layer behind it shows.
+        Clear film is one white patch: no ink, the white layer behind shows.
         """
-        drawn = PATTERN_LAWS[self.law].draw(self)
-        return np.ascontiguousarray(np.broadcast_to(drawn, (self.n, self.n, 3)))
+        patches = PATTERN_LAWS[self.law].draw(self)
+        return np.ascontiguousarray(np.broadcast_to(patches, (self.n, self.n, 3)))
 
 
 def _whole_patches(size_mm: float, patch_mm: float) -> int:
@@ -257,13 +257,13 @@ def _printed_mm(size_mm: float, patch_mm: float | None) -> float:
     return size_mm if patch_mm is None else round(_whole_patches(size_mm, patch_mm) * patch_mm, 9)
 
 
-DEFAULT_SEED = 7
+DEFAULT_SEED = 7  # by hand; a change would change every default pattern
 RECOMMENDED_RECIPE = "recommended"
-"""The pattern to print by default: its file names the printer and the camera it is for."""
+"""Default pattern to print; its file names the printer and the camera it suits."""
 
 
 def load_recipe(name: str = RECOMMENDED_RECIPE) -> PatternRecipe:
-    """A recipe from a path or a name of the catalogue. Raises InputError naming file and key."""
+    """Load a recipe by path or catalogue name. Raises InputError naming file and key."""
     path = find_file("patterns", name)
     return validate(PatternRecipe, read_toml(path), str(path))
 
@@ -276,10 +276,10 @@ def choose_recipe(
     seed: int | None = None,
     with_dots: bool = False,
 ) -> PatternRecipe:
-    """A recipe from what was typed: a name or path, or d and r; then size, seed, dots on top.
+    """Build a recipe from options: a name or path, or d and r; then size, seed, dots.
 
-    with_dots adds the default grid to a recipe that has no dots of its own. Raises InputError when
-    both or neither of name and (d, r) are given, or when a value is out of range.
+    with_dots: add the default grid to a recipe without dots. Raises InputError if both or neither
+    of name and (d, r) are given, or a value is out of range.
     """
     data: dict[str, Any]
     if name is not None:

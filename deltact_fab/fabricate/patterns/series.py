@@ -1,11 +1,11 @@
-"""The paper's pattern series as one folder: recipes, one print job, contact sheet, figures.
+"""The paper's pattern series in one folder: recipes, print job, contact sheet, figures.
 
 DIR/
-  recipes/d0p075-r0p6.toml ...   what every command takes as a RECIPE
-  series.pdf                     one sticker of each
-  views/d0p075-r0p6.png ...      the middle of each as the camera would see it, pixel by pixel
-  quality.csv  quality.json      every figure, as designed and as seen
-  patterns.html                  where a page is asked for
+  recipes/d0p075-r0p6.toml ...   a RECIPE for every command
+  series.pdf                     one sticker per pattern
+  views/d0p075-r0p6.png ...      the middle of each in the camera's pixels, simulated
+  quality.csv  quality.json      every figure, as designed and as photographed
+  patterns.html                  optional page
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from deltact_fab.sensor import ImageSensor, Printer
 from deltact_fab.version import VERSION
 
 from .code import encode
-from .quality.measure import MM_PER_PX, measure_quality, photograph, sent
+from .quality.measure import STANDARD_MM_PER_PX, driver_image, measure_quality, photograph
 from .recipe import DEFAULT_SEED, PatternRecipe
 from .sheet import job as sheet
 
@@ -44,32 +44,31 @@ SERIES_GRIDS = (
 )
 """(d in mm, r) of the two rounds of the paper's Pattern Selection.
 
-The second is printed as d in {0.5, 0.75, 0.1}. Taken: 0.05 and 0.075, for the text that follows
-names d = 0.075 as the best of that round and d = 0.05 as too small, both "near" the first round's
-0.1; 0.5 and 0.75 mm would be neither.
+The second is printed as d in {0.5, 0.75, 0.1}, read as 0.05 and 0.075: the text that follows names
+d = 0.075 as the best of that round and d = 0.05 as too small, both "near" the first round's 0.1.
 """
 
 PAPER_ERROR_MM = {(0.1, 0.5): 0.11, (0.075, 0.6): 0.08}
-"""Mean tracking error at the dots, by (d, r): least of its round. On the authors' real sensor."""
+"""Mean tracking error at the dots by (d, r), best of each round, real sensor (paper)."""
 PAPER_ABOUT_MM = {0.05: 0.5}
-"""By d, of whichever r: "around 0.5 mm". The paper gives the others as columns of a chart only."""
+"""By d, for any r: "around 0.5 mm" (paper). The others are only in a chart there."""
 
-VIEW_MM = 6.0
+SERIES_VIEW_MM = 6.0  # by hand: patches are visible, files stay small
 SERIES_FORMAT = "deltact-fab pattern series 3"
-RECIPES = "recipes"
-SHEET = "series.pdf"
+SERIES_RECIPES = "recipes"
+SERIES_PDF = "series.pdf"
 SERIES_VIEWS = "views"
 SERIES_FIGURES = "quality.json"
-TABLE = "quality.csv"
+SERIES_TABLE = "quality.csv"
 SERIES_PAGE = "patterns.html"
 
 
 @dataclass(frozen=True)
 class SeriesEntry:
-    """One pattern. rounds: 1, 2 or both, the rounds of the paper that it stands in, if any.
+    """One pattern. rounds: rounds of the paper that contain it (1, 2).
 
-    paper_error_mm: the paper's, on a real sensor, None where it gives none; paper_about: it is
-    said of all patterns of this d, as "around".
+    paper_error_mm: error in the paper on a real sensor, None if not given; paper_about: given as
+    "around" for all patterns of this d.
     """
 
     name: str
@@ -79,21 +78,21 @@ class SeriesEntry:
     paper_about: bool = False
 
     @property
-    def words(self) -> str:
-        """As `d 0.075 r 0.6`; the name of one that is none of Algorithm 1."""
+    def label(self) -> str:
+        """Short text, `d 0.075 r 0.6`; the name for other laws than Algorithm 1."""
         recipe = self.recipe
         return f"d {recipe.patch_mm:g} r {recipe.r:g}" if recipe.law == "algorithm1" else self.name
 
     @property
-    def paper_says(self) -> str:
-        """The paper's error in words, empty where it gives none."""
-        known = self.paper_error_mm
-        return "" if known is None else f"{'about ' * self.paper_about}{known:g} mm"
+    def paper_text(self) -> str:
+        """The paper's error as text, empty if not given."""
+        error_mm = self.paper_error_mm
+        return "" if error_mm is None else f"{'about ' * self.paper_about}{error_mm:g} mm"
 
 
 @dataclass(frozen=True)
 class SeriesReport:
-    """What `write` wrote. figures: the contents of quality.json."""
+    """Result of `write_series`; figures: contents of quality.json."""
 
     out: Path
     files: tuple[Path, ...]
@@ -107,7 +106,7 @@ class SeriesReport:
 
 @dataclass(frozen=True)
 class PatternSeries:
-    """A series in its folder. figures: the contents of quality.json. page: where its page goes."""
+    """A series in its folder; figures: contents of quality.json."""
 
     folder: Path
     figures: dict[str, Any]
@@ -115,23 +114,23 @@ class PatternSeries:
 
     @classmethod
     def load(cls, folder: Path) -> PatternSeries:
-        """The series of a folder. Raises InputError for a folder that holds none."""
-        kept = folder / SERIES_FIGURES
-        if not isfile(kept):
-            wanted = "name a folder that `pattern series` wrote"
-            raise InputError(f"{folder}: no series: {kept.name} is missing; {wanted}")
-        data = read_json(kept)
+        """Load the series of a folder. Raises InputError if there is none."""
+        path = folder / SERIES_FIGURES
+        if not isfile(path):
+            hint = "name a folder that `pattern series` wrote"
+            raise InputError(f"{folder}: no series: {path.name} is missing; {hint}")
+        data = read_json(path)
         if (form := data.get("format")) != SERIES_FORMAT:
-            raise InputError(f"{kept}: format {form!r}; this version reads {SERIES_FORMAT!r}")
+            raise InputError(f"{path}: format {form!r}; this version reads {SERIES_FORMAT!r}")
         return cls(folder, data)
 
     @property
     def page(self) -> Path:
-        """File of its page."""
+        """Path of its page."""
         return self.folder / SERIES_PAGE
 
     def view(self, name: str) -> bytes:
-        """The camera's image of a pattern, as PNG. Raises InputError where it is missing."""
+        """Read the camera image of a pattern, PNG. Raises InputError if it is missing."""
         file = self.folder / SERIES_VIEWS / f"{name}.png"
         if not isfile(file):
             raise InputError(f"{self.folder}: no series: {SERIES_VIEWS}/{file.name} is missing")
@@ -139,9 +138,9 @@ class PatternSeries:
 
 
 def list_series(seed: int = DEFAULT_SEED, with_dots: bool = True) -> list[SeriesEntry]:
-    """The 17 patterns of the paper's Pattern Selection, by d, then r; (0.1, 0.5) is in both rounds.
+    """List the 17 patterns of the paper's Pattern Selection by d, then r.
 
-    with_dots: 13 x 13 white dots on top, as the paper's. Raises InputError for an unusable seed.
+    with_dots: 13 x 13 white dots as in the paper. Raises InputError for an invalid seed.
     """
     entries = []
     for d_mm, r in sorted({pair for grid in SERIES_GRIDS for pair in product(*grid)}):
@@ -173,40 +172,39 @@ def write_series(
     page: Callable[[Path], object] | None = None,
     progress: Progress | None = None,
 ) -> SeriesReport:
-    """Write the series into the new folder `out`, which is whole afterwards or not there.
+    """Write the series into the new folder `out`, completely or not at all.
 
-    seed: of every draw, of the printer's and the camera's too. dpi: of the print job and of the
-    printer model. entries: other Algorithm 1 patterns than the paper's. page: called with the
-    folder when all else is in it, to add `patterns.html`. Equal arguments and versions give equal
-    bytes.
+    seed: of patterns, printer and camera. dpi: of print job and printer model. entries: other
+    Algorithm 1 patterns than the paper's. page: called with the finished folder to add
+    `patterns.html`. Equal arguments and versions give equal bytes.
 
-    Raises InputError for a folder that is there and not empty, for a seed below 0 and for what
-    `sheet.write` refuses, RunFailed when the disk refuses, and whatever `page` raises.
+    Raises InputError for a folder that is not empty, a seed below 0 and what `write_sheet`
+    refuses, RunFailed for disk errors, and whatever `page` raises.
     """
     chosen = list_series(seed) if entries is None else list(entries)
     printer, sensor = Printer(dpi=dpi), ImageSensor()
-    tell = progress or (lambda done, total, what: None)
+    tell = progress or (lambda *_: None)
     total = len(chosen) + 1
     with disk_errors(out, "made"):
         inside = Path.cwd().is_relative_to(out.absolute())
         if out.exists() and (inside or not out.is_dir() or any(out.iterdir())):
-            raise InputError(f"{out}: is there already; name a new folder")
+            raise InputError(f"{out}: exists already; name a new folder")
         out.parent.mkdir(parents=True, exist_ok=True)
     with disk_errors(out), whole_file(out.absolute()) as folder:
         folder.mkdir()
-        _write_recipes(folder / RECIPES, chosen)
-        tell(0, total, SHEET)
-        # First, for it refuses an unusable paper, dpi or transfer before the long part.
+        _write_recipes(folder / SERIES_RECIPES, chosen)
+        tell(0, total, SERIES_PDF)
+        # First, because it checks paper, dpi and transfer before the long part.
         job = sheet.write_sheet(
-            [e.recipe for e in chosen], folder / SHEET, paper=paper, dpi=dpi, transfer=transfer
+            [e.recipe for e in chosen], folder / SERIES_PDF, paper=paper, dpi=dpi, transfer=transfer
         )
         (folder / SERIES_VIEWS).mkdir()
         rows = []
         for k, entry in enumerate(chosen, 1):
             tell(k, total, entry.name)
-            # Dots are the same on every pattern; on coarse levels their contrast would hide its own
+            # Dots are the same on every pattern; their contrast would hide its own on coarse levels
             bare = entry.recipe.model_copy(update={"dots": None})
-            figures = asdict(measure_quality(bare, printer, sensor, MM_PER_PX, seed))
+            figures = asdict(measure_quality(bare, printer, sensor, STANDARD_MM_PER_PX, seed))
             rows.append(_row(entry, job, _rounded(figures)))
             view = _view(entry.recipe, printer, sensor, seed)
             (folder / SERIES_VIEWS / f"{entry.name}.png").write_bytes(view)
@@ -218,42 +216,43 @@ def write_series(
             "paper": paper,
             "transfer": transfer,
             "pages": job.pages,
-            "mm_per_px": MM_PER_PX,
+            "mm_per_px": STANDARD_MM_PER_PX,
             "printer": asdict(printer),
             "sensor": asdict(sensor),
             "patterns": rows,
         }
         text = json.dumps(data, indent=1, allow_nan=False) + "\n"
         (folder / SERIES_FIGURES).write_bytes(text.encode())
-        (folder / TABLE).write_bytes(_csv(rows))
+        (folder / SERIES_TABLE).write_bytes(_csv(rows))
         if page is not None:
             page(folder)
-        written = sorted(p.relative_to(folder) for p in folder.rglob("*") if p.is_file())
+        paths = sorted(p.relative_to(folder) for p in folder.rglob("*") if p.is_file())
     tell(total, total, "done")
-    return SeriesReport(out, tuple(out / name for name in written), job.pages, data)
+    return SeriesReport(out, tuple(out / name for name in paths), job.pages, data)
 
 
 def _view(recipe: PatternRecipe, printer: Printer, sensor: ImageSensor, seed: int) -> bytes:
-    """The middle of the camera's image of a sticker at rest, simulated, as PNG.
+    """Simulate the middle of the camera's image of a sticker at rest, as PNG.
 
-    VIEW_MM wide, or what the sticker has of it. seed: of halftone, misregistration and noise.
+    SERIES_VIEW_MM wide at most. seed: of halftone, misregistration and noise.
     """
     from PIL import Image
 
     from deltact_fab.physics import print_colours
 
-    side_px = 2 * round(min(VIEW_MM, recipe.printed_mm) / MM_PER_PX / 2)
+    side_px = 2 * round(min(SERIES_VIEW_MM, recipe.printed_mm) / STANDARD_MM_PER_PX / 2)
     rng = np.random.default_rng([seed, 1])
-    values = sent(recipe, printer.dpi, (side_px * MM_PER_PX,) * 2)
+    values = driver_image(recipe, printer.dpi, (side_px * STANDARD_MM_PER_PX,) * 2)
     printed = print_colours(printer, values.astype(np.float32) / np.float32(255), rng)
-    seen = photograph(printed, printer.mm_per_dot, sensor, MM_PER_PX, (side_px, side_px), rng)
+    size_px = (side_px, side_px)
+    photo = photograph(printed, printer.mm_per_dot, sensor, STANDARD_MM_PER_PX, size_px, rng)
     file = io.BytesIO()
-    Image.fromarray(seen).save(file, "PNG")
+    Image.fromarray(photo).save(file, "PNG")
     return file.getvalue()
 
 
 def _rounded(value: Any) -> Any:
-    """Nine digits of every float: the last ones change with the number of threads."""
+    """Round every float to nine digits; the last ones depend on the number of threads."""
     if isinstance(value, dict):
         return {key: _rounded(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):
@@ -262,7 +261,7 @@ def _rounded(value: Any) -> Any:
 
 
 def _row(entry: SeriesEntry, job: sheet.SheetReport, figures: dict[str, Any]) -> dict[str, Any]:
-    """All that is known of a pattern, as quality.json holds it."""
+    """Row of a pattern in quality.json."""
     recipe = entry.recipe
     code = encode(recipe)
     sticker = next(s for s in job.stickers if s.code == code)
@@ -288,16 +287,16 @@ def _write_recipes(folder: Path, entries: Sequence[SeriesEntry]) -> None:
         rounds = " and ".join(str(k) for k in entry.rounds)
         many = "s" if len(entry.rounds) > 1 else ""
         about = [f"Pattern Selection of the paper, round{many} {rounds}."]
-        if entry.paper_says:
-            about.append(f"Tracking error there, on a real sensor: {entry.paper_says}.")
+        if entry.paper_text:
+            about.append(f"Tracking error there, on a real sensor: {entry.paper_text}.")
         path = folder / f"{entry.name}.toml"
-        # Every key that has a value, so that a later default cannot change the pattern.
+        # Every key with a value, so that a later default cannot change the pattern.
         data = entry.recipe.model_dump(mode="json", exclude_none=True)
         path.write_bytes(toml_text(data, about).encode())
 
 
 def _csv(rows: Sequence[dict[str, Any]]) -> bytes:
-    """One row a pattern; a figure's column is its path inside `quality`, joined by dots."""
+    """One row per pattern; a figure's column is its path inside `quality`, joined by dots."""
     import pandas as pd
 
     table = pd.json_normalize(

@@ -51,16 +51,16 @@ def claims(errors: PatternErrors) -> tuple[Claim, ...]:
         readings, rivals = {}, []
         for method in (SUMMED, COMPOSED):
             if rival := errors.best(method, "at_dots", others):
-                rivals.append(rival.words)
+                rivals.append(rival.label)
                 apart = errors.times([rival.name], [theirs.name], method, level)
                 readings[SHORT[method]] = _log_interval(apart)
         where = f"round {number} of the paper"
         found.append(
             Claim(
-                f"The paper's {theirs.words} is the best of {where}.",
+                f"The paper's {theirs.label} is the best of {where}.",
                 f"{' and '.join(dict.fromkeys(rivals))} track better than the paper's "
-                f"{theirs.words} in {where}.",
-                f"Whether the paper's {theirs.words} is the best of {where} is not decided.",
+                f"{theirs.label} in {where}.",
+                f"Whether the paper's {theirs.label} is the best of {where} is not decided.",
                 readings if whole else {},
             )
         )
@@ -94,13 +94,13 @@ def headlines(errors: PatternErrors) -> tuple[Headline, ...]:
     for p in (p for p in errors.printed if p.paper_error_mm is not None and not p.paper_about):
         for method in errors.methods:
             if (known := errors.mean(p.name, method, "at_dots")) is not None:
-                what = f"{p.words}, {METHODS.get(method, method)}, at the dots"
+                what = f"{p.label}, {METHODS.get(method, method)}, at the dots"
                 paper_mm = None if method == OURS else p.paper_error_mm
                 found.append(headline(what, "mm", known, paper=paper_mm, remark=_lost(
                     errors, p, method)))  # fmt: skip
     least = errors.best(OURS, "off_dots", errors.printed)
     if least and (known := errors.mean(least.name, OURS, "off_dots")):
-        what = f"least error of {METHODS[OURS]}, {least.words}, moving pixels off the dots"
+        what = f"least error of {METHODS[OURS]}, {least.label}, moving pixels off the dots"
         found.append(headline(what, "mm", known, remark=_lost(errors, least, OURS)))
     return tuple(found)
 
@@ -125,9 +125,9 @@ def tables(errors: PatternErrors, covers: str) -> tuple[ReportTable, ...]:
         chosen = [*chosen, least]
     for p in errors.printed:
         row: dict[str, Any] = {
-            "pattern": p.words,
+            "pattern": p.label,
             "round": " and ".join(map(str, p.rounds)),
-            "paper": p.paper_says.removesuffix(" mm"),
+            "paper": p.paper_text.removesuffix(" mm"),
         }
         for method in errors.methods:
             name, whole = SHORT.get(method, method), errors.figures(p.name, method)
@@ -144,9 +144,9 @@ def tables(errors: PatternErrors, covers: str) -> tuple[ReportTable, ...]:
             row[f"{name}_renewals"] = whole["reference_switches"]
             if at_dots is not None:
                 each = dict(zip(errors.indenters, at_dots.tolist(), strict=True))
-                by_indenter.append({"pattern": p.words, "tracker": name, **each})
+                by_indenter.append({"pattern": p.label, "tracker": name, **each})
             if p in chosen:
-                along += [{"pattern": p.words, "tracker": name, **one}
+                along += [{"pattern": p.label, "tracker": name, **one}
                           for one in errors.along(p.name, method)]  # fmt: skip
         rows.append({**row, "dots_lost": _dots_lost(errors, p)})
     shown = ["pattern", "round", "paper"]
@@ -236,7 +236,7 @@ def _chart(errors: PatternErrors, method: str, measure: Measure) -> Figure:
                 draw_paper_line(axis, p.paper_error_mm, highest, words, (x - 0.42, x + 0.42),
                                    p.paper_about)  # fmt: skip
                 words = "_"  # the legend names it once
-        axis.set_xticks(range(len(patterns)), [p.words.replace(" r", "\nr") for p in patterns])
+        axis.set_xticks(range(len(patterns)), [p.label.replace(" r", "\nr") for p in patterns])
         axis.set_title(title, loc="left", fontsize="medium", pad=14)
         axis.set_ylabel("mean error, mm")
         axis.grid(visible=False, axis="x")

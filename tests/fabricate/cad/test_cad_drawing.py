@@ -21,23 +21,23 @@ from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.fabricate.cad.drafting.dimensioning import (
     Callouts,
     Leader,
-    Told,
-    shown,
+    Span,
+    fmt,
     toleranced,
 )
-from deltact_fab.fabricate.cad.drafting.drawing import SCALES, drawing
+from deltact_fab.fabricate.cad.drafting.drawing import STANDARD_SCALES, drawing
 from deltact_fab.fabricate.cad.drafting.page import (  # fmt: skip
     BORDER_MM,
-    GAP_MM,
-    SHEETS,
+    FORMATS_MM,
+    TEXT_GAP_MM,
     DrawingPage,
     Polylines,
     Text,
     block_rect,
-    meet,
+    overlap,
     text_width_mm,
 )
-from deltact_fab.fabricate.cad.drafting.projection import FLIPPED, VIEWS, project
+from deltact_fab.fabricate.cad.drafting.projection import FLIPPED_VIEWS, SHEET_VIEWS, project
 from deltact_fab.fabricate.cad.drafting.wiring import wiring
 from deltact_fab.fabricate.cad.kernel import require
 
@@ -45,7 +45,7 @@ SVG = "{http://www.w3.org/2000/svg}"
 QUICK = ("acrylic", "skin-frame", "light-holder")  # a plate, seen from its back, with a section
 VARYING = ("skin-frame", "acrylic", "shell", "light-holder", "camera-holder", "cover", "mold")
 DRAWN = [part.name for part in registry.list_parts() if part.callouts is not None]
-FRONT = VIEWS["front"]
+FRONT = SHEET_VIEWS["front"]
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +70,7 @@ def made(cq):
 
 
 def texts(page):
-    return [mark.words for mark in page.marks if isinstance(mark, Text)]
+    return [mark.text for mark in page.marks if isinstance(mark, Text)]
 
 
 def bare(words):
@@ -91,21 +91,21 @@ def faults(page):
     found = []
     words = [mark for mark in page.marks if isinstance(mark, Text)]
     for a, b in combinations(words, 2):
-        if meet(a.box, b.box):
-            found.append(f"{a.words!r} over {b.words!r}")
+        if overlap(a.box, b.box):
+            found.append(f"{a.text!r} over {b.text!r}")
     edge = [BORDER_MM, BORDER_MM, *(side - BORDER_MM for side in page.size_mm)]
     for mark in words:
         left, top, right, bottom = mark.box
         if left < edge[0] or top < edge[1] or right > edge[2] or bottom > edge[3]:
-            found.append(f"{mark.words!r} off the sheet")
-    sheet = next(name for name, size in SHEETS.items() if size == page.size_mm)
+            found.append(f"{mark.text!r} off the sheet")
+    sheet = next(name for name, size in FORMATS_MM.items() if size == page.size_mm)
     block = shapely.box(*block_rect(sheet))
     for mark in page.broken():
         if isinstance(mark, Polylines):
             lines = [(*line, line[0]) if mark.closed else line for line in mark.lines]
             drawn = shapely.MultiLineString([pair for line in lines for pair in pairwise(line)])
             found += [
-                f"{text.words!r} struck by {mark.style}"
+                f"{text.text!r} struck by {mark.style}"
                 for text in words
                 if drawn.crosses(shapely.box(*text.box))
             ]
@@ -132,7 +132,7 @@ def test_a_hole_is_hidden_from_the_side_and_round_from_above(cq):
     assert np.allclose(hidden.min(axis=0), (-2, 3), atol=1e-6)
     assert np.allclose(hidden.max(axis=0), (2, 15), atol=1e-6)
     chord_mm = 0.01
-    (above,) = project([box], VIEWS["top"], chord_mm)
+    (above,) = project([box], SHEET_VIEWS["top"], chord_mm)
     circle = next(line for line in above.visible if abs(np.ptp(line[:, 0]) - 4) < 0.1)
     middles = np.hypot(*((circle[1:] + circle[:-1]) / 2).T)
     assert np.allclose(np.hypot(*circle.T), 2, atol=1e-4)  # SAME_MM
@@ -151,7 +151,7 @@ def test_a_solid_behind_another_keeps_its_own_hidden_lines(cq):
     assert np.allclose(np.concatenate(aside.hidden)[:, 0].max(), 10, atol=1e-6)
 
 
-@pytest.mark.parametrize("views", [VIEWS, FLIPPED])
+@pytest.mark.parametrize("views", [SHEET_VIEWS, FLIPPED_VIEWS])
 def test_the_views_belong_to_one_first_angle_drawing(views):
     """Front and top share x to the right; front and left share the upward axis; what the left view
     has on its right is what the top view has at its bottom, the side towards the reader."""
@@ -178,12 +178,12 @@ def test_the_views_belong_to_one_first_angle_drawing(views):
 def test_a_drawing_is_the_solid_at_its_scale_dimensioned_and_legible(made, name):
     _, _, box, page = made(name)
     size, said = box[1] - box[0], texts(page)
-    scale = SCALES[next(t for t in said if t in SCALES)]
+    scale = STANDARD_SCALES[next(t for t in said if t in STANDARD_SCALES)]
     for which, want in (("front", size[[0, 2]]), ("top", size[:2]), ("left", size[1:])):
         drawn = np.ptp(points(page, f"view-{which}", "visible", "hidden"), axis=0)
         # 0.005 mm of chord on the model.
         assert np.allclose(drawn, want * scale, atol=0.01 * scale), which
-    assert {shown(side) for side in size} <= {bare(t).strip("Ø()") for t in said}
+    assert {fmt(side) for side in size} <= {bare(t).strip("Ø()") for t in said}
     assert faults(page) == []
 
 
@@ -236,7 +236,7 @@ def test_the_title_block_names_part_process_tolerance_and_lab(made):
     ("change", "says"),
     [
         ("drawing.owner=実験室", "owner: '実験室': the font has no '実'"),
-        (f"drawing.number={'x' * 61}", "number: one line of at most 60 characters"),
+        (f"drawing.number={'x' * 61}", "number: expected one line of at most 60 characters"),
     ],
 )
 def test_a_title_that_cannot_be_drawn_is_refused(change, says):
@@ -268,13 +268,13 @@ def test_what_nobody_measured_is_named_on_the_drawing(made):
 
 
 def test_a_narrow_line_ends_at_a_text_and_a_wide_one_is_a_fault():
-    page = DrawingPage(SHEETS["A4"], "test")
+    page = DrawingPage(FORMATS_MM["A4"], "test")
     page.text((40, 25), "36", anchor="middle")
     page.line((20, 24), (60, 24))
     assert faults(page) == []
     (line,) = [mark for mark in page.broken() if isinstance(mark, Polylines)]
     ((_, (left, _)), ((right, _), _)) = line.lines
-    half = text_width_mm("36") / 2 + GAP_MM
+    half = text_width_mm("36") / 2 + TEXT_GAP_MM
     assert (left, right) == pytest.approx((40 - half, 40 + half))
     page.line((20, 24), (60, 24), "visible")
     assert faults(page) == ["'36' struck by visible"]
@@ -315,7 +315,7 @@ def test_svg_and_pdf_are_the_same_page(made, tmp_path):
         float(v) * 25.4 / 72
         for v in re.search(r'xMin="([\d.]+)" yMin="([\d.]+)"[^>]*>light-holder<', told).groups()
     )
-    at = next(mark.at for mark in page.marks if getattr(mark, "words", "") == "light-holder")
+    at = next(mark.position for mark in page.marks if getattr(mark, "text", "") == "light-holder")
     assert left == pytest.approx(at[0], abs=0.05)
     assert top < at[1] < top + 6
 
@@ -324,12 +324,12 @@ def test_svg_and_pdf_are_the_same_page(made, tmp_path):
 
 
 def test_a_length_is_printed_as_a_machinist_writes_it_with_its_own_limits():
-    assert [shown(v) for v in (36, 1.35, 10.0062, 0.1 + 0.2, -0.0, 16.666)] == [
+    assert [fmt(v) for v in (36, 1.35, 10.0062, 0.1 + 0.2, -0.0, 16.666)] == [
         "36", "1.35", "10.01", "0.3", "0", "16.67",
     ]  # fmt: skip
     assert [toleranced(35.8), toleranced(3, 0.1)] == ["35.8", "3 ±0.1"]
-    assert Told(0, 1, 4, auxiliary=True).words(0.1) == "(3 ±0.1)"
-    assert Told(0, 1, 4, before="Ø", fitted=False).words(0.1) == "Ø3"
+    assert Span(0, 1, 4, auxiliary=True).text(0.1) == "(3 ±0.1)"
+    assert Span(0, 1, 4, prefix="Ø", fitted=False).text(0.1) == "Ø3"
 
 
 def test_a_label_s_arrow_ends_on_the_rim_of_what_it_tells(cq):

@@ -14,7 +14,7 @@ from deltact_fab.fabricate.cad.mesh import is_closed, mesh_solid
 DESIGN = load_design()
 
 
-def test_the_deviation_is_that_of_the_sphere():
+def test_deviation_matches_the_sphere():
     """Against distances in closed form on 231 points of every triangle of sphere and cylinders."""
     solid, _ = build_part(registry.find_part("sphere:10"), DESIGN)
     mesh = mesh_solid(solid, 0.05, "indenter")
@@ -36,7 +36,7 @@ def test_the_deviation_is_that_of_the_sphere():
     assert mesh.deviation_mm <= 0.05
 
 
-def test_a_coarse_mesh_after_a_fine_one_is_coarse():
+def test_coarse_mesh_after_fine_is_coarse():
     solid, _ = build_part(registry.find_part("sphere:10"), DESIGN)
     fine = mesh_solid(solid, 0.005, "indenter")
     coarse = mesh_solid(solid, 0.1, "indenter")
@@ -44,7 +44,7 @@ def test_a_coarse_mesh_after_a_fine_one_is_coarse():
     assert coarse.deviation_mm > fine.deviation_mm
 
 
-def test_an_open_mesh_is_seen():
+def test_open_mesh_is_detected():
     tetrahedron = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
     assert is_closed(tetrahedron)
     assert not is_closed(tetrahedron[:3])
@@ -55,19 +55,19 @@ def test_an_open_mesh_is_seen():
 
 
 @pytest.mark.parametrize("tolerance_mm", [0.1, 0.02, 0.005])
-def test_the_tolerance_holds_on_the_largest_sphere(tolerance_mm):
+def test_tolerance_holds_on_largest_sphere(tolerance_mm):
     solid, _ = build_part(registry.find_part("sphere:22"), DESIGN)
     assert mesh_solid(solid, tolerance_mm, "indenter").deviation_mm <= tolerance_mm
 
 
-def test_a_ball_far_smaller_than_the_tolerance_stays_within_it():
+def test_tiny_ball_stays_within_tolerance():
     ball = require().Solid.makeSphere(0.25, angleDegrees1=-90)
     made = mesh_solid(ball, 1.0, "ball")
     assert np.linalg.norm(made.corners_mm, axis=-1) == pytest.approx(0.25, abs=1e-6)
     assert made.deviation_mm <= 1.0
 
 
-def test_the_box_that_the_gate_reads_is_not_the_meshs():
+def test_gate_ignores_the_mesh_box():
     solid, found = build_part(registry.find_part("skin"), DESIGN)
     mesh_solid(solid, 0.1, "skin")
     assert np.array(kernel.bounding_box(solid)) == pytest.approx(np.array(found.box_mm), abs=1e-5)

@@ -31,7 +31,7 @@ def shim(tmp_path, monkeypatch):
     vars(parts).pop("shim", None)
 
 
-def test_it_is_in_the_list_shown_bought_drawn_guided_and_exported(shim, tmp_path):
+def test_new_part_appears_everywhere(shim, tmp_path):
     listed = CliRunner().invoke(main, ["cad", "list", "--json"])
     assert "shim" in [row["part"] for row in json.loads(listed.output)]
     told = CliRunner().invoke(main, ["cad", "show", "shim"])
@@ -52,7 +52,7 @@ def test_it_is_in_the_list_shown_bought_drawn_guided_and_exported(shim, tmp_path
 
 
 @pytest.mark.slow
-def test_it_is_checked_by_its_own_limits(shim):
+def test_part_has_its_own_limits(shim):
     rows = check_design(load_design(), indenters=IndenterList())
     own = {row.name: row for row in rows if row.subject == "shim"}
     assert own["wall thickness"].value.startswith("1.500 mm")
@@ -62,7 +62,7 @@ def test_it_is_checked_by_its_own_limits(shim):
     assert "1 <= 0.8" in {r.subject: r.value for r in thin if r.name == "inequalities"}["shim"]
 
 
-def test_two_files_cannot_claim_one_name(shim, tmp_path):
+def test_duplicate_part_name_is_refused(shim, tmp_path):
     (tmp_path / "shim2.py").write_text(SHIM)
     with pytest.raises(RuntimeError, match="two entries of PARTS are called 'shim'"):
         of_design()

@@ -89,19 +89,19 @@ def unread(part, design, drawing_too=True):
     ("kind", "drawing_too"),
     [("block", False), pytest.param("franka", True, marks=pytest.mark.slow)],
 )
-def test_a_part_reads_no_more_than_it_declares(kind, drawing_too):
+def test_part_reads_only_declared_keys(kind, drawing_too):
     design = load_design("deltact", [f"mount.kind={kind}"])
     found = {part.name: unread(part, design, drawing_too) for part in of_design()}
     assert {name: keys for name, keys in found.items() if keys} == {}
 
 
-def test_what_is_not_declared_is_noticed():
+def test_undeclared_read_is_detected():
     shell = find_part("shell")
     names = tuple(name for name in shell.derived if name != "z_joint_mm")
     assert unread(replace(shell, derived=names), Design(), False) == {"z_joint_mm"}
 
 
-def test_a_part_s_key_changes_with_what_it_is_made_from_alone():
+def test_key_depends_on_declared_values_only():
     other = load_design("deltact", ["cover.peg_mm=3"])
     same = {p.name for p in of_design() if part_key(p, Design()) == part_key(p, other)}
     assert {"cover", "camera-holder"}.isdisjoint(same)
@@ -112,7 +112,7 @@ def test_a_part_s_key_changes_with_what_it_is_made_from_alone():
     assert part_key(ring, moved) == part_key(ring, Design())
 
 
-def test_a_fact_is_found_again_and_what_raised_is_not_kept():
+def test_facts_are_cached_errors_not():
     def raising():
         raise ValueError("broken")
 
@@ -129,7 +129,7 @@ def test_a_fact_is_found_again_and_what_raised_is_not_kept():
     assert found(2) == ([1, [2, 3]], ["a"])
 
 
-def test_other_code_finds_none_of_it(monkeypatch):
+def test_changed_code_misses_the_cache(monkeypatch):
     def found():
         facts = Facts()
         facts.found("a", 1, lambda: "one")
@@ -164,7 +164,7 @@ print("cadquery" in sys.modules, all(not row.failed for row in rows), len(rows) 
 
 
 @pytest.mark.slow
-def test_rows_from_the_cache_are_those_of_a_fresh_run_and_need_no_kernel():
+def test_cached_rows_need_no_kernel():
     first, _ = _ran([])
     rows, ran = _ran(["skin.width_mm=37"])
     fresh = BuiltDesign(load_design("deltact", ["skin.width_mm=37"]), tuple(list_parts(LIST)))

@@ -23,10 +23,10 @@ from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.fabricate.cad.drafting import picture
 from deltact_fab.fabricate.cad.drafting.drawing import drawing
 from deltact_fab.fabricate.cad.drafting.picture import (  # fmt: skip
-    BETWEEN_MM,
-    RADIUS_MM,
-    SAMPLE_MM,
-    arranged,
+    BALLOON_PITCH_MM,
+    BALLOON_RADIUS_MM,
+    TINT_SAMPLE_MM,
+    arrange_balloons,
     regions,
     spread,
 )
@@ -49,12 +49,12 @@ def exploded():
 
 def exploded_svg(design, solids):
     placed = assemble_sensor(design, 1.0, SENSOR, solids)
-    return picture.picture_svg("exploded view", placed, picture.APART, picture.APART_MM)
+    return picture.picture_svg("exploded view", placed, picture.EXPLODED_VIEW, picture.EXPLODED_MM)
 
 
 def part_svg(part, solid):
     placed = [PlacedPart(part, 0, solid, (0.0, 0.0, 0.0))]
-    return picture.picture_svg(part.name, placed, room_mm=picture.PART_MM, numbered=False)
+    return picture.picture_svg(part.name, placed, room_mm=picture.PART_ROOM_MM, numbered=False)
 
 
 def lines_of(root, group, style):
@@ -83,19 +83,19 @@ def page(root):
 
 
 @pytest.mark.parametrize("name", ["screw", "mold", "indenter-ring"])
-def test_a_part_fills_its_room_and_no_more(cq, name):
+def test_part_fills_its_room(cq, name):
     root = ET.fromstring(part_svg(registry.find_part(name), made(name)))
-    size, margin = page(root), picture.MARGIN_MM
-    assert np.all(size <= np.array(picture.PART_MM) + 1e-3)
-    assert np.isclose(size, picture.PART_MM, atol=1e-3).any()
+    size, margin = page(root), picture.PICTURE_MARGIN_MM
+    assert np.all(size <= np.array(picture.PART_ROOM_MM) + 1e-3)
+    assert np.isclose(size, picture.PART_ROOM_MM, atol=1e-3).any()
     (lines,) = lines_of(root, "lines", "picture").values()
     points = np.concatenate(lines)
     assert np.allclose(points.min(axis=0), margin, atol=0.05)
     assert np.allclose(points.max(axis=0), size - margin, atol=0.05)
 
 
-def test_a_region_is_what_is_seen_of_a_body(cq):
-    view = picture.CORNER
+def test_region_is_visible_part_of_body(cq):
+    view = picture.CORNER_VIEW
     box = cq.Solid.makeBox(3, 4, 5)
     # A box shows three faces, each foreshortened by its normal's part along the line of sight.
     want = sum(a * abs(n) for a, n in zip((4 * 5, 3 * 5, 3 * 4), view.axes[2], strict=True))
@@ -106,7 +106,7 @@ def test_a_region_is_what_is_seen_of_a_body(cq):
     behind, before = (shape(x) for x in regions([picture.mesh(box), picture.mesh(near)], view, 10))
     assert before.area == pytest.approx(sum(abs(view.axes[2])), rel=0.02)
     assert behind.area + before.area == pytest.approx(want, rel=0.01)
-    assert behind.intersection(before).area < before.length * SAMPLE_MM / 10
+    assert behind.intersection(before).area < before.length * TINT_SAMPLE_MM / 10
     plate = cq.Workplane().box(20, 20, 1).faces(">Z").workplane().hole(8).val()
     (loops,) = regions([picture.mesh(plate)], picture.View((0, 0, -1), (0, 1, 0)), 5)
     assert len(loops) == 2
@@ -114,7 +114,7 @@ def test_a_region_is_what_is_seen_of_a_body(cq):
 
 
 @pytest.mark.slow
-def test_each_part_seen_has_one_balloon_with_the_paper_s_number(exploded):
+def test_visible_parts_have_one_balloon(exploded):
     found = Counter(
         name.removeprefix("balloon ")
         for g in exploded.iter(f"{SVG}g")
@@ -130,15 +130,15 @@ def test_each_part_seen_has_one_balloon_with_the_paper_s_number(exploded):
     assert said["screw, 4×"] == 1
 
 
-def test_a_part_that_is_hidden_altogether_has_no_balloon():
+def test_hidden_part_has_no_balloon():
     one, other = registry.find_part("shell"), registry.find_part("cover")
     line = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 8.0]])
-    (balloon,) = arranged([(one, [line]), (other, [])], np.array([1.0, 0.0]))
+    (balloon,) = arrange_balloons([(one, [line]), (other, [])], np.array([1.0, 0.0]))
     assert balloon.part is one
 
 
 @pytest.mark.slow
-def test_leaders_end_on_their_part_and_cross_no_line(exploded):
+def test_leaders_cross_no_line(exploded):
     drawn = {
         n: shapely.MultiLineString(x) for n, x in lines_of(exploded, "lines", "picture").items()
     }
@@ -152,7 +152,7 @@ def test_leaders_end_on_their_part_and_cross_no_line(exploded):
 
 
 @pytest.mark.slow
-def test_no_piece_is_painted_over_a_line_that_is_seen(exploded):
+def test_fills_hide_no_visible_line(exploded):
     drawn = lines_of(exploded, "lines", "picture")
     for name, loops in lines_of(exploded, "piece", "filled").items():
         deep = shape(loops).buffer(-0.3)
@@ -162,22 +162,22 @@ def test_no_piece_is_painted_over_a_line_that_is_seen(exploded):
 
 
 @pytest.mark.slow
-def test_balloons_stand_apart_and_on_the_page(exploded):
+def test_balloons_are_apart_on_page(exploded):
     circles = lines_of(exploded, "balloon", "picture")
     at = np.array([circle.mean(axis=0) for (circle,) in circles.values()])
     gaps = np.hypot(*(at[:, None] - at[None]).T) + 1e9 * np.eye(len(at))
-    assert gaps.min() >= 2 * RADIUS_MM
-    assert np.all(at - RADIUS_MM > 0)
-    assert np.all(at + RADIUS_MM < page(exploded))
+    assert gaps.min() >= 2 * BALLOON_RADIUS_MM
+    assert np.all(at - BALLOON_RADIUS_MM > 0)
+    assert np.all(at + BALLOON_RADIUS_MM < page(exploded))
 
 
 @given(st.lists(st.floats(-100, 100), min_size=1, max_size=12))
-def test_balloons_keep_their_order_and_their_distance(wanted):
+def test_balloons_keep_order_and_distance(wanted):
     wanted = sorted(wanted)
-    at = spread(wanted, BETWEEN_MM)
-    assert np.all(np.diff(at) >= BETWEEN_MM - 1e-6)
+    at = spread(wanted, BALLOON_PITCH_MM)
+    assert np.all(np.diff(at) >= BALLOON_PITCH_MM - 1e-6)
     assert np.isclose(sum(at), sum(wanted), atol=1e-6)
-    if len(wanted) == 1 or np.diff(wanted).min() >= BETWEEN_MM:
+    if len(wanted) == 1 or np.diff(wanted).min() >= BALLOON_PITCH_MM:
         assert np.allclose(at, wanted)
 
 
@@ -199,7 +199,7 @@ print(hashlib.sha256("".join(texts).encode()).hexdigest())
 
 
 @pytest.mark.slow
-def test_another_process_and_a_mesh_left_on_the_solid_change_no_byte():
+def test_leftover_mesh_changes_no_byte():
     design, cover, solids = load_design(), registry.find_part("cover"), of_group("sensor")
     texts = [exploded_svg(design, solids), part_svg(cover, solids["cover"])]
     texts.append(drawing(cover, design, solids["cover"]).svg())

@@ -37,7 +37,7 @@ def exported(tmp_path_factory):
 
 @pytest.mark.parametrize("down", ["-z", "+z"])
 @pytest.mark.parametrize("tilt_deg", [0, 30])
-def test_the_named_side_faces_the_platform_and_y_rises(down, tilt_deg):
+def test_named_side_faces_the_platform(down, tilt_deg):
     turn = np.array(PrintPose(down, "side", tilt_deg, "outside" if tilt_deg else "").turn)
     assert np.allclose(turn @ turn.T, np.eye(3), atol=1e-15)
     assert np.linalg.det(turn) == pytest.approx(1)
@@ -47,7 +47,7 @@ def test_the_named_side_faces_the_platform_and_y_rises(down, tilt_deg):
     assert np.allclose(turn @ side, (0, np.sin(angle), -np.cos(angle)))
 
 
-def test_each_file_stands_on_the_platform_as_the_manifest_turns_it(exported):
+def test_files_stand_as_manifest_says(exported):
     folder, entries = exported
     for part in registry.select_parts(NAMES):
         entry = entries[f"{part.name}.stl"]
@@ -65,7 +65,7 @@ def test_each_file_stands_on_the_platform_as_the_manifest_turns_it(exported):
         assert np.allclose(np.ptp(own, axis=1), box[1] - box[0], atol=0.2)
 
 
-def test_a_sphere_on_its_tip_touches_nothing_and_fails():
+def test_sphere_on_its_tip_fails():
     part = registry.find_part("sphere:10")
     built = BuiltDesign(DESIGN, (part,), {part.name: build_part(part, DESIGN)[0]})
     contact, ceilings = printed(built)
@@ -80,7 +80,7 @@ def test_a_sphere_on_its_tip_touches_nothing_and_fails():
     assert next(iter(printed(built))).failed
 
 
-def test_a_shell_on_its_back_has_ceilings_and_none_as_it_is_tilted():
+def test_tilted_shell_has_no_ceilings():
     """Which is what the tilt is for."""
     part = registry.find_part("shell")
     mesh = mesh_solid(build_part(part, DESIGN)[0], TOLERANCE_MM, part.name)

@@ -29,7 +29,7 @@ def outcome(change: list[str], parts: list) -> str:
 
 
 @pytest.mark.slow
-def test_random_designs_give_gated_solids_or_one_line():
+def test_random_designs_build_or_fail_cleanly():
     """Of each set three parts in turn, so that every part is built of several."""
     seen = {"built": 0, "refused": 0}
     for number in range(30):

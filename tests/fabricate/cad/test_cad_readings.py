@@ -43,7 +43,7 @@ def made(rng: np.random.Generator, each: int) -> list[Reading]:
     ]
 
 
-def test_a_known_machine_is_found_again():
+def test_known_machine_is_recovered():
     found = {e.key: e for e in fit_readings(made(np.random.default_rng(2), 400), Design())}
     assert found["resin_printer.hole_bias_mm"].value == pytest.approx(HOLE, abs=0.004)
     assert found["resin_printer.outside_bias_mm"].value == pytest.approx(OUTSIDE, abs=0.004)
@@ -56,7 +56,7 @@ def test_a_known_machine_is_found_again():
     assert found["laser.sheet_tolerance"].value == pytest.approx(share, rel=0.1)
 
 
-def test_the_spread_holds_one_further_piece_in_95_of_100_also_from_few_readings():
+def test_spread_covers_95_percent():
     rng, inside, rounds = np.random.default_rng(7), 0, 2000
     for _ in range(rounds):
         off = rng.normal(0, OFF, 5)
@@ -67,14 +67,14 @@ def test_the_spread_holds_one_further_piece_in_95_of_100_also_from_few_readings(
     assert inside / rounds == pytest.approx(0.95, abs=0.015)
 
 
-def test_a_path_that_was_compensated_adds_to_its_kerf():
+def test_compensated_path_adds_to_kerf():
     strips = [Reading("kerf-coupon", "strip", 100.0, 99.9, 10)]
     (told,) = fit_readings(strips, load_design("deltact", ["laser.compensate=true"]))
     assert told.value == pytest.approx(0.2 + 0.01)
     assert math.isnan(told.spread_mm)
 
 
-def test_what_was_read_is_a_design_that_check_and_export_use(tmp_path):
+def test_fitted_design_checks_and_exports(tmp_path):
     table, mine = tmp_path / "readings.csv", tmp_path / "mine.toml"
     lines = [f"{r.coupon},{r.feature},{r.nominal_mm},{r.measured_mm:.3f},{r.pieces}"
              for r in made(np.random.default_rng(3), 8)]  # fmt: skip
@@ -110,7 +110,7 @@ def test_what_was_read_is_a_design_that_check_and_export_use(tmp_path):
         ("fit-coupon,hole,3.0,3,", "hole and slot: 2 readings; expected 3 or more"),
     ],
 )
-def test_a_bad_table_is_one_line_with_its_place(tmp_path, line, says):
+def test_bad_table_names_its_place(tmp_path, line, says):
     table = tmp_path / "readings.csv"
     table.write_text(HEAD + "fit-coupon,hole,3.0,2.95,\n" + line + "\n")
     with pytest.raises(InputError) as why:
@@ -131,14 +131,14 @@ def test_a_bad_table_is_one_line_with_its_place(tmp_path, line, says):
         ),
     ],
 )
-def test_a_bad_header_is_one_line(tmp_path, text, says):
+def test_bad_header_gives_one_line(tmp_path, text, says):
     table = tmp_path / "readings.csv"
     table.write_text(text)
     with pytest.raises(InputError, match=says):
         read_readings(table)
 
 
-def test_the_example_of_the_how_to_is_read(tmp_path):
+def test_how_to_example_is_read(tmp_path):
     guide = Path(__file__).parents[3] / "docs" / "how-to" / "measure-your-printer.md"
     (block,) = re.findall(r"```csv\n(.*?)```", guide.read_text(), re.S)
     table = tmp_path / "readings.csv"

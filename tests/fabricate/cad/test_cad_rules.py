@@ -23,7 +23,7 @@ def broken(*changes: str) -> list[str]:
     return [f"{r.subject}: {statement(r)}" for r in feasibility.rules(design) if r.failed]
 
 
-def test_the_shipped_design_closes_as_the_paper_s():
+def test_shipped_design_matches_the_paper():
     design = load_design()
     assert design == Design()
     assert design.outer_mm == pytest.approx((39, 60, 30))
@@ -38,7 +38,7 @@ def test_the_shipped_design_closes_as_the_paper_s():
     assert design.skin_volume_mm3 == pytest.approx(14140.63, abs=0.01)
 
 
-def test_a_variant_takes_from_its_base_what_it_leaves_out(tmp_path, monkeypatch):
+def test_variant_inherits_from_its_base(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "cad").mkdir()
     (tmp_path / "cad" / "deltact.toml").write_text("[skin]\nwidth_mm = 40.0\nlength_mm = 35.0\n")
@@ -48,7 +48,7 @@ def test_a_variant_takes_from_its_base_what_it_leaves_out(tmp_path, monkeypatch)
     assert (design.skin.width_mm, design.skin.length_mm) == (40.0, 33.0)
 
 
-def test_a_design_file_that_is_wrong_is_one_line(tmp_path):
+def test_wrong_design_file_gives_one_line(tmp_path):
     mine, other = tmp_path / "mine.toml", tmp_path / "other.toml"
     other.write_text(f'base = "{mine}"\n')
     for text, says in (
@@ -90,14 +90,14 @@ def test_set_changes_numbers_words_and_lists():
         ("light.led_count=2.5", "light.led_count"),
     ],
 )
-def test_a_wrong_value_is_one_line_with_what_would_be_right(change, says):
+def test_wrong_value_names_a_right_one(change, says):
     with pytest.raises(InputError) as caught:
         load_design("deltact", [change])
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def test_a_skin_of_20_x_20_is_refused_in_one_line():
+def test_square_skin_is_refused():
     design = load_design("deltact", ["skin.width_mm=20", "skin.length_mm=20"])
     with pytest.raises(InputError) as caught:
         feasibility.check_feasible(design, "deltact")
@@ -142,12 +142,12 @@ def test_a_skin_of_20_x_20_is_refused_in_one_line():
         ("table.height_mm=17", "testing-shell: table.height_mm <= cover and shell: 17 <= 16"),
     ],
 )  # fmt: skip
-def test_each_inequality_can_fail_and_states_its_numbers(changes, says):
+def test_each_inequality_can_fail(changes, says):
     found = broken(*changes.split())
     assert any(text.startswith(says) for text in found), found
 
 
-def test_a_rule_that_rests_on_an_unverified_value_says_so_until_it_is_measured():
+def test_rule_marks_unverified_values():
     def rests_on(design):
         return {key for rule in feasibility.rules(design) for key in rule.basis}
 
@@ -170,7 +170,7 @@ def test_a_rule_that_rests_on_an_unverified_value_says_so_until_it_is_measured()
     assert "mount.flange_height_mm" in rests_on(franka)
 
 
-def test_nan_is_no_dimension_and_no_rule_holds_for_it():
+def test_nan_is_refused():
     with pytest.raises(ShapeError, match="length_mm"):
         ScrewDimensions(length_mm=math.nan)
     for rule in (below, at_most):
@@ -178,7 +178,7 @@ def test_nan_is_no_dimension_and_no_rule_holds_for_it():
         assert rule("id", "a", 0.0, "b", math.nan).failed
 
 
-def test_every_dimension_has_a_meaning_and_a_default_within_its_limits():
+def test_dimensions_have_meaning_and_limits():
     design = Design()
     for section in dataclasses.fields(design):
         record = getattr(design, section.name)

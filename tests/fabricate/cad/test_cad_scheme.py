@@ -31,10 +31,10 @@ def planned(part, design, solid) -> Scheme:
 def printed(plan: Scheme) -> list[str]:
     """All texts of a drawing, to hundredths as they are printed, and its faults."""
     lengths = [
-        f"{t.axis} {t.before}{t.value_mm:.2f}{t.after} {t.fitted} {t.auxiliary}"
+        f"{t.axis} {t.prefix}{t.value_mm:.2f}{t.suffix} {t.fitted} {t.auxiliary}"
         for t in plan.lengths
     ]
-    return sorted([*lengths, *(g.words for g in plan.rounds), *(w for _, w in plan.others),
+    return sorted([*lengths, *(g.label for g in plan.rounds), *(w for _, w in plan.other_faces),
                    *plan.faults])  # fmt: skip
 
 
@@ -67,7 +67,7 @@ def mutants(cq, solid):
     "name",
     [*QUICK, *(pytest.param(n, marks=pytest.mark.evidence) for n in DRAWN if n not in QUICK)],
 )
-def test_what_moves_by_a_millimetre_changes_the_drawing(cq, name):
+def test_moved_feature_changes_the_drawing(cq, name):
     part, design = registry.find_part(name), load_design()
     solid, _ = build_part(part, design)
     said = printed(planned(part, design, solid))
@@ -81,7 +81,7 @@ def test_what_moves_by_a_millimetre_changes_the_drawing(cq, name):
 
 @pytest.mark.evidence  # of the shipped designs; the slow tests of the checks have the rows
 @pytest.mark.parametrize("design", DESIGNS)
-def test_every_drawing_places_and_sizes_every_feature(design):
+def test_drawings_dimension_every_feature(design):
     dims = load_design(design)
     faults = {}
     for name in DRAWN:
@@ -94,32 +94,32 @@ def test_every_drawing_places_and_sizes_every_feature(design):
 @pytest.mark.parametrize(
     ("lengths", "fault"),
     [
-        ((x_of(-10.0, 9.0),), "19 along x ends at 9, where the part has nothing"),
-        ((x_of(-10.0, 10.0), x_of(-10.0, 10.0)), "20 along x follows from what is said already"),
-        ((z_of(0.0, 2.0), z_of(2.0, 5.0), z_of(0.0, 5.0)), "5 along z follows from"),
+        ((x_of(-10.0, 9.0),), "19 along x ends at 9, where the part has no feature"),
+        ((x_of(-10.0, 10.0), x_of(-10.0, 10.0)), "20 along x is redundant"),
+        ((z_of(0.0, 2.0), z_of(2.0, 5.0), z_of(0.0, 5.0)), "5 along z is redundant"),
     ],
 )
-def test_a_length_to_nothing_and_one_said_twice_are_told(cq, lengths, fault):
+def test_dangling_and_redundant_lengths_are_faults(cq, lengths, fault):
     steps = cq.Workplane().rect(20, 20).extrude(2).union(cq.Workplane().rect(8, 8).extrude(5))
     plan = scheme(features_of(steps.val()), Callouts(lengths))
     assert any(told.startswith(fault) for told in plan.faults)
 
 
-def test_equal_holes_on_a_circle_say_its_angle(cq):
+def test_holes_on_circle_give_angle(cq):
     disc = cq.Workplane().circle(20).extrude(4).faces(">Z").workplane()
     disc = disc.polarArray(12, 15, 360, 5).hole(3).val()
     plan = scheme(features_of(disc), Callouts())
-    assert "5× Ø3 through, on Ø24, 72° apart, first at 15°" in [g.words for g in plan.rounds]
+    assert "5× Ø3 through, on Ø24, 72° apart, first at 15°" in [g.label for g in plan.rounds]
     assert {t.axis for t in plan.lengths} == {2}
 
 
-def test_a_face_of_no_known_form_fails(cq):
+def test_unknown_face_form_fails(cq):
     lens = cq.Workplane("XZ").moveTo(0, 0).lineTo(8, 0).spline([(4, 5), (0, 6)]).close()
     plan = scheme(features_of(lens.revolve(360, (0, 0), (0, 1)).val()), Callouts())
-    assert any(told.startswith("no number for the curve") for told in plan.faults)
+    assert any(told.startswith("no dimension for the curve") for told in plan.faults)
 
 
-def test_a_row_names_the_part_and_what_its_drawing_lacks():
+def test_row_names_part_and_fault():
     from deltact_fab.fabricate.cad.check.built import BuiltDesign
     from deltact_fab.fabricate.cad.check.each_part import drawings
 
@@ -128,4 +128,4 @@ def test_a_row_names_the_part_and_what_its_drawing_lacks():
     (row,) = drawings(BuiltDesign(load_design(), (wrong,)))
     assert row.failed
     assert row.subject == "acrylic"
-    assert "1 along x ends at 1, where the part has nothing" in row.value
+    assert "1 along x ends at 1, where the part has no feature" in row.value

@@ -21,7 +21,7 @@ def test_every_part_is_described_in_full(part):
     assert all(d.meaning for d in told), [d.key for d in told if not d.meaning]
 
 
-def test_values_and_limits_are_the_design_s():
+def test_values_and_limits_match_design():
     told = {d.key: d for d in find_part("shell").dimensions(load_design("skin-44x40"))}
     assert told["skin.width_mm"].row[:3] == ("skin.width_mm", "44", "5 to 200")
     assert (told["skin.width_mm"].low, told["skin.width_mm"].high) == (5, 200)

@@ -70,7 +70,7 @@ WRONG_ON_SOLIDS = (
 
 
 @pytest.mark.parametrize("change", WRONG)
-def test_a_wrong_number_is_refused_or_fails_and_its_row_says_what_to_change(change):
+def test_wrong_number_names_its_remedy(change):
     key = change.partition("=")[0]
     try:
         design = load_design("deltact", [change])
@@ -86,7 +86,7 @@ def test_a_wrong_number_is_refused_or_fails_and_its_row_says_what_to_change(chan
     assert all(" or more" in remedy or " or less" in remedy for remedy in told)
 
 
-def test_where_every_number_has_its_default_all_are_moved():
+def test_all_default_numbers_are_moved():
     """A wall of 2 in place of 1.5, and a sum that two keys close alike, the least change first."""
     design = load_design()
     assert advice(design, lambda d: d.shell.wall_mm - 2.0) == "shell.wall_mm: 2 or more"
@@ -116,14 +116,14 @@ def test_the_shipped_designs_pass(checked, name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("change", "check", "part"), WRONG_ON_SOLIDS)
-def test_a_wrong_number_fails_on_the_solids(checked, change, check, part):
+def test_wrong_number_fails_on_solids(checked, change, check, part):
     rows = [row for row in checked("deltact", change) if row.failed]
     assert any(row.name == check and row.subject.startswith(part) for row in rows), rows
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("change", RIGHT)
-def test_an_unusual_number_that_is_right_passes(checked, change):
+def test_unusual_right_number_passes(checked, change):
     rows = checked("deltact", change)
     assert [row for row in rows if row.failed] == []
     assert len(rows) > 100

@@ -72,12 +72,12 @@ def test_other_dimensions_give_exact_volumes(names, design, changes):
 
 
 @pytest.mark.parametrize("design", MOUNTS)
-def test_the_mount_alone_has_its_closed_form(design, cq):
+def test_mount_volume_has_closed_form(design, cq):
     dims = MOUNTS[design]
     assert mount.build(dims).val().Volume() == pytest.approx(mount_mm3(dims), rel=1e-6)
 
 
-def test_volumes_of_the_default_pinned_by_hand():
+def test_default_volumes_are_pinned():
     def volume_mm3(part):
         low, high = closed_form_mm3(registry.find_part(part), D)
         assert low == high
@@ -119,14 +119,14 @@ def _scaled(factor):
         (3.0, r"tool\.clamp_mm: .*clamp_mm <= 6"),
     ],
 )
-def test_a_scaled_design_that_cannot_be_built_is_refused_before_the_kernel_runs(factor, told):
+def test_unbuildable_design_is_refused_early(factor, told):
     with pytest.raises(InputError, match=told):
         _scaled(factor)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("factor", [1.0, 1.2])
-def test_every_part_of_a_scaled_design_has_its_volume(factor, cq):
+def test_scaled_parts_have_their_volumes(factor, cq):
     design = _scaled(factor)
     for part in registry.of_design():
         held(part, design)
@@ -135,7 +135,7 @@ def test_every_part_of_a_scaled_design_has_its_volume(factor, cq):
 # The kernel.
 
 
-def test_a_broken_inequality_is_told_before_the_kernel_runs():
+def test_broken_inequality_precedes_the_kernel():
     def no_kernel(_):
         raise AssertionError("the kernel ran")
 
@@ -144,7 +144,7 @@ def test_a_broken_inequality_is_told_before_the_kernel_runs():
         build_part(part, load_design("deltact", ["shell.wall_mm=9"]))
 
 
-def test_what_the_kernel_raises_becomes_one_line(cq):
+def test_kernel_errors_give_one_line(cq):
     cube = cq.Solid.makeBox(10, 10, 10)
 
     def too_round():
@@ -155,7 +155,7 @@ def test_what_the_kernel_raises_becomes_one_line(cq):
         too_round()
 
 
-def test_the_gate_stops_what_the_kernel_returns_in_silence(cq):
+def test_gate_stops_silent_kernel_failures(cq):
     unit = ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
     cube = cq.Solid.makeBox(1, 1, 1)
     assert kernel.gate("box", cube, unit)[1].volume_mm3 == pytest.approx(1.0)
@@ -173,7 +173,7 @@ def test_the_gate_stops_what_the_kernel_returns_in_silence(cq):
 # How they mate.
 
 
-def test_acrylic_is_the_paper_s_rectangle_where_the_walls_hold_the_posts(cq):
+def test_acrylic_is_the_papers_rectangle(cq):
     free = ["shell.ledge_x_mm=0", "frame.wall_x_mm=7", "envelope.width_mm=50"]
     thick = load_design("deltact", free)
     assert thick.acrylic_notch_mm == (0.0, 0.0)
@@ -182,7 +182,7 @@ def test_acrylic_is_the_paper_s_rectangle_where_the_walls_hold_the_posts(cq):
     assert found.volume_mm3 == pytest.approx(35.8 * 36.8 * 2)
 
 
-def test_acrylic_keeps_its_fit_from_the_posts_and_lies_on_both_ledges(cq):
+def test_acrylic_clears_posts_on_ledges(cq):
     plate = made("acrylic")
     (x, y), (outer_x, outer_y) = D.post_edge_mm, D.frame_outer_mm
     post = box((x, y, D.z_joint_mm), (outer_x / 2, outer_y / 2, D.z_ledge_mm))
@@ -196,7 +196,7 @@ def test_acrylic_keeps_its_fit_from_the_posts_and_lies_on_both_ledges(cq):
         assert common_mm3(moved(plate, 0, 0, by), made(part)) == pytest.approx(mm2 * 0.1, rel=1e-6)
 
 
-def test_every_hole_of_the_mount_takes_its_head(cq):
+def test_mount_holes_take_screw_heads(cq):
     """A washer from either end of a block's hole; of a flange, a head down to the counterbore."""
     for design in ("deltact", "franka"):
         m, shell = load_design(design).mount, made("shell", design)
@@ -217,7 +217,7 @@ def test_every_hole_of_the_mount_takes_its_head(cq):
                 assert common_mm3(head, shell) < 1e-9
 
 
-def test_the_ring_s_slot_and_the_camera_s_connector_are_at_minus_y(cq):
+def test_slot_and_connector_at_minus_y(cq):
     ring, floor = made("light-holder"), D.z_board_front_mm + D.light.floor_mm
     between, half = -(D.light_radius_mm + D.strip_radius_mm) / 2, D.light.slot_mm / 2
     for x, y, z, solid in (
@@ -238,7 +238,7 @@ def test_the_ring_s_slot_and_the_camera_s_connector_are_at_minus_y(cq):
     assert common_mm3(made("camera-holder"), path) < 1e-9
 
 
-def test_a_leg_bent_by_the_lip_passes_its_hole_and_misses_the_other():
+def test_bent_leg_passes_its_hole():
     cover, (x, y), reach = D.cover, D.peg_at_mm, D.cover.hole_mm
     peg = box((x - reach, y - reach, D.z_floor_mm),
               (x + reach, y + reach, D.z_floor_mm + 2 * D.peg_length_mm))  # fmt: skip
@@ -293,7 +293,7 @@ def grips_mm3(design: Design):
                                  "holder.clearance_mm=3.1"), marks=pytest.mark.slow),
     ],
 )  # fmt: skip
-def test_pieces_share_nothing_but_the_threads_and_fill_the_envelope(name, changes):
+def test_pieces_overlap_only_in_threads(name, changes):
     design = load_design(name, changes)
     solids = {p.name: made(p.name, name, *changes) for p in registry.parts_of_group("sensor")}
     placed = assemble_sensor(design, solids=solids)
@@ -308,7 +308,7 @@ def test_pieces_share_nothing_but_the_threads_and_fill_the_envelope(name, change
 
 
 @pytest.mark.slow
-def test_a_part_out_of_place_is_found_with_its_volume():
+def test_misplaced_part_reports_overlap_volume():
     """The acrylic 0.5 mm too far in front: it meets skin and frame over its whole plan."""
     solids = of_group("sensor")
     shifted = {**solids, "acrylic": moved(solids["acrylic"], 0, 0, 0.5)}
@@ -319,7 +319,7 @@ def test_a_part_out_of_place_is_found_with_its_volume():
     assert into == pytest.approx(0.5 * plan_mm2, rel=1e-6)
 
 
-def test_exploding_moves_each_part_by_its_own_shift():
+def test_exploding_shifts_each_part():
     put, half, whole = (assemble_sensor(D, at, solids=of_group("sensor")) for at in (0.0, 0.5, 1.0))
     for a, b, c in zip(put, half, whole, strict=True):
         assert (a.part, a.index) == (b.part, b.index) == (c.part, c.index)
@@ -331,7 +331,7 @@ def test_exploding_moves_each_part_by_its_own_shift():
     assert [piece.shift_mm[:2] for piece in screws] == D.screw_centres_mm
 
 
-def test_parts_are_built_only_where_no_solid_is_given():
+def test_given_solids_are_not_rebuilt():
     names = ("cover", "camera-holder")
     given = {"cover": made("cover")}
     placed = assemble_sensor(D, parts=[registry.find_part(name) for name in names], solids=given)

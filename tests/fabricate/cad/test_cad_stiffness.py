@@ -16,13 +16,13 @@ DEFAULT = load_design()
 LONG = PlateShape((30.0, 10.2), (0.0, 0.0), (30.0, 10.0), 1.0, 3000.0, 0.3, 0.0, 1e4)
 
 
-def test_a_long_plate_on_two_bare_ledges_is_that_of_the_textbook():
+def test_long_plate_matches_textbook():
     # A concentrated load: Table 23, b / a infinite: w = 0.01695 P a^2 / D.
     found = bend(LONG, 0.02, terms=22).deflection_mm * LONG.rigidity_nmm / 20**2
     assert found == pytest.approx(0.01695, rel=0.015)
 
 
-def test_two_free_edges_of_a_narrow_strip_are_a_beam():
+def test_narrow_strip_is_a_beam():
     strip = replace(LONG, half_mm=(1.0, 20.2), support_mm=(1.0, 20.0), thickness_mm=0.5, poisson=0)
     beam_mm = 40**3 / (48 * 3000 * 2 * 0.5**3 / 12)
     assert bend(strip, 0.5).deflection_mm == pytest.approx(beam_mm, rel=5e-3)
@@ -30,7 +30,7 @@ def test_two_free_edges_of_a_narrow_strip_are_a_beam():
     assert bend(strip, 1.9).stress_mpa == pytest.approx(narrow * (1 - 0.9 / 20), rel=0.05)
 
 
-def test_a_rigid_plate_sinks_and_tilts_on_its_bead():
+def test_rigid_plate_tilts_on_bead():
     # Two strips of 4 x 20 mm at +-8 mm of y, 1 mm high: S = 2, 4/3 E (1 + S^2) = 3.33 N/mm3.
     stiff = replace(LONG, half_mm=(10.0, 10.0), support_mm=(10.0, 6.0), thickness_mm=50.0)
     plate = replace(stiff, bead_mm=1.0, bead_modulus_mpa=0.5)
@@ -43,14 +43,14 @@ def test_a_rigid_plate_sinks_and_tilts_on_its_bead():
 
 
 @pytest.mark.parametrize("bead", [(0.0, 1.15), (0.5, 1.15)])
-def test_more_terms_yield_more_and_end(bead):
+def test_series_converges_with_terms(bead):
     plate = replace(plate_of(DEFAULT), bead_mm=bead[0], bead_modulus_mpa=bead[1])
     found = [bend(plate, 22.0, terms=n).deflection_mm for n in (6, 10, 14, 18)]
     assert found == pytest.approx(sorted(found), rel=3e-3)
     assert found[-2] == pytest.approx(found[-1], rel=3e-3)
 
 
-def test_a_thin_or_hard_bead_is_the_bare_ledge_and_a_soft_one_carries_all():
+def test_bead_limits_hard_and_soft():
     plate = plate_of(DEFAULT)
     bare, *thicker = (bend(replace(plate, bead_mm=t), 22.0).deflection_mm for t in (0.0, 0.02, 0.5))
     assert [bare, *thicker] == sorted([bare, *thicker])
@@ -66,7 +66,7 @@ def test_a_thin_or_hard_bead_is_the_bare_ledge_and_a_soft_one_carries_all():
     assert bend(soft, 22.0).deflection_mm == pytest.approx(1 / per_mm, rel=0.03)
 
 
-def test_a_press_goes_with_force_place_and_modulus():
+def test_deflection_scales_with_force():
     one, two = press_plate(DEFAULT, 1.0, (3.0, -2.0)), press_plate(DEFAULT, 2.0, (-3.0, 2.0))
     assert two.deflection_mm == pytest.approx(2 * one.deflection_mm)
     soft = load_design(changes=["plate.youngs_modulus_mpa=1500", "plate.bead_modulus_mpa=0.575"])
@@ -89,12 +89,12 @@ def test_a_press_goes_with_force_place_and_modulus():
         ("deltact", ["plate.spread_mm=35"], ("load",)),
     ],
 )  # fmt: skip
-def test_rows_hold_the_plate_against_its_limits(name, changes, fails):
+def test_rows_check_plate_limits(name, changes, fails):
     rows = bending(load_design(name, changes))
     assert fails == tuple(row.name.split()[1] for row in rows if row.failed)
 
 
-def test_a_row_says_what_the_bead_yields_and_what_nobody_measured():
+def test_row_names_bead_and_unverified():
     row, *_ = verified(bending(DEFAULT), DEFAULT)
     assert list(map(shorten_key, row.basis)) == ["spread", "youngs modulus", "bead modulus"]
     assert row.value.startswith("0.220 mm under 49 N, 0.051 of it the bead: 4.4 %")
@@ -103,13 +103,13 @@ def test_a_row_says_what_the_bead_yields_and_what_nobody_measured():
     assert [*verified(bending(known), known)][-1].basis == ()
 
 
-def test_a_plate_on_no_ledge_is_one_line():
+def test_plate_without_ledge_is_refused():
     changes = ["frame.seat_y_mm=0.2", "shell.ledge_mm=0.2", "plate.fit_mm=0.5"]
     with pytest.raises(InputError, match=r"no ledge in y; raise shell\.ledge_mm"):
         press_plate(load_design(changes=changes), 1.0)
 
 
-def test_a_press_beyond_the_plate_bends_nothing() -> None:
+def test_press_beyond_plate_bends_nothing() -> None:
     found = bend(plate_of(DEFAULT), 2.0, at_mm=(30.0, 0.0))
     assert (found.deflection_mm, found.over_ring_mm, found.stress_mpa) == (0.0, 0.0, 0.0)
 
@@ -123,9 +123,7 @@ def test_a_press_beyond_the_plate_bends_nothing() -> None:
         (("shell.ledge_drop_mm=0", "shell.ledge_x_mm=0"), 0.365, 0.353, 12.82),
     ],
 )  # fmt: skip
-def test_within_six_percent_of_solid_elements_at_49_n(
-    changes, deflection_mm, over_ring_mm, stress_mpa
-):
+def test_within_six_percent_of_fem(changes, deflection_mm, over_ring_mm, stress_mpa):
     """CalculiX 2.20, C3D20R, by benchmarks/peers/plate_in_calculix.py."""
     found = press_plate(load_design(changes=changes), 49.0)
     assert found.deflection_mm == pytest.approx(deflection_mm, rel=0.06)

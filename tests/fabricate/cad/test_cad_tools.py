@@ -59,7 +59,7 @@ def cast(cq: Any, design: Design, at: tuple[float, float]) -> tuple[Any, Any]:
 
 
 @pytest.mark.parametrize("name", ["uneven", "large fillet"])
-def test_the_mold_with_its_frame_casts_the_skin(name: str, cq: Any) -> None:
+def test_mold_and_frame_cast_skin(name: str, cq: Any) -> None:
     """V(cavity) + V(frame window) = V(skin), on the solids and with their shapes."""
     design = VARIANTS[name]
     for at in (mold.centres_mm(design)[0], mold.centres_mm(design)[-1]):
@@ -70,7 +70,7 @@ def test_the_mold_with_its_frame_casts_the_skin(name: str, cq: Any) -> None:
         assert wanted.cut(filled).Volume() < 1e-6
 
 
-def test_a_frame_fits_its_seat_with_clearance_and_clears_the_rest(cq: Any) -> None:
+def test_frame_clears_its_seat(cq: Any) -> None:
     solid, base, fit = mold.build(DEFAULT), DEFAULT.mold.base_mm, DEFAULT.mold.fit_mm
     frame = skin_frame.build(DEFAULT).rotate(cq.Vector(0, 0, 0), cq.Vector(1, 0, 0), 180)
     for x, y in mold.centres_mm(DEFAULT):
@@ -82,7 +82,7 @@ def test_a_frame_fits_its_seat_with_clearance_and_clears_the_rest(cq: Any) -> No
         assert common_mm3(solid, moved(placed, 0, 0, -0.1)) > 0.1
 
 
-def test_nothing_but_the_underside_looks_down(cq: Any) -> None:
+def test_only_the_underside_faces_down(cq: Any) -> None:
     def looks_down(solid: Any) -> list[float]:
         """Heights of the triangles that look downwards."""
         corners = mesh_solid(solid, 0.5, "mold").corners_mm
@@ -97,7 +97,7 @@ def test_nothing_but_the_underside_looks_down(cq: Any) -> None:
     assert looks_down(undercut) == [0.0, 7.0]
 
 
-def test_the_coupon_mold_holds_its_wells() -> None:
+def test_coupon_mold_holds_its_wells() -> None:
     design = changed("coupon.wells=12", "coupon.wall_mm=1.5", "coupon.depth_mm=50")
     solid, found = held(registry.find_part("coupon-mold"), design)
     x, y, z = np.multiply((2, 2, 1), coupons.well_box(design)[1])
@@ -111,7 +111,7 @@ def test_the_coupon_mold_holds_its_wells() -> None:
     assert edge == pytest.approx(design.coupon.wall_mm)
 
 
-def test_the_fit_coupon_s_holes_grow_along_x_over_their_slots(cq: Any) -> None:
+def test_coupon_holes_grow_along_x(cq: Any) -> None:
     coupon, solid = DEFAULT.fit_coupon, held(registry.find_part("fit-coupon"), DEFAULT)[0]
     rounds = sorted((r for r in features_of(solid).rounds if r.hole), key=lambda r: r.low_mm)
     assert [2 * r.radius_mm for r in rounds] == pytest.approx(coupon.sizes_mm)

@@ -25,7 +25,7 @@ def _shown(source: Path) -> dict[str, dict]:
 
 
 @pytest.mark.slow
-def test_the_viewer_is_handed_every_piece_with_its_colour():
+def test_viewer_gets_pieces_with_colours():
     seen = _shown(VIEW)
     assert len(seen) == 10 + 3 + 1  # ten parts, of which four screws and two camera screws
     assert {"skin-0", "screw-3", "camera-screw-1"} <= set(seen)

@@ -6,7 +6,7 @@ import pytest
 from solids import made
 
 from deltact_fab.fabricate.cad.design import load_design
-from deltact_fab.fabricate.cad.drafting.casting import Bench
+from deltact_fab.fabricate.cad.drafting.casting import CastingScenes
 from deltact_fab.fabricate.cad.drafting.picture import picture_svg
 from deltact_fab.fabricate.cad.registry import list_parts
 from deltact_fab.paths import asset
@@ -23,14 +23,14 @@ NO_PICTURE = {
 @pytest.fixture(scope="module")
 def scenes():
     solids = {p.name: made(p.name) for p in list_parts(design=DESIGN) if p.indenter is None}
-    return dict(Bench(DESIGN, solids).steps())
+    return dict(CastingScenes(DESIGN, solids).steps())
 
 
 def of(placed, name):
     return [piece.solid for piece in placed if piece.part.name == name]
 
 
-def test_every_step_that_puts_things_together_has_its_picture(scenes):
+def test_every_joining_step_has_picture(scenes):
     page = asset("templates/guide.html").read_text()
     steps = set()
     for letter, text in re.findall(r"<h2>([A-F])\. (.*?)</section>", page, re.S):
@@ -39,7 +39,7 @@ def test_every_step_that_puts_things_together_has_its_picture(scenes):
     assert steps - set(scenes) == NO_PICTURE
 
 
-def test_the_silicone_fills_the_cavity_and_lies_level(scenes):
+def test_silicone_fills_cavity_and_is_level(scenes):
     (poured,) = of(scenes["D.7"], "silicone")
     assert poured.Volume() == pytest.approx(DESIGN.skin_volume_mm3 / 2, rel=1e-6)
     (tipped,) = of(scenes["D.6"], "silicone")
@@ -55,7 +55,7 @@ def test_the_silicone_fills_the_cavity_and_lies_level(scenes):
             assert solid.intersect(poured).Volume() == pytest.approx(0, abs=1e-3)
 
 
-def test_coats_lie_over_the_film_and_the_film_over_the_face(scenes):
+def test_coats_cover_film_and_face(scenes):
     (film,), (white,) = of(scenes["E.7"], "film"), of(scenes["F.3"], "white coat")
     (skin,) = of(scenes["E.7"], "skin")
     assert skin.intersect(film).Volume() == pytest.approx(0, abs=1e-3)
@@ -63,7 +63,7 @@ def test_coats_lie_over_the_film_and_the_film_over_the_face(scenes):
     assert film.BoundingBox().zmin == pytest.approx(-DESIGN.skin.edge_fillet_mm)
 
 
-def test_a_picture_names_what_it_shows(scenes):
+def test_picture_names_its_pieces(scenes):
     text = picture_svg("step D.9", scenes["D.9"])
     for name in ("silicone", "acrylic", "skin-frame", "mold"):
         assert f">{name}<" in text

@@ -29,7 +29,7 @@ def signed(body: str, drawn: str) -> str:
 
 
 @pytest.mark.parametrize("name", catalog.catalogue_names("patterns"))
-def test_every_shipped_recipe_comes_back(name):
+def test_shipped_recipes_round_trip(name):
     recipe = load_recipe(name)
     text = encode(recipe)
     back = decode_recipe(text)
@@ -49,7 +49,7 @@ def test_every_shipped_recipe_comes_back(name):
     channels=st.sampled_from([1, 3]),
     diameter_mm=st.none() | st.floats(1e-3, 0.9),
 )
-def test_any_recipe_comes_back_bit_for_bit(patch_mm, r, seed, size_mm, channels, diameter_mm):
+def test_any_recipe_round_trips_exactly(patch_mm, r, seed, size_mm, channels, diameter_mm):
     data = {
         "law": "algorithm1",
         "seed": seed,
@@ -73,7 +73,7 @@ def test_any_recipe_comes_back_bit_for_bit(patch_mm, r, seed, size_mm, channels,
     assert decode_recipe(encode(recipe)) == recipe
 
 
-def test_a_code_printed_earlier_is_still_read():
+def test_code_of_older_version_decodes():
     text = (
         "DELTACT1/LAW:ALGORITHM1/SEED:7/SIZE-MM:35/PATCH-MM:0.075/R:0.6/CHANNELS:3/"
         "1EF08C35F591-24EABE"
@@ -82,7 +82,7 @@ def test_a_code_printed_earlier_is_still_read():
     assert decode_recipe(text.lower().replace("/", "/\n ")) == load_recipe("dense")
 
 
-def test_every_single_damage_is_found():
+def test_every_single_error_is_detected():
     for k, old in enumerate(CODE):
         for new in ("0", "1", "A", "-", ":"):
             if new == old:
@@ -105,7 +105,7 @@ BODY, DRAWN = CODE.rsplit("/", 1)[0], CODE.rsplit("/", 1)[1].split("-")[0]
     ("text", "says"),
     [
         ("", "begins with DELTACT1/"),
-        ("DELTACT1/", "cut short"),
+        ("DELTACT1/", "truncated"),
         (CODE.replace("R:0.1", "R:0.2"), "damaged or mistyped"),
         (signed(BODY.replace("R:0.1", "R:0.2"), DRAWN), "another version"),
         (signed(BODY.replace("R:0.1", "R:1E999"), DRAWN), "r"),
@@ -113,7 +113,7 @@ BODY, DRAWN = CODE.rsplit("/", 1)[0], CODE.rsplit("/", 1)[1].split("-")[0]
         (signed(BODY.replace("/R:0.1", "/R:0.1/R:0.1"), DRAWN), "twice"),
     ],
 )
-def test_a_wrong_text_is_one_line(text, says):
+def test_wrong_text_gives_one_line(text, says):
     with pytest.raises(InputError, match=re.escape(says)) as why:
         decode_recipe(text)
     assert "\n" not in str(why.value)

@@ -60,7 +60,7 @@ def named(law, n, **more):
         ("transparent", {}, "5ae7e6a42304dc6e"),
     ],
 )
-def test_the_bytes_of_a_seed(law, more, digits):
+def test_bytes_of_a_seed_are_pinned(law, more, digits):
     """A seed names a sticker that was printed: another draw needs another law's name."""
     drawn = recipe(law, **more).patches()
     assert drawn.dtype == np.uint8
@@ -76,7 +76,7 @@ def test_seed_and_channels(law):
     assert not np.array_equal(colour, recipe(law, seed=6).patches())
 
 
-def test_iid_is_algorithm_1_at_r_0_bit_by_bit():
+def test_iid_equals_algorithm1_at_r_0():
     assert np.array_equal(recipe("iid").patches(), recipe("algorithm1", r=0.0).patches())
 
 
@@ -87,7 +87,7 @@ def test_binary_is_a_fair_coin():
     assert (np.abs(share - 0.5) < 4 * 0.5 / 700).all()
 
 
-def test_octaves_correlate_as_their_blocks_do():
+def test_octaves_correlate_like_their_blocks():
     """Before the mapping: share of places in one block, 1 - lag / side, weighted by variance."""
     n, blocks, weights = 640, [1, 2, 4, 8], [1.0, 0.5, 2.0, 1.5]
     rng = np.random.default_rng(3)
@@ -109,7 +109,7 @@ def test_octaves_correlate_as_their_blocks_do():
     weights=st.lists(st.integers(1, 10_000).map(lambda k: k / 100), min_size=1, max_size=4),
     shares=st.lists(st.integers(0, 1000), min_size=1, max_size=5),
 )
-def test_sums_of_uniforms_against_exact_fractions(weights, shares):
+def test_sum_of_uniforms_matches_exact_fractions(weights, shares):
     """Inclusion and exclusion in fractions, for weights as unequal as the recipe allows."""
     exact = [Fraction(repr(w)) for w in weights]
     found = SumOfUniforms(tuple(weights))
@@ -123,7 +123,7 @@ def test_sums_of_uniforms_against_exact_fractions(weights, shares):
         assert float(found(np.array([float(x)]))[0]) == pytest.approx(float(total), abs=1e-9)
 
 
-def test_the_chessboard_covers_the_view_and_opencv_finds_every_corner(tmp_path):
+def test_opencv_finds_every_chessboard_corner(tmp_path):
     board = load_recipe("chessboard")
     squares = board.patches()
     assert (squares[1:] != squares[:-1]).all()
@@ -152,14 +152,14 @@ def test_the_chessboard_covers_the_view_and_opencv_finds_every_corner(tmp_path):
         ({"size_mm": 40.0, "patch_mm": 8.0}, "at least 3 x 3, so at most 5.54 mm"),
     ],
 )
-def test_a_chessboard_of_no_use_is_refused(tmp_path, more, said):
+def test_unusable_chessboard_is_refused(tmp_path, more, said):
     with pytest.raises(InputError, match=said):
         make_pattern(recipe("chessboard", **more), tmp_path / "c.png")
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("law", list(PATTERN_LAWS))
-def test_any_law_carries_dots_but_clear_film(law):
+def test_all_laws_but_film_take_dots(law):
     grid = {"columns": 2, "rows": 3, "pitch_x_mm": 1, "pitch_y_mm": 0.9, "colour": "#00ff00"}
     if law == "transparent":
         with pytest.raises(InputError, match="has no dots: remove them, or use law 'dot-matrix'"):
@@ -177,24 +177,24 @@ def test_any_law_carries_dots_but_clear_film(law):
     ("law", "more", "said"),
     [
         ("octav", {}, "law: no such law; did you mean 'octave'? (got 'octav')"),
-        ("iid", {"r": 0.1}, "r: law 'iid' does not use it: remove it (it uses patch_mm, channels"),
-        ("iid", {"patch_mm": None}, "patch_mm: law 'iid' needs it"),
-        ("chessboard", {"channels": 1}, "channels: law 'chessboard' does not use it: remove it"),
-        ("octave", {"scales_mm": None}, "scales_mm: law 'octave' needs it"),
+        ("iid", {"r": 0.1}, "r: law 'iid' does not use this key: remove it (used: patch_mm"),
+        ("iid", {"patch_mm": None}, "patch_mm: law 'iid' needs this key"),
+        ("chessboard", {"channels": 1}, "channels: law 'chessboard' does not use this key"),
+        ("octave", {"scales_mm": None}, "scales_mm: law 'octave' needs this key"),
         ("octave", {"scales_mm": [0.1] * 7}, "scales_mm: Tuple should have at most 6 items"),
         ("octave", {"scales_mm": [0.1, 0.25]}, "scales_mm: 0.25 mm is 2.5 patches; a whole number"),
         ("octave", {"scales_mm": [0.05, 0.1]}, "scales_mm: 0.05 mm must lie between the patch"),
         ("octave", {"scales_mm": [0.2, 0.1]}, "scales_mm: the scales must rise"),
-        ("octave", {"weights": [1, 1]}, "weights: one weight a scale: 2 for 3 scales"),
+        ("octave", {"weights": [1, 1]}, "weights: one weight per scale: 2 for 3 scales"),
         ("octave", {"weights": [1, 1, 0]}, "weights.2: 0; expected 0.01 <= weights <= 100"),
         ("dot-matrix", {"dots": None}, "dots: law 'dot-matrix' needs"),
-        ("dot-matrix", {"dots": {}}, "dots: white dots cannot be seen"),
+        ("dot-matrix", {"dots": {}}, "dots: white dots are invisible"),
         ("transparent", {"patch_mm": 0.1}, "patch_mm: law 'transparent' has no patches: remove"),
         ("iid", {"dots": {"offset_x_mm": 2.0, "columns": 1, "rows": 1}},
          "dots: the grid covers 0.6 x 0.6 mm about (2, 0) mm and must fit on the printed 4 mm"),
     ],
 )  # fmt: skip
-def test_what_a_law_refuses(law, more, said):
+def test_law_refuses_foreign_keys(law, more, said):
     base = (
         {"law": law, "seed": 5}
         if law not in PATTERN_LAWS

@@ -16,7 +16,7 @@ from deltact_fab.fabricate.patterns.recipe import choose_recipe
 
 
 @pytest.mark.parametrize("r", [0.0, 0.26, 0.6, 0.9999])
-def test_the_law_holds_in_the_file_without_any_tolerance(tmp_path, r):
+def test_law_holds_exactly_in_the_file(tmp_path, r):
     path = tmp_path / "p.png"
     make_pattern(choose_recipe(None, 0.35, r, seed=3), path)
     with Image.open(path) as image:
@@ -33,7 +33,7 @@ def test_the_law_holds_in_the_file_without_any_tolerance(tmp_path, r):
     # 0.04 * 255^2 is 51^2 and must not become 52 by the rounding of a float
     [(0.0, 0), (1e-12, 1), (0.04, 51), (0.25, 128), (0.64, 204), (0.9999999, 255)],
 )
-def test_step_is_the_least_whole_number_of_levels(r, levels):
+def test_step_is_least_number_of_levels(r, levels):
     assert Algorithm1(r).step_levels == levels
 
 
@@ -64,7 +64,7 @@ def row_major(uniforms, r, levels=256):
     ),
     r=st.floats(0, 1, exclude_max=True),
 )
-def test_wavefront_and_row_major_agree_in_every_bit(uniforms, r):
+def test_wavefront_equals_row_major_order(uniforms, r):
     fast = Algorithm1(r).fill(uniforms)
     slow = row_major(uniforms, r)
     assert fast.dtype == slow.dtype
@@ -76,7 +76,7 @@ def test_wavefront_and_row_major_agree_in_every_bit(uniforms, r):
     # Towards 1/4 the tries grow without bound: a first value near 1/2 leaves next to no second one
     [(0.0, 300), (0.1, 700), (0.24, 300)],
 )
-def test_same_law_as_drawing_again_and_again(r, repeats):
+def test_distribution_equals_rejection_sampling(r, repeats):
     """Kolmogorov-Smirnov, two samples, on independent small patterns; 2^16 levels: the continuum.
 
     Patches with no, one and two neighbours, and the differences to every neighbour, which show the
@@ -107,7 +107,7 @@ def test_same_law_as_drawing_again_and_again(r, repeats):
         assert test.pvalue > 0.001, (name, test)
 
 
-def test_the_printed_algorithm_hangs_where_no_second_value_is_far_enough():
+def test_printed_algorithm_can_hang():
     rng, r = np.random.default_rng(5), 0.3
     runs = np.array([Algorithm1(r).fill_by_rejection(rng, 1, 2, 4000) for _ in range(100)])
     s = np.sqrt(r)

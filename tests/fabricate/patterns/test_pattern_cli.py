@@ -76,7 +76,7 @@ def one_line(found, *says):
 @pytest.mark.parametrize(
     ("recipe", "says"), [(WIDE, "reduce columns"), (BOARD, "do not fill the camera's view")]
 )
-def test_a_sheet_refuses_what_the_camera_cannot_use(tmp_path, recipe, says):
+def test_sheet_refuses_dots_outside_view(tmp_path, recipe, says):
     with pytest.raises(InputError, match=says) as why:
         sheet.write_sheet([PLAIN, recipe], tmp_path / "s.pdf", dpi=600)
     assert recipe.law in str(why.value)
@@ -86,7 +86,7 @@ def test_a_sheet_refuses_what_the_camera_cannot_use(tmp_path, recipe, says):
 
 
 @pytest.mark.parametrize("recipe", [WIDE, BOARD])
-def test_a_printed_code_regenerates_whatever_the_camera_sees(run, tmp_path, recipe):
+def test_code_regenerates_for_any_view(run, tmp_path, recipe):
     code, _, err = run("make", encode(recipe), "--dpi", "300", "-o", "p.png", "--json")
     assert (code, err) == (0, "")
     assert json.loads(run("show", encode(recipe), "--json")[1])["law"] == recipe.law
@@ -95,19 +95,19 @@ def test_a_printed_code_regenerates_whatever_the_camera_sees(run, tmp_path, reci
         assert np.array_equal(np.asarray(image), raster(recipe, 300))
 
 
-def test_the_default_resolution_of_a_code_is_one_that_fits(run, tmp_path):
+def test_default_dpi_of_code_fits(run, tmp_path):
     recipe = with_dots(5.0, pitch_x_mm=1.0, pitch_y_mm=1.0, diameter_mm=0.08)
     code, out, err = run("make", encode(recipe), "-o", "p.png", "--json")
     assert (code, err) == (0, "")
     assert json.loads(out)["dpi"] == 1270
 
 
-def test_a_code_with_strange_characters_is_one_line(run):
+def test_strange_characters_give_one_line(run):
     # A Kelvin sign, which is a plain k in lower case
     one_line(run("make", "DELTACT1/\u212a:1/1EF08C35F591-24EABE", "-o", "p.png"), "0-9, A-Z")
 
 
-def test_a_code_of_nested_tables_is_one_line(run):
+def test_nested_tables_give_one_line(run):
     body = "DELTACT1/A:A:B:1"
     check = hashlib.sha256(body.lower().encode()).hexdigest()[:6].upper()
     found = run("make", f"{body}/1EF08C35F591-{check}", "-o", "p.png")
@@ -127,7 +127,7 @@ def test_long_file_names(run, tmp_path, words, suffix):
     assert [p.name for p in tmp_path.iterdir()] == [longest]
 
 
-def test_a_folder_in_the_tables_place_leaves_the_picture_alone(run, tmp_path):
+def test_failed_table_leaves_picture_unchanged(run, tmp_path):
     (tmp_path / "o.dots.csv").mkdir()
     (tmp_path / "o.png").write_bytes(b"old")
     before = sorted(p.name for p in tmp_path.iterdir())
@@ -138,7 +138,7 @@ def test_a_folder_in_the_tables_place_leaves_the_picture_alone(run, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_table_too_long_for_readers_is_left_out(tmp_path):
+def test_long_table_is_not_embedded(tmp_path):
     recipe = with_dots(columns=130, rows=130, pitch_x_mm=0.2, pitch_y_mm=0.16, diameter_mm=0.12)
     made = make_pattern(recipe, tmp_path / "q.png")
     assert made.dots_csv is not None
@@ -149,7 +149,7 @@ def test_a_table_too_long_for_readers_is_left_out(tmp_path):
         assert image.text["dots_sha256"] == made.dots_sha256
 
 
-def test_the_resolutions_that_a_refusal_names_are_possible(tmp_path):
+def test_suggested_resolutions_work(tmp_path):
     recipe = with_dots(20.0, 0.3, diameter_mm=0.2)  # a dot's quarter is finer than a patch
     with pytest.raises(InputError, match="larger than a patch") as why:
         raster(recipe, 50)
@@ -163,11 +163,11 @@ def test_the_resolutions_that_a_refusal_names_are_possible(tmp_path):
         checked_mm_per_px(recipe, most + 1)
 
 
-def test_r_and_the_patches_are_said_exactly(run, tmp_path, monkeypatch):
+def test_r_and_hash_are_printed_exactly(run, tmp_path, monkeypatch):
     r, seen = 0.9999999999999999, []
     recipe = choose_recipe(None, 0.5, r, size_mm=5.0)
-    real = Sheet.words
-    monkeypatch.setattr(Sheet, "words", lambda on, *of: (seen.append(of[2]), real(on, *of))[1])
+    real = Sheet.text_line
+    monkeypatch.setattr(Sheet, "text_line", lambda on, *of: (seen.append(of[2]), real(on, *of))[1])
     sheet.write_sheet([recipe], tmp_path / "s.pdf", dpi=600)
     label = "\n".join(seen)
     digits = hashlib.sha256(recipe.patches().tobytes()).hexdigest()[:12]
@@ -178,17 +178,17 @@ def test_r_and_the_patches_are_said_exactly(run, tmp_path, monkeypatch):
     assert (made["r"], made["patches_sha256"]) == (r, digits)
 
 
-def test_a_large_picture_without_a_recipe_is_one_line(run, tmp_path, monkeypatch):
+def test_large_picture_without_recipe_is_refused(run, tmp_path, monkeypatch):
     """Sheets are beyond the size from which Pillow warns."""
     Image.new("RGB", (40, 4)).save(tmp_path / "f.png")
     make_pattern(load_recipe("transparent"), tmp_path / "p.png", 25.4)
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 100)
-    one_line(run("show", "f.png"), "carries no recipe")
+    one_line(run("show", "f.png"), "contains no recipe")
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 40)
     one_line(run("show", "f.png"), "not a readable image")
 
 
-def test_make_from_d_and_r_with_dots(run, tmp_path):
+def test_make_from_options_with_dots(run, tmp_path):
     line = "-d 0.15 -r 0.1 --size 35 --seed 7 --dots -o out.png --json"
     code, out, err = run("make", *line.split())
     assert (code, err) == (0, "")
@@ -201,7 +201,7 @@ def test_make_from_d_and_r_with_dots(run, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["out.dots.csv", "out.png"]
 
 
-def test_make_a_named_recipe_and_show_it(run):
+def test_make_and_show_named_recipe(run):
     code, out, _ = run("make", "dense", "-o", "x.png")
     assert code == 0
     told = dict(line.split(maxsplit=1) for line in out.splitlines())
@@ -228,6 +228,6 @@ def test_make_a_named_recipe_and_show_it(run):
         ("dense --seed -4 -o p.png", "seed"),
     ],
 )
-def test_bad_input_is_one_line_and_exit_2(run, tmp_path, line, said):
+def test_bad_input_exits_2(run, tmp_path, line, said):
     one_line(run("make", *line.split()), said)
     assert list(tmp_path.iterdir()) == []

@@ -20,12 +20,12 @@ from deltact_fab.fabricate.patterns.quality.figures import (
 )
 from deltact_fab.fabricate.patterns.quality.measure import (
     MAX_DOTS,
-    MAX_PX,
+    MAX_FIELD_PX,
+    contrast_share,
+    driver_image,
     field_px,
-    kept,
     measure_quality,
     photograph,
-    sent,
 )
 from deltact_fab.fabricate.patterns.recipe import (
     PatternRecipe,
@@ -85,7 +85,7 @@ def test_white_noise():
     assert (found.peak, found.peak_mm) == (0, None)
 
 
-def test_the_poorest_subset_is_found():
+def test_poorest_subset_is_reported():
     shade = noise(200, 200)
     shade[60:77, 100:117] = 128
     assert sssig(*gradient(shade))[0] == pytest.approx(0, abs=1e-6)
@@ -94,7 +94,7 @@ def test_the_poorest_subset_is_found():
 
 
 @pytest.mark.parametrize(("d", "r"), [(0.05, 0.6), (0.1, None)])
-def test_the_nearest_copy_of_a_fine_pattern_is_one_diagonal_away(d, r):
+def test_nearest_copy_is_one_diagonal_away(d, r):
     """1.3 to 2.6 camera pixels a patch: its nearest copy, at (d, d), is between two pixels."""
     board = {"law": "chessboard", "seed": 0, "patch_mm": d}
     recipe = validate(PatternRecipe, board, "x") if r is None else dense(d, r)
@@ -103,7 +103,7 @@ def test_the_nearest_copy_of_a_fine_pattern_is_one_diagonal_away(d, r):
     assert found.designed.peak > 0.84
 
 
-def test_agreement_survives_a_part_of_a_pixel_and_no_more():
+def test_agreement_tolerates_subpixel_shifts_only():
     """A smooth field, sampled again 0.375 px away; then one that has nothing in common."""
     i, j = np.mgrid[:128, :128] * 2 * np.pi / 128
 
@@ -118,16 +118,16 @@ def test_agreement_survives_a_part_of_a_pixel_and_no_more():
     assert agreement(np.ones((9, 9)), noise(9, 9)) == 0
 
 
-def test_contrast_that_is_kept_is_the_patterns_own():
+def test_noise_is_not_kept_contrast():
     original = coloured(noise(300, 300))
     rest = np.random.default_rng(9).normal(0, 30, original.shape)
-    assert kept(0.3 * original + rest, original, original) == pytest.approx(0.3, abs=0.02)
-    assert kept(rest, original, original) < 0.03
-    assert kept(original, original, np.ones((5, 5, 3))) is None
+    assert contrast_share(0.3 * original + rest, original, original) == pytest.approx(0.3, abs=0.02)
+    assert contrast_share(rest, original, original) < 0.03
+    assert contrast_share(original, original, np.ones((5, 5, 3))) is None
 
 
 @pytest.mark.slow
-def test_fine_patches_lose_their_contrast_on_the_way():
+def test_fine_patches_lose_contrast():
     """d = 0.05 at 1200 dpi is 2.4 printer dots and 1.3 camera pixels a patch."""
     by_d = {d: measure_quality(dense(d, 0.3), view_mm=VIEW_MM) for d in (0.05, 0.1, 0.15)}
     fine, coarse = by_d[0.05], by_d[0.15]
@@ -143,14 +143,14 @@ def test_fine_patches_lose_their_contrast_on_the_way():
     assert fine.photographed.contrast[0] < 0.25 * fine.designed.contrast[0]
 
 
-def test_the_photograph_shows_the_dots_where_they_are():
+def test_photograph_keeps_dot_positions():
     """Centroids of 169 dots, printed and photographed without noise, against their places."""
     recipe = load_recipe("dots")
     printer = Printer(misregistration_um=0.0)
     sensor = ImageSensor(shading=0.0, full_well_electrons=1e9, read_noise_electrons=0.0)
     size_px, mm_per_px = (586, 798), 0.0378
     rng = np.random.default_rng(0)
-    image = sent(recipe, printer.dpi, (size_px[1] * mm_per_px, size_px[0] * mm_per_px))
+    image = driver_image(recipe, printer.dpi, (size_px[1] * mm_per_px, size_px[0] * mm_per_px))
     printed = print_colours(printer, image.astype(np.float32) / 255, rng)
     ink = 255 - grey_levels(
         photograph(printed, printer.mm_per_dot, sensor, mm_per_px, size_px, rng)
@@ -165,7 +165,7 @@ def test_the_photograph_shows_the_dots_where_they_are():
         assert (rows * part).sum() / part.sum() == pytest.approx(y_px, abs=0.1)
 
 
-def test_extremes_are_measured_and_not_refused():
+def test_extreme_patterns_are_measured():
     tiny = measure_quality(choose_recipe(None, 0.02, 0.1, size_mm=6.0))  # below a printer dot
     assert tiny.dots_a_patch < 1
     assert not tiny.printable
@@ -176,7 +176,7 @@ def test_extremes_are_measured_and_not_refused():
     assert film.photographed.contrast[0] < 2
 
 
-def test_the_field_is_the_view_as_far_as_memory_goes():
+def test_field_is_limited_by_memory():
     recipe = dense(0.1, 0.1)
     assert field_px(recipe, 25.4 / 1200, 0.0378, None) == (586, 798)
     rows, columns = field_px(recipe, 25.4 / 9600, 0.0378, None)
@@ -184,7 +184,7 @@ def test_the_field_is_the_view_as_far_as_memory_goes():
     assert 0.9 * MAX_DOTS < dots <= MAX_DOTS
     assert columns / rows == pytest.approx(798 / 586, rel=0.01)
     rows, columns = field_px(recipe, 25.4 / 1200, 0.005, None)
-    assert 0.9 * MAX_PX < rows * columns <= MAX_PX
+    assert 0.9 * MAX_FIELD_PX < rows * columns <= MAX_FIELD_PX
     assert field_px(recipe, 25.4 / 1200, 0.0378, (100.0, 5.0)) == (132, 925)  # 35 mm wide
 
 
@@ -194,10 +194,10 @@ def test_the_field_is_the_view_as_far_as_memory_goes():
         ({"mm_per_px": math.nan}, "mm_per_px nan and dpi 1200 must be above 0"),
         ({"printer": Printer(dpi=0)}, "dpi 0 must be above 0"),
         ({"seed": -1}, "seed -1 0 or above"),
-        ({"mm_per_px": 0.5}, "field is 60 x 44 px of 0.5 mm, .*; at least 64 px a side"),
-        ({"printer": Printer(dpi=10**8)}, "field is 0 x 0 px .* dots of 100000000 dpi"),
+        ({"mm_per_px": 0.5}, "field is 60 x 44 px of 0.5 mm .* at least 64 px per side"),
+        ({"printer": Printer(dpi=10**8)}, "field is 0 x 0 px .* million dots at 100000000 dpi"),
     ],
 )
-def test_bad_scales_are_one_line(more, said):
+def test_bad_scales_give_one_line(more, said):
     with pytest.raises(InputError, match=said):
         measure_quality(dense(0.15, 0.1), **more)

@@ -49,7 +49,7 @@ def test_physical_size(tmp_path, dpi):
     assert abs(physical_mm(made.image) - 9.0) <= half_dot_mm + rounding_mm
 
 
-def test_the_papers_pattern_is_34_95_mm_and_1200_dpi_is_exact(tmp_path):
+def test_papers_pattern_is_exact_in_dots(tmp_path):
     made = make_pattern(load_recipe("dense"), tmp_path / "d.png")
     assert (made.side_px, made.as_dict()["size_mm"]) == (466, 34.95)
     assert abs(physical_mm(made.image) - 34.95) < 0.001
@@ -72,7 +72,7 @@ def test_no_edge_drifts(patch_mm, dpi):
     assert np.abs(found_mm - true_mm).max() <= mm_per_px / 2 + 1e-9
 
 
-def test_row_0_column_0_is_the_corner_at_minus_x_minus_y():
+def test_first_pixel_is_minus_x_y():
     seen = pattern_albedo(PLAIN, 0.15)
     assert seen.shape == (60, 60, 3)
     assert np.allclose(seen * 255, PLAIN.patches(), atol=1e-4)
@@ -87,7 +87,7 @@ def test_row_0_column_0_is_the_corner_at_minus_x_minus_y():
     assert np.abs(y_mm).max() <= 0.3
 
 
-def test_dots_that_leave_the_view_are_refused(tmp_path):
+def test_dots_outside_view_are_refused(tmp_path):
     view_mm = SensorDimensions().optics.view_mm
     for inside in ({}, {"pitch_x_mm": 2.46}, {"pitch_y_mm": 1.79}, {"offset_x_mm": 1.58}):
         check_inside(DotGrid(**inside), view_mm)
@@ -118,7 +118,7 @@ SET_OFF = {
 
 
 @pytest.mark.parametrize("dpi", [600, 1437.7])
-def test_the_table_in_the_image_says_where_every_dot_is(tmp_path, dpi):
+def test_png_contains_dot_positions(tmp_path, dpi):
     """Centres in px and mm, against the centroids of its black pixels and the table beside it."""
     plain = {"law": "dot-matrix", "seed": 0, "size_mm": 12.0, "dots": SET_OFF}
     made = make_pattern(validate(PatternRecipe, plain, "x"), tmp_path / "q.png", dpi)
@@ -140,7 +140,7 @@ def test_the_table_in_the_image_says_where_every_dot_is(tmp_path, dpi):
         assert len(own) == pytest.approx(np.pi * (0.25 / mm_per_px) ** 2, rel=0.04)
 
 
-def test_equal_recipe_gives_equal_bytes_and_the_recipe_comes_back(tmp_path):
+def test_equal_recipes_give_equal_bytes(tmp_path):
     one, two = (make_pattern(MARKED, tmp_path / f"{name}.png") for name in "ab")
     assert one.image.read_bytes() == two.image.read_bytes()
     assert one.image_sha256 == hashlib.sha256(one.image.read_bytes()).hexdigest()
@@ -165,7 +165,7 @@ def test_albedo_is_exact_by_area():
     assert coarse.max() <= 1
 
 
-def test_albedo_beyond_the_sticker_is_white():
+def test_albedo_outside_sticker_is_white():
     recipe = load_recipe("dots")
     seen = pattern_albedo(recipe, 0.1, (400, 380))
     assert np.allclose(seen[0, 0], 1)
@@ -177,7 +177,7 @@ def test_albedo_beyond_the_sticker_is_white():
         pattern_albedo(recipe, 0.0)
 
 
-def test_centres_are_row_by_row_about_the_offset():
+def test_centres_are_ordered_by_row():
     found = DotGrid(columns=3, rows=2, offset_x_mm=0.5, offset_y_mm=-0.1).centres_mm()
     rows = [[-1.7, y, 0.5, y, 2.7, y] for y in (-0.9, 0.7)]
     assert found == pytest.approx(np.array(rows).reshape(6, 2))

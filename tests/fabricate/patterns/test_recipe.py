@@ -11,7 +11,7 @@ from deltact_fab.fabricate.patterns.recipe import PatternRecipe, choose_recipe, 
 GOOD = {"law": "algorithm1", "seed": 1, "patch_mm": 0.1, "r": 0.2}
 
 
-def test_shipped_recipes_load_and_one_is_the_papers():
+def test_shipped_recipes_include_the_papers():
     recipes = {name: load_recipe(name) for name in catalog.catalogue_names("patterns")}
     assert {"dense", "dense-with-dots", "dots", "transparent"} <= set(recipes)
     dense = recipes["dense"]
@@ -29,7 +29,7 @@ def test_shipped_recipes_load_and_one_is_the_papers():
         ({"r": float("nan")}, "p.toml: r: "),
         ({"patch_mm": 0.0}, "p.toml: patch_mm: 0.0; expected 0 < patch_mm <= 300"),
         ({"patch_mm": 36.0}, "p.toml: patch_mm: the patch size d must be at most the side, 35 mm"),
-        ({"patch_mm": 0.001}, "p.toml: patch_mm: makes 3.5e+04 patches a side; at most 2000"),
+        ({"patch_mm": 0.001}, "p.toml: patch_mm: makes 3.5e+04 patches per side; at most 2000"),
         ({"size_mm": float("nan")}, "p.toml: size_mm: nan; expected 1 <= size_mm <= 300"),
         ({"seed": 1.5}, "p.toml: seed: "),
         ({"sede": 1}, "p.toml: sede: unknown key; did you mean 'seed'?"),
@@ -42,7 +42,7 @@ def test_shipped_recipes_load_and_one_is_the_papers():
         ),
     ],
 )
-def test_a_bad_recipe_is_one_line_with_file_and_key(change, said):
+def test_bad_recipe_names_file_and_key(change, said):
     with pytest.raises(InputError) as caught:
         validate(PatternRecipe, GOOD | change, "p.toml")
     assert str(caught.value).startswith(said)

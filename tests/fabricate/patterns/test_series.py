@@ -61,12 +61,12 @@ def test_the_papers_17_patterns():
         assert entry.recipe.dots is not None
         assert entry.recipe.dots.columns * entry.recipe.dots.rows == 169
     assert found[0.075, 0.6].name == "d0p075-r0p6"
-    said = {e.name: e.paper_says for e in series.list_series(with_dots=False) if e.paper_says}
+    said = {e.name: e.paper_text for e in series.list_series(with_dots=False) if e.paper_text}
     about = dict.fromkeys(("d0p05-r0p4", "d0p05-r0p5", "d0p05-r0p6"), "about 0.5 mm")
     assert said == {"d0p1-r0p5": "0.11 mm", "d0p075-r0p6": "0.08 mm"} | about
 
 
-def test_what_is_in_the_folder(written, entries):
+def test_folder_contents(written, entries):
     found = set(contents(written.out))
     assert found == {
         "recipes/d0p1-r0p5.toml",
@@ -91,7 +91,7 @@ def test_what_is_in_the_folder(written, entries):
         assert decode_recipe(row["code"]) == entry.recipe
 
 
-def test_the_figures_are_the_patterns_own_without_dots(written, entries):
+def test_figures_are_measured_without_dots(written, entries):
     data = json.loads((written.out / "quality.json").read_bytes())
     assert data == written.figures
     for entry, row in zip(entries, data["patterns"], strict=True):
@@ -103,7 +103,7 @@ def test_the_figures_are_the_patterns_own_without_dots(written, entries):
                 assert row["quality"][side][key] == pytest.approx(value, rel=1e-8), key
 
 
-def test_every_command_takes_its_recipes(written, entries):
+def test_commands_accept_its_recipes(written, entries):
     for entry in entries:
         file = written.out / "recipes" / f"{entry.name}.toml"
         assert load_recipe(str(file)) == entry.recipe
@@ -112,15 +112,15 @@ def test_every_command_takes_its_recipes(written, entries):
     assert "0.11 mm" in text
 
 
-def test_the_same_again_in_the_same_bytes_and_never_over_another(written, entries, tmp_path):
+def test_series_is_reproducible_never_overwritten(written, entries, tmp_path):
     (tmp_path / "again").mkdir()  # empty
     again = series.write_series(tmp_path / "again", seed=3, entries=entries)
     assert contents(again.out) == contents(written.out)
-    with pytest.raises(InputError, match="again: is there already; name a new folder"):
+    with pytest.raises(InputError, match="again: exists already; name a new folder"):
         series.write_series(again.out, seed=3, entries=entries)
 
 
-def test_a_page_that_fails_leaves_nothing(entries, tmp_path):
+def test_failing_page_leaves_nothing(entries, tmp_path):
     def broken(folder: Path) -> None:
         assert (folder / "quality.json").is_file()
         raise KeyboardInterrupt("no page")
@@ -130,9 +130,9 @@ def test_a_page_that_fails_leaves_nothing(entries, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_place_that_cannot_be_used_is_refused_before_the_long_part(entries, tmp_path):
+def test_unusable_folder_is_refused_early(entries, tmp_path):
     (tmp_path / "file").write_text("")
-    for place, said in (("file", "is there already"), ("file/below", "cannot be made"),
+    for place, said in (("file", "exists already"), ("file/below", "cannot be made"),
                         ("n" * 300, "cannot be made: File name too long")):  # fmt: skip
         with pytest.raises(InputError, match=said):
             series.write_series(tmp_path / place, entries=entries, progress=pytest.fail)
@@ -142,7 +142,7 @@ def test_a_place_that_cannot_be_used_is_refused_before_the_long_part(entries, tm
 @pytest.mark.parametrize(
     ("change", "said"), [({"paper": "A44"}, "paper"), ({"dpi": 90}, "dpi"), ({"dpi": 200}, "dpi")]
 )
-def test_what_cannot_be_printed_is_refused_before_the_long_part(entries, tmp_path, change, said):
+def test_unprintable_sheet_is_refused_early(entries, tmp_path, change, said):
     with pytest.raises(InputError, match=said):
         series.write_series(tmp_path / "s", entries=entries, **change)
     assert not (tmp_path / "s").exists()

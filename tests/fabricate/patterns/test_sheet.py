@@ -79,7 +79,7 @@ def crop(page, sticker, dpi, scale=(1.0, 1.0)):
 
 @pytest.mark.parametrize("recipe", [PLAIN, MARKED])
 @pytest.mark.parametrize("dpi", [600, 1439.5])
-def test_bands_are_the_raster_bit_for_bit(recipe, dpi):
+def test_bands_equal_the_raster(recipe, dpi):
     whole = raster(recipe, dpi)
     assert np.array_equal(np.concatenate(list(picture(recipe, dpi).bands())), whole)
     turned = np.concatenate(list(picture(recipe, dpi, mirrored=True).bands()))
@@ -87,7 +87,7 @@ def test_bands_are_the_raster_bit_for_bit(recipe, dpi):
 
 
 @pytest.mark.parametrize("transfer", ["face-down", "slide"])
-def test_the_camera_sees_the_recipe_as_designed(tmp_path, transfer):
+def test_camera_sees_designed_recipe(tmp_path, transfer):
     """The film is laid on the gel by a rotation, and the camera looks at it from inside."""
     dpi = 600
     made = sheet.write_sheet([MARKED], tmp_path / "s.pdf", dpi=dpi, transfer=transfer, paper="A5")
@@ -121,7 +121,7 @@ def test_the_camera_sees_the_recipe_as_designed(tmp_path, transfer):
     assert not letter[:, -w // 8 :].all()
 
 
-def test_a_scale_stretches_the_sticker_and_the_rulers(tmp_path):
+def test_scale_stretches_sticker_and_rulers(tmp_path):
     dpi, scale = 300, (1.02, 0.97)
     made = sheet.write_sheet([PLAIN], tmp_path / "s.pdf", dpi=dpi, paper="A4", scale=scale)
     page = page_image(made.out, dpi)
@@ -142,12 +142,12 @@ def longest(line):
     return int(np.diff(edges)[::2].max(initial=0))
 
 
-def test_nothing_is_drawn_over_anything_else(tmp_path, monkeypatch):
+def test_marks_do_not_overlap(tmp_path, monkeypatch):
     """Words, codes, stickers and marks of a crowded page, by their boxes."""
     boxes, dpi = [], 400
-    real = Sheet.words, Sheet.rectangle, Sheet.picture
+    real = Sheet.text_line, Sheet.rectangle, Sheet.picture
 
-    def words(on, x_mm, y_mm, text, size_pt=layout.TEXT_PT):
+    def text_line(on, x_mm, y_mm, text, size_pt=layout.TEXT_PT):
         x, y, high = on.x_px(x_mm), on.y_px(y_mm), size_pt * dpi / 72
         wide = width_mm(text, size_pt) * dpi / 25.4
         boxes.append((x, y - 0.72 * high, x + wide, y, "words"))
@@ -161,7 +161,7 @@ def test_nothing_is_drawn_over_anything_else(tmp_path, monkeypatch):
         boxes.append((x, y, x + shown.width_px, y + shown.height_px, "picture"))
         return real[2](on, x, y, shown, number)
 
-    for mark in (words, rectangle, picture):
+    for mark in (text_line, rectangle, picture):
         monkeypatch.setattr(Sheet, mark.__name__, mark)
     recipes = [PLAIN, MARKED, load_recipe("dense"), choose_recipe(None, 1.0, 0.1, 1.0)]
     assert (
@@ -198,21 +198,21 @@ D = choose_recipe
         (
             D(None, 0.02, 0.1, 20.0),
             {},
-            "larger than a patch (0.02 mm), and cannot show it; use 1270",
+            "larger than a patch (0.02 mm); use 1270",
         ),
         (load_recipe("dots"), {"dpi": 100}, "a quarter of a marker dot"),
         (D(None, 1, 0.1, 300.0), {"dpi": 600}, "do not fit on the paper"),
         (PLAIN, {"scale": (1.2, 1.0)}, "scale x: 1.2 must be 0.9 to 1.1"),
-        (PLAIN, {"dpi": math.nan}, "dpi: nan; a printer has 100 to 9600"),
+        (PLAIN, {"dpi": math.nan}, "dpi: nan; expected 100 to 9600"),
         (load_recipe("dots"), {"dpi": 9600}, "use at most 7950 dpi"),
         (PLAIN, {"paper": "A44"}, "did you mean 'A4'?"),
         (PLAIN, {"transfer": "facedown"}, "did you mean 'face-down'?"),
         (PLAIN, {"copies": 3000}, "at most 2000"),
-        (PLAIN, {"out": "s.png"}, "a sheet is a PDF: end the name in .pdf"),
+        (PLAIN, {"out": "s.png"}, "expected a name that ends in .pdf"),
         (PLAIN, {"out": "no/s.pdf"}, "No such file"),
     ],
 )
-def test_what_cannot_be_printed_is_one_line_and_no_file(tmp_path, recipe, options, says):
+def test_unprintable_sheet_writes_no_file(tmp_path, recipe, options, says):
     options = dict(options)
     out = tmp_path / options.pop("out", "s.pdf")
     with pytest.raises(InputError, match=re.escape(says)) as why:
@@ -234,7 +234,7 @@ def test_fonts_are_embedded(tmp_path):
     assert "Print at 100 % (actual size, no fitting)" in said.stdout
 
 
-def test_every_sticker_has_the_film_that_the_bill_says(tmp_path):
+def test_film_size_matches_the_bill(tmp_path):
     """Pieces of film are cut from the sheet as they are, so they must not overlap on it."""
     from deltact_fab.fabricate.cad.design import load_design
     from deltact_fab.fabricate.cad.fabrication import bom
@@ -254,7 +254,7 @@ def test_every_sticker_has_the_film_that_the_bill_says(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_large_sticker_is_never_held_whole(tmp_path):
+def test_large_sticker_is_streamed(tmp_path):
     tracemalloc.start()
     sheet.write_sheet([D(None, 0.1, 0.6, 60.0)], tmp_path / "s.pdf", dpi=2400)
     peak = tracemalloc.get_traced_memory()[1]
@@ -262,7 +262,7 @@ def test_a_large_sticker_is_never_held_whole(tmp_path):
     assert peak < 60e6  # the raster alone is 96 MB
 
 
-def test_widths_are_helveticas():
+def test_text_widths_match_helvetica():
     matplotlib = pytest.importorskip("matplotlib", reason="brings the font metrics compared with")
     file = Path(matplotlib.get_data_path(), "fonts/pdfcorefonts/Helvetica.afm")
     found = dict(re.findall(r"C (\d+) ; WX (\d+)", file.read_text(encoding="latin-1")))

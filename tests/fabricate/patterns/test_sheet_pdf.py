@@ -20,7 +20,7 @@ from deltact_fab.fabricate.patterns.recipe import (
     load_recipe,
 )
 from deltact_fab.fabricate.patterns.sheet import job as sheet
-from deltact_fab.fabricate.patterns.sheet.page_marks import COLOURS
+from deltact_fab.fabricate.patterns.sheet.page_marks import INK_PATCHES
 
 needs_poppler = pytest.mark.skipif(
     shutil.which("pdftoppm") is None, reason="pdftoppm (poppler-utils) is not installed"
@@ -92,7 +92,7 @@ def rendered(pdf, dpi, sticker=None, pad=0, scale=(1.0, 1.0)):
 
 
 @pytest.mark.parametrize(("dpi", "transfer"), [(1200, "slide"), (2400, "face-down")])
-def test_the_matrix_is_exact_to_a_micrometre(tmp_path, dpi, transfer):
+def test_matrix_is_exact_to_a_micrometre(tmp_path, dpi, transfer):
     made = sheet.write_sheet(
         [FINE, COARSE], tmp_path / "s.pdf", dpi=dpi, transfer=transfer, copies=2
     )
@@ -121,7 +121,7 @@ def test_the_matrix_is_exact_to_a_micrometre(tmp_path, dpi, transfer):
         assert "/FlateDecode" in head
 
 
-def test_the_page_is_whole_dots_and_within_half_a_dot_of_the_paper(tmp_path):
+def test_page_is_whole_dots(tmp_path):
     for paper, size_mm in (("A4", (210, 297)), ("letter", (215.9, 279.4))):
         made = sheet.write_sheet([COARSE], tmp_path / "s.pdf", paper=paper)
         for side_mm, want_mm in zip(media_mm(made.out.read_bytes()), size_mm, strict=True):
@@ -169,7 +169,7 @@ def test_every_patch_centre_is_exact(tmp_path, d, dpi, transfer):
 
 @needs_poppler
 @pytest.mark.parametrize(("dpi", "transfer"), [(300, "face-down"), (600, "slide")])
-def test_the_codes_are_read_from_the_page(tmp_path, dpi, transfer):
+def test_codes_are_readable_on_page(tmp_path, dpi, transfer):
     octave = validate(
         PatternRecipe,
         {"law": "octave", "seed": 5, "size_mm": 20.0, "patch_mm": 0.1, "scales_mm": [0.1, 0.4]},
@@ -191,11 +191,11 @@ def test_the_codes_are_read_from_the_page(tmp_path, dpi, transfer):
 
 
 @needs_poppler
-def test_rulers_and_colours_are_on_the_page(tmp_path):
+def test_page_has_rulers_and_colours(tmp_path):
     made = sheet.write_sheet([COARSE], tmp_path / "s.pdf", dpi=600, paper="A5")
     page = rendered(made.out, 600)
     seen = {tuple(c) for c in np.unique(page[::9, ::9].reshape(-1, 3), axis=0)}
-    for _, ink in COLOURS:
+    for _, ink in INK_PATCHES:
         assert (ink if isinstance(ink, tuple) else (ink,) * 3) in seen
     dark = page.max(axis=2) < 128
     for lines in (dark, dark.T):
@@ -212,7 +212,7 @@ def test_rulers_and_colours_are_on_the_page(tmp_path):
 
 
 @pytest.mark.parametrize("scale", [(1.0, 1.0), (1.013, 0.991)])
-def test_the_files_side_is_the_one_that_is_reported(tmp_path, scale):
+def test_reported_side_is_the_files(tmp_path, scale):
     """Against the page's matrix; a raster is whole printer dots, not n d."""
     recipes = [choose_recipe(None, d, 0.6) for d in (0.05, 0.075, 0.2)]
     made = sheet.write_sheet(recipes, tmp_path / "s.pdf", scale=scale)

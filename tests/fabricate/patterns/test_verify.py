@@ -53,61 +53,61 @@ def sound(tmp_path_factory):
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_fault_fails_its_own_row_and_no_other(tmp_path, fault):
+def test_fault_fails_only_its_row(tmp_path, fault):
     how, fails = FAULTS[fault]
     scan = spoiled.save(spoiled.print_of(SHEET, **how), tmp_path / "scan.png", DPI)
     done = verify_print(scan, RECIPE)
     assert {row.name for row in done.rows if row.failed} == fails
     x, y = how.get("scale", (1.0, 1.0))
-    assert done.found.scale == pytest.approx((x, y), abs=1e-3)
-    assert done.found.shear == pytest.approx(how.get("shear", 0.0), abs=1e-3)
+    assert done.measured.scale == pytest.approx((x, y), abs=1e-3)
+    assert done.measured.shear == pytest.approx(how.get("shear", 0.0), abs=1e-3)
     turn = how.get("turn_deg", 0.0)
-    assert (done.found.turned_deg - turn + 180) % 360 - 180 == pytest.approx(0, abs=0.1)
+    assert (done.measured.turned_deg - turn + 180) % 360 - 180 == pytest.approx(0, abs=0.1)
 
 
-def test_where_ink_lacks_and_how_far_inks_are_apart_is_told(tmp_path):
+def test_gaps_and_misregistration_are_measured(tmp_path):
     image = spoiled.print_of(SHEET, streaks=(slice(230, 252),))
     done = verify_print(spoiled.save(image, tmp_path / "a.png", DPI), RECIPE)
     there_mm = (241 - 120) * 25.4 / DPI - 6.0
-    assert {round(y - there_mm) for _, y in done.found.gaps_mm} <= {-1, 0, 1}
-    assert len({x for x, _ in done.found.gaps_mm}) > 5
+    assert {round(y - there_mm) for _, y in done.measured.gaps_mm} <= {-1, 0, 1}
+    assert len({x for x, _ in done.measured.gaps_mm}) > 5
     image = spoiled.print_of(SHEET, inks_px=((3.0, 0.0), (0.0, -3.0), (0.0, 0.0)))
     done = verify_print(spoiled.save(image, tmp_path / "b.png", DPI), RECIPE)
     pitch_um = 25400 / DPI
     exact = np.array([[2, 1], [-1, -2], [-1, 1]]) * pitch_um
-    assert np.array(done.found.ink_um) == pytest.approx(exact, abs=0.15 * pitch_um)
+    assert np.array(done.measured.ink_um) == pytest.approx(exact, abs=0.15 * pitch_um)
 
 
-def test_a_hand_held_photograph_is_judged_but_for_its_scale(tmp_path):
+def test_photograph_is_judged_without_scale(tmp_path):
     scan = spoiled.print_of(SHEET)
     photo = spoiled.photograph_of(scan, ((60, 40), (620, 90), (590, 600), (20, 550)))
     done = verify_print(spoiled.save(photo, tmp_path / "photo.jpg"), RECIPE)
     assert done.passed
-    assert done.found.scale is None
-    with pytest.raises(InputError, match="has no scale: use a flatbed scan with its dpi"):
+    assert done.measured.scale is None
+    with pytest.raises(InputError, match="no scale: use a flatbed scan with a dpi"):
         done.printer()
 
 
-def test_a_jpeg_of_halved_colours_says_what_it_cannot_tell(sound):
+def test_halved_jpeg_skips_contrast_rows(sound):
     done = verify_print(sound[1], RECIPE)
     assert done.passed
     assert "contrast and inks" in [row.name for row in done.rows]
-    with pytest.raises(InputError, match="scan it as PNG or TIFF"):
+    with pytest.raises(InputError, match="scan as PNG or TIFF"):
         done.printer()
 
 
-def test_a_sheet_that_was_stretched_already_keeps_its_stretch(sound):
+def test_scaled_sheet_keeps_its_scale(sound):
     known = verify_print(sound[0], RECIPE, scaled=(1.004, 0.998)).printer()
     assert (known.scale_x, known.scale_y) == pytest.approx((1.004, 0.998), abs=1e-3)
 
 
-def test_another_recipe_is_told(sound):
+def test_other_recipe_is_not_located(sound):
     (row,) = verify_print(sound[1], RECIPE.model_copy(update={"seed": 4})).rows
     assert row.failed
-    assert row.value == "not this recipe's pattern"
+    assert row.value == "pattern not located; does the file have a dpi? give --dpi"
 
 
-def test_what_is_no_scan_is_one_line(tmp_path):
+def test_bad_scan_gives_one_line(tmp_path):
     (tmp_path / "a.png").write_text("no image")
     with pytest.raises(InputError, match=r"a\.png: not a readable image"):
         verify_print(tmp_path / "a.png", RECIPE)
@@ -122,7 +122,7 @@ def test_what_is_no_scan_is_one_line(tmp_path):
     assert not verify_print(blank, RECIPE).passed
 
 
-def test_the_next_sheet_and_the_quality_are_this_printer_s(tmp_path):
+def test_printer_file_sets_sheet_and_quality(tmp_path):
     """On the command line: a print that is too large gives a sheet that is smaller."""
     recipe = RECIPE.model_copy(update={"size_mm": 20.0})
     image = spoiled.print_of(sheet_of(recipe), scale=(1.003, 1.001), blur_px=0.8)
@@ -151,7 +151,7 @@ def test_the_next_sheet_and_the_quality_are_this_printer_s(tmp_path):
         ("scale_z = 1", "p.toml: scale_z: unknown key; did you mean 'scale_y'?"),
     ],
 )
-def test_a_printer_that_is_none_is_one_line(tmp_path, text, says):
+def test_bad_printer_file_gives_one_line(tmp_path, text, says):
     (tmp_path / "p.toml").write_text(text)
     with pytest.raises(InputError, match=says):
         load_printer(tmp_path / "p.toml")
@@ -162,7 +162,7 @@ def test_a_printer_that_is_none_is_one_line(tmp_path, text, says):
 @pytest.mark.parametrize(
     "name", ["dense-with-dots", pytest.param("octave", marks=pytest.mark.evidence)]
 )
-def test_a_whole_sheet_as_another_program_draws_it(tmp_path, name):
+def test_sheet_rendered_by_another_program(tmp_path, name):
     called("pattern", "sheet", name, "-o", "sheet.pdf", cwd=tmp_path)
     part = ["-x", "700", "-y", "2000", "-W", "2800", "-H", "2800"]
     command = ["pdftoppm", "-r", "1200", *part, "-png", "-singlefile", "sheet.pdf", "page"]
@@ -173,7 +173,7 @@ def test_a_whole_sheet_as_another_program_draws_it(tmp_path, name):
     path = spoiled.save(scan, tmp_path / "scan.png", 1200)
     done = verify_print(path, load_recipe(name))
     assert {row.name for row in done.rows if row.failed} == {"scale, x", "scale, y"}
-    assert done.found.scale == pytest.approx((1.004, 0.997), abs=1e-3)
+    assert done.measured.scale == pytest.approx((1.004, 0.997), abs=1e-3)
     other = load_recipe(name).model_copy(update={"seed": 99})
     (row,) = verify_print(path, other).rows
     assert row.failed

@@ -45,7 +45,7 @@ def test_every_picture_is_drawn_and_the_model_turns(
     tab = opened(pages("guide").as_uri(), 1100)
     exploded, bench, wiring, casting = 1, 1, 1, 20
     pattern = 1 + 4  # and a good and a spoiled print and sensor
-    steps = casting + len(guide.STEPS)
+    steps = casting + len(guide.ASSEMBLY_STEPS)
     assert len(tab.evaluate(IMAGES)) == (
         exploded + len(list_parts()) + steps + bench + wiring + pattern
     )

@@ -35,7 +35,7 @@ DRAWN = Pictures(
     SVG,
     {part.name: SVG for part in list_parts()},
     '<p>turn "it"</p></iframe>',
-    dict.fromkeys(guide.STEPS, SVG),
+    dict.fromkeys(guide.ASSEMBLY_STEPS, SVG),
     {"cover": "26.1 mm2 from 1.6 mm up, unsupported"},
 )
 
@@ -67,7 +67,7 @@ def test_it_fetches_nothing_and_its_anchors_lead_somewhere(tmp_path: Path) -> No
     assert beside == set()
     assert {link[1:] for link in seen.links if link.startswith("#")} <= set(seen.ids)
     # The exploded view, the bench, the wiring, and the pattern with good and spoiled ones.
-    assert seen.tags.count("img") == 8 + len(list_parts()) + len(guide.STEPS)
+    assert seen.tags.count("img") == 8 + len(list_parts()) + len(guide.ASSEMBLY_STEPS)
     assert seen.tags.count("iframe") == 1
     again = write_guide(load_design(), tmp_path / "again.html", examples=pairs, pictures=DRAWN)
     assert again.read_bytes() == file.read_bytes()
@@ -161,7 +161,7 @@ def test_every_step_brings_together_parts_of_the_sensor_that_stay_together() -> 
     """What a step has brought together, a later one moves as one."""
     sensor = {part.name for part in list_parts() if part.group == "sensor"}
     joined = [{"skin", "acrylic", "skin-frame"}]  # by the casting
-    for layers in guide.STEPS.values():
+    for layers in guide.ASSEMBLY_STEPS.values():
         for layer in layers:
             for group in joined:
                 assert group <= set(layer) or not group & set(layer)

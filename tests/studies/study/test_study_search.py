@@ -69,7 +69,7 @@ def test_candidates_can_be_printed_and_seen(dpi: int, mm_per_px: float) -> None:
             assert (
                 MIN_DOTS * mm_per_dot <= recipe.patch_mm * (1 + 1e-9) <= 1.01 * MAX_PX * mm_per_px
             )
-            checked_mm_per_px(recipe, dpi, whole=False)
+            checked_mm_per_px(recipe, dpi, full_sticker=False)
         assert recipe.dots is None
 
 

@@ -1,3 +1,1 @@
-"""Drawings and pictures by hidden-line removal: drawing.py makes a sheet, picture.py the guide's
-pictures; the rest lays out dimensions, says what is dimensioned on each part, and projects.
-"""
+"""Drawings (drawing.py) and the guide's pictures (picture.py) by hidden-line removal."""

@@ -1,7 +1,7 @@
-"""What a drawing is made of, as data: what part and lab say of it, and what is around its views.
+"""Data of a drawing: callouts of the part, title block of the lab, items around the views.
 
-Views: `front` looks along +y, `top` along -z, `left` along +x; a part whose drawing is `flipped` is
-turned half about x first, so that its back or its tips are seen from above.
+Views: `front` looks along +y, `top` along -z, `left` along +x. With `flipped` the part is first
+turned by 180 degrees about x, so that its back or its tips are seen from above.
 """
 
 from __future__ import annotations
@@ -14,47 +14,45 @@ from typing import Any, Literal
 from deltact_fab.common import Point
 from deltact_fab.sensor import Bounded, ShapeError
 
-Side = Literal["left", "right", "top", "bottom"]
-LONGEST = 60  # characters of a line of the title block
+PaperSide = Literal["left", "right", "top", "bottom"]
+MAX_TITLE_CHARS = 60  # of one cell, by hand: more text would become unreadably small
 
 
-def shown(value_mm: float) -> str:
-    """A length as it is printed: hundredths, no trailing zeros."""
+def fmt(value_mm: float) -> str:
+    """Format a number in hundredths, without trailing zeros."""
     return f"{round(value_mm, 2) + 0.0:.2f}".rstrip("0").rstrip(".")
 
 
 def toleranced(value_mm: float, off_mm: float = 0.0) -> str:
-    """A length with what it may be off (ISO 129-1), `3 ±0.1`; 0: the general tolerance holds."""
-    return shown(value_mm) + (f" ±{shown(off_mm)}" if off_mm else "")
+    """Format a length with its limits (ISO 129-1), `3 ±0.1`; 0: the general tolerance."""
+    return fmt(value_mm) + (f" ±{fmt(off_mm)}" if off_mm else "")
 
 
 @dataclass(frozen=True)
 class Linear:
-    """A distance between two points of the part, along the paper's horizontal (top, bottom) or
-    vertical, and what is printed of it.
-    """
+    """A placed dimension between two points, horizontal (side top, bottom) or vertical."""
 
     view: str
     a: Point
     b: Point
-    side: Side
-    words: str
+    side: PaperSide
+    text: str
 
 
 @dataclass(frozen=True)
 class Leader:
-    """A label and an arrow to a circle of radius_mm about a point, or to the point itself (0)."""
+    """A label with an arrow to a circle of radius_mm about a point, or to the point (0)."""
 
     view: str
-    at: Point
+    point: Point
     radius_mm: float
-    words: str
+    text: str
     side: Literal["left", "right"] = "right"
 
 
 @dataclass(frozen=True)
 class CentreLine:
-    """A centre line between two points, drawn beyond_mm beyond both on the paper."""
+    """A centre line between two points, extended by beyond_mm (paper) at both ends."""
 
     view: str
     a: Point
@@ -70,49 +68,49 @@ SQUARE_EDGES = "Sharp edges broken 0.2 at most."
 
 
 @dataclass(frozen=True)
-class Told:
-    """A length along an axis (0, 1, 2) from a coordinate to another one.
+class Span:
+    """A length along an axis (0, 1, 2) between two coordinates.
 
-    before, after: what stands around it. fitted: it carries the limits of what makes the part, for
-    it fits something. auxiliary: it follows from others and is bracketed.
+    prefix, suffix: text around the number. fitted: shown with the process's limits, because it
+    mates with another part. auxiliary: follows from others, printed in brackets.
     """
 
     axis: int
     a_mm: float
     b_mm: float
-    after: str = ""
+    suffix: str = ""
     fitted: bool = True
-    before: str = ""
+    prefix: str = ""
     auxiliary: bool = False
 
     @property
     def value_mm(self) -> float:
-        """Its length."""
+        """Absolute length."""
         return abs(self.b_mm - self.a_mm)
 
-    def words(self, off_mm: float) -> str:
-        """What is printed; off_mm: what a fitted length may be off."""
+    def text(self, off_mm: float) -> str:
+        """Text of the dimension; off_mm: limit of a fitted length."""
         length = toleranced(self.value_mm, off_mm if self.fitted else 0.0)
-        words = f"{self.before}{length}{self.after}"
+        words = f"{self.prefix}{length}{self.suffix}"
         return f"({words})" if self.auxiliary else words
 
 
-# A length along one axis that fits something.
-x_of, y_of, z_of = (partial(Told, axis) for axis in range(3))
+# A fitted length along one axis.
+x_of, y_of, z_of = (partial(Span, axis) for axis in range(3))
 
 
 @dataclass(frozen=True)
 class Callouts:
-    """What a part's own file says of its drawing; every other length is read off the solid.
+    """Callouts from the part's own file; every other length is read off the solid.
 
-    lengths: that fit something, or that a machinist must see as such. rounds: by diameter in mm,
-    what its label adds. fitted: diameters with limits of their own. labels: for faces that are
-    neither flat nor round. axes: (axis, coordinate) of places where the same features stand.
-    cut_x_mm: section A-A in place of the left view, the plane x = cut_x_mm seen from -x. rests_on:
-    unverified keys that the part is made from; those still open are named on the drawing.
+    lengths: fitted ones, or those a machinist must see. rounds: text added to a label, by
+    diameter, mm. fitted: diameters with limits. labels: for faces neither flat nor round.
+    axes: (axis, coordinate) of repeated groups of features. cut_x_mm: plane of section A-A, seen
+    from -x, which replaces the left view. rests_on: keys the part depends on; unverified ones are
+    named on the drawing.
     """
 
-    lengths: tuple[Told, ...] = ()
+    lengths: tuple[Span, ...] = ()
     rounds: Mapping[float, str] = field(default_factory=dict)
     fitted: tuple[float, ...] = ()
     notes: tuple[str, ...] = ()
@@ -124,18 +122,18 @@ class Callouts:
 
 
 def _line(meaning: str) -> Any:
-    """A line of the title block, empty until somebody gives it."""
+    """Field of the title block, empty by default."""
     return field(default="", metadata={"description": meaning})
 
 
 @dataclass(frozen=True)
 class TitleBlock(Bounded):
-    """The title block's fields that come from the lab, never from a clock: equal bytes stay equal.
+    """Title block fields of the lab; no clock is read, so equal designs give equal bytes.
 
-    An empty one is drawn as a dash.
+    An empty field is drawn as a dash.
     """
 
-    number: str = _line("drawing number; a part's is this, a hyphen and its name")
+    number: str = _line("drawing number; a hyphen and the part's name are appended")
     revision: str = _line("revision, as in A or 02")
     date: str = _line("date of issue, as in 2026-11-23")
     owner: str = _line("legal owner: the lab")
@@ -144,15 +142,15 @@ class TitleBlock(Bounded):
 
     def __post_init__(self) -> None:
         for f in fields(self):
-            if not (said := getattr(self, f.name)):
+            if not (text := getattr(self, f.name)):
                 continue
             from ...pdf import width_em  # opens the font
 
-            if len(said) > LONGEST or not said.isprintable():
+            if len(text) > MAX_TITLE_CHARS or not text.isprintable():
                 raise ShapeError(
-                    f"{f.name}: one line of at most {LONGEST} characters: {said!r} fails"
+                    f"{f.name}: expected one line of at most {MAX_TITLE_CHARS} characters: {text!r}"
                 )
             try:
-                width_em(said)
-            except ValueError as why:
-                raise ShapeError(f"{f.name}: {why}; expected Latin letters") from why
+                width_em(text)
+            except ValueError as error:
+                raise ShapeError(f"{f.name}: {error}; expected Latin letters") from error

@@ -1,8 +1,7 @@
-"""What stands on a drawing, in millimetres with y downwards, and the same page as SVG or PDF;
-and a technical drawing's sheet: frame, title block, first-angle symbol.
+"""Marks of a drawing in mm, y down, written as SVG or PDF; frame, title block, first-angle symbol.
 
-Line widths are those of ISO 128 (0.5 wide, 0.25 narrow), texts 2.5 and 3.5 mm high (ISO 3098).
-Where a narrow line meets a text it is broken, so that no text is struck through.
+Line widths follow ISO 128 (0.5 wide, 0.25 narrow), text heights ISO 3098 (2.5 and 3.5 mm). Narrow
+lines are broken where they cross a text.
 """
 
 from __future__ import annotations
@@ -24,16 +23,16 @@ from .dimensioning import TitleBlock
 
 Rect = tuple[float, float, float, float]  # left, top, right, bottom
 
-SMALL_MM, LARGE_MM = 2.5, 3.5
-CAP = 0.716  # height of a capital over the font's size: Helvetica and Arial
-ARROW_MM = (2.5, 0.8)
-FONT = "Arial, Helvetica, 'Liberation Sans', sans-serif"
-GAP_MM = 0.4  # between a text and the ends of a line that it breaks
-HATCH_MM = 2.0
-CORNERS = 120  # of the polygon that is drawn for a circle
-BLACK = "#000000"
-# Width of each style's lines in mm, and their dashes: lines and gaps in turn.
-STROKES: dict[str, tuple[float, tuple[float, ...]]] = {
+TEXT_MM, TITLE_MM = 2.5, 3.5  # capital heights, ISO 3098
+CAPITAL_SHARE = 0.716  # height of a capital over the font's size, by definition of Arial
+ARROW_HEAD_MM = (2.5, 0.8)  # length, width; by hand: as long as the text is high
+SVG_FONT = "Arial, Helvetica, 'Liberation Sans', sans-serif"
+TEXT_GAP_MM = 0.4  # between a text and a broken line, by hand: legible at 1:1
+HATCH_PITCH_MM = 2.0  # by hand: grey from afar, still lines at 1:1
+CIRCLE_CORNERS = 120  # of a circle's polygon, by hand: 0.03 % of the radius off at most
+LINE_BLACK = "#000000"
+# Line width in mm and dashes (line, gap, ...) of each style, after ISO 128.
+LINE_STROKES: dict[str, tuple[float, tuple[float, ...]]] = {
     "visible": (0.5, ()),
     "hidden": (0.25, (2, 1)),
     "smooth": (0.18, ()),
@@ -46,13 +45,13 @@ STROKES: dict[str, tuple[float, tuple[float, ...]]] = {
     "contour": (1.0, ()),
     "filled": (0.0, ()),
 }
-SHEETS = {"A4": (297.0, 210.0), "A3": (420.0, 297.0)}
-BORDER_MM = 10.0
-BLOCK_MM = (180.0, 45.0)
-LARGE = ("Title", "Scale", "Drawing number", "Revision")
-LINE_MM = 4.2  # from one line of small text to the next
+# Sheets of ISO 216, landscape; title block as wide as in ISO 7200; border and height by hand.
+FORMATS_MM = {"A4": (297.0, 210.0), "A3": (420.0, 297.0)}
+BORDER_MM, TITLE_BLOCK_MM = 10.0, (180.0, 45.0)
+LARGE_CELLS = ("Title", "Scale", "Drawing number", "Revision")
+TEXT_LINE_MM = 4.2  # baseline distance of small text, by hand: 1.7 times its height
 # The title block (ISO 7200): each row's cells with their width in mm.
-CELLS: tuple[tuple[tuple[int, str], ...], ...] = (
+TITLE_CELLS: tuple[tuple[tuple[int, str], ...], ...] = (
     ((90, "Material"), (60, "Process"), (30, "Quantity")),
     ((66, "General tolerances"), (44, "Projection"), (22, "Dimensions"), (24, "Scale"),
      (24, "Paper")),
@@ -60,28 +59,28 @@ CELLS: tuple[tuple[tuple[int, str], ...], ...] = (
     ((90, "Title"), (60, "Belongs to"), (30, "Made by")),
     ((90, "Drawing number"), (20, "Revision"), (40, "Date of issue"), (30, "Sheet")),
 )  # fmt: skip
-BROKEN = ("thin", "hatch", "centre", "cut")
-"""Styles of lines that give way to a text."""
+BROKEN_STYLES = ("thin", "hatch", "centre", "cut")
+"""Line styles that are broken at a text."""
 
 
-def text_width_mm(text: str, height_mm: float = SMALL_MM) -> float:
-    """Width of a text whose capitals are height_mm high."""
-    return width_em(text) * height_mm / CAP
+def text_width_mm(text: str, height_mm: float = TEXT_MM) -> float:
+    """Width of a text with capitals height_mm high."""
+    return width_em(text) * height_mm / CAPITAL_SHARE
 
 
-def meet(a: Rect, b: Rect) -> bool:
-    """Whether two rectangles overlap."""
+def overlap(a: Rect, b: Rect) -> bool:
+    """True if two rectangles overlap."""
     return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
 
 
 def number(value: float) -> str:
-    """A coordinate: thousandths of a millimetre, no trailing zeros, no minus zero."""
+    """Format a coordinate in thousandths, without trailing zeros or minus zero."""
     return f"{round(value, 3) + 0.0:.3f}".rstrip("0").rstrip(".")
 
 
 @dataclass(frozen=True)
 class Polylines:
-    """Polylines of one style; fill: the colour within them by the even-odd rule, else empty."""
+    """Polylines of one style; fill: colour inside by the even-odd rule, or empty."""
 
     lines: tuple[tuple[Point2, ...], ...]
     style: str
@@ -92,10 +91,10 @@ class Polylines:
 
 @dataclass(frozen=True)
 class Text:
-    """Words with their base line's start, middle or end at a point; upright reads upwards."""
+    """Text anchored at its base line's start, middle or end; upright: reads upwards."""
 
-    at: Point2
-    words: str
+    position: Point2
+    text: str
     height_mm: float
     anchor: str
     upright: bool
@@ -103,17 +102,17 @@ class Text:
 
     @property
     def start(self) -> Point2:
-        """Where the first letter stands."""
-        width = text_width_mm(self.words, self.height_mm)
+        """Base line point of the first letter."""
+        width = text_width_mm(self.text, self.height_mm)
         back = {"start": 0.0, "middle": width / 2, "end": width}[self.anchor]
-        x, y = self.at
+        x, y = self.position
         return (x, y + back) if self.upright else (x - back, y)
 
     @property
     def box(self) -> Rect:
-        """What it takes: capitals and figures, for a line may run below."""
+        """Bounding rectangle of capitals and figures; descenders may touch a line."""
         x, y = self.start
-        width = text_width_mm(self.words, self.height_mm)
+        width = text_width_mm(self.text, self.height_mm)
         if self.upright:
             return x - self.height_mm, y - width, x, y
         return x, y - self.height_mm, x + width, y
@@ -124,10 +123,7 @@ Mark = Polylines | Text
 
 @dataclass
 class DrawingPage:
-    """Marks in the order they are drawn, on a sheet of size_mm.
-
-    group: the name under which the marks that are drawn next stand together in the SVG.
-    """
+    """Marks in drawing order on a sheet of size_mm; group: SVG group of the next marks."""
 
     size_mm: Point2
     title: str
@@ -141,71 +137,71 @@ class DrawingPage:
         closed: bool = False,
         fill: str = "",
     ) -> None:
-        """Polylines of one style; nothing when there are none."""
-        drawn = tuple(tuple((float(x), float(y)) for x, y in line) for line in lines)
-        if drawn:
-            self.marks.append(Polylines(drawn, style, closed, fill, self.group))
+        """Add polylines of one style, if there are any."""
+        paths = tuple(tuple((float(x), float(y)) for x, y in line) for line in lines)
+        if paths:
+            self.marks.append(Polylines(paths, style, closed, fill, self.group))
 
     def line(self, a: Point2, b: Point2, style: str = "thin") -> None:
-        """A straight line."""
+        """Add a straight line."""
         self.path([[a, b]], style)
 
-    def circle(self, at: Point2, radius: float, style: str = "thin", fill: str = "") -> None:
-        """A circle."""
-        turn = 2 * np.pi * np.arange(CORNERS) / CORNERS
-        rim = np.stack([at[0] + radius * np.cos(turn), at[1] + radius * np.sin(turn)], axis=1)
+    def circle(self, centre: Point2, radius: float, style: str = "thin", fill: str = "") -> None:
+        """Add a circle."""
+        turn = 2 * np.pi * np.arange(CIRCLE_CORNERS) / CIRCLE_CORNERS
+        rim = np.array(centre) + radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
         self.path([rim], style, closed=True, fill=fill)
 
     def arrow(self, tip: Point2, towards: Point2) -> None:
-        """A filled arrow head whose tip lies at `tip` and that points along `towards`."""
+        """Add a filled arrow head with its tip at `tip`, pointing along `towards`."""
         length = math.hypot(*towards)
         ux, uy = towards[0] / length, towards[1] / length
-        along, half = ARROW_MM[0], ARROW_MM[1] / 2
+        along, half = ARROW_HEAD_MM[0], ARROW_HEAD_MM[1] / 2
         x, y = tip[0] - along * ux, tip[1] - along * uy
         corners = [tip, (x - half * uy, y + half * ux), (x + half * uy, y - half * ux)]
-        self.path([corners], "filled", closed=True, fill=BLACK)
+        self.path([corners], "filled", closed=True, fill=LINE_BLACK)
 
     def hatch(self, loops: Sequence[Any]) -> None:
-        """Lines at 45 degrees over a face: its outline, then its holes."""
+        """Hatch a face at 45 degrees; loops: its outline, then its holes."""
         import shapely
 
         face = shapely.Polygon(loops[0], loops[1:])
-        left, top, right, bottom = face.bounds
-        step = HATCH_MM * math.sqrt(2)
-        at = step * np.arange(math.ceil((left + top) / step), (right + bottom) / step)
-        lines = shapely.MultiLineString([((s - top, top), (s - bottom, bottom)) for s in at])
+        x0, y0, x1, y1 = face.bounds
+        step = HATCH_PITCH_MM * math.sqrt(2)
+        offsets = step * np.arange(math.ceil((x0 + y0) / step), (x1 + y1) / step)
+        lines = shapely.MultiLineString([((s - y0, y0), (s - y1, y1)) for s in offsets])
         cut = shapely.get_parts(lines.intersection(face))
         self.path([line.coords for line in cut if line.length > 0], "hatch")
 
     def text(
         self,
-        at: Point2,
-        words: str,
-        height_mm: float = SMALL_MM,
+        position: Point2,
+        text: str,
+        height_mm: float = TEXT_MM,
         anchor: str = "start",
         *,
         upright: bool = False,
     ) -> None:
-        """Words with their base line's start, middle or end at a point; upright reads upwards."""
-        self.marks.append(Text(at, words, height_mm, anchor, upright, self.group))
+        """Text anchored at its base line's start, middle or end; upright: reads upwards."""
+        self.marks.append(Text(position, text, height_mm, anchor, upright, self.group))
 
     def broken(self) -> list[Mark]:
-        """The marks as they are drawn: narrow lines end at the texts that they would strike."""
+        """Return the marks with narrow lines broken at texts."""
         import shapely
 
         texts = [shapely.box(*m.box) for m in self.marks if isinstance(m, Text)]
-        words = shapely.union_all(texts).buffer(GAP_MM, join_style="mitre")
-        drawn: list[Mark] = []
+        words = shapely.union_all(texts).buffer(TEXT_GAP_MM, join_style="mitre")
+        marks: list[Mark] = []
         for mark in self.marks:
-            if isinstance(mark, Polylines) and mark.style in BROKEN and not mark.closed:
-                left = shapely.get_parts(shapely.MultiLineString(mark.lines).difference(words))
-                lines = tuple(tuple(p.coords) for p in left if p.length > GAP_MM / 2)
+            if isinstance(mark, Polylines) and mark.style in BROKEN_STYLES and not mark.closed:
+                pieces = shapely.get_parts(shapely.MultiLineString(mark.lines).difference(words))
+                lines = tuple(tuple(p.coords) for p in pieces if p.length > TEXT_GAP_MM / 2)
                 mark = replace(mark, lines=lines)
-            drawn.append(mark)
-        return drawn
+            marks.append(mark)
+        return marks
 
     def svg(self) -> str:
-        """The document as SVG, in real millimetres."""
+        """Return the page as SVG, in real millimetres."""
         width, height = (number(side) for side in self.size_mm)
         lines = [
             f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}mm" height="{height}mm" '
@@ -214,12 +210,12 @@ class DrawingPage:
             '<rect width="100%" height="100%" fill="#ffffff"/>',
         ]
         for name, marks in groupby(self.broken(), lambda mark: mark.group):
-            drawn = map(_as_svg, marks)
-            lines += [f'<g data-name="{escape(name)}">', *drawn, "</g>"] if name else drawn
+            elements = map(_as_svg, marks)
+            lines += [f'<g data-name="{escape(name)}">', *elements, "</g>"] if name else elements
         return "\n".join([*lines, "</svg>"]) + "\n"
 
     def pdf(self) -> bytes:
-        """The document as a PDF of one page; its only font is embedded."""
+        """Return the page as PDF with its font embedded."""
         file = Document()
         scale, height = POINTS_PER_MM, self.size_mm[1] * POINTS_PER_MM
         content = [f"{scale:.6f} 0 0 {-scale:.6f} 0 {height:.6f} cm 0 G 0 g 1 j"]
@@ -230,33 +226,33 @@ class DrawingPage:
 
 def _as_svg(mark: Mark) -> str:
     if isinstance(mark, Text):
-        x, y = (number(v) for v in mark.at)
+        x, y = (number(v) for v in mark.position)
         turn = f' transform="rotate(-90 {x} {y})"' if mark.upright else ""
         return (
-            f'<text x="{x}" y="{y}" font-family="{FONT}" '
-            f'font-size="{number(mark.height_mm / CAP)}" '
-            f'text-anchor="{mark.anchor}"{turn}>{escape(mark.words)}</text>'
+            f'<text x="{x}" y="{y}" font-family="{SVG_FONT}" '
+            f'font-size="{number(mark.height_mm / CAPITAL_SHARE)}" '
+            f'text-anchor="{mark.anchor}"{turn}>{escape(mark.text)}</text>'
         )
     end = "Z" if mark.closed else ""
     data = "".join(
         "M" + "L".join(f"{number(x)} {number(y)}" for x, y in line) + end for line in mark.lines
     )
-    width, dashes = STROKES[mark.style]
-    pen = f' stroke="{BLACK}" stroke-width="{number(width)}"' if width else ""
+    width, dashes = LINE_STROKES[mark.style]
+    pen = f' stroke="{LINE_BLACK}" stroke-width="{number(width)}"' if width else ""
     if dashes:
-        told = " ".join(map(number, dashes))
-        pen += f' stroke-dasharray="{told}" stroke-linecap="butt"'
+        dash_text = " ".join(map(number, dashes))
+        pen += f' stroke-dasharray="{dash_text}" stroke-linecap="butt"'
     fill = mark.fill or "none"
     return f'<path class="{mark.style}" d="{data}" fill="{fill}" fill-rule="evenodd"{pen}/>'
 
 
 def _as_pdf(mark: Mark) -> Iterator[str]:
-    """Operators of PDF, on a page whose unit is the millimetre and whose y runs down."""
+    """Yield PDF operators for a page in mm with y down."""
     if isinstance(mark, Text):
         x, y = (number(v) for v in mark.start)
-        size = number(mark.height_mm / CAP)
+        size = number(mark.height_mm / CAPITAL_SHARE)
         turn = "0 -1 -1 0" if mark.upright else "1 0 0 -1"
-        yield f"BT 0 g /F {size} Tf {turn} {x} {y} Tm <{glyphs(mark.words)}> Tj ET"
+        yield f"BT 0 g /F {size} Tf {turn} {x} {y} Tm <{glyphs(mark.text)}> Tj ET"
         return
     path = " ".join(
         f"{number(x)} {number(y)} {'l' if i else 'm'}" + " h" * (mark.closed and i + 1 == len(line))
@@ -266,50 +262,47 @@ def _as_pdf(mark: Mark) -> Iterator[str]:
     if mark.fill:
         colour = " ".join(number(int(mark.fill[i : i + 2], 16) / 255) for i in (1, 3, 5))
         yield f"{colour} rg {path} f*"
-    width, dashes = STROKES[mark.style]
+    width, dashes = LINE_STROKES[mark.style]
     if width:
-        told = " ".join(map(number, dashes))
-        yield f"{number(width)} w {0 if dashes else 1} J [{told}] 0 d {path} S"
+        dash_text = " ".join(map(number, dashes))
+        yield f"{number(width)} w {0 if dashes else 1} J [{dash_text}] 0 d {path} S"
 
 
 def block_rect(sheet: str) -> Rect:
-    """Where the title block stands on a sheet."""
-    width, height = SHEETS[sheet]
+    """Rectangle of the title block on a sheet."""
+    width, height = FORMATS_MM[sheet]
     right, bottom = width - BORDER_MM, height - BORDER_MM
-    return right - BLOCK_MM[0], bottom - BLOCK_MM[1], right, bottom
+    return right - TITLE_BLOCK_MM[0], bottom - TITLE_BLOCK_MM[1], right, bottom
 
 
 def draw_frame(
-    page: DrawingPage, sheet: str, name: str, lab: TitleBlock, told: Mapping[str, str]
+    page: DrawingPage, sheet: str, name: str, lab: TitleBlock, cells: Mapping[str, str]
 ) -> None:
-    """Border and title block with the first-angle symbol.
-
-    lab: what the lab says of all its drawings. told: the other cells by their labels.
-    """
-    width, height = SHEETS[sheet]
+    """Draw border and title block with the first-angle symbol; cells: other cells by label."""
+    width, height = FORMATS_MM[sheet]
     b = BORDER_MM
     page.group = "sheet"
     corners = [(b, b), (width - b, b), (width - b, height - b), (b, height - b)]
     page.path([corners], "frame", closed=True)
-    left, top, right, bottom = block_rect(sheet)
-    page.path([[(left, bottom), (left, top), (right, top)]], "frame")
-    said = {
+    x0, y0, x1, y1 = block_rect(sheet)
+    page.path([[(x0, y1), (x0, y0), (x1, y0)]], "frame")
+    texts = {
         "Projection": "first angle", "Dimensions": "mm", "Paper": sheet, "Owner": lab.owner,
         "Drawn by": lab.drawn_by, "Approved by": lab.approved_by, "Title": name,
         "Made by": f"deltact-fab {VERSION}", "Revision": lab.revision, "Date of issue": lab.date,
-        "Drawing number": lab.number and f"{lab.number}-{name}", "Sheet": "1 of 1", **told,
+        "Drawing number": lab.number and f"{lab.number}-{name}", "Sheet": "1 of 1", **cells,
     }  # fmt: skip
-    row_mm = BLOCK_MM[1] / len(CELLS)
-    for i, row in enumerate(CELLS):
-        y, x = top + i * row_mm, left
+    row_mm = TITLE_BLOCK_MM[1] / len(TITLE_CELLS)
+    for i, row in enumerate(TITLE_CELLS):
+        y, x = y0 + i * row_mm, x0
         if i:
-            page.line((left, y), (right, y), "thin")
+            page.line((x0, y), (x1, y), "thin")
         for j, (cell, label) in enumerate(row):
             if j:
                 page.line((x, y), (x, y + row_mm), "thin")
             page.text((x + 1.5, y + 3.0), label, 1.8)
-            words = said.get(label) or "–"
-            size = LARGE_MM if label in LARGE else SMALL_MM
+            words = texts.get(label) or "–"
+            size = TITLE_MM if label in LARGE_CELLS else TEXT_MM
             # A long material is set smaller rather than over the line.
             size = min(size, size * (cell - 3) / text_width_mm(words, size))
             page.text((x + 1.5, y + 7.8), words, size)
@@ -319,7 +312,7 @@ def draw_frame(
 
 
 def _first_angle(page: DrawingPage, x: float, y: float) -> None:
-    """The symbol of first-angle projection (ISO 5456-2): the cone, then its end seen from left."""
+    """Draw the first-angle symbol (ISO 5456-2): cone, then its end seen from the left."""
     h, r, length = 5.0, 1.25, 5.0
     cone = [(x - length, y - r), (x, y - h / 2), (x, y + h / 2), (x - length, y + r)]
     page.path([cone], "thin", closed=True)
@@ -332,7 +325,7 @@ def _first_angle(page: DrawingPage, x: float, y: float) -> None:
 
 
 def wrapped(words: str, width_mm: float) -> list[str]:
-    """Words in lines of small text no wider than width_mm."""
+    """Wrap words to lines of small text no wider than width_mm."""
     lines: list[str] = []
     for word in words.split():
         longer = f"{lines[-1]} {word}" if lines else word

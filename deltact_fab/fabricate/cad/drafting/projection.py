@@ -1,6 +1,4 @@
-"""Solids to lines on a plane: exact hidden-line removal by the CAD kernel, sampled to polylines;
-and the four views of a part, one of them cut.
-"""
+"""Exact hidden-line removal by the CAD kernel, sampled to polylines; the four views of a part."""
 
 from __future__ import annotations
 
@@ -17,17 +15,13 @@ from deltact_fab.common import Field, Point, Point2
 from ..kernel import require
 from .dimensioning import Callouts
 
-CHORD_MM = 0.005
-ANGLE_RAD = 0.15
-SAME_MM = 1e-4  # lines closer than this are one line; far below what any printer draws
+# By hand: finer sampling costs time and bytes. Lines closer than the last are one, below any print.
+SHEET_CHORD_MM, SAMPLING_ANGLE_RAD, SAME_LINE_MM = 0.005, 0.15, 1e-4
 
 
 @dataclass(frozen=True)
 class View:
-    """A parallel projection.
-
-    direction: where the viewer looks. up: a direction that points upwards on the paper.
-    """
+    """A parallel projection; direction: line of sight, up: upwards on the paper."""
 
     direction: Point
     up: Point
@@ -41,34 +35,34 @@ class View:
         return right, np.cross(back, right), back
 
     def flat(self, points_mm: Any) -> Field:
-        """Points (n, 3) or (3,) on the paper, (n, 2) or (2,) in mm."""
+        """Project points (n, 3) or (3,) to the paper, (n, 2) or (2,), mm."""
         right, up, _ = self.axes
         return np.asarray(points_mm, float) @ np.stack([right, up], axis=1)
 
     def depth(self, points_mm: Any) -> Field:
-        """How far points (n, 3) lie towards the viewer, (n,) in mm."""
+        """Return the depth of points (n, 3) towards the viewer, (n,), mm."""
         return np.asarray(np.asarray(points_mm, float) @ self.axes[2])
 
 
-VIEWS = {
+SHEET_VIEWS = {
     "front": View((0, 1, 0), (0, 0, 1)),
     "top": View((0, 0, -1), (0, 1, 0)),
     "left": View((1, 0, 0), (0, 0, 1)),
     "picture": View((1, 1, -0.8), (0, 0, 1)),
 }
-# The part turned half about x.
-FLIPPED = {
+# The part turned by 180 degrees about x.
+FLIPPED_VIEWS = {
     name: View(*((x, -y, -z) for x, y, z in (view.direction, view.up)))
-    for name, view in VIEWS.items()
+    for name, view in SHEET_VIEWS.items()
 }
 
 
 @dataclass(frozen=True)
 class DrawnView:
-    """Lines of one solid in a view, polylines (n, 2) in mm, right and up on the paper.
+    """Lines of one solid in a view, polylines (n, 2), mm, right and up on the paper.
 
-    visible, hidden: sharp edges and outlines. smooth: visible edges where two faces meet without
-    a corner. hatched: faces of a section, each its loops.
+    visible, hidden: sharp edges and outlines. smooth: visible tangent edges. hatched: faces of a
+    section, each its loops.
     """
 
     view: View
@@ -79,29 +73,30 @@ class DrawnView:
 
     @cached_property
     def box_mm(self) -> tuple[Point2, Point2]:
-        """Lower left and upper right corner of everything that is drawn."""
-        every = np.concatenate([*self.visible, *self.hidden, *self.smooth])
-        (x0, y0), (x1, y1) = every.min(axis=0).tolist(), every.max(axis=0).tolist()
+        """Lower left and upper right corner of all lines."""
+        points = np.concatenate([*self.visible, *self.hidden, *self.smooth])
+        (x0, y0), (x1, y1) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
         return (x0, y0), (x1, y1)
 
-    def shows(self, points: Field, near_mm: float) -> NDArray[np.bool_]:
-        """Which points (n, 2) on the model's plane lie on a visible line."""
+    def shows(self, points_mm: Any, near_mm: float) -> NDArray[np.bool_]:
+        """Return (n,) True for points (n, 3), mm, that lie on a visible line."""
         import shapely
 
-        return np.asarray(shapely.distance(self._shown, shapely.points(points)) < near_mm)
+        points = shapely.points(self.view.flat(points_mm))
+        return np.asarray(shapely.distance(self._visible_lines, points) < near_mm)
 
     @cached_property
-    def _shown(self) -> Any:
+    def _visible_lines(self) -> Any:
         import shapely
 
         return shapely.MultiLineString([*self.visible, *self.smooth])
 
 
-def project(solids: Sequence[Any], view: View, chord_mm: float = CHORD_MM) -> list[DrawnView]:
-    """Each solid's visible and hidden lines, the solids hiding one another.
+def project(solids: Sequence[Any], view: View, chord_mm: float = SHEET_CHORD_MM) -> list[DrawnView]:
+    """Return each solid's visible and hidden lines, the solids hiding one another.
 
-    chord_mm: largest distance of a polyline from its curve. A hidden line is left out where a
-    visible one of any of the solids covers it.
+    chord_mm: largest distance of a polyline from its curve. Hidden lines covered by visible ones
+    are dropped.
     """
     from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt
     from OCP.HLRAlgo import HLRAlgo_Projector
@@ -117,34 +112,35 @@ def project(solids: Sequence[Any], view: View, chord_mm: float = CHORD_MM) -> li
     removal.Projector(HLRAlgo_Projector(plane))
     removal.Update()
     removal.Hide()
-    found = HLRBRep_HLRToShape(removal)
-    drawn = []
+    extractor = HLRBRep_HLRToShape(removal)
+    line_sets = []
     for shape in shapes:
-        visible = [*_lines(found.VCompound(shape), chord_mm)]
-        visible += _lines(found.OutLineVCompound(shape), chord_mm)
-        hidden = [*_lines(found.HCompound(shape), chord_mm)]
-        hidden += _lines(found.OutLineHCompound(shape), chord_mm)
-        smooth = [*_lines(found.Rg1LineVCompound(shape), chord_mm)]
-        drawn.append((visible, hidden, smooth))
-    covering = _united(line for visible, _, _ in drawn for line in visible)
+        visible = [*_lines(extractor.VCompound(shape), chord_mm)]
+        visible += _lines(extractor.OutLineVCompound(shape), chord_mm)
+        hidden = [*_lines(extractor.HCompound(shape), chord_mm)]
+        hidden += _lines(extractor.OutLineHCompound(shape), chord_mm)
+        smooth = [*_lines(extractor.Rg1LineVCompound(shape), chord_mm)]
+        line_sets.append((visible, hidden, smooth))
+    covering = _merge_lines(line for visible, _, _ in line_sets for line in visible)
     return [
-        DrawnView(view, _tidy(visible), _tidy(hidden, covering), _tidy(smooth, covering))
-        for visible, hidden, smooth in drawn
+        DrawnView(view, _clean(visible), _clean(hidden, covering), _clean(smooth, covering))
+        for visible, hidden, smooth in line_sets
     ]
 
 
-def sampled(edge: Any, chord_mm: float = CHORD_MM) -> Field:
-    """Points (n, 3) along a cadquery Edge, in its curve's sense."""
+def sample_edge(edge: Any, chord_mm: float = SHEET_CHORD_MM) -> Field:
+    """Sample a cadquery Edge to points (n, 3), in its curve's sense."""
     from OCP.BRepAdaptor import BRepAdaptor_Curve
     from OCP.GCPnts import GCPnts_TangentialDeflection
 
-    at = GCPnts_TangentialDeflection(BRepAdaptor_Curve(edge.wrapped), ANGLE_RAD, chord_mm)
-    points = (at.Value(i) for i in range(1, at.NbPoints() + 1))
+    curve = BRepAdaptor_Curve(edge.wrapped)
+    sampler = GCPnts_TangentialDeflection(curve, SAMPLING_ANGLE_RAD, chord_mm)
+    points = (sampler.Value(i) for i in range(1, sampler.NbPoints() + 1))
     return np.array([(p.X(), p.Y(), p.Z()) for p in points])
 
 
 def _lines(compound: Any, chord_mm: float) -> Iterator[Field]:
-    """The edges of a compound that lies in the paper's plane, (n, 2) each."""
+    """Yield the edges (n, 2) of a compound in the paper's plane."""
     from cadquery import Compound
     from OCP.BRepLib import BRepLib
 
@@ -152,62 +148,62 @@ def _lines(compound: Any, chord_mm: float) -> Iterator[Field]:
         return
     BRepLib.BuildCurves3d_s(compound)
     for edge in Compound(compound).Edges():
-        yield sampled(edge, chord_mm)[:, :2]
+        yield sample_edge(edge, chord_mm)[:, :2]
 
 
-def _united(lines: Iterable[Field]) -> Any:
-    """All lines as one geometry, each place once."""
+def _merge_lines(lines: Iterable[Field]) -> Any:
+    """Merge lines to one geometry without duplicates."""
     import shapely
 
-    seen = [shapely.LineString(line) for line in lines if np.hypot(*np.ptp(line, axis=0)) > SAME_MM]
-    return shapely.union_all(seen, grid_size=SAME_MM)
+    long = (line for line in lines if np.hypot(*np.ptp(line, axis=0)) > SAME_LINE_MM)
+    return shapely.union_all([shapely.LineString(line) for line in long], grid_size=SAME_LINE_MM)
 
 
-def _tidy(lines: Iterable[Field], covering: Any = None) -> tuple[Field, ...]:
-    """Each line once, uncovered, chained where two meet end to end; in a fixed order."""
+def _clean(lines: Iterable[Field], covering: Any = None) -> tuple[Field, ...]:
+    """Return the lines without duplicates and covered parts, chained, in a fixed order."""
     import shapely
 
-    whole = _united(lines)
+    merged = _merge_lines(lines)
     if covering is not None:
-        whole = shapely.difference(whole, covering, grid_size=SAME_MM)
-    chains = [line.coords for line in shapely.get_parts(shapely.line_merge(whole).normalize())]
+        merged = shapely.difference(merged, covering, grid_size=SAME_LINE_MM)
+    chains = [line.coords for line in shapely.get_parts(shapely.line_merge(merged).normalize())]
     return tuple(np.array(chain) + 0.0 for chain in sorted(map(list, chains)))
 
 
-def views(solid: Any, said: Callouts) -> dict[str, DrawnView]:
-    """The four projections; the left one cut where the callouts ask for a section."""
-    drawn = {}
-    for name, view in (FLIPPED if said.flipped else VIEWS).items():
-        if name == "left" and said.cut_x_mm is not None:
-            drawn[name] = _section(solid, view, said.cut_x_mm)
+def project_views(solid: Any, callouts: Callouts) -> dict[str, DrawnView]:
+    """Return the four views by name; the left one is a section if the callouts ask for it."""
+    projections = {}
+    for name, view in (FLIPPED_VIEWS if callouts.flipped else SHEET_VIEWS).items():
+        if name == "left" and callouts.cut_x_mm is not None:
+            projections[name] = _section(solid, view, callouts.cut_x_mm)
         else:
-            (drawn[name],) = project([solid], view)
-    return drawn
+            (projections[name],) = project([solid], view)
+    return projections
 
 
 def _section(solid: Any, view: View, x_mm: float) -> DrawnView:
-    """What is left on the far side of the plane x = x_mm, and the faces that the plane cuts."""
+    """Cut at x = x_mm: lines of the far half, and the cut faces."""
     cq = require()
     box = solid.BoundingBox()
     low = cq.Vector(x_mm, box.ymin - 1, box.zmin - 1)
-    kept = solid.intersect(cq.Solid.makeBox(box.xmax + 1 - x_mm, box.ylen + 2, box.zlen + 2, low))
-    (drawn,) = project([kept], view)
+    half = solid.intersect(cq.Solid.makeBox(box.xmax + 1 - x_mm, box.ylen + 2, box.zlen + 2, low))
+    (projection,) = project([half], view)
     faces = []
-    for face in kept.Faces():
+    for face in half.Faces():
         bounds = face.BoundingBox()
         if abs(bounds.xmin - x_mm) < 1e-4 and abs(bounds.xmax - x_mm) < 1e-4:
             wires = [face.outerWire(), *face.innerWires()]
             faces.append([view.flat(_outline(wire)) for wire in wires])
     faces.sort(key=lambda loops: [loop.min(axis=0).round(4).tolist() for loop in loops])
-    return replace(drawn, hidden=(), hatched=faces)
+    return replace(projection, hidden=(), hatched=faces)
 
 
 def _outline(wire: Any) -> Field:
-    """A closed wire as points (n, 3), its edges end to end."""
+    """Sample a closed wire to points (n, 3), its edges end to end."""
     from OCP.TopAbs import TopAbs_REVERSED
 
     points = []
     for edge in wire:
-        along = sampled(edge)
+        along = sample_edge(edge)
         points.append(along[::-1] if edge.wrapped.Orientation() == TopAbs_REVERSED else along)
     return np.concatenate(points)

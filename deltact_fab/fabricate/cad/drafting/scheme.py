@@ -1,12 +1,12 @@
-"""What a drawing has to say of a solid: a length for every coordinate, a label for every round.
+"""Dimensioning scheme of a solid: a length for every coordinate, a label for every round.
 
-Along each axis the coordinates of all faces and centres are nodes, and each length joins two of
-them. A drawing is complete when all of them hang together with the datum: the middle of a part that
-has pairs of faces about it, else its lowest face. What the part's own file says comes first, for it
-knows what fits; every coordinate that is still open gets a length from the datum.
+Along each axis the coordinates of faces and centres are nodes of a graph and lengths its edges. A
+drawing is complete when every node is connected to the datum: the middle of a symmetric part, else
+its lowest face. The callouts' fitted lengths come first; every node still open gets a length from
+the datum.
 
-Two coordinates that lie evenly about the middle count as one, as a drawing with a centre line has
-it, and so does a length whose middle is a centre. What closes a loop is said twice.
+Two nodes symmetric about the middle count as one, as a centre line implies; so does a length whose
+middle is a centre. A length that closes a loop is redundant.
 """
 
 from __future__ import annotations
@@ -20,213 +20,213 @@ from itertools import pairwise
 import numpy as np
 
 from ..features import OtherFace, Round, SolidFeatures
-from .dimensioning import Callouts, Told, shown
+from .dimensioning import Callouts, Span, fmt
 
-AXES = "xyz"
-SAME_MM = 1e-4
-ROUND_SHARE = 1e-3  # of a radius: what is equally far from the middle
+AXIS_NAMES = "xyz"
+# By hand: coordinates and radii (share) that count as equal; below any process, above rounding.
+GRID_MM, CIRCLE_TOLERANCE = 1e-4, 1e-3
 
 
 @dataclass(frozen=True)
 class Rounds:
-    """Equal rounds, which one label tells. words: what that label says."""
+    """Equal rounds with one common label; words: its text."""
 
-    alike: tuple[Round, ...]
-    words: str
+    members: tuple[Round, ...]
+    label: str
 
     @property
     def first(self) -> Round:
-        return self.alike[0]
+        return self.members[0]
 
     @property
     def about_middle(self) -> bool:
-        """Whether it is one about the frame's own axis: its diameter is a length."""
-        where = [c for i, c in enumerate(self.first.low_mm) if i != self.first.axis]
-        return len(self.alike) == 1 and math.hypot(*where) < SAME_MM and self.first.turn_deg > 180
+        """True for a single round about the part's axis: its diameter is drawn as a length."""
+        first = self.first
+        centre = [c for i, c in enumerate(first.low_mm) if i != first.axis]
+        return len(self.members) == 1 and math.hypot(*centre) < GRID_MM and first.turn_deg > 180
 
 
 @dataclass(frozen=True)
 class Scheme:
-    """lengths: along the axes; rounds: labelled; others: equal faces of other kinds, labelled.
+    """Lengths along the axes, labelled rounds, and labels of equal faces of other kinds.
 
-    middle: axes (0, 1, 2) whose datum is the middle. faults: what the drawing lacks or says twice,
-    each as one sentence's beginning.
+    middle: axes (0, 1, 2) whose datum is the middle. faults: missing or redundant dimensions.
     """
 
-    lengths: tuple[Told, ...]
+    lengths: tuple[Span, ...]
     rounds: tuple[Rounds, ...]
-    others: tuple[tuple[tuple[OtherFace, ...], str], ...]
+    other_faces: tuple[tuple[tuple[OtherFace, ...], str], ...]
     middle: tuple[int, ...]
     faults: tuple[str, ...]
 
 
-def scheme(found: SolidFeatures, said: Callouts) -> Scheme:
-    """The scheme of a solid whose part says what fits."""
-    groups = _grouped(found, said)
-    on_circle = {r for group in groups if " apart" in group.words for r in group.alike}
-    lengths: list[Told] = []
+def scheme(features: SolidFeatures, callouts: Callouts) -> Scheme:
+    """Build the scheme of a solid; callouts: fitted lengths and labels of its part."""
+    groups = _group_rounds(features, callouts)
+    on_circle = {r for group in groups if " apart" in group.label for r in group.members}
+    lengths: list[Span] = []
     faults: list[str] = []
     middle = []
     for axis in range(3):
-        chain = _Chain(axis, found, said, on_circle)
-        for told in said.lengths:
-            if told.axis == axis:
-                faults += chain.join(told)
+        chain = _Chain(axis, features, callouts, on_circle)
+        for length in callouts.lengths:
+            if length.axis == axis:
+                faults += chain.join(length)
         chain.complete()
         lengths += chain.lengths
         if chain.even:
             middle.append(axis)
-    printed = _printed(lengths, groups, said)
+    printed = _numbers(lengths, groups, callouts)
     open_faces: dict[tuple[object, ...], list[OtherFace]] = {}
-    for other in found.others:
-        if not _is_told(other, found, printed):
-            key = (other.kind, *(round(size, 6) for size in other.sizes[:1]))
-            open_faces.setdefault(key, []).append(other)
-    others = []
-    for alike in open_faces.values():
-        words = _face_words(alike)
+    for face in features.others:
+        if not _is_dimensioned(face, features, printed):
+            key = (face.kind, *(round(size, 6) for size in face.sizes[:1]))
+            open_faces.setdefault(key, []).append(face)
+    labelled = []
+    for faces in open_faces.values():
+        words = _face_label(faces)
         if words:
-            others.append((tuple(alike), words))
+            labelled.append((tuple(faces), words))
         else:
-            where = ", ".join(map(shown, alike[0].at))
-            faults.append(f"no number for the {alike[0].kind} at ({where})")
-    return Scheme(tuple(lengths), tuple(groups), tuple(others), tuple(middle), tuple(faults))
+            place = ", ".join(map(fmt, faces[0].at))
+            faults.append(f"no dimension for the {faces[0].kind} at ({place})")
+    return Scheme(tuple(lengths), tuple(groups), tuple(labelled), tuple(middle), tuple(faults))
 
 
-def _face_words(alike: Sequence[OtherFace]) -> str:
-    """The label of equal faces of another kind; empty where no single number gives their form."""
+def _face_label(faces: Sequence[OtherFace]) -> str:
+    """Label of equal faces of another kind; empty if one number does not define their form."""
     forms = {"SR": "SR{}", "R": "R{}", "cone": "{}° to the axis"}
-    if alike[0].kind not in forms:
+    if faces[0].kind not in forms:
         return ""
-    count = f"{len(alike)}× " if len(alike) > 1 else ""
-    return count + forms[alike[0].kind].format(shown(alike[0].sizes[0]))
+    count = f"{len(faces)}× " if len(faces) > 1 else ""
+    return count + forms[faces[0].kind].format(fmt(faces[0].sizes[0]))
 
 
 @dataclass
 class _Chain:
-    """The coordinates of one axis, and which of them lengths have joined."""
+    """Coordinates of one axis, and their connections by lengths."""
 
     axis: int
-    found: SolidFeatures
-    said: Callouts
+    features: SolidFeatures
+    callouts: Callouts
     on_circle: set[Round]
-    lengths: list[Told] = field(default_factory=list)
+    lengths: list[Span] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         from scipy.cluster.hierarchy import DisjointSet
 
-        k, found = self.axis, self.found
-        self.planes = {_key(p.at_mm) for p in found.planes if p.axis == k}
-        self.ends = {_key(found.low_mm[k]), _key(found.high_mm[k])}
-        self.rounds = [r for r in found.rounds if r.axis != k]
-        spheres = [c for o in found.others if (c := o.centre[k]) is not None]
-        self.axes = {_key(c) for axis, c in self.said.axes if axis == k}
+        k, features = self.axis, self.features
+        self.planes = {_key(p.at_mm) for p in features.planes if p.axis == k}
+        self.ends = {_key(features.low_mm[k]), _key(features.high_mm[k])}
+        self.rounds = [r for r in features.rounds if r.axis != k]
+        spheres = [c for o in features.others if (c := o.centre[k]) is not None]
+        self.axes = {_key(c) for axis, c in self.callouts.axes if axis == k}
         self.centres = self.axes | {_key(c) for c in spheres}
         self.centres |= {_key(r.low_mm[k]) for r in self.rounds if not r.rounds_an_edge}
         self.nodes = self.planes | self.ends | self.centres
         self.nodes |= {_key(r.low_mm[k]) for r in self.rounds}
-        # What one number gives: the same place on either side, or about each of several axes.
+        # Nodes given by one number: mirrored about the middle, or repeated about several axes.
         self.same = DisjointSet({-n for n in self.nodes} | self.nodes)
-        # What lengths have joined.
+        # Nodes connected by lengths.
         self.joined = DisjointSet()
-        self.even = any(node > 0 and self._paired(node) for node in self.nodes)
+        self.even = any(node > 0 and self._is_symmetric(node) for node in self.nodes)
         self.datum = 0 if self.even or 0 in self.centres else min(self.ends)
         for node in self.nodes:
-            if node > 0 and self._paired(node):
+            if node > 0 and self._is_symmetric(node):
                 self.same.merge(node, -node)
-            if (alike := self._alike(node)) is not None:
-                self.same.merge(node, alike)
+            if (counterpart := self._counterpart(node)) is not None:
+                self.same.merge(node, counterpart)
         self._join_rounds()
 
     def _join_rounds(self) -> None:
-        """What radius and depth, which labels tell, join without a length."""
+        """Connect nodes given by a labelled radius or depth."""
         k = self.axis
         for r in self.rounds:
-            at = _key(r.low_mm[k])
+            centre_node = _key(r.low_mm[k])
             bounds = self.ends if r.whole else self.ends | self.planes
             for side in (-1, 1):
                 edge = _key(r.low_mm[k] + side * r.radius_mm)
                 if edge in bounds and not (r.whole and r.hole):
-                    self._union(at, edge)
+                    self._union(centre_node, edge)
             if r in self.on_circle:
-                self._union(at, self.datum)
-        for o in self.found.others:
+                self._union(centre_node, self.datum)
+        for o in self.features.others:
             centre = o.centre[k]
             if centre is not None:
                 for side in (-1, 1):
                     edge = _key(centre + side * o.sizes[0])
                     if edge in self.ends | self.planes:
                         self._union(_key(centre), edge)
-        for r in self.found.rounds:
+        for r in self.features.rounds:
             if r.axis == k and r.blind:
                 self._union(_key(r.low_mm[k]), _key(r.high_mm[k]))
 
-    def join(self, told: Told) -> Iterator[str]:
-        """Take a length of the part's own; the faults in it."""
-        a, b = _key(told.a_mm), _key(told.b_mm)
-        name = f"{shown(told.value_mm)} along {AXES[self.axis]}"
+    def join(self, length: Span) -> Iterator[str]:
+        """Add a length of the callouts; yield its faults."""
+        a, b = _key(length.a_mm), _key(length.b_mm)
+        name = f"{fmt(length.value_mm)} along {AXIS_NAMES[self.axis]}"
         for end in (a, b):
-            if not self._reach(end):
-                yield f"{name} ends at {shown(end * SAME_MM)}, where the part has nothing"
+            if not self._has_feature(end):
+                yield f"{name} ends at {fmt(end * GRID_MM)}, where the part has no feature"
         middle = self._middle(a, b)
         ends = self._find(a), self._find(b)
         if middle is not None and self.same.connected(a, b):
             ends = ends[0], self._find(middle)
         if ends[0] == ends[1]:
-            yield f"{name} follows from what is said already"
-        self._add(told)
+            yield f"{name} is redundant: it follows from other lengths"
+        self._add(length)
 
     def complete(self) -> None:
-        """A length for every coordinate that is still open, and the whole size."""
-        self._in_rows()
-        self._across_slots()
+        """Add a length for every open coordinate, and the overall size."""
+        self._add_rows()
+        self._add_slots()
 
         def rank(n: int) -> tuple[bool, bool, bool, int, int]:
-            """Of what hangs together a centre is placed, else what is even about the middle."""
-            return n not in self.axes, n not in self.centres, not self._paired(n), -abs(n), n
+            """Sort key: of connected nodes place a centre, else a symmetric one."""
+            return n not in self.axes, n not in self.centres, not self._is_symmetric(n), -abs(n), n
 
         for node in sorted(self.nodes, key=rank):
-            if not self._is_said(node):
-                self._open(self.datum, node)
-        low, high = min(self.ends) * SAME_MM, max(self.ends) * SAME_MM
-        told = {_key(t.value_mm) for t in self.lengths}
-        if _key(high - low) not in told and not self._is_diameter(low, high):
-            self.lengths.append(Told(self.axis, low, high, fitted=False, auxiliary=True))
+            if not self._is_located(node):
+                self._add_from_datum(self.datum, node)
+        low, high = min(self.ends) * GRID_MM, max(self.ends) * GRID_MM
+        known_lengths = {_key(t.value_mm) for t in self.lengths}
+        if _key(high - low) not in known_lengths and not self._is_diameter(low, high):
+            self.lengths.append(Span(self.axis, low, high, fitted=False, auxiliary=True))
 
     def _is_diameter(self, low_mm: float, high_mm: float) -> bool:
-        """Whether a round about the middle is as wide as the part."""
+        """True if a round about the middle spans the part."""
         return any(
             _key(2 * r.radius_mm) == _key(high_mm - low_mm) and r.turn_deg > 180
             for r in self.rounds
         )
 
-    def _open(self, a: int, b: int) -> None:
-        if self._paired(b):
+    def _add_from_datum(self, a: int, b: int) -> None:
+        if self._is_symmetric(b):
             a, b = -abs(b), abs(b)
         if a != b:
             low, high = sorted((a, b))
-            self._add(Told(self.axis, low * SAME_MM, high * SAME_MM, fitted=False))
+            self._add(Span(self.axis, low * GRID_MM, high * GRID_MM, fitted=False))
 
-    def _in_rows(self) -> None:
-        """Three and more centres at equal steps, in a row, are one length."""
+    def _add_rows(self) -> None:
+        """Dimension three or more centres at equal steps in a row by one length."""
         rows: dict[tuple[object, ...], set[int]] = {}
         for r in self.rounds:
             rest = (_key(c) for i, c in enumerate(r.low_mm) if i not in (self.axis, r.axis))
             row = rows.setdefault((r.axis, r.hole, r.turn_deg > 180, *rest), set())
             row.add(_key(r.low_mm[self.axis]))
         for row in rows.values():
-            loose = sorted(n for n in row if not self._is_said(n) and not self._paired(n))
-            steps = {round((b - a) * SAME_MM, 3) for a, b in pairwise(loose)}
+            loose = sorted(n for n in row if not self._is_located(n) and not self._is_symmetric(n))
+            steps = {round((b - a) * GRID_MM, 3) for a, b in pairwise(loose)}
             if len(loose) > 2 and len(steps) == 1:
-                before = f"{len(loose) - 1} × {shown(steps.pop())} = "
-                a, b = loose[0] * SAME_MM, loose[-1] * SAME_MM
-                self.lengths.append(Told(self.axis, a, b, before=before, fitted=False))
+                prefix = f"{len(loose) - 1} × {fmt(steps.pop())} = "
+                a, b = loose[0] * GRID_MM, loose[-1] * GRID_MM
+                self.lengths.append(Span(self.axis, a, b, prefix=prefix, fitted=False))
                 for node in loose:
                     self._union(node, loose[0])
 
-    def _across_slots(self) -> None:
-        """Two faces that look at each other evenly about a centre are one length."""
-        k, faces = self.axis, self.found.planes
+    def _add_slots(self) -> None:
+        """Dimension two opposed faces symmetric about a centre by one length."""
+        k, faces = self.axis, self.features.planes
         lows = {_key(p.at_mm) for p in faces if p.axis == k and p.up}
         highs = {_key(p.at_mm) for p in faces if p.axis == k and not p.up}
         for centre in sorted(self.centres - {0}):
@@ -234,36 +234,36 @@ class _Chain:
                 low = 2 * centre - high
                 joined = {self._find(n) for n in (low, high)}
                 if low in lows and not joined & {self._find(centre), self._find(self.datum)}:
-                    self._add(Told(k, low * SAME_MM, high * SAME_MM, fitted=False))
+                    self._add(Span(k, low * GRID_MM, high * GRID_MM, fitted=False))
                     break
 
-    def _add(self, told: Told) -> None:
-        self.lengths.append(told)
-        a, b = _key(told.a_mm), _key(told.b_mm)
+    def _add(self, length: Span) -> None:
+        self.lengths.append(length)
+        a, b = _key(length.a_mm), _key(length.b_mm)
         self._union(a, b)
         if (middle := self._middle(a, b)) is not None:
             self._union(a, middle)
 
     def _middle(self, a: int, b: int) -> int | None:
-        """The centre about which a length lies evenly."""
-        at = (a + b) // 2
-        known = self.centres | ({0} if self.even else set())
-        return at if (a + b) % 2 == 0 and at in known else None
+        """Return the centre at the middle of a length, if any."""
+        mid = (a + b) // 2
+        centres = self.centres | ({0} if self.even else set())
+        return mid if (a + b) % 2 == 0 and mid in centres else None
 
-    def _reach(self, end: int) -> bool:
-        """Whether something is there: a node, the middle, or the side of a round."""
+    def _has_feature(self, end: int) -> bool:
+        """True if a feature is there: a node, the middle, or the side of a round."""
         if end in self.nodes or (end == 0 and self.even):
             return True
-        for r in (*self.rounds, *self.found.edges):
-            at = _key(r.low_mm[self.axis])
-            if r.axis != self.axis and abs(abs(end - at) - _key(r.radius_mm)) <= 1:
-                if r.length_mm > 0:  # its own label says its radius
-                    self._union(at, end)
+        for r in (*self.rounds, *self.features.edges):
+            centre = _key(r.low_mm[self.axis])
+            if r.axis != self.axis and abs(abs(end - centre) - _key(r.radius_mm)) <= 1:
+                if r.length_mm > 0:  # its label gives the radius
+                    self._union(centre, end)
                 return True
         return False
 
-    def _paired(self, node: int) -> bool:
-        """Whether the same lies as far on the other side of the middle."""
+    def _is_symmetric(self, node: int) -> bool:
+        """True if the node has a mirror image about the middle."""
         if node == 0 or -node not in self.nodes:
             return False
         return (node in self.planes) == (-node in self.planes) and self._rounds_at(
@@ -278,8 +278,8 @@ class _Chain:
             if _key(r.low_mm[k]) == node
         }
 
-    def _alike(self, node: int) -> int | None:
-        """The same place about the first of the axes that the part declares as alike."""
+    def _counterpart(self, node: int) -> int | None:
+        """Return the matching node about the first of the callouts' repeated axes."""
         if len(self.axes) < 2 or node in self.ends | self.axes:
             return None
         first = min(self.axes)
@@ -287,88 +287,88 @@ class _Chain:
         same = node - nearest + first
         return same if nearest != first and same in self.nodes else None
 
-    def _is_said(self, node: int) -> bool:
+    def _is_located(self, node: int) -> bool:
         return self._find(node) == self._find(self.datum)
 
     def _find(self, node: int) -> int:
         self.same.add(node)
-        alike = self.same[node]
-        self.joined.add(alike)
-        return int(self.joined[alike])
+        root = self.same[node]
+        self.joined.add(root)
+        return int(self.joined[root])
 
     def _union(self, a: int, b: int) -> None:
         self.joined.merge(self._find(a), self._find(b))
 
 
 def _key(value_mm: float) -> int:
-    return round(value_mm / SAME_MM)
+    return round(value_mm / GRID_MM)
 
 
-def _grouped(found: SolidFeatures, said: Callouts) -> list[Rounds]:
-    """Equal rounds together, with their labels."""
+def _group_rounds(features: SolidFeatures, callouts: Callouts) -> list[Rounds]:
+    """Group equal rounds with their labels."""
     groups: dict[tuple[object, ...], list[Round]] = {}
-    for r in found.rounds:
+    for r in features.rounds:
         key: tuple[object, ...] = (_key(r.radius_mm), r.hole, r.rounds_an_edge, r.axis == 2)
         if not r.rounds_an_edge or r.axis == 2:
             key = (*key, r.axis, r.turn_deg > 180, r.blind, _key(r.length_mm))
         groups.setdefault(key, []).append(r)
-    return [Rounds(tuple(group), _words(group, found, said)) for group in groups.values()]
+    return [Rounds(tuple(g), _round_label(g, features, callouts)) for g in groups.values()]
 
 
-def _words(group: Sequence[Round], found: SolidFeatures, said: Callouts) -> str:
+def _round_label(group: Sequence[Round], features: SolidFeatures, callouts: Callouts) -> str:
     first, count = group[0], len(group)
     diameter = 2 * first.radius_mm
-    own = next((w for d, w in said.rounds.items() if abs(d - diameter) < 1e-6), None)
-    sort = f"Ø{shown(diameter)}" if first.turn_deg > 180 else f"R{shown(first.radius_mm)}"
-    words = (f"{count}× " if count > 1 else "") + sort
+    callout = next((w for d, w in callouts.rounds.items() if abs(d - diameter) < 1e-6), None)
+    sort = f"Ø{fmt(diameter)}" if first.turn_deg > 180 else f"R{fmt(first.radius_mm)}"
+    label = (f"{count}× " if count > 1 else "") + sort
     if first.hole and first.turn_deg > 180:
-        words += f" depth {shown(first.length_mm)}" if first.blind else " through"
-    if own:
-        words += f" {own}"
-    return words + _circle(group, found)
+        label += f" depth {fmt(first.length_mm)}" if first.blind else " through"
+    if callout:
+        label += f" {callout}"
+    return label + _circle_text(group, features)
 
 
-def _circle(group: Sequence[Round], found: SolidFeatures) -> str:
-    """Where rounds stand evenly on a circle about the middle: a round part's holes, corners."""
+def _circle_text(group: Sequence[Round], features: SolidFeatures) -> str:
+    """Label text of rounds evenly spaced on a circle about the middle; empty if not."""
     axis, r = group[0].axis, group[0].radius_mm
     plan = [i for i in range(3) if i != axis]
-    at = np.array([[g.low_mm[i] for i in plan] for g in group])
-    radius = np.hypot(at[:, 0], at[:, 1])
-    if len(group) < 3 or np.ptp(radius) > ROUND_SHARE * radius.max():
+    centres = np.array([[g.low_mm[i] for i in plan] for g in group])
+    radius = np.hypot(centres[:, 0], centres[:, 1])
+    if len(group) < 3 or np.ptp(radius) > CIRCLE_TOLERANCE * radius.max():
         return ""
     if group[0].whole:
         evenly = any(
             o.axis == axis and not o.hole and o.whole and o.radius_mm > radius.max()
-            and math.hypot(*(o.low_mm[i] for i in plan)) < SAME_MM
-            for o in found.rounds
+            and math.hypot(*(o.low_mm[i] for i in plan)) < GRID_MM
+            for o in features.rounds
         )  # fmt: skip
     else:  # a corner between two faces follows from them
-        edges = [{_key(p.at_mm) for p in found.planes if p.axis == i} for i in plan]
+        edges = [{_key(p.at_mm) for p in features.planes if p.axis == i} for i in plan]
         evenly = not all(
-            edges[j] & {_key(c - r), _key(c + r)} for row in at for j, c in enumerate(row)
+            edges[j] & {_key(c - r), _key(c + r)} for row in centres for j, c in enumerate(row)
         )
-    angle = np.sort(np.degrees(np.arctan2(at[:, 1], at[:, 0])).round(6) % 360)
+    angle = np.sort(np.degrees(np.arctan2(centres[:, 1], centres[:, 0])).round(6) % 360)
     step = 360 / len(group)
     if not evenly or np.abs(np.diff(angle) - step).max() > 0.01:
         return ""
-    return f", on Ø{shown(2 * radius[0])}, {shown(step)}° apart, first at {shown(angle[0])}°"
+    return f", on Ø{fmt(2 * radius[0])}, {fmt(step)}° apart, first at {fmt(angle[0])}°"
 
 
-def _printed(lengths: Sequence[Told], groups: Sequence[Rounds], said: Callouts) -> list[float]:
-    """Every number of the drawing."""
-    texts = [*(g.words for g in groups), *(i.words for i in said.labels), *said.notes]
+def _numbers(lengths: Sequence[Span], groups: Sequence[Rounds], callouts: Callouts) -> list[float]:
+    """Collect every number of the drawing."""
+    texts = [*(g.label for g in groups), *(i.text for i in callouts.labels), *callouts.notes]
     numbers = [float(n) for text in texts for n in re.findall(r"\d+(?:\.\d+)?", text)]
-    return numbers + [told.value_mm for told in lengths]
+    return numbers + [length.value_mm for length in lengths]
 
 
-def _is_told(other: OtherFace, found: SolidFeatures, printed: Sequence[float]) -> bool:
-    """Whether a number tells a face of another kind, or what it touches does."""
-    said = any(abs(size - number) < 0.006 for size in other.sizes for number in printed)
-    if other.kind != "slant":
-        return said
-    normal, at = np.array(other.normal), np.array(other.at)
+def _is_dimensioned(face: OtherFace, features: SolidFeatures, printed: Sequence[float]) -> bool:
+    """True if a printed number, or a round that it touches, defines the face."""
+    size_printed = any(abs(size - number) < 0.006 for size in face.sizes for number in printed)
+    if face.kind != "slant":
+        return size_printed
+    normal, point = np.array(face.normal), np.array(face.at)
     touched = 0
-    for r in found.rounds:
-        away = abs(float((np.array(r.low_mm) - at) @ normal))
-        touched += abs(away - r.radius_mm) < 1e-4 and abs(normal[r.axis]) < 1e-6
-    return touched > 1 or (said and touched == 1)
+    for r in features.rounds:
+        distance = abs(float((np.array(r.low_mm) - point) @ normal))
+        touched += abs(distance - r.radius_mm) < 1e-4 and abs(normal[r.axis]) < 1e-6
+    return touched > 1 or (size_printed and touched == 1)

@@ -1,6 +1,6 @@
 """The wiring drawing of a sensor: supply, resistor, LEDs in parallel, camera cable. No CAD kernel.
 
-A schematic, not to scale, from the numbers by which check, bill of materials and guide go.
+A schematic, not to scale, from the same numbers as check, bill of materials and guide.
 """
 
 from __future__ import annotations
@@ -10,47 +10,47 @@ from collections.abc import Sequence
 from ..dimensions import Design
 from ..parts.camera import COMPUTER
 from ..parts.light_holder import WIRE, WIRE_COLOURS
-from .page import LARGE_MM, LINE_MM, SHEETS, SMALL_MM, DrawingPage, draw_frame, wrapped
+from .page import FORMATS_MM, TEXT_LINE_MM, TEXT_MM, TITLE_MM, DrawingPage, draw_frame, wrapped
 
-SHEET = "A4"
-MAX_DRAWN = 6  # of more LEDs the first ones and the last stand for all
+WIRING_SHEET = "A4"
+# By hand, mm on an A4 sheet: most LEDs drawn one by one, and a layout without overlaps.
+MAX_DRAWN_LEDS = 6
 PLUS_Y, MINUS_Y, CABLE_Y = 48.0, 94.0, 120.0
 LEFT_X, SUPPLY_X, RESISTOR_X, WALL_X, RING_X, RIGHT_X = 18.0, 52.0, 74.0, 142.0, 168.0, 281.0
 TOP_Y, RING_END_Y, END_Y = 24.0, 104.0, 134.0
-RESISTOR_MM = 20.0
-DOT_MM = 0.6
+RESISTOR_MM, JUNCTION_MM = 20.0, 0.6
 
 
 def wiring(design: Design) -> DrawingPage:
-    """The drawing on a sheet of A4. Same dimensions, same page."""
+    """Draw the wiring on a sheet of A4. Same dimensions, same page."""
     light = design.light
-    page = DrawingPage(SHEETS[SHEET], "wiring, not to scale")
-    told = {"Material": "see bill of materials", "Process": "soldered", "Quantity": "1",
-            "Document": "wiring", "Belongs to": "DelTact sensor"}  # fmt: skip
-    draw_frame(page, SHEET, "wiring", design.drawing, told)
+    page = DrawingPage(FORMATS_MM[WIRING_SHEET], "wiring, not to scale")
+    cells = {"Material": "see bill of materials", "Process": "soldered", "Quantity": "1",
+             "Document": "wiring", "Belongs to": "DelTact sensor"}  # fmt: skip
+    draw_frame(page, WIRING_SHEET, "wiring", design.drawing, cells)
     page.group = "supply"
     _box(page, LEFT_X, PLUS_Y - 10, SUPPLY_X, MINUS_Y + 10)
     volts = f"{light.supply_v:g} V ± {100 * light.supply_tolerance:g} %"
     middle = (LEFT_X + SUPPLY_X) / 2
     _stack(page, middle, 68, ("Supply", volts, f"at least {light.most_ma:.3g} mA"))
-    drawn = min(light.led_count, MAX_DRAWN)
-    xs = [RING_X + 14 + (RIGHT_X - RING_X - 30) * i / max(drawn - 1, 1) for i in range(drawn)]
-    after = RESISTOR_X + RESISTOR_MM
-    page.path([[(SUPPLY_X, PLUS_Y), (RESISTOR_X, PLUS_Y)], [(after, PLUS_Y), (xs[-1], PLUS_Y)],
+    count = min(light.led_count, MAX_DRAWN_LEDS)
+    xs = [RING_X + 14 + (RIGHT_X - RING_X - 30) * i / max(count - 1, 1) for i in range(count)]
+    x_after = RESISTOR_X + RESISTOR_MM
+    page.path([[(SUPPLY_X, PLUS_Y), (RESISTOR_X, PLUS_Y)], [(x_after, PLUS_Y), (xs[-1], PLUS_Y)],
                [(SUPPLY_X, MINUS_Y), (xs[-1], MINUS_Y)]], "visible")  # fmt: skip
-    _box(page, RESISTOR_X, PLUS_Y - 3, after, PLUS_Y + 3)
+    _box(page, RESISTOR_X, PLUS_Y - 3, x_after, PLUS_Y + 3)
     rated = f"{light.resistor_rating_w:g} W, outside, sleeved"
     about = (f"R {light.resistor_ohm:g} ohm, 1 %", rated)
-    _stack(page, (RESISTOR_X + after) / 2, PLUS_Y - 14, about)
+    _stack(page, (RESISTOR_X + x_after) / 2, PLUS_Y - 14, about)
     for y, sign, colour in zip((PLUS_Y, MINUS_Y), "+−", WIRE_COLOURS, strict=True):
-        page.text((SUPPLY_X - 4, y + 1.2), sign, LARGE_MM, "middle")
-        said = f"{colour}, {WIRE}, {light.wire_mm:g} mm"
-        page.text(((after + WALL_X) / 2 - 8, y + 8), said, SMALL_MM, "middle")
+        page.text((SUPPLY_X - 4, y + 1.2), sign, TITLE_MM, "middle")
+        label = f"{colour}, {WIRE}, {light.wire_mm:g} mm"
+        page.text(((x_after + WALL_X) / 2 - 8, y + 8), label, TEXT_MM, "middle")
     page.group = "leds"
     for i, x in enumerate(xs, 1):
-        _led(page, x, f"LED {light.led_count if i == drawn else i}", light.strip_resistor_ohm)
-    if light.led_count > drawn:
-        # Dots stand for what is left out of a long chain.
+        _led(page, x, f"LED {light.led_count if i == count else i}", light.strip_resistor_ohm)
+    if light.led_count > count:
+        # Dots stand for the LEDs not drawn.
         for shift in (-2.0, 0.0, 2.0):
             page.circle(((xs[-2] + xs[-1]) / 2 + shift, PLUS_Y + 10), 0.4, "visible")
     page.group = "walls"
@@ -60,28 +60,28 @@ def wiring(design: Design) -> DrawingPage:
     page.text((RING_X + 3, TOP_Y + 14), f"light holder (4): {light.led_count} LEDs in parallel")
     page.group = "camera"
     _box(page, LEFT_X, CABLE_Y - 8, SUPPLY_X + 8, CABLE_Y + 8)
-    _stack(page, middle + 4, CABLE_Y + 1, (COMPUTER, "camera port"), SMALL_MM)
+    _stack(page, middle + 4, CABLE_Y + 1, (COMPUTER, "camera port"), TEXT_MM)
     _box(page, RING_X + 20, CABLE_Y - 8, RING_X + 62, CABLE_Y + 8)
     _stack(page, RING_X + 41, CABLE_Y - 1, ("Camera (5)", "connector, locked"))
     page.line((SUPPLY_X + 8, CABLE_Y), (RING_X + 20, CABLE_Y), "visible")
     cable = wrapped(design.camera.cable, WALL_X - SUPPLY_X - 12)
-    at = (SUPPLY_X + 8 + WALL_X) / 2
-    _stack(page, at, CABLE_Y - 2 - LINE_MM * len(cable), cable, SMALL_MM)
+    cable_x = (SUPPLY_X + 8 + WALL_X) / 2
+    _stack(page, cable_x, CABLE_Y - 2 - TEXT_LINE_MM * len(cable), cable, TEXT_MM)
     ends = ("length as the arm needs;", "ends and contacts as the camera's")
-    _stack(page, at, CABLE_Y + 5, ends, SMALL_MM)
+    _stack(page, cable_x, CABLE_Y + 5, ends, TEXT_MM)
     page.group = "notes"
     y = END_Y + 2
     for note in _notes(design):
         for line in wrapped(note, 90):
-            page.text((14, y + SMALL_MM), line)
-            y += LINE_MM
+            page.text((14, y + TEXT_MM), line)
+            y += TEXT_LINE_MM
     return page
 
 
 def _notes(design: Design) -> Sequence[str]:
     light, shell = design.light, design.shell
     keys = [key for key in design.unverified() if key.startswith("light.")]
-    own = f"{light.strip_resistor_ohm:g} ohm" if light.strip_resistor_ohm else "left out"
+    strip = f"{light.strip_resistor_ohm:g} ohm" if light.strip_resistor_ohm else "not counted"
     foam = f"closed by black foam, {shell.cable_foam_mm:g} mm" if shell.cable_foam_mm else "no foam"
     return (
         f"At −y, wires through the light holder's slot of {light.slot_mm:g} mm, wires and cable "
@@ -90,15 +90,15 @@ def _notes(design: Design) -> Sequence[str]:
         f"All LEDs: {light.total_ma:.2f} mA ({light.least_ma:.2f} to {light.most_ma:.2f}); "
         f"a chip: at most {light.chip_most_ma:.2f} of {light.led_limit_ma:g} mA.",
         f"LED {light.led_v:g} ± {light.led_spread_v:g} V, {light.led_chips} chips in parallel; "
-        f"the strip's own resistor at each LED: {own}.",
-        f"Resistor: {1000 * light.resistor_most_w:.1f} mW at most; the least of E24 for these "
+        f"the strip's own resistor at each LED: {strip}.",
+        f"Resistor: {1000 * light.resistor_most_w:.1f} mW at most; lowest E24 value for these "
         f"LEDs: {light.least_resistor_ohm:g} ohm. A LED's bar is its minus side.",
         *([f"Rests on unverified values: {', '.join(keys)}."] if keys else []),
     )
 
 
 def _led(page: DrawingPage, x: float, name: str, own_ohm: float) -> None:
-    """A diode from plus to minus, its bar at minus; the strip's own resistor above, if any."""
+    """Draw a LED from plus to minus, with the strip's own resistor above, if any."""
     middle, half = (PLUS_Y + MINUS_Y) / 2 + 4, 3.0
     top, bar = middle - half, middle + half
     if own_ohm:
@@ -109,13 +109,13 @@ def _led(page: DrawingPage, x: float, name: str, own_ohm: float) -> None:
     page.path([[(x - half, top), (x + half, top), (x, bar)]], "visible", closed=True)
     page.path([[(x - half, bar), (x + half, bar)], [(x, bar), (x, MINUS_Y)]], "visible")
     for shift in (0.0, 2.5):
-        # Light leaves it.
+        # Emitted light.
         tip = (x + half + 3.2, middle - 2.2 + shift)
         page.line((tip[0] - 2.6, tip[1] + 1.6), tip)
         page.arrow(tip, (2.6, -1.6))
     for y in (PLUS_Y, MINUS_Y):
-        page.circle((x, y), DOT_MM, "visible")
-    page.text((x - 2, bar + 8), name, SMALL_MM, "end")
+        page.circle((x, y), JUNCTION_MM, "visible")
+    page.text((x - 2, bar + 8), name, TEXT_MM, "end")
 
 
 def _box(
@@ -125,8 +125,8 @@ def _box(
 
 
 def _stack(
-    page: DrawingPage, x: float, y: float, lines: Sequence[str], first_mm: float = LARGE_MM
+    page: DrawingPage, x: float, y: float, lines: Sequence[str], first_mm: float = TITLE_MM
 ) -> None:
-    """Lines of text below one another."""
+    """Draw lines of text below one another."""
     for i, line in enumerate(lines):
-        page.text((x, y + i * (LINE_MM + 0.4)), line, SMALL_MM if i else first_mm, "middle")
+        page.text((x, y + i * (TEXT_LINE_MM + 0.4)), line, TEXT_MM if i else first_mm, "middle")

@@ -23,7 +23,7 @@ from typing import Any
 from deltact_fab.common import Check
 
 from ..dimensions import Design
-from ..drafting.dimensioning import Callouts, shown, x_of, y_of, z_of
+from ..drafting.dimensioning import Callouts, fmt, x_of, y_of, z_of
 from ..kernel import Box, Shape, around, cuboid, cylinders, prism, require, without_corners
 from ..part import BLACK, Part, PrintPose
 from ..rule import Length, PlayFit, at_most, below
@@ -133,8 +133,8 @@ def callouts(d: Design) -> Callouts:
     )
     notes = (
         "Four pegs alike, slots along y, legs flat outside. Lips flat underneath, "
-        f"{shown(cover.lip_mm)} beyond the hole of Ø{shown(cover.hole_mm)}.",
-        f"Strain of a peg when snapped in: {shown(100 * d.snap_strain)} %. Pegs without support "
+        f"{fmt(cover.lip_mm)} beyond the hole of Ø{fmt(cover.hole_mm)}.",
+        f"Strain of a peg when snapped in: {fmt(100 * d.snap_strain)} %. Pegs without support "
         "marks. Opaque.",
     )
     rounds = {row.bore_mm: "for the heads, from the outer face"}

@@ -33,7 +33,7 @@ from deltact_fab.sensor import (
 )
 
 from ..design import IndenterBody, IndenterDimensions
-from ..drafting.dimensioning import Callouts, Leader, Told, shown, z_of
+from ..drafting.dimensioning import Callouts, Leader, Span, fmt, z_of
 from ..kernel import Box, Shape, around, require
 from ..part import RESIN, WHITE, Part, PrintPose
 
@@ -241,14 +241,14 @@ def callouts(dims: IndenterDimensions) -> Callouts:
         # Half-way from the nose's top to where its flank begins.
         turn, r = math.radians(90 - tip.flank_deg) / 2, tip.radius_mm
         at = (tip.x_mm + r * math.sin(turn), tip.y_mm, r * (1 - math.cos(turn)))
-        words = f"flanks at {shown(tip.flank_deg)}° to the axis"
+        words = f"flanks at {fmt(tip.flank_deg)}° to the axis"
         labels.append(Leader("front", at, 0, words))
     elif isinstance(tip, EllipsoidTip):
-        words = f"half an ellipsoid, semi-axes {shown(tip.a_mm)} (x), {shown(tip.b_mm)} (y and z)"
+        words = f"half an ellipsoid, semi-axes {fmt(tip.a_mm)} (x), {fmt(tip.b_mm)} (y and z)"
         labels.append(Leader("front", (tip.x_mm, tip.y_mm, 0), 0, words))
     elif isinstance(tip, TurnedTip):
         for radius_mm in _profile_radii_mm(tip):
-            lengths.append(Told(0, -radius_mm, radius_mm, fitted=False, before="Ø"))
+            lengths.append(Span(0, -radius_mm, radius_mm, fitted=False, prefix="Ø"))
     level = "Tips level with one another" if len(indenter.tips) > 1 else "Tip square to the stem"
     posed = [_posed_words(t) for t in indenter.tips if isinstance(t, PosedTip)]
     if any(isinstance(t, PosedTip) and t.tilted for t in indenter.tips):
@@ -261,13 +261,13 @@ def _posed_words(posed: PosedTip) -> str:
     """A tip that no view shows square on: its own numbers, and how it is turned."""
     kind = type(posed.tip).__name__.removesuffix("Tip").lower()
     sizes = ", ".join(
-        f"{f.name.removesuffix('_mm').replace('_', ' ')} {shown(value)}"
+        f"{f.name.removesuffix('_mm').replace('_', ' ')} {fmt(value)}"
         for f in fields(posed.tip)
         if f.name not in ("x_mm", "y_mm")
         and isinstance(value := getattr(posed.tip, f.name), int | float)
     )
     turns = ", ".join(
-        f"{words} {shown(angle)}°"
+        f"{words} {fmt(angle)}°"
         for words, angle in (
             ("tilted about x", posed.tilt_x_deg),
             ("about y", posed.tilt_y_deg),

@@ -25,7 +25,7 @@ from typing import Any
 from deltact_fab.common import Check, Point2
 
 from ..dimensions import Design
-from ..drafting.dimensioning import Callouts, Leader, shown, x_of, y_of, z_of
+from ..drafting.dimensioning import Callouts, Leader, fmt, x_of, y_of, z_of
 from ..kernel import Box, Shape, around, cuboid, require
 from ..part import AMBER, RESIN, Part
 from ..rule import PlayFit, below
@@ -109,7 +109,7 @@ def callouts(d: Design) -> Callouts:
         y_of(cy - sy - mold.pry_mm, cy + sy + mold.pry_mm, fitted=False),
         z_of(floor, floor + skin.protrusion_mm),
     )
-    flat, rough = shown(mold.floor_flatness_mm), shown(mold.floor_roughness_um)
+    flat, rough = fmt(mold.floor_flatness_mm), fmt(mold.floor_roughness_um)
     words = f"floor, the touched face, flat within {flat}, Ra {rough}"
     touched = Leader("left", (cx, cy + h / 2, floor), 0, words)
     notes = (

@@ -26,7 +26,7 @@ from collections.abc import Iterator
 from deltact_fab.common import Check, Point
 
 from ..dimensions import Design
-from ..drafting.dimensioning import Told, y_of, z_of
+from ..drafting.dimensioning import Span, y_of, z_of
 from ..kernel import Box, Workplane, cuboid, require
 from ..rule import Length, PlayFit, at_most
 
@@ -169,7 +169,7 @@ def fits(d: Design) -> Iterator[PlayFit]:
     yield PlayFit("screw-through-flange", name, "shell, finger", (hole,), (screw, pitch))
 
 
-def lengths(d: Design) -> list[Told]:
+def lengths(d: Design) -> list[Span]:
     """What the shell's drawing says of the mount beside what is read off it."""
     mount, face = d.mount, d.frame_outer_mm[1] / 2
     end = face + mount.length_mm

@@ -34,7 +34,7 @@ from deltact_fab.sensor import Indenter
 
 from ..bench_sections import BOLT, SCREW
 from ..dimensions import Design
-from ..drafting.dimensioning import Callouts, shown
+from ..drafting.dimensioning import Callouts, fmt
 from ..kernel import Box, Shape, around, cylinders, require
 from ..part import BLACK, BOUGHT, STEEL, Part, PrintPose, Shift
 from ..rule import Length, PlayFit, at_most, below
@@ -108,7 +108,7 @@ def holder_callouts(d: Design) -> Callouts:
     rounds = {
         2 * tool.bore_mm: "for the stem, flat at +x",
         tool.screw_hole_mm: "for M3",
-        tool.pin_mm + tool.pin_fit_mm: f"for a pin of {shown(tool.pin_mm)}",
+        tool.pin_mm + tool.pin_fit_mm: f"for a pin of {fmt(tool.pin_mm)}",
         tool.clamp_mm: "for a set screw M3",
     }
     notes = (

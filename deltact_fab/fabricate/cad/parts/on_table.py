@@ -31,7 +31,7 @@ from collections.abc import Iterator
 from deltact_fab.common import Check, Point2
 
 from ..dimensions import Design
-from ..drafting.dimensioning import SQUARE_EDGES, Callouts, shown, x_of
+from ..drafting.dimensioning import SQUARE_EDGES, Callouts, fmt, x_of
 from ..kernel import Box, Shape, Workplane, around, cuboid, cylinders, require
 from ..part import BLACK, MACHINED, STEEL, Part, PrintPose
 from ..rule import Length, PlayFit, at_most
@@ -92,8 +92,7 @@ def testing_fits(d: Design) -> Iterator[PlayFit]:
 def testing_callouts(d: Design) -> Callouts:
     """The shell with its two table tabs."""
     notes = (
-        f"Walls {shown(d.shell.wall_mm)} all around. Tabs clear the cover by "
-        f"{shown(d.cover.fit_mm)}.",
+        f"Walls {fmt(d.shell.wall_mm)} all around. Tabs clear the cover by {fmt(d.cover.fit_mm)}.",
         f"Undersides of both tabs level and flat: they stand on the table. {SQUARE_EDGES}",
     )
     ox = d.frame_outer_mm[0] / 2

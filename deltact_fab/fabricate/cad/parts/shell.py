@@ -26,7 +26,7 @@ from collections.abc import Iterator
 from deltact_fab.common import Check
 
 from ..dimensions import Design
-from ..drafting.dimensioning import SQUARE_EDGES, Callouts, Told, shown, x_of, y_of, z_of
+from ..drafting.dimensioning import SQUARE_EDGES, Callouts, Span, fmt, x_of, y_of, z_of
 from ..kernel import (
     Box,
     Shape,
@@ -127,7 +127,7 @@ def fits(d: Design) -> Iterator[PlayFit]:
     yield from mount.fits(d)
 
 
-def body_lengths(d: Design) -> list[Told]:
+def body_lengths(d: Design) -> list[Span]:
     """What shell and testing shell have in common."""
     shell, room = d.shell, d.boss_room_mm
     (sx, sy), (cx, _), (px, py) = d.screw_at_mm, d.cavity_half_mm, d.post_edge_mm
@@ -153,7 +153,7 @@ def body_lengths(d: Design) -> list[Told]:
 def callouts(d: Design) -> Callouts:
     """The shell with its mount; section through cable notch, ledge and mount."""
     notes = (
-        f"Walls {shown(d.shell.wall_mm)} all around. Opaque: no light through the walls.",
+        f"Walls {fmt(d.shell.wall_mm)} all around. Opaque: no light through the walls.",
         SQUARE_EDGES,
     )
     lengths = (*body_lengths(d), *mount.lengths(d))

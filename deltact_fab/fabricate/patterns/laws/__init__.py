@@ -1,4 +1,4 @@
-"""The laws that colour the patches, by name: a file of this folder with LAWS adds its own.
+"""Laws that colour the patches, by name; a file of this folder with LAWS adds its own.
 
     law          keys                                patches
     algorithm1   patch_mm, r, [channels]             neighbours differ by sqrt(r) (the paper's)
@@ -23,15 +23,15 @@ PATTERN_LAWS: dict[str, Law] = collect_entries(__package__, "LAWS", besides=("la
 
 
 def check_key(name: str, key: str, is_given: bool) -> None:
-    """Raise ValueError when a law lacks a key it needs, or is given one it does not take."""
+    """Raise ValueError for a key that a law needs and lacks, or has and does not use."""
     law = PATTERN_LAWS[name]
     if key in law.needs and not is_given:
-        what = "a [dots] table" if key == "dots" else "it"
-        raise ValueError(f"law {name!r} needs {what}")
+        missing = "a [dots] table" if key == "dots" else "this key"
+        raise ValueError(f"law {name!r} needs {missing}")
     if is_given and key not in law.needs + law.may:
         if key == "dots":
             raise ValueError(f"law {name!r} has no dots: remove them, or use law 'dot-matrix'")
         if not law.has_patches:
-            raise ValueError(f"law {name!r} has no patches: remove it")
+            raise ValueError(f"law {name!r} has no patches: remove this key")
         takes = ", ".join(k for k in LAW_KEYS if k in law.needs + law.may)
-        raise ValueError(f"law {name!r} does not use it: remove it (it uses {takes})")
+        raise ValueError(f"law {name!r} does not use this key: remove it (used: {takes})")

@@ -30,12 +30,12 @@ from .law import Law, Patches, PatchRecipe, uniforms
 Levels = NDArray[Any]
 Uniforms = NDArray[np.float64]
 
-FILE_LEVELS = 256
+FILE_LEVELS = 256  # of an 8-bit channel, by the PNG format
 
 
 @dataclass(frozen=True)
 class Algorithm1:
-    """Algorithm 1 at a factor r, on so many levels of a colour, which a file of 8 bits has."""
+    """Algorithm 1 at a factor r, on the given number of levels of a channel."""
 
     r: float
     levels: int = FILE_LEVELS
@@ -44,7 +44,7 @@ class Algorithm1:
     def step_levels(self) -> int:
         """Least difference K of neighbours in levels: least K with (K / (levels-1))^2 >= r.
 
-        r is taken as the decimal that is written, so r = 0.04 asks for exactly 51 of 255.
+        r is taken as the written decimal, so r = 0.04 asks for exactly 51 of 255.
         """
         squared = math.ceil(Fraction(repr(float(self.r))) * (self.levels - 1) ** 2)
         return math.isqrt(squared - 1) + 1 if squared > 0 else 0
@@ -52,7 +52,7 @@ class Algorithm1:
     def fill(self, uniforms: Uniforms) -> Levels:
         """Draw the patches, by anti-diagonals.
 
-        uniforms: (rows, columns, channels) in [0, 1), one draw a patch and channel.
+        uniforms: (rows, columns, channels) in [0, 1), one draw per patch and channel.
         Returns levels 0..levels-1 of the same shape as int32.
 
         Patches of one anti-diagonal depend on the previous one alone: each is one array operation.
@@ -62,7 +62,7 @@ class Algorithm1:
         out = np.empty((rows * columns, channels), np.int32)
         flat = uniforms.reshape(rows * columns, channels)
         # The previous anti-diagonal by row, one slot ahead: before[i] is row i - 1
-        before = np.zeros((rows + 1, channels), np.int32)
+        previous = np.zeros((rows + 1, channels), np.int32)
         for diagonal in range(rows + columns - 1):
             first, last = max(0, diagonal - columns + 1), min(rows - 1, diagonal)
             start = first * columns + diagonal - first
@@ -72,16 +72,16 @@ class Algorithm1:
             if diagonal == 0:
                 values = _pick_first(flat[members], step, levels)
             else:
-                up = before[first : last + 1]
-                left = before[first + 1 : last + 2]
-                low, high = np.minimum(up, left), np.maximum(up, left)
+                up_values = previous[first : last + 1]
+                left_values = previous[first + 1 : last + 2]
+                low, high = np.minimum(up_values, left_values), np.maximum(up_values, left_values)
                 if first == 0:
-                    low[0] = high[0] = left[0]
+                    low[0] = high[0] = left_values[0]
                 if last == diagonal:
-                    low[-1] = high[-1] = up[-1]
+                    low[-1] = high[-1] = up_values[-1]
                 values = _pick(flat[members], low, high, step, levels)
             out[members] = values
-            before[first + 1 : last + 2] = values
+            previous[first + 1 : last + 2] = values
         return out.reshape(rows, columns, channels)
 
     def fill_by_rejection(
@@ -89,19 +89,19 @@ class Algorithm1:
     ) -> NDArray[np.float64]:
         """Draw the patches as printed (lines 5-8), with a bound on the tries of each: a reference.
 
-        Values (rows, columns, 3); nan from the first patch on that has no colour after max_tries.
+        Returns (rows, columns, 3), nan from the first patch without a colour after max_tries.
         """
         values = np.full((rows, columns, 3), np.nan)
         for i in range(rows):
             for j in range(columns):
                 neighbours = [values[i - 1, j]] * (i > 0) + [values[i, j - 1]] * (j > 0)
-                for tried in range(0, max_tries, 64):  # in blocks; the first good one counts
-                    block = rng.random((min(64, max_tries - tried), 3))
-                    far = np.ones(len(block), bool)
+                for attempt in range(0, max_tries, 64):  # in blocks; the first good one counts
+                    block = rng.random((min(64, max_tries - attempt), 3))
+                    allowed = np.ones(len(block), bool)
                     for neighbour in neighbours:
-                        far &= ~(((block - neighbour) ** 2).min(axis=1) < self.r)
-                    if far.any():
-                        values[i, j] = block[far.argmax()]
+                        allowed &= ~(((block - neighbour) ** 2).min(axis=1) < self.r)
+                    if allowed.any():
+                        values[i, j] = block[allowed.argmax()]
                         break
                 else:
                     return values
@@ -109,14 +109,14 @@ class Algorithm1:
 
 
 def _pick_first(uniforms: Uniforms, step: int, levels: int) -> Levels:
-    """The first patch: levels in the middle are forbidden, as no neighbour could differ enough."""
+    """Pick the first patch; middle levels are forbidden: no neighbour could differ enough."""
     start, stop = levels - step, max(step, levels - step)
     picked = (uniforms * (levels - (stop - start))).astype(np.int32)
     return picked + (picked >= start) * np.int32(stop - start)
 
 
 def _pick(uniforms: Uniforms, low: Levels, high: Levels, step: int, levels: int) -> Levels:
-    """One allowed level each, given the lower and the higher of two neighbours.
+    """Pick one allowed level each, given the lower and the higher of two neighbours.
 
     The two forbidden runs [start, stop) are made disjoint; the k-th allowed level is k plus the
     length of every run that begins at or below it.

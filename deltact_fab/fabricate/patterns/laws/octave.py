@@ -27,20 +27,20 @@ from .algorithm1 import FILE_LEVELS
 from .law import Law, Patches, PatchRecipe
 
 MAX_SCALES = 6
-"""At most 2^k pieces of 2^k fractions each: for k = 6 they take some hundredths of a second."""
-WEIGHTS = (0.01, 100.0)
-STRIP_ROWS = 128
+"""By hand: k scales make 2^k pieces of 2^k fractions, at k = 6 some hundredths of a second."""
+# By hand: weights beyond have no visible effect; more rows per strip cost memory.
+WEIGHT_RANGE, OCTAVE_STRIP_ROWS = (0.01, 100.0), 128
 
 
 def draw(
     rng: np.random.Generator, n: int, channels: int, blocks: Sequence[int], weights: Sequence[float]
 ) -> NDArray[np.uint8]:
-    """Patches (n, n, channels), every level equally likely; blocks: sides in patches."""
+    """Draw patches (n, n, channels), every level equally likely; blocks: sides in patches."""
     layers = [rng.random((-(-n // side), -(-n // side), channels)) for side in blocks]
-    share = SumOfUniforms.of(tuple(weights))
+    share = SumOfUniforms.cached(tuple(weights))
     out = np.empty((n, n, channels), np.uint8)
-    for first in range(0, n, STRIP_ROWS):  # bounds the memory of the float intermediates
-        rows = np.arange(first, min(first + STRIP_ROWS, n))
+    for first in range(0, n, OCTAVE_STRIP_ROWS):  # bounds the memory of the float intermediates
+        rows = np.arange(first, min(first + OCTAVE_STRIP_ROWS, n))
         total = block_sums(layers, blocks, weights, rows, n)
         out[rows] = np.minimum(share(total) * FILE_LEVELS, FILE_LEVELS - 1).astype(np.uint8)
     return out
@@ -53,7 +53,7 @@ def block_sums(
     rows: NDArray[np.int64],
     n: int,
 ) -> Field:
-    """Weighted sum of the layers at some rows of patches, (len(rows), n, channels)."""
+    """Weighted sum of the layers at the given rows of patches, (len(rows), n, channels)."""
     total = np.zeros((len(rows), n, layers[0].shape[2]))
     columns = np.arange(n)
     for layer, side, weight in zip(layers, blocks, weights, strict=True):
@@ -64,7 +64,7 @@ def block_sums(
 class SumOfUniforms:
     """Distribution function of w1 U1 + ... + wk Uk, U independent and uniform on 0..1.
 
-    knots: (m + 1,); coefficients: (m, k + 1), of (x - knot) by rising power, for each piece.
+    knots: (m + 1,). coefficients: (m, k + 1) of each piece, rising powers of (x - knot).
     """
 
     def __init__(self, weights: tuple[float, ...]) -> None:
@@ -73,30 +73,30 @@ class SumOfUniforms:
         degree = len(exact)
         terms: dict[Fraction, int] = {}
         for subset in product((0, 1), repeat=degree):
-            at = sum((w for w, chosen in zip(exact, subset, strict=True) if chosen), Fraction(0))
-            terms[at] = terms.get(at, 0) + (-1) ** sum(subset)
+            knot = sum((w for w, chosen in zip(exact, subset, strict=True) if chosen), Fraction(0))
+            terms[knot] = terms.get(knot, 0) + (-1) ** sum(subset)
         knots = sorted(terms)
         scale = math.factorial(degree) * math.prod(exact)
         pieces = [
             [
                 math.comb(degree, power)
-                * sum(terms[k] * (knot - k) ** (degree - power) for k in knots[: i + 1])
+                * sum(terms[k] * (start - k) ** (degree - power) for k in knots[: i + 1])
                 / scale
                 for power in range(degree + 1)
             ]
-            for i, knot in enumerate(knots[:-1])
+            for i, start in enumerate(knots[:-1])
         ]
         self.knots = np.array([float(k) for k in knots])
         self.coefficients = np.array([[float(c) for c in piece] for piece in pieces])
 
     @staticmethod
     @cache
-    def of(weights: tuple[float, ...]) -> SumOfUniforms:
-        """The same, cached: the fractions cost more than drawing a small pattern."""
+    def cached(weights: tuple[float, ...]) -> SumOfUniforms:
+        """Return a cached instance; the fractions cost more than drawing a small pattern."""
         return SumOfUniforms(weights)
 
     def __call__(self, x: Field) -> Field:
-        """Probability that a sum is below x, 0..1, any shape."""
+        """Probability, 0..1, that a sum is below x (any shape)."""
         piece = np.clip(np.searchsorted(self.knots, x, "right") - 1, 0, len(self.knots) - 2)
         t = np.clip(x, self.knots[0], self.knots[-1]) - self.knots[piece]
         value = np.zeros_like(t)

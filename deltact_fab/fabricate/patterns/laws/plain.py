@@ -1,4 +1,4 @@
-"""Independent patches, clear film, and a chessboard with how many of its inner corners are seen."""
+"""Independent patches, clear film, and a chessboard with its count of visible corners."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from deltact_fab.common import InputError
 
 from .law import Law, Patches, PatchRecipe, uniforms
 
-SLACK_MM = 1e-9
+BOARD_SLACK_MM = 1e-9  # by hand, for rounding: an edge on the view's edge is not inside
 
 
 def inner_corners(recipe: PatchRecipe, view_mm: tuple[float, float]) -> tuple[int, int]:
-    """How many corners of four squares a centred view (x, y) holds, along x and along y."""
+    """Number of inner corners in a centred view (x, y), along x and y."""
     inner_mm = (np.arange(1, recipe.n) - recipe.n / 2) * recipe.patch_mm
-    columns, rows = (int((np.abs(inner_mm) < side / 2 - SLACK_MM).sum()) for side in view_mm)
+    columns, rows = (int((np.abs(inner_mm) < side / 2 - BOARD_SLACK_MM).sum()) for side in view_mm)
     return columns, rows
 
 
@@ -24,7 +24,7 @@ def check_covers(recipe: PatchRecipe, view_mm: tuple[float, float]) -> None:
     A lens distorts most at the edge of its view, so corners must reach it. OpenCV's corner finder
     needs three each way.
     """
-    if recipe.printed_mm < max(view_mm) - SLACK_MM:
+    if recipe.printed_mm < max(view_mm) - BOARD_SLACK_MM:
         raise InputError(
             f"chessboard: size_mm: {recipe.printed_mm:g} mm of whole squares do not fill the "
             f"camera's view of {view_mm[0]:.2f} x {view_mm[1]:.2f} mm; at least "

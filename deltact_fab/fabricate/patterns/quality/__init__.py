@@ -1,1 +1,1 @@
-"""How good a pattern is to track, as designed and after a model of printer and camera."""
+"""Trackability of a pattern, as designed and after a model of printer and camera."""

@@ -1,4 +1,4 @@
-"""Figures of one image of a pattern: how much there is to track, and what could be mismatched.
+"""Figures of a pattern's image: texture to track, and risk of false matches.
 
 They are taken from the grey image (ITU-R BT.601 luma), which the trackers follow. Mean intensity
 gradient: Pan, Lu, Xie, Opt. Lasers Eng. 48 (2010) 469. SSSIG: Pan, Xie, Wang, Qian, Asundi, Opt.
@@ -15,53 +15,53 @@ import numpy as np
 
 from deltact_fab.common import Array, Field
 
-LUMA = (0.299, 0.587, 0.114)
+LUMA_WEIGHTS = (0.299, 0.587, 0.114)  # R, G, B by definition of ITU-R BT.601
 SUBSET_PX = 15
-"""Side of a subset: radius 7, as in the DIC methods that this toolchain is compared with."""
-LEVELS = 6
-STEPS = 4
-"""Lags per camera pixel; whole pixels would miss the peak at a fine pattern's nearest copy."""
-LOBE = 0.1
-"""Autocorrelation at which the main lobe ends. Lower peaks do not count: single-pixel noise, around
-which the spline rings, has peaks of 0.07."""
+"""Side of a subset, radius 7 as in the DIC codes of benchmarks/flow_peers.py."""
+PYRAMID_LEVELS = 6  # by hand: level 5 of the smallest field has 2 pixels
+LAGS_PER_PX = 4
+"""Lags per camera pixel, by hand: whole pixels would miss the peak of a fine pattern."""
+LOBE_EDGE = 0.1
+"""Autocorrelation at which the main lobe ends, and least height of a peak; measured: the spline
+rings to 0.07 around single-pixel noise."""
 PEAK_SHARE = 0.8
-"""A regular pattern has a lattice of similar peaks, of which the nearest is the likeliest false
-match. With patches of 2.6 camera pixels it has 0.88 of the highest."""
+"""Share of the highest peak. A regular pattern has a lattice of similar peaks, the nearest of which
+is the likeliest false match; measured: 0.88 of the highest with patches of 2.6 camera pixels."""
 PEAK_WITHIN = 0.25
-"""Largest lag, as a share of the shorter side: beyond, the overlap is small and noise dominates."""
+"""Largest lag over the shorter side, by hand: beyond, overlap is small and noise dominates."""
 SHIFT_PX = 2.0
-"""Misregistration of the inks moves a colour by less."""
+"""Largest shift of a colour, by hand: more than misregistration of the inks causes."""
 
 
 @dataclass(frozen=True)
 class Figures:
-    """One image in numbers; grey levels are of 0..255."""
+    """Figures of one image; grey levels 0..255."""
 
     mean_gradient: float
-    """Mean intensity gradient, grey levels a pixel."""
+    """Mean intensity gradient, grey levels per pixel."""
     sssig: float
-    """Sum of squared gradients in a subset of 15 x 15 px, mean of x and y and of subsets."""
+    """Sum of squared gradients in a subset of 15 x 15 px, mean over x and y and subsets."""
     sssig_least: float
-    """The same for the weakest subset: 0 where there is nothing to track."""
+    """The same for the weakest subset; 0: nothing to track."""
     contrast: tuple[float, ...]
     """Standard deviation at pyramid levels 0..5, each half as large as the last (2 x 2 means)."""
     peak: float
-    """Secondary peak of the autocorrelation: the nearest with 0.8 of the highest one. 1 is an exact
-    copy, 0 means that there is none."""
+    """Secondary peak of the autocorrelation: the nearest with 0.8 of the highest; 1: exact copy,
+    0: none."""
     peak_mm: float | None
-    """Its distance: a displacement near it can be misidentified as none. None: there is no peak."""
+    """Its distance: a displacement near it can be mistaken for none. None: no peak."""
 
 
 def figures(image: Array, mm_per_px: float) -> Figures:
-    """All figures of an image (h, w, 3) RGB in 0..255; h, w at least 64."""
+    """Compute the figures of an image (h, w, 3), RGB 0..255; h, w at least 64."""
     shade = grey_levels(image)
     gx, gy = gradient(shade)
     height, peak_px = secondary_peak(autocorrelation(shade))
-    least, mean = sssig(gx, gy)
+    weakest, mean = sssig(gx, gy)
     return Figures(
         mean_gradient=float(np.hypot(gx, gy).mean()),
         sssig=mean,
-        sssig_least=least,
+        sssig_least=weakest,
         contrast=contrast(shade),
         peak=height,
         peak_mm=None if peak_px is None else peak_px * mm_per_px,
@@ -71,11 +71,11 @@ def figures(image: Array, mm_per_px: float) -> Figures:
 def grey_levels(image: Array) -> Field:
     """Luma of an RGB image (h, w, 3), float64."""
     red, green, blue = (image[..., c].astype(np.float64) for c in range(3))
-    return LUMA[0] * red + LUMA[1] * green + LUMA[2] * blue
+    return LUMA_WEIGHTS[0] * red + LUMA_WEIGHTS[1] * green + LUMA_WEIGHTS[2] * blue
 
 
 def gradient(shade: Field) -> tuple[Field, Field]:
-    """Central differences (x, y) of an image (h, w), where both exist: (h - 2, w - 2)."""
+    """Central differences (x, y) of an image (h, w), each (h - 2, w - 2)."""
     return (
         (shade[1:-1, 2:] - shade[1:-1, :-2]) / 2,
         (shade[2:, 1:-1] - shade[:-2, 1:-1]) / 2,
@@ -83,7 +83,7 @@ def gradient(shade: Field) -> tuple[Field, Field]:
 
 
 def sssig(gx: Field, gy: Field, side_px: int = SUBSET_PX) -> tuple[float, float]:
-    """(least, mean) over all subsets of the sum of squared gradients, mean of x and y."""
+    """Least and mean sum of squared gradients over all subsets, mean of x and y."""
     sums = np.pad((gx**2 + gy**2) / 2, ((1, 0), (1, 0))).cumsum(0).cumsum(1)
     boxes = sums[side_px:, side_px:] - sums[:-side_px, side_px:]
     boxes -= sums[side_px:, :-side_px] - sums[:-side_px, :-side_px]
@@ -93,7 +93,7 @@ def sssig(gx: Field, gy: Field, side_px: int = SUBSET_PX) -> tuple[float, float]
 def contrast(shade: Field) -> tuple[float, ...]:
     """Standard deviation at each level of the pyramid of 2 x 2 means."""
     out = []
-    for level in range(LEVELS):
+    for level in range(PYRAMID_LEVELS):
         if level:
             rows, columns = (length // 2 * 2 for length in shade.shape)
             even = shade[:rows, :columns]
@@ -112,13 +112,13 @@ def autocorrelation(shade: Field) -> Field:
     reach = int(min(shade.shape) * PEAK_WITHIN)
     lags = np.arange(-reach, reach + 1)
     centred = shade - shade.mean()
-    at_rest = float((centred**2).mean())
-    if at_rest < 1e-12:
+    variance = float((centred**2).mean())
+    if variance < 1e-12:
         return np.equal.outer(lags, -lags) * (lags == 0).astype(np.float64)
     size = [fft.next_fast_len(length + reach, real=True) for length in shade.shape]
     power = np.abs(fft.rfft2(centred, size)) ** 2
     overlap = np.outer(shade.shape[0] - np.abs(lags), shade.shape[1] - np.abs(lags))
-    return np.asarray(fft.irfft2(power, size)[np.ix_(lags, lags)] / overlap / at_rest)
+    return np.asarray(fft.irfft2(power, size)[np.ix_(lags, lags)] / overlap / variance)
 
 
 def secondary_peak(rho: Field) -> tuple[float, float | None]:
@@ -130,37 +130,37 @@ def secondary_peak(rho: Field) -> tuple[float, float | None]:
     """
     from scipy import ndimage
 
-    reach = len(rho) // 2 * STEPS
+    reach = len(rho) // 2 * LAGS_PER_PX
     rho = ndimage.zoom(rho, (2 * reach + 1) / len(rho), order=5)
-    lobes, _ = ndimage.label(rho > LOBE)
+    lobes, _ = ndimage.label(rho > LOBE_EDGE)
     # The outermost lags have no neighbours: a slope would pass for a maximum there
     inside = np.zeros(rho.shape, bool)
     inside[1:-1, 1:-1] = True
     inside &= lobes != lobes[reach, reach]
-    inside &= (rho == ndimage.maximum_filter(rho, 3)) & (rho > LOBE)
+    inside &= (rho == ndimage.maximum_filter(rho, 3)) & (rho > LOBE_EDGE)
     if not inside.any():
         return 0.0, None
     tops = np.argwhere(inside)
     heights = rho[tops[:, 0], tops[:, 1]]
     tops = tops[heights >= PEAK_SHARE * heights.max()]
     row, column = min(tops.tolist(), key=lambda top: math.dist(top, (reach, reach)))
-    at = (_vertex(rho[row - 1 : row + 2, column]), _vertex(rho[row, column - 1 : column + 2]))
-    distance = math.hypot(row + at[0] - reach, column + at[1] - reach) / STEPS
+    vertex = (_vertex(rho[row - 1 : row + 2, column]), _vertex(rho[row, column - 1 : column + 2]))
+    distance = math.hypot(row + vertex[0] - reach, column + vertex[1] - reach) / LAGS_PER_PX
     return float(min(rho[row, column], 1.0)), distance
 
 
-def _vertex(three: Field) -> float:
-    """Vertex of the parabola through three values at -1, 0, 1; 0 for a plateau."""
-    left, middle, right = (float(v) for v in three)
-    bend = left - 2 * middle + right
-    return 0.0 if abs(bend) < 1e-9 else max(-0.5, min(0.5, (left - right) / (2 * bend)))
+def _vertex(values: Field) -> float:
+    """Vertex of the parabola through values at -1, 0, 1; 0 for a plateau."""
+    low, middle, high = (float(v) for v in values)
+    curvature = low - 2 * middle + high
+    return 0.0 if abs(curvature) < 1e-9 else max(-0.5, min(0.5, (low - high) / (2 * curvature)))
 
 
 def agreement(image: Array, template: Array) -> float:
     """Correlation coefficient of two images (h, w) at the best shift of at most SHIFT_PX.
 
-    The best has the largest magnitude; its sign is kept. 0 when either image is constant. Shifts
-    are 1/8 px apart, by Fourier interpolation: a displaced colour has not lost contrast.
+    The best has the largest magnitude, with its sign. 0 if either image is constant. Shifts are
+    1/8 px apart, by Fourier interpolation, so that a displaced colour keeps its contrast.
     """
     from scipy import fft
 
@@ -173,6 +173,6 @@ def agreement(image: Array, template: Array) -> float:
     shifts = np.arange(-SHIFT_PX, SHIFT_PX + 1e-9, 1 / 8)
     down = np.exp(2j * np.pi * np.outer(shifts, np.fft.fftfreq(rows)))
     across = np.exp(2j * np.pi * np.outer(np.fft.fftfreq(columns), shifts))
-    found = (down @ cross @ across).real / (rows * columns) ** 2
-    best = float(found.flat[np.abs(found).argmax()])
+    correlations = (down @ cross @ across).real / (rows * columns) ** 2
+    best = float(correlations.flat[np.abs(correlations).argmax()])
     return max(-1.0, min(1.0, best / spread))

@@ -1,10 +1,10 @@
-"""How well a pattern can be tracked, before and after it is printed and photographed.
+"""Trackability of a pattern before and after printing and photographing.
 
-Before: the colours as designed, averaged over camera pixels. After: rasterised, printed, averaged
-over camera pixels and exposed by the model of `imaging`, whose values are assumed. Lens distortion
-and vignetting are left out, because they belong to the camera and not to the pattern; the mean
-falloff of light is kept, because it sets the noise. Both cover the middle of the sticker: the
-camera's view, or as much of it as the sticker or the number of printer dots allows (`field_mm`).
+Before: the designed colours, averaged over camera pixels. After: rasterised, printed, averaged over
+camera pixels and exposed by the model of `imaging`, whose values are assumed. Lens distortion and
+vignetting belong to the camera and are not modelled; the mean falloff of light is, because it sets
+the noise. Both cover the middle of the sticker: the camera's view, or what the sticker or the
+number of printer dots allows (`field_mm`).
 """
 
 from __future__ import annotations
@@ -22,42 +22,41 @@ from ..raster import cell_means, finest_mm, pattern_albedo, raster_window
 from ..recipe import PatternRecipe
 from .figures import Figures, agreement, figures
 
-MM_PER_PX = SensorDimensions().optics.mm_per_px
+STANDARD_MM_PER_PX = SensorDimensions().optics.mm_per_px
 MIN_SIDE_PX = 64
-"""Shorter side of the smallest field: level 5 of its pyramid has 2 pixels."""
+"""Shorter side of the smallest field, by hand: level 5 of its pyramid has 2 pixels."""
 PRINTED_SHARE = 0.5
-"""Contrast that a sharp print keeps at least: the MTF50 of camera tests (ISO 12233)."""
+"""Least contrast of a sharp print: the MTF50 of ISO 12233."""
 SEEN_SHARE = 0.1
-"""Contrast at which detail counts as resolved: the MTF10 of the same. Below it, only the coarse
-remainder of the pattern can be tracked, not its patches."""
-MAX_PX = 1_000_000
-MAX_DOTS = 6_000_000
-"""The whole view at 2400 dpi; about 0.5 GB of memory while it is printed."""
+"""Least contrast of resolved detail: the MTF10 of ISO 12233. Below it only the coarse remainder of
+the pattern can be tracked, not its patches."""
+MAX_FIELD_PX, MAX_DOTS = 1_000_000, 6_000_000
+"""By hand: the whole view at 2400 dpi; about 0.5 GB of memory while it is printed."""
 
 
 @dataclass(frozen=True)
 class Quality:
-    """A pattern's figures as designed and as photographed, and how much contrast it keeps."""
+    """Figures of a pattern as designed and as photographed, and the contrast it keeps."""
 
     field_mm: tuple[float, float]
-    """Field of view that was measured (x, y)."""
+    """Measured field of view (x, y)."""
     field_px: tuple[int, int]
     dpi: float
     mm_per_px: float
     seed: int
     """Seed of halftone, misregistration and noise."""
     dots_a_patch: float | None
-    """Printer dots along a patch; along a marker where there are no patches; None on clear film."""
+    """Printer dots along a patch, or along a marker without patches; None on clear film."""
     px_a_patch: float | None
     """Camera pixels along the same."""
     print_contrast: float | None
-    """Share of the designed contrast on the print; None where the design has no contrast."""
+    """Share of the designed contrast on the print; None if the design has no contrast."""
     camera_contrast: float | None
     """The same in the camera's image."""
     printable: bool
-    """The print keeps half of the contrast, and `raster` takes patches and markers of this size."""
+    """True if the print keeps half of the contrast and `raster` accepts the feature sizes."""
     seen: bool
-    """The camera's image keeps a tenth of the contrast."""
+    """True if the camera's image keeps a tenth of the contrast."""
     designed: Figures
     photographed: Figures
 
@@ -66,7 +65,7 @@ def measure_quality(
     recipe: PatternRecipe,
     printer: Printer | None = None,
     sensor: ImageSensor | None = None,
-    mm_per_px: float = MM_PER_PX,
+    mm_per_px: float = STANDARD_MM_PER_PX,
     seed: int = 0,
     view_mm: tuple[float, float] | None = None,
 ) -> Quality:
@@ -87,17 +86,17 @@ def measure_quality(
     size_px = field_px(recipe, printer.mm_per_dot, mm_per_px, view_mm)
     field_mm = (size_px[1] * mm_per_px, size_px[0] * mm_per_px)
     designed = pattern_albedo(recipe, mm_per_px, size_px) * np.float32(255)
-    image = sent(recipe, printer.dpi, field_mm)
+    image = driver_image(recipe, printer.dpi, field_mm)
     rng = np.random.default_rng([seed, 5])
     printed = print_colours(printer, image.astype(np.float32) / np.float32(255), rng)
     photo = photograph(printed, printer.mm_per_dot, sensor, mm_per_px, size_px, rng)
-    rastered = has_raster(recipe, printer.dpi)
+    resolved = has_raster(recipe, printer.dpi)
     # Where a printer dot covers several patches, the values sent have already lost contrast
-    patches = None if rastered else recipe.patches()
+    patches = None if resolved else recipe.patches()
     coded = np.power(printed, np.float32(1 / GAMMA)) * np.float32(255)
-    at, coded = _middle(image), _middle(coded)
-    print_contrast = kept(coded, at, at if patches is None else patches)
-    camera_contrast = kept(photo, designed, image if patches is None else patches)
+    original, coded = _middle(image), _middle(coded)
+    print_contrast = contrast_share(coded, original, original if patches is None else patches)
+    camera_contrast = contrast_share(photo, designed, image if patches is None else patches)
     feature_mm = recipe.patch_mm
     if feature_mm is None and recipe.dots is not None:
         feature_mm = recipe.dots.diameter_mm
@@ -111,7 +110,7 @@ def measure_quality(
         px_a_patch=None if feature_mm is None else feature_mm / mm_per_px,
         print_contrast=print_contrast,
         camera_contrast=camera_contrast,
-        printable=rastered and (print_contrast is None or print_contrast >= PRINTED_SHARE),
+        printable=resolved and (print_contrast is None or print_contrast >= PRINTED_SHARE),
         seen=camera_contrast is not None and camera_contrast >= SEEN_SHARE,
         designed=figures(designed, mm_per_px),
         photographed=figures(photo, mm_per_px),
@@ -124,77 +123,77 @@ def field_px(
     mm_per_px: float,
     view_mm: tuple[float, float] | None,
 ) -> tuple[int, int]:
-    """(h, w) of the field in camera pixels."""
+    """Size (h, w) of the field in camera pixels."""
     view_mm = view_mm or SensorDimensions().optics.view_mm
     width_mm, height_mm = (min(side_mm, recipe.printed_mm) for side_mm in view_mm)
     across_mm = math.sqrt(width_mm * height_mm)
-    too_fine = max(
+    reduction = max(
         1.0,
-        across_mm / mm_per_px / math.sqrt(MAX_PX),
+        across_mm / mm_per_px / math.sqrt(MAX_FIELD_PX),
         across_mm / mm_per_dot / math.sqrt(MAX_DOTS),
     )
     width_px, height_px = (
-        math.floor(side_mm / too_fine / mm_per_px + 1e-9) for side_mm in (width_mm, height_mm)
+        math.floor(side_mm / reduction / mm_per_px + 1e-9) for side_mm in (width_mm, height_mm)
     )
     if min(width_px, height_px) < MIN_SIDE_PX:
         raise InputError(
-            f"quality: the field is {width_px} x {height_px} px of {mm_per_px:g} mm, as far as "
-            f"{MAX_DOTS // 10**6} million dots of {MM_PER_INCH / mm_per_dot:.0f} dpi go; at least "
-            f"{MIN_SIDE_PX} px a side: a larger sticker or a lower dpi"
+            f"quality: the field is {width_px} x {height_px} px of {mm_per_px:g} mm (at most "
+            f"{MAX_DOTS // 10**6} million dots at {MM_PER_INCH / mm_per_dot:.0f} dpi), expected at "
+            f"least {MIN_SIDE_PX} px per side: use a larger sticker or a lower dpi"
         )
     return height_px, width_px
 
 
 def _middle(image: Array) -> Array:
-    """At most 512 x 512 px of the middle, enough for the contrast of the print."""
-    top, left = (max(0, (length - 512) // 2) for length in image.shape[:2])
-    return image[top : top + 512, left : left + 512]
+    """Crop the middle 512 x 512 px at most, enough for the print's contrast."""
+    row, column = (max(0, (length - 512) // 2) for length in image.shape[:2])
+    return image[row : row + 512, column : column + 512]
 
 
-def kept(image: Array, original: Array, whole: Array) -> float | None:
-    """Share of a pattern's contrast that an image still has, mean of R, G and B.
+def contrast_share(image: Array, original: Array, full: Array) -> float | None:
+    """Share of a pattern's contrast kept by an image, mean of R, G and B; None if it has none.
 
-    image, original: (h, w, 3) of one shape; whole: an image with the pattern's full contrast.
-    Halftone and noise do not count: they are uncorrelated with the original. None where the
-    pattern has no contrast.
+    image, original: (h, w, 3) of one shape. full: an image with the pattern's full contrast.
+    Halftone and noise do not count: they are uncorrelated with the original.
     """
     shares = []
     for c in range(3):
-        designed = float(whole[..., c].std(dtype=np.float64))
+        designed = float(full[..., c].std(dtype=np.float64))
         if designed > 0:
-            own = agreement(image[..., c], original[..., c]) * float(image[..., c].std(dtype=float))
-            shares.append(max(0.0, own) / designed)
+            share = agreement(image[..., c], original[..., c])
+            share *= float(image[..., c].std(dtype=float))
+            shares.append(max(0.0, share) / designed)
     return float(np.mean(shares)) if shares else None
 
 
-MARGIN_MM = 0.3
-"""Printed around the field, from where misregistered (15 um) and spreading (20 um) ink comes."""
-MARGIN_PX = 4
-"""Camera pixels around the field, for blur and demosaicing; even, to keep the mosaic's phase."""
-STRIP = 256
+INK_REACH_MM = 0.3
+"""Printed around the field, by hand: far more than inks spread (20 um) or lie apart (15 um)."""
+EDGE_PX = 4
+"""Camera pixels around the field for blur and demosaicing, by hand; even: mosaic phase."""
+STRIP_COLUMNS = 256  # by hand: more costs memory
 
 
-def sent(recipe: PatternRecipe, dpi: float, field_mm: tuple[float, float]) -> NDArray[np.uint8]:
-    """The middle of a sticker in printer dots, (h, w, 3) file values: field_mm (x, y) and a margin.
+def driver_image(recipe: PatternRecipe, dpi: float, field_mm: tuple[float, float]) -> Array:
+    """Render the middle of a sticker in printer dots, (h, w, 3) uint8: field_mm (x, y), margin.
 
-    Where a patch or marker is smaller than a printer dot, each dot gets the mean of what it covers,
-    as from a driver that scales down. Nothing outside the sticker is included.
+    Where a patch or marker is smaller than a printer dot, each dot gets the mean over its area, as
+    from a driver that scales down. Nothing outside the sticker is included.
     """
     mm_per_dot = MM_PER_INCH / dpi
     whole_px = round(recipe.printed_mm / mm_per_dot)
     width_px, height_px = (
-        _centred(round((side_mm + 2 * MARGIN_MM) / mm_per_dot), whole_px) for side_mm in field_mm
+        _centred(round((side + 2 * INK_REACH_MM) / mm_per_dot), whole_px) for side in field_mm
     )
     if has_raster(recipe, dpi):
         image = raster_window(recipe, dpi, max(width_px, height_px))
-        top, left = (len(image) - height_px) // 2, (len(image) - width_px) // 2
-        return image[top : top + height_px, left : left + width_px]
+        row, column = (len(image) - height_px) // 2, (len(image) - width_px) // 2
+        return image[row : row + height_px, column : column + width_px]
     means = pattern_albedo(recipe, mm_per_dot, (height_px, width_px))
     return np.rint(means * 255).astype(np.uint8)
 
 
 def has_raster(recipe: PatternRecipe, dpi: float) -> bool:
-    """Whether patches and markers are as large as `raster` asks for."""
+    """True if patches and markers are large enough for `raster`."""
     return all(MM_PER_INCH / dpi <= limit_mm * (1 + 1e-9) for limit_mm, _ in finest_mm(recipe))
 
 
@@ -206,29 +205,29 @@ def photograph(
     size_px: tuple[int, int],
     rng: np.random.Generator,
 ) -> NDArray[np.uint8]:
-    """A centred print (rows, columns, 3) as the camera's image of size_px (h, w), (h, w, 3) RGB."""
+    """Photograph a centred print (rows, columns, 3): camera image of size_px (h, w), RGB uint8."""
     from deltact_fab.physics import Exposure, view_grid
 
-    height_px, width_px = (length + 2 * MARGIN_PX for length in size_px)
+    height_px, width_px = (length + 2 * EDGE_PX for length in size_px)
     edges_mm, ends_mm = _edges(printed.shape[0], mm_per_dot), _edges(height_px, mm_per_px)
     # Columns by strips: the float64 intermediates of a fine print would be gigabytes
     band = np.concatenate(
         [
-            cell_means(printed[:, first : first + STRIP], edges_mm, ends_mm)
-            for first in range(0, printed.shape[1], STRIP)
+            cell_means(printed[:, first : first + STRIP_COLUMNS], edges_mm, ends_mm)
+            for first in range(0, printed.shape[1], STRIP_COLUMNS)
         ],
         axis=1,
     ).swapaxes(0, 1)
     edges_mm, ends_mm = _edges(printed.shape[1], mm_per_dot), _edges(width_px, mm_per_px)
     radiance = cell_means(band, edges_mm, ends_mm).swapaxes(0, 1).astype(np.float32)
     # Every pixel gets the mean light of the view
-    off = np.sqrt(np.mean(view_grid(*size_px) ** 2, axis=(0, 1)))
-    bgr = Exposure(sensor, np.broadcast_to(off, (height_px, width_px, 2))).expose(radiance, rng)
-    return np.ascontiguousarray(bgr[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX, ::-1])
+    offset = np.sqrt(np.mean(view_grid(*size_px) ** 2, axis=(0, 1)))
+    bgr = Exposure(sensor, np.broadcast_to(offset, (height_px, width_px, 2))).expose(radiance, rng)
+    return np.ascontiguousarray(bgr[EDGE_PX:-EDGE_PX, EDGE_PX:-EDGE_PX, ::-1])
 
 
 def _centred(wanted_px: int, whole_px: int) -> int:
-    """A length near the wanted one that leaves equal margins on both sides of the whole."""
+    """Adjust a length by at most 1 to leave equal margins on both sides of the whole."""
     return whole_px if wanted_px >= whole_px else wanted_px + (whole_px - wanted_px) % 2
 
 

@@ -1,21 +1,21 @@
-"""A print job: many stickers on pages of exact millimetres, with marks that identify them.
+"""A print job: stickers on pages to scale, with marks that identify them.
 
 Whether a sticker is printed mirrored depends on which side of the film the ink is on (paper,
 Fabrication Process; frames as in `optics`). The camera is inside, looks out along +z, and must see
 the recipe as designed, with row 0, column 0 at (-x, -y).
 
-- `face-down`: the printed side is laid on the gel. The camera sees the printed side of the ink, as
-  a person who looks at the sheet does. The sheet shows the array as it is.
+- `face-down`: the printed side lies on the gel. The camera sees the printed side of the ink, as a
+  person looking at the sheet does. The sheet shows the array unchanged.
 - `slide`: the film slides off its backing onto the gel, film first. The camera looks through gel
   and film at the back of the ink, where left and right are exchanged. The sheet shows the array
   with its columns reversed.
 
-In both cases an F stands beside the pattern at the corner (-x, -y), mirrored with the sticker. It
-reads correctly from the side that lies on the gel, where the camera is; if it does not, the film is
-the wrong way round. Labels and QR codes are never mirrored.
+In both cases an F marks the corner (-x, -y) beside the pattern, mirrored with the sticker. It reads
+correctly from the side that lies on the gel, where the camera is; otherwise the film is the wrong
+way round. Labels and QR codes are never mirrored.
 
 A scale correction stretches everything, the rulers too: a corrected sheet is right when its own
-rulers measure 100 mm. If they do not, multiply the correction by 100 / what they measure.
+rulers measure 100 mm. Otherwise multiply the correction by 100 / their measured length.
 """
 
 from __future__ import annotations
@@ -41,19 +41,18 @@ from .layout import INSET_MM, Sheet, StickerCell
 
 Transfer = Literal["face-down", "slide"]
 
-TRANSFERS = ("face-down", "slide")
-DPI_RANGE = (100.0, 9600.0)
-SCALE_RANGE = (0.9, 1.1)
-MAX_STICKERS = 2000
+TRANSFER_SIDES = ("face-down", "slide")
+# By hand: resolutions of printers; more than 10 % is no scale error; thousands take minutes.
+SHEET_DPI_RANGE, SCALE_RANGE, MAX_STICKERS = (100.0, 9600.0), (0.9, 1.1), 2000
 
 
 @dataclass(frozen=True)
 class Sticker:
-    """A printed sticker. x_mm, y_mm: its top left corner from the page's, on the real print.
+    """A printed sticker. x_mm, y_mm: its top left corner on the page, on the real print.
 
-    file_side_mm: the side of the picture in the file, (x, y) on the real print, in whole printer
-    dots. side_error_mm: that less side_mm, which is n d. print_error_mm: of the worst patch edge,
-    from its true place about the sticker's centre.
+    file_side_mm: side of the picture in the file, (x, y) on the real print, in whole printer dots.
+    side_error_mm: its difference from side_mm = n d. print_error_mm: largest error of a patch
+    edge about the sticker's centre.
     """
 
     page: int
@@ -70,7 +69,7 @@ class Sticker:
 
 @dataclass(frozen=True)
 class SheetReport:
-    """What `write` wrote. print_error_mm: the worst of all stickers."""
+    """Result of `write_sheet`; print_error_mm: worst of all stickers."""
 
     out: Path
     paper: str
@@ -103,24 +102,24 @@ def write_sheet(
 ) -> SheetReport:
     """Write the stickers as a PDF, on as many pages as they need.
 
-    scale: 100 / what the ruler in (x, y) measures, times the scale of the sheet it is on.
+    scale: 100 / measured length of the ruler in (x, y), times the scale of that sheet.
     Memory is bounded by the compressed file; equal arguments and versions give equal bytes.
 
-    Raises InputError for anything that cannot be printed as requested, or that the sensor's camera
-    cannot use (`raster.check_seen`): nothing is written then.
+    Raises InputError for anything that cannot be printed as requested or used by the sensor's
+    camera (`raster.check_seen`); nothing is written then.
     """
     if out.suffix.lower() != ".pdf":
-        raise InputError(f"{out}: a sheet is a PDF: end the name in .pdf")
-    paper = next((name for name in layout.PAPERS if name.lower() == paper.lower()), paper)
+        raise InputError(f"{out}: expected a name that ends in .pdf")
+    paper = next((name for name in layout.PAPERS_MM if name.lower() == paper.lower()), paper)
     sheet = _checked_sheet(paper, dpi, transfer, scale)
     if not recipes:
         raise InputError("a sheet needs at least one recipe")
     if not 1 <= copies <= MAX_STICKERS or len(recipes) * copies > MAX_STICKERS:
         raise InputError(
-            f"copies: {copies} of {len(recipes)} recipes; at least 1, and at most {MAX_STICKERS} "
-            "stickers in all"
+            f"copies: {copies} of {len(recipes)} recipes; expected at least 1, and at most "
+            f"{MAX_STICKERS} stickers in total"
         )
-    tell = progress or (lambda done, total, what: None)
+    tell = progress or (lambda *_: None)
     sensor = sensor or SensorDimensions()
     total = len(recipes) + 1
     cells: dict[PatternRecipe, StickerCell] = {}
@@ -130,33 +129,33 @@ def write_sheet(
             continue
         try:
             check_seen(recipe, sensor.optics.view_mm)
-        except InputError as why:
-            raise InputError(f"{page_marks.name(recipe)}: {why}") from why
-        cells[recipe] = page_marks.cell(
+        except InputError as error:
+            raise InputError(f"{page_marks.sticker_name(recipe)}: {error}") from error
+        cells[recipe] = page_marks.make_cell(
             recipe, encode(recipe), sheet, transfer == "slide", sensor.skin.film_mm()
         )
     tell(len(recipes), total, "file")
     order = [recipe for recipe in recipes for _ in range(copies)]
-    names = [page_marks.name(recipe) for recipe in order]
+    names = [page_marks.sticker_name(recipe) for recipe in order]
     head, top_mm = page_marks.header(sheet, paper, transfer)
-    places = layout.placed(sheet, [cells[recipe] for recipe in order], names, top_mm)
+    places = layout.place_cells(sheet, [cells[recipe] for recipe in order], names, top_mm)
     pages = places[-1].page + 1
     file, images = Document(), dict[str, int]()
-    found: list[Sticker] = []
+    stickers: list[Sticker] = []
     for page in range(pages):
-        marks, used = list(head), dict[str, int]()
+        marks, page_images = list(head), dict[str, int]()
         for place in (p for p in places if p.page == page):
             recipe = order[place.cell]
             cell = cells[recipe]
             for picture in (cell.sticker, cell.code):
                 if picture.key not in images:
                     images[picture.key] = _image(file, picture)
-                used[f"I{images[picture.key]}"] = images[picture.key]
-            on_page, at_px = page_marks.put(sheet, cell, place.x_mm, place.y_mm, images)
+                page_images[f"I{images[picture.key]}"] = images[picture.key]
+            on_page, at_px = page_marks.draw_cell(sheet, cell, place.x_mm, place.y_mm, images)
             marks += on_page
-            found.append(_sticker(page, cell.sticker, at_px, scale, recipe))
+            stickers.append(_sticker(page, cell.sticker, at_px, scale, recipe))
         marks += page_marks.footer(sheet, page, pages)
-        file.page(sheet.size_pt, "\n".join(marks), used)
+        file.page(sheet.size_pt, "\n".join(marks), page_images)
     codes = tuple(cell.sticker.key for cell in cells.values())
     content = file.finish("Pattern stickers", f"deltact-fab {VERSION}", codes)
     write_files({out: content})
@@ -168,8 +167,8 @@ def write_sheet(
         transfer=transfer,
         scale=scale,
         pages=pages,
-        stickers=tuple(found),
-        print_error_mm=max(s.print_error_mm for s in found),
+        stickers=tuple(stickers),
+        print_error_mm=max(s.print_error_mm for s in stickers),
         bytes=len(content),
         sha256=hashlib.sha256(content).hexdigest(),
         codes=codes,
@@ -177,20 +176,21 @@ def write_sheet(
 
 
 def _checked_sheet(paper: str, dpi: float, transfer: str, scale: tuple[float, float]) -> Sheet:
-    for key, name, known in (("paper", paper, layout.PAPERS), ("transfer", transfer, TRANSFERS)):
-        if name not in known:
-            raise InputError(f"{key}: {name!r}; {did_you_mean(name, known)}")
-    low, high = DPI_RANGE
+    papers = layout.PAPERS_MM
+    for key, name, choices in (("paper", paper, papers), ("transfer", transfer, TRANSFER_SIDES)):
+        if name not in choices:
+            raise InputError(f"{key}: {name!r}; {did_you_mean(name, choices)}")
+    low, high = SHEET_DPI_RANGE
     if not low <= dpi <= high:  # NaN fails too
-        raise InputError(f"dpi: {dpi:g}; a printer has {low:g} to {high:g}, as in 1200")
+        raise InputError(f"dpi: {dpi:g}; expected {low:g} to {high:g}, as in 1200")
     low, high = SCALE_RANGE
     for axis, value in zip("xy", scale, strict=True):
         if not low <= value <= high:
             raise InputError(
-                f"scale {axis}: {value:g} must be {low:g} to {high:g}: 100 / what the ruler in "
-                f"{axis} measures in mm"
+                f"scale {axis}: {value:g} must be {low:g} to {high:g}: 100 / length in mm of the "
+                f"ruler in {axis}"
             )
-    return Sheet(layout.PAPERS[paper], dpi, scale)
+    return Sheet(layout.PAPERS_MM[paper], dpi, scale)
 
 
 def _sticker(
@@ -218,7 +218,7 @@ def _sticker(
 
 
 def _image(file: Document, picture: CellGrid) -> int:
-    """Add a picture, lossless, one pixel a printer dot, so that no printer resamples it."""
+    """Add a lossless picture, one pixel per printer dot, so that no printer resamples it."""
     space = "/DeviceRGB" if picture.cells.ndim == 3 else "/DeviceGray"
     opening = (
         f"<< /Type /XObject /Subtype /Image /Width {picture.width_px} "

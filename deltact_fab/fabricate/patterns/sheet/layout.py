@@ -1,6 +1,6 @@
-"""Where things are placed on a page, in millimetres on the real print.
+"""Layout of a page, in millimetres on the real print.
 
-A page, as it is read:
+A page:
 
          header: how to print, which transfer
          |....|....| ruler in x, 100 mm
@@ -29,7 +29,7 @@ from deltact_fab.common import MM_PER_INCH, InputError
 from ...pdf import POINTS_PER_MM, figure, glyphs, width_em
 from ..cell_grid import CellGrid
 
-PAPERS = {
+PAPERS_MM = {
     "A5": (148.0, 210.0),
     "A4": (210.0, 297.0),
     "A3": (297.0, 420.0),
@@ -41,23 +41,16 @@ PAPERS = {
 }
 """Width and height in mm (ISO 216, ISO 217, ANSI/ASME Y14.1)."""
 
-TEXT_PT = 6.0
-HEAD_PT = 7.0
-LEADING = 1.2
-FOOTER_MM = 6.0
-LEFT_BAND_MM = 10.0
-MARGIN_MM = 8.0
-"""Left blank around a page."""
-PAD_MM = 4.5
-"""Least margin around a sticker, for its ticks and its F."""
-LABEL_GAP_MM = 1.6
+# By hand: smaller is hard to read, larger leaves less room for stickers. 8 mm of margin clear the
+# unprintable edge of most printers; STICKER_PAD_MM is around a sticker, for its ticks and its F.
+TEXT_PT, HEAD_PT, LINE_SPACING = 6.0, 7.0, 1.2
+FOOTER_MM, LEFT_BAND_MM, PAGE_MARGIN_MM = 6.0, 10.0, 8.0
+STICKER_PAD_MM, LABEL_GAP_MM, LABEL_MM = 4.5, 1.6, 28.5  # the last: width of a label's text
 QUIET_MM = 1.6
 """Clear space around a QR code: four modules of 0.4 mm (ISO/IEC 18004, 9.1)."""
-MODULE_MM = 0.33
-LABEL_MM = 28.5
-"""Width of a label's text beside its QR code."""
+MODULE_MM = 0.33  # of a QR code, by hand: four dots at 300 dpi; smaller is hard to scan
 INSET_MM = 1e-4
-"""By which the box of a rectangle or picture is smaller on each side than its place.
+"""Inset of the box of a rectangle or picture on each side (decision 0008).
 
 Renderers fill every dot that a picture's box touches. A box that ends exactly at a dot's edge
 touches the next dot through rounding, and the picture would grow by one dot and be resampled.
@@ -65,12 +58,12 @@ touches the next dot through rounding, and the picture would grow by one dot and
 
 
 def width_mm(text: str, size_pt: float) -> float:
-    """Width of a line in mm."""
+    """Width of a line of text, mm."""
     return width_em(text) * size_pt / POINTS_PER_MM
 
 
 def wrapped(words: list[str], room_mm: float, size_pt: float, between: str = "  ") -> list[str]:
-    """Words joined into lines that fit; a word that is too long stands alone on its line."""
+    """Join words into lines that fit; a word that is too long gets a line of its own."""
     lines: list[str] = []
     for word in words:
         longer = f"{lines[-1]}{between}{word}" if lines else word
@@ -83,10 +76,10 @@ def wrapped(words: list[str], room_mm: float, size_pt: float, between: str = "  
 
 @dataclass(frozen=True)
 class Sheet:
-    """The paper, the printer's resolution and the scale correction: millimetres to marks of a PDF.
+    """Paper, printer resolution and scale correction: convert millimetres to marks of a PDF.
 
     A mark is an operator of the page's content, with every edge at a printer dot. paper_mm: (width,
-    height); scale: (x, y) by which the file is stretched.
+    height). scale: stretch of the file in (x, y).
     """
 
     paper_mm: tuple[float, float]
@@ -95,32 +88,32 @@ class Sheet:
 
     @property
     def pitch_mm(self) -> tuple[float, float]:
-        """A printer dot's size (x, y) on the real print."""
+        """Size (x, y) of a printer dot on the real print."""
         return (MM_PER_INCH / self.dpi / self.scale[0], MM_PER_INCH / self.dpi / self.scale[1])
 
     @property
     def page_px(self) -> tuple[int, int]:
-        """The page in whole dots, within half a dot of the paper's size, so that every corner lies
-        on the grid of dots, whichever one a printer counts from."""
+        """Page size in whole dots, within half a dot of the paper, so that the grid of dots fits
+        from every corner."""
         width_mm, height_mm = self.paper_mm
         return (round(width_mm * self.dpi / MM_PER_INCH), round(height_mm * self.dpi / MM_PER_INCH))
 
     @property
     def size_mm(self) -> tuple[float, float]:
-        """The page in millimetres of the real print."""
+        """Page size, mm of the real print."""
         return (self.page_px[0] * self.pitch_mm[0], self.page_px[1] * self.pitch_mm[1])
 
     @property
     def size_pt(self) -> tuple[float, ...]:
-        """The page in points; rounded down, for a renderer counts a dot's fraction as one more."""
+        """Page size in points, rounded down: renderers count a fraction of a dot as one more."""
         return tuple(int(side * 72 / self.dpi * 1e5) / 1e5 for side in self.page_px)
 
     def x_px(self, x_mm: float) -> int:
-        """The nearest dot to a place along x."""
+        """Nearest dot along x."""
         return round(x_mm / self.pitch_mm[0])
 
     def y_px(self, y_mm: float) -> int:
-        """The nearest dot to a place along y."""
+        """Nearest dot along y."""
         return round(y_mm / self.pitch_mm[1])
 
     def box(
@@ -131,7 +124,7 @@ class Sheet:
         h_mm: float,
         ink: int | tuple[int, int, int] = 0,
     ) -> str:
-        """A box with every edge at its nearest dot, at least a dot wide; ink: as of `rectangle`."""
+        """Box with every edge at its nearest dot, at least a dot wide; ink as in `rectangle`."""
         x_px, y_px = self.x_px(x_mm), self.y_px(y_mm)
         width_px, height_px = self.x_px(x_mm + w_mm) - x_px, self.y_px(y_mm + h_mm) - y_px
         return self.rectangle(x_px, y_px, max(1, width_px), max(1, height_px), ink)
@@ -144,30 +137,30 @@ class Sheet:
         height_px: int,
         ink: int | tuple[int, int, int] = 0,
     ) -> str:
-        """A filled one. ink: one byte of grey (black ink alone), or three of RGB."""
+        """Filled rectangle. ink: one byte of grey (black ink only), or three of RGB."""
         values = (ink,) if isinstance(ink, int) else ink
         fill = f"{' '.join(figure(v / 255) for v in values)} {'g' if len(values) == 1 else 'rg'}"
         return f"{fill} {' '.join(self._place(x_px, y_px, width_px, height_px))} re f"
 
     def picture(self, x_px: int, y_px: int, picture: CellGrid, number: int) -> str:
-        """A picture, one pixel a printer dot; number: of its object in the file."""
-        left, low, wide, high = self._place(x_px, y_px, picture.width_px, picture.height_px)
-        return f"q {wide} 0 0 {high} {left} {low} cm /I{number} Do Q"
+        """Picture, one pixel per printer dot; number: its object in the file."""
+        x, y, width, height = self._place(x_px, y_px, picture.width_px, picture.height_px)
+        return f"q {width} 0 0 {height} {x} {y} cm /I{number} Do Q"
 
-    def words(self, x_mm: float, y_mm: float, text: str, size_pt: float = TEXT_PT) -> str:
-        """A line of text in black, ASCII only, with its baseline's left end at a place."""
-        x, y = (figure(v) for v in self._at(self.x_px(x_mm), self.y_px(y_mm)))
+    def text_line(self, x_mm: float, y_mm: float, text: str, size_pt: float = TEXT_PT) -> str:
+        """Line of black ASCII text; x_mm, y_mm: left end of its baseline."""
+        x, y = (figure(v) for v in self._to_points(self.x_px(x_mm), self.y_px(y_mm)))
         return f"BT 0 g /F {figure(size_pt)} Tf {x} {y} Td <{glyphs(text)}> Tj ET"
 
     def _place(self, x_px: int, y_px: int, width_px: int, height_px: int) -> list[str]:
         """Left, lower edge, width and height in points, less the inset on each side."""
         inset = INSET_MM * POINTS_PER_MM
-        left, low = self._at(x_px, y_px + height_px)
+        x, y = self._to_points(x_px, y_px + height_px)
         sides = (px * 72 / self.dpi - 2 * inset for px in (width_px, height_px))
-        return [figure(v) for v in (left + inset, low + inset, *sides)]
+        return [figure(v) for v in (x + inset, y + inset, *sides)]
 
-    def _at(self, x_px: int, y_px: int) -> tuple[float, float]:
-        """A place in points from the lower left corner."""
+    def _to_points(self, x_px: int, y_px: int) -> tuple[float, float]:
+        """Convert dots to points from the lower left corner."""
         return x_px * 72 / self.dpi, self.size_pt[1] - y_px * 72 / self.dpi
 
 
@@ -175,7 +168,7 @@ class Sheet:
 class StickerCell:
     """A sticker with its label and code, not yet placed on a page.
 
-    film_mm: sides of the piece of film that the sensor takes. label: lines of text.
+    film_mm: sides of the sensor's piece of film. label: lines of text.
     """
 
     film_mm: tuple[float, float]
@@ -190,31 +183,31 @@ class StickerCell:
 
     @property
     def cut_mm(self) -> tuple[float, float]:
-        """Sides of the film as it is cut: the sensor's, or more where the sticker needs more."""
+        """Sides of the cut film: the sensor's, or more if the sticker needs it."""
         x_mm, y_mm = self.film_mm
-        least_mm = self.side_mm + 2 * PAD_MM
+        least_mm = self.side_mm + 2 * STICKER_PAD_MM
         return (max(x_mm, least_mm), max(y_mm, least_mm))
 
     @property
     def code_mm(self) -> float:
-        """Side of the QR code with no clear space."""
+        """Side of the QR code without quiet zone."""
         return self.code.size_mm[0]
 
     @property
     def size_mm(self) -> tuple[float, float]:
-        """Width and height of the cell, marks and label included."""
+        """Width and height of the cell with marks and label."""
         label_mm = max(self.code_mm, len(self.label) * line_mm(TEXT_PT))
-        beside_mm = self.code_mm + QUIET_MM
+        code_room_mm = self.code_mm + QUIET_MM
         widest_mm = max(width_mm(line, TEXT_PT) for line in self.label)
         return (
-            max(self.cut_mm[0], beside_mm + widest_mm + 2 * QUIET_MM),
+            max(self.cut_mm[0], code_room_mm + widest_mm + 2 * QUIET_MM),
             self.cut_mm[1] + LABEL_GAP_MM + label_mm + QUIET_MM,
         )
 
 
 @dataclass(frozen=True)
-class Place:
-    """Where a cell stands: page from 0, and the cell's top left corner in mm."""
+class CellPlace:
+    """Position of a cell: page from 0, top left corner, mm."""
 
     cell: int
     page: int
@@ -223,36 +216,33 @@ class Place:
 
 
 def line_mm(size_pt: float) -> float:
-    """From one baseline to the next."""
-    return size_pt * LEADING * MM_PER_INCH / 72
+    """Distance of baselines, mm."""
+    return size_pt * LINE_SPACING * MM_PER_INCH / 72
 
 
-def placed(
+def place_cells(
     sheet: Sheet, cells: Sequence[StickerCell], names: Sequence[str], top_mm: float
-) -> list[Place]:
-    """Cells row by row on as many pages as they take, in the order given.
-
-    Raises InputError for a cell that no page can hold.
-    """
+) -> list[CellPlace]:
+    """Place cells row by row on as many pages as needed; InputError for a cell too large."""
     width, height = sheet.size_mm
-    left = MARGIN_MM + LEFT_BAND_MM
-    right, bottom = width - MARGIN_MM, height - MARGIN_MM - FOOTER_MM
-    places: list[Place] = []
-    page, x_mm, y_mm, row_mm = 0, left, top_mm, 0.0
+    x0 = PAGE_MARGIN_MM + LEFT_BAND_MM
+    x1, y1 = width - PAGE_MARGIN_MM, height - PAGE_MARGIN_MM - FOOTER_MM
+    places: list[CellPlace] = []
+    page, x_mm, y_mm, row_mm = 0, x0, top_mm, 0.0
     for i, cell in enumerate(cells):
         wide_mm, high_mm = cell.size_mm
-        if wide_mm > right - left or high_mm > bottom - top_mm:
+        if wide_mm > x1 - x0 or high_mm > y1 - top_mm:
             side_mm = min(
-                right - left - (wide_mm - cell.side_mm), bottom - top_mm - (high_mm - cell.side_mm)
+                x1 - x0 - (wide_mm - cell.side_mm), y1 - top_mm - (high_mm - cell.side_mm)
             )
             raise InputError(
-                f"{names[i]}: {cell.side_mm:g} mm do not fit on the paper with marks and label; "
-                f"it has room for {max(0, math.floor(side_mm))} mm: use a larger --paper"
+                f"{names[i]}: {cell.side_mm:g} mm do not fit on the paper with marks and label, "
+                f"at most {max(0, math.floor(side_mm))} mm: use a larger --paper"
             )
-        if x_mm + wide_mm > right + 1e-9:
-            x_mm, y_mm, row_mm = left, y_mm + row_mm, 0.0
-        if y_mm + high_mm > bottom + 1e-9:
-            page, x_mm, y_mm, row_mm = page + 1, left, top_mm, 0.0
-        places.append(Place(i, page, x_mm, y_mm))
+        if x_mm + wide_mm > x1 + 1e-9:
+            x_mm, y_mm, row_mm = x0, y_mm + row_mm, 0.0
+        if y_mm + high_mm > y1 + 1e-9:
+            page, x_mm, y_mm, row_mm = page + 1, x0, top_mm, 0.0
+        places.append(CellPlace(i, page, x_mm, y_mm))
         x_mm, row_mm = x_mm + wide_mm, max(row_mm, high_mm)
     return places
