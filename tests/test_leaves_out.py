@@ -175,9 +175,7 @@ def calls_of(
 
 
 @pytest.mark.slow
-def test_full_scene_calls_everything(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_full_scene_calls_everything(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     calls = calls_of("full", tmp_path, monkeypatch)
     assert calls["render"] == calls["expose"] == calls["frames"]
     assert calls["picture"] == calls["print"] == 1
@@ -257,9 +255,7 @@ write_run_page("run", Path("page.html"), result)
         pytest.param("gel press --depth 0.6 --spacing 0.5 --model linear", marks=pytest.mark.slow),
     ],
 )
-def test_number_commands_load_no_opencv(
-    words: str, tmp_path: Path
-) -> None:
+def test_number_commands_load_no_opencv(words: str, tmp_path: Path) -> None:
     (loaded,) = loaded_by(COMMAND.format(words=words.split()), cwd=tmp_path)
     assert loaded <= ({"scipy.interpolate"} if words.startswith("gel") else set())
 
@@ -279,9 +275,7 @@ def test_sheet_builds_no_part_registry(
 
 
 @pytest.mark.slow
-def test_measuring_loads_no_writer_or_dimensions(
-    mini_run: Path, tmp_path: Path
-) -> None:
+def test_measuring_loads_no_writer_or_dimensions(mini_run: Path, tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text(f'images = "{mini_run / "images"}"\nrate_hz = 20\n')
     bodies = commands(f"measure {mini_run}", "record import own.toml --out own")
     measured, imported = loaded_by(*bodies, cwd=tmp_path, watched=WRITING)

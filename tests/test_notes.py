@@ -111,9 +111,7 @@ def test_event_keeps_the_sensor_id(change: Change) -> None:
     assert after == ("gap", ODD)
 
 
-def test_warnings_are_read_from_data(
-    mini_run: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_warnings_are_read_from_data(mini_run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run = open_run(mini_run)
     summary, remarks = run.summary(), run.remarks()
     assert summary["notes"] == [Note(**one).line for one in summary["remarks"]]
