@@ -125,7 +125,8 @@ def assert_same(old: Any, new: Any, where: str) -> None:
         for k, (one, other) in enumerate(zip(old, new, strict=True)):
             assert_same(one, other, f"{where}[{k}]")
     elif isinstance(old, str):
-        assert isinstance(new, str) and bool(new) == bool(old), where
+        assert isinstance(new, str), where
+        assert bool(new) == bool(old), where
         assert " " in old or new == old, where
     elif old is None or isinstance(old, bool):
         assert new is old, where

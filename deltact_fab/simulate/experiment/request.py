@@ -114,13 +114,11 @@ class RunRequest:
         where that breaks nothing, or that may trip the guard.
         """
         Check.require(self._static_rows(), str(self.source))
-        prediction = None if self.air else self.forces()
-        if prediction is None:
+        forces = None if self.air else self.forces()
+        if forces is None:
             return []
-        Check.require(prediction[1], str(self.rig_path))
-        lines = [
-            f"{self.protocol.name}: {row.reason}" for row in prediction[1] if row.status == "warn"
-        ]
+        Check.require(forces[1], str(self.rig_path))
+        lines = [f"{self.protocol.name}: {row.reason}" for row in forces[1] if row.status == "warn"]
         for line in lines:
             _LOG.warning("warning: %s", line)
         return [Note("forces", line, warns=True) for line in lines]
@@ -151,13 +149,12 @@ class RunRequest:
         if self.protocol.weights is not None:
             return [], []  # they are the forces
         declared = rule.limits_of(self.rig, str(self.rig_path), self.protocol)
-        predicted = peaks.predict_peaks(
-            self.protocol, self.design, declared.origin_mm, self.progress, solve
-        )
-        if predicted is None:
+        origin_mm = declared.origin_mm
+        loads = peaks.predict_peaks(self.protocol, self.design, origin_mm, self.progress, solve)
+        if loads is None:
             return None
-        plate = rule.plate_checks(predicted, self.design, declared.simulated)
-        return predicted, rule.force_checks(predicted, declared) + plate
+        plate = rule.plate_checks(loads, self.design, declared.simulated)
+        return loads, rule.force_checks(loads, declared) + plate
 
     def _static_rows(self) -> list[Check]:
         """All checks but those of the forces, shared by check and run."""

@@ -42,9 +42,7 @@ MAX_COARSER = 2.0
 MAX_PENETRATION_SHARE, MIN_PENETRATION_SHARE = 0.3, 0.1
 MAX_FORCE_DROP = 0.1
 DEPTH_EXPONENT = 1.7
-STIFFEST_POISSON = (
-    0.499  # measured: force within 0.5 % of 0.4999, and finite strain ends before 0.5
-)
+STIFFEST_POISSON = 0.499  # measured: force within 0.5 % of 0.4999; finite strain ends before 0.5
 BOUND_MARGIN = 1.1  # by hand: friction under the punch, not in its closed form
 
 
@@ -165,17 +163,15 @@ def _safe_points(
     except (InputError, SolverError) as error:
         ended = str(error)
     for pose, knot in zip(solver.poses, solver.knots, strict=False):
-        failure = _add_point(points, -pose.tip_mm[2], -knot.force_n[2], knot.penetration_mm)
+        failure = _add(points, -pose.tip_mm[2], -knot.force_n[2], knot.penetration_mm)
     larger = choice.spacing_mm / choice.asked_mm if choice.asked_mm else 1.0
     margin = 1 + max(FORCE_TOL, choice.model_force_rel) * min(max(larger, 1.0), MAX_COARSER)
     return tuple((d, f * margin) for d, f in points), failure or ended
 
 
-def _add_point(
-    points: list[tuple[float, float]], depth: float, force: float, inside_mm: float
-) -> str:
+def _add(curve: list[tuple[float, float]], depth: float, force: float, inside_mm: float) -> str:
     """Append a state if it can be used; else, or where it counts as a shallower one, say why."""
-    best = points[-1][1] if points else 0.0
+    best = curve[-1][1] if curve else 0.0
     if not force > 0:
         return ""  # not touched yet
     if inside_mm > MAX_PENETRATION_SHARE * depth:
@@ -186,9 +182,9 @@ def _add_point(
     if inside_mm > MIN_PENETRATION_SHARE * depth:
         effective_mm = depth - inside_mm
         reason = f"at {depth:g} mm the indenter is {inside_mm:.2g} mm inside the coarse mesh"
-    while points and points[-1][0] >= effective_mm:
-        points.pop()
-    points.append((effective_mm, max(best, force)))
+    while curve and curve[-1][0] >= effective_mm:
+        curve.pop()
+    curve.append((effective_mm, max(best, force)))
     return reason
 
 

@@ -119,21 +119,21 @@ def force_checks(peaks: Sequence[Peak], limits: ForceLimits) -> list[Check]:
     return rows
 
 
-LimitLoads = tuple[str, str, float, str, list[float]]
+LoadRows = tuple[str, str, float, str, list[float]]
 """Id and words of a limit, the limit, its key with the unit, and the load of each peak."""
 
 
-def _device_loads(limits: ForceLimits, peaks: Sequence[Peak]) -> Iterator[LimitLoads]:
+def _device_loads(limits: ForceLimits, peaks: Sequence[Peak]) -> Iterator[LoadRows]:
     """Loads against the ratings of stage and sensor."""
     if limits.stage_n is not None:
         yield from _force_loads("stage", peaks, limits.stage_n, "[stage] max_force_n (N)")
     if limits.sensor_n is not None:
         yield from _force_loads("sensor", peaks, limits.sensor_n, "[force] range_n (N)")
     if limits.sensor_nmm is not None:
-        yield from _moment_loads("sensor", peaks, limits.sensor_nmm, "[force] range_nmm (N mm)")
+        yield from _moments("sensor", peaks, limits.sensor_nmm, "[force] range_nmm (N mm)")
 
 
-def _guard_loads(limits: ForceLimits, peaks: Sequence[Peak]) -> Iterator[LimitLoads]:
+def _guard_loads(limits: ForceLimits, peaks: Sequence[Peak]) -> Iterator[LoadRows]:
     """Loads against the trip levels of the guard."""
     guard = limits.guard
     if guard is None:
@@ -143,25 +143,21 @@ def _guard_loads(limits: ForceLimits, peaks: Sequence[Peak]) -> Iterator[LimitLo
     if math.isfinite(guard.resultant_n):
         loads = [math.hypot(p.normal_n, p.tangential_n) for p in peaks]
         yield "guard.whole", "whole force", guard.resultant_n, "[guard] resultant_n (N)", loads
-    yield from _moment_loads("guard", peaks, guard.torque_nmm, f"{torque} (N mm)")
+    yield from _moments("guard", peaks, guard.torque_nmm, f"{torque} (N mm)")
 
 
-def _force_loads(
-    device: str, peaks: Sequence[Peak], limit_n: Point, key: str
-) -> Iterator[LimitLoads]:
-    yield f"{device}.normal", "normal force", limit_n[2], key, [p.normal_n for p in peaks]
+def _force_loads(part: str, peaks: Sequence[Peak], limit_n: Point, key: str) -> Iterator[LoadRows]:
+    yield f"{part}.normal", "normal force", limit_n[2], key, [p.normal_n for p in peaks]
     # A drag along any axis of the protocol may meet either axis of a turned stage.
     loads = [p.tangential_n for p in peaks]
-    yield f"{device}.tangential", "tangential force", min(limit_n[:2]), key, loads
+    yield f"{part}.tangential", "tangential force", min(limit_n[:2]), key, loads
 
 
-def _moment_loads(
-    device: str, peaks: Sequence[Peak], limit_nmm: Point, key: str
-) -> Iterator[LimitLoads]:
+def _moments(part: str, peaks: Sequence[Peak], limit_nmm: Point, key: str) -> Iterator[LoadRows]:
     moments = [p.moment_nmm for p in peaks if p.moment_nmm is not None]
     if len(moments) == len(peaks):
         for axis, letter in enumerate("xyz"):
-            id, loads = f"{device}.moment-{letter}", [m[axis] for m in moments]
+            id, loads = f"{part}.moment-{letter}", [m[axis] for m in moments]
             yield id, f"moment about {letter}", limit_nmm[axis], key, loads
 
 

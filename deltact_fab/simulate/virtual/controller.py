@@ -30,11 +30,11 @@ from .clock import NS_PER_S
 from .grbl_lines import (
     DEFAULTS_GRBL,
     GrblError,
-    apply_setting,
     coordinates,
     grbl_settings,
     parse_jog,
-    setting_lines,
+    set_value,
+    settings_text,
 )
 from .motion import Segment
 
@@ -464,7 +464,7 @@ class GrblController:
         elif not command or command[0] in "#GCHISRN":
             return 3
         else:
-            apply_setting(self.settings, command)
+            set_value(self.settings, command)
             self._wco_in = 0
         return 0
 
@@ -474,7 +474,7 @@ class GrblController:
         if command == "$":
             if self._state == "Hold":
                 return 8
-            for line in setting_lines(self.settings):
+            for line in settings_text(self.settings):
                 self._say(line)
         elif self._state == "Alarm":
             self._say("[MSG:Caution: Unlocked]")

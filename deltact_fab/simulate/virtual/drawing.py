@@ -15,7 +15,7 @@ from deltact_fab.bench import CameraFrame, Clock, TruthFiles, VirtualConfig
 from deltact_fab.common import Field, RunFailed, write_whole
 from deltact_fab.sensor import Fisheye, Pinhole, Rectified, SensorDimensions, SurfaceLattice
 
-from .picture import BORDER_BAND_PX, FrameRenderer, PictureGeometry, RawView
+from .picture import RIM_PX, FrameRenderer, PictureGeometry, RawView
 from .scene import GelScene, LatticeCrop
 
 FrameKnots = tuple[int, int, float]  # keys of the knots around it, and how far it is from the first
@@ -27,9 +27,7 @@ def crop_lattice(
     """Crop a gel's lattice, with nodes (nx,) and (ny,), to what the rig's camera can see."""
     optics = sensor.optics
     view = optics.view_mm
-    margin_px = PictureGeometry.MARGIN_PX + (
-        BORDER_BAND_PX if config.virtual.lens is not None else 0
-    )
+    margin_px = PictureGeometry.MARGIN_PX + (RIM_PX if config.virtual.lens is not None else 0)
     margin_mm = margin_px * optics.mm_per_px
     return LatticeCrop(*axes_mm, (view[0] / 2 + margin_mm, view[1] / 2 + margin_mm))
 
@@ -70,20 +68,20 @@ class VirtualCamera:
 
     def __post_init__(self) -> None:
         self._stream: str | None = None
-        self._frame_knots: list[FrameKnots] = []
+        self._frames: list[FrameKnots] = []
         self._rng = np.random.default_rng(0)
 
     def begin(self, stream: str) -> None:
         """A new press: its noise depends on the seed and its name, not on what came before."""
         self._stream = stream
-        self._frame_knots = []
+        self._frames = []
         self.scene.begin()
         self._rng = FrameRenderer.noise(self.seed, stream)
 
     def capture(self) -> CameraFrame:
         assert self._stream is not None, "begin() comes before the first frame"
         observation = self.scene.observe()
-        self._frame_knots.append((observation.a.key, observation.b.key, observation.fraction))
+        self._frames.append((observation.a.key, observation.b.key, observation.fraction))
         return CameraFrame(
             self.picture.render(observation.displacement_mm(), self._rng), self.clock.now_s()
         )
@@ -91,7 +89,7 @@ class VirtualCamera:
     def end(self, frames: Mapping[str, float]) -> None:
         """Store the press's knots and where each of its frames stands between which of them."""
         assert self._stream is not None, "begin() comes before end()"
-        assert len(frames) == len(self._frame_knots), "one id a frame"
+        assert len(frames) == len(self._frames), "one id a frame"
         files = TruthFiles(self.folder)
         path = files.press(self._stream)
         try:
@@ -117,10 +115,8 @@ class VirtualCamera:
             packed,
             displacement_mm=np.stack(fields),
             frame_id=np.asarray(list(frames), dtype=np.str_),
-            knots=np.asarray([(row[a], row[b]) for a, b, _ in self._frame_knots], np.int64).reshape(
-                -1, 2
-            ),
-            fraction=np.asarray([f for _, _, f in self._frame_knots], dtype=float),
+            knots=np.array([(row[a], row[b]) for a, b, _ in self._frames], np.int64).reshape(-1, 2),
+            fraction=np.asarray([f for _, _, f in self._frames], dtype=float),
             x_mm=x_mm,
             y_mm=y_mm,
             **arrays,

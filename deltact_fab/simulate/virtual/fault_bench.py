@@ -185,7 +185,7 @@ class NoisyController(GrblController):
         return line
 
 
-TipPosition = Callable[[], tuple[float, float, float]]
+TipPoint = Callable[[], tuple[float, float, float]]
 ExtraForce = Callable[[float], float]
 
 
@@ -213,7 +213,7 @@ class BenchFeed:
     stamps = "sender"
     check = "its cable"
 
-    def __init__(self, clock: VirtualClock, tip_mm: TipPosition) -> None:
+    def __init__(self, clock: VirtualClock, tip_mm: TipPoint) -> None:
         self._clock = clock
         self._tip_mm = tip_mm
         self._pending = threading.Semaphore(0)
@@ -257,9 +257,7 @@ class BenchCamera(StreamCamera):
 
     first_bad_ns = 0
 
-    def __init__(
-        self, clock: VirtualClock, tip_mm: TipPosition, faults: Mapping[str, float]
-    ) -> None:
+    def __init__(self, clock: VirtualClock, tip_mm: TipPoint, faults: Mapping[str, float]) -> None:
         self.feed, self.clock, self.faults = BenchFeed(clock, tip_mm), clock, faults
         super().__init__(self.feed, clock)
         self.feed.release_image()

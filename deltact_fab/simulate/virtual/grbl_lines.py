@@ -46,10 +46,7 @@ def parse_jog(line: str, at_mm: Point) -> tuple[Point, float]:
         raise GrblError(22)
     x, y, z = at_mm
     if "91" not in modes or "53" in modes:
-        x, y, z = (
-            start_mm if axis not in values else 0.0
-            for axis, start_mm in zip("XYZ", at_mm, strict=True)
-        )
+        x, y, z = (p if axis not in values else 0.0 for axis, p in zip("XYZ", at_mm, strict=True))
     dx, dy, dz = (values.get(axis, 0.0) for axis in "XYZ")
     return (x + dx, y + dy, z + dz), feed_mm_min
 
@@ -85,7 +82,7 @@ def grbl_settings(
     return settings
 
 
-def apply_setting(settings: dict[int, float], assignment: str) -> None:
+def set_value(settings: dict[int, float], assignment: str) -> None:
     """`N=value`. Raises GrblError, nothing changed."""
     match = re.fullmatch(r"(\d+)=(-?\d+\.?\d*)", assignment)
     if match is None or (n := int(match[1])) not in DEFAULTS_GRBL:
@@ -100,7 +97,7 @@ def apply_setting(settings: dict[int, float], assignment: str) -> None:
         settings[20] = 0
 
 
-def setting_lines(settings: Mapping[int, float]) -> list[str]:
+def settings_text(settings: Mapping[int, float]) -> list[str]:
     return [
         f"${n}={value:.0f}" if n in _INTEGER_SETTINGS or n in (30, 31) else f"${n}={value:.3f}"
         for n, value in settings.items()

@@ -108,14 +108,13 @@ def trapezoid(
 def brake(moving: Segment, t_ns: int) -> Segment:
     """The ramp to rest from where `moving` is at t_ns, at its own acceleration, along its line."""
     speed, a = moving.speed_mm_s(t_ns), moving.accel_mm_s2
-    start_mm = moving.position_mm(t_ns)
+    at_mm = moving.position_mm(t_ns)
     braking_mm = speed * speed / (2 * a)
     u, v, w = moving.unit
-    end = (start_mm[0] + u * braking_mm, start_mm[1] + v * braking_mm, start_mm[2] + w * braking_mm)
+    end = (at_mm[0] + u * braking_mm, at_mm[1] + v * braking_mm, at_mm[2] + w * braking_mm)
     end_ns = t_ns + math.ceil(speed / a * NS_PER_S)
-    return Segment(
-        start_mm, end, t_ns, end_ns, moving.unit, ((0.0, 0.0, speed, -a),), a, moving.block
-    )
+    phases = ((0.0, 0.0, speed, -a),)
+    return Segment(at_mm, end, t_ns, end_ns, moving.unit, phases, a, moving.block)
 
 
 class Path:

@@ -42,9 +42,9 @@ from .picture import RawView
 # By hand, for plausible photographs: reflectances (a blank skin saturates no pixel), half width of
 # the ramp from black to white, samples per pixel and axis, white margin, image border, least height
 # of a board in air, draws of a pose.
-BLACK_LEVEL, WHITE_LEVEL, ROOM_LEVEL, BLANK_LEVEL = 0.04, 0.85, 0.25, 0.6
+INK_LEVEL, FILM_LEVEL, ROOM_LEVEL, BLANK_LEVEL = 0.04, 0.85, 0.25, 0.6
 INK_EDGE_MM = 0.02
-SUBPIXELS_N = 3
+FINE_N = 3
 MARGIN_SQUARES = 1.0
 IMAGE_BORDER_PX = 6
 MIN_AIR_MM = 0.5
@@ -88,16 +88,14 @@ class Studio:
             points_mm = origin + self._slope * z_mm[..., None]
         on_board = (points_mm - board_mm) @ turn[:, :2]
         u, v = (self._upsample(on_board[..., k]) for k in range(2))
-        surround = WHITE_LEVEL if board.skin else ROOM_LEVEL
+        surround = FILM_LEVEL if board.skin else ROOM_LEVEL
         albedo = _board_albedo(board, u, v, surround)
         return self._expose(albedo, rng)
 
     def blank(self, rng: np.random.Generator) -> NDArray[np.uint8]:
         """Image (h, w, 3) BGR of a skin without a pattern, for the flat field."""
         height, width = self._origin.shape[:2]
-        even = np.full(
-            ((height - 2) * SUBPIXELS_N, (width - 2) * SUBPIXELS_N), BLANK_LEVEL, np.float32
-        )
+        even = np.full(((height - 2) * FINE_N, (width - 2) * FINE_N), BLANK_LEVEL, np.float32)
         return self._expose(even, rng)
 
     def _expose(self, albedo: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.uint8]:
@@ -106,7 +104,7 @@ class Studio:
         x, y = (self._upsample(self._origin[..., k]) for k in range(2))
         with np.errstate(invalid="ignore"):
             window = (np.abs(x) <= half[0]) & (np.abs(y) <= half[1])
-        albedo = np.where(window, albedo, np.float32(BLACK_LEVEL))
+        albedo = np.where(window, albedo, np.float32(INK_LEVEL))
         size = (self.lens.width_px, self.lens.height_px)
         light = np.asarray(cv2.resize(albedo, size, interpolation=cv2.INTER_AREA), np.float32)
         return self._exposure.expose(np.repeat(light[..., None], 3, axis=-1), rng)
@@ -114,10 +112,8 @@ class Studio:
     def _upsample(self, values: Array) -> NDArray[np.float32]:
         """Values at the pixels' middles, with a border of one, to FINER a pixel."""
         grid = np.asarray(values, np.float32)
-        fine = cv2.resize(
-            grid, None, fx=SUBPIXELS_N, fy=SUBPIXELS_N, interpolation=cv2.INTER_LINEAR
-        )
-        return np.asarray(fine[SUBPIXELS_N:-SUBPIXELS_N, SUBPIXELS_N:-SUBPIXELS_N], np.float32)
+        fine = cv2.resize(grid, None, fx=FINE_N, fy=FINE_N, interpolation=cv2.INTER_LINEAR)
+        return np.asarray(fine[FINE_N:-FINE_N, FINE_N:-FINE_N], np.float32)
 
     def is_visible(self, board: Checkerboard, pose: BoardPose, contact: bool) -> bool:
         """True if all inner corners lie in the image and in the face's window."""
@@ -180,15 +176,13 @@ def _board_albedo(
     """Albedo at points of a board's plane; nan (no point seen) is black."""
     across = np.float32(board.nx * board.square_mm / 2), np.float32(board.ny * board.square_mm / 2)
     out = np.maximum(np.abs(u_mm) - across[0], np.abs(v_mm) - across[1])
-    mean, half = (
-        np.float32((WHITE_LEVEL + BLACK_LEVEL) / 2),
-        np.float32((WHITE_LEVEL - BLACK_LEVEL) / 2),
-    )
+    levels = FILM_LEVEL + INK_LEVEL, FILM_LEVEL - INK_LEVEL
+    mean, half = (np.float32(level / 2) for level in levels)
     dark = _stripes(u_mm + across[0], board.square_mm, board.nx)
     dark *= _stripes(v_mm + across[1], board.square_mm, board.ny)
-    albedo = np.where(out <= 0, mean - half * dark, np.float32(WHITE_LEVEL))
+    albedo = np.where(out <= 0, mean - half * dark, np.float32(FILM_LEVEL))
     albedo = np.where(out > MARGIN_SQUARES * board.square_mm, np.float32(surround), albedo)
-    return np.where(np.isfinite(out), albedo, np.float32(BLACK_LEVEL))
+    return np.where(np.isfinite(out), albedo, np.float32(INK_LEVEL))
 
 
 def _stripes(at_mm: NDArray[np.float32], width_mm: float, n: int) -> NDArray[np.float32]:

@@ -37,8 +37,8 @@ from deltact_fab.sensor import (
 
 # By hand: node spacing of a face at rest; band drawn around the tracked view for a calibration that
 # is a little off; iterations, of which more cost time on every frame and fewer leave pixels open.
-REST_SPACING_MM = 1.0
-BORDER_BAND_PX = 40
+NODES_MM = 1.0
+RIM_PX = 40
 FIXED_POINT_ITERATIONS = 6
 NEWTON_ITERATIONS = 40
 MAX_NEWTON_STEP_PX = 8.0
@@ -51,10 +51,7 @@ class RawView:
         """lens: what is drawn through. view: what is tracked, of which the size counts."""
         self.lens = lens
         self.flat = Rectified(
-            lens,
-            view.mm_per_px,
-            view.width_px + 2 * BORDER_BAND_PX,
-            view.height_px + 2 * BORDER_BAND_PX,
+            lens, view.mm_per_px, view.width_px + 2 * RIM_PX, view.height_px + 2 * RIM_PX
         )
         # With a border of one pixel, so that a halved grid is interpolated at the edge too.
         columns, rows = np.arange(-1, lens.width_px + 1), np.arange(-1, lens.height_px + 1)
@@ -141,11 +138,10 @@ class PictureGeometry:
         camera = Pinhole.of(sensor)
         margin_mm = cls.MARGIN_PX * camera.mm_per_px
         nx, ny = (
-            2 * math.ceil((side / 2 + margin_mm) / REST_SPACING_MM) + 1
-            for side in sensor.optics.view_mm
+            2 * math.ceil((side / 2 + margin_mm) / NODES_MM) + 1 for side in sensor.optics.view_mm
         )
-        x_mm, y_mm = (-(n - 1) / 2 * REST_SPACING_MM for n in (nx, ny))
-        return cls(camera, SurfaceLattice(x_mm, y_mm, REST_SPACING_MM, nx, ny))
+        x_mm, y_mm = (-(n - 1) / 2 * NODES_MM for n in (nx, ny))
+        return cls(camera, SurfaceLattice(x_mm, y_mm, NODES_MM, nx, ny))
 
     @property
     def size_px(self) -> tuple[int, int]:
@@ -229,12 +225,9 @@ class FrameRenderer:
         self._glows = sensor.contact_glow_per_mm > 0
         camera, raw = geometry.camera, geometry.raw
         if raw is None:
-            grid, self._border_mode = (
-                view_grid(camera.height_px, camera.width_px),
-                cv2.BORDER_REPLICATE,
-            )
+            grid, self._border = view_grid(camera.height_px, camera.width_px), cv2.BORDER_REPLICATE
         else:
-            grid, self._border_mode = raw.offset, cv2.BORDER_CONSTANT  # beyond the print it is dark
+            grid, self._border = raw.offset, cv2.BORDER_CONSTANT  # beyond the print it is dark
         self._exposure = Exposure(sensor, grid)
 
     @classmethod
@@ -286,9 +279,7 @@ class FrameRenderer:
         h, w = self._print.shape[:2]
         map_x = (fine[..., 0] - np.float32(cx)) * np.float32(texels) + np.float32((w - 1) / 2)
         map_y = (fine[..., 1] - np.float32(cy)) * np.float32(texels) + np.float32((h - 1) / 2)
-        albedo = cv2.remap(
-            self._print, map_x, map_y, cv2.INTER_LINEAR, borderMode=self._border_mode
-        )
+        albedo = cv2.remap(self._print, map_x, map_y, cv2.INTER_LINEAR, borderMode=self._border)
         size = (material_px.shape[1] - 2, material_px.shape[0] - 2)
         radiance = np.asarray(cv2.resize(albedo, size, interpolation=cv2.INTER_AREA), np.float32)
         if raw is not None:

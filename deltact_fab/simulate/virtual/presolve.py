@@ -101,9 +101,8 @@ def solve_presses(
         if source.failure:
             row.failure = f"as {source.press}, its mirror image: {source.failure}"
         else:
-            vars(row).update(
-                vars(_press_row(presses.planned_press(path))), like=source.press, seconds=0.0
-            )
+            solved = vars(_press_row(presses.planned_press(path)))
+            vars(row).update(solved, like=source.press, seconds=0.0)
         finish_row(row)
     return rows
 

@@ -35,7 +35,7 @@ from deltact_fab.sensor import (
     parse_indenter,
 )
 
-WAYPOINT_TOLERANCE_MM = 2e-3  # by hand: a motor step and its rounding
+NEAR_MM = 2e-3  # by hand: a motor step and its rounding
 REST_GROWTH = 1.5  # measured: see `rest_s`, error of at most 0.012 of a branch
 
 
@@ -56,9 +56,7 @@ class PlannedPress:
     def snapped(self, point: Point) -> Point:
         """Snap to a planned point within one motor step, else return the point itself."""
         for planned in self.waypoints:
-            if all(
-                abs(p - q) <= WAYPOINT_TOLERANCE_MM for p, q in zip(planned, point, strict=True)
-            ):
+            if all(abs(p - q) <= NEAR_MM for p, q in zip(planned, point, strict=True)):
                 return planned
         return point
 
@@ -116,9 +114,7 @@ class Presses:
     def open(self, indenter: str, at_mm: tuple[float, float]) -> PlannedPress:
         """The planned press of an indenter at a place. Raises InputError where there is none."""
         for path in self.paths:
-            matches = all(
-                abs(a - b) <= WAYPOINT_TOLERANCE_MM for a, b in zip(path.at_mm, at_mm, strict=True)
-            )
+            matches = all(abs(a - b) <= NEAR_MM for a, b in zip(path.at_mm, at_mm, strict=True))
             if path.indenter == indenter and matches:
                 return self.planned_press(path)
         raise InputError(f"no press of {indenter} is planned at ({at_mm[0]:g}, {at_mm[1]:g}) mm")
@@ -191,21 +187,19 @@ def press_paths(protocol: Protocol) -> list[PressPath]:
     Ways that end in the air are not in them, but for a retract that is filmed.
     """
     by_name: dict[str, PressPath] = {}
-    position: Point = (0.0, 0.0, protocol.motion.park_mm)
+    end: Point = (0.0, 0.0, protocol.motion.park_mm)
     for step in expand_protocol(protocol):
-        start, position = position, step.target_mm
+        start, end = end, step.target_mm
         if step.kind == "change":
             continue
-        press = by_name.setdefault(
-            step.press, PressPath(step.press, step.indenter, position[:2], ())
-        )
+        press = by_name.setdefault(step.press, PressPath(step.press, step.indenter, end[:2], ()))
         if step.kind == "hold":
             *earlier, last = press.lines
             rests = replace(last, dwell_s=last.dwell_s + step.hold_s)
             by_name[step.press] = replace(press, lines=(*earlier, rests))
-        elif position[2] < -CONTACT_EPS_MM or (step.kind == "retract" and step.frames):
-            seconds = math.dist(start, position) / (step.feed_mm_min / 60)
-            line = LineMove(start, position, seconds, step.settle_s)
+        elif end[2] < -CONTACT_EPS_MM or (step.kind == "retract" and step.frames):
+            seconds = math.dist(start, end) / (step.feed_mm_min / 60)
+            line = LineMove(start, end, seconds, step.settle_s)
             by_name[step.press] = replace(press, lines=(*press.lines, line))
     return list(by_name.values())
 

@@ -184,11 +184,7 @@ class GelScene:
             until_ns = self._next_start_ns() if segment is None else segment.end_ns
             last = k + int(np.searchsorted(t_ns[k:], until_ns))
             part = t_ns[k:last]
-            wrenches[k:last] = (
-                self._rest_wrenches(part)
-                if segment is None
-                else self._wrenches_along(segment, part)
-            )
+            wrenches[k:last] = self._along(segment, part) if segment else self._at_rest(part)
             k = last
         return wrenches
 
@@ -215,21 +211,20 @@ class GelScene:
             else math.inf
         )
 
-    def _wrenches_along(self, segment: Segment, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+    def _along(self, segment: Segment, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         """Wrenches (n, 6) at times (n,) of a line under way."""
         line = self._segment_of(segment)
         length = math.dist(segment.start_mm, segment.end_mm)
         progress = np.clip(segment.travelled_mm(t_ns) / length, 0.0, 1.0)
-        ends = np.minimum(
-            np.searchsorted(line.fractions, progress[[0, -1]], "right"), len(line.fractions) - 1
-        )
+        ends = np.searchsorted(line.fractions, progress[[0, -1]], "right")
+        ends = np.minimum(ends, len(line.fractions) - 1)
         first, last = max(int(ends[0]) - 1, 0), int(ends[1])
         self._solve_up_to(line, last)
         knots = np.array([knot.wrench for knot in line.knots[first : last + 1]])
         shares = line.fractions[first : last + 1]
         return np.stack([np.interp(progress, shares, column) for column in knots.T], axis=1)
 
-    def _rest_wrenches(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+    def _at_rest(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         """Wrenches (n, 6) at times (n,) of a rest, which may have several knots."""
         wrenches = np.empty((len(t_ns), 6))
         for k, now_ns in enumerate(t_ns.tolist()):
@@ -313,9 +308,8 @@ class GelScene:
             assert self._press is not None, "begin() comes before the first press"
             whole_s = (line.segment.end_ns - line.segment.start_ns) / NS_PER_S
             seconds = (line.fractions[k] - line.fractions[k - 1]) * whole_s
-            line.knots.append(
-                self._own_knot(self._press.solver.next(line.knots[-1].key, tip, seconds))
-            )
+            solution = self._press.solver.next(line.knots[-1].key, tip, seconds)
+            line.knots.append(self._own_knot(solution))
 
     def _own_knot(self, solution: SolvedKnot) -> SolvedKnot:
         """The scene's own of a knot that the press's solver gave."""

@@ -35,11 +35,11 @@ from .netft import BoxFaults, NetFTBox, Wrenches
 from .picture import FrameRenderer, PictureGeometry
 from .pty import PtyCable
 
-MAX_WAKE_S = 0.05  # by hand: longest delay of a command or of the end of the server
+POLL_S = 0.05  # by hand: longest delay of a command or of the end of the server
 RIG_FILE, CAMERA_FILE, IMAGE_FOLDER = "rig.toml", "camera.toml", "images"
 # By hand: images at rest, their rate, and a silence that a busy computer does not reach.
 IMAGE_COUNT = 20
-IMAGE_RATE_HZ = 10.0
+FRAME_HZ = 10.0
 SILENCE_LIMIT_S = 1.0
 
 
@@ -91,9 +91,7 @@ class NetFTServer(AbstractContextManager["NetFTServer"]):
         self.http_port: int = self._http.server_address[1]
         self._threads = [
             threading.Thread(target=self._stream, name="netft-rdt"),
-            threading.Thread(
-                target=self._http.serve_forever, args=(MAX_WAKE_S,), name="netft-http"
-            ),
+            threading.Thread(target=self._http.serve_forever, args=(POLL_S,), name="netft-http"),
         ]
         for thread in self._threads:
             thread.start()
@@ -123,7 +121,7 @@ class NetFTServer(AbstractContextManager["NetFTServer"]):
         while not self._stop.is_set():
             now_ns = time.monotonic_ns()
             wait_s = (box.next_ns(now_ns + 10**9) - now_ns) / 1e9
-            ready = select.select([udp], [], [], min(max(wait_s, 0.0), MAX_WAKE_S))[0]
+            ready = select.select([udp], [], [], min(max(wait_s, 0.0), POLL_S))[0]
             clock.advance_to_ns(time.monotonic_ns())
             if ready:
                 command, client = udp.recvfrom(64)
@@ -225,16 +223,11 @@ def _rig_text(
     address = {"host": box.host, "rdt_port": box.rdt_port, "http_port": box.http_port}
     netft = {**address, "silent_s": SILENCE_LIMIT_S}
     tables["force"] = {**force_table, "netft": netft}
-    shows = [
-        sys.executable,
-        "-m",
-        "deltact_fab.simulate.virtual.shown",
-        IMAGE_FOLDER,
-        f"{IMAGE_RATE_HZ:g}",
-    ]
+    module, rate = "deltact_fab.simulate.virtual.shown", f"{FRAME_HZ:g}"
     tables["camera"] = {
-        "command": shows, "stamped": True, "width_px": shape[1], "height_px": shape[0],
-        "rate_hz": IMAGE_RATE_HZ, "model": CAMERA_FILE,
+        "command": [sys.executable, "-m", module, IMAGE_FOLDER, rate],
+        "stamped": True, "width_px": shape[1], "height_px": shape[0],
+        "rate_hz": FRAME_HZ, "model": CAMERA_FILE,
     }  # fmt: skip
     if rig.touch is not None:
         tables["touch"] = rig.touch.model_dump(mode="json", exclude_none=True)
