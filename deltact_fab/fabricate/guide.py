@@ -30,7 +30,7 @@ from .cad.dimensions import Design
 from .cad.drafting.wiring import wiring
 from .cad.fabrication import bom, quantities
 from .cad.fabrication.quantities import DEFAULT, gaps
-from .cad.overhangs import laid, stand
+from .cad.overhangs import find_contact, lay_on_platform
 from .cad.part import SELF_SUPPORTING_DEG, Part
 from .cad.parts.coupons import well_volume_mm3
 from .cad.parts.mold import RELEASE_AGENT
@@ -189,7 +189,7 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     from .cad.build import build_part
     from .cad.drafting import picture
     from .cad.drafting.casting import Bench
-    from .cad.export.meshes import drawn, glb_bytes
+    from .cad.export.meshes import glb_bytes, shaded_mesh
     from .cad.kernel import require
     from .cad.mesh import mesh_solid
 
@@ -227,13 +227,15 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     # Meshes last: they leave triangles on the solids.
     fine = {p.name: mesh_solid(solids[p.name], VIEW_TOLERANCE_MM, p.name) for p in parts}
     ceilings = {
-        part.name: stand(laid(fine[part.name], part.lies)).words(part.lies.supports)
+        part.name: find_contact(lay_on_platform(fine[part.name], part.lies)).ceilings_text(
+            part.lies.supports
+        )
         for part in parts
         if part.printed
     }
     exploded_glb = {
         part.name: (
-            drawn(fine[part.name], part.name, _lit(part.colour)),
+            shaded_mesh(fine[part.name], part.name, _lit(part.colour)),
             [(x, y, z + part.explode_mm) for x, y, z in part.places(design)],
         )
         for part in parts_of_group("sensor", design)

@@ -15,7 +15,7 @@ from .build import build_part
 from .dimensions import Design
 from .kernel import VOLUME_TOLERANCE, Box, guarded
 from .part import Part, Shift
-from .registry import of_design, parts_of_group
+from .registry import design_parts, parts_of_group
 
 # Boxes that meet by less share a face at most; what they could share stays below 0.001 mm3.
 TOUCH_MM = 1e-6
@@ -39,12 +39,12 @@ class PlacedPart:
     solid: Any
     shift_mm: Shift
 
-    def up(self, by_mm: float) -> PlacedPart:
+    def moved_up(self, by_mm: float) -> PlacedPart:
         """The place higher by so much."""
         x, y, z = self.shift_mm
         return replace(self, shift_mm=(x, y, z + by_mm))
 
-    def put(self, solid: Any) -> PlacedPart:
+    def with_solid(self, solid: Any) -> PlacedPart:
         """The part's solid, from where its builder made it, in this place."""
         from cadquery import Location
 
@@ -73,21 +73,21 @@ def assemble_sensor(
     gated. Raises what build_part raises for the others.
     """
     chosen = parts_of_group("sensor", design) if parts is None else parts
-    wanted = [place.up(explode * place.part.explode_mm) for place in places(design, chosen)]
-    return _put(design, wanted, solids)
+    pieces = [place.moved_up(explode * place.part.explode_mm) for place in places(design, chosen)]
+    return _add_solids(design, pieces, solids)
 
 
-def _put(
-    design: Design, wanted: Sequence[PlacedPart], solids: Mapping[str, Any] | None
+def _add_solids(
+    design: Design, pieces: Sequence[PlacedPart], solids: Mapping[str, Any] | None
 ) -> list[PlacedPart]:
     ready = dict(solids or {})
-    for place in wanted:
+    for place in pieces:
         if place.part.name not in ready:
             ready[place.part.name] = build_part(place.part, design)[0]
-    return [place.put(ready[place.part.name]) for place in wanted]
+    return [place.with_solid(ready[place.part.name]) for place in pieces]
 
 
-def lifted(piece: PlacedPart, shift_mm: Shift) -> PlacedPart:
+def shift_piece(piece: PlacedPart, shift_mm: Shift) -> PlacedPart:
     """The piece moved further."""
     from cadquery import Location
 
@@ -95,7 +95,7 @@ def lifted(piece: PlacedPart, shift_mm: Shift) -> PlacedPart:
     return replace(piece, solid=piece.solid.moved(Location(shift_mm)), shift_mm=(x, y, z))
 
 
-def on_bench(
+def bench_places(
     design: Design, indenter: Part, depth_mm: float = 0.0
 ) -> tuple[list[PlacedPart], list[PlacedPart]]:
     """What stands on the bench's table, and what hangs over it, the tip depth_mm in the face.
@@ -105,12 +105,14 @@ def on_bench(
     """
     if indenter.indenter is None:
         raise ValueError(f"{indenter.name}: no indenter")
-    every = {part.name: part for part in of_design(design)}
+    by_name = {part.name: part for part in design_parts(design)}
     sensor = [part for part in parts_of_group("sensor", design) if part.name != IN_PLACE_OF]
-    standing = places(design, [*(every[name] for name in ON_TABLE), *sensor])
+    standing = places(design, [*(by_name[name] for name in ON_TABLE), *sensor])
     mouth_mm = indenter.indenter.indenter.reach_mm + indenter.indenter.body.plate_mm
-    over = [place.up(mouth_mm) for place in places(design, [every[name] for name in ON_STAGE])]
-    return standing, [place.up(-depth_mm) for place in (*places(design, [indenter]), *over)]
+    over = [
+        place.moved_up(mouth_mm) for place in places(design, [by_name[name] for name in ON_STAGE])
+    ]
+    return standing, [place.moved_up(-depth_mm) for place in (*places(design, [indenter]), *over)]
 
 
 def assemble_bench(
@@ -120,11 +122,11 @@ def assemble_bench(
 
     solids: as for `assemble_sensor`. Raises what `on_bench` and build_part raise.
     """
-    standing, hanging = on_bench(design, indenter)
-    return _put(design, [*standing, *hanging], solids)
+    standing, hanging = bench_places(design, indenter)
+    return _add_solids(design, [*standing, *hanging], solids)
 
 
-def meet(a: Box, b: Box) -> bool:
+def boxes_overlap(a: Box, b: Box) -> bool:
     """Whether two boxes share more than a face."""
     return all(
         max(a[0][axis], b[0][axis]) + TOUCH_MM < min(a[1][axis], b[1][axis]) for axis in range(3)
@@ -139,14 +141,14 @@ def common_mm3(a: PlacedPart, b: PlacedPart) -> float:
     pair = f"{a.part.name} {a.index + 1} and {b.part.name} {b.index + 1}"
     # A boolean that fails returns an empty shape without an exception: that would read as 0.
     with guarded(pair):
-        both, left = (
+        common, rest = (
             float(Shape.cast(boolean(a.solid.wrapped, b.solid.wrapped).Shape()).Volume())
             for boolean in (BRepAlgoAPI_Common, BRepAlgoAPI_Cut)
         )
-        whole = float(a.solid.Volume())
-    if not abs(both + left - whole) <= VOLUME_TOLERANCE * whole:
+        total = float(a.solid.Volume())
+    if not abs(common + rest - total) <= VOLUME_TOLERANCE * total:
         raise RunFailed(
             f"{pair}: the CAD kernel cannot say what they share: "
-            f"{both:.6f} of {whole:.6f} mm3 in common, {left:.6f} left"
+            f"{common:.6f} of {total:.6f} mm3 in common, {rest:.6f} left"
         )
-    return both
+    return common

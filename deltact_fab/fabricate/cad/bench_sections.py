@@ -193,8 +193,8 @@ class ToolDimensions(Bounded):
     @property
     def screw_centres_mm(self) -> list[Point2]:
         """The flange's screws, between the axes, as the adapter's pilots."""
-        at = self.bolt_circle_mm / 2 * math.sqrt(0.5)
-        return [(sx * at, sy * at) for sy in (-1, 1) for sx in (-1, 1)]
+        offset_mm = self.bolt_circle_mm / 2 * math.sqrt(0.5)
+        return [(sx * offset_mm, sy * offset_mm) for sy in (-1, 1) for sx in (-1, 1)]
 
     @property
     def pin_at_mm(self) -> Point2:
@@ -242,8 +242,8 @@ class ResinPrinterDimensions(Bounded):
         takes half of the sum of both, and a diameter counts twice that: sqrt(2) (a + b), along the
         diagonal. other_mm: the spread of the other pattern where it is not printed.
         """
-        apart = self.plane_mm + (self.plane_mm if other_mm is None else other_mm)
-        return Length(0.0, 2**0.5 * apart, PLANE)
+        sum_mm = self.plane_mm + (self.plane_mm if other_mm is None else other_mm)
+        return Length(0.0, 2**0.5 * sum_mm, PLANE)
 
 
 @dataclass(frozen=True)

@@ -61,13 +61,15 @@ def part_key(part: Part, design: Design) -> dict[str, Any]:
 
     That this is all is held by a test which notes every value read.
     """
-    read = {} if part.indenter else {n: getattr(design, n) for n in (*part.sections, *part.derived)}
-    return {"part": part, **read}
+    inputs = (
+        {} if part.indenter else {n: getattr(design, n) for n in (*part.sections, *part.derived)}
+    )
+    return {"part": part, **inputs}
 
 
-def made_by(module: str, **given: Any) -> dict[str, Any]:
+def cad_cache_key(module: str, **inputs: Any) -> dict[str, Any]:
     """A key of the cache: all code of a module and of every part, the libraries, what is given."""
     files = (
         f"fabricate.cad.parts.{part.name}" for part in pkgutil.iter_modules(parts_package.__path__)
     )
-    return cache_key(module, *files, libraries=LIBRARIES, **given)
+    return cache_key(module, *files, libraries=LIBRARIES, **inputs)

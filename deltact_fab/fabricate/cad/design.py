@@ -74,18 +74,18 @@ def load_design(name: str = "deltact", changes: Iterable[str] = ()) -> Design:
     return validate(Design, data, str(path))
 
 
-def _with_base(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
+def _with_base(path: Path, ancestors: tuple[Path, ...]) -> dict[str, Any]:
     """The file's tables over those of its base."""
-    if path.resolve() in seen:
+    if path.resolve() in ancestors:
         raise InputError(f"{path}: base: a design cannot be its own base")
-    own = read_toml(path)
-    base = own.pop("base", None)
+    tables = read_toml(path)
+    base = tables.pop("base", None)
     if base is None:
-        return own
+        return tables
     if not isinstance(base, str):
         raise InputError(f"{path}: base: expected the name of a design (got {base!r})")
-    data = _with_base(find_file("cad", base), (*seen, path.resolve()))
-    for section, table in own.items():
+    data = _with_base(find_file("cad", base), (*ancestors, path.resolve()))
+    for section, table in tables.items():
         inherited = data.get(section)
         if isinstance(table, dict) and isinstance(inherited, dict):
             data[section] = {**inherited, **table}
@@ -114,15 +114,15 @@ def load_indenters(name: str = "indenters") -> IndenterList:
     """The indenters a lab exports, and their body. Raises InputError naming file and key."""
     path = find_file("cad", name)
     listed = validate(IndenterList, read_toml(path), str(path))
-    seen: set[str] = set()
+    names: set[str] = set()
     for entry in listed.indenter:
         try:
             name = parse_indenter(entry.name).name
-        except InputError as why:
-            raise InputError(f"{path}: {why}") from why
-        if name in seen:
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+        if name in names:
             raise InputError(f"{path}: indenter {name!r}: listed twice; expected once")
-        seen.add(name)
+        names.add(name)
     return listed
 
 
@@ -144,7 +144,7 @@ def load_cameras() -> dict[str, CameraDimensions]:
 
 def load_camera(name: str) -> CameraDimensions:
     """A camera's section. Raises InputError with the nearest name, and as `load_cameras`."""
-    known = load_cameras()
-    if name not in known:
-        raise InputError(f"--camera {name!r}: no such camera; {did_you_mean(name, known)}")
-    return known[name]
+    cameras = load_cameras()
+    if name not in cameras:
+        raise InputError(f"--camera {name!r}: no such camera; {did_you_mean(name, cameras)}")
+    return cameras[name]

@@ -346,8 +346,8 @@ class Design(SensorDimensions):
     @property
     def holder_tongue_mm(self) -> Point2:
         """Half width and upper edge of the tongue that holds the two screws: (12.8, 14.7)."""
-        beside = self.holder.row.pilot_mm / 2 + self.holder.wall_mm
-        return self.camera.hole_pitch_x_mm / 2 + beside, self.camera.hole_rows_mm[0] + beside
+        margin = self.holder.row.pilot_mm / 2 + self.holder.wall_mm
+        return self.camera.hole_pitch_x_mm / 2 + margin, self.camera.hole_rows_mm[0] + margin
 
     # The whole.
 

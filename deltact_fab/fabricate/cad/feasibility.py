@@ -10,7 +10,7 @@ from dataclasses import replace
 from deltact_fab.common import Check, InputError
 
 from .dimensions import Design
-from .registry import of_design
+from .registry import design_parts
 from .rule import first_of, statement
 
 # What cannot be made smaller comes first: it is what a reader must hear of.
@@ -20,7 +20,7 @@ FIRST = ("camera", "skin-frame", "acrylic", "screw", "shell")
 def rules(design: Design) -> list[Check]:
     """Every rule of the sensor, the mold and the test bench; its subject is the part."""
     unverified = set(design.unverified())
-    parts = of_design(design)
+    parts = design_parts(design)
     parts.sort(key=lambda part: FIRST.index(part.name) if part.name in FIRST else len(FIRST))
     return [
         replace(

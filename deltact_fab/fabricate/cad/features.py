@@ -55,7 +55,7 @@ class Round:
     blind: str = ""
 
     @property
-    def whole(self) -> bool:
+    def full_turn(self) -> bool:
         """Whether it goes all the way round."""
         return self.turn_deg > 360 - 1e-4
 
@@ -85,7 +85,7 @@ class OtherFace:
 
     kind: str
     sizes: tuple[float, ...]
-    at: Point
+    point: Point
     centre: tuple[float | None, float | None, float | None] = (None, None, None)
     normal: Point = (0.0, 0.0, 0.0)
 
@@ -96,7 +96,7 @@ class SolidFeatures:
 
     planes: tuple[FlatFace, ...]
     rounds: tuple[Round, ...]
-    others: tuple[OtherFace, ...]
+    other_faces: tuple[OtherFace, ...]
     edges: tuple[Round, ...]
     low_mm: Point
     high_mm: Point
@@ -104,62 +104,62 @@ class SolidFeatures:
 
 def features_of(solid: Any) -> SolidFeatures:
     """The features of one solid, in a fixed order."""
-    faces = [_of_face(face) for face in solid.Faces()]
+    faces = [_classify_face(face) for face in solid.Faces()]
     planes = [face for face in faces if isinstance(face, FlatFace)]
     planes.sort(key=lambda p: (p.axis, p.at_mm, p.corners.tolist()))
-    others = sorted(
-        (face for face in faces if isinstance(face, OtherFace)), key=lambda o: (o.kind, o.at)
+    other_faces = sorted(
+        (face for face in faces if isinstance(face, OtherFace)), key=lambda o: (o.kind, o.point)
     )
     pieces = [face for face in faces if isinstance(face, Round)]
     rounds, edges = (
-        sorted(found, key=lambda r: (r.axis, r.low_mm, r.radius_mm))
-        for found in (_joined(pieces, planes), _round_edges(solid))
+        sorted(group, key=lambda r: (r.axis, r.low_mm, r.radius_mm))
+        for group in (_merge_faces(pieces, planes), _round_edges(solid))
     )
-    whole = bounding_box(solid)
-    return SolidFeatures(tuple(planes), tuple(rounds), tuple(others), tuple(edges), *whole)
+    bounds = bounding_box(solid)
+    return SolidFeatures(tuple(planes), tuple(rounds), tuple(other_faces), tuple(edges), *bounds)
 
 
 def _round_edges(solid: Any) -> Iterator[Round]:
     for edge in solid.Edges():
         if edge.geomType() == "CIRCLE":
-            normal = _point(edge.normal())
+            normal = _to_point(edge.normal())
             axis = max(range(3), key=lambda i: abs(normal[i]))
             if abs(normal[axis]) > 1 - STRAIGHT:
-                at = _point(edge.arcCenter())
-                yield Round(axis, at, at, _tidy(edge.radius()), False, at)
+                centre = _to_point(edge.arcCenter())
+                yield Round(axis, centre, centre, _round_off(edge.radius()), False, centre)
 
 
-def near(rounds: Iterable[Round], x_mm: float, y_mm: float, reach_mm: float) -> list[Round]:
+def rounds_near(rounds: Iterable[Round], x_mm: float, y_mm: float, reach_mm: float) -> list[Round]:
     """Those along z whose whole axis lies within reach_mm of the vertical line at (x, y)."""
     return [r for r in rounds if r.axis == 2 and r.offset_mm(x_mm, y_mm) <= reach_mm]
 
 
-def _of_face(face: Any) -> FlatFace | Round | OtherFace:
+def _classify_face(face: Any) -> FlatFace | Round | OtherFace:
     from OCP.BRepAdaptor import BRepAdaptor_Surface
 
     surface = BRepAdaptor_Surface(face.wrapped, True)
     kind = face.geomType()
-    centre = _point(face.Center())
+    centre = _to_point(face.Center())
     if kind == "PLANE":
         normal = np.array(face.normalAt().toTuple())
         axis = int(np.argmax(np.abs(normal)))
         if abs(normal[axis]) > 1 - STRAIGHT:
             corners = np.array([v.toTuple() for v in face.Vertices()])
-            return FlatFace(axis, _tidy(centre[axis]), bool(normal[axis] > 0), corners)
+            return FlatFace(axis, _round_off(centre[axis]), bool(normal[axis] > 0), corners)
         tilt = [math.degrees(math.acos(min(abs(float(n)), 1.0))) for n in normal]
         sizes = tuple(a for a in tilt if 1e-6 < a < 90 - 1e-6)
-        return OtherFace("slant", sizes, centre, normal=_point(face.normalAt()))
+        return OtherFace("slant", sizes, centre, normal=_to_point(face.normalAt()))
     if kind == "CYLINDER":
         return _cylinder(face, surface)
     if kind == "SPHERE":
         sphere = surface.Sphere()
-        r, middle = sphere.Radius(), _point(sphere.Location())
-        return OtherFace("SR", (r, 2 * r), _on(surface), middle)
+        r, middle = sphere.Radius(), _to_point(sphere.Location())
+        return OtherFace("SR", (r, 2 * r), _middle_point(surface), middle)
     if kind == "TORUS":
-        return OtherFace("R", (surface.Torus().MinorRadius(),), _on(surface))
+        return OtherFace("R", (surface.Torus().MinorRadius(),), _middle_point(surface))
     if kind == "CONE":
         half = math.degrees(abs(surface.Cone().SemiAngle()))
-        return OtherFace("cone", (half, 90 - half, 2 * half), _on(surface))
+        return OtherFace("cone", (half, 90 - half, 2 * half), _middle_point(surface))
     box = face.BoundingBox()
     sides = (box.xlen, box.ylen, box.zlen)
     return OtherFace("curve", tuple(s * f for s in sides for f in (1.0, 0.5)), centre)
@@ -170,26 +170,28 @@ def _cylinder(face: Any, surface: Any) -> OtherFace | Round:
     from cadquery import Vector
 
     cylinder = surface.Cylinder()
-    radius = _tidy(cylinder.Radius())
-    way = np.array(_point(cylinder.Axis().Direction()))
-    axis = int(np.argmax(np.abs(way)))
+    radius = _round_off(cylinder.Radius())
+    direction = np.array(_to_point(cylinder.Axis().Direction()))
+    axis = int(np.argmax(np.abs(direction)))
     first, last = surface.FirstUParameter(), surface.LastUParameter()
     turn_deg = math.degrees(last - first)
-    straight = abs(way[axis]) > 1 - STRAIGHT
+    straight = abs(direction[axis]) > 1 - STRAIGHT
     # A hole that was drilled askew is one all the same; a rounded edge that leans is an edge.
-    if not straight and (turn_deg < 180 or way[axis] ** 2 < math.cos(math.radians(TILT_DEG)) ** 2):
-        return OtherFace("R", (radius, 2 * radius), _on(surface))
-    base = np.array(_point(cylinder.Axis().Location()))
-    ends = [base + v * way for v in (surface.FirstVParameter(), surface.LastVParameter())]
-    low, high = sorted((_point(end) for end in ends), key=lambda p: p[axis])
-    on = _on(surface)
+    if not straight and (
+        turn_deg < 180 or direction[axis] ** 2 < math.cos(math.radians(TILT_DEG)) ** 2
+    ):
+        return OtherFace("R", (radius, 2 * radius), _middle_point(surface))
+    base = np.array(_to_point(cylinder.Axis().Location()))
+    ends = [base + v * direction for v in (surface.FirstVParameter(), surface.LastVParameter())]
+    low, high = sorted((_to_point(end) for end in ends), key=lambda p: p[axis])
+    on = _middle_point(surface)
     out = np.array(on) - base
-    out -= (out @ way) * way
-    hole = float(out @ np.array(_point(face.normalAt(Vector(*on))))) < 0
+    out -= (out @ direction) * direction
+    hole = float(out @ np.array(_to_point(face.normalAt(Vector(*on))))) < 0
     return Round(axis, low, high, radius, hole, on, turn_deg)
 
 
-def _joined(pieces: list[Round], planes: list[FlatFace]) -> list[Round]:
+def _merge_faces(pieces: list[Round], planes: list[FlatFace]) -> list[Round]:
     """Faces of one cylinder as one round."""
     groups: dict[tuple[object, ...], list[Round]] = {}
     for piece in pieces:
@@ -197,7 +199,7 @@ def _joined(pieces: list[Round], planes: list[FlatFace]) -> list[Round]:
         top = [round(c / SAME_MM) for i, c in enumerate(piece.high_mm) if i != piece.axis]
         key = (piece.axis, *plan, *top, round(piece.radius_mm / SAME_MM), piece.hole)
         groups.setdefault(key, []).append(piece)
-    return [_one(run, planes) for group in groups.values() for run in _runs(group)]
+    return [_merge_round(run, planes) for group in groups.values() for run in _runs(group)]
 
 
 def _runs(group: list[Round]) -> Iterator[list[Round]]:
@@ -214,52 +216,56 @@ def _runs(group: list[Round]) -> Iterator[list[Round]]:
     yield run
 
 
-def _one(pieces: list[Round], planes: list[FlatFace]) -> Round:
+def _merge_round(pieces: list[Round], planes: list[FlatFace]) -> Round:
     """One round of its faces."""
     axis = pieces[0].axis
     low = min((p.low_mm for p in pieces), key=lambda p: p[axis])
     high = max((p.high_mm for p in pieces), key=lambda p: p[axis])
     first = max(pieces, key=lambda p: (p.turn_deg, p.on))
-    turn_deg = max(sum(p.turn_deg for p in pieces if _over(p, of)) for of in pieces)
+    turn_deg = max(sum(p.turn_deg for p in pieces if _spans_middle(p, face)) for face in pieces)
     blind = ""
     for end, name in ((low, "low"), (high, "high")):
-        if first.hole and any(_floors(p, end, name, first) for p in planes):
+        if first.hole and any(_closes_hole(p, end, name, first) for p in planes):
             blind = name
     return replace(first, low_mm=low, high_mm=high, turn_deg=min(turn_deg, 360.0), blind=blind)
 
 
-def _over(piece: Round, of: Round) -> bool:
+def _spans_middle(piece: Round, other_round: Round) -> bool:
     """Whether a face goes past another one's middle."""
-    at = (of.low_mm[of.axis] + of.high_mm[of.axis]) / 2
-    return piece.low_mm[of.axis] - SAME_MM <= at <= piece.high_mm[of.axis] + SAME_MM
+    middle = (other_round.low_mm[other_round.axis] + other_round.high_mm[other_round.axis]) / 2
+    return (
+        piece.low_mm[other_round.axis] - SAME_MM
+        <= middle
+        <= piece.high_mm[other_round.axis] + SAME_MM
+    )
 
 
-def _floors(plane: FlatFace, end: Point, name: str, hole: Round) -> bool:
+def _closes_hole(plane: FlatFace, end: Point, name: str, hole: Round) -> bool:
     """Whether a face closes a hole there: it looks into it and lies within its circle."""
     axis = hole.axis
     if plane.axis != axis or plane.up != (name == "low"):
         return False
     if abs(plane.at_mm - end[axis]) > SAME_MM:
         return False
-    away = np.delete(plane.corners - np.array(end), axis, axis=1)
-    return bool(np.hypot(away[:, 0], away[:, 1]).max() <= hole.radius_mm + SAME_MM)
+    offsets = np.delete(plane.corners - np.array(end), axis, axis=1)
+    return bool(np.hypot(offsets[:, 0], offsets[:, 1]).max() <= hole.radius_mm + SAME_MM)
 
 
-def _on(surface: Any) -> Point:
+def _middle_point(surface: Any) -> Point:
     """The middle of a face in its own parameters."""
     u = (surface.FirstUParameter() + surface.LastUParameter()) / 2
     v = (surface.FirstVParameter() + surface.LastVParameter()) / 2
-    return _point(surface.Value(u, v))
+    return _to_point(surface.Value(u, v))
 
 
-def _point(p: Any) -> Point:
+def _to_point(p: Any) -> Point:
     """Of the kernel's own, cadquery's or numpy's."""
     if hasattr(p, "X"):
         p = p.X(), p.Y(), p.Z()
     x, y, z = p.toTuple() if hasattr(p, "toTuple") else p
-    return _tidy(float(x)), _tidy(float(y)), _tidy(float(z))
+    return _round_off(float(x)), _round_off(float(y)), _round_off(float(z))
 
 
-def _tidy(value: float) -> float:
+def _round_off(value: float) -> float:
     """Without what sums leave behind the ninth digit, and without a minus zero."""
     return round(value, 9) + 0.0

@@ -89,12 +89,12 @@ class Choices:
 class Unsolved(Exception):
     """No dimension is left that would mend a check, the first that fails; None of a limit."""
 
-    def __init__(self, why: str, check: Check | None = None) -> None:
-        super().__init__(why)
+    def __init__(self, reason: str, check: Check | None = None) -> None:
+        super().__init__(reason)
         self.check = check
 
 
-def solved(wish: Wish, base: Design) -> Design:
+def find_design(wish: Wish, base: Design) -> Design:
     """The design of a wish, on which every inequality, fit and limit by arithmetic holds.
 
     Raises Unsolved.
@@ -102,25 +102,25 @@ def solved(wish: Wish, base: Design) -> Design:
     if wish.camera is not None:
         base = replace(base, camera=load_camera(wish.camera))
     choices = Choices()
-    seen: set[Choices] = set()
+    visited: set[Choices] = set()
     for _ in range(STEPS):
-        seen.add(choices)
+        visited.add(choices)
         try:
-            design = _made(wish, choices, base)
-        except ShapeError as why:
-            raise Unsolved(str(why)) from why
+            design = _build_design(wish, choices, base)
+        except ShapeError as error:
+            raise Unsolved(str(error)) from error
         first = None
         # What comes later costs more, and is not asked where something earlier can be mended.
-        for check in failures(design, wish):
+        for check in failed_checks(design, wish):
             first = first or check
-            moved = _mended(choices, check.id, design, wish)
-            if moved is not None and moved not in seen:
-                choices = moved
+            remedied = _apply_remedy(choices, check.id, design, wish)
+            if remedied is not None and remedied not in visited:
+                choices = remedied
                 break
         else:
             if first is None:
                 return design
-            raise Unsolved(failure(first), first)
+            raise Unsolved(failure_text(first), first)
     raise Unsolved(f"no end after {STEPS} steps")
 
 
@@ -131,16 +131,16 @@ def solve_wish(wish: Wish, base: Design) -> Design:
     passes, or else another camera that does, as it is typed.
     """
     try:
-        return solved(wish, base)
-    except Unsolved as why:
+        return find_design(wish, base)
+    except Unsolved as error:
         # No face and no share lets a lens focus nearer.
-        too_near = why.check is not None and why.check.id == "focus.nearest"
+        too_near = error.check is not None and error.check.id == "focus.nearest"
         changes = [] if too_near else list(_changes(wish))
         changes += [(f"--camera {name}", replace(wish, camera=name)) for name in load_cameras()]
         typed = next((typed for typed, changed in changes if _passes(changed, base)), "")
-        told = f"the smallest change that passes: {typed}" if typed else "no camera would do"
+        advice = f"the smallest change that passes: {typed}" if typed else "no camera would do"
         x, y = wish.face_mm
-        raise InputError(f"a face of {x:g} x {y:g} mm: {why}; {told}") from why
+        raise InputError(f"a face of {x:g} x {y:g} mm: {error}; {advice}") from error
 
 
 def _changes(wish: Wish) -> Iterator[tuple[str, Wish]]:
@@ -149,9 +149,9 @@ def _changes(wish: Wish) -> Iterator[tuple[str, Wish]]:
     Of the face both sides or the longer one alone: round what is seen stands a round light.
     """
     for k in range(1, 18):
-        for by in (1 - k / 25, 1 + k / 25):
+        for scale in (1 - k / 25, 1 + k / 25):
             for scaled in (wish.face_mm, (max(wish.face_mm),)):
-                x, y = (float(round(by * s)) if s in scaled else s for s in wish.face_mm)
+                x, y = (float(round(scale * s)) if s in scaled else s for s in wish.face_mm)
                 yield f"--face {x:g}x{y:g}", replace(wish, face_mm=(x, y))
         share = round((1 - k / 25) * wish.share, 2)
         yield f"--share {share:g}", replace(wish, share=share)
@@ -159,17 +159,17 @@ def _changes(wish: Wish) -> Iterator[tuple[str, Wish]]:
 
 def _passes(wish: Wish, base: Design) -> bool:
     with suppress(Unsolved):
-        solved(wish, base)
+        find_design(wish, base)
         return True
     return False
 
 
-def failures(design: Design, wish: Wish) -> Iterator[Check]:
+def failed_checks(design: Design, wish: Wish) -> Iterator[Check]:
     """The checks by arithmetic that fail."""
     view_x, view_y = design.optics.view_mm
-    seen = view_x * view_y / math.prod(wish.face_mm)
-    if seen < wish.share:
-        text, limit = f"{100 * seen:.0f} % of it", f"{100 * wish.share:g} % wanted"
+    share = view_x * view_y / math.prod(wish.face_mm)
+    if share < wish.share:
+        text, limit = f"{100 * share:.0f} % of it", f"{100 * wish.share:g} % wanted"
         yield Check("view-share", "view of the face", "", text, limit, "fail")
     yield from (rule for rule in feasibility.rules(design) if rule.failed)
     optics = design.optics
@@ -184,22 +184,24 @@ def failures(design: Design, wish: Wish) -> Iterator[Check]:
         yield from (check for check in checks(design) if check.failed)
     try:
         yield from (check for check in arithmetic.bending(design) if check.failed)
-    except SolverError as why:
-        yield Check("plate-deflection", "plate deflection", "acrylic", str(why), "", "fail")
+    except SolverError as error:
+        yield Check("plate-deflection", "plate deflection", "acrylic", str(error), "", "fail")
 
 
-def failure(check: Check) -> str:
+def failure_text(check: Check) -> str:
     """A failed check in one line."""
     if check.sign:
         return f"{check.subject}: {statement(check)}"
     return f"{check.name}: {check.value}" + (f"; {check.limit}" if check.limit else "")
 
 
-def _made(wish: Wish, choices: Choices, base: Design) -> Design:
+def _build_design(wish: Wish, choices: Choices, base: Design) -> Design:
     """The design of a wish and of choices; raises ShapeError at the limits of a dimension."""
     width, length = wish.face_mm
     # For a face's longer side, as the shipped designs have it.
-    thread: CapThread = next((name for name, most in THREADS if max(wish.face_mm) <= most), "M3")
+    thread: CapThread = next(
+        (name for name, limit_mm in THREADS if max(wish.face_mm) <= limit_mm), "M3"
+    )
     design = replace(
         base,
         skin=replace(
@@ -213,13 +215,15 @@ def _made(wish: Wish, choices: Choices, base: Design) -> Design:
         ),
     )  # fmt: skip
     # The housing holds the skin, and the board beside the posts.
-    least = 1.5 if thread == "M1.6" else 2.0
+    least_wall_mm = 1.5 if thread == "M1.6" else 2.0
     walls = [
         round(max(low, (room - side) / 2), 3)
-        for low, room, side in zip((least, 3.0), choices.housing_mm, wish.face_mm, strict=True)
+        for low, room, side in zip(
+            (least_wall_mm, 3.0), choices.housing_mm, wish.face_mm, strict=True
+        )
     ]
     drop = round(max(0.5, 0.1 * choices.sheet_mm + 0.4), 2)
-    design = _held(design)
+    design = _fit_to_camera(design)
     design = replace(
         design,
         frame=replace(
@@ -242,13 +246,13 @@ def _made(wish: Wish, choices: Choices, base: Design) -> Design:
         plate=replace(design.plate, spread_mm=min(design.plate.spread_mm, *wish.face_mm)),
         mold=replace(design.mold, columns=choices.columns, rows=choices.rows),
     )  # fmt: skip
-    design = replace(design, optics=_seen(design, choices.share))
+    design = replace(design, optics=_largest_view(design, choices.share))
     design = replace(design, screw=replace(design.screw, length_mm=_screw_mm(design)))
     sides = [math.ceil(10 * side - 1e-6) / 10 for side in design.outer_mm]
     return replace(design, envelope=type(design.envelope)(*sides))
 
 
-def _held(design: Design) -> Design:
+def _fit_to_camera(design: Design) -> Design:
     """The design with what follows from its camera: screws, pegs, floors, cable notch."""
     camera, holder, shell, cover = design.camera, design.holder, design.shell, design.cover
     # Through the holes with the printer's play; a board without them is bonded.
@@ -281,8 +285,8 @@ def _held(design: Design) -> Design:
         ),
     )  # fmt: skip
     # The holder's arms close its window above.
-    beside = cover.hole_mm / 2 + holder.wall_mm
-    peg_mm = math.ceil(2 * (design.holder_window_top_mm - beside + 0.5)) / 2
+    margin_mm = cover.hole_mm / 2 + holder.wall_mm
+    peg_mm = math.ceil(2 * (design.holder_window_top_mm - margin_mm + 0.5)) / 2
     return replace(design, cover=replace(cover, peg_y_mm=max(cover.peg_y_mm, peg_mm)))
 
 
@@ -293,18 +297,18 @@ def _screw_mm(design: Design) -> float:
     return float(max((mm for mm in screw.row.stock_mm if mm <= room_mm), default=3.0))
 
 
-def _seen(design: Design, share: float) -> Any:
+def _largest_view(design: Design, share: float) -> Any:
     """The optics with the largest view that lies on the flat of the face and in the crop.
 
     share: of that view, along each side.
     """
     optics, camera, skin = design.optics, design.camera, design.skin
     path = LayeredPath(optics.air_gap_mm, optics.acrylic_mm, skin.thickness_mm)
-    off = off_axis_mm(design)
+    offset = off_axis_mm(design)
     crop = camera.crop_half_mm
     half = [
         min(
-            side / 2 - skin.edge_fillet_mm - off,
+            side / 2 - skin.edge_fillet_mm - offset,
             path.reach_mm(min(camera.angle_rad(c), CORNER_RAD)),
         )
         for side, c in zip((skin.width_mm, skin.length_mm), crop, strict=True)
@@ -325,7 +329,7 @@ def _seen(design: Design, share: float) -> Any:
     return replace(optics, mm_per_px=mm_per_px, image_width_px=size[0], image_height_px=size[1])
 
 
-def _mended(choices: Choices, id: str, design: Design, wish: Wish) -> Choices | None:
+def _apply_remedy(choices: Choices, id: str, design: Design, wish: Wish) -> Choices | None:
     """The choices with the remedy of a failed check; None where none is left."""
     changed = (remedy(choices, design, wish) for remedy in REMEDIES.get(id, ()))
     return next((choices for choices in changed if choices is not None), None)
@@ -334,20 +338,20 @@ def _mended(choices: Choices, id: str, design: Design, wish: Wish) -> Choices | 
 Remedy = Callable[[Choices, Design, Wish], "Choices | None"]
 
 
-def _next(name: str, values: Sequence[float]) -> Remedy:
+def _next_value(name: str, values: Sequence[float]) -> Remedy:
     """The next one of some values."""
 
-    def moved(choices: Choices, design: Design, wish: Wish) -> Choices | None:
-        left = values[values.index(getattr(choices, name)) + 1 :]
-        changed: dict[str, Any] = {name: left[0]} if left else {}
-        return replace(choices, **changed) if left else None
+    def next_choices(choices: Choices, design: Design, wish: Wish) -> Choices | None:
+        remaining = values[values.index(getattr(choices, name)) + 1 :]
+        changed: dict[str, Any] = {name: remaining[0]} if remaining else {}
+        return replace(choices, **changed) if remaining else None
 
-    return moved
+    return next_choices
 
 
 def _more_leds(choices: Choices, design: Design, wish: Wish) -> Choices | None:
-    most = int(2 * math.pi * design.strip_radius_mm / design.light.pitch_mm)
-    return replace(choices, leds=choices.leds + 1) if choices.leds < most else None
+    max_leds = int(2 * math.pi * design.strip_radius_mm / design.light.pitch_mm)
+    return replace(choices, leds=choices.leds + 1) if choices.leds < max_leds else None
 
 
 def _less_view(choices: Choices, design: Design, wish: Wish) -> Choices | None:
@@ -361,8 +365,8 @@ def _less_view(choices: Choices, design: Design, wish: Wish) -> Choices | None:
 def _smaller_mold(choices: Choices, design: Design, wish: Wish) -> Choices | None:
     if choices.columns * choices.rows == 1:
         return None
-    wide = choices.columns >= choices.rows
-    return replace(choices, columns=1) if wide else replace(choices, rows=1)
+    fewer_columns = choices.columns >= choices.rows
+    return replace(choices, columns=1) if fewer_columns else replace(choices, rows=1)
 
 
 def _wider_ring(choices: Choices, design: Design, wish: Wish) -> Choices | None:
@@ -382,14 +386,14 @@ def _housing(axis: int) -> Remedy:
 REMEDIES: dict[str, tuple[Remedy, ...]] = {
     id: moves
     for ids, moves in (
-        ("view-share focus.nearest focus.corner focus.pressed", (_next("gap_mm", GAPS_MM),)),
+        ("view-share focus.nearest focus.corner focus.pressed", (_next_value("gap_mm", GAPS_MM),)),
         ("light-cone", (_less_view, _wider_ring)),
-        ("plate-clear-of-light light-holder.below-acrylic", (_next("axial_mm", AXIAL_MM),)),
-        ("plate-deflection plate-stress", (_next("sheet_mm", SHEETS_MM),)),
-        ("even-light", (_more_leds, _less_view, _next("gel_mm", GELS_MM))),
-        ("light-holder.led-count", (_next("leds", FEWER_LEDS),)),
+        ("plate-clear-of-light light-holder.below-acrylic", (_next_value("axial_mm", AXIAL_MM),)),
+        ("plate-deflection plate-stress", (_next_value("sheet_mm", SHEETS_MM),)),
+        ("even-light", (_more_leds, _less_view, _next_value("gel_mm", GELS_MM))),
+        ("light-holder.led-count", (_next_value("leds", FEWER_LEDS),)),
         ("light-holder.strip led-strip.led-on-strip",
-         (_next("strip_mm", STRIPS_MM), _next("gap_mm", GAPS_MM))),
+         (_next_value("strip_mm", STRIPS_MM), _next_value("gap_mm", GAPS_MM))),
         ("fits-printer.mold", (_smaller_mold,)),
         ("light-holder.lens-in-bore light-holder.led-in-channel", (_wider_ring,)),
         ("camera.board-in-shell-x camera-holder.in-shell-x camera-holder.between-bosses-x "

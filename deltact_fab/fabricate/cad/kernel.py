@@ -45,20 +45,22 @@ def require() -> Any:
     """
     require_extra("cad", "the CAD kernel", "cadquery")
     # Ctrl-C comes when the import is over: the kernel's own modules swallow it in between.
-    asked: list[int] = []
+    interrupts: list[int] = []
     main = threading.current_thread() is threading.main_thread()
-    before = signal.signal(signal.SIGINT, lambda number, _: asked.append(number)) if main else None
+    handler = (
+        signal.signal(signal.SIGINT, lambda number, _: interrupts.append(number)) if main else None
+    )
     try:
         return importlib.import_module("cadquery")
-    except ImportError as why:
+    except ImportError as error:
         raise MissingLibrary(
-            f"cadquery cannot be imported ({why}): apt-get install --reinstall "
+            f"cadquery cannot be imported ({error}): apt-get install --reinstall "
             f"{SYSTEM_PACKAGES}, or pip install --force-reinstall cadquery"
-        ) from why
+        ) from error
     finally:
         if main:
-            signal.signal(signal.SIGINT, before)
-        if asked:
+            signal.signal(signal.SIGINT, handler)
+        if interrupts:
             raise KeyboardInterrupt
 
 
@@ -73,9 +75,11 @@ def guarded(part: str) -> Iterator[None]:
         yield
     except DeltactFabError:
         raise
-    except Exception as why:
-        first = (str(why).splitlines() or [""])[0]
-        raise RunFailed(f"{part}: the CAD kernel failed ({type(why).__name__}: {first})") from why
+    except Exception as error:
+        first = (str(error).splitlines() or [""])[0]
+        raise RunFailed(
+            f"{part}: the CAD kernel failed ({type(error).__name__}: {first})"
+        ) from error
 
 
 def cylinders(
@@ -149,12 +153,12 @@ def gate(part: str, shape: Any, box_mm: Box) -> tuple[Any, SolidProperties]:
     if flaw := flaw_of(shape):
         raise RunFailed(f"{part}: {flaw}")
     (solid,) = shape.Solids()
-    found = SolidProperties(float(solid.Volume()), float(solid.Area()), bounding_box(solid))
-    if not np.allclose(found.box_mm, box_mm, rtol=0, atol=BOX_TOLERANCE_MM):
-        raise RunFailed(f"{part}: bounding box {found.box_mm}, expected {box_mm}")
-    if not found.volume_mm3 > 0:
-        raise RunFailed(f"{part}: volume {found.volume_mm3:.6f} mm3: it is inside out")
-    return solid, found
+    properties = SolidProperties(float(solid.Volume()), float(solid.Area()), bounding_box(solid))
+    if not np.allclose(properties.box_mm, box_mm, rtol=0, atol=BOX_TOLERANCE_MM):
+        raise RunFailed(f"{part}: bounding box {properties.box_mm}, expected {box_mm}")
+    if not properties.volume_mm3 > 0:
+        raise RunFailed(f"{part}: volume {properties.volume_mm3:.6f} mm3: it is inside out")
+    return solid, properties
 
 
 def flaw_of(shape: Any) -> str:

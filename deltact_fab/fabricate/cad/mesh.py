@@ -111,8 +111,8 @@ def mesh_once(solid: Any, request_mm: float) -> Mesh:
         offset += len(nodes)
     vertices, joined = _merge(np.concatenate(points))
     corner = joined[np.concatenate(triangles)]
-    whole = np.all(corner != np.roll(corner, 1, axis=1), axis=1)
-    corner, face_index = corner[whole], np.concatenate(face_of)[whole]
+    distinct = np.all(corner != np.roll(corner, 1, axis=1), axis=1)
+    corner, face_index = corner[distinct], np.concatenate(face_of)[distinct]
     deviation = _deviation_mm(vertices.astype(np.float64)[corner], face_index, surfaces)
     return Mesh(vertices, corner, face_index, deviation)
 
@@ -153,8 +153,8 @@ def _deviation_mm(
         return gaps.max(axis=1)
 
     coarse = np.array([[0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5], [1 / 3, 1 / 3, 1 / 3]])
-    every = measure(np.arange(len(face)), coarse)
+    coarse_mm = measure(np.arange(len(face)), coarse)
     n = 8
     fine = np.array([(i, j, n - i - j) for i in range(n + 1) for j in range(n + 1 - i)]) / n
-    worst = np.argsort(-every, kind="stable")[:_WORST]
-    return float(max(every.max(), measure(worst, fine).max()))
+    worst = np.argsort(-coarse_mm, kind="stable")[:_WORST]
+    return float(max(coarse_mm.max(), measure(worst, fine).max()))

@@ -21,7 +21,7 @@ _TOUCH_MM = 1e-3
 
 
 @dataclass(frozen=True)
-class Stand:
+class PlatformContact:
     """Area on the platform, and what hangs flatter than SELF_SUPPORTING_DEG: the ceilings.
 
     ceilings_mm2: all of them, 0 for none. lowest_mm: over the platform. span_mm: diameter of the
@@ -33,18 +33,18 @@ class Stand:
     lowest_mm: float = 0.0
     span_mm: float = 0.0
 
-    def words(self, supports: str) -> str:
+    def ceilings_text(self, supports: str) -> str:
         """The ceilings, and whether they may be supported; empty where there are none."""
         if not self.ceilings_mm2:
             return ""
-        held = "on supports" if supports else "unsupported"
+        support = "on supports" if supports else "unsupported"
         return (
             f"{self.ceilings_mm2:.1f} mm2 from {self.lowest_mm:.1f} mm up, {self.span_mm:.1f} mm "
-            f"across at most, {held}"
+            f"across at most, {support}"
         )
 
 
-def laid(mesh: Mesh, lies: PrintPose) -> Mesh:
+def lay_on_platform(mesh: Mesh, lies: PrintPose) -> Mesh:
     """The mesh as it is printed: on z = 0, the middle of its box at x = y = 0."""
     points = mesh.vertices_mm.astype(np.float64) @ np.array(lies.turn, float).T
     low, high = points.min(axis=0), points.max(axis=0)
@@ -53,7 +53,7 @@ def laid(mesh: Mesh, lies: PrintPose) -> Mesh:
     return replace(mesh, vertices_mm=(points - middle + 0.0).astype(np.float32))
 
 
-def stand(mesh: Mesh) -> Stand:
+def find_contact(mesh: Mesh) -> PlatformContact:
     """Where a laid mesh touches the platform and overhangs; a ceiling is one face of the CAD."""
     corners = mesh.corners_mm
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -63,17 +63,17 @@ def stand(mesh: Mesh) -> Stand:
     resting = (high < _TOUCH_MM) & (down > 0.999)
     hanging = (down > math.cos(math.radians(SELF_SUPPORTING_DEG))) & ~resting
     rim = _rim(mesh.triangles[hanging], mesh.vertices_mm)
-    found = [
+    ceilings = [
         (area_mm2, float(low[f].min()), _span_mm(corners[f], rim))
         for face in np.unique(mesh.face[hanging])
         for f in (hanging & (mesh.face == face),)
         if (area_mm2 := float(twice[f].sum()) / 2) >= MIN_CEILING_MM2
     ]
     contact_mm2 = float(twice[resting].sum()) / 2
-    if not found:
-        return Stand(contact_mm2)
-    areas, lows, spans = zip(*found, strict=True)
-    return Stand(contact_mm2, sum(areas), min(lows), max(spans))
+    if not ceilings:
+        return PlatformContact(contact_mm2)
+    areas, lows, spans = zip(*ceilings, strict=True)
+    return PlatformContact(contact_mm2, sum(areas), min(lows), max(spans))
 
 
 def _rim(triangles: NDArray[np.int64], vertices_mm: NDArray[np.float32]) -> Field:
@@ -88,10 +88,10 @@ def _span_mm(corners_mm: Field, rim: Field) -> float:
     points, _ = samples(corners_mm)
     if not len(rim):
         return 0.0
-    start, way = rim[:, 0], rim[:, 1] - rim[:, 0]
-    length2 = np.maximum((way**2).sum(axis=1), 1e-12)
+    start, direction = rim[:, 0], rim[:, 1] - rim[:, 0]
+    length2 = np.maximum((direction**2).sum(axis=1), 1e-12)
     nearest = np.full(len(points), np.inf)
-    for a, d, l2 in zip(start, way, length2, strict=True):
+    for a, d, l2 in zip(start, direction, length2, strict=True):
         t = np.clip(((points - a) @ d) / l2, 0.0, 1.0)
         nearest = np.minimum(nearest, np.linalg.norm(points - a - t[:, None] * d, axis=1))
     return 2 * float(nearest.max())

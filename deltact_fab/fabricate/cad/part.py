@@ -97,7 +97,7 @@ class PrintPose:
         return tuple(sum(abs(t) * s for t, s in zip(row, sides, strict=True)) for row in self.turn)
 
 
-def nothing(design: Design) -> tuple[()]:
+def no_entries(design: Design) -> tuple[()]:
     """No rules to hold, no part to go with."""
     return ()
 
@@ -168,8 +168,8 @@ class Part:
     places: Callable[[Design], list[Shift]] = in_its_place
     sections: tuple[str, ...] = ()
     derived: tuple[str, ...] = ()
-    rules: Callable[[Design], Iterable[Check]] = nothing
-    fits: Callable[[Design], Iterable[PlayFit]] = nothing
+    rules: Callable[[Design], Iterable[Check]] = no_entries
+    fits: Callable[[Design], Iterable[PlayFit]] = no_entries
     wall_keys: tuple[str, ...] = ()
     in_view: bool = False
     callouts: Callable[[Any], Callouts] | None = None
@@ -200,8 +200,8 @@ class Part:
     @property
     def making(self) -> str:
         """How it is made, in words."""
-        said = (self.lies.words if self.printed else "", self.how)
-        return "; ".join(words for words in said if words) or self.process
+        texts = (self.lies.words if self.printed else "", self.how)
+        return "; ".join(words for words in texts if words) or self.process
 
     def dimensions(self, design: Design) -> Iterator[Dimension]:
         """Everything that the part is made from, also where a rule is broken: then one looks."""

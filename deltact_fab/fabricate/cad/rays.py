@@ -54,8 +54,8 @@ def first_hit(
     side_u = np.concatenate([-np.cross(e2, a), e2], axis=1).T
     side_v = np.concatenate([np.cross(e1, a), -e1], axis=1).T
     plane = np.einsum("ij,ij->i", a, normal)
-    least = 1e-9 * np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
-    far = np.full(len(origins_mm), np.inf)
+    least_det = 1e-9 * np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
+    distance = np.full(len(origins_mm), np.inf)
     index = np.full(len(origins_mm), -1, np.int64)
     step = max(1, _PAIRS // max(1, len(a)))
     for low in range(0, len(origins_mm), step):
@@ -66,13 +66,13 @@ def first_hit(
             u, v = (ray @ side_u) / det, (ray @ side_v) / det
             t = (o @ normal.T - plane) / det
             inside = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9)
-            inside &= (np.abs(det) > least) & (t > start_mm)
+            inside &= (np.abs(det) > least_det) & (t > start_mm)
         t = np.where(inside, t, np.inf)
         nearest = np.argmin(t, axis=1)
-        here = t[np.arange(len(o)), nearest]
-        far[low : low + step] = here
-        index[low : low + step] = np.where(np.isfinite(here), nearest, -1)
-    return far, index
+        nearest_t = t[np.arange(len(o)), nearest]
+        distance[low : low + step] = nearest_t
+        index[low : low + step] = np.where(np.isfinite(nearest_t), nearest, -1)
+    return distance, index
 
 
 def samples(corners_mm: Field) -> tuple[Field, NDArray[np.int64]]:
@@ -84,12 +84,12 @@ def samples(corners_mm: Field) -> tuple[Field, NDArray[np.int64]]:
     spacing_mm = max(SPACING_MM, math.sqrt(area.sum() / MOST))
     i = _INSET / 2
     fixed = np.array([(1 / 3,) * 3, (1 - _INSET, i, i), (i, 1 - _INSET, i), (i, i, 1 - _INSET)])
-    more = np.ceil(area / spacing_mm**2).astype(np.int64) * (area > spacing_mm**2)
+    extra = np.ceil(area / spacing_mm**2).astype(np.int64) * (area > spacing_mm**2)
     owner = np.concatenate(
-        [np.repeat(np.arange(len(area)), 4), np.repeat(np.arange(len(area)), more)]
+        [np.repeat(np.arange(len(area)), 4), np.repeat(np.arange(len(area)), extra)]
     )
     # The additive recurrence of the plastic number fills the plane evenly for every count.
-    k = np.arange(more.sum())
+    k = np.arange(extra.sum())
     u, v = (0.7548776662466927 * k) % 1, (0.5698402909980532 * k) % 1
     fold = u + v > 1
     u, v = np.where(fold, 1 - u, u), np.where(fold, 1 - v, v)
@@ -119,7 +119,7 @@ class Walls:
         self.points_mm, self._triangle = samples(self._corners)
         self._face = mesh.face[self._triangle]
 
-    def thinnest(self, where: NDArray[np.bool_] | None = None) -> Wall | None:
+    def thinnest(self, mask: NDArray[np.bool_] | None = None) -> Wall | None:
         """The thinnest wall among the points of the mask; None where there is no wall at all.
 
         An upper bound of the true minimum: what lies between the points is not seen. Walls that
@@ -127,9 +127,9 @@ class Walls:
         """
         for reach_mm in REACHES_MM:
             screened = self._screened(reach_mm)
-            found = self._measured(screened if where is None else np.where(where, screened, np.inf))
-            if found is not None and found[0] < reach_mm:
-                return found
+            wall = self._measured(screened if mask is None else np.where(mask, screened, np.inf))
+            if wall is not None and wall[0] < reach_mm:
+                return wall
         return None
 
     @cache  # noqa: B019  # of one part, gone with it
@@ -137,37 +137,37 @@ class Walls:
         """Walls (n,) of no more than reach_mm on the mesh, inf for none."""
         inward = -self._outward[self._triangle]
         low, high = self._corners.min(axis=1), self._corners.max(axis=1)
-        far = np.full(len(inward), np.inf)
+        distance = np.full(len(inward), np.inf)
         hit = np.full(len(inward), -1, np.int64)
         # Rays of neighbouring triangles meet few triangles within reach.
         order = np.argsort(self._triangle, kind="stable")
         for block in np.array_split(order, math.ceil(len(order) / BLOCK)):
-            start, way = self.points_mm[block], inward[block]
-            ends = np.concatenate([start, start + way * min(reach_mm, 1e4)])
+            start, direction = self.points_mm[block], inward[block]
+            ends = np.concatenate([start, start + direction * min(reach_mm, 1e4)])
             overlap = (low <= ends.max(axis=0)) & (high >= ends.min(axis=0))
             near = np.flatnonzero(overlap.all(axis=1))
-            far[block], found = first_hit(start, way, self._corners[near])
-            hit[block] = np.where(found >= 0, near[found], -1)
+            distance[block], local = first_hit(start, direction, self._corners[near])
+            hit[block] = np.where(local >= 0, near[local], -1)
         opposite = np.einsum("ij,ij->i", inward, self._outward[hit])
         real = np.linalg.norm(inward, axis=1) > 0
         # A facet leans from its surface: the exact normals decide what is left.
         lean = math.radians(OPPOSITE_DEG) + 0.2
-        wall = real & (hit >= 0) & (opposite > math.cos(lean)) & (far <= reach_mm)
-        return np.where(wall, far, np.inf)
+        wall = real & (hit >= 0) & (opposite > math.cos(lean)) & (distance <= reach_mm)
+        return np.where(wall, distance, np.inf)
 
     def _measured(self, screened: Field) -> Wall | None:
         order = np.argsort(screened, kind="stable")
         best: Wall | None = None
-        beyond = 0
+        rejected = 0
         for i in order[:TRIED].tolist():
-            if not math.isfinite(screened[i]) or beyond >= REFINED:
+            if not math.isfinite(screened[i]) or rejected >= REFINED:
                 break
-            found = self._exact.thickness(self.points_mm[i], int(self._face[i]))
-            if found is not None and (best is None or found[0] < best[0]):
-                best = found
+            wall = self._exact.thickness(self.points_mm[i], int(self._face[i]))
+            if wall is not None and (best is None or wall[0] < best[0]):
+                best = wall
             # Facets and surfaces differ: a few that seem no thinner are measured, too.
             if best is not None and screened[i] > best[0] - NEAR_MM:
-                beyond += 1
+                rejected += 1
         return best
 
 
@@ -195,16 +195,16 @@ class ExactRays:
         point, normal = _point_normal(self._oriented[face], uv.X(), uv.Y())
         if normal is None:
             return None
-        far, hit = self.first(point, -normal)
+        distance, hit = self.first(point, -normal)
         if hit is None:
             return None
-        other, u, v = hit
-        _, behind = _point_normal(self._normal_of(other), u, v)
+        opposite, u, v = hit
+        _, behind = _point_normal(self._normal_of(opposite), u, v)
         limit = math.cos(math.radians(OPPOSITE_DEG))
         if behind is None or float(-normal @ behind) < limit:
             return None
         x, y, z = point.tolist()
-        return far, (x, y, z)
+        return distance, (x, y, z)
 
     def first(
         self, origin_mm: Field, direction: Field
@@ -221,8 +221,8 @@ class ExactRays:
         hits = [(rays.WParameter(k), k) for k in range(1, rays.NbPnt() + 1)]
         if not hits:
             return math.inf, None
-        far, k = min(hits)
-        return float(far), (rays.Face(k), rays.UParameter(k), rays.VParameter(k))
+        distance, k = min(hits)
+        return float(distance), (rays.Face(k), rays.UParameter(k), rays.VParameter(k))
 
 
 def _point_normal(face: Any, u: float, v: float) -> tuple[Field, Field | None]:

@@ -17,28 +17,28 @@ from .part import GROUPS, Part
 from .parts.indenter import part as indenter_part
 
 
-def of_design(design: Design | None = None) -> list[Part]:
+def design_parts(design: Design | None = None) -> list[Part]:
     """Every part that a design has, or some design may have: by group, from the face backwards.
 
     Raises RuntimeError when two files of parts/ claim one name.
     """
-    every: dict[str, Part] = collect_entries(parts.__name__, "PARTS")
+    by_name: dict[str, Part] = collect_entries(parts.__name__, "PARTS")
     return sorted(
-        (part for part in every.values() if design is None or part.places(design)),
+        (part for part in by_name.values() if design is None or part.places(design)),
         key=lambda p: (GROUPS.index(p.group), -p.explode_mm, p.number, p.name),
     )
 
 
 def parts_of_group(group: str, design: Design | None = None) -> list[Part]:
-    """The parts of one group as `of_design` has them, in their order."""
-    return [part for part in of_design(design) if part.group == group]
+    """The parts of one group as `design_parts` has them, in their order."""
+    return [part for part in design_parts(design) if part.group == group]
 
 
 def list_parts(indenters: IndenterList | None = None, design: Design | None = None) -> list[Part]:
-    """Every part as `of_design` has them, and the indenters of the list (cad/indenters.toml)."""
-    known = load_indenters() if indenters is None else indenters
-    tips = [indenter_part(parse_indenter(e.name), known.body, e.quantity) for e in known.indenter]
-    return [*of_design(design), *tips]
+    """Every part as `design_parts` has them, and the indenters of the list (cad/indenters.toml)."""
+    listed = load_indenters() if indenters is None else indenters
+    tips = [indenter_part(parse_indenter(e.name), listed.body, e.quantity) for e in listed.indenter]
+    return [*design_parts(design), *tips]
 
 
 def find_part(name: str, indenters: IndenterList | None = None) -> Part:
@@ -47,17 +47,17 @@ def find_part(name: str, indenters: IndenterList | None = None) -> Part:
     `indenter-star`, `star` and `star:8` all exist. Raises InputError with the nearest known name,
     or stating the sizes that are valid.
     """
-    known = load_indenters() if indenters is None else indenters
-    every = {part.name: part for part in list_parts(known)}
-    if name in every:
-        return every[name]
-    if name in known.shape:
-        return indenter_part(known.shape[name].indenter(name), known.body)
+    listed = load_indenters() if indenters is None else indenters
+    by_name = {part.name: part for part in list_parts(listed)}
+    if name in by_name:
+        return by_name[name]
+    if name in listed.shape:
+        return indenter_part(listed.shape[name].indenter(name), listed.body)
     if name.partition(":")[0] not in INDENTER_KINDS:
-        names = [*every, *GROUPS, *INDENTER_KINDS, *known.shape]
+        names = [*by_name, *GROUPS, *INDENTER_KINDS, *listed.shape]
         raise InputError(f"part {name!r}: unknown; {did_you_mean(name, names)}")
-    part = indenter_part(parse_indenter(name), known.body)
-    return every.get(part.name, part)
+    part = indenter_part(parse_indenter(name), listed.body)
+    return by_name.get(part.name, part)
 
 
 def select_parts(names: Iterable[str]) -> list[Part]:
@@ -65,10 +65,10 @@ def select_parts(names: Iterable[str]) -> list[Part]:
 
     A name of GROUPS stands for all of its parts.
     """
-    every = list_parts()
-    wanted: dict[str, Part] = {}
+    all_parts = list_parts()
+    selected: dict[str, Part] = {}
     for name in names:
-        grouped = [part for part in every if part.group == name]
+        grouped = [part for part in all_parts if part.group == name]
         for part in grouped or [find_part(name)]:
-            wanted[part.name] = part
-    return list(wanted.values()) or every
+            selected[part.name] = part
+    return list(selected.values()) or all_parts

@@ -17,22 +17,22 @@ SHOWN = 4  # one line has room for no more
 
 
 def below(
-    id: str, name: str, a: float, other: str, b: float, rests_on: tuple[str, ...] = ()
+    id: str, name: str, a: float, limit_name: str, b: float, rests_on: tuple[str, ...] = ()
 ) -> Check:
     """The check that a is less than b, each with its name; NaN fails.
 
     id: unique among the rules of its part. rests_on: keys of unverified values that it uses.
     """
     status = graded(a < b - SLACK)
-    return Check(id, f"{name} < {other}", "", a, b, status, rests_on, sign="<", margin=b - a)
+    return Check(id, f"{name} < {limit_name}", "", a, b, status, rests_on, sign="<", margin=b - a)
 
 
 def at_most(
-    id: str, name: str, a: float, other: str, b: float, rests_on: tuple[str, ...] = ()
+    id: str, name: str, a: float, limit_name: str, b: float, rests_on: tuple[str, ...] = ()
 ) -> Check:
     """The check that a is no more than b, to rounding; else as `below`."""
     status = graded(a <= b + SLACK)
-    return Check(id, f"{name} <= {other}", "", a, b, status, rests_on, sign="<=", margin=b - a)
+    return Check(id, f"{name} <= {limit_name}", "", a, b, status, rests_on, sign="<=", margin=b - a)
 
 
 def statement(rule: Check) -> str:
@@ -42,8 +42,8 @@ def statement(rule: Check) -> str:
 
 def first_of(texts: Sequence[str], between: str) -> str:
     """The first SHOWN texts, and how many more there are."""
-    more = len(texts) - SHOWN
-    return between.join([*texts[:SHOWN], *([f"and {more} more"] if more > 0 else [])])
+    rest = len(texts) - SHOWN
+    return between.join([*texts[:SHOWN], *([f"and {rest} more"] if rest > 0 else [])])
 
 
 @dataclass(frozen=True)

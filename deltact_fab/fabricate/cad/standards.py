@@ -90,7 +90,7 @@ THREADS: dict[Thread, MetricThread] = {
 def screw_tolerance_mm(length_mm: float) -> float:
     """What the length of a screw may be off either way (ISO 4759-1: js15)."""
     steps = ((3, 0.20), (6, 0.24), (10, 0.29), (18, 0.35), (30, 0.42), (50, 0.50))
-    return next((off for upto, off in steps if length_mm <= upto), 0.60)
+    return next((tolerance for upto, tolerance in steps if length_mm <= upto), 0.60)
 
 
 # Resistors as they are sold: IEC 60063, the 5 % series.

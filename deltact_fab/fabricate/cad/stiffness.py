@@ -82,11 +82,12 @@ class PlateShape:
     def products(self, x: Field, y: Field, terms: int, i: int = 0, j: int = 0) -> Field:
         """Derivatives of orders i in x and j in y of the products, (terms^2, points)."""
         of_x, of_y = (
-            legendre.legval(at / half_mm, legendre.legder(np.eye(terms), order)) / half_mm**order
-            for at, half_mm, order in zip((x, y), self.half_mm, (i, j), strict=True)
+            legendre.legval(coordinate / half_mm, legendre.legder(np.eye(terms), order))
+            / half_mm**order
+            for coordinate, half_mm, order in zip((x, y), self.half_mm, (i, j), strict=True)
         )
-        both: Field = (of_x[:, None] * of_y).reshape(-1, len(x))
-        return both
+        products: Field = (of_x[:, None] * of_y).reshape(-1, len(x))
+        return products
 
 
 @dataclass(frozen=True)
@@ -150,7 +151,7 @@ def bend(
     if not on.any():
         return Bending(0.0, 0.0, 0.0)
     x, y, share = x[on], y[on], (r * area)[on] / (np.pi * spread_mm**2 / 4)
-    weights = _at_rest(plate, terms, plate.products(x, y, terms) @ share)
+    weights = _find_rest(plate, terms, plate.products(x, y, terms) @ share)
     xx, yy, xy = (weights @ plate.products(x, y, terms, *orders) for orders in SECOND)
     nu, d = plate.poisson, plate.rigidity_nmm
     mx, my, mxy = d * (xx + nu * yy), d * (yy + nu * xx), d * (1 - nu) * xy
@@ -163,36 +164,36 @@ def bend(
     return Bending(largest, float(ring.max()), 6 * float(moment.max()) / plate.thickness_mm**2)
 
 
-def _at_rest(plate: PlateShape, terms: int, load: Field) -> Field:
+def _find_rest(plate: PlateShape, terms: int, load: Field) -> Field:
     """Weights of least energy under a load, with springs only where the plate is pushed down.
 
     Newton's steps, halved where the energy would rise.
     """
-    bare, places, springs = _system(plate, terms)
+    bare, places, springs = _plate_system(plate, terms)
 
-    def held(weights: Field) -> Field:
+    def active_springs(weights: Field) -> Field:
         return np.where(weights @ places > 0, springs, LET_GO_N_MM)
 
     def energy(weights: Field) -> float:
-        bead = held(weights) @ (weights @ places) ** 2
+        bead = active_springs(weights) @ (weights @ places) ** 2
         return float((weights @ bare @ weights + bead) / 2 - load @ weights)
 
     weights, pushing = np.zeros(len(load)), springs
     for _ in range(ROUNDS):
         full = np.linalg.solve(bare + (places * pushing) @ places.T, load).astype(np.float64)
-        wrong_n = np.abs(np.subtract(pushing, held(full)) * (full @ places)).sum()
+        wrong_n = np.abs(np.subtract(pushing, active_springs(full)) * (full @ places)).sum()
         if wrong_n <= SETTLED_N:
             return full
         step = full - weights
         while energy(weights + step) > energy(weights):
             step = step / 2
         weights = weights + step
-        pushing = held(weights)
+        pushing = active_springs(weights)
     raise SolverError(f"the plate finds no rest on its bead within {ROUNDS} rounds")
 
 
 @lru_cache(maxsize=8)
-def _system(plate: PlateShape, terms: int) -> tuple[Field, Field, Field]:
+def _plate_system(plate: PlateShape, terms: int) -> tuple[Field, Field, Field]:
     """What all loads on a plate have in common.
 
     Second derivatives of its strain energy in the weights, over the notched rectangle; the
@@ -222,7 +223,7 @@ def _rectangle(
     x_mm: Point2, y_mm: Point2, points_x: int, points_y: int
 ) -> tuple[Field, Field, Field]:
     """Points of Gauss's rule in a rectangle, and the area of each."""
-    (x, wide), (y, long) = legendre.leggauss(points_x), legendre.leggauss(points_y)
+    (x, weights_x), (y, weights_y) = legendre.leggauss(points_x), legendre.leggauss(points_y)
     x, y = (np.interp(t, (-1, 1), ends) for t, ends in ((x, x_mm), (y, y_mm)))
     area = (x_mm[1] - x_mm[0]) * (y_mm[1] - y_mm[0]) / 4
-    return np.repeat(x, len(y)), np.tile(y, len(x)), area * np.outer(wide, long).ravel()
+    return np.repeat(x, len(y)), np.tile(y, len(x)), area * np.outer(weights_x, weights_y).ravel()

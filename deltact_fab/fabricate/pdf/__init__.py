@@ -49,10 +49,10 @@ def glyphs(text: str) -> str:
 
 
 def _ids(text: str) -> list[int]:
-    known = _font().glyph
-    if absent := [c for c in text if ord(c) not in known]:
+    glyph_of = _font().glyph
+    if absent := [c for c in text if ord(c) not in glyph_of]:
         raise ValueError(f"{text!r}: the font has no {absent[0]!r}")
-    return [known[ord(c)] for c in text]
+    return [glyph_of[ord(c)] for c in text]
 
 
 @lru_cache(maxsize=1)
@@ -98,20 +98,20 @@ def _embed(add: Callable[[bytes], int], stream: Callable[[str, bytes], int]) -> 
         f"(Adobe) /Ordering (Identity) /Supplement 0 >> /FontDescriptor {descriptor} 0 R "
         f"/W [0 [{widths}]] /CIDToGIDMap /Identity >>".encode()
     )
-    told = stream("<<", _to_unicode(font).encode())
+    unicode_map = stream("<<", _to_unicode(font).encode())
     return add(
         f"<< /Type /Font /Subtype /Type0 /BaseFont /{NAME} /Encoding /Identity-H "
-        f"/DescendantFonts [{kind} 0 R] /ToUnicode {told} 0 R >>".encode()
+        f"/DescendantFonts [{kind} 0 R] /ToUnicode {unicode_map} 0 R >>".encode()
     )
 
 
 def _to_unicode(font: _Font) -> str:
     """What a reader copies and searches: the character of each glyph (9.10.3)."""
     # Of characters that share a glyph the lowest, so that a hyphen is no soft one.
-    of = {glyph: code for code, glyph in sorted(font.glyph.items(), reverse=True)}
-    lines = [f"<{glyph:04X}> <{code:04X}>" for glyph, code in sorted(of.items())]
+    code_of = {glyph: code for code, glyph in sorted(font.glyph.items(), reverse=True)}
+    lines = [f"<{glyph:04X}> <{code:04X}>" for glyph, code in sorted(code_of.items())]
     blocks = [lines[i : i + 100] for i in range(0, len(lines), 100)]  # a block holds no more
-    told = "\n".join(
+    mapping = "\n".join(
         f"{len(block)} beginbfchar\n" + "\n".join(block) + "\nendbfchar" for block in blocks
     )
     return (
@@ -119,7 +119,7 @@ def _to_unicode(font: _Font) -> str:
         "/CIDSystemInfo << /Registry (Adobe) /Ordering (UCS) /Supplement 0 >> def\n"
         "/CMapName /Adobe-Identity-UCS def\n/CMapType 2 def\n"
         "1 begincodespacerange\n<0000> <FFFF>\nendcodespacerange\n"
-        f"{told}\nendcmap\nCMapName currentdict /CMap defineresource pop\nend\nend\n"
+        f"{mapping}\nendcmap\nCMapName currentdict /CMap defineresource pop\nend\nend\n"
     )
 
 
@@ -156,12 +156,12 @@ class Document:
         """Add a page of so many points; images: objects by the names that the content uses."""
         stream = self.deflated("<<", content.encode("ascii"))
         width, height = (figure(side) for side in size_pt)
-        named = " ".join(f"/{name} {number} 0 R" for name, number in (images or {}).items())
+        resources = " ".join(f"/{name} {number} 0 R" for name, number in (images or {}).items())
         self._pages.append(
             self.add(
                 f"<< /Type /Page /Parent 2 0 R /MediaBox [0 0 {width} {height}] "
                 f"/Contents {stream} 0 R /Resources << /Font << /F {self._font} 0 R >> "
-                f"/XObject << {named} >> >> >>".encode()
+                f"/XObject << {resources} >> >> >>".encode()
             )
         )
 
@@ -173,8 +173,8 @@ class Document:
         )
         self._objects[1] = f"<< /Type /Pages /Kids [{kids}] /Count {len(self._pages)} >>".encode()
         words = {"Title": title, "Producer": producer, "Keywords": " ".join(keywords)}
-        told = " ".join(f"/{key} ({_escaped(text)})" for key, text in words.items() if text)
-        info = self.add(f"<< {told} >>".encode())
+        entries = " ".join(f"/{key} ({_escaped(text)})" for key, text in words.items() if text)
+        info = self.add(f"<< {entries} >>".encode())
         parts = [b"%PDF-1.7\n%\xe2\xe3\xcf\xd3\n"]
         at, offsets = len(parts[0]), []
         for number, body in enumerate(self._objects, 1):

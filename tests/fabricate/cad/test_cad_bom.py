@@ -15,7 +15,7 @@ from deltact_fab.fabricate.cad.design import load_cameras, load_design
 from deltact_fab.fabricate.cad.dimensions import Design
 from deltact_fab.fabricate.cad.fabrication import bom, quantities
 from deltact_fab.fabricate.cad.fabrication.quantities import gaps
-from deltact_fab.fabricate.cad.intent import Wish, solved
+from deltact_fab.fabricate.cad.intent import Wish, find_design
 from deltact_fab.fabricate.cad.registry import list_parts, parts_of_group
 from deltact_fab.fabricate.cad.sensor_sections import LightDimensions
 from deltact_fab.fabricate.cad.standards import E24
@@ -133,7 +133,7 @@ def test_the_csv_says_what_the_lines_say():
 def test_every_bought_line_has_a_number_or_says_that_it_has_none():
     listed = bom.load_bought().bought
     sold = [name for name in load_cameras() if name != "rpi-camera-3"]  # it focuses too far off
-    cameras = [solved(Wish.parse("36x34", camera=name), DEFAULT) for name in sold]
+    cameras = [find_design(Wish.parse("36x34", camera=name), DEFAULT) for name in sold]
     named = ("large-60x50", "fingertip-24x24")
     designs = [DEFAULT, *map(load_design, named), *cameras]
     asked = {(line.part, line.source) for design in designs for line in bom.bom_lines(design)}

@@ -15,9 +15,9 @@ from deltact_fab.common.checks import Check
 from deltact_fab.fabricate.cad import check, rays
 from deltact_fab.fabricate.cad.check import CHECKS, arithmetic, each_part, visibility
 from deltact_fab.fabricate.cad.check.built import MESH_MM, BuiltDesign
-from deltact_fab.fabricate.cad.check.row import at, shorten_key, verified
+from deltact_fab.fabricate.cad.check.row import format_point, mark_unverified, shorten_key
 from deltact_fab.fabricate.cad.design import load_design
-from deltact_fab.fabricate.cad.features import features_of, near
+from deltact_fab.fabricate.cad.features import features_of, rounds_near
 from deltact_fab.fabricate.cad.kernel import require
 from deltact_fab.fabricate.cad.mesh import mesh_solid
 from deltact_fab.fabricate.cad.parts import cover, skin_frame
@@ -121,7 +121,7 @@ def test_holes_and_shanks_are_told_apart_with_their_ends():
     found = [(c.hole, c.radius_mm, c.low_mm[2], c.high_mm[2]) for c in rounds]
     assert sorted(found) == [(False, 2.0, 6.0, 9.0), (True, 1.5, 0.0, 4.0)]
     holes = [c for c in rounds if c.hole]
-    assert [near(holes, 5.3, 5.4, reach) for reach in (0.6, 0.4)] == [holes, []]
+    assert [rounds_near(holes, 5.3, 5.4, reach) for reach in (0.6, 0.4)] == [holes, []]
 
 
 def test_a_hole_that_leans_shows_at_its_ends_and_one_across_is_none():
@@ -143,9 +143,9 @@ def test_a_verdict_names_what_nobody_measured():
     assert of_part(replace(row, status="fail"))["verdict"] == "FAIL"
     assert of_part(replace(row, basis=()))["verdict"] == "pass"
     design = SimpleNamespace(unverified=lambda: ["a.b_mm", "mount.c_mm"])
-    (row,) = verified([replace(row, basis=("mount.", "x.y", "a.b_mm"))], design)
+    (row,) = mark_unverified([replace(row, basis=("mount.", "x.y", "a.b_mm"))], design)
     assert row.basis == ("mount.c_mm", "a.b_mm")
-    assert at((-0.001, 2.0, -3.456)) == "(0.00, 2.00, -3.46)"
+    assert format_point((-0.001, 2.0, -3.456)) == "(0.00, 2.00, -3.46)"
 
 
 def test_measured_keys_are_no_longer_named():
@@ -240,7 +240,7 @@ def test_a_web_of_0_3_mm_and_holes_that_meet_fail():
 def test_a_wide_ceiling_without_supports_fails(side, passes):
     room = _box((side, side, 15), (-side / 2, -side / 2, 0))
     table = _box((80, 80, 20), (-40, -40, 0)).cut(room)
-    row = next(r for r in each_part.printed(_of("cover", table)) if r.name == "ceilings")
+    row = next(r for r in each_part.platform_contact(_of("cover", table)) if r.name == "ceilings")
     assert row.failed is not passes
     assert f"{side**2:.1f} mm2" in row.value
     assert abs(float(row.value.split(", ")[1].split()[0]) - side) < 2

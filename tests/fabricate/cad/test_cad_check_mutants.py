@@ -8,7 +8,7 @@ import pytest
 from solids import box, mutated, rod
 
 from deltact_fab.fabricate.cad import registry
-from deltact_fab.fabricate.cad.check import CHECKS, of_built
+from deltact_fab.fabricate.cad.check import CHECKS, check_solids
 from deltact_fab.fabricate.cad.check.built import BuiltDesign
 from deltact_fab.fabricate.cad.design import (
     IndenterBody,
@@ -54,7 +54,7 @@ class Sound:
         self.rows, self.looked_at = {}, {}
         for check in CHECKS:
             watched.looked_at = set()
-            self.rows[check] = of_built(watched, checks=[check])
+            self.rows[check] = check_solids(watched, checks=[check])
             self.looked_at[check] = watched.looked_at
 
     def failing(self, name, solid):
@@ -67,7 +67,7 @@ class Sound:
             if check == "drawings" or name not in self.looked_at[check]:
                 rows += self.rows[check]
             else:
-                rows += of_built(built, checks=[check])
+                rows += check_solids(built, checks=[check])
         return {(row.name, row.subject): row.value for row in rows if row.failed}
 
 
@@ -197,7 +197,7 @@ def test_a_fault_fails_its_own_rows_and_no_other(sound, part, fault, fails):
 def test_a_part_that_cannot_be_built_fails_its_rows_and_stops_nothing(sound):
     solids = {name: solid for name, solid in sound.built.solids.items() if name != "cover"}
     told = {"cover": "cover: the CAD kernel failed"}
-    rows = of_built(BuiltDesign(D, sound.built.parts, solids, failed=told))
+    rows = check_solids(BuiltDesign(D, sound.built.parts, solids, failed=told))
     found = {row.subject: row.value for row in rows if row.failed}
     assert found == {"sensor": "1 of 10 not: cover: the CAD kernel failed"}
     (undone,) = (row.value for row in rows if row.status == "not run")
@@ -209,6 +209,6 @@ def test_a_press_as_deep_as_the_tips_are_long_is_refused(sound):
     deep = Design(plate=type(D.plate)(depth_mm=11.5))
     built = BuiltDesign(deep, sound.built.parts, sound.built.solids)
     stack = [check for check in CHECKS if check == "bench-clear"]
-    reach = next(row for row in of_built(built, checks=stack) if row.name == "bench reach")
+    reach = next(row for row in check_solids(built, checks=stack) if row.name == "bench reach")
     assert reach.failed
     assert "plate.depth_mm" in reach.limit

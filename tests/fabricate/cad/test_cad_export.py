@@ -18,8 +18,13 @@ from deltact_fab.fabricate.cad import registry
 from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.fabricate.cad.dimensions import Design
 from deltact_fab.fabricate.cad.drafting.wiring import wiring
-from deltact_fab.fabricate.cad.export import export_parts, stored_by
-from deltact_fab.fabricate.cad.export.part_files import DRAWN, EXPORT_FORMATS, Task, applicable
+from deltact_fab.fabricate.cad.export import export_parts, file_cache_key
+from deltact_fab.fabricate.cad.export.part_files import (
+    DRAWN,
+    EXPORT_FORMATS,
+    ExportTask,
+    applicable_formats,
+)
 from deltact_fab.fabricate.cad.parts import skin_frame
 from deltact_fab.sensor.shapes.sensor import FrameDimensions
 
@@ -70,10 +75,15 @@ def test_the_wiring_goes_with_the_sensor_and_is_kept(tmp_path, store_of_its_own)
 
 def test_applicable_formats():
     everything = tuple(kind for kind in EXPORT_FORMATS if kind not in DRAWN)
-    assert applicable(registry.find_part("acrylic"), everything) == everything
-    assert applicable(registry.find_part("mold"), everything) == ("step", "stl", "3mf", "glb")
-    assert applicable(registry.find_part("screw"), everything) == ("step", "glb")
-    assert applicable(registry.find_part("led-strip"), everything) == ("step", "glb")
+    assert applicable_formats(registry.find_part("acrylic"), everything) == everything
+    assert applicable_formats(registry.find_part("mold"), everything) == (
+        "step",
+        "stl",
+        "3mf",
+        "glb",
+    )
+    assert applicable_formats(registry.find_part("screw"), everything) == ("step", "glb")
+    assert applicable_formats(registry.find_part("led-strip"), everything) == ("step", "glb")
 
 
 def test_a_format_that_applies_to_nothing_is_refused(tmp_path):
@@ -151,7 +161,9 @@ def test_what_a_file_is_found_by(part, kind, other, same):
     keys = []
     for design, tolerance_mm, name, form in (asked.values(), {**asked, **other}.values()):
         keys.append(
-            stored_by(Task((registry.find_part(name),), (form,), design, tolerance_mm), form)
+            file_cache_key(
+                ExportTask((registry.find_part(name),), (form,), design, tolerance_mm), form
+            )
         )
     assert (keys[0] == keys[1]) == same
 

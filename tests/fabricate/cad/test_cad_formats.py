@@ -87,7 +87,9 @@ def test_3mf_says_a_strange_material_and_carries_no_date(parts):
 
 def test_glb_is_in_metres_with_y_up_and_has_linear_colours(parts):
     part, _, measured, mesh = parts["skin"]
-    data = meshes.glb_bytes({"skin": (meshes.drawn(mesh, "skin", part.colour), meshes.ORIGIN)})
+    data = meshes.glb_bytes(
+        {"skin": (meshes.shaded_mesh(mesh, "skin", part.colour), meshes.ORIGIN)}
+    )
     scene = trimesh.load(io.BytesIO(data), file_type="glb")
     (x0, y0, z0), (x1, y1, z1) = (np.array(corner) / 1000 for corner in measured.box_mm)
     # z of the CAD frame is y here, y is -z.
@@ -101,7 +103,7 @@ def test_glb_is_in_metres_with_y_up_and_has_linear_colours(parts):
 
 def test_glb_assembly_names_and_places_every_copy(parts):
     alone = {
-        name: meshes.glb_bytes({name: (meshes.drawn(mesh, name, part.colour), meshes.ORIGIN)})
+        name: meshes.glb_bytes({name: (meshes.shaded_mesh(mesh, name, part.colour), meshes.ORIGIN)})
         for name, (part, _, _, mesh) in parts.items()
     }
     plate, ball = (meshes.read_part(alone[name]) for name in ("acrylic", "indenter-sphere-10"))
@@ -129,7 +131,7 @@ def test_glb_assembly_names_and_places_every_copy(parts):
 
 def test_glb_shades_a_sphere_smoothly_and_an_edge_sharply(parts):
     mesh = parts["indenter-sphere-10"][3]
-    read = meshes.drawn(mesh, "x", (1, 1, 1, 1))
+    read = meshes.shaded_mesh(mesh, "x", (1, 1, 1, 1))
     points, normals = read.vertices, read.vertex_normals
     ball = (points[:, 2] < 4.9) & (np.linalg.norm(points - (0, 0, 5), axis=1) < 5.01)
     assert ball.sum() > 100
@@ -246,7 +248,9 @@ def test_the_second_time_in_a_process_gives_the_same_bytes(parts):
         lambda: step.assembly_bytes([("acrylic", solid, PLACES)], "assembly"),
         lambda: dxf.dxf_bytes(solid, "acrylic"),
         lambda: meshes.threemf_bytes(mesh, "acrylic", "PMMA", (1, 1, 1, 1)),
-        lambda: meshes.glb_bytes({"a": (meshes.drawn(mesh, "a", (1, 1, 1, 1)), meshes.ORIGIN)}),
+        lambda: meshes.glb_bytes(
+            {"a": (meshes.shaded_mesh(mesh, "a", (1, 1, 1, 1)), meshes.ORIGIN)}
+        ),
         lambda: meshes.stl_bytes(mesh, "acrylic"),
     ):
         assert write() == write()

@@ -13,11 +13,11 @@ from closed_forms import segment_mm2
 from deltact_fab.fabricate.cad import registry
 from deltact_fab.fabricate.cad.build import build_part
 from deltact_fab.fabricate.cad.check.built import BuiltDesign
-from deltact_fab.fabricate.cad.check.each_part import printed
+from deltact_fab.fabricate.cad.check.each_part import platform_contact
 from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.fabricate.cad.export import export_parts
 from deltact_fab.fabricate.cad.mesh import mesh_solid
-from deltact_fab.fabricate.cad.overhangs import MIN_CONTACT_MM2, laid, stand
+from deltact_fab.fabricate.cad.overhangs import MIN_CONTACT_MM2, find_contact, lay_on_platform
 from deltact_fab.fabricate.cad.part import PrintPose
 
 DESIGN = load_design()
@@ -68,7 +68,7 @@ def test_each_file_stands_on_the_platform_as_the_manifest_turns_it(exported):
 def test_a_sphere_on_its_tip_touches_nothing_and_fails():
     part = registry.find_part("sphere:10")
     built = BuiltDesign(DESIGN, (part,), {part.name: build_part(part, DESIGN)[0]})
-    contact, ceilings = printed(built)
+    contact, ceilings = platform_contact(built)
     assert not contact.failed
     # The stem's end with its flat, and the plate's ring around the stem.
     stem_mm2, plate_mm2 = 9 * np.pi - segment_mm2(2.2, 3.0), 25 * np.pi
@@ -77,15 +77,15 @@ def test_a_sphere_on_its_tip_touches_nothing_and_fails():
     assert "from 20.0 mm up, 2.0 mm across at most, on supports" in ceilings.value
     tip_down = replace(part, lies=PrintPose())
     built = BuiltDesign(DESIGN, (tip_down,), {part.name: build_part(part, DESIGN)[0]})
-    assert next(iter(printed(built))).failed
+    assert next(iter(platform_contact(built))).failed
 
 
 def test_a_shell_on_its_back_has_ceilings_and_none_as_it_is_tilted():
     """Which is what the tilt is for."""
     part = registry.find_part("shell")
     mesh = mesh_solid(build_part(part, DESIGN)[0], TOLERANCE_MM, part.name)
-    flat = stand(laid(mesh, replace(part.lies, tilt_deg=0.0)))
+    flat = find_contact(lay_on_platform(mesh, replace(part.lies, tilt_deg=0.0)))
     assert flat.ceilings_mm2 > 100
     assert flat.contact_mm2 > MIN_CONTACT_MM2
-    tilted = stand(laid(mesh, part.lies))
+    tilted = find_contact(lay_on_platform(mesh, part.lies))
     assert (tilted.ceilings_mm2, tilted.contact_mm2) == (0, 0)

@@ -15,7 +15,7 @@ from ..kernel import guarded
 from ..registry import list_parts
 from . import arithmetic, each_part, together, visibility
 from .built import BuiltDesign, Facts, PartMissing
-from .row import advised, verified
+from .row import add_remedies, mark_unverified
 
 CHECKS: dict[str, tuple[str, Callable[[BuiltDesign], Iterable[Check]]]] = {
     "drawings": ("drawings", each_part.drawings),
@@ -24,8 +24,8 @@ CHECKS: dict[str, tuple[str, Callable[[BuiltDesign], Iterable[Check]]]] = {
     "interference": ("interference", together.interference),
     "engagement": ("engagement", together.engagement),
     "wall-thickness": ("wall thickness", each_part.walls),
-    "bed-contact": ("bed contact", each_part.printed),
-    "plate-deflection": ("plate deflection", lambda built: arithmetic.bending(built.design)),
+    "bed-contact": ("bed contact", each_part.platform_contact),
+    "plate-deflection": ("plate deflection", lambda model: arithmetic.bending(model.design)),
     "light-cone": ("light cone", visibility.light_cone),
     "mold-closure": ("mold volume closure", together.closure),
     "bench-clear": ("bench clear", together.bench),
@@ -51,22 +51,24 @@ def check_design(
     row counts the checks that it leaves undone. Raises MissingLibrary without the CAD kernel, and
     InputError when the list of indenters is unusable.
     """
-    rows = [r for told in ARITHMETIC for r in verified(advised(told, design), design)]
+    rows = [
+        r for checks in ARITHMETIC for r in mark_unverified(add_remedies(checks, design), design)
+    ]
     if any(row.failed for row in rows if row.name == "inequalities"):
         return [*rows, not_run(len(CHECKS), "inequalities fail, see above")]
-    rows += verified(arithmetic.platform(design), design)
-    done = 0
+    rows += mark_unverified(arithmetic.platform(design), design)
+    started = 0
 
-    def tell(what: str) -> None:
-        nonlocal done
+    def tell(step: str) -> None:
+        nonlocal started
         if progress is not None:
-            progress(done, total, what)
-        done += 1
+            progress(started, total, step)
+        started += 1
 
     facts = Facts() if cached else None
-    built = BuiltDesign(design, tuple(list_parts(indenters, design)), facts=facts, tell=tell)
-    total = len(built.parts) + len(CHECKS)
-    rows += of_built(built, tell)
+    model = BuiltDesign(design, tuple(list_parts(indenters, design)), facts=facts, tell=tell)
+    total = len(model.parts) + len(CHECKS)
+    rows += check_solids(model, tell)
     if facts is not None:
         facts.save()
     if progress is not None:
@@ -74,8 +76,8 @@ def check_design(
     return rows
 
 
-def of_built(
-    built: BuiltDesign,
+def check_solids(
+    model: BuiltDesign,
     tell: Callable[[str], None] | None = None,
     checks: Iterable[str] = CHECKS,
 ) -> list[Check]:
@@ -86,22 +88,22 @@ def of_built(
     rows: list[Check] = []
     undone = []
     for id in checks:
-        name, made = CHECKS[id]
+        name, check = CHECKS[id]
         if tell is not None:
             tell(name)
         try:
             with guarded(name):
-                rows += verified(made(built), built.design)
-        except PartMissing as why:
-            undone.append(str(why))
-        except RunFailed as why:
-            rows.append(Check(id, name, "", f"not run: {why}", "can be made", "fail"))
+                rows += mark_unverified(check(model), model.design)
+        except PartMissing as error:
+            undone.append(str(error))
+        except RunFailed as error:
+            rows.append(Check(id, name, "", f"not run: {error}", "can be made", "fail"))
     if undone:
         rows.append(not_run(len(undone), "; ".join(dict.fromkeys(undone))))
     return rows
 
 
-def not_run(count: int, why: str) -> Check:
+def not_run(count: int, reason: str) -> Check:
     """The row of what a failure, which has its own row, left undone."""
-    found = f"{count} were not run: {why}"
-    return Check("solids", "checks on solids", "assembly", found, "all of them", "not run")
+    value = f"{count} were not run: {reason}"
+    return Check("solids", "checks on solids", "assembly", value, "all of them", "not run")

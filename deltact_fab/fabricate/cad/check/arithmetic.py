@@ -18,10 +18,10 @@ from ..dimensions import Design
 from ..feasibility import rules as all_rules
 from ..part import PRINT
 from ..parts.light_holder import led_turns, plate_bending_room
-from ..registry import of_design
+from ..registry import design_parts
 from ..rule import first_of, statement
 from ..stiffness import bend, plate_of, press_plate
-from .row import at_least
+from .row import margin_check
 
 LEAST_MA = 1.0  # a camera makes up for half of the paper's circuit, 2.1 mA at its least: one stop
 HEAT_SHARE = 0.5  # half of its rating keeps a resistor cool enough to touch
@@ -38,16 +38,16 @@ def inequalities(design: Design) -> Iterator[Check]:
         groups.setdefault(rule.subject, []).append(rule)
     for part, rules in groups.items():
         broken = [statement(rule) for rule in rules if rule.failed]
-        found = f"{len(rules)} of {len(rules)} hold, closest: {statement(min(rules, key=_share))}"
+        value = f"{len(rules)} of {len(rules)} hold, closest: {statement(min(rules, key=_margin_share))}"
         if broken:
-            found = f"{len(broken)} of {len(rules)} fail: {first_of(broken, '; ')}"
+            value = f"{len(broken)} of {len(rules)} fail: {first_of(broken, '; ')}"
         keys = tuple(dict.fromkeys(key for rule in rules for key in rule.basis))
-        left = min((r.margin or 0.0) - (1e-6 if r.failed else 0.0) for r in rules)
-        yield Check(f"inequalities.{part}", "inequalities", part, found, "all hold",
-                    graded(not broken), keys, margin=left)  # fmt: skip
+        margin = min((r.margin or 0.0) - (1e-6 if r.failed else 0.0) for r in rules)
+        yield Check(f"inequalities.{part}", "inequalities", part, value, "all hold",
+                    graded(not broken), keys, margin=margin)  # fmt: skip
 
 
-def _share(rule: Check) -> float:
+def _margin_share(rule: Check) -> float:
     """What is left between both sides, as a share of the larger one."""
     value, limit = float(rule.value), float(rule.limit)
     return (limit - value) / max(abs(value), abs(limit), 1e-9)
@@ -55,7 +55,7 @@ def _share(rule: Check) -> float:
 
 def fits(design: Design) -> Iterator[Check]:
     """Each mating pair: least and most play, every length at its worst."""
-    for part in of_design(design):
+    for part in design_parts(design):
         for fit in part.fits(design):
             yield replace(fit.check(), id=f"{part.name}.{fit.id}")
 
@@ -65,23 +65,27 @@ def platform(design: Design) -> Iterator[Check]:
     printer = design.resin_printer
     room = [*sorted((printer.bed_x_mm, printer.bed_y_mm), reverse=True), printer.bed_z_mm]
     sides = {}
-    for part in of_design(design):
+    for part in design_parts(design):
         if part.process == PRINT:
             low, high = part.box(part.source(design))
             x, y, z = part.lies.size_mm(low, high)
             sides[part.name] = [max(x, y), min(x, y), z]
-    left = {
+    margins_mm = {
         name: min(r - s for r, s in zip(room, size, strict=True)) for name, size in sides.items()
     }
     keys = tuple(f"resin_printer.bed_{axis}_mm" for axis in "xyz")
-    limit = f"<= {_by(room)} mm (resin_printer.bed_x_mm, bed_y_mm, bed_z_mm)"
-    tight = [name for name in left if left[name] < 0] or [min(left, key=lambda name: left[name])]
+    limit = f"<= {_format_sides(room)} mm (resin_printer.bed_x_mm, bed_y_mm, bed_z_mm)"
+    tight = [name for name in margins_mm if margins_mm[name] < 0] or [
+        min(margins_mm, key=lambda name: margins_mm[name])
+    ]
     for name in tight:
-        status, id = graded(left[name] >= 0), f"fits-printer.{name}"
-        yield Check(id, "fits the printer", name, f"{_by(sides[name])} mm", limit, status, keys)
+        status, id = graded(margins_mm[name] >= 0), f"fits-printer.{name}"
+        yield Check(
+            id, "fits the printer", name, f"{_format_sides(sides[name])} mm", limit, status, keys
+        )
 
 
-def _by(sides_mm: list[float]) -> str:
+def _format_sides(sides_mm: list[float]) -> str:
     return " x ".join(f"{side:.4g}" for side in sides_mm)
 
 
@@ -91,8 +95,10 @@ def light(design: Design) -> Iterator[Check]:
     LEDs in parallel are taken to share evenly; one LED's share may differ.
     """
     light = design.light
-    at = f"{light.resistor_ohm:g} ohm, {light.supply_v:g} V ± {100 * light.supply_tolerance:g} %"
-    for id, name, found, limit, margin, rating in (
+    circuit = (
+        f"{light.resistor_ohm:g} ohm, {light.supply_v:g} V ± {100 * light.supply_tolerance:g} %"
+    )
+    for id, name, value, limit, margin, rating in (
         ("led-current", "LED current", f"{light.chip_most_ma:.2f} mA a chip",
          f"<= {light.led_limit_ma:g} mA a chip",
          light.led_limit_ma - light.chip_most_ma, "led_limit_ma"),
@@ -105,16 +111,16 @@ def light(design: Design) -> Iterator[Check]:
          light.supply_rating_ma - light.most_ma, "supply_rating_ma"),
     ):  # fmt: skip
         keys = tuple(f"light.{key}" for key in (*RESTS_ON, rating))
-        yield at_least(id, name, "light-holder", f"{found}, {at}", limit, margin, keys)
+        yield margin_check(id, name, "light-holder", f"{value}, {circuit}", limit, margin, keys)
     share = evenness(design)
-    found = f"least {share:.2f} of the mean over the view, {light.led_count} LEDs "
-    found += f"{light.pitch_mm:.1f} mm apart"
+    value = f"least {share:.2f} of the mean over the view, {light.led_count} LEDs "
+    value += f"{light.pitch_mm:.1f} mm apart"
     limit, parts, margin = (
         f">= {EVEN_LIGHT_SHARE:g}",
         "light-holder, skin",
         share - EVEN_LIGHT_SHARE,
     )
-    yield at_least("even-light", "even light", parts, found, limit, margin)
+    yield margin_check("even-light", "even light", parts, value, limit, margin)
 
 
 def evenness(design: Design) -> float:
@@ -136,9 +142,9 @@ def illuminance(
     r = (design.strip_radius_mm + design.channel_inner_mm) / 2
     light = np.zeros_like(x_mm)
     for led, turn in enumerate(led_turns(design)):
-        away = (x_mm - r * np.cos(turn)) ** 2 + (y_mm - r * np.sin(turn)) ** 2
+        distance2 = (x_mm - r * np.cos(turn)) ** 2 + (y_mm - r * np.sin(turn)) ** 2
         if led != dark:
-            light += design.z_light_mm**2 / (away + design.z_light_mm**2) ** 2
+            light += design.z_light_mm**2 / (distance2 + design.z_light_mm**2) ** 2
     return light
 
 
@@ -149,39 +155,39 @@ def bending(design: Design) -> Iterator[Check]:
     passes it on to the camera's board. The gel spreads no press beyond its own face.
     """
     plate, force_n = design.plate, design.plate.force_n
-    found = press_plate(design, force_n)
+    response = press_plate(design, force_n)
     bare = replace(plate_of(design), bead_mm=0.0)
     of_plate_mm = force_n * bend(bare, plate.spread_mm).deflection_mm
-    bead_mm = found.deflection_mm - of_plate_mm
+    bead_mm = response.deflection_mm - of_plate_mm
     limit_mm = plate.deflection_share * plate.depth_mm
     room_mm = plate_bending_room(design).range_mm[0]
     face_mm = min(design.skin.width_mm, design.skin.length_mm)
 
-    over_mm = found.over_ring_mm
+    over_mm = response.over_ring_mm
     rests_n = force_n * max(room_mm, 0.0) / over_mm if over_mm > 0 else math.inf
 
-    def row(id: str, name: str, passed: bool, found: str, limit: str, *keys: str) -> Check:
-        return Check(id, name, "acrylic", found, limit, graded(passed), keys)
+    def row(id: str, name: str, passed: bool, value: str, limit: str, *keys: str) -> Check:
+        return Check(id, name, "acrylic", value, limit, graded(passed), keys)
 
     text = (
-        f"{found.deflection_mm:.3f} mm under {force_n:g} N, {bead_mm:.3f} of it the bead: "
-        f"{100 * found.deflection_mm / plate.depth_mm:.1f} % of {plate.depth_mm:g} mm of depth"
+        f"{response.deflection_mm:.3f} mm under {force_n:g} N, {bead_mm:.3f} of it the bead: "
+        f"{100 * response.deflection_mm / plate.depth_mm:.1f} % of {plate.depth_mm:g} mm of depth"
     )
     limit = f"<= {limit_mm:.3g} mm (plate.deflection_share of plate.depth_mm)"
-    passed = found.deflection_mm <= limit_mm
+    passed = response.deflection_mm <= limit_mm
     yield row("plate-deflection", "plate deflection", passed, text, limit, *SOFT)
     text = (
-        f"bends {found.over_ring_mm:.3f} mm over the ring under {force_n:g} N, rests on it from "
+        f"bends {response.over_ring_mm:.3f} mm over the ring under {force_n:g} N, rests on it from "
         f"{rests_n:.0f} N"
     )
     limit, passed = f"<= {room_mm:.3g} mm, the least play (light.axial_fit_mm)", over_mm <= room_mm
     yield row("plate-clear-of-light", "plate clear of the light", passed, text, limit, *SOFT)
     most_mpa = plate.stress_limit_mpa
     text = (
-        f"{found.stress_mpa:.1f} MPa under {force_n:g} N, the limit from "
-        f"{force_n * most_mpa / found.stress_mpa:.0f} N"
+        f"{response.stress_mpa:.1f} MPa under {force_n:g} N, the limit from "
+        f"{force_n * most_mpa / response.stress_mpa:.0f} N"
     )
-    limit, passed = f"<= {most_mpa:g} MPa (plate.stress_limit_mpa)", found.stress_mpa <= most_mpa
+    limit, passed = f"<= {most_mpa:g} MPa (plate.stress_limit_mpa)", response.stress_mpa <= most_mpa
     yield row("plate-stress", "plate stress", passed, text, limit, GEL, "plate.stress_limit_mpa")
     text = f"{force_n:g} N spread on a disc of {plate.spread_mm:g} mm"
     limit = f"<= {face_mm:g} mm, the face's shorter side (plate.spread_mm)"

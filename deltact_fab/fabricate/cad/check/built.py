@@ -10,7 +10,7 @@ from typing import Any
 
 from deltact_fab.common import RunFailed, Store, cache_key
 
-from ..build import build_from, made_by, part_key
+from ..build import build_from, cad_cache_key, part_key
 from ..dimensions import Design
 from ..features import Round, SolidFeatures, features_of
 from ..kernel import Box
@@ -34,30 +34,30 @@ class Facts:
     """Plain data about solids by what they were found on, in the user's cache."""
 
     def __init__(self) -> None:
-        self._held: dict[str, Any] = STORE.read(made_by(CODE)) or {}
+        self._facts: dict[str, Any] = STORE.read(cad_cache_key(CODE)) or {}
         self.computed: list[str] = []
 
-    def found(self, what: str, key: Any, compute: Callable[[], Any]) -> Any:
+    def get_or_compute(self, kind: str, key: Any, compute: Callable[[], Any]) -> Any:
         """What compute() returned for this key before, else returns now. What raises is not kept.
 
         what: names the fact; key: plain data, everything that it depends on beside the code.
         """
-        text = json.dumps(cache_key(what=what, key=key), sort_keys=True)
+        text = json.dumps(cache_key(what=kind, key=key), sort_keys=True)
         name = hashlib.sha256(text.encode()).hexdigest()
-        if name in self._held:
+        if name in self._facts:
             # Last again: the longest unused go first.
-            value = self._held.pop(name)
+            value = self._facts.pop(name)
         else:
             value = json.loads(json.dumps(compute()))
-            self.computed.append(what)
-        self._held[name] = value
+            self.computed.append(kind)
+        self._facts[name] = value
         return value
 
     def save(self) -> None:
         """Store what is new for the next time; a folder that refuses costs time and no more."""
         if self.computed:
-            kept = dict(list(self._held.items())[-MOST:])
-            STORE.write(made_by(CODE), kept)
+            newest = dict(list(self._facts.items())[-MOST:])
+            STORE.write(cad_cache_key(CODE), newest)
 
 
 @dataclass
@@ -76,25 +76,27 @@ class BuiltDesign:
     tell: Tell | None = None
     failed: dict[str, str] = field(default_factory=dict)
     meshes: dict[str, Mesh] = field(default_factory=dict)
-    found: dict[tuple[str, tuple[str, ...]], Any] = field(default_factory=dict)
+    results: dict[tuple[str, tuple[str, ...]], Any] = field(default_factory=dict)
     features_of: dict[str, SolidFeatures] = field(default_factory=dict)
 
     def fact(
-        self, what: str, names: Sequence[str], compute: Callable[[], Any], given: Any = None
+        self, kind: str, names: Sequence[str], compute: Callable[[], Any], inputs: Any = None
     ) -> Any:
         """Plain data found on the solids of these parts: what compute() returns, now or earlier.
 
         given: all that it depends on besides, plain data; of one `what` and `names` always the
         same. Raises what compute() raises.
         """
-        mine = what, tuple(names)
-        if mine not in self.found:
+        label = kind, tuple(names)
+        if label not in self.results:
             if self.facts is None:
-                self.found[mine] = compute()
+                self.results[label] = compute()
             else:
-                key = [[part_key(self.part(name), self.design) for name in names], given]
-                self.found[mine] = self.facts.found(f"{what}: {', '.join(names)}", key, compute)
-        return self.found[mine]
+                key = [[part_key(self.part(name), self.design) for name in names], inputs]
+                self.results[label] = self.facts.get_or_compute(
+                    f"{kind}: {', '.join(names)}", key, compute
+                )
+        return self.results[label]
 
     def part(self, name: str) -> Part:
         """The part of that name. Raises PartMissing when there is none."""
@@ -111,8 +113,8 @@ class BuiltDesign:
                 self.tell(name)
             try:
                 self.solids[name] = build_from(part, part.source(self.design))[0]
-            except RunFailed as why:
-                self.failed[name] = str(why)
+            except RunFailed as error:
+                self.failed[name] = str(error)
         if name in self.failed:
             raise PartMissing(f"{name} could not be built")
         return self.solids[name]
@@ -133,17 +135,17 @@ class BuiltDesign:
     def cylinders(self, name: str) -> list[Round]:
         """Its rounds along z."""
 
-        def found() -> list[dict[str, Any]]:
+        def compute() -> list[dict[str, Any]]:
             return [asdict(r) for r in self.features(name).rounds if r.axis == 2]
 
-        return [Round(**kept) for kept in self.fact("cylinders", (name,), found)]
+        return [Round(**row) for row in self.fact("cylinders", (name,), compute)]
 
     def box(self, name: str) -> Box:
         """Its exact bounding box."""
 
-        def found() -> Box:
-            whole = self.features(name)
-            return whole.low_mm, whole.high_mm
+        def compute() -> Box:
+            features = self.features(name)
+            return features.low_mm, features.high_mm
 
-        low, high = self.fact("box", (name,), found)
+        low, high = self.fact("box", (name,), compute)
         return tuple(low), tuple(high)

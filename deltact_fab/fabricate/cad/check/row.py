@@ -40,25 +40,25 @@ def shorten_key(key: str) -> str:
     return name.removesuffix("_mm").removesuffix("_mpa").replace("_", " ")
 
 
-def verified(rows: Iterable[Check], design: Design) -> Iterator[Check]:
+def mark_unverified(rows: Iterable[Check], design: Design) -> Iterator[Check]:
     """The rows, each with those keys alone as its basis that nobody has measured.
 
     A key that ends in `.` stands for its section.
     """
     for row in rows:
         if row.basis:
-            known = design.unverified()
+            unverified = design.unverified()
             keys = (
                 k
                 for key in row.basis
-                for k in known
+                for k in unverified
                 if k == key or (key.endswith(".") and k.startswith(key))
             )
             row = replace(row, basis=tuple(dict.fromkeys(keys)))
         yield row
 
 
-def advised(rows: Callable[[Design], Iterable[Check]], design: Design) -> Iterator[Check]:
+def add_remedies(rows: Callable[[Design], Iterable[Check]], design: Design) -> Iterator[Check]:
     """The rows of arithmetic on a design; one that fails says which key to change, and which way.
 
     A changed design that lacks the row tells nothing.
@@ -67,23 +67,23 @@ def advised(rows: Callable[[Design], Iterable[Check]], design: Design) -> Iterat
         if row.failed:
 
             def margin(changed: Design, id: str = row.id) -> float:
-                left = next((other.margin for other in rows(changed) if other.id == id), None)
-                return math.nan if left is None else left
+                new_margin = next((check.margin for check in rows(changed) if check.id == id), None)
+                return math.nan if new_margin is None else new_margin
 
             row = replace(row, remedy=advice(design, margin))
         yield row
 
 
-def at_least(
-    id: str, name: str, part: str, found: str, limit: str, margin: float,
+def margin_check(
+    id: str, name: str, part: str, value: str, limit: str, margin: float,
     rests_on: tuple[str, ...] = (),
 ) -> Check:  # fmt: skip
     """The check of a margin, which is arithmetic on a design; NaN fails."""
     status = graded(margin >= -SLACK)
-    return Check(id, name, part, found, limit, status, rests_on, margin=margin)
+    return Check(id, name, part, value, limit, status, rests_on, margin=margin)
 
 
-def at(point_mm: Iterable[float]) -> str:
+def format_point(point_mm: Iterable[float]) -> str:
     """A place as `(16.30, -2.00, -14.00)`; no minus before a zero."""
     return "(" + ", ".join(f"{round(float(v), 2) + 0.0:.2f}" for v in point_mm) + ")"
 
@@ -95,11 +95,11 @@ def advice(design: Design, margin: Margin) -> str:
         for section in fields(design)
         for f in fields(getattr(design, section.name))
     ]
-    found = [text for key in keys if (text := key.back())]
-    if not found:
-        moved = sorted(way for key in keys if (way := key.moved()))
-        found = [text for _, text in moved]
-    return ", ".join(found[:NAMED])
+    texts = [text for key in keys if (text := key.revert_text())]
+    if not texts:
+        changes = sorted(change for key in keys if (change := key.nearest_change()))
+        texts = [text for _, text in changes]
+    return ", ".join(texts[:NAMED])
 
 
 class _Key:
@@ -110,7 +110,7 @@ class _Key:
         self._value: Any = getattr(getattr(design, section), f.name)
         self._is_number = isinstance(self._value, int | float) and not isinstance(self._value, bool)
 
-    def _at(self, value: Any) -> float:
+    def _margin_with(self, value: Any) -> float:
         """The margin with this value; nan where its record does not allow it."""
         section = getattr(self._design, self._section)
         try:
@@ -119,16 +119,16 @@ class _Key:
             return math.nan
         return self._margin(replace(self._design, **{self._section: changed}))
 
-    def back(self) -> str:
+    def revert_text(self) -> str:
         """How far a key that left its default must go back; empty where that mends nothing."""
         default = self._field.default
-        if self._value == default or not self._at(default) >= -SLACK:
+        if self._value == default or not self._margin_with(default) >= -SLACK:
             return ""
         if not self._is_number:
             return f"{self._section}.{self._field.name}: {default}"
         return self._nearest(default)[1]
 
-    def moved(self) -> tuple[float, str] | None:
+    def nearest_change(self) -> tuple[float, str] | None:
         """The change that mends the failure, as a share of the value, and how to say it."""
         value, bounds = self._value, self._field.metadata
         if not self._is_number or "ge" not in bounds or Design.is_unverified(self._field):
@@ -136,11 +136,11 @@ class _Key:
         if self._section in GIVEN:
             return None
         step = 1 if isinstance(value, int) else max(abs(value) * STEP, STEP)
-        have = self._at(value)
-        sign = next((s for s in (1, -1) if self._at(value + s * step) > have + SLACK), 0)
+        have = self._margin_with(value)
+        sign = next((s for s in (1, -1) if self._margin_with(value + s * step) > have + SLACK), 0)
         while sign:
             end = min(max(value + sign * step, bounds["ge"]), bounds["le"])
-            if self._at(end) >= -SLACK:
+            if self._margin_with(end) >= -SLACK:
                 return self._nearest(end)
             if end in (bounds["ge"], bounds["le"]):
                 break
@@ -154,16 +154,16 @@ class _Key:
             middle = type(right)((wrong + right) / 2)
             if middle in (wrong, right):
                 break
-            if self._at(middle) >= -SLACK:
+            if self._margin_with(middle) >= -SLACK:
                 right = middle
             else:
                 wrong = middle
         value = self._value
         share = abs(right - value) / max(abs(value), abs(right), STEP)
         # To three figures, away from the wrong value.
-        more = right > value
+        upward = right > value
         if isinstance(right, float):
             unit = 10.0 ** (math.floor(math.log10(abs(right))) - 2) if right else 1.0
-            right = (math.ceil if more else math.floor)(round(right / unit, 6)) * unit
+            right = (math.ceil if upward else math.floor)(round(right / unit, 6)) * unit
         name = f"{self._section}.{self._field.name}"
-        return share, f"{name}: {right:.6g} or {'more' if more else 'less'}"
+        return share, f"{name}: {right:.6g} or {'more' if upward else 'less'}"

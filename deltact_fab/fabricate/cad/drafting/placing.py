@@ -161,8 +161,8 @@ class Placing:
         """A label with an arrow to one of equal faces of another kind."""
         drawn = self._drawn["front"]
         (x0, _), (x1, _) = drawn.box_mm
-        right = 2 * drawn.view.flat(alike[0].at)[0] >= x0 + x1
-        return Leader("front", alike[0].at, 0, words, "right" if right else "left")
+        right = 2 * drawn.view.flat(alike[0].point)[0] >= x0 + x1
+        return Leader("front", alike[0].point, 0, words, "right" if right else "left")
 
     def _diameter(self, group: Rounds, fitted: bool) -> tuple[float, Linear]:
         """A diameter as a length, in a view from the side where one shows both of its ends."""
@@ -185,7 +185,7 @@ class Placing:
         cut = self._said.cut_x_mm
         said: set[tuple[str, float]] = set()
         for r in self._found.rounds:
-            if r.axis != 2 or not r.whole:
+            if r.axis != 2 or not r.full_turn:
                 continue
             for name, across in (("front", 0), ("left", 1)):
                 place = (name, round(r.low_mm[across], 3))

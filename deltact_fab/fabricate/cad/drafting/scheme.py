@@ -78,7 +78,7 @@ def scheme(found: SolidFeatures, said: Callouts) -> Scheme:
             middle.append(axis)
     printed = _printed(lengths, groups, said)
     open_faces: dict[tuple[object, ...], list[OtherFace]] = {}
-    for other in found.others:
+    for other in found.other_faces:
         if not _is_told(other, found, printed):
             key = (other.kind, *(round(size, 6) for size in other.sizes[:1]))
             open_faces.setdefault(key, []).append(other)
@@ -88,7 +88,7 @@ def scheme(found: SolidFeatures, said: Callouts) -> Scheme:
         if words:
             others.append((tuple(alike), words))
         else:
-            where = ", ".join(map(shown, alike[0].at))
+            where = ", ".join(map(shown, alike[0].point))
             faults.append(f"no number for the {alike[0].kind} at ({where})")
     return Scheme(tuple(lengths), tuple(groups), tuple(others), tuple(middle), tuple(faults))
 
@@ -119,7 +119,7 @@ class _Chain:
         self.planes = {_key(p.at_mm) for p in found.planes if p.axis == k}
         self.ends = {_key(found.low_mm[k]), _key(found.high_mm[k])}
         self.rounds = [r for r in found.rounds if r.axis != k]
-        spheres = [c for o in found.others if (c := o.centre[k]) is not None]
+        spheres = [c for o in found.other_faces if (c := o.centre[k]) is not None]
         self.axes = {_key(c) for axis, c in self.said.axes if axis == k}
         self.centres = self.axes | {_key(c) for c in spheres}
         self.centres |= {_key(r.low_mm[k]) for r in self.rounds if not r.rounds_an_edge}
@@ -143,14 +143,14 @@ class _Chain:
         k = self.axis
         for r in self.rounds:
             at = _key(r.low_mm[k])
-            bounds = self.ends if r.whole else self.ends | self.planes
+            bounds = self.ends if r.full_turn else self.ends | self.planes
             for side in (-1, 1):
                 edge = _key(r.low_mm[k] + side * r.radius_mm)
-                if edge in bounds and not (r.whole and r.hole):
+                if edge in bounds and not (r.full_turn and r.hole):
                     self._union(at, edge)
             if r in self.on_circle:
                 self._union(at, self.datum)
-        for o in self.found.others:
+        for o in self.found.other_faces:
             centre = o.centre[k]
             if centre is not None:
                 for side in (-1, 1):
@@ -336,9 +336,9 @@ def _circle(group: Sequence[Round], found: SolidFeatures) -> str:
     radius = np.hypot(at[:, 0], at[:, 1])
     if len(group) < 3 or np.ptp(radius) > ROUND_SHARE * radius.max():
         return ""
-    if group[0].whole:
+    if group[0].full_turn:
         evenly = any(
-            o.axis == axis and not o.hole and o.whole and o.radius_mm > radius.max()
+            o.axis == axis and not o.hole and o.full_turn and o.radius_mm > radius.max()
             and math.hypot(*(o.low_mm[i] for i in plan)) < SAME_MM
             for o in found.rounds
         )  # fmt: skip
@@ -366,7 +366,7 @@ def _is_told(other: OtherFace, found: SolidFeatures, printed: Sequence[float]) -
     said = any(abs(size - number) < 0.006 for size in other.sizes for number in printed)
     if other.kind != "slant":
         return said
-    normal, at = np.array(other.normal), np.array(other.at)
+    normal, at = np.array(other.normal), np.array(other.point)
     touched = 0
     for r in found.rounds:
         away = abs(float((np.array(r.low_mm) - at) @ normal))

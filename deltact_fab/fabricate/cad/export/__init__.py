@@ -27,7 +27,7 @@ from deltact_fab.common import (
 )
 
 from .. import feasibility
-from ..build import made_by, part_key
+from ..build import cad_cache_key, part_key
 from ..dimensions import Design
 from ..part import Part
 from ..registry import parts_of_group
@@ -37,13 +37,13 @@ from .part_files import (
     DRAWN,
     EXPORT_FORMATS,
     MESHED,
-    Made,
+    ExportTask,
+    FileData,
     PartFile,
-    Task,
-    applicable,
+    applicable_formats,
+    assembly_file,
     checked_formats,
     make,
-    whole,
 )
 
 MANIFEST = "manifest.json"
@@ -93,110 +93,116 @@ def export_parts(
         raise InputError(f"tolerance {tolerance_mm:g} mm: expected {low:g} to {high:g} mm")
     if jobs is not None and jobs < 1:
         raise InputError(f"jobs {jobs}: expected 1 or more")
-    named = {part.name: part for part in parts if part.indenter or part.places(design)}
+    by_name = {part.name: part for part in parts if part.indenter or part.places(design)}
     tasks = [
-        Task((part,), applicable(part, kinds), design, tolerance_mm) for part in named.values()
+        ExportTask((part,), applicable_formats(part, kinds), design, tolerance_mm)
+        for part in by_name.values()
     ]
     if not any(task.formats for task in tasks):
-        raise InputError(f"format {', '.join(kinds)}: applies to none of {', '.join(named)}")
-    if any(part.indenter is None for part in named.values()):
+        raise InputError(f"format {', '.join(kinds)}: applies to none of {', '.join(by_name)}")
+    if any(part.indenter is None for part in by_name.values()):
         feasibility.check_feasible(design)
     # In the registry's order, where all of them are there.
     whole_sensor = [part.name for part in parts_of_group("sensor", design)]
-    complete = set(whole_sensor) <= set(named)
-    sensor = tuple(named[name] for name in whole_sensor) if complete else ()
-    if sensor and (own := tuple(kind for kind in kinds if kind in ("step", *DRAWN))):
-        tasks.insert(0, Task(sensor, own, design, tolerance_mm))
+    complete = set(whole_sensor) <= set(by_name)
+    sensor = tuple(by_name[name] for name in whole_sensor) if complete else ()
+    if sensor and (sensor_kinds := tuple(kind for kind in kinds if kind in ("step", *DRAWN))):
+        tasks.insert(0, ExportTask(sensor, sensor_kinds, design, tolerance_mm))
     check_writable(out_dir, folder=True)
-    tell = progress or (lambda done, total, what: None)
-    made = _made(tasks, cached, jobs, tell)
+    tell = progress or (lambda count, total, step: None)
+    results = _make_files(tasks, cached, jobs, tell)
     if sensor and "glb" in kinds:
-        made.append(_assembly_glb(sensor, design, made))
+        results.append(_assembly_glb(sensor, design, results))
     # In an order of their own: that of asking or making does not count.
-    made.sort(key=lambda m: (m[0].part != ASSEMBLY, m[0].part, EXPORT_FORMATS.index(_kind(m[0]))))
-    files = [_rounded(entry) for entry, _ in made]
-    wanted = {out_dir / entry.file: data for entry, data in made}
-    told = json.dumps({"files": [asdict(entry) for entry in files]}, indent=2) + "\n"
-    wanted[out_dir / MANIFEST] = told.encode()
+    results.sort(
+        key=lambda m: (m[0].part != ASSEMBLY, m[0].part, EXPORT_FORMATS.index(_kind(m[0])))
+    )
+    files = [_round_figures(entry) for entry, _ in results]
+    contents = {out_dir / entry.file: data for entry, data in results}
+    manifest = json.dumps({"files": [asdict(entry) for entry in files]}, indent=2) + "\n"
+    contents[out_dir / MANIFEST] = manifest.encode()
     make_folder(out_dir)
-    write_files(wanted, _earlier(out_dir) - {*wanted}, RunFailed)
+    write_files(contents, _unchanged_files(out_dir) - {*contents}, RunFailed)
     tell(len(tasks), len(tasks), "done")
     return files
 
 
-def _earlier(folder: Path) -> set[Path]:
+def _unchanged_files(folder: Path) -> set[Path]:
     """What an export wrote there and nobody changed: no folder holds parts of two designs."""
-    found = set()
+    unchanged = set()
     with suppress(OSError, ValueError, KeyError, TypeError):  # no manifest, or not one of ours
         for entry in json.loads((folder / MANIFEST).read_text())["files"]:
             path = folder / Path(entry["file"]).name
             if path.is_file() and sha256(path.read_bytes()).hexdigest() == entry["sha256"]:
-                found.add(path)
-    return found
+                unchanged.add(path)
+    return unchanged
 
 
-def _made(tasks: Sequence[Task], cached: bool, jobs: int | None, tell: Progress) -> list[Made]:
+def _make_files(
+    tasks: Sequence[ExportTask], cached: bool, jobs: int | None, tell: Progress
+) -> list[FileData]:
     """Everything but assembly.glb, from the cache or from the kernel."""
-    found: list[Made] = []
-    missing: list[Task] = []
+    cached_files: list[FileData] = []
+    missing: list[ExportTask] = []
     for task in tasks:
-        held: dict[str, Made | None] = {
-            kind: STORE.read(stored_by(task, kind)) if cached else None for kind in task.formats
+        stored: dict[str, FileData | None] = {
+            kind: STORE.read(file_cache_key(task, kind)) if cached else None
+            for kind in task.formats
         }
-        found += [one for one in held.values() if one is not None]
-        if absent := tuple(kind for kind, one in held.items() if one is None):
+        cached_files += [file for file in stored.values() if file is not None]
+        if absent := tuple(kind for kind, file in stored.items() if file is None):
             missing.append(replace(task, formats=absent))
-    begun = len(tasks) - len(missing)
-    tell(begun, len(tasks), missing[0].name if missing else "cache")
+    from_cache = len(tasks) - len(missing)
+    tell(from_cache, len(tasks), missing[0].name if missing else "cache")
 
-    def arrived(index: int, made: list[Made]) -> None:
-        for one in made if cached else ():
-            STORE.write(stored_by(missing[index], _kind(one[0])), one)
+    def store_files(index: int, files: list[FileData]) -> None:
+        for result in files if cached else ():
+            STORE.write(file_cache_key(missing[index], _kind(result[0])), result)
 
     # Several processes where the work is worth it.
     shared = min(count_workers(), MAX_JOBS) if len(missing) >= SHARED_FROM else 1
-    made = run_each(
+    results = run_each(
         make, missing, [task.name for task in missing], None,
-        lambda done, _, what: tell(begun + done, len(tasks), what),
-        arrived=arrived, workers=jobs or shared,
+        lambda count, _, step: tell(from_cache + count, len(tasks), step),
+        arrived=store_files, workers=jobs or shared,
     )  # fmt: skip
-    return found + [one for several in made for one in several]
+    return cached_files + [file for several in results for file in several]
 
 
-def stored_by(task: Task, kind: str) -> dict[str, Any]:
+def file_cache_key(task: ExportTask, kind: str) -> dict[str, Any]:
     """Everything that a file is made from: its key in the cache."""
     design, alone = task.design, len(task.parts) == 1
-    beside: Any = None if alone else [part.places(design) for part in task.parts]
+    context: Any = None if alone else [part.places(design) for part in task.parts]
     if kind in DRAWN:
         # The wiring is drawn of the whole design.
         sections = {name: getattr(design, name) for name in BESIDE_DRAWINGS}
-        beside = [sections, design.unverified()] if alone else design
-    return made_by(
+        context = [sections, design.unverified()] if alone else design
+    return cad_cache_key(
         "fabricate.cad.export.part_files",
         parts=[part_key(part, design) for part in task.parts],
-        beside=beside,
+        beside=context,
         format=kind,
         tolerance_mm=task.tolerance_mm if kind in MESHED else None,
     )
 
 
-def _assembly_glb(sensor: Sequence[Part], design: Design, made: Sequence[Made]) -> Made:
+def _assembly_glb(sensor: Sequence[Part], design: Design, results: Sequence[FileData]) -> FileData:
     """The parts' own GLB files put in their places."""
-    held = {entry.file: (entry, data) for entry, data in made}
+    by_file = {entry.file: (entry, data) for entry, data in results}
     bodies, sizes, deviations_mm = {}, [], []
     for part in sensor:
-        where, (entry, data) = part.places(design), held[f"{part.name}.glb"]
-        bodies[part.name] = meshes.read_part(data), where
-        sizes.append((entry.volume_mm3, entry.bounding_box_mm, where))
+        places, (entry, data) = part.places(design), by_file[f"{part.name}.glb"]
+        bodies[part.name] = meshes.read_part(data), places
+        sizes.append((entry.volume_mm3, entry.bounding_box_mm, places))
         deviations_mm.append(entry.mesh_deviation_mm or 0.0)
-    return whole(ASSEMBLY, "glb", meshes.glb_bytes(bodies), sizes, max(deviations_mm))
+    return assembly_file(ASSEMBLY, "glb", meshes.glb_bytes(bodies), sizes, max(deviations_mm))
 
 
 def _kind(entry: PartFile) -> str:
     return entry.file.rpartition(".")[2]
 
 
-def _rounded(entry: PartFile) -> PartFile:
+def _round_figures(entry: PartFile) -> PartFile:
     """Without the digits that tell nothing."""
     box_mm: Any = tuple(tuple(round(v, DIGITS) + 0.0 for v in c) for c in entry.bounding_box_mm)
     volume_mm3, off_mm = round(entry.volume_mm3, DIGITS), entry.mesh_deviation_mm

@@ -44,7 +44,7 @@ def dxf_bytes(solid: Any, name: str, outwards_mm: float = 0.0) -> bytes:
         document.header["$INSUNITS"] = _MILLIMETRES
         document.header["$MEASUREMENT"] = _METRIC
         document.layers.add(LAYER, color=1)
-        for wire in _moved(face, outwards_mm):
+        for wire in _offset_wires(face, outwards_mm):
             edges = list(wire)
             _check_closed(edges, name)
             corners = [corner for edge in edges for corner in _corners(edge, name)]
@@ -57,7 +57,7 @@ def dxf_bytes(solid: Any, name: str, outwards_mm: float = 0.0) -> bytes:
     return stream.getvalue().encode("utf-8")
 
 
-def _moved(face: Any, outwards_mm: float) -> list[Any]:
+def _offset_wires(face: Any, outwards_mm: float) -> list[Any]:
     """The wires of a face, that far into what is cut away."""
     if outwards_mm == 0:
         return [face.outerWire(), *face.innerWires()]
@@ -67,7 +67,7 @@ def _moved(face: Any, outwards_mm: float) -> list[Any]:
 
 def _plate(solid: Any, name: str) -> tuple[Any, float]:
     """The one flat face that looks up, and the distance to the one that looks down."""
-    found = {}
+    by_sign = {}
     for sign in (1, -1):
         faces = [
             face
@@ -77,8 +77,8 @@ def _plate(solid: Any, name: str) -> tuple[Any, float]:
         if len(faces) != 1:
             side = "up" if sign > 0 else "down"
             raise RunFailed(f"{name}: {len(faces)} flat faces look {side}; a plate has one")
-        found[sign] = faces[0]
-    return found[1], found[1].Center().z - found[-1].Center().z
+        by_sign[sign] = faces[0]
+    return by_sign[1], by_sign[1].Center().z - by_sign[-1].Center().z
 
 
 def _ends(edge: Any) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -116,7 +116,7 @@ def _corners(edge: Any, name: str) -> list[tuple[float, float, float]]:
         return [(*start, 1.0), (*across, 1.0)]
     middle = edge.positionAt(0.5)
     chord = (end[0] - start[0], end[1] - start[1])
-    off = (middle.x - start[0], middle.y - start[1])
+    to_middle = (middle.x - start[0], middle.y - start[1])
     # The height of the arc to the right of its chord, over half the chord.
-    height = (off[0] * chord[1] - off[1] * chord[0]) / math.hypot(*chord)
+    height = (to_middle[0] * chord[1] - to_middle[1] * chord[0]) / math.hypot(*chord)
     return [(*start, height / (math.hypot(*chord) / 2))]

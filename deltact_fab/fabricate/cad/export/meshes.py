@@ -108,7 +108,7 @@ def threemf_bytes(
     return archive.getvalue()
 
 
-def drawn(mesh: Mesh, name: str, colour: tuple[float, float, float, float]) -> Any:
+def shaded_mesh(mesh: Mesh, name: str, colour: tuple[float, float, float, float]) -> Any:
     """A mesh as a trimesh.Trimesh in millimetres; colour: sRGB and opacity.
 
     A point stands once for each CAD face that meets there, so that faces are smooth and edges
@@ -118,7 +118,7 @@ def drawn(mesh: Mesh, name: str, colour: tuple[float, float, float, float]) -> A
     from trimesh.visual.material import PBRMaterial
 
     key = mesh.face[:, None] * len(mesh.vertices_mm) + mesh.triangles
-    at, index = np.unique(key.ravel(), return_inverse=True)
+    vertices, index = np.unique(key.ravel(), return_inverse=True)
     *shade, opacity = colour
     # glTF's factors are linear light.
     linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in shade]
@@ -130,7 +130,7 @@ def drawn(mesh: Mesh, name: str, colour: tuple[float, float, float, float]) -> A
         alphaMode="BLEND" if opacity < 1 else None,
     )
     return trimesh.Trimesh(
-        mesh.vertices_mm[at % len(mesh.vertices_mm)], index.reshape(-1, 3),
+        mesh.vertices_mm[vertices % len(mesh.vertices_mm)], index.reshape(-1, 3),
         process=False,
         visual=trimesh.visual.TextureVisuals(material=material),
     )  # fmt: skip
@@ -145,9 +145,9 @@ def glb_bytes(bodies: Mapping[str, tuple[Any, Sequence[Point]]]) -> bytes:
     for name, (body, places_mm) in bodies.items():
         scene.geometry[name] = body
         for copy, place in enumerate(places_mm, start=1):
-            called = name if len(places_mm) == 1 else f"{name}-{copy}"
-            where = _ROOT @ trimesh.transformations.translation_matrix(place)
-            scene.graph.update(called, matrix=where, geometry=name)
+            node = name if len(places_mm) == 1 else f"{name}-{copy}"
+            transform = _ROOT @ trimesh.transformations.translation_matrix(place)
+            scene.graph.update(node, matrix=transform, geometry=name)
     return bytes(export_glb(scene, include_normals=True))
 
 

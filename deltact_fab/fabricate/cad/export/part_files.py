@@ -13,7 +13,7 @@ from ..build import build_part
 from ..dimensions import Design
 from ..kernel import Box, SolidProperties, enclosing, guarded, shifted
 from ..mesh import Mesh, mesh_solid
-from ..overhangs import laid
+from ..overhangs import lay_on_platform
 from ..part import BOUGHT, LASER_CUT, Matrix, Part
 from . import dxf, meshes, step
 
@@ -48,11 +48,11 @@ class PartFile:
     turned: Matrix | None = None
 
 
-Made = tuple[PartFile, bytes]
+FileData = tuple[PartFile, bytes]
 
 
 @dataclass(frozen=True)
-class Task:
+class ExportTask:
     """What one worker makes at a time: one part in some formats, or of all the sensor's parts the
     assembly as STEP and the wiring drawing.
     """
@@ -70,34 +70,34 @@ class Task:
 
 def checked_formats(formats: Sequence[str]) -> tuple[str, ...]:
     """Each known format once, in the order of FORMATS. Raises InputError naming what is unknown."""
-    named = [f.strip().lower() for f in formats if f.strip()]
-    if not named:
+    wanted_formats = [f.strip().lower() for f in formats if f.strip()]
+    if not wanted_formats:
         raise InputError(f"format: none given; valid: {', '.join(EXPORT_FORMATS)}")
-    for name in named:
+    for name in wanted_formats:
         if name not in EXPORT_FORMATS:
             raise InputError(f"format {name!r}: unknown; {did_you_mean(name, EXPORT_FORMATS)}")
-    return tuple(f for f in EXPORT_FORMATS if f in named)
+    return tuple(f for f in EXPORT_FORMATS if f in wanted_formats)
 
 
-def applicable(part: Part, formats: Sequence[str]) -> tuple[str, ...]:
+def applicable_formats(part: Part, formats: Sequence[str]) -> tuple[str, ...]:
     """The formats that make sense for a part: none to print what is bought, dxf of what is flat."""
-    made = part.process != BOUGHT
+    to_make = part.process != BOUGHT
     apply = {
         **dict.fromkeys(EXPORT_FORMATS, True),
-        **dict.fromkeys(TO_PRINT, made),
+        **dict.fromkeys(TO_PRINT, to_make),
         **dict.fromkeys(DRAWN, part.callouts is not None),
         "dxf": part.process == LASER_CUT,
     }
     return tuple(f for f in formats if apply[f])
 
 
-def make(task: Task) -> list[Made]:
+def make(task: ExportTask) -> list[FileData]:
     """Build, gate and write to memory. Raises RunFailed naming the part."""
     if len(task.parts) > 1:
-        return [_of_sensor(task, kind) for kind in task.formats]
+        return [_sensor_file(task, kind) for kind in task.formats]
     (part,) = task.parts
     solid, measured = build_part(part, task.design)
-    made = []
+    results = []
     mesh: Mesh | None = None
     page: DrawingPage | None = None
     # Meshes last: they leave triangles on the solid.
@@ -106,11 +106,11 @@ def make(task: Task) -> list[Made]:
         with guarded(part.name):
             if kind in MESHED:
                 mesh = mesh or _mesh(solid, measured, task)
-                deviation_mm, written = mesh.deviation_mm, mesh
+                deviation_mm, printed_mesh = mesh.deviation_mm, mesh
                 if part.printed and kind in TO_PRINT:
-                    written, turned = laid(mesh, part.lies), part.lies.turn
-                    box_mm = written.box_mm
-                data = _mesh_bytes(written, part, kind)
+                    printed_mesh, turned = lay_on_platform(mesh, part.lies), part.lies.turn
+                    box_mm = printed_mesh.box_mm
+                data = _mesh_bytes(printed_mesh, part, kind)
             elif kind in DRAWN:
                 from ..drafting.drawing import drawing
 
@@ -124,46 +124,46 @@ def make(task: Task) -> list[Made]:
                 data = dxf.dxf_bytes(solid, part.name, kerf_mm / 2)
         about = part.material, part.process, part.quantity
         size = measured.volume_mm3, box_mm, deviation_mm
-        made.append(_told(part.name, kind, data, about, size, turned))
-    return made
+        results.append(_describe_file(part.name, kind, data, about, size, turned))
+    return results
 
 
-def whole(
+def assembly_file(
     name: str, kind: str, data: bytes, parts: Sequence[tuple[float, Box, Sequence[Point]]],
     deviation_mm: float | None = None,
-) -> Made:  # fmt: skip
+) -> FileData:  # fmt: skip
     """A file of an assembly of (volume, box, places), one place a copy."""
     volume_mm3 = sum(volume * len(places) for volume, _, places in parts)
-    box_mm = enclosing(shifted(box, at) for _, box, places in parts for at in places)
+    box_mm = enclosing(shifted(box, shift) for _, box, places in parts for shift in places)
     about = "", "wired" if name == WIRING else "assembled", 1
-    return _told(name, kind, data, about, (volume_mm3, box_mm, deviation_mm))
+    return _describe_file(name, kind, data, about, (volume_mm3, box_mm, deviation_mm))
 
 
-def _told(
+def _describe_file(
     name: str, kind: str, data: bytes, about: tuple[str, str, int],
     size: tuple[float, Box, float | None], turned: Matrix | None = None,
-) -> Made:  # fmt: skip
+) -> FileData:  # fmt: skip
     """A file and what the manifest says of it."""
     sha = hashlib.sha256(data).hexdigest()
     return PartFile(name, f"{name}.{kind}", *about, *size, sha, turned), data
 
 
-def _of_sensor(task: Task, kind: str) -> Made:
+def _sensor_file(task: ExportTask, kind: str) -> FileData:
     if kind in DRAWN:
         from ..drafting.wiring import wiring
 
         page = wiring(task.design)
         sheet: Box = ((0.0, 0.0, 0.0), (*page.size_mm, 0.0))
-        return whole(WIRING, kind, _page_bytes(page, kind), [(0.0, sheet, meshes.ORIGIN)])
+        return assembly_file(WIRING, kind, _page_bytes(page, kind), [(0.0, sheet, meshes.ORIGIN)])
     products, sizes = [], []
     for part in task.parts:
         solid, measured = build_part(part, task.design)
-        where = part.places(task.design)
-        products.append((part.name, solid, where))
-        sizes.append((measured.volume_mm3, measured.box_mm, where))
+        places = part.places(task.design)
+        products.append((part.name, solid, places))
+        sizes.append((measured.volume_mm3, measured.box_mm, places))
     with guarded(ASSEMBLY):
         data = step.assembly_bytes(products, ASSEMBLY)
-    return whole(ASSEMBLY, kind, data, sizes)
+    return assembly_file(ASSEMBLY, kind, data, sizes)
 
 
 def _page_bytes(page: DrawingPage, kind: str) -> bytes:
@@ -176,11 +176,11 @@ def _mesh_bytes(mesh: Mesh, part: Part, kind: str) -> bytes:
     if kind == "3mf":
         return meshes.threemf_bytes(mesh, part.name, part.material, part.colour)
     return meshes.glb_bytes(
-        {part.name: (meshes.drawn(mesh, part.name, part.colour), meshes.ORIGIN)}
+        {part.name: (meshes.shaded_mesh(mesh, part.name, part.colour), meshes.ORIGIN)}
     )
 
 
-def _mesh(solid: Any, measured: SolidProperties, task: Task) -> Mesh:
+def _mesh(solid: Any, measured: SolidProperties, task: ExportTask) -> Mesh:
     """A mesh within d of a surface of area A holds the volume to A d, if it looks outwards."""
     mesh = mesh_solid(solid, task.tolerance_mm, task.name)
     slack_mm3 = measured.area_mm2 * mesh.deviation_mm + 1e-6 * measured.volume_mm3

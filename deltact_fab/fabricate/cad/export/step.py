@@ -29,7 +29,7 @@ def part_bytes(solid: Any, name: str) -> bytes:
         if isinstance(entity, StepBasic_Product):
             entity.SetId(Text(name))
             entity.SetName(Text(name))
-    return _written(writer, name)
+    return _step_bytes(writer, name)
 
 
 def assembly_bytes(parts: Sequence[tuple[str, Any, Sequence[Point]]], name: str) -> bytes:
@@ -50,15 +50,15 @@ def assembly_bytes(parts: Sequence[tuple[str, Any, Sequence[Point]]], name: str)
 
     document = TDocStd_Document(Wide("BinXCAF"))
     tool = XCAFDoc_DocumentTool.ShapeTool_s(document.Main())
-    whole = tool.NewShape()
-    TDataStd_Name.Set_s(whole, Wide(name))
+    assembly = tool.NewShape()
+    TDataStd_Name.Set_s(assembly, Wide(name))
     for part, solid, places in parts:
         product = tool.AddShape(solid.wrapped, False)
         TDataStd_Name.Set_s(product, Wide(part))
         for copy, place in enumerate(places, start=1):
             move = gp_Trsf()
             move.SetTranslation(gp_Vec(*place))
-            use = tool.AddComponent(whole, product, TopLoc_Location(move))
+            use = tool.AddComponent(assembly, product, TopLoc_Location(move))
             TDataStd_Name.Set_s(use, Wide(f"{part}-{copy}"))
     tool.UpdateAssemblies()
     writer = STEPCAFControl_Writer()
@@ -73,7 +73,7 @@ def assembly_bytes(parts: Sequence[tuple[str, Any, Sequence[Point]]], name: str)
         if isinstance(entity, StepRepr_NextAssemblyUsageOccurrence):
             uses += 1
             entity.SetId(Text(str(uses)))
-    return _written(writer.ChangeWriter(), name)
+    return _step_bytes(writer.ChangeWriter(), name)
 
 
 def _settings() -> None:
@@ -92,7 +92,7 @@ def _entities(writer: Any) -> list[Any]:
     return [model.Value(number) for number in range(1, model.NbEntities() + 1)]
 
 
-def _written(writer: Any, name: str) -> bytes:
+def _step_bytes(writer: Any, name: str) -> bytes:
     from OCP.APIHeaderSection import APIHeaderSection_MakeHeader
     from OCP.IFSelect import IFSelect_RetDone
     from OCP.TCollection import TCollection_HAsciiString as Text

@@ -19,7 +19,7 @@ from ..parts.camera import COMPUTER
 from ..parts.light_holder import WIRE, WIRE_COLOURS
 from ..registry import list_parts
 from . import quantities
-from .quantities import DEFAULT, WASTE, filled_in
+from .quantities import DEFAULT, WASTE, fill_tables
 
 PIECES = "pcs"
 MADE = (PRINT, LASER_CUT, MACHINED, "cast in the mold")  # of what the other lines bring
@@ -70,10 +70,10 @@ class BoughtParts:
 
     __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
 
-    def of(self, line: str, *texts: str) -> BoughtPart:
+    def find_source(self, line: str, *texts: str) -> BoughtPart:
         """The first source of a line whose texts hold its words; one of marks where none is."""
-        said = " ".join(texts)
-        fits = (one for one in self.bought if one.line == line and one.when in said)
+        text = " ".join(texts)
+        fits = (source for source in self.bought if source.line == line and source.when in text)
         return next(fits, BoughtPart(line))
 
 
@@ -133,18 +133,24 @@ def bom_lines(design: Design, sensors: int = 1) -> BillOfMaterials:
         for p in list_parts(design=design)
     ]  # fmt: skip
     figures = _figures(design, sensors)
-    for group, bought in filled_in("bom", d=design, p=DEFAULT, f=figures).items():
+    for group, bought in fill_tables("bom", d=design, p=DEFAULT, f=figures).items():
         for row in bought:
-            told = {"material": "", "process": "bought", "unit": PIECES, "quantity": "one", **row}
-            if figures[told.get("needs", "one")]:
-                count = figures[told["quantity"]]
-                about = (told["part"], told["material"], told["process"], count, told["unit"])
-                rows.append((group, *about, told["note"]))
+            values = {"material": "", "process": "bought", "unit": PIECES, "quantity": "one", **row}
+            if figures[values.get("needs", "one")]:
+                count = figures[values["quantity"]]
+                about = (
+                    values["part"],
+                    values["material"],
+                    values["process"],
+                    count,
+                    values["unit"],
+                )
+                rows.append((group, *about, values["note"]))
     sources = load_bought()
     return BillOfMaterials(
         line
         if line.process in MADE
-        else replace(line, source=sources.of(line.part, line.material, line.note))
+        else replace(line, source=sources.find_source(line.part, line.material, line.note))
         for line in (BomLine(i, *row) for i, row in enumerate(rows, 1))
     )
 
@@ -154,7 +160,7 @@ def _figures(d: Design, sensors: int) -> dict[str, Any]:
     cast = sensors + 1  # the transparent base is cast with the others
     cells, fills = quantities.cavities(d), quantities.pours(d, cast)
     coat = quantities.coat_batch(d, sensors)
-    least = quantities.least_coat_batch(coat)
+    smallest_batch = quantities.least_coat_batch(coat)
     gap_mm = 5.0  # laser kerf and clamping, in the blank
     takes_ma = sensors * light.most_ma
     # The least usual rating that is no more than half used.
@@ -173,9 +179,9 @@ def _figures(d: Design, sensors: int) -> dict[str, Any]:
         "bead_mm": d.shell.ledge_drop_mm,
         "primer_ml": quantities.primer_ml(d, cast),
         "film_mm": d.skin.film_mm(DEFAULT.film_margin_mm),
-        "coats_half_g": 2 * least.a_g,
+        "coats_half_g": 2 * smallest_batch.a_g,
         "adheres_g": 2 * coat.a_g,
-        "pigment_g": least.pigment_g,
+        "pigment_g": smallest_batch.pigment_g,
         "pigment": 100 * DEFAULT.coat_pigment,
         "supply_off": 100 * light.supply_tolerance,
         "resistor_mw": 1000 * light.resistor_most_w,

@@ -132,10 +132,10 @@ def gaps(design: Design) -> list[dict[str, str]]:
 
     said: the paper. found: why that does not do. chosen: what this design does instead.
     """
-    return filled_in("paper_gaps", d=design, f=_figures(design))["gap"]
+    return fill_tables("paper_gaps", d=design, f=_figures(design))["gap"]
 
 
-def filled_in(file: str, **values: Any) -> dict[str, list[dict[str, str]]]:
+def fill_tables(file: str, **values: Any) -> dict[str, list[dict[str, str]]]:
     """The tables of a TOML file of the assets, values worked into their texts."""
     text = asset(f"{file}.toml").read_text(encoding="utf-8")
     return {
@@ -149,7 +149,7 @@ def _figures(d: Design) -> dict[str, Any]:
     room_mm = d.z_joint_mm - d.z_board_front_mm
     lens = [key for key in d.unverified() if key.startswith("camera.")]
     side_mm = min(d.skin.width_mm, d.skin.length_mm)
-    found = press_plate(d, d.plate.force_n)
+    response = press_plate(d, d.plate.force_n)
     # The paper's plate, its x edges free.
     shell, optics = replace(d.shell, ledge_x_mm=0.0), replace(d.optics, acrylic_mm=PLATE_MM)
     thin = press_plate(replace(d, shell=shell, optics=optics), d.plate.force_n)
@@ -163,8 +163,8 @@ def _figures(d: Design) -> dict[str, Any]:
         "plate_mm": [2 * half_mm for half_mm in d.acrylic_half_mm],
         "thin_mm": thin.deflection_mm,
         "edges": "four" if d.shell.ledge_x_mm > 0 else "two",
-        "press": found,
-        "of_depth": 100 * found.deflection_mm / d.plate.depth_mm,
+        "press": response,
+        "of_depth": 100 * response.deflection_mm / d.plate.depth_mm,
         "strain": 100 * d.snap_strain,
         "strain_limit": 100 * d.cover.strain_limit,
         "paper_ma": LightDimensions(resistor_ohm=750.0, supply_v=5.0).total_ma,

@@ -86,19 +86,19 @@ def read_readings(path: Path) -> list[Reading]:
     table = csv.DictReader(read_text(path).splitlines(), restkey="beyond the last column")
     try:
         rows = [(table.line_num, row) for row in table]
-    except csv.Error as why:
-        raise InputError(f"{path}: line {table.line_num}: {why}") from why
-    found = []
+    except csv.Error as error:
+        raise InputError(f"{path}: line {table.line_num}: {error}") from error
+    readings = []
     for line, row in rows:
         # A cell that is empty is left out.
         cells = {key.strip(): _value(str(cell)) for key, cell in row.items() if cell}
-        if given := {key: value for key, value in cells.items() if value != ""}:
-            found.append(validate(Reading, given, f"{path}: line {line}"))
-    if not found:
+        if values := {key: value for key, value in cells.items() if value != ""}:
+            readings.append(validate(Reading, values, f"{path}: line {line}"))
+    if not readings:
         raise InputError(
             f"{path}: no reading below a header of {', '.join(Reading.__match_args__)}"
         )
-    return found
+    return readings
 
 
 def _value(cell: str) -> float | str:
@@ -117,45 +117,45 @@ def fit_readings(readings: Sequence[Reading], design: Design) -> list[MeasuredKe
     where a group has too few readings.
     """
     # What a key becomes, readings, bias and spread.
-    found: dict[str, tuple[float, int, float, float]] = {}
+    estimates: dict[str, tuple[float, int, float, float]] = {}
 
-    def off(*features: str) -> list[float]:
+    def deviations_mm(*features: str) -> list[float]:
         return [r.off_mm for r in readings if r.feature in features]
 
     spreads = []
     for key, features in (("hole", ("hole", "slot")), ("outside", ("outside",))):
-        if plan := off(*features):
-            bias, spread = _of(plan, " and ".join(features))
+        if plan := deviations_mm(*features):
+            bias, spread = _mean_and_spread(plan, " and ".join(features))
             spreads.append((spread, len(plan)))
-            found[f"resin_printer.{key}_bias_mm"] = round(bias, 3), len(plan), bias, spread
+            estimates[f"resin_printer.{key}_bias_mm"] = round(bias, 3), len(plan), bias, spread
     if spreads:
         spread, count = max(spreads)
-        found["resin_printer.plane_mm"] = _least(spread), count, 0.0, spread
-    if heights := off("height"):
-        bias, spread = _of(heights, "height")
+        estimates["resin_printer.plane_mm"] = _round_spread(spread), count, 0.0, spread
+    if heights := deviations_mm("height"):
+        bias, spread = _mean_and_spread(heights, "height")
         # Heights go both ways in a stack: their bias counts as spread.
-        value = _least(abs(bias) + spread)
-        found["resin_printer.height_mm"] = value, len(heights), bias, spread
+        value = _round_spread(abs(bias) + spread)
+        estimates["resin_printer.height_mm"] = value, len(heights), bias, spread
     if strips := [r for r in readings if r.feature == "strip"]:
         pieces = sum(r.pieces for r in strips)
         short = sum(r.nominal_mm - r.measured_mm for r in strips) / pieces
         kerf = max(short + (design.laser.kerf_mm if design.laser.compensate else 0.0), 0.0)
         single = [r.off_mm for r in strips if r.pieces == 1]
-        spread = _of(single, "strip of one piece")[1] if single else math.nan
-        found["laser.kerf_mm"] = round(kerf, 3), pieces, -short, spread
+        spread = _mean_and_spread(single, "strip of one piece")[1] if single else math.nan
+        estimates["laser.kerf_mm"] = round(kerf, 3), pieces, -short, spread
         if single:
-            found["laser.tolerance_mm"] = _least(spread), len(single), 0.0, spread
-    if sheets := off("thickness"):
-        bias, spread = _of(sheets, "thickness")
-        share = max(_up((abs(bias) + spread) / design.optics.acrylic_mm), 0.001)
-        found["laser.sheet_tolerance"] = share, len(sheets), bias, spread
+            estimates["laser.tolerance_mm"] = _round_spread(spread), len(single), 0.0, spread
+    if sheets := deviations_mm("thickness"):
+        bias, spread = _mean_and_spread(sheets, "thickness")
+        share = max(_round_up((abs(bias) + spread) / design.optics.acrylic_mm), 0.001)
+        estimates["laser.sheet_tolerance"] = share, len(sheets), bias, spread
     return [
         MeasuredKey(key, value, attrgetter(key)(design), count, bias, spread)
-        for key, (value, count, bias, spread) in found.items()
+        for key, (value, count, bias, spread) in estimates.items()
     ]
 
 
-def _of(off_mm: Sequence[float], name: str) -> tuple[float, float]:
+def _mean_and_spread(off_mm: Sequence[float], name: str) -> tuple[float, float]:
     """Mean, and the half width for one further piece."""
     import statistics
 
@@ -168,12 +168,12 @@ def _of(off_mm: Sequence[float], name: str) -> tuple[float, float]:
     return statistics.fmean(off_mm), width
 
 
-def _least(spread_mm: float) -> float:
+def _round_spread(spread_mm: float) -> float:
     """A spread as a field takes it: no less than a caliper tells."""
-    return max(_up(spread_mm), 0.005)
+    return max(_round_up(spread_mm), 0.005)
 
 
-def _up(value: float) -> float:
+def _round_up(value: float) -> float:
     return math.ceil(value * 1000 - 1e-9) / 1000
 
 
@@ -182,12 +182,12 @@ def fit_design(readings: Path, base: str) -> tuple[list[MeasuredKey], str]:
 
     Raises InputError as `read_readings`, `load_design` and `fit_readings`.
     """
-    found = fit_readings(read_readings(readings), load_design(base))
+    estimates = fit_readings(read_readings(readings), load_design(base))
     tables: dict[str, dict[str, object]] = {}
-    for estimate in found:
+    for estimate in estimates:
         section, _, key = estimate.key.partition(".")
         tables.setdefault(section, {})[key] = estimate.value
     for table in tables.values():
         table["measured"] = list(table)
     about = (f"{base} as made by the machines that {readings.name} was measured on (cad fit).",)
-    return found, toml_text({"base": base, **tables}, about)
+    return estimates, toml_text({"base": base, **tables}, about)

@@ -61,11 +61,13 @@ def fits(d: Design) -> Iterator[PlayFit]:
     for i, key in enumerate(("ledge_x_mm", "ledge_mm")):
         if getattr(d.shell, key) == 0:
             continue
-        behind, pocket = (printer.inner(2 * at[i]) for at in (d.ledge_half_mm, d.seat_half_mm))
+        behind, pocket = (
+            printer.inner(2 * halves_mm[i]) for halves_mm in (d.ledge_half_mm, d.seat_half_mm)
+        )
         plate, name = laser.cut(2 * d.acrylic_half_mm[i]), f"plate on the shell's ledge, {'xy'[i]}"
-        off = behind.half(), pocket.half(), hole.half(), shank.half()
+        overlap = behind.half(), pocket.half(), hole.half(), shank.half()
         id = f"shell-ledge-{'xy'[i]}"
-        yield PlayFit(id, name, "acrylic, shell", (plate,), off, d.plate.ledge_mm)
+        yield PlayFit(id, name, "acrylic, shell", (plate,), overlap, d.plate.ledge_mm)
 
 
 def callouts(d: Design) -> Callouts:

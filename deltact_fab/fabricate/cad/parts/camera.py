@@ -74,15 +74,15 @@ def build(design: Design) -> Shape:
     """The envelope as one solid in the sensor frame, the lens's axis on x = y = 0."""
     cam = design.camera
     back, front, edge = design.z_board_back_mm, design.z_board_front_mm, cam.board_bottom_mm
-    half, wide = cam.board_width_mm / 2, cam.connector_width_mm / 2
+    half, half_width = cam.board_width_mm / 2, cam.connector_width_mm / 2
     body = cuboid(((-half, edge, back), (half, cam.board_top_mm, front)))
     if cam.hole_mm:
         x = cam.hole_pitch_x_mm / 2
-        at = [(sx * x, y) for y in cam.hole_rows_mm for sx in (-1, 1)]
-        body = body.cut(cylinders(at, cam.hole_mm, back - 1, cam.board_mm + 2))
+        centres = [(sx * x, y) for y in cam.hole_rows_mm for sx in (-1, 1)]
+        body = body.cut(cylinders(centres, cam.hole_mm, back - 1, cam.board_mm + 2))
     lens = cylinders([(0, 0)], cam.lens_diameter_mm, front, cam.lens_height_mm)
     low, end = back - cam.connector_height_mm, edge + cam.connector_length_mm
-    return body.union(lens).union(cuboid(((-wide, edge, low), (wide, end, back)))).val()
+    return body.union(lens).union(cuboid(((-half_width, edge, low), (half_width, end, back)))).val()
 
 
 def rules(d: Design) -> Iterator[Check]:
@@ -95,7 +95,7 @@ def rules(d: Design) -> Iterator[Check]:
     upper, lower = cam.hole_rows_mm
     corner = math.hypot(cam.hole_pitch_x_mm / 2, min(abs(upper), abs(lower)))
     across, half_mm = cam.hole_pitch_x_mm / 2 + radius, cam.board_width_mm / 2
-    for id, name, least, what, room in (
+    for id, name, value, limit_name, room in (
         ("hole-in-board", "half hole_mm", radius, "hole_edge_mm", cam.hole_edge_mm),
         ("holes", "half hole_pitch_x_mm + radius", across, "half the board", half_mm),
         ("lower-holes", "the board's -y edge + hole radius", cam.board_bottom_mm + radius,
@@ -103,13 +103,13 @@ def rules(d: Design) -> Iterator[Check]:
         ("lens", "lens radius + hole radius", cam.lens_diameter_mm / 2 + radius,
          "nearest hole", corner),
     ):  # fmt: skip
-        yield below(id, name, least, what, room, ("camera.lens_diameter_mm", *BOARD_KEYS))
+        yield below(id, name, value, limit_name, room, ("camera.lens_diameter_mm", *BOARD_KEYS))
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
     """The board in the shell and beside its posts, and the ends of what it sees of the face."""
     cam, printer = d.camera, d.resin_printer
-    off, parts = cam.tolerance_mm, "camera, shell"
+    tolerance, parts = cam.tolerance_mm, "camera, shell"
     sides = cam.board_width_mm, 2 * max(cam.board_top_mm, -cam.board_bottom_mm)
     posts = max(range(2), key=lambda i: 2 * d.post_edge_mm[i] - sides[i])
     for id, name, room, side in (
@@ -117,14 +117,14 @@ def fits(d: Design) -> Iterator[PlayFit]:
         ("in-shell-y", "in the shell, y", d.cavity_half_mm[1], sides[1]),
         ("beside-posts", "beside the posts", d.post_edge_mm[posts], sides[posts]),
     ):
-        board = Length(side, 2 * off, BOARD_KEYS)
+        board = Length(side, 2 * tolerance, BOARD_KEYS)
         yield PlayFit(f"board-{id}", f"board {name}", parts, (printer.inner(2 * room),), (board,))
     face = d.skin.opening_half_mm
     for i, axis in enumerate("xy"):
         flat = Length(face[i] - d.skin.edge_fillet_mm)
-        seen = Length(d.optics.view_mm[i] / 2)
+        half_view = Length(d.optics.view_mm[i] / 2)
         name, stack = f"view within the face's fillet, {axis}", "camera, camera-holder, shell, skin"
-        yield PlayFit(f"view-{axis}", name, stack, (flat,), (seen, *off_axis(d)))
+        yield PlayFit(f"view-{axis}", name, stack, (flat,), (half_view, *off_axis(d)))
 
 
 def off_axis(d: Design) -> tuple[Length, Length]:
@@ -179,33 +179,33 @@ def holder_fits(d: Design) -> Iterator[PlayFit]:
     """In the shell, between the cover's bosses, under the board, round the board's screws."""
     part, printer, cam, screw = "camera-holder", d.resin_printer, d.camera, d.holder.row
     (cavity_x, cavity_y), (tongue, top) = d.cavity_half_mm, d.holder_tongue_mm
-    inner, outer, off = printer.inner, printer.outer, cam.tolerance_mm
-    for id, name, other, room, body in (
+    inner, outer, tolerance = printer.inner, printer.outer, cam.tolerance_mm
+    for id, name, neighbour, room, body in (
         ("in-shell-x", "in the shell, x", "shell", 2 * cavity_x, 2 * d.holder_half_x_mm),
         ("in-shell-y", "in the shell, y", "shell", cavity_y, max(top, d.holder_arm_mm)),
         ("between-bosses-x", "between the bosses, x", "cover", 2 * d.post_edge_mm[0], 2 * tongue),
         ("between-bosses-y", "between the bosses, y", "cover", 2 * d.post_edge_mm[1],
          2 * d.holder_arm_mm),
     ):  # fmt: skip
-        parts = f"{part}, {other}"
+        parts = f"{part}, {neighbour}"
         yield PlayFit(id, f"camera holder {name}", parts, (inner(room),), (outer(body),))
-    connector = Length(cam.connector_width_mm, off, ("camera.connector_width_mm",))
+    connector = Length(cam.connector_width_mm, tolerance, ("camera.connector_width_mm",))
     window = inner(2 * d.holder_window_half_mm)
     yield PlayFit("plug", "connector in the window", f"{part}, camera", (window,), (connector,))
     deep = printer.tall(d.holder.clearance_mm)
-    high = Length(cam.connector_height_mm, off, ("camera.connector_height_mm",))
+    high = Length(cam.connector_height_mm, tolerance, ("camera.connector_height_mm",))
     stack = "camera, camera-holder, cover"
     yield PlayFit("plug-above-cover", "connector above the cover, z", stack, (deep,), (high,))
     if not d.camera_screw_centres_mm:
         return
-    hole = Length(cam.hole_mm, off, ("camera.hole_mm",))
+    hole = Length(cam.hole_mm, tolerance, ("camera.hole_mm",))
     # Two screws in a row along x: only that pitch can disagree, and either end takes half of it.
-    pitch = Length(0.0, printer.plane_mm + off, ("resin_printer.plane_mm",))
+    pitch = Length(0.0, printer.plane_mm + tolerance, ("resin_printer.plane_mm",))
     screws, shank = f"camera, camera-screw, {part}", Length(screw.thread_mm)
     yield PlayFit("screws", f"{d.holder.screw} through the board", screws, (hole,), (shank, pitch))
     length_mm = d.holder.screw_length_mm
     tip = Length(length_mm, screw_tolerance_mm(length_mm))
-    board = Length(cam.board_mm, off, ("camera.board_mm",))
+    board = Length(cam.board_mm, tolerance, ("camera.board_mm",))
     screws, name = f"{screws}, cover", "camera's screws above the cover, z"
     yield PlayFit("screw-tips", name, screws, (board, deep), (tip,))
 

@@ -96,11 +96,11 @@ def fit_build(design: Design) -> Shape:
     row_y = coupon.slot_mm / 2  # midway between the slots' ends and the edge
     body = cuboid(around(x / 2, y / 2, 0.0, base))
     for i, size in enumerate(coupon.sizes_mm):
-        at = coupon.pitch_mm * (i + 0.5) - x / 2
-        body = body.cut(cylinders([(at, row_y)], size, -1, base + 2))
+        centre_x = coupon.pitch_mm * (i + 0.5) - x / 2
+        body = body.cut(cylinders([(centre_x, row_y)], size, -1, base + 2))
         # One more millimetre outside: a cutter does not end in the face that it opens.
         end = coupon.slot_mm - y / 2
-        slot = ((at - size / 2, -y / 2 - 1, -1.0), (at + size / 2, end, base + 1))
+        slot = ((centre_x - size / 2, -y / 2 - 1, -1.0), (centre_x + size / 2, end, base + 1))
         body = body.cut(cuboid(slot))
     top, half = base + coupon.block_height_mm, coupon.block_mm / 2
     block = cuboid(((block_x - half, row_y - half, base), (block_x + half, row_y + half, top)))
@@ -121,9 +121,9 @@ def fit_callouts(d: Design) -> Callouts:
         "Measure each hole, slot and outside length; enter nominal and measured in a table.",
     )
     coupon = d.fit_coupon
-    at, half = coupon.block_x_mm, coupon.block_mm / 2
-    block = x_of(at - half, at + half, fitted=False)
-    return Callouts((block,), notes=notes, cut_x_mm=at)
+    centre_x, half = coupon.block_x_mm, coupon.block_mm / 2
+    block = x_of(centre_x - half, centre_x + half, fitted=False)
+    return Callouts((block,), notes=notes, cut_x_mm=centre_x)
 
 
 def kerf_box(design: Design) -> Box:

@@ -63,14 +63,14 @@ def _leg(cq: Any, design: Design) -> Any:
     # The lip is round below and conical above, down to no wider than the peg: legs find the hole.
     radius, tip = cover.hole_mm / 2, cover.peg_mm / 2 - cover.lip_mm
     height = cover.lip_height_mm / 2
-    at = [cq.Vector(cover.lip_mm, 0, z) for z in (under, under + height)]
+    bases = [cq.Vector(cover.lip_mm, 0, z) for z in (under, under + height)]
     shaft = cq.Solid.makeCylinder(cover.peg_mm / 2, under - low, cq.Vector(0, 0, low))
-    lip = cq.Solid.makeCylinder(radius, height, at[0])
-    cone = cq.Solid.makeCone(radius, tip, height, at[1])
-    wide, high = cover.hole_mm + 1, design.peg_length_mm + cover.floor_mm + 2
+    lip = cq.Solid.makeCylinder(radius, height, bases[0])
+    cone = cq.Solid.makeCone(radius, tip, height, bases[1])
+    width, high = cover.hole_mm + 1, design.peg_length_mm + cover.floor_mm + 2
     half_space, slab = (
-        cq.Solid.makeBox(side, 2 * wide, high, cq.Vector(cover.slot_mm / 2, -wide, low - 1))
-        for side in (wide, cover.leg_mm)
+        cq.Solid.makeBox(side, 2 * width, high, cq.Vector(cover.slot_mm / 2, -width, low - 1))
+        for side in (width, cover.leg_mm)
     )
     # Cut first: in the slot the shaft's round side and the lip's would cross.
     parts = [shaft.intersect(slab), lip.intersect(half_space), cone.intersect(half_space)]
@@ -99,14 +99,14 @@ def fits(d: Design) -> Iterator[PlayFit]:
     lips = printer.outer(cover.hole_mm + 2 * cover.lip_mm)
     over = PlayFit("lips-over-hole", "lips over their hole", parts, (lips,), (hole,))
     yield over
-    most = Length(over.range_mm[1] / 2, 0.0, lips.rests_on)
+    largest = Length(over.range_mm[1] / 2, 0.0, lips.rests_on)
     bends = Length(cover.strain_limit * d.peg_leg_mm**2 / (3 * cover.fibre_mm))
-    yield PlayFit("lip-strain", "largest lip within the strain", parts, (bends,), (most,))
+    yield PlayFit("lip-strain", "largest lip within the strain", parts, (bends,), (largest,))
     legs = printer.tall(d.peg_leg_mm)
     holder = printer.tall(d.holder.clearance_mm)
     yield PlayFit("legs-through-holder", "legs through the holder, z", parts, (legs,), (holder,))
     slot = printer.inner(cover.slot_mm)
-    yield PlayFit("legs-bent", "slot when both legs bend", "cover", (slot,), (most, most))
+    yield PlayFit("legs-bent", "slot when both legs bend", "cover", (slot,), (largest, largest))
     head, bore = Length(row.head_mm), printer.inner(row.bore_mm)
     parts, name = "cover, screw, skin-frame", "screw head in its bore"
     yield PlayFit("head", name, parts, (bore,), (head, pitch))

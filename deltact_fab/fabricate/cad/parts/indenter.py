@@ -70,9 +70,9 @@ def plate_half_mm(dims: IndenterDimensions) -> tuple[float, float]:
 
 def round_plate_mm(dims: IndenterDimensions) -> float:
     """Radius of the plate of a single round tip on the axis, else 0: the plate is rectangular."""
-    first, *others = dims.indenter.tips
+    first, *rest = dims.indenter.tips
     round_ = isinstance(first, SphereTip | TurnedTip) and first.x_mm == first.y_mm == 0
-    return plate_half_mm(dims)[0] if round_ and not others else 0.0
+    return plate_half_mm(dims)[0] if round_ and not rest else 0.0
 
 
 def box(dims: IndenterDimensions) -> Box:
@@ -99,28 +99,30 @@ def build(dims: IndenterDimensions) -> Shape:
         .extrude(indenter.stem_length_mm)
     )
     r = indenter.stem_diameter_mm
-    beyond = cq.Workplane(origin=(indenter.stem_flat_at_mm + r, 0, plate_z + plate_mm))
-    stem = stem.cut(beyond.rect(2 * r, 2 * r).extrude(indenter.stem_length_mm))
+    flat_cut = cq.Workplane(origin=(indenter.stem_flat_at_mm + r, 0, plate_z + plate_mm))
+    stem = stem.cut(flat_cut.rect(2 * r, 2 * r).extrude(indenter.stem_length_mm))
     body = plate.union(stem)
     for tip in indenter.tips:
         if isinstance(tip, PosedTip):
-            made = _posed(cq, tip, plate_z)
+            tip_solid = _posed(cq, tip, plate_z)
         else:
-            made = _tip(cq, tip, plate_z).translate((tip.x_mm, tip.y_mm, 0))
-        body = body.union(made)
+            tip_solid = _tip(cq, tip, plate_z).translate((tip.x_mm, tip.y_mm, 0))
+        body = body.union(tip_solid)
     return body.val()
 
 
 def _posed(cq: Any, posed: PosedTip, top_mm: float) -> Any:
     """The tip with a shank that is long enough, turned, and cut off at the back plate."""
-    far = 4 * (top_mm + max(posed.half_mm))
-    made = _tip(cq, posed.tip, far)
+    reach = 4 * (top_mm + max(posed.half_mm))
+    body = _tip(cq, posed.tip, reach)
     for angle, axis in (
         (posed.tilt_x_deg, (1, 0, 0)), (posed.tilt_y_deg, (0, 1, 0)), (posed.turn_deg, (0, 0, 1)),
     ):  # fmt: skip
-        made = made.rotate((0, 0, 0), axis, angle) if angle else made
-    made = made.translate(tuple(posed.origin_mm.tolist()))
-    return made.intersect(cq.Workplane(origin=(0, 0, top_mm - far)).rect(far, far).extrude(far))
+        body = body.rotate((0, 0, 0), axis, angle) if angle else body
+    body = body.translate(tuple(posed.origin_mm.tolist()))
+    return body.intersect(
+        cq.Workplane(origin=(0, 0, top_mm - reach)).rect(reach, reach).extrude(reach)
+    )
 
 
 def _tip(cq: Any, tip: PlainTip, top_mm: float) -> Any:
@@ -165,7 +167,7 @@ def _ridge(cq: Any, tip: RidgeTip, top_mm: float) -> Any:
         .lineTo(w, tip.equator_mm)
         .lineTo(w, top_mm)
     )
-    whole = closed(profile).extrude(tip.length_mm)
+    ridge = closed(profile).extrude(tip.length_mm)
     for sign in (-1, 1):
         half = (
             cq.Workplane("XZ")
@@ -176,8 +178,8 @@ def _ridge(cq: Any, tip: RidgeTip, top_mm: float) -> Any:
             .lineTo(0, top_mm)
         )
         end = closed(half).revolve(180, (0, 0, 0), (0, sign, 0))
-        whole = whole.union(end.translate((0, sign * tip.length_mm / 2, 0)))
-    return whole
+        ridge = ridge.union(end.translate((0, sign * tip.length_mm / 2, 0)))
+    return ridge
 
 
 def _ellipsoid(cq: Any, tip: EllipsoidTip, top_mm: float) -> Any:
@@ -191,18 +193,18 @@ def _ellipsoid(cq: Any, tip: EllipsoidTip, top_mm: float) -> Any:
 
 def _prism(cq: Any, tip: PrismTip, top_mm: float) -> Any:
     """The outline extruded, the edge of its face rounded."""
-    start, drawn = tip.outline()
+    start, segments = tip.outline()
     plan = cq.Workplane().moveTo(*start)
-    for kind, points in drawn:
+    for kind, points in segments:
         plan = plan.lineTo(*points[0]) if kind == "line" else plan.threePointArc(*points)
     return closed(plan).extrude(top_mm).faces("<Z").edges().fillet(tip.edge_mm)
 
 
 def _turned(cq: Any, tip: TurnedTip, top_mm: float) -> Any:
     """The profile and the shank above it, turned; a profile with a hole gives a tube."""
-    start, drawn = tip.profile()
+    start, segments = tip.profile()
     half = cq.Workplane("XZ").moveTo(*start)
-    for kind, points in drawn:
+    for kind, points in segments:
         half = half.lineTo(*points[0]) if kind == "line" else half.threePointArc(*points)
     half = half.lineTo(tip.rim_mm, top_mm).lineTo(start[0], top_mm)
     return closed(half).revolve(360, (0, 0, 0), (0, 1, 0))
@@ -240,9 +242,9 @@ def callouts(dims: IndenterDimensions) -> Callouts:
     if isinstance(tip, RidgeTip):
         # Half-way from the nose's top to where its flank begins.
         turn, r = math.radians(90 - tip.flank_deg) / 2, tip.radius_mm
-        at = (tip.x_mm + r * math.sin(turn), tip.y_mm, r * (1 - math.cos(turn)))
+        tangent_point = (tip.x_mm + r * math.sin(turn), tip.y_mm, r * (1 - math.cos(turn)))
         words = f"flanks at {shown(tip.flank_deg)}° to the axis"
-        labels.append(Leader("front", at, 0, words))
+        labels.append(Leader("front", tangent_point, 0, words))
     elif isinstance(tip, EllipsoidTip):
         words = f"half an ellipsoid, semi-axes {shown(tip.a_mm)} (x), {shown(tip.b_mm)} (y and z)"
         labels.append(Leader("front", (tip.x_mm, tip.y_mm, 0), 0, words))
@@ -280,9 +282,9 @@ def _posed_words(posed: PosedTip) -> str:
 
 def _profile_radii_mm(tip: TurnedTip) -> list[float]:
     """Radii at which two straight pieces of a turned profile meet: no round tells them."""
-    _, drawn = tip.profile()
+    _, segments = tip.profile()
     return [
         points[-1][0]
-        for (kind, points), after in pairwise(drawn)
-        if kind == "line" and after[0] == "line"
+        for (kind, points), following in pairwise(segments)
+        if kind == "line" and following[0] == "line"
     ]

@@ -61,7 +61,7 @@ def build(design: Design) -> Shape:
     """The mold as one solid in its own frame, z from 0 to its top."""
     cq = require()
     cutter = _cutter(design)
-    cutters = [cutter.moved(cq.Location((*at, 0.0))) for at in centres_mm(design)]
+    cutters = [cutter.moved(cq.Location((*centre, 0.0))) for centre in centres_mm(design)]
     return cuboid(box(design)).val().cut(*cutters)
 
 

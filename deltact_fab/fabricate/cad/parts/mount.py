@@ -46,11 +46,14 @@ def bars(design: Design) -> list[Box]:
         return [((-outer_x / 2, y, z), (outer_x / 2, end, design.z_joint_mm))]
     back, front = design.flange_arm_z_mm
     root = end - mount.flange_mm
-    wide = mount.flange_width_mm / 2
+    half_width = mount.flange_width_mm / 2
     return [
         ((-half, y, back), (half, root, front)),
         # On the plane of the sensor's back, so that its front stays behind the frame's.
-        ((-wide, root, design.z_back_mm), (wide, end, design.z_back_mm + mount.flange_height_mm)),
+        (
+            (-half_width, root, design.z_back_mm),
+            (half_width, end, design.z_back_mm + mount.flange_height_mm),
+        ),
     ]
 
 
@@ -71,9 +74,9 @@ def hole_axes(design: Design) -> list[tuple[Point, Point]]:
 def build(design: Design) -> Workplane:
     """The mount alone in the sensor frame; it touches the shell's +y face and overlaps nothing."""
     cq = require()
-    first, *others = bars(design)
+    first, *rest = bars(design)
     body = cuboid(first)
-    for box in others:
+    for box in rest:
         body = body.union(cuboid(box))
     body = body.cut(boss_room(design))
     for start, end in hole_axes(design):
@@ -85,8 +88,8 @@ def build(design: Design) -> Workplane:
             # From the shell's side, where the heads are.
             drills.append((design.mount.counterbore_mm / 2, design.mount.counterbore_depth_mm + 1))
         for radius_mm, long_mm in drills:
-            at = cq.Vector(*start) - along
-            body = body.cut(cq.Workplane(cq.Solid.makeCylinder(radius_mm, long_mm, at, along)))
+            base = cq.Vector(*start) - along
+            body = body.cut(cq.Workplane(cq.Solid.makeCylinder(radius_mm, long_mm, base, along)))
     return body
 
 
@@ -126,7 +129,7 @@ def _flange_rules(d: Design) -> Iterator[Check]:
     # A cantilever from the flange, pressed in the middle of the face: 6 F l / (w h^2).
     lever_mm = d.frame_outer_mm[1] / 2 + mount.length_mm - mount.flange_mm
     stress_mpa = 6 * d.plate.force_n * lever_mm / (mount.width_mm * mount.arm_mm**2)
-    for id, name, value, what, room in (
+    for id, name, value, limit_name, room in (
         ("pitch", "flange_pitch_mm + counterbore_mm + 3",
          mount.flange_pitch_mm + mount.counterbore_mm + 3,
          "flange_height_mm", mount.flange_height_mm),
@@ -154,7 +157,7 @@ def _flange_rules(d: Design) -> Iterator[Check]:
         ("arm-front", "front of the arm", d.flange_arm_z_mm[1], "joint", d.z_joint_mm),
     ):  # fmt: skip
         rests_on = (*FLANGE, "mount.stress_limit_mpa")
-        yield at_most(f"flange-{id}", f"mount: {name}", value, what, room, rests_on)
+        yield at_most(f"flange-{id}", f"mount: {name}", value, limit_name, room, rests_on)
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
@@ -173,11 +176,11 @@ def lengths(d: Design) -> list[Told]:
     """What the shell's drawing says of the mount beside what is read off it."""
     mount, face = d.mount, d.frame_outer_mm[1] / 2
     end = face + mount.length_mm
-    whole = y_of(face, end, fitted=False)
+    full_length = y_of(face, end, fitted=False)
     if mount.kind == "plate":  # as wide as the shell, whose face is gone
         return []
     if mount.kind == "block":
         middle, pitch = end - mount.length_mm / 2, mount.hole_pitch_mm / 2
-        return [whole, y_of(middle - pitch, middle + pitch, fitted=False)]
+        return [full_length, y_of(middle - pitch, middle + pitch, fitted=False)]
     middle, pitch = d.z_back_mm + mount.flange_height_mm / 2, mount.flange_pitch_mm / 2
-    return [whole, z_of(middle - pitch, middle + pitch, fitted=False)]
+    return [full_length, z_of(middle - pitch, middle + pitch, fitted=False)]

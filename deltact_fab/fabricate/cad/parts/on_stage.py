@@ -58,11 +58,11 @@ def holder_build(design: Design) -> Shape:
     room = cq.Workplane(origin=(tool.flat_mm - across / 2, 0, 0)).rect(across, across)
     bore = cylinders(axis, 2 * tool.bore_mm, -1, tool.depth_mm + 1)
     body = body.cut(bore.intersect(room.extrude(2 * high, both=True)))
-    for at, diameter_mm in (
+    for centres, diameter_mm in (
         (tool.screw_centres_mm, tool.screw_hole_mm),
         ([tool.pin_at_mm], tool.pin_mm + tool.pin_fit_mm),
     ):
-        body = body.cut(cylinders(at, diameter_mm, low - 1, tool.flange_mm + 2))
+        body = body.cut(cylinders(centres, diameter_mm, low - 1, tool.flange_mm + 2))
     clamp = cq.Workplane("YZ", origin=(0, 0, tool.clamp_z_mm)).circle(tool.clamp_mm / 2)
     return body.cut(clamp.extrude(-tool.body_mm)).val()
 

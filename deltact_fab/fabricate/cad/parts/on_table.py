@@ -57,15 +57,15 @@ def _tab(design: Design, side: int) -> Workplane:
     face = design.frame_outer_mm[0] / 2
     half, back = table.width_mm / 2, design.z_back_mm
 
-    def bar(near: float, far: float, y: float, low: float, high: float) -> Workplane:
-        x = sorted((side * near, side * far))
+    def bar(inner: float, outer: float, y: float, low: float, high: float) -> Workplane:
+        x = sorted((side * inner, side * outer))
         return cuboid(((x[0], -y, low), (x[1], y, high)))
 
     tab = bar(face, face + table.tab_mm, half, back, back + table.height_mm)
     tab = tab.cut(bar(face - 1, face + fit, half + 1, back - 1, design.z_floor_mm))
     tab = tab.cut(boss_room(design))
-    at = [(x, y) for x, y in tab_centres_mm(design) if x * side > 0]
-    return tab.cut(cylinders(at, table.hole_mm, back - 1, table.height_mm + 2))
+    centres = [(x, y) for x, y in tab_centres_mm(design) if x * side > 0]
+    return tab.cut(cylinders(centres, table.hole_mm, back - 1, table.height_mm + 2))
 
 
 def testing_rules(d: Design) -> Iterator[Check]:
@@ -77,8 +77,8 @@ def testing_rules(d: Design) -> Iterator[Check]:
     yield at_most("pitch", "table: pitch + hole + 2 edge_mm", along, "width_mm", table.width_mm)
     yield at_most("tab-width", "table: width_mm", table.width_mm, "outer y", d.frame_outer_mm[1])
     yield at_most("cover", "cover + 2", d.cover.floor_mm + 2.0, "table.height_mm", table.height_mm)
-    both = "cover and shell", d.z_joint_mm - d.z_back_mm
-    yield at_most("height", "table.height_mm", table.height_mm, *both)
+    stack = "cover and shell", d.z_joint_mm - d.z_back_mm
+    yield at_most("height", "table.height_mm", table.height_mm, *stack)
 
 
 def testing_fits(d: Design) -> Iterator[PlayFit]:
@@ -168,9 +168,9 @@ def plate_rules(d: Design) -> Iterator[Check]:
 def plate_fits(d: Design) -> Iterator[PlayFit]:
     """Screws through the slots, and threads that are neither stripped nor too tight for the tap."""
     plate, part, screw = d.stage_plate, "stage-plate", d.table.screw
-    off = DRILL_MM / 2
-    slot = Length(plate.slot_mm + off, off, KEYS)
-    core = Length(plate.thread_hole_mm + off, off)
+    mean_off = DRILL_MM / 2
+    slot = Length(plate.slot_mm + mean_off, mean_off, KEYS)
+    core = Length(plate.thread_hole_mm + mean_off, mean_off)
     yield PlayFit("screw-in-slot", "M6 through its slot", part, (slot,), (Length(6.0),))
     # ISO 724: the thread is 0.61 of its pitch deep; a tap for 60 to 85 % of that is stocked.
     major, depth = THREADS[screw].thread_mm, 1.0825 * THREADS[screw].pitch_mm

@@ -88,16 +88,16 @@ def rules(d: Design) -> Iterator[Check]:
     yield at_most("notch-height", "cable_height_mm", shell.cable_height_mm, *room)
     ledge = "ledge_height_mm", shell.ledge_height_mm
     yield below("drop", "ledge_drop_mm", shell.ledge_drop_mm, *ledge)
-    wide = shell.cable_width_mm + 2 * (d.cover.fit_mm + shell.wall_mm)
+    width = shell.cable_width_mm + 2 * (d.cover.fit_mm + shell.wall_mm)
     words = "cable_width_mm + 2 (cover.fit_mm + wall_mm)"
-    yield at_most("cable-room", words, wide, "room between the posts", 2 * d.post_edge_mm[0])
+    yield at_most("cable-room", words, width, "room between the posts", 2 * d.post_edge_mm[0])
     high = shell.cable_height_mm + shell.ledge_height_mm + shell.wall_mm
     words = "cable_height_mm + ledge_height_mm + wall_mm"
     yield at_most("notch-below-ledge", words, high, "depth of the shell", d.shell_depth_mm)
     # The ledge ends on the posts, in both directions.
     yield at_most("ledge", *ledge, "height of the posts", posts)
-    words, beyond = "ledge_mm and what the wall leaves before it", d.post_mm - shell.wall_mm
-    yield at_most("ledge-on-posts", words, max(d.ledge_reach_mm), "posts beyond the wall", beyond)
+    words, free_mm = "ledge_mm and what the wall leaves before it", d.post_mm - shell.wall_mm
+    yield at_most("ledge-on-posts", words, max(d.ledge_reach_mm), "posts beyond the wall", free_mm)
     yield below("posts-above-floor", "floor", d.z_floor_mm, "back of the posts", d.z_boss_mm)
     yield below("post-height", "2", 2.0, "height of the posts", posts)
     yield from mount.rules(d)
@@ -112,11 +112,11 @@ def fits(d: Design) -> Iterator[PlayFit]:
     for name in ("shell", "cover"):
         parts = f"{name}, screw, skin-frame"
         yield PlayFit(f"screw-{name}", f"{d.screw.thread} through the {name}", parts, hole, shank)
-    wide, high = printer.inner(shell.cable_width_mm), printer.tall(shell.cable_height_mm)
+    width, high = printer.inner(shell.cable_width_mm), printer.tall(shell.cable_height_mm)
     flat, thick = cam.cable_width_mm, cam.cable_height_mm
     keys = ("camera.cable_width_mm", "camera.cable_height_mm")
     cable = Length(flat, 0.1, keys[:1])
-    yield PlayFit("cable", "camera's cable in its notch, x", "shell, cable", (wide,), (cable,))
+    yield PlayFit("cable", "camera's cable in its notch, x", "shell, cable", (width,), (cable,))
     # The light holder's wires leave there too, over the cable.
     through = (Length(thick, 0.05, keys[1:]), WIRE_OUTER)
     name = "cable and wires in the notch, z"

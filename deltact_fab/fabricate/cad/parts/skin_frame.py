@@ -39,7 +39,7 @@ from deltact_fab.common import Check
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, x_of, y_of, z_of
 from ..kernel import Box, Shape, around, cuboid, cylinders, prism, require, without_corners
-from ..part import BLACK, CLEAR, Part, PrintPose, nothing
+from ..part import BLACK, CLEAR, Part, PrintPose, no_entries
 from ..rule import Length, PlayFit, at_most, below
 from ..standards import screw_tolerance_mm
 
@@ -199,8 +199,8 @@ PARTS = (
         group="bench",
         number=0,
         explode_mm=0.0,
-        rules=nothing,
-        fits=nothing,
+        rules=no_entries,
+        fits=no_entries,
         in_view=False,
         note="for the chessboard; cast with a clear skin, no film, no coats",
         look_for="as the skin frame",
