@@ -29,7 +29,7 @@ from .cad.design import load_indenters
 from .cad.dimensions import Design
 from .cad.drafting.wiring import wiring
 from .cad.fabrication import bom, quantities
-from .cad.fabrication.quantities import DEFAULT, gaps
+from .cad.fabrication.quantities import DEFAULT_FIGURES, gaps
 from .cad.overhangs import find_contact, lay_on_platform
 from .cad.part import SELF_SUPPORTING_DEG, Part
 from .cad.parts.coupons import well_volume_mm3
@@ -148,10 +148,10 @@ def write_guide(
             ).set_axis(BATCH, axis="columns")
         ),
         wiring=_svg_url(wiring(design).svg()),
-        p=DEFAULT,
+        p=DEFAULT_FIGURES,
         sticker=pattern,
-        facts=quantities.FIGURES,
-        process=html_table(pd.DataFrame(quantities.FIGURES, dtype=object), PROCESS),
+        facts=quantities.FABRICATION_FIGURES,
+        process=html_table(pd.DataFrame(quantities.FABRICATION_FIGURES, dtype=object), PROCESS),
         gaps=html_table(pd.DataFrame(gaps(design)), GAPS),
         unverified=[(key, f"{attrgetter(key)(design):g}") for key in design.unverified()],
         # Keys that take the names of what a lab has measured, where something is unverified.
@@ -338,11 +338,11 @@ def _figures(d: Design) -> dict[str, Any]:
     screw = d.screw
     deepest_mm = screw.length_mm + screw.tip_clearance_mm
     full = quantities.skins_batch(d, quantities.cavities(d))
-    coupon_g = d.coupon.wells * well_volume_mm3(d) / 1000 * DEFAULT.density_g_cm3
+    coupon_g = d.coupon.wells * well_volume_mm3(d) / 1000 * DEFAULT_FIGURES.density_g_cm3
     return {
-        "cup_ml": CUP_ML * math.ceil(full.volume_cm3 * DEFAULT.foam_factor / CUP_ML),
+        "cup_ml": CUP_ML * math.ceil(full.volume_cm3 * DEFAULT_FIGURES.foam_factor / CUP_ML),
         # Half as much again: two drops, and what stays in the cup.
-        "coupon_g": max(1.5 * coupon_g, DEFAULT.coat_batch_g),
+        "coupon_g": max(1.5 * coupon_g, DEFAULT_FIGURES.coat_batch_g),
         "brighter": quantities.resistor_for_ohm(20.0, d.light),
         "shrinkage_mm": quantities.shrinkage_mm(d),
         "longer_mm": [mm for mm in screw.row.stock_mm if screw.length_mm < mm <= deepest_mm],

@@ -1,7 +1,7 @@
-"""What a solid is made of, read off its boundary: planes, rounds, and faces of other kinds.
+"""Features of a solid from its boundary: planes, rounds (cylinders), and other faces.
 
-Faces of one cylinder are one round, however often it is cut. Nothing here knows how the solid was
-built: what a drawing says and what the checks measure is found on the same faces.
+Faces of one cylinder are one round, however often it is cut. Features do not depend on how the
+solid was built: drawings and checks use the same faces.
 """
 
 from __future__ import annotations
@@ -17,17 +17,16 @@ from deltact_fab.common import Field, Point
 
 from .kernel import bounding_box
 
-SAME_MM = 1e-5
-"""Coordinates closer than this are one."""
-STRAIGHT = 1e-9  # of a direction's cosine: parallel to an axis of the frame
-TILT_DEG = 5.0  # a round that leans further belongs to no axis
+FEATURE_MERGE_MM = 1e-5  # by hand, equal coordinates: above rounding; larger merges features
+AXIS_TOLERANCE = 1e-9  # by hand, of the cosine to an axis: above rounding; larger hides a slant
+MAX_LEAN_DEG = 5.0  # by hand: a round that leans more has no axis in a drawing
 
 
 @dataclass(frozen=True)
 class FlatFace:
     """A flat face normal to an axis (0, 1, 2) of the frame, at a coordinate.
 
-    up: whether the solid lies below it. corners: (n, 3).
+    up: True if the outward normal is along +axis. corners: (n, 3).
     """
 
     axis: int
@@ -40,9 +39,8 @@ class FlatFace:
 class Round:
     """A cylinder along an axis of the frame, of one face or several.
 
-    low_mm, high_mm: ends of its axis; radius_mm; hole: whether the solid is outside. turn_deg: how
-    far it goes round. blind: the end of a hole that a flat floor closes: `low`, `high` or none.
-    on: a point on it.
+    low_mm, high_mm: ends of its axis. hole: True if the solid is outside. turn_deg: covered angle.
+    blind: the end of a hole closed by a flat floor: `low`, `high` or empty. on: a point on it.
     """
 
     axis: int
@@ -56,17 +54,17 @@ class Round:
 
     @property
     def full_turn(self) -> bool:
-        """Whether it goes all the way round."""
+        """True if it covers 360 degrees."""
         return self.turn_deg > 360 - 1e-4
 
     @property
     def rounds_an_edge(self) -> bool:
-        """Whether it turns no further than from one face to the next."""
+        """True if it covers no more than 90 degrees, like a rounded edge."""
         return self.turn_deg < 90 + 1e-3
 
     @property
     def length_mm(self) -> float:
-        """Along its axis."""
+        """Length along its axis."""
         return self.high_mm[self.axis] - self.low_mm[self.axis]
 
     def offset_mm(self, x_mm: float, y_mm: float) -> float:
@@ -77,10 +75,10 @@ class Round:
 
 @dataclass(frozen=True)
 class OtherFace:
-    """A face of another kind, whose form is said by a printed number.
+    """A face of another kind, dimensioned by a printed number.
 
-    kind: as a drawing calls it. sizes: numbers of which one has to be printed. at: a point on it.
-    centre: what has to be placed, along each axis None where nothing has to be.
+    kind: label in a drawing. sizes: numbers of which one has to be printed. point: on the face.
+    centre: coordinates to be dimensioned, None along an axis without.
     """
 
     kind: str
@@ -103,7 +101,7 @@ class SolidFeatures:
 
 
 def features_of(solid: Any) -> SolidFeatures:
-    """The features of one solid, in a fixed order."""
+    """Return the features of one solid, in a fixed order."""
     faces = [_classify_face(face) for face in solid.Faces()]
     planes = [face for face in faces if isinstance(face, FlatFace)]
     planes.sort(key=lambda p: (p.axis, p.at_mm, p.corners.tolist()))
@@ -124,13 +122,13 @@ def _round_edges(solid: Any) -> Iterator[Round]:
         if edge.geomType() == "CIRCLE":
             normal = _to_point(edge.normal())
             axis = max(range(3), key=lambda i: abs(normal[i]))
-            if abs(normal[axis]) > 1 - STRAIGHT:
+            if abs(normal[axis]) > 1 - AXIS_TOLERANCE:
                 centre = _to_point(edge.arcCenter())
                 yield Round(axis, centre, centre, _round_off(edge.radius()), False, centre)
 
 
 def rounds_near(rounds: Iterable[Round], x_mm: float, y_mm: float, reach_mm: float) -> list[Round]:
-    """Those along z whose whole axis lies within reach_mm of the vertical line at (x, y)."""
+    """Return the rounds along z whose axis lies within reach_mm of the line at (x, y)."""
     return [r for r in rounds if r.axis == 2 and r.offset_mm(x_mm, y_mm) <= reach_mm]
 
 
@@ -143,7 +141,7 @@ def _classify_face(face: Any) -> FlatFace | Round | OtherFace:
     if kind == "PLANE":
         normal = np.array(face.normalAt().toTuple())
         axis = int(np.argmax(np.abs(normal)))
-        if abs(normal[axis]) > 1 - STRAIGHT:
+        if abs(normal[axis]) > 1 - AXIS_TOLERANCE:
             corners = np.array([v.toTuple() for v in face.Vertices()])
             return FlatFace(axis, _round_off(centre[axis]), bool(normal[axis] > 0), corners)
         tilt = [math.degrees(math.acos(min(abs(float(n)), 1.0))) for n in normal]
@@ -166,7 +164,7 @@ def _classify_face(face: Any) -> FlatFace | Round | OtherFace:
 
 
 def _cylinder(face: Any, surface: Any) -> OtherFace | Round:
-    """A face of a round; one that leans is told by its radius alone."""
+    """Return a cylindrical face as a round; as another face if it leans."""
     from cadquery import Vector
 
     cylinder = surface.Cylinder()
@@ -175,11 +173,10 @@ def _cylinder(face: Any, surface: Any) -> OtherFace | Round:
     axis = int(np.argmax(np.abs(direction)))
     first, last = surface.FirstUParameter(), surface.LastUParameter()
     turn_deg = math.degrees(last - first)
-    straight = abs(direction[axis]) > 1 - STRAIGHT
-    # A hole that was drilled askew is one all the same; a rounded edge that leans is an edge.
-    if not straight and (
-        turn_deg < 180 or direction[axis] ** 2 < math.cos(math.radians(TILT_DEG)) ** 2
-    ):
+    straight = abs(direction[axis]) > 1 - AXIS_TOLERANCE
+    # A hole drilled askew is still a hole; a rounded edge that leans is an edge.
+    lean_deg = math.degrees(math.acos(min(abs(direction[axis]), 1.0)))
+    if not straight and (turn_deg < 180 or lean_deg > MAX_LEAN_DEG):
         return OtherFace("R", (radius, 2 * radius), _middle_point(surface))
     base = np.array(_to_point(cylinder.Axis().Location()))
     ends = [base + v * direction for v in (surface.FirstVParameter(), surface.LastVParameter())]
@@ -192,23 +189,23 @@ def _cylinder(face: Any, surface: Any) -> OtherFace | Round:
 
 
 def _merge_faces(pieces: list[Round], planes: list[FlatFace]) -> list[Round]:
-    """Faces of one cylinder as one round."""
+    """Merge faces of one cylinder into one round."""
     groups: dict[tuple[object, ...], list[Round]] = {}
     for piece in pieces:
-        plan = [round(c / SAME_MM) for i, c in enumerate(piece.low_mm) if i != piece.axis]
-        top = [round(c / SAME_MM) for i, c in enumerate(piece.high_mm) if i != piece.axis]
-        key = (piece.axis, *plan, *top, round(piece.radius_mm / SAME_MM), piece.hole)
+        plan = [round(c / FEATURE_MERGE_MM) for i, c in enumerate(piece.low_mm) if i != piece.axis]
+        top = [round(c / FEATURE_MERGE_MM) for i, c in enumerate(piece.high_mm) if i != piece.axis]
+        key = (piece.axis, *plan, *top, round(piece.radius_mm / FEATURE_MERGE_MM), piece.hole)
         groups.setdefault(key, []).append(piece)
     return [_merge_round(run, planes) for group in groups.values() for run in _runs(group)]
 
 
 def _runs(group: list[Round]) -> Iterator[list[Round]]:
-    """Faces of one cylinder that hang together along its axis."""
+    """Yield groups of faces of one cylinder that are contiguous along its axis."""
     axis = group[0].axis
     run: list[Round] = []
     reach = -math.inf
     for piece in sorted(group, key=lambda p: (p.low_mm[axis], p.on)):
-        if run and piece.low_mm[axis] > reach + SAME_MM:
+        if run and piece.low_mm[axis] > reach + FEATURE_MERGE_MM:
             yield run
             run = []
         run.append(piece)
@@ -217,7 +214,7 @@ def _runs(group: list[Round]) -> Iterator[list[Round]]:
 
 
 def _merge_round(pieces: list[Round], planes: list[FlatFace]) -> Round:
-    """One round of its faces."""
+    """Return one round from its faces."""
     axis = pieces[0].axis
     low = min((p.low_mm for p in pieces), key=lambda p: p[axis])
     high = max((p.high_mm for p in pieces), key=lambda p: p[axis])
@@ -230,36 +227,33 @@ def _merge_round(pieces: list[Round], planes: list[FlatFace]) -> Round:
     return replace(first, low_mm=low, high_mm=high, turn_deg=min(turn_deg, 360.0), blind=blind)
 
 
-def _spans_middle(piece: Round, other_round: Round) -> bool:
-    """Whether a face goes past another one's middle."""
-    middle = (other_round.low_mm[other_round.axis] + other_round.high_mm[other_round.axis]) / 2
-    return (
-        piece.low_mm[other_round.axis] - SAME_MM
-        <= middle
-        <= piece.high_mm[other_round.axis] + SAME_MM
-    )
+def _spans_middle(piece: Round, face: Round) -> bool:
+    """True if a piece spans the middle of a face along its axis."""
+    i = face.axis
+    middle, slack = (face.low_mm[i] + face.high_mm[i]) / 2, FEATURE_MERGE_MM
+    return piece.low_mm[i] - slack <= middle <= piece.high_mm[i] + slack
 
 
 def _closes_hole(plane: FlatFace, end: Point, name: str, hole: Round) -> bool:
-    """Whether a face closes a hole there: it looks into it and lies within its circle."""
+    """True if a face closes a hole at that end: it faces the hole and lies within its circle."""
     axis = hole.axis
     if plane.axis != axis or plane.up != (name == "low"):
         return False
-    if abs(plane.at_mm - end[axis]) > SAME_MM:
+    if abs(plane.at_mm - end[axis]) > FEATURE_MERGE_MM:
         return False
     offsets = np.delete(plane.corners - np.array(end), axis, axis=1)
-    return bool(np.hypot(offsets[:, 0], offsets[:, 1]).max() <= hole.radius_mm + SAME_MM)
+    return bool(np.hypot(offsets[:, 0], offsets[:, 1]).max() <= hole.radius_mm + FEATURE_MERGE_MM)
 
 
 def _middle_point(surface: Any) -> Point:
-    """The middle of a face in its own parameters."""
+    """Return the point at the middle of a face's parameters."""
     u = (surface.FirstUParameter() + surface.LastUParameter()) / 2
     v = (surface.FirstVParameter() + surface.LastVParameter()) / 2
     return _to_point(surface.Value(u, v))
 
 
 def _to_point(p: Any) -> Point:
-    """Of the kernel's own, cadquery's or numpy's."""
+    """Convert a point of the kernel, cadquery or numpy."""
     if hasattr(p, "X"):
         p = p.X(), p.Y(), p.Z()
     x, y, z = p.toTuple() if hasattr(p, "toTuple") else p
@@ -267,5 +261,5 @@ def _to_point(p: Any) -> Point:
 
 
 def _round_off(value: float) -> float:
-    """Without what sums leave behind the ninth digit, and without a minus zero."""
+    """Round to nine digits, without a minus zero."""
     return round(value, 9) + 0.0

@@ -1,8 +1,8 @@
-"""A design from what one wants of it: a face, how much of it is seen, and the camera that does.
+"""A design from its requirements: a face, the visible share of it, and a camera.
 
-Everything else follows: what has an equation at once, the rest by repair. Whatever inequality, fit
-or limit fails moves the one dimension that is its remedy (`REMEDIES`), until nothing fails or none
-can move further. No solid is built: what only solids tell, `cad check` tells of the result.
+All other dimensions follow, from equations or by repair: an inequality, fit or limit that fails
+changes the dimension that is its remedy (`CHECK_REMEDIES`), until nothing fails or no remedy is
+left. No solid is built: run `cad check` on the result for checks on solids.
 """
 
 from __future__ import annotations
@@ -24,43 +24,43 @@ from .parts.camera import off_axis_mm
 from .rule import statement
 from .standards import CAP_SCREWS, CHEESE_SCREWS, CapThread, CheeseThread
 
-GELS_MM = (12.0, 14.0, 16.0, 18.0, 20.0)
-SHEETS_MM = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # cast PMMA as it is sold
+GELS_MM = (12.0, 14.0, 16.0, 18.0, 20.0)  # by hand, from the paper's 12: thicker costs silicone
+SHEETS_MM = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # by hand: thicknesses of cast PMMA on sale
 GAPS_MM = tuple(k / 2 for k in range(6, 91))
 AXIAL_MM = tuple(k / 10 for k in range(10, 31))
-STRIPS_MM = 8.0, 5.0  # as they are sold
+STRIPS_MM = 8.0, 5.0  # by hand: widths of LED strip on sale
 FEWER_LEDS = tuple(range(500, 2, -1))
-THREADS: tuple[tuple[CapThread, float], ...] = (
+THREAD_LIMITS_MM: tuple[tuple[CapThread, float], ...] = (
     ("M1.6", 45.0),
     ("M2", 50.0),
     ("M2.5", 55.0),
-)  # up to which longer side
-SHARE = 0.55
-FACE_MM = 10.0, 200.0
-STEPS = 400
-CHEESE_MM = (2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # lengths that are sold
-CORNER_RAD = math.radians(79.0)  # short of where the acrylic reflects a third
+)  # by hand, largest longer side of the face per thread; longer sides take M3
+DEFAULT_SHARE = 0.55  # by hand, visible share of the face: a larger one makes the sensor thicker
+FACE_RANGE_MM = 10.0, 200.0  # by hand: outside it the remedies have not been tried
+MAX_REPAIRS = 400  # by hand: fewer give up on solvable designs, more take longer to refuse
+CHEESE_LENGTHS_MM = (2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # by hand: lengths on sale (ISO 1207)
+CORNER_RAD = math.radians(79.0)  # by hand, below visibility.GRAZING_RAD: a third is reflected there
 
 
 @dataclass(frozen=True)
 class Wish:
-    """A wish for a design: a face (x, y), and the least share of it that the camera sees.
+    """Requirements of a design: a face (x, y), and the minimum share of it in the camera's view.
 
-    camera: of cad/cameras.toml; None for the base's.
+    camera: a name from cad/cameras.toml; None: the base's.
     """
 
     face_mm: tuple[float, float]
-    share: float = SHARE
+    share: float = DEFAULT_SHARE
     camera: str | None = None
 
     @classmethod
-    def parse(cls, face: str, share: float = SHARE, camera: str | None = None) -> Wish:
-        """A wish as it is typed. Raises InputError for a face, a share or a camera that is none."""
+    def parse(cls, face: str, share: float = DEFAULT_SHARE, camera: str | None = None) -> Wish:
+        """Parse requirements as typed. Raises InputError for an invalid face, share or camera."""
         try:
             width, length = (float(word) for word in face.lower().split("x"))
         except ValueError:
             raise InputError(f"--face {face!r}: expected two sides in mm, as in 60x50") from None
-        low, high = FACE_MM
+        low, high = FACE_RANGE_MM
         if not (low <= width <= high and low <= length <= high):
             raise InputError(f"--face {face!r}: expected sides of {low:g} to {high:g} mm")
         if not 0.05 <= share <= 0.95:
@@ -72,7 +72,7 @@ class Wish:
 
 @dataclass(frozen=True)
 class Choices:
-    """What is not computed but moved by a remedy."""
+    """Dimensions that are not computed but changed by remedies."""
 
     gel_mm: float = GELS_MM[0]
     sheet_mm: float = SHEETS_MM[0]
@@ -87,7 +87,7 @@ class Choices:
 
 
 class Unsolved(Exception):
-    """No dimension is left that would mend a check, the first that fails; None of a limit."""
+    """No remedy is left for a failed check. check: the first one; None for a bound."""
 
     def __init__(self, reason: str, check: Check | None = None) -> None:
         super().__init__(reason)
@@ -95,7 +95,7 @@ class Unsolved(Exception):
 
 
 def find_design(wish: Wish, base: Design) -> Design:
-    """The design of a wish, on which every inequality, fit and limit by arithmetic holds.
+    """Return the design of a wish that passes every inequality, fit and limit by arithmetic.
 
     Raises Unsolved.
     """
@@ -103,14 +103,14 @@ def find_design(wish: Wish, base: Design) -> Design:
         base = replace(base, camera=load_camera(wish.camera))
     choices = Choices()
     visited: set[Choices] = set()
-    for _ in range(STEPS):
+    for _ in range(MAX_REPAIRS):
         visited.add(choices)
         try:
             design = _build_design(wish, choices, base)
         except ShapeError as error:
             raise Unsolved(str(error)) from error
         first = None
-        # What comes later costs more, and is not asked where something earlier can be mended.
+        # Later checks cost more: they run only if no earlier failure has a remedy.
         for check in failed_checks(design, wish):
             first = first or check
             remedied = _apply_remedy(choices, check.id, design, wish)
@@ -121,19 +121,19 @@ def find_design(wish: Wish, base: Design) -> Design:
             if first is None:
                 return design
             raise Unsolved(failure_text(first), first)
-    raise Unsolved(f"no end after {STEPS} steps")
+    raise Unsolved(f"no end after {MAX_REPAIRS} steps")
 
 
 def solve_wish(wish: Wish, base: Design) -> Design:
-    """Solve a wish for the design that meets it.
+    """Return the design that meets the requirements.
 
-    Raises InputError with what stands in the way and the smallest change of face or share that
-    passes, or else another camera that does, as it is typed.
+    Raises InputError with the failed check and the smallest change of face or share that passes,
+    or else another camera that does, as command-line options.
     """
     try:
         return find_design(wish, base)
     except Unsolved as error:
-        # No face and no share lets a lens focus nearer.
+        # Neither face nor share changes the nearest focus.
         too_near = error.check is not None and error.check.id == "focus.nearest"
         changes = [] if too_near else list(_changes(wish))
         changes += [(f"--camera {name}", replace(wish, camera=name)) for name in load_cameras()]
@@ -144,9 +144,9 @@ def solve_wish(wish: Wish, base: Design) -> Design:
 
 
 def _changes(wish: Wish) -> Iterator[tuple[str, Wish]]:
-    """Wishes that differ in face or share, as the change is typed, the smallest change first.
+    """Yield wishes with another face or share and the option to type, smallest change first.
 
-    Of the face both sides or the longer one alone: round what is seen stands a round light.
+    Scales both sides of the face, or the longer one alone: the light around the view is round.
     """
     for k in range(1, 18):
         for scale in (1 - k / 25, 1 + k / 25):
@@ -165,7 +165,7 @@ def _passes(wish: Wish, base: Design) -> bool:
 
 
 def failed_checks(design: Design, wish: Wish) -> Iterator[Check]:
-    """The checks by arithmetic that fail."""
+    """Yield the checks by arithmetic that fail."""
     view_x, view_y = design.optics.view_mm
     share = view_x * view_y / math.prod(wish.face_mm)
     if share < wish.share:
@@ -189,19 +189,17 @@ def failed_checks(design: Design, wish: Wish) -> Iterator[Check]:
 
 
 def failure_text(check: Check) -> str:
-    """A failed check in one line."""
+    """Format a failed check in one line."""
     if check.sign:
         return f"{check.subject}: {statement(check)}"
     return f"{check.name}: {check.value}" + (f"; {check.limit}" if check.limit else "")
 
 
 def _build_design(wish: Wish, choices: Choices, base: Design) -> Design:
-    """The design of a wish and of choices; raises ShapeError at the limits of a dimension."""
+    """Build the design of a wish and choices. Raises ShapeError at the bounds of a dimension."""
     width, length = wish.face_mm
-    # For a face's longer side, as the shipped designs have it.
-    thread: CapThread = next(
-        (name for name, limit_mm in THREADS if max(wish.face_mm) <= limit_mm), "M3"
-    )
+    longer = max(wish.face_mm)
+    thread: CapThread = next((name for name, side in THREAD_LIMITS_MM if longer <= side), "M3")
     design = replace(
         base,
         skin=replace(
@@ -214,13 +212,11 @@ def _build_design(wish: Wish, choices: Choices, base: Design) -> Design:
             thread=thread, engagement_mm=max(4.6, 2 * CAP_SCREWS[thread].thread_mm),
         ),
     )  # fmt: skip
-    # The housing holds the skin, and the board beside the posts.
-    least_wall_mm = 1.5 if thread == "M1.6" else 2.0
+    # The housing encloses the skin, and the board between the posts.
+    least_mm = 1.5 if thread == "M1.6" else 2.0
     walls = [
         round(max(low, (room - side) / 2), 3)
-        for low, room, side in zip(
-            (least_wall_mm, 3.0), choices.housing_mm, wish.face_mm, strict=True
-        )
+        for low, room, side in zip((least_mm, 3.0), choices.housing_mm, wish.face_mm, strict=True)
     ]
     drop = round(max(0.5, 0.1 * choices.sheet_mm + 0.4), 2)
     design = _fit_to_camera(design)
@@ -242,7 +238,7 @@ def _build_design(wish: Wish, choices: Choices, base: Design) -> Design:
             design.light,
             led_count=choices.leds, strip_width_mm=choices.strip_mm, axial_fit_mm=choices.axial_mm,
         ),
-        # A press is spread no wider than the face.
+        # A press spreads no wider than the face.
         plate=replace(design.plate, spread_mm=min(design.plate.spread_mm, *wish.face_mm)),
         mold=replace(design.mold, columns=choices.columns, rows=choices.rows),
     )  # fmt: skip
@@ -253,15 +249,15 @@ def _build_design(wish: Wish, choices: Choices, base: Design) -> Design:
 
 
 def _fit_to_camera(design: Design) -> Design:
-    """The design with what follows from its camera: screws, pegs, floors, cable notch."""
+    """Size the parts around the camera: screws, pegs, floors, cable notch."""
     camera, holder, shell, cover = design.camera, design.holder, design.shell, design.cover
-    # Through the holes with the printer's play; a board without them is bonded.
+    # Screws pass the holes with the printer's play; a board without holes is bonded.
     through = camera.hole_mm - 0.2
     thread: CheeseThread = next(
         (name for name, row in reversed(CHEESE_SCREWS.items()) if row.thread_mm <= through), "none"
     )
     row = CHEESE_SCREWS[thread]
-    length_mm = next(mm for mm in CHEESE_MM if mm >= camera.board_mm + row.thread_mm - 1e-6)
+    length_mm = next(mm for mm in CHEESE_LENGTHS_MM if mm >= camera.board_mm + row.thread_mm - 1e-6)
     notch_mm = max(shell.cable_height_mm, round(camera.cable_height_mm + 1.7, 2))
     room_mm = max(
         holder.clearance_mm, camera.connector_height_mm + 0.35, notch_mm,
@@ -298,9 +294,9 @@ def _screw_mm(design: Design) -> float:
 
 
 def _largest_view(design: Design, share: float) -> Any:
-    """The optics with the largest view that lies on the flat of the face and in the crop.
+    """Return optics with the largest view within the flat of the face and the crop.
 
-    share: of that view, along each side.
+    share: fraction of that view used along each side.
     """
     optics, camera, skin = design.optics, design.camera, design.skin
     path = LayeredPath(optics.air_gap_mm, optics.acrylic_mm, skin.thickness_mm)
@@ -323,15 +319,15 @@ def _largest_view(design: Design, share: float) -> Any:
 
     part = next((p / 200 for p in range(200, 20, -1) if in_crop(p / 200)), 0.1) * share
     x, y = (2 * part * side for side in half)
-    # As fine as the paper's, unless the face is so large that pixels would be in vain.
+    # The paper's resolution, unless the face is so large that pixels would add nothing.
     mm_per_px = max(optics.mm_per_px, math.ceil(10 * x) / 1e4)
     size = [int(side / mm_per_px + 1e-9) for side in (x, y)]
     return replace(optics, mm_per_px=mm_per_px, image_width_px=size[0], image_height_px=size[1])
 
 
 def _apply_remedy(choices: Choices, id: str, design: Design, wish: Wish) -> Choices | None:
-    """The choices with the remedy of a failed check; None where none is left."""
-    changed = (remedy(choices, design, wish) for remedy in REMEDIES.get(id, ()))
+    """Apply the first possible remedy of a failed check; None if none is left."""
+    changed = (remedy(choices, design, wish) for remedy in CHECK_REMEDIES.get(id, ()))
     return next((choices for choices in changed if choices is not None), None)
 
 
@@ -339,7 +335,7 @@ Remedy = Callable[[Choices, Design, Wish], "Choices | None"]
 
 
 def _next_value(name: str, values: Sequence[float]) -> Remedy:
-    """The next one of some values."""
+    """Return a remedy that takes the next of the values."""
 
     def next_choices(choices: Choices, design: Design, wish: Wish) -> Choices | None:
         remaining = values[values.index(getattr(choices, name)) + 1 :]
@@ -355,7 +351,7 @@ def _more_leds(choices: Choices, design: Design, wish: Wish) -> Choices | None:
 
 
 def _less_view(choices: Choices, design: Design, wish: Wish) -> Choices | None:
-    """A little less than is seen, where more is seen than is wanted."""
+    """Reduce the view a little if it is larger than required."""
     share = math.prod(design.optics.view_mm) / math.prod(wish.face_mm)
     if (1 - 0.03 / choices.share) ** 2 * share < wish.share:
         return None
@@ -383,7 +379,7 @@ def _housing(axis: int) -> Remedy:
     return wider
 
 
-REMEDIES: dict[str, tuple[Remedy, ...]] = {
+CHECK_REMEDIES: dict[str, tuple[Remedy, ...]] = {
     id: moves
     for ids, moves in (
         ("view-share focus.nearest focus.corner focus.pressed", (_next_value("gap_mm", GAPS_MM),)),
@@ -404,4 +400,4 @@ REMEDIES: dict[str, tuple[Remedy, ...]] = {
     )
     for id in ids.split()
 }  # fmt: skip
-"""What moves where the check of an id fails: the first that still can."""
+"""Remedies by check id; the first that is possible is applied."""

@@ -17,7 +17,7 @@ from .rays import samples
 MIN_CONTACT_MM2 = 25.0
 """Ours, assumed: what holds a part of some grams against the pull of the peeling film."""
 MIN_CEILING_MM2 = 1.0
-_TOUCH_MM = 1e-3
+_ON_PLATFORM_MM = 1e-3
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def find_contact(mesh: Mesh) -> PlatformContact:
     twice = np.linalg.norm(normal, axis=1)
     down = -normal[:, 2] / np.where(twice > 0, twice, 1.0)
     low, high = corners[..., 2].min(axis=1), corners[..., 2].max(axis=1)
-    resting = (high < _TOUCH_MM) & (down > 0.999)
+    resting = (high < _ON_PLATFORM_MM) & (down > 0.999)
     hanging = (down > math.cos(math.radians(SELF_SUPPORTING_DEG))) & ~resting
     rim = _rim(mesh.triangles[hanging], mesh.vertices_mm)
     ceilings = [

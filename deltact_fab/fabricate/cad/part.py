@@ -18,33 +18,33 @@ if TYPE_CHECKING:
     from .design import IndenterDimensions
     from .dimensions import Design
     from .drafting.dimensioning import Callouts
-    from .kernel import Box
+    from .kernel import Extent
     from .rule import PlayFit
 
 Group = Literal["sensor", "electronics", "tools", "bench", "indenters"]
-GROUPS: tuple[Group, ...] = ("sensor", "electronics", "tools", "bench", "indenters")
+PART_GROUPS: tuple[Group, ...] = ("sensor", "electronics", "tools", "bench", "indenters")
 PER_SENSOR: tuple[Group, ...] = ("sensor", "electronics")
 Shift = tuple[float, float, float]
 
 # The paper: "tough epoxy resin" of Formlabs; cad/parts.toml has a product.
-RESIN = "tough SLA resin"
-PRINT = "SLA print"
-BOUGHT = "bought"
+RESIN_MATERIAL = "tough SLA resin"
+PRINT_PROCESS = "SLA print"
+BOUGHT_PROCESS = "bought"
 LASER_CUT = "laser cut"
-MACHINED = "machined"
+MACHINED_PROCESS = "machined"
 
-BLACK = (0.12, 0.12, 0.13, 1.0)
-WHITE = (0.93, 0.93, 0.90, 1.0)
-CLEAR = (0.62, 0.80, 0.92, 0.35)
-STEEL = (0.62, 0.64, 0.66, 1.0)
-GREEN = (0.13, 0.42, 0.25, 1.0)
-AMBER = (0.85, 0.60, 0.25, 1.0)
+BLACK_RGBA = (0.12, 0.12, 0.13, 1.0)
+WHITE_RGBA = (0.93, 0.93, 0.90, 1.0)
+CLEAR_RGBA = (0.62, 0.80, 0.92, 0.35)
+STEEL_RGBA = (0.62, 0.64, 0.66, 1.0)
+GREEN_RGBA = (0.13, 0.42, 0.25, 1.0)
+AMBER_RGBA = (0.85, 0.60, 0.25, 1.0)
 
-Side = Literal["-z", "+z"]
+PlatformSide = Literal["-z", "+z"]
 Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
 
 # Turns, exact, by the side of the part's own frame that comes to face the platform.
-_DOWN: dict[str, Matrix] = {
+_DOWN_TURNS: dict[str, Matrix] = {
     "-z": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
     "+z": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
 }
@@ -66,7 +66,7 @@ class PrintPose:
     none where it is empty.
     """
 
-    down: Side = "-z"
+    down: PlatformSide = "-z"
     face: str = "underside"
     tilt_deg: float = 0.0
     supports: str = ""
@@ -74,7 +74,7 @@ class PrintPose:
     @property
     def turn(self) -> Matrix:
         """Rotation from the part's frame to the platform's; a part that lies flat, exactly."""
-        down = _DOWN[self.down]
+        down = _DOWN_TURNS[self.down]
         if not self.tilt_deg:
             return down
         c, s = math.cos(math.radians(self.tilt_deg)), math.sin(math.radians(self.tilt_deg))
@@ -157,9 +157,9 @@ class Part:
 
     name: str
     build: Callable[[Any], Any]
-    box: Callable[[Any], Box]
-    material: str = f"{RESIN}, black"
-    process: str = PRINT
+    box: Callable[[Any], Extent]
+    material: str = f"{RESIN_MATERIAL}, black"
+    process: str = PRINT_PROCESS
     quantity: int = 1
     group: Group = "sensor"
     number: int = 0
@@ -195,7 +195,7 @@ class Part:
     @property
     def printed(self) -> bool:
         """Whether it comes off the printer, and so in the orientation of `lies`."""
-        return self.process == PRINT
+        return self.process == PRINT_PROCESS
 
     @property
     def making(self) -> str:

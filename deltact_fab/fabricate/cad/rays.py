@@ -23,22 +23,22 @@ Wall = tuple[float, Point]  # how thick in mm, inwards along -normal, and where
 # Faces that meet in an edge look past each other, and the distance between them ends in zero there:
 # a wall is where they look apart to within this.
 OPPOSITE_DEG = 30.0
-SPACING_MM = 1.5
-MOST = 4000  # points spread over the area, besides four in each triangle
-REFINED = 24  # points measured exactly after the mesh has none that seems thinner
-TRIED = 2000  # points measured exactly at most
-NEAR_MM = 1e-4
+SAMPLE_SPACING_MM = 1.5
+MAX_AREA_SAMPLES = 4000  # points spread over the area, besides four in each triangle
+EXTRA_EXACT_RAYS = 24  # points measured exactly after the mesh has none that seems thinner
+MAX_EXACT_RAYS = 2000  # points measured exactly at most
+FACET_GAP_MM = 1e-4
 REACHES_MM = (2.0, 8.0, math.inf)  # walls are looked for so far, further where there is none
-BLOCK = 256  # rays
-START_MM = 1e-4  # a ray does not hit the surface that it leaves
+RAYS_PER_BLOCK = 256  # rays
+RAY_START_MM = 1e-4  # a ray does not hit the surface that it leaves
 # Rays x triangles held at once: what stays in the processor's cache, and little enough (times six,
 # 2^18) for OpenBLAS to work on one thread; several wait for each other on a busy machine.
-_PAIRS = 40_000
-_INSET = 0.02  # of a triangle: points beside its corners
+_PAIRS_PER_BLOCK = 40_000
+_CORNER_INSET = 0.02  # of a triangle: points beside its corners
 
 
 def first_hit(
-    origins_mm: Field, directions: Field, corners_mm: Field, start_mm: float = START_MM
+    origins_mm: Field, directions: Field, corners_mm: Field, start_mm: float = RAY_START_MM
 ) -> tuple[Field, NDArray[np.int64]]:
     """Where rays first meet triangles: distance (n,) in lengths of the ray, index of triangle (n,).
 
@@ -57,7 +57,7 @@ def first_hit(
     least_det = 1e-9 * np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
     distance = np.full(len(origins_mm), np.inf)
     index = np.full(len(origins_mm), -1, np.int64)
-    step = max(1, _PAIRS // max(1, len(a)))
+    step = max(1, _PAIRS_PER_BLOCK // max(1, len(a)))
     for low in range(0, len(origins_mm), step):
         o, d = origins_mm[low : low + step], directions[low : low + step]
         ray = np.concatenate([d, np.cross(o, d)], axis=1)
@@ -81,9 +81,16 @@ def samples(corners_mm: Field) -> tuple[Field, NDArray[np.int64]]:
     Every triangle has its centroid and a point beside each corner; large ones more, by area.
     """
     area = np.linalg.norm(np.cross(*np.moveaxis(_edges(corners_mm), 1, 0)), axis=1) / 2
-    spacing_mm = max(SPACING_MM, math.sqrt(area.sum() / MOST))
-    i = _INSET / 2
-    fixed = np.array([(1 / 3,) * 3, (1 - _INSET, i, i), (i, 1 - _INSET, i), (i, i, 1 - _INSET)])
+    spacing_mm = max(SAMPLE_SPACING_MM, math.sqrt(area.sum() / MAX_AREA_SAMPLES))
+    i = _CORNER_INSET / 2
+    fixed = np.array(
+        [
+            (1 / 3,) * 3,
+            (1 - _CORNER_INSET, i, i),
+            (i, 1 - _CORNER_INSET, i),
+            (i, i, 1 - _CORNER_INSET),
+        ]
+    )
     extra = np.ceil(area / spacing_mm**2).astype(np.int64) * (area > spacing_mm**2)
     owner = np.concatenate(
         [np.repeat(np.arange(len(area)), 4), np.repeat(np.arange(len(area)), extra)]
@@ -141,7 +148,7 @@ class Walls:
         hit = np.full(len(inward), -1, np.int64)
         # Rays of neighbouring triangles meet few triangles within reach.
         order = np.argsort(self._triangle, kind="stable")
-        for block in np.array_split(order, math.ceil(len(order) / BLOCK)):
+        for block in np.array_split(order, math.ceil(len(order) / RAYS_PER_BLOCK)):
             start, direction = self.points_mm[block], inward[block]
             ends = np.concatenate([start, start + direction * min(reach_mm, 1e4)])
             overlap = (low <= ends.max(axis=0)) & (high >= ends.min(axis=0))
@@ -159,14 +166,14 @@ class Walls:
         order = np.argsort(screened, kind="stable")
         best: Wall | None = None
         rejected = 0
-        for i in order[:TRIED].tolist():
-            if not math.isfinite(screened[i]) or rejected >= REFINED:
+        for i in order[:MAX_EXACT_RAYS].tolist():
+            if not math.isfinite(screened[i]) or rejected >= EXTRA_EXACT_RAYS:
                 break
             wall = self._exact.thickness(self.points_mm[i], int(self._face[i]))
             if wall is not None and (best is None or wall[0] < best[0]):
                 best = wall
             # Facets and surfaces differ: a few that seem no thinner are measured, too.
-            if best is not None and screened[i] > best[0] - NEAR_MM:
+            if best is not None and screened[i] > best[0] - FACET_GAP_MM:
                 rejected += 1
         return best
 
@@ -217,7 +224,7 @@ class ExactRays:
 
         rays = self._rays
         line = gp_Lin(gp_Pnt(*origin_mm.tolist()), gp_Dir(*direction.tolist()))
-        rays.Perform(line, START_MM, 1e4)
+        rays.Perform(line, RAY_START_MM, 1e4)
         hits = [(rays.WParameter(k), k) for k in range(1, rays.NbPnt() + 1)]
         if not hits:
             return math.inf, None

@@ -13,7 +13,7 @@ from deltact_fab.sensor import INDENTER_KINDS, parse_indenter
 from . import parts
 from .design import IndenterList, load_indenters
 from .dimensions import Design
-from .part import GROUPS, Part
+from .part import PART_GROUPS, Part
 from .parts.indenter import part as indenter_part
 
 
@@ -25,7 +25,7 @@ def design_parts(design: Design | None = None) -> list[Part]:
     by_name: dict[str, Part] = collect_entries(parts.__name__, "PARTS")
     return sorted(
         (part for part in by_name.values() if design is None or part.places(design)),
-        key=lambda p: (GROUPS.index(p.group), -p.explode_mm, p.number, p.name),
+        key=lambda p: (PART_GROUPS.index(p.group), -p.explode_mm, p.number, p.name),
     )
 
 
@@ -54,7 +54,7 @@ def find_part(name: str, indenters: IndenterList | None = None) -> Part:
     if name in listed.shape:
         return indenter_part(listed.shape[name].indenter(name), listed.body)
     if name.partition(":")[0] not in INDENTER_KINDS:
-        names = [*by_name, *GROUPS, *INDENTER_KINDS, *listed.shape]
+        names = [*by_name, *PART_GROUPS, *INDENTER_KINDS, *listed.shape]
         raise InputError(f"part {name!r}: unknown; {did_you_mean(name, names)}")
     part = indenter_part(parse_indenter(name), listed.body)
     return by_name.get(part.name, part)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 from deltact_fab.common import Check, graded
 
-SLACK = 1e-9  # sums of decimal fractions
-SHOWN = 4  # one line has room for no more
+RULE_SLACK = 1e-9  # sums of decimal fractions
+MAX_SHOWN_RULES = 4  # one line has room for no more
 
 
 def below(
@@ -23,7 +23,7 @@ def below(
 
     id: unique among the rules of its part. rests_on: keys of unverified values that it uses.
     """
-    status = graded(a < b - SLACK)
+    status = graded(a < b - RULE_SLACK)
     return Check(id, f"{name} < {limit_name}", "", a, b, status, rests_on, sign="<", margin=b - a)
 
 
@@ -31,7 +31,7 @@ def at_most(
     id: str, name: str, a: float, limit_name: str, b: float, rests_on: tuple[str, ...] = ()
 ) -> Check:
     """The check that a is no more than b, to rounding; else as `below`."""
-    status = graded(a <= b + SLACK)
+    status = graded(a <= b + RULE_SLACK)
     return Check(id, f"{name} <= {limit_name}", "", a, b, status, rests_on, sign="<=", margin=b - a)
 
 
@@ -42,8 +42,8 @@ def statement(rule: Check) -> str:
 
 def first_of(texts: Sequence[str], between: str) -> str:
     """The first SHOWN texts, and how many more there are."""
-    rest = len(texts) - SHOWN
-    return between.join([*texts[:SHOWN], *([f"and {rest} more"] if rest > 0 else [])])
+    rest = len(texts) - MAX_SHOWN_RULES
+    return between.join([*texts[:MAX_SHOWN_RULES], *([f"and {rest} more"] if rest > 0 else [])])
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class PlayFit:
             self.id, "fit at its limits", self.parts,
             f"{self.name}: {round(low, 3) + 0.0:.3f} to {high:.3f} mm",
             f">= {self.least_mm:g} mm",
-            graded(low >= self.least_mm - SLACK),
+            graded(low >= self.least_mm - RULE_SLACK),
             tuple(dict.fromkeys(key for length in lengths for key in length.rests_on)),
             margin=low - self.least_mm,
         )  # fmt: skip

@@ -12,7 +12,7 @@ from deltact_fab.sensor import Bounded, bounded_number
 from .standards import (
     CAP_SCREWS,
     CHEESE_SCREWS,
-    THREADS,
+    METRIC_THREADS,
     CapScrew,
     CapThread,
     CheeseScrew,
@@ -326,7 +326,7 @@ class MountDimensions(Bounded):
     @property
     def thread(self) -> MetricThread:
         """The screws' row in the table of standards."""
-        return THREADS[self.screw]
+        return METRIC_THREADS[self.screw]
 
     @property
     def hole_mm(self) -> float:

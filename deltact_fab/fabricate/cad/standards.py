@@ -77,7 +77,7 @@ class MetricThread:
     washer_mm: float
 
 
-THREADS: dict[Thread, MetricThread] = {
+METRIC_THREADS: dict[Thread, MetricThread] = {
     "M2": MetricThread(2.0, 2.4, 0.4, 5.0),
     "M2.5": MetricThread(2.5, 2.9, 0.45, 6.0),
     "M3": MetricThread(3.0, 3.4, 0.5, 7.0),
@@ -94,7 +94,7 @@ def screw_tolerance_mm(length_mm: float) -> float:
 
 
 # Resistors as they are sold: IEC 60063, the 5 % series.
-E24 = (
+E24_STEPS = (
     10, 11, 12, 13, 15, 16, 18, 20, 22, 24, 27, 30, 33, 36, 39, 43, 47, 51, 56, 62, 68, 75, 82, 91,
     100,
 )  # fmt: skip
@@ -106,5 +106,5 @@ def next_e24(ohm: float) -> float:
         return 0.0
     power = math.floor(math.log10(ohm)) - 1
     # A quotient of whole numbers prints as 9.1, a product with 0.1 as 9.100000000000001.
-    sold = [step * 10**power if power >= 0 else step / 10**-power for step in E24]
+    sold = [step * 10**power if power >= 0 else step / 10**-power for step in E24_STEPS]
     return float(next((r for r in sold if r >= ohm * (1 - 1e-9)), sold[-1]))

@@ -31,13 +31,13 @@ if TYPE_CHECKING:
 
     from .dimensions import Design
 
-TERMS = 14
+RITZ_TERMS = 14
 """Polynomials in each direction: the default deflection is within 0.2 % of that with 24."""
 BULK_MPA = 1000.0  # of silicone, about: what bounds a very thin bead
 DRY_MM = 0.02  # a ledge without a bead counts as one of this thickness
 LET_GO_N_MM = 1e-4  # at a point where the plate lifts off; keeps a press beyond all ledges finite
-SECOND = (2, 0), (0, 2), (1, 1)  # derivatives in x and y: of moments and strain energy
-ROUNDS, SETTLED_N = 200, 1e-4  # of 1 N: what may still pull, or push where it was let go
+SECOND_ORDERS = (2, 0), (0, 2), (1, 1)  # derivatives in x and y: of moments and strain energy
+REST_ROUNDS, SETTLED_N = 200, 1e-4  # of 1 N: what may still pull, or push where it was let go
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def bend(
     spread_mm: float,
     at_mm: Point2 = (0.0, 0.0),
     ring_mm: Point2 = (0.0, 0.0),
-    terms: int = TERMS,
+    terms: int = RITZ_TERMS,
 ) -> Bending:
     """Bending by 1 N on a disc of diameter spread_mm about at_mm.
 
@@ -152,7 +152,7 @@ def bend(
         return Bending(0.0, 0.0, 0.0)
     x, y, share = x[on], y[on], (r * area)[on] / (np.pi * spread_mm**2 / 4)
     weights = _find_rest(plate, terms, plate.products(x, y, terms) @ share)
-    xx, yy, xy = (weights @ plate.products(x, y, terms, *orders) for orders in SECOND)
+    xx, yy, xy = (weights @ plate.products(x, y, terms, *orders) for orders in SECOND_ORDERS)
     nu, d = plate.poisson, plate.rigidity_nmm
     mx, my, mxy = d * (xx + nu * yy), d * (yy + nu * xx), d * (1 - nu) * xy
     moment = np.abs(mx + my) / 2 + np.hypot((mx - my) / 2, mxy)
@@ -179,7 +179,7 @@ def _find_rest(plate: PlateShape, terms: int, load: Field) -> Field:
         return float((weights @ bare @ weights + bead) / 2 - load @ weights)
 
     weights, pushing = np.zeros(len(load)), springs
-    for _ in range(ROUNDS):
+    for _ in range(REST_ROUNDS):
         full = np.linalg.solve(bare + (places * pushing) @ places.T, load).astype(np.float64)
         wrong_n = np.abs(np.subtract(pushing, active_springs(full)) * (full @ places)).sum()
         if wrong_n <= SETTLED_N:
@@ -189,7 +189,7 @@ def _find_rest(plate: PlateShape, terms: int, load: Field) -> Field:
             step = step / 2
         weights = weights + step
         pushing = active_springs(weights)
-    raise SolverError(f"the plate finds no rest on its bead within {ROUNDS} rounds")
+    raise SolverError(f"the plate finds no rest on its bead within {REST_ROUNDS} rounds")
 
 
 @lru_cache(maxsize=8)
@@ -203,7 +203,7 @@ def _plate_system(plate: PlateShape, terms: int) -> tuple[Field, Field, Field]:
     bare, nu, within = np.zeros((terms**2, terms**2)), plate.poisson, (nx - w, w - nx)
     for piece in (((-w, w), (ny - h, h - ny)), (within, (-h, ny - h)), (within, (h - ny, h))):
         x, y, mm2 = _rectangle(*piece, terms, terms)
-        xx, yy, xy = (plate.products(x, y, terms, *orders) for orders in SECOND)
+        xx, yy, xy = (plate.products(x, y, terms, *orders) for orders in SECOND_ORDERS)
         bare += (xx * mm2) @ (xx + nu * yy).T + (yy * mm2) @ (yy + nu * xx).T
         bare += 2 * (1 - nu) * (xy * mm2) @ xy.T
     places, springs = [], []

@@ -20,9 +20,9 @@ from deltact_fab.common import MM_PER_INCH
 from deltact_fab.paths import asset
 
 POINTS_PER_MM = 72 / MM_PER_INCH
-PATH = asset("deltact-sans.ttf")
+FONT_PATH = asset("deltact-sans.ttf")
 # Six letters mark a subset (ISO 32000-1, 9.6.4).
-NAME = "DELTAC+DeltactSans"
+FONT_NAME = "DELTAC+DeltactSans"
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def _ids(text: str) -> list[int]:
 def _font() -> _Font:
     from fontTools.ttLib import TTFont
 
-    with TTFont(PATH, lazy=True) as file:
+    with TTFont(FONT_PATH, lazy=True) as file:
         em = file["head"].unitsPerEm
         order = file.getGlyphOrder()
         number = {name: i for i, name in enumerate(order)}
@@ -84,23 +84,23 @@ def _embed(add: Callable[[bytes], int], stream: Callable[[str, bytes], int]) -> 
     add: an object's body; stream: the beginning of a dictionary, and data to be deflated.
     """
     font = _font()
-    data = PATH.read_bytes()
+    data = FONT_PATH.read_bytes()
     file = stream(f"<< /Length1 {len(data)}", data)
     box = " ".join(str(v) for v in font.box)
     descriptor = add(
-        f"<< /Type /FontDescriptor /FontName /{NAME} /Flags 32 /FontBBox [{box}] /ItalicAngle 0 "
+        f"<< /Type /FontDescriptor /FontName /{FONT_NAME} /Flags 32 /FontBBox [{box}] /ItalicAngle 0 "
         f"/Ascent {font.ascent} /Descent {font.descent} /CapHeight {font.capital} /StemV 80 "
         f"/FontFile2 {file} 0 R >>".encode()
     )
     widths = " ".join(str(v) for v in font.advance)
     kind = add(
-        f"<< /Type /Font /Subtype /CIDFontType2 /BaseFont /{NAME} /CIDSystemInfo << /Registry "
+        f"<< /Type /Font /Subtype /CIDFontType2 /BaseFont /{FONT_NAME} /CIDSystemInfo << /Registry "
         f"(Adobe) /Ordering (Identity) /Supplement 0 >> /FontDescriptor {descriptor} 0 R "
         f"/W [0 [{widths}]] /CIDToGIDMap /Identity >>".encode()
     )
     unicode_map = stream("<<", _to_unicode(font).encode())
     return add(
-        f"<< /Type /Font /Subtype /Type0 /BaseFont /{NAME} /Encoding /Identity-H "
+        f"<< /Type /Font /Subtype /Type0 /BaseFont /{FONT_NAME} /Encoding /Identity-H "
         f"/DescendantFonts [{kind} 0 R] /ToUnicode {unicode_map} 0 R >>".encode()
     )
 

@@ -18,7 +18,7 @@ from deltact_fab.fabricate.cad.fabrication.quantities import gaps
 from deltact_fab.fabricate.cad.intent import Wish, find_design
 from deltact_fab.fabricate.cad.registry import list_parts, parts_of_group
 from deltact_fab.fabricate.cad.sensor_sections import LightDimensions
-from deltact_fab.fabricate.cad.standards import E24
+from deltact_fab.fabricate.cad.standards import E24_STEPS
 
 DEFAULT = Design()
 
@@ -78,7 +78,7 @@ def test_the_resistor_that_is_sold_never_gives_more(total_ma, supply_v, led_v):
     assert exact * (1 - 1e-6) <= sold <= exact * 1.16
     mantissa = sold / 10 ** len(str(int(sold))) * 100 if sold >= 1 else None
     if mantissa is not None:
-        assert min(abs(mantissa - step) for step in E24) < 1e-6
+        assert min(abs(mantissa - step) for step in E24_STEPS) < 1e-6
 
 
 def test_the_stock_note_goes_with_stock_screws():

@@ -13,8 +13,8 @@ from solids import box, made, mutated
 from deltact_fab.app.cli.old_keys import of_part
 from deltact_fab.common.checks import Check
 from deltact_fab.fabricate.cad import check, rays
-from deltact_fab.fabricate.cad.check import CHECKS, arithmetic, each_part, visibility
-from deltact_fab.fabricate.cad.check.built import MESH_MM, BuiltDesign
+from deltact_fab.fabricate.cad.check import SOLID_CHECKS, arithmetic, each_part, visibility
+from deltact_fab.fabricate.cad.check.built import CHECK_MESH_MM, BuiltDesign
 from deltact_fab.fabricate.cad.check.row import format_point, mark_unverified, shorten_key
 from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.fabricate.cad.features import features_of, rounds_near
@@ -27,7 +27,7 @@ D = load_design()
 
 
 def _walls(solid):
-    return rays.Walls(solid, mesh_solid(solid, MESH_MM, "test"))
+    return rays.Walls(solid, mesh_solid(solid, CHECK_MESH_MM, "test"))
 
 
 def _box(size, corner=(0, 0, 0)):
@@ -71,7 +71,7 @@ def test_rays_from_the_middle_of_a_sphere_go_its_radius_in_every_chunk(monkeypat
     way /= np.linalg.norm(way, axis=1, keepdims=True)
     far, _ = rays.first_hit(np.zeros((500, 3)), way, mesh.corners_mm)
     assert np.abs(far - 7.0).max() < 0.011
-    monkeypatch.setattr(rays, "_PAIRS", 7 * len(mesh.triangles))
+    monkeypatch.setattr(rays, "_PAIRS_PER_BLOCK", 7 * len(mesh.triangles))
     again, _ = rays.first_hit(np.zeros((500, 3)), way, mesh.corners_mm)
     assert np.allclose(again, far, rtol=1e-12)
 
@@ -166,7 +166,7 @@ def test_what_a_broken_inequality_leaves_undone_is_counted_in_one_line_without_t
     assert [row.subject for row in failed] == ["nano17-adapter", "testing-shell"]
     assert failed[0].remedy == "adapter.thickness_mm: 5 or more"
     (undone,) = (row for row in rows if row.status == "not run")
-    assert undone.value == f"{len(CHECKS)} were not run: inequalities fail, see above"
+    assert undone.value == f"{len(SOLID_CHECKS)} were not run: inequalities fail, see above"
 
 
 def test_what_is_no_solid_or_refused_by_the_gate_becomes_a_row(monkeypatch):

@@ -8,7 +8,7 @@ import pytest
 from solids import box, mutated, rod
 
 from deltact_fab.fabricate.cad import registry
-from deltact_fab.fabricate.cad.check import CHECKS, check_solids
+from deltact_fab.fabricate.cad.check import SOLID_CHECKS, check_solids
 from deltact_fab.fabricate.cad.check.built import BuiltDesign
 from deltact_fab.fabricate.cad.design import (
     IndenterBody,
@@ -52,7 +52,7 @@ class Sound:
         self.built = BuiltDesign(D, tuple(registry.list_parts(LIST)))
         watched = Watched(**{f.name: getattr(self.built, f.name) for f in fields(self.built)})
         self.rows, self.looked_at = {}, {}
-        for check in CHECKS:
+        for check in SOLID_CHECKS:
             watched.looked_at = set()
             self.rows[check] = check_solids(watched, checks=[check])
             self.looked_at[check] = watched.looked_at
@@ -63,7 +63,7 @@ class Sound:
         What does not look at it is not run again; drawings have mutants of their own.
         """
         built, rows = mutated(self.built, {name: solid}), []
-        for check in CHECKS:
+        for check in SOLID_CHECKS:
             if check == "drawings" or name not in self.looked_at[check]:
                 rows += self.rows[check]
             else:
@@ -82,7 +82,7 @@ def _fused(solid, more):
 
 
 def test_without_a_fault_nothing_fails(sound):
-    rows = [row for check in CHECKS for row in sound.rows[check]]
+    rows = [row for check in SOLID_CHECKS for row in sound.rows[check]]
     found = {(row.name, row.subject): row.value for row in rows}
     assert [row for row in rows if row.failed] == []
     assert len({row.id for row in rows}) == len(rows) > 30
@@ -208,7 +208,7 @@ def test_a_part_that_cannot_be_built_fails_its_rows_and_stops_nothing(sound):
 def test_a_press_as_deep_as_the_tips_are_long_is_refused(sound):
     deep = Design(plate=type(D.plate)(depth_mm=11.5))
     built = BuiltDesign(deep, sound.built.parts, sound.built.solids)
-    stack = [check for check in CHECKS if check == "bench-clear"]
+    stack = [check for check in SOLID_CHECKS if check == "bench-clear"]
     reach = next(row for row in check_solids(built, checks=stack) if row.name == "bench reach")
     assert reach.failed
     assert "plate.depth_mm" in reach.limit

@@ -20,10 +20,10 @@ from deltact_fab.fabricate.cad.dimensions import Design
 from deltact_fab.fabricate.cad.drafting.wiring import wiring
 from deltact_fab.fabricate.cad.export import export_parts, file_cache_key
 from deltact_fab.fabricate.cad.export.part_files import (
-    DRAWN,
+    DRAWING_FORMATS,
     EXPORT_FORMATS,
     ExportTask,
-    applicable_formats,
+    part_formats,
 )
 from deltact_fab.fabricate.cad.parts import skin_frame
 from deltact_fab.sensor.shapes.sensor import FrameDimensions
@@ -74,16 +74,16 @@ def test_the_wiring_goes_with_the_sensor_and_is_kept(tmp_path, store_of_its_own)
 
 
 def test_applicable_formats():
-    everything = tuple(kind for kind in EXPORT_FORMATS if kind not in DRAWN)
-    assert applicable_formats(registry.find_part("acrylic"), everything) == everything
-    assert applicable_formats(registry.find_part("mold"), everything) == (
+    everything = tuple(kind for kind in EXPORT_FORMATS if kind not in DRAWING_FORMATS)
+    assert part_formats(registry.find_part("acrylic"), everything) == everything
+    assert part_formats(registry.find_part("mold"), everything) == (
         "step",
         "stl",
         "3mf",
         "glb",
     )
-    assert applicable_formats(registry.find_part("screw"), everything) == ("step", "glb")
-    assert applicable_formats(registry.find_part("led-strip"), everything) == ("step", "glb")
+    assert part_formats(registry.find_part("screw"), everything) == ("step", "glb")
+    assert part_formats(registry.find_part("led-strip"), everything) == ("step", "glb")
 
 
 def test_a_format_that_applies_to_nothing_is_refused(tmp_path):
@@ -184,7 +184,7 @@ def test_a_part_that_fails_late_leaves_the_folder_as_it_was(tmp_path, monkeypatc
     def shifted(design):
         return skin_frame.build(design).translate((0.0, 0.0, 0.1))
 
-    parts = (dataclasses.replace(skin_frame.FRAME, build=shifted), *skin_frame.PARTS[1:])
+    parts = (dataclasses.replace(skin_frame.SKIN_FRAME, build=shifted), *skin_frame.PARTS[1:])
     monkeypatch.setattr(skin_frame, "PARTS", parts)
     export_parts(DESIGN, registry.select_parts(["skin"]), ["stl"], 0.1, tmp_path)
     yesterdays = _bytes(tmp_path)

@@ -24,7 +24,7 @@ from deltact_fab.fabricate.cad import registry
 from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.fabricate.cad.export import export_parts
 from deltact_fab.fabricate.cad.export.part_files import EXPORT_FORMATS
-from deltact_fab.fabricate.cad.part import BOUGHT
+from deltact_fab.fabricate.cad.part import BOUGHT_PROCESS
 
 pytestmark = pytest.mark.slow
 
@@ -228,7 +228,7 @@ def test_every_mesh_is_closed_for_trimesh_and_manifold(exported):
         assert mesh.volume == pytest.approx(entry["volume_mm3"], abs=slack_mm3), entry["file"]
         assert closed_mm3(vertices, triangles) == pytest.approx(mesh.volume, rel=1e-4)
         assert 0 <= entry["mesh_deviation_mm"] <= 0.01
-    printed = [part for part in registry.list_parts() if part.process != BOUGHT]
+    printed = [part for part in registry.list_parts() if part.process != BOUGHT_PROCESS]
     assert read == 2 * len(printed)
 
 

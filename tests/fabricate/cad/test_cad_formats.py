@@ -88,7 +88,7 @@ def test_3mf_says_a_strange_material_and_carries_no_date(parts):
 def test_glb_is_in_metres_with_y_up_and_has_linear_colours(parts):
     part, _, measured, mesh = parts["skin"]
     data = meshes.glb_bytes(
-        {"skin": (meshes.shaded_mesh(mesh, "skin", part.colour), meshes.ORIGIN)}
+        {"skin": (meshes.shaded_mesh(mesh, "skin", part.colour), meshes.AT_ORIGIN)}
     )
     scene = trimesh.load(io.BytesIO(data), file_type="glb")
     (x0, y0, z0), (x1, y1, z1) = (np.array(corner) / 1000 for corner in measured.box_mm)
@@ -103,12 +103,14 @@ def test_glb_is_in_metres_with_y_up_and_has_linear_colours(parts):
 
 def test_glb_assembly_names_and_places_every_copy(parts):
     alone = {
-        name: meshes.glb_bytes({name: (meshes.shaded_mesh(mesh, name, part.colour), meshes.ORIGIN)})
+        name: meshes.glb_bytes(
+            {name: (meshes.shaded_mesh(mesh, name, part.colour), meshes.AT_ORIGIN)}
+        )
         for name, (part, _, _, mesh) in parts.items()
     }
     plate, ball = (meshes.read_part(alone[name]) for name in ("acrylic", "indenter-sphere-10"))
     whole = meshes.glb_bytes(
-        {"acrylic": (plate, meshes.ORIGIN), "indenter-sphere-10": (ball, PLACES)}
+        {"acrylic": (plate, meshes.AT_ORIGIN), "indenter-sphere-10": (ball, PLACES)}
     )
     scene = trimesh.load(io.BytesIO(whole), file_type="glb")
     names = {"acrylic", "indenter-sphere-10-1", "indenter-sphere-10-2"}
@@ -249,7 +251,7 @@ def test_the_second_time_in_a_process_gives_the_same_bytes(parts):
         lambda: dxf.dxf_bytes(solid, "acrylic"),
         lambda: meshes.threemf_bytes(mesh, "acrylic", "PMMA", (1, 1, 1, 1)),
         lambda: meshes.glb_bytes(
-            {"a": (meshes.shaded_mesh(mesh, "a", (1, 1, 1, 1)), meshes.ORIGIN)}
+            {"a": (meshes.shaded_mesh(mesh, "a", (1, 1, 1, 1)), meshes.AT_ORIGIN)}
         ),
         lambda: meshes.stl_bytes(mesh, "acrylic"),
     ):

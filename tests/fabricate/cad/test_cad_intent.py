@@ -104,11 +104,11 @@ def test_words_of_a_check_are_no_key(monkeypatch):
     def renamed(design, wish):
         return (replace(check, name="?", value="?", sign="") for check in told(design, wish))
 
-    monkeypatch.setattr(intent, "failures", renamed)
+    monkeypatch.setattr(intent, "failed_checks", renamed)
     assert find_design(wish, BASE) == design
     monkeypatch.setattr(
         intent,
-        "failures",
+        "failed_checks",
         lambda design, wish: (
             replace(c, id="bends") if c.id == "plate-deflection" else c for c in told(design, wish)
         ),
@@ -126,7 +126,7 @@ def test_every_remedy_is_of_a_check_that_there_is():
     ids |= {check.id for check in arithmetic.platform(replace(BASE, resin_printer=small))}
     camera = load_camera("rpi-camera-3")
     ids |= {check.id for check in visibility.view(replace(BASE, camera=camera))}
-    assert set(intent.REMEDIES) - ids == {"light-cone"}  # `failures` gives that one itself
+    assert set(intent.CHECK_REMEDIES) - ids == {"light-cone"}  # made by `failed_checks`
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
-"""`cad check`: what the built solids are, held against what the sensor needs; one table.
+"""`cad check`: compare the built solids with the requirements of the sensor; one table.
 
-built.py makes solids and meshes, the other files hold one kind of check each.
+built.py makes solids and meshes, each other file holds one kind of check.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from . import arithmetic, each_part, together, visibility
 from .built import BuiltDesign, Facts, PartMissing
 from .row import add_remedies, mark_unverified
 
-CHECKS: dict[str, tuple[str, Callable[[BuiltDesign], Iterable[Check]]]] = {
+SOLID_CHECKS: dict[str, tuple[str, Callable[[BuiltDesign], Iterable[Check]]]] = {
     "drawings": ("drawings", each_part.drawings),
     "soundness": ("one valid closed solid", each_part.soundness),
     "envelope": ("envelope", together.envelope),
@@ -31,8 +31,8 @@ CHECKS: dict[str, tuple[str, Callable[[BuiltDesign], Iterable[Check]]]] = {
     "bench-clear": ("bench clear", together.bench),
     "height-fields": ("indenter height field", each_part.height_fields),
 }
-"""Each kind of check on solids: id and name of its row when it cannot be made."""
-ARITHMETIC = (arithmetic.inequalities, arithmetic.fits, arithmetic.light, visibility.view)
+"""Each kind of check on solids: id, and name of its row if it cannot run."""
+ARITHMETIC_CHECKS = (arithmetic.inequalities, arithmetic.fits, arithmetic.light, visibility.view)
 
 
 def check_design(
@@ -43,32 +43,32 @@ def check_design(
 ) -> list[Check]:
     """Check a design: inequalities first, then every part and the whole as built.
 
-    progress: called with (done, total, what) before each part that is built and each check.
-    indenters: cad/indenters.toml when None. cached: what earlier checks found on parts that are the
-    same is used, and what is found kept; when nothing is missing the CAD kernel is not imported.
+    progress: called with (count, total, step) before each part that is built and each check.
+    indenters: cad/indenters.toml if None. cached: reuse results of earlier checks on unchanged
+    parts and store new ones; when nothing is missing the CAD kernel is not imported.
 
-    What fails is a row, a broken inequality and a part that cannot be built among them; one more
-    row counts the checks that it leaves undone. Raises MissingLibrary without the CAD kernel, and
+    Every failure is a row, also a broken inequality and a part that cannot be built; one more
+    row counts the checks skipped because of it. Raises MissingLibrary without the CAD kernel, and
     InputError when the list of indenters is unusable.
     """
-    rows = [
-        r for checks in ARITHMETIC for r in mark_unverified(add_remedies(checks, design), design)
-    ]
+    rows: list[Check] = []
+    for checks in ARITHMETIC_CHECKS:
+        rows += mark_unverified(add_remedies(checks, design), design)
     if any(row.failed for row in rows if row.name == "inequalities"):
-        return [*rows, not_run(len(CHECKS), "inequalities fail, see above")]
+        return [*rows, not_run(len(SOLID_CHECKS), "inequalities fail, see above")]
     rows += mark_unverified(arithmetic.platform(design), design)
     started = 0
 
-    def tell(step: str) -> None:
+    def report(step: str) -> None:
         nonlocal started
         if progress is not None:
             progress(started, total, step)
         started += 1
 
     facts = Facts() if cached else None
-    model = BuiltDesign(design, tuple(list_parts(indenters, design)), facts=facts, tell=tell)
-    total = len(model.parts) + len(CHECKS)
-    rows += check_solids(model, tell)
+    model = BuiltDesign(design, tuple(list_parts(indenters, design)), facts=facts, report=report)
+    total = len(model.parts) + len(SOLID_CHECKS)
+    rows += check_solids(model, report)
     if facts is not None:
         facts.save()
     if progress is not None:
@@ -78,19 +78,19 @@ def check_design(
 
 def check_solids(
     model: BuiltDesign,
-    tell: Callable[[str], None] | None = None,
-    checks: Iterable[str] = CHECKS,
+    report: Callable[[str], None] | None = None,
+    checks: Iterable[str] = SOLID_CHECKS,
 ) -> list[Check]:
-    """The checks on what is built; one row counts those that lack a part which cannot be built.
+    """Run the checks on solids; one row counts those skipped for a part that cannot be built.
 
-    Any other check that cannot be made is a failing row.
+    Any other check that cannot run is a failing row.
     """
     rows: list[Check] = []
     undone = []
     for id in checks:
-        name, check = CHECKS[id]
-        if tell is not None:
-            tell(name)
+        name, check = SOLID_CHECKS[id]
+        if report is not None:
+            report(name)
         try:
             with guarded(name):
                 rows += mark_unverified(check(model), model.design)
@@ -104,6 +104,6 @@ def check_solids(
 
 
 def not_run(count: int, reason: str) -> Check:
-    """The row of what a failure, which has its own row, left undone."""
+    """Return the row that counts checks skipped because of a failure with its own row."""
     value = f"{count} were not run: {reason}"
     return Check("solids", "checks on solids", "assembly", value, "all of them", "not run")

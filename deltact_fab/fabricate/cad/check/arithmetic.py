@@ -1,6 +1,6 @@
-"""What arithmetic on the dimensions tells, without a solid and so however much else fails.
+"""Checks by arithmetic on the dimensions, without solids, so that they run whatever else fails.
 
-Inequalities, fits at the limits of what made the parts, the light, the plate under a press.
+Inequalities, fits at the machines' tolerances, the light, the plate under a press.
 """
 
 from __future__ import annotations
@@ -16,29 +16,30 @@ from deltact_fab.common import Check, graded
 
 from ..dimensions import Design
 from ..feasibility import rules as all_rules
-from ..part import PRINT
+from ..part import PRINT_PROCESS
 from ..parts.light_holder import led_turns, plate_bending_room
 from ..registry import design_parts
 from ..rule import first_of, statement
 from ..stiffness import bend, plate_of, press_plate
 from .row import margin_check
 
-LEAST_MA = 1.0  # a camera makes up for half of the paper's circuit, 2.1 mA at its least: one stop
-HEAT_SHARE = 0.5  # half of its rating keeps a resistor cool enough to touch
-EVEN_LIGHT_SHARE = 0.6  # least over mean, as EN 12464-1 has it for a place of reading
-RESTS_ON = ("supply_tolerance", "strip_resistor_ohm", "led_v", "led_spread_v")
-GEL = "plate.spread_mm"
-SOFT = (GEL, "plate.youngs_modulus_mpa", "plate.bead_modulus_mpa")
+MIN_LED_MA = 1.0  # by hand: one stop below the paper's circuit (2.1 mA); less is underexposed
+HEAT_SHARE = 0.5  # by hand, of a resistor's rating: more is too hot to touch
+EVEN_LIGHT_SHARE = 0.6  # minimum over mean (EN 12464-1, reading)
+CIRCUIT_KEYS = ("supply_tolerance", "strip_resistor_ohm", "led_v", "led_spread_v")
+GEL_SPREAD_KEY = "plate.spread_mm"
+PLATE_KEYS = (GEL_SPREAD_KEY, "plate.youngs_modulus_mpa", "plate.bead_modulus_mpa")
 
 
 def inequalities(design: Design) -> Iterator[Check]:
-    """A part's rules: how many hold, and the tightest one; or those that fail."""
+    """Check each part's rules: number met and tightest margin, or those that fail."""
     groups: dict[str, list[Check]] = {}
     for rule in all_rules(design):
         groups.setdefault(rule.subject, []).append(rule)
     for part, rules in groups.items():
         broken = [statement(rule) for rule in rules if rule.failed]
-        value = f"{len(rules)} of {len(rules)} hold, closest: {statement(min(rules, key=_margin_share))}"
+        tightest = statement(min(rules, key=_margin_share))
+        value = f"{len(rules)} of {len(rules)} hold, closest: {tightest}"
         if broken:
             value = f"{len(broken)} of {len(rules)} fail: {first_of(broken, '; ')}"
         keys = tuple(dict.fromkeys(key for rule in rules for key in rule.basis))
@@ -48,69 +49,64 @@ def inequalities(design: Design) -> Iterator[Check]:
 
 
 def _margin_share(rule: Check) -> float:
-    """What is left between both sides, as a share of the larger one."""
+    """Return the margin between both sides as a share of the larger one."""
     value, limit = float(rule.value), float(rule.limit)
     return (limit - value) / max(abs(value), abs(limit), 1e-9)
 
 
 def fits(design: Design) -> Iterator[Check]:
-    """Each mating pair: least and most play, every length at its worst."""
+    """Check each mating pair: minimum and maximum play at worst-case lengths."""
     for part in design_parts(design):
         for fit in part.fits(design):
             yield replace(fit.check(), id=f"{part.name}.{fit.id}")
 
 
 def platform(design: Design) -> Iterator[Check]:
-    """The printed part that leaves least room, as it lies or turned by a right angle in plan."""
+    """Check the printed part with the least margin on the platform, straight or turned by 90°."""
     printer = design.resin_printer
     room = [*sorted((printer.bed_x_mm, printer.bed_y_mm), reverse=True), printer.bed_z_mm]
     sides = {}
     for part in design_parts(design):
-        if part.process == PRINT:
+        if part.process == PRINT_PROCESS:
             low, high = part.box(part.source(design))
             x, y, z = part.lies.size_mm(low, high)
             sides[part.name] = [max(x, y), min(x, y), z]
-    margins_mm = {
+    margins = {
         name: min(r - s for r, s in zip(room, size, strict=True)) for name, size in sides.items()
     }
     keys = tuple(f"resin_printer.bed_{axis}_mm" for axis in "xyz")
-    limit = f"<= {_format_sides(room)} mm (resin_printer.bed_x_mm, bed_y_mm, bed_z_mm)"
-    tight = [name for name in margins_mm if margins_mm[name] < 0] or [
-        min(margins_mm, key=lambda name: margins_mm[name])
-    ]
+    limit = f"<= {_size_text(room)} (resin_printer.bed_x_mm, bed_y_mm, bed_z_mm)"
+    tight = [n for n in margins if margins[n] < 0] or [min(margins, key=margins.__getitem__)]
     for name in tight:
-        status, id = graded(margins_mm[name] >= 0), f"fits-printer.{name}"
-        yield Check(
-            id, "fits the printer", name, f"{_format_sides(sides[name])} mm", limit, status, keys
-        )
+        status, id = graded(margins[name] >= 0), f"fits-printer.{name}"
+        yield Check(id, "fits the printer", name, _size_text(sides[name]), limit, status, keys)
 
 
-def _format_sides(sides_mm: list[float]) -> str:
-    return " x ".join(f"{side:.4g}" for side in sides_mm)
+def _size_text(sides_mm: list[float]) -> str:
+    return " x ".join(f"{side:.4g}" for side in sides_mm) + " mm"
 
 
 def light(design: Design) -> Iterator[Check]:
-    """Most and least of what the supply gives, and the evenness.
+    """Check maximum and minimum LED current, dissipation, supply and uniformity.
 
-    LEDs in parallel are taken to share evenly; one LED's share may differ.
+    LEDs in parallel are assumed to share the current evenly.
     """
     light = design.light
-    circuit = (
-        f"{light.resistor_ohm:g} ohm, {light.supply_v:g} V ± {100 * light.supply_tolerance:g} %"
-    )
+    supply = f"{light.supply_v:g} V ± {100 * light.supply_tolerance:g} %"
+    circuit = f"{light.resistor_ohm:g} ohm, {supply}"
     for id, name, value, limit, margin, rating in (
         ("led-current", "LED current", f"{light.chip_most_ma:.2f} mA a chip",
          f"<= {light.led_limit_ma:g} mA a chip",
          light.led_limit_ma - light.chip_most_ma, "led_limit_ma"),
         ("led-current-least", "LED current, least", f"{light.least_ma:.2f} mA for all LEDs",
-         f">= {LEAST_MA:g} mA", light.least_ma - LEAST_MA, "led_v"),
+         f">= {MIN_LED_MA:g} mA", light.least_ma - MIN_LED_MA, "led_v"),
         ("led-resistor", "LED resistor", f"{1000 * light.resistor_most_w:.1f} mW",
          f"<= {1000 * HEAT_SHARE * light.resistor_rating_w:g} mW, half of light.resistor_rating_w",
          HEAT_SHARE * light.resistor_rating_w - light.resistor_most_w, "resistor_rating_w"),
         ("led-supply", "LED supply", f"{light.most_ma:.2f} mA", f"<= {light.supply_rating_ma:g} mA",
          light.supply_rating_ma - light.most_ma, "supply_rating_ma"),
     ):  # fmt: skip
-        keys = tuple(f"light.{key}" for key in (*RESTS_ON, rating))
+        keys = tuple(f"light.{key}" for key in (*CIRCUIT_KEYS, rating))
         yield margin_check(id, name, "light-holder", f"{value}, {circuit}", limit, margin, keys)
     share = evenness(design)
     value = f"least {share:.2f} of the mean over the view, {light.led_count} LEDs "
@@ -124,11 +120,11 @@ def light(design: Design) -> Iterator[Check]:
 
 
 def evenness(design: Design) -> float:
-    """Least over mean illuminance of the face in view.
+    """Return minimum over mean illuminance of the face in view.
 
     Each LED counts as a Lambertian source in the ring's front, in the middle of the channel, that
-    looks at the face: h^2 / d^4. Refraction, walls and what the diffuser spreads along the ring
-    are left out: they make it more even.
+    looks at the face: h^2 / d^4. Not modelled: refraction, walls and the diffuser's spread along
+    the ring, all of which make it more uniform.
     """
     x, y = np.meshgrid(*(np.linspace(-side / 2, side / 2, 31) for side in design.optics.view_mm))
     light = illuminance(design, x, y)
@@ -138,7 +134,7 @@ def evenness(design: Design) -> float:
 def illuminance(
     design: Design, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64], dark: int | None = None
 ) -> NDArray[np.float64]:
-    """Illuminance at points of the face, as `evenness` has it; dark: an LED that gives none."""
+    """Illuminance at points of the face by the model of `evenness`; dark: index of a dead LED."""
     r = (design.strip_radius_mm + design.channel_inner_mm) / 2
     light = np.zeros_like(x_mm)
     for led, turn in enumerate(led_turns(design)):
@@ -149,10 +145,10 @@ def illuminance(
 
 
 def bending(design: Design) -> Iterator[Check]:
-    """The plate: its deflection, whether it rests on the light holder, the stress in it, the load.
+    """Check the plate: deflection, contact with the light holder, stress, loaded area.
 
-    The depth that a stage counts includes the plate's deflection; a light holder that bears a press
-    passes it on to the camera's board. The gel spreads no press beyond its own face.
+    The stage's depth includes the plate's deflection; a light holder that carries a press passes
+    it on to the camera's board. The gel spreads no press beyond its own face.
     """
     plate, force_n = design.plate, design.plate.force_n
     response = press_plate(design, force_n)
@@ -175,20 +171,21 @@ def bending(design: Design) -> Iterator[Check]:
     )
     limit = f"<= {limit_mm:.3g} mm (plate.deflection_share of plate.depth_mm)"
     passed = response.deflection_mm <= limit_mm
-    yield row("plate-deflection", "plate deflection", passed, text, limit, *SOFT)
+    yield row("plate-deflection", "plate deflection", passed, text, limit, *PLATE_KEYS)
     text = (
         f"bends {response.over_ring_mm:.3f} mm over the ring under {force_n:g} N, rests on it from "
         f"{rests_n:.0f} N"
     )
     limit, passed = f"<= {room_mm:.3g} mm, the least play (light.axial_fit_mm)", over_mm <= room_mm
-    yield row("plate-clear-of-light", "plate clear of the light", passed, text, limit, *SOFT)
+    yield row("plate-clear-of-light", "plate clear of the light", passed, text, limit, *PLATE_KEYS)
     most_mpa = plate.stress_limit_mpa
     text = (
         f"{response.stress_mpa:.1f} MPa under {force_n:g} N, the limit from "
         f"{force_n * most_mpa / response.stress_mpa:.0f} N"
     )
-    limit, passed = f"<= {most_mpa:g} MPa (plate.stress_limit_mpa)", response.stress_mpa <= most_mpa
-    yield row("plate-stress", "plate stress", passed, text, limit, GEL, "plate.stress_limit_mpa")
+    limit, keys = f"<= {most_mpa:g} MPa (plate.stress_limit_mpa)", ("plate.stress_limit_mpa",)
+    passed = response.stress_mpa <= most_mpa
+    yield row("plate-stress", "plate stress", passed, text, limit, GEL_SPREAD_KEY, *keys)
     text = f"{force_n:g} N spread on a disc of {plate.spread_mm:g} mm"
     limit = f"<= {face_mm:g} mm, the face's shorter side (plate.spread_mm)"
-    yield row("plate-load", "plate load", plate.spread_mm <= face_mm, text, limit, GEL)
+    yield row("plate-load", "plate load", plate.spread_mm <= face_mm, text, limit, GEL_SPREAD_KEY)

@@ -1,4 +1,4 @@
-"""What the camera sees: angles by Snell's law, focus by the thin lens, rays among the solids."""
+"""Checks of the camera's view: angles by Snell's law, thin-lens focus, rays among the solids."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from ..rays import first_hit
 from .built import BuiltDesign
 from .row import margin_check
 
-BORDER_RAYS = 96
-# There the first face of the acrylic alone reflects 39 % (Fresnel).
+BORDER_RAYS = 96  # by hand: fewer miss a small obstacle, more take longer
+# By hand: the first face of the acrylic alone reflects 39 % there (Fresnel).
 GRAZING_RAD = math.radians(80.0)
-LENS = ("camera.focal_length_mm", "camera.lens_height_mm")
-PRESS_MM = 3.0
-BLUR_PX = 2.0  # the picture is sampled no finer
-CORNER_PX = 5.0  # a third of the 16 px of a dot of 0.6 mm: its middle is still found
+LENS_KEYS = ("camera.focal_length_mm", "camera.lens_height_mm")
+FOCUS_PRESS_MM = 3.0  # by hand, depth of a usual press: deeper asks for a smaller aperture
+BLUR_PX = 2.0  # by hand: Nyquist limit of the pixels; less would not be resolved
+CORNER_BLUR_PX = 5.0  # by hand: a third of the 16 px of a 0.6 mm dot, whose centre is still found
 
 
 def view(design: Design) -> Iterator[Check]:
-    """Angles that the crop sees and that enter the acrylic, the share of the face, the focus."""
+    """Check view angles against crop and acrylic, the visible share of the face, and focus."""
     optics, camera, skin = design.optics, design.camera, design.skin
     path = LayeredPath(optics.air_gap_mm, optics.acrylic_mm, skin.thickness_mm)
     view_x, view_y = optics.view_mm
@@ -38,7 +38,7 @@ def view(design: Design) -> Iterator[Check]:
     focal_mm = camera.focal_length_mm
     crop = f"at the {camera.crop_width_px} x {camera.crop_height_px} crop"
     grazing = "where a third is reflected"
-    # The picture of a corner lies on the diagonal: the side that it leaves first counts.
+    # The image of a corner lies on the diagonal: the crop's nearer side limits it.
     corner_mm = diagonal * min(crop_x / view_x, crop_y / view_y)
     for id, name, radius_mm, have, condition in (
         ("view-cone.x", "view cone, x", view_x / 2, camera.angle_rad(crop_x), crop),
@@ -51,14 +51,12 @@ def view(design: Design) -> Iterator[Check]:
         if math.isfinite(need):
             value = f"half angle {math.degrees(need):.1f} deg for {radius_mm:.2f} mm on the face"
         limit = f"<= {math.degrees(have):.1f} deg {condition}"
-        yield margin_check(id, name, "camera", value, limit, have - need, LENS)
+        yield margin_check(id, name, "camera", value, limit, have - need, LENS_KEYS)
     share = view_x * view_y / (skin.width_mm * skin.length_mm)
     value = f"{view_x:.1f} x {view_y:.1f} mm, {100 * share:.1f} % of the face"
-    least_share = optics.least_view_share
-    limit = f">= {100 * least_share:g} % (optics.least_view_share)"
-    yield margin_check(
-        "view-share", "view of the face", "camera, skin", value, limit, share - least_share
-    )
+    limit = f">= {100 * optics.least_view_share:g} % (optics.least_view_share)"
+    name, margin = "view of the face", share - optics.least_view_share
+    yield margin_check("view-share", name, "camera, skin", value, limit, margin)
     focus_mm = _object_mm(design, 0.0, 0.0)
     if camera.nearest_mm:
         value = f"the middle of the face is at {focus_mm:.1f} mm"
@@ -68,8 +66,8 @@ def view(design: Design) -> Iterator[Check]:
     scale = focal_mm**2 / camera.f_number * focus_mm / (focus_mm - focal_mm)
     scale *= 1000 / (camera.pixel_um * camera.binning)
     for id, place, radius_mm, depth_mm, most_px in (
-        ("focus.corner", "corner of the view", diagonal / 2, 0.0, CORNER_PX),
-        ("focus.pressed", f"middle, {PRESS_MM:g} mm deep", 0.0, PRESS_MM, BLUR_PX),
+        ("focus.corner", "corner of the view", diagonal / 2, 0.0, CORNER_BLUR_PX),
+        ("focus.pressed", f"middle, {FOCUS_PRESS_MM:g} mm deep", 0.0, FOCUS_PRESS_MM, BLUR_PX),
     ):
         object_mm = _object_mm(design, radius_mm, depth_mm)
         blur_px = scale * abs(1 / object_mm - 1 / focus_mm)
@@ -77,14 +75,14 @@ def view(design: Design) -> Iterator[Check]:
             f"circle of confusion {blur_px:.2f} px at {object_mm:.1f} mm, focused on the middle of "
             f"the face at {focus_mm:.1f} mm, f/{camera.f_number:g}"
         )
-        limit, keys = f"<= {most_px:g} px", ("camera.f_number", *LENS)
+        limit, keys = f"<= {most_px:g} px", ("camera.f_number", *LENS_KEYS)
         yield margin_check(id, f"focus, {place}", "camera", value, limit, most_px - blur_px, keys)
 
 
 def _object_mm(design: Design, radius_mm: float, depth_mm: float) -> float:
-    """Distance along the ray at which the lens sees a point of the face, each medium by its index.
+    """Optical object distance of a point of the face, each medium divided by its index.
 
-    A fisheye maps directions: it is taken to be sharp on a sphere about its pupil, a rectilinear
+    A fisheye maps directions: it is assumed to focus on a sphere about its pupil, a rectilinear
     lens on a plane across its axis.
     """
     optics, gel_mm = design.optics, design.skin.thickness_mm - depth_mm
@@ -96,7 +94,7 @@ def _object_mm(design: Design, radius_mm: float, depth_mm: float) -> float:
 
 
 def light_cone(model: BuiltDesign) -> Iterator[Check]:
-    """Rays from the lens to the border of the view, as far off the middle as it may stand."""
+    """Trace rays to the border of the view, with the lens at its largest offset."""
     design = model.design
     # Air, acrylic and gel along the axis, from the solids.
     lens, acrylic, skin = model.box("camera")[1][2], model.box("acrylic"), model.box("skin")
@@ -144,7 +142,7 @@ def light_cone(model: BuiltDesign) -> Iterator[Check]:
 
 
 def _border_mm(view_x: float, view_y: float) -> NDArray[np.float64]:
-    """Points (BORDER_RAYS, 2) round the border of the view, its corners among them."""
+    """Return points (BORDER_RAYS, 2) along the border of the view, corners included."""
     t = np.arange(BORDER_RAYS // 4) / (BORDER_RAYS // 4) * 2 - 1
     ones = np.ones_like(t)
     sides = [(t, -ones), (ones, t), (-t, ones), (-ones, -t)]

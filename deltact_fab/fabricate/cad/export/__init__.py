@@ -33,29 +33,29 @@ from ..part import Part
 from ..registry import parts_of_group
 from . import meshes
 from .part_files import (
-    ASSEMBLY,
-    DRAWN,
+    ASSEMBLY_NAME,
+    DRAWING_FORMATS,
     EXPORT_FORMATS,
-    MESHED,
+    MESH_FORMATS,
     ExportTask,
     FileData,
     PartFile,
-    applicable_formats,
     assembly_file,
     checked_formats,
     make,
+    part_formats,
 )
 
-MANIFEST = "manifest.json"
+MANIFEST_FILE = "manifest.json"
 TOLERANCE_MM = (0.001, 1.0)
 MAX_JOBS = 4
 # Files of so many parts are worth sharing: a worker first loads the kernel, 4 s and 500 MB.
-SHARED_FROM = 12
-STORE = Store("cad", limit_bytes=512 * 2**20)
+MIN_SHARED_TASKS = 12
+EXPORT_STORE = Store("cad", limit_bytes=512 * 2**20)
 # What a drawing says beside its part: limits of its machine, the title block.
 BESIDE_DRAWINGS = ("drawing", "resin_printer", "laser", "optics")
 # About ten designs at 0.01 mm; the longest unused go first.
-DIGITS = 6  # of lengths and volumes in the manifest
+MANIFEST_DIGITS = 6  # of lengths and volumes in the manifest
 
 
 def export_parts(
@@ -95,7 +95,7 @@ def export_parts(
         raise InputError(f"jobs {jobs}: expected 1 or more")
     by_name = {part.name: part for part in parts if part.indenter or part.places(design)}
     tasks = [
-        ExportTask((part,), applicable_formats(part, kinds), design, tolerance_mm)
+        ExportTask((part,), part_formats(part, kinds), design, tolerance_mm)
         for part in by_name.values()
     ]
     if not any(task.formats for task in tasks):
@@ -106,7 +106,9 @@ def export_parts(
     whole_sensor = [part.name for part in parts_of_group("sensor", design)]
     complete = set(whole_sensor) <= set(by_name)
     sensor = tuple(by_name[name] for name in whole_sensor) if complete else ()
-    if sensor and (sensor_kinds := tuple(kind for kind in kinds if kind in ("step", *DRAWN))):
+    if sensor and (
+        sensor_kinds := tuple(kind for kind in kinds if kind in ("step", *DRAWING_FORMATS))
+    ):
         tasks.insert(0, ExportTask(sensor, sensor_kinds, design, tolerance_mm))
     check_writable(out_dir, folder=True)
     tell = progress or (lambda count, total, step: None)
@@ -115,12 +117,12 @@ def export_parts(
         results.append(_assembly_glb(sensor, design, results))
     # In an order of their own: that of asking or making does not count.
     results.sort(
-        key=lambda m: (m[0].part != ASSEMBLY, m[0].part, EXPORT_FORMATS.index(_kind(m[0])))
+        key=lambda m: (m[0].part != ASSEMBLY_NAME, m[0].part, EXPORT_FORMATS.index(_kind(m[0])))
     )
     files = [_round_figures(entry) for entry, _ in results]
     contents = {out_dir / entry.file: data for entry, data in results}
     manifest = json.dumps({"files": [asdict(entry) for entry in files]}, indent=2) + "\n"
-    contents[out_dir / MANIFEST] = manifest.encode()
+    contents[out_dir / MANIFEST_FILE] = manifest.encode()
     make_folder(out_dir)
     write_files(contents, _unchanged_files(out_dir) - {*contents}, RunFailed)
     tell(len(tasks), len(tasks), "done")
@@ -131,7 +133,7 @@ def _unchanged_files(folder: Path) -> set[Path]:
     """What an export wrote there and nobody changed: no folder holds parts of two designs."""
     unchanged = set()
     with suppress(OSError, ValueError, KeyError, TypeError):  # no manifest, or not one of ours
-        for entry in json.loads((folder / MANIFEST).read_text())["files"]:
+        for entry in json.loads((folder / MANIFEST_FILE).read_text())["files"]:
             path = folder / Path(entry["file"]).name
             if path.is_file() and sha256(path.read_bytes()).hexdigest() == entry["sha256"]:
                 unchanged.add(path)
@@ -146,7 +148,7 @@ def _make_files(
     missing: list[ExportTask] = []
     for task in tasks:
         stored: dict[str, FileData | None] = {
-            kind: STORE.read(file_cache_key(task, kind)) if cached else None
+            kind: EXPORT_STORE.read(file_cache_key(task, kind)) if cached else None
             for kind in task.formats
         }
         cached_files += [file for file in stored.values() if file is not None]
@@ -157,10 +159,10 @@ def _make_files(
 
     def store_files(index: int, files: list[FileData]) -> None:
         for result in files if cached else ():
-            STORE.write(file_cache_key(missing[index], _kind(result[0])), result)
+            EXPORT_STORE.write(file_cache_key(missing[index], _kind(result[0])), result)
 
     # Several processes where the work is worth it.
-    shared = min(count_workers(), MAX_JOBS) if len(missing) >= SHARED_FROM else 1
+    shared = min(count_workers(), MAX_JOBS) if len(missing) >= MIN_SHARED_TASKS else 1
     results = run_each(
         make, missing, [task.name for task in missing], None,
         lambda count, _, step: tell(from_cache + count, len(tasks), step),
@@ -173,7 +175,7 @@ def file_cache_key(task: ExportTask, kind: str) -> dict[str, Any]:
     """Everything that a file is made from: its key in the cache."""
     design, alone = task.design, len(task.parts) == 1
     context: Any = None if alone else [part.places(design) for part in task.parts]
-    if kind in DRAWN:
+    if kind in DRAWING_FORMATS:
         # The wiring is drawn of the whole design.
         sections = {name: getattr(design, name) for name in BESIDE_DRAWINGS}
         context = [sections, design.unverified()] if alone else design
@@ -182,7 +184,7 @@ def file_cache_key(task: ExportTask, kind: str) -> dict[str, Any]:
         parts=[part_key(part, design) for part in task.parts],
         beside=context,
         format=kind,
-        tolerance_mm=task.tolerance_mm if kind in MESHED else None,
+        tolerance_mm=task.tolerance_mm if kind in MESH_FORMATS else None,
     )
 
 
@@ -195,7 +197,7 @@ def _assembly_glb(sensor: Sequence[Part], design: Design, results: Sequence[File
         bodies[part.name] = meshes.read_part(data), places
         sizes.append((entry.volume_mm3, entry.bounding_box_mm, places))
         deviations_mm.append(entry.mesh_deviation_mm or 0.0)
-    return assembly_file(ASSEMBLY, "glb", meshes.glb_bytes(bodies), sizes, max(deviations_mm))
+    return assembly_file(ASSEMBLY_NAME, "glb", meshes.glb_bytes(bodies), sizes, max(deviations_mm))
 
 
 def _kind(entry: PartFile) -> str:
@@ -204,7 +206,9 @@ def _kind(entry: PartFile) -> str:
 
 def _round_figures(entry: PartFile) -> PartFile:
     """Without the digits that tell nothing."""
-    box_mm: Any = tuple(tuple(round(v, DIGITS) + 0.0 for v in c) for c in entry.bounding_box_mm)
-    volume_mm3, off_mm = round(entry.volume_mm3, DIGITS), entry.mesh_deviation_mm
-    off_mm = None if off_mm is None else round(off_mm, DIGITS)
+    box_mm: Any = tuple(
+        tuple(round(v, MANIFEST_DIGITS) + 0.0 for v in c) for c in entry.bounding_box_mm
+    )
+    volume_mm3, off_mm = round(entry.volume_mm3, MANIFEST_DIGITS), entry.mesh_deviation_mm
+    off_mm = None if off_mm is None else round(off_mm, MANIFEST_DIGITS)
     return replace(entry, volume_mm3=volume_mm3, bounding_box_mm=box_mm, mesh_deviation_mm=off_mm)

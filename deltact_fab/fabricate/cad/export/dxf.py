@@ -13,11 +13,11 @@ from typing import Any
 
 from deltact_fab.common import RunFailed
 
-LAYER = "CUT"
-_MILLIMETRES = 4
-_METRIC = 1
+CUT_LAYER = "CUT"
+_INSUNITS_MM = 4
+_MEASUREMENT_METRIC = 1
 _JOIN_MM = 1e-6
-_SAME = 1e-6
+_VOLUME_RTOL = 1e-6
 
 
 def dxf_bytes(solid: Any, name: str, outwards_mm: float = 0.0) -> bytes:
@@ -31,7 +31,7 @@ def dxf_bytes(solid: Any, name: str, outwards_mm: float = 0.0) -> bytes:
 
     face, thickness_mm = _plate(solid, name)
     held_mm3 = face.Area() * thickness_mm
-    if not math.isclose(held_mm3, solid.Volume(), rel_tol=_SAME):
+    if not math.isclose(held_mm3, solid.Volume(), rel_tol=_VOLUME_RTOL):
         raise RunFailed(
             f"{name}: no plate to cut: its outline holds {held_mm3:.3f} mm3 over the thickness, "
             f"the solid {solid.Volume():.3f}"
@@ -40,15 +40,15 @@ def dxf_bytes(solid: Any, name: str, outwards_mm: float = 0.0) -> bytes:
     # Dates and identifiers of the file are the library's own inventions, new every time.
     ezdxf.options.write_fixed_meta_data_for_testing = True
     try:
-        document = ezdxf.new("R2000", units=_MILLIMETRES)
-        document.header["$INSUNITS"] = _MILLIMETRES
-        document.header["$MEASUREMENT"] = _METRIC
-        document.layers.add(LAYER, color=1)
+        document = ezdxf.new("R2000", units=_INSUNITS_MM)
+        document.header["$INSUNITS"] = _INSUNITS_MM
+        document.header["$MEASUREMENT"] = _MEASUREMENT_METRIC
+        document.layers.add(CUT_LAYER, color=1)
         for wire in _offset_wires(face, outwards_mm):
             edges = list(wire)
             _check_closed(edges, name)
             corners = [corner for edge in edges for corner in _corners(edge, name)]
-            shape = {"close": True, "dxfattribs": {"layer": LAYER}}
+            shape = {"close": True, "dxfattribs": {"layer": CUT_LAYER}}
             document.modelspace().add_lwpolyline(corners, "xyb", **shape)
         stream = io.StringIO()
         document.write(stream)

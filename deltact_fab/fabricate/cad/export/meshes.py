@@ -25,18 +25,18 @@ from ..mesh import Mesh
 from ..rays import normals
 
 # x to x, y to -z, z to y, all in metres.
-_ROOT = np.array([(0.001, 0, 0, 0), (0, 0, 0.001, 0), (0, -0.001, 0, 0), (0, 0, 0, 1)])
-ORIGIN = ((0.0, 0.0, 0.0),)
-_DATE = (1980, 1, 1, 0, 0, 0)  # the earliest a zip can state
-_CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
-_MODEL = "application/vnd.ms-package.3dmanufacturing-3dmodel+xml"
-_TYPES = f"""<?xml version="1.0" encoding="UTF-8"?>
+_GLTF_ROOT = np.array([(0.001, 0, 0, 0), (0, 0, 0.001, 0), (0, -0.001, 0, 0), (0, 0, 0, 1)])
+AT_ORIGIN = ((0.0, 0.0, 0.0),)
+_ZIP_DATE = (1980, 1, 1, 0, 0, 0)  # the earliest a zip can state
+_CORE_NAMESPACE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
+_MODEL_TYPE = "application/vnd.ms-package.3dmanufacturing-3dmodel+xml"
+_CONTENT_TYPES = f"""<?xml version="1.0" encoding="UTF-8"?>
 <Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">
 <Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>
-<Default Extension="model" ContentType="{_MODEL}"/>
+<Default Extension="model" ContentType="{_MODEL_TYPE}"/>
 </Types>
 """
-_RELATIONS = """<?xml version="1.0" encoding="UTF-8"?>
+_PACKAGE_RELATIONS = """<?xml version="1.0" encoding="UTF-8"?>
 <Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">
 <Relationship Target="/3D/3dmodel.model" Id="rel1" \
 Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/>
@@ -73,7 +73,7 @@ def threemf_bytes(
     x, y, z = (0.0 - mesh.vertices_mm.min(axis=0).astype(float)).tolist()
     shade = "#" + "".join(f"{round(255 * c):02X}" for c in colour)
     model = f"""<?xml version="1.0" encoding="UTF-8"?>
-<model unit="millimeter" xml:lang="en" xmlns="{_CORE}">
+<model unit="millimeter" xml:lang="en" xmlns="{_CORE_NAMESPACE}">
 <metadata name="Title">{escape(name)}</metadata>
 <metadata name="Application">deltact-fab {VERSION}</metadata>
 <resources>
@@ -97,11 +97,11 @@ def threemf_bytes(
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w") as zipped:
         for path, text in (
-            ("[Content_Types].xml", _TYPES),
-            ("_rels/.rels", _RELATIONS),
+            ("[Content_Types].xml", _CONTENT_TYPES),
+            ("_rels/.rels", _PACKAGE_RELATIONS),
             ("3D/3dmodel.model", model),
         ):
-            entry = zipfile.ZipInfo(path, _DATE)
+            entry = zipfile.ZipInfo(path, _ZIP_DATE)
             entry.create_system = 3  # else the platform's
             entry.external_attr = 0o644 << 16
             zipped.writestr(entry, text.encode(), zipfile.ZIP_DEFLATED, 6)
@@ -146,7 +146,7 @@ def glb_bytes(bodies: Mapping[str, tuple[Any, Sequence[Point]]]) -> bytes:
         scene.geometry[name] = body
         for copy, place in enumerate(places_mm, start=1):
             node = name if len(places_mm) == 1 else f"{name}-{copy}"
-            transform = _ROOT @ trimesh.transformations.translation_matrix(place)
+            transform = _GLTF_ROOT @ trimesh.transformations.translation_matrix(place)
             scene.graph.update(node, matrix=transform, geometry=name)
     return bytes(export_glb(scene, include_normals=True))
 

@@ -11,20 +11,20 @@ from deltact_fab.common import InputError, Point, RunFailed, did_you_mean
 
 from ..build import build_part
 from ..dimensions import Design
-from ..kernel import Box, SolidProperties, enclosing, guarded, shifted
+from ..kernel import Extent, SolidProperties, enclosing, guarded, shifted
 from ..mesh import Mesh, mesh_solid
 from ..overhangs import lay_on_platform
-from ..part import BOUGHT, LASER_CUT, Matrix, Part
+from ..part import BOUGHT_PROCESS, LASER_CUT, Matrix, Part
 from . import dxf, meshes, step
 
 if TYPE_CHECKING:
     from ..drafting.page import DrawingPage
 
-ASSEMBLY, WIRING = "assembly", "wiring"
+ASSEMBLY_NAME, WIRING_NAME = "assembly", "wiring"
 EXPORT_FORMATS = ("step", "stl", "3mf", "dxf", "glb", "svg", "pdf")
-DRAWN = ("svg", "pdf")
-MESHED = ("stl", "3mf", "glb")
-TO_PRINT = ("stl", "3mf")
+DRAWING_FORMATS = ("svg", "pdf")
+MESH_FORMATS = ("stl", "3mf", "glb")
+PRINT_FORMATS = ("stl", "3mf")
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class PartFile:
     process: str
     quantity: int
     volume_mm3: float
-    bounding_box_mm: Box
+    bounding_box_mm: Extent
     mesh_deviation_mm: float | None
     sha256: str
     turned: Matrix | None = None
@@ -65,7 +65,7 @@ class ExportTask:
     @property
     def name(self) -> str:
         """What it is called on the way."""
-        return self.parts[0].name if len(self.parts) == 1 else ASSEMBLY
+        return self.parts[0].name if len(self.parts) == 1 else ASSEMBLY_NAME
 
 
 def checked_formats(formats: Sequence[str]) -> tuple[str, ...]:
@@ -79,13 +79,13 @@ def checked_formats(formats: Sequence[str]) -> tuple[str, ...]:
     return tuple(f for f in EXPORT_FORMATS if f in wanted_formats)
 
 
-def applicable_formats(part: Part, formats: Sequence[str]) -> tuple[str, ...]:
+def part_formats(part: Part, formats: Sequence[str]) -> tuple[str, ...]:
     """The formats that make sense for a part: none to print what is bought, dxf of what is flat."""
-    to_make = part.process != BOUGHT
+    to_make = part.process != BOUGHT_PROCESS
     apply = {
         **dict.fromkeys(EXPORT_FORMATS, True),
-        **dict.fromkeys(TO_PRINT, to_make),
-        **dict.fromkeys(DRAWN, part.callouts is not None),
+        **dict.fromkeys(PRINT_FORMATS, to_make),
+        **dict.fromkeys(DRAWING_FORMATS, part.callouts is not None),
         "dxf": part.process == LASER_CUT,
     }
     return tuple(f for f in formats if apply[f])
@@ -101,17 +101,17 @@ def make(task: ExportTask) -> list[FileData]:
     mesh: Mesh | None = None
     page: DrawingPage | None = None
     # Meshes last: they leave triangles on the solid.
-    for kind in sorted(task.formats, key=lambda f: (f in MESHED, EXPORT_FORMATS.index(f))):
+    for kind in sorted(task.formats, key=lambda f: (f in MESH_FORMATS, EXPORT_FORMATS.index(f))):
         box_mm, deviation_mm, turned = measured.box_mm, None, None
         with guarded(part.name):
-            if kind in MESHED:
+            if kind in MESH_FORMATS:
                 mesh = mesh or _mesh(solid, measured, task)
                 deviation_mm, printed_mesh = mesh.deviation_mm, mesh
-                if part.printed and kind in TO_PRINT:
+                if part.printed and kind in PRINT_FORMATS:
                     printed_mesh, turned = lay_on_platform(mesh, part.lies), part.lies.turn
                     box_mm = printed_mesh.box_mm
                 data = _mesh_bytes(printed_mesh, part, kind)
-            elif kind in DRAWN:
+            elif kind in DRAWING_FORMATS:
                 from ..drafting.drawing import drawing
 
                 page = page or drawing(part, task.design, solid)
@@ -129,19 +129,19 @@ def make(task: ExportTask) -> list[FileData]:
 
 
 def assembly_file(
-    name: str, kind: str, data: bytes, parts: Sequence[tuple[float, Box, Sequence[Point]]],
+    name: str, kind: str, data: bytes, parts: Sequence[tuple[float, Extent, Sequence[Point]]],
     deviation_mm: float | None = None,
 ) -> FileData:  # fmt: skip
     """A file of an assembly of (volume, box, places), one place a copy."""
     volume_mm3 = sum(volume * len(places) for volume, _, places in parts)
     box_mm = enclosing(shifted(box, shift) for _, box, places in parts for shift in places)
-    about = "", "wired" if name == WIRING else "assembled", 1
+    about = "", "wired" if name == WIRING_NAME else "assembled", 1
     return _describe_file(name, kind, data, about, (volume_mm3, box_mm, deviation_mm))
 
 
 def _describe_file(
     name: str, kind: str, data: bytes, about: tuple[str, str, int],
-    size: tuple[float, Box, float | None], turned: Matrix | None = None,
+    size: tuple[float, Extent, float | None], turned: Matrix | None = None,
 ) -> FileData:  # fmt: skip
     """A file and what the manifest says of it."""
     sha = hashlib.sha256(data).hexdigest()
@@ -149,21 +149,23 @@ def _describe_file(
 
 
 def _sensor_file(task: ExportTask, kind: str) -> FileData:
-    if kind in DRAWN:
+    if kind in DRAWING_FORMATS:
         from ..drafting.wiring import wiring
 
         page = wiring(task.design)
-        sheet: Box = ((0.0, 0.0, 0.0), (*page.size_mm, 0.0))
-        return assembly_file(WIRING, kind, _page_bytes(page, kind), [(0.0, sheet, meshes.ORIGIN)])
+        sheet: Extent = ((0.0, 0.0, 0.0), (*page.size_mm, 0.0))
+        return assembly_file(
+            WIRING_NAME, kind, _page_bytes(page, kind), [(0.0, sheet, meshes.AT_ORIGIN)]
+        )
     products, sizes = [], []
     for part in task.parts:
         solid, measured = build_part(part, task.design)
         places = part.places(task.design)
         products.append((part.name, solid, places))
         sizes.append((measured.volume_mm3, measured.box_mm, places))
-    with guarded(ASSEMBLY):
-        data = step.assembly_bytes(products, ASSEMBLY)
-    return assembly_file(ASSEMBLY, kind, data, sizes)
+    with guarded(ASSEMBLY_NAME):
+        data = step.assembly_bytes(products, ASSEMBLY_NAME)
+    return assembly_file(ASSEMBLY_NAME, kind, data, sizes)
 
 
 def _page_bytes(page: DrawingPage, kind: str) -> bytes:
@@ -176,7 +178,7 @@ def _mesh_bytes(mesh: Mesh, part: Part, kind: str) -> bytes:
     if kind == "3mf":
         return meshes.threemf_bytes(mesh, part.name, part.material, part.colour)
     return meshes.glb_bytes(
-        {part.name: (meshes.shaded_mesh(mesh, part.name, part.colour), meshes.ORIGIN)}
+        {part.name: (meshes.shaded_mesh(mesh, part.name, part.colour), meshes.AT_ORIGIN)}
     )
 
 

@@ -14,16 +14,21 @@ from deltact_fab.common import InputError, find_file, read_toml, validate
 
 from .. import feasibility
 from ..dimensions import Design
-from ..part import LASER_CUT, MACHINED, PRINT
-from ..parts.camera import COMPUTER
-from ..parts.light_holder import WIRE, WIRE_COLOURS
+from ..part import LASER_CUT, MACHINED_PROCESS, PRINT_PROCESS
+from ..parts.camera import HOST_COMPUTER
+from ..parts.light_holder import WIRE_COLOURS, WIRE_SIZE
 from ..registry import list_parts
 from . import quantities
-from .quantities import DEFAULT, WASTE, fill_tables
+from .quantities import DEFAULT_FIGURES, WASTE_SHARE, fill_tables
 
-PIECES = "pcs"
-MADE = (PRINT, LASER_CUT, MACHINED, "cast in the mold")  # of what the other lines bring
-UNKNOWN = "not looked up"
+PIECES_UNIT = "pcs"
+MADE_PROCESSES = (
+    PRINT_PROCESS,
+    LASER_CUT,
+    MACHINED_PROCESS,
+    "cast in the mold",
+)  # of what the other lines bring
+UNKNOWN_SOURCE = "not looked up"
 JETSON_PIN_MA = 500.0  # ours, cautious: the pins share the board's supply
 
 
@@ -35,21 +40,21 @@ class BoughtPart:
     """Name of the line in `cad bom`."""
     when: str = ""
     """Words that the line must hold, as a screw's size; none: any."""
-    maker: str = UNKNOWN
+    maker: str = UNKNOWN_SOURCE
     """Maker and product."""
-    order_number: str = UNKNOWN
+    order_number: str = UNKNOWN_SOURCE
     """Number to order it by, of the maker or of the shop that is named."""
-    second_source: str = UNKNOWN
+    second_source: str = UNKNOWN_SOURCE
     """Who else sells it."""
-    sold_by: str = UNKNOWN
+    sold_by: str = UNKNOWN_SOURCE
     """Unit in which it is sold."""
-    price: str = UNKNOWN
+    price: str = UNKNOWN_SOURCE
     """Of one such unit, with its currency."""
-    priced_on: str = UNKNOWN
+    priced_on: str = UNKNOWN_SOURCE
     """The day of that price."""
-    instead: str = UNKNOWN
+    instead: str = UNKNOWN_SOURCE
     """What may replace it, or must not."""
-    found_in: str = UNKNOWN
+    found_in: str = UNKNOWN_SOURCE
     """What says so."""
 
     __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
@@ -129,13 +134,19 @@ def bom_lines(design: Design, sensors: int = 1) -> BillOfMaterials:
     # Of the registry: what a sensor takes for each sensor; tools, bench and indenters once.
     rows: list[tuple[Any, ...]] = [
         (p.group, p.name, p.material, p.process, p.quantity * (sensors if p.per_sensor else 1),
-         PIECES, p.noted(design))
+         PIECES_UNIT, p.noted(design))
         for p in list_parts(design=design)
     ]  # fmt: skip
     figures = _figures(design, sensors)
-    for group, bought in fill_tables("bom", d=design, p=DEFAULT, f=figures).items():
+    for group, bought in fill_tables("bom", d=design, p=DEFAULT_FIGURES, f=figures).items():
         for row in bought:
-            values = {"material": "", "process": "bought", "unit": PIECES, "quantity": "one", **row}
+            values = {
+                "material": "",
+                "process": "bought",
+                "unit": PIECES_UNIT,
+                "quantity": "one",
+                **row,
+            }
             if figures[values.get("needs", "one")]:
                 count = figures[values["quantity"]]
                 about = (
@@ -149,7 +160,7 @@ def bom_lines(design: Design, sensors: int = 1) -> BillOfMaterials:
     sources = load_bought()
     return BillOfMaterials(
         line
-        if line.process in MADE
+        if line.process in MADE_PROCESSES
         else replace(line, source=sources.find_source(line.part, line.material, line.note))
         for line in (BomLine(i, *row) for i, row in enumerate(rows, 1))
     )
@@ -172,25 +183,25 @@ def _figures(d: Design, sensors: int) -> dict[str, Any]:
         "cast": cast,
         "cells": cells,
         "fills": fills,
-        "waste": 100 * WASTE,
+        "waste": 100 * WASTE_SHARE,
         "skins_half_g": quantities.skins_batch(d, fills * cells).a_g,
         "one_half_g": quantities.skins_batch(d, 1).a_g,
         "blank_mm": [2 * half_mm + 2 * gap_mm for half_mm in d.acrylic_half_mm],
         "bead_mm": d.shell.ledge_drop_mm,
         "primer_ml": quantities.primer_ml(d, cast),
-        "film_mm": d.skin.film_mm(DEFAULT.film_margin_mm),
+        "film_mm": d.skin.film_mm(DEFAULT_FIGURES.film_margin_mm),
         "coats_half_g": 2 * smallest_batch.a_g,
         "adheres_g": 2 * coat.a_g,
         "pigment_g": smallest_batch.pigment_g,
-        "pigment": 100 * DEFAULT.coat_pigment,
+        "pigment": 100 * DEFAULT_FIGURES.coat_pigment,
         "supply_off": 100 * light.supply_tolerance,
         "resistor_mw": 1000 * light.resistor_most_w,
         "rating_a": next((a for a in ratings_a if a >= half_a), math.ceil(half_a)),
         "takes_ma": takes_ma,
         "or_pin": "; or a 5 V pin of the Jetson" if pin else "",
-        "wire": WIRE,
+        "wire": WIRE_SIZE,
         "colours": " and ".join(WIRE_COLOURS),
         "wire_mm": sensors * 2 * light.wire_mm,
-        "computer": COMPUTER,
+        "computer": HOST_COMPUTER,
         "computers": math.ceil(sensors / 2),
     }

@@ -23,19 +23,21 @@ from ..sensor_sections import LightDimensions
 from ..standards import CAP_SCREWS, next_e24
 from ..stiffness import press_plate
 
-_READ = tomllib.loads(asset("quantities.toml").read_text(encoding="utf-8"))
-_READ["film_margin_mm"]["value"] = SkinDimensions.film_margin_mm
-FIGURES: list[dict[str, Any]] = [{"key": key, **row} for key, row in _READ.items()]
+_FIGURE_TABLES = tomllib.loads(asset("quantities.toml").read_text(encoding="utf-8"))
+_FIGURE_TABLES["film_margin_mm"]["value"] = SkinDimensions.film_margin_mm
+FABRICATION_FIGURES: list[dict[str, Any]] = [
+    {"key": key, **row} for key, row in _FIGURE_TABLES.items()
+]
 """What chemistry and electricity add to the dimensions: key, value, unit, meaning, basis."""
-DEFAULT = SimpleNamespace(**{row["key"]: row["value"] for row in FIGURES})
+DEFAULT_FIGURES = SimpleNamespace(**{row["key"]: row["value"] for row in FABRICATION_FIGURES})
 """The values by key."""
-WASTE = 0.1
+WASTE_SHARE = 0.1
 """Share of silicone on top that stays in cup and on spatula."""
 # Of the paper.
-PATTERN_MM = 35.0
-PLATE_MM = 2.0
-PRESS_MM = SHEAR_MM = 10.0
-STRIP_MM = 10.0
+PAPER_PATTERN_MM = 35.0
+PAPER_PLATE_MM = 2.0
+PAPER_PRESS_MM = PAPER_SHEAR_MM = 10.0
+PAPER_STRIP_MM = 10.0
 
 
 @dataclass(frozen=True)
@@ -69,12 +71,12 @@ def skins_batch(design: Design, skins: int) -> Batch:
     The paper says 1:1 and not by what: both parts are taken to be equally dense, so that equal
     masses are equal volumes.
     """
-    volume_cm3 = skins * design.skin_volume_mm3 / 1000 * (1 + WASTE)
-    half_g = volume_cm3 * DEFAULT.density_g_cm3 / 2
+    volume_cm3 = skins * design.skin_volume_mm3 / 1000 * (1 + WASTE_SHARE)
+    half_g = volume_cm3 * DEFAULT_FIGURES.density_g_cm3 / 2
     return Batch(volume_cm3, half_g, half_g)
 
 
-def coat_batch(design: Design, sensors: int, waste: float = WASTE) -> Batch:
+def coat_batch(design: Design, sensors: int, waste: float = WASTE_SHARE) -> Batch:
     """Dragon Skin 10 FAST for one layer on so many sensors, what adheres and `waste` of it.
 
     It lies on the face and on the sides that stand proud; fillets count as edges.
@@ -82,27 +84,27 @@ def coat_batch(design: Design, sensors: int, waste: float = WASTE) -> Batch:
     skin = design.skin
     sides_mm2 = 2 * (skin.width_mm + skin.length_mm) * skin.protrusion_mm
     coated_mm2 = skin.width_mm * skin.length_mm + sides_mm2
-    volume_cm3 = sensors * coated_mm2 * DEFAULT.coat_mm / 1000 * (1 + waste)
-    half_g = volume_cm3 * DEFAULT.coat_density_g_cm3 / 2
-    return Batch(volume_cm3, half_g, half_g, 2 * half_g * DEFAULT.coat_pigment)
+    volume_cm3 = sensors * coated_mm2 * DEFAULT_FIGURES.coat_mm / 1000 * (1 + waste)
+    half_g = volume_cm3 * DEFAULT_FIGURES.coat_density_g_cm3 / 2
+    return Batch(volume_cm3, half_g, half_g, 2 * half_g * DEFAULT_FIGURES.coat_pigment)
 
 
 def least_coat_batch(batch: Batch) -> Batch:
     """The same mixture, enlarged to what can be weighed."""
-    scale = max(1.0, DEFAULT.coat_batch_g / (batch.a_g + batch.b_g))
+    scale = max(1.0, DEFAULT_FIGURES.coat_batch_g / (batch.a_g + batch.b_g))
     return Batch(*(scale * v for v in asdict(batch).values()))
 
 
 def primer_ml(design: Design, sensors: int) -> float:
     """Primer for one face of so many acrylic plates."""
     x, y = design.acrylic_half_mm
-    return sensors * 4 * x * y / 100 * DEFAULT.primer_ml_per_cm2
+    return sensors * 4 * x * y / 100 * DEFAULT_FIGURES.primer_ml_per_cm2
 
 
 def shrinkage_mm(design: Design) -> float:
     """What the skin's thickness loses from the cabinet to the room, when it is cured warm."""
-    cooled = DEFAULT.cure_warm_c - DEFAULT.cure_room_c
-    return design.skin.thickness_mm * DEFAULT.expansion_per_k * cooled
+    cooled = DEFAULT_FIGURES.cure_warm_c - DEFAULT_FIGURES.cure_room_c
+    return design.skin.thickness_mm * DEFAULT_FIGURES.expansion_per_k * cooled
 
 
 # Light.
@@ -151,7 +153,7 @@ def _figures(d: Design) -> dict[str, Any]:
     side_mm = min(d.skin.width_mm, d.skin.length_mm)
     response = press_plate(d, d.plate.force_n)
     # The paper's plate, its x edges free.
-    shell, optics = replace(d.shell, ledge_x_mm=0.0), replace(d.optics, acrylic_mm=PLATE_MM)
+    shell, optics = replace(d.shell, ledge_x_mm=0.0), replace(d.optics, acrylic_mm=PAPER_PLATE_MM)
     thin = press_plate(replace(d, shell=shell, optics=optics), d.plate.force_n)
     return {
         "longest_mm": CAP_SCREWS["M1.6"].stock_mm[-1],
@@ -170,12 +172,14 @@ def _figures(d: Design) -> dict[str, Any]:
         "paper_ma": LightDimensions(resistor_ohm=750.0, supply_v=5.0).total_ma,
         "sold_ohm": resistor_for_ohm(20.0, d.light)[1],
         "room_mm": room_mm,
-        "strip_room": f"{room_mm - STRIP_MM:.2g} mm" if room_mm > STRIP_MM else "nothing",
+        "strip_room": f"{room_mm - PAPER_STRIP_MM:.2g} mm"
+        if room_mm > PAPER_STRIP_MM
+        else "nothing",
         "camera": f"unverified ({len(lens)} keys): measure yours" if lens else "measured",
         "side_mm": side_mm,
-        "within": "wider than" if side_mm < PATTERN_MM else "within",
-        "deep": 100 * PRESS_MM / d.skin.thickness_mm,
-        "sheared_mm": d.skin.length_mm / 2 - SHEAR_MM,
+        "within": "wider than" if side_mm < PAPER_PATTERN_MM else "within",
+        "deep": 100 * PAPER_PRESS_MM / d.skin.thickness_mm,
+        "sheared_mm": d.skin.length_mm / 2 - PAPER_SHEAR_MM,
     }
 
 

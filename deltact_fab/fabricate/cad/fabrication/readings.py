@@ -27,12 +27,12 @@ from deltact_fab.common import InputError, did_you_mean, read_text, toml_text, v
 from ..design import load_design
 from ..dimensions import Design
 
-FEATURES = {
+COUPON_FEATURES = {
     "fit-coupon": ("hole", "slot", "outside", "height"),
     "kerf-coupon": ("strip", "thickness"),
 }
-LEAST = 3
-MAX_OFF = 0.5  # share of the nominal: beyond it two columns were confused
+MIN_READINGS = 3
+MAX_DEVIATION_SHARE = 0.5  # share of the nominal: beyond it two columns were confused
 
 
 @dataclass(frozen=True)
@@ -48,14 +48,14 @@ class Reading:
     __pydantic_config__ = {"extra": "forbid", "allow_inf_nan": False}  # noqa: RUF012
 
     def __post_init__(self) -> None:
-        if self.feature not in FEATURES[self.coupon]:
-            hint = did_you_mean(self.feature, FEATURES[self.coupon])
+        if self.feature not in COUPON_FEATURES[self.coupon]:
+            hint = did_you_mean(self.feature, COUPON_FEATURES[self.coupon])
             raise ValueError(f"feature {self.feature!r}: {hint}")
         if self.pieces != 1 and self.feature != "strip":
             raise ValueError(f"pieces {self.pieces}: expected 1 unless it is a strip")
-        if abs(self.measured_mm - self.nominal_mm) > MAX_OFF * self.nominal_mm:
+        if abs(self.measured_mm - self.nominal_mm) > MAX_DEVIATION_SHARE * self.nominal_mm:
             raise ValueError(
-                f"measured_mm {self.measured_mm:g}: expected within {MAX_OFF:.0%} of "
+                f"measured_mm {self.measured_mm:g}: expected within {MAX_DEVIATION_SHARE:.0%} of "
                 f"nominal_mm {self.nominal_mm:g}"
             )
 
@@ -162,8 +162,8 @@ def _mean_and_spread(off_mm: Sequence[float], name: str) -> tuple[float, float]:
     from scipy.stats import t
 
     n = len(off_mm)
-    if n < LEAST:
-        raise InputError(f"{name}: {n} readings; expected {LEAST} or more")
+    if n < MIN_READINGS:
+        raise InputError(f"{name}: {n} readings; expected {MIN_READINGS} or more")
     width = float(t.ppf(0.975, n - 1)) * statistics.stdev(off_mm) * math.sqrt(1 + 1 / n)
     return statistics.fmean(off_mm), width
 

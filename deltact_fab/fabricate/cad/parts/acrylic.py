@@ -15,12 +15,12 @@ from collections.abc import Iterator
 
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, x_of, y_of, z_of
-from ..kernel import Box, Shape, around, prism, without_corners
-from ..part import CLEAR, LASER_CUT, Part
+from ..kernel import Extent, Shape, around, prism, without_corners
+from ..part import CLEAR_RGBA, LASER_CUT, Part
 from ..rule import Length, PlayFit
 
 
-def box(design: Design) -> Box:
+def box(design: Design) -> Extent:
     """The plate's rectangle, from the joint to the frame's ledge."""
     return around(*design.acrylic_half_mm, design.z_joint_mm, design.z_ledge_mm)
 
@@ -99,7 +99,7 @@ PARTS = (
         process=LASER_CUT,
         number=2,
         explode_mm=14,
-        colour=CLEAR,
+        colour=CLEAR_RGBA,
         sections=("skin", "frame", "optics", "plate", "screw", "shell", "laser"),
         derived=("acrylic_half_mm", "acrylic_notch_mm", "z_ledge_mm", "z_joint_mm"),
         fits=fits,

@@ -37,16 +37,16 @@ from dataclasses import fields
 
 from deltact_fab.common import Check
 
-from ..bench_sections import PLANE
+from ..bench_sections import PLANE_KEYS
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, x_of, y_of, z_of
-from ..kernel import Box, Shape, cuboid, cylinders, prism
-from ..part import BLACK, BOUGHT, GREEN, Part, PrintPose
+from ..kernel import Extent, Shape, cuboid, cylinders, prism
+from ..part import BLACK_RGBA, BOUGHT_PROCESS, GREEN_RGBA, Part, PrintPose
 from ..rule import Length, PlayFit, at_most, below
 from ..sensor_sections import CameraDimensions
 from ..standards import screw_tolerance_mm
 
-COMPUTER = "Nvidia Jetson Nano B01"
+HOST_COMPUTER = "Nvidia Jetson Nano B01"
 
 # What lies in the board's plane; a camera from another maker has another one.
 BOARD_KEYS = tuple(
@@ -63,7 +63,7 @@ UPPER_HOLES = (
 )
 
 
-def box(design: Design) -> Box:
+def box(design: Design) -> Extent:
     """Board, lens and connector."""
     cam, half = design.camera, design.camera.board_width_mm / 2
     back = design.z_board_back_mm - cam.connector_height_mm
@@ -132,7 +132,7 @@ def off_axis(d: Design) -> tuple[Length, Length]:
     screw = d.holder.row.thread_mm
     hole_mm = (d.camera.hole_mm - screw) / 2 if screw else d.holder.bonded_mm
     hole = Length(hole_mm, d.camera.tolerance_mm, BOARD_KEYS)
-    return hole, Length(d.holder.fit_mm, d.resin_printer.plane_mm, PLANE)
+    return hole, Length(d.holder.fit_mm, d.resin_printer.plane_mm, PLANE_KEYS)
 
 
 def off_axis_mm(d: Design) -> float:
@@ -140,7 +140,7 @@ def off_axis_mm(d: Design) -> float:
     return sum(length.mean_mm + length.spread_mm for length in off_axis(d))
 
 
-def holder_box(design: Design) -> Box:
+def holder_box(design: Design) -> Extent:
     """Arms and tongue."""
     half_x, arm, top = design.holder_half_x_mm, design.holder_arm_mm, design.holder_tongue_mm[1]
     return (-half_x, -arm, design.z_floor_mm), (half_x, max(arm, top), design.z_board_back_mm)
@@ -238,10 +238,10 @@ PARTS = (
         build,
         box,
         material="board with its lens",
-        process=BOUGHT,
+        process=BOUGHT_PROCESS,
         number=5,
         explode_mm=-48,
-        colour=GREEN,
+        colour=GREEN_RGBA,
         sections=("camera", "optics"),
         derived=("z_lens_mm", "z_board_front_mm", "z_board_back_mm"),
         rules=rules,
@@ -255,7 +255,7 @@ PARTS = (
         holder_box,
         number=6,
         explode_mm=-64,
-        colour=BLACK,
+        colour=BLACK_RGBA,
         sections=("holder", "camera", "cover", "shell"),
         derived=(
             "holder_half_x_mm", "holder_window_half_mm", "holder_window_top_mm", "holder_arm_mm",

@@ -43,11 +43,11 @@ from deltact_fab.common import Check, Point2
 
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, x_of
-from ..kernel import Box, Shape, around, cuboid, cylinders
-from ..part import AMBER, CLEAR, LASER_CUT, RESIN, Part
+from ..kernel import Extent, Shape, around, cuboid, cylinders
+from ..part import AMBER_RGBA, CLEAR_RGBA, LASER_CUT, RESIN_MATERIAL, Part
 from ..rule import at_most, below
 
-PIECES = 10  # of the kerf coupon
+KERF_PIECES = 10  # of the kerf coupon
 
 
 def well_volume_mm3(design: Design) -> float:
@@ -62,7 +62,7 @@ def centres_mm(design: Design) -> list[Point2]:
     return [(pitch_mm * (i - (coupon.wells - 1) / 2), 0.0) for i in range(coupon.wells)]
 
 
-def well_box(design: Design) -> Box:
+def well_box(design: Design) -> Extent:
     """The row of wells."""
     coupon, wall_mm = design.coupon, design.coupon.wall_mm
     x = coupon.wells * coupon.diameter_mm + (coupon.wells + 1) * wall_mm
@@ -82,7 +82,7 @@ def well_callouts(d: Design) -> Callouts:
     return Callouts(notes=notes, cut_x_mm=centres_mm(d)[0][0])
 
 
-def fit_box(design: Design) -> Box:
+def fit_box(design: Design) -> Extent:
     """Base, block and peg."""
     coupon, (x, y) = design.fit_coupon, design.fit_coupon.outer_mm
     top = coupon.base_mm + coupon.block_height_mm + coupon.peg_height_mm
@@ -126,7 +126,7 @@ def fit_callouts(d: Design) -> Callouts:
     return Callouts((block,), notes=notes, cut_x_mm=centre_x)
 
 
-def kerf_box(design: Design) -> Box:
+def kerf_box(design: Design) -> Extent:
     """The strip."""
     coupon = design.kerf_coupon
     return around(coupon.length_mm / 2, coupon.width_mm / 2, 0.0, design.optics.acrylic_mm)
@@ -146,8 +146,8 @@ def kerf_rules(d: Design) -> Iterator[Check]:
 def kerf_callouts(d: Design) -> Callouts:
     """The strip."""
     notes = (
-        f"{PIECES} pieces from the plate's own sheet, with the plate's own settings.",
-        f"Measure {PIECES} side by side along the short side, each alone, and its thickness.",
+        f"{KERF_PIECES} pieces from the plate's own sheet, with the plate's own settings.",
+        f"Measure {KERF_PIECES} side by side along the short side, each alone, and its thickness.",
     )
     return Callouts(notes=notes)
 
@@ -157,9 +157,9 @@ PARTS = (
         "coupon-mold",
         well_build,
         well_box,
-        material=RESIN,
+        material=RESIN_MATERIAL,
         group="tools",
-        colour=AMBER,
+        colour=AMBER_RGBA,
         sections=("coupon",),
         wall_keys=("shell.wall_mm",),
         callouts=well_callouts,
@@ -171,9 +171,9 @@ PARTS = (
         "fit-coupon",
         fit_build,
         fit_box,
-        material=RESIN,
+        material=RESIN_MATERIAL,
         group="tools",
-        colour=AMBER,
+        colour=AMBER_RGBA,
         sections=("fit_coupon", "resin_printer"),
         rules=fit_rules,
         wall_keys=("shell.wall_mm",),
@@ -188,9 +188,9 @@ PARTS = (
         kerf_box,
         material="cast PMMA, clear",
         process=LASER_CUT,
-        quantity=PIECES,
+        quantity=KERF_PIECES,
         group="tools",
-        colour=CLEAR,
+        colour=CLEAR_RGBA,
         sections=("kerf_coupon", "optics", "laser"),
         rules=kerf_rules,
         callouts=kerf_callouts,

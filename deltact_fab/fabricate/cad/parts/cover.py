@@ -24,12 +24,12 @@ from deltact_fab.common import Check
 
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, shown, x_of, y_of, z_of
-from ..kernel import Box, Shape, around, cuboid, cylinders, prism, require, without_corners
-from ..part import BLACK, Part, PrintPose
+from ..kernel import Extent, Shape, around, cuboid, cylinders, prism, require, without_corners
+from ..part import BLACK_RGBA, Part, PrintPose
 from ..rule import Length, PlayFit, at_most, below
 
 
-def box(design: Design) -> Box:
+def box(design: Design) -> Extent:
     """From the back to the bosses or the pegs, whichever are higher."""
     x, y = (side / 2 for side in design.frame_outer_mm)
     top = max(design.z_boss_mm, design.z_floor_mm + design.peg_length_mm)
@@ -149,7 +149,7 @@ PARTS = (
         box,
         number=7,
         explode_mm=-78,
-        colour=BLACK,
+        colour=BLACK_RGBA,
         sections=("cover", "screw", "shell"),
         derived=(
             "frame_outer_mm", "post_mm", "post_edge_mm", "screw_at_mm", "screw_centres_mm",

@@ -34,10 +34,10 @@ from deltact_fab.sensor import (
 
 from ..design import IndenterBody, IndenterDimensions
 from ..drafting.dimensioning import Callouts, Leader, Told, shown, z_of
-from ..kernel import Box, Shape, around, require
-from ..part import RESIN, WHITE, Part, PrintPose
+from ..kernel import Extent, Shape, around, require
+from ..part import RESIN_MATERIAL, WHITE_RGBA, Part, PrintPose
 
-_APART_MM = 1e-6
+_OPEN_WIRE_MM = 1e-6
 
 
 def closed(plan: Any) -> Any:
@@ -52,7 +52,7 @@ def closed(plan: Any) -> Any:
 
     edges = plan.ctx.popPendingEdges()
     start, end = edges[0].startPoint(), edges[-1].endPoint()
-    if (end - start).Length > _APART_MM:
+    if (end - start).Length > _OPEN_WIRE_MM:
         edges.append(cq.Edge.makeLine(end, start))
     joined = BRepBuilderAPI_MakeWire()
     for edge in edges:
@@ -75,7 +75,7 @@ def round_plate_mm(dims: IndenterDimensions) -> float:
     return plate_half_mm(dims)[0] if round_ and not rest else 0.0
 
 
-def box(dims: IndenterDimensions) -> Box:
+def box(dims: IndenterDimensions) -> Extent:
     """From the lowest point to the end of the stem; the plate is the widest."""
     top = dims.indenter.reach_mm + dims.body.plate_mm + dims.indenter.stem_length_mm
     return around(*plate_half_mm(dims), 0.0, top)
@@ -222,10 +222,10 @@ def part(indenter: Indenter, body: IndenterBody, quantity: int = 1) -> Part:
         f"indenter-{indenter.slug}",
         build,
         box,
-        material=RESIN,
+        material=RESIN_MATERIAL,
         quantity=quantity,
         group="indenters",
-        colour=WHITE,
+        colour=WHITE_RGBA,
         callouts=callouts,
         lies=PrintPose("+z", "stem's end", supports="under the plate only"),
         look_for="no mark on the tip; the stem enters the tool holder, flat at +x, by hand",

@@ -31,17 +31,17 @@ from deltact_fab.common import Check
 
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, z_of
-from ..kernel import Box, Shape, Workplane, around, cuboid, cylinders, require
-from ..part import AMBER, BOUGHT, WHITE, Part, PrintPose
+from ..kernel import Extent, Shape, Workplane, around, cuboid, cylinders, require
+from ..part import AMBER_RGBA, BOUGHT_PROCESS, WHITE_RGBA, Part, PrintPose
 from ..rule import Length, PlayFit, at_most, below
 from .camera import UPPER_HOLES
 
-WIRE = "0.08 mm²"
+WIRE_SIZE = "0.08 mm²"
 WIRE_OUTER = Length(1.2, 0.1)  # of such a wire with its insulation (AWG 28, UL 1007)
 WIRE_COLOURS = ("red", "black")  # plus, minus
 
 
-def box(design: Design) -> Box:
+def box(design: Design) -> Extent:
     """The ring."""
     radius = design.light_radius_mm
     return around(radius, radius, design.z_board_front_mm, design.z_light_mm)
@@ -155,7 +155,7 @@ def callouts(d: Design) -> Callouts:
     )  # fmt: skip
 
 
-def strip_box(design: Design) -> Box:
+def strip_box(design: Design) -> Extent:
     """Strip and LEDs."""
     light = design.light
     high = light.strip_thickness_mm + light.led_height_mm
@@ -204,7 +204,7 @@ PARTS = (
         material="SLA resin, white, translucent",
         number=4,
         explode_mm=-28,
-        colour=WHITE,
+        colour=WHITE_RGBA,
         sections=("light", "shell", "holder", "camera"),
         derived=(
             "light_radius_mm", "strip_radius_mm", "channel_inner_mm", "light_bore_mm",
@@ -224,9 +224,9 @@ PARTS = (
         strip_build,
         strip_box,
         material="LED strip, 5050, white",
-        process=BOUGHT,
+        process=BOUGHT_PROCESS,
         group="electronics",
-        colour=AMBER,
+        colour=AMBER_RGBA,
         sections=("light",),
         rules=strip_rules,
         note="{d.light.led_count} single-LED cuts of {d.light.pitch_mm:.1f} x "

@@ -26,8 +26,8 @@ from deltact_fab.common import Check, Point2
 
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, Leader, shown, x_of, y_of, z_of
-from ..kernel import Box, Shape, around, cuboid, require
-from ..part import AMBER, RESIN, Part
+from ..kernel import Extent, Shape, around, cuboid, require
+from ..part import AMBER_RGBA, RESIN_MATERIAL, Part
 from ..rule import PlayFit, below
 
 # The mold's drawing and the guide say the same.
@@ -51,7 +51,7 @@ def seat_mm(design: Design) -> Point2:
     return x + 2 * design.mold.fit_mm, y + 2 * design.mold.fit_mm
 
 
-def box(design: Design) -> Box:
+def box(design: Design) -> Extent:
     """The block."""
     x, y, z = design.mold_outer_mm
     return around(x / 2, y / 2, 0.0, z)
@@ -127,9 +127,9 @@ PARTS = (
         "mold",
         build,
         box,
-        material=RESIN,
+        material=RESIN_MATERIAL,
         group="tools",
-        colour=AMBER,
+        colour=AMBER_RGBA,
         sections=("mold", "skin", "frame"),
         derived=("mold_outer_mm", "frame_outer_mm"),
         rules=rules,

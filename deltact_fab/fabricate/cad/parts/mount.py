@@ -27,13 +27,13 @@ from deltact_fab.common import Check, Point
 
 from ..dimensions import Design
 from ..drafting.dimensioning import Told, y_of, z_of
-from ..kernel import Box, Workplane, cuboid, require
+from ..kernel import Extent, Workplane, cuboid, require
 from ..rule import Length, PlayFit, at_most
 
-FLANGE = tuple(f"mount.flange_{key}_mm" for key in ("pitch", "height", "width", "hole"))
+FLANGE_KEYS = tuple(f"mount.flange_{key}_mm" for key in ("pitch", "height", "width", "hole"))
 
 
-def bars(design: Design) -> list[Box]:
+def bars(design: Design) -> list[Extent]:
     """The mount's cuboids without holes, the one at the shell first; (low, high) corners, mm."""
     mount, z = design.mount, design.z_floor_mm
     outer_x, outer_y = design.frame_outer_mm
@@ -156,7 +156,7 @@ def _flange_rules(d: Design) -> Iterator[Check]:
          "gap between shell and flange", mount.length_mm - mount.flange_mm),
         ("arm-front", "front of the arm", d.flange_arm_z_mm[1], "joint", d.z_joint_mm),
     ):  # fmt: skip
-        rests_on = (*FLANGE, "mount.stress_limit_mpa")
+        rests_on = (*FLANGE_KEYS, "mount.stress_limit_mpa")
         yield at_most(f"flange-{id}", f"mount: {name}", value, limit_name, room, rests_on)
 
 

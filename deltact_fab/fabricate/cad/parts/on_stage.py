@@ -32,15 +32,15 @@ from collections.abc import Iterator
 from deltact_fab.common import Check
 from deltact_fab.sensor import Indenter
 
-from ..bench_sections import BOLT, SCREW
+from ..bench_sections import FLANGE_SCREW, SENSOR_BOLT
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, shown
-from ..kernel import Box, Shape, around, cylinders, require
-from ..part import BLACK, BOUGHT, STEEL, Part, PrintPose, Shift
+from ..kernel import Extent, Shape, around, cylinders, require
+from ..part import BLACK_RGBA, BOUGHT_PROCESS, STEEL_RGBA, Part, PrintPose, Shift
 from ..rule import Length, PlayFit, at_most, below
 
 
-def holder_box(design: Design) -> Box:
+def holder_box(design: Design) -> Extent:
     """Flange and body."""
     radius = design.tool.flange_diameter_mm / 2
     return around(radius, radius, 0.0, design.tool.height_mm)
@@ -72,7 +72,7 @@ def holder_rules(d: Design) -> Iterator[Check]:
     tool = d.tool
     yield below("stem", "indenter's stem", Indenter.stem_length_mm, "tool.depth_mm", tool.depth_mm)
     body, circle = tool.body_mm, tool.bolt_circle_mm
-    heads, holes = body + SCREW.head_mm, circle + tool.screw_hole_mm + 3.0
+    heads, holes = body + FLANGE_SCREW.head_mm, circle + tool.screw_hole_mm + 3.0
     yield at_most("heads", "tool.body_mm + head M3", heads, "tool.bolt_circle_mm", circle)
     flange = "tool.flange_diameter_mm", tool.flange_diameter_mm
     yield at_most("holes-in-flange", "tool.bolt_circle_mm + hole + 3", holes, *flange)
@@ -93,7 +93,7 @@ def holder_fits(d: Design) -> Iterator[PlayFit]:
     across = printer.outer(stem / 2 + Indenter.stem_flat_at_mm)
     yield PlayFit("flat-in-bore", "stem's flat in the bore", parts, (flat,), (across,))
     yield PlayFit("turned-stem", "turned stem stays out", parts, (printer.outer(stem),), (flat,))
-    clamp, screw = printer.inner(tool.clamp_mm), Length(SCREW.thread_mm)
+    clamp, screw = printer.inner(tool.clamp_mm), Length(FLANGE_SCREW.thread_mm)
     yield PlayFit("set-screw-bites", "set screw M3 bites", "tool-holder", (screw,), (clamp,))
     screws, hole = "tool-holder, nano17-adapter", printer.inner(tool.screw_hole_mm)
     yield PlayFit("screws", "M3 through the flange", screws, (hole,), (screw, printer.pitch()))
@@ -118,11 +118,11 @@ def holder_callouts(d: Design) -> Callouts:
     return Callouts(rounds=rounds, fitted=(2 * tool.bore_mm,), notes=notes, cut_x_mm=0.0)
 
 
-SIZE = ("adapter.sensor_mm", "adapter.sensor_height_mm")
-KEYS = ("adapter.sensor_mm", "adapter.bolt_circle_mm", "adapter.bolt_turn_deg")
+SENSOR_SIZE_KEYS = ("adapter.sensor_mm", "adapter.sensor_height_mm")
+ADAPTER_KEYS = ("adapter.sensor_mm", "adapter.bolt_circle_mm", "adapter.bolt_turn_deg")
 
 
-def adapter_box(design: Design) -> Box:
+def adapter_box(design: Design) -> Extent:
     """The disc."""
     radius = design.tool.flange_diameter_mm / 2
     return around(radius, radius, 0.0, design.adapter.thickness_mm)
@@ -149,17 +149,19 @@ def adapter_rules(d: Design) -> Iterator[Check]:
     deep, thick = plate.bolt_bore_depth_mm + 2.0, plate.thickness_mm
     yield at_most("bolt-bore-depth", "bolt_bore_depth_mm + 2", deep, "adapter.thickness_mm", thick)
     holes = "adapter.bolt_circle_mm + hole", plate.bolt_circle_mm + plate.bolt_hole_mm
-    yield at_most("bolts-on-sensor", *holes, "adapter.sensor_mm", plate.sensor_mm, KEYS)
+    yield at_most("bolts-on-sensor", *holes, "adapter.sensor_mm", plate.sensor_mm, ADAPTER_KEYS)
 
 
 def adapter_fits(d: Design) -> Iterator[PlayFit]:
     """Three screws into a sensor, whose own pattern counts as exact; the flange's four bite."""
     plate, printer = d.adapter, d.resin_printer
     hole, pilot = printer.inner(plate.bolt_hole_mm), printer.inner(plate.pilot_mm)
-    body = (Length(BOLT.thread_mm, 0.0, KEYS), printer.pitch(0.0))
+    body = (Length(SENSOR_BOLT.thread_mm, 0.0, ADAPTER_KEYS), printer.pitch(0.0))
     yield PlayFit("bolts-into-sensor", "M2 into the force sensor", "nano17-adapter", (hole,), body)
     bites = "M3 bites in its pilot"
-    yield PlayFit("screw-bites", bites, "nano17-adapter", (Length(SCREW.thread_mm),), (pilot,))
+    yield PlayFit(
+        "screw-bites", bites, "nano17-adapter", (Length(FLANGE_SCREW.thread_mm),), (pilot,)
+    )
 
 
 def adapter_callouts(d: Design) -> Callouts:
@@ -172,7 +174,9 @@ def adapter_callouts(d: Design) -> Callouts:
         plate.bolt_bore_mm: "for the heads, from the back",
     }
     notes = ("Measure the force sensor's own screws first: its pattern is assumed.",)
-    return Callouts(rounds=rounds, notes=notes, cut_x_mm=plate.bolt_centres_mm[0][0], rests_on=KEYS)
+    return Callouts(
+        rounds=rounds, notes=notes, cut_x_mm=plate.bolt_centres_mm[0][0], rests_on=ADAPTER_KEYS
+    )
 
 
 def adapter_places(design: Design) -> list[Shift]:
@@ -180,7 +184,7 @@ def adapter_places(design: Design) -> list[Shift]:
     return [(0.0, 0.0, design.tool.height_mm)]
 
 
-def sensor_box(design: Design) -> Box:
+def sensor_box(design: Design) -> Extent:
     """The force sensor's cylinder."""
     radius = design.adapter.sensor_mm / 2
     return around(radius, radius, 0.0, design.adapter.sensor_height_mm)
@@ -203,7 +207,7 @@ PARTS = (
         holder_box,
         group="bench",
         explode_mm=60.0,
-        colour=BLACK,
+        colour=BLACK_RGBA,
         sections=("tool",),
         rules=holder_rules,
         fits=holder_fits,
@@ -219,7 +223,7 @@ PARTS = (
         adapter_box,
         group="bench",
         explode_mm=80.0,
-        colour=BLACK,
+        colour=BLACK_RGBA,
         places=adapter_places,
         sections=("adapter", "tool"),
         rules=adapter_rules,
@@ -235,10 +239,10 @@ PARTS = (
         build_sensor,
         sensor_box,
         material="ATI Nano17, six axes",
-        process=BOUGHT,
+        process=BOUGHT_PROCESS,
         group="bench",
         explode_mm=100.0,
-        colour=STEEL,
+        colour=STEEL_RGBA,
         places=sensor_places,
         sections=("adapter",),
         note="{d.adapter.sensor_mm:g} mm wide, {d.adapter.sensor_height_mm:g} mm high as published",

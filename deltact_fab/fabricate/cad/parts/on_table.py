@@ -32,15 +32,15 @@ from deltact_fab.common import Check, Point2
 
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, shown, x_of
-from ..kernel import Box, Shape, Workplane, around, cuboid, cylinders, require
-from ..part import BLACK, MACHINED, STEEL, Part, PrintPose
+from ..kernel import Extent, Shape, Workplane, around, cuboid, cylinders, require
+from ..part import BLACK_RGBA, MACHINED_PROCESS, STEEL_RGBA, Part, PrintPose
 from ..rule import Length, PlayFit, at_most
-from ..standards import THREADS
+from ..standards import METRIC_THREADS
 from . import shell
 from .mount import boss_room
 
 
-def testing_box(design: Design) -> Box:
+def testing_box(design: Design) -> Extent:
     """Shell and tabs."""
     x, y = (side / 2 for side in design.frame_outer_mm)
     return around(x + design.table.tab_mm, y, design.z_back_mm, design.z_joint_mm)
@@ -104,7 +104,7 @@ def testing_callouts(d: Design) -> Callouts:
     )  # fmt: skip
 
 
-KEYS = ("stage_plate.grid_mm", "stage_plate.slot_mm")
+STAGE_PLATE_KEYS = ("stage_plate.grid_mm", "stage_plate.slot_mm")
 
 
 def slot_pitch_mm(design: Design) -> Point2:
@@ -137,7 +137,7 @@ def tab_centres_mm(design: Design) -> list[Point2]:
     return [(sx * x, sy * y) for sy in (-1, 1) for sx in (-1, 1)]
 
 
-def plate_box(design: Design) -> Box:
+def plate_box(design: Design) -> Extent:
     """The plate; its top is the sensor's back."""
     (x, y), z = sides_mm(design), design.z_back_mm
     return around(x / 2, y / 2, z - design.stage_plate.thickness_mm, z)
@@ -154,13 +154,13 @@ def plate_build(design: Design) -> Shape:
     return cuboid(plate_box(design)).cut(drills).cut(slots.extrude(high + 2)).val()
 
 
-DRILL_MM = 0.1
+DRILL_OVERSIZE_MM = 0.1
 """What a drilled or milled hole comes out over its nominal, at most (assumed)."""
 
 
 def plate_rules(d: Design) -> Iterator[Check]:
     """Thread enough for the tabs' screws: one diameter of it in aluminium."""
-    screw_mm = THREADS[d.table.screw].thread_mm
+    screw_mm = METRIC_THREADS[d.table.screw].thread_mm
     thick = d.stage_plate.thickness_mm
     yield at_most("thread", f"thread {d.table.screw}", screw_mm, "stage_plate.thickness_mm", thick)
 
@@ -168,12 +168,12 @@ def plate_rules(d: Design) -> Iterator[Check]:
 def plate_fits(d: Design) -> Iterator[PlayFit]:
     """Screws through the slots, and threads that are neither stripped nor too tight for the tap."""
     plate, part, screw = d.stage_plate, "stage-plate", d.table.screw
-    mean_off = DRILL_MM / 2
-    slot = Length(plate.slot_mm + mean_off, mean_off, KEYS)
+    mean_off = DRILL_OVERSIZE_MM / 2
+    slot = Length(plate.slot_mm + mean_off, mean_off, STAGE_PLATE_KEYS)
     core = Length(plate.thread_hole_mm + mean_off, mean_off)
     yield PlayFit("screw-in-slot", "M6 through its slot", part, (slot,), (Length(6.0),))
     # ISO 724: the thread is 0.61 of its pitch deep; a tap for 60 to 85 % of that is stocked.
-    major, depth = THREADS[screw].thread_mm, 1.0825 * THREADS[screw].pitch_mm
+    major, depth = METRIC_THREADS[screw].thread_mm, 1.0825 * METRIC_THREADS[screw].pitch_mm
     half = (Length(major - 0.5 * depth),)
     yield PlayFit("holds", f"{screw} holds in its thread", part, half, (core,))
     yield PlayFit("tapped", f"{screw} can be tapped", part, (core,), (Length(major - depth),))
@@ -193,7 +193,7 @@ def plate_callouts(d: Design) -> Callouts:
     }
     travel = x_of(slot - half, slot + half, fitted=False)
     axes = ((0, -slot), (0, slot))
-    return Callouts((travel,), rounds, notes=notes, axes=axes, rests_on=KEYS)
+    return Callouts((travel,), rounds, notes=notes, axes=axes, rests_on=STAGE_PLATE_KEYS)
 
 
 def plate_note(d: Design) -> str:
@@ -208,7 +208,7 @@ PARTS = (
         testing_build,
         testing_box,
         group="bench",
-        colour=BLACK,
+        colour=BLACK_RGBA,
         sections=("shell", "cover", "table", "screw", "skin", "frame"),
         derived=(
             "frame_outer_mm", "cavity_half_mm", "post_mm", "post_edge_mm", "boss_room_mm",
@@ -228,10 +228,10 @@ PARTS = (
         plate_build,
         plate_box,
         material="aluminium, EN AW-6082",
-        process=MACHINED,
+        process=MACHINED_PROCESS,
         group="bench",
         explode_mm=-40.0,
-        colour=STEEL,
+        colour=STEEL_RGBA,
         sections=("stage_plate", "table", "frame"),
         derived=("frame_outer_mm", "z_front_mm", "z_back_mm"),
         rules=plate_rules,

@@ -19,12 +19,12 @@ from collections.abc import Iterator
 from deltact_fab.common import Check
 
 from ..dimensions import Design
-from ..kernel import Box, Shape, around, cuboid, cylinders, require
-from ..part import BOUGHT, STEEL, Part, Shift
+from ..kernel import Extent, Shape, around, cuboid, cylinders, require
+from ..part import BOUGHT_PROCESS, STEEL_RGBA, Part, Shift
 from ..rule import at_most
 
 
-def box(design: Design) -> Box:
+def box(design: Design) -> Extent:
     """Head and shank."""
     row, under, head = design.screw.row, design.z_head_mm, design.screw.row.head_mm / 2
     return around(head, head, under - row.head_height_mm, under + design.screw.length_mm)
@@ -41,7 +41,7 @@ def build(design: Design) -> Shape:
     return head.union(shank).cut(socket).val()
 
 
-def camera_box(design: Design) -> Box:
+def camera_box(design: Design) -> Extent:
     """Head and shank of a camera screw."""
     row, under, head = design.holder.row, design.z_board_front_mm, design.holder.row.head_mm / 2
     return around(head, head, under - design.holder.screw_length_mm, under + row.head_height_mm)
@@ -103,11 +103,11 @@ PARTS = (
         build,
         box,
         material="steel, ISO 4762",
-        process=BOUGHT,
+        process=BOUGHT_PROCESS,
         quantity=4,
         number=8,
         explode_mm=-104,
-        colour=STEEL,
+        colour=STEEL_RGBA,
         places=places,
         sections=("screw",),
         derived=("z_head_mm",),
@@ -120,10 +120,10 @@ PARTS = (
         build_camera_screw,
         camera_box,
         material="steel, ISO 1207",
-        process=BOUGHT,
+        process=BOUGHT_PROCESS,
         quantity=2,
         explode_mm=-41,
-        colour=STEEL,
+        colour=STEEL_RGBA,
         places=camera_places,
         sections=("holder",),
         derived=("z_board_front_mm",),

@@ -28,7 +28,7 @@ from deltact_fab.common import Check
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, Told, shown, x_of, y_of, z_of
 from ..kernel import (
-    Box,
+    Extent,
     Shape,
     Workplane,
     around,
@@ -38,14 +38,14 @@ from ..kernel import (
     prism,
     without_corners,
 )
-from ..part import BLACK, Part, PrintPose
+from ..part import BLACK_RGBA, Part, PrintPose
 from ..rule import Length, PlayFit, at_most, below
 from . import mount
 from .light_holder import WIRE_OUTER
 from .mount import boss_room
 
 
-def box(design: Design) -> Box:
+def box(design: Design) -> Extent:
     """Shell and mount."""
     x, y = (side / 2 for side in design.frame_outer_mm)
     return enclosing([around(x, y, design.z_floor_mm, design.z_joint_mm), *mount.bars(design)])
@@ -159,7 +159,7 @@ def callouts(d: Design) -> Callouts:
     lengths = (*body_lengths(d), *mount.lengths(d))
     return Callouts(
         lengths, fitted=(d.screw.row.clearance_mm,), notes=notes, cut_x_mm=0.0,
-        rests_on=mount.FLANGE,
+        rests_on=mount.FLANGE_KEYS,
     )  # fmt: skip
 
 
@@ -169,7 +169,7 @@ PARTS = (
         build,
         box,
         number=3,
-        colour=BLACK,
+        colour=BLACK_RGBA,
         sections=("shell", "cover", "mount", "screw", "skin", "frame"),
         derived=(
             "frame_outer_mm", "cavity_half_mm", "ledge_half_mm", "ledge_reach_mm", "post_mm",

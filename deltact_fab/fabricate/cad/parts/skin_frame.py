@@ -38,13 +38,13 @@ from deltact_fab.common import Check
 
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, x_of, y_of, z_of
-from ..kernel import Box, Shape, around, cuboid, cylinders, prism, require, without_corners
-from ..part import BLACK, CLEAR, Part, PrintPose, no_entries
+from ..kernel import Extent, Shape, around, cuboid, cylinders, prism, require, without_corners
+from ..part import BLACK_RGBA, CLEAR_RGBA, Part, PrintPose, no_entries
 from ..rule import Length, PlayFit, at_most, below
 from ..standards import screw_tolerance_mm
 
 
-def box(design: Design) -> Box:
+def box(design: Design) -> Extent:
     """From the joint to the front."""
     x, y = (side / 2 for side in design.frame_outer_mm)
     return around(x, y, design.z_joint_mm, design.z_front_mm)
@@ -125,13 +125,13 @@ def callouts(d: Design) -> Callouts:
     )
 
 
-FRAME = Part(
+SKIN_FRAME = Part(
     "skin-frame",
     build,
     box,
     number=1,
     explode_mm=28,
-    colour=BLACK,
+    colour=BLACK_RGBA,
     sections=("skin", "frame", "optics", "screw", "shell"),
     derived=(
         "frame_outer_mm", "frame_height_mm", "post_edge_mm", "post_in_window_mm",
@@ -153,7 +153,7 @@ FRAME = Part(
 )  # fmt: skip
 
 
-def skin_box(design: Design) -> Box:
+def skin_box(design: Design) -> Extent:
     """The plain block."""
     skin = design.skin
     return around(skin.width_mm / 2, skin.length_mm / 2, -skin.thickness_mm, 0.0)
@@ -192,9 +192,9 @@ def skin_note(d: Design) -> str:
 
 
 PARTS = (
-    FRAME,
+    SKIN_FRAME,
     replace(
-        FRAME,
+        SKIN_FRAME,
         name="transparent-base",
         group="bench",
         number=0,
@@ -212,7 +212,7 @@ PARTS = (
         material="Solaris silicone, Shore 15A, clear, 1:1",
         process="cast in the mold",
         explode_mm=46,
-        colour=CLEAR,
+        colour=CLEAR_RGBA,
         sections=("skin", "frame", "screw", "shell"),
         derived=("post_in_window_mm",),
         rules=skin_rules,
