@@ -227,11 +227,9 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     # Meshes last: they leave triangles on the solids.
     fine = {p.name: mesh_solid(solids[p.name], VIEW_TOLERANCE_MM, p.name) for p in parts}
     ceilings = {
-        part.name: find_contact(lay_on_platform(fine[part.name], part.lies)).ceilings_text(
-            part.lies.supports
-        )
-        for part in parts
-        if part.printed
+        p.name: find_contact(lay_on_platform(fine[p.name], p.lies)).ceilings_text(p.lies.supports)
+        for p in parts
+        if p.printed
     }
     exploded_glb = {
         part.name: (

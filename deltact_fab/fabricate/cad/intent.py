@@ -36,7 +36,7 @@ THREAD_LIMITS_MM: tuple[tuple[CapThread, float], ...] = (
     ("M2.5", 55.0),
 )  # by hand, largest longer side of the face per thread; longer sides take M3
 DEFAULT_SHARE = 0.55  # by hand, visible share of the face: a larger one makes the sensor thicker
-FACE_RANGE_MM = 10.0, 200.0  # by hand: outside it the remedies have not been tried
+FACE_RANGE_MM = 10.0, 200.0  # by hand: wider accepts typing errors, narrower refuses sensors
 MAX_REPAIRS = 400  # by hand: fewer give up on solvable designs, more take longer to refuse
 CHEESE_LENGTHS_MM = (2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # by hand: lengths on sale (ISO 1207)
 CORNER_RAD = math.radians(79.0)  # by hand, below visibility.GRAZING_RAD: a third is reflected there

@@ -1,5 +1,5 @@
-"""Access to the CAD kernel: its import, its exceptions as one line, primitives along z for parts and
-cutters, and the gate that every solid passes.
+"""Access to the CAD kernel: its import, its exceptions as one line, primitives along z, and
+the gate that every solid passes.
 
 The kernel returns wrong shapes without an exception: an empty compound that calls itself valid, an
 untouched box in place of a shell, two solids where a hole split the part.

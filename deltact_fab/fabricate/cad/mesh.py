@@ -16,7 +16,7 @@ MESH_ANGLE_RAD = 0.2  # by hand: smaller makes round parts smoother and files la
 # By hand: above the spacing of float32 at 100 mm (7.6e-6), far below any tolerance.
 MERGE_MM = 1e-5
 MAX_HALVINGS = 3  # by hand: the kernel oversteps by a factor of two; more only delays a refusal
-_REFINED_TRIANGLES = 64  # by hand: more find a worse deviation rarely, and take longer
+_REFINED_TRIANGLES = 64  # by hand: fewer may miss the largest deviation, more take longer
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
-"""Rays: against triangles, many at a time, and against the exact surfaces, one at a time.
+"""Ray casting on triangles, many rays at a time, and on exact surfaces, one at a time.
 
 outside   p        thickness: from a point p of the surface along -n to the first surface
-----------o-----   behind it, where that one looks the other way.
+----------o-----   behind it that faces the other way.
   solid   |
 ----------v-----
 """
@@ -20,33 +20,31 @@ from deltact_fab.common import Field, Point
 from .mesh import Mesh
 
 Wall = tuple[float, Point]  # how thick in mm, inwards along -normal, and where
-# Faces that meet in an edge look past each other, and the distance between them ends in zero there:
-# a wall is where they look apart to within this.
+# By hand: faces of a wall are antiparallel to within this; larger takes edges for thin walls.
 OPPOSITE_DEG = 30.0
-SAMPLE_SPACING_MM = 1.5
-MAX_AREA_SAMPLES = 4000  # points spread over the area, besides four in each triangle
-EXTRA_EXACT_RAYS = 24  # points measured exactly after the mesh has none that seems thinner
-MAX_EXACT_RAYS = 2000  # points measured exactly at most
-FACET_GAP_MM = 1e-4
-REACHES_MM = (2.0, 8.0, math.inf)  # walls are looked for so far, further where there is none
-RAYS_PER_BLOCK = 256  # rays
-RAY_START_MM = 1e-4  # a ray does not hit the surface that it leaves
-# Rays x triangles held at once: what stays in the processor's cache, and little enough (times six,
-# 2^18) for OpenBLAS to work on one thread; several wait for each other on a busy machine.
+SAMPLE_SPACING_MM = 1.5  # by hand: larger misses small thin spots, smaller takes longer
+MAX_AREA_SAMPLES = 4000  # by hand, besides four in each triangle: more take longer
+EXTRA_EXACT_RAYS = 24  # by hand, after the thinnest by mesh: fewer may miss the true minimum
+MAX_EXACT_RAYS = 2000  # by hand: more take longer on parts of many facets
+FACET_GAP_MM = 1e-4  # by hand: above rounding; larger ends the search early
+REACHES_MM = (2.0, 8.0, math.inf)  # by hand: search ranges, the next if no wall is found
+RAYS_PER_BLOCK = 256  # by hand: larger blocks overlap more triangles, smaller ones loop longer
+RAY_START_MM = 1e-4  # by hand: ignores the start surface; larger misses thinner walls
+# By hand, rays x triangles at once: fits the processor's cache, and is small enough (times six,
+# 2^18) for OpenBLAS to stay on one thread; several wait for each other on a busy machine.
 _PAIRS_PER_BLOCK = 40_000
-_CORNER_INSET = 0.02  # of a triangle: points beside its corners
+_CORNER_INSET = 0.02  # by hand, share of a triangle: smaller puts samples on its edges
 
 
 def first_hit(
     origins_mm: Field, directions: Field, corners_mm: Field, start_mm: float = RAY_START_MM
 ) -> tuple[Field, NDArray[np.int64]]:
-    """Where rays first meet triangles: distance (n,) in lengths of the ray, index of triangle (n,).
+    """Return the first hit of rays on triangles: distance (n,) in ray lengths, triangle index (n,).
 
     origins_mm, directions: (n, 3). corners_mm: (m, 3, 3) triangle, corner, axis. A miss is inf, -1.
     Hits nearer than start_mm do not count. Edges belong to both of their triangles.
 
-    Moeller and Trumbore's solution, written with the moment o x d so that it is three matrix
-    products.
+    Moeller and Trumbore (1997), written with the moment o x d as three matrix products.
     """
     a = corners_mm[:, 0]
     e1, e2 = corners_mm[:, 1] - a, corners_mm[:, 2] - a
@@ -76,21 +74,14 @@ def first_hit(
 
 
 def samples(corners_mm: Field) -> tuple[Field, NDArray[np.int64]]:
-    """Points on triangles (n, 3) and the triangle of each (n,), the same on every call.
+    """Return points on triangles (n, 3) and the triangle of each (n,), reproducibly.
 
-    Every triangle has its centroid and a point beside each corner; large ones more, by area.
+    Each triangle has its centroid and a point near each corner; large ones more, by area.
     """
     area = np.linalg.norm(np.cross(*np.moveaxis(_edges(corners_mm), 1, 0)), axis=1) / 2
     spacing_mm = max(SAMPLE_SPACING_MM, math.sqrt(area.sum() / MAX_AREA_SAMPLES))
     i = _CORNER_INSET / 2
-    fixed = np.array(
-        [
-            (1 / 3,) * 3,
-            (1 - _CORNER_INSET, i, i),
-            (i, 1 - _CORNER_INSET, i),
-            (i, i, 1 - _CORNER_INSET),
-        ]
-    )
+    fixed = np.array([(1 / 3,) * 3, (1 - 2 * i, i, i), (i, 1 - 2 * i, i), (i, i, 1 - 2 * i)])
     extra = np.ceil(area / spacing_mm**2).astype(np.int64) * (area > spacing_mm**2)
     owner = np.concatenate(
         [np.repeat(np.arange(len(area)), 4), np.repeat(np.arange(len(area)), extra)]
@@ -105,14 +96,14 @@ def samples(corners_mm: Field) -> tuple[Field, NDArray[np.int64]]:
 
 
 def normals(corners_mm: Field) -> Field:
-    """Unit normals (m, 3) of triangles, outwards; zero for a triangle without area."""
+    """Return outward unit normals (m, 3) of triangles; zero for a triangle without area."""
     n = np.cross(*np.moveaxis(_edges(corners_mm), 1, 0))
     length = np.linalg.norm(n, axis=1, keepdims=True)
     return np.divide(n, length, out=np.zeros_like(n), where=length > 0)
 
 
 def _edges(corners_mm: Field) -> Field:
-    """Two edges of each triangle, (m, 2, 3)."""
+    """Return two edges of each triangle, (m, 2, 3)."""
     return corners_mm[:, 1:] - corners_mm[:, :1]
 
 
@@ -127,10 +118,10 @@ class Walls:
         self._face = mesh.face[self._triangle]
 
     def thinnest(self, mask: NDArray[np.bool_] | None = None) -> Wall | None:
-        """The thinnest wall among the points of the mask; None where there is no wall at all.
+        """Return the thinnest wall among the points of the mask; None without any wall.
 
-        An upper bound of the true minimum: what lies between the points is not seen. Walls that
-        lean from each other by more than OPPOSITE_DEG are edges and do not count.
+        An upper bound of the true minimum, limited by the sampling. Faces that are further from
+        antiparallel than OPPOSITE_DEG form an edge and do not count.
         """
         for reach_mm in REACHES_MM:
             screened = self._screened(reach_mm)
@@ -139,9 +130,9 @@ class Walls:
                 return wall
         return None
 
-    @cache  # noqa: B019  # of one part, gone with it
+    @cache  # noqa: B019  # freed with its part
     def _screened(self, reach_mm: float) -> Field:
-        """Walls (n,) of no more than reach_mm on the mesh, inf for none."""
+        """Return wall thickness (n,) on the mesh up to reach_mm, inf for none."""
         inward = -self._outward[self._triangle]
         low, high = self._corners.min(axis=1), self._corners.max(axis=1)
         distance = np.full(len(inward), np.inf)
@@ -157,7 +148,7 @@ class Walls:
             hit[block] = np.where(local >= 0, near[local], -1)
         opposite = np.einsum("ij,ij->i", inward, self._outward[hit])
         real = np.linalg.norm(inward, axis=1) > 0
-        # A facet leans from its surface: the exact normals decide what is left.
+        # Facets deviate from their surface: the exact normals decide later.
         lean = math.radians(OPPOSITE_DEG) + 0.2
         wall = real & (hit >= 0) & (opposite > math.cos(lean)) & (distance <= reach_mm)
         return np.where(wall, distance, np.inf)
@@ -172,7 +163,7 @@ class Walls:
             wall = self._exact.thickness(self.points_mm[i], int(self._face[i]))
             if wall is not None and (best is None or wall[0] < best[0]):
                 best = wall
-            # Facets and surfaces differ: a few that seem no thinner are measured, too.
+            # Facets and surfaces differ: a few points beyond are measured, too.
             if best is not None and screened[i] > best[0] - FACET_GAP_MM:
                 rejected += 1
         return best
@@ -195,7 +186,7 @@ class ExactRays:
         self._normal_of = BRepGProp_Face
 
     def thickness(self, point_mm: Field, face: int) -> Wall | None:
-        """Thickness inwards from the point of a face nearest to point_mm; None at an edge."""
+        """Return the thickness from the face's point nearest to point_mm; None at an edge."""
         from OCP.gp import gp_Pnt
 
         uv = self._surfaces[face].ValueOfUV(gp_Pnt(*point_mm.tolist()), 1e-7)
@@ -216,9 +207,9 @@ class ExactRays:
     def first(
         self, origin_mm: Field, direction: Field
     ) -> tuple[float, tuple[Any, float, float] | None]:
-        """Distance along a unit direction to the nearest surface beyond START_MM; inf for none.
+        """Return the distance along a unit direction to the nearest surface, inf for none.
 
-        With the face that is met, and where on it in its own parameters.
+        Also the hit face and the hit's parameters (u, v) on it.
         """
         from OCP.gp import gp_Dir, gp_Lin, gp_Pnt
 
@@ -233,7 +224,7 @@ class ExactRays:
 
 
 def _point_normal(face: Any, u: float, v: float) -> tuple[Field, Field | None]:
-    """A point of an oriented face and its outward unit normal, None where it has none."""
+    """Return a point of an oriented face and its outward unit normal, None at a singularity."""
     from OCP.gp import gp_Pnt, gp_Vec
 
     point, normal = gp_Pnt(), gp_Vec()

@@ -1,6 +1,6 @@
-"""Every part by name: those of the files in parts/, and the indenters of a list.
+"""All parts by name: those of the files in parts/, and the listed indenters.
 
-A file of parts/ is found by being there. Imports no CAD kernel.
+Files in parts/ are picked up automatically. Imports no CAD kernel.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from .parts.indenter import part as indenter_part
 
 
 def design_parts(design: Design | None = None) -> list[Part]:
-    """Every part that a design has, or some design may have: by group, from the face backwards.
+    """Return every part of a design (None: of any design), by group, from the face backwards.
 
-    Raises RuntimeError when two files of parts/ claim one name.
+    Raises RuntimeError if two files of parts/ define the same name.
     """
     by_name: dict[str, Part] = collect_entries(parts.__name__, "PARTS")
     return sorted(
@@ -30,22 +30,22 @@ def design_parts(design: Design | None = None) -> list[Part]:
 
 
 def parts_of_group(group: str, design: Design | None = None) -> list[Part]:
-    """The parts of one group as `design_parts` has them, in their order."""
+    """Return the parts of one group, in the order of `design_parts`."""
     return [part for part in design_parts(design) if part.group == group]
 
 
 def list_parts(indenters: IndenterList | None = None, design: Design | None = None) -> list[Part]:
-    """Every part as `design_parts` has them, and the indenters of the list (cad/indenters.toml)."""
+    """Return `design_parts` and the indenters of the list (default: cad/indenters.toml)."""
     listed = load_indenters() if indenters is None else indenters
     tips = [indenter_part(parse_indenter(e.name), listed.body, e.quantity) for e in listed.indenter]
     return [*design_parts(design), *tips]
 
 
 def find_part(name: str, indenters: IndenterList | None = None) -> Part:
-    """One part by name; an indenter also by its name in a protocol, and in any size.
+    """Return one part by name; an indenter also by its protocol name, in any size.
 
-    `indenter-star`, `star` and `star:8` all exist. Raises InputError with the nearest known name,
-    or stating the sizes that are valid.
+    `indenter-star`, `star` and `star:8` are valid. Raises InputError with the nearest known name,
+    or the valid sizes.
     """
     listed = load_indenters() if indenters is None else indenters
     by_name = {part.name: part for part in list_parts(listed)}
@@ -61,9 +61,9 @@ def find_part(name: str, indenters: IndenterList | None = None) -> Part:
 
 
 def select_parts(names: Iterable[str]) -> list[Part]:
-    """The named parts in the order given, each once; every part when none is named.
+    """Return the named parts in order, each once; every part if no name is given.
 
-    A name of GROUPS stands for all of its parts.
+    A group's name selects all of its parts.
     """
     all_parts = list_parts()
     selected: dict[str, Part] = {}

@@ -1,4 +1,4 @@
-"""The sections of a design that the sensor's own parts are made from, a record each."""
+"""Sections of a design for the sensor's own parts, one record each."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from .standards import (
 
 
 def assumed_length(default: float, meaning: str, low: float, high: float) -> Any:
-    """A number that nobody has measured: it counts as unverified."""
+    """Return a field for an assumed number, which counts as unverified."""
     return bounded_number(default, meaning, low, high, unverified=True)
 
 
 def measured_keys(meaning: str) -> Any:
-    """The field for keys that a lab has measured: these no longer count as unverified."""
+    """Return the field for keys that a lab has measured: they no longer count as unverified."""
     return field(default=(), metadata={"description": meaning})
 
 
 @dataclass(frozen=True)
 class PlateDimensions(Bounded):
-    """The acrylic plate (part 2): how it lies, what it must bear under a press, its material."""
+    """The acrylic plate (part 2): its seat, loads and material."""
 
     fit_mm: float = bounded_number(0.1, "clearance in the frame's pocket, per side", 0.02, 2)
     ledge_mm: float = bounded_number(0.5, "least width that lies on a ledge", 0.1, 10)
@@ -99,7 +99,7 @@ class CameraDimensions(Bounded):
     )
 
     def angle_rad(self, at_mm: float) -> float:
-        """The angle from the axis that the lens images at_mm from the middle of the chip."""
+        """Return the angle from the axis that the lens images at_mm from the middle of the chip."""
         angle = at_mm / self.focal_length_mm
         return math.atan(angle) if self.projection == "rectilinear" else angle
 
@@ -128,7 +128,7 @@ class CameraDimensions(Bounded):
 
 @dataclass(frozen=True)
 class HolderDimensions(Bounded):
-    """The camera holder (part 6) behind the board, which two screws lock or a bond holds."""
+    """The camera holder (part 6) behind the board, which is screwed or bonded to it."""
 
     clearance_mm: float = bounded_number(3.0, "thickness, and room for the connector", 1, 30)
     fit_mm: float = bounded_number(0.2, "clearance to the shell", 0.02, 2)
@@ -173,7 +173,7 @@ class CoverDimensions(Bounded):
 
     @property
     def fibre_mm(self) -> float:
-        """Outermost fibre of a leg from its centroid; a leg is a slab of the peg's circle: 0.26.
+        """Distance of a leg's outermost fibre from its centroid; a leg is a slab of the peg: 0.26.
 
         Between the chords at a = slot / 2 and b = a + leg: centroid at 2/3 ((R^2 - a^2)^1.5 -
         (R^2 - b^2)^1.5) / A, A the area between them.
@@ -251,43 +251,43 @@ class LightDimensions(Bounded):
 
     @property
     def most_v(self) -> float:
-        """Most over the resistors = supply (1 + tolerance) - led_v + spread: 2.5."""
+        """Maximum voltage over the resistors = supply (1 + tolerance) - led_v + spread: 2.5."""
         return self.supply_v * (1 + self.supply_tolerance) - self.led_v + self.led_spread_v
 
     @property
     def circuit_ohm(self) -> float:
-        """All resistors = resistor + strip's own / count (in parallel): 750."""
+        """Total resistance = resistor + strip's own / count (in parallel): 750."""
         return self.resistor_ohm + self.strip_resistor_ohm / self.led_count
 
     @property
     def total_ma(self) -> float:
-        """Current of all LEDs = (supply - led_v) / all resistors, at least 0: 2.73."""
+        """Current of all LEDs = (supply - led_v) / total resistance, at least 0: 2.73."""
         return max(self.supply_v - self.led_v, 0.0) / self.circuit_ohm * 1000
 
     @property
     def least_ma(self) -> float:
-        """Least current of all LEDs, at least 0, by the supply's least and led_v's most: 2.13."""
+        """Minimum current of all LEDs, at minimum supply and maximum led_v, at least 0: 2.13."""
         v = self.supply_v * (1 - self.supply_tolerance) - self.led_v - self.led_spread_v
         return max(v, 0.0) / self.circuit_ohm * 1000
 
     @property
     def most_ma(self) -> float:
-        """Most current of all LEDs = most over the resistors / all resistors, at least 0: 3.33."""
+        """Maximum current of all LEDs = maximum voltage / total resistance, at least 0: 3.33."""
         return max(self.most_v, 0.0) / self.circuit_ohm * 1000
 
     @property
     def chip_most_ma(self) -> float:
-        """Most current of a chip, shared evenly = most current / count / chips: 0.222."""
+        """Maximum current per chip, shared evenly = maximum / count / chips: 0.222."""
         return self.most_ma / self.led_count / self.led_chips
 
     @property
     def resistor_most_w(self) -> float:
-        """Most heat in the resistor = most current squared x resistor: 0.00833."""
+        """Maximum dissipation of the resistor = maximum current squared x resistor: 0.00833."""
         return (self.most_ma / 1000) ** 2 * self.resistor_ohm
 
     @property
     def least_resistor_ohm(self) -> float:
-        """Least of E24 that keeps led_limit_ma and supply_rating_ma at worst: 9.1."""
+        """Smallest E24 value within led_limit_ma and supply_rating_ma at worst: 9.1."""
         most_ma = min(self.led_limit_ma * self.led_count * self.led_chips, self.supply_rating_ma)
         own_ohm = self.strip_resistor_ohm / self.led_count
         return next_e24(max(self.most_v, 0.0) / most_ma * 1000 - own_ohm)
@@ -335,7 +335,7 @@ class MountDimensions(Bounded):
 
     @property
     def head_mm(self) -> float:
-        """Head of a cap screw = 1.5 d + 1, as ISO 4762 has it from M3 to M5: 7 for M4."""
+        """Head of a cap screw = 1.5 d + 1 (ISO 4762, M3 to M5): 7 for M4."""
         return 1.5 * self.thread.thread_mm + 1.0
 
 
@@ -380,6 +380,6 @@ class ShellDimensions(Bounded):
 
 
 def _segment_mm2(from_mm: float, radius_mm: float) -> float:
-    """Area of the disc beyond x = from_mm, which lies within the disc."""
+    """Area of the disc's segment beyond x = from_mm, within the disc."""
     c, r = from_mm, radius_mm
     return r**2 * math.acos(c / r) - c * math.sqrt(r**2 - c**2)

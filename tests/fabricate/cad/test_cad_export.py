@@ -18,13 +18,8 @@ from deltact_fab.fabricate.cad import registry
 from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.fabricate.cad.dimensions import Design
 from deltact_fab.fabricate.cad.drafting.wiring import wiring
-from deltact_fab.fabricate.cad.export import export_parts, file_cache_key
-from deltact_fab.fabricate.cad.export.part_files import (
-    DRAWING_FORMATS,
-    EXPORT_FORMATS,
-    ExportTask,
-    part_formats,
-)
+from deltact_fab.fabricate.cad.export import export_parts, file_cache_key, part_files
+from deltact_fab.fabricate.cad.export.part_files import DRAWING_FORMATS, EXPORT_FORMATS
 from deltact_fab.fabricate.cad.parts import skin_frame
 from deltact_fab.sensor.shapes.sensor import FrameDimensions
 
@@ -75,15 +70,11 @@ def test_the_wiring_goes_with_the_sensor_and_is_kept(tmp_path, store_of_its_own)
 
 def test_applicable_formats():
     everything = tuple(kind for kind in EXPORT_FORMATS if kind not in DRAWING_FORMATS)
-    assert part_formats(registry.find_part("acrylic"), everything) == everything
-    assert part_formats(registry.find_part("mold"), everything) == (
-        "step",
-        "stl",
-        "3mf",
-        "glb",
-    )
-    assert part_formats(registry.find_part("screw"), everything) == ("step", "glb")
-    assert part_formats(registry.find_part("led-strip"), everything) == ("step", "glb")
+    for name, formats in (
+        ("acrylic", everything), ("mold", ("step", "stl", "3mf", "glb")),
+        ("screw", ("step", "glb")), ("led-strip", ("step", "glb")),
+    ):  # fmt: skip
+        assert part_files.part_formats(registry.find_part(name), everything) == formats
 
 
 def test_a_format_that_applies_to_nothing_is_refused(tmp_path):
@@ -160,11 +151,9 @@ def test_what_a_file_is_found_by(part, kind, other, same):
     asked = {"design": DESIGN, "tolerance_mm": 0.01, "part": part, "kind": kind}
     keys = []
     for design, tolerance_mm, name, form in (asked.values(), {**asked, **other}.values()):
-        keys.append(
-            file_cache_key(
-                ExportTask((registry.find_part(name),), (form,), design, tolerance_mm), form
-            )
-        )
+        parts = (registry.find_part(name),)
+        task = part_files.ExportTask(parts, (form,), design, tolerance_mm)
+        keys.append(file_cache_key(task, form))
     assert (keys[0] == keys[1]) == same
 
 

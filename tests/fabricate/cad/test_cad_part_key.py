@@ -18,7 +18,7 @@ from deltact_fab.fabricate.cad.check.built import BuiltDesign, Facts
 from deltact_fab.fabricate.cad.design import IndenterList, ListedIndenter, load_design
 from deltact_fab.fabricate.cad.dimensions import Design
 from deltact_fab.fabricate.cad.drafting.drawing import drawing
-from deltact_fab.fabricate.cad.export import BESIDE_DRAWINGS
+from deltact_fab.fabricate.cad.export import DRAWING_SECTIONS
 from deltact_fab.fabricate.cad.registry import design_parts, find_part, list_parts
 
 LIST = IndenterList(indenter=(ListedIndenter("sphere:10"),))
@@ -77,7 +77,7 @@ def unread(part, design, drawing_too=True):
         drawing(part, watched(design, "", drawn.add), solid)
     declared = {*part.sections, *part.derived}
     # Whether a value was measured, and what the machine and the title block add to a drawing.
-    beside = {*declared, *BESIDE_DRAWINGS, "mount"}
+    beside = {*declared, *DRAWING_SECTIONS, "mount"}
     return {path for path in paths if path.partition(".")[0] not in declared} | {
         path
         for path in drawn

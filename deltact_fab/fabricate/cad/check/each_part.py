@@ -125,9 +125,9 @@ def _row(
     id = f"wall-thickness.{id}"
     if thinnest is None:
         return Check(id, "wall thickness", name, "no wall found", limit, "fail")
-    status = graded(thinnest[0] >= least_mm - WALL_SLACK_MM)
     text = f"{thinnest[0]:.3f} mm at {format_point(thinnest[1])}"
-    return Check(id, "wall thickness", name, text, limit, status)
+    passed = thinnest[0] >= least_mm - WALL_SLACK_MM
+    return Check(id, "wall thickness", name, text, limit, graded(passed))
 
 
 def _webs(model: BuiltDesign, name: str) -> Iterator[Wall]:
@@ -149,9 +149,8 @@ def _webs(model: BuiltDesign, name: str) -> Iterator[Wall]:
 def _on_legs(design: Design, points_mm: NDArray[np.float64]) -> NDArray[np.bool_]:
     """True for points (n, 3) on a peg above the cover's floor."""
     reach = design.cover.hole_mm / 2 + design.cover.lip_mm + 0.01
-    x_mm, y_mm = points_mm[:, 0], points_mm[:, 1]
-    distances = [np.hypot(x_mm - x, y_mm - y) for x, y in design.peg_centres_mm]
-    return (np.min(distances, axis=0) < reach) & (points_mm[:, 2] > design.z_floor_mm + 1e-6)
+    gaps = [np.hypot(points_mm[:, 0] - x, points_mm[:, 1] - y) for x, y in design.peg_centres_mm]
+    return (np.min(gaps, axis=0) < reach) & (points_mm[:, 2] > design.z_floor_mm + 1e-6)
 
 
 def platform_contact(model: BuiltDesign) -> Iterator[Check]:

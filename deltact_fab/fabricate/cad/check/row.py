@@ -21,9 +21,7 @@ from ..rule import RULE_SLACK
 
 Margin = Callable[[Design], float]
 MAX_NAMED_KEYS = 3  # by hand: one line has no room for more
-SEARCH_STEP = (
-    0.01  # by hand, first relative step: smaller takes longer, larger jumps over solutions
-)
+SEARCH_STEP = 0.01  # by hand, first relative step: smaller takes longer, larger may skip a solution
 # Properties of machines and the envelope are given: they are no remedies.
 FIXED_SECTIONS = ("resin_printer", "laser", "envelope", "drawing")
 

@@ -1,4 +1,4 @@
-"""Parts to files: the same dimensions give the same bytes, in any process and any order.
+"""Export parts to files: equal dimensions give equal bytes, in any process and any order.
 
 part_files.py runs in a worker; step.py and dxf.py write the exact solid, meshes.py its mesh.
 """
@@ -47,15 +47,14 @@ from .part_files import (
 )
 
 MANIFEST_FILE = "manifest.json"
-TOLERANCE_MM = (0.001, 1.0)
-MAX_JOBS = 4
-# Files of so many parts are worth sharing: a worker first loads the kernel, 4 s and 500 MB.
+TOLERANCE_MM = (0.001, 1.0)  # by hand: finer meshes exceed memory, coarser ones look faceted
+MAX_JOBS = 4  # by hand: each takes 500 MB
+# By hand: fewer parts are not worth a worker, which first loads the kernel (4 s, 500 MB).
 MIN_SHARED_TASKS = 12
-EXPORT_STORE = Store("cad", limit_bytes=512 * 2**20)
-# What a drawing says beside its part: limits of its machine, the title block.
-BESIDE_DRAWINGS = ("drawing", "resin_printer", "laser", "optics")
-# About ten designs at 0.01 mm; the longest unused go first.
-MANIFEST_DIGITS = 6  # of lengths and volumes in the manifest
+EXPORT_STORE = Store("cad", limit_bytes=512 * 2**20)  # by hand: about ten designs at 0.01 mm
+# Further sections that a drawing depends on: tolerances of its machine, title block.
+DRAWING_SECTIONS = ("drawing", "resin_printer", "laser", "optics")
+FILE_DIGITS = 6  # by hand, lengths and volumes in the manifest: more would be rounding noise
 
 
 def export_parts(
@@ -72,17 +71,17 @@ def export_parts(
     """Write every part in every format that applies to it, and manifest.json, into out_dir.
 
     formats: of EXPORT_FORMATS; None: all.
-    tolerance_mm: largest distance of a mesh from the surface; measured, not only asked for.
-    progress: called with (done, total, what) at the start, after each part, and at the end.
-    cached: files made before from the same dimensions, sources and kernel are taken from the
-    user's cache, and new ones put there; when none is missing the kernel is not loaded.
-    jobs: processes; None decides by the work that is left.
+    tolerance_mm: largest distance of a mesh from the surface, verified by measurement.
+    progress: called with (count, total, step) at the start, after each part, and at the end.
+    cached: use and fill the user's cache of files by dimensions, code and kernel version; when no
+    file is missing the kernel is not loaded.
+    jobs: processes; None: chosen by the number of missing files.
 
-    assembly.step, assembly.glb, wiring.svg and wiring.pdf are written when all of the sensor's
-    parts are among parts. A file that has the name of one is replaced, and what an earlier export's
-    manifest lists and is not written again goes, unless it was changed since; other files stay.
+    assembly.step, assembly.glb, wiring.svg and wiring.pdf are written if parts include the whole
+    sensor. Files of the same name are replaced, and unchanged files of an earlier export (by its
+    manifest) that are not written again are removed; other files stay.
 
-    Returns what was written: the assembly first, then by part. All files appear at once, or none.
+    Returns the written files: the assembly first, then by part. All files appear at once, or none.
     Raises InputError for unusable arguments or dimensions; RunFailed when a part cannot be made, a
     file cannot be written, a worker dies, or on Ctrl-C.
     """
@@ -94,32 +93,27 @@ def export_parts(
     if jobs is not None and jobs < 1:
         raise InputError(f"jobs {jobs}: expected 1 or more")
     by_name = {part.name: part for part in parts if part.indenter or part.places(design)}
-    tasks = [
-        ExportTask((part,), part_formats(part, kinds), design, tolerance_mm)
-        for part in by_name.values()
-    ]
+    unique = by_name.values()
+    tasks = [ExportTask((p,), part_formats(p, kinds), design, tolerance_mm) for p in unique]
     if not any(task.formats for task in tasks):
         raise InputError(f"format {', '.join(kinds)}: applies to none of {', '.join(by_name)}")
     if any(part.indenter is None for part in by_name.values()):
         feasibility.check_feasible(design)
-    # In the registry's order, where all of them are there.
+    # The sensor's parts in the registry's order, if complete.
     whole_sensor = [part.name for part in parts_of_group("sensor", design)]
     complete = set(whole_sensor) <= set(by_name)
     sensor = tuple(by_name[name] for name in whole_sensor) if complete else ()
-    if sensor and (
-        sensor_kinds := tuple(kind for kind in kinds if kind in ("step", *DRAWING_FORMATS))
-    ):
-        tasks.insert(0, ExportTask(sensor, sensor_kinds, design, tolerance_mm))
+    if sensor and (together := tuple(k for k in kinds if k in ("step", *DRAWING_FORMATS))):
+        tasks.insert(0, ExportTask(sensor, together, design, tolerance_mm))
     check_writable(out_dir, folder=True)
     tell = progress or (lambda count, total, step: None)
-    results = _make_files(tasks, cached, jobs, tell)
+    results = _load_or_make(tasks, cached, jobs, tell)
     if sensor and "glb" in kinds:
         results.append(_assembly_glb(sensor, design, results))
-    # In an order of their own: that of asking or making does not count.
-    results.sort(
-        key=lambda m: (m[0].part != ASSEMBLY_NAME, m[0].part, EXPORT_FORMATS.index(_kind(m[0])))
-    )
-    files = [_round_figures(entry) for entry, _ in results]
+    # A fixed order, independent of that of arguments and workers.
+    results.sort(key=lambda result: EXPORT_FORMATS.index(_kind(result[0])))
+    results.sort(key=lambda result: (result[0].part != ASSEMBLY_NAME, result[0].part))
+    files = [_rounded_entry(entry) for entry, _ in results]
     contents = {out_dir / entry.file: data for entry, data in results}
     manifest = json.dumps({"files": [asdict(entry) for entry in files]}, indent=2) + "\n"
     contents[out_dir / MANIFEST_FILE] = manifest.encode()
@@ -130,9 +124,9 @@ def export_parts(
 
 
 def _unchanged_files(folder: Path) -> set[Path]:
-    """What an export wrote there and nobody changed: no folder holds parts of two designs."""
+    """Return unchanged files of an earlier export, so that no folder mixes two designs."""
     unchanged = set()
-    with suppress(OSError, ValueError, KeyError, TypeError):  # no manifest, or not one of ours
+    with suppress(OSError, ValueError, KeyError, TypeError):  # no manifest, or a foreign one
         for entry in json.loads((folder / MANIFEST_FILE).read_text())["files"]:
             path = folder / Path(entry["file"]).name
             if path.is_file() and sha256(path.read_bytes()).hexdigest() == entry["sha256"]:
@@ -140,17 +134,16 @@ def _unchanged_files(folder: Path) -> set[Path]:
     return unchanged
 
 
-def _make_files(
+def _load_or_make(
     tasks: Sequence[ExportTask], cached: bool, jobs: int | None, tell: Progress
 ) -> list[FileData]:
-    """Everything but assembly.glb, from the cache or from the kernel."""
+    """Return all files except assembly.glb, from the cache or the kernel."""
     cached_files: list[FileData] = []
     missing: list[ExportTask] = []
     for task in tasks:
-        stored: dict[str, FileData | None] = {
-            kind: EXPORT_STORE.read(file_cache_key(task, kind)) if cached else None
-            for kind in task.formats
-        }
+        stored: dict[str, FileData | None] = dict.fromkeys(task.formats)
+        if cached:
+            stored = {k: EXPORT_STORE.read(file_cache_key(task, k)) for k in task.formats}
         cached_files += [file for file in stored.values() if file is not None]
         if absent := tuple(kind for kind, file in stored.items() if file is None):
             missing.append(replace(task, formats=absent))
@@ -161,7 +154,7 @@ def _make_files(
         for result in files if cached else ():
             EXPORT_STORE.write(file_cache_key(missing[index], _kind(result[0])), result)
 
-    # Several processes where the work is worth it.
+    # Several processes only for many parts.
     shared = min(count_workers(), MAX_JOBS) if len(missing) >= MIN_SHARED_TASKS else 1
     results = run_each(
         make, missing, [task.name for task in missing], None,
@@ -172,12 +165,12 @@ def _make_files(
 
 
 def file_cache_key(task: ExportTask, kind: str) -> dict[str, Any]:
-    """Everything that a file is made from: its key in the cache."""
+    """Return the cache key of a file: all its inputs."""
     design, alone = task.design, len(task.parts) == 1
     context: Any = None if alone else [part.places(design) for part in task.parts]
     if kind in DRAWING_FORMATS:
-        # The wiring is drawn of the whole design.
-        sections = {name: getattr(design, name) for name in BESIDE_DRAWINGS}
+        # The wiring drawing depends on the whole design.
+        sections = {name: getattr(design, name) for name in DRAWING_SECTIONS}
         context = [sections, design.unverified()] if alone else design
     return cad_cache_key(
         "fabricate.cad.export.part_files",
@@ -189,7 +182,7 @@ def file_cache_key(task: ExportTask, kind: str) -> dict[str, Any]:
 
 
 def _assembly_glb(sensor: Sequence[Part], design: Design, results: Sequence[FileData]) -> FileData:
-    """The parts' own GLB files put in their places."""
+    """Assemble the parts' own GLB files."""
     by_file = {entry.file: (entry, data) for entry, data in results}
     bodies, sizes, deviations_mm = {}, [], []
     for part in sensor:
@@ -204,11 +197,9 @@ def _kind(entry: PartFile) -> str:
     return entry.file.rpartition(".")[2]
 
 
-def _round_figures(entry: PartFile) -> PartFile:
-    """Without the digits that tell nothing."""
-    box_mm: Any = tuple(
-        tuple(round(v, MANIFEST_DIGITS) + 0.0 for v in c) for c in entry.bounding_box_mm
-    )
-    volume_mm3, off_mm = round(entry.volume_mm3, MANIFEST_DIGITS), entry.mesh_deviation_mm
-    off_mm = None if off_mm is None else round(off_mm, MANIFEST_DIGITS)
-    return replace(entry, volume_mm3=volume_mm3, bounding_box_mm=box_mm, mesh_deviation_mm=off_mm)
+def _rounded_entry(entry: PartFile) -> PartFile:
+    """Round lengths and volumes to significant digits."""
+    box: Any = tuple(tuple(round(v, FILE_DIGITS) + 0.0 for v in c) for c in entry.bounding_box_mm)
+    volume_mm3, off_mm = round(entry.volume_mm3, FILE_DIGITS), entry.mesh_deviation_mm
+    off_mm = None if off_mm is None else round(off_mm, FILE_DIGITS)
+    return replace(entry, volume_mm3=volume_mm3, bounding_box_mm=box, mesh_deviation_mm=off_mm)

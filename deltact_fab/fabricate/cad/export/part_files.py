@@ -1,4 +1,4 @@
-"""One part, or the assembly, to the bytes of its files: what runs in a worker."""
+"""Make the files of one part, or of the assembly, as bytes; runs in a worker."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ PRINT_FORMATS = ("stl", "3mf")
 class PartFile:
     """One file. volume and box are the exact solid's, also for a mesh.
 
-    mesh_deviation_mm: measured distance of the mesh from the surface; None where there is no mesh.
-    turned: rotation from the part's frame to the printer's, of a file as it is printed; its box is
-    the mesh's, which stands on z = 0, its middle at x = y = 0.
+    mesh_deviation_mm: measured distance of the mesh from the surface; None without a mesh.
+    turned: rotation from the part's frame to the printer's, for files to print; the box is then
+    the mesh's, on z = 0 and centred at x = y = 0.
     """
 
     part: str
@@ -53,8 +53,8 @@ FileData = tuple[PartFile, bytes]
 
 @dataclass(frozen=True)
 class ExportTask:
-    """What one worker makes at a time: one part in some formats, or of all the sensor's parts the
-    assembly as STEP and the wiring drawing.
+    """Job of a worker: one part in some formats, or (all parts of the sensor) the assembly as STEP
+    and the wiring drawing.
     """
 
     parts: tuple[Part, ...]
@@ -64,12 +64,12 @@ class ExportTask:
 
     @property
     def name(self) -> str:
-        """What it is called on the way."""
+        """Name of the task in progress messages."""
         return self.parts[0].name if len(self.parts) == 1 else ASSEMBLY_NAME
 
 
 def checked_formats(formats: Sequence[str]) -> tuple[str, ...]:
-    """Each known format once, in the order of FORMATS. Raises InputError naming what is unknown."""
+    """Return the formats once each, in fixed order. Raises InputError naming an unknown one."""
     wanted_formats = [f.strip().lower() for f in formats if f.strip()]
     if not wanted_formats:
         raise InputError(f"format: none given; valid: {', '.join(EXPORT_FORMATS)}")
@@ -80,7 +80,7 @@ def checked_formats(formats: Sequence[str]) -> tuple[str, ...]:
 
 
 def part_formats(part: Part, formats: Sequence[str]) -> tuple[str, ...]:
-    """The formats that make sense for a part: none to print what is bought, dxf of what is flat."""
+    """Return the formats that apply to a part: no meshes of bought parts, dxf of laser-cut ones."""
     to_make = part.process != BOUGHT_PROCESS
     apply = {
         **dict.fromkeys(EXPORT_FORMATS, True),
@@ -92,7 +92,7 @@ def part_formats(part: Part, formats: Sequence[str]) -> tuple[str, ...]:
 
 
 def make(task: ExportTask) -> list[FileData]:
-    """Build, gate and write to memory. Raises RunFailed naming the part."""
+    """Build and gate a part and make its files. Raises RunFailed naming the part."""
     if len(task.parts) > 1:
         return [_sensor_file(task, kind) for kind in task.formats]
     (part,) = task.parts
@@ -132,7 +132,7 @@ def assembly_file(
     name: str, kind: str, data: bytes, parts: Sequence[tuple[float, Extent, Sequence[Point]]],
     deviation_mm: float | None = None,
 ) -> FileData:  # fmt: skip
-    """A file of an assembly of (volume, box, places), one place a copy."""
+    """Return a file of an assembly of (volume, box, positions), one position per copy."""
     volume_mm3 = sum(volume * len(places) for volume, _, places in parts)
     box_mm = enclosing(shifted(box, shift) for _, box, places in parts for shift in places)
     about = "", "wired" if name == WIRING_NAME else "assembled", 1
@@ -143,7 +143,7 @@ def _describe_file(
     name: str, kind: str, data: bytes, about: tuple[str, str, int],
     size: tuple[float, Extent, float | None], turned: Matrix | None = None,
 ) -> FileData:  # fmt: skip
-    """A file and what the manifest says of it."""
+    """Return a file with its entry in the manifest."""
     sha = hashlib.sha256(data).hexdigest()
     return PartFile(name, f"{name}.{kind}", *about, *size, sha, turned), data
 
@@ -154,9 +154,8 @@ def _sensor_file(task: ExportTask, kind: str) -> FileData:
 
         page = wiring(task.design)
         sheet: Extent = ((0.0, 0.0, 0.0), (*page.size_mm, 0.0))
-        return assembly_file(
-            WIRING_NAME, kind, _page_bytes(page, kind), [(0.0, sheet, meshes.AT_ORIGIN)]
-        )
+        data = _page_bytes(page, kind)
+        return assembly_file(WIRING_NAME, kind, data, [(0.0, sheet, meshes.AT_ORIGIN)])
     products, sizes = [], []
     for part in task.parts:
         solid, measured = build_part(part, task.design)
@@ -183,7 +182,7 @@ def _mesh_bytes(mesh: Mesh, part: Part, kind: str) -> bytes:
 
 
 def _mesh(solid: Any, measured: SolidProperties, task: ExportTask) -> Mesh:
-    """A mesh within d of a surface of area A holds the volume to A d, if it looks outwards."""
+    """Mesh a solid; its volume must agree within area x deviation (normals outwards)."""
     mesh = mesh_solid(solid, task.tolerance_mm, task.name)
     slack_mm3 = measured.area_mm2 * mesh.deviation_mm + 1e-6 * measured.volume_mm3
     if not abs(mesh.volume_mm3 - measured.volume_mm3) <= slack_mm3:

@@ -1,7 +1,7 @@
 """STEP AP214 in millimetres, header and names fixed.
 
-The kernel stamps the time and counts products and their uses over the life of the process; all of
-that is rewritten. The assembly carries no colours: the kernel orders them by memory address.
+The kernel writes the time and numbers products and their uses over the life of the process; all of
+this is rewritten. The assembly has no colours: the kernel orders them by memory address.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from deltact_fab.version import VERSION
 
 
 def part_bytes(solid: Any, name: str) -> bytes:
-    """One cadquery Solid as one product. Raises RunFailed when the kernel cannot translate it."""
+    """Return a cadquery Solid as one product. Raises RunFailed if the kernel cannot convert it."""
     from OCP.IFSelect import IFSelect_RetDone
     from OCP.StepBasic import StepBasic_Product
     from OCP.STEPControl import STEPControl_AsIs, STEPControl_Writer
@@ -33,7 +33,7 @@ def part_bytes(solid: Any, name: str) -> bytes:
 
 
 def assembly_bytes(parts: Sequence[tuple[str, Any, Sequence[Point]]], name: str) -> bytes:
-    """A product of products: (name, solid, where its origin goes, one place a copy), in order.
+    """Return an assembly of parts (name, solid, position of each copy), in order.
 
     Raises RunFailed when the kernel cannot translate it.
     """
@@ -77,7 +77,7 @@ def assembly_bytes(parts: Sequence[tuple[str, Any, Sequence[Point]]], name: str)
 
 
 def _settings() -> None:
-    """Global settings of the kernel: another export in this process may have changed them."""
+    """Set the kernel's global options; another export in this process may have changed them."""
     from OCP.Interface import Interface_Static
 
     Interface_Static.SetIVal_s("write.surfacecurve.mode", 1)

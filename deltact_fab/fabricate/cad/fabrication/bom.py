@@ -1,7 +1,7 @@
 """The bill of materials, from the registry and the dimensions. Imports no CAD kernel.
 
-What is ordered besides the parts stands in bom.toml; here are the figures in it. Where what is
-bought is ordered stands in cad/parts.toml, a lab's own list.
+Consumables and tools are in bom.toml, whose figures are computed here. Sources of bought parts are
+in cad/parts.toml, a lab's own list.
 """
 
 from __future__ import annotations
@@ -21,46 +21,41 @@ from ..registry import list_parts
 from . import quantities
 from .quantities import DEFAULT_FIGURES, WASTE_SHARE, fill_tables
 
-PIECES_UNIT = "pcs"
-MADE_PROCESSES = (
-    PRINT_PROCESS,
-    LASER_CUT,
-    MACHINED_PROCESS,
-    "cast in the mold",
-)  # of what the other lines bring
+PIECE_UNIT = "pcs"
+MADE_PROCESSES = (PRINT_PROCESS, LASER_CUT, MACHINED_PROCESS, "cast in the mold")  # need no source
 UNKNOWN_SOURCE = "not looked up"
-JETSON_PIN_MA = 500.0  # ours, cautious: the pins share the board's supply
+JETSON_PIN_MA = 500.0  # by hand, cautious: the pins share the board's supply; more may reset it
 
 
 @dataclass(frozen=True)
 class BoughtPart:
-    """One line that is bought, and where."""
+    """Source of one bought line."""
 
     line: str
     """Name of the line in `cad bom`."""
     when: str = ""
-    """Words that the line must hold, as a screw's size; none: any."""
+    """Text that the line must contain, such as a screw's size; empty: any."""
     maker: str = UNKNOWN_SOURCE
     """Maker and product."""
     order_number: str = UNKNOWN_SOURCE
-    """Number to order it by, of the maker or of the shop that is named."""
+    """Order number of the maker or the named shop."""
     second_source: str = UNKNOWN_SOURCE
-    """Who else sells it."""
+    """Alternative supplier."""
     sold_by: str = UNKNOWN_SOURCE
     """Unit in which it is sold."""
     price: str = UNKNOWN_SOURCE
-    """Of one such unit, with its currency."""
+    """Price of one such unit, with its currency."""
     priced_on: str = UNKNOWN_SOURCE
-    """The day of that price."""
+    """Date of that price."""
     instead: str = UNKNOWN_SOURCE
-    """What may replace it, or must not."""
+    """Substitutes, allowed or not."""
     found_in: str = UNKNOWN_SOURCE
-    """What says so."""
+    """Reference for these entries."""
 
     __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
 
     def __str__(self) -> str:
-        """Maker and number, as short as they can be said."""
+        """Maker and order number."""
         if self.maker == self.order_number:
             return self.maker
         return f"{self.maker}: {self.order_number}"
@@ -76,14 +71,14 @@ class BoughtParts:
     __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
 
     def find_source(self, line: str, *texts: str) -> BoughtPart:
-        """The first source of a line whose texts hold its words; one of marks where none is."""
+        """Return the first source whose `when` the texts contain; an unknown one if none does."""
         text = " ".join(texts)
         fits = (source for source in self.bought if source.line == line and source.when in text)
         return next(fits, BoughtPart(line))
 
 
 def load_bought() -> BoughtParts:
-    """The lab's list. Raises InputError naming file and key."""
+    """Load the lab's list. Raises InputError naming file and key."""
     path = find_file("cad", "parts")
     return validate(BoughtParts, read_toml(path), str(path))
 
@@ -92,8 +87,7 @@ def load_bought() -> BoughtParts:
 class BomLine:
     """One line. item counts from 1. group: of the registry, `consumables` or `workshop`.
 
-    quantity is what the order takes, in `unit`: pcs, g, ml, mm. source: where what is bought is
-    ordered, None for what is made.
+    quantity: to order, in `unit`: pcs, g, ml, mm. source: of a bought line; None for a made one.
     """
 
     item: int
@@ -131,32 +125,21 @@ def bom_lines(design: Design, sensors: int = 1) -> BillOfMaterials:
     if sensors < 1:
         raise InputError(f"sensors {sensors}: expected 1 or more")
     feasibility.check_feasible(design)
-    # Of the registry: what a sensor takes for each sensor; tools, bench and indenters once.
+    # From the registry: parts of the sensor per sensor; tools, bench and indenters once.
     rows: list[tuple[Any, ...]] = [
         (p.group, p.name, p.material, p.process, p.quantity * (sensors if p.per_sensor else 1),
-         PIECES_UNIT, p.noted(design))
+         PIECE_UNIT, p.noted(design))
         for p in list_parts(design=design)
     ]  # fmt: skip
     figures = _figures(design, sensors)
+    defaults = {"material": "", "process": "bought", "unit": PIECE_UNIT, "quantity": "one"}
     for group, bought in fill_tables("bom", d=design, p=DEFAULT_FIGURES, f=figures).items():
         for row in bought:
-            values = {
-                "material": "",
-                "process": "bought",
-                "unit": PIECES_UNIT,
-                "quantity": "one",
-                **row,
-            }
-            if figures[values.get("needs", "one")]:
-                count = figures[values["quantity"]]
-                about = (
-                    values["part"],
-                    values["material"],
-                    values["process"],
-                    count,
-                    values["unit"],
-                )
-                rows.append((group, *about, values["note"]))
+            item = {**defaults, **row}
+            if figures[item.get("needs", "one")]:
+                count = figures[item["quantity"]]
+                about = (item["part"], item["material"], item["process"], count, item["unit"])
+                rows.append((group, *about, item["note"]))
     sources = load_bought()
     return BillOfMaterials(
         line
@@ -174,7 +157,7 @@ def _figures(d: Design, sensors: int) -> dict[str, Any]:
     smallest_batch = quantities.least_coat_batch(coat)
     gap_mm = 5.0  # laser kerf and clamping, in the blank
     takes_ma = sensors * light.most_ma
-    # The least usual rating that is no more than half used.
+    # The smallest common rating, at most half used.
     half_a, ratings_a = 2 * takes_ma / 1000, (0.1, 0.25, 0.5, 1, 2, 3, 5, 10)
     pin = light.supply_v == 5 and takes_ma <= JETSON_PIN_MA
     return {

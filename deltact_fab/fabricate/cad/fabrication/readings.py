@@ -1,4 +1,4 @@
-"""Readings of the coupons to what printer and laser do, and to a design that counts on it.
+"""Fit printer and laser errors to coupon readings, and write a design with them.
 
 A table of readings is a CSV file with a header:
 
@@ -8,7 +8,7 @@ A table of readings is a CSV file with a header:
     kerf-coupon,strip,100.0,98.1,10
 
 feature: hole, slot, outside or height of the fit coupon; strip or thickness of the kerf coupon.
-pieces: strips measured side by side, 1 where it is left out; nominal and measured are the stack's.
+pieces: strips measured side by side, default 1; nominal and measured are those of the stack.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ COUPON_FEATURES = {
     "fit-coupon": ("hole", "slot", "outside", "height"),
     "kerf-coupon": ("strip", "thickness"),
 }
-MIN_READINGS = 3
-MAX_DEVIATION_SHARE = 0.5  # share of the nominal: beyond it two columns were confused
+MIN_READINGS = 3  # by hand: with two, Student's t makes the spread useless
+MAX_DEVIATION_SHARE = 0.5  # by hand, of the nominal: a larger one means swapped columns
 
 
 @dataclass(frozen=True)
 class Reading:
-    """One line of the table. Raises ValueError where its values do not go together."""
+    """One line of the table. Raises ValueError for inconsistent values."""
 
     coupon: Literal["fit-coupon", "kerf-coupon"]
     feature: str
@@ -61,16 +61,16 @@ class Reading:
 
     @property
     def off_mm(self) -> float:
-        """Measured less nominal, of one piece."""
+        """Measured minus nominal, per piece."""
         return (self.measured_mm - self.nominal_mm) / self.pieces
 
 
 @dataclass(frozen=True)
 class MeasuredKey:
-    """A key of a design with what was read beside what it had.
+    """A key of a design with its measured and previous value.
 
-    bias_mm: mean of the readings' deviations; spread_mm: that of a further piece about the mean,
-    +-, at 95 %. count: readings.
+    bias_mm: mean deviation of the readings; spread_mm: 95 % prediction interval of one further
+    piece about the mean, +-. count: number of readings.
     """
 
     key: str
@@ -82,7 +82,7 @@ class MeasuredKey:
 
 
 def read_readings(path: Path) -> list[Reading]:
-    """The readings of a table. Raises InputError naming file, line and column."""
+    """Read a table of readings. Raises InputError naming file, line and column."""
     table = csv.DictReader(read_text(path).splitlines(), restkey="beyond the last column")
     try:
         rows = [(table.line_num, row) for row in table]
@@ -90,7 +90,7 @@ def read_readings(path: Path) -> list[Reading]:
         raise InputError(f"{path}: line {table.line_num}: {error}") from error
     readings = []
     for line, row in rows:
-        # A cell that is empty is left out.
+        # Empty cells are ignored.
         cells = {key.strip(): _value(str(cell)) for key, cell in row.items() if cell}
         if values := {key: value for key, value in cells.items() if value != ""}:
             readings.append(validate(Reading, values, f"{path}: line {line}"))
@@ -102,7 +102,7 @@ def read_readings(path: Path) -> list[Reading]:
 
 
 def _value(cell: str) -> float | str:
-    """A number where it is one."""
+    """Convert a cell to a number if possible."""
     for kind in (int, float):
         with suppress(ValueError):
             return kind(cell)
@@ -110,13 +110,13 @@ def _value(cell: str) -> float | str:
 
 
 def fit_readings(readings: Sequence[Reading], design: Design) -> list[MeasuredKey]:
-    """What the readings say of the machines; a machine that was not measured keeps its figures.
+    """Estimate bias and spread of the machines; one without readings keeps its values.
 
-    The spread is the half width of the interval that holds one further piece at 95 %:
-    t s sqrt(1 + 1 / n), Student's t with n - 1 degrees of freedom (ISO 16269-8). Raises InputError
-    where a group has too few readings.
+    Spread: half width of the 95 % prediction interval of one further piece, t s sqrt(1 + 1 / n),
+    Student's t with n - 1 degrees of freedom (ISO 16269-8). Raises InputError if a group has too
+    few readings.
     """
-    # What a key becomes, readings, bias and spread.
+    # New value, number of readings, bias and spread by key.
     estimates: dict[str, tuple[float, int, float, float]] = {}
 
     def deviations_mm(*features: str) -> list[float]:
@@ -133,7 +133,7 @@ def fit_readings(readings: Sequence[Reading], design: Design) -> list[MeasuredKe
         estimates["resin_printer.plane_mm"] = _round_spread(spread), count, 0.0, spread
     if heights := deviations_mm("height"):
         bias, spread = _mean_and_spread(heights, "height")
-        # Heights go both ways in a stack: their bias counts as spread.
+        # Heights enter a stack with either sign: their bias counts as spread.
         value = _round_spread(abs(bias) + spread)
         estimates["resin_printer.height_mm"] = value, len(heights), bias, spread
     if strips := [r for r in readings if r.feature == "strip"]:
@@ -156,7 +156,7 @@ def fit_readings(readings: Sequence[Reading], design: Design) -> list[MeasuredKe
 
 
 def _mean_and_spread(off_mm: Sequence[float], name: str) -> tuple[float, float]:
-    """Mean, and the half width for one further piece."""
+    """Return mean, and half width of the prediction interval of one further piece."""
     import statistics
 
     from scipy.stats import t
@@ -169,7 +169,7 @@ def _mean_and_spread(off_mm: Sequence[float], name: str) -> tuple[float, float]:
 
 
 def _round_spread(spread_mm: float) -> float:
-    """A spread as a field takes it: no less than a caliper tells."""
+    """Round a spread up; at least 0.005 mm, a caliper's resolution."""
     return max(_round_up(spread_mm), 0.005)
 
 
@@ -178,7 +178,7 @@ def _round_up(value: float) -> float:
 
 
 def fit_design(readings: Path, base: str) -> tuple[list[MeasuredKey], str]:
-    """Fit a design to a table of readings: the keys that change, and the text of a new design.
+    """Fit a design to a table of readings: changed keys, and the text of a new design.
 
     Raises InputError as `read_readings`, `load_design` and `fit_readings`.
     """

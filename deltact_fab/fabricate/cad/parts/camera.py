@@ -10,8 +10,8 @@ Seen from the lens (along -z):              From the side, y to the right:
     +-----------------------+  board_bottom  | conn |           z_board_back
                                              +------+  -connector_height
 
-It keeps room; it is no model of the module. The board's outline and holes are those of the
-Raspberry Pi camera v2, the connector the largest one seen; no drawing of the paper's module was
+It reserves space and is no model of the module. The board's outline and holes are those of the
+Raspberry Pi camera v2, the connector the largest known; no drawing of the paper's module was
 found: lens diameter and height are assumed (`Design.unverified`).
 
 Part 6, the camera holder: the plate behind the camera's board (paper, Imaging Subsystem).
@@ -48,13 +48,13 @@ from ..standards import screw_tolerance_mm
 
 HOST_COMPUTER = "Nvidia Jetson Nano B01"
 
-# What lies in the board's plane; a camera from another maker has another one.
+# Dimensions in the board's plane; they depend on the camera's maker.
 BOARD_KEYS = tuple(
     f"camera.{f.name}"
     for f in fields(CameraDimensions)
     if f.name.startswith(("board_", "hole_", "lens_offset_", "connector_"))
 )
-# Where the two screws of the board stand.
+# Keys that locate the board's two screws.
 UPPER_HOLES = (
     "camera.board_length_mm",
     "camera.lens_offset_mm",
@@ -64,7 +64,7 @@ UPPER_HOLES = (
 
 
 def box(design: Design) -> Extent:
-    """Board, lens and connector."""
+    """Bounding box of board, lens and connector."""
     cam, half = design.camera, design.camera.board_width_mm / 2
     back = design.z_board_back_mm - cam.connector_height_mm
     return (-half, cam.board_bottom_mm, back), (half, cam.board_top_mm, design.z_lens_mm)
@@ -86,7 +86,7 @@ def build(design: Design) -> Shape:
 
 
 def rules(d: Design) -> Iterator[Check]:
-    """The board's own holes and lens, which nothing else looks at."""
+    """Rules of the board's own holes and lens."""
     cam, radius = d.camera, d.camera.hole_mm / 2
     if not radius:
         head = "head of holder.screw", d.holder.row.head_mm
@@ -107,7 +107,7 @@ def rules(d: Design) -> Iterator[Check]:
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
-    """The board in the shell and beside its posts, and the ends of what it sees of the face."""
+    """Fits of the board in the shell and between its posts, and of the view within the face."""
     cam, printer = d.camera, d.resin_printer
     tolerance, parts = cam.tolerance_mm, "camera, shell"
     sides = cam.board_width_mm, 2 * max(cam.board_top_mm, -cam.board_bottom_mm)
@@ -128,7 +128,7 @@ def fits(d: Design) -> Iterator[PlayFit]:
 
 
 def off_axis(d: Design) -> tuple[Length, Length]:
-    """The most that the lens stands off the middle: by holes or bond, by the holder's fit."""
+    """Largest offset of the lens from the middle: from holes or bond, from the holder's fit."""
     screw = d.holder.row.thread_mm
     hole_mm = (d.camera.hole_mm - screw) / 2 if screw else d.holder.bonded_mm
     hole = Length(hole_mm, d.camera.tolerance_mm, BOARD_KEYS)
@@ -136,12 +136,12 @@ def off_axis(d: Design) -> tuple[Length, Length]:
 
 
 def off_axis_mm(d: Design) -> float:
-    """How far the lens may stand off the middle at worst, either way."""
+    """Worst-case offset of the lens from the middle, +-."""
     return sum(length.mean_mm + length.spread_mm for length in off_axis(d))
 
 
 def holder_box(design: Design) -> Extent:
-    """Arms and tongue."""
+    """Bounding box of arms and tongue."""
     half_x, arm, top = design.holder_half_x_mm, design.holder_arm_mm, design.holder_tongue_mm[1]
     return (-half_x, -arm, design.z_floor_mm), (half_x, max(arm, top), design.z_board_back_mm)
 
@@ -167,7 +167,7 @@ def holder_build(design: Design) -> Shape:
 
 
 def holder_rules(d: Design) -> Iterator[Check]:
-    """The board rests on either side of the window, which the arms close."""
+    """Rules of the board's rest beside the window, and of the arms around it."""
     half = d.holder_window_half_mm + d.holder.window_rest_mm
     board = "half the board", d.camera.board_width_mm / 2
     yield at_most("board-on-window", "half the window + window_rest_mm", half, *board, BOARD_KEYS)
@@ -176,7 +176,7 @@ def holder_rules(d: Design) -> Iterator[Check]:
 
 
 def holder_fits(d: Design) -> Iterator[PlayFit]:
-    """In the shell, between the cover's bosses, under the board, round the board's screws."""
+    """Fits in the shell, between the cover's bosses, under the board, around its screws."""
     part, printer, cam, screw = "camera-holder", d.resin_printer, d.camera, d.holder.row
     (cavity_x, cavity_y), (tongue, top) = d.cavity_half_mm, d.holder_tongue_mm
     inner, outer, tolerance = printer.inner, printer.outer, cam.tolerance_mm
@@ -199,7 +199,7 @@ def holder_fits(d: Design) -> Iterator[PlayFit]:
     if not d.camera_screw_centres_mm:
         return
     hole = Length(cam.hole_mm, tolerance, ("camera.hole_mm",))
-    # Two screws in a row along x: only that pitch can disagree, and either end takes half of it.
+    # Two screws in a row along x: only that pitch can differ, half of it at either end.
     pitch = Length(0.0, printer.plane_mm + tolerance, ("resin_printer.plane_mm",))
     screws, shank = f"camera, camera-screw, {part}", Length(screw.thread_mm)
     yield PlayFit("screws", f"{d.holder.screw} through the board", screws, (hole,), (shank, pitch))
@@ -211,7 +211,7 @@ def holder_fits(d: Design) -> Iterator[PlayFit]:
 
 
 def holder_callouts(d: Design) -> Callouts:
-    """The plate behind the board."""
+    """Drawing content of the camera holder."""
     (px, py), pitch = d.peg_at_mm, d.camera.hole_pitch_x_mm / 2
     half_x, window, tongue = d.holder_half_x_mm, d.holder_window_half_mm, d.holder_tongue_mm[0]
     lengths = (

@@ -1,8 +1,8 @@
-"""The coupons: what is made and tried before the parts are.
+"""Test coupons, made and measured before the parts.
 
-The coupon mold: a row of open wells of the molds' own resin, to see whether it lets the silicone
-cure. Platinum-cure silicone stays tacky on a resin that inhibits it: each well takes another
-post-cure or barrier coat, and one mix.
+The coupon mold: a row of open wells of the molds' own resin, to test whether the silicone cures on
+it. Platinum-cure silicone stays tacky on a resin that inhibits it: each well gets another post-cure
+or barrier coat, and the same mix.
 
 Section along x:
 
@@ -27,11 +27,11 @@ is tried in the holes of the other.
 The laser's kerf coupon: a strip that is cut many times and measured as a stack.
 
     +--------------------+   width_mm, along y      n strips side by side are n kerfs shorter than
-    |                    |                          n widths where the cut runs on the outline:
+    |                    |                          n widths if the cut runs on the outline:
     +--------------------+   length_mm, along x     kerf = (n width - measured) / n
 
-Frame of each: z = 0 is the underside, z up; x along the row or strip, from its middle. What is
-measured goes into a table of readings, and `cad fit` reads that.
+Frame of each: z = 0 is the underside, z up; x along the row or strip, from its middle. Measurements
+go into a table of readings for `cad fit`.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from ..kernel import Extent, Shape, around, cuboid, cylinders
 from ..part import AMBER_RGBA, CLEAR_RGBA, LASER_CUT, RESIN_MATERIAL, Part
 from ..rule import at_most, below
 
-KERF_PIECES = 10  # of the kerf coupon
+KERF_PIECES = 10  # by hand: more average the kerf better and take more sheet
 
 
 def well_volume_mm3(design: Design) -> float:
@@ -63,7 +63,7 @@ def centres_mm(design: Design) -> list[Point2]:
 
 
 def well_box(design: Design) -> Extent:
-    """The row of wells."""
+    """Bounding box of the row of wells."""
     coupon, wall_mm = design.coupon, design.coupon.wall_mm
     x = coupon.wells * coupon.diameter_mm + (coupon.wells + 1) * wall_mm
     return around(x / 2, coupon.diameter_mm / 2 + wall_mm, 0.0, coupon.base_mm + coupon.depth_mm)
@@ -77,13 +77,13 @@ def well_build(design: Design) -> Shape:
 
 
 def well_callouts(d: Design) -> Callouts:
-    """The wells; section through the first."""
+    """Drawing content: wells, section through the first."""
     notes = ("Same resin, same wash, cure and coat as the mold: it is there to test them.",)
     return Callouts(notes=notes, cut_x_mm=centres_mm(d)[0][0])
 
 
 def fit_box(design: Design) -> Extent:
-    """Base, block and peg."""
+    """Bounding box of base, block and peg."""
     coupon, (x, y) = design.fit_coupon, design.fit_coupon.outer_mm
     top = coupon.base_mm + coupon.block_height_mm + coupon.peg_height_mm
     return around(x / 2, y / 2, 0.0, top)
@@ -98,7 +98,7 @@ def fit_build(design: Design) -> Shape:
     for i, size in enumerate(coupon.sizes_mm):
         centre_x = coupon.pitch_mm * (i + 0.5) - x / 2
         body = body.cut(cylinders([(centre_x, row_y)], size, -1, base + 2))
-        # One more millimetre outside: a cutter does not end in the face that it opens.
+        # 1 mm longer outside, so that no face of the cutter coincides with one of the body.
         end = coupon.slot_mm - y / 2
         slot = ((centre_x - size / 2, -y / 2 - 1, -1.0), (centre_x + size / 2, end, base + 1))
         body = body.cut(cuboid(slot))
@@ -109,13 +109,13 @@ def fit_build(design: Design) -> Shape:
 
 
 def fit_rules(d: Design) -> Iterator[Check]:
-    """A peg that is on its block."""
+    """Rule of the peg on its block."""
     coupon = d.fit_coupon
     yield at_most("peg-on-block", "peg_mm + 2", coupon.peg_mm + 2.0, "block_mm", coupon.block_mm)
 
 
 def fit_callouts(d: Design) -> Callouts:
-    """The coupon; section through the block."""
+    """Drawing content: coupon, section through the block."""
     notes = (
         "Each slot is as wide as the hole above it. No edge is broken or rubbed.",
         "Measure each hole, slot and outside length; enter nominal and measured in a table.",
@@ -127,7 +127,7 @@ def fit_callouts(d: Design) -> Callouts:
 
 
 def kerf_box(design: Design) -> Extent:
-    """The strip."""
+    """Bounding box of the strip."""
     coupon = design.kerf_coupon
     return around(coupon.length_mm / 2, coupon.width_mm / 2, 0.0, design.optics.acrylic_mm)
 
@@ -138,13 +138,13 @@ def kerf_build(design: Design) -> Shape:
 
 
 def kerf_rules(d: Design) -> Iterator[Check]:
-    """A strip that can be told from its side."""
+    """Rule that tells the strip's sides apart."""
     coupon = d.kerf_coupon
     yield below("strip-sides", "width_mm", coupon.width_mm, "length_mm", coupon.length_mm)
 
 
 def kerf_callouts(d: Design) -> Callouts:
-    """The strip."""
+    """Drawing content of the strip."""
     notes = (
         f"{KERF_PIECES} pieces from the plate's own sheet, with the plate's own settings.",
         f"Measure {KERF_PIECES} side by side along the short side, each alone, and its thickness.",

@@ -9,9 +9,9 @@
        | | |   shanks             |   |
        u u u   tips    z = 0       \\_/
 
-The lowest point is at z = 0, on the axis x = y = 0 of the stem; the body lies above. Under a tip
-the underside is `Indenter.height_mm`; elsewhere nothing lies lower than the plate, at
-`Indenter.reach_mm`. It is drawn with its tips up.
+The lowest point is at z = 0, on the axis x = y = 0 of the stem; the body lies above. The tips'
+underside is `Indenter.height_mm`; elsewhere the plate is lowest, at `Indenter.reach_mm`. Drawings
+show it with its tips up.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ from ..drafting.dimensioning import Callouts, Leader, Told, shown, z_of
 from ..kernel import Extent, Shape, around, require
 from ..part import RESIN_MATERIAL, WHITE_RGBA, Part, PrintPose
 
-_OPEN_WIRE_MM = 1e-6
+_OPEN_WIRE_MM = 1e-6  # by hand: above rounding; larger leaves a wire open
 
 
 def closed(plan: Any) -> Any:
-    """A workplane's pending edges as one pending wire, closed by a line where it is open.
+    """Join a workplane's pending edges to one pending wire, closed by a line if it is open.
 
-    In place of `Workplane.close()`: given all edges at once, the kernel chooses by memory address
-    which of two ends that meet it keeps, and the end of an arc is not the corner to the last bit.
-    The same part would then be other bytes from run to run.
+    Replaces `Workplane.close()`: given all edges at once, the kernel chooses by memory address
+    which of two coincident ends it keeps, and these differ in the last bits. Files would then
+    differ from run to run.
     """
     cq = require()
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeWire
@@ -69,14 +69,14 @@ def plate_half_mm(dims: IndenterDimensions) -> tuple[float, float]:
 
 
 def round_plate_mm(dims: IndenterDimensions) -> float:
-    """Radius of the plate of a single round tip on the axis, else 0: the plate is rectangular."""
+    """Radius of the plate of a single round tip on the axis; 0 for a rectangular plate."""
     first, *rest = dims.indenter.tips
     round_ = isinstance(first, SphereTip | TurnedTip) and first.x_mm == first.y_mm == 0
     return plate_half_mm(dims)[0] if round_ and not rest else 0.0
 
 
 def box(dims: IndenterDimensions) -> Extent:
-    """From the lowest point to the end of the stem; the plate is the widest."""
+    """Bounding box, from the lowest point to the end of the stem; the plate is the widest."""
     top = dims.indenter.reach_mm + dims.body.plate_mm + dims.indenter.stem_length_mm
     return around(*plate_half_mm(dims), 0.0, top)
 
@@ -112,7 +112,7 @@ def build(dims: IndenterDimensions) -> Shape:
 
 
 def _posed(cq: Any, posed: PosedTip, top_mm: float) -> Any:
-    """The tip with a shank that is long enough, turned, and cut off at the back plate."""
+    """Return the rotated tip with a long shank, cut off at the back plate."""
     reach = 4 * (top_mm + max(posed.half_mm))
     body = _tip(cq, posed.tip, reach)
     for angle, axis in (
@@ -120,13 +120,12 @@ def _posed(cq: Any, posed: PosedTip, top_mm: float) -> Any:
     ):  # fmt: skip
         body = body.rotate((0, 0, 0), axis, angle) if angle else body
     body = body.translate(tuple(posed.origin_mm.tolist()))
-    return body.intersect(
-        cq.Workplane(origin=(0, 0, top_mm - reach)).rect(reach, reach).extrude(reach)
-    )
+    block = cq.Workplane(origin=(0, 0, top_mm - reach)).rect(reach, reach).extrude(reach)
+    return body.intersect(block)
 
 
 def _tip(cq: Any, tip: PlainTip, top_mm: float) -> Any:
-    """A workplane with the solid of one tip and its shank up to top_mm, about its own axis."""
+    """Return a workplane with one tip and its shank up to top_mm, about its own axis."""
     match tip:
         case SphereTip():
             return _ball(cq, tip.radius_mm, top_mm)
@@ -153,7 +152,7 @@ def _ball(cq: Any, r: float, top_mm: float) -> Any:
 
 
 def _ridge(cq: Any, tip: RidgeTip, top_mm: float) -> Any:
-    """Half the profile turned about its middle at both ends, and the whole of it between them."""
+    """Return the profile extruded, with half of it revolved about its middle at both ends."""
     n, z, w = tip.nose_half_mm, tip.nose_height_mm, tip.half_width_mm
     half_angle = math.radians(90 - tip.flank_deg) / 2
     r = tip.radius_mm
@@ -183,7 +182,7 @@ def _ridge(cq: Any, tip: RidgeTip, top_mm: float) -> Any:
 
 
 def _ellipsoid(cq: Any, tip: EllipsoidTip, top_mm: float) -> Any:
-    """Half an ellipse turned by half a turn about its long axis, and an elliptic shank."""
+    """Return half an ellipse revolved by 180° about its long axis, and an elliptic shank."""
     a, b = tip.a_mm, tip.b_mm
     plan = cq.Workplane().moveTo(a, 0).ellipseArc(a, b, 0, 180)
     half = closed(plan).revolve(180, (0, 0, 0), (-1, 0, 0))
@@ -192,7 +191,7 @@ def _ellipsoid(cq: Any, tip: EllipsoidTip, top_mm: float) -> Any:
 
 
 def _prism(cq: Any, tip: PrismTip, top_mm: float) -> Any:
-    """The outline extruded, the edge of its face rounded."""
+    """Return the extruded outline with a rounded edge of its face."""
     start, segments = tip.outline()
     plan = cq.Workplane().moveTo(*start)
     for kind, points in segments:
@@ -201,7 +200,7 @@ def _prism(cq: Any, tip: PrismTip, top_mm: float) -> Any:
 
 
 def _turned(cq: Any, tip: TurnedTip, top_mm: float) -> Any:
-    """The profile and the shank above it, turned; a profile with a hole gives a tube."""
+    """Return the revolved profile and shank; a profile with a hole gives a tube."""
     start, segments = tip.profile()
     half = cq.Workplane("XZ").moveTo(*start)
     for kind, points in segments:
@@ -211,13 +210,13 @@ def _turned(cq: Any, tip: TurnedTip, top_mm: float) -> Any:
 
 
 def corner_mm(dims: IndenterDimensions) -> float:
-    """Corner radius of a rectangular plate, small enough that it covers every tip."""
+    """Corner radius of a rectangular plate, small enough to cover every tip."""
     smallest = min(t.corner_mm for t in dims.indenter.tips)
     return min(smallest, 0.9 * min(plate_half_mm(dims)))
 
 
 def part(indenter: Indenter, body: IndenterBody, quantity: int = 1) -> Part:
-    """One indenter as a part; a list of indenters (cad/indenters.toml) says which there are."""
+    """Return one indenter as a part; cad/indenters.toml lists them."""
     return Part(
         f"indenter-{indenter.slug}",
         build,
@@ -234,7 +233,7 @@ def part(indenter: Indenter, body: IndenterBody, quantity: int = 1) -> Part:
 
 
 def callouts(dims: IndenterDimensions) -> Callouts:
-    """Plate and stem, and what its kind of tips is made from."""
+    """Drawing content: plate, stem and tips."""
     indenter, back = dims.indenter, dims.indenter.reach_mm + dims.body.plate_mm
     lengths = [z_of(back, back + indenter.stem_length_mm, fitted=False)]
     labels: list[Leader] = []
@@ -260,7 +259,7 @@ def callouts(dims: IndenterDimensions) -> Callouts:
 
 
 def _posed_words(posed: PosedTip) -> str:
-    """A tip that no view shows square on: its own numbers, and how it is turned."""
+    """Describe a tip that no view shows square on: its dimensions and rotations."""
     kind = type(posed.tip).__name__.removesuffix("Tip").lower()
     sizes = ", ".join(
         f"{f.name.removesuffix('_mm').replace('_', ' ')} {shown(value)}"
@@ -281,7 +280,7 @@ def _posed_words(posed: PosedTip) -> str:
 
 
 def _profile_radii_mm(tip: TurnedTip) -> list[float]:
-    """Radii at which two straight pieces of a turned profile meet: no round tells them."""
+    """Radii at which two straight segments of a revolved profile meet."""
     _, segments = tip.profile()
     return [
         points[-1][0]

@@ -1,4 +1,4 @@
-"""The stage's tool holder: a D bore that clocks an indenter's stem, on a flange.
+"""The stage's tool holder: a flange with a D bore that orients an indenter's stem.
 
 Section at y = 0:
 
@@ -11,7 +11,7 @@ Section at y = 0:
 
 Frame: the stem's axis is x = y = 0 and z points up, away from the tip. An indenter's flat faces +x,
 as its tip's own x does, so that a star's point or an ellipsoid's long side lies along the stage's
-x. The bore is deeper than the stem is long, so the free length is the indenter's alone.
+x. The bore is deeper than the stem, so that the indenter alone determines the free length.
 
 The ATI Nano17, the bench's force sensor, and the plate between it and the tool holder.
 
@@ -19,9 +19,9 @@ Section:  +--+  +--+---------+--+  +--+   z = thickness: the sensor's tool side 
           |  |  |  +-+     +-+  |  |  |   three screws M2 from below, heads sunk
           +--+--+----+-----+----+--+--+   z = 0: the tool holder's flange, four M3 and a pin
 
-The sensor's bolt circle, screws and diameter are unverified: they are assumed, to be measured on
-the lab's own sensor before the plate is made. Frame: as the tool holder's, z = 0 on its flange. The
-sensor is bought: a cylinder of its published size keeps its room, z = 0 on the plate.
+The sensor's bolt circle, screws and diameter are unverified: measure the lab's own sensor before
+making the plate. Frame: as the tool holder's, z = 0 on its flange. The sensor is bought: a cylinder
+of its published size represents it, z = 0 on the plate.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from ..rule import Length, PlayFit, at_most, below
 
 
 def holder_box(design: Design) -> Extent:
-    """Flange and body."""
+    """Bounding box of flange and body."""
     radius = design.tool.flange_diameter_mm / 2
     return around(radius, radius, 0.0, design.tool.height_mm)
 
@@ -68,7 +68,7 @@ def holder_build(design: Design) -> Shape:
 
 
 def holder_rules(d: Design) -> Iterator[Check]:
-    """Stem, screws and their heads have room."""
+    """Rules of the space for stem, screws and their heads."""
     tool = d.tool
     yield below("stem", "indenter's stem", Indenter.stem_length_mm, "tool.depth_mm", tool.depth_mm)
     body, circle = tool.body_mm, tool.bolt_circle_mm
@@ -84,7 +84,7 @@ def holder_rules(d: Design) -> Iterator[Check]:
 
 
 def holder_fits(d: Design) -> Iterator[PlayFit]:
-    """Stem and flat in the D bore, that a turned stem does not go in, and the flange's screws."""
+    """Fits of stem and flat in the D bore (a rotated stem stays out), and the flange's screws."""
     tool, printer = d.tool, d.resin_printer
     parts, stem = "tool-holder, indenters", Indenter.stem_diameter_mm
     bore = printer.inner(2 * tool.bore_mm)
@@ -102,7 +102,7 @@ def holder_fits(d: Design) -> Iterator[PlayFit]:
 
 
 def holder_callouts(d: Design) -> Callouts:
-    """D bore, body, flange; section through the axis."""
+    """Drawing content: D bore, body, flange; section through the axis."""
     tool, radius = d.tool, Indenter.stem_diameter_mm / 2
     turn_deg = math.degrees(math.atan(0.05 / math.sqrt(radius**2 - Indenter.stem_flat_at_mm**2)))
     rounds = {
@@ -123,7 +123,7 @@ ADAPTER_KEYS = ("adapter.sensor_mm", "adapter.bolt_circle_mm", "adapter.bolt_tur
 
 
 def adapter_box(design: Design) -> Extent:
-    """The disc."""
+    """Bounding box of the disc."""
     radius = design.tool.flange_diameter_mm / 2
     return around(radius, radius, 0.0, design.adapter.thickness_mm)
 
@@ -144,7 +144,7 @@ def adapter_build(design: Design) -> Shape:
 
 
 def adapter_rules(d: Design) -> Iterator[Check]:
-    """Room for the heads, on the sensor."""
+    """Rules of the heads' depth, and of the bolt circle on the sensor."""
     plate = d.adapter
     deep, thick = plate.bolt_bore_depth_mm + 2.0, plate.thickness_mm
     yield at_most("bolt-bore-depth", "bolt_bore_depth_mm + 2", deep, "adapter.thickness_mm", thick)
@@ -153,19 +153,17 @@ def adapter_rules(d: Design) -> Iterator[Check]:
 
 
 def adapter_fits(d: Design) -> Iterator[PlayFit]:
-    """Three screws into a sensor, whose own pattern counts as exact; the flange's four bite."""
+    """Fits of three screws into the sensor (exact pattern), and of the flange's four."""
     plate, printer = d.adapter, d.resin_printer
     hole, pilot = printer.inner(plate.bolt_hole_mm), printer.inner(plate.pilot_mm)
     body = (Length(SENSOR_BOLT.thread_mm, 0.0, ADAPTER_KEYS), printer.pitch(0.0))
     yield PlayFit("bolts-into-sensor", "M2 into the force sensor", "nano17-adapter", (hole,), body)
-    bites = "M3 bites in its pilot"
-    yield PlayFit(
-        "screw-bites", bites, "nano17-adapter", (Length(FLANGE_SCREW.thread_mm),), (pilot,)
-    )
+    bites, screw = "M3 bites in its pilot", Length(FLANGE_SCREW.thread_mm)
+    yield PlayFit("screw-bites", bites, "nano17-adapter", (screw,), (pilot,))
 
 
 def adapter_callouts(d: Design) -> Callouts:
-    """Holes of both patterns; section through the first of the sensor's screws."""
+    """Drawing content: both hole patterns, section through the first of the sensor's screws."""
     plate, tool = d.adapter, d.tool
     rounds = {
         plate.pilot_mm: "for M3",
@@ -174,29 +172,28 @@ def adapter_callouts(d: Design) -> Callouts:
         plate.bolt_bore_mm: "for the heads, from the back",
     }
     notes = ("Measure the force sensor's own screws first: its pattern is assumed.",)
-    return Callouts(
-        rounds=rounds, notes=notes, cut_x_mm=plate.bolt_centres_mm[0][0], rests_on=ADAPTER_KEYS
-    )
+    cut_x_mm = plate.bolt_centres_mm[0][0]
+    return Callouts(rounds=rounds, notes=notes, cut_x_mm=cut_x_mm, rests_on=ADAPTER_KEYS)
 
 
 def adapter_places(design: Design) -> list[Shift]:
-    """On the tool holder's flange."""
+    """Position on the tool holder's flange."""
     return [(0.0, 0.0, design.tool.height_mm)]
 
 
 def sensor_box(design: Design) -> Extent:
-    """The force sensor's cylinder."""
+    """Bounding box of the force sensor's cylinder."""
     radius = design.adapter.sensor_mm / 2
     return around(radius, radius, 0.0, design.adapter.sensor_height_mm)
 
 
 def build_sensor(design: Design) -> Shape:
-    """The force sensor as one solid; cable and holes are left out."""
+    """Build the force sensor as one solid, without cable and holes."""
     return cylinders([(0, 0)], design.adapter.sensor_mm, 0, design.adapter.sensor_height_mm).val()
 
 
 def sensor_places(design: Design) -> list[Shift]:
-    """On the adapter."""
+    """Position on the adapter."""
     return [(0.0, 0.0, design.tool.height_mm + design.adapter.thickness_mm)]
 
 

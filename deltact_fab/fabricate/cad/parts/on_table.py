@@ -41,7 +41,7 @@ from .mount import boss_room
 
 
 def testing_box(design: Design) -> Extent:
-    """Shell and tabs."""
+    """Bounding box of shell and tabs."""
     x, y = (side / 2 for side in design.frame_outer_mm)
     return around(x + design.table.tab_mm, y, design.z_back_mm, design.z_joint_mm)
 
@@ -52,7 +52,7 @@ def testing_build(design: Design) -> Shape:
 
 
 def _tab(design: Design, side: int) -> Workplane:
-    """One tab at +x (side 1) or -x (-1); it touches the wall and clears floor and bosses."""
+    """Return the tab at +x (side 1) or -x (-1); it touches the wall, clear of floor and bosses."""
     table, fit = design.table, design.cover.fit_mm
     face = design.frame_outer_mm[0] / 2
     half, back = table.width_mm / 2, design.z_back_mm
@@ -69,7 +69,7 @@ def _tab(design: Design, side: int) -> Workplane:
 
 
 def testing_rules(d: Design) -> Iterator[Check]:
-    """Tabs around their holes, and higher than the cover."""
+    """Rules of the tabs around their holes, and higher than the cover."""
     table = d.table
     around = table.hole_mm + 2 * table.edge_mm
     yield at_most("hole-in-tab", "table: hole + 2 edge_mm", around, "tab_mm", table.tab_mm)
@@ -82,7 +82,7 @@ def testing_rules(d: Design) -> Iterator[Check]:
 
 
 def testing_fits(d: Design) -> Iterator[PlayFit]:
-    """The cover between the tabs."""
+    """Fits of the cover between the tabs."""
     between = d.resin_printer.inner(d.frame_outer_mm[0] + 2 * d.cover.fit_mm)
     cover = d.resin_printer.outer(d.frame_outer_mm[0])
     parts = "testing-shell, cover"
@@ -90,7 +90,7 @@ def testing_fits(d: Design) -> Iterator[PlayFit]:
 
 
 def testing_callouts(d: Design) -> Callouts:
-    """The shell with its two table tabs."""
+    """Drawing content: shell with its two table tabs."""
     notes = (
         f"Walls {shown(d.shell.wall_mm)} all around. Tabs clear the cover by "
         f"{shown(d.cover.fit_mm)}.",
@@ -108,17 +108,17 @@ STAGE_PLATE_KEYS = ("stage_plate.grid_mm", "stage_plate.slot_mm")
 
 
 def slot_pitch_mm(design: Design) -> Point2:
-    """Between slots: the least multiples of the grid that keep them beside the tabs: (100, 50)."""
+    """Pitch of the slots: smallest multiples of the grid that clear the tabs: (100, 50)."""
     plate, table = design.stage_plate, design.table
     x = design.frame_outer_mm[0] + 2 * table.tab_mm + plate.slot_length_mm + plate.edge_mm
     y = table.width_mm + plate.slot_mm + plate.edge_mm
     grid = plate.grid_mm
-    # A rounding error is no further thread.
+    # Rounding errors must not add a grid step.
     return grid * math.ceil(x / grid - 1e-9), grid * math.ceil(y / grid - 1e-9)
 
 
 def sides_mm(design: Design) -> Point2:
-    """The plate's sides: its edge around the slots and the testing shell."""
+    """Sides of the plate = slots and testing shell + edge."""
     plate, (x, y) = design.stage_plate, slot_pitch_mm(design)
     inside = max(y + plate.slot_mm, design.frame_outer_mm[1])
     return x + plate.slot_length_mm + 2 * plate.edge_mm, inside + 2 * plate.edge_mm
@@ -138,7 +138,7 @@ def tab_centres_mm(design: Design) -> list[Point2]:
 
 
 def plate_box(design: Design) -> Extent:
-    """The plate; its top is the sensor's back."""
+    """Bounding box of the plate; its top is the sensor's back."""
     (x, y), z = sides_mm(design), design.z_back_mm
     return around(x / 2, y / 2, z - design.stage_plate.thickness_mm, z)
 
@@ -155,18 +155,18 @@ def plate_build(design: Design) -> Shape:
 
 
 DRILL_OVERSIZE_MM = 0.1
-"""What a drilled or milled hole comes out over its nominal, at most (assumed)."""
+"""Largest oversize of a drilled or milled hole; by hand: larger asks for more play."""
 
 
 def plate_rules(d: Design) -> Iterator[Check]:
-    """Thread enough for the tabs' screws: one diameter of it in aluminium."""
+    """Rule of the thread length of the tabs' screws: one diameter in aluminium."""
     screw_mm = METRIC_THREADS[d.table.screw].thread_mm
     thick = d.stage_plate.thickness_mm
     yield at_most("thread", f"thread {d.table.screw}", screw_mm, "stage_plate.thickness_mm", thick)
 
 
 def plate_fits(d: Design) -> Iterator[PlayFit]:
-    """Screws through the slots, and threads that are neither stripped nor too tight for the tap."""
+    """Fits of screws in the slots, and of tapped threads: neither stripped nor too tight."""
     plate, part, screw = d.stage_plate, "stage-plate", d.table.screw
     mean_off = DRILL_OVERSIZE_MM / 2
     slot = Length(plate.slot_mm + mean_off, mean_off, STAGE_PLATE_KEYS)
@@ -180,7 +180,7 @@ def plate_fits(d: Design) -> Iterator[PlayFit]:
 
 
 def plate_callouts(d: Design) -> Callouts:
-    """Outline, slots and threads."""
+    """Drawing content: outline, slots and threads."""
     fx, fy = (side / 2 for side in d.frame_outer_mm)
     slot, half = slot_pitch_mm(d)[0] / 2, d.stage_plate.slot_travel_mm / 2
     notes = (
@@ -197,7 +197,7 @@ def plate_callouts(d: Design) -> Callouts:
 
 
 def plate_note(d: Design) -> str:
-    """What goes with it."""
+    """Hardware for the stage plate."""
     length = d.table.height_mm + d.stage_plate.thickness_mm
     return f"four {d.table.screw} into its threads, {length:g} mm at most; four M6 into the table"
 

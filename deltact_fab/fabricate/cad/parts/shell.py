@@ -14,9 +14,9 @@ Section below z_boss, seen along -z:     Section at x = 0:
     +---+  cable notch  +---+             -> y to the right
 
 In each corner stands a post with a through hole on a screw's axis, from z_boss to the joint. Below
-z_boss the cover's boss takes its place and the wall's, and keeps `cover.fit_mm` from the shell.
-The ledges carry the acrylic's edges from behind, those in x (not drawn) like those in y: on two
-edges it would bend twice as far.
+z_boss the cover's boss replaces post and wall, with `cover.fit_mm` to the shell. The ledges
+carry the acrylic's edges from behind, those in x (not drawn) like those in y: on two edges it would
+deflect twice as far.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from .mount import boss_room
 
 
 def box(design: Design) -> Extent:
-    """Shell and mount."""
+    """Bounding box of shell and mount."""
     x, y = (side / 2 for side in design.frame_outer_mm)
     return enclosing([around(x, y, design.z_floor_mm, design.z_joint_mm), *mount.bars(design)])
 
@@ -57,13 +57,13 @@ def build(design: Design) -> Shape:
 
 
 def body(design: Design) -> Workplane:
-    """The shell without mount and tabs; the posts are what the cavity leaves."""
+    """Return the shell without mount and tabs; the cavity's notched corners leave the posts."""
     shell, (x, y) = design.shell, design.cavity_half_mm
     outer_x, outer_y = design.frame_outer_mm
     floor, joint = design.z_floor_mm, design.z_joint_mm
     ledge = joint - shell.ledge_height_mm
     body = cuboid(((-outer_x / 2, -outer_y / 2, floor), (outer_x / 2, outer_y / 2, joint)))
-    # One cutter inside the other: between the ledges the cavity is only narrower.
+    # Nested cutters: between the ledges the cavity is only narrower.
     inward = design.ledge_reach_mm
     for (dx, dy), high in (((0.0, 0.0), ledge), (inward, joint + 1)):
         low = floor - 1
@@ -81,9 +81,9 @@ def body(design: Design) -> Workplane:
 
 
 def rules(d: Design) -> Iterator[Check]:
-    """Posts, cable notch and ledge, and the mount's own."""
+    """Rules of posts, cable notch, ledge and mount."""
     shell, posts = d.shell, d.z_joint_mm - d.z_boss_mm
-    # The board stands between the cable's notch and the room of the light holder.
+    # The board is between the cable's notch and the light holder.
     room = "holder.clearance_mm", d.holder.clearance_mm
     yield at_most("notch-height", "cable_height_mm", shell.cable_height_mm, *room)
     ledge = "ledge_height_mm", shell.ledge_height_mm
@@ -104,7 +104,7 @@ def rules(d: Design) -> Iterator[Check]:
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
-    """The cover's bosses, screws on their way into the frame, and what the notch lets through."""
+    """Fits of the cover's bosses, the screws into the frame, and cables in the notch."""
     printer, shell, row, cam = d.resin_printer, d.shell, d.screw.row, d.camera
     corner, boss = printer.inner(d.boss_room_mm), printer.outer(d.post_mm)
     yield PlayFit("boss-in-corner", "boss in its corner", "shell, cover", (corner,), (boss,))
@@ -128,7 +128,7 @@ def fits(d: Design) -> Iterator[PlayFit]:
 
 
 def body_lengths(d: Design) -> list[Told]:
-    """What shell and testing shell have in common."""
+    """Return the dimensions common to shell and testing shell."""
     shell, room = d.shell, d.boss_room_mm
     (sx, sy), (cx, _), (px, py) = d.screw_at_mm, d.cavity_half_mm, d.post_edge_mm
     (ox, oy), ledge_y = (side / 2 for side in d.frame_outer_mm), d.ledge_half_mm[1]
@@ -151,7 +151,7 @@ def body_lengths(d: Design) -> list[Told]:
 
 
 def callouts(d: Design) -> Callouts:
-    """The shell with its mount; section through cable notch, ledge and mount."""
+    """Drawing content: shell with mount, section through cable notch, ledge and mount."""
     notes = (
         f"Walls {shown(d.shell.wall_mm)} all around. Opaque: no light through the walls.",
         SQUARE_EDGES,

@@ -8,8 +8,8 @@ from deltact_fab.common import Check
 
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts
-from ..kernel import Box, Shape, require
-from ..part import RESIN, Part
+from ..kernel import Extent, Shape, require
+from ..part import RESIN_MATERIAL, Part
 from ..rule import at_most
 
 
@@ -18,7 +18,7 @@ def size(d: Design) -> tuple[float, float, float]:
     return 20.0, 30.0, d.shell.wall_mm
 
 
-def box(d: Design) -> Box:
+def box(d: Design) -> Extent:
     """Its bounding box, which the solid is held against."""
     return (0.0, 0.0, 0.0), size(d)
 
@@ -48,7 +48,7 @@ PARTS = (
         "shim",
         build,
         box,
-        material=RESIN,
+        material=RESIN_MATERIAL,
         group="bench",
         sections=("shell",),
         derived=("z_joint_mm",),
