@@ -51,7 +51,7 @@ def _of(name, solid, design=D):
 # Rays against triangles.
 
 
-def test_a_ray_meets_a_triangle_where_its_plane_is():
+def test_ray_hits_triangle_on_its_plane():
     rng = np.random.default_rng(3)
     corners = rng.uniform(-1, 1, (1, 3, 3))
     points = rng.dirichlet((1, 1, 1), 200) @ corners[0]
@@ -65,7 +65,7 @@ def test_a_ray_meets_a_triangle_where_its_plane_is():
         assert np.isinf(rays.first_hit(origins, way, corners)[0]).all()
 
 
-def test_rays_from_the_middle_of_a_sphere_go_its_radius_in_every_chunk(monkeypatch):
+def test_rays_from_sphere_centre_measure_radius(monkeypatch):
     mesh = mesh_solid(require().Solid.makeSphere(7.0, angleDegrees1=-90), 0.01, "ball")
     way = np.random.default_rng(5).normal(size=(500, 3))
     way /= np.linalg.norm(way, axis=1, keepdims=True)
@@ -97,13 +97,13 @@ def slim_wedge():
         (lambda: _box((60, 60, 6)).cut(_rod(2.0, 5.6, (33, 27, 0.4))), 0.4, 0.4),
     ],
 )
-def test_the_thinnest_wall_is_what_it_was_made_with(make, least_mm, most_mm):
+def test_thinnest_wall_matches_construction(make, least_mm, most_mm):
     found = _walls(make()).thinnest()
     assert found is not None
     assert least_mm - 1e-9 <= found[0] <= most_mm + 1e-9
 
 
-def test_a_mask_leaves_out_what_is_not_asked_for():
+def test_mask_excludes_points():
     step = _box((20, 10, 5)).fuse(_box((10, 10, 0.7), (20, 0, 0))).clean()
     walls = _walls(step)
     thick = walls.points_mm[:, 0] < 19.0
@@ -115,7 +115,7 @@ def test_a_mask_leaves_out_what_is_not_asked_for():
 # Features.
 
 
-def test_holes_and_shanks_are_told_apart_with_their_ends():
+def test_holes_and_shanks_are_distinguished():
     part = _box((20, 20, 6)).cut(_rod(1.5, 5, (5, 5, -1))).fuse(_rod(2, 9, (14, 14, 0)))
     rounds = features_of(part).rounds
     found = [(c.hole, c.radius_mm, c.low_mm[2], c.high_mm[2]) for c in rounds]
@@ -124,7 +124,7 @@ def test_holes_and_shanks_are_told_apart_with_their_ends():
     assert [rounds_near(holes, 5.3, 5.4, reach) for reach in (0.6, 0.4)] == [holes, []]
 
 
-def test_a_hole_that_leans_shows_at_its_ends_and_one_across_is_none():
+def test_leaning_and_crosswise_holes():
     lean = math.radians(3)
     tilted = _rod(1, 30, (10 - 5 * math.sin(lean), 10, -5), (math.sin(lean), 0, math.cos(lean)))
     part = _box((20, 20, 10)).cut(tilted).cut(_rod(1, 30, (-1, 3, 5), (1, 0, 0)))
@@ -160,7 +160,7 @@ def test_measured_keys_are_no_longer_named():
     assert rows["mold"].value.endswith("closest: fit_mm + pry_mm < web_mm / 2: 2.6 < 4")
 
 
-def test_what_a_broken_inequality_leaves_undone_is_counted_in_one_line_without_the_kernel():
+def test_broken_inequality_skips_checks_without_kernel():
     rows = check.check_design(load_design("deltact", ["adapter.thickness_mm=4", "table.tab_mm=5"]))
     failed = [row for row in rows if row.failed]
     assert [row.subject for row in failed] == ["nano17-adapter", "testing-shell"]
@@ -169,7 +169,7 @@ def test_what_a_broken_inequality_leaves_undone_is_counted_in_one_line_without_t
     assert undone.value == f"{len(SOLID_CHECKS)} were not run: inequalities fail, see above"
 
 
-def test_what_is_no_solid_or_refused_by_the_gate_becomes_a_row(monkeypatch):
+def test_invalid_solids_become_rows(monkeypatch):
     cq = require()
     both = cq.Compound.makeCompound([_box((9, 9, 9)), _box((5, 5, 5), (20, 0, 0))])
     for shape, count in ((both, 2), (_box((9, 9, 9)).Faces()[0], 0)):
@@ -192,7 +192,7 @@ def inner():
     return BuiltDesign(D, tuple(parts), {name: made(name) for name in names})
 
 
-def test_the_view_by_snell_and_by_hand():
+def test_view_matches_snell_by_hand():
     rows = {row.name: row for row in visibility.view(D)}
     cone = [rows[f"view cone, {name}"] for name in ("x", "y", "corner")]
     # The facts give 58, 45 and 67 degrees for a gap of 3 and the paper's 675 mm2.
@@ -205,7 +205,7 @@ def test_the_view_by_snell_and_by_hand():
     assert f"{blur_px:.2f} px at 10.7 mm" in rows["focus, middle, 3 mm deep"].value
 
 
-def test_one_led_behind_the_middle_lights_by_the_fourth_power():
+def test_led_illuminance_falls_by_fourth_power():
     design = load_design(changes=["light.led_count=1"])
     r = (design.strip_radius_mm + design.channel_inner_mm) / 2
     x, y = (side / 2 for side in design.optics.view_mm)
@@ -215,7 +215,7 @@ def test_one_led_behind_the_middle_lights_by_the_fourth_power():
     assert arithmetic.evenness(design) == pytest.approx(np.min(at) / np.mean(at), rel=1e-9)
 
 
-def test_the_light_cone_goes_through_the_holder_s_bore_or_is_bent_away(inner):
+def test_light_cone_passes_bore_or_fails(inner):
     (row,) = visibility.light_cone(inner)
     assert not row.failed
     assert row.value.startswith("96 of 96 reach it, 0.45 mm off in x and y; radius 6.88 mm at the")
@@ -227,7 +227,7 @@ def test_the_light_cone_goes_through_the_holder_s_bore_or_is_bent_away(inner):
     assert row.failed
 
 
-def test_a_web_of_0_3_mm_and_holes_that_meet_fail():
+def test_thin_webs_and_overlapping_holes_fail():
     plate = _box((40, 40, 6), (-20, -20, 0))
     for x, web in ((18.2, "0.3"), (9.0, "-1.0")):
         holes = plate.cut(_rod(1.5, 8, (x, 7, -1))).cut(_rod(1.5, 8, (7, 7, -1)))
@@ -247,7 +247,7 @@ def test_a_wide_ceiling_without_supports_fails(side, passes):
 
 
 @pytest.mark.slow
-def test_the_foot_of_a_peg_s_leg_is_no_wall_of_the_cover():
+def test_peg_legs_are_not_cover_walls():
     """The mesh of this cover has a point of a leg 0.8 um above the floor."""
     changes = ["skin.width_mm=53.7", "skin.length_mm=41.5", "screw.length_mm=16"]
     built = BuiltDesign(load_design(changes=changes), (find_part("cover"),), {})

@@ -187,14 +187,14 @@ def low_skirt(holder):
         ("tool-holder", low_skirt, {BENCH: ""}),
     ],
 )  # fmt: skip
-def test_a_fault_fails_its_own_rows_and_no_other(sound, part, fault, fails):
+def test_fault_fails_only_its_rows(sound, part, fault, fails):
     found = sound.failing(part, fault(sound.built.solid(part)))
     assert {key: found[key][: len(text)] for key, text in fails.items()} == fails
     # A faulty solid of the bench may stand on its supports otherwise, too.
     assert set(found) - set(fails) <= {("ceilings", "tool-holder"), ("bed contact", "tool-holder")}
 
 
-def test_a_part_that_cannot_be_built_fails_its_rows_and_stops_nothing(sound):
+def test_unbuildable_part_fails_only_its_rows(sound):
     solids = {name: solid for name, solid in sound.built.solids.items() if name != "cover"}
     told = {"cover": "cover: the CAD kernel failed"}
     rows = check_solids(BuiltDesign(D, sound.built.parts, solids, failed=told))
@@ -205,7 +205,7 @@ def test_a_part_that_cannot_be_built_fails_its_rows_and_stops_nothing(sound):
     assert "mold volume closure" in {row.name for row in rows if not row.failed}
 
 
-def test_a_press_as_deep_as_the_tips_are_long_is_refused(sound):
+def test_press_deeper_than_tips_is_refused(sound):
     deep = Design(plate=type(D.plate)(depth_mm=11.5))
     built = BuiltDesign(deep, sound.built.parts, sound.built.solids)
     stack = [check for check in SOLID_CHECKS if check == "bench-clear"]

@@ -32,7 +32,7 @@ def every(design: Design) -> dict[str, PlayFit]:
     return {fit.name: fit for fit in found}
 
 
-def test_play_is_the_sum_of_what_is_left_and_of_what_each_may_be_off():
+def test_play_and_spread_are_sums():
     hole, shank = Length(2.0, 0.1, ("a",)), Length(1.6, 0.02, ("b",))
     fit = PlayFit("", "", "", (hole, Length(0.5)), (shank, Length(0, 0.3, ("a",))))
     assert fit.range_mm == pytest.approx((0.9 - 0.42, 0.9 + 0.42))
@@ -59,7 +59,7 @@ def test_the_default_pairs_by_hand():
     assert found["lips over their hole"].range_mm == pytest.approx((0.04, 0.44))
 
 
-def test_a_flat_led_needs_its_sagitta_too():
+def test_flat_led_needs_its_sagitta():
     # The back of the strip is a chord of 5 mm, whose ends lie on the channel's wall.
     sagitta_mm = 14 - math.sqrt(14**2 - 2.5**2)
     assert led_room_mm(Design()) == pytest.approx(1.6 + 0.3 + sagitta_mm)
@@ -68,7 +68,7 @@ def test_a_flat_led_needs_its_sagitta_too():
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_every_rule_and_every_pair_of_what_is_shipped_holds(name):
+def test_shipped_designs_pass_rules_and_fits(name):
     design = load_design(name)
     feasibility.check_feasible(design)
     rows = list(mark_unverified([*arithmetic.fits(design), *arithmetic.platform(design)], design))
@@ -106,7 +106,7 @@ def common_mm3(first, second, at=(0.0, 0.0, 0.0)) -> float:
 
 
 @pytest.mark.slow
-def test_solids_at_their_limits_share_no_volume():
+def test_solids_at_limits_do_not_overlap():
     """Plate in the frame's pocket, ring in the shell, frame in the mold: built as they may come."""
     design, off = Design(), Design().resin_printer.plane_mm
     cut = design.laser.tolerance_mm
