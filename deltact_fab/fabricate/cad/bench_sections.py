@@ -83,7 +83,7 @@ class MoldDimensions(Bounded):
     rows: int = bounded_number(2, "cavities along y", 1, 8)
     web_mm: float = bounded_number(8.0, "between two frames, and around them", 1, 100)
     base_mm: float = bounded_number(3.0, "below the cavities", 1.5, 50)
-    seat_mm: float = bounded_number(3.0, "depth by which a frame is let in", 0.5, 30)
+    seat_mm: float = bounded_number(3.0, "depth of a frame's seat", 0.5, 30)
     fit_mm: float = bounded_number(0.1, "clearance of a frame, per side", 0.02, 2)
     floor_flatness_mm: float = bounded_number(
         0.05, "flatness of a floor, the touched face", 0.005, 1
@@ -105,8 +105,8 @@ class AdapterDimensions(Bounded):
     bolt_hole_mm: float = bounded_number(
         SENSOR_BOLT.clearance_mm, "through hole of the sensor's screws", 1, 8
     )
-    bolt_bore_mm: float = bounded_number(SENSOR_BOLT.bore_mm, "room for their heads", 2, 15)
-    bolt_bore_depth_mm: float = bounded_number(3.0, "of that room, from the flange's side", 1, 30)
+    bolt_bore_mm: float = bounded_number(SENSOR_BOLT.bore_mm, "counterbore for their heads", 2, 15)
+    bolt_bore_depth_mm: float = bounded_number(3.0, "of that counterbore, from the flange", 1, 30)
     pilot_mm: float = bounded_number(
         2.5, "holes in which the flange's screws (M3) cut a thread", 1, 6
     )

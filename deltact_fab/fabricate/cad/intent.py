@@ -121,7 +121,7 @@ def find_design(wish: Wish, base: Design) -> Design:
             if first is None:
                 return design
             raise Unsolved(failure_text(first), first)
-    raise Unsolved(f"no end after {MAX_REPAIRS} steps")
+    raise Unsolved(f"no solution after {MAX_REPAIRS} repairs")
 
 
 def solve_wish(wish: Wish, base: Design) -> Design:
@@ -138,7 +138,7 @@ def solve_wish(wish: Wish, base: Design) -> Design:
         changes = [] if too_near else list(_changes(wish))
         changes += [(f"--camera {name}", replace(wish, camera=name)) for name in load_cameras()]
         typed = next((typed for typed, changed in changes if _passes(changed, base)), "")
-        advice = f"the smallest change that passes: {typed}" if typed else "no camera would do"
+        advice = f"smallest change that passes: {typed}" if typed else "no listed camera works"
         x, y = wish.face_mm
         raise InputError(f"a face of {x:g} x {y:g} mm: {error}; {advice}") from error
 
@@ -169,7 +169,7 @@ def failed_checks(design: Design, wish: Wish) -> Iterator[Check]:
     view_x, view_y = design.optics.view_mm
     share = view_x * view_y / math.prod(wish.face_mm)
     if share < wish.share:
-        text, limit = f"{100 * share:.0f} % of it", f"{100 * wish.share:g} % wanted"
+        text, limit = f"{100 * share:.0f} % of it", f"{100 * wish.share:g} % required"
         yield Check("view-share", "view of the face", "", text, limit, "fail")
     yield from (rule for rule in feasibility.rules(design) if rule.failed)
     optics = design.optics
@@ -178,7 +178,7 @@ def failed_checks(design: Design, wish: Wish) -> Iterator[Check]:
     cone_mm = replace(path, gel_mm=0.0).reach_mm(angle) + math.sqrt(2) * off_axis_mm(design)
     bore_mm = design.light_bore_mm
     if not cone_mm <= bore_mm:
-        text, limit = f"{cone_mm:.1f} mm wide at the plate", f"{bore_mm:.1f} mm in the ring"
+        text, limit = f"radius {cone_mm:.1f} mm at the plate", f"bore radius {bore_mm:.1f} mm"
         yield Check("light-cone", "light cone", "", text, limit, "fail")
     for checks in (arithmetic.fits, arithmetic.light, visibility.view, arithmetic.platform):
         yield from (check for check in checks(design) if check.failed)

@@ -39,8 +39,8 @@ class PlatformContact:
             return ""
         support = "on supports" if supports else "unsupported"
         return (
-            f"{self.ceilings_mm2:.1f} mm2 from {self.lowest_mm:.1f} mm up, {self.span_mm:.1f} mm "
-            f"across at most, {support}"
+            f"{self.ceilings_mm2:.1f} mm2, lowest at {self.lowest_mm:.1f} mm, span up to "
+            f"{self.span_mm:.1f} mm, {support}"
         )
 
 

@@ -39,13 +39,13 @@ class PlateDimensions(Bounded):
 
     fit_mm: float = bounded_number(0.1, "clearance in the frame's pocket, per side", 0.02, 2)
     ledge_mm: float = bounded_number(0.5, "least width that lies on a ledge", 0.1, 10)
-    force_n: float = bounded_number(49.0, "press it is made for", 0.1, 5000)
+    force_n: float = bounded_number(49.0, "design force of a press", 0.1, 5000)
     depth_mm: float = bounded_number(5.0, "depth of that press", 0.1, 60)
-    spread_mm: float = assumed_length(22.0, "disc that the gel spreads it on", 1, 100)
-    deflection_share: float = bounded_number(0.05, "of the depth, by which it may yield", 1e-3, 1)
+    spread_mm: float = assumed_length(22.0, "disc that the press spreads on", 1, 100)
+    deflection_share: float = bounded_number(0.05, "deflection over depth, limit", 1e-3, 1)
     youngs_modulus_mpa: float = assumed_length(3000.0, "of cast PMMA", 100, 1e5)
     poisson: float = bounded_number(0.37, "of cast PMMA", 0.0, 0.49)
-    stress_limit_mpa: float = assumed_length(35.0, "half of what breaks PMMA", 1, 1000)
+    stress_limit_mpa: float = assumed_length(35.0, "half the strength of PMMA", 1, 1000)
     bead_modulus_mpa: float = assumed_length(1.15, "Young's, of the bead: Shore A 30", 0.05, 1e4)
     measured: tuple[str, ...] = measured_keys("keys measured on the lab's own plate")
 
@@ -76,9 +76,9 @@ class CameraDimensions(Bounded):
         metadata={"description": "equidistant (a fisheye) or rectilinear (straight lines stay so)"},
     )
     f_number: float = assumed_length(2.8, "of the lens; such lenses have 2.0 to 2.8", 0.7, 32)
-    nearest_mm: float = bounded_number(0.0, "it focuses no nearer; 0: turned by hand", 0.0, 1000)
+    nearest_mm: float = bounded_number(0.0, "nearest focus; 0: set by hand", 0.0, 1000)
     pixel_um: float = bounded_number(1.12, "pixel of the chip (IMX219)", 0.1, 50)
-    binning: int = bounded_number(2, "chip pixels a picture's pixel, per side", 1, 8)
+    binning: int = bounded_number(2, "chip pixels per image pixel, per side", 1, 8)
     crop_width_px: int = bounded_number(1280, "picture along x", 8, 10_000)
     crop_height_px: int = bounded_number(720, "picture along y", 8, 10_000)
     connector_width_mm: float = assumed_length(23.0, "connector along x", 1, 100)
@@ -93,7 +93,7 @@ class CameraDimensions(Bounded):
     )
     cable_height_mm: float = assumed_length(0.3, "the same, along z", 0.05, 20)
     tolerance_mm: float = assumed_length(0.05, "spread of board and lens, +-", 0.0, 1)
-    source: str = field(default="", metadata={"description": "documents that the figures are from"})
+    source: str = field(default="", metadata={"description": "source documents of the values"})
     measured: tuple[str, ...] = measured_keys(
         "keys measured on the lab's own module, or read off its maker's document"
     )
@@ -142,7 +142,7 @@ class HolderDimensions(Bounded):
     head_clearance_mm: float = bounded_number(
         0.3, "around the heads, below the light holder", 0.02, 2
     )
-    bonded_mm: float = assumed_length(0.3, "how far off the middle a bonded board may lie", 0.01, 3)
+    bonded_mm: float = assumed_length(0.3, "offset of a bonded board, at most", 0.01, 3)
     measured: tuple[str, ...] = measured_keys("keys measured on the lab's own boards")
 
     @property
@@ -163,11 +163,11 @@ class CoverDimensions(Bounded):
     leg_mm: float = bounded_number(0.6, "thickness of a leg, flat on both sides", 0.2, 5)
     lip_mm: float = bounded_number(0.12, "lip of a peg beyond its hole", 0.01, 2)
     peg_play_mm: float = bounded_number(
-        0.3, "legs beyond the camera holder, for a thick one", 0.0, 5
+        0.3, "legs beyond the camera holder: play for its tolerance", 0.0, 5
     )
     lip_height_mm: float = bounded_number(0.8, "height of the lip", 0.2, 5)
     strain_limit: float = bounded_number(
-        0.02, "what the resin bears once (Tough resins: 2 %)", 1e-3, 0.2
+        0.02, "allowed strain, once (Tough resins: 2 %)", 1e-3, 0.2
     )
     fit_mm: float = bounded_number(0.2, "clearance between bosses and shell", 0.02, 2)
 
@@ -207,9 +207,7 @@ class LightDimensions(Bounded):
     wall_mm: float = bounded_number(1.5, "outer wall", 0.4, 10)
     floor_mm: float = bounded_number(1.5, "floor below the strip", 0.4, 10)
     fit_mm: float = bounded_number(0.2, "radial clearance in the shell", 0.02, 2)
-    axial_fit_mm: float = bounded_number(
-        1.0, "play below the acrylic, so that it bears no press", 0.02, 5
-    )
+    axial_fit_mm: float = bounded_number(1.0, "play below the acrylic: carries no press", 0.02, 5)
     lens_clearance_mm: float = bounded_number(0.3, "between lens and bore, radial", 0.02, 5)
     lip_clearance_mm: float = bounded_number(0.25, "around the lips of the cover's pegs", 0.02, 2)
     head_room_mm: float = bounded_number(
@@ -219,22 +217,22 @@ class LightDimensions(Bounded):
     resistor_ohm: float = bounded_number(750.0, "in series (paper: 750)", 20, 1e5)
     supply_v: float = bounded_number(5.0, "supply of a strip that is cut at every LED", 4.5, 5.5)
     supply_tolerance: float = assumed_length(
-        0.05, "share by which it may be off (USB 2.0: 0.05)", 0, 0.2
+        0.05, "tolerance of the supply, share (USB 2.0: 0.05)", 0, 0.2
     )
     supply_rating_ma: float = assumed_length(
-        500.0, "what it may give the LEDs of a sensor (a port of USB 2.0)", 1, 1e5
+        500.0, "current for the LEDs of a sensor, limit (USB 2.0 port)", 1, 1e5
     )
     resistor_rating_w: float = assumed_length(
         0.25, "rating of the resistor, of which half is used", 0.01, 100
     )
     strip_resistor_ohm: float = assumed_length(
-        0.0, "the strip's own at each LED; 0, the worst case", 0, 1e4
+        0.0, "resistor on the strip, per LED; 0: worst case", 0, 1e4
     )
     led_v: float = assumed_length(2.95, "forward voltage of a white chip at a few mA", 0.1, 10)
-    led_spread_v: float = assumed_length(0.2, "that voltage may be so much off", 0, 2)
+    led_spread_v: float = assumed_length(0.2, "tolerance of that voltage, +-", 0, 2)
     led_chips: int = bounded_number(3, "chips of a LED, in parallel on such a strip", 1, 12)
     led_limit_ma: float = assumed_length(
-        20.0, "continuous current of a chip, by its data sheet", 0.1, 1000
+        20.0, "continuous current of a chip (data sheet)", 0.1, 1000
     )
     wire_mm: float = bounded_number(500.0, "each of the two wires, from ring to supply", 50, 10_000)
     measured: tuple[str, ...] = measured_keys("keys measured, or read off a data sheet")
@@ -314,11 +312,11 @@ class MountDimensions(Bounded):
     flange_height_mm: float = assumed_length(23.0, "franka: flange along z", 4, 200)
     flange_pitch_mm: float = assumed_length(12.0, "franka: between the two holes along z", 3, 100)
     flange_hole_mm: float = assumed_length(4.3, "franka: those holes", 1, 20)
-    counterbore_mm: float = bounded_number(8.0, "franka: room of a head, diameter", 2, 40)
-    counterbore_depth_mm: float = bounded_number(4.0, "franka: depth of that room", 0.5, 40)
+    counterbore_mm: float = bounded_number(8.0, "franka: counterbore, diameter", 2, 40)
+    counterbore_depth_mm: float = bounded_number(4.0, "franka: counterbore, depth", 0.5, 40)
     arm_mm: float = bounded_number(3.6, "franka: height of the arm, between the heads", 1, 60)
     stress_limit_mpa: float = assumed_length(
-        40.0, "franka: bending stress that the arm may take", 1, 500
+        40.0, "franka: bending stress of the arm, limit", 1, 500
     )
 
     measured: tuple[str, ...] = measured_keys("keys measured on the lab's own finger")

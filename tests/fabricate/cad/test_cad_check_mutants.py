@@ -199,9 +199,9 @@ def test_unbuildable_part_fails_only_its_rows(sound):
     told = {"cover": "cover: the CAD kernel failed"}
     rows = check_solids(BuiltDesign(D, sound.built.parts, solids, failed=told))
     found = {row.subject: row.value for row in rows if row.failed}
-    assert found == {"sensor": "1 of 10 not: cover: the CAD kernel failed"}
+    assert found == {"sensor": "1/10 invalid: cover: the CAD kernel failed"}
     (undone,) = (row.value for row in rows if row.status == "not run")
-    assert undone.endswith(" were not run: cover could not be built")
+    assert undone.endswith(" skipped: cover could not be built")
     assert "mold volume closure" in {row.name for row in rows if not row.failed}
 
 

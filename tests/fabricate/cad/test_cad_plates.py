@@ -74,7 +74,7 @@ def test_a_sphere_on_its_tip_touches_nothing_and_fails():
     stem_mm2, plate_mm2 = 9 * np.pi - segment_mm2(2.2, 3.0), 25 * np.pi
     assert float(contact.value.split()[0]) == pytest.approx(stem_mm2, abs=0.2)
     assert float(ceilings.value.split()[0]) == pytest.approx(plate_mm2 - stem_mm2, abs=0.3)
-    assert "from 20.0 mm up, 2.0 mm across at most, on supports" in ceilings.value
+    assert "lowest at 20.0 mm, span up to 2.0 mm, on supports" in ceilings.value
     tip_down = replace(part, lies=PrintPose())
     built = BuiltDesign(DESIGN, (tip_down,), {part.name: build_part(part, DESIGN)[0]})
     assert next(iter(platform_contact(built))).failed

@@ -97,7 +97,7 @@ def test_rows_hold_the_plate_against_its_limits(name, changes, fails):
 def test_a_row_says_what_the_bead_yields_and_what_nobody_measured():
     row, *_ = mark_unverified(bending(DEFAULT), DEFAULT)
     assert list(map(shorten_key, row.basis)) == ["spread", "youngs modulus", "bead modulus"]
-    assert row.value.startswith("0.220 mm under 49 N, 0.051 of it the bead: 4.4 %")
+    assert row.value.startswith("0.220 mm under 49 N, 0.051 mm from the bead; 4.4 %")
     keys = '["spread_mm", "youngs_modulus_mpa", "stress_limit_mpa", "bead_modulus_mpa"]'
     known = load_design(changes=[f"plate.measured={keys}"])
     assert [*mark_unverified(bending(known), known)][-1].basis == ()

@@ -55,7 +55,7 @@ def check_design(
     for checks in ARITHMETIC_CHECKS:
         rows += mark_unverified(add_remedies(checks, design), design)
     if any(row.failed for row in rows if row.name == "inequalities"):
-        return [*rows, not_run(len(SOLID_CHECKS), "inequalities fail, see above")]
+        return [*rows, not_run(len(SOLID_CHECKS), "constraints fail, see above")]
     rows += mark_unverified(arithmetic.platform(design), design)
     started = 0
 
@@ -97,7 +97,7 @@ def check_solids(
         except PartMissing as error:
             undone.append(str(error))
         except RunFailed as error:
-            rows.append(Check(id, name, "", f"not run: {error}", "can be made", "fail"))
+            rows.append(Check(id, name, "", f"not run: {error}", "runs", "fail"))
     if undone:
         rows.append(not_run(len(undone), "; ".join(dict.fromkeys(undone))))
     return rows
@@ -105,5 +105,5 @@ def check_solids(
 
 def not_run(count: int, reason: str) -> Check:
     """Return the row that counts checks skipped because of a failure with its own row."""
-    value = f"{count} were not run: {reason}"
-    return Check("solids", "checks on solids", "assembly", value, "all of them", "not run")
+    value = f"{count} skipped: {reason}"
+    return Check("solids", "checks on solids", "assembly", value, "all run", "not run")

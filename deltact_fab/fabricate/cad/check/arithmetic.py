@@ -39,12 +39,12 @@ def inequalities(design: Design) -> Iterator[Check]:
     for part, rules in groups.items():
         broken = [statement(rule) for rule in rules if rule.failed]
         tightest = statement(min(rules, key=_margin_share))
-        value = f"{len(rules)} of {len(rules)} hold, closest: {tightest}"
+        value = f"{len(rules)}/{len(rules)} constraints met; tightest: {tightest}"
         if broken:
-            value = f"{len(broken)} of {len(rules)} fail: {first_of(broken, '; ')}"
+            value = f"{len(broken)}/{len(rules)} constraints fail: {first_of(broken, '; ')}"
         keys = tuple(dict.fromkeys(key for rule in rules for key in rule.basis))
         margin = min((r.margin or 0.0) - (1e-6 if r.failed else 0.0) for r in rules)
-        yield Check(f"inequalities.{part}", "inequalities", part, value, "all hold",
+        yield Check(f"inequalities.{part}", "inequalities", part, value, "all met",
                     graded(not broken), keys, margin=margin)  # fmt: skip
 
 
@@ -95,8 +95,8 @@ def light(design: Design) -> Iterator[Check]:
     supply = f"{light.supply_v:g} V ± {100 * light.supply_tolerance:g} %"
     circuit = f"{light.resistor_ohm:g} ohm, {supply}"
     for id, name, value, limit, margin, rating in (
-        ("led-current", "LED current", f"{light.chip_most_ma:.2f} mA a chip",
-         f"<= {light.led_limit_ma:g} mA a chip",
+        ("led-current", "LED current", f"{light.chip_most_ma:.2f} mA per chip",
+         f"<= {light.led_limit_ma:g} mA per chip",
          light.led_limit_ma - light.chip_most_ma, "led_limit_ma"),
         ("led-current-least", "LED current, least", f"{light.least_ma:.2f} mA for all LEDs",
          f">= {MIN_LED_MA:g} mA", light.least_ma - MIN_LED_MA, "led_v"),
@@ -109,14 +109,10 @@ def light(design: Design) -> Iterator[Check]:
         keys = tuple(f"light.{key}" for key in (*CIRCUIT_KEYS, rating))
         yield margin_check(id, name, "light-holder", f"{value}, {circuit}", limit, margin, keys)
     share = evenness(design)
-    value = f"least {share:.2f} of the mean over the view, {light.led_count} LEDs "
-    value += f"{light.pitch_mm:.1f} mm apart"
-    limit, parts, margin = (
-        f">= {EVEN_LIGHT_SHARE:g}",
-        "light-holder, skin",
-        share - EVEN_LIGHT_SHARE,
-    )
-    yield margin_check("even-light", "even light", parts, value, limit, margin)
+    value = f"minimum/mean {share:.2f} over the view, {light.led_count} LEDs "
+    value += f"at {light.pitch_mm:.1f} mm pitch"
+    limit, margin = f">= {EVEN_LIGHT_SHARE:g}", share - EVEN_LIGHT_SHARE
+    yield margin_check("even-light", "even light", "light-holder, skin", value, limit, margin)
 
 
 def evenness(design: Design) -> float:
@@ -166,26 +162,26 @@ def bending(design: Design) -> Iterator[Check]:
         return Check(id, name, "acrylic", value, limit, graded(passed), keys)
 
     text = (
-        f"{response.deflection_mm:.3f} mm under {force_n:g} N, {bead_mm:.3f} of it the bead: "
-        f"{100 * response.deflection_mm / plate.depth_mm:.1f} % of {plate.depth_mm:g} mm of depth"
+        f"{response.deflection_mm:.3f} mm under {force_n:g} N, {bead_mm:.3f} mm from the bead; "
+        f"{100 * response.deflection_mm / plate.depth_mm:.1f} % of {plate.depth_mm:g} mm depth"
     )
     limit = f"<= {limit_mm:.3g} mm (plate.deflection_share of plate.depth_mm)"
     passed = response.deflection_mm <= limit_mm
     yield row("plate-deflection", "plate deflection", passed, text, limit, *PLATE_KEYS)
     text = (
-        f"bends {response.over_ring_mm:.3f} mm over the ring under {force_n:g} N, rests on it from "
+        f"deflects {response.over_ring_mm:.3f} mm over the ring under {force_n:g} N, contact from "
         f"{rests_n:.0f} N"
     )
-    limit, passed = f"<= {room_mm:.3g} mm, the least play (light.axial_fit_mm)", over_mm <= room_mm
+    limit, passed = f"<= {room_mm:.3g} mm, minimum play (light.axial_fit_mm)", over_mm <= room_mm
     yield row("plate-clear-of-light", "plate clear of the light", passed, text, limit, *PLATE_KEYS)
     most_mpa = plate.stress_limit_mpa
     text = (
-        f"{response.stress_mpa:.1f} MPa under {force_n:g} N, the limit from "
+        f"{response.stress_mpa:.1f} MPa under {force_n:g} N, limit reached at "
         f"{force_n * most_mpa / response.stress_mpa:.0f} N"
     )
     limit, keys = f"<= {most_mpa:g} MPa (plate.stress_limit_mpa)", ("plate.stress_limit_mpa",)
     passed = response.stress_mpa <= most_mpa
     yield row("plate-stress", "plate stress", passed, text, limit, GEL_SPREAD_KEY, *keys)
-    text = f"{force_n:g} N spread on a disc of {plate.spread_mm:g} mm"
+    text = f"{force_n:g} N on a disc of {plate.spread_mm:g} mm diameter"
     limit = f"<= {face_mm:g} mm, the face's shorter side (plate.spread_mm)"
     yield row("plate-load", "plate load", plate.spread_mm <= face_mm, text, limit, GEL_SPREAD_KEY)

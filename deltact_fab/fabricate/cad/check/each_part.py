@@ -47,12 +47,12 @@ def soundness(model: BuiltDesign) -> Iterator[Check]:
                 triangles += model.fact("triangles", (name,), partial(_triangles, model, name))
             except RunFailed as error:
                 wrong.append(model.failed.get(name, str(error)))
-        value = f"{len(names)} of {len(names)}, {triangles} triangles at {CHECK_MESH_MM:g} mm"
+        value = f"{len(names)}/{len(names)}, {triangles} triangles at {CHECK_MESH_MM:g} mm"
         if wrong:
-            value = f"{len(wrong)} of {len(names)} not: " + "; ".join(wrong)
+            value = f"{len(wrong)}/{len(names)} invalid: " + "; ".join(wrong)
         yield Check(
             f"soundness.{group}", "one valid closed solid", group, value,
-            "every part, and its mesh closed", graded(not wrong),
+            "every part, with closed mesh", graded(not wrong),
         )  # fmt: skip
 
 
@@ -66,7 +66,7 @@ def _triangles(model: BuiltDesign, name: str) -> int:
 def drawings(model: BuiltDesign) -> Iterator[Check]:
     """Check the drawings: one row per drawing with faults, or one for all."""
     parts = [part for part in model.parts if part.callouts is not None]
-    total, complete, limit = 0, True, "each feature placed and sized once"
+    total, complete, limit = 0, True, "each feature located and sized once"
     for part in parts:
         faults, count = model.fact("drawings", (part.name,), partial(_planned, model, part))
         total += count
@@ -170,7 +170,7 @@ def platform_contact(model: BuiltDesign) -> Iterator[Check]:
             yield Check(f"bed-contact.{name}", "bed contact", name, value, limit, status)
         if on.ceilings_mm2:
             span_mm = model.design.resin_printer.ceiling_span_mm
-            limit = f"<= {span_mm:g} mm across (resin_printer.ceiling_span_mm), or on supports"
+            limit = f"<= {span_mm:g} mm span (resin_printer.ceiling_span_mm), or on supports"
             status = graded(bool(lies.supports) or on.span_mm <= span_mm)
             value = on.ceilings_text(lies.supports)
             yield Check(f"ceilings.{name}", "ceilings", name, value, limit, status)
@@ -189,11 +189,11 @@ def height_fields(model: BuiltDesign) -> Iterator[Check]:
     }
     worst = max(misses, key=lambda name: misses[name])
     miss = misses[worst]
-    value = f"{miss:.1e} mm at most, {len(parts)} x {FIELD_POINTS} points"
-    passed = miss <= HEIGHT_FIELD_MM
-    text, limit = value if passed else f"{miss:.3g} mm off: {worst}", f"<= {HEIGHT_FIELD_MM:g} mm"
-    name = "indenter height field"
-    yield Check("height-fields", name, "indenters", text, limit, graded(passed))
+    value, limit = f"deviates {miss:.3g} mm: {worst}", f"<= {HEIGHT_FIELD_MM:g} mm"
+    passed, name = miss <= HEIGHT_FIELD_MM, "indenter height field"
+    if passed:
+        value = f"max {miss:.1e} mm, {len(parts)} x {FIELD_POINTS} points"
+    yield Check("height-fields", name, "indenters", value, limit, graded(passed))
 
 
 def _miss_mm(model: BuiltDesign, part: Part) -> float:

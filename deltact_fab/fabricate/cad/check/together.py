@@ -63,7 +63,7 @@ def interference(model: BuiltDesign) -> Iterator[Check]:
         if mm3 > TOUCH_MM3 and not threaded:
             text = f"{first} in {second}: {mm3:.3f} mm3"
             clashes.append((mm3, f"{first}, {second}", text))
-    limit = f"<= {TOUCH_MM3:g} mm3 a pair"
+    limit = f"<= {TOUCH_MM3:g} mm3 per pair"
     keys = ("camera.lens_diameter_mm", "camera.lens_height_mm", "mount.")
     for k, (_, pair, text) in enumerate(sorted(clashes, reverse=True)[:4]):
         yield Check(f"interference.{k}", "interference", pair, text, limit, "fail", keys)
@@ -115,7 +115,7 @@ def engagement(model: BuiltDesign) -> Iterator[Check]:
         least_mm = min(_grip_mm(model, shank, place, holder) for place in screws)
         thread_mm = 2 * shank.radius_mm
         value = f"{least_mm:.2f} mm ({least_mm / thread_mm:.1f} d)"
-        limit = f">= {times:g} d = {times * thread_mm:.2f} mm ({key}: more)"
+        limit = f">= {times:g} d = {times * thread_mm:.2f} mm (increase {key})"
         id, status = f"engagement.{screw}", graded(least_mm >= times * thread_mm - 1e-6)
         yield Check(id, "engagement", f"{screw}, {holder}", value, limit, status, rests_on)
 
@@ -141,7 +141,7 @@ def closure(model: BuiltDesign) -> Iterator[Check]:
 
     skin_mm3, volumes_mm3 = model.fact("held", ("mold", "skin-frame", "skin"), fill_cavities)
     worst = max(volumes_mm3, key=lambda v: abs(v - skin_mm3))
-    value = f"{worst:.3f} mm3, the skin {skin_mm3:.3f} ({len(volumes_mm3)} cavities)"
+    value = f"{worst:.3f} mm3 filled, skin {skin_mm3:.3f} ({len(volumes_mm3)} cavities)"
     limit, parts = f"within {VOLUME_TOLERANCE:g} of the skin", "mold, skin-frame, skin"
     status = graded(abs(worst - skin_mm3) <= VOLUME_TOLERANCE * skin_mm3)
     yield Check("mold-closure", "mold volume closure", parts, value, limit, status)
@@ -184,7 +184,7 @@ def bench(model: BuiltDesign) -> Iterator[Check]:
     depth_mm = model.design.plate.depth_mm
     tips = [part for part in model.parts if part.indenter is not None]
     if not tips:
-        value, limit = "no indenter is listed", "one indenter at least"
+        value, limit = "no indenter listed", ">= 1 indenter"
         yield Check("bench-clear", "bench clear", "bench", value, limit, "fail")
         return
     # All stems are alike: the widest back plate has the least room.
@@ -204,15 +204,15 @@ def bench(model: BuiltDesign) -> Iterator[Check]:
     low = min(piece_box(model, piece)[0][2] for piece in standing)
     top = max(piece_box(model, piece)[1][2] for piece in standing)
     high = max(piece_box(model, piece)[1][2] for piece in hanging)
-    value = f"none of {len(standing)} pieces on the table and {len(hanging)} on the stage"
+    value = f"no overlap: {len(standing)} pieces on the table, {len(hanging)} on the stage"
     value = "; ".join(text for _, text in clashes[:4]) or value
-    limit = f"<= {TOUCH_MM3:g} mm3 a pair, {depth_mm:g} mm deep (plate.depth_mm)"
+    limit = f"<= {TOUCH_MM3:g} mm3 per pair, at {depth_mm:g} mm depth (plate.depth_mm)"
     stack, status = f"bench, {widest.name}", graded(not clashes)
     yield Check("bench-clear", "bench clear", stack, value, limit, status, SENSOR_SIZE_KEYS)
     free = {part.name: part.source(model.design).indenter.reach_mm for part in tips}
     gap, short = min((mm - depth_mm - top, name) for name, mm in free.items())
     value = (
-        f"back plates {gap:.1f} mm or more above the face ({short}) at {depth_mm:g} mm; "
+        f"back plates >= {gap:.1f} mm above the face ({short}) at {depth_mm:g} mm depth; "
         f"{high - low:.1f} mm from the table to the force sensor's back"
     )
     limit = f">= {STAGE_GAP_MM:g} mm anywhere on the face (plate.depth_mm)"

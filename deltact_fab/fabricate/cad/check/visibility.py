@@ -37,7 +37,7 @@ def view(design: Design) -> Iterator[Check]:
     crop_x, crop_y = camera.crop_half_mm
     focal_mm = camera.focal_length_mm
     crop = f"at the {camera.crop_width_px} x {camera.crop_height_px} crop"
-    grazing = "where a third is reflected"
+    grazing = "(reflectance 1/3)"
     # The image of a corner lies on the diagonal: the crop's nearer side limits it.
     corner_mm = diagonal * min(crop_x / view_x, crop_y / view_y)
     for id, name, radius_mm, have, condition in (
@@ -47,9 +47,9 @@ def view(design: Design) -> Iterator[Check]:
         ("view-enters-acrylic", "view enters the acrylic", diagonal / 2, GRAZING_RAD, grazing),
     ):
         need = path.half_angle_rad(radius_mm)
-        value = f"{radius_mm:.2f} mm off the axis cannot be seen at any angle"
+        value = f"{radius_mm:.2f} mm off the axis: not visible at any angle"
         if math.isfinite(need):
-            value = f"half angle {math.degrees(need):.1f} deg for {radius_mm:.2f} mm on the face"
+            value = f"half angle {math.degrees(need):.1f} deg at {radius_mm:.2f} mm on the face"
         limit = f"<= {math.degrees(have):.1f} deg {condition}"
         yield margin_check(id, name, "camera", value, limit, have - need, LENS_KEYS)
     share = view_x * view_y / (skin.width_mm * skin.length_mm)
@@ -59,7 +59,7 @@ def view(design: Design) -> Iterator[Check]:
     yield margin_check("view-share", name, "camera, skin", value, limit, margin)
     focus_mm = _object_mm(design, 0.0, 0.0)
     if camera.nearest_mm:
-        value = f"the middle of the face is at {focus_mm:.1f} mm"
+        value = f"centre of the face at {focus_mm:.1f} mm"
         limit = f">= {camera.nearest_mm:g} mm (camera.nearest_mm)"
         margin = focus_mm - camera.nearest_mm
         yield margin_check("focus.nearest", "focus, nearest", "camera", value, limit, margin)
@@ -72,7 +72,7 @@ def view(design: Design) -> Iterator[Check]:
         object_mm = _object_mm(design, radius_mm, depth_mm)
         blur_px = scale * abs(1 / object_mm - 1 / focus_mm)
         value = (
-            f"circle of confusion {blur_px:.2f} px at {object_mm:.1f} mm, focused on the middle of "
+            f"circle of confusion {blur_px:.2f} px at {object_mm:.1f} mm, focused on the centre of "
             f"the face at {focus_mm:.1f} mm, f/{camera.f_number:g}"
         )
         limit, keys = f"<= {most_px:g} px", ("camera.f_number", *LENS_KEYS)
@@ -104,11 +104,11 @@ def light_cone(model: BuiltDesign) -> Iterator[Check]:
     angle = np.array([LayeredPath(*path).half_angle_rad(float(r)) for r in radius])
     rings = rounds_near(model.cylinders("light-holder"), 0.0, 0.0, 0.1)
     bore = min((c.radius_mm for c in rings if c.hole), default=0.0)
-    limit = f"{BORDER_RAYS} of {BORDER_RAYS} rays reach the face"
+    limit = f"{BORDER_RAYS}/{BORDER_RAYS} rays reach the face"
     keys = ("camera.lens_height_mm",)
     if not np.isfinite(angle).all():
         misses = int((~np.isfinite(angle)).sum())
-        value = f"{misses} of {BORDER_RAYS} are bent away before the face"
+        value = f"{misses}/{BORDER_RAYS} rays are refracted away before the face"
         yield Check("light-cone", "light cone", "light-holder", value, limit, "fail", keys)
         return
     direction = border / radius[:, None]
@@ -134,7 +134,7 @@ def light_cone(model: BuiltDesign) -> Iterator[Check]:
 
     reached = model.fact("light cone", names, reach, [offset, [p.tolist() for p in points]])
     value = (
-        f"{reached} of {BORDER_RAYS} reach it, {offset:.2f} mm off in x and y; radius "
+        f"{reached}/{BORDER_RAYS} rays, lens offset {offset:.2f} mm in x and y; radius "
         f"{at_radius[1].max():.2f} mm at the acrylic, bore {bore:.2f} mm"
     )
     passed = reached == BORDER_RAYS and at_radius[1].max() + offset * math.sqrt(2) <= bore
