@@ -227,7 +227,7 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     # Meshes last: they leave triangles on the solids.
     fine = {p.name: mesh_solid(solids[p.name], VIEW_TOLERANCE_MM, p.name) for p in parts}
     ceilings = {
-        p.name: find_contact(lay_on_platform(fine[p.name], p.lies)).ceilings_text(p.lies.supports)
+        p.name: find_contact(lay_on_platform(fine[p.name], p.pose)).ceilings_text(p.pose.supports)
         for p in parts
         if p.printed
     }

@@ -40,7 +40,7 @@ class Round:
     """A cylinder along an axis of the frame, of one face or several.
 
     low_mm, high_mm: ends of its axis. hole: True if the solid is outside. turn_deg: covered angle.
-    blind: the end of a hole closed by a flat floor: `low`, `high` or empty. on: a point on it.
+    blind: the end of a hole closed by a flat floor: `low`, `high` or empty. point: on its face.
     """
 
     axis: int
@@ -48,7 +48,7 @@ class Round:
     high_mm: Point
     radius_mm: float
     hole: bool
-    on: Point
+    point: Point
     turn_deg: float = 360.0
     blind: str = ""
 
@@ -204,7 +204,7 @@ def _runs(group: list[Round]) -> Iterator[list[Round]]:
     axis = group[0].axis
     run: list[Round] = []
     reach = -math.inf
-    for piece in sorted(group, key=lambda p: (p.low_mm[axis], p.on)):
+    for piece in sorted(group, key=lambda p: (p.low_mm[axis], p.point)):
         if run and piece.low_mm[axis] > reach + FEATURE_MERGE_MM:
             yield run
             run = []
@@ -218,7 +218,7 @@ def _merge_round(pieces: list[Round], planes: list[FlatFace]) -> Round:
     axis = pieces[0].axis
     low = min((p.low_mm for p in pieces), key=lambda p: p[axis])
     high = max((p.high_mm for p in pieces), key=lambda p: p[axis])
-    first = max(pieces, key=lambda p: (p.turn_deg, p.on))
+    first = max(pieces, key=lambda p: (p.turn_deg, p.point))
     turn_deg = max(sum(p.turn_deg for p in pieces if _spans_middle(p, face)) for face in pieces)
     blind = ""
     for end, name in ((low, "low"), (high, "high")):

@@ -66,7 +66,7 @@ def mesh_solid(solid: Any, tolerance_mm: float, part: str) -> Mesh:
             return mesh
         request_mm /= 2
     raise RunFailed(
-        f"{part}: the mesh lies {mesh.deviation_mm:.3g} mm from the surface, "
+        f"{part}: the mesh deviates {mesh.deviation_mm:.3g} mm from the surface, "
         f"tolerance {tolerance_mm:g} mm"
     )
 

@@ -44,9 +44,9 @@ class PlatformContact:
         )
 
 
-def lay_on_platform(mesh: Mesh, lies: PrintPose) -> Mesh:
+def lay_on_platform(mesh: Mesh, pose: PrintPose) -> Mesh:
     """Return the mesh in its print pose: on z = 0, its box centred at x = y = 0."""
-    points = mesh.vertices_mm.astype(np.float64) @ np.array(lies.turn, float).T
+    points = mesh.vertices_mm.astype(np.float64) @ np.array(pose.turn, float).T
     low, high = points.min(axis=0), points.max(axis=0)
     middle = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
     # +0.0 turns -0.0 into 0.0

@@ -84,7 +84,7 @@ class PrintPose:
         return x, (lower[0], lower[1], lower[2]), (upper[0], upper[1], upper[2])
 
     @property
-    def words(self) -> str:
+    def instructions(self) -> str:
         """Instruction for printing."""
         if self.tilt_deg:
             return f"{self.face} down, tilted by {self.tilt_deg:g}°, supports {self.supports}"
@@ -146,7 +146,7 @@ class Part:
     smallest counts; the process may require more. in_view: it is between lens and face and could
     obstruct the view.
     callouts: content of its drawing; None without a drawing. note: in the bill of materials, with
-    values of the design in braces (`{d.table.screw} screws`), or a function. lies: print pose.
+    values of the design in braces (`{d.table.screw} screws`), or a function. pose: on the printer.
     how: further instructions for making it; look_for: inspection afterwards.
     """
 
@@ -169,7 +169,7 @@ class Part:
     in_view: bool = False
     callouts: Callable[[Any], Callouts] | None = None
     note: str | Callable[[Design], str] = ""
-    lies: PrintPose = PrintPose()
+    pose: PrintPose = PrintPose()
     how: str = ""
     look_for: str = ""
     indenter: IndenterDimensions | None = None
@@ -178,7 +178,7 @@ class Part:
         """Return the argument of `build`, `box` and `callouts`."""
         return design if self.indenter is None else self.indenter
 
-    def noted(self, design: Design) -> str:
+    def note_text(self, design: Design) -> str:
         """Return the note for a design."""
         return self.note.format(d=design) if isinstance(self.note, str) else self.note(design)
 
@@ -189,13 +189,13 @@ class Part:
 
     @property
     def printed(self) -> bool:
-        """True if it is printed, in the pose `lies`."""
+        """True if it is printed, in its `pose`."""
         return self.process == PRINT_PROCESS
 
     @property
     def making(self) -> str:
         """Instruction for making it."""
-        texts = (self.lies.words if self.printed else "", self.how)
+        texts = (self.pose.instructions if self.printed else "", self.how)
         return "; ".join(words for words in texts if words) or self.process
 
     def dimensions(self, design: Design) -> Iterator[Dimension]:

@@ -60,7 +60,7 @@ def test_each_file_stands_on_the_platform_as_the_manifest_turns_it(exported):
         low, high = mesh.bounds
         assert low[2] == 0
         assert np.allclose(low[:2], -high[:2], atol=1e-5)
-        assert np.allclose(entry["turned"], part.lies.turn)
+        assert np.allclose(entry["turned"], part.pose.turn)
         own = np.linalg.inv(np.array(entry["turned"])) @ mesh.vertices.T
         assert np.allclose(np.ptp(own, axis=1), box[1] - box[0], atol=0.2)
 
@@ -75,7 +75,7 @@ def test_a_sphere_on_its_tip_touches_nothing_and_fails():
     assert float(contact.value.split()[0]) == pytest.approx(stem_mm2, abs=0.2)
     assert float(ceilings.value.split()[0]) == pytest.approx(plate_mm2 - stem_mm2, abs=0.3)
     assert "lowest at 20.0 mm, span up to 2.0 mm, on supports" in ceilings.value
-    tip_down = replace(part, lies=PrintPose())
+    tip_down = replace(part, pose=PrintPose())
     built = BuiltDesign(DESIGN, (tip_down,), {part.name: build_part(part, DESIGN)[0]})
     assert next(iter(platform_contact(built))).failed
 
@@ -84,8 +84,8 @@ def test_a_shell_on_its_back_has_ceilings_and_none_as_it_is_tilted():
     """Which is what the tilt is for."""
     part = registry.find_part("shell")
     mesh = mesh_solid(build_part(part, DESIGN)[0], TOLERANCE_MM, part.name)
-    flat = find_contact(lay_on_platform(mesh, replace(part.lies, tilt_deg=0.0)))
+    flat = find_contact(lay_on_platform(mesh, replace(part.pose, tilt_deg=0.0)))
     assert flat.ceilings_mm2 > 100
     assert flat.contact_mm2 > MIN_CONTACT_MM2
-    tilted = find_contact(lay_on_platform(mesh, part.lies))
+    tilted = find_contact(lay_on_platform(mesh, part.pose))
     assert (tilted.ceilings_mm2, tilted.contact_mm2) == (0, 0)

@@ -135,7 +135,7 @@ def test_the_number_of_sensors_is_in_it(tmp_path: Path) -> None:
 def test_it_says_how_each_printed_part_lies(tmp_path: Path) -> None:
     text = page(tmp_path / "guide.html").text
     assert [
-        part.name for part in list_parts() if part.printed and part.lies.words not in text
+        part.name for part in list_parts() if part.printed and part.pose.instructions not in text
     ] == []
 
 

@@ -69,7 +69,7 @@ def platform(design: Design) -> Iterator[Check]:
     for part in design_parts(design):
         if part.process == PRINT_PROCESS:
             low, high = part.box(part.source(design))
-            x, y, z = part.lies.size_mm(low, high)
+            x, y, z = part.pose.size_mm(low, high)
             sides[part.name] = [max(x, y), min(x, y), z]
     margins = {
         name: min(r - s for r, s in zip(room, size, strict=True)) for name, size in sides.items()

@@ -74,7 +74,7 @@ class BuiltDesign:
     solids: dict[str, Any] = field(default_factory=dict)
     facts: Facts | None = None
     report: Reporter | None = None
-    failed: dict[str, str] = field(default_factory=dict)
+    failures: dict[str, str] = field(default_factory=dict)
     meshes: dict[str, Mesh] = field(default_factory=dict)
     results: dict[tuple[str, tuple[str, ...]], Any] = field(default_factory=dict)
     features_of: dict[str, SolidFeatures] = field(default_factory=dict)
@@ -105,16 +105,16 @@ class BuiltDesign:
         raise PartMissing(f"{name} could not be built")
 
     def solid(self, name: str) -> Any:
-        """Return the solid of a part. Raises PartMissing if it cannot be built, see `failed`."""
-        if name not in self.solids and name not in self.failed:
+        """Return the solid of a part. Raises PartMissing if it cannot be built, see `failures`."""
+        if name not in self.solids and name not in self.failures:
             part = self.part(name)
             if self.report is not None:
                 self.report(name)
             try:
                 self.solids[name] = build_from(part, part.source(self.design))[0]
             except RunFailed as error:
-                self.failed[name] = str(error)
-        if name in self.failed:
+                self.failures[name] = str(error)
+        if name in self.failures:
             raise PartMissing(f"{name} could not be built")
         return self.solids[name]
 

@@ -46,7 +46,7 @@ def soundness(model: BuiltDesign) -> Iterator[Check]:
             try:
                 triangles += model.fact("triangles", (name,), partial(_triangles, model, name))
             except RunFailed as error:
-                wrong.append(model.failed.get(name, str(error)))
+                wrong.append(model.failures.get(name, str(error)))
         value = f"{len(names)}/{len(names)}, {triangles} triangles at {CHECK_MESH_MM:g} mm"
         if wrong:
             value = f"{len(wrong)}/{len(names)} invalid: " + "; ".join(wrong)
@@ -161,23 +161,23 @@ def platform_contact(model: BuiltDesign) -> Iterator[Check]:
     for part in model.parts:
         if not part.printed:
             continue
-        name, lies = part.name, part.lies
+        name, pose = part.name, part.pose
         contact = model.fact("bed contact", (name,), partial(_contact_values, model, part))
         on = PlatformContact(**contact)
-        if not lies.tilt_deg:
+        if not pose.tilt_deg:
             limit = f">= {MIN_CONTACT_MM2:g} mm2"
             value, status = f"{on.contact_mm2:.1f} mm2", graded(on.contact_mm2 >= MIN_CONTACT_MM2)
             yield Check(f"bed-contact.{name}", "bed contact", name, value, limit, status)
         if on.ceilings_mm2:
             span_mm = model.design.resin_printer.ceiling_span_mm
             limit = f"<= {span_mm:g} mm span (resin_printer.ceiling_span_mm), or on supports"
-            status = graded(bool(lies.supports) or on.span_mm <= span_mm)
-            value = on.ceilings_text(lies.supports)
+            status = graded(bool(pose.supports) or on.span_mm <= span_mm)
+            value = on.ceilings_text(pose.supports)
             yield Check(f"ceilings.{name}", "ceilings", name, value, limit, status)
 
 
 def _contact_values(model: BuiltDesign, part: Part) -> dict[str, Any]:
-    return asdict(find_contact(lay_on_platform(model.mesh(part.name), part.lies)))
+    return asdict(find_contact(lay_on_platform(model.mesh(part.name), part.pose)))
 
 
 def height_fields(model: BuiltDesign) -> Iterator[Check]:

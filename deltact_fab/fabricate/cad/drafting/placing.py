@@ -137,7 +137,7 @@ class Placing:
         (x0, _), (x1, _) = drawn.box_mm
 
         def cost(one: Round) -> tuple[float, float]:
-            u, v = drawn.view.flat(one.on if one.turn_deg < 360 else one.high_mm)
+            u, v = drawn.view.flat(one.point if one.turn_deg < 360 else one.high_mm)
             shown = drawn.shows(drawn.view.flat(np.array(list(_sides(one, one.high_mm)))), NEAR_MM)
             return HIDDEN * (not shown.any()) + FAR * min(u - x0, x1 - u) / (x1 - x0), -v
 
@@ -145,7 +145,7 @@ class Placing:
         u = drawn.view.flat(nearest.high_mm)[0]
         side: Literal["left", "right"] = "right" if x1 - u <= u - x0 + 1e-6 else "left"
         if nearest.turn_deg < 180:
-            yield Leader(view, nearest.on, 0, words, side)
+            yield Leader(view, nearest.point, 0, words, side)
         else:
             yield Leader(view, nearest.high_mm, nearest.radius_mm, words, side)
 

@@ -108,7 +108,7 @@ def make(task: ExportTask) -> list[FileData]:
                 mesh = mesh or _mesh(solid, measured, task)
                 deviation_mm, printed_mesh = mesh.deviation_mm, mesh
                 if part.printed and kind in PRINT_FORMATS:
-                    printed_mesh, turned = lay_on_platform(mesh, part.lies), part.lies.turn
+                    printed_mesh, turned = lay_on_platform(mesh, part.pose), part.pose.turn
                     box_mm = printed_mesh.box_mm
                 data = _mesh_bytes(printed_mesh, part, kind)
             elif kind in DRAWING_FORMATS:

@@ -128,7 +128,7 @@ def bom_lines(design: Design, sensors: int = 1) -> BillOfMaterials:
     # From the registry: parts of the sensor per sensor; tools, bench and indenters once.
     rows: list[tuple[Any, ...]] = [
         (p.group, p.name, p.material, p.process, p.quantity * (sensors if p.per_sensor else 1),
-         PIECE_UNIT, p.noted(design))
+         PIECE_UNIT, p.note_text(design))
         for p in list_parts(design=design)
     ]  # fmt: skip
     figures = _figures(design, sensors)

@@ -247,7 +247,7 @@ PARTS = (
         rules=rules,
         fits=fits,
         note="{d.camera.name}; {d.camera.crop_width_px} x {d.camera.crop_height_px}",
-        look_for="measure lens and board: see what nobody has verified",
+        look_for="measure lens and board; see the unverified keys",
     ),
     Part(
         "camera-holder",
@@ -267,7 +267,7 @@ PARTS = (
         wall_keys=("holder.wall_mm",),
         in_view=True,
         callouts=holder_callouts,
-        lies=PrintPose(face="back"),
+        pose=PrintPose(face="back"),
         look_for="flat to 0.1 mm on a glass plate",
     ),
 )  # fmt: skip

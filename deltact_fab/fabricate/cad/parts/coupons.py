@@ -78,7 +78,7 @@ def well_build(design: Design) -> Shape:
 
 def well_callouts(d: Design) -> Callouts:
     """Drawing content: wells, section through the first."""
-    notes = ("Same resin, same wash, cure and coat as the mold: it is there to test them.",)
+    notes = ("Same resin, same wash, cure and coat as the mold, to test them.",)
     return Callouts(notes=notes, cut_x_mm=centres_mm(d)[0][0])
 
 
@@ -196,6 +196,6 @@ PARTS = (
         callouts=kerf_callouts,
         note="to measure the laser: cad fit",
         how="cut by the DXF, all from one corner of the sheet",
-        look_for="no burr that a caliper would count",
+        look_for="no burr that affects a caliper reading",
     ),
 )

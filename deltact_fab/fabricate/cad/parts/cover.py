@@ -160,7 +160,7 @@ PARTS = (
         fits=fits,
         wall_keys=("shell.wall_mm",),
         callouts=callouts,
-        lies=PrintPose(face="outer face"),
-        look_for="every peg has its slot open: a folded paper passes",
+        pose=PrintPose(face="outer face"),
+        look_for="slots of all pegs open: a folded paper passes",
     ),
 )  # fmt: skip

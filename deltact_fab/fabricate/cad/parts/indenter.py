@@ -226,7 +226,7 @@ def part(indenter: Indenter, body: IndenterBody, quantity: int = 1) -> Part:
         group="indenters",
         colour=WHITE_RGBA,
         callouts=callouts,
-        lies=PrintPose("+z", "stem's end", supports="under the plate only"),
+        pose=PrintPose("+z", "stem's end", supports="under the plate only"),
         look_for="no mark on the tip; the stem enters the tool holder, flat at +x, by hand",
         indenter=IndenterDimensions(indenter, body),
     )

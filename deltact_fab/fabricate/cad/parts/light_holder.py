@@ -216,7 +216,7 @@ PARTS = (
         wall_keys=("light.wall_mm", "light.diffuser_mm", "light.floor_mm"),
         in_view=True,
         callouts=callouts,
-        lies=PrintPose(face="floor"),
+        pose=PrintPose(face="floor"),
         look_for="no resin left in the channel: blow it out before the post-cure",
     ),
     Part(
@@ -230,7 +230,7 @@ PARTS = (
         sections=("light",),
         rules=strip_rules,
         note="{d.light.led_count} single-LED cuts of {d.light.pitch_mm:.1f} x "
-        "{d.light.strip_width_mm:g} mm, {d.light.strip_mm:.1f} mm in all; a {d.light.supply_v:g} V "
+        "{d.light.strip_width_mm:g} mm, {d.light.strip_mm:.1f} mm total; a {d.light.supply_v:g} V "
         "strip that is cut at every LED",
         how="cut between the LEDs and soldered, by the wiring drawing",
         look_for="plus to plus; no solder above the LEDs",

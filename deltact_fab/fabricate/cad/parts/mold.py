@@ -137,6 +137,6 @@ PARTS = (
         wall_keys=("shell.wall_mm",),
         callouts=callouts,
         note="casts {d.mold.columns} x {d.mold.rows} skins at a time",
-        look_for="cavity floors glossy: what is there is on every skin",
+        look_for="cavity floors glossy: every skin copies their defects",
     ),
 )

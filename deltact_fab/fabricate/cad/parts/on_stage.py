@@ -211,8 +211,8 @@ PARTS = (
         wall_keys=("shell.wall_mm",),
         callouts=holder_callouts,
         note="set screw M3 x 6 (ISO 4026), four M3 x 10 (ISO 4762), pin {d.tool.pin_mm:g} x 8",
-        lies=PrintPose("+z", "flange"),
-        look_for="a stem slides in with its flat at +x and in no other way",
+        pose=PrintPose("+z", "flange"),
+        look_for="a stem slides in only with its flat at +x",
     ),
     Part(
         "nano17-adapter",
@@ -228,7 +228,7 @@ PARTS = (
         wall_keys=("shell.wall_mm",),
         callouts=adapter_callouts,
         note="three M2 (ISO 4762) into the force sensor; its bolt circle is assumed: measure yours",
-        lies=PrintPose("+z", "force sensor's side"),
+        pose=PrintPose("+z", "force sensor's side"),
         look_for="flat on both sides; the force sensor's screws go in by hand",
     ),
     Part(

@@ -182,7 +182,7 @@ PARTS = (
         wall_keys=("shell.wall_mm",),
         in_view=True,
         callouts=callouts,
-        lies=PrintPose(face="back", tilt_deg=20, supports="outside only"),
+        pose=PrintPose(face="back", tilt_deg=20, supports="outside only"),
         look_for="the light holder slides in by hand; the four holes pass a screw without cutting",
     ),
 )  # fmt: skip

@@ -143,7 +143,7 @@ SKIN_FRAME = Part(
     wall_keys=("shell.wall_mm",),
     in_view=True,
     callouts=callouts,
-    lies=PrintPose(
+    pose=PrintPose(
         face="back, where the pilot holes are,", tilt_deg=30,
         supports="on the rim of the back only, none on the front",
     ),
