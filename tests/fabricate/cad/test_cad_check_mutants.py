@@ -197,7 +197,7 @@ def test_fault_fails_only_its_rows(sound, part, fault, fails):
 def test_unbuildable_part_fails_only_its_rows(sound):
     solids = {name: solid for name, solid in sound.built.solids.items() if name != "cover"}
     told = {"cover": "cover: the CAD kernel failed"}
-    rows = check_solids(BuiltDesign(D, sound.built.parts, solids, failed=told))
+    rows = check_solids(BuiltDesign(D, sound.built.parts, solids, failures=told))
     found = {row.subject: row.value for row in rows if row.failed}
     assert found == {"sensor": "1/10 invalid: cover: the CAD kernel failed"}
     (undone,) = (row.value for row in rows if row.status == "not run")
