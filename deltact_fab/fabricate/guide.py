@@ -29,8 +29,8 @@ from .cad.design import load_indenters
 from .cad.dimensions import Design
 from .cad.drafting.wiring import wiring
 from .cad.fabrication import bom, quantities
-from .cad.fabrication.quantities import DEFAULT, gaps
-from .cad.overhangs import laid, stand
+from .cad.fabrication.quantities import DEFAULT_FIGURES, gaps
+from .cad.overhangs import find_contact, lay_on_platform
 from .cad.part import SELF_SUPPORTING_DEG, Part
 from .cad.parts.coupons import well_volume_mm3
 from .cad.parts.mold import RELEASE_AGENT
@@ -147,10 +147,10 @@ def write_guide(
             ).set_axis(BATCH_HEADS, axis="columns")
         ),
         wiring=_svg_url(wiring(design).svg()),
-        p=DEFAULT,
+        p=DEFAULT_FIGURES,
         sticker=pattern,
-        facts=quantities.FIGURES,
-        process=html_table(pd.DataFrame(quantities.FIGURES, dtype=object), PROCESS_HEADS),
+        facts=quantities.FABRICATION_FIGURES,
+        process=html_table(pd.DataFrame(quantities.FABRICATION_FIGURES, dtype=object), PROCESS_HEADS),
         gaps=html_table(pd.DataFrame(gaps(design)), GAP_HEADS),
         unverified=[(key, f"{attrgetter(key)(design):g}") for key in design.unverified()],
         # Keys that list measured dimensions, for sections with unverified ones.
@@ -188,7 +188,7 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     from .cad.build import build_part
     from .cad.drafting import picture
     from .cad.drafting.casting import CastingScenes
-    from .cad.export.meshes import drawn, glb_bytes
+    from .cad.export.meshes import glb_bytes, shaded_mesh
     from .cad.kernel import require
     from .cad.mesh import mesh_solid
 
@@ -227,13 +227,13 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     # Meshes last: OCCT stores the triangles in the solids.
     fine = {p.name: mesh_solid(solids[p.name], VIEW_TOLERANCE_MM, p.name) for p in parts}
     ceilings = {
-        part.name: stand(laid(fine[part.name], part.lies)).words(part.lies.supports)
-        for part in parts
-        if part.printed
+        p.name: find_contact(lay_on_platform(fine[p.name], p.pose)).ceilings_text(p.pose.supports)
+        for p in parts
+        if p.printed
     }
     exploded_glb = {
         part.name: (
-            drawn(fine[part.name], part.name, _brighten(part.colour)),
+            shaded_mesh(fine[part.name], part.name, _brighten(part.colour)),
             [(x, y, z + part.explode_mm) for x, y, z in part.places(design)],
         )
         for part in parts_of_group("sensor", design)
@@ -336,11 +336,11 @@ def _figures(d: Design) -> dict[str, Any]:
     screw = d.screw
     deepest_mm = screw.length_mm + screw.tip_clearance_mm
     full = quantities.skins_batch(d, quantities.cavities(d))
-    coupon_g = d.coupon.wells * well_volume_mm3(d) / 1000 * DEFAULT.density_g_cm3
+    coupon_g = d.coupon.wells * well_volume_mm3(d) / 1000 * DEFAULT_FIGURES.density_g_cm3
     return {
-        "cup_ml": CUP_STEP_ML * math.ceil(full.volume_cm3 * DEFAULT.foam_factor / CUP_STEP_ML),
+        "cup_ml": CUP_STEP_ML * math.ceil(full.volume_cm3 * DEFAULT_FIGURES.foam_factor / CUP_STEP_ML),
         # Half as much again for two drops and the rest in the cup.
-        "coupon_g": max(1.5 * coupon_g, DEFAULT.coat_batch_g),
+        "coupon_g": max(1.5 * coupon_g, DEFAULT_FIGURES.coat_batch_g),
         "brighter": quantities.resistor_for_ohm(20.0, d.light),
         "shrinkage_mm": quantities.shrinkage_mm(d),
         "longer_mm": [mm for mm in screw.row.stock_mm if screw.length_mm < mm <= deepest_mm],

@@ -1,9 +1,9 @@
 """Parts as solids: sensor, mold, bench and indenters, checked, drawn and written to files.
 
-A part stands in one file of parts/, alone or beside what it goes with: its solid, its inequalities,
-its drawing's callouts, how it is made (part.py says what that takes). registry.py finds it there.
-dimensions.py collects a design and the lengths that parts share, feasibility.py all inequalities;
-kernel.py gates what the kernel returned, assembly.py puts the sensor together. check/ holds the
-solids against what the sensor needs; export/ writes them, drafting/ draws them, fabrication/ says
-what to buy, weigh and wait for. cadquery is imported on the first build.
+Each part is defined in one file of parts/: solid, inequalities, drawing callouts, manufacture (see
+part.py). registry.py picks the files up. dimensions.py holds a design and shared lengths,
+feasibility.py all inequalities; kernel.py gates the kernel's solids, assembly.py positions the
+parts. check/ compares the solids with the sensor's requirements; export/ writes files, drafting/
+makes drawings, fabrication/ the bill of materials and batches. cadquery is imported on the first
+build.
 """

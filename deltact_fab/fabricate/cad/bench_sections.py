@@ -14,14 +14,14 @@ from deltact_fab.sensor import Bounded, Indenter, bounded_number
 
 from .rule import Length
 from .sensor_sections import assumed_length, measured_keys
-from .standards import CAP_SCREWS, THREADS, Thread
+from .standards import CAP_SCREWS, METRIC_THREADS, Thread
 
-PLANE = ("resin_printer.plane_mm", "resin_printer.hole_bias_mm", "resin_printer.outside_bias_mm")
-HEIGHT = ("resin_printer.height_mm",)
-CUT = ("laser.tolerance_mm",)
-SHEET = ("laser.sheet_tolerance",)
-BOLT = CAP_SCREWS["M2"]  # into the force sensor
-SCREW = CAP_SCREWS["M3"]  # of the tool holder's flange
+PLANE_KEYS = tuple(f"resin_printer.{k}_mm" for k in ("plane", "hole_bias", "outside_bias"))
+HEIGHT_KEYS = ("resin_printer.height_mm",)
+CUT_KEYS = ("laser.tolerance_mm",)
+SHEET_KEYS = ("laser.sheet_tolerance",)
+SENSOR_BOLT = CAP_SCREWS["M2"]  # into the force sensor
+FLANGE_SCREW = CAP_SCREWS["M3"]  # of the tool holder's flange
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class MoldDimensions(Bounded):
     rows: int = bounded_number(2, "cavities along y", 1, 8)
     web_mm: float = bounded_number(8.0, "between two frames, and around them", 1, 100)
     base_mm: float = bounded_number(3.0, "below the cavities", 1.5, 50)
-    seat_mm: float = bounded_number(3.0, "depth by which a frame is let in", 0.5, 30)
+    seat_mm: float = bounded_number(3.0, "depth of a frame's seat", 0.5, 30)
     fit_mm: float = bounded_number(0.1, "clearance of a frame, per side", 0.02, 2)
     floor_flatness_mm: float = bounded_number(
         0.05, "flatness of a floor, the touched face", 0.005, 1
@@ -103,10 +103,10 @@ class AdapterDimensions(Bounded):
     bolt_circle_mm: float = assumed_length(12.7, "of the sensor's three screws (M2)", 4, 90)
     bolt_turn_deg: float = assumed_length(90.0, "first screw from +x", -360, 360)
     bolt_hole_mm: float = bounded_number(
-        BOLT.clearance_mm, "through hole of the sensor's screws", 1, 8
+        SENSOR_BOLT.clearance_mm, "through hole of the sensor's screws", 1, 8
     )
-    bolt_bore_mm: float = bounded_number(BOLT.bore_mm, "room for their heads", 2, 15)
-    bolt_bore_depth_mm: float = bounded_number(3.0, "of that room, from the flange's side", 1, 30)
+    bolt_bore_mm: float = bounded_number(SENSOR_BOLT.bore_mm, "counterbore for their heads", 2, 15)
+    bolt_bore_depth_mm: float = bounded_number(3.0, "of that counterbore, from the flange", 1, 30)
     pilot_mm: float = bounded_number(
         2.5, "holes in which the flange's screws (M3) cut a thread", 1, 6
     )
@@ -153,12 +153,12 @@ class TableDimensions(Bounded):
     @property
     def hole_mm(self) -> float:
         """Through hole of the table's screws (ISO 273 medium)."""
-        return THREADS[self.screw].clearance_mm
+        return METRIC_THREADS[self.screw].clearance_mm
 
 
 @dataclass(frozen=True)
 class ToolDimensions(Bounded):
-    """The tool holder: what takes an indenter's stem, and the flange that it hangs from."""
+    """The tool holder: a bore for the indenter's stem, and the flange it hangs from."""
 
     fit_mm: float = bounded_number(0.2, "between stem and bore, radial, and between flats", 0.02, 1)
     depth_mm: float = bounded_number(21.0, "of the bore, more than the stem is long", 5, 100)
@@ -170,7 +170,7 @@ class ToolDimensions(Bounded):
     clamp_z_mm: float = bounded_number(8.0, "set screw above the mouth", 2, 90)
     clamp_mm: float = bounded_number(2.5, "hole in which the set screw (M3) cuts its thread", 1, 6)
     screw_hole_mm: float = bounded_number(
-        SCREW.clearance_mm, "through hole of the flange's screws (M3)", 2, 8
+        FLANGE_SCREW.clearance_mm, "through hole of the flange's screws (M3)", 2, 8
     )
     pin_mm: float = bounded_number(2.0, "dowel pin on the bolt circle at +x", 1, 6)
     pin_fit_mm: float = bounded_number(0.4, "pin's hole in the flange over the pin", 0.02, 1)
@@ -193,21 +193,21 @@ class ToolDimensions(Bounded):
     @property
     def screw_centres_mm(self) -> list[Point2]:
         """The flange's screws, between the axes, as the adapter's pilots."""
-        at = self.bolt_circle_mm / 2 * math.sqrt(0.5)
-        return [(sx * at, sy * at) for sy in (-1, 1) for sx in (-1, 1)]
+        offset_mm = self.bolt_circle_mm / 2 * math.sqrt(0.5)
+        return [(sx * offset_mm, sy * offset_mm) for sy in (-1, 1) for sx in (-1, 1)]
 
     @property
     def pin_at_mm(self) -> Point2:
-        """The pin's place."""
+        """Position of the pin."""
         return self.bolt_circle_mm / 2, 0.0
 
 
 @dataclass(frozen=True)
 class ResinPrinterDimensions(Bounded):
-    """The resin printer, its resin and its wash: what a printed length may be off.
+    """Tolerances of the resin printer with its resin and its wash.
 
-    Bias: what a finished length measures more than its nominal, after whatever the slicer
-    compensates. The spread holds for each length on its own, of whatever size.
+    Bias: finished length minus nominal, after the slicer's compensation. The spread holds for
+    each length on its own, of any size.
     """
 
     plane_mm: float = assumed_length(0.10, "spread of a length in the layers, +-", 0.005, 1)
@@ -225,25 +225,25 @@ class ResinPrinterDimensions(Bounded):
 
     def inner(self, nominal_mm: float) -> Length:
         """A printed hole, slot or pocket, in the layers."""
-        return Length(nominal_mm + self.hole_bias_mm, self.plane_mm, PLANE)
+        return Length(nominal_mm + self.hole_bias_mm, self.plane_mm, PLANE_KEYS)
 
     def outer(self, nominal_mm: float) -> Length:
         """A printed peg, block or rim, in the layers."""
-        return Length(nominal_mm + self.outside_bias_mm, self.plane_mm, PLANE)
+        return Length(nominal_mm + self.outside_bias_mm, self.plane_mm, PLANE_KEYS)
 
     def tall(self, nominal_mm: float) -> Length:
-        """A printed length across the layers; what turns at printing counts as this."""
-        return Length(nominal_mm, max(self.height_mm, self.plane_mm), HEIGHT)
+        """A printed length across the layers, also of parts that are printed tilted."""
+        return Length(nominal_mm, max(self.height_mm, self.plane_mm), HEIGHT_KEYS)
 
     def pitch(self, other_mm: float | None = None) -> Length:
-        """What two patterns of holes may disagree at one hole, as a diameter.
+        """Mismatch of two hole patterns at one hole, as a diameter.
 
         Each pattern's pitch is off by the spread in x and in y; centred on each other, either end
         takes half of the sum of both, and a diameter counts twice that: sqrt(2) (a + b), along the
         diagonal. other_mm: the spread of the other pattern where it is not printed.
         """
-        apart = self.plane_mm + (self.plane_mm if other_mm is None else other_mm)
-        return Length(0.0, 2**0.5 * apart, PLANE)
+        sum_mm = self.plane_mm + (self.plane_mm if other_mm is None else other_mm)
+        return Length(0.0, 2**0.5 * sum_mm, PLANE_KEYS)
 
 
 @dataclass(frozen=True)
@@ -268,15 +268,15 @@ class LaserDimensions(Bounded):
 
     @property
     def path(self) -> str:
-        """What a drawing says of the laser's path."""
+        """Note on the laser's path for the drawing."""
         if self.compensate:
             return f"The DXF is the laser's path, {self.kerf_mm / 2:g} outside the finished plate."
         return "The DXF is the finished plate: offset the cut by half the kerf."
 
     def cut(self, nominal_mm: float) -> Length:
         """An outside length of a plate as it is cut."""
-        return Length(nominal_mm, self.tolerance_mm, CUT)
+        return Length(nominal_mm, self.tolerance_mm, CUT_KEYS)
 
     def sheet(self, nominal_mm: float) -> Length:
         """The thickness of a sheet."""
-        return Length(nominal_mm, self.sheet_tolerance * nominal_mm, SHEET)
+        return Length(nominal_mm, self.sheet_tolerance * nominal_mm, SHEET_KEYS)

@@ -1,4 +1,4 @@
-"""One part to one gated solid: rules first, then the kernel, then the gate; and its key."""
+"""Build one part: rules first, then the kernel, then the gate; and its cache key."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from . import feasibility
 from . import parts as parts_package
 from .design import load_design
 from .dimensions import Design
-from .kernel import LIBRARIES, SolidProperties, gate, guarded
+from .kernel import KERNEL_LIBRARIES, SolidProperties, gate, guarded
 from .part import Part
 from .registry import find_part
 
 
 @dataclass(frozen=True)
 class BuiltPart(SolidProperties):
-    """A part, the design that it was built of, and its cadquery Solid in mm."""
+    """A part, the design it was built from, and its cadquery Solid in mm."""
 
     part: Part
     design: Design
@@ -39,10 +39,10 @@ def build_named_part(name: str, design: str = "deltact", changes: Iterable[str] 
 
 
 def build_part(part: Part, design: Design) -> tuple[Any, SolidProperties]:
-    """Build one part and gate it: a cadquery Solid and its measures.
+    """Build one part and gate it; return a cadquery Solid and its properties.
 
     Raises InputError when a dimension breaks an inequality, before the kernel runs; RunFailed
-    naming the part when the kernel fails or returns something else.
+    naming the part when the kernel fails or returns anything but one valid solid.
     """
     if part.indenter is None:
         feasibility.check_feasible(design)
@@ -50,24 +50,23 @@ def build_part(part: Part, design: Design) -> tuple[Any, SolidProperties]:
 
 
 def build_from(part: Part, source: Any) -> tuple[Any, SolidProperties]:
-    """The same from what `part.source` gives, whose inequalities hold already."""
+    """Build from `part.source(design)`, without checking its inequalities again."""
     with guarded(part.name):
         return gate(part.name, part.build(source), part.box(source))
 
 
 def part_key(part: Part, design: Design) -> dict[str, Any]:
-    """The one key of a part: what its solid is made from, as `Part.sections` and
-    `Part.derived` declare it.
+    """Return the cache key of a part: the inputs that `Part.sections` and `Part.derived` declare.
 
-    That this is all is held by a test which notes every value read.
+    A test that records every value read verifies that these are all inputs.
     """
-    read = {} if part.indenter else {n: getattr(design, n) for n in (*part.sections, *part.derived)}
-    return {"part": part, **read}
+    names = () if part.indenter else (*part.sections, *part.derived)
+    return {"part": part, **{name: getattr(design, name) for name in names}}
 
 
-def made_by(module: str, **given: Any) -> dict[str, Any]:
-    """A key of the cache: all code of a module and of every part, the libraries, what is given."""
+def cad_cache_key(module: str, **inputs: Any) -> dict[str, Any]:
+    """Return a cache key: code of the module and of every part, library versions, inputs."""
     files = (
         f"fabricate.cad.parts.{part.name}" for part in pkgutil.iter_modules(parts_package.__path__)
     )
-    return cache_key(module, *files, libraries=LIBRARIES, **given)
+    return cache_key(module, *files, libraries=KERNEL_LIBRARIES, **inputs)

@@ -1,4 +1,4 @@
-"""What a lab edits under cad/: the sensor's dimensions, the lists of indenters and of cameras."""
+"""Files that a lab edits under cad/: designs, the lists of indenters and of cameras."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .sensor_sections import CameraDimensions
 
 @dataclass(frozen=True)
 class IndenterBody(Bounded):
-    """What holds the tips and their shanks: one back plate."""
+    """Body of an indenter behind its tips and shanks: one back plate."""
 
     plate_mm: float = bounded_number(4.0, "back plate", 1.0, 50.0)
 
@@ -54,18 +54,18 @@ class IndenterList:
 
 @dataclass(frozen=True)
 class IndenterDimensions:
-    """Everything an indenter's solid is made from."""
+    """All inputs of an indenter's solid."""
 
     indenter: Indenter
     body: IndenterBody
 
 
 def load_design(name: str = "deltact", changes: Iterable[str] = ()) -> Design:
-    """Dimensions of a design of the `cad` catalogue (a name or a path to a TOML file).
+    """Load a design of the `cad` catalogue (a name or a path to a TOML file).
 
-    changes: `section.key=value`, as typed after `--set`; they win over the file. A design that
-    names another one as `base` takes from it what it does not give itself. Raises InputError
-    naming file and key; the inequalities between dimensions are feasibility.check's.
+    changes: `section.key=value`, as after `--set`; they override the file. A design with a `base`
+    inherits every key that it does not set. Raises InputError naming file and key; inequalities
+    between dimensions are checked by feasibility.check_feasible.
     """
     path = find_file("cad", name)
     data = _with_base(path, ())
@@ -74,18 +74,18 @@ def load_design(name: str = "deltact", changes: Iterable[str] = ()) -> Design:
     return validate(Design, data, str(path))
 
 
-def _with_base(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
-    """The file's tables over those of its base."""
-    if path.resolve() in seen:
+def _with_base(path: Path, ancestors: tuple[Path, ...]) -> dict[str, Any]:
+    """Return the file's tables merged over those of its base."""
+    if path.resolve() in ancestors:
         raise InputError(f"{path}: base: a design cannot be its own base")
-    own = read_toml(path)
-    base = own.pop("base", None)
+    tables = read_toml(path)
+    base = tables.pop("base", None)
     if base is None:
-        return own
+        return tables
     if not isinstance(base, str):
         raise InputError(f"{path}: base: expected the name of a design (got {base!r})")
-    data = _with_base(find_file("cad", base), (*seen, path.resolve()))
-    for section, table in own.items():
+    data = _with_base(find_file("cad", base), (*ancestors, path.resolve()))
+    for section, table in tables.items():
         inherited = data.get(section)
         if isinstance(table, dict) and isinstance(inherited, dict):
             data[section] = {**inherited, **table}
@@ -95,7 +95,7 @@ def _with_base(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
 
 
 def _change(data: dict[str, Any], change: str) -> None:
-    """Set one key, its value read as TOML reads it; a bare word is a string."""
+    """Set one key; the value is parsed as TOML, a bare word is a string."""
     key, equals, text = change.partition("=")
     section, dot, name = key.strip().partition(".")
     if not (equals and dot and section and name and text.strip()):
@@ -111,18 +111,18 @@ def _change(data: dict[str, Any], change: str) -> None:
 
 
 def load_indenters(name: str = "indenters") -> IndenterList:
-    """The indenters a lab exports, and their body. Raises InputError naming file and key."""
+    """Load the lab's indenters and their body. Raises InputError naming file and key."""
     path = find_file("cad", name)
     listed = validate(IndenterList, read_toml(path), str(path))
-    seen: set[str] = set()
+    names: set[str] = set()
     for entry in listed.indenter:
         try:
             name = parse_indenter(entry.name).name
-        except InputError as why:
-            raise InputError(f"{path}: {why}") from why
-        if name in seen:
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+        if name in names:
             raise InputError(f"{path}: indenter {name!r}: listed twice; expected once")
-        seen.add(name)
+        names.add(name)
     return listed
 
 
@@ -137,14 +137,14 @@ class CameraList:
 
 
 def load_cameras() -> dict[str, CameraDimensions]:
-    """The cameras by name. Raises InputError naming file and key."""
+    """Load the cameras by name. Raises InputError naming file and key."""
     path = find_file("cad", "cameras")
     return validate(CameraList, read_toml(path), str(path)).module
 
 
 def load_camera(name: str) -> CameraDimensions:
-    """A camera's section. Raises InputError with the nearest name, and as `load_cameras`."""
-    known = load_cameras()
-    if name not in known:
-        raise InputError(f"--camera {name!r}: no such camera; {did_you_mean(name, known)}")
-    return known[name]
+    """Load one camera. Raises InputError with the nearest name, and as `load_cameras`."""
+    cameras = load_cameras()
+    if name not in cameras:
+        raise InputError(f"--camera {name!r}: no such camera; {did_you_mean(name, cameras)}")
+    return cameras[name]

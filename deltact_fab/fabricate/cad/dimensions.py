@@ -1,4 +1,4 @@
-"""The whole hardware, and every length that follows from others, with its equation.
+"""A design of the whole hardware, and derived lengths with their equations.
 
 Frame: origin at the centre of the resting outer face, z out of the sensor, so the back of the
 sensor is at z = -30 by default. From the face backwards:
@@ -48,7 +48,7 @@ from .sensor_sections import (
 
 @dataclass(frozen=True)
 class EnvelopeDimensions(Bounded):
-    """What the whole sensor must fit into (paper: 39 x 60 x 30)."""
+    """Largest outer size of the sensor (paper: 39 x 60 x 30)."""
 
     width_mm: float = bounded_number(39.0, "along x", 5, 500)
     length_mm: float = bounded_number(60.0, "along y", 5, 500)
@@ -87,7 +87,7 @@ class Design(SensorDimensions):
 
     @property
     def lens_terms(self) -> tuple[float, float, float, float]:
-        """The camera's projection; of f tan(theta) the series: 0.3 % off at 50 degrees."""
+        """Projection of the camera; f tan(theta) as a series, 0.3 % off at 50 degrees."""
         if self.camera.projection == "equidistant":
             return super().lens_terms
         return 1 / 3, 2 / 15, 17 / 315, 62 / 2835
@@ -141,12 +141,12 @@ class Design(SensorDimensions):
 
     @property
     def z_head_mm(self) -> float:
-        """Where the screw heads bear = joint + engagement - screw length: -28.4."""
+        """Seat of the screw heads = joint + engagement - screw length: -28.4."""
         return self.z_joint_mm + self.screw.engagement_mm - self.screw.length_mm
 
     @property
     def z_boss_mm(self) -> float:
-        """Front of the cover's bosses, back of the shell's posts = heads bear + wall: -26.9."""
+        """Front of the cover's bosses, back of the shell's posts = head seat + wall: -26.9."""
         return self.z_head_mm + self.shell.wall_mm
 
     @property
@@ -221,8 +221,7 @@ class Design(SensorDimensions):
     def ledge_half_mm(self) -> Point2:
         """Half opening between the shell's ledges = the acrylic's pocket - ledge: (15.7, 15.7).
 
-        Where the cavity is narrower than the pocket it is the cavity that counts; without a ledge
-        there is only the cavity.
+        The cavity's where it is narrower than the pocket, or without a ledge.
         """
         (x, y), (px, py), shell = self.cavity_half_mm, self.seat_half_mm, self.shell
         of_x = min(x, px) - shell.ledge_x_mm if shell.ledge_x_mm > 0 else x
@@ -230,13 +229,13 @@ class Design(SensorDimensions):
 
     @property
     def ledge_reach_mm(self) -> Point2:
-        """How far the ledges stand out from the shell's walls = half cavity - half opening."""
+        """Projection of the ledges from the shell's walls = half cavity - half opening."""
         (x, y), (ox, oy) = self.cavity_half_mm, self.ledge_half_mm
         return x - ox, y - oy
 
     @property
     def boss_room_mm(self) -> float:
-        """Side of the corners that the shell leaves to the cover's bosses = post + fit: 6.75."""
+        """Side of the shell's corner recesses for the cover's bosses = post + fit: 6.75."""
         return self.post_mm + self.cover.fit_mm
 
     @property
@@ -321,7 +320,7 @@ class Design(SensorDimensions):
 
     @property
     def snap_strain(self) -> float:
-        """Strain at the root of a leg that gives way by the lip = 3 fibre lip / length^2: 1.0 %.
+        """Strain at the root of a leg deflected by the lip = 3 fibre lip / length^2: 1.0 %.
 
         A cantilever loaded at the lip's underside.
         """
@@ -346,8 +345,8 @@ class Design(SensorDimensions):
     @property
     def holder_tongue_mm(self) -> Point2:
         """Half width and upper edge of the tongue that holds the two screws: (12.8, 14.7)."""
-        beside = self.holder.row.pilot_mm / 2 + self.holder.wall_mm
-        return self.camera.hole_pitch_x_mm / 2 + beside, self.camera.hole_rows_mm[0] + beside
+        margin = self.holder.row.pilot_mm / 2 + self.holder.wall_mm
+        return self.camera.hole_pitch_x_mm / 2 + margin, self.camera.hole_rows_mm[0] + margin
 
     # The whole.
 
@@ -370,10 +369,10 @@ class Design(SensorDimensions):
 
     @property
     def skin_volume_mm3(self) -> float:
-        """Volume of one skin: block - rounded edges - what the posts take of it.
+        """Volume of one skin = block - rounded edges - posts.
 
         A fillet of radius R around a w x l face takes 2 (w + l) R^2 (1 - pi/4) - 4 R^3
-        (5/3 - pi/2): the second term is what two cylinders share where they meet in a mitre.
+        (5/3 - pi/2): the second term is the common volume of two cylinders in a mitre.
         """
         skin, (x, y) = self.skin, self.post_in_window_mm
         r = skin.edge_fillet_mm
@@ -383,9 +382,9 @@ class Design(SensorDimensions):
         return block - rounded - 4 * x * y * (skin.thickness_mm - skin.protrusion_mm)
 
     def unverified(self) -> list[str]:
-        """Keys (`camera.focal_length_mm`) whose values were assumed and not measured.
+        """Return keys (`camera.focal_length_mm`) whose values are assumed and not measured.
 
-        Of the mount, only where its kind uses them.
+        The mount's keys only if its kind uses them.
         """
         keys = []
         for section in fields(self):

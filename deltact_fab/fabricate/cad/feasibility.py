@@ -1,6 +1,6 @@
 """Inequalities between dimensions, checked before the kernel runs: it fails silently on most.
 
-Each part states its own, with their numbers, so that a refusal says what to change.
+Each part states its own rules with their numbers, so that an error says what to change.
 """
 
 from __future__ import annotations
@@ -10,18 +10,18 @@ from dataclasses import replace
 from deltact_fab.common import Check, InputError
 
 from .dimensions import Design
-from .registry import of_design
+from .registry import design_parts
 from .rule import first_of, statement
 
-# What cannot be made smaller comes first: it is what a reader must hear of.
-FIRST = ("camera", "skin-frame", "acrylic", "screw", "shell")
+# Parts that cannot be made smaller come first in an error.
+FIRST_PARTS = ("camera", "skin-frame", "acrylic", "screw", "shell")
 
 
 def rules(design: Design) -> list[Check]:
-    """Every rule of the sensor, the mold and the test bench; its subject is the part."""
+    """Return every rule of the sensor, the mold and the test bench; its subject is the part."""
     unverified = set(design.unverified())
-    parts = of_design(design)
-    parts.sort(key=lambda part: FIRST.index(part.name) if part.name in FIRST else len(FIRST))
+    parts = design_parts(design)
+    parts.sort(key=lambda part: (*FIRST_PARTS, part.name).index(part.name))
     return [
         replace(
             rule,

@@ -1,7 +1,7 @@
-"""What a solid is made of, read off its boundary: planes, rounds, and faces of other kinds.
+"""Features of a solid from its boundary: planes, rounds (cylinders), and other faces.
 
-Faces of one cylinder are one round, however often it is cut. Nothing here knows how the solid was
-built: what a drawing says and what the checks measure is found on the same faces.
+Faces of one cylinder are one round, however often it is cut. Features do not depend on how the
+solid was built: drawings and checks use the same faces.
 """
 
 from __future__ import annotations
@@ -17,17 +17,16 @@ from deltact_fab.common import Field, Point
 
 from .kernel import bounding_box
 
-SAME_MM = 1e-5
-"""Coordinates closer than this are one."""
-STRAIGHT = 1e-9  # of a direction's cosine: parallel to an axis of the frame
-TILT_DEG = 5.0  # a round that leans further belongs to no axis
+FEATURE_MERGE_MM = 1e-5  # by hand, equal coordinates: above rounding; larger merges features
+AXIS_TOLERANCE = 1e-9  # by hand, of the cosine to an axis: above rounding; larger hides a slant
+MAX_LEAN_DEG = 5.0  # by hand: a round that leans more has no axis in a drawing
 
 
 @dataclass(frozen=True)
 class FlatFace:
     """A flat face normal to an axis (0, 1, 2) of the frame, at a coordinate.
 
-    up: whether the solid lies below it. corners: (n, 3).
+    up: True if the outward normal is along +axis. corners: (n, 3).
     """
 
     axis: int
@@ -40,9 +39,8 @@ class FlatFace:
 class Round:
     """A cylinder along an axis of the frame, of one face or several.
 
-    low_mm, high_mm: ends of its axis; radius_mm; hole: whether the solid is outside. turn_deg: how
-    far it goes round. blind: the end of a hole that a flat floor closes: `low`, `high` or none.
-    on: a point on it.
+    low_mm, high_mm: ends of its axis. hole: True if the solid is outside. turn_deg: covered angle.
+    blind: the end of a hole closed by a flat floor: `low`, `high` or empty. point: on its face.
     """
 
     axis: int
@@ -50,23 +48,23 @@ class Round:
     high_mm: Point
     radius_mm: float
     hole: bool
-    on: Point
+    point: Point
     turn_deg: float = 360.0
     blind: str = ""
 
     @property
-    def whole(self) -> bool:
-        """Whether it goes all the way round."""
+    def full_turn(self) -> bool:
+        """True if it covers 360 degrees."""
         return self.turn_deg > 360 - 1e-4
 
     @property
     def rounds_an_edge(self) -> bool:
-        """Whether it turns no further than from one face to the next."""
+        """True if it covers no more than 90 degrees, like a rounded edge."""
         return self.turn_deg < 90 + 1e-3
 
     @property
     def length_mm(self) -> float:
-        """Along its axis."""
+        """Length along its axis."""
         return self.high_mm[self.axis] - self.low_mm[self.axis]
 
     def offset_mm(self, x_mm: float, y_mm: float) -> float:
@@ -77,15 +75,15 @@ class Round:
 
 @dataclass(frozen=True)
 class OtherFace:
-    """A face of another kind, whose form is said by a printed number.
+    """A face of another kind, dimensioned by a printed number.
 
-    kind: as a drawing calls it. sizes: numbers of which one has to be printed. at: a point on it.
-    centre: what has to be placed, along each axis None where nothing has to be.
+    kind: label in a drawing. sizes: numbers of which one has to be printed. point: on the face.
+    centre: coordinates to be dimensioned, None along an axis without.
     """
 
     kind: str
     sizes: tuple[float, ...]
-    at: Point
+    point: Point
     centre: tuple[float | None, float | None, float | None] = (None, None, None)
     normal: Point = (0.0, 0.0, 0.0)
 
@@ -96,117 +94,118 @@ class SolidFeatures:
 
     planes: tuple[FlatFace, ...]
     rounds: tuple[Round, ...]
-    others: tuple[OtherFace, ...]
+    other_faces: tuple[OtherFace, ...]
     edges: tuple[Round, ...]
     low_mm: Point
     high_mm: Point
 
 
 def features_of(solid: Any) -> SolidFeatures:
-    """The features of one solid, in a fixed order."""
-    faces = [_of_face(face) for face in solid.Faces()]
+    """Return the features of one solid, in a fixed order."""
+    faces = [_classify_face(face) for face in solid.Faces()]
     planes = [face for face in faces if isinstance(face, FlatFace)]
     planes.sort(key=lambda p: (p.axis, p.at_mm, p.corners.tolist()))
-    others = sorted(
-        (face for face in faces if isinstance(face, OtherFace)), key=lambda o: (o.kind, o.at)
+    other_faces = sorted(
+        (face for face in faces if isinstance(face, OtherFace)), key=lambda o: (o.kind, o.point)
     )
     pieces = [face for face in faces if isinstance(face, Round)]
     rounds, edges = (
-        sorted(found, key=lambda r: (r.axis, r.low_mm, r.radius_mm))
-        for found in (_joined(pieces, planes), _round_edges(solid))
+        sorted(group, key=lambda r: (r.axis, r.low_mm, r.radius_mm))
+        for group in (_merge_faces(pieces, planes), _round_edges(solid))
     )
-    whole = bounding_box(solid)
-    return SolidFeatures(tuple(planes), tuple(rounds), tuple(others), tuple(edges), *whole)
+    bounds = bounding_box(solid)
+    return SolidFeatures(tuple(planes), tuple(rounds), tuple(other_faces), tuple(edges), *bounds)
 
 
 def _round_edges(solid: Any) -> Iterator[Round]:
     for edge in solid.Edges():
         if edge.geomType() == "CIRCLE":
-            normal = _point(edge.normal())
+            normal = _to_point(edge.normal())
             axis = max(range(3), key=lambda i: abs(normal[i]))
-            if abs(normal[axis]) > 1 - STRAIGHT:
-                at = _point(edge.arcCenter())
-                yield Round(axis, at, at, _tidy(edge.radius()), False, at)
+            if abs(normal[axis]) > 1 - AXIS_TOLERANCE:
+                centre = _to_point(edge.arcCenter())
+                yield Round(axis, centre, centre, _round_off(edge.radius()), False, centre)
 
 
-def near(rounds: Iterable[Round], x_mm: float, y_mm: float, reach_mm: float) -> list[Round]:
-    """Those along z whose whole axis lies within reach_mm of the vertical line at (x, y)."""
+def rounds_near(rounds: Iterable[Round], x_mm: float, y_mm: float, reach_mm: float) -> list[Round]:
+    """Return the rounds along z whose axis lies within reach_mm of the line at (x, y)."""
     return [r for r in rounds if r.axis == 2 and r.offset_mm(x_mm, y_mm) <= reach_mm]
 
 
-def _of_face(face: Any) -> FlatFace | Round | OtherFace:
+def _classify_face(face: Any) -> FlatFace | Round | OtherFace:
     from OCP.BRepAdaptor import BRepAdaptor_Surface
 
     surface = BRepAdaptor_Surface(face.wrapped, True)
     kind = face.geomType()
-    centre = _point(face.Center())
+    centre = _to_point(face.Center())
     if kind == "PLANE":
         normal = np.array(face.normalAt().toTuple())
         axis = int(np.argmax(np.abs(normal)))
-        if abs(normal[axis]) > 1 - STRAIGHT:
+        if abs(normal[axis]) > 1 - AXIS_TOLERANCE:
             corners = np.array([v.toTuple() for v in face.Vertices()])
-            return FlatFace(axis, _tidy(centre[axis]), bool(normal[axis] > 0), corners)
+            return FlatFace(axis, _round_off(centre[axis]), bool(normal[axis] > 0), corners)
         tilt = [math.degrees(math.acos(min(abs(float(n)), 1.0))) for n in normal]
         sizes = tuple(a for a in tilt if 1e-6 < a < 90 - 1e-6)
-        return OtherFace("slant", sizes, centre, normal=_point(face.normalAt()))
+        return OtherFace("slant", sizes, centre, normal=_to_point(face.normalAt()))
     if kind == "CYLINDER":
         return _cylinder(face, surface)
     if kind == "SPHERE":
         sphere = surface.Sphere()
-        r, middle = sphere.Radius(), _point(sphere.Location())
-        return OtherFace("SR", (r, 2 * r), _on(surface), middle)
+        r, middle = sphere.Radius(), _to_point(sphere.Location())
+        return OtherFace("SR", (r, 2 * r), _middle_point(surface), middle)
     if kind == "TORUS":
-        return OtherFace("R", (surface.Torus().MinorRadius(),), _on(surface))
+        return OtherFace("R", (surface.Torus().MinorRadius(),), _middle_point(surface))
     if kind == "CONE":
         half = math.degrees(abs(surface.Cone().SemiAngle()))
-        return OtherFace("cone", (half, 90 - half, 2 * half), _on(surface))
+        return OtherFace("cone", (half, 90 - half, 2 * half), _middle_point(surface))
     box = face.BoundingBox()
     sides = (box.xlen, box.ylen, box.zlen)
     return OtherFace("curve", tuple(s * f for s in sides for f in (1.0, 0.5)), centre)
 
 
 def _cylinder(face: Any, surface: Any) -> OtherFace | Round:
-    """A face of a round; one that leans is told by its radius alone."""
+    """Return a cylindrical face as a round; as another face if it leans."""
     from cadquery import Vector
 
     cylinder = surface.Cylinder()
-    radius = _tidy(cylinder.Radius())
-    way = np.array(_point(cylinder.Axis().Direction()))
-    axis = int(np.argmax(np.abs(way)))
+    radius = _round_off(cylinder.Radius())
+    direction = np.array(_to_point(cylinder.Axis().Direction()))
+    axis = int(np.argmax(np.abs(direction)))
     first, last = surface.FirstUParameter(), surface.LastUParameter()
     turn_deg = math.degrees(last - first)
-    straight = abs(way[axis]) > 1 - STRAIGHT
-    # A hole that was drilled askew is one all the same; a rounded edge that leans is an edge.
-    if not straight and (turn_deg < 180 or way[axis] ** 2 < math.cos(math.radians(TILT_DEG)) ** 2):
-        return OtherFace("R", (radius, 2 * radius), _on(surface))
-    base = np.array(_point(cylinder.Axis().Location()))
-    ends = [base + v * way for v in (surface.FirstVParameter(), surface.LastVParameter())]
-    low, high = sorted((_point(end) for end in ends), key=lambda p: p[axis])
-    on = _on(surface)
+    straight = abs(direction[axis]) > 1 - AXIS_TOLERANCE
+    # A hole drilled askew is still a hole; a rounded edge that leans is an edge.
+    lean_deg = math.degrees(math.acos(min(abs(direction[axis]), 1.0)))
+    if not straight and (turn_deg < 180 or lean_deg > MAX_LEAN_DEG):
+        return OtherFace("R", (radius, 2 * radius), _middle_point(surface))
+    base = np.array(_to_point(cylinder.Axis().Location()))
+    ends = [base + v * direction for v in (surface.FirstVParameter(), surface.LastVParameter())]
+    low, high = sorted((_to_point(end) for end in ends), key=lambda p: p[axis])
+    on = _middle_point(surface)
     out = np.array(on) - base
-    out -= (out @ way) * way
-    hole = float(out @ np.array(_point(face.normalAt(Vector(*on))))) < 0
+    out -= (out @ direction) * direction
+    hole = float(out @ np.array(_to_point(face.normalAt(Vector(*on))))) < 0
     return Round(axis, low, high, radius, hole, on, turn_deg)
 
 
-def _joined(pieces: list[Round], planes: list[FlatFace]) -> list[Round]:
-    """Faces of one cylinder as one round."""
+def _merge_faces(pieces: list[Round], planes: list[FlatFace]) -> list[Round]:
+    """Merge faces of one cylinder into one round."""
     groups: dict[tuple[object, ...], list[Round]] = {}
     for piece in pieces:
-        plan = [round(c / SAME_MM) for i, c in enumerate(piece.low_mm) if i != piece.axis]
-        top = [round(c / SAME_MM) for i, c in enumerate(piece.high_mm) if i != piece.axis]
-        key = (piece.axis, *plan, *top, round(piece.radius_mm / SAME_MM), piece.hole)
+        plan = [round(c / FEATURE_MERGE_MM) for i, c in enumerate(piece.low_mm) if i != piece.axis]
+        top = [round(c / FEATURE_MERGE_MM) for i, c in enumerate(piece.high_mm) if i != piece.axis]
+        key = (piece.axis, *plan, *top, round(piece.radius_mm / FEATURE_MERGE_MM), piece.hole)
         groups.setdefault(key, []).append(piece)
-    return [_one(run, planes) for group in groups.values() for run in _runs(group)]
+    return [_merge_round(run, planes) for group in groups.values() for run in _runs(group)]
 
 
 def _runs(group: list[Round]) -> Iterator[list[Round]]:
-    """Faces of one cylinder that hang together along its axis."""
+    """Yield groups of faces of one cylinder that are contiguous along its axis."""
     axis = group[0].axis
     run: list[Round] = []
     reach = -math.inf
-    for piece in sorted(group, key=lambda p: (p.low_mm[axis], p.on)):
-        if run and piece.low_mm[axis] > reach + SAME_MM:
+    for piece in sorted(group, key=lambda p: (p.low_mm[axis], p.point)):
+        if run and piece.low_mm[axis] > reach + FEATURE_MERGE_MM:
             yield run
             run = []
         run.append(piece)
@@ -214,52 +213,53 @@ def _runs(group: list[Round]) -> Iterator[list[Round]]:
     yield run
 
 
-def _one(pieces: list[Round], planes: list[FlatFace]) -> Round:
-    """One round of its faces."""
+def _merge_round(pieces: list[Round], planes: list[FlatFace]) -> Round:
+    """Return one round from its faces."""
     axis = pieces[0].axis
     low = min((p.low_mm for p in pieces), key=lambda p: p[axis])
     high = max((p.high_mm for p in pieces), key=lambda p: p[axis])
-    first = max(pieces, key=lambda p: (p.turn_deg, p.on))
-    turn_deg = max(sum(p.turn_deg for p in pieces if _over(p, of)) for of in pieces)
+    first = max(pieces, key=lambda p: (p.turn_deg, p.point))
+    turn_deg = max(sum(p.turn_deg for p in pieces if _spans_middle(p, face)) for face in pieces)
     blind = ""
     for end, name in ((low, "low"), (high, "high")):
-        if first.hole and any(_floors(p, end, name, first) for p in planes):
+        if first.hole and any(_closes_hole(p, end, name, first) for p in planes):
             blind = name
     return replace(first, low_mm=low, high_mm=high, turn_deg=min(turn_deg, 360.0), blind=blind)
 
 
-def _over(piece: Round, of: Round) -> bool:
-    """Whether a face goes past another one's middle."""
-    at = (of.low_mm[of.axis] + of.high_mm[of.axis]) / 2
-    return piece.low_mm[of.axis] - SAME_MM <= at <= piece.high_mm[of.axis] + SAME_MM
+def _spans_middle(piece: Round, face: Round) -> bool:
+    """True if a piece spans the middle of a face along its axis."""
+    i = face.axis
+    middle, slack = (face.low_mm[i] + face.high_mm[i]) / 2, FEATURE_MERGE_MM
+    return piece.low_mm[i] - slack <= middle <= piece.high_mm[i] + slack
 
 
-def _floors(plane: FlatFace, end: Point, name: str, hole: Round) -> bool:
-    """Whether a face closes a hole there: it looks into it and lies within its circle."""
+def _closes_hole(plane: FlatFace, end: Point, name: str, hole: Round) -> bool:
+    """True if a face closes a hole at that end: it faces the hole and lies within its circle."""
     axis = hole.axis
     if plane.axis != axis or plane.up != (name == "low"):
         return False
-    if abs(plane.at_mm - end[axis]) > SAME_MM:
+    if abs(plane.at_mm - end[axis]) > FEATURE_MERGE_MM:
         return False
-    away = np.delete(plane.corners - np.array(end), axis, axis=1)
-    return bool(np.hypot(away[:, 0], away[:, 1]).max() <= hole.radius_mm + SAME_MM)
+    offsets = np.delete(plane.corners - np.array(end), axis, axis=1)
+    return bool(np.hypot(offsets[:, 0], offsets[:, 1]).max() <= hole.radius_mm + FEATURE_MERGE_MM)
 
 
-def _on(surface: Any) -> Point:
-    """The middle of a face in its own parameters."""
+def _middle_point(surface: Any) -> Point:
+    """Return the point at the middle of a face's parameters."""
     u = (surface.FirstUParameter() + surface.LastUParameter()) / 2
     v = (surface.FirstVParameter() + surface.LastVParameter()) / 2
-    return _point(surface.Value(u, v))
+    return _to_point(surface.Value(u, v))
 
 
-def _point(p: Any) -> Point:
-    """Of the kernel's own, cadquery's or numpy's."""
+def _to_point(p: Any) -> Point:
+    """Convert a point of the kernel, cadquery or numpy."""
     if hasattr(p, "X"):
         p = p.X(), p.Y(), p.Z()
     x, y, z = p.toTuple() if hasattr(p, "toTuple") else p
-    return _tidy(float(x)), _tidy(float(y)), _tidy(float(z))
+    return _round_off(float(x)), _round_off(float(y)), _round_off(float(z))
 
 
-def _tidy(value: float) -> float:
-    """Without what sums leave behind the ninth digit, and without a minus zero."""
+def _round_off(value: float) -> float:
+    """Round to nine digits, without a minus zero."""
     return round(value, 9) + 0.0

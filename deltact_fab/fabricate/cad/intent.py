@@ -1,8 +1,8 @@
-"""A design from what one wants of it: a face, how much of it is seen, and the camera that does.
+"""A design from its requirements: a face, the visible share of it, and a camera.
 
-Everything else follows: what has an equation at once, the rest by repair. Whatever inequality, fit
-or limit fails moves the one dimension that is its remedy (`REMEDIES`), until nothing fails or none
-can move further. No solid is built: what only solids tell, `cad check` tells of the result.
+All other dimensions follow, from equations or by repair: an inequality, fit or limit that fails
+changes the dimension that is its remedy (`CHECK_REMEDIES`), until nothing fails or no remedy is
+left. No solid is built: run `cad check` on the result for checks on solids.
 """
 
 from __future__ import annotations
@@ -24,43 +24,43 @@ from .parts.camera import off_axis_mm
 from .rule import statement
 from .standards import CAP_SCREWS, CHEESE_SCREWS, CapThread, CheeseThread
 
-GELS_MM = (12.0, 14.0, 16.0, 18.0, 20.0)
-SHEETS_MM = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # cast PMMA as it is sold
+GELS_MM = (12.0, 14.0, 16.0, 18.0, 20.0)  # by hand, from the paper's 12: thicker costs silicone
+SHEETS_MM = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # by hand: thicknesses of cast PMMA on sale
 GAPS_MM = tuple(k / 2 for k in range(6, 91))
 AXIAL_MM = tuple(k / 10 for k in range(10, 31))
-STRIPS_MM = 8.0, 5.0  # as they are sold
+STRIPS_MM = 8.0, 5.0  # by hand: widths of LED strip on sale
 FEWER_LEDS = tuple(range(500, 2, -1))
-THREADS: tuple[tuple[CapThread, float], ...] = (
+THREAD_LIMITS_MM: tuple[tuple[CapThread, float], ...] = (
     ("M1.6", 45.0),
     ("M2", 50.0),
     ("M2.5", 55.0),
-)  # up to which longer side
-SHARE = 0.55
-FACE_MM = 10.0, 200.0
-STEPS = 400
-CHEESE_MM = (2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # lengths that are sold
-CORNER_RAD = math.radians(79.0)  # short of where the acrylic reflects a third
+)  # by hand, largest longer side of the face per thread; longer sides take M3
+DEFAULT_SHARE = 0.55  # by hand, visible share of the face: a larger one makes the sensor thicker
+FACE_RANGE_MM = 10.0, 200.0  # by hand: wider accepts typing errors, narrower refuses sensors
+MAX_REPAIRS = 400  # by hand: fewer give up on solvable designs, more take longer to refuse
+CHEESE_LENGTHS_MM = (2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # by hand: lengths on sale (ISO 1207)
+CORNER_RAD = math.radians(79.0)  # by hand, below visibility.GRAZING_RAD: a third is reflected there
 
 
 @dataclass(frozen=True)
 class Wish:
-    """A wish for a design: a face (x, y), and the least share of it that the camera sees.
+    """Requirements of a design: a face (x, y), and the minimum share of it in the camera's view.
 
-    camera: of cad/cameras.toml; None for the base's.
+    camera: a name from cad/cameras.toml; None: the base's.
     """
 
     face_mm: tuple[float, float]
-    share: float = SHARE
+    share: float = DEFAULT_SHARE
     camera: str | None = None
 
     @classmethod
-    def parse(cls, face: str, share: float = SHARE, camera: str | None = None) -> Wish:
-        """A wish as it is typed. Raises InputError for a face, a share or a camera that is none."""
+    def parse(cls, face: str, share: float = DEFAULT_SHARE, camera: str | None = None) -> Wish:
+        """Parse requirements as typed. Raises InputError for an invalid face, share or camera."""
         try:
             width, length = (float(word) for word in face.lower().split("x"))
         except ValueError:
             raise InputError(f"--face {face!r}: expected two sides in mm, as in 60x50") from None
-        low, high = FACE_MM
+        low, high = FACE_RANGE_MM
         if not (low <= width <= high and low <= length <= high):
             raise InputError(f"--face {face!r}: expected sides of {low:g} to {high:g} mm")
         if not 0.05 <= share <= 0.95:
@@ -72,7 +72,7 @@ class Wish:
 
 @dataclass(frozen=True)
 class Choices:
-    """What is not computed but moved by a remedy."""
+    """Dimensions that are not computed but changed by remedies."""
 
     gel_mm: float = GELS_MM[0]
     sheet_mm: float = SHEETS_MM[0]
@@ -87,71 +87,71 @@ class Choices:
 
 
 class Unsolved(Exception):
-    """No dimension is left that would mend a check, the first that fails; None of a limit."""
+    """No remedy is left for a failed check. check: the first one; None for a bound."""
 
-    def __init__(self, why: str, check: Check | None = None) -> None:
-        super().__init__(why)
+    def __init__(self, reason: str, check: Check | None = None) -> None:
+        super().__init__(reason)
         self.check = check
 
 
-def solved(wish: Wish, base: Design) -> Design:
-    """The design of a wish, on which every inequality, fit and limit by arithmetic holds.
+def find_design(wish: Wish, base: Design) -> Design:
+    """Return the design of a wish that passes every inequality, fit and limit by arithmetic.
 
     Raises Unsolved.
     """
     if wish.camera is not None:
         base = replace(base, camera=load_camera(wish.camera))
     choices = Choices()
-    seen: set[Choices] = set()
-    for _ in range(STEPS):
-        seen.add(choices)
+    visited: set[Choices] = set()
+    for _ in range(MAX_REPAIRS):
+        visited.add(choices)
         try:
-            design = _made(wish, choices, base)
-        except ShapeError as why:
-            raise Unsolved(str(why)) from why
+            design = _build_design(wish, choices, base)
+        except ShapeError as error:
+            raise Unsolved(str(error)) from error
         first = None
-        # What comes later costs more, and is not asked where something earlier can be mended.
-        for check in failures(design, wish):
+        # Later checks cost more: they run only if no earlier failure has a remedy.
+        for check in failed_checks(design, wish):
             first = first or check
-            moved = _mended(choices, check.id, design, wish)
-            if moved is not None and moved not in seen:
-                choices = moved
+            remedied = _apply_remedy(choices, check.id, design, wish)
+            if remedied is not None and remedied not in visited:
+                choices = remedied
                 break
         else:
             if first is None:
                 return design
-            raise Unsolved(failure(first), first)
-    raise Unsolved(f"no end after {STEPS} steps")
+            raise Unsolved(failure_text(first), first)
+    raise Unsolved(f"no solution after {MAX_REPAIRS} repairs")
 
 
 def solve_wish(wish: Wish, base: Design) -> Design:
-    """Solve a wish for the design that meets it.
+    """Return the design that meets the requirements.
 
-    Raises InputError with what stands in the way and the smallest change of face or share that
-    passes, or else another camera that does, as it is typed.
+    Raises InputError with the failed check and the smallest change of face or share that passes,
+    or else another camera that does, as command-line options.
     """
     try:
-        return solved(wish, base)
-    except Unsolved as why:
-        # No face and no share lets a lens focus nearer.
-        too_near = why.check is not None and why.check.id == "focus.nearest"
+        return find_design(wish, base)
+    except Unsolved as error:
+        # Neither face nor share changes the nearest focus.
+        too_near = error.check is not None and error.check.id == "focus.nearest"
         changes = [] if too_near else list(_changes(wish))
         changes += [(f"--camera {name}", replace(wish, camera=name)) for name in load_cameras()]
         typed = next((typed for typed, changed in changes if _passes(changed, base)), "")
-        told = f"the smallest change that passes: {typed}" if typed else "no camera would do"
+        advice = f"smallest change that passes: {typed}" if typed else "no listed camera works"
         x, y = wish.face_mm
-        raise InputError(f"a face of {x:g} x {y:g} mm: {why}; {told}") from why
+        raise InputError(f"a face of {x:g} x {y:g} mm: {error}; {advice}") from error
 
 
 def _changes(wish: Wish) -> Iterator[tuple[str, Wish]]:
-    """Wishes that differ in face or share, as the change is typed, the smallest change first.
+    """Yield wishes with another face or share and the option to type, smallest change first.
 
-    Of the face both sides or the longer one alone: round what is seen stands a round light.
+    Scales both sides of the face, or the longer one alone: the light around the view is round.
     """
     for k in range(1, 18):
-        for by in (1 - k / 25, 1 + k / 25):
+        for scale in (1 - k / 25, 1 + k / 25):
             for scaled in (wish.face_mm, (max(wish.face_mm),)):
-                x, y = (float(round(by * s)) if s in scaled else s for s in wish.face_mm)
+                x, y = (float(round(scale * s)) if s in scaled else s for s in wish.face_mm)
                 yield f"--face {x:g}x{y:g}", replace(wish, face_mm=(x, y))
         share = round((1 - k / 25) * wish.share, 2)
         yield f"--share {share:g}", replace(wish, share=share)
@@ -159,17 +159,17 @@ def _changes(wish: Wish) -> Iterator[tuple[str, Wish]]:
 
 def _passes(wish: Wish, base: Design) -> bool:
     with suppress(Unsolved):
-        solved(wish, base)
+        find_design(wish, base)
         return True
     return False
 
 
-def failures(design: Design, wish: Wish) -> Iterator[Check]:
-    """The checks by arithmetic that fail."""
+def failed_checks(design: Design, wish: Wish) -> Iterator[Check]:
+    """Yield the checks by arithmetic that fail."""
     view_x, view_y = design.optics.view_mm
-    seen = view_x * view_y / math.prod(wish.face_mm)
-    if seen < wish.share:
-        text, limit = f"{100 * seen:.0f} % of it", f"{100 * wish.share:g} % wanted"
+    share = view_x * view_y / math.prod(wish.face_mm)
+    if share < wish.share:
+        text, limit = f"{100 * share:.0f} % of it", f"{100 * wish.share:g} % required"
         yield Check("view-share", "view of the face", "", text, limit, "fail")
     yield from (rule for rule in feasibility.rules(design) if rule.failed)
     optics = design.optics
@@ -178,28 +178,28 @@ def failures(design: Design, wish: Wish) -> Iterator[Check]:
     cone_mm = replace(path, gel_mm=0.0).reach_mm(angle) + math.sqrt(2) * off_axis_mm(design)
     bore_mm = design.light_bore_mm
     if not cone_mm <= bore_mm:
-        text, limit = f"{cone_mm:.1f} mm wide at the plate", f"{bore_mm:.1f} mm in the ring"
+        text, limit = f"radius {cone_mm:.1f} mm at the plate", f"bore radius {bore_mm:.1f} mm"
         yield Check("light-cone", "light cone", "", text, limit, "fail")
     for checks in (arithmetic.fits, arithmetic.light, visibility.view, arithmetic.platform):
         yield from (check for check in checks(design) if check.failed)
     try:
         yield from (check for check in arithmetic.bending(design) if check.failed)
-    except SolverError as why:
-        yield Check("plate-deflection", "plate deflection", "acrylic", str(why), "", "fail")
+    except SolverError as error:
+        yield Check("plate-deflection", "plate deflection", "acrylic", str(error), "", "fail")
 
 
-def failure(check: Check) -> str:
-    """A failed check in one line."""
+def failure_text(check: Check) -> str:
+    """Format a failed check in one line."""
     if check.sign:
         return f"{check.subject}: {statement(check)}"
     return f"{check.name}: {check.value}" + (f"; {check.limit}" if check.limit else "")
 
 
-def _made(wish: Wish, choices: Choices, base: Design) -> Design:
-    """The design of a wish and of choices; raises ShapeError at the limits of a dimension."""
+def _build_design(wish: Wish, choices: Choices, base: Design) -> Design:
+    """Build the design of a wish and choices. Raises ShapeError at the bounds of a dimension."""
     width, length = wish.face_mm
-    # For a face's longer side, as the shipped designs have it.
-    thread: CapThread = next((name for name, most in THREADS if max(wish.face_mm) <= most), "M3")
+    longer = max(wish.face_mm)
+    thread: CapThread = next((name for name, side in THREAD_LIMITS_MM if longer <= side), "M3")
     design = replace(
         base,
         skin=replace(
@@ -212,14 +212,14 @@ def _made(wish: Wish, choices: Choices, base: Design) -> Design:
             thread=thread, engagement_mm=max(4.6, 2 * CAP_SCREWS[thread].thread_mm),
         ),
     )  # fmt: skip
-    # The housing holds the skin, and the board beside the posts.
-    least = 1.5 if thread == "M1.6" else 2.0
+    # The housing encloses the skin, and the board between the posts.
+    least_mm = 1.5 if thread == "M1.6" else 2.0
     walls = [
         round(max(low, (room - side) / 2), 3)
-        for low, room, side in zip((least, 3.0), choices.housing_mm, wish.face_mm, strict=True)
+        for low, room, side in zip((least_mm, 3.0), choices.housing_mm, wish.face_mm, strict=True)
     ]
     drop = round(max(0.5, 0.1 * choices.sheet_mm + 0.4), 2)
-    design = _held(design)
+    design = _fit_to_camera(design)
     design = replace(
         design,
         frame=replace(
@@ -238,26 +238,26 @@ def _made(wish: Wish, choices: Choices, base: Design) -> Design:
             design.light,
             led_count=choices.leds, strip_width_mm=choices.strip_mm, axial_fit_mm=choices.axial_mm,
         ),
-        # A press is spread no wider than the face.
+        # A press spreads no wider than the face.
         plate=replace(design.plate, spread_mm=min(design.plate.spread_mm, *wish.face_mm)),
         mold=replace(design.mold, columns=choices.columns, rows=choices.rows),
     )  # fmt: skip
-    design = replace(design, optics=_seen(design, choices.share))
+    design = replace(design, optics=_largest_view(design, choices.share))
     design = replace(design, screw=replace(design.screw, length_mm=_screw_mm(design)))
     sides = [math.ceil(10 * side - 1e-6) / 10 for side in design.outer_mm]
     return replace(design, envelope=type(design.envelope)(*sides))
 
 
-def _held(design: Design) -> Design:
-    """The design with what follows from its camera: screws, pegs, floors, cable notch."""
+def _fit_to_camera(design: Design) -> Design:
+    """Size the parts around the camera: screws, pegs, floors, cable notch."""
     camera, holder, shell, cover = design.camera, design.holder, design.shell, design.cover
-    # Through the holes with the printer's play; a board without them is bonded.
+    # Screws pass the holes with the printer's play; a board without holes is bonded.
     through = camera.hole_mm - 0.2
     thread: CheeseThread = next(
         (name for name, row in reversed(CHEESE_SCREWS.items()) if row.thread_mm <= through), "none"
     )
     row = CHEESE_SCREWS[thread]
-    length_mm = next(mm for mm in CHEESE_MM if mm >= camera.board_mm + row.thread_mm - 1e-6)
+    length_mm = next(mm for mm in CHEESE_LENGTHS_MM if mm >= camera.board_mm + row.thread_mm - 1e-6)
     notch_mm = max(shell.cable_height_mm, round(camera.cable_height_mm + 1.7, 2))
     room_mm = max(
         holder.clearance_mm, camera.connector_height_mm + 0.35, notch_mm,
@@ -281,8 +281,8 @@ def _held(design: Design) -> Design:
         ),
     )  # fmt: skip
     # The holder's arms close its window above.
-    beside = cover.hole_mm / 2 + holder.wall_mm
-    peg_mm = math.ceil(2 * (design.holder_window_top_mm - beside + 0.5)) / 2
+    margin_mm = cover.hole_mm / 2 + holder.wall_mm
+    peg_mm = math.ceil(2 * (design.holder_window_top_mm - margin_mm + 0.5)) / 2
     return replace(design, cover=replace(cover, peg_y_mm=max(cover.peg_y_mm, peg_mm)))
 
 
@@ -293,18 +293,18 @@ def _screw_mm(design: Design) -> float:
     return float(max((mm for mm in screw.row.stock_mm if mm <= room_mm), default=3.0))
 
 
-def _seen(design: Design, share: float) -> Any:
-    """The optics with the largest view that lies on the flat of the face and in the crop.
+def _largest_view(design: Design, share: float) -> Any:
+    """Return optics with the largest view within the flat of the face and the crop.
 
-    share: of that view, along each side.
+    share: fraction of that view used along each side.
     """
     optics, camera, skin = design.optics, design.camera, design.skin
     path = LayeredPath(optics.air_gap_mm, optics.acrylic_mm, skin.thickness_mm)
-    off = off_axis_mm(design)
+    offset = off_axis_mm(design)
     crop = camera.crop_half_mm
     half = [
         min(
-            side / 2 - skin.edge_fillet_mm - off,
+            side / 2 - skin.edge_fillet_mm - offset,
             path.reach_mm(min(camera.angle_rad(c), CORNER_RAD)),
         )
         for side, c in zip((skin.width_mm, skin.length_mm), crop, strict=True)
@@ -319,39 +319,39 @@ def _seen(design: Design, share: float) -> Any:
 
     part = next((p / 200 for p in range(200, 20, -1) if in_crop(p / 200)), 0.1) * share
     x, y = (2 * part * side for side in half)
-    # As fine as the paper's, unless the face is so large that pixels would be in vain.
+    # The paper's resolution, unless the face is so large that pixels would add nothing.
     mm_per_px = max(optics.mm_per_px, math.ceil(10 * x) / 1e4)
     size = [int(side / mm_per_px + 1e-9) for side in (x, y)]
     return replace(optics, mm_per_px=mm_per_px, image_width_px=size[0], image_height_px=size[1])
 
 
-def _mended(choices: Choices, id: str, design: Design, wish: Wish) -> Choices | None:
-    """The choices with the remedy of a failed check; None where none is left."""
-    changed = (remedy(choices, design, wish) for remedy in REMEDIES.get(id, ()))
+def _apply_remedy(choices: Choices, id: str, design: Design, wish: Wish) -> Choices | None:
+    """Apply the first possible remedy of a failed check; None if none is left."""
+    changed = (remedy(choices, design, wish) for remedy in CHECK_REMEDIES.get(id, ()))
     return next((choices for choices in changed if choices is not None), None)
 
 
 Remedy = Callable[[Choices, Design, Wish], "Choices | None"]
 
 
-def _next(name: str, values: Sequence[float]) -> Remedy:
-    """The next one of some values."""
+def _next_value(name: str, values: Sequence[float]) -> Remedy:
+    """Return a remedy that takes the next of the values."""
 
-    def moved(choices: Choices, design: Design, wish: Wish) -> Choices | None:
-        left = values[values.index(getattr(choices, name)) + 1 :]
-        changed: dict[str, Any] = {name: left[0]} if left else {}
-        return replace(choices, **changed) if left else None
+    def next_choices(choices: Choices, design: Design, wish: Wish) -> Choices | None:
+        remaining = values[values.index(getattr(choices, name)) + 1 :]
+        changed: dict[str, Any] = {name: remaining[0]} if remaining else {}
+        return replace(choices, **changed) if remaining else None
 
-    return moved
+    return next_choices
 
 
 def _more_leds(choices: Choices, design: Design, wish: Wish) -> Choices | None:
-    most = int(2 * math.pi * design.strip_radius_mm / design.light.pitch_mm)
-    return replace(choices, leds=choices.leds + 1) if choices.leds < most else None
+    max_leds = int(2 * math.pi * design.strip_radius_mm / design.light.pitch_mm)
+    return replace(choices, leds=choices.leds + 1) if choices.leds < max_leds else None
 
 
 def _less_view(choices: Choices, design: Design, wish: Wish) -> Choices | None:
-    """A little less than is seen, where more is seen than is wanted."""
+    """Reduce the view a little if it is larger than required."""
     share = math.prod(design.optics.view_mm) / math.prod(wish.face_mm)
     if (1 - 0.03 / choices.share) ** 2 * share < wish.share:
         return None
@@ -361,8 +361,8 @@ def _less_view(choices: Choices, design: Design, wish: Wish) -> Choices | None:
 def _smaller_mold(choices: Choices, design: Design, wish: Wish) -> Choices | None:
     if choices.columns * choices.rows == 1:
         return None
-    wide = choices.columns >= choices.rows
-    return replace(choices, columns=1) if wide else replace(choices, rows=1)
+    fewer_columns = choices.columns >= choices.rows
+    return replace(choices, columns=1) if fewer_columns else replace(choices, rows=1)
 
 
 def _wider_ring(choices: Choices, design: Design, wish: Wish) -> Choices | None:
@@ -379,17 +379,17 @@ def _housing(axis: int) -> Remedy:
     return wider
 
 
-REMEDIES: dict[str, tuple[Remedy, ...]] = {
+CHECK_REMEDIES: dict[str, tuple[Remedy, ...]] = {
     id: moves
     for ids, moves in (
-        ("view-share focus.nearest focus.corner focus.pressed", (_next("gap_mm", GAPS_MM),)),
+        ("view-share focus.nearest focus.corner focus.pressed", (_next_value("gap_mm", GAPS_MM),)),
         ("light-cone", (_less_view, _wider_ring)),
-        ("plate-clear-of-light light-holder.below-acrylic", (_next("axial_mm", AXIAL_MM),)),
-        ("plate-deflection plate-stress", (_next("sheet_mm", SHEETS_MM),)),
-        ("even-light", (_more_leds, _less_view, _next("gel_mm", GELS_MM))),
-        ("light-holder.led-count", (_next("leds", FEWER_LEDS),)),
+        ("plate-clear-of-light light-holder.below-acrylic", (_next_value("axial_mm", AXIAL_MM),)),
+        ("plate-deflection plate-stress", (_next_value("sheet_mm", SHEETS_MM),)),
+        ("even-light", (_more_leds, _less_view, _next_value("gel_mm", GELS_MM))),
+        ("light-holder.led-count", (_next_value("leds", FEWER_LEDS),)),
         ("light-holder.strip led-strip.led-on-strip",
-         (_next("strip_mm", STRIPS_MM), _next("gap_mm", GAPS_MM))),
+         (_next_value("strip_mm", STRIPS_MM), _next_value("gap_mm", GAPS_MM))),
         ("fits-printer.mold", (_smaller_mold,)),
         ("light-holder.lens-in-bore light-holder.led-in-channel", (_wider_ring,)),
         ("camera.board-in-shell-x camera-holder.in-shell-x camera-holder.between-bosses-x "
@@ -400,4 +400,4 @@ REMEDIES: dict[str, tuple[Remedy, ...]] = {
     )
     for id in ids.split()
 }  # fmt: skip
-"""What moves where the check of an id fails: the first that still can."""
+"""Remedies by check id; the first that is possible is applied."""

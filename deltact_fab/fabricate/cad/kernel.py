@@ -1,5 +1,5 @@
-"""The way to the CAD kernel: its import, its exceptions turned into one line, the solids along z
-that parts are made of and cut with, and the gate that every solid passes.
+"""Access to the CAD kernel: its import, its exceptions as one line, primitives along z, and
+the gate that every solid passes.
 
 The kernel returns wrong shapes without an exception: an empty compound that calls itself valid, an
 untouched box in place of a shell, two solids where a hole split the part.
@@ -28,13 +28,13 @@ from deltact_fab.common import (
 
 Shape: TypeAlias = Any  # cadquery's own; naming them by their class would import it
 Workplane: TypeAlias = Any
-Box = tuple[tuple[float, float, float], tuple[float, float, float]]
-BOX_TOLERANCE_MM = 1e-5
-VOLUME_TOLERANCE = 1e-6
+Extent = tuple[tuple[float, float, float], tuple[float, float, float]]
+BOX_TOLERANCE_MM = 1e-5  # by hand: above the kernel's rounding; larger hides a wrong dimension
+VOLUME_TOLERANCE = 1e-6  # by hand, relative: above the kernel's rounding; larger hides a lost piece
 
 SYSTEM_PACKAGES = "libgl1 libegl1 libx11-6"
-LIBRARIES = ("cadquery", "cadquery-ocp", "ezdxf", "numpy", "scipy", "shapely")
-"""Whose versions decide what is made and measured."""
+KERNEL_LIBRARIES = ("cadquery", "cadquery-ocp", "ezdxf", "numpy", "scipy", "shapely")
+"""Libraries whose versions affect the files and the checks; part of each cache key."""
 
 
 def require() -> Any:
@@ -44,21 +44,22 @@ def require() -> Any:
     or broken.
     """
     require_extra("cad", "the CAD kernel", "cadquery")
-    # Ctrl-C comes when the import is over: the kernel's own modules swallow it in between.
-    asked: list[int] = []
+    # Ctrl-C is raised after the import: the kernel's own modules swallow it meanwhile.
+    interrupts: list[int] = []
     main = threading.current_thread() is threading.main_thread()
-    before = signal.signal(signal.SIGINT, lambda number, _: asked.append(number)) if main else None
+    if main:
+        handler = signal.signal(signal.SIGINT, lambda number, _: interrupts.append(number))
     try:
         return importlib.import_module("cadquery")
-    except ImportError as why:
+    except ImportError as error:
         raise MissingLibrary(
-            f"cadquery cannot be imported ({why}): apt-get install --reinstall "
+            f"cadquery cannot be imported ({error}): apt-get install --reinstall "
             f"{SYSTEM_PACKAGES}, or pip install --force-reinstall cadquery"
-        ) from why
+        ) from error
     finally:
         if main:
-            signal.signal(signal.SIGINT, before)
-        if asked:
+            signal.signal(signal.SIGINT, handler)
+        if interrupts:
             raise KeyboardInterrupt
 
 
@@ -73,9 +74,10 @@ def guarded(part: str) -> Iterator[None]:
         yield
     except DeltactFabError:
         raise
-    except Exception as why:
-        first = (str(why).splitlines() or [""])[0]
-        raise RunFailed(f"{part}: the CAD kernel failed ({type(why).__name__}: {first})") from why
+    except Exception as error:
+        first = (str(error).splitlines() or [""])[0]
+        kind = type(error).__name__
+        raise RunFailed(f"{part}: the CAD kernel failed ({kind}: {first})") from error
 
 
 def cylinders(
@@ -92,7 +94,7 @@ def prism(outline_mm: Sequence[Point2], low_mm: float, length_mm: float) -> Work
     return plan.extrude(length_mm)
 
 
-def cuboid(box: Box) -> Workplane:
+def cuboid(box: Extent) -> Workplane:
     """A box from corner to corner."""
     cq = require()
     low, high = box
@@ -101,9 +103,9 @@ def cuboid(box: Box) -> Workplane:
 
 
 def without_corners(half_mm: Point2, inner_mm: Point2) -> list[Point2]:
-    """Corners of the rectangle +-half less what lies beyond both inner edges, counter-clockwise.
+    """Corners of the rectangle +-half_mm with notched corners, counter-clockwise.
 
-    The plain rectangle where nothing lies beyond one of them.
+    inner_mm: inner edges of the notches in x and y; beyond half_mm there is no notch.
     """
     (w, h), (x, y) = half_mm, inner_mm
     if x >= w or y >= h:
@@ -112,19 +114,19 @@ def without_corners(half_mm: Point2, inner_mm: Point2) -> list[Point2]:
     return upper + [(-a, -b) for a, b in upper]
 
 
-def around(half_x_mm: float, half_y_mm: float, low_mm: float, high_mm: float) -> Box:
+def around(half_x_mm: float, half_y_mm: float, low_mm: float, high_mm: float) -> Extent:
     """The box about the z axis, from low to high."""
     return (-half_x_mm, -half_y_mm, low_mm), (half_x_mm, half_y_mm, high_mm)
 
 
-def shifted(box: Box, by_mm: Point) -> Box:
+def shifted(box: Extent, by_mm: Point) -> Extent:
     """The box moved."""
     low, high = ((x + by_mm[0], y + by_mm[1], z + by_mm[2]) for x, y, z in box)
     return low, high
 
 
-def enclosing(boxes: Iterable[Box]) -> Box:
-    """The box around boxes, of which there is one at least."""
+def enclosing(boxes: Iterable[Extent]) -> Extent:
+    """Return the bounding box of one or more boxes."""
     lows, highs = zip(*boxes, strict=True)
     (x0, y0, z0), (x1, y1, z1) = np.min(lows, axis=0).tolist(), np.max(highs, axis=0).tolist()
     return (x0, y0, z0), (x1, y1, z1)
@@ -132,45 +134,45 @@ def enclosing(boxes: Iterable[Box]) -> Box:
 
 @dataclass(frozen=True)
 class SolidProperties:
-    """What the kernel says of the solid before any mesh exists."""
+    """Volume, area and bounding box of a solid, computed by the kernel."""
 
     volume_mm3: float
     area_mm2: float
-    box_mm: Box
+    box_mm: Extent
 
 
-def gate(part: str, shape: Any, box_mm: Box) -> tuple[Any, SolidProperties]:
-    """Check a shape and return its one Solid with its measures.
+def gate(part: str, shape: Any, box_mm: Extent) -> tuple[Any, SolidProperties]:
+    """Check a shape and return its one Solid with its properties.
 
-    Raises RunFailed naming part and finding unless the shape is exactly one valid solid with one
-    closed shell, within 1e-5 mm in the box that its dimensions give. Volumes are held against
-    closed forms by the tests.
+    Raises RunFailed naming part and flaw unless the shape is exactly one valid solid with one
+    closed shell, and its box within 1e-5 mm of that of its dimensions. The tests compare volumes
+    with closed forms.
     """
     if flaw := flaw_of(shape):
         raise RunFailed(f"{part}: {flaw}")
     (solid,) = shape.Solids()
-    found = SolidProperties(float(solid.Volume()), float(solid.Area()), bounding_box(solid))
-    if not np.allclose(found.box_mm, box_mm, rtol=0, atol=BOX_TOLERANCE_MM):
-        raise RunFailed(f"{part}: bounding box {found.box_mm}, expected {box_mm}")
-    if not found.volume_mm3 > 0:
-        raise RunFailed(f"{part}: volume {found.volume_mm3:.6f} mm3: it is inside out")
-    return solid, found
+    properties = SolidProperties(float(solid.Volume()), float(solid.Area()), bounding_box(solid))
+    if not np.allclose(properties.box_mm, box_mm, rtol=0, atol=BOX_TOLERANCE_MM):
+        raise RunFailed(f"{part}: bounding box {properties.box_mm}, expected {box_mm}")
+    if not properties.volume_mm3 > 0:
+        raise RunFailed(f"{part}: volume {properties.volume_mm3:.6f} mm3; the solid is inside out")
+    return solid, properties
 
 
 def flaw_of(shape: Any) -> str:
-    """What keeps a shape from being one valid solid with one closed shell; empty when it is one."""
+    """Describe why a shape is not one valid solid with one closed shell; empty if it is."""
     solids = shape.Solids()
     if len(solids) != 1:
         return f"{len(solids)} solids, expected one"
     if not solids[0].isValid():
-        return "the kernel calls it invalid"
+        return "invalid (CAD kernel)"
     shells = solids[0].Shells()
     if len(shells) != 1:
         return f"{len(shells)} shells, expected one"
-    return "" if shells[0].wrapped.Closed() else "its shell is open"
+    return "" if shells[0].wrapped.Closed() else "open shell"
 
 
-def bounding_box(solid: Any) -> Box:
+def bounding_box(solid: Any) -> Extent:
     """Tight box of the exact surfaces, without the mesh and without the shape's tolerance."""
     from OCP.Bnd import Bnd_Box
     from OCP.BRepBndLib import BRepBndLib

@@ -1,4 +1,4 @@
-"""Triangles of a solid: closed by construction, with their measured distance from the surface."""
+"""Triangle meshes of solids: closed, with their measured deviation from the surface."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from deltact_fab.common import RunFailed
 
-from .kernel import Box
+from .kernel import Extent
 
-ANGLE_RAD = 0.2
-# Above the spacing of float32 at 100 mm (7.6e-6), far below any tolerance asked for.
+MESH_ANGLE_RAD = 0.2  # by hand: smaller makes round parts smoother and files larger
+# By hand: above the spacing of float32 at 100 mm (7.6e-6), far below any tolerance.
 MERGE_MM = 1e-5
-HALVINGS = 3
-_WORST = 64
+MAX_HALVINGS = 3  # by hand: the kernel oversteps by a factor of two; more only delays a refusal
+_REFINED_TRIANGLES = 64  # by hand: fewer may miss the largest deviation, more take longer
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Mesh:
         return self.vertices_mm.astype(np.float64)[self.triangles]
 
     @property
-    def box_mm(self) -> Box:
+    def box_mm(self) -> Extent:
         """Lowest and highest corner of the vertices."""
         points = self.vertices_mm.astype(float)
         return tuple(points.min(axis=0).tolist()), tuple(points.max(axis=0).tolist())
@@ -58,7 +58,7 @@ def mesh_solid(solid: Any, tolerance_mm: float, part: str) -> Mesh:
     halved until the measurement holds. Raises RunFailed when the mesh is open or it never holds.
     """
     request_mm = tolerance_mm
-    for _ in range(HALVINGS + 1):
+    for _ in range(MAX_HALVINGS + 1):
         mesh = mesh_once(solid, request_mm)
         if not is_closed(mesh.triangles):
             raise RunFailed(f"{part}: the mesh at {request_mm:g} mm is not closed")
@@ -66,7 +66,7 @@ def mesh_solid(solid: Any, tolerance_mm: float, part: str) -> Mesh:
             return mesh
         request_mm /= 2
     raise RunFailed(
-        f"{part}: the mesh lies {mesh.deviation_mm:.3g} mm from the surface, "
+        f"{part}: the mesh deviates {mesh.deviation_mm:.3g} mm from the surface, "
         f"tolerance {tolerance_mm:g} mm"
     )
 
@@ -80,7 +80,7 @@ def is_closed(triangles: NDArray[np.int64]) -> bool:
 
 
 def mesh_once(solid: Any, request_mm: float) -> Mesh:
-    """Ask the kernel once for a deflection, and measure what came; it may overstep, or be open."""
+    """Mesh once with the requested deflection and measure it; it may overstep or be open."""
     from OCP.BRep import BRep_Tool
     from OCP.BRepMesh import BRepMesh_IncrementalMesh
     from OCP.BRepTools import BRepTools
@@ -90,7 +90,7 @@ def mesh_once(solid: Any, request_mm: float) -> Mesh:
 
     # A mesh left by an earlier, finer call would be returned in place of this one.
     BRepTools.Clean_s(solid.wrapped)
-    BRepMesh_IncrementalMesh(solid.wrapped, request_mm, False, ANGLE_RAD, False)
+    BRepMesh_IncrementalMesh(solid.wrapped, request_mm, False, MESH_ANGLE_RAD, False)
     points, triangles, face_of = [], [], []
     surfaces: list[Any] = []
     offset = 0
@@ -111,8 +111,8 @@ def mesh_once(solid: Any, request_mm: float) -> Mesh:
         offset += len(nodes)
     vertices, joined = _merge(np.concatenate(points))
     corner = joined[np.concatenate(triangles)]
-    whole = np.all(corner != np.roll(corner, 1, axis=1), axis=1)
-    corner, face_index = corner[whole], np.concatenate(face_of)[whole]
+    distinct = np.all(corner != np.roll(corner, 1, axis=1), axis=1)
+    corner, face_index = corner[distinct], np.concatenate(face_of)[distinct]
     deviation = _deviation_mm(vertices.astype(np.float64)[corner], face_index, surfaces)
     return Mesh(vertices, corner, face_index, deviation)
 
@@ -153,8 +153,8 @@ def _deviation_mm(
         return gaps.max(axis=1)
 
     coarse = np.array([[0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5], [1 / 3, 1 / 3, 1 / 3]])
-    every = measure(np.arange(len(face)), coarse)
+    coarse_mm = measure(np.arange(len(face)), coarse)
     n = 8
     fine = np.array([(i, j, n - i - j) for i in range(n + 1) for j in range(n + 1 - i)]) / n
-    worst = np.argsort(-every, kind="stable")[:_WORST]
-    return float(max(every.max(), measure(worst, fine).max()))
+    worst = np.argsort(-coarse_mm, kind="stable")[:_REFINED_TRIANGLES]
+    return float(max(coarse_mm.max(), measure(worst, fine).max()))

@@ -1,8 +1,8 @@
-"""What a part is: everything the toolchain asks of one, in one value. Imports no CAD kernel.
+"""The definition of a part: everything the toolchain needs, in one value. Imports no CAD kernel.
 
-A file of parts/ makes its `PARTS` from it: whatever lists, shows, checks, draws, weighs, places,
-explains or exports a part asks here, so that a new part is its own file. The dimensions that it
-brings are a record among the sections, and a field of Design.
+A file of parts/ lists its parts in `PARTS`. Checks, drawings, bill of materials, assembly, guide
+and export all use this record, so that a new part is one new file. Its dimensions are a section
+record and a field of Design.
 """
 
 from __future__ import annotations
@@ -18,63 +18,63 @@ if TYPE_CHECKING:
     from .design import IndenterDimensions
     from .dimensions import Design
     from .drafting.dimensioning import Callouts
-    from .kernel import Box
+    from .kernel import Extent
     from .rule import PlayFit
 
 Group = Literal["sensor", "electronics", "tools", "bench", "indenters"]
-GROUPS: tuple[Group, ...] = ("sensor", "electronics", "tools", "bench", "indenters")
+PART_GROUPS: tuple[Group, ...] = ("sensor", "electronics", "tools", "bench", "indenters")
 PER_SENSOR: tuple[Group, ...] = ("sensor", "electronics")
 Shift = tuple[float, float, float]
 
 # The paper: "tough epoxy resin" of Formlabs; cad/parts.toml has a product.
-RESIN = "tough SLA resin"
-PRINT = "SLA print"
-BOUGHT = "bought"
+RESIN_MATERIAL = "tough SLA resin"
+PRINT_PROCESS = "SLA print"
+BOUGHT_PROCESS = "bought"
 LASER_CUT = "laser cut"
-MACHINED = "machined"
+MACHINED_PROCESS = "machined"
 
-BLACK = (0.12, 0.12, 0.13, 1.0)
-WHITE = (0.93, 0.93, 0.90, 1.0)
-CLEAR = (0.62, 0.80, 0.92, 0.35)
-STEEL = (0.62, 0.64, 0.66, 1.0)
-GREEN = (0.13, 0.42, 0.25, 1.0)
-AMBER = (0.85, 0.60, 0.25, 1.0)
+# By hand, colours of the materials in pictures: darker ones hide edges.
+BLACK_RGBA = (0.12, 0.12, 0.13, 1.0)
+WHITE_RGBA = (0.93, 0.93, 0.90, 1.0)
+CLEAR_RGBA = (0.62, 0.80, 0.92, 0.35)
+STEEL_RGBA = (0.62, 0.64, 0.66, 1.0)
+GREEN_RGBA = (0.13, 0.42, 0.25, 1.0)
+AMBER_RGBA = (0.85, 0.60, 0.25, 1.0)
 
-Side = Literal["-z", "+z"]
+PlatformSide = Literal["-z", "+z"]
 Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
 
 # Turns, exact, by the side of the part's own frame that comes to face the platform.
-_DOWN: dict[str, Matrix] = {
+_DOWN_TURNS: dict[str, Matrix] = {
     "-z": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
     "+z": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
 }
 
 SELF_SUPPORTING_DEG = 19.0
-"""Least slope to the platform that SLA prints without support: the 19 degrees of service bureaus'
-design guides for stereolithography (after Formlabs). Assumed: a printer's own may differ."""
+"""Smallest slope to the platform that SLA prints without support: by hand, from service bureaus'
+design guides for stereolithography (after Formlabs); a printer's own may differ."""
 
 
 @dataclass(frozen=True)
 class PrintPose:
-    """How a printed part lies on the platform, for its files, the checks and the guide alike.
+    """Pose of a printed part on the platform, for its files, the checks and the guide.
 
     Platform frame: z away from it, every part at z >= 0; x, y along its sides.
-    down: the side of the part's frame that faces the platform; face: what that side is called.
-
-    tilt_deg: then turned by so much about the platform's x, which lifts the side at +y; such a
-    part stands on supports and touches the platform nowhere. supports: where they may be, and
-    none where it is empty.
+    down: the side of the part's frame that faces the platform; face: name of that side.
+    tilt_deg: subsequent rotation about the platform's x, which lifts the side at +y; a tilted part
+    stands on supports and does not touch the platform. supports: where they are allowed; empty:
+    nowhere.
     """
 
-    down: Side = "-z"
+    down: PlatformSide = "-z"
     face: str = "underside"
     tilt_deg: float = 0.0
     supports: str = ""
 
     @property
     def turn(self) -> Matrix:
-        """Rotation from the part's frame to the platform's; a part that lies flat, exactly."""
-        down = _DOWN[self.down]
+        """Rotation matrix from the part's frame to the platform's; exact without tilt."""
+        down = _DOWN_TURNS[self.down]
         if not self.tilt_deg:
             return down
         c, s = math.cos(math.radians(self.tilt_deg)), math.sin(math.radians(self.tilt_deg))
@@ -84,32 +84,32 @@ class PrintPose:
         return x, (lower[0], lower[1], lower[2]), (upper[0], upper[1], upper[2])
 
     @property
-    def words(self) -> str:
-        """The same for whoever prints it."""
+    def instructions(self) -> str:
+        """Instruction for printing."""
         if self.tilt_deg:
             return f"{self.face} down, tilted by {self.tilt_deg:g}°, supports {self.supports}"
         how = f"supports {self.supports}" if self.supports else "no supports"
         return f"{self.face} down, straight on the platform, {how}"
 
     def size_mm(self, low: tuple[float, ...], high: tuple[float, ...]) -> tuple[float, ...]:
-        """Sides (x, y, z) as it lies, from its box; of a tilted part an upper bound."""
+        """Sides (x, y, z) in this pose, from the part's box; an upper bound if tilted."""
         sides = [b - a for a, b in zip(low, high, strict=True)]
         return tuple(sum(abs(t) * s for t, s in zip(row, sides, strict=True)) for row in self.turn)
 
 
-def nothing(design: Design) -> tuple[()]:
-    """No rules to hold, no part to go with."""
+def no_entries(design: Design) -> tuple[()]:
+    """Return no rules and no fits."""
     return ()
 
 
 def in_its_place(design: Design) -> list[Shift]:
-    """One piece, made where it belongs."""
+    """Return the position of one piece built in place."""
     return [(0.0, 0.0, 0.0)]
 
 
 @dataclass(frozen=True)
 class Dimension:
-    """One independent value. low, high: what it accepts; None where it is no bounded number."""
+    """One independent value. low, high: its bounds; None if it is not a bounded number."""
 
     key: str
     value: Any
@@ -134,32 +134,27 @@ class Dimension:
 class Part:
     """One part.
 
-    name: unique; files are named after it. build: dimensions to one solid of the CAD kernel.
-    box: the same dimensions to that solid's bounding box. Both take a Design, of an indenter its
-    `indenter`. quantity: pieces for one sensor, one mold or one test bench.
-    number: as in the paper's exploded view, 0 for what it does not number. explode_mm: shift along
-    z in the exploded view, by which the parts of a group are also ordered, face first. colour:
-    sRGB and opacity in pictures. places: where its pieces go in the sensor, as translations.
-
-    fits: its pairs with parts that it goes into or over, each told by one of the two.
-
-    sections: sections of a design that it is made from. derived: lengths of Design that its shape
-    follows from. rules: the inequalities it must keep.
-    wall_keys: where the thinnest wall that it is meant to have stands in a design, the least of
-    them; what makes it may ask for more. in_view: it stands between lens and face and could cut
-    into the view.
-
-    callouts: what its drawing says, None for a part without one. note: what the bill of materials
-    adds, with a design's values in braces (`{d.table.screw} screws`), or what makes it. lies: how a
-    printed one lies on the platform. how: what else there is to know of making it, and all there is
-    of what is not printed; look_for: what to look at afterwards.
+    name: unique; files are named after it. build: from dimensions to one solid of the CAD kernel.
+    box: from the same dimensions to that solid's bounding box. Both take a Design, or for an
+    indenter its `indenter`. quantity: pieces for one sensor, one mold or one test bench.
+    number: in the paper's exploded view, 0 if not numbered. explode_mm: shift along z in the
+    exploded view; also orders the parts of a group, face first. colour: sRGB and opacity in
+    pictures. places: translations of its pieces in the sensor.
+    fits: its mating pairs with other parts, each pair listed by one of the two.
+    sections: sections of a design that it is made from. derived: lengths of Design that it uses.
+    rules: its inequalities. wall_keys: keys of its designed wall thicknesses, of which the
+    smallest counts; the process may require more. in_view: it is between lens and face and could
+    obstruct the view.
+    callouts: content of its drawing; None without a drawing. note: in the bill of materials, with
+    values of the design in braces (`{d.table.screw} screws`), or a function. pose: on the printer.
+    how: further instructions for making it; look_for: inspection afterwards.
     """
 
     name: str
     build: Callable[[Any], Any]
-    box: Callable[[Any], Box]
-    material: str = f"{RESIN}, black"
-    process: str = PRINT
+    box: Callable[[Any], Extent]
+    material: str = f"{RESIN_MATERIAL}, black"
+    process: str = PRINT_PROCESS
     quantity: int = 1
     group: Group = "sensor"
     number: int = 0
@@ -168,45 +163,45 @@ class Part:
     places: Callable[[Design], list[Shift]] = in_its_place
     sections: tuple[str, ...] = ()
     derived: tuple[str, ...] = ()
-    rules: Callable[[Design], Iterable[Check]] = nothing
-    fits: Callable[[Design], Iterable[PlayFit]] = nothing
+    rules: Callable[[Design], Iterable[Check]] = no_entries
+    fits: Callable[[Design], Iterable[PlayFit]] = no_entries
     wall_keys: tuple[str, ...] = ()
     in_view: bool = False
     callouts: Callable[[Any], Callouts] | None = None
     note: str | Callable[[Design], str] = ""
-    lies: PrintPose = PrintPose()
+    pose: PrintPose = PrintPose()
     how: str = ""
     look_for: str = ""
     indenter: IndenterDimensions | None = None
 
     def source(self, design: Design) -> Any:
-        """What `build`, `box` and `callouts` take."""
+        """Return the argument of `build`, `box` and `callouts`."""
         return design if self.indenter is None else self.indenter
 
-    def noted(self, design: Design) -> str:
-        """The note on a design."""
+    def note_text(self, design: Design) -> str:
+        """Return the note for a design."""
         return self.note.format(d=design) if isinstance(self.note, str) else self.note(design)
 
     @property
     def per_sensor(self) -> bool:
-        """Whether each sensor takes `quantity` of it; else the lab does, once."""
+        """True if `quantity` is per sensor, else per lab."""
         return self.group in PER_SENSOR
 
     @property
     def printed(self) -> bool:
-        """Whether it comes off the printer, and so in the orientation of `lies`."""
-        return self.process == PRINT
+        """True if it is printed, in its `pose`."""
+        return self.process == PRINT_PROCESS
 
     @property
     def making(self) -> str:
-        """How it is made, in words."""
-        said = (self.lies.words if self.printed else "", self.how)
-        return "; ".join(words for words in said if words) or self.process
+        """Instruction for making it."""
+        texts = (self.pose.instructions if self.printed else "", self.how)
+        return "; ".join(words for words in texts if words) or self.process
 
     def dimensions(self, design: Design) -> Iterator[Dimension]:
-        """Everything that the part is made from, also where a rule is broken: then one looks."""
+        """Yield all dimensions of the part, also for a design that breaks a rule."""
         if self.indenter is not None:
-            yield from _of_indenter(self.indenter)
+            yield from _indenter_dimensions(self.indenter)
             return
         unverified = design.unverified()
         for section in self.sections:
@@ -217,7 +212,7 @@ class Part:
                 yield Dimension(key, getattr(record, f.name), *about, key in unverified)
 
 
-def _of_indenter(dims: IndenterDimensions) -> Iterator[Dimension]:
+def _indenter_dimensions(dims: IndenterDimensions) -> Iterator[Dimension]:
     shape = dims.indenter
     yield Dimension("plate_mm", dims.body.plate_mm, "back plate")
     yield Dimension("stem_diameter_mm", shape.stem_diameter_mm, "stem, for the tool holder")

@@ -1,7 +1,7 @@
-"""Rays: against triangles, many at a time, and against the exact surfaces, one at a time.
+"""Ray casting on triangles, many rays at a time, and on exact surfaces, one at a time.
 
 outside   p        thickness: from a point p of the surface along -n to the first surface
-----------o-----   behind it, where that one looks the other way.
+----------o-----   behind it that faces the other way.
   solid   |
 ----------v-----
 """
@@ -20,33 +20,31 @@ from deltact_fab.common import Field, Point
 from .mesh import Mesh
 
 Wall = tuple[float, Point]  # how thick in mm, inwards along -normal, and where
-# Faces that meet in an edge look past each other, and the distance between them ends in zero there:
-# a wall is where they look apart to within this.
+# By hand: faces of a wall are antiparallel to within this; larger takes edges for thin walls.
 OPPOSITE_DEG = 30.0
-SPACING_MM = 1.5
-MOST = 4000  # points spread over the area, besides four in each triangle
-REFINED = 24  # points measured exactly after the mesh has none that seems thinner
-TRIED = 2000  # points measured exactly at most
-NEAR_MM = 1e-4
-REACHES_MM = (2.0, 8.0, math.inf)  # walls are looked for so far, further where there is none
-BLOCK = 256  # rays
-START_MM = 1e-4  # a ray does not hit the surface that it leaves
-# Rays x triangles held at once: what stays in the processor's cache, and little enough (times six,
-# 2^18) for OpenBLAS to work on one thread; several wait for each other on a busy machine.
-_PAIRS = 40_000
-_INSET = 0.02  # of a triangle: points beside its corners
+SAMPLE_SPACING_MM = 1.5  # by hand: larger misses small thin spots, smaller takes longer
+MAX_AREA_SAMPLES = 4000  # by hand, besides four in each triangle: more take longer
+EXTRA_EXACT_RAYS = 24  # by hand, after the thinnest by mesh: fewer may miss the true minimum
+MAX_EXACT_RAYS = 2000  # by hand: more take longer on parts of many facets
+FACET_GAP_MM = 1e-4  # by hand: above rounding; larger ends the search early
+REACHES_MM = (2.0, 8.0, math.inf)  # by hand: search ranges, the next if no wall is found
+RAYS_PER_BLOCK = 256  # by hand: larger blocks overlap more triangles, smaller ones loop longer
+RAY_START_MM = 1e-4  # by hand: ignores the start surface; larger misses thinner walls
+# By hand, rays x triangles at once: fits the processor's cache, and is small enough (times six,
+# 2^18) for OpenBLAS to stay on one thread; several wait for each other on a busy machine.
+_PAIRS_PER_BLOCK = 40_000
+_CORNER_INSET = 0.02  # by hand, share of a triangle: smaller puts samples on its edges
 
 
 def first_hit(
-    origins_mm: Field, directions: Field, corners_mm: Field, start_mm: float = START_MM
+    origins_mm: Field, directions: Field, corners_mm: Field, start_mm: float = RAY_START_MM
 ) -> tuple[Field, NDArray[np.int64]]:
-    """Where rays first meet triangles: distance (n,) in lengths of the ray, index of triangle (n,).
+    """Return the first hit of rays on triangles: distance (n,) in ray lengths, triangle index (n,).
 
     origins_mm, directions: (n, 3). corners_mm: (m, 3, 3) triangle, corner, axis. A miss is inf, -1.
     Hits nearer than start_mm do not count. Edges belong to both of their triangles.
 
-    Moeller and Trumbore's solution, written with the moment o x d so that it is three matrix
-    products.
+    Moeller and Trumbore (1997), written with the moment o x d as three matrix products.
     """
     a = corners_mm[:, 0]
     e1, e2 = corners_mm[:, 1] - a, corners_mm[:, 2] - a
@@ -54,10 +52,10 @@ def first_hit(
     side_u = np.concatenate([-np.cross(e2, a), e2], axis=1).T
     side_v = np.concatenate([np.cross(e1, a), -e1], axis=1).T
     plane = np.einsum("ij,ij->i", a, normal)
-    least = 1e-9 * np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
-    far = np.full(len(origins_mm), np.inf)
+    least_det = 1e-9 * np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
+    distance = np.full(len(origins_mm), np.inf)
     index = np.full(len(origins_mm), -1, np.int64)
-    step = max(1, _PAIRS // max(1, len(a)))
+    step = max(1, _PAIRS_PER_BLOCK // max(1, len(a)))
     for low in range(0, len(origins_mm), step):
         o, d = origins_mm[low : low + step], directions[low : low + step]
         ray = np.concatenate([d, np.cross(o, d)], axis=1)
@@ -66,30 +64,30 @@ def first_hit(
             u, v = (ray @ side_u) / det, (ray @ side_v) / det
             t = (o @ normal.T - plane) / det
             inside = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9)
-            inside &= (np.abs(det) > least) & (t > start_mm)
+            inside &= (np.abs(det) > least_det) & (t > start_mm)
         t = np.where(inside, t, np.inf)
         nearest = np.argmin(t, axis=1)
-        here = t[np.arange(len(o)), nearest]
-        far[low : low + step] = here
-        index[low : low + step] = np.where(np.isfinite(here), nearest, -1)
-    return far, index
+        nearest_t = t[np.arange(len(o)), nearest]
+        distance[low : low + step] = nearest_t
+        index[low : low + step] = np.where(np.isfinite(nearest_t), nearest, -1)
+    return distance, index
 
 
 def samples(corners_mm: Field) -> tuple[Field, NDArray[np.int64]]:
-    """Points on triangles (n, 3) and the triangle of each (n,), the same on every call.
+    """Return points on triangles (n, 3) and the triangle of each (n,), reproducibly.
 
-    Every triangle has its centroid and a point beside each corner; large ones more, by area.
+    Each triangle has its centroid and a point near each corner; large ones more, by area.
     """
     area = np.linalg.norm(np.cross(*np.moveaxis(_edges(corners_mm), 1, 0)), axis=1) / 2
-    spacing_mm = max(SPACING_MM, math.sqrt(area.sum() / MOST))
-    i = _INSET / 2
-    fixed = np.array([(1 / 3,) * 3, (1 - _INSET, i, i), (i, 1 - _INSET, i), (i, i, 1 - _INSET)])
-    more = np.ceil(area / spacing_mm**2).astype(np.int64) * (area > spacing_mm**2)
+    spacing_mm = max(SAMPLE_SPACING_MM, math.sqrt(area.sum() / MAX_AREA_SAMPLES))
+    i = _CORNER_INSET / 2
+    fixed = np.array([(1 / 3,) * 3, (1 - 2 * i, i, i), (i, 1 - 2 * i, i), (i, i, 1 - 2 * i)])
+    extra = np.ceil(area / spacing_mm**2).astype(np.int64) * (area > spacing_mm**2)
     owner = np.concatenate(
-        [np.repeat(np.arange(len(area)), 4), np.repeat(np.arange(len(area)), more)]
+        [np.repeat(np.arange(len(area)), 4), np.repeat(np.arange(len(area)), extra)]
     )
     # The additive recurrence of the plastic number fills the plane evenly for every count.
-    k = np.arange(more.sum())
+    k = np.arange(extra.sum())
     u, v = (0.7548776662466927 * k) % 1, (0.5698402909980532 * k) % 1
     fold = u + v > 1
     u, v = np.where(fold, 1 - u, u), np.where(fold, 1 - v, v)
@@ -98,14 +96,14 @@ def samples(corners_mm: Field) -> tuple[Field, NDArray[np.int64]]:
 
 
 def normals(corners_mm: Field) -> Field:
-    """Unit normals (m, 3) of triangles, outwards; zero for a triangle without area."""
+    """Return outward unit normals (m, 3) of triangles; zero for a triangle without area."""
     n = np.cross(*np.moveaxis(_edges(corners_mm), 1, 0))
     length = np.linalg.norm(n, axis=1, keepdims=True)
     return np.divide(n, length, out=np.zeros_like(n), where=length > 0)
 
 
 def _edges(corners_mm: Field) -> Field:
-    """Two edges of each triangle, (m, 2, 3)."""
+    """Return two edges of each triangle, (m, 2, 3)."""
     return corners_mm[:, 1:] - corners_mm[:, :1]
 
 
@@ -119,55 +117,55 @@ class Walls:
         self.points_mm, self._triangle = samples(self._corners)
         self._face = mesh.face[self._triangle]
 
-    def thinnest(self, where: NDArray[np.bool_] | None = None) -> Wall | None:
-        """The thinnest wall among the points of the mask; None where there is no wall at all.
+    def thinnest(self, mask: NDArray[np.bool_] | None = None) -> Wall | None:
+        """Return the thinnest wall among the points of the mask; None without any wall.
 
-        An upper bound of the true minimum: what lies between the points is not seen. Walls that
-        lean from each other by more than OPPOSITE_DEG are edges and do not count.
+        An upper bound of the true minimum, limited by the sampling. Faces that are further from
+        antiparallel than OPPOSITE_DEG form an edge and do not count.
         """
         for reach_mm in REACHES_MM:
             screened = self._screened(reach_mm)
-            found = self._measured(screened if where is None else np.where(where, screened, np.inf))
-            if found is not None and found[0] < reach_mm:
-                return found
+            wall = self._measured(screened if mask is None else np.where(mask, screened, np.inf))
+            if wall is not None and wall[0] < reach_mm:
+                return wall
         return None
 
-    @cache  # noqa: B019  # of one part, gone with it
+    @cache  # noqa: B019  # freed with its part
     def _screened(self, reach_mm: float) -> Field:
-        """Walls (n,) of no more than reach_mm on the mesh, inf for none."""
+        """Return wall thickness (n,) on the mesh up to reach_mm, inf for none."""
         inward = -self._outward[self._triangle]
         low, high = self._corners.min(axis=1), self._corners.max(axis=1)
-        far = np.full(len(inward), np.inf)
+        distance = np.full(len(inward), np.inf)
         hit = np.full(len(inward), -1, np.int64)
         # Rays of neighbouring triangles meet few triangles within reach.
         order = np.argsort(self._triangle, kind="stable")
-        for block in np.array_split(order, math.ceil(len(order) / BLOCK)):
-            start, way = self.points_mm[block], inward[block]
-            ends = np.concatenate([start, start + way * min(reach_mm, 1e4)])
+        for block in np.array_split(order, math.ceil(len(order) / RAYS_PER_BLOCK)):
+            start, direction = self.points_mm[block], inward[block]
+            ends = np.concatenate([start, start + direction * min(reach_mm, 1e4)])
             overlap = (low <= ends.max(axis=0)) & (high >= ends.min(axis=0))
             near = np.flatnonzero(overlap.all(axis=1))
-            far[block], found = first_hit(start, way, self._corners[near])
-            hit[block] = np.where(found >= 0, near[found], -1)
+            distance[block], local = first_hit(start, direction, self._corners[near])
+            hit[block] = np.where(local >= 0, near[local], -1)
         opposite = np.einsum("ij,ij->i", inward, self._outward[hit])
         real = np.linalg.norm(inward, axis=1) > 0
-        # A facet leans from its surface: the exact normals decide what is left.
+        # Facets deviate from their surface: the exact normals decide later.
         lean = math.radians(OPPOSITE_DEG) + 0.2
-        wall = real & (hit >= 0) & (opposite > math.cos(lean)) & (far <= reach_mm)
-        return np.where(wall, far, np.inf)
+        wall = real & (hit >= 0) & (opposite > math.cos(lean)) & (distance <= reach_mm)
+        return np.where(wall, distance, np.inf)
 
     def _measured(self, screened: Field) -> Wall | None:
         order = np.argsort(screened, kind="stable")
         best: Wall | None = None
-        beyond = 0
-        for i in order[:TRIED].tolist():
-            if not math.isfinite(screened[i]) or beyond >= REFINED:
+        rejected = 0
+        for i in order[:MAX_EXACT_RAYS].tolist():
+            if not math.isfinite(screened[i]) or rejected >= EXTRA_EXACT_RAYS:
                 break
-            found = self._exact.thickness(self.points_mm[i], int(self._face[i]))
-            if found is not None and (best is None or found[0] < best[0]):
-                best = found
-            # Facets and surfaces differ: a few that seem no thinner are measured, too.
-            if best is not None and screened[i] > best[0] - NEAR_MM:
-                beyond += 1
+            wall = self._exact.thickness(self.points_mm[i], int(self._face[i]))
+            if wall is not None and (best is None or wall[0] < best[0]):
+                best = wall
+            # Facets and surfaces differ: a few points beyond are measured, too.
+            if best is not None and screened[i] > best[0] - FACET_GAP_MM:
+                rejected += 1
         return best
 
 
@@ -188,45 +186,45 @@ class ExactRays:
         self._normal_of = BRepGProp_Face
 
     def thickness(self, point_mm: Field, face: int) -> Wall | None:
-        """Thickness inwards from the point of a face nearest to point_mm; None at an edge."""
+        """Return the thickness from the face's point nearest to point_mm; None at an edge."""
         from OCP.gp import gp_Pnt
 
         uv = self._surfaces[face].ValueOfUV(gp_Pnt(*point_mm.tolist()), 1e-7)
         point, normal = _point_normal(self._oriented[face], uv.X(), uv.Y())
         if normal is None:
             return None
-        far, hit = self.first(point, -normal)
+        distance, hit = self.first(point, -normal)
         if hit is None:
             return None
-        other, u, v = hit
-        _, behind = _point_normal(self._normal_of(other), u, v)
+        opposite, u, v = hit
+        _, behind = _point_normal(self._normal_of(opposite), u, v)
         limit = math.cos(math.radians(OPPOSITE_DEG))
         if behind is None or float(-normal @ behind) < limit:
             return None
         x, y, z = point.tolist()
-        return far, (x, y, z)
+        return distance, (x, y, z)
 
     def first(
         self, origin_mm: Field, direction: Field
     ) -> tuple[float, tuple[Any, float, float] | None]:
-        """Distance along a unit direction to the nearest surface beyond START_MM; inf for none.
+        """Return the distance along a unit direction to the nearest surface, inf for none.
 
-        With the face that is met, and where on it in its own parameters.
+        Also the hit face and the hit's parameters (u, v) on it.
         """
         from OCP.gp import gp_Dir, gp_Lin, gp_Pnt
 
         rays = self._rays
         line = gp_Lin(gp_Pnt(*origin_mm.tolist()), gp_Dir(*direction.tolist()))
-        rays.Perform(line, START_MM, 1e4)
+        rays.Perform(line, RAY_START_MM, 1e4)
         hits = [(rays.WParameter(k), k) for k in range(1, rays.NbPnt() + 1)]
         if not hits:
             return math.inf, None
-        far, k = min(hits)
-        return float(far), (rays.Face(k), rays.UParameter(k), rays.VParameter(k))
+        distance, k = min(hits)
+        return float(distance), (rays.Face(k), rays.UParameter(k), rays.VParameter(k))
 
 
 def _point_normal(face: Any, u: float, v: float) -> tuple[Field, Field | None]:
-    """A point of an oriented face and its outward unit normal, None where it has none."""
+    """Return a point of an oriented face and its outward unit normal, None at a singularity."""
     from OCP.gp import gp_Pnt, gp_Vec
 
     point, normal = gp_Pnt(), gp_Vec()

@@ -1,6 +1,6 @@
-"""Every part by name: those of the files in parts/, and the indenters of a list.
+"""All parts by name: those of the files in parts/, and the listed indenters.
 
-A file of parts/ is found by being there. Imports no CAD kernel.
+Files in parts/ are picked up automatically. Imports no CAD kernel.
 """
 
 from __future__ import annotations
@@ -13,62 +13,62 @@ from deltact_fab.sensor import INDENTER_KINDS, parse_indenter
 from . import parts
 from .design import IndenterList, load_indenters
 from .dimensions import Design
-from .part import GROUPS, Part
+from .part import PART_GROUPS, Part
 from .parts.indenter import part as indenter_part
 
 
-def of_design(design: Design | None = None) -> list[Part]:
-    """Every part that a design has, or some design may have: by group, from the face backwards.
+def design_parts(design: Design | None = None) -> list[Part]:
+    """Return every part of a design (None: of any design), by group, from the face backwards.
 
-    Raises RuntimeError when two files of parts/ claim one name.
+    Raises RuntimeError if two files of parts/ define the same name.
     """
-    every: dict[str, Part] = collect_entries(parts.__name__, "PARTS")
+    by_name: dict[str, Part] = collect_entries(parts.__name__, "PARTS")
     return sorted(
-        (part for part in every.values() if design is None or part.places(design)),
-        key=lambda p: (GROUPS.index(p.group), -p.explode_mm, p.number, p.name),
+        (part for part in by_name.values() if design is None or part.places(design)),
+        key=lambda p: (PART_GROUPS.index(p.group), -p.explode_mm, p.number, p.name),
     )
 
 
 def parts_of_group(group: str, design: Design | None = None) -> list[Part]:
-    """The parts of one group as `of_design` has them, in their order."""
-    return [part for part in of_design(design) if part.group == group]
+    """Return the parts of one group, in the order of `design_parts`."""
+    return [part for part in design_parts(design) if part.group == group]
 
 
 def list_parts(indenters: IndenterList | None = None, design: Design | None = None) -> list[Part]:
-    """Every part as `of_design` has them, and the indenters of the list (cad/indenters.toml)."""
-    known = load_indenters() if indenters is None else indenters
-    tips = [indenter_part(parse_indenter(e.name), known.body, e.quantity) for e in known.indenter]
-    return [*of_design(design), *tips]
+    """Return `design_parts` and the indenters of the list (default: cad/indenters.toml)."""
+    listed = load_indenters() if indenters is None else indenters
+    tips = [indenter_part(parse_indenter(e.name), listed.body, e.quantity) for e in listed.indenter]
+    return [*design_parts(design), *tips]
 
 
 def find_part(name: str, indenters: IndenterList | None = None) -> Part:
-    """One part by name; an indenter also by its name in a protocol, and in any size.
+    """Return one part by name; an indenter also by its protocol name, in any size.
 
-    `indenter-star`, `star` and `star:8` all exist. Raises InputError with the nearest known name,
-    or stating the sizes that are valid.
+    `indenter-star`, `star` and `star:8` are valid. Raises InputError with the nearest known name,
+    or the valid sizes.
     """
-    known = load_indenters() if indenters is None else indenters
-    every = {part.name: part for part in list_parts(known)}
-    if name in every:
-        return every[name]
-    if name in known.shape:
-        return indenter_part(known.shape[name].indenter(name), known.body)
+    listed = load_indenters() if indenters is None else indenters
+    by_name = {part.name: part for part in list_parts(listed)}
+    if name in by_name:
+        return by_name[name]
+    if name in listed.shape:
+        return indenter_part(listed.shape[name].indenter(name), listed.body)
     if name.partition(":")[0] not in INDENTER_KINDS:
-        names = [*every, *GROUPS, *INDENTER_KINDS, *known.shape]
+        names = [*by_name, *PART_GROUPS, *INDENTER_KINDS, *listed.shape]
         raise InputError(f"part {name!r}: unknown; {did_you_mean(name, names)}")
-    part = indenter_part(parse_indenter(name), known.body)
-    return every.get(part.name, part)
+    part = indenter_part(parse_indenter(name), listed.body)
+    return by_name.get(part.name, part)
 
 
 def select_parts(names: Iterable[str]) -> list[Part]:
-    """The named parts in the order given, each once; every part when none is named.
+    """Return the named parts in order, each once; every part if no name is given.
 
-    A name of GROUPS stands for all of its parts.
+    A group's name selects all of its parts.
     """
-    every = list_parts()
-    wanted: dict[str, Part] = {}
+    all_parts = list_parts()
+    selected: dict[str, Part] = {}
     for name in names:
-        grouped = [part for part in every if part.group == name]
+        grouped = [part for part in all_parts if part.group == name]
         for part in grouped or [find_part(name)]:
-            wanted[part.name] = part
-    return list(wanted.values()) or every
+            selected[part.name] = part
+    return list(selected.values()) or all_parts

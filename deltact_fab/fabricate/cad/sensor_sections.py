@@ -1,4 +1,4 @@
-"""The sections of a design that the sensor's own parts are made from, a record each."""
+"""Sections of a design for the sensor's own parts, one record each."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from deltact_fab.sensor import Bounded, bounded_number
 from .standards import (
     CAP_SCREWS,
     CHEESE_SCREWS,
-    THREADS,
+    METRIC_THREADS,
     CapScrew,
     CapThread,
     CheeseScrew,
@@ -24,28 +24,28 @@ from .standards import (
 
 
 def assumed_length(default: float, meaning: str, low: float, high: float) -> Any:
-    """A number that nobody has measured: it counts as unverified."""
+    """Return a field for an assumed number, which counts as unverified."""
     return bounded_number(default, meaning, low, high, unverified=True)
 
 
 def measured_keys(meaning: str) -> Any:
-    """The field for keys that a lab has measured: these no longer count as unverified."""
+    """Return the field for keys that a lab has measured: they no longer count as unverified."""
     return field(default=(), metadata={"description": meaning})
 
 
 @dataclass(frozen=True)
 class PlateDimensions(Bounded):
-    """The acrylic plate (part 2): how it lies, what it must bear under a press, its material."""
+    """The acrylic plate (part 2): its seat, loads and material."""
 
     fit_mm: float = bounded_number(0.1, "clearance in the frame's pocket, per side", 0.02, 2)
     ledge_mm: float = bounded_number(0.5, "least width that lies on a ledge", 0.1, 10)
-    force_n: float = bounded_number(49.0, "press it is made for", 0.1, 5000)
+    force_n: float = bounded_number(49.0, "design force of a press", 0.1, 5000)
     depth_mm: float = bounded_number(5.0, "depth of that press", 0.1, 60)
-    spread_mm: float = assumed_length(22.0, "disc that the gel spreads it on", 1, 100)
-    deflection_share: float = bounded_number(0.05, "of the depth, by which it may yield", 1e-3, 1)
+    spread_mm: float = assumed_length(22.0, "disc that the press spreads on", 1, 100)
+    deflection_share: float = bounded_number(0.05, "deflection over depth, limit", 1e-3, 1)
     youngs_modulus_mpa: float = assumed_length(3000.0, "of cast PMMA", 100, 1e5)
     poisson: float = bounded_number(0.37, "of cast PMMA", 0.0, 0.49)
-    stress_limit_mpa: float = assumed_length(35.0, "half of what breaks PMMA", 1, 1000)
+    stress_limit_mpa: float = assumed_length(35.0, "half the strength of PMMA", 1, 1000)
     bead_modulus_mpa: float = assumed_length(1.15, "Young's, of the bead: Shore A 30", 0.05, 1e4)
     measured: tuple[str, ...] = measured_keys("keys measured on the lab's own plate")
 
@@ -76,9 +76,9 @@ class CameraDimensions(Bounded):
         metadata={"description": "equidistant (a fisheye) or rectilinear (straight lines stay so)"},
     )
     f_number: float = assumed_length(2.8, "of the lens; such lenses have 2.0 to 2.8", 0.7, 32)
-    nearest_mm: float = bounded_number(0.0, "it focuses no nearer; 0: turned by hand", 0.0, 1000)
+    nearest_mm: float = bounded_number(0.0, "nearest focus; 0: set by hand", 0.0, 1000)
     pixel_um: float = bounded_number(1.12, "pixel of the chip (IMX219)", 0.1, 50)
-    binning: int = bounded_number(2, "chip pixels a picture's pixel, per side", 1, 8)
+    binning: int = bounded_number(2, "chip pixels per image pixel, per side", 1, 8)
     crop_width_px: int = bounded_number(1280, "picture along x", 8, 10_000)
     crop_height_px: int = bounded_number(720, "picture along y", 8, 10_000)
     connector_width_mm: float = assumed_length(23.0, "connector along x", 1, 100)
@@ -93,13 +93,13 @@ class CameraDimensions(Bounded):
     )
     cable_height_mm: float = assumed_length(0.3, "the same, along z", 0.05, 20)
     tolerance_mm: float = assumed_length(0.05, "spread of board and lens, +-", 0.0, 1)
-    source: str = field(default="", metadata={"description": "documents that the figures are from"})
+    source: str = field(default="", metadata={"description": "source documents of the values"})
     measured: tuple[str, ...] = measured_keys(
         "keys measured on the lab's own module, or read off its maker's document"
     )
 
     def angle_rad(self, at_mm: float) -> float:
-        """The angle from the axis that the lens images at_mm from the middle of the chip."""
+        """Return the angle from the axis that the lens images at_mm from the middle of the chip."""
         angle = at_mm / self.focal_length_mm
         return math.atan(angle) if self.projection == "rectilinear" else angle
 
@@ -128,7 +128,7 @@ class CameraDimensions(Bounded):
 
 @dataclass(frozen=True)
 class HolderDimensions(Bounded):
-    """The camera holder (part 6) behind the board, which two screws lock or a bond holds."""
+    """The camera holder (part 6) behind the board, which is screwed or bonded to it."""
 
     clearance_mm: float = bounded_number(3.0, "thickness, and room for the connector", 1, 30)
     fit_mm: float = bounded_number(0.2, "clearance to the shell", 0.02, 2)
@@ -142,7 +142,7 @@ class HolderDimensions(Bounded):
     head_clearance_mm: float = bounded_number(
         0.3, "around the heads, below the light holder", 0.02, 2
     )
-    bonded_mm: float = assumed_length(0.3, "how far off the middle a bonded board may lie", 0.01, 3)
+    bonded_mm: float = assumed_length(0.3, "offset of a bonded board, at most", 0.01, 3)
     measured: tuple[str, ...] = measured_keys("keys measured on the lab's own boards")
 
     @property
@@ -163,17 +163,17 @@ class CoverDimensions(Bounded):
     leg_mm: float = bounded_number(0.6, "thickness of a leg, flat on both sides", 0.2, 5)
     lip_mm: float = bounded_number(0.12, "lip of a peg beyond its hole", 0.01, 2)
     peg_play_mm: float = bounded_number(
-        0.3, "legs beyond the camera holder, for a thick one", 0.0, 5
+        0.3, "legs beyond the camera holder: play for its tolerance", 0.0, 5
     )
     lip_height_mm: float = bounded_number(0.8, "height of the lip", 0.2, 5)
     strain_limit: float = bounded_number(
-        0.02, "what the resin bears once (Tough resins: 2 %)", 1e-3, 0.2
+        0.02, "allowed strain, once (Tough resins: 2 %)", 1e-3, 0.2
     )
     fit_mm: float = bounded_number(0.2, "clearance between bosses and shell", 0.02, 2)
 
     @property
     def fibre_mm(self) -> float:
-        """Outermost fibre of a leg from its centroid; a leg is a slab of the peg's circle: 0.26.
+        """Distance of a leg's outermost fibre from its centroid; a leg is a slab of the peg: 0.26.
 
         Between the chords at a = slot / 2 and b = a + leg: centroid at 2/3 ((R^2 - a^2)^1.5 -
         (R^2 - b^2)^1.5) / A, A the area between them.
@@ -207,9 +207,7 @@ class LightDimensions(Bounded):
     wall_mm: float = bounded_number(1.5, "outer wall", 0.4, 10)
     floor_mm: float = bounded_number(1.5, "floor below the strip", 0.4, 10)
     fit_mm: float = bounded_number(0.2, "radial clearance in the shell", 0.02, 2)
-    axial_fit_mm: float = bounded_number(
-        1.0, "play below the acrylic, so that it bears no press", 0.02, 5
-    )
+    axial_fit_mm: float = bounded_number(1.0, "play below the acrylic: carries no press", 0.02, 5)
     lens_clearance_mm: float = bounded_number(0.3, "between lens and bore, radial", 0.02, 5)
     lip_clearance_mm: float = bounded_number(0.25, "around the lips of the cover's pegs", 0.02, 2)
     head_room_mm: float = bounded_number(
@@ -219,22 +217,22 @@ class LightDimensions(Bounded):
     resistor_ohm: float = bounded_number(750.0, "in series (paper: 750)", 20, 1e5)
     supply_v: float = bounded_number(5.0, "supply of a strip that is cut at every LED", 4.5, 5.5)
     supply_tolerance: float = assumed_length(
-        0.05, "share by which it may be off (USB 2.0: 0.05)", 0, 0.2
+        0.05, "tolerance of the supply, share (USB 2.0: 0.05)", 0, 0.2
     )
     supply_rating_ma: float = assumed_length(
-        500.0, "what it may give the LEDs of a sensor (a port of USB 2.0)", 1, 1e5
+        500.0, "current for the LEDs of a sensor, limit (USB 2.0 port)", 1, 1e5
     )
     resistor_rating_w: float = assumed_length(
         0.25, "rating of the resistor, of which half is used", 0.01, 100
     )
     strip_resistor_ohm: float = assumed_length(
-        0.0, "the strip's own at each LED; 0, the worst case", 0, 1e4
+        0.0, "resistor on the strip, per LED; 0: worst case", 0, 1e4
     )
     led_v: float = assumed_length(2.95, "forward voltage of a white chip at a few mA", 0.1, 10)
-    led_spread_v: float = assumed_length(0.2, "that voltage may be so much off", 0, 2)
+    led_spread_v: float = assumed_length(0.2, "tolerance of that voltage, +-", 0, 2)
     led_chips: int = bounded_number(3, "chips of a LED, in parallel on such a strip", 1, 12)
     led_limit_ma: float = assumed_length(
-        20.0, "continuous current of a chip, by its data sheet", 0.1, 1000
+        20.0, "continuous current of a chip (data sheet)", 0.1, 1000
     )
     wire_mm: float = bounded_number(500.0, "each of the two wires, from ring to supply", 50, 10_000)
     measured: tuple[str, ...] = measured_keys("keys measured, or read off a data sheet")
@@ -251,43 +249,43 @@ class LightDimensions(Bounded):
 
     @property
     def most_v(self) -> float:
-        """Most over the resistors = supply (1 + tolerance) - led_v + spread: 2.5."""
+        """Maximum voltage over the resistors = supply (1 + tolerance) - led_v + spread: 2.5."""
         return self.supply_v * (1 + self.supply_tolerance) - self.led_v + self.led_spread_v
 
     @property
     def circuit_ohm(self) -> float:
-        """All resistors = resistor + strip's own / count (in parallel): 750."""
+        """Total resistance = resistor + strip's own / count (in parallel): 750."""
         return self.resistor_ohm + self.strip_resistor_ohm / self.led_count
 
     @property
     def total_ma(self) -> float:
-        """Current of all LEDs = (supply - led_v) / all resistors, at least 0: 2.73."""
+        """Current of all LEDs = (supply - led_v) / total resistance, at least 0: 2.73."""
         return max(self.supply_v - self.led_v, 0.0) / self.circuit_ohm * 1000
 
     @property
     def least_ma(self) -> float:
-        """Least current of all LEDs, at least 0, by the supply's least and led_v's most: 2.13."""
+        """Minimum current of all LEDs, at minimum supply and maximum led_v, at least 0: 2.13."""
         v = self.supply_v * (1 - self.supply_tolerance) - self.led_v - self.led_spread_v
         return max(v, 0.0) / self.circuit_ohm * 1000
 
     @property
     def most_ma(self) -> float:
-        """Most current of all LEDs = most over the resistors / all resistors, at least 0: 3.33."""
+        """Maximum current of all LEDs = maximum voltage / total resistance, at least 0: 3.33."""
         return max(self.most_v, 0.0) / self.circuit_ohm * 1000
 
     @property
     def chip_most_ma(self) -> float:
-        """Most current of a chip, shared evenly = most current / count / chips: 0.222."""
+        """Maximum current per chip, shared evenly = maximum / count / chips: 0.222."""
         return self.most_ma / self.led_count / self.led_chips
 
     @property
     def resistor_most_w(self) -> float:
-        """Most heat in the resistor = most current squared x resistor: 0.00833."""
+        """Maximum dissipation of the resistor = maximum current squared x resistor: 0.00833."""
         return (self.most_ma / 1000) ** 2 * self.resistor_ohm
 
     @property
     def least_resistor_ohm(self) -> float:
-        """Least of E24 that keeps led_limit_ma and supply_rating_ma at worst: 9.1."""
+        """Smallest E24 value within led_limit_ma and supply_rating_ma at worst: 9.1."""
         most_ma = min(self.led_limit_ma * self.led_count * self.led_chips, self.supply_rating_ma)
         own_ohm = self.strip_resistor_ohm / self.led_count
         return next_e24(max(self.most_v, 0.0) / most_ma * 1000 - own_ohm)
@@ -314,11 +312,11 @@ class MountDimensions(Bounded):
     flange_height_mm: float = assumed_length(23.0, "franka: flange along z", 4, 200)
     flange_pitch_mm: float = assumed_length(12.0, "franka: between the two holes along z", 3, 100)
     flange_hole_mm: float = assumed_length(4.3, "franka: those holes", 1, 20)
-    counterbore_mm: float = bounded_number(8.0, "franka: room of a head, diameter", 2, 40)
-    counterbore_depth_mm: float = bounded_number(4.0, "franka: depth of that room", 0.5, 40)
+    counterbore_mm: float = bounded_number(8.0, "franka: counterbore, diameter", 2, 40)
+    counterbore_depth_mm: float = bounded_number(4.0, "franka: counterbore, depth", 0.5, 40)
     arm_mm: float = bounded_number(3.6, "franka: height of the arm, between the heads", 1, 60)
     stress_limit_mpa: float = assumed_length(
-        40.0, "franka: bending stress that the arm may take", 1, 500
+        40.0, "franka: bending stress of the arm, limit", 1, 500
     )
 
     measured: tuple[str, ...] = measured_keys("keys measured on the lab's own finger")
@@ -326,7 +324,7 @@ class MountDimensions(Bounded):
     @property
     def thread(self) -> MetricThread:
         """The screws' row in the table of standards."""
-        return THREADS[self.screw]
+        return METRIC_THREADS[self.screw]
 
     @property
     def hole_mm(self) -> float:
@@ -335,7 +333,7 @@ class MountDimensions(Bounded):
 
     @property
     def head_mm(self) -> float:
-        """Head of a cap screw = 1.5 d + 1, as ISO 4762 has it from M3 to M5: 7 for M4."""
+        """Head of a cap screw = 1.5 d + 1 (ISO 4762, M3 to M5): 7 for M4."""
         return 1.5 * self.thread.thread_mm + 1.0
 
 
@@ -380,6 +378,6 @@ class ShellDimensions(Bounded):
 
 
 def _segment_mm2(from_mm: float, radius_mm: float) -> float:
-    """Area of the disc beyond x = from_mm, which lies within the disc."""
+    """Area of the disc's segment beyond x = from_mm, within the disc."""
     c, r = from_mm, radius_mm
     return r**2 * math.acos(c / r) - c * math.sqrt(r**2 - c**2)

@@ -1,4 +1,4 @@
-"""Standard hardware as tables: a name selects a row, and an unknown name lists the valid ones."""
+"""Tables of standard hardware by name."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ CAP_SCREWS: dict[CapThread, CapScrew] = {
 
 @dataclass(frozen=True)
 class CheeseScrew:
-    """A slotted cheese head screw (ISO 1207): its head is the lowest with a full thread below.
+    """A slotted cheese head screw (ISO 1207): the lowest head with a full thread below it.
 
     slot_mm: nominal width of the slot. slot_depth_mm: its least depth.
     """
@@ -65,7 +65,7 @@ CHEESE_SCREWS: dict[CheeseThread, CheeseScrew] = {
 
 @dataclass(frozen=True)
 class MetricThread:
-    """A thread of what fixes the sensor, and what goes with it.
+    """A metric thread for mounting the sensor, with its holes and washer.
 
     thread_mm: nominal diameter. clearance_mm: through hole (ISO 273, medium). pitch_mm: coarse (ISO
     261). washer_mm: plain washer (ISO 7089), a little more than a head or a nut across its corners.
@@ -77,7 +77,7 @@ class MetricThread:
     washer_mm: float
 
 
-THREADS: dict[Thread, MetricThread] = {
+METRIC_THREADS: dict[Thread, MetricThread] = {
     "M2": MetricThread(2.0, 2.4, 0.4, 5.0),
     "M2.5": MetricThread(2.5, 2.9, 0.45, 6.0),
     "M3": MetricThread(3.0, 3.4, 0.5, 7.0),
@@ -88,23 +88,23 @@ THREADS: dict[Thread, MetricThread] = {
 
 
 def screw_tolerance_mm(length_mm: float) -> float:
-    """What the length of a screw may be off either way (ISO 4759-1: js15)."""
+    """Tolerance of a screw's length, +- (ISO 4759-1: js15)."""
     steps = ((3, 0.20), (6, 0.24), (10, 0.29), (18, 0.35), (30, 0.42), (50, 0.50))
-    return next((off for upto, off in steps if length_mm <= upto), 0.60)
+    return next((tolerance for upto, tolerance in steps if length_mm <= upto), 0.60)
 
 
-# Resistors as they are sold: IEC 60063, the 5 % series.
-E24 = (
+# Resistor values of IEC 60063, the 5 % series.
+E24_STEPS = (
     10, 11, 12, 13, 15, 16, 18, 20, 22, 24, 27, 30, 33, 36, 39, 43, 47, 51, 56, 62, 68, 75, 82, 91,
     100,
 )  # fmt: skip
 
 
 def next_e24(ohm: float) -> float:
-    """The least resistor of E24 that has at least so much; 0 where none is needed."""
+    """Return the smallest E24 resistor of at least that many ohms; 0 if ohm <= 0."""
     if ohm <= 0:
         return 0.0
     power = math.floor(math.log10(ohm)) - 1
     # A quotient of whole numbers prints as 9.1, a product with 0.1 as 9.100000000000001.
-    sold = [step * 10**power if power >= 0 else step / 10**-power for step in E24]
+    sold = [step * 10**power if power >= 0 else step / 10**-power for step in E24_STEPS]
     return float(next((r for r in sold if r >= ohm * (1 - 1e-9)), sold[-1]))

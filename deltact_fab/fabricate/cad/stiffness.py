@@ -1,16 +1,16 @@
-"""How far the acrylic plate deflects under a press, and what it bears. Imports no CAD kernel.
+"""Deflection and stress of the acrylic plate under a press. Imports no CAD kernel.
 
 A thin plate (Kirchhoff) on the bead of silicone that fills the gap before the shell's ledges. The
-deflection is, of all sums of products of Legendre's polynomials (Ritz), the one of least energy:
-the plate's strain energy (S. Timoshenko and S. Woinowsky-Krieger, Theory of Plates and Shells, 2nd
-ed. 1959, section 82) and the bead's, springs spread over the width that the plate lies on a ledge.
-So notched corners and free edges cost nothing extra.
+deflection is the sum of products of Legendre polynomials with the least energy (Ritz method): the
+plate's strain energy (S. Timoshenko and S. Woinowsky-Krieger, Theory of Plates and Shells, 2nd ed.
+1959, section 82) and the bead's, as springs distributed over the plate's overlap with a ledge.
+Notched corners and free edges need no extra terms.
 
-The bead pushes and does not pull: how well it sticks nobody knows. Where the plate's edge lifts off
-it is let go, so that a thin bead becomes the bare inner edge of the ledge.
+The bead pushes but does not pull, as its adhesion is unknown. Where the plate's edge lifts off, the
+springs vanish, so that a thin bead acts like the bare inner edge of the ledge.
 
-Left out: the gel bonded to the plate and what frame and bead do against its turning on the ledges,
-which make it stiffer, and shear, 2 % of the default plate's deflection.
+Not modelled: the gel bonded to the plate and the resistance of frame and bead to rotation at the
+ledges, which stiffen it, and shear, 2 % of the default plate's deflection.
 """
 
 from __future__ import annotations
@@ -31,20 +31,21 @@ if TYPE_CHECKING:
 
     from .dimensions import Design
 
-TERMS = 14
-"""Polynomials in each direction: the default deflection is within 0.2 % of that with 24."""
-BULK_MPA = 1000.0  # of silicone, about: what bounds a very thin bead
-DRY_MM = 0.02  # a ledge without a bead counts as one of this thickness
-LET_GO_N_MM = 1e-4  # at a point where the plate lifts off; keeps a press beyond all ledges finite
-SECOND = (2, 0), (0, 2), (1, 1)  # derivatives in x and y: of moments and strain energy
-ROUNDS, SETTLED_N = 200, 1e-4  # of 1 N: what may still pull, or push where it was let go
+RITZ_TERMS = 14
+"""Polynomials per direction; by hand: the default deflection is within 0.2 % of that with 24."""
+BULK_MPA = 1000.0  # by hand, silicone's order of magnitude: bounds the stiffness of a thin bead
+DRY_MM = 0.02  # by hand, bead thickness that stands for a bare ledge: thicker yields too much
+LET_GO_N_MM = 1e-4  # by hand, stiffness where the plate lifts off: 0 would make the system singular
+SECOND_ORDERS = (2, 0), (0, 2), (1, 1)  # exact: second derivatives in x and y
+# By hand, for a load of 1 N: iterations, and residual of springs in the wrong state.
+REST_ROUNDS, SETTLED_N = 200, 1e-4
 
 
 @dataclass(frozen=True)
 class PlateShape:
-    """A rectangle of +-half_mm less a notch in each corner, on ledges that begin at +-support_mm.
+    """A rectangle of +-half_mm with notched corners, on ledges that begin at +-support_mm.
 
-    support_mm: as half_mm where there is no ledge. bead_mm: height of the bead, 0 for none.
+    support_mm: equal to half_mm without a ledge. bead_mm: height of the bead, 0 for none.
     """
 
     half_mm: Point2
@@ -62,10 +63,10 @@ class PlateShape:
         return self.youngs_modulus_mpa * self.thickness_mm**3 / (12 * (1 - self.poisson**2))
 
     def bead_n_mm3(self, width_mm: float, inside: Field) -> Field:
-        """Springs across a long bead bonded on both sides, per area = 1 / (t / Ec + t / K).
+        """Spring stiffness per area of a long bead bonded on both sides = 1 / (t / Ec + t / K).
 
-        inside = 1 - (2 x / width)^2: 1 in its middle. Ec = 4/3 E (1 + 3/2 S^2 inside), 4/3 E (1 +
-        S^2) on the mean, S = width / (2 t): rubber that cannot widen is stiffer (A. N. Gent and
+        inside = 1 - (2 x / width)^2: 1 in its middle. Ec = 4/3 E (1 + 3/2 S^2 inside), on average
+        4/3 E (1 + S^2), S = width / (2 t): confined rubber is stiffer (A. N. Gent and
         P. B. Lindley, Proc. Inst. Mech. Eng. 173, 1959, pp. 111-122).
         """
         t = max(self.bead_mm, DRY_MM)
@@ -75,27 +76,26 @@ class PlateShape:
         return 1 / (t / confined_mpa + t / BULK_MPA)
 
     def covers(self, x: Field, y: Field) -> NDArray[np.bool_]:
-        """Which points lie on it."""
+        """True for points on the plate."""
         (w, h), (nx, ny), x, y = self.half_mm, self.notch_mm, np.abs(x), np.abs(y)
         return (x <= w) & (y <= h) & ((x <= w - nx) | (y <= h - ny))
 
     def products(self, x: Field, y: Field, terms: int, i: int = 0, j: int = 0) -> Field:
-        """Derivatives of orders i in x and j in y of the products, (terms^2, points)."""
+        """Return derivatives (order i in x, j in y) of the basis functions, (terms^2, points)."""
         of_x, of_y = (
-            legendre.legval(at / half_mm, legendre.legder(np.eye(terms), order)) / half_mm**order
-            for at, half_mm, order in zip((x, y), self.half_mm, (i, j), strict=True)
+            legendre.legval(t / half_mm, legendre.legder(np.eye(terms), order)) / half_mm**order
+            for t, half_mm, order in zip((x, y), self.half_mm, (i, j), strict=True)
         )
-        both: Field = (of_x[:, None] * of_y).reshape(-1, len(x))
-        return both
+        products: Field = (of_x[:, None] * of_y).reshape(-1, len(x))
+        return products
 
 
 @dataclass(frozen=True)
 class Bending:
-    """Of a force, uniform on a disc.
+    """Response to a force, uniform on a disc.
 
-    deflection_mm: the largest. over_ring_mm: the largest over a ring about the middle. stress_mpa:
-    the largest bending stress within the disc; where a notch's sharp corner bears more, that
-    is left out.
+    deflection_mm: maximum. over_ring_mm: maximum over a ring about the middle. stress_mpa: maximum
+    bending stress within the disc; stress concentrations at notches are not included.
     """
 
     deflection_mm: float
@@ -104,10 +104,10 @@ class Bending:
 
 
 def plate_of(design: Design) -> PlateShape:
-    """The acrylic on the shell's ledges, two or four of them. Raises InputError without any."""
+    """Return the acrylic on the shell's two or four ledges. Raises InputError without ledges."""
     x, y = design.ledge_half_mm
     if y >= design.acrylic_half_mm[1]:
-        raise InputError("acrylic: it lies on no ledge in y; raise shell.ledge_mm")
+        raise InputError("acrylic: no ledge in y; raise shell.ledge_mm")
     return PlateShape(
         design.acrylic_half_mm,
         design.acrylic_notch_mm,
@@ -121,7 +121,7 @@ def plate_of(design: Design) -> PlateShape:
 
 
 def press_plate(design: Design, force_n: float, at_mm: Point2 = (0.0, 0.0)) -> Bending:
-    """A press of force_n at a place of the face, spread by the gel on `plate.spread_mm`.
+    """Return the response to force_n at a point of the face, spread on `plate.spread_mm`.
 
     The ring is the light holder.
     """
@@ -137,12 +137,12 @@ def bend(
     spread_mm: float,
     at_mm: Point2 = (0.0, 0.0),
     ring_mm: Point2 = (0.0, 0.0),
-    terms: int = TERMS,
+    terms: int = RITZ_TERMS,
 ) -> Bending:
-    """Bending by 1 N on a disc of diameter spread_mm about at_mm.
+    """Return the response to 1 N on a disc of diameter spread_mm about at_mm.
 
-    ring_mm: inner and outer radius of the ring behind the plate. The part of the disc beyond the
-    plate is borne by the frame. Raises SolverError where the plate finds no rest on the bead.
+    ring_mm: inner and outer radius of the ring behind the plate. The frame carries the part of the
+    disc beyond the plate. Raises SolverError if the contact with the bead does not converge.
     """
     r, angle, area = _rectangle((0.0, spread_mm / 2), (0.0, 2 * np.pi), 12, 32)
     x, y = at_mm[0] + r * np.cos(angle), at_mm[1] + r * np.sin(angle)
@@ -150,8 +150,8 @@ def bend(
     if not on.any():
         return Bending(0.0, 0.0, 0.0)
     x, y, share = x[on], y[on], (r * area)[on] / (np.pi * spread_mm**2 / 4)
-    weights = _at_rest(plate, terms, plate.products(x, y, terms) @ share)
-    xx, yy, xy = (weights @ plate.products(x, y, terms, *orders) for orders in SECOND)
+    weights = _find_rest(plate, terms, plate.products(x, y, terms) @ share)
+    xx, yy, xy = (weights @ plate.products(x, y, terms, *orders) for orders in SECOND_ORDERS)
     nu, d = plate.poisson, plate.rigidity_nmm
     mx, my, mxy = d * (xx + nu * yy), d * (yy + nu * xx), d * (1 - nu) * xy
     moment = np.abs(mx + my) / 2 + np.hypot((mx - my) / 2, mxy)
@@ -163,46 +163,46 @@ def bend(
     return Bending(largest, float(ring.max()), 6 * float(moment.max()) / plate.thickness_mm**2)
 
 
-def _at_rest(plate: PlateShape, terms: int, load: Field) -> Field:
-    """Weights of least energy under a load, with springs only where the plate is pushed down.
+def _find_rest(plate: PlateShape, terms: int, load: Field) -> Field:
+    """Return the weights of least energy under a load, with springs only under compression.
 
-    Newton's steps, halved where the energy would rise.
+    Newton's method; steps are halved while they raise the energy.
     """
-    bare, places, springs = _system(plate, terms)
+    bare, places, springs = _plate_system(plate, terms)
 
-    def held(weights: Field) -> Field:
+    def active_springs(weights: Field) -> Field:
         return np.where(weights @ places > 0, springs, LET_GO_N_MM)
 
     def energy(weights: Field) -> float:
-        bead = held(weights) @ (weights @ places) ** 2
+        bead = active_springs(weights) @ (weights @ places) ** 2
         return float((weights @ bare @ weights + bead) / 2 - load @ weights)
 
     weights, pushing = np.zeros(len(load)), springs
-    for _ in range(ROUNDS):
+    for _ in range(REST_ROUNDS):
         full = np.linalg.solve(bare + (places * pushing) @ places.T, load).astype(np.float64)
-        wrong_n = np.abs(np.subtract(pushing, held(full)) * (full @ places)).sum()
+        wrong_n = np.abs(np.subtract(pushing, active_springs(full)) * (full @ places)).sum()
         if wrong_n <= SETTLED_N:
             return full
         step = full - weights
         while energy(weights + step) > energy(weights):
             step = step / 2
         weights = weights + step
-        pushing = held(weights)
-    raise SolverError(f"the plate finds no rest on its bead within {ROUNDS} rounds")
+        pushing = active_springs(weights)
+    raise SolverError(f"plate on its bead: no convergence in {REST_ROUNDS} iterations")
 
 
 @lru_cache(maxsize=8)
-def _system(plate: PlateShape, terms: int) -> tuple[Field, Field, Field]:
-    """What all loads on a plate have in common.
+def _plate_system(plate: PlateShape, terms: int) -> tuple[Field, Field, Field]:
+    """Return the terms of a plate common to all loads.
 
-    Second derivatives of its strain energy in the weights, over the notched rectangle; the
-    products at points of the bead, (terms^2, points); the springs there, in N/mm.
+    Hessian of the strain energy in the weights, over the notched rectangle; basis functions at
+    points of the bead, (terms^2, points); spring stiffness there, in N/mm.
     """
     (w, h), (nx, ny), (sx, sy) = plate.half_mm, plate.notch_mm, plate.support_mm
     bare, nu, within = np.zeros((terms**2, terms**2)), plate.poisson, (nx - w, w - nx)
     for piece in (((-w, w), (ny - h, h - ny)), (within, (-h, ny - h)), (within, (h - ny, h))):
         x, y, mm2 = _rectangle(*piece, terms, terms)
-        xx, yy, xy = (plate.products(x, y, terms, *orders) for orders in SECOND)
+        xx, yy, xy = (plate.products(x, y, terms, *orders) for orders in SECOND_ORDERS)
         bare += (xx * mm2) @ (xx + nu * yy).T + (yy * mm2) @ (yy + nu * xx).T
         bare += 2 * (1 - nu) * (xy * mm2) @ xy.T
     places, springs = [], []
@@ -221,8 +221,8 @@ def _system(plate: PlateShape, terms: int) -> tuple[Field, Field, Field]:
 def _rectangle(
     x_mm: Point2, y_mm: Point2, points_x: int, points_y: int
 ) -> tuple[Field, Field, Field]:
-    """Points of Gauss's rule in a rectangle, and the area of each."""
-    (x, wide), (y, long) = legendre.leggauss(points_x), legendre.leggauss(points_y)
+    """Return Gauss points in a rectangle, and the weight (area) of each."""
+    (x, weights_x), (y, weights_y) = legendre.leggauss(points_x), legendre.leggauss(points_y)
     x, y = (np.interp(t, (-1, 1), ends) for t, ends in ((x, x_mm), (y, y_mm)))
     area = (x_mm[1] - x_mm[0]) * (y_mm[1] - y_mm[0]) / 4
-    return np.repeat(x, len(y)), np.tile(y, len(x)), area * np.outer(wide, long).ravel()
+    return np.repeat(x, len(y)), np.tile(y, len(x)), area * np.outer(weights_x, weights_y).ravel()

@@ -1,8 +1,8 @@
-"""PDF files that are the same bytes for the same content, and the font that they embed.
+"""Reproducible PDF files, and the font they embed.
 
-A small writer (ISO 32000-1, PDF 1.7), written here because a page's images may be larger than
-memory should hold and must neither be resampled nor wrapped in text, and because equal content must
-be equal bytes: the file has no date, and its identifier is a hash of what it holds. The one font is
+A small writer (ISO 32000-1, PDF 1.7), needed because a page's images may be larger than memory
+should hold and must be neither resampled nor encoded as text, and because equal content must give
+equal bytes: the file has no date, and its identifier is a hash of its content. The one font is
 a sans of Helvetica's widths, embedded whole (16 kB): Liberation Sans, reduced to Latin-1 and a few
 signs and renamed as its licence asks (OFL.txt).
 """
@@ -20,14 +20,14 @@ from deltact_fab.common import MM_PER_INCH
 from deltact_fab.paths import asset
 
 POINTS_PER_MM = 72 / MM_PER_INCH
-PATH = asset("deltact-sans.ttf")
+FONT_PATH = asset("deltact-sans.ttf")
 # Six letters mark a subset (ISO 32000-1, 9.6.4).
-NAME = "DELTAC+DeltactSans"
+FONT_NAME = "DELTAC+DeltactSans"
 
 
 @dataclass(frozen=True)
 class _Font:
-    """Glyph of a character, and the advance of a glyph in thousandths of the size."""
+    """Glyphs by character, and advance of a glyph in thousandths of the size."""
 
     glyph: dict[int, int]
     advance: tuple[int, ...]
@@ -38,28 +38,28 @@ class _Font:
 
 
 def width_em(text: str) -> float:
-    """Width of a line over the font's size. Raises ValueError for a character it has not."""
+    """Width of a line over the font's size. Raises ValueError for a character without glyph."""
     font = _font()
     return sum(font.advance[glyph] for glyph in _ids(text)) / 1000
 
 
 def glyphs(text: str) -> str:
-    """A line as the hexadecimal glyph numbers of a PDF string. Raises ValueError likewise."""
+    """Return a line as hexadecimal glyph numbers. Raises ValueError as `width_em`."""
     return "".join(f"{glyph:04X}" for glyph in _ids(text))
 
 
 def _ids(text: str) -> list[int]:
-    known = _font().glyph
-    if absent := [c for c in text if ord(c) not in known]:
+    glyph_of = _font().glyph
+    if absent := [c for c in text if ord(c) not in glyph_of]:
         raise ValueError(f"{text!r}: the font has no {absent[0]!r}")
-    return [known[ord(c)] for c in text]
+    return [glyph_of[ord(c)] for c in text]
 
 
 @lru_cache(maxsize=1)
 def _font() -> _Font:
     from fontTools.ttLib import TTFont
 
-    with TTFont(PATH, lazy=True) as file:
+    with TTFont(FONT_PATH, lazy=True) as file:
         em = file["head"].unitsPerEm
         order = file.getGlyphOrder()
         number = {name: i for i, name in enumerate(order)}
@@ -79,39 +79,39 @@ def _font() -> _Font:
 
 
 def _embed(add: Callable[[bytes], int], stream: Callable[[str, bytes], int]) -> int:
-    """Put the font into a file as a composite one (ISO 32000-1, 9.7); its object's number.
+    """Embed the font as a composite one (ISO 32000-1, 9.7); return its object number.
 
-    add: an object's body; stream: the beginning of a dictionary, and data to be deflated.
+    add: adds an object's body; stream: adds the start of a dictionary and data to compress.
     """
     font = _font()
-    data = PATH.read_bytes()
+    data = FONT_PATH.read_bytes()
     file = stream(f"<< /Length1 {len(data)}", data)
     box = " ".join(str(v) for v in font.box)
     descriptor = add(
-        f"<< /Type /FontDescriptor /FontName /{NAME} /Flags 32 /FontBBox [{box}] /ItalicAngle 0 "
-        f"/Ascent {font.ascent} /Descent {font.descent} /CapHeight {font.capital} /StemV 80 "
-        f"/FontFile2 {file} 0 R >>".encode()
+        f"<< /Type /FontDescriptor /FontName /{FONT_NAME} /Flags 32 /FontBBox [{box}] "
+        f"/ItalicAngle 0 /Ascent {font.ascent} /Descent {font.descent} /CapHeight {font.capital} "
+        f"/StemV 80 /FontFile2 {file} 0 R >>".encode()
     )
     widths = " ".join(str(v) for v in font.advance)
     kind = add(
-        f"<< /Type /Font /Subtype /CIDFontType2 /BaseFont /{NAME} /CIDSystemInfo << /Registry "
+        f"<< /Type /Font /Subtype /CIDFontType2 /BaseFont /{FONT_NAME} /CIDSystemInfo << /Registry "
         f"(Adobe) /Ordering (Identity) /Supplement 0 >> /FontDescriptor {descriptor} 0 R "
         f"/W [0 [{widths}]] /CIDToGIDMap /Identity >>".encode()
     )
-    told = stream("<<", _to_unicode(font).encode())
+    unicode_map = stream("<<", _to_unicode(font).encode())
     return add(
-        f"<< /Type /Font /Subtype /Type0 /BaseFont /{NAME} /Encoding /Identity-H "
-        f"/DescendantFonts [{kind} 0 R] /ToUnicode {told} 0 R >>".encode()
+        f"<< /Type /Font /Subtype /Type0 /BaseFont /{FONT_NAME} /Encoding /Identity-H "
+        f"/DescendantFonts [{kind} 0 R] /ToUnicode {unicode_map} 0 R >>".encode()
     )
 
 
 def _to_unicode(font: _Font) -> str:
-    """What a reader copies and searches: the character of each glyph (9.10.3)."""
-    # Of characters that share a glyph the lowest, so that a hyphen is no soft one.
-    of = {glyph: code for code, glyph in sorted(font.glyph.items(), reverse=True)}
-    lines = [f"<{glyph:04X}> <{code:04X}>" for glyph, code in sorted(of.items())]
-    blocks = [lines[i : i + 100] for i in range(0, len(lines), 100)]  # a block holds no more
-    told = "\n".join(
+    """Return the map from glyphs to characters, for copy and search (9.10.3)."""
+    # The lowest of characters that share a glyph, so that a hyphen is not a soft hyphen.
+    code_of = {glyph: code for code, glyph in sorted(font.glyph.items(), reverse=True)}
+    lines = [f"<{glyph:04X}> <{code:04X}>" for glyph, code in sorted(code_of.items())]
+    blocks = [lines[i : i + 100] for i in range(0, len(lines), 100)]  # format: at most 100
+    mapping = "\n".join(
         f"{len(block)} beginbfchar\n" + "\n".join(block) + "\nendbfchar" for block in blocks
     )
     return (
@@ -119,17 +119,17 @@ def _to_unicode(font: _Font) -> str:
         "/CIDSystemInfo << /Registry (Adobe) /Ordering (UCS) /Supplement 0 >> def\n"
         "/CMapName /Adobe-Identity-UCS def\n/CMapType 2 def\n"
         "1 begincodespacerange\n<0000> <FFFF>\nendcodespacerange\n"
-        f"{told}\nendcmap\nCMapName currentdict /CMap defineresource pop\nend\nend\n"
+        f"{mapping}\nendcmap\nCMapName currentdict /CMap defineresource pop\nend\nend\n"
     )
 
 
 def figure(value: float) -> str:
-    """A number to a millionth of a point, 0.4 nm."""
+    """Format a number to a millionth of a point, 0.4 nm."""
     return f"{value:.6f}".rstrip("0").rstrip(".")
 
 
 class Document:
-    """Objects and pages, collected and then written by `finish`. Words of a page are in font /F."""
+    """Objects and pages, collected and then written by `finish`. Pages use font /F."""
 
     def __init__(self) -> None:
         self._objects: list[bytes] = [b"", b""]  # catalogue and page tree, known at the end
@@ -142,39 +142,39 @@ class Document:
         return len(self._objects)
 
     def stream(self, opening: str, data: bytes) -> int:
-        """Add a stream; opening: its dictionary but for length and end."""
+        """Add a stream; opening: its dictionary without length and end."""
         head = f"{opening} /Length {len(data)} >>\nstream\n".encode()
         return self.add(b"".join([head, data, b"\nendstream"]))
 
     def deflated(self, opening: str, data: bytes) -> int:
-        """Add a stream of data that are packed here."""
+        """Add a stream and compress its data."""
         return self.stream(f"{opening} /Filter /FlateDecode", zlib.compress(data, 9))
 
     def page(
         self, size_pt: Sequence[float], content: str, images: Mapping[str, int] | None = None
     ) -> None:
-        """Add a page of so many points; images: objects by the names that the content uses."""
+        """Add a page of a size in points; images: object numbers by name in the content."""
         stream = self.deflated("<<", content.encode("ascii"))
         width, height = (figure(side) for side in size_pt)
-        named = " ".join(f"/{name} {number} 0 R" for name, number in (images or {}).items())
+        resources = " ".join(f"/{name} {number} 0 R" for name, number in (images or {}).items())
         self._pages.append(
             self.add(
                 f"<< /Type /Page /Parent 2 0 R /MediaBox [0 0 {width} {height}] "
                 f"/Contents {stream} 0 R /Resources << /Font << /F {self._font} 0 R >> "
-                f"/XObject << {named} >> >> >>".encode()
+                f"/XObject << {resources} >> >> >>".encode()
             )
         )
 
     def finish(self, title: str, producer: str, keywords: Sequence[str] = ()) -> bytes:
-        """The file. Viewers are told not to fit it to the paper."""
+        """Return the file. It asks viewers not to scale it to the paper."""
         kids = " ".join(f"{page} 0 R" for page in self._pages)
         self._objects[0] = (
             b"<< /Type /Catalog /Pages 2 0 R /ViewerPreferences << /PrintScaling /None >> >>"
         )
         self._objects[1] = f"<< /Type /Pages /Kids [{kids}] /Count {len(self._pages)} >>".encode()
         words = {"Title": title, "Producer": producer, "Keywords": " ".join(keywords)}
-        told = " ".join(f"/{key} ({_escaped(text)})" for key, text in words.items() if text)
-        info = self.add(f"<< {told} >>".encode())
+        entries = " ".join(f"/{key} ({_escaped(text)})" for key, text in words.items() if text)
+        info = self.add(f"<< {entries} >>".encode())
         parts = [b"%PDF-1.7\n%\xe2\xe3\xcf\xd3\n"]
         at, offsets = len(parts[0]), []
         for number, body in enumerate(self._objects, 1):

@@ -53,6 +53,6 @@ def mutated(built: BuiltDesign, solids: Mapping[str, Any]) -> BuiltDesign:
         facts=None,
         solids={**built.solids, **solids},
         meshes={name: mesh for name, mesh in built.meshes.items() if name not in solids},
-        found={key: found for key, found in built.found.items() if not {*key[1]} & {*solids}},
+        results={key: r for key, r in built.results.items() if not {*key[1]} & {*solids}},
         features_of={n: seen for n, seen in built.features_of.items() if n not in solids},
     )

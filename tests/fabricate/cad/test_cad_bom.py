@@ -15,10 +15,10 @@ from deltact_fab.fabricate.cad.design import load_cameras, load_design
 from deltact_fab.fabricate.cad.dimensions import Design
 from deltact_fab.fabricate.cad.fabrication import bom, quantities
 from deltact_fab.fabricate.cad.fabrication.quantities import gaps
-from deltact_fab.fabricate.cad.intent import Wish, solved
+from deltact_fab.fabricate.cad.intent import Wish, find_design
 from deltact_fab.fabricate.cad.registry import list_parts, parts_of_group
 from deltact_fab.fabricate.cad.sensor_sections import LightDimensions
-from deltact_fab.fabricate.cad.standards import E24
+from deltact_fab.fabricate.cad.standards import E24_STEPS
 
 DEFAULT = Design()
 
@@ -30,7 +30,7 @@ def of(lines, name):
     return found
 
 
-def test_every_part_is_in_it_a_sensor_s_for_each_and_tools_once():
+def test_bom_scales_only_sensor_parts():
     lines = bom.bom_lines(DEFAULT, sensors=5)
     assert [line.item for line in lines] == list(range(1, len(lines) + 1))
     assert [line.part for line in lines][: len(list_parts())] == [
@@ -42,7 +42,7 @@ def test_every_part_is_in_it_a_sensor_s_for_each_and_tools_once():
     assert of(lines, "led-strip").quantity == 5
 
 
-def test_silicone_of_a_full_mold_is_the_facts_57_ml_and_a_tenth():
+def test_silicone_of_full_mold():
     a, b = (of(bom.bom_lines(DEFAULT), f"Solaris part {part}") for part in "AB")
     assert a.quantity == b.quantity
     # Density 1: grams are millilitres. 14.14 cm3 a skin was integrated by hand.
@@ -50,7 +50,7 @@ def test_silicone_of_a_full_mold_is_the_facts_57_ml_and_a_tenth():
     assert "one skin takes 7.8 g" in a.note
 
 
-def test_the_transparent_base_takes_a_cavity_too():
+def test_transparent_base_takes_a_cavity():
     full = of(bom.bom_lines(DEFAULT), "Solaris part A").quantity
     for sensors, fills in ((3, 1), (4, 2), (8, 3)):
         lines = bom.bom_lines(DEFAULT, sensors)
@@ -58,7 +58,7 @@ def test_the_transparent_base_takes_a_cavity_too():
         assert of(lines, "acrylic blank").quantity == sensors + 1
 
 
-def test_a_coat_is_what_adheres_and_at_least_what_can_be_weighed():
+def test_coat_batch_has_weighable_minimum():
     coat = quantities.coat_batch(DEFAULT, 1, waste=0.0)
     # Face 36 x 34 and sides 6 high, 0.3 mm of 1.07 g/cm3, 3 % of pigment.
     assert coat.a_g + coat.b_g == pytest.approx((36 * 34 + 140 * 6) * 0.3e-3 * 1.07)
@@ -71,17 +71,17 @@ def test_a_coat_is_what_adheres_and_at_least_what_can_be_weighed():
 
 
 @given(total_ma=st.floats(0.05, 2000), supply_v=st.floats(4.5, 5.5), led_v=st.floats(1.5, 2.9))
-def test_the_resistor_that_is_sold_never_gives_more(total_ma, supply_v, led_v):
+def test_e24_resistor_never_exceeds_current(total_ma, supply_v, led_v):
     light = LightDimensions(supply_v=supply_v, led_v=led_v)
     exact, sold = quantities.resistor_for_ohm(total_ma, light)
     assert (supply_v - led_v) / exact * 1000 == pytest.approx(total_ma)
     assert exact * (1 - 1e-6) <= sold <= exact * 1.16
     mantissa = sold / 10 ** len(str(int(sold))) * 100 if sold >= 1 else None
     if mantissa is not None:
-        assert min(abs(mantissa - step) for step in E24) < 1e-6
+        assert min(abs(mantissa - step) for step in E24_STEPS) < 1e-6
 
 
-def test_the_stock_note_goes_with_stock_screws():
+def test_stock_screws_need_no_note():
     def told(*changes, design="deltact"):
         return of(bom.bom_lines(load_design(design, changes)), "screw").note
 
@@ -118,7 +118,7 @@ def test_the_supply_follows_from_the_current(changes, sensors, ampere, takes):
     assert ("pin of the Jetson" in supply.note) == (float(takes.split()[0]) <= 500)
 
 
-def test_the_csv_says_what_the_lines_say():
+def test_csv_matches_bom_lines():
     lines = bom.bom_lines(DEFAULT)
     rows = list(csv.DictReader(io.StringIO(lines.csv())))
     assert list(rows[0])[:8] == [f.name for f in fields(bom.BomLine)][:8]
@@ -130,10 +130,10 @@ def test_the_csv_says_what_the_lines_say():
 
 
 @pytest.mark.slow
-def test_every_bought_line_has_a_number_or_says_that_it_has_none():
+def test_bought_lines_have_order_numbers():
     listed = bom.load_bought().bought
     sold = [name for name in load_cameras() if name != "rpi-camera-3"]  # it focuses too far off
-    cameras = [solved(Wish.parse("36x34", camera=name), DEFAULT) for name in sold]
+    cameras = [find_design(Wish.parse("36x34", camera=name), DEFAULT) for name in sold]
     named = ("large-60x50", "fingertip-24x24")
     designs = [DEFAULT, *map(load_design, named), *cameras]
     asked = {(line.part, line.source) for design in designs for line in bom.bom_lines(design)}
@@ -146,14 +146,14 @@ def test_every_bought_line_has_a_number_or_says_that_it_has_none():
     assert other.maker == "Arducam"
 
 
-def test_an_order_of_nothing_and_a_broken_rule_are_refused():
+def test_zero_sensors_or_broken_rule_refused():
     with pytest.raises(InputError, match="sensors 0: expected 1 or more"):
         bom.bom_lines(DEFAULT, 0)
     with pytest.raises(InputError, match="fails"):
         bom.bom_lines(load_design(changes=["skin.width_mm=24", "skin.length_mm=24"]))
 
 
-def test_the_gaps_carry_the_figures_of_the_design():
+def test_gaps_use_figures_of_the_design():
     text = " ".join(" ".join(g.values()) for g in gaps(DEFAULT))
     for figure in ("-59 %", "640 mm²", "0.0380", "2.7 mA", "83 %", "110 ohm", "39 x 60 x 30 mm"):
         assert figure in text

@@ -13,11 +13,11 @@ from solids import box, made, mutated
 from deltact_fab.app.cli.old_keys import of_part
 from deltact_fab.common.checks import Check
 from deltact_fab.fabricate.cad import check, rays
-from deltact_fab.fabricate.cad.check import CHECKS, arithmetic, each_part, visibility
-from deltact_fab.fabricate.cad.check.built import MESH_MM, BuiltDesign
-from deltact_fab.fabricate.cad.check.row import at, shorten_key, verified
+from deltact_fab.fabricate.cad.check import SOLID_CHECKS, arithmetic, each_part, visibility
+from deltact_fab.fabricate.cad.check.built import CHECK_MESH_MM, BuiltDesign
+from deltact_fab.fabricate.cad.check.row import format_point, mark_unverified, shorten_key
 from deltact_fab.fabricate.cad.design import load_design
-from deltact_fab.fabricate.cad.features import features_of, near
+from deltact_fab.fabricate.cad.features import features_of, rounds_near
 from deltact_fab.fabricate.cad.kernel import require
 from deltact_fab.fabricate.cad.mesh import mesh_solid
 from deltact_fab.fabricate.cad.parts import cover, skin_frame
@@ -27,7 +27,7 @@ D = load_design()
 
 
 def _walls(solid):
-    return rays.Walls(solid, mesh_solid(solid, MESH_MM, "test"))
+    return rays.Walls(solid, mesh_solid(solid, CHECK_MESH_MM, "test"))
 
 
 def _box(size, corner=(0, 0, 0)):
@@ -51,7 +51,7 @@ def _of(name, solid, design=D):
 # Rays against triangles.
 
 
-def test_a_ray_meets_a_triangle_where_its_plane_is():
+def test_ray_hits_triangle_on_its_plane():
     rng = np.random.default_rng(3)
     corners = rng.uniform(-1, 1, (1, 3, 3))
     points = rng.dirichlet((1, 1, 1), 200) @ corners[0]
@@ -65,13 +65,13 @@ def test_a_ray_meets_a_triangle_where_its_plane_is():
         assert np.isinf(rays.first_hit(origins, way, corners)[0]).all()
 
 
-def test_rays_from_the_middle_of_a_sphere_go_its_radius_in_every_chunk(monkeypatch):
+def test_rays_from_sphere_centre_measure_radius(monkeypatch):
     mesh = mesh_solid(require().Solid.makeSphere(7.0, angleDegrees1=-90), 0.01, "ball")
     way = np.random.default_rng(5).normal(size=(500, 3))
     way /= np.linalg.norm(way, axis=1, keepdims=True)
     far, _ = rays.first_hit(np.zeros((500, 3)), way, mesh.corners_mm)
     assert np.abs(far - 7.0).max() < 0.011
-    monkeypatch.setattr(rays, "_PAIRS", 7 * len(mesh.triangles))
+    monkeypatch.setattr(rays, "_PAIRS_PER_BLOCK", 7 * len(mesh.triangles))
     again, _ = rays.first_hit(np.zeros((500, 3)), way, mesh.corners_mm)
     assert np.allclose(again, far, rtol=1e-12)
 
@@ -97,13 +97,13 @@ def slim_wedge():
         (lambda: _box((60, 60, 6)).cut(_rod(2.0, 5.6, (33, 27, 0.4))), 0.4, 0.4),
     ],
 )
-def test_the_thinnest_wall_is_what_it_was_made_with(make, least_mm, most_mm):
+def test_thinnest_wall_matches_construction(make, least_mm, most_mm):
     found = _walls(make()).thinnest()
     assert found is not None
     assert least_mm - 1e-9 <= found[0] <= most_mm + 1e-9
 
 
-def test_a_mask_leaves_out_what_is_not_asked_for():
+def test_mask_excludes_points():
     step = _box((20, 10, 5)).fuse(_box((10, 10, 0.7), (20, 0, 0))).clean()
     walls = _walls(step)
     thick = walls.points_mm[:, 0] < 19.0
@@ -115,16 +115,16 @@ def test_a_mask_leaves_out_what_is_not_asked_for():
 # Features.
 
 
-def test_holes_and_shanks_are_told_apart_with_their_ends():
+def test_holes_and_shanks_are_distinguished():
     part = _box((20, 20, 6)).cut(_rod(1.5, 5, (5, 5, -1))).fuse(_rod(2, 9, (14, 14, 0)))
     rounds = features_of(part).rounds
     found = [(c.hole, c.radius_mm, c.low_mm[2], c.high_mm[2]) for c in rounds]
     assert sorted(found) == [(False, 2.0, 6.0, 9.0), (True, 1.5, 0.0, 4.0)]
     holes = [c for c in rounds if c.hole]
-    assert [near(holes, 5.3, 5.4, reach) for reach in (0.6, 0.4)] == [holes, []]
+    assert [rounds_near(holes, 5.3, 5.4, reach) for reach in (0.6, 0.4)] == [holes, []]
 
 
-def test_a_hole_that_leans_shows_at_its_ends_and_one_across_is_none():
+def test_leaning_and_crosswise_holes():
     lean = math.radians(3)
     tilted = _rod(1, 30, (10 - 5 * math.sin(lean), 10, -5), (math.sin(lean), 0, math.cos(lean)))
     part = _box((20, 20, 10)).cut(tilted).cut(_rod(1, 30, (-1, 3, 5), (1, 0, 0)))
@@ -143,9 +143,9 @@ def test_a_verdict_names_what_nobody_measured():
     assert of_part(replace(row, status="fail"))["verdict"] == "FAIL"
     assert of_part(replace(row, basis=()))["verdict"] == "pass"
     design = SimpleNamespace(unverified=lambda: ["a.b_mm", "mount.c_mm"])
-    (row,) = verified([replace(row, basis=("mount.", "x.y", "a.b_mm"))], design)
+    (row,) = mark_unverified([replace(row, basis=("mount.", "x.y", "a.b_mm"))], design)
     assert row.basis == ("mount.c_mm", "a.b_mm")
-    assert at((-0.001, 2.0, -3.456)) == "(0.00, 2.00, -3.46)"
+    assert format_point((-0.001, 2.0, -3.456)) == "(0.00, 2.00, -3.46)"
 
 
 def test_measured_keys_are_no_longer_named():
@@ -157,28 +157,28 @@ def test_measured_keys_are_no_longer_named():
     rows = {row.subject: row for row in arithmetic.inequalities(D)}
     assert {shorten_key(key) for key in rows["camera-holder"].basis} == {"camera board"}
     assert rows["mold"].basis == ()
-    assert rows["mold"].value.endswith("closest: fit_mm + pry_mm < web_mm / 2: 2.6 < 4")
+    assert rows["mold"].value.endswith("tightest: fit_mm + pry_mm < web_mm / 2: 2.6 < 4")
 
 
-def test_what_a_broken_inequality_leaves_undone_is_counted_in_one_line_without_the_kernel():
+def test_broken_inequality_skips_checks_without_kernel():
     rows = check.check_design(load_design("deltact", ["adapter.thickness_mm=4", "table.tab_mm=5"]))
     failed = [row for row in rows if row.failed]
     assert [row.subject for row in failed] == ["nano17-adapter", "testing-shell"]
     assert failed[0].remedy == "adapter.thickness_mm: 5 or more"
     (undone,) = (row for row in rows if row.status == "not run")
-    assert undone.value == f"{len(CHECKS)} were not run: inequalities fail, see above"
+    assert undone.value == f"{len(SOLID_CHECKS)} skipped: constraints fail, see above"
 
 
-def test_what_is_no_solid_or_refused_by_the_gate_becomes_a_row(monkeypatch):
+def test_invalid_solids_become_rows(monkeypatch):
     cq = require()
     both = cq.Compound.makeCompound([_box((9, 9, 9)), _box((5, 5, 5), (20, 0, 0))])
     for shape, count in ((both, 2), (_box((9, 9, 9)).Faces()[0], 0)):
         row = next(row for row in each_part.soundness(_of("coupon-mold", shape)) if row.failed)
-        assert row.value == f"1 of 1 not: coupon-mold: {count} solids, expected one"
+        assert row.value == f"1/1 invalid: coupon-mold: {count} solids, expected one"
     # A builder that returns something else than its closed form.
     wrong = replace(cover.PARTS[0], build=skin_frame.build)
     found = {row.subject: row.value for row in each_part.soundness(BuiltDesign(D, (wrong,)))}
-    assert found["sensor"].startswith("1 of 1 not: cover: bounding box ")
+    assert found["sensor"].startswith("1/1 invalid: cover: bounding box ")
 
 
 # What rests on numbers besides the solids: the same solids, another lens, strip or resin.
@@ -192,7 +192,7 @@ def inner():
     return BuiltDesign(D, tuple(parts), {name: made(name) for name in names})
 
 
-def test_the_view_by_snell_and_by_hand():
+def test_view_matches_snell_by_hand():
     rows = {row.name: row for row in visibility.view(D)}
     cone = [rows[f"view cone, {name}"] for name in ("x", "y", "corner")]
     # The facts give 58, 45 and 67 degrees for a gap of 3 and the paper's 675 mm2.
@@ -205,7 +205,7 @@ def test_the_view_by_snell_and_by_hand():
     assert f"{blur_px:.2f} px at 10.7 mm" in rows["focus, middle, 3 mm deep"].value
 
 
-def test_one_led_behind_the_middle_lights_by_the_fourth_power():
+def test_led_illuminance_falls_by_fourth_power():
     design = load_design(changes=["light.led_count=1"])
     r = (design.strip_radius_mm + design.channel_inner_mm) / 2
     x, y = (side / 2 for side in design.optics.view_mm)
@@ -215,19 +215,19 @@ def test_one_led_behind_the_middle_lights_by_the_fourth_power():
     assert arithmetic.evenness(design) == pytest.approx(np.min(at) / np.mean(at), rel=1e-9)
 
 
-def test_the_light_cone_goes_through_the_holder_s_bore_or_is_bent_away(inner):
+def test_light_cone_passes_bore_or_fails(inner):
     (row,) = visibility.light_cone(inner)
     assert not row.failed
-    assert row.value.startswith("96 of 96 reach it, 0.45 mm off in x and y; radius 6.88 mm at the")
+    assert row.value.startswith("96/96 rays, lens offset 0.45 mm in x and y; radius 6.88 mm at the")
     # Without air the silicone alone bends rays to 12.1 mm at most (facts, optics).
     low, joint = inner.box("camera")[0][2], inner.box("acrylic")[0][2]
     close = mutated(inner, {"camera": _rod(2.0, joint - low - 1e-9, (0, 0, low))})
     (row,) = visibility.light_cone(close)
-    assert "bent away" in row.value
+    assert "refracted away" in row.value
     assert row.failed
 
 
-def test_a_web_of_0_3_mm_and_holes_that_meet_fail():
+def test_thin_webs_and_overlapping_holes_fail():
     plate = _box((40, 40, 6), (-20, -20, 0))
     for x, web in ((18.2, "0.3"), (9.0, "-1.0")):
         holes = plate.cut(_rod(1.5, 8, (x, 7, -1))).cut(_rod(1.5, 8, (7, 7, -1)))
@@ -240,14 +240,14 @@ def test_a_web_of_0_3_mm_and_holes_that_meet_fail():
 def test_a_wide_ceiling_without_supports_fails(side, passes):
     room = _box((side, side, 15), (-side / 2, -side / 2, 0))
     table = _box((80, 80, 20), (-40, -40, 0)).cut(room)
-    row = next(r for r in each_part.printed(_of("cover", table)) if r.name == "ceilings")
+    row = next(r for r in each_part.platform_contact(_of("cover", table)) if r.name == "ceilings")
     assert row.failed is not passes
     assert f"{side**2:.1f} mm2" in row.value
-    assert abs(float(row.value.split(", ")[1].split()[0]) - side) < 2
+    assert abs(float(row.value.split("span up to ")[1].split()[0]) - side) < 2
 
 
 @pytest.mark.slow
-def test_the_foot_of_a_peg_s_leg_is_no_wall_of_the_cover():
+def test_peg_legs_are_not_cover_walls():
     """The mesh of this cover has a point of a leg 0.8 um above the floor."""
     changes = ["skin.width_mm=53.7", "skin.length_mm=41.5", "screw.length_mm=16"]
     built = BuiltDesign(load_design(changes=changes), (find_part("cover"),), {})

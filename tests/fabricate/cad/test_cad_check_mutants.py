@@ -8,7 +8,7 @@ import pytest
 from solids import box, mutated, rod
 
 from deltact_fab.fabricate.cad import registry
-from deltact_fab.fabricate.cad.check import CHECKS, of_built
+from deltact_fab.fabricate.cad.check import SOLID_CHECKS, check_solids
 from deltact_fab.fabricate.cad.check.built import BuiltDesign
 from deltact_fab.fabricate.cad.design import (
     IndenterBody,
@@ -52,9 +52,9 @@ class Sound:
         self.built = BuiltDesign(D, tuple(registry.list_parts(LIST)))
         watched = Watched(**{f.name: getattr(self.built, f.name) for f in fields(self.built)})
         self.rows, self.looked_at = {}, {}
-        for check in CHECKS:
+        for check in SOLID_CHECKS:
             watched.looked_at = set()
-            self.rows[check] = of_built(watched, checks=[check])
+            self.rows[check] = check_solids(watched, checks=[check])
             self.looked_at[check] = watched.looked_at
 
     def failing(self, name, solid):
@@ -63,11 +63,11 @@ class Sound:
         What does not look at it is not run again; drawings have mutants of their own.
         """
         built, rows = mutated(self.built, {name: solid}), []
-        for check in CHECKS:
+        for check in SOLID_CHECKS:
             if check == "drawings" or name not in self.looked_at[check]:
                 rows += self.rows[check]
             else:
-                rows += of_built(built, checks=[check])
+                rows += check_solids(built, checks=[check])
         return {(row.name, row.subject): row.value for row in rows if row.failed}
 
 
@@ -82,7 +82,7 @@ def _fused(solid, more):
 
 
 def test_without_a_fault_nothing_fails(sound):
-    rows = [row for check in CHECKS for row in sound.rows[check]]
+    rows = [row for check in SOLID_CHECKS for row in sound.rows[check]]
     found = {(row.name, row.subject): row.value for row in rows}
     assert [row for row in rows if row.failed] == []
     assert len({row.id for row in rows}) == len(rows) > 30
@@ -187,28 +187,28 @@ def low_skirt(holder):
         ("tool-holder", low_skirt, {BENCH: ""}),
     ],
 )  # fmt: skip
-def test_a_fault_fails_its_own_rows_and_no_other(sound, part, fault, fails):
+def test_fault_fails_only_its_rows(sound, part, fault, fails):
     found = sound.failing(part, fault(sound.built.solid(part)))
     assert {key: found[key][: len(text)] for key, text in fails.items()} == fails
     # A faulty solid of the bench may stand on its supports otherwise, too.
     assert set(found) - set(fails) <= {("ceilings", "tool-holder"), ("bed contact", "tool-holder")}
 
 
-def test_a_part_that_cannot_be_built_fails_its_rows_and_stops_nothing(sound):
+def test_unbuildable_part_fails_only_its_rows(sound):
     solids = {name: solid for name, solid in sound.built.solids.items() if name != "cover"}
     told = {"cover": "cover: the CAD kernel failed"}
-    rows = of_built(BuiltDesign(D, sound.built.parts, solids, failed=told))
+    rows = check_solids(BuiltDesign(D, sound.built.parts, solids, failures=told))
     found = {row.subject: row.value for row in rows if row.failed}
-    assert found == {"sensor": "1 of 10 not: cover: the CAD kernel failed"}
+    assert found == {"sensor": "1/10 invalid: cover: the CAD kernel failed"}
     (undone,) = (row.value for row in rows if row.status == "not run")
-    assert undone.endswith(" were not run: cover could not be built")
+    assert undone.endswith(" skipped: cover could not be built")
     assert "mold volume closure" in {row.name for row in rows if not row.failed}
 
 
-def test_a_press_as_deep_as_the_tips_are_long_is_refused(sound):
+def test_press_deeper_than_tips_is_refused(sound):
     deep = Design(plate=type(D.plate)(depth_mm=11.5))
     built = BuiltDesign(deep, sound.built.parts, sound.built.solids)
-    stack = [check for check in CHECKS if check == "bench-clear"]
-    reach = next(row for row in of_built(built, checks=stack) if row.name == "bench reach")
+    stack = [check for check in SOLID_CHECKS if check == "bench-clear"]
+    reach = next(row for row in check_solids(built, checks=stack) if row.name == "bench reach")
     assert reach.failed
     assert "plate.depth_mm" in reach.limit

@@ -117,7 +117,7 @@ def faults(page):
 # Projection
 
 
-def test_a_box_shows_its_outline_and_hides_nothing_else(cq):
+def test_box_shows_only_its_outline(cq):
     (lines,) = project([cq.Solid.makeBox(10, 20, 30)], FRONT)
     assert np.allclose(lines.box_mm, ((0, 0), (10, 30)), atol=1e-9)
     # The back edges lie under the front ones.
@@ -125,7 +125,7 @@ def test_a_box_shows_its_outline_and_hides_nothing_else(cq):
     assert len(lines.visible) == 1
 
 
-def test_a_hole_is_hidden_from_the_side_and_round_from_above(cq):
+def test_hole_is_hidden_or_round(cq):
     box = cq.Workplane().box(10, 20, 30).faces(">Z").workplane().hole(4, 12).val()
     (side,) = project([box], FRONT)
     hidden = np.concatenate(side.hidden)
@@ -139,7 +139,7 @@ def test_a_hole_is_hidden_from_the_side_and_round_from_above(cq):
     assert middles.min() > 2 - chord_mm
 
 
-def test_a_solid_behind_another_keeps_its_own_hidden_lines(cq):
+def test_solid_behind_keeps_hidden_lines(cq):
     near = cq.Solid.makeBox(10, 2, 10)
     far = cq.Solid.makeBox(4, 2, 4, cq.Vector(3, 5, 3))
     half = far.moved(cq.Location((5, 4, 0)))
@@ -152,7 +152,7 @@ def test_a_solid_behind_another_keeps_its_own_hidden_lines(cq):
 
 
 @pytest.mark.parametrize("views", [SHEET_VIEWS, FLIPPED_VIEWS])
-def test_the_views_belong_to_one_first_angle_drawing(views):
+def test_views_are_first_angle_projection(views):
     """Front and top share x to the right; front and left share the upward axis; what the left view
     has on its right is what the top view has at its bottom, the side towards the reader."""
     front, top, left = (views[name].axes for name in ("front", "top", "left"))
@@ -175,7 +175,7 @@ def test_the_views_belong_to_one_first_angle_drawing(views):
           if n not in (*QUICK, "shell", "mold")),
     ],
 )  # fmt: skip
-def test_a_drawing_is_the_solid_at_its_scale_dimensioned_and_legible(made, name):
+def test_drawing_is_to_scale_and_legible(made, name):
     _, _, box, page = made(name)
     size, said = box[1] - box[0], texts(page)
     scale = STANDARD_SCALES[next(t for t in said if t in STANDARD_SCALES)]
@@ -217,7 +217,7 @@ def test_what_is_printed_follows_the_design(made, name, change, before, after):
     assert after <= {bare(t) for t in texts(made(name, "deltact", change)[-1])}
 
 
-def test_the_title_block_names_part_process_tolerance_and_lab(made):
+def test_title_block_is_complete(made):
     part, _, _, page = made("light-holder")
     said = texts(page)
     for words in (part.name, part.material, part.process, "±0.1 in the layers, ±0.15 across",
@@ -239,7 +239,7 @@ def test_the_title_block_names_part_process_tolerance_and_lab(made):
         (f"drawing.number={'x' * 61}", "number: expected one line of at most 60 characters"),
     ],
 )
-def test_a_title_that_cannot_be_drawn_is_refused(change, says):
+def test_undrawable_title_is_refused(change, says):
     with pytest.raises(InputError, match=re.escape(says)):
         load_design("deltact", [change])
 
@@ -251,7 +251,7 @@ def test_a_title_that_cannot_be_drawn_is_refused(change, says):
         ("light.led_count=9", "light.leds_per_m=120", "light.strip_resistor_ohm=1500.5"),
     ],
 )
-def test_the_wiring_is_legible_and_says_what_the_design_has(changes):
+def test_wiring_is_legible_and_complete(changes):
     page = wiring(load_design(changes=changes))
     assert faults(page) == []
     if "drawing.revision=C" in changes:
@@ -259,7 +259,7 @@ def test_the_wiring_is_legible_and_says_what_the_design_has(changes):
         assert [text for text in said if text not in page.svg()] == []
 
 
-def test_what_nobody_measured_is_named_on_the_drawing(made):
+def test_drawing_names_unverified_keys(made):
     note = next(t for t in texts(made("light-holder")[-1]) if t.startswith("Rests on unverified"))
     assert "camera.lens_height_mm" in note
     keys = [k.removeprefix("camera.") for k in load_design().unverified() if "camera." in k]
@@ -267,7 +267,7 @@ def test_what_nobody_measured_is_named_on_the_drawing(made):
     assert not any("unverified" in t for t in texts(page))
 
 
-def test_a_narrow_line_ends_at_a_text_and_a_wide_one_is_a_fault():
+def test_wide_line_through_text_is_fault():
     page = DrawingPage(FORMATS_MM["A4"], "test")
     page.text((40, 25), "36", anchor="middle")
     page.line((20, 24), (60, 24))
@@ -280,7 +280,7 @@ def test_a_narrow_line_ends_at_a_text_and_a_wide_one_is_a_fault():
     assert faults(page) == ["'36' struck by visible"]
 
 
-def test_a_face_is_hatched_but_for_its_holes():
+def test_hatching_spares_holes():
     page = DrawingPage((60, 60), "test")
     face, hole = shapely.box(10, 10, 50, 40), shapely.box(20, 20, 30, 30)
     page.hatch([face.exterior.coords, hole.exterior.coords])
@@ -291,7 +291,7 @@ def test_a_face_is_hatched_but_for_its_holes():
     assert drawn.length == pytest.approx((1200 - 100) / 2, rel=0.03)
 
 
-def test_svg_and_pdf_are_the_same_page(made, tmp_path):
+def test_svg_and_pdf_show_same_page(made, tmp_path):
     *_, page = made("light-holder")
     root = ET.fromstring(page.svg())
     assert [root.get(side) for side in ("width", "height")] == ["420mm", "297mm"]
@@ -323,7 +323,7 @@ def test_svg_and_pdf_are_the_same_page(made, tmp_path):
 # What a length says
 
 
-def test_a_length_is_printed_as_a_machinist_writes_it_with_its_own_limits():
+def test_length_is_printed_with_limits():
     assert [fmt(v) for v in (36, 1.35, 10.0062, 0.1 + 0.2, -0.0, 16.666)] == [
         "36", "1.35", "10.01", "0.3", "0", "16.67",
     ]  # fmt: skip
@@ -332,7 +332,7 @@ def test_a_length_is_printed_as_a_machinist_writes_it_with_its_own_limits():
     assert Span(0, 1, 4, prefix="Ø", fitted=False).text(0.1) == "Ø3"
 
 
-def test_a_label_s_arrow_ends_on_the_rim_of_what_it_tells(cq):
+def test_leader_arrow_ends_on_rim(cq):
     plate = cq.Workplane().box(20, 10, 5, centered=False).val()
     hole = Leader("top", (20, 5, 5), 2, "hole")
     shim = replace(registry.find_part("mold"), callouts=lambda _: Callouts(labels=(hole,)))
@@ -346,7 +346,7 @@ def test_a_label_s_arrow_ends_on_the_rim_of_what_it_tells(cq):
     assert min(abs(np.hypot(*(np.array(tip) - at)) - 2 * scale) for tip in tips) < 1e-6
 
 
-def test_what_is_bought_or_fits_no_sheet_has_no_drawing(cq):
+def test_bought_or_oversized_part_is_undrawn(cq):
     with pytest.raises(InputError, match="part 'screw': has no drawing"):
         drawing(registry.find_part("screw"), load_design(), None)
     with pytest.raises(InputError, match=r"acrylic: its drawing fits no A3 sheet at 1:5 \(4000 x"):

@@ -18,8 +18,8 @@ from deltact_fab.fabricate.cad import registry
 from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.fabricate.cad.dimensions import Design
 from deltact_fab.fabricate.cad.drafting.wiring import wiring
-from deltact_fab.fabricate.cad.export import export_parts, stored_by
-from deltact_fab.fabricate.cad.export.part_files import DRAWN, EXPORT_FORMATS, Task, applicable
+from deltact_fab.fabricate.cad.export import export_parts, file_cache_key, part_files
+from deltact_fab.fabricate.cad.export.part_files import DRAWING_FORMATS, EXPORT_FORMATS
 from deltact_fab.fabricate.cad.parts import skin_frame
 from deltact_fab.sensor.shapes.sensor import FrameDimensions
 
@@ -49,13 +49,13 @@ def _export(names, kinds, folder, **options):
     return export_parts(DESIGN, registry.select_parts(names), kinds, 0.01, folder, **options)
 
 
-def test_the_assembly_needs_all_of_the_sensor(tmp_path):
+def test_assembly_needs_whole_sensor(tmp_path):
     names = {f.file for f in _export(SENSOR[1:], ["glb"], tmp_path)}
     assert names == {f"{name}.glb" for name in SENSOR[1:]}
 
 
 @pytest.mark.slow
-def test_the_wiring_goes_with_the_sensor_and_is_kept(tmp_path, store_of_its_own):
+def test_wiring_is_exported_with_sensor(tmp_path, store_of_its_own):
     files = {f.file: f for f in _export(["sensor"], ["svg", "pdf"], tmp_path / "a")}
     assert {"wiring.svg", "wiring.pdf"} <= set(files)
     assert "assembly.step" not in files
@@ -69,14 +69,13 @@ def test_the_wiring_goes_with_the_sensor_and_is_kept(tmp_path, store_of_its_own)
 
 
 def test_applicable_formats():
-    everything = tuple(kind for kind in EXPORT_FORMATS if kind not in DRAWN)
-    assert applicable(registry.find_part("acrylic"), everything) == everything
-    assert applicable(registry.find_part("mold"), everything) == ("step", "stl", "3mf", "glb")
-    assert applicable(registry.find_part("screw"), everything) == ("step", "glb")
-    assert applicable(registry.find_part("led-strip"), everything) == ("step", "glb")
+    everything = tuple(kind for kind in EXPORT_FORMATS if kind not in DRAWING_FORMATS)
+    parts = [registry.find_part(name) for name in ("acrylic", "mold", "screw", "led-strip")]
+    formats = [part_files.part_formats(part, everything) for part in parts]
+    assert formats == [everything, ("step", "stl", "3mf", "glb"), ("step", "glb"), ("step", "glb")]
 
 
-def test_a_format_that_applies_to_nothing_is_refused(tmp_path):
+def test_inapplicable_format_is_refused(tmp_path):
     with pytest.raises(InputError, match="format dxf: applies to none of mold, skin"):
         _export(["mold", "skin"], ["dxf"], tmp_path / "o")
     assert not (tmp_path / "o").exists()
@@ -85,7 +84,7 @@ def test_a_format_that_applies_to_nothing_is_refused(tmp_path):
 # The cache.
 
 
-def test_an_export_from_the_cache_is_the_same_and_makes_nothing(exported, tmp_path, monkeypatch):
+def test_cached_export_is_identical(exported, tmp_path, monkeypatch):
     def made(*_):
         raise AssertionError("it was made again")
 
@@ -115,7 +114,7 @@ def test_damaged_entries_are_made_again(exported, tmp_path):
         path.write_bytes(data)
 
 
-def test_a_cache_that_refuses_is_done_without_and_none_is_none(exported, tmp_path, monkeypatch):
+def test_unwritable_or_disabled_cache_is_ignored(exported, tmp_path, monkeypatch):
     (tmp_path / "store").write_text("a file in the way")
     for store, cached in (("store", True), ("absent", False)):
         monkeypatch.setenv(cache.FOLDER_VARIABLE, str(tmp_path / store))
@@ -150,16 +149,15 @@ def test_what_a_file_is_found_by(part, kind, other, same):
     asked = {"design": DESIGN, "tolerance_mm": 0.01, "part": part, "kind": kind}
     keys = []
     for design, tolerance_mm, name, form in (asked.values(), {**asked, **other}.values()):
-        keys.append(
-            stored_by(Task((registry.find_part(name),), (form,), design, tolerance_mm), form)
-        )
+        task = part_files.ExportTask((registry.find_part(name),), (form,), design, tolerance_mm)
+        keys.append(file_cache_key(task, form))
     assert (keys[0] == keys[1]) == same
 
 
 # What goes wrong.
 
 
-def test_bad_dimensions_of_any_part_write_nothing(tmp_path):
+def test_bad_dimensions_write_nothing(tmp_path):
     design = Design(frame=FrameDimensions(seat_y_mm=3.0))
     with pytest.raises(InputError, match="skin-frame"):
         export_parts(
@@ -168,11 +166,11 @@ def test_bad_dimensions_of_any_part_write_nothing(tmp_path):
     assert not (tmp_path / "o").exists()
 
 
-def test_a_part_that_fails_late_leaves_the_folder_as_it_was(tmp_path, monkeypatch):
+def test_late_failure_leaves_folder_unchanged(tmp_path, monkeypatch):
     def shifted(design):
         return skin_frame.build(design).translate((0.0, 0.0, 0.1))
 
-    parts = (dataclasses.replace(skin_frame.FRAME, build=shifted), *skin_frame.PARTS[1:])
+    parts = (dataclasses.replace(skin_frame.SKIN_FRAME, build=shifted), *skin_frame.PARTS[1:])
     monkeypatch.setattr(skin_frame, "PARTS", parts)
     export_parts(DESIGN, registry.select_parts(["skin"]), ["stl"], 0.1, tmp_path)
     yesterdays = _bytes(tmp_path)
@@ -197,7 +195,7 @@ def _listed(folder):
     return {entry["file"]: entry["sha256"] for entry in entries}
 
 
-def test_what_an_earlier_export_left_goes_and_what_a_person_put_or_changed_stays(tmp_path):
+def test_stale_files_go_changed_stay(tmp_path):
     _export(["acrylic", "cover", "skin"], ["step"], tmp_path)
     (tmp_path / "notes.txt").write_text("mine")
     (tmp_path / "cover.step").write_text("mine now")
@@ -211,7 +209,7 @@ def test_what_an_earlier_export_left_goes_and_what_a_person_put_or_changed_stays
     assert (tmp_path / "cover.step").read_bytes() != b"mine now"
 
 
-def test_a_folder_in_the_way_leaves_all_as_it_was(tmp_path):
+def test_folder_in_place_of_file_fails(tmp_path):
     _export(["acrylic", "cover"], ["step"], tmp_path)
     (tmp_path / "acrylic.dxf").mkdir()
     before = _bytes(tmp_path)
@@ -246,7 +244,7 @@ def test_arguments_are_refused_in_one_line(tmp_path, formats, tolerance_mm, jobs
     assert not (tmp_path / "o").exists()
 
 
-def test_a_folder_that_cannot_be_one_is_refused(tmp_path):
+def test_invalid_output_folder_is_refused(tmp_path):
     (tmp_path / "o").write_text("")
     with pytest.raises(InputError, match="is a file; expected a folder"):
         _export(["skin"], ["step"], tmp_path / "o")
@@ -262,7 +260,7 @@ def test_a_folder_that_cannot_be_one_is_refused(tmp_path):
         ("indenter-star", "indenter-star"),
     ],
 )
-def test_indenters_go_by_the_protocol_s_name_or_the_list_s(typed, part):
+def test_indenter_names_of_protocol_and_list(typed, part):
     assert registry.find_part(typed).name == part
 
 
@@ -274,7 +272,7 @@ def test_indenters_go_by_the_protocol_s_name_or_the_list_s(typed, part):
         ("sphere:99", "diameter of 0.5 to 30 mm"),
     ],
 )
-def test_an_unknown_part_is_named_with_the_nearest(tmp_path, typed, says):
+def test_unknown_part_suggests_nearest(tmp_path, typed, says):
     result = CliRunner().invoke(cad, ["export", typed, "--out", str(tmp_path / "o")])
     assert isinstance(result.exception, InputError)
     assert says in str(result.exception)
@@ -301,7 +299,7 @@ INSTALL = (
 
 
 @pytest.mark.slow
-def test_a_missing_system_library_is_one_line_that_says_what_to_install(tmp_path):
+def test_missing_system_library_says_remedy(tmp_path):
     words = ["cad", "export", "mold", "--out", "o"]
     done = subprocess.run(
         [sys.executable, "-c", BROKEN, *words], cwd=tmp_path, capture_output=True, text=True

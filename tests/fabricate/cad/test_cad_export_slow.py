@@ -24,7 +24,7 @@ from deltact_fab.fabricate.cad import registry
 from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.fabricate.cad.export import export_parts
 from deltact_fab.fabricate.cad.export.part_files import EXPORT_FORMATS
-from deltact_fab.fabricate.cad.part import BOUGHT
+from deltact_fab.fabricate.cad.part import BOUGHT_PROCESS
 
 pytestmark = pytest.mark.slow
 
@@ -68,14 +68,14 @@ def exported(run, tmp_path_factory):
     return folder, json.loads((folder / "manifest.json").read_text())["files"]
 
 
-def test_the_second_time_comes_from_the_cache_without_the_kernel(exported, run, tmp_path):
+def test_second_export_uses_cache_only(exported, run, tmp_path):
     assert not run(tmp_path, 1)
     first, second = ({p.name: p.read_bytes() for p in f.iterdir()} for f in (exported[0], tmp_path))
     assert len(first) > 100
     assert [name for name in first if first[name] != second.get(name)] == []
 
 
-def test_the_folder_holds_what_applies_and_a_manifest_without_times_or_paths(exported):
+def test_folder_contents_and_manifest(exported):
     folder, entries = exported
     by_file = {entry["file"]: entry for entry in entries}
     assert {*by_file, "manifest.json"} == {path.name for path in folder.iterdir()}
@@ -93,7 +93,7 @@ def test_the_folder_holds_what_applies_and_a_manifest_without_times_or_paths(exp
     assert size_mm == pytest.approx(load_design().outer_mm)
 
 
-def test_one_process_writes_the_same_bytes_in_any_order_a_few_formats_at_a_time(exported, tmp_path):
+def test_bytes_are_independent_of_order(exported, tmp_path):
     """A part's STEP must not depend on whether it was meshed or drawn before."""
     parts = registry.select_parts(["star", "sensor"])[::-1]
     for kinds in (EXPORT_FORMATS[:1], EXPORT_FORMATS[4:], EXPORT_FORMATS[1:4]):
@@ -106,7 +106,7 @@ def test_one_process_writes_the_same_bytes_in_any_order_a_few_formats_at_a_time(
 
 @pytest.mark.skipif(shutil.which("ps") is None, reason="ps is not installed (procps)")
 @pytest.mark.parametrize("end", ["group", "worker"])
-def test_a_stopped_export_leaves_nothing_and_a_killed_worker_is_made_up_for(tmp_path, end):
+def test_stopped_export_and_killed_worker(tmp_path, end):
     """As a terminal stops it, the whole group; as the kernel ends one when memory runs out."""
     script = f"""
 import signal, sys
@@ -162,7 +162,7 @@ def _workers(group):
     ]
 
 
-def test_a_part_built_again_is_the_same_to_the_last_bit():
+def test_rebuilt_part_is_bitwise_equal():
     """The kernel may choose by memory address which of two ends that meet it keeps."""
     from OCP.BRepTools import BRepTools
 
@@ -189,7 +189,7 @@ def slack_mm3(entry):
     return slack
 
 
-def test_every_step_comes_back_as_one_solid_of_its_volume(exported):
+def test_step_files_reimport_with_volume(exported):
     import cadquery as cq
 
     folder, entries = exported
@@ -207,7 +207,7 @@ def test_every_step_comes_back_as_one_solid_of_its_volume(exported):
         assert volume_mm3 == pytest.approx(entry["volume_mm3"], abs=slack), entry["file"]
 
 
-def test_every_mesh_is_closed_for_trimesh_and_manifold(exported):
+def test_every_mesh_is_closed(exported):
     folder, entries = exported
     read = 0
     for entry in entries:
@@ -228,7 +228,7 @@ def test_every_mesh_is_closed_for_trimesh_and_manifold(exported):
         assert mesh.volume == pytest.approx(entry["volume_mm3"], abs=slack_mm3), entry["file"]
         assert closed_mm3(vertices, triangles) == pytest.approx(mesh.volume, rel=1e-4)
         assert 0 <= entry["mesh_deviation_mm"] <= 0.01
-    printed = [part for part in registry.list_parts() if part.process != BOUGHT]
+    printed = [part for part in registry.list_parts() if part.process != BOUGHT_PROCESS]
     assert read == 2 * len(printed)
 
 
@@ -268,7 +268,7 @@ CONTENT = re.compile(r" *\d+% ?=> |\[.*\[trace\]|Slicing result exported to |$")
 @pytest.mark.parametrize(
     "name", ["shell", "indenter-star", pytest.param("mold", marks=pytest.mark.evidence)]
 )
-def test_prusa_slicer_slices_a_part_as_it_lies_without_a_warning(exported, tmp_path, name):
+def test_prusa_slicer_slices_without_warning(exported, tmp_path, name):
     """With its own supports, on the printer's platform."""
     printer = load_design().resin_printer
     x, y = printer.bed_x_mm, printer.bed_y_mm

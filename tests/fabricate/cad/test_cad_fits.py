@@ -11,12 +11,12 @@ from click.testing import CliRunner
 from deltact_fab.app.cli.main import main
 from deltact_fab.fabricate.cad import feasibility
 from deltact_fab.fabricate.cad.build import build_part
-from deltact_fab.fabricate.cad.check import ARITHMETIC, arithmetic
-from deltact_fab.fabricate.cad.check.row import shorten_key, verified
+from deltact_fab.fabricate.cad.check import ARITHMETIC_CHECKS, arithmetic
+from deltact_fab.fabricate.cad.check.row import mark_unverified, shorten_key
 from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.fabricate.cad.dimensions import Design
 from deltact_fab.fabricate.cad.parts.light_holder import led_room_mm
-from deltact_fab.fabricate.cad.registry import find_part, of_design
+from deltact_fab.fabricate.cad.registry import design_parts, find_part
 from deltact_fab.fabricate.cad.rule import Length, PlayFit
 
 SHIPPED = (
@@ -27,12 +27,12 @@ SHIPPED = (
 
 def every(design: Design) -> dict[str, PlayFit]:
     """Each fit of a design by its name."""
-    found = [fit for part in of_design() for fit in part.fits(design)]
+    found = [fit for part in design_parts() for fit in part.fits(design)]
     assert len({fit.name for fit in found}) == len(found)
     return {fit.name: fit for fit in found}
 
 
-def test_play_is_the_sum_of_what_is_left_and_of_what_each_may_be_off():
+def test_play_and_spread_are_sums():
     hole, shank = Length(2.0, 0.1, ("a",)), Length(1.6, 0.02, ("b",))
     fit = PlayFit("", "", "", (hole, Length(0.5)), (shank, Length(0, 0.3, ("a",))))
     assert fit.range_mm == pytest.approx((0.9 - 0.42, 0.9 + 0.42))
@@ -59,7 +59,7 @@ def test_the_default_pairs_by_hand():
     assert found["lips over their hole"].range_mm == pytest.approx((0.04, 0.44))
 
 
-def test_a_flat_led_needs_its_sagitta_too():
+def test_flat_led_needs_its_sagitta():
     # The back of the strip is a chord of 5 mm, whose ends lie on the channel's wall.
     sagitta_mm = 14 - math.sqrt(14**2 - 2.5**2)
     assert led_room_mm(Design()) == pytest.approx(1.6 + 0.3 + sagitta_mm)
@@ -68,12 +68,12 @@ def test_a_flat_led_needs_its_sagitta_too():
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_every_rule_and_every_pair_of_what_is_shipped_holds(name):
+def test_shipped_designs_pass_rules_and_fits(name):
     design = load_design(name)
     feasibility.check_feasible(design)
-    rows = list(verified([*arithmetic.fits(design), *arithmetic.platform(design)], design))
+    rows = list(mark_unverified([*arithmetic.fits(design), *arithmetic.platform(design)], design))
     assert [row.value for row in rows if row.failed] == []
-    every = [row for checks in (*ARITHMETIC, arithmetic.platform) for row in checks(design)]
+    every = [row for checks in (*ARITHMETIC_CHECKS, arithmetic.platform) for row in checks(design)]
     for ids in ([row.id for row in every], [rule.id for rule in feasibility.rules(design)]):
         assert len(set(ids)) == len(ids)
     # Nobody has measured these machines, and each row that counts on them says so.
@@ -106,7 +106,7 @@ def common_mm3(first, second, at=(0.0, 0.0, 0.0)) -> float:
 
 
 @pytest.mark.slow
-def test_solids_at_their_limits_share_no_volume():
+def test_solids_at_limits_do_not_overlap():
     """Plate in the frame's pocket, ring in the shell, frame in the mold: built as they may come."""
     design, off = Design(), Design().resin_printer.plane_mm
     cut = design.laser.tolerance_mm

@@ -39,7 +39,7 @@ def parts():
 
 
 @pytest.mark.parametrize("name", ["skin", "indenter-sphere-10"])
-def test_stl_is_closed_for_trimesh_and_manifold(parts, name):
+def test_stl_is_closed(parts, name):
     part, _, measured, mesh = parts[name]
     data = meshes.stl_bytes(mesh, part.name)
     assert data[:80].rstrip() == f"deltact-fab {name}, millimetres".encode()
@@ -52,7 +52,7 @@ def test_stl_is_closed_for_trimesh_and_manifold(parts, name):
     assert closed_mm3(read.vertices, read.faces) == pytest.approx(read.volume, rel=1e-5)
 
 
-def test_3mf_is_read_by_lib3mf_in_strict_mode_without_a_warning(parts):
+def test_3mf_passes_lib3mf_strict_mode(parts):
     part, _, measured, mesh = parts["indenter-sphere-10"]
     data = meshes.threemf_bytes(mesh, part.name, part.material, part.colour)
     model, body, vertices, triangles = of_3mf(data)
@@ -70,7 +70,7 @@ def test_3mf_is_read_by_lib3mf_in_strict_mode_without_a_warning(parts):
     assert np.allclose(np.ptp(vertices, axis=0), np.subtract(*measured.box_mm[::-1]), atol=0.02)
 
 
-def test_3mf_says_a_strange_material_and_carries_no_date(parts):
+def test_3mf_escapes_material_without_date(parts):
     mesh = parts["acrylic"][3]
     data = meshes.threemf_bytes(mesh, "a<b", 'PMMA "clear" & <hard>', (1.0, 0.5, 0.0, 0.25))
     groups = of_3mf(data)[0].GetBaseMaterialGroups()
@@ -85,9 +85,10 @@ def test_3mf_says_a_strange_material_and_carries_no_date(parts):
         assert {entry.date_time for entry in zipped.infolist()} == {(1980, 1, 1, 0, 0, 0)}
 
 
-def test_glb_is_in_metres_with_y_up_and_has_linear_colours(parts):
+def test_glb_units_axes_and_colours(parts):
     part, _, measured, mesh = parts["skin"]
-    data = meshes.glb_bytes({"skin": (meshes.drawn(mesh, "skin", part.colour), meshes.ORIGIN)})
+    shaded = meshes.shaded_mesh(mesh, "skin", part.colour)
+    data = meshes.glb_bytes({"skin": (shaded, meshes.AT_ORIGIN)})
     scene = trimesh.load(io.BytesIO(data), file_type="glb")
     (x0, y0, z0), (x1, y1, z1) = (np.array(corner) / 1000 for corner in measured.box_mm)
     # z of the CAD frame is y here, y is -z.
@@ -99,14 +100,14 @@ def test_glb_is_in_metres_with_y_up_and_has_linear_colours(parts):
     assert material.baseColorFactor / 255 == pytest.approx(linear, abs=3e-3)
 
 
-def test_glb_assembly_names_and_places_every_copy(parts):
-    alone = {
-        name: meshes.glb_bytes({name: (meshes.drawn(mesh, name, part.colour), meshes.ORIGIN)})
-        for name, (part, _, _, mesh) in parts.items()
-    }
+def test_glb_assembly_positions_every_copy(parts):
+    alone = {}
+    for name, (part, _, _, mesh) in parts.items():
+        shaded = meshes.shaded_mesh(mesh, name, part.colour)
+        alone[name] = meshes.glb_bytes({name: (shaded, meshes.AT_ORIGIN)})
     plate, ball = (meshes.read_part(alone[name]) for name in ("acrylic", "indenter-sphere-10"))
     whole = meshes.glb_bytes(
-        {"acrylic": (plate, meshes.ORIGIN), "indenter-sphere-10": (ball, PLACES)}
+        {"acrylic": (plate, meshes.AT_ORIGIN), "indenter-sphere-10": (ball, PLACES)}
     )
     scene = trimesh.load(io.BytesIO(whole), file_type="glb")
     names = {"acrylic", "indenter-sphere-10-1", "indenter-sphere-10-2"}
@@ -127,9 +128,9 @@ def test_glb_assembly_names_and_places_every_copy(parts):
     )
 
 
-def test_glb_shades_a_sphere_smoothly_and_an_edge_sharply(parts):
+def test_glb_smooth_faces_and_sharp_edges(parts):
     mesh = parts["indenter-sphere-10"][3]
-    read = meshes.drawn(mesh, "x", (1, 1, 1, 1))
+    read = meshes.shaded_mesh(mesh, "x", (1, 1, 1, 1))
     points, normals = read.vertices, read.vertex_normals
     ball = (points[:, 2] < 4.9) & (np.linalg.norm(points - (0, 0, 5), axis=1) < 5.01)
     assert ball.sum() > 100
@@ -142,7 +143,7 @@ def test_glb_shades_a_sphere_smoothly_and_an_edge_sharply(parts):
     assert np.abs(rim[:, 2]).max() < 1e-3
 
 
-def test_dxf_holds_the_outline_in_millimetres_on_its_layer(parts):
+def test_dxf_outline_units_and_layer(parts):
     _, solid, measured, _ = parts["acrylic"]
     document = ezdxf.read(io.StringIO(dxf.dxf_bytes(solid, "acrylic").decode()))
     assert document.header["$INSUNITS"] == 4
@@ -205,19 +206,19 @@ def _area_mm2(loop):
     return abs(total)
 
 
-def test_dxf_refuses_what_a_laser_cannot_cut(parts):
+def test_dxf_refuses_uncuttable_solids(parts):
     cq = require()
     bevelled = cq.Workplane().box(20, 10, 4).faces(">Z").chamfer(1).val()
-    with pytest.raises(RunFailed, match=r"bevelled: no plate to cut: its outline holds 576"):
+    with pytest.raises(RunFailed, match=r"bevelled: not a plate: outline x thickness is 576"):
         dxf.dxf_bytes(bevelled, "bevelled")
-    with pytest.raises(RunFailed, match="flat faces look up; a plate has one"):
+    with pytest.raises(RunFailed, match="flat faces point up; expected one"):
         dxf.dxf_bytes(parts["indenter-sphere-10"][1], "ball")
     oval = cq.Workplane().ellipse(9, 5).extrude(2).val()
-    with pytest.raises(RunFailed, match="oval: an edge is a ELLIPSE; lines and arcs can be cut"):
+    with pytest.raises(RunFailed, match="oval: edge of type ELLIPSE; expected lines and arcs"):
         dxf.dxf_bytes(oval, "oval")
 
 
-def test_step_assembly_has_one_named_solid_a_copy(parts, tmp_path):
+def test_step_assembly_names_every_copy(parts, tmp_path):
     cq = require()
     solids = {name: parts[name][1] for name in NAMES}
     pieces = [("acrylic", solids["acrylic"], [(0.0, 0.0, 0.0)]),
@@ -238,21 +239,22 @@ def test_step_assembly_has_one_named_solid_a_copy(parts, tmp_path):
         assert f"NEXT_ASSEMBLY_USAGE_OCCURRENCE('{number}','{use}'" in text
 
 
-def test_the_second_time_in_a_process_gives_the_same_bytes(parts):
+def test_repeated_writes_give_same_bytes(parts):
     """The kernel counts products, uses and files over the life of the process."""
     _, solid, _, mesh = parts["acrylic"]
+    white = 1, 1, 1, 1
     for write in (
         lambda: step.part_bytes(solid, "acrylic"),
         lambda: step.assembly_bytes([("acrylic", solid, PLACES)], "assembly"),
         lambda: dxf.dxf_bytes(solid, "acrylic"),
-        lambda: meshes.threemf_bytes(mesh, "acrylic", "PMMA", (1, 1, 1, 1)),
-        lambda: meshes.glb_bytes({"a": (meshes.drawn(mesh, "a", (1, 1, 1, 1)), meshes.ORIGIN)}),
+        lambda: meshes.threemf_bytes(mesh, "acrylic", "PMMA", white),
+        lambda: meshes.glb_bytes({"a": (meshes.shaded_mesh(mesh, "a", white), meshes.AT_ORIGIN)}),
         lambda: meshes.stl_bytes(mesh, "acrylic"),
     ):
         assert write() == write()
 
 
-def test_foreign_settings_of_the_kernel_do_not_reach_a_step_file(parts):
+def test_step_ignores_foreign_kernel_settings(parts):
     from OCP.Interface import Interface_Static
 
     solid = parts["skin"][1]

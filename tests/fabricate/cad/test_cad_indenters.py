@@ -101,7 +101,7 @@ def test_the_underside_is_the_height_field(shape: Indenter) -> None:
     assert all(solid.isInside(require().Vector(a, b, middle), 1e-6) for a, b in over.tolist())
 
 
-def test_a_ring_s_shank_is_a_tube_and_another_height_field_is_noticed() -> None:
+def test_ring_shank_and_wrong_height_field() -> None:
     dims = IndenterDimensions(parse_indenter("ring"), IndenterBody())
     solid, top = indenter_part.build(dims), dims.indenter.reach_mm
     for z, inside in ((0.5 * top, False), (top - 0.01, False), (top + 0.01, True)):
@@ -118,13 +118,13 @@ def test_a_ring_s_shank_is_a_tube_and_another_height_field_is_noticed() -> None:
     assert np.abs(gap).max() > 5e-3
 
 
-def test_the_shipped_list_has_the_paper_s_shapes_and_any_size_is_found() -> None:
+def test_listed_indenters_and_any_size() -> None:
     names = [part.name for part in registry.list_parts(load_indenters())]
     assert {f"indenter-{n}" for n in ("sphere-10", "cylinder", "ring", "hat")} <= {*names}
     assert registry.find_part("ring:12").name == "indenter-ring-12"
 
 
-def test_the_body_s_numbers_reach_the_solid() -> None:
+def test_body_dimensions_reach_the_solid() -> None:
     known = IndenterList(IndenterBody(plate_mm=2.5))
     _, found = build_part(registry.find_part("sphere:10", known), Design())
     assert found.box_mm[1][2] == pytest.approx(12.0 + 2.5 + 20.0)

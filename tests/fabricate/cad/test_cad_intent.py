@@ -12,9 +12,9 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.fabricate.cad import check, feasibility, intent
 from deltact_fab.fabricate.cad.check import arithmetic, visibility
 from deltact_fab.fabricate.cad.design import IndenterList, ListedIndenter, load_camera, load_design
-from deltact_fab.fabricate.cad.intent import Wish, failures, solve_wish, solved
+from deltact_fab.fabricate.cad.intent import Wish, failed_checks, find_design, solve_wish
 from deltact_fab.fabricate.cad.parts.camera import off_axis
-from deltact_fab.fabricate.cad.registry import of_design
+from deltact_fab.fabricate.cad.registry import design_parts
 
 BASE = load_design()
 SLOW = pytest.mark.slow
@@ -30,11 +30,11 @@ SLOW = pytest.mark.slow
         pytest.param("60x50", "rpi-camera-2", marks=SLOW),
     ],
 )
-def test_a_wish_gives_a_design_on_which_all_arithmetic_holds(face, camera):
+def test_wish_gives_design_that_passes(face, camera):
     wish = Wish.parse(face, camera=camera)
-    design = solved(wish, BASE)
+    design = find_design(wish, BASE)
     assert (design.skin.width_mm, design.skin.length_mm) == wish.face_mm
-    assert list(failures(design, wish)) == []
+    assert list(failed_checks(design, wish)) == []
     x, y = design.optics.view_mm
     assert x * y >= 0.55 * design.skin.width_mm * design.skin.length_mm
     assert design.screw.length_mm in design.screw.row.stock_mm
@@ -48,13 +48,13 @@ def test_a_wish_gives_a_design_on_which_all_arithmetic_holds(face, camera):
         pytest.param("36x34", 0.77, None, "share", marks=SLOW),
     ],
 )
-def test_a_refusal_names_a_change_that_passes(face, share, camera, key):
-    with pytest.raises(InputError, match=rf"the smallest change that passes: --{key} ") as told:
+def test_refusal_suggests_passing_change(face, share, camera, key):
+    with pytest.raises(InputError, match=rf"smallest change that passes: --{key} ") as told:
         solve_wish(Wish.parse(face, share, camera), BASE)
     typed = {"face": face, "share": share, "camera": camera}
     typed |= {key: str(told.value).rpartition(" ")[2]}
     mended = Wish.parse(typed["face"], float(typed["share"]), typed["camera"])
-    assert list(failures(solved(mended, BASE), mended)) == []
+    assert list(failed_checks(find_design(mended, BASE), mended)) == []
 
 
 @pytest.mark.parametrize(
@@ -65,59 +65,59 @@ def test_a_refusal_names_a_change_that_passes(face, share, camera, key):
         ("60x50", 1.5, "--share 1.5: expected 0.05 to 0.95"),
     ],
 )
-def test_what_is_no_wish_is_one_line(face, share, says):
+def test_invalid_wish_is_one_line(face, share, says):
     with pytest.raises(InputError, match=re.escape(says)):
         Wish.parse(face, share)
 
 
-def test_the_file_states_what_differs_from_its_base_and_gives_the_same_design(tmp_path):
+def test_new_file_reloads_same_design(tmp_path):
     wish = Wish.parse("24x24")
     path = write("tip", out=tmp_path / "tip.toml", wish=wish)
-    assert load_design(str(path)) == solved(wish, BASE)
+    assert load_design(str(path)) == find_design(wish, BASE)
     text = path.read_text()
     assert "\nwidth_mm = 24.0\n" in text
     assert "\n#wall_mm = 1.5\n" in text
 
 
 @SLOW
-def test_a_solved_design_passes_every_check_on_its_solids():
+def test_solved_design_passes_solid_checks():
     one = IndenterList(indenter=(ListedIndenter("sphere:10"),))
     wish = Wish.parse("24x24", camera="innomaker-u20cam")
-    rows = check.check_design(solved(wish, BASE), indenters=one)
+    rows = check.check_design(find_design(wish, BASE), indenters=one)
     assert [row for row in rows if row.failed] == []
 
 
-def test_a_board_without_holes_is_bonded_and_takes_no_screws():
+def test_board_without_holes_is_bonded():
     bare = replace(BASE, camera=replace(BASE.camera, hole_mm=0.0))
-    design = solved(Wish.parse("36x34"), bare)
+    design = find_design(Wish.parse("36x34"), bare)
     assert design.holder.screw == "none"
-    assert "camera-screw" not in [part.name for part in of_design(design)]
+    assert "camera-screw" not in [part.name for part in design_parts(design)]
     # It lies further off the middle than screws would have it.
     assert off_axis(design)[0].mean_mm > off_axis(BASE)[0].mean_mm
 
 
-def test_words_of_a_check_are_no_key(monkeypatch):
+def test_remedies_ignore_check_texts(monkeypatch):
     """With every check renamed the same dimensions move; with its id changed nothing does."""
-    wish, told = Wish.parse("60x50"), intent.failures
-    design = solved(wish, BASE)
+    wish, told = Wish.parse("60x50"), intent.failed_checks
+    design = find_design(wish, BASE)
 
     def renamed(design, wish):
         return (replace(check, name="?", value="?", sign="") for check in told(design, wish))
 
-    monkeypatch.setattr(intent, "failures", renamed)
-    assert solved(wish, BASE) == design
+    monkeypatch.setattr(intent, "failed_checks", renamed)
+    assert find_design(wish, BASE) == design
     monkeypatch.setattr(
         intent,
-        "failures",
+        "failed_checks",
         lambda design, wish: (
             replace(c, id="bends") if c.id == "plate-deflection" else c for c in told(design, wish)
         ),
     )
     with pytest.raises(intent.Unsolved, match="plate deflection: "):
-        solved(wish, BASE)
+        find_design(wish, BASE)
 
 
-def test_every_remedy_is_of_a_check_that_there_is():
+def test_every_remedy_has_a_check():
     """An id that nobody gives would leave its check without a remedy."""
     ids = {rule.id for rule in feasibility.rules(BASE)}
     for checks in (arithmetic.fits, arithmetic.light, visibility.view, arithmetic.bending):
@@ -126,7 +126,7 @@ def test_every_remedy_is_of_a_check_that_there_is():
     ids |= {check.id for check in arithmetic.platform(replace(BASE, resin_printer=small))}
     camera = load_camera("rpi-camera-3")
     ids |= {check.id for check in visibility.view(replace(BASE, camera=camera))}
-    assert set(intent.REMEDIES) - ids == {"light-cone"}  # `failures` gives that one itself
+    assert set(intent.CHECK_REMEDIES) - ids == {"light-cone"}  # made by `failed_checks`
 
 
 @pytest.mark.parametrize(
@@ -137,7 +137,7 @@ def test_every_remedy_is_of_a_check_that_there_is():
         ({"board_mm": 2.1}, 3.4),  # its screws are 5 mm long
     ],
 )
-def test_behind_the_board_is_room_for_the_highest(changes, room_mm):
+def test_clearance_behind_board_fits_highest(changes, room_mm):
     flat = replace(BASE.camera, connector_height_mm=1.0, cable_height_mm=0.5)
-    design = solved(Wish.parse("36x34"), replace(BASE, camera=replace(flat, **changes)))
+    design = find_design(Wish.parse("36x34"), replace(BASE, camera=replace(flat, **changes)))
     assert design.holder.clearance_mm == pytest.approx(room_mm)

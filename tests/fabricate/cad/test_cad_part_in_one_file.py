@@ -14,7 +14,7 @@ from deltact_fab.fabricate.cad.check import check_design
 from deltact_fab.fabricate.cad.design import IndenterList, load_design
 from deltact_fab.fabricate.cad.export import export_parts
 from deltact_fab.fabricate.cad.fabrication import bom
-from deltact_fab.fabricate.cad.registry import find_part, of_design
+from deltact_fab.fabricate.cad.registry import design_parts, find_part
 from deltact_fab.present.report.first_light import render_examples as pairs
 
 SHIM = (
@@ -65,6 +65,6 @@ def test_part_has_its_own_limits(shim):
 def test_duplicate_part_name_is_refused(shim, tmp_path):
     (tmp_path / "shim2.py").write_text(SHIM)
     with pytest.raises(RuntimeError, match="two entries of PARTS are called 'shim'"):
-        of_design()
+        design_parts()
     sys.modules.pop("deltact_fab.fabricate.cad.parts.shim2", None)
     vars(parts).pop("shim2", None)

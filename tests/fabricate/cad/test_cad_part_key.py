@@ -13,13 +13,13 @@ import pytest
 
 from deltact_fab.common import cache, digest
 from deltact_fab.fabricate.cad.build import part_key
-from deltact_fab.fabricate.cad.check import of_built
+from deltact_fab.fabricate.cad.check import check_solids
 from deltact_fab.fabricate.cad.check.built import BuiltDesign, Facts
 from deltact_fab.fabricate.cad.design import IndenterList, ListedIndenter, load_design
 from deltact_fab.fabricate.cad.dimensions import Design
 from deltact_fab.fabricate.cad.drafting.drawing import drawing
-from deltact_fab.fabricate.cad.export import BESIDE_DRAWINGS
-from deltact_fab.fabricate.cad.registry import find_part, list_parts, of_design
+from deltact_fab.fabricate.cad.export import DRAWING_SECTIONS
+from deltact_fab.fabricate.cad.registry import design_parts, find_part, list_parts
 
 LIST = IndenterList(indenter=(ListedIndenter("sphere:10"),))
 
@@ -77,7 +77,7 @@ def unread(part, design, drawing_too=True):
         drawing(part, watched(design, "", drawn.add), solid)
     declared = {*part.sections, *part.derived}
     # Whether a value was measured, and what the machine and the title block add to a drawing.
-    beside = {*declared, *BESIDE_DRAWINGS, "mount"}
+    beside = {*declared, *DRAWING_SECTIONS, "mount"}
     return {path for path in paths if path.partition(".")[0] not in declared} | {
         path
         for path in drawn
@@ -91,7 +91,7 @@ def unread(part, design, drawing_too=True):
 )
 def test_part_reads_only_declared_keys(kind, drawing_too):
     design = load_design("deltact", [f"mount.kind={kind}"])
-    found = {part.name: unread(part, design, drawing_too) for part in of_design()}
+    found = {part.name: unread(part, design, drawing_too) for part in design_parts()}
     assert {name: keys for name, keys in found.items() if keys} == {}
 
 
@@ -103,7 +103,7 @@ def test_undeclared_read_is_detected():
 
 def test_key_depends_on_declared_values_only():
     other = load_design("deltact", ["cover.peg_mm=3"])
-    same = {p.name for p in of_design() if part_key(p, Design()) == part_key(p, other)}
+    same = {p.name for p in design_parts() if part_key(p, Design()) == part_key(p, other)}
     assert {"cover", "camera-holder"}.isdisjoint(same)
     assert {"skin", "acrylic", "mold", "screw"} <= same
     # The plate is where it was: thinner skin, thicker plate.
@@ -118,9 +118,9 @@ def test_facts_are_cached_errors_not():
 
     def found(key):
         facts = Facts()
-        value = facts.found("a", key, lambda: [1, (2, 3)])
+        value = facts.get_or_compute("a", key, lambda: [1, (2, 3)])
         with pytest.raises(ValueError, match="broken"):
-            facts.found("b", key, raising)
+            facts.get_or_compute("b", key, raising)
         facts.save()
         return value, facts.computed
 
@@ -132,7 +132,7 @@ def test_facts_are_cached_errors_not():
 def test_changed_code_misses_the_cache(monkeypatch):
     def found():
         facts = Facts()
-        facts.found("a", 1, lambda: "one")
+        facts.get_or_compute("a", 1, lambda: "one")
         facts.save()
         return facts.computed
 
@@ -148,7 +148,7 @@ def _ran(changes):
     """Rows and the facts that were computed, with the cache."""
     facts = Facts()
     built = BuiltDesign(load_design("deltact", changes), tuple(list_parts(LIST)), facts=facts)
-    rows = of_built(built)
+    rows = check_solids(built)
     facts.save()
     return rows, set(facts.computed)
 
@@ -168,7 +168,7 @@ def test_cached_rows_need_no_kernel():
     first, _ = _ran([])
     rows, ran = _ran(["skin.width_mm=37"])
     fresh = BuiltDesign(load_design("deltact", ["skin.width_mm=37"]), tuple(list_parts(LIST)))
-    assert rows == of_built(fresh)
+    assert rows == check_solids(fresh)
     # On the bench the one that hangs there meets whatever else has changed.
     own = [name for name in ran if not name.startswith("common volume")]
     assert not any("indenter" in name for name in own)

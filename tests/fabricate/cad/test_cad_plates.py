@@ -13,11 +13,11 @@ from closed_forms import segment_mm2
 from deltact_fab.fabricate.cad import registry
 from deltact_fab.fabricate.cad.build import build_part
 from deltact_fab.fabricate.cad.check.built import BuiltDesign
-from deltact_fab.fabricate.cad.check.each_part import printed
+from deltact_fab.fabricate.cad.check.each_part import platform_contact
 from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.fabricate.cad.export import export_parts
 from deltact_fab.fabricate.cad.mesh import mesh_solid
-from deltact_fab.fabricate.cad.overhangs import MIN_CONTACT_MM2, laid, stand
+from deltact_fab.fabricate.cad.overhangs import MIN_CONTACT_MM2, find_contact, lay_on_platform
 from deltact_fab.fabricate.cad.part import PrintPose
 
 DESIGN = load_design()
@@ -60,7 +60,7 @@ def test_files_stand_as_manifest_says(exported):
         low, high = mesh.bounds
         assert low[2] == 0
         assert np.allclose(low[:2], -high[:2], atol=1e-5)
-        assert np.allclose(entry["turned"], part.lies.turn)
+        assert np.allclose(entry["turned"], part.pose.turn)
         own = np.linalg.inv(np.array(entry["turned"])) @ mesh.vertices.T
         assert np.allclose(np.ptp(own, axis=1), box[1] - box[0], atol=0.2)
 
@@ -68,24 +68,24 @@ def test_files_stand_as_manifest_says(exported):
 def test_sphere_on_its_tip_fails():
     part = registry.find_part("sphere:10")
     built = BuiltDesign(DESIGN, (part,), {part.name: build_part(part, DESIGN)[0]})
-    contact, ceilings = printed(built)
+    contact, ceilings = platform_contact(built)
     assert not contact.failed
     # The stem's end with its flat, and the plate's ring around the stem.
     stem_mm2, plate_mm2 = 9 * np.pi - segment_mm2(2.2, 3.0), 25 * np.pi
     assert float(contact.value.split()[0]) == pytest.approx(stem_mm2, abs=0.2)
     assert float(ceilings.value.split()[0]) == pytest.approx(plate_mm2 - stem_mm2, abs=0.3)
-    assert "from 20.0 mm up, 2.0 mm across at most, on supports" in ceilings.value
-    tip_down = replace(part, lies=PrintPose())
+    assert "lowest at 20.0 mm, span up to 2.0 mm, on supports" in ceilings.value
+    tip_down = replace(part, pose=PrintPose())
     built = BuiltDesign(DESIGN, (tip_down,), {part.name: build_part(part, DESIGN)[0]})
-    assert next(iter(printed(built))).failed
+    assert next(iter(platform_contact(built))).failed
 
 
 def test_tilted_shell_has_no_ceilings():
     """Which is what the tilt is for."""
     part = registry.find_part("shell")
     mesh = mesh_solid(build_part(part, DESIGN)[0], TOLERANCE_MM, part.name)
-    flat = stand(laid(mesh, replace(part.lies, tilt_deg=0.0)))
+    flat = find_contact(lay_on_platform(mesh, replace(part.pose, tilt_deg=0.0)))
     assert flat.ceilings_mm2 > 100
     assert flat.contact_mm2 > MIN_CONTACT_MM2
-    tilted = stand(laid(mesh, part.lies))
+    tilted = find_contact(lay_on_platform(mesh, part.pose))
     assert (tilted.ceilings_mm2, tilted.contact_mm2) == (0, 0)

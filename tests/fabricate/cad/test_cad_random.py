@@ -9,9 +9,9 @@ from benchmarks.cad_random import drawn
 from deltact_fab.common.errors import InputError
 from deltact_fab.fabricate.cad import feasibility
 from deltact_fab.fabricate.cad.design import load_design
-from deltact_fab.fabricate.cad.registry import of_design
+from deltact_fab.fabricate.cad.registry import design_parts
 
-PARTS = of_design()
+PARTS = design_parts()
 
 
 def outcome(change: list[str], parts: list) -> str:

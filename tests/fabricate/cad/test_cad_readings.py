@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from deltact_fab.app.cli.main import main
 from deltact_fab.common.errors import InputError
 from deltact_fab.fabricate.cad.check import arithmetic
-from deltact_fab.fabricate.cad.check.row import verified
+from deltact_fab.fabricate.cad.check.row import mark_unverified
 from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.fabricate.cad.dimensions import Design
 from deltact_fab.fabricate.cad.fabrication.readings import Reading, fit_readings, read_readings
@@ -87,7 +87,7 @@ def test_fitted_design_checks_and_exports(tmp_path):
     open_keys = design.unverified()
     assert "resin_printer.plane_mm" not in open_keys
     assert "resin_printer.bed_x_mm" in open_keys
-    rows = verified(arithmetic.fits(design), design)
+    rows = mark_unverified(arithmetic.fits(design), design)
     (pocket,) = [r for r in rows if r.value.startswith("plate in its pocket, x")]
     assert (pocket.status, pocket.basis) == ("pass", ())
     again = CliRunner().invoke(main, ["cad", "fit", str(table), "--design", str(mine), "--json"])

@@ -42,7 +42,7 @@ def mutants(cq, solid):
     """(what moved, the solid with it moved by 1 mm): each hole along x or y, each flat face out."""
     found = features_of(solid)
     for r in found.rounds:
-        if not (r.hole and r.whole):
+        if not (r.hole and r.full_turn):
             continue
         way = [0.0, 0.0, 0.0]
         way[r.axis] = 1.0

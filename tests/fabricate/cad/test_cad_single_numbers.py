@@ -11,8 +11,8 @@ import pytest
 from deltact_fab.common import cache
 from deltact_fab.common.checks import Check
 from deltact_fab.common.errors import InputError
-from deltact_fab.fabricate.cad.check import ARITHMETIC, arithmetic, check_design
-from deltact_fab.fabricate.cad.check.row import advice, advised
+from deltact_fab.fabricate.cad.check import ARITHMETIC_CHECKS, arithmetic, check_design
+from deltact_fab.fabricate.cad.check.row import add_remedies, advice
 from deltact_fab.fabricate.cad.design import IndenterList, ListedIndenter, load_design
 
 LONG = pytest.mark.evidence
@@ -77,7 +77,7 @@ def test_wrong_number_names_its_remedy(change):
     except InputError as why:
         rows = [Check("refused", limit=str(why), status="fail")]  # with the limits of its record
     else:
-        rows = [row for told in ARITHMETIC for row in advised(told, design)]
+        rows = [row for told in ARITHMETIC_CHECKS for row in add_remedies(told, design)]
         if not any(row.failed for row in rows):
             rows += arithmetic.platform(design)
     failed = [row for row in rows if row.failed]

@@ -19,7 +19,7 @@ from deltact_fab.fabricate.cad import feasibility, kernel, registry
 from deltact_fab.fabricate.cad.assembly import assemble_sensor, places
 from deltact_fab.fabricate.cad.build import build_part
 from deltact_fab.fabricate.cad.check.built import BuiltDesign
-from deltact_fab.fabricate.cad.check.together import shared
+from deltact_fab.fabricate.cad.check.together import shared_volumes
 from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.fabricate.cad.dimensions import Design
 from deltact_fab.fabricate.cad.kernel import guarded, require
@@ -128,7 +128,7 @@ def test_unbuildable_design_is_refused_early(factor, told):
 @pytest.mark.parametrize("factor", [1.0, 1.2])
 def test_scaled_parts_have_their_volumes(factor, cq):
     design = _scaled(factor)
-    for part in registry.of_design():
+    for part in registry.design_parts():
         held(part, design)
 
 
@@ -267,7 +267,7 @@ def overlaps(design, solids):
     """Common volume of every pair of the sensor's pieces whose boxes meet."""
     built = BuiltDesign(design, tuple(registry.list_parts()), dict(solids))
     parts = [part for part in built.parts if part.group == "sensor"]
-    return list(shared(built, places(design, parts)))
+    return list(shared_volumes(built, places(design, parts)))
 
 
 def grips_mm3(design: Design):

@@ -8,7 +8,7 @@ import pytest
 
 from deltact_fab.common.errors import InputError
 from deltact_fab.fabricate.cad.check.arithmetic import bending
-from deltact_fab.fabricate.cad.check.row import shorten_key, verified
+from deltact_fab.fabricate.cad.check.row import mark_unverified, shorten_key
 from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.fabricate.cad.stiffness import PlateShape, bend, plate_of, press_plate
 
@@ -95,12 +95,12 @@ def test_rows_check_plate_limits(name, changes, fails):
 
 
 def test_row_names_bead_and_unverified():
-    row, *_ = verified(bending(DEFAULT), DEFAULT)
+    row, *_ = mark_unverified(bending(DEFAULT), DEFAULT)
     assert list(map(shorten_key, row.basis)) == ["spread", "youngs modulus", "bead modulus"]
-    assert row.value.startswith("0.220 mm under 49 N, 0.051 of it the bead: 4.4 %")
+    assert row.value.startswith("0.220 mm under 49 N, 0.051 mm from the bead; 4.4 %")
     keys = '["spread_mm", "youngs_modulus_mpa", "stress_limit_mpa", "bead_modulus_mpa"]'
     known = load_design(changes=[f"plate.measured={keys}"])
-    assert [*verified(bending(known), known)][-1].basis == ()
+    assert [*mark_unverified(bending(known), known)][-1].basis == ()
 
 
 def test_plate_without_ledge_is_refused():

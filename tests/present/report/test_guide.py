@@ -20,7 +20,7 @@ from deltact_fab.fabricate import guide
 from deltact_fab.fabricate.cad import kernel
 from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.fabricate.cad.dimensions import Design
-from deltact_fab.fabricate.cad.export.meshes import ORIGIN, drawn, glb_bytes
+from deltact_fab.fabricate.cad.export.meshes import AT_ORIGIN, glb_bytes, shaded_mesh
 from deltact_fab.fabricate.cad.mesh import Mesh
 from deltact_fab.fabricate.cad.parts.mold import RELEASE_AGENT
 from deltact_fab.fabricate.cad.registry import list_parts
@@ -135,7 +135,7 @@ def test_the_number_of_sensors_is_in_it(tmp_path: Path) -> None:
 def test_it_says_how_each_printed_part_lies(tmp_path: Path) -> None:
     text = page(tmp_path / "guide.html").text
     assert [
-        part.name for part in list_parts() if part.printed and part.lies.words not in text
+        part.name for part in list_parts() if part.printed and part.pose.instructions not in text
     ] == []
 
 
@@ -187,7 +187,7 @@ def test_without_the_kernel_it_says_so(tmp_path: Path, monkeypatch: pytest.Monke
 def test_the_view_is_the_model_and_fetches_nothing() -> None:
     corners = np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0]], np.float32)
     triangle = Mesh(corners, np.arange(3)[None], np.zeros(1, np.int64), 0.0)
-    glb = glb_bytes({"lid": (drawn(triangle, "lid", (0.2, 0.5, 0.2, 1.0)), ORIGIN)})
+    glb = glb_bytes({"lid": (shaded_mesh(triangle, "lid", (0.2, 0.5, 0.2, 1.0)), AT_ORIGIN)})
     page = guide.turntable(glb)
     assert page == guide.turntable(glb)
     assert offline(page)[1] == set()

@@ -1,6 +1,6 @@
-"""`cad check`: what the built solids are, held against what the sensor needs; one table.
+"""`cad check`: compare the built solids with the requirements of the sensor; one table.
 
-built.py makes solids and meshes, the other files hold one kind of check each.
+built.py makes solids and meshes, each other file holds one kind of check.
 """
 
 from __future__ import annotations
@@ -15,24 +15,24 @@ from ..kernel import guarded
 from ..registry import list_parts
 from . import arithmetic, each_part, together, visibility
 from .built import BuiltDesign, Facts, PartMissing
-from .row import advised, verified
+from .row import add_remedies, mark_unverified
 
-CHECKS: dict[str, tuple[str, Callable[[BuiltDesign], Iterable[Check]]]] = {
+SOLID_CHECKS: dict[str, tuple[str, Callable[[BuiltDesign], Iterable[Check]]]] = {
     "drawings": ("drawings", each_part.drawings),
     "soundness": ("one valid closed solid", each_part.soundness),
     "envelope": ("envelope", together.envelope),
     "interference": ("interference", together.interference),
     "engagement": ("engagement", together.engagement),
     "wall-thickness": ("wall thickness", each_part.walls),
-    "bed-contact": ("bed contact", each_part.printed),
-    "plate-deflection": ("plate deflection", lambda built: arithmetic.bending(built.design)),
+    "bed-contact": ("bed contact", each_part.platform_contact),
+    "plate-deflection": ("plate deflection", lambda model: arithmetic.bending(model.design)),
     "light-cone": ("light cone", visibility.light_cone),
     "mold-closure": ("mold volume closure", together.closure),
     "bench-clear": ("bench clear", together.bench),
     "height-fields": ("indenter height field", each_part.height_fields),
 }
-"""Each kind of check on solids: id and name of its row when it cannot be made."""
-ARITHMETIC = (arithmetic.inequalities, arithmetic.fits, arithmetic.light, visibility.view)
+"""Each kind of check on solids: id, and name of its row if it cannot run."""
+ARITHMETIC_CHECKS = (arithmetic.inequalities, arithmetic.fits, arithmetic.light, visibility.view)
 
 
 def check_design(
@@ -43,30 +43,32 @@ def check_design(
 ) -> list[Check]:
     """Check a design: inequalities first, then every part and the whole as built.
 
-    progress: called with (done, total, what) before each part that is built and each check.
-    indenters: cad/indenters.toml when None. cached: what earlier checks found on parts that are the
-    same is used, and what is found kept; when nothing is missing the CAD kernel is not imported.
+    progress: called with (count, total, step) before each part that is built and each check.
+    indenters: cad/indenters.toml if None. cached: reuse results of earlier checks on unchanged
+    parts and store new ones; when nothing is missing the CAD kernel is not imported.
 
-    What fails is a row, a broken inequality and a part that cannot be built among them; one more
-    row counts the checks that it leaves undone. Raises MissingLibrary without the CAD kernel, and
+    Every failure is a row, also a broken inequality and a part that cannot be built; one more
+    row counts the checks skipped because of it. Raises MissingLibrary without the CAD kernel, and
     InputError when the list of indenters is unusable.
     """
-    rows = [r for told in ARITHMETIC for r in verified(advised(told, design), design)]
+    rows: list[Check] = []
+    for checks in ARITHMETIC_CHECKS:
+        rows += mark_unverified(add_remedies(checks, design), design)
     if any(row.failed for row in rows if row.name == "inequalities"):
-        return [*rows, not_run(len(CHECKS), "inequalities fail, see above")]
-    rows += verified(arithmetic.platform(design), design)
-    done = 0
+        return [*rows, not_run(len(SOLID_CHECKS), "constraints fail, see above")]
+    rows += mark_unverified(arithmetic.platform(design), design)
+    started = 0
 
-    def tell(what: str) -> None:
-        nonlocal done
+    def report(step: str) -> None:
+        nonlocal started
         if progress is not None:
-            progress(done, total, what)
-        done += 1
+            progress(started, total, step)
+        started += 1
 
     facts = Facts() if cached else None
-    built = BuiltDesign(design, tuple(list_parts(indenters, design)), facts=facts, tell=tell)
-    total = len(built.parts) + len(CHECKS)
-    rows += of_built(built, tell)
+    model = BuiltDesign(design, tuple(list_parts(indenters, design)), facts=facts, report=report)
+    total = len(model.parts) + len(SOLID_CHECKS)
+    rows += check_solids(model, report)
     if facts is not None:
         facts.save()
     if progress is not None:
@@ -74,34 +76,34 @@ def check_design(
     return rows
 
 
-def of_built(
-    built: BuiltDesign,
-    tell: Callable[[str], None] | None = None,
-    checks: Iterable[str] = CHECKS,
+def check_solids(
+    model: BuiltDesign,
+    report: Callable[[str], None] | None = None,
+    checks: Iterable[str] = SOLID_CHECKS,
 ) -> list[Check]:
-    """The checks on what is built; one row counts those that lack a part which cannot be built.
+    """Run the checks on solids; one row counts those skipped for a part that cannot be built.
 
-    Any other check that cannot be made is a failing row.
+    Any other check that cannot run is a failing row.
     """
     rows: list[Check] = []
     undone = []
     for id in checks:
-        name, made = CHECKS[id]
-        if tell is not None:
-            tell(name)
+        name, check = SOLID_CHECKS[id]
+        if report is not None:
+            report(name)
         try:
             with guarded(name):
-                rows += verified(made(built), built.design)
-        except PartMissing as why:
-            undone.append(str(why))
-        except RunFailed as why:
-            rows.append(Check(id, name, "", f"not run: {why}", "can be made", "fail"))
+                rows += mark_unverified(check(model), model.design)
+        except PartMissing as error:
+            undone.append(str(error))
+        except RunFailed as error:
+            rows.append(Check(id, name, "", f"not run: {error}", "runs", "fail"))
     if undone:
         rows.append(not_run(len(undone), "; ".join(dict.fromkeys(undone))))
     return rows
 
 
-def not_run(count: int, why: str) -> Check:
-    """The row of what a failure, which has its own row, left undone."""
-    found = f"{count} were not run: {why}"
-    return Check("solids", "checks on solids", "assembly", found, "all of them", "not run")
+def not_run(count: int, reason: str) -> Check:
+    """Return the row that counts checks skipped because of a failure with its own row."""
+    value = f"{count} skipped: {reason}"
+    return Check("solids", "checks on solids", "assembly", value, "all run", "not run")

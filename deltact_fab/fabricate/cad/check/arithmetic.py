@@ -1,6 +1,6 @@
-"""What arithmetic on the dimensions tells, without a solid and so however much else fails.
+"""Checks by arithmetic on the dimensions, without solids, so that they run whatever else fails.
 
-Inequalities, fits at the limits of what made the parts, the light, the plate under a press.
+Inequalities, fits at the machines' tolerances, the light, the plate under a press.
 """
 
 from __future__ import annotations
@@ -16,113 +16,111 @@ from deltact_fab.common import Check, graded
 
 from ..dimensions import Design
 from ..feasibility import rules as all_rules
-from ..part import PRINT
+from ..part import PRINT_PROCESS
 from ..parts.light_holder import led_turns, plate_bending_room
-from ..registry import of_design
+from ..registry import design_parts
 from ..rule import first_of, statement
 from ..stiffness import bend, plate_of, press_plate
-from .row import at_least
+from .row import margin_check
 
-LEAST_MA = 1.0  # a camera makes up for half of the paper's circuit, 2.1 mA at its least: one stop
-HEAT_SHARE = 0.5  # half of its rating keeps a resistor cool enough to touch
-EVEN_LIGHT_SHARE = 0.6  # least over mean, as EN 12464-1 has it for a place of reading
-RESTS_ON = ("supply_tolerance", "strip_resistor_ohm", "led_v", "led_spread_v")
-GEL = "plate.spread_mm"
-SOFT = (GEL, "plate.youngs_modulus_mpa", "plate.bead_modulus_mpa")
+MIN_LED_MA = 1.0  # by hand: one stop below the paper's circuit (2.1 mA); less is underexposed
+HEAT_SHARE = 0.5  # by hand, of a resistor's rating: more is too hot to touch
+EVEN_LIGHT_SHARE = 0.6  # minimum over mean (EN 12464-1, reading)
+CIRCUIT_KEYS = ("supply_tolerance", "strip_resistor_ohm", "led_v", "led_spread_v")
+GEL_SPREAD_KEY = "plate.spread_mm"
+PLATE_KEYS = (GEL_SPREAD_KEY, "plate.youngs_modulus_mpa", "plate.bead_modulus_mpa")
 
 
 def inequalities(design: Design) -> Iterator[Check]:
-    """A part's rules: how many hold, and the tightest one; or those that fail."""
+    """Check each part's rules: number met and tightest margin, or those that fail."""
     groups: dict[str, list[Check]] = {}
     for rule in all_rules(design):
         groups.setdefault(rule.subject, []).append(rule)
     for part, rules in groups.items():
         broken = [statement(rule) for rule in rules if rule.failed]
-        found = f"{len(rules)} of {len(rules)} hold, closest: {statement(min(rules, key=_share))}"
+        tightest = statement(min(rules, key=_margin_share))
+        value = f"{len(rules)}/{len(rules)} constraints met; tightest: {tightest}"
         if broken:
-            found = f"{len(broken)} of {len(rules)} fail: {first_of(broken, '; ')}"
+            value = f"{len(broken)}/{len(rules)} constraints fail: {first_of(broken, '; ')}"
         keys = tuple(dict.fromkeys(key for rule in rules for key in rule.basis))
-        left = min((r.margin or 0.0) - (1e-6 if r.failed else 0.0) for r in rules)
-        yield Check(f"inequalities.{part}", "inequalities", part, found, "all hold",
-                    graded(not broken), keys, margin=left)  # fmt: skip
+        margin = min((r.margin or 0.0) - (1e-6 if r.failed else 0.0) for r in rules)
+        yield Check(f"inequalities.{part}", "inequalities", part, value, "all met",
+                    graded(not broken), keys, margin=margin)  # fmt: skip
 
 
-def _share(rule: Check) -> float:
-    """What is left between both sides, as a share of the larger one."""
+def _margin_share(rule: Check) -> float:
+    """Return the margin between both sides as a share of the larger one."""
     value, limit = float(rule.value), float(rule.limit)
     return (limit - value) / max(abs(value), abs(limit), 1e-9)
 
 
 def fits(design: Design) -> Iterator[Check]:
-    """Each mating pair: least and most play, every length at its worst."""
-    for part in of_design(design):
+    """Check each mating pair: minimum and maximum play at worst-case lengths."""
+    for part in design_parts(design):
         for fit in part.fits(design):
             yield replace(fit.check(), id=f"{part.name}.{fit.id}")
 
 
 def platform(design: Design) -> Iterator[Check]:
-    """The printed part that leaves least room, as it lies or turned by a right angle in plan."""
+    """Check the printed part with the least margin on the platform, straight or turned by 90°."""
     printer = design.resin_printer
     room = [*sorted((printer.bed_x_mm, printer.bed_y_mm), reverse=True), printer.bed_z_mm]
     sides = {}
-    for part in of_design(design):
-        if part.process == PRINT:
+    for part in design_parts(design):
+        if part.process == PRINT_PROCESS:
             low, high = part.box(part.source(design))
-            x, y, z = part.lies.size_mm(low, high)
+            x, y, z = part.pose.size_mm(low, high)
             sides[part.name] = [max(x, y), min(x, y), z]
-    left = {
+    margins = {
         name: min(r - s for r, s in zip(room, size, strict=True)) for name, size in sides.items()
     }
     keys = tuple(f"resin_printer.bed_{axis}_mm" for axis in "xyz")
-    limit = f"<= {_by(room)} mm (resin_printer.bed_x_mm, bed_y_mm, bed_z_mm)"
-    tight = [name for name in left if left[name] < 0] or [min(left, key=lambda name: left[name])]
+    limit = f"<= {_size_text(room)} (resin_printer.bed_x_mm, bed_y_mm, bed_z_mm)"
+    tight = [n for n in margins if margins[n] < 0] or [min(margins, key=margins.__getitem__)]
     for name in tight:
-        status, id = graded(left[name] >= 0), f"fits-printer.{name}"
-        yield Check(id, "fits the printer", name, f"{_by(sides[name])} mm", limit, status, keys)
+        status, id = graded(margins[name] >= 0), f"fits-printer.{name}"
+        yield Check(id, "fits the printer", name, _size_text(sides[name]), limit, status, keys)
 
 
-def _by(sides_mm: list[float]) -> str:
-    return " x ".join(f"{side:.4g}" for side in sides_mm)
+def _size_text(sides_mm: list[float]) -> str:
+    return " x ".join(f"{side:.4g}" for side in sides_mm) + " mm"
 
 
 def light(design: Design) -> Iterator[Check]:
-    """Most and least of what the supply gives, and the evenness.
+    """Check maximum and minimum LED current, dissipation, supply and uniformity.
 
-    LEDs in parallel are taken to share evenly; one LED's share may differ.
+    LEDs in parallel are assumed to share the current evenly.
     """
     light = design.light
-    at = f"{light.resistor_ohm:g} ohm, {light.supply_v:g} V ± {100 * light.supply_tolerance:g} %"
-    for id, name, found, limit, margin, rating in (
-        ("led-current", "LED current", f"{light.chip_most_ma:.2f} mA a chip",
-         f"<= {light.led_limit_ma:g} mA a chip",
+    supply = f"{light.supply_v:g} V ± {100 * light.supply_tolerance:g} %"
+    circuit = f"{light.resistor_ohm:g} ohm, {supply}"
+    for id, name, value, limit, margin, rating in (
+        ("led-current", "LED current", f"{light.chip_most_ma:.2f} mA per chip",
+         f"<= {light.led_limit_ma:g} mA per chip",
          light.led_limit_ma - light.chip_most_ma, "led_limit_ma"),
         ("led-current-least", "LED current, least", f"{light.least_ma:.2f} mA for all LEDs",
-         f">= {LEAST_MA:g} mA", light.least_ma - LEAST_MA, "led_v"),
+         f">= {MIN_LED_MA:g} mA", light.least_ma - MIN_LED_MA, "led_v"),
         ("led-resistor", "LED resistor", f"{1000 * light.resistor_most_w:.1f} mW",
          f"<= {1000 * HEAT_SHARE * light.resistor_rating_w:g} mW, half of light.resistor_rating_w",
          HEAT_SHARE * light.resistor_rating_w - light.resistor_most_w, "resistor_rating_w"),
         ("led-supply", "LED supply", f"{light.most_ma:.2f} mA", f"<= {light.supply_rating_ma:g} mA",
          light.supply_rating_ma - light.most_ma, "supply_rating_ma"),
     ):  # fmt: skip
-        keys = tuple(f"light.{key}" for key in (*RESTS_ON, rating))
-        yield at_least(id, name, "light-holder", f"{found}, {at}", limit, margin, keys)
+        keys = tuple(f"light.{key}" for key in (*CIRCUIT_KEYS, rating))
+        yield margin_check(id, name, "light-holder", f"{value}, {circuit}", limit, margin, keys)
     share = evenness(design)
-    found = f"least {share:.2f} of the mean over the view, {light.led_count} LEDs "
-    found += f"{light.pitch_mm:.1f} mm apart"
-    limit, parts, margin = (
-        f">= {EVEN_LIGHT_SHARE:g}",
-        "light-holder, skin",
-        share - EVEN_LIGHT_SHARE,
-    )
-    yield at_least("even-light", "even light", parts, found, limit, margin)
+    value = f"minimum/mean {share:.2f} over the view, {light.led_count} LEDs "
+    value += f"at {light.pitch_mm:.1f} mm pitch"
+    limit, margin = f">= {EVEN_LIGHT_SHARE:g}", share - EVEN_LIGHT_SHARE
+    yield margin_check("even-light", "even light", "light-holder, skin", value, limit, margin)
 
 
 def evenness(design: Design) -> float:
-    """Least over mean illuminance of the face in view.
+    """Return minimum over mean illuminance of the face in view.
 
     Each LED counts as a Lambertian source in the ring's front, in the middle of the channel, that
-    looks at the face: h^2 / d^4. Refraction, walls and what the diffuser spreads along the ring
-    are left out: they make it more even.
+    looks at the face: h^2 / d^4. Not modelled: refraction, walls and the diffuser's spread along
+    the ring, all of which make it more uniform.
     """
     x, y = np.meshgrid(*(np.linspace(-side / 2, side / 2, 31) for side in design.optics.view_mm))
     light = illuminance(design, x, y)
@@ -132,57 +130,58 @@ def evenness(design: Design) -> float:
 def illuminance(
     design: Design, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64], dark: int | None = None
 ) -> NDArray[np.float64]:
-    """Illuminance at points of the face, as `evenness` has it; dark: an LED that gives none."""
+    """Illuminance at points of the face by the model of `evenness`; dark: index of a dead LED."""
     r = (design.strip_radius_mm + design.channel_inner_mm) / 2
     light = np.zeros_like(x_mm)
     for led, turn in enumerate(led_turns(design)):
-        away = (x_mm - r * np.cos(turn)) ** 2 + (y_mm - r * np.sin(turn)) ** 2
+        distance2 = (x_mm - r * np.cos(turn)) ** 2 + (y_mm - r * np.sin(turn)) ** 2
         if led != dark:
-            light += design.z_light_mm**2 / (away + design.z_light_mm**2) ** 2
+            light += design.z_light_mm**2 / (distance2 + design.z_light_mm**2) ** 2
     return light
 
 
 def bending(design: Design) -> Iterator[Check]:
-    """The plate: its deflection, whether it rests on the light holder, the stress in it, the load.
+    """Check the plate: deflection, contact with the light holder, stress, loaded area.
 
-    The depth that a stage counts includes the plate's deflection; a light holder that bears a press
-    passes it on to the camera's board. The gel spreads no press beyond its own face.
+    The stage's depth includes the plate's deflection; a light holder that carries a press passes
+    it on to the camera's board. The gel spreads no press beyond its own face.
     """
     plate, force_n = design.plate, design.plate.force_n
-    found = press_plate(design, force_n)
+    response = press_plate(design, force_n)
     bare = replace(plate_of(design), bead_mm=0.0)
     of_plate_mm = force_n * bend(bare, plate.spread_mm).deflection_mm
-    bead_mm = found.deflection_mm - of_plate_mm
+    bead_mm = response.deflection_mm - of_plate_mm
     limit_mm = plate.deflection_share * plate.depth_mm
     room_mm = plate_bending_room(design).range_mm[0]
     face_mm = min(design.skin.width_mm, design.skin.length_mm)
 
-    over_mm = found.over_ring_mm
+    over_mm = response.over_ring_mm
     rests_n = force_n * max(room_mm, 0.0) / over_mm if over_mm > 0 else math.inf
 
-    def row(id: str, name: str, passed: bool, found: str, limit: str, *keys: str) -> Check:
-        return Check(id, name, "acrylic", found, limit, graded(passed), keys)
+    def row(id: str, name: str, passed: bool, value: str, limit: str, *keys: str) -> Check:
+        return Check(id, name, "acrylic", value, limit, graded(passed), keys)
 
     text = (
-        f"{found.deflection_mm:.3f} mm under {force_n:g} N, {bead_mm:.3f} of it the bead: "
-        f"{100 * found.deflection_mm / plate.depth_mm:.1f} % of {plate.depth_mm:g} mm of depth"
+        f"{response.deflection_mm:.3f} mm under {force_n:g} N, {bead_mm:.3f} mm from the bead; "
+        f"{100 * response.deflection_mm / plate.depth_mm:.1f} % of {plate.depth_mm:g} mm depth"
     )
     limit = f"<= {limit_mm:.3g} mm (plate.deflection_share of plate.depth_mm)"
-    passed = found.deflection_mm <= limit_mm
-    yield row("plate-deflection", "plate deflection", passed, text, limit, *SOFT)
+    passed = response.deflection_mm <= limit_mm
+    yield row("plate-deflection", "plate deflection", passed, text, limit, *PLATE_KEYS)
     text = (
-        f"bends {found.over_ring_mm:.3f} mm over the ring under {force_n:g} N, rests on it from "
+        f"deflects {response.over_ring_mm:.3f} mm over the ring under {force_n:g} N, contact from "
         f"{rests_n:.0f} N"
     )
-    limit, passed = f"<= {room_mm:.3g} mm, the least play (light.axial_fit_mm)", over_mm <= room_mm
-    yield row("plate-clear-of-light", "plate clear of the light", passed, text, limit, *SOFT)
+    limit, passed = f"<= {room_mm:.3g} mm, minimum play (light.axial_fit_mm)", over_mm <= room_mm
+    yield row("plate-clear-of-light", "plate clear of the light", passed, text, limit, *PLATE_KEYS)
     most_mpa = plate.stress_limit_mpa
     text = (
-        f"{found.stress_mpa:.1f} MPa under {force_n:g} N, the limit from "
-        f"{force_n * most_mpa / found.stress_mpa:.0f} N"
+        f"{response.stress_mpa:.1f} MPa under {force_n:g} N, limit reached at "
+        f"{force_n * most_mpa / response.stress_mpa:.0f} N"
     )
-    limit, passed = f"<= {most_mpa:g} MPa (plate.stress_limit_mpa)", found.stress_mpa <= most_mpa
-    yield row("plate-stress", "plate stress", passed, text, limit, GEL, "plate.stress_limit_mpa")
-    text = f"{force_n:g} N spread on a disc of {plate.spread_mm:g} mm"
+    limit, keys = f"<= {most_mpa:g} MPa (plate.stress_limit_mpa)", ("plate.stress_limit_mpa",)
+    passed = response.stress_mpa <= most_mpa
+    yield row("plate-stress", "plate stress", passed, text, limit, GEL_SPREAD_KEY, *keys)
+    text = f"{force_n:g} N on a disc of {plate.spread_mm:g} mm diameter"
     limit = f"<= {face_mm:g} mm, the face's shorter side (plate.spread_mm)"
-    yield row("plate-load", "plate load", plate.spread_mm <= face_mm, text, limit, GEL)
+    yield row("plate-load", "plate load", plate.spread_mm <= face_mm, text, limit, GEL_SPREAD_KEY)

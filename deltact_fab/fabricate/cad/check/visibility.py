@@ -1,4 +1,4 @@
-"""What the camera sees: angles by Snell's law, focus by the thin lens, rays among the solids."""
+"""Checks of the camera's view: angles by Snell's law, thin-lens focus, rays among the solids."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from deltact_fab.common import Check, graded
 from deltact_fab.sensor import LayeredPath
 
 from ..dimensions import Design
-from ..features import near
+from ..features import rounds_near
 from ..parts.camera import off_axis_mm
 from ..rays import first_hit
 from .built import BuiltDesign
-from .row import at_least
+from .row import margin_check
 
-BORDER_RAYS = 96
-# There the first face of the acrylic alone reflects 39 % (Fresnel).
+BORDER_RAYS = 96  # by hand: fewer miss a small obstacle, more take longer
+# By hand: the first face of the acrylic alone reflects 39 % there (Fresnel).
 GRAZING_RAD = math.radians(80.0)
-LENS = ("camera.focal_length_mm", "camera.lens_height_mm")
-PRESS_MM = 3.0
-BLUR_PX = 2.0  # the picture is sampled no finer
-CORNER_PX = 5.0  # a third of the 16 px of a dot of 0.6 mm: its middle is still found
+LENS_KEYS = ("camera.focal_length_mm", "camera.lens_height_mm")
+FOCUS_PRESS_MM = 3.0  # by hand, depth of a usual press: deeper asks for a smaller aperture
+BLUR_PX = 2.0  # by hand: Nyquist limit of the pixels; less would not be resolved
+CORNER_BLUR_PX = 5.0  # by hand: a third of the 16 px of a 0.6 mm dot, whose centre is still found
 
 
 def view(design: Design) -> Iterator[Check]:
-    """Angles that the crop sees and that enter the acrylic, the share of the face, the focus."""
+    """Check view angles against crop and acrylic, the visible share of the face, and focus."""
     optics, camera, skin = design.optics, design.camera, design.skin
     path = LayeredPath(optics.air_gap_mm, optics.acrylic_mm, skin.thickness_mm)
     view_x, view_y = optics.view_mm
@@ -37,114 +37,114 @@ def view(design: Design) -> Iterator[Check]:
     crop_x, crop_y = camera.crop_half_mm
     focal_mm = camera.focal_length_mm
     crop = f"at the {camera.crop_width_px} x {camera.crop_height_px} crop"
-    grazing = "where a third is reflected"
-    # The picture of a corner lies on the diagonal: the side that it leaves first counts.
+    grazing = "(reflectance 1/3)"
+    # The image of a corner lies on the diagonal: the crop's nearer side limits it.
     corner_mm = diagonal * min(crop_x / view_x, crop_y / view_y)
-    for id, name, radius_mm, have, why in (
+    for id, name, radius_mm, have, condition in (
         ("view-cone.x", "view cone, x", view_x / 2, camera.angle_rad(crop_x), crop),
         ("view-cone.y", "view cone, y", view_y / 2, camera.angle_rad(crop_y), crop),
         ("view-cone.corner", "view cone, corner", diagonal / 2, camera.angle_rad(corner_mm), crop),
         ("view-enters-acrylic", "view enters the acrylic", diagonal / 2, GRAZING_RAD, grazing),
     ):
         need = path.half_angle_rad(radius_mm)
-        found = f"{radius_mm:.2f} mm off the axis cannot be seen at any angle"
+        value = f"{radius_mm:.2f} mm off the axis: not visible at any angle"
         if math.isfinite(need):
-            found = f"half angle {math.degrees(need):.1f} deg for {radius_mm:.2f} mm on the face"
-        limit = f"<= {math.degrees(have):.1f} deg {why}"
-        yield at_least(id, name, "camera", found, limit, have - need, LENS)
+            value = f"half angle {math.degrees(need):.1f} deg at {radius_mm:.2f} mm on the face"
+        limit = f"<= {math.degrees(have):.1f} deg {condition}"
+        yield margin_check(id, name, "camera", value, limit, have - need, LENS_KEYS)
     share = view_x * view_y / (skin.width_mm * skin.length_mm)
-    found = f"{view_x:.1f} x {view_y:.1f} mm, {100 * share:.1f} % of the face"
-    least = optics.least_view_share
-    limit = f">= {100 * least:g} % (optics.least_view_share)"
-    yield at_least("view-share", "view of the face", "camera, skin", found, limit, share - least)
-    focus_mm = _seen_mm(design, 0.0, 0.0)
+    value = f"{view_x:.1f} x {view_y:.1f} mm, {100 * share:.1f} % of the face"
+    limit = f">= {100 * optics.least_view_share:g} % (optics.least_view_share)"
+    name, margin = "view of the face", share - optics.least_view_share
+    yield margin_check("view-share", name, "camera, skin", value, limit, margin)
+    focus_mm = _object_mm(design, 0.0, 0.0)
     if camera.nearest_mm:
-        found = f"the middle of the face is at {focus_mm:.1f} mm"
+        value = f"centre of the face at {focus_mm:.1f} mm"
         limit = f">= {camera.nearest_mm:g} mm (camera.nearest_mm)"
         margin = focus_mm - camera.nearest_mm
-        yield at_least("focus.nearest", "focus, nearest", "camera", found, limit, margin)
+        yield margin_check("focus.nearest", "focus, nearest", "camera", value, limit, margin)
     scale = focal_mm**2 / camera.f_number * focus_mm / (focus_mm - focal_mm)
     scale *= 1000 / (camera.pixel_um * camera.binning)
     for id, place, radius_mm, depth_mm, most_px in (
-        ("focus.corner", "corner of the view", diagonal / 2, 0.0, CORNER_PX),
-        ("focus.pressed", f"middle, {PRESS_MM:g} mm deep", 0.0, PRESS_MM, BLUR_PX),
+        ("focus.corner", "corner of the view", diagonal / 2, 0.0, CORNER_BLUR_PX),
+        ("focus.pressed", f"middle, {FOCUS_PRESS_MM:g} mm deep", 0.0, FOCUS_PRESS_MM, BLUR_PX),
     ):
-        seen_mm = _seen_mm(design, radius_mm, depth_mm)
-        blur_px = scale * abs(1 / seen_mm - 1 / focus_mm)
-        found = (
-            f"circle of confusion {blur_px:.2f} px at {seen_mm:.1f} mm, focused on the middle of "
+        object_mm = _object_mm(design, radius_mm, depth_mm)
+        blur_px = scale * abs(1 / object_mm - 1 / focus_mm)
+        value = (
+            f"circle of confusion {blur_px:.2f} px at {object_mm:.1f} mm, focused on the centre of "
             f"the face at {focus_mm:.1f} mm, f/{camera.f_number:g}"
         )
-        limit, keys = f"<= {most_px:g} px", ("camera.f_number", *LENS)
-        yield at_least(id, f"focus, {place}", "camera", found, limit, most_px - blur_px, keys)
+        limit, keys = f"<= {most_px:g} px", ("camera.f_number", *LENS_KEYS)
+        yield margin_check(id, f"focus, {place}", "camera", value, limit, most_px - blur_px, keys)
 
 
-def _seen_mm(design: Design, radius_mm: float, depth_mm: float) -> float:
-    """Distance along the ray at which the lens sees a point of the face, each medium by its index.
+def _object_mm(design: Design, radius_mm: float, depth_mm: float) -> float:
+    """Optical object distance of a point of the face, each medium divided by its index.
 
-    A fisheye maps directions: it is taken to be sharp on a sphere about its pupil, a rectilinear
+    A fisheye maps directions: it is assumed to focus on a sphere about its pupil, a rectilinear
     lens on a plane across its axis.
     """
     optics, gel_mm = design.optics, design.skin.thickness_mm - depth_mm
     path = LayeredPath(optics.air_gap_mm, optics.acrylic_mm, gel_mm)
     sine = math.sin(min(path.half_angle_rad(radius_mm), math.pi / 2))
-    far_mm = sum(mm / math.sqrt(n**2 - sine**2 + 1e-12) for mm, n in path.layers)
+    distance_mm = sum(mm / math.sqrt(n**2 - sine**2 + 1e-12) for mm, n in path.layers)
     flat = design.camera.projection == "rectilinear"
-    return far_mm * math.sqrt(1 - sine**2) if flat else far_mm
+    return distance_mm * math.sqrt(1 - sine**2) if flat else distance_mm
 
 
-def light_cone(built: BuiltDesign) -> Iterator[Check]:
-    """Rays from the lens to the border of the view, as far off the middle as it may stand."""
-    design = built.design
+def light_cone(model: BuiltDesign) -> Iterator[Check]:
+    """Trace rays to the border of the view, with the lens at its largest offset."""
+    design = model.design
     # Air, acrylic and gel along the axis, from the solids.
-    lens, acrylic, skin = built.box("camera")[1][2], built.box("acrylic"), built.box("skin")
+    lens, acrylic, skin = model.box("camera")[1][2], model.box("acrylic"), model.box("skin")
     path = acrylic[0][2] - lens, acrylic[1][2] - acrylic[0][2], skin[1][2] - skin[0][2]
     border = _border_mm(*design.optics.view_mm)
     radius = np.linalg.norm(border, axis=1)
     angle = np.array([LayeredPath(*path).half_angle_rad(float(r)) for r in radius])
-    rings = near(built.cylinders("light-holder"), 0.0, 0.0, 0.1)
+    rings = rounds_near(model.cylinders("light-holder"), 0.0, 0.0, 0.1)
     bore = min((c.radius_mm for c in rings if c.hole), default=0.0)
-    limit = f"{BORDER_RAYS} of {BORDER_RAYS} rays reach the face"
+    limit = f"{BORDER_RAYS}/{BORDER_RAYS} rays reach the face"
     keys = ("camera.lens_height_mm",)
     if not np.isfinite(angle).all():
-        lost = int((~np.isfinite(angle)).sum())
-        found = f"{lost} of {BORDER_RAYS} are bent away before the face"
-        yield Check("light-cone", "light cone", "light-holder", found, limit, "fail", keys)
+        misses = int((~np.isfinite(angle)).sum())
+        value = f"{misses}/{BORDER_RAYS} rays are refracted away before the face"
+        yield Check("light-cone", "light cone", "light-holder", value, limit, "fail", keys)
         return
-    way = border / radius[:, None]
+    direction = border / radius[:, None]
     heights = np.cumsum([lens, *path])
     # Radii at the lens, acrylic's back and front, and the face.
     depths = ((0.0, 0.0, 0.0), (path[0], 0.0, 0.0), (path[0], path[1], 0.0), path)
     at_radius = [np.array([LayeredPath(*mm).reach_mm(float(a)) for a in angle]) for mm in depths]
-    off = off_axis_mm(design)
+    offset = off_axis_mm(design)
     points = [
-        np.column_stack([way * r[:, None], np.full(len(way), z)])
+        np.column_stack([direction * r[:, None], np.full(len(direction), z)])
         for r, z in zip(at_radius, heights, strict=True)
     ]
-    names = [part.name for part in built.parts if part.in_view]
+    names = [part.name for part in model.parts if part.in_view]
 
     def reach() -> int:
-        corners = np.concatenate([built.mesh(name).corners_mm for name in names])
-        met = np.zeros(len(way), bool)
-        for k, x, y in product(range(3), (-off, off), (-off, off)):
+        corners = np.concatenate([model.mesh(name).corners_mm for name in names])
+        blocked = np.zeros(len(direction), bool)
+        for k, x, y in product(range(3), (-offset, offset), (-offset, offset)):
             start, end = points[k : k + 2]
-            far, _ = first_hit(start + (x, y, 0.0), end - start, corners, 0.0)
-            met |= far < 1.0
-        return BORDER_RAYS - int(met.sum())
+            distance, _ = first_hit(start + (x, y, 0.0), end - start, corners, 0.0)
+            blocked |= distance < 1.0
+        return BORDER_RAYS - int(blocked.sum())
 
-    reached = built.fact("light cone", names, reach, [off, [p.tolist() for p in points]])
-    found = (
-        f"{reached} of {BORDER_RAYS} reach it, {off:.2f} mm off in x and y; radius "
+    reached = model.fact("light cone", names, reach, [offset, [p.tolist() for p in points]])
+    value = (
+        f"{reached}/{BORDER_RAYS} rays, lens offset {offset:.2f} mm in x and y; radius "
         f"{at_radius[1].max():.2f} mm at the acrylic, bore {bore:.2f} mm"
     )
-    passed = reached == BORDER_RAYS and at_radius[1].max() + off * math.sqrt(2) <= bore
-    yield Check("light-cone", "light cone", "light-holder", found, limit, graded(passed), keys)
+    passed = reached == BORDER_RAYS and at_radius[1].max() + offset * math.sqrt(2) <= bore
+    yield Check("light-cone", "light cone", "light-holder", value, limit, graded(passed), keys)
 
 
 def _border_mm(view_x: float, view_y: float) -> NDArray[np.float64]:
-    """Points (BORDER_RAYS, 2) round the border of the view, its corners among them."""
+    """Return points (BORDER_RAYS, 2) along the border of the view, corners included."""
     t = np.arange(BORDER_RAYS // 4) / (BORDER_RAYS // 4) * 2 - 1
-    one = np.ones_like(t)
-    sides = [(t, -one), (one, t), (-t, one), (-one, -t)]
+    ones = np.ones_like(t)
+    sides = [(t, -ones), (ones, t), (-t, ones), (-ones, -t)]
     x, y = (np.concatenate([side[i] for side in sides]) for i in (0, 1))
     return np.column_stack([x * view_x / 2, y * view_y / 2])

@@ -13,7 +13,7 @@ from typing import Any
 from ..assembly import PlacedPart
 from ..dimensions import Design
 from ..kernel import require
-from ..part import BLACK, CLEAR, GREEN, STEEL, WHITE, Part
+from ..part import BLACK_RGBA, CLEAR_RGBA, GREEN_RGBA, STEEL_RGBA, WHITE_RGBA, Part
 from ..parts import coupons, mold
 from ..registry import find_part
 
@@ -45,16 +45,16 @@ class CastingScenes:
         base, deep, radius = d.coupon.base_mm, d.coupon.depth_mm, d.coupon.diameter_mm / 2
         block = self._part("coupon-mold")
         film = [self._disc(x, y, radius - 0.1, base, FILM_MM) for x, y in wells[1:]]
-        yield "B.1", [*block, *self._bodies("lacquer", CLEAR, film)]
+        yield "B.1", [*block, *self._bodies("lacquer", CLEAR_RGBA, film)]
         discs = [self._disc(x, y, radius - 0.1, base, deep) for x, y in wells]
-        full = self._bodies("silicone", CLEAR, discs)
+        full = self._bodies("silicone", CLEAR_RGBA, discs)
         yield "B.2", [*block, *full]
         yield "B.3", [*block, *self._lifted(full)]
 
         x, y = d.acrylic_half_mm
         blank = self._box(2 * x + 10, 2 * y + 10, d.z_joint_mm, d.optics.acrylic_mm)
         hole = self._box(2 * x + 0.3, 2 * y + 0.3, d.z_joint_mm - 1, d.optics.acrylic_mm + 2)
-        rest = self._bodies("sheet", CLEAR, [blank.cut(hole)])
+        rest = self._bodies("sheet", CLEAR_RGBA, [blank.cut(hole)])
         yield "C.1", [*rest, *self._lifted(self._part(sheet))]
         yield "C.2", [*self._cast(frame), *self._lifted(self._cast(sheet))]
         tape = [self._box(4, 4, d.z_joint_mm - 0.3, 0.3, *centre) for centre in d.screw_centres_mm]
@@ -76,7 +76,7 @@ class CastingScenes:
         notch = d.mold.base_mm + d.skin.protrusion_mm
         side = d.frame_outer_mm[1] / 2
         blade = self._box(d.mold.pry_width_mm - 2, 30, notch, 0.6, 0, -side - 15)
-        yield "D.10", [*cavity, *self._lifted(cast), *self._bodies("blade", STEEL, [blade])]
+        yield "D.10", [*cavity, *self._lifted(cast), *self._bodies("blade", STEEL_RGBA, [blade])]
 
         face_parts = [piece for name in ("skin", frame, sheet) for piece in self._part(name)]
         fx, fy = d.frame_outer_mm
@@ -86,16 +86,16 @@ class CastingScenes:
         ring = self._box(fx, fy, front, 0.3).cut(window)
         masked = [*face_parts, *self._bodies("tape", TAPE_BLUE, [ring])]
         yield "E.4", masked
-        yield "E.5", [*masked, *self._lifted(self._bodies("film", GREEN, [flat]))]
+        yield "E.5", [*masked, *self._lifted(self._bodies("film", GREEN_RGBA, [flat]))]
         skirt = min(d.skin.protrusion_mm - 0.5, d.skin.edge_fillet_mm + 2.0)
-        yield "E.6", [*masked, *self._bodies("film", GREEN, [self._coat(0.0, FILM_MM, skirt)])]
-        printed = self._bodies("film", GREEN, [self._coat(0.0, FILM_MM, d.skin.edge_fillet_mm)])
+        yield "E.6", [*masked, *self._bodies("film", GREEN_RGBA, [self._coat(0.0, FILM_MM, skirt)])]
+        printed = self._bodies("film", GREEN_RGBA, [self._coat(0.0, FILM_MM, d.skin.edge_fillet_mm)])
         yield "E.7", [*masked, *printed]
 
         half = [*self._halved(face_parts), *self._halved(printed)]
         depth = d.skin.protrusion_mm - 0.01
-        white = self._bodies("white coat", WHITE, [self._coat(FILM_MM, 2 * FILM_MM, depth)])
-        black = self._bodies("black coat", BLACK, [self._coat(2 * FILM_MM, 3 * FILM_MM, depth)])
+        white = self._bodies("white coat", WHITE_RGBA, [self._coat(FILM_MM, 2 * FILM_MM, depth)])
+        black = self._bodies("black coat", BLACK_RGBA, [self._coat(2 * FILM_MM, 3 * FILM_MM, depth)])
         yield "F.3", [*face_parts, *white]
         yield "F.4", [*half, *self._halved(white)]
         yield "F.5", [*half, *self._halved(white), *self._halved(black)]
@@ -155,7 +155,7 @@ class CastingScenes:
         """Silicone in the cavity up to a height above the mold's underside, surface level."""
         skin = self._turned(self._into_mold(self._solids["skin"], (0, 0)), tipped_deg)
         low = skin.intersect(self._box(400, 400, -100.0, level_mm + 100.0))
-        return self._halved(self._bodies("silicone", CLEAR, [low]))
+        return self._halved(self._bodies("silicone", CLEAR_RGBA, [low]))
 
     # Simple bodies.
 

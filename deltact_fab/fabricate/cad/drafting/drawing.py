@@ -20,7 +20,7 @@ from deltact_fab.common import InputError, Point2
 from ..dimensions import Design
 from ..features import features_of
 from ..kernel import guarded
-from ..part import LASER_CUT, PRINT, Part
+from ..part import LASER_CUT, PRINT_PROCESS, Part
 from .arrangement import ArrangedView, on_paper
 from .dimensioning import GENERAL_TOLERANCE, Callouts, Item
 from .page import (
@@ -129,7 +129,7 @@ def drawing(part: Part, design: Design, solid: Any) -> DrawingPage:
 
 def _tolerances(part: Part, design: Design) -> tuple[str, tuple[float, float, float]]:
     """Return the general tolerance as text, and limits of fitted lengths along x, y, z, mm."""
-    if part.process == PRINT:
+    if part.process == PRINT_PROCESS:
         plane, height = design.resin_printer.plane_mm, design.resin_printer.height_mm
         return f"±{plane:.2g} in the layers, ±{height:.2g} across", (plane, plane, height)
     if part.process == LASER_CUT:

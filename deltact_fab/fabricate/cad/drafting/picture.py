@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from deltact_fab.common import Field
 
-from ..assembly import PlacedPart, assemble_sensor, lifted
+from ..assembly import PlacedPart, assemble_sensor, shift_piece
 from ..dimensions import Design
 from ..kernel import bounding_box, guarded
 from ..part import Part
@@ -57,7 +57,7 @@ def stack_layers(
         layer = assemble_sensor(design, 0.0, [parts[name] for name in names], solids)
         boxes = [bounding_box(piece.solid) for piece in layer]
         shift = (0.0, 0.0, max(0.0, top_mm + STEP_GAP_MM - min(box[0][2] for box in boxes)))
-        pieces += [lifted(piece, shift) for piece in layer]
+        pieces += [shift_piece(piece, shift) for piece in layer]
         top_mm = max(box[1][2] for box in boxes) + shift[2]
     order = list(parts)
     return sorted(pieces, key=lambda piece: order.index(piece.part.name))

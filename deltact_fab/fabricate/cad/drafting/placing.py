@@ -137,7 +137,7 @@ class Placing:
         (x0, _), (x1, _) = projection.box_mm
 
         def cost(c: Round) -> tuple[float, float]:
-            u, v = projection.view.flat(c.on if c.turn_deg < 360 else c.high_mm)
+            u, v = projection.view.flat(c.point if c.turn_deg < 360 else c.high_mm)
             hidden = not projection.shows(list(_sides(c, c.high_mm)), ON_LINE_MM).any()
             return HIDDEN_COST * hidden + FAR_COST * min(u - x0, x1 - u) / (x1 - x0), -v
 
@@ -145,7 +145,7 @@ class Placing:
         u = projection.view.flat(nearest.high_mm)[0]
         side: Literal["left", "right"] = "right" if x1 - u <= u - x0 + 1e-6 else "left"
         if nearest.turn_deg < 180:
-            yield Leader(view, nearest.on, 0, text, side)
+            yield Leader(view, nearest.point, 0, text, side)
         else:
             yield Leader(view, nearest.high_mm, nearest.radius_mm, text, side)
 
@@ -161,8 +161,8 @@ class Placing:
         """Label one of several equal faces that are neither flat nor round."""
         projection = self._projections["front"]
         (x0, _), (x1, _) = projection.box_mm
-        right = 2 * projection.view.flat(faces[0].at)[0] >= x0 + x1
-        return Leader("front", faces[0].at, 0, text, "right" if right else "left")
+        right = 2 * projection.view.flat(faces[0].point)[0] >= x0 + x1
+        return Leader("front", faces[0].point, 0, text, "right" if right else "left")
 
     def _diameter(self, group: Rounds, fitted: bool) -> tuple[float, Linear]:
         """Place a diameter as a length, preferably in a view from the side."""
@@ -185,7 +185,7 @@ class Placing:
         cut = self._callouts.cut_x_mm
         places: set[tuple[str, float]] = set()
         for r in self._features.rounds:
-            if r.axis != 2 or not r.whole:
+            if r.axis != 2 or not r.full_turn:
                 continue
             for name, across in (("front", 0), ("left", 1)):
                 place = (name, round(r.low_mm[across], 3))

@@ -78,7 +78,7 @@ def scheme(features: SolidFeatures, callouts: Callouts) -> Scheme:
             middle.append(axis)
     printed = _numbers(lengths, groups, callouts)
     open_faces: dict[tuple[object, ...], list[OtherFace]] = {}
-    for face in features.others:
+    for face in features.other_faces:
         if not _is_dimensioned(face, features, printed):
             key = (face.kind, *(round(size, 6) for size in face.sizes[:1]))
             open_faces.setdefault(key, []).append(face)
@@ -88,7 +88,7 @@ def scheme(features: SolidFeatures, callouts: Callouts) -> Scheme:
         if words:
             labelled.append((tuple(faces), words))
         else:
-            place = ", ".join(map(fmt, faces[0].at))
+            place = ", ".join(map(fmt, faces[0].point))
             faults.append(f"no dimension for the {faces[0].kind} at ({place})")
     return Scheme(tuple(lengths), tuple(groups), tuple(labelled), tuple(middle), tuple(faults))
 
@@ -119,7 +119,7 @@ class _Chain:
         self.planes = {_key(p.at_mm) for p in features.planes if p.axis == k}
         self.ends = {_key(features.low_mm[k]), _key(features.high_mm[k])}
         self.rounds = [r for r in features.rounds if r.axis != k]
-        spheres = [c for o in features.others if (c := o.centre[k]) is not None]
+        spheres = [c for o in features.other_faces if (c := o.centre[k]) is not None]
         self.axes = {_key(c) for axis, c in self.callouts.axes if axis == k}
         self.centres = self.axes | {_key(c) for c in spheres}
         self.centres |= {_key(r.low_mm[k]) for r in self.rounds if not r.rounds_an_edge}
@@ -143,14 +143,14 @@ class _Chain:
         k = self.axis
         for r in self.rounds:
             centre_node = _key(r.low_mm[k])
-            bounds = self.ends if r.whole else self.ends | self.planes
+            bounds = self.ends if r.full_turn else self.ends | self.planes
             for side in (-1, 1):
                 edge = _key(r.low_mm[k] + side * r.radius_mm)
-                if edge in bounds and not (r.whole and r.hole):
+                if edge in bounds and not (r.full_turn and r.hole):
                     self._union(centre_node, edge)
             if r in self.on_circle:
                 self._union(centre_node, self.datum)
-        for o in self.features.others:
+        for o in self.features.other_faces:
             centre = o.centre[k]
             if centre is not None:
                 for side in (-1, 1):
@@ -336,9 +336,9 @@ def _circle_text(group: Sequence[Round], features: SolidFeatures) -> str:
     radius = np.hypot(centres[:, 0], centres[:, 1])
     if len(group) < 3 or np.ptp(radius) > CIRCLE_TOLERANCE * radius.max():
         return ""
-    if group[0].whole:
+    if group[0].full_turn:
         evenly = any(
-            o.axis == axis and not o.hole and o.whole and o.radius_mm > radius.max()
+            o.axis == axis and not o.hole and o.full_turn and o.radius_mm > radius.max()
             and math.hypot(*(o.low_mm[i] for i in plan)) < GRID_MM
             for o in features.rounds
         )  # fmt: skip
@@ -366,7 +366,7 @@ def _is_dimensioned(face: OtherFace, features: SolidFeatures, printed: Sequence[
     size_printed = any(abs(size - number) < 0.006 for size in face.sizes for number in printed)
     if face.kind != "slant":
         return size_printed
-    normal, point = np.array(face.normal), np.array(face.at)
+    normal, point = np.array(face.normal), np.array(face.point)
     touched = 0
     for r in features.rounds:
         distance = abs(float((np.array(r.low_mm) - point) @ normal))

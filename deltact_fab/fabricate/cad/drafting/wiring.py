@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..dimensions import Design
-from ..parts.camera import COMPUTER
-from ..parts.light_holder import WIRE, WIRE_COLOURS
+from ..parts.camera import HOST_COMPUTER
+from ..parts.light_holder import WIRE_COLOURS, WIRE_SIZE
 from .page import FORMATS_MM, TEXT_LINE_MM, TEXT_MM, TITLE_MM, DrawingPage, draw_frame, wrapped
 
 WIRING_SHEET = "A4"
@@ -44,7 +44,7 @@ def wiring(design: Design) -> DrawingPage:
     _stack(page, (RESISTOR_X + x_after) / 2, PLUS_Y - 14, about)
     for y, sign, colour in zip((PLUS_Y, MINUS_Y), "+−", WIRE_COLOURS, strict=True):
         page.text((SUPPLY_X - 4, y + 1.2), sign, TITLE_MM, "middle")
-        label = f"{colour}, {WIRE}, {light.wire_mm:g} mm"
+        label = f"{colour}, {WIRE_SIZE}, {light.wire_mm:g} mm"
         page.text(((x_after + WALL_X) / 2 - 8, y + 8), label, TEXT_MM, "middle")
     page.group = "leds"
     for i, x in enumerate(xs, 1):
@@ -60,7 +60,7 @@ def wiring(design: Design) -> DrawingPage:
     page.text((RING_X + 3, TOP_Y + 14), f"light holder (4): {light.led_count} LEDs in parallel")
     page.group = "camera"
     _box(page, LEFT_X, CABLE_Y - 8, SUPPLY_X + 8, CABLE_Y + 8)
-    _stack(page, middle + 4, CABLE_Y + 1, (COMPUTER, "camera port"), TEXT_MM)
+    _stack(page, middle + 4, CABLE_Y + 1, (HOST_COMPUTER, "camera port"), TEXT_MM)
     _box(page, RING_X + 20, CABLE_Y - 8, RING_X + 62, CABLE_Y + 8)
     _stack(page, RING_X + 41, CABLE_Y - 1, ("Camera (5)", "connector, locked"))
     page.line((SUPPLY_X + 8, CABLE_Y), (RING_X + 20, CABLE_Y), "visible")

@@ -1,4 +1,4 @@
-"""Parts to files: the same dimensions give the same bytes, in any process and any order.
+"""Export parts to files: equal dimensions give equal bytes, in any process and any order.
 
 part_files.py runs in a worker; step.py and dxf.py write the exact solid, meshes.py its mesh.
 """
@@ -27,35 +27,34 @@ from deltact_fab.common import (
 )
 
 from .. import feasibility
-from ..build import made_by, part_key
+from ..build import cad_cache_key, part_key
 from ..dimensions import Design
 from ..part import Part
 from ..registry import parts_of_group
 from . import meshes
 from .part_files import (
-    ASSEMBLY,
-    DRAWN,
+    ASSEMBLY_NAME,
+    DRAWING_FORMATS,
     EXPORT_FORMATS,
-    MESHED,
-    Made,
+    MESH_FORMATS,
+    ExportTask,
+    FileData,
     PartFile,
-    Task,
-    applicable,
+    assembly_file,
     checked_formats,
     make,
-    whole,
+    part_formats,
 )
 
-MANIFEST = "manifest.json"
-TOLERANCE_MM = (0.001, 1.0)
-MAX_JOBS = 4
-# Files of so many parts are worth sharing: a worker first loads the kernel, 4 s and 500 MB.
-SHARED_FROM = 12
-STORE = Store("cad", limit_bytes=512 * 2**20)
-# What a drawing says beside its part: limits of its machine, the title block.
-BESIDE_DRAWINGS = ("drawing", "resin_printer", "laser", "optics")
-# About ten designs at 0.01 mm; the longest unused go first.
-DIGITS = 6  # of lengths and volumes in the manifest
+MANIFEST_FILE = "manifest.json"
+TOLERANCE_MM = (0.001, 1.0)  # by hand: finer meshes exceed memory, coarser ones look faceted
+MAX_JOBS = 4  # by hand: each takes 500 MB
+# By hand: fewer parts are not worth a worker, which first loads the kernel (4 s, 500 MB).
+MIN_SHARED_TASKS = 12
+EXPORT_STORE = Store("cad", limit_bytes=512 * 2**20)  # by hand: about ten designs at 0.01 mm
+# Further sections that a drawing depends on: tolerances of its machine, title block.
+DRAWING_SECTIONS = ("drawing", "resin_printer", "laser", "optics")
+FILE_DIGITS = 6  # by hand, lengths and volumes in the manifest: more would be rounding noise
 
 
 def export_parts(
@@ -72,17 +71,17 @@ def export_parts(
     """Write every part in every format that applies to it, and manifest.json, into out_dir.
 
     formats: of EXPORT_FORMATS; None: all.
-    tolerance_mm: largest distance of a mesh from the surface; measured, not only asked for.
-    progress: called with (done, total, what) at the start, after each part, and at the end.
-    cached: files made before from the same dimensions, sources and kernel are taken from the
-    user's cache, and new ones put there; when none is missing the kernel is not loaded.
-    jobs: processes; None decides by the work that is left.
+    tolerance_mm: largest distance of a mesh from the surface, verified by measurement.
+    progress: called with (count, total, step) at the start, after each part, and at the end.
+    cached: use and fill the user's cache of files by dimensions, code and kernel version; when no
+    file is missing the kernel is not loaded.
+    jobs: processes; None: chosen by the number of missing files.
 
-    assembly.step, assembly.glb, wiring.svg and wiring.pdf are written when all of the sensor's
-    parts are among parts. A file that has the name of one is replaced, and what an earlier export's
-    manifest lists and is not written again goes, unless it was changed since; other files stay.
+    assembly.step, assembly.glb, wiring.svg and wiring.pdf are written if parts include the whole
+    sensor. Files of the same name are replaced, and unchanged files of an earlier export (by its
+    manifest) that are not written again are removed; other files stay.
 
-    Returns what was written: the assembly first, then by part. All files appear at once, or none.
+    Returns the written files: the assembly first, then by part. All files appear at once, or none.
     Raises InputError for unusable arguments or dimensions; RunFailed when a part cannot be made, a
     file cannot be written, a worker dies, or on Ctrl-C.
     """
@@ -93,112 +92,114 @@ def export_parts(
         raise InputError(f"tolerance {tolerance_mm:g} mm: expected {low:g} to {high:g} mm")
     if jobs is not None and jobs < 1:
         raise InputError(f"jobs {jobs}: expected 1 or more")
-    named = {part.name: part for part in parts if part.indenter or part.places(design)}
-    tasks = [
-        Task((part,), applicable(part, kinds), design, tolerance_mm) for part in named.values()
-    ]
+    by_name = {part.name: part for part in parts if part.indenter or part.places(design)}
+    unique = by_name.values()
+    tasks = [ExportTask((p,), part_formats(p, kinds), design, tolerance_mm) for p in unique]
     if not any(task.formats for task in tasks):
-        raise InputError(f"format {', '.join(kinds)}: applies to none of {', '.join(named)}")
-    if any(part.indenter is None for part in named.values()):
+        raise InputError(f"format {', '.join(kinds)}: applies to none of {', '.join(by_name)}")
+    if any(part.indenter is None for part in by_name.values()):
         feasibility.check_feasible(design)
-    # In the registry's order, where all of them are there.
+    # The sensor's parts in the registry's order, if complete.
     whole_sensor = [part.name for part in parts_of_group("sensor", design)]
-    complete = set(whole_sensor) <= set(named)
-    sensor = tuple(named[name] for name in whole_sensor) if complete else ()
-    if sensor and (own := tuple(kind for kind in kinds if kind in ("step", *DRAWN))):
-        tasks.insert(0, Task(sensor, own, design, tolerance_mm))
+    complete = set(whole_sensor) <= set(by_name)
+    sensor = tuple(by_name[name] for name in whole_sensor) if complete else ()
+    if sensor and (together := tuple(k for k in kinds if k in ("step", *DRAWING_FORMATS))):
+        tasks.insert(0, ExportTask(sensor, together, design, tolerance_mm))
     check_writable(out_dir, folder=True)
-    tell = progress or (lambda done, total, what: None)
-    made = _made(tasks, cached, jobs, tell)
+    tell = progress or (lambda count, total, step: None)
+    results = _load_or_make(tasks, cached, jobs, tell)
     if sensor and "glb" in kinds:
-        made.append(_assembly_glb(sensor, design, made))
-    # In an order of their own: that of asking or making does not count.
-    made.sort(key=lambda m: (m[0].part != ASSEMBLY, m[0].part, EXPORT_FORMATS.index(_kind(m[0]))))
-    files = [_rounded(entry) for entry, _ in made]
-    wanted = {out_dir / entry.file: data for entry, data in made}
-    told = json.dumps({"files": [asdict(entry) for entry in files]}, indent=2) + "\n"
-    wanted[out_dir / MANIFEST] = told.encode()
+        results.append(_assembly_glb(sensor, design, results))
+    # A fixed order, independent of that of arguments and workers.
+    results.sort(key=lambda result: EXPORT_FORMATS.index(_kind(result[0])))
+    results.sort(key=lambda result: (result[0].part != ASSEMBLY_NAME, result[0].part))
+    files = [_rounded_entry(entry) for entry, _ in results]
+    contents = {out_dir / entry.file: data for entry, data in results}
+    manifest = json.dumps({"files": [asdict(entry) for entry in files]}, indent=2) + "\n"
+    contents[out_dir / MANIFEST_FILE] = manifest.encode()
     make_folder(out_dir)
-    write_files(wanted, _earlier(out_dir) - {*wanted}, RunFailed)
+    write_files(contents, _unchanged_files(out_dir) - {*contents}, RunFailed)
     tell(len(tasks), len(tasks), "done")
     return files
 
 
-def _earlier(folder: Path) -> set[Path]:
-    """What an export wrote there and nobody changed: no folder holds parts of two designs."""
-    found = set()
-    with suppress(OSError, ValueError, KeyError, TypeError):  # no manifest, or not one of ours
-        for entry in json.loads((folder / MANIFEST).read_text())["files"]:
+def _unchanged_files(folder: Path) -> set[Path]:
+    """Return unchanged files of an earlier export, so that no folder mixes two designs."""
+    unchanged = set()
+    with suppress(OSError, ValueError, KeyError, TypeError):  # no manifest, or a foreign one
+        for entry in json.loads((folder / MANIFEST_FILE).read_text())["files"]:
             path = folder / Path(entry["file"]).name
             if path.is_file() and sha256(path.read_bytes()).hexdigest() == entry["sha256"]:
-                found.add(path)
-    return found
+                unchanged.add(path)
+    return unchanged
 
 
-def _made(tasks: Sequence[Task], cached: bool, jobs: int | None, tell: Progress) -> list[Made]:
-    """Everything but assembly.glb, from the cache or from the kernel."""
-    found: list[Made] = []
-    missing: list[Task] = []
+def _load_or_make(
+    tasks: Sequence[ExportTask], cached: bool, jobs: int | None, tell: Progress
+) -> list[FileData]:
+    """Return all files except assembly.glb, from the cache or the kernel."""
+    cached_files: list[FileData] = []
+    missing: list[ExportTask] = []
     for task in tasks:
-        held: dict[str, Made | None] = {
-            kind: STORE.read(stored_by(task, kind)) if cached else None for kind in task.formats
-        }
-        found += [one for one in held.values() if one is not None]
-        if absent := tuple(kind for kind, one in held.items() if one is None):
+        stored: dict[str, FileData | None] = dict.fromkeys(task.formats)
+        if cached:
+            stored = {k: EXPORT_STORE.read(file_cache_key(task, k)) for k in task.formats}
+        cached_files += [file for file in stored.values() if file is not None]
+        if absent := tuple(kind for kind, file in stored.items() if file is None):
             missing.append(replace(task, formats=absent))
-    begun = len(tasks) - len(missing)
-    tell(begun, len(tasks), missing[0].name if missing else "cache")
+    from_cache = len(tasks) - len(missing)
+    tell(from_cache, len(tasks), missing[0].name if missing else "cache")
 
-    def arrived(index: int, made: list[Made]) -> None:
-        for one in made if cached else ():
-            STORE.write(stored_by(missing[index], _kind(one[0])), one)
+    def store_files(index: int, files: list[FileData]) -> None:
+        for result in files if cached else ():
+            EXPORT_STORE.write(file_cache_key(missing[index], _kind(result[0])), result)
 
-    # Several processes where the work is worth it.
-    shared = min(count_workers(), MAX_JOBS) if len(missing) >= SHARED_FROM else 1
-    made = run_each(
+    # Several processes only for many parts.
+    shared = min(count_workers(), MAX_JOBS) if len(missing) >= MIN_SHARED_TASKS else 1
+    results = run_each(
         make, missing, [task.name for task in missing], None,
-        lambda done, _, what: tell(begun + done, len(tasks), what),
-        arrived=arrived, workers=jobs or shared,
+        lambda count, _, step: tell(from_cache + count, len(tasks), step),
+        arrived=store_files, workers=jobs or shared,
     )  # fmt: skip
-    return found + [one for several in made for one in several]
+    return cached_files + [file for several in results for file in several]
 
 
-def stored_by(task: Task, kind: str) -> dict[str, Any]:
-    """Everything that a file is made from: its key in the cache."""
+def file_cache_key(task: ExportTask, kind: str) -> dict[str, Any]:
+    """Return the cache key of a file: all its inputs."""
     design, alone = task.design, len(task.parts) == 1
-    beside: Any = None if alone else [part.places(design) for part in task.parts]
-    if kind in DRAWN:
-        # The wiring is drawn of the whole design.
-        sections = {name: getattr(design, name) for name in BESIDE_DRAWINGS}
-        beside = [sections, design.unverified()] if alone else design
-    return made_by(
+    context: Any = None if alone else [part.places(design) for part in task.parts]
+    if kind in DRAWING_FORMATS:
+        # The wiring drawing depends on the whole design.
+        sections = {name: getattr(design, name) for name in DRAWING_SECTIONS}
+        context = [sections, design.unverified()] if alone else design
+    return cad_cache_key(
         "fabricate.cad.export.part_files",
         parts=[part_key(part, design) for part in task.parts],
-        beside=beside,
+        beside=context,
         format=kind,
-        tolerance_mm=task.tolerance_mm if kind in MESHED else None,
+        tolerance_mm=task.tolerance_mm if kind in MESH_FORMATS else None,
     )
 
 
-def _assembly_glb(sensor: Sequence[Part], design: Design, made: Sequence[Made]) -> Made:
-    """The parts' own GLB files put in their places."""
-    held = {entry.file: (entry, data) for entry, data in made}
+def _assembly_glb(sensor: Sequence[Part], design: Design, results: Sequence[FileData]) -> FileData:
+    """Assemble the parts' own GLB files."""
+    by_file = {entry.file: (entry, data) for entry, data in results}
     bodies, sizes, deviations_mm = {}, [], []
     for part in sensor:
-        where, (entry, data) = part.places(design), held[f"{part.name}.glb"]
-        bodies[part.name] = meshes.read_part(data), where
-        sizes.append((entry.volume_mm3, entry.bounding_box_mm, where))
+        places, (entry, data) = part.places(design), by_file[f"{part.name}.glb"]
+        bodies[part.name] = meshes.read_part(data), places
+        sizes.append((entry.volume_mm3, entry.bounding_box_mm, places))
         deviations_mm.append(entry.mesh_deviation_mm or 0.0)
-    return whole(ASSEMBLY, "glb", meshes.glb_bytes(bodies), sizes, max(deviations_mm))
+    return assembly_file(ASSEMBLY_NAME, "glb", meshes.glb_bytes(bodies), sizes, max(deviations_mm))
 
 
 def _kind(entry: PartFile) -> str:
     return entry.file.rpartition(".")[2]
 
 
-def _rounded(entry: PartFile) -> PartFile:
-    """Without the digits that tell nothing."""
-    box_mm: Any = tuple(tuple(round(v, DIGITS) + 0.0 for v in c) for c in entry.bounding_box_mm)
-    volume_mm3, off_mm = round(entry.volume_mm3, DIGITS), entry.mesh_deviation_mm
-    off_mm = None if off_mm is None else round(off_mm, DIGITS)
-    return replace(entry, volume_mm3=volume_mm3, bounding_box_mm=box_mm, mesh_deviation_mm=off_mm)
+def _rounded_entry(entry: PartFile) -> PartFile:
+    """Round lengths and volumes to significant digits."""
+    box: Any = tuple(tuple(round(v, FILE_DIGITS) + 0.0 for v in c) for c in entry.bounding_box_mm)
+    volume_mm3, off_mm = round(entry.volume_mm3, FILE_DIGITS), entry.mesh_deviation_mm
+    off_mm = None if off_mm is None else round(off_mm, FILE_DIGITS)
+    return replace(entry, volume_mm3=volume_mm3, bounding_box_mm=box, mesh_deviation_mm=off_mm)

@@ -1,8 +1,8 @@
 """DXF (R2000) for a laser cutter: each outline of a flat part as one closed polyline, layer CUT.
 
-A cutter's program offsets a closed polyline by half the kerf as it is; of loose lines and arcs
-somebody first has to join the ends. Lines and arcs (as bulges) come from the edges of the solid's
-own face: a section of it once gave a drawing without a single entity, and no error.
+A cutter's program offsets a closed polyline by half the kerf directly; loose lines and arcs must
+first be joined by hand. Lines and arcs (as bulges) come from the edges of the solid's own face: a
+section of it once gave an empty drawing without an error.
 """
 
 from __future__ import annotations
@@ -13,42 +13,42 @@ from typing import Any
 
 from deltact_fab.common import RunFailed
 
-LAYER = "CUT"
-_MILLIMETRES = 4
-_METRIC = 1
-_JOIN_MM = 1e-6
-_SAME = 1e-6
+CUT_LAYER = "CUT"
+_INSUNITS_MM = 4  # DXF format
+_MEASUREMENT_METRIC = 1  # DXF format
+_JOIN_MM = 1e-6  # by hand: above the kernel's rounding; larger hides an open outline
+_VOLUME_RTOL = 1e-6  # by hand: above the kernel's rounding; larger hides a pocket or chamfer
 
 
 def dxf_bytes(solid: Any, name: str, outwards_mm: float = 0.0) -> bytes:
-    """The outline of a plate, seen from +z in the coordinates of the CAD frame.
+    """Return the outline of a plate, seen from +z in the coordinates of the CAD frame.
 
-    outwards_mm: how far outside the plate its outline is drawn, corners sharp: half a kerf for the
-    path of a laser that knows of none. Raises RunFailed when the solid is no plate along z, or an
-    edge is neither line nor arc.
+    outwards_mm: offset of the outline, corners sharp: half a kerf for a laser without kerf
+    compensation. Raises RunFailed when the solid is no plate along z, or an edge is neither line
+    nor arc.
     """
     import ezdxf
 
     face, thickness_mm = _plate(solid, name)
-    held_mm3 = face.Area() * thickness_mm
-    if not math.isclose(held_mm3, solid.Volume(), rel_tol=_SAME):
+    plate_mm3 = face.Area() * thickness_mm
+    if not math.isclose(plate_mm3, solid.Volume(), rel_tol=_VOLUME_RTOL):
         raise RunFailed(
-            f"{name}: no plate to cut: its outline holds {held_mm3:.3f} mm3 over the thickness, "
+            f"{name}: not a plate: outline x thickness is {plate_mm3:.3f} mm3, "
             f"the solid {solid.Volume():.3f}"
         )
     fixed = ezdxf.options.write_fixed_meta_data_for_testing
-    # Dates and identifiers of the file are the library's own inventions, new every time.
+    # The library makes up new dates and identifiers for every file otherwise.
     ezdxf.options.write_fixed_meta_data_for_testing = True
     try:
-        document = ezdxf.new("R2000", units=_MILLIMETRES)
-        document.header["$INSUNITS"] = _MILLIMETRES
-        document.header["$MEASUREMENT"] = _METRIC
-        document.layers.add(LAYER, color=1)
-        for wire in _moved(face, outwards_mm):
+        document = ezdxf.new("R2000", units=_INSUNITS_MM)
+        document.header["$INSUNITS"] = _INSUNITS_MM
+        document.header["$MEASUREMENT"] = _MEASUREMENT_METRIC
+        document.layers.add(CUT_LAYER, color=1)
+        for wire in _offset_wires(face, outwards_mm):
             edges = list(wire)
             _check_closed(edges, name)
             corners = [corner for edge in edges for corner in _corners(edge, name)]
-            shape = {"close": True, "dxfattribs": {"layer": LAYER}}
+            shape = {"close": True, "dxfattribs": {"layer": CUT_LAYER}}
             document.modelspace().add_lwpolyline(corners, "xyb", **shape)
         stream = io.StringIO()
         document.write(stream)
@@ -57,8 +57,8 @@ def dxf_bytes(solid: Any, name: str, outwards_mm: float = 0.0) -> bytes:
     return stream.getvalue().encode("utf-8")
 
 
-def _moved(face: Any, outwards_mm: float) -> list[Any]:
-    """The wires of a face, that far into what is cut away."""
+def _offset_wires(face: Any, outwards_mm: float) -> list[Any]:
+    """Return the wires of a face, offset towards the waste."""
     if outwards_mm == 0:
         return [face.outerWire(), *face.innerWires()]
     inside = [w for wire in face.innerWires() for w in wire.offset2D(-outwards_mm, "intersection")]
@@ -66,8 +66,8 @@ def _moved(face: Any, outwards_mm: float) -> list[Any]:
 
 
 def _plate(solid: Any, name: str) -> tuple[Any, float]:
-    """The one flat face that looks up, and the distance to the one that looks down."""
-    found = {}
+    """Return the one flat face that points up, and its distance to the one that points down."""
+    by_sign = {}
     for sign in (1, -1):
         faces = [
             face
@@ -76,13 +76,13 @@ def _plate(solid: Any, name: str) -> tuple[Any, float]:
         ]
         if len(faces) != 1:
             side = "up" if sign > 0 else "down"
-            raise RunFailed(f"{name}: {len(faces)} flat faces look {side}; a plate has one")
-        found[sign] = faces[0]
-    return found[1], found[1].Center().z - found[-1].Center().z
+            raise RunFailed(f"{name}: {len(faces)} flat faces point {side}; expected one")
+        by_sign[sign] = faces[0]
+    return by_sign[1], by_sign[1].Center().z - by_sign[-1].Center().z
 
 
 def _ends(edge: Any) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Where an edge starts and ends as the wire runs."""
+    """Return start and end of an edge in the direction of the wire."""
     from OCP.BRepAdaptor import BRepAdaptor_Curve
     from OCP.TopAbs import TopAbs_REVERSED
 
@@ -100,23 +100,23 @@ def _check_closed(edges: list[Any], name: str) -> None:
 
 
 def _corners(edge: Any, name: str) -> list[tuple[float, float, float]]:
-    """Where an edge starts, and its bulge: the tangent of a quarter of an arc's angle (DXF).
+    """Return start and bulge of an edge: tan of a quarter of the arc's angle (DXF format).
 
-    A full circle is two half ones. Raises RunFailed for what a cutter does not know.
+    A full circle is two half ones. Raises RunFailed for an edge that is neither line nor arc.
     """
     start, end = _ends(edge)
     kind = edge.geomType()
     if kind == "LINE":
         return [(*start, 0.0)]
     if kind != "CIRCLE":
-        raise RunFailed(f"{name}: an edge is a {kind}; lines and arcs can be cut")
+        raise RunFailed(f"{name}: edge of type {kind}; expected lines and arcs")
     if edge.IsClosed():
         centre = edge.arcCenter()
         across = (2 * centre.x - start[0], 2 * centre.y - start[1])
         return [(*start, 1.0), (*across, 1.0)]
     middle = edge.positionAt(0.5)
     chord = (end[0] - start[0], end[1] - start[1])
-    off = (middle.x - start[0], middle.y - start[1])
+    to_middle = (middle.x - start[0], middle.y - start[1])
     # The height of the arc to the right of its chord, over half the chord.
-    height = (off[0] * chord[1] - off[1] * chord[0]) / math.hypot(*chord)
+    height = (to_middle[0] * chord[1] - to_middle[1] * chord[0]) / math.hypot(*chord)
     return [(*start, height / (math.hypot(*chord) / 2))]

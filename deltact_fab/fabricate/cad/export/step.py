@@ -1,7 +1,7 @@
 """STEP AP214 in millimetres, header and names fixed.
 
-The kernel stamps the time and counts products and their uses over the life of the process; all of
-that is rewritten. The assembly carries no colours: the kernel orders them by memory address.
+The kernel writes the time and numbers products and their uses over the life of the process; all of
+this is rewritten. The assembly has no colours: the kernel orders them by memory address.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from deltact_fab.version import VERSION
 
 
 def part_bytes(solid: Any, name: str) -> bytes:
-    """One cadquery Solid as one product. Raises RunFailed when the kernel cannot translate it."""
+    """Return a cadquery Solid as one product. Raises RunFailed if the kernel cannot convert it."""
     from OCP.IFSelect import IFSelect_RetDone
     from OCP.StepBasic import StepBasic_Product
     from OCP.STEPControl import STEPControl_AsIs, STEPControl_Writer
@@ -29,11 +29,11 @@ def part_bytes(solid: Any, name: str) -> bytes:
         if isinstance(entity, StepBasic_Product):
             entity.SetId(Text(name))
             entity.SetName(Text(name))
-    return _written(writer, name)
+    return _step_bytes(writer, name)
 
 
 def assembly_bytes(parts: Sequence[tuple[str, Any, Sequence[Point]]], name: str) -> bytes:
-    """A product of products: (name, solid, where its origin goes, one place a copy), in order.
+    """Return an assembly of parts (name, solid, position of each copy), in order.
 
     Raises RunFailed when the kernel cannot translate it.
     """
@@ -50,15 +50,15 @@ def assembly_bytes(parts: Sequence[tuple[str, Any, Sequence[Point]]], name: str)
 
     document = TDocStd_Document(Wide("BinXCAF"))
     tool = XCAFDoc_DocumentTool.ShapeTool_s(document.Main())
-    whole = tool.NewShape()
-    TDataStd_Name.Set_s(whole, Wide(name))
+    assembly = tool.NewShape()
+    TDataStd_Name.Set_s(assembly, Wide(name))
     for part, solid, places in parts:
         product = tool.AddShape(solid.wrapped, False)
         TDataStd_Name.Set_s(product, Wide(part))
         for copy, place in enumerate(places, start=1):
             move = gp_Trsf()
             move.SetTranslation(gp_Vec(*place))
-            use = tool.AddComponent(whole, product, TopLoc_Location(move))
+            use = tool.AddComponent(assembly, product, TopLoc_Location(move))
             TDataStd_Name.Set_s(use, Wide(f"{part}-{copy}"))
     tool.UpdateAssemblies()
     writer = STEPCAFControl_Writer()
@@ -73,11 +73,11 @@ def assembly_bytes(parts: Sequence[tuple[str, Any, Sequence[Point]]], name: str)
         if isinstance(entity, StepRepr_NextAssemblyUsageOccurrence):
             uses += 1
             entity.SetId(Text(str(uses)))
-    return _written(writer.ChangeWriter(), name)
+    return _step_bytes(writer.ChangeWriter(), name)
 
 
 def _settings() -> None:
-    """Global settings of the kernel: another export in this process may have changed them."""
+    """Set the kernel's global options; another export in this process may have changed them."""
     from OCP.Interface import Interface_Static
 
     Interface_Static.SetIVal_s("write.surfacecurve.mode", 1)
@@ -92,7 +92,7 @@ def _entities(writer: Any) -> list[Any]:
     return [model.Value(number) for number in range(1, model.NbEntities() + 1)]
 
 
-def _written(writer: Any, name: str) -> bytes:
+def _step_bytes(writer: Any, name: str) -> bytes:
     from OCP.APIHeaderSection import APIHeaderSection_MakeHeader
     from OCP.IFSelect import IFSelect_RetDone
     from OCP.TCollection import TCollection_HAsciiString as Text

@@ -1,1 +1,1 @@
-"""What a lab buys, weighs and waits for, and the paper's gaps; none needs the CAD kernel."""
+"""Bill of materials, batches and cure, and the paper's gaps; without the CAD kernel."""

@@ -1,7 +1,7 @@
 """The bill of materials, from the registry and the dimensions. Imports no CAD kernel.
 
-What is ordered besides the parts stands in bom.toml; here are the figures in it. Where what is
-bought is ordered stands in cad/parts.toml, a lab's own list.
+Consumables and tools are in bom.toml, whose figures are computed here. Sources of bought parts are
+in cad/parts.toml, a lab's own list.
 """
 
 from __future__ import annotations
@@ -14,48 +14,48 @@ from deltact_fab.common import InputError, find_file, read_toml, validate
 
 from .. import feasibility
 from ..dimensions import Design
-from ..part import LASER_CUT, MACHINED, PRINT
-from ..parts.camera import COMPUTER
-from ..parts.light_holder import WIRE, WIRE_COLOURS
+from ..part import LASER_CUT, MACHINED_PROCESS, PRINT_PROCESS
+from ..parts.camera import HOST_COMPUTER
+from ..parts.light_holder import WIRE_COLOURS, WIRE_SIZE
 from ..registry import list_parts
 from . import quantities
-from .quantities import DEFAULT, WASTE, filled_in
+from .quantities import DEFAULT_FIGURES, WASTE_SHARE, fill_tables
 
-PIECES = "pcs"
-MADE = (PRINT, LASER_CUT, MACHINED, "cast in the mold")  # of what the other lines bring
-UNKNOWN = "not looked up"
-JETSON_PIN_MA = 500.0  # ours, cautious: the pins share the board's supply
+PIECE_UNIT = "pcs"
+MADE_PROCESSES = (PRINT_PROCESS, LASER_CUT, MACHINED_PROCESS, "cast in the mold")  # need no source
+UNKNOWN_SOURCE = "not looked up"
+JETSON_PIN_MA = 500.0  # by hand, cautious: the pins share the board's supply; more may reset it
 
 
 @dataclass(frozen=True)
 class BoughtPart:
-    """One line that is bought, and where."""
+    """Source of one bought line."""
 
     line: str
     """Name of the line in `cad bom`."""
     when: str = ""
-    """Words that the line must hold, as a screw's size; none: any."""
-    maker: str = UNKNOWN
+    """Text that the line must contain, such as a screw's size; empty: any."""
+    maker: str = UNKNOWN_SOURCE
     """Maker and product."""
-    order_number: str = UNKNOWN
-    """Number to order it by, of the maker or of the shop that is named."""
-    second_source: str = UNKNOWN
-    """Who else sells it."""
-    sold_by: str = UNKNOWN
+    order_number: str = UNKNOWN_SOURCE
+    """Order number of the maker or the named shop."""
+    second_source: str = UNKNOWN_SOURCE
+    """Alternative supplier."""
+    sold_by: str = UNKNOWN_SOURCE
     """Unit in which it is sold."""
-    price: str = UNKNOWN
-    """Of one such unit, with its currency."""
-    priced_on: str = UNKNOWN
-    """The day of that price."""
-    instead: str = UNKNOWN
-    """What may replace it, or must not."""
-    found_in: str = UNKNOWN
-    """What says so."""
+    price: str = UNKNOWN_SOURCE
+    """Price of one such unit, with its currency."""
+    priced_on: str = UNKNOWN_SOURCE
+    """Date of that price."""
+    instead: str = UNKNOWN_SOURCE
+    """Substitutes, allowed or not."""
+    found_in: str = UNKNOWN_SOURCE
+    """Reference for these entries."""
 
     __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
 
     def __str__(self) -> str:
-        """Maker and number, as short as they can be said."""
+        """Maker and order number."""
         if self.maker == self.order_number:
             return self.maker
         return f"{self.maker}: {self.order_number}"
@@ -70,15 +70,15 @@ class BoughtParts:
 
     __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
 
-    def of(self, line: str, *texts: str) -> BoughtPart:
-        """The first source of a line whose texts hold its words; one of marks where none is."""
-        said = " ".join(texts)
-        fits = (one for one in self.bought if one.line == line and one.when in said)
+    def find_source(self, line: str, *texts: str) -> BoughtPart:
+        """Return the first source whose `when` the texts contain; an unknown one if none does."""
+        text = " ".join(texts)
+        fits = (source for source in self.bought if source.line == line and source.when in text)
         return next(fits, BoughtPart(line))
 
 
 def load_bought() -> BoughtParts:
-    """The lab's list. Raises InputError naming file and key."""
+    """Load the lab's list. Raises InputError naming file and key."""
     path = find_file("cad", "parts")
     return validate(BoughtParts, read_toml(path), str(path))
 
@@ -87,8 +87,7 @@ def load_bought() -> BoughtParts:
 class BomLine:
     """One line. item counts from 1. group: of the registry, `consumables` or `workshop`.
 
-    quantity is what the order takes, in `unit`: pcs, g, ml, mm. source: where what is bought is
-    ordered, None for what is made.
+    quantity: to order, in `unit`: pcs, g, ml, mm. source: of a bought line; None for a made one.
     """
 
     item: int
@@ -126,25 +125,26 @@ def bom_lines(design: Design, sensors: int = 1) -> BillOfMaterials:
     if sensors < 1:
         raise InputError(f"sensors {sensors}: expected 1 or more")
     feasibility.check_feasible(design)
-    # Of the registry: what a sensor takes for each sensor; tools, bench and indenters once.
+    # From the registry: parts of the sensor per sensor; tools, bench and indenters once.
     rows: list[tuple[Any, ...]] = [
         (p.group, p.name, p.material, p.process, p.quantity * (sensors if p.per_sensor else 1),
-         PIECES, p.noted(design))
+         PIECE_UNIT, p.note_text(design))
         for p in list_parts(design=design)
     ]  # fmt: skip
     figures = _figures(design, sensors)
-    for group, bought in filled_in("bom", d=design, p=DEFAULT, f=figures).items():
+    defaults = {"material": "", "process": "bought", "unit": PIECE_UNIT, "quantity": "one"}
+    for group, bought in fill_tables("bom", d=design, p=DEFAULT_FIGURES, f=figures).items():
         for row in bought:
-            told = {"material": "", "process": "bought", "unit": PIECES, "quantity": "one", **row}
-            if figures[told.get("needs", "one")]:
-                count = figures[told["quantity"]]
-                about = (told["part"], told["material"], told["process"], count, told["unit"])
-                rows.append((group, *about, told["note"]))
+            item = {**defaults, **row}
+            if figures[item.get("needs", "one")]:
+                count = figures[item["quantity"]]
+                about = (item["part"], item["material"], item["process"], count, item["unit"])
+                rows.append((group, *about, item["note"]))
     sources = load_bought()
     return BillOfMaterials(
         line
-        if line.process in MADE
-        else replace(line, source=sources.of(line.part, line.material, line.note))
+        if line.process in MADE_PROCESSES
+        else replace(line, source=sources.find_source(line.part, line.material, line.note))
         for line in (BomLine(i, *row) for i, row in enumerate(rows, 1))
     )
 
@@ -154,10 +154,10 @@ def _figures(d: Design, sensors: int) -> dict[str, Any]:
     cast = sensors + 1  # the transparent base is cast with the others
     cells, fills = quantities.cavities(d), quantities.pours(d, cast)
     coat = quantities.coat_batch(d, sensors)
-    least = quantities.least_coat_batch(coat)
+    smallest_batch = quantities.least_coat_batch(coat)
     gap_mm = 5.0  # laser kerf and clamping, in the blank
     takes_ma = sensors * light.most_ma
-    # The least usual rating that is no more than half used.
+    # The smallest common rating, at most half used.
     half_a, ratings_a = 2 * takes_ma / 1000, (0.1, 0.25, 0.5, 1, 2, 3, 5, 10)
     pin = light.supply_v == 5 and takes_ma <= JETSON_PIN_MA
     return {
@@ -166,25 +166,25 @@ def _figures(d: Design, sensors: int) -> dict[str, Any]:
         "cast": cast,
         "cells": cells,
         "fills": fills,
-        "waste": 100 * WASTE,
+        "waste": 100 * WASTE_SHARE,
         "skins_half_g": quantities.skins_batch(d, fills * cells).a_g,
         "one_half_g": quantities.skins_batch(d, 1).a_g,
         "blank_mm": [2 * half_mm + 2 * gap_mm for half_mm in d.acrylic_half_mm],
         "bead_mm": d.shell.ledge_drop_mm,
         "primer_ml": quantities.primer_ml(d, cast),
-        "film_mm": d.skin.film_mm(DEFAULT.film_margin_mm),
-        "coats_half_g": 2 * least.a_g,
+        "film_mm": d.skin.film_mm(DEFAULT_FIGURES.film_margin_mm),
+        "coats_half_g": 2 * smallest_batch.a_g,
         "adheres_g": 2 * coat.a_g,
-        "pigment_g": least.pigment_g,
-        "pigment": 100 * DEFAULT.coat_pigment,
+        "pigment_g": smallest_batch.pigment_g,
+        "pigment": 100 * DEFAULT_FIGURES.coat_pigment,
         "supply_off": 100 * light.supply_tolerance,
         "resistor_mw": 1000 * light.resistor_most_w,
         "rating_a": next((a for a in ratings_a if a >= half_a), math.ceil(half_a)),
         "takes_ma": takes_ma,
         "or_pin": "; or a 5 V pin of the Jetson" if pin else "",
-        "wire": WIRE,
+        "wire": WIRE_SIZE,
         "colours": " and ".join(WIRE_COLOURS),
         "wire_mm": sensors * 2 * light.wire_mm,
-        "computer": COMPUTER,
+        "computer": HOST_COMPUTER,
         "computers": math.ceil(sensors / 2),
     }

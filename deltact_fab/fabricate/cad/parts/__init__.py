@@ -1,1 +1,1 @@
-"""A part is in one file, whole, in `PARTS` (see part.py); a file without them helps others."""
+"""Parts, each defined in one file in `PARTS` (see part.py); files without PARTS are helpers."""

@@ -15,12 +15,12 @@ from collections.abc import Iterator
 
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, x_of, y_of, z_of
-from ..kernel import Box, Shape, around, prism, without_corners
-from ..part import CLEAR, LASER_CUT, Part
+from ..kernel import Extent, Shape, around, prism, without_corners
+from ..part import CLEAR_RGBA, LASER_CUT, Part
 from ..rule import Length, PlayFit
 
 
-def box(design: Design) -> Box:
+def box(design: Design) -> Extent:
     """The plate's rectangle, from the joint to the frame's ledge."""
     return around(*design.acrylic_half_mm, design.z_joint_mm, design.z_ledge_mm)
 
@@ -34,7 +34,7 @@ def build(design: Design) -> Shape:
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
-    """In the frame's pocket, round its posts, and between the ledges of frame and shell."""
+    """Fits in the frame's pocket, around its posts, and between the ledges of frame and shell."""
     parts, printer, laser = "acrylic, skin-frame", d.resin_printer, d.laser
     for i, axis in enumerate("xy"):
         pocket = printer.inner(2 * d.seat_half_mm[i])
@@ -46,30 +46,30 @@ def fits(d: Design) -> Iterator[PlayFit]:
             neck = laser.cut(2 * (d.acrylic_half_mm[i] - d.acrylic_notch_mm[i]))
             name = f"plate between the posts, {axis}"
             yield PlayFit(f"neck-{axis}", name, parts, (posts,), (neck,))
-    # A plate that is too thick would hold the joint open; a bead of adhesive fills what is left.
+    # A plate that is too thick holds the joint open; a bead of adhesive fills the rest.
     high = printer.tall(d.optics.acrylic_mm), printer.tall(d.shell.ledge_drop_mm)
     thick, name = laser.sheet(d.optics.acrylic_mm), "plate between the ledges, z"
     yield PlayFit("between-ledges", name, "acrylic, skin-frame, shell", high, (thick,))
-    # A plate that lies at one end of its pocket bears least at the other.
+    # A plate at one end of its pocket has the least support at the other.
     opening, pocket = printer.inner(d.skin.length_mm), printer.inner(2 * d.seat_half_mm[1])
     plate, name = laser.cut(2 * d.acrylic_half_mm[1]), "plate on the frame's ledge, y"
     halves = opening.half(), pocket.half()
     yield PlayFit("frame-ledge", name, parts, (plate,), halves, d.plate.ledge_mm)
-    # The shell stands off the frame by what its screws leave it.
+    # The screws' clearance lets the shell shift against the frame.
     hole = printer.inner(d.screw.row.clearance_mm)
     shank = Length(-d.screw.row.thread_mm)
     for i, key in enumerate(("ledge_x_mm", "ledge_mm")):
         if getattr(d.shell, key) == 0:
             continue
-        behind, pocket = (printer.inner(2 * at[i]) for at in (d.ledge_half_mm, d.seat_half_mm))
+        behind, pocket = printer.inner(2 * d.ledge_half_mm[i]), printer.inner(2 * d.seat_half_mm[i])
         plate, name = laser.cut(2 * d.acrylic_half_mm[i]), f"plate on the shell's ledge, {'xy'[i]}"
-        off = behind.half(), pocket.half(), hole.half(), shank.half()
+        overlap = behind.half(), pocket.half(), hole.half(), shank.half()
         id = f"shell-ledge-{'xy'[i]}"
-        yield PlayFit(id, name, "acrylic, shell", (plate,), off, d.plate.ledge_mm)
+        yield PlayFit(id, name, "acrylic, shell", (plate,), overlap, d.plate.ledge_mm)
 
 
 def callouts(d: Design) -> Callouts:
-    """The plate: outline, notches, thickness."""
+    """Drawing content: outline, notches, thickness."""
     (x, y), (nx, ny) = d.acrylic_half_mm, d.acrylic_notch_mm
     lengths = [x_of(-x, x), y_of(-y, y), z_of(d.z_joint_mm, d.z_ledge_mm)]
     if nx > 0:
@@ -97,7 +97,7 @@ PARTS = (
         process=LASER_CUT,
         number=2,
         explode_mm=14,
-        colour=CLEAR,
+        colour=CLEAR_RGBA,
         sections=("skin", "frame", "optics", "plate", "screw", "shell", "laser"),
         derived=("acrylic_half_mm", "acrylic_notch_mm", "z_ledge_mm", "z_joint_mm"),
         fits=fits,

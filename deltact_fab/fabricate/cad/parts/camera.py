@@ -10,8 +10,8 @@ Seen from the lens (along -z):              From the side, y to the right:
     +-----------------------+  board_bottom  | conn |           z_board_back
                                              +------+  -connector_height
 
-It keeps room; it is no model of the module. The board's outline and holes are those of the
-Raspberry Pi camera v2, the connector the largest one seen; no drawing of the paper's module was
+It reserves space and is no model of the module. The board's outline and holes are those of the
+Raspberry Pi camera v2, the connector the largest known; no drawing of the paper's module was
 found: lens diameter and height are assumed (`Design.unverified`).
 
 Part 6, the camera holder: the plate behind the camera's board (paper, Imaging Subsystem).
@@ -37,24 +37,24 @@ from dataclasses import fields
 
 from deltact_fab.common import Check
 
-from ..bench_sections import PLANE
+from ..bench_sections import PLANE_KEYS
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, x_of, y_of, z_of
-from ..kernel import Box, Shape, cuboid, cylinders, prism
-from ..part import BLACK, BOUGHT, GREEN, Part, PrintPose
+from ..kernel import Extent, Shape, cuboid, cylinders, prism
+from ..part import BLACK_RGBA, BOUGHT_PROCESS, GREEN_RGBA, Part, PrintPose
 from ..rule import Length, PlayFit, at_most, below
 from ..sensor_sections import CameraDimensions
 from ..standards import screw_tolerance_mm
 
-COMPUTER = "Nvidia Jetson Nano B01"
+HOST_COMPUTER = "Nvidia Jetson Nano B01"
 
-# What lies in the board's plane; a camera from another maker has another one.
+# Dimensions in the board's plane; they depend on the camera's maker.
 BOARD_KEYS = tuple(
     f"camera.{f.name}"
     for f in fields(CameraDimensions)
     if f.name.startswith(("board_", "hole_", "lens_offset_", "connector_"))
 )
-# Where the two screws of the board stand.
+# Keys that locate the board's two screws.
 UPPER_HOLES = (
     "camera.board_length_mm",
     "camera.lens_offset_mm",
@@ -63,8 +63,8 @@ UPPER_HOLES = (
 )
 
 
-def box(design: Design) -> Box:
-    """Board, lens and connector."""
+def box(design: Design) -> Extent:
+    """Bounding box of board, lens and connector."""
     cam, half = design.camera, design.camera.board_width_mm / 2
     back = design.z_board_back_mm - cam.connector_height_mm
     return (-half, cam.board_bottom_mm, back), (half, cam.board_top_mm, design.z_lens_mm)
@@ -74,19 +74,19 @@ def build(design: Design) -> Shape:
     """The envelope as one solid in the sensor frame, the lens's axis on x = y = 0."""
     cam = design.camera
     back, front, edge = design.z_board_back_mm, design.z_board_front_mm, cam.board_bottom_mm
-    half, wide = cam.board_width_mm / 2, cam.connector_width_mm / 2
+    half, half_width = cam.board_width_mm / 2, cam.connector_width_mm / 2
     body = cuboid(((-half, edge, back), (half, cam.board_top_mm, front)))
     if cam.hole_mm:
         x = cam.hole_pitch_x_mm / 2
-        at = [(sx * x, y) for y in cam.hole_rows_mm for sx in (-1, 1)]
-        body = body.cut(cylinders(at, cam.hole_mm, back - 1, cam.board_mm + 2))
+        centres = [(sx * x, y) for y in cam.hole_rows_mm for sx in (-1, 1)]
+        body = body.cut(cylinders(centres, cam.hole_mm, back - 1, cam.board_mm + 2))
     lens = cylinders([(0, 0)], cam.lens_diameter_mm, front, cam.lens_height_mm)
     low, end = back - cam.connector_height_mm, edge + cam.connector_length_mm
-    return body.union(lens).union(cuboid(((-wide, edge, low), (wide, end, back)))).val()
+    return body.union(lens).union(cuboid(((-half_width, edge, low), (half_width, end, back)))).val()
 
 
 def rules(d: Design) -> Iterator[Check]:
-    """The board's own holes and lens, which nothing else looks at."""
+    """Rules of the board's own holes and lens."""
     cam, radius = d.camera, d.camera.hole_mm / 2
     if not radius:
         head = "head of holder.screw", d.holder.row.head_mm
@@ -95,7 +95,7 @@ def rules(d: Design) -> Iterator[Check]:
     upper, lower = cam.hole_rows_mm
     corner = math.hypot(cam.hole_pitch_x_mm / 2, min(abs(upper), abs(lower)))
     across, half_mm = cam.hole_pitch_x_mm / 2 + radius, cam.board_width_mm / 2
-    for id, name, least, what, room in (
+    for id, name, value, limit_name, room in (
         ("hole-in-board", "half hole_mm", radius, "hole_edge_mm", cam.hole_edge_mm),
         ("holes", "half hole_pitch_x_mm + radius", across, "half the board", half_mm),
         ("lower-holes", "the board's -y edge + hole radius", cam.board_bottom_mm + radius,
@@ -103,13 +103,13 @@ def rules(d: Design) -> Iterator[Check]:
         ("lens", "lens radius + hole radius", cam.lens_diameter_mm / 2 + radius,
          "nearest hole", corner),
     ):  # fmt: skip
-        yield below(id, name, least, what, room, ("camera.lens_diameter_mm", *BOARD_KEYS))
+        yield below(id, name, value, limit_name, room, ("camera.lens_diameter_mm", *BOARD_KEYS))
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
-    """The board in the shell and beside its posts, and the ends of what it sees of the face."""
+    """Fits of the board in the shell and between its posts, and of the view within the face."""
     cam, printer = d.camera, d.resin_printer
-    off, parts = cam.tolerance_mm, "camera, shell"
+    tolerance, parts = cam.tolerance_mm, "camera, shell"
     sides = cam.board_width_mm, 2 * max(cam.board_top_mm, -cam.board_bottom_mm)
     posts = max(range(2), key=lambda i: 2 * d.post_edge_mm[i] - sides[i])
     for id, name, room, side in (
@@ -117,31 +117,31 @@ def fits(d: Design) -> Iterator[PlayFit]:
         ("in-shell-y", "in the shell, y", d.cavity_half_mm[1], sides[1]),
         ("beside-posts", "beside the posts", d.post_edge_mm[posts], sides[posts]),
     ):
-        board = Length(side, 2 * off, BOARD_KEYS)
+        board = Length(side, 2 * tolerance, BOARD_KEYS)
         yield PlayFit(f"board-{id}", f"board {name}", parts, (printer.inner(2 * room),), (board,))
     face = d.skin.opening_half_mm
     for i, axis in enumerate("xy"):
         flat = Length(face[i] - d.skin.edge_fillet_mm)
-        seen = Length(d.optics.view_mm[i] / 2)
+        half_view = Length(d.optics.view_mm[i] / 2)
         name, stack = f"view within the face's fillet, {axis}", "camera, camera-holder, shell, skin"
-        yield PlayFit(f"view-{axis}", name, stack, (flat,), (seen, *off_axis(d)))
+        yield PlayFit(f"view-{axis}", name, stack, (flat,), (half_view, *off_axis(d)))
 
 
 def off_axis(d: Design) -> tuple[Length, Length]:
-    """The most that the lens stands off the middle: by holes or bond, by the holder's fit."""
+    """Largest offset of the lens from the middle: from holes or bond, from the holder's fit."""
     screw = d.holder.row.thread_mm
     hole_mm = (d.camera.hole_mm - screw) / 2 if screw else d.holder.bonded_mm
     hole = Length(hole_mm, d.camera.tolerance_mm, BOARD_KEYS)
-    return hole, Length(d.holder.fit_mm, d.resin_printer.plane_mm, PLANE)
+    return hole, Length(d.holder.fit_mm, d.resin_printer.plane_mm, PLANE_KEYS)
 
 
 def off_axis_mm(d: Design) -> float:
-    """How far the lens may stand off the middle at worst, either way."""
+    """Worst-case offset of the lens from the middle, +-."""
     return sum(length.mean_mm + length.spread_mm for length in off_axis(d))
 
 
-def holder_box(design: Design) -> Box:
-    """Arms and tongue."""
+def holder_box(design: Design) -> Extent:
+    """Bounding box of arms and tongue."""
     half_x, arm, top = design.holder_half_x_mm, design.holder_arm_mm, design.holder_tongue_mm[1]
     return (-half_x, -arm, design.z_floor_mm), (half_x, max(arm, top), design.z_board_back_mm)
 
@@ -167,7 +167,7 @@ def holder_build(design: Design) -> Shape:
 
 
 def holder_rules(d: Design) -> Iterator[Check]:
-    """The board rests on either side of the window, which the arms close."""
+    """Rules of the board's rest beside the window, and of the arms around it."""
     half = d.holder_window_half_mm + d.holder.window_rest_mm
     board = "half the board", d.camera.board_width_mm / 2
     yield at_most("board-on-window", "half the window + window_rest_mm", half, *board, BOARD_KEYS)
@@ -176,42 +176,42 @@ def holder_rules(d: Design) -> Iterator[Check]:
 
 
 def holder_fits(d: Design) -> Iterator[PlayFit]:
-    """In the shell, between the cover's bosses, under the board, round the board's screws."""
+    """Fits in the shell, between the cover's bosses, under the board, around its screws."""
     part, printer, cam, screw = "camera-holder", d.resin_printer, d.camera, d.holder.row
     (cavity_x, cavity_y), (tongue, top) = d.cavity_half_mm, d.holder_tongue_mm
-    inner, outer, off = printer.inner, printer.outer, cam.tolerance_mm
-    for id, name, other, room, body in (
+    inner, outer, tolerance = printer.inner, printer.outer, cam.tolerance_mm
+    for id, name, neighbour, room, body in (
         ("in-shell-x", "in the shell, x", "shell", 2 * cavity_x, 2 * d.holder_half_x_mm),
         ("in-shell-y", "in the shell, y", "shell", cavity_y, max(top, d.holder_arm_mm)),
         ("between-bosses-x", "between the bosses, x", "cover", 2 * d.post_edge_mm[0], 2 * tongue),
         ("between-bosses-y", "between the bosses, y", "cover", 2 * d.post_edge_mm[1],
          2 * d.holder_arm_mm),
     ):  # fmt: skip
-        parts = f"{part}, {other}"
+        parts = f"{part}, {neighbour}"
         yield PlayFit(id, f"camera holder {name}", parts, (inner(room),), (outer(body),))
-    connector = Length(cam.connector_width_mm, off, ("camera.connector_width_mm",))
+    connector = Length(cam.connector_width_mm, tolerance, ("camera.connector_width_mm",))
     window = inner(2 * d.holder_window_half_mm)
     yield PlayFit("plug", "connector in the window", f"{part}, camera", (window,), (connector,))
     deep = printer.tall(d.holder.clearance_mm)
-    high = Length(cam.connector_height_mm, off, ("camera.connector_height_mm",))
+    high = Length(cam.connector_height_mm, tolerance, ("camera.connector_height_mm",))
     stack = "camera, camera-holder, cover"
     yield PlayFit("plug-above-cover", "connector above the cover, z", stack, (deep,), (high,))
     if not d.camera_screw_centres_mm:
         return
-    hole = Length(cam.hole_mm, off, ("camera.hole_mm",))
-    # Two screws in a row along x: only that pitch can disagree, and either end takes half of it.
-    pitch = Length(0.0, printer.plane_mm + off, ("resin_printer.plane_mm",))
+    hole = Length(cam.hole_mm, tolerance, ("camera.hole_mm",))
+    # Two screws in a row along x: only that pitch can differ, half of it at either end.
+    pitch = Length(0.0, printer.plane_mm + tolerance, ("resin_printer.plane_mm",))
     screws, shank = f"camera, camera-screw, {part}", Length(screw.thread_mm)
     yield PlayFit("screws", f"{d.holder.screw} through the board", screws, (hole,), (shank, pitch))
     length_mm = d.holder.screw_length_mm
     tip = Length(length_mm, screw_tolerance_mm(length_mm))
-    board = Length(cam.board_mm, off, ("camera.board_mm",))
+    board = Length(cam.board_mm, tolerance, ("camera.board_mm",))
     screws, name = f"{screws}, cover", "camera's screws above the cover, z"
     yield PlayFit("screw-tips", name, screws, (board, deep), (tip,))
 
 
 def holder_callouts(d: Design) -> Callouts:
-    """The plate behind the board."""
+    """Drawing content of the camera holder."""
     (px, py), pitch = d.peg_at_mm, d.camera.hole_pitch_x_mm / 2
     half_x, window, tongue = d.holder_half_x_mm, d.holder_window_half_mm, d.holder_tongue_mm[0]
     lengths = (
@@ -238,16 +238,16 @@ PARTS = (
         build,
         box,
         material="board with its lens",
-        process=BOUGHT,
+        process=BOUGHT_PROCESS,
         number=5,
         explode_mm=-48,
-        colour=GREEN,
+        colour=GREEN_RGBA,
         sections=("camera", "optics"),
         derived=("z_lens_mm", "z_board_front_mm", "z_board_back_mm"),
         rules=rules,
         fits=fits,
         note="{d.camera.name}; {d.camera.crop_width_px} x {d.camera.crop_height_px}",
-        look_for="measure lens and board: see what nobody has verified",
+        look_for="measure lens and board; see the unverified keys",
     ),
     Part(
         "camera-holder",
@@ -255,7 +255,7 @@ PARTS = (
         holder_box,
         number=6,
         explode_mm=-64,
-        colour=BLACK,
+        colour=BLACK_RGBA,
         sections=("holder", "camera", "cover", "shell"),
         derived=(
             "holder_half_x_mm", "holder_window_half_mm", "holder_window_top_mm", "holder_arm_mm",
@@ -267,7 +267,7 @@ PARTS = (
         wall_keys=("holder.wall_mm",),
         in_view=True,
         callouts=holder_callouts,
-        lies=PrintPose(face="back"),
+        pose=PrintPose(face="back"),
         look_for="flat to 0.1 mm on a glass plate",
     ),
 )  # fmt: skip

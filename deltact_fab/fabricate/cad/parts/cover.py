@@ -11,8 +11,8 @@ A corner, cut through a screw's axis:       A peg, seen along y:
 The heads bear at z_head, so the bosses grow where the screws are shorter. A slot along y splits
 each peg into two legs that bend along x. The lip of a leg is round about an axis lip_mm further
 out than the peg's: when the leg has bent by lip_mm its outline is the hole's own circle. A lip
-round about the peg's axis would be wider along y than the hole, where no leg gives way. The paper
-(Mechanical Subsystem) has the four snap-fit cylinders, the wall and the four screws, no drawing.
+round about the peg's axis would be wider along y than the hole, where no leg bends. The paper
+(Mechanical Subsystem) gives the four snap-fit cylinders, the wall and the four screws, no drawing.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from deltact_fab.common import Check
 
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, fmt, x_of, y_of, z_of
-from ..kernel import Box, Shape, around, cuboid, cylinders, prism, require, without_corners
-from ..part import BLACK, Part, PrintPose
+from ..kernel import Extent, Shape, around, cuboid, cylinders, prism, require, without_corners
+from ..part import BLACK_RGBA, Part, PrintPose
 from ..rule import Length, PlayFit, at_most, below
 
 
-def box(design: Design) -> Box:
-    """From the back to the bosses or the pegs, whichever are higher."""
+def box(design: Design) -> Extent:
+    """Bounding box, from the back to the higher of bosses and pegs."""
     x, y = (side / 2 for side in design.frame_outer_mm)
     top = max(design.z_boss_mm, design.z_floor_mm + design.peg_length_mm)
     return around(x, y, design.z_back_mm, top)
@@ -57,20 +57,20 @@ def build(design: Design) -> Shape:
 
 
 def _leg(cq: Any, design: Design) -> Any:
-    """The leg on +x of a peg on the z axis, let into the floor by half of its thickness."""
+    """Return the +x leg of a peg on the z axis, embedded in the floor by half its thickness."""
     cover = design.cover
     low, under = design.z_floor_mm - cover.floor_mm / 2, design.z_floor_mm + design.peg_leg_mm
-    # The lip is round below and conical above, down to no wider than the peg: legs find the hole.
+    # The lip is cylindrical below and conical above, narrower than the peg at its tip as lead-in.
     radius, tip = cover.hole_mm / 2, cover.peg_mm / 2 - cover.lip_mm
     height = cover.lip_height_mm / 2
-    at = [cq.Vector(cover.lip_mm, 0, z) for z in (under, under + height)]
+    bases = [cq.Vector(cover.lip_mm, 0, z) for z in (under, under + height)]
     shaft = cq.Solid.makeCylinder(cover.peg_mm / 2, under - low, cq.Vector(0, 0, low))
-    lip = cq.Solid.makeCylinder(radius, height, at[0])
-    cone = cq.Solid.makeCone(radius, tip, height, at[1])
-    wide, high = cover.hole_mm + 1, design.peg_length_mm + cover.floor_mm + 2
+    lip = cq.Solid.makeCylinder(radius, height, bases[0])
+    cone = cq.Solid.makeCone(radius, tip, height, bases[1])
+    width, high = cover.hole_mm + 1, design.peg_length_mm + cover.floor_mm + 2
     half_space, slab = (
-        cq.Solid.makeBox(side, 2 * wide, high, cq.Vector(cover.slot_mm / 2, -wide, low - 1))
-        for side in (wide, cover.leg_mm)
+        cq.Solid.makeBox(side, 2 * width, high, cq.Vector(cover.slot_mm / 2, -width, low - 1))
+        for side in (width, cover.leg_mm)
     )
     # Cut first: in the slot the shaft's round side and the lip's would cross.
     parts = [shaft.intersect(slab), lip.intersect(half_space), cone.intersect(half_space)]
@@ -78,7 +78,7 @@ def _leg(cq: Any, design: Design) -> Any:
 
 
 def rules(d: Design) -> Iterator[Check]:
-    """Legs within the peg, a slot that stays open, lips no higher than the light holder's floor."""
+    """Rules of the legs, the slot, and the lips below the light holder's floor."""
     cover = d.cover
     outside = cover.slot_mm / 2 + cover.leg_mm
     yield below("legs-in-peg", "slot_mm / 2 + leg_mm", outside, "peg_mm / 2", cover.peg_mm / 2)
@@ -90,30 +90,30 @@ def rules(d: Design) -> Iterator[Check]:
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
-    """The pegs in the holder, their lips over its holes, the heads in their bores."""
+    """Fits of pegs in the holder, lips over its holes, heads in their bores."""
     printer, cover, row = d.resin_printer, d.cover, d.screw.row
     parts, pitch = "cover, camera-holder", printer.pitch()
     hole = printer.inner(cover.hole_mm)
     yield PlayFit("peg", "peg in its hole", parts, (hole,), (printer.outer(cover.peg_mm), pitch))
-    # Over both lips of a peg that stands in the middle of its hole.
+    # Over both lips of a peg centred in its hole.
     lips = printer.outer(cover.hole_mm + 2 * cover.lip_mm)
     over = PlayFit("lips-over-hole", "lips over their hole", parts, (lips,), (hole,))
     yield over
-    most = Length(over.range_mm[1] / 2, 0.0, lips.rests_on)
+    largest = Length(over.range_mm[1] / 2, 0.0, lips.rests_on)
     bends = Length(cover.strain_limit * d.peg_leg_mm**2 / (3 * cover.fibre_mm))
-    yield PlayFit("lip-strain", "largest lip within the strain", parts, (bends,), (most,))
+    yield PlayFit("lip-strain", "largest lip within the strain", parts, (bends,), (largest,))
     legs = printer.tall(d.peg_leg_mm)
     holder = printer.tall(d.holder.clearance_mm)
     yield PlayFit("legs-through-holder", "legs through the holder, z", parts, (legs,), (holder,))
     slot = printer.inner(cover.slot_mm)
-    yield PlayFit("legs-bent", "slot when both legs bend", "cover", (slot,), (most, most))
+    yield PlayFit("legs-bent", "slot when both legs bend", "cover", (slot,), (largest, largest))
     head, bore = Length(row.head_mm), printer.inner(row.bore_mm)
     parts, name = "cover, screw, skin-frame", "screw head in its bore"
     yield PlayFit("head", name, parts, (bore,), (head, pitch))
 
 
 def callouts(d: Design) -> Callouts:
-    """The cover; section through two of the bosses."""
+    """Drawing content: cover, section through two of the bosses."""
     row, cover = d.screw.row, d.cover
     (ox, oy), (sx, sy), (px, py) = d.frame_outer_mm, d.screw_at_mm, d.peg_at_mm
     floor = d.z_floor_mm
@@ -149,7 +149,7 @@ PARTS = (
         box,
         number=7,
         explode_mm=-78,
-        colour=BLACK,
+        colour=BLACK_RGBA,
         sections=("cover", "screw", "shell"),
         derived=(
             "frame_outer_mm", "post_mm", "post_edge_mm", "screw_at_mm", "screw_centres_mm",
@@ -160,7 +160,7 @@ PARTS = (
         fits=fits,
         wall_keys=("shell.wall_mm",),
         callouts=callouts,
-        lies=PrintPose(face="outer face"),
-        look_for="every peg has its slot open: a folded paper passes",
+        pose=PrintPose(face="outer face"),
+        look_for="slots of all pegs open: a folded paper passes",
     ),
 )  # fmt: skip

@@ -9,9 +9,9 @@
        | | |   shanks             |   |
        u u u   tips    z = 0       \\_/
 
-The lowest point is at z = 0, on the axis x = y = 0 of the stem; the body lies above. Under a tip
-the underside is `Indenter.height_mm`; elsewhere nothing lies lower than the plate, at
-`Indenter.reach_mm`. It is drawn with its tips up.
+The lowest point is at z = 0, on the axis x = y = 0 of the stem; the body lies above. The tips'
+underside is `Indenter.height_mm`; elsewhere the plate is lowest, at `Indenter.reach_mm`. Drawings
+show it with its tips up.
 """
 
 from __future__ import annotations
@@ -34,25 +34,25 @@ from deltact_fab.sensor import (
 
 from ..design import IndenterBody, IndenterDimensions
 from ..drafting.dimensioning import Callouts, Leader, Span, fmt, z_of
-from ..kernel import Box, Shape, around, require
-from ..part import RESIN, WHITE, Part, PrintPose
+from ..kernel import Extent, Shape, around, require
+from ..part import RESIN_MATERIAL, WHITE_RGBA, Part, PrintPose
 
-_APART_MM = 1e-6
+_OPEN_WIRE_MM = 1e-6  # by hand: above rounding; larger leaves a wire open
 
 
 def closed(plan: Any) -> Any:
-    """A workplane's pending edges as one pending wire, closed by a line where it is open.
+    """Join a workplane's pending edges to one pending wire, closed by a line if it is open.
 
-    In place of `Workplane.close()`: given all edges at once, the kernel chooses by memory address
-    which of two ends that meet it keeps, and the end of an arc is not the corner to the last bit.
-    The same part would then be other bytes from run to run.
+    Replaces `Workplane.close()`: given all edges at once, the kernel chooses by memory address
+    which of two coincident ends it keeps, and these differ in the last bits. Files would then
+    differ from run to run.
     """
     cq = require()
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeWire
 
     edges = plan.ctx.popPendingEdges()
     start, end = edges[0].startPoint(), edges[-1].endPoint()
-    if (end - start).Length > _APART_MM:
+    if (end - start).Length > _OPEN_WIRE_MM:
         edges.append(cq.Edge.makeLine(end, start))
     joined = BRepBuilderAPI_MakeWire()
     for edge in edges:
@@ -69,14 +69,14 @@ def plate_half_mm(dims: IndenterDimensions) -> tuple[float, float]:
 
 
 def round_plate_mm(dims: IndenterDimensions) -> float:
-    """Radius of the plate of a single round tip on the axis, else 0: the plate is rectangular."""
-    first, *others = dims.indenter.tips
+    """Radius of the plate of a single round tip on the axis; 0 for a rectangular plate."""
+    first, *rest = dims.indenter.tips
     round_ = isinstance(first, SphereTip | TurnedTip) and first.x_mm == first.y_mm == 0
-    return plate_half_mm(dims)[0] if round_ and not others else 0.0
+    return plate_half_mm(dims)[0] if round_ and not rest else 0.0
 
 
-def box(dims: IndenterDimensions) -> Box:
-    """From the lowest point to the end of the stem; the plate is the widest."""
+def box(dims: IndenterDimensions) -> Extent:
+    """Bounding box, from the lowest point to the end of the stem; the plate is the widest."""
     top = dims.indenter.reach_mm + dims.body.plate_mm + dims.indenter.stem_length_mm
     return around(*plate_half_mm(dims), 0.0, top)
 
@@ -99,32 +99,33 @@ def build(dims: IndenterDimensions) -> Shape:
         .extrude(indenter.stem_length_mm)
     )
     r = indenter.stem_diameter_mm
-    beyond = cq.Workplane(origin=(indenter.stem_flat_at_mm + r, 0, plate_z + plate_mm))
-    stem = stem.cut(beyond.rect(2 * r, 2 * r).extrude(indenter.stem_length_mm))
+    flat_cut = cq.Workplane(origin=(indenter.stem_flat_at_mm + r, 0, plate_z + plate_mm))
+    stem = stem.cut(flat_cut.rect(2 * r, 2 * r).extrude(indenter.stem_length_mm))
     body = plate.union(stem)
     for tip in indenter.tips:
         if isinstance(tip, PosedTip):
-            made = _posed(cq, tip, plate_z)
+            tip_solid = _posed(cq, tip, plate_z)
         else:
-            made = _tip(cq, tip, plate_z).translate((tip.x_mm, tip.y_mm, 0))
-        body = body.union(made)
+            tip_solid = _tip(cq, tip, plate_z).translate((tip.x_mm, tip.y_mm, 0))
+        body = body.union(tip_solid)
     return body.val()
 
 
 def _posed(cq: Any, posed: PosedTip, top_mm: float) -> Any:
-    """The tip with a shank that is long enough, turned, and cut off at the back plate."""
-    far = 4 * (top_mm + max(posed.half_mm))
-    made = _tip(cq, posed.tip, far)
+    """Return the rotated tip with a long shank, cut off at the back plate."""
+    reach = 4 * (top_mm + max(posed.half_mm))
+    body = _tip(cq, posed.tip, reach)
     for angle, axis in (
         (posed.tilt_x_deg, (1, 0, 0)), (posed.tilt_y_deg, (0, 1, 0)), (posed.turn_deg, (0, 0, 1)),
     ):  # fmt: skip
-        made = made.rotate((0, 0, 0), axis, angle) if angle else made
-    made = made.translate(tuple(posed.origin_mm.tolist()))
-    return made.intersect(cq.Workplane(origin=(0, 0, top_mm - far)).rect(far, far).extrude(far))
+        body = body.rotate((0, 0, 0), axis, angle) if angle else body
+    body = body.translate(tuple(posed.origin_mm.tolist()))
+    block = cq.Workplane(origin=(0, 0, top_mm - reach)).rect(reach, reach).extrude(reach)
+    return body.intersect(block)
 
 
 def _tip(cq: Any, tip: PlainTip, top_mm: float) -> Any:
-    """A workplane with the solid of one tip and its shank up to top_mm, about its own axis."""
+    """Return a workplane with one tip and its shank up to top_mm, about its own axis."""
     match tip:
         case SphereTip():
             return _ball(cq, tip.radius_mm, top_mm)
@@ -151,7 +152,7 @@ def _ball(cq: Any, r: float, top_mm: float) -> Any:
 
 
 def _ridge(cq: Any, tip: RidgeTip, top_mm: float) -> Any:
-    """Half the profile turned about its middle at both ends, and the whole of it between them."""
+    """Return the profile extruded, with half of it revolved about its middle at both ends."""
     n, z, w = tip.nose_half_mm, tip.nose_height_mm, tip.half_width_mm
     half_angle = math.radians(90 - tip.flank_deg) / 2
     r = tip.radius_mm
@@ -165,7 +166,7 @@ def _ridge(cq: Any, tip: RidgeTip, top_mm: float) -> Any:
         .lineTo(w, tip.equator_mm)
         .lineTo(w, top_mm)
     )
-    whole = closed(profile).extrude(tip.length_mm)
+    ridge = closed(profile).extrude(tip.length_mm)
     for sign in (-1, 1):
         half = (
             cq.Workplane("XZ")
@@ -176,12 +177,12 @@ def _ridge(cq: Any, tip: RidgeTip, top_mm: float) -> Any:
             .lineTo(0, top_mm)
         )
         end = closed(half).revolve(180, (0, 0, 0), (0, sign, 0))
-        whole = whole.union(end.translate((0, sign * tip.length_mm / 2, 0)))
-    return whole
+        ridge = ridge.union(end.translate((0, sign * tip.length_mm / 2, 0)))
+    return ridge
 
 
 def _ellipsoid(cq: Any, tip: EllipsoidTip, top_mm: float) -> Any:
-    """Half an ellipse turned by half a turn about its long axis, and an elliptic shank."""
+    """Return half an ellipse revolved by 180° about its long axis, and an elliptic shank."""
     a, b = tip.a_mm, tip.b_mm
     plan = cq.Workplane().moveTo(a, 0).ellipseArc(a, b, 0, 180)
     half = closed(plan).revolve(180, (0, 0, 0), (-1, 0, 0))
@@ -190,49 +191,49 @@ def _ellipsoid(cq: Any, tip: EllipsoidTip, top_mm: float) -> Any:
 
 
 def _prism(cq: Any, tip: PrismTip, top_mm: float) -> Any:
-    """The outline extruded, the edge of its face rounded."""
-    start, drawn = tip.outline()
+    """Return the extruded outline with a rounded edge of its face."""
+    start, segments = tip.outline()
     plan = cq.Workplane().moveTo(*start)
-    for kind, points in drawn:
+    for kind, points in segments:
         plan = plan.lineTo(*points[0]) if kind == "line" else plan.threePointArc(*points)
     return closed(plan).extrude(top_mm).faces("<Z").edges().fillet(tip.edge_mm)
 
 
 def _turned(cq: Any, tip: TurnedTip, top_mm: float) -> Any:
-    """The profile and the shank above it, turned; a profile with a hole gives a tube."""
-    start, drawn = tip.profile()
+    """Return the revolved profile and shank; a profile with a hole gives a tube."""
+    start, segments = tip.profile()
     half = cq.Workplane("XZ").moveTo(*start)
-    for kind, points in drawn:
+    for kind, points in segments:
         half = half.lineTo(*points[0]) if kind == "line" else half.threePointArc(*points)
     half = half.lineTo(tip.rim_mm, top_mm).lineTo(start[0], top_mm)
     return closed(half).revolve(360, (0, 0, 0), (0, 1, 0))
 
 
 def corner_mm(dims: IndenterDimensions) -> float:
-    """Corner radius of a rectangular plate, small enough that it covers every tip."""
+    """Corner radius of a rectangular plate, small enough to cover every tip."""
     smallest = min(t.corner_mm for t in dims.indenter.tips)
     return min(smallest, 0.9 * min(plate_half_mm(dims)))
 
 
 def part(indenter: Indenter, body: IndenterBody, quantity: int = 1) -> Part:
-    """One indenter as a part; a list of indenters (cad/indenters.toml) says which there are."""
+    """Return one indenter as a part; cad/indenters.toml lists them."""
     return Part(
         f"indenter-{indenter.slug}",
         build,
         box,
-        material=RESIN,
+        material=RESIN_MATERIAL,
         quantity=quantity,
         group="indenters",
-        colour=WHITE,
+        colour=WHITE_RGBA,
         callouts=callouts,
-        lies=PrintPose("+z", "stem's end", supports="under the plate only"),
+        pose=PrintPose("+z", "stem's end", supports="under the plate only"),
         look_for="no mark on the tip; the stem enters the tool holder, flat at +x, by hand",
         indenter=IndenterDimensions(indenter, body),
     )
 
 
 def callouts(dims: IndenterDimensions) -> Callouts:
-    """Plate and stem, and what its kind of tips is made from."""
+    """Drawing content: plate, stem and tips."""
     indenter, back = dims.indenter, dims.indenter.reach_mm + dims.body.plate_mm
     lengths = [z_of(back, back + indenter.stem_length_mm, fitted=False)]
     labels: list[Leader] = []
@@ -240,9 +241,9 @@ def callouts(dims: IndenterDimensions) -> Callouts:
     if isinstance(tip, RidgeTip):
         # Half-way from the nose's top to where its flank begins.
         turn, r = math.radians(90 - tip.flank_deg) / 2, tip.radius_mm
-        at = (tip.x_mm + r * math.sin(turn), tip.y_mm, r * (1 - math.cos(turn)))
+        tangent_point = (tip.x_mm + r * math.sin(turn), tip.y_mm, r * (1 - math.cos(turn)))
         words = f"flanks at {fmt(tip.flank_deg)}° to the axis"
-        labels.append(Leader("front", at, 0, words))
+        labels.append(Leader("front", tangent_point, 0, words))
     elif isinstance(tip, EllipsoidTip):
         words = f"half an ellipsoid, semi-axes {fmt(tip.a_mm)} (x), {fmt(tip.b_mm)} (y and z)"
         labels.append(Leader("front", (tip.x_mm, tip.y_mm, 0), 0, words))
@@ -258,7 +259,7 @@ def callouts(dims: IndenterDimensions) -> Callouts:
 
 
 def _posed_words(posed: PosedTip) -> str:
-    """A tip that no view shows square on: its own numbers, and how it is turned."""
+    """Describe a tip that no view shows square on: its dimensions and rotations."""
     kind = type(posed.tip).__name__.removesuffix("Tip").lower()
     sizes = ", ".join(
         f"{f.name.removesuffix('_mm').replace('_', ' ')} {fmt(value)}"
@@ -279,10 +280,10 @@ def _posed_words(posed: PosedTip) -> str:
 
 
 def _profile_radii_mm(tip: TurnedTip) -> list[float]:
-    """Radii at which two straight pieces of a turned profile meet: no round tells them."""
-    _, drawn = tip.profile()
+    """Radii at which two straight segments of a revolved profile meet."""
+    _, segments = tip.profile()
     return [
         points[-1][0]
-        for (kind, points), after in pairwise(drawn)
-        if kind == "line" and after[0] == "line"
+        for (kind, points), following in pairwise(segments)
+        if kind == "line" and following[0] == "line"
     ]

@@ -2,7 +2,7 @@
 
 Half section at y = 0, the lens's axis on the left:
 
-    z_light        +---+     +---+     a little below the acrylic: it bears no press
+    z_light        +---+     +---+     a little below the acrylic: carries no press
                    |   |     |   |
                    | d |  c  | w |     d: diffuser, c: channel, open towards +z, w: outer wall
                    |   |     |   |
@@ -11,14 +11,14 @@ Half section at y = 0, the lens's axis on the left:
     z_board_front  +-------------+     stands on the camera's board
                light_bore    light_radius
 
-A slot of slot_mm through the outer wall at -y, above the floor, lets the wires out on the side
-where the camera's cable leaves. The heads of the camera's two screws and the
-lips of the cover's pegs stand in reliefs of the floor.
+A slot of slot_mm through the outer wall at -y, above the floor, lets the wires out on the side of
+the camera's cable. The floor has reliefs for the heads of the camera's two screws and the lips of
+the cover's pegs.
 The paper gives the material and the LEDs (Imaging Subsystem), no dimensions.
 
 The LED strip, flat as it is cut and soldered, before it goes into the channel: led_count pieces of
-pitch_mm along x, cut from a strip that may be cut at every LED; a LED in the middle of each, taken
-to be square (5050: 5 x 5), pads on either side of a cut. The wires leave at the -x end. Its frame:
+pitch_mm along x, cut from a strip that may be cut at every LED; an LED in the middle of each,
+assumed square (5050: 5 x 5), pads on either side of a cut. The wires leave at the -x end. Frame:
 z = 0 is the adhesive's side, z up to the LEDs, x and y from the middle of the strip.
 """
 
@@ -31,18 +31,18 @@ from deltact_fab.common import Check
 
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, z_of
-from ..kernel import Box, Shape, Workplane, around, cuboid, cylinders, require
-from ..part import AMBER, BOUGHT, WHITE, Part, PrintPose
+from ..kernel import Extent, Shape, Workplane, around, cuboid, cylinders, require
+from ..part import AMBER_RGBA, BOUGHT_PROCESS, WHITE_RGBA, Part, PrintPose
 from ..rule import Length, PlayFit, at_most, below
 from .camera import UPPER_HOLES
 
-WIRE = "0.08 mm²"
-WIRE_OUTER = Length(1.2, 0.1)  # of such a wire with its insulation (AWG 28, UL 1007)
+WIRE_SIZE = "0.08 mm²"
+WIRE_OUTER = Length(1.2, 0.1)  # outer diameter with insulation (AWG 28, UL 1007)
 WIRE_COLOURS = ("red", "black")  # plus, minus
 
 
-def box(design: Design) -> Box:
-    """The ring."""
+def box(design: Design) -> Extent:
+    """Bounding box of the ring."""
     radius = design.light_radius_mm
     return around(radius, radius, design.z_board_front_mm, design.z_light_mm)
 
@@ -59,7 +59,7 @@ def build(design: Design) -> Shape:
     ring = cylinders([(0, 0)], 2 * design.light_radius_mm, low_mm, high_mm - low_mm)
     ring = ring.cut(disc(design.light_bore_mm, low_mm - 1))
     channel = disc(design.strip_radius_mm, floor_mm).cut(disc(design.channel_inner_mm, floor_mm))
-    # Ends inside the channel along a circle: a straight end could reach into the diffuser.
+    # Its inner end is round, inside the channel: a straight end could cut the diffuser.
     half, outside = light.slot_mm / 2, design.light_radius_mm + 1
     slot = cuboid(((-half, -outside, floor_mm), (half, 0.0, high_mm + 1)))
     slot = slot.cut(disc((design.strip_radius_mm + design.channel_inner_mm) / 2, floor_mm))
@@ -74,7 +74,7 @@ def build(design: Design) -> Shape:
 
 
 def rules(d: Design) -> Iterator[Check]:
-    """Light holder: the strip in its channel, the heads of the camera's screws in the floor."""
+    """Rules of the strip in its channel, and of the screw heads in the floor."""
     light = d.light
     round_mm = 2 * math.pi * max(d.strip_radius_mm, 0.0)
     yield at_most("led-count", "led_count x pitch", light.strip_mm, "2 pi strip radius", round_mm)
@@ -87,10 +87,10 @@ def rules(d: Design) -> Iterator[Check]:
 
 
 def led_room_mm(d: Design) -> float:
-    """Radial room of strip and LED = strip + LED + sagitta of the LED's chord: 2.11.
+    """Radial space of strip and LED = strip + LED + sagitta of the LED's chord: 2.11.
 
-    A LED is flat: the strip behind it is a chord of led_width, whose middle lies the sagitta
-    r - sqrt(r^2 - (w / 2)^2) inside the channel's wall. NaN where the LED is wider than the ring.
+    An LED is flat: the strip behind it is a chord of led_width, whose middle lies the sagitta
+    r - sqrt(r^2 - (w / 2)^2) inside the channel's wall. NaN if the LED is wider than the ring.
     """
     light, r = d.light, d.strip_radius_mm
     half = light.led_width_mm / 2
@@ -99,7 +99,7 @@ def led_room_mm(d: Design) -> float:
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
-    """In the shell, below the acrylic, round the lens, and with its LEDs and wires."""
+    """Fits in the shell, below the acrylic, around the lens, and with LEDs and wires."""
     part, printer, light, cam = "light-holder", d.resin_printer, d.light, d.camera
     ring = printer.outer(2 * d.light_radius_mm)
     # Between the ledges, and between the posts' corners.
@@ -123,9 +123,9 @@ def fits(d: Design) -> Iterator[PlayFit]:
 
 
 def plate_bending_room(d: Design) -> PlayFit:
-    """Room between ring and acrylic, for the plate to bend into under a press."""
+    """Play between ring and acrylic, for the plate to deflect under a press."""
     printer, cam = d.resin_printer, d.camera
-    # The ring stands on the board, the board on its holder, the holder on the cover's floor.
+    # Stack: ring on the board, board on its holder, holder on the cover's floor.
     stack = (
         printer.tall(d.holder.clearance_mm),
         Length(cam.board_mm, cam.tolerance_mm, ("camera.board_mm",)),
@@ -138,7 +138,7 @@ def plate_bending_room(d: Design) -> PlayFit:
 
 
 def callouts(d: Design) -> Callouts:
-    """The ring; section through channel, floor and wire slot."""
+    """Drawing content: ring, section through channel, floor and wire slot."""
     rounds = {
         2 * d.head_relief_mm: "for the camera's screws, from below",
         2 * d.peg_relief_mm: "for the lips of the pegs, from below",
@@ -155,8 +155,8 @@ def callouts(d: Design) -> Callouts:
     )  # fmt: skip
 
 
-def strip_box(design: Design) -> Box:
-    """Strip and LEDs."""
+def strip_box(design: Design) -> Extent:
+    """Bounding box of strip and LEDs."""
     light = design.light
     high = light.strip_thickness_mm + light.led_height_mm
     return around(light.strip_mm / 2, light.strip_width_mm / 2, 0.0, high)
@@ -175,13 +175,13 @@ def strip_build(design: Design) -> Shape:
     strip = cq.Workplane().rect(light.strip_mm, light.strip_width_mm)
     body = strip.extrude(light.strip_thickness_mm)
     leds = cq.Workplane().pushPoints([(x, 0.0) for x in led_at_mm(design)])
-    # From the strip's underside, so that the two share a volume and not only a face.
+    # From the strip's underside, so that the two overlap in a volume and not only a face.
     leds = leds.rect(light.led_width_mm, light.led_width_mm)
     return body.union(leds.extrude(light.strip_thickness_mm + light.led_height_mm)).val()
 
 
 def strip_rules(d: Design) -> Iterator[Check]:
-    """LEDs beside one another, on their strip."""
+    """Rules of the LEDs' pitch and width on the strip."""
     light = d.light
     width = "led_width_mm", light.led_width_mm
     yield below("led-pitch", *width, "pitch = 1000 / leds_per_m", light.pitch_mm)
@@ -204,7 +204,7 @@ PARTS = (
         material="SLA resin, white, translucent",
         number=4,
         explode_mm=-28,
-        colour=WHITE,
+        colour=WHITE_RGBA,
         sections=("light", "shell", "holder", "camera"),
         derived=(
             "light_radius_mm", "strip_radius_mm", "channel_inner_mm", "light_bore_mm",
@@ -216,7 +216,7 @@ PARTS = (
         wall_keys=("light.wall_mm", "light.diffuser_mm", "light.floor_mm"),
         in_view=True,
         callouts=callouts,
-        lies=PrintPose(face="floor"),
+        pose=PrintPose(face="floor"),
         look_for="no resin left in the channel: blow it out before the post-cure",
     ),
     Part(
@@ -224,13 +224,13 @@ PARTS = (
         strip_build,
         strip_box,
         material="LED strip, 5050, white",
-        process=BOUGHT,
+        process=BOUGHT_PROCESS,
         group="electronics",
-        colour=AMBER,
+        colour=AMBER_RGBA,
         sections=("light",),
         rules=strip_rules,
         note="{d.light.led_count} single-LED cuts of {d.light.pitch_mm:.1f} x "
-        "{d.light.strip_width_mm:g} mm, {d.light.strip_mm:.1f} mm in all; a {d.light.supply_v:g} V "
+        "{d.light.strip_width_mm:g} mm, {d.light.strip_mm:.1f} mm total; a {d.light.supply_v:g} V "
         "strip that is cut at every LED",
         how="cut between the LEDs and soldered, by the wiring drawing",
         look_for="plus to plus; no solder above the LEDs",

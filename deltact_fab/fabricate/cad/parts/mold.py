@@ -13,8 +13,8 @@ Frame: z = 0 is the underside, z up; x and y as in the sensor, from the middle o
 sensor frame is turned half about x: the touched face lies at the bottom, at z = base.
 
 The skin frame is an insert, outer face down, so that a cavity is the protruding part of the skin
-alone; what is behind it fills the frame's window. On both y sides of a seat a notch as deep as the
-seat takes the blade that lifts the frame out. Every wall is upright: the silicone gives way.
+alone; the rest of the skin fills the frame's window. On both y sides of a seat is a notch, as deep
+as the seat, for the blade that lifts the frame out. No wall has draft: the silicone is flexible.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from deltact_fab.common import Check, Point2
 
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, Leader, fmt, x_of, y_of, z_of
-from ..kernel import Box, Shape, around, cuboid, require
-from ..part import AMBER, RESIN, Part
+from ..kernel import Extent, Shape, around, cuboid, require
+from ..part import AMBER_RGBA, RESIN_MATERIAL, Part
 from ..rule import PlayFit, below
 
-# The mold's drawing and the guide say the same.
+# Used by the mold's drawing and the guide.
 RELEASE_AGENT = "No release agent: it would lie between skin, film and coats."
 
 
@@ -51,8 +51,8 @@ def seat_mm(design: Design) -> Point2:
     return x + 2 * design.mold.fit_mm, y + 2 * design.mold.fit_mm
 
 
-def box(design: Design) -> Box:
-    """The block."""
+def box(design: Design) -> Extent:
+    """Bounding box of the block."""
     x, y, z = design.mold_outer_mm
     return around(x / 2, y / 2, 0.0, z)
 
@@ -61,12 +61,12 @@ def build(design: Design) -> Shape:
     """The mold as one solid in its own frame, z from 0 to its top."""
     cq = require()
     cutter = _cutter(design)
-    cutters = [cutter.moved(cq.Location((*at, 0.0))) for at in centres_mm(design)]
+    cutters = [cutter.moved(cq.Location((*centre, 0.0))) for centre in centres_mm(design)]
     return cuboid(box(design)).val().cut(*cutters)
 
 
 def _cutter(design: Design) -> Any:
-    """What is cut away for one skin with its frame: cavity, seat, notches; 1 mm over the top."""
+    """Return the cutter of one skin and frame: cavity, seat, notches; 1 mm above the top."""
     mold, skin = design.mold, design.skin
     floor, top = mold.base_mm + skin.protrusion_mm, design.mold_outer_mm[2] + 1
     x, y = (side / 2 for side in seat_mm(design))
@@ -77,14 +77,14 @@ def _cutter(design: Design) -> Any:
 
 
 def rules(d: Design) -> Iterator[Check]:
-    """A seat that leaves something of the frame to lift; notches that do not meet."""
+    """Rules of the seat's depth and the notches."""
     mold = d.mold
     yield below("seat", "seat_mm", mold.seat_mm, "frame height", d.frame_height_mm)
     yield below("pry", "fit_mm + pry_mm", mold.fit_mm + mold.pry_mm, "web_mm / 2", mold.web_mm / 2)
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
-    """The frame in its seat."""
+    """Fits of the frame in its seat."""
     for i, axis in enumerate("xy"):
         seat = d.resin_printer.inner(seat_mm(d)[i])
         frame = d.resin_printer.outer(d.frame_outer_mm[i])
@@ -93,7 +93,7 @@ def fits(d: Design) -> Iterator[PlayFit]:
 
 
 def callouts(d: Design) -> Callouts:
-    """The mold; section through one column of cavities."""
+    """Drawing content: mold, section through one column of cavities."""
     mold, skin = d.mold, d.skin
     fx, fy = d.frame_outer_mm
     centres = centres_mm(d)
@@ -127,9 +127,9 @@ PARTS = (
         "mold",
         build,
         box,
-        material=RESIN,
+        material=RESIN_MATERIAL,
         group="tools",
-        colour=AMBER,
+        colour=AMBER_RGBA,
         sections=("mold", "skin", "frame"),
         derived=("mold_outer_mm", "frame_outer_mm"),
         rules=rules,
@@ -137,6 +137,6 @@ PARTS = (
         wall_keys=("shell.wall_mm",),
         callouts=callouts,
         note="casts {d.mold.columns} x {d.mold.rows} skins at a time",
-        look_for="cavity floors glossy: what is there is on every skin",
+        look_for="cavity floors glossy: every skin copies their defects",
     ),
 )

@@ -10,13 +10,13 @@
       +----+                          +-------+   |
                                 ------+       | = |  lower
 
-The flange's screws run along y, and the sensor's body stands behind both of them: no driver comes
-straight at a head. So the arm meets the flange in its middle, between the screws, whose heads lie
-in counterbores above and below it, open to three sides. A cap screw goes in from the sensor's side
-and is turned with a key whose short leg fits into the gap. Holes (4.3, 12 apart) and counterbores
-(8) are those of a public adapter for the Panda hand; measure your finger: they are unverified.
+The flange's screws run along y with the sensor's body behind them, so that no straight driver
+reaches the heads. So the arm meets the flange in its middle, between the screws, whose heads lie in
+counterbores above and below it, open to three sides. A cap screw goes in from the sensor's side and
+is turned with a key whose short leg fits into the gap. Holes (4.3, 12 apart) and counterbores (8)
+are those of a public adapter for the Panda hand; they are unverified: measure your finger.
 
-A mount wider than the wall between the cover's bosses keeps `cover.fit_mm` from them.
+A mount wider than the wall between the cover's bosses keeps a gap of `cover.fit_mm` to them.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from deltact_fab.common import Check, Point
 
 from ..dimensions import Design
 from ..drafting.dimensioning import Span, y_of, z_of
-from ..kernel import Box, Workplane, cuboid, require
+from ..kernel import Extent, Workplane, cuboid, require
 from ..rule import Length, PlayFit, at_most
 
-FLANGE = tuple(f"mount.flange_{key}_mm" for key in ("pitch", "height", "width", "hole"))
+FLANGE_KEYS = tuple(f"mount.flange_{key}_mm" for key in ("pitch", "height", "width", "hole"))
 
 
-def bars(design: Design) -> list[Box]:
-    """The mount's cuboids without holes, the one at the shell first; (low, high) corners, mm."""
+def bars(design: Design) -> list[Extent]:
+    """Return the mount's cuboids without holes, the one at the shell first."""
     mount, z = design.mount, design.z_floor_mm
     outer_x, outer_y = design.frame_outer_mm
     y = outer_y / 2
@@ -45,17 +45,17 @@ def bars(design: Design) -> list[Box]:
     if mount.kind == "plate":
         return [((-outer_x / 2, y, z), (outer_x / 2, end, design.z_joint_mm))]
     back, front = design.flange_arm_z_mm
-    root = end - mount.flange_mm
-    wide = mount.flange_width_mm / 2
+    root, back_mm = end - mount.flange_mm, design.z_back_mm
+    half_width = mount.flange_width_mm / 2
     return [
         ((-half, y, back), (half, root, front)),
         # On the plane of the sensor's back, so that its front stays behind the frame's.
-        ((-wide, root, design.z_back_mm), (wide, end, design.z_back_mm + mount.flange_height_mm)),
+        ((-half_width, root, back_mm), (half_width, end, back_mm + mount.flange_height_mm)),
     ]
 
 
 def hole_axes(design: Design) -> list[tuple[Point, Point]]:
-    """Both ends of each through hole's axis: along z in a block, along y in a flange."""
+    """Return both ends of each through hole's axis: along z in a block, along y in a flange."""
     mount = design.mount
     (x0, y0, z0), (x1, y1, z1) = bars(design)[-1]
     x, y, z = (x0 + x1) / 2, (y0 + y1) / 2, (z0 + z1) / 2
@@ -69,11 +69,11 @@ def hole_axes(design: Design) -> list[tuple[Point, Point]]:
 
 
 def build(design: Design) -> Workplane:
-    """The mount alone in the sensor frame; it touches the shell's +y face and overlaps nothing."""
+    """Return the mount in the sensor frame; it touches the shell's +y face without overlap."""
     cq = require()
-    first, *others = bars(design)
+    first, *rest = bars(design)
     body = cuboid(first)
-    for box in others:
+    for box in rest:
         body = body.union(cuboid(box))
     body = body.cut(boss_room(design))
     for start, end in hole_axes(design):
@@ -85,13 +85,13 @@ def build(design: Design) -> Workplane:
             # From the shell's side, where the heads are.
             drills.append((design.mount.counterbore_mm / 2, design.mount.counterbore_depth_mm + 1))
         for radius_mm, long_mm in drills:
-            at = cq.Vector(*start) - along
-            body = body.cut(cq.Workplane(cq.Solid.makeCylinder(radius_mm, long_mm, at, along)))
+            base = cq.Vector(*start) - along
+            body = body.cut(cq.Workplane(cq.Solid.makeCylinder(radius_mm, long_mm, base, along)))
     return body
 
 
 def boss_room(design: Design) -> Workplane:
-    """Cutter of the four corners below z_boss: boss + fit, inwards and outwards alike."""
+    """Return the cutter of the four corners below z_boss: boss + fit, inwards and outwards."""
     x, y = (side / 2 for side in design.frame_outer_mm)
     fit, room, low = design.cover.fit_mm, design.boss_room_mm, design.z_floor_mm - 1
     square = room + fit
@@ -103,7 +103,7 @@ def boss_room(design: Design) -> Workplane:
 
 
 def rules(d: Design) -> Iterator[Check]:
-    """The mount on the shell, its holes, and the room of heads and washers."""
+    """Rules of the mount on the shell, its holes, and space for heads and washers."""
     mount = d.mount
     depth = "depth of the shell", d.shell_depth_mm
     yield at_most("height", "mount.height_mm", mount.height_mm, *depth)
@@ -120,13 +120,13 @@ def rules(d: Design) -> Iterator[Check]:
 
 
 def _flange_rules(d: Design) -> Iterator[Check]:
-    """Counterbores on the flange, the arm between them, and screws that go in head last."""
+    """Rules of the flange's counterbores, the arm between them, and inserting the screws."""
     mount = d.mount
     under_mm = mount.flange_mm - mount.counterbore_depth_mm
     # A cantilever from the flange, pressed in the middle of the face: 6 F l / (w h^2).
     lever_mm = d.frame_outer_mm[1] / 2 + mount.length_mm - mount.flange_mm
     stress_mpa = 6 * d.plate.force_n * lever_mm / (mount.width_mm * mount.arm_mm**2)
-    for id, name, value, what, room in (
+    for id, name, value, limit_name, room in (
         ("pitch", "flange_pitch_mm + counterbore_mm + 3",
          mount.flange_pitch_mm + mount.counterbore_mm + 3,
          "flange_height_mm", mount.flange_height_mm),
@@ -136,7 +136,7 @@ def _flange_rules(d: Design) -> Iterator[Check]:
         ("height", "flange_height_mm", mount.flange_height_mm, "height of the sensor",
          -d.z_back_mm),
         ("outer", "flange_width_mm", mount.flange_width_mm, "outer x", d.frame_outer_mm[0]),
-        # The heads have their place above and below the arm, and 2 mm of flange under them.
+        # The heads lie above and below the arm, with 2 mm of flange under them.
         ("arm", "arm_mm + counterbore_mm + 0.4", mount.arm_mm + mount.counterbore_mm + 0.4,
          "flange_pitch_mm", mount.flange_pitch_mm),
         ("head-in-counterbore", f"head {mount.screw} + 0.5", mount.head_mm + 0.5,
@@ -147,18 +147,18 @@ def _flange_rules(d: Design) -> Iterator[Check]:
          "flange_mm", mount.flange_mm),
         ("arm-stress", "stress in arm_mm under plate.force_n, MPa", stress_mpa,
          "stress_limit_mpa", mount.stress_limit_mpa),
-        # A screw that grips by 1.5 d goes in head last: the gap takes all of it.
+        # A screw with 1.5 d of engagement goes in head last: the gap is as long as the screw.
         ("screw", f"flange under the head + 2.5 x {mount.screw}",
          under_mm + 2.5 * mount.thread.thread_mm,
          "gap between shell and flange", mount.length_mm - mount.flange_mm),
         ("arm-front", "front of the arm", d.flange_arm_z_mm[1], "joint", d.z_joint_mm),
     ):  # fmt: skip
-        rests_on = (*FLANGE, "mount.stress_limit_mpa")
-        yield at_most(f"flange-{id}", f"mount: {name}", value, what, room, rests_on)
+        rests_on = (*FLANGE_KEYS, "mount.stress_limit_mpa")
+        yield at_most(f"flange-{id}", f"mount: {name}", value, limit_name, room, rests_on)
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
-    """The flange's two screws into a finger, whose own pitch is taken to be exact."""
+    """Fits of the flange's two screws into a finger, whose own pitch is assumed exact."""
     mount, printer = d.mount, d.resin_printer
     if mount.kind != "franka":
         return
@@ -170,14 +170,14 @@ def fits(d: Design) -> Iterator[PlayFit]:
 
 
 def lengths(d: Design) -> list[Span]:
-    """What the shell's drawing says of the mount beside what is read off it."""
+    """Return the mount's dimensions for the shell's drawing."""
     mount, face = d.mount, d.frame_outer_mm[1] / 2
     end = face + mount.length_mm
-    whole = y_of(face, end, fitted=False)
+    full_length = y_of(face, end, fitted=False)
     if mount.kind == "plate":  # as wide as the shell, whose face is gone
         return []
     if mount.kind == "block":
         middle, pitch = end - mount.length_mm / 2, mount.hole_pitch_mm / 2
-        return [whole, y_of(middle - pitch, middle + pitch, fitted=False)]
+        return [full_length, y_of(middle - pitch, middle + pitch, fitted=False)]
     middle, pitch = d.z_back_mm + mount.flange_height_mm / 2, mount.flange_pitch_mm / 2
-    return [whole, z_of(middle - pitch, middle + pitch, fitted=False)]
+    return [full_length, z_of(middle - pitch, middle + pitch, fitted=False)]

@@ -1,4 +1,4 @@
-"""The stage's tool holder: a D bore that clocks an indenter's stem, on a flange.
+"""The stage's tool holder: a flange with a D bore that orients an indenter's stem.
 
 Section at y = 0:
 
@@ -11,7 +11,7 @@ Section at y = 0:
 
 Frame: the stem's axis is x = y = 0 and z points up, away from the tip. An indenter's flat faces +x,
 as its tip's own x does, so that a star's point or an ellipsoid's long side lies along the stage's
-x. The bore is deeper than the stem is long, so the free length is the indenter's alone.
+x. The bore is deeper than the stem, so that the indenter alone determines the free length.
 
 The ATI Nano17, the bench's force sensor, and the plate between it and the tool holder.
 
@@ -19,9 +19,9 @@ Section:  +--+  +--+---------+--+  +--+   z = thickness: the sensor's tool side 
           |  |  |  +-+     +-+  |  |  |   three screws M2 from below, heads sunk
           +--+--+----+-----+----+--+--+   z = 0: the tool holder's flange, four M3 and a pin
 
-The sensor's bolt circle, screws and diameter are unverified: they are assumed, to be measured on
-the lab's own sensor before the plate is made. Frame: as the tool holder's, z = 0 on its flange. The
-sensor is bought: a cylinder of its published size keeps its room, z = 0 on the plate.
+The sensor's bolt circle, screws and diameter are unverified: measure the lab's own sensor before
+making the plate. Frame: as the tool holder's, z = 0 on its flange. The sensor is bought: a cylinder
+of its published size represents it, z = 0 on the plate.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ from collections.abc import Iterator
 from deltact_fab.common import Check
 from deltact_fab.sensor import Indenter
 
-from ..bench_sections import BOLT, SCREW
+from ..bench_sections import FLANGE_SCREW, SENSOR_BOLT
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, fmt
-from ..kernel import Box, Shape, around, cylinders, require
-from ..part import BLACK, BOUGHT, STEEL, Part, PrintPose, Shift
+from ..kernel import Extent, Shape, around, cylinders, require
+from ..part import BLACK_RGBA, BOUGHT_PROCESS, STEEL_RGBA, Part, PrintPose, Shift
 from ..rule import Length, PlayFit, at_most, below
 
 
-def holder_box(design: Design) -> Box:
-    """Flange and body."""
+def holder_box(design: Design) -> Extent:
+    """Bounding box of flange and body."""
     radius = design.tool.flange_diameter_mm / 2
     return around(radius, radius, 0.0, design.tool.height_mm)
 
@@ -58,21 +58,21 @@ def holder_build(design: Design) -> Shape:
     room = cq.Workplane(origin=(tool.flat_mm - across / 2, 0, 0)).rect(across, across)
     bore = cylinders(axis, 2 * tool.bore_mm, -1, tool.depth_mm + 1)
     body = body.cut(bore.intersect(room.extrude(2 * high, both=True)))
-    for at, diameter_mm in (
+    for centres, diameter_mm in (
         (tool.screw_centres_mm, tool.screw_hole_mm),
         ([tool.pin_at_mm], tool.pin_mm + tool.pin_fit_mm),
     ):
-        body = body.cut(cylinders(at, diameter_mm, low - 1, tool.flange_mm + 2))
+        body = body.cut(cylinders(centres, diameter_mm, low - 1, tool.flange_mm + 2))
     clamp = cq.Workplane("YZ", origin=(0, 0, tool.clamp_z_mm)).circle(tool.clamp_mm / 2)
     return body.cut(clamp.extrude(-tool.body_mm)).val()
 
 
 def holder_rules(d: Design) -> Iterator[Check]:
-    """Stem, screws and their heads have room."""
+    """Rules of the space for stem, screws and their heads."""
     tool = d.tool
     yield below("stem", "indenter's stem", Indenter.stem_length_mm, "tool.depth_mm", tool.depth_mm)
     body, circle = tool.body_mm, tool.bolt_circle_mm
-    heads, holes = body + SCREW.head_mm, circle + tool.screw_hole_mm + 3.0
+    heads, holes = body + FLANGE_SCREW.head_mm, circle + tool.screw_hole_mm + 3.0
     yield at_most("heads", "tool.body_mm + head M3", heads, "tool.bolt_circle_mm", circle)
     flange = "tool.flange_diameter_mm", tool.flange_diameter_mm
     yield at_most("holes-in-flange", "tool.bolt_circle_mm + hole + 3", holes, *flange)
@@ -84,7 +84,7 @@ def holder_rules(d: Design) -> Iterator[Check]:
 
 
 def holder_fits(d: Design) -> Iterator[PlayFit]:
-    """Stem and flat in the D bore, that a turned stem does not go in, and the flange's screws."""
+    """Fits of stem and flat in the D bore (a rotated stem stays out), and the flange's screws."""
     tool, printer = d.tool, d.resin_printer
     parts, stem = "tool-holder, indenters", Indenter.stem_diameter_mm
     bore = printer.inner(2 * tool.bore_mm)
@@ -93,7 +93,7 @@ def holder_fits(d: Design) -> Iterator[PlayFit]:
     across = printer.outer(stem / 2 + Indenter.stem_flat_at_mm)
     yield PlayFit("flat-in-bore", "stem's flat in the bore", parts, (flat,), (across,))
     yield PlayFit("turned-stem", "turned stem stays out", parts, (printer.outer(stem),), (flat,))
-    clamp, screw = printer.inner(tool.clamp_mm), Length(SCREW.thread_mm)
+    clamp, screw = printer.inner(tool.clamp_mm), Length(FLANGE_SCREW.thread_mm)
     yield PlayFit("set-screw-bites", "set screw M3 bites", "tool-holder", (screw,), (clamp,))
     screws, hole = "tool-holder, nano17-adapter", printer.inner(tool.screw_hole_mm)
     yield PlayFit("screws", "M3 through the flange", screws, (hole,), (screw, printer.pitch()))
@@ -102,7 +102,7 @@ def holder_fits(d: Design) -> Iterator[PlayFit]:
 
 
 def holder_callouts(d: Design) -> Callouts:
-    """D bore, body, flange; section through the axis."""
+    """Drawing content: D bore, body, flange; section through the axis."""
     tool, radius = d.tool, Indenter.stem_diameter_mm / 2
     turn_deg = math.degrees(math.atan(0.05 / math.sqrt(radius**2 - Indenter.stem_flat_at_mm**2)))
     rounds = {
@@ -118,12 +118,12 @@ def holder_callouts(d: Design) -> Callouts:
     return Callouts(rounds=rounds, fitted=(2 * tool.bore_mm,), notes=notes, cut_x_mm=0.0)
 
 
-SIZE = ("adapter.sensor_mm", "adapter.sensor_height_mm")
-KEYS = ("adapter.sensor_mm", "adapter.bolt_circle_mm", "adapter.bolt_turn_deg")
+SENSOR_SIZE_KEYS = ("adapter.sensor_mm", "adapter.sensor_height_mm")
+ADAPTER_KEYS = ("adapter.sensor_mm", "adapter.bolt_circle_mm", "adapter.bolt_turn_deg")
 
 
-def adapter_box(design: Design) -> Box:
-    """The disc."""
+def adapter_box(design: Design) -> Extent:
+    """Bounding box of the disc."""
     radius = design.tool.flange_diameter_mm / 2
     return around(radius, radius, 0.0, design.adapter.thickness_mm)
 
@@ -144,26 +144,26 @@ def adapter_build(design: Design) -> Shape:
 
 
 def adapter_rules(d: Design) -> Iterator[Check]:
-    """Room for the heads, on the sensor."""
+    """Rules of the heads' depth, and of the bolt circle on the sensor."""
     plate = d.adapter
     deep, thick = plate.bolt_bore_depth_mm + 2.0, plate.thickness_mm
     yield at_most("bolt-bore-depth", "bolt_bore_depth_mm + 2", deep, "adapter.thickness_mm", thick)
     holes = "adapter.bolt_circle_mm + hole", plate.bolt_circle_mm + plate.bolt_hole_mm
-    yield at_most("bolts-on-sensor", *holes, "adapter.sensor_mm", plate.sensor_mm, KEYS)
+    yield at_most("bolts-on-sensor", *holes, "adapter.sensor_mm", plate.sensor_mm, ADAPTER_KEYS)
 
 
 def adapter_fits(d: Design) -> Iterator[PlayFit]:
-    """Three screws into a sensor, whose own pattern counts as exact; the flange's four bite."""
+    """Fits of three screws into the sensor (exact pattern), and of the flange's four."""
     plate, printer = d.adapter, d.resin_printer
     hole, pilot = printer.inner(plate.bolt_hole_mm), printer.inner(plate.pilot_mm)
-    body = (Length(BOLT.thread_mm, 0.0, KEYS), printer.pitch(0.0))
+    body = (Length(SENSOR_BOLT.thread_mm, 0.0, ADAPTER_KEYS), printer.pitch(0.0))
     yield PlayFit("bolts-into-sensor", "M2 into the force sensor", "nano17-adapter", (hole,), body)
-    bites = "M3 bites in its pilot"
-    yield PlayFit("screw-bites", bites, "nano17-adapter", (Length(SCREW.thread_mm),), (pilot,))
+    bites, screw = "M3 bites in its pilot", Length(FLANGE_SCREW.thread_mm)
+    yield PlayFit("screw-bites", bites, "nano17-adapter", (screw,), (pilot,))
 
 
 def adapter_callouts(d: Design) -> Callouts:
-    """Holes of both patterns; section through the first of the sensor's screws."""
+    """Drawing content: both hole patterns, section through the first of the sensor's screws."""
     plate, tool = d.adapter, d.tool
     rounds = {
         plate.pilot_mm: "for M3",
@@ -172,27 +172,28 @@ def adapter_callouts(d: Design) -> Callouts:
         plate.bolt_bore_mm: "for the heads, from the back",
     }
     notes = ("Measure the force sensor's own screws first: its pattern is assumed.",)
-    return Callouts(rounds=rounds, notes=notes, cut_x_mm=plate.bolt_centres_mm[0][0], rests_on=KEYS)
+    cut_x_mm = plate.bolt_centres_mm[0][0]
+    return Callouts(rounds=rounds, notes=notes, cut_x_mm=cut_x_mm, rests_on=ADAPTER_KEYS)
 
 
 def adapter_places(design: Design) -> list[Shift]:
-    """On the tool holder's flange."""
+    """Position on the tool holder's flange."""
     return [(0.0, 0.0, design.tool.height_mm)]
 
 
-def sensor_box(design: Design) -> Box:
-    """The force sensor's cylinder."""
+def sensor_box(design: Design) -> Extent:
+    """Bounding box of the force sensor's cylinder."""
     radius = design.adapter.sensor_mm / 2
     return around(radius, radius, 0.0, design.adapter.sensor_height_mm)
 
 
 def build_sensor(design: Design) -> Shape:
-    """The force sensor as one solid; cable and holes are left out."""
+    """Build the force sensor as one solid, without cable and holes."""
     return cylinders([(0, 0)], design.adapter.sensor_mm, 0, design.adapter.sensor_height_mm).val()
 
 
 def sensor_places(design: Design) -> list[Shift]:
-    """On the adapter."""
+    """Position on the adapter."""
     return [(0.0, 0.0, design.tool.height_mm + design.adapter.thickness_mm)]
 
 
@@ -203,15 +204,15 @@ PARTS = (
         holder_box,
         group="bench",
         explode_mm=60.0,
-        colour=BLACK,
+        colour=BLACK_RGBA,
         sections=("tool",),
         rules=holder_rules,
         fits=holder_fits,
         wall_keys=("shell.wall_mm",),
         callouts=holder_callouts,
         note="set screw M3 x 6 (ISO 4026), four M3 x 10 (ISO 4762), pin {d.tool.pin_mm:g} x 8",
-        lies=PrintPose("+z", "flange"),
-        look_for="a stem slides in with its flat at +x and in no other way",
+        pose=PrintPose("+z", "flange"),
+        look_for="a stem slides in only with its flat at +x",
     ),
     Part(
         "nano17-adapter",
@@ -219,7 +220,7 @@ PARTS = (
         adapter_box,
         group="bench",
         explode_mm=80.0,
-        colour=BLACK,
+        colour=BLACK_RGBA,
         places=adapter_places,
         sections=("adapter", "tool"),
         rules=adapter_rules,
@@ -227,7 +228,7 @@ PARTS = (
         wall_keys=("shell.wall_mm",),
         callouts=adapter_callouts,
         note="three M2 (ISO 4762) into the force sensor; its bolt circle is assumed: measure yours",
-        lies=PrintPose("+z", "force sensor's side"),
+        pose=PrintPose("+z", "force sensor's side"),
         look_for="flat on both sides; the force sensor's screws go in by hand",
     ),
     Part(
@@ -235,10 +236,10 @@ PARTS = (
         build_sensor,
         sensor_box,
         material="ATI Nano17, six axes",
-        process=BOUGHT,
+        process=BOUGHT_PROCESS,
         group="bench",
         explode_mm=100.0,
-        colour=STEEL,
+        colour=STEEL_RGBA,
         places=sensor_places,
         sections=("adapter",),
         note="{d.adapter.sensor_mm:g} mm wide, {d.adapter.sensor_height_mm:g} mm high as published",

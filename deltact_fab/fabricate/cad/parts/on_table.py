@@ -32,16 +32,16 @@ from deltact_fab.common import Check, Point2
 
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, fmt, x_of
-from ..kernel import Box, Shape, Workplane, around, cuboid, cylinders, require
-from ..part import BLACK, MACHINED, STEEL, Part, PrintPose
+from ..kernel import Extent, Shape, Workplane, around, cuboid, cylinders, require
+from ..part import BLACK_RGBA, MACHINED_PROCESS, STEEL_RGBA, Part, PrintPose
 from ..rule import Length, PlayFit, at_most
-from ..standards import THREADS
+from ..standards import METRIC_THREADS
 from . import shell
 from .mount import boss_room
 
 
-def testing_box(design: Design) -> Box:
-    """Shell and tabs."""
+def testing_box(design: Design) -> Extent:
+    """Bounding box of shell and tabs."""
     x, y = (side / 2 for side in design.frame_outer_mm)
     return around(x + design.table.tab_mm, y, design.z_back_mm, design.z_joint_mm)
 
@@ -52,24 +52,24 @@ def testing_build(design: Design) -> Shape:
 
 
 def _tab(design: Design, side: int) -> Workplane:
-    """One tab at +x (side 1) or -x (-1); it touches the wall and clears floor and bosses."""
+    """Return the tab at +x (side 1) or -x (-1); it touches the wall, clear of floor and bosses."""
     table, fit = design.table, design.cover.fit_mm
     face = design.frame_outer_mm[0] / 2
     half, back = table.width_mm / 2, design.z_back_mm
 
-    def bar(near: float, far: float, y: float, low: float, high: float) -> Workplane:
-        x = sorted((side * near, side * far))
+    def bar(inner: float, outer: float, y: float, low: float, high: float) -> Workplane:
+        x = sorted((side * inner, side * outer))
         return cuboid(((x[0], -y, low), (x[1], y, high)))
 
     tab = bar(face, face + table.tab_mm, half, back, back + table.height_mm)
     tab = tab.cut(bar(face - 1, face + fit, half + 1, back - 1, design.z_floor_mm))
     tab = tab.cut(boss_room(design))
-    at = [(x, y) for x, y in tab_centres_mm(design) if x * side > 0]
-    return tab.cut(cylinders(at, table.hole_mm, back - 1, table.height_mm + 2))
+    centres = [(x, y) for x, y in tab_centres_mm(design) if x * side > 0]
+    return tab.cut(cylinders(centres, table.hole_mm, back - 1, table.height_mm + 2))
 
 
 def testing_rules(d: Design) -> Iterator[Check]:
-    """Tabs around their holes, and higher than the cover."""
+    """Rules of the tabs around their holes, and higher than the cover."""
     table = d.table
     around = table.hole_mm + 2 * table.edge_mm
     yield at_most("hole-in-tab", "table: hole + 2 edge_mm", around, "tab_mm", table.tab_mm)
@@ -77,12 +77,12 @@ def testing_rules(d: Design) -> Iterator[Check]:
     yield at_most("pitch", "table: pitch + hole + 2 edge_mm", along, "width_mm", table.width_mm)
     yield at_most("tab-width", "table: width_mm", table.width_mm, "outer y", d.frame_outer_mm[1])
     yield at_most("cover", "cover + 2", d.cover.floor_mm + 2.0, "table.height_mm", table.height_mm)
-    both = "cover and shell", d.z_joint_mm - d.z_back_mm
-    yield at_most("height", "table.height_mm", table.height_mm, *both)
+    stack = "cover and shell", d.z_joint_mm - d.z_back_mm
+    yield at_most("height", "table.height_mm", table.height_mm, *stack)
 
 
 def testing_fits(d: Design) -> Iterator[PlayFit]:
-    """The cover between the tabs."""
+    """Fits of the cover between the tabs."""
     between = d.resin_printer.inner(d.frame_outer_mm[0] + 2 * d.cover.fit_mm)
     cover = d.resin_printer.outer(d.frame_outer_mm[0])
     parts = "testing-shell, cover"
@@ -90,7 +90,7 @@ def testing_fits(d: Design) -> Iterator[PlayFit]:
 
 
 def testing_callouts(d: Design) -> Callouts:
-    """The shell with its two table tabs."""
+    """Drawing content: shell with its two table tabs."""
     notes = (
         f"Walls {fmt(d.shell.wall_mm)} all around. Tabs clear the cover by {fmt(d.cover.fit_mm)}.",
         f"Undersides of both tabs level and flat: they stand on the table. {SQUARE_EDGES}",
@@ -103,21 +103,21 @@ def testing_callouts(d: Design) -> Callouts:
     )  # fmt: skip
 
 
-KEYS = ("stage_plate.grid_mm", "stage_plate.slot_mm")
+STAGE_PLATE_KEYS = ("stage_plate.grid_mm", "stage_plate.slot_mm")
 
 
 def slot_pitch_mm(design: Design) -> Point2:
-    """Between slots: the least multiples of the grid that keep them beside the tabs: (100, 50)."""
+    """Pitch of the slots: smallest multiples of the grid that clear the tabs: (100, 50)."""
     plate, table = design.stage_plate, design.table
     x = design.frame_outer_mm[0] + 2 * table.tab_mm + plate.slot_length_mm + plate.edge_mm
     y = table.width_mm + plate.slot_mm + plate.edge_mm
     grid = plate.grid_mm
-    # A rounding error is no further thread.
+    # Rounding errors must not add a grid step.
     return grid * math.ceil(x / grid - 1e-9), grid * math.ceil(y / grid - 1e-9)
 
 
 def sides_mm(design: Design) -> Point2:
-    """The plate's sides: its edge around the slots and the testing shell."""
+    """Sides of the plate = slots and testing shell + edge."""
     plate, (x, y) = design.stage_plate, slot_pitch_mm(design)
     inside = max(y + plate.slot_mm, design.frame_outer_mm[1])
     return x + plate.slot_length_mm + 2 * plate.edge_mm, inside + 2 * plate.edge_mm
@@ -136,8 +136,8 @@ def tab_centres_mm(design: Design) -> list[Point2]:
     return [(sx * x, sy * y) for sy in (-1, 1) for sx in (-1, 1)]
 
 
-def plate_box(design: Design) -> Box:
-    """The plate; its top is the sensor's back."""
+def plate_box(design: Design) -> Extent:
+    """Bounding box of the plate; its top is the sensor's back."""
     (x, y), z = sides_mm(design), design.z_back_mm
     return around(x / 2, y / 2, z - design.stage_plate.thickness_mm, z)
 
@@ -153,33 +153,33 @@ def plate_build(design: Design) -> Shape:
     return cuboid(plate_box(design)).cut(drills).cut(slots.extrude(high + 2)).val()
 
 
-DRILL_MM = 0.1
-"""What a drilled or milled hole comes out over its nominal, at most (assumed)."""
+DRILL_OVERSIZE_MM = 0.1
+"""Largest oversize of a drilled or milled hole; by hand: larger asks for more play."""
 
 
 def plate_rules(d: Design) -> Iterator[Check]:
-    """Thread enough for the tabs' screws: one diameter of it in aluminium."""
-    screw_mm = THREADS[d.table.screw].thread_mm
+    """Rule of the thread length of the tabs' screws: one diameter in aluminium."""
+    screw_mm = METRIC_THREADS[d.table.screw].thread_mm
     thick = d.stage_plate.thickness_mm
     yield at_most("thread", f"thread {d.table.screw}", screw_mm, "stage_plate.thickness_mm", thick)
 
 
 def plate_fits(d: Design) -> Iterator[PlayFit]:
-    """Screws through the slots, and threads that are neither stripped nor too tight for the tap."""
+    """Fits of screws in the slots, and of tapped threads: neither stripped nor too tight."""
     plate, part, screw = d.stage_plate, "stage-plate", d.table.screw
-    off = DRILL_MM / 2
-    slot = Length(plate.slot_mm + off, off, KEYS)
-    core = Length(plate.thread_hole_mm + off, off)
+    mean_off = DRILL_OVERSIZE_MM / 2
+    slot = Length(plate.slot_mm + mean_off, mean_off, STAGE_PLATE_KEYS)
+    core = Length(plate.thread_hole_mm + mean_off, mean_off)
     yield PlayFit("screw-in-slot", "M6 through its slot", part, (slot,), (Length(6.0),))
     # ISO 724: the thread is 0.61 of its pitch deep; a tap for 60 to 85 % of that is stocked.
-    major, depth = THREADS[screw].thread_mm, 1.0825 * THREADS[screw].pitch_mm
+    major, depth = METRIC_THREADS[screw].thread_mm, 1.0825 * METRIC_THREADS[screw].pitch_mm
     half = (Length(major - 0.5 * depth),)
     yield PlayFit("holds", f"{screw} holds in its thread", part, half, (core,))
     yield PlayFit("tapped", f"{screw} can be tapped", part, (core,), (Length(major - depth),))
 
 
 def plate_callouts(d: Design) -> Callouts:
-    """Outline, slots and threads."""
+    """Drawing content: outline, slots and threads."""
     fx, fy = (side / 2 for side in d.frame_outer_mm)
     slot, half = slot_pitch_mm(d)[0] / 2, d.stage_plate.slot_travel_mm / 2
     notes = (
@@ -192,11 +192,11 @@ def plate_callouts(d: Design) -> Callouts:
     }
     travel = x_of(slot - half, slot + half, fitted=False)
     axes = ((0, -slot), (0, slot))
-    return Callouts((travel,), rounds, notes=notes, axes=axes, rests_on=KEYS)
+    return Callouts((travel,), rounds, notes=notes, axes=axes, rests_on=STAGE_PLATE_KEYS)
 
 
 def plate_note(d: Design) -> str:
-    """What goes with it."""
+    """Hardware for the stage plate."""
     length = d.table.height_mm + d.stage_plate.thickness_mm
     return f"four {d.table.screw} into its threads, {length:g} mm at most; four M6 into the table"
 
@@ -207,7 +207,7 @@ PARTS = (
         testing_build,
         testing_box,
         group="bench",
-        colour=BLACK,
+        colour=BLACK_RGBA,
         sections=("shell", "cover", "table", "screw", "skin", "frame"),
         derived=(
             "frame_outer_mm", "cavity_half_mm", "post_mm", "post_edge_mm", "boss_room_mm",
@@ -219,7 +219,7 @@ PARTS = (
         wall_keys=("shell.wall_mm",),
         callouts=testing_callouts,
         note="in place of the shell; {d.table.screw} screws into the table",
-        lies=PrintPose(face="back", tilt_deg=20, supports="outside only"),
+        pose=PrintPose(face="back", tilt_deg=20, supports="outside only"),
         look_for="as the shell; tabs flat on the table",
     ),
     Part(
@@ -227,10 +227,10 @@ PARTS = (
         plate_build,
         plate_box,
         material="aluminium, EN AW-6082",
-        process=MACHINED,
+        process=MACHINED_PROCESS,
         group="bench",
         explode_mm=-40.0,
-        colour=STEEL,
+        colour=STEEL_RGBA,
         sections=("stage_plate", "table", "frame"),
         derived=("frame_outer_mm", "z_front_mm", "z_back_mm"),
         rules=plate_rules,

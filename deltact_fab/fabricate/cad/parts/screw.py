@@ -19,19 +19,19 @@ from collections.abc import Iterator
 from deltact_fab.common import Check
 
 from ..dimensions import Design
-from ..kernel import Box, Shape, around, cuboid, cylinders, require
-from ..part import BOUGHT, STEEL, Part, Shift
+from ..kernel import Extent, Shape, around, cuboid, cylinders, require
+from ..part import BOUGHT_PROCESS, STEEL_RGBA, Part, Shift
 from ..rule import at_most
 
 
-def box(design: Design) -> Box:
-    """Head and shank."""
+def box(design: Design) -> Extent:
+    """Bounding box of head and shank."""
     row, under, head = design.screw.row, design.z_head_mm, design.screw.row.head_mm / 2
     return around(head, head, under - row.head_height_mm, under + design.screw.length_mm)
 
 
 def build(design: Design) -> Shape:
-    """A cap screw as one solid: head backwards, its underside at z_head."""
+    """Build a cap screw as one solid: head backwards, its underside at z_head."""
     row, under = design.screw.row, design.z_head_mm
     back = under - row.head_height_mm
     plan = require().Workplane().workplane(offset=back - 1)
@@ -41,14 +41,14 @@ def build(design: Design) -> Shape:
     return head.union(shank).cut(socket).val()
 
 
-def camera_box(design: Design) -> Box:
-    """Head and shank of a camera screw."""
+def camera_box(design: Design) -> Extent:
+    """Bounding box of a camera screw."""
     row, under, head = design.holder.row, design.z_board_front_mm, design.holder.row.head_mm / 2
     return around(head, head, under - design.holder.screw_length_mm, under + row.head_height_mm)
 
 
 def build_camera_screw(design: Design) -> Shape:
-    """A camera screw as one solid: its head on the board's front, the shank towards -z."""
+    """Build a camera screw as one solid: head on the board's front, shank towards -z."""
     row, under = design.holder.row, design.z_board_front_mm
     top = under + row.head_height_mm
     slot = around(row.slot_mm / 2, row.head_mm / 2 + 1, top - row.slot_depth_mm, top + 1)
@@ -58,23 +58,23 @@ def build_camera_screw(design: Design) -> Shape:
 
 
 def places(d: Design) -> list[Shift]:
-    """On the axes of the four corner posts."""
+    """Positions on the axes of the four corner posts."""
     return [(x, y, 0.0) for x, y in d.screw_centres_mm]
 
 
 def camera_places(d: Design) -> list[Shift]:
-    """On the board's upper holes; none where the board is bonded."""
+    """Positions on the board's upper holes; none if the board is bonded."""
     return [(x, y, 0.0) for x, y in d.camera_screw_centres_mm]
 
 
 def rules(d: Design) -> Iterator[Check]:
-    """The heads behind nothing."""
+    """Rule that the heads do not protrude from the back."""
     heads, z_mm = "back of the screw heads (screw.length_mm)", box(d)[0][2]
     yield at_most("heads-inside", "back of the sensor", d.z_back_mm, heads, z_mm)
 
 
 def stock_note(d: Design) -> str:
-    """What to say, and to do, about a screw length that no shop stocks; empty when it is."""
+    """Return a note on a screw length that is not stocked; empty if it is."""
     screw, row = d.screw, d.screw.row
     if screw.length_mm in row.stock_mm:
         return ""
@@ -91,7 +91,7 @@ def stock_note(d: Design) -> str:
 
 
 def note(d: Design) -> str:
-    """The size to buy, its key, and what to do where no shop stocks it."""
+    """Return size, key, and a note if the length is not stocked."""
     size = f"{d.screw.thread} x {d.screw.length_mm:g}, key {d.screw.row.socket_mm:g} mm"
     stock = stock_note(d)
     return f"{size}; {stock}" if stock else size
@@ -103,11 +103,11 @@ PARTS = (
         build,
         box,
         material="steel, ISO 4762",
-        process=BOUGHT,
+        process=BOUGHT_PROCESS,
         quantity=4,
         number=8,
         explode_mm=-104,
-        colour=STEEL,
+        colour=STEEL_RGBA,
         places=places,
         sections=("screw",),
         derived=("z_head_mm",),
@@ -120,10 +120,10 @@ PARTS = (
         build_camera_screw,
         camera_box,
         material="steel, ISO 1207",
-        process=BOUGHT,
+        process=BOUGHT_PROCESS,
         quantity=2,
         explode_mm=-41,
-        colour=STEEL,
+        colour=STEEL_RGBA,
         places=camera_places,
         sections=("holder",),
         derived=("z_board_front_mm",),

@@ -14,9 +14,9 @@ Section below z_boss, seen along -z:     Section at x = 0:
     +---+  cable notch  +---+             -> y to the right
 
 In each corner stands a post with a through hole on a screw's axis, from z_boss to the joint. Below
-z_boss the cover's boss takes its place and the wall's, and keeps `cover.fit_mm` from the shell.
-The ledges carry the acrylic's edges from behind, those in x (not drawn) like those in y: on two
-edges it would bend twice as far.
+z_boss the cover's boss replaces post and wall, with `cover.fit_mm` to the shell. The ledges
+carry the acrylic's edges from behind, those in x (not drawn) like those in y: on two edges it would
+deflect twice as far.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from deltact_fab.common import Check
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, Span, fmt, x_of, y_of, z_of
 from ..kernel import (
-    Box,
+    Extent,
     Shape,
     Workplane,
     around,
@@ -38,15 +38,15 @@ from ..kernel import (
     prism,
     without_corners,
 )
-from ..part import BLACK, Part, PrintPose
+from ..part import BLACK_RGBA, Part, PrintPose
 from ..rule import Length, PlayFit, at_most, below
 from . import mount
 from .light_holder import WIRE_OUTER
 from .mount import boss_room
 
 
-def box(design: Design) -> Box:
-    """Shell and mount."""
+def box(design: Design) -> Extent:
+    """Bounding box of shell and mount."""
     x, y = (side / 2 for side in design.frame_outer_mm)
     return enclosing([around(x, y, design.z_floor_mm, design.z_joint_mm), *mount.bars(design)])
 
@@ -57,13 +57,13 @@ def build(design: Design) -> Shape:
 
 
 def body(design: Design) -> Workplane:
-    """The shell without mount and tabs; the posts are what the cavity leaves."""
+    """Return the shell without mount and tabs; the cavity's notched corners leave the posts."""
     shell, (x, y) = design.shell, design.cavity_half_mm
     outer_x, outer_y = design.frame_outer_mm
     floor, joint = design.z_floor_mm, design.z_joint_mm
     ledge = joint - shell.ledge_height_mm
     body = cuboid(((-outer_x / 2, -outer_y / 2, floor), (outer_x / 2, outer_y / 2, joint)))
-    # One cutter inside the other: between the ledges the cavity is only narrower.
+    # Nested cutters: between the ledges the cavity is only narrower.
     inward = design.ledge_reach_mm
     for (dx, dy), high in (((0.0, 0.0), ledge), (inward, joint + 1)):
         low = floor - 1
@@ -81,30 +81,30 @@ def body(design: Design) -> Workplane:
 
 
 def rules(d: Design) -> Iterator[Check]:
-    """Posts, cable notch and ledge, and the mount's own."""
+    """Rules of posts, cable notch, ledge and mount."""
     shell, posts = d.shell, d.z_joint_mm - d.z_boss_mm
-    # The board stands between the cable's notch and the room of the light holder.
+    # The board is between the cable's notch and the light holder.
     room = "holder.clearance_mm", d.holder.clearance_mm
     yield at_most("notch-height", "cable_height_mm", shell.cable_height_mm, *room)
     ledge = "ledge_height_mm", shell.ledge_height_mm
     yield below("drop", "ledge_drop_mm", shell.ledge_drop_mm, *ledge)
-    wide = shell.cable_width_mm + 2 * (d.cover.fit_mm + shell.wall_mm)
+    width = shell.cable_width_mm + 2 * (d.cover.fit_mm + shell.wall_mm)
     words = "cable_width_mm + 2 (cover.fit_mm + wall_mm)"
-    yield at_most("cable-room", words, wide, "room between the posts", 2 * d.post_edge_mm[0])
+    yield at_most("cable-room", words, width, "room between the posts", 2 * d.post_edge_mm[0])
     high = shell.cable_height_mm + shell.ledge_height_mm + shell.wall_mm
     words = "cable_height_mm + ledge_height_mm + wall_mm"
     yield at_most("notch-below-ledge", words, high, "depth of the shell", d.shell_depth_mm)
     # The ledge ends on the posts, in both directions.
     yield at_most("ledge", *ledge, "height of the posts", posts)
-    words, beyond = "ledge_mm and what the wall leaves before it", d.post_mm - shell.wall_mm
-    yield at_most("ledge-on-posts", words, max(d.ledge_reach_mm), "posts beyond the wall", beyond)
+    words, free_mm = "ledge_mm and what the wall leaves before it", d.post_mm - shell.wall_mm
+    yield at_most("ledge-on-posts", words, max(d.ledge_reach_mm), "posts beyond the wall", free_mm)
     yield below("posts-above-floor", "floor", d.z_floor_mm, "back of the posts", d.z_boss_mm)
     yield below("post-height", "2", 2.0, "height of the posts", posts)
     yield from mount.rules(d)
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
-    """The cover's bosses, screws on their way into the frame, and what the notch lets through."""
+    """Fits of the cover's bosses, the screws into the frame, and cables in the notch."""
     printer, shell, row, cam = d.resin_printer, d.shell, d.screw.row, d.camera
     corner, boss = printer.inner(d.boss_room_mm), printer.outer(d.post_mm)
     yield PlayFit("boss-in-corner", "boss in its corner", "shell, cover", (corner,), (boss,))
@@ -112,11 +112,11 @@ def fits(d: Design) -> Iterator[PlayFit]:
     for name in ("shell", "cover"):
         parts = f"{name}, screw, skin-frame"
         yield PlayFit(f"screw-{name}", f"{d.screw.thread} through the {name}", parts, hole, shank)
-    wide, high = printer.inner(shell.cable_width_mm), printer.tall(shell.cable_height_mm)
+    width, high = printer.inner(shell.cable_width_mm), printer.tall(shell.cable_height_mm)
     flat, thick = cam.cable_width_mm, cam.cable_height_mm
     keys = ("camera.cable_width_mm", "camera.cable_height_mm")
     cable = Length(flat, 0.1, keys[:1])
-    yield PlayFit("cable", "camera's cable in its notch, x", "shell, cable", (wide,), (cable,))
+    yield PlayFit("cable", "camera's cable in its notch, x", "shell, cable", (width,), (cable,))
     # The light holder's wires leave there too, over the cable.
     through = (Length(thick, 0.05, keys[1:]), WIRE_OUTER)
     name = "cable and wires in the notch, z"
@@ -128,7 +128,7 @@ def fits(d: Design) -> Iterator[PlayFit]:
 
 
 def body_lengths(d: Design) -> list[Span]:
-    """What shell and testing shell have in common."""
+    """Return the dimensions common to shell and testing shell."""
     shell, room = d.shell, d.boss_room_mm
     (sx, sy), (cx, _), (px, py) = d.screw_at_mm, d.cavity_half_mm, d.post_edge_mm
     (ox, oy), ledge_y = (side / 2 for side in d.frame_outer_mm), d.ledge_half_mm[1]
@@ -151,7 +151,7 @@ def body_lengths(d: Design) -> list[Span]:
 
 
 def callouts(d: Design) -> Callouts:
-    """The shell with its mount; section through cable notch, ledge and mount."""
+    """Drawing content: shell with mount, section through cable notch, ledge and mount."""
     notes = (
         f"Walls {fmt(d.shell.wall_mm)} all around. Opaque: no light through the walls.",
         SQUARE_EDGES,
@@ -159,7 +159,7 @@ def callouts(d: Design) -> Callouts:
     lengths = (*body_lengths(d), *mount.lengths(d))
     return Callouts(
         lengths, fitted=(d.screw.row.clearance_mm,), notes=notes, cut_x_mm=0.0,
-        rests_on=mount.FLANGE,
+        rests_on=mount.FLANGE_KEYS,
     )  # fmt: skip
 
 
@@ -169,7 +169,7 @@ PARTS = (
         build,
         box,
         number=3,
-        colour=BLACK,
+        colour=BLACK_RGBA,
         sections=("shell", "cover", "mount", "screw", "skin", "frame"),
         derived=(
             "frame_outer_mm", "cavity_half_mm", "ledge_half_mm", "ledge_reach_mm", "post_mm",
@@ -182,7 +182,7 @@ PARTS = (
         wall_keys=("shell.wall_mm",),
         in_view=True,
         callouts=callouts,
-        lies=PrintPose(face="back", tilt_deg=20, supports="outside only"),
+        pose=PrintPose(face="back", tilt_deg=20, supports="outside only"),
         look_for="the light holder slides in by hand; the four holes pass a screw without cutting",
     ),
 )  # fmt: skip

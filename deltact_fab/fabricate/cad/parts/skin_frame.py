@@ -12,10 +12,10 @@ Seen along -z (from the touched side):            Section at x = 0:
     |  o  +--------------------+  o  |        o: blind pilot from below, pilot depth deep, on the
     +--------------------------------+           axis of the square corner post (side post)
 
-The paper gives no drawing. A 3 mm wall cannot hold an M1.6 screw, so a square post stands in each
-corner and takes a corner of the window; the skin is notched there below the protrusion. Behind the
+The paper gives no drawing. A 3 mm wall cannot hold an M1.6 screw, so each corner has a square post
+that cuts off a corner of the window; the skin is notched there below the protrusion. Behind the
 skin the window is wider in y (and by seat_x in x), so that the acrylic plate rests on a ledge.
-Frame and skin share faces and no volume.
+Frame and skin touch without overlap.
 
 The skin: the clear silicone block behind the pattern (paper, Tactile Subsystem).
 
@@ -38,14 +38,14 @@ from deltact_fab.common import Check
 
 from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, x_of, y_of, z_of
-from ..kernel import Box, Shape, around, cuboid, cylinders, prism, require, without_corners
-from ..part import BLACK, CLEAR, Part, PrintPose, nothing
+from ..kernel import Extent, Shape, around, cuboid, cylinders, prism, require, without_corners
+from ..part import BLACK_RGBA, CLEAR_RGBA, Part, PrintPose, no_entries
 from ..rule import Length, PlayFit, at_most, below
 from ..standards import screw_tolerance_mm
 
 
-def box(design: Design) -> Box:
-    """From the joint to the front."""
+def box(design: Design) -> Extent:
+    """Bounding box, from the joint to the front."""
     x, y = (side / 2 for side in design.frame_outer_mm)
     return around(x, y, design.z_joint_mm, design.z_front_mm)
 
@@ -55,7 +55,7 @@ def build(design: Design) -> Shape:
     screw, bottom_mm = design.screw, design.z_joint_mm
     x, y = (side / 2 for side in design.frame_outer_mm)
     body = cuboid(around(x, y, bottom_mm, bottom_mm + design.frame_height_mm))
-    # Cutters stand out at the ends: faces that coincide are where booleans go wrong.
+    # Cutters extend beyond the ends: booleans fail on coincident faces.
     low, posts = bottom_mm - 1, design.post_edge_mm
     window = (design.skin.width_mm / 2, design.skin.length_mm / 2)
     if design.skin.thickness_mm > design.skin.protrusion_mm:
@@ -68,7 +68,7 @@ def build(design: Design) -> Shape:
 
 
 def rules(d: Design) -> Iterator[Check]:
-    """The frame around the skin, and its pilots."""
+    """Rules of the frame around the skin, and of its pilots."""
     edge, seat = d.post_edge_mm, d.seat_half_mm
     for i, axis in enumerate("xy"):
         yield below(f"posts-{axis}", "0", 0.0, f"room between the posts in {axis}", 2 * edge[i])
@@ -76,14 +76,14 @@ def rules(d: Design) -> Iterator[Check]:
         yield below(f"pocket-{axis}", f"half the acrylic's pocket in {axis}", seat[i], *frame)
     hole, pilot = "resin_printer.least_hole_mm", f"pilot of screw.thread {d.screw.thread}"
     yield at_most("least-hole", hole, d.resin_printer.least_hole_mm, pilot, d.screw.row.pilot_mm)
-    # Above a pilot is the face that seals in the mold: no skin is cast on one that is too thin.
+    # The face above a pilot seals in the mold and must not be too thin.
     depth = "screw.engagement_mm + screw.tip_clearance_mm", d.screw.pilot_depth_mm
     room_mm = d.frame_height_mm - d.shell.wall_mm
     yield at_most("pilot", *depth, "frame height - shell.wall_mm", room_mm)
 
 
 def fits(d: Design) -> Iterator[PlayFit]:
-    """Its pilots: the screws bite, can be driven, and end before the bottom."""
+    """Fits of the screws in the pilots: they bite, and end before the bottom."""
     printer, screw, row = d.resin_printer, d.screw, d.screw.row
     pilot, major = printer.inner(row.pilot_mm), Length(row.thread_mm)
     parts = "skin-frame, screw"
@@ -99,7 +99,7 @@ def fits(d: Design) -> Iterator[PlayFit]:
 
 
 def callouts(d: Design) -> Callouts:
-    """The frame, seen from its back; section through window and pocket."""
+    """Drawing content: frame from its back, section through window and pocket."""
     (sx, sy), (px, py), (ox, oy) = d.screw_at_mm, d.post_edge_mm, d.frame_outer_mm
     seat_x, seat_y = d.seat_half_mm
     window_x = d.skin.width_mm / 2
@@ -125,13 +125,13 @@ def callouts(d: Design) -> Callouts:
     )
 
 
-FRAME = Part(
+SKIN_FRAME = Part(
     "skin-frame",
     build,
     box,
     number=1,
     explode_mm=28,
-    colour=BLACK,
+    colour=BLACK_RGBA,
     sections=("skin", "frame", "optics", "screw", "shell"),
     derived=(
         "frame_outer_mm", "frame_height_mm", "post_edge_mm", "post_in_window_mm",
@@ -143,7 +143,7 @@ FRAME = Part(
     wall_keys=("shell.wall_mm",),
     in_view=True,
     callouts=callouts,
-    lies=PrintPose(
+    pose=PrintPose(
         face="back, where the pilot holes are,", tilt_deg=30,
         supports="on the rim of the back only, none on the front",
     ),
@@ -153,8 +153,8 @@ FRAME = Part(
 )  # fmt: skip
 
 
-def skin_box(design: Design) -> Box:
-    """The plain block."""
+def skin_box(design: Design) -> Extent:
+    """Bounding box of the plain block."""
     skin = design.skin
     return around(skin.width_mm / 2, skin.length_mm / 2, -skin.thickness_mm, 0.0)
 
@@ -170,14 +170,14 @@ def skin_build(design: Design) -> Shape:
     block = block.faces(">Z").edges().fillet(skin.edge_fillet_mm)
     if x == 0 or below_mm == 0:
         return block.val()
-    # One millimetre longer on the three outer sides, so that no face of the cutter coincides.
+    # 1 mm longer on the three outer sides, so that no face of the cutter coincides.
     corners = [(sx * (w - (x - 1) / 2), sy * (h - (y - 1) / 2)) for sx in (-1, 1) for sy in (-1, 1)]
     notches = cq.Workplane().workplane(offset=-skin.thickness_mm - 1).pushPoints(corners)
     return block.cut(notches.rect(x + 1, y + 1).extrude(below_mm + 1)).val()
 
 
 def skin_rules(d: Design) -> Iterator[Check]:
-    """The camera's picture ends within the face: there is nothing to see beside it."""
+    """Rules that the camera's view ends within the face."""
     for view_mm, px, side in zip(
         d.optics.view_mm, ("width", "height"), ("width", "length"), strict=True
     ):
@@ -187,20 +187,20 @@ def skin_rules(d: Design) -> Iterator[Check]:
 
 
 def skin_note(d: Design) -> str:
-    """How much silicone one takes."""
+    """Volume of silicone per skin."""
     return f"{d.skin_volume_mm3 / 1000:.2f} cm³ each; see Solaris"
 
 
 PARTS = (
-    FRAME,
+    SKIN_FRAME,
     replace(
-        FRAME,
+        SKIN_FRAME,
         name="transparent-base",
         group="bench",
         number=0,
         explode_mm=0.0,
-        rules=nothing,
-        fits=nothing,
+        rules=no_entries,
+        fits=no_entries,
         in_view=False,
         note="for the chessboard; cast with a clear skin, no film, no coats",
         look_for="as the skin frame",
@@ -212,7 +212,7 @@ PARTS = (
         material="Solaris silicone, Shore 15A, clear, 1:1",
         process="cast in the mold",
         explode_mm=46,
-        colour=CLEAR,
+        colour=CLEAR_RGBA,
         sections=("skin", "frame", "screw", "shell"),
         derived=("post_in_window_mm",),
         rules=skin_rules,

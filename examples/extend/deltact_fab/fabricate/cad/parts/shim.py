@@ -8,38 +8,38 @@ from deltact_fab.common import Check
 
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts
-from ..kernel import Box, Shape, require
-from ..part import RESIN, Part
+from ..kernel import Extent, Shape, require
+from ..part import RESIN_MATERIAL, Part
 from ..rule import at_most
 
 
 def size(d: Design) -> tuple[float, float, float]:
-    """Its sides, mm."""
+    """Sides in mm."""
     return 20.0, 30.0, d.shell.wall_mm
 
 
-def box(d: Design) -> Box:
-    """Its bounding box, which the solid is held against."""
+def box(d: Design) -> Extent:
+    """Expected bounding box of the solid."""
     return (0.0, 0.0, 0.0), size(d)
 
 
 def build(d: Design) -> Shape:
-    """The solid."""
+    """Build the solid."""
     return require().Solid.makeBox(*size(d))
 
 
 def rules(d: Design) -> Iterable[Check]:
-    """Thick enough to print."""
+    """Rule of the smallest printable thickness."""
     yield at_most("thick", "1", 1.0, "shell.wall_mm", d.shell.wall_mm)
 
 
 def callouts(d: Design) -> Callouts:
-    """What its drawing says beside the lengths, which are read off the solid."""
+    """Drawing content besides the lengths, which are read off the solid."""
     return Callouts(notes=("Flat.",))
 
 
 def note(d: Design) -> str:
-    """For the bill of materials."""
+    """Note in the bill of materials."""
     return f"{d.shell.wall_mm:g} mm thick"
 
 
@@ -48,7 +48,7 @@ PARTS = (
         "shim",
         build,
         box,
-        material=RESIN,
+        material=RESIN_MATERIAL,
         group="bench",
         sections=("shell",),
         derived=("z_joint_mm",),
