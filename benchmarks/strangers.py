@@ -19,13 +19,13 @@ from scipy.special import stdtrit
 from deltact_fab.common.aliases import Array
 from deltact_fab.estimate.analysis.force.dataset import ForceData
 from deltact_fab.estimate.analysis.force.gel import (
-    FoundGel,
+    IdentifiedGel,
     UnrelaxedForces,
-    early_labels,
-    errors_of,
-    search,
+    fit_unrelaxed_forces,
+    error_function,
+    search_gel,
 )
-from deltact_fab.estimate.analysis.force.judge import fit_force, left_out
+from deltact_fab.estimate.analysis.force.judge import fit_force, predict_left_out
 from deltact_fab.estimate.measure.face import FaceFlow
 from deltact_fab.estimate.measure.force.inverse import Inverse
 from deltact_fab.estimate.measure.force.model import Features, ForceModel
@@ -86,12 +86,12 @@ class Seen:
             judge = presses[first : first + len(presses) - LEARN]
             yield [*presses[first + len(judge) :], *presses[:first]][:LEARN], judge
 
-    def told(self, learn: Sequence[Press], labels: str = "late") -> FoundGel | None:
+    def told(self, learn: Sequence[Press], labels: str = "late") -> IdentifiedGel | None:
         """The gel that presses tell; labels: as of `judged`."""
         data = self.data(learn, BELIEVED, labels != "late")
-        found = early_labels(data) if labels == "mended" else None
+        found = fit_unrelaxed_forces(data) if labels == "mended" else None
         flows = [flow for p in learn for flow in self.flows[p]]
-        return search(BELIEVED, errors_of(flows, found.mended(data) if found else data))
+        return search_gel(BELIEVED, error_function(flows, found.relaxed_wrenches(data) if found else data))
 
 
 EARLY = UnrelaxedForces(0.05, 3.0)
@@ -110,7 +110,7 @@ class Judged:
 
 
 def judged(
-    seen: Seen, learn: Sequence[Press], judge: Sequence[Press], gel: FoundGel | None,
+    seen: Seen, learn: Sequence[Press], judge: Sequence[Press], gel: IdentifiedGel | None,
     labels: str = "late",
 ) -> Judged:  # fmt: skip
     """Some presses calibrate with a gel (None: the design's), the others judge.
@@ -119,9 +119,9 @@ def judged(
     """
     view = BELIEVED if gel is None else BELIEVED.with_gel(gel.poisson, gel.thickness_mm)
     data = seen.data(learn, view, labels != "late")
-    found = early_labels(data) if labels == "mended" else None
-    data = found.mended(data) if found else data
-    held = left_out(data, Inverse.name, "position")[0] - data.wrench
+    found = fit_unrelaxed_forces(data) if labels == "mended" else None
+    data = found.relaxed_wrenches(data) if found else data
+    held = predict_left_out(data, Inverse.name, "position")[0] - data.wrench
     model, features = fit_force(data, Inverse.name), Inverse(view)
     true = seen.data(judge, view)
     off = model.predict(true.features[Inverse.name]) - true.wrench

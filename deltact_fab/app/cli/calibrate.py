@@ -183,7 +183,7 @@ def force(
 
 def _force_lines(result: ForceResult, folder: Path) -> Iterator[str]:
     yield result.line + "\n"
-    for found in (result.early, result.gel):
+    for found in (result.unrelaxed, result.gel):
         if found is not None:
             yield found.line + "\n"
     head = (

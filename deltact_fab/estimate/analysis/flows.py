@@ -13,11 +13,11 @@ from ..measure.flow.tracker import FlowTracker
 from ..measure.health import RestPattern
 from .runs import camera_of, settled
 
-_STORE = Store("face-flow", limit_bytes=2 << 30)
+_FLOW_STORE = Store("face-flow", limit_bytes=2 << 30)
 MAP_EVERY_PX = 4  # of maps that are drawn and handed on; force and depth have face.EVERY_PX
 
 
-def key_of(run: Run, press: str) -> str:
+def flow_key(run: Run, press: str) -> str:
     """What the flows of a press depend on: its images up to the last settled one, camera, code."""
     frames = run.frames(press)
     chosen = settled(frames)
@@ -36,18 +36,18 @@ def key_of(run: Run, press: str) -> str:
     return text.hexdigest()
 
 
-def flows_of(run: Run, press: str, every: int) -> list[FaceFlow]:
+def settled_flows(run: Run, press: str, spacing_px: int) -> list[FaceFlow]:
     """The face's flow at each settled frame of a press, from its first frame on.
 
     every: pixels between points. Frames on the way are followed and not kept. Raises RunFailed for
     an image that cannot be read, SensorError for a first one without a pattern, InputError for an
     imported run that shows none, or markers.
     """
-    key = {"of": key_of(run, press), "every_px": every}
-    flows: list[FaceFlow] | None = _STORE.read(key)
+    key = {"of": flow_key(run, press), "every_px": spacing_px}
+    flows: list[FaceFlow] | None = _FLOW_STORE.read(key)
     if flows is None:
-        flows = _tracked(run, press, every)
-        _STORE.write(key, flows)
+        flows = _track_press(run, press, spacing_px)
+        _FLOW_STORE.write(key, flows)
     return flows
 
 
@@ -64,9 +64,9 @@ def _tracker() -> FlowTracker:
     return FlowTracker(full=False)
 
 
-def _tracked(run: Run, press: str, every: int) -> list[FaceFlow]:
+def _track_press(run: Run, press: str, spacing_px: int) -> list[FaceFlow]:
     tracker, frames, camera = _tracker(), run.frames(press), camera_of(run)
-    wanted = set(settled(frames)["seq"])
+    settled_seq = set(settled(frames)["seq"])
     if run.imported and (
         lacks := RestPattern.recognise(run.image(str(frames["file"].iloc[0]))).lacks
     ):
@@ -74,9 +74,9 @@ def _tracked(run: Run, press: str, every: int) -> list[FaceFlow]:
         raise InputError(f"{run.folder}: {lacks}; force and shape follow a dense one")
     flows = []
     for row in frames.itertuples():
-        if row.seq > max(wanted):
+        if row.seq > max(settled_seq):
             break
-        seen = tracker.update(run.image(str(row.file)))
-        if row.seq in wanted:
-            flows.append(FaceFlow.of(seen, camera, every=every))
+        observed = tracker.update(run.image(str(row.file)))
+        if row.seq in settled_seq:
+            flows.append(FaceFlow.of(observed, camera, every=spacing_px))
     return flows

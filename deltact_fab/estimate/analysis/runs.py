@@ -24,11 +24,11 @@ from ..measure.sensor_id import (
     told,
 )
 
-PRESSING = ("press", "shear")
+PRESSING_KINDS = ("press", "shear")
 """Kinds of the steps in which the face is pressed."""
 
 
-def read_frames(run: Run, what: str) -> pd.DataFrame:
+def read_frames(run: Run, analysis: str) -> pd.DataFrame:
     """Read the frames of a run that is finished and has images; `what` is analysed.
 
     Raises InputError, one line, for any other run, RunFailed for a damaged journal.
@@ -37,16 +37,16 @@ def read_frames(run: Run, what: str) -> pd.DataFrame:
     if not run.finished:
         raise InputError(f"{run.folder}: the run is not finished; go on with `run --resume`")
     if frames.empty or frames["file"].isna().any():
-        raise InputError(f"{run.folder}: no images were recorded; {what} needs the channel 'image'")
+        raise InputError(f"{run.folder}: no images were recorded; {analysis} needs the channel 'image'")
     return frames
 
 
-def settles(frames: pd.DataFrame) -> bool:
+def has_settled_frames(frames: pd.DataFrame) -> bool:
     """Whether a run's protocol has frames at rest that press the face, of the table of frames."""
-    return bool((frames["settled"] & frames["kind"].isin(PRESSING)).any())
+    return bool((frames["settled"] & frames["kind"].isin(PRESSING_KINDS)).any())
 
 
-def settled(frames: pd.DataFrame) -> pd.DataFrame:
+def settled_frames(frames: pd.DataFrame) -> pd.DataFrame:
     """The frames of a press at which nothing moves, of the table of all its frames.
 
     Where the protocol does not settle: the last frame of each step that presses or shears. Of an
@@ -54,10 +54,10 @@ def settled(frames: pd.DataFrame) -> pd.DataFrame:
     """
     if (frames["kind"] == Run.UNKNOWN).all():
         return frames
-    if settles(frames):
+    if has_settled_frames(frames):
         return frames[frames["settled"]]
     last = frames.groupby("step_id", sort=False).tail(1)
-    return last[last["kind"].isin(PRESSING)]
+    return last[last["kind"].isin(PRESSING_KINDS)]
 
 
 def settle_s(run: Run, kind: str) -> float:
@@ -76,11 +76,11 @@ def write_results(folder: Path, results: dict[str, dict[str, Any] | pd.DataFrame
     Raises InputError for a folder that cannot be, RunFailed when the disk refuses.
     """
     make_folder(folder)
-    for name, of in results.items():
-        if isinstance(of, pd.DataFrame):
-            text = of.to_csv(index=False)
+    for name, content in results.items():
+        if isinstance(content, pd.DataFrame):
+            text = content.to_csv(index=False)
         else:
-            text = json.dumps(of, indent=1, allow_nan=False) + "\n"
+            text = json.dumps(content, indent=1, allow_nan=False) + "\n"
         write_whole(folder / name, text.encode())
     return [folder / name for name in results]
 
@@ -136,10 +136,10 @@ def head_of(runs: Sequence[Run], kind: Kind) -> CalibrationHead:
                 f"{run.folder}: another sensor than {runs[0].folder}: {told(unlike, 'there')}"
             )
     simulated = any(run.simulated for run in runs)
-    made = CalibrationSource(
+    source = CalibrationSource(
         runs=tuple(run.folder.resolve().name for run in runs),
         simulated=simulated,
         version=VERSION,
         seed=int(runs[0].meta["seed"]) if simulated else None,
     )
-    return CalibrationHead(kind, first, made)
+    return CalibrationHead(kind, first, source)

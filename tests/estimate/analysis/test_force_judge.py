@@ -12,15 +12,15 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.analysis.force.calibrate import transfer
 from deltact_fab.estimate.analysis.force.dataset import ForceData
 from deltact_fab.estimate.analysis.force.judge import (
-    FOLDS,
-    REPEATS,
+    CV_FOLDS,
+    CV_REPEATS,
     fit_force,
     folds,
     force_figures,
-    judge,
+    evaluate_features,
     learning_curve,
     presses_needed,
-    score,
+    ranking_error_n,
 )
 from deltact_fab.estimate.measure.force import make_features
 from deltact_fab.estimate.measure.force.model import COMPONENTS
@@ -65,8 +65,8 @@ def _part(data: ForceData, rows: np.ndarray) -> ForceData:
 
 def test_a_law_that_holds_everywhere_holds_on_what_was_left_out() -> None:
     data = made()
-    judged = judge(data, "sums", seed=0)
-    assert score(judged, data) < 1e-9
+    judged = evaluate_features(data, "sums", seed=0)
+    assert ranking_error_n(judged, data) < 1e-9
     for name, of in force_figures(judged, data).items():
         unit = "n" if "range_n" in of else "nmm"
         for split in ("unseen", "position", "press", "point"):
@@ -79,19 +79,19 @@ def test_a_place_that_answers_otherwise_shows_only_when_it_is_left_out() -> None
     data = made()
     odd = (data.points["position"] == "(3, 0)").to_numpy()
     bent = replace(data, wrench=data.wrench * np.where(odd, 1.5, 1.0)[:, None])
-    judged = judge(bent, "sums", seed=0)
+    judged = evaluate_features(bent, "sums", seed=0)
     of = force_figures(judged, bent)["normal"]
     for split in ("position", "unseen"):
         assert of[f"rmse_left_out_{split}_n"] > 1.1 * of["rmse_left_out_point_n"]
     assert judged.ranked_by == "unseen"
-    assert score(judged, bent) >= of["rmse_left_out_unseen_n"]
+    assert ranking_error_n(judged, bent) >= of["rmse_left_out_unseen_n"]
 
 
 @pytest.mark.parametrize("split", ["unseen", "position", "press", "point"])
 def test_no_fold_is_judged_on_what_it_has_seen_and_each_point_is_judged_once(split: str) -> None:
     points = made().points
     repeats = folds(points, split, seed=1)
-    assert len(repeats) == (REPEATS if split in ("press", "point") else 1)
+    assert len(repeats) == (CV_REPEATS if split in ("press", "point") else 1)
     for parts in repeats:
         assert np.sum([judged for _, judged in parts], axis=0).tolist() == [1] * len(points)
         for fitted, judged in parts:
@@ -99,20 +99,20 @@ def test_no_fold_is_judged_on_what_it_has_seen_and_each_point_is_judged_once(spl
                 assert not set(points[name][fitted]) & set(points[name][judged])
             assert not (fitted & judged).any()
             if split == "point":
-                assert judged.sum() in (len(points) // FOLDS, len(points) // FOLDS + 1)
+                assert judged.sum() in (len(points) // CV_FOLDS, len(points) // CV_FOLDS + 1)
     again = folds(points, split, seed=1)[0][0][1]
     assert (again == repeats[0][0][1]).all()
 
 
 def test_one_place_leaves_indenters_out_and_one_press_nothing() -> None:
     data = made(noise_n=0.1)
-    place = judge(_part(data, (data.points["position"] == "(0, 0)").to_numpy()), "sums", seed=0)
+    place = evaluate_features(_part(data, (data.points["position"] == "(0, 0)").to_numpy()), "sums", seed=0)
     assert list(place.predicted) == ["unseen", "press", "point"]
     one = _part(data, (data.points["press"] == "sphere:10/0").to_numpy())
-    judged = judge(one, "sums", seed=0)
+    judged = evaluate_features(one, "sums", seed=0)
     assert list(judged.predicted) == [judged.ranked_by] == ["point"]
     assert force_figures(judged, one)["normal"]["percent_of_range"] > 0
-    assert np.isfinite(score(judged, one))
+    assert np.isfinite(ranking_error_n(judged, one))
     assert learning_curve(one, "sums", seed=0) == {}
 
 

@@ -18,7 +18,7 @@ from short_run import first_press
 from deltact_fab.bench.record.images import encode_png
 from deltact_fab.bench.record.run import open_run
 from deltact_fab.common.errors import InputError
-from deltact_fab.estimate.analysis.flows import flows_of
+from deltact_fab.estimate.analysis.flows import settled_flows
 from deltact_fab.estimate.analysis.shape.ball import MIN_COVER, calibrate_depth
 from deltact_fab.estimate.analysis.shape.run import ShapeResult
 from deltact_fab.estimate.measure.face import FaceFlow
@@ -141,7 +141,7 @@ def test_depth_is_calibrated_on_trusted_and_covered_flow(
         digest = hashlib.sha256(png).hexdigest()
         db.execute("UPDATE frames SET sha256 = ? WHERE file = ?", (digest, last["file"]))
     db.close()
-    (flow,) = flows_of(open_run(run.folder), last["press"], FaceFlow.SPACING_PX)
+    (flow,) = settled_flows(open_run(run.folder), last["press"], FaceFlow.SPACING_PX)
     assert (flow.trusted, flow.cover >= MIN_COVER) == (trusted, not trusted)
     with pytest.raises(InputError, match="and the flow is trusted"):
         calibrate_depth(run.folder)

@@ -132,7 +132,7 @@ def test_a_calibration_of_this_run_is_no_test(
     force = measure_run(run, [file]).force
     assert force is not None
     assert force.rms_n is not None
-    assert force.own == own
+    assert force.fitted_to_run == own
     assert ("this is no test of it" in force.line) == own
     for beyond in (False, True):
         table = force.frames.assign(extrapolated=beyond)

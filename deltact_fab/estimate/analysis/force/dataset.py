@@ -21,49 +21,49 @@ from ...measure.face import FaceFlow
 from ...measure.force import make_features
 from ...measure.force.model import Features
 from ...measure.sensor_id import SensorModel
-from ..flows import flows_of, key_of
-from ..runs import PRESSING, head_of, read_frames, settle_s, settled, settles, view_of_run
+from ..flows import settled_flows, key_of
+from ..runs import PRESSING_KINDS, head_of, read_frames, settle_s, settled_frames, has_settled_frames, view_of_run
 
-WRENCH = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
-WINDOW_S = 0.1
+WRENCH_COLUMNS = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
+FORCE_WINDOW_S = 0.1
 """Force samples up to this long before and after a settled frame are averaged."""
-_FEWEST = 3
+_MIN_SAMPLES = 3
 
 
-def wrenches(run: Run, press: str, rows: pd.DataFrame) -> tuple[Array, Array]:
+def settled_wrenches(run: Run, press: str, rows: pd.DataFrame) -> tuple[Array, Array]:
     """Wrench (n, 6) on the sensor at settled frames, N and N mm, and which were saturated (n,).
 
     Means of the force samples within WINDOW_S of each frame in its step, or as long as the protocol
     settles; the frame's own where there are not so many. What was measured at rest, before the
     press, is taken off: a tare has noise, and it drifts.
     """
-    wrench = rows[list(WRENCH)].to_numpy(float).copy()
+    wrench = rows[list(WRENCH_COLUMNS)].to_numpy(float).copy()
     saturated = np.zeros(len(rows), bool)
     samples = run.force(press)
-    windows_s = {kind: min(WINDOW_S, settle_s(run, kind)) for kind in rows["kind"].unique()}
-    if not settles(rows) or not any(windows_s.values()):
+    windows_s = {kind: min(FORCE_WINDOW_S, settle_s(run, kind)) for kind in rows["kind"].unique()}
+    if not has_settled_frames(rows) or not any(windows_s.values()):
         return wrench, saturated
     by_step = samples.groupby("step_id").indices
-    values, at_s = samples[list(WRENCH)].to_numpy(float), samples["t_press_s"].to_numpy(float)
-    over = samples["saturated"].to_numpy(bool)
+    values, at_s = samples[list(WRENCH_COLUMNS)].to_numpy(float), samples["t_press_s"].to_numpy(float)
+    out_of_range = samples["saturated"].to_numpy(bool)
     places = zip(rows["step_id"], rows["kind"], rows["t_press_s"], strict=True)
     for k, (step, kind, t_s) in enumerate(places):
-        own = by_step.get(step, np.zeros(0, int))
-        near = own[np.abs(at_s[own] - t_s) <= windows_s[kind]]
-        if len(near) >= _FEWEST:
+        in_step = by_step.get(step, np.zeros(0, int))
+        near = in_step[np.abs(at_s[in_step] - t_s) <= windows_s[kind]]
+        if len(near) >= _MIN_SAMPLES:
             wrench[k] = values[near].mean(0)
-            saturated[k] = over[near].any()
-    rest = ~rows["kind"].isin(PRESSING).to_numpy()
+            saturated[k] = out_of_range[near].any()
+    rest = ~rows["kind"].isin(PRESSING_KINDS).to_numpy()
     if rest.any():
         wrench -= wrench[rest].mean(0)
     return wrench, saturated
 
 
-STRETCHES = 10
+TIME_STRETCHES = 10
 """In which an imported run, whose presses nobody knows, is left out in place of presses."""
-MIN_COVER = 0.7
+MIN_FORCE_COVER = 0.7
 """Of the view, known in a frame that is taken."""
-_GEL = ("gel_model", "modulus_mpa", "poisson", "prony")
+_GEL_KEYS = ("gel_model", "modulus_mpa", "poisson", "prony")
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class PressPoints:
     refused: list[str]
 
 
-def opened(folders: Sequence[Path]) -> tuple[list[Run], list[pd.DataFrame]]:
+def open_force_runs(folders: Sequence[Path]) -> tuple[list[Run], list[pd.DataFrame]]:
     """Runs of one sensor that force can be calibrated on, and their frames.
 
     Raises InputError for one that is not finished or has no images or no force, for runs of
@@ -108,14 +108,14 @@ def opened(folders: Sequence[Path]) -> tuple[list[Run], list[pd.DataFrame]]:
         raise InputError(f"{twice[0]}: given twice; give each run once")
     tables = [read_frames(run, "force") for run in runs]
     for run, frames in zip(runs, tables, strict=True):
-        unread = frames[list(WRENCH)].isna()
+        unread = frames[list(WRENCH_COLUMNS)].isna()
         # An imported run may lack components: those are not calibrated.
         if unread.all(axis=None) if run.imported else unread.any(axis=None):
             raise InputError(
                 f"{run.folder}: no force was recorded; force needs the channel 'force'"
             )
     head_of(runs, "force")
-    gels = [{k: run.meta["protocol"]["specimen"].get(k) for k in _GEL} for run in runs]
+    gels = [{k: run.meta["protocol"]["specimen"].get(k) for k in _GEL_KEYS} for run in runs]
     for run, gel in zip(runs, gels, strict=True):
         unlike = [f"{k} {v!r}, not {gels[0][k]!r}" for k, v in gel.items() if v != gels[0][k]]
         if unlike and run.simulated:
@@ -129,14 +129,14 @@ def presses(run: Run) -> list[str]:
     return list(dict.fromkeys(steps.loc[steps["kind"] != "change", "press"]))
 
 
-def labels(runs: Sequence[Run]) -> list[str]:
+def run_labels(runs: Sequence[Run]) -> list[str]:
     """What tells runs apart: their folders' names, whole paths where two have one name."""
     places = [run.folder.resolve() for run in runs]
     short = len({place.name for place in places}) == len(places)
     return [place.name if short else str(place) for place in places]
 
 
-def gather(
+def gather_data(
     runs: Sequence[Run],
     names: Sequence[str],
     executor: Executor | None = None,
@@ -150,22 +150,22 @@ def gather(
     view = view or view_of_run(runs[0])
     jobs = [
         (str(run.folder), label, press)
-        for run, label in zip(runs, labels(runs), strict=True)
+        for run, label in zip(runs, run_labels(runs), strict=True)
         for press in presses(run)
     ]
-    shown = [press for _, _, press in jobs]
-    work = partial(_press, names=tuple(names), view=view)
-    parts = run_each(work, jobs, shown, executor, progress)
+    titles = [press for _, _, press in jobs]
+    work = partial(_measure_job, names=tuple(names), view=view)
+    parts = run_each(work, jobs, titles, executor, progress)
     return gather_points(parts, names, view, str(runs[0].folder))
 
 
 def point_flows(runs: Sequence[Run], data: ForceData) -> Iterator[FaceFlow]:
     """The flow of each point of `gather` from these runs, press by press."""
-    of_run = dict(zip(labels(runs), runs, strict=True))
+    of_run = dict(zip(run_labels(runs), runs, strict=True))
     for (label, press), part in data.points.groupby(["run", "press"], sort=False):
         run, name = of_run[str(label)], str(press).removeprefix(f"{label}/")
-        frames = settled(run.frames(name))["frame_id"].tolist()
-        flows = flows_of(run, name, FaceFlow.SPACING_PX)
+        frames = settled_frames(run.frames(name))["frame_id"].tolist()
+        flows = settled_flows(run, name, FaceFlow.SPACING_PX)
         for frame_id in part["frame_id"]:
             yield flows[frames.index(frame_id)]
 
@@ -179,9 +179,9 @@ def gather_points(
     """
     sets = {name: make_features(name, view) for name in names}
     points = pd.concat([part.rows for part in parts], ignore_index=True)
-    refused = Counter(why for part in parts for why in part.refused)
+    refused = Counter(reason for part in parts for reason in part.refused)
     left_out = [
-        f"{n} of {len(points) + refused.total()} frames: {why}" for why, n in refused.items()
+        f"{n} of {len(points) + refused.total()} frames: {reason}" for reason, n in refused.items()
     ]
     if points.empty:
         raise InputError(f"{source}: no frame can be used: {'; '.join(left_out) or 'none'}")
@@ -190,9 +190,9 @@ def gather_points(
     return ForceData(points, wrench, features, sets, left_out)
 
 
-def _press(of: tuple[str, str, str], names: Sequence[str], view: SensorModel) -> PressPoints:
+def _measure_job(job: tuple[str, str, str], names: Sequence[str], view: SensorModel) -> PressPoints:
     """The points of a press; of: the run's folder, its label, and the press."""
-    folder, label, press = of
+    folder, label, press = job
     return measure_force_points(open_run(folder), label, press, names, view)
 
 
@@ -205,43 +205,43 @@ def measure_force_points(
     Raises as `flows_of` does.
     """
     view = view or view_of_run(run)
-    rows = settled(run.frames(press))
-    wrench, saturated = wrenches(run, press, rows)
-    far = np.zeros(len(rows), bool)
+    rows = settled_frames(run.frames(press))
+    wrench, saturated = settled_wrenches(run, press, rows)
+    unsynchronized = np.zeros(len(rows), bool)
     if run.imported:  # what is not measured is never other than 0, which calibrates nothing
-        far = rows["force_skew_s"].to_numpy(float) > WINDOW_S
+        unsynchronized = rows["force_skew_s"].to_numpy(float) > FORCE_WINDOW_S
         # The flow counts from the first image, and so must the force.
-        wrench -= wrench[(rows["t_press_s"] <= WINDOW_S).to_numpy()].mean(0)
+        wrench -= wrench[(rows["t_press_s"] <= FORCE_WINDOW_S).to_numpy()].mean(0)
         wrench[:, np.isnan(wrench).all(axis=0)] = 0.0
     sets = [make_features(name, view) for name in names]
-    flows, key = flows_of(run, press, FaceFlow.SPACING_PX), key_of(run, press)
+    flows, key = settled_flows(run, press, FaceFlow.SPACING_PX), key_of(run, press)
     refused = ["" for _ in range(len(rows))]
     for k, flow in enumerate(flows):
         if saturated[k]:
             refused[k] = "a gauge of the force sensor was out of range"
-        elif far[k]:
-            refused[k] = f"no force within {WINDOW_S:g} s"
+        elif unsynchronized[k]:
+            refused[k] = f"no force within {FORCE_WINDOW_S:g} s"
         elif not flow.trusted:
             refused[k] = "the flow is not trusted"
-        elif flow.cover < MIN_COVER:
-            refused[k] = f"less than {MIN_COVER:.0%} of the view is known"
+        elif flow.cover < MIN_FORCE_COVER:
+            refused[k] = f"less than {MIN_FORCE_COVER:.0%} of the view is known"
     values: dict[str, Array] = {}
-    for one in sets:
-        values[one.name] = _features(one, view, flows, key)
-        for k in np.flatnonzero(np.isnan(values[one.name][:, 0])).tolist():
-            refused[k] = refused[k] or f"{one.name} found no solution"
-    taken = np.array([not why for why in refused])
+    for features in sets:
+        values[features.name] = _compute_features(features, view, flows, key)
+        for k in np.flatnonzero(np.isnan(values[features.name][:, 0])).tolist():
+            refused[k] = refused[k] or f"{features.name} found no solution"
+    accepted = np.array([not reason for reason in refused])
     steps = run.steps()
-    within: Any = f"{label}/{press}"
+    press_label: Any = f"{label}/{press}"
     if run.imported:
         x_mm = y_mm = np.nan
-        within = [f"{within}/{STRETCHES * k // len(rows)}" for k in range(len(rows))]
+        press_label = [f"{press_label}/{TIME_STRETCHES * k // len(rows)}" for k in range(len(rows))]
     else:
         first = steps[steps["press"] == press].iloc[0]  # its aim: where the press goes down
         x_mm, y_mm = (round(float(first[name]), 3) + 0.0 for name in ("x_mm", "y_mm"))
     table = rows[["frame_id", "indenter"]].assign(
         run=label,
-        press=within,
+        press=press_label,
         # Mirror images are one: a model that knows the mirror has seen the others in any of them.
         position=Run.UNKNOWN if run.imported else f"({abs(x_mm):g}, {abs(y_mm):g})",
         x_mm=x_mm,
@@ -251,32 +251,32 @@ def measure_force_points(
         wait_s=rows["t_step_s"] - rows["step_id"].map(steps.set_index("step_id")["planned_s"]),
     )
     return PressPoints(
-        table[taken].reset_index(drop=True),
-        wrench[taken],
-        {name: held[taken] for name, held in values.items()},
-        [why for why in refused if why],
+        table[accepted].reset_index(drop=True),
+        wrench[accepted],
+        {name: array[accepted] for name, array in values.items()},
+        [reason for reason in refused if reason],
     )
 
 
-def _features(one: Features, view: SensorModel, flows: Sequence[FaceFlow], of: str) -> Array:
+def _compute_features(features: Features, view: SensorModel, flows: Sequence[FaceFlow], key_of_flows: str) -> Array:
     """A feature set at the flows of a press (n, k), from the cache; nan: no solution.
 
     of: their `key_of`.
     """
     key = cache_key(
-        type(one).__module__.partition(".")[2],
-        of=of,
+        type(features).__module__.partition(".")[2],
+        of=key_of_flows,
         every_px=FaceFlow.SPACING_PX,
-        by=one.name,
-        view=repr((view.camera.as_dict(), (view.skin, view.poisson) if one.rests_on_gel else ())),
+        by=features.name,
+        view=repr((view.camera.as_dict(), (view.skin, view.poisson) if features.rests_on_gel else ())),
     )
     store = Store("features")
     values: Array | None = store.read(key)
     if values is None:
-        values = np.full((len(flows), len(one.names)), np.nan)
+        values = np.full((len(flows), len(features.names)), np.nan)
         for k, flow in enumerate(flows):
             with suppress(SolverError):
                 if flow.trusted:
-                    values[k] = one.of(flow)
+                    values[k] = features.of(flow)
         store.write(key, values)
     return values

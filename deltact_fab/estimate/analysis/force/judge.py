@@ -20,10 +20,10 @@ from ...measure.force.model import COMPONENTS, ForceModel
 from ...measure.regression import RegressionFit
 from .dataset import ForceData
 
-FOLDS, REPEATS = 5, 10
+CV_FOLDS, CV_REPEATS = 5, 10
 """A fifth is left out, as the paper has it (414 of 2070), in each of 5 folds; drawn so often, for
 one draw of few points says little: judged by 38, 200 draws gave 0.53 to 1.51 N."""
-SHOWN = {
+COMPONENT_BY_LABEL = {
     "normal": "fz",
     "shear_x": "fx",
     "shear_y": "fy",
@@ -32,7 +32,7 @@ SHOWN = {
     "torque_z": "tz",
 }
 """The paper's words for a wrench's components, in the order of tables; `normal` is -Fz."""
-FORCE_COMPONENTS = tuple(name for name, of in SHOWN.items() if of.startswith("f"))
+FORCE_COMPONENTS = tuple(name for name, component in COMPONENT_BY_LABEL.items() if component.startswith("f"))
 FORCE_SPLITS = {
     "unseen": "position and indenter left out together",
     "position": "a position left out",
@@ -79,26 +79,26 @@ def folds(points: pd.DataFrame, split: str, seed: int) -> list[list[tuple[Array,
         return np.unique(points[name], return_inverse=True)[1]
 
     if split in ("point", "press"):
-        of = np.arange(len(points)) if split == "point" else codes("press")
-        count = int(of.max()) + 1
+        group = np.arange(len(points)) if split == "point" else codes("press")
+        count = int(group.max()) + 1
         rng = np.random.default_rng(seed)
-        draws = [rng.permutation(np.arange(count) % min(FOLDS, count))[of] for _ in range(REPEATS)]
-        parts = [[(drawn != k, drawn == k) for k in range(min(FOLDS, count))] for drawn in draws]
+        draws = [rng.permutation(np.arange(count) % min(CV_FOLDS, count))[group] for _ in range(CV_REPEATS)]
+        parts = [[(fold != k, fold == k) for k in range(min(CV_FOLDS, count))] for fold in draws]
         return parts if count > 1 else []
-    left = [codes(name) for name in (("position", "indenter") if split == "unseen" else (split,))]
-    left = [of for of in left if of.max() > 0]
-    if not left:
+    groups = [codes(name) for name in (("position", "indenter") if split == "unseen" else (split,))]
+    groups = [group for group in groups if group.max() > 0]
+    if not groups:
         return []
     return [
         [
-            (np.logical_and.reduce([of != k for of, k in zip(left, cell, strict=True)]),
-             np.logical_and.reduce([of == k for of, k in zip(left, cell, strict=True)]))
-            for cell in np.unique(np.transpose(left), axis=0)
+            (np.logical_and.reduce([group != k for group, k in zip(groups, cell, strict=True)]),
+             np.logical_and.reduce([group == k for group, k in zip(groups, cell, strict=True)]))
+            for cell in np.unique(np.transpose(groups), axis=0)
         ]
     ]  # fmt: skip
 
 
-def cross_validated(
+def cross_validate(
     points: pd.DataFrame, truth: Array, split: str, seed: int, predict: Predict
 ) -> Array:
     """What predict(fitted, judged) says of the points judged, (repeats, n, ...).
@@ -107,10 +107,10 @@ def cross_validated(
     """
     repeats = folds(points, split, seed)
     out = np.full((len(repeats), *truth.shape), np.nan)
-    for said, parts in zip(out, repeats, strict=True):
-        for fitted, judged in parts:
+    for prediction, parts in zip(out, repeats, strict=True):
+        for train, test in parts:
             try:
-                said[judged] = predict(fitted, judged)
+                prediction[test] = predict(train, test)
             except InputError:
                 continue
     return out
@@ -121,27 +121,27 @@ def fit_force(data: ForceData, name: str, rows: Array | slice = slice(None)) -> 
     return ForceModel.fit(data.sets[name], data.features[name][rows], data.wrench[rows])[0]
 
 
-def left_out(data: ForceData, name: str, split: str, seed: int = 0) -> Array:
+def predict_left_out(data: ForceData, name: str, split: str, seed: int = 0) -> Array:
     """What a feature set's models predict of the points left out, as of `EvaluatedModel`."""
     X = data.features[name]
-    return cross_validated(
+    return cross_validate(
         data.points, data.wrench, split, seed,
-        lambda fitted, judged: fit_force(data, name, fitted).predict(X[judged]),
+        lambda train, test: fit_force(data, name, train).predict(X[test]),
     )  # fmt: skip
 
 
-def judge(data: ForceData, name: str, seed: int) -> EvaluatedModel:
+def evaluate_features(data: ForceData, name: str, seed: int) -> EvaluatedModel:
     """Fit and cross-validate one feature set. Raises InputError for too few points."""
     X, presses = data.features[name], data.points["press"].tolist()
     model, fits = ForceModel.fit(data.sets[name], X, data.wrench, presses)
-    tried = {split: left_out(data, name, split, seed) for split in FORCE_SPLITS}
-    held = {split: said for split, said in tried.items() if len(said)}
-    return EvaluatedModel(name, model, fits, held)
+    predictions = {split: predict_left_out(data, name, split, seed) for split in FORCE_SPLITS}
+    available = {split: prediction for split, prediction in predictions.items() if len(prediction)}
+    return EvaluatedModel(name, model, fits, available)
 
 
 def force_component(wrench: Array, name: str) -> Array:
     """One of SHOWN (...) of wrenches (..., 6), its sign that of the figures."""
-    part: Array = wrench[..., COMPONENTS.index(SHOWN[name])]
+    part: Array = wrench[..., COMPONENTS.index(COMPONENT_BY_LABEL[name])]
     return -part if name == "normal" else part
 
 
@@ -150,35 +150,35 @@ def root_mean_square(errors: Array) -> float | None:
     return None if not errors.size or np.isnan(errors).any() else float(np.sqrt(np.mean(errors**2)))
 
 
-def force_figures(judged: EvaluatedModel, data: ForceData) -> dict[str, dict[str, Any]]:
+def force_figures(evaluated: EvaluatedModel, data: ForceData) -> dict[str, dict[str, Any]]:
     """Of each of SHOWN: errors in N or N mm, its range, R2 of all points, its error of that range.
 
     What never varied was not calibrated, and has no errors: None.
     """
     out = {}
-    for name, of in SHOWN.items():
-        unit, measured = ("n" if of.startswith("f") else "nmm"), force_component(data.wrench, name)
+    for name, component in COMPONENT_BY_LABEL.items():
+        unit, measured = ("n" if component.startswith("f") else "nmm"), force_component(data.wrench, name)
         span = float(np.ptp(measured))
-        held = {
-            split: root_mean_square(force_component(said, name) - measured)
-            for split, said in (judged.predicted if span else {}).items()
+        errors = {
+            split: root_mean_square(force_component(prediction, name) - measured)
+            for split, prediction in (evaluated.predicted if span else {}).items()
         }
-        worst = held.get(judged.ranked_by)
+        worst = errors.get(evaluated.ranked_by)
         out[name] = {
-            "adjusted_r2": judged.fits[of].adjusted_r2,
-            "adjusted_r2_about_zero": judged.fits[of].adjusted_r2_about_zero,
-            f"rmse_fitted_{unit}": judged.fits[of].rmse if span else None,
-            **{f"rmse_left_out_{split}_{unit}": held.get(split) for split in FORCE_SPLITS},
+            "adjusted_r2": evaluated.fits[component].adjusted_r2,
+            "adjusted_r2_about_zero": evaluated.fits[component].adjusted_r2_about_zero,
+            f"rmse_fitted_{unit}": evaluated.fits[component].rmse if span else None,
+            **{f"rmse_left_out_{split}_{unit}": errors.get(split) for split in FORCE_SPLITS},
             f"range_{unit}": span,
             "percent_of_range": None if worst is None else 100 * worst / span,
         }
     return out
 
 
-def calibrated_errors(judged: EvaluatedModel, data: ForceData) -> dict[str, dict[str, Any]]:
+def calibrated_errors(evaluated: EvaluatedModel, data: ForceData) -> dict[str, dict[str, Any]]:
     """Those of `force_figures` that a calibration file keeps: of what was calibrated."""
-    every = force_figures(judged, data)
-    return {name: of for name, of in every.items() if of.get("range_n", of.get("range_nmm"))}
+    figures = force_figures(evaluated, data)
+    return {name: row for name, row in figures.items() if row.get("range_n", row.get("range_nmm"))}
 
 
 def fit_model(
@@ -188,26 +188,26 @@ def fit_model(
 
     seed: of the folds. Raises InputError for too few points.
     """
-    judged = judge(data, name, seed)
-    return judged.model, calibrated_errors(judged, data)
+    evaluated = evaluate_features(data, name, seed)
+    return evaluated.model, calibrated_errors(evaluated, data)
 
 
-def force_error_n(off: Array) -> float | None:
+def force_error_n(residual: Array) -> float | None:
     """Root mean square length of the force, of errors (..., 6)."""
-    each = root_mean_square(off[..., :3])
-    return None if each is None else float(np.sqrt(3) * each)
+    component_n = root_mean_square(residual[..., :3])
+    return None if component_n is None else float(np.sqrt(3) * component_n)
 
 
-def score(judged: EvaluatedModel, data: ForceData) -> float:
+def ranking_error_n(evaluated: EvaluatedModel, data: ForceData) -> float:
     """What models are ranked by: the force's error on the hardest of SPLITS that there is."""
-    error = force_error_n(judged.predicted[judged.ranked_by] - data.wrench)
+    error = force_error_n(evaluated.predicted[evaluated.ranked_by] - data.wrench)
     return np.inf if error is None else error
 
 
-SIZES = (1, 2, 3, 5, 8, 12, 20, 30, 40)
-MAX_SHARE = 0.8
+CURVE_SIZES = (1, 2, 3, 5, 8, 12, 20, 30, 40)
+MAX_TRAINING_SHARE = 0.8
 """Of the presses, the most that are used: what is left must judge."""
-ENOUGH = 1.1
+CURVE_TOLERANCE = 1.1
 """The error that counts as no worse, over that from the most presses."""
 
 
@@ -216,22 +216,22 @@ def learning_curve(data: ForceData, name: str, seed: int) -> dict[int, float]:
 
     Without the numbers that some draw could not be fitted from.
     """
-    of = np.unique(data.points["press"], return_inverse=True)[1]
-    count, rng, curve = int(of.max()) + 1, np.random.default_rng(seed), {}
-    most = int(MAX_SHARE * count)
-    for size in sorted({one for one in (*SIZES, most) if 0 < one <= most}):
-        draws = [(rng.permutation(count) < size)[of] for _ in range(REPEATS)]
+    press = np.unique(data.points["press"], return_inverse=True)[1]
+    count, rng, curve = int(press.max()) + 1, np.random.default_rng(seed), {}
+    max_presses = int(MAX_TRAINING_SHARE * count)
+    for size in sorted({n for n in (*CURVE_SIZES, max_presses) if 0 < n <= max_presses}):
+        draws = [(rng.permutation(count) < size)[press] for _ in range(CV_REPEATS)]
         try:
-            said = [
-                fit_force(data, name, used).predict(data.features[name][~used]) for used in draws
+            predictions = [
+                fit_force(data, name, train).predict(data.features[name][~train]) for train in draws
             ]
         except InputError:
             continue
-        off = [p - data.wrench[~used] for p, used in zip(said, draws, strict=True)]
-        curve[size] = force_error_n(np.concatenate(off)) or 0.0
+        residuals = [p - data.wrench[~train] for p, train in zip(predictions, draws, strict=True)]
+        curve[size] = force_error_n(np.concatenate(residuals)) or 0.0
     return curve
 
 
 def presses_needed(curve: dict[int, float]) -> int | None:
     """The fewest presses whose error is within a tenth of the last one's; None without any."""
-    return next((n for n, e in curve.items() if e <= ENOUGH * [*curve.values()][-1]), None)
+    return next((n for n, e in curve.items() if e <= CURVE_TOLERANCE * [*curve.values()][-1]), None)

@@ -18,13 +18,13 @@ from ...measure.force.calibration import ForceCalibration
 from ...measure.regression import least_squares
 from ..runs import write_results
 from .dataset import ForceData
-from .gel import FoundGel, UnrelaxedForces
+from .gel import IdentifiedGel, UnrelaxedForces
 from .judge import (
     FORCE_COMPONENTS,
     FORCE_SPLITS,
-    SHOWN,
+    COMPONENT_BY_LABEL,
     EvaluatedModel,
-    cross_validated,
+    cross_validate,
     force_component,
     force_figures,
     presses_needed,
@@ -32,8 +32,8 @@ from .judge import (
 )
 
 PAPER_CONDITIONS = "paper"
-DENSITIES = {"clipped": PAPER_CONDITIONS, "signed": f"{PAPER_CONDITIONS}-signed"}
-HELD_OUT = {"at_random_n": "point", "by_press_n": "press", "by_place_n": "position"}
+DENSITY_FEATURES = {"clipped": PAPER_CONDITIONS, "signed": f"{PAPER_CONDITIONS}-signed"}
+HELD_OUT_COLUMNS = {"at_random_n": "point", "by_press_n": "press", "by_place_n": "position"}
 
 
 @dataclass
@@ -59,22 +59,22 @@ class ForceResult:
     """
 
     data: ForceData
-    judged: list[EvaluatedModel]
+    models: list[EvaluatedModel]
     calibration: ForceCalibration
     seed: int
     left_out: list[str]
     curves: dict[str, dict[int, float]] = made_by(default_factory=dict)
-    gel: FoundGel | None = None
-    early: UnrelaxedForces | None = None
+    gel: IdentifiedGel | None = None
+    unrelaxed: UnrelaxedForces | None = None
 
     @property
     def best(self) -> EvaluatedModel:
-        return self.judged[0]
+        return self.models[0]
 
     @property
     def paper(self) -> EvaluatedModel:
         """The paper's model, which is always fitted too."""
-        return next(one for one in self.judged if one.name == PAPER_CONDITIONS)
+        return next(model for model in self.models if model.name == PAPER_CONDITIONS)
 
     def wrench_component(self, name: str) -> Array:
         """A force's or torque's component at all points (n,), its sign that of the figures."""
@@ -87,7 +87,7 @@ class ForceResult:
 
     def figures(self) -> dict[str, dict[str, Any]]:
         """Of every feature set, see `judge.figures`."""
-        return {one.name: force_figures(one, self.data) for one in self.judged}
+        return {model.name: force_figures(model, self.data) for model in self.models}
 
     def rows(self) -> list[dict[str, Any]]:
         """A row a feature set and component, at last the paper's table, printed of a real sensor.
@@ -95,11 +95,11 @@ class ForceResult:
         Errors in N or N mm: of the points fitted to, and of what was left out.
         """
         rows: list[dict[str, Any]] = []
-        for model, every in self.figures().items():
-            for name, of in every.items():
-                unit = "N" if "range_n" in of else "N mm"
-                plain = {key.removesuffix("_n").removesuffix("_nmm"): v for key, v in of.items()}
-                rows.append({"model": model, "component": name, "unit": unit, **plain})
+        for label, components in self.figures().items():
+            for name, figures in components.items():
+                unit = "N" if "range_n" in figures else "N mm"
+                plain = {key.removesuffix("_n").removesuffix("_nmm"): v for key, v in figures.items()}
+                rows.append({"model": label, "component": name, "unit": unit, **plain})
         for name, (r2, rmse_n) in self.PAPER_TABLE.items():
             printed = {"adjusted_r2": r2, "rmse_left_out_point": rmse_n}
             rows.append({"model": "as printed", "component": name, "unit": "N", **printed})
@@ -109,11 +109,11 @@ class ForceResult:
     def line(self) -> str:
         """The verdict: which model is taken, and what it may be trusted to."""
         split = self.best.ranked_by
-        text = f"Use {self.best.name}: {_errors(self.best, self.data)}, {FORCE_SPLITS[split]}"
+        text = f"Use {self.best.name}: {_format_errors(self.best, self.data)}, {FORCE_SPLITS[split]}"
         if (self.data.points["position"] == Run.UNKNOWN).all():  # of an imported run
             return text.replace("presses", "stretches of time")
         if self.paper is not self.best:
-            text += f"; the paper's model {_errors(self.paper, self.data)}"
+            text += f"; the paper's model {_format_errors(self.paper, self.data)}"
         if split in ("press", "point"):
             text += "; no place or indenter could be left out: calibrate on more"
         if (few := self.presses_needed) is not None:
@@ -122,24 +122,24 @@ class ForceResult:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data, without the points."""
-        made = self.calibration.head.made
+        source = self.calibration.head.made
         return {
             "verdict": self.line,
             "best": self.best.name,
             "models": self.figures(),
             "regressions": {
-                one.name: {name: asdict(fit) for name, fit in one.fits.items()}
-                for one in self.judged
+                model.name: {name: asdict(fit) for name, fit in model.fits.items()}
+                for model in self.models
             },
             "n_points": len(self.data),
             "n_presses": int(self.data.points["press"].nunique()),
-            "runs": list(made.runs),
-            "simulated": made.simulated,
-            "run_seed": made.seed,
+            "runs": list(source.runs),
+            "simulated": source.simulated,
+            "run_seed": source.seed,
             "split_seed": self.seed,
             "learning_n": self.curves,
             "gel": None if self.gel is None else asdict(self.gel),
-            "early_labels": None if self.early is None else asdict(self.early),
+            "early_labels": None if self.unrelaxed is None else asdict(self.unrelaxed),
             "left_out": self.left_out,
         }
 
@@ -149,8 +149,8 @@ class ForceResult:
         Columns as in normal_n, best_normal_n: by the hardest of SPLITS, mean of its repeats.
         """
         parts = {"": self.data.wrench} | {
-            f"{label}_": one.predicted[one.ranked_by].mean(axis=0)
-            for label, one in (("paper", self.paper), ("best", self.best))
+            f"{label}_": model.predicted[model.ranked_by].mean(axis=0)
+            for label, model in (("paper", self.paper), ("best", self.best))
         }
         return self.data.points.assign(
             **{
@@ -158,7 +158,7 @@ class ForceResult:
                     wrench, name
                 )
                 for label, wrench in parts.items()
-                for name in SHOWN
+                for name in COMPONENT_BY_LABEL
             }
         )
 
@@ -173,37 +173,37 @@ class ForceResult:
         """
         data, best = self.data, self.best
         measured = self.wrench_component("normal")
-        away = np.round(np.hypot(*data.points[["x_mm", "y_mm"]].to_numpy(float).T), 2)
+        distance_mm = np.round(np.hypot(*data.points[["x_mm", "y_mm"]].to_numpy(float).T), 2)
 
-        def off(X: Array, split: str, mine: Array) -> Array:
+        def prediction_errors(X: Array, split: str, mask: Array) -> Array:
             """Errors (repeats, m) of the points of a mask, by models of points of it."""
-            X, y, points = X[mine], measured[mine], data.points[mine].reset_index(drop=True)
+            X, y, points = X[mask], measured[mask], data.points[mask].reset_index(drop=True)
             labels = [str(k) for k in range(X.shape[1])]
 
-            def predict(fitted: Array, judged: Array) -> Array:
-                return X[judged] @ least_squares(X[fitted], y[fitted], labels).coefficients
+            def predict(train: Array, test: Array) -> Array:
+                return X[test] @ least_squares(X[train], y[train], labels).coefficients
 
-            return cross_validated(points, y, split, self.seed, predict) - y
+            return cross_validate(points, y, split, self.seed, predict) - y
 
-        models: list[tuple[dict[str, str], Array | None, dict[str, Array]]] = []
-        for density, name in DENSITIES.items():
-            use = [data.sets[name].names.index(one) for one in data.sets[name].explains["fz"]]
+        readings: list[tuple[dict[str, str], Array | None, dict[str, Array]]] = []
+        for density, name in DENSITY_FEATURES.items():
+            use = [data.sets[name].names.index(label) for label in data.sets[name].explains["fz"]]
             for constant in ("without", "with"):
                 X = data.features[name][:, use]
                 X = np.column_stack((X, np.ones(len(X)))) if constant == "with" else X
-                held = {column: off(X, of, away >= 0) for column, of in HELD_OUT.items()}
-                models.append(({"model": f"paper, {density}", "constant": constant}, X, held))
-        held = {c: best.component("normal", of) - measured
-                for c, of in HELD_OUT.items() if of in best.predicted}  # fmt: skip
-        models.append(({"model": best.name}, None, held))
+                errors = {column: prediction_errors(X, kind, distance_mm >= 0) for column, kind in HELD_OUT_COLUMNS.items()}
+                readings.append(({"model": f"paper, {density}", "constant": constant}, X, errors))
+        errors = {c: best.component("normal", kind) - measured
+                for c, kind in HELD_OUT_COLUMNS.items() if kind in best.predicted}  # fmt: skip
+        readings.append(({"model": best.name}, None, errors))
         rows = []
-        for words, columns, held in models:
-            for distance in np.unique(away):
-                mine = away == distance
-                row = {**words, "distance_mm": distance, "points": int(mine.sum())}
+        for names, columns, errors in readings:
+            for distance in np.unique(distance_mm):
+                rows_there = distance_mm == distance
+                row = {**names, "distance_mm": distance, "points": int(rows_there.sum())}
                 if columns is not None:
-                    row["alone_n"] = root_mean_square(off(columns, "point", mine))
-                rows.append(row | {c: root_mean_square(each[:, mine]) for c, each in held.items()})
+                    row["alone_n"] = root_mean_square(prediction_errors(columns, "point", rows_there))
+                rows.append(row | {c: root_mean_square(values[:, rows_there]) for c, values in errors.items()})
         return pd.DataFrame(rows)
 
     def save(self, folder: Path, output: Path) -> list[Path]:
@@ -225,17 +225,17 @@ def write_force_calibration(calibration: ForceCalibration, path: Path) -> list[P
     return [path] if calibration.rest is None else [path, rest]
 
 
-def _errors(judged: EvaluatedModel, data: ForceData) -> str:
+def _format_errors(evaluated: EvaluatedModel, data: ForceData) -> str:
     """Words like "normal force to 0.17 N (2.0 % of 8.7 N), shear to 0.03 and 0.04 N (...)"."""
-    of = force_figures(judged, data)
+    figures = force_figures(evaluated, data)
 
-    def one(name: str) -> tuple[str, str]:
-        error, share = of[name][f"rmse_left_out_{judged.ranked_by}_n"], of[name]["percent_of_range"]
+    def format_component(name: str) -> tuple[str, str]:
+        error, share = figures[name][f"rmse_left_out_{evaluated.ranked_by}_n"], figures[name]["percent_of_range"]
         return ("unknown", "?") if error is None else (f"{error:.2f} N", f"{share:.1f} %")
 
-    (normal, part), *shears = (one(name) for name in FORCE_COMPONENTS)
-    text = f"normal force to {normal} ({part} of {of['normal']['range_n']:.1f} N), "
-    if not any(of[name]["range_n"] for name in FORCE_COMPONENTS[1:]):
+    (normal, part), *shears = (format_component(name) for name in FORCE_COMPONENTS)
+    text = f"normal force to {normal} ({part} of {figures['normal']['range_n']:.1f} N), "
+    if not any(figures[name]["range_n"] for name in FORCE_COMPONENTS[1:]):
         return f"{text}shear not calibrated (there was none)"
     values, parts = (" and ".join(column) for column in zip(*shears, strict=True))
     return f"{text}shear to {values} ({parts})"

@@ -15,8 +15,8 @@ from ...measure.face import FaceFlow
 from ...measure.force.calibration import load_force
 from ...measure.sensor_id import CalibrationHead, require_same_sensor
 from ...measure.shape.depth import DepthFinder, DepthModel, ball_mm
-from ..flows import flows_of
-from ..runs import head_of, read_frames, sensor_of, settled, view_of_run
+from ..flows import settled_flows
+from ..runs import head_of, read_frames, sensor_of, settled_frames, view_of_run
 
 SURE = 0.4
 """Of the press's depth: points of the ball that lie deeper certainly touch, the rim lies higher."""
@@ -102,9 +102,9 @@ def calibrate_depth(folder: str | Path, force: Path | None = None) -> DepthCalib
         view = held.view(view)
     finder = DepthFinder(view, DepthModel(gain=1.0, deepest_mm=MIN_MM))
     parts, depths = [], []
-    rows = settled(run.frames(press))
+    rows = settled_frames(run.frames(press))
     tips = rows[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
-    for tip, flow in zip(tips, flows_of(run, press, FaceFlow.SPACING_PX), strict=True):
+    for tip, flow in zip(tips, settled_flows(run, press, FaceFlow.SPACING_PX), strict=True):
         if not (-tip[2] >= MIN_MM and flow.trusted and flow.cover >= MIN_COVER):
             continue
         wanted = ball_mm(flow, view, tip, diameter_mm / 2)

@@ -27,8 +27,8 @@ from ...measure.shape.depth import (
     contact_labels,
     contacts,
 )
-from ..flows import MAP_EVERY_PX, flows_of
-from ..runs import settled, view_of_run
+from ..flows import MAP_EVERY_PX, settled_flows
+from ..runs import settled_frames, view_of_run
 
 TOUCHING_MM = 0.06
 """A point this near to the indenter's surface touches it, where no traction was recorded. The
@@ -159,7 +159,7 @@ def measure_press(
     nobody knows where the stage was.
     """
     run = open_run(folder)
-    rows, truth, view = settled(run.frames(press)), run.truth(), view_of_run(run)
+    rows, truth, view = settled_frames(run.frames(press)), run.truth(), view_of_run(run)
     if (lost := rows.loc[rows["z_mm"].isna(), "frame_id"]).size:
         raise InputError(
             f"{run.folder}: frame {lost.iloc[0]}: where the stage was is not recorded; "
@@ -174,7 +174,7 @@ def measure_press(
     told: list[dict[str, Any]] = []
     shown: dict[int, ShapeMaps] = {}
     way = None
-    followed = flows_of(run, press, MAP_EVERY_PX)
+    followed = settled_flows(run, press, MAP_EVERY_PX)
     for k, (row, flow) in enumerate(zip(rows.itertuples(), followed, strict=True)):
         found = _measured(row, flow, finder, features, force)
         indenter = None if row.indenter == Run.UNKNOWN else run.indenter(str(row.indenter))
