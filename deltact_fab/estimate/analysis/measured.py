@@ -130,12 +130,16 @@ def measure_run(
                 progress(count, len(followed), str(press))
     force = None
     if "force" in heads:
-        force = compare_with_sensor(run, load_force(heads["force"]), followed, np.array(forces, float))
+        force = compare_with_sensor(
+            run, load_force(heads["force"]), followed, np.array(forces, float)
+        )
     left_out = _notes(set(heads), bool(deepest), len(frames) - len(followed))
     return RunMeasurement(deepest, force, left_out)
 
 
-def compare_with_sensor(run: Run, force: ForceCalibration, followed: pd.DataFrame, estimated: Array) -> ForceComparison:
+def compare_with_sensor(
+    run: Run, force: ForceCalibration, followed: pd.DataFrame, estimated: Array
+) -> ForceComparison:
     """Beside what the force sensor said, where there was one."""
     names = [f"{name}_est" for name in RunMeasurement.FORCE_COLUMNS]
     table = followed.assign(
@@ -146,7 +150,9 @@ def compare_with_sensor(run: Run, force: ForceCalibration, followed: pd.DataFram
     residual = estimated[:, :3] - table[list(RunMeasurement.FORCE_COLUMNS)].to_numpy(float)
     residual = residual[np.isfinite(residual).all(axis=1)]
     x, y, z = np.sqrt(np.mean(residual**2, axis=0)) if len(residual) else (np.nan,) * 3
-    fitted_to_run = not {run.folder.resolve().name, run.meta["name"]}.isdisjoint(force.head.made.runs)
+    fitted_to_run = not {run.folder.resolve().name, run.meta["name"]}.isdisjoint(
+        force.head.made.runs
+    )
     rms = (float(x), float(y), float(z)) if len(residual) else None
     return ForceComparison(table, force.model.features, fitted_to_run, rms)
 

@@ -75,7 +75,9 @@ def find_rests(run: Run) -> list[ForceRest]:
         raise InputError(f"{run.folder}: its protocol has no settle_s: no stop rests")
     steps = run.steps()
     rests: list[ForceRest] = []
-    for press, press_steps in steps[steps["kind"].isin(PRESSING_KINDS)].groupby("press", sort=False):
+    for press, press_steps in steps[steps["kind"].isin(PRESSING_KINDS)].groupby(
+        "press", sort=False
+    ):
         samples = run.force(str(press))
         if not len(samples):
             raise InputError(f"{run.folder}: press {press}: no force was recorded")
@@ -116,7 +118,11 @@ def _find_rest(
     start_s = row["t_start_s"] + row["planned_s"] - origin_s
     reports = pose[pose["step_id"] == row["step_id"]]
     if len(reports):
-        distance = reports[["x_mm", "y_mm", "z_mm"]].to_numpy() - [row["x_mm"], row["y_mm"], row["z_mm"]]
+        distance = reports[["x_mm", "y_mm", "z_mm"]].to_numpy() - [
+            row["x_mm"],
+            row["y_mm"],
+            row["z_mm"],
+        ]
         travelling = np.flatnonzero(np.linalg.norm(distance, axis=1) > ARRIVED_MM)
         first = int(travelling[-1]) + 1 if len(travelling) else 0
         if first == len(reports):
@@ -207,7 +213,9 @@ def _longest_s(rests: Sequence[ForceRest]) -> float:
     return max(float(rest.wait_s[-1]) for rest in rests)
 
 
-def _fit_best(rests: Sequence[ForceRest], starts: Sequence[tuple[float, ...]]) -> RelaxationFit | None:
+def _fit_best(
+    rests: Sequence[ForceRest], starts: Sequence[tuple[float, ...]]
+) -> RelaxationFit | None:
     """None where no search converged: a branch too many has nowhere to go."""
     fits = [fitted for start in starts if (fitted := _fit_from(rests, start)) is not None]
     return min(fits, key=lambda fitted: fitted.blocks_n, default=None)
@@ -253,7 +261,9 @@ def _series(p: Field) -> Series:
     return Series(tuple(shares.tolist()), tuple(taus.tolist()))
 
 
-def _steady_and_misfit(rests: Sequence[ForceRest], series: Series) -> tuple[list[Field], list[Field]]:
+def _steady_and_misfit(
+    rests: Sequence[ForceRest], series: Series
+) -> tuple[list[Field], list[Field]]:
     """Of every rest: its steady force (3,), misfit (n, 3)."""
     slow: dict[int, Field] = {}
     steady, misfit = [], []

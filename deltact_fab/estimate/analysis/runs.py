@@ -37,7 +37,9 @@ def read_frames(run: Run, analysis: str) -> pd.DataFrame:
     if not run.finished:
         raise InputError(f"{run.folder}: the run is not finished; go on with `run --resume`")
     if frames.empty or frames["file"].isna().any():
-        raise InputError(f"{run.folder}: no images were recorded; {analysis} needs the channel 'image'")
+        raise InputError(
+            f"{run.folder}: no images were recorded; {analysis} needs the channel 'image'"
+        )
     return frames
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from deltact_fab.common import Array, InputError, SensorError
 from deltact_fab.sensor import CameraModel
 
-from .dots.detect import FoundDots, find_dots
+from .dots.detect import DetectedDots, find_dots
 from .face import FaceFlow, rigid
 from .flow.confidence import FINE_PX, TEXTURED_SHARE
 from .flow.fused import to_gray
@@ -183,7 +183,7 @@ class RestPattern:
         )
 
 
-def _between(grey: Array, dots: FoundDots) -> float:
+def _between(grey: Array, dots: DetectedDots) -> float:
     """Robust deviation of the ground from its means, over the dots' contrast to it."""
     ground, at = np.ones(grey.shape, np.float32), np.round(dots.position_px).astype(int)
     for x, y in at.tolist():

@@ -254,7 +254,7 @@ def _interval(off: Array, points: pd.DataFrame, split: str) -> Interval:
 def _best(result: ForceResult) -> list[Headline]:
     """The best model on what it never saw."""
     best, split = result.best, result.best.ranked_by
-    chosen = f"best of {len(result.judged)} by this figure"
+    chosen = f"best of {len(result.models)} by this figure"
     if result.gel or result.unrelaxed:
         chosen += ", with the gel fitted to all presses, not refitted in each fold"
     heads = []

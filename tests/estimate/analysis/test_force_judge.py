@@ -14,16 +14,16 @@ from deltact_fab.estimate.analysis.force.dataset import ForceData
 from deltact_fab.estimate.analysis.force.judge import (
     CV_FOLDS,
     CV_REPEATS,
+    evaluate_features,
     fit_force,
     folds,
     force_figures,
-    evaluate_features,
     learning_curve,
     presses_needed,
     ranking_error_n,
 )
 from deltact_fab.estimate.measure.force import make_features
-from deltact_fab.estimate.measure.force.model import COMPONENTS
+from deltact_fab.estimate.measure.force.model import WRENCH_COMPONENTS
 from deltact_fab.estimate.measure.sensor_id import SensorModel
 from deltact_fab.sensor.optics.camera import Pinhole
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
@@ -45,8 +45,8 @@ def made(noise_n: float = 0.0, seed: int = 0) -> ForceData:
         for ball in BALLS for at in range(PLACES) for k in range(POINTS)
     ]  # fmt: skip
     X = {name: rng.uniform(0.5, 1.5, (len(rows), len(of.names))) for name, of in SETS.items()}
-    law = np.zeros((len(COMPONENTS), len(SETS["sums"].names)))
-    for i, name in enumerate(COMPONENTS):
+    law = np.zeros((len(WRENCH_COMPONENTS), len(SETS["sums"].names)))
+    for i, name in enumerate(WRENCH_COMPONENTS):
         law[i, [SETS["sums"].names.index(n) for n in SETS["sums"].explains[name]]] = LAW[i]
     wrench = X["sums"] @ law.T
     wrench += rng.normal(0, noise_n, wrench.shape) if noise_n else 0
@@ -106,7 +106,9 @@ def test_no_fold_is_judged_on_what_it_has_seen_and_each_point_is_judged_once(spl
 
 def test_one_place_leaves_indenters_out_and_one_press_nothing() -> None:
     data = made(noise_n=0.1)
-    place = evaluate_features(_part(data, (data.points["position"] == "(0, 0)").to_numpy()), "sums", seed=0)
+    place = evaluate_features(
+        _part(data, (data.points["position"] == "(0, 0)").to_numpy()), "sums", seed=0
+    )
     assert list(place.predicted) == ["unseen", "press", "point"]
     one = _part(data, (data.points["press"] == "sphere:10/0").to_numpy())
     judged = evaluate_features(one, "sums", seed=0)
@@ -137,8 +139,8 @@ def test_softer_gel_is_carried_over_by_two_factors() -> None:
     model = fit_force(stiff, "sums")
     few = _part(stiff, np.isin(stiff.points["press"], ["sphere:10/1", "sphere:15/2"]))
     pressure, shear = (
-        np.isin(COMPONENTS, ["fz", "tx", "ty"]),
-        np.isin(COMPONENTS, ["fx", "fy", "tz"]),
+        np.isin(WRENCH_COMPONENTS, ["fz", "tx", "ty"]),
+        np.isin(WRENCH_COMPONENTS, ["fx", "fy", "tz"]),
     )
     soft = replace(few, wrench=few.wrench * np.where(pressure, 0.6, 0.7))
     assert shear.sum() == 3

@@ -19,7 +19,7 @@ from deltact_fab.bench.record.images import encode_png
 from deltact_fab.bench.record.run import open_run
 from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.analysis.flows import settled_flows
-from deltact_fab.estimate.analysis.shape.ball import MIN_COVER, calibrate_depth
+from deltact_fab.estimate.analysis.shape.ball import MIN_DEPTH_COVER, calibrate_depth
 from deltact_fab.estimate.analysis.shape.run import ShapeResult
 from deltact_fab.estimate.measure.face import FaceFlow
 from deltact_fab.estimate.measure.shape.depth import DepthModel
@@ -142,6 +142,6 @@ def test_depth_is_calibrated_on_trusted_and_covered_flow(
         db.execute("UPDATE frames SET sha256 = ? WHERE file = ?", (digest, last["file"]))
     db.close()
     (flow,) = settled_flows(open_run(run.folder), last["press"], FaceFlow.SPACING_PX)
-    assert (flow.trusted, flow.cover >= MIN_COVER) == (trusted, not trusted)
+    assert (flow.trusted, flow.cover >= MIN_DEPTH_COVER) == (trusted, not trusted)
     with pytest.raises(InputError, match="and the flow is trusted"):
         calibrate_depth(run.folder)

@@ -88,7 +88,7 @@ def shelf(seen: NDArray[np.bool_]) -> TrueFrame:
     """A face whose columns up to 19 have moved 8 px to the right, over the next ones."""
     flow = np.zeros((10, 60, 2))
     flow[:, :20, 0] = 8.0
-    return TrueFrame.of(flow, 0.04 * flow, seen, 0.04)
+    return TrueFrame.from_flow(flow, 0.04 * flow, seen, 0.04)
 
 
 def test_what_the_face_hides_of_itself_is_not_counted() -> None:

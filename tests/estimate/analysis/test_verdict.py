@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from deltact_fab.estimate.analysis.tracking_error.result import format_percent, judge
+from deltact_fab.estimate.analysis.tracking_error.result import format_percent, judge_methods
 from deltact_fab.estimate.analysis.tracking_error.tally import ErrorTally
 
 
@@ -29,7 +29,7 @@ def row(name: str, error: float | None, ms: float, **more: Any) -> dict[str, Any
 
 
 def test_the_least_error_is_taken() -> None:
-    verdict = judge(
+    verdict = judge_methods(
         [row("slow", 0.004, 40.0), row("quick", 0.007, 7.0), row("bad", 0.05, 5.0),
          row("beaten", 0.008, 9.0)],
         simulated=True,
@@ -56,10 +56,10 @@ def test_a_method_that_cannot_be_believed_is_not_taken_however_good_it_looks(
     doubt: dict[str, float], says: str
 ) -> None:
     best, honest = row("best", 0.001, 1.0, **doubt), row("honest", 0.01, 30.0)
-    verdict = judge([best, honest], simulated=True)
+    verdict = judge_methods([best, honest], simulated=True)
     assert verdict.take == "honest"
     assert says in verdict.doubts["best"][0]
-    alone = judge([best], simulated=True)
+    alone = judge_methods([best], simulated=True)
     assert alone.take is None
     assert not alone.trusted
     assert alone.line.startswith("Do not trust this experiment: no method is reliable.")
@@ -68,7 +68,7 @@ def test_a_method_that_cannot_be_believed_is_not_taken_however_good_it_looks(
 
 def test_without_truth_the_errors_at_the_dots_are_compared() -> None:
     rows = [row("a", None, 9.0, mean_at_dots_mm=0.02), row("b", None, 3.0, mean_at_dots_mm=0.05)]
-    verdict = judge(rows, simulated=False)
+    verdict = judge_methods(rows, simulated=False)
     assert verdict.take == "a"
     assert "0.0200 mm at the dots" in verdict.line
     assert "95 % of the image" in verdict.line
@@ -76,7 +76,7 @@ def test_without_truth_the_errors_at_the_dots_are_compared() -> None:
 
 
 def test_a_run_of_one_frame_is_no_experiment() -> None:
-    verdict = judge([{"name": "a", **ErrorTally().figures()}], simulated=True)
+    verdict = judge_methods([{"name": "a", **ErrorTally().figures()}], simulated=True)
     assert not verdict.trusted
     assert "no frame after the first one" in verdict.line
     json.dumps(asdict(verdict), allow_nan=False)

@@ -39,7 +39,7 @@ def model(images: list[np.ndarray]) -> ForceModel:
     features = make_features("sums", VIEW)
     measurement = Measurement(VIEW, ["flow"], every=FaceFlow.SPACING_PX)
     flows = [measurement.update(image).flow for image in images]
-    x = np.array([features.of(flow) for flow in flows if flow is not None])
+    x = np.array([features.compute(flow) for flow in flows if flow is not None])
     wrench = np.random.default_rng(3).normal(size=(len(x), 6))
     return ForceModel.fit(features, x, wrench)[0]
 

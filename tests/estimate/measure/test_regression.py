@@ -8,7 +8,7 @@ from scipy import stats
 
 from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.measure.force import make_features
-from deltact_fab.estimate.measure.force.model import COMPONENTS, ForceModel
+from deltact_fab.estimate.measure.force.model import WRENCH_COMPONENTS, ForceModel
 from deltact_fab.estimate.measure.regression import MIN_PRESSES, least_squares
 from deltact_fab.estimate.measure.sensor_id import SensorModel
 from deltact_fab.sensor.optics.camera import Pinhole
@@ -66,12 +66,14 @@ def test_statsmodels_gives_the_same_figures_of_force_models(name, component):
     labels = features.explains[component]
     columns, y = (
         X[:, [features.names.index(one) for one in labels]],
-        wrench[:, COMPONENTS.index(component)],
+        wrench[:, WRENCH_COMPONENTS.index(component)],
     )
     size = np.sqrt(np.mean(columns[:, 0] ** 2))
-    held = [one for one in labels if one in features.held]
-    assert ours.prior == pytest.approx({one: size * features.held[one] for one in held})
-    pseudo = [[size * features.held[one] * (one == other) for other in labels] for one in held]
+    held = [one for one in labels if one in features.prior_scales]
+    assert ours.prior == pytest.approx({one: size * features.prior_scales[one] for one in held})
+    pseudo = [
+        [size * features.prior_scales[one] * (one == other) for other in labels] for one in held
+    ]
     n, k, many = len(y), len(labels), len(set(presses))
     theirs = OLS(
         np.concatenate((y, np.zeros(len(held)))), np.vstack((columns, *pseudo)), hasconst=False

@@ -16,21 +16,21 @@ import pandas as pd
 from deltact_fab.bench import Run, encode_png
 from deltact_fab.common import Array, InputError, Progress
 
-from ...measure.force import FORCE_FEATURES, FORCE_READINGS, features_of, make_features
+from ...measure.force import FORCE_FEATURES, FORCE_READINGS, load_features, make_features
 from ...measure.force.calibration import ForceCalibration, load_force
 from ...measure.force.inverse import Inverse
-from ...measure.force.model import COMPONENTS, Features, ForceModel
+from ...measure.force.model import WRENCH_COMPONENTS, Features, ForceModel
 from ...measure.sensor_id import SensorModel
-from ..runs import head_of, in_pixels, settled_frames, has_settled_frames, view_of_run
+from ..runs import has_settled_frames, head_of, in_pixels, settled_frames, view_of_run
 from .dataset import TIME_STRETCHES, ForceData, gather_data, open_force_runs, presses
 from .gel import fit_unrelaxed_forces, identify_gel
 from .judge import (
     CV_FOLDS,
     calibrated_errors,
     cross_validate,
+    evaluate_features,
     fit_force,
     force_error_n,
-    evaluate_features,
     learning_curve,
     ranking_error_n,
 )
@@ -62,23 +62,31 @@ def calibrate(
     gathered = requested if names else (*requested, *FORCE_READINGS)
     source, view = str(runs[0].folder), view_of_run(runs[0])
     # How many points there may be at most: refused before anything is tracked.
-    max_points = sum(len(settled_frames(part)) for frames in tables for _, part in frames.groupby("press"))
+    max_points = sum(
+        len(settled_frames(part)) for frames in tables for _, part in frames.groupby("press")
+    )
     for name in required:
         _require_enough(make_features(name, view), max_points, source)
     data = gather_data(runs, gathered, executor, progress)
     gel = unrelaxed = None
     if Inverse.name in requested:
         unrelaxed = fit_unrelaxed_forces(data)
-        gel = identify_gel(runs, unrelaxed.relaxed_wrenches(data) if unrelaxed else data, view, progress)
+        gel = identify_gel(
+            runs, unrelaxed.relaxed_wrenches(data) if unrelaxed else data, view, progress
+        )
     if gel is not None:
         view = view.with_gel(gel.poisson, gel.thickness_mm)
         data = gather_data(runs, gathered, executor, progress, view)
     data = unrelaxed.relaxed_wrenches(data) if unrelaxed else data
     result = fit_best_model(
-        data, seed, lambda model, error: _make_calibration(runs, model, view, error=error), required, source
+        data,
+        seed,
+        lambda model, error: _make_calibration(runs, model, view, error=error),
+        required,
+        source,
     )
     left_out = [*result.left_out, *_run_notes(runs, tables)]
-    return replace(result, gel=gel, early=unrelaxed, left_out=left_out)
+    return replace(result, gel=gel, unrelaxed=unrelaxed, left_out=left_out)
 
 
 def fit_best_model(
@@ -123,7 +131,9 @@ def transfer_calibration(
     name = calibration.model.features
     runs, tables = open_force_runs(folders)
     # Refused before anything is tracked.
-    features_of(calibration.model, calibration.view(SensorModel(runs[0].camera)), f"{source}: model")
+    load_features(
+        calibration.model, calibration.view(SensorModel(runs[0].camera)), f"{source}: model"
+    )
     data = gather_data(runs, (name,), None, progress)
     transferred = transfer(calibration.model, data)
     table = {"of": list(calibration.head.made.runs), **transferred.as_dict()}
@@ -133,7 +143,7 @@ def transfer_calibration(
 
 def _require_enough(features: Features, points: int, source: str) -> None:
     """Raises InputError unless each fold fits more points than a component has coefficients."""
-    coefficients = max(len(features.explains[component]) for component in COMPONENTS)
+    coefficients = max(len(features.explains[component]) for component in WRENCH_COMPONENTS)
     needed = next(n for n in count(coefficients + 1) if n - ceil(n / CV_FOLDS) > coefficients)
     if points < needed:
         raise InputError(
@@ -178,7 +188,7 @@ def _run_notes(runs: Sequence[Run], tables: Sequence[pd.DataFrame]) -> list[str]
     return notes
 
 
-_SHEAR_COMPONENTS = np.isin(COMPONENTS, ("fx", "fy", "tz"))
+_SHEAR_COMPONENTS = np.isin(WRENCH_COMPONENTS, ("fx", "fy", "tz"))
 MAX_FACTOR_ERROR = 0.1
 """Standard error of a factor above which the presses do not determine it."""
 FRESH_FIT_SHARE = 0.8
@@ -247,8 +257,8 @@ def transfer(model: ForceModel, data: ForceData) -> TransferredCalibration:
         pressure, shear, _ = _fit_factors(as_is[train], wrench[train])
         return as_is[test] * np.where(_SHEAR_COMPONENTS, shear, pressure)
 
-    def predict_fresh(fitted: Array, judged: Array) -> Array:
-        return fit_force(data, model.features, fitted).predict(X[judged])
+    def predict_fresh(train: Array, test: Array) -> Array:
+        return fit_force(data, model.features, train).predict(X[test])
 
     error_n, fresh_n = (
         force_error_n(cross_validate(data.points, wrench, "position", 0, predict) - wrench)
@@ -270,7 +280,11 @@ def _fit_factors(predicted: Array, wrench: Array) -> tuple[float, float, bool]:
             f"({pressure:.2f} +- {standard_error:.2f}); press deeper, or on more places"
         )
     shear, standard_error = _fit_factor(predicted[:, :2].ravel(), wrench[:, :2].ravel())
-    return (pressure, shear, True) if standard_error <= MAX_FACTOR_ERROR else (pressure, pressure, False)
+    return (
+        (pressure, shear, True)
+        if standard_error <= MAX_FACTOR_ERROR
+        else (pressure, pressure, False)
+    )
 
 
 def _fit_factor(p: Array, y: Array) -> tuple[float, float]:

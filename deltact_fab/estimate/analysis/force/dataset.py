@@ -21,8 +21,16 @@ from ...measure.face import FaceFlow
 from ...measure.force import make_features
 from ...measure.force.model import Features
 from ...measure.sensor_id import SensorModel
-from ..flows import settled_flows, key_of
-from ..runs import PRESSING_KINDS, head_of, read_frames, settle_s, settled_frames, has_settled_frames, view_of_run
+from ..flows import flow_key, settled_flows
+from ..runs import (
+    PRESSING_KINDS,
+    has_settled_frames,
+    head_of,
+    read_frames,
+    settle_s,
+    settled_frames,
+    view_of_run,
+)
 
 WRENCH_COLUMNS = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
 FORCE_WINDOW_S = 0.1
@@ -44,7 +52,10 @@ def settled_wrenches(run: Run, press: str, rows: pd.DataFrame) -> tuple[Array, A
     if not has_settled_frames(rows) or not any(windows_s.values()):
         return wrench, saturated
     by_step = samples.groupby("step_id").indices
-    values, at_s = samples[list(WRENCH_COLUMNS)].to_numpy(float), samples["t_press_s"].to_numpy(float)
+    values, at_s = (
+        samples[list(WRENCH_COLUMNS)].to_numpy(float),
+        samples["t_press_s"].to_numpy(float),
+    )
     out_of_range = samples["saturated"].to_numpy(bool)
     places = zip(rows["step_id"], rows["kind"], rows["t_press_s"], strict=True)
     for k, (step, kind, t_s) in enumerate(places):
@@ -202,7 +213,7 @@ def measure_force_points(
     """Measure the force points of one press of a run that has images and force.
 
     label: the run's name in the points. view: of the sensor, where it is not as the run describes.
-    Raises as `flows_of` does.
+    Raises as `settled_flows` does.
     """
     view = view or view_of_run(run)
     rows = settled_frames(run.frames(press))
@@ -214,7 +225,7 @@ def measure_force_points(
         wrench -= wrench[(rows["t_press_s"] <= FORCE_WINDOW_S).to_numpy()].mean(0)
         wrench[:, np.isnan(wrench).all(axis=0)] = 0.0
     sets = [make_features(name, view) for name in names]
-    flows, key = settled_flows(run, press, FaceFlow.SPACING_PX), key_of(run, press)
+    flows, key = settled_flows(run, press, FaceFlow.SPACING_PX), flow_key(run, press)
     refused = ["" for _ in range(len(rows))]
     for k, flow in enumerate(flows):
         if saturated[k]:
@@ -258,17 +269,21 @@ def measure_force_points(
     )
 
 
-def _compute_features(features: Features, view: SensorModel, flows: Sequence[FaceFlow], key_of_flows: str) -> Array:
+def _compute_features(
+    features: Features, view: SensorModel, flows: Sequence[FaceFlow], key_of_flows: str
+) -> Array:
     """A feature set at the flows of a press (n, k), from the cache; nan: no solution.
 
-    of: their `key_of`.
+    of: their `flow_key`.
     """
     key = cache_key(
         type(features).__module__.partition(".")[2],
         of=key_of_flows,
         every_px=FaceFlow.SPACING_PX,
         by=features.name,
-        view=repr((view.camera.as_dict(), (view.skin, view.poisson) if features.rests_on_gel else ())),
+        view=repr(
+            (view.camera.as_dict(), (view.skin, view.poisson) if features.rests_on_gel else ())
+        ),
     )
     store = Store("features")
     values: Array | None = store.read(key)
@@ -277,6 +292,6 @@ def _compute_features(features: Features, view: SensorModel, flows: Sequence[Fac
         for k, flow in enumerate(flows):
             with suppress(SolverError):
                 if flow.trusted:
-                    values[k] = features.of(flow)
+                    values[k] = features.compute(flow)
         store.write(key, values)
     return values

@@ -24,15 +24,28 @@ from ...measure.sensor_id import SensorModel
 from .dataset import ForceData, point_flows
 from .judge import predict_left_out
 
-POISSON_STEP, THICKNESS_STEP = 1.25, 0.01  # a step: factor of 1/2 - Poisson's ratio, share of the thickness
+POISSON_STEP, THICKNESS_STEP = (
+    1.25,
+    0.01,
+)  # a step: factor of 1/2 - Poisson's ratio, share of the thickness
 SEARCH_STEPS = (4, 2, 1)  # of a search round the best pair, one after the other
-SEARCH_DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, -1), (-1, 1))  # a thinner, softer gel looks alike
+SEARCH_DIRECTIONS = (
+    (1, 0),
+    (-1, 0),
+    (0, 1),
+    (0, -1),
+    (1, -1),
+    (-1, 1),
+)  # a thinner, softer gel looks alike
 MAX_SEARCH_STEPS = 8  # steps of either from what was believed
 COMPRESSIBILITY_RANGE = (0.002, 0.1)  # of 1/2 - Poisson's ratio
 MAX_SEARCH_FRAMES = 120  # that are looked at, spread over all
 BOOTSTRAP_DRAWS, BOOTSTRAP_CONFIDENCE = 400, 0.95
 MAX_ERROR_SHARE = 0.9  # of the error: the best of many pairs is a little better by chance
-UNRELAXED_SHARES, UNRELAXED_TIMES_S = np.arange(0.02, 0.31, 0.02).tolist(), (0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
+UNRELAXED_SHARES, UNRELAXED_TIMES_S = (
+    np.arange(0.02, 0.31, 0.02).tolist(),
+    (0.3, 1.0, 3.0, 10.0, 30.0, 100.0),
+)
 FORCE_SLICE = slice(0, 3)
 
 GelErrors = Callable[[SensorModel], Array]
@@ -88,7 +101,7 @@ def error_function(flows: Sequence[FaceFlow], data: ForceData) -> GelErrors:
 
     def errors(view: SensorModel) -> Array:
         features = Inverse(view)
-        X = np.array([features.of(flow) for flow in flows])
+        X = np.array([features.compute(flow) for flow in flows])
         columns = {features.name: X}
         return squared_errors(replace(data, features=columns, sets={features.name: features}))
 
@@ -130,11 +143,19 @@ def fit_unrelaxed_forces(data: ForceData) -> UnrelaxedForces | None:
     if not is_identifiable(data) or not wait_s.min() >= 0 or wait_s.max() <= 2 * wait_s.min():
         return None
     candidates = [UnrelaxedForces(0.0, 1.0)]
-    candidates += [UnrelaxedForces(share, time_s) for time_s in UNRELAXED_TIMES_S for share in UNRELAXED_SHARES]
-    errors = np.stack([squared_errors(candidate.relaxed_wrenches(data)) for candidate in candidates])
+    candidates += [
+        UnrelaxedForces(share, time_s) for time_s in UNRELAXED_TIMES_S for share in UNRELAXED_SHARES
+    ]
+    errors = np.stack(
+        [squared_errors(candidate.relaxed_wrenches(data)) for candidate in candidates]
+    )
     best = int(np.log(errors.sum(axis=1)).sum(axis=1).argmin())
     scores = _bootstrap_scores(errors)
-    return candidates[best] if best and (scores[:, best] < scores[:, 0]).mean() >= BOOTSTRAP_CONFIDENCE else None
+    return (
+        candidates[best]
+        if best and (scores[:, best] < scores[:, 0]).mean() >= BOOTSTRAP_CONFIDENCE
+        else None
+    )
 
 
 def _bootstrap_scores(errors: Array) -> Array:
@@ -144,7 +165,9 @@ def _bootstrap_scores(errors: Array) -> Array:
     return np.asarray(np.log(np.einsum("dp,gpc->dgc", counts, errors)).sum(axis=2))
 
 
-def search_gel(view: SensorModel, errors: GelErrors, progress: Progress | None = None) -> IdentifiedGel | None:
+def search_gel(
+    view: SensorModel, errors: GelErrors, progress: Progress | None = None
+) -> IdentifiedGel | None:
     """The pair under which the errors are least, from the believed one on; None: not told."""
     evaluated: dict[tuple[int, int], Array] = {}
 
@@ -187,6 +210,8 @@ def search_gel(view: SensorModel, errors: GelErrors, progress: Progress | None =
         return None
     winners = np.array(pairs)[scores.argmin(axis=1)]
     # Half a step more on either side, for between steps nothing was tried.
-    low, high = np.quantile(winners, [(1 - BOOTSTRAP_CONFIDENCE) / 2, (1 + BOOTSTRAP_CONFIDENCE) / 2], axis=0) + [[-0.5], [0.5]]
+    low, high = np.quantile(
+        winners, [(1 - BOOTSTRAP_CONFIDENCE) / 2, (1 + BOOTSTRAP_CONFIDENCE) / 2], axis=0
+    ) + [[-0.5], [0.5]]
     (b, c), (a, d), (poisson, thickness_mm) = gel_values(low), gel_values(high), gel_values(best)
     return IdentifiedGel(poisson, (a, b), thickness_mm, (c, d), gain)

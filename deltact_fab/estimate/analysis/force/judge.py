@@ -16,7 +16,7 @@ import pandas as pd
 
 from deltact_fab.common import Array, InputError
 
-from ...measure.force.model import COMPONENTS, ForceModel
+from ...measure.force.model import WRENCH_COMPONENTS, ForceModel
 from ...measure.regression import RegressionFit
 from .dataset import ForceData
 
@@ -32,7 +32,9 @@ COMPONENT_BY_LABEL = {
     "torque_z": "tz",
 }
 """The paper's words for a wrench's components, in the order of tables; `normal` is -Fz."""
-FORCE_COMPONENTS = tuple(name for name, component in COMPONENT_BY_LABEL.items() if component.startswith("f"))
+FORCE_COMPONENTS = tuple(
+    name for name, component in COMPONENT_BY_LABEL.items() if component.startswith("f")
+)
 FORCE_SPLITS = {
     "unseen": "position and indenter left out together",
     "position": "a position left out",
@@ -82,7 +84,10 @@ def folds(points: pd.DataFrame, split: str, seed: int) -> list[list[tuple[Array,
         group = np.arange(len(points)) if split == "point" else codes("press")
         count = int(group.max()) + 1
         rng = np.random.default_rng(seed)
-        draws = [rng.permutation(np.arange(count) % min(CV_FOLDS, count))[group] for _ in range(CV_REPEATS)]
+        draws = [
+            rng.permutation(np.arange(count) % min(CV_FOLDS, count))[group]
+            for _ in range(CV_REPEATS)
+        ]
         parts = [[(fold != k, fold == k) for k in range(min(CV_FOLDS, count))] for fold in draws]
         return parts if count > 1 else []
     groups = [codes(name) for name in (("position", "indenter") if split == "unseen" else (split,))]
@@ -141,7 +146,7 @@ def evaluate_features(data: ForceData, name: str, seed: int) -> EvaluatedModel:
 
 def force_component(wrench: Array, name: str) -> Array:
     """One of SHOWN (...) of wrenches (..., 6), its sign that of the figures."""
-    part: Array = wrench[..., COMPONENTS.index(COMPONENT_BY_LABEL[name])]
+    part: Array = wrench[..., WRENCH_COMPONENTS.index(COMPONENT_BY_LABEL[name])]
     return -part if name == "normal" else part
 
 
@@ -157,7 +162,10 @@ def force_figures(evaluated: EvaluatedModel, data: ForceData) -> dict[str, dict[
     """
     out = {}
     for name, component in COMPONENT_BY_LABEL.items():
-        unit, measured = ("n" if component.startswith("f") else "nmm"), force_component(data.wrench, name)
+        unit, measured = (
+            ("n" if component.startswith("f") else "nmm"),
+            force_component(data.wrench, name),
+        )
         span = float(np.ptp(measured))
         errors = {
             split: root_mean_square(force_component(prediction, name) - measured)

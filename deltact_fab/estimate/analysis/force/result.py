@@ -20,9 +20,9 @@ from ..runs import write_results
 from .dataset import ForceData
 from .gel import IdentifiedGel, UnrelaxedForces
 from .judge import (
+    COMPONENT_BY_LABEL,
     FORCE_COMPONENTS,
     FORCE_SPLITS,
-    COMPONENT_BY_LABEL,
     EvaluatedModel,
     cross_validate,
     force_component,
@@ -98,7 +98,9 @@ class ForceResult:
         for label, components in self.figures().items():
             for name, figures in components.items():
                 unit = "N" if "range_n" in figures else "N mm"
-                plain = {key.removesuffix("_n").removesuffix("_nmm"): v for key, v in figures.items()}
+                plain = {
+                    key.removesuffix("_n").removesuffix("_nmm"): v for key, v in figures.items()
+                }
                 rows.append({"model": label, "component": name, "unit": unit, **plain})
         for name, (r2, rmse_n) in self.PAPER_TABLE.items():
             printed = {"adjusted_r2": r2, "rmse_left_out_point": rmse_n}
@@ -109,7 +111,9 @@ class ForceResult:
     def line(self) -> str:
         """The verdict: which model is taken, and what it may be trusted to."""
         split = self.best.ranked_by
-        text = f"Use {self.best.name}: {_format_errors(self.best, self.data)}, {FORCE_SPLITS[split]}"
+        text = (
+            f"Use {self.best.name}: {_format_errors(self.best, self.data)}, {FORCE_SPLITS[split]}"
+        )
         if (self.data.points["position"] == Run.UNKNOWN).all():  # of an imported run
             return text.replace("presses", "stretches of time")
         if self.paper is not self.best:
@@ -191,7 +195,10 @@ class ForceResult:
             for constant in ("without", "with"):
                 X = data.features[name][:, use]
                 X = np.column_stack((X, np.ones(len(X)))) if constant == "with" else X
-                errors = {column: prediction_errors(X, kind, distance_mm >= 0) for column, kind in HELD_OUT_COLUMNS.items()}
+                errors = {
+                    column: prediction_errors(X, kind, distance_mm >= 0)
+                    for column, kind in HELD_OUT_COLUMNS.items()
+                }
                 readings.append(({"model": f"paper, {density}", "constant": constant}, X, errors))
         errors = {c: best.component("normal", kind) - measured
                 for c, kind in HELD_OUT_COLUMNS.items() if kind in best.predicted}  # fmt: skip
@@ -202,8 +209,13 @@ class ForceResult:
                 rows_there = distance_mm == distance
                 row = {**names, "distance_mm": distance, "points": int(rows_there.sum())}
                 if columns is not None:
-                    row["alone_n"] = root_mean_square(prediction_errors(columns, "point", rows_there))
-                rows.append(row | {c: root_mean_square(values[:, rows_there]) for c, values in errors.items()})
+                    row["alone_n"] = root_mean_square(
+                        prediction_errors(columns, "point", rows_there)
+                    )
+                rows.append(
+                    row
+                    | {c: root_mean_square(values[:, rows_there]) for c, values in errors.items()}
+                )
         return pd.DataFrame(rows)
 
     def save(self, folder: Path, output: Path) -> list[Path]:
@@ -230,7 +242,10 @@ def _format_errors(evaluated: EvaluatedModel, data: ForceData) -> str:
     figures = force_figures(evaluated, data)
 
     def format_component(name: str) -> tuple[str, str]:
-        error, share = figures[name][f"rmse_left_out_{evaluated.ranked_by}_n"], figures[name]["percent_of_range"]
+        error, share = (
+            figures[name][f"rmse_left_out_{evaluated.ranked_by}_n"],
+            figures[name]["percent_of_range"],
+        )
         return ("unknown", "?") if error is None else (f"{error:.2f} N", f"{share:.1f} %")
 
     (normal, part), *shears = (format_component(name) for name in FORCE_COMPONENTS)

@@ -14,16 +14,16 @@ from deltact_fab.common import InputError
 from ...measure.face import FaceFlow
 from ...measure.force.calibration import load_force
 from ...measure.sensor_id import CalibrationHead, require_same_sensor
-from ...measure.shape.depth import DepthFinder, DepthModel, ball_mm
+from ...measure.shape.depth import DepthFinder, DepthModel, ball_depth_mm
 from ..flows import settled_flows
 from ..runs import head_of, read_frames, sensor_of, settled_frames, view_of_run
 
-SURE = 0.4
+SURE_CONTACT_SHARE = 0.4
 """Of the press's depth: points of the ball that lie deeper certainly touch, the rim lies higher."""
-MIN_MM = 0.3
+MIN_PRESS_MM = 0.3
 """Of a press that says enough."""
-MIN_COVER = 0.7
-DOUBTED_GAIN, MAX_GAIN = 2.0, 3.0
+MIN_DEPTH_COVER = 0.7
+DOUBTFUL_GAIN, MAX_DEPTH_GAIN = 2.0, 3.0
 """Or one over it: beyond, it is hardly, and not, the gel that differs."""
 
 
@@ -60,10 +60,10 @@ class DepthCalibration:
     @property
     def doubt(self) -> str | None:
         """What speaks against it, if anything does."""
-        if 1 / DOUBTED_GAIN <= self.model.gain <= DOUBTED_GAIN:
+        if 1 / DOUBTFUL_GAIN <= self.model.gain <= DOUBTFUL_GAIN:
             return None
         return (
-            f"a gain between {1 / DOUBTED_GAIN:g} and {DOUBTED_GAIN:g} is usual; are the sphere's "
+            f"a gain between {1 / DOUBTFUL_GAIN:g} and {DOUBTFUL_GAIN:g} is usual; are the sphere's "
             "diameter, where the stage has the face, and the skin's thickness right?"
         )
 
@@ -97,29 +97,29 @@ def calibrate_depth(folder: str | Path, force: Path | None = None) -> DepthCalib
     diameter_mm = float(str(balls["indenter"].iloc[0]).removeprefix("sphere:"))
     view = view_of_run(run)
     if force is not None:
-        held = load_force(force)
-        require_same_sensor(held.head, sensor_of(run), str(force))
-        view = held.view(view)
-    finder = DepthFinder(view, DepthModel(gain=1.0, deepest_mm=MIN_MM))
+        calibration = load_force(force)
+        require_same_sensor(calibration.head, sensor_of(run), str(force))
+        view = calibration.view(view)
+    finder = DepthFinder(view, DepthModel(gain=1.0, deepest_mm=MIN_PRESS_MM))
     parts, depths = [], []
     rows = settled_frames(run.frames(press))
     tips = rows[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
     for tip, flow in zip(tips, settled_flows(run, press, FaceFlow.SPACING_PX), strict=True):
-        if not (-tip[2] >= MIN_MM and flow.trusted and flow.cover >= MIN_COVER):
+        if not (-tip[2] >= MIN_PRESS_MM and flow.trusted and flow.cover >= MIN_DEPTH_COVER):
             continue
-        wanted = ball_mm(flow, view, tip, diameter_mm / 2)
-        sure = (wanted > -SURE * tip[2]) & flow.known
-        found = finder.of(flow).depth_mm
-        parts.append(np.stack((found[sure], wanted[sure])))
+        expected = ball_depth_mm(flow, view, tip, diameter_mm / 2)
+        touching = (expected > -SURE_CONTACT_SHARE * tip[2]) & flow.known
+        measured = finder.find(flow).depth_mm
+        parts.append(np.stack((measured[touching], expected[touching])))
         depths.append(-float(tip[2]))
-    found, wanted = np.concatenate(parts, axis=1) if parts else np.zeros((2, 0))
-    if not found.any():
+    measured, expected = np.concatenate(parts, axis=1) if parts else np.zeros((2, 0))
+    if not measured.any():
         raise InputError(
-            f"{folder}: press {press}: no frame in which the sphere is {MIN_MM} mm deep or more "
+            f"{folder}: press {press}: no frame in which the sphere is {MIN_PRESS_MM} mm deep or more "
             "and the flow is trusted"
         )
-    gain = float(found @ wanted / (found @ found))
-    if not 1 / MAX_GAIN <= gain <= MAX_GAIN:
+    gain = float(measured @ expected / (measured @ measured))
+    if not 1 / MAX_DEPTH_GAIN <= gain <= MAX_DEPTH_GAIN:
         raise InputError(
             f"{folder}: press {press}: the depth found is {1 / gain:.2g} times the sphere's; is "
             "its diameter, or where the stage has the face, wrong?"
@@ -127,5 +127,5 @@ def calibrate_depth(folder: str | Path, force: Path | None = None) -> DepthCalib
     return DepthCalibration(
         head_of([run], "depth"),
         DepthModel(gain, max(depths), view.poisson, view.skin.thickness_mm), diameter_mm, depths,
-        float(np.abs(gain * found - wanted).mean()),
+        float(np.abs(gain * measured - expected).mean()),
     )  # fmt: skip

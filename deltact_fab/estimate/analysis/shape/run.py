@@ -18,8 +18,8 @@ from ...measure.shape.depth import DepthModel
 from ..runs import read_frames, sensor_of, write_results
 from .press import PressShape, ShapeMaps, measure_press
 
-WORDS = ("depth over the contact", "over the face", "place of a ball")
-FIGURES = (
+GOAL_LABELS = ("depth over the contact", "over the face", "place of a ball")
+SHAPE_FIGURES = (
     "depth_error_contact_mm", "depth_error_face_mm", "zero_error_contact_mm", "depth_correlation",
     "relative_correlation", "contact_iou", "centroid_error_mm", "place_error_mm", "area_mm2",
     "true_area_mm2", "cover",
@@ -58,11 +58,11 @@ class ShapeResult:
             for row in self.rows
             if row["tip_depth_mm"] > 0 and indenter in (None, row["indenter"])
         ]
-        found: dict[str, Any] = {"frames": len(rows)}
-        for name in FIGURES:
-            known = [row[name] for row in rows if row.get(name) is not None]
-            found[name] = float(np.mean(known)) if known else None
-        return found
+        means: dict[str, Any] = {"frames": len(rows)}
+        for name in SHAPE_FIGURES:
+            values = [row[name] for row in rows if row.get(name) is not None]
+            means[name] = float(np.mean(values)) if values else None
+        return means
 
     @property
     def indenters(self) -> list[str]:
@@ -85,8 +85,8 @@ class ShapeResult:
                 "unknown without truth."
             )
         parts = [
-            f"{words} {means[name]:.3f} mm{f' (over {goal:g})' if name in self.missed else ''}"
-            for (name, goal), words in zip(self.GOALS.items(), WORDS, strict=True)
+            f"{label} {means[name]:.3f} mm{f' (over {goal:g})' if name in self.missed else ''}"
+            for (name, goal), label in zip(self.GOALS.items(), GOAL_LABELS, strict=True)
             if means[name] is not None
         ]
         # A face that nothing presses has no depth either, so its figure flatters.
@@ -99,10 +99,12 @@ class ShapeResult:
     @property
     def note(self) -> str:
         """Where the figures come from."""
-        told = f"; true contact by {self.contact_by}" if self.contact_by else ""
+        source = f"; true contact by {self.contact_by}" if self.contact_by else ""
         if self.contact_by == "geometry":
-            told += ", too small where the gel's cells are coarse: 'traction' in channels tells it"
-        return (f"simulated, seed {self.seed}" if self.simulated else "measured") + told
+            source += (
+                ", too small where the gel's cells are coarse: 'traction' in channels tells it"
+            )
+        return (f"simulated, seed {self.seed}" if self.simulated else "measured") + source
 
     def as_dict(self) -> dict[str, Any]:
         return {
@@ -122,7 +124,7 @@ class ShapeResult:
         return write_results(folder, {"shape.json": self.as_dict()})
 
 
-UNCALIBRATED = DepthModel(gain=1.0, deepest_mm=20.0)
+UNCALIBRATED_DEPTH = DepthModel(gain=1.0, deepest_mm=20.0)
 
 
 def analyse_shape(
@@ -140,17 +142,17 @@ def analyse_shape(
     run = open_run(folder)
     frames = read_frames(run, "shape")
     _ = run.camera  # said first where there is none
-    model = UNCALIBRATED
+    model = UNCALIBRATED_DEPTH
     if depth is not None:
         head, model = DepthModel.load(depth)
         require_same_sensor(head, sensor_of(run), str(depth))
-    known = None if force is None else load_force(force)
-    if known is not None:
-        require_same_sensor(known.head, sensor_of(run), str(force))
+    calibration = None if force is None else load_force(force)
+    if calibration is not None:
+        require_same_sensor(calibration.head, sensor_of(run), str(force))
     presses = list(dict.fromkeys(frames["press"]))
-    work = partial(measure_press, str(folder), depth=model, force=known)
+    work = partial(measure_press, str(folder), depth=model, force=calibration)
     parts = run_each(work, presses, presses, progress=progress)
-    ways = {part.contact_by for part in parts} - {None}
+    criteria = {part.contact_by for part in parts} - {None}
     pictures = PressShape.deepest_maps(parts)
     twisted = [part.twisted for part in parts if part.twisted is not None]
     twisted.sort(key=lambda p: -abs(p.torque_z_nmm or 0.0))
@@ -158,7 +160,7 @@ def analyse_shape(
         rows=[row for part in parts for row in part.rows],
         pictures=pictures,
         calibration=None if depth is None else str(depth),
-        contact_by=", ".join(sorted(map(str, ways))) or None,
+        contact_by=", ".join(sorted(map(str, criteria))) or None,
         simulated=run.simulated,
         seed=int(run.meta.get("seed", 0)),
         field=next((p for p in (*twisted, *pictures) if p.tractions), None),

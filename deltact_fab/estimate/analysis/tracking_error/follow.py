@@ -26,14 +26,14 @@ from ...measure.flow.tracker import FlowTracker
 from ..runs import read_frames
 from .result import TrackingResult
 from .tally import (
-    DOTS,
+    DOTS_METHOD,
     DotFollower,
     DotTally,
     ErrorTally,
     PatternDots,
     TrueFrame,
     off_dots,
-    sampled,
+    sample_flow,
 )
 
 # Ours, a cheaper one, the paper's, and the paper's flow composed in place of summed.
@@ -57,7 +57,7 @@ class TrackingPlan:
     timed: bool = True
 
     @classmethod
-    def of(cls, run: Run, methods: Sequence[str] | None) -> TrackingPlan:
+    def for_run(cls, run: Run, methods: Sequence[str] | None) -> TrackingPlan:
         """Plan for a run; methods: None for the default ones.
 
         Raises InputError for a method that is not known, or of dense flow where there are only
@@ -73,16 +73,16 @@ class TrackingPlan:
                     f"nothing between them that {methods[0]!r} could match; without --method "
                     "the dots are followed"
                 )
-            return cls((DOTS,), True, ("dense flow: the pattern has only dots to follow",))
+            return cls((DOTS_METHOD,), True, ("dense flow: the pattern has only dots to follow",))
         left_out = []
-        asked = "dots" in run.meta["protocol"]["channels"]
+        requested = "dots" in run.meta["protocol"]["channels"]
         if not n_dots:
             left_out.append("error at the dots: the pattern has none")
-        elif not asked:
+        elif not requested:
             left_out.append("error at the dots: the channel 'dots' is not asked for")
         if run.truth() is None:
             left_out.append("error against truth: a real rig knows none")
-        return cls(tuple(methods or DEFAULT_METHODS), bool(n_dots and asked), tuple(left_out))
+        return cls(tuple(methods or DEFAULT_METHODS), bool(n_dots and requested), tuple(left_out))
 
 
 class Follower:
@@ -97,72 +97,74 @@ class Follower:
         self.dots = DotFollower(marks) if scene.dots else None
         self.left_out: list[str] = []
         shared: dict[str, FlowMethod] | None = None if scene.timed else {}
-        names = [name for name in scene.methods if name != DOTS]
+        names = [name for name in scene.methods if name != DOTS_METHOD]
         self._flows = {name: FlowTracker.from_name(name, shared=shared) for name in names}
         self._scale = marks.camera.mm_per_px
-        self._off = off_dots(marks.camera, marks.dots_mm, marks.diameter_mm)
-        self._begun = False
+        self._off_dots = off_dots(marks.camera, marks.dots_mm, marks.diameter_mm)
+        self._has_reference = False
 
-    def take(self, image: NDArray[np.uint8], frame: TrueFrame | None) -> dict[str, dict[str, Any]]:
+    def update(
+        self, image: NDArray[np.uint8], frame: TrueFrame | None
+    ) -> dict[str, dict[str, Any]]:
         """The next image, (h, w, 3) BGR; figures of a frame by method, none of the reference.
 
         frame: the truth where it is known. Raises SensorError for a first image without a pattern;
         one in which only the dots are missing is analysed without them.
         """
-        at, self._begun = self._begun, True
+        compared, self._has_reference = self._has_reference, True
         # Of what moves, what lies on no dot: one that is followed is no pattern.
-        frame = frame and replace(frame, moving=frame.moving & self._off)
-        seen = None
+        frame = frame and replace(frame, moving=frame.moving & self._off_dots)
+        dots = None
         try:
-            seen = self.dots.follow(image) if self.dots else None
-        except SensorError as why:
+            dots = self.dots.follow(image) if self.dots else None
+        except SensorError as error:
             if not self._flows:
                 raise
             # The flow has its error against truth, and its own word, without them.
-            self.left_out.append(str(why))
+            self.left_out.append(str(error))
             self.dots = None
-        said: dict[str, ErrorTally] = {}
+        tallies: dict[str, ErrorTally] = {}
         for name, flow in self._flows.items():
             observed = flow.update(image)
-            if at:
-                one = said[name] = _frame(observed, frame, self._scale)
-                one.switches -= self.tallies[name].switches
-                if self.dots and seen:
-                    errors, moving = self.dots.errors_of(observed.flow_px, seen)
-                    one.at_dots.take(errors)
-                    one.at_moving_dots.take(errors[moving])
-        if self.dots and seen and at:
+            if compared:
+                tally = tallies[name] = _tally_frame(observed, frame, self._scale)
+                tally.switches -= self.tallies[name].switches
+                if self.dots and dots:
+                    errors, moving = self.dots.flow_errors(observed.flow_px, dots)
+                    tally.at_dots.add(errors)
+                    tally.at_moving_dots.add(errors[moving])
+        if self.dots and dots and compared:
             true_px = None
             if frame is not None:
                 first_px = self.dots.tracker.first_px
                 at_px = np.where(np.isfinite(first_px), first_px, self.dots.rest_px)
-                true_px = sampled(frame.flow_px, at_px)
-                self.dots.take(seen, true_px)
-            if DOTS in self.tallies:
-                said[DOTS] = self.dots.as_method(seen, true_px)
-        for name, one in said.items():
-            self.tallies[name].join(one)
-        return {name: one.figures() for name, one in said.items()}
+                true_px = sample_flow(frame.flow_px, at_px)
+                self.dots.add_frame(dots, true_px)
+            if DOTS_METHOD in self.tallies:
+                tallies[DOTS_METHOD] = self.dots.as_method(dots, true_px)
+        for name, tally in tallies.items():
+            self.tallies[name].join(tally)
+        return {name: tally.figures() for name, tally in tallies.items()}
 
 
-def _frame(observed: FlowObservation, frame: TrueFrame | None, scale: float) -> ErrorTally:
+def _tally_frame(observed: FlowObservation, frame: TrueFrame | None, scale: float) -> ErrorTally:
     """What a method says of a frame, and its errors against truth. scale: mm/px."""
     flow, last = observed.flow_px, observed.diagnostics
-    one = ErrorTally.of_frame(last.confident_share, last.trusted, last.cpu_ms)
-    one.switches = last.n_reference_switches
-    one.lost_share.take(float((observed.state == FlowState.LOST).mean()))
+    tally = ErrorTally.for_frame(last.confident_share, last.trusted, last.cpu_ms)
+    tally.switches = last.n_reference_switches
+    tally.lost_share.add(float((observed.state == FlowState.LOST).mean()))
     if frame is not None:
         moving = frame.moving
         errors = np.linalg.norm(flow[moving] - frame.flow_px[moving], axis=-1) * scale
-        one.take_moving(errors, (observed.confident & observed.visible)[moving])
+        tally.add_moving(errors, (observed.confident & observed.visible)[moving])
         in_plane = flow[moving] * scale - frame.in_plane_mm[moving]
-        one.in_plane.take(np.linalg.norm(in_plane, axis=-1))
-        one.peak_true_mm = frame.peak_mm
-    return one
+        tally.in_plane.add(np.linalg.norm(in_plane, axis=-1))
+        tally.peak_true_mm = frame.peak_mm
+    return tally
 
 
-FRAME = ("frame_id", "seq", "press", "indenter", "step_id")
-COLUMNS = [*FRAME, "method", *ErrorTally().figures()]
+FRAME_COLUMNS = ("frame_id", "seq", "press", "indenter", "step_id")
+TRACKING_COLUMNS = [*FRAME_COLUMNS, "method", *ErrorTally().figures()]
 """Of the table of frames; empty where a thing was left out."""
 
 
@@ -187,22 +189,22 @@ def analyse_press(folder: str, press: str, scene: TrackingPlan) -> PressResult:
     cv2.setNumThreads(1)  # one thread, so that milliseconds compare
     run = open_run(folder)
     camera, truth = run.camera, run.truth()
-    follower = Follower(scene, PatternDots.of(camera, run.pattern))
+    follower = Follower(scene, PatternDots.from_record(camera, run.pattern))
     in_view = TrueFrame.imaged_pixels(camera)
     result = PressResult(follower.tallies)
-    for at, row in enumerate(run.frames(press).itertuples()):
+    for index, row in enumerate(run.frames(press).itertuples()):
         image = run.image(str(row.file))
         if image.shape[:2] != in_view.shape:
             raise RunFailed(f"{row.file}: size {image.shape[1]} x {image.shape[0]} differs")
         frame = None
-        if truth and at:
+        if truth and index:
             motion = truth.flow_and_in_plane(str(row.frame_id))
-            frame = TrueFrame.of(*motion, in_view, camera.mm_per_px)
-        frame_of = {key: getattr(row, key) for key in FRAME}
+            frame = TrueFrame.from_flow(*motion, in_view, camera.mm_per_px)
+        frame_of = {key: getattr(row, key) for key in FRAME_COLUMNS}
         # The reference compared with itself is no measurement, and says nothing.
-        for name, figures in follower.take(image, frame).items():
+        for name, figures in follower.update(image, frame).items():
             result.rows.append({**frame_of, "method": name, **figures})
-    result.left_out += [f"error at the dots of {press}: {why}" for why in follower.left_out]
+    result.left_out += [f"error at the dots of {press}: {reason}" for reason in follower.left_out]
     if follower.dots:
         result.dots = follower.dots.tally
     return result
@@ -222,7 +224,7 @@ def analyse_tracking(
     """
     run = open_run(folder)
     frames = read_frames(run, "tracking")
-    scene = TrackingPlan.of(run, methods)
+    scene = TrackingPlan.for_run(run, methods)
     indenter_of = dict(zip(frames["press"], frames["indenter"], strict=True))
     presses = list(indenter_of)
     results = run_each(
@@ -243,9 +245,9 @@ def analyse_tracking(
             {"name": name, "indenter": indenter, **tally.figures()}
             for (name, indenter), tally in parts.items()
         ],
-        dots=dots.figures() if dots.seen + dots.lost else None,
+        dots=dots.figures() if dots.n_found + dots.n_lost else None,
         left_out=[*scene.left_out, *(line for part in results for line in part.left_out)],
-        frames=pd.DataFrame(rows, columns=COLUMNS),
+        frames=pd.DataFrame(rows, columns=TRACKING_COLUMNS),
         mm_per_px=run.camera.mm_per_px,
         simulated=run.simulated,
         seed=int(run.meta["seed"]),

@@ -17,12 +17,12 @@ import pandas as pd
 from deltact_fab.common import InputError, read_json
 
 from ..runs import write_results
-from .tally import DOTS, MOVING_MM, WRONG_FLOW_MM
+from .tally import DOTS_METHOD, MOVING_MM, WRONG_FLOW_MM
 
-MIN_TRUSTED = 0.95
-MIN_COVERAGE = 0.8
-MAX_WRONG = 0.005
-ERRORS = {
+MIN_TRUSTED_SHARE = 0.95
+MIN_CONFIDENT_SHARE = 0.8
+MAX_WRONG_SHARE = 0.005
+ERROR_LABELS = {
     "mean_off_dots_mm": "over all moving pixels",
     "mean_at_dots_mm": "at the dots",
     "mean_confident_mm": "over the dots found",
@@ -57,19 +57,21 @@ class TrackingVerdict:
 
     @property
     def error_words(self) -> str:
-        return ERRORS[self.error] if self.error is not None else ""
+        return ERROR_LABELS[self.error] if self.error is not None else ""
 
 
-def judge(methods: Sequence[dict[str, Any]], simulated: bool) -> TrackingVerdict:
+def judge_methods(methods: Sequence[dict[str, Any]], simulated: bool) -> TrackingVerdict:
     """The verdict on one or more methods over a whole run (`ErrorTally.figures`, with `name`)."""
     doubts = {row["name"]: _doubts(row) for row in methods}
-    error = next((key for key in ERRORS if any(row[key] is not None for row in methods)), None)
-    believed = [row for row in methods if not doubts[row["name"]]]
+    error = next(
+        (key for key in ERROR_LABELS if any(row[key] is not None for row in methods)), None
+    )
+    reliable = [row for row in methods if not doubts[row["name"]]]
     if error is not None:
-        known = [row for row in believed if row[error] is not None]
-        take = min(known, key=lambda row: row[error], default=None)
+        measured = [row for row in reliable if row[error] is not None]
+        take = min(measured, key=lambda row: row[error], default=None)
     else:
-        take = max(believed, key=lambda row: row["confident_share"], default=None)
+        take = max(reliable, key=lambda row: row["confident_share"], default=None)
     about = take or min(
         methods, key=lambda row: (len(doubts[row["name"]]), row["confident_wrong_share"] or 0.0)
     )
@@ -79,7 +81,7 @@ def judge(methods: Sequence[dict[str, Any]], simulated: bool) -> TrackingVerdict
             f"{about['name']}, but {'; '.join(doubts[about['name']])}."
         )
     else:
-        line = _to_take(take, error, simulated)
+        line = _recommendation(take, error, simulated)
     return TrackingVerdict(
         about=about["name"],
         take=take["name"] if take else None,
@@ -94,49 +96,51 @@ def _doubts(row: dict[str, Any]) -> list[str]:
     """Why a method is not reliable, in words."""
     if not row["n_frames"]:
         return ["there is no frame after the first one"]
-    found = []
-    if row["trusted_share"] < MIN_TRUSTED:
-        found.append(
+    reasons = []
+    if row["trusted_share"] < MIN_TRUSTED_SHARE:
+        reasons.append(
             f"it trusts {format_percent(row['trusted_share'])} of the frames "
-            f"(at least {format_percent(MIN_TRUSTED)})"
+            f"(at least {format_percent(MIN_TRUSTED_SHARE)})"
         )
-    known, what = _coverage(row)
-    if known < MIN_COVERAGE:
-        found.append(
-            f"it is confident on {format_percent(known)} of {what} "
-            f"(at least {format_percent(MIN_COVERAGE)})"
+    share, region = _coverage(row)
+    if share < MIN_CONFIDENT_SHARE:
+        reasons.append(
+            f"it is confident on {format_percent(share)} of {region} "
+            f"(at least {format_percent(MIN_CONFIDENT_SHARE)})"
         )
     wrong = row["confident_wrong_share"]
-    if wrong is not None and wrong > MAX_WRONG:
-        found.append(
+    if wrong is not None and wrong > MAX_WRONG_SHARE:
+        reasons.append(
             f"{format_percent(wrong)} of what it is confident on is off by more than "
-            f"{WRONG_FLOW_MM:g} mm (at most {format_percent(MAX_WRONG)})"
+            f"{WRONG_FLOW_MM:g} mm (at most {format_percent(MAX_WRONG_SHARE)})"
         )
-    return found
+    return reasons
 
 
 def _coverage(row: dict[str, Any]) -> tuple[float, str]:
     """The share that a method is confident on, and of what."""
-    moving, still = ("moving dots", "dots") if row["name"] == DOTS else ("moving pattern", "image")
+    moving, everything = (
+        ("moving dots", "dots") if row["name"] == DOTS_METHOD else ("moving pattern", "image")
+    )
     if row["coverage"] is not None:
         return row["coverage"], f"the {moving}"
-    return row["confident_share"], f"the {still}"
+    return row["confident_share"], f"the {everything}"
 
 
-def _to_take(take: dict[str, Any], error: str | None, simulated: bool) -> str:
-    known, what = _coverage(take)
-    says = f"Use {take['name']}: "
+def _recommendation(method: dict[str, Any], error: str | None, simulated: bool) -> str:
+    share, region = _coverage(method)
+    text = f"Use {method['name']}: "
     if error is not None:
-        says += f"mean error {take[error]:.4f} mm {ERRORS[error]}, "
-    says += (
-        f"{take['ms_per_frame']:.0f} ms of CPU a frame. The flow can be trusted: "
-        f"{format_percent(take['trusted_share'])} of {take['n_frames']} frames were matched, with "
-        f"confidence on {format_percent(known)} of {what}"
+        text += f"mean error {method[error]:.4f} mm {ERROR_LABELS[error]}, "
+    text += (
+        f"{method['ms_per_frame']:.0f} ms of CPU a frame. The flow can be trusted: "
+        f"{format_percent(method['trusted_share'])} of {method['n_frames']} frames were matched, with "
+        f"confidence on {format_percent(share)} of {region}"
     )
-    wrong = take["confident_wrong_share"]
+    wrong = method["confident_wrong_share"]
     if wrong is not None:
-        says += f", {format_percent(wrong)} of that off by more than {WRONG_FLOW_MM:g} mm"
-    return says + (" (simulated)." if simulated else " (no truth to compare with).")
+        text += f", {format_percent(wrong)} of that off by more than {WRONG_FLOW_MM:g} mm"
+    return text + (" (simulated)." if simulated else " (no truth to compare with).")
 
 
 @dataclass
@@ -150,10 +154,10 @@ class TrackingResult:
     """Pattern Selection: d = 0.075, r = 0.6, real sensor, at the dots."""
     WRONG_MM: ClassVar = WRONG_FLOW_MM
     RULE: ClassVar = (
-        f"A method is reliable when it trusts {format_percent(MIN_TRUSTED)} of the frames or more, "
-        f"is confident on {format_percent(MIN_COVERAGE)} of the moving pattern or more (of the "
+        f"A method is reliable when it trusts {format_percent(MIN_TRUSTED_SHARE)} of the frames or more, "
+        f"is confident on {format_percent(MIN_CONFIDENT_SHARE)} of the moving pattern or more (of the "
         f"image, if no truth is known), and is off by more than {WRONG_FLOW_MM:g} mm on at most "
-        f"{format_percent(MAX_WRONG)} of what it is confident on. Of the reliable "
+        f"{format_percent(MAX_WRONG_SHARE)} of what it is confident on. Of the reliable "
         "methods, the one with the smallest error is recommended. The flow can be trusted when a "
         "method is reliable."
     )
@@ -170,7 +174,7 @@ class TrackingResult:
     @property
     def verdict(self) -> TrackingVerdict:
         """Which method to use, and whether to trust the experiment."""
-        return judge(self.methods, self.simulated)
+        return judge_methods(self.methods, self.simulated)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data, without the table of frames."""
@@ -205,8 +209,8 @@ class TrackingResult:
                 data["methods"], data["by_indenter"], data["dots"], data["left_out"], frames,
                 data["mm_per_px"], data["simulated"], data["seed"],
             )  # fmt: skip
-        except (InputError, OSError, ValueError, KeyError) as why:
+        except (InputError, OSError, ValueError, KeyError) as error:
             raise InputError(
-                f"{folder}: no readable tracking analysis ({why}); `deltact-fab analyze tracking` "
+                f"{folder}: no readable tracking analysis ({error}); `deltact-fab analyze tracking` "
                 "makes a new one"
-            ) from why
+            ) from error

@@ -18,14 +18,14 @@ from deltact_fab.common import Array, InputError, SensorError
 
 Polarity = Literal["white", "dark"]
 
-WORK_PX = 7.0  # a dot's diameter in the reduced image in which dots are looked for
-BLUR = 0.17  # sigma of the blur of the whiteness, in diameters
-MIN_DOTS = 9
-DIAMETERS_PX = (6.0, 12.0, 24.0, 48.0)  # scales at which dots are looked for
-SAME_SIZE = 1.6  # areas within this factor of the median count as dots of one skin
-MIN_SHARE = 0.8  # of all blobs of about that size that must be such dots
-MIN_CONTRAST = 0.15  # of the local light
-MAX_OTHERS = 0.3  # of the dots: blobs of the other polarity that look like dots as well
+REDUCED_DOT_PX = 7.0  # a dot's diameter in the reduced image in which dots are looked for
+BLUR_SIGMA = 0.17  # sigma of the blur of the whiteness, in diameters
+MIN_SKIN_DOTS = 9
+SEARCH_DIAMETERS_PX = (6.0, 12.0, 24.0, 48.0)  # scales at which dots are looked for
+MAX_AREA_RATIO = 1.6  # areas within this factor of the median count as dots of one skin
+MIN_DOT_SHARE = 0.8  # of all blobs of about that size that must be such dots
+MIN_DOT_CONTRAST = 0.15  # of the local light
+MAX_OPPOSITE_SHARE = 0.3  # of the dots: blobs of the other polarity that look like dots as well
 
 
 @dataclass(frozen=True)
@@ -43,13 +43,13 @@ class Detector:
     """Finds dots of one polarity, of about `diameter_px` and at least `pitch_px` apart."""
 
     def __init__(self, diameter_px: float, pitch_px: float, polarity: Polarity) -> None:
-        self.shrink = max(1, int(diameter_px / WORK_PX))
-        self._sigma = BLUR * diameter_px / self.shrink
+        self.shrink = max(1, int(diameter_px / REDUCED_DOT_PX))
+        self._sigma = BLUR_SIGMA * diameter_px / self.shrink
         self._light_step = max(2, round(pitch_px / 4 / self.shrink))
         self._area = np.pi / 4 * (diameter_px / self.shrink) ** 2
         self._polarity = polarity
 
-    def reduced(self, image: Array) -> Array:
+    def reduce(self, image: Array) -> Array:
         """(h // shrink, w // shrink, 3) uint8, the means of whole squares of pixels."""
         s = self.shrink
         if s == 1:
@@ -103,7 +103,7 @@ class Detector:
 
 
 @dataclass(frozen=True)
-class FoundDots:
+class DetectedDots:
     """position_px: (n, 2) centres, by rows from the top; diameter_px of a disc of the median area;
     pitch_px: median distance of nearest neighbours."""
 
@@ -113,7 +113,7 @@ class FoundDots:
     polarity: Polarity
 
 
-def find_dots(image: Array) -> FoundDots:
+def find_dots(image: Array) -> DetectedDots:
     """Dots of one size on a ground that shows little else, (h, w, 3) BGR uint8.
 
     Of white and dark ones those of which there are more. Raises InputError for another type of
@@ -123,42 +123,47 @@ def find_dots(image: Array) -> FoundDots:
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
         raise InputError(f"dots: image is {image.dtype} {image.shape}; BGR uint8 is needed")
     polarities: tuple[Polarity, ...] = ("white", "dark")
-    most = [
-        max((_at_scale(image, one, size_px) for size_px in DIAMETERS_PX), key=_count)
-        for one in polarities
+    candidates = [
+        max(
+            (_find_at_scale(image, polarity, size_px) for size_px in SEARCH_DIAMETERS_PX),
+            key=_count_dots,
+        )
+        for polarity in polarities
     ]
-    found, other = most if _count(most[0]) >= _count(most[1]) else most[::-1]
-    if found is None:
+    dots, opposite = (
+        candidates if _count_dots(candidates[0]) >= _count_dots(candidates[1]) else candidates[::-1]
+    )
+    if dots is None:
         raise SensorError(
-            f"dots: the image does not show {MIN_DOTS} or more white or dark dots of one size, "
+            f"dots: the image does not show {MIN_SKIN_DOTS} or more white or dark dots of one size, "
             "at least 4 px wide and 1.3 diameters apart: wrong pattern, out of focus, over-exposed"
         )
-    if other is not None and _count(other) > MAX_OTHERS * _count(found):
+    if opposite is not None and _count_dots(opposite) > MAX_OPPOSITE_SHARE * _count_dots(dots):
         raise SensorError(
-            f"dots: the image shows {_count(found)} {found.polarity} dots and {_count(other)} "
-            f"{other.polarity} ones: a chessboard or the like; dots on a plain ground are needed"
+            f"dots: the image shows {_count_dots(dots)} {dots.polarity} dots and {_count_dots(opposite)} "
+            f"{opposite.polarity} ones: a chessboard or the like; dots on a plain ground are needed"
         )
-    return found
+    return dots
 
 
-def _count(dots: FoundDots | None) -> int:
+def _count_dots(dots: DetectedDots | None) -> int:
     return 0 if dots is None else len(dots.position_px)
 
 
-def _at_scale(image: Array, polarity: Polarity, diameter_px: float) -> FoundDots | None:
-    blobs = _blobs(image, polarity, diameter_px)
+def _find_at_scale(image: Array, polarity: Polarity, diameter_px: float) -> DetectedDots | None:
+    blobs = _strong_blobs(image, polarity, diameter_px)
     if blobs is None:
         return None
     # Once more, at the scale of what was found
     first_px = float(2 * np.sqrt(np.median(blobs.area_px) / np.pi))
-    if first_px < 4 or (blobs := _blobs(image, polarity, first_px)) is None:
+    if first_px < 4 or (blobs := _strong_blobs(image, polarity, first_px)) is None:
         return None
     from scipy.spatial import cKDTree
 
     area = float(np.median(blobs.area_px))
     size = 2 * np.sqrt(area / np.pi)
-    like = np.abs(np.log(blobs.area_px / area)) <= np.log(SAME_SIZE)
-    if like.sum() < MIN_DOTS or like.mean() < MIN_SHARE or size < 4:
+    like = np.abs(np.log(blobs.area_px / area)) <= np.log(MAX_AREA_RATIO)
+    if like.sum() < MIN_SKIN_DOTS or like.mean() < MIN_DOT_SHARE or size < 4:
         return None
     centre = blobs.centre_px[like]
     near = cKDTree(centre).query(centre, 2)[0][:, 1]
@@ -166,18 +171,18 @@ def _at_scale(image: Array, polarity: Polarity, diameter_px: float) -> FoundDots
         return None
     # By rows, as far as a slanted or irregular layout has any
     order = np.lexsort((centre[:, 0], np.round(centre[:, 1] / np.median(near) * 2)))
-    return FoundDots(centre[order], float(size), float(np.median(near)), polarity)
+    return DetectedDots(centre[order], float(size), float(np.median(near)), polarity)
 
 
-def _blobs(image: Array, polarity: Polarity, diameter_px: float) -> Blobs | None:
+def _strong_blobs(image: Array, polarity: Polarity, diameter_px: float) -> Blobs | None:
     """Blobs above half of the contrast that the strongest hundredth of the picture has."""
     detector = Detector(diameter_px, 2 * diameter_px, polarity)
-    small = detector.reduced(image)
+    small = detector.reduce(image)
     if min(small.shape[:2]) < 8:
         return None
     signal = detector.signal(small)
     ground, top = float(np.median(signal)), float(np.percentile(signal, 99))
-    if top - ground < MIN_CONTRAST:
+    if top - ground < MIN_DOT_CONTRAST:
         return None
     blobs = detector.blobs(signal, (ground + top) / 2)
-    return blobs if len(blobs) >= MIN_DOTS else None
+    return blobs if len(blobs) >= MIN_SKIN_DOTS else None

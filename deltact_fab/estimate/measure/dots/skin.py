@@ -13,7 +13,7 @@ import numpy as np
 from deltact_fab.common import Array
 
 STRAY_FACTOR, STRAY_PITCH = 3.0, 0.25
-SMALL_STRAIN = 0.05  # up to which a dot may have it from further away
+MAX_LENT_STRAIN = 0.05  # up to which a dot may have it from further away
 
 
 class Skin:
@@ -34,7 +34,7 @@ class Skin:
         self.pitch_px = float(self.span_px.min())
         self.triangles = _triangles(rest_px)
 
-    def grown(
+    def grow_matches(
         self, expected: Array, blobs: Array, gate_px: float, tolerance: float
     ) -> Iterator[Array]:
         """Matches, (n,) the blob of each dot or -1, such that neighbours move almost equally.
@@ -44,16 +44,16 @@ class Skin:
         grown over the rest.
         """
         match = np.full(len(expected), -1)
-        who, which = mutual(expected, blobs, gate_px)
-        match[who] = which
+        dot_rows, blob_rows = mutual_nearest(expected, blobs, gate_px)
+        match[dot_rows] = blob_rows
         regions = self._regions(expected, blobs, match, tolerance)
         sizes = np.bincount(regions[regions >= 0], minlength=len(expected))
         for region in np.argsort(-sizes, kind="stable")[:4]:
             if sizes[region] < max(1, min(4, sizes.max())):
                 return
-            grown = self._spread(expected, blobs, np.where(regions == region, match, -1), gate_px)
-            yield self._without_odd(expected, blobs, grown, tolerance)
-            if sizes[region] > 0.9 * len(who):
+            spread = self._spread(expected, blobs, np.where(regions == region, match, -1), gate_px)
+            yield self._drop_odd(expected, blobs, spread, tolerance)
+            if sizes[region] > 0.9 * len(dot_rows):
                 return
 
     def _steps(self, expected: Array, blobs: Array, match: Array) -> Array:
@@ -67,10 +67,10 @@ class Skin:
         from scipy.sparse.csgraph import connected_components
 
         steps = self._steps(expected, blobs, match)
-        apart = np.hypot(*np.moveaxis(steps[self.near] - steps[:, None], -1, 0))
-        alike = apart <= tolerance * self.span_px  # False where NaN
-        one, other = np.nonzero(alike)[0], self.near[alike]
-        links = coo_array((np.ones(len(one), bool), (one, other)), shape=(len(match),) * 2)
+        difference = np.hypot(*np.moveaxis(steps[self.near] - steps[:, None], -1, 0))
+        similar = difference <= tolerance * self.span_px  # False where NaN
+        first, second = np.nonzero(similar)[0], self.near[similar]
+        links = coo_array((np.ones(len(first), bool), (first, second)), shape=(len(match),) * 2)
         return np.where(match >= 0, connected_components(links, directed=False)[1], -1)
 
     def _spread(self, expected: Array, blobs: Array, match: Array, gate_px: float) -> Array:
@@ -78,38 +78,40 @@ class Skin:
         match = match.copy()
         open_ = np.isfinite(expected[:, 0])
         while True:
-            taken = np.where((match >= 0)[:, None], blobs[match], np.nan)
+            matched = np.where((match >= 0)[:, None], blobs[match], np.nan)
             have = (match >= 0)[self.near].sum(axis=1)
             rows = np.flatnonzero(open_ & (match < 0) & (have >= 2))
             free = np.setdiff1d(np.arange(len(blobs)), match[match >= 0])
             if not len(rows) or not len(free):
                 return match
-            step = self.step(expected, taken)[rows]
-            a, b = mutual(expected[rows] + step, blobs[free], gate_px)
+            step = self.mean_step(expected, matched)[rows]
+            a, b = mutual_nearest(expected[rows] + step, blobs[free], gate_px)
             if not len(a):
                 return match
             match[rows[a]] = free[b]
 
-    def _without_odd(self, expected: Array, blobs: Array, match: Array, tolerance: float) -> Array:
+    def _drop_odd(self, expected: Array, blobs: Array, match: Array, tolerance: float) -> Array:
         """Drop the dots whose step is not like that of most of their neighbours."""
         steps = self._steps(expected, blobs, match)
         near = steps[self.near]
-        apart = np.hypot(*np.moveaxis(near - steps[:, None], -1, 0))
+        difference = np.hypot(*np.moveaxis(near - steps[:, None], -1, 0))
         have = np.isfinite(near[..., 0])
-        alike = (apart <= tolerance * self.span_px).sum(axis=1)
-        odd = (have.sum(axis=1) >= 3) & (2 * alike < have.sum(axis=1))
+        similar = (difference <= tolerance * self.span_px).sum(axis=1)
+        odd = (have.sum(axis=1) >= 3) & (2 * similar < have.sum(axis=1))
         return np.where(odd, -1, match)
 
     def drop_strays(self, first: Array, position: Array) -> None:
         """Drop, in place, dots that lie much further from where their neighbours put them than
         these do themselves (the median test of Westerweel and Scarano 2005), the furthest first."""
         for _ in range(10):
-            _, at, _ = self.fit(first, position)
-            off = np.hypot(*(position - at).T)
+            _, predicted, _ = self.fit(first, position)
+            residual = np.hypot(*(position - predicted).T)
             # A zero more, so that no single neighbour is the median
-            near = np.column_stack((off[self.near], np.zeros(len(off))))
-            stray = off > STRAY_FACTOR * np.nanmedian(near, axis=1) + STRAY_PITCH * self.pitch_px
-            stray &= off >= np.nanmax(near, axis=1)
+            near = np.column_stack((residual[self.near], np.zeros(len(residual))))
+            stray = (
+                residual > STRAY_FACTOR * np.nanmedian(near, axis=1) + STRAY_PITCH * self.pitch_px
+            )
+            stray &= residual >= np.nanmax(near, axis=1)
             if not stray.any():
                 return
             position[stray] = np.nan
@@ -147,30 +149,30 @@ class Skin:
         pp[~good] = np.eye(2)
         matrix = qp @ np.linalg.inv(pp)
         # Neighbours in one line, as where a row comes back into view, do not tell the strain
-        tell = good[self.near]
-        lent = (matrix[self.near] * tell[..., None, None]).sum(1)
-        lent /= np.maximum(tell.sum(1), 1)[:, None, None]
-        small = np.abs(lent - np.eye(2)).max(axis=(1, 2)) < SMALL_STRAIN
-        borrow = ~good & (weight.sum(1) >= 2) & (tell.sum(1) >= 2) & small
+        determined = good[self.near]
+        lent = (matrix[self.near] * determined[..., None, None]).sum(1)
+        lent /= np.maximum(determined.sum(1), 1)[:, None, None]
+        small = np.abs(lent - np.eye(2)).max(axis=(1, 2)) < MAX_LENT_STRAIN
+        borrow = ~good & (weight.sum(1) >= 2) & (determined.sum(1) >= 2) & small
         matrix[borrow] = lent[borrow]
         good |= borrow
-        at = m + np.einsum("nij,nj->ni", matrix, np.nan_to_num(first) - c)
+        predicted = m + np.einsum("nij,nj->ni", matrix, np.nan_to_num(first) - c)
         good &= np.isfinite(first[:, 0])
-        at[~good] = np.nan
-        return matrix, at, good
+        predicted[~good] = np.nan
+        return matrix, predicted, good
 
-    def step(self, before: Array, after: Array) -> Array:
+    def mean_step(self, start: Array, end: Array) -> Array:
         """(n, 2) the mean step of each dot's neighbours, the near ones more; NaN without any."""
-        near = (after - before)[self.near]
+        near = (end - start)[self.near]
         weight = np.isfinite(near[..., 0]) / self.span_px**2
         total = weight.sum(axis=1)[:, None]
         step: Array = (weight[..., None] * np.nan_to_num(near)).sum(axis=1)
         return np.divide(step, total, out=np.full_like(step, np.nan), where=total > 0)
 
-    def bent(self, first: Array, position: Array) -> int:
+    def count_bent(self, first: Array, position: Array) -> int:
         """How many dots lie half a pitch from where their neighbours put them."""
-        _, at, _ = self.fit(first, position)
-        return int((np.hypot(*(position - at).T) > 0.5 * self.pitch_px).sum())
+        _, predicted, _ = self.fit(first, position)
+        return int((np.hypot(*(position - predicted).T) > 0.5 * self.pitch_px).sum())
 
     def affine(self, first: Array, position: Array) -> Array:
         """(n, 2, 2) as `fit`; the median over the others where the neighbours do not tell."""
@@ -179,7 +181,7 @@ class Skin:
         return matrix
 
 
-def mutual(expected: Array, blobs: Array, gate_px: float | Array) -> tuple[Array, Array]:
+def mutual_nearest(expected: Array, blobs: Array, gate_px: float | Array) -> tuple[Array, Array]:
     """Rows of `expected` and blobs that are each other's nearest, at most gate_px apart."""
     from scipy.spatial import cKDTree
 

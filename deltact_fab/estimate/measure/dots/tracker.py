@@ -10,14 +10,14 @@ import numpy as np
 from deltact_fab.common import Array, InputError, SensorError
 
 from .detect import Detector, Polarity, find_dots
-from .identity import AREA_FACTOR, GATE, Identities, Rings
-from .skin import Skin, mutual
+from .identity import GATE_PITCHES, MAX_AREA_FACTOR, Identities, Rings
+from .skin import Skin, mutual_nearest
 
-OFFSET_PX = 8.0
-LEVEL = 0.5  # where between the background and the dots the contour is cut
-MIN_FOUND_SHARE = 0.5  # of the expected dots, in the first image
-RING = (0.75, 1.5)  # inner and outer radius of the ring of colours, in diameters
-MIN_TEXTURE = 2.0
+MAX_OFFSET_PX = 8.0
+CONTOUR_LEVEL = 0.5  # where between the background and the dots the contour is cut
+MIN_REGISTERED_SHARE = 0.5  # of the expected dots, in the first image
+RING_RADII = (0.75, 1.5)  # inner and outer radius of the ring of colours, in diameters
+MIN_RING_TEXTURE = 2.0
 """Standard deviation (grey levels) of the ring below which a pattern has no colours to identify
 dots by, and the neighbours alone tell."""
 
@@ -33,7 +33,7 @@ class DotObservation:
 
     position_px: Array
     displacement_px: Array
-    found: Array
+    located: Array
     identity_ncc: Array
     cpu_ms: float
 
@@ -76,7 +76,7 @@ class DotTracker:
                 f"dots: two rest positions are {self.pitch_px:.1f} px apart; "
                 f"dots of {diameter_px:.1f} px need at least 1.3 diameters"
             )
-        self.offset_px = min(OFFSET_PX, GATE * self.pitch_px)
+        self.offset_px = min(MAX_OFFSET_PX, GATE_PITCHES * self.pitch_px)
         self._detector = Detector(self.diameter_px, self.pitch_px, polarity)
         self._shape: tuple[int, ...] | None = None
         self._level = 0.0
@@ -84,7 +84,7 @@ class DotTracker:
         self._identities: Identities | None = None
 
     @classmethod
-    def found_in(cls, image: Array) -> DotTracker:
+    def from_image(cls, image: Array) -> DotTracker:
         """A tracker of the dots that an image of a foreign skin shows; `update` with it comes next.
 
         Raises as `find_dots` does.
@@ -110,7 +110,7 @@ class DotTracker:
             raise InputError(f"dots: image is {image.dtype} {image.shape}; BGR uint8 is needed")
         if self._shape is not None and image.shape != self._shape:
             raise InputError(f"dots: the image is {image.shape}, the first one was {self._shape}")
-        small = self._detector.reduced(image)
+        small = self._detector.reduce(image)
         signal = self._detector.signal(small)
         if self._identities is None:
             position = self._register(image.shape, small, signal)
@@ -120,53 +120,53 @@ class DotTracker:
             blobs = self._detector.blobs(signal, self._level)
             colours = None if self._rings is None else self._rings.smooth(small)
             position, ncc = self._identities.follow(blobs, colours)
-        found = np.isfinite(position[:, 0])
-        ncc[~found] = np.nan
+        located = np.isfinite(position[:, 0])
+        ncc[~located] = np.nan
         cpu_ms = (time.process_time() - start_s) * 1e3
-        return DotObservation(position, position - self.first_px, found, ncc, cpu_ms)
+        return DotObservation(position, position - self.first_px, located, ncc, cpu_ms)
 
     def _register(self, shape: tuple[int, ...], small: Array, signal: Array) -> Array:
         """The first image: level, places, areas and colours of the dots."""
         rest, (h, w) = self.rest_px, shape[:2]
-        seen = (rest >= 0).all(1) & (rest[:, 0] <= w - 1) & (rest[:, 1] <= h - 1)
-        if not seen.any():
+        in_image = (rest >= 0).all(1) & (rest[:, 0] <= w - 1) & (rest[:, 1] <= h - 1)
+        if not in_image.any():
             raise InputError(f"dots: no expected position lies in the image of {w} x {h} px")
         reach = int(np.ceil(self.offset_px / self._detector.shrink))
         peaks = [
             signal[max(0, y - reach) : y + reach + 1, max(0, x - reach) : x + reach + 1].max()
-            for x, y in np.round(self._detector.to_small(rest[seen])).astype(int)
+            for x, y in np.round(self._detector.to_small(rest[in_image])).astype(int)
         ]
         ground = float(np.median(signal))
-        level = ground + LEVEL * (float(np.median(peaks)) - ground)
+        level = ground + CONTOUR_LEVEL * (float(np.median(peaks)) - ground)
         blobs = self._detector.blobs(signal, level)
         nominal = np.pi / 4 * self.diameter_px**2
-        fits = np.abs(np.log(blobs.area_px / nominal)) < np.log(AREA_FACTOR)
+        fits = np.abs(np.log(blobs.area_px / nominal)) < np.log(MAX_AREA_FACTOR)
         position, area = np.full_like(rest, np.nan), np.full(len(rest), nominal)
         shift = np.zeros(2)
         # A common offset first, then each dot within the same tolerance of it.
         for _ in range(2):
-            who, which = mutual(rest + shift, blobs.centre_px, self.offset_px)
-            who, which = who[fits[which]], which[fits[which]]
+            dot_rows, blob_rows = mutual_nearest(rest + shift, blobs.centre_px, self.offset_px)
+            dot_rows, blob_rows = dot_rows[fits[blob_rows]], blob_rows[fits[blob_rows]]
             position[:] = np.nan
-            position[who] = blobs.centre_px[which]
+            position[dot_rows] = blobs.centre_px[blob_rows]
             # Each dot against itself later: a patch that touches it belongs to it for good.
-            area[who] = blobs.area_px[which]
-            if len(who):
-                shift = np.median(position[who] - rest[who], axis=0)
-        need = int(np.ceil(max(4, MIN_FOUND_SHARE * len(rest))))
-        if len(who) < need:
+            area[dot_rows] = blobs.area_px[blob_rows]
+            if len(dot_rows):
+                shift = np.median(position[dot_rows] - rest[dot_rows], axis=0)
+        need = int(np.ceil(max(4, MIN_REGISTERED_SHARE * len(rest))))
+        if len(dot_rows) < need:
             raise SensorError(
-                f"dots: {len(who)} of {len(rest)} {self.polarity} dots found in the first image; "
+                f"dots: {len(dot_rows)} of {len(rest)} {self.polarity} dots found in the first image; "
                 f"at least {need} are needed: wrong pattern, out of focus, over-exposed, or "
                 f"shifted by more than {self.offset_px:.0f} px"
             )
         self._shape, self._level = shape, level
         shrink = self._detector.shrink
-        inner, outer = (r * self.diameter_px / shrink for r in RING)
+        inner, outer = (r * self.diameter_px / shrink for r in RING_RADII)
         # The ring must end before the next dot does start, also when the pitch is small.
         outer = min(outer, (self.pitch_px - 0.6 * self.diameter_px) / shrink)
         rings = Rings(inner, outer, shrink)
-        coloured = rings.remember(rings.smooth(small), position, MIN_TEXTURE)
+        coloured = rings.remember(rings.smooth(small), position, MIN_RING_TEXTURE)
         self._rings = rings if coloured else None
         self._identities = Identities(self._skin, position.copy(), area, self._rings)
         return position

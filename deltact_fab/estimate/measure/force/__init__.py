@@ -25,15 +25,17 @@ def make_features(name: str, view: SensorModel) -> Features:
     return (FORCE_FEATURES | FORCE_READINGS)[name](view)
 
 
-def features_of(model: ForceModel, view: SensorModel, source: str) -> Features:
+def load_features(model: ForceModel, view: SensorModel, source: str) -> Features:
     """The set that a model was fitted to.
 
     Raises InputError, `source` in front, where this version has no such set or other labels.
     """
     try:
-        made = make_features(model.features, view)
-    except InputError as why:
-        raise InputError(f"{source}: {why}") from why
-    if model.names != tuple(made.names):
-        raise InputError(f"{source}: not of this version's features {made.name!r}; calibrate again")
-    return made
+        features = make_features(model.features, view)
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from error
+    if model.names != tuple(features.names):
+        raise InputError(
+            f"{source}: not of this version's features {features.name!r}; calibrate again"
+        )
+    return features

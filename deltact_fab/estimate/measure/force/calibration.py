@@ -23,7 +23,7 @@ from ..sensor_id import (
 )
 from .model import ForceModel
 
-FORMER = {"inverse": "inverse-placed", "paper-mirrored": "paper"}
+FORMER_FEATURES = {"inverse": "inverse-placed", "paper-mirrored": "paper"}
 """Features of older files by those that have their numbers; they are not fitted any more."""
 
 
@@ -84,22 +84,22 @@ class ForceCalibration:
 def load_force(path: Path) -> ForceCalibration:
     """A calibration of force. Raises InputError of one line for anything that is none."""
     head, data = read_calibration(path, "force")
-    held: dict[str, Any] = {}
+    tables: dict[str, Any] = {}
     for key in ("view", "model", "error", "transfer", "rest"):
-        held[key] = data.pop(key, None if key in ("view", "model") else {})
-        if not isinstance(held[key], dict):
+        tables[key] = data.pop(key, None if key in ("view", "model") else {})
+        if not isinstance(tables[key], dict):
             raise InputError(f"{path}: {key}: missing table")
     if data:
         raise InputError(f"{path}: {next(iter(data))}: unknown key; remove it")
-    view = held["view"]
+    view = tables["view"]
     poisson = view.get("poisson")
     if not isinstance(poisson, float) or not 0 < poisson < 0.5:
         raise InputError(f"{path}: view.poisson: a number between 0 and 0.5 (got {poisson!r})")
     skin = validate(SkinDimensions, view.get("skin"), f"{path}: view.skin")
     try:
-        model = ForceModel.from_dict(held["model"])
-    except InputError as why:
-        raise InputError(f"{path}: {why}") from why
-    model = replace(model, features=FORMER.get(model.features, model.features))
-    rest = read_rest(path, held["rest"])
-    return ForceCalibration(head, model, skin, poisson, held["error"], held["transfer"], rest)
+        model = ForceModel.from_dict(tables["model"])
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    model = replace(model, features=FORMER_FEATURES.get(model.features, model.features))
+    rest = read_rest(path, tables["rest"])
+    return ForceCalibration(head, model, skin, poisson, tables["error"], tables["transfer"], rest)

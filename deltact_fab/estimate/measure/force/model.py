@@ -19,7 +19,7 @@ from deltact_fab.common import Array, InputError
 from ..face import FaceFlow
 from ..regression import RegressionFit, least_squares, relative_leverage
 
-COMPONENTS = ("fx", "fy", "fz", "tx", "ty", "tz")
+WRENCH_COMPONENTS = ("fx", "fy", "fz", "tx", "ty", "tz")
 """Order of a wrench (6,): N on the sensor, and N mm about the centre of its resting face."""
 
 
@@ -81,7 +81,9 @@ class TractionField:
         return np.array(moments) * self.cell_mm2
 
 
-REACH = 2.0  # times the largest leverage in training, beyond which a frame is extrapolated
+MAX_LEVERAGE_RATIO = (
+    2.0  # times the largest leverage in training, beyond which a frame is extrapolated
+)
 
 
 class Features(ABC):
@@ -97,12 +99,12 @@ class Features(ABC):
     name: str
     names: tuple[str, ...]
     explains: Mapping[str, tuple[str, ...]]
-    held: Mapping[str, float] = MappingProxyType({})
+    prior_scales: Mapping[str, float] = MappingProxyType({})
     rests_on_gel = False
     local = False
 
     @abstractmethod
-    def of(self, flow: FaceFlow) -> Array:
+    def compute(self, flow: FaceFlow) -> Array:
         """Of a flow at EVERY_PX, (k,) float64: finite, 0 at rest or where nothing is known."""
 
     def cover(self, flow: FaceFlow) -> float:
@@ -138,19 +140,23 @@ class ForceModel:
         naming the component.
         """
         X, wrench = np.asarray(X, float), np.asarray(wrench, float)
-        coefficients = np.zeros((len(COMPONENTS), X.shape[1]))
-        most = max(map(len, features.explains.values()))
-        reach = np.zeros((*coefficients.shape, most))
+        coefficients = np.zeros((len(WRENCH_COMPONENTS), X.shape[1]))
+        width = max(map(len, features.explains.values()))
+        reach = np.zeros((*coefficients.shape, width))
         fits = {}
-        for i, component in enumerate(COMPONENTS):
+        for i, component in enumerate(WRENCH_COMPONENTS):
             use = [features.names.index(name) for name in features.explains[component]]
             labels, columns = features.explains[component], X[:, use]
             size = float(np.sqrt(np.mean(columns[:, 0] ** 2)))
-            prior = {one: size * features.held[one] for one in labels if one in features.held}
+            prior = {
+                label: size * features.prior_scales[label]
+                for label in labels
+                if label in features.prior_scales
+            }
             try:
                 fit = least_squares(columns, wrench[:, i], labels, presses, prior)
-            except InputError as why:
-                raise InputError(f"force model {features.name}: {component}: {why}") from why
+            except InputError as error:
+                raise InputError(f"force model {features.name}: {component}: {error}") from error
             coefficients[i, use] = fit.coefficients
             reach[i, use, : len(use)] = relative_leverage(columns, fit)
             fits[component] = fit
@@ -165,26 +171,26 @@ class ForceModel:
         """Wrenches (n, 6), N and N mm, of features (n, k)."""
         return np.asarray(X, float) @ self.coefficients.T
 
-    def outside(self, X: Array) -> Array:
+    def is_extrapolated(self, X: Array) -> Array:
         """(n,) bool: some component's features are not like those of its training.
 
         By their leverage, so that a frame is found whose features are each within their range and
         together unlike any: a light touch where only deep presses were trained, say.
         """
-        each = np.einsum("nk,ckm->ncm", np.asarray(X, float), self.reach)
-        return np.asarray(~((each**2).sum(axis=-1) <= REACH).all(axis=-1))
+        leverage_terms = np.einsum("nk,ckm->ncm", np.asarray(X, float), self.reach)
+        return np.asarray(~((leverage_terms**2).sum(axis=-1) <= MAX_LEVERAGE_RATIO).all(axis=-1))
 
     def wrench(self, x: Array, cover: float) -> Wrench:
         """Of one frame's features (k,), of which a share is known; nan: not calibrated."""
         six = np.where(self.calibrated, self.predict(x[None])[0], np.nan)
-        return Wrench(six[:3], six[3:], cover, bool(self.outside(x[None])[0]))
+        return Wrench(six[:3], six[3:], cover, bool(self.is_extrapolated(x[None])[0]))
 
     def as_dict(self) -> dict[str, Any]:
         return {
             "features": self.features,
             "names": list(self.names),
-            "coefficients": dict(zip(COMPONENTS, self.coefficients.tolist(), strict=True)),
-            "reach": dict(zip(COMPONENTS, self.reach.tolist(), strict=True)),
+            "coefficients": dict(zip(WRENCH_COMPONENTS, self.coefficients.tolist(), strict=True)),
+            "reach": dict(zip(WRENCH_COMPONENTS, self.reach.tolist(), strict=True)),
         }
 
     @classmethod
@@ -193,15 +199,17 @@ class ForceModel:
         try:
             names = tuple(map(str, data["names"]))
             coefficients, reach = (
-                np.array([data[key][component] for component in COMPONENTS], float)
+                np.array([data[key][component] for component in WRENCH_COMPONENTS], float)
                 for key in ("coefficients", "reach")
             )
             model = cls(str(data["features"]), names, coefficients, reach)
-        except KeyError as why:
-            raise InputError(f"force model: {why.args[0]}: missing") from why
-        except (TypeError, ValueError) as why:
-            raise InputError(f"force model: not numbers, or not as many as names: {why}") from why
-        shape = (len(COMPONENTS), len(names))
+        except KeyError as error:
+            raise InputError(f"force model: {error.args[0]}: missing") from error
+        except (TypeError, ValueError) as error:
+            raise InputError(
+                f"force model: not numbers, or not as many as names: {error}"
+            ) from error
+        shape = (len(WRENCH_COMPONENTS), len(names))
         for key, part, dimensions in (("coefficients", coefficients, 2), ("reach", reach, 3)):
             if part.ndim != dimensions or part.shape[:2] != shape or not np.isfinite(part).all():
                 raise InputError(f"force model: {key}: {len(names)} finite, one a name, are needed")

@@ -22,12 +22,12 @@ from ..sensor_id import SensorModel
 from ..shape.density import jacobian_density
 from .model import Features, ForceModel, TractionField
 
-TURNING = ("x ry mm4", "y rx mm4", "x hy mm4", "y hx mm4")
-_D = ("D mm2", "D^2 mm2", "D^3 mm2")
-_A = ("a mm3", "a^2 mm4", "a^3 mm5")
-_B = ("b mm3", "b^2 mm4", "b^3 mm5")
-_XD = ("xD mm3", "xD^2 mm3", "xD^3 mm3")
-_YD = ("yD mm3", "yD^2 mm3", "yD^3 mm3")
+TURNING_LABELS = ("x ry mm4", "y rx mm4", "x hy mm4", "y hx mm4")
+_D_LABELS = ("D mm2", "D^2 mm2", "D^3 mm2")
+_A_LABELS = ("a mm3", "a^2 mm4", "a^3 mm5")
+_B_LABELS = ("b mm3", "b^2 mm4", "b^3 mm5")
+_XD_LABELS = ("xD mm3", "xD^2 mm3", "xD^3 mm3")
+_YD_LABELS = ("yD mm3", "yD^2 mm3", "yD^3 mm3")
 
 
 class Sums(Features):
@@ -37,20 +37,20 @@ class Sums(Features):
     """
 
     name = "sums"
-    names = ("|d| mm3", "x|d| mm4", "y|d| mm4", "Vx mm3", "Vy mm3", *TURNING)
+    names = ("|d| mm3", "x|d| mm4", "y|d| mm4", "Vx mm3", "Vy mm3", *TURNING_LABELS)
     explains = {  # noqa: RUF012
         "fx": ("Vx mm3",),
         "fy": ("Vy mm3",),
         "fz": ("|d| mm3",),
         "tx": ("y|d| mm4", "Vy mm3"),
         "ty": ("x|d| mm4", "Vx mm3"),
-        "tz": TURNING,
+        "tz": TURNING_LABELS,
     }
 
     def __init__(self, view: SensorModel) -> None:
         """Nothing of the sensor is needed."""
 
-    def of(self, flow: FaceFlow) -> Array:
+    def compute(self, flow: FaceFlow) -> Array:
         """(9,) in mm3 and mm4."""
         flow = whole(flow)
         parts = Hodge(flow.shift_mm)
@@ -71,8 +71,8 @@ def turning(parts: Hodge, flow: FaceFlow) -> Array:
     A twist on the spot is in r, and a shear force off the centre in h too; the gel answers them
     with unlike stiffness.
     """
-    both = (parts.r, parts.h)
-    pairs = [(integrals(p[..., 1], flow)[1], integrals(p[..., 0], flow)[2]) for p in both]
+    fields = (parts.r, parts.h)
+    pairs = [(integrals(p[..., 1], flow)[1], integrals(p[..., 0], flow)[2]) for p in fields]
     return np.concatenate(pairs)
 
 
@@ -86,23 +86,23 @@ class Paper(Features):
 
     name = "paper"
     local = True
-    names = (*_D, *_A, *_B, *_XD, *_YD, *TURNING)
+    names = (*_D_LABELS, *_A_LABELS, *_B_LABELS, *_XD_LABELS, *_YD_LABELS, *TURNING_LABELS)
     explains = {  # noqa: RUF012
-        "fx": _A + _B,
-        "fy": _A + _B,
-        "fz": _D,
-        "tx": _YD,
-        "ty": _XD,
-        "tz": TURNING,
+        "fx": _A_LABELS + _B_LABELS,
+        "fy": _A_LABELS + _B_LABELS,
+        "fz": _D_LABELS,
+        "tx": _YD_LABELS,
+        "ty": _XD_LABELS,
+        "tz": TURNING_LABELS,
     }
 
     def __init__(self, view: SensorModel, signed: bool = False) -> None:
         self._mm_per_px = view.camera.mm_per_px
-        self._least = -np.inf if signed else 0.0
+        self._min_density = -np.inf if signed else 0.0
         if signed:
             self.name = "paper-signed"
 
-    def of(self, flow: FaceFlow) -> Array:
+    def compute(self, flow: FaceFlow) -> Array:
         """(19,): the integrals of the terms over the view, and their first moments."""
         flow = whole(flow)
         parts = Hodge(flow.shift_mm)
@@ -121,8 +121,8 @@ class Paper(Features):
     def _terms(self, flow: FaceFlow, hr: Array) -> Array:
         """D, D^2, D^3, a, ..., b^3 at each point, (9, h, w)."""
         density = jacobian_density(flow, self._mm_per_px)
-        one = (np.maximum(density.relative_depth, self._least), hr[..., 0], hr[..., 1])
-        return np.stack([power for a in one for power in (a, a * a, a * a * a)])
+        bases = (np.maximum(density.relative_depth, self._min_density), hr[..., 0], hr[..., 1])
+        return np.stack([power for a in bases for power in (a, a * a, a * a * a)])
 
 
 Signed = partial(Paper, signed=True)

@@ -203,7 +203,7 @@ class Measurement:
 class MarkerMeasurement(Measurement):
     """As Measurement, of the markers that the first image after each `reset` shows.
 
-    camera: of the images. `update` raises as `DotTracker.found_in` does of a first image.
+    camera: of the images. `update` raises as `DotTracker.from_image` does of a first image.
     """
 
     def __init__(self, camera: CameraModel) -> None:
@@ -215,7 +215,7 @@ class MarkerMeasurement(Measurement):
     def _ready(self, since: Since, image: Array) -> Array:  # type: ignore[override]
         seen = self.rectified(image)
         if since.markers is None:
-            since.markers = DotTracker.found_in(seen)
+            since.markers = DotTracker.from_image(seen)
             since.markers.update(seen)  # now, for a reference is given once
         return seen
 
@@ -224,7 +224,7 @@ class MarkerMeasurement(Measurement):
         ready = self._ready(since, image)
         assert since.markers is not None, "made ready"
         seen = since.markers.update(ready)
-        held = float(seen.found.mean())
+        held = float(seen.located.mean())
         job.made = ()
         age_ms = (time.monotonic() - job.t_s) * 1e3
         job.result = MeasurementResult(

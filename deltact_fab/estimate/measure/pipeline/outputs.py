@@ -14,14 +14,14 @@ from deltact_fab.sensor import CameraModel
 from ..dots.tracker import DotObservation
 from ..face import FaceFlow, whole
 from ..flow.confidence import FlowObservation
-from ..force import features_of
+from ..force import load_features
 from ..force.calibration import ForceCalibration, load_force
 from ..force.inverse import Inverse
 from ..force.model import Features, ForceModel, TractionField, Wrench
 from ..health import Health
 from ..sensor_id import SensorModel, read_calibration, require_same_sensor
 from ..shape.density import Density, jacobian_density, relative_depth
-from ..shape.depth import ContactRegion, Depth, DepthFinder, DepthModel, contacts
+from ..shape.depth import ContactRegion, Depth, DepthFinder, DepthModel, find_contacts
 
 Output = Literal["flow", "observation", "shape", "contacts", "force", "traction"]
 OUTPUTS: tuple[Output, ...] = get_args(Output)
@@ -106,7 +106,7 @@ class Estimators:
                 _read(Path(given), self.view) if isinstance(given, Path | str) else given, name
             )
         if self.force is not None:
-            self.features = features_of(self.force, self.view, "force model")
+            self.features = load_features(self.force, self.view, "force model")
 
     def _take(self, model: ForceModel | ForceCalibration | DepthModel, name: str) -> None:
         if isinstance(model, ForceCalibration):
@@ -170,17 +170,17 @@ class Estimators:
         face = whole(FaceFlow.of(seen, camera, FaceFlow.SPACING_PX))
         depth = None
         if self.finder is not None and asked & {"shape", "contacts"}:
-            depth = self.finder.of(face)
+            depth = self.finder.find(face)
         if "shape" in asked:
             density = jacobian_density(face, camera.mm_per_px)
             relative = relative_depth(density, face)
             made["shape"] = Shape(density, relative, face.x_mm, face.y_mm, depth)
         if self.finder is not None and depth is not None and "contacts" in asked:
-            press = self.finder.inverse.of(face)  # kept since the depth asked for it
-            made["contacts"] = contacts(depth, face, camera, press)
+            press = self.finder.inverse.solve(face)  # kept since the depth asked for it
+            made["contacts"] = find_contacts(depth, face, camera, press)
         if self.features is not None and self.force is not None:
             if "force" in asked:
-                numbers, cover = self.features.of(face), self.features.cover(face)
+                numbers, cover = self.features.compute(face), self.features.cover(face)
                 made["force"] = self.force.wrench(numbers, cover)
             if "traction" in asked:
                 made["traction"] = self.features.traction(face, self.force)

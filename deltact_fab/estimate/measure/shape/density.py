@@ -18,9 +18,11 @@ from deltact_fab.common import Array
 from ..face import FaceFlow, whole
 
 SIGMA_PX = 3.0  # of the full image, whatever the distance of the flow's points
-DOMAIN = (0.5, 2.0)  # determinants between which splat and Jacobian agree
-RADIUS_MM = 0.6  # of the guided filter
-EPS = 2.5e-4  # variance below which the filter smooths: of 0.016, thrice what flow noise makes
+DETERMINANT_RANGE = (0.5, 2.0)  # determinants between which splat and Jacobian agree
+FILTER_RADIUS_MM = 0.6  # of the guided filter
+FILTER_EPS = (
+    2.5e-4  # variance below which the filter smooths: of 0.016, thrice what flow noise makes
+)
 
 
 @dataclass(frozen=True)
@@ -50,30 +52,30 @@ def jacobian_density(flow: FaceFlow, mm_per_px: float) -> Density:
 
     Where the map folds the determinant is held at an eighth of DOMAIN: finite, and not reliable.
     """
-    flow, sigma = whole(flow), _cells(flow, mm_per_px)
+    flow, sigma = whole(flow), _sigma_cells(flow, mm_per_px)
     det = _determinant(flow, sigma)
-    sound = flow.known & (det >= DOMAIN[0]) & (det <= DOMAIN[1])
+    sound = flow.known & (det >= DETERMINANT_RANGE[0]) & (det <= DETERMINANT_RANGE[1])
     side = 2 * int(np.ceil(2 * sigma)) + 1
     reliable = cv2.erode(sound.view(np.uint8), np.ones((side, side), np.uint8)) > 0
-    return Density(1 / np.maximum(det, DOMAIN[0] / 8), np.asarray(reliable))
+    return Density(1 / np.maximum(det, DETERMINANT_RANGE[0] / 8), np.asarray(reliable))
 
 
-def _cells(flow: FaceFlow, mm_per_px: float) -> float:
+def _sigma_cells(flow: FaceFlow, mm_per_px: float) -> float:
     """Sigma in cells that makes, with the mean over a cell that each point already is, SIGMA_PX;
     a fifth of a cell at least."""
-    every = flow.cell_mm / mm_per_px
-    return float(np.sqrt(max(SIGMA_PX**2 - (every**2 - 1) / 12, (every / 5) ** 2))) / every
+    pixels = flow.cell_mm / mm_per_px
+    return float(np.sqrt(max(SIGMA_PX**2 - (pixels**2 - 1) / 12, (pixels / 5) ** 2))) / pixels
 
 
 def _determinant(flow: FaceFlow, sigma: float) -> Array:
     """det(I + grad u), (h, w) float32, of the flow under a Gaussian of sigma cells."""
     radius = max(1, int(np.ceil(4 * sigma)))
-    at = np.arange(-radius, radius + 1)
-    smooth = np.exp(-0.5 * (at / sigma) ** 2)
+    offsets = np.arange(-radius, radius + 1)
+    smooth = np.exp(-0.5 * (offsets / sigma) ** 2)
     smooth /= smooth.sum()
     # The derivative of the Gaussian itself, exact for what is linear: differences of neighbours
     # lose 9 % of features of three cells.
-    slope = at * smooth / (at**2 @ smooth) / flow.cell_mm
+    slope = offsets * smooth / (offsets**2 @ smooth) / flow.cell_mm
     # A margin in which the flow goes on as straight as it came.
     widths = ((radius, radius), (radius, radius), (0, 0))
     shift = np.pad(flow.shift_mm, widths, mode="reflect", reflect_type="odd")
@@ -91,6 +93,6 @@ def relative_depth(density: Density, flow: FaceFlow) -> Array:
     The guided filter (He and Sun 2015) with the density as its own guide keeps edges. Off the axis
     a press moves the pattern outwards as a whole: there it is no map of the depth (`depth` is).
     """
-    radius = max(1, round(RADIUS_MM / flow.cell_mm))
-    own = np.ascontiguousarray(density.relative_depth, np.float32)
-    return np.asarray(cv2.ximgproc.guidedFilter(own, own, radius, EPS))
+    radius = max(1, round(FILTER_RADIUS_MM / flow.cell_mm))
+    image = np.ascontiguousarray(density.relative_depth, np.float32)
+    return np.asarray(cv2.ximgproc.guidedFilter(image, image, radius, FILTER_EPS))

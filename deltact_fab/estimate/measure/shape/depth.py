@@ -24,8 +24,8 @@ from ..force.inverse import inverse_for
 from ..force.model import TractionField
 from ..sensor_id import CalibrationHead, SensorModel, read_calibration
 
-RIGID = 0.1
-BEYOND = 1.1  # of the deepest press of the calibration: deeper ones are extrapolated
+MAX_RIGID_RESIDUAL = 0.1
+EXTRAPOLATION_FACTOR = 1.1  # of the deepest press of the calibration: deeper ones are extrapolated
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Depth:
     """
 
     depth_mm: Array
-    known: Array
+    valid: Array
     x_mm: Array
     y_mm: Array
     cover: float
@@ -84,15 +84,15 @@ class DepthFinder:
         self.view, self.model = model.view(view), model
         self.inverse = inverse_for(self.view)
 
-    def of(self, flow: FaceFlow) -> Depth:
+    def find(self, flow: FaceFlow) -> Depth:
         """Of a flow, in mm."""
         flow = whole(flow)
-        press = self.inverse.of(flow)
-        depth = np.maximum(np.float32(self.model.gain) * self.found_mm(flow, press), 0)
-        beyond = float(depth.max()) > BEYOND * self.model.deepest_mm
-        return Depth(depth, flow.known, flow.x_mm, flow.y_mm, press.cover, beyond)
+        press = self.inverse.solve(flow)
+        depth = np.maximum(np.float32(self.model.gain) * self.linear_depth_mm(flow, press), 0)
+        extrapolated = float(depth.max()) > EXTRAPOLATION_FACTOR * self.model.deepest_mm
+        return Depth(depth, flow.known, flow.x_mm, flow.y_mm, press.cover, extrapolated)
 
-    def found_mm(self, flow: FaceFlow, press: TractionField) -> Array:
+    def linear_depth_mm(self, flow: FaceFlow, press: TractionField) -> Array:
         """Depth (h, w) float32 that linear elasticity gives for a press, at the flow's points."""
         if not press.pressed or is_rigid(flow):
             return np.zeros(flow.known.shape, np.float32)
@@ -102,7 +102,7 @@ class DepthFinder:
                 (self.inverse.seen_y_mm, flow.y_mm), (self.inverse.seen_x_mm, flow.x_mm),
             )
         )  # fmt: skip
-        return np.asarray(onto_y @ self.inverse.sunk_mm(press) @ onto_x.T)
+        return np.asarray(onto_y @ self.inverse.indentation_mm(press) @ onto_x.T)
 
 
 @lru_cache(maxsize=8)
@@ -119,12 +119,12 @@ def is_rigid(flow: FaceFlow) -> bool:
     """
     if not flow.known.any():
         return False
-    *_, left = rigid(flow)
-    moved = flow.shift_mm[flow.known].astype(float)
-    return bool((left**2).sum() < RIGID**2 * (moved**2).sum())
+    *_, residual = rigid(flow)
+    shift = flow.shift_mm[flow.known].astype(float)
+    return bool((residual**2).sum() < MAX_RIGID_RESIDUAL**2 * (shift**2).sum())
 
 
-def ball_mm(flow: FaceFlow, view: SensorModel, tip_mm: Array, radius_mm: float) -> Array:
+def ball_depth_mm(flow: FaceFlow, view: SensorModel, tip_mm: Array, radius_mm: float) -> Array:
     """Depth (h, w) of the points of a face that a ball presses, 0 where they are not below it.
 
     tip_mm (3,): of the ball's lowest point, sensor frame. A point is seen along a ray that meets
@@ -132,10 +132,10 @@ def ball_mm(flow: FaceFlow, view: SensorModel, tip_mm: Array, radius_mm: float) 
     """
     camera = view.camera
     landed = np.stack(np.meshgrid(flow.x_mm, flow.y_mm), axis=-1) + flow.shift_mm
-    origin, way = camera.ray(camera.rest_px(landed))
+    origin, direction = camera.ray(camera.rest_px(landed))
     depth = np.zeros(flow.known.shape)
     for _ in range(12):
-        place = origin[..., :2] - way[..., :2] * depth[..., None]
+        place = origin[..., :2] - direction[..., :2] * depth[..., None]
         far2 = ((place - tip_mm[:2]) ** 2).sum(-1)
         below = far2 < radius_mm**2 / 2
         rise = radius_mm - np.sqrt(np.maximum(radius_mm**2 - far2, radius_mm**2 / 2))
@@ -143,13 +143,13 @@ def ball_mm(flow: FaceFlow, view: SensorModel, tip_mm: Array, radius_mm: float) 
     return depth
 
 
-RIM = 0.3
+RIM_SHARE = 0.3
 """A contact ends where the depth falls below this share of its peak: of balls the rim is there."""
-MIN_MM = 0.05
+MIN_PEAK_MM = 0.05
 """A contact's peak is at least this deep; the inverse finds none in noise (`inverse.FLOOR`)."""
-DIP = 0.75
+DIP_SHARE = 0.75
 """Two peaks are two contacts if the depth between them falls below this share of the lower one."""
-FINE_MM = 0.08  # of the map on which outlines are drawn
+OUTLINE_CELL_MM = 0.08  # of the map on which outlines are drawn
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ class ContactRegion:
     cover: float
 
 
-def contacts(
+def find_contacts(
     depth: Depth, flow: FaceFlow, camera: CameraModel, traction: TractionField | None = None
 ) -> list[ContactRegion]:
     """The contacts of one frame, the deepest first; none at rest.
@@ -179,53 +179,55 @@ def contacts(
     flow: the depth was found from it. traction: for the share of the force.
     """
     labels, flow = contact_labels(depth), whole(flow)
-    carried = None if traction is None else _carried(traction, labels, depth)
+    shares = None if traction is None else _pressure_shares(traction, labels, depth)
     masks = [labels == k for k in range(1, int(labels.max()) + 1)]
     if not masks:
         return []
-    places = _places(masks, depth, flow, camera)
-    found = [
-        _contact(mask, depth, place, None if carried is None else float(carried[k]))
+    places = _current_centroids(masks, depth, flow, camera)
+    regions = [
+        _contact(mask, depth, place, None if shares is None else float(shares[k]))
         for k, (mask, place) in enumerate(zip(masks, places, strict=True), 1)
     ]
-    return sorted(found, key=lambda contact: -contact.peak_depth_mm)
+    return sorted(regions, key=lambda contact: -contact.peak_depth_mm)
 
 
 def contact_labels(depth: Depth) -> Array:
     """Number of the contact that each point is in, (h, w) int32; 0: in none."""
-    peaks = _peaks(depth.depth_mm)
+    peaks = _find_peaks(depth.depth_mm)
     out = np.zeros(depth.depth_mm.shape, np.int32)
     if not peaks:
         return out
     rows, columns = np.indices(out.shape)
     nearest = np.argmin([(rows - r) ** 2 + (columns - c) ** 2 for r, c in peaks], axis=0)
-    for k, at in enumerate(peaks):
-        deep = (nearest == k) & (depth.depth_mm >= RIM * depth.depth_mm[at])
-        parts = _parts(deep)
-        out[parts == parts[at]] = k + 1
+    for k, peak in enumerate(peaks):
+        deep = (nearest == k) & (depth.depth_mm >= RIM_SHARE * depth.depth_mm[peak])
+        parts = _label_parts(deep)
+        out[parts == parts[peak]] = k + 1
     return out
 
 
-def _peaks(depth_mm: Array) -> list[tuple[int, int]]:
+def _find_peaks(depth_mm: Array) -> list[tuple[int, int]]:
     """Places of the peaks that a dip parts from every deeper one."""
     around = cv2.dilate(depth_mm, np.ones((5, 5), np.uint8))
-    highest = (around == depth_mm) & (depth_mm >= MIN_MM)
+    highest = (around == depth_mm) & (depth_mm >= MIN_PEAK_MM)
     rows, columns = np.nonzero(highest)
     order = np.argsort(-depth_mm[rows, columns], kind="stable")
-    kept: list[tuple[int, int]] = []
+    peaks: list[tuple[int, int]] = []
     for row, column in zip(rows[order], columns[order], strict=True):
-        parts = _parts(depth_mm >= DIP * depth_mm[row, column])
-        if not any(parts[at] == parts[row, column] for at in kept):
-            kept.append((int(row), int(column)))
-    return kept
+        parts = _label_parts(depth_mm >= DIP_SHARE * depth_mm[row, column])
+        if not any(parts[peak] == parts[row, column] for peak in peaks):
+            peaks.append((int(row), int(column)))
+    return peaks
 
 
-def _parts(mask: Array) -> Array:
+def _label_parts(mask: Array) -> Array:
     """Number of the part of a mask that each point is in, (h, w) int32; parts touch by a side."""
     return cv2.connectedComponents(mask.view(np.uint8), connectivity=4)[1]
 
 
-def _places(masks: list[Array], depth: Depth, flow: FaceFlow, camera: CameraModel) -> Array:
+def _current_centroids(
+    masks: list[Array], depth: Depth, flow: FaceFlow, camera: CameraModel
+) -> Array:
     """Where the middle of each region is now, (n, 2)."""
     landed, sunk = np.empty((len(masks), 2)), np.empty((len(masks), 1))
     for k, mask in enumerate(masks):
@@ -234,8 +236,8 @@ def _places(masks: list[Array], depth: Depth, flow: FaceFlow, camera: CameraMode
         mean = (weight.sum(0) @ depth.x_mm) / total, (weight.sum(1) @ depth.y_mm) / total
         shift = [float((weight * flow.shift_mm[..., i]).sum()) / total for i in (0, 1)]
         landed[k], sunk[k] = np.add(mean, shift), float((weight**2).sum()) / total
-    origin, way = camera.ray(camera.rest_px(landed))  # one call: it is slow for few
-    return np.asarray(origin[:, :2] - way[:, :2] * sunk)
+    origin, direction = camera.ray(camera.rest_px(landed))  # one call: it is slow for few
+    return np.asarray(origin[:, :2] - direction[:, :2] * sunk)
 
 
 def _contact(mask: Array, depth: Depth, place_mm: Array, share: float | None) -> ContactRegion:
@@ -248,26 +250,26 @@ def _contact(mask: Array, depth: Depth, place_mm: Array, share: float | None) ->
         place_mm,
         float(depth.depth_mm[mask].max()),
         share,
-        float(depth.known[mask].mean()),
+        float(depth.valid[mask].mean()),
     )
 
 
 def _outline(mask: Array, depth: Depth) -> Array:
     """The outer edge of a region, (n, 2) mm, finer than the points' distance."""
-    times = max(1, round(depth.cell_mm / FINE_MM))
+    times = max(1, round(depth.cell_mm / OUTLINE_CELL_MM))
     rows, columns = (np.flatnonzero(mask.any(axis)) for axis in (1, 0))
     first = np.array([columns[0], rows[0]])
     inner = mask[first[1] : rows[-1] + 1, first[0] : columns[-1] + 1]
-    wide = np.pad(inner.astype(np.float32), 2)  # as far as the blur reaches
-    fine = cv2.resize(wide, None, fx=times, fy=times, interpolation=cv2.INTER_LINEAR)
+    padded = np.pad(inner.astype(np.float32), 2)  # as far as the blur reaches
+    fine = cv2.resize(padded, None, fx=times, fy=times, interpolation=cv2.INTER_LINEAR)
     smooth = cv2.GaussianBlur(fine, (0, 0), times / 2) >= 0.5
     edges, _ = cv2.findContours(smooth.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     edge = max(edges, key=len)[:, 0, :]
-    at = (edge + 0.5) / times - 0.5 - 2 + first  # of the map's points
-    return np.asarray([depth.x_mm[0], depth.y_mm[0]] + at * depth.cell_mm)
+    points = (edge + 0.5) / times - 0.5 - 2 + first  # of the map's points
+    return np.asarray([depth.x_mm[0], depth.y_mm[0]] + points * depth.cell_mm)
 
 
-def _carried(traction: TractionField, labels: Array, depth: Depth) -> Array:
+def _pressure_shares(traction: TractionField, labels: Array, depth: Depth) -> Array:
     """Share of the pressure by label; each cell's goes to the contact nearest to it."""
     from scipy import ndimage
 
@@ -278,8 +280,8 @@ def _carried(traction: TractionField, labels: Array, depth: Depth) -> Array:
     to = ndimage.distance_transform_edt(labels == 0, return_distances=False, return_indices=True)
     near = labels[tuple(to)]
     column, row = (
-        np.clip(np.rint((at - axis[0]) / depth.cell_mm).astype(int), 0, len(axis) - 1)
-        for at, axis in ((traction.x_mm, depth.x_mm), (traction.y_mm, depth.y_mm))
+        np.clip(np.rint((positions - axis[0]) / depth.cell_mm).astype(int), 0, len(axis) - 1)
+        for positions, axis in ((traction.x_mm, depth.x_mm), (traction.y_mm, depth.y_mm))
     )
     np.add.at(shares, near[np.ix_(row, column)], pressure / pressure.sum())
     return shares
