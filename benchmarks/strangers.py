@@ -22,7 +22,7 @@ from deltact_fab.estimate.analysis.force.gel import (
     IdentifiedGel,
     UnrelaxedForces,
     error_function,
-    fit_unrelaxed_forces,
+    fit_unrelaxed,
     search_gel,
 )
 from deltact_fab.estimate.analysis.force.judge import fit_force, predict_left_out
@@ -94,7 +94,7 @@ class Seen:
     def told(self, learn: Sequence[Press], labels: str = "late") -> IdentifiedGel | None:
         """The gel that presses tell; labels: as of `judged`."""
         data = self.data(learn, BELIEVED, labels != "late")
-        found = fit_unrelaxed_forces(data) if labels == "mended" else None
+        found = fit_unrelaxed(data) if labels == "mended" else None
         flows = [flow for p in learn for flow in self.flows[p]]
         return search_gel(
             BELIEVED, error_function(flows, found.relaxed_wrenches(data) if found else data)
@@ -126,7 +126,7 @@ def judged(
     """
     view = BELIEVED if gel is None else BELIEVED.with_gel(gel.poisson, gel.thickness_mm)
     data = seen.data(learn, view, labels != "late")
-    found = fit_unrelaxed_forces(data) if labels == "mended" else None
+    found = fit_unrelaxed(data) if labels == "mended" else None
     data = found.relaxed_wrenches(data) if found else data
     held = predict_left_out(data, Inverse.name, "position")[0] - data.wrench
     model, features = fit_force(data, Inverse.name), Inverse(view)

@@ -1,4 +1,4 @@
-"""What the tracker saw at the settled frames of a press, kept by content: tracked once."""
+"""Flow at the settled frames of a press, cached by content so that a press is tracked once."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from ..measure.health import RestPattern
 from .runs import camera_of, settled_frames
 
 _FLOW_STORE = Store("face-flow", limit_bytes=2 << 30)
-MAP_EVERY_PX = 4  # of maps that are drawn and handed on; force and depth have face.EVERY_PX
+MAP_EVERY_PX = 4  # of maps drawn or exported; by hand: finer maps take longer to draw and store
 
 
 def flow_key(run: Run, press: str) -> str:
-    """What the flows of a press depend on: its images up to the last settled one, camera, code."""
+    """Return a hash of the flows' inputs: images up to the last settled one, camera, code."""
     frames = run.frames(press)
     chosen = settled_frames(frames)
     followed = frames[frames["seq"] <= chosen["seq"].max()]
@@ -39,9 +39,9 @@ def flow_key(run: Run, press: str) -> str:
 def settled_flows(run: Run, press: str, spacing_px: int) -> list[FaceFlow]:
     """The face's flow at each settled frame of a press, from its first frame on.
 
-    every: pixels between points. Frames on the way are followed and not kept. Raises RunFailed for
-    an image that cannot be read, SensorError for a first one without a pattern, InputError for an
-    imported run that shows none, or markers.
+    Frames in between are tracked and not kept. Raises RunFailed for an unreadable image,
+    SensorError for a first one without a pattern, InputError for an imported run without a dense
+    pattern.
     """
     key = {"of": flow_key(run, press), "every_px": spacing_px}
     flows: list[FaceFlow] | None = _FLOW_STORE.read(key)
@@ -52,7 +52,7 @@ def settled_flows(run: Run, press: str, spacing_px: int) -> list[FaceFlow]:
 
 
 def open_follower(run: Run) -> Callable[[Array], FaceFlow]:
-    """Open a follower of the images of a press, each as `Run.image` gives it, from its first on."""
+    """Open a tracker for the images of a press, to be called with each in order (`Run.image`)."""
     tracker = _tracker()
     return lambda image: FaceFlow.of(tracker.update(image), run.camera, every=MAP_EVERY_PX)
 
@@ -70,8 +70,8 @@ def _track_press(run: Run, press: str, spacing_px: int) -> list[FaceFlow]:
     if run.imported and (
         lacks := RestPattern.recognise(run.image(str(frames["file"].iloc[0]))).lacks
     ):
-        # The tracker would fill in what lies between markers, and call it trusted.
-        raise InputError(f"{run.folder}: {lacks}; force and shape follow a dense one")
+        # The tracker would interpolate between markers, and call that trusted.
+        raise InputError(f"{run.folder}: {lacks}; force and shape need a dense pattern")
     flows = []
     for row in frames.itertuples():
         if row.seq > max(settled_seq):

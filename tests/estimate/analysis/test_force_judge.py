@@ -23,7 +23,7 @@ from deltact_fab.estimate.analysis.force.judge import (
     ranking_error_n,
 )
 from deltact_fab.estimate.measure.force import make_features
-from deltact_fab.estimate.measure.force.model import WRENCH_COMPONENTS
+from deltact_fab.estimate.measure.force.model import WRENCH_AXES
 from deltact_fab.estimate.measure.sensor_id import SensorModel
 from deltact_fab.sensor.optics.camera import Pinhole
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
@@ -45,8 +45,8 @@ def made(noise_n: float = 0.0, seed: int = 0) -> ForceData:
         for ball in BALLS for at in range(PLACES) for k in range(POINTS)
     ]  # fmt: skip
     X = {name: rng.uniform(0.5, 1.5, (len(rows), len(of.names))) for name, of in SETS.items()}
-    law = np.zeros((len(WRENCH_COMPONENTS), len(SETS["sums"].names)))
-    for i, name in enumerate(WRENCH_COMPONENTS):
+    law = np.zeros((len(WRENCH_AXES), len(SETS["sums"].names)))
+    for i, name in enumerate(WRENCH_AXES):
         law[i, [SETS["sums"].names.index(n) for n in SETS["sums"].explains[name]]] = LAW[i]
     wrench = X["sums"] @ law.T
     wrench += rng.normal(0, noise_n, wrench.shape) if noise_n else 0
@@ -139,8 +139,8 @@ def test_softer_gel_is_carried_over_by_two_factors() -> None:
     model = fit_force(stiff, "sums")
     few = _part(stiff, np.isin(stiff.points["press"], ["sphere:10/1", "sphere:15/2"]))
     pressure, shear = (
-        np.isin(WRENCH_COMPONENTS, ["fz", "tx", "ty"]),
-        np.isin(WRENCH_COMPONENTS, ["fx", "fy", "tz"]),
+        np.isin(WRENCH_AXES, ["fz", "tx", "ty"]),
+        np.isin(WRENCH_AXES, ["fx", "fy", "tz"]),
     )
     soft = replace(few, wrench=few.wrench * np.where(pressure, 0.6, 0.7))
     assert shear.sum() == 3

@@ -11,7 +11,7 @@ import pytest
 from benchmarks.gel_strangers import STRANGERS
 from benchmarks.strangers import BELIEVED, Seen, figures, judged
 from deltact_fab.estimate.analysis.force.dataset import ForceData
-from deltact_fab.estimate.analysis.force.gel import fit_unrelaxed_forces, search_gel
+from deltact_fab.estimate.analysis.force.gel import fit_unrelaxed, search_gel
 from deltact_fab.estimate.measure.force.inverse import Inverse
 
 
@@ -72,7 +72,7 @@ def test_labels_taken_early_are_told_by_their_waits() -> None:
         points = pd.DataFrame({"press": press, "position": press, "wait_s": waits})
         return ForceData(points, label, {features.name: X}, {features.name: features}, [])
 
-    found = fit_unrelaxed_forces(waited(wait_s))
+    found = fit_unrelaxed(waited(wait_s))
     assert found is not None
     assert found.relaxed_wrenches(waited(wait_s)).wrench == pytest.approx(truth, abs=0.03)
-    assert fit_unrelaxed_forces(waited(np.full(rows, 2.0))) is None
+    assert fit_unrelaxed(waited(np.full(rows, 2.0))) is None

@@ -69,7 +69,7 @@ LAYOUTS = {
 def round_discs(monkeypatch):
     """The discs stay round while the skin stretches: their areas tell nothing."""
     for module in (identity, tracking):
-        monkeypatch.setattr(module, "AREA_FACTOR", 4.0)
+        monkeypatch.setattr(module, "MAX_AREA_FACTOR", 4.0)
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)

@@ -11,7 +11,7 @@ import pytest
 from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.measure.face import FaceFlow, whole
 from deltact_fab.estimate.measure.force import make_features
-from deltact_fab.estimate.measure.force.model import WRENCH_COMPONENTS, ForceModel
+from deltact_fab.estimate.measure.force.model import WRENCH_AXES, ForceModel
 from deltact_fab.estimate.measure.sensor_id import SensorModel
 from deltact_fab.sensor.optics.camera import Pinhole
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
@@ -169,4 +169,4 @@ def test_an_unknown_set_and_an_unusable_column_are_named():
     bad[4, features.names.index("Vx mm3")] = np.nan
     with pytest.raises(InputError, match=r"force model sums: fx: .*Vx mm3: row 4"):
         ForceModel.fit(features, bad, WRENCHES)
-    assert set(features.explains) == set(WRENCH_COMPONENTS)
+    assert set(features.explains) == set(WRENCH_AXES)

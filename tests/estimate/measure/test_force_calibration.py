@@ -12,7 +12,7 @@ from deltact_fab.bench.record.images import encode_png
 from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.measure.force import load_features, make_features
 from deltact_fab.estimate.measure.force.calibration import ForceCalibration, load_force
-from deltact_fab.estimate.measure.force.model import WRENCH_COMPONENTS, ForceModel
+from deltact_fab.estimate.measure.force.model import WRENCH_AXES, ForceModel
 from deltact_fab.estimate.measure.sensor_id import CalibrationHead, CalibrationSource, SensorModel
 from deltact_fab.sensor.optics.camera import Pinhole
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
@@ -31,7 +31,7 @@ def written(tmp_path: Path) -> tuple[ForceCalibration, Path]:
     )
     features = make_features("sums", blank.view(SensorModel(CAMERA)))
     X = rng.uniform(0.5, 1.5, (40, len(features.names)))
-    model, _ = ForceModel.fit(features, X, rng.normal(size=(40, len(WRENCH_COMPONENTS))))
+    model, _ = ForceModel.fit(features, X, rng.normal(size=(40, len(WRENCH_AXES))))
     image = rng.integers(0, 256, (6, 8, 3), dtype=np.uint8)
     made = ForceCalibration(
         head, model, SkinDimensions(), 0.49, {"normal": {"rmse_n": 0.2}}, rest=encode_png(image)

@@ -57,7 +57,7 @@ def test_only_what_the_outputs_need_is_run(
     images: list[np.ndarray], model: ForceModel, monkeypatch: pytest.MonkeyPatch
 ):
     called = list[str]()
-    for name in ("whole", "jacobian_density", "relative_depth", "contacts"):
+    for name in ("whole", "jacobian_density", "relative_depth", "find_contacts"):
         monkeypatch.setattr(outputs, name, lambda face, *_, name=name: called.append(name) or face)
     Measurement(VIEW, ["flow", "observation"], [model]).update(images[0])
     assert called == []

@@ -8,7 +8,7 @@ from scipy import stats
 
 from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.measure.force import make_features
-from deltact_fab.estimate.measure.force.model import WRENCH_COMPONENTS, ForceModel
+from deltact_fab.estimate.measure.force.model import WRENCH_AXES, ForceModel
 from deltact_fab.estimate.measure.regression import MIN_PRESSES, least_squares
 from deltact_fab.estimate.measure.sensor_id import SensorModel
 from deltact_fab.sensor.optics.camera import Pinhole
@@ -66,7 +66,7 @@ def test_statsmodels_gives_the_same_figures_of_force_models(name, component):
     labels = features.explains[component]
     columns, y = (
         X[:, [features.names.index(one) for one in labels]],
-        wrench[:, WRENCH_COMPONENTS.index(component)],
+        wrench[:, WRENCH_AXES.index(component)],
     )
     size = np.sqrt(np.mean(columns[:, 0] ** 2))
     held = [one for one in labels if one in features.prior_scales]

@@ -16,14 +16,14 @@ import pandas as pd
 
 from deltact_fab.common import Array, InputError
 
-from ...measure.force.model import WRENCH_COMPONENTS, ForceModel
+from ...measure.force.model import WRENCH_AXES, ForceModel
 from ...measure.regression import RegressionFit
 from .dataset import ForceData
 
 CV_FOLDS, CV_REPEATS = 5, 10
 """A fifth is left out, as the paper has it (414 of 2070), in each of 5 folds; drawn so often, for
 one draw of few points says little: judged by 38, 200 draws gave 0.53 to 1.51 N."""
-COMPONENT_BY_LABEL = {
+WRENCH_LABELS = {
     "normal": "fz",
     "shear_x": "fx",
     "shear_y": "fy",
@@ -33,7 +33,7 @@ COMPONENT_BY_LABEL = {
 }
 """The paper's words for a wrench's components, in the order of tables; `normal` is -Fz."""
 FORCE_COMPONENTS = tuple(
-    name for name, component in COMPONENT_BY_LABEL.items() if component.startswith("f")
+    name for name, component in WRENCH_LABELS.items() if component.startswith("f")
 )
 FORCE_SPLITS = {
     "unseen": "position and indenter left out together",
@@ -146,7 +146,7 @@ def evaluate_features(data: ForceData, name: str, seed: int) -> EvaluatedModel:
 
 def force_component(wrench: Array, name: str) -> Array:
     """One of SHOWN (...) of wrenches (..., 6), its sign that of the figures."""
-    part: Array = wrench[..., WRENCH_COMPONENTS.index(COMPONENT_BY_LABEL[name])]
+    part: Array = wrench[..., WRENCH_AXES.index(WRENCH_LABELS[name])]
     return -part if name == "normal" else part
 
 
@@ -161,7 +161,7 @@ def force_figures(evaluated: EvaluatedModel, data: ForceData) -> dict[str, dict[
     What never varied was not calibrated, and has no errors: None.
     """
     out = {}
-    for name, component in COMPONENT_BY_LABEL.items():
+    for name, component in WRENCH_LABELS.items():
         unit, measured = (
             ("n" if component.startswith("f") else "nmm"),
             force_component(data.wrench, name),

@@ -20,7 +20,7 @@ from ..runs import write_results
 from .dataset import ForceData
 from .gel import IdentifiedGel, UnrelaxedForces
 from .judge import (
-    COMPONENT_BY_LABEL,
+    WRENCH_LABELS,
     FORCE_COMPONENTS,
     FORCE_SPLITS,
     EvaluatedModel,
@@ -162,7 +162,7 @@ class ForceResult:
                     wrench, name
                 )
                 for label, wrench in parts.items()
-                for name in COMPONENT_BY_LABEL
+                for name in WRENCH_LABELS
             }
         )
 

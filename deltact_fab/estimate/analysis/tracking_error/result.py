@@ -19,9 +19,9 @@ from deltact_fab.common import InputError, read_json
 from ..runs import write_results
 from .tally import DOTS_METHOD, MOVING_MM, WRONG_FLOW_MM
 
-MIN_TRUSTED_SHARE = 0.95
-MIN_CONFIDENT_SHARE = 0.8
-MAX_WRONG_SHARE = 0.005
+MIN_TRUSTED = 0.95
+MIN_CONFIDENT = 0.8
+MAX_WRONG = 0.005
 ERROR_LABELS = {
     "mean_off_dots_mm": "over all moving pixels",
     "mean_at_dots_mm": "at the dots",
@@ -97,22 +97,22 @@ def _doubts(row: dict[str, Any]) -> list[str]:
     if not row["n_frames"]:
         return ["there is no frame after the first one"]
     reasons = []
-    if row["trusted_share"] < MIN_TRUSTED_SHARE:
+    if row["trusted_share"] < MIN_TRUSTED:
         reasons.append(
             f"it trusts {format_percent(row['trusted_share'])} of the frames "
-            f"(at least {format_percent(MIN_TRUSTED_SHARE)})"
+            f"(at least {format_percent(MIN_TRUSTED)})"
         )
     share, region = _coverage(row)
-    if share < MIN_CONFIDENT_SHARE:
+    if share < MIN_CONFIDENT:
         reasons.append(
             f"it is confident on {format_percent(share)} of {region} "
-            f"(at least {format_percent(MIN_CONFIDENT_SHARE)})"
+            f"(at least {format_percent(MIN_CONFIDENT)})"
         )
     wrong = row["confident_wrong_share"]
-    if wrong is not None and wrong > MAX_WRONG_SHARE:
+    if wrong is not None and wrong > MAX_WRONG:
         reasons.append(
             f"{format_percent(wrong)} of what it is confident on is off by more than "
-            f"{WRONG_FLOW_MM:g} mm (at most {format_percent(MAX_WRONG_SHARE)})"
+            f"{WRONG_FLOW_MM:g} mm (at most {format_percent(MAX_WRONG)})"
         )
     return reasons
 
@@ -154,10 +154,10 @@ class TrackingResult:
     """Pattern Selection: d = 0.075, r = 0.6, real sensor, at the dots."""
     WRONG_MM: ClassVar = WRONG_FLOW_MM
     RULE: ClassVar = (
-        f"A method is reliable when it trusts {format_percent(MIN_TRUSTED_SHARE)} of the frames or more, "
-        f"is confident on {format_percent(MIN_CONFIDENT_SHARE)} of the moving pattern or more (of the "
+        f"A method is reliable when it trusts {format_percent(MIN_TRUSTED)} of the frames or more, "
+        f"is confident on {format_percent(MIN_CONFIDENT)} of the moving pattern or more (of the "
         f"image, if no truth is known), and is off by more than {WRONG_FLOW_MM:g} mm on at most "
-        f"{format_percent(MAX_WRONG_SHARE)} of what it is confident on. Of the reliable "
+        f"{format_percent(MAX_WRONG)} of what it is confident on. Of the reliable "
         "methods, the one with the smallest error is recommended. The flow can be trusted when a "
         "method is reliable."
     )

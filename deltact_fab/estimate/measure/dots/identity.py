@@ -139,8 +139,8 @@ class Identities:
             gate = np.full(len(predicted), np.nan)
             gate[rows] = share * np.minimum(distance[:, 1], self._skin.pitch_px)
             predicted[~(good & missing)] = np.nan
-            dot_rows, blob_rows = mutual_nearest(predicted, blobs.centre_px[free], gate)
-            if not self._assign(dot_rows, free[blob_rows], blobs, image):
+            dot, blob = mutual_nearest(predicted, blobs.centre_px[free], gate)
+            if not self._assign(dot, free[blob], blobs, image):
                 return
 
     def _match_by_colours(self, blobs: Blobs, image: Array | None) -> None:
@@ -152,10 +152,10 @@ class Identities:
             return
         matrix = np.median(self._skin.affine(self.first_px, self._position), axis=0)
         affine = np.repeat(matrix[None], len(free), axis=0)
-        dot_rows, blob_rows = self._rings.best_matches(
+        dot, blob = self._rings.best_matches(
             image, missing, blobs.centre_px[free], affine, REGAIN_NCC
         )
-        self._assign(missing[dot_rows], free[blob_rows], blobs, image)
+        self._assign(missing[dot], free[blob], blobs, image)
 
     def _matched_px(self, blobs: Blobs, match: Array) -> Array:
         position: Array = np.where((match >= 0)[:, None], blobs.centre_px[match], np.nan)
@@ -164,13 +164,13 @@ class Identities:
     def _free_blobs(self, blobs: Blobs) -> Array:
         return np.setdiff1d(np.arange(len(blobs)), self._blob[self._located])
 
-    def _assign(self, dot_rows: Array, blob_rows: Array, blobs: Blobs, image: Array | None) -> bool:
+    def _assign(self, dot: Array, blob: Array, blobs: Blobs, image: Array | None) -> bool:
         """Match dots and blobs; order, colours and area are checked. Whether any was won."""
-        if not len(dot_rows):
+        if not len(dot):
             return False
         n_located = int(self._located.sum())
-        self._position[dot_rows] = blobs.centre_px[blob_rows]
-        self._blob[dot_rows] = blob_rows
+        self._position[dot] = blobs.centre_px[blob]
+        self._blob[dot] = blob
         if self._rings is None:
             self._skin.drop_strays(self.first_px, self._position)
         self._skin.keep_order(self._position)

@@ -44,8 +44,8 @@ class Skin:
         grown over the rest.
         """
         match = np.full(len(expected), -1)
-        dot_rows, blob_rows = mutual_nearest(expected, blobs, gate_px)
-        match[dot_rows] = blob_rows
+        dot, blob = mutual_nearest(expected, blobs, gate_px)
+        match[dot] = blob
         regions = self._regions(expected, blobs, match, tolerance)
         sizes = np.bincount(regions[regions >= 0], minlength=len(expected))
         for region in np.argsort(-sizes, kind="stable")[:4]:
@@ -53,7 +53,7 @@ class Skin:
                 return
             spread = self._spread(expected, blobs, np.where(regions == region, match, -1), gate_px)
             yield self._drop_odd(expected, blobs, spread, tolerance)
-            if sizes[region] > 0.9 * len(dot_rows):
+            if sizes[region] > 0.9 * len(dot):
                 return
 
     def _steps(self, expected: Array, blobs: Array, match: Array) -> Array:

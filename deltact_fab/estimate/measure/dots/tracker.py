@@ -145,18 +145,18 @@ class DotTracker:
         shift = np.zeros(2)
         # A common offset first, then each dot within the same tolerance of it.
         for _ in range(2):
-            dot_rows, blob_rows = mutual_nearest(rest + shift, blobs.centre_px, self.offset_px)
-            dot_rows, blob_rows = dot_rows[fits[blob_rows]], blob_rows[fits[blob_rows]]
+            dot, blob = mutual_nearest(rest + shift, blobs.centre_px, self.offset_px)
+            dot, blob = dot[fits[blob]], blob[fits[blob]]
             position[:] = np.nan
-            position[dot_rows] = blobs.centre_px[blob_rows]
+            position[dot] = blobs.centre_px[blob]
             # Each dot against itself later: a patch that touches it belongs to it for good.
-            area[dot_rows] = blobs.area_px[blob_rows]
-            if len(dot_rows):
-                shift = np.median(position[dot_rows] - rest[dot_rows], axis=0)
+            area[dot] = blobs.area_px[blob]
+            if len(dot):
+                shift = np.median(position[dot] - rest[dot], axis=0)
         need = int(np.ceil(max(4, MIN_REGISTERED_SHARE * len(rest))))
-        if len(dot_rows) < need:
+        if len(dot) < need:
             raise SensorError(
-                f"dots: {len(dot_rows)} of {len(rest)} {self.polarity} dots found in the first image; "
+                f"dots: {len(dot)} of {len(rest)} {self.polarity} dots found in the first image; "
                 f"at least {need} are needed: wrong pattern, out of focus, over-exposed, or "
                 f"shifted by more than {self.offset_px:.0f} px"
             )

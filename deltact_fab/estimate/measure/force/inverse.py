@@ -28,7 +28,7 @@ from .model import Features, ForceModel, TractionField
 DIFFERENCE_MM = 1e-3
 
 
-def image_shift_matrix(camera: CameraModel, x_mm: Array, y_mm: Array) -> Array:
+def image_jacobian(camera: CameraModel, x_mm: Array, y_mm: Array) -> Array:
     """Shift of the picture, mm of the resting face, for displacements of 1 mm: (ny, nx, 2, 3).
 
     At points x_mm (nx,), y_mm (ny,) of the face, at rest. Of a pinhole it is
@@ -48,13 +48,11 @@ COARSE_PRIOR = {"pressure": 0.1, "shear": 0.015, "reach_mm": 1.5, "error_mm": 0.
 CONTACT_THRESHOLD = 0.25  # of the first look's peak: cells of the contact
 CONTACT_MARGIN = 2  # cells around them
 MAX_CONTACT_CELLS = 300
-ROUGHNESS_WEIGHT = {"pressure": 3e-3, "shear": 1.5e-2}
+ROUGH_WEIGHT = {"pressure": 3e-3, "shear": 1.5e-2}
 SIZE_WEIGHT = {"pressure": 3e-4, "shear": 7e-3}
 MIN_CELL_SHARE = 0.05  # of the first look's peak, for cells that it saw nothing in
 MAX_MISFIT_SHARE = 0.55  # of the shift's size, left over beside noise: that was no press
-NOISE_FLOOR_FACTOR = (
-    5.0  # a peak of the first look this many times what noise makes of it is a contact
-)
+NOISE_FACTOR = 5.0  # a peak of the first look this many times what noise makes of it is a contact
 
 
 class FaceInverse:
@@ -91,12 +89,10 @@ class FaceInverse:
         self._sink_response = np.ascontiguousarray(
             compliance.reshape(-1, 3, 3 * n)[:, 2].T, np.float32
         )
-        camera_matrix = image_shift_matrix(view.camera, self.seen_x_mm, self.seen_y_mm).reshape(
-            -1, 2, 3
+        jacobian = image_jacobian(view.camera, self.seen_x_mm, self.seen_y_mm).reshape(-1, 2, 3)
+        response = np.matmul(jacobian, compliance.reshape(len(jacobian), 3, 3 * n)).reshape(
+            -1, 3 * n
         )
-        response = np.matmul(
-            camera_matrix, compliance.reshape(len(camera_matrix), 3, 3 * n)
-        ).reshape(-1, 3 * n)
         self._response = np.ascontiguousarray(response.T, np.float32)
         self._gram = (response.T @ response).astype(np.float32)
         self._coarse, self._floor = self._coarse_inverse(response)
@@ -157,10 +153,10 @@ class FaceInverse:
         gram = self._gram[columns].take(columns, axis=1).astype(float)
         data = np.where(valid[..., None], shift, 0).ravel()
         if not valid.all():
-            invalid_rows = response.take(
-                np.flatnonzero(np.repeat(~valid.ravel(), 2)), axis=1
-            ).astype(float)
-            gram -= invalid_rows @ invalid_rows.T
+            hidden = response.take(np.flatnonzero(np.repeat(~valid.ravel(), 2)), axis=1).astype(
+                float
+            )
+            gram -= hidden @ hidden.T
         right = (response @ data.astype(np.float32)).astype(float)
         largest = float(np.abs(shift).max())
         weight = 1 + (SHIFT_NOISE_MM / (MODEL_ERROR * largest)) ** 2
@@ -168,7 +164,7 @@ class FaceInverse:
         share = np.maximum(coarse.ravel()[active], 0) / coarse.max() + MIN_CELL_SHARE
         for i, kind in enumerate(("shear", "shear", "pressure")):
             gram[i::3, i::3] += weight * (
-                ROUGHNESS_WEIGHT[kind] * rough + np.diag(SIZE_WEIGHT[kind] / share)
+                ROUGH_WEIGHT[kind] * rough + np.diag(SIZE_WEIGHT[kind] / share)
             )
         signed = np.tile([False, False, True], len(active))
         t = least_squares_signed(gram, right, signed)
@@ -207,7 +203,7 @@ class FaceInverse:
         variance = sum(
             np.einsum("cs,cs->c", matrix[:, i::2] @ correlation, matrix[:, i::2]) for i in (0, 1)
         )
-        floor = NOISE_FLOOR_FACTOR * SHIFT_NOISE_MM * np.sqrt(variance).reshape(self.shape)
+        floor = NOISE_FACTOR * SHIFT_NOISE_MM * np.sqrt(variance).reshape(self.shape)
         return matrix.astype(np.float32), floor
 
 

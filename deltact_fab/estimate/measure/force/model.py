@@ -19,7 +19,7 @@ from deltact_fab.common import Array, InputError
 from ..face import FaceFlow
 from ..regression import RegressionFit, least_squares, relative_leverage
 
-WRENCH_COMPONENTS = ("fx", "fy", "fz", "tx", "ty", "tz")
+WRENCH_AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 """Order of a wrench (6,): N on the sensor, and N mm about the centre of its resting face."""
 
 
@@ -140,11 +140,11 @@ class ForceModel:
         naming the component.
         """
         X, wrench = np.asarray(X, float), np.asarray(wrench, float)
-        coefficients = np.zeros((len(WRENCH_COMPONENTS), X.shape[1]))
+        coefficients = np.zeros((len(WRENCH_AXES), X.shape[1]))
         width = max(map(len, features.explains.values()))
         reach = np.zeros((*coefficients.shape, width))
         fits = {}
-        for i, component in enumerate(WRENCH_COMPONENTS):
+        for i, component in enumerate(WRENCH_AXES):
             use = [features.names.index(name) for name in features.explains[component]]
             labels, columns = features.explains[component], X[:, use]
             size = float(np.sqrt(np.mean(columns[:, 0] ** 2)))
@@ -189,8 +189,8 @@ class ForceModel:
         return {
             "features": self.features,
             "names": list(self.names),
-            "coefficients": dict(zip(WRENCH_COMPONENTS, self.coefficients.tolist(), strict=True)),
-            "reach": dict(zip(WRENCH_COMPONENTS, self.reach.tolist(), strict=True)),
+            "coefficients": dict(zip(WRENCH_AXES, self.coefficients.tolist(), strict=True)),
+            "reach": dict(zip(WRENCH_AXES, self.reach.tolist(), strict=True)),
         }
 
     @classmethod
@@ -199,7 +199,7 @@ class ForceModel:
         try:
             names = tuple(map(str, data["names"]))
             coefficients, reach = (
-                np.array([data[key][component] for component in WRENCH_COMPONENTS], float)
+                np.array([data[key][component] for component in WRENCH_AXES], float)
                 for key in ("coefficients", "reach")
             )
             model = cls(str(data["features"]), names, coefficients, reach)
@@ -209,7 +209,7 @@ class ForceModel:
             raise InputError(
                 f"force model: not numbers, or not as many as names: {error}"
             ) from error
-        shape = (len(WRENCH_COMPONENTS), len(names))
+        shape = (len(WRENCH_AXES), len(names))
         for key, part, dimensions in (("coefficients", coefficients, 2), ("reach", reach, 3)):
             if part.ndim != dimensions or part.shape[:2] != shape or not np.isfinite(part).all():
                 raise InputError(f"force model: {key}: {len(names)} finite, one a name, are needed")
