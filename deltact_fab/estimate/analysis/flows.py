@@ -11,7 +11,7 @@ from deltact_fab.common import Array, InputError, Store, code_digest
 from ..measure.face import FaceFlow
 from ..measure.flow.tracker import FlowTracker
 from ..measure.health import RestPattern
-from .runs import camera_of, settled_frames
+from .runs import camera_of, settled_rows
 
 _FLOW_STORE = Store("face-flow", limit_bytes=2 << 30)
 MAP_EVERY_PX = 4  # of maps drawn or exported; by hand: finer maps take longer to draw and store
@@ -20,7 +20,7 @@ MAP_EVERY_PX = 4  # of maps drawn or exported; by hand: finer maps take longer t
 def flow_key(run: Run, press: str) -> str:
     """Return a hash of the flows' inputs: images up to the last settled one, camera, code."""
     frames = run.frames(press)
-    chosen = settled_frames(frames)
+    chosen = settled_rows(frames)
     followed = frames[frames["seq"] <= chosen["seq"].max()]
     text = hashlib.sha256()
     text.update(
@@ -66,7 +66,7 @@ def _tracker() -> FlowTracker:
 
 def _track_press(run: Run, press: str, spacing_px: int) -> list[FaceFlow]:
     tracker, frames, camera = _tracker(), run.frames(press), camera_of(run)
-    settled_seq = set(settled_frames(frames)["seq"])
+    settled_seq = set(settled_rows(frames)["seq"])
     if run.imported and (
         lacks := RestPattern.recognise(run.image(str(frames["file"].iloc[0]))).lacks
     ):

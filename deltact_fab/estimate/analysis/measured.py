@@ -1,6 +1,6 @@
-"""What the measurement says of a recorded run: shape and contacts at the deepest presses, force.
+"""Measurement of a recorded run: shape and contacts at the deepest presses, and force.
 
-Each press is followed from its own first image, as `measure` would follow it.
+Each press is tracked from its own first image, as by `measure`.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from .flows import MAP_EVERY_PX
 from .runs import sensor_of, view_of_run
 
 MAX_FORCE_FRAMES = 1000
-"""Of a run with a force calibration all frames are measured up to so many; of any other those of
-each indenter's deepest press."""
+"""Longest run whose force is measured in all frames; of a longer one, or without a calibration of
+force, only each indenter's deepest press is measured. By hand: more take minutes."""
 
 
 @dataclass(frozen=True)
 class DeepestPress:
-    """The end of an indenter's deepest press. depth_mm: of its tip, as the stage says."""
+    """The end of an indenter's deepest press. depth_mm: of its tip, by the stage."""
 
     indenter: str
     frame_id: str
@@ -40,11 +40,11 @@ class DeepestPress:
 
 @dataclass(frozen=True)
 class ForceComparison:
-    """Force that was estimated at frames, beside what was measured.
+    """Estimated force at frames of a run, compared with the force sensor.
 
-    frames: the run's rows of them, with fx_n_est to fz_n_est, extrapolated, trusted. features: of
-    the model. own: the model was fitted to this very run. rms_n: of x, y and z over the frames
-    with a force sensor's reading; None where there was none.
+    frames: their rows of the run's table, with fx_n_est to fz_n_est, extrapolated, trusted.
+    features: of the model. fitted_to_run: the model was fitted to this run. rms_n: errors in x, y
+    and z over the frames with a sensor reading; None without one.
     """
 
     frames: pd.DataFrame
@@ -54,27 +54,27 @@ class ForceComparison:
 
     @property
     def doubtful(self) -> bool:
-        """Whether it is no test, or frames are beyond the calibration."""
+        """True if it is no independent test, or frames are extrapolated."""
         return self.fitted_to_run or self.rms_n is None or bool(self.frames["extrapolated"].any())
 
     @property
     def line(self) -> str:
         n, n_extrapolated = len(self.frames), int(self.frames["extrapolated"].sum())
-        words = f"Force from the flow by {self.features!r}, {n} frames: "
+        text = f"Force from the flow by {self.features!r}, {n} frames: "
         if self.rms_n is None:
-            return words + "no force sensor was read to compare with"
+            return text + "no force sensor data to compare with"
         x, y, z = self.rms_n
-        words += f"off by {z:.2f} N normal, {x:.2f} and {y:.2f} N in shear (root mean square)"
+        text += f"RMS error {z:.2f} N normal, {x:.2f} and {y:.2f} N shear"
         if self.fitted_to_run:
-            words += "; the calibration was fitted to this very run, so this is no test of it"
+            text += "; not a test: the calibration was fitted to this run"
         if n_extrapolated:
-            words += f"; {n_extrapolated} frames are beyond what it was fitted to"
-        return words
+            text += f"; {n_extrapolated} frames extrapolated"
+        return text
 
 
 @dataclass(frozen=True)
 class RunMeasurement:
-    """Shape and force measured in a run; left_out: what was not, and why."""
+    """Shape and force measured in a run; left_out: one line per thing not measured, and why."""
 
     FORCE_COLUMNS: ClassVar = ("fx_n", "fy_n", "fz_n")
 
@@ -86,7 +86,7 @@ class RunMeasurement:
 def find_calibrations(run: Run, files: Sequence[Path] = ()) -> list[Path]:
     """Find calibrations of force and depth: these files, else those in RUN/analysis.
 
-    Raises InputError, one line, for a file that is none, and for another sensor's.
+    Raises InputError, one line, for a file that is no calibration or another sensor's.
     """
     defaults = (run.folder / "analysis" / name for name in ("calibration.toml", "depth.toml"))
     chosen = list(files) or [file for file in defaults if file.is_file()]
@@ -109,7 +109,7 @@ def measure_run(
     measurement = Measurement(view, None, calibrations, every=MAP_EVERY_PX)
     heads = {read_calibration(file)[0].kind: file for file in calibrations}
     last = frames[frames["kind"] == "press"].groupby("step_id", sort=False).tail(1)
-    last = last.dropna(subset="z_mm")  # under a weight nobody knows how deep it went
+    last = last.dropna(subset="z_mm")  # no depth is known under a weight
     ends = last.loc[last.groupby("indenter", sort=False)["z_mm"].idxmin()]
     all_frames = "force" in heads and len(frames) <= MAX_FORCE_FRAMES
     followed = frames if all_frames else frames[frames["press"].isin(ends["press"])]
@@ -130,9 +130,7 @@ def measure_run(
                 progress(count, len(followed), str(press))
     force = None
     if "force" in heads:
-        force = compare_with_sensor(
-            run, load_force(heads["force"]), followed, np.array(forces, float)
-        )
+        force = compare_with_sensor(run, load_force(heads["force"]), followed, np.array(forces))
     left_out = _notes(set(heads), bool(deepest), len(frames) - len(followed))
     return RunMeasurement(deepest, force, left_out)
 
@@ -140,31 +138,29 @@ def measure_run(
 def compare_with_sensor(
     run: Run, force: ForceCalibration, followed: pd.DataFrame, estimated: Array
 ) -> ForceComparison:
-    """Beside what the force sensor said, where there was one."""
-    names = [f"{name}_est" for name in RunMeasurement.FORCE_COLUMNS]
+    """Compare estimated forces with the force sensor's readings, where there are any."""
+    columns = [f"{name}_est" for name in RunMeasurement.FORCE_COLUMNS]
     table = followed.assign(
-        **dict(zip(names, estimated.T[:3], strict=True)),
+        **dict(zip(columns, estimated.T[:3], strict=True)),
         extrapolated=estimated[:, 3] > 0,
         trusted=estimated[:, 4] > 0,
     )
     residual = estimated[:, :3] - table[list(RunMeasurement.FORCE_COLUMNS)].to_numpy(float)
     residual = residual[np.isfinite(residual).all(axis=1)]
     x, y, z = np.sqrt(np.mean(residual**2, axis=0)) if len(residual) else (np.nan,) * 3
-    fitted_to_run = not {run.folder.resolve().name, run.meta["name"]}.isdisjoint(
-        force.head.made.runs
-    )
+    fitted = not {run.folder.resolve().name, run.meta["name"]}.isdisjoint(force.head.made.runs)
     rms = (float(x), float(y), float(z)) if len(residual) else None
-    return ForceComparison(table, force.model.features, fitted_to_run, rms)
+    return ForceComparison(table, force.model.features, fitted, rms)
 
 
 def _notes(kinds: set[Kind], pressed: bool, frames: int) -> list[str]:
     lines = []
     if not pressed:
-        lines.append("shape and contacts: no step of this run presses")
+        lines.append("shape and contacts: no press in this run")
     elif "depth" not in kinds:
         lines.append("contacts, and depth in mm: no calibration (`deltact-fab calibrate depth`)")
     if "force" not in kinds:
         lines.append("force from the flow: no calibration (`deltact-fab calibrate force`)")
     elif frames:
-        lines.append(f"force at {frames} frames: only the deepest presses of so long a run")
+        lines.append(f"force at {frames} frames: long run, only the deepest presses are measured")
     return lines

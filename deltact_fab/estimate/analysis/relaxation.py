@@ -1,18 +1,18 @@
-"""How a gel's force fades at rest: a run's rests, and the series that makes them flat.
+"""Force relaxation at rest: the rests of a run, and a Prony series fitted to them.
 
-With the shear modulus G(t) = G (1 + sum g exp(-t / tau)) and everything else fixed by the way of
-the tip, the force is the steady one and, for each branch, g q, where q' + q / tau = dF/dt and F is
-what the slow gel would give on the same way (the Boltzmann integral; Christensen, Theory of
-Viscoelasticity, 1982, 1.2). A way that is straight in time over s seconds leaves of it
+With the shear modulus G(t) = G (1 + sum g exp(-t / tau)) and everything else fixed by the path of
+the tip, the force is the steady one plus, for each branch, g q, where q' + q / tau = dF/dt and F is
+the force of the fully relaxed gel on the same path (the Boltzmann integral; Christensen, Theory of
+Viscoelasticity, 1982, 1.2). A ramp linear in time over s seconds leaves
     q = F (1 - exp(-s / tau)) tau / s,
-which fades with tau when the tip rests: long ramps leave less than short ones. Exact where the
-contact does not change while the force fades, as with an incompressible gel that sticks.
+which decays with tau at rest: long ramps leave less than short ones. Exact where the contact does
+not change while the force relaxes, as with an incompressible gel that sticks.
 
-The force that was measured has the past of the whole press in it, ramps and earlier stops. For a
-series it is undone sample by sample, which gives the slow gel's force; within each rest that one is
-constant, and what is measured over it is what the series left. Least squares over all rests, in the
-three forces, of the times and shares; each rest's steady force is free. A rest counts in blocks
-that grow with the wait, else the many samples of a minute would drown its first second.
+The measured force contains the history of the whole press, ramps and earlier stops. For a given
+series it is inverted sample by sample to the force of the relaxed gel, which is constant within
+each rest; the rest of the measured force is the excess of the series. Least squares over all rests,
+in the three forces, for times and shares; each rest's steady force is free. Samples of a rest are
+averaged in blocks that grow with the wait, else a minute would outweigh its first second.
 """
 
 from __future__ import annotations
@@ -27,16 +27,17 @@ import pandas as pd
 from deltact_fab.bench import Run
 from deltact_fab.common import Field, InputError, SolverError
 
-from .runs import PRESSING_KINDS, settle_s
+from .runs import PRESS_KINDS, settle_s
 
-BIN_S = 0.02  # samples are averaged over it: one of 1 kHz has seven times the noise
-ARRIVED_MM = 0.01  # a stage that reports this near its end has arrived
-MIN_REST_BINS = 25  # of a rest that says anything
+BIN_S = 0.02  # by hand: shorter bins are noisier, longer ones blur the fastest branch
+_POSITION_COLUMNS = ("x_mm", "y_mm", "z_mm")
+ARRIVED_MM = 0.01  # from its end, a stage has arrived; by hand: above a step, far below a press
+MIN_REST_BINS = 25  # of a usable rest; by hand: shorter ones determine no branch
 
 
 @dataclass(frozen=True, eq=False)
 class ForceHistory:
-    """All forces of one press, averaged: force_n (n, 3) at t_s (n,), BIN_S apart, from its tare."""
+    """Binned forces of one press: force_n (n, 3) at t_s (n,), BIN_S apart, from its tare on."""
 
     press: str
     t_s: Field
@@ -45,7 +46,7 @@ class ForceHistory:
 
 @dataclass(frozen=True, eq=False)
 class ForceRest:
-    """One stop of a press. at: its bins in the way, a slice. kind: press or shear."""
+    """One stop of a press. bins: its slice of the history. kind: press or shear."""
 
     history: ForceHistory
     step_id: str
@@ -55,13 +56,13 @@ class ForceRest:
 
     @property
     def wait_s(self) -> Field:
-        """(n,) since the first of them, at most 0.1 s after the tip came to rest."""
+        """Time (n,) since the first bin, at most 0.1 s after the tip came to rest."""
         t = self.history.t_s[self.bins]
         return np.asarray(t - t[0])
 
     @property
     def force_n(self) -> Field:
-        """(n, 3) on the sensor."""
+        """Force (n, 3) on the sensor."""
         return self.history.force_n[self.bins]
 
 
@@ -70,14 +71,13 @@ def find_rests(run: Run) -> list[ForceRest]:
 
     Raises InputError for a run without a force stream or without a stop that rests long enough.
     """
-    longest_s = max(settle_s(run, kind) for kind in PRESSING_KINDS)
+    longest_s = max(settle_s(run, kind) for kind in PRESS_KINDS)
     if not longest_s:
-        raise InputError(f"{run.folder}: its protocol has no settle_s: no stop rests")
+        raise InputError(f"{run.folder}: no settle_s in its protocol, so no stop rests")
     steps = run.steps()
     rests: list[ForceRest] = []
-    for press, press_steps in steps[steps["kind"].isin(PRESSING_KINDS)].groupby(
-        "press", sort=False
-    ):
+    pressing = steps[steps["kind"].isin(PRESS_KINDS)]
+    for press, press_steps in pressing.groupby("press", sort=False):
         samples = run.force(str(press))
         if not len(samples):
             raise InputError(f"{run.folder}: press {press}: no force was recorded")
@@ -90,8 +90,7 @@ def find_rests(run: Run) -> list[ForceRest]:
                 rests.append(rest)
     if not rests:
         raise InputError(
-            f"{run.folder}: no stop rests for {MIN_REST_BINS * BIN_S:g} s or more: settle_s = "
-            f"{longest_s:g}"
+            f"{run.folder}: settle_s = {longest_s:g}: no stop of {MIN_REST_BINS * BIN_S:g} s or more"
         )
     return rests
 
@@ -112,18 +111,16 @@ def _bin_forces(press: str, samples: pd.DataFrame) -> ForceHistory:
 def _find_rest(
     history: ForceHistory, step: object, samples: pd.DataFrame, pose: pd.DataFrame, rests_s: float
 ) -> ForceRest | None:
-    """From the first report of the stage at its end; without reports, from the plan's time."""
+    """Return a step's rest, from the stage's first report at its end (else the planned time)."""
     row = step._asdict()  # type: ignore[attr-defined]
     origin_s = float((samples["t_s"] - samples["t_press_s"]).iloc[0])
     start_s = row["t_start_s"] + row["planned_s"] - origin_s
     reports = pose[pose["step_id"] == row["step_id"]]
     if len(reports):
-        distance = reports[["x_mm", "y_mm", "z_mm"]].to_numpy() - [
-            row["x_mm"],
-            row["y_mm"],
-            row["z_mm"],
+        offset = reports[list(_POSITION_COLUMNS)].to_numpy() - [
+            row[name] for name in _POSITION_COLUMNS
         ]
-        travelling = np.flatnonzero(np.linalg.norm(distance, axis=1) > ARRIVED_MM)
+        travelling = np.flatnonzero(np.linalg.norm(offset, axis=1) > ARRIVED_MM)
         first = int(travelling[-1]) + 1 if len(travelling) else 0
         if first == len(reports):
             return None  # it was cut short
@@ -138,7 +135,7 @@ def _find_rest(
 
 @dataclass(frozen=True)
 class Series:
-    """Shares (k,) of the steady force that fade, and the times_s (k,) in which they do.
+    """Prony series: shares (k,) of the steady force that decay, with time constants times_s (k,).
 
     As `[specimen] prony`.
     """
@@ -152,24 +149,25 @@ class Series:
         return tuple(zip(self.shares, self.times_s, strict=True))
 
 
+# By hand, in this block: more branches and finer blocks fit noise, fewer miss a decade of time.
 MAX_BRANCHES = 3
-BRANCH_GAIN = 0.9  # a further branch is taken when it makes the blocks' residual this much smaller
-REST_BLOCKS = 40  # of a rest, each as much later as the one before
-LONGEST_TIME = 2.0  # x the longest rest: slower branches cannot be told from a steady force
-START_TIME_S, START_SHARE = 2.0, 0.1  # where the search starts
-SHARE_RANGE = (1e-4, 10.0)
+BRANCH_GAIN = 0.9  # residual of the blocks, over that with one branch less, to accept a branch
+REST_BLOCKS = 40  # per rest, equally spaced in the logarithm of the wait
+LONGEST_TIME = 2.0  # x the longest rest: slower branches look like a steady force
+START_TIME_S, START_SHARE = 2.0, 0.1  # start of the search
+SHARE_RANGE = (1e-4, 10.0)  # bounds of the search
 SHORTEST_TIME_S = 2 * BIN_S
-UNCERTAIN_TIME = 0.5  # a branch over this x the longest rest is poorly determined
+UNCERTAIN_TIME = 0.5  # x the longest rest: slower branches are poorly determined
 
 
 @dataclass(frozen=True, eq=False)
 class RelaxationFit:
-    """Relaxation of a gel as fitted to its rests.
+    """Relaxation of a gel, fitted to its rests.
 
-    series: what was found. rms_n: of the residual. steady_n (rests, 3): each rest's end.
+    rms_n: of the residual. steady_n (rests, 3): fully relaxed force of each rest.
 
-    unsure: times of branches so slow that the rests are too short to tell them well. blocks_n: as
-    rms_n, of the blocks that it was fitted to.
+    unsure: times of branches too slow for the rests to determine well. blocks_n: as rms_n, of the
+    block means that it was fitted to.
     """
 
     series: Series
@@ -179,7 +177,7 @@ class RelaxationFit:
     blocks_n: float
 
     def excess(self, rest: ForceRest, wait_s: Field) -> Field:
-        """(m, 3) of what the force of a rest has over its steady value at wait_s (m,) into it."""
+        """Force (m, 3) of a rest above its steady value, at wait_s (m,) into it."""
         return _excess_force(rest, _branch_forces(rest.history, self.series), self.series, wait_s)
 
 
@@ -188,11 +186,11 @@ def fit_relaxation(rests: Sequence[ForceRest]) -> RelaxationFit:
 
     Raises SolverError where the search does not converge.
     """
-    best = _fit_best(rests, [(START_TIME_S,)])
+    best = _fit(rests, [(START_TIME_S,)])
     if best is None:
         raise SolverError("relaxation: no search for a series converged")
     while len(best.series.shares) < MAX_BRANCHES:
-        larger = _fit_best(rests, _split_starts(best.series.times_s, rests))
+        larger = _fit(rests, _split_starts(best.series.times_s, rests))
         if larger is None or larger.blocks_n > BRANCH_GAIN * best.blocks_n:
             break
         best = larger
@@ -200,9 +198,9 @@ def fit_relaxation(rests: Sequence[ForceRest]) -> RelaxationFit:
 
 
 def _split_starts(times_s: Sequence[float], rests: Sequence[ForceRest]) -> list[tuple[float, ...]]:
-    """Starts with one branch more: below, between and above those that were found.
+    """Return starts with one branch more: below, between and above the present ones.
 
-    Sums of exponentials have valleys of their own; from one start the search ends in any of them.
+    Sums of exponentials have local minima; several starts are needed.
     """
     ends = [SHORTEST_TIME_S, *times_s, LONGEST_TIME * _longest_s(rests)]
     gaps = [float(np.sqrt(a * b)) for a, b in itertools.pairwise(ends)]
@@ -213,10 +211,8 @@ def _longest_s(rests: Sequence[ForceRest]) -> float:
     return max(float(rest.wait_s[-1]) for rest in rests)
 
 
-def _fit_best(
-    rests: Sequence[ForceRest], starts: Sequence[tuple[float, ...]]
-) -> RelaxationFit | None:
-    """None where no search converged: a branch too many has nowhere to go."""
+def _fit(rests: Sequence[ForceRest], starts: Sequence[tuple[float, ...]]) -> RelaxationFit | None:
+    """Best fit of several starts; None if none converged, as with one branch too many."""
     fits = [fitted for start in starts if (fitted := _fit_from(rests, start)) is not None]
     return min(fits, key=lambda fitted: fitted.blocks_n, default=None)
 
@@ -230,14 +226,14 @@ def _fit_from(rests: Sequence[ForceRest], times_s: Sequence[float]) -> Relaxatio
     start = np.clip(np.log([*times_s, *[START_SHARE / count] * count]), low + 1e-6, high - 1e-6)
 
     def residuals(p: Field) -> Field:
-        misfits = _steady_and_misfit(rests, _series(p))[-1]
+        misfits = _evaluate(rests, _series(p))[-1]
         return np.concatenate([_block_means(part).ravel() for part in misfits])
 
     solution = least_squares(residuals, start, bounds=(low, high), x_scale="jac")
     if solution.status <= 0:
         return None
     series = _series(solution.x)
-    steady, misfit = _steady_and_misfit(rests, series)
+    steady, misfit = _evaluate(rests, series)
     rms, blocks = (
         float(np.sqrt(np.mean(np.concatenate([average(part).ravel() for part in misfit]) ** 2)))
         for average in (np.asarray, _block_means)
@@ -247,7 +243,7 @@ def _fit_from(rests: Sequence[ForceRest], times_s: Sequence[float]) -> Relaxatio
 
 
 def _block_means(misfit_n: Field) -> Field:
-    """(b, 3) means of (n, 3) over blocks that grow."""
+    """Means (b, 3) of (n, 3) over blocks of growing length."""
     starts = np.unique(np.geomspace(1, len(misfit_n), REST_BLOCKS + 1).astype(int)) - 1
     starts = starts[:-1]
     counts = np.diff([*starts, len(misfit_n)])
@@ -261,10 +257,8 @@ def _series(p: Field) -> Series:
     return Series(tuple(shares.tolist()), tuple(taus.tolist()))
 
 
-def _steady_and_misfit(
-    rests: Sequence[ForceRest], series: Series
-) -> tuple[list[Field], list[Field]]:
-    """Of every rest: its steady force (3,), misfit (n, 3)."""
+def _evaluate(rests: Sequence[ForceRest], series: Series) -> tuple[list[Field], list[Field]]:
+    """Return every rest's steady force (3,) and misfit (n, 3)."""
     slow: dict[int, Field] = {}
     steady, misfit = [], []
     for rest in rests:
@@ -278,13 +272,13 @@ def _steady_and_misfit(
 
 
 def _excess_force(rest: ForceRest, slow: Field, series: Series, wait_s: Field) -> Field:
-    """(m, 3) that a series leaves at wait_s (m,) into a rest; slow: `_branches` of its way."""
+    """Excess force (m, 3) at wait_s (m,) into a rest; slow: `_branch_forces` of its history."""
     first = np.array(series.shares)[:, None] * slow[rest.bins.start]
     return np.asarray(np.exp(-wait_s[:, None] / np.array(series.times_s)) @ first)
 
 
 def _branch_forces(history: ForceHistory, series: Series) -> Field:
-    """q (n, k, 3) of the slow gel's force, which is the measured one with the series undone."""
+    """Branch terms q (n, k, 3) of the relaxed gel's force, obtained by inverting the series."""
     from scipy.signal import lfilter
 
     x = BIN_S / np.array(series.times_s)

@@ -196,7 +196,7 @@ def follow(job: TrackingJob) -> dict[str, Any]:
                 continue
             image = stream.tracked(picture.expose(frame.at_px, noise, frame.displacement_mm))
             try:
-                said = followers[name].update(image, frame.true)
+                said = followers[name].track(image, frame.true)
             except SensorError as why:  # a print that the camera cannot tell from grey
                 lost[name] = [str(why)]
                 continue

@@ -335,8 +335,8 @@ def _followed(
 ) -> tuple[dict[str, Any], float]:
     """Figures of all frames, and the mean error of the last one, mm."""
     follower = Follower(TrackingPlan((TRACKER,), False, ()), marks)
-    follower.update(rest, None)
-    said = [follower.update(*frame) for frame in zip(images, truths, strict=True)]
+    follower.track(rest, None)
+    said = [follower.track(*frame) for frame in zip(images, truths, strict=True)]
     return follower.tallies[TRACKER].figures(), said[-1][TRACKER]["mean_off_dots_mm"]
 
 

@@ -21,7 +21,7 @@ from ...measure.force.calibration import ForceCalibration, load_force
 from ...measure.force.inverse import Inverse
 from ...measure.force.model import WRENCH_AXES, Features, ForceModel
 from ...measure.sensor_id import SensorModel
-from ..runs import has_settled_frames, head_of, in_pixels, settled_frames, view_of_run
+from ..runs import has_rests, head_of, in_pixels, settled_rows, view_of_run
 from .dataset import TIME_STRETCHES, ForceData, gather_data, open_force_runs, presses
 from .gel import fit_unrelaxed, identify_gel
 from .judge import (
@@ -62,8 +62,7 @@ def calibrate(
     gathered = requested if names else (*requested, *FORCE_READINGS)
     source, view = str(runs[0].folder), view_of_run(runs[0])
     # Upper bound of the number of points: too few are refused before anything is tracked.
-    parts = [part for frames in tables for _, part in frames.groupby("press")]
-    max_points = sum(len(settled_frames(part)) for part in parts)
+    max_points = sum(len(settled_rows(x)) for table in tables for _, x in table.groupby("press"))
     for name in required:
         _require_enough(make_features(name, view), max_points, source)
     data = gather_data(runs, gathered, executor, progress)
@@ -165,7 +164,7 @@ def _run_notes(runs: Sequence[Run], tables: Sequence[pd.DataFrame]) -> list[str]
             )
             if in_pixels(run):
                 notes.append(f"{run.folder}: {NO_CAMERA}")
-        elif not has_settled_frames(frames):
+        elif not has_rests(frames):
             notes.append(f"{run.folder}: no settled frames; using the last frame of each motion")
         if (weights := run.weights) is not None:
             normal_n, shear_n = weights.error_n()
@@ -182,11 +181,8 @@ def _run_notes(runs: Sequence[Run], tables: Sequence[pd.DataFrame]) -> list[str]
 
 
 _SHEAR_AXES = np.isin(WRENCH_AXES, ("fx", "fy", "tz"))
-MAX_FACTOR_ERROR = 0.1
-"""Standard error of a factor above which the presses do not determine it; by hand: larger lets an
-unsheared press set shear."""
-FRESH_FIT_SHARE = 0.8
-"""A fresh fit is called better below this share of the transfer's error; by hand, against noise."""
+MAX_FACTOR_ERROR = 0.1  # standard error; by hand: a larger one lets an unsheared press set shear
+FRESH_FIT_SHARE = 0.8  # of the transfer's error: then a fresh fit is better; by hand, against noise
 
 
 @dataclass(frozen=True)

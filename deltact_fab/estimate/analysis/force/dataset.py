@@ -22,14 +22,11 @@ from ...measure.force import make_features
 from ...measure.force.model import Features
 from ...measure.sensor_id import SensorModel
 from ..flows import flow_key, settled_flows
-from ..runs import (
-    PRESSING_KINDS, has_settled_frames, head_of, read_frames, settle_s, settled_frames, view_of_run,
-)  # fmt: skip
+from ..runs import PRESS_KINDS, has_rests, head_of, read_frames, settle_s, settled_rows, view_of_run
 
 WRENCH_COLUMNS = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
+# Half width of the mean around a settled frame; by hand: longer has less noise, and some motion.
 FORCE_WINDOW_S = 0.1
-"""Force samples up to this long before and after a settled frame are averaged; by hand: longer
-averages more noise out and reaches into motion."""
 _MIN_SAMPLES = 3  # in the window, for a mean; by hand: fewer is no better than the frame's own
 
 
@@ -44,7 +41,7 @@ def settled_wrenches(run: Run, press: str, rows: pd.DataFrame) -> tuple[Array, A
     saturated = np.zeros(len(rows), bool)
     samples = run.force(press)
     windows_s = {kind: min(FORCE_WINDOW_S, settle_s(run, kind)) for kind in rows["kind"].unique()}
-    if not has_settled_frames(rows) or not any(windows_s.values()):
+    if not has_rests(rows) or not any(windows_s.values()):
         return wrench, saturated
     by_step = samples.groupby("step_id").indices
     values = samples[list(WRENCH_COLUMNS)].to_numpy(float)
@@ -57,16 +54,14 @@ def settled_wrenches(run: Run, press: str, rows: pd.DataFrame) -> tuple[Array, A
         if len(near) >= _MIN_SAMPLES:
             wrench[k] = values[near].mean(0)
             saturated[k] = out_of_range[near].any()
-    rest = ~rows["kind"].isin(PRESSING_KINDS).to_numpy()
+    rest = ~rows["kind"].isin(PRESS_KINDS).to_numpy()
     if rest.any():
         wrench -= wrench[rest].mean(0)
     return wrench, saturated
 
 
-TIME_STRETCHES = 10
-"""Folds of an imported run, whose presses are unknown; by hand: more are shorter and less unseen."""
-MIN_FORCE_COVER = 0.7
-"""Least share of the view that is tracked in a training point; by hand: higher drops deep drags."""
+TIME_STRETCHES = 10  # folds of an imported run, of unknown presses; by hand: more are more alike
+MIN_FORCE_COVER = 0.7  # tracked share of the view in a point; by hand: higher drops deep drags
 _GEL_KEYS = ("gel_model", "modulus_mpa", "poisson", "prony")
 
 
@@ -166,7 +161,7 @@ def point_flows(runs: Sequence[Run], data: ForceData) -> Iterator[FaceFlow]:
     of_run = dict(zip(run_labels(runs), runs, strict=True))
     for (label, press), part in data.points.groupby(["run", "press"], sort=False):
         run, name = of_run[str(label)], str(press).removeprefix(f"{label}/")
-        frames = settled_frames(run.frames(name))["frame_id"].tolist()
+        frames = settled_rows(run.frames(name))["frame_id"].tolist()
         flows = settled_flows(run, name, FaceFlow.SPACING_PX)
         for frame_id in part["frame_id"]:
             yield flows[frames.index(frame_id)]
@@ -206,7 +201,7 @@ def measure_force_points(
     Raises as `settled_flows` does.
     """
     view = view or view_of_run(run)
-    rows = settled_frames(run.frames(press))
+    rows = settled_rows(run.frames(press))
     wrench, saturated = settled_wrenches(run, press, rows)
     no_force = np.zeros(len(rows), bool)
     if run.imported:  # components that were not measured stay 0, which calibrates nothing
@@ -236,8 +231,8 @@ def measure_force_points(
     press_label: Any = f"{label}/{press}"
     if run.imported:
         x_mm = y_mm = np.nan
-        n = len(rows)
-        press_label = [f"{press_label}/{TIME_STRETCHES * k // n}" for k in range(n)]
+        stretch = TIME_STRETCHES * np.arange(len(rows)) // len(rows)
+        press_label = [f"{press_label}/{k}" for k in stretch]
     else:
         first = steps[steps["press"] == press].iloc[0]  # its target: where the press goes down
         x_mm, y_mm = (round(float(first[name]), 3) + 0.0 for name in ("x_mm", "y_mm"))
@@ -263,10 +258,7 @@ def measure_force_points(
 def _compute_features(
     features: Features, view: SensorModel, flows: Sequence[FaceFlow], key_of_flows: str
 ) -> Array:
-    """Features (n, k) of the flows of a press, from the cache; nan: no solution.
-
-    key_of_flows: see `flow_key`.
-    """
+    """Features (n, k) of the flows of a press (see `flow_key`), cached; nan: no solution."""
     gel = (view.skin, view.poisson) if features.rests_on_gel else ()
     key = cache_key(
         type(features).__module__.partition(".")[2],

@@ -23,9 +23,8 @@ from ...measure.sensor_id import SensorModel
 from .dataset import ForceData, point_flows
 from .judge import predict_left_out
 
-# By hand, finer or wider costs an inverse per pair: factor of 1/2 - nu, share of the thickness.
-POISSON_STEP, THICKNESS_STEP = 1.25, 0.01
-SEARCH_STEPS = (4, 2, 1)  # grid steps of the successive pattern searches; by hand, as above
+POISSON_STEP, THICKNESS_STEP = 1.25, 0.01  # of 1/2 - nu (factor), of the thickness; by hand: cost
+SEARCH_STEPS = (4, 2, 1)  # of successive pattern searches; by hand: an inverse per pair tried
 SEARCH_DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, -1), (-1, 1))  # (1, -1) look alike
 MAX_SEARCH_STEPS = 8  # from the design's values; by hand: farther is no plausible casting error
 COMPRESSIBILITY_RANGE = (0.002, 0.1)  # of 1/2 - nu; by hand: silicones, and the solver's limits
@@ -190,9 +189,8 @@ def search_gel(
     gain = float(np.exp((score(best) - score((0, 0))) / 6))  # of squares, of three components
     if gain > MAX_ERROR_SHARE or better.mean() < GEL_CONFIDENCE:
         return None
-    winners = np.array(pairs)[scores.argmin(axis=1)]
+    winners, tail = np.array(pairs)[scores.argmin(axis=1)], (1 - GEL_CONFIDENCE) / 2
     # Half a step more on either side: nothing was tried between steps.
-    tails = [(1 - GEL_CONFIDENCE) / 2, (1 + GEL_CONFIDENCE) / 2]
-    low, high = np.quantile(winners, tails, axis=0) + [[-0.5], [0.5]]
+    low, high = np.quantile(winners, [tail, 1 - tail], axis=0) + [[-0.5], [0.5]]
     (b, c), (a, d), (poisson, thickness_mm) = gel_values(low), gel_values(high), gel_values(best)
     return IdentifiedGel(poisson, (a, b), thickness_mm, (c, d), gain)

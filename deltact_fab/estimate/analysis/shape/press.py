@@ -1,4 +1,4 @@
-"""Shape, and force where it is calibrated, of one press's settled frames, beside what is true."""
+"""Shape, and force where it is calibrated, of one press's settled frames, against truth."""
 
 from __future__ import annotations
 
@@ -28,21 +28,20 @@ from ...measure.shape.depth import (
     find_contacts,
 )
 from ..flows import MAP_EVERY_PX, settled_flows
-from ..runs import settled_frames, view_of_run
+from ..runs import settled_rows, view_of_run
 
 TOUCHING_MM = 0.06
-"""A point this near to the indenter's surface touches it, where no traction was recorded. The
-gel's cells follow the indenter to within some 0.04 mm."""
-PRESSED_SHARE = 0.01
-"""Of the greatest pressure: what is more is contact, where traction was recorded."""
+"""Distance from the indenter's surface below which a point touches it, where no traction was
+recorded; by hand: above the 0.04 mm by which the gel's cells follow the indenter."""
+PRESSED_SHARE = 0.01  # of the peak pressure, for contact; by hand: less is smeared by interpolation
 
 
 def true_shape(
     truth: RunTruth, frame_id: str, flow: FaceFlow, indenter: Indenter, tip_mm: Array
 ) -> tuple[Array, Array, str]:
-    """Depth (h, w) in mm and contact (h, w) bool at a flow's points, and what decides on contact.
+    """Depth (h, w) in mm and contact (h, w) bool at a flow's points, and the criterion of contact.
 
-    Of a frame in which the indenter's tip stands at tip_mm (3,).
+    tip_mm (3,): of the indenter in this frame.
     """
     sampler = LatticeSampler.make(truth.lattice, flow.x_mm, flow.y_mm)
     u_mm = sampler(truth.displacement_mm(frame_id))
@@ -56,12 +55,11 @@ def true_shape(
     return -u_mm[..., 2], pressed > PRESSED_SHARE * max(pressure.max(), 1e-9), "traction"
 
 
-SAME_DEPTH_MM = 0.01
-"""Depths that are one."""
-FORCE_COLUMNS = ("fx_n", "fy_n", "fz_n")
-KPA_PER_MPA = 1e3  # of an MPa
-CONTACT_SHARE, NO_PRESSURE_MPA = 0.05, 1e-6
-"""Of the peak pressure: where the field's error is taken; and the peak that is none."""
+SAME_DEPTH_MM = 0.01  # depths closer than this are equal; by hand: above a stage's resolution
+FORCE_XYZ = ("fx_n", "fy_n", "fz_n")
+KPA_PER_MPA = 1e3  # definition
+CONTACT_SHARE = 0.05  # of the peak pressure, where the field's error is taken; by hand, as above
+NO_PRESSURE_MPA = 1e-6  # peak of an unpressed frame; by hand: above rounding
 
 
 Lattice = tuple[Array, Array, Array]
@@ -70,14 +68,13 @@ Lattice = tuple[Array, Array, Array]
 
 @dataclass(frozen=True)
 class ShapeMaps:
-    """Maps of a press's frame, measured ones and the truth, (h, w) at the flow's points.
+    """Maps of a frame, measured and true, (h, w) at the flow's points.
 
-    tip_mm (3,): of the indenter, as the stage says. relative: see `relative_depth`. force_n (3,),
-    torque_z_nmm: the sensor's word. shape: of an indenter of the lab's own, as the run kept it.
-    wrench, field: by a calibration of force, else None. Where there is a truth, else None:
-    true_depth_mm, true_contact, and, where the run kept tractions, true_traction. Of those that
-    are drawn: image (H, W, 3) BGR uint8 over edges_mm: left, right, top and bottom, as the camera
-    sees it, row 0 being at -y.
+    tip_mm (3,): of the indenter, by the stage. relative: see `relative_depth`. force_n (3,),
+    torque_z_nmm: by the force sensor. shape: of a custom indenter, as stored in the run. wrench,
+    field: by a force calibration, else None. With truth, else None: true_depth_mm, true_contact,
+    and, if the run has tractions, true_traction. For frames that are drawn: image (H, W, 3) BGR
+    uint8 over edges_mm: left, right, top and bottom as the camera sees it, row 0 at -y.
     """
 
     indenter: str
@@ -107,12 +104,12 @@ class ShapeMaps:
 
     @property
     def tip_depth_mm(self) -> float:
-        """How deep the tip is, 0 above the face."""
+        """Depth of the tip below the face, 0 above it."""
         return max(0.0, -float(self.tip_mm[2]))
 
     @property
     def tractions(self) -> list[tuple[str, Lattice]]:
-        """Those that are known, with a word of each."""
+        """The known tractions, each with a label."""
         f = self.field
         estimated = None if f is None else (f.x_mm, f.y_mm, f.traction_mpa)
         lattices = (("found", estimated), ("true", self.true_traction))
@@ -121,12 +118,11 @@ class ShapeMaps:
 
 @dataclass(frozen=True)
 class PressShape:
-    """Shape found in the settled frames of one press.
+    """Shape measured in the settled frames of one press.
 
-    rows: figures of each frame by name; those that are not known are left out.
-    deepest: the end of the deepest press, before any shear. twisted: where the torque about z that
-    was measured is largest, None where nothing was sheared or no torque was measured. contact_by:
-    how the true contact was told.
+    rows: figures of each frame by name, without unknown ones. deepest: the end of the deepest
+    press, before any shear. twisted: the sheared frame of the largest measured torque about z,
+    None without one. contact_by: criterion of the true contact.
     """
 
     rows: list[dict[str, Any]]
@@ -136,7 +132,7 @@ class PressShape:
 
     @staticmethod
     def deepest_maps(presses: Iterable[PressShape]) -> list[ShapeMaps]:
-        """For each indenter the first picture in which it is as deep as ever, in their order."""
+        """The first maps of each indenter at its greatest depth, in order of the indenters."""
         deepest: dict[str, ShapeMaps] = {}
         for maps in (press.deepest for press in presses):
             if maps is not None and maps.tip_depth_mm > 0:
@@ -152,18 +148,17 @@ def measure_press(
     depth: DepthModel | Path,
     force: ForceCalibration | Path | None = None,
 ) -> PressShape:
-    """Measure shape, and force where it is calibrated, of a press of a run, by the run's folder.
+    """Measure shape, and force where it is calibrated, of a press of the run in a folder.
 
-    depth, force: calibrations, or their files.
-    Raises InputError for a calibration that this version cannot use, and for a frame of which
-    nobody knows where the stage was.
+    depth, force: calibrations, or their files. Raises InputError for a calibration that this
+    version cannot use, and for a frame without a stage position.
     """
     run = open_run(folder)
-    rows, truth, view = settled_frames(run.frames(press)), run.truth(), view_of_run(run)
+    rows, truth, view = settled_rows(run.frames(press)), run.truth(), view_of_run(run)
     if (unknown := rows.loc[rows["z_mm"].isna(), "frame_id"]).size:
         raise InputError(
-            f"{run.folder}: frame {unknown.iloc[0]}: where the stage was is not recorded; "
-            "nobody knows under a weight laid on by hand, else `record check` says what is damaged"
+            f"{run.folder}: frame {unknown.iloc[0]}: no stage position recorded, as under a weight "
+            "laid on by hand; else `record check` finds the damage"
         )
     finder = DepthFinder(view, DepthModel.load(depth)[1] if isinstance(depth, Path) else depth)
     force = load_force(force) if isinstance(force, Path) else force
@@ -179,10 +174,8 @@ def measure_press(
         maps = _shape_maps(row, flow, finder, features, force)
         indenter = None if row.indenter == Run.UNKNOWN else run.indenter(str(row.indenter))
         if truth is not None and indenter is not None:
-            depth_mm, contact, contact_by = true_shape(
-                truth, maps.frame_id, flow, indenter, maps.tip_mm
-            )
-            maps = replace(maps, true_depth_mm=depth_mm, true_contact=contact)
+            true = true_shape(truth, maps.frame_id, flow, indenter, maps.tip_mm)
+            maps, contact_by = replace(maps, true_depth_mm=true[0], true_contact=true[1]), true[2]
         figures.append(
             {"press": press, "indenter": row.indenter, "frame_id": maps.frame_id,
              "kind": row.kind, "x_mm": float(maps.tip_mm[0]), "y_mm": float(maps.tip_mm[1])}
@@ -216,18 +209,19 @@ def _shape_maps(
     row: Any, flow: FaceFlow, finder: DepthFinder, features: Features | None,
     force: ForceCalibration | None,
 ) -> ShapeMaps:  # fmt: skip
-    """What a frame's row and its flow say."""
+    """Compute the maps of a frame from its row and its flow."""
     camera, press, depth = finder.view.camera, finder.inverse.solve(flow), finder.find(flow)
     density = jacobian_density(flow, camera.mm_per_px)
     field = wrench = None
+    regions = find_contacts(depth, flow, camera, press)
     if features is not None and force is not None:
         wrench = force.model.wrench(features.compute(flow), flow.cover)
         if features.local:
             field = features.traction(flow, force.model)
-    measured_n = np.array([getattr(row, name) for name in FORCE_COLUMNS], float)
+    measured_n = np.array([getattr(row, name) for name in FORCE_XYZ], float)
     return ShapeMaps(
         str(row.indenter), str(row.frame_id), np.array([row.x_mm, row.y_mm, row.z_mm], float),
-        flow, density, relative_depth(density, flow), depth, find_contacts(depth, flow, camera, press),
+        flow, density, relative_depth(density, flow), depth, regions,
         field, wrench, measured_n if np.isfinite(measured_n).all() else None,
         None if pd.isna(row.tz_nmm) else float(row.tz_nmm),
     )  # fmt: skip
@@ -251,7 +245,7 @@ def _shape_figures(maps: ShapeMaps) -> dict[str, Any]:
 
 
 def _truth_errors(maps: ShapeMaps) -> dict[str, Any]:
-    """Errors over known points: of the depth, of where the contact is; nothing without a truth."""
+    """Errors of depth and contact over the tracked points; empty without truth."""
     flow, depth, true_depth_mm = maps.flow, maps.depth, maps.true_depth_mm
     if true_depth_mm is None or maps.true_contact is None:
         return {}
@@ -272,9 +266,7 @@ def _truth_errors(maps: ShapeMaps) -> dict[str, Any]:
         "zero_error_contact_mm": float(true_depth_mm[contact].mean()),
         "relative_correlation": _correlation(maps.relative[valid], true_depth_mm[valid]),
         "depth_correlation": _correlation(depth.depth_mm[valid], true_depth_mm[valid]),
-        "contact_iou": float(
-            np.count_nonzero(detected & contact) / np.count_nonzero(detected | contact)
-        ),
+        "contact_iou": float((detected & contact).sum() / (detected | contact).sum()),
         "centroid_error_mm": None if offset is None else float(np.hypot(offset[0], offset[1])),
         "true_area_mm2": float(np.count_nonzero(contact) * flow.cell_mm**2),
     }
@@ -287,7 +279,7 @@ def _correlation(a: Array, b: Array) -> float | None:
 
 
 def _force_figures(maps: ShapeMaps, truth: RunTruth | None) -> dict[str, Any]:
-    """Force by sensor and by flow, and the field's error of the peak pressure against truth."""
+    """Force by sensor and by flow, peak pressure, and the pressure field's error against truth."""
     figures: dict[str, Any] = {}
     if maps.force_n is not None:
         x, y, z = map(float, maps.force_n)
@@ -300,15 +292,14 @@ def _force_figures(maps: ShapeMaps, truth: RunTruth | None) -> dict[str, Any]:
         return figures
     figures["peak_kpa"] = -KPA_PER_MPA * float(maps.field.traction_mpa[..., 2].min())
     if truth is not None and truth.tractions and maps.force_n is not None:
-        figures["true_peak_kpa"] = -KPA_PER_MPA * float(
-            truth.traction_mpa(maps.frame_id)[..., 2].min()
-        )
+        true_mpa = truth.traction_mpa(maps.frame_id)[..., 2]
+        figures["true_peak_kpa"] = -KPA_PER_MPA * float(true_mpa.min())
         figures["pressure_error"] = _pressure_error(maps.field, truth, maps.frame_id)
     return figures
 
 
 def _pressure_error(field: TractionField, truth: RunTruth, frame_id: str) -> float | None:
-    """Mean error of the pressure over the contact, of its peak; None where nothing presses."""
+    """Mean error of the pressure over the contact, as a share of its peak; None without contact."""
     x, y = truth.face_mm(frame_id)
     pressure = -truth.traction_mpa(frame_id)[..., 2]
     if (peak := pressure.max()) <= NO_PRESSURE_MPA:
@@ -318,12 +309,10 @@ def _pressure_error(field: TractionField, truth: RunTruth, frame_id: str) -> flo
     return float(np.abs(residual[true > CONTACT_SHARE * peak]).mean() / peak)
 
 
-def _interpolate(
-    x_mm: Array, y_mm: Array, from_x_mm: Array, from_y_mm: Array, values: Array
-) -> Array:
+def _interpolate(x_mm: Array, y_mm: Array, from_x: Array, from_y: Array, values: Array) -> Array:
     """Values (ny, nx) of a lattice at the points of another one, bilinear."""
     from scipy.interpolate import RegularGridInterpolator
 
     points = np.stack(np.meshgrid(y_mm, x_mm, indexing="ij"), axis=-1)
-    interpolated: Array = RegularGridInterpolator((from_y_mm, from_x_mm), values)(points)
+    interpolated: Array = RegularGridInterpolator((from_y, from_x), values)(points)
     return interpolated

@@ -28,12 +28,12 @@ SHAPE_FIGURES = (
 
 @dataclass(frozen=True)
 class ShapeResult:
-    """Shape found in the settled frames of a run.
+    """Shape measured in the settled frames of a run.
 
-    rows: figures of each frame, by name; those that are not known are left out.
-    calibration: file of the depth's, None: the inverse's own. contact_by: how the true contact was
-    told. pictures: the deepest of each indenter. field: one with tractions, by a calibration of
-    force; the most twisted, else of the first that has them.
+    rows: figures of each frame by name, without unknown ones. calibration: file of the depth
+    calibration, None: uncalibrated. contact_by: criterion of the true contact. pictures: the
+    deepest of each indenter. field: maps with tractions by a force calibration: the most twisted
+    frame, else the first.
     """
 
     GOALS: ClassVar = {
@@ -41,7 +41,7 @@ class ShapeResult:
         "depth_error_face_mm": 0.03,
         "place_error_mm": 0.5,
     }
-    """At most, as means over the frames that press."""
+    """Upper limits of the means over the frames that press (docs/evidence/shape.md)."""
 
     rows: list[dict[str, Any]]
     pictures: list[ShapeMaps]
@@ -52,7 +52,7 @@ class ShapeResult:
     field: ShapeMaps | None = None
 
     def means(self, indenter: str | None = None) -> dict[str, Any]:
-        """Means of FIGURES over the frames that press (of one indenter), with their number."""
+        """Means of SHAPE_FIGURES over the frames that press (of one indenter), and their number."""
         rows = [
             row
             for row in self.rows
@@ -70,40 +70,34 @@ class ShapeResult:
 
     @property
     def missed(self) -> list[str]:
-        """Names of GOALS that the means are over."""
+        """Names of the GOALS that the means exceed."""
         means = self.means()
         return [name for name, goal in self.GOALS.items() if (means[name] or 0.0) > goal]
 
     @property
     def line(self) -> str:
-        """The verdict: what the depth and the place are worth."""
+        """The verdict: mean errors of depth and place."""
         means = self.means()
         how = "uncalibrated" if self.calibration is None else f"by {Path(self.calibration).name}"
         if means["depth_error_contact_mm"] is None:
-            return (
-                f"Shape of {means['frames']} frames, depth {how}; its error is "
-                "unknown without truth."
-            )
+            return f"Shape of {means['frames']} frames, depth {how}; error unknown without truth."
         parts = [
-            f"{label} {means[name]:.3f} mm{f' (over {goal:g})' if name in self.missed else ''}"
+            f"{label} {means[name]:.3f} mm{f' (goal: {goal:g})' if name in self.missed else ''}"
             for (name, goal), label in zip(self.GOALS.items(), GOAL_LABELS, strict=True)
             if means[name] is not None
         ]
-        # A face that nothing presses has no depth either, so its figure flatters.
+        # An unpressed face has no depth either, so the error over the face alone flatters.
         return (
             f"Mean error of {means['frames']} frames, depth {how}: {', '.join(parts)}; "
-            f"predicting zero everywhere gives {means['zero_error_contact_mm']:.3f} mm over the "
-            "contact."
+            f"baseline (zero depth): {means['zero_error_contact_mm']:.3f} mm over the contact."
         )
 
     @property
     def note(self) -> str:
-        """Where the figures come from."""
+        """Source of the figures: simulated or measured, and the criterion of the true contact."""
         source = f"; true contact by {self.contact_by}" if self.contact_by else ""
         if self.contact_by == "geometry":
-            source += (
-                ", too small where the gel's cells are coarse: 'traction' in channels tells it"
-            )
+            source += " (too small on a coarse gel mesh; record the channel 'traction' instead)"
         return (f"simulated, seed {self.seed}" if self.simulated else "measured") + source
 
     def as_dict(self) -> dict[str, Any]:
@@ -124,7 +118,7 @@ class ShapeResult:
         return write_results(folder, {"shape.json": self.as_dict()})
 
 
-UNCALIBRATED_DEPTH = DepthModel(gain=1.0, deepest_mm=20.0)
+UNCALIBRATED_DEPTH = DepthModel(gain=1.0, deepest_mm=20.0)  # by hand: never extrapolated
 
 
 def analyse_shape(
@@ -133,15 +127,15 @@ def analyse_shape(
     force: Path | None = None,
     progress: Progress | None = None,
 ) -> ShapeResult:
-    """Analyse every settled frame of a run; depth: a calibration of it, else the inverse's own.
+    """Analyse every settled frame of a run.
 
-    force: a calibration of it, for force and pressure beside what the sensor said. Raises
-    InputError for a run that is not finished or has no images, and for a calibration that is none
-    or another sensor's.
+    depth: a depth calibration, None: uncalibrated. force: a force calibration, to compare force
+    and pressure with the force sensor. Raises InputError for a run that is not finished or has no
+    images, and for a calibration that is invalid or another sensor's.
     """
     run = open_run(folder)
     frames = read_frames(run, "shape")
-    _ = run.camera  # said first where there is none
+    _ = run.camera  # raises first where there is none
     model = UNCALIBRATED_DEPTH
     if depth is not None:
         head, model = DepthModel.load(depth)

@@ -1,7 +1,7 @@
-"""Runs and presses image by image: followed by every method, compared with dots and truth.
+"""Tracking of runs and presses by every method, compared with dots and truth.
 
-Images and truth may come from a record, or be drawn on the spot and kept nowhere. A whole run is
-followed press by press, side by side.
+Images and truth may come from a record, or be rendered on the fly without being stored. The presses
+of a run are analysed in parallel.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ DEFAULT_METHODS = ("fused", "dis-medium", "paper", "farneback-paper/composed")
 class TrackingPlan:
     """Plan of an analysis: which methods follow a run, and whether its dots are followed.
 
-    left_out: a line a thing.
-    timed: each method's CPU time is asked for; else they share what two of them would find twice.
+    left_out: one line per comparison that is not possible. timed: measure each method's CPU time;
+    else methods share common computations.
     """
 
     DOTS_ONLY_LAW: ClassVar = "dot-matrix"
@@ -58,10 +58,9 @@ class TrackingPlan:
 
     @classmethod
     def for_run(cls, run: Run, methods: Sequence[str] | None) -> TrackingPlan:
-        """Plan for a run; methods: None for the default ones.
+        """Plan the analysis of a run; methods: None for the default ones.
 
-        Raises InputError for a method that is not known, or of dense flow where there are only
-        dots.
+        Raises InputError for an unknown method, or a dense one for a pattern of dots only.
         """
         for name in methods or ():
             FlowTracker.from_name(name)
@@ -73,23 +72,22 @@ class TrackingPlan:
                     f"nothing between them that {methods[0]!r} could match; without --method "
                     "the dots are followed"
                 )
-            return cls((DOTS_METHOD,), True, ("dense flow: the pattern has only dots to follow",))
+            return cls((DOTS_METHOD,), True, ("dense flow: the pattern has only dots",))
         left_out = []
         requested = "dots" in run.meta["protocol"]["channels"]
         if not n_dots:
             left_out.append("error at the dots: the pattern has none")
         elif not requested:
-            left_out.append("error at the dots: the channel 'dots' is not asked for")
+            left_out.append("error at the dots: no channel 'dots' in the protocol")
         if run.truth() is None:
-            left_out.append("error against truth: a real rig knows none")
+            left_out.append("error against truth: not available on a real rig")
         return cls(tuple(methods or DEFAULT_METHODS), bool(n_dots and requested), tuple(left_out))
 
 
 class Follower:
     """Tracker of a press by all methods; the first frame is the reference of flow and dots.
 
-    tallies: by method. dots: None where they are not followed. left_out: lines that say what could
-    not be.
+    tallies: by method. dots: None where they are not tracked. left_out: one line per failure.
     """
 
     def __init__(self, scene: TrackingPlan, marks: PatternDots) -> None:
@@ -103,16 +101,14 @@ class Follower:
         self._off_dots = off_dots(marks.camera, marks.dots_mm, marks.diameter_mm)
         self._has_reference = False
 
-    def update(
-        self, image: NDArray[np.uint8], frame: TrueFrame | None
-    ) -> dict[str, dict[str, Any]]:
-        """The next image, (h, w, 3) BGR; figures of a frame by method, none of the reference.
+    def track(self, image: NDArray[np.uint8], frame: TrueFrame | None) -> dict[str, dict[str, Any]]:
+        """Track the next image, (h, w, 3) BGR; return its figures by method, none of the reference.
 
         frame: the truth where it is known. Raises SensorError for a first image without a pattern;
         one in which only the dots are missing is analysed without them.
         """
         compared, self._has_reference = self._has_reference, True
-        # Of what moves, what lies on no dot: one that is followed is no pattern.
+        # Moving pixels that lie on no dot, as dots are no part of the pattern.
         frame = frame and replace(frame, moving=frame.moving & self._off_dots)
         dots = None
         try:
@@ -120,7 +116,7 @@ class Follower:
         except SensorError as error:
             if not self._flows:
                 raise
-            # The flow has its error against truth, and its own word, without them.
+            # The flow still has its error against truth, and its confidence.
             self.left_out.append(str(error))
             self.dots = None
         tallies: dict[str, ErrorTally] = {}
@@ -148,7 +144,7 @@ class Follower:
 
 
 def _tally_frame(observed: FlowObservation, frame: TrueFrame | None, scale: float) -> ErrorTally:
-    """What a method says of a frame, and its errors against truth. scale: mm/px."""
+    """Tally a frame of one method: its confidence and its errors against truth. scale: mm/px."""
     flow, last = observed.flow_px, observed.diagnostics
     tally = ErrorTally.for_frame(last.confident_share, last.trusted, last.cpu_ms)
     tally.switches = last.n_reference_switches
@@ -165,12 +161,12 @@ def _tally_frame(observed: FlowObservation, frame: TrueFrame | None, scale: floa
 
 FRAME_COLUMNS = ("frame_id", "seq", "press", "indenter", "step_id")
 TRACKING_COLUMNS = [*FRAME_COLUMNS, "method", *ErrorTally().figures()]
-"""Of the table of frames; empty where a thing was left out."""
+"""Columns of the table of frames; empty where a figure is not available."""
 
 
 @dataclass
 class PressResult:
-    """Sums by method, rows of the table of frames, and what was left out."""
+    """Tallies by method, rows of the table of frames, and lines on what was left out."""
 
     tallies: dict[str, ErrorTally]
     dots: DotTally = field(default_factory=DotTally)
@@ -201,8 +197,8 @@ def analyse_press(folder: str, press: str, scene: TrackingPlan) -> PressResult:
             motion = truth.flow_and_in_plane(str(row.frame_id))
             frame = TrueFrame.from_flow(*motion, in_view, camera.mm_per_px)
         frame_of = {key: getattr(row, key) for key in FRAME_COLUMNS}
-        # The reference compared with itself is no measurement, and says nothing.
-        for name, figures in follower.update(image, frame).items():
+        # The reference has no figures: comparing it with itself is no measurement.
+        for name, figures in follower.track(image, frame).items():
             result.rows.append({**frame_of, "method": name, **figures})
     result.left_out += [f"error at the dots of {press}: {reason}" for reason in follower.left_out]
     if follower.dots:
@@ -218,9 +214,9 @@ def analyse_tracking(
 ) -> TrackingResult:
     """Analyse the tracking error of every method over a whole run.
 
-    methods: None for the default ones, or for the dots where a pattern has nothing else. What the
-    run cannot tell (errors at dots that it has not, against a truth that nobody knows) is left out
-    and named. Raises InputError for an unknown method, a run without images or one not finished.
+    methods: None for the default ones, or the dots where a pattern has nothing else. Errors that
+    the run does not allow (no dots, no truth) are listed in left_out. Raises InputError for an
+    unknown method, a run without images or an unfinished one.
     """
     run = open_run(folder)
     frames = read_frames(run, "tracking")

@@ -1,4 +1,4 @@
-"""What the flow is compared with, truth and dots, and sums of its errors over many frames."""
+"""References of the flow, truth and dots, and sums of its errors over many frames."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from ...measure.compose import inside
 from ...measure.dots.detect import Polarity
 from ...measure.dots.tracker import DotObservation, DotTracker
 
-MOVING_MM = 0.1
-WRONG_FLOW_MM = 0.1  # an error that no one who was told "confident" would expect
-# Bins of the errors from LEAST_MM on, each a hundredth wider than the one before, to 300 mm.
+MOVING_MM = 0.1  # decision 0004
+WRONG_FLOW_MM = 0.1  # error of a confident pixel that counts as wrong, decision 0004
+# By hand: bins of errors from MIN_BIN_MM to 300 mm, 1 % wide, the accuracy of the percentile.
 MIN_BIN_MM, BIN_RATIO, ERROR_BINS = 1e-4, 1.01, 1500
 
 
@@ -43,11 +43,11 @@ class Mean:
 
 @dataclass
 class ErrorTally:
-    """Sums over frames; lengths in mm. The percentile is that of a histogram, to a hundredth.
+    """Sums over frames; lengths in mm. The percentile is from a histogram, accurate to 1 %.
 
     off_dots, error_confident: of all moving visible pixels, and of the confident ones.
-    in_plane: of the flow there, where it is read as in-plane motion. confident_share, lost_share:
-    of the image, a value a frame.
+    in_plane: error there if the flow is read as in-plane displacement. confident_share,
+    lost_share: of the image, one value per frame.
     """
 
     at_dots: Mean = field(default_factory=Mean)
@@ -67,13 +67,13 @@ class ErrorTally:
 
     @classmethod
     def for_frame(cls, confident_share: float, trusted: bool, cpu_ms: float) -> Self:
-        """What a method says of one frame, without any error."""
+        """Start the tally of one frame of a method, without any error."""
         tally = cls(untrusted_frames=int(not trusted), ms=[cpu_ms])
         tally.confident_share.add(confident_share)
         return tally
 
     def add_moving(self, errors_mm: NDArray[Any], confident: NDArray[np.bool_]) -> None:
-        """Count in the moving visible pixels of a frame, (n,) errors and which are confident."""
+        """Add the moving visible pixels of a frame: errors (n,), and mask of confident ones."""
         self.off_dots.add(errors_mm)
         index = np.log(np.maximum(errors_mm, MIN_BIN_MM) / MIN_BIN_MM) / np.log(BIN_RATIO)
         index = np.minimum(index.astype(np.int64), ERROR_BINS - 1)
@@ -81,7 +81,7 @@ class ErrorTally:
         self.add_confident(errors_mm[confident], errors_mm.size)
 
     def add_confident(self, errors_mm: NDArray[Any], n_moving: int) -> None:
-        """Add the confident ones (n,), out of this many moving visible pixels."""
+        """Add the errors (n,) of the confident ones out of n_moving moving visible pixels."""
         self.n_moving += n_moving
         self.error_confident.add(errors_mm)
         self.wrong_n += int((errors_mm > WRONG_FLOW_MM).sum())
@@ -94,7 +94,7 @@ class ErrorTally:
         self.peak_true_mm = max(peaks, default=None)
 
     def figures(self) -> dict[str, Any]:
-        """The figures of the report; None where nothing was measured."""
+        """Return the figures of the report; None where nothing was measured."""
         n = self.confident_share.n
         return {
             "mean_at_dots_mm": self.at_dots.value,
@@ -122,20 +122,20 @@ class ErrorTally:
 
 
 def ratio(part: float, total: int) -> float | None:
-    """part / whole; None of nothing."""
+    """Return part / total; None for a total of 0."""
     return part / total if total else None
 
 
 DOTS_METHOD = "dots"
 """The method's name where there is nothing but dots to follow; its pixels are dots."""
-MIN_TRUSTED_DOTS = 0.8  # of the dots, for a frame to be trusted
+MIN_TRUSTED_DOTS = 0.8  # share located in a trusted frame; by hand, as MIN_CONFIDENT of `result`
 
 
 @dataclass
 class DotTally:
-    """Errors of the dots themselves against truth, and how many were lost.
+    """Errors of the dots themselves against truth, and numbers of located and lost dots.
 
-    A misidentified one is off by half the distance of two dots or more.
+    A misidentified dot is off by half the distance of two dots or more.
     """
 
     errors: Mean = field(default_factory=Mean)
@@ -150,7 +150,7 @@ class DotTally:
         self.n_lost += tally.n_lost
 
     def figures(self) -> dict[str, Any]:
-        """Errors against truth (None on a real rig), and how many were seen."""
+        """Return errors against truth (None on a real rig), and how many were located."""
         return {
             "mean_vs_truth_mm": self.errors.value,
             "max_vs_truth_mm": self.worst_mm if self.errors.n else None,
@@ -173,7 +173,7 @@ class PatternDots:
 
     @classmethod
     def from_record(cls, camera: CameraModel, pattern: dict[str, Any]) -> PatternDots:
-        """pattern: as a run's `pattern.json` has it."""
+        """Read the dots of a pattern's record (a run's `pattern.json`)."""
         dots_mm = np.asarray(pattern.get("dots_mm", []), dtype=float).reshape(-1, 2)
         # Dark on light, where the recipe's dots are nearer to black; else white on colours.
         colour = str((pattern["recipe"].get("dots") or {}).get("colour", "#ffffff"))
@@ -183,7 +183,7 @@ class PatternDots:
 
 
 class DotFollower:
-    """Follows the dots of one press, and counts them."""
+    """Tracks the dots of one press, and counts them."""
 
     def __init__(self, marks: PatternDots) -> None:
         camera = marks.camera
@@ -196,7 +196,7 @@ class DotFollower:
         self.tally = DotTally()
 
     def follow(self, image: NDArray[np.uint8]) -> DotObservation:
-        """The dots of the next frame. Raises SensorError when the first one does not show them."""
+        """Track the dots in the next frame. Raises SensorError if the first does not show them."""
         observed = self.tracker.update(image)
         n_dots = int(np.isfinite(observed.displacement_px[:, 0]).sum())
         self.tally.n_found += n_dots
@@ -204,16 +204,16 @@ class DotFollower:
         return observed
 
     def add_frame(self, observed: DotObservation, true_px: Field) -> None:
-        """Count a frame's errors in. true_px: (n, 2) motion of the dots."""
+        """Add a frame's errors. true_px: (n, 2) motion of the dots."""
         errors = _lengths(observed.displacement_px - true_px) * self.mm_per_px
         self.tally.errors.add(errors)
         self.tally.worst_mm = max(self.tally.worst_mm, float(errors.max(initial=0.0)))
 
     def as_method(self, observed: DotObservation, true_px: Field | None) -> ErrorTally:
-        """A frame as that of a method whose pixels are the dots.
+        """Tally a frame like a method whose pixels are the dots.
 
-        true_px: (n, 2) motion of the dots, None where no truth is known. A dot that is found is a
-        confident pixel; one that is lost has no error, so that there is none over all of them.
+        true_px: (n, 2) motion of the dots, None without truth. A located dot is a confident pixel;
+        a lost one has no error, so there is no mean error over all.
         """
         share = float(np.isfinite(observed.displacement_px[:, 0]).mean())
         tally = ErrorTally.for_frame(share, share >= MIN_TRUSTED_DOTS, observed.cpu_ms)
@@ -229,26 +229,26 @@ class DotFollower:
     def flow_errors(
         self, flow_px: NDArray[np.float32], observed: DotObservation
     ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-        """The paper's error (k,) mm of flow (h, w, 2) at the k dots found; which of them move."""
+        """The paper's error (k,) mm of flow (h, w, 2) at k located dots; mask of moving ones."""
         off_px = sample_flow(flow_px, self.tracker.first_px) - observed.displacement_px
         moving = np.hypot(*observed.displacement_px.T) * self.mm_per_px >= MOVING_MM
         return _lengths(off_px) * self.mm_per_px, moving[np.isfinite(off_px[:, 0])]
 
 
 def _lengths(vectors: Field) -> NDArray[Any]:
-    """Of those that are known, of vectors (n, 2)."""
+    """Lengths of the finite ones of vectors (n, 2)."""
     lengths = np.hypot(*vectors.T)
     return lengths[np.isfinite(lengths)]
 
 
-DOT_MARGIN_PX = 3.0
+DOT_MARGIN_PX = 3.0  # decision 0004
 
 
 @dataclass(frozen=True)
 class TrueFrame:
     """True motion of every rest pixel, projected and in-plane, and which of them move.
 
-    moving: (h, w) bool, of the visible ones. peak_mm: of the visible pixels, None where none is.
+    moving: (h, w) bool, of the visible pixels. peak_mm: over the visible pixels, None without any.
     """
 
     flow_px: NDArray[np.float64]
@@ -264,15 +264,15 @@ class TrueFrame:
         imaged: NDArray[np.bool_],
         mm_per_px: float,
     ) -> TrueFrame:
-        """flow, in_plane: (h, w, 2), px and mm, of what every pixel sees at rest.
+        """Find the visible moving pixels of a true flow.
 
-        seen: (h, w) rest pixels that the camera sees.
+        flow, in_plane: (h, w, 2), px and mm, at every rest pixel. imaged: (h, w) mask.
         """
         h, w = imaged.shape
         y, x = np.mgrid[:h, :w]
         to = np.stack((x + flow[..., 0], y + flow[..., 1]), axis=-1)
         visible = inside(to, h, w)
-        # Where a steep flank hides what is behind it, no one point of the face is the true one.
+        # Where a steep flank folds the image, several face points share a pixel.
         disputed = folded_pixels(to, imaged.shape)
         column, row = np.rint(to[visible]).astype(int).T
         visible[visible] = imaged[visible] & imaged[row, column] & ~disputed[row, column]
@@ -282,7 +282,7 @@ class TrueFrame:
 
     @staticmethod
     def imaged_pixels(camera: CameraModel) -> NDArray[np.bool_]:
-        """Pixels (h, w) that hold an image: a rectified view may go beyond what the lens saw."""
+        """Pixels (h, w) that hold an image: a rectified view may exceed that of the lens."""
         if isinstance(camera, Rectified):
             return camera.seen()
         return np.ones((camera.height_px, camera.width_px), bool)
@@ -291,7 +291,7 @@ class TrueFrame:
 def off_dots(
     camera: CameraModel, dots_mm: NDArray[np.float64], diameter_mm: float
 ) -> NDArray[np.bool_]:
-    """(h, w) rest pixels that lie on no dot, with a margin for its blurred edge."""
+    """Mask (h, w) of rest pixels that lie on no dot, with a margin for its blurred edge."""
     import cv2
 
     radius_px = diameter_mm / 2 / camera.mm_per_px + DOT_MARGIN_PX

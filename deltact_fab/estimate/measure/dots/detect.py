@@ -1,9 +1,9 @@
-"""Dots in one image: where they stand out from the local light, and their centroids.
+"""Dot detection in one image: contrast with the local light, and centroids.
 
-A white dot is bright in every channel, a dark one dark in every channel: min(B, G, R), or
-max(B, G, R) turned over, against the local light, blurred so that single patches of a dense
-pattern vanish. Connected components above a level; each centroid is weighted by the height above
-that level. All of it happens in an image reduced by whole pixels until a dot is about 7 px wide.
+A white dot is bright in every channel, a dark one dark in every channel: min(B, G, R), or inverted
+max(B, G, R), relative to the local light, blurred so that single patches of a dense pattern vanish.
+Dots are connected components above a level; each centroid is weighted by the height above it. The
+image is first reduced by an integer factor until a dot is about 7 px wide.
 """
 
 from __future__ import annotations
@@ -18,19 +18,20 @@ from deltact_fab.common import Array, InputError, SensorError
 
 Polarity = Literal["white", "dark"]
 
-REDUCED_DOT_PX = 7.0  # a dot's diameter in the reduced image in which dots are looked for
-BLUR_SIGMA = 0.17  # sigma of the blur of the whiteness, in diameters
+# By hand, on two runs of docs/evidence/dots.md: stricter refuses worn skins, looser takes textures.
+REDUCED_DOT_PX = 7.0  # a dot's diameter in the reduced image
+BLUR_SIGMA = 0.17  # sigma of the blur, in diameters
 MIN_SKIN_DOTS = 9
-SEARCH_DIAMETERS_PX = (6.0, 12.0, 24.0, 48.0)  # scales at which dots are looked for
-MAX_AREA_RATIO = 1.6  # areas within this factor of the median count as dots of one skin
-MIN_DOT_SHARE = 0.8  # of all blobs of about that size that must be such dots
+SEARCH_DIAMETERS_PX = (6.0, 12.0, 24.0, 48.0)  # scales of the search in an unknown image
+MAX_AREA_RATIO = 1.6  # to the median, for dots of one skin
+MIN_DOT_SHARE = 0.8  # of all blobs of about that size
 MIN_DOT_CONTRAST = 0.15  # of the local light
-MAX_OPPOSITE_SHARE = 0.3  # of the dots: blobs of the other polarity that look like dots as well
+MAX_OPPOSITE_SHARE = 0.3  # dots of the other polarity, over the dots
 
 
 @dataclass(frozen=True)
 class Blobs:
-    """centre_px: (m, 2) float64 in the full image; area_px: (m,) in its pixels."""
+    """Blobs of an image. centre_px: (m, 2) float64 in the full image; area_px: (m,)."""
 
     centre_px: Array
     area_px: Array
@@ -40,7 +41,7 @@ class Blobs:
 
 
 class Detector:
-    """Finds dots of one polarity, of about `diameter_px` and at least `pitch_px` apart."""
+    """Detector of dots of one polarity, of about `diameter_px` and at least `pitch_px` apart."""
 
     def __init__(self, diameter_px: float, pitch_px: float, polarity: Polarity) -> None:
         self.shrink = max(1, int(diameter_px / REDUCED_DOT_PX))
@@ -50,7 +51,7 @@ class Detector:
         self._polarity = polarity
 
     def reduce(self, image: Array) -> Array:
-        """(h // shrink, w // shrink, 3) uint8, the means of whole squares of pixels."""
+        """Reduce an image by block means to (h // shrink, w // shrink, 3) uint8."""
         s = self.shrink
         if s == 1:
             return image
@@ -58,11 +59,11 @@ class Detector:
         return cv2.resize(image[: h * s, : w * s], (w, h), interpolation=cv2.INTER_AREA)
 
     def to_small(self, points_px: Array) -> Array:
-        """Places in the full image as places in the reduced one."""
+        """Convert positions in the full image to the reduced one."""
         return (points_px + 0.5) / self.shrink - 0.5
 
     def signal(self, small: Array) -> Array:
-        """(h, w) float32 of the reduced image, high on dots, free of smooth shading."""
+        """Signal (h, w) float32 of the reduced image, high on dots, free of smooth shading."""
         b, g, r = cv2.split(small)
         extreme = cv2.min if self._polarity == "white" else cv2.max
         ink = extreme(extreme(b, g), r)
@@ -77,7 +78,7 @@ class Detector:
         return ratio if self._polarity == "white" else np.negative(ratio)
 
     def blobs(self, signal: Array, level: float) -> Blobs:
-        """Blobs above the level, wholly inside the image and not far from a dot's size."""
+        """Return blobs above the level, fully inside the image and of about a dot's size."""
         h, w = signal.shape
         _, labels, stats, _ = cv2.connectedComponentsWithStats(
             (signal > level).astype(np.uint8), connectivity=4, ltype=cv2.CV_32S
@@ -104,8 +105,8 @@ class Detector:
 
 @dataclass(frozen=True)
 class DetectedDots:
-    """position_px: (n, 2) centres, by rows from the top; diameter_px of a disc of the median area;
-    pitch_px: median distance of nearest neighbours."""
+    """Dots of an image. position_px: (n, 2) centres, by rows from the top; diameter_px: of a disc
+    of the median area; pitch_px: median distance of nearest neighbours."""
 
     position_px: Array
     diameter_px: float
@@ -114,39 +115,33 @@ class DetectedDots:
 
 
 def find_dots(image: Array) -> DetectedDots:
-    """Dots of one size on a ground that shows little else, (h, w, 3) BGR uint8.
+    """Find dots of one size on a plain ground, in an image (h, w, 3) BGR uint8.
 
-    Of white and dark ones those of which there are more. Raises InputError for another type of
-    image, SensorError when fewer than 9 such dots are there, or the ground between them is no less
-    a set of dots than they are: a chessboard.
+    Returns white or dark ones, whichever are more. Raises InputError for another type of image,
+    SensorError for fewer than 9 dots, or if the ground looks like dots too, as on a chessboard.
     """
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
         raise InputError(f"dots: image is {image.dtype} {image.shape}; BGR uint8 is needed")
     polarities: tuple[Polarity, ...] = ("white", "dark")
-    candidates = [
-        max(
-            (_find_at_scale(image, polarity, size_px) for size_px in SEARCH_DIAMETERS_PX),
-            key=_count_dots,
-        )
-        for polarity in polarities
+    best = [
+        max((_find_at_scale(image, p, size_px) for size_px in SEARCH_DIAMETERS_PX), key=_count)
+        for p in polarities
     ]
-    dots, opposite = (
-        candidates if _count_dots(candidates[0]) >= _count_dots(candidates[1]) else candidates[::-1]
-    )
+    dots, opposite = best if _count(best[0]) >= _count(best[1]) else best[::-1]
     if dots is None:
         raise SensorError(
-            f"dots: the image does not show {MIN_SKIN_DOTS} or more white or dark dots of one size, "
-            "at least 4 px wide and 1.3 diameters apart: wrong pattern, out of focus, over-exposed"
+            f"dots: the image shows fewer than {MIN_SKIN_DOTS} white or dark dots of one size, at "
+            "least 4 px wide and 1.3 diameters apart: wrong pattern, out of focus, over-exposed"
         )
-    if opposite is not None and _count_dots(opposite) > MAX_OPPOSITE_SHARE * _count_dots(dots):
+    if opposite is not None and _count(opposite) > MAX_OPPOSITE_SHARE * _count(dots):
         raise SensorError(
-            f"dots: the image shows {_count_dots(dots)} {dots.polarity} dots and {_count_dots(opposite)} "
+            f"dots: the image shows {_count(dots)} {dots.polarity} dots and {_count(opposite)} "
             f"{opposite.polarity} ones: a chessboard or the like; dots on a plain ground are needed"
         )
     return dots
 
 
-def _count_dots(dots: DetectedDots | None) -> int:
+def _count(dots: DetectedDots | None) -> int:
     return 0 if dots is None else len(dots.position_px)
 
 
@@ -154,7 +149,7 @@ def _find_at_scale(image: Array, polarity: Polarity, diameter_px: float) -> Dete
     blobs = _strong_blobs(image, polarity, diameter_px)
     if blobs is None:
         return None
-    # Once more, at the scale of what was found
+    # Again, at the scale of the blobs
     first_px = float(2 * np.sqrt(np.median(blobs.area_px) / np.pi))
     if first_px < 4 or (blobs := _strong_blobs(image, polarity, first_px)) is None:
         return None
@@ -175,7 +170,7 @@ def _find_at_scale(image: Array, polarity: Polarity, diameter_px: float) -> Dete
 
 
 def _strong_blobs(image: Array, polarity: Polarity, diameter_px: float) -> Blobs | None:
-    """Blobs above half of the contrast that the strongest hundredth of the picture has."""
+    """Return blobs above half the contrast of the brightest hundredth of the signal."""
     detector = Detector(diameter_px, 2 * diameter_px, polarity)
     small = detector.reduce(image)
     if min(small.shape[:2]) < 8:

@@ -1,7 +1,7 @@
-"""Which blob is which dot: by their neighbours, and by the colours around them where there are any.
+"""Matching of blobs to dots: by their neighbours, and by the colours around them if there are any.
 
-What the order of nearness says is only a first guess. Every match has to stand the checks of order
-and colours, and one that does not is given up: a lost dot does less harm than a wrong one.
+Nearest neighbours are only a first guess. Every match must pass the checks of order and colours,
+else it is dropped: a lost dot does less harm than a wrong one.
 """
 
 from __future__ import annotations
@@ -15,29 +15,26 @@ from ..compose import sample
 from .detect import Blobs
 from .skin import Skin, mutual_nearest
 
-MAX_AREA_FACTOR = 1.7
-"""By which a dot's area may differ from what the neighbours' motion predicts; beyond, it is partly
-covered or merged."""
-GATE_PITCHES = 0.45  # pitches from its prediction within which a dot is looked for
+# By hand, on two runs of docs/evidence/dots.md: looser gives wrong identities, stricter loses dots.
+MAX_AREA_FACTOR = 1.7  # to a dot's predicted area; beyond, it is partly covered or merged
+GATE_PITCHES = 0.45  # search radius around a predicted dot
+# A lost dot is searched where its neighbours have carried it for MAX_LOST_FRAMES, then where their
+# affine motion predicts it, within REGAIN_PITCHES; by hand, as above.
 MAX_LOST_FRAMES = 2
-"""How long a lost dot is looked for where its neighbours have carried it; then where the affine
-motion around it puts it, within REGAIN pitches."""
 REGAIN_PITCHES = 0.3
-ODD_SHARE = 0.02
-"""Of the dots, by which a guess of the skin's motion may explain less than the last one did before
-others are tried."""
-STEP_TOLERANCE = 0.3  # of two neighbours' steps within one frame, in their distance
-MIN_RING_NCC = 0.5  # identity of the ring of colours
+ODD_SHARE = 0.02  # of the dots: a score this much lower than the last makes other guesses tried
+STEP_TOLERANCE = 0.3  # difference of two neighbours' steps per frame, over their distance
+MIN_RING_NCC = 0.5  # of the ring of colours, for the same dot
 MAX_RING_LIKENESS = 0.3  # median correlation of the rings of different dots
-REGAIN_NCC = 0.65  # the same for a dot found again anywhere in the image
+REGAIN_NCC = 0.65  # of the ring, for a dot regained anywhere in the image
 
 
 class Identities:
-    """Follows the dots of a skin through the blobs of frame after frame.
+    """Matcher of a skin's dots to the blobs of each frame.
 
-    first_px: (n, 2) places in the first frame, NaN for a dot that is not in it; area_px: (n,) areas
-    there. rings: what remembers the colours, None without any; `image` is the smoothed one that
-    they are sampled in.
+    first_px: (n, 2) positions in the first frame, NaN for a missing dot; area_px: (n,) areas
+    there. rings: colours around the dots, None without any; `image` is the smoothed image that
+    they are sampled from.
     """
 
     def __init__(
@@ -48,18 +45,18 @@ class Identities:
         self.first_px, self._first_area = first_px, area_px
         self._registered = np.isfinite(first_px[:, 0])
         n = len(first_px)
-        self._place = first_px.copy()  # where each dot is, or would be if it were seen
+        self._place = first_px.copy()  # of each dot, predicted where it is not visible
         self._missed = np.where(self._registered, 0, np.iinfo(int).max // 2)  # frames since then
         self._motion = np.zeros_like(first_px)
         self._last_score = float(self._registered.sum())
-        # Of the frame at hand
+        # State of the current frame
         self._position = first_px.copy()
         self._blob = np.full(n, -1)
-        self._intact = np.ones(n, bool)  # not covered in part, nor merged with another
+        self._intact = np.ones(n, bool)  # neither partly covered nor merged with another
         self._ncc = np.full(n, np.nan)
 
     def follow(self, blobs: Blobs, image: Array | None = None) -> tuple[Array, Array]:
-        """(n, 2) places, NaN where lost; (n,) likeness of the colours."""
+        """Match a frame's blobs; return positions (n, 2), NaN where lost, and ring NCC (n,)."""
         previous = self._position
         self._position = np.full_like(previous, np.nan)
         self._ncc = np.full(len(previous), np.nan)
@@ -68,7 +65,7 @@ class Identities:
             self._match_by_neighbours(blobs, image)
             self._match_by_colours(blobs, image)
         self._remember(previous)
-        # A dot seen in part keeps its blob, lest another take it; its centroid is not reported
+        # A partly visible dot keeps its blob, so that no other takes it; its centroid is dropped
         part = self._located & ~self._intact
         return np.where(part[:, None], np.nan, self._position), self._ncc.copy()
 
@@ -78,13 +75,13 @@ class Identities:
         return located
 
     def _match_by_motion(self, blobs: Blobs, image: Array | None) -> None:
-        """Dots seen lately, by the first guess of the skin's motion that loses and bends none."""
+        """Match recent dots, by the first guess of the skin's motion that explains them well."""
         recent = self._registered & (self._missed <= MAX_LOST_FRAMES)
         if not recent.any():
             return
         visible = int((self._missed == 0).sum())
         best, best_score = np.full(len(self._place), -1), -np.inf
-        # Going on, turned back with the stage, at rest, let go.
+        # Constant velocity, reversed with the stage, at rest, released.
         for guess in (
             self._place + self._motion,
             self._place - self._motion,
@@ -92,9 +89,7 @@ class Identities:
             self.first_px,
         ):
             expected = np.where(recent[:, None], guess, np.nan)
-            for match in self._skin.grow_matches(
-                expected, blobs.centre_px, self._gate_px, STEP_TOLERANCE
-            ):
+            for match in self._skin.grow(expected, blobs.centre_px, self._gate_px, STEP_TOLERANCE):
                 score = self._match_score(expected, match, blobs)
                 if score > best_score + (2 if np.isfinite(best_score) else 0):
                     best, best_score = match, score
@@ -104,22 +99,18 @@ class Identities:
         self._assign(np.flatnonzero(best >= 0), best[best >= 0], blobs, image)
 
     def _match_score(self, expected: Array, match: Array, blobs: Blobs) -> float:
-        """Dots in line with their neighbours, less what is strange: surprise and idle blobs."""
+        """Score a match: dots consistent with their neighbours, less surprise and idle blobs."""
         have = match >= 0
         position = self._matched_px(blobs, match)
         surprise = np.hypot(*(position - expected)[have].T).sum() / self._skin.pitch_px
         idle = len(blobs) - have.sum()
-        return float(
-            have.sum()
-            - self._skin.count_bent(self.first_px, position)
-            - 0.25 * surprise
-            - 0.5 * idle
-        )
+        bent = self._skin.count_bent(self.first_px, position)
+        return float(have.sum() - bent - 0.25 * surprise - 0.5 * idle)
 
     def _match_by_neighbours(self, blobs: Blobs, image: Array | None) -> None:
-        """Lost dots, where the neighbours' affine motion puts them; each helps its neighbours.
+        """Match lost dots where their neighbours' affine motion predicts them, repeatedly.
 
-        A blob must be near for the distances there, and far nearer to its dot than to another.
+        A blob must be near for the local spacing, and much nearer to its dot than to any other.
         """
         from scipy.spatial import cKDTree
 
@@ -144,7 +135,7 @@ class Identities:
                 return
 
     def _match_by_colours(self, blobs: Blobs, image: Array | None) -> None:
-        """Dots that moved beyond any prediction, by their colours."""
+        """Match dots that moved beyond any prediction, by their colours."""
         missing = np.flatnonzero(self._registered & ~self._located)
         free = self._free_blobs(blobs)
         few = len(missing) <= 0.1 * len(self._registered) or not len(free)
@@ -152,9 +143,7 @@ class Identities:
             return
         matrix = np.median(self._skin.affine(self.first_px, self._position), axis=0)
         affine = np.repeat(matrix[None], len(free), axis=0)
-        dot, blob = self._rings.best_matches(
-            image, missing, blobs.centre_px[free], affine, REGAIN_NCC
-        )
+        dot, blob = self._rings.match(image, missing, blobs.centre_px[free], affine, REGAIN_NCC)
         self._assign(missing[dot], free[blob], blobs, image)
 
     def _matched_px(self, blobs: Blobs, match: Array) -> Array:
@@ -165,7 +154,7 @@ class Identities:
         return np.setdiff1d(np.arange(len(blobs)), self._blob[self._located])
 
     def _assign(self, dot: Array, blob: Array, blobs: Blobs, image: Array | None) -> bool:
-        """Match dots and blobs; order, colours and area are checked. Whether any was won."""
+        """Assign blobs to dots, checking order, colours and area. True if any dot was gained."""
         if not len(dot):
             return False
         n_located = int(self._located.sum())
@@ -189,12 +178,12 @@ class Identities:
         return int(self._located.sum()) > n_located
 
     def _remember(self, previous: Array) -> None:
-        """Places and motions for the next frame; lost dots go along with their neighbours."""
+        """Store positions and motions for the next frame; lost dots move with their neighbours."""
         located = self._located
         near = (self._position - previous)[self._skin.near]
         have = np.isfinite(near[..., 0]).any(axis=1)
         self._motion = np.zeros_like(self._position)
-        # The mean would have a dot that went astray lead its neighbours
+        # The mean would let a stray dot lead its neighbours
         self._motion[have] = np.nanmedian(near[have], axis=1)
         along = self._skin.mean_step(previous, self._position)
         self._place = np.where(located[:, None], self._position, self._place + np.nan_to_num(along))
@@ -202,10 +191,10 @@ class Identities:
 
 
 class Rings:
-    """The colours around all dots, which tell a dot from the one a pitch further.
+    """Colours around all dots, which distinguish a dot from its neighbours.
 
-    A ring between two radii, in pixels of an image reduced by `shrink`. Centres are places in the
-    full image, (n, 2) px; images are reduced and smoothed ones.
+    Each is sampled on a ring between two radii, in pixels of an image reduced by `shrink`. Centres
+    are positions in the full image, (n, 2) px; images are reduced and smoothed.
     """
 
     def __init__(self, inner_px: float, outer_px: float, shrink: int) -> None:
@@ -223,14 +212,14 @@ class Rings:
         self._first: Array | None = None
 
     def smooth(self, small: Array) -> Array:
-        """Colours are compared at the scale of a patch, not of a pixel."""
+        """Smooth a reduced image, to compare colours at the scale of a patch, not of a pixel."""
         return cv2.GaussianBlur(small, (0, 0), 1.5 / self._shrink)
 
     def remember(self, image: Array, centre: Array, min_texture: float) -> bool:
-        """Take the rings of the first image, (n, 2) centres with NaN; False if they tell nothing.
+        """Store the rings of the first image, (n, 2) centres with NaN; False if not distinctive.
 
-        min_texture: standard deviation in grey levels that half of the rings have at least. The
-        skirts of the next dots have that too, but give all rings one look.
+        min_texture: least median standard deviation of the rings, grey levels. The edges of the
+        next dots reach it too, but then all rings look alike.
         """
         located = np.isfinite(centre[:, 0])
         unit = np.repeat(np.eye(2)[None], len(centre), axis=0)
@@ -246,16 +235,16 @@ class Rings:
         return True
 
     def correlate(self, image: Array, dots: Array, centre: Array, affine: Array) -> Array:
-        """(m,) correlation of m dots, by number, with their first rings; centre (m, 2)."""
+        """Correlation (m,) of m dots, by index, with their first rings; centre (m, 2)."""
         assert self._first is not None
         current = _normalised(self._sample(image, centre, affine))
         ncc: Array = np.einsum("nk,nk->n", current, self._first[dots])
         return ncc
 
-    def best_matches(
+    def match(
         self, image: Array, dots: Array, centre: Array, affine: Array, min_ncc: float
     ) -> tuple[Array, Array]:
-        """Dots and places that are each other's best: rows of `dots` and of `centre`."""
+        """Mutually best matches of dots and positions: rows of `dots` and of `centre`."""
         assert self._first is not None
         ncc = self._first[dots] @ _normalised(self._sample(image, centre, affine)).T
         rows, best = np.arange(len(dots)), np.argmax(ncc, axis=1)
@@ -263,7 +252,7 @@ class Rings:
         return rows[accepted], best[accepted]
 
     def _sample(self, image: Array, centre: Array, affine: Array) -> Array:
-        """(n, k, 3) colours on each dot's deformed ring, less their plane: shading has no say."""
+        """Colours (n, k, 3) on each dot's deformed ring, less their plane, to remove shading."""
         centre = (centre + 0.5) / self._shrink - 0.5
         points = centre[:, None, :] + self._ring @ affine.transpose(0, 2, 1)
         rings = sample(image, points.astype(np.float32)).astype(np.float64)
@@ -271,6 +260,6 @@ class Rings:
 
 
 def _normalised(rings: Array) -> Array:
-    """(n, k, 3) to (n, 3 k) of unit length."""
+    """Flatten (n, k, 3) to (n, 3 k) of unit length."""
     flat = rings.reshape(len(rings), -1)
     return flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-9)

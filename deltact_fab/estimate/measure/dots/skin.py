@@ -1,7 +1,7 @@
-"""What the neighbours of a dot tell: its place, its size, the order, and whose step is odd.
+"""Continuity of a skin of dots: predictions from neighbours, and checks of their order.
 
-A skin is continuous. Neighbours move almost alike from one frame to the next, a triangle of
-neighbours never turns over, and where a dot went follows from the affine motion around it.
+Neighbours move almost alike from one frame to the next, a triangle of neighbours never turns over,
+and the affine motion around a dot predicts its position.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ import numpy as np
 
 from deltact_fab.common import Array
 
-STRAY_FACTOR, STRAY_PITCH = 3.0, 0.25
-MAX_LENT_STRAIN = 0.05  # up to which a dot may have it from further away
+STRAY_FACTOR, STRAY_PITCH = 3.0, 0.25  # by hand: looser keeps wrong dots, stricter drops a fold's
+MAX_LENT_STRAIN = 0.05  # for borrowing it from farther dots; by hand: more predicts too far off
 
 
 class Skin:
-    """The dots at rest, (n, 2) px, n >= 4 not on a line, and which are neighbours.
+    """Dots at rest, (n, 2) px, n >= 4 not on a line, and their neighbours.
 
-    near: (n, k) the k <= 8 nearest dots of each; span_px: (n, k) how far away; pitch_px: the
-    smallest of them; triangles: (m, 3) dots, all turning the same way.
+    near: (n, k) the k <= 8 nearest dots of each; span_px: (n, k) their distances; pitch_px: the
+    smallest distance; triangles: (m, 3) dots, of positive orientation.
     """
 
     def __init__(self, rest_px: Array) -> None:
@@ -34,13 +34,13 @@ class Skin:
         self.pitch_px = float(self.span_px.min())
         self.triangles = _triangles(rest_px)
 
-    def grow_matches(
+    def grow(
         self, expected: Array, blobs: Array, gate_px: float, tolerance: float
     ) -> Iterator[Array]:
-        """Matches, (n,) the blob of each dot or -1, such that neighbours move almost equally.
+        """Yield matches, (n,) blob of each dot or -1, in which neighbours move almost equally.
 
-        expected: (n, 2), NaN for dots not to be looked for. Each dot takes the nearest blob at
-        first, another dot's beyond half a pitch; each of the largest regions of like steps is then
+        expected: (n, 2), NaN for dots to ignore. Each dot first takes its nearest blob, which
+        beyond half a pitch is another dot's; then each of the largest regions of similar steps is
         grown over the rest.
         """
         match = np.full(len(expected), -1)
@@ -62,7 +62,7 @@ class Skin:
         return steps
 
     def _regions(self, expected: Array, blobs: Array, match: Array, tolerance: float) -> Array:
-        """(n,) a number for each group of neighbours that move together, -1 where not matched."""
+        """Label (n,) groups of neighbours that move together, -1 where not matched."""
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 
@@ -74,7 +74,7 @@ class Skin:
         return np.where(match >= 0, connected_components(links, directed=False)[1], -1)
 
     def _spread(self, expected: Array, blobs: Array, match: Array, gate_px: float) -> Array:
-        """Dots next to two matched ones take what lies where these steps put them, and so on."""
+        """Match dots next to two matched ones at the position that these predict, repeatedly."""
         match = match.copy()
         open_ = np.isfinite(expected[:, 0])
         while True:
@@ -91,7 +91,7 @@ class Skin:
             match[rows[a]] = free[b]
 
     def _drop_odd(self, expected: Array, blobs: Array, match: Array, tolerance: float) -> Array:
-        """Drop the dots whose step is not like that of most of their neighbours."""
+        """Drop the dots whose step differs from that of most of their neighbours."""
         steps = self._steps(expected, blobs, match)
         near = steps[self.near]
         difference = np.hypot(*np.moveaxis(near - steps[:, None], -1, 0))
@@ -101,23 +101,21 @@ class Skin:
         return np.where(odd, -1, match)
 
     def drop_strays(self, first: Array, position: Array) -> None:
-        """Drop, in place, dots that lie much further from where their neighbours put them than
-        these do themselves (the median test of Westerweel and Scarano 2005), the furthest first."""
+        """Drop, in place, dots much farther from their prediction by neighbours than these are from
+        theirs (median test of Westerweel and Scarano 2005), the farthest first."""
         for _ in range(10):
             _, predicted, _ = self.fit(first, position)
             residual = np.hypot(*(position - predicted).T)
             # A zero more, so that no single neighbour is the median
             near = np.column_stack((residual[self.near], np.zeros(len(residual))))
-            stray = (
-                residual > STRAY_FACTOR * np.nanmedian(near, axis=1) + STRAY_PITCH * self.pitch_px
-            )
-            stray &= residual >= np.nanmax(near, axis=1)
+            limit = STRAY_FACTOR * np.nanmedian(near, axis=1) + STRAY_PITCH * self.pitch_px
+            stray = (residual > limit) & (residual >= np.nanmax(near, axis=1))
             if not stray.any():
                 return
             position[stray] = np.nan
 
     def keep_order(self, position: Array) -> None:
-        """Drop, in place, what turns a triangle of neighbours over; the dots in most go first."""
+        """Drop, in place, dots that turn triangles of neighbours over, those in most first."""
         corner = position[self.triangles]
         a, b = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
         turned = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] <= 0  # False where NaN
@@ -128,11 +126,11 @@ class Skin:
             turned &= ~worst[self.triangles].any(axis=1)
 
     def fit(self, first: Array, position: Array) -> tuple[Array, Array, Array]:
-        """The affine motion around each dot, from `first` to `position`, both (n, 2) with NaN.
+        """Fit the affine motion around each dot, from `first` to `position`, both (n, 2) with NaN.
 
-        Least squares over the neighbours; the dot itself has no say. Returns (n, 2, 2) matrices,
-        (n, 2) where they put the dot, and (n,) whether they tell: three or more, spread over the
-        plane, or two that have the strain from such neighbours of their own.
+        Least squares over the neighbours without the dot itself. Returns matrices (n, 2, 2),
+        predicted positions (n, 2), and a mask (n,) of dots with enough neighbours: three or more,
+        spread over the plane, or two that borrow the strain from such neighbours of their own.
         """
         p, q = first[self.near], position[self.near]
         weight = (np.isfinite(p[..., 0]) & np.isfinite(q[..., 0])).astype(float)
@@ -148,7 +146,7 @@ class Skin:
         good = (weight.sum(1) >= 3) & (spread > 0.25 * self.pitch_px**2)
         pp[~good] = np.eye(2)
         matrix = qp @ np.linalg.inv(pp)
-        # Neighbours in one line, as where a row comes back into view, do not tell the strain
+        # Neighbours on one line, as where a row comes back into view, do not determine the strain
         determined = good[self.near]
         lent = (matrix[self.near] * determined[..., None, None]).sum(1)
         lent /= np.maximum(determined.sum(1), 1)[:, None, None]
@@ -162,7 +160,7 @@ class Skin:
         return matrix, predicted, good
 
     def mean_step(self, start: Array, end: Array) -> Array:
-        """(n, 2) the mean step of each dot's neighbours, the near ones more; NaN without any."""
+        """Mean step (n, 2) of each dot's neighbours, weighted to near ones; NaN without any."""
         near = (end - start)[self.near]
         weight = np.isfinite(near[..., 0]) / self.span_px**2
         total = weight.sum(axis=1)[:, None]
@@ -170,19 +168,19 @@ class Skin:
         return np.divide(step, total, out=np.full_like(step, np.nan), where=total > 0)
 
     def count_bent(self, first: Array, position: Array) -> int:
-        """How many dots lie half a pitch from where their neighbours put them."""
+        """Count the dots more than half a pitch from their prediction by neighbours."""
         _, predicted, _ = self.fit(first, position)
         return int((np.hypot(*(position - predicted).T) > 0.5 * self.pitch_px).sum())
 
     def affine(self, first: Array, position: Array) -> Array:
-        """(n, 2, 2) as `fit`; the median over the others where the neighbours do not tell."""
+        """Matrices (n, 2, 2) of `fit`; the median of the others where it is not determined."""
         matrix, _, good = self.fit(first, position)
         matrix[~good] = np.median(matrix[good], axis=0) if good.any() else np.eye(2)
         return matrix
 
 
 def mutual_nearest(expected: Array, blobs: Array, gate_px: float | Array) -> tuple[Array, Array]:
-    """Rows of `expected` and blobs that are each other's nearest, at most gate_px apart."""
+    """Mutually nearest rows of `expected` and `blobs`, at most gate_px apart."""
     from scipy.spatial import cKDTree
 
     rows = np.flatnonzero(np.isfinite(expected[:, 0]))
@@ -196,13 +194,13 @@ def mutual_nearest(expected: Array, blobs: Array, gate_px: float | Array) -> tup
 
 
 def _triangles(points: Array) -> Array:
-    """(m, 3) Delaunay triangles as indices, all turning the same way (positive area)."""
+    """Delaunay triangles (m, 3) as indices, all of positive area."""
     from scipy.spatial import Delaunay
 
     index = Delaunay(points).simplices
     a, b = points[index[:, 1]] - points[index[:, 0]], points[index[:, 2]] - points[index[:, 0]]
     area = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
     index[area < 0] = index[area < 0][:, ::-1]
-    # Needles along the hull turn over by small strains, and say nothing about order.
+    # Thin triangles along the hull turn over under small strains, and do not constrain the order.
     longest = np.max([np.hypot(*side.T) for side in (a, b, a - b)], axis=0)
     return index[np.abs(area) > 0.2 * longest**2]

@@ -1,4 +1,4 @@
-"""The dots of a skin, image after image: sub-pixel centroids with identities."""
+"""Tracker of a skin's dots over images: sub-pixel centroids with identities."""
 
 from __future__ import annotations
 
@@ -13,13 +13,12 @@ from .detect import Detector, Polarity, find_dots
 from .identity import GATE_PITCHES, MAX_AREA_FACTOR, Identities, Rings
 from .skin import Skin, mutual_nearest
 
+# By hand, in this block: looser limits register a wrong or shifted pattern, stricter refuse one.
 MAX_OFFSET_PX = 8.0
-CONTOUR_LEVEL = 0.5  # where between the background and the dots the contour is cut
+CONTOUR_LEVEL = 0.5  # of the contour, between background (0) and dots (1)
 MIN_REGISTERED_SHARE = 0.5  # of the expected dots, in the first image
 RING_RADII = (0.75, 1.5)  # inner and outer radius of the ring of colours, in diameters
-MIN_RING_TEXTURE = 2.0
-"""Standard deviation (grey levels) of the ring below which a pattern has no colours to identify
-dots by, and the neighbours alone tell."""
+MIN_RING_TEXTURE = 2.0  # standard deviation, grey levels; below, the neighbours alone identify
 
 
 @dataclass(frozen=True)
@@ -27,7 +26,7 @@ class DotObservation:
     """The dots of one frame; every array is in the order of the rest positions.
 
     position_px: (n, 2) float64, NaN where lost. displacement_px: (n, 2), position - first position.
-    found: (n,) bool. identity_ncc: (n,) correlation of the ring of colours with the first image,
+    located: (n,) bool. identity_ncc: (n,) correlation of the ring of colours with the first image,
     NaN where lost or where the pattern has no colours. cpu_ms: process time of the update.
     """
 
@@ -39,13 +38,13 @@ class DotObservation:
 
 
 class DotTracker:
-    """Follow dots from their first image on: white ones on colours, or dark ones on light.
+    """Tracker of dots from their first image on: white ones on colours, or dark ones on light.
 
-    rest_px: (n, 2) expected positions (x, y) in the first image, right to within OFFSET_PX after
-    a common shift of as much; n >= 4 dots, not on a line. Without colours around the dots the
-    neighbours tell which is which: dots that are all gone for more than `identity.KEEP_FRAMES`
-    frames stay lost, and a regular grid that moves by half a pitch between two frames cannot be
-    told from itself. Raises InputError for anything else.
+    rest_px: (n, 2) expected positions (x, y) in the first image, accurate to MAX_OFFSET_PX after
+    a common shift of as much; n >= 4 dots, not on a line. Without colours around the dots they are
+    identified by their neighbours: dots that are all gone for more than `identity.MAX_LOST_FRAMES`
+    frames stay lost, and a regular grid must not move by half a pitch between two frames. Raises
+    InputError for anything else.
     """
 
     def __init__(
@@ -85,7 +84,7 @@ class DotTracker:
 
     @classmethod
     def from_image(cls, image: Array) -> DotTracker:
-        """A tracker of the dots that an image of a foreign skin shows; `update` with it comes next.
+        """Create a tracker of the dots in an image of an unknown skin; `update` with it next.
 
         Raises as `find_dots` does.
         """
@@ -94,7 +93,7 @@ class DotTracker:
 
     @property
     def first_px(self) -> Array:
-        """(n, 2) positions in the first image, NaN for dots not found in it."""
+        """Positions (n, 2) in the first image, NaN for dots missing there."""
         if self._identities is None:
             return np.full_like(self.rest_px, np.nan)
         return self._identities.first_px.copy()
@@ -103,7 +102,7 @@ class DotTracker:
         """Find the dots in one more image, (h, w, 3) BGR uint8 of the first image's size.
 
         Raises InputError for another type or size, SensorError when the first image does not show
-        at least MIN_FOUND_SHARE of the dots.
+        at least MIN_REGISTERED_SHARE of the dots.
         """
         start_s = time.process_time()
         if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
@@ -126,7 +125,7 @@ class DotTracker:
         return DotObservation(position, position - self.first_px, located, ncc, cpu_ms)
 
     def _register(self, shape: tuple[int, ...], small: Array, signal: Array) -> Array:
-        """The first image: level, places, areas and colours of the dots."""
+        """Register the dots in the first image: level, positions, areas and colours."""
         rest, (h, w) = self.rest_px, shape[:2]
         in_image = (rest >= 0).all(1) & (rest[:, 0] <= w - 1) & (rest[:, 1] <= h - 1)
         if not in_image.any():
@@ -149,7 +148,7 @@ class DotTracker:
             dot, blob = dot[fits[blob]], blob[fits[blob]]
             position[:] = np.nan
             position[dot] = blobs.centre_px[blob]
-            # Each dot against itself later: a patch that touches it belongs to it for good.
+            # Later areas are compared with this one: a patch that touches a dot belongs to it.
             area[dot] = blobs.area_px[blob]
             if len(dot):
                 shift = np.median(position[dot] - rest[dot], axis=0)
@@ -163,7 +162,7 @@ class DotTracker:
         self._shape, self._level = shape, level
         shrink = self._detector.shrink
         inner, outer = (r * self.diameter_px / shrink for r in RING_RADII)
-        # The ring must end before the next dot does start, also when the pitch is small.
+        # The ring must end before the next dot, also when the pitch is small.
         outer = min(outer, (self.pitch_px - 0.6 * self.diameter_px) / shrink)
         rings = Rings(inner, outer, shrink)
         coloured = rings.remember(rings.smooth(small), position, MIN_RING_TEXTURE)

@@ -1,13 +1,13 @@
-"""Force from what presses on the face, found by inverting the linear operator of the free block.
+"""Force from the traction on the face, by inverting the linear operator of the free-sided block.
 
-A camera tells two numbers a point and traction has three, and a bonded gel hides an even pressure:
-left alone, an inverse explains a press by shear. So it goes in two steps. The first, precomputed,
-looks for pressure over the whole view, shear held small. The second keeps to the cells around what
-that found, and asks for pressure, never pull, and for little shear where there is little pressure.
+The flow has two numbers per point and traction three, and a bonded gel hides a uniform pressure: an
+unconstrained inverse explains a press by shear. So there are two steps (decision 0024). The coarse
+one, precomputed, estimates pressure over the whole view, with shear held small. The restricted one
+keeps to the cells around it, with pressure never negative and little shear at little pressure.
 
-Tractions are for a Young's modulus of 1 MPa, so in effect strains. Their total is the force but for
-that modulus and a few percent that linear elasticity leaves out: so a calibration gives a force a
-factor, which may depend a little on the place.
+Tractions are for a Young's modulus of 1 MPa. Their total is the force up to the modulus and a few
+percent of nonlinearity, so a calibration fits a factor per force, which may vary a little with the
+place.
 """
 
 from __future__ import annotations
@@ -25,54 +25,55 @@ from ..face import FaceFlow, whole
 from ..sensor_id import SensorModel
 from .model import Features, ForceModel, TractionField
 
-DIFFERENCE_MM = 1e-3
+DIFFERENCE_MM = 1e-3  # of central differences; by hand: rounding below, curvature above
 
 
 def image_jacobian(camera: CameraModel, x_mm: Array, y_mm: Array) -> Array:
-    """Shift of the picture, mm of the resting face, for displacements of 1 mm: (ny, nx, 2, 3).
+    """Image shift per displacement at resting points x_mm (nx,), y_mm (ny,): (ny, nx, 2, 3).
 
-    At points x_mm (nx,), y_mm (ny,) of the face, at rest. Of a pinhole it is
-    u_xy - (x, y) u_z / (n eye distance): off the axis, depth is seen as motion.
+    In mm of the resting face per mm. For a pinhole it is u_xy - (x, y) u_z / (n eye distance):
+    off the axis, depth is seen as motion.
     """
     points = np.stack((*np.meshgrid(x_mm, y_mm), np.zeros((len(y_mm), len(x_mm)))), axis=-1)
     steps = DIFFERENCE_MM * np.eye(3)
-    shifts = [camera.project_px(points + step) - camera.project_px(points - step) for step in steps]
+    shifts = [camera.project_px(points + u) - camera.project_px(points - u) for u in steps]
     return np.stack(shifts, axis=-1) * (camera.mm_per_px / (2 * DIFFERENCE_MM))
 
 
+# Decision 0024; weights by hand, chosen on ten presses and measured on others in
+# docs/evidence/force.md: ten times weaker ones give pressure off by 0.36 of its peak.
 INVERSE_CELL_MM = 1.0
-VIEW_MARGIN_MM = 2.0  # a contact may reach out of the view
-SHIFT_NOISE_MM = 0.002  # rms error of the shift of a cell's picture: 0.05 px of the paper's camera
-MODEL_ERROR = 0.02  # what linear elasticity leaves unexplained, of the largest shift
+VIEW_MARGIN_MM = 2.0  # a contact may extend beyond the view
+SHIFT_NOISE_MM = 0.002  # rms error of a cell's shift: 0.05 px of the paper's camera
+MODEL_ERROR = 0.02  # of linear elasticity, over the largest shift
 COARSE_PRIOR = {"pressure": 0.1, "shear": 0.015, "reach_mm": 1.5, "error_mm": 0.01}
-CONTACT_THRESHOLD = 0.25  # of the first look's peak: cells of the contact
+CONTACT_THRESHOLD = 0.25  # of the coarse peak: cells of the contact
 CONTACT_MARGIN = 2  # cells around them
 MAX_CONTACT_CELLS = 300
 ROUGH_WEIGHT = {"pressure": 3e-3, "shear": 1.5e-2}
 SIZE_WEIGHT = {"pressure": 3e-4, "shear": 7e-3}
-MIN_CELL_SHARE = 0.05  # of the first look's peak, for cells that it saw nothing in
-MAX_MISFIT_SHARE = 0.55  # of the shift's size, left over beside noise: that was no press
-NOISE_FACTOR = 5.0  # a peak of the first look this many times what noise makes of it is a contact
+MIN_CELL_SHARE = 0.05  # of the coarse peak, for cells without coarse pressure
+MAX_MISFIT_SHARE = 0.55  # residual over the shift's size, beyond noise: no press explains it
+NOISE_FACTOR = 5.0  # coarse peak over its noise, from which it is a contact
 
 
 class FaceInverse:
-    """The inverse for one sensor: seconds to make, then used for every frame; see `inverse_for`.
+    """Inverse for one sensor: takes seconds to build, then serves every frame; see `inverse_for`.
 
-    The weight of smoothness goes with the square of (NOISE_MM^2 + (MODEL x largest shift)^2)^(1/2)
-    over the largest shift, so it is that of the model's error for all but light presses. Raises
-    InputError for a skin or a Poisson's ratio that the free sides cannot take.
+    Regularisation is weighted by 1 + (SHIFT_NOISE_MM / (MODEL_ERROR x largest shift))^2, which is
+    near 1 for all but light presses. Raises InputError for a skin or a Poisson's ratio that the
+    model of the free sides does not support.
     """
 
     def __init__(self, view: SensorModel) -> None:
         cells = FaceCells.of(view.skin, view.poisson, INVERSE_CELL_MM)
         xs, ys = axes_mm(view.camera)
         half = view.camera.mm_per_px / 2
-        view_cells = _cells_within(
-            cells, (ys[0] - half, ys[-1] + half), (xs[0] - half, xs[-1] + half)
-        )
-        out = round(VIEW_MARGIN_MM / INVERSE_CELL_MM)
+        y_range, x_range = (ys[0] - half, ys[-1] + half), (xs[0] - half, xs[-1] + half)
+        view_cells = _cells_within(cells, y_range, x_range)
+        margin = round(VIEW_MARGIN_MM / INVERSE_CELL_MM)
         rows, columns = (
-            slice(max(cut.start - out, 0), min(cut.stop + out, len(centres_mm)))
+            slice(max(cut.start - margin, 0), min(cut.stop + margin, len(centres_mm)))
             for cut, centres_mm in zip(view_cells, (cells.y_mm, cells.x_mm), strict=True)
         )
         inner_rows, inner_columns = view_cells
@@ -85,14 +86,11 @@ class FaceInverse:
         )
         compliance = cells.compliance(view_cells, (rows, columns))
         n = len(self.y_mm) * len(self.x_mm)
-        # A row for each cell that may be loaded: those of a contact lie in one piece each.
-        self._sink_response = np.ascontiguousarray(
-            compliance.reshape(-1, 3, 3 * n)[:, 2].T, np.float32
-        )
+        compliance = compliance.reshape(-1, 3, 3 * n)
+        # One contiguous row per cell that may be loaded, as a contact takes only some.
+        self._sink_response = np.ascontiguousarray(compliance[:, 2].T, np.float32)
         jacobian = image_jacobian(view.camera, self.seen_x_mm, self.seen_y_mm).reshape(-1, 2, 3)
-        response = np.matmul(jacobian, compliance.reshape(len(jacobian), 3, 3 * n)).reshape(
-            -1, 3 * n
-        )
+        response = np.matmul(jacobian, compliance).reshape(-1, 3 * n)
         self._response = np.ascontiguousarray(response.T, np.float32)
         self._gram = (response.T @ response).astype(np.float32)
         self._coarse, self._floor = self._coarse_inverse(response)
@@ -104,11 +102,11 @@ class FaceInverse:
         return len(self.y_mm), len(self.x_mm)
 
     def solve(self, flow: FaceFlow) -> TractionField:
-        """The traction behind a frame's flow, found once and kept for the calls that follow.
+        """Solve the traction behind a frame's flow; the last solution is cached.
 
-        For a modulus of 1 MPa, on cells of the face: 0 beside the contact, t_z <= 0. cover: share
-        of the pressure whose cells' motion is known; what lies out of the view is not. Without a
-        contact, that of the view. 0 with no traction where no press could move a face so.
+        For a modulus of 1 MPa, on cells of the face: 0 outside the contact, t_z <= 0. cover: share
+        of the pressure on cells whose motion is known (none outside the view); without a contact,
+        known share of the view; 0, without traction, if no press explains the flow.
         """
         last = self._last
         if last is None or last[0] is not flow:
@@ -127,7 +125,7 @@ class FaceInverse:
         if np.count_nonzero(mask) > MAX_CONTACT_CELLS:
             mask &= coarse >= np.sort(coarse[mask])[-MAX_CONTACT_CELLS]
         active = np.flatnonzero(mask)
-        solution, foreign = self._solve_restricted(shift, valid, coarse, active)
+        solution, foreign = self._fit(shift, valid, coarse, active)
         if foreign or not solution[:, 2].any():
             return TractionField(traction, self.x_mm, self.y_mm, 0.0)
         traction.reshape(-1, 3)[active] = solution
@@ -138,24 +136,21 @@ class FaceInverse:
         return TractionField(traction, self.x_mm, self.y_mm, cover)
 
     def indentation_mm(self, press: TractionField) -> Array:
-        """How deep the view's cells sank, (len(seen_y_mm), len(seen_x_mm)) float32."""
+        """Depth of the view's cells under a traction, (len(seen_y_mm), len(seen_x_mm)) float32."""
         active = np.flatnonzero(press.traction_mpa.any(axis=-1))
         columns = (3 * active[:, None] + np.arange(3)).ravel()
         t = press.traction_mpa.reshape(-1)[columns].astype(np.float32)
         return -(t @ self._sink_response[columns]).reshape(len(self.seen_y_mm), len(self.seen_x_mm))
 
-    def _solve_restricted(
-        self, shift: Array, valid: Array, coarse: Array, active: Array
-    ) -> tuple[Array, bool]:
-        """Traction (n, 3) of the cells at those places, and whether it leaves too much over."""
+    def _fit(self, shift: Array, valid: Array, coarse: Array, active: Array) -> tuple[Array, bool]:
+        """Solve the traction (n, 3) of the active cells; True if the residual is too large."""
         columns = (3 * active[:, None] + np.arange(3)).ravel()
         response = self._response[columns]
         gram = self._gram[columns].take(columns, axis=1).astype(float)
         data = np.where(valid[..., None], shift, 0).ravel()
         if not valid.all():
-            hidden = response.take(np.flatnonzero(np.repeat(~valid.ravel(), 2)), axis=1).astype(
-                float
-            )
+            invalid = np.flatnonzero(np.repeat(~valid.ravel(), 2))
+            hidden = response.take(invalid, axis=1).astype(float)
             gram -= hidden @ hidden.T
         right = (response @ data.astype(np.float32)).astype(float)
         largest = float(np.abs(shift).max())
@@ -163,19 +158,17 @@ class FaceInverse:
         rough = _roughness_matrix(active, self.shape)
         share = np.maximum(coarse.ravel()[active], 0) / coarse.max() + MIN_CELL_SHARE
         for i, kind in enumerate(("shear", "shear", "pressure")):
-            gram[i::3, i::3] += weight * (
-                ROUGH_WEIGHT[kind] * rough + np.diag(SIZE_WEIGHT[kind] / share)
-            )
+            penalty = ROUGH_WEIGHT[kind] * rough + np.diag(SIZE_WEIGHT[kind] / share)
+            gram[i::3, i::3] += weight * penalty
         signed = np.tile([False, False, True], len(active))
         t = least_squares_signed(gram, right, signed)
         residual = data - np.where(np.repeat(valid.ravel(), 2), t.astype(np.float32) @ response, 0)
         noise2 = 2 * np.count_nonzero(valid) * (2 * SHIFT_NOISE_MM) ** 2
-        return t.reshape(-1, 3), bool(
-            residual @ residual > noise2 + MAX_MISFIT_SHARE**2 * (data @ data)
-        )
+        limit2 = noise2 + MAX_MISFIT_SHARE**2 * (data @ data)
+        return t.reshape(-1, 3), bool(residual @ residual > limit2)
 
     def _cell_shifts(self, flow: FaceFlow) -> tuple[Array, Array]:
-        """Mean shift of the view's cells (ny, nx, 2), and which are at least half known."""
+        """Mean shift of the view's cells (ny, nx, 2), and mask of those at least half known."""
         flow = whole(flow)
         over_x = _overlap_weights(flow.x_mm, self.seen_x_mm)
         over_y = _overlap_weights(flow.y_mm, self.seen_y_mm)
@@ -186,7 +179,7 @@ class FaceInverse:
         return shift, valid
 
     def _coarse_inverse(self, rows: Array) -> tuple[Array, Array]:
-        """Matrix (cells, 2 seen) from shifts to pressure, and what noise adds (cells)."""
+        """Matrix (cells, 2 x view cells) from shifts to pressure, and its noise floor (cells)."""
         x, y = (grid.ravel() for grid in np.meshgrid(self.x_mm, self.y_mm))
         distance2 = (x[:, None] - x) ** 2 + (y[:, None] - y) ** 2
         near = np.exp(-distance2 / (2 * COARSE_PRIOR["reach_mm"] ** 2))
@@ -196,7 +189,7 @@ class FaceInverse:
             covariance += COARSE_PRIOR["shear"] ** 2 * (rows[:, i::3] @ (near @ rows[:, i::3].T))
         covariance[np.diag_indices_from(covariance)] += COARSE_PRIOR["error_mm"] ** 2
         matrix = -linalg.solve(covariance, pressure.T, assume_a="pos", overwrite_a=True).T
-        # An error that is the same over some millimetres goes through as the worst.
+        # Noise correlated over some millimetres, the worst case.
         x, y = (grid.ravel() for grid in np.meshgrid(self.seen_x_mm, self.seen_y_mm))
         distance2 = (x[:, None] - x) ** 2 + (y[:, None] - y) ** 2
         correlation = np.exp(-distance2 / (2 * COARSE_PRIOR["reach_mm"] ** 2))
@@ -208,7 +201,7 @@ class FaceInverse:
 
 
 def inverse_for(view: SensorModel) -> FaceInverse:
-    """The inverse for a sensor, made once in a process. Raises as FaceInverse."""
+    """Return the inverse for a sensor, built once per process. Raises as FaceInverse."""
     return _inverse(SensorModel(view.camera, view.skin, view.poisson))
 
 
@@ -218,21 +211,20 @@ _inverse = lru_cache(maxsize=4)(FaceInverse)
 def _cells_within(
     cells: FaceCells, y: tuple[float, float], x: tuple[float, float]
 ) -> tuple[slice, slice]:
-    """Rows and columns of the cells that lie wholly within limits."""
+    """Rows and columns of the cells that lie wholly within the limits y and x."""
     cuts = []
     for centres_mm, (low, high) in ((cells.y_mm, y), (cells.x_mm, x)):
         half = (centres_mm[1] - centres_mm[0]) / 2
-        inside = np.flatnonzero(
-            (centres_mm - half >= low - 1e-9) & (centres_mm + half <= high + 1e-9)
-        )
+        below, above = centres_mm - half >= low - 1e-9, centres_mm + half <= high + 1e-9
+        inside = np.flatnonzero(below & above)
         cuts.append(slice(int(inside[0]), int(inside[-1]) + 1))
     return cuts[0], cuts[1]
 
 
 def _overlap_weights(points_mm: Array, cells_mm: Array) -> Array:
-    """Weights (cells, points) of the mean over each cell, of points that stand for cells of theirs.
+    """Weights (cells, points) of the mean over each cell, by overlap with the points' own cells.
 
-    Rows add up to 1 where the points' cells reach as far as the cell.
+    Rows add up to 1.
     """
     a, b = (points_mm[1] - points_mm[0]) / 2, (cells_mm[1] - cells_mm[0]) / 2
     low = np.maximum(points_mm - a, cells_mm[:, None] - b)
@@ -242,14 +234,14 @@ def _overlap_weights(points_mm: Array, cells_mm: Array) -> Array:
 
 
 def _dilate(mask: Array) -> Array:
-    """The mask and AROUND cells about it."""
+    """Dilate the mask by CONTACT_MARGIN cells."""
     return np.asarray(
         ndimage.binary_dilation(mask, iterations=CONTACT_MARGIN, structure=np.ones((3, 3), bool))
     )
 
 
 def _roughness_matrix(active: Array, shape: tuple[int, int]) -> Array:
-    """Matrix (n, n) of the squared differences between neighbours, 0 being beyond the cells."""
+    """Matrix (n, n) of the squared differences between neighbours, 0 outside the active cells."""
     number = np.full((shape[0] + 2, shape[1] + 2), -1)
     row, column = np.divmod(active, shape[1])
     number[row + 1, column + 1] = np.arange(len(active))
@@ -262,18 +254,16 @@ def _roughness_matrix(active: Array, shape: tuple[int, int]) -> Array:
 
 
 def least_squares_signed(matrix: Array, right: Array, signed: Array) -> Array:
-    """The t (n,) that makes t' matrix t / 2 - right' t least, with t <= 0 where signed (n,) bool.
+    """Minimize t' matrix t / 2 - right' t over t (n,), with t <= 0 where signed (n,) bool.
 
     matrix (n, n): symmetric, positive definite.
     """
-    # Those without a sign go first and once; the search is then among the others only.
+    # Unsigned unknowns are eliminated first; the search is then over the signed ones only.
     a, b = np.flatnonzero(~signed), np.flatnonzero(signed)
     lower = linalg.cholesky(matrix[np.ix_(a, a)], lower=True, overwrite_a=True, check_finite=False)
-    columns = np.column_stack((matrix[np.ix_(a, b)], right[a]))
-    columns = linalg.solve_triangular(
-        lower, columns, lower=True, overwrite_b=True, check_finite=False
-    )
-    across, right_free = columns[:, :-1], columns[:, -1]
+    block = np.column_stack((matrix[np.ix_(a, b)], right[a]))
+    block = linalg.solve_triangular(lower, block, lower=True, overwrite_b=True, check_finite=False)
+    across, right_free = block[:, :-1], block[:, -1]
     t = np.empty(len(right))
     rest = linalg.cholesky(matrix[np.ix_(b, b)] - across.T @ across, lower=True, overwrite_a=True)
     target = linalg.solve_triangular(rest, across.T @ right_free - right[b], lower=True)
@@ -289,12 +279,12 @@ _PLACED_LABELS = ("Fx r2/E mm4", "Fy r2/E mm4", "Fz r2/E mm4")
 
 
 class Inverse(Features):
-    """Sums and moments of the inverse's traction: two factors a force, two a tilting torque.
+    """Integrals and moments of the inverse's traction: two factors per force and tilting torque.
 
-    A force's second factor goes with the square of its distance from the centre: the centre gives
-    some 3 % more than a place 8 mm off it. It is held at 0 as by a press of twenty states whose
-    factor is known to 2 %. The traction is not in the resting face, so shear has an arm: a torque
-    about x takes the force along y too, and one about y that along x.
+    A force's second factor multiplies the square of its distance from the centre: the centre gives
+    some 3 % more than a place 8 mm off it. Its prior is 0, as from a press of twenty states whose
+    factor is known to 2 %. The traction acts off the resting face, so shear has an arm: a torque
+    about x has a term of the force along y, and one about y of that along x.
     """
 
     name = "inverse-placed"
@@ -319,20 +309,20 @@ class Inverse(Features):
         return inverse_for(self.view)
 
     def compute(self, flow: FaceFlow) -> Array:
-        """(9,): force and torque for a modulus of 1 MPa, and force times the place's r^2."""
+        """Force and torque for a modulus of 1 MPa, and force times the place's r^2, (9,)."""
         press = self.inverse.solve(flow)
         force, centre = press.force_n, press.centre_mm()
         return np.concatenate((force, press.torque_nmm, force * (centre @ centre)))
 
     def cover(self, flow: FaceFlow) -> float:
-        """Share of what presses on the face whose motion is known."""
+        """Share of the pressure on cells whose motion is known."""
         return self.inverse.solve(flow).cover
 
     def traction(self, flow: FaceFlow, model: ForceModel) -> TractionField:
-        """The inverse's traction, scaled by a model so that its total is the model's force.
+        """Scale the inverse's traction so that its total is the model's force.
 
-        Pressure is scaled as a whole. Shear takes the factor of its own total, and what the model
-        says beyond that goes with the pressure, as friction would.
+        Pressure is scaled as a whole. Shear is scaled by its own factor, and the rest of the
+        model's shear force is distributed like the pressure, as friction would be.
         """
         raw = self.inverse.solve(flow)
         total = model.predict(self.compute(flow)[None])[0, :3]

@@ -1,9 +1,9 @@
-"""Gaussian density of the landed pattern (paper, Shape Reconstruction): 1 at rest, less where it
+"""Gaussian density of the displaced pattern (paper, Shape Reconstruction): 1 at rest, less where it
 spreads.
 
-The paper's words are a splat: every point lands and spreads a Gaussian of SIGMA_PX there. That is
-1 / det(I + grad u) of the flow u smoothed by the same Gaussian, where the determinant is between
-1/2 and 2; beyond, and where the flow is a guess, neither is to be relied on.
+The paper describes a splat: every displaced point contributes a Gaussian of SIGMA_PX. That equals
+1 / det(I + grad u) of the flow u smoothed by the same Gaussian while the determinant is between 1/2
+and 2; outside, and where the flow is interpolated, neither is reliable.
 """
 
 from __future__ import annotations
@@ -17,20 +17,18 @@ from deltact_fab.common import Array
 
 from ..face import FaceFlow, whole
 
-SIGMA_PX = 3.0  # of the full image, whatever the distance of the flow's points
-DETERMINANT_RANGE = (0.5, 2.0)  # determinants between which splat and Jacobian agree
-FILTER_RADIUS_MM = 0.6  # of the guided filter
-FILTER_EPS = (
-    2.5e-4  # variance below which the filter smooths: of 0.016, thrice what flow noise makes
-)
+SIGMA_PX = 3.0  # of the full image, for any spacing of the flow; measured in docs/evidence/shape.md
+DETERMINANT_RANGE = (0.5, 2.0)  # where splat and Jacobian agree, measured in the same
+FILTER_RADIUS_MM = 0.6  # of the guided filter; by hand: larger smooths small contacts
+FILTER_EPS = 2.5e-4  # variance (0.016^2) below which it smooths; by hand: three times flow noise
 
 
 @dataclass(frozen=True)
 class Density:
-    """Gaussian density at the points of a FaceFlow: of the pattern that rests there.
+    """Gaussian density at the resting points of a FaceFlow.
 
     value (h, w) float32: 1 at rest. reliable (h, w) bool: within two sigmas every point is known
-    and the determinant of the map is within DOMAIN (it neither folds nor tears).
+    and the determinant of the map is in DETERMINANT_RANGE (it neither folds nor tears).
     """
 
     value: Array
@@ -43,14 +41,14 @@ class Density:
 
     @property
     def relative_depth(self) -> Array:
-        """Minus the density, from rest, (h, w) float32: what spreads came nearer to the camera."""
+        """1 - density, (h, w) float32: positive where the pattern spreads, nearer to the camera."""
         return np.asarray(1 - self.value)
 
 
 def jacobian_density(flow: FaceFlow, mm_per_px: float) -> Density:
     """Gaussian density as 1 / det(I + grad u) of the smoothed flow. mm_per_px: of the camera.
 
-    Where the map folds the determinant is held at an eighth of DOMAIN: finite, and not reliable.
+    Where the map folds, the determinant is clipped to 1/16: finite, and not reliable.
     """
     flow, sigma = whole(flow), _sigma_cells(flow, mm_per_px)
     det = _determinant(flow, sigma)
@@ -61,8 +59,8 @@ def jacobian_density(flow: FaceFlow, mm_per_px: float) -> Density:
 
 
 def _sigma_cells(flow: FaceFlow, mm_per_px: float) -> float:
-    """Sigma in cells that makes, with the mean over a cell that each point already is, SIGMA_PX;
-    a fifth of a cell at least."""
+    """Sigma in cells that gives SIGMA_PX in total, as each point is already a mean over its cell;
+    at least a fifth of a cell."""
     pixels = flow.cell_mm / mm_per_px
     return float(np.sqrt(max(SIGMA_PX**2 - (pixels**2 - 1) / 12, (pixels / 5) ** 2))) / pixels
 
@@ -73,10 +71,10 @@ def _determinant(flow: FaceFlow, sigma: float) -> Array:
     offsets = np.arange(-radius, radius + 1)
     smooth = np.exp(-0.5 * (offsets / sigma) ** 2)
     smooth /= smooth.sum()
-    # The derivative of the Gaussian itself, exact for what is linear: differences of neighbours
-    # lose 9 % of features of three cells.
+    # The derivative of the Gaussian itself, exact for linear flow: differences of neighbours lose
+    # 9 % of features of three cells.
     slope = offsets * smooth / (offsets**2 @ smooth) / flow.cell_mm
-    # A margin in which the flow goes on as straight as it came.
+    # A margin of linear extrapolation.
     widths = ((radius, radius), (radius, radius), (0, 0))
     shift = np.pad(flow.shift_mm, widths, mode="reflect", reflect_type="odd")
     across, down = (
@@ -88,10 +86,10 @@ def _determinant(flow: FaceFlow, sigma: float) -> Array:
 
 
 def relative_depth(density: Density, flow: FaceFlow) -> Array:
-    """The paper's: minus the density of a flow's points, from rest, (h, w) float32, without unit.
+    """The paper's relative depth: 1 - density, filtered, (h, w) float32, without unit.
 
     The guided filter (He and Sun 2015) with the density as its own guide keeps edges. Off the axis
-    a press moves the pattern outwards as a whole: there it is no map of the depth (`depth` is).
+    a press moves the pattern outwards as a whole, so there it is no map of the depth (see `depth`).
     """
     radius = max(1, round(FILTER_RADIUS_MM / flow.cell_mm))
     image = np.ascontiguousarray(density.relative_depth, np.float32)

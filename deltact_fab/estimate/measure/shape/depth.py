@@ -1,8 +1,8 @@
 """Depth of the face in mm, calibrated on a ball, and the separate contacts in its map.
 
-Off the axis depth is seen as motion, on it hardly at all, so no local rule tells depth from flow.
-The inverse of the face's linear operator does (`force.inverse`): its traction moves the face in
-depth too, too little by 3 to 14 % (docs/evidence/strangers.md); one factor makes it good.
+Depth shows as motion off the optical axis and hardly at all on it, so no local rule gives depth
+from flow. The inverse of the face's linear operator does (`force.inverse`): its traction displaces
+the face in depth too, by 3 to 14 % too little (docs/evidence/strangers.md); a gain corrects that.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from ..force.inverse import inverse_for
 from ..force.model import TractionField
 from ..sensor_id import CalibrationHead, SensorModel, read_calibration
 
-MAX_RIGID_RESIDUAL = 0.1
-EXTRAPOLATION_FACTOR = 1.1  # of the deepest press of the calibration: deeper ones are extrapolated
+MAX_RIGID_RESIDUAL = 0.1  # over the motion; by hand: larger takes light presses for a loose camera
+EXTRAPOLATION_FACTOR = 1.1  # over the calibration's deepest press; by hand: above noise of a peak
 
 
 @dataclass(frozen=True)
 class DepthModel:
-    """gain: depth over what the inverse finds. deepest_mm: that the calibration's ball pressed.
+    """Depth calibration. gain: true depth over that of the inverse. deepest_mm: its deepest press.
 
-    poisson, thickness_mm: of the gel that the inverse took; None: the view's.
+    poisson, thickness_mm: gel used by the inverse; None: the view's.
     """
 
     gain: Annotated[float, Ge(0.1), Le(10)]
@@ -46,14 +46,14 @@ class DepthModel:
         return {name: value for name, value in asdict(self).items() if value is not None}
 
     def view(self, view: SensorModel) -> SensorModel:
-        """With the gel that the gain belongs to."""
+        """Return the view with the gel that the gain was calibrated with."""
         return view.with_gel(
             self.poisson or view.poisson, self.thickness_mm or view.skin.thickness_mm
         )
 
     @classmethod
     def load(cls, path: Path) -> tuple[CalibrationHead, DepthModel]:
-        """Of a file that `calibrate depth` wrote. Raises InputError of one line."""
+        """Load a file written by `calibrate depth`. Raises InputError of one line."""
         head, data = read_calibration(path, "depth")
         return head, validate(cls, data.get("depth", {}), f"{path}: depth")
 
@@ -62,9 +62,9 @@ class DepthModel:
 class Depth:
     """Depth of the resting face's points into the gel.
 
-    depth_mm (h, w) float32, at least 0; known (h, w) bool, on x_mm (w,), y_mm (h,): as in FaceFlow.
-    cover: share of the contact's cells whose motion is known. extrapolated: deeper than the
-    calibration was.
+    depth_mm (h, w) float32, at least 0; valid (h, w) bool: motion known; x_mm (w,), y_mm (h,): as
+    in FaceFlow. cover: share of the pressure on cells whose motion is known. extrapolated: deeper
+    than the calibration.
     """
 
     depth_mm: Array
@@ -85,7 +85,7 @@ class DepthFinder:
         self.inverse = inverse_for(self.view)
 
     def find(self, flow: FaceFlow) -> Depth:
-        """Of a flow, in mm."""
+        """Find the depth of a flow, in mm."""
         flow = whole(flow)
         press = self.inverse.solve(flow)
         depth = np.maximum(np.float32(self.model.gain) * self.linear_depth_mm(flow, press), 0)
@@ -93,7 +93,7 @@ class DepthFinder:
         return Depth(depth, flow.known, flow.x_mm, flow.y_mm, press.cover, extrapolated)
 
     def linear_depth_mm(self, flow: FaceFlow, press: TractionField) -> Array:
-        """Depth (h, w) float32 that linear elasticity gives for a press, at the flow's points."""
+        """Uncalibrated depth (h, w) float32 by linear elasticity, at the flow's points."""
         if not press.pressed or is_rigid(flow):
             return np.zeros(flow.known.shape, np.float32)
         onto_y, onto_x = (
@@ -113,9 +113,9 @@ def _spline(knots_mm: tuple[float, ...], points_mm: tuple[float, ...]) -> Array:
 
 
 def is_rigid(flow: FaceFlow) -> bool:
-    """Whether the view moved as a whole, shifted and turned: as a camera does that is loose.
+    """True if the view moved as a whole (shift and rotation), as with a loose camera.
 
-    So it is if less than RIGID of its motion is left when the best rigid one is taken off.
+    The criterion is a residual from the best rigid motion below MAX_RIGID_RESIDUAL of the motion.
     """
     if not flow.known.any():
         return False
@@ -125,10 +125,10 @@ def is_rigid(flow: FaceFlow) -> bool:
 
 
 def ball_depth_mm(flow: FaceFlow, view: SensorModel, tip_mm: Array, radius_mm: float) -> Array:
-    """Depth (h, w) of the points of a face that a ball presses, 0 where they are not below it.
+    """Depth (h, w) of a ball at the points of a flow, 0 where they are not below it.
 
-    tip_mm (3,): of the ball's lowest point, sensor frame. A point is seen along a ray that meets
-    the ball at its depth, so both are found together.
+    tip_mm (3,): lowest point of the ball, sensor frame. A point is seen along a ray that meets the
+    ball at its depth, so both are found by fixed-point iteration.
     """
     camera = view.camera
     landed = np.stack(np.meshgrid(flow.x_mm, flow.y_mm), axis=-1) + flow.shift_mm
@@ -143,13 +143,10 @@ def ball_depth_mm(flow: FaceFlow, view: SensorModel, tip_mm: Array, radius_mm: f
     return depth
 
 
-RIM_SHARE = 0.3
-"""A contact ends where the depth falls below this share of its peak: of balls the rim is there."""
-MIN_PEAK_MM = 0.05
-"""A contact's peak is at least this deep; the inverse finds none in noise (`inverse.FLOOR`)."""
-DIP_SHARE = 0.75
-"""Two peaks are two contacts if the depth between them falls below this share of the lower one."""
-OUTLINE_CELL_MM = 0.08  # of the map on which outlines are drawn
+RIM_SHARE = 0.3  # of a contact's peak depth, where it ends: the rim of a ball, decision 0025
+MIN_PEAK_MM = 0.05  # of a contact; by hand: less is noise (see `inverse.NOISE_FACTOR`)
+DIP_SHARE = 0.75  # of the lower of two peaks, below which they are two contacts, decision 0025
+OUTLINE_CELL_MM = 0.08  # of the map for outlines; by hand: finer draws no smoother line
 
 
 @dataclass(frozen=True)
@@ -157,9 +154,9 @@ class ContactRegion:
     """One region of contact.
 
     area_mm2, centroid_mm (2,), outline_mm (n, 2) closed, anticlockwise as the camera sees it: on
-    the resting face, as all maps are. place_mm (2,): where the centroid is now, which after a
-    shear is another place. peak_depth_mm: into the gel. force_share: of the whole pressure, None
-    without a traction. cover: share of it whose motion is known.
+    the resting face, like all maps. place_mm (2,): current place of the depth's centroid, which
+    differs after a shear. peak_depth_mm: into the gel. force_share: of the total pressure, None
+    without a traction. cover: share of the region whose motion is known.
     """
 
     area_mm2: float
@@ -174,16 +171,16 @@ class ContactRegion:
 def find_contacts(
     depth: Depth, flow: FaceFlow, camera: CameraModel, traction: TractionField | None = None
 ) -> list[ContactRegion]:
-    """The contacts of one frame, the deepest first; none at rest.
+    """Find the contacts of one frame, the deepest first; none at rest.
 
-    flow: the depth was found from it. traction: for the share of the force.
+    flow: source of the depth. traction: for the shares of the force.
     """
     labels, flow = contact_labels(depth), whole(flow)
     shares = None if traction is None else _pressure_shares(traction, labels, depth)
     masks = [labels == k for k in range(1, int(labels.max()) + 1)]
     if not masks:
         return []
-    places = _current_centroids(masks, depth, flow, camera)
+    places = _centroids(masks, depth, flow, camera)
     regions = [
         _contact(mask, depth, place, None if shares is None else float(shares[k]))
         for k, (mask, place) in enumerate(zip(masks, places, strict=True), 1)
@@ -192,7 +189,7 @@ def find_contacts(
 
 
 def contact_labels(depth: Depth) -> Array:
-    """Number of the contact that each point is in, (h, w) int32; 0: in none."""
+    """Label of the contact that each point is in, (h, w) int32; 0: none."""
     peaks = _find_peaks(depth.depth_mm)
     out = np.zeros(depth.depth_mm.shape, np.int32)
     if not peaks:
@@ -207,7 +204,7 @@ def contact_labels(depth: Depth) -> Array:
 
 
 def _find_peaks(depth_mm: Array) -> list[tuple[int, int]]:
-    """Places of the peaks that a dip parts from every deeper one."""
+    """Find the peaks that a dip separates from every deeper one, as (row, column)."""
     around = cv2.dilate(depth_mm, np.ones((5, 5), np.uint8))
     highest = (around == depth_mm) & (depth_mm >= MIN_PEAK_MM)
     rows, columns = np.nonzero(highest)
@@ -221,14 +218,12 @@ def _find_peaks(depth_mm: Array) -> list[tuple[int, int]]:
 
 
 def _label_parts(mask: Array) -> Array:
-    """Number of the part of a mask that each point is in, (h, w) int32; parts touch by a side."""
+    """Label the connected components of a mask (4-neighbours), (h, w) int32."""
     return cv2.connectedComponents(mask.view(np.uint8), connectivity=4)[1]
 
 
-def _current_centroids(
-    masks: list[Array], depth: Depth, flow: FaceFlow, camera: CameraModel
-) -> Array:
-    """Where the middle of each region is now, (n, 2)."""
+def _centroids(masks: list[Array], depth: Depth, flow: FaceFlow, camera: CameraModel) -> Array:
+    """Current centroid of the depth in each region, (n, 2) mm."""
     landed, sunk = np.empty((len(masks), 2)), np.empty((len(masks), 1))
     for k, mask in enumerate(masks):
         weight = np.where(mask, depth.depth_mm, 0)
@@ -236,7 +231,7 @@ def _current_centroids(
         mean = (weight.sum(0) @ depth.x_mm) / total, (weight.sum(1) @ depth.y_mm) / total
         shift = [float((weight * flow.shift_mm[..., i]).sum()) / total for i in (0, 1)]
         landed[k], sunk[k] = np.add(mean, shift), float((weight**2).sum()) / total
-    origin, direction = camera.ray(camera.rest_px(landed))  # one call: it is slow for few
+    origin, direction = camera.ray(camera.rest_px(landed))  # one call: slow for few points
     return np.asarray(origin[:, :2] - direction[:, :2] * sunk)
 
 
@@ -255,7 +250,7 @@ def _contact(mask: Array, depth: Depth, place_mm: Array, share: float | None) ->
 
 
 def _outline(mask: Array, depth: Depth) -> Array:
-    """The outer edge of a region, (n, 2) mm, finer than the points' distance."""
+    """Outer edge of a region, (n, 2) mm, finer than the points' spacing."""
     times = max(1, round(depth.cell_mm / OUTLINE_CELL_MM))
     rows, columns = (np.flatnonzero(mask.any(axis)) for axis in (1, 0))
     first = np.array([columns[0], rows[0]])
@@ -270,7 +265,7 @@ def _outline(mask: Array, depth: Depth) -> Array:
 
 
 def _pressure_shares(traction: TractionField, labels: Array, depth: Depth) -> Array:
-    """Share of the pressure by label; each cell's goes to the contact nearest to it."""
+    """Share of the pressure by label; each cell's pressure counts for the nearest contact."""
     from scipy import ndimage
 
     pressure = np.maximum(-traction.traction_mpa[..., 2], 0)
