@@ -122,7 +122,7 @@ def judged(
 ) -> Judged:  # fmt: skip
     """Some presses calibrate with a gel (None: the design's), the others judge.
 
-    labels: "late"; "early", see `Seen.data`; or "mended", the same as `early_labels` mends them.
+    labels: "late"; "early", see `Seen.data`; or "mended", the same as `fit_unrelaxed` mends them.
     """
     view = BELIEVED if gel is None else BELIEVED.with_gel(gel.poisson, gel.thickness_mm)
     data = seen.data(learn, view, labels != "late")

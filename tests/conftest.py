@@ -155,9 +155,8 @@ def calibrations(mini_run: Path, tmp_path_factory: pytest.TempPathFactory) -> li
         for file in part["file"]:
             seen = tracker.update(run.image(file))
             numbers.append(features.compute(FaceFlow.of(seen, view.camera, 8)))
-    model, _ = ForceModel.fit(
-        features, np.array(numbers), frames[list(WRENCH_COLUMNS)].to_numpy(float)
-    )
+    wrench = frames[list(WRENCH_COLUMNS)].to_numpy(float)
+    model, _ = ForceModel.fit(features, np.array(numbers), wrench)
     rest = encode_png(run.image(str(frames["file"].iloc[0])))
     head = head_of([run], "force")
     made = ForceCalibration(head, model, view.skin, view.poisson, rest=rest)

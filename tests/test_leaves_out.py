@@ -211,14 +211,14 @@ def test_an_analysis_follows_the_dots_only_where_they_are_asked_for(
     asked = name == "tracking"
     assert calls["dots"] == (calls["frames"] if asked else 0)
     assert (result.dots is not None) == asked
-    said = [] if asked else ["error at the dots: the channel 'dots' is not asked for"]
+    said = [] if asked else ["error at the dots: no channel 'dots' in the protocol"]
     assert result.left_out == said
     assert calls["truth"] == calls["frames"] - 1  # the reference is no measurement
     shutil.rmtree(tmp_path / "run" / "truth")
     with ThreadPoolExecutor(1) as executor:
         bare = analyse_tracking(tmp_path / "run", ["dis-fast"], executor)
     assert calls["truth"] == calls["frames"] - 1
-    assert bare.left_out[-1] == "error against truth: a real rig knows none"
+    assert bare.left_out[-1] == "error against truth: not available on a real rig"
 
 
 @pytest.mark.slow

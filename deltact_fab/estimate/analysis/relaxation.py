@@ -80,7 +80,7 @@ def find_rests(run: Run) -> list[ForceRest]:
     for press, press_steps in pressing.groupby("press", sort=False):
         samples = run.force(str(press))
         if not len(samples):
-            raise InputError(f"{run.folder}: press {press}: no force was recorded")
+            raise InputError(f"{run.folder}: press {press}: no force recorded")
         history = _bin_forces(str(press), samples)
         pose = run.pose(str(press))
         settled = set(run.frames(str(press)).query("settled")["step_id"])
@@ -89,9 +89,8 @@ def find_rests(run: Run) -> list[ForceRest]:
             if rest is not None:
                 rests.append(rest)
     if not rests:
-        raise InputError(
-            f"{run.folder}: settle_s = {longest_s:g}: no stop of {MIN_REST_BINS * BIN_S:g} s or more"
-        )
+        needed = f"no stop of {MIN_REST_BINS * BIN_S:g} s or more"
+        raise InputError(f"{run.folder}: settle_s = {longest_s:g}: {needed}")
     return rests
 
 

@@ -63,7 +63,7 @@ def _part(data: ForceData, rows: np.ndarray) -> ForceData:
     )
 
 
-def test_a_law_that_holds_everywhere_holds_on_what_was_left_out() -> None:
+def test_exact_law_predicts_left_out_points() -> None:
     data = made()
     judged = evaluate_features(data, "sums", seed=0)
     assert ranking_error_n(judged, data) < 1e-9
@@ -75,7 +75,7 @@ def test_a_law_that_holds_everywhere_holds_on_what_was_left_out() -> None:
         assert name.startswith("torque") == (unit == "nmm")
 
 
-def test_a_place_that_answers_otherwise_shows_only_when_it_is_left_out() -> None:
+def test_deviating_position_shows_only_when_unseen() -> None:
     data = made()
     odd = (data.points["position"] == "(3, 0)").to_numpy()
     bent = replace(data, wrench=data.wrench * np.where(odd, 1.5, 1.0)[:, None])
@@ -88,7 +88,7 @@ def test_a_place_that_answers_otherwise_shows_only_when_it_is_left_out() -> None
 
 
 @pytest.mark.parametrize("split", ["unseen", "position", "press", "point"])
-def test_no_fold_is_judged_on_what_it_has_seen_and_each_point_is_judged_once(split: str) -> None:
+def test_folds_are_disjoint_and_complete(split: str) -> None:
     points = made().points
     repeats = folds(points, split, seed=1)
     assert len(repeats) == (CV_REPEATS if split in ("press", "point") else 1)
@@ -104,11 +104,10 @@ def test_no_fold_is_judged_on_what_it_has_seen_and_each_point_is_judged_once(spl
     assert (again == repeats[0][0][1]).all()
 
 
-def test_one_place_leaves_indenters_out_and_one_press_nothing() -> None:
+def test_splits_with_one_position_or_press() -> None:
     data = made(noise_n=0.1)
-    place = evaluate_features(
-        _part(data, (data.points["position"] == "(0, 0)").to_numpy()), "sums", seed=0
-    )
+    centre = (data.points["position"] == "(0, 0)").to_numpy()
+    place = evaluate_features(_part(data, centre), "sums", seed=0)
     assert list(place.predicted) == ["unseen", "press", "point"]
     one = _part(data, (data.points["press"] == "sphere:10/0").to_numpy())
     judged = evaluate_features(one, "sums", seed=0)
@@ -118,7 +117,7 @@ def test_one_place_leaves_indenters_out_and_one_press_nothing() -> None:
     assert learning_curve(one, "sums", seed=0) == {}
 
 
-def test_a_learning_curve_falls_to_the_noise_and_says_where() -> None:
+def test_learning_curve_falls_to_the_noise() -> None:
     data = made()
     presses = data.points["press"].to_numpy()
     rng = np.random.default_rng(1)
@@ -134,7 +133,7 @@ def test_a_learning_curve_falls_to_the_noise_and_says_where() -> None:
     assert 1 < few <= 6
 
 
-def test_softer_gel_is_carried_over_by_two_factors() -> None:
+def test_softer_gel_transfers_by_two_factors() -> None:
     stiff = made(noise_n=0.02)
     model = fit_force(stiff, "sums")
     few = _part(stiff, np.isin(stiff.points["press"], ["sphere:10/1", "sphere:15/2"]))
@@ -151,7 +150,7 @@ def test_softer_gel_is_carried_over_by_two_factors() -> None:
     assert moved.model.predict(soft.features["sums"]) == pytest.approx(soft.wrench, abs=0.3)
 
 
-def test_presses_that_are_not_sheared_lend_their_factor_to_shear() -> None:
+def test_unsheared_presses_use_pressure_factor() -> None:
     data = made()
     model = fit_force(data, "sums")
     wrench = data.wrench * 0.5

@@ -35,7 +35,7 @@ def test_two_parts_joined_are_the_whole() -> None:
 
 
 @pytest.mark.parametrize("scale_mm", [1e-5, 0.01, 3.0])
-def test_a_percentile_is_the_percentile_to_a_hundredth(scale_mm: float) -> None:
+def test_percentile_is_accurate_to_one_percent(scale_mm: float) -> None:
     errors = np.random.default_rng(0).gamma(2.0, scale_mm, 200_000)
     tally = ErrorTally()
     tally.add_moving(errors, errors < 0)
@@ -43,7 +43,7 @@ def test_a_percentile_is_the_percentile_to_a_hundredth(scale_mm: float) -> None:
     assert tally.figures()["p95_off_dots_mm"] == pytest.approx(max(p95, 1e-4), rel=0.011)
 
 
-def test_nothing_measured_is_none_and_never_nan() -> None:
+def test_missing_figures_are_none_not_nan() -> None:
     figures = ErrorTally().figures()
     json.dumps(figures, allow_nan=False)
     assert {k for k, v in figures.items() if isinstance(v, float)} == set()

@@ -17,7 +17,7 @@ from deltact_fab.estimate.measure.force.inverse import Inverse
 
 @pytest.mark.evidence
 @pytest.mark.parametrize("stranger", STRANGERS)
-def test_ten_presses_tell_a_strangers_gel_and_measure_on_it(stranger: str) -> None:
+def test_ten_presses_identify_an_unknown_gel(stranger: str) -> None:
     gel, _ = STRANGERS[stranger]
     seen = Seen.of(stranger)
     learn, judge = next(seen.rounds())
@@ -41,7 +41,7 @@ def test_ten_presses_tell_a_strangers_gel_and_measure_on_it(stranger: str) -> No
     assert mended["normal_n"] < 0.75 * early["normal_n"]
 
 
-def test_a_gel_is_told_only_where_presses_agree() -> None:
+def test_gel_is_identified_if_presses_agree() -> None:
     """Of errors that are least at another gel; of errors that are chance it is not."""
     rng = np.random.default_rng(3)
     chance = rng.uniform(0.5, 2, (12, 3))
@@ -58,7 +58,7 @@ def test_a_gel_is_told_only_where_presses_agree() -> None:
     assert search_gel(BELIEVED, lambda view: chance) is None
 
 
-def test_labels_taken_early_are_told_by_their_waits() -> None:
+def test_early_labels_are_corrected_by_waits() -> None:
     rng = np.random.default_rng(5)
     features, rows = Inverse(BELIEVED), 60
     X = rng.normal(size=(rows, len(features.names)))

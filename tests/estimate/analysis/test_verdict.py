@@ -46,15 +46,13 @@ def test_the_least_error_is_taken() -> None:
     [
         (
             {"confident_wrong_share": 0.02},
-            "2 % of what it is confident on is off by more than 0.1 mm",
+            "2 % of its confident pixels are off by more than 0.1 mm",
         ),
         ({"coverage": 0.5}, "confident on 50 % of the moving pattern"),
         ({"trusted_share": 0.9}, "trusts 90 % of the frames"),
     ],
 )
-def test_a_method_that_cannot_be_believed_is_not_taken_however_good_it_looks(
-    doubt: dict[str, float], says: str
-) -> None:
+def test_unreliable_method_is_never_recommended(doubt: dict[str, float], says: str) -> None:
     best, honest = row("best", 0.001, 1.0, **doubt), row("honest", 0.01, 30.0)
     verdict = judge_methods([best, honest], simulated=True)
     assert verdict.take == "honest"
@@ -66,7 +64,7 @@ def test_a_method_that_cannot_be_believed_is_not_taken_however_good_it_looks(
     assert says in alone.line
 
 
-def test_without_truth_the_errors_at_the_dots_are_compared() -> None:
+def test_dot_errors_rank_without_truth() -> None:
     rows = [row("a", None, 9.0, mean_at_dots_mm=0.02), row("b", None, 3.0, mean_at_dots_mm=0.05)]
     verdict = judge_methods(rows, simulated=False)
     assert verdict.take == "a"
@@ -75,14 +73,14 @@ def test_without_truth_the_errors_at_the_dots_are_compared() -> None:
     assert "no truth to compare with" in verdict.line
 
 
-def test_a_run_of_one_frame_is_no_experiment() -> None:
+def test_single_frame_run_is_not_trusted() -> None:
     verdict = judge_methods([{"name": "a", **ErrorTally().figures()}], simulated=True)
     assert not verdict.trusted
-    assert "no frame after the first one" in verdict.line
+    assert "no frame after the reference" in verdict.line
     json.dumps(asdict(verdict), allow_nan=False)
 
 
-def test_little_is_not_told_as_nothing_nor_nearly_all_as_all() -> None:
+def test_percentages_near_limits_are_not_rounded() -> None:
     shares = (0, 1e-6, 0.0001, 0.016, 0.5, 0.9995, 1)
     assert [format_percent(share) for share in shares] == [
         "0 %", "under 0.001 %", "0.01 %", "1.6 %", "50 %", "over 99.9 %", "100 %",

@@ -62,7 +62,7 @@ def test_what_was_written_is_read(written: tuple[ForceCalibration, Path]) -> Non
     assert image.shape == (6, 8, 3)
     view = read.view(SensorModel(CAMERA))
     assert load_features(read.model, view, str(path)).names == made.model.names
-    with pytest.raises(InputError, match=r"^c.toml: not of this version's .* calibrate again"):
+    with pytest.raises(InputError, match=r"^c.toml: features .* have changed; calibrate again"):
         load_features(replace(made.model, features="paper"), view, "c.toml")
     with pytest.raises(InputError, match=r"^c.toml: .*'summs': unknown; did you mean 'sums'"):
         load_features(replace(made.model, features="summs"), view, "c.toml")
@@ -71,11 +71,11 @@ def test_what_was_written_is_read(written: tuple[ForceCalibration, Path]) -> Non
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("poisson = 0.49", "poisson = 0.7", "view.poisson: a number between 0 and 0.5"),
+        ("poisson = 0.49", "poisson = 0.7", "view.poisson must be between 0 and 0.5"),
         ("thickness_mm = 12.0", "thickness_mm = -1.0", "view.skin"),
         ("fz = [", "fy2 = [", "fz: missing"),
         ("fz = [", "fz = [nan, ", "model.coefficients.fz.0: not a finite number"),
-        ("fz = [", "fz = [1.0, ", "not as many as names"),
+        ("fz = [", "fz = [1.0, ", "too few or many"),
         ('file = "c.rest.png"', 'file = "../c.rest.png"', "rest.file"),
         ('file = "c.rest.png"', 'file = "gone.png"', "gone.png: cannot be read"),
         ('sha256 = "', 'sha256 = "0', "differs from the hash"),

@@ -106,9 +106,8 @@ def test_the_traction_adds_up_to_the_models_force(features, block) -> None:
         flows.append(_seen(block, t))
         wrenches.append(0.6 * np.concatenate((force, np.cross([x0, y0, 0], force))))
     made = make_features("inverse-placed", VIEW)
-    model, _ = ForceModel.fit(
-        made, np.array([made.compute(flow) for flow in flows]), np.array(wrenches)
-    )
+    X = np.array([made.compute(flow) for flow in flows])
+    model, _ = ForceModel.fit(made, X, np.array(wrenches))
     for flow in flows:
         field = made.traction(flow, model)
         np.testing.assert_allclose(

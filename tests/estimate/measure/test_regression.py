@@ -69,14 +69,12 @@ def test_statsmodels_gives_the_same_figures_of_force_models(name, component):
         wrench[:, WRENCH_AXES.index(component)],
     )
     size = np.sqrt(np.mean(columns[:, 0] ** 2))
-    held = [one for one in labels if one in features.prior_scales]
-    assert ours.prior == pytest.approx({one: size * features.prior_scales[one] for one in held})
-    pseudo = [
-        [size * features.prior_scales[one] * (one == other) for other in labels] for one in held
-    ]
+    prior = {one: size * s for one, s in features.prior_scales.items() if one in labels}
+    assert ours.prior == pytest.approx(prior)
+    pseudo = [[value * (one == other) for other in labels] for one, value in prior.items()]
     n, k, many = len(y), len(labels), len(set(presses))
     theirs = OLS(
-        np.concatenate((y, np.zeros(len(held)))), np.vstack((columns, *pseudo)), hasconst=False
+        np.concatenate((y, np.zeros(len(prior)))), np.vstack((columns, *pseudo)), hasconst=False
     ).fit()
     assert ours.coefficients == pytest.approx(theirs.params, rel=1e-10)
     left = theirs.resid[:n]

@@ -199,7 +199,7 @@ class ForceModel:
         except KeyError as error:
             raise InputError(f"force model: {error.args[0]}: missing") from error
         except (TypeError, ValueError) as error:
-            raise InputError(f"force model: coefficients or reach invalid: {error}") from error
+            raise InputError(f"force model: bad numbers, or too few or many: {error}") from error
         shape = (len(WRENCH_AXES), len(names))
         for key, part, dimensions in (("coefficients", coefficients, 2), ("reach", reach, 3)):
             if part.ndim != dimensions or part.shape[:2] != shape or not np.isfinite(part).all():
