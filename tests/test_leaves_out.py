@@ -153,7 +153,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
         (force.NetFTSensor, "read", "force"),
         (serial.Serial, "open", "port"),
         (DotTracker, "update", "dots"),
-        (tally.TrueFrame, "of", "truth"),
+        (tally.TrueFrame, "from_flow", "truth"),
     ):
         monkeypatch.setattr(owner, name, counting(getattr(owner, name), calls, label))
     return calls
