@@ -54,9 +54,9 @@ def calibrate(
     """
     requested = tuple(dict.fromkeys([*(names or FORCE_FEATURES), PAPER_CONDITIONS]))
     runs, tables = open_force_runs(folders)
-    if blind := [str(run.folder) for run in runs if in_pixels(run)]:
+    if uncalibrated := [str(run.folder) for run in runs if in_pixels(run)]:
         if names and Inverse.name in names:
-            raise InputError(f"{blind[0]}: {Inverse.name} needs the gel in mm; {NO_CAMERA}")
+            raise InputError(f"{uncalibrated[0]}: {Inverse.name} needs the gel in mm; {NO_CAMERA}")
         requested = tuple(name for name in requested if name != Inverse.name)
     required = requested if names else (PAPER_CONDITIONS,)
     gathered = requested if names else (*requested, *FORCE_READINGS)

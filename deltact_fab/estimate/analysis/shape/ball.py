@@ -51,7 +51,7 @@ class DepthCalibration:
     def line(self) -> str:
         model = self.model
         return (
-            f"Depth calibrated on a sphere of {self.diameter_mm:g} mm at depths of "
+            f"Depth calibrated on a sphere of {self.diameter_mm:g} mm at "
             f"{', '.join(f'{depth:.2f}' for depth in self.depths_mm)} mm: gain {model.gain:.3f}; "
             f"mean error {self.error_mm:.3f} mm where the sphere certainly touches "
             f"({self.head.origin})." + (f"\nDoubtful: {self.doubt}" if self.doubt else "")

@@ -97,7 +97,7 @@ class ShapeMaps:
     edges_mm: Array | None = None
 
     @property
-    def pressed(self) -> Indenter:
+    def indenter_shape(self) -> Indenter:
         return restore_indenter(
             self.indenter, {self.indenter: self.shape} if self.shape else {}, "a picture"
         )

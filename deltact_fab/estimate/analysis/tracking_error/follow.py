@@ -90,12 +90,12 @@ class Follower:
     tallies: by method. dots: None where they are not tracked. left_out: one line per failure.
     """
 
-    def __init__(self, scene: TrackingPlan, marks: PatternDots) -> None:
-        self.tallies = {name: ErrorTally() for name in scene.methods}
-        self.dots = DotFollower(marks) if scene.dots else None
+    def __init__(self, plan: TrackingPlan, marks: PatternDots) -> None:
+        self.tallies = {name: ErrorTally() for name in plan.methods}
+        self.dots = DotFollower(marks) if plan.dots else None
         self.left_out: list[str] = []
-        shared: dict[str, FlowMethod] | None = None if scene.timed else {}
-        names = [name for name in scene.methods if name != DOTS_METHOD]
+        shared: dict[str, FlowMethod] | None = None if plan.timed else {}
+        names = [name for name in plan.methods if name != DOTS_METHOD]
         self._flows = {name: FlowTracker.from_name(name, shared=shared) for name in names}
         self._scale = marks.camera.mm_per_px
         self._off_dots = off_dots(marks.camera, marks.dots_mm, marks.diameter_mm)
@@ -174,7 +174,7 @@ class PressResult:
     rows: list[dict[str, Any]] = field(default_factory=list)
 
 
-def analyse_press(folder: str, press: str, scene: TrackingPlan) -> PressResult:
+def analyse_press(folder: str, press: str, plan: TrackingPlan) -> PressResult:
     """Analyse all frames of one press: the first one is the reference of flow and dots.
 
     Raises RunFailed for an image of another size, SensorError for a first one without a pattern;
@@ -185,7 +185,7 @@ def analyse_press(folder: str, press: str, scene: TrackingPlan) -> PressResult:
     cv2.setNumThreads(1)  # one thread, so that milliseconds compare
     run = open_run(folder)
     camera, truth = run.camera, run.truth()
-    follower = Follower(scene, PatternDots.from_record(camera, run.pattern))
+    follower = Follower(plan, PatternDots.from_record(camera, run.pattern))
     in_view = TrueFrame.imaged_pixels(camera)
     result = PressResult(follower.tallies)
     for index, row in enumerate(run.frames(press).itertuples()):
@@ -220,13 +220,13 @@ def analyse_tracking(
     """
     run = open_run(folder)
     frames = read_frames(run, "tracking")
-    scene = TrackingPlan.for_run(run, methods)
+    plan = TrackingPlan.for_run(run, methods)
     indenter_of = dict(zip(frames["press"], frames["indenter"], strict=True))
     presses = list(indenter_of)
     results = run_each(
-        partial(analyse_press, str(folder), scene=scene), presses, presses, executor, progress
+        partial(analyse_press, str(folder), plan=plan), presses, presses, executor, progress
     )
-    total = {name: ErrorTally() for name in scene.methods}
+    total = {name: ErrorTally() for name in plan.methods}
     parts: dict[tuple[str, str], ErrorTally] = {}
     dots = DotTally()
     for part, indenter in zip(results, indenter_of.values(), strict=True):
@@ -242,7 +242,7 @@ def analyse_tracking(
             for (name, indenter), tally in parts.items()
         ],
         dots=dots.figures() if dots.n_found + dots.n_lost else None,
-        left_out=[*scene.left_out, *(line for part in results for line in part.left_out)],
+        left_out=[*plan.left_out, *(line for part in results for line in part.left_out)],
         frames=pd.DataFrame(rows, columns=TRACKING_COLUMNS),
         mm_per_px=run.camera.mm_per_px,
         simulated=run.simulated,

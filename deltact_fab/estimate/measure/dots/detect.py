@@ -83,14 +83,14 @@ class Detector:
         _, labels, stats, _ = cv2.connectedComponentsWithStats(
             (signal > level).astype(np.uint8), connectivity=4, ltype=cv2.CV_32S
         )
-        left, top, width, height, area = stats.T
+        x0, y0, width, height, area = stats.T
         fits = (
             (area >= 0.08 * self._area)
             & (area <= 4.0 * self._area)
-            & (left > 0)
-            & (top > 0)
-            & (left + width < w)
-            & (top + height < h)
+            & (x0 > 0)
+            & (y0 > 0)
+            & (x0 + width < w)
+            & (y0 + height < h)
         )
         fits[0] = False
         flat = np.flatnonzero(fits[labels])

@@ -17,8 +17,8 @@ from deltact_fab.common import Array
 
 from ..face import FaceFlow, whole
 
-SIGMA_PX = 3.0  # of the full image, for any spacing of the flow; measured in docs/evidence/shape.md
-DETERMINANT_RANGE = (0.5, 2.0)  # where splat and Jacobian agree, measured in the same
+SIGMA_PX = 3.0  # of the full image, for any spacing of the flow; by hand: larger blurs contacts
+DETERMINANT_RANGE = (0.5, 2.0)  # splat and Jacobian agree, measured in docs/evidence/shape.md
 FILTER_RADIUS_MM = 0.6  # of the guided filter; by hand: larger smooths small contacts
 FILTER_EPS = 2.5e-4  # variance (0.016^2) below which it smooths; by hand: three times flow noise
 
