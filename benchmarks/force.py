@@ -14,7 +14,7 @@ from deltact_fab.estimate.measure.force import FORCE_FEATURES, make_features
 from deltact_fab.estimate.measure.force.inverse import Inverse
 from deltact_fab.estimate.measure.force.model import Features, ForceModel
 from deltact_fab.estimate.measure.sensor_id import SensorModel
-from deltact_fab.estimate.measure.shape.depth import DepthFinder, DepthModel, contacts
+from deltact_fab.estimate.measure.shape.depth import DepthFinder, DepthModel, find_contacts
 from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.sensor.optics.camera import Pinhole
 
@@ -109,7 +109,7 @@ def learning_row() -> dict[str, Any]:
 
 def _numbers(features: Features, seen: dict[Press, list[Any]]) -> tuple[dict[Press, Array], float]:
     start = time.process_time()
-    found = {p: np.array([features.of(flow) for flow in flows]) for p, flows in seen.items()}
+    found = {p: np.array([features.compute(flow) for flow in flows]) for p, flows in seen.items()}
     return found, 1e3 * (time.process_time() - start) / sum(map(len, seen.values()))
 
 
@@ -163,12 +163,12 @@ def _fields(
             at_x, at_y = _nearest(truth["x_mm"], field.x_mm), _nearest(truth["y_mm"], field.y_mm)
             true = _cell_means(truth["traction_mpa"][i], at_y, at_x)
             peak = -true[..., 2].min()
-            pressed = inverse.of(flow)
+            pressed = inverse.solve(flow)
             touched = -true[..., 2] > CONTACT * peak
             total = field.force_n - wrench(press)[i, :3]
-            found = contacts(finder.of(flow), flow, features.view.camera)
+            found = find_contacts(finder.find(flow), flow, features.view.camera)
             place = np.hypot(*(found[0].place_mm - truth["tips_mm"][i, :2])) if found else np.nan
-            depth = inverse.sunk_mm(pressed)
+            depth = inverse.indentation_mm(pressed)
             at = np.ix_(*(_nearest(truth[k], s) for k, s in
                           (("y_mm", inverse.seen_y_mm), ("x_mm", inverse.seen_x_mm))))  # fmt: skip
             error = np.abs(depth + truth["displacement_mm"][i][..., 2][at])

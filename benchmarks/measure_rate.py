@@ -23,7 +23,7 @@ import numpy as np
 from deltact_fab.bench.record.run import Run, open_run
 from deltact_fab.common import cache, catalog, digest
 from deltact_fab.common.aliases import Array, Progress
-from deltact_fab.estimate.analysis.force.dataset import gather
+from deltact_fab.estimate.analysis.force.dataset import gather_data
 from deltact_fab.estimate.analysis.force.judge import fit_force
 from deltact_fab.estimate.analysis.runs import view_of_run
 from deltact_fab.estimate.analysis.shape.ball import calibrate_depth
@@ -95,7 +95,10 @@ def _pattern(run: Run, frames: int) -> dict[str, Any]:
     view = view_of_run(run)
     raw = [run.raw(file) for file in run.frames()["file"].iloc[:frames]]
     # By these frames themselves: for their time, not for their error.
-    force, depth = fit_force(gather([run], [_FORCE]), _FORCE), calibrate_depth(run.folder).model
+    force, depth = (
+        fit_force(gather_data([run], [_FORCE]), _FORCE),
+        calibrate_depth(run.folder).model,
+    )
     judged, rows = _judged(run, raw), {}
     for case, (outputs, goal_hz) in CASES.items():
         measurement = Measurement(view, outputs, [force, depth])
@@ -175,7 +178,7 @@ def _judged(run: Run, images: list[Array]) -> dict[str, float]:
         if k == 0 or k % JUDGED:
             continue
         motion = truth.flow_and_in_plane(ids[k])
-        true = TrueFrame.of(*motion, in_view, run.camera.mm_per_px)
+        true = TrueFrame.from_flow(*motion, in_view, run.camera.mm_per_px)
         h, w = true.moving.shape
         off_px = np.linalg.norm(to_full(seen.flow_px, (h, w)) - true.flow_px, axis=-1)
         known, confident = (

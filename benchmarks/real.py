@@ -235,7 +235,7 @@ def bubble(files: Files) -> list[str]:
             f"{np.median([s.diagnostics.cpu_ms for s in seen]):.0f} |"
         )
         for features in sets:
-            rows = np.array([features.of(face) for face in faces])
+            rows = np.array([features.compute(face) for face in faces])
             cells = " | ".join(_force(rows, features, axis) for axis in force.T)
             forces.append(f"| {name} | {features.name} | {cells} |")
     ranges = ", ".join(f"{n:.2f}" for n in np.ptp(force, axis=0))
@@ -302,7 +302,7 @@ def chained(frames: Sequence[Array], start: Array, reach_px: float) -> Array:
 
 def markers(images: Sequence[Array]) -> list[str]:
     """The dots of a foreign skin: held, swapped, and whether the dense tracker claims to see."""
-    tracker = DotTracker.found_in(images[0])
+    tracker = DotTracker.from_image(images[0])
     seen = [tracker.update(image) for image in images]
     place = np.stack([one.position_px for one in seen])
     place = place[:, np.isfinite(place[0, :, 0])]

@@ -19,18 +19,23 @@ from scipy.special import stdtrit
 from deltact_fab.common.aliases import Array
 from deltact_fab.estimate.analysis.force.dataset import ForceData
 from deltact_fab.estimate.analysis.force.gel import (
-    FoundGel,
+    IdentifiedGel,
     UnrelaxedForces,
-    early_labels,
-    errors_of,
-    search,
+    error_function,
+    fit_unrelaxed,
+    search_gel,
 )
-from deltact_fab.estimate.analysis.force.judge import fit_force, left_out
+from deltact_fab.estimate.analysis.force.judge import fit_force, predict_left_out
 from deltact_fab.estimate.measure.face import FaceFlow
 from deltact_fab.estimate.measure.force.inverse import Inverse
 from deltact_fab.estimate.measure.force.model import Features, ForceModel
 from deltact_fab.estimate.measure.sensor_id import SensorModel
-from deltact_fab.estimate.measure.shape.depth import DepthFinder, DepthModel, ball_mm, contacts
+from deltact_fab.estimate.measure.shape.depth import (
+    DepthFinder,
+    DepthModel,
+    ball_depth_mm,
+    find_contacts,
+)
 from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.sensor.optics.camera import Pinhole
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
@@ -75,7 +80,7 @@ class Seen:
         wrench = np.concatenate([self.wrench(p) for p in use])
         if early:
             wrench *= 1 + EARLY.share * np.exp(-wait_s / EARLY.time_s)[:, None]
-        X = np.array([features.of(flow) for p in use for flow in self.flows[p]])
+        X = np.array([features.compute(flow) for p in use for flow in self.flows[p]])
         points = pd.DataFrame({"press": of, "position": of, "wait_s": wait_s})
         return ForceData(points, wrench, {features.name: X}, {features.name: features}, [])
 
@@ -86,12 +91,14 @@ class Seen:
             judge = presses[first : first + len(presses) - LEARN]
             yield [*presses[first + len(judge) :], *presses[:first]][:LEARN], judge
 
-    def told(self, learn: Sequence[Press], labels: str = "late") -> FoundGel | None:
+    def told(self, learn: Sequence[Press], labels: str = "late") -> IdentifiedGel | None:
         """The gel that presses tell; labels: as of `judged`."""
         data = self.data(learn, BELIEVED, labels != "late")
-        found = early_labels(data) if labels == "mended" else None
+        found = fit_unrelaxed(data) if labels == "mended" else None
         flows = [flow for p in learn for flow in self.flows[p]]
-        return search(BELIEVED, errors_of(flows, found.mended(data) if found else data))
+        return search_gel(
+            BELIEVED, error_function(flows, found.relaxed_wrenches(data) if found else data)
+        )
 
 
 EARLY = UnrelaxedForces(0.05, 3.0)
@@ -110,18 +117,18 @@ class Judged:
 
 
 def judged(
-    seen: Seen, learn: Sequence[Press], judge: Sequence[Press], gel: FoundGel | None,
+    seen: Seen, learn: Sequence[Press], judge: Sequence[Press], gel: IdentifiedGel | None,
     labels: str = "late",
 ) -> Judged:  # fmt: skip
     """Some presses calibrate with a gel (None: the design's), the others judge.
 
-    labels: "late"; "early", see `Seen.data`; or "mended", the same as `early_labels` mends them.
+    labels: "late"; "early", see `Seen.data`; or "mended", the same as `fit_unrelaxed` mends them.
     """
     view = BELIEVED if gel is None else BELIEVED.with_gel(gel.poisson, gel.thickness_mm)
     data = seen.data(learn, view, labels != "late")
-    found = early_labels(data) if labels == "mended" else None
-    data = found.mended(data) if found else data
-    held = left_out(data, Inverse.name, "position")[0] - data.wrench
+    found = fit_unrelaxed(data) if labels == "mended" else None
+    data = found.relaxed_wrenches(data) if found else data
+    held = predict_left_out(data, Inverse.name, "position")[0] - data.wrench
     model, features = fit_force(data, Inverse.name), Inverse(view)
     true = seen.data(judge, view)
     off = model.predict(true.features[Inverse.name]) - true.wrench
@@ -155,9 +162,9 @@ def figures(seen: Seen, rounds: Sequence[Judged]) -> dict[str, Any]:
 def _gain(seen: Seen, view: SensorModel, press: Press) -> float:
     """As `calibrate depth` finds it, of the deepest straight state of a press."""
     flow, tip = seen.flows[press][2], seen.truth[press]["tip_mm"][2] * [1, 1, -1]
-    wanted = ball_mm(flow, view, tip, press.ball_mm / 2)
+    wanted = ball_depth_mm(flow, view, tip, press.ball_mm / 2)
     sure = wanted > -0.4 * tip[2]
-    found = DepthFinder(view, DepthModel(1.0, 20.0)).of(flow).depth_mm[sure]
+    found = DepthFinder(view, DepthModel(1.0, 20.0)).find(flow).depth_mm[sure]
     return float(found @ wanted[sure] / (found @ found))
 
 
@@ -166,7 +173,7 @@ def _fields(
     truth: dict[str, Array], i: int,
 ) -> tuple[float, float, float]:  # fmt: skip
     """Errors of place (mm), pressure (of its peak) and depth (mm, over the contact)."""
-    found = contacts(finder.of(flow), flow, finder.view.camera)
+    found = find_contacts(finder.find(flow), flow, finder.view.camera)
     place = np.hypot(*(found[0].place_mm - truth["tip_mm"][i, :2])) if found else np.nan
     field = features.traction(flow, model)
     true = binned(truth["points"][i], field.x_mm, field.y_mm)
@@ -177,7 +184,7 @@ def _fields(
     cells = binned(truth["points"][i], inverse.seen_x_mm, inverse.seen_y_mm)[..., 2]
     seen = (("y_mm", inverse.seen_y_mm), ("x_mm", inverse.seen_x_mm))
     at = np.ix_(*(np.abs(truth[k][:, None] - c).argmin(axis=0) for k, c in seen))
-    z = -finder.inverse.sunk_mm(inverse.of(flow)) * finder.model.gain
+    z = -finder.inverse.indentation_mm(inverse.solve(flow)) * finder.model.gain
     below = -cells > CONTACT * peak
     depth = np.abs(z - truth["displacement_mm"][i][..., 2][at])[below].mean()
     return float(place), float(pressure), float(depth)

@@ -135,7 +135,7 @@ def calibrations(mini_run: Path, tmp_path_factory: pytest.TempPathFactory) -> li
 
     from deltact_fab.bench.record.images import encode_png
     from deltact_fab.bench.record.run import open_run
-    from deltact_fab.estimate.analysis.force.dataset import WRENCH
+    from deltact_fab.estimate.analysis.force.dataset import WRENCH_COLUMNS
     from deltact_fab.estimate.analysis.force.result import write_force_calibration
     from deltact_fab.estimate.analysis.runs import head_of, view_of_run
     from deltact_fab.estimate.measure.face import FaceFlow
@@ -154,8 +154,9 @@ def calibrations(mini_run: Path, tmp_path_factory: pytest.TempPathFactory) -> li
         tracker = FlowTracker(full=False)
         for file in part["file"]:
             seen = tracker.update(run.image(file))
-            numbers.append(features.of(FaceFlow.from_flow(seen, view.camera, 8)))
-    model, _ = ForceModel.fit(features, np.array(numbers), frames[list(WRENCH)].to_numpy(float))
+            numbers.append(features.compute(FaceFlow.from_flow(seen, view.camera, 8)))
+    wrench = frames[list(WRENCH_COLUMNS)].to_numpy(float)
+    model, _ = ForceModel.fit(features, np.array(numbers), wrench)
     rest = encode_png(run.image(str(frames["file"].iloc[0])))
     head = head_of([run], "force")
     made = ForceCalibration(head, model, view.skin, view.poisson, rest=rest)

@@ -153,7 +153,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
         (force.NetFTSensor, "read", "force"),
         (serial.Serial, "open", "port"),
         (DotTracker, "update", "dots"),
-        (tally.TrueFrame, "of", "truth"),
+        (tally.TrueFrame, "from_flow", "truth"),
     ):
         monkeypatch.setattr(owner, name, counting(getattr(owner, name), calls, label))
     return calls
@@ -209,14 +209,14 @@ def test_dots_are_tracked_on_demand(
     asked = name == "tracking"
     assert calls["dots"] == (calls["frames"] if asked else 0)
     assert (result.dots is not None) == asked
-    said = [] if asked else ["error at the dots: the channel 'dots' is not asked for"]
+    said = [] if asked else ["error at the dots: no channel 'dots' in the protocol"]
     assert result.left_out == said
     assert calls["truth"] == calls["frames"] - 1  # the reference is no measurement
     shutil.rmtree(tmp_path / "run" / "truth")
     with ThreadPoolExecutor(1) as executor:
         bare = analyse_tracking(tmp_path / "run", ["dis-fast"], executor)
     assert calls["truth"] == calls["frames"] - 1
-    assert bare.left_out[-1] == "error against truth: a real rig knows none"
+    assert bare.left_out[-1] == "error against truth: not available on a real rig"
 
 
 @pytest.mark.slow

@@ -58,9 +58,7 @@ def test_within_5_percent_of_the_run(name: str, rig: str, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("name", ["demo", "shapes", "pattern-selection", "force-calibration-small"])
-def test_what_is_left_of_a_simulated_run_is_told_within_a_factor_of_two(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_remaining_time_within_factor_two(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """By a made-up cost of the gel, of which an indenter's first press takes twice as much."""
     steps = plan.expand_protocol(plan.load_protocol(name)[0])
     presses = {s.indenter: s.press for s in reversed(steps) if s.kind == "press"}

@@ -18,9 +18,7 @@ from deltact_fab.simulate.experiment.request import RunRequest
 from deltact_fab.simulate.experiment.session import run_experiment
 
 
-def test_every_planned_frame_is_there_once_and_matches_its_hash(
-    mini: tuple[Path, Path], mini_run: Path
-) -> None:
+def test_planned_frames_exist_with_their_hashes(mini: tuple[Path, Path], mini_run: Path) -> None:
     protocol, _ = plan.load_protocol(str(mini[0]))
     steps = plan.expand_protocol(protocol)
     run = open_run(mini_run)
@@ -33,7 +31,7 @@ def test_every_planned_frame_is_there_once_and_matches_its_hash(
         assert hashlib.sha256(data).hexdigest() == row.sha256
 
 
-def test_the_stage_was_where_the_plan_says(mini: tuple[Path, Path], mini_run: Path) -> None:
+def test_stage_follows_the_plan(mini: tuple[Path, Path], mini_run: Path) -> None:
     protocol, _ = plan.load_protocol(str(mini[0]))
     targets = {s.id: s.target_mm for s in plan.expand_protocol(protocol)}
     last = open_run(mini_run).frames().groupby("step_id").tail(1)
@@ -41,7 +39,7 @@ def test_the_stage_was_where_the_plan_says(mini: tuple[Path, Path], mini_run: Pa
         assert (row.x_mm, row.y_mm, row.z_mm) == pytest.approx(targets[str(row.step_id)], abs=2e-3)
 
 
-def test_force_and_pose_are_streams_of_their_own_rates(mini_run: Path) -> None:
+def test_force_and_pose_have_own_rates(mini_run: Path) -> None:
     run = open_run(mini_run)
     frames, steps = run.frames(), run.steps().set_index("step_id")
     assert frames["pose_skew_s"].max() < 2e-4  # a byte on the wire
@@ -63,7 +61,7 @@ def test_force_and_pose_are_streams_of_their_own_rates(mini_run: Path) -> None:
     assert (down["z_mm"].diff().dropna() <= 0).all()
 
 
-def test_the_force_between_two_frames_is_what_the_gel_gives_there(mini_run: Path) -> None:
+def test_force_between_frames_matches_the_gel(mini_run: Path) -> None:
     run = open_run(mini_run)
     force = run.force("sphere-10/p1")
     press = force[force["step_id"].str.endswith("/d1.00/press")]
@@ -78,7 +76,7 @@ def test_the_force_between_two_frames_is_what_the_gel_gives_there(mini_run: Path
     assert fz_n[deep[-1]] == pytest.approx(press["fz_n"].iloc[-100:].mean(), abs=0.01)
 
 
-def test_signs_a_press_pushes_down_and_shear_to_plus_x_pulls_to_plus_x(mini_run: Path) -> None:
+def test_signs_of_press_and_shear(mini_run: Path) -> None:
     run = open_run(mini_run)
     frames = run.frames().set_index("frame_id")
     pressed = frames[frames["step_id"] == "sphere-10/p1/d1.00/press"].iloc[-1]
@@ -93,7 +91,7 @@ def test_signs_a_press_pushes_down_and_shear_to_plus_x_pulls_to_plus_x(mini_run:
 
 
 @pytest.mark.slow
-def test_two_runs_are_the_same_but_for_wall_time(
+def test_runs_differ_in_wall_time_only(
     mini: tuple[Path, Path], mini_run: Path, tmp_path: Path
 ) -> None:
     run_experiment(RunRequest(str(mini[0]), str(mini[1]), tmp_path / "again", seed=3))
@@ -108,9 +106,7 @@ def test_two_runs_are_the_same_but_for_wall_time(
         assert rows[0]
 
 
-def test_ctrl_c_stops_lifts_the_tip_and_keeps_the_frames(
-    mini: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_interrupt_lifts_tip_and_keeps_frames(mini: tuple[Path, Path], tmp_path: Path) -> None:
     def press_ctrl_c(done: int, total: int, what: str) -> None:
         if what.endswith("shear-x+"):
             raise KeyboardInterrupt
@@ -125,9 +121,7 @@ def test_ctrl_c_stops_lifts_the_tip_and_keeps_the_frames(
 
 
 @pytest.mark.slow
-def test_an_overloaded_force_sensor_stops_and_lifts(
-    mini: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_overload_stops_and_lifts(mini: tuple[Path, Path], tmp_path: Path) -> None:
     weak = tmp_path / "weak.toml"
     weak.write_text(mini[1].read_text().replace("[25.0, 25.0, 35.0]", "[25.0, 25.0, 0.5]"))
     with pytest.raises(RunFailed, match=r"saturated .*the tip was lifted"):
@@ -147,9 +141,7 @@ def test_an_overloaded_force_sensor_stops_and_lifts(
 
 
 @pytest.mark.slow
-def test_in_air_the_virtual_rig_touches_nothing_and_says_so(
-    mini: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_run_in_air_reports_no_contact(mini: tuple[Path, Path], tmp_path: Path) -> None:
     def press_ctrl_c(done: int, total: int, what: str) -> None:
         if done > 3:
             raise KeyboardInterrupt
@@ -176,9 +168,7 @@ def test_in_air_the_virtual_rig_touches_nothing_and_says_so(
     assert not any("WARNING" in note or "solved" in note.split(";")[0] for note in summary["notes"])
 
 
-def test_without_any_channel_poses_are_recorded_and_no_gel_is_solved(
-    mini: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_without_channels_only_poses_are_recorded(mini: tuple[Path, Path], tmp_path: Path) -> None:
     text = mini[0].read_text().replace('["image", "dots", "force", "shear"]', "[]")
     bare = tmp_path / "bare.toml"
     bare.write_text(text.replace('[shear]\namplitude_mm = 1.5\naxes = ["x"]\n', ""))
@@ -191,9 +181,7 @@ def test_without_any_channel_poses_are_recorded_and_no_gel_is_solved(
     assert frames["z_mm"].min() == pytest.approx(-1.0, abs=2e-3)
 
 
-def test_a_press_that_no_mesh_serves_is_told_by_the_check_and_before_a_run(
-    mini: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_unmeshable_press_is_refused_beforehand(mini: tuple[Path, Path], tmp_path: Path) -> None:
     bad = tmp_path / "bad.toml"
     text = mini[0].read_text() + '[specimen]\ngel_model = "hyperelastic"\n'
     bad.write_text(text.replace("sphere:10", "sphere:0.5"))

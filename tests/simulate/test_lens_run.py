@@ -95,7 +95,7 @@ def deepest(run: Run) -> str:
 
 
 @pytest.mark.slow
-def test_frames_are_stored_raw_and_read_as_the_calibrated_lens_has_them(run: Path) -> None:
+def test_raw_frames_are_rectified_on_reading(run: Path) -> None:
     opened = open_run(run)
     row = opened.frames().iloc[3]
     data = (run / row.file).read_bytes()
@@ -107,7 +107,7 @@ def test_frames_are_stored_raw_and_read_as_the_calibrated_lens_has_them(run: Pat
     assert np.array_equal(image, view.rectify(raw))
 
 
-def test_the_flat_field_of_the_camera_file_is_frozen_and_applied(tmp_path: Path) -> None:
+def test_flat_field_is_stored_and_applied(tmp_path: Path) -> None:
     protocol, rig = written(tmp_path, '["image"]')
     before, _, after = Path(protocol).read_text().partition("[shear]")
     press = before.replace(", [0.8, 0.5]", "") + after[after.index("[capture]") :]
@@ -124,7 +124,7 @@ def test_the_flat_field_of_the_camera_file_is_frozen_and_applied(tmp_path: Path)
     assert np.abs(opened.image(file) - np.minimum(2 * dim, 255)).max() <= 1
 
 
-def test_what_the_run_file_says_of_the_true_lens_is_a_digest(run: Path) -> None:
+def test_run_file_has_lens_digest_only(run: Path) -> None:
     meta = (run / "run.json").read_text()
     assert str(TRUE_F_PX) not in meta
     assert list(json.loads(meta)["rig"]["virtual"]["lens"]) == ["sha256"]
@@ -133,7 +133,7 @@ def test_what_the_run_file_says_of_the_true_lens_is_a_digest(run: Path) -> None:
     assert truth.lens == TRUE
 
 
-def test_the_true_flow_is_that_of_what_each_pixel_really_sees(run: Path) -> None:
+def test_true_flow_uses_the_true_lens(run: Path) -> None:
     opened = open_run(run)
     truth, view = opened.truth(), opened.camera
     assert truth is not None
@@ -153,7 +153,7 @@ def test_the_true_flow_is_that_of_what_each_pixel_really_sees(run: Path) -> None
     np.testing.assert_allclose(in_plane[px[:, 1], px[:, 0]], u_mm[:, :2], atol=1e-12)
 
 
-def test_flow_between_two_rectified_images_is_the_truth(run: Path) -> None:
+def test_rectified_flow_matches_the_truth(run: Path) -> None:
     """Drawing, rectification and truth agree: any of them alone moved would show."""
     opened = open_run(run)
     frames = opened.frames("sphere-6/p2").set_index("frame_id")
@@ -182,7 +182,7 @@ class Stop(Exception):
 
 
 @pytest.mark.slow
-def test_a_run_that_was_cut_off_ends_as_the_undisturbed_one(run: Path, tmp_path: Path) -> None:
+def test_resumed_run_equals_undisturbed_run(run: Path, tmp_path: Path) -> None:
     words = written(tmp_path / "given")
     out = tmp_path / "out"
 
@@ -212,7 +212,7 @@ def test_a_run_that_was_cut_off_ends_as_the_undisturbed_one(run: Path, tmp_path:
         (TRUE_F_PX, 396.5, r"camera\.lens\.f_px: 396\.0 in the folder, 396\.5 now"),
     ],
 )
-def test_another_lens_goes_on_with_no_run(
+def test_resume_with_another_lens_is_refused(
     run: Path, tmp_path: Path, true_f_px: float, calibrated_f_px: float, says: str
 ) -> None:
     protocol, rig = written(tmp_path)
@@ -226,7 +226,7 @@ def test_another_lens_goes_on_with_no_run(
         run_experiment(RunRequest(protocol, rig, tmp_path / "out", seed=3), resume=True)
 
 
-def test_a_truth_without_its_lens_is_damaged(run: Path, tmp_path: Path) -> None:
+def test_truth_without_lens_is_damaged(run: Path, tmp_path: Path) -> None:
     shutil.copytree(run, tmp_path / "out")
     (tmp_path / "out" / "truth" / "lens.json").unlink()
     with pytest.raises(RunFailed, match=r"lens\.json: cannot be read"):
@@ -234,7 +234,7 @@ def test_a_truth_without_its_lens_is_damaged(run: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_lens_that_was_not_calibrated_is_the_designs_with_a_warning(tmp_path: Path) -> None:
+def test_uncalibrated_lens_warns_and_uses_design(tmp_path: Path) -> None:
     protocol, rig = written(tmp_path, '["image"]')
     text = Path(protocol).read_text()
     Path(protocol).write_text(text.replace('[shear]\namplitude_mm = 0.5\naxes = ["x"]\n', ""))
@@ -258,7 +258,7 @@ def test_a_lens_that_was_not_calibrated_is_the_designs_with_a_warning(tmp_path: 
          r"camera\.toml: the view's border lies up to \d\.\d mm from where \[virtual"),
     ],
 )  # fmt: skip
-def test_a_camera_file_that_cannot_serve_is_one_line_and_leaves_no_folder(
+def test_unusable_camera_file_leaves_no_folder(
     camera: str | None, says: str, tmp_path: Path
 ) -> None:
     words = written(tmp_path)
@@ -273,7 +273,7 @@ def test_a_camera_file_that_cannot_serve_is_one_line_and_leaves_no_folder(
         RunRequest(*words).checks()
 
 
-def test_the_shipped_fisheye_is_tracked_by_a_calibration_of_its_own() -> None:
+def test_shipped_fisheye_is_tracked_when_calibrated() -> None:
     rig, source = config.load_rig("fisheye")
     assert rig.kind == "virtual"
     true = true_lens(rig, SensorDimensions())

@@ -72,11 +72,11 @@ def _with(protocol: Protocol, **changes: object) -> Protocol:
     return Protocol.model_validate({**protocol.model_dump(), **changes})
 
 
-def test_smoke_is_within_a_nano17_and_says_nothing(smoke: Protocol) -> None:
+def test_smoke_fits_a_nano17_silently(smoke: Protocol) -> None:
     assert _over(smoke, REAL) == []
 
 
-def test_a_check_has_the_rows_of_force_and_plate() -> None:
+def test_check_has_force_and_plate_rows() -> None:
     names = {row.name for row in RunRequest("smoke", "virtual").checks()}
     assert {"peak force", "plate stress"} <= names
 
@@ -94,7 +94,7 @@ def test_a_check_has_the_rows_of_force_and_plate() -> None:
         ),
     ],
 )
-def test_a_real_rig_refuses_each_limit_in_one_line(
+def test_real_rig_refuses_each_exceeded_limit(
     smoke: Protocol, limits: ForceLimits, words: list[str]
 ) -> None:
     rows = _over(smoke, limits)
@@ -114,9 +114,7 @@ def test_a_real_rig_refuses_each_limit_in_one_line(
         (replace(REAL, sensor_nmm=None), "[force] range_nmm"),
     ],
 )
-def test_an_undeclared_limit_is_an_error_on_a_real_rig(
-    smoke: Protocol, limits: ForceLimits, key: str
-) -> None:
+def test_real_rig_needs_declared_limits(smoke: Protocol, limits: ForceLimits, key: str) -> None:
     (row,) = _over(smoke, limits)
     wanted = f"my-bench.toml: {key} is not declared, so its force cannot be checked"
     assert row.reason == wanted
@@ -124,7 +122,7 @@ def test_an_undeclared_limit_is_an_error_on_a_real_rig(
         Check.require([row], limits.source)
 
 
-def test_a_run_on_a_weak_virtual_rig_keeps_the_warning(
+def test_weak_virtual_rig_keeps_the_warning(
     mini: tuple[Path, Path], tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     rig = tmp_path / "weak.toml"
@@ -145,7 +143,7 @@ def test_a_run_on_a_weak_virtual_rig_keeps_the_warning(
     assert all(line.removeprefix("WARNING: ") in caplog.text for line in warned)
 
 
-def test_what_a_rig_file_writes_down_counts_and_a_default_does_not(
+def test_only_explicit_limits_count(
     smoke: Protocol, mini: tuple[Path, Path], tmp_path: Path
 ) -> None:
     declared = limits_of(config.load_rig("virtual")[0], "virtual.toml", smoke)
@@ -159,7 +157,7 @@ def test_what_a_rig_file_writes_down_counts_and_a_default_does_not(
     assert bare.undeclared() == ["[stage] max_force_n", "[force] range_n"]
 
 
-def test_the_high_side_is_a_factor_of_two_and_forces_go_with_the_modulus(smoke: Protocol) -> None:
+def test_forces_scale_with_the_modulus(smoke: Protocol) -> None:
     stiff = _with(smoke, specimen={**smoke.specimen.model_dump(), "modulus_mpa": 1.12})
     for soft, hard in zip(_peaks(smoke), _peaks(stiff), strict=True):
         assert soft.high.normal_n == pytest.approx(hard.normal_n, rel=1e-12)
@@ -167,7 +165,7 @@ def test_the_high_side_is_a_factor_of_two_and_forces_go_with_the_modulus(smoke: 
         assert soft.high.moment_nmm == pytest.approx(hard.moment_nmm, rel=1e-12)
 
 
-def test_a_gel_that_relaxes_is_taken_as_pressed_at_once(smoke: Protocol) -> None:
+def test_relaxing_gel_uses_instantaneous_modulus(smoke: Protocol) -> None:
     series = ((0.3, 0.5), (0.2, 5.0))
     relaxing = _with(smoke, specimen={**smoke.specimen.model_dump(), "prony": series})
     for elastic, sudden in zip(_peaks(smoke), _peaks(relaxing), strict=True):
@@ -175,7 +173,7 @@ def test_a_gel_that_relaxes_is_taken_as_pressed_at_once(smoke: Protocol) -> None
 
 
 @pytest.mark.slow
-def test_shear_and_moments_are_never_less_than_the_linear_drag(smoke: Protocol) -> None:
+def test_linear_drag_is_a_lower_bound(smoke: Protocol) -> None:
     for peak in _peaks(smoke):
         face = FreeBlock(SENSOR.skin, GelMaterial(), spacing_mm=0.25)
         contact = LinearContact(face, parse_indenter(peak.indenter))
@@ -201,7 +199,7 @@ def test_moments_count_from_the_declared_origin(smoke: Protocol) -> None:
 
 
 @pytest.mark.slow
-def test_finite_strain_agrees_with_the_facts_at_5_mm(deep: PressCurve) -> None:
+def test_finite_strain_force_at_5_mm(deep: PressCurve) -> None:
     """Axisymmetric twin: 48.8 N without friction, 57.2 N with 1; a coarse mesh adds up to 10 %."""
     force, level = deep.normal_n(5.0)
     assert level == "hyperelastic"
@@ -209,7 +207,7 @@ def test_finite_strain_agrees_with_the_facts_at_5_mm(deep: PressCurve) -> None:
 
 
 @pytest.mark.slow
-def test_extrapolation_and_bound_lie_above_what_was_solved(deep: PressCurve) -> None:
+def test_extrapolation_lies_above_solved_forces(deep: PressCurve) -> None:
     for depth, force in deep.points[:-1]:
         for deeper, solved in deep.points:
             if deeper > depth:
@@ -224,7 +222,7 @@ def test_extrapolation_and_bound_lie_above_what_was_solved(deep: PressCurve) -> 
     assert 0.56 * beyond > 271
 
 
-def test_where_the_engine_refuses_the_bound_and_its_reason_stand(
+def test_refused_solve_reports_bound_and_reason(
     monkeypatch: pytest.MonkeyPatch, smoke: Protocol
 ) -> None:
     def refuse(*_: object) -> None:
@@ -241,6 +239,6 @@ def test_where_the_engine_refuses_the_bound_and_its_reason_stand(
     assert all("(bound: press: cannot be solved)" in "".join(row.basis) for row in rows)
 
 
-def test_a_depth_outside_of_the_gel_is_refused() -> None:
+def test_depth_outside_the_gel_is_refused() -> None:
     with pytest.raises(InputError, match="12 mm is needed: 12 mm fails"):
         press_curve(SENSOR.skin, GelMaterial(), parse_indenter("sphere:15"), (0.0, 0.0), [12.0])

@@ -47,7 +47,7 @@ def over(peaks: list[Peak], limits: ForceLimits) -> list[Check]:
     return [row for row in force_checks(peaks, limits) if row.status == "warn" or row.failed]
 
 
-def test_what_the_guard_would_trip_is_refused_and_what_it_may_is_told(peaks: list[Peak]) -> None:
+def test_certain_guard_trip_is_refused(peaks: list[Peak]) -> None:
     normal_n = max(p.normal_n for p in peaks)
     assert over(peaks, limits(GuardLimits((20.0, 20.0, 28.0), (200.0,) * 3))) == []
 
@@ -66,7 +66,7 @@ def test_what_the_guard_would_trip_is_refused_and_what_it_may_is_told(peaks: lis
     assert not row.failed
 
 
-def test_every_limit_of_the_guard_is_compared(peaks: list[Peak]) -> None:
+def test_every_guard_limit_is_compared(peaks: list[Peak]) -> None:
     for guard, words in (
         (GuardLimits((20.0, 0.1, 28.0)), "tangential force"),
         (GuardLimits((20.0, 20.0, 28.0), resultant_n=1.0), "[guard] resultant_n"),
@@ -78,7 +78,7 @@ def test_every_limit_of_the_guard_is_compared(peaks: list[Peak]) -> None:
         assert not any("\n" in line for line in lines)
 
 
-def test_a_real_rig_has_a_guard_and_a_virtual_one_has_none(tmp_path: Path) -> None:
+def test_only_a_real_rig_has_guard(tmp_path: Path) -> None:
     smoke = plan.load_protocol("smoke")[0]
     virtual = config.load_rig("virtual")[0]
     assert limits_of(virtual, "virtual.toml", smoke).guard is None

@@ -22,7 +22,7 @@ def peak(normal_n: float, depth_mm: float = 5.0, at_mm=(0.0, 0.0)) -> Peak:
     ("normal_n", "over"),
     [(25.0, []), (55.0, NAMES[1:2]), (70.0, NAMES[1:]), (271.0, NAMES)],
 )
-def test_too_much_stress_fails_on_a_real_rig_and_the_rest_warns(normal_n, over, simulated):
+def test_excess_stress_fails_on_real_rig(normal_n, over, simulated):
     rows = plate_checks([peak(1.0), peak(normal_n)], DESIGN, simulated)
     assert [r.name for r in rows] == NAMES
     assert [r.name for r in rows if r.status == "warn" or r.failed] == over
@@ -31,7 +31,7 @@ def test_too_much_stress_fails_on_a_real_rig_and_the_rest_warns(normal_n, over, 
     assert all(r.basis == ("sphere:10 at (0, 0) mm, 5 mm deep",) for r in rows)
 
 
-def test_figures_are_those_of_the_plate_with_the_modulus_that_counts():
+def test_plate_figures_use_the_modulus():
     stress, light, yields = plate_checks([peak(10.0, 1.6, (3.0, 2.0))], DESIGN, True)
     found = press_plate(DESIGN, 10.0, (3.0, 2.0))
     assert stress.value == pytest.approx(2 * found.stress_mpa, abs=0.01)

@@ -53,7 +53,7 @@ def folder(files: tuple[str, str], tmp_path_factory: pytest.TempPathFactory) -> 
     return out
 
 
-def test_settled_frames_are_the_last_of_each_stop(files: tuple[str, str], folder: Path) -> None:
+def test_settled_frame_ends_each_stop(files: tuple[str, str], folder: Path) -> None:
     steps = plan.expand_protocol(plan.load_protocol(files[0])[0])
     frames = open_run(folder).frames()
     assert frames["settled"].dtype == bool
@@ -67,7 +67,7 @@ def test_settled_frames_are_the_last_of_each_stop(files: tuple[str, str], folder
         assert (row.x_mm, row.y_mm, row.z_mm) == pytest.approx(step.target_mm, abs=2e-3)
 
 
-def test_the_tip_has_stood_still_for_as_long_as_the_protocol_settles(folder: Path) -> None:
+def test_tip_rests_for_the_settling_time(folder: Path) -> None:
     run = open_run(folder)
     frames, pose = run.frames(), run.pose()
     t_s, at = pose["t_press_s"].to_numpy(), pose[["x_mm", "y_mm", "z_mm"]].to_numpy()
@@ -80,14 +80,14 @@ def test_the_tip_has_stood_still_for_as_long_as_the_protocol_settles(folder: Pat
     assert len(moving) > 20
 
 
-def test_between_two_frames_in_the_gel_the_tip_goes_a_short_way(folder: Path) -> None:
+def test_tip_moves_little_between_frames(folder: Path) -> None:
     frames = open_run(folder).frames()
     tips = frames.loc[frames["z_mm"] < 0, ["x_mm", "y_mm", "z_mm"]].to_numpy()
     ways_mm = np.linalg.norm(np.diff(tips, axis=0), axis=1)
     assert 0.02 < ways_mm.max() < MAX_BETWEEN_FRAMES_MM
 
 
-def test_stopped_while_it_settles_there_is_no_settled_frame_and_it_goes_on(
+def test_interrupted_settling_is_repeated_on_resume(
     files: tuple[str, str], folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     frames = open_run(folder).frames()
@@ -115,9 +115,7 @@ def test_stopped_while_it_settles_there_is_no_settled_frame_and_it_goes_on(
     assert found.equals(wanted)
 
 
-def test_a_hold_and_the_way_out_are_in_images_force_and_truth(
-    files: tuple[str, str], tmp_path: Path
-) -> None:
+def test_hold_and_retract_are_recorded(files: tuple[str, str], tmp_path: Path) -> None:
     text = Path(files[0]).read_text()
     head, _, tail = text.partition("[shear]")
     filmed = "[capture]\nsettle_s = 0.2\nhold = {s = 3.0, rate_hz = 1.0}\n"

@@ -183,7 +183,7 @@ def force(
 
 def _force_lines(result: ForceResult, folder: Path) -> Iterator[str]:
     yield result.line + "\n"
-    for finding in (result.early, result.gel):
+    for finding in (result.unrelaxed, result.gel):
         if finding is not None:
             yield finding.line + "\n"
     head = (

@@ -1,1 +1,1 @@
-"""What recorded runs tell: tracking error, force calibration, shape and relaxation."""
+"""Analyses of recorded runs: tracking error, force calibration, shape and relaxation."""

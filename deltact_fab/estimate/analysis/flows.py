@@ -1,4 +1,4 @@
-"""What the tracker saw at the settled frames of a press, kept by content: tracked once."""
+"""Flow at the settled frames of a press, cached by content so that a press is tracked once."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from deltact_fab.common import Array, InputError, Store, code_digest
 from ..measure.face import FaceFlow
 from ..measure.flow.tracker import FlowTracker
 from ..measure.health import RestPattern
-from .runs import camera_of, settled
+from .runs import camera_of, settled_rows
 
-_STORE = Store("face-flow", limit_bytes=2 << 30)
-MAP_EVERY_PX = 4  # of maps that are drawn and handed on; force and depth have face.EVERY_PX
+_FLOW_STORE = Store("face-flow", limit_bytes=2 << 30)
+MAP_EVERY_PX = 4  # of maps drawn or exported; by hand: finer maps take longer to draw and store
 
 
-def key_of(run: Run, press: str) -> str:
-    """What the flows of a press depend on: its images up to the last settled one, camera, code."""
+def flow_key(run: Run, press: str) -> str:
+    """Return a hash of the flows' inputs: images up to the last settled one, camera, code."""
     frames = run.frames(press)
-    chosen = settled(frames)
+    chosen = settled_rows(frames)
     followed = frames[frames["seq"] <= chosen["seq"].max()]
     text = hashlib.sha256()
     text.update(
@@ -36,23 +36,23 @@ def key_of(run: Run, press: str) -> str:
     return text.hexdigest()
 
 
-def flows_of(run: Run, press: str, every: int) -> list[FaceFlow]:
+def settled_flows(run: Run, press: str, spacing_px: int) -> list[FaceFlow]:
     """The face's flow at each settled frame of a press, from its first frame on.
 
-    every: pixels between points. Frames on the way are followed and not kept. Raises RunFailed for
-    an image that cannot be read, SensorError for a first one without a pattern, InputError for an
-    imported run that shows none, or markers.
+    Frames in between are tracked and not kept. Raises RunFailed for an unreadable image,
+    SensorError for a first one without a pattern, InputError for an imported run without a dense
+    pattern.
     """
-    key = {"of": key_of(run, press), "every_px": every}
-    flows: list[FaceFlow] | None = _STORE.read(key)
+    key = {"of": flow_key(run, press), "every_px": spacing_px}
+    flows: list[FaceFlow] | None = _FLOW_STORE.read(key)
     if flows is None:
-        flows = _tracked(run, press, every)
-        _STORE.write(key, flows)
+        flows = _track_press(run, press, spacing_px)
+        _FLOW_STORE.write(key, flows)
     return flows
 
 
 def open_follower(run: Run) -> Callable[[Array], FaceFlow]:
-    """Open a follower of the images of a press, each as `Run.image` gives it, from its first on."""
+    """Open a tracker for the images of a press, to be called with each in order (`Run.image`)."""
     tracker = _tracker()
     return lambda image: FaceFlow.from_flow(tracker.update(image), run.camera, MAP_EVERY_PX)
 
@@ -64,19 +64,19 @@ def _tracker() -> FlowTracker:
     return FlowTracker(full=False)
 
 
-def _tracked(run: Run, press: str, every: int) -> list[FaceFlow]:
+def _track_press(run: Run, press: str, spacing_px: int) -> list[FaceFlow]:
     tracker, frames, camera = _tracker(), run.frames(press), camera_of(run)
-    wanted = set(settled(frames)["seq"])
+    settled_seq = set(settled_rows(frames)["seq"])
     if run.imported and (
         lacks := RestPattern.recognise(run.image(str(frames["file"].iloc[0]))).lacks
     ):
-        # The tracker would fill in what lies between markers, and call it trusted.
-        raise InputError(f"{run.folder}: {lacks}; force and shape follow a dense one")
+        # The tracker would interpolate between markers, and call that trusted.
+        raise InputError(f"{run.folder}: {lacks}; force and shape need a dense pattern")
     flows = []
     for row in frames.itertuples():
-        if row.seq > max(wanted):
+        if row.seq > max(settled_seq):
             break
-        seen = tracker.update(run.image(str(row.file)))
-        if row.seq in wanted:
-            flows.append(FaceFlow.from_flow(seen, camera, spacing_px=every))
+        observed = tracker.update(run.image(str(row.file)))
+        if row.seq in settled_seq:
+            flows.append(FaceFlow.from_flow(observed, camera, spacing_px=spacing_px))
     return flows

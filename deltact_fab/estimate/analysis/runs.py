@@ -1,4 +1,4 @@
-"""What a run is to an analysis: frames that it can use, those at rest, and the sensor."""
+"""Inputs of an analysis from a run: usable frames, settled ones, and the sensor."""
 
 from __future__ import annotations
 
@@ -24,46 +24,46 @@ from ..measure.sensor_id import (
     format_differences,
 )
 
-PRESSING = ("press", "shear")
-"""Kinds of the steps in which the face is pressed."""
+PRESS_KINDS = ("press", "shear")
+"""Kinds of the steps that press the face."""
 
 
-def read_frames(run: Run, what: str) -> pd.DataFrame:
-    """Read the frames of a run that is finished and has images; `what` is analysed.
+def read_frames(run: Run, analysis: str) -> pd.DataFrame:
+    """Read the frames of a run that is finished and has images. analysis: name for the message.
 
     Raises InputError, one line, for any other run, RunFailed for a damaged journal.
     """
-    frames = run.frames()  # a damaged journal is worse news than an unfinished run
+    frames = run.frames()  # first: a damaged journal is worse than an unfinished run
     if not run.finished:
-        raise InputError(f"{run.folder}: the run is not finished; go on with `run --resume`")
+        raise InputError(f"{run.folder}: the run is not finished; continue with `run --resume`")
     if frames.empty or frames["file"].isna().any():
-        raise InputError(f"{run.folder}: no images were recorded; {what} needs the channel 'image'")
+        raise InputError(f"{run.folder}: no images recorded; {analysis} needs the channel 'image'")
     return frames
 
 
-def settles(frames: pd.DataFrame) -> bool:
-    """Whether a run's protocol has frames at rest that press the face, of the table of frames."""
-    return bool((frames["settled"] & frames["kind"].isin(PRESSING)).any())
+def has_rests(frames: pd.DataFrame) -> bool:
+    """True if a run's table of frames has settled ones that press the face."""
+    return bool((frames["settled"] & frames["kind"].isin(PRESS_KINDS)).any())
 
 
-def settled(frames: pd.DataFrame) -> pd.DataFrame:
-    """The frames of a press at which nothing moves, of the table of all its frames.
+def settled_rows(frames: pd.DataFrame) -> pd.DataFrame:
+    """Return the settled rows of the table of a press's frames.
 
-    Where the protocol does not settle: the last frame of each step that presses or shears. Of an
-    imported run nobody knows, and all are taken.
+    Where the protocol does not settle: the last frame of each step that presses or shears. For an
+    imported run all rows, as nothing is known of its motion.
     """
     if (frames["kind"] == Run.UNKNOWN).all():
         return frames
-    if settles(frames):
+    if has_rests(frames):
         return frames[frames["settled"]]
     last = frames.groupby("step_id", sort=False).tail(1)
-    return last[last["kind"].isin(PRESSING)]
+    return last[last["kind"].isin(PRESS_KINDS)]
 
 
 def settle_s(run: Run, kind: str) -> float:
-    """How long stops of a kind rested before their frame, by the run's protocol; 0: not at all.
+    """Settling time of stops of a kind, by the run's protocol; 0: none.
 
-    kind: of the step; before and after the press it is `travel`, and the former is meant.
+    kind: of the step; `travel` stands for the rest before the press.
     """
     settle = (run.meta["protocol"].get("capture") or {}).get("settle_s")
     stop = "rest" if kind == "travel" else kind
@@ -71,29 +71,29 @@ def settle_s(run: Run, kind: str) -> float:
 
 
 def write_results(folder: Path, results: dict[str, dict[str, Any] | pd.DataFrame]) -> list[Path]:
-    """Write plain data as JSON and tables as CSV, by their files' names.
+    """Write plain data as JSON and tables as CSV, by file name.
 
-    Raises InputError for a folder that cannot be, RunFailed when the disk refuses.
+    Raises InputError for an impossible folder, RunFailed when writing fails.
     """
     make_folder(folder)
-    for name, of in results.items():
-        if isinstance(of, pd.DataFrame):
-            text = of.to_csv(index=False)
+    for name, content in results.items():
+        if isinstance(content, pd.DataFrame):
+            text = content.to_csv(index=False)
         else:
-            text = json.dumps(of, indent=1, allow_nan=False) + "\n"
+            text = json.dumps(content, indent=1, allow_nan=False) + "\n"
         write_whole(folder / name, text.encode())
     return [folder / name for name in results]
 
 
 def in_pixels(run: Run) -> bool:
-    """Whether nobody knows the camera of a run that was imported: its flow is in pixels."""
+    """True for an imported run of an unknown camera, whose flow is in pixels."""
     return run.imported and run.meta["camera"] is None
 
 
 def camera_of(run: Run) -> CameraModel:
-    """A run's camera; where it is `in_pixels` a view from afar in which a pixel is a mm.
+    """Return a run's camera; if `in_pixels`, an orthographic one of 1 mm per pixel.
 
-    Raises InputError for a run that was recorded without a camera.
+    Raises InputError for a run recorded without a camera.
     """
     if not in_pixels(run):
         return run.camera
@@ -102,10 +102,9 @@ def camera_of(run: Run) -> CameraModel:
 
 
 def view_of_run(run: Run) -> SensorModel:
-    """What the measurement may know of a run's sensor: no force, no truth.
+    """Return the sensor model of a run for the measurement, without force and truth.
 
-    `in_pixels` there is no skin. Raises InputError without a camera, or where the record's skin is
-    none.
+    If `in_pixels`, without a skin. Raises InputError without a camera, or for an invalid skin.
     """
     if in_pixels(run):
         nothing: Any = None
@@ -117,7 +116,7 @@ def view_of_run(run: Run) -> SensorModel:
 
 
 def sensor_of(run: Run) -> SensorId:
-    """Which sensor a run was recorded on. Raises InputError without a camera."""
+    """Return the identity of a run's sensor. Raises InputError without a camera."""
     specimen = run.meta["protocol"]["specimen"]
     recipe = None if run.imported else run.pattern["recipe"]
     design, serial = specimen.get("design"), specimen.get("serial")
@@ -125,9 +124,9 @@ def sensor_of(run: Run) -> SensorId:
 
 
 def head_of(runs: Sequence[Run], kind: CalibrationKind) -> CalibrationHead:
-    """The head of a calibration made from runs, which must be of one sensor.
+    """Return the head of a calibration made from runs, which must be of one sensor.
 
-    Raises InputError, one line that names the run that differs and in what.
+    Raises InputError, one line that names the run that differs, and how.
     """
     first = sensor_of(runs[0])
     for run in runs[1:]:
@@ -135,10 +134,10 @@ def head_of(runs: Sequence[Run], kind: CalibrationKind) -> CalibrationHead:
             text = format_differences(unlike, "there")
             raise InputError(f"{run.folder}: another sensor than {runs[0].folder}: {text}")
     simulated = any(run.simulated for run in runs)
-    made = CalibrationSource(
+    source = CalibrationSource(
         runs=tuple(run.folder.resolve().name for run in runs),
         simulated=simulated,
         version=VERSION,
         seed=int(runs[0].meta["seed"]) if simulated else None,
     )
-    return CalibrationHead(kind, first, made)
+    return CalibrationHead(kind, first, source)

@@ -19,7 +19,7 @@ import numpy as np
 from deltact_fab.common import Array, InputError, SensorError
 from deltact_fab.sensor import CameraModel
 
-from .dots.detect import FoundDots, find_dots
+from .dots.detect import DetectedDots, find_dots
 from .face import FaceFlow, fit_rigid_motion
 from .flow.confidence import FINE_PX, TEXTURED_SHARE
 from .flow.fused import to_gray
@@ -183,7 +183,7 @@ class RestPattern:
         )
 
 
-def _ground_detail(grey: Array, dots: FoundDots) -> float:
+def _ground_detail(grey: Array, dots: DetectedDots) -> float:
     """Return the robust deviation of the ground from its local mean, over the dots' contrast."""
     ground, xy = np.ones(grey.shape, np.float32), np.round(dots.position_px).astype(int)
     for x, y in xy.tolist():

@@ -63,7 +63,7 @@ def data(m: MeasuredImage, camera: CameraModel) -> dict[str, Any]:
                                  MIN_MPA, 1e3, "kPa"))  # fmt: skip
     if (s := result.shape) is not None:
         if (d := s.depth) is not None:
-            told["maps"].append(_map(d.depth_mm, d.known, d.x_mm, d.y_mm, "depth", MIN_MM, 1,
+            told["maps"].append(_map(d.depth_mm, d.valid, d.x_mm, d.y_mm, "depth", MIN_MM, 1,
                                      "mm"))  # fmt: skip
         told["maps"].append(_map(s.relative, s.density.reliable, s.x_mm, s.y_mm, "relative depth",
                                  MIN_RELATIVE, 1, ""))  # fmt: skip
@@ -85,8 +85,8 @@ def image(m: MeasuredImage, tracked: Array) -> Array:
     dots = m.result.markers
     if dots is None:
         return tracked
-    drawn, ends = tracked.copy(), dots.position_px[dots.found]
-    ways = np.stack((ends - dots.displacement_px[dots.found], ends), axis=1)
+    drawn, ends = tracked.copy(), dots.position_px[dots.located]
+    ways = np.stack((ends - dots.displacement_px[dots.located], ends), axis=1)
     for start, end in ways.round().astype(int).tolist():
         cv2.arrowedLine(drawn, start, end, (77, 225, 255), 1, cv2.LINE_AA)
     return drawn

@@ -62,8 +62,8 @@ class Motion:
         """Of a result with "observation", or of markers; camera: of the tracked images."""
         counts: tuple[int, ...] = ()
         if (dots := result.markers) is not None:
-            shift_px = dots.displacement_px[dots.found]
-            counts = len(dots.found), len(shift_px)
+            shift_px = dots.displacement_px[dots.located]
+            counts = len(dots.located), len(shift_px)
         else:
             assert result.observation is not None, "`measurement_of` asks for it"
             flow = FaceFlow.from_flow(result.observation, camera, FaceFlow.SPACING_PX)

@@ -116,7 +116,7 @@ def _panel(axis: Axes, press: DeepestPress) -> None:
     if found.depth is None:
         shape, words = np.where(found.density.reliable, found.relative, np.nan), "relative depth"
     else:
-        shape, words = np.where(found.depth.known, found.depth.depth_mm, np.nan), "depth, mm"
+        shape, words = np.where(found.depth.valid, found.depth.depth_mm, np.nan), "depth, mm"
     axis.set_facecolor("#8a8f99")  # where nothing is known
     top = float(np.nanmax(shape, initial=2 * maps.MIN_MM))
     maps.shown(axis, found.x_mm, found.y_mm, shape, "magma", 0, top, words)

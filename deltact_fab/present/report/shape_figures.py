@@ -75,7 +75,7 @@ def _object(figure: Figure, place: Axes, picture: ShapeMaps, first: bool) -> Non
         place.set_axis_off()
         place.set_title("indenter unknown", fontsize="medium")
         return
-    indenter = picture.pressed
+    indenter = picture.indenter_shape
     half = 1.02 * _reach_mm(indenter)
     # Around the axis, so that the walls of what is turned come out smooth.
     radius, angle = np.meshgrid(np.linspace(0, half, 91), np.linspace(0, 2 * np.pi, 73))
@@ -142,7 +142,7 @@ def _section(axis: Axes, picture: ShapeMaps, first: bool) -> None:
     row = int(np.argmin(np.abs(picture.flow.y_mm - picture.tip_mm[1])))
     x = picture.flow.x_mm
     beside = np.linspace(x[0], x[-1], 801)
-    height = picture.pressed.height_mm(beside - picture.tip_mm[0], np.zeros_like(beside))
+    height = picture.indenter_shape.height_mm(beside - picture.tip_mm[0], np.zeros_like(beside))
     height[height > PART_MM] = np.nan
     axis.plot(beside, picture.tip_mm[2] + height, color=figures.SOFT, lw=1, label="the object")
     axis.plot(

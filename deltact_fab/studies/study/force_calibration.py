@@ -197,7 +197,7 @@ def found(result: ForceResult, scale: float | None = None, **scene: Any) -> Stud
     """What the points say; scene: what only their maker knows (settings, notes, left_out ...)."""
     places = result.errors_by_distance()
     simulated = result.calibration.head.made.simulated
-    told = [one.line for one in (result.gel, result.early) if one]
+    told = [one.line for one in (result.gel, result.unrelaxed) if one]
     notes = [IN_A_LAB, *told] if simulated else told
     few = result.presses_needed
     more = f"; more than {few} presses improve it little" if few else ""
@@ -254,8 +254,8 @@ def _interval(off: Array, points: pd.DataFrame, split: str) -> Interval:
 def _best(result: ForceResult) -> list[Headline]:
     """The best model on what it never saw."""
     best, split = result.best, result.best.ranked_by
-    chosen = f"best of {len(result.judged)} by this figure"
-    if result.gel or result.early:
+    chosen = f"best of {len(result.models)} by this figure"
+    if result.gel or result.unrelaxed:
         chosen += ", with the gel fitted to all presses, not refitted in each fold"
     heads = []
     for name, words in WORDS.items():

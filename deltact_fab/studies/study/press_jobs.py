@@ -196,7 +196,7 @@ def follow(job: TrackingJob) -> dict[str, Any]:
                 continue
             image = stream.tracked(picture.expose(frame.at_px, noise, frame.displacement_mm))
             try:
-                said = followers[name].take(image, frame.true)
+                said = followers[name].track(image, frame.true)
             except SensorError as why:  # a print that the camera cannot tell from grey
                 lost[name] = [str(why)]
                 continue
@@ -234,7 +234,7 @@ def errors_of(
 def follow_recorded(job: RecordedTrackingJob) -> dict[str, Any]:
     """One press of a run, as `follow` returns one of a simulated gel."""
     run = open_run(job.folder)
-    tracked = analyse_press(job.folder, job.press, TrackingPlan.of(run, job.methods))
+    tracked = analyse_press(job.folder, job.press, TrackingPlan.for_run(run, job.methods))
     rows = {m: [row for row in tracked.rows if row["method"] == m] for m in job.methods}
     tips_mm = run.frames(job.press)[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
     cell = errors_of(

@@ -266,7 +266,8 @@ def dragged(view: Pinhole, seed: int) -> list[DragFrame]:
     whole *= DRAG_MM / np.hypot(whole[..., 0], whole[..., 1]).max()
     return [
         DragFrame(
-            drawing.material_px(u_mm), TrueFrame.of(*seen.both(u_mm), in_view, view.mm_per_px)
+            drawing.material_px(u_mm),
+            TrueFrame.from_flow(*seen.both(u_mm), in_view, view.mm_per_px),
         )
         for u_mm in (whole * (k / OUTWARD) for k in range(1, OUTWARD + 1))
     ]
@@ -306,7 +307,7 @@ def probe(job: ProbeJob) -> dict[str, Any]:
     """
     cv2.setNumThreads(1)  # DIS splits the image by thread
     seed, view = job.seed, view_of(job.sensor)
-    marks, drawing = PatternDots.of(view, job.recipe.as_record()), geometry(view)[0]
+    marks, drawing = PatternDots.from_record(view, job.recipe.as_record()), geometry(view)[0]
     picture = FrameRenderer.printed(drawing, job.rig.virtual, job.recipe, seed)
     noise = FrameRenderer.noise(seed, "")
     there = dragged(view, seed)
@@ -334,8 +335,8 @@ def _followed(
 ) -> tuple[dict[str, Any], float]:
     """Figures of all frames, and the mean error of the last one, mm."""
     follower = Follower(TrackingPlan((TRACKER,), False, ()), marks)
-    follower.take(rest, None)
-    said = [follower.take(*frame) for frame in zip(images, truths, strict=True)]
+    follower.track(rest, None)
+    said = [follower.track(*frame) for frame in zip(images, truths, strict=True)]
     return follower.tallies[TRACKER].figures(), said[-1][TRACKER]["mean_off_dots_mm"]
 
 

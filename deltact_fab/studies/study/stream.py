@@ -116,7 +116,7 @@ class PressStream:
             true = None
             if number:
                 flow, in_plane = (still, still) if u_mm is None else self.seen.both(u_mm)
-                true = TrueFrame.of(flow, in_plane, in_view, self.view.mm_per_px)
+                true = TrueFrame.from_flow(flow, in_plane, in_view, self.view.mm_per_px)
             yield FaceFrame(number, look, self.geometry.material_px(u_mm), u_mm, true)
 
     def picture(self, recipe: PatternRecipe, seed: int) -> FrameRenderer:
@@ -136,7 +136,7 @@ class PressStream:
 
     def marks(self, recipe: PatternRecipe) -> PatternDots:
         """The pattern's dots before this camera."""
-        return PatternDots.of(self.view, recipe.as_record())
+        return PatternDots.from_record(self.view, recipe.as_record())
 
     @cached_property
     def _light(self) -> FlatField | None:

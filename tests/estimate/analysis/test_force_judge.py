@@ -12,18 +12,18 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.analysis.force.calibrate import transfer
 from deltact_fab.estimate.analysis.force.dataset import ForceData
 from deltact_fab.estimate.analysis.force.judge import (
-    FOLDS,
-    REPEATS,
+    CV_FOLDS,
+    CV_REPEATS,
+    evaluate_features,
     fit_force,
     folds,
     force_figures,
-    judge,
     learning_curve,
     presses_needed,
-    score,
+    ranking_error_n,
 )
 from deltact_fab.estimate.measure.force import make_features
-from deltact_fab.estimate.measure.force.model import COMPONENTS
+from deltact_fab.estimate.measure.force.model import WRENCH_AXES
 from deltact_fab.estimate.measure.sensor_id import SensorModel
 from deltact_fab.sensor.optics.camera import Pinhole
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
@@ -45,8 +45,8 @@ def made(noise_n: float = 0.0, seed: int = 0) -> ForceData:
         for ball in BALLS for at in range(PLACES) for k in range(POINTS)
     ]  # fmt: skip
     X = {name: rng.uniform(0.5, 1.5, (len(rows), len(of.names))) for name, of in SETS.items()}
-    law = np.zeros((len(COMPONENTS), len(SETS["sums"].names)))
-    for i, name in enumerate(COMPONENTS):
+    law = np.zeros((len(WRENCH_AXES), len(SETS["sums"].names)))
+    for i, name in enumerate(WRENCH_AXES):
         law[i, [SETS["sums"].names.index(n) for n in SETS["sums"].explains[name]]] = LAW[i]
     wrench = X["sums"] @ law.T
     wrench += rng.normal(0, noise_n, wrench.shape) if noise_n else 0
@@ -63,10 +63,10 @@ def _part(data: ForceData, rows: np.ndarray) -> ForceData:
     )
 
 
-def test_a_law_that_holds_everywhere_holds_on_what_was_left_out() -> None:
+def test_exact_law_predicts_left_out_points() -> None:
     data = made()
-    judged = judge(data, "sums", seed=0)
-    assert score(judged, data) < 1e-9
+    judged = evaluate_features(data, "sums", seed=0)
+    assert ranking_error_n(judged, data) < 1e-9
     for name, of in force_figures(judged, data).items():
         unit = "n" if "range_n" in of else "nmm"
         for split in ("unseen", "position", "press", "point"):
@@ -75,23 +75,23 @@ def test_a_law_that_holds_everywhere_holds_on_what_was_left_out() -> None:
         assert name.startswith("torque") == (unit == "nmm")
 
 
-def test_a_place_that_answers_otherwise_shows_only_when_it_is_left_out() -> None:
+def test_deviating_position_shows_only_when_unseen() -> None:
     data = made()
     odd = (data.points["position"] == "(3, 0)").to_numpy()
     bent = replace(data, wrench=data.wrench * np.where(odd, 1.5, 1.0)[:, None])
-    judged = judge(bent, "sums", seed=0)
+    judged = evaluate_features(bent, "sums", seed=0)
     of = force_figures(judged, bent)["normal"]
     for split in ("position", "unseen"):
         assert of[f"rmse_left_out_{split}_n"] > 1.1 * of["rmse_left_out_point_n"]
     assert judged.ranked_by == "unseen"
-    assert score(judged, bent) >= of["rmse_left_out_unseen_n"]
+    assert ranking_error_n(judged, bent) >= of["rmse_left_out_unseen_n"]
 
 
 @pytest.mark.parametrize("split", ["unseen", "position", "press", "point"])
-def test_no_fold_is_judged_on_what_it_has_seen_and_each_point_is_judged_once(split: str) -> None:
+def test_folds_are_disjoint_and_complete(split: str) -> None:
     points = made().points
     repeats = folds(points, split, seed=1)
-    assert len(repeats) == (REPEATS if split in ("press", "point") else 1)
+    assert len(repeats) == (CV_REPEATS if split in ("press", "point") else 1)
     for parts in repeats:
         assert np.sum([judged for _, judged in parts], axis=0).tolist() == [1] * len(points)
         for fitted, judged in parts:
@@ -99,24 +99,25 @@ def test_no_fold_is_judged_on_what_it_has_seen_and_each_point_is_judged_once(spl
                 assert not set(points[name][fitted]) & set(points[name][judged])
             assert not (fitted & judged).any()
             if split == "point":
-                assert judged.sum() in (len(points) // FOLDS, len(points) // FOLDS + 1)
+                assert judged.sum() in (len(points) // CV_FOLDS, len(points) // CV_FOLDS + 1)
     again = folds(points, split, seed=1)[0][0][1]
     assert (again == repeats[0][0][1]).all()
 
 
-def test_one_place_leaves_indenters_out_and_one_press_nothing() -> None:
+def test_splits_with_one_position_or_press() -> None:
     data = made(noise_n=0.1)
-    place = judge(_part(data, (data.points["position"] == "(0, 0)").to_numpy()), "sums", seed=0)
+    centre = (data.points["position"] == "(0, 0)").to_numpy()
+    place = evaluate_features(_part(data, centre), "sums", seed=0)
     assert list(place.predicted) == ["unseen", "press", "point"]
     one = _part(data, (data.points["press"] == "sphere:10/0").to_numpy())
-    judged = judge(one, "sums", seed=0)
+    judged = evaluate_features(one, "sums", seed=0)
     assert list(judged.predicted) == [judged.ranked_by] == ["point"]
     assert force_figures(judged, one)["normal"]["percent_of_range"] > 0
-    assert np.isfinite(score(judged, one))
+    assert np.isfinite(ranking_error_n(judged, one))
     assert learning_curve(one, "sums", seed=0) == {}
 
 
-def test_a_learning_curve_falls_to_the_noise_and_says_where() -> None:
+def test_learning_curve_falls_to_the_noise() -> None:
     data = made()
     presses = data.points["press"].to_numpy()
     rng = np.random.default_rng(1)
@@ -132,13 +133,13 @@ def test_a_learning_curve_falls_to_the_noise_and_says_where() -> None:
     assert 1 < few <= 6
 
 
-def test_softer_gel_is_carried_over_by_two_factors() -> None:
+def test_softer_gel_transfers_by_two_factors() -> None:
     stiff = made(noise_n=0.02)
     model = fit_force(stiff, "sums")
     few = _part(stiff, np.isin(stiff.points["press"], ["sphere:10/1", "sphere:15/2"]))
     pressure, shear = (
-        np.isin(COMPONENTS, ["fz", "tx", "ty"]),
-        np.isin(COMPONENTS, ["fx", "fy", "tz"]),
+        np.isin(WRENCH_AXES, ["fz", "tx", "ty"]),
+        np.isin(WRENCH_AXES, ["fx", "fy", "tz"]),
     )
     soft = replace(few, wrench=few.wrench * np.where(pressure, 0.6, 0.7))
     assert shear.sum() == 3
@@ -149,7 +150,7 @@ def test_softer_gel_is_carried_over_by_two_factors() -> None:
     assert moved.model.predict(soft.features["sums"]) == pytest.approx(soft.wrench, abs=0.3)
 
 
-def test_presses_that_are_not_sheared_lend_their_factor_to_shear() -> None:
+def test_unsheared_presses_use_pressure_factor() -> None:
     data = made()
     model = fit_force(data, "sums")
     wrench = data.wrench * 0.5

@@ -46,10 +46,10 @@ def test_runs_that_cannot_be_used(mini_run: Path, tmp_path: Path) -> None:
     assert "no such folder" in refused(tmp_path / "gone")
     assert "given twice" in refused(mini_run, mini_run)
     assert "did you mean 'sums'" in refused(mini_run, models=("summs",))
-    assert "paper needs at least 9 points, and there are 8" in refused(mini_run, models=("sums",))
+    assert "paper needs at least 9 points, got 8" in refused(mini_run, models=("sums",))
     for key, value, said in (
         ("design", "deltact-two", "another sensor than"),
-        ("gel_model", "block", "another gel than"),
+        ("gel_model", "block", "gel differs from"),
     ):
         other = tmp_path / key
         shutil.copytree(mini_run, other)
@@ -61,7 +61,7 @@ def test_runs_that_cannot_be_used(mini_run: Path, tmp_path: Path) -> None:
     shutil.copytree(mini_run, numb)
     with closing(sqlite3.connect(numb / "journal.sqlite")) as db, db:
         db.execute("DELETE FROM samples WHERE stream = 'force'")
-    assert "no force was recorded" in refused(numb)
+    assert "no force recorded" in refused(numb)
     torn = tmp_path / "calibration.toml"
     torn.write_text('schema = 1\nkind = "for')
     with pytest.raises(InputError, match="not valid TOML"):
@@ -69,7 +69,7 @@ def test_runs_that_cannot_be_used(mini_run: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_calibration_is_made_kept_and_carried_over(
+def test_calibration_is_fitted_saved_and_transferred(
     mini: tuple[Path, Path], tmp_path: Path
 ) -> None:
     protocol, run, out = tmp_path / "presses.toml", tmp_path / "run", tmp_path / "out"
@@ -125,7 +125,7 @@ def test_a_calibration_is_made_kept_and_carried_over(
         tmp_path / "moved.toml",
     )
     assert moved.returncode == 0, moved.stderr
-    assert moved.stdout.startswith("carried over from 2 presses: pressure x ")
+    assert moved.stdout.startswith("transferred by 2 presses: pressure x ")
     carried = load_force(tmp_path / "moved.toml")
     assert carried.transfer["of"] == ["run"]
     assert carried.transfer["pressure"] == pytest.approx(1, abs=0.1)

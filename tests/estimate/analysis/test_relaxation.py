@@ -38,7 +38,7 @@ def boltzmann(series: Series, t_s: float, rate, until_s: float) -> float:
     )
 
 
-def test_a_ramp_and_a_hold_are_the_closed_form():
+def test_ramp_and_hold_match_closed_form():
     ramp_s, t = 3.2, np.array([0.0, 0.5, 1.0, 3.2, 3.3, 4.0, 10.0, 60.0])
     steady = np.outer(np.minimum(t / ramp_s, 1.0), [0.0, 0.0, 7.0])
     excess = left(GEL, t, steady)[:, 2]
@@ -47,7 +47,7 @@ def test_a_ramp_and_a_hold_are_the_closed_form():
         assert excess[k] == pytest.approx(told, rel=1e-7, abs=1e-12)
 
 
-def test_the_time_to_a_bound_is_that_of_the_exponential():
+def test_time_to_bound_of_an_exponential():
     wait = np.concatenate([[0.0], np.geomspace(0.05, 100, 30)])
     error = 0.1 * np.exp(-wait / 3.0)
     assert settling_time_s(wait, error, 0.02) == pytest.approx(3 * np.log(5), rel=1e-9)
@@ -80,7 +80,7 @@ def stops(series: Series, noise_n: float, rest_s: float, seed: int = 0) -> list[
 
 
 @pytest.mark.slow
-def test_the_series_is_found_again_from_rests_that_follow_each_other():
+def test_series_is_recovered_from_successive_rests():
     fitted = fit_relaxation(stops(GEL, noise_n=0.002, rest_s=30.0))
     assert len(fitted.series.shares) == 2
     assert fitted.series.shares == pytest.approx(GEL.shares, rel=0.1)
@@ -92,7 +92,7 @@ def test_the_series_is_found_again_from_rests_that_follow_each_other():
     assert fitted.steady_n[:, 0] == pytest.approx([0, 2.4, -2.4], abs=0.01)
 
 
-def test_a_gel_of_one_time_takes_no_second_branch():
+def test_one_time_constant_needs_one_branch():
     one = Series((0.1,), (2.0,))
     fitted = fit_relaxation(stops(one, noise_n=0.002, rest_s=30.0))
     assert len(fitted.series.shares) == 1

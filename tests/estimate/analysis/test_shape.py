@@ -18,8 +18,8 @@ from short_run import first_press
 from deltact_fab.bench.record.images import encode_png
 from deltact_fab.bench.record.run import open_run
 from deltact_fab.common.errors import InputError
-from deltact_fab.estimate.analysis.flows import flows_of
-from deltact_fab.estimate.analysis.shape.ball import MIN_COVER, calibrate_depth
+from deltact_fab.estimate.analysis.flows import settled_flows
+from deltact_fab.estimate.analysis.shape.ball import MIN_DEPTH_COVER, calibrate_depth
 from deltact_fab.estimate.analysis.shape.run import ShapeResult
 from deltact_fab.estimate.measure.face import FaceFlow
 from deltact_fab.estimate.measure.shape.depth import DepthModel
@@ -42,9 +42,7 @@ def without_balls(run: Path, to: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_a_depth_is_calibrated_on_the_ball_and_shape_is_judged_by_it(
-    mini_run: Path, tmp_path: Path
-) -> None:
+def test_depth_calibration_improves_the_shape(mini_run: Path, tmp_path: Path) -> None:
     file, out = tmp_path / "depth.toml", tmp_path / "out"
     done = called("calibrate", "depth", mini_run, "-o", file)
     assert done.returncode == 0, done.stderr
@@ -77,13 +75,11 @@ def test_a_depth_is_calibrated_on_the_ball_and_shape_is_judged_by_it(
 
 
 @pytest.mark.slow
-def test_what_cannot_be_used_is_refused_and_nothing_is_written(
-    mini_run: Path, tmp_path: Path
-) -> None:
+def test_unusable_input_is_refused_without_output(mini_run: Path, tmp_path: Path) -> None:
     file = tmp_path / "depth.toml"
     assert "no such folder" in refused("calibrate", "depth", tmp_path / "gone", "-o", file)
     dots = without_balls(mini_run, tmp_path / "dots")
-    assert "no sphere presses in this run (it has 4dots)" in refused(
+    assert "no press of a sphere in this run (indenters: 4dots)" in refused(
         "calibrate", "depth", dots, "-o", file
     )
     assert not file.exists()
@@ -101,7 +97,7 @@ def test_what_cannot_be_used_is_refused_and_nothing_is_written(
 
 
 @pytest.mark.slow
-def test_a_bench_without_truth_has_its_gallery_and_pressures_and_no_errors(
+def test_without_truth_only_errors_are_missing(
     mini_run: Path, calibrations: list[Path], tmp_path: Path
 ) -> None:
     bench = tmp_path / "bench"
@@ -112,7 +108,7 @@ def test_a_bench_without_truth_has_its_gallery_and_pressures_and_no_errors(
     assert "force.toml" in told
     done = called("analyze", "shape", bench, "--depth", depth, "--force", force, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "its error is unknown without truth" in done.stdout
+    assert "error unknown without truth" in done.stdout
     frames = json.loads((tmp_path / "shape.json").read_text())["frames"]
     assert all({"found_normal_n", "normal_n", "peak_depth_mm"} <= set(one) for one in frames)
     assert not {name for one in frames for name in one if "true" in name}
@@ -130,7 +126,7 @@ def spoil(image: np.ndarray, way: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("way", "trusted"), [("grey", False), ("hidden", True)])
-def test_depth_is_calibrated_on_trusted_and_covered_flow(
+def test_depth_calibration_needs_trusted_covered_flow(
     mini_run: Path, tmp_path: Path, way: str, trusted: bool
 ) -> None:
     run = open_run(first_press(mini_run, tmp_path / "run"))
@@ -141,7 +137,7 @@ def test_depth_is_calibrated_on_trusted_and_covered_flow(
         digest = hashlib.sha256(png).hexdigest()
         db.execute("UPDATE frames SET sha256 = ? WHERE file = ?", (digest, last["file"]))
     db.close()
-    (flow,) = flows_of(open_run(run.folder), last["press"], FaceFlow.SPACING_PX)
-    assert (flow.trusted, flow.cover >= MIN_COVER) == (trusted, not trusted)
-    with pytest.raises(InputError, match="and the flow is trusted"):
+    (flow,) = settled_flows(open_run(run.folder), last["press"], FaceFlow.SPACING_PX)
+    assert (flow.trusted, flow.cover >= MIN_DEPTH_COVER) == (trusted, not trusted)
+    with pytest.raises(InputError, match="and a trusted flow"):
         calibrate_depth(run.folder)

@@ -13,7 +13,7 @@ from deltact_fab.estimate.analysis.tracking_error.tally import ErrorTally
 def test_the_figures_of_moving_pixels() -> None:
     tally = ErrorTally()
     errors = np.array([0.01, 0.03, 0.2, 0.5])
-    tally.take_moving(errors, np.array([True, True, True, False]))
+    tally.add_moving(errors, np.array([True, True, True, False]))
     found = tally.figures()
     assert found["mean_off_dots_mm"] == pytest.approx(errors.mean())
     assert found["mean_confident_mm"] == pytest.approx(0.08)
@@ -25,9 +25,9 @@ def test_two_parts_joined_are_the_whole() -> None:
     rng = np.random.default_rng(1)
     errors, sure = rng.gamma(2.0, 0.03, 5000), rng.random(5000) < 0.9
     whole, one, two = ErrorTally(), ErrorTally(), ErrorTally()
-    whole.take_moving(errors, sure)
-    one.take_moving(errors[:2000], sure[:2000])
-    two.take_moving(errors[2000:], sure[2000:])
+    whole.add_moving(errors, sure)
+    one.add_moving(errors[:2000], sure[:2000])
+    two.add_moving(errors[2000:], sure[2000:])
     one.join(two)
     joined = one.figures()
     for key, value in whole.figures().items():
@@ -35,20 +35,20 @@ def test_two_parts_joined_are_the_whole() -> None:
 
 
 @pytest.mark.parametrize("scale_mm", [1e-5, 0.01, 3.0])
-def test_a_percentile_is_the_percentile_to_a_hundredth(scale_mm: float) -> None:
+def test_percentile_is_accurate_to_one_percent(scale_mm: float) -> None:
     errors = np.random.default_rng(0).gamma(2.0, scale_mm, 200_000)
     tally = ErrorTally()
-    tally.take_moving(errors, errors < 0)
+    tally.add_moving(errors, errors < 0)
     p95 = np.percentile(errors, 95)
     assert tally.figures()["p95_off_dots_mm"] == pytest.approx(max(p95, 1e-4), rel=0.011)
 
 
-def test_nothing_measured_is_none_and_never_nan() -> None:
+def test_missing_figures_are_none_not_nan() -> None:
     figures = ErrorTally().figures()
     json.dumps(figures, allow_nan=False)
     assert {k for k, v in figures.items() if isinstance(v, float)} == set()
     lost = ErrorTally()
-    lost.take_moving(np.full(50, 0.3), np.zeros(50, bool))
+    lost.add_moving(np.full(50, 0.3), np.zeros(50, bool))
     figures = lost.figures()
     assert (figures["mean_off_dots_mm"], figures["coverage"]) == (pytest.approx(0.3), 0)
     assert figures["mean_confident_mm"] is figures["confident_wrong_share"] is None

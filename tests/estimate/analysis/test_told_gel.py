@@ -11,13 +11,13 @@ import pytest
 from benchmarks.gel_strangers import STRANGERS
 from benchmarks.strangers import BELIEVED, Seen, figures, judged
 from deltact_fab.estimate.analysis.force.dataset import ForceData
-from deltact_fab.estimate.analysis.force.gel import early_labels, search
+from deltact_fab.estimate.analysis.force.gel import fit_unrelaxed, search_gel
 from deltact_fab.estimate.measure.force.inverse import Inverse
 
 
 @pytest.mark.evidence
 @pytest.mark.parametrize("stranger", STRANGERS)
-def test_ten_presses_tell_a_strangers_gel_and_measure_on_it(stranger: str) -> None:
+def test_ten_presses_identify_an_unknown_gel(stranger: str) -> None:
     gel, _ = STRANGERS[stranger]
     seen = Seen.of(stranger)
     learn, judge = next(seen.rounds())
@@ -41,7 +41,7 @@ def test_ten_presses_tell_a_strangers_gel_and_measure_on_it(stranger: str) -> No
     assert mended["normal_n"] < 0.75 * early["normal_n"]
 
 
-def test_a_gel_is_told_only_where_presses_agree() -> None:
+def test_gel_is_identified_if_presses_agree() -> None:
     """Of errors that are least at another gel; of errors that are chance it is not."""
     rng = np.random.default_rng(3)
     chance = rng.uniform(0.5, 2, (12, 3))
@@ -50,15 +50,15 @@ def test_a_gel_is_told_only_where_presses_agree() -> None:
         off = np.log((0.5 - view.poisson) / 0.02) ** 2 + (view.skin.thickness_mm / 11.5 - 1) ** 2
         return chance * (0.05 + off)
 
-    told = search(BELIEVED, sure)
+    told = search_gel(BELIEVED, sure)
     assert told is not None
     assert told.poisson_between[0] < 0.48 < told.poisson_between[1]
     assert told.thickness_between_mm[0] < 11.5 < told.thickness_between_mm[1]
-    assert search(BELIEVED, lambda view: rng.uniform(0.5, 2, (12, 3))) is None
-    assert search(BELIEVED, lambda view: chance) is None
+    assert search_gel(BELIEVED, lambda view: rng.uniform(0.5, 2, (12, 3))) is None
+    assert search_gel(BELIEVED, lambda view: chance) is None
 
 
-def test_labels_taken_early_are_told_by_their_waits() -> None:
+def test_early_labels_are_corrected_by_waits() -> None:
     rng = np.random.default_rng(5)
     features, rows = Inverse(BELIEVED), 60
     X = rng.normal(size=(rows, len(features.names)))
@@ -72,7 +72,7 @@ def test_labels_taken_early_are_told_by_their_waits() -> None:
         points = pd.DataFrame({"press": press, "position": press, "wait_s": waits})
         return ForceData(points, label, {features.name: X}, {features.name: features}, [])
 
-    found = early_labels(waited(wait_s))
+    found = fit_unrelaxed(waited(wait_s))
     assert found is not None
-    assert found.mended(waited(wait_s)).wrench == pytest.approx(truth, abs=0.03)
-    assert early_labels(waited(np.full(rows, 2.0))) is None
+    assert found.relaxed_wrenches(waited(wait_s)).wrench == pytest.approx(truth, abs=0.03)
+    assert fit_unrelaxed(waited(np.full(rows, 2.0))) is None

@@ -26,7 +26,7 @@ def result(tracked: TrackingResult) -> TrackingResult:
 
 
 @pytest.mark.slow
-def test_the_default_and_the_dots_hold_the_bounds(mini_run: Path) -> None:
+def test_default_method_and_dots_meet_bounds(mini_run: Path) -> None:
     with ThreadPoolExecutor(1) as executor:
         found = analyse_tracking(mini_run, ("fused", "dis-medium"), executor)
     best = found.methods[0]
@@ -88,16 +88,16 @@ def shelf(seen: NDArray[np.bool_]) -> TrueFrame:
     """A face whose columns up to 19 have moved 8 px to the right, over the next ones."""
     flow = np.zeros((10, 60, 2))
     flow[:, :20, 0] = 8.0
-    return TrueFrame.of(flow, 0.04 * flow, seen, 0.04)
+    return TrueFrame.from_flow(flow, 0.04 * flow, seen, 0.04)
 
 
-def test_what_the_face_hides_of_itself_is_not_counted() -> None:
+def test_self_occluded_pixels_are_not_counted() -> None:
     frame = shelf(np.ones((10, 60), bool))
     # Columns 12 to 19 lie over 20 to 27 now: which of the two is seen, the flow does not tell.
     assert (np.flatnonzero(frame.moving[5]) == np.arange(12)).all()
 
 
-def test_what_the_camera_does_not_see_is_not_counted_before_or_after() -> None:
+def test_pixels_outside_the_image_are_ignored() -> None:
     seen = np.ones((10, 60), bool)
     seen[:, :3] = seen[:, 15:17] = seen[:, 50:] = False
     frame = shelf(seen)
@@ -106,7 +106,7 @@ def test_what_the_camera_does_not_see_is_not_counted_before_or_after() -> None:
 
 
 @pytest.mark.slow
-def test_without_truth_the_error_at_the_dots_remains(mini_run: Path, tmp_path: Path) -> None:
+def test_dot_error_remains_without_truth(mini_run: Path, tmp_path: Path) -> None:
     """A real rig has no truth folder; nothing may be invented for it."""
     shutil.copytree(mini_run, tmp_path / "r", ignore=shutil.ignore_patterns("truth", "analysis"))
     with ThreadPoolExecutor(1) as executor:
@@ -118,14 +118,14 @@ def test_without_truth_the_error_at_the_dots_remains(mini_run: Path, tmp_path: P
     assert row["n_moving_px"] == 0
     assert bare.dots is not None
     assert bare.dots["mean_vs_truth_mm"] is None
-    assert bare.left_out == ["error against truth: a real rig knows none"]
+    assert bare.left_out == ["error against truth: not available on a real rig"]
     verdict = bare.verdict
     assert verdict.error == "mean_at_dots_mm"
     assert verdict.trusted == (row["confident_share"] >= 0.8 and row["trusted_share"] >= 0.95)
     assert "of the image" in verdict.line
 
 
-def test_saved_and_loaded_it_is_the_same(result: TrackingResult, tmp_path: Path) -> None:
+def test_result_round_trips_through_files(result: TrackingResult, tmp_path: Path) -> None:
     result.save(tmp_path / "a")
     again = TrackingResult.load(tmp_path / "a")
     assert again.as_dict() == result.as_dict()
@@ -138,7 +138,7 @@ def test_saved_and_loaded_it_is_the_same(result: TrackingResult, tmp_path: Path)
     ("name", "says"),
     [("dis", "flow method 'dis'"), ("farneback-paper/sum", "flow reference 'sum'")],
 )
-def test_unknown_methods_are_refused_before_any_work(mini_run: Path, name: str, says: str) -> None:
+def test_unknown_methods_are_refused_first(mini_run: Path, name: str, says: str) -> None:
     with pytest.raises(InputError, match=says):
         analyse_tracking(mini_run, [name])
 
@@ -149,12 +149,12 @@ def test_a_run_without_images_is_refused(mini_run: Path, tmp_path: Path) -> None
     shutil.copytree(mini_run, tmp_path / "r", ignore=shutil.ignore_patterns("images", "truth"))
     with closing(sqlite3.connect(tmp_path / "r" / "journal.sqlite")) as db, db:
         db.execute("UPDATE frames SET file = NULL")
-    with pytest.raises(InputError, match="no images were recorded"):
+    with pytest.raises(InputError, match="no images recorded"):
         analyse_tracking(tmp_path / "r", ["dis-fast"])
 
 
 def test_an_unfinished_run_is_not_analysed(mini_run: Path, tmp_path: Path) -> None:
     ignore = shutil.ignore_patterns("images", "truth", "summary.json")
     shutil.copytree(mini_run, tmp_path / "r", ignore=ignore)
-    with pytest.raises(InputError, match=r"not finished; go on with `run --resume`"):
+    with pytest.raises(InputError, match=r"not finished; continue with `run --resume`"):
         analyse_tracking(tmp_path / "r")

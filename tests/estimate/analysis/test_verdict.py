@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from deltact_fab.estimate.analysis.tracking_error.result import format_percent, judge
+from deltact_fab.estimate.analysis.tracking_error.result import format_percent, judge_methods
 from deltact_fab.estimate.analysis.tracking_error.tally import ErrorTally
 
 
@@ -29,7 +29,7 @@ def row(name: str, error: float | None, ms: float, **more: Any) -> dict[str, Any
 
 
 def test_the_least_error_is_taken() -> None:
-    verdict = judge(
+    verdict = judge_methods(
         [row("slow", 0.004, 40.0), row("quick", 0.007, 7.0), row("bad", 0.05, 5.0),
          row("beaten", 0.008, 9.0)],
         simulated=True,
@@ -46,43 +46,41 @@ def test_the_least_error_is_taken() -> None:
     [
         (
             {"confident_wrong_share": 0.02},
-            "2 % of what it is confident on is off by more than 0.1 mm",
+            "2 % of its confident pixels are off by more than 0.1 mm",
         ),
         ({"coverage": 0.5}, "confident on 50 % of the moving pattern"),
         ({"trusted_share": 0.9}, "trusts 90 % of the frames"),
     ],
 )
-def test_a_method_that_cannot_be_believed_is_not_taken_however_good_it_looks(
-    doubt: dict[str, float], says: str
-) -> None:
+def test_unreliable_method_is_never_recommended(doubt: dict[str, float], says: str) -> None:
     best, honest = row("best", 0.001, 1.0, **doubt), row("honest", 0.01, 30.0)
-    verdict = judge([best, honest], simulated=True)
+    verdict = judge_methods([best, honest], simulated=True)
     assert verdict.take == "honest"
     assert says in verdict.doubts["best"][0]
-    alone = judge([best], simulated=True)
+    alone = judge_methods([best], simulated=True)
     assert alone.take is None
     assert not alone.trusted
     assert alone.line.startswith("Do not trust this experiment: no method is reliable.")
     assert says in alone.line
 
 
-def test_without_truth_the_errors_at_the_dots_are_compared() -> None:
+def test_dot_errors_rank_without_truth() -> None:
     rows = [row("a", None, 9.0, mean_at_dots_mm=0.02), row("b", None, 3.0, mean_at_dots_mm=0.05)]
-    verdict = judge(rows, simulated=False)
+    verdict = judge_methods(rows, simulated=False)
     assert verdict.take == "a"
     assert "0.0200 mm at the dots" in verdict.line
     assert "95 % of the image" in verdict.line
     assert "no truth to compare with" in verdict.line
 
 
-def test_a_run_of_one_frame_is_no_experiment() -> None:
-    verdict = judge([{"name": "a", **ErrorTally().figures()}], simulated=True)
+def test_single_frame_run_is_not_trusted() -> None:
+    verdict = judge_methods([{"name": "a", **ErrorTally().figures()}], simulated=True)
     assert not verdict.trusted
-    assert "no frame after the first one" in verdict.line
+    assert "no frame after the reference" in verdict.line
     json.dumps(asdict(verdict), allow_nan=False)
 
 
-def test_little_is_not_told_as_nothing_nor_nearly_all_as_all() -> None:
+def test_percentages_near_limits_are_not_rounded() -> None:
     shares = (0, 1e-6, 0.0001, 0.016, 0.5, 0.9995, 1)
     assert [format_percent(share) for share in shares] == [
         "0 %", "under 0.001 %", "0.01 %", "1.6 %", "50 %", "over 99.9 %", "100 %",

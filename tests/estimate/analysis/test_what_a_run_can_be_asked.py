@@ -42,9 +42,7 @@ def analysed(run: Path, *methods: str) -> TrackingResult:
 
 
 @pytest.mark.slow
-def test_a_skin_of_dots_alone_is_followed_by_its_dots(
-    mini: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_dots_only_skin_is_tracked(mini: tuple[Path, Path], tmp_path: Path) -> None:
     run = pressed("dots", mini, tmp_path)
     result = analysed(run)
     (row,) = result.methods
@@ -55,7 +53,7 @@ def test_a_skin_of_dots_alone_is_followed_by_its_dots(
     assert result.dots is not None
     assert result.dots["lost"] == 0
     assert result.dots["max_vs_truth_mm"] < 0.1
-    assert result.left_out == ["dense flow: the pattern has only dots to follow"]
+    assert result.left_out == ["dense flow: the pattern has only dots"]
     assert result.verdict.take == "dots"
     assert "of the moving dots" in result.verdict.line
     assert result.verdict.line in write_run_page(run, tmp_path / "r.html", result).read_text()
@@ -64,9 +62,7 @@ def test_a_skin_of_dots_alone_is_followed_by_its_dots(
 
 
 @pytest.mark.slow
-def test_where_the_dots_cannot_be_seen_the_flow_is_analysed_without_them(
-    mini_run: Path, tmp_path: Path
-) -> None:
+def test_flow_is_analysed_without_visible_dots(mini_run: Path, tmp_path: Path) -> None:
     import shutil
 
     shutil.copytree(mini_run, tmp_path / "r", ignore=shutil.ignore_patterns("analysis"))

@@ -8,7 +8,7 @@ import pytest
 
 from deltact_fab.estimate.measure.face import FaceFlow
 from deltact_fab.estimate.measure.force.model import TractionField
-from deltact_fab.estimate.measure.shape.depth import Depth, contacts
+from deltact_fab.estimate.measure.shape.depth import Depth, find_contacts
 from deltact_fab.sensor.optics.camera import Pinhole
 
 CAMERA = Pinhole(0.0378, 798, 586, 12.85)
@@ -32,7 +32,7 @@ def _flow(shift: tuple[float, float] = (0, 0)) -> FaceFlow:
 
 
 def test_cap_centre_rim_and_outline():
-    (one,) = contacts(_depth((3.0, -2.0, 1.0, 4.0)), _flow(), CAMERA)
+    (one,) = find_contacts(_depth((3.0, -2.0, 1.0, 4.0)), _flow(), CAMERA)
     area = np.pi * 4.0**2 * 0.7
     assert one.area_mm2 == pytest.approx(area, rel=0.02)
     assert np.allclose(one.centroid_mm, (3, -2), atol=0.03)
@@ -51,7 +51,7 @@ def test_contact_position_corrected_for_parallax():
     z = -depth.depth_mm
     px = CAMERA.project_px(np.concatenate((sheared, z[..., None]), axis=-1))
     shift = (CAMERA.rest_mm(px) - AT).astype(np.float32)
-    (one,) = contacts(depth, FaceFlow(shift, depth.known, X, Y), CAMERA)
+    (one,) = find_contacts(depth, FaceFlow(shift, depth.valid, X, Y), CAMERA)
     assert np.allclose(one.centroid_mm, (6, 0), atol=0.03)
     assert np.allclose(one.place_mm, (6.8, -0.5), atol=0.03)
 
@@ -61,7 +61,7 @@ def test_two_contacts_share_pressure():
     pressure = np.where(AT[..., 0] < 0, 3.0, 1.0) * (depth.depth_mm > 0)
     sums = [pressure[:, X < 0].sum(), pressure[:, X >= 0].sum()]
     field = np.stack((0 * pressure, 0 * pressure, -pressure), axis=-1)
-    found = contacts(depth, _flow(), CAMERA, TractionField(field, X, Y, 1.0))
+    found = find_contacts(depth, _flow(), CAMERA, TractionField(field, X, Y, 1.0))
     assert [round(c.peak_depth_mm, 1) for c in found] == [1.0, 0.4]
     assert np.allclose([c.force_share for c in found], np.array(sums) / sum(sums))
 
@@ -69,12 +69,12 @@ def test_two_contacts_share_pressure():
 @pytest.mark.parametrize(("apart", "number"), [(3.0, 1), (5.0, 2)])
 def test_merged_peaks_are_one_contact(apart, number):
     near = _depth((-apart / 2, 0.0, 1.0, 3.5), (apart / 2, 0.0, 0.9, 3.5))
-    assert len(contacts(near, _flow(), CAMERA)) == number
+    assert len(find_contacts(near, _flow(), CAMERA)) == number
 
 
 def test_rest_has_no_contact():
-    assert contacts(_depth(), _flow(), CAMERA) == []
+    assert find_contacts(_depth(), _flow(), CAMERA) == []
     depth = _depth((0.0, 0.0, 1.0, 4.0))
-    depth.known[:, X > 0] = False
-    (one,) = contacts(depth, _flow(), CAMERA)
+    depth.valid[:, X > 0] = False
+    (one,) = find_contacts(depth, _flow(), CAMERA)
     assert one.cover == pytest.approx(0.5, abs=0.03)

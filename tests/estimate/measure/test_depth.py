@@ -11,7 +11,12 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.measure.face import FaceFlow
 from deltact_fab.estimate.measure.sensor_id import SensorModel
 from deltact_fab.estimate.measure.shape.density import jacobian_density, relative_depth
-from deltact_fab.estimate.measure.shape.depth import DepthFinder, DepthModel, ball_mm, contacts
+from deltact_fab.estimate.measure.shape.depth import (
+    DepthFinder,
+    DepthModel,
+    ball_depth_mm,
+    find_contacts,
+)
 from deltact_fab.sensor.elasticity.block import FreeBlock
 from deltact_fab.sensor.elasticity.material import GelMaterial
 from deltact_fab.sensor.optics.camera import Pinhole, axes_mm
@@ -62,12 +67,12 @@ def test_ball_depth_is_its_cap():
     depth = np.maximum(1.5 - cap, 0)
     drawn = _seen(np.stack((0 * depth, 0 * depth, -depth), axis=-1))
     assert np.abs(drawn.shift_mm).max() > 0.3  # off the axis depth is seen as motion
-    assert np.abs(ball_mm(drawn, VIEW, tip, radius) - depth).max() < 1e-3
+    assert np.abs(ball_depth_mm(drawn, VIEW, tip, radius) - depth).max() < 1e-3
 
 
 def test_press_position_and_depth(finder, pressed):
     true = -pressed[..., 2]
-    got = finder.of(_seen(pressed))
+    got = finder.find(_seen(pressed))
     assert got.cover == 1
     contact = true > 0.4 * true.max()
     assert np.abs(got.depth_mm - true)[contact].mean() < 0.15 * true.max()
@@ -78,8 +83,8 @@ def test_press_position_and_depth(finder, pressed):
 
 def test_gain_scales_and_extrapolation_is_flagged(finder, pressed):
     flow = _seen(pressed)
-    once = finder.of(flow)
-    shallow = DepthFinder(VIEW, DepthModel(1.5, 0.3)).of(flow)
+    once = finder.find(flow)
+    shallow = DepthFinder(VIEW, DepthModel(1.5, 0.3)).find(flow)
     assert np.allclose(shallow.depth_mm, 1.5 * once.depth_mm)
     assert (once.extrapolated, shallow.extrapolated) == (False, True)
 
@@ -88,9 +93,9 @@ def test_hidden_part_lowers_cover_only(finder, pressed):
     shift = _seen(pressed).shift_mm
     known = np.hypot(AT[..., 0] - 5, AT[..., 1] + 3) > 2.5
     guessed = np.where(known[..., None], shift, 3.0).astype(np.float32)
-    seen, other = (finder.of(FaceFlow(s, known, X, Y)) for s in (shift, guessed))
+    seen, other = (finder.find(FaceFlow(s, known, X, Y)) for s in (shift, guessed))
     assert seen.cover < 0.9
-    assert (seen.known == known).all()
+    assert (seen.valid == known).all()
     assert (seen.depth_mm == other.depth_mm).all()
 
 
@@ -101,11 +106,11 @@ def test_nan_points_do_not_spread(finder, pressed, lost):
     shift[gone] = np.nan
     flow = FaceFlow(shift, np.ones(gone.shape, bool), X, Y)
     density = jacobian_density(flow, VIEW.camera.mm_per_px)
-    depth = finder.of(flow)
+    depth = finder.find(flow)
     for values in (density.value, relative_depth(density, flow), depth.depth_mm):
         assert np.isfinite(values).all()
-    assert not (density.reliable | depth.known)[gone].any()
-    found = contacts(depth, flow, VIEW.camera)
+    assert not (density.reliable | depth.valid)[gone].any()
+    found = find_contacts(depth, flow, VIEW.camera)
     if lost == "all":
         assert (depth.cover, density.cover, found) == (0, 0, [])
     else:
@@ -123,7 +128,7 @@ def test_nan_points_do_not_spread(finder, pressed, lost):
     ids=["none", "shift", "shift and turn"],
 )
 def test_a_rigid_motion_has_no_depth(finder, flow):
-    assert finder.of(flow).depth_mm.max() == 0
+    assert finder.find(flow).depth_mm.max() == 0
     density = jacobian_density(flow, VIEW.camera.mm_per_px)
     assert np.abs(relative_depth(density, flow)).max() < 3e-3
 

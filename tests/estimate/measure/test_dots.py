@@ -15,7 +15,7 @@ DIAMETER_PX = 0.6 / MM_PER_PX
 def error_mm(seen: Any, scene: Any, bump: Any) -> Any:
     """Displacement errors of the dots that were found."""
     truth = bump.displacement_px(scene.rest_px)
-    return np.hypot(*(seen.displacement_px - truth)[seen.found].T) * MM_PER_PX
+    return np.hypot(*(seen.displacement_px - truth)[seen.located].T) * MM_PER_PX
 
 
 def in_view(scene: Any, bump: Any, border: float = 11.0) -> Any:
@@ -38,7 +38,7 @@ def test_jump_by_pitches_keeps_identities(jump_px, small, make_bump):
     seen = tracker.update(small.picture(jump, 1))
     assert error_mm(seen, small, jump).max() <= 0.06
     assert error_mm(seen, small, jump).mean() <= 0.01
-    assert not (in_view(small, jump) & ~seen.found).any()
+    assert not (in_view(small, jump) & ~seen.located).any()
 
 
 def test_covered_dots_flagged_and_return(small, make_bump):
@@ -60,10 +60,10 @@ def test_covered_dots_flagged_and_return(small, make_bump):
             image[top - 14 : top + 14, left : left + 14] = 0
             hidden[0] = True
         seen = tracker.update(image)
-        assert not seen.found[hidden].any()
-        assert seen.found[:7][1:].all()
+        assert not seen.located[hidden].any()
+        assert seen.located[:7][1:].all()
         assert error_mm(seen, small, now).max() <= 0.06
-    assert seen.found.all()
+    assert seen.located.all()
 
 
 def test_tracking_recovers_after_unrelated_image(small, make_scene):
@@ -72,10 +72,10 @@ def test_tracking_recovers_after_unrelated_image(small, make_scene):
     other = make_scene(400, 320, dots=True, seed=9).picture()
     noise = np.random.default_rng(1).integers(0, 256, (320, 400, 3), np.uint8)
     for image in (np.zeros((320, 400, 3), np.uint8), np.full((320, 400, 3), 255, np.uint8), noise):
-        assert not tracker.update(image).found.any()
+        assert not tracker.update(image).located.any()
     # The same grid of dots in other colours: every dot is where it should be, and none is ours.
-    assert not tracker.update(other).found.any()
-    assert tracker.update(small.picture(None, 7)).found.all()
+    assert not tracker.update(other).located.any()
+    assert tracker.update(small.picture(None, 7)).located.all()
 
 
 def test_first_image_needs_dots(small, make_scene):
@@ -84,7 +84,7 @@ def test_first_image_needs_dots(small, make_scene):
         tracker = DotTracker(small.rest_px, DIAMETER_PX)
         with pytest.raises(SensorError, match="of 49 white dots found in the first image"):
             tracker.update(image)
-        assert tracker.update(small.picture()).found.all()
+        assert tracker.update(small.picture()).located.all()
     with pytest.raises(SensorError, match="shifted by more than 8 px"):
         DotTracker(small.rest_px + 20.0, DIAMETER_PX).update(small.picture())
 
@@ -94,10 +94,10 @@ def test_dot_hidden_at_first_stays_unreported(small, make_bump):
     x, y = (int(v) for v in small.rest_px[10])
     image[y - 15 : y + 15, x - 15 : x + 15] = 40
     tracker = DotTracker(small.rest_px, DIAMETER_PX)
-    assert np.flatnonzero(~tracker.update(image).found).tolist() == [10]
+    assert np.flatnonzero(~tracker.update(image).located).tolist() == [10]
     bump = make_bump((200, 160), 80, shear_px=(8, 5))
     seen = tracker.update(small.picture(bump, 1))
-    assert np.flatnonzero(~seen.found).tolist() == [10]
+    assert np.flatnonzero(~seen.located).tolist() == [10]
     assert np.isnan(tracker.first_px[10]).all()
     assert error_mm(seen, small, bump).max() <= 0.06
 

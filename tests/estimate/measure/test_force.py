@@ -11,7 +11,7 @@ import pytest
 from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.measure.face import FaceFlow, fill_unknown
 from deltact_fab.estimate.measure.force import make_features
-from deltact_fab.estimate.measure.force.model import COMPONENTS, ForceModel
+from deltact_fab.estimate.measure.force.model import WRENCH_AXES, ForceModel
 from deltact_fab.estimate.measure.sensor_id import SensorModel
 from deltact_fab.sensor.optics.camera import Pinhole
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
@@ -54,19 +54,19 @@ WRENCHES = np.random.default_rng(5).normal(size=(40, 6))  # any: symmetry is no 
 
 def _fitted(name: str, flows=FLOWS, wrenches=WRENCHES):
     features = make_features(name, VIEW)
-    columns = np.stack([features.of(flow) for flow in flows])
+    columns = np.stack([features.compute(flow) for flow in flows])
     return features, ForceModel.fit(features, columns, wrenches)[0], columns
 
 
 def test_mirrored_face_gives_mirrored_wrench():
     features, model, columns = _fitted("sums")
-    mirrored = np.stack([features.of(_mirrored(flow)) for flow in FLOWS])
+    mirrored = np.stack([features.compute(_mirrored(flow)) for flow in FLOWS])
     assert np.allclose(model.predict(mirrored), model.predict(columns) * MIRROR_X, atol=1e-4)
 
 
 def test_even_powers_break_shear_mirror_only():
     features, model, columns = _fitted("paper")
-    mirrored = np.stack([features.of(_mirrored(flow)) for flow in FLOWS])
+    mirrored = np.stack([features.compute(_mirrored(flow)) for flow in FLOWS])
     off = model.predict(mirrored) - model.predict(columns) * MIRROR_X
     broken = np.abs(off).max(axis=0) > 1e-3 * np.abs(model.predict(columns)).max(axis=0)
     assert broken.tolist() == [True, True, False, False, False, False]
@@ -84,7 +84,7 @@ def _twist(x, y):
 @pytest.mark.parametrize("name", SETS)
 def test_pure_twist_gives_torque_only(name):
     features, model, columns = _fitted(name)
-    seen = features.of(_face(_twist))
+    seen = features.compute(_face(_twist))
     found = dict(zip(features.names, seen, strict=True))
     # The integral of rho^2 angle, all of it in r.
     assert found["x ry mm4"] - found["y rx mm4"] == pytest.approx(0.12 * np.pi * 64, rel=0.02)
@@ -112,12 +112,12 @@ def test_unknown_points_have_no_effect(name):
     for guess in (0.0, 1e9, np.nan):
         shift = FLOWS[2].shift_mm.copy()
         shift[~lost] = guess
-        guesses.append(features.of(replace(FLOWS[2], shift_mm=shift, known=lost)))
+        guesses.append(features.compute(replace(FLOWS[2], shift_mm=shift, known=lost)))
     assert np.isfinite(guesses[0]).all()
     assert np.array_equal(guesses[0], guesses[1])
     assert np.array_equal(guesses[0], guesses[2])
     nothing = replace(FLOWS[2], known=np.zeros_like(lost))
-    assert not features.of(nothing).any()
+    assert not features.compute(nothing).any()
 
 
 def test_hole_fill_stays_in_known_range():
@@ -139,7 +139,7 @@ def test_model_range_survives_file():
     _, model, columns = _fitted("paper")
     again = ForceModel.from_dict(json.loads(json.dumps(model.as_dict())))
     assert np.array_equal(again.predict(columns), model.predict(columns))
-    assert not again.outside(columns).any()
+    assert not again.is_extrapolated(columns).any()
     rest = again.wrench(np.zeros(columns.shape[1]), 1.0)
     assert not rest.extrapolated
     assert not rest.force_n.any()
@@ -154,11 +154,11 @@ def test_light_touch_is_extrapolated_within_range():
     model, _ = ForceModel.fit(features, columns[deep], WRENCHES[deep])
     spread = features.names.index("D mm2")
     light = 0.2 * FLOWS[int(np.argmax(columns[:, spread]))].shift_mm
-    seen = features.of(replace(FLOWS[0], shift_mm=light))[None]
+    seen = features.compute(replace(FLOWS[0], shift_mm=light))[None]
     assert seen[0, spread] < columns[deep][:, spread].min()
-    assert model.outside(seen).all()
-    assert not model.outside(np.zeros_like(seen)).any()
-    assert model.outside(np.full_like(seen, np.nan)).all()
+    assert model.is_extrapolated(seen).all()
+    assert not model.is_extrapolated(np.zeros_like(seen)).any()
+    assert model.is_extrapolated(np.full_like(seen, np.nan)).all()
 
 
 def test_unknown_set_and_column_are_named():
@@ -169,4 +169,4 @@ def test_unknown_set_and_column_are_named():
     bad[4, features.names.index("Vx mm3")] = np.nan
     with pytest.raises(InputError, match=r"force model sums: fx: .*Vx mm3: row 4"):
         ForceModel.fit(features, bad, WRENCHES)
-    assert set(features.explains) == set(COMPONENTS)
+    assert set(features.explains) == set(WRENCH_AXES)

@@ -10,9 +10,9 @@ import pytest
 
 from deltact_fab.bench.record.images import encode_png
 from deltact_fab.common.errors import InputError
-from deltact_fab.estimate.measure.force import features_of, make_features
+from deltact_fab.estimate.measure.force import load_features, make_features
 from deltact_fab.estimate.measure.force.calibration import ForceCalibration, load_force
-from deltact_fab.estimate.measure.force.model import COMPONENTS, ForceModel
+from deltact_fab.estimate.measure.force.model import WRENCH_AXES, ForceModel
 from deltact_fab.estimate.measure.sensor_id import CalibrationHead, CalibrationSource, SensorModel
 from deltact_fab.sensor.optics.camera import Pinhole
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
@@ -31,7 +31,7 @@ def written(tmp_path: Path) -> tuple[ForceCalibration, Path]:
     )
     features = make_features("sums", blank.view(SensorModel(CAMERA)))
     X = rng.uniform(0.5, 1.5, (40, len(features.names)))
-    model, _ = ForceModel.fit(features, X, rng.normal(size=(40, len(COMPONENTS))))
+    model, _ = ForceModel.fit(features, X, rng.normal(size=(40, len(WRENCH_AXES))))
     image = rng.integers(0, 256, (6, 8, 3), dtype=np.uint8)
     made = ForceCalibration(
         head, model, SkinDimensions(), 0.49, {"normal": {"rmse_n": 0.2}}, rest=encode_png(image)
@@ -61,21 +61,21 @@ def test_what_was_written_is_read(written: tuple[ForceCalibration, Path]) -> Non
     assert image is not None
     assert image.shape == (6, 8, 3)
     view = read.view(SensorModel(CAMERA))
-    assert features_of(read.model, view, str(path)).names == made.model.names
-    with pytest.raises(InputError, match=r"^c.toml: not of this version's .* calibrate again"):
-        features_of(replace(made.model, features="paper"), view, "c.toml")
+    assert load_features(read.model, view, str(path)).names == made.model.names
+    with pytest.raises(InputError, match=r"^c.toml: features .* have changed; calibrate again"):
+        load_features(replace(made.model, features="paper"), view, "c.toml")
     with pytest.raises(InputError, match=r"^c.toml: .*'summs': unknown; did you mean 'sums'"):
-        features_of(replace(made.model, features="summs"), view, "c.toml")
+        load_features(replace(made.model, features="summs"), view, "c.toml")
 
 
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("poisson = 0.49", "poisson = 0.7", "view.poisson: a number between 0 and 0.5"),
+        ("poisson = 0.49", "poisson = 0.7", "view.poisson must be between 0 and 0.5"),
         ("thickness_mm = 12.0", "thickness_mm = -1.0", "view.skin"),
         ("fz = [", "fy2 = [", "fz: missing"),
         ("fz = [", "fz = [nan, ", "model.coefficients.fz.0: not a finite number"),
-        ("fz = [", "fz = [1.0, ", "not as many as names"),
+        ("fz = [", "fz = [1.0, ", "too few or many"),
         ('file = "c.rest.png"', 'file = "../c.rest.png"', "rest.file"),
         ('file = "c.rest.png"', 'file = "gone.png"', "gone.png: cannot be read"),
         ('sha256 = "', 'sha256 = "0', "differs from the hash"),

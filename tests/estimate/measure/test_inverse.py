@@ -15,14 +15,14 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.measure.face import FaceFlow
 from deltact_fab.estimate.measure.force import make_features
 from deltact_fab.estimate.measure.force.inverse import (
-    NOISE_MM,
+    SHIFT_NOISE_MM,
     FaceInverse,
     Inverse,
     least_squares_signed,
 )
 from deltact_fab.estimate.measure.force.model import ForceModel
 from deltact_fab.estimate.measure.sensor_id import SensorModel
-from deltact_fab.estimate.measure.shape.depth import DepthFinder, DepthModel, contacts
+from deltact_fab.estimate.measure.shape.depth import DepthFinder, DepthModel, find_contacts
 from deltact_fab.physics.gel.path.knots import Increments, ObservedChannels
 from deltact_fab.physics.gel.path.open import choose_level, open_path
 from deltact_fab.sensor.elasticity.block import FreeBlock
@@ -78,8 +78,8 @@ PLACES = [(0.0, 0.0, 2.5), (3.0, -2.0, 2.0), (-5.0, 4.0, 3.0)]
 def test_press_of_other_model_recovered(features, block, x0, y0, radius) -> None:
     traction, force = _spot(block, x0, y0, radius, (0.05, -0.07, -0.3))
     flow = _seen(block, traction)
-    press = features.inverse.of(flow)
-    six = features.of(flow)[:6]
+    press = features.inverse.solve(flow)
+    six = features.compute(flow)[:6]
     assert np.abs(six[:3] - force).max() < 0.04 * -force[2]
     assert np.hypot(*(press.centre_mm() - (x0, y0))) < 0.35
     assert press.cover > 0.99
@@ -92,7 +92,7 @@ def test_press_of_other_model_recovered(features, block, x0, y0, radius) -> None
 def test_an_even_pressure_is_not_lost(features, block) -> None:
     """What a bonded gel hides most: a linear first look returns less than two thirds of it."""
     traction, force = _spot(block, 1.0, -1.0, 4.5, (0, 0, -0.1), even=True)
-    six = features.of(_seen(block, traction))
+    six = features.compute(_seen(block, traction))
     assert six[2] == pytest.approx(force[2], rel=0.05)
 
 
@@ -106,11 +106,12 @@ def test_traction_sums_to_model_force(features, block) -> None:
         flows.append(_seen(block, t))
         wrenches.append(0.6 * np.concatenate((force, np.cross([x0, y0, 0], force))))
     made = make_features("inverse-placed", VIEW)
-    model, _ = ForceModel.fit(made, np.array([made.of(flow) for flow in flows]), np.array(wrenches))
+    X = np.array([made.compute(flow) for flow in flows])
+    model, _ = ForceModel.fit(made, X, np.array(wrenches))
     for flow in flows:
         field = made.traction(flow, model)
         np.testing.assert_allclose(
-            field.force_n, model.predict(made.of(flow)[None])[0, :3], atol=1e-9
+            field.force_n, model.predict(made.compute(flow)[None])[0, :3], atol=1e-9
         )
         assert field.traction_mpa[..., 2].max() <= 0
     # Young's modulus is what it should find.
@@ -123,25 +124,25 @@ def test_single_place_keeps_factor(features, block) -> None:
     found, wrenches = [], []
     for i, t_z in enumerate((-0.1, -0.2, -0.3)):
         traction, force = _spot(block, 0.5, -0.3 * i, 2.5, (0.01, 0.02, t_z))
-        found.append(features.of(_seen(block, traction)))
+        found.append(features.compute(_seen(block, traction)))
         wrenches.append(np.concatenate((force, np.cross([0.5, -0.3 * i, 0.0], force))))
     model, _ = ForceModel.fit(made, np.array(found), np.array(wrenches))
     far, force = _spot(block, 5.0, 4.0, 2.5, (0, 0, -0.2))
-    told = model.predict(features.of(_seen(block, far))[None])[0]
+    told = model.predict(features.compute(_seen(block, far))[None])[0]
     assert told[2] == pytest.approx(force[2], rel=0.08)
 
 
 @pytest.mark.parametrize("wide_mm", [1.0, 5.0])
 def test_noise_is_no_press(features, block, wide_mm) -> None:
     flow = _seen(block, np.zeros((*block.shape, 3)))
-    assert not features.inverse.of(flow).traction_mpa.any()
+    assert not features.inverse.solve(flow).traction_mpa.any()
     rng = np.random.default_rng(5)
     for _ in range(20):
         noise = gaussian_filter(
             rng.normal(size=flow.shift_mm.shape), (*[wide_mm / flow.cell_mm] * 2, 0)
         )
-        noise *= NOISE_MM / noise.std()
-        press = features.inverse.of(replace(flow, shift_mm=noise.astype(np.float32)))
+        noise *= SHIFT_NOISE_MM / noise.std()
+        press = features.inverse.solve(replace(flow, shift_mm=noise.astype(np.float32)))
         assert not press.traction_mpa.any()
         assert press.cover == 1
 
@@ -150,14 +151,14 @@ def test_hole_is_excluded_and_reported(features, block) -> None:
     traction, force = _spot(block, 1.0, 0.0, 2.5, (0.02, 0, -0.12))
     flow = _seen(block, traction)
     beside = flow.known & ~(np.hypot(flow.x_mm + 4, flow.y_mm[:, None] - 3) < 2)
-    told = features.of(replace(flow, known=beside, shift_mm=_wild(flow, ~beside)))
+    told = features.compute(replace(flow, known=beside, shift_mm=_wild(flow, ~beside)))
     assert told[2] == pytest.approx(force[2], rel=0.05)
     assert features.cover(replace(flow, known=beside)) > 0.98
     middle = flow.known & ~(np.hypot(flow.x_mm - 1, flow.y_mm[:, None]) < 2.5)
     assert 0.3 < features.cover(replace(flow, known=middle)) < 0.9
-    assert features.of(replace(flow, known=middle))[2] == pytest.approx(force[2], rel=0.15)
+    assert features.compute(replace(flow, known=middle))[2] == pytest.approx(force[2], rel=0.15)
     lost = replace(flow, known=np.zeros_like(flow.known), shift_mm=_wild(flow, flow.known))
-    assert not features.of(lost).any()
+    assert not features.compute(lost).any()
     assert features.cover(lost) == 0
 
 
@@ -173,7 +174,7 @@ def test_impossible_motion_is_foreign(features, block, size_mm) -> None:
     flow = _seen(block, np.zeros((*block.shape, 3)))
     wild = np.random.default_rng(6).normal(size=flow.shift_mm.shape).astype(np.float32) * size_mm
     wild_flow = replace(flow, shift_mm=wild)
-    assert np.isfinite(features.of(wild_flow)).all()
+    assert np.isfinite(features.compute(wild_flow)).all()
     assert features.cover(wild_flow) == 0
 
 
@@ -189,9 +190,9 @@ def test_finite_strain_ball_needs_modulus_only(features) -> None:
     for pose, knot in zip(poses, solver.solve_all(), strict=True):
         flow = _shown(*solver.axes_mm, knot.displacement_mm)
         force = 0.56 * np.array(knot.force_n)
-        assert np.abs(0.56 * features.of(flow)[:3] - force).max() < 0.08 * -force[2]
+        assert np.abs(0.56 * features.compute(flow)[:3] - force).max() < 0.08 * -force[2]
         finder = DepthFinder(features.view, DepthModel(1.0, 20.0))
-        (found,) = contacts(finder.of(flow), flow, features.view.camera)
+        (found,) = find_contacts(finder.find(flow), flow, features.view.camera)
         assert np.hypot(*(found.place_mm - pose.tip_mm[:2])) < 0.5
 
 

@@ -39,7 +39,7 @@ def model(images: list[np.ndarray]) -> ForceModel:
     features = make_features("sums", VIEW)
     measurement = Measurement(VIEW, ["flow"], spacing_px=FaceFlow.SPACING_PX)
     flows = [measurement.update(image).flow for image in images]
-    x = np.array([features.of(flow) for flow in flows if flow is not None])
+    x = np.array([features.compute(flow) for flow in flows if flow is not None])
     wrench = np.random.default_rng(3).normal(size=(len(x), 6))
     return ForceModel.fit(features, x, wrench)[0]
 
@@ -57,7 +57,7 @@ def test_only_required_parts_run(
     images: list[np.ndarray], model: ForceModel, monkeypatch: pytest.MonkeyPatch
 ):
     called = list[str]()
-    for name in ("fill_unknown", "jacobian_density", "relative_depth", "contacts"):
+    for name in ("fill_unknown", "jacobian_density", "relative_depth", "find_contacts"):
         monkeypatch.setattr(outputs, name, lambda face, *_, name=name: called.append(name) or face)
     Measurement(VIEW, ["flow", "observation"], [model]).update(images[0])
     assert called == []

@@ -8,7 +8,7 @@ from scipy import stats
 
 from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.measure.force import make_features
-from deltact_fab.estimate.measure.force.model import COMPONENTS, ForceModel
+from deltact_fab.estimate.measure.force.model import WRENCH_AXES, ForceModel
 from deltact_fab.estimate.measure.regression import MIN_PRESSES, least_squares
 from deltact_fab.estimate.measure.sensor_id import SensorModel
 from deltact_fab.sensor.optics.camera import Pinhole
@@ -66,15 +66,15 @@ def test_statsmodels_agrees_on_force_models(name, component):
     labels = features.explains[component]
     columns, y = (
         X[:, [features.names.index(one) for one in labels]],
-        wrench[:, COMPONENTS.index(component)],
+        wrench[:, WRENCH_AXES.index(component)],
     )
     size = np.sqrt(np.mean(columns[:, 0] ** 2))
-    held = [one for one in labels if one in features.held]
-    assert ours.prior == pytest.approx({one: size * features.held[one] for one in held})
-    pseudo = [[size * features.held[one] * (one == other) for other in labels] for one in held]
+    prior = {one: size * s for one, s in features.prior_scales.items() if one in labels}
+    assert ours.prior == pytest.approx(prior)
+    pseudo = [[value * (one == other) for other in labels] for one, value in prior.items()]
     n, k, many = len(y), len(labels), len(set(presses))
     theirs = OLS(
-        np.concatenate((y, np.zeros(len(held)))), np.vstack((columns, *pseudo)), hasconst=False
+        np.concatenate((y, np.zeros(len(prior)))), np.vstack((columns, *pseudo)), hasconst=False
     ).fit()
     assert ours.coefficients == pytest.approx(theirs.params, rel=1e-10)
     left = theirs.resid[:n]

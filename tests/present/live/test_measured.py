@@ -74,7 +74,7 @@ def test_the_report_says_what_the_command_says(
     said = table.loc[first, [f"{name}_est" for name in RunMeasurement.FORCE_COLUMNS]].to_numpy()
     live = [m.result.force.force_n for m in results if m.result.force is not None]
     assert said == pytest.approx(np.array(live)[: len(said)], abs=2e-3)
-    assert "this is no test of it" in found.force.line
+    assert "not a test" in found.force.line
     assert found.force.rms_n is not None
     assert max(found.force.rms_n[:2]) < 0.1
     assert found.force.rms_n[2] < 1
@@ -132,8 +132,8 @@ def test_a_calibration_of_this_run_is_no_test(
     force = measure_run(run, [file]).force
     assert force is not None
     assert force.rms_n is not None
-    assert force.own == own
-    assert ("this is no test of it" in force.line) == own
+    assert force.fitted_to_run == own
+    assert ("not a test" in force.line) == own
     for beyond in (False, True):
         table = force.frames.assign(extrapolated=beyond)
         assert replace(force, frames=table).doubtful == (own or beyond)

@@ -49,12 +49,12 @@ def pairs(channel: NDArray[Any]) -> NDArray[np.float64]:
     return np.array([np.mean((c[:, ::2] - c[:, 1::2]) ** 2), np.mean((c[::2] - c[1::2]) ** 2)])
 
 
-def test_light_of_leds_is_brightest_at_the_edge() -> None:
+def test_led_light_peaks_at_the_edge() -> None:
     linear = (exposed(EVEN, led_gradient=4.0).astype(float) / 255) ** 2.2
     assert linear[0, 0, 1] / linear[H // 2, W // 2, 1] == pytest.approx(4, rel=0.05)
 
 
-def test_a_contact_glows_until_it_is_white() -> None:
+def test_contact_glow_saturates_to_white() -> None:
     depth = np.zeros((H, W), np.float32)
     depth[:, W // 2 :] = 2.0
     image = exposed(EVEN, depth, contact_glow_per_mm=1.0)
@@ -63,7 +63,7 @@ def test_a_contact_glows_until_it_is_white() -> None:
     assert np.array_equal(exposed(EVEN, None, contact_glow_per_mm=1.0), exposed(EVEN))
 
 
-def test_corners_are_less_sharp_than_the_middle() -> None:
+def test_corners_are_less_sharp() -> None:
     image = exposed(colours(), corner_blur_px=2.0, blur_px=0.3)[..., 1]
     corner, middle = fine(image[:40, :40]), fine(image[100:140, 140:180])
     assert (corner < 0.5 * middle).all()
@@ -73,7 +73,7 @@ def test_corners_are_less_sharp_than_the_middle() -> None:
     ("format_", "halved"),
     [("yuyv", (1, 0)), ("mjpeg-422", (1, 0)), ("nv12", (1, 1)), ("mjpeg-420", (1, 1))],
 )
-def test_colour_is_halved_and_luma_is_not(format_: str, halved: tuple[int, int]) -> None:
+def test_chroma_is_subsampled_luma_is_not(format_: str, halved: tuple[int, int]) -> None:
     keys = {"mosaic": False, "blur_px": 0.3, "jpeg_quality": 95}
     whole, sent = (
         cv2.split(cv2.cvtColor(exposed(colours(), format=f, **keys), cv2.COLOR_BGR2YCrCb))

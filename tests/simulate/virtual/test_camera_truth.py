@@ -46,7 +46,7 @@ def random_design(seed: int) -> Design:
 
 
 @pytest.mark.slow
-def test_a_random_design_is_calibrated_to_its_own_lens(tmp_path: Path) -> None:
+def test_random_design_calibrates_to_its_lens(tmp_path: Path) -> None:
     """Through the fisheye rig: every parameter within three sigma of what drew (20 seeds did)."""
     seed = 0
     design = random_design(seed)
@@ -61,7 +61,7 @@ def test_a_random_design_is_calibrated_to_its_own_lens(tmp_path: Path) -> None:
     assert max(off.values()) < 3, off
 
 
-def test_a_lens_of_another_sensor_is_refused() -> None:
+def test_lens_of_another_sensor_is_refused() -> None:
     lens = FISHEYE.virtual.lens
     assert lens is not None
     own = lens.model_copy(update={"design": None})
@@ -77,7 +77,7 @@ def test_a_lens_of_another_sensor_is_refused() -> None:
 WIDE = 'base = "large-60x50"\n[optics]\nimage_width_px = 1050\n'
 
 
-def test_a_sticker_smaller_than_the_view_is_refused_everywhere(tmp_path: Path) -> None:
+def test_small_sticker_is_refused_everywhere(tmp_path: Path) -> None:
     """The same words from the sheet, the protocol's check and the photographs of the skin."""
     (tmp_path / "wide.toml").write_text(WIDE)
     protocol = (Path(__file__).parents[3] / "protocols" / "first-press.toml").read_text()

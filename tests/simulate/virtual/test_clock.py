@@ -8,7 +8,7 @@ import pytest
 from deltact_fab.simulate.virtual.clock import VirtualClock
 
 
-def test_every_tick_comes_once_at_its_time_however_time_passes() -> None:
+def test_each_tick_fires_once_on_time() -> None:
     clock = VirtualClock(3.0)
     seen: list[int] = []
     clock.schedule(7000.0, lambda t_ns: seen.extend(t_ns.tolist()))
@@ -18,7 +18,7 @@ def test_every_tick_comes_once_at_its_time_however_time_passes() -> None:
     assert seen == [3 * 10**9 + round(k * 1e9 / 7000) for k in range(1, 7000)]
 
 
-def test_ticks_of_several_devices_are_in_the_order_of_their_times() -> None:
+def test_ticks_are_ordered_by_time() -> None:
     clock = VirtualClock()
     seen: list[int] = []
     batches = []
@@ -39,7 +39,7 @@ def test_ticks_of_several_devices_are_in_the_order_of_their_times() -> None:
     assert max(batches) > 1
 
 
-def test_a_tick_that_fails_loses_no_other_and_none_may_let_time_pass() -> None:
+def test_failing_tick_loses_no_other() -> None:
     clock = VirtualClock()
     seen: list[int] = []
 

@@ -42,7 +42,7 @@ class Bench:
         return tuple(float(p) for p in line.split("MPos:")[1].split("|")[0].split(","))
 
 
-def test_homing_takes_time_and_ends_at_the_pull_off() -> None:
+def test_homing_ends_at_the_pull_off() -> None:
     bench = Bench(start_mm=(-20, -25, -10))
     bench.heard()
     assert bench.say("$H\n?", 1) == []  # no status is given while homing
@@ -58,7 +58,7 @@ def test_homing_takes_time_and_ends_at_the_pull_off() -> None:
     assert 4.5 < last.end_ns / 1e9 < 10
 
 
-def test_homing_end_can_be_the_far_one() -> None:
+def test_homing_at_the_far_end() -> None:
     bench = Bench({23: 1})
     bench.heard()
     bench.say("$H\n", 60)
@@ -90,7 +90,7 @@ def test_errors_have_the_firmware_s_codes(line: str, code: int) -> None:
 
 
 @pytest.mark.parametrize("length", [80, 128, 1000])
-def test_a_line_of_any_length_is_answered_once(length: int) -> None:
+def test_line_of_any_length_answered_once(length: int) -> None:
     bench = Bench().homed()
     assert bench.say("G21" * (length // 3 + 1) + "\n") == ["error:11"]
     assert bench.say("\n") == ["ok"]
@@ -110,7 +110,7 @@ def test_the_lock_refuses_motion_until_unlocked() -> None:
     assert bench.say("$J=G91X-1F100\n") == ["ok"]
 
 
-def test_a_jog_blocks_g_code_and_most_dollar_commands() -> None:
+def test_jog_blocks_g_code_and_settings() -> None:
     bench = Bench().homed()
     assert bench.say("$J=X-50F600\n", 0.5) == ["ok"]
     assert bench.say("G4P0.1\n$H\n$110=1\n") == ["error:9", "error:8", "error:8"]
@@ -118,7 +118,7 @@ def test_a_jog_blocks_g_code_and_most_dollar_commands() -> None:
     assert "Bf:13,128" in bench.say("?")[0]
 
 
-def test_jogs_reach_their_targets_in_all_their_dialects() -> None:
+def test_jogs_reach_targets_in_all_dialects() -> None:
     bench = Bench().homed()
     bench.say("$J=G90G21X-5F600\n", 5)
     assert bench.mpos() == (-5.0, -1.0, -1.0)
@@ -128,7 +128,7 @@ def test_jogs_reach_their_targets_in_all_their_dialects() -> None:
     assert bench.mpos() == (-2.0, -2.0, -2.0)
 
 
-def test_jog_cancel_stops_at_the_deceleration_and_keeps_the_position() -> None:
+def test_jog_cancel_decelerates_and_keeps_position() -> None:
     bench = Bench().homed()
     bench.say("$J=X-50F600\n", 1)
     before = bench.grbl.position_mm()[0]
@@ -162,7 +162,7 @@ def test_reset_while_moving_loses_the_position() -> None:
     assert bench.mpos() == (-1.0, -1.0, -1.0)
 
 
-def test_a_line_in_a_jog_cancel_waits_for_its_end() -> None:
+def test_line_waits_for_jog_cancel() -> None:
     bench = Bench().homed()
     bench.say("$J=X-50F600\n", 1)
     assert bench.say(b"\x85$J=X-5F600\n", 0.19) == []
@@ -170,7 +170,7 @@ def test_a_line_in_a_jog_cancel_waits_for_its_end() -> None:
     assert bench.mpos()[0] == -5.0
 
 
-def test_the_planner_holds_15_blocks_and_then_lines_wait() -> None:
+def test_planner_buffers_15_blocks() -> None:
     bench = Bench().homed()
     lines = "".join(f"$J=X{-2 - k}Y{-3 + k % 2}F600\n" for k in range(16))
     assert bench.say(lines) == ["ok"] * 15
@@ -180,7 +180,7 @@ def test_the_planner_holds_15_blocks_and_then_lines_wait() -> None:
     assert bench.mpos()[0] == -17.0
 
 
-def test_settings_are_read_back_and_take_effect() -> None:
+def test_settings_read_back_and_take_effect() -> None:
     bench = Bench(grbl_settings((100, 90, 50), (1000, 1000, 500), (20, 20, 10))).homed()
     lines = bench.say("$$\n")
     assert lines[0] == "$0=10"

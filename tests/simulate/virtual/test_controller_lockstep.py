@@ -52,7 +52,7 @@ def test_planned_time_is_the_controller_s(delta: float) -> None:
     assert planned == pytest.approx((last.end_ns - first.start_ns) / 1e9, abs=1e-3)
 
 
-def test_a_guard_s_cancel_is_seen_by_the_waiting_host() -> None:
+def test_waiting_host_sees_guard_cancel() -> None:
     bench = bench_of().homed()
     stage = bench.stage
     stage.start_move((0.0, 0.0, 5.0), 900.0)
@@ -64,7 +64,7 @@ def test_a_guard_s_cancel_is_seen_by_the_waiting_host() -> None:
     stage.wait()
 
 
-def test_an_interrupt_between_line_and_answer_leaves_no_stale_ok() -> None:
+def test_interrupt_leaves_no_stale_ok() -> None:
     bench = bench_of().homed()
     stage = bench.stage
     original = bench.link.read
@@ -81,7 +81,7 @@ def test_an_interrupt_between_line_and_answer_leaves_no_stale_ok() -> None:
     assert stage.wait().machine_mm == (-60.0, -49.0, -35.0)
 
 
-def test_interrupted_homing_is_stopped_by_a_reset() -> None:
+def test_interrupted_homing_is_reset() -> None:
     bench = bench_of()
     stage = bench.stage
     stage.connect()
@@ -113,7 +113,7 @@ def test_interrupted_homing_is_stopped_by_a_reset() -> None:
         ((0.0, 0.0, 5.0), 3000.0, r"feed 3000 mm/min moves X at 2\d+\.?\d*; its limit is 1500"),
     ],
 )
-def test_bad_moves_are_refused_before_a_byte_is_sent(
+def test_bad_moves_are_refused_unsent(
     target: tuple[float, float, float], feed: float, said: str
 ) -> None:
     bench = bench_of().homed()
@@ -138,7 +138,7 @@ def test_an_old_firmware_is_refused() -> None:
         bench.stage.connect()
 
 
-def test_a_board_that_does_not_restart_on_opening_is_not_reset() -> None:
+def test_board_without_restart_is_not_reset() -> None:
     bench = bench_of(resets_on_open=False)
     bench.clock.sleep_s(3)
     bench.homed()
@@ -146,7 +146,7 @@ def test_a_board_that_does_not_restart_on_opening_is_not_reset() -> None:
     bench.stage.close()
 
 
-def test_what_moves_when_a_host_connects_is_brought_to_rest() -> None:
+def test_connecting_stops_a_moving_stage() -> None:
     """A host that was killed left it so: nobody watches that motion."""
     for line, last in ((b"$J=X-50F100\n", b"\x85"), (b"$H\n", b"\x18")):
         bench = bench_of(resets_on_open=False)
@@ -172,7 +172,7 @@ def test_nobody_there() -> None:
         GrblStage("nonsense://x", bench.clock, StageFrame((0, 0, 0))).connect()
 
 
-def test_a_restart_in_mid_move_ends_all_motion_until_homed() -> None:
+def test_restart_mid_move_requires_homing() -> None:
     bench = bench_of().homed()
     stage = bench.stage
     stage.start_move((0.0, 0.0, 5.0), 600.0)
@@ -191,7 +191,7 @@ def test_a_restart_in_mid_move_ends_all_motion_until_homed() -> None:
     assert bench.grbl.position_mm() == pytest.approx((-60.0, -50.0, -35.0), abs=1e-12)
 
 
-def test_a_restart_between_moves_is_noticed_before_the_next() -> None:
+def test_restart_between_moves_is_noticed() -> None:
     bench = bench_of().homed()
     bench.grbl.fault("reboot")
     bench.clock.sleep_s(5)
@@ -200,7 +200,7 @@ def test_a_restart_between_moves_is_noticed_before_the_next() -> None:
     assert bench.sent()[-1] == b"$H\n"  # the jog was not sent
 
 
-def test_a_move_much_longer_than_planned_times_out() -> None:
+def test_overlong_move_times_out() -> None:
     bench = bench_of().homed()
     bench.grbl.settings[110] = bench.grbl.settings[111] = 60.0  # slower than it said
     bench.stage.whole_moves = True
@@ -237,14 +237,14 @@ def relative(bench: hosted.Bench) -> list[tuple[int, str, bytes]]:
 
 
 @pytest.mark.parametrize("start_s", [0.0, 12345.678901234])
-def test_the_same_script_gives_the_same_bytes_at_any_time_of_day(start_s: float) -> None:
+def test_same_script_gives_same_bytes(start_s: float) -> None:
     a, b = bench_of(), bench_of(start_s=start_s)
     assert script(a) == script(b)
     assert relative(a) == relative(b)
     assert len(a.trace) > 100
 
 
-def test_time_moves_only_with_bytes_and_sleeps() -> None:
+def test_time_advances_by_bytes_and_sleeps() -> None:
     bench = bench_of(resets_on_open=False)
     bench.clock.sleep_s(2)
     bench.grbl.read_available()
@@ -272,7 +272,7 @@ def test_time_moves_only_with_bytes_and_sleeps() -> None:
     assert bench.clock.now_ns() - t3 == 250_000_000
 
 
-def test_a_read_ends_when_the_controller_speaks() -> None:
+def test_read_ends_on_controller_output() -> None:
     bench = bench_of()
     port = bench.link.opened(10)
     t0 = bench.clock.now_ns()

@@ -55,7 +55,7 @@ def test_speed_and_acceleration_stay_within_limits(
 
 
 @given(point, point, speed, accel, st.floats(0, 1))
-def test_a_brake_goes_on_smoothly_and_ends_within_the_line(
+def test_braking_is_smooth_within_the_line(
     a: tuple[float, float, float],
     b: tuple[float, float, float],
     v: float,
@@ -135,7 +135,7 @@ def test_the_carriage_never_jumps(script: list[tuple[bytes, int, bytes, float]])
     assert not path or path[-1].end_mm == grbl.position_mm()
 
 
-def test_a_switch_trips_towards_it_and_not_leaving() -> None:
+def test_switch_trips_on_approach_only() -> None:
     """The axis has coasted over its switch, on which it still stands after the next move."""
     clock, grbl = ready(_20=0, _21=1)
 

@@ -102,7 +102,7 @@ def test_silence() -> None:
 
 
 @pytest.mark.parametrize("resets_on_open", [True, False])
-def test_a_cable_that_is_back_within_a_second(resets_on_open: bool) -> None:
+def test_cable_reconnected_within_a_second(resets_on_open: bool) -> None:
     bench = Bench(resets_on_open=resets_on_open).moving()
     bench.link.unplug(for_s=0.5)
     with pytest.raises(StageError, match=r"the link is lost .*was told to stop"):
@@ -114,7 +114,7 @@ def test_a_cable_that_is_back_within_a_second(resets_on_open: bool) -> None:
     bench.homes_at_once()
 
 
-def test_a_cable_that_stays_out_lets_it_go_on_for_what_it_was_told() -> None:
+def test_unplugged_cable_finishes_buffered_motion() -> None:
     bench = Bench().moving()
     from_mm = bench.grbl.position_mm()
     bench.link.unplug()
@@ -130,7 +130,7 @@ def test_a_cable_that_stays_out_lets_it_go_on_for_what_it_was_told() -> None:
     bench.homes_at_once()
 
 
-def test_the_first_reason_is_the_one_that_is_kept() -> None:
+def test_first_fault_reason_is_kept() -> None:
     bench = Bench().moving()
     bench.grbl.fault("limit")
     with pytest.raises(StageError, match="ALARM:1"):
@@ -142,7 +142,7 @@ def test_the_first_reason_is_the_one_that_is_kept() -> None:
         bench.stage.start_move(TARGET_MM, FEED_MM_MIN)
 
 
-def test_a_port_that_is_closed_in_mid_move() -> None:
+def test_port_closed_mid_move() -> None:
     bench = Bench().moving()
     bench.stage.close()
     assert bench.came_to_rest() < COAST_MM
@@ -150,7 +150,7 @@ def test_a_port_that_is_closed_in_mid_move() -> None:
 
 @pytest.mark.parametrize("wait_s", [0.0, 2.0])
 @pytest.mark.parametrize("when", ["moving", "resting"])
-def test_a_hard_limit_keeps_its_reason_and_one_homing_is_enough(wait_s: float, when: str) -> None:
+def test_hard_limit_needs_one_homing(wait_s: float, when: str) -> None:
     bench = Bench()
     if when == "moving":
         bench.moving()
@@ -165,7 +165,7 @@ def test_a_hard_limit_keeps_its_reason_and_one_homing_is_enough(wait_s: float, w
 
 
 @pytest.mark.parametrize("wait_s", [0.0, 0.6])
-def test_after_a_reset_in_motion_one_homing_is_enough(wait_s: float) -> None:
+def test_reset_in_motion_needs_one_homing(wait_s: float) -> None:
     bench = Bench().moving()
     bench.stage.abort()
     with pytest.raises(StageError, match="the controller was reset: home again"):
@@ -175,7 +175,7 @@ def test_after_a_reset_in_motion_one_homing_is_enough(wait_s: float) -> None:
 
 
 @pytest.mark.parametrize("asleep", [False, True])
-def test_a_board_that_hears_nothing_but_a_reset_is_connected_to(asleep: bool) -> None:
+def test_unresponsive_board_connects_after_reset(asleep: bool) -> None:
     bench = Bench(resets_on_open=False)
     if asleep:
         bench.grbl.write(b"$SLP\n")
@@ -197,7 +197,7 @@ def test_a_board_that_hears_nothing_but_a_reset_is_connected_to(asleep: bool) ->
         (b"\r\nGrbl 1.1h ['$' for help]\r\n", "restarted .*homing was told to stop"),
     ],
 )
-def test_homing_that_fails_is_stopped_by_a_reset(words: bytes, said: str) -> None:
+def test_failed_homing_is_reset(words: bytes, said: str) -> None:
     bench = Bench()
     bench.stage.start_move(TARGET_MM, FEED_MM_MIN)
     bench.stage.wait()
@@ -212,7 +212,7 @@ def test_homing_that_fails_is_stopped_by_a_reset(words: bytes, said: str) -> Non
     bench.homes_at_once()
 
 
-def test_no_homing_after_the_settings_were_refused() -> None:
+def test_refused_settings_block_homing() -> None:
     bench = Bench()
     bench.grbl.settings[20] = 0
     with pytest.raises(StageError, match=r"\$20=0 \(soft limits are off\)"):
@@ -226,7 +226,7 @@ def test_no_homing_after_the_settings_were_refused() -> None:
 
 
 @pytest.mark.parametrize("fault", ["lost ok", "false banner", "false alarm", "silence that ends"])
-def test_where_the_count_was_kept_the_tip_is_lifted(fault: str) -> None:
+def test_tip_lifts_if_position_is_kept(fault: str) -> None:
     bench = Bench()
     bench.stage.start_move((0.0, 0.0, 1.0), FEED_MM_MIN)
     bench.stage.wait()
@@ -251,7 +251,7 @@ def test_where_the_count_was_kept_the_tip_is_lifted(fault: str) -> None:
 
 
 @pytest.mark.parametrize("fault", ["reboot", "limit", "cable", "silence"])
-def test_where_the_count_may_be_lost_nothing_lifts(fault: str) -> None:
+def test_no_lift_if_position_uncertain(fault: str) -> None:
     bench = Bench().moving()
     if fault == "cable":
         bench.link.unplug()
@@ -268,7 +268,7 @@ def test_where_the_count_may_be_lost_nothing_lifts(fault: str) -> None:
     assert bench.clock.now_s() - before_s < 12
 
 
-def test_homing_twice_and_a_lift_at_the_top_meet_no_switch() -> None:
+def test_second_homing_trips_no_switch() -> None:
     bench = Bench()
     for _ in range(5):
         assert bench.stage.lift(25.0, 300.0)

@@ -31,7 +31,7 @@ class Bench(hosted.Bench):
         assert b"~" not in b"".join(self.sent())
 
 
-def test_a_door_that_opens_in_a_move() -> None:
+def test_door_opens_during_a_move() -> None:
     bench = Bench()
     bench.moving()
     bench.grbl.fault("door")
@@ -48,7 +48,7 @@ def test_a_door_that_opens_in_a_move() -> None:
 
 
 @pytest.mark.parametrize("mended_by", ["stop", "move"])
-def test_after_it_is_closed_the_position_is_still_known(mended_by: str) -> None:
+def test_closed_door_keeps_the_position(mended_by: str) -> None:
     bench = Bench()
     bench.moving()
     bench.grbl.fault("door")
@@ -91,7 +91,7 @@ def test_a_door_that_opens_while_homing() -> None:
     assert bench.grbl.position_mm() == (-1.0, -1.0, -1.0)
 
 
-def test_a_hold_in_a_jog_ends_it_and_one_at_rest_is_left_behind() -> None:
+def test_hold_ends_a_jog() -> None:
     bench = Bench()
     bench.moving()
     bench.grbl.fault("hold")
@@ -122,7 +122,7 @@ def test_connecting_and_homing_where_it_waits(kind: str) -> None:
     assert bench.stage.wait().machine_mm == MACHINE_MM
 
 
-def test_a_position_that_the_reset_took_is_known_to_be_lost() -> None:
+def test_reset_marks_the_position_lost() -> None:
     bench = Bench()
     bench.grbl.fault("hold")
 

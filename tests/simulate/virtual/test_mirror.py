@@ -74,7 +74,7 @@ def off(a: SolvedKnot, b: SolvedKnot) -> tuple[float, float, float]:
         pytest.param("hyperelastic", 1, marks=pytest.mark.slow),
     ],
 )
-def test_the_image_of_a_solved_press_is_what_a_solve_of_its_own_finds(
+def test_mirror_image_matches_own_solve(
     level: str, number: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     protocol = declared(
@@ -94,7 +94,7 @@ def test_the_image_of_a_solved_press_is_what_a_solve_of_its_own_finds(
     assert worst.tolist() == pytest.approx([0, 0, 0], abs=2e-4)  # the solvers' own tolerance
 
 
-def test_off_the_plan_an_image_is_solved_in_its_own_frame() -> None:
+def test_unplanned_image_solves_its_own_frame() -> None:
     protocol = declared()
     whole(protocol, 0, "linear")
     presses = Presses(protocol, SKIN, GELS["linear"])
@@ -110,7 +110,7 @@ def way(path: PressPath) -> list[KnotPose]:
     return knot_poses(path, Increments(1.0, 1.0))
 
 
-def test_only_planes_that_indenter_and_path_share_are_used() -> None:
+def test_only_common_symmetry_planes_are_used() -> None:
     outward, positive = declared(), declared(shear={"amplitude_mm": 1.0})
     there = [to_solved(way(p), parse_indenter("ellipsoid")) for p in press_paths(outward)]
     assert there == [Mirror(False, False), Mirror(True, False), Mirror(True, True),
@@ -126,7 +126,7 @@ def test_only_planes_that_indenter_and_path_share_are_used() -> None:
     assert len(seen) == 4
 
 
-def test_ahead_of_a_run_one_of_four_is_solved() -> None:
+def test_one_of_four_mirrors_is_solved() -> None:
     heard: list[str] = []
     press = declared(depths_mm=[0.4], shear=None)
     rows = solve_presses(
@@ -143,7 +143,7 @@ def test_ahead_of_a_run_one_of_four_is_solved() -> None:
     assert [(row.found, row.like) for row in again] == [(True, "")] * 4
 
 
-def test_an_image_fails_as_what_it_is_the_image_of() -> None:
+def test_image_fails_like_its_original() -> None:
     light = declared(positions_mm=[[1.0, 0.0], [-1.0, 0.0]], depths_mm=[0.03], shear=None)
     rows = solve_presses([light], SKIN, GELS["linear"])
     assert rows[0].failure

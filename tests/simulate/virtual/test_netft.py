@@ -41,7 +41,7 @@ def bench(
     return NetFTSensor(LockstepLink(box), clock), box, hand, clock
 
 
-def test_a_record_is_36_bytes_and_carries_newtons_and_signs() -> None:
+def test_record_has_36_bytes_and_signs() -> None:
     sensor, _, hand, _ = bench()
     hand.wrench = np.array([1.25, -0.5, -3.0, 2.0, -4.0, 0.125])
     sensor.start()
@@ -53,7 +53,7 @@ def test_a_record_is_36_bytes_and_carries_newtons_and_signs() -> None:
 
 
 @pytest.mark.parametrize("rate_hz", [1000.0, 700.0])
-def test_every_sample_comes_once_with_its_own_time(rate_hz: float) -> None:
+def test_each_sample_arrives_once_with_time(rate_hz: float) -> None:
     sensor, _, hand, clock = bench(rate_hz=rate_hz)
     hand.growth = np.array([0.0, 0.0, -2.0, 0.0, 0.0, 0.0])
     clock.sleep_s(0.4321)
@@ -71,7 +71,7 @@ def test_every_sample_comes_once_with_its_own_time(rate_hz: float) -> None:
     assert fz_n == pytest.approx(-2.0 * t_ns / 1e9, abs=2e-6)
 
 
-def test_out_of_range_is_flagged_and_clipped_as_the_box_does() -> None:
+def test_out_of_range_is_flagged_clipped() -> None:
     sensor, _, hand, clock = bench()
     hand.growth = np.array([0.0, 0.0, -50.0, 0.0, 0.0, 0.0])
     sensor.start()
@@ -83,7 +83,7 @@ def test_out_of_range_is_flagged_and_clipped_as_the_box_does() -> None:
     assert samples.force_n[over, 2] == pytest.approx(-35.0)
 
 
-def test_noise_has_the_stated_size_and_does_not_know_how_it_was_read() -> None:
+def test_noise_size_is_independent_of_reads() -> None:
     runs = []
     for pause_s in (2.0, 0.017):
         sensor, box, _, clock = bench(noise_n=0.02)
@@ -98,7 +98,7 @@ def test_noise_has_the_stated_size_and_does_not_know_how_it_was_read() -> None:
     assert np.std(runs[0][:, :3] / 1e6) == pytest.approx(0.02, rel=0.05)
 
 
-def test_lost_datagrams_are_counted_and_too_many_are_an_error() -> None:
+def test_lost_datagrams_are_counted() -> None:
     sensor, box, _, clock = bench()
     sensor.start()
     sensor.read()
@@ -116,7 +116,7 @@ def test_lost_datagrams_are_counted_and_too_many_are_an_error() -> None:
         sensor.read()
 
 
-def test_what_the_scene_cannot_answer_is_told_to_who_reads() -> None:
+def test_scene_errors_reach_the_reader() -> None:
     sensor, box, _, clock = bench()
     sensor.start()
 
@@ -130,7 +130,7 @@ def test_what_the_scene_cannot_answer_is_told_to_who_reads() -> None:
         sensor.read()
 
 
-def test_a_box_in_error_sends_no_counts() -> None:
+def test_faulty_box_sends_no_counts() -> None:
     _, box, hand, clock = bench()
     hand.wrench[:] = 1.0
     box.faults.error = True
@@ -143,7 +143,7 @@ def test_a_box_in_error_sends_no_counts() -> None:
     assert not record["counts"].any()
 
 
-def test_what_was_under_way_at_a_stop_is_not_read_after_it() -> None:
+def test_datagrams_in_flight_are_dropped() -> None:
     sensor, _, _, clock = bench()
     sensor.start()
     clock.sleep_s(0.1)
@@ -152,7 +152,7 @@ def test_what_was_under_way_at_a_stop_is_not_read_after_it() -> None:
     assert len(sensor.read().t_ns) == 1  # nothing of the stream before
 
 
-def test_the_largest_sensor_and_the_most_noise_fit_into_a_record() -> None:
+def test_largest_sensor_fits_a_record() -> None:
     hand, clock = Hand(), VirtualClock()
     most = ForceConfig(range_n=(1e5, 1e5, 1e5), range_nmm=(1e7, 1e7, 1e7))
     sensor = NetFTSensor(LockstepLink(NetFTBox(most, clock, 1, hand, 100.0)), clock)
@@ -174,7 +174,7 @@ class OffQuartz(LockstepLink):
 
 
 @pytest.mark.parametrize("ppm", [-100, 100])
-def test_sample_times_follow_the_drift_of_either_clock(ppm: int) -> None:
+def test_sample_times_follow_clock_drift(ppm: int) -> None:
     clock = VirtualClock()
     box = NetFTBox(ForceConfig(rate_hz=1000.0 * (1 + ppm / 1e6)), clock, 1, Hand(), 0.0)
     sensor = NetFTSensor(OffQuartz(box), clock)
@@ -187,7 +187,7 @@ def test_sample_times_follow_the_drift_of_either_clock(ppm: int) -> None:
     assert samples.late == 0
 
 
-def test_an_earlier_tie_turns_no_time_back() -> None:
+def test_earlier_tie_keeps_time_monotonic() -> None:
     """All that came so far came late."""
     sensor, box, _, clock = bench()
     box.faults.late_s = 0.03

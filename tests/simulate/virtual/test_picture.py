@@ -42,7 +42,7 @@ def ramp_texture() -> NDArray[np.float32]:
     return np.asarray(np.stack((x, y, 0.5 * np.ones_like(x)), -1), np.float32)
 
 
-def test_every_pixel_sees_the_point_that_projects_there() -> None:
+def test_pixels_see_the_projected_points() -> None:
     picture = FrameRenderer(PictureGeometry(CAMERA, LATTICE), ramp_texture(), 0.02, NOISELESS)
     u = bump(0.9)
     at = picture.geometry.material_px(u)[1:-1, 1:-1].astype(float)
@@ -55,7 +55,7 @@ def test_every_pixel_sees_the_point_that_projects_there() -> None:
     assert np.max(np.abs(landed - wanted)) < 0.02
 
 
-def test_a_skin_that_ends_within_the_margin_of_the_view_is_drawn_as_a_wider_one() -> None:
+def test_skin_ending_in_margin_is_extended() -> None:
     u = bump(0.9)
     narrow = SurfaceLattice(-4.0, -6.0, 0.25, 33, 49)  # the view and its margin reach to 5.4 mm
     cut = PictureGeometry(CAMERA, narrow).material_px(u[:, 12:-12])
@@ -72,7 +72,7 @@ def test_image_axes_are_sensor_axes() -> None:
     assert abs(int(blue[60, 40]) - int(blue[60, 120])) <= 3
 
 
-def test_a_face_turned_over_is_refused_not_drawn() -> None:
+def test_folded_face_is_refused() -> None:
     x, _ = np.meshgrid(*LATTICE.axes_mm())
     mirrored = np.zeros((LATTICE.ny, LATTICE.nx, 3))
     mirrored[..., 0] = -2 * x
@@ -81,13 +81,13 @@ def test_a_face_turned_over_is_refused_not_drawn() -> None:
         picture.render(mirrored, np.random.default_rng(0))
 
 
-def test_each_press_of_each_seed_has_noise_of_its_own() -> None:
+def test_noise_differs_by_press_and_seed() -> None:
     drawn = [FrameRenderer.noise(*of).random() for of in ((1, "1"), (1, "2"), (2, "1"), (1, "1"))]
     assert len(set(drawn)) == 3
     assert drawn[0] == drawn[3]
 
 
-def test_beside_a_small_sticker_is_bare_film_and_no_stripe() -> None:
+def test_bare_film_around_small_sticker() -> None:
     small = choose_recipe(None, 0.4, 0.6, size_mm=12.0)
     face = PictureGeometry.resting(SensorDimensions())
     image = FrameRenderer.printed(face, SimulatorConfig(), small, 1).render(
@@ -134,7 +134,7 @@ def middles(image: NDArray[np.uint8], near_px: NDArray[np.float64]) -> NDArray[n
 
 
 @pytest.mark.parametrize("pressed", [False, True])
-def test_spots_are_drawn_where_the_lens_projects_them(pressed: bool) -> None:
+def test_spots_follow_the_lens_projection(pressed: bool) -> None:
     grid = np.stack(np.meshgrid(np.arange(-3.5, 3.6, 0.7), np.arange(-2.45, 2.5, 0.7)), -1)
     at_mm = grid.reshape(-1, 2)
     u = bump(1.0, RAW_LATTICE, 1.2) if pressed else np.zeros((RAW_LATTICE.ny, RAW_LATTICE.nx, 3))
@@ -156,7 +156,7 @@ def test_spots_are_drawn_where_the_lens_projects_them(pressed: bool) -> None:
         assert np.abs(off_px.mean(axis=0)).max() < 0.05
 
 
-def test_a_band_around_the_view_is_drawn_and_beyond_it_all_is_dark() -> None:
+def test_margin_is_drawn_then_dark() -> None:
     white = np.ones((1601, 1601, 3), np.float32)
     raw = RawView(LENS, VIEW)
     image = FrameRenderer(PictureGeometry(raw, RAW_LATTICE), white, TEXEL_MM, NOISELESS).render(
@@ -174,7 +174,7 @@ def test_a_band_around_the_view_is_drawn_and_beyond_it_all_is_dark() -> None:
     assert away.min() < 0.01
 
 
-def test_where_the_print_ends_it_is_dark() -> None:
+def test_dark_beyond_the_print() -> None:
     small = np.ones((301, 301, 3), np.float32)  # 3 mm, in a view of 7.6 mm
     image = FrameRenderer(
         PictureGeometry(RawView(LENS, VIEW), RAW_LATTICE), small, TEXEL_MM, NOISELESS

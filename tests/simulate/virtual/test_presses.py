@@ -56,7 +56,7 @@ def solved(protocol: Protocol, config: GelConfig = COARSE) -> PathSolver:
     return press
 
 
-def test_a_press_is_solved_once_and_found_bit_for_bit(store: Path) -> None:
+def test_solved_press_is_cached_bit_identical(store: Path) -> None:
     (entry,) = store.glob("*.bin")
     data = entry.read_bytes()
     found = solved(declared())
@@ -87,12 +87,12 @@ def test_a_press_is_solved_once_and_found_bit_for_bit(store: Path) -> None:
         (declared(indenters=["sphere:11"]), False),
     ],
 )
-def test_only_what_changes_the_mechanics_is_solved_again(other: Protocol, shared: bool) -> None:
+def test_only_mechanics_changes_solve_again(other: Protocol, shared: bool) -> None:
     presses = Presses(other, SKIN, COARSE)
     assert (presses.planned_press(presses.paths[0]).solver.found is not None) == shared
 
 
-def test_the_way_of_a_press_is_the_plan_s_in_contact() -> None:
+def test_press_path_is_the_planned_contact() -> None:
     first, second = press_paths(declared())
     assert (first.press, second.press) == ("sphere-12/p1", "sphere-12/p2")
     assert [line.end_mm for line in first.lines] == [
@@ -103,7 +103,7 @@ def test_the_way_of_a_press_is_the_plan_s_in_contact() -> None:
     assert second.deepest_mm == 0.6
 
 
-def test_rests_count_for_a_gel_that_creeps_only() -> None:
+def test_rests_matter_for_creeping_gels_only() -> None:
     step = declared(capture={"settle_s": 2.0})
     path = press_paths(step)[0]
     plain, timed = (knot_poses(path, Increments(1.0, 1.0), relaxing_s=t) for t in ((), (5.0, 0.4)))
@@ -115,7 +115,7 @@ def test_rests_count_for_a_gel_that_creeps_only() -> None:
     assert len(rests) == stops * len(rest_s(2.0, (5.0, 0.4)))
 
 
-def test_off_the_plan_a_found_press_is_solved_from_its_start() -> None:
+def test_unplanned_motion_solves_from_the_start() -> None:
     """A stop at a place that no plan knows: the history before it is solved again, and right."""
     found = solved(declared())
     before = 4
@@ -130,7 +130,7 @@ def test_off_the_plan_a_found_press_is_solved_from_its_start() -> None:
     assert knot.force_n == pytest.approx(state.force_n, rel=1e-9)
 
 
-def test_a_press_is_found_where_it_is_planned_and_nowhere_else() -> None:
+def test_cached_press_needs_its_planned_place() -> None:
     presses = Presses(declared(), SKIN, COARSE)
     with pytest.raises(InputError, match=r"no press of sphere:12 is planned at \(5, 5\) mm"):
         presses.open("sphere:12", (5.0, 5.0))
@@ -138,7 +138,7 @@ def test_a_press_is_found_where_it_is_planned_and_nowhere_else() -> None:
 
 
 @pytest.mark.parametrize("dwell", [0.05, 600.0])
-def test_a_rest_is_parted_so_that_what_lies_between_its_knots_is_right(dwell: float) -> None:
+def test_rest_is_split_for_accurate_interpolation(dwell: float) -> None:
     times = (0.3, 3.0, 30.0)
     knots = np.concatenate([[0.0], np.cumsum(rest_s(dwell, times))])
     assert knots[-1] == pytest.approx(dwell, rel=1e-12)

@@ -31,7 +31,7 @@ def host(terminal: PtyCable) -> GrblStage:
     return GrblStage(terminal.port, WallClock(), StageFrame((0.0, 0.0, 0.0)))
 
 
-def test_the_real_host_moves_it_and_a_port_that_is_closed_is_seen() -> None:
+def test_real_host_moves_the_stage() -> None:
     opened: list[bool] = []
     with powered(resets_on_open=True, opened=opened) as terminal:
         stage = host(terminal)

@@ -88,7 +88,7 @@ def last(
     return list(follow_path(contact, state, tip, step_mm))[-1]
 
 
-def test_at_the_end_of_a_press_the_scene_is_the_solver_s_own_path() -> None:
+def test_scene_ends_on_the_solved_path() -> None:
     bench = Bench()
     bench.go(0.0, 0.0, 1.0)
     bench.go(0.0, 0.0, -0.8, 60.0)
@@ -106,7 +106,7 @@ def test_no_solve_for_what_nobody_saw() -> None:
     assert bench.solves == 0
 
 
-def test_only_the_knots_around_the_present_are_solved() -> None:
+def test_only_nearby_knots_are_solved() -> None:
     bench = Bench()
     bench.go(0.0, 0.0, 0.0)
     bench.jog(0.0, 0.0, -1.0, 60.0)  # 1 s, ten knots
@@ -119,7 +119,7 @@ def test_only_the_knots_around_the_present_are_solved() -> None:
 
 
 @pytest.mark.slow
-def test_a_jog_that_is_cancelled_keeps_the_true_path() -> None:
+def test_cancelled_jog_keeps_the_true_path() -> None:
     """Stopped between two knots, the gel is where the tip is, not where the plan led."""
     bench = Bench()
     bench.go(0.0, 0.0, 0.0)
@@ -142,7 +142,7 @@ def test_a_jog_that_is_cancelled_keeps_the_true_path() -> None:
 
 
 @pytest.mark.slow
-def test_wrenches_of_many_times_are_those_of_single_looks() -> None:
+def test_batched_wrenches_equal_single_ones() -> None:
     many, single = Bench(drawn=False), Bench(drawn=False)
     for bench in (many, single):
         bench.go(0.0, 0.0, 0.5)
@@ -185,7 +185,7 @@ def test_wrenches_of_many_times_are_those_of_single_looks() -> None:
     assert not found[-1][-1].any()
 
 
-def test_history_is_gone_after_the_tip_left() -> None:
+def test_history_ends_when_tip_leaves() -> None:
     bench = Bench()
     bench.go(0.0, 0.0, 0.0)
     bench.go(0.0, 0.0, -0.5, 60.0)
@@ -198,7 +198,7 @@ def test_history_is_gone_after_the_tip_left() -> None:
     assert abs(force[0]) < 1e-3 * abs(force[2])
 
 
-def test_a_face_below_the_floor_is_kept_on_it_and_flagged() -> None:
+def test_face_below_floor_is_clamped_flagged() -> None:
     free, held = (PathSolver(lambda: UNIT, observed=ALL, floor_mm=mm) for mm in (12.0, 0.7))
     above, below = (p.next(0, (0.0, 0.0, -1.0), 1.0) for p in (free, held))
     assert above.displacement_mm is not None
@@ -215,7 +215,7 @@ def test_a_face_below_the_floor_is_kept_on_it_and_flagged() -> None:
 
 
 @pytest.mark.slow
-def test_a_rest_of_several_knots_is_followed_and_is_over_when_the_next_line_starts() -> None:
+def test_rest_of_several_knots_is_followed() -> None:
     """Looked at one by one or all at once, the force goes through every knot of the rest."""
     gel = GelMaterial(1.0, prony=((1.0, 2.0),))
     down = (0.0, 0.0, -1.0)
@@ -252,7 +252,7 @@ def test_a_rest_of_several_knots_is_followed_and_is_over_when_the_next_line_star
     assert (np.diff(forces) <= 0).all()
 
 
-def test_a_lattice_that_is_not_square_is_laid_on_one_that_is() -> None:
+def test_oblong_lattice_maps_to_square() -> None:
     x, y = np.linspace(-18.3, 18.3, 75), np.linspace(-17.0, 17.0, 69)
 
     def field(xs: np.ndarray, ys: np.ndarray) -> np.ndarray:

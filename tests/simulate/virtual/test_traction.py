@@ -46,7 +46,7 @@ cell_mm = 2.0
 
 @pytest.mark.slow
 @pytest.mark.parametrize("level", ["linear", "hyperelastic"])
-def test_tractions_of_a_frame_add_up_to_its_force(level: str, tmp_path: Path) -> None:
+def test_tractions_add_up_to_force(level: str, tmp_path: Path) -> None:
     protocol, rig = tmp_path / "p.toml", tmp_path / "quiet.toml"
     protocol.write_text(PROTOCOL.format(level=level))
     rig.write_text(RIG)

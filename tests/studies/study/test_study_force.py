@@ -23,7 +23,7 @@ from deltact_fab.estimate.analysis.force.dataset import ForceData
 from deltact_fab.estimate.analysis.force.result import PAPER_CONDITIONS, ForceResult
 from deltact_fab.estimate.measure.force import make_features
 from deltact_fab.estimate.measure.force.calibration import ForceCalibration
-from deltact_fab.estimate.measure.force.model import COMPONENTS
+from deltact_fab.estimate.measure.force.model import WRENCH_AXES
 from deltact_fab.estimate.measure.sensor_id import CalibrationHead, CalibrationSource, SensorModel
 from deltact_fab.sensor.optics.camera import Pinhole
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
@@ -58,8 +58,8 @@ def made(noise_n: float = 0.02, bent: float = 1.0, places: int = PLACES) -> Forc
     points = pd.DataFrame(rows)
     sets = {name: make_features(name, VIEW) for name in ("sums", PAPER_CONDITIONS, "paper-signed")}
     X = {name: rng.uniform(0.5, 1.5, (len(rows), len(of.names))) for name, of in sets.items()}
-    law = np.zeros((len(COMPONENTS), len(sets["sums"].names)))
-    for i, name in enumerate(COMPONENTS):
+    law = np.zeros((len(WRENCH_AXES), len(sets["sums"].names)))
+    for i, name in enumerate(WRENCH_AXES):
         columns = [sets["sums"].names.index(n) for n in sets["sums"].explains[name]]
         law[i, columns] = LAW[i]
     wrench = X["sums"] @ law.T + rng.normal(0, noise_n, (len(rows), 6))

@@ -153,11 +153,11 @@ def made_up(
             for method, share in ((SUMMED, 1.0), (COMPOSED, composed)):
                 value = mean * times * (share if at in errors_mm else 1.0)
                 tally = tallies[method] = ErrorTally()
-                tally.confident_share.take(1.0)
-                tally.lost_share.take(0.0)
-                tally.at_dots.take(np.full(4, value))
-                tally.at_moving_dots.take(np.full(4, value))
-                tally.take_moving(np.full(4, value), np.ones(4, bool))
+                tally.confident_share.add(1.0)
+                tally.lost_share.add(0.0)
+                tally.at_dots.add(np.full(4, value))
+                tally.at_moving_dots.add(np.full(4, value))
+                tally.add_moving(np.full(4, value), np.ones(4, bool))
             cells.append(
                 PressErrors(
                     p.name, f"{indenter}/p1", indenter, tallies, {}, np.zeros((0, 2)), None, ()

@@ -149,7 +149,7 @@ def test_each_seed_is_judged_by_the_choice_of_the_others() -> None:
 
 def tally(error_mm: float) -> ErrorTally:
     one = ErrorTally()
-    one.take_moving(np.array([error_mm]), np.array([True]))
+    one.add_moving(np.array([error_mm]), np.array([True]))
     return one
 
 

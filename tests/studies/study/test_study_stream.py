@@ -94,6 +94,6 @@ def test_followed_as_a_stream_a_press_has_the_errors_that_its_record_has(
     follower = Follower(scene, marks)
     for frame in stream.frames(recorded):
         image = stream.tracked(picture.expose(frame.at_px, noise))
-        follower.take(image, frame.true)
+        follower.track(image, frame.true)
     found = follower.tallies["fused"].figures()
     assert {**found, "ms_per_frame": 0} == {**kept, "ms_per_frame": 0}

@@ -1,6 +1,6 @@
-"""The regression that calibrates the force, and what it may be trusted to.
+"""Force calibration by regression, and its cross-validation.
 
 Points are the settled frames of runs: features of the flow (`estimate.measure.force`) against the
-wrench that was measured. Models are ranked by how they predict positions and indenters that they
-never saw, for a random split hides that (decision 0026).
+measured wrench. Models are ranked by their error on unseen positions and indenters, which a random
+split hides (decision 0026).
 """

@@ -1,4 +1,4 @@
-"""From runs to a calibration: every model fitted and judged, the best kept; or one carried over."""
+"""Force calibration from runs: fit and rank all feature sets, or transfer a calibration."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ import pandas as pd
 from deltact_fab.bench import Run, encode_png
 from deltact_fab.common import Array, InputError, Progress
 
-from ...measure.force import FORCE_FEATURES, FORCE_READINGS, features_of, make_features
+from ...measure.force import FORCE_FEATURES, FORCE_READINGS, load_features, make_features
 from ...measure.force.calibration import ForceCalibration, load_force
 from ...measure.force.inverse import Inverse
-from ...measure.force.model import COMPONENTS, Features, ForceModel
+from ...measure.force.model import WRENCH_AXES, Features, ForceModel
 from ...measure.sensor_id import SensorModel
-from ..runs import head_of, in_pixels, settled, settles, view_of_run
-from .dataset import STRETCHES, ForceData, gather, opened, presses
-from .gel import early_labels, identify_gel
+from ..runs import has_rests, head_of, in_pixels, settled_rows, view_of_run
+from .dataset import TIME_STRETCHES, ForceData, gather_data, open_force_runs, presses
+from .gel import fit_unrelaxed, identify_gel
 from .judge import (
-    FOLDS,
+    CV_FOLDS,
     calibrated_errors,
-    cross_validated,
+    cross_validate,
+    evaluate_features,
     fit_force,
     force_error_n,
-    judge,
     learning_curve,
-    score,
+    ranking_error_n,
 )
 from .result import PAPER_CONDITIONS, ForceResult
 
-NO_CAMERA = "no camera is known: mm of its flow are pixels, and no calibration is written"
+NO_CAMERA = "camera unknown: the flow is in pixels instead of mm, no calibration is written"
 
 
 def calibrate(
@@ -48,156 +48,155 @@ def calibrate(
 ) -> ForceResult:
     """Fit and cross-validate feature sets on runs of one sensor.
 
-    names: None for all; those asked for and the paper's must have points enough, the others are
-    left out and named. seed: of the folds and of the learning curve's draws. Raises InputError as
-    `opened` and `gather` do, and for too few points, with the number needed.
+    names: None for all; those requested and the paper's must have enough points, others are
+    skipped with a note. seed: for the folds and the learning curve's draws. Raises InputError as
+    `open_force_runs` and `gather_data` do, and for too few points, with the number needed.
     """
-    asked = tuple(dict.fromkeys([*(names or FORCE_FEATURES), PAPER_CONDITIONS]))
-    runs, tables = opened(folders)
-    if blind := [str(run.folder) for run in runs if in_pixels(run)]:
+    requested = tuple(dict.fromkeys([*(names or FORCE_FEATURES), PAPER_CONDITIONS]))
+    runs, tables = open_force_runs(folders)
+    if uncalibrated := [str(run.folder) for run in runs if in_pixels(run)]:
         if names and Inverse.name in names:
-            raise InputError(f"{blind[0]}: {Inverse.name} rests on the gel; {NO_CAMERA}")
-        asked = tuple(name for name in asked if name != Inverse.name)
-    must = asked if names else (PAPER_CONDITIONS,)
-    looked = asked if names else (*asked, *FORCE_READINGS)
+            raise InputError(f"{uncalibrated[0]}: {Inverse.name} needs the gel in mm; {NO_CAMERA}")
+        requested = tuple(name for name in requested if name != Inverse.name)
+    required = requested if names else (PAPER_CONDITIONS,)
+    gathered = requested if names else (*requested, *FORCE_READINGS)
     source, view = str(runs[0].folder), view_of_run(runs[0])
-    # How many points there may be at most: refused before anything is tracked.
-    most = sum(len(settled(part)) for frames in tables for _, part in frames.groupby("press"))
-    for name in must:
-        _require_enough(make_features(name, view), most, source)
-    data = gather(runs, looked, executor, progress)
-    gel = early = None
-    if Inverse.name in asked:
-        early = early_labels(data)
-        gel = identify_gel(runs, early.mended(data) if early else data, view, progress)
+    # Upper bound of the number of points: too few are refused before anything is tracked.
+    max_points = sum(len(settled_rows(x)) for table in tables for _, x in table.groupby("press"))
+    for name in required:
+        _require_enough(make_features(name, view), max_points, source)
+    data = gather_data(runs, gathered, executor, progress)
+    gel = unrelaxed = None
+    if Inverse.name in requested:
+        unrelaxed = fit_unrelaxed(data)
+        relaxed = unrelaxed.relaxed_wrenches(data) if unrelaxed else data
+        gel = identify_gel(runs, relaxed, view, progress)
     if gel is not None:
         view = view.with_gel(gel.poisson, gel.thickness_mm)
-        data = gather(runs, looked, executor, progress, view)
-    data = early.mended(data) if early else data
-    found = fit_best_model(
-        data, seed, lambda model, error: _calibration(runs, model, view, error=error), must, source
+        data = gather_data(runs, gathered, executor, progress, view)
+    data = unrelaxed.relaxed_wrenches(data) if unrelaxed else data
+    result = fit_best_model(
+        data, seed, lambda model, error: _assemble(runs, model, view, error=error), required, source
     )
-    left_out = [*found.left_out, *_doubts(runs, tables)]
-    return replace(found, gel=gel, early=early, left_out=left_out)
+    left_out = [*result.left_out, *_run_notes(runs, tables)]
+    return replace(result, gel=gel, unrelaxed=unrelaxed, left_out=left_out)
 
 
 def fit_best_model(
     data: ForceData,
     seed: int,
     calibration: Callable[[ForceModel, dict[str, dict[str, Any]]], ForceCalibration],
-    must: Sequence[str] = (PAPER_CONDITIONS,),
+    required: Sequence[str] = (PAPER_CONDITIONS,),
     source: str = "points",
 ) -> ForceResult:
-    """Fit and judge every feature set of the points; the best one's model is the calibration.
+    """Fit and cross-validate every feature set of the points; the best becomes the calibration.
 
-    calibration: makes one of the model and its errors. must: sets whose lack of points is an error;
-    source: what it names. Raises InputError.
+    calibration: builds one from a model and its errors. required: sets for which too few points
+    raise InputError; source: prefix of its message.
     """
-    judged, left_out = [], list(data.left_out)
-    for name in [one for one in data.sets if one in FORCE_FEATURES]:
+    models, left_out = [], list(data.left_out)
+    for name in (name for name in data.sets if name in FORCE_FEATURES):
         try:
             _require_enough(data.sets[name], len(data), source)
-        except InputError as why:
-            if name in must:
+        except InputError as error:
+            if name in required:
                 raise
-            left_out.append(str(why))
+            left_out.append(str(error))
         else:
-            judged.append(judge(data, name, seed))
-    judged.sort(key=lambda one: score(one, data))
+            models.append(evaluate_features(data, name, seed))
+    models.sort(key=lambda model: ranking_error_n(model, data))
     curves = {
         name: learning_curve(data, name, seed)
-        for name in dict.fromkeys((judged[0].name, PAPER_CONDITIONS))
+        for name in dict.fromkeys((models[0].name, PAPER_CONDITIONS))
     }
-    kept = calibration(judged[0].model, calibrated_errors(judged[0], data))
-    return ForceResult(data, judged, kept, seed, left_out, curves)
+    best = calibration(models[0].model, calibrated_errors(models[0], data))
+    return ForceResult(data, models, best, seed, left_out, curves)
 
 
 def transfer_calibration(
-    folders: Sequence[Path], other: Path, progress: Progress | None = None
+    folders: Sequence[Path], source: Path, progress: Progress | None = None
 ) -> tuple[TransferredCalibration, ForceCalibration, list[str]]:
-    """Transfer another sensor's calibration by the few presses of runs; what was left out.
+    """Transfer another sensor's calibration by the few presses of runs; with notes on skipped data.
 
-    Raises InputError as `opened`, `gather` and `load_force` do.
+    source: file. Raises InputError as `open_force_runs`, `gather_data` and `load_force` do.
     """
-    calibration = load_force(other)
+    calibration = load_force(source)
     name = calibration.model.features
-    runs, tables = opened(folders)
+    runs, tables = open_force_runs(folders)
     # Refused before anything is tracked.
-    features_of(calibration.model, calibration.view(SensorModel(runs[0].camera)), f"{other}: model")
-    data = gather(runs, (name,), None, progress)
-    moved = transfer(calibration.model, data)
-    told = {"of": list(calibration.head.made.runs), **moved.as_dict()}
-    kept = _calibration(runs, moved.model, view_of_run(runs[0]), transfer=told)
-    return moved, kept, [*data.left_out, *_doubts(runs, tables)]
+    view = calibration.view(SensorModel(runs[0].camera))
+    load_features(calibration.model, view, f"{source}: model")
+    data = gather_data(runs, (name,), None, progress)
+    transferred = transfer(calibration.model, data)
+    table = {"of": list(calibration.head.made.runs), **transferred.as_dict()}
+    result = _assemble(runs, transferred.model, view_of_run(runs[0]), transfer=table)
+    return transferred, result, [*data.left_out, *_run_notes(runs, tables)]
 
 
 def _require_enough(features: Features, points: int, source: str) -> None:
-    """Raises InputError unless each fold fits more points than a component has coefficients."""
-    most = max(len(features.explains[component]) for component in COMPONENTS)
-    needed = next(n for n in count(most + 1) if n - ceil(n / FOLDS) > most)
+    """Raise InputError unless each fold fits more points than a component has coefficients."""
+    coefficients = max(len(features.explains[component]) for component in WRENCH_AXES)
+    needed = next(n for n in count(coefficients + 1) if n - ceil(n / CV_FOLDS) > coefficients)
     if points < needed:
         raise InputError(
-            f"{source}: {features.name} needs at least {needed} points, and there are {points}; "
+            f"{source}: {features.name} needs at least {needed} points, got {points}; "
             "press at more places, or in more steps"
         )
 
 
-def _calibration(
-    runs: Sequence[Run], model: ForceModel, view: SensorModel, **more: Any
+def _assemble(
+    runs: Sequence[Run], model: ForceModel, view: SensorModel, **tables: Any
 ) -> ForceCalibration:
-    """A model with the sensor that it was fitted to, and the face of runs at rest."""
+    """Assemble a calibration: the model, the sensor it was fitted to and its face at rest."""
     run, head = runs[0], head_of(runs, "force")
     rest = encode_png(run.image(str(run.frames(presses(run)[0])["file"].iloc[0])))
-    return ForceCalibration(head, model, view.skin, view.poisson, rest=rest, **more)
+    return ForceCalibration(head, model, view.skin, view.poisson, rest=rest, **tables)
 
 
-def _doubts(runs: Sequence[Run], tables: Sequence[pd.DataFrame]) -> list[str]:
-    """What makes the points of a run worse than they could be."""
-    doubts = []
+def _run_notes(runs: Sequence[Run], tables: Sequence[pd.DataFrame]) -> list[str]:
+    """Return remarks on runs whose points are worse than they could be."""
+    notes = []
     for run, frames in zip(runs, tables, strict=True):
         if run.imported:
-            doubts.append(
-                f"{run.folder}: imported: which frames are at rest is not known, all are points; "
-                f"a 'press' is one of {STRETCHES} stretches of time"
+            notes.append(
+                f"{run.folder}: imported: rest frames unknown, so every frame is a point; "
+                f"a 'press' is one of {TIME_STRETCHES} stretches of time"
             )
             if in_pixels(run):
-                doubts.append(f"{run.folder}: {NO_CAMERA}")
-        elif not settles(frames):
-            doubts.append(f"{run.folder}: nothing settles in it; the end of each motion is taken")
+                notes.append(f"{run.folder}: {NO_CAMERA}")
+        elif not has_rests(frames):
+            notes.append(f"{run.folder}: no settled frames; using the last frame of each motion")
         if (weights := run.weights) is not None:
             normal_n, shear_n = weights.error_n()
-            doubts.append(
-                f"{run.folder}: weights laid on by hand: the normal force is known to "
-                f"{normal_n:.3f} N, shear to {shear_n:.3f} N, which no error above contains"
+            notes.append(
+                f"{run.folder}: weights laid on by hand: force known to {normal_n:.3f} N normal, "
+                f"{shear_n:.3f} N shear; not included in the errors above"
             )
         if run.simulated and run.meta["protocol"]["specimen"]["gel_model"] != "hyperelastic":
-            doubts.append(
-                f"{run.folder}: simulated with a linear gel, whose forces are no gel's: "
-                'judge on "hyperelastic"'
+            notes.append(
+                f"{run.folder}: simulated with a linear gel, whose forces are unrealistic; "
+                'evaluate on "hyperelastic"'
             )
-    return doubts
+    return notes
 
 
-_SHEAR = np.isin(COMPONENTS, ("fx", "fy", "tz"))
-MIN_SURE = 0.1
-"""Standard error of a factor above which the presses do not determine it."""
-CLEARLY = 0.8
-"""Of the transfer's error, below which a fresh fit's is called better."""
+_SHEAR_AXES = np.isin(WRENCH_AXES, ("fx", "fy", "tz"))
+MAX_FACTOR_ERROR = 0.1  # standard error; by hand: a larger one lets an unsheared press set shear
+FRESH_FIT_SHARE = 0.8  # of the transfer's error: then a fresh fit is better; by hand, against noise
 
 
 @dataclass(frozen=True)
 class TransferredCalibration:
-    """A calibration carried over by two factors, pressure and shear.
+    """A calibration transferred to another sensor by two factors, of pressure and of shear.
 
-    Gel of another modulus answers with the same field and another force, so all force scales alike;
-    another thickness or Poisson's ratio moves pressure against shear. So there is one factor for
-    what comes of pressure (fz, tx, ty) and one for what comes of shear (fx, fy, tz), and one press
-    that is sheared tells both.
+    Another modulus scales all forces of a displacement field alike; another thickness or Poisson's
+    ratio scales pressure and shear differently. So there is one factor for the components from
+    pressure (fz, tx, ty) and one for those from shear (fx, fy, tz); one sheared press determines
+    both.
 
-    shear_known: False where the presses were not sheared enough, and shear took pressure's factor.
-    Errors of the force, None where they could not be told: error_n at a position left out,
-    fresh_error_n the same of a new fit of the same features, as_is_error_n of the calibration as it
-    came.
+    shear_known: False if the presses were not sheared enough and shear takes pressure's factor.
+    Errors of the force, None where unknown: error_n on an unseen position, fresh_error_n the same
+    for a new fit of the same features, as_is_error_n for the calibration before the transfer.
     """
 
     model: ForceModel
@@ -211,22 +210,22 @@ class TransferredCalibration:
 
     @property
     def line(self) -> str:
-        """What was done, and what it is worth beside a fresh fit."""
+        """One sentence: the two factors, and the error beside that of a fresh fit."""
         text = (
-            f"carried over from {self.presses} presses: pressure x {self.pressure:.3f}, "
+            f"transferred by {self.presses} presses: pressure x {self.pressure:.3f}, "
             f"shear x {self.shear:.3f}"
         )
         if not self.shear_known:
-            text += " (that of pressure: these presses do not determine it)"
+            text += " (same as pressure: not determined by these presses)"
         if self.error_n is None:
             return f"{text}; press at a second place to estimate the error"
-        fresh = "cannot be made" if self.fresh_error_n is None else f"{self.fresh_error_n:.2f} N"
+        fresh = "not possible" if self.fresh_error_n is None else f"{self.fresh_error_n:.2f} N"
         text += (
-            f"; error of the force {self.error_n:.2f} N on a position left out (as it came "
-            f"{self.as_is_error_n:.2f} N; a fresh fit {fresh})"
+            f"; force error {self.error_n:.2f} N on an unseen position (untransferred "
+            f"{self.as_is_error_n:.2f} N; fresh fit {fresh})"
         )
-        if self.fresh_error_n is not None and self.fresh_error_n < CLEARLY * self.error_n:
-            text += ": the fresh fit is better, leave --transfer out"
+        if self.fresh_error_n is not None and self.fresh_error_n < FRESH_FIT_SHARE * self.error_n:
+            text += ": the fresh fit is better, run without --transfer"
         return text
 
     def as_dict(self) -> dict[str, Any]:
@@ -235,48 +234,48 @@ class TransferredCalibration:
 
 
 def transfer(model: ForceModel, data: ForceData) -> TransferredCalibration:
-    """Fit the two factors, and judge them place by place.
+    """Fit the two factors, and cross-validate them over positions.
 
-    Raises InputError for presses that say nothing of pressure.
+    Raises InputError for presses that do not determine the factor of pressure.
     """
     X, wrench = data.features[model.features], data.wrench
     as_is = model.predict(X)
-    pressure, shear, known = _factors(as_is, wrench)
+    pressure, shear, shear_known = _fit_factors(as_is, wrench)
 
-    def moved(fitted: Array, judged: Array) -> Array:
-        pressure, shear, _ = _factors(as_is[fitted], wrench[fitted])
-        return as_is[judged] * np.where(_SHEAR, shear, pressure)
+    def predict_transferred(train: Array, test: Array) -> Array:
+        pressure, shear, _ = _fit_factors(as_is[train], wrench[train])
+        return as_is[test] * np.where(_SHEAR_AXES, shear, pressure)
 
-    def fresh(fitted: Array, judged: Array) -> Array:
-        return fit_force(data, model.features, fitted).predict(X[judged])
+    def predict_fresh(train: Array, test: Array) -> Array:
+        return fit_force(data, model.features, train).predict(X[test])
 
     error_n, fresh_n = (
-        force_error_n(cross_validated(data.points, wrench, "position", 0, how) - wrench)
-        for how in (moved, fresh)
+        force_error_n(cross_validate(data.points, wrench, "position", 0, predict) - wrench)
+        for predict in (predict_transferred, predict_fresh)
     )
-    scaled = model.coefficients * np.where(_SHEAR, shear, pressure)[:, None]
+    scaled = model.coefficients * np.where(_SHEAR_AXES, shear, pressure)[:, None]
     return TransferredCalibration(
-        replace(model, coefficients=scaled), pressure, shear, known,
+        replace(model, coefficients=scaled), pressure, shear, shear_known,
         data.points["press"].nunique(), error_n, fresh_n, force_error_n(as_is - wrench),
     )  # fmt: skip
 
 
-def _factors(predicted: Array, wrench: Array) -> tuple[float, float, bool]:
-    """Factors of pressure and shear, and whether the presses determined the second."""
-    pressure, sure = _factor(predicted[:, 2], wrench[:, 2])
-    if sure > MIN_SURE:
+def _fit_factors(predicted: Array, wrench: Array) -> tuple[float, float, bool]:
+    """Return the factors of pressure and shear; True if the presses determined the second."""
+    pressure, error = _fit_factor(predicted[:, 2], wrench[:, 2])
+    if error > MAX_FACTOR_ERROR:
         raise InputError(
             "transfer: the presses do not determine the factor of the normal force "
-            f"({pressure:.2f} +- {sure:.2f}); press deeper, or on more places"
+            f"({pressure:.2f} +- {error:.2f}); press deeper, or on more places"
         )
-    shear, sure = _factor(predicted[:, :2].ravel(), wrench[:, :2].ravel())
-    return (pressure, shear, True) if sure <= MIN_SURE else (pressure, pressure, False)
+    shear, error = _fit_factor(predicted[:, :2].ravel(), wrench[:, :2].ravel())
+    return (pressure, shear, True) if error <= MAX_FACTOR_ERROR else (pressure, pressure, False)
 
 
-def _factor(p: Array, y: Array) -> tuple[float, float]:
-    """Least squares of measured on predicted through 0, and its standard error."""
-    size = float(p @ p)
-    if size == 0 or len(p) < 2:
+def _fit_factor(p: Array, y: Array) -> tuple[float, float]:
+    """Least-squares slope of measured y on predicted p through 0, and its standard error."""
+    energy = float(p @ p)
+    if energy == 0 or len(p) < 2:
         return 1.0, np.inf
-    factor = float(p @ y) / size
-    return factor, float(np.sqrt(np.sum((y - factor * p) ** 2) / (len(p) - 1) / size))
+    factor = float(p @ y) / energy
+    return factor, float(np.sqrt(np.sum((y - factor * p) ** 2) / (len(p) - 1) / energy))

@@ -1,4 +1,4 @@
-"""The points that a force model is fitted to: features of settled frames, and their wrenches."""
+"""Training points of force models: features of settled frames, and their measured wrenches."""
 
 from __future__ import annotations
 
@@ -21,59 +21,58 @@ from ...measure.face import FaceFlow
 from ...measure.force import make_features
 from ...measure.force.model import Features
 from ...measure.sensor_id import SensorModel
-from ..flows import flows_of, key_of
-from ..runs import PRESSING, head_of, read_frames, settle_s, settled, settles, view_of_run
+from ..flows import flow_key, settled_flows
+from ..runs import PRESS_KINDS, has_rests, head_of, read_frames, settle_s, settled_rows, view_of_run
 
-WRENCH = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
-WINDOW_S = 0.1
-"""Force samples up to this long before and after a settled frame are averaged."""
-_FEWEST = 3
+WRENCH_COLUMNS = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
+# Half width of the mean around a settled frame; by hand: longer has less noise, and some motion.
+FORCE_WINDOW_S = 0.1
+_MIN_SAMPLES = 3  # in the window, for a mean; by hand: fewer is no better than the frame's own
 
 
-def wrenches(run: Run, press: str, rows: pd.DataFrame) -> tuple[Array, Array]:
+def settled_wrenches(run: Run, press: str, rows: pd.DataFrame) -> tuple[Array, Array]:
     """Wrench (n, 6) on the sensor at settled frames, N and N mm, and which were saturated (n,).
 
-    Means of the force samples within WINDOW_S of each frame in its step, or as long as the protocol
-    settles; the frame's own where there are not so many. What was measured at rest, before the
-    press, is taken off: a tare has noise, and it drifts.
+    Means of the force samples within FORCE_WINDOW_S of each frame and the settling time of its
+    step; the frame's own sample where there are too few. The mean at rest, before the press, is
+    subtracted: the tare is noisy and drifts.
     """
-    wrench = rows[list(WRENCH)].to_numpy(float).copy()
+    wrench = rows[list(WRENCH_COLUMNS)].to_numpy(float).copy()
     saturated = np.zeros(len(rows), bool)
     samples = run.force(press)
-    windows_s = {kind: min(WINDOW_S, settle_s(run, kind)) for kind in rows["kind"].unique()}
-    if not settles(rows) or not any(windows_s.values()):
+    windows_s = {kind: min(FORCE_WINDOW_S, settle_s(run, kind)) for kind in rows["kind"].unique()}
+    if not has_rests(rows) or not any(windows_s.values()):
         return wrench, saturated
     by_step = samples.groupby("step_id").indices
-    values, at_s = samples[list(WRENCH)].to_numpy(float), samples["t_press_s"].to_numpy(float)
-    over = samples["saturated"].to_numpy(bool)
+    values = samples[list(WRENCH_COLUMNS)].to_numpy(float)
+    at_s = samples["t_press_s"].to_numpy(float)
+    out_of_range = samples["saturated"].to_numpy(bool)
     places = zip(rows["step_id"], rows["kind"], rows["t_press_s"], strict=True)
     for k, (step, kind, t_s) in enumerate(places):
-        own = by_step.get(step, np.zeros(0, int))
-        near = own[np.abs(at_s[own] - t_s) <= windows_s[kind]]
-        if len(near) >= _FEWEST:
+        in_step = by_step.get(step, np.zeros(0, int))
+        near = in_step[np.abs(at_s[in_step] - t_s) <= windows_s[kind]]
+        if len(near) >= _MIN_SAMPLES:
             wrench[k] = values[near].mean(0)
-            saturated[k] = over[near].any()
-    rest = ~rows["kind"].isin(PRESSING).to_numpy()
+            saturated[k] = out_of_range[near].any()
+    rest = ~rows["kind"].isin(PRESS_KINDS).to_numpy()
     if rest.any():
         wrench -= wrench[rest].mean(0)
     return wrench, saturated
 
 
-STRETCHES = 10
-"""In which an imported run, whose presses nobody knows, is left out in place of presses."""
-MIN_COVER = 0.7
-"""Of the view, known in a frame that is taken."""
-_GEL = ("gel_model", "modulus_mpa", "poisson", "prony")
+TIME_STRETCHES = 10  # folds of an imported run, of unknown presses; by hand: more are more alike
+MIN_FORCE_COVER = 0.7  # tracked share of the view in a point; by hand: higher drops deep drags
+_GEL_KEYS = ("gel_model", "modulus_mpa", "poisson", "prony")
 
 
 @dataclass(frozen=True)
 class ForceData:
-    """Points of one sensor.
+    """Training points of one sensor.
 
-    points: a row a point: run, indenter, position (words, the same for all mirror images), x_mm,
-    y_mm of the press, press, frame_id, cover, wait_s since the motion ended. wrench: (n, 6)
-    on the sensor about the centre of the resting face, N and N mm. features: (n, k) of each
-    feature set, sets: what they are. left_out: what was not taken, and why.
+    points: one row per point: run, indenter, position (label, the same for all mirror images),
+    x_mm, y_mm of the press, press, frame_id, cover, wait_s since the motion ended. wrench: (n, 6)
+    on the sensor about the centre of the resting face, N and N mm. features: (n, k) by name of
+    the feature set, sets: the sets. left_out: one line per reason for skipped frames.
     """
 
     points: pd.DataFrame
@@ -88,7 +87,7 @@ class ForceData:
 
 @dataclass(frozen=True)
 class PressPoints:
-    """The points of one press, as in `ForceData`, and why each of its other frames is not one."""
+    """The points of one press, as in `ForceData`; refused: the reason for each skipped frame."""
 
     rows: pd.DataFrame
     wrench: Array
@@ -96,11 +95,11 @@ class PressPoints:
     refused: list[str]
 
 
-def opened(folders: Sequence[Path]) -> tuple[list[Run], list[pd.DataFrame]]:
-    """Runs of one sensor that force can be calibrated on, and their frames.
+def open_force_runs(folders: Sequence[Path]) -> tuple[list[Run], list[pd.DataFrame]]:
+    """Open runs of one sensor for a force calibration, with their tables of frames.
 
-    Raises InputError for one that is not finished or has no images or no force, for runs of
-    several sensors or simulated gels, and for one folder twice.
+    Raises InputError for an unfinished run, one without images or force, runs of several sensors
+    or simulated gels, and a folder given twice.
     """
     runs = [open_run(folder) for folder in folders]
     places = Counter(run.folder.resolve() for run in runs)
@@ -108,64 +107,62 @@ def opened(folders: Sequence[Path]) -> tuple[list[Run], list[pd.DataFrame]]:
         raise InputError(f"{twice[0]}: given twice; give each run once")
     tables = [read_frames(run, "force") for run in runs]
     for run, frames in zip(runs, tables, strict=True):
-        unread = frames[list(WRENCH)].isna()
+        unread = frames[list(WRENCH_COLUMNS)].isna()
         # An imported run may lack components: those are not calibrated.
         if unread.all(axis=None) if run.imported else unread.any(axis=None):
-            raise InputError(
-                f"{run.folder}: no force was recorded; force needs the channel 'force'"
-            )
+            raise InputError(f"{run.folder}: no force recorded; needs the channel 'force'")
     head_of(runs, "force")
-    gels = [{k: run.meta["protocol"]["specimen"].get(k) for k in _GEL} for run in runs]
+    gels = [{k: run.meta["protocol"]["specimen"].get(k) for k in _GEL_KEYS} for run in runs]
     for run, gel in zip(runs, gels, strict=True):
         unlike = [f"{k} {v!r}, not {gels[0][k]!r}" for k, v in gel.items() if v != gels[0][k]]
         if unlike and run.simulated:
-            raise InputError(f"{run.folder}: another gel than {folders[0]}: {'; '.join(unlike)}")
+            raise InputError(f"{run.folder}: gel differs from {folders[0]}: {'; '.join(unlike)}")
     return runs, tables
 
 
 def presses(run: Run) -> list[str]:
-    """The presses of a run, in order; without its table of frames, which takes long to read."""
+    """Names of a run's presses, in order; without its table of frames, which is slow to read."""
     steps = run.frames() if run.imported else run.steps()
     return list(dict.fromkeys(steps.loc[steps["kind"] != "change", "press"]))
 
 
-def labels(runs: Sequence[Run]) -> list[str]:
-    """What tells runs apart: their folders' names, whole paths where two have one name."""
+def run_labels(runs: Sequence[Run]) -> list[str]:
+    """Unique labels of runs: their folders' names, full paths where two have one name."""
     places = [run.folder.resolve() for run in runs]
     short = len({place.name for place in places}) == len(places)
     return [place.name if short else str(place) for place in places]
 
 
-def gather(
+def gather_data(
     runs: Sequence[Run],
     names: Sequence[str],
     executor: Executor | None = None,
     progress: Progress | None = None,
     view: SensorModel | None = None,
 ) -> ForceData:
-    """The points of `opened` runs under feature sets. Raises InputError where none can be used.
+    """Gather the points of runs for named feature sets. Raises InputError without a usable frame.
 
-    view: of the sensor, where it is not as the runs describe it.
+    view: sensor model, None: as the runs describe it.
     """
     view = view or view_of_run(runs[0])
     jobs = [
         (str(run.folder), label, press)
-        for run, label in zip(runs, labels(runs), strict=True)
+        for run, label in zip(runs, run_labels(runs), strict=True)
         for press in presses(run)
     ]
-    shown = [press for _, _, press in jobs]
-    work = partial(_press, names=tuple(names), view=view)
-    parts = run_each(work, jobs, shown, executor, progress)
+    titles = [press for _, _, press in jobs]
+    work = partial(_measure_job, names=tuple(names), view=view)
+    parts = run_each(work, jobs, titles, executor, progress)
     return gather_points(parts, names, view, str(runs[0].folder))
 
 
 def point_flows(runs: Sequence[Run], data: ForceData) -> Iterator[FaceFlow]:
-    """The flow of each point of `gather` from these runs, press by press."""
-    of_run = dict(zip(labels(runs), runs, strict=True))
+    """Yield the flow of each point that `gather_data` took from these runs, press by press."""
+    of_run = dict(zip(run_labels(runs), runs, strict=True))
     for (label, press), part in data.points.groupby(["run", "press"], sort=False):
         run, name = of_run[str(label)], str(press).removeprefix(f"{label}/")
-        frames = settled(run.frames(name))["frame_id"].tolist()
-        flows = flows_of(run, name, FaceFlow.SPACING_PX)
+        frames = settled_rows(run.frames(name))["frame_id"].tolist()
+        flows = settled_flows(run, name, FaceFlow.SPACING_PX)
         for frame_id in part["frame_id"]:
             yield flows[frames.index(frame_id)]
 
@@ -173,26 +170,25 @@ def point_flows(runs: Sequence[Run], data: ForceData) -> Iterator[FaceFlow]:
 def gather_points(
     parts: Sequence[PressPoints], names: Sequence[str], view: SensorModel, source: str
 ) -> ForceData:
-    """Gather presses of one sensor into one set of points; source: what an error names.
+    """Gather presses of one sensor into one set of points; source: prefix of an error's message.
 
-    Raises InputError where no frame can be used.
+    Raises InputError without a usable frame.
     """
     sets = {name: make_features(name, view) for name in names}
     points = pd.concat([part.rows for part in parts], ignore_index=True)
-    refused = Counter(why for part in parts for why in part.refused)
-    left_out = [
-        f"{n} of {len(points) + refused.total()} frames: {why}" for why, n in refused.items()
-    ]
+    refused = Counter(reason for part in parts for reason in part.refused)
+    total = len(points) + refused.total()
+    left_out = [f"{n} of {total} frames: {reason}" for reason, n in refused.items()]
     if points.empty:
-        raise InputError(f"{source}: no frame can be used: {'; '.join(left_out) or 'none'}")
+        raise InputError(f"{source}: no usable frame: {'; '.join(left_out) or 'none at all'}")
     features = {n: np.concatenate([part.features[n] for part in parts]) for n in names}
     wrench = np.concatenate([part.wrench for part in parts])
     return ForceData(points, wrench, features, sets, left_out)
 
 
-def _press(of: tuple[str, str, str], names: Sequence[str], view: SensorModel) -> PressPoints:
-    """The points of a press; of: the run's folder, its label, and the press."""
-    folder, label, press = of
+def _measure_job(job: tuple[str, str, str], names: Sequence[str], view: SensorModel) -> PressPoints:
+    """Measure the points of a press; job: the run's folder, its label, and the press."""
+    folder, label, press = job
     return measure_force_points(open_run(folder), label, press, names, view)
 
 
@@ -201,82 +197,83 @@ def measure_force_points(
 ) -> PressPoints:
     """Measure the force points of one press of a run that has images and force.
 
-    label: the run's name in the points. view: of the sensor, where it is not as the run describes.
-    Raises as `flows_of` does.
+    label: the run's name in the points. view: sensor model, None: as the run describes it.
+    Raises as `settled_flows` does.
     """
     view = view or view_of_run(run)
-    rows = settled(run.frames(press))
-    wrench, saturated = wrenches(run, press, rows)
-    far = np.zeros(len(rows), bool)
-    if run.imported:  # what is not measured is never other than 0, which calibrates nothing
-        far = rows["force_skew_s"].to_numpy(float) > WINDOW_S
+    rows = settled_rows(run.frames(press))
+    wrench, saturated = settled_wrenches(run, press, rows)
+    no_force = np.zeros(len(rows), bool)
+    if run.imported:  # components that were not measured stay 0, which calibrates nothing
+        no_force = rows["force_skew_s"].to_numpy(float) > FORCE_WINDOW_S
         # The flow counts from the first image, and so must the force.
-        wrench -= wrench[(rows["t_press_s"] <= WINDOW_S).to_numpy()].mean(0)
+        wrench -= wrench[(rows["t_press_s"] <= FORCE_WINDOW_S).to_numpy()].mean(0)
         wrench[:, np.isnan(wrench).all(axis=0)] = 0.0
     sets = [make_features(name, view) for name in names]
-    flows, key = flows_of(run, press, FaceFlow.SPACING_PX), key_of(run, press)
+    flows, key = settled_flows(run, press, FaceFlow.SPACING_PX), flow_key(run, press)
     refused = ["" for _ in range(len(rows))]
     for k, flow in enumerate(flows):
         if saturated[k]:
-            refused[k] = "a gauge of the force sensor was out of range"
-        elif far[k]:
-            refused[k] = f"no force within {WINDOW_S:g} s"
+            refused[k] = "force sensor saturated"
+        elif no_force[k]:
+            refused[k] = f"no force sample within {FORCE_WINDOW_S:g} s"
         elif not flow.trusted:
-            refused[k] = "the flow is not trusted"
-        elif flow.cover < MIN_COVER:
-            refused[k] = f"less than {MIN_COVER:.0%} of the view is known"
+            refused[k] = "flow not trusted"
+        elif flow.cover < MIN_FORCE_COVER:
+            refused[k] = f"less than {MIN_FORCE_COVER:.0%} of the view tracked"
     values: dict[str, Array] = {}
-    for one in sets:
-        values[one.name] = _features(one, view, flows, key)
-        for k in np.flatnonzero(np.isnan(values[one.name][:, 0])).tolist():
-            refused[k] = refused[k] or f"{one.name} found no solution"
-    taken = np.array([not why for why in refused])
+    for features in sets:
+        values[features.name] = _compute_features(features, view, flows, key)
+        for k in np.flatnonzero(np.isnan(values[features.name][:, 0])).tolist():
+            refused[k] = refused[k] or f"{features.name} found no solution"
+    accepted = np.array([not reason for reason in refused])
     steps = run.steps()
-    within: Any = f"{label}/{press}"
+    press_label: Any = f"{label}/{press}"
     if run.imported:
         x_mm = y_mm = np.nan
-        within = [f"{within}/{STRETCHES * k // len(rows)}" for k in range(len(rows))]
+        stretch = TIME_STRETCHES * np.arange(len(rows)) // len(rows)
+        press_label = [f"{press_label}/{k}" for k in stretch]
     else:
-        first = steps[steps["press"] == press].iloc[0]  # its aim: where the press goes down
+        first = steps[steps["press"] == press].iloc[0]  # its target: where the press goes down
         x_mm, y_mm = (round(float(first[name]), 3) + 0.0 for name in ("x_mm", "y_mm"))
     table = rows[["frame_id", "indenter"]].assign(
         run=label,
-        press=within,
-        # Mirror images are one: a model that knows the mirror has seen the others in any of them.
+        press=press_label,
+        # Mirror images are one position: a mirror-symmetric model has seen all in any of them.
         position=Run.UNKNOWN if run.imported else f"({abs(x_mm):g}, {abs(y_mm):g})",
         x_mm=x_mm,
         y_mm=y_mm,
         cover=[flow.cover for flow in flows],
-        # Since the motion ended: what a gel relaxes meanwhile is in the label.
+        # Time since the motion ended: the label depends on it through the gel's relaxation.
         wait_s=rows["t_step_s"] - rows["step_id"].map(steps.set_index("step_id")["planned_s"]),
     )
     return PressPoints(
-        table[taken].reset_index(drop=True),
-        wrench[taken],
-        {name: held[taken] for name, held in values.items()},
-        [why for why in refused if why],
+        table[accepted].reset_index(drop=True),
+        wrench[accepted],
+        {name: array[accepted] for name, array in values.items()},
+        [reason for reason in refused if reason],
     )
 
 
-def _features(one: Features, view: SensorModel, flows: Sequence[FaceFlow], of: str) -> Array:
-    """A feature set at the flows of a press (n, k), from the cache; nan: no solution.
-
-    of: their `key_of`.
-    """
+def _compute_features(
+    features: Features, view: SensorModel, flows: Sequence[FaceFlow], key_of_flows: str
+) -> Array:
+    """Features (n, k) of the flows of a press (see `flow_key`), cached; nan: no solution."""
+    gel = (view.skin, view.poisson) if features.rests_on_gel else ()
     key = cache_key(
-        type(one).__module__.partition(".")[2],
-        of=of,
+        type(features).__module__.partition(".")[2],
+        of=key_of_flows,
         every_px=FaceFlow.SPACING_PX,
-        by=one.name,
-        view=repr((view.camera.as_dict(), (view.skin, view.poisson) if one.rests_on_gel else ())),
+        by=features.name,
+        view=repr((view.camera.as_dict(), gel)),
     )
     store = Store("features")
     values: Array | None = store.read(key)
     if values is None:
-        values = np.full((len(flows), len(one.names)), np.nan)
+        values = np.full((len(flows), len(features.names)), np.nan)
         for k, flow in enumerate(flows):
             with suppress(SolverError):
                 if flow.trusted:
-                    values[k] = one.of(flow)
+                    values[k] = features.compute(flow)
         store.write(key, values)
     return values

@@ -1,10 +1,9 @@
-"""The gel that presses tell: Poisson's ratio and thickness, beside what the design believes, and
-how much of its force had not relaxed when a label was taken.
+"""Gel identification from presses: Poisson's ratio, thickness, and force not yet relaxed.
 
-Both change how the face answers pressure and shear at once, so a belief that is off puts the
-force off by some per cent wherever it was not calibrated. Presses at known places tell them: the
-pair is taken under which left-out positions are predicted best, all three forces alike.
-On gels of another solver, two of them, it found the true pair (docs/evidence/strangers.md).
+Poisson's ratio and thickness change the response to pressure and shear differently, so wrong design
+values cost some per cent of force at uncalibrated places. The pair is chosen that predicts unseen
+positions best, all three forces weighted alike. On two gels of another solver it found the true
+pair (docs/evidence/strangers.md).
 """
 
 from __future__ import annotations
@@ -22,28 +21,37 @@ from ...measure.force.inverse import Inverse
 from ...measure.regression import MIN_PRESSES
 from ...measure.sensor_id import SensorModel
 from .dataset import ForceData, point_flows
-from .judge import left_out
+from .judge import predict_left_out
 
-AWAY, THICKER = 1.25, 0.01  # a step: factor of 1/2 - Poisson's ratio, share of the thickness
-STEPS = (4, 2, 1)  # of a search round the best pair, one after the other
-WAYS = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, -1), (-1, 1))  # a thinner, softer gel looks alike
-FARTHEST = 8  # steps of either from what was believed
-AWAY_RANGE = (0.002, 0.1)  # of 1/2 - Poisson's ratio
-FRAMES = 120  # that are looked at, spread over all
-DRAWS, SURE = 400, 0.95
-WORTH = 0.9  # of the error: the best of many pairs is a little better by chance
-SHARES, TIMES_S = np.arange(0.02, 0.31, 0.02).tolist(), (0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
-FORCES = slice(0, 3)
+POISSON_STEP, THICKNESS_STEP = 1.25, 0.01  # of 1/2 - nu (factor), of the thickness; by hand: cost
+SEARCH_STEPS = (4, 2, 1)  # of successive pattern searches; by hand: an inverse per pair tried
+SEARCH_DIRECTIONS = (
+    (1, 0),
+    (-1, 0),
+    (0, 1),
+    (0, -1),
+    (1, -1),
+    (-1, 1),
+)  # by hand: (1, -1) look alike
+MAX_SEARCH_STEPS = 8  # from the design's values; by hand: farther is no plausible casting error
+COMPRESSIBILITY_RANGE = (0.002, 0.1)  # of 1/2 - nu; by hand: silicones, and the solver's limits
+MAX_SEARCH_FRAMES = 120  # spread over all; by hand: more cost time and hardly change the pair
+# Decision 0026: 95 % of the bootstrap draws must favour the pair, and the error fall by a tenth,
+# for the best of many pairs is a little better by chance. By hand: 400 draws settle the 95 %.
+BOOTSTRAP_DRAWS, GEL_CONFIDENCE, MAX_ERROR_SHARE = 400, 0.95, 0.9
+UNRELAXED_SHARES = np.arange(0.02, 0.31, 0.02).tolist()  # by hand: candidates up to a third
+UNRELAXED_TIMES_S = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0)  # by hand: candidates of decay times
+FORCE_SLICE = slice(0, 3)
 
-Errors = Callable[[SensorModel], Array]
+GelErrors = Callable[[SensorModel], Array]
 
 
 @dataclass(frozen=True)
-class FoundGel:
-    """Poisson's ratio and thickness, each with the interval of a share SURE of redrawn presses.
+class IdentifiedGel:
+    """Poisson's ratio and thickness, each with its bootstrap interval at GEL_CONFIDENCE.
 
-    error_share: the force's error of left-out positions over that with what was believed, mean
-    (geometric) of the three components.
+    error_share: force error on unseen positions over that with the design's gel, geometric mean of
+    the three components.
     """
 
     poisson: float
@@ -56,57 +64,57 @@ class FoundGel:
     def line(self) -> str:
         (a, b), (c, d) = self.poisson_between, self.thickness_between_mm
         return (
-            f"Fitted to the presses, the gel has a Poisson's ratio of {self.poisson:.3f} "
-            f"({a:.3f} to {b:.3f}) and is {self.thickness_mm:.2f} mm thick ({c:.2f} to {d:.2f}); "
-            f"with it the force's error is {self.error_share:.2f} of that with the design's"
+            f"Gel fitted to the presses: Poisson's ratio {self.poisson:.3f} ({a:.3f} to {b:.3f}), "
+            f"thickness {self.thickness_mm:.2f} mm ({c:.2f} to {d:.2f}); force error "
+            f"{self.error_share:.2f} of that with the design's gel"
         )
 
 
 def identify_gel(
     runs: Sequence[Run], data: ForceData, view: SensorModel, progress: Progress | None = None
-) -> FoundGel | None:
-    """By the features that rest on the gel; None where the presses do not tell it.
+) -> IdentifiedGel | None:
+    """Identify the gel by the features that depend on it; None if the presses do not determine it.
 
-    They do not where `can_tell` denies it, where it gains less than a tenth, or where redrawn
-    presses would as soon keep what is believed.
+    None unless `is_identifiable`, or if the error falls by less than a tenth, or if bootstrapped
+    presses favour the design's gel.
     """
-    if not can_tell(data):
+    if not is_identifiable(data):
         return None
-    rows = np.unique(np.linspace(0, len(data) - 1, min(FRAMES, len(data))).astype(int))
-    some = replace(data, points=data.points.iloc[rows], wrench=data.wrench[rows])
-    return search(view, errors_of(list(point_flows(runs, some)), some), progress)
+    rows = np.unique(np.linspace(0, len(data) - 1, min(MAX_SEARCH_FRAMES, len(data))).astype(int))
+    subset = replace(data, points=data.points.iloc[rows], wrench=data.wrench[rows])
+    return search_gel(view, error_function(list(point_flows(runs, subset)), subset), progress)
 
 
-def can_tell(data: ForceData) -> bool:
-    """Whether points can tell a gel: MIN_PRESSES, three positions, and no force the same always."""
+def is_identifiable(data: ForceData) -> bool:
+    """True if points can determine a gel: MIN_PRESSES, three positions, no constant force."""
     few = data.points["press"].nunique() < MIN_PRESSES or data.points["position"].nunique() < 3
-    return not few and bool((np.ptp(data.wrench[:, FORCES], axis=0) > 0).all())
+    return not few and bool((np.ptp(data.wrench[:, FORCE_SLICE], axis=0) > 0).all())
 
 
-def errors_of(flows: Sequence[FaceFlow], data: ForceData) -> Errors:
-    """Of a view: `squared_errors` of points with these flows."""
+def error_function(flows: Sequence[FaceFlow], data: ForceData) -> GelErrors:
+    """Return a function of a view: `squared_errors` of points with these flows."""
 
     def errors(view: SensorModel) -> Array:
         features = Inverse(view)
-        X = np.array([features.of(flow) for flow in flows])
-        known = {features.name: X}
-        return squared_errors(replace(data, features=known, sets={features.name: features}))
+        X = np.array([features.compute(flow) for flow in flows])
+        columns = {features.name: X}
+        return squared_errors(replace(data, features=columns, sets={features.name: features}))
 
     return errors
 
 
 def squared_errors(data: ForceData) -> Array:
-    """What each press adds to the squared errors of left-out positions (presses, 3)."""
-    off = (left_out(data, Inverse.name, "position")[0] - data.wrench)[:, FORCES]
-    _, of = np.unique(data.points["press"].to_numpy(), return_inverse=True)
-    added = np.zeros((of.max() + 1, 3))
-    np.add.at(added, of, off**2)
-    return added
+    """Squared errors on unseen positions, summed by press (presses, 3), N^2."""
+    residual = (predict_left_out(data, Inverse.name, "position")[0] - data.wrench)[:, FORCE_SLICE]
+    _, press = np.unique(data.points["press"].to_numpy(), return_inverse=True)
+    sums = np.zeros((press.max() + 1, 3))
+    np.add.at(sums, press, residual**2)
+    return sums
 
 
 @dataclass(frozen=True)
 class UnrelaxedForces:
-    """How much more force a label had that was taken at once: share x exp(-wait / time_s)."""
+    """Relative excess of labels taken before the gel relaxed: share x exp(-wait / time_s)."""
 
     share: float
     time_s: float
@@ -114,79 +122,82 @@ class UnrelaxedForces:
     @property
     def line(self) -> str:
         return (
-            f"Labels taken at once were {self.share:.1%} too high, fading in {self.time_s:g} s; "
-            "all were brought to the longest wait"
+            f"Labels taken without waiting were {self.share:.1%} too high (decay time "
+            f"{self.time_s:g} s); all were corrected to the longest wait"
         )
 
-    def mended(self, data: ForceData) -> ForceData:
-        """With wrenches as they would be after the longest wait."""
-        more = 1 + self.share * np.exp(-data.points["wait_s"].to_numpy(float) / self.time_s)
-        return replace(data, wrench=data.wrench * (more.min() / more)[:, None])
+    def relaxed_wrenches(self, data: ForceData) -> ForceData:
+        """Return points with wrenches as they would be after the longest wait."""
+        excess = 1 + self.share * np.exp(-data.points["wait_s"].to_numpy(float) / self.time_s)
+        return replace(data, wrench=data.wrench * (excess.min() / excess)[:, None])
 
 
-def early_labels(data: ForceData) -> UnrelaxedForces | None:
-    """What the presses tell of it; None where all waited alike, or nothing is sure."""
+def fit_unrelaxed(data: ForceData) -> UnrelaxedForces | None:
+    """Fit the excess of early labels; None if all waited alike, or the excess is not certain."""
     wait_s = data.points["wait_s"].to_numpy(float)
-    if not can_tell(data) or not wait_s.min() >= 0 or wait_s.max() <= 2 * wait_s.min():
+    if not is_identifiable(data) or not wait_s.min() >= 0 or wait_s.max() <= 2 * wait_s.min():
         return None
-    tried = [UnrelaxedForces(0.0, 1.0)]
-    tried += [UnrelaxedForces(share, time_s) for time_s in TIMES_S for share in SHARES]
-    each = np.stack([squared_errors(one.mended(data)) for one in tried])
-    best = int(np.log(each.sum(axis=1)).sum(axis=1).argmin())
-    scores = _redrawn(each)
-    return tried[best] if best and (scores[:, best] < scores[:, 0]).mean() >= SURE else None
+    candidates = [UnrelaxedForces(0.0, 1.0)]
+    candidates += [UnrelaxedForces(g, s) for s in UNRELAXED_TIMES_S for g in UNRELAXED_SHARES]
+    errors = np.stack([squared_errors(c.relaxed_wrenches(data)) for c in candidates])
+    best = int(np.log(errors.sum(axis=1)).sum(axis=1).argmin())
+    scores = _bootstrap_scores(errors)
+    certain = (scores[:, best] < scores[:, 0]).mean() >= GEL_CONFIDENCE
+    return candidates[best] if best and certain else None
 
 
-def _redrawn(each: Array) -> Array:
-    """Scores (DRAWS, n) of errors (n, presses, 3) with presses drawn again."""
-    n = each.shape[1]
-    drawn = np.random.default_rng(0).multinomial(n, np.full(n, 1 / n), DRAWS)
-    return np.asarray(np.log(np.einsum("dp,gpc->dgc", drawn, each)).sum(axis=2))
+def _bootstrap_scores(errors: Array) -> Array:
+    """Scores (BOOTSTRAP_DRAWS, n) of errors (n, presses, 3) with presses resampled."""
+    n = errors.shape[1]
+    counts = np.random.default_rng(0).multinomial(n, np.full(n, 1 / n), BOOTSTRAP_DRAWS)
+    return np.asarray(np.log(np.einsum("dp,gpc->dgc", counts, errors)).sum(axis=2))
 
 
-def search(view: SensorModel, errors: Errors, progress: Progress | None = None) -> FoundGel | None:
-    """The pair under which the errors are least, from the believed one on; None: not told."""
-    seen: dict[tuple[int, int], Array] = {}
+def search_gel(
+    view: SensorModel, errors: GelErrors, progress: Progress | None = None
+) -> IdentifiedGel | None:
+    """Search the pair of least errors, from the view's on; None if not determined."""
+    evaluated: dict[tuple[int, int], Array] = {}
 
-    def at(pair: Array | tuple[int, int]) -> tuple[float, float]:
-        away = (0.5 - view.poisson) * AWAY ** float(pair[0])
-        return 0.5 - away, view.skin.thickness_mm * (1 + THICKER * float(pair[1]))
+    def gel_values(pair: Array | tuple[int, int]) -> tuple[float, float]:
+        compressibility = (0.5 - view.poisson) * POISSON_STEP ** float(pair[0])
+        return 0.5 - compressibility, view.skin.thickness_mm * (1 + THICKNESS_STEP * float(pair[1]))
 
     def score(pair: tuple[int, int]) -> float:
-        poisson, thickness_mm = at(pair)
-        low, high = AWAY_RANGE
-        beyond = max(map(abs, pair)) > FARTHEST or not low <= 0.5 - poisson <= high
-        if beyond and pair != (0, 0):
+        poisson, thickness_mm = gel_values(pair)
+        low, high = COMPRESSIBILITY_RANGE
+        out_of_range = max(map(abs, pair)) > MAX_SEARCH_STEPS or not low <= 0.5 - poisson <= high
+        if out_of_range and pair != (0, 0):
             return np.inf
-        if pair not in seen:
+        if pair not in evaluated:
             try:
-                tried = view.with_gel(poisson, thickness_mm)
+                trial_view = view.with_gel(poisson, thickness_mm)
             except ValueError:
-                return np.inf  # thinner than what stands proud of it
-            seen[pair] = errors(tried)
+                return np.inf  # thinner than its proud part
+            evaluated[pair] = errors(trial_view)
             if progress:
-                progress(len(seen), max(30, len(seen)), "the gel that fits the presses")
-        return float(np.log(seen[pair].sum(axis=0)).sum())
+                progress(len(evaluated), max(30, len(evaluated)), "the gel that fits the presses")
+        return float(np.log(evaluated[pair].sum(axis=0)).sum())
 
     best = (0, 0)
     if not np.isfinite(score(best)):
-        return None  # some position cannot be left out: the others are too few
-    for step in STEPS:
+        return None  # too few other positions to leave one out
+    for step in SEARCH_STEPS:
         while True:
-            near = [(best[0] + step * i, best[1] + step * j) for i, j in WAYS]
-            found = min(near, key=score)
-            if score(found) >= score(best):
+            neighbours = [(best[0] + step * i, best[1] + step * j) for i, j in SEARCH_DIRECTIONS]
+            candidate = min(neighbours, key=score)
+            if score(candidate) >= score(best):
                 break
-            best = found
-    # Presses drawn again: which pair would have been taken.
-    pairs = list(seen)
-    scores = _redrawn(np.stack([seen[pair] for pair in pairs]))
+            best = candidate
+    # The winning pair of each bootstrap draw.
+    pairs = list(evaluated)
+    scores = _bootstrap_scores(np.stack([evaluated[pair] for pair in pairs]))
     better = scores[:, pairs.index(best)] < scores[:, pairs.index((0, 0))]
     gain = float(np.exp((score(best) - score((0, 0))) / 6))  # of squares, of three components
-    if gain > WORTH or better.mean() < SURE:
+    if gain > MAX_ERROR_SHARE or better.mean() < GEL_CONFIDENCE:
         return None
-    taken = np.array(pairs)[scores.argmin(axis=1)]
-    # Half a step more on either side, for between steps nothing was tried.
-    low, high = np.quantile(taken, [(1 - SURE) / 2, (1 + SURE) / 2], axis=0) + [[-0.5], [0.5]]
-    (b, c), (a, d), (poisson, thickness_mm) = at(low), at(high), at(best)
-    return FoundGel(poisson, (a, b), thickness_mm, (c, d), gain)
+    winners, tail = np.array(pairs)[scores.argmin(axis=1)], (1 - GEL_CONFIDENCE) / 2
+    # Half a step more on either side: nothing was tried between steps.
+    low, high = np.quantile(winners, [tail, 1 - tail], axis=0) + [[-0.5], [0.5]]
+    (b, c), (a, d), (poisson, thickness_mm) = gel_values(low), gel_values(high), gel_values(best)
+    return IdentifiedGel(poisson, (a, b), thickness_mm, (c, d), gain)

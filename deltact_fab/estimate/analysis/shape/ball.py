@@ -1,4 +1,4 @@
-"""Depth calibrated on one press of a ball: its radius, where the stage had it, and the images."""
+"""Depth calibration on one press of a ball, from its radius, the stage's positions and images."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from deltact_fab.common import InputError
 from ...measure.face import FaceFlow
 from ...measure.force.calibration import load_force
 from ...measure.sensor_id import CalibrationHead, require_same_sensor
-from ...measure.shape.depth import DepthFinder, DepthModel, ball_mm
-from ..flows import flows_of
-from ..runs import head_of, read_frames, sensor_of, settled, view_of_run
+from ...measure.shape.depth import DepthFinder, DepthModel, ball_depth_mm
+from ..flows import settled_flows
+from ..runs import head_of, read_frames, sensor_of, settled_rows, view_of_run
 
-SURE = 0.4
-"""Of the press's depth: points of the ball that lie deeper certainly touch, the rim lies higher."""
-MIN_MM = 0.3
-"""Of a press that says enough."""
-MIN_COVER = 0.7
-DOUBTED_GAIN, MAX_GAIN = 2.0, 3.0
-"""Or one over it: beyond, it is hardly, and not, the gel that differs."""
+# Share of a press's depth below which the ball certainly touches; by hand, above the rim's 0.3.
+SURE_CONTACT_SHARE = 0.4
+MIN_PRESS_MM = 0.3  # of a calibration; by hand: less is small against noise and the smoothing
+MIN_DEPTH_COVER = 0.7  # tracked share of the view; by hand, as MIN_FORCE_COVER
+# A gain outside [1/2, 2] is doubtful, outside [1/3, 3] refused; by hand: on other gels, 1.08 to
+# 1.31 was measured (docs/evidence/strangers.md).
+DOUBTFUL_GAIN, MAX_DEPTH_GAIN = 2.0, 3.0
 
 
 @dataclass(frozen=True)
 class DepthCalibration:
-    """A model of the depth and what it was made from.
+    """A model of the depth and its source.
 
-    diameter_mm: of the ball. depths_mm: of the presses, frame by frame. error_mm: mean distance
-    to the ball over the points that certainly touch, of these frames themselves.
+    diameter_mm: of the ball. depths_mm: of the press, frame by frame. error_mm: mean distance
+    to the ball over the points that certainly touch, in the calibration's own frames.
     """
 
     head: CalibrationHead
@@ -53,18 +53,18 @@ class DepthCalibration:
         return (
             f"Depth calibrated on a sphere of {self.diameter_mm:g} mm at "
             f"{', '.join(f'{depth:.2f}' for depth in self.depths_mm)} mm: gain {model.gain:.3f}; "
-            f"mean distance to the sphere {self.error_mm:.3f} mm where it certainly touches "
+            f"mean error {self.error_mm:.3f} mm where the sphere certainly touches "
             f"({self.head.origin})." + (f"\nDoubtful: {self.doubt}" if self.doubt else "")
         )
 
     @property
     def doubt(self) -> str | None:
-        """What speaks against it, if anything does."""
-        if 1 / DOUBTED_GAIN <= self.model.gain <= DOUBTED_GAIN:
+        """Reason to doubt the gain, None without one."""
+        if 1 / DOUBTFUL_GAIN <= self.model.gain <= DOUBTFUL_GAIN:
             return None
         return (
-            f"a gain between {1 / DOUBTED_GAIN:g} and {DOUBTED_GAIN:g} is usual; are the sphere's "
-            "diameter, where the stage has the face, and the skin's thickness right?"
+            f"gains are usually between {1 / DOUBTFUL_GAIN:g} and {DOUBTFUL_GAIN:g}; check the "
+            "sphere's diameter, the stage's zero at the face and the skin's thickness"
         )
 
     def _ball(self) -> dict[str, Any]:
@@ -76,13 +76,13 @@ class DepthCalibration:
 
 
 def calibrate_depth(folder: str | Path, force: Path | None = None) -> DepthCalibration:
-    """Calibrate depth on a run in which a ball presses the face, by its first press of one.
+    """Calibrate depth on the first press of a ball in a run.
 
-    force: a calibration of it, whose gel is taken instead of the design's: a measurement that uses
-    both then inverts the face once.
+    force: a force calibration, whose gel replaces the design's: a measurement that uses both then
+    inverts the face once.
 
-    Takes the settled frames and nothing but images, poses and the ball's diameter. Raises
-    InputError for a run that is not finished, has no images or presses no ball, or not 0.3 mm deep.
+    Uses the images and stage positions of the settled frames and the ball's diameter. Raises
+    InputError for a run that is unfinished, has no images or no ball pressed 0.3 mm deep.
     """
     run = open_run(folder)
     frames = read_frames(run, "shape")
@@ -90,42 +90,42 @@ def calibrate_depth(folder: str | Path, force: Path | None = None) -> DepthCalib
     if balls.empty:
         names = ", ".join(dict.fromkeys(frames["indenter"]))
         raise InputError(
-            f"{folder}: no sphere presses in this run (it has {names}); depth is calibrated on a "
-            "press of a sphere, as in the protocol 'ball-press'"
+            f"{folder}: no press of a sphere in this run (indenters: {names}); depth calibration "
+            "needs one, as in the protocol 'ball-press'"
         )
     press = str(balls["press"].iloc[0])
     diameter_mm = float(str(balls["indenter"].iloc[0]).removeprefix("sphere:"))
     view = view_of_run(run)
     if force is not None:
-        held = load_force(force)
-        require_same_sensor(held.head, sensor_of(run), str(force))
-        view = held.view(view)
-    finder = DepthFinder(view, DepthModel(gain=1.0, deepest_mm=MIN_MM))
+        calibration = load_force(force)
+        require_same_sensor(calibration.head, sensor_of(run), str(force))
+        view = calibration.view(view)
+    finder = DepthFinder(view, DepthModel(gain=1.0, deepest_mm=MIN_PRESS_MM))
     parts, depths = [], []
-    rows = settled(run.frames(press))
+    rows = settled_rows(run.frames(press))
     tips = rows[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
-    for tip, flow in zip(tips, flows_of(run, press, FaceFlow.SPACING_PX), strict=True):
-        if not (-tip[2] >= MIN_MM and flow.trusted and flow.cover >= MIN_COVER):
+    for tip, flow in zip(tips, settled_flows(run, press, FaceFlow.SPACING_PX), strict=True):
+        if not (-tip[2] >= MIN_PRESS_MM and flow.trusted and flow.cover >= MIN_DEPTH_COVER):
             continue
-        wanted = ball_mm(flow, view, tip, diameter_mm / 2)
-        sure = (wanted > -SURE * tip[2]) & flow.known
-        found = finder.of(flow).depth_mm
-        parts.append(np.stack((found[sure], wanted[sure])))
+        expected = ball_depth_mm(flow, view, tip, diameter_mm / 2)
+        touching = (expected > -SURE_CONTACT_SHARE * tip[2]) & flow.known
+        measured = finder.find(flow).depth_mm
+        parts.append(np.stack((measured[touching], expected[touching])))
         depths.append(-float(tip[2]))
-    found, wanted = np.concatenate(parts, axis=1) if parts else np.zeros((2, 0))
-    if not found.any():
+    measured, expected = np.concatenate(parts, axis=1) if parts else np.zeros((2, 0))
+    if not measured.any():
         raise InputError(
-            f"{folder}: press {press}: no frame in which the sphere is {MIN_MM} mm deep or more "
-            "and the flow is trusted"
+            f"{folder}: press {press}: no frame with the sphere {MIN_PRESS_MM} mm deep or more "
+            "and a trusted flow"
         )
-    gain = float(found @ wanted / (found @ found))
-    if not 1 / MAX_GAIN <= gain <= MAX_GAIN:
+    gain = float(measured @ expected / (measured @ measured))
+    if not 1 / MAX_DEPTH_GAIN <= gain <= MAX_DEPTH_GAIN:
         raise InputError(
-            f"{folder}: press {press}: the depth found is {1 / gain:.2g} times the sphere's; is "
-            "its diameter, or where the stage has the face, wrong?"
+            f"{folder}: press {press}: the measured depth is {1 / gain:.2g} times the sphere's; "
+            "check its diameter and the stage's zero at the face"
         )
     return DepthCalibration(
         head_of([run], "depth"),
         DepthModel(gain, max(depths), view.poisson, view.skin.thickness_mm), diameter_mm, depths,
-        float(np.abs(gain * found - wanted).mean()),
+        float(np.abs(gain * measured - expected).mean()),
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Shape, and force where it is calibrated, of one press's settled frames, beside what is true."""
+"""Shape, and force where it is calibrated, of one press's settled frames, against truth."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from deltact_fab.common import Array, InputError
 from deltact_fab.sensor import Indenter, LatticeSampler, restore_indenter
 
 from ...measure.face import FaceFlow
-from ...measure.force import features_of
+from ...measure.force import load_features
 from ...measure.force.calibration import ForceCalibration, load_force
 from ...measure.force.model import Features, TractionField, Wrench
 from ...measure.shape.density import Density, jacobian_density, relative_depth
@@ -25,43 +25,41 @@ from ...measure.shape.depth import (
     DepthFinder,
     DepthModel,
     contact_labels,
-    contacts,
+    find_contacts,
 )
-from ..flows import MAP_EVERY_PX, flows_of
-from ..runs import settled, view_of_run
+from ..flows import MAP_EVERY_PX, settled_flows
+from ..runs import settled_rows, view_of_run
 
 TOUCHING_MM = 0.06
-"""A point this near to the indenter's surface touches it, where no traction was recorded. The
-gel's cells follow the indenter to within some 0.04 mm."""
-PRESSED = 0.01
-"""Of the greatest pressure: what is more is contact, where traction was recorded."""
+"""Distance from the indenter's surface below which a point touches it, where no traction was
+recorded; by hand: above the 0.04 mm by which the gel's cells follow the indenter."""
+PRESSED_SHARE = 0.01  # of the peak pressure, for contact; by hand: less is smeared by interpolation
 
 
 def true_shape(
     truth: RunTruth, frame_id: str, flow: FaceFlow, indenter: Indenter, tip_mm: Array
 ) -> tuple[Array, Array, str]:
-    """Depth (h, w) in mm and contact (h, w) bool at a flow's points, and what decides on contact.
+    """Depth (h, w) in mm and contact (h, w) bool at a flow's points, and the criterion of contact.
 
-    Of a frame in which the indenter's tip stands at tip_mm (3,).
+    tip_mm (3,): of the indenter in this frame.
     """
     sampler = LatticeSampler.make(truth.lattice, flow.x_mm, flow.y_mm)
     u_mm = sampler(truth.displacement_mm(frame_id))
     if not truth.tractions:
-        at = np.stack(np.meshgrid(flow.x_mm, flow.y_mm), axis=-1) + u_mm[..., :2]
-        height = indenter.height_mm(at[..., 0] - tip_mm[0], at[..., 1] - tip_mm[1])
+        points = np.stack(np.meshgrid(flow.x_mm, flow.y_mm), axis=-1) + u_mm[..., :2]
+        height = indenter.height_mm(points[..., 0] - tip_mm[0], points[..., 1] - tip_mm[1])
         contact = (u_mm[..., 2] >= tip_mm[2] + height - TOUCHING_MM) & (u_mm[..., 2] < 0)
         return -u_mm[..., 2], contact, "geometry"
     pressure = -truth.traction_mpa(frame_id)[..., 2]
-    pressed = _at(flow.x_mm, flow.y_mm, *truth.face_mm(frame_id), pressure)
-    return -u_mm[..., 2], pressed > PRESSED * max(pressure.max(), 1e-9), "traction"
+    pressed = _interpolate(flow.x_mm, flow.y_mm, *truth.face_mm(frame_id), pressure)
+    return -u_mm[..., 2], pressed > PRESSED_SHARE * max(pressure.max(), 1e-9), "traction"
 
 
-SAME_MM = 0.01
-"""Depths that are one."""
-FORCE = ("fx_n", "fy_n", "fz_n")
-KPA = 1e3  # of an MPa
-CONTACT, NOTHING_MPA = 0.05, 1e-6
-"""Of the peak pressure: where the field's error is taken; and the peak that is none."""
+SAME_DEPTH_MM = 0.01  # depths closer than this are equal; by hand: above a stage's resolution
+FORCE_XYZ = ("fx_n", "fy_n", "fz_n")
+KPA_PER_MPA = 1e3  # definition
+CONTACT_SHARE = 0.05  # of the peak pressure, where the field's error is taken; by hand, as above
+NO_PRESSURE_MPA = 1e-6  # peak of an unpressed frame; by hand: above rounding
 
 
 Lattice = tuple[Array, Array, Array]
@@ -70,14 +68,13 @@ Lattice = tuple[Array, Array, Array]
 
 @dataclass(frozen=True)
 class ShapeMaps:
-    """Maps of a press's frame, measured ones and the truth, (h, w) at the flow's points.
+    """Maps of a frame, measured and true, (h, w) at the flow's points.
 
-    tip_mm (3,): of the indenter, as the stage says. relative: see `relative_depth`. force_n (3,),
-    torque_z_nmm: the sensor's word. shape: of an indenter of the lab's own, as the run kept it.
-    wrench, field: by a calibration of force, else None. Where there is a truth, else None:
-    true_depth_mm, true_contact, and, where the run kept tractions, true_traction. Of those that
-    are drawn: image (H, W, 3) BGR uint8 over edges_mm: left, right, top and bottom, as the camera
-    sees it, row 0 being at -y.
+    tip_mm (3,): of the indenter, by the stage. relative: see `relative_depth`. force_n (3,),
+    torque_z_nmm: by the force sensor. shape: of a custom indenter, as stored in the run. wrench,
+    field: by a force calibration, else None. With truth, else None: true_depth_mm, true_contact,
+    and, if the run has tractions, true_traction. For frames that are drawn: image (H, W, 3) BGR
+    uint8 over edges_mm: left, right, top and bottom as the camera sees it, row 0 at -y.
     """
 
     indenter: str
@@ -100,33 +97,32 @@ class ShapeMaps:
     edges_mm: Array | None = None
 
     @property
-    def pressed(self) -> Indenter:
+    def indenter_shape(self) -> Indenter:
         return restore_indenter(
             self.indenter, {self.indenter: self.shape} if self.shape else {}, "a picture"
         )
 
     @property
     def tip_depth_mm(self) -> float:
-        """How deep the tip is, 0 above the face."""
+        """Depth of the tip below the face, 0 above it."""
         return max(0.0, -float(self.tip_mm[2]))
 
     @property
     def tractions(self) -> list[tuple[str, Lattice]]:
-        """Those that are known, with a word of each."""
+        """The known tractions, each with a label."""
         f = self.field
-        found = None if f is None else (f.x_mm, f.y_mm, f.traction_mpa)
-        both = (("found", found), ("true", self.true_traction))
-        return [(word, lattice) for word, lattice in both if lattice is not None]
+        estimated = None if f is None else (f.x_mm, f.y_mm, f.traction_mpa)
+        lattices = (("found", estimated), ("true", self.true_traction))
+        return [(word, lattice) for word, lattice in lattices if lattice is not None]
 
 
 @dataclass(frozen=True)
 class PressShape:
-    """Shape found in the settled frames of one press.
+    """Shape measured in the settled frames of one press.
 
-    rows: figures of each frame by name; those that are not known are left out.
-    deepest: the end of the deepest press, before any shear. twisted: where the torque about z that
-    was measured is largest, None where nothing was sheared or no torque was measured. contact_by:
-    how the true contact was told.
+    rows: figures of each frame by name, without unknown ones. deepest: the end of the deepest
+    press, before any shear. twisted: the sheared frame of the largest measured torque about z,
+    None without one. contact_by: criterion of the true contact.
     """
 
     rows: list[dict[str, Any]]
@@ -136,14 +132,14 @@ class PressShape:
 
     @staticmethod
     def deepest_maps(presses: Iterable[PressShape]) -> list[ShapeMaps]:
-        """For each indenter the first picture in which it is as deep as ever, in their order."""
-        found: dict[str, ShapeMaps] = {}
-        for one in (press.deepest for press in presses):
-            if one is not None and one.tip_depth_mm > 0:
-                held = found.setdefault(one.indenter, one)
-                if one.tip_depth_mm > held.tip_depth_mm + SAME_MM:
-                    found[one.indenter] = one
-        return list(found.values())
+        """The first maps of each indenter at its greatest depth, in order of the indenters."""
+        deepest: dict[str, ShapeMaps] = {}
+        for maps in (press.deepest for press in presses):
+            if maps is not None and maps.tip_depth_mm > 0:
+                best = deepest.setdefault(maps.indenter, maps)
+                if maps.tip_depth_mm > best.tip_depth_mm + SAME_DEPTH_MM:
+                    deepest[maps.indenter] = maps
+        return list(deepest.values())
 
 
 def measure_press(
@@ -152,126 +148,126 @@ def measure_press(
     depth: DepthModel | Path,
     force: ForceCalibration | Path | None = None,
 ) -> PressShape:
-    """Measure shape, and force where it is calibrated, of a press of a run, by the run's folder.
+    """Measure shape, and force where it is calibrated, of a press of the run in a folder.
 
-    depth, force: calibrations, or their files.
-    Raises InputError for a calibration that this version cannot use, and for a frame of which
-    nobody knows where the stage was.
+    depth, force: calibrations, or their files. Raises InputError for a calibration that this
+    version cannot use, and for a frame without a stage position.
     """
     run = open_run(folder)
-    rows, truth, view = settled(run.frames(press)), run.truth(), view_of_run(run)
-    if (lost := rows.loc[rows["z_mm"].isna(), "frame_id"]).size:
+    rows, truth, view = settled_rows(run.frames(press)), run.truth(), view_of_run(run)
+    if (unknown := rows.loc[rows["z_mm"].isna(), "frame_id"]).size:
         raise InputError(
-            f"{run.folder}: frame {lost.iloc[0]}: where the stage was is not recorded; "
-            "nobody knows under a weight laid on by hand, else `record check` says what is damaged"
+            f"{run.folder}: frame {unknown.iloc[0]}: no stage position recorded, as under a weight "
+            "laid on by hand; else `record check` finds the damage"
         )
     finder = DepthFinder(view, DepthModel.load(depth)[1] if isinstance(depth, Path) else depth)
     force = load_force(force) if isinstance(force, Path) else force
     features = None
     if force is not None:
-        features = features_of(force.model, force.view(view), "force calibration")
-    at_deepest, at_twisted = _shown(rows)
-    told: list[dict[str, Any]] = []
-    shown: dict[int, ShapeMaps] = {}
-    way = None
-    followed = flows_of(run, press, MAP_EVERY_PX)
+        features = load_features(force.model, force.view(view), "force calibration")
+    at_deepest, at_twisted = _picture_rows(rows)
+    figures: list[dict[str, Any]] = []
+    pictures: dict[int, ShapeMaps] = {}
+    contact_by = None
+    followed = settled_flows(run, press, MAP_EVERY_PX)
     for k, (row, flow) in enumerate(zip(rows.itertuples(), followed, strict=True)):
-        found = _measured(row, flow, finder, features, force)
+        maps = _shape_maps(row, flow, finder, features, force)
         indenter = None if row.indenter == Run.UNKNOWN else run.indenter(str(row.indenter))
         if truth is not None and indenter is not None:
-            depth_mm, contact, way = true_shape(truth, found.frame_id, flow, indenter, found.tip_mm)
-            found = replace(found, true_depth_mm=depth_mm, true_contact=contact)
-        told.append(
-            {"press": press, "indenter": row.indenter, "frame_id": found.frame_id,
-             "kind": row.kind, "x_mm": float(found.tip_mm[0]), "y_mm": float(found.tip_mm[1])}
-            | _figures(found) | _against(found) | _forces(found, truth)
+            true = true_shape(truth, maps.frame_id, flow, indenter, maps.tip_mm)
+            maps, contact_by = replace(maps, true_depth_mm=true[0], true_contact=true[1]), true[2]
+        figures.append(
+            {"press": press, "indenter": row.indenter, "frame_id": maps.frame_id,
+             "kind": row.kind, "x_mm": float(maps.tip_mm[0]), "y_mm": float(maps.tip_mm[1])}
+            | _shape_figures(maps) | _truth_errors(maps) | _force_figures(maps, truth)
         )  # fmt: skip
         if k not in (at_deepest, at_twisted):
             continue
         if truth is not None and truth.tractions:
-            lattice = *truth.face_mm(found.frame_id), truth.traction_mpa(found.frame_id)
-            found = replace(found, true_traction=lattice)
+            lattice = *truth.face_mm(maps.frame_id), truth.traction_mpa(maps.frame_id)
+            maps = replace(maps, true_traction=lattice)
         image = run.image(str(row.file))
         h, w = image.shape[:2]
         corners = view.camera.rest_mm(np.array([[-0.5, -0.5], [w - 0.5, h - 0.5]]))
-        own = run.meta.get("shapes", {}).get(row.indenter)
-        shown[k] = replace(found, image=image, edges_mm=corners.T.ravel(), shape=own)
-    twisted = None if at_twisted is None else shown[at_twisted]
-    return PressShape(told, shown.get(at_deepest), twisted, way)
+        shape = run.meta.get("shapes", {}).get(row.indenter)
+        pictures[k] = replace(maps, image=image, edges_mm=corners.T.ravel(), shape=shape)
+    twisted = None if at_twisted is None else pictures[at_twisted]
+    return PressShape(figures, pictures.get(at_deepest), twisted, contact_by)
 
 
-def _shown(rows: pd.DataFrame) -> tuple[int, int | None]:
+def _picture_rows(rows: pd.DataFrame) -> tuple[int, int | None]:
     """Index of the frame at the end of the deepest press, and of the most twisted one."""
     if rows.empty:
         return -1, None
     depth = -rows["z_mm"].to_numpy(float)
-    deepest = int(np.argmax(depth > np.nanmax(depth) - SAME_MM))
+    deepest = int(np.argmax(depth > np.nanmax(depth) - SAME_DEPTH_MM))
     torque = rows["tz_nmm"].abs().where(rows["kind"] == "shear").to_numpy(float)
     return deepest, None if np.isnan(torque).all() else int(np.nanargmax(torque))
 
 
-def _measured(
+def _shape_maps(
     row: Any, flow: FaceFlow, finder: DepthFinder, features: Features | None,
     force: ForceCalibration | None,
 ) -> ShapeMaps:  # fmt: skip
-    """What a frame's row and its flow say."""
-    camera, press, depth = finder.view.camera, finder.inverse.of(flow), finder.of(flow)
+    """Compute the maps of a frame from its row and its flow."""
+    camera, press, depth = finder.view.camera, finder.inverse.solve(flow), finder.find(flow)
     density = jacobian_density(flow, camera.mm_per_px)
     field = wrench = None
+    regions = find_contacts(depth, flow, camera, press)
     if features is not None and force is not None:
-        wrench = force.model.wrench(features.of(flow), flow.cover)
+        wrench = force.model.wrench(features.compute(flow), flow.cover)
         if features.local:
             field = features.traction(flow, force.model)
-    measured_n = np.array([getattr(row, name) for name in FORCE], float)
+    measured_n = np.array([getattr(row, name) for name in FORCE_XYZ], float)
     return ShapeMaps(
         str(row.indenter), str(row.frame_id), np.array([row.x_mm, row.y_mm, row.z_mm], float),
-        flow, density, relative_depth(density, flow), depth, contacts(depth, flow, camera, press),
+        flow, density, relative_depth(density, flow), depth, regions,
         field, wrench, measured_n if np.isfinite(measured_n).all() else None,
         None if pd.isna(row.tz_nmm) else float(row.tz_nmm),
     )  # fmt: skip
 
 
-def _figures(found: ShapeMaps) -> dict[str, Any]:
+def _shape_figures(maps: ShapeMaps) -> dict[str, Any]:
     place_error_mm = None  # known of an indenter with one round tip that presses
-    tip_mm = found.tip_mm
-    if found.contacts and found.indenter.startswith("sphere:") and tip_mm[2] < 0:
-        place_error_mm = float(np.linalg.norm(found.contacts[0].place_mm - tip_mm[:2]))
+    tip_mm = maps.tip_mm
+    if maps.contacts and maps.indenter.startswith("sphere:") and tip_mm[2] < 0:
+        place_error_mm = float(np.linalg.norm(maps.contacts[0].place_mm - tip_mm[:2]))
     return {
-        "tip_depth_mm": found.tip_depth_mm,
-        "trusted": found.flow.trusted,
-        "cover": found.flow.cover,
-        "extrapolated": found.depth.extrapolated,
-        "peak_depth_mm": float(found.depth.depth_mm.max()),
-        "n_contacts": len(found.contacts),
-        "area_mm2": float(sum(contact.area_mm2 for contact in found.contacts)),
+        "tip_depth_mm": maps.tip_depth_mm,
+        "trusted": maps.flow.trusted,
+        "cover": maps.flow.cover,
+        "extrapolated": maps.depth.extrapolated,
+        "peak_depth_mm": float(maps.depth.depth_mm.max()),
+        "n_contacts": len(maps.contacts),
+        "area_mm2": float(sum(contact.area_mm2 for contact in maps.contacts)),
         "place_error_mm": place_error_mm,
     }
 
 
-def _against(found: ShapeMaps) -> dict[str, Any]:
-    """Errors over known points: of the depth, of where the contact is; nothing without a truth."""
-    flow, depth, true_depth_mm = found.flow, found.depth, found.true_depth_mm
-    if true_depth_mm is None or found.true_contact is None:
+def _truth_errors(maps: ShapeMaps) -> dict[str, Any]:
+    """Errors of depth and contact over the tracked points; empty without truth."""
+    flow, depth, true_depth_mm = maps.flow, maps.depth, maps.true_depth_mm
+    if true_depth_mm is None or maps.true_contact is None:
         return {}
-    known = flow.known
-    contact = found.true_contact & known
+    valid = flow.known
+    contact = maps.true_contact & valid
     error = np.abs(depth.depth_mm - true_depth_mm)
     figures: dict[str, Any] = {
         "true_peak_depth_mm": float(true_depth_mm.max()),
-        "depth_error_face_mm": float(error[known].mean()) if known.any() else None,
+        "depth_error_face_mm": float(error[valid].mean()) if valid.any() else None,
     }
     if not contact.any():
         return figures
-    seen = (contact_labels(depth) > 0) & known
+    detected = (contact_labels(depth) > 0) & valid
     x, y = np.meshgrid(flow.x_mm, flow.y_mm)
-    apart = [a[seen].mean() - a[contact].mean() for a in (x, y)] if seen.any() else None
+    offset = [a[detected].mean() - a[contact].mean() for a in (x, y)] if detected.any() else None
     return figures | {
         "depth_error_contact_mm": float(error[contact].mean()),
         "zero_error_contact_mm": float(true_depth_mm[contact].mean()),
-        "relative_correlation": _correlation(found.relative[known], true_depth_mm[known]),
-        "depth_correlation": _correlation(depth.depth_mm[known], true_depth_mm[known]),
-        "contact_iou": float(np.count_nonzero(seen & contact) / np.count_nonzero(seen | contact)),
-        "centroid_error_mm": None if apart is None else float(np.hypot(apart[0], apart[1])),
+        "relative_correlation": _correlation(maps.relative[valid], true_depth_mm[valid]),
+        "depth_correlation": _correlation(depth.depth_mm[valid], true_depth_mm[valid]),
+        "contact_iou": float((detected & contact).sum() / (detected | contact).sum()),
+        "centroid_error_mm": None if offset is None else float(np.hypot(offset[0], offset[1])),
         "true_area_mm2": float(np.count_nonzero(contact) * flow.cell_mm**2),
     }
 
@@ -282,40 +278,41 @@ def _correlation(a: Array, b: Array) -> float | None:
     return float(np.corrcoef(a, b)[0, 1])
 
 
-def _forces(found: ShapeMaps, truth: RunTruth | None) -> dict[str, Any]:
-    """Force by sensor and by flow, and the field's error of the peak pressure against truth."""
-    told: dict[str, Any] = {}
-    if found.force_n is not None:
-        x, y, z = map(float, found.force_n)
-        told |= {"normal_n": -z, "shear_x_n": x, "shear_y_n": y}
-    if found.wrench is not None:
-        x, y, z = map(float, found.wrench.force_n)
-        told |= {"found_normal_n": -z, "found_shear_x_n": x, "found_shear_y_n": y}
-        told["force_extrapolated"] = found.wrench.extrapolated
-    if found.field is None:
-        return told
-    told["peak_kpa"] = -KPA * float(found.field.traction_mpa[..., 2].min())
-    if truth is not None and truth.tractions and found.force_n is not None:
-        told["true_peak_kpa"] = -KPA * float(truth.traction_mpa(found.frame_id)[..., 2].min())
-        told["pressure_error"] = _pressure_error(found.field, truth, found.frame_id)
-    return told
+def _force_figures(maps: ShapeMaps, truth: RunTruth | None) -> dict[str, Any]:
+    """Force by sensor and by flow, peak pressure, and the pressure field's error against truth."""
+    figures: dict[str, Any] = {}
+    if maps.force_n is not None:
+        x, y, z = map(float, maps.force_n)
+        figures |= {"normal_n": -z, "shear_x_n": x, "shear_y_n": y}
+    if maps.wrench is not None:
+        x, y, z = map(float, maps.wrench.force_n)
+        figures |= {"found_normal_n": -z, "found_shear_x_n": x, "found_shear_y_n": y}
+        figures["force_extrapolated"] = maps.wrench.extrapolated
+    if maps.field is None:
+        return figures
+    figures["peak_kpa"] = -KPA_PER_MPA * float(maps.field.traction_mpa[..., 2].min())
+    if truth is not None and truth.tractions and maps.force_n is not None:
+        true_mpa = truth.traction_mpa(maps.frame_id)[..., 2]
+        figures["true_peak_kpa"] = -KPA_PER_MPA * float(true_mpa.min())
+        figures["pressure_error"] = _pressure_error(maps.field, truth, maps.frame_id)
+    return figures
 
 
 def _pressure_error(field: TractionField, truth: RunTruth, frame_id: str) -> float | None:
-    """Mean error of the pressure over the contact, of its peak; None where nothing presses."""
+    """Mean error of the pressure over the contact, as a share of its peak; None without contact."""
     x, y = truth.face_mm(frame_id)
     pressure = -truth.traction_mpa(frame_id)[..., 2]
-    if (peak := pressure.max()) <= NOTHING_MPA:
+    if (peak := pressure.max()) <= NO_PRESSURE_MPA:
         return None
-    true = _at(field.x_mm, field.y_mm, x, y, pressure)
-    off = -field.traction_mpa[..., 2] - true
-    return float(np.abs(off[true > CONTACT * peak]).mean() / peak)
+    true = _interpolate(field.x_mm, field.y_mm, x, y, pressure)
+    residual = -field.traction_mpa[..., 2] - true
+    return float(np.abs(residual[true > CONTACT_SHARE * peak]).mean() / peak)
 
 
-def _at(x_mm: Array, y_mm: Array, of_x_mm: Array, of_y_mm: Array, values: Array) -> Array:
+def _interpolate(x_mm: Array, y_mm: Array, from_x: Array, from_y: Array, values: Array) -> Array:
     """Values (ny, nx) of a lattice at the points of another one, bilinear."""
     from scipy.interpolate import RegularGridInterpolator
 
-    at = np.stack(np.meshgrid(y_mm, x_mm, indexing="ij"), axis=-1)
-    found: Array = RegularGridInterpolator((of_y_mm, of_x_mm), values)(at)
-    return found
+    points = np.stack(np.meshgrid(y_mm, x_mm, indexing="ij"), axis=-1)
+    interpolated: Array = RegularGridInterpolator((from_y, from_x), values)(points)
+    return interpolated

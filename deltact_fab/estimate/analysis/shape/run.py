@@ -18,8 +18,8 @@ from ...measure.shape.depth import DepthModel
 from ..runs import read_frames, sensor_of, write_results
 from .press import PressShape, ShapeMaps, measure_press
 
-WORDS = ("depth over the contact", "over the face", "place of a ball")
-FIGURES = (
+GOAL_LABELS = ("depth over the contact", "over the face", "place of a ball")
+SHAPE_FIGURES = (
     "depth_error_contact_mm", "depth_error_face_mm", "zero_error_contact_mm", "depth_correlation",
     "relative_correlation", "contact_iou", "centroid_error_mm", "place_error_mm", "area_mm2",
     "true_area_mm2", "cover",
@@ -28,12 +28,12 @@ FIGURES = (
 
 @dataclass(frozen=True)
 class ShapeResult:
-    """Shape found in the settled frames of a run.
+    """Shape measured in the settled frames of a run.
 
-    rows: figures of each frame, by name; those that are not known are left out.
-    calibration: file of the depth's, None: the inverse's own. contact_by: how the true contact was
-    told. pictures: the deepest of each indenter. field: one with tractions, by a calibration of
-    force; the most twisted, else of the first that has them.
+    rows: figures of each frame by name, without unknown ones. calibration: file of the depth
+    calibration, None: uncalibrated. contact_by: criterion of the true contact. pictures: the
+    deepest of each indenter. field: maps with tractions by a force calibration: the most twisted
+    frame, else the first.
     """
 
     GOALS: ClassVar = {
@@ -41,7 +41,7 @@ class ShapeResult:
         "depth_error_face_mm": 0.03,
         "place_error_mm": 0.5,
     }
-    """At most, as means over the frames that press."""
+    """Upper limits of the means over the frames that press (docs/evidence/shape.md)."""
 
     rows: list[dict[str, Any]]
     pictures: list[ShapeMaps]
@@ -52,17 +52,17 @@ class ShapeResult:
     field: ShapeMaps | None = None
 
     def means(self, indenter: str | None = None) -> dict[str, Any]:
-        """Means of FIGURES over the frames that press (of one indenter), with their number."""
+        """Means of SHAPE_FIGURES over the frames that press (of one indenter), and their number."""
         rows = [
             row
             for row in self.rows
             if row["tip_depth_mm"] > 0 and indenter in (None, row["indenter"])
         ]
-        found: dict[str, Any] = {"frames": len(rows)}
-        for name in FIGURES:
-            known = [row[name] for row in rows if row.get(name) is not None]
-            found[name] = float(np.mean(known)) if known else None
-        return found
+        means: dict[str, Any] = {"frames": len(rows)}
+        for name in SHAPE_FIGURES:
+            values = [row[name] for row in rows if row.get(name) is not None]
+            means[name] = float(np.mean(values)) if values else None
+        return means
 
     @property
     def indenters(self) -> list[str]:
@@ -70,39 +70,35 @@ class ShapeResult:
 
     @property
     def missed(self) -> list[str]:
-        """Names of GOALS that the means are over."""
+        """Names of the GOALS that the means exceed."""
         means = self.means()
         return [name for name, goal in self.GOALS.items() if (means[name] or 0.0) > goal]
 
     @property
     def line(self) -> str:
-        """The verdict: what the depth and the place are worth."""
+        """The verdict: mean errors of depth and place."""
         means = self.means()
         how = "uncalibrated" if self.calibration is None else f"by {Path(self.calibration).name}"
         if means["depth_error_contact_mm"] is None:
-            return (
-                f"Shape of {means['frames']} frames, depth {how}; its error is "
-                "unknown without truth."
-            )
+            return f"Shape of {means['frames']} frames, depth {how}; error unknown without truth."
         parts = [
-            f"{words} {means[name]:.3f} mm{f' (over {goal:g})' if name in self.missed else ''}"
-            for (name, goal), words in zip(self.GOALS.items(), WORDS, strict=True)
+            f"{label} {means[name]:.3f} mm{f' (goal: {goal:g})' if name in self.missed else ''}"
+            for (name, goal), label in zip(self.GOALS.items(), GOAL_LABELS, strict=True)
             if means[name] is not None
         ]
-        # A face that nothing presses has no depth either, so its figure flatters.
+        # An unpressed face has no depth either, so the error over the face alone flatters.
         return (
             f"Mean error of {means['frames']} frames, depth {how}: {', '.join(parts)}; "
-            f"predicting zero everywhere gives {means['zero_error_contact_mm']:.3f} mm over the "
-            "contact."
+            f"baseline (zero depth): {means['zero_error_contact_mm']:.3f} mm over the contact."
         )
 
     @property
     def note(self) -> str:
-        """Where the figures come from."""
-        told = f"; true contact by {self.contact_by}" if self.contact_by else ""
+        """Source of the figures: simulated or measured, and the criterion of the true contact."""
+        source = f"; true contact by {self.contact_by}" if self.contact_by else ""
         if self.contact_by == "geometry":
-            told += ", too small where the gel's cells are coarse: 'traction' in channels tells it"
-        return (f"simulated, seed {self.seed}" if self.simulated else "measured") + told
+            source += " (too small on a coarse gel mesh; record the channel 'traction' instead)"
+        return (f"simulated, seed {self.seed}" if self.simulated else "measured") + source
 
     def as_dict(self) -> dict[str, Any]:
         return {
@@ -122,7 +118,7 @@ class ShapeResult:
         return write_results(folder, {"shape.json": self.as_dict()})
 
 
-UNCALIBRATED = DepthModel(gain=1.0, deepest_mm=20.0)
+UNCALIBRATED_DEPTH = DepthModel(gain=1.0, deepest_mm=20.0)  # by hand: never extrapolated
 
 
 def analyse_shape(
@@ -131,26 +127,26 @@ def analyse_shape(
     force: Path | None = None,
     progress: Progress | None = None,
 ) -> ShapeResult:
-    """Analyse every settled frame of a run; depth: a calibration of it, else the inverse's own.
+    """Analyse every settled frame of a run.
 
-    force: a calibration of it, for force and pressure beside what the sensor said. Raises
-    InputError for a run that is not finished or has no images, and for a calibration that is none
-    or another sensor's.
+    depth: a depth calibration, None: uncalibrated. force: a force calibration, to compare force
+    and pressure with the force sensor. Raises InputError for a run that is not finished or has no
+    images, and for a calibration that is invalid or another sensor's.
     """
     run = open_run(folder)
     frames = read_frames(run, "shape")
-    _ = run.camera  # said first where there is none
-    model = UNCALIBRATED
+    _ = run.camera  # raises first where there is none
+    model = UNCALIBRATED_DEPTH
     if depth is not None:
         head, model = DepthModel.load(depth)
         require_same_sensor(head, sensor_of(run), str(depth))
-    known = None if force is None else load_force(force)
-    if known is not None:
-        require_same_sensor(known.head, sensor_of(run), str(force))
+    calibration = None if force is None else load_force(force)
+    if calibration is not None:
+        require_same_sensor(calibration.head, sensor_of(run), str(force))
     presses = list(dict.fromkeys(frames["press"]))
-    work = partial(measure_press, str(folder), depth=model, force=known)
+    work = partial(measure_press, str(folder), depth=model, force=calibration)
     parts = run_each(work, presses, presses, progress=progress)
-    ways = {part.contact_by for part in parts} - {None}
+    criteria = {part.contact_by for part in parts} - {None}
     pictures = PressShape.deepest_maps(parts)
     twisted = [part.twisted for part in parts if part.twisted is not None]
     twisted.sort(key=lambda p: -abs(p.torque_z_nmm or 0.0))
@@ -158,7 +154,7 @@ def analyse_shape(
         rows=[row for part in parts for row in part.rows],
         pictures=pictures,
         calibration=None if depth is None else str(depth),
-        contact_by=", ".join(sorted(map(str, ways))) or None,
+        contact_by=", ".join(sorted(map(str, criteria))) or None,
         simulated=run.simulated,
         seed=int(run.meta.get("seed", 0)),
         field=next((p for p in (*twisted, *pictures) if p.tractions), None),

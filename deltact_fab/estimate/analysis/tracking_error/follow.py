@@ -1,7 +1,7 @@
-"""Runs and presses image by image: followed by every method, compared with dots and truth.
+"""Tracking of runs and presses by every method, compared with dots and truth.
 
-Images and truth may come from a record, or be drawn on the spot and kept nowhere. A whole run is
-followed press by press, side by side.
+Images and truth may come from a record, or be rendered on the fly without being stored. The presses
+of a run are analysed in parallel.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from ...measure.flow.tracker import FlowTracker
 from ..runs import read_frames
 from .result import TrackingResult
 from .tally import (
-    DOTS,
+    DOTS_METHOD,
     DotFollower,
     DotTally,
     ErrorTally,
     PatternDots,
     TrueFrame,
     off_dots,
-    sampled,
+    sample_flow,
 )
 
 # Ours, a cheaper one, the paper's, and the paper's flow composed in place of summed.
@@ -44,8 +44,8 @@ DEFAULT_METHODS = ("fused", "dis-medium", "paper", "farneback-paper/composed")
 class TrackingPlan:
     """Plan of an analysis: which methods follow a run, and whether its dots are followed.
 
-    left_out: a line a thing.
-    timed: each method's CPU time is asked for; else they share what two of them would find twice.
+    left_out: one line per comparison that is not possible. timed: measure each method's CPU time;
+    else methods share common computations.
     """
 
     DOTS_ONLY_LAW: ClassVar = "dot-matrix"
@@ -57,11 +57,10 @@ class TrackingPlan:
     timed: bool = True
 
     @classmethod
-    def of(cls, run: Run, methods: Sequence[str] | None) -> TrackingPlan:
-        """Plan for a run; methods: None for the default ones.
+    def for_run(cls, run: Run, methods: Sequence[str] | None) -> TrackingPlan:
+        """Plan the analysis of a run; methods: None for the default ones.
 
-        Raises InputError for a method that is not known, or of dense flow where there are only
-        dots.
+        Raises InputError for an unknown method, or a dense one for a pattern of dots only.
         """
         for name in methods or ():
             FlowTracker.from_name(name)
@@ -73,102 +72,101 @@ class TrackingPlan:
                     f"nothing between them that {methods[0]!r} could match; without --method "
                     "the dots are followed"
                 )
-            return cls((DOTS,), True, ("dense flow: the pattern has only dots to follow",))
+            return cls((DOTS_METHOD,), True, ("dense flow: the pattern has only dots",))
         left_out = []
-        asked = "dots" in run.meta["protocol"]["channels"]
+        requested = "dots" in run.meta["protocol"]["channels"]
         if not n_dots:
             left_out.append("error at the dots: the pattern has none")
-        elif not asked:
-            left_out.append("error at the dots: the channel 'dots' is not asked for")
+        elif not requested:
+            left_out.append("error at the dots: no channel 'dots' in the protocol")
         if run.truth() is None:
-            left_out.append("error against truth: a real rig knows none")
-        return cls(tuple(methods or DEFAULT_METHODS), bool(n_dots and asked), tuple(left_out))
+            left_out.append("error against truth: not available on a real rig")
+        return cls(tuple(methods or DEFAULT_METHODS), bool(n_dots and requested), tuple(left_out))
 
 
 class Follower:
     """Tracker of a press by all methods; the first frame is the reference of flow and dots.
 
-    tallies: by method. dots: None where they are not followed. left_out: lines that say what could
-    not be.
+    tallies: by method. dots: None where they are not tracked. left_out: one line per failure.
     """
 
-    def __init__(self, scene: TrackingPlan, marks: PatternDots) -> None:
-        self.tallies = {name: ErrorTally() for name in scene.methods}
-        self.dots = DotFollower(marks) if scene.dots else None
+    def __init__(self, plan: TrackingPlan, marks: PatternDots) -> None:
+        self.tallies = {name: ErrorTally() for name in plan.methods}
+        self.dots = DotFollower(marks) if plan.dots else None
         self.left_out: list[str] = []
-        shared: dict[str, FlowMethod] | None = None if scene.timed else {}
-        names = [name for name in scene.methods if name != DOTS]
+        shared: dict[str, FlowMethod] | None = None if plan.timed else {}
+        names = [name for name in plan.methods if name != DOTS_METHOD]
         self._flows = {name: FlowTracker.from_name(name, shared=shared) for name in names}
         self._scale = marks.camera.mm_per_px
-        self._off = off_dots(marks.camera, marks.dots_mm, marks.diameter_mm)
-        self._begun = False
+        self._off_dots = off_dots(marks.camera, marks.dots_mm, marks.diameter_mm)
+        self._has_reference = False
 
-    def take(self, image: NDArray[np.uint8], frame: TrueFrame | None) -> dict[str, dict[str, Any]]:
-        """The next image, (h, w, 3) BGR; figures of a frame by method, none of the reference.
+    def track(self, image: NDArray[np.uint8], frame: TrueFrame | None) -> dict[str, dict[str, Any]]:
+        """Track the next image, (h, w, 3) BGR; return its figures by method, none of the reference.
 
         frame: the truth where it is known. Raises SensorError for a first image without a pattern;
         one in which only the dots are missing is analysed without them.
         """
-        at, self._begun = self._begun, True
-        # Of what moves, what lies on no dot: one that is followed is no pattern.
-        frame = frame and replace(frame, moving=frame.moving & self._off)
-        seen = None
+        compared, self._has_reference = self._has_reference, True
+        # Moving pixels that lie on no dot, as dots are no part of the pattern.
+        frame = frame and replace(frame, moving=frame.moving & self._off_dots)
+        dots = None
         try:
-            seen = self.dots.follow(image) if self.dots else None
-        except SensorError as why:
+            dots = self.dots.follow(image) if self.dots else None
+        except SensorError as error:
             if not self._flows:
                 raise
-            # The flow has its error against truth, and its own word, without them.
-            self.left_out.append(str(why))
+            # The flow still has its error against truth, and its confidence.
+            self.left_out.append(str(error))
             self.dots = None
-        said: dict[str, ErrorTally] = {}
+        tallies: dict[str, ErrorTally] = {}
         for name, flow in self._flows.items():
             observed = flow.update(image)
-            if at:
-                one = said[name] = _frame(observed, frame, self._scale)
-                one.switches -= self.tallies[name].switches
-                if self.dots and seen:
-                    errors, moving = self.dots.errors_of(observed.flow_px, seen)
-                    one.at_dots.take(errors)
-                    one.at_moving_dots.take(errors[moving])
-        if self.dots and seen and at:
+            if compared:
+                tally = tallies[name] = _tally_frame(observed, frame, self._scale)
+                tally.switches -= self.tallies[name].switches
+                if self.dots and dots:
+                    errors, moving = self.dots.flow_errors(observed.flow_px, dots)
+                    tally.at_dots.add(errors)
+                    tally.at_moving_dots.add(errors[moving])
+        if self.dots and dots and compared:
             true_px = None
             if frame is not None:
                 first_px = self.dots.tracker.first_px
                 at_px = np.where(np.isfinite(first_px), first_px, self.dots.rest_px)
-                true_px = sampled(frame.flow_px, at_px)
-                self.dots.take(seen, true_px)
-            if DOTS in self.tallies:
-                said[DOTS] = self.dots.as_method(seen, true_px)
-        for name, one in said.items():
-            self.tallies[name].join(one)
-        return {name: one.figures() for name, one in said.items()}
+                true_px = sample_flow(frame.flow_px, at_px)
+                self.dots.add_frame(dots, true_px)
+            if DOTS_METHOD in self.tallies:
+                tallies[DOTS_METHOD] = self.dots.as_method(dots, true_px)
+        for name, tally in tallies.items():
+            self.tallies[name].join(tally)
+        return {name: tally.figures() for name, tally in tallies.items()}
 
 
-def _frame(observed: FlowObservation, frame: TrueFrame | None, scale: float) -> ErrorTally:
-    """What a method says of a frame, and its errors against truth. scale: mm/px."""
+def _tally_frame(observed: FlowObservation, frame: TrueFrame | None, scale: float) -> ErrorTally:
+    """Tally a frame of one method: its confidence and its errors against truth. scale: mm/px."""
     flow, last = observed.flow_px, observed.diagnostics
-    one = ErrorTally.of_frame(last.confident_share, last.trusted, last.cpu_ms)
-    one.switches = last.n_reference_switches
-    one.lost_share.take(float((observed.state == FlowState.LOST).mean()))
+    tally = ErrorTally.for_frame(last.confident_share, last.trusted, last.cpu_ms)
+    tally.switches = last.n_reference_switches
+    tally.lost_share.add(float((observed.state == FlowState.LOST).mean()))
     if frame is not None:
         moving = frame.moving
         errors = np.linalg.norm(flow[moving] - frame.flow_px[moving], axis=-1) * scale
-        one.take_moving(errors, (observed.confident & observed.visible)[moving])
+        tally.add_moving(errors, (observed.confident & observed.visible)[moving])
         in_plane = flow[moving] * scale - frame.in_plane_mm[moving]
-        one.in_plane.take(np.linalg.norm(in_plane, axis=-1))
-        one.peak_true_mm = frame.peak_mm
-    return one
+        tally.in_plane.add(np.linalg.norm(in_plane, axis=-1))
+        tally.peak_true_mm = frame.peak_mm
+    return tally
 
 
-FRAME = ("frame_id", "seq", "press", "indenter", "step_id")
-COLUMNS = [*FRAME, "method", *ErrorTally().figures()]
-"""Of the table of frames; empty where a thing was left out."""
+FRAME_COLUMNS = ("frame_id", "seq", "press", "indenter", "step_id")
+TRACKING_COLUMNS = [*FRAME_COLUMNS, "method", *ErrorTally().figures()]
+"""Columns of the table of frames; empty where a figure is not available."""
 
 
 @dataclass
 class PressResult:
-    """Sums by method, rows of the table of frames, and what was left out."""
+    """Tallies by method, rows of the table of frames, and lines on what was left out."""
 
     tallies: dict[str, ErrorTally]
     dots: DotTally = field(default_factory=DotTally)
@@ -176,7 +174,7 @@ class PressResult:
     rows: list[dict[str, Any]] = field(default_factory=list)
 
 
-def analyse_press(folder: str, press: str, scene: TrackingPlan) -> PressResult:
+def analyse_press(folder: str, press: str, plan: TrackingPlan) -> PressResult:
     """Analyse all frames of one press: the first one is the reference of flow and dots.
 
     Raises RunFailed for an image of another size, SensorError for a first one without a pattern;
@@ -187,22 +185,22 @@ def analyse_press(folder: str, press: str, scene: TrackingPlan) -> PressResult:
     cv2.setNumThreads(1)  # one thread, so that milliseconds compare
     run = open_run(folder)
     camera, truth = run.camera, run.truth()
-    follower = Follower(scene, PatternDots.of(camera, run.pattern))
+    follower = Follower(plan, PatternDots.from_record(camera, run.pattern))
     in_view = TrueFrame.imaged_pixels(camera)
     result = PressResult(follower.tallies)
-    for at, row in enumerate(run.frames(press).itertuples()):
+    for index, row in enumerate(run.frames(press).itertuples()):
         image = run.image(str(row.file))
         if image.shape[:2] != in_view.shape:
             raise RunFailed(f"{row.file}: size {image.shape[1]} x {image.shape[0]} differs")
         frame = None
-        if truth and at:
+        if truth and index:
             motion = truth.flow_and_in_plane(str(row.frame_id))
-            frame = TrueFrame.of(*motion, in_view, camera.mm_per_px)
-        frame_of = {key: getattr(row, key) for key in FRAME}
-        # The reference compared with itself is no measurement, and says nothing.
-        for name, figures in follower.take(image, frame).items():
+            frame = TrueFrame.from_flow(*motion, in_view, camera.mm_per_px)
+        frame_of = {key: getattr(row, key) for key in FRAME_COLUMNS}
+        # The reference has no figures: comparing it with itself is no measurement.
+        for name, figures in follower.track(image, frame).items():
             result.rows.append({**frame_of, "method": name, **figures})
-    result.left_out += [f"error at the dots of {press}: {why}" for why in follower.left_out]
+    result.left_out += [f"error at the dots of {press}: {reason}" for reason in follower.left_out]
     if follower.dots:
         result.dots = follower.dots.tally
     return result
@@ -216,19 +214,19 @@ def analyse_tracking(
 ) -> TrackingResult:
     """Analyse the tracking error of every method over a whole run.
 
-    methods: None for the default ones, or for the dots where a pattern has nothing else. What the
-    run cannot tell (errors at dots that it has not, against a truth that nobody knows) is left out
-    and named. Raises InputError for an unknown method, a run without images or one not finished.
+    methods: None for the default ones, or the dots where a pattern has nothing else. Errors that
+    the run does not allow (no dots, no truth) are listed in left_out. Raises InputError for an
+    unknown method, a run without images or an unfinished one.
     """
     run = open_run(folder)
     frames = read_frames(run, "tracking")
-    scene = TrackingPlan.of(run, methods)
+    plan = TrackingPlan.for_run(run, methods)
     indenter_of = dict(zip(frames["press"], frames["indenter"], strict=True))
     presses = list(indenter_of)
     results = run_each(
-        partial(analyse_press, str(folder), scene=scene), presses, presses, executor, progress
+        partial(analyse_press, str(folder), plan=plan), presses, presses, executor, progress
     )
-    total = {name: ErrorTally() for name in scene.methods}
+    total = {name: ErrorTally() for name in plan.methods}
     parts: dict[tuple[str, str], ErrorTally] = {}
     dots = DotTally()
     for part, indenter in zip(results, indenter_of.values(), strict=True):
@@ -243,9 +241,9 @@ def analyse_tracking(
             {"name": name, "indenter": indenter, **tally.figures()}
             for (name, indenter), tally in parts.items()
         ],
-        dots=dots.figures() if dots.seen + dots.lost else None,
-        left_out=[*scene.left_out, *(line for part in results for line in part.left_out)],
-        frames=pd.DataFrame(rows, columns=COLUMNS),
+        dots=dots.figures() if dots.n_found + dots.n_lost else None,
+        left_out=[*plan.left_out, *(line for part in results for line in part.left_out)],
+        frames=pd.DataFrame(rows, columns=TRACKING_COLUMNS),
         mm_per_px=run.camera.mm_per_px,
         simulated=run.simulated,
         seed=int(run.meta["seed"]),

@@ -1,8 +1,8 @@
-"""Tracking errors of runs as a result: which method to use, and whether a flow is to be trusted.
+"""Result of a tracking analysis: the recommended method, and whether the flow can be trusted.
 
-`TrackingResult.RULE` says how. The error is the mean over all moving visible pixels; where no truth
-is known, the mean at the dots (the paper's); where there are only dots, that of the dots that were
-found. Where no error is known, the method that is confident on most of it is recommended.
+The rule is `TrackingResult.RULE`. The error is the mean over all moving visible pixels; without
+truth, the mean at the dots (the paper's); with dots only, that of the located dots. Without any
+error, the method of the largest confident share is recommended.
 """
 
 from __future__ import annotations
@@ -17,20 +17,19 @@ import pandas as pd
 from deltact_fab.common import InputError, read_json
 
 from ..runs import write_results
-from .tally import DOTS, MOVING_MM, WRONG_FLOW_MM
+from .tally import DOTS_METHOD, MOVING_MM, WRONG_FLOW_MM
 
-MIN_TRUSTED = 0.95
-MIN_COVERAGE = 0.8
-MAX_WRONG = 0.005
-ERRORS = {
+# Decision 0004: far from both sides, deep drags that hide a tenth and failing trackers.
+MIN_TRUSTED, MIN_CONFIDENT, MAX_WRONG = 0.95, 0.8, 0.005
+ERROR_LABELS = {
     "mean_off_dots_mm": "over all moving pixels",
     "mean_at_dots_mm": "at the dots",
-    "mean_confident_mm": "over the dots found",
+    "mean_confident_mm": "over the located dots",
 }
 
 
 def format_percent(share: float) -> str:
-    """Format a share for a person; what is nearly nothing or nearly all is not rounded away."""
+    """Format a share as a percentage; values close to 0 or 1 are not rounded to 0 or 100 %."""
     value = 100 * share
     if 0 < value < 0.001:
         return "under 0.001 %"
@@ -42,10 +41,10 @@ def format_percent(share: float) -> str:
 
 @dataclass(frozen=True)
 class TrackingVerdict:
-    """about: the method that the line speaks of: the recommended one, else the nearest to reliable.
+    """Verdict on the methods. about: the recommended one, else the nearest to reliable.
 
-    take: a name or None. doubts: by method, why it is not reliable; empty where it is.
-    error: the key of the error that was compared, None without any. line: all of it in words.
+    take: the recommended one or None. doubts: by method, reasons why it is not reliable; empty if
+    it is. error: key of the compared error, None without any. line: the verdict as a sentence.
     """
 
     about: str
@@ -57,19 +56,20 @@ class TrackingVerdict:
 
     @property
     def error_words(self) -> str:
-        return ERRORS[self.error] if self.error is not None else ""
+        return ERROR_LABELS[self.error] if self.error is not None else ""
 
 
-def judge(methods: Sequence[dict[str, Any]], simulated: bool) -> TrackingVerdict:
-    """The verdict on one or more methods over a whole run (`ErrorTally.figures`, with `name`)."""
+def judge_methods(methods: Sequence[dict[str, Any]], simulated: bool) -> TrackingVerdict:
+    """Judge one or more methods over a whole run (rows: `ErrorTally.figures`, with `name`)."""
     doubts = {row["name"]: _doubts(row) for row in methods}
-    error = next((key for key in ERRORS if any(row[key] is not None for row in methods)), None)
-    believed = [row for row in methods if not doubts[row["name"]]]
+    compared = (key for key in ERROR_LABELS if any(row[key] is not None for row in methods))
+    error = next(compared, None)
+    reliable = [row for row in methods if not doubts[row["name"]]]
     if error is not None:
-        known = [row for row in believed if row[error] is not None]
-        take = min(known, key=lambda row: row[error], default=None)
+        measured = [row for row in reliable if row[error] is not None]
+        take = min(measured, key=lambda row: row[error], default=None)
     else:
-        take = max(believed, key=lambda row: row["confident_share"], default=None)
+        take = max(reliable, key=lambda row: row["confident_share"], default=None)
     about = take or min(
         methods, key=lambda row: (len(doubts[row["name"]]), row["confident_wrong_share"] or 0.0)
     )
@@ -79,7 +79,7 @@ def judge(methods: Sequence[dict[str, Any]], simulated: bool) -> TrackingVerdict
             f"{about['name']}, but {'; '.join(doubts[about['name']])}."
         )
     else:
-        line = _to_take(take, error, simulated)
+        line = _recommendation(take, error, simulated)
     return TrackingVerdict(
         about=about["name"],
         take=take["name"] if take else None,
@@ -91,59 +91,60 @@ def judge(methods: Sequence[dict[str, Any]], simulated: bool) -> TrackingVerdict
 
 
 def _doubts(row: dict[str, Any]) -> list[str]:
-    """Why a method is not reliable, in words."""
+    """Return the reasons why a method is not reliable, as text."""
     if not row["n_frames"]:
-        return ["there is no frame after the first one"]
-    found = []
+        return ["there is no frame after the reference"]
+    reasons = []
     if row["trusted_share"] < MIN_TRUSTED:
-        found.append(
+        reasons.append(
             f"it trusts {format_percent(row['trusted_share'])} of the frames "
             f"(at least {format_percent(MIN_TRUSTED)})"
         )
-    known, what = _coverage(row)
-    if known < MIN_COVERAGE:
-        found.append(
-            f"it is confident on {format_percent(known)} of {what} "
-            f"(at least {format_percent(MIN_COVERAGE)})"
+    share, region = _coverage(row)
+    if share < MIN_CONFIDENT:
+        reasons.append(
+            f"it is confident on {format_percent(share)} of {region} "
+            f"(at least {format_percent(MIN_CONFIDENT)})"
         )
     wrong = row["confident_wrong_share"]
     if wrong is not None and wrong > MAX_WRONG:
-        found.append(
-            f"{format_percent(wrong)} of what it is confident on is off by more than "
+        reasons.append(
+            f"{format_percent(wrong)} of its confident pixels are off by more than "
             f"{WRONG_FLOW_MM:g} mm (at most {format_percent(MAX_WRONG)})"
         )
-    return found
+    return reasons
 
 
 def _coverage(row: dict[str, Any]) -> tuple[float, str]:
-    """The share that a method is confident on, and of what."""
-    moving, still = ("moving dots", "dots") if row["name"] == DOTS else ("moving pattern", "image")
-    if row["coverage"] is not None:
-        return row["coverage"], f"the {moving}"
-    return row["confident_share"], f"the {still}"
+    """Confident share of a method, and the region that it is a share of."""
+    moving = row["coverage"] is not None
+    share = row["coverage"] if moving else row["confident_share"]
+    if row["name"] == DOTS_METHOD:
+        return share, "the moving dots" if moving else "the dots"
+    return share, "the moving pattern" if moving else "the image"
 
 
-def _to_take(take: dict[str, Any], error: str | None, simulated: bool) -> str:
-    known, what = _coverage(take)
-    says = f"Use {take['name']}: "
+def _recommendation(method: dict[str, Any], error: str | None, simulated: bool) -> str:
+    share, region = _coverage(method)
+    text = f"Use {method['name']}: "
     if error is not None:
-        says += f"mean error {take[error]:.4f} mm {ERRORS[error]}, "
-    says += (
-        f"{take['ms_per_frame']:.0f} ms of CPU a frame. The flow can be trusted: "
-        f"{format_percent(take['trusted_share'])} of {take['n_frames']} frames were matched, with "
-        f"confidence on {format_percent(known)} of {what}"
+        text += f"mean error {method[error]:.4f} mm {ERROR_LABELS[error]}, "
+    text += (
+        f"{method['ms_per_frame']:.0f} ms CPU per frame. The flow can be trusted: "
+        f"{format_percent(method['trusted_share'])} of {method['n_frames']} frames are trusted, "
+        f"{format_percent(share)} of {region} is confident"
     )
-    wrong = take["confident_wrong_share"]
+    wrong = method["confident_wrong_share"]
     if wrong is not None:
-        says += f", {format_percent(wrong)} of that off by more than {WRONG_FLOW_MM:g} mm"
-    return says + (" (simulated)." if simulated else " (no truth to compare with).")
+        text += f", {format_percent(wrong)} of this is off by more than {WRONG_FLOW_MM:g} mm"
+    return text + (" (simulated)." if simulated else " (no truth to compare with).")
 
 
 @dataclass
 class TrackingResult:
     """Figures by method (`ErrorTally.figures`), and the table of frames.
 
-    dots: None where they were not followed. left_out: a line a thing that was not asked for.
+    dots: None where they were not tracked. left_out: one line per comparison not made.
     """
 
     PAPER_BEST_MM: ClassVar = 0.08
@@ -151,11 +152,10 @@ class TrackingResult:
     WRONG_MM: ClassVar = WRONG_FLOW_MM
     RULE: ClassVar = (
         f"A method is reliable when it trusts {format_percent(MIN_TRUSTED)} of the frames or more, "
-        f"is confident on {format_percent(MIN_COVERAGE)} of the moving pattern or more (of the "
-        f"image, if no truth is known), and is off by more than {WRONG_FLOW_MM:g} mm on at most "
-        f"{format_percent(MAX_WRONG)} of what it is confident on. Of the reliable "
-        "methods, the one with the smallest error is recommended. The flow can be trusted when a "
-        "method is reliable."
+        f"is confident on {format_percent(MIN_CONFIDENT)} of the moving pattern or more (of the "
+        f"image, without truth), and at most {format_percent(MAX_WRONG)} of its confident pixels "
+        f"are off by more than {WRONG_FLOW_MM:g} mm. Of the reliable methods, the one with the "
+        "smallest error is recommended. The flow can be trusted when a method is reliable."
     )
 
     methods: list[dict[str, Any]]
@@ -169,8 +169,8 @@ class TrackingResult:
 
     @property
     def verdict(self) -> TrackingVerdict:
-        """Which method to use, and whether to trust the experiment."""
-        return judge(self.methods, self.simulated)
+        """The recommended method, and whether the experiment can be trusted."""
+        return judge_methods(self.methods, self.simulated)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data, without the table of frames."""
@@ -189,14 +189,14 @@ class TrackingResult:
         }
 
     def save(self, folder: Path) -> list[Path]:
-        """Write tracking.json and tracking.csv (one row a frame and method)."""
+        """Write tracking.json and tracking.csv (one row per frame and method)."""
         return write_results(folder, {"tracking.json": self.as_dict(), "tracking.csv": self.frames})
 
     @classmethod
     def load(cls, folder: Path) -> TrackingResult:
         """Read what `save` wrote.
 
-        Raises InputError when it is not there, does not parse, or is of an earlier version.
+        Raises InputError if it is missing, does not parse, or is of an earlier version.
         """
         try:
             data = read_json(folder / "tracking.json")
@@ -205,8 +205,8 @@ class TrackingResult:
                 data["methods"], data["by_indenter"], data["dots"], data["left_out"], frames,
                 data["mm_per_px"], data["simulated"], data["seed"],
             )  # fmt: skip
-        except (InputError, OSError, ValueError, KeyError) as why:
+        except (InputError, OSError, ValueError, KeyError) as error:
             raise InputError(
-                f"{folder}: no readable tracking analysis ({why}); `deltact-fab analyze tracking` "
-                "makes a new one"
-            ) from why
+                f"{folder}: no readable tracking analysis ({error}); run `deltact-fab analyze "
+                "tracking` again"
+            ) from error

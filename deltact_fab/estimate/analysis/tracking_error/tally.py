@@ -1,4 +1,4 @@
-"""What the flow is compared with, truth and dots, and sums of its errors over many frames."""
+"""References of the flow, truth and dots, and sums of its errors over many frames."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from ...measure.compose import is_inside
 from ...measure.dots.detect import Polarity
 from ...measure.dots.tracker import DotObservation, DotTracker
 
-MOVING_MM = 0.1
-WRONG_FLOW_MM = 0.1  # an error that no one who was told "confident" would expect
-# Bins of the errors from LEAST_MM on, each a hundredth wider than the one before, to 300 mm.
-LEAST_MM, WIDER, BINS = 1e-4, 1.01, 1500
+MOVING_MM = 0.1  # decision 0004
+WRONG_FLOW_MM = 0.1  # error of a confident pixel that counts as wrong, decision 0004
+# By hand: bins of errors from MIN_BIN_MM to 300 mm, 1 % wide, the accuracy of the percentile.
+MIN_BIN_MM, BIN_RATIO, ERROR_BINS = 1e-4, 1.01, 1500
 
 
 @dataclass
@@ -28,12 +28,12 @@ class Mean:
     total: float = 0.0
     n: int = 0
 
-    def take(self, values: ArrayLike) -> None:
+    def add(self, values: ArrayLike) -> None:
         self.total += float(np.asarray(values).sum())
         self.n += int(np.size(values))
 
-    def __add__(self, other: Mean) -> Mean:
-        return Mean(self.total + other.total, self.n + other.n)
+    def __add__(self, mean: Mean) -> Mean:
+        return Mean(self.total + mean.total, self.n + mean.n)
 
     @property
     def value(self) -> float | None:
@@ -43,11 +43,11 @@ class Mean:
 
 @dataclass
 class ErrorTally:
-    """Sums over frames; lengths in mm. The percentile is that of a histogram, to a hundredth.
+    """Sums over frames; lengths in mm. The percentile is from a histogram, accurate to 1 %.
 
     off_dots, error_confident: of all moving visible pixels, and of the confident ones.
-    in_plane: of the flow there, where it is read as in-plane motion. confident_share, lost_share:
-    of the image, a value a frame.
+    in_plane: error there if the flow is read as in-plane displacement. confident_share,
+    lost_share: of the image, one value per frame.
     """
 
     at_dots: Mean = field(default_factory=Mean)
@@ -57,7 +57,7 @@ class ErrorTally:
     error_confident: Mean = field(default_factory=Mean)
     confident_share: Mean = field(default_factory=Mean)
     lost_share: Mean = field(default_factory=Mean)
-    histogram: NDArray[np.int64] = field(default_factory=lambda: np.zeros(BINS, np.int64))
+    histogram: NDArray[np.int64] = field(default_factory=lambda: np.zeros(ERROR_BINS, np.int64))
     n_moving: int = 0
     wrong_n: int = 0
     switches: int = 0
@@ -66,35 +66,35 @@ class ErrorTally:
     ms: list[float] = field(default_factory=list)
 
     @classmethod
-    def of_frame(cls, confident_share: float, trusted: bool, cpu_ms: float) -> Self:
-        """What a method says of one frame, without any error."""
-        one = cls(untrusted_frames=int(not trusted), ms=[cpu_ms])
-        one.confident_share.take(confident_share)
-        return one
+    def for_frame(cls, confident_share: float, trusted: bool, cpu_ms: float) -> Self:
+        """Start the tally of one frame of a method, without any error."""
+        tally = cls(untrusted_frames=int(not trusted), ms=[cpu_ms])
+        tally.confident_share.add(confident_share)
+        return tally
 
-    def take_moving(self, errors_mm: NDArray[Any], confident: NDArray[np.bool_]) -> None:
-        """Count in the moving visible pixels of a frame, (n,) errors and which are confident."""
-        self.off_dots.take(errors_mm)
-        index = np.log(np.maximum(errors_mm, LEAST_MM) / LEAST_MM) / np.log(WIDER)
-        index = np.minimum(index.astype(np.int64), BINS - 1)
-        self.histogram += np.bincount(index, minlength=BINS)
-        self.take_confident(errors_mm[confident], errors_mm.size)
+    def add_moving(self, errors_mm: NDArray[Any], confident: NDArray[np.bool_]) -> None:
+        """Add the moving visible pixels of a frame: errors (n,), and mask of confident ones."""
+        self.off_dots.add(errors_mm)
+        index = np.log(np.maximum(errors_mm, MIN_BIN_MM) / MIN_BIN_MM) / np.log(BIN_RATIO)
+        index = np.minimum(index.astype(np.int64), ERROR_BINS - 1)
+        self.histogram += np.bincount(index, minlength=ERROR_BINS)
+        self.add_confident(errors_mm[confident], errors_mm.size)
 
-    def take_confident(self, errors_mm: NDArray[Any], n_moving: int) -> None:
-        """Add the confident ones (n,), out of this many moving visible pixels."""
+    def add_confident(self, errors_mm: NDArray[Any], n_moving: int) -> None:
+        """Add the errors (n,) of the confident ones out of n_moving moving visible pixels."""
         self.n_moving += n_moving
-        self.error_confident.take(errors_mm)
+        self.error_confident.add(errors_mm)
         self.wrong_n += int((errors_mm > WRONG_FLOW_MM).sum())
 
-    def join(self, other: ErrorTally) -> None:
-        peaks = [v for v in (self.peak_true_mm, other.peak_true_mm) if v is not None]
-        for one in fields(self):
-            if one.name != "peak_true_mm":
-                setattr(self, one.name, getattr(self, one.name) + getattr(other, one.name))
+    def join(self, tally: ErrorTally) -> None:
+        peaks = [v for v in (self.peak_true_mm, tally.peak_true_mm) if v is not None]
+        for item in fields(self):
+            if item.name != "peak_true_mm":
+                setattr(self, item.name, getattr(self, item.name) + getattr(tally, item.name))
         self.peak_true_mm = max(peaks, default=None)
 
     def figures(self) -> dict[str, Any]:
-        """The figures of the report; None where nothing was measured."""
+        """Return the figures of the report; None where nothing was measured."""
         n = self.confident_share.n
         return {
             "mean_at_dots_mm": self.at_dots.value,
@@ -117,45 +117,45 @@ class ErrorTally:
     def _p95(self) -> float | None:
         if not self.off_dots.n:
             return None
-        at = int(np.searchsorted(np.cumsum(self.histogram), 0.95 * self.off_dots.n))
-        return float(LEAST_MM * WIDER ** (at + 1))
+        index = int(np.searchsorted(np.cumsum(self.histogram), 0.95 * self.off_dots.n))
+        return float(MIN_BIN_MM * BIN_RATIO ** (index + 1))
 
 
-def ratio(part: float, whole: int) -> float | None:
-    """part / whole; None of nothing."""
-    return part / whole if whole else None
+def ratio(part: float, total: int) -> float | None:
+    """Return part / total; None for a total of 0."""
+    return part / total if total else None
 
 
-DOTS = "dots"
+DOTS_METHOD = "dots"
 """The method's name where there is nothing but dots to follow; its pixels are dots."""
-MIN_FOUND_SHARE = 0.8  # of the dots, for a frame to be trusted
+MIN_TRUSTED_DOTS = 0.8  # share located in a trusted frame; by hand, as MIN_CONFIDENT of `result`
 
 
 @dataclass
 class DotTally:
-    """Errors of the dots themselves against truth, and how many were lost.
+    """Errors of the dots themselves against truth, and numbers of located and lost dots.
 
-    A misidentified one is off by half the distance of two dots or more.
+    A misidentified dot is off by half the distance of two dots or more.
     """
 
     errors: Mean = field(default_factory=Mean)
     worst_mm: float = 0.0
-    seen: int = 0
-    lost: int = 0
+    n_found: int = 0
+    n_lost: int = 0
 
-    def join(self, other: DotTally) -> None:
-        self.errors += other.errors
-        self.worst_mm = max(self.worst_mm, other.worst_mm)
-        self.seen += other.seen
-        self.lost += other.lost
+    def join(self, tally: DotTally) -> None:
+        self.errors += tally.errors
+        self.worst_mm = max(self.worst_mm, tally.worst_mm)
+        self.n_found += tally.n_found
+        self.n_lost += tally.n_lost
 
     def figures(self) -> dict[str, Any]:
-        """Errors against truth (None on a real rig), and how many were seen."""
+        """Return errors against truth (None on a real rig), and how many were located."""
         return {
             "mean_vs_truth_mm": self.errors.value,
             "max_vs_truth_mm": self.worst_mm if self.errors.n else None,
-            "seen": self.seen,
-            "lost": self.lost,
+            "seen": self.n_found,
+            "lost": self.n_lost,
         }
 
 
@@ -172,8 +172,8 @@ class PatternDots:
     polarity: Polarity
 
     @classmethod
-    def of(cls, camera: CameraModel, pattern: dict[str, Any]) -> PatternDots:
-        """pattern: as a run's `pattern.json` has it."""
+    def from_record(cls, camera: CameraModel, pattern: dict[str, Any]) -> PatternDots:
+        """Read the dots of a pattern's record (a run's `pattern.json`)."""
         dots_mm = np.asarray(pattern.get("dots_mm", []), dtype=float).reshape(-1, 2)
         # Dark on light, where the recipe's dots are nearer to black; else white on colours.
         colour = str((pattern["recipe"].get("dots") or {}).get("colour", "#ffffff"))
@@ -183,7 +183,7 @@ class PatternDots:
 
 
 class DotFollower:
-    """Follows the dots of one press, and counts them."""
+    """Tracks the dots of one press, and counts them."""
 
     def __init__(self, marks: PatternDots) -> None:
         camera = marks.camera
@@ -196,59 +196,59 @@ class DotFollower:
         self.tally = DotTally()
 
     def follow(self, image: NDArray[np.uint8]) -> DotObservation:
-        """The dots of the next frame. Raises SensorError when the first one does not show them."""
-        seen = self.tracker.update(image)
-        found = int(np.isfinite(seen.displacement_px[:, 0]).sum())
-        self.tally.seen += found
-        self.tally.lost += len(self.rest_px) - found
-        return seen
+        """Track the dots in the next frame. Raises SensorError if the first does not show them."""
+        observed = self.tracker.update(image)
+        n_dots = int(np.isfinite(observed.displacement_px[:, 0]).sum())
+        self.tally.n_found += n_dots
+        self.tally.n_lost += len(self.rest_px) - n_dots
+        return observed
 
-    def take(self, seen: DotObservation, true_px: Field) -> None:
-        """Count a frame's errors in. true_px: (n, 2) motion of the dots."""
-        errors = _lengths(seen.displacement_px - true_px) * self.mm_per_px
-        self.tally.errors.take(errors)
+    def add_frame(self, observed: DotObservation, true_px: Field) -> None:
+        """Add a frame's errors. true_px: (n, 2) motion of the dots."""
+        errors = _lengths(observed.displacement_px - true_px) * self.mm_per_px
+        self.tally.errors.add(errors)
         self.tally.worst_mm = max(self.tally.worst_mm, float(errors.max(initial=0.0)))
 
-    def as_method(self, seen: DotObservation, true_px: Field | None) -> ErrorTally:
-        """A frame as that of a method whose pixels are the dots.
+    def as_method(self, observed: DotObservation, true_px: Field | None) -> ErrorTally:
+        """Tally a frame like a method whose pixels are the dots.
 
-        true_px: (n, 2) motion of the dots, None where no truth is known. A dot that is found is a
-        confident pixel; one that is lost has no error, so that there is none over all of them.
+        true_px: (n, 2) motion of the dots, None without truth. A located dot is a confident pixel;
+        a lost one has no error, so there is no mean error over all.
         """
-        share = float(np.isfinite(seen.displacement_px[:, 0]).mean())
-        one = ErrorTally.of_frame(share, share >= MIN_FOUND_SHARE, seen.cpu_ms)
+        share = float(np.isfinite(observed.displacement_px[:, 0]).mean())
+        tally = ErrorTally.for_frame(share, share >= MIN_TRUSTED_DOTS, observed.cpu_ms)
         if true_px is not None:
             visible = is_inside(self.rest_px + true_px, *self.shape)
             moved_mm = np.hypot(*true_px.T) * self.mm_per_px
             moving = visible & (moved_mm >= MOVING_MM)
-            errors = _lengths((seen.displacement_px - true_px)[moving]) * self.mm_per_px
-            one.take_confident(errors, int(moving.sum()))
-            one.peak_true_mm = float(moved_mm[visible].max()) if visible.any() else None
-        return one
+            errors = _lengths((observed.displacement_px - true_px)[moving]) * self.mm_per_px
+            tally.add_confident(errors, int(moving.sum()))
+            tally.peak_true_mm = float(moved_mm[visible].max()) if visible.any() else None
+        return tally
 
-    def errors_of(
-        self, flow_px: NDArray[np.float32], seen: DotObservation
+    def flow_errors(
+        self, flow_px: NDArray[np.float32], observed: DotObservation
     ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-        """The paper's error (k,) mm of flow (h, w, 2) at the k dots found; which of them move."""
-        off_px = sampled(flow_px, self.tracker.first_px) - seen.displacement_px
-        moving = np.hypot(*seen.displacement_px.T) * self.mm_per_px >= MOVING_MM
+        """The paper's error (k,) mm of flow (h, w, 2) at k located dots; mask of moving ones."""
+        off_px = sample_flow(flow_px, self.tracker.first_px) - observed.displacement_px
+        moving = np.hypot(*observed.displacement_px.T) * self.mm_per_px >= MOVING_MM
         return _lengths(off_px) * self.mm_per_px, moving[np.isfinite(off_px[:, 0])]
 
 
 def _lengths(vectors: Field) -> NDArray[Any]:
-    """Of those that are known, of vectors (n, 2)."""
+    """Lengths of the finite ones of vectors (n, 2)."""
     lengths = np.hypot(*vectors.T)
     return lengths[np.isfinite(lengths)]
 
 
-DOT_MARGIN_PX = 3.0
+DOT_MARGIN_PX = 3.0  # decision 0004
 
 
 @dataclass(frozen=True)
 class TrueFrame:
     """True motion of every rest pixel, projected and in-plane, and which of them move.
 
-    moving: (h, w) bool, of the visible ones. peak_mm: of the visible pixels, None where none is.
+    moving: (h, w) bool, of the visible pixels. peak_mm: over the visible pixels, None without any.
     """
 
     flow_px: NDArray[np.float64]
@@ -257,32 +257,32 @@ class TrueFrame:
     peak_mm: float | None
 
     @classmethod
-    def of(
+    def from_flow(
         cls,
         flow: NDArray[np.float64],
         in_plane: NDArray[np.float64],
-        seen: NDArray[np.bool_],
+        imaged: NDArray[np.bool_],
         mm_per_px: float,
     ) -> TrueFrame:
-        """flow, in_plane: (h, w, 2), px and mm, of what every pixel sees at rest.
+        """Find the visible moving pixels of a true flow.
 
-        seen: (h, w) rest pixels that the camera sees.
+        flow, in_plane: (h, w, 2), px and mm, at every rest pixel. imaged: (h, w) mask.
         """
-        h, w = seen.shape
+        h, w = imaged.shape
         y, x = np.mgrid[:h, :w]
         to = np.stack((x + flow[..., 0], y + flow[..., 1]), axis=-1)
         visible = is_inside(to, h, w)
-        # Where a steep flank hides what is behind it, no one point of the face is the true one.
-        disputed = folded_pixels(to, seen.shape)
+        # Where a steep flank folds the image, several face points share a pixel.
+        disputed = folded_pixels(to, imaged.shape)
         column, row = np.rint(to[visible]).astype(int).T
-        visible[visible] = seen[visible] & seen[row, column] & ~disputed[row, column]
+        visible[visible] = imaged[visible] & imaged[row, column] & ~disputed[row, column]
         length_mm = np.hypot(flow[..., 0], flow[..., 1]) * mm_per_px
         peak = float(length_mm[visible].max()) if visible.any() else None
         return cls(flow, in_plane, visible & (length_mm >= MOVING_MM), peak)
 
     @staticmethod
     def imaged_pixels(camera: CameraModel) -> NDArray[np.bool_]:
-        """Pixels (h, w) that hold an image: a rectified view may go beyond what the lens saw."""
+        """Pixels (h, w) that hold an image: a rectified view may exceed that of the lens."""
         if isinstance(camera, Rectified):
             return camera.seen()
         return np.ones((camera.height_px, camera.width_px), bool)
@@ -291,7 +291,7 @@ class TrueFrame:
 def off_dots(
     camera: CameraModel, dots_mm: NDArray[np.float64], diameter_mm: float
 ) -> NDArray[np.bool_]:
-    """(h, w) rest pixels that lie on no dot, with a margin for its blurred edge."""
+    """Mask (h, w) of rest pixels that lie on no dot, with a margin for its blurred edge."""
     import cv2
 
     radius_px = diameter_mm / 2 / camera.mm_per_px + DOT_MARGIN_PX
@@ -301,14 +301,14 @@ def off_dots(
     return mask.astype(bool)
 
 
-def sampled(flow: NDArray[Any], px: NDArray[np.float64]) -> NDArray[np.float64]:
+def sample_flow(flow: NDArray[Any], px: NDArray[np.float64]) -> NDArray[np.float64]:
     """Flow (h, w, 2) at points (n, 2) px, bilinear; NaN where a point is NaN."""
     from scipy.ndimage import map_coordinates
 
-    known = np.isfinite(px).all(axis=1)
-    found = np.full(px.shape, np.nan)
+    finite = np.isfinite(px).all(axis=1)
+    samples = np.full(px.shape, np.nan)
     for k in (0, 1):
-        found[known, k] = map_coordinates(
-            flow[..., k], px[known, ::-1].T, np.float64, order=1, mode="nearest"
+        samples[finite, k] = map_coordinates(
+            flow[..., k], px[finite, ::-1].T, np.float64, order=1, mode="nearest"
         )
-    return found
+    return samples

@@ -1,7 +1,7 @@
-"""What the neighbours of a dot tell: its place, its size, the order, and whose step is odd.
+"""Continuity of a skin of dots: predictions from neighbours, and checks of their order.
 
-A skin is continuous. Neighbours move almost alike from one frame to the next, a triangle of
-neighbours never turns over, and where a dot went follows from the affine motion around it.
+Neighbours move almost alike from one frame to the next, a triangle of neighbours never turns over,
+and the affine motion around a dot predicts its position.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ import numpy as np
 
 from deltact_fab.common import Array
 
-STRAY_FACTOR, STRAY_PITCH = 3.0, 0.25
-SMALL_STRAIN = 0.05  # up to which a dot may have it from further away
+STRAY_FACTOR, STRAY_PITCH = 3.0, 0.25  # by hand: looser keeps wrong dots, stricter drops a fold's
+MAX_LENT_STRAIN = 0.05  # for borrowing it from farther dots; by hand: more predicts too far off
 
 
 class Skin:
-    """The dots at rest, (n, 2) px, n >= 4 not on a line, and which are neighbours.
+    """Dots at rest, (n, 2) px, n >= 4 not on a line, and their neighbours.
 
-    near: (n, k) the k <= 8 nearest dots of each; span_px: (n, k) how far away; pitch_px: the
-    smallest of them; triangles: (m, 3) dots, all turning the same way.
+    near: (n, k) the k <= 8 nearest dots of each; span_px: (n, k) their distances; pitch_px: the
+    smallest distance; triangles: (m, 3) dots, of positive orientation.
     """
 
     def __init__(self, rest_px: Array) -> None:
@@ -34,26 +34,26 @@ class Skin:
         self.pitch_px = float(self.span_px.min())
         self.triangles = _triangles(rest_px)
 
-    def grown(
+    def grow(
         self, expected: Array, blobs: Array, gate_px: float, tolerance: float
     ) -> Iterator[Array]:
-        """Matches, (n,) the blob of each dot or -1, such that neighbours move almost equally.
+        """Yield matches, (n,) blob of each dot or -1, in which neighbours move almost equally.
 
-        expected: (n, 2), NaN for dots not to be looked for. Each dot takes the nearest blob at
-        first, another dot's beyond half a pitch; each of the largest regions of like steps is then
+        expected: (n, 2), NaN for dots to ignore. Each dot first takes its nearest blob, which
+        beyond half a pitch is another dot's; then each of the largest regions of similar steps is
         grown over the rest.
         """
         match = np.full(len(expected), -1)
-        who, which = mutual(expected, blobs, gate_px)
-        match[who] = which
+        dot, blob = mutual_nearest(expected, blobs, gate_px)
+        match[dot] = blob
         regions = self._regions(expected, blobs, match, tolerance)
         sizes = np.bincount(regions[regions >= 0], minlength=len(expected))
         for region in np.argsort(-sizes, kind="stable")[:4]:
             if sizes[region] < max(1, min(4, sizes.max())):
                 return
-            grown = self._spread(expected, blobs, np.where(regions == region, match, -1), gate_px)
-            yield self._without_odd(expected, blobs, grown, tolerance)
-            if sizes[region] > 0.9 * len(who):
+            spread = self._spread(expected, blobs, np.where(regions == region, match, -1), gate_px)
+            yield self._drop_odd(expected, blobs, spread, tolerance)
+            if sizes[region] > 0.9 * len(dot):
                 return
 
     def _steps(self, expected: Array, blobs: Array, match: Array) -> Array:
@@ -62,60 +62,60 @@ class Skin:
         return steps
 
     def _regions(self, expected: Array, blobs: Array, match: Array, tolerance: float) -> Array:
-        """(n,) a number for each group of neighbours that move together, -1 where not matched."""
+        """Label (n,) groups of neighbours that move together, -1 where not matched."""
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 
         steps = self._steps(expected, blobs, match)
-        apart = np.hypot(*np.moveaxis(steps[self.near] - steps[:, None], -1, 0))
-        alike = apart <= tolerance * self.span_px  # False where NaN
-        one, other = np.nonzero(alike)[0], self.near[alike]
-        links = coo_array((np.ones(len(one), bool), (one, other)), shape=(len(match),) * 2)
+        difference = np.hypot(*np.moveaxis(steps[self.near] - steps[:, None], -1, 0))
+        similar = difference <= tolerance * self.span_px  # False where NaN
+        first, second = np.nonzero(similar)[0], self.near[similar]
+        links = coo_array((np.ones(len(first), bool), (first, second)), shape=(len(match),) * 2)
         return np.where(match >= 0, connected_components(links, directed=False)[1], -1)
 
     def _spread(self, expected: Array, blobs: Array, match: Array, gate_px: float) -> Array:
-        """Dots next to two matched ones take what lies where these steps put them, and so on."""
+        """Match dots next to two matched ones at the position that these predict, repeatedly."""
         match = match.copy()
         open_ = np.isfinite(expected[:, 0])
         while True:
-            taken = np.where((match >= 0)[:, None], blobs[match], np.nan)
+            matched = np.where((match >= 0)[:, None], blobs[match], np.nan)
             have = (match >= 0)[self.near].sum(axis=1)
             rows = np.flatnonzero(open_ & (match < 0) & (have >= 2))
             free = np.setdiff1d(np.arange(len(blobs)), match[match >= 0])
             if not len(rows) or not len(free):
                 return match
-            step = self.step(expected, taken)[rows]
-            a, b = mutual(expected[rows] + step, blobs[free], gate_px)
+            step = self.mean_step(expected, matched)[rows]
+            a, b = mutual_nearest(expected[rows] + step, blobs[free], gate_px)
             if not len(a):
                 return match
             match[rows[a]] = free[b]
 
-    def _without_odd(self, expected: Array, blobs: Array, match: Array, tolerance: float) -> Array:
-        """Drop the dots whose step is not like that of most of their neighbours."""
+    def _drop_odd(self, expected: Array, blobs: Array, match: Array, tolerance: float) -> Array:
+        """Drop the dots whose step differs from that of most of their neighbours."""
         steps = self._steps(expected, blobs, match)
         near = steps[self.near]
-        apart = np.hypot(*np.moveaxis(near - steps[:, None], -1, 0))
+        difference = np.hypot(*np.moveaxis(near - steps[:, None], -1, 0))
         have = np.isfinite(near[..., 0])
-        alike = (apart <= tolerance * self.span_px).sum(axis=1)
-        odd = (have.sum(axis=1) >= 3) & (2 * alike < have.sum(axis=1))
+        similar = (difference <= tolerance * self.span_px).sum(axis=1)
+        odd = (have.sum(axis=1) >= 3) & (2 * similar < have.sum(axis=1))
         return np.where(odd, -1, match)
 
     def drop_strays(self, first: Array, position: Array) -> None:
-        """Drop, in place, dots that lie much further from where their neighbours put them than
-        these do themselves (the median test of Westerweel and Scarano 2005), the furthest first."""
+        """Drop, in place, dots much farther from their prediction by neighbours than these are from
+        theirs (median test of Westerweel and Scarano 2005), the farthest first."""
         for _ in range(10):
-            _, at, _ = self.fit(first, position)
-            off = np.hypot(*(position - at).T)
+            _, predicted, _ = self.fit(first, position)
+            residual = np.hypot(*(position - predicted).T)
             # A zero more, so that no single neighbour is the median
-            near = np.column_stack((off[self.near], np.zeros(len(off))))
-            stray = off > STRAY_FACTOR * np.nanmedian(near, axis=1) + STRAY_PITCH * self.pitch_px
-            stray &= off >= np.nanmax(near, axis=1)
+            near = np.column_stack((residual[self.near], np.zeros(len(residual))))
+            limit = STRAY_FACTOR * np.nanmedian(near, axis=1) + STRAY_PITCH * self.pitch_px
+            stray = (residual > limit) & (residual >= np.nanmax(near, axis=1))
             if not stray.any():
                 return
             position[stray] = np.nan
 
     def keep_order(self, position: Array) -> None:
-        """Drop, in place, what turns a triangle of neighbours over; the dots in most go first."""
+        """Drop, in place, dots that turn triangles of neighbours over, those in most first."""
         corner = position[self.triangles]
         a, b = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
         turned = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] <= 0  # False where NaN
@@ -126,11 +126,11 @@ class Skin:
             turned &= ~worst[self.triangles].any(axis=1)
 
     def fit(self, first: Array, position: Array) -> tuple[Array, Array, Array]:
-        """The affine motion around each dot, from `first` to `position`, both (n, 2) with NaN.
+        """Fit the affine motion around each dot, from `first` to `position`, both (n, 2) with NaN.
 
-        Least squares over the neighbours; the dot itself has no say. Returns (n, 2, 2) matrices,
-        (n, 2) where they put the dot, and (n,) whether they tell: three or more, spread over the
-        plane, or two that have the strain from such neighbours of their own.
+        Least squares over the neighbours without the dot itself. Returns matrices (n, 2, 2),
+        predicted positions (n, 2), and a mask (n,) of dots with enough neighbours: three or more,
+        spread over the plane, or two that borrow the strain from such neighbours of their own.
         """
         p, q = first[self.near], position[self.near]
         weight = (np.isfinite(p[..., 0]) & np.isfinite(q[..., 0])).astype(float)
@@ -146,41 +146,41 @@ class Skin:
         good = (weight.sum(1) >= 3) & (spread > 0.25 * self.pitch_px**2)
         pp[~good] = np.eye(2)
         matrix = qp @ np.linalg.inv(pp)
-        # Neighbours in one line, as where a row comes back into view, do not tell the strain
-        tell = good[self.near]
-        lent = (matrix[self.near] * tell[..., None, None]).sum(1)
-        lent /= np.maximum(tell.sum(1), 1)[:, None, None]
-        small = np.abs(lent - np.eye(2)).max(axis=(1, 2)) < SMALL_STRAIN
-        borrow = ~good & (weight.sum(1) >= 2) & (tell.sum(1) >= 2) & small
+        # Neighbours on one line, as where a row comes back into view, do not determine the strain
+        determined = good[self.near]
+        lent = (matrix[self.near] * determined[..., None, None]).sum(1)
+        lent /= np.maximum(determined.sum(1), 1)[:, None, None]
+        small = np.abs(lent - np.eye(2)).max(axis=(1, 2)) < MAX_LENT_STRAIN
+        borrow = ~good & (weight.sum(1) >= 2) & (determined.sum(1) >= 2) & small
         matrix[borrow] = lent[borrow]
         good |= borrow
-        at = m + np.einsum("nij,nj->ni", matrix, np.nan_to_num(first) - c)
+        predicted = m + np.einsum("nij,nj->ni", matrix, np.nan_to_num(first) - c)
         good &= np.isfinite(first[:, 0])
-        at[~good] = np.nan
-        return matrix, at, good
+        predicted[~good] = np.nan
+        return matrix, predicted, good
 
-    def step(self, before: Array, after: Array) -> Array:
-        """(n, 2) the mean step of each dot's neighbours, the near ones more; NaN without any."""
-        near = (after - before)[self.near]
+    def mean_step(self, start: Array, end: Array) -> Array:
+        """Mean step (n, 2) of each dot's neighbours, weighted to near ones; NaN without any."""
+        near = (end - start)[self.near]
         weight = np.isfinite(near[..., 0]) / self.span_px**2
         total = weight.sum(axis=1)[:, None]
         step: Array = (weight[..., None] * np.nan_to_num(near)).sum(axis=1)
         return np.divide(step, total, out=np.full_like(step, np.nan), where=total > 0)
 
-    def bent(self, first: Array, position: Array) -> int:
-        """How many dots lie half a pitch from where their neighbours put them."""
-        _, at, _ = self.fit(first, position)
-        return int((np.hypot(*(position - at).T) > 0.5 * self.pitch_px).sum())
+    def count_bent(self, first: Array, position: Array) -> int:
+        """Count the dots more than half a pitch from their prediction by neighbours."""
+        _, predicted, _ = self.fit(first, position)
+        return int((np.hypot(*(position - predicted).T) > 0.5 * self.pitch_px).sum())
 
     def affine(self, first: Array, position: Array) -> Array:
-        """(n, 2, 2) as `fit`; the median over the others where the neighbours do not tell."""
+        """Matrices (n, 2, 2) of `fit`; the median of the others where it is not determined."""
         matrix, _, good = self.fit(first, position)
         matrix[~good] = np.median(matrix[good], axis=0) if good.any() else np.eye(2)
         return matrix
 
 
-def mutual(expected: Array, blobs: Array, gate_px: float | Array) -> tuple[Array, Array]:
-    """Rows of `expected` and blobs that are each other's nearest, at most gate_px apart."""
+def mutual_nearest(expected: Array, blobs: Array, gate_px: float | Array) -> tuple[Array, Array]:
+    """Mutually nearest rows of `expected` and `blobs`, at most gate_px apart."""
     from scipy.spatial import cKDTree
 
     rows = np.flatnonzero(np.isfinite(expected[:, 0]))
@@ -194,13 +194,13 @@ def mutual(expected: Array, blobs: Array, gate_px: float | Array) -> tuple[Array
 
 
 def _triangles(points: Array) -> Array:
-    """(m, 3) Delaunay triangles as indices, all turning the same way (positive area)."""
+    """Delaunay triangles (m, 3) as indices, all of positive area."""
     from scipy.spatial import Delaunay
 
     index = Delaunay(points).simplices
     a, b = points[index[:, 1]] - points[index[:, 0]], points[index[:, 2]] - points[index[:, 0]]
     area = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
     index[area < 0] = index[area < 0][:, ::-1]
-    # Needles along the hull turn over by small strains, and say nothing about order.
+    # Thin triangles along the hull turn over under small strains, and do not constrain the order.
     longest = np.max([np.hypot(*side.T) for side in (a, b, a - b)], axis=0)
     return index[np.abs(area) > 0.2 * longest**2]

@@ -1,7 +1,7 @@
 """Force on the sensor from the flow: sets of features, and the model that is linear in them.
 
-A new set is a module with a class that meets `Features` and is made of a `SensorModel`, and one
-line in FEATURES.
+A new set is a module with a subclass of `Features` that takes a `SensorModel`, and one line in
+FORCE_FEATURES.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from .paper import Paper, Signed, Sums
 
 FORCE_FEATURES = {"sums": Sums, "paper": Paper, "inverse-placed": Inverse}
 FORCE_READINGS = {"paper-signed": Signed}
-"""Another reading of what the paper says, looked at by studies; no model is made of it."""
+"""Another reading of the paper, evaluated by studies; never used for a calibration."""
 
 
 def make_features(name: str, view: SensorModel) -> Features:
@@ -25,15 +25,15 @@ def make_features(name: str, view: SensorModel) -> Features:
     return (FORCE_FEATURES | FORCE_READINGS)[name](view)
 
 
-def features_of(model: ForceModel, view: SensorModel, source: str) -> Features:
-    """The set that a model was fitted to.
+def load_features(model: ForceModel, view: SensorModel, source: str) -> Features:
+    """Make the feature set that a model was fitted to.
 
-    Raises InputError, `source` in front, where this version has no such set or other labels.
+    Raises InputError, prefixed by `source`, if this version has no such set or other labels.
     """
     try:
-        made = make_features(model.features, view)
-    except InputError as why:
-        raise InputError(f"{source}: {why}") from why
-    if model.names != tuple(made.names):
-        raise InputError(f"{source}: not of this version's features {made.name!r}; calibrate again")
-    return made
+        features = make_features(model.features, view)
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from error
+    if model.names != tuple(features.names):
+        raise InputError(f"{source}: features {features.name!r} have changed; calibrate again")
+    return features

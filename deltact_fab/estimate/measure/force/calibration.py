@@ -1,4 +1,4 @@
-"""A force calibration: a fitted model, whose it is, what it may be trusted to, the face at rest."""
+"""A force calibration: a fitted model, its sensor, its errors and an image of the face at rest."""
 
 from __future__ import annotations
 
@@ -23,18 +23,17 @@ from ..sensor_id import (
 )
 from .model import ForceModel
 
-FORMER = {"inverse": "inverse-placed", "paper-mirrored": "paper"}
-"""Features of older files by those that have their numbers; they are not fitted any more."""
+FORMER_FEATURES = {"inverse": "inverse-placed", "paper-mirrored": "paper"}
+"""Features of older files, which are not fitted any more, and those that compute the same."""
 
 
 @dataclass(frozen=True)
 class ForceCalibration:
-    """Calibration of force, as `calibrate force` writes and a measurement reads it.
+    """Force calibration, as written by `calibrate force` and read by a measurement.
 
-    skin, poisson: what the features were made with. error: of each component in the paper's words
-    (`normal`, `shear_x` ...), root mean squares by what was left out, for a display of forces.
-    transfer: how it was carried over from another sensor, if it was. rest: the face untouched,
-    PNG, as the camera's images are tracked.
+    skin, poisson: gel that the features were computed with. error: of each component in the
+    paper's words (`normal`, `shear_x` ...), root mean squares by what was left out. transfer: its
+    factors and errors if transferred from another sensor. rest: image of the untouched face, PNG.
     """
 
     head: CalibrationHead
@@ -54,12 +53,12 @@ class ForceCalibration:
         seed: int,
         error: Mapping[str, Mapping[str, Any]],
     ) -> ForceCalibration:
-        """Calibration by simulated presses. name: of what was simulated, with this seed."""
+        """Build a calibration from simulated presses. name: of the simulation, with this seed."""
         head = CalibrationHead("force", sensor.id, CalibrationSource((name,), True, VERSION, seed))
         return cls(head, model, sensor.skin, sensor.poisson, error)
 
     def view(self, view: SensorModel) -> SensorModel:
-        """With the gel that the features were made with, and the face at rest if it is kept."""
+        """Return the view with this calibration's gel and, if stored, its image of the face."""
         import cv2
 
         rest = view.rest
@@ -69,7 +68,7 @@ class ForceCalibration:
         return replace(view, skin=self.skin, poisson=self.poisson, rest=rest)
 
     def toml(self, rest_name: str) -> str:
-        """The text of the file beside which the face at rest lies as `rest_name`."""
+        """Format as TOML; rest_name: file name of the image of the face at rest."""
         rest = None if self.rest is None else rest_table(rest_name, self.rest)
         tables: dict[str, Mapping[str, Any]] = {
             "view": {"poisson": self.poisson, "skin": asdict(self.skin)},
@@ -82,24 +81,24 @@ class ForceCalibration:
 
 
 def load_force(path: Path) -> ForceCalibration:
-    """A calibration of force. Raises InputError of one line for anything that is none."""
+    """Load a force calibration. Raises InputError, one line, for any other or damaged file."""
     head, data = read_calibration(path, "force")
-    held: dict[str, Any] = {}
+    tables: dict[str, Any] = {}
     for key in ("view", "model", "error", "transfer", "rest"):
-        held[key] = data.pop(key, None if key in ("view", "model") else {})
-        if not isinstance(held[key], dict):
+        tables[key] = data.pop(key, None if key in ("view", "model") else {})
+        if not isinstance(tables[key], dict):
             raise InputError(f"{path}: {key}: missing table")
     if data:
         raise InputError(f"{path}: {next(iter(data))}: unknown key; remove it")
-    view = held["view"]
+    view = tables["view"]
     poisson = view.get("poisson")
     if not isinstance(poisson, float) or not 0 < poisson < 0.5:
-        raise InputError(f"{path}: view.poisson: a number between 0 and 0.5 (got {poisson!r})")
+        raise InputError(f"{path}: view.poisson must be between 0 and 0.5 (got {poisson!r})")
     skin = validate(SkinDimensions, view.get("skin"), f"{path}: view.skin")
     try:
-        model = ForceModel.from_dict(held["model"])
-    except InputError as why:
-        raise InputError(f"{path}: {why}") from why
-    model = replace(model, features=FORMER.get(model.features, model.features))
-    rest = read_rest(path, held["rest"])
-    return ForceCalibration(head, model, skin, poisson, held["error"], held["transfer"], rest)
+        model = ForceModel.from_dict(tables["model"])
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    model = replace(model, features=FORMER_FEATURES.get(model.features, model.features))
+    rest = read_rest(path, tables["rest"])
+    return ForceCalibration(head, model, skin, poisson, tables["error"], tables["transfer"], rest)

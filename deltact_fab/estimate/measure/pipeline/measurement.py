@@ -203,7 +203,7 @@ class Measurement:
 class MarkerMeasurement(Measurement):
     """Measurement of the markers in the first image after each `reset`.
 
-    camera: of the images. `update` raises as `DotTracker.found_in` for the first image.
+    camera: of the images. `update` raises as `DotTracker.from_image` for the first image.
     """
 
     def __init__(self, camera: CameraModel) -> None:
@@ -215,7 +215,7 @@ class MarkerMeasurement(Measurement):
     def _ready(self, since: ReferenceState, image: Array) -> Array:  # type: ignore[override]
         frame = self.rectified(image)
         if since.markers is None:
-            since.markers = DotTracker.found_in(frame)
+            since.markers = DotTracker.from_image(frame)
             since.markers.update(frame)  # the reference is processed only once
         return frame
 
@@ -224,7 +224,7 @@ class MarkerMeasurement(Measurement):
         ready = self._ready(since, image)
         assert since.markers is not None, "made ready"
         dots = since.markers.update(ready)
-        share = float(dots.found.mean())
+        share = float(dots.located.mean())
         job.data = ()
         age_ms = (time.monotonic() - job.t_s) * 1e3
         job.result = MeasurementResult(

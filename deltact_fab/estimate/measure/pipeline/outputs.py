@@ -14,14 +14,14 @@ from deltact_fab.sensor import CameraModel
 from ..dots.tracker import DotObservation
 from ..face import FaceFlow, fill_unknown
 from ..flow.confidence import FlowObservation
-from ..force import features_of
+from ..force import load_features
 from ..force.calibration import ForceCalibration, load_force
 from ..force.inverse import Inverse
 from ..force.model import Features, ForceModel, TractionField, Wrench
 from ..health import Health
 from ..sensor_id import SensorModel, read_calibration, require_same_sensor
 from ..shape.density import Density, jacobian_density, relative_depth
-from ..shape.depth import ContactRegion, Depth, DepthFinder, DepthModel, contacts
+from ..shape.depth import ContactRegion, Depth, DepthFinder, DepthModel, find_contacts
 
 Output = Literal["flow", "observation", "shape", "contacts", "force", "traction"]
 OUTPUT_NAMES: tuple[Output, ...] = get_args(Output)
@@ -104,7 +104,7 @@ class Estimators:
             name = str(item) if isinstance(item, Path | str) else "calibration"
             self._take(_load(Path(item), self.view) if isinstance(item, Path | str) else item, name)
         if self.force is not None:
-            self.features = features_of(self.force, self.view, "force model")
+            self.features = load_features(self.force, self.view, "force model")
 
     def _take(self, model: ForceModel | ForceCalibration | DepthModel, name: str) -> None:
         if isinstance(model, ForceCalibration):
@@ -170,17 +170,17 @@ class Estimators:
         face = fill_unknown(FaceFlow.from_flow(observation, camera, FaceFlow.SPACING_PX))
         depth = None
         if self.finder is not None and requested & {"shape", "contacts"}:
-            depth = self.finder.of(face)
+            depth = self.finder.find(face)
         if "shape" in requested:
             density = jacobian_density(face, camera.mm_per_px)
             relative = relative_depth(density, face)
             results["shape"] = Shape(density, relative, face.x_mm, face.y_mm, depth)
         if self.finder is not None and depth is not None and "contacts" in requested:
-            press = self.finder.inverse.of(face)  # cached by the depth
-            results["contacts"] = contacts(depth, face, camera, press)
+            press = self.finder.inverse.solve(face)  # cached by the depth
+            results["contacts"] = find_contacts(depth, face, camera, press)
         if self.features is not None and self.force is not None:
             if "force" in requested:
-                numbers, cover = self.features.of(face), self.features.cover(face)
+                numbers, cover = self.features.compute(face), self.features.cover(face)
                 results["force"] = self.force.wrench(numbers, cover)
             if "traction" in requested:
                 results["traction"] = self.features.traction(face, self.force)

@@ -1,9 +1,9 @@
-"""Gaussian density of the landed pattern (paper, Shape Reconstruction): 1 at rest, less where it
+"""Gaussian density of the displaced pattern (paper, Shape Reconstruction): 1 at rest, less where it
 spreads.
 
-The paper's words are a splat: every point lands and spreads a Gaussian of SIGMA_PX there. That is
-1 / det(I + grad u) of the flow u smoothed by the same Gaussian, where the determinant is between
-1/2 and 2; beyond, and where the flow is a guess, neither is to be relied on.
+The paper describes a splat: every displaced point contributes a Gaussian of SIGMA_PX. That equals
+1 / det(I + grad u) of the flow u smoothed by the same Gaussian while the determinant is between 1/2
+and 2; outside, and where the flow is interpolated, neither is reliable.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from deltact_fab.common import Array
 
 from ..face import FaceFlow, fill_unknown
 
-SIGMA_PX = 3.0  # of the full image, whatever the distance of the flow's points
-DOMAIN = (0.5, 2.0)  # determinants between which splat and Jacobian agree
-RADIUS_MM = 0.6  # of the guided filter
-EPS = 2.5e-4  # variance below which the filter smooths: of 0.016, thrice what flow noise makes
+SIGMA_PX = 3.0  # of the full image, for any spacing of the flow; by hand: larger blurs contacts
+DETERMINANT_RANGE = (0.5, 2.0)  # splat and Jacobian agree, measured in docs/evidence/shape.md
+FILTER_RADIUS_MM = 0.6  # of the guided filter; by hand: larger smooths small contacts
+FILTER_EPS = 2.5e-4  # variance (0.016^2) below which it smooths; by hand: three times flow noise
 
 
 @dataclass(frozen=True)
 class Density:
-    """Gaussian density at the points of a FaceFlow: of the pattern that rests there.
+    """Gaussian density at the resting points of a FaceFlow.
 
     value (h, w) float32: 1 at rest. reliable (h, w) bool: within two sigmas every point is known
-    and the determinant of the map is within DOMAIN (it neither folds nor tears).
+    and the determinant of the map is in DETERMINANT_RANGE (it neither folds nor tears).
     """
 
     value: Array
@@ -41,40 +41,40 @@ class Density:
 
     @property
     def relative_depth(self) -> Array:
-        """Minus the density, from rest, (h, w) float32: what spreads came nearer to the camera."""
+        """1 - density, (h, w) float32: positive where the pattern spreads, nearer to the camera."""
         return np.asarray(1 - self.value)
 
 
 def jacobian_density(flow: FaceFlow, mm_per_px: float) -> Density:
     """Gaussian density as 1 / det(I + grad u) of the smoothed flow. mm_per_px: of the camera.
 
-    Where the map folds the determinant is held at an eighth of DOMAIN: finite, and not reliable.
+    Where the map folds, the determinant is clipped to 1/16: finite, and not reliable.
     """
-    flow, sigma = fill_unknown(flow), _cells(flow, mm_per_px)
+    flow, sigma = fill_unknown(flow), _sigma_cells(flow, mm_per_px)
     det = _determinant(flow, sigma)
-    sound = flow.known & (det >= DOMAIN[0]) & (det <= DOMAIN[1])
+    sound = flow.known & (det >= DETERMINANT_RANGE[0]) & (det <= DETERMINANT_RANGE[1])
     side = 2 * int(np.ceil(2 * sigma)) + 1
     reliable = cv2.erode(sound.view(np.uint8), np.ones((side, side), np.uint8)) > 0
-    return Density(1 / np.maximum(det, DOMAIN[0] / 8), np.asarray(reliable))
+    return Density(1 / np.maximum(det, DETERMINANT_RANGE[0] / 8), np.asarray(reliable))
 
 
-def _cells(flow: FaceFlow, mm_per_px: float) -> float:
-    """Sigma in cells that makes, with the mean over a cell that each point already is, SIGMA_PX;
-    a fifth of a cell at least."""
-    every = flow.cell_mm / mm_per_px
-    return float(np.sqrt(max(SIGMA_PX**2 - (every**2 - 1) / 12, (every / 5) ** 2))) / every
+def _sigma_cells(flow: FaceFlow, mm_per_px: float) -> float:
+    """Sigma in cells that gives SIGMA_PX in total, as each point is already a mean over its cell;
+    at least a fifth of a cell."""
+    pixels = flow.cell_mm / mm_per_px
+    return float(np.sqrt(max(SIGMA_PX**2 - (pixels**2 - 1) / 12, (pixels / 5) ** 2))) / pixels
 
 
 def _determinant(flow: FaceFlow, sigma: float) -> Array:
     """det(I + grad u), (h, w) float32, of the flow under a Gaussian of sigma cells."""
     radius = max(1, int(np.ceil(4 * sigma)))
-    at = np.arange(-radius, radius + 1)
-    smooth = np.exp(-0.5 * (at / sigma) ** 2)
+    offsets = np.arange(-radius, radius + 1)
+    smooth = np.exp(-0.5 * (offsets / sigma) ** 2)
     smooth /= smooth.sum()
-    # The derivative of the Gaussian itself, exact for what is linear: differences of neighbours
-    # lose 9 % of features of three cells.
-    slope = at * smooth / (at**2 @ smooth) / flow.cell_mm
-    # A margin in which the flow goes on as straight as it came.
+    # The derivative of the Gaussian itself, exact for linear flow: differences of neighbours lose
+    # 9 % of features of three cells.
+    slope = offsets * smooth / (offsets**2 @ smooth) / flow.cell_mm
+    # A margin of linear extrapolation.
     widths = ((radius, radius), (radius, radius), (0, 0))
     shift = np.pad(flow.shift_mm, widths, mode="reflect", reflect_type="odd")
     across, down = (
@@ -86,11 +86,11 @@ def _determinant(flow: FaceFlow, sigma: float) -> Array:
 
 
 def relative_depth(density: Density, flow: FaceFlow) -> Array:
-    """The paper's: minus the density of a flow's points, from rest, (h, w) float32, without unit.
+    """The paper's relative depth: 1 - density, filtered, (h, w) float32, without unit.
 
     The guided filter (He and Sun 2015) with the density as its own guide keeps edges. Off the axis
-    a press moves the pattern outwards as a whole: there it is no map of the depth (`depth` is).
+    a press moves the pattern outwards as a whole, so there it is no map of the depth (see `depth`).
     """
-    radius = max(1, round(RADIUS_MM / flow.cell_mm))
-    own = np.ascontiguousarray(density.relative_depth, np.float32)
-    return np.asarray(cv2.ximgproc.guidedFilter(own, own, radius, EPS))
+    radius = max(1, round(FILTER_RADIUS_MM / flow.cell_mm))
+    image = np.ascontiguousarray(density.relative_depth, np.float32)
+    return np.asarray(cv2.ximgproc.guidedFilter(image, image, radius, FILTER_EPS))

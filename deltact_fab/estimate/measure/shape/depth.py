@@ -1,8 +1,8 @@
 """Depth of the face in mm, calibrated on a ball, and the separate contacts in its map.
 
-Off the axis depth is seen as motion, on it hardly at all, so no local rule tells depth from flow.
-The inverse of the face's linear operator does (`force.inverse`): its traction moves the face in
-depth too, too little by 3 to 14 % (docs/evidence/strangers.md); one factor makes it good.
+Depth shows as motion off the optical axis and hardly at all on it, so no local rule gives depth
+from flow. The inverse of the face's linear operator does (`force.inverse`): its traction displaces
+the face in depth too, by 3 to 14 % too little (docs/evidence/strangers.md); a gain corrects that.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from ..force.inverse import inverse_for
 from ..force.model import TractionField
 from ..sensor_id import CalibrationHead, SensorModel, read_calibration
 
-RIGID = 0.1
-BEYOND = 1.1  # of the deepest press of the calibration: deeper ones are extrapolated
+MAX_RIGID_RESIDUAL = 0.1  # over the motion; by hand: larger takes light presses for a loose camera
+EXTRAPOLATION_FACTOR = 1.1  # over the calibration's deepest press; by hand: above noise of a peak
 
 
 @dataclass(frozen=True)
 class DepthModel:
-    """gain: depth over what the inverse finds. deepest_mm: that the calibration's ball pressed.
+    """Depth calibration. gain: true depth over that of the inverse. deepest_mm: its deepest press.
 
-    poisson, thickness_mm: of the gel that the inverse took; None: the view's.
+    poisson, thickness_mm: gel used by the inverse; None: the view's.
     """
 
     gain: Annotated[float, Ge(0.1), Le(10)]
@@ -46,14 +46,14 @@ class DepthModel:
         return {name: value for name, value in asdict(self).items() if value is not None}
 
     def view(self, view: SensorModel) -> SensorModel:
-        """With the gel that the gain belongs to."""
+        """Return the view with the gel that the gain was calibrated with."""
         return view.with_gel(
             self.poisson or view.poisson, self.thickness_mm or view.skin.thickness_mm
         )
 
     @classmethod
     def load(cls, path: Path) -> tuple[CalibrationHead, DepthModel]:
-        """Of a file that `calibrate depth` wrote. Raises InputError of one line."""
+        """Load a file written by `calibrate depth`. Raises InputError of one line."""
         head, data = read_calibration(path, "depth")
         return head, validate(cls, data.get("depth", {}), f"{path}: depth")
 
@@ -62,13 +62,13 @@ class DepthModel:
 class Depth:
     """Depth of the resting face's points into the gel.
 
-    depth_mm (h, w) float32, at least 0; known (h, w) bool, on x_mm (w,), y_mm (h,): as in FaceFlow.
-    cover: share of the contact's cells whose motion is known. extrapolated: deeper than the
-    calibration was.
+    depth_mm (h, w) float32, at least 0; valid (h, w) bool: motion known; x_mm (w,), y_mm (h,): as
+    in FaceFlow. cover: share of the pressure on cells whose motion is known. extrapolated: deeper
+    than the calibration.
     """
 
     depth_mm: Array
-    known: Array
+    valid: Array
     x_mm: Array
     y_mm: Array
     cover: float
@@ -84,16 +84,16 @@ class DepthFinder:
         self.view, self.model = model.view(view), model
         self.inverse = inverse_for(self.view)
 
-    def of(self, flow: FaceFlow) -> Depth:
-        """Of a flow, in mm."""
+    def find(self, flow: FaceFlow) -> Depth:
+        """Find the depth of a flow, in mm."""
         flow = fill_unknown(flow)
-        press = self.inverse.of(flow)
-        depth = np.maximum(np.float32(self.model.gain) * self.found_mm(flow, press), 0)
-        beyond = float(depth.max()) > BEYOND * self.model.deepest_mm
-        return Depth(depth, flow.known, flow.x_mm, flow.y_mm, press.cover, beyond)
+        press = self.inverse.solve(flow)
+        depth = np.maximum(np.float32(self.model.gain) * self.linear_depth_mm(flow, press), 0)
+        extrapolated = float(depth.max()) > EXTRAPOLATION_FACTOR * self.model.deepest_mm
+        return Depth(depth, flow.known, flow.x_mm, flow.y_mm, press.cover, extrapolated)
 
-    def found_mm(self, flow: FaceFlow, press: TractionField) -> Array:
-        """Depth (h, w) float32 that linear elasticity gives for a press, at the flow's points."""
+    def linear_depth_mm(self, flow: FaceFlow, press: TractionField) -> Array:
+        """Uncalibrated depth (h, w) float32 by linear elasticity, at the flow's points."""
         if not press.pressed or is_rigid(flow):
             return np.zeros(flow.known.shape, np.float32)
         onto_y, onto_x = (
@@ -102,7 +102,7 @@ class DepthFinder:
                 (self.inverse.seen_y_mm, flow.y_mm), (self.inverse.seen_x_mm, flow.x_mm),
             )
         )  # fmt: skip
-        return np.asarray(onto_y @ self.inverse.sunk_mm(press) @ onto_x.T)
+        return np.asarray(onto_y @ self.inverse.indentation_mm(press) @ onto_x.T)
 
 
 @lru_cache(maxsize=8)
@@ -113,29 +113,29 @@ def _spline(knots_mm: tuple[float, ...], points_mm: tuple[float, ...]) -> Array:
 
 
 def is_rigid(flow: FaceFlow) -> bool:
-    """Whether the view moved as a whole, shifted and turned: as a camera does that is loose.
+    """True if the view moved as a whole (shift and rotation), as with a loose camera.
 
-    So it is if less than RIGID of its motion is left when the best rigid one is taken off.
+    The criterion is a residual from the best rigid motion below MAX_RIGID_RESIDUAL of the motion.
     """
     if not flow.known.any():
         return False
-    *_, left = fit_rigid_motion(flow)
-    moved = flow.shift_mm[flow.known].astype(float)
-    return bool((left**2).sum() < RIGID**2 * (moved**2).sum())
+    *_, residual = fit_rigid_motion(flow)
+    shift = flow.shift_mm[flow.known].astype(float)
+    return bool((residual**2).sum() < MAX_RIGID_RESIDUAL**2 * (shift**2).sum())
 
 
-def ball_mm(flow: FaceFlow, view: SensorModel, tip_mm: Array, radius_mm: float) -> Array:
-    """Depth (h, w) of the points of a face that a ball presses, 0 where they are not below it.
+def ball_depth_mm(flow: FaceFlow, view: SensorModel, tip_mm: Array, radius_mm: float) -> Array:
+    """Depth (h, w) of a ball at the points of a flow, 0 where they are not below it.
 
-    tip_mm (3,): of the ball's lowest point, sensor frame. A point is seen along a ray that meets
-    the ball at its depth, so both are found together.
+    tip_mm (3,): lowest point of the ball, sensor frame. A point is seen along a ray that meets the
+    ball at its depth, so both are found by fixed-point iteration.
     """
     camera = view.camera
     landed = np.stack(np.meshgrid(flow.x_mm, flow.y_mm), axis=-1) + flow.shift_mm
-    origin, way = camera.ray(camera.rest_px(landed))
+    origin, direction = camera.ray(camera.rest_px(landed))
     depth = np.zeros(flow.known.shape)
     for _ in range(12):
-        place = origin[..., :2] - way[..., :2] * depth[..., None]
+        place = origin[..., :2] - direction[..., :2] * depth[..., None]
         far2 = ((place - tip_mm[:2]) ** 2).sum(-1)
         below = far2 < radius_mm**2 / 2
         rise = radius_mm - np.sqrt(np.maximum(radius_mm**2 - far2, radius_mm**2 / 2))
@@ -143,13 +143,10 @@ def ball_mm(flow: FaceFlow, view: SensorModel, tip_mm: Array, radius_mm: float) 
     return depth
 
 
-RIM = 0.3
-"""A contact ends where the depth falls below this share of its peak: of balls the rim is there."""
-MIN_MM = 0.05
-"""A contact's peak is at least this deep; the inverse finds none in noise (`inverse.FLOOR`)."""
-DIP = 0.75
-"""Two peaks are two contacts if the depth between them falls below this share of the lower one."""
-FINE_MM = 0.08  # of the map on which outlines are drawn
+RIM_SHARE = 0.3  # of a contact's peak depth, where it ends: the rim of a ball, decision 0025
+MIN_PEAK_MM = 0.05  # of a contact; by hand: less is noise (see `inverse.NOISE_FACTOR`)
+DIP_SHARE = 0.75  # of the lower of two peaks, below which they are two contacts, decision 0025
+OUTLINE_CELL_MM = 0.08  # of the map for outlines; by hand: finer draws no smoother line
 
 
 @dataclass(frozen=True)
@@ -157,9 +154,9 @@ class ContactRegion:
     """One region of contact.
 
     area_mm2, centroid_mm (2,), outline_mm (n, 2) closed, anticlockwise as the camera sees it: on
-    the resting face, as all maps are. place_mm (2,): where the centroid is now, which after a
-    shear is another place. peak_depth_mm: into the gel. force_share: of the whole pressure, None
-    without a traction. cover: share of it whose motion is known.
+    the resting face, like all maps. place_mm (2,): current place of the depth's centroid, which
+    differs after a shear. peak_depth_mm: into the gel. force_share: of the total pressure, None
+    without a traction. cover: share of the region whose motion is known.
     """
 
     area_mm2: float
@@ -171,62 +168,62 @@ class ContactRegion:
     cover: float
 
 
-def contacts(
+def find_contacts(
     depth: Depth, flow: FaceFlow, camera: CameraModel, traction: TractionField | None = None
 ) -> list[ContactRegion]:
-    """The contacts of one frame, the deepest first; none at rest.
+    """Find the contacts of one frame, the deepest first; none at rest.
 
-    flow: the depth was found from it. traction: for the share of the force.
+    flow: source of the depth. traction: for the shares of the force.
     """
     labels, flow = contact_labels(depth), fill_unknown(flow)
-    carried = None if traction is None else _carried(traction, labels, depth)
+    shares = None if traction is None else _pressure_shares(traction, labels, depth)
     masks = [labels == k for k in range(1, int(labels.max()) + 1)]
     if not masks:
         return []
-    places = _places(masks, depth, flow, camera)
-    found = [
-        _contact(mask, depth, place, None if carried is None else float(carried[k]))
+    places = _centroids(masks, depth, flow, camera)
+    regions = [
+        _contact(mask, depth, place, None if shares is None else float(shares[k]))
         for k, (mask, place) in enumerate(zip(masks, places, strict=True), 1)
     ]
-    return sorted(found, key=lambda contact: -contact.peak_depth_mm)
+    return sorted(regions, key=lambda contact: -contact.peak_depth_mm)
 
 
 def contact_labels(depth: Depth) -> Array:
-    """Number of the contact that each point is in, (h, w) int32; 0: in none."""
-    peaks = _peaks(depth.depth_mm)
+    """Label of the contact that each point is in, (h, w) int32; 0: none."""
+    peaks = _find_peaks(depth.depth_mm)
     out = np.zeros(depth.depth_mm.shape, np.int32)
     if not peaks:
         return out
     rows, columns = np.indices(out.shape)
     nearest = np.argmin([(rows - r) ** 2 + (columns - c) ** 2 for r, c in peaks], axis=0)
-    for k, at in enumerate(peaks):
-        deep = (nearest == k) & (depth.depth_mm >= RIM * depth.depth_mm[at])
-        parts = _parts(deep)
-        out[parts == parts[at]] = k + 1
+    for k, peak in enumerate(peaks):
+        deep = (nearest == k) & (depth.depth_mm >= RIM_SHARE * depth.depth_mm[peak])
+        parts = _label_parts(deep)
+        out[parts == parts[peak]] = k + 1
     return out
 
 
-def _peaks(depth_mm: Array) -> list[tuple[int, int]]:
-    """Places of the peaks that a dip parts from every deeper one."""
+def _find_peaks(depth_mm: Array) -> list[tuple[int, int]]:
+    """Find the peaks that a dip separates from every deeper one, as (row, column)."""
     around = cv2.dilate(depth_mm, np.ones((5, 5), np.uint8))
-    highest = (around == depth_mm) & (depth_mm >= MIN_MM)
+    highest = (around == depth_mm) & (depth_mm >= MIN_PEAK_MM)
     rows, columns = np.nonzero(highest)
     order = np.argsort(-depth_mm[rows, columns], kind="stable")
-    kept: list[tuple[int, int]] = []
+    peaks: list[tuple[int, int]] = []
     for row, column in zip(rows[order], columns[order], strict=True):
-        parts = _parts(depth_mm >= DIP * depth_mm[row, column])
-        if not any(parts[at] == parts[row, column] for at in kept):
-            kept.append((int(row), int(column)))
-    return kept
+        parts = _label_parts(depth_mm >= DIP_SHARE * depth_mm[row, column])
+        if not any(parts[peak] == parts[row, column] for peak in peaks):
+            peaks.append((int(row), int(column)))
+    return peaks
 
 
-def _parts(mask: Array) -> Array:
-    """Number of the part of a mask that each point is in, (h, w) int32; parts touch by a side."""
+def _label_parts(mask: Array) -> Array:
+    """Label the connected components of a mask (4-neighbours), (h, w) int32."""
     return cv2.connectedComponents(mask.view(np.uint8), connectivity=4)[1]
 
 
-def _places(masks: list[Array], depth: Depth, flow: FaceFlow, camera: CameraModel) -> Array:
-    """Where the middle of each region is now, (n, 2)."""
+def _centroids(masks: list[Array], depth: Depth, flow: FaceFlow, camera: CameraModel) -> Array:
+    """Current centroid of the depth in each region, (n, 2) mm."""
     landed, sunk = np.empty((len(masks), 2)), np.empty((len(masks), 1))
     for k, mask in enumerate(masks):
         weight = np.where(mask, depth.depth_mm, 0)
@@ -234,8 +231,8 @@ def _places(masks: list[Array], depth: Depth, flow: FaceFlow, camera: CameraMode
         mean = (weight.sum(0) @ depth.x_mm) / total, (weight.sum(1) @ depth.y_mm) / total
         shift = [float((weight * flow.shift_mm[..., i]).sum()) / total for i in (0, 1)]
         landed[k], sunk[k] = np.add(mean, shift), float((weight**2).sum()) / total
-    origin, way = camera.ray(camera.rest_px(landed))  # one call: it is slow for few
-    return np.asarray(origin[:, :2] - way[:, :2] * sunk)
+    origin, direction = camera.ray(camera.rest_px(landed))  # one call: slow for few points
+    return np.asarray(origin[:, :2] - direction[:, :2] * sunk)
 
 
 def _contact(mask: Array, depth: Depth, place_mm: Array, share: float | None) -> ContactRegion:
@@ -248,27 +245,27 @@ def _contact(mask: Array, depth: Depth, place_mm: Array, share: float | None) ->
         place_mm,
         float(depth.depth_mm[mask].max()),
         share,
-        float(depth.known[mask].mean()),
+        float(depth.valid[mask].mean()),
     )
 
 
 def _outline(mask: Array, depth: Depth) -> Array:
-    """The outer edge of a region, (n, 2) mm, finer than the points' distance."""
-    times = max(1, round(depth.cell_mm / FINE_MM))
+    """Outer edge of a region, (n, 2) mm, finer than the points' spacing."""
+    times = max(1, round(depth.cell_mm / OUTLINE_CELL_MM))
     rows, columns = (np.flatnonzero(mask.any(axis)) for axis in (1, 0))
     first = np.array([columns[0], rows[0]])
     inner = mask[first[1] : rows[-1] + 1, first[0] : columns[-1] + 1]
-    wide = np.pad(inner.astype(np.float32), 2)  # as far as the blur reaches
-    fine = cv2.resize(wide, None, fx=times, fy=times, interpolation=cv2.INTER_LINEAR)
+    padded = np.pad(inner.astype(np.float32), 2)  # as far as the blur reaches
+    fine = cv2.resize(padded, None, fx=times, fy=times, interpolation=cv2.INTER_LINEAR)
     smooth = cv2.GaussianBlur(fine, (0, 0), times / 2) >= 0.5
     edges, _ = cv2.findContours(smooth.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     edge = max(edges, key=len)[:, 0, :]
-    at = (edge + 0.5) / times - 0.5 - 2 + first  # of the map's points
-    return np.asarray([depth.x_mm[0], depth.y_mm[0]] + at * depth.cell_mm)
+    points = (edge + 0.5) / times - 0.5 - 2 + first  # of the map's points
+    return np.asarray([depth.x_mm[0], depth.y_mm[0]] + points * depth.cell_mm)
 
 
-def _carried(traction: TractionField, labels: Array, depth: Depth) -> Array:
-    """Share of the pressure by label; each cell's goes to the contact nearest to it."""
+def _pressure_shares(traction: TractionField, labels: Array, depth: Depth) -> Array:
+    """Share of the pressure by label; each cell's pressure counts for the nearest contact."""
     from scipy import ndimage
 
     pressure = np.maximum(-traction.traction_mpa[..., 2], 0)
@@ -278,8 +275,8 @@ def _carried(traction: TractionField, labels: Array, depth: Depth) -> Array:
     to = ndimage.distance_transform_edt(labels == 0, return_distances=False, return_indices=True)
     near = labels[tuple(to)]
     column, row = (
-        np.clip(np.rint((at - axis[0]) / depth.cell_mm).astype(int), 0, len(axis) - 1)
-        for at, axis in ((traction.x_mm, depth.x_mm), (traction.y_mm, depth.y_mm))
+        np.clip(np.rint((positions - axis[0]) / depth.cell_mm).astype(int), 0, len(axis) - 1)
+        for positions, axis in ((traction.x_mm, depth.x_mm), (traction.y_mm, depth.y_mm))
     )
     np.add.at(shares, near[np.ix_(row, column)], pressure / pressure.sum())
     return shares

@@ -152,10 +152,10 @@ def _light_touch(scratch: Path) -> float:
     """By a model of deep presses alone. Raises Flagged where it says that this is beyond them."""
     rng = np.random.default_rng(0)
     features = make_features("paper", VIEW)
-    deep = [features.of(face(k * dent(PUSH) + k**2 * parts(SMOOTH_MM)[1], 8))
+    deep = [features.compute(face(k * dent(PUSH) + k**2 * parts(SMOOTH_MM)[1], 8))
             for k in np.linspace(0.8, 1, 30)]  # fmt: skip
     model = ForceModel.fit(features, np.stack(deep), rng.normal(size=(30, 6)))[0]
-    wrench = model.wrench(features.of(face(0.3 * dent(PUSH), 8)), 1.0)
+    wrench = model.wrench(features.compute(face(0.3 * dent(PUSH), 8)), 1.0)
     if wrench.extrapolated:
         raise Flagged("flagged: extrapolated")
     return float(np.abs(wrench.force_n).max())
