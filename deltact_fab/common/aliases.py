@@ -20,7 +20,7 @@ Array = NDArray[Any]
 Field = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-_WARNING = "WARNING: "  # how the line of a note begins that is one
+_WARNING_PREFIX = "WARNING: "  # how the line of a note begins that is one
 
 
 @dataclass(frozen=True)
@@ -43,9 +43,9 @@ class Note:
     @property
     def line(self) -> str:
         """The text alone, marked where it warns."""
-        return _WARNING * self.warns + self.text
+        return _WARNING_PREFIX * self.warns + self.text
 
     @classmethod
     def from_line(cls, line: str) -> Note:
         """Read back a `line`; the note has no id."""
-        return cls("", line.removeprefix(_WARNING), line.startswith(_WARNING))
+        return cls("", line.removeprefix(_WARNING_PREFIX), line.startswith(_WARNING_PREFIX))

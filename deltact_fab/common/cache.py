@@ -22,7 +22,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from deltact_fab.version import VERSION
+from deltact_fab.version import PACKAGE_VERSION
 
 from . import digest
 from .files import whole_file
@@ -34,13 +34,13 @@ _SEAL_BYTES = 32
 
 def cache_folder() -> Path:
     """$DELTACT_FAB_CACHE, else deltact-fab in the user's cache folder; it need not exist."""
-    if named := os.environ.get(FOLDER_VARIABLE):
-        return Path(named)
+    if override := os.environ.get(FOLDER_VARIABLE):
+        return Path(override)
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "deltact-fab"
 
 
 def cache_key(
-    *code: str, package: Path = digest.PACKAGE, libraries: tuple[str, ...] = (), **given: Any
+    *code: str, package: Path = digest.PACKAGE_DIR, libraries: tuple[str, ...] = (), **inputs: Any
 ) -> dict[str, Any]:
     """Make the key of a result: its code, what decides it beside, and what it was made from.
 
@@ -51,7 +51,7 @@ def cache_key(
     return {
         "code": digest.code_digest(*code, package=package),
         "made_by": made_by,
-        **plain_data(given),
+        **plain_data(inputs),
     }
 
 
@@ -70,17 +70,17 @@ def plain_data(value: Any) -> Any:
 
 @functools.cache
 def _versions(libraries: tuple[str, ...]) -> dict[str, str]:
-    found = {
-        "deltact-fab": VERSION,
+    versions = {
+        "deltact-fab": PACKAGE_VERSION,
         "machine": platform.machine(),
         "zlib": zlib.ZLIB_RUNTIME_VERSION,
     }
     for name in libraries:
         try:
-            found[name] = importlib.metadata.version(name)
+            versions[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
-            found[name] = "absent"
-    return found
+            versions[name] = "absent"
+    return versions
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class Store:
         """Store a value under a key that holds its code, whole or not at all; False: not stored."""
         path, data = cache_folder() / self.file(key), pickle.dumps(value)
         try:
-            _put(path, _seal(path, data) + data)
+            _write_entry(path, _seal(path, data) + data)
         except OSError:
             return False
         if self.limit_bytes is not None:
@@ -136,19 +136,19 @@ class Store:
         process that died left half written goes too. Returns the bytes freed; a folder that
         refuses is left as it is.
         """
-        held, freed = [], 0
-        kept = (cache_folder() / self.file(key) for key in keep)
-        limit_bytes = max(limit_bytes, sum(file.stat().st_size for file in kept if file.exists()))
+        candidates, freed = [], 0
+        recent = (cache_folder() / self.file(key) for key in keep)
+        limit_bytes = max(limit_bytes, sum(file.stat().st_size for file in recent if file.exists()))
         with contextlib.suppress(OSError), os.scandir(self.folder) as entries:
             for entry in entries:
                 state = entry.stat(follow_symlinks=False)
                 if entry.name.endswith(".part") and time.time() - state.st_mtime > _ABANDONED_S:
-                    held.append((0.0, entry.name, state.st_size, entry.path))
+                    candidates.append((0.0, entry.name, state.st_size, entry.path))
                 elif entry.name.endswith(".bin"):
-                    held.append((state.st_mtime, entry.name, state.st_size, entry.path))
-        total = sum(size for _, _, size, _ in held)
-        for used, _, size, path in sorted(held):
-            if used > 0 and total - freed <= limit_bytes:
+                    candidates.append((state.st_mtime, entry.name, state.st_size, entry.path))
+        total = sum(size for _, _, size, _ in candidates)
+        for last_use, _, size, path in sorted(candidates):
+            if last_use > 0 and total - freed <= limit_bytes:
                 break
             with contextlib.suppress(OSError):
                 os.unlink(path)
@@ -161,19 +161,19 @@ def copy_in(name: str, data: bytes) -> None:
     path = cache_folder() / name
     with contextlib.suppress(OSError):
         if not path.exists():
-            _put(path, data)
+            _write_entry(path, data)
 
 
 def copy_out(names: Iterable[str]) -> dict[str, bytes]:
     """Of these files of the store the bytes of those that are there."""
-    found = {}
+    contents = {}
     for name in names:
         with contextlib.suppress(OSError):
-            found[name] = (cache_folder() / name).read_bytes()
-    return found
+            contents[name] = (cache_folder() / name).read_bytes()
+    return contents
 
 
-def _put(path: Path, data: bytes) -> None:
+def _write_entry(path: Path, data: bytes) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path, sync=False) as part:
         part.write_bytes(data)

@@ -22,7 +22,7 @@ from .errors import InputError, did_you_mean
 from .files import disk_errors, write_whole
 from .reading import read_toml
 
-MARKS: dict[str, frozenset[str]] = {
+KIND_KEYS: dict[str, frozenset[str]] = {
     "cad": frozenset(
         {"base", "skin", "frame", "optics", "body", "indenter", "shape", "module", "bought"}
     ),
@@ -38,12 +38,12 @@ T = TypeVar("T")
 
 def catalogue_names(kind: str) -> list[str]:
     """List the names that `find_file` resolves for a kind."""
-    found = {p.stem for folder in (Path(kind), shipped_folder(kind)) for p in folder.glob("*.toml")}
+    names = {p.stem for folder in (Path(kind), shipped_folder(kind)) for p in folder.glob("*.toml")}
     for path in Path().glob("*.toml"):
         with suppress(InputError):
-            if not MARKS[kind].isdisjoint(read_toml(path)):
-                found.add(path.stem)
-    return sorted(found)
+            if not KIND_KEYS[kind].isdisjoint(read_toml(path)):
+                names.add(path.stem)
+    return sorted(names)
 
 
 def find_file(kind: str, name: str) -> Path:
@@ -51,25 +51,25 @@ def find_file(kind: str, name: str) -> Path:
 
     Raises InputError naming the nearest catalogue entry when nothing matches.
     """
-    if kind not in MARKS:
+    if kind not in KIND_KEYS:
         raise ValueError(f"unknown catalogue {kind!r}")
     path = Path(name)
     if path.suffix == ".toml" or path.parent != Path("."):
         if isfile(path):
             return path
         raise InputError(f"{name}: {'a folder, no file' if isdir(path) else 'no such file'}")
-    own, here, shipped = (
+    lab_file, cwd_file, shipped = (
         folder / f"{name}.toml" for folder in (Path(kind), Path(), shipped_folder(kind))
     )
-    if isfile(own):
-        return own
+    if isfile(lab_file):
+        return lab_file
     # One that is no TOML is the user's to mend: the shipped one would hide it.
-    another = isfile(here) and MARKS[kind].isdisjoint(read_toml(here))
-    if isfile(here) and not another:
-        return here
+    another = isfile(cwd_file) and KIND_KEYS[kind].isdisjoint(read_toml(cwd_file))
+    if isfile(cwd_file) and not another:
+        return cwd_file
     if isfile(shipped):
         return shipped
-    remark = f"; {here} has none of {', '.join(sorted(MARKS[kind]))}" if another else ""
+    remark = f"; {cwd_file} has none of {', '.join(sorted(KIND_KEYS[kind]))}" if another else ""
     hint = did_you_mean(name, catalogue_names(kind))
     raise InputError(f"{name}: not in the catalogue of {kind}{remark}; {hint}")
 
@@ -115,7 +115,7 @@ def _table(name: str, values: Mapping[str, Any]) -> list[str]:
 def toml_literal(value: Any) -> str:
     """Format a value as TOML writes it, on one line. Raises ValueError for NaN and infinity."""
     if isinstance(value, Mapping):
-        inner = ", ".join(f"{name} = {toml_literal(one)}" for name, one in value.items())
+        inner = ", ".join(f"{name} = {toml_literal(item)}" for name, item in value.items())
         return f"{{{inner}}}"
     if isinstance(value, list):
         return f"[{', '.join(map(toml_literal, value))}]"
@@ -137,42 +137,42 @@ def validate(kind: type[T], data: object, source: str) -> T:
     try:
         # By way of JSON: strict on strings and booleans, while a list may still fill a tuple.
         text = json.dumps(data, default=str)
-    except RecursionError as why:
-        raise InputError(f"{source}: nested too deep; expected a few levels") from why
+    except RecursionError as error:
+        raise InputError(f"{source}: nested too deep; expected a few levels") from error
     try:
         return cast(T, adapter(cast(Any, kind)).validate_json(text, strict=True))
-    except ValidationError as why:
-        faults = why.errors()
-        lines = [_line(source, kind, fault) for fault in faults[:MAX_FAULTS]]
-        raise InputError(*lines, untold=max(0, len(faults) - MAX_FAULTS)) from why
+    except ValidationError as error:
+        faults = error.errors()
+        lines = [_fault_text(source, kind, fault) for fault in faults[:MAX_FAULTS]]
+        raise InputError(*lines, untold=max(0, len(faults) - MAX_FAULTS)) from error
 
 
-OUT_OF_LIMITS = {
+OUT_OF_LIMITS_TYPES = {
     "greater_than", "greater_than_equal", "less_than", "less_than_equal", "finite_number"
 }  # fmt: skip
 
 
-def _line(source: str, kind: type, fault: Any) -> str:
-    from .configuration import TAGS, schema_at
+def _fault_text(source: str, kind: type, fault: Any) -> str:
+    from .configuration import TAG_NAMES, schema_at
 
-    at = tuple(part for part in fault["loc"] if part not in (*TAGS, "[key]"))
-    key = ".".join(str(part) for part in at)
-    where = f"{source}: {key}" if key else source
+    path = tuple(part for part in fault["loc"] if part not in (*TAG_NAMES, "[key]"))
+    key = ".".join(str(part) for part in path)
+    location = f"{source}: {key}" if key else source
     if fault["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-        known = list(schema_at(kind, at[:-1]).get("properties", ()))
-        hint = did_you_mean(str(at[-1]), known) if known else "remove it"
-        return f"{where}: unknown key; {hint}"
+        keys = list(schema_at(kind, path[:-1]).get("properties", ()))
+        hint = did_you_mean(str(path[-1]), keys) if keys else "remove it"
+        return f"{location}: unknown key; {hint}"
     if fault["type"] in ("missing", "missing_argument"):
-        return f"{where}: missing key"
+        return f"{location}: missing key"
     message = fault["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, ")
     message = message.replace("a valid array", "a list")
-    got = fault.get("input")
-    if fault["type"] in OUT_OF_LIMITS:
-        name = next((part for part in reversed(at) if isinstance(part, str)), "value")
-        if limits := _limits(name, schema_at(kind, at)):
-            return f"{where}: {got!r}; expected {limits}"
-    shown = "" if got is None or isinstance(got, dict) else f" (got {got!r})"
-    return f"{where}: {message}{shown}"
+    value = fault.get("input")
+    if fault["type"] in OUT_OF_LIMITS_TYPES:
+        name = next((part for part in reversed(path) if isinstance(part, str)), "value")
+        if limits := _limits(name, schema_at(kind, path)):
+            return f"{location}: {value!r}; expected {limits}"
+    received = "" if value is None or isinstance(value, dict) else f" (got {value!r})"
+    return f"{location}: {message}{received}"
 
 
 def _limits(name: str, schema: dict[str, Any]) -> str:

@@ -10,7 +10,7 @@ from typing import Any, Literal
 from .errors import InputError
 
 Status = Literal["pass", "not run", "warn", "fail"]
-STATUSES: tuple[Status, ...] = ("pass", "not run", "warn", "fail")
+STATUS_ORDER: tuple[Status, ...] = ("pass", "not run", "warn", "fail")
 """From the best to the worst."""
 
 
@@ -43,11 +43,11 @@ class Check:
 
     @classmethod
     def at_most(
-        cls, id: str, name: str, subject: str, value: float, limit: float, where: str,
+        cls, id: str, name: str, subject: str, value: float, limit: float, location: str,
         status: Status,
     ) -> Check:  # fmt: skip
         """The check of a figure that must not exceed its limit, in the unit that subject names."""
-        return cls(id, name, subject, value, limit, status, (where,), sign="<=")
+        return cls(id, name, subject, value, limit, status, (location,), sign="<=")
 
     @classmethod
     def refusal(cls, id: str, name: str, reasons: Sequence[str]) -> Check:
@@ -61,8 +61,8 @@ class Check:
         if self.remedy:
             return self.remedy
         sign = "<" if self.sign == ">=" else ">"
-        where = "; ".join(self.basis)
-        return f"{self.name}: {self.subject} {self.value:g} {sign} {self.limit:g} at {where}"
+        location = "; ".join(self.basis)
+        return f"{self.name}: {self.subject} {self.value:g} {sign} {self.limit:g} at {location}"
 
     @property
     def failed(self) -> bool:
@@ -75,8 +75,8 @@ class Check:
         failed = [check for check in checks if check.failed]
         if failed:
             refused = [check.reason for check in failed if check.remedy]
-            others = [f"{source}: {check.reason}" for check in failed if not check.remedy]
-            raise InputError(*refused, *others)
+            exceeded = [f"{source}: {check.reason}" for check in failed if not check.remedy]
+            raise InputError(*refused, *exceeded)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data; a number that is not finite is None."""

@@ -17,11 +17,11 @@ from pydantic.json_schema import GenerateJsonSchema
 
 K = TypeVar("K")
 V = TypeVar("V")
-TAGS = ("(value)", "(table)")
+TAG_NAMES = ("(value)", "(table)")
 """Tags of a union of a value and a table; a place in a file does not have them."""
 OneOrEach = Annotated[
-    Annotated[V, Tag(TAGS[0])] | Annotated[dict[K, V], Field(min_length=1), Tag(TAGS[1])],
-    Discriminator(lambda value: TAGS[isinstance(value, dict)]),
+    Annotated[V, Tag(TAG_NAMES[0])] | Annotated[dict[K, V], Field(min_length=1), Tag(TAG_NAMES[1])],
+    Discriminator(lambda value: TAG_NAMES[isinstance(value, dict)]),
 ]
 """One value for every key alike, or a table of values by key."""
 
@@ -47,7 +47,7 @@ class _Schema(GenerateJsonSchema):
         return self.generate_inner(schema["schema"])
 
     def tagged_union_schema(self, schema: Any) -> dict[str, Any]:
-        return {"anyOf": [self.generate_inner(one) for one in schema["choices"].values()]}
+        return {"anyOf": [self.generate_inner(choice) for choice in schema["choices"].values()]}
 
     def default_schema(self, schema: Any) -> dict[str, Any]:
         inner = self.generate_inner(schema["schema"])
@@ -78,19 +78,19 @@ def resolve_schema(key: dict[str, Any], root: dict[str, Any]) -> dict[str, Any]:
     return {**target, **key}
 
 
-def schema_at(model: Any, at: Sequence[str | int]) -> dict[str, Any]:
+def schema_at(model: Any, path: Sequence[str | int]) -> dict[str, Any]:
     """The schema of the table or value at a place in a file; empty where there is none."""
     root = node = json_schema_of(model)
-    for part in at:
-        node = _ways_merged(resolve_schema(node, root))
+    for part in path:
+        node = _merge_options(resolve_schema(node, root))
         if isinstance(part, int):
             node = (node.get("prefixItems", [])[part:] or [node.get("items", {})])[0]
         else:
             inside = node.get("properties", {}).get(part, node.get("additionalProperties"))
             node = inside if isinstance(inside, dict) else {}
-    return _ways_merged(resolve_schema(node, root))
+    return _merge_options(resolve_schema(node, root))
 
 
-def _ways_merged(node: dict[str, Any]) -> dict[str, Any]:
+def _merge_options(node: dict[str, Any]) -> dict[str, Any]:
     """A value or a table: the limits of the one, the keys of the other."""
-    return {k: v for way in node.get("anyOf", ()) for k, v in way.items()} | node
+    return {k: v for option in node.get("anyOf", ()) for k, v in option.items()} | node

@@ -14,10 +14,10 @@ from functools import cache
 from pathlib import Path
 
 from deltact_fab.door import handed_on
-from deltact_fab.paths import PACKAGE
+from deltact_fab.paths import PACKAGE_DIR
 
 # They say what went wrong, where things are kept and how far it is: no result depends on them.
-SILENT = (
+UNCOUNTED_MODULES = (
     "door",
     "paths",
     *(f"common.{name}" for name in ("errors", "cache", "digest", "files", "jobs")),
@@ -27,7 +27,7 @@ SILENT = (
 Imports = tuple[tuple[tuple[str, ...], list[str]], ...]
 
 
-def code_digest(*modules: str, package: Path = PACKAGE) -> str:
+def code_digest(*modules: str, package: Path = PACKAGE_DIR) -> str:
     """Hash modules, named from the package as in "gel.path", and all that they import.
 
     package: another one's folder; what it imports of this one counts too. Raises ValueError for a
@@ -41,17 +41,17 @@ def _digest(modules: tuple[str, ...], package: Path) -> str:
     text = hashlib.sha256()
     for path in code_files(*modules, package=package):
         name = path.relative_to(_home(path, package)).as_posix()
-        text.update(f"{name} {_read(path, package)[0]}\n".encode())
+        text.update(f"{name} {_parse_module(path, package)[0]}\n".encode())
     return text.hexdigest()[:16]
 
 
-def code_files(*modules: str, package: Path = PACKAGE) -> list[Path]:
+def code_files(*modules: str, package: Path = PACKAGE_DIR) -> list[Path]:
     """The files whose text counts, sorted.
 
     Raises ValueError for a module that is not there, and for a package whose `__init__` holds no
     code: nothing would count.
     """
-    todo, found = [], set()
+    todo, files = [], set()
     for name in modules:
         path = _file((package.name, *name.split(".")), package)
         if path is None:
@@ -61,17 +61,17 @@ def code_files(*modules: str, package: Path = PACKAGE) -> list[Path]:
         todo.append(path)
     while todo:
         path = todo.pop()
-        if path not in found:
-            found.add(path)
-            todo += (f for f in imported(path, package) if not _silent(f, package))
-    return sorted(found)
+        if path not in files:
+            files.add(path)
+            todo += (f for f in imported_files(path, package) if not _silent(f, package))
+    return sorted(files)
 
 
-def meaning(tree: ast.AST) -> str:
+def code_text(tree: ast.AST) -> str:
     """The text of a syntax tree without comments, layout and docstrings."""
     for node in ast.walk(tree):
         if isinstance(body := getattr(node, "body", None), list):
-            node.body = [one for one in body if not _is_text(one)] or [ast.Pass()]  # type: ignore[attr-defined]
+            node.body = [statement for statement in body if not _is_text(statement)] or [ast.Pass()]  # type: ignore[attr-defined]
     return ast.unparse(tree)
 
 
@@ -85,15 +85,15 @@ def _is_text(node: ast.AST) -> bool:
 
 
 @cache
-def imported(path: Path, package: Path = PACKAGE) -> tuple[Path, ...]:
+def imported_files(path: Path, package: Path = PACKAGE_DIR) -> tuple[Path, ...]:
     """Files of the package that one imports when it runs, in functions too."""
-    found = []
-    for module, names in _read(path, package)[1]:
+    files = []
+    for module, names in _parse_module(path, package)[1]:
         for name in names:
             file = _defining(module, name, package)
             if file is not None and file != path:
-                found.append(file)
-    return (*found, *_read(path, package)[2])
+                files.append(file)
+    return (*files, *_parse_module(path, package)[2])
 
 
 def _holds_code(path: Path) -> bool:
@@ -103,40 +103,40 @@ def _holds_code(path: Path) -> bool:
 
 def _silent(file: Path, package: Path) -> bool:
     name = ".".join(file.relative_to(_home(file, package)).with_suffix("").parts)
-    return any(name == silent or name.startswith(f"{silent}.") for silent in SILENT)
+    return any(name == silent or name.startswith(f"{silent}.") for silent in UNCOUNTED_MODULES)
 
 
 def _home(path: Path, package: Path) -> Path:
-    return PACKAGE if path.is_relative_to(PACKAGE) else package
+    return PACKAGE_DIR if path.is_relative_to(PACKAGE_DIR) else package
 
 
 @cache
-def _read(path: Path, package: Path) -> tuple[str, Imports, tuple[Path, ...]]:
+def _parse_module(path: Path, package: Path) -> tuple[str, Imports, tuple[Path, ...]]:
     """The hash of what a file means, what it imports of the package, and what it looks through."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    found = _imports(tree, path, package), _looked_through(tree, path)
-    return hashlib.sha256(meaning(tree).encode()).hexdigest(), *found
+    dependencies = _imports(tree, path, package), _discovered_files(tree, path)
+    return hashlib.sha256(code_text(tree).encode()).hexdigest(), *dependencies
 
 
-def _looked_through(tree: ast.Module, path: Path) -> tuple[Path, ...]:
+def _discovered_files(tree: ast.Module, path: Path) -> tuple[Path, ...]:
     """The files beside one that calls `collect_entries(__package__, ..., besides=(...))`."""
     for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
         if (
             ast.unparse(call.func) == "collect_entries"
             and ast.unparse(call.args[0]) == "__package__"
         ):
-            left = {path.stem, "__init__"}
+            excluded = {path.stem, "__init__"}
             for keyword in call.keywords:
-                left.update(ast.literal_eval(keyword.value))
-            return tuple(f for f in sorted(path.parent.glob("*.py")) if f.stem not in left)
+                excluded.update(ast.literal_eval(keyword.value))
+            return tuple(f for f in sorted(path.parent.glob("*.py")) if f.stem not in excluded)
     return ()
 
 
 def _imports(tree: ast.Module, path: Path, package: Path) -> Imports:
     home = _home(path, package)
-    here = (home.name, *path.relative_to(home).parent.parts)
-    known = (package.name, PACKAGE.name)
-    found: list[tuple[tuple[str, ...], list[str]]] = []
+    parent = (home.name, *path.relative_to(home).parent.parts)
+    packages = (package.name, PACKAGE_DIR.name)
+    imports: list[tuple[tuple[str, ...], list[str]]] = []
     todo: list[ast.AST] = [tree]
     while todo:
         node = todo.pop()
@@ -149,15 +149,15 @@ def _imports(tree: ast.Module, path: Path, package: Path) -> Imports:
         if isinstance(node, ast.ImportFrom):
             tail = tuple(node.module.split(".")) if node.module else ()
             if node.level:
-                tail = here[: len(here) - node.level + 1] + tail
-            if tail[0] in known:
-                found.append((tail, [alias.name for alias in node.names]))
+                tail = parent[: len(parent) - node.level + 1] + tail
+            if tail[0] in packages:
+                imports.append((tail, [alias.name for alias in node.names]))
         elif isinstance(node, ast.Import):
             for alias in node.names:
                 parts = tuple(alias.name.split("."))
-                if parts[0] in known and len(parts) > 1:
-                    found.append((parts[:-1], [parts[-1]]))
-    return tuple(found)
+                if parts[0] in packages and len(parts) > 1:
+                    imports.append((parts[:-1], [parts[-1]]))
+    return tuple(imports)
 
 
 def _defining(module: tuple[str, ...], name: str, package: Path) -> Path | None:
@@ -179,7 +179,7 @@ def _handed_on(file: Path, package: str) -> dict[str, tuple[str, str]]:
 
 
 def _file(module: tuple[str, ...], package: Path) -> Path | None:
-    path = (PACKAGE if module[0] == PACKAGE.name else package).joinpath(*module[1:])
+    path = (PACKAGE_DIR if module[0] == PACKAGE_DIR.name else package).joinpath(*module[1:])
     for file in (path / "__init__.py", path.with_name(path.name + ".py")):
         if file.is_file():
             return file

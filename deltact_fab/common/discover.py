@@ -18,13 +18,13 @@ def collect_entries(
     Raises RuntimeError when two of them claim one key.
     """
     assert package, "a package's own name"
-    found: dict[str, Any] = {}
+    entries: dict[str, Any] = {}
     folder = importlib.import_module(package).__path__
     for name in sorted(m.name for m in pkgutil.iter_modules(folder) if m.name not in besides):
-        held = getattr(importlib.import_module(f"{package}.{name}"), table, {})
-        for key, value in held.items() if isinstance(held, dict) else ((e.name, e) for e in held):
-            if key in found:
-                where = f"one in {package}.{name}"
-                raise RuntimeError(f"two entries of {table} are called {key!r}, {where}")
-            found[key] = value
-    return found
+        rows = getattr(importlib.import_module(f"{package}.{name}"), table, {})
+        for key, value in rows.items() if isinstance(rows, dict) else ((e.name, e) for e in rows):
+            if key in entries:
+                origin = f"one in {package}.{name}"
+                raise RuntimeError(f"two entries of {table} are called {key!r}, {origin}")
+            entries[key] = value
+    return entries

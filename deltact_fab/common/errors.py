@@ -11,7 +11,7 @@ import importlib.util
 import re
 from collections.abc import Iterable, Sequence
 
-MAX_CHARACTERS = 300
+MAX_MESSAGE_CHARACTERS = 300
 """Of a message on the command line."""
 
 
@@ -70,19 +70,19 @@ class MissingLibrary(DeltactFabError):
     exit_code = 2
 
 
-def require_extra(extra: str, what: str, *modules: str) -> None:
+def require_extra(extra: str, feature: str, *modules: str) -> None:
     """Require the modules of an extra, none of which is imported; call it before the work.
 
     what: what cannot be had without them, as it stands before "needs". Raises MissingLibrary.
     """
     for module in modules:
         if importlib.util.find_spec(module) is None:
-            raise MissingLibrary(f"{what} needs {module}: pip install 'deltact-fab[{extra}]'")
+            raise MissingLibrary(f"{feature} needs {module}: pip install 'deltact-fab[{extra}]'")
 
 
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return '; did you mean X?' for a near miss among `known`, else the list of what is valid."""
-    names = sorted(known)
+def did_you_mean(word: str, choices: Iterable[str]) -> str:
+    """Return '; did you mean X?' for a near miss, else all valid `choices`."""
+    names = sorted(choices)
     near = difflib.get_close_matches(word, names, n=1)
     return f"did you mean {near[0]!r}?" if near else f"valid: {', '.join(names)}"
 
@@ -94,13 +94,13 @@ def fault_line(*faults: str, untold: int = 0) -> str:
     """
     plain = [_printable(fault) for fault in faults]
     short = [re.sub(r"\S{61,}", lambda word: f"{word[0][:40]}...{word[0][-16:]}", f) for f in plain]
-    for told in (plain, short):
-        for shown in range(min(len(told), MAX_CHARACTERS // 3), 0, -1):
-            line = _joined(told[:shown], len(told) - shown + untold)
-            if len(line) <= MAX_CHARACTERS:
+    for texts in (plain, short):
+        for count in range(min(len(texts), MAX_MESSAGE_CHARACTERS // 3), 0, -1):
+            line = _joined(texts[:count], len(texts) - count + untold)
+            if len(line) <= MAX_MESSAGE_CHARACTERS:
                 return line
-    more = _joined(["..."], len(faults) - 1 + untold)
-    return short[0][: MAX_CHARACTERS - len(more)] + more
+    tail = _joined(["..."], len(faults) - 1 + untold)
+    return short[0][: MAX_MESSAGE_CHARACTERS - len(tail)] + tail
 
 
 def _printable(text: str) -> str:

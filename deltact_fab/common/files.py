@@ -30,7 +30,7 @@ def whole_file(path: Path, sync: bool = True, sync_name: bool = True) -> Iterato
     On any error it is removed, and `path` is as it was. sync: False for what may be lost in a power
     cut. sync_name: False where the caller syncs the folder, once for many files. Raises OSError.
     """
-    part = _beside(path)
+    part = _part_path(path)
     try:
         yield part
         if sync:
@@ -44,7 +44,7 @@ def whole_file(path: Path, sync: bool = True, sync_name: bool = True) -> Iterato
 
 
 def write_files(
-    wanted: Mapping[Path, bytes],
+    contents: Mapping[Path, bytes],
     gone: Collection[Path] = (),
     error: type[DeltactFabError] = InputError,
 ) -> None:
@@ -53,9 +53,9 @@ def write_files(
     None takes its name before all are on the disk; a rename that fails then leaves those before it.
     gone: files that go when all are there. Raises `error` in one line when one cannot be written.
     """
-    parts = {path: _beside(path) for path in wanted}
+    parts = {path: _part_path(path) for path in contents}
     try:
-        for path, content in wanted.items():
+        for path, content in contents.items():
             if path.is_dir():
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
             parts[path].write_bytes(content)
@@ -64,33 +64,33 @@ def write_files(
             part.replace(path)
         for path in gone:
             path.unlink(missing_ok=True)
-    except OSError as why:
-        raise error(_unwritable(path, why)) from why
+    except OSError as os_error:
+        raise error(_write_error_text(path, os_error)) from os_error
     finally:
-        for left in parts.values():
-            left.unlink(missing_ok=True)
+        for leftover in parts.values():
+            leftover.unlink(missing_ok=True)
 
 
 def check_writable(path: Path, folder: bool = False) -> None:
     """Raise InputError where a file, or a folder, cannot be: in no folder, no right, too long."""
     try:
         if folder:
-            there = next(one for one in (path, *path.absolute().parents) if one.exists())
+            parent = next(p for p in (path, *path.absolute().parents) if p.exists())
         else:
-            there = path.parent
+            parent = path.parent
             # Path.is_dir raises on a name that is too long, False to one that may not be read.
             with suppress(FileNotFoundError, NotADirectoryError):
                 path.lstat()
-    except OSError as why:
-        raise InputError(_unwritable(path, why)) from why
-    if folder and not there.is_dir():
-        raise InputError(f"{path}: {there} is a file; expected a folder")
+    except OSError as error:
+        raise InputError(_write_error_text(path, error)) from error
+    if folder and not parent.is_dir():
+        raise InputError(f"{path}: {parent} is a file; expected a folder")
     if not folder and path.is_dir():
         raise InputError(f"{path}: is a folder; expected the name of a file")
-    if not there.is_dir():
-        raise InputError(f"{path}: there is no folder {there}; create it first")
-    if not os.access(there, os.W_OK):
-        raise InputError(f"{path}: cannot be written: {there} is read-only")
+    if not parent.is_dir():
+        raise InputError(f"{path}: there is no folder {parent}; create it first")
+    if not os.access(parent, os.W_OK):
+        raise InputError(f"{path}: cannot be written: {parent} is read-only")
 
 
 @contextmanager
@@ -103,10 +103,10 @@ def disk_errors(
     """
     try:
         yield
-    except OSError as why:
-        bad_disk = action != "made" or why.errno in RunFailed.DISK
+    except OSError as error:
+        bad_disk = action != "made" or error.errno in RunFailed.DISK
         kind = RunFailed if bad_disk else InputError
-        raise kind(f"{path}: cannot be {action}: {why.strerror or why}") from why
+        raise kind(f"{path}: cannot be {action}: {error.strerror or error}") from error
 
 
 def make_folder(folder: Path, *inside: str) -> None:
@@ -126,19 +126,19 @@ def _sync(path: Path, pass_over: Collection[int] = ()) -> None:
     handle = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
     try:
         os.fsync(handle)
-    except OSError as why:
-        if why.errno not in pass_over:
+    except OSError as error:
+        if error.errno not in pass_over:
             raise
     finally:
         os.close(handle)
 
 
-def _unwritable(path: Path, why: OSError) -> str:
-    shown = path if len(str(path)) <= 80 else f"...{str(path)[-77:]}"
-    return f"{shown}: cannot be written: {why.strerror}"
+def _write_error_text(path: Path, error: OSError) -> str:
+    name = path if len(str(path)) <= 80 else f"...{str(path)[-77:]}"
+    return f"{name}: cannot be written: {error.strerror}"
 
 
-def _beside(path: Path) -> Path:
+def _part_path(path: Path) -> Path:
     """A name in the same folder, short where the file's own is nearly as long as names can be."""
     name = os.fsencode(path.name)
     key = path.name if len(name) < 200 else hashlib.sha256(name).hexdigest()[:8]

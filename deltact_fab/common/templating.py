@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from deltact_fab.paths import asset
 
-from .checks import STATUSES, Check, Status
+from .checks import STATUS_ORDER, Check, Status
 from .errors import require_extra
 from .files import make_folder, write_whole
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 MAX_COLUMNS = 14  # as many as a sheet of paper holds; a file has the others
-SHORT = 32  # letters that stay on one line
+SHORT_CELL_LETTERS = 32  # letters that stay on one line
 
 
 def require_pages() -> None:
@@ -35,17 +35,17 @@ def render_page(template: str, findings: Iterable[Check], **values: Any) -> str:
     require_pages()
     import jinja2
 
-    made = jinja2.Environment(
+    environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(asset("templates")),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.filters.update(
+    environment.filters.update(
         num=format_number, fig=lambda value, decimals=1: format_number(value, decimals)
     )
-    return made.get_template(template).render(verdict=page_verdict(findings), **values)
+    return environment.get_template(template).render(verdict=page_verdict(findings), **values)
 
 
 def write_page(out: Path, template: str, findings: Iterable[Check], **values: Any) -> Path:
@@ -68,12 +68,12 @@ class Verdict(NamedTuple):
 
 def page_verdict(checks: Iterable[Check]) -> Verdict:
     """Sum of all that a page has to say for and against what it shows."""
-    once = tuple({(check.value, check.status): check for check in checks}.values())
-    return Verdict(once, max((c.status for c in once), key=STATUSES.index, default="pass"))
+    unique = tuple({(check.value, check.status): check for check in checks}.values())
+    return Verdict(unique, max((c.status for c in unique), key=STATUS_ORDER.index, default="pass"))
 
 
 # Of a key or a column: what its last part says of the unit.
-_UNITS = {
+_UNIT_LABELS = {
     "mm": "mm", "mm2": "mm²", "mm3": "mm³", "cm3": "cm³", "um": "µm", "px": "px", "n": "N",
     "s": "s", "nmm": "N mm", "mpa": "MPa", "kpa": "kPa", "ms": "ms", "mb": "MB",
     "percent": "%", "deg": "°",
@@ -83,8 +83,8 @@ _UNITS = {
 def label(key: str) -> str:
     """A key or column as a page writes it: `normal_rmse_n` is "normal rmse, N"."""
     words, _, last = key.rpartition("_")
-    if words and last in _UNITS:
-        return f"{words.replace('_', ' ')}, {_UNITS[last]}"
+    if words and last in _UNIT_LABELS:
+        return f"{words.replace('_', ' ')}, {_UNIT_LABELS[last]}"
     return key.replace("_", " ")
 
 
@@ -135,23 +135,23 @@ def html_table(
         name: [label(value) if name == keys else cell(value) for value in frame[name]]
         for name in frame
     }
-    known = [name for name, column in cells.items() if any(column) or not column]
-    shown = known[:MAX_COLUMNS]
+    filled = [name for name, column in cells.items() if any(column) or not column]
+    columns = filled[:MAX_COLUMNS]
     return {
         "head": [
             {"words": heads.get(str(name)) or label(str(name)), "kind": _kind(frame[name])}
-            for name in shown
+            for name in columns
         ],
-        "rows": list(zip(*(cells[name] for name in shown), strict=True)),
+        "rows": list(zip(*(cells[name] for name in columns), strict=True)),
         "marks": list(marks) or [""] * len(frame),
         "links": links,
-        "beyond": [label(str(name)) for name in known[MAX_COLUMNS:]],
+        "beyond": [label(str(name)) for name in filled[MAX_COLUMNS:]],
     }
 
 
 def _kind(column: pd.Series[Any]) -> str:
     """number, or short or long words: the last are broken into lines."""
-    known = column.dropna()
-    if all(isinstance(value, int | float) or hasattr(value, "dtype") for value in known):
+    values = column.dropna()
+    if all(isinstance(value, int | float) or hasattr(value, "dtype") for value in values):
         return "number"
-    return "short" if max(len(str(value)) for value in known) <= SHORT else "long"
+    return "short" if max(len(str(value)) for value in values) <= SHORT_CELL_LETTERS else "long"

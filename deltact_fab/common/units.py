@@ -8,11 +8,11 @@ NS_PER_S = 1_000_000_000
 
 def format_duration(seconds: float) -> str:
     """Format a time in hours, minutes and seconds, without the leading ones that are zero."""
-    whole = round(seconds)
-    hours, minutes = whole // 3600, whole // 60 % 60
+    total = round(seconds)
+    hours, minutes = total // 3600, total // 60 % 60
     if hours:
         return f"{hours} h {minutes:02d} min"
-    return f"{minutes} min {whole % 60:02d} s" if minutes else f"{whole} s"
+    return f"{minutes} min {total % 60:02d} s" if minutes else f"{total} s"
 
 
 def to_ns(seconds: float) -> int:

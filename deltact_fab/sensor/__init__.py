@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from .optics.lattice import FaceMotion, LatticeSampler, SeenFace, SurfaceLattice
     from .optics.rectified import Rectified
     from .shapes.bounded import Bounded, ShapeError, bounded_number
-    from .shapes.imaging import GAMMA, ImageSensor, Printer
+    from .shapes.imaging import CAMERA_GAMMA, ImageSensor, Printer
     from .shapes.indenter import (
         INDENTER_KINDS, describe_indenters, parse_indenter, restore_indenter,
     )

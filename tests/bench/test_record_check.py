@@ -158,7 +158,7 @@ def test_no_value_of_the_metadata_can_be_changed_unseen(
 ) -> None:
     run = tmp_path / "run"
     shutil.copytree(no_images, run)
-    assert check_run(run).whole
+    assert check_run(run).intact
     text = (run / name).read_text()
     assert old in text
     (run / name).write_text(text.replace(old, new, 1))
@@ -168,7 +168,7 @@ def test_no_value_of_the_metadata_can_be_changed_unseen(
 
 def test_a_run_of_0_2_is_read_and_checked_and_not_gone_on_with(no_images: Path) -> None:
     found = check_run(OF_0_2)
-    assert (found.format, found.whole, list(found.open)) == (5, True, ["sphere-6/p2"])
+    assert (found.format, found.intact, list(found.open)) == (5, True, ["sphere-6/p2"])
     assert found.unhashed == ["run.json", "protocol.toml", "pattern.json"]
     assert found.rows()[1][:2] == ("not hashed", "run.json, protocol.toml, pattern.json")
     old, new = (open_run(folder).frames("sphere-6/p1") for folder in (OF_0_2, no_images))
@@ -224,7 +224,7 @@ def test_a_finished_run_that_has_lost_an_image_says_so_on_resume(
     (copy / "summary.json").unlink()  # as the error advises
     summary = run_experiment(RunRequest(protocol, rig, copy, seed=3), resume=True)
     assert list(summary["redone"]) == ["4dots/p1"]
-    assert check_run(copy).whole
+    assert check_run(copy).intact
 
 
 def test_notes_are_kept_while_a_run_goes_on_and_after_it(copy: Path) -> None:

@@ -20,8 +20,8 @@ from mcap.reader import make_reader
 from deltact_fab.app.cli.main import main
 from deltact_fab.bench.protocols.plan import Step
 from deltact_fab.bench.record.export import export_run
-from deltact_fab.bench.record.export.lerobot import MM_PER_LEVEL, MOTION, RAW
-from deltact_fab.bench.record.export.tables import TABLES, TimeLine
+from deltact_fab.bench.record.export.lerobot import MM_PER_LEVEL, MOTION_KEY, RAW_KEY
+from deltact_fab.bench.record.export.tables import TABLE_COLUMNS, TimeLine
 from deltact_fab.bench.record.notes import RunNote
 from deltact_fab.bench.record.run import Run, open_run
 from deltact_fab.bench.record.streams import Chunk
@@ -66,14 +66,14 @@ def test_mcap_has_every_message_at_its_time_and_says_what_it_is(run: Run, tmp_pa
     )
     assert done.exit_code == 0, done.output
     found = messages(out)
-    line, frames = TimeLine.of(run), run.frames()
+    line, frames = TimeLine.from_run(run), run.frames()
     for topic, table in (
         ("/camera/image", frames), ("/stage/pose", run.pose()), ("/force/wrench", run.force()),
     ):  # fmt: skip
         wanted = [
             t
             for press, part in table.groupby("press", sort=False)
-            for t in line.of_press_ns(str(press), part["t_s"].to_numpy())
+            for t in line.press_time_ns(str(press), part["t_s"].to_numpy())
         ]
         assert [t for t, _ in found[topic]] == wanted, topic
         assert json.loads(done.stdout)["rows"][topic] == len(table)
@@ -112,7 +112,7 @@ def test_tables_come_back_as_the_record_has_them(run: Run, tmp_path: Path, form:
     }  # fmt: skip
     for name, table in wanted.items():
         found = read(out / f"{name}.{form}")
-        assert list(found) == list(TABLES[name])
+        assert list(found) == list(TABLE_COLUMNS[name])
         assert rows[name] == len(found) == len(table)
         for column in set(found) - {"time_ns"}:
             if column in table:
@@ -182,7 +182,7 @@ def test_lerobot_has_its_frames_and_the_motion_to_its_levels(run: Run, tmp_path:
     info = json.loads((tmp_path / "out" / "meta" / "info.json").read_text())
     assert info["total_episodes"] == 2 * frames["press"].nunique()
     seen = {}
-    for key in (RAW, MOTION):
+    for key in (RAW_KEY, MOTION_KEY):
         with av.open(tmp_path / "out" / "videos" / key / "chunk-000" / "file-000.mp4") as video:
             shown = [(f.time, f.to_ndarray(format="rgb24")) for f in video.decode(video=0)]
         assert [t for t, _ in shown] == [k / info["fps"] for k in range(2 * len(frames))]
@@ -190,11 +190,11 @@ def test_lerobot_has_its_frames_and_the_motion_to_its_levels(run: Run, tmp_path:
     track = open_follower(run)
     for at, file in enumerate(frames[frames["press"] == frames["press"].iloc[0]]["file"]):
         motion = track(run.image(file))
-        shift = (seen[MOTION][at][..., :2].astype(float) - 128) * MM_PER_LEVEL
+        shift = (seen[MOTION_KEY][at][..., :2].astype(float) - 128) * MM_PER_LEVEL
         inside = np.abs(motion.shift_mm) < 127 * MM_PER_LEVEL
         assert np.abs(shift - motion.shift_mm)[inside].max() <= MM_PER_LEVEL / 2 + 1e-6
-        assert np.array_equal(seen[MOTION][at][..., 2] == 255, motion.known)
-        off = cv2.cvtColor(seen[RAW][at], cv2.COLOR_RGB2BGR).astype(float) - run.raw(file)
+        assert np.array_equal(seen[MOTION_KEY][at][..., 2] == 255, motion.known)
+        off = cv2.cvtColor(seen[RAW_KEY][at], cv2.COLOR_RGB2BGR).astype(float) - run.raw(file)
         assert 10 * np.log10(255**2 / np.mean(off**2)) > 35
 
 
@@ -230,12 +230,12 @@ def test_the_time_line_is_one_over_sessions(
     protocol, rig = map(str, mini)
     run_experiment(RunRequest(protocol, rig, again, seed=3), resume=True)
     resumed = open_run(again)
-    line = TimeLine.of(resumed)
+    line = TimeLine.from_run(resumed)
     assert len(line.offsets_ns) == 2
     assert line.press_session["4dots/p1"] == 0
     assert line.press_session["sphere-10/p1"] == 1
     spans = {
-        press: line.of_press_ns(str(press), part[["t_start_s", "t_end_s"]].to_numpy())
+        press: line.press_time_ns(str(press), part[["t_start_s", "t_end_s"]].to_numpy())
         for press, part in resumed.steps().groupby("press", sort=False)
     }
     assert spans["4dots/p1"].max() <= spans["sphere-10/p1"].min()  # though it comes later

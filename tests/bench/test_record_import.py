@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from deltact_fab.app.cli.main import main
 from deltact_fab.bench.record.images import encode_png
-from deltact_fab.bench.record.importing import lag_of, motion
+from deltact_fab.bench.record.importing import estimate_lag, motion_meter
 from deltact_fab.bench.record.run import open_run
 from deltact_fab.common.errors import InputError, RunFailed
 from deltact_fab.estimate.measure.force.calibration import load_force
@@ -140,10 +140,11 @@ def test_force_and_pose_come_back_in_the_faces_axes_and_units(elsewhere: Path) -
 @pytest.mark.parametrize("lag_s", [0.0, 0.1])
 def test_a_lag_of_the_force_is_found_within_a_frame(elsewhere: Path, lag_s: float) -> None:
     run = open_run(elsewhere / "imported")
-    frames, force, moved = run.frames(), run.force(), motion()
+    frames, force, moved = run.frames(), run.force(), motion_meter()
     moved_px = np.array([moved(run.raw(file)) for file in frames["file"]])
     forces = force[WRENCH[:3]].to_numpy()
-    found = lag_of(frames["t_s"].to_numpy(), moved_px, force["t_s"].to_numpy() + lag_s, forces)
+    force_t_s = force["t_s"].to_numpy() + lag_s
+    found = estimate_lag(frames["t_s"].to_numpy(), moved_px, force_t_s, forces)
     assert found.lag_s is not None
     assert found.between_s is not None
     assert abs(found.lag_s - lag_s) < found.frame_s / 2

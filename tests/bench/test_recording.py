@@ -77,7 +77,7 @@ def test_rows_come_in_the_order_of_the_calls(tmp_path: Path) -> None:
 def test_a_full_queue_says_so_or_waits(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, held: threading.Event
 ) -> None:
-    monkeypatch.setattr(journal, "MAX_IMAGES", 4)
+    monkeypatch.setattr(journal, "MAX_QUEUED_IMAGES", 4)
     run = writer(tmp_path / "r")
     assert all(put(run, k) for k in range(1, 5))
     assert put(run, 5, wait=False) is None
@@ -94,7 +94,7 @@ def test_a_full_queue_says_so_or_waits(
     assert open_run(tmp_path / "r").frames()["k"].tolist() == [1, 2, 3, 4, 6]
     # What was given up counts as missed, and the press as complete.
     again = RunWriter.resume(tmp_path / "r", [STEP])
-    assert again.kept == {STEP.press}
+    assert again.kept_presses == {STEP.press}
     assert again.missed == 35
     again.abandon()
 
@@ -102,7 +102,7 @@ def test_a_full_queue_says_so_or_waits(
 def test_so_many_bytes_wait_and_no_more(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, held: threading.Event
 ) -> None:
-    monkeypatch.setattr(journal, "MAX_BYTES", 3 * image(0).nbytes)
+    monkeypatch.setattr(journal, "MAX_QUEUED_BYTES", 3 * image(0).nbytes)
     run = writer(tmp_path / "r")
     assert [put(run, k, wait=False) is not None for k in range(1, 6)] == [True] * 3 + [False] * 2
     held.set()

@@ -63,7 +63,7 @@ def test_comments_docstrings_and_layout_do_not_count(package: Path) -> None:
 
 def test_the_gel_knows_its_solver_and_no_picture() -> None:
     names = {
-        p.relative_to(digest.PACKAGE).as_posix() for p in digest.code_files("physics.gel.press")
+        p.relative_to(digest.PACKAGE_DIR).as_posix() for p in digest.code_files("physics.gel.press")
     }
     assert {
         "physics/gel/finite/newton.py",

@@ -23,7 +23,7 @@ from deltact_fab.common import jobs
 from deltact_fab.common.errors import InputError, MissingLibrary, RunFailed
 from deltact_fab.common.jobs.batch import run_each, run_jobs
 from deltact_fab.common.jobs.cluster import open_executor
-from deltact_fab.common.jobs.local import THREAD_VARIABLES, TRIES, processors
+from deltact_fab.common.jobs.local import JOB_ATTEMPTS, THREAD_VARIABLES, processors
 
 LISTED = pytest.mark.skipif(shutil.which("ps") is None, reason="ps is not installed (procps)")
 
@@ -63,7 +63,7 @@ def test_the_first_job_that_fails_gives_the_error_however_late(workers: int) -> 
     tasks = ["1", "sum(range(10_000_000)) + one", "two", "3"]
     arrived: dict[int, Any] = {}
     with pytest.raises(NameError, match="'one'"):
-        run_each(eval, tasks, tasks, arrived=arrived.__setitem__, workers=workers)
+        run_each(eval, tasks, tasks, on_result=arrived.__setitem__, workers=workers)
     assert arrived.keys() <= {0}
     assert none_left()
 
@@ -81,7 +81,7 @@ def test_what_hears_may_fail_and_nothing_is_left() -> None:
         raise ArithmeticError("heard")
 
     with pytest.raises(ArithmeticError, match="heard"):
-        run_each(time.sleep, [0.01, 60, 60], "abc", arrived=arrived, workers=2)
+        run_each(time.sleep, [0.01, 60, 60], "abc", on_result=arrived, workers=2)
     assert none_left()
 
 
@@ -110,14 +110,14 @@ def test_one_that_kills_its_process_each_time_fails_alone() -> None:
     why = ended[1][1]
     assert isinstance(why, RunFailed)
     assert str(why).startswith("its process died twice (out of memory, or killed)")
-    assert TRIES == 2
+    assert JOB_ATTEMPTS == 2
     assert "\n" not in str(why)
 
 
 @pytest.mark.slow
 def test_an_idle_process_that_dies_costs_no_job_a_try() -> None:
     with open_executor(workers=1) as own:
-        for _ in range(TRIES + 1):
+        for _ in range(JOB_ATTEMPTS + 1):
             (process_id,) = run_each(eval, ["__import__('os').getpid()"], ["id"], own)
             os.kill(process_id, signal.SIGKILL)
             time.sleep(0.2)

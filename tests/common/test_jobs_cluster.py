@@ -128,7 +128,8 @@ def test_a_job_that_kills_its_workers_fails_alone_in_one_line(cluster: Cluster) 
 def test_a_cluster_that_is_gone_is_said(
     cluster: Cluster, monkeypatch: pytest.MonkeyPatch, gone: str
 ) -> None:
-    monkeypatch.setattr(importlib.import_module("deltact_fab.common.jobs.cluster"), "GONE_S", 3.0)
+    module = importlib.import_module("deltact_fab.common.jobs.cluster")
+    monkeypatch.setattr(module, "NO_WORKER_S", 3.0)
     cluster.add(1)
     kill = f"__import__('os').killpg({cluster.scheduler.pid}, 9) or __import__('time').sleep(60)"
     task = {"scheduler": kill, "workers": "__import__('os')._exit(3)"}[gone]
@@ -196,7 +197,7 @@ def test_files_of_the_store_go_with_jobs_and_come_back(
     cluster.add(2)
     file = "gel/one.bin"
     with open_executor(cluster.on) as there:
-        wait(lambda: there._look() == 2)
+        wait(lambda: there._count_threads() == 2)
         (made,) = run_each(tiny.leave, [tiny.Leaves(file=file)], ["makes"], there)
         assert (tmp_path / "here" / file).read_text() == str(made["by"]) == str(made["in"])
         more = {f"job {n}": GridJob(f"job {n}", tiny.leave, {"file": file, "n": n, "s": 0.3},

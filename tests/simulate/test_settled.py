@@ -128,7 +128,7 @@ def test_a_hold_and_the_way_out_are_in_images_force_and_truth(
     run = open_run(tmp_path / "r")
     frames, truth = run.frames(), run.truth()
     assert truth is not None
-    assert check_run(tmp_path / "r").whole
+    assert check_run(tmp_path / "r").intact
     assert not frames["late"].any()
     hold, out = (frames[frames["kind"] == kind] for kind in ("hold", "retract"))
     assert np.diff(hold["t_press_s"])[:-1] == pytest.approx(1.0, abs=0.01)

@@ -66,7 +66,7 @@ def lens(
     field = None if flat is None else fit_flat_field(flat, found.lens)
     beside = out.with_suffix(".flat.png")
     if field is not None:
-        write_whole(beside, field.png())
+        write_whole(beside, field.to_png())
     write_whole(out, found.camera_toml(None if field is None else beside.name).encode())
     named = None if field is None else beside.name
     data = {"camera": found.lens.as_dict(), **found.as_dict(), "flat": named}

@@ -234,7 +234,7 @@ def sheet(
     source = click.get_current_context().get_parameter_source("design")
     named = bool(changes) or source is not click.core.ParameterSource.DEFAULT
     for name, recipe in zip(recipes, chosen, strict=True):
-        beyond = sensor.optics.beyond(recipe.printed_mm) if named else None
+        beyond = sensor.optics.print_shortfall(recipe.printed_mm) if named else None
         if beyond is not None:
             raise InputError(f"{name}: size_mm: {beyond} by --design {design}")
     with progress("pattern sheet") as tell:

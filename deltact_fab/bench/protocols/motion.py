@@ -13,17 +13,17 @@ from pydantic import Field
 from deltact_fab.common import Point, Table
 from deltact_fab.sensor import StageFrame
 
-Place = Annotated[float, Field(ge=-10_000, le=10_000)]  # mm, of a frame or a machine
-Tilt = Annotated[float, Field(ge=-5, le=5)]  # degrees
-Travel = Annotated[float, Field(ge=1, le=10_000)]  # mm
-Feed = Annotated[float, Field(ge=1, le=100_000)]  # mm/min
+PosMm = Annotated[float, Field(ge=-10_000, le=10_000)]  # mm, of a frame or a machine
+StageTilt = Annotated[float, Field(ge=-5, le=5)]  # degrees
+AxisTravel = Annotated[float, Field(ge=1, le=10_000)]  # mm
+MaxFeed = Annotated[float, Field(ge=1, le=100_000)]  # mm/min
 Acceleration = Annotated[float, Field(ge=0.1, le=100_000)]  # mm/s2
 Force = Annotated[float, Field(gt=0, le=100_000)]  # N
 
-LOOK_S = 0.1
+STATUS_INTERVAL_S = 0.1
 """The firmware's documents ask for at most 10 status reports a second. In lockstep a step goes on
 for as long after its last frame, so that the next one does not start when the host is ready."""
-ARRIVAL_S = 0.1
+ARRIVAL_DELAY_S = 0.1
 """In lockstep a frame at the end of a move is taken this long after the planned end, not when the
 host happens to hear of it: status reports differ in length, by milliseconds."""
 
@@ -37,12 +37,12 @@ class RigPace:
     frames_s: float
 
 
-LOCKSTEP = RigPace(connect_s=1.3, move_s=ARRIVAL_S, frames_s=LOOK_S)
+LOCKSTEP_PACE = RigPace(connect_s=1.3, move_s=ARRIVAL_DELAY_S, frames_s=STATUS_INTERVAL_S)
 # A move: median on GRBL 1.1h at 115200 baud. Frames: one period of a camera, a sample, a position.
-WALL_CLOCK = RigPace(connect_s=2.0, move_s=0.023, frames_s=0.03)
+WALL_CLOCK_PACE = RigPace(connect_s=2.0, move_s=0.023, frames_s=0.03)
 
 SEEK_MM_S = 10.0
-SWITCHES_S = 2.0
+HOMING_SWITCH_S = 2.0
 
 
 def add_vectors(a: Point, b: Point) -> Point:
@@ -83,7 +83,7 @@ def move_duration_s(
 def homing_s(travel_mm: tuple[float, float, float]) -> float:
     """From half the travel away: z first, then x and y together, every switch twice."""
     x, y, z = travel_mm
-    return (z + max(x, y)) / 2 / SEEK_MM_S + 2 * SWITCHES_S
+    return (z + max(x, y)) / 2 / SEEK_MM_S + 2 * HOMING_SWITCH_S
 
 
 class StageConfig(Table):
@@ -95,13 +95,13 @@ class StageConfig(Table):
     port: str | None = Field(default=None, min_length=1)
     """Serial device of the controller, as /dev/ttyACM0; a name under /dev/serial/by-id stays the
     same after replugging. The virtual rig has its own wire."""
-    origin_machine_mm: tuple[Place, Place, Place] = Field(examples=[[-60.0, -60.0, -40.0]])
+    origin_machine_mm: tuple[PosMm, PosMm, PosMm] = Field(examples=[[-60.0, -60.0, -40.0]])
     """Where the reference tip meets the centre of the resting face, in machine coordinates.
     MEASURE: home, jog down until the tip just holds a slip of paper, read the position, less the
     paper."""
     angle_deg: float = Field(default=0.0, ge=-360, le=360)
     """How the sensor is turned about z on the stage."""
-    tilt_deg: tuple[Tilt, Tilt] = (0.0, 0.0)
+    tilt_deg: tuple[StageTilt, StageTilt] = (0.0, 0.0)
     """Of the face as it was registered, about the sensor's x, then about y."""
     registration: str | None = Field(
         default=None, min_length=1, max_length=4096, examples=["registration.toml"],
@@ -109,10 +109,10 @@ class StageConfig(Table):
     )  # fmt: skip
     """File that `rig register` wrote, which finds all three by touching the face, from this file's
     folder: it stands for the three above."""
-    travel_mm: tuple[Travel, Travel, Travel] = Field(examples=[[120.0, 120.0, 60.0]])
+    travel_mm: tuple[AxisTravel, AxisTravel, AxisTravel] = Field(examples=[[120.0, 120.0, 60.0]])
     """How far each axis goes: x, y, z. The controller's own settings must reach at least as far.
     MEASURE: `$$` of GRBL lists it as $130 to $132."""
-    max_feed_mm_min: tuple[Feed, Feed, Feed] = Field(examples=[[1500.0, 1500.0, 1200.0]])
+    max_feed_mm_min: tuple[MaxFeed, MaxFeed, MaxFeed] = Field(examples=[[1500.0, 1500.0, 1200.0]])
     """The fastest that each axis goes; more is never asked for. MEASURE: $110 to $112."""
     acceleration_mm_s2: tuple[Acceleration, Acceleration, Acceleration] = Field(
         examples=[[50.0, 50.0, 50.0]]

@@ -26,32 +26,32 @@ from deltact_fab.common import (
 )
 from deltact_fab.sensor import GEL_LEVELS, GelMaterial, Indenter, find_level, parse_indenter
 
-from .motion import Place
+from .motion import PosMm
 
-Kind = Literal["change", "travel", "approach", "press", "hold", "shear", "retract"]
-Stop = Literal["rest", "press", "shear", "after"]
-Length = Annotated[float, Field(ge=0.001, le=1000)]  # mm
-Feed = Annotated[float, Field(ge=0.001, le=100_000)]  # mm/min; `budget` asks for more
-Rate = Annotated[float, Field(ge=0.0001, le=1000)]  # frames a second
-Share = Annotated[float, Field(ge=0.001, le=100)]
-Mass = Annotated[float, Field(ge=0.1, le=100_000)]  # g
-Count = Annotated[int, Field(ge=1, le=1000)]
-Tilt = Annotated[float, Field(ge=-40, le=40)]  # both at once still leave a force on the face
+StepKind = Literal["change", "travel", "approach", "press", "hold", "shear", "retract"]
+StopKind = Literal["rest", "press", "shear", "after"]
+PlanLength = Annotated[float, Field(ge=0.001, le=1000)]  # mm
+PlanFeed = Annotated[float, Field(ge=0.001, le=100_000)]  # mm/min; `budget` asks for more
+FrameRate = Annotated[float, Field(ge=0.0001, le=1000)]  # frames a second
+DepthShare = Annotated[float, Field(ge=0.001, le=100)]
+WeightMass = Annotated[float, Field(ge=0.1, le=100_000)]  # g
+GridCount = Annotated[int, Field(ge=1, le=1000)]
+FaceTilt = Annotated[float, Field(ge=-40, le=40)]  # both at once still leave a force on the face
 Seconds = Annotated[float, Field(ge=0.001, le=1e6)]
-Wait = Annotated[float, Field(ge=0, le=600)]
-Waits = OneOrEach[Wait, Stop]
+SettleTime = Annotated[float, Field(ge=0, le=600)]
+SettleTimes = OneOrEach[SettleTime, StopKind]
 """Of every stop alike, or of each kind of stop."""
 
-MAX_STEPS = 200_000
+MAX_PROTOCOL_STEPS = 200_000
 """Of a protocol; the force calibration of the paper has 2435."""
 
 
 class Shear(Table):
     """Sideways motion at each depth: to one side, through to the other, back to the centre."""
 
-    amplitude_mm: Length | None = Field(default=None, examples=[3.0])
+    amplitude_mm: PlanLength | None = Field(default=None, examples=[3.0])
     """How far the tip is dragged to each side of the press. Either this or amplitude_of_depth."""
-    amplitude_of_depth: Share | None = Field(
+    amplitude_of_depth: DepthShare | None = Field(
         default=None, examples=[0.7], json_schema_extra={"instead_of": "amplitude_mm"}
     )
     """Instead of amplitude_mm: as a share of the depth. A ball slips as a whole once it is dragged
@@ -91,23 +91,23 @@ class Hold(Table):
 
     s: Annotated[float, Field(ge=0.1, le=86_400)] = Field(examples=[60.0])
     """Seconds that the tip stays where it is."""
-    rate_hz: Rate = Field(examples=[1.0])
+    rate_hz: FrameRate = Field(examples=[1.0])
     """Frames per second of it, evenly, the last one at its end; none of them is called settled."""
 
 
 class Retract(Table):
     """The way out of the gel, filmed and felt: the gel is unloaded."""
 
-    rate_hz: Rate = Field(examples=[2.0])
+    rate_hz: FrameRate = Field(examples=[2.0])
     """Frames per second of planned motion, evenly, from the last stop up to approach_gap_mm."""
 
 
 class Capture(Table):
     """What is filmed on the way, and whether a stop settles; at least one of both."""
 
-    rate_hz: Rate | None = Field(default=None, examples=[1.0])
+    rate_hz: FrameRate | None = Field(default=None, examples=[1.0])
     """Frames per second of planned motion, evenly over each press and drag; omit for none."""
-    settle_s: Waits | None = Field(default=None, examples=[1.0])
+    settle_s: SettleTimes | None = Field(default=None, examples=[1.0])
     """Wait before a stop's frame, which then counts as settled. Without it stops do not wait, and
     only the frame before a press is settled. By kind of stop, as {press = 5.0, shear = 1.0}: before
     the press (rest), at a depth (press), at the end of a drag (shear), after the press (after,
@@ -123,29 +123,29 @@ class Capture(Table):
             )
         return self
 
-    def wait_s(self, stop: Stop) -> float | None:
+    def wait_s(self, stop: StopKind) -> float | None:
         """How long a stop of this kind settles, see `Stop`; None: it does not."""
         return self.settle_s.get(stop) if isinstance(self.settle_s, dict) else self.settle_s
 
-    def rates_hz(self) -> dict[Kind, float]:
+    def rates_hz(self) -> dict[StepKind, float]:
         """Frames per second of the kinds of steps that are filmed."""
-        asked: dict[Kind, float | None] = {
+        rates: dict[StepKind, float | None] = {
             "press": self.rate_hz,
             "shear": self.rate_hz,
             "hold": self.hold.rate_hz if self.hold else None,
             "retract": self.retract.rate_hz if self.retract else None,
         }
-        return {kind: rate_hz for kind, rate_hz in asked.items() if rate_hz is not None}
+        return {kind: rate_hz for kind, rate_hz in rates.items() if rate_hz is not None}
 
 
 class PlaceGrid(Table):
     """Places in rows and columns, in place of a list: row by row from the lowest x and y on."""
 
-    x: tuple[Place, Place] = Field(examples=[[-6.0, 6.0]])
+    x: tuple[PosMm, PosMm] = Field(examples=[[-6.0, 6.0]])
     """Lowest and highest x of the places, mm from the centre of the face."""
-    y: tuple[Place, Place] = Field(examples=[[-5.0, 5.0]])
+    y: tuple[PosMm, PosMm] = Field(examples=[[-5.0, 5.0]])
     """The same along y."""
-    n: tuple[Count, Count] = Field(examples=[[3, 3]])
+    n: tuple[GridCount, GridCount] = Field(examples=[[3, 3]])
     """How many places along x and along y, evenly from lowest to highest; 1: in the middle."""
 
     @model_validator(mode="after")
@@ -167,17 +167,17 @@ class PlaceGrid(Table):
 class MotionPlan(Table):
     """Feeds and heights of the stage, in the sensor frame."""
 
-    clearance_mm: Length = 5.0
+    clearance_mm: PlanLength = 5.0
     """Height above the resting face from which sideways travel is allowed."""
-    approach_gap_mm: Length = 0.5
+    approach_gap_mm: PlanLength = 0.5
     """Height at which the travel feed gives way to the press feed."""
-    park_mm: Length = 20.0
+    park_mm: PlanLength = 20.0
     """Height at which the indenter is changed."""
-    travel_feed_mm_min: Feed = 600.0
+    travel_feed_mm_min: PlanFeed = 600.0
     """Feed of the moves above the face."""
-    press_feed_mm_min: Feed = 30.0
+    press_feed_mm_min: PlanFeed = 30.0
     """Feed from approach_gap_mm down into the gel, and back out of it."""
-    shear_feed_mm_min: Feed = 30.0
+    shear_feed_mm_min: PlanFeed = 30.0
     """Feed of the drags in contact."""
 
     @model_validator(mode="after")
@@ -214,7 +214,7 @@ class Specimen(Table):
     prony: tuple[tuple[Annotated[float, Field(ge=0, le=100)], Seconds], ...] = ()
     """Pairs (g, tau_s) of a viscoelastic gel, as in GelMaterial: modulus_mpa is that of a
     slow press."""
-    depth_margin_mm: Length = 1.0
+    depth_margin_mm: PlanLength = 1.0
     """Gel that must remain below the deepest press."""
 
     @field_validator("gel_model")
@@ -233,11 +233,11 @@ class Specimen(Table):
 class DeadWeights(Table):
     """Known masses that are laid on the face by hand, in place of a stage and a force sensor."""
 
-    masses_g: tuple[Mass, ...] = Field(min_length=1, max_length=100, examples=[[50.0, 100.0]])
+    masses_g: tuple[WeightMass, ...] = Field(min_length=1, max_length=100, examples=[[50.0, 100.0]])
     """Each with the indenter and what holds it, in the order in which they are laid on."""
     error_g: Annotated[float, Field(ge=0, le=1000)] = 0.1
     """How far a mass may be off, by its class or by the balance."""
-    tilt_deg: tuple[Tilt, Tilt] = (0.0, 0.0)
+    tilt_deg: tuple[FaceTilt, FaceTilt] = (0.0, 0.0)
     """What a level on the face shows along x and along y, positive where that way leads down. A
     tilted face is sheared; a level one says nothing of shear."""
     tilt_error_deg: Annotated[float, Field(ge=0, le=10)] = 0.2
@@ -257,10 +257,10 @@ class DeadWeights(Table):
 
     def error_n(self) -> tuple[float, float]:
         """How far the normal force and a shear force may be off, at the largest mass."""
-        weight_n, off = self._weight_n(max(self.masses_g)), math.radians(self.tilt_error_deg)
+        weight_n, tilt = self._weight_n(max(self.masses_g)), math.radians(self.tilt_error_deg)
         steepest = max(abs(math.sin(math.radians(t))) for t in self.tilt_deg)
         mass_n = self._weight_n(self.error_g)
-        return mass_n + weight_n * off * (steepest + off), mass_n * steepest + weight_n * off
+        return mass_n + weight_n * tilt * (steepest + tilt), mass_n * steepest + weight_n * tilt
 
     def _weight_n(self, mass_g: float) -> float:
         return mass_g / 1000 * self.gravity_m_s2
@@ -276,10 +276,10 @@ class Protocol(Table):
     indenters: tuple[str, ...] = Field(min_length=1)
     """What presses, in this order: sphere:DIAMETER_MM, or 4dots, 2dots, edges, ellipsoid, hexprism,
     star, cylinder, ring, hat, with or without :SIZE_MM; or a shape of cad/indenters.toml."""
-    positions_mm: tuple[tuple[Place, Place], ...] = Field(default=(), examples=[[[0.0, 0.0]]])
+    positions_mm: tuple[tuple[PosMm, PosMm], ...] = Field(default=(), examples=[[[0.0, 0.0]]])
     """Where each indenter presses: (x, y) from the centre of the face. Either this or grid."""
     grid: PlaceGrid | None = Field(default=None, json_schema_extra={"instead_of": "positions_mm"})
-    depths_mm: tuple[Length, ...] = ()
+    depths_mm: tuple[PlanLength, ...] = ()
     """How deep each press goes, below the resting face, one stop after the other; rising."""
     weights: DeadWeights | None = Field(default=None, json_schema_extra={"instead_of": "depths_mm"})
     channels: frozenset[Literal["image", "dots", "force", "shear", "traction"]]
@@ -293,11 +293,11 @@ class Protocol(Table):
 
     @field_validator("indenters")
     @classmethod
-    def _known(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+    def _valid_indenters(cls, value: tuple[str, ...]) -> tuple[str, ...]:
         try:
             names = tuple(parse_indenter(name).name for name in value)
-        except InputError as why:
-            raise ValueError(str(why)) from why
+        except InputError as error:
+            raise ValueError(str(error)) from error
         if len(set(names)) != len(names):
             raise ValueError("each indenter once")
         return names
@@ -329,8 +329,8 @@ class Protocol(Table):
         legs = 0 if self.shear is None else self.shear.legs
         presses = len(self.indenters) * len(self.positions_mm)
         stops = 1 + legs + (capture.hold is not None)
-        if (count := presses * (4 + len(self.depths_mm) * stops)) > MAX_STEPS:
-            raise ValueError(f"{count} steps; expected at most {MAX_STEPS}: split it")
+        if (count := presses * (4 + len(self.depths_mm) * stops)) > MAX_PROTOCOL_STEPS:
+            raise ValueError(f"{count} steps; expected at most {MAX_PROTOCOL_STEPS}: split it")
         return self
 
     @field_serializer("channels", when_used="json")
@@ -346,7 +346,7 @@ class Step:
     id: str
     press: str
     indenter: str
-    kind: Kind
+    kind: StepKind
     target_mm: Point
     feed_mm_min: float
     frames: int = 0
@@ -410,20 +410,20 @@ def _press(
     feeds = {"press": motion.press_feed_mm_min, "shear": motion.shear_feed_mm_min,
              "hold": motion.press_feed_mm_min,
              "retract": motion.press_feed_mm_min}  # fmt: skip
-    here = above = (x, y, motion.clearance_mm)
+    position = above = (x, y, motion.clearance_mm)
 
-    def move(leg: str, kind: Kind, target: Point, stop: Stop | None = None) -> Step:
+    def move(leg: str, kind: StepKind, target: Point, stop: StopKind | None = None) -> Step:
         """A move from here, filmed where its kind is. stop: it has a frame at its end."""
-        nonlocal here
+        nonlocal position
         feed_mm_min = feeds.get(kind, motion.travel_feed_mm_min)
         hold_s = capture.hold.s if kind == "hold" and capture.hold else 0.0
-        seconds = math.dist(here, target) / (feed_mm_min / 60) + hold_s
+        seconds = math.dist(position, target) / (feed_mm_min / 60) + hold_s
         frames = 0
         if kind in rates_hz:
             frames = max(1, round(seconds * rates_hz[kind]))
         elif stop:
             frames = 1
-        here = target
+        position = target
         wait_s = capture.wait_s(stop) if stop else None
         return Step(
             f"{press}/{leg}", press, indenter.name, kind, target, feed_mm_min, frames,
@@ -444,13 +444,13 @@ def _press(
         if capture.hold is not None:
             yield move(f"d{depth:.2f}/hold", "hold", down)
         for leg, target in _legs(protocol.shear, down):
-            stop: Stop | None = "shear" if target != down else None
+            stop: StopKind | None = "shear" if target != down else None
             yield move(f"d{depth:.2f}/{leg}", "shear", target, stop)
     # A way out is filmed as far as the way in is: above the gap there is nothing to be seen.
     top_mm = motion.approach_gap_mm if "retract" in rates_hz else motion.clearance_mm
-    yield move("retract", "retract", (*here[:2], top_mm))
+    yield move("retract", "retract", (*position[:2], top_mm))
     # The face may still be on its way back: it is looked at, and never called settled.
-    here = above
+    position = above
     yield replace(move("after", "travel", above, "after"), settled=False)
 
 
@@ -461,28 +461,28 @@ def _legs(shear: Shear | None, centre: Point) -> Iterator[tuple[str, Point]]:
     n, (x, y, z) = shear.points_per_side, centre
     amplitude_mm = shear.at_depth_mm(-z)
     outward = shear.first == "outward"
-    signs = [-1 if outward and at < 0 else 1 for at in (x, y)]
+    signs = [-1 if outward and coordinate < 0 else 1 for coordinate in (x, y)]
 
     def name(axis: int, k: int) -> str:
         side = amplitude_mm * k / n
         text = f"{side:+.2f}" if k and n > 1 else "0+-"[k]
         return f"{'xy'[axis]}{text}"
 
-    for i, j, axes in _turn(n) if shear.grid else _through(n, shear.axes):
+    for i, j, axes in _square_spiral(n) if shear.grid else _cross_path(n, shear.axes):
         k = (signs[0] * i, signs[1] * j)
         leg = "shear-" + "".join(name(axis, k[axis]) for axis in axes)
         dx, dy = (amplitude_mm * v / n for v in k)
         yield leg, (x + dx, y + dy, z)
 
 
-def _through(n: int, letters: Sequence[str]) -> Iterator[tuple[int, int, Sequence[int]]]:
+def _cross_path(n: int, letters: Sequence[str]) -> Iterator[tuple[int, int, Sequence[int]]]:
     """Points of a cross: along each axis outwards, through to the other side, and back."""
     for axis in ("xy".index(letter) for letter in letters):
         for k in (*range(1, n + 1), *range(-1, -n - 1, -1), 0):
             yield (k, 0, (0,)) if axis == 0 else (0, k, (1,))
 
 
-def _turn(n: int) -> Iterator[tuple[int, int, Sequence[int]]]:
+def _square_spiral(n: int) -> Iterator[tuple[int, int, Sequence[int]]]:
     """Points of a square about (0, 0), each next to the one before it, and at last (0, 0)."""
     i = j = 0
     for ring in range(1, n + 1):

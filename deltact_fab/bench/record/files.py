@@ -16,17 +16,17 @@ from typing_extensions import TypedDict  # pydantic: needed before Python 3.12
 
 from deltact_fab.common import InputError, Note, read_json, validate
 
-from ..protocols.plan import Step, Waits
+from ..protocols.plan import SettleTimes, Step
 
-FORMAT = 6
-UNHASHED = 5  # the format of 0.2.0, in which the metadata have no hashes
-IMPORTED, UNKNOWN_SENSOR = "imported", "unknown"
+RUN_FORMAT = 6
+UNHASHED_FORMAT = 5  # the format of 0.2.0, in which the metadata have no hashes
+IMPORTED_MARK, UNKNOWN_SENSOR = "imported", "unknown"
 """The mark of a run that was recorded elsewhere, in run.json and pattern.json; the kind of its
 frames, and their indenter where nobody said it."""
 LATTICE_FILE, LENS_FILE = "truth/lattice.json", "truth/lens.json"
-FLAT = "camera.flat.png"
+FLAT_FILE = "camera.flat.png"
 """The flat field of a calibrated camera, if that has one."""
-NOTES = "notes.jsonl"
+NOTES_FILE = "notes.jsonl"
 """Operators' notes, a JSON object a line."""
 
 
@@ -70,19 +70,19 @@ class TruthFiles:
         return self.folder / "truth" / f"{name.replace('/', '_')}.npz"
 
 
-def metadata(folder: Path, at_the_end: bool) -> list[str]:
+def metadata_files(folder: Path, at_the_end: bool) -> list[str]:
     """What there is in a run beside journal, images, notes and truths of presses, in its order.
 
     at_the_end: what is known when the run ends, else what it begins with. Paths in the folder.
     """
-    begun, ended = (
-        ("run.json", "protocol.toml", "pattern.json", FLAT),
+    initial, final = (
+        ("run.json", "protocol.toml", "pattern.json", FLAT_FILE),
         ("summary.json", LATTICE_FILE, LENS_FILE),
     )
-    return [name for name in (ended if at_the_end else begun) if (folder / name).is_file()]
+    return [name for name in (final if at_the_end else initial) if (folder / name).is_file()]
 
 
-def written(folder: Path) -> Iterator[Path]:
+def written_files(folder: Path) -> Iterator[Path]:
     """Images, truths of presses and cut-off writes of a run: what a resume may remove."""
     inside = ("images/*.png", "images/*.jxl", "images/.*.part", "truth/*.npz", "truth/.*.part")
     for pattern in (".*.part", *inside):
@@ -108,7 +108,7 @@ class _Specimen(TypedDict, total=False):
 
 class _Capture(TypedDict, total=False):
     rate_hz: Positive | None
-    settle_s: Waits | None
+    settle_s: SettleTimes | None
     hold: dict[str, Positive] | None
     retract: dict[str, Positive] | None
 
@@ -183,41 +183,43 @@ class _SummaryFile(TypedDict, total=False):
     devices: dict[str, Any]
 
 
-class Kept(dict[str, Any]):
+class StrictDict(dict[str, Any]):
     """A table of a kept file: a missing key is bad input, not an error of the reader."""
 
     source = ""
-    lacks = "missing key"
+    missing_text = "missing key"
 
     def __missing__(self, key: str) -> Any:
-        raise InputError(f"{self.source}: {key}: {self.lacks}")
+        raise InputError(f"{self.source}: {key}: {self.missing_text}")
 
 
-_FILES = {"run.json": _RunFile, "pattern.json": _PatternFile, "summary.json": _SummaryFile}
+_UNKNOWN_TEXT = "unknown for an imported run; name camera and design in its recording's file"
+_FILE_SCHEMAS = {"run.json": _RunFile, "pattern.json": _PatternFile, "summary.json": _SummaryFile}
 
 
-def kept(folder: Path, name: str) -> dict[str, Any]:
+def load_run_file(folder: Path, name: str) -> dict[str, Any]:
     """What run.json, pattern.json or summary.json of a run holds.
 
     Raises InputError naming file and key, then and for a missing key.
     """
     path = folder / name
     data = read_json(path)
-    if name == "run.json" and (known := data.get("format")) not in (UNHASHED, FORMAT):
-        raise InputError(f"{path}: format: {known}, this version reads {UNHASHED} and {FORMAT}")
-    validate(_FILES[name], data, str(path))
-    told = "not known of an imported run; its file for `record import` can name camera and design"
-    lacks = told if IMPORTED in data else Kept.lacks
-    found: dict[str, Any] = _wrapped(data, str(path), lacks)
-    return found
+    stored = data.get("format")
+    if name == "run.json" and stored not in (UNHASHED_FORMAT, RUN_FORMAT):
+        valid = f"this version reads {UNHASHED_FORMAT} and {RUN_FORMAT}"
+        raise InputError(f"{path}: format: {stored}, {valid}")
+    validate(_FILE_SCHEMAS[name], data, str(path))
+    missing_text = _UNKNOWN_TEXT if IMPORTED_MARK in data else StrictDict.missing_text
+    wrapped: dict[str, Any] = _wrap(data, str(path), missing_text)
+    return wrapped
 
 
-def _wrapped(value: Any, source: str, lacks: str) -> Any:
+def _wrap(value: Any, source: str, missing_text: str) -> Any:
     """The same with every table a `Kept`."""
     if isinstance(value, list):
-        return [_wrapped(one, source, lacks) for one in value]
+        return [_wrap(item, source, missing_text) for item in value]
     if not isinstance(value, dict):
         return value
-    table = Kept({key: _wrapped(one, source, lacks) for key, one in value.items()})
-    table.source, table.lacks = source, lacks
+    table = StrictDict({key: _wrap(item, source, missing_text) for key, item in value.items()})
+    table.source, table.missing_text = source, missing_text
     return table

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from deltact_fab.common import RunFailed, require_extra
 
-RATE_HELD_HZ = {"png": 30.0, "jxl": 80.0}
+SUSTAINED_RATE_HZ = {"png": 30.0, "jxl": 80.0}
 """Images of 1280 x 720 a second that a run holds on two cores: as fast as they go, 35 and 88 were
 seen, and none of 240 was dropped at 30 and at 60 (`python -m benchmarks.recording`)."""
 JXL_EFFORT = 1  # higher ones gain a hundredth of the size and cost several times as long
 
-_MEASURED_PX = 1280 * 720
+_MEASURED_IMAGE_PX = 1280 * 720
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class ImageFormat:
     suffix: str
 
     @classmethod
-    def of(cls, meta: Mapping[str, Any]) -> ImageFormat:
+    def from_meta(cls, meta: Mapping[str, Any]) -> ImageFormat:
         """The format that the camera of a rig asks for; meta: of a run, with its rig."""
         camera = (meta.get("rig") or {}).get("camera") or {}
         return cls(str(camera.get("format") or "png"))
@@ -41,9 +41,9 @@ class ImageFormat:
         if self.suffix == "jxl":
             _imagecodecs()
 
-    def rate_held_hz(self, image_px: int) -> float:
+    def sustained_rate_hz(self, image_px: int) -> float:
         """Frames of so many pixels a second that can be kept without loss."""
-        return RATE_HELD_HZ[self.suffix] * _MEASURED_PX / image_px
+        return SUSTAINED_RATE_HZ[self.suffix] * _MEASURED_IMAGE_PX / image_px
 
 
 def encode(image: NDArray[np.uint8], suffix: str) -> bytes:
@@ -56,15 +56,15 @@ def encode(image: NDArray[np.uint8], suffix: str) -> bytes:
     rgb = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
     try:
         return bytes(codecs.jpegxl_encode(rgb, effort=JXL_EFFORT, lossless=True, numthreads=1))
-    except (RuntimeError, ValueError) as why:
-        raise RunFailed(f"an image could not be encoded as JPEG XL: {why}") from why
+    except (RuntimeError, ValueError) as error:
+        raise RunFailed(f"an image could not be encoded as JPEG XL: {error}") from error
 
 
 def encode_png(image: NDArray[np.uint8]) -> bytes:
     """Encode (h, w, 3) BGR as PNG bytes, tuned for noisy frames (fast filter, Huffman only)."""
     import cv2
 
-    done, data = cv2.imencode(
+    success, data = cv2.imencode(
         ".png",
         image,
         [
@@ -76,7 +76,7 @@ def encode_png(image: NDArray[np.uint8]) -> bytes:
             cv2.IMWRITE_PNG_FILTER_AVG,
         ],
     )
-    if not done:
+    if not success:
         raise RunFailed("an image could not be encoded as PNG")
     return bytes(data)
 

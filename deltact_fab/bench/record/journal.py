@@ -2,7 +2,7 @@
 
 Files are written on two threads, rows in their order on a third. A row is committed only after its
 file is on the disk, so a kill at any time leaves no row without its file. Rows are committed in the
-order in which they were put, at most BATCH of them or BATCH_S after the first of them. A caller
+order in which they were put, at most BATCH_N of them or BATCH_S after the first of them. A caller
 that adds an image finds room for it or waits, or learns that there is none.
 """
 
@@ -25,10 +25,10 @@ from numpy.typing import NDArray
 
 from deltact_fab.common import InputError, RunFailed, disk_errors, sync_folder, write_whole
 
-from .files import UNHASHED
+from .files import UNHASHED_FORMAT
 from .images import encode
 
-SCHEMA = """
+JOURNAL_SCHEMA = """
 CREATE TABLE steps (
   seq INTEGER PRIMARY KEY, step_id TEXT NOT NULL UNIQUE, press TEXT NOT NULL,
   indenter TEXT NOT NULL, kind TEXT NOT NULL,
@@ -74,7 +74,7 @@ def claim(folder: Path) -> BinaryIO:
     return file
 
 
-def being_written(folder: Path) -> bool:
+def is_claimed(folder: Path) -> bool:
     """Whether another process has the run claimed just now."""
     with (folder / "run.json").open("rb") as file:
         return not _lock(file, shared=True)
@@ -119,14 +119,14 @@ def insert(db: sqlite3.Connection, table: str, row: Mapping[str, Any]) -> None:
     )
 
 
-def keep_hashes(db: sqlite3.Connection, files: Mapping[str, bytes]) -> None:
+def store_hashes(db: sqlite3.Connection, files: Mapping[str, bytes]) -> None:
     """Of files of the run by their paths in it; those of before are replaced."""
     with db:
         rows = [(file, hashlib.sha256(data).hexdigest()) for file, data in files.items()]
         db.executemany("INSERT OR REPLACE INTO files (file, sha256) VALUES (?, ?)", rows)
 
 
-def misfits(db: sqlite3.Connection, run_format: int) -> Iterator[str]:
+def schema_faults(db: sqlite3.Connection, run_format: int) -> Iterator[str]:
     """What no run writes: values of another type than their column's, or out of all bounds.
 
     SQLite stores them all the same, and only what computes with them would fail. Nor may a column
@@ -134,16 +134,16 @@ def misfits(db: sqlite3.Connection, run_format: int) -> Iterator[str]:
     """
     have = _columns(db)
     with closing(sqlite3.connect(":memory:")) as empty:
-        empty.executescript(SCHEMA)
-        if run_format == UNHASHED:
+        empty.executescript(JOURNAL_SCHEMA)
+        if run_format == UNHASHED_FORMAT:
             empty.execute("DROP TABLE files")
-        lost = sorted(_columns(empty).keys() - have.keys())
-    for table, column in lost:
+        missing = sorted(_columns(empty).keys() - have.keys())
+    for table, column in missing:
         yield f"no such table or column: {table}.{column}"
-    if not lost and not db.execute("SELECT count(*) FROM events").fetchone()[0]:
+    if not missing and not db.execute("SELECT count(*) FROM events").fetchone()[0]:
         yield "events: none; a run begins with one"
     for (table, column), (kind, needed) in have.items():
-        if (fits := _FITS.get(kind)) is None:
+        if (fits := _TYPE_CONDITIONS.get(kind)) is None:
             continue
         if not needed:
             fits = f"{{0}} IS NULL OR {fits}"
@@ -162,7 +162,7 @@ def _columns(db: sqlite3.Connection) -> dict[tuple[str, str], tuple[str, bool]]:
     return {(table, column): (kind, needed) for table, column, kind, needed in db.execute(query)}
 
 
-_FITS = {
+_TYPE_CONDITIONS = {
     "REAL": "typeof({0}) IN ('real', 'integer') AND abs({0}) < 1e12",
     "INTEGER": "typeof({0}) = 'integer' AND {0} BETWEEN -1e12 AND 1e12",
     "TEXT": "typeof({0}) = 'text'",
@@ -175,15 +175,15 @@ def journal_errors(folder: Path) -> Iterator[None]:
     """An error of SQLite becomes a RunFailed that names the journal."""
     try:
         yield
-    except sqlite3.Error as why:
-        raise RunFailed(f"{folder / 'journal.sqlite'}: the journal failed: {why}") from why
+    except sqlite3.Error as error:
+        raise RunFailed(f"{folder / 'journal.sqlite'}: the journal failed: {error}") from error
 
 
-ENCODERS = 2
-BATCH, BATCH_S = 32, 0.5
-MAX_IMAGES, MAX_BYTES = 128, 256 << 20  # that wait to be written
+ENCODER_THREADS = 2
+BATCH_N, BATCH_S = 32, 0.5
+MAX_QUEUED_IMAGES, MAX_QUEUED_BYTES = 128, 256 << 20  # that wait to be written
 FLUSH_S = 120.0  # what waits is written within seconds; a disk that takes longer hangs
-SHA256 = "sha256"  # the column that is known when the file is written
+HASH_COLUMN = "sha256"  # the column that is known when the file is written
 
 TableRow = dict[str, Any]
 
@@ -214,11 +214,11 @@ class WriterThreads:
         self._hurry = self._ending = False
         self._cut = False  # from here on rows would stand without what comes before them
         self.failure: RunFailed | None = None
-        self._pool = ThreadPoolExecutor(ENCODERS, "encoder")
+        self._pool = ThreadPoolExecutor(ENCODER_THREADS, "encoder")
         self._committer = threading.Thread(target=self._run, name="journal", daemon=True)
         self._committer.start()
 
-    def put(self, rows: Sequence[tuple[str, TableRow]], history: bool = False) -> None:
+    def put_rows(self, rows: Sequence[tuple[str, TableRow]], history: bool = False) -> None:
         """Have these rows committed together. Raises RunFailed after a failure.
 
         history: told all the same then.
@@ -240,7 +240,7 @@ class WriterThreads:
                 if not wait:
                     return False
                 if not self._changed.wait(FLUSH_S):
-                    raise self._hanging()
+                    raise self._timeout_error()
             if self.failure is not None:
                 raise self.failure
             self._images += 1
@@ -254,7 +254,7 @@ class WriterThreads:
             self._hurry = True
             self._changed.notify_all()
             if not self._changed.wait_for(lambda: not self._open, FLUSH_S):
-                raise self._hanging()
+                raise self._timeout_error()
             if self.failure is not None:
                 raise self.failure
 
@@ -269,14 +269,14 @@ class WriterThreads:
     def _has_room(self, nbytes: int) -> bool:
         if not self._images:
             return True
-        return self._images < MAX_IMAGES and self._bytes + nbytes <= MAX_BYTES
+        return self._images < MAX_QUEUED_IMAGES and self._bytes + nbytes <= MAX_QUEUED_BYTES
 
     def _append(self, entry: _Entry) -> None:
         self._queue.append(entry)
         self._open += 1
         self._changed.notify_all()
 
-    def _hanging(self) -> RunFailed:
+    def _timeout_error(self) -> RunFailed:
         return RunFailed(f"{self._folder}: the disk took nothing for {FLUSH_S:.0f} s")
 
     def _write(self, file: Path, image: NDArray[np.uint8]) -> str:
@@ -285,8 +285,8 @@ class WriterThreads:
             data = encode(image, file.suffix[1:])
             digest = hashlib.sha256(data).hexdigest()
             write_whole(file, data, sync_name=False)
-        except BaseException as why:
-            self._fail(why)
+        except BaseException as error:
+            self._fail(error)
             raise
         finally:
             with self._changed:
@@ -295,12 +295,12 @@ class WriterThreads:
                 self._changed.notify_all()
         return digest
 
-    def _fail(self, why: BaseException) -> None:
+    def _fail(self, error: BaseException) -> None:
         with self._changed:
             if self.failure is not None:
                 return
             self.failure = (
-                why if isinstance(why, RunFailed) else RunFailed(f"{self._folder}: {why!r}")
+                error if isinstance(error, RunFailed) else RunFailed(f"{self._folder}: {error!r}")
             )
             self._changed.notify_all()
         self._failed(self.failure)
@@ -309,8 +309,8 @@ class WriterThreads:
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._queue or self._ending)
-                self._changed.wait_for(lambda: self._hurry or len(self._queue) >= BATCH, BATCH_S)
-                batch = [self._queue.popleft() for _ in range(min(BATCH, len(self._queue)))]
+                self._changed.wait_for(lambda: self._hurry or len(self._queue) >= BATCH_N, BATCH_S)
+                batch = [self._queue.popleft() for _ in range(min(BATCH_N, len(self._queue)))]
                 if not batch:
                     return
             self._commit(batch)
@@ -322,24 +322,24 @@ class WriterThreads:
 
     def _commit(self, batch: Sequence[_Entry]) -> None:
         """Commit what comes before the first entry that failed; of the rest only the history."""
-        whole: list[_Entry] = []
+        complete: list[_Entry] = []
         try:
             for entry in batch if not self._cut else ():
                 if entry.digest is not None:
-                    entry.rows[0][1][SHA256] = entry.digest.result()
-                whole.append(entry)
-        except BaseException as why:
+                    entry.rows[0][1][HASH_COLUMN] = entry.digest.result()
+                complete.append(entry)
+        except BaseException as error:
             self._cut = True
-            self._fail(why)
-        rest = batch[len(whole) :]
+            self._fail(error)
+        rest = batch[len(complete) :]
         try:
-            if any(entry.digest is not None for entry in whole):
+            if any(entry.digest is not None for entry in complete):
                 with disk_errors(self._folder / "images"):
                     sync_folder(self._folder / "images")  # their renames, of all of them at once
-            self._insert(whole)
-        except BaseException as why:
+            self._insert(complete)
+        except BaseException as error:
             self._cut = True
-            self._fail(why)
+            self._fail(error)
             rest = batch
         with suppress(RunFailed):
             self._insert([entry for entry in rest if entry.history])

@@ -16,9 +16,9 @@ from typing import Any
 
 from deltact_fab.common import InputError, RunFailed, disk_errors, parse_json, sync_folder
 
-from .files import NOTES
+from .files import NOTES_FILE
 
-LONGEST = 4000  # characters: so that one write of the file system holds a note whole
+MAX_NOTE_CHARACTERS = 4000  # characters: so that one write of the file system holds a note whole
 
 
 class RunNote:
@@ -27,8 +27,8 @@ class RunNote:
     def __init__(self, text: str) -> None:
         """Take a text without blanks at its ends. Raises InputError for one that is no note."""
         self.text = text = text.strip()
-        if not 0 < len(text) <= LONGEST:
-            raise InputError(f"note: {len(text)} characters; expected 1 to {LONGEST}")
+        if not 0 < len(text) <= MAX_NOTE_CHARACTERS:
+            raise InputError(f"note: {len(text)} characters; expected 1 to {MAX_NOTE_CHARACTERS}")
         if odd := [c for c in text if not c.isprintable() and c not in "\n\t"]:
             raise InputError(f"note: {odd[0]!r} is no character that can be printed; leave it out")
 
@@ -41,7 +41,7 @@ class RunNote:
         if not (folder / "run.json").is_file():
             raise InputError(f"{folder}: not a run folder (no run.json)")
         note = {"wall_s": time.time(), "text": self.text}
-        path = folder / NOTES
+        path = folder / NOTES_FILE
         new = not path.exists()
         try:
             with path.open("a+b", buffering=0) as file:
@@ -55,27 +55,27 @@ class RunNote:
                 os.fsync(file.fileno())
             if new:
                 sync_folder(folder)
-        except OSError as why:
-            raise RunFailed(f"{path}: cannot be written: {why.strerror}") from why
+        except OSError as error:
+            raise RunFailed(f"{path}: cannot be written: {error.strerror}") from error
         return note
 
 
-def lines(folder: Path) -> Iterator[tuple[int, dict[str, Any] | None]]:
+def read_notes(folder: Path) -> Iterator[tuple[int, dict[str, Any] | None]]:
     """Each line's number, from 1, and its note in the order of writing; None where it is damaged.
 
     With text and wall_s comes whether the line has a hash: those of 0.2.0 have none. Raises
     RunFailed when they cannot be read.
     """
-    path = folder / NOTES
+    path = folder / NOTES_FILE
     with disk_errors(path, "read"):
-        written = path.read_bytes().splitlines() if path.exists() else []
-    for number, line in enumerate(written, start=1):
+        raw_lines = path.read_bytes().splitlines() if path.exists() else []
+    for number, line in enumerate(raw_lines, start=1):
         try:
-            read = parse_json(line.decode(), f"{path}:{number}")
-            note = {"wall_s": float(read["wall_s"]), "text": str(read["text"])}
-            if "sha256" in read and read["sha256"] != _digest(note):
+            entry = parse_json(line.decode(), f"{path}:{number}")
+            note = {"wall_s": float(entry["wall_s"]), "text": str(entry["text"])}
+            if "sha256" in entry and entry["sha256"] != _digest(note):
                 raise ValueError("differs from its hash")
-            yield number, {**note, "hashed": "sha256" in read}
+            yield number, {**note, "hashed": "sha256" in entry}
         except (InputError, ValueError, KeyError, TypeError):
             yield number, None
 

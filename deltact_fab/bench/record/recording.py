@@ -17,14 +17,14 @@ from deltact_fab.common import Array, InputError, Table, did_you_mean, read_text
 
 from .streams import FORCE_COLUMNS, POSE_COLUMNS
 
-_UNITS = {
+_UNIT_FACTORS = {
     "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "N": 1.0, "mN": 1e-3, "N mm": 1.0, "N m": 1e3,
     "mm": 1.0, "m": 1e3,
 }  # fmt: skip
 """Of s, N, N mm and mm."""
-_MAX_BYTES = 2**30
+_MAX_CSV_BYTES = 2**30
 """Of a CSV file: eight columns at 1 kHz for four hours."""
-_MAX_S = 1e11
+_MAX_TIME_S = 1e11
 """Of a time; in seconds since 1970 it is the year 5138."""
 _Name = Annotated[str, Field(min_length=1, max_length=1000)]
 _Share = Annotated[float, Field(ge=-1, le=1)]
@@ -111,7 +111,7 @@ class Recording(Table):
 
     def unknown(self) -> list[str]:
         """What nobody said, a phrase each."""
-        said = {
+        phrases = {
             "camera (flow is in pixels, no depth)": self.camera,
             "design": self.design,
             "serial number": self.serial,
@@ -121,59 +121,59 @@ class Recording(Table):
             "the point that torque is about": not self.force or not self.force.torque_unit,
         }
         always = ("indenter", "pattern", "protocol", "presses", "which images are at rest", "rig")
-        return [*(words for words, value in said.items() if not value), *always]
+        return [*(words for words, value in phrases.items() if not value), *always]
 
 
-def force_of(said: RecordedForce, folder: Path) -> Samples:
+def read_force(force: RecordedForce, folder: Path) -> Samples:
     """Force and torque on the sensor, FORCE_COLUMNS, nan where not measured. Raises InputError."""
-    t_s, found = read(said, folder, said.columns)
+    t_s, values = read_csv(force, folder, force.columns)
     nothing = np.full(len(t_s), np.nan)
-    three, torque = ([found.get(part + axis, nothing) for axis in "xyz"] for part in "ft")
+    three, torque = ([values.get(part + axis, nothing) for axis in "xyz"] for part in "ft")
     six = np.array([*three, *torque])
-    if said.rotation is not None:
-        six = np.concatenate([np.array(said.rotation) @ part for part in (six[:3], six[3:])])
-    six[:3] *= _UNITS[said.force_unit]
-    six[3:] *= _UNITS[said.torque_unit or "N mm"]
-    six *= 1 if said.acts_on == "sensor" else -1
-    return t_s - said.lag_s, dict(zip(FORCE_COLUMNS, six, strict=True))
+    if force.rotation is not None:
+        six = np.concatenate([np.array(force.rotation) @ part for part in (six[:3], six[3:])])
+    six[:3] *= _UNIT_FACTORS[force.force_unit]
+    six[3:] *= _UNIT_FACTORS[force.torque_unit or "N mm"]
+    six *= 1 if force.acts_on == "sensor" else -1
+    return t_s - force.lag_s, dict(zip(FORCE_COLUMNS, six, strict=True))
 
 
-def pose_of(said: RecordedPose, folder: Path) -> Samples:
+def read_pose(pose: RecordedPose, folder: Path) -> Samples:
     """Places of the tip, POSE_COLUMNS. Raises InputError."""
-    t_s, found = read(said, folder, said.columns)
-    return t_s, {name: _UNITS[said.unit] * found[name[0]] for name in POSE_COLUMNS}
+    t_s, values = read_csv(pose, folder, pose.columns)
+    return t_s, {name: _UNIT_FACTORS[pose.unit] * values[name[0]] for name in POSE_COLUMNS}
 
 
-def read(said: Times, folder: Path, columns: Mapping[Any, str], rising: bool = False) -> Samples:
+def read_csv(times: Times, folder: Path, names: Mapping[Any, str], rising: bool = False) -> Samples:
     """Times and columns of a CSV file, by key, as they stand there. rising: no time stands twice.
 
     Raises InputError naming file, line and value.
     """
     import pandas as pd
 
-    path = folder / said.file
+    path = folder / times.file
     try:
-        table = pd.read_csv(io.StringIO(read_text(path, _MAX_BYTES)), skip_blank_lines=False)
-    except ValueError as why:
-        raise InputError(f"{path}: not a CSV file with a line of names: {why}") from why
+        table = pd.read_csv(io.StringIO(read_text(path, _MAX_CSV_BYTES)), skip_blank_lines=False)
+    except ValueError as error:
+        raise InputError(f"{path}: not a CSV file with a line of names: {error}") from error
     table.columns = table.columns.str.strip()
-    found = {}
-    for key, name in {"time": said.time, **columns}.items():
+    arrays = {}
+    for key, name in {"time": times.time, **names}.items():
         if name not in table:
             near = did_you_mean(name, table.columns)
             raise InputError(f"{path}: {key} = {name!r}: no such column; {near}")
         values = pd.to_numeric(table[name], errors="coerce").to_numpy(float)
         for k in np.flatnonzero(~np.isfinite(values)):
-            shown = table[name].iloc[k]
-            raise InputError(f"{path}: line {k + 2}: {name} = {shown!r}: not a finite number")
-        found[key] = values
-    t_s = found.pop("time") * _UNITS[said.time_unit]
-    if not len(t_s) or np.abs(t_s).max() > _MAX_S:
-        what = f"up to {np.abs(t_s).max():.1e} s; is it time_unit = 'ns'?" if len(t_s) else "no row"
-        raise InputError(f"{path}: {said.time}: {what}")
+            text = table[name].iloc[k]
+            raise InputError(f"{path}: line {k + 2}: {name} = {text!r}: not a finite number")
+        arrays[key] = values
+    t_s = arrays.pop("time") * _UNIT_FACTORS[times.time_unit]
+    if not len(t_s) or np.abs(t_s).max() > _MAX_TIME_S:
+        size = f"up to {np.abs(t_s).max():.1e} s; is it time_unit = 'ns'?" if len(t_s) else "no row"
+        raise InputError(f"{path}: {times.time}: {size}")
     for k in np.flatnonzero(np.diff(t_s) <= 0 if rising else np.diff(t_s) < 0):
-        before, after = table[said.time].iloc[k : k + 2]
+        earlier, later = table[times.time].iloc[k : k + 2]
         raise InputError(
-            f"{path}: line {k + 3}: {said.time} = {after} after {before}: times must go on"
+            f"{path}: line {k + 3}: {times.time} = {later} after {earlier}: times must go on"
         )
-    return t_s, found
+    return t_s, arrays

@@ -25,19 +25,19 @@ from deltact_fab.sensor import (
 
 from ..protocols.plan import DeadWeights
 from . import notes
-from .files import FLAT, IMPORTED, LATTICE_FILE, UNKNOWN_SENSOR, kept
+from .files import FLAT_FILE, IMPORTED_MARK, LATTICE_FILE, UNKNOWN_SENSOR, load_run_file
 from .images import decode
-from .journal import being_written, misfits
-from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, at_times, unpack
-from .truth import RunTruth, load
+from .journal import is_claimed, schema_faults
+from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, interpolate_at, unpack
+from .truth import RunTruth, load_truth
 
 if TYPE_CHECKING:
     import pandas as pd
 
-_STREAMS = {"pose": POSE_COLUMNS, "force": FORCE_COLUMNS}
-_SAMPLED = (*POSE_COLUMNS, *FORCE_COLUMNS)
-_SKEWS = ("pose_skew_s", "force_skew_s")
-_LATENESS = ("late_s", "late", "dropped", "repeated")
+_STREAM_COLUMNS = {"pose": POSE_COLUMNS, "force": FORCE_COLUMNS}
+_SAMPLED_KEYS = (*POSE_COLUMNS, *FORCE_COLUMNS)
+_SKEW_KEYS = ("pose_skew_s", "force_skew_s")
+_LATENESS_KEYS = ("late_s", "late", "dropped", "repeated")
 
 
 class Run:
@@ -48,11 +48,11 @@ class Run:
 
     def __init__(self, folder: Path):
         if not (folder / "run.json").is_file():
-            what = "not a run folder (no run.json)" if folder.exists() else "no such folder"
-            raise InputError(f"{folder}: {what}")
+            problem = "not a run folder (no run.json)" if folder.exists() else "no such folder"
+            raise InputError(f"{folder}: {problem}")
         self.folder = folder
-        self.meta: dict[str, Any] = kept(folder, "run.json")
-        self.pattern: dict[str, Any] = kept(folder, "pattern.json")
+        self.meta: dict[str, Any] = load_run_file(folder, "run.json")
+        self.pattern: dict[str, Any] = load_run_file(folder, "pattern.json")
         self.format = int(self.meta["format"])
         """Of the folder: that of this version, or that of 0.2.0."""
         self._sound = False
@@ -72,20 +72,20 @@ class Run:
         table["settled"] = table["settled"].astype(bool)
         table["late"] = self._late(table)
         rows = table.groupby("step_id").indices
-        found = {name: np.full(len(table), np.nan) for name in (*_SAMPLED, *_SKEWS)}
-        for stream, names in _STREAMS.items():
+        sampled = {name: np.full(len(table), np.nan) for name in (*_SAMPLED_KEYS, *_SKEW_KEYS)}
+        for stream, names in _STREAM_COLUMNS.items():
             for _, step_id, chunk in self._chunks(stream, press):
                 if step_id not in rows:
                     continue
-                at = rows[step_id]
-                values, skew_s = at_times(chunk, table["t_press_s"].to_numpy()[at], names)
+                index = rows[step_id]
+                values, skew_s = interpolate_at(chunk, table["t_press_s"].to_numpy()[index], names)
                 for name, column in zip(names, values.T, strict=True):
-                    found[name][at] = column
-                found[f"{stream}_skew_s"][at] = skew_s
-        table = table.assign(**found)
-        last = ["wall_s", "t_press_s", *_SKEWS, "settled", *_LATENESS]
-        first = [name for name in table if name not in (*last, *_SAMPLED)]
-        return table[[*first, *_SAMPLED, *last]]
+                    sampled[name][index] = column
+                sampled[f"{stream}_skew_s"][index] = skew_s
+        table = table.assign(**sampled)
+        last = ["wall_s", "t_press_s", *_SKEW_KEYS, "settled", *_LATENESS_KEYS]
+        first = [name for name in table if name not in (*last, *_SAMPLED_KEYS)]
+        return table[[*first, *_SAMPLED_KEYS, *last]]
 
     def force(self, press: str | None = None) -> pd.DataFrame:
         """One row a sample of the force sensor (of one press), in order of time.
@@ -114,8 +114,8 @@ class Run:
         """One row an operator's note, in the order of writing: wall_s of the day, text."""
         import pandas as pd
 
-        kept = [note for _, note in notes.lines(self.folder) if note is not None]
-        return pd.DataFrame(kept, columns=["wall_s", "text"])
+        valid = [note for _, note in notes.read_notes(self.folder) if note is not None]
+        return pd.DataFrame(valid, columns=["wall_s", "text"])
 
     def steps(self, press: str | None = None) -> pd.DataFrame:
         """One row a finished step (of one press)."""
@@ -148,7 +148,7 @@ class Run:
     @property
     def imported(self) -> bool:
         """True of a recording made elsewhere: of it little is known (run.json: imported)."""
-        return IMPORTED in self.meta
+        return IMPORTED_MARK in self.meta
 
     def dots_mm(self) -> NDArray[np.float64]:
         """Centres of the pattern's dots at rest, (n, 2) mm; n = 0 without dots."""
@@ -170,19 +170,19 @@ class Run:
         if self.meta["camera"] is None or not isinstance(self.camera, Rectified):
             return raw
         try:
-            seen = np.asarray(self.camera.rectify(raw), np.uint8)
-            return seen if self.flat is None else self.flat.apply(seen)
-        except InputError as why:
-            raise RunFailed(f"{self.folder / file}: {why}") from why
+            view = np.asarray(self.camera.rectify(raw), np.uint8)
+            return view if self.flat is None else self.flat.apply(view)
+        except InputError as error:
+            raise RunFailed(f"{self.folder / file}: {error}") from error
 
     @cached_property
     def flat(self) -> FlatField | None:
         """Of the rectified view, where there is one. Raises InputError when it is damaged."""
-        path, view = self.folder / FLAT, self.camera
+        path, view = self.folder / FLAT_FILE, self.camera
         if not path.is_file():
             return None
         assert isinstance(view, Rectified), "a flat field comes with a lens"
-        return FlatField.read(path, (view.lens.width_px, view.lens.height_px)).seen_by(view)
+        return FlatField.load(path, (view.lens.width_px, view.lens.height_px)).for_view(view)
 
     def raw(self, file: str) -> NDArray[np.uint8]:
         """(h, w, 3) BGR of one frame as the camera gave it. Raises as `image` does."""
@@ -218,20 +218,19 @@ class Run:
         if not self.finished:
             return {}
         try:
-            return kept(self.folder, "summary.json")
-        except InputError as why:
-            raise RunFailed(str(why)) from why
+            return load_run_file(self.folder, "summary.json")
+        except InputError as error:
+            raise RunFailed(str(error)) from error
 
     def remarks(self) -> tuple[list[str], list[str]]:
         """Warnings of the summary, without their mark, and its other notes."""
         summary = self.summary()
-        kept = summary.get("remarks", ())
-        remarks = [Note(one["id"], one["text"], one.get("warns", False)) for one in kept]
+        stored = summary.get("remarks", ())
+        remarks = [Note(r["id"], r["text"], r.get("warns", False)) for r in stored]
         if "remarks" not in summary:  # of an imported run, or of 0.3.0 and before: lines alone
             lines = summary.get("notes", ())
             remarks = [Note.from_line(line) for line in lines]
-        warned, others = ([one.text for one in remarks if one.warns is w] for w in (True, False))
-        return warned, others
+        return [r.text for r in remarks if r.warns], [r.text for r in remarks if not r.warns]
 
     def truth(self) -> RunTruth | None:
         """The virtual rig's truth of all complete presses, None on a real run.
@@ -243,8 +242,8 @@ class Run:
         with self.reader() as db:
             rows = db.execute("SELECT press FROM frames GROUP BY press ORDER BY min(seq)")
             presses = [press for (press,) in rows]
-        asked = self.meta["protocol"]["channels"]
-        return load(self.folder, self.camera, presses, "traction" in asked)
+        channels = self.meta["protocol"]["channels"]
+        return load_truth(self.folder, self.camera, presses, "traction" in channels)
 
     def describe(self) -> dict[str, Any]:
         """Protocol, specimen, rig, counts, events by kind, notes, as plain data. Raises RunFailed.
@@ -268,7 +267,7 @@ class Run:
         session = events.loc[begun[-1] :] if len(begun) else events  # the last one
         return {
             "folder": str(self.folder),
-            "state": "being written now" if being_written(self.folder) else state,
+            "state": "being written now" if is_claimed(self.folder) else state,
             "format": self.format,
             "protocol": protocol.get("name"),
             "description": protocol.get("description"),
@@ -300,22 +299,22 @@ class Run:
 
     def _late(self, table: pd.DataFrame) -> pd.Series[bool]:
         capture = self.meta.get("protocol", {}).get("capture", {})
-        own = {kind: (capture.get(kind) or {}).get("rate_hz") for kind in ("hold", "retract")}
-        rates_hz = [own.get(kind, capture.get("rate_hz")) or np.nan for kind in table["kind"]]
+        overrides = {kind: (capture.get(kind) or {}).get("rate_hz") for kind in ("hold", "retract")}
+        rates_hz = [overrides.get(kind, capture.get("rate_hz")) or np.nan for kind in table["kind"]]
         limit_s = 0.5 / np.array(rates_hz)  # nothing is later than nan
         return (table["late_s"] > limit_s) & ~table["settled"]
 
     def _hash_of(self, file: str) -> str | None:
-        held: dict[str, str] = self.__dict__.setdefault("hashes", {})
-        if file not in held:  # also a frame that came since, in a run that goes on
+        hashes: dict[str, str] = self.__dict__.setdefault("hashes", {})
+        if file not in hashes:  # also a frame that came since, in a run that goes on
             with self.reader() as db:
-                held.update(db.execute("SELECT file, sha256 FROM frames WHERE file IS NOT NULL"))
-        return held.get(file)
+                hashes.update(db.execute("SELECT file, sha256 FROM frames WHERE file IS NOT NULL"))
+        return hashes.get(file)
 
-    def _samples(self, stream: str, press: str | None, *more: str) -> pd.DataFrame:
+    def _samples(self, stream: str, press: str | None, *extra: str) -> pd.DataFrame:
         import pandas as pd
 
-        names = _STREAMS[stream]
+        names = _STREAM_COLUMNS[stream]
         parts = [
             pd.DataFrame(
                 {
@@ -324,23 +323,23 @@ class Run:
                     "t_s": chunk.origin_s + chunk.t_press_s(),
                     "t_press_s": chunk.t_press_s(),
                     **{name: chunk.values(name) for name in names},
-                    **{name: chunk.columns.get(name) for name in more},
+                    **{name: chunk.columns.get(name) for name in extra},
                 }
             )
             for of_press, step_id, chunk in self._chunks(stream, press)
         ]
         if not parts:
-            return pd.DataFrame(columns=["press", "step_id", "t_s", "t_press_s", *names, *more])
+            return pd.DataFrame(columns=["press", "step_id", "t_s", "t_press_s", *names, *extra])
         return pd.concat(parts, ignore_index=True)
 
     def damaged_samples(self, press: str) -> Iterator[str]:
         """Of each stream the first chunk of a press that cannot be unpacked."""
-        for stream in _STREAMS:
+        for stream in _STREAM_COLUMNS:
             try:
                 for _ in self._chunks(stream, press):
                     pass
-            except RunFailed as why:
-                yield str(why)
+            except RunFailed as error:
+                yield str(error)
 
     def _chunks(self, stream: str, press: str | None) -> Iterator[tuple[str, str, Chunk]]:
         """Press, step and samples, step by step. Raises RunFailed for a damaged chunk."""
@@ -353,22 +352,22 @@ class Run:
             for of_press, step_id, *stored in rows:
                 try:
                     yield of_press, step_id, unpack(*stored)
-                except ValueError as why:
+                except ValueError as error:
                     raise RunFailed(
                         f"{self.folder / 'journal.sqlite'}: {stream} of {step_id}: damaged samples"
-                    ) from why
+                    ) from error
 
     def _table(self, name: str, press: str | None = None) -> pd.DataFrame:
         import pandas as pd
 
-        which = "" if press is None else "WHERE press = :press "
+        condition = "" if press is None else "WHERE press = :press "
         with self.reader() as db:
             try:
                 return pd.read_sql_query(
-                    f"SELECT * FROM {name} {which}ORDER BY seq", db, params={"press": press}
+                    f"SELECT * FROM {name} {condition}ORDER BY seq", db, params={"press": press}
                 )
-            except pd.errors.DatabaseError as why:
-                raise sqlite3.DatabaseError(str(why.__cause__ or why)) from why
+            except pd.errors.DatabaseError as error:
+                raise sqlite3.DatabaseError(str(error.__cause__ or error)) from error
 
     @contextmanager
     def reader(self) -> Iterator[sqlite3.Connection]:
@@ -378,12 +377,12 @@ class Run:
             uri = f"{path.absolute().as_uri()}?mode=ro"
             with closing(sqlite3.connect(uri, uri=True)) as db:
                 if not self._sound:
-                    for line in misfits(db, self.format):
+                    for line in schema_faults(db, self.format):
                         raise sqlite3.DatabaseError(line)
                     self._sound = True
                 yield db
-        except sqlite3.Error as why:
-            raise RunFailed(f"{path}: the journal cannot be read: {why}") from why
+        except sqlite3.Error as error:
+            raise RunFailed(f"{path}: the journal cannot be read: {error}") from error
 
 
 def open_run(folder: str | Path) -> Run:

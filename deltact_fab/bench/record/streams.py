@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-TIME = "t_ns"
-LEVEL = 1  # of deflate: higher ones take ten times as long for a hundredth of the size
+TIME_KEY = "t_ns"
+DEFLATE_LEVEL = 1  # of deflate: higher ones take ten times as long for a hundredth of the size
 FORCE_COLUMNS = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
 POSE_COLUMNS = ("x_mm", "y_mm", "z_mm")
 Column = NDArray[np.int64] | NDArray[np.int32] | NDArray[np.float64] | NDArray[np.bool_]
@@ -35,11 +35,11 @@ class Chunk:
     per_unit: Mapping[str, float] = field(default_factory=dict)
 
     def __len__(self) -> int:
-        return len(self.columns[TIME])
+        return len(self.columns[TIME_KEY])
 
     def t_press_s(self) -> NDArray[np.float64]:
         """(n,) seconds since the press began."""
-        return np.asarray(self.columns[TIME] / 1e9, float)
+        return np.asarray(self.columns[TIME_KEY] / 1e9, float)
 
     def values(self, name: str) -> NDArray[np.float64]:
         """(n,) of a column in its unit."""
@@ -50,7 +50,7 @@ def pack(chunk: Chunk) -> dict[str, Any]:
     """The columns of a journal's row that hold a chunk: what it is, as JSON, and its bytes."""
     heads, parts = [], []
     for name, column in chunk.columns.items():
-        values = np.diff(column, prepend=0) if name == TIME else column
+        values = np.diff(column, prepend=0) if name == TIME_KEY else column
         little = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
         heads.append([name, little.dtype.str, chunk.per_unit.get(name, 1.0)])
         parts.append(little.view(np.uint8).reshape(-1, little.itemsize).T.tobytes())
@@ -59,7 +59,7 @@ def pack(chunk: Chunk) -> dict[str, Any]:
         "n": len(chunk),
         "origin_s": chunk.origin_s,
         "columns": json.dumps(heads),
-        "data": zlib.compress(b"".join(parts), LEVEL),
+        "data": zlib.compress(b"".join(parts), DEFLATE_LEVEL),
     }
 
 
@@ -68,22 +68,22 @@ def unpack(stream: str, origin_s: float, n: int, heads: str, data: bytes) -> Chu
     try:
         raw = zlib.decompress(data)
         columns: dict[str, Column] = {}
-        per_unit, at = {}, 0
+        per_unit, offset = {}, 0
         for name, kind, unit in json.loads(heads):
             dtype = np.dtype(kind)
-            part = np.frombuffer(raw, np.uint8, n * dtype.itemsize, at)
-            at += part.size
+            part = np.frombuffer(raw, np.uint8, n * dtype.itemsize, offset)
+            offset += part.size
             values = np.ascontiguousarray(part.reshape(dtype.itemsize, n).T).view(dtype)[:, 0]
-            columns[name] = np.cumsum(values) if name == TIME else values
+            columns[name] = np.cumsum(values) if name == TIME_KEY else values
             per_unit[name] = unit
-        if at != len(raw) or TIME not in columns:
+        if offset != len(raw) or TIME_KEY not in columns:
             raise ValueError("its columns do not fill it")
-    except (zlib.error, TypeError, IndexError, RecursionError) as why:
-        raise ValueError(str(why)) from why
+    except (zlib.error, TypeError, IndexError, RecursionError) as error:
+        raise ValueError(str(error)) from error
     return Chunk(stream, origin_s, columns, per_unit)
 
 
-def at_times(
+def interpolate_at(
     chunk: Chunk, t_press_s: NDArray[np.float64], names: tuple[str, ...]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Columns (m, len(names)) interpolated linearly to times (m,), and the skew (m,) in s.
@@ -94,6 +94,6 @@ def at_times(
     t_s = chunk.t_press_s()
     values = [np.interp(t_press_s, t_s, chunk.values(name)) for name in names]
     k = np.searchsorted(t_s, t_press_s)
-    before, after = t_s[np.maximum(k - 1, 0)], t_s[np.minimum(k, len(t_s) - 1)]
-    skew_s = np.minimum(np.abs(t_press_s - before), np.abs(t_press_s - after))
+    earlier_s, later_s = t_s[np.maximum(k - 1, 0)], t_s[np.minimum(k, len(t_s) - 1)]
+    skew_s = np.minimum(np.abs(t_press_s - earlier_s), np.abs(t_press_s - later_s))
     return np.stack(values, axis=1), skew_s

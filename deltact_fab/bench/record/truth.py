@@ -25,7 +25,7 @@ from deltact_fab.sensor import (
 
 from .files import TruthFiles
 
-KEPT = ("displacement_mm", "traction_mpa", "x_mm", "y_mm")
+TRUTH_ARRAYS = ("displacement_mm", "traction_mpa", "x_mm", "y_mm")
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class RunTruth:
 
         Raises RunFailed for a frame of a press that was cut off: truth is stored press by press.
         """
-        return self._at(frame_id, "displacement_mm")
+        return self._interpolated(frame_id, "displacement_mm")
 
     def traction_mpa(self, frame_id: str) -> NDArray[np.float64]:
         """What presses and shears the face, (ny, nx, 3) MPa per resting area, on `face_mm`.
@@ -61,16 +61,16 @@ class RunTruth:
         node, 0 at its neighbours), so that trapezoids over the face give the force on the sensor.
         Raises RunFailed as `displacement_mm` does, and where the protocol did not ask for it.
         """
-        return self._at(frame_id, "traction_mpa")
+        return self._interpolated(frame_id, "traction_mpa")
 
     def face_mm(self, frame_id: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Nodes (nx,) and (ny,) along x and y of the whole face, where tractions are given."""
-        held = self._held(self._place(frame_id)[0], "traction_mpa")
-        return held["x_mm"], held["y_mm"]
+        arrays = self._press_arrays(self._place(frame_id)[0], "traction_mpa")
+        return arrays["x_mm"], arrays["y_mm"]
 
-    def _at(self, frame_id: str, name: str) -> NDArray[np.float64]:
+    def _interpolated(self, frame_id: str, name: str) -> NDArray[np.float64]:
         press, a, b, fraction = self._place(frame_id)
-        knots = self._held(press, name)[name]
+        knots = self._press_arrays(press, name)[name]
         first = knots[a].astype(float)
         return np.asarray(first + fraction * (knots[b].astype(float) - first))
 
@@ -84,50 +84,50 @@ class RunTruth:
 
     def flow_px(self, frame_id: str) -> NDArray[np.float64]:
         """Projected displacement of what every pixel sees at rest, (h, w, 2) px."""
-        return self._seen.both(self.displacement_mm(frame_id))[0]
+        return self._seen_face.motion(self.displacement_mm(frame_id))[0]
 
     def flow_and_in_plane(self, frame_id: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """`flow_px`, and the displacement in the plane, (h, w, 2) mm: not projected."""
-        return self._seen.both(self.displacement_mm(frame_id))
+        return self._seen_face.motion(self.displacement_mm(frame_id))
 
     def points_px(self, frame_id: str, xy_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Projected displacement (n, 2) px of points of the resting face (n, 2) mm."""
-        return self._seen.points_px(self.displacement_mm(frame_id), xy_mm)
+        return self._seen_face.points_px(self.displacement_mm(frame_id), xy_mm)
 
     @cached_property
-    def _seen(self) -> SeenFace:
+    def _seen_face(self) -> SeenFace:
         return SeenFace(self.camera, self.lattice, self.lens)
 
-    def _held(self, press: str, name: str) -> dict[str, NDArray[Any]]:
+    def _press_arrays(self, press: str, name: str) -> dict[str, NDArray[Any]]:
         """The arrays of a press, `name` among them."""
-        held: dict[str, dict[str, NDArray[Any]]] = self.__dict__.setdefault("held", {})
+        cached: dict[str, dict[str, NDArray[Any]]] = self.__dict__.setdefault("held", {})
         path = TruthFiles(self.folder).press(press)
-        if press not in held:
-            held.clear()  # one press at a time: knots of a press fill some ten megabytes
+        if press not in cached:
+            cached.clear()  # one press at a time: knots of a press fill some ten megabytes
             with _reading(path) as data:
-                held[press] = {key: data[key] for key in data if key in KEPT}
-        if name not in held[press]:
+                cached[press] = {key: data[key] for key in data if key in TRUTH_ARRAYS}
+        if name not in cached[press]:
             raise RunFailed(
                 f"{path}: no {name}: the protocol's channels did not ask for 'traction'"
             )
-        return held[press]
+        return cached[press]
 
 
-def load(
+def load_truth(
     folder: Path, camera: CameraModel, presses: Iterable[str], tractions: bool = False
 ) -> RunTruth:
     """The truth of all complete ones of these presses. Raises RunFailed when it is damaged."""
     files = TruthFiles(folder)
-    index, drawn = files.lattice, files.lens
+    index, lens_file = files.lattice, files.lens
     lens = None
     try:
         lattice = validate(SurfaceLattice, read_json(index), str(index))
         if isinstance(camera, Rectified):
-            lens = restore_camera(read_json(drawn), str(drawn))
-    except InputError as why:
-        raise RunFailed(str(why)) from why
+            lens = restore_camera(read_json(lens_file), str(lens_file))
+    except InputError as error:
+        raise RunFailed(str(error)) from error
     if not isinstance(lens, Fisheye | None):
-        raise RunFailed(f"{drawn}: model: not a lens that a virtual rig draws through")
+        raise RunFailed(f"{lens_file}: model: not a lens that a virtual rig draws through")
     frames: dict[str, tuple[str, int, int, float]] = {}
     for press in presses:
         path = files.press(press)
@@ -146,5 +146,5 @@ def _reading(path: Path) -> Iterator[Any]:
     try:
         with np.load(path) as data:
             yield data
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as why:
-        raise RunFailed(f"{path}: the truth cannot be read: {why}") from why
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        raise RunFailed(f"{path}: the truth cannot be read: {error}") from error

@@ -26,19 +26,28 @@ from deltact_fab.common import (
 from deltact_fab.sensor import FlatField
 
 from ..protocols.plan import Step
-from .check import RunVerdict, judge, unlike_hashes
-from .files import FLAT, FORMAT, TruthFiles, frame_id_of, image_file, json_bytes, metadata, written
+from .check import RunVerdict, find_damage, hash_mismatches
+from .files import (
+    FLAT_FILE,
+    RUN_FORMAT,
+    TruthFiles,
+    frame_id_of,
+    image_file,
+    json_bytes,
+    metadata_files,
+    written_files,
+)
 from .images import ImageFormat, encode
 from .journal import (
+    JOURNAL_SCHEMA,
     PRESS_TABLES,
-    SCHEMA,
     TableRow,
     WriterThreads,
     claim,
     connect,
     insert,
     journal_errors,
-    keep_hashes,
+    store_hashes,
 )
 from .run import Run
 from .streams import Chunk, pack
@@ -55,7 +64,7 @@ class RunWriter:
     def __init__(self, folder: Path, steps: Sequence[Step], image_format: str) -> None:
         """For `create` and `resume` only."""
         self.folder = folder
-        self.kept: frozenset[str] = frozenset()
+        self.kept_presses: frozenset[str] = frozenset()
         """Presses that are complete and are not carried out again."""
         self.redone: dict[str, str] = {}
         """Presses found begun or damaged, and why they are carried out again."""
@@ -63,18 +72,18 @@ class RunWriter:
         """Frames of finished steps that did not come, over all sessions."""
         self.session = 1
         self.image_format = image_format
-        self.failed: Callable[[RunFailed], None] = lambda why: None
+        self.failed: Callable[[RunFailed], None] = lambda error: None
         """Told at once, from another thread, when the disk refuses; the next call raises it too."""
         self._step_seq = {step.id: n for n, step in enumerate(steps, start=1)}
-        before = accumulate((step.frames for step in steps), initial=0)
-        self._frames_before = {step.id: n for step, n in zip(steps, before, strict=False)}
+        frames_before = accumulate((step.frames for step in steps), initial=0)
+        self._frames_before = {step.id: n for step, n in zip(steps, frames_before, strict=False)}
         self._claim = claim(folder)
         try:
             self._db = connect(folder)
         except BaseException:
             self._claim.close()
             raise
-        self._writing = WriterThreads(folder, self._db, lambda why: self.failed(why))
+        self._writing = WriterThreads(folder, self._db, lambda error: self.failed(error))
 
     @classmethod
     def create(
@@ -93,37 +102,37 @@ class RunWriter:
         """
         if folder.exists():
             raise InputError(f"{folder}: already there; name a new --out folder")
-        ImageFormat.of(meta).require()
-        made = folder.with_name(f".{folder.name}.part")
+        ImageFormat.from_meta(meta).require()
+        part = folder.with_name(f".{folder.name}.part")
         try:
             with disk_errors(folder, "made"):
                 folder.parent.mkdir(parents=True, exist_ok=True)
-                if made.exists():
-                    shutil.rmtree(made)  # a start that was cut off
-                (made / "images").mkdir(parents=True)
-            given = {
-                "run.json": json_bytes({"format": FORMAT, **meta}),
+                if part.exists():
+                    shutil.rmtree(part)  # a start that was cut off
+                (part / "images").mkdir(parents=True)
+            files = {
+                "run.json": json_bytes({"format": RUN_FORMAT, **meta}),
                 "protocol.toml": protocol,
                 "pattern.json": json_bytes(pattern),
             }
             if flat is not None:
-                given[FLAT] = flat.png()
-            for name, data in given.items():
-                write_whole(made / name, data)
-            with journal_errors(made), closing(connect(made, new=True)) as db:
-                db.executescript(f"BEGIN;{SCHEMA}COMMIT;")
+                files[FLAT_FILE] = flat.to_png()
+            for name, data in files.items():
+                write_whole(part / name, data)
+            with journal_errors(part), closing(connect(part, new=True)) as db:
+                db.executescript(f"BEGIN;{JOURNAL_SCHEMA}COMMIT;")
                 with db:
                     insert(db, "events", _event("session", "begun"))
-                keep_hashes(db, given)
+                store_hashes(db, files)
             with disk_errors(folder, "made"):
-                made.rename(folder)
+                part.rename(folder)
                 sync_folder(folder.parent)
-        except BaseException as why:
-            shutil.rmtree(made, ignore_errors=True)
-            if isinstance(why, RunFailed):  # in words of the folder that was asked for
-                raise RunFailed(str(why).replace(str(made), str(folder))) from why
+        except BaseException as error:
+            shutil.rmtree(part, ignore_errors=True)
+            if isinstance(error, RunFailed):  # in words of the folder that was asked for
+                raise RunFailed(str(error).replace(str(part), str(folder))) from error
             raise
-        return cls(folder, steps, ImageFormat.of(meta).suffix)
+        return cls(folder, steps, ImageFormat.from_meta(meta).suffix)
 
     @classmethod
     def resume(
@@ -137,21 +146,21 @@ class RunWriter:
         run = Run(folder)
         if not os.access(folder, os.W_OK):
             raise InputError(f"{folder}: cannot be written; a run is continued where it stands")
-        form = ImageFormat.of(run.meta)
+        form = ImageFormat.from_meta(run.meta)
         form.require()
         writer = cls(folder, steps, form.suffix)
         try:
             with journal_errors(folder):
-                for found in unlike_hashes(run, writer._db):
-                    raise RunFailed(f"{folder / found.where}: {found.text}; put it back")
+                for damage in hash_mismatches(run, writer._db):
+                    raise RunFailed(f"{folder / damage.where}: {damage.text}; put it back")
                 verdict = RunVerdict(folder)
-                for found in judge(run, writer._db, steps, verdict, progress):
-                    if found.where == "journal.sqlite":
-                        raise sqlite3.DatabaseError(found.text)
-                    if found.kind == "damaged":
-                        writer.redone.setdefault(found.where, found.text)
+                for damage in find_damage(run, writer._db, steps, verdict, progress):
+                    if damage.where == "journal.sqlite":
+                        raise sqlite3.DatabaseError(damage.text)
+                    if damage.kind == "damaged":
+                        writer.redone.setdefault(damage.where, damage.text)
                 writer.redone |= verdict.open
-                writer.kept = frozenset(verdict.sound)
+                writer.kept_presses = frozenset(verdict.sound)
                 writer._clear()
         except BaseException:
             writer.abandon()
@@ -181,7 +190,7 @@ class RunWriter:
         row: TableRow = {
             "frame_id": frame_id,
             "seq": self._frames_before[step.id] + k,
-            **_named(step),
+            **_step_columns(step),
             "k": k,
             "settled": step.settled and k == step.frames,
             "file": None,
@@ -195,7 +204,7 @@ class RunWriter:
             "wall_s": time.time(),
         }
         if image is None:
-            self._writing.put([("frames", row)])
+            self._writing.put_rows([("frames", row)])
             return frame_id
         row["file"] = image_file(frame_id, self.image_format)
         path = self.folder / row["file"]
@@ -218,7 +227,7 @@ class RunWriter:
         x_mm, y_mm, z_mm = step.target_mm
         row: TableRow = {
             "seq": self._step_seq[step.id],
-            **_named(step),
+            **_step_columns(step),
             "x_mm": x_mm,
             "y_mm": y_mm,
             "z_mm": z_mm,
@@ -229,17 +238,17 @@ class RunWriter:
             "t_end_s": t_end_s,
             "wall_s": time.time(),
         }
-        self._writing.put([*self._samples(step, chunks), ("steps", row)])
+        self._writing.put_rows([*self._samples(step, chunks), ("steps", row)])
 
     def cut_off(self, step: Step, chunks: Iterable[Chunk]) -> None:
         """Keep the samples of a step that will not be finished, until its press is done again."""
-        self._writing.put(self._samples(step, chunks))
+        self._writing.put_rows(self._samples(step, chunks))
 
     def event(
         self, kind: str, text: str, t_s: float | None = None, step: Step | None = None
     ) -> None:
         """Note what happened, at a time of the rig's clock; from any thread."""
-        self._writing.put([("events", _event(kind, text, t_s, step))], history=True)
+        self._writing.put_rows([("events", _event(kind, text, t_s, step))], history=True)
 
     def ready(self) -> None:
         """Load what writing images needs: doing so keeps all other threads waiting for a while."""
@@ -267,8 +276,9 @@ class RunWriter:
             self._writing.close()
             data = json_bytes(summary)
             with journal_errors(self.folder), disk_errors(self.folder):
-                known = {f: (self.folder / f).read_bytes() for f in metadata(self.folder, True)}
-                keep_hashes(self._db, {**known, "summary.json": data})
+                names = metadata_files(self.folder, True)
+                contents = {name: (self.folder / name).read_bytes() for name in names}
+                store_hashes(self._db, {**contents, "summary.json": data})
                 self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
                 # A finished record is read from anywhere, write-protected folders included; a
                 # reader that has it open just now keeps the log in being.
@@ -298,7 +308,7 @@ class RunWriter:
         with self._db:
             for table in PRESS_TABLES:
                 rows = self._db.execute(f"SELECT DISTINCT press FROM {table}").fetchall()
-                gone = [(press,) for (press,) in rows if press not in self.kept]
+                gone = [(press,) for (press,) in rows if press not in self.kept_presses]
                 self._db.executemany(f"DELETE FROM {table} WHERE press = ?", gone)
             query = "SELECT coalesce(sum(missed), 0) FROM steps"
             self.missed = self._db.execute(query).fetchone()[0]
@@ -306,21 +316,21 @@ class RunWriter:
             count = "SELECT count(*) FROM events WHERE kind = 'session'"
             self.session = 1 + self._db.execute(count).fetchone()[0]
             text = f"resumed: {kept_frames} frames kept"
-            again = "; ".join(f"{press}: {why}" for press, why in self.redone.items())
-            text += f"; done again: {again}" if again else ""
+            repeated = "; ".join(f"{press}: {reason}" for press, reason in self.redone.items())
+            text += f"; done again: {repeated}" if repeated else ""
             insert(self._db, "events", _event("session", text))
         files = self._db.execute("SELECT file FROM frames WHERE file IS NOT NULL")
         keep = {self.folder / file for (file,) in files}
-        keep |= {TruthFiles(self.folder).press(press) for press in self.kept}
-        for path in written(self.folder):
+        keep |= {TruthFiles(self.folder).press(press) for press in self.kept_presses}
+        for path in written_files(self.folder):
             if path not in keep:
                 try:
                     path.unlink()
-                except OSError as why_not:
-                    raise RunFailed(f"{path}: cannot be removed: {why_not.strerror}") from why_not
+                except OSError as error:
+                    raise RunFailed(f"{path}: cannot be removed: {error.strerror}") from error
 
 
-def _named(step: Step) -> TableRow:
+def _step_columns(step: Step) -> TableRow:
     return {
         "step_id": step.id,
         "press": step.press,

@@ -11,7 +11,7 @@ from ..aliases import Progress
 from ..errors import RunFailed
 from .local import Local, processors
 
-_POLL_S = 1.0  # where a blocked wait does not let Ctrl-C in
+_QUEUE_POLL_S = 1.0  # where a blocked wait does not let Ctrl-C in
 
 J = TypeVar("J")
 R = TypeVar("R")
@@ -21,7 +21,7 @@ class CannotGoOn(RunFailed):
     """Not a job failed but what they run on: no other job of it will come through."""
 
 
-Heard = Callable[[int, R | None, Exception | None], None]
+JobCallback = Callable[[int, R | None, Exception | None], None]
 """Takes the index of a job that ended, and its value or its error."""
 
 
@@ -37,7 +37,7 @@ def run_each(
     executor: Executor | None = None,
     progress: Progress | None = None,
     *,
-    arrived: Callable[[int, R], None] = lambda index, result: None,
+    on_result: Callable[[int, R], None] = lambda index, result: None,
     workers: int | None = None,
 ) -> list[R]:
     """Run jobs and return their results in order; arguments as of `run_jobs`.
@@ -49,16 +49,16 @@ def run_each(
     results: dict[int, R] = {}
     failed: dict[int, Exception] = {}
 
-    def heard(index: int, value: R | None, error: Exception | None) -> None:
+    def collect(index: int, value: R | None, error: Exception | None) -> None:
         if error is not None:
             failed[index] = error
         elif not failed:
             results[index] = value  # type: ignore[assignment]
-            arrived(index, results[index])
+            on_result(index, results[index])
             if progress is not None:
                 progress(len(results), len(jobs), names[index])
 
-    run_jobs(work, jobs, heard, executor, workers=workers, until_failure=True)
+    run_jobs(work, jobs, collect, executor, workers=workers, until_failure=True)
     if failed:
         raise failed[min(failed)]
     return [results[index] for index in range(len(jobs))]
@@ -67,7 +67,7 @@ def run_each(
 def run_jobs(
     work: Callable[[J], R],
     jobs: Sequence[J],
-    heard: Heard[R],
+    on_end: JobCallback[R],
     executor: Executor | None = None,
     *,
     workers: int | None = None,
@@ -82,20 +82,20 @@ def run_jobs(
     when the executor is gone, or is none that these jobs may run on.
     """
     if executor is not None:
-        _run_on(executor, work, jobs, heard, until_failure)
+        _run_on(executor, work, jobs, on_end, until_failure)
         return
     several = min(workers or processors(), len(jobs))
     if several > 1:
-        with Local(several) as own:
-            _run_on(own, work, jobs, heard, until_failure)
+        with Local(several) as local:
+            _run_on(local, work, jobs, on_end, until_failure)
         return
     for index, job in enumerate(jobs):
         value, error = None, None
         try:
             value = work(job)
-        except Exception as why:
-            error = why
-        heard(index, value, error)
+        except Exception as exc:
+            error = exc
+        on_end(index, value, error)
         if until_failure and error is not None:
             return
 
@@ -104,11 +104,11 @@ def _run_on(
     executor: Executor,
     work: Callable[[J], R],
     jobs: Sequence[J],
-    heard: Heard[R],
+    on_end: JobCallback[R],
     until_failure: bool,
 ) -> None:
     # What has ended goes through one queue: it is heard in its order and in this thread.
-    news: queue.SimpleQueue[Future[R]] = queue.SimpleQueue()
+    ended_futures: queue.SimpleQueue[Future[R]] = queue.SimpleQueue()
     futures: dict[Future[R], int] = {}
     # Dask blames a worker's death on every job that waited there: each is tried once more alone.
     blamed: list[int] = []
@@ -123,16 +123,16 @@ def _run_on(
 
     try:
         for future in [submit(index) for index in range(len(jobs))]:
-            future.add_done_callback(news.put)
+            future.add_done_callback(ended_futures.put)
         while futures or blamed:
             if not futures:
                 alone = blamed.pop(0)
                 if alone < first_failed:
-                    submit(alone).add_done_callback(news.put)
+                    submit(alone).add_done_callback(ended_futures.put)
                 continue
             check()
             try:
-                future = news.get(timeout=_POLL_S)
+                future = ended_futures.get(timeout=_QUEUE_POLL_S)
             except queue.Empty:
                 continue
             # Let go of, so that no more results are held than the caller holds.
@@ -146,10 +146,10 @@ def _run_on(
             ended = _outcome(future)
             if until_failure and ended[1] is not None:
                 first_failed = index
-                for other, place in futures.items():
+                for pending, place in futures.items():
                     if place > index:
-                        other.cancel()
-            heard(index, *ended)
+                        pending.cancel()
+            on_end(index, *ended)
     finally:
         for future in futures:
             future.cancel()
@@ -162,12 +162,12 @@ def _was_killed(future: Future[R]) -> bool:
 def _outcome(future: Future[R]) -> tuple[R | None, Exception | None]:
     try:
         return future.result(), None
-    except CancelledError as why:  # not by us, who ask no more then
-        raise CannotGoOn("what the jobs ran on is gone") from why
+    except CancelledError as error:  # not by us, who ask no more then
+        raise CannotGoOn("what the jobs ran on is gone") from error
     except CannotGoOn:
         raise
-    except Exception as why:
+    except Exception as error:
         killed = RunFailed(
             "every worker that tried it died (out of memory, or killed); the cluster gave it up"
         )
-        return None, killed if _was_killed(future) else why
+        return None, killed if _was_killed(future) else error

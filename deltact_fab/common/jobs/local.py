@@ -31,7 +31,7 @@ THREAD_VARIABLES = (
     "VECLIB_MAXIMUM_THREADS",
     "OPENCV_FOR_THREADS_NUM",
 )
-TRIES = 2
+JOB_ATTEMPTS = 2
 """A job is begun at most so often, when its process dies under it."""
 _share: int | None = None
 
@@ -58,7 +58,7 @@ class Local(ThreadPoolExecutor):
         super().__init__(workers, "deltact-fab-job", _hold_interrupts)
         self.workers = workers
         self.threads = threads or max(1, processors() // workers)
-        self._mine = threading.local()
+        self._per_thread = threading.local()
         self._pools: list[ProcessPoolExecutor] = []
         self._starting = threading.Lock()
         self._closed = False
@@ -74,7 +74,7 @@ class Local(ThreadPoolExecutor):
 
         # Here, and unpacked by the job: what cannot be unpacked fails like any other job.
         packed = pickle.dumps((fn, args, kwargs))
-        for _ in range(TRIES):
+        for _ in range(JOB_ATTEMPTS):
             try:
                 answer: R = self._process(packed).result()
                 return answer
@@ -90,15 +90,15 @@ class Local(ThreadPoolExecutor):
         """A job given to this thread's process, which is started where there is none."""
         from concurrent.futures.process import BrokenProcessPool
 
-        if (pool := getattr(self._mine, "pool", None)) is not None:
+        if (pool := getattr(self._per_thread, "pool", None)) is not None:
             # One that died while it had nothing to do has not tried.
             with contextlib.suppress(BrokenProcessPool):
                 return pool.submit(_work, packed)
         with self._starting:
             if self._closed:
                 raise CancelledError
-            self._mine.pool, future = _start(packed, self.threads)
-            self._pools.append(self._mine.pool)
+            self._per_thread.pool, future = _start(packed, self.threads)
+            self._pools.append(self._per_thread.pool)
         return future
 
     def __exit__(self, *_: object) -> None:

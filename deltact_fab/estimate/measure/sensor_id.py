@@ -16,7 +16,7 @@ from annotated_types import Ge
 
 from deltact_fab.common import Array, InputError, read_toml, toml_text, validate
 from deltact_fab.sensor import CameraModel, FlatField, SkinDimensions
-from deltact_fab.version import VERSION
+from deltact_fab.version import PACKAGE_VERSION
 
 SCHEMA = 1
 Kind = Literal["depth", "force", "acceptance"]
@@ -234,7 +234,7 @@ def format_acceptance(
     which lies beside the file, and its bytes. rows: what was checked.
     """
     simulated = known.simulated is not None
-    made = CalibrationSource((source,), simulated, VERSION, seed if simulated else None)
+    made = CalibrationSource((source,), simulated, PACKAGE_VERSION, seed if simulated else None)
     head = CalibrationHead("acceptance", SensorId(known.design, known.serial), made)
     return head.toml({"rest": rest_table(*rest), "accepted": {"rows": rows}})
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltact_fab.common import Array, Field, Image, Point, Point2
-from deltact_fab.sensor import GAMMA, CameraModel, SkinDimensions
+from deltact_fab.sensor import CAMERA_GAMMA, CameraModel, SkinDimensions
 
 from .locate import (
     LEAST_AGREEMENT,
@@ -275,7 +275,7 @@ class ComparedPrint:
         slope, offset = (
             np.take_along_axis(one, best[None], 0)[0] for one in (self.slope, self.offset)
         )
-        white = np.clip(slope + offset, 0, None) ** GAMMA
+        white = np.clip(slope + offset, 0, None) ** CAMERA_GAMMA
         light = _smooth(white, shown)[shown]
         mean = float(light.mean())
         edges, torn, inside = _missing(~shown, tiles)

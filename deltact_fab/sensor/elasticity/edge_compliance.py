@@ -32,7 +32,7 @@ from deltact_fab.common import Field, InputError, Store, cache_key
 from ..shapes.sensor import SkinDimensions
 
 # Corners of a brick as (x, y, z) steps: round the lower face, then round the upper one.
-CORNERS = np.array(
+BRICK_CORNERS = np.array(
     [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
 )
 
@@ -60,7 +60,7 @@ def stiffness(box: BrickBox, poisson: float, free: NDArray[np.bool_]) -> sp.csr_
     nx, ny, nz = box.bricks
     z, y, x = np.meshgrid(np.arange(nz), np.arange(ny), np.arange(nx), indexing="ij")
     corners = [
-        ((z + dz) * (ny + 1) + y + dy) * (nx + 1) + x + dx for dx, dy, dz in CORNERS.tolist()
+        ((z + dz) * (ny + 1) + y + dy) * (nx + 1) + x + dx for dx, dy, dz in BRICK_CORNERS.tolist()
     ]
     nodes = np.stack(corners, axis=-1).reshape(-1, 8)
     number = np.full(free.size, -1)
@@ -68,21 +68,21 @@ def stiffness(box: BrickBox, poisson: float, free: NDArray[np.bool_]) -> sp.csr_
     place = number[(3 * nodes[:, :, None] + np.arange(3)).reshape(-1, 24)]
     rows, columns = np.repeat(place, 24, axis=1), np.tile(place, (1, 24))
     values = np.tile(_brick(box.side_mm, poisson).ravel(), (len(nodes), 1))
-    kept = (rows >= 0) & (columns >= rows)
+    mask = (rows >= 0) & (columns >= rows)
     size = int(np.count_nonzero(free))
-    entries = (values[kept], (rows[kept], columns[kept]))
+    entries = (values[mask], (rows[mask], columns[mask]))
     return sp.coo_matrix(entries, shape=(size, size)).tocsr()
 
 
 def brick_gradients() -> Field:
     """dN_a / dxi_j (8 Gauss points, 8 nodes, 3) of the brick from -1 to 1."""
-    signs = 2.0 * CORNERS - 1
+    signs = 2.0 * BRICK_CORNERS - 1
     factor = 1 + signs[:, None, :] / np.sqrt(3) * signs[None]
-    found = np.empty((8, 8, 3))
+    gradients = np.empty((8, 8, 3))
     for j in range(3):
-        others = [k for k in range(3) if k != j]
-        found[:, :, j] = signs[:, j] * factor[..., others].prod(axis=-1) / 8
-    return found
+        other_axes = [k for k in range(3) if k != j]
+        gradients[:, :, j] = signs[:, j] * factor[..., other_axes].prod(axis=-1) / 8
+    return gradients
 
 
 def _brick(side_mm: tuple[float, float, float], poisson: float) -> Field:
@@ -100,14 +100,14 @@ def _brick(side_mm: tuple[float, float, float], poisson: float) -> Field:
     return mu * weight * shear.reshape(24, 24) + bulk
 
 
-Signs = tuple[int, int]
+MirrorSigns = tuple[int, int]
 
 MAX_LINEAR_POISSON = 0.4999
-PADDING = 2  # periods of the slab, in faces
-CELLS_ALONG = 24  # cells along the longer side, unless a size is asked for
-MAX_ALONG = 36  # the same where the gel is thinner than such a cell
-_STORE = Store("gel-sides")
-_CLASSES: tuple[Signs, ...] = ((1, 1), (-1, 1), (1, -1), (-1, -1))  # in (x, y)
+SLAB_PAD = 2  # periods of the slab, in faces
+CELLS_ALONG_SIDE = 24  # cells along the longer side, unless a size is asked for
+MAX_CELLS_ALONG_SIDE = 36  # the same where the gel is thinner than such a cell
+_SIDES_STORE = Store("gel-sides")
+_SYMMETRY_CLASSES: tuple[MirrorSigns, ...] = ((1, 1), (-1, 1), (1, -1), (-1, -1))  # in (x, y)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,21 +148,21 @@ def free_sides(skin: SkinDimensions, poisson: float, cell_mm: float | None = Non
     )
     a, b = skin.opening_half_mm
     x, y = np.linspace(-a, a, box.bricks[0] + 1), np.linspace(-b, b, box.bricks[1] + 1)
-    quarters = _STORE.read(key)
+    quarters = _SIDES_STORE.read(key)
     if quarters is None:
         quarters = _quarters(box, poisson)
-        _STORE.write(key, quarters)
+        _SIDES_STORE.write(key, quarters)
     return FreeSides(x, y, quarters)
 
 
-def halves(values: Field) -> Field:
+def even_odd(values: Field) -> Field:
     """Amplitudes (2, h, ...) of the even and the odd part of values (2 h - 1, ...) on a mirror.
 
     The map is orthonormal: its transpose puts the values together again.
     """
     h = len(values) // 2
-    right, left = values[h:], values[h::-1]
-    parts = np.stack([right + left, right - left]) / math.sqrt(2)
+    positive, negative = values[h:], values[h::-1]
+    parts = np.stack([positive + negative, positive - negative]) / math.sqrt(2)
     parts[0, 0] = values[h]
     return parts
 
@@ -172,11 +172,11 @@ def _box(skin: SkinDimensions, cell_mm: float | None) -> BrickBox:
     longer = max(skin.width_mm, skin.length_mm)
     size = cell_mm
     if size is None:
-        size = min(longer / CELLS_ALONG, max(skin.thickness_mm, longer / MAX_ALONG))
-    least, most = longer / 80, min(skin.width_mm, skin.length_mm) / 4
-    if not (math.isfinite(size) and least * (1 - 1e-9) <= size <= most):
+        size = min(longer / CELLS_ALONG_SIDE, max(skin.thickness_mm, longer / MAX_CELLS_ALONG_SIDE))
+    min_mm, max_mm = longer / 80, min(skin.width_mm, skin.length_mm) / 4
+    if not (math.isfinite(size) and min_mm * (1 - 1e-9) <= size <= max_mm):
         raise InputError(
-            f"block: cell_mm must be {least:g} to {most:g} mm for a face of {skin.width_mm:g} x "
+            f"block: cell_mm must be {min_mm:g} to {max_mm:g} mm for a face of {skin.width_mm:g} x "
             f"{skin.length_mm:g} mm: {size:g} fails"
         )
     nx, ny = (2 * math.ceil(side / (2 * size) - 1e-9) for side in (skin.width_mm, skin.length_mm))
@@ -198,16 +198,16 @@ def _quarters(box: BrickBox, poisson: float) -> Field:
     # A node's images share its unit of force.
     root = np.sqrt(np.where(row > 0, 2.0, 1.0) * np.where(column > 0, 2.0, 1.0)) / 2
     q = len(row)
-    found = np.zeros((3, 3, 4, q, q))
-    for i, signs in enumerate(_CLASSES):
+    quarters = np.zeros((3, 3, 4, q, q))
+    for i, signs in enumerate(_SYMMETRY_CLASSES):
         free = _free_on_face(row, column, signs)
         part = _condensed(quarter, poisson, np.tile(free, (layers + 1, 1)))
         part -= _mirrored(kernel, row, column, free, signs)
-        whole = np.zeros((3 * q, 3 * q))
-        whole[np.ix_(free.ravel(), free.ravel())] = (part + part.T) / 2
-        scaled = root[:, None, None, None] * whole.reshape(q, 3, q, 3) * root[:, None]
-        found[:, :, i] = np.transpose(scaled, (1, 3, 0, 2))
-    return found
+        full = np.zeros((3 * q, 3 * q))
+        full[np.ix_(free.ravel(), free.ravel())] = (part + part.T) / 2
+        scaled = root[:, None, None, None] * full.reshape(q, 3, q, 3) * root[:, None]
+        quarters[:, :, i] = np.transpose(scaled, (1, 3, 0, 2))
+    return quarters
 
 
 def _condensed(box: BrickBox, poisson: float, free: NDArray[np.bool_]) -> Field:
@@ -223,9 +223,9 @@ def _condensed(box: BrickBox, poisson: float, free: NDArray[np.bool_]) -> Field:
     rest = np.zeros((n, n))
     for start in range(0, upper.shape[0], n):
         rows = upper[start : start + n].tocsc()
-        own = rows[:, start : start + n].toarray()
-        own += np.triu(own, 1).T
-        factor = scipy.linalg.cholesky(own - rest, lower=True, overwrite_a=True, check_finite=False)
+        full = rows[:, start : start + n].toarray()
+        full += np.triu(full, 1).T
+        factor = scipy.linalg.cholesky(full - rest, True, overwrite_a=True, check_finite=False)
         if start + n < upper.shape[0]:
             above = scipy.linalg.solve_triangular(
                 factor, rows[:, start + n : start + 2 * n].toarray(), lower=True,
@@ -245,8 +245,8 @@ def _slab_kernel(box: BrickBox, poisson: float) -> Field:
     levels = layers + 1
     column = BrickBox((1, 1, layers), box.side_mm)
     upper = stiffness(column, poisson, np.ones((column.nodes, 3), dtype=bool)).toarray()
-    whole = (upper + np.triu(upper, 1).T).reshape(levels, 4, 3, levels, 4, 3)
-    my, mx = PADDING * ny, PADDING * nx
+    full = (upper + np.triu(upper, 1).T).reshape(levels, 4, 3, levels, 4, 3)
+    my, mx = SLAB_PAD * ny, SLAB_PAD * nx
     ky, kx = 2 * np.pi * scipy.fft.fftfreq(my), 2 * np.pi * scipy.fft.rfftfreq(mx)
     at_y, at_x = (
         np.exp(1j * np.multiply.outer(ky, [0, 1])),
@@ -258,7 +258,7 @@ def _slab_kernel(box: BrickBox, poisson: float) -> Field:
     spectrum = np.empty((my, len(kx), 3, 3), dtype=np.complex128)
     for i in range(my):
         phase = np.einsum("b,ka->kba", at_y[i], at_x).reshape(-1, 4)
-        waves = np.einsum("ka,maincj,kc->kminj", phase.conj(), whole, phase, optimize=True).reshape(
+        waves = np.einsum("ka,maincj,kc->kminj", phase.conj(), full, phase, optimize=True).reshape(
             len(kx), 3 * levels, 3 * levels
         )[:, 3:, 3:]
         spectrum[i] = np.linalg.solve(waves, right[None])[:, -3:]
@@ -266,7 +266,7 @@ def _slab_kernel(box: BrickBox, poisson: float) -> Field:
 
 
 def _free_on_face(
-    row: NDArray[np.int64], column: NDArray[np.int64], signs: Signs
+    row: NDArray[np.int64], column: NDArray[np.int64], signs: MirrorSigns
 ) -> NDArray[np.bool_]:
     """Which displacements (n, 3) of the quarter's nodes a symmetry class leaves free.
 
@@ -274,12 +274,12 @@ def _free_on_face(
     """
     free = np.ones((len(row), 3), dtype=bool)
     for axis, on in ((0, column == 0), (1, row == 0)):
-        held = np.arange(3) == axis if signs[axis] > 0 else np.arange(3) != axis
-        free[on] &= ~held
+        fixed = np.arange(3) == axis if signs[axis] > 0 else np.arange(3) != axis
+        free[on] &= ~fixed
     return free
 
 
-_MIRRORS = ((False, False), (True, False), (False, True), (True, True))
+_MIRROR_IMAGES = ((False, False), (True, False), (False, True), (True, True))
 
 
 def _mirrored(
@@ -287,11 +287,11 @@ def _mirrored(
     row: NDArray[np.int64],
     column: NDArray[np.int64],
     free: NDArray[np.bool_],
-    signs: Signs,
+    signs: MirrorSigns,
 ) -> Field:
     """The slab's response (n, n) to a class's forces on all four quarters."""
     total = np.zeros((len(row), 3, len(row), 3))
-    for mirror in _MIRRORS:
+    for mirror in _MIRROR_IMAGES:
         x, y = (-column if mirror[0] else column), (-row if mirror[1] else row)
         part = kernel[:, :, row[:, None] - y[None, :], column[:, None] - x[None, :]]
         # What a force's components are multiplied with at this image.

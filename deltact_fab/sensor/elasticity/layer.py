@@ -114,18 +114,18 @@ class BondedLayer:
         transform skips the rows that hold nothing.
         """
         (_, my, mx), (ny, nx) = tractions_mpa.shape, self.shape
-        wide = np.zeros((3, my, nx))
-        wide[:, :, column : column + mx] = tractions_mpa
+        padded = np.zeros((3, my, nx))
+        padded[:, :, column : column + mx] = tractions_mpa
         half = np.zeros((3, ny, nx // 2 + 1), dtype=np.complex128)
-        half[:, row : row + my] = scipy.fft.rfft(wide, axis=2, workers=1)
+        half[:, row : row + my] = scipy.fft.rfft(padded, axis=2, workers=1)
         tx, ty, tz = scipy.fft.fft(half, axis=1, workers=1, overwrite_x=True)
         xx, yy, xy, zz, xz, yz = self._symbols
         u = np.empty_like(half)
         u[0] = xx * tx + xy * ty - 1j * xz * tz
         u[1] = xy * tx + yy * ty - 1j * yz * tz
         u[2] = zz * tz + 1j * (xz * tx + yz * ty)
-        moved = scipy.fft.irfft2(u, s=(ny, nx), axes=(1, 2), workers=1, overwrite_x=True)
-        return np.moveaxis(moved, 0, -1)
+        displacement = scipy.fft.irfft2(u, s=(ny, nx), axes=(1, 2), workers=1, overwrite_x=True)
+        return np.moveaxis(displacement, 0, -1)
 
     def window(self, my: int, mx: int, row: int = 0, column: int = 0) -> WindowOperator:
         """The operator between tractions and displacements of one my x mx patch.
@@ -163,8 +163,8 @@ class BondedLayer:
         """Point responses (6, ny, nx), offset 0 first: xx, yy, xy, zz, xz (u_x of t_z), yz."""
         spectra = self._symbols.astype(np.complex128)
         spectra[4:] *= -1j
-        found: Field = scipy.fft.irfft2(spectra, s=self.shape, axes=(1, 2), workers=1)
-        return found
+        kernels: Field = scipy.fft.irfft2(spectra, s=self.shape, axes=(1, 2), workers=1)
+        return kernels
 
 
 class WindowOperator:
@@ -220,12 +220,12 @@ class WindowOperator:
         return self._back(1j * (self._xz * fx + self._yz * fy))
 
 
-def even_fast_length(least: float) -> int:
+def even_fast_length(minimum: float) -> int:
     """Smallest even length from `least` that the real transform handles quickly."""
-    return 2 * int(scipy.fft.next_fast_len(math.ceil(least / 2 - 1e-9), real=True))
+    return 2 * int(scipy.fft.next_fast_len(math.ceil(minimum / 2 - 1e-9), real=True))
 
 
-NODES = 48  # Gauss points on the radius; the kernel is smooth: ten digits up to radius/h = 2
+PUNCH_NODES = 48  # Gauss points on the radius; the kernel is smooth: ten digits up to radius/h = 2
 
 
 def flat_punch_n_per_mm(radius_mm: float, thickness_mm: float, material: GelMaterial) -> float:
@@ -238,14 +238,14 @@ def flat_punch_n_per_mm(radius_mm: float, thickness_mm: float, material: GelMate
     and F = 2 pi G/(1 - nu) int_0^a phi dt.
     """
     stiffness = material.shear_modulus_mpa / (1 - material.poisson)
-    t, weight = np.polynomial.legendre.leggauss(NODES)
+    t, weight = np.polynomial.legendre.leggauss(PUNCH_NODES)
     t, weight = radius_mm * (t + 1) / 2, radius_mm * weight / 2
     # 1 - M falls off as (k h)^2 exp(-2 k h): at k h = 24 nothing is left.
     ratio = radius_mm / thickness_mm
     k, weight_k = np.polynomial.legendre.leggauss(max(96, int(48 * ratio) + 64))
     k, weight_k = 12 * (k + 1) / thickness_mm, 12 * weight_k / thickness_mm
-    lost = 1 - surface_compliance(k, thickness_mm, material).normal * stiffness * k
+    deficit = 1 - surface_compliance(k, thickness_mm, material).normal * stiffness * k
     waves = np.cos(np.outer(t, k))
-    kernel = (waves * (2 / math.pi * weight_k * lost)) @ waves.T
-    phi = np.linalg.solve(np.eye(NODES) - kernel * weight, np.full(NODES, 2 / math.pi))
+    kernel = (waves * (2 / math.pi * weight_k * deficit)) @ waves.T
+    phi = np.linalg.solve(np.eye(PUNCH_NODES) - kernel * weight, np.full(PUNCH_NODES, 2 / math.pi))
     return float(2 * math.pi * stiffness * (weight @ phi))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ..shapes.bounded import Bounded, bounded_number
 
-MAX_PRONY = 100.0  # beyond, shares were given in percent, or the long-term modulus is nothing
+MAX_PRONY_SUM = 100.0  # beyond, shares were given in percent, or the long-term modulus is nothing
 
 
 @dataclass(frozen=True)
@@ -42,8 +42,8 @@ class GelMaterial(Bounded):
                 raise ValueError(f"prony: g >= 0 and finite in each [g, tau_s]: {g} fails")
             if not (math.isfinite(tau) and tau > 0):
                 raise ValueError(f"prony: tau_s > 0 and finite in each [g, tau_s]: {tau} fails")
-        if not self.prony_sum <= MAX_PRONY:
-            raise ValueError(f"prony: sum of g <= {MAX_PRONY:g}: {self.prony_sum} fails")
+        if not self.prony_sum <= MAX_PRONY_SUM:
+            raise ValueError(f"prony: sum of g <= {MAX_PRONY_SUM:g}: {self.prony_sum} fails")
 
     @property
     def shear_modulus_mpa(self) -> float:

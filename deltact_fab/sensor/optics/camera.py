@@ -112,7 +112,7 @@ class Pinhole(ScaledView):
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by catalog.validate
 
     @classmethod
-    def of(cls, sensor: SensorDimensions) -> Pinhole:
+    def from_sensor(cls, sensor: SensorDimensions) -> Pinhole:
         o = sensor.optics
         return cls(o.mm_per_px, o.image_width_px, o.image_height_px, sensor.eye_distance_mm)
 
@@ -133,10 +133,10 @@ class Pinhole(ScaledView):
 
     def ray(self, px: Array, medium: Medium = "gel") -> tuple[Array, Array]:
         index = N_SILICONE if medium == "gel" else 1.0
-        at = self.rest_mm(px)
-        flat, one = np.zeros_like(at[..., :1]), np.ones_like(at[..., :1])
-        slope = at / (self.eye_distance_mm * index)
-        return np.concatenate((at, flat), axis=-1), np.concatenate((slope, one), axis=-1)
+        face_mm = self.rest_mm(px)
+        zeros, ones = np.zeros_like(face_mm[..., :1]), np.ones_like(face_mm[..., :1])
+        slope = face_mm / (self.eye_distance_mm * index)
+        return np.concatenate((face_mm, zeros), axis=-1), np.concatenate((slope, ones), axis=-1)
 
     def maps(self) -> None:
         """None: the raw image is seen as it is."""

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from deltact_fab.common import InputError
 
-FORM = re.compile(r"(\d+)x(\d+)x(\d+(?:\.\d*)?|\.\d+)")
-MAX_SQUARES = 200
+BOARD_PATTERN = re.compile(r"(\d+)x(\d+)x(\d+(?:\.\d*)?|\.\d+)")
+MAX_BOARD_SQUARES = 200
 
 
 @dataclass(frozen=True)
@@ -31,14 +31,14 @@ class Checkerboard:
     skin: bool = False
 
     @classmethod
-    def parse(cls, words: str, option: str = "--board") -> Checkerboard:
+    def parse(cls, text: str, option: str = "--board") -> Checkerboard:
         """Of NXxNYxMM, as in 9x7x3: squares along x and y and their side. Raises InputError."""
-        found = FORM.fullmatch(words.strip())
-        nx, ny, side = (int(found[1]), int(found[2]), float(found[3])) if found else (0, 0, 0.0)
-        if not (min(nx, ny) >= 4 and max(nx, ny) <= MAX_SQUARES and 0.05 <= side <= 100):
+        match = BOARD_PATTERN.fullmatch(text.strip())
+        nx, ny, side = (int(match[1]), int(match[2]), float(match[3])) if match else (0, 0, 0.0)
+        if not (min(nx, ny) >= 4 and max(nx, ny) <= MAX_BOARD_SQUARES and 0.05 <= side <= 100):
             raise InputError(
-                f"{option}: {words!r}; as in 9x7x3: 4 to {MAX_SQUARES} squares along x and y and "
-                "their side, 0.05 to 100 mm"
+                f"{option}: {text!r}; as in 9x7x3: 4 to {MAX_BOARD_SQUARES} squares along x and y "
+                "and their side, 0.05 to 100 mm"
             )
         return cls(nx, ny, side)
 

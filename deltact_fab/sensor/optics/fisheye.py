@@ -22,7 +22,7 @@ from ..shapes.sensor import N_ACRYLIC, N_SILICONE, SensorDimensions
 from .camera import Medium
 
 
-def across(tan_squared: Any, index: float) -> Any:
+def refracted_ratio(tan_squared: Any, index: float) -> Any:
     """Tangent of a ray in a layer over its tangent in air, both against the common normal.
 
     Snell at plane faces: n sin t' = sin t, so tan t' / tan t = 1 / sqrt(n^2 + (n^2 - 1) tan^2 t),
@@ -47,7 +47,7 @@ class LayeredPath:
     def reach_mm(self, half_angle_rad: float) -> float:
         """Radius on the gel's face that a ray leaving the lens at half_angle_rad reaches."""
         t = math.tan(half_angle_rad)
-        return t * float(sum(d * across(t**2, n) for d, n in self.layers))
+        return t * float(sum(d * refracted_ratio(t**2, n) for d, n in self.layers))
 
     def half_angle_rad(self, radius_mm: float) -> float:
         """Half angle at the lens under which a point of the face is seen; inf: none reaches it.
@@ -68,15 +68,15 @@ class LayeredPath:
 
 Depth = NDArray[Any] | float
 
-FIELD_RAD = math.radians(100)
+MAX_FIELD_RAD = math.radians(100)
 """Half field of the 200-degree lens."""
-MIN_GROWTH = 0.1
+MIN_RADIUS_GROWTH = 0.1
 """Share of f by which the image's radius must still grow with the angle: there the field ends."""
-ROUNDING_MM = 1e-9
+FACE_SLACK_MM = 1e-9
 """A point on the face may lie so far behind it when it comes out of a transform."""
-STEP_RAD = 1e-8
+RAY_STEP_RAD = 1e-8
 """A ray has been found when Newton's step is shorter: what it leaves is its square, 1e-9 px."""
-MAX_ITERATIONS = 40
+MAX_RAY_ITERATIONS = 40
 DECENTRING_ITERATIONS, DECENTRING_SETTLED = 20, 1e-8
 """Each leaves less than a tenth: p1 and p2 of real lenses are some thousandths."""
 
@@ -126,14 +126,14 @@ class Fisheye(Bounded):
     def __post_init__(self) -> None:
         super().__post_init__()
         # To 90 degrees from the normal and 10 of tilt; else a point could be met by two rays.
-        least_mm = self.air_gap_mm + FIELD_RAD**2 * self.pupil_shift_mm
+        least_mm = self.air_gap_mm + MAX_FIELD_RAD**2 * self.pupil_shift_mm
         if not least_mm > 0:
             raise ShapeError(
-                f"air_gap_mm + {FIELD_RAD**2:.2f} pupil_shift_mm > 0: {least_mm:g} fails"
+                f"air_gap_mm + {MAX_FIELD_RAD**2:.2f} pupil_shift_mm > 0: {least_mm:g} fails"
             )
 
     @classmethod
-    def of(cls, sensor: SensorDimensions) -> Fisheye:
+    def from_sensor(cls, sensor: SensorDimensions) -> Fisheye:
         """The nominal lens of a design: centred and straight, the pupil at the lens's apex."""
         k1, k2, k3, k4 = sensor.lens_terms
         o, (width_px, height_px) = sensor.optics, sensor.raw_size_px
@@ -160,16 +160,16 @@ class Fisheye(Bounded):
     def field_rad(self) -> float:
         """The angle from the axis up to which the lens forms an image."""
         # Where 1 + 3 k1 t^2 + 5 k2 t^4 + ... falls to the least growth.
-        terms = [9 * self.k4, 7 * self.k3, 5 * self.k2, 3 * self.k1, 1 - MIN_GROWTH]
+        terms = [9 * self.k4, 7 * self.k3, 5 * self.k2, 3 * self.k1, 1 - MIN_RADIUS_GROWTH]
         roots = np.roots(terms)
         turns = [math.sqrt(r.real) for r in roots if abs(r.imag) < 1e-12 and r.real > 0]
-        return min([FIELD_RAD, *turns])
+        return min([MAX_FIELD_RAD, *turns])
 
     def project_px(self, xyz_mm: Array, medium: Medium = "gel") -> Array:
         """Sensor points (..., 3) in mm to image points (..., 2) in px, to 1e-9 px.
 
         Raises InputError for points that are not in the gel or not in the air beyond the face, as
-        the medium says, and for points outside the field; SolverError when no ray was found.
+        the medium says, and for points air the field; SolverError when no ray was found.
         """
         tan = self._tangents(xyz_mm, medium)
         towards = np.concatenate((tan, np.ones_like(tan[..., :1])), axis=-1) @ self._turn
@@ -178,7 +178,7 @@ class Fisheye(Bounded):
         if not np.all(theta <= self.field_rad):
             raise InputError(
                 f"a point lies {np.degrees(np.max(theta)):.1f} degrees from the lens's axis, "
-                f"outside its field of {math.degrees(self.field_rad):.1f}"
+                f"air its field of {math.degrees(self.field_rad):.1f}"
             )
         # Radius over sine: along on the axis, where both vanish.
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -196,11 +196,11 @@ class Fisheye(Bounded):
 
         Raises as project_px does, but for the field.
         """
-        return self._met_mm(self._tangents(xyz_mm, medium), self.gel_mm, 0.0)[0]
+        return self._trace_mm(self._tangents(xyz_mm, medium), self.gel_mm, 0.0)[0]
 
     def ray_to(self, xyz_mm: Array, medium: Medium = "gel") -> tuple[Array, Array]:
         """The rays to points (..., 3) as `ray` gives them. Raises as crossing_mm does."""
-        return self._through(self._tangents(xyz_mm, medium), medium)
+        return self._rays(self._tangents(xyz_mm, medium), medium)
 
     def rest_px(self, xy_mm: Array) -> Array:
         return self.project_px(on_face(xy_mm))
@@ -209,27 +209,27 @@ class Fisheye(Bounded):
         return self.ray(px)[0][..., :2]
 
     def ray(self, px: Array, medium: Medium = "gel") -> tuple[Array, Array]:
-        """As of any `CameraModel`: nan outside the field, or where the ray misses the face."""
-        off = (np.asarray(px, float) - np.asarray(self.centre_px)) / self.f_px
+        """As of any `CameraModel`: nan air the field, or where the ray misses the face."""
+        point = (np.asarray(px, float) - np.asarray(self.centre_px)) / self.f_px
         if self.aspect != 1:
-            off = off / (1.0, self.aspect)
+            point = point / (1.0, self.aspect)
         if self.p1 or self.p2:
-            seen = off
+            distorted = point
             with np.errstate(over="ignore", invalid="ignore"):
                 for _ in range(DECENTRING_ITERATIONS):
-                    before, off = off, seen - self._decentring(off)
+                    previous, point = point, distorted - self._decentring(point)
                 # Where it runs away, decentring folds the image: no one ray is seen there.
-                settled = np.abs(off - before).max(axis=-1, keepdims=True) < DECENTRING_SETTLED
-                off = np.where(settled, off, np.nan)
-        radius = np.hypot(off[..., 0], off[..., 1])
+                settled = np.abs(point - previous).max(axis=-1, keepdims=True) < DECENTRING_SETTLED
+                point = np.where(settled, point, np.nan)
+        radius = np.hypot(point[..., 0], point[..., 1])
         theta = self._angle(radius)
         with np.errstate(invalid="ignore", divide="ignore"):
             per = np.where(radius > 0, np.sin(theta) / radius, 1.0)
-            towards = np.concatenate((off * per[..., None], np.cos(theta)[..., None]), axis=-1)
+            towards = np.concatenate((point * per[..., None], np.cos(theta)[..., None]), axis=-1)
             towards = towards @ self._turn.T
             towards = np.where(towards[..., 2:] > 0, towards, np.nan)
             tan = towards[..., :2] / towards[..., 2:]
-        return self._through(tan, medium)
+        return self._rays(tan, medium)
 
     def maps(self) -> None:
         """None: the raw image is seen as it is."""
@@ -246,14 +246,14 @@ class Fisheye(Bounded):
         about_z = [[math.cos(turn), -math.sin(turn), 0], [math.sin(turn), math.cos(turn), 0]]
         return np.array(about_x) @ np.array(about_y) @ np.array([*about_z, [0, 0, 1]])
 
-    def _through(self, tan: Array, medium: Medium) -> tuple[Array, Array]:
+    def _rays(self, tan: Array, medium: Medium) -> tuple[Array, Array]:
         """Origins on the resting face and directions of rays of tangents (..., 2) in the gap."""
-        at = self._met_mm(tan, self.gel_mm, 0.0)[0]
+        face_mm = self._trace_mm(tan, self.gel_mm, 0.0)[0]
         slope = tan
         if medium == "gel":
-            slope = tan * across(np.sum(tan**2, axis=-1), self.n_gel)[..., None]
-        flat, one = np.zeros_like(at[..., :1]), np.ones_like(at[..., :1])
-        return np.concatenate((at, flat), axis=-1), np.concatenate((slope, one), axis=-1)
+            slope = tan * refracted_ratio(np.sum(tan**2, axis=-1), self.n_gel)[..., None]
+        zeros, ones = np.zeros_like(face_mm[..., :1]), np.ones_like(face_mm[..., :1])
+        return np.concatenate((face_mm, zeros), axis=-1), np.concatenate((slope, ones), axis=-1)
 
     def _stretch(self, square: Array) -> Array:
         """Radius over focal length and angle, of squared angles."""
@@ -262,9 +262,9 @@ class Fisheye(Bounded):
             return np.asarray(1 + square * (k1 + square * k2))
         return np.asarray(1 + square * (k1 + square * (k2 + square * (k3 + square * k4))))
 
-    def _decentring(self, off: Array) -> Array:
+    def _decentring(self, point: Array) -> Array:
         """What decentred elements add to places (..., 2) in focal lengths from the axis."""
-        u, v = off[..., 0], off[..., 1]
+        u, v = point[..., 0], point[..., 1]
         cross, square = 2 * u * v, u * u + v * v
         return np.stack(
             (
@@ -275,10 +275,10 @@ class Fisheye(Bounded):
         )
 
     def _angle(self, radius: Array) -> Array:
-        """Angle against the axis, rad, of image radii over f; nan outside the field."""
+        """Angle against the axis, rad, of image radii over f; nan air the field."""
         nodes = np.linspace(0, self.field_rad, 1024)
-        held = nodes * self._stretch(nodes**2)
-        theta = np.interp(radius, held, nodes, right=np.nan)
+        radii = nodes * self._stretch(nodes**2)
+        theta = np.interp(radius, radii, nodes, right=np.nan)
         for _ in range(3):  # from an error of 1e-6 or less: 1e-12, then rounding
             square = theta**2
             value = theta * self._stretch(square)
@@ -295,25 +295,25 @@ class Fisheye(Bounded):
         """
         points = np.asarray(xyz_mm, float)
         z = points[..., 2]
-        gel, beyond = (
+        gel, air = (
             (self.gel_mm + z, np.zeros_like(z))
             if medium == "gel"
             else (np.full_like(z, self.gel_mm), z)
         )
-        if not (np.all(gel > 0) and np.all(beyond > -ROUNDING_MM) and np.all(np.isfinite(points))):
-            where = f"in the gel, z > {-self.gel_mm:g}" if medium == "gel" else "in air, z >= 0"
-            raise InputError(f"a point to be seen is not {where} mm")
+        if not (np.all(gel > 0) and np.all(air > -FACE_SLACK_MM) and np.all(np.isfinite(points))):
+            region = f"in the gel, z > {-self.gel_mm:g}" if medium == "gel" else "in air, z >= 0"
+            raise InputError(f"a point to be seen is not {region} mm")
         aim = points[..., :2] - (self.x0_mm, self.y0_mm)
-        far = np.hypot(aim[..., 0], aim[..., 1])
-        t = far / (self.air_gap_mm + beyond + self.acrylic_mm / self.n_acrylic + gel / self.n_gel)
+        distance = np.hypot(aim[..., 0], aim[..., 1])
+        t = distance / (self.air_gap_mm + air + self.acrylic_mm / self.n_acrylic + gel / self.n_gel)
         for _ in range(3):
-            met, growth = self._reach(t, self.air_gap_mm + beyond, gel)
-            t = t + (far - met) / growth
+            reach, growth = self._reach(t, self.air_gap_mm + air, gel)
+            t = t + (distance - reach) / growth
         with np.errstate(invalid="ignore", divide="ignore"):
-            tan = np.where(far > 0, t / far, 0.0)[..., None] * aim
-        for _ in range(MAX_ITERATIONS):
-            at, jacobian = self._met_mm(tan, gel, beyond)
-            miss = at - points[..., :2]
+            tan = np.where(distance > 0, t / distance, 0.0)[..., None] * aim
+        for _ in range(MAX_RAY_ITERATIONS):
+            hit, jacobian = self._trace_mm(tan, gel, air)
+            miss = hit - points[..., :2]
             (xx, xy), (yx, yy) = jacobian
             det = xx * yy - xy * yx
             step = np.stack(
@@ -325,26 +325,26 @@ class Fisheye(Bounded):
             )
             tan = tan - step
             size = np.hypot(step[..., 0], step[..., 1])
-            if np.all(size <= STEP_RAD * np.sqrt(1 + np.sum(tan**2, axis=-1))):
+            if np.all(size <= RAY_STEP_RAD * np.sqrt(1 + np.sum(tan**2, axis=-1))):
                 return tan
-        raise SolverError(f"lens: no ray to a point was found in {MAX_ITERATIONS} iterations")
+        raise SolverError(f"lens: no ray to a point was found in {MAX_RAY_ITERATIONS} iterations")
 
     def _reach(self, t: Array, air_mm: Array, gel_mm: Array) -> tuple[Array, Array]:
         """How far aside rays of tangents t come through the layers, and its derivative, mm."""
         square = t**2
-        plate, gel = across(square, self.n_acrylic), across(square, self.n_gel)
-        met = t * (air_mm + self.acrylic_mm * plate + gel_mm * gel)
+        plate, gel = refracted_ratio(square, self.n_acrylic), refracted_ratio(square, self.n_gel)
+        reach = t * (air_mm + self.acrylic_mm * plate + gel_mm * gel)
         growth = air_mm + self.n_acrylic**2 * self.acrylic_mm * plate**3
-        return met, growth + self.n_gel**2 * gel_mm * gel**3
+        return reach, growth + self.n_gel**2 * gel_mm * gel**3
 
-    def _met_mm(self, tan: Array, gel_mm: Depth, beyond_mm: Depth) -> tuple[Array, Any]:
+    def _trace_mm(self, tan: Array, gel_mm: Depth, beyond_mm: Depth) -> tuple[Array, Any]:
         """Where rays of tangents (..., 2) in air are after gel_mm of gel and beyond_mm of air.
 
         (..., 2) mm, and its derivative with the tangents ((xx, xy), (yx, yy)).
         """
         tx, ty = tan[..., 0], tan[..., 1]
         square = tx**2 + ty**2
-        plate, gel = across(square, self.n_acrylic), across(square, self.n_gel)
+        plate, gel = refracted_ratio(square, self.n_acrylic), refracted_ratio(square, self.n_gel)
         per = self.air_gap_mm + beyond_mm + self.acrylic_mm * plate + gel_mm * gel
         # d across / d tan^2 = - (n^2 - 1) / 2 across^3, and d tan^2 = 2 tan d tan.
         bend = -(self.n_acrylic**2 - 1) * self.acrylic_mm * plate**3
@@ -366,10 +366,10 @@ class Fisheye(Bounded):
             length = np.sqrt(1 + square)
             with np.errstate(invalid="ignore", divide="ignore"):
                 turn = np.where(sine > 0, theta * length / sine, 1.0)
-            by = -2 * self.pupil_shift_mm * turn
+            factor = -2 * self.pupil_shift_mm * turn
             cosine = along / length
-            dx = by * (ax - cosine * tx / length) / length
-            dy = by * (ay - cosine * ty / length) / length
+            dx = factor * (ax - cosine * tx / length) / length
+            dy = factor * (ay - cosine * ty / length) / length
             xx, xy = xx + back * az + aside_x * dx, xy + aside_x * dy
             yx, yy = yx + aside_y * dx, yy + back * az + aside_y * dy
         return np.stack((x, y), axis=-1), ((xx, xy), (yx, yy))
@@ -377,5 +377,5 @@ class Fisheye(Bounded):
 
 def on_face(xy_mm: Array) -> Array:
     """Points (..., 2) of the resting face with their z of 0, (..., 3)."""
-    at = np.asarray(xy_mm, float)
-    return np.concatenate((at, np.zeros_like(at[..., :1])), axis=-1)
+    xy = np.asarray(xy_mm, float)
+    return np.concatenate((xy, np.zeros_like(xy[..., :1])), axis=-1)

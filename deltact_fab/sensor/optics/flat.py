@@ -21,7 +21,7 @@ from .camera import CameraModel, Pinhole
 from .fisheye import Fisheye
 from .rectified import Rectified
 
-_MODELS: dict[str, type[Pinhole | Fisheye | Rectified]] = {
+_MODEL_TYPES: dict[str, type[Pinhole | Fisheye | Rectified]] = {
     "pinhole": Pinhole,
     "fisheye": Fisheye,
     "rectified": Rectified,
@@ -35,14 +35,14 @@ def restore_camera(data: Mapping[str, Any], source: str = "camera") -> CameraMod
     """
     values = dict(data)
     name = values.pop("model", "pinhole")
-    if not isinstance(name, str) or name not in _MODELS:
-        raise InputError(f"{source}: model: {name!r}; {did_you_mean(str(name), _MODELS)}")
+    if not isinstance(name, str) or name not in _MODEL_TYPES:
+        raise InputError(f"{source}: model: {name!r}; {did_you_mean(str(name), _MODEL_TYPES)}")
     lens = values.get("lens")
     if name == "rectified" and isinstance(lens, Mapping):
         values["lens"] = {k: v for k, v in lens.items() if k != "model"}
         if lens.get("model", "fisheye") != "fisheye":
             raise InputError(f"{source}: lens.model: {lens['model']!r}; valid: fisheye")
-    return validate(_MODELS[name], values, source)
+    return validate(_MODEL_TYPES[name], values, source)
 
 
 def load_camera(path: Path) -> tuple[CameraModel, dict[str, Any]]:
@@ -56,7 +56,8 @@ def load_camera(path: Path) -> tuple[CameraModel, dict[str, Any]]:
     if not isinstance(table, dict):
         raise InputError(f'{path}: camera: missing table; [camera] with model = "fisheye" expected')
     if "model" not in table:
-        raise InputError(f"{path}: camera.model: missing key; valid: {', '.join(sorted(_MODELS))}")
+        valid = ", ".join(sorted(_MODEL_TYPES))
+        raise InputError(f"{path}: camera.model: missing key; valid: {valid}")
     return restore_camera(table, f"{path}: camera"), data
 
 
@@ -71,12 +72,12 @@ def camera_toml(
     return toml_text({"camera": camera.as_dict(), **(tables or {})}, about)
 
 
-SMOOTH = 0.01
+BLUR_SHARE = 0.01
 """Sigma of the blur that takes the blank frame's noise away, of its width."""
-MAX_GAIN = 4.0
+MAX_FLAT_GAIN = 4.0
 """Where it is darker than that, beyond the skin's window, nothing is to be made bright."""
-FULL = 65535
-COARSE = 8
+FULL_16_BIT = 65535
+FLAT_REDUCTION = 8
 """Pixels a side that one of the kept image stands for: less than the blur's sigma."""
 
 
@@ -89,31 +90,31 @@ class FlatField:
     """Share of pixels that may be at the end of their scale before light is lost."""
 
     @classmethod
-    def of_blank(cls, image: NDArray[np.uint8], source: str) -> FlatField:
+    def from_blank(cls, image: NDArray[np.uint8], source: str) -> FlatField:
         """From a frame (h, w, 3) BGR of a blank skin. Raises InputError naming the source."""
         import cv2
 
         if np.mean(image == 255) > cls.most_full:
             raise InputError(f"{source}: over-exposed; take the blank frame with less light")
-        smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), SMOOTH * image.shape[1])
+        smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), BLUR_SHARE * image.shape[1])
         top = smooth.reshape(-1, 3).max(axis=0)
         if not np.all(top >= 16):
             raise InputError(f"{source}: too dark to tell how the light falls off")
-        return cls(np.maximum(smooth / top, np.float32(1 / MAX_GAIN)))
+        return cls(np.maximum(smooth / top, np.float32(1 / MAX_FLAT_GAIN)))
 
     @classmethod
-    def read(cls, path: Path, size_px: tuple[int, int]) -> FlatField:
+    def load(cls, path: Path, size_px: tuple[int, int]) -> FlatField:
         """From the file that `png` makes, for images of (width, height). Raises InputError."""
         import cv2
 
-        kept = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
-        if kept is None or kept.dtype != np.uint16 or kept.ndim != 3 or not kept.min() > 0:
+        stored = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
+        if stored is None or stored.dtype != np.uint16 or stored.ndim != 3 or not stored.min() > 0:
             raise InputError(f"{path}: not a 16-bit image of the light")
-        share = (kept / FULL).astype(np.float32)
+        share = (stored / FULL_16_BIT).astype(np.float32)
         return cls(np.asarray(cv2.resize(share, size_px, interpolation=cv2.INTER_LINEAR)))
 
     @classmethod
-    def beside(cls, camera_file: Path) -> FlatField | None:
+    def from_camera_file(cls, camera_file: Path) -> FlatField | None:
         """The one that a camera file names, None where it names none. Raises InputError."""
         lens, tables = load_camera(camera_file)
         if "flat" not in tables:
@@ -122,22 +123,22 @@ class FlatField:
         if not (isinstance(table, dict) and isinstance(table.get("file"), str)):
             raise InputError(f"{camera_file}: flat.file: missing; the name of an image beside it")
         try:
-            return cls.read(camera_file.parent / table["file"], (lens.width_px, lens.height_px))
-        except InputError as why:
-            raise InputError(f"{camera_file}: flat.file: {why}") from why
+            return cls.load(camera_file.parent / table["file"], (lens.width_px, lens.height_px))
+        except InputError as error:
+            raise InputError(f"{camera_file}: flat.file: {error}") from error
 
-    def png(self) -> bytes:
+    def to_png(self) -> bytes:
         """As 16-bit PNG, COARSE times smaller, for it is smooth."""
         import cv2
 
-        size = tuple(-(-side // COARSE) for side in self.share.shape[1::-1])
+        size = tuple(-(-side // FLAT_REDUCTION) for side in self.share.shape[1::-1])
         coarse = cv2.resize(self.share, size, interpolation=cv2.INTER_AREA)
-        done, data = cv2.imencode(".png", np.rint(coarse * FULL).astype(np.uint16))
-        if not done:
+        success, data = cv2.imencode(".png", np.rint(coarse * FULL_16_BIT).astype(np.uint16))
+        if not success:
             raise RunFailed("the flat field could not be encoded as PNG")
         return bytes(data)
 
-    def seen_by(self, view: CameraModel) -> FlatField:
+    def for_view(self, view: CameraModel) -> FlatField:
         """The same for the images of a view: rectify first, then apply, which is cheaper."""
         import cv2
 

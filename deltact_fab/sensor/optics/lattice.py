@@ -91,9 +91,9 @@ class PointSampler:
         x, self._x = _spline_terms(x_mm, xy_mm[:, 0])
         y, self._y = _spline_terms(y_mm, xy_mm[:, 1])
         shares = y.data.reshape(-1, 4, 1) * x.data.reshape(-1, 1, 4)
-        at = y.indices.reshape(-1, 4, 1) * lattice.nx + x.indices.reshape(-1, 1, 4)
+        index = y.indices.reshape(-1, 4, 1) * lattice.nx + x.indices.reshape(-1, 1, 4)
         self._shares = csr_array(
-            (shares.ravel(), at.ravel(), np.arange(0, shares.size + 1, 16)),
+            (shares.ravel(), index.ravel(), np.arange(0, shares.size + 1, 16)),
             shape=(len(xy_mm), lattice.ny * lattice.nx),
         )
 
@@ -128,7 +128,7 @@ def _spline(nodes: Array, points: Array) -> Any:
     return make_interp_spline(nodes, np.eye(len(nodes)), k=3)
 
 
-STEP_MM = 0.2
+MAX_MOTION_STEP_MM = 0.2
 
 
 class FaceMotion:
@@ -136,7 +136,7 @@ class FaceMotion:
 
     def __init__(self, lattice: SurfaceLattice, project_px: Callable[[Array], Array]) -> None:
         """project_px: points of the moved face (..., 3) in mm to the image (..., 2) in px."""
-        n = ceil(lattice.spacing_mm / STEP_MM - 1e-9)
+        n = ceil(lattice.spacing_mm / MAX_MOTION_STEP_MM - 1e-9)
         self.lattice = replace(
             lattice,
             spacing_mm=lattice.spacing_mm / n,
@@ -157,8 +157,8 @@ class FaceMotion:
 
     def __call__(self, displacement_mm: Array) -> Array:
         """Displacement (ny, nx, 3) on its lattice to motion in px on `lattice`, (ny, nx, 2)."""
-        moved = self._rest + self.displaced(displacement_mm)
-        return np.asarray(self._project_px(moved) - self._rest_px)
+        position = self._rest + self.displaced(displacement_mm)
+        return np.asarray(self._project_px(position) - self._rest_px)
 
 
 class SeenFace:
@@ -172,10 +172,10 @@ class SeenFace:
     ) -> None:
         self.camera, self.lattice, self.lens = camera, lattice, lens
 
-    def both(self, u_mm: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def motion(self, u_mm: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Motion of what every pixel sees at rest: projected, (h, w, 2) px, and in plane, mm."""
-        if self._through is not None:
-            return self._through.both(u_mm)
+        if self._true_lens is not None:
+            return self._true_lens.motion(u_mm)
         moved_mm = self._grid(u_mm)
         return self.camera.project_px(self._rest_mm + moved_mm) - self._rest_px, moved_mm[..., :2]
 
@@ -185,7 +185,7 @@ class SeenFace:
         """Projected displacement (n, 2) px of points of the resting face (n, 2) mm."""
         moved_mm = PointSampler(self.lattice, xy_mm)(u_mm)
         rest_mm = np.column_stack((xy_mm, np.zeros(len(xy_mm))))
-        project_px = (self._through or self.camera).project_px
+        project_px = (self._true_lens or self.camera).project_px
         return np.asarray(project_px(rest_mm + moved_mm) - project_px(rest_mm))
 
     @cached_property
@@ -202,14 +202,14 @@ class SeenFace:
         return self.camera.project_px(self._rest_mm)
 
     @cached_property
-    def _through(self) -> _Through | None:
+    def _true_lens(self) -> _TrueLensMotion | None:
         if self.lens is None:
             return None
         assert isinstance(self.camera, Rectified), "a lens's frames are rectified"
-        return _Through(self.lens, self.camera, self.lattice)
+        return _TrueLensMotion(self.lens, self.camera, self.lattice)
 
 
-class _Through:
+class _TrueLensMotion:
     """What a rectified view shows of frames that were drawn through another lens than it holds."""
 
     def __init__(self, lens: Fisheye, view: Rectified, lattice: SurfaceLattice) -> None:
@@ -225,7 +225,7 @@ class _Through:
         """Points (..., 3) mm, through the lens, to where the view takes them to be (..., 2) px."""
         return self._view.rest_px(self._view.lens.rest_mm(self._lens.project_px(xyz_mm)))
 
-    def both(self, u_mm: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    def motion(self, u_mm: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         """As SeenFace."""
         parts = self._motion(u_mm), self._motion.displaced(u_mm[..., :2])
         flow_px, at_rest_mm = (self._at_seen(part).reshape(self._shape) for part in parts)

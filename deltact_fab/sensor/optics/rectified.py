@@ -16,9 +16,9 @@ from ..shapes.sensor import SensorDimensions
 from .camera import Medium, ScaledView
 from .fisheye import Fisheye, on_face
 
-GRID_PX = 8
+SHARE_GRID_PX = 8
 """Between the view's pixels that a share is counted on."""
-STEP_MM = 0.01
+PROBE_STEP_MM = 0.01
 
 
 @dataclass(frozen=True)
@@ -37,10 +37,11 @@ class Rectified(Bounded, ScaledView):
     height_px: int = bounded_number(586, "image's side along y", 8, 10_000)
 
     @classmethod
-    def of(cls, sensor: SensorDimensions, lens: Fisheye | None = None) -> Rectified:
+    def from_sensor(cls, sensor: SensorDimensions, lens: Fisheye | None = None) -> Rectified:
         """The view of a design, through the nominal lens unless another one is given."""
         o = sensor.optics
-        return cls(lens or Fisheye.of(sensor), o.mm_per_px, o.image_width_px, o.image_height_px)
+        lens = lens or Fisheye.from_sensor(sensor)
+        return cls(lens, o.mm_per_px, o.image_width_px, o.image_height_px)
 
     def project_px(self, xyz_mm: Array, medium: Medium = "gel") -> Array:
         """Sensor points (..., 3) in mm to image points (..., 2) in px, to 1e-9 px.
@@ -59,7 +60,7 @@ class Rectified(Bounded, ScaledView):
         """
         return self._maps
 
-    def seen(self) -> NDArray[np.bool_]:
+    def visible_pixels(self) -> NDArray[np.bool_]:
         """(h, w) the pixels that the raw image holds, with what cubic interpolation takes."""
         x, y = self._maps
         inside_x = (x >= 1) & (x < self.lens.width_px - 2)
@@ -86,21 +87,22 @@ class Rectified(Bounded, ScaledView):
         Along the radius from the pupil's foot, and across it. A view's own pixel is finer where
         this is more than its mm_per_px: the image is enlarged there, and gains nothing by it.
         """
-        at = self.rest_mm(np.asarray(px, float))
-        out = at - (self.lens.x0_mm, self.lens.y0_mm)
-        far = np.hypot(out[..., 0], out[..., 1])[..., None]
-        along = np.where(far > 0, out / np.where(far > 0, far, 1.0), (1.0, 0.0))
+        face_mm = self.rest_mm(np.asarray(px, float))
+        out = face_mm - (self.lens.x0_mm, self.lens.y0_mm)
+        distance = np.hypot(out[..., 0], out[..., 1])[..., None]
+        along = np.where(distance > 0, out / np.where(distance > 0, distance, 1.0), (1.0, 0.0))
         across = np.stack((-along[..., 1], along[..., 0]), axis=-1)
         scales = []
-        for way in (along, across):
-            apart = self.lens.rest_px(at + STEP_MM * way) - self.lens.rest_px(at - STEP_MM * way)
-            scales.append(2 * STEP_MM / np.hypot(apart[..., 0], apart[..., 1]))
+        for direction in (along, across):
+            step_mm = PROBE_STEP_MM * direction
+            step_px = self.lens.rest_px(face_mm + step_mm) - self.lens.rest_px(face_mm - step_mm)
+            scales.append(2 * PROBE_STEP_MM / np.hypot(step_px[..., 0], step_px[..., 1]))
         return np.stack(scales, axis=-1)
 
     def aliased_share(self, patch_mm: float) -> float:
         """Share of the view, 0 to 1, in which a patch has fewer than least_patch_px one way."""
-        columns = np.arange(GRID_PX / 2 - 0.5, self.width_px, GRID_PX)
-        rows = np.arange(GRID_PX / 2 - 0.5, self.height_px, GRID_PX)
+        columns = np.arange(SHARE_GRID_PX / 2 - 0.5, self.width_px, SHARE_GRID_PX)
+        rows = np.arange(SHARE_GRID_PX / 2 - 0.5, self.height_px, SHARE_GRID_PX)
         scales = self.raw_mm_per_px(np.stack(np.meshgrid(columns, rows), axis=-1))
         return float(np.mean(patch_mm < self.least_patch_px * np.max(scales, axis=-1)))
 
@@ -110,6 +112,6 @@ class Rectified(Bounded, ScaledView):
     @cached_property
     def _maps(self) -> tuple[Array, Array]:
         columns, rows = np.arange(self.width_px), np.arange(self.height_px)
-        at = self.rest_mm(np.stack(np.meshgrid(columns, rows), axis=-1).astype(float))
-        raw = self.lens.rest_px(at).astype(np.float32)
+        face_mm = self.rest_mm(np.stack(np.meshgrid(columns, rows), axis=-1).astype(float))
+        raw = self.lens.rest_px(face_mm).astype(np.float32)
         return np.ascontiguousarray(raw[..., 0]), np.ascontiguousarray(raw[..., 1])

@@ -12,7 +12,7 @@ from annotated_types import Ge, Le, Lt
 
 from deltact_fab.common import MM_PER_INCH
 
-GAMMA = 2.2
+CAMERA_GAMMA = 2.2
 _FROM_FILE = {"extra": "forbid", "allow_inf_nan": False, "use_attribute_docstrings": True}
 
 
@@ -57,7 +57,7 @@ class ImageSensor:
     """Light of the reflection of one LED, at its middle; 1 is white."""
     contact_glow_per_mm: Annotated[float, Ge(0), Le(10)] = 0.0
     """How much brighter the face gets a millimetre of depth, until it saturates to white."""
-    gamma: Annotated[float, Ge(1), Le(4)] = GAMMA
+    gamma: Annotated[float, Ge(1), Le(4)] = CAMERA_GAMMA
     """Of the camera's processor: a pixel's value is its light to the power of 1 / gamma."""
     demosaic: Literal["edge-aware", "bilinear", "gradients"] = "edge-aware"
     """How the processor makes three colours of the one that each pixel saw."""

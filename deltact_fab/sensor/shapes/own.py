@@ -10,15 +10,15 @@ from typing import Any, Literal
 from deltact_fab.common import InputError, find_file, read_toml, validate
 
 from .bounded import ShapeError
-from .indenters import SHAPES
+from .indenters import SHAPE_FACTORIES
 from .prism import PrismTip
-from .rigid import REACH_MM, Indenter, PlainTip, PosedTip
+from .rigid import DEFAULT_REACH_MM, Indenter, PlainTip, PosedTip
 from .tips import EllipsoidTip, RidgeTip, SphereTip, require_positive
 from .turned import TurnedTip
 
-SHANK_MM = 3.0  # least length above the equator, for the gel that bulges
-ASIDE_MM = 30.0  # the largest sphere that has a name is as wide
-TAKES = {
+MIN_SHANK_MM = 3.0  # least length above the equator, for the gel that bulges
+MAX_OFFSET_MM = 30.0  # the largest sphere that has a name is as wide
+TIP_DIMENSIONS = {
     "ball": ("radius_mm",),
     "ridge": ("radius_mm", "half_width_mm", "length_mm", "flank_deg"),
     "ellipsoid": ("a_mm", "b_mm"),
@@ -68,31 +68,33 @@ class OwnTip:
 
     def tip(self, top_mm: float) -> PlainTip | PosedTip:
         """The tip below a back plate. Raises ShapeError for a dimension that lacks or is none."""
-        every = {key for keys in TAKES.values() for key in keys}
-        given = {key: getattr(self, key) for key in every if getattr(self, key) is not None}
-        if set(given) != set(TAKES[self.kind]):
-            takes, has = ", ".join(TAKES[self.kind]), ", ".join(sorted(given)) or "nothing"
+        dimensions = {key for keys in TIP_DIMENSIONS.values() for key in keys}
+        values = {key: getattr(self, key) for key in dimensions if getattr(self, key) is not None}
+        if set(values) != set(TIP_DIMENSIONS[self.kind]):
+            takes = ", ".join(TIP_DIMENSIONS[self.kind])
+            has = ", ".join(sorted(values)) or "nothing"
             raise ShapeError(f"a {self.kind} takes {takes}: {has} fails")
-        require_positive(self, *given)
-        if not max(abs(self.x_mm), abs(self.y_mm)) <= ASIDE_MM:
-            raise ShapeError(f"|x_mm|, |y_mm| <= {ASIDE_MM:g}: {self.x_mm:g}, {self.y_mm:g} fails")
+        require_positive(self, *values)
+        if not max(abs(self.x_mm), abs(self.y_mm)) <= MAX_OFFSET_MM:
+            offset = f"{self.x_mm:g}, {self.y_mm:g}"
+            raise ShapeError(f"|x_mm|, |y_mm| <= {MAX_OFFSET_MM:g}: {offset} fails")
         turn, tilt = self.turn_deg, (self.tilt_x_deg, self.tilt_y_deg)
         posed = turn != 0 or any(tilt)
-        at = (0.0, 0.0) if posed else (self.x_mm, self.y_mm)
-        tip = self._plain(given, at)
+        position = (0.0, 0.0) if posed else (self.x_mm, self.y_mm)
+        tip = self._upright_tip(values, position)
         return PosedTip(tip, self.x_mm, self.y_mm, turn, *tilt, top_mm) if posed else tip
 
-    def _plain(self, given: dict[str, Any], at: tuple[float, float]) -> PlainTip:
+    def _upright_tip(self, values: dict[str, Any], position: tuple[float, float]) -> PlainTip:
         if self.kind == "polygon":
-            made: PlainTip = PrismTip.polygon(
-                given["points"], given["outer_mm"], edge_mm=given["edge_mm"]
+            tip: PlainTip = PrismTip.polygon(
+                values["points"], values["outer_mm"], edge_mm=values["edge_mm"]
             )
         elif self.kind == "cylinder":
-            made = TurnedTip.cylinder(**given)
+            tip = TurnedTip.cylinder(**values)
         else:
             kinds = {"ball": SphereTip, "ridge": RidgeTip, "ellipsoid": EllipsoidTip}
-            return kinds[self.kind](*at, **given)
-        return replace(made, x_mm=at[0], y_mm=at[1])
+            return kinds[self.kind](*position, **values)
+        return replace(tip, x_mm=position[0], y_mm=position[1])
 
 
 @dataclass(frozen=True)
@@ -101,34 +103,34 @@ class OwnShape:
 
     tips: tuple[OwnTip, ...]
     """One table each."""
-    reach_mm: float = REACH_MM
+    reach_mm: float = DEFAULT_REACH_MM
     """Free length of tips and shanks, up to the back plate."""
 
     __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
 
     def indenter(self, name: str) -> Indenter:
         """The indenter. Raises InputError for what is none."""
-        return _made(name, self)
+        return _build_indenter(name, self)
 
 
 @lru_cache(maxsize=64)
-def _made(name: str, shape: OwnShape) -> Indenter:
+def _build_indenter(name: str, shape: OwnShape) -> Indenter:
     try:
-        if not re.fullmatch(r"[a-z][a-z0-9-]*", name) or name in ("sphere", *SHAPES):
+        if not re.fullmatch(r"[a-z][a-z0-9-]*", name) or name in ("sphere", *SHAPE_FACTORIES):
             raise ShapeError(f"a name of a-z, 0-9 and -, and no built-in one: {name!r} fails")
         if not shape.tips:
             raise ShapeError("tips >= 1: 0 fails")
-        made = Indenter(
+        indenter = Indenter(
             name, tuple(tip.tip(shape.reach_mm) for tip in shape.tips), reach_mm=shape.reach_mm
         )
-        high = made.equator_mm + SHANK_MM
+        high = indenter.equator_mm + MIN_SHANK_MM
         if not high <= shape.reach_mm <= 50:
             raise ShapeError(
-                f"equator + {SHANK_MM:g} <= reach_mm <= 50: {high:g}, {shape.reach_mm:g} fails"
+                f"equator + {MIN_SHANK_MM:g} <= reach_mm <= 50: {high:g}, {shape.reach_mm:g} fails"
             )
-    except ShapeError as why:
-        raise InputError(f"shape.{name}: {why}") from why
-    return made
+    except ShapeError as error:
+        raise InputError(f"shape.{name}: {error}") from error
+    return indenter
 
 
 @dataclass(frozen=True)

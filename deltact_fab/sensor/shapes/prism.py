@@ -13,7 +13,7 @@ from deltact_fab.common import Field, Point2
 from .bounded import ShapeError
 from .tips import LowestInTheMiddle, less, require_positive
 
-POLYGON = 1e-6  # angle of a notch below which there is none
+MIN_NOTCH_RAD = 1e-6  # angle of a notch below which there is none
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class PrismTip(LowestInTheMiddle):
         inset = self.corner_mm - out
         inset = np.where(along < 0, self.corner_mm - np.hypot(u, v), inset)
         # A polygon has no notch: outside, on the line through a side's middle, rounding finds one.
-        notched = (along > side.length_mm) & (self._notch_angle > POLYGON)
+        notched = (along > side.length_mm) & (self._notch_angle > MIN_NOTCH_RAD)
         return np.where(notched, notch - self.notch_mm, inset)
 
     def height_mm(self, x_mm: Field, y_mm: Field) -> Field:
@@ -135,16 +135,16 @@ class PrismTip(LowestInTheMiddle):
         notch_start = (notch[0] - q * side.normal[0], notch[1] - q * side.normal[1])
         notch_middle = (notch[0] - q * math.cos(half), notch[1] - q * math.sin(half))
         notch_end = _turned(_mirrored(notch_start), 2 * half)
-        drawn: list[tuple[str, tuple[Point2, ...]]] = []
+        segments: list[tuple[str, tuple[Point2, ...]]] = []
         for k in range(self.points):
             turn = 2 * half * k
-            if self._notch_angle > POLYGON:
-                drawn.append(("line", (_turned(notch_start, turn),)))
-                drawn.append(("arc", (_turned(notch_middle, turn), _turned(notch_end, turn))))
+            if self._notch_angle > MIN_NOTCH_RAD:
+                segments.append(("line", (_turned(notch_start, turn),)))
+                segments.append(("arc", (_turned(notch_middle, turn), _turned(notch_end, turn))))
             tip = _turned((self.outer_mm, 0.0), turn + 2 * half)
-            drawn.append(("line", (_turned(_mirrored(start), turn + 2 * half),)))
-            drawn.append(("arc", (tip, _turned(start, turn + 2 * half))))
-        return start, drawn
+            segments.append(("line", (_turned(_mirrored(start), turn + 2 * half),)))
+            segments.append(("arc", (tip, _turned(start, turn + 2 * half))))
+        return start, segments
 
     @property
     def _notch_angle(self) -> float:

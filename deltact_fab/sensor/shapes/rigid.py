@@ -24,9 +24,9 @@ from .turned import TurnedTip
 
 PlainTip = SphereTip | RidgeTip | EllipsoidTip | PrismTip | TurnedTip
 
-TILT_DEG = 45.0
-_LEVEL_MM = 0.1  # heights that are looked at for the first inside the body; no tip is thinner
-_GRID = np.linspace(-1.0, 1.0, 61)
+MAX_TILT_DEG = 45.0
+_SEARCH_STEP_MM = 0.1  # heights that are looked at for the first inside the body; no tip is thinner
+_UNIT_GRID = np.linspace(-1.0, 1.0, 61)
 
 
 def edge_radius_mm(tip: PlainTip | PosedTip) -> float:
@@ -39,13 +39,13 @@ def edge_radius_mm(tip: PlainTip | PosedTip) -> float:
         return tip.edge_mm
     if not isinstance(tip, TurnedTip):
         return tip.radius_mm
-    found, a = tip.radius_mm, tip.start_mm
+    radius, a = tip.radius_mm, tip.start_mm
     for piece in tip.pieces:
         c = piece.centre_mm
         if c is not None and c[1] >= max(a[1], piece.end_mm[1]) - 1e-9:
-            found = min(found, math.dist(c, a))
+            radius = min(radius, math.dist(c, a))
         a = piece.end_mm
-    return found
+    return radius
 
 
 @dataclass(frozen=True)
@@ -64,10 +64,11 @@ class PosedTip:
     top_mm: float = 12.0
 
     def __post_init__(self) -> None:
-        for name, most in (("turn_deg", 360.0), ("tilt_x_deg", TILT_DEG), ("tilt_y_deg", TILT_DEG)):
+        tilts = {"tilt_x_deg": MAX_TILT_DEG, "tilt_y_deg": MAX_TILT_DEG}
+        for name, limit in {"turn_deg": 360.0, **tilts}.items():
             value = getattr(self, name)
-            if not abs(value) <= most:
-                raise ShapeError(f"|{name}| <= {most:g}: {value:g} fails")
+            if not abs(value) <= limit:
+                raise ShapeError(f"|{name}| <= {limit:g}: {value:g} fails")
 
     @cached_property
     def turn(self) -> NDArray[np.float64]:
@@ -104,7 +105,7 @@ class PosedTip:
         (u0, v0), (a, b) = (0.0, 0.0), self.tip.half_mm
         best = (0.0, 0.0, math.inf)
         for _ in range(16):
-            u, v = np.meshgrid(u0 + a * _GRID, v0 + b * _GRID)
+            u, v = np.meshgrid(u0 + a * _UNIT_GRID, v0 + b * _UNIT_GRID)
             w = self.tip.height_mm(u, v)
             inside = np.isfinite(w)
             points = np.stack([u[inside], v[inside], w[inside]])
@@ -118,8 +119,8 @@ class PosedTip:
 
     @property
     def radius_mm(self) -> float:
-        least = edge_radius_mm(self.tip) if self.tilted else self.tip.radius_mm
-        return min(self.tip.radius_mm, least)
+        edge = edge_radius_mm(self.tip) if self.tilted else self.tip.radius_mm
+        return min(self.tip.radius_mm, edge)
 
     @cached_property
     def equator_mm(self) -> float:
@@ -130,14 +131,14 @@ class PosedTip:
         if not self.tilted:
             return self.tip.equator_mm
         angle = np.arange(24) * math.pi / 12
-        way, start = np.stack([np.cos(angle), np.sin(angle)]), self.lowest_mm
+        direction, start = np.stack([np.cos(angle), np.sin(angle)]), self.lowest_mm
         low, high = np.zeros(24), np.full(24, 2 * math.hypot(*self.half_mm))
         for _ in range(40):
             middle = (low + high) / 2
-            x, y = start[0] + middle * way[0], start[1] + middle * way[1]
+            x, y = start[0] + middle * direction[0], start[1] + middle * direction[1]
             inside = np.isfinite(self.height_mm(x, y))
             low, high = np.where(inside, middle, low), np.where(inside, high, middle)
-        rim = self.height_mm(start[0] + low * way[0], start[1] + low * way[1])
+        rim = self.height_mm(start[0] + low * direction[0], start[1] + low * direction[1])
         return float(rim.min())
 
     @property
@@ -163,26 +164,26 @@ class PosedTip:
         if not self.tilted:
             (xx, xy), (yx, yy) = self.turn[:2, :2]
             return self.tip.height_mm(xx * x + yx * y, xy * x + yy * y)
-        found = np.full(x.shape, np.inf)
+        height = np.full(x.shape, np.inf)
         open_ = np.flatnonzero((np.abs(x) <= self.half_mm[0]) & (np.abs(y) <= self.half_mm[1]))
         flat_x, flat_y = x.ravel(), y.ravel()
-        steps = math.ceil(self.top_mm / _LEVEL_MM)
+        steps = math.ceil(self.top_mm / _SEARCH_STEP_MM)
         for k in range(steps + 1):
             z = self.top_mm * k / steps
-            met = self._holds(flat_x[open_], flat_y[open_], np.full(open_.shape, z))
-            found.flat[open_[met]] = z
-            open_ = open_[~met]
-        at = np.flatnonzero(np.isfinite(found.ravel()) & (found.ravel() > 0))
-        high = found.ravel()[at]
+            inside = self._contains(flat_x[open_], flat_y[open_], np.full(open_.shape, z))
+            height.flat[open_[inside]] = z
+            open_ = open_[~inside]
+        index = np.flatnonzero(np.isfinite(height.ravel()) & (height.ravel() > 0))
+        high = height.ravel()[index]
         low = high - self.top_mm / steps
         for _ in range(40):
             middle = (low + high) / 2
-            met = self._holds(flat_x[at], flat_y[at], middle)
-            low, high = np.where(met, low, middle), np.where(met, middle, high)
-        found.flat[at] = high
-        return found
+            inside = self._contains(flat_x[index], flat_y[index], middle)
+            low, high = np.where(inside, low, middle), np.where(inside, middle, high)
+        height.flat[index] = high
+        return height
 
-    def _holds(self, x: Field, y: Field, z: Field) -> NDArray[np.bool_]:
+    def _contains(self, x: Field, y: Field, z: Field) -> NDArray[np.bool_]:
         """Whether points from where the tip stands are inside the body."""
         u, v, w = self.turn.T @ np.stack([x, y, z + self._lowest[2]])
         inside: NDArray[np.bool_] = w >= self.tip.height_mm(u, v)
@@ -190,7 +191,7 @@ class PosedTip:
 
 
 Tip = PlainTip | PosedTip
-REACH_MM = 12.0  # as long as the standard gel is thick
+DEFAULT_REACH_MM = 12.0  # as long as the standard gel is thick
 
 
 @dataclass(frozen=True)
@@ -211,7 +212,7 @@ class Indenter:
     stem_diameter_mm: float = 6.0
     stem_length_mm: float = 20.0
     stem_flat_at_mm: float = 2.2
-    reach_mm: float = REACH_MM
+    reach_mm: float = DEFAULT_REACH_MM
 
     @property
     def edge_radius_mm(self) -> float:

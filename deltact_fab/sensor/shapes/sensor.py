@@ -81,7 +81,7 @@ class OpticsDimensions(Bounded):
         """Size of the field of view on the resting face, (x, y) = image in px x mm_per_px."""
         return (self.image_width_px * self.mm_per_px, self.image_height_px * self.mm_per_px)
 
-    def beyond(self, side_mm: float) -> str | None:
+    def print_shortfall(self, side_mm: float) -> str | None:
         """Why a square print of that side on the face does not fill the view; None where it does.
 
         Without a print the camera sees nothing that moves.

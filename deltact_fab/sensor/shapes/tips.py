@@ -119,8 +119,8 @@ class RidgeTip(LowestInTheMiddle):
         return self.half_width_mm
 
     def height_mm(self, x_mm: Field, y_mm: Field) -> Field:
-        beyond = np.maximum(np.abs(y_mm - self.y_mm) - self.length_mm / 2, 0.0)
-        d = np.hypot(x_mm - self.x_mm, beyond)
+        overhang = np.maximum(np.abs(y_mm - self.y_mm) - self.length_mm / 2, 0.0)
+        d = np.hypot(x_mm - self.x_mm, overhang)
         nose = np.minimum(d, self.nose_half_mm)
         round_ = self.radius_mm - np.sqrt(self.radius_mm**2 - nose**2)
         flank = self.nose_height_mm + (d - self.nose_half_mm) * self.slope

@@ -20,7 +20,7 @@ from deltact_fab.common import Field, Point2
 
 from .tips import less
 
-ROUNDING = 1e-9  # relative, of sums and roots of decimal fractions
+RELATIVE_ROUNDING = 1e-9  # relative, of sums and roots of decimal fractions
 
 
 @dataclass(frozen=True)
@@ -91,11 +91,11 @@ class TurnedTip:
         high = crown_radius_mm * math.tan(flank)
         less("crown_mm", crown_mm, "crown_radius_mm tan(flank_deg)", high)
         dome = (high - crown_mm) / (1 / math.cos(flank) - 1)
-        at = dome * math.sin(flank), dome * (1 - math.cos(flank))
-        less("edge of the dome", at[0], "crown_radius_mm", crown_radius_mm)
+        tangent = dome * math.sin(flank), dome * (1 - math.cos(flank))
+        less("edge of the dome", tangent[0], "crown_radius_mm", crown_radius_mm)
         flat = radius_mm - edge_mm
         pieces = (
-            ProfilePiece(at, (0.0, dome)),
+            ProfilePiece(tangent, (0.0, dome)),
             ProfilePiece((crown_radius_mm, crown_mm)),
             ProfilePiece((flat, crown_mm)),
             ProfilePiece((radius_mm, crown_mm + edge_mm), (flat, crown_mm + edge_mm)),
@@ -104,7 +104,7 @@ class TurnedTip:
 
     def __post_init__(self) -> None:
         less("0", 0.0, "radius_mm", self.radius_mm)
-        for a, piece in self._drawn():
+        for a, piece in self._segments():
             less("d of a point", a[0], "d of the next", piece.end_mm[0])
 
     @property
@@ -116,10 +116,10 @@ class TurnedTip:
     def lowest_mm(self) -> Point2:
         """(x, y) of a lowest point; of a circle of them the one at +x."""
         points = [self.start_mm]
-        for a, piece in self._drawn():
+        for a, piece in self._segments():
             if piece.centre_mm is not None and a[0] < piece.centre_mm[0] < piece.end_mm[0]:
                 m, n = piece.centre_mm
-                points.append((m, n + _way(a, piece) * math.dist(a, piece.centre_mm)))
+                points.append((m, n + _bulge_sign(a, piece) * math.dist(a, piece.centre_mm)))
             points.append(piece.end_mm)
         return self.x_mm + min(points, key=lambda p: p[1])[0], self.y_mm
 
@@ -140,32 +140,32 @@ class TurnedTip:
     def height_mm(self, x_mm: Field, y_mm: Field) -> Field:
         d = np.hypot(x_mm - self.x_mm, y_mm - self.y_mm)
         height = np.full(d.shape, np.inf)
-        for a, piece in self._drawn():
-            here = (d >= a[0]) & (d <= piece.end_mm[0])
-            height = np.where(here, _height(a, piece, d), height)
+        for a, piece in self._segments():
+            inside = (d >= a[0]) & (d <= piece.end_mm[0])
+            height = np.where(inside, _height(a, piece, d), height)
         return height
 
     def profile(self) -> tuple[Point2, list[tuple[str, tuple[Point2, ...]]]]:
         """The profile as it is drawn: a start, then ("line", (end,)) or ("arc", (middle, end))."""
-        drawn: list[tuple[str, tuple[Point2, ...]]] = []
-        for a, piece in self._drawn():
+        segments: list[tuple[str, tuple[Point2, ...]]] = []
+        for a, piece in self._segments():
             if piece.centre_mm is None:
-                drawn.append(("line", (piece.end_mm,)))
+                segments.append(("line", (piece.end_mm,)))
             else:
-                drawn.append(("arc", (_middle(a, piece), piece.end_mm)))
-        return self.start_mm, drawn
+                segments.append(("arc", (_middle(a, piece), piece.end_mm)))
+        return self.start_mm, segments
 
-    def _drawn(self) -> list[tuple[Point2, ProfilePiece]]:
+    def _segments(self) -> list[tuple[Point2, ProfilePiece]]:
         """Each piece after the point at which it starts."""
         starts = (self.start_mm, *(p.end_mm for p in self.pieces))
         return list(zip(starts, self.pieces, strict=False))
 
 
-def _way(a: Point2, piece: ProfilePiece) -> int:
+def _bulge_sign(a: Point2, piece: ProfilePiece) -> int:
     """-1 for an arc that bulges downwards, 1 for one upwards."""
     assert piece.centre_mm is not None
     n = piece.centre_mm[1]
-    slack = ROUNDING * (math.dist(a, piece.centre_mm) + abs(n))
+    slack = RELATIVE_ROUNDING * (math.dist(a, piece.centre_mm) + abs(n))
     return 1 if max(a[1], piece.end_mm[1]) > n + slack else -1
 
 
@@ -176,7 +176,7 @@ def _height(a: Point2, piece: ProfilePiece, d: Field) -> Field:
         return z0 + (d - d0) * ((z1 - z0) / (d1 - d0))
     m, n = piece.centre_mm
     r2 = (d0 - m) ** 2 + (z0 - n) ** 2
-    return n + _way(a, piece) * np.sqrt(np.maximum(r2 - (d - m) ** 2, 0.0))
+    return n + _bulge_sign(a, piece) * np.sqrt(np.maximum(r2 - (d - m) ** 2, 0.0))
 
 
 def _middle(a: Point2, piece: ProfilePiece) -> Point2:
@@ -185,5 +185,5 @@ def _middle(a: Point2, piece: ProfilePiece) -> Point2:
     (m, n), r = piece.centre_mm, math.dist(a, piece.centre_mm)
     # Square to the chord, to the side on which the arc lies.
     dx, dz = piece.end_mm[0] - a[0], piece.end_mm[1] - a[1]
-    reach = _way(a, piece) * r / math.hypot(dx, dz)
+    reach = _bulge_sign(a, piece) * r / math.hypot(dx, dz)
     return m - reach * dz, n + reach * dx

@@ -102,7 +102,7 @@ class RunRequest:
     def estimate(self) -> RunEstimate:
         """Frames, time and disk of the whole run."""
         image_px, rig = rule.image_px(self.view, self.rig), self.rig
-        return RunEstimate.of(
+        return RunEstimate.from_protocol(
             self.protocol, image_px, rig.stage, self.steps, not rig.simulated,
             self.kind.change_s(self.protocol) if self._touches else 0.0,
         )  # fmt: skip
@@ -177,7 +177,7 @@ class RunRequest:
             recipe = self.recipe
         except InputError as why:
             return [str(why)]
-        beyond = self.design.optics.beyond(recipe.printed_mm)
+        beyond = self.design.optics.print_shortfall(recipe.printed_mm)
         if "image" in self.protocol.channels and beyond is not None:
             return [
                 f"{self.source}: specimen.pattern: {self.protocol.specimen.pattern!r}: {beyond}"
@@ -193,7 +193,7 @@ class RunRequest:
     def _format(self) -> list[str]:
         """Why images cannot be written as the rig's camera has it."""
         try:
-            ImageFormat.of({"rig": self.rig.recorded()}).require()
+            ImageFormat.from_meta({"rig": self.rig.recorded()}).require()
         except MissingLibrary as why:
             return [str(why)]
         return []

@@ -27,13 +27,13 @@ def true_lens(config: VirtualConfig, sensor: SensorDimensions) -> Fisheye:
 
     Raises InputError for numbers that are another sensor's.
     """
-    nominal = Fisheye.of(sensor).as_dict()
+    nominal = Fisheye.from_sensor(sensor).as_dict()
     given = config.virtual.lens
     values = dict(nominal)
     if given is not None:
         made_for = nominal
         if given.design is not None:
-            made_for = Fisheye.of(load_design(given.design)).as_dict()
+            made_for = Fisheye.from_sensor(load_design(given.design)).as_dict()
         for key, value in given.numbers().items():
             far = abs(value - nominal[key]) > NEAR_MM.get(key, np.inf)
             if given.design is None and far:
@@ -56,7 +56,7 @@ def tracked_view(config: VirtualConfig, sensor: SensorDimensions, source: Path) 
     or is so far off that its view is not in the picture.
     """
     if config.camera is None:
-        view, named = Rectified.of(sensor, Fisheye.of(sensor)), "the design's lens"
+        view, named = Rectified.from_sensor(sensor), "the design's lens"
     else:
         named = str(source.parent / config.camera.model)
         loaded = load_view(config.camera, sensor, source)

@@ -242,7 +242,7 @@ class DragFrame(NamedTuple):
 
 def view_of(sensor: SensorDimensions) -> Pinhole:
     """The middle of the sensor's view, with at most FIELD_PX pixels, even ones for the mosaic."""
-    whole = Pinhole.of(sensor)
+    whole = Pinhole.from_sensor(sensor)
     part = min(1.0, (FIELD_PX / (whole.width_px * whole.height_px)) ** 0.5)
     width_px, height_px = (2 * int(part * n / 2) for n in (whole.width_px, whole.height_px))
     return replace(whole, width_px=width_px, height_px=height_px)
@@ -266,7 +266,7 @@ def dragged(view: Pinhole, seed: int) -> list[DragFrame]:
     whole *= DRAG_MM / np.hypot(whole[..., 0], whole[..., 1]).max()
     return [
         DragFrame(
-            drawing.material_px(u_mm), TrueFrame.of(*seen.both(u_mm), in_view, view.mm_per_px)
+            drawing.material_px(u_mm), TrueFrame.of(*seen.motion(u_mm), in_view, view.mm_per_px)
         )
         for u_mm in (whole * (k / OUTWARD) for k in range(1, OUTWARD + 1))
     ]

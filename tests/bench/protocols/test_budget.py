@@ -32,7 +32,7 @@ def declare(**changes: object) -> Protocol:
 
 def rows(protocol: Protocol, out: Path, **more: object) -> dict[str, Check]:
     box = config.load_rig("virtual")[0].stage
-    estimate = limits.RunEstimate.of(protocol, 1280 * 720, box)
+    estimate = limits.RunEstimate.from_protocol(protocol, 1280 * 720, box)
     arguments: dict[str, object] = {"held_hz": 50.0, **more}
     found = budget(protocol, plan.expand_protocol(protocol), estimate, out, **arguments)  # type: ignore[arg-type]
     return {row.name: row for row in found}
@@ -51,7 +51,7 @@ def test_days_are_warned_of_and_months_refused(tmp_path: Path) -> None:
     hour = declare(capture={"settle_s": 600.0})
     steps, estimate = (
         plan.expand_protocol(hour),
-        limits.RunEstimate.of(hour, 1, config.load_rig("virtual")[0].stage),
+        limits.RunEstimate.from_protocol(hour, 1, config.load_rig("virtual")[0].stage),
     )
     for days, ok, warns in ((0.9, True, False), (2, True, True), (31, False, False)):
         taken = replace(estimate, seconds=days * 86400)
@@ -64,7 +64,7 @@ def test_the_disk_that_is_judged_is_that_of_the_run(tmp_path: Path) -> None:
     found = rows(SMOKE, tmp_path / "run")["disk"]
     assert str(tmp_path) in found.basis[0]
     box = config.load_rig("virtual")[0].stage
-    huge = replace(limits.RunEstimate.of(SMOKE, 1, box), disk_mb=3.5e9)
+    huge = replace(limits.RunEstimate.from_protocol(SMOKE, 1, box), disk_mb=3.5e9)
     found = budget(SMOKE, plan.expand_protocol(SMOKE), huge, tmp_path, None)[2]
     assert found.failed
     assert found.value > found.limit

@@ -85,12 +85,13 @@ def test_require_names_file_figure_bound_and_step() -> None:
 
 
 def test_estimate_counts_frames_time_and_disk() -> None:
-    estimate = limits.RunEstimate.of(protocol(), 798 * 586, BOX)
+    estimate = limits.RunEstimate.from_protocol(protocol(), 798 * 586, BOX)
     steps = plan.expand_protocol(protocol())
     assert estimate.frames == sum(s.frames for s in steps)
     shear_s = 2 * 24 / (30 / 60)
     assert shear_s < estimate.seconds < shear_s + 75
-    without = limits.RunEstimate.of(protocol(channels=["force", "shear"]), 798 * 586, BOX)
+    blind = protocol(channels=["force", "shear"])
+    without = limits.RunEstimate.from_protocol(blind, 798 * 586, BOX)
     assert without.disk_mb < estimate.disk_mb / 40
-    silent = limits.RunEstimate.of(protocol(channels=["image", "shear"]), 798 * 586, BOX)
+    silent = limits.RunEstimate.from_protocol(protocol(channels=["image", "shear"]), 798 * 586, BOX)
     assert estimate.disk_mb - silent.disk_mb == pytest.approx(0.014 * estimate.seconds)

@@ -14,7 +14,7 @@ SKIN = SkinDimensions(width_mm=20.0, length_mm=16.0, thickness_mm=7.0)
 
 @pytest.fixture(scope="module")
 def cells() -> FaceCells:
-    return FaceCells.of(SKIN, 0.49, 1.0)
+    return FaceCells.from_skin(SKIN, 0.49, 1.0)
 
 
 def _windows(cells: FaceCells) -> tuple[slice, slice]:

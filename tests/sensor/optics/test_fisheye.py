@@ -12,12 +12,12 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.sensor.optics.fisheye import Fisheye
 from deltact_fab.sensor.shapes.sensor import SensorDimensions
 
-LENS = Fisheye.of(SensorDimensions())
+LENS = Fisheye.from_sensor(SensorDimensions())
 
 
 def test_the_nominal_lens_of_a_design_takes_its_layers():
     data = {"optics": {"air_gap_mm": 4.0, "acrylic_mm": 3.0}, "skin": {"thickness_mm": 10.0}}
-    lens = Fisheye.of(catalog.validate(SensorDimensions, data, "mine.toml"))
+    lens = Fisheye.from_sensor(catalog.validate(SensorDimensions, data, "mine.toml"))
     assert (lens.air_gap_mm, lens.acrylic_mm, lens.gel_mm) == (4.0, 3.0, 10.0)
     assert lens.mm_per_px == pytest.approx((4 + 3 / 1.49 + 10 / 1.41) / lens.f_px, rel=1e-12)
     apart = lens.rest_px(np.array([[0.005, 0.0], [-0.005, 0.0]]))

@@ -20,7 +20,7 @@ from deltact_fab.sensor.shapes.sensor import SensorDimensions
 SENSOR = SensorDimensions()
 NORMAL = np.array([0.0, 0.0, 1.0])
 
-NOMINAL = Fisheye.of(SENSOR)
+NOMINAL = Fisheye.from_sensor(SENSOR)
 REAL = Fisheye(
     f_px=391.3,
     k1=-0.021,
@@ -157,7 +157,7 @@ def test_any_lens_is_the_rays_that_were_traced(seed):
 @pytest.mark.parametrize(("medium", "z_mm"), DEPTHS)
 @pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES.keys())
 def test_a_rectified_view_has_a_point_where_its_ray_crosses_the_face(lens, medium, z_mm):
-    view = Rectified.of(SENSOR, lens)
+    view = Rectified.from_sensor(SENSOR, lens)
     traced = trace(lens, medium, z_mm)
     px = traced.rest_mm / view.mm_per_px + (np.array([view.width_px, view.height_px]) - 1) / 2
     np.testing.assert_allclose(view.project_px(traced.points_mm, medium), px, atol=1e-9)
@@ -168,7 +168,7 @@ def test_a_rectified_view_has_a_point_where_its_ray_crosses_the_face(lens, mediu
 
 @pytest.mark.parametrize(("medium", "z_mm"), DEPTHS)
 def test_a_pinhole_is_the_lens_near_the_axis(medium, z_mm):
-    camera = Pinhole.of(SENSOR)
+    camera = Pinhole.from_sensor(SENSOR)
     in_px, in_mm = [], []
     for widest_deg in (2.0, 1.0):
         traced = trace(NOMINAL, medium, z_mm, widest_deg)

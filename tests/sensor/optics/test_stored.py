@@ -17,9 +17,9 @@ from deltact_fab.sensor.shapes.sensor import SensorDimensions
 
 LENS = Fisheye(k1=-0.02, air_gap_mm=2.7, pupil_shift_mm=-0.3)
 MODELS: list[CameraModel] = [
-    Pinhole.of(SensorDimensions()),
+    Pinhole.from_sensor(SensorDimensions()),
     LENS,
-    Rectified.of(SensorDimensions(), LENS),
+    Rectified.from_sensor(SensorDimensions(), LENS),
 ]
 
 

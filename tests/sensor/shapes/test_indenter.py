@@ -11,7 +11,7 @@ from closed_forms import tip_mm3
 from deltact_fab.common.aliases import Field
 from deltact_fab.common.errors import InputError
 from deltact_fab.sensor.shapes.bounded import ShapeError
-from deltact_fab.sensor.shapes.indenter import SIZE_MM, parse_indenter
+from deltact_fab.sensor.shapes.indenter import DEFAULT_SIZE_MM, parse_indenter
 from deltact_fab.sensor.shapes.prism import PrismTip
 from deltact_fab.sensor.shapes.rigid import Indenter, Tip
 from deltact_fab.sensor.shapes.tips import EllipsoidTip, RidgeTip, SphereTip
@@ -75,7 +75,7 @@ def test_a_name_is_normalised(typed: str, name: str, slug: str) -> None:
     ("typed", "says"),
     [
         ("elipsoid", "indenter 'elipsoid': unknown; did you mean 'ellipsoid'?"),
-        ("cube:3", "valid: sphere:DIAMETER_MM, and with or without :SIZE_MM 4dots, 2dots, edges, "),
+        ("cube:3", "valid: sphere:DIAMETER_MM or, opt. with :SIZE_MM, 4dots, 2dots, edges, "),
         ("sphere", "a diameter of 0.5 to 30 mm, as in 'sphere:10'"),
         ("sphere:nan", "a diameter of 0.5 to 30 mm"),
         ("star:big", "5 to 20 mm"),
@@ -111,7 +111,7 @@ def test_spheres_keep_their_bits(name: str) -> None:
 def test_field_and_footprint(name: str) -> None:
     shape = parse_indenter(name)
     hx, hy = shape.footprint_half_mm
-    assert 2 * max(hx, hy) == pytest.approx(float(name.partition(":")[2] or SIZE_MM))
+    assert 2 * max(hx, hy) == pytest.approx(float(name.partition(":")[2] or DEFAULT_SIZE_MM))
     spacing = max(hx, hy) / 200
     x, y = grid(hx, hy, spacing)
     height = shape.height_mm(x, y)
@@ -237,7 +237,7 @@ def test_the_drawn_profile_is_the_height_field(tip: TurnedTip) -> None:
 
 
 def test_the_hat_is_a_dome_a_flank_and_a_brim() -> None:
-    hat, size_mm = parse_indenter("hat"), SIZE_MM
+    hat, size_mm = parse_indenter("hat"), DEFAULT_SIZE_MM
     d = np.linspace(0, size_mm / 2 - 1e-9, 20001)
     z = hat.height_mm(np.zeros(20001), d)
     slope = np.gradient(z, d)

@@ -43,16 +43,16 @@ def export_run(
         raise InputError(f"{out.parent}: no such folder")
     if form != "lerobot" and len(runs) > 1:
         raise InputError(f"--format {form}: one run at a time; lerobot takes several")
-    report = progress or (lambda done, total, what: None)
-    with disk_errors(out), whole_file(out) as made:
+    report = progress or (lambda count, total, text: None)
+    with disk_errors(out), whole_file(out) as part:
         if form == "mcap":
             from .foxglove import write
 
-            return write(runs[0], made, report)
+            return write(runs[0], part, report)
         if form == "lerobot":
             from .lerobot import write as write_lerobot
 
-            return write_lerobot(runs, made, follow, report)
+            return write_lerobot(runs, part, follow, report)
         from .tables import write as write_tables
 
-        return write_tables(runs[0], made, form, report)
+        return write_tables(runs[0], part, form, report)

@@ -26,12 +26,12 @@ from deltact_fab.common import Progress
 from ..images import encode_png
 from ..run import Run
 from ..streams import FORCE_COLUMNS, POSE_COLUMNS
-from .tables import LINE, TimeLine, described, of_press
+from .tables import TIME_COLUMN, TimeLine, describe_run, press_rows
 
-CHUNK_BYTES = 4 * 1024 * 1024  # a frame of 1280 x 720 and what was felt with it
-SENSOR = "sensor"  # frame of reference: the sensor frame, z = 0 at the resting face
-CAMERA = "camera"
-ABOUT = {
+MCAP_CHUNK_BYTES = 4 * 1024 * 1024  # a frame of 1280 x 720 and what was felt with it
+SENSOR_FRAME = "sensor"  # frame of reference: the sensor frame, z = 0 at the resting face
+CAMERA_FRAME = "camera"
+METADATA_TEXTS = {
     "time": "log_time: ns since 1970 UTC; the rig's clock, moved by one offset a session to the "
     "day's time at its first event, and never back behind the session before",
     "units": "positions m, forces N on the sensor (a press has z < 0), torques N m about the "
@@ -44,21 +44,23 @@ def _object(**properties: Any) -> dict[str, Any]:
     return {"type": "object", "properties": properties}
 
 
-_STRING, _NUMBER, _INTEGER, _BOOLEAN = (
+_STRING_TYPE, _NUMBER_TYPE, _INTEGER_TYPE, _BOOLEAN_TYPE = (
     {"type": kind} for kind in ("string", "number", "integer", "boolean")
 )
-_TIME = _object(sec=_INTEGER, nsec=_INTEGER)
-_XYZ = _object(**dict.fromkeys("xyz", _NUMBER))
-_POSE = _object(position=_XYZ, orientation=_object(**dict.fromkeys("xyzw", _NUMBER)))
-SCHEMAS = {
+_TIME_TYPE = _object(sec=_INTEGER_TYPE, nsec=_INTEGER_TYPE)
+_XYZ_TYPE = _object(**dict.fromkeys("xyz", _NUMBER_TYPE))
+_POSE_TYPE = _object(position=_XYZ_TYPE, orientation=_object(**dict.fromkeys("xyzw", _NUMBER_TYPE)))
+TOPIC_SCHEMAS = {
     "/camera/image": ("foxglove.CompressedImage", _object(
-        timestamp=_TIME, frame_id=_STRING, data=_STRING | {"contentEncoding": "base64"},
-        format=_STRING,
+        timestamp=_TIME_TYPE, frame_id=_STRING_TYPE, format=_STRING_TYPE,
+        data=_STRING_TYPE | {"contentEncoding": "base64"},
     )),
-    "/stage/pose": ("foxglove.PoseInFrame", _object(timestamp=_TIME, frame_id=_STRING, pose=_POSE)),
+    "/stage/pose": ("foxglove.PoseInFrame", _object(
+        timestamp=_TIME_TYPE, frame_id=_STRING_TYPE, pose=_POSE_TYPE,
+    )),
     "/force/wrench": ("geometry_msgs/WrenchStamped", _object(
-        header=_object(stamp=_TIME, frame_id=_STRING), wrench=_object(force=_XYZ, torque=_XYZ),
-        saturated=_BOOLEAN,
+        header=_object(stamp=_TIME_TYPE, frame_id=_STRING_TYPE), saturated=_BOOLEAN_TYPE,
+        wrench=_object(force=_XYZ_TYPE, torque=_XYZ_TYPE),
     )),
 }  # fmt: skip
 """Of each topic the schema's name, by which Foxglove knows what to draw, and its fields."""
@@ -70,18 +72,18 @@ def write(run: Run, path: Path, progress: Progress) -> dict[str, int]:
 
     Raises RunFailed for a damaged run, MissingLibrary for JPEG XL without the extra `images`.
     """
-    line = TimeLine.of(run)
-    counts = dict.fromkeys(SCHEMAS, 0)
+    line = TimeLine.from_run(run)
+    counts = dict.fromkeys(TOPIC_SCHEMAS, 0)
     with path.open("wb") as out:
-        writer = Writer(out, chunk_size=CHUNK_BYTES, enable_data_crcs=True)
+        writer = Writer(out, chunk_size=MCAP_CHUNK_BYTES, enable_data_crcs=True)
         writer.start(profile="", library="deltact-fab")
         channels = {}
-        for topic, (title, fields) in SCHEMAS.items():
+        for topic, (title, fields) in TOPIC_SCHEMAS.items():
             data = json.dumps({"title": title, **fields}).encode()
             schema_id = writer.register_schema(title, "jsonschema", data)
             channels[topic] = writer.register_channel(topic, "json", schema_id)
-        said = {key: json.dumps(value) for key, value in described(run).items()}
-        writer.add_metadata("deltact-fab", {**said, **ABOUT})
+        metadata = {key: json.dumps(value) for key, value in describe_run(run).items()}
+        writer.add_metadata("deltact-fab", {**metadata, **METADATA_TEXTS})
         for time_ns, topic, message in _presses(run, line, progress):
             data = json.dumps(message, separators=(",", ":")).encode()
             writer.add_message(channels[topic], time_ns, data, time_ns, counts[topic])
@@ -94,7 +96,7 @@ def _presses(run: Run, line: TimeLine, progress: Progress) -> Iterator[Message]:
     """All messages of each press in order of time; of images only one is held at once."""
     for number, press in enumerate(line.presses, start=1):
         frames, pose, force = (
-            of_press(run, line, name, press).sort_values(LINE, kind="stable")
+            press_rows(run, line, name, press).sort_values(TIME_COLUMN, kind="stable")
             for name in ("frames", "pose", "force")
         )
         yield from merge(_frames(run, frames), _poses(pose), _wrenches(force), key=itemgetter(0))
@@ -107,10 +109,10 @@ def _stamp(time_ns: int) -> dict[str, int]:
 
 
 def _frames(run: Run, table: pd.DataFrame) -> Iterator[Message]:
-    for time_ns, file in zip(map(int, table[LINE]), table["file"], strict=True):
+    for time_ns, file in zip(map(int, table[TIME_COLUMN]), table["file"], strict=True):
         if isinstance(file, str):  # else the scene had no image
             data = base64.b64encode(_png(run, file)).decode()
-            image = {"timestamp": _stamp(time_ns), "frame_id": CAMERA, "data": data}
+            image = {"timestamp": _stamp(time_ns), "frame_id": CAMERA_FRAME, "data": data}
             yield time_ns, "/camera/image", {**image, "format": "png"}
 
 
@@ -121,19 +123,19 @@ def _png(run: Run, file: str) -> bytes:
 
 def _poses(table: pd.DataFrame) -> Iterator[Message]:
     at_m = table[[*POSE_COLUMNS]].to_numpy(float) / 1e3
-    for time_ns, position in zip(map(int, table[LINE]), at_m, strict=True):
+    for time_ns, position in zip(map(int, table[TIME_COLUMN]), at_m, strict=True):
         orientation = {"x": 0, "y": 0, "z": 0, "w": 1}
         pose = {"position": _vector(position), "orientation": orientation}
-        message = {"timestamp": _stamp(time_ns), "frame_id": SENSOR, "pose": pose}
+        message = {"timestamp": _stamp(time_ns), "frame_id": SENSOR_FRAME, "pose": pose}
         yield time_ns, "/stage/pose", message
 
 
 def _wrenches(table: pd.DataFrame) -> Iterator[Message]:
     values = table[[*FORCE_COLUMNS]].to_numpy(float) / (1, 1, 1, 1e3, 1e3, 1e3)
     saturated = table["saturated"].fillna(False).to_numpy(bool)
-    for time_ns, wrench, over in zip(map(int, table[LINE]), values, saturated, strict=True):
+    for time_ns, wrench, over in zip(map(int, table[TIME_COLUMN]), values, saturated, strict=True):
         message = {
-            "header": {"stamp": _stamp(time_ns), "frame_id": SENSOR},
+            "header": {"stamp": _stamp(time_ns), "frame_id": SENSOR_FRAME},
             "wrench": {"force": _vector(wrench[:3]), "torque": _vector(wrench[3:])},
             "saturated": bool(over),
         }

@@ -46,7 +46,7 @@ class TimeLine:
     """Of the first image of an imported run, whose times are the recording's own."""
 
     @classmethod
-    def of(cls, run: Run) -> TimeLine:
+    def from_run(cls, run: Run) -> TimeLine:
         """The time line of a run. Raises RunFailed for a journal that cannot be read."""
         with run.reader() as db:
             rows = db.execute(
@@ -54,8 +54,8 @@ class TimeLine:
                 "SELECT press, t_start_s a, t_end_s b, wall_s FROM steps UNION ALL "
                 "SELECT press, t_s, t_s, wall_s FROM frames) GROUP BY press ORDER BY max(wall_s)"
             ).fetchall()
-            what = "SELECT seq, kind, press, t_s, wall_s FROM events ORDER BY seq"
-            events = db.execute(what).fetchall()
+            query = "SELECT seq, kind, press, t_s, wall_s FROM events ORDER BY seq"
+            events = db.execute(query).fetchall()
         begun: list[float] = []  # the day's time of each session's first event
         # Of each session: from, to by its clock, and the day's time over it.
         spans: dict[int, list[tuple[float, float, float]]] = defaultdict(list)
@@ -64,11 +64,11 @@ class TimeLine:
         for seq, kind, press, t_s, wall_s in events:
             if kind == "session" or not begun:
                 begun.append(wall_s)
-            at = event_session[seq] = len(begun) - 1
+            session = event_session[seq] = len(begun) - 1
             if press is not None:
-                press_session[press] = at  # the last one: a press may be done again
+                press_session[press] = session  # the last one: a press may be done again
             if t_s is not None:
-                spans[at].append((t_s, t_s, wall_s - t_s))
+                spans[session].append((t_s, t_s, wall_s - t_s))
         for press, first_s, last_s, wall_s, over_s, _ in rows:
             if press not in press_session:  # a change of the indenter has no event of its own
                 earlier = [n for n, begun_s in enumerate(begun) if begun_s <= wall_s]
@@ -76,10 +76,10 @@ class TimeLine:
             spans[press_session[press]].append((first_s, last_s, over_s))
         offsets = [0] * len(begun)  # of a session that was over before its clock ran
         end_ns = 0
-        for at, span in sorted(spans.items()):
+        for session, span in sorted(spans.items()):
             first_s, last_s = min(first for first, _, _ in span), max(last for _, last, _ in span)
-            offsets[at] = max(to_ns(span[0][2]), end_ns - to_ns(first_s))
-            end_ns = offsets[at] + to_ns(last_s)
+            offsets[session] = max(to_ns(span[0][2]), end_ns - to_ns(first_s))
+            end_ns = offsets[session] + to_ns(last_s)
         imported_ns = None
         if run.imported and rows:
             first_s = min(row[1] for row in rows)
@@ -90,19 +90,19 @@ class TimeLine:
         presses = tuple(row[0] for row in sorted(rows, key=itemgetter(5)))
         return cls(presses, tuple(offsets), press_session, event_session, imported_ns)
 
-    def of_press_ns(self, press: str, t_s: NDArray[np.float64] | float) -> NDArray[np.int64]:
+    def press_time_ns(self, press: str, t_s: NDArray[np.float64] | float) -> NDArray[np.int64]:
         """Times of the rig's clock in a press, on the line."""
         t_ns = np.rint(np.asarray(t_s, float) * 1e9).astype(np.int64)
         return np.asarray(t_ns + self.offsets_ns[self.press_session[press]], np.int64)
 
-    def of_event_ns(self, seq: int, t_s: float | None, wall_s: float) -> int:
+    def event_time_ns(self, seq: int, t_s: float | None, wall_s: float) -> int:
         """An event's time on the line; of the day where the rig's clock did not run yet."""
         if t_s is None or math.isnan(t_s):
             return to_ns(wall_s) if self.imported_ns is None else self.imported_ns
         return to_ns(t_s) + self.offsets_ns[self.event_session[seq]]
 
 
-def described(run: Run) -> dict[str, Any]:
+def describe_run(run: Run) -> dict[str, Any]:
     """What every export says of the run it is of."""
     keys = ("name", "rig_name", "simulated", "air", "seed", "format", "versions")
     return {key: run.meta.get(key) for key in keys} | {
@@ -111,34 +111,34 @@ def described(run: Run) -> dict[str, Any]:
     }
 
 
-LINE = "time_ns"  # the column of every table that puts it on the time line
+TIME_COLUMN = "time_ns"  # the column of every table that puts it on the time line
 
 
 def _floats(*names: str) -> dict[str, str]:
     return dict.fromkeys(names, "float64")
 
 
-_PRESS = {"press": "string", "step_id": "string"}
-_STEP = {"indenter": "string", "kind": "string"}
-_SAMPLE = {LINE: "int64", **_PRESS, **_floats("t_s", "t_press_s")}
-_POSE, _FORCE = _floats(*POSE_COLUMNS), _floats(*FORCE_COLUMNS)
-TABLES: dict[str, dict[str, str]] = {
+_PRESS_TYPES = {"press": "string", "step_id": "string"}
+_STEP_TYPES = {"indenter": "string", "kind": "string"}
+_SAMPLE_TYPES = {TIME_COLUMN: "int64", **_PRESS_TYPES, **_floats("t_s", "t_press_s")}
+_POSE_TYPES, _FORCE_TYPES = _floats(*POSE_COLUMNS), _floats(*FORCE_COLUMNS)
+TABLE_COLUMNS: dict[str, dict[str, str]] = {
     "frames": {
-        LINE: "int64", "frame_id": "string", "seq": "int64", **_PRESS, **_STEP, "k": "int64",
-        "settled": "bool", "file": "string", "sha256": "string",
-        **_floats("t_s", "t_step_s", "t_press_s"), **_POSE, **_FORCE,
+        TIME_COLUMN: "int64", "frame_id": "string", "seq": "int64", **_PRESS_TYPES, **_STEP_TYPES,
+        "k": "int64", "settled": "bool", "file": "string", "sha256": "string",
+        **_floats("t_s", "t_step_s", "t_press_s"), **_POSE_TYPES, **_FORCE_TYPES,
         **_floats("pose_skew_s", "force_skew_s", "late_s"), "late": "bool", "dropped": "int64",
         "repeated": "int64", "wall_s": "float64",
     },
-    "force": {**_SAMPLE, **_FORCE, "saturated": "bool"},
-    "pose": {**_SAMPLE, **_POSE},
+    "force": {**_SAMPLE_TYPES, **_FORCE_TYPES, "saturated": "bool"},
+    "pose": {**_SAMPLE_TYPES, **_POSE_TYPES},
     "steps": {
-        LINE: "int64", "seq": "int64", **_PRESS, **_STEP, **_POSE,
+        TIME_COLUMN: "int64", "seq": "int64", **_PRESS_TYPES, **_STEP_TYPES, **_POSE_TYPES,
         **_floats("feed_mm_min", "planned_s"), "missed": "int64",
         **_floats("t_start_s", "t_end_s", "wall_s"),
     },
     "events": {
-        LINE: "int64", "seq": "int64", "kind": "string", **_PRESS, "text": "string",
+        TIME_COLUMN: "int64", "seq": "int64", "kind": "string", **_PRESS_TYPES, "text": "string",
         **_floats("t_s", "wall_s"),
     },
 }  # fmt: skip
@@ -146,17 +146,16 @@ TABLES: dict[str, dict[str, str]] = {
 
 time_ns of a step is of its start, x_mm to z_mm there its target; seq of an operator's note is 0."""
 # Of pandas, with a place for what is not known; a float has its nan.
-_KINDS = {"int64": "Int64", "bool": "boolean"}
+_PANDAS_TYPES = {"int64": "Int64", "bool": "boolean"}
 
 
-def of_press(run: Run, line: TimeLine, name: str, press: str) -> pd.DataFrame:
+def press_rows(run: Run, line: TimeLine, name: str, press: str) -> pd.DataFrame:
     """The rows of one press of frames, force, pose or steps, with the columns of `TABLES`."""
-    read = {"frames": run.frames, "force": run.force, "pose": run.pose, "steps": run.steps}[name]
-    table = read(press)
-    at = "t_start_s" if name == "steps" else "t_s"
-    return shaped(
-        TABLES[name], table.assign(**{LINE: line.of_press_ns(press, table[at].to_numpy(float))})
-    )
+    readers = {"frames": run.frames, "force": run.force, "pose": run.pose, "steps": run.steps}
+    table = readers[name](press)
+    time_column = "t_start_s" if name == "steps" else "t_s"
+    t_ns = line.press_time_ns(press, table[time_column].to_numpy(float))
+    return select_columns(TABLE_COLUMNS[name], table.assign(**{TIME_COLUMN: t_ns}))
 
 
 def events(run: Run, line: TimeLine) -> pd.DataFrame:
@@ -166,26 +165,26 @@ def events(run: Run, line: TimeLine) -> pd.DataFrame:
     parts = [part for part in (table, notes[list(table.columns)]) if len(part)]
     table = pd.concat(parts, ignore_index=True) if parts else table
     clocks = zip(table["seq"], table["t_s"].astype(float), table["wall_s"], strict=True)
-    times = [line.of_event_ns(int(seq), t_s, wall_s) for seq, t_s, wall_s in clocks]
-    table = table.assign(**{LINE: np.array(times, np.int64)})
-    return shaped(TABLES["events"], table.sort_values(LINE, kind="stable"))
+    times = [line.event_time_ns(int(seq), t_s, wall_s) for seq, t_s, wall_s in clocks]
+    table = table.assign(**{TIME_COLUMN: np.array(times, np.int64)})
+    return select_columns(TABLE_COLUMNS["events"], table.sort_values(TIME_COLUMN, kind="stable"))
 
 
-def shaped(columns: dict[str, str], table: pd.DataFrame) -> pd.DataFrame:
+def select_columns(columns: dict[str, str], table: pd.DataFrame) -> pd.DataFrame:
     """Exactly these columns; what older formats did not know is empty."""
-    kinds: dict[str, Any] = {name: _KINDS.get(kind, kind) for name, kind in columns.items()}
+    kinds: dict[str, Any] = {name: _PANDAS_TYPES.get(kind, kind) for name, kind in columns.items()}
     return table.reindex(columns=list(kinds)).astype(kinds)
 
 
 @contextmanager
-def _csv(path: Path) -> Iterator[Callable[[pd.DataFrame], None]]:
+def _csv_writer(path: Path) -> Iterator[Callable[[pd.DataFrame], None]]:
     """What adds rows to a CSV file: what is not known is empty; numbers have all their digits."""
     with path.open("w", encoding="utf-8", newline="") as out:
         yield lambda table: table.to_csv(out, index=False, header=out.tell() == 0)
 
 
 @contextmanager
-def _parquet(
+def _parquet_writer(
     path: Path, columns: dict[str, str], about: dict[str, Any]
 ) -> Iterator[Callable[[pd.DataFrame], None]]:
     """What adds rows to a Parquet file, a row group a press."""
@@ -193,14 +192,14 @@ def _parquet(
     import pyarrow.parquet as pq
 
     text = {key: json.dumps(value) for key, value in about.items()}
-    kinds = {**columns, LINE: pa.timestamp("ns", tz="UTC")}
+    kinds = {**columns, TIME_COLUMN: pa.timestamp("ns", tz="UTC")}
     schema = pa.schema(list(kinds.items()), {"deltact-fab": json.dumps(about), **text})
 
     with pq.ParquetWriter(path, schema, compression="zstd") as writer:
 
         def add(table: pd.DataFrame) -> None:
-            made = pa.Table.from_pandas(table, schema, preserve_index=False)
-            writer.write_table(made.replace_schema_metadata(schema.metadata))
+            arrow = pa.Table.from_pandas(table, schema, preserve_index=False)
+            writer.write_table(arrow.replace_schema_metadata(schema.metadata))
 
         yield add
 
@@ -208,14 +207,14 @@ def _parquet(
 def write(run: Run, folder: Path, form: str, progress: Progress) -> dict[str, int]:
     """Write all tables into a new folder; return how many rows each has. Raises RunFailed."""
     folder.mkdir()
-    about, line = described(run), TimeLine.of(run)
-    rows = dict.fromkeys(TABLES, 0)
-    with ExitStack() as opened:
+    about, line = describe_run(run), TimeLine.from_run(run)
+    rows = dict.fromkeys(TABLE_COLUMNS, 0)
+    with ExitStack() as stack:
         writers = {}
-        for name, columns in TABLES.items():
+        for name, columns in TABLE_COLUMNS.items():
             path = folder / f"{name}.{form}"
-            writer = _csv(path) if form == "csv" else _parquet(path, columns, about)
-            writers[name] = opened.enter_context(writer)
+            writer = _csv_writer(path) if form == "csv" else _parquet_writer(path, columns, about)
+            writers[name] = stack.enter_context(writer)
 
         def add(name: str, table: pd.DataFrame) -> None:
             writers[name](table)
@@ -223,7 +222,7 @@ def write(run: Run, folder: Path, form: str, progress: Progress) -> dict[str, in
 
         for number, press in enumerate(line.presses, start=1):
             for name in ("frames", "force", "pose", "steps"):
-                add(name, of_press(run, line, name, press))
+                add(name, press_rows(run, line, name, press))
             progress(number, len(line.presses), press)
         add("events", events(run, line))
     (folder / "run.json").write_bytes(json_bytes({**run.meta, "summary": run.summary()}))

@@ -57,7 +57,7 @@ def load_view(
                 f"{source}: camera.width_px, height_px: {asked[0]} x {asked[1]} px, and {path} is "
                 f"of images of {made[0]} x {made[1]} px"
             )
-    return Rectified.of(sensor, camera) if isinstance(camera, Fisheye) else camera
+    return Rectified.from_sensor(sensor, camera) if isinstance(camera, Fisheye) else camera
 
 
 def raw_size_px(camera: CameraModel) -> tuple[int, int]:

@@ -64,7 +64,7 @@ class FaceInverse:
     """
 
     def __init__(self, view: SensorModel) -> None:
-        cells = FaceCells.of(view.skin, view.poisson, CELL_MM)
+        cells = FaceCells.from_skin(view.skin, view.poisson, CELL_MM)
         xs, ys = axes_mm(view.camera)
         half = view.camera.mm_per_px / 2
         seen = _window(cells, (ys[0] - half, ys[-1] + half), (xs[0] - half, xs[-1] + half))

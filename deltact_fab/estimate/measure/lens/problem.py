@@ -250,7 +250,7 @@ LENS = {
 
 def nominal(sensor: SensorDimensions, contact: Sequence[Corners], size_px: Array) -> Fisheye:
     """The design's lens for an image of (width, height) px, its focal length from the corners."""
-    (cx, cy), design = (size_px - 1) / 2, Fisheye.of(sensor)
+    (cx, cy), design = (size_px - 1) / 2, Fisheye.from_sensor(sensor)
     _, px_per_mm = min(_near_middle(seen, (cx, cy)) for seen in contact)
     return replace(
         design, f_px=px_per_mm * (design.mm_per_px * design.f_px),

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from deltact_fab.common import Point2
-from deltact_fab.version import VERSION
+from deltact_fab.version import PACKAGE_VERSION
 
 from ...pdf import POINTS_PER_MM, Document, glyphs, width_em
 from .dimensioning import TitleBlock
@@ -225,7 +225,7 @@ class DrawingPage:
         content = [f"{scale:.6f} 0 0 {-scale:.6f} 0 {height:.6f} cm 0 G 0 g 1 j"]
         content += [line for mark in self.broken() for line in _as_pdf(mark)]
         file.page([side * scale for side in self.size_mm], "\n".join(content))
-        return file.finish(self.title, f"deltact-fab {VERSION}")
+        return file.finish(self.title, f"deltact-fab {PACKAGE_VERSION}")
 
 
 def _as_svg(mark: Mark) -> str:
@@ -295,9 +295,9 @@ def draw_frame(
     page.path([[(left, bottom), (left, top), (right, top)]], "frame")
     said = {
         "Projection": "first angle", "Dimensions": "mm", "Paper": sheet, "Owner": lab.owner,
-        "Drawn by": lab.drawn_by, "Approved by": lab.approved_by, "Title": name,
-        "Made by": f"deltact-fab {VERSION}", "Revision": lab.revision, "Date of issue": lab.date,
-        "Drawing number": lab.number and f"{lab.number}-{name}", "Sheet": "1 of 1", **told,
+        "Drawn by": lab.drawn_by, "Approved by": lab.approved_by, "Title": name, "Sheet": "1 of 1",
+        "Made by": f"deltact-fab {PACKAGE_VERSION}", "Revision": lab.revision,
+        "Date of issue": lab.date, "Drawing number": lab.number and f"{lab.number}-{name}", **told,
     }  # fmt: skip
     row_mm = BLOCK_MM[1] / len(CELLS)
     for i, row in enumerate(CELLS):

@@ -158,7 +158,7 @@ def _made(tasks: Sequence[Task], cached: bool, jobs: int | None, tell: Progress)
     made = run_each(
         make, missing, [task.name for task in missing], None,
         lambda done, _, what: tell(begun + done, len(tasks), what),
-        arrived=arrived, workers=jobs or shared,
+        on_result=arrived, workers=jobs or shared,
     )  # fmt: skip
     return found + [one for several in made for one in several]
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltact_fab.common import MM_PER_INCH, Array, InputError
-from deltact_fab.sensor import GAMMA, ImageSensor, Printer, SensorDimensions
+from deltact_fab.sensor import CAMERA_GAMMA, ImageSensor, Printer, SensorDimensions
 
 from ..raster import cell_means, finest_mm, pattern_albedo, raster_window
 from ..recipe import PatternRecipe
@@ -94,7 +94,7 @@ def measure_quality(
     rastered = has_raster(recipe, printer.dpi)
     # Where a printer dot covers several patches, the values sent have already lost contrast
     patches = None if rastered else recipe.patches()
-    coded = np.power(printed, np.float32(1 / GAMMA)) * np.float32(255)
+    coded = np.power(printed, np.float32(1 / CAMERA_GAMMA)) * np.float32(255)
     at, coded = _middle(image), _middle(coded)
     print_contrast = kept(coded, at, at if patches is None else patches)
     camera_contrast = kept(photo, designed, image if patches is None else patches)
