@@ -1,4 +1,4 @@
-"""The version of the package and of what it stands on, which files and results carry."""
+"""Versions of the package and its libraries, for files and results."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ VERSIONED_PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "cadqu
 
 
 def library_versions(packages: Iterable[str] = VERSIONED_PACKAGES) -> dict[str, str]:
-    """Versions that can change a number: ours, Python's and those of packages."""
+    """Versions that can change results: of this package, Python and `packages`."""
     import platform
     from importlib.metadata import PackageNotFoundError, version
 

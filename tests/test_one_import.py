@@ -33,7 +33,7 @@ TASKS = ["".join(c["source"]) for c in TOUR["cells"] if "task" in c["metadata"].
 def _no_old_path_loaded() -> Iterator[None]:
     """A path is loaded, and warns, once a process."""
     yield
-    for path in {p for taught in moved.TAUGHT_NAMES for p in (taught, taught.partition(".")[0])}:
+    for path in {p for taught in moved.MOVED_NAMES for p in (taught, taught.partition(".")[0])}:
         sys.modules.pop(f"deltact_fab.{path}", None)
         vars(dt).pop(path, None)
 
@@ -76,13 +76,13 @@ def test_an_import_loads_the_version_alone() -> None:
 
 
 def test_what_users_copied_from_0_3_goes_on_working() -> None:
-    for path, names in moved.TAUGHT_NAMES.items():
+    for path, names in moved.MOVED_NAMES.items():
         with pytest.warns(FutureWarning, match=re.escape(f"deltact_fab.{path} goes in 0.5: ")):
             module = import_module(f"deltact_fab.{path}")
         for old, new in names.items():
             assert ":" in new or getattr(module, old) is getattr(dt, new), f"{path}.{old}"
             assert hasattr(module, old), f"{path}.{old}"
-    assert {"record", "rig.config", "cad.registry", "shapes.indenter"} <= moved.TAUGHT_NAMES.keys()
+    assert {"record", "rig.config", "cad.registry", "shapes.indenter"} <= moved.MOVED_NAMES.keys()
 
 
 def test_a_path_that_moved_leads_on_and_says_once_what_replaces_it() -> None:

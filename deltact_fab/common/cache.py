@@ -1,8 +1,8 @@
-"""The one content-hash store: what was measured or computed once, found again by what it was from.
+"""Cache of computed results, addressed by the hash of their inputs.
 
-An entry lies in the user's cache folder under the SHA-256 of its key: the value as Python packs it,
-behind a SHA-256 of both. Losing the folder costs time and nothing else. What lies there is trusted
-as the compiled code is that numba keeps: let nobody else write into it.
+An entry is a file in the user's cache folder named by the SHA-256 of its key: the pickled value,
+preceded by a SHA-256 of key and value. Losing the folder costs only time. Its content is trusted,
+like numba's compiled code: nobody else may have write access.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from . import digest
 from .files import whole_file
 
 FOLDER_VARIABLE = "DELTACT_FAB_CACHE"
-_ABANDONED_S = 3600.0
-_SEAL_BYTES = 32
+_ABANDONED_S = 3600.0  # by hand: older partial files belong to dead processes
+_SEAL_BYTES = 32  # definition: length of a SHA-256
 
 
 def cache_folder() -> Path:
-    """$DELTACT_FAB_CACHE, else deltact-fab in the user's cache folder; it need not exist."""
+    """Return $DELTACT_FAB_CACHE, else deltact-fab in the user's cache folder; may not exist."""
     if override := os.environ.get(FOLDER_VARIABLE):
         return Path(override)
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "deltact-fab"
@@ -42,10 +42,10 @@ def cache_folder() -> Path:
 def cache_key(
     *code: str, package: Path = digest.PACKAGE_DIR, libraries: tuple[str, ...] = (), **inputs: Any
 ) -> dict[str, Any]:
-    """Make the key of a result: its code, what decides it beside, and what it was made from.
+    """Make the key of a result from its code, library versions and inputs.
 
-    code, package: as of `code_digest`. libraries: distributions whose versions count, and with them
-    the machine. given: plain data and dataclasses.
+    code, package: as in `code_digest`. libraries: distributions whose versions count, together with
+    the machine type. inputs: plain data and dataclasses.
     """
     made_by = _versions(libraries) if libraries else {}
     return {
@@ -56,7 +56,7 @@ def cache_key(
 
 
 def plain_data(value: Any) -> Any:
-    """Nested dataclasses as JSON holds them, each with the name of its class."""
+    """Convert nested dataclasses to plain data, each with its class name."""
     if is_dataclass(value) and not isinstance(value, type):
         inside = {f.name: plain_data(getattr(value, f.name)) for f in fields(value)}
         return {"class": type(value).__name__, **inside}
@@ -64,7 +64,7 @@ def plain_data(value: Any) -> Any:
         return {str(key): plain_data(item) for key, item in value.items()}
     if isinstance(value, tuple | list):
         return [plain_data(item) for item in value]
-    # What it does is in the digest of the sources.
+    # Its code is in the digest of the sources.
     return value.__qualname__ if callable(value) else value
 
 
@@ -85,9 +85,9 @@ def _versions(libraries: tuple[str, ...]) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Store:
-    """Values of one kind in the user's cache folder, each under the key it was computed from.
+    """Cached values of one kind, by the key they were computed from.
 
-    limit_bytes: what the kind may take of the disk; the longest unused entries make room.
+    limit_bytes: disk space of the kind; the least recently used entries are deleted.
     """
 
     kind: str
@@ -95,11 +95,11 @@ class Store:
 
     @property
     def folder(self) -> Path:
-        """The folder of the kind; it need not exist."""
+        """Folder of the kind; may not exist."""
         return cache_folder() / self.kind
 
     def read(self, key: dict[str, Any]) -> Any | None:
-        """The value stored under a key, or None; a damaged entry counts as none."""
+        """Return the value of a key, or None if it is missing or damaged."""
         path = cache_folder() / self.file(key)
         try:
             entry = path.read_bytes()
@@ -108,13 +108,13 @@ class Store:
         seal, data = entry[:_SEAL_BYTES], entry[_SEAL_BYTES:]
         if seal != _seal(path, data):
             return None
-        # Its last use, which `trim` goes by.
+        # Time of last use, for `trim`.
         with contextlib.suppress(OSError):
             os.utime(path)
         return pickle.loads(data)
 
     def write(self, key: dict[str, Any], value: Any) -> bool:
-        """Store a value under a key that holds its code, whole or not at all; False: not stored."""
+        """Store a value under a key atomically; False if it could not be stored."""
         path, data = cache_folder() / self.file(key), pickle.dumps(value)
         try:
             _write_entry(path, _seal(path, data) + data)
@@ -125,16 +125,15 @@ class Store:
         return True
 
     def file(self, key: dict[str, Any]) -> Path:
-        """The file of a key, from the user's cache folder: it may be copied there."""
+        """Path of a key's file, relative to the user's cache folder."""
         text = json.dumps(key, sort_keys=True, separators=(",", ":"))
         return Path(self.kind, f"{hashlib.sha256(text.encode()).hexdigest()}.bin")
 
     def trim(self, limit_bytes: int, keep: Iterable[dict[str, Any]] = ()) -> int:
-        """Delete files, the longest unused first, until they take at most limit_bytes.
+        """Delete the least recently used files until they take at most limit_bytes.
 
-        keep: keys that have just been used; the limit is never below what their files take. What a
-        process that died left half written goes too. Returns the bytes freed; a folder that
-        refuses is left as it is.
+        keep: keys just used; their files always fit. Partial files of dead processes are deleted
+        too. Returns the bytes freed; errors of the folder are ignored.
         """
         candidates, freed = [], 0
         recent = (cache_folder() / self.file(key) for key in keep)
@@ -157,7 +156,7 @@ class Store:
 
 
 def copy_in(name: str, data: bytes) -> None:
-    """A file of another machine's store into this one's; where the folder refuses, nothing."""
+    """Add a file of another machine's store; errors of the folder are ignored."""
     path = cache_folder() / name
     with contextlib.suppress(OSError):
         if not path.exists():
@@ -165,7 +164,7 @@ def copy_in(name: str, data: bytes) -> None:
 
 
 def copy_out(names: Iterable[str]) -> dict[str, bytes]:
-    """Of these files of the store the bytes of those that are there."""
+    """Return the bytes of those of the store's files that exist."""
     contents = {}
     for name in names:
         with contextlib.suppress(OSError):

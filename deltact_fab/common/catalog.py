@@ -1,10 +1,10 @@
-"""A name becomes a TOML file: a path, a file of this folder, else the shipped one.
+"""Lookup of TOML files by name: a path, a local file, else the shipped one.
 
-NAME of a kind is the first of ./KIND/NAME.toml, ./NAME.toml where its keys are those of the kind,
-and the shipped KIND/NAME.toml. KIND is cad, patterns, protocols or protocols/rigs.
+NAME of a kind is the first of ./KIND/NAME.toml, ./NAME.toml if its keys match the kind, and the
+shipped KIND/NAME.toml. KIND is cad, patterns, protocols or protocols/rigs.
 
-Whatever is read is validated strictly: an unknown key, a wrong type or a value out of range is
-one line that names file and key.
+Files are validated strictly: an unknown key, a wrong type or a value out of range is one line
+naming file and key.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ KIND_KEYS: dict[str, frozenset[str]] = {
     "protocols": frozenset({"indenters", "positions_mm", "depths_mm", "capture"}),
     "protocols/rigs": frozenset({"stage"}),
 }
-"""Keys at the top of a file that tell its kind: one of them is enough."""
+"""Top-level keys that identify the kind of a file: one is enough."""
 MAX_FAULTS = 20
-"""Of a file that are told: each hint among known keys takes a millisecond."""
-T = TypeVar("T")
+"""Reported faults per file; by hand: each hint takes a millisecond."""
+Model = TypeVar("Model")
 
 
 def catalogue_names(kind: str) -> list[str]:
@@ -49,7 +49,7 @@ def catalogue_names(kind: str) -> list[str]:
 def find_file(kind: str, name: str) -> Path:
     """Resolve a catalogue name or a path to an existing TOML file.
 
-    Raises InputError naming the nearest catalogue entry when nothing matches.
+    Raises InputError naming the nearest catalogue entry if nothing matches.
     """
     if kind not in KIND_KEYS:
         raise ValueError(f"unknown catalogue {kind!r}")
@@ -57,13 +57,13 @@ def find_file(kind: str, name: str) -> Path:
     if path.suffix == ".toml" or path.parent != Path("."):
         if isfile(path):
             return path
-        raise InputError(f"{name}: {'a folder, no file' if isdir(path) else 'no such file'}")
+        raise InputError(f"{name}: {'is a folder' if isdir(path) else 'no such file'}")
     lab_file, cwd_file, shipped = (
         folder / f"{name}.toml" for folder in (Path(kind), Path(), shipped_folder(kind))
     )
     if isfile(lab_file):
         return lab_file
-    # One that is no TOML is the user's to mend: the shipped one would hide it.
+    # Invalid TOML raises: the shipped file must not hide the user's mistake.
     another = isfile(cwd_file) and KIND_KEYS[kind].isdisjoint(read_toml(cwd_file))
     if isfile(cwd_file) and not another:
         return cwd_file
@@ -75,13 +75,13 @@ def find_file(kind: str, name: str) -> Path:
 
 
 def write_new_file(path: Path, text: str) -> None:
-    """Write a TOML file that is not there yet, whole or not at all.
+    """Write a new TOML file atomically.
 
-    Raises InputError where it is there already, has no folder or does not end in .toml, RunFailed
-    when the disk refuses.
+    Raises InputError if it exists, has no folder or does not end in .toml, RunFailed for a disk
+    error.
     """
     if path.suffix != ".toml":
-        raise InputError(f"{path}: expected the name of a file that ends in .toml")
+        raise InputError(f"{path}: expected a file name ending in .toml")
     with disk_errors(path):
         if path.exists():
             raise InputError(f"{path}: already there; name a new file")
@@ -93,8 +93,8 @@ def write_new_file(path: Path, text: str) -> None:
 def toml_text(data: Mapping[str, Any], about: Sequence[str] = ()) -> str:
     """Format tables as a TOML file that `read_toml` reads.
 
-    data: numbers, strings, booleans, lists and tables of them; about: lines of comment above it.
-    A key whose value is None is left out. Raises ValueError for NaN and infinity.
+    data: numbers, strings, booleans, lists and tables of them; about: comment lines above.
+    Keys with None are omitted. Raises ValueError for NaN and infinity.
     """
     lines = [f"# {line}" for line in about] + _table("", data)
     return "\n".join(lines).lstrip("\n") + "\n"
@@ -113,34 +113,34 @@ def _table(name: str, values: Mapping[str, Any]) -> list[str]:
 
 
 def toml_literal(value: Any) -> str:
-    """Format a value as TOML writes it, on one line. Raises ValueError for NaN and infinity."""
+    """Format a value as a TOML literal on one line. Raises ValueError for NaN and infinity."""
     if isinstance(value, Mapping):
         inner = ", ".join(f"{name} = {toml_literal(item)}" for name, item in value.items())
         return f"{{{inner}}}"
     if isinstance(value, list):
         return f"[{', '.join(map(toml_literal, value))}]"
-    # A JSON value is a TOML one, but for null and a bare DEL.
+    # JSON values are valid TOML, except null and a bare DEL.
     text = json.dumps(value, ensure_ascii=False, allow_nan=False)
     return text.replace("\x7f", "\\u007f")
 
 
-def validate(kind: type[T], data: object, source: str) -> T:
+def validate(kind: type[Model], data: object, source: str) -> Model:
     """Build a pydantic model or dataclass from plain data, strictly.
 
-    Raises InputError of one line: `source: key: what is wrong (got value)`, without a key where
-    values do not go together; further faults follow on the same line, separated by ' | '.
+    Raises InputError of one line: `source: key: fault (got value)`, without a key for faults of
+    several values; further faults follow on the same line, separated by ' | '.
     """
     from pydantic import ValidationError
 
     from .configuration import adapter
 
     try:
-        # By way of JSON: strict on strings and booleans, while a list may still fill a tuple.
+        # Via JSON: strict on strings and booleans, while a list may still fill a tuple.
         text = json.dumps(data, default=str)
     except RecursionError as error:
         raise InputError(f"{source}: nested too deep; expected a few levels") from error
     try:
-        return cast(T, adapter(cast(Any, kind)).validate_json(text, strict=True))
+        return cast(Model, adapter(cast(Any, kind)).validate_json(text, strict=True))
     except ValidationError as error:
         faults = error.errors()
         lines = [_fault_text(source, kind, fault) for fault in faults[:MAX_FAULTS]]
@@ -176,7 +176,7 @@ def _fault_text(source: str, kind: type, fault: Any) -> str:
 
 
 def _limits(name: str, schema: dict[str, Any]) -> str:
-    """What a number must lie between, where it has a lower and an upper limit."""
+    """Format the limits of a number; empty without a lower and an upper one."""
     for low, above in (("minimum", "<="), ("exclusiveMinimum", "<")):
         for high, below in (("maximum", "<="), ("exclusiveMaximum", "<")):
             if low in schema and high in schema:

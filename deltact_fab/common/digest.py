@@ -1,9 +1,9 @@
-"""One digest of code for everything that is kept: of what a result depends on, and of no more.
+"""Digest of the code that a cached result depends on.
 
-The files are those that the named modules import, in functions too, each with what it imports in
-turn; a name at a package's door is followed to the file that defines it, and a folder that
-`discover` looks through counts whole. Of each file the syntax tree counts, without docstrings:
-a changed comment, docstring or layout is no change.
+It covers the files that the named modules import, directly or indirectly, also within functions; a
+name at a package's door is followed to the file that defines it, and a folder searched by
+`discover` counts whole. Only the syntax tree without docstrings counts, so comments, docstrings
+and layout do not change the digest.
 """
 
 from __future__ import annotations
@@ -16,22 +16,22 @@ from pathlib import Path
 from deltact_fab.door import handed_on
 from deltact_fab.paths import PACKAGE_DIR
 
-# They say what went wrong, where things are kept and how far it is: no result depends on them.
+# Error messages, paths, storage and progress: no result depends on them.
 UNCOUNTED_MODULES = (
     "door",
     "paths",
     *(f"common.{name}" for name in ("errors", "cache", "digest", "files", "jobs")),
 )
 
-# (module, names) of each import: the module's parts, the package's name first.
+# (module, names) of each import; the module as its parts, package first.
 Imports = tuple[tuple[tuple[str, ...], list[str]], ...]
 
 
 def code_digest(*modules: str, package: Path = PACKAGE_DIR) -> str:
-    """Hash modules, named from the package as in "gel.path", and all that they import.
+    """Hash modules, named relative to the package as in "gel.path", and all their imports.
 
-    package: another one's folder; what it imports of this one counts too. Raises ValueError for a
-    module that is not there.
+    package: folder of another package; its imports of this one count too. Raises ValueError for a
+    missing module.
     """
     return _digest(tuple(sorted(set(modules))), package)
 
@@ -46,10 +46,9 @@ def _digest(modules: tuple[str, ...], package: Path) -> str:
 
 
 def code_files(*modules: str, package: Path = PACKAGE_DIR) -> list[Path]:
-    """The files whose text counts, sorted.
+    """List the files covered by the digest, sorted.
 
-    Raises ValueError for a module that is not there, and for a package whose `__init__` holds no
-    code: nothing would count.
+    Raises ValueError for a missing module, and for a package whose `__init__` has no code.
     """
     todo, files = [], set()
     for name in modules:
@@ -68,7 +67,7 @@ def code_files(*modules: str, package: Path = PACKAGE_DIR) -> list[Path]:
 
 
 def code_text(tree: ast.AST) -> str:
-    """The text of a syntax tree without comments, layout and docstrings."""
+    """Source text of a syntax tree without comments, layout and docstrings."""
     for node in ast.walk(tree):
         if isinstance(body := getattr(node, "body", None), list):
             node.body = [statement for statement in body if not _is_text(statement)] or [ast.Pass()]  # type: ignore[attr-defined]
@@ -76,7 +75,7 @@ def code_text(tree: ast.AST) -> str:
 
 
 def _is_text(node: ast.AST) -> bool:
-    """A string that stands alone: the docstring of whatever is above it."""
+    """True for a string statement, that is, a docstring."""
     return (
         isinstance(node, ast.Expr)
         and isinstance(node.value, ast.Constant)
@@ -86,7 +85,7 @@ def _is_text(node: ast.AST) -> bool:
 
 @cache
 def imported_files(path: Path, package: Path = PACKAGE_DIR) -> tuple[Path, ...]:
-    """Files of the package that one imports when it runs, in functions too."""
+    """Files of the package that a file imports at run time, also within functions."""
     files = []
     for module, names in _parse_module(path, package)[1]:
         for name in names:
@@ -112,14 +111,14 @@ def _home(path: Path, package: Path) -> Path:
 
 @cache
 def _parse_module(path: Path, package: Path) -> tuple[str, Imports, tuple[Path, ...]]:
-    """The hash of what a file means, what it imports of the package, and what it looks through."""
+    """Hash of a file's code, its imports from the package, and the files it discovers."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     dependencies = _imports(tree, path, package), _discovered_files(tree, path)
     return hashlib.sha256(code_text(tree).encode()).hexdigest(), *dependencies
 
 
 def _discovered_files(tree: ast.Module, path: Path) -> tuple[Path, ...]:
-    """The files beside one that calls `collect_entries(__package__, ..., besides=(...))`."""
+    """Sibling files found by a module's `collect_entries(__package__, ..., besides=(...))`."""
     for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
         if (
             ast.unparse(call.func) == "collect_entries"
@@ -161,7 +160,7 @@ def _imports(tree: ast.Module, path: Path, package: Path) -> Imports:
 
 
 def _defining(module: tuple[str, ...], name: str, package: Path) -> Path | None:
-    """The file that a name imported from a module comes from."""
+    """Find the file that defines a name imported from a module."""
     direct = _file((*module, name), package)
     if direct is not None:
         return direct
@@ -174,7 +173,7 @@ def _defining(module: tuple[str, ...], name: str, package: Path) -> Path | None:
 
 @cache
 def _handed_on(file: Path, package: str) -> dict[str, tuple[str, str]]:
-    """The names at the door of a package, each with its module and its name there."""
+    """Map the names at a package's door to (module, name there)."""
     return handed_on(ast.parse(file.read_text(encoding="utf-8")), package)
 
 

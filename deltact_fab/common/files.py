@@ -1,4 +1,4 @@
-"""Files written whole or not at all: beside their place first, then renamed."""
+"""Atomic writing of files: to a temporary name in the same folder, then renamed."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from .errors import DeltactFabError, InputError, RunFailed
 
 
 def write_whole(path: Path, data: bytes, sync_name: bool = True) -> None:
-    """Write a file so that it survives a power cut whole, or is as it was.
+    """Write a file atomically, safe against power loss.
 
-    sync_name: as of `whole`. Raises RunFailed naming the file when the disk refuses.
+    sync_name: as in `whole_file`. Raises RunFailed naming the file for a disk error.
     """
     with disk_errors(path), whole_file(path, sync_name=sync_name) as part:
         part.write_bytes(data)
@@ -25,10 +25,10 @@ def write_whole(path: Path, data: bytes, sync_name: bool = True) -> None:
 
 @contextmanager
 def whole_file(path: Path, sync: bool = True, sync_name: bool = True) -> Iterator[Path]:
-    """Yield a hidden name beside `path` for a file or a folder that takes its place at the end.
+    """Yield a temporary path next to `path` for a file or folder that replaces it at the end.
 
-    On any error it is removed, and `path` is as it was. sync: False for what may be lost in a power
-    cut. sync_name: False where the caller syncs the folder, once for many files. Raises OSError.
+    On any error it is removed and `path` is unchanged. sync: False if loss in a power cut is
+    acceptable. sync_name: False if the caller syncs the folder itself. Raises OSError.
     """
     part = _part_path(path)
     try:
@@ -48,10 +48,10 @@ def write_files(
     gone: Collection[Path] = (),
     error: type[DeltactFabError] = InputError,
 ) -> None:
-    """Write all files, in their order: no half file is ever seen.
+    """Write several files in order, each atomically.
 
-    None takes its name before all are on the disk; a rename that fails then leaves those before it.
-    gone: files that go when all are there. Raises `error` in one line when one cannot be written.
+    All are on the disk before the first is renamed; if a rename fails, earlier ones stay.
+    gone: files to delete afterwards. Raises `error` in one line if a file cannot be written.
     """
     parts = {path: _part_path(path) for path in contents}
     try:
@@ -72,13 +72,13 @@ def write_files(
 
 
 def check_writable(path: Path, folder: bool = False) -> None:
-    """Raise InputError where a file, or a folder, cannot be: in no folder, no right, too long."""
+    """Raise InputError if a file or folder cannot be created at a path."""
     try:
         if folder:
             parent = next(p for p in (path, *path.absolute().parents) if p.exists())
         else:
             parent = path.parent
-            # Path.is_dir raises on a name that is too long, False to one that may not be read.
+            # lstat raises for a name that is too long, unlike Path.is_dir.
             with suppress(FileNotFoundError, NotADirectoryError):
                 path.lstat()
     except OSError as error:
@@ -86,9 +86,9 @@ def check_writable(path: Path, folder: bool = False) -> None:
     if folder and not parent.is_dir():
         raise InputError(f"{path}: {parent} is a file; expected a folder")
     if not folder and path.is_dir():
-        raise InputError(f"{path}: is a folder; expected the name of a file")
+        raise InputError(f"{path}: is a folder; expected a file name")
     if not parent.is_dir():
-        raise InputError(f"{path}: there is no folder {parent}; create it first")
+        raise InputError(f"{path}: no folder {parent}; create it first")
     if not os.access(parent, os.W_OK):
         raise InputError(f"{path}: cannot be written: {parent} is read-only")
 
@@ -99,7 +99,7 @@ def disk_errors(
 ) -> Iterator[None]:
     """Turn an OSError into a RunFailed that names the file.
 
-    action: while a folder is `made` only a full or broken disk is a RunFailed, all else InputError.
+    action: with `made`, only a full or broken disk is a RunFailed, all else an InputError.
     """
     try:
         yield
@@ -110,14 +110,14 @@ def disk_errors(
 
 
 def make_folder(folder: Path, *inside: str) -> None:
-    """Make a folder, those above it and those named inside; as `disk_errors` if that cannot be."""
+    """Create a folder with parents and named subfolders; raises as `disk_errors`."""
     with disk_errors(folder, "made"):
         for name in inside or ("",):
             (folder / name).mkdir(parents=True, exist_ok=True)
 
 
 def sync_folder(folder: Path) -> None:
-    """Make a rename survive a power cut; file systems that cannot say so are let pass."""
+    """Sync a folder, so that renames survive a power cut; ignored if unsupported."""
     if os.name == "posix":
         _sync(folder, (errno.EINVAL, errno.ENOTSUP))
 
@@ -139,14 +139,14 @@ def _write_error_text(path: Path, error: OSError) -> str:
 
 
 def _part_path(path: Path) -> Path:
-    """A name in the same folder, short where the file's own is nearly as long as names can be."""
+    """Temporary path in the same folder; a hash replaces names near the length limit."""
     name = os.fsencode(path.name)
     key = path.name if len(name) < 200 else hashlib.sha256(name).hexdigest()[:8]
     return path.with_name(f".{key}.{os.getpid()}.part")
 
 
 def _remove(path: Path) -> None:
-    """Where nothing may be written, nothing can be removed either, and nothing is there."""
+    """Remove a file or folder, ignoring errors: in a read-only folder there is none."""
     if path.is_dir():
         shutil.rmtree(path, ignore_errors=True)
     else:

@@ -1,4 +1,4 @@
-"""Text files that a user gives, read within limits: no file can make the reader wait or fail."""
+"""Reading of user files within limits, so that no file can block or crash the reader."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from typing import Any
 from .errors import InputError
 
 MAX_SETTINGS_BYTES = 4 * 2**20
-"""Of a file of settings, a few kB long as a rule: so much is parsed in about a second."""
+"""Settings file, usually a few kB; by hand: this much is parsed in about a second."""
 MAX_SETTINGS_KEYS = 20_000
-"""Of a file of settings, which has some hundred: tomllib needs up to 50 us for one."""
+"""Settings file, usually some hundred; by hand: tomllib takes up to 50 us per key."""
 MAX_RECORD_BYTES = 64 * 2**20
-"""Of a table or a record that a program wrote."""
+"""Table or record written by a program; by hand: bounds the memory."""
 MAX_NESTING_LEVELS = 32
-"""Of tables and lists in each other; a file of settings has four."""
+"""Nesting of tables and lists; by hand: settings files have four, the stack allows more."""
 _DEEP_KEY = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]+[ \t]*\.[ \t]*){{{MAX_NESTING_LEVELS}}}")
-_MAX_INTEGER = 2**63  # TOML 1.0, "Integer": 64 bits, signed
+_MAX_INTEGER = 2**63  # format TOML 1.0, "Integer": 64 bits, signed
 
 
 def read_text(path: Path, max_bytes: int = MAX_SETTINGS_BYTES) -> str:
-    """Read the text of a file, UTF-8 with or without its mark.
+    """Read a UTF-8 text file, with or without BOM.
 
-    Raises InputError of one line: it cannot be read, is longer than most_bytes, or is no UTF-8.
+    Raises InputError if it cannot be read, exceeds max_bytes or is not UTF-8.
     """
     try:
-        with path.open("rb") as file:  # a pipe has no size to ask for
+        with path.open("rb") as file:  # a pipe has no size
             data = file.read(max_bytes + 1)
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
         raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', error)}") from error
@@ -42,19 +42,19 @@ def read_text(path: Path, max_bytes: int = MAX_SETTINGS_BYTES) -> str:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Read the tables of a TOML file. Raises InputError naming the file and the place in it."""
+    """Read a TOML file. Raises InputError naming the file and the location in it."""
     content = read_text(path)
     if content.count("=") + content.count("\n[") > MAX_SETTINGS_KEYS:
         raise InputError(f"{path}: more than {MAX_SETTINGS_KEYS} keys; is it the right file?")
     try:
-        # Before parsing, whose time grows with the square of a key's depth.
+        # Before parsing, whose time is quadratic in a key's depth.
         if _DEEP_KEY.search(content):
             raise RecursionError
         data = tomllib.loads(content)
         _check_values(data)
     except RecursionError as error:
         raise InputError(f"{path}: nested too deep; expected a few levels") from error
-    except ValueError as error:  # also a whole number of thousands of digits
+    except ValueError as error:  # also an integer of thousands of digits
         raise InputError(f"{path}: not valid TOML: {error}") from error
     return data
 
@@ -79,14 +79,14 @@ def parse_json(content: str, source: str) -> dict[str, Any]:
 
 
 def _check_values(data: object) -> None:
-    """Raise ValueError for a whole number beyond 64 bits, RecursionError beyond MAX_LEVELS."""
+    """Raise ValueError for integers over 64 bits, RecursionError over MAX_NESTING_LEVELS."""
     waiting = [(data, 0)]
     while waiting:
         value, level = waiting.pop()
         if level > MAX_NESTING_LEVELS:
             raise RecursionError
         if isinstance(value, int) and not -_MAX_INTEGER <= value < _MAX_INTEGER:
-            raise ValueError(f"a whole number of {value.bit_length()} bits; expected at most 64")
+            raise ValueError(f"an integer of {value.bit_length()} bits; expected at most 64")
         if isinstance(value, dict):
             waiting += [(item, level + 1) for item in value.values()]
         elif isinstance(value, list):

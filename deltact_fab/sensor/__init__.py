@@ -1,6 +1,6 @@
-"""The sensor in numbers: its dimensions, indenters, cameras and frames, and its linear elasticity.
+"""Numerical model of the sensor: dimensions, indenters, cameras, frames and linear elasticity.
 
-No solver, no picture and no device: estimators and simulators may share what is here.
+No solvers, images or devices: shared by estimators and simulators.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Which part of a surface is seen where it hides another: the nearest one along a pixel's ray.
+"""Self-occlusion of a surface: the nearest point along a pixel's ray is visible.
 
-Where the flank of a deep dent leans over, several points of the face project to one pixel. Between
-them lies a piece whose image is turned over; so the pixels in dispute are those under such a piece,
-and of the other points there the nearest is seen.
+Where the flank of a deep dent overhangs, several points of the face project to one pixel. Between
+them lies a piece with a mirrored image; so the ambiguous pixels are those under such a piece, and
+the nearest of the other points there is visible.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from deltact_fab.common import Field
 
 IndexArray = NDArray[np.intp]
-_INSIDE_SLACK = -1e-9  # barycentric: a pixel on an edge belongs to both sides
-_MAX_PAIRS = 2_000_000  # triangles by pixels at a time
+_INSIDE_SLACK = -1e-9  # by hand: barycentric rounding; a pixel on an edge belongs to both sides
+_MAX_PAIRS = 2_000_000  # by hand: triangle-pixel pairs per batch; bounds the memory
 
 
 def folded_pixels(at_px: Field, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Pixels (h, w) onto which a piece that is turned over projects.
+    """Pixels (h, w) onto which a folded piece of the surface projects.
 
     at_px: image points (x, y) of a grid of surface points, (rows, columns, 2).
     """
@@ -32,10 +32,10 @@ def folded_pixels(at_px: Field, shape: tuple[int, int]) -> NDArray[np.bool_]:
 
 
 def nearest_surface(at_px: Field, depth: Field, mask: NDArray[np.bool_]) -> Field:
-    """Grid position (column, row) of what is seen at each wanted pixel, (n, 2) in their order.
+    """Grid position (column, row) visible at each pixel of the mask, (n, 2).
 
-    at_px: as above. depth: of the same points along the camera's axis, (rows, columns). wanted:
-    pixels (h, w) of the image. nan where nothing projects; linear within a triangle.
+    at_px: as above. depth: of the same points along the camera's axis, (rows, columns). mask:
+    pixels (h, w) of the image. nan if nothing projects there; linear within a triangle.
     """
     columns = depth.shape[1]
     facing = _triangles((_doubled_areas(at_px) > 0) & _reaches(at_px, mask))
@@ -43,7 +43,7 @@ def nearest_surface(at_px: Field, depth: Field, mask: NDArray[np.bool_]) -> Fiel
     position = np.full((mask.size, 2), np.nan)
     for pixel, corners, share in _covered(at_px, facing, mask):
         behind = np.einsum("nk,nk->n", depth.ravel()[corners], share)
-        # The last write to a pixel stays: the nearest one comes last.
+        # The last write to a pixel wins: write the nearest last.
         order = np.argsort(-behind, kind="stable")
         order = order[behind[order] < best[pixel[order]]]
         pixel, corners, share = pixel[order], corners[order], share[order]
@@ -54,13 +54,13 @@ def nearest_surface(at_px: Field, depth: Field, mask: NDArray[np.bool_]) -> Fiel
 
 
 def _doubled_areas(at_px: Field) -> Field:
-    """Of the two triangles of each cell, (2, rows - 1, columns - 1); below 0: turned over."""
+    """Doubled areas of the two triangles per cell (2, rows - 1, columns - 1); < 0: folded."""
     a, b, c, d = at_px[:-1, :-1], at_px[:-1, 1:], at_px[1:, :-1], at_px[1:, 1:]
     return np.stack((_cross(b - a, c - a), _cross(c - d, b - d)))
 
 
 def _triangles(chosen: NDArray[np.bool_]) -> IndexArray:
-    """Flat indices of the corners of chosen ones of these triangles, (n, 3)."""
+    """Flat corner indices (n, 3) of the chosen triangles."""
     half, row, column = np.nonzero(chosen)
     columns = chosen.shape[2] + 1
     a = row * columns + column
@@ -70,7 +70,7 @@ def _triangles(chosen: NDArray[np.bool_]) -> IndexArray:
 
 
 def _reaches(at_px: Field, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Cells with a wanted pixel in the box around them, (rows - 1, columns - 1)."""
+    """True for cells (rows - 1, columns - 1) whose bounding box contains a pixel of the mask."""
     corners = at_px[:-1, :-1], at_px[:-1, 1:], at_px[1:, :-1], at_px[1:, 1:]
     size = np.array(mask.shape[::-1])
     low = np.clip(np.ceil(np.minimum.reduce(corners)), 0, size).astype(np.intp)
@@ -87,7 +87,7 @@ def _cross(a: Field, b: Field) -> NDArray[np.float64]:
 def _covered(
     at_px: Field, triangles: IndexArray, mask: NDArray[np.bool_]
 ) -> Iterator[tuple[IndexArray, IndexArray, Field]]:
-    """Wanted pixels (flat) under triangles, their corners (n, 3) and shares of these, in parts."""
+    """Yield, in batches, flat mask pixels under triangles, corners (n, 3), barycentric weights."""
     w = mask.shape[1]
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
     if not len(rows):

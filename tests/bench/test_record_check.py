@@ -75,7 +75,7 @@ def problems(run: Path) -> list[tuple[str, str]]:
 def test_a_whole_run_is_said_to_be_whole(mini_run: Path) -> None:
     done = command("check", mini_run)
     assert done.exit_code == 0, done.output
-    assert "whole (finished): 2 of 2 presses whole" in done.output
+    assert "intact, finished: 2/2 presses complete" in done.output
     found = json.loads(command("check", mini_run, "--json").output)
     assert found["whole"]
     assert found["found_frames"] == found["frames"] == found["images"] > 10
@@ -196,7 +196,7 @@ def test_what_an_unfinished_run_lacks_is_no_damage(copy: Path) -> None:
     (copy / "images" / "left-over.png").write_bytes(b"")
     done = command("check", copy)
     assert done.exit_code == 0, done.output
-    assert "whole (unfinished): 1 of 2 presses" in done.output
+    assert "intact, unfinished: 1/2 presses" in done.output
     assert re.search(r"open +4dots/p1 ", done.output)
     held = claim(copy)
     assert "being written now" in command("check", copy).output
@@ -219,7 +219,8 @@ def test_a_finished_run_that_has_lost_an_image_says_so_on_resume(
     assert summary["already_finished"]
     lost = first_image(copy)
     lost.unlink()
-    with pytest.raises(RunFailed, match=rf"damaged since: .*{lost.name}: No such file.*--resume"):
+    text = rf"damaged after its end: .*{lost.name}: No such file.*--resume"
+    with pytest.raises(RunFailed, match=text):
         run_experiment(RunRequest(protocol, rig, copy, seed=3), resume=True)
     (copy / "summary.json").unlink()  # as the error advises
     summary = run_experiment(RunRequest(protocol, rig, copy, seed=3), resume=True)

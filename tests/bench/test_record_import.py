@@ -158,7 +158,7 @@ def test_what_an_import_lacks_is_one_line_and_the_rest_works(
 ) -> None:
     run = tmp_path / "imported"
     shutil.copytree(elsewhere / "imported", run)
-    assert "whole (finished)" in command("record", "check", run).output
+    assert "intact, finished" in command("record", "check", run).output
     shown = command("record", "show", run).output
     assert re.search(r"^kind +imported$", shown, re.M)
     assert command("record", "export", run, "--format", "csv", "--out", run / "t").exit_code == 0
@@ -233,7 +233,7 @@ TOML = "recording.toml"
 WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
     "column": (edit(TOML, '"Fc"', '"Fz"'), r"force.csv: fz = 'Fz': no such column; .*Fa"),
     "unit": (edit(TOML, '"mN"', '"lbf"'), r"recording.toml: force.force_unit: .*'N' or 'mN' .*lbf"),
-    "mirror": (edit(TOML, "[0, 0, 1]", "[0, 0, -1]"), r"force: rotation: is a mirror"),
+    "mirror": (edit(TOML, "[0, 0, 1]", "[0, 0, -1]"), r"force: rotation: a reflection"),
     "no rate": (
         edit(TOML, '[times]\nfile = "times.csv"\ntime = "t"\n', ""),
         r"recording.toml: rate_hz: missing key; .*images has no times",
@@ -272,7 +272,7 @@ def sql(text: str) -> Callable[[Path], object]:
 
 
 DAMAGED: dict[str, tuple[Callable[[Path], object], str]] = {
-    "row": (sql("DELETE FROM frames WHERE k = 2"), "no row names it"),
+    "row": (sql("DELETE FROM frames WHERE k = 2"), "not listed in the journal"),
     "stream": (sql("DELETE FROM samples WHERE stream = 'pose'"), "None of pose, and"),
     "image": (lambda r: next((r / "images").iterdir()).unlink(), "No such file"),
     "summary": (lambda r: (r / "summary.json").unlink(), "summary.json  without it"),
@@ -283,7 +283,7 @@ DAMAGED: dict[str, tuple[Callable[[Path], object], str]] = {
 def test_a_damaged_import_fails_its_check(few: Path, what: str) -> None:
     done = command("record", "import", few / TOML, "--out", few / "out")
     assert done.exit_code == 0, done.output
-    assert "is not told" in done.output  # four images tell no lag
+    assert "undetermined" in done.output  # four images are too few for a lag
     spoil, words = DAMAGED[what]
     spoil(few / "out")
     done = command("record", "check", few / "out")

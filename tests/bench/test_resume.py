@@ -134,7 +134,7 @@ def test_a_damaged_press_is_done_again_in_its_place(tiny: ShortRun, tmp_path: Pa
         "sphere-6/p2": f"images/{image.name}: differs from its hash in the journal",
         "sphere-8/p1": summary["redone"]["sphere-8/p1"],
     }
-    assert summary["redone"]["sphere-8/p1"].startswith(f"truth/{truth.name}: its truth is damaged")
+    assert summary["redone"]["sphere-8/p1"].startswith(f"truth/{truth.name}: truth damaged")
     assert_equal(tiny, out)
 
 

@@ -69,7 +69,7 @@ def test_toml_faults_are_one_line(tmp_path: Path) -> None:
         catalog.read_toml(file)
     with pytest.raises(InputError, match="no such file"):
         catalog.find_file("cad", str(tmp_path / "y.toml"))
-    with pytest.raises(InputError, match="a folder, no file"):
+    with pytest.raises(InputError, match="is a folder"):
         catalog.find_file("cad", str(tmp_path))
 
 

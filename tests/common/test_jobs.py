@@ -109,7 +109,7 @@ def test_one_that_kills_its_process_each_time_fails_alone() -> None:
     assert [ended[i][0] for i in (0, 2, 3)] == [2, 5, 7]
     why = ended[1][1]
     assert isinstance(why, RunFailed)
-    assert str(why).startswith("its process died twice (out of memory, or killed)")
+    assert str(why).startswith("worker process died twice (out of memory, or killed)")
     assert JOB_ATTEMPTS == 2
     assert "\n" not in str(why)
 

@@ -163,7 +163,7 @@ def test_a_worker_with_other_code_is_refused_alone(
         copy = other / file.relative_to(package.parent)
         copy.parent.mkdir(exist_ok=True)
         copy.write_bytes(file.read_bytes())
-    said = "its deltact_fab is another"
+    said = "its deltact_fab differs"
     cluster.add(1)
     with open_executor(cluster.on) as there:
         assert there.workers == 1

@@ -20,7 +20,7 @@ from deltact_fab.fabricate.patterns.recipe import PatternRecipe
         (b"a = " + b"[" * 5000 + b"]" * 5000, "nested too deep"),
         (b".".join([b"a"] * 20_000) + b" = 1", "nested too deep"),
         (b"a = " + b"[" * 40 + b"]" * 40, "nested too deep"),
-        (b"a = " + b"9" * 100, "a whole number of 333 bits"),
+        (b"a = " + b"9" * 100, "an integer of 333 bits"),
         (b"a = " + b"9" * 5000, "not valid TOML"),
         (b"a = '\xff'", "not UTF-8 text: byte 5 is 0xff"),
         (b"a = 1\0", "not valid TOML"),

@@ -1,7 +1,6 @@
-"""Static checks: everything that can be known wrong before anything moves.
+"""Static checks of a protocol, before anything moves.
 
-Each check is a row with the figure, its bound and the worst step, so that a lab sees the margin as
-well as the verdict.
+Each check gives the value, its limit and the worst step, so the margin is visible as well.
 """
 
 from __future__ import annotations
@@ -27,21 +26,21 @@ from .plan import Protocol, Step, expand_protocol
 
 PNG_BYTES_PER_PX = 2.2  # measured on rendered frames of a dense pattern: 1.9-2.3
 FORCE_BYTES_PER_S = 14_000  # measured on the simulated sensor at 1 kHz, noise 0.01 N
-LIMIT_SLACK_MM = 1e-9
-MAX_BETWEEN_FRAMES_MM = 0.25  # up to 7 pixels: as in `deep-drag`, which is followed throughout
+LIMIT_SLACK_MM = 1e-9  # by hand: floating-point rounding of targets
+MAX_BETWEEN_FRAMES_MM = 0.25  # 7 px, as in `deep-drag`, tracked throughout: docs/evidence/flow.md
 
 
 def axis_range_mm(travel_mm: float, at_top: bool, pull_off_mm: float) -> tuple[float, float]:
-    """How low and how high an axis may go: its switch, at 0 or at the other end, trips there."""
+    """Lowest and highest position of an axis; its limit switch is at 0 or at the other end."""
     return (-travel_mm, -pull_off_mm) if at_top else (pull_off_mm - travel_mm, 0.0)
 
 
 @dataclass(frozen=True)
 class RunEstimate:
-    """Estimate of what a run takes: connecting, homing, planned motion, settling and waits.
+    """Estimated resources of a run: connecting, homing, motion, settling and waits.
 
-    What an operator takes between two indenters is left out.
-    between_frames_mm: the longest way that the tip goes unseen while it presses or drags.
+    The operator's time to change indenters is not included.
+    between_frames_mm: longest tip travel between two frames in contact.
     """
 
     steps: int
@@ -62,10 +61,10 @@ class RunEstimate:
         wall_clock: bool = False,
         change_s: float = 0.0,
     ) -> RunEstimate:
-        """Frames, time and disk of a whole run, from the steps and the stage's acceleration.
+        """Estimate frames, time and disk space from the steps and the stage's acceleration.
 
-        image_px: pixels of a frame as it is stored. wall_clock: on a rig that does not
-        wait. change_s: what finding the face with another indenter takes.
+        image_px: pixels of a stored frame. wall_clock: the rig runs in real time, not in
+        lockstep. change_s: time to find the face with another indenter.
         """
         steps = expand_protocol(protocol) if steps is None else steps
         pace = WALL_CLOCK_PACE if wall_clock else LOCKSTEP_PACE
@@ -105,7 +104,7 @@ def check_limits(
     stage: StageConfig,
     steps: list[Step] | None = None,
 ) -> list[Check]:
-    """All static checks of a protocol on a sensor and a stage, passed ones included."""
+    """Run all static checks of a protocol on a sensor and a stage; passed ones included."""
     steps = expand_protocol(protocol) if steps is None else steps
     rows = [*_travel(steps, stage), *_feeds(steps, stage), _depth(steps, protocol, sensor)]
     rows += [_tip_reach(steps), *_opening(steps, sensor), _sideways(steps, protocol)]
@@ -133,7 +132,7 @@ def _travel(steps: list[Step], stage: StageConfig) -> Iterable[Check]:
 
 
 def _names(steps: list[Step]) -> Check:
-    """A record keeps each step under its own name, which has depths and ways to 0.01 mm."""
+    """Check that step names, which have depths and drags to 0.01 mm, are unique."""
     twice = [name for name, times in Counter(s.id for s in steps).items() if times > 1]
     step_id = twice[0] if twice else "-"
     subject, status = "stops less than 0.01 mm apart", graded(not twice)
@@ -155,7 +154,7 @@ def _depth(steps: list[Step], protocol: Protocol, sensor: SensorDimensions) -> C
 
 
 def _tip_reach(steps: list[Step]) -> Check:
-    """Tips and shanks must be as long as they are pressed, or the back plate would touch."""
+    """Check that tip and shank are longer than the depth; else the back plate touches."""
     over = [(-s.target_mm[2] / parse_indenter(s.indenter).reach_mm, s.id) for s in steps]
     share, step_id = _worst(over)
     name, subject = "depth against the tip", "depth / free length of the tip"
@@ -176,7 +175,7 @@ def _opening(steps: list[Step], sensor: SensorDimensions) -> Iterable[Check]:
 
 
 def _sideways(steps: list[Step], protocol: Protocol) -> Check:
-    """Sideways travel only at or above the clearance plane, unless it is declared shear."""
+    """Check that sideways travel stays above the clearance plane, except for shear."""
     clearance_mm = protocol.motion.clearance_mm
     worst, step_id = 0.0, "-"
     for previous, step in itertools.pairwise(steps):
@@ -189,7 +188,7 @@ def _sideways(steps: list[Step], protocol: Protocol) -> Check:
 
 
 def _frame_spacing(steps: list[Step]) -> Check:
-    """How far the tip goes between two frames: a tracker takes long steps for new faces."""
+    """Check the tip travel between two frames: trackers lose the face in long steps."""
     spacing_mm, step_id = _worst(
         (math.dist(previous.target_mm, step.target_mm) / max(step.frames, 1), step.id)
         for previous, step in itertools.pairwise(steps)

@@ -1,4 +1,4 @@
-"""Whether a run folder holds what its plan asks for, whole: every row, image, sample and truth."""
+"""Verification of a run folder against its plan: every row, image, sample and truth."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FileAndHash = tuple[str | None, str | None]
 
 @dataclass(frozen=True)
 class Damage:
-    """One thing that is wrong. kind: damaged, missing, extra or differs; where: file or id."""
+    """One fault of a run folder. kind: damaged, missing, extra or differs; where: file or id."""
 
     kind: str
     where: str
@@ -34,13 +34,13 @@ class Damage:
 
 @dataclass
 class RunVerdict:
-    """What was found in a run folder; it is whole when there is no problem.
+    """Result of verifying a run folder; the run is intact if there are no problems.
 
-    presses, frames: planned; whole_presses: complete, every hash right; lost_frames: that did not
-    come when they were wanted, as the run itself counted. sound: whole presses and changes of the
-    indenter, by name, which `--resume` keeps. open: presses that an unfinished run has begun and
-    not completed, with the reason: no damage, `--resume` does them. unhashed: metadata that an
-    older version wrote without a hash, so that a value that was changed in them may not be seen.
+    presses, frames: planned; whole_presses: complete, all hashes match; lost_frames: that the
+    camera did not deliver, as counted by the run. sound: complete presses and indenter changes by
+    name; `--resume` keeps them. open: presses that an unfinished run began but did not complete,
+    with the reason; no damage, `--resume` repeats them. unhashed: metadata that an older version
+    wrote without a hash, in which a changed value may go unnoticed.
     """
 
     folder: Path
@@ -60,44 +60,43 @@ class RunVerdict:
 
     @property
     def intact(self) -> bool:
-        """Nothing is damaged, and a finished run has all of its plan."""
+        """True if nothing is damaged and a finished run contains its whole plan."""
         return not self.problems
 
     @property
     def line(self) -> str:
-        """The verdict in one line."""
-        condition = "whole" if self.intact else f"DAMAGED: {len(self.problems)} problems"
+        """Verdict in one line."""
+        condition = "intact" if self.intact else f"DAMAGED ({len(self.problems)} problems)"
         state = "finished" if self.finished else "unfinished"
         if self.being_written:
             state = "being written now"
-        lost_note = f" ({self.lost_frames} lost while it ran)" if self.lost_frames else ""
+        lost_note = f" ({self.lost_frames} lost by the camera)" if self.lost_frames else ""
         return (
-            f"{self.folder}: {condition} ({state}): {self.whole_presses} of {self.presses} presses "
-            f"whole, {self.found_frames} of {self.frames} frames{lost_note}, {self.images} images, "
+            f"{self.folder}: {condition}, {state}: {self.whole_presses}/{self.presses} presses "
+            f"complete, {self.found_frames}/{self.frames} frames{lost_note}, {self.images} images, "
             f"format {self.format}"
         )
 
     def rows(self) -> list[tuple[str, str, str]]:
-        """Kind, place and text of each press that is not complete and of each problem."""
+        """Kind, location and text of each incomplete press and each problem."""
         rows = [("open", press, f"{reason}; `run --resume` repeats it")
                 for press, reason in self.open.items()]  # fmt: skip
         if self.unhashed:
             text = (
-                "written by an older version; what was changed in them since is seen only where it "
-                "does not fit the rest"
+                "written by an older version without hashes; changes are detected only if "
+                "inconsistent with the rest"
             )
             rows.append(("not hashed", ", ".join(self.unhashed), text))
         return rows + [(problem.kind, problem.where, problem.text) for problem in self.problems]
 
     def require_intact(self) -> None:
-        """Raise RunFailed, naming the first file, when a finished run is not whole any more."""
-        damages = [p for p in self.problems if p.kind != "extra"]
-        if damages:
-            rest = f", and {len(damages) - 1} more (`record check` lists them)" * (len(damages) > 1)
+        """Raise RunFailed, naming the first file, if a finished run has been damaged."""
+        faults = [p for p in self.problems if p.kind != "extra"]
+        if faults:
+            rest = f", and {len(faults) - 1} more (`record check` lists them)" * (len(faults) > 1)
             raise RunFailed(
-                f"{self.folder}: finished, and damaged since: {damages[0].where}: {damages[0].text}"
-                f"{rest}; put it back from a copy, or remove summary.json and --resume does that "
-                "press again"
+                f"{self.folder}: damaged after its end: {faults[0].where}: {faults[0].text}{rest}; "
+                "restore it from a copy, or remove summary.json and repeat that press with --resume"
             )
 
     def as_dict(self) -> dict[str, Any]:
@@ -106,13 +105,13 @@ class RunVerdict:
 
 
 def check_run(folder: Path, progress: Progress | None = None) -> RunVerdict:
-    """Verify a run folder against its plan; nothing in it is changed.
+    """Verify a run folder against its plan, without changing anything.
 
-    Reads every image (hash), unpacks every sample and truth. Raises InputError where there is no
-    run folder.
+    Hashes every image and unpacks every sample and truth. Raises InputError if there is no run
+    folder.
     """
     if not (folder / "run.json").is_file():
-        Run(folder)  # says what is there instead
+        Run(folder)  # raises the specific error
     verdict = RunVerdict(folder)
     try:
         run = Run(folder)
@@ -124,7 +123,7 @@ def check_run(folder: Path, progress: Progress | None = None) -> RunVerdict:
     add = verdict.problems.append
     for number, note in notes.read_notes(folder):
         if note is None:
-            add(Damage("damaged", "notes.jsonl", f"line {number} is no note, or was changed"))
+            add(Damage("damaged", "notes.jsonl", f"line {number} is not a note or was changed"))
         elif not note["hashed"]:
             verdict.unhashed.append(f"notes.jsonl:{number}")
     steps: list[Step] = []
@@ -135,7 +134,7 @@ def check_run(folder: Path, progress: Progress | None = None) -> RunVerdict:
             add(Damage("damaged", "protocol.toml", str(error)))
     try:
         with run.reader() as db:
-            db.execute("BEGIN")  # one moment of a run that goes on
+            db.execute("BEGIN")  # one snapshot of a running run
             verdict.problems += find_damage(run, db, steps, verdict, progress)
             if run.format == UNHASHED_FORMAT:
                 verdict.unhashed += metadata_files(folder, False) + metadata_files(folder, True)
@@ -150,9 +149,9 @@ def check_run(folder: Path, progress: Progress | None = None) -> RunVerdict:
 
 
 def hash_mismatches(run: Run, db: sqlite3.Connection) -> Iterator[Damage]:
-    """Metadata that are not, byte for byte, what the journal of a run of today has the hashes of.
+    """Metadata files whose SHA-256 differs from the journal (runs of the current format).
 
-    Of an unfinished run only what it began with is known.
+    For an unfinished run, only the files written at its start are checked.
     """
     hashes: dict[str, str] = dict(db.execute("SELECT file, sha256 FROM files"))
     begun, ended = metadata_files(run.folder, False), metadata_files(run.folder, True)
@@ -161,15 +160,15 @@ def hash_mismatches(run: Run, db: sqlite3.Connection) -> Iterator[Damage]:
         if file in late and not run.finished:
             continue
         if file not in hashes:
-            yield Damage("damaged", file, "the journal has no hash of it")
+            yield Damage("damaged", file, "no hash in the journal")
         elif file not in (*begun, *ended):
-            yield Damage("missing", file, "the journal has its hash")
+            yield Damage("missing", file, "listed in the journal")
         elif mismatch := _file_damage(run.folder / file, hashes[file]):
             yield Damage("damaged", file, mismatch)
 
 
 def _file_damage(path: Path, digest: str | None) -> str:
-    """Why a file is not the one that was hashed; empty where it is."""
+    """Return why a file does not match its hash; empty if it does."""
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -179,7 +178,7 @@ def _file_damage(path: Path, digest: str | None) -> str:
 
 
 def _planned(run: Run) -> list[Step]:
-    """The steps that the run's protocol becomes.
+    """Steps planned by the run's protocol.
 
     Raises InputError when protocol.toml cannot be read.
     """
@@ -195,10 +194,10 @@ def find_damage(
     verdict: RunVerdict,
     progress: Progress | None,
 ) -> Iterator[Damage]:
-    """What is wrong with rows and files; counts, whole and open presses go into the verdict.
+    """Yield faults of rows and files; fill counts, sound and open presses of `verdict`.
 
-    steps: of the plan; none where it is not known, and rows are held against files only. Of a
-    journal whose file or indices are broken nothing else is said.
+    steps: planned; empty if unknown: then rows are compared with files only. If the journal's file
+    or indices are corrupt, only that is reported.
     """
     broken = [line for (line,) in db.execute("PRAGMA integrity_check") if line != "ok"]
     if broken:
@@ -229,7 +228,7 @@ def find_damage(
     for press, part in ids.items():
         missing = [i for i in part if not (i in frame_files or i in step_rows or i in lost_ids)]
         lacks = f"not in the journal: {len(missing)} of {len(part)} frames and steps, from "
-        if missing and not run.finished:  # a resume does it again, whatever is there of it
+        if missing and not run.finished:  # a resume repeats it in any case
             if len(missing) < len(part):
                 verdict.open[press] = lacks + missing[0]
             continue
@@ -249,12 +248,12 @@ def find_damage(
 
 
 def _frame_ids(step: Step) -> list[str]:
-    """Ids of the frames of a step, in order of capture."""
+    """Frame ids of a step, in order of capture."""
     return [frame_id_of(step, k) for k in range(1, step.frames + 1)]
 
 
 def _lost_ids(db: sqlite3.Connection, steps: Sequence[Step], received: Container[str]) -> set[str]:
-    """Ids of frames that did not come, as many as their steps say: counted, and no damage."""
+    """Ids of frames that the camera dropped, up to each step's `missed` count; not damage."""
     missed = dict(db.execute("SELECT step_id, missed FROM steps"))
     lost_ids: set[str] = set()
     for step in steps:
@@ -268,7 +267,7 @@ def _differences(
     step_rows: dict[str, tuple[Any, ...]],
     frame_rows: dict[str, tuple[Any, ...]],
 ) -> Iterator[Damage]:
-    """Rows that the plan does not have, or that stand in another place than it gives them."""
+    """Yield rows that are not in the plan, or at another position than planned."""
     planned_steps = {step.id: (n, step.press) for n, step in enumerate(steps, start=1)}
     planned_frames: dict[str, tuple[Any, ...]] = {}
     for step in steps:
@@ -278,14 +277,14 @@ def _differences(
     for kind, planned, rows in tables:
         for row_id, place in rows.items():
             if row_id not in planned:
-                yield Damage("extra", row_id, f"a {kind} that the protocol does not have")
+                yield Damage("extra", row_id, f"{kind} not in the protocol")
             elif place != planned[row_id]:
-                text = f"the {kind} stands at {place}, the protocol has it at {planned[row_id]}"
+                text = f"{kind} at {place}, planned at {planned[row_id]}"
                 yield Damage("differs", row_id, text)
 
 
 def _press_damage(run: Run, press: str, frames: Mapping[str, FileAndHash]) -> Iterator[str]:
-    """What is wrong with the files of a press whose rows are all there, a line each."""
+    """Yield faults of the files of a press whose rows are complete, one line each."""
     has_images = False
     for file, digest in frames.values():
         if file is None:
@@ -304,7 +303,7 @@ def _truth_damage(run: Run, press: str, frame_ids: list[str]) -> Iterator[str]:
     needed = [files.lattice, *lens, files.press(press)]
     for path in needed:
         if not path.is_file():
-            yield f"{path.relative_to(run.folder)}: its truth is missing"
+            yield f"{path.relative_to(run.folder)}: truth missing"
             return
     name = needed[-1].relative_to(run.folder)
     try:
@@ -313,10 +312,10 @@ def _truth_damage(run: Run, press: str, frame_ids: list[str]) -> Iterator[str]:
         with np.load(needed[-1]) as data:
             ids = data["frame_id"].tolist()
     except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
-        yield f"{name}: its truth is damaged: {error}"
+        yield f"{name}: truth damaged: {error}"
         return
     if bad is not None or ids != frame_ids:
-        yield f"{name}: its truth is damaged"
+        yield f"{name}: truth damaged"
 
 
 def _stray_files(run: Run, row_files: Iterable[str], plan: Iterable[str]) -> Iterator[Damage]:
@@ -324,14 +323,14 @@ def _stray_files(run: Run, row_files: Iterable[str], plan: Iterable[str]) -> Ite
     expected |= {TruthFiles(run.folder).press(press) for press in plan}
     for path in sorted(written_files(run.folder)):
         if path not in expected:
-            yield Damage("extra", str(path.relative_to(run.folder)), "no row names it")
+            yield Damage("extra", str(path.relative_to(run.folder)), "not listed in the journal")
 
 
 def _count_mismatches(run: Run) -> Iterator[Damage]:
-    """Where the journal of an imported run, which has no plan, differs from what was counted."""
+    """Yield differences between the journal of an imported run and its summary's counts."""
     summary = run.summary()
     if not summary:
-        yield Damage("missing", "summary.json", "without it an import is not known to be whole")
+        yield Damage("missing", "summary.json", "needed to verify an import")
         return
     with run.reader() as db:
         counts = dict(db.execute("SELECT stream, sum(n) FROM samples GROUP BY stream"))
@@ -339,5 +338,5 @@ def _count_mismatches(run: Run) -> Iterator[Damage]:
     expected = {"frames": summary.get("frames"), **(summary.get("samples") or {})}
     for name, count in expected.items():
         if counts.get(name) != count:
-            text = f"{counts.get(name)} of {name}, and {count} were imported"
+            text = f"{counts.get(name)} of {name}, but {count} were imported"
             yield Damage("differs", "journal.sqlite", text)

@@ -1,4 +1,4 @@
-"""Whether a run may be continued: under the conditions it was begun with, or not at all."""
+"""Resume check: a run may be continued only under the conditions it began with."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from deltact_fab.common import InputError
 from .files import RUN_FORMAT, json_bytes
 from .run import Run
 
-# What a run may be continued with although it differs: it changes no number and no byte.
+# Keys that may differ on resume: they change no result and no file.
 _MAY_DIFFER = (
     "format", "name", "rig_name", "rig.stage.port", "rig.stage.registration", "rig.camera.model",
     "rig.camera.source", "versions.python", "versions.cadquery",
@@ -25,10 +25,10 @@ def require_same_conditions(
     pattern: dict[str, Any],
     with_versions: bool = True,
 ) -> None:
-    """Refuse to go on with a run under other conditions than those of its beginning.
+    """Refuse to resume a run whose conditions have changed.
 
-    meta, protocol, pattern: as for `RunWriter.create`. Raises InputError naming the first thing
-    that differs, its value in the folder and its value now.
+    meta, protocol, pattern: as for `RunWriter.create`. Raises InputError naming the first
+    key that differs, with its stored and its current value.
     """
     if run.format != RUN_FORMAT:
         raise InputError(
@@ -37,7 +37,7 @@ def require_same_conditions(
         )
     current = json.loads(json_bytes({**meta, "pattern": pattern}))
     stored = {**run.meta, "pattern": run.pattern}
-    # What a user gave comes before what follows from it.
+    # User input first, derived values after.
     for part in dict.fromkeys(("protocol", "seed", "rig", "sensor", "pattern", *current, *stored)):
         if part == "versions" and not with_versions:
             continue
@@ -62,9 +62,9 @@ def require_same_conditions(
 
 
 def _first_difference(a: Any, b: Any, key_path: str) -> tuple[str, Any, Any] | None:
-    """The first place where two trees of plain data differ: its key and both values.
+    """First difference between two trees of plain data: key path and both values.
 
-    What is not there is None: a field that was not known to who began the run was not used.
+    A missing key counts as None: a field added by a later version was not used.
     """
     if key_path in _MAY_DIFFER:
         return None

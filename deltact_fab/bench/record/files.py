@@ -1,6 +1,6 @@
-"""The files of a run folder: their places, and what those in JSON hold.
+"""Files of a run folder: paths, and schemas of its JSON files.
 
-More may stand in the JSON. Who reads a run may count on the types of the keys named here.
+The JSON may have more keys; the types of those listed here are guaranteed.
 """
 
 from __future__ import annotations
@@ -18,62 +18,61 @@ from deltact_fab.common import InputError, Note, read_json, validate
 
 from ..protocols.plan import SettleTimes, Step
 
-RUN_FORMAT = 6
+RUN_FORMAT = 6  # format number of run folders written by this version
 UNHASHED_FORMAT = 5  # the format of 0.2.0, in which the metadata have no hashes
 IMPORTED_MARK, UNKNOWN_SENSOR = "imported", "unknown"
-"""The mark of a run that was recorded elsewhere, in run.json and pattern.json; the kind of its
-frames, and their indenter where nobody said it."""
+"""Mark of an imported run, in run.json and pattern.json; kind of its frames, and their indenter
+if unknown."""
 LATTICE_FILE, LENS_FILE = "truth/lattice.json", "truth/lens.json"
 FLAT_FILE = "camera.flat.png"
-"""The flat field of a calibrated camera, if that has one."""
+"""Flat field of a calibrated camera, if it has one."""
 NOTES_FILE = "notes.jsonl"
-"""Operators' notes, a JSON object a line."""
+"""Operators' notes, one JSON object per line."""
 
 
 def frame_id_of(step: Step, k: int) -> str:
-    """Id of the k-th frame of a step, from 1."""
+    """Id of the k-th frame of a step; k from 1."""
     return f"{step.id}#{k:03d}"
 
 
 def image_file(frame_id: str, suffix: str = "png") -> str:
-    """Path of a frame's image inside the run folder; suffix: png or jxl."""
+    """Path of a frame's image within the run folder; suffix: png or jxl."""
     return f"images/{frame_id.replace('/', '_').replace('#', '_')}.{suffix}"
 
 
 @dataclass(frozen=True)
 class TruthFiles:
-    """Places of a virtual rig's truth of a run. folder: of the run."""
+    """Paths of a virtual rig's truth. folder: the run folder."""
 
     folder: Path
 
     @property
     def lattice(self) -> Path:
-        """The lattice that displacements stand on."""
+        """Lattice on which displacements are stored."""
         return self.folder / LATTICE_FILE
 
     @property
     def lens(self) -> Path:
-        """The lens that the rig draws through, which is not the calibrated one."""
+        """True lens, through which the rig renders; the calibrated one differs."""
         return self.folder / LENS_FILE
 
     def press(self, name: str) -> Path:
-        """The truth of one press.
+        """Truth of one press, an npz.
 
-        An npz of displacement_mm (n, ny, nx, 3), one a solved knot, and for each frame of the
-        press, in order of capture: frame_id, knots (m, 2) it lies between, fraction (m,) of the
-        way. Older runs have no more. Of each knot: contact_area_mm2 and stick_area_mm2 (n,) seen
-        along z in the deformed state, errors of both, centroid_mm (n, 2) of the contact in the
-        sensor frame, without one the tip's (x, y); zone_map (n, ny, nx) uint8, 0 apart, 1 slipping,
-        2 sticking, at the nodes x_mm, y_mm of the whole face at rest. Without friction all that
-        touches slips.
+        displacement_mm (n, ny, nx, 3): at each solved knot; per frame in order of capture:
+        frame_id, knots (m, 2) around it, fraction (m,) between them. Older runs have no more. Per
+        knot: contact_area_mm2 and stick_area_mm2 (n,) seen along z in the deformed state, errors of
+        both, centroid_mm (n, 2) of the contact in the sensor frame (without contact: the tip's
+        x, y); zone_map (n, ny, nx) uint8, 0 apart, 1 slipping, 2 sticking, at the resting nodes
+        x_mm, y_mm of the face. Without friction all contact slips.
         """
         return self.folder / "truth" / f"{name.replace('/', '_')}.npz"
 
 
 def metadata_files(folder: Path, at_the_end: bool) -> list[str]:
-    """What there is in a run beside journal, images, notes and truths of presses, in its order.
+    """Existing metadata files of a run, as paths in its folder.
 
-    at_the_end: what is known when the run ends, else what it begins with. Paths in the folder.
+    at_the_end: those written at the end of the run, else those written at its start.
     """
     initial, final = (
         ("run.json", "protocol.toml", "pattern.json", FLAT_FILE),
@@ -83,7 +82,7 @@ def metadata_files(folder: Path, at_the_end: bool) -> list[str]:
 
 
 def written_files(folder: Path) -> Iterator[Path]:
-    """Images, truths of presses and cut-off writes of a run: what a resume may remove."""
+    """Yield the images, truths and partial files of a run, which a resume may remove."""
     inside = ("images/*.png", "images/*.jxl", "images/.*.part", "truth/*.npz", "truth/.*.part")
     for pattern in (".*.part", *inside):
         yield from folder.glob(pattern)
@@ -184,7 +183,7 @@ class _SummaryFile(TypedDict, total=False):
 
 
 class StrictDict(dict[str, Any]):
-    """A table of a kept file: a missing key is bad input, not an error of the reader."""
+    """Table of a run file: a missing key raises InputError instead of KeyError."""
 
     source = ""
     missing_text = "missing key"
@@ -198,9 +197,9 @@ _FILE_SCHEMAS = {"run.json": _RunFile, "pattern.json": _PatternFile, "summary.js
 
 
 def load_run_file(folder: Path, name: str) -> dict[str, Any]:
-    """What run.json, pattern.json or summary.json of a run holds.
+    """Read run.json, pattern.json or summary.json of a run.
 
-    Raises InputError naming file and key, then and for a missing key.
+    Raises InputError naming file and key, also when a missing key is used.
     """
     path = folder / name
     data = read_json(path)
@@ -215,7 +214,7 @@ def load_run_file(folder: Path, name: str) -> dict[str, Any]:
 
 
 def _wrap(value: Any, source: str, missing_text: str) -> Any:
-    """The same with every table a `Kept`."""
+    """Convert every table to a `StrictDict`."""
     if isinstance(value, list):
         return [_wrap(item, source, missing_text) for item in value]
     if not isinstance(value, dict):

@@ -1,7 +1,7 @@
-"""A run folder out of a recording that was made elsewhere: marked `imported`, and never simulated.
+"""Import of a recording made elsewhere as a run folder, marked `imported`, never simulated.
 
-It has one press, "imported", whose first image is the reference, and no row of a step, for nobody
-knows of any. What is not known is missing in run.json, and `imported.unknown` there says it.
+It has one press, "imported", whose first image is the reference, and no steps. Unknown values are
+absent from run.json and listed in its `imported.unknown`.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ def import_recording(
     design_of: Callable[[str], SensorDimensions],
     progress: Progress | None = None,
 ) -> dict[str, Any]:
-    """Write the run that a recording's file tells of, and return its summary.
+    """Write a run from a recording's TOML file and return its summary.
 
     images_of, design_of: `bench.rig.camera.files.open_images` and
-    `fabricate.cad.design.load_design`, which stand above this package. Nothing is written unless
-    all of it is right. Raises InputError naming file, key or line, and value; RunFailed for an
-    image that cannot be read, and when the disk refuses.
+    `fabricate.cad.design.load_design`, which are in higher layers. Nothing is written unless all
+    input is valid. Raises InputError naming file, key or line, and value; RunFailed for an
+    unreadable image or a disk error.
     """
     recording: Recording = validate(Recording, read_toml(file), str(file))
     if out.exists():
@@ -61,7 +61,7 @@ def import_recording(
         streams["pose"] = read_pose(recording.pose, folder)
     step = Step(
         IMPORTED_MARK, IMPORTED_MARK, UNKNOWN_SENSOR, cast(Any, UNKNOWN_SENSOR), (0, 0, 0), 0
-    )  # no row is made
+    )  # not written to the journal
     with (
         closing(images_of(folder / recording.images)) as images,
         disk_errors(out),
@@ -72,7 +72,7 @@ def import_recording(
         size = first[1].shape[1::-1]
         sensor_meta, flat = _sensor_meta(recording, file, size, design_of)
         meta = _meta(recording, folder, size) | {"name": out.name} | sensor_meta
-        about = b"# Imported: what protocol this was, nobody said.\n"
+        about = b"# Imported run: protocol unknown.\n"
         writer = RunWriter.create(part, meta, about, {IMPORTED_MARK: True}, [step], flat)
         try:
             at_s, moved_px, measure_motion = [], [], motion_meter()
@@ -83,7 +83,7 @@ def import_recording(
                 if progress is not None:
                     progress(k, k + 1, "images")
             chunks = [_chunk(name, *samples, at_s[0]) for name, samples in streams.items()]
-            writer.cut_off(step, chunks)  # samples without a step, for none is known
+            writer.cut_off(step, chunks)  # samples only: an import has no steps
             summary = _summary(recording, np.array(at_s), np.array(moved_px), streams)
             writer.close(summary)
         finally:
@@ -92,7 +92,7 @@ def import_recording(
 
 
 def _timed_images(images: Any, recording: Recording, file: Path) -> Iterator[tuple[float, Image]]:
-    """Each image after its time, s; all of one size, and as many as there are times."""
+    """Yield (time s, image); requires one image size, and one image per time."""
     rate_hz = recording.rate_hz or (images.rate_hz if images.kind == "video" else 0.0)
     if recording.times is None and not rate_hz:
         raise InputError(f"{file}: rate_hz: missing key; {images.name} has no times: or [times]")
@@ -124,7 +124,7 @@ def _sensor_meta(
     size: tuple[int, ...],
     design_of: Callable[[str], SensorDimensions],
 ) -> tuple[dict[str, Any], FlatField | None]:
-    """What run.json keeps of sensor and camera, as far as they are told, and the flat field."""
+    """Sensor and camera entries of run.json, as far as given, and the flat field."""
     if recording.design is None:
         return {"camera": None}, None
     sensor = design_of(recording.design)
@@ -142,7 +142,7 @@ def _sensor_meta(
 
 
 def _meta(recording: Recording, folder: Path, size: tuple[int, ...]) -> dict[str, Any]:
-    """What run.json keeps besides: keys for what is known, and no others."""
+    """Remaining entries of run.json, known values only."""
     parts = (recording.times, recording.force, recording.pose)
     tables = [part.file for part in parts if part is not None]
     return {
@@ -174,7 +174,7 @@ def _chunk(stream: str, t_s: Array, columns: dict[str, Array], origin_s: float) 
 def _summary(
     recording: Recording, t_s: Array, moved_px: Array, streams: dict[str, Samples]
 ) -> dict[str, Any]:
-    """What was found; the lag is told of the force as it is kept, after lag_s was taken off."""
+    """Summary of the import; the lag is that of the stored force, after subtracting lag_s."""
     lag = None
     if "force" in streams:
         force_t_s, six = streams["force"]
@@ -194,23 +194,22 @@ def _summary(
 
 
 _REACH_S, _REACH_FRAMES = 0.6, 5
-"""How far is looked: so long, or so many frames where they are farther apart."""
-_STEPS_PER_FRAME, _MAX_LAGS = 10, 400  # steps of the search between two frames, and in all
-_CHI2_LIMIT = 3.84  # of twice the log likelihood ratio: 95 % of its interval
-_MIN_R2, _MIN_IMAGES = 0.5, 40  # of the force told by the motion, of images
-_MOTION_WIDTH_PX = 320  # wide: enough for the mean motion of an image
+"""By hand: search range, the larger of both; larger drops images at the ends."""
+_STEPS_PER_FRAME, _MAX_LAGS = 10, 400  # by hand: finer search grids cost time only
+_CHI2_LIMIT = 3.84  # definition: 95 % of chi-square with 1 degree of freedom
+_MIN_R2, _MIN_IMAGES = 0.5, 40  # by hand: lower reports lags that are noise
+_MOTION_WIDTH_PX = 320  # by hand: enough for an image's mean motion; larger is slower
 
 
 @dataclass(frozen=True)
 class Lag:
-    """How much later than the images a force record is stamped: told by the two moving together.
+    """Time by which the force lags behind the images, estimated from their common motion.
 
-    For each lag the force is fitted by a few sums of the picture's flow, as the simplest force
-    model does it, and the lag of the best fit is taken: one that is off leaves a loop.
+    For each lag the force is fitted linearly by the mean components of the image's flow, and the
+    lag with the best fit is taken: a wrong lag leaves a hysteresis loop.
 
-    lag_s: of the force behind the images; between_s: interval of 95 %; frame_s: a frame's time.
-
-    None where it is not told, for the reason why. r2: of the force, told by the motion at its best.
+    lag_s: of the force behind the images, None if undetermined (why: reason); between_s: 95 %
+    interval; frame_s: frame period; r2: share of the force explained by the motion at best.
     """
 
     lag_s: float | None = None
@@ -221,13 +220,13 @@ class Lag:
 
     @property
     def line(self) -> str:
-        """In a sentence."""
+        """Lag in one sentence."""
         if self.lag_s is None or self.between_s is None:
-            return f"how long the force lags behind the images is not told: {self.why}"
+            return f"lag of the force behind the images undetermined: {self.why}"
         low, high = self.between_s
         words = "less than a frame"
         if abs(self.lag_s) > self.frame_s:
-            words = f"{self.lag_s / self.frame_s:.1f} frames; `lag_s` under [force] takes it off"
+            words = f"{self.lag_s / self.frame_s:.1f} frames; correct it with `lag_s` under [force]"
         return (
             f"the force lags {1e3 * self.lag_s:.0f} ms behind the images "
             f"({1e3 * low:.0f} to {1e3 * high:.0f} ms): {words}"
@@ -235,9 +234,9 @@ class Lag:
 
 
 def motion_meter() -> Callable[[Image], Array]:
-    """What gives the motion of the picture since the first image that it was given, (4,) px.
+    """Return a function from an image to the motion (4,) px since its first image.
 
-    Means over the picture: to the right, down, of its size, and outwards from the middle.
+    Means over the image: rightwards, downwards, magnitude, radial from the centre.
     """
     import cv2
 
@@ -259,7 +258,7 @@ def motion_meter() -> Callable[[Image], Array]:
 
 
 def estimate_lag(t_s: Array, moved_px: Array, force_t_s: Array, force_n: Array) -> Lag:
-    """Of images at t_s (n,) with their motion (n, 4), and force_n (m, k) at force_t_s (m,)."""
+    """Lag between images at t_s (n,) with motion (n, 4) and force_n (m, k) at force_t_s (m,)."""
     every_s = float(np.median(np.diff(t_s))) if len(t_s) > 1 else 1.0
     reach_s = max(_REACH_S, _REACH_FRAMES * every_s)
     inside = (t_s - reach_s >= force_t_s[0]) & (t_s + reach_s <= force_t_s[-1])
@@ -275,7 +274,7 @@ def estimate_lag(t_s: Array, moved_px: Array, force_t_s: Array, force_n: Array) 
     residual = force - (force @ basis) @ basis.T
     unexplained = (residual**2).sum(axis=(1, 2)) / np.maximum((force**2).sum(axis=(1, 2)), 1e-12)
     best = int(unexplained.argmin())
-    # Errors that follow each other make fewer of the images news.
+    # Correlated errors reduce the number of independent images.
     e = residual[best]
     correlation = float(np.clip((e[:, 1:] * e[:, :-1]).sum() / max((e**2).sum(), 1e-12), 0, 0.99))
     independent = len(inside_s) * (1 - correlation) / (1 + correlation)
@@ -283,7 +282,7 @@ def estimate_lag(t_s: Array, moved_px: Array, force_t_s: Array, force_n: Array) 
     likely_lags = lags[independent * np.log(ratio) <= _CHI2_LIMIT]
     r2, low, high = 1 - float(unexplained[best]), float(likely_lags[0]), float(likely_lags[-1])
     if r2 < _MIN_R2:
-        return Lag(r2=r2, why=f"the picture's motion tells {r2:.0%} of the force, not half of it")
+        return Lag(r2=r2, why=f"image motion explains {r2:.0%} of the force; 50% needed")
     if low <= lags[0] or high >= lags[-1]:
-        return Lag(r2=r2, why=f"any within {reach_s:.1f} s fits: both change too slowly")
+        return Lag(r2=r2, why=f"any lag within {reach_s:.1f} s fits: signals too slow")
     return Lag(float(lags[best]), (low - float(step_s) / 2, high + float(step_s) / 2), every_s, r2)

@@ -1,4 +1,4 @@
-"""Streams of a run: samples with their own times, packed losslessly, a chunk a step.
+"""Streams of a run: samples with their own times, packed losslessly, one chunk per step.
 
 A chunk holds columns of equal length. Times are whole nanoseconds since the press began, so that a
 press that is done again gives the same bytes; `origin_s` puts them on the rig's clock. Values are
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 TIME_KEY = "t_ns"
-DEFLATE_LEVEL = 1  # of deflate: higher ones take ten times as long for a hundredth of the size
+DEFLATE_LEVEL = 1  # by hand: higher levels take 10 times as long for 1 % less size
 FORCE_COLUMNS = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
 POSE_COLUMNS = ("x_mm", "y_mm", "z_mm")
 Column = NDArray[np.int64] | NDArray[np.int32] | NDArray[np.float64] | NDArray[np.bool_]
@@ -27,7 +27,7 @@ Column = NDArray[np.int64] | NDArray[np.int32] | NDArray[np.float64] | NDArray[n
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
-    """Samples of one stream in one step. columns: t_ns first; per_unit: 1 where it is left out."""
+    """Samples of one stream in one step. columns: t_ns first; per_unit: counts per unit, else 1."""
 
     stream: str
     origin_s: float
@@ -38,16 +38,16 @@ class Chunk:
         return len(self.columns[TIME_KEY])
 
     def t_press_s(self) -> NDArray[np.float64]:
-        """(n,) seconds since the press began."""
+        """Times (n,) in s since the start of the press."""
         return np.asarray(self.columns[TIME_KEY] / 1e9, float)
 
     def values(self, name: str) -> NDArray[np.float64]:
-        """(n,) of a column in its unit."""
+        """Values (n,) of a column in its unit."""
         return np.asarray(self.columns[name] / self.per_unit.get(name, 1.0), float)
 
 
 def pack(chunk: Chunk) -> dict[str, Any]:
-    """The columns of a journal's row that hold a chunk: what it is, as JSON, and its bytes."""
+    """Pack a chunk into the columns of a journal row: description as JSON, and bytes."""
     heads, parts = [], []
     for name, column in chunk.columns.items():
         values = np.diff(column, prepend=0) if name == TIME_KEY else column
@@ -64,7 +64,7 @@ def pack(chunk: Chunk) -> dict[str, Any]:
 
 
 def unpack(stream: str, origin_s: float, n: int, heads: str, data: bytes) -> Chunk:
-    """The chunk of n samples that was packed. Raises ValueError when it is damaged."""
+    """Unpack a chunk of n samples. Raises ValueError for damaged data."""
     try:
         raw = zlib.decompress(data)
         columns: dict[str, Column] = {}
@@ -77,7 +77,7 @@ def unpack(stream: str, origin_s: float, n: int, heads: str, data: bytes) -> Chu
             columns[name] = np.cumsum(values) if name == TIME_KEY else values
             per_unit[name] = unit
         if offset != len(raw) or TIME_KEY not in columns:
-            raise ValueError("its columns do not fill it")
+            raise ValueError("data length does not match its columns")
     except (zlib.error, TypeError, IndexError, RecursionError) as error:
         raise ValueError(str(error)) from error
     return Chunk(stream, origin_s, columns, per_unit)
@@ -88,8 +88,7 @@ def interpolate_at(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Columns (m, len(names)) interpolated linearly to times (m,), and the skew (m,) in s.
 
-    The skew is the way in time to the nearest sample. Before the first sample and after the last
-    the nearest one counts.
+    The skew is the time to the nearest sample. Outside the samples, the nearest one is used.
     """
     t_s = chunk.t_press_s()
     values = [np.interp(t_press_s, t_s, chunk.values(name)) for name in names]

@@ -1,4 +1,4 @@
-"""Writing a run, frame by frame, and taking an interrupted one up again. See `journal`."""
+"""Writing of a run, frame by frame, and resuming of an interrupted one. See `journal`."""
 
 from __future__ import annotations
 
@@ -54,26 +54,25 @@ from .streams import Chunk, pack
 
 
 class RunWriter:
-    """Writer of one run, off the caller's thread: every call returns when there is room for what it
-    gave, and `flush` when all of it is committed. With a step come the samples that force sensor
-    and stage gave in it.
+    """Writer of one run in the background: calls return once their data are queued, `flush` once
+    they are committed. A step is stored with the samples of force sensor and stage.
 
-    Rows are numbered by their place in the plan, so a press that is redone gets its old numbers.
+    Rows are numbered by their position in the plan, so a repeated press gets its old numbers.
     """
 
     def __init__(self, folder: Path, steps: Sequence[Step], image_format: str) -> None:
         """For `create` and `resume` only."""
         self.folder = folder
         self.kept_presses: frozenset[str] = frozenset()
-        """Presses that are complete and are not carried out again."""
+        """Complete presses, which are not repeated."""
         self.redone: dict[str, str] = {}
-        """Presses found begun or damaged, and why they are carried out again."""
+        """Incomplete or damaged presses, with the reason for repeating them."""
         self.missed = 0
-        """Frames of finished steps that did not come, over all sessions."""
+        """Frames missing from finished steps, over all sessions."""
         self.session = 1
         self.image_format = image_format
         self.failed: Callable[[RunFailed], None] = lambda error: None
-        """Told at once, from another thread, when the disk refuses; the next call raises it too."""
+        """Called from another thread on a disk error; the next call raises it too."""
         self._step_seq = {step.id: n for n, step in enumerate(steps, start=1)}
         frames_before = accumulate((step.frames for step in steps), initial=0)
         self._frames_before = {step.id: n for step, n in zip(steps, frames_before, strict=False)}
@@ -95,10 +94,10 @@ class RunWriter:
         steps: Sequence[Step],
         flat: FlatField | None = None,
     ) -> RunWriter:
-        """Start a run in a new folder, which appears whole or not at all.
+        """Start a run in a new folder, created atomically.
 
-        flat: of the camera that meta names; what is read is corrected by it.
-        Raises InputError when it is there or cannot be made there, RunFailed on a bad disk.
+        flat: flat field of the camera in meta, applied on reading.
+        Raises InputError if the folder exists or cannot be created, RunFailed for a disk error.
         """
         if folder.exists():
             raise InputError(f"{folder}: already there; name a new --out folder")
@@ -108,7 +107,7 @@ class RunWriter:
             with disk_errors(folder, "made"):
                 folder.parent.mkdir(parents=True, exist_ok=True)
                 if part.exists():
-                    shutil.rmtree(part)  # a start that was cut off
+                    shutil.rmtree(part)  # left by an interrupted start
                 (part / "images").mkdir(parents=True)
             files = {
                 "run.json": json_bytes({"format": RUN_FORMAT, **meta}),
@@ -129,7 +128,7 @@ class RunWriter:
                 sync_folder(folder.parent)
         except BaseException as error:
             shutil.rmtree(part, ignore_errors=True)
-            if isinstance(error, RunFailed):  # in words of the folder that was asked for
+            if isinstance(error, RunFailed):  # name the requested folder
                 raise RunFailed(str(error).replace(str(part), str(folder))) from error
             raise
         return cls(folder, steps, ImageFormat.from_meta(meta).suffix)
@@ -138,14 +137,14 @@ class RunWriter:
     def resume(
         cls, folder: Path, steps: Sequence[Step], progress: Progress | None = None
     ) -> RunWriter:
-        """Continue an unfinished run: keep complete presses, clear away all else.
+        """Continue an unfinished run: keep complete presses, remove the rest.
 
-        Raises InputError for no run folder, one that is being written and one that cannot be
-        written; RunFailed for a damaged journal or other metadata.
+        Raises InputError for a folder that is not a run, is being written or is read-only;
+        RunFailed for a damaged journal or other metadata.
         """
         run = Run(folder)
         if not os.access(folder, os.W_OK):
-            raise InputError(f"{folder}: cannot be written; a run is continued where it stands")
+            raise InputError(f"{folder}: read-only; a run is continued in its own folder")
         form = ImageFormat.from_meta(run.meta)
         form.require()
         writer = cls(folder, steps, form.suffix)
@@ -181,10 +180,10 @@ class RunWriter:
         repeated: int = 0,
         wait: bool = True,
     ) -> str | None:
-        """Have one frame stored (image may be left out by the scene); return its id.
+        """Store one frame (image: None if the protocol has no images); return its id.
 
-        None, and nothing stored, when too many wait to be written; wait: until there is room.
-        late_s: after it was wanted. dropped, repeated: by the camera, since the one before.
+        Returns None, with nothing stored, if the queue is full; wait: for space instead.
+        late_s: delay of the exposure. dropped, repeated: by the camera, since the previous one.
         """
         frame_id = frame_id_of(step, k)
         row: TableRow = {
@@ -221,7 +220,7 @@ class RunWriter:
     ) -> None:
         """Journal a finished step and its samples. A press's last step completes the press.
 
-        missed: of its frames, that will not come.
+        missed: number of its frames that the camera did not deliver.
         """
         self.missed += missed
         x_mm, y_mm, z_mm = step.target_mm
@@ -241,35 +240,35 @@ class RunWriter:
         self._writing.put_rows([*self._samples(step, chunks), ("steps", row)])
 
     def cut_off(self, step: Step, chunks: Iterable[Chunk]) -> None:
-        """Keep the samples of a step that will not be finished, until its press is done again."""
+        """Store the samples of an interrupted step, until its press is repeated."""
         self._writing.put_rows(self._samples(step, chunks))
 
     def event(
         self, kind: str, text: str, t_s: float | None = None, step: Step | None = None
     ) -> None:
-        """Note what happened, at a time of the rig's clock; from any thread."""
+        """Log an event; thread-safe. t_s: on the rig's clock."""
         self._writing.put_rows([("events", _event(kind, text, t_s, step))], history=True)
 
     def ready(self) -> None:
-        """Load what writing images needs: doing so keeps all other threads waiting for a while."""
+        """Load the image encoder in advance: its import blocks all threads for a while."""
         encode(np.zeros((8, 8, 3), np.uint8), self.image_format)
 
     def flush(self) -> None:
-        """Wait until all is committed. Raises RunFailed, as all that writes does after a failure.
+        """Wait until all is committed. Raises RunFailed naming the file that could not be written.
 
-        The failure names the file that the disk refused.
+        Every writing method raises it after a failure.
         """
         self._writing.flush()
 
     @property
     def failure(self) -> RunFailed | None:
-        """Why nothing more can be written."""
+        """Error after which nothing can be written; None: no error."""
         return self._writing.failure
 
     def close(self, summary: dict[str, Any]) -> None:
-        """Finish the run: fold the journal into one plain file, then write the summary.
+        """Finish the run: checkpoint the journal into one file, then write the summary.
 
-        Raises RunFailed when the disk refuses; the run then stays unfinished.
+        Raises RunFailed for a disk error; the run then stays unfinished.
         """
         try:
             self._writing.flush()
@@ -280,8 +279,8 @@ class RunWriter:
                 contents = {name: (self.folder / name).read_bytes() for name in names}
                 store_hashes(self._db, {**contents, "summary.json": data})
                 self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-                # A finished record is read from anywhere, write-protected folders included; a
-                # reader that has it open just now keeps the log in being.
+                # A finished record must be readable in write-protected folders; an open reader
+                # keeps the write-ahead log alive.
                 with suppress(sqlite3.OperationalError):
                     self._db.execute("PRAGMA journal_mode=DELETE")
                 self._db.close()
@@ -290,7 +289,7 @@ class RunWriter:
             self.abandon()
 
     def abandon(self) -> None:
-        """Release the folder with all that was written; never raises, to mask no other error."""
+        """Release the folder; never raises, so as not to mask another error."""
         self._writing.close()
         with suppress(sqlite3.Error):
             self._db.close()
@@ -301,9 +300,9 @@ class RunWriter:
         return [("samples", {**place, **pack(chunk)}) for chunk in chunks]
 
     def _clear(self) -> None:
-        """Remove all but the kept presses: rows first, for a file without a row is cleared again.
+        """Remove all but the kept presses: rows first, so files without rows can be found again.
 
-        Raises RunFailed when a file cannot be removed.
+        Raises RunFailed if a file cannot be removed.
         """
         with self._db:
             for table in PRESS_TABLES:
@@ -317,7 +316,7 @@ class RunWriter:
             self.session = 1 + self._db.execute(count).fetchone()[0]
             text = f"resumed: {kept_frames} frames kept"
             repeated = "; ".join(f"{press}: {reason}" for press, reason in self.redone.items())
-            text += f"; done again: {repeated}" if repeated else ""
+            text += f"; repeated: {repeated}" if repeated else ""
             insert(self._db, "events", _event("session", text))
         files = self._db.execute("SELECT file FROM frames WHERE file IS NOT NULL")
         keep = {self.folder / file for (file,) in files}

@@ -1,4 +1,4 @@
-"""Jobs given to an executor, and what came of them."""
+"""Running of jobs on an executor and collecting of their results."""
 
 from __future__ import annotations
 
@@ -9,47 +9,46 @@ from typing import TypeVar
 
 from ..aliases import Progress
 from ..errors import RunFailed
-from .local import Local, processors
+from .local import Local, Result, processors
 
-_QUEUE_POLL_S = 1.0  # where a blocked wait does not let Ctrl-C in
+_QUEUE_POLL_S = 1.0  # by hand: latency of Ctrl-C, which a blocked wait ignores
 
-J = TypeVar("J")
-R = TypeVar("R")
+Job = TypeVar("Job")
 
 
 class CannotGoOn(RunFailed):
-    """Not a job failed but what they run on: no other job of it will come through."""
+    """The executor failed, not a job: no further job can run."""
 
 
-JobCallback = Callable[[int, R | None, Exception | None], None]
-"""Takes the index of a job that ended, and its value or its error."""
+JobCallback = Callable[[int, Result | None, Exception | None], None]
+"""Callback with the index of an ended job, and its value or its error."""
 
 
 def count_workers(executor: Executor | None = None) -> int:
-    """Count the jobs that an executor runs at a time; None: processes of this machine."""
+    """Number of jobs that an executor runs at a time; None: processes of this machine."""
     return processors() if executor is None else int(getattr(executor, "workers", 1))
 
 
 def run_each(
-    work: Callable[[J], R],
-    jobs: Sequence[J],
+    work: Callable[[Job], Result],
+    jobs: Sequence[Job],
     names: Sequence[str],
     executor: Executor | None = None,
     progress: Progress | None = None,
     *,
-    on_result: Callable[[int, R], None] = lambda index, result: None,
+    on_result: Callable[[int, Result], None] = lambda index, result: None,
     workers: int | None = None,
-) -> list[R]:
+) -> list[Result]:
     """Run jobs and return their results in order; arguments as of `run_jobs`.
 
-    names: of the jobs, for progress, which hears of each when it is done; arrived hears of each
-    result as it comes. The error of the first job that fails, in the order of the jobs however they
-    were scheduled, is raised once all before it have ended; those behind it are cancelled.
+    names: of the jobs, for progress, which is called after each; on_result is called with each
+    result as it arrives. The error of the first failing job, in the order of the jobs, is raised
+    once all before it have ended; later ones are cancelled.
     """
-    results: dict[int, R] = {}
+    results: dict[int, Result] = {}
     failed: dict[int, Exception] = {}
 
-    def collect(index: int, value: R | None, error: Exception | None) -> None:
+    def collect(index: int, value: Result | None, error: Exception | None) -> None:
         if error is not None:
             failed[index] = error
         elif not failed:
@@ -65,21 +64,21 @@ def run_each(
 
 
 def run_jobs(
-    work: Callable[[J], R],
-    jobs: Sequence[J],
-    on_end: JobCallback[R],
+    work: Callable[[Job], Result],
+    jobs: Sequence[Job],
+    on_end: JobCallback[Result],
     executor: Executor | None = None,
     *,
     workers: int | None = None,
     until_failure: bool = False,
 ) -> None:
-    """Run jobs; `heard` takes what came of each in this thread, as they end.
+    """Run jobs; `on_end` is called in this thread with the outcome of each, as they end.
 
-    work: a function of a module, jobs: its arguments; both are pickled. executor: None is processes
-    of this machine, `workers` of them, by default a processor each; with one of either the jobs run
-    in this process. until_failure: after a failure only what comes before it. On every way out the
-    jobs that were not begun are cancelled, and no process of its own is left. Raises CannotGoOn
-    when the executor is gone, or is none that these jobs may run on.
+    work: a module-level function, jobs: its arguments; both are pickled. executor: None for
+    `workers` processes of this machine, by default one per processor; with one worker or one job,
+    jobs run in this process. until_failure: after a failure, finish only earlier jobs. On exit,
+    jobs not begun are cancelled and own processes are ended. Raises CannotGoOn if the executor
+    is gone or unsuitable.
     """
     if executor is not None:
         _run_on(executor, work, jobs, on_end, until_failure)
@@ -102,21 +101,21 @@ def run_jobs(
 
 def _run_on(
     executor: Executor,
-    work: Callable[[J], R],
-    jobs: Sequence[J],
-    on_end: JobCallback[R],
+    work: Callable[[Job], Result],
+    jobs: Sequence[Job],
+    on_end: JobCallback[Result],
     until_failure: bool,
 ) -> None:
-    # What has ended goes through one queue: it is heard in its order and in this thread.
-    ended_futures: queue.SimpleQueue[Future[R]] = queue.SimpleQueue()
-    futures: dict[Future[R], int] = {}
-    # Dask blames a worker's death on every job that waited there: each is tried once more alone.
+    # Ended jobs pass through one queue, so on_end is called in order and in this thread.
+    ended_futures: queue.SimpleQueue[Future[Result]] = queue.SimpleQueue()
+    futures: dict[Future[Result], int] = {}
+    # Dask blames a worker's death on all jobs queued there: each is retried alone.
     blamed: list[int] = []
     tried_alone: set[int] = set()
     first_failed = len(jobs)
     check: Callable[[], None] = getattr(executor, "check", lambda: None)
 
-    def submit(index: int) -> Future[R]:
+    def submit(index: int) -> Future[Result]:
         future = executor.submit(work, jobs[index])
         futures[future] = index
         return future
@@ -135,7 +134,7 @@ def _run_on(
                 future = ended_futures.get(timeout=_QUEUE_POLL_S)
             except queue.Empty:
                 continue
-            # Let go of, so that no more results are held than the caller holds.
+            # Drop the future, so only the caller holds results.
             index = futures.pop(future)
             if index > first_failed:
                 continue
@@ -155,15 +154,15 @@ def _run_on(
             future.cancel()
 
 
-def _was_killed(future: Future[R]) -> bool:
+def _was_killed(future: Future[Result]) -> bool:
     return not future.cancelled() and type(future.exception()).__name__ == "KilledWorker"
 
 
-def _outcome(future: Future[R]) -> tuple[R | None, Exception | None]:
+def _outcome(future: Future[Result]) -> tuple[Result | None, Exception | None]:
     try:
         return future.result(), None
-    except CancelledError as error:  # not by us, who ask no more then
-        raise CannotGoOn("what the jobs ran on is gone") from error
+    except CancelledError as error:  # not cancelled by this function
+        raise CannotGoOn("the executor of the jobs is gone") from error
     except CannotGoOn:
         raise
     except Exception as error:

@@ -1,4 +1,4 @@
-"""Where jobs run: processes here, or a Dask cluster whose workers have this process's code."""
+"""Executors: local processes, or a Dask cluster whose workers have the same code."""
 
 from __future__ import annotations
 
@@ -12,24 +12,22 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Executor, Future
-from typing import Any, TypeVar
+from typing import Any
 
 from deltact_fab.paths import PACKAGE_DIR
 
 from .. import cache
 from ..errors import InputError, RunFailed, require_extra
 from .batch import CannotGoOn
-from .local import Local, processors, take_share
-
-R = TypeVar("R")
+from .local import Local, Result, processors, take_share
 
 ON_LOCAL = "local"
 DASK_ADDRESS = re.compile(r"dask:((?:tcp|tls)://.+:\d+)")
-CONNECT_S = 10.0
-WORKERS_S = 10.0
-NO_WORKER_S = 60.0  # a worker that died is often started again
-CLUSTER_CHECK_S = 1.0
-SEND_DELAY_S, JOBS_AHEAD = 0.01, 32
+CONNECT_S = 10.0  # by hand: a slow network needs longer
+WORKERS_S = 10.0  # by hand: workers may still be starting
+NO_WORKER_S = 60.0  # by hand: a dead worker is often restarted
+CLUSTER_CHECK_S = 1.0  # by hand: detection delay of a lost cluster
+SEND_DELAY_S, JOBS_AHEAD = 0.01, 32  # by hand: larger batches, coarser sharing
 CODE_BADGE = "deltact-fab"
 
 
@@ -37,11 +35,11 @@ CODE_BADGE = "deltact-fab"
 def open_executor(
     on: str = ON_LOCAL, workers: int | None = None, threads: int | None = None
 ) -> Iterator[Local | Cluster]:
-    """Open an executor until the end of the block; then whatever still runs on it is ended.
+    """Open an executor for the block; jobs still running at its end are terminated.
 
     on: "local", or "dask:tcp://HOST:PORT" of an existing scheduler. workers: local processes, by
-    default one for each processor that this process may use. threads: as of `Local`.
-    Raises InputError for another `on`, and workers with a cluster; else as `cluster`.
+    default one per processor that this process may use. threads: as in `Local`.
+    Raises InputError for another `on`, or for workers with a cluster; else as `cluster`.
     """
     if on == ON_LOCAL:
         with Local(workers or processors(), threads) as local:
@@ -50,14 +48,14 @@ def open_executor(
     if not (match := DASK_ADDRESS.fullmatch(on)):
         raise InputError(f"--on {on!r}: expected 'local' or 'dask:tcp://HOST:PORT'")
     if workers is not None:
-        raise InputError(f"--jobs {workers}: with --on {on} the cluster says how many at a time")
+        raise InputError(f"--jobs {workers}: not with --on {on}: the cluster sets the number")
     with cluster(match[1]) as remote:
         yield remote
 
 
 @functools.cache
 def source_digest() -> str:
-    """The digest of the package's sources, as they are on this machine."""
+    """Digest of the package's sources on this machine."""
     text = hashlib.sha256()
     for file in sorted(PACKAGE_DIR.rglob("*.py")):
         text.update(f"{file.relative_to(PACKAGE_DIR).as_posix()}\n".encode() + file.read_bytes())
@@ -66,17 +64,16 @@ def source_digest() -> str:
 
 @contextlib.contextmanager
 def cluster(address: str) -> Iterator[Cluster]:
-    """The workers of the scheduler at tcp://HOST:PORT, until the end of the block.
+    """Connect to the workers of the scheduler at tcp://HOST:PORT for the block.
 
-    A worker with other code gets no job, whenever it comes; a line on stderr names it. Raises
-    MissingLibrary without the extra `cluster`, RunFailed when no scheduler answers, or no worker
-    with this code is there.
+    Workers with other code get no jobs and are named on stderr. Raises MissingLibrary without the
+    extra `cluster`, RunFailed if no scheduler answers or no worker has this code.
     """
     require_extra("cluster", f"--on dask:{address}", "distributed")
     from distributed import Client
     from distributed.utils import silence_logging_cmgr
 
-    # What goes wrong is told by the error that ends it. The handler is all its loggers'.
+    # Failures are reported by the final error. The handler is shared by all its loggers.
     with silence_logging_cmgr(logging.CRITICAL):
         try:
             client = Client(address, timeout=CONNECT_S, set_as_default=False)
@@ -98,10 +95,10 @@ def cluster(address: str) -> Iterator[Cluster]:
 
 
 def _badge_plugin() -> Any:
-    """What makes every worker, those that come later too, show its code as a resource.
+    """Plugin by which every worker, also later ones, offers its code digest as a resource.
 
-    A job asks for the resource, so that the scheduler gives it to no worker with other code. Of a
-    class that is defined here it is pickled whole, for workers with other code or without.
+    Jobs require the resource, so the scheduler sends none to workers with other code. The class is
+    local, so that it is pickled by value, for workers with other code or without the package.
     """
     from distributed import Status, WorkerPlugin
 
@@ -116,7 +113,7 @@ def _badge_plugin() -> Any:
             except Exception as error:
                 digest = f"none: {error}"
             await worker.set_resources(**{f"{self.name} {digest}": 1e9})
-            # The scheduler looks for jobs that wait for a worker when one begins to run.
+            # A worker that starts running makes the scheduler assign waiting jobs.
             worker.status = Status.paused
             worker.status = Status.running
 
@@ -124,12 +121,12 @@ def _badge_plugin() -> Any:
 
 
 class Cluster(Executor):
-    """Jobs for the workers that have our code, sent and fetched many at a time.
+    """Executor on workers with the same code; jobs are sent and fetched in batches.
 
-    What is sent ahead is AHEAD jobs for each of their threads: so the first are the first begun, a
-    worker that comes later gets its share, and one that dies is blamed for few. Files of the store
-    go with them: a job whose last argument has `needs`, names of such files, finds those that are
-    here, sent to the cluster once; what it names in `makes` is here when it has ended.
+    At most JOBS_AHEAD jobs per thread are sent in advance: so early jobs start first, new workers
+    get a share, and a dying worker affects few. Store files travel along: `needs` of a job's last
+    argument names files that are sent, once per cluster; files named in its `makes` are copied back
+    when it has ended.
     """
 
     def __init__(self, client: Any) -> None:
@@ -143,9 +140,9 @@ class Cluster(Executor):
         self.workers = 0
         self._count_threads()
 
-    def submit(self, fn: Callable[..., R], /, *args: Any, **kwargs: Any) -> Future[R]:
-        """As every Executor's; what is cancelled when it has been sent may run, unheard."""
-        future: Future[R] = Future()
+    def submit(self, fn: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
+        """Like Executor.submit; a job cancelled after sending may still run, without effect."""
+        future: Future[Result] = Future()
         self._waiting.append((future, (fn, args, kwargs)))
         if not self._send_scheduled:
             self._send_scheduled = True
@@ -154,7 +151,7 @@ class Cluster(Executor):
         return future
 
     def check(self) -> None:
-        """While someone waits: raises CannotGoOn when there is nothing left to wait for."""
+        """Raise CannotGoOn if the cluster has had no worker for NO_WORKER_S."""
         now_s = time.monotonic()
         if now_s - self._checked_s < CLUSTER_CHECK_S:
             return
@@ -165,12 +162,12 @@ class Cluster(Executor):
             raise CannotGoOn(f"the Dask cluster is gone: no worker for {NO_WORKER_S:g} s")
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """As every Executor's, but that it never waits: what has not come back is forgotten."""
+        """Like Executor.shutdown(wait=False); pending results are dropped."""
         for future, _ in self._waiting:
             future.cancel()
 
     def _count_threads(self) -> int:
-        """Threads of the workers with our code; a line for each other one, once."""
+        """Count the threads of workers with the same code; report each other worker once."""
         self.workers = 0
         for name, worker in self._client.scheduler_info()["workers"].items():
             badges = [r for r in worker["resources"] if r.startswith(CODE_BADGE)]
@@ -187,7 +184,7 @@ class Cluster(Executor):
         return self.workers
 
     def _send(self) -> None:
-        """On the client's thread: as many jobs as there is room for."""
+        """Send as many jobs as fit; runs on the client's thread."""
         self._send_scheduled = False
         room = JOBS_AHEAD * max(self.workers, 1) - len(self._in_flight)
         batch: list[tuple[Future[Any], tuple[Any, ...]]] = []
@@ -204,7 +201,7 @@ class Cluster(Executor):
             for name, data in cache.copy_out(set(needs) - self._files.keys()).items():
                 self._files[name] = self._client.submit(bytes, data, resources=resources)
             files.append({name: self._files[name] for name in needs if name in self._files})
-        # pure: a job that failed and is asked again is done again.
+        # pure=False: a failed job that is submitted again runs again.
         jobs = [job for _, job in batch]
         tasks = self._client.map(_work, jobs, files, pure=False, resources=resources)
         self._in_flight |= {task.key: pair[0] for task, pair in zip(tasks, batch, strict=True)}
@@ -214,7 +211,7 @@ class Cluster(Executor):
         from distributed import as_completed
 
         coming = as_completed(tasks, self._client.loop, with_results=True, raise_errors=False)
-        tasks.clear()  # so that the cluster keeps no result that has come
+        tasks.clear()  # so the cluster releases fetched results
         async for task, value in coming:
             future = self._in_flight.pop(task.key)
             if isinstance(value, CancelledError):
@@ -231,13 +228,13 @@ class Cluster(Executor):
 
 
 def _job_files(job: tuple[Any, ...], attribute: str) -> tuple[str, ...]:
-    """What a job's last argument says that it needs or makes, files of the store."""
+    """Store files that a job's last argument lists in `needs` or `makes`."""
     return getattr(job[1][-1], attribute, ()) if job[1] else ()
 
 
 def _work(
-    job: tuple[Callable[..., R], tuple[Any, ...], dict[str, Any]], files: dict[str, bytes]
-) -> tuple[R, dict[str, bytes]]:
+    job: tuple[Callable[..., Result], tuple[Any, ...], dict[str, Any]], files: dict[str, bytes]
+) -> tuple[Result, dict[str, bytes]]:
     take_share(1)
     for name, data in files.items():
         cache.copy_in(name, data)

@@ -1,9 +1,9 @@
-"""Linear elasticity of the finite block, its sides free: tractions on its face to displacement.
+"""Linear elasticity of the finite block with free sides: face tractions to displacement.
 
-The face's compliance is that of the spectral layer, on as fine a grid as the contact needs, plus
-what the free sides add (`edge_compliance`), on the coarse grid of finite elements that it is smooth
-enough for. Between the grids stands one interpolation, and its transpose for the loads, so the
-whole stays symmetric. The grid ends where the block ends: beside it is nothing to touch.
+The face's compliance is that of the spectral layer, on the fine grid of the contact, plus the
+smooth effect of the free sides (`edge_compliance`), on a coarse finite element grid. One
+interpolation links the grids, its transpose maps the loads, so the operator stays symmetric. The
+grid ends at the block's edges.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from .material import GelMaterial
 
 
 class FreeBlock:
-    """The face of a block on a grid of ny x nx nodes in the middles of equal cells.
+    """Face of a block on a grid of ny x nx nodes at the centres of equal cells.
 
-    spacing_mm: (x, y), the largest below the one asked for that divides the face evenly into a
-    number of nodes the transform likes. cell_mm: of the finite elements for its sides, None for a
+    spacing_mm: (x, y), the largest below the requested one that divides the face into a number of
+    nodes fast for the transform. cell_mm: of the finite elements for the sides, None for a
     default. x_mm (nx,), y_mm (ny,): node coordinates in the sensor frame.
-    Raises InputError for sizes that cannot be used and a Poisson's ratio over 0.4999.
+    Raises InputError for unusable sizes and a Poisson's ratio over 0.4999.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class FreeBlock:
                 f"block: spacing_mm must be 0.02 to {skin.length_mm / 16:g} mm: {spacing_mm} fails"
             )
         nx, ny = (even_fast_length(s / spacing_mm) for s in (skin.width_mm, skin.length_mm))
-        # The layer's period is the slab's, so what its images do is taken off with the slab.
+        # Same period as the slab, so the effect of periodic images is subtracted with it.
         self.layer = BondedLayer(
             material,
             skin.thickness_mm,
@@ -60,7 +60,7 @@ class FreeBlock:
         self._row, self._column = (SLAB_PAD - 1) * ny // 2, (SLAB_PAD - 1) * nx // 2
         self.x_mm: Field = self.layer.x_mm[self._column : self._column + nx]
         self.y_mm: Field = self.layer.y_mm[self._row : self._row + ny]
-        # Tractions come in, not forces.
+        # Scaled for tractions instead of forces.
         self._sides = _Sides(
             even_odd(interpolate_block(sides.x_mm, self.x_mm).T),
             even_odd(interpolate_block(sides.y_mm, self.y_mm).T),
@@ -83,14 +83,14 @@ class FreeBlock:
         return u + np.stack(sides, axis=-1)
 
     def window(self, my: int, mx: int, row: int = 0, column: int = 0) -> BlockWindow:
-        """The operator within the my x mx patch whose first node is (row, column)."""
+        """Operator within the my x mx patch whose first node is (row, column)."""
         return BlockWindow(self.layer.window(my, mx), self._sides.cut(row, column, my, mx))
 
 
 class _Sides(NamedTuple):
-    """The sides' part on a patch: even and odd interpolations (2, h, m), and `FreeSides.quarters`.
+    """Effect of the sides on a patch: even and odd interpolations (2, h, m), `FreeSides.quarters`.
 
-    quarters: displacement in mm for a traction of 1 MPa on a node's cell.
+    quarters: displacement in mm due to a traction of 1 MPa on a node's cell.
     """
 
     in_x: Field
@@ -98,7 +98,7 @@ class _Sides(NamedTuple):
     quarters: Field
 
     def cut(self, row: int, column: int, my: int, mx: int) -> _Sides:
-        """The same for a smaller patch."""
+        """Restrict to a smaller patch."""
         return _Sides(
             np.ascontiguousarray(self.in_x[:, :, column : column + mx]),
             np.ascontiguousarray(self.in_y[:, :, row : row + my]),
@@ -106,7 +106,7 @@ class _Sides(NamedTuple):
         )
 
     def amplitudes(self, component: int, traction: Field) -> Field:
-        """Amplitudes (4, q) in the four classes of one component (my, mx) of the traction."""
+        """Amplitudes (4, q) of one traction component (my, mx) in the four symmetry classes."""
         (_, hx, mx), (_, hy, my) = self.in_x.shape, self.in_y.shape
         parts = self.in_y.reshape(-1, my) @ traction @ self.in_x.reshape(-1, mx).T
         parts = np.moveaxis(parts.reshape(2, hy, 2, hx), 2, 1)
@@ -124,14 +124,14 @@ class _Sides(NamedTuple):
 
 
 def swap_parity(component: int, parts: Field) -> Field:
-    """Between a class, which is that of u_z, and a component's own parity (y, x, ...)."""
+    """Swap parities (y, x, ...) between a class, defined by u_z, and a component's own."""
     if component == 0:
         return parts[:, ::-1]
     return parts[::-1] if component == 1 else parts
 
 
 class BlockWindow:
-    """The block's operator on one patch, with the methods of `layer.WindowOperator`."""
+    """Operator of the block on one patch, with the methods of `layer.WindowOperator`."""
 
     def __init__(self, near: WindowOperator, sides: _Sides) -> None:
         self._near, self._sides = near, sides
@@ -158,24 +158,24 @@ class BlockWindow:
 
 
 def interpolate_block(knots_mm: Field, points_mm: Field) -> Field:
-    """Matrix (points, knots) of the cubic spline through values at the knots."""
+    """Matrix (points, knots) of cubic spline interpolation."""
     from scipy.interpolate import CubicSpline
 
     return np.ascontiguousarray(CubicSpline(knots_mm, np.eye(len(knots_mm)))(points_mm))
 
 
-CELL_NODES = 4  # nodes along a cell: twice as many change its own compliance by 1 %
+CELL_NODES = 4  # by hand: doubling it changes a cell's own compliance by 1 %
 
 
 @dataclass(frozen=True)
 class FaceCells:
-    """Equal cells that fill a block's face, a mirror image of each other on either side.
+    """Equal cells that fill a block's face, symmetric about its axes.
 
-    For an inverse, which wants no operator to apply but its matrix: the mean displacement of some
-    for an even traction on others. The layer moves with the load, so one cell's response is enough;
-    what the free sides add is smooth, and comes through `FreeSides`.
-    x_mm (nx,), y_mm (ny,): their centres in the sensor frame. A modulus of 1 MPa is meant, so that
-    tractions are shares of the gel's.
+    For inverse problems, which need the matrix: mean displacement of cells due to a uniform
+    traction on others. The layer is translation-invariant, so one cell's response is enough; the
+    smooth effect of the free sides is added by `FreeSides`.
+    x_mm (nx,), y_mm (ny,): centres in the sensor frame. For a modulus of 1 MPa, so tractions are in
+    units of the gel's.
     """
 
     skin: SkinDimensions
@@ -185,7 +185,7 @@ class FaceCells:
 
     @classmethod
     def from_skin(cls, skin: SkinDimensions, poisson: float, cell_mm: float) -> FaceCells:
-        """The cells nearest to cell_mm along each side."""
+        """Cells with sides nearest to cell_mm."""
         a, b = skin.opening_half_mm
         return cls(skin, poisson, _centres(a, cell_mm), _centres(b, cell_mm))
 
@@ -194,10 +194,10 @@ class FaceCells:
         return float((self.x_mm[1] - self.x_mm[0]) * (self.y_mm[1] - self.y_mm[0]))
 
     def compliance(self, targets: tuple[slice, slice], loaded: tuple[slice, slice]) -> Field:
-        """Displacement of cells for tractions on others, (n seen, 3, n loaded, 3), mm / MPa.
+        """Displacement of cells due to tractions on others (n targets, 3, n loaded, 3), mm / MPa.
 
-        seen, loaded: (rows, columns) of two windows, whose cells go row by row. Raises InputError
-        for a Poisson's ratio or a skin that `free_sides` cannot take.
+        targets, loaded: (rows, columns) of two windows, cells row by row. Raises InputError for a
+        Poisson's ratio or a skin that `free_sides` rejects.
         """
         kernel = self._layer()
         windows = [np.mgrid[rows, columns] for rows, columns in (targets, loaded)]
@@ -213,7 +213,7 @@ class FaceCells:
         return matrix
 
     def _layer(self) -> Field:
-        """Mean displacement of the cell at an offset for a traction, (3, 3, 2 ny, 2 nx)."""
+        """Mean displacement (3, 3, 2 ny, 2 nx) of the cell at an offset due to a traction."""
         my, mx = SLAB_PAD * len(self.y_mm), SLAB_PAD * len(self.x_mm)
         layer = BondedLayer(
             GelMaterial(1.0, self.poisson, prony=()),
@@ -233,7 +233,7 @@ class FaceCells:
         return np.stack(kernel, axis=1)
 
     def _classes(self, sides: FreeSides, window: tuple[slice, slice]) -> list[Field]:
-        """For each component, a window's cells in the sides' four classes, (4, q, n)."""
+        """Interpolation (4, q, n) from four symmetry classes to a window's cells, per component."""
         in_y, in_x = (
             even_odd(_means(knots, centres, cut).T)
             for knots, centres, cut in (
@@ -247,13 +247,13 @@ class FaceCells:
 
 
 def _centres(half_mm: float, cell_mm: float) -> Field:
-    """Of an even number of cells from -half_mm to half_mm."""
+    """Centres of an even number of cells from -half_mm to half_mm."""
     n = 2 * round(half_mm / cell_mm)
     return np.asarray((np.arange(n) - (n - 1) / 2) * (2 * half_mm / n), np.float64)
 
 
 def _means(knots_mm: Field, centres_mm: Field, cut: slice) -> Field:
-    """Matrix (cells, knots) from values at knots to means over some of the cells."""
+    """Matrix (cells, knots) from values at knots to means over the cells of a slice."""
     step = centres_mm[1] - centres_mm[0]
     nodes = centres_mm[cut, None] + step * ((np.arange(CELL_NODES) + 0.5) / CELL_NODES - 0.5)
     return np.asarray(

@@ -1,18 +1,18 @@
-"""What the free sides of a block add to the compliance of its face, found by finite elements.
+"""Additional compliance of a block's face due to its free sides, by finite elements.
 
-Two linear problems share their cells: the block, whose sides are free, and a periodic slab of the
-same bricks that goes on where the block ends. The difference of their surface compliances is the
-work of the sides alone. Near a load both are wrong by the same amount and the difference is not,
-so cells that would be far too coarse for a contact do, while the layer sees the contact itself.
+Two linear problems share a mesh: the block with free sides, and a periodic slab of the same bricks
+that continues beyond the block. The difference of their surface compliances is the effect of the
+sides. Near a load both have the same discretisation error, which cancels, so cells far too coarse
+for a contact suffice; the contact itself is resolved by the layer.
 
-The slab is the block plus more gel, so the difference is symmetric and positive semidefinite: the
-sides can only make a face softer.
+The slab is the block plus more gel, so the difference is symmetric and positive semidefinite: free
+sides only soften the face.
 
 Both problems are condensed to the face, the slab wave by wave, the block in its four symmetry
 classes by eliminating one layer of nodes after another from the base up.
 
-Eight nodes a brick, 2 x 2 x 2 points, and one mean dilatation (Nagtegaal, Parks and Rice 1974), so
-that near incompressibility does not lock them.
+Bricks have eight nodes, 2 x 2 x 2 points and one mean dilatation (Nagtegaal, Parks and Rice 1974),
+which avoids locking near incompressibility.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from deltact_fab.common import Field, InputError, Store, cache_key
 
 from ..shapes.sensor import SkinDimensions
 
-# Corners of a brick as (x, y, z) steps: round the lower face, then round the upper one.
+# Corners of a brick as (x, y, z) steps, around the lower face, then the upper; definition.
 BRICK_CORNERS = np.array(
     [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
 )
@@ -56,7 +56,7 @@ class BrickBox(NamedTuple):
 
 
 def stiffness(box: BrickBox, poisson: float, free: NDArray[np.bool_]) -> sp.csr_matrix:
-    """Upper triangle over the free displacements, for a modulus of 1 MPa; free: (nodes, 3)."""
+    """Stiffness (upper triangle) of the free displacements at 1 MPa modulus; free: (nodes, 3)."""
     nx, ny, nz = box.bricks
     z, y, x = np.meshgrid(np.arange(nz), np.arange(ny), np.arange(nx), indexing="ij")
     corners = [
@@ -86,7 +86,7 @@ def brick_gradients() -> Field:
 
 
 def _brick(side_mm: tuple[float, float, float], poisson: float) -> Field:
-    """(24, 24) N/mm of one brick, for a modulus of 1 MPa."""
+    """Stiffness (24, 24) N/mm of one brick for a modulus of 1 MPa."""
     mu = 1 / (2 * (1 + poisson))
     lame = poisson / ((1 + poisson) * (1 - 2 * poisson))
     side = np.asarray(side_mm)
@@ -102,22 +102,22 @@ def _brick(side_mm: tuple[float, float, float], poisson: float) -> Field:
 
 MirrorSigns = tuple[int, int]
 
-MAX_LINEAR_POISSON = 0.4999
-SLAB_PAD = 2  # periods of the slab, in faces
-CELLS_ALONG_SIDE = 24  # cells along the longer side, unless a size is asked for
-MAX_CELLS_ALONG_SIDE = 36  # the same where the gel is thinner than such a cell
+MAX_LINEAR_POISSON = 0.4999  # measured: 0.1 % of force below incompressible, docs/evidence/gel.md
+SLAB_PAD = 2  # measured: costs 0.1 % of force against 3, docs/evidence/numerics.md
+CELLS_ALONG_SIDE = 24  # by hand: default along the longer side; finer costs minutes once
+MAX_CELLS_ALONG_SIDE = 36  # by hand: the same for a gel thinner than such a cell
 _SIDES_STORE = Store("gel-sides")
-_SYMMETRY_CLASSES: tuple[MirrorSigns, ...] = ((1, 1), (-1, 1), (1, -1), (-1, -1))  # in (x, y)
+_SYMMETRY_CLASSES: tuple[MirrorSigns, ...] = ((1, 1), (-1, 1), (1, -1), (-1, -1))  # definition
 
 
 @dataclass(frozen=True, eq=False)
 class FreeSides:
-    """The sides' part of the face's compliance, for a modulus of 1 MPa.
+    """Effect of the free sides on the face's compliance, for a modulus of 1 MPa.
 
-    x_mm (nx,), y_mm (ny,): nodes of the face, both odd in number. quarters (3, 3, 4, q, q) in mm
+    x_mm (nx,), y_mm (ny,): nodes of the face, odd numbers of them. quarters (3, 3, 4, q, q) in mm
     MPa / N: displacement component, force component, symmetry class, then the nodes of the quarter
-    x >= 0, y >= 0 twice, row by row. The classes are (even, even), (even, odd), (odd, even) and
-    (odd, odd) in (y, x), said of u_z; `halves` gives the amplitudes that they act on.
+    x >= 0, y >= 0 twice, row by row. Classes: (even, even), (even, odd), (odd, even), (odd, odd) in
+    (y, x) of u_z; they act on the amplitudes of `even_odd`.
     """
 
     x_mm: Field
@@ -126,17 +126,16 @@ class FreeSides:
 
 
 def free_sides(skin: SkinDimensions, poisson: float, cell_mm: float | None = None) -> FreeSides:
-    """The sides of a skin's block, from the cache or computed.
+    """Effect of the sides of a skin's block, from the cache or computed.
 
-    cell_mm: largest side of a cell; None takes CELLS_ALONG the longer side, for a thinner gel up to
-    MAX_ALONG.
-    The edges' fillet and the frame are left out.
-    Raises InputError for a Poisson's ratio over MAX_POISSON and for an unusable cell size.
+    cell_mm: largest side of a cell; None for CELLS_ALONG_SIDE cells along the longer side, for a
+    thin gel up to MAX_CELLS_ALONG_SIDE. The fillet of the edges and the frame are not modelled.
+    Raises InputError for a Poisson's ratio over MAX_LINEAR_POISSON or an unusable cell size.
     """
     if not 0 <= poisson <= MAX_LINEAR_POISSON:
         raise InputError(
             f"block: 0 <= poisson <= {MAX_LINEAR_POISSON} is needed: {poisson:g} fails; "
-            f"{MAX_LINEAR_POISSON} is incompressible but for 0.1 % of force"
+            f"{MAX_LINEAR_POISSON} is within 0.1 % of force of incompressible"
         )
     box = _box(skin, cell_mm)
     key = cache_key(
@@ -156,9 +155,9 @@ def free_sides(skin: SkinDimensions, poisson: float, cell_mm: float | None = Non
 
 
 def even_odd(values: Field) -> Field:
-    """Amplitudes (2, h, ...) of the even and the odd part of values (2 h - 1, ...) on a mirror.
+    """Amplitudes (2, h, ...) of the even and odd parts of values (2 h - 1, ...) about the centre.
 
-    The map is orthonormal: its transpose puts the values together again.
+    The map is orthonormal: its transpose is its inverse.
     """
     h = len(values) // 2
     positive, negative = values[h:], values[h::-1]
@@ -168,7 +167,7 @@ def even_odd(values: Field) -> Field:
 
 
 def _box(skin: SkinDimensions, cell_mm: float | None) -> BrickBox:
-    """Bricks of a whole block, even in number along x and y."""
+    """Mesh of the whole block, with even numbers of bricks along x and y."""
     longer = max(skin.width_mm, skin.length_mm)
     size = cell_mm
     if size is None:
@@ -180,7 +179,7 @@ def _box(skin: SkinDimensions, cell_mm: float | None) -> BrickBox:
             f"{skin.length_mm:g} mm: {size:g} fails"
         )
     nx, ny = (2 * math.ceil(side / (2 * size) - 1e-9) for side in (skin.width_mm, skin.length_mm))
-    # Thin gels want several cells over the height; cells growing with depth save time once only.
+    # Several cells over the height also for thin gels.
     step = min(size, skin.thickness_mm / 4)
     layers = math.ceil(skin.thickness_mm / step - 1e-9)
     side = (skin.width_mm / nx, skin.length_mm / ny, skin.thickness_mm / layers)
@@ -188,14 +187,14 @@ def _box(skin: SkinDimensions, cell_mm: float | None) -> BrickBox:
 
 
 def _quarters(box: BrickBox, poisson: float) -> Field:
-    """Block minus slab, (3, 3, 4, q, q), for a modulus of 1 MPa."""
+    """Compliance of block minus slab (3, 3, 4, q, q) for a modulus of 1 MPa."""
     kernel = _slab_kernel(box, poisson)
     half_x, half_y, layers = box.bricks[0] // 2, box.bricks[1] // 2, box.bricks[2]
     quarter = BrickBox((half_x, half_y, layers), box.side_mm)
     row, column = (
         i.ravel() for i in np.meshgrid(np.arange(half_y + 1), np.arange(half_x + 1), indexing="ij")
     )
-    # A node's images share its unit of force.
+    # The unit force is shared by a node's mirror images.
     root = np.sqrt(np.where(row > 0, 2.0, 1.0) * np.where(column > 0, 2.0, 1.0)) / 2
     q = len(row)
     quarters = np.zeros((3, 3, 4, q, q))
@@ -211,10 +210,10 @@ def _quarters(box: BrickBox, poisson: float) -> Field:
 
 
 def _condensed(box: BrickBox, poisson: float, free: NDArray[np.bool_]) -> Field:
-    """Compliance (n, n) of a face's free displacements, every layer of nodes alike but the base.
+    """Compliance (n, n) of the face's free displacements; all node layers but the base are alike.
 
-    Layers are eliminated upwards with dense blocks: three quarters of a layer fill up anyway, and
-    the same rows hold the many right-hand sides that a sparse factor would have to be given.
+    Layers are eliminated upwards with dense blocks: fill-in is three quarters of a layer anyway,
+    and a sparse factor would need as many right-hand sides.
     """
     free = free.copy()
     free[: box.nodes_a_layer] = False
@@ -239,7 +238,7 @@ def _condensed(box: BrickBox, poisson: float, free: NDArray[np.bool_]) -> Field:
 def _slab_kernel(box: BrickBox, poisson: float) -> Field:
     """Response (3, 3, my, mx) of the periodic slab's face to a force on node 0, offset 0 first.
 
-    A wave makes all columns of cells alike up to phases, so one column's matrix is enough.
+    For a plane wave, columns of cells differ only in phase, so one column's matrix is enough.
     """
     nx, ny, layers = box.bricks
     levels = layers + 1
@@ -268,7 +267,7 @@ def _slab_kernel(box: BrickBox, poisson: float) -> Field:
 def _free_on_face(
     row: NDArray[np.int64], column: NDArray[np.int64], signs: MirrorSigns
 ) -> NDArray[np.bool_]:
-    """Which displacements (n, 3) of the quarter's nodes a symmetry class leaves free.
+    """True for displacements (n, 3) of the quarter's nodes that a symmetry class leaves free.
 
     signs: +1 mirror-symmetric, -1 antisymmetric, in x and in y.
     """
@@ -289,12 +288,12 @@ def _mirrored(
     free: NDArray[np.bool_],
     signs: MirrorSigns,
 ) -> Field:
-    """The slab's response (n, n) to a class's forces on all four quarters."""
+    """Response (n, n) of the slab to a class's forces on all four quarters."""
     total = np.zeros((len(row), 3, len(row), 3))
     for mirror in _MIRROR_IMAGES:
         x, y = (-column if mirror[0] else column), (-row if mirror[1] else row)
         part = kernel[:, :, row[:, None] - y[None, :], column[:, None] - x[None, :]]
-        # What a force's components are multiplied with at this image.
+        # Signs of the force components at this mirror image.
         factor = np.ones(3)
         for axis in (0, 1):
             if mirror[axis]:

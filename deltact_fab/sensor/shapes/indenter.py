@@ -1,8 +1,8 @@
-"""Indenters by name: one definition gives the height field, the footprint and the CAD solid.
+"""Indenters by name: one definition for height field, footprint and CAD solid.
 
-Names are short and typed by hand: `sphere:10` is a sphere of 10 mm diameter, `star` the paper's
-star. `NAME:SIZE` scales an indenter to another longest side; radii that the printer sets (edges,
-corners, noses) stay. A file of `indenters` adds names of its own, and a lab's cad/indenters.toml.
+`sphere:10` is a sphere of 10 mm diameter, `star` the paper's star. `NAME:SIZE` scales an indenter
+to another longest side; radii given by the printer (edges, corners, noses) stay. Modules in
+`indenters` and a lab's cad/indenters.toml add names.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from .own import MIN_SHANK_MM, OwnShape, own_shapes
 from .rigid import DEFAULT_REACH_MM, Indenter
 from .tips import SphereTip
 
-DEFAULT_SIZE_MM = 9.0
+DEFAULT_SIZE_MM = 9.0  # by hand: longest side of a footprint, see `indenters.paper`
 
 
 def sphere(diameter_mm: float) -> Indenter:
-    """A sphere, as in the paper's force calibration (10, 12, 15, 18 and 22 mm)."""
+    """Sphere, as in the paper's force calibration (10, 12, 15, 18 and 22 mm)."""
     radius_mm = diameter_mm / 2
     reach_mm = max(DEFAULT_REACH_MM, radius_mm + MIN_SHANK_MM)
     tip = SphereTip(0.0, 0.0, radius_mm)
@@ -35,11 +35,11 @@ INDENTER_KINDS = ("sphere", *SHAPE_FACTORIES)
 
 
 def parse_indenter(name: str) -> Indenter:
-    """Read an indenter's name: `sphere:DIAMETER`, one of KINDS with or without `:SIZE`, or a
-    shape of the lab's list.
+    """Parse an indenter's name: `sphere:DIAMETER`, one of INDENTER_KINDS with optional `:SIZE`, or
+    a shape of the lab.
 
     SIZE is the longest side of the footprint in mm, 9 by default. Raises InputError with the
-    nearest name or the sizes that are valid.
+    nearest name or the valid sizes.
     """
     kind, colon, size = name.strip().partition(":")
     if kind == "sphere":
@@ -70,16 +70,16 @@ def parse_indenter(name: str) -> Indenter:
 
 
 def describe_indenters(names: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Describe the shapes that are the lab's own, by name, for a run to keep."""
+    """Describe the lab's own shapes among these, by name, to be stored with a run."""
     custom = [name for name in names if name.partition(":")[0] not in INDENTER_KINDS]
     lab_shapes = own_shapes() if custom else {}
     return {name: asdict(lab_shapes[name]) for name in custom}
 
 
 def restore_indenter(name: str, lab_shapes: Mapping[str, Any], source: str) -> Indenter:
-    """An indenter of a run by its name; own: what it kept of the lab's shapes, and source where.
+    """Restore an indenter of a run. lab_shapes: stored with the run, in the file `source`.
 
-    Raises InputError as `parse`, and naming source.
+    Raises InputError as `parse_indenter`, or naming source.
     """
     if name in lab_shapes:
         return validate(OwnShape, lab_shapes[name], f"{source}: {name}").indenter(name)
@@ -87,7 +87,7 @@ def restore_indenter(name: str, lab_shapes: Mapping[str, Any], source: str) -> I
 
 
 def _size(text: str) -> float:
-    """A size as it is written in a name, so that one name is one shape; NaN when it is none."""
+    """Parse a size, rounded as in names, so one name is one shape; NaN if invalid."""
     try:
         return float(f"{float(text):g}")
     except ValueError:

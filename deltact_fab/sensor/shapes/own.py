@@ -1,4 +1,4 @@
-"""Indenters of a lab's own: the tables `[shape.NAME]` of cad/indenters.toml."""
+"""Custom indenters of a lab: tables `[shape.NAME]` of cad/indenters.toml."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from .rigid import DEFAULT_REACH_MM, Indenter, PlainTip, PosedTip
 from .tips import EllipsoidTip, RidgeTip, SphereTip, require_positive
 from .turned import TurnedTip
 
-MIN_SHANK_MM = 3.0  # least length above the equator, for the gel that bulges
-MAX_OFFSET_MM = 30.0  # the largest sphere that has a name is as wide
+MIN_SHANK_MM = 3.0  # by hand: length above the equator, for bulging gel
+MAX_OFFSET_MM = 30.0  # by hand: diameter of the largest named sphere
 TIP_DIMENSIONS = {
     "ball": ("radius_mm",),
     "ridge": ("radius_mm", "half_width_mm", "length_mm", "flank_deg"),
@@ -25,49 +25,49 @@ TIP_DIMENSIONS = {
     "polygon": ("points", "outer_mm", "edge_mm"),
     "cylinder": ("radius_mm", "edge_mm"),
 }
-"""What each kind of tip takes, all of it."""
+"""Dimensions of each kind of tip, all required."""
 
 
 @dataclass(frozen=True)
 class OwnTip:
-    """One tip: its kind, its dimensions, and where and how it stands."""
+    """One tip: kind, dimensions, position and orientation."""
 
     kind: Literal["ball", "ridge", "ellipsoid", "polygon", "cylinder"]
     """ball: half a sphere. ridge: a wedge along y with a round nose. ellipsoid: half a spheroid,
-    long along x. polygon: a flat face with equal corners. cylinder: an upright one, flat."""
+    long along x. polygon: a flat face with equal corners. cylinder: vertical, with a flat end."""
     x_mm: float = 0.0
-    """Where it stands along x."""
+    """Position along x."""
     y_mm: float = 0.0
-    """Where it stands along y."""
+    """Position along y."""
     turn_deg: float = 0.0
-    """Turn about z, counter-clockwise seen from the back plate: a ridge lies along y at 0."""
+    """Rotation about z, counter-clockwise seen from the back plate; at 0 a ridge is along y."""
     tilt_x_deg: float = 0.0
-    """Tilt about x, before the turn; within 45 degrees."""
+    """Tilt about x, before the rotation; within 45 degrees."""
     tilt_y_deg: float = 0.0
-    """Tilt about y, after that about x and before the turn; within 45 degrees."""
+    """Tilt about y, after that about x and before the rotation; within 45 degrees."""
     radius_mm: float | None = None
-    """Of a ball, a cylinder, or a ridge's nose."""
+    """Radius of a ball, a cylinder, or a ridge's nose."""
     half_width_mm: float | None = None
-    """Of a ridge, where its flanks end."""
+    """Half width of a ridge at the end of its flanks."""
     length_mm: float | None = None
-    """Of a ridge, between the middles of its round ends."""
+    """Length of a ridge between the centres of its round ends."""
     flank_deg: float | None = None
-    """Of a ridge: its flanks with the vertical."""
+    """Angle of a ridge's flanks from the vertical."""
     a_mm: float | None = None
-    """Of an ellipsoid: semi-axis along x."""
+    """Semi-axis of an ellipsoid along x."""
     b_mm: float | None = None
-    """Of an ellipsoid: semi-axes along y and z."""
+    """Semi-axes of an ellipsoid along y and z."""
     points: int | None = None
-    """Of a polygon: its corners, the first on +x."""
+    """Number of corners of a polygon, the first on +x."""
     outer_mm: float | None = None
-    """Of a polygon: from its middle to a corner."""
+    """Radius of a polygon from its centre to a corner."""
     edge_mm: float | None = None
-    """Rounding of the edge of a flat face."""
+    """Edge radius of a flat face."""
 
     __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
 
     def tip(self, top_mm: float) -> PlainTip | PosedTip:
-        """The tip below a back plate. Raises ShapeError for a dimension that lacks or is none."""
+        """Build the tip below a back plate. Raises ShapeError for missing or extra dimensions."""
         dimensions = {key for keys in TIP_DIMENSIONS.values() for key in keys}
         values = {key: getattr(self, key) for key in dimensions if getattr(self, key) is not None}
         if set(values) != set(TIP_DIMENSIONS[self.kind]):
@@ -99,17 +99,17 @@ class OwnTip:
 
 @dataclass(frozen=True)
 class OwnShape:
-    """An indenter: tips on one back plate, all with their lowest point at the same height."""
+    """Indenter: tips on one back plate, all with their lowest point at the same height."""
 
     tips: tuple[OwnTip, ...]
-    """One table each."""
+    """One table per tip."""
     reach_mm: float = DEFAULT_REACH_MM
     """Free length of tips and shanks, up to the back plate."""
 
     __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
 
     def indenter(self, name: str) -> Indenter:
-        """The indenter. Raises InputError for what is none."""
+        """Build the indenter. Raises InputError for an invalid shape."""
         return _build_indenter(name, self)
 
 

@@ -1,12 +1,12 @@
-"""A tip turned about its own axis: cylinder, ring, toy hat (paper, Fig. of shape reconstruction).
+"""Tips of revolution: cylinder, ring, toy hat (paper, Fig. of shape reconstruction).
 
     ring                 cylinder             hat
      |  |   |  |          |       |        __|       |__    equator_mm
       \\/     \\/           \\_____/            \\_   _/
                                                \\_/          z = 0
 
-The profile is what lies right of the axis: lines and arcs (d, z) from its innermost point outwards.
-It says what every tip says (see `tips`); in front of a hole there is no underside.
+The profile is the half right of the axis: lines and arcs (d, z) from the innermost point outwards.
+Attributes as in `tips`; there is no underside in a hole.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from deltact_fab.common import Field, Point2
 
 from .tips import less
 
-RELATIVE_ROUNDING = 1e-9  # relative, of sums and roots of decimal fractions
+RELATIVE_ROUNDING = 1e-9  # by hand: of sums and roots of decimal fractions
 
 
 @dataclass(frozen=True)
 class ProfilePiece:
-    """A piece of a profile, from where the one before ends: a line, or an arc about centre_mm.
+    """Piece of a profile from the end of the previous one: a line, or an arc about centre_mm.
 
     Points are (d, z): distance from the axis, height. An arc bulges downwards unless its centre
     lies below both of its ends' heights.
@@ -37,7 +37,7 @@ class ProfilePiece:
 
 @dataclass(frozen=True)
 class TurnedTip:
-    """A surface of revolution about the upright axis at (x, y): a height field over a disc or ring.
+    """Surface of revolution about the vertical axis at (x, y): a height field on a disc or ring.
 
     radius_mm: a ball of this radius fits inside and touches `lowest_mm`.
     start_mm: innermost point (d, z) of the profile; d > 0 leaves a hole. pieces: the rest of it.
@@ -51,7 +51,7 @@ class TurnedTip:
 
     @classmethod
     def cylinder(cls, radius_mm: float, edge_mm: float) -> TurnedTip:
-        """An upright cylinder with a flat end, its edge rounded with edge_mm."""
+        """Vertical cylinder with a flat end and an edge rounded with edge_mm."""
         less("0", 0.0, "edge_mm", edge_mm)
         less("edge_mm", edge_mm, "radius_mm", radius_mm)
         flat = radius_mm - edge_mm
@@ -60,7 +60,7 @@ class TurnedTip:
 
     @classmethod
     def ring(cls, radius_mm: float, tube_mm: float) -> TurnedTip:
-        """The lower half of a torus of outer radius radius_mm, of a tube of radius tube_mm."""
+        """Lower half of a torus with outer radius radius_mm and tube radius tube_mm."""
         less("0", 0.0, "tube_mm", tube_mm)
         less("2 tube_mm", 2 * tube_mm, "radius_mm", radius_mm)
         middle = radius_mm - tube_mm
@@ -76,10 +76,10 @@ class TurnedTip:
         flank_deg: float,
         edge_mm: float,
     ) -> TurnedTip:
-        """A crown on a flat brim of radius_mm: a spherical dome that runs into a conical flank.
+        """Hat: a flat brim of radius_mm and a crown, a spherical dome with a conical flank.
 
-        crown_radius_mm, crown_mm: radius of the crown at the brim, and its height. flank_deg: of
-        the flank with the horizontal. edge_mm: rounding of the brim's edge. The dome's radius
+        crown_radius_mm, crown_mm: radius of the crown at the brim, and its height. flank_deg: angle
+        of the flank from the horizontal. edge_mm: rounding of the brim's edge. The dome's radius
         follows: (crown_radius tan(flank) - crown) / (1 / cos(flank) - 1).
         """
         less("1", 1.0, "flank_deg", flank_deg)
@@ -114,7 +114,7 @@ class TurnedTip:
 
     @property
     def lowest_mm(self) -> Point2:
-        """(x, y) of a lowest point; of a circle of them the one at +x."""
+        """(x, y) of a lowest point; for a circle of them, the one at +x."""
         points = [self.start_mm]
         for a, piece in self._segments():
             if piece.centre_mm is not None and a[0] < piece.centre_mm[0] < piece.end_mm[0]:
@@ -125,7 +125,7 @@ class TurnedTip:
 
     @property
     def equator_mm(self) -> float:
-        """Height at which the height field ends: of its rim, or of the rim of its hole if lower."""
+        """Height of the rim, or of the rim of the hole if lower."""
         outer = self.pieces[-1].end_mm[1]
         return min(outer, self.start_mm[1]) if self.start_mm[0] > 0 else outer
 
@@ -146,7 +146,7 @@ class TurnedTip:
         return height
 
     def profile(self) -> tuple[Point2, list[tuple[str, tuple[Point2, ...]]]]:
-        """The profile as it is drawn: a start, then ("line", (end,)) or ("arc", (middle, end))."""
+        """Profile for drawing: start and segments ("line", (end,)) or ("arc", (middle, end))."""
         segments: list[tuple[str, tuple[Point2, ...]]] = []
         for a, piece in self._segments():
             if piece.centre_mm is None:
@@ -156,13 +156,13 @@ class TurnedTip:
         return self.start_mm, segments
 
     def _segments(self) -> list[tuple[Point2, ProfilePiece]]:
-        """Each piece after the point at which it starts."""
+        """Pairs of start point and piece."""
         starts = (self.start_mm, *(p.end_mm for p in self.pieces))
         return list(zip(starts, self.pieces, strict=False))
 
 
 def _bulge_sign(a: Point2, piece: ProfilePiece) -> int:
-    """-1 for an arc that bulges downwards, 1 for one upwards."""
+    """Return -1 for an arc that bulges downwards, 1 upwards."""
     assert piece.centre_mm is not None
     n = piece.centre_mm[1]
     slack = RELATIVE_ROUNDING * (math.dist(a, piece.centre_mm) + abs(n))
@@ -180,10 +180,10 @@ def _height(a: Point2, piece: ProfilePiece, d: Field) -> Field:
 
 
 def _middle(a: Point2, piece: ProfilePiece) -> Point2:
-    """Middle of an arc that starts at `a` and is at most half a turn long."""
+    """Midpoint of an arc of at most half a turn that starts at `a`."""
     assert piece.centre_mm is not None
     (m, n), r = piece.centre_mm, math.dist(a, piece.centre_mm)
-    # Square to the chord, to the side on which the arc lies.
+    # Perpendicular to the chord, on the side of the arc.
     dx, dz = piece.end_mm[0] - a[0], piece.end_mm[1] - a[1]
     reach = _bulge_sign(a, piece) * r / math.hypot(dx, dz)
     return m - reach * dz, n + reach * dx

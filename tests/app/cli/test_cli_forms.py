@@ -40,8 +40,8 @@ def test_json_a_file_and_a_folder_are_asked_for_in_one_way() -> None:
 @pytest.mark.parametrize(
     ("folder", "place", "says"),
     [
-        (False, "held", "held: is a folder; expected the name of a file"),
-        (False, "gone/x.toml", "gone/x.toml: there is no folder gone; create it first"),
+        (False, "held", "held: is a folder; expected a file name"),
+        (False, "gone/x.toml", "gone/x.toml: no folder gone; create it first"),
         (
             False,
             "locked/x.toml",

@@ -116,7 +116,7 @@ def test_an_old_form_does_what_the_new_one_does_and_says_so(
         ("rig check b.toml --seconds nan", "nan is not a finite number"),
         ("rig register b.toml -o f.toml --indenter 4dots", "registered with a ball"),
         ("rig register b.toml -o f.toml --at nan,0", "two numbers are needed"),
-        ("rig register b.toml -o gone/f.toml", "there is no folder gone; create it first"),
+        ("rig register b.toml -o gone/f.toml", "no folder gone; create it first"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_2(words: str, says: str, tmp_path: Path) -> None:

@@ -122,7 +122,7 @@ def test_a_file_is_never_overwritten_and_a_name_is_a_name(here: Path) -> None:
     before = Path("there.toml").read_bytes()
     for words, says in (
         (["protocol", "new", "own", "-o", "there.toml"], "there.toml: already there"),
-        (["protocol", "new", "own", "-o", "no/own.toml"], "no/own.toml: there is no folder no"),
+        (["protocol", "new", "own", "-o", "no/own.toml"], "no/own.toml: no folder no"),
         (["protocol", "new", "own.toml"], "expected a name"),
         (["cad", "new", "../own"], "expected a name"),
         (["protocol", "new", "two words"], "name: "),

@@ -1,9 +1,9 @@
-"""A run as one MCAP file that Foxglove shows: images, pose and wrench on one time line.
+"""Export of a run as an MCAP file for Foxglove: images, pose and wrench on one time line.
 
-Messages are JSON with Foxglove's own schemas, so that the file needs no library but `mcap` to be
-written and says by itself what it holds; chunks are packed with zstd, which takes back what base64
-adds to an image. Foxglove has no schema of a wrench: the message has the fields of ROS's
-`geometry_msgs/WrenchStamped`. Lengths are metres and torques newton metres there, as both ask.
+Messages are JSON with Foxglove's own schemas, so the file is self-describing and needs no library
+but `mcap`; chunks are packed with zstd, which compensates for base64 in images. Foxglove has no
+wrench schema: the message has the fields of ROS's `geometry_msgs/WrenchStamped`. Lengths are in
+metres and torques in newton metres, as both require.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from ..run import Run
 from ..streams import FORCE_COLUMNS, POSE_COLUMNS
 from .tables import TIME_COLUMN, TimeLine, describe_run, press_rows
 
-MCAP_CHUNK_BYTES = 4 * 1024 * 1024  # a frame of 1280 x 720 and what was felt with it
+MCAP_CHUNK_BYTES = 4 * 1024 * 1024  # by hand: one frame of 1280 x 720 with its samples
 SENSOR_FRAME = "sensor"  # frame of reference: the sensor frame, z = 0 at the resting face
 CAMERA_FRAME = "camera"
 METADATA_TEXTS = {
@@ -63,12 +63,12 @@ TOPIC_SCHEMAS = {
         wrench=_object(force=_XYZ_TYPE, torque=_XYZ_TYPE),
     )),
 }  # fmt: skip
-"""Of each topic the schema's name, by which Foxglove knows what to draw, and its fields."""
-Message = tuple[int, str, dict[str, Any]]  # time, topic, what is said
+"""Schema name (Foxglove chooses the display by it) and fields of each topic."""
+Message = tuple[int, str, dict[str, Any]]  # time ns, topic, JSON content
 
 
 def write(run: Run, path: Path, progress: Progress) -> dict[str, int]:
-    """Write the file; return how many messages each topic has.
+    """Write the file; return the number of messages per topic.
 
     Raises RunFailed for a damaged run, MissingLibrary for JPEG XL without the extra `images`.
     """
@@ -93,7 +93,7 @@ def write(run: Run, path: Path, progress: Progress) -> dict[str, int]:
 
 
 def _presses(run: Run, line: TimeLine, progress: Progress) -> Iterator[Message]:
-    """All messages of each press in order of time; of images only one is held at once."""
+    """Yield the messages press by press in order of time; one image in memory at a time."""
     for number, press in enumerate(line.presses, start=1):
         frames, pose, force = (
             press_rows(run, line, name, press).sort_values(TIME_COLUMN, kind="stable")
@@ -110,14 +110,14 @@ def _stamp(time_ns: int) -> dict[str, int]:
 
 def _frames(run: Run, table: pd.DataFrame) -> Iterator[Message]:
     for time_ns, file in zip(map(int, table[TIME_COLUMN]), table["file"], strict=True):
-        if isinstance(file, str):  # else the scene had no image
+        if isinstance(file, str):  # else the step has no image
             data = base64.b64encode(_png(run, file)).decode()
             image = {"timestamp": _stamp(time_ns), "frame_id": CAMERA_FRAME, "data": data}
             yield time_ns, "/camera/image", {**image, "format": "png"}
 
 
 def _png(run: Run, file: str) -> bytes:
-    """A frame as PNG: its own file where that is one, else made anew from the same pixels."""
+    """Frame as PNG bytes: its own file if it is a PNG, else re-encoded without loss."""
     return run.data(file) if file.endswith(".png") else encode_png(run.raw(file))
 
 

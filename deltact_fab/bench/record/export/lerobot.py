@@ -1,9 +1,9 @@
-"""Runs as a LeRobotDataset, version 3.0: numbers in Parquet, images and motion as video.
+"""Export of runs as a LeRobotDataset v3.0: numbers in Parquet, images and motion as video.
 
 The layout is what its loader reads (huggingface/lerobot, `datasets`). An episode is a press, which
-starts tared and at rest. The format knows one rate, and `timestamp` is a frame's number over it;
-when it was really taken stand in `t_press_s` and `time_ns`. Both videos are VP9 in RGB planes: dots
-of a few pixels in colour do not outlive the halved colour of other formats (25 dB). Numbers are
+starts tared and at rest. The format has one rate, and `timestamp` is the frame number over it;
+`t_press_s` and `time_ns` hold the true times. Both videos are VP9 in RGB planes: chroma subsampling
+would blur coloured dots of a few pixels (25 dB). Numbers are
 float32; the motion is exact to its levels, the image is lossy.
 """
 
@@ -30,35 +30,35 @@ from ..streams import FORCE_COLUMNS, POSE_COLUMNS
 from .tables import TABLE_COLUMNS, TIME_COLUMN, TimeLine, describe_run, press_rows
 
 RAW_KEY, MOTION_KEY = "observation.images.raw", "observation.images.deformation"
-MM_PER_LEVEL, REST_LEVEL = 0.025, 128
+MM_PER_LEVEL, REST_LEVEL = 0.025, 128  # by hand: 8 bits for +-3.2 mm; finer steps clip sooner
 FEATURE_TEXTS = {
     MOTION_KEY: "red and green: x and y displacement of each point of the face since the press's "
     f"first frame, {MM_PER_LEVEL:g} mm per level from {REST_LEVEL}, cut off at 1 and 255; blue: "
     "255 where it was found in the image, else 0",
-    RAW_KEY: "as the camera gave it; lossy",
-    "timestamp": "frame_index / fps, as the format asks; t_press_s and time_ns say when",
+    RAW_KEY: "raw camera image; lossy",
+    "timestamp": "frame_index / fps, as the format requires; true times: t_press_s, time_ns",
 }
-STOP_RATE_HZ = 10  # of frames at stops, which have none
-FILE_FRAMES = 500  # some 300 MB; the loader finds frames to 0.1 ms by float32 s, so not many more
-CHUNK_FILES = 1000
+STOP_RATE_HZ = 10  # by hand: nominal, for frames at stops, which have no rate
+FILE_FRAMES = 500  # about 300 MB; format: the loader seeks to 0.1 ms in float32 s
+CHUNK_FILES = 1000  # format: LeRobot's default chunks_size
 VIDEO_OPTIONS = {RAW_KEY: {"crf": "20", "b": "0"}, MOTION_KEY: {"lossless": "1"}}
-STATS_STRIDE_PX = 16  # pixels between those that statistics are of
+STATS_STRIDE_PX = 16  # by hand: every 16th pixel counts in the statistics; fewer bias them
 INDEX_FEATURES = ("frame_index", "episode_index", "index", "task_index")
 Stats = dict[str, NDArray[Any]]
 
 
 def levels(motion: Any) -> NDArray[np.uint8]:
-    """(h, w, 3) RGB of a motion, as `ABOUT` says."""
+    """Image (h, w, 3) RGB of a motion, encoded as `FEATURE_TEXTS` states."""
     shift = np.clip(np.rint(motion.shift_mm / MM_PER_LEVEL) + REST_LEVEL, 1, 255)
     return np.dstack([shift, np.where(motion.known, 255, 0)]).astype(np.uint8)
 
 
-CONTACT_FORCE_N = 0.1  # several times the noise of the sensors that a bench has
+CONTACT_FORCE_N = 0.1  # by hand: several times the sensor noise; lower gives false contacts
 _TARGET_COLUMNS = ("target_x_mm", "target_y_mm", "target_z_mm")
 _ADDED_COLUMNS = {"contact": "int8", **dict.fromkeys(_TARGET_COLUMNS, "float64")}
 EPISODE_COLUMNS = TABLE_COLUMNS["frames"] | _ADDED_COLUMNS
-"""contact: 1 where fz_n < -CONTACT_N or, where no force is known, z_mm < 0; 0 where neither; -1
-where neither is known. target: where the step under way leads the tip."""
+"""contact: 1 if fz_n < -CONTACT_FORCE_N or, without a force, z_mm < 0; else 0; -1 if neither is
+recorded. target: end point of the current step."""
 
 FEATURE_COLUMNS: dict[str, tuple[str, ...]] = {
     "time_ns": (TIME_COLUMN,),
@@ -70,24 +70,24 @@ FEATURE_COLUMNS: dict[str, tuple[str, ...]] = {
     "observation.contact": ("contact",),
     "action": _TARGET_COLUMNS,
 }
-"""The columns that each feature of the dataset is made of."""
+"""Columns that make up each feature of the dataset."""
 
 Follow = Callable[[Run], Callable[[NDArray[np.uint8]], Any]]
-"""What follows a press of a run, from its first image on; the record knows no tracker.
+"""Factory of a tracker of one press, from its first image on (`record` imports no tracker).
 
-It gives the pattern's motion at points of the face: shift_mm (h, w, 2), known (h, w), x_mm (w,),
+The tracker returns the motion at points of the face: shift_mm (h, w, 2), known (h, w), x_mm (w,),
 y_mm (h,), trusted."""
 
 
 def values_of(table: pd.DataFrame, columns: tuple[str, ...]) -> NDArray[Any]:
-    """(n,) of one column, (n, columns) of more; nan where a float is not known."""
+    """Values (n,) of one column, (n, columns) of several; nan for a missing float."""
     values = table[list(columns)].to_numpy(EPISODE_COLUMNS[columns[0]])
     return values if len(columns) > 1 else values[:, 0]
 
 
 @dataclass(frozen=True)
 class Episode:
-    """A press with frames. table: of its frames, with `COLUMNS`; follow: None without motion."""
+    """A press with frames. table: its frames, `EPISODE_COLUMNS`; follow: None for no motion."""
 
     run: Run
     line: TimeLine
@@ -97,13 +97,13 @@ class Episode:
 
     @property
     def indenter(self) -> str:
-        """Which was mounted."""
+        """Name of the mounted indenter."""
         return str(self.table["indenter"].iloc[0])
 
     def images(self) -> Iterator[tuple[NDArray[np.uint8], Any]]:
-        """Of each frame the image as the camera gave it, (h, w, 3) RGB, and the motion.
+        """Yield the raw image (h, w, 3) RGB and the motion of each frame.
 
-        One at a time; none of a run without images. Raises as `Run.image` and the tracker do.
+        Empty for a run without images. Raises as `Run.image` and the tracker do.
         """
         track = self.follow(self.run) if self.follow and self.run.meta["camera"] else None
         for file in self.table["file"].dropna():
@@ -113,9 +113,9 @@ class Episode:
 
 
 def episodes(runs: Sequence[Run], follow: Follow | None, progress: Progress) -> Iterator[Episode]:
-    """All presses that have frames, run by run in the order they were begun.
+    """Yield all presses with frames, run by run in the order they began.
 
-    Raises InputError where no run has one, or where one has images and another has not.
+    Raises InputError if there is none, or if only some have images.
     """
     lines = [TimeLine.from_run(run) for run in runs]
     count, total, has_images = 0, sum(len(line.presses) for line in lines), set()
@@ -135,7 +135,7 @@ def episodes(runs: Sequence[Run], follow: Follow | None, progress: Progress) -> 
 
 
 def _with_targets(run: Run, line: TimeLine, press: str, table: pd.DataFrame) -> pd.DataFrame:
-    """With targets and contact."""
+    """Add targets and contact to the frames of a press."""
     targets = press_rows(run, line, "steps", press).set_index("step_id")[list(POSE_COLUMNS)]
     target_columns = targets.rename(columns=dict(zip(POSE_COLUMNS, _TARGET_COLUMNS, strict=True)))
     fz_n, z_mm = table["fz_n"], table["z_mm"]
@@ -144,7 +144,7 @@ def _with_targets(run: Run, line: TimeLine, press: str, table: pd.DataFrame) -> 
 
 
 class _FilePart:
-    """The n-th file of each kind: whole episodes, numbers held until it ends, videos written."""
+    """n-th file of each kind: whole episodes; tables are written at the end, videos at once."""
 
     def __init__(self, folder: Path, n: int, rate_hz: int) -> None:
         self._folder, self._rate_hz = folder, rate_hz
@@ -155,7 +155,7 @@ class _FilePart:
         self._videos: dict[str, Any] = {}
 
     def place(self, kind: str, suffix: str) -> Path:
-        """Of the file of a kind, its folder made."""
+        """Path of the file of a kind; creates its folder."""
         path = self._folder / kind / f"chunk-{self.chunk:03d}" / f"file-{self.file:03d}.{suffix}"
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
@@ -173,7 +173,7 @@ class _FilePart:
         out.mux(stream.encode(av.VideoFrame.from_ndarray(image, "rgb24")))
 
     def close(self) -> None:
-        """End all files."""
+        """Close all files."""
         for out, stream in self._videos.values():
             out.mux(stream.encode())
             out.close()
@@ -186,9 +186,9 @@ class _FilePart:
 def write(
     runs: Sequence[Run], folder: Path, follow: Follow | None, progress: Progress
 ) -> dict[str, int]:
-    """Write the dataset into a new folder; return how many episodes and frames it has.
+    """Write the dataset into a new folder; return its numbers of episodes and frames.
 
-    Raises InputError for runs of different rates or images, else as `episodes` and its images do.
+    Raises InputError for runs with different rates or image sizes, else as `episodes` does.
     """
     rates = {str(run.folder): _rate_hz(run) for run in runs}
     if len(set(rates.values())) > 1:
@@ -257,7 +257,7 @@ def write(
 
 
 def _rate_hz(run: Run) -> float:
-    if run.imported:  # no protocol said it
+    if run.imported:  # an import has no protocol
         every_s = np.median(np.diff(run.frames()["t_s"])) if len(run.frames()) > 1 else 0.0
         return 1 / float(every_s) if every_s > 0 else STOP_RATE_HZ
     capture = (run.meta.get("protocol") or {}).get("capture") or {}
@@ -269,7 +269,7 @@ def _single(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _table(columns: dict[str, NDArray[Any]]) -> Any:
-    """As Arrow: a column of vectors is one of lists of one length."""
+    """Arrow table; a column of vectors becomes one of fixed-size lists."""
 
     def arrow(values: NDArray[Any]) -> Any:
         flat = pa.array(values.ravel())
@@ -281,7 +281,7 @@ def _table(columns: dict[str, NDArray[Any]]) -> Any:
 def _write_videos(
     episode: Episode, part: _FilePart, features: dict[str, Any], rate_hz: int
 ) -> dict[str, NDArray[Any]]:
-    """Write an episode's videos; return some of their pixels, (n, 3), for statistics."""
+    """Write an episode's videos; return a sample of their pixels (n, 3) for statistics."""
     pixels: dict[str, list[NDArray[Any]]] = {}
     for image, motion in episode.images():
         drawing = None if motion is None else levels(motion)
@@ -306,7 +306,7 @@ def _write_videos(
 
 
 def _stats(values: NDArray[Any], picture: bool) -> Stats:
-    """By column, what is not known (nan) left out; of a picture in [0, 1], channels (3, 1, 1)."""
+    """Statistics by column, ignoring nan; of a picture in [0, 1], by channel (3, 1, 1)."""
     rows = np.asarray(values, float).reshape(len(values), -1) / (255 if picture else 1)
     rows = np.where(np.isfinite(rows).any(axis=0), rows, 0.0)
     summary = {"min": np.nanmin(rows, axis=0), "max": np.nanmax(rows, axis=0),

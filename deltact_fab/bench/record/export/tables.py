@@ -1,4 +1,4 @@
-"""A run as a folder of tables, CSV or Parquet, and what every export takes of a run."""
+"""Export of a run as tables, CSV or Parquet; time line and metadata for every export."""
 
 from __future__ import annotations
 
@@ -25,17 +25,16 @@ from ..streams import FORCE_COLUMNS, POSE_COLUMNS
 
 @dataclass(frozen=True)
 class TimeLine:
-    """One time line for all that a run recorded, over its sessions: nanoseconds since 1970, UTC.
+    """One time line for all sessions of a run: nanoseconds since 1970, UTC.
 
-    The record's stamps are of the rig's clock, which starts anew with each session. Within a
-    session they are kept as they are, each as far from the next as the clock had it, and moved by
-    one offset: that of the day's time over the rig's clock at the session's first event. A session
-    that would begin before the one before it ended (simulated time goes faster than the day's, and
-    the day's clock may be set back) is moved on to that end. So times never go back, and on a real
-    rig they are those of the day, as exact as its clock was when the session began.
+    Recorded times are on the rig's clock, which restarts with each session. Within a session they
+    are shifted by one offset: wall time minus rig time at the session's first event. A session that
+    would begin before the previous one ended (simulated time runs faster than wall time, and the
+    wall clock may be set back) is shifted to that end. So times never decrease, and on a real rig
+    they are wall times, as exact as the wall clock at the start of the session.
 
-    offsets_ns: of each session; sessions: of each press and each event's seq, from 0.
-    presses: all that have rows, changes of the indenter among them, in the order they were begun.
+    offsets_ns: per session; press_session, event_session: session index of a press, of an event's
+    seq. presses: all with rows, indenter changes included, in the order they began.
     """
 
     presses: tuple[str, ...]
@@ -43,11 +42,11 @@ class TimeLine:
     press_session: dict[str, int]
     event_session: dict[int, int]
     imported_ns: int | None = None
-    """Of the first image of an imported run, whose times are the recording's own."""
+    """Time of the first image of an imported run, which keeps the recording's own times."""
 
     @classmethod
     def from_run(cls, run: Run) -> TimeLine:
-        """The time line of a run. Raises RunFailed for a journal that cannot be read."""
+        """Build the time line of a run. Raises RunFailed for an unreadable journal."""
         with run.reader() as db:
             rows = db.execute(
                 "SELECT press, min(a), max(b), max(wall_s), min(wall_s - b), min(wall_s) FROM ("
@@ -56,8 +55,8 @@ class TimeLine:
             ).fetchall()
             query = "SELECT seq, kind, press, t_s, wall_s FROM events ORDER BY seq"
             events = db.execute(query).fetchall()
-        begun: list[float] = []  # the day's time of each session's first event
-        # Of each session: from, to by its clock, and the day's time over it.
+        begun: list[float] = []  # wall time of each session's first event
+        # Per session: start and end on its clock, wall time minus that.
         spans: dict[int, list[tuple[float, float, float]]] = defaultdict(list)
         press_session: dict[str, int] = {}
         event_session: dict[int, int] = {}
@@ -66,15 +65,15 @@ class TimeLine:
                 begun.append(wall_s)
             session = event_session[seq] = len(begun) - 1
             if press is not None:
-                press_session[press] = session  # the last one: a press may be done again
+                press_session[press] = session  # the last one: a press may be repeated
             if t_s is not None:
                 spans[session].append((t_s, t_s, wall_s - t_s))
         for press, first_s, last_s, wall_s, over_s, _ in rows:
-            if press not in press_session:  # a change of the indenter has no event of its own
+            if press not in press_session:  # an indenter change has no event
                 earlier = [n for n, begun_s in enumerate(begun) if begun_s <= wall_s]
                 press_session[press] = max(earlier, default=0)
             spans[press_session[press]].append((first_s, last_s, over_s))
-        offsets = [0] * len(begun)  # of a session that was over before its clock ran
+        offsets = [0] * len(begun)  # 0: session ended before its clock ran
         end_ns = 0
         for session, span in sorted(spans.items()):
             first_s, last_s = min(first for first, _, _ in span), max(last for _, last, _ in span)
@@ -91,19 +90,19 @@ class TimeLine:
         return cls(presses, tuple(offsets), press_session, event_session, imported_ns)
 
     def press_time_ns(self, press: str, t_s: NDArray[np.float64] | float) -> NDArray[np.int64]:
-        """Times of the rig's clock in a press, on the line."""
+        """Convert rig times (s) within a press to the time line."""
         t_ns = np.rint(np.asarray(t_s, float) * 1e9).astype(np.int64)
         return np.asarray(t_ns + self.offsets_ns[self.press_session[press]], np.int64)
 
     def event_time_ns(self, seq: int, t_s: float | None, wall_s: float) -> int:
-        """An event's time on the line; of the day where the rig's clock did not run yet."""
+        """Time of an event on the time line; wall time before the rig's clock ran."""
         if t_s is None or math.isnan(t_s):
             return to_ns(wall_s) if self.imported_ns is None else self.imported_ns
         return to_ns(t_s) + self.offsets_ns[self.event_session[seq]]
 
 
 def describe_run(run: Run) -> dict[str, Any]:
-    """What every export says of the run it is of."""
+    """Metadata of a run for every export."""
     keys = ("name", "rig_name", "simulated", "air", "seed", "format", "versions")
     return {key: run.meta.get(key) for key in keys} | {
         "protocol": (run.meta.get("protocol") or {}).get("name"),
@@ -142,15 +141,15 @@ TABLE_COLUMNS: dict[str, dict[str, str]] = {
         **_floats("t_s", "wall_s"),
     },
 }  # fmt: skip
-"""The type of each column, by its table and name; what they mean stands in `Run`'s docstrings.
+"""Type of each column, by table and name; `Run`'s docstrings give the meanings.
 
-time_ns of a step is of its start, x_mm to z_mm there its target; seq of an operator's note is 0."""
-# Of pandas, with a place for what is not known; a float has its nan.
+In steps: time_ns is the start, x_mm to z_mm the target. seq of an operator's note is 0."""
+# Nullable pandas types; a float has nan.
 _PANDAS_TYPES = {"int64": "Int64", "bool": "boolean"}
 
 
 def press_rows(run: Run, line: TimeLine, name: str, press: str) -> pd.DataFrame:
-    """The rows of one press of frames, force, pose or steps, with the columns of `TABLES`."""
+    """Rows of one press of frames, force, pose or steps, with `TABLE_COLUMNS`."""
     readers = {"frames": run.frames, "force": run.force, "pose": run.pose, "steps": run.steps}
     table = readers[name](press)
     time_column = "t_start_s" if name == "steps" else "t_s"
@@ -159,7 +158,7 @@ def press_rows(run: Run, line: TimeLine, name: str, press: str) -> pd.DataFrame:
 
 
 def events(run: Run, line: TimeLine) -> pd.DataFrame:
-    """All events and notes, in order of the time line."""
+    """Events and notes in order of time."""
     table = run.events()
     notes = run.notes().assign(kind="note", seq=0, press=None, step_id=None, t_s=np.nan)
     parts = [part for part in (table, notes[list(table.columns)]) if len(part)]
@@ -171,14 +170,14 @@ def events(run: Run, line: TimeLine) -> pd.DataFrame:
 
 
 def select_columns(columns: dict[str, str], table: pd.DataFrame) -> pd.DataFrame:
-    """Exactly these columns; what older formats did not know is empty."""
+    """Select exactly these columns; those missing in older formats are empty."""
     kinds: dict[str, Any] = {name: _PANDAS_TYPES.get(kind, kind) for name, kind in columns.items()}
     return table.reindex(columns=list(kinds)).astype(kinds)
 
 
 @contextmanager
 def _csv_writer(path: Path) -> Iterator[Callable[[pd.DataFrame], None]]:
-    """What adds rows to a CSV file: what is not known is empty; numbers have all their digits."""
+    """Yield a function that appends rows to a CSV file: full precision, empty if missing."""
     with path.open("w", encoding="utf-8", newline="") as out:
         yield lambda table: table.to_csv(out, index=False, header=out.tell() == 0)
 
@@ -187,7 +186,7 @@ def _csv_writer(path: Path) -> Iterator[Callable[[pd.DataFrame], None]]:
 def _parquet_writer(
     path: Path, columns: dict[str, str], about: dict[str, Any]
 ) -> Iterator[Callable[[pd.DataFrame], None]]:
-    """What adds rows to a Parquet file, a row group a press."""
+    """Yield a function that appends rows to a Parquet file, one row group per press."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -205,7 +204,7 @@ def _parquet_writer(
 
 
 def write(run: Run, folder: Path, form: str, progress: Progress) -> dict[str, int]:
-    """Write all tables into a new folder; return how many rows each has. Raises RunFailed."""
+    """Write all tables into a new folder; return the rows per table. Raises RunFailed."""
     folder.mkdir()
     about, line = describe_run(run), TimeLine.from_run(run)
     rows = dict.fromkeys(TABLE_COLUMNS, 0)
