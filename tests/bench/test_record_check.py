@@ -72,7 +72,7 @@ def problems(run: Path) -> list[tuple[str, str]]:
     return [(problem.kind, problem.where) for problem in check_run(run).problems]
 
 
-def test_a_whole_run_is_said_to_be_whole(mini_run: Path) -> None:
+def test_intact_run_is_reported_intact(mini_run: Path) -> None:
     done = command("check", mini_run)
     assert done.exit_code == 0, done.output
     assert "intact, finished: 2/2 presses complete" in done.output
@@ -153,7 +153,7 @@ def test_what_is_wrong_is_named(copy: Path, how: str) -> None:
      ("summary.json", '"wall_seconds": ', '"wall_seconds": 1'), ("protocol.toml", "0.3", "0.30"),
      ("notes.jsonl", "the gel is new", "the gel is old")],
 )  # fmt: skip
-def test_no_value_of_the_metadata_can_be_changed_unseen(
+def test_changed_metadata_is_always_detected(
     no_images: Path, tmp_path: Path, name: str, old: str, new: str
 ) -> None:
     run = tmp_path / "run"
@@ -166,7 +166,7 @@ def test_no_value_of_the_metadata_can_be_changed_unseen(
     assert any(name in f"{p.where} {p.text}" for p in found.problems)
 
 
-def test_a_run_of_0_2_is_read_and_checked_and_not_gone_on_with(no_images: Path) -> None:
+def test_old_run_is_readable_not_resumable(no_images: Path) -> None:
     found = check_run(OF_0_2)
     assert (found.format, found.intact, list(found.open)) == (5, True, ["sphere-6/p2"])
     assert found.unhashed == ["run.json", "protocol.toml", "pattern.json"]
@@ -182,7 +182,7 @@ def test_a_run_of_0_2_is_read_and_checked_and_not_gone_on_with(no_images: Path) 
         run_experiment(RunRequest(*of, OF_0_2, seed=3), resume=True)
 
 
-def test_a_run_whose_metadata_were_changed_is_not_gone_on_with(copy: Path) -> None:
+def test_changed_metadata_prevents_resume(copy: Path) -> None:
     (copy / "summary.json").unlink()
     pattern = copy / "pattern.json"
     pattern.write_text(pattern.read_text().replace('"seed": 7', '"seed": 8'))
@@ -190,7 +190,7 @@ def test_a_run_whose_metadata_were_changed_is_not_gone_on_with(copy: Path) -> No
         RunWriter.resume(copy, [])
 
 
-def test_what_an_unfinished_run_lacks_is_no_damage(copy: Path) -> None:
+def test_missing_press_is_no_damage_unfinished(copy: Path) -> None:
     (copy / "summary.json").unlink()
     sql(copy, "DELETE FROM steps WHERE step_id = '4dots/p1/after'")
     (copy / "images" / "left-over.png").write_bytes(b"")
@@ -203,7 +203,7 @@ def test_what_an_unfinished_run_lacks_is_no_damage(copy: Path) -> None:
     held.close()
 
 
-def test_what_is_no_run_is_bad_input(tmp_path: Path) -> None:
+def test_other_folders_are_input_errors(tmp_path: Path) -> None:
     for verb in (["check"], ["show"], ["note", "text"]):
         done = CliRunner().invoke(main, ["record", verb[0], str(tmp_path), *verb[1:]])
         assert isinstance(done.exception, InputError), verb
@@ -211,9 +211,7 @@ def test_what_is_no_run_is_bad_input(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_finished_run_that_has_lost_an_image_says_so_on_resume(
-    mini: tuple[Path, Path], copy: Path
-) -> None:
+def test_resume_reports_lost_image(mini: tuple[Path, Path], copy: Path) -> None:
     protocol, rig = map(str, mini)
     summary = run_experiment(RunRequest(protocol, rig, copy, seed=3), resume=True)
     assert summary["already_finished"]
@@ -228,7 +226,7 @@ def test_a_finished_run_that_has_lost_an_image_says_so_on_resume(
     assert check_run(copy).intact
 
 
-def test_notes_are_kept_while_a_run_goes_on_and_after_it(copy: Path) -> None:
+def test_notes_during_and_after_a_run(copy: Path) -> None:
     held = claim(copy)  # as the process that carries it out
     assert command("note", copy, "the gel looks dry").exit_code == 0
     held.close()

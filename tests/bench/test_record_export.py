@@ -59,7 +59,7 @@ def messages(path: Path) -> dict[str, list[tuple[int, dict]]]:
 
 
 @pytest.mark.slow
-def test_mcap_has_every_message_at_its_time_and_says_what_it_is(run: Run, tmp_path: Path) -> None:
+def test_mcap_has_every_message_at_time(run: Run, tmp_path: Path) -> None:
     out = tmp_path / "run.mcap"
     done = CliRunner().invoke(
         main, ["record", "export", str(run.folder), "--format", "mcap", "-o", str(out), "--json"]
@@ -103,7 +103,7 @@ def test_mcap_has_every_message_at_its_time_and_says_what_it_is(run: Run, tmp_pa
 
 
 @pytest.mark.parametrize("form", ["csv", "parquet"])
-def test_tables_come_back_as_the_record_has_them(run: Run, tmp_path: Path, form: str) -> None:
+def test_exported_tables_match_the_record(run: Run, tmp_path: Path, form: str) -> None:
     out = tmp_path / "out"
     rows = export_run([run], form, out)
     read = pd.read_csv if form == "csv" else pd.read_parquet
@@ -136,7 +136,7 @@ def test_parquet_has_the_run_with_it(run: Run, tmp_path: Path) -> None:
     assert file.num_row_groups == 4  # press by press
 
 
-def test_a_run_of_0_2_and_one_cut_off_are_exported(run: Run, tmp_path: Path) -> None:
+def test_old_and_interrupted_runs_are_exported(run: Run, tmp_path: Path) -> None:
     assert export_run([open_run(OF_0_2)], "csv", tmp_path / "old")["frames"] == 10
     cut = tmp_path / "cut"
     shutil.copytree(run.folder, cut)
@@ -147,7 +147,7 @@ def test_a_run_of_0_2_and_one_cut_off_are_exported(run: Run, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("form", ["csv", "mcap", "lerobot"])
-def test_nothing_stays_of_an_export_that_fails(run: Run, tmp_path: Path, form: str) -> None:
+def test_failed_export_leaves_nothing(run: Run, tmp_path: Path, form: str) -> None:
     spoilt = tmp_path / "run"
     shutil.copytree(run.folder, spoilt)
     with closing(sqlite3.connect(spoilt / "journal.sqlite")) as db, db:
@@ -157,7 +157,7 @@ def test_nothing_stays_of_an_export_that_fails(run: Run, tmp_path: Path, form: s
     assert [p.name for p in tmp_path.iterdir()] == ["run"]
 
 
-def test_where_and_what_cannot_be_exported_is_one_line(run: Run, tmp_path: Path) -> None:
+def test_invalid_export_is_one_line(run: Run, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="already there"):
         export_run([run], "csv", tmp_path)
     with pytest.raises(InputError, match="no such folder"):
@@ -167,7 +167,7 @@ def test_where_and_what_cannot_be_exported_is_one_line(run: Run, tmp_path: Path)
 
 
 @pytest.mark.slow
-def test_lerobot_has_its_frames_and_the_motion_to_its_levels(run: Run, tmp_path: Path) -> None:
+def test_lerobot_has_frames_and_quantised_motion(run: Run, tmp_path: Path) -> None:
     """`benchmarks/datasets.py` asks its own loader."""
     av = pytest.importorskip("av")
     counts = export_run([run, run], "lerobot", tmp_path / "out", follow=open_follower)
@@ -198,7 +198,7 @@ def test_lerobot_has_its_frames_and_the_motion_to_its_levels(run: Run, tmp_path:
         assert 10 * np.log10(255**2 / np.mean(off**2)) > 35
 
 
-def test_jpeg_xl_becomes_png_with_the_same_pixels(tmp_path: Path) -> None:
+def test_jpeg_xl_is_exported_as_png(tmp_path: Path) -> None:
     pytest.importorskip("imagecodecs")
     step = Step("ball/p1/rest", "ball/p1", "sphere:10", "travel", (0, 0, 5.0), 30.0, 1)
     meta = {
@@ -220,9 +220,7 @@ def test_jpeg_xl_becomes_png_with_the_same_pixels(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_time_line_is_one_over_sessions(
-    mini: tuple[Path, Path], run: Run, tmp_path: Path
-) -> None:
+def test_time_line_spans_all_sessions(mini: tuple[Path, Path], run: Run, tmp_path: Path) -> None:
     again = tmp_path / "run"
     shutil.copytree(run.folder, again)
     (again / "summary.json").unlink()

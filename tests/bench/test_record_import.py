@@ -121,7 +121,7 @@ def elsewhere(
     return made_once("elsewhere", make)
 
 
-def test_force_and_pose_come_back_in_the_faces_axes_and_units(elsewhere: Path) -> None:
+def test_force_and_pose_are_converted(elsewhere: Path) -> None:
     run, truth = open_run(elsewhere / "imported"), open_run(elsewhere / "run")
     assert run.imported
     assert not run.simulated
@@ -138,7 +138,7 @@ def test_force_and_pose_come_back_in_the_faces_axes_and_units(elsewhere: Path) -
 
 
 @pytest.mark.parametrize("lag_s", [0.0, 0.1])
-def test_a_lag_of_the_force_is_found_within_a_frame(elsewhere: Path, lag_s: float) -> None:
+def test_lag_is_estimated_within_a_frame(elsewhere: Path, lag_s: float) -> None:
     run = open_run(elsewhere / "imported")
     frames, force, moved = run.frames(), run.force(), motion_meter()
     moved_px = np.array([moved(run.raw(file)) for file in frames["file"]])
@@ -153,9 +153,7 @@ def test_a_lag_of_the_force_is_found_within_a_frame(elsewhere: Path, lag_s: floa
 
 
 @pytest.mark.slow
-def test_what_an_import_lacks_is_one_line_and_the_rest_works(
-    elsewhere: Path, tmp_path: Path
-) -> None:
+def test_unknown_import_values_are_one_line(elsewhere: Path, tmp_path: Path) -> None:
     run = tmp_path / "imported"
     shutil.copytree(elsewhere / "imported", run)
     assert "intact, finished" in command("record", "check", run).output
@@ -177,9 +175,7 @@ def test_what_an_import_lacks_is_one_line_and_the_rest_works(
 
 
 @pytest.mark.slow
-def test_with_camera_design_and_pose_shape_and_force_are_as_of_a_run(
-    elsewhere: Path, tmp_path: Path
-) -> None:
+def test_complete_import_is_analysed_like_run(elsewhere: Path, tmp_path: Path) -> None:
     view = open_run(elsewhere / "run").camera
     (tmp_path / "camera.toml").write_text(camera_toml(view))
     text = RECORDING.replace('"images"', f'"{elsewhere}/images"')
@@ -254,7 +250,7 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
 
 
 @pytest.mark.parametrize("what", WRONG)
-def test_wrong_input_is_one_line_and_writes_nothing(few: Path, what: str) -> None:
+def test_invalid_recording_writes_nothing(few: Path, what: str) -> None:
     spoil, words = WRONG[what]
     spoil(few)
     before = sorted(few.rglob("*"))
@@ -304,7 +300,7 @@ def test_images_and_a_rate_are_enough(tmp_path: Path) -> None:
     assert "no force was recorded" in refusal("analyze", "force", tmp_path / "out")
 
 
-def test_an_import_is_exported_as_a_dataset_and_for_foxglove(few: Path) -> None:
+def test_import_exports_to_lerobot_and_mcap(few: Path) -> None:
     """Its times begin before its first image, and before 1970."""
     pytest.importorskip("av")
     rows = (few / "times.csv").read_text().splitlines()
@@ -328,7 +324,7 @@ def test_an_import_is_exported_as_a_dataset_and_for_foxglove(few: Path) -> None:
     assert done.exit_code == 0, done.output
 
 
-def test_force_is_not_calibrated_on_what_a_tracker_fills_in_between_markers(tmp_path: Path) -> None:
+def test_no_force_calibration_on_interpolated_motion(tmp_path: Path) -> None:
     face = np.full((240, 320, 3), 150, np.uint8)
     for x in range(25, 320, 30):
         for y in range(24, 240, 32):

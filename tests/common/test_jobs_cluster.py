@@ -111,7 +111,7 @@ def test_results_and_errors_come_from_there(cluster: Cluster) -> None:
         assert run_each(math.sqrt, [4], "a", again) == [2]
 
 
-def test_a_job_that_kills_its_workers_fails_alone_in_one_line(cluster: Cluster) -> None:
+def test_job_killing_its_workers_fails_alone(cluster: Cluster) -> None:
     cluster.add(nanny=True)  # one worker: each time it dies Dask blames those that wait on it too
     ended: dict[int, tuple[Any, Exception | None]] = {}
     with open_executor(cluster.on) as there:
@@ -125,7 +125,7 @@ def test_a_job_that_kills_its_workers_fails_alone_in_one_line(cluster: Cluster) 
 
 
 @pytest.mark.parametrize("gone", ["scheduler", "workers"])
-def test_a_cluster_that_is_gone_is_said(
+def test_lost_cluster_is_reported(
     cluster: Cluster, monkeypatch: pytest.MonkeyPatch, gone: str
 ) -> None:
     module = importlib.import_module("deltact_fab.common.jobs.cluster")
@@ -138,7 +138,7 @@ def test_a_cluster_that_is_gone_is_said(
 
 
 @pytest.mark.parametrize("way", ["nobody", "no workers"])
-def test_where_there_is_nothing_it_is_said(
+def test_missing_scheduler_is_reported(
     cluster: Cluster, way: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     module = importlib.import_module("deltact_fab.common.jobs.cluster")
@@ -153,7 +153,7 @@ def test_where_there_is_nothing_it_is_said(
     assert "\n" not in str(why.value)
 
 
-def test_a_worker_with_other_code_is_refused_alone(
+def test_worker_with_other_code_is_refused(
     cluster: Cluster, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     package = Path(jobs.__file__).parents[2]
@@ -187,7 +187,7 @@ def test_a_worker_with_other_code_is_refused_alone(
         pass
 
 
-def test_files_of_the_store_go_with_jobs_and_come_back(
+def test_store_files_travel_with_jobs(
     cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of machines that share no disk: what one has made is here, and there where it is needed."""

@@ -41,7 +41,7 @@ def coarse(image: NDArray[np.uint8]) -> NDArray[np.float64]:
     return cv2.resize(image, (16, 9), interpolation=cv2.INTER_AREA).astype(float)
 
 
-def test_light_that_falls_off_is_made_even(camera: Path) -> None:
+def test_vignetting_is_corrected(camera: Path) -> None:
     flat = FlatField.from_camera_file(camera)
     assert flat is not None
     image = lit(0.35, 2)
@@ -70,7 +70,7 @@ def test_rectified_first_is_the_same(camera: Path) -> None:
     assert np.abs(first - later).max() <= 2
 
 
-def test_what_is_no_flat_field_is_refused(camera: Path) -> None:
+def test_invalid_flat_field_is_refused(camera: Path) -> None:
     for level, says in ((255, "over-exposed"), (3, "too dark")):
         with pytest.raises(InputError, match=f"^blank.png: {says}"):
             FlatField.from_blank(np.full((360, 640, 3), level, np.uint8), "blank.png")

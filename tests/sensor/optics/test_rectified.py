@@ -22,7 +22,7 @@ VIEW = Rectified.from_sensor(SENSOR, LENS)
 
 
 @pytest.mark.slow
-def test_a_picture_of_the_face_comes_out_at_one_scale():
+def test_face_is_rectified_to_uniform_scale():
     def shade(xy_mm):
         return 128 + 60 * np.cos(2 * np.pi * xy_mm[..., 0] / 2.1) * np.sin(xy_mm[..., 1] * 2.3)
 
@@ -38,7 +38,7 @@ def test_a_picture_of_the_face_comes_out_at_one_scale():
     assert np.array_equal(colour[..., 1], view)
 
 
-def test_pixels_that_the_raw_image_does_not_hold_are_not_seen():
+def test_pixels_outside_raw_image_are_masked():
     view = Rectified.from_sensor(SENSOR, replace(LENS, cx_px=980.0))
     seen = view.visible_pixels()
     assert not seen[:, -5].any()
@@ -48,7 +48,7 @@ def test_pixels_that_the_raw_image_does_not_hold_are_not_seen():
     assert (picture[seen] == 200).all()
 
 
-def test_what_the_view_cannot_take_is_refused():
+def test_invalid_views_are_refused():
     for z_mm in (-12.0, np.nan):
         with pytest.raises(InputError, match="in the gel"):
             VIEW.project_px(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, z_mm]]))
@@ -56,7 +56,7 @@ def test_what_the_view_cannot_take_is_refused():
         VIEW.rectify(np.zeros((586, 798), np.uint8))
 
 
-def test_the_raw_image_is_coarser_in_the_corners():
+def test_raw_image_is_coarser_in_corners():
     view = Rectified.from_sensor(SENSOR)
     cx, cy = view.centre_px
     scales = view.raw_mm_per_px(np.array([[cx, cy], [0.0, cy], [0.0, 0.0]]))
@@ -65,7 +65,7 @@ def test_the_raw_image_is_coarser_in_the_corners():
     )
 
 
-def test_the_paper_s_patch_is_aliased_over_most_of_the_view_and_a_coarse_one_nowhere():
+def test_papers_patch_is_mostly_aliased():
     view = Rectified.from_sensor(SENSOR)
     assert view.aliased_share(0.075) == pytest.approx(0.746, abs=0.005)
     assert view.aliased_share(0.15) == 0.0
