@@ -71,7 +71,8 @@ def find_file(kind: str, name: str) -> Path:
         return shipped
     remark = f"; {cwd_file} has none of {', '.join(sorted(KIND_KEYS[kind]))}" if another else ""
     hint = did_you_mean(name, catalogue_names(kind))
-    raise InputError(f"{name}: not in the catalogue of {kind}{remark}; {hint}")
+    noun = {"cad": "design"}.get(kind, kind.rpartition("/")[2].removesuffix("s"))
+    raise InputError(f"no {noun} {name!r}{remark}; {hint}")
 
 
 def write_new_file(path: Path, text: str) -> None:
@@ -165,7 +166,8 @@ def _fault_text(source: str, kind: type, fault: Any) -> str:
     if fault["type"] in ("missing", "missing_argument"):
         return f"{location}: missing key"
     message = fault["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, ")
-    message = message.replace("a valid array", "a list")
+    message = message.replace("Input should be", "expected").replace("a valid array", "a list")
+    message = message.replace("a valid number", "a number without a unit")
     value = fault.get("input")
     if fault["type"] in OUT_OF_LIMITS_TYPES:
         name = next((part for part in reversed(path) if isinstance(part, str)), "value")

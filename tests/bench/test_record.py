@@ -193,7 +193,7 @@ def test_faults_of_a_folder_are_named(tmp_path: Path) -> None:
     opened = open_run(tmp_path / "r")
     file = tmp_path / "r" / str(opened.frames().loc[0, "file"])
     file.write_bytes(file.read_bytes()[:40])
-    with pytest.raises(RunFailed, match="damaged: 40 bytes that differ"):
+    with pytest.raises(RunFailed, match="damaged: its 40 bytes do not match"):
         opened.image(f"images/{file.name}")
     file.unlink()
     with pytest.raises(RunFailed, match="cannot be read"):

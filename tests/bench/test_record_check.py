@@ -178,7 +178,7 @@ def test_old_run_is_readable_not_resumable(no_images: Path) -> None:
         new.drop(columns=clocks, errors="ignore")
     )
     of = str(OF_0_2 / "protocol.toml"), str(no_images.parent / "rig.toml")
-    with pytest.raises(InputError, match="format 5, of an older version; it can be read"):
+    with pytest.raises(InputError, match="format 5 is of an older version"):
         run_experiment(RunRequest(*of, OF_0_2, seed=3), resume=True)
 
 
@@ -186,7 +186,7 @@ def test_changed_metadata_prevents_resume(copy: Path) -> None:
     (copy / "summary.json").unlink()
     pattern = copy / "pattern.json"
     pattern.write_text(pattern.read_text().replace('"seed": 7', '"seed": 8'))
-    with pytest.raises(RunFailed, match=r"pattern\.json: differs from its hash .*put it back"):
+    with pytest.raises(RunFailed, match=r"pattern\.json: differs from its hash .*restore it"):
         RunWriter.resume(copy, [])
 
 

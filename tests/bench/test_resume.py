@@ -157,7 +157,7 @@ def test_other_conditions_are_refused_by_name(tiny: ShortRun, tmp_path: Path) ->
         ({"protocol": str(protocol)}, text.replace("[0.4]", "[0.5]"),
          r"protocol\.depths_mm: \[0\.4\] in the .*\[0\.5\] now"),
         ({"protocol": str(protocol)}, text + "# a note\n",
-         r"another text; resume with .*protocol\.toml"),
+         r"other text.; resume with .*protocol\.toml"),
         ({"rig": str(rig)}, "", r"rig\.virtual\.gel\.spacing_mm: 0\.5 in the folder, 0\.4 now"),
     ]  # fmt: skip
     for other, written, says in cases:

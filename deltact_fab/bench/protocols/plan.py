@@ -226,7 +226,7 @@ class Specimen(Table):
     @classmethod
     def _printable(cls, value: str | None) -> str | None:
         if value is not None and not (value.isprintable() and value == value.strip()):
-            raise ValueError("printable characters, with no blank at either end")
+            raise ValueError("must be printable, without blanks at the ends")
         return value
 
 
@@ -324,12 +324,12 @@ class Protocol(Table):
                 "tilt the face"
             )
         if list(self.depths_mm) != sorted(set(self.depths_mm)):
-            raise ValueError("depths_mm: strictly increasing, the gel has a history")
+            raise ValueError("depths_mm: must be strictly increasing, as the gel has memory")
         legs = 0 if self.shear is None else self.shear.legs
         presses = len(self.indenters) * len(self.positions_mm)
         stops = 1 + legs + (capture.hold is not None)
         if (count := presses * (4 + len(self.depths_mm) * stops)) > MAX_PROTOCOL_STEPS:
-            raise ValueError(f"{count} steps; expected at most {MAX_PROTOCOL_STEPS}: split it")
+            raise ValueError(f"{count} steps; at most {MAX_PROTOCOL_STEPS}: split the protocol")
         return self
 
     @field_serializer("channels", when_used="json")

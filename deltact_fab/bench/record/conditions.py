@@ -32,8 +32,8 @@ def require_same_conditions(
     """
     if run.format != RUN_FORMAT:
         raise InputError(
-            f"{run.folder}: cannot be resumed: format {run.format}, of an older version; it can be "
-            "read, checked and analysed"
+            f"{run.folder}: cannot be resumed: format {run.format} is of an older version, for "
+            "reading only"
         )
     current = json.loads(json_bytes({**meta, "pattern": pattern}))
     stored = {**run.meta, "pattern": run.pattern}
@@ -46,7 +46,7 @@ def require_same_conditions(
             key, old, new = difference
             raise InputError(
                 f"{run.folder}: cannot be resumed: {key}: {_short(old)} in the folder, "
-                f"{_short(new)} now; a run must end under the conditions it began with"
+                f"{_short(new)} now; conditions must not change during a run"
             )
     protocol_path = run.folder / "protocol.toml"
     try:
@@ -57,7 +57,7 @@ def require_same_conditions(
         old, new = (hashlib.sha256(text).hexdigest()[:12] for text in (recorded, protocol))
         raise InputError(
             f"{run.folder}: cannot be resumed: protocol.toml: SHA-256 {old} in the folder, {new} "
-            f"now: the same values in another text; resume with {protocol_path}"
+            f"now (same values, other text); resume with {protocol_path}"
         )
 
 

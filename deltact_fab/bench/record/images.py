@@ -57,7 +57,7 @@ def encode(image: NDArray[np.uint8], suffix: str) -> bytes:
     try:
         return bytes(codecs.jpegxl_encode(rgb, effort=JXL_EFFORT, lossless=True, numthreads=1))
     except (RuntimeError, ValueError) as error:
-        raise RunFailed(f"an image could not be encoded as JPEG XL: {error}") from error
+        raise RunFailed(f"JPEG XL encoding failed: {error}") from error
 
 
 def encode_png(image: NDArray[np.uint8]) -> bytes:
@@ -77,7 +77,7 @@ def encode_png(image: NDArray[np.uint8]) -> bytes:
         ],
     )
     if not success:
-        raise RunFailed("an image could not be encoded as PNG")
+        raise RunFailed("PNG encoding failed")
     return bytes(data)
 
 

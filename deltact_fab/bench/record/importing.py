@@ -95,7 +95,7 @@ def _timed_images(images: Any, recording: Recording, file: Path) -> Iterator[tup
     """Yield (time s, image); requires one image size, and one image per time."""
     rate_hz = recording.rate_hz or (images.rate_hz if images.kind == "video" else 0.0)
     if recording.times is None and not rate_hz:
-        raise InputError(f"{file}: rate_hz: missing key; {images.name} has no times: or [times]")
+        raise InputError(f"{file}: rate_hz: missing key, or [times]; {images.name} has no times")
     table = recording.times
     times = None if table is None else read_csv(table, file.parent, {}, rising=True)[0]
     size, n = None, 0
@@ -104,17 +104,17 @@ def _timed_images(images: Any, recording: Recording, file: Path) -> Iterator[tup
         if image.shape != size:
             (h, w), (first_h, first_w) = image.shape[:2], size[:2]
             raise InputError(
-                f"{images.name}: image {n} is of {w} x {h} px, the first of {first_w} x {first_h} "
-                "px; all must be of one size"
+                f"{images.name}: image {n} has {w} x {h} px, the first has {first_w} x {first_h} "
+                "px; all must have one size"
             )
         if times is None or n <= len(times):
             yield (n - 1) / rate_hz if times is None else float(times[n - 1]), image
     if not n:
-        raise InputError(f"{images.name}: holds no image")
+        raise InputError(f"{images.name}: no images")
     if recording.times is not None and times is not None and n != len(times):
         raise InputError(
-            f"{file.parent / recording.times.file}: {recording.times.time}: {len(times)} rows, and "
-            f"{images.name} holds {n} images; a row an image is needed"
+            f"{file.parent / recording.times.file}: {recording.times.time}: {len(times)} rows, but "
+            f"{images.name} has {n} images; one row per image needed"
         )
 
 
@@ -133,8 +133,8 @@ def _sensor_meta(
     lens, _ = load_camera(file.parent / recording.camera)
     if (lens_px := (lens.width_px, lens.height_px)) != size:
         raise InputError(
-            f"{file}: camera: {recording.camera} makes {lens_px[0]} x {lens_px[1]} px, and the "
-            f"images are of {size[0]} x {size[1]} px"
+            f"{file}: camera: {recording.camera} has {lens_px[0]} x {lens_px[1]} px, the "
+            f"images have {size[0]} x {size[1]} px"
         )
     view = Rectified.from_sensor(sensor, lens) if isinstance(lens, Fisheye) else lens
     flat = FlatField.from_camera_file(file.parent / recording.camera)

@@ -138,9 +138,9 @@ def schema_faults(db: sqlite3.Connection, run_format: int) -> Iterator[str]:
             empty.execute("DROP TABLE files")
         missing = sorted(_columns(empty).keys() - have.keys())
     for table, column in missing:
-        yield f"no such table or column: {table}.{column}"
+        yield f"missing table or column: {table}.{column}"
     if not missing and not db.execute("SELECT count(*) FROM events").fetchone()[0]:
-        yield "events: none; a run begins with one"
+        yield "events: none, at least one expected"
     for (table, column), (kind, needed) in have.items():
         if (fits := _TYPE_CONDITIONS.get(kind)) is None:
             continue
@@ -149,7 +149,7 @@ def schema_faults(db: sqlite3.Connection, run_format: int) -> Iterator[str]:
         wrong = f"NOT coalesce({fits.format(chr(34) + column + chr(34))}, FALSE)"
         count = db.execute(f'SELECT count(*) FROM "{table}" WHERE {wrong}').fetchone()[0]
         if count:
-            yield f"{table}.{column}: {count} of its values are damaged"
+            yield f"{table}.{column}: {count} damaged values"
 
 
 def _columns(db: sqlite3.Connection) -> dict[tuple[str, str], tuple[str, bool]]:
@@ -175,7 +175,7 @@ def journal_errors(folder: Path) -> Iterator[None]:
     try:
         yield
     except sqlite3.Error as error:
-        raise RunFailed(f"{folder / 'journal.sqlite'}: the journal failed: {error}") from error
+        raise RunFailed(f"{folder / 'journal.sqlite'}: journal error: {error}") from error
 
 
 ENCODER_THREADS = 2  # measured with two: docs/evidence/bench-timing.md
@@ -276,7 +276,7 @@ class WriterThreads:
         self._changed.notify_all()
 
     def _timeout_error(self) -> RunFailed:
-        return RunFailed(f"{self._folder}: the disk took nothing for {FLUSH_S:.0f} s")
+        return RunFailed(f"{self._folder}: no write completed within {FLUSH_S:.0f} s")
 
     def _write(self, file: Path, image: NDArray[np.uint8]) -> str:
         """Encode and write in an encoder thread; a failure is reported at once."""

@@ -173,7 +173,6 @@ def read_csv(times: Times, folder: Path, names: Mapping[Any, str], rising: bool 
         raise InputError(f"{path}: {times.time}: {size}")
     for k in np.flatnonzero(np.diff(t_s) <= 0 if rising else np.diff(t_s) < 0):
         earlier, later = table[times.time].iloc[k : k + 2]
-        raise InputError(
-            f"{path}: line {k + 3}: {times.time} = {later} after {earlier}: times must increase"
-        )
+        order = f"{later} after {earlier}: times must increase"
+        raise InputError(f"{path}: line {k + 3}: {times.time} = {order}")
     return t_s, arrays

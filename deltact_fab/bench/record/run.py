@@ -126,7 +126,7 @@ class Run:
         stored = self.meta["camera"]
         if stored is None and self.imported:
             raise InputError(
-                f"{self.folder}: imported without a camera; name `camera` and `design` in the "
+                f"{self.folder}: imported without a camera; set `camera` and `design` in the "
                 "recording's file and import it again"
             )
         if stored is None:
@@ -185,7 +185,7 @@ class Run:
         """Raw camera frame (h, w, 3) BGR. Raises as `image` does."""
         image = decode(self.data(file), file)
         if image is None:
-            raise RunFailed(f"{self.folder / file}: does not decode as an image")
+            raise RunFailed(f"{self.folder / file}: not a readable image")
         return image
 
     def data(self, file: str) -> bytes:
@@ -195,7 +195,7 @@ class Run:
             data = path.read_bytes()
         if hashlib.sha256(data).hexdigest() != self._hash_of(file):
             raise RunFailed(
-                f"{path}: damaged: {len(data)} bytes that differ from the hash in the journal"
+                f"{path}: damaged: its {len(data)} bytes do not match the hash in the journal"
             )
         return data
 

@@ -151,7 +151,7 @@ class RunWriter:
         try:
             with journal_errors(folder):
                 for damage in hash_mismatches(run, writer._db):
-                    raise RunFailed(f"{folder / damage.where}: {damage.text}; put it back")
+                    raise RunFailed(f"{folder / damage.where}: {damage.text}; restore it")
                 verdict = RunVerdict(folder)
                 for damage in find_damage(run, writer._db, steps, verdict, progress):
                     if damage.where == "journal.sqlite":

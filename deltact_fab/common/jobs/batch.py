@@ -166,7 +166,5 @@ def _outcome(future: Future[Result]) -> tuple[Result | None, Exception | None]:
     except CannotGoOn:
         raise
     except Exception as error:
-        killed = RunFailed(
-            "every worker that tried it died (out of memory, or killed); the cluster gave it up"
-        )
+        killed = RunFailed("every worker that tried it died (out of memory, or killed)")
         return None, killed if _was_killed(future) else error

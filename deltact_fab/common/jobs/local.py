@@ -81,10 +81,7 @@ class Local(ThreadPoolExecutor):
             except BrokenProcessPool:
                 if self._closed:
                     raise CancelledError from None
-        raise RunFailed(
-            "worker process died twice (out of memory, or killed): fewer parallel jobs need less "
-            "memory"
-        )
+        raise RunFailed("worker process died twice (out of memory, or killed); run fewer jobs")
 
     def _process(self, packed: bytes) -> Future[Any]:
         """Submit a job to this thread's process, starting one if needed."""

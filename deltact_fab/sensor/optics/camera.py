@@ -125,7 +125,7 @@ class Pinhole(ScaledView):
         index = N_SILICONE if medium == "gel" else 1.0
         scale = self.eye_distance_mm + xyz_mm[..., 2] / index
         if not np.all(scale > 0):
-            raise InputError("a surface point lies at or behind the camera's eye")
+            raise InputError("a surface point is at or behind the camera")
         gain = (self.eye_distance_mm / self.mm_per_px) / scale
         cx, cy = self.centre_px
         return np.stack((xyz_mm[..., 0] * gain + cx, xyz_mm[..., 1] * gain + cy), axis=-1)

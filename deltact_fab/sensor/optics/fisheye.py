@@ -175,7 +175,7 @@ class Fisheye(Bounded):
         theta = np.arctan2(across_, along)
         if not np.all(theta <= self.field_rad):
             raise InputError(
-                f"a point lies {np.degrees(np.max(theta)):.1f} degrees from the lens's axis, "
+                f"a point is {np.degrees(np.max(theta)):.1f} degrees from the lens's axis, "
                 f"outside its field of {math.degrees(self.field_rad):.1f}"
             )
         # Radius over sine; its limit on the axis, where both vanish.
@@ -327,7 +327,7 @@ class Fisheye(Bounded):
             size = np.hypot(step[..., 0], step[..., 1])
             if np.all(size <= RAY_STEP_RAD * np.sqrt(1 + np.sum(tan**2, axis=-1))):
                 return tan
-        raise SolverError(f"lens: no ray to a point was found in {MAX_RAY_ITERATIONS} iterations")
+        raise SolverError(f"lens: ray to a point not found in {MAX_RAY_ITERATIONS} iterations")
 
     def _reach(self, t: Array, air_mm: Array, gel_mm: Array) -> tuple[Array, Array]:
         """Radial offset in mm of rays with tangents t through the layers, and its derivative."""

@@ -134,7 +134,7 @@ class FlatField:
         coarse = cv2.resize(self.share, size, interpolation=cv2.INTER_AREA)
         success, data = cv2.imencode(".png", np.rint(coarse * FULL_16_BIT).astype(np.uint16))
         if not success:
-            raise RunFailed("the flat field could not be encoded as PNG")
+            raise RunFailed("flat field: PNG encoding failed")
         return bytes(data)
 
     def for_view(self, view: CameraModel) -> FlatField:
@@ -157,7 +157,7 @@ class FlatField:
 
         if image.shape[:2] != self.share.shape[:2]:
             raise InputError(
-                f"flat field of {self.share.shape[1]} x {self.share.shape[0]} px for an image of "
+                f"flat field of {self.share.shape[1]} x {self.share.shape[0]} px, image of "
                 f"{image.shape[1]} x {image.shape[0]}"
             )
         share = self.share if image.ndim == 3 else self.share.mean(axis=2)

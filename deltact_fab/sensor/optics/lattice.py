@@ -122,8 +122,8 @@ def _spline(nodes: Array, points: Array) -> Any:
 
     if np.min(points) < nodes[0] - 1e-9 or np.max(points) > nodes[-1] + 1e-9:
         raise InputError(
-            f"points from {np.min(points):.3f} to {np.max(points):.3f} mm leave the lattice "
-            f"{nodes[0]:.3f} to {nodes[-1]:.3f} mm"
+            f"points from {np.min(points):.3f} to {np.max(points):.3f} mm are outside the "
+            f"lattice {nodes[0]:.3f} to {nodes[-1]:.3f} mm"
         )
     return make_interp_spline(nodes, np.eye(len(nodes)), k=3)
 

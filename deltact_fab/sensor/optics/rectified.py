@@ -76,7 +76,7 @@ class Rectified(Bounded, ScaledView):
         if image.shape[:2] != (self.lens.height_px, self.lens.width_px):
             h, w = image.shape[:2]
             raise InputError(
-                f"an image of {w} x {h} px; the lens makes {self.lens.width_px} x "
+                f"image of {w} x {h} px; the lens has {self.lens.width_px} x "
                 f"{self.lens.height_px} px"
             )
         return np.asarray(cv2.remap(image, *self._maps, cv2.INTER_CUBIC))

@@ -106,7 +106,7 @@ def test_from_photographs_to_a_camera_file(place: Path) -> None:
         (["photos/contact", "--air-board", "9x7"], r"--air-board: '9x7'; as in 9x7x3"),
         (["photos/contact", "--board", "9x7x3"], r"1.png: .* inner corners found, and a board of"),
         (["photos/contact", "--flat", "small.png"], r"--flat small.png: 320 x 180 px, and"),
-        (["photos/contact", "--design", "delt"], r"delt: not in the catalogue of cad"),
+        (["photos/contact", "--design", "delt"], r"no design 'delt'"),
     ],
     ids=lambda w: "-".join(Path(x).stem for x in w) or "none" if isinstance(w, list) else "",
 )

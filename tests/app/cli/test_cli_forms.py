@@ -47,8 +47,8 @@ def test_json_a_file_and_a_folder_are_asked_for_in_one_way() -> None:
             "locked/x.toml",
             "locked/x.toml: cannot be written: locked is read-only",
         ),
-        (True, "file", "file: file is a file; expected a folder"),
-        (True, "file/x/y", "file/x/y: .*file is a file; expected a folder"),
+        (True, "file", "file: is a file; expected a folder"),
+        (True, "file/x/y", "file: is a file; expected a folder"),
         (True, "locked/x", "locked/x: cannot be written: .*locked is read-only"),
     ],
 )

@@ -52,7 +52,7 @@ def test_invalid_views_are_refused():
     for z_mm in (-12.0, np.nan):
         with pytest.raises(InputError, match="in the gel"):
             VIEW.project_px(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, z_mm]]))
-    with pytest.raises(InputError, match="an image of 798 x 586 px; the lens makes 1280 x 720 px"):
+    with pytest.raises(InputError, match="image of 798 x 586 px; the lens has 1280 x 720 px"):
         VIEW.rectify(np.zeros((586, 798), np.uint8))
 
 

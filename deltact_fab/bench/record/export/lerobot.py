@@ -127,7 +127,7 @@ def episodes(runs: Sequence[Run], follow: Follow | None, progress: Progress) -> 
                 continue
             has_images.add(bool(table["file"].notna().all()))
             if len(has_images) > 1:
-                raise InputError(f"{run.folder}: {press}: frames with and without images")
+                raise InputError(f"{run.folder}: {press}: only some frames have images")
             yield Episode(run, line, press, _with_targets(run, line, press, table), follow)
             progress(count, total, press)
     if not has_images:
@@ -192,7 +192,7 @@ def write(
     """
     rates = {str(run.folder): _rate_hz(run) for run in runs}
     if len(set(rates.values())) > 1:
-        raise InputError(f"runs at different rates make no dataset, which has one: {rates} Hz")
+        raise InputError(f"a dataset needs one frame rate; runs have {rates} Hz")
     rate_hz = max(1, round(min(rates.values())))
     tasks: dict[str, int] = {}
     total: dict[str, Stats] = {}
@@ -298,7 +298,7 @@ def _write_videos(
                 },
             }  # fmt: skip
             if features.setdefault(key, feature) != feature:
-                raise InputError(f"{episode.run.folder}: {episode.press}: images of another size")
+                raise InputError(f"{episode.run.folder}: {episode.press}: image size differs")
             part.film(key, picture)
             sparse = picture[::STATS_STRIDE_PX, ::STATS_STRIDE_PX]
             pixels.setdefault(key, []).append(sparse.reshape(-1, 3))
