@@ -33,7 +33,7 @@ def open_door(package: str) -> tuple[Callable[[str], object], Callable[[], list[
 
         loader = module.__spec__.loader if module.__spec__ else None
         source = loader.get_source(package) if loader else None  # type: ignore[attr-defined]
-        names.update(handed_on(ast.parse(source or ""), package))
+        names.update(door_imports(ast.parse(source or ""), package))
         return names
 
     def load(name: str) -> object:
@@ -49,7 +49,7 @@ def open_door(package: str) -> tuple[Callable[[str], object], Callable[[], list[
     return load, lambda: sorted({*vars(module), *homes()})
 
 
-def handed_on(tree: ast.Module, package: str) -> dict[str, tuple[str, str]]:
+def door_imports(tree: ast.Module, package: str) -> dict[str, tuple[str, str]]:
     """Map the names imported in a package's `__init__` to (module, name there).
 
     Counts imports at the top and under TYPE_CHECKING.

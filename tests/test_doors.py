@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from deltact_fab.common import digest
-from deltact_fab.door import handed_on
+from deltact_fab.door import door_imports
 from deltact_fab.paths import PACKAGE_DIR
 
 ROOT = PACKAGE_DIR.parent
@@ -26,7 +26,7 @@ MOST, MOST_ALL = 60, 364
 def door(wing: str) -> dict[str, tuple[str, str]]:
     """The names at a wing's door, each with its module and its name there."""
     tree = ast.parse((PACKAGE_DIR / wing / "__init__.py").read_text())
-    names = handed_on(tree, f"deltact_fab.{wing}")
+    names = door_imports(tree, f"deltact_fab.{wing}")
     inside = f"deltact_fab.{wing}."
     return {name: home for name, home in names.items() if home[0].startswith(inside)}
 
@@ -65,7 +65,7 @@ def test_doors_stay_small() -> None:
 def test_each_name_at_a_door_is_used_outside(users: dict[tuple[str, str], list[Path]]) -> None:
     listed = {(wing, name) for wing in WINGS for name in door(wing)}
     top = ast.parse((PACKAGE_DIR / "__init__.py").read_text())
-    outermost = handed_on(top, "deltact_fab").values()
+    outermost = door_imports(top, "deltact_fab").values()
     taken = {(home.partition(".")[2], name) for home, name in outermost} | {("app", "entry")}
     assert sorted(listed - {*users} - taken) == []
     assert sorted({*users} - listed) == []

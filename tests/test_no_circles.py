@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from deltact_fab.common import digest
-from deltact_fab.door import handed_on
+from deltact_fab.door import door_imports
 
 
 def circle(needs: Mapping[Path, Iterable[Path]]) -> list[Path]:
@@ -57,7 +57,7 @@ def behind(module: Path, name: str, package: Path) -> Iterator[Path]:
         # Beside nothing but names a package's docstring is no face.
         package_name = ".".join((package.name, *module.relative_to(package).parts))
         tree = ast.parse(face.read_text(encoding="utf-8"))
-        if name in (names := handed_on(tree, package_name)):
+        if name in (names := door_imports(tree, package_name)):
             home, original = names[name]
             yield from behind(package.joinpath(*home.split(".")[1:]), original, package)
             return

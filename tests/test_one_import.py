@@ -21,7 +21,7 @@ import pytest
 
 import deltact_fab as dt
 from deltact_fab import moved
-from deltact_fab.door import handed_on
+from deltact_fab.door import door_imports
 
 ROOT = Path(__file__).parents[1]
 TOUR = json.loads((Path(__file__).parents[1] / "examples/tour.ipynb").read_text())
@@ -63,7 +63,7 @@ def test_its_names_are_offered_and_no_module_takes_one() -> None:
 
 
 def test_each_name_is_exported_and_has_a_line() -> None:
-    homes = handed_on(ast.parse(Path(dt.__file__).read_text()), "deltact_fab")
+    homes = door_imports(ast.parse(Path(dt.__file__).read_text()), "deltact_fab")
     ours = {name for name, (home, _) in homes.items() if home.startswith("deltact_fab")}
     assert ours - {"open_door"} == {*dt.__all__}
     assert dt.__all__[1:] == re.findall(r"(?m)^- `(\w+)`: [A-Z].+\.$", dt.__doc__ or "")

@@ -13,7 +13,7 @@ import hashlib
 from functools import cache
 from pathlib import Path
 
-from deltact_fab.door import handed_on
+from deltact_fab.door import door_imports
 from deltact_fab.paths import PACKAGE_DIR
 
 # Error messages, paths, storage and progress: no result depends on them.
@@ -40,7 +40,7 @@ def code_digest(*modules: str, package: Path = PACKAGE_DIR) -> str:
 def _digest(modules: tuple[str, ...], package: Path) -> str:
     text = hashlib.sha256()
     for path in code_files(*modules, package=package):
-        name = path.relative_to(_home(path, package)).as_posix()
+        name = path.relative_to(_package_folder(path, package)).as_posix()
         text.update(f"{name} {_parse_module(path, package)[0]}\n".encode())
     return text.hexdigest()[:16]
 
@@ -52,7 +52,7 @@ def code_files(*modules: str, package: Path = PACKAGE_DIR) -> list[Path]:
     """
     todo, files = [], set()
     for name in modules:
-        path = _file((package.name, *name.split(".")), package)
+        path = _module_file((package.name, *name.split(".")), package)
         if path is None:
             raise ValueError(f"digest: no module {name!r} in {package.name}")
         if path.name == "__init__.py" and not _holds_code(path):
@@ -62,7 +62,7 @@ def code_files(*modules: str, package: Path = PACKAGE_DIR) -> list[Path]:
         path = todo.pop()
         if path not in files:
             files.add(path)
-            todo += (f for f in imported_files(path, package) if not _silent(f, package))
+            todo += (f for f in imported_files(path, package) if not _is_uncounted(f, package))
     return sorted(files)
 
 
@@ -89,7 +89,7 @@ def imported_files(path: Path, package: Path = PACKAGE_DIR) -> tuple[Path, ...]:
     files = []
     for module, names in _parse_module(path, package)[1]:
         for name in names:
-            file = _defining(module, name, package)
+            file = _defining_file(module, name, package)
             if file is not None and file != path:
                 files.append(file)
     return (*files, *_parse_module(path, package)[2])
@@ -100,12 +100,12 @@ def _holds_code(path: Path) -> bool:
     return any(not _is_text(node) for node in body)
 
 
-def _silent(file: Path, package: Path) -> bool:
-    name = ".".join(file.relative_to(_home(file, package)).with_suffix("").parts)
+def _is_uncounted(file: Path, package: Path) -> bool:
+    name = ".".join(file.relative_to(_package_folder(file, package)).with_suffix("").parts)
     return any(name == silent or name.startswith(f"{silent}.") for silent in UNCOUNTED_MODULES)
 
 
-def _home(path: Path, package: Path) -> Path:
+def _package_folder(path: Path, package: Path) -> Path:
     return PACKAGE_DIR if path.is_relative_to(PACKAGE_DIR) else package
 
 
@@ -132,7 +132,7 @@ def _discovered_files(tree: ast.Module, path: Path) -> tuple[Path, ...]:
 
 
 def _imports(tree: ast.Module, path: Path, package: Path) -> Imports:
-    home = _home(path, package)
+    home = _package_folder(path, package)
     parent = (home.name, *path.relative_to(home).parent.parts)
     packages = (package.name, PACKAGE_DIR.name)
     imports: list[tuple[tuple[str, ...], list[str]]] = []
@@ -159,25 +159,25 @@ def _imports(tree: ast.Module, path: Path, package: Path) -> Imports:
     return tuple(imports)
 
 
-def _defining(module: tuple[str, ...], name: str, package: Path) -> Path | None:
+def _defining_file(module: tuple[str, ...], name: str, package: Path) -> Path | None:
     """Find the file that defines a name imported from a module."""
-    direct = _file((*module, name), package)
+    direct = _module_file((*module, name), package)
     if direct is not None:
         return direct
-    file = _file(module, package)
+    file = _module_file(module, package)
     if file is None or file.name != "__init__.py":
         return file
-    home, original = _handed_on(file, ".".join(module)).get(name, ("", ""))
-    return _defining(tuple(home.split(".")), original, package) if home else file
+    home, original = _door_imports(file, ".".join(module)).get(name, ("", ""))
+    return _defining_file(tuple(home.split(".")), original, package) if home else file
 
 
 @cache
-def _handed_on(file: Path, package: str) -> dict[str, tuple[str, str]]:
+def _door_imports(file: Path, package: str) -> dict[str, tuple[str, str]]:
     """Map the names at a package's door to (module, name there)."""
-    return handed_on(ast.parse(file.read_text(encoding="utf-8")), package)
+    return door_imports(ast.parse(file.read_text(encoding="utf-8")), package)
 
 
-def _file(module: tuple[str, ...], package: Path) -> Path | None:
+def _module_file(module: tuple[str, ...], package: Path) -> Path | None:
     path = (PACKAGE_DIR if module[0] == PACKAGE_DIR.name else package).joinpath(*module[1:])
     for file in (path / "__init__.py", path.with_name(path.name + ".py")):
         if file.is_file():

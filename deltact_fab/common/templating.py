@@ -80,7 +80,7 @@ _UNIT_LABELS = {
 }  # fmt: skip
 
 
-def label(key: str) -> str:
+def format_label(key: str) -> str:
     """Format a key or column as a label: `normal_rmse_n` is "normal rmse, N"."""
     words, _, last = key.rpartition("_")
     if words and last in _UNIT_LABELS:
@@ -108,7 +108,7 @@ def format_number(value: Any, decimals: int | None = None) -> str:
     return text.replace(",", "\u202f").replace("-", "−")  # narrow no-break space
 
 
-def cell(value: Any) -> str:
+def format_cell(value: Any) -> str:
     """Format a table cell."""
     import numpy as np
 
@@ -132,20 +132,20 @@ def html_table(
     """
     heads = words or {}
     cells = {
-        name: [label(value) if name == keys else cell(value) for value in frame[name]]
+        name: [format_label(value) if name == keys else format_cell(value) for value in frame[name]]
         for name in frame
     }
     filled = [name for name, column in cells.items() if any(column) or not column]
     columns = filled[:MAX_COLUMNS]
     return {
         "head": [
-            {"words": heads.get(str(name)) or label(str(name)), "kind": _kind(frame[name])}
+            {"words": heads.get(str(name)) or format_label(str(name)), "kind": _kind(frame[name])}
             for name in columns
         ],
         "rows": list(zip(*(cells[name] for name in columns), strict=True)),
         "marks": list(marks) or [""] * len(frame),
         "links": links,
-        "beyond": [label(str(name)) for name in filled[MAX_COLUMNS:]],
+        "beyond": [format_label(str(name)) for name in filled[MAX_COLUMNS:]],
     }
 
 

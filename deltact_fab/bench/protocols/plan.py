@@ -68,7 +68,7 @@ class Shear(Table):
     With "outward", mirrored positions have mirrored paths."""
 
     @model_validator(mode="after")
-    def _one_way(self) -> Self:
+    def _check_amplitude(self) -> Self:
         if (self.amplitude_mm is None) == (self.amplitude_of_depth is None):
             raise ValueError("either amplitude_mm or amplitude_of_depth is needed")
         if self.grid and set(self.axes) != {"x", "y"}:
@@ -116,7 +116,7 @@ class Capture(Table):
     retract: Retract | None = None
 
     @model_validator(mode="after")
-    def _something(self) -> Self:
+    def _check_not_empty(self) -> Self:
         if self.rate_hz is None and self.settle_s is None:
             raise ValueError(
                 "rate_hz (frames during motion) or settle_s (a settled frame per stop) is needed"
@@ -149,7 +149,7 @@ class PlaceGrid(Table):
     """Number of positions along x and y, evenly from lowest to highest; 1: in the middle."""
 
     @model_validator(mode="after")
-    def _rising(self) -> Self:
+    def _check_order(self) -> Self:
         for name, (low, high), n in (("x", self.x, self.n[0]), ("y", self.y, self.n[1])):
             if low > high or (low == high and n > 1):
                 raise ValueError(f"{name}: [{low:g}, {high:g}] for {n}; expected [lowest, highest]")
@@ -181,7 +181,7 @@ class MotionPlan(Table):
     """Feed of the drags in contact."""
 
     @model_validator(mode="after")
-    def _heights(self) -> Self:
+    def _check_heights(self) -> Self:
         if not self.approach_gap_mm <= self.clearance_mm <= self.park_mm:
             raise ValueError(
                 "approach_gap_mm <= clearance_mm <= park_mm: "
@@ -219,12 +219,12 @@ class Specimen(Table):
 
     @field_validator("gel_model")
     @classmethod
-    def _level(cls, value: str) -> str:
+    def _check_level(cls, value: str) -> str:
         return find_level(value)
 
     @field_validator("serial")
     @classmethod
-    def _printable(cls, value: str | None) -> str | None:
+    def _check_serial(cls, value: str | None) -> str | None:
         if value is not None and not (value.isprintable() and value == value.strip()):
             raise ValueError("must be printable, without blanks at the ends")
         return value
@@ -302,7 +302,7 @@ class Protocol(Table):
         return names
 
     @model_validator(mode="after")
-    def _channels_and_depths(self) -> Self:
+    def _check_combinations(self) -> Self:
         if bool(self.positions_mm) == bool(self.grid):
             raise ValueError("either positions_mm or grid is needed")
         if self.grid is not None:  # expanded here, so that records list the positions
@@ -333,7 +333,7 @@ class Protocol(Table):
         return self
 
     @field_serializer("channels", when_used="json")
-    def _in_one_order(self, channels: frozenset[str]) -> list[str]:
+    def _sort_channels(self, channels: frozenset[str]) -> list[str]:
         """Sort the channels: a set's order differs between processes and changes cache keys."""
         return sorted(channels)
 

@@ -45,8 +45,8 @@ def require_same_conditions(
         if difference is not None:
             key, old, new = difference
             raise InputError(
-                f"{run.folder}: cannot be resumed: {key}: {_short(old)} in the folder, "
-                f"{_short(new)} now; conditions must not change during a run"
+                f"{run.folder}: cannot be resumed: {key}: {_shorten(old)} in the folder, "
+                f"{_shorten(new)} now; conditions must not change during a run"
             )
     protocol_path = run.folder / "protocol.toml"
     try:
@@ -77,7 +77,7 @@ def _first_difference(a: Any, b: Any, key_path: str) -> tuple[str, Any, Any] | N
     return None if a == b else (key_path, a, b)
 
 
-def _short(value: Any) -> str:
+def _shorten(value: Any) -> str:
     if value is None:
         return "nothing"
     text = json.dumps(value)

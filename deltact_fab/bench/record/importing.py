@@ -83,7 +83,7 @@ def import_recording(
                 if progress is not None:
                     progress(k, k + 1, "images")
             chunks = [_chunk(name, *samples, at_s[0]) for name, samples in streams.items()]
-            writer.cut_off(step, chunks)  # samples only: an import has no steps
+            writer.interrupted_step(step, chunks)  # samples only: an import has no steps
             summary = _summary(recording, np.array(at_s), np.array(moved_px), streams)
             writer.close(summary)
         finally:

@@ -58,7 +58,7 @@ class RecordedForce(Times):
     """Lag of the force timestamps behind the images; it is subtracted."""
 
     @model_validator(mode="after")
-    def _complete(self) -> Self:
+    def _check_components(self) -> Self:
         forces, torques = ([n for n in self.columns if n[0] == kind] for kind in "ft")
         if not forces:
             raise ValueError('columns: at least one of fx, fy, fz is needed, as in fz = "Fz"')
@@ -102,7 +102,7 @@ class Recording(Table):
     serial: Annotated[str, Field(min_length=1, max_length=64)] | None = None
 
     @model_validator(mode="after")
-    def _together(self) -> Self:
+    def _check_keys(self) -> Self:
         if self.rate_hz and self.times:
             raise ValueError("rate_hz: [times] has the times of the images; remove one of them")
         if self.camera and not self.design:

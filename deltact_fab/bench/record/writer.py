@@ -121,7 +121,7 @@ class RunWriter:
             with journal_errors(part), closing(connect(part, new=True)) as db:
                 db.executescript(f"BEGIN;{JOURNAL_SCHEMA}COMMIT;")
                 with db:
-                    insert(db, "events", _event("session", "begun"))
+                    insert(db, "events", _log_row("session", "begun"))
                 store_hashes(db, files)
             with disk_errors(folder, "made"):
                 part.rename(folder)
@@ -239,7 +239,7 @@ class RunWriter:
         }
         self._writing.put_rows([*self._samples(step, chunks), ("steps", row)])
 
-    def cut_off(self, step: Step, chunks: Iterable[Chunk]) -> None:
+    def interrupted_step(self, step: Step, chunks: Iterable[Chunk]) -> None:
         """Store the samples of an interrupted step, until its press is repeated."""
         self._writing.put_rows(self._samples(step, chunks))
 
@@ -247,9 +247,9 @@ class RunWriter:
         self, kind: str, text: str, t_s: float | None = None, step: Step | None = None
     ) -> None:
         """Log an event; thread-safe. t_s: on the rig's clock."""
-        self._writing.put_rows([("events", _event(kind, text, t_s, step))], history=True)
+        self._writing.put_rows([("events", _log_row(kind, text, t_s, step))], history=True)
 
-    def ready(self) -> None:
+    def load_encoder(self) -> None:
         """Load the image encoder in advance: its import blocks all threads for a while."""
         encode(np.zeros((8, 8, 3), np.uint8), self.image_format)
 
@@ -317,7 +317,7 @@ class RunWriter:
             text = f"resumed: {kept_frames} frames kept"
             repeated = "; ".join(f"{press}: {reason}" for press, reason in self.redone.items())
             text += f"; repeated: {repeated}" if repeated else ""
-            insert(self._db, "events", _event("session", text))
+            insert(self._db, "events", _log_row("session", text))
         files = self._db.execute("SELECT file FROM frames WHERE file IS NOT NULL")
         keep = {self.folder / file for (file,) in files}
         keep |= {TruthFiles(self.folder).press(press) for press in self.kept_presses}
@@ -338,7 +338,7 @@ def _step_columns(step: Step) -> TableRow:
     }
 
 
-def _event(kind: str, text: str, t_s: float | None = None, step: Step | None = None) -> TableRow:
+def _log_row(kind: str, text: str, t_s: float | None = None, step: Step | None = None) -> TableRow:
     press, step_id = (None, None) if step is None else (step.press, step.id)
     return {
         "kind": kind,

@@ -19,7 +19,7 @@ from deltact_fab.paths import PACKAGE_DIR
 from .. import cache
 from ..errors import InputError, RunFailed, require_extra
 from .batch import CannotGoOn
-from .local import Local, Result, processors, take_share
+from .local import Local, Result, processors, set_processor_share
 
 ON_LOCAL = "local"
 DASK_ADDRESS = re.compile(r"dask:((?:tcp|tls)://.+:\d+)")
@@ -235,7 +235,7 @@ def _job_files(job: tuple[Any, ...], attribute: str) -> tuple[str, ...]:
 def _work(
     job: tuple[Callable[..., Result], tuple[Any, ...], dict[str, Any]], files: dict[str, bytes]
 ) -> tuple[Result, dict[str, bytes]]:
-    take_share(1)
+    set_processor_share(1)
     for name, data in files.items():
         cache.copy_in(name, data)
     fn, args, kwargs = job

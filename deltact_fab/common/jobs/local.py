@@ -55,7 +55,7 @@ class Local(ThreadPoolExecutor):
         """threads: per process, by default its share of the processors."""
         from multiprocessing import resource_tracker
 
-        super().__init__(workers, "deltact-fab-job", _hold_interrupts)
+        super().__init__(workers, "deltact-fab-job", _block_interrupts)
         self.workers = workers
         self.threads = threads or max(1, processors() // workers)
         self._per_thread = threading.local()
@@ -67,9 +67,9 @@ class Local(ThreadPoolExecutor):
 
     def submit(self, fn: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
         """Like Executor.submit; a job whose process dies is retried, JOB_ATTEMPTS in all."""
-        return super().submit(self._give, fn, *args, **kwargs)
+        return super().submit(self._run_in_process, fn, *args, **kwargs)
 
-    def _give(self, fn: Callable[..., Result], *args: Any, **kwargs: Any) -> Result:
+    def _run_in_process(self, fn: Callable[..., Result], *args: Any, **kwargs: Any) -> Result:
         from concurrent.futures.process import BrokenProcessPool
 
         # Unpickled within the job, so unpicklable arguments fail like any other job.
@@ -94,7 +94,7 @@ class Local(ThreadPoolExecutor):
         with self._starting:
             if self._closed:
                 raise CancelledError
-            self._per_thread.pool, future = _start(packed, self.threads)
+            self._per_thread.pool, future = _start_process(packed, self.threads)
             self._pools.append(self._per_thread.pool)
         return future
 
@@ -104,21 +104,21 @@ class Local(ThreadPoolExecutor):
             self._closed = True
         self.shutdown(wait=False, cancel_futures=True)
         for pool in self._pools:
-            _end(pool)
+            _terminate(pool)
         self.shutdown(wait=True)
 
 
-def _start(packed: bytes, threads: int) -> tuple[ProcessPoolExecutor, Future[Any]]:
+def _start_process(packed: bytes, threads: int) -> tuple[ProcessPoolExecutor, Future[Any]]:
     """Create a pool of one process with its first job, which starts it."""
     import multiprocessing
     from concurrent.futures import ProcessPoolExecutor
 
-    pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin, (threads,))
-    with _main_hidden():
+    pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _init_worker, (threads,))
+    with _hide_main():
         return pool, pool.submit(_work, packed)
 
 
-def _end(pool: ProcessPoolExecutor) -> None:
+def _terminate(pool: ProcessPoolExecutor) -> None:
     # After an orderly shutdown the pool has no list of processes.
     workers: dict[int, Any] = dict(getattr(pool, "_processes", None) or {})
     for worker in workers.values():
@@ -131,14 +131,14 @@ def _end(pool: ProcessPoolExecutor) -> None:
             worker.join()
 
 
-def _hold_interrupts() -> None:
+def _block_interrupts() -> None:
     """Block SIGINT in a thread; processes that it starts inherit this."""
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
 
 
 @contextlib.contextmanager
-def _main_hidden() -> Iterator[None]:
+def _hide_main() -> Iterator[None]:
     """Keep processes started within from importing the caller's script.
 
     A script without `if __name__ == "__main__":` would run again in each.
@@ -154,17 +154,17 @@ def _main_hidden() -> Iterator[None]:
 # -- in the process --------------------------------------------------------------------------------
 
 
-def _begin(threads: int) -> None:
+def _init_worker(threads: int) -> None:
     """Initialise a worker: ignore Ctrl-C, end with the parent, share the cores."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    take_share(threads)
+    set_processor_share(threads)
     # Before any library is loaded; values set by the user stay.
     for name in THREAD_VARIABLES:
         os.environ.setdefault(name, str(threads))
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
-def take_share(threads: int) -> None:
+def set_processor_share(threads: int) -> None:
     """Set the number of processors that this worker and its jobs may use."""
     global _share
     _share = threads

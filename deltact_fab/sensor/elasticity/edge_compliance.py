@@ -149,7 +149,7 @@ def free_sides(skin: SkinDimensions, poisson: float, cell_mm: float | None = Non
     x, y = np.linspace(-a, a, box.bricks[0] + 1), np.linspace(-b, b, box.bricks[1] + 1)
     quarters = _SIDES_STORE.read(key)
     if quarters is None:
-        quarters = _quarters(box, poisson)
+        quarters = _quarter_compliances(box, poisson)
         _SIDES_STORE.write(key, quarters)
     return FreeSides(x, y, quarters)
 
@@ -186,7 +186,7 @@ def _box(skin: SkinDimensions, cell_mm: float | None) -> BrickBox:
     return BrickBox((nx, ny, layers), side)
 
 
-def _quarters(box: BrickBox, poisson: float) -> Field:
+def _quarter_compliances(box: BrickBox, poisson: float) -> Field:
     """Compliance of block minus slab (3, 3, 4, q, q) for a modulus of 1 MPa."""
     kernel = _slab_kernel(box, poisson)
     half_x, half_y, layers = box.bricks[0] // 2, box.bricks[1] // 2, box.bricks[2]
@@ -199,9 +199,9 @@ def _quarters(box: BrickBox, poisson: float) -> Field:
     q = len(row)
     quarters = np.zeros((3, 3, 4, q, q))
     for i, signs in enumerate(_SYMMETRY_CLASSES):
-        free = _free_on_face(row, column, signs)
-        part = _condensed(quarter, poisson, np.tile(free, (layers + 1, 1)))
-        part -= _mirrored(kernel, row, column, free, signs)
+        free = _free_components(row, column, signs)
+        part = _condense(quarter, poisson, np.tile(free, (layers + 1, 1)))
+        part -= _slab_response(kernel, row, column, free, signs)
         full = np.zeros((3 * q, 3 * q))
         full[np.ix_(free.ravel(), free.ravel())] = (part + part.T) / 2
         scaled = root[:, None, None, None] * full.reshape(q, 3, q, 3) * root[:, None]
@@ -209,7 +209,7 @@ def _quarters(box: BrickBox, poisson: float) -> Field:
     return quarters
 
 
-def _condensed(box: BrickBox, poisson: float, free: NDArray[np.bool_]) -> Field:
+def _condense(box: BrickBox, poisson: float, free: NDArray[np.bool_]) -> Field:
     """Compliance (n, n) of the face's free displacements; all node layers but the base are alike.
 
     Layers are eliminated upwards with dense blocks: fill-in is three quarters of a layer anyway,
@@ -264,7 +264,7 @@ def _slab_kernel(box: BrickBox, poisson: float) -> Field:
     return scipy.fft.irfft2(np.moveaxis(spectrum, (2, 3), (0, 1)), s=(my, mx), axes=(2, 3))
 
 
-def _free_on_face(
+def _free_components(
     row: NDArray[np.int64], column: NDArray[np.int64], signs: MirrorSigns
 ) -> NDArray[np.bool_]:
     """True for displacements (n, 3) of the quarter's nodes that a symmetry class leaves free.
@@ -281,7 +281,7 @@ def _free_on_face(
 _MIRROR_IMAGES = ((False, False), (True, False), (False, True), (True, True))
 
 
-def _mirrored(
+def _slab_response(
     kernel: Field,
     row: NDArray[np.int64],
     column: NDArray[np.int64],

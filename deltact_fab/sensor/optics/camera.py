@@ -160,7 +160,7 @@ class StageFrame:
     def to_machine_mm(self, sensor_mm: Point) -> Point:
         """Convert a tip position in the sensor frame to machine coordinates."""
         c, s = self._cos_sin()
-        x, y, z = self._tilted(sensor_mm)
+        x, y, z = self._apply_tilt(sensor_mm)
         ox, oy, oz = self.origin_machine_mm
         return (ox + c * x - s * y, oy + s * x + c * y, oz + z)
 
@@ -168,9 +168,9 @@ class StageFrame:
         """Convert machine coordinates to a tip position in the sensor frame."""
         c, s = self._cos_sin()
         x, y, z = (m - o for m, o in zip(machine_mm, self.origin_machine_mm, strict=True))
-        return self._levelled((c * x + s * y, -s * x + c * y, z))
+        return self._remove_tilt((c * x + s * y, -s * x + c * y, z))
 
-    def facing(self, normal_machine: Point) -> StageFrame:
+    def with_normal(self, normal_machine: Point) -> StageFrame:
         """Return the frame with the tilt of a face of this outward normal, of any length.
 
         Raises ValueError for a normal that does not point up.
@@ -188,14 +188,14 @@ class StageFrame:
         angle = np.deg2rad(self.angle_deg)
         return float(np.cos(angle)), float(np.sin(angle))
 
-    def _tilted(self, p: Point) -> Point:
+    def _apply_tilt(self, p: Point) -> Point:
         if self.tilt_deg == (0.0, 0.0):
             return p  # exactly
         (cx, sx), (cy, sy) = ((math.cos(a), math.sin(a)) for a in map(math.radians, self.tilt_deg))
         x, y, z = p[0], cx * p[1] - sx * p[2], sx * p[1] + cx * p[2]
         return (cy * x + sy * z, y, -sy * x + cy * z)
 
-    def _levelled(self, p: Point) -> Point:
+    def _remove_tilt(self, p: Point) -> Point:
         if self.tilt_deg == (0.0, 0.0):
             return p
         (cx, sx), (cy, sy) = ((math.cos(a), math.sin(a)) for a in map(math.radians, self.tilt_deg))

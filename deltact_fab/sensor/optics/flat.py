@@ -85,7 +85,7 @@ class FlatField:
     """Relative illumination of each pixel and channel, (h, w, 3) float32 BGR, <= 1."""
 
     share: NDArray[np.float32]
-    most_full: ClassVar[float] = 0.001
+    max_saturated: ClassVar[float] = 0.001
     """Largest share of saturated pixels in a blank frame."""
 
     @classmethod
@@ -93,7 +93,7 @@ class FlatField:
         """Create from a frame (h, w, 3) BGR of a blank skin. Raises InputError naming source."""
         import cv2
 
-        if np.mean(image == 255) > cls.most_full:
+        if np.mean(image == 255) > cls.max_saturated:
             raise InputError(f"{source}: over-exposed; take the blank frame with less light")
         smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), BLUR_SHARE * image.shape[1])
         top = smooth.reshape(-1, 3).max(axis=0)

@@ -29,7 +29,7 @@ class Rectified(Bounded, ScaledView):
     sensor's origin. Other points appear where the lens's ray to them crosses the resting face.
     """
 
-    least_patch_px: ClassVar[float] = 2.0
+    min_patch_px: ClassVar[float] = 2.0
     """Raw pixels per patch and axis; fewer alias with neighbours (Nyquist)."""
     lens: Fisheye
     mm_per_px: float = bounded_number(0.0378, "scale of the resting face", 1e-3, 1)
@@ -100,11 +100,11 @@ class Rectified(Bounded, ScaledView):
         return np.stack(scales, axis=-1)
 
     def aliased_share(self, patch_mm: float) -> float:
-        """Share of the view, 0 to 1, where a patch has fewer than least_patch_px on one axis."""
+        """Share of the view, 0 to 1, where a patch has fewer than min_patch_px on one axis."""
         columns = np.arange(SHARE_GRID_PX / 2 - 0.5, self.width_px, SHARE_GRID_PX)
         rows = np.arange(SHARE_GRID_PX / 2 - 0.5, self.height_px, SHARE_GRID_PX)
         scales = self.raw_mm_per_px(np.stack(np.meshgrid(columns, rows), axis=-1))
-        return float(np.mean(patch_mm < self.least_patch_px * np.max(scales, axis=-1)))
+        return float(np.mean(patch_mm < self.min_patch_px * np.max(scales, axis=-1)))
 
     def as_dict(self) -> dict[str, Any]:
         return {"model": "rectified", **asdict(self), "lens": self.lens.as_dict()}

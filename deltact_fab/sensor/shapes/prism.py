@@ -11,7 +11,7 @@ import numpy as np
 from deltact_fab.common import Field, Point2
 
 from .bounded import ShapeError
-from .tips import LowestInTheMiddle, less, require_positive
+from .tips import LowestInTheMiddle, check_less, require_positive
 
 MIN_NOTCH_RAD = 1e-6  # by hand: rounding; notches below this angle are none
 
@@ -50,16 +50,16 @@ class PrismTip(LowestInTheMiddle):
         if self.points < 3:
             raise ShapeError(f"points >= 3: {self.points} fails")
         # Else the rounded edges of a point's two sides would meet, leaving no flat.
-        less("edge_mm", self.edge_mm, "corner_mm", self.corner_mm)
-        less("corner_mm", self.corner_mm, "outer_mm", self.outer_mm)
+        check_less("edge_mm", self.edge_mm, "corner_mm", self.corner_mm)
+        check_less("corner_mm", self.corner_mm, "outer_mm", self.outer_mm)
         straight = (self.outer_mm - self.corner_mm) * math.cos(self._half_angle) + self.corner_mm
         if self.inner_mm > straight + 1e-12:
             raise ShapeError(
                 f"inner_mm <= that of a polygon: {self.inner_mm:g} <= {straight:g} fails"
             )
-        less("corner_mm", self.corner_mm, "inner_mm", self.inner_mm)
-        less("0", 0.0, "length of a straight side", self._side.length_mm)
-        less("edge_mm", self.edge_mm, "radius_mm", self.radius_mm)
+        check_less("corner_mm", self.corner_mm, "inner_mm", self.inner_mm)
+        check_less("0", 0.0, "length of a straight side", self._side.length_mm)
+        check_less("edge_mm", self.edge_mm, "radius_mm", self.radius_mm)
 
     @property
     def _half_angle(self) -> float:
@@ -72,7 +72,7 @@ class PrismTip(LowestInTheMiddle):
         c, q, corner_x = self.corner_mm, self.notch_mm, self.outer_mm - self.corner_mm
         dx, dy = self.inner_mm * cos - corner_x, self.inner_mm * sin
         d2 = dx**2 + dy**2
-        less("corner_mm", c, "from the point's arc centre to the notch", math.sqrt(d2))
+        check_less("corner_mm", c, "from the point's arc centre to the notch", math.sqrt(d2))
         t = math.sqrt(d2 - c**2)
         normal = (c * dx + t * dy) / d2, (c * dy - t * dx) / d2
         along = (t * dx - c * dy) / d2, (t * dy + c * dx) / d2
@@ -134,16 +134,16 @@ class PrismTip(LowestInTheMiddle):
         notch = (side.notch_r_mm * math.cos(half), side.notch_r_mm * math.sin(half))
         notch_start = (notch[0] - q * side.normal[0], notch[1] - q * side.normal[1])
         notch_middle = (notch[0] - q * math.cos(half), notch[1] - q * math.sin(half))
-        notch_end = _turned(_mirrored(notch_start), 2 * half)
+        notch_end = _rotate(_mirror_y(notch_start), 2 * half)
         segments: list[tuple[str, tuple[Point2, ...]]] = []
         for k in range(self.points):
             turn = 2 * half * k
             if self._notch_angle > MIN_NOTCH_RAD:
-                segments.append(("line", (_turned(notch_start, turn),)))
-                segments.append(("arc", (_turned(notch_middle, turn), _turned(notch_end, turn))))
-            tip = _turned((self.outer_mm, 0.0), turn + 2 * half)
-            segments.append(("line", (_turned(_mirrored(start), turn + 2 * half),)))
-            segments.append(("arc", (tip, _turned(start, turn + 2 * half))))
+                segments.append(("line", (_rotate(notch_start, turn),)))
+                segments.append(("arc", (_rotate(notch_middle, turn), _rotate(notch_end, turn))))
+            tip = _rotate((self.outer_mm, 0.0), turn + 2 * half)
+            segments.append(("line", (_rotate(_mirror_y(start), turn + 2 * half),)))
+            segments.append(("arc", (tip, _rotate(start, turn + 2 * half))))
         return start, segments
 
     @property
@@ -169,10 +169,10 @@ class _Side:
     length_mm: float
 
 
-def _turned(p: Point2, angle: float) -> Point2:
+def _rotate(p: Point2, angle: float) -> Point2:
     c, s = math.cos(angle), math.sin(angle)
     return c * p[0] - s * p[1], s * p[0] + c * p[1]
 
 
-def _mirrored(p: Point2) -> Point2:
+def _mirror_y(p: Point2) -> Point2:
     return p[0], -p[1]

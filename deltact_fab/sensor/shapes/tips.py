@@ -87,9 +87,10 @@ class RidgeTip(LowestInTheMiddle):
 
     def __post_init__(self) -> None:
         require_positive(self, "radius_mm", "half_width_mm", "length_mm")
-        less("0", 0.0, "flank_deg", self.flank_deg)
-        less("flank_deg", self.flank_deg, "90", 90.0)
-        less("radius_mm cos(flank_deg)", self.nose_half_mm, "half_width_mm", self.half_width_mm)
+        check_less("0", 0.0, "flank_deg", self.flank_deg)
+        check_less("flank_deg", self.flank_deg, "90", 90.0)
+        half_mm = self.half_width_mm
+        check_less("radius_mm cos(flank_deg)", self.nose_half_mm, "half_width_mm", half_mm)
 
     @property
     def nose_half_mm(self) -> float:
@@ -177,7 +178,7 @@ def require_positive(record: object, *names: str) -> None:
             raise ShapeError(f"{name} > 0 and finite: {value} fails")
 
 
-def less(small: str, a: float, large: str, b: float) -> None:
+def check_less(small: str, a: float, large: str, b: float) -> None:
     """Raise ShapeError stating `a < b` with its numbers unless it holds (NaN fails)."""
     if not a < b:
         raise ShapeError(f"{small} < {large}: {a:g} < {b:g} fails")

@@ -18,7 +18,7 @@ import numpy as np
 
 from deltact_fab.common import Field, Point2
 
-from .tips import less
+from .tips import check_less
 
 RELATIVE_ROUNDING = 1e-9  # by hand: of sums and roots of decimal fractions
 
@@ -52,8 +52,8 @@ class TurnedTip:
     @classmethod
     def cylinder(cls, radius_mm: float, edge_mm: float) -> TurnedTip:
         """Vertical cylinder with a flat end and an edge rounded with edge_mm."""
-        less("0", 0.0, "edge_mm", edge_mm)
-        less("edge_mm", edge_mm, "radius_mm", radius_mm)
+        check_less("0", 0.0, "edge_mm", edge_mm)
+        check_less("edge_mm", edge_mm, "radius_mm", radius_mm)
         flat = radius_mm - edge_mm
         edge = ProfilePiece((radius_mm, edge_mm), (flat, edge_mm))
         return cls(0.0, 0.0, radius_mm, (0.0, 0.0), (ProfilePiece((flat, 0.0)), edge))
@@ -61,8 +61,8 @@ class TurnedTip:
     @classmethod
     def ring(cls, radius_mm: float, tube_mm: float) -> TurnedTip:
         """Lower half of a torus with outer radius radius_mm and tube radius tube_mm."""
-        less("0", 0.0, "tube_mm", tube_mm)
-        less("2 tube_mm", 2 * tube_mm, "radius_mm", radius_mm)
+        check_less("0", 0.0, "tube_mm", tube_mm)
+        check_less("2 tube_mm", 2 * tube_mm, "radius_mm", radius_mm)
         middle = radius_mm - tube_mm
         half = ProfilePiece((radius_mm, tube_mm), (middle, tube_mm))
         return cls(0.0, 0.0, tube_mm, (middle - tube_mm, tube_mm), (half,))
@@ -82,17 +82,17 @@ class TurnedTip:
         of the flank from the horizontal. edge_mm: rounding of the brim's edge. The dome's radius
         follows: (crown_radius tan(flank) - crown) / (1 / cos(flank) - 1).
         """
-        less("1", 1.0, "flank_deg", flank_deg)
-        less("flank_deg", flank_deg, "90", 90.0)
-        less("0", 0.0, "crown_mm", crown_mm)
-        less("0", 0.0, "edge_mm", edge_mm)
-        less("crown_radius_mm + edge_mm", crown_radius_mm + edge_mm, "radius_mm", radius_mm)
+        check_less("1", 1.0, "flank_deg", flank_deg)
+        check_less("flank_deg", flank_deg, "90", 90.0)
+        check_less("0", 0.0, "crown_mm", crown_mm)
+        check_less("0", 0.0, "edge_mm", edge_mm)
+        check_less("crown_radius_mm + edge_mm", crown_radius_mm + edge_mm, "radius_mm", radius_mm)
         flank = math.radians(flank_deg)
         high = crown_radius_mm * math.tan(flank)
-        less("crown_mm", crown_mm, "crown_radius_mm tan(flank_deg)", high)
+        check_less("crown_mm", crown_mm, "crown_radius_mm tan(flank_deg)", high)
         dome = (high - crown_mm) / (1 / math.cos(flank) - 1)
         tangent = dome * math.sin(flank), dome * (1 - math.cos(flank))
-        less("edge of the dome", tangent[0], "crown_radius_mm", crown_radius_mm)
+        check_less("edge of the dome", tangent[0], "crown_radius_mm", crown_radius_mm)
         flat = radius_mm - edge_mm
         pieces = (
             ProfilePiece(tangent, (0.0, dome)),
@@ -103,9 +103,9 @@ class TurnedTip:
         return cls(0.0, 0.0, dome, (0.0, 0.0), pieces)
 
     def __post_init__(self) -> None:
-        less("0", 0.0, "radius_mm", self.radius_mm)
+        check_less("0", 0.0, "radius_mm", self.radius_mm)
         for a, piece in self._segments():
-            less("d of a point", a[0], "d of the next", piece.end_mm[0])
+            check_less("d of a point", a[0], "d of the next", piece.end_mm[0])
 
     @property
     def rim_mm(self) -> float:

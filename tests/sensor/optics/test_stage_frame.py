@@ -51,11 +51,11 @@ def test_signs_of_the_tilt() -> None:
 def test_tilt_from_face_normal(frame: StageFrame) -> None:
     top, origin = frame.to_machine_mm((0, 0, 3.0)), frame.origin_machine_mm
     normal = (top[0] - origin[0], top[1] - origin[1], top[2] - origin[2])
-    found = StageFrame(origin, frame.angle_deg).facing(normal)
+    found = StageFrame(origin, frame.angle_deg).with_normal(normal)
     assert found.tilt_deg == pytest.approx(frame.tilt_deg, abs=1e-9)
 
 
 @pytest.mark.parametrize("normal", [(0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.0, 0.0, math.nan)])
 def test_a_normal_that_is_none(normal: tuple[float, float, float]) -> None:
     with pytest.raises(ValueError, match="must point up"):
-        StageFrame((0.0, 0.0, 0.0)).facing(normal)
+        StageFrame((0.0, 0.0, 0.0)).with_normal(normal)

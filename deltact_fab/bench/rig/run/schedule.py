@@ -163,7 +163,7 @@ class Schedule:
     def cut_off(self, step: Step) -> None:
         """Keep what the streams held when the run broke off. Raises RunFailed."""
         self._account(step)
-        self._writer.cut_off(step, self._take())
+        self._writer.interrupted_step(step, self._take())
 
     def event(self, kind: str, text: str, step: Step | None = None) -> None:
         self._writer.event(kind, text, self._d.clock.now_s(), step)
