@@ -108,7 +108,7 @@ SPOILT: dict[str, tuple[Callable[[Path], object], str, str, str]] = {
     "strange frame": (
         lambda r: sql(r, "UPDATE frames SET frame_id = 'x#001' "
                          f"WHERE frame_id = '{PRESS}/rest#001'"),
-        "extra", "x#001", "does not have",
+        "extra", "x#001", "not in the protocol",
     ),
     "moved": (
         lambda r: sql(r, f"UPDATE steps SET seq = 900 WHERE step_id = '{PRESS}/after'"),

@@ -269,9 +269,9 @@ def sql(text: str) -> Callable[[Path], object]:
 
 DAMAGED: dict[str, tuple[Callable[[Path], object], str]] = {
     "row": (sql("DELETE FROM frames WHERE k = 2"), "not listed in the journal"),
-    "stream": (sql("DELETE FROM samples WHERE stream = 'pose'"), "None of pose, and"),
+    "stream": (sql("DELETE FROM samples WHERE stream = 'pose'"), "None of pose, but"),
     "image": (lambda r: next((r / "images").iterdir()).unlink(), "No such file"),
-    "summary": (lambda r: (r / "summary.json").unlink(), "summary.json  without it"),
+    "summary": (lambda r: (r / "summary.json").unlink(), "summary.json  needed to verify"),
 }
 
 

@@ -138,7 +138,7 @@ def schema_faults(db: sqlite3.Connection, run_format: int) -> Iterator[str]:
             empty.execute("DROP TABLE files")
         missing = sorted(_columns(empty).keys() - have.keys())
     for table, column in missing:
-        yield f"missing table or column: {table}.{column}"
+        yield f"no such table or column: {table}.{column}"
     if not missing and not db.execute("SELECT count(*) FROM events").fetchone()[0]:
         yield "events: none, at least one expected"
     for (table, column), (kind, needed) in have.items():

@@ -87,7 +87,7 @@ def test_an_old_form_does_what_the_new_one_does_and_says_so(
         ("run smoke --rig vurtual --out x", "did you mean 'virtual'?"),
         ("run smoke", "--out"),
         ("run first-moves --air --out r --seed -1", "-1"),
-        ("run first-moves --air --out r --note \x01", "no character that can be printed"),
+        ("run first-moves --air --out r --note \x01", "is not printable"),
         ("gel press --indenter cube --depth 1", "valid: sphere:DIAMETER_MM"),
         ("gel press --depth 1 --limit-s 0", "more than 0 seconds"),
         ("gel press --depth 1 --poisson 0.6", "poisson"),
