@@ -14,7 +14,7 @@ from pathlib import Path
 
 import grimp
 
-from deltact_fab.door import handed_on
+from deltact_fab.door import door_imports
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -353,7 +353,7 @@ def door(wing: str) -> dict[str, tuple[str, str]]:
     file = ROOT / PACKAGE / wing / "__init__.py"
     if not file.is_file():
         return {}
-    names = handed_on(ast.parse(file.read_text()), f"{PACKAGE}.{wing}")
+    names = door_imports(ast.parse(file.read_text()), f"{PACKAGE}.{wing}")
     return {name: home for name, home in names.items() if home[0].startswith(f"{PACKAGE}.{wing}.")}
 
 

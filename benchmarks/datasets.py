@@ -22,7 +22,14 @@ import numpy as np
 
 from deltact_fab.bench.protocols.plan import Step
 from deltact_fab.bench.record.export import export_run
-from deltact_fab.bench.record.export.lerobot import FIELDS, MOTION, RAW, episodes, levels, values_of
+from deltact_fab.bench.record.export.lerobot import (
+    FEATURE_COLUMNS,
+    MOTION_KEY,
+    RAW_KEY,
+    episodes,
+    levels,
+    values_of,
+)
 from deltact_fab.bench.record.run import open_run
 from deltact_fab.bench.record.streams import Chunk
 from deltact_fab.bench.record.writer import RunWriter
@@ -101,22 +108,22 @@ def main() -> None:
         print(export_run([made], "lerobot", dataset, None, open_follower))
         peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         print(f"peak memory {peak_mb:.0f} MB")
-    keys = [*FIELDS, "timestamp", "frame_index", "episode_index"]
-    words = [dataset, out, json.dumps(keys), json.dumps([RAW, MOTION])]
+    keys = [*FEATURE_COLUMNS, "timestamp", "frame_index", "episode_index"]
+    words = [dataset, out, json.dumps(keys), json.dumps([RAW_KEY, MOTION_KEY])]
     subprocess.run([asked.lerobot, "-c", READ, *map(str, words)], check=True)
     read = dict(np.load(out))  # at once: each look-up would read the file again
     at, off = 0, []
     run = open_run(asked.folder / "run")
     for number, episode in enumerate(episodes([run], open_follower, lambda *told: None)):
         here = slice(at, at + len(episode.table))
-        for key, columns in FIELDS.items():
+        for key, columns in FEATURE_COLUMNS.items():
             wanted = values_of(episode.table, columns)
             single = wanted.astype(np.float32) if wanted.dtype == np.float64 else wanted
             assert np.array_equal(read[key][here], single, equal_nan=True), key
         assert (read["episode_index"][here] == number).all()
         for image, motion in episode.images():
-            assert np.array_equal(read[MOTION][at], levels(motion)), at
-            off.append(np.mean((read[RAW][at].astype(float) - image) ** 2))
+            assert np.array_equal(read[MOTION_KEY][at], levels(motion)), at
+            off.append(np.mean((read[RAW_KEY][at].astype(float) - image) ** 2))
             at += 1
     assert np.array_equal(read["timestamp"], np.float32(read["frame_index"] / RATE_HZ))
     psnr_db = 10 * np.log10(255**2 / np.mean(off))

@@ -39,7 +39,7 @@ class Believed:
     @property
     def view(self) -> SensorModel:
         """The sensor as believed."""
-        camera = Pinhole.of(load_design("deltact"))
+        camera = Pinhole.from_sensor(load_design("deltact"))
         eye_mm = self.eye * camera.eye_distance_mm
         view = SensorModel(replace(camera, eye_distance_mm=eye_mm), SKIN)
         return view.with_gel(self.poisson, SKIN.thickness_mm + self.thicker_mm)
@@ -64,7 +64,7 @@ def force_row(believed: Believed) -> dict[str, Any]:
     """Left-out figures of each model on the presses that set nothing, and of other shapes."""
     balls = [p for p in presses() if p.indenter.startswith("sphere:")][SETTINGS:]
     others = [p for p in presses() if not p.indenter.startswith("sphere:")]
-    camera = Pinhole.of(load_design("deltact"))
+    camera = Pinhole.from_sensor(load_design("deltact"))
     seen = {p: flows(p, camera, believed.noise_px, believed.wide_mm) for p in [*balls, *others]}
     found: dict[str, Any] = {"presses": len(balls), "states": sum(len(seen[p]) for p in balls)}
     for name in believed.models:
@@ -91,7 +91,7 @@ def learning_row() -> dict[str, Any]:
     """Normal and shear error from 1, 3, 5 and 12 presses at scattered places, drawn DRAWS times."""
     balls = [p for p in presses() if p.indenter.startswith("sphere:")][SETTINGS:]
     believed = CONDITIONS[0]
-    camera = Pinhole.of(load_design("deltact"))
+    camera = Pinhole.from_sensor(load_design("deltact"))
     seen = {p: flows(p, camera, believed.noise_px, believed.wide_mm) for p in balls}
     found: dict[str, Any] = {}
     for name in believed.models:

@@ -27,7 +27,7 @@ LENGTHS = (1.0, 3.0)  # of the median distance
 def rival_row(kind: str) -> dict[str, Any]:
     """Left-out place and indenter of "ridge" or "kernel", each with its mirror images taught."""
     balls = [p for p in presses() if p.indenter.startswith("sphere:")][SETTINGS:]
-    camera, told = Pinhole.of(load_design("deltact")), CONDITIONS[0]
+    camera, told = Pinhole.from_sensor(load_design("deltact")), CONDITIONS[0]
     x = {p: _columns(flows(p, camera, told.noise_px, told.wide_mm)) for p in balls}
     found: dict[str, Any] = {}
     by: dict[str, Callable[[Press], Any]] = {

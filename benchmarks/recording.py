@@ -83,7 +83,7 @@ def measured(
     step = Step("a/p1/press", "a/p1", "sphere:10", "press", (0.0, 0.0, -1.0), 30.0, frames)
     meta = {"simulated": False, "camera": None, "rig": {"camera": {"format": suffix}}}
     writer = RunWriter.create(folder, meta, b"", {"dots_mm": [], "dot_diameter_mm": 0.0}, [step])
-    writer.ready()
+    writer.load_encoder()
     dropped = 0
     with Late() as late:
         cpu_s, start_s = time.process_time(), time.monotonic()

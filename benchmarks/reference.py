@@ -71,7 +71,7 @@ def _index() -> str:
         "| shipped |",
         "|---|---|---|---|",
     ]
-    for folder, marks in catalog.MARKS.items():
+    for folder, marks in catalog.KIND_KEYS.items():
         names = ", ".join(f"`{mark}`" for mark in sorted(marks))
         kinds = " or ".join(k.name for k in FILE_KINDS.values() if k.catalogue == folder)
         lines.append(f"| {kinds} | `{folder}/NAME.toml` | `NAME.toml` ({names}) | `NAME` |")

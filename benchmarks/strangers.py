@@ -47,7 +47,7 @@ NOISE_PX = 0.05  # alike over a millimetre; the tracker's own on rendered images
 LEARN = 10  # presses
 MARGIN = stdtrit(LEARN - 1, 0.975) * np.sqrt(1 + 1 / LEARN)  # of the error told: 95 %
 CONTACT = 0.05  # of the peak pressure: where there is a contact
-BELIEVED = SensorModel(Pinhole.of(load_design("deltact")), SkinDimensions(), 0.49)
+BELIEVED = SensorModel(Pinhole.from_sensor(load_design("deltact")), SkinDimensions(), 0.49)
 
 
 @dataclass(frozen=True)

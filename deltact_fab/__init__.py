@@ -37,7 +37,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from deltact_fab.door import open_door
-from deltact_fab.version import VERSION as __version__
+from deltact_fab.version import PACKAGE_VERSION as __version__
 
 if TYPE_CHECKING:
     from deltact_fab.bench import load_protocol, open_probe

@@ -1,4 +1,4 @@
-"""What `python -m deltact_fab` runs: the command line."""
+"""Entry point of `python -m deltact_fab`: the command line."""
 
 from deltact_fab.app import entry
 

@@ -1,4 +1,4 @@
-"""The door of a package: names that others may use, each loaded from its file on first use.
+"""Door of a package: its public names, each loaded from its file on first use.
 
 An `__init__.py` lists them once, as imports for type checkers:
 
@@ -7,8 +7,8 @@ An `__init__.py` lists them once, as imports for type checkers:
     else:
         __getattr__, __dir__ = open_door(__name__)
 
-Type checkers, import-linter, `digest` and this module read the same statements, so that no second
-table can say something else.
+Type checkers, import-linter, `digest` and this module read the same statements, so no second list
+can differ.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def open_door(package: str) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
-    """The functions `__getattr__` and `__dir__` of a package that lists its names as above."""
+    """Return `__getattr__` and `__dir__` for a package that lists its names as above."""
     module = sys.modules[package]
     names: dict[str, tuple[str, str]] = {}
 
@@ -33,7 +33,7 @@ def open_door(package: str) -> tuple[Callable[[str], object], Callable[[], list[
 
         loader = module.__spec__.loader if module.__spec__ else None
         source = loader.get_source(package) if loader else None  # type: ignore[attr-defined]
-        names.update(handed_on(ast.parse(source or ""), package))
+        names.update(door_imports(ast.parse(source or ""), package))
         return names
 
     def load(name: str) -> object:
@@ -49,10 +49,10 @@ def open_door(package: str) -> tuple[Callable[[str], object], Callable[[], list[
     return load, lambda: sorted({*vars(module), *homes()})
 
 
-def handed_on(tree: ast.Module, package: str) -> dict[str, tuple[str, str]]:
-    """The names that a package's `__init__` imports, each with its module and its name there.
+def door_imports(tree: ast.Module, package: str) -> dict[str, tuple[str, str]]:
+    """Map the names imported in a package's `__init__` to (module, name there).
 
-    Imports at the top count, and those for type checkers.
+    Counts imports at the top and under TYPE_CHECKING.
     """
     import ast
     from importlib.util import resolve_name

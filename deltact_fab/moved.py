@@ -1,4 +1,4 @@
-"""Module paths that the documents of 0.3 taught: they lead on, with a warning, until 0.5."""
+"""Module paths documented in 0.3: forwarded with a warning until 0.5."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from importlib.abc import Loader
 from importlib.machinery import ModuleSpec
 from types import ModuleType
 
-_TOP = __name__.partition(".")[0]
-# Each taught path with its names and what they are now: a name of the top, or MODULE:NAME.
-TAUGHT: dict[str, dict[str, str]] = {
+_TOP_NAME = __name__.partition(".")[0]
+# Names of each old path and their new ones: a top-level name, or MODULE:NAME.
+MOVED_NAMES: dict[str, dict[str, str]] = {
     "aliases": {"Vector": "common.aliases:Point"},
     "analysis.force": {
         "calibrate": "calibrate_force",
@@ -60,29 +60,29 @@ TAUGHT: dict[str, dict[str, str]] = {
 
 
 class MovedModule(Loader):
-    """Loads a taught path, or a package above one, as a module that hands on its taught names."""
+    """Loader of an old path, or a package above one, as a module that forwards its names."""
 
     def exec_module(self, module: ModuleType) -> None:
-        """Warn once, then look each name up where it is now."""
-        names = TAUGHT.get(module.__name__.partition(".")[2])
-        if names is None:  # above a taught path
+        """Warn once, then look up each name at its new location."""
+        names = MOVED_NAMES.get(module.__name__.partition(".")[2])
+        if names is None:  # package above an old path
             return
         public = [f"dt.{new}" for new in names.values() if ":" not in new]
-        instead = f"`import {_TOP} as dt` has {', '.join(public) or 'nothing in its place'}"
+        instead = f"`import {_TOP_NAME} as dt` has {', '.join(public) or 'nothing in its place'}"
         warnings.warn(f"{module.__name__} goes in 0.5: {instead}", FutureWarning, stacklevel=2)
 
         def load(name: str) -> object:
             if name not in names:
                 raise AttributeError(f"module {module.__name__!r} has no attribute {name!r}")
-            home, _, there = names[name].rpartition(":")
-            return getattr(import_module(f"{_TOP}.{home}" if home else _TOP), there)
+            home, _, attribute = names[name].rpartition(":")
+            return getattr(import_module(f"{_TOP_NAME}.{home}" if home else _TOP_NAME), attribute)
 
         vars(module)["__getattr__"] = load
 
 
 def spec_of(name: str) -> ModuleSpec | None:
-    """The spec of a module at its old path; None for any other."""
+    """Spec of a module at an old path; None for any other."""
     old = f"{name.partition('.')[2]}."
-    if any(f"{path}.".startswith(old) for path in TAUGHT):
+    if any(f"{path}.".startswith(old) for path in MOVED_NAMES):
         return ModuleSpec(name, MovedModule(), is_package=True)
     return None

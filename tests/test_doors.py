@@ -14,19 +14,19 @@ from pathlib import Path
 import pytest
 
 from deltact_fab.common import digest
-from deltact_fab.door import handed_on
-from deltact_fab.paths import PACKAGE
+from deltact_fab.door import door_imports
+from deltact_fab.paths import PACKAGE_DIR
 
-ROOT = PACKAGE.parent
-WINGS = sorted(file.parent.name for file in PACKAGE.glob("*/__init__.py"))
+ROOT = PACKAGE_DIR.parent
+WINGS = sorted(file.parent.name for file in PACKAGE_DIR.glob("*/__init__.py"))
 MOST, MOST_ALL = 60, 364
 """Names at a door and at all of them: ceilings that only fall; the aim is 300 in all."""
 
 
 def door(wing: str) -> dict[str, tuple[str, str]]:
     """The names at a wing's door, each with its module and its name there."""
-    tree = ast.parse((PACKAGE / wing / "__init__.py").read_text())
-    names = handed_on(tree, f"deltact_fab.{wing}")
+    tree = ast.parse((PACKAGE_DIR / wing / "__init__.py").read_text())
+    names = door_imports(tree, f"deltact_fab.{wing}")
     inside = f"deltact_fab.{wing}."
     return {name: home for name, home in names.items() if home[0].startswith(inside)}
 
@@ -35,7 +35,7 @@ def door(wing: str) -> dict[str, tuple[str, str]]:
 def users() -> dict[tuple[str, str], list[Path]]:
     """The files of the package that import a name from another wing's door, by wing and name."""
     found: dict[tuple[str, str], list[Path]] = {}
-    for file in sorted(PACKAGE.rglob("*/*.py")):
+    for file in sorted(PACKAGE_DIR.rglob("*/*.py")):
         for node in ast.walk(ast.parse(file.read_text())):
             top, _, wing = (getattr(node, "module", None) or "").partition(".")
             if isinstance(node, ast.ImportFrom) and top == "deltact_fab" and wing in WINGS:
@@ -64,7 +64,8 @@ def test_doors_stay_small() -> None:
 
 def test_door_names_are_used_outside(users: dict[tuple[str, str], list[Path]]) -> None:
     listed = {(wing, name) for wing in WINGS for name in door(wing)}
-    outermost = handed_on(ast.parse((PACKAGE / "__init__.py").read_text()), "deltact_fab").values()
+    top = ast.parse((PACKAGE_DIR / "__init__.py").read_text())
+    outermost = door_imports(top, "deltact_fab").values()
     taken = {(home.partition(".")[2], name) for home, name in outermost} | {("app", "entry")}
     assert sorted(listed - {*users} - taken) == []
     assert sorted({*users} - listed) == []
@@ -76,25 +77,25 @@ def test_a_digest_follows_names_behind_doors(users: dict[tuple[str, str], list[P
     followed = 0
     for wing, name in drawn:
         path = Path(str(import_module(door(wing)[name][0]).__file__))
-        user = next((file for file in users[wing, name] if path in digest.imported(file)), None)
+        user = next((f for f in users[wing, name] if path in digest.imported_files(f)), None)
         if user is None:  # types alone, which no result depends on
             continue
         followed += 1
-        module = ".".join(user.relative_to(PACKAGE).with_suffix("").parts)
+        module = ".".join(user.relative_to(PACKAGE_DIR).with_suffix("").parts)
         files = digest.code_files(module.removesuffix(".__init__"))
         assert path in files, f"{module}: {wing}.{name}"
-        assert PACKAGE / wing / "__init__.py" not in files
+        assert PACKAGE_DIR / wing / "__init__.py" not in files
         text = path.read_text()
-        before = digest.meaning(ast.parse(text))
-        assert digest.meaning(ast.parse(f"{text}\nPLANTED = 1.5\n")) != before
-        assert digest.meaning(ast.parse(f'{text}\n"""Other words."""  # a remark\n')) == before
+        before = digest.code_text(ast.parse(text))
+        assert digest.code_text(ast.parse(f"{text}\nPLANTED = 1.5\n")) != before
+        assert digest.code_text(ast.parse(f'{text}\n"""Other words."""  # a remark\n')) == before
     assert followed >= 15
 
 
 def test_what_is_silent_is_no_wing() -> None:
     """Errors and the store count in no digest; what else is common does."""
     files = {
-        path.relative_to(PACKAGE).as_posix() for path in digest.code_files("physics.gel.press")
+        path.relative_to(PACKAGE_DIR).as_posix() for path in digest.code_files("physics.gel.press")
     }
     assert "common/aliases.py" in files
     assert not files & {"common/errors.py", "common/cache.py", "common/digest.py", "door.py"}
@@ -104,7 +105,8 @@ def test_what_is_silent_is_no_wing() -> None:
 @pytest.mark.slow
 def test_leak_through_two_doors_fails(tmp_path: Path) -> None:
     """An estimator that imports the record, which imports the gel: each through its door."""
-    shutil.copytree(PACKAGE, tmp_path / "deltact_fab", ignore=shutil.ignore_patterns("__pycache__"))
+    ignore = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(PACKAGE_DIR, tmp_path / "deltact_fab", ignore=ignore)
     shutil.copy(ROOT / "pyproject.toml", tmp_path)
 
     def contracts() -> str:

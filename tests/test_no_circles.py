@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from deltact_fab.common import digest
-from deltact_fab.door import handed_on
+from deltact_fab.door import door_imports
 
 
 def circle(needs: Mapping[Path, Iterable[Path]]) -> list[Path]:
@@ -26,7 +26,7 @@ def circle(needs: Mapping[Path, Iterable[Path]]) -> list[Path]:
 def graph(package: Path) -> dict[Path, set[Path]]:
     """Each file with those it names: what it runs, what it names for types, and the faces."""
     return {
-        path: {*digest.imported(path, package), *named(path, package)} - {path}
+        path: {*digest.imported_files(path, package), *named(path, package)} - {path}
         for path in sorted(package.rglob("*.py"))
     }
 
@@ -57,7 +57,7 @@ def behind(module: Path, name: str, package: Path) -> Iterator[Path]:
         # Beside nothing but names a package's docstring is no face.
         package_name = ".".join((package.name, *module.relative_to(package).parts))
         tree = ast.parse(face.read_text(encoding="utf-8"))
-        if name in (names := handed_on(tree, package_name)):
+        if name in (names := door_imports(tree, package_name)):
             home, original = names[name]
             yield from behind(package.joinpath(*home.split(".")[1:]), original, package)
             return
@@ -67,7 +67,7 @@ def behind(module: Path, name: str, package: Path) -> Iterator[Path]:
 @pytest.mark.slow
 def test_no_circle_among_files() -> None:
     """Imports in functions count, and those for type checking alone."""
-    needs = graph(digest.PACKAGE)
+    needs = graph(digest.PACKAGE_DIR)
     assert len(needs) > 200
     assert any(needs.values())
-    assert [path.relative_to(digest.PACKAGE).as_posix() for path in circle(needs)] == []
+    assert [path.relative_to(digest.PACKAGE_DIR).as_posix() for path in circle(needs)] == []

@@ -21,7 +21,7 @@ import pytest
 
 import deltact_fab as dt
 from deltact_fab import moved
-from deltact_fab.door import handed_on
+from deltact_fab.door import door_imports
 
 ROOT = Path(__file__).parents[1]
 TOUR = json.loads((Path(__file__).parents[1] / "examples/tour.ipynb").read_text())
@@ -33,7 +33,7 @@ TASKS = ["".join(c["source"]) for c in TOUR["cells"] if "task" in c["metadata"].
 def _no_old_path_loaded() -> Iterator[None]:
     """A path is loaded, and warns, once a process."""
     yield
-    for path in {p for taught in moved.TAUGHT for p in (taught, taught.partition(".")[0])}:
+    for path in {p for taught in moved.MOVED_NAMES for p in (taught, taught.partition(".")[0])}:
         sys.modules.pop(f"deltact_fab.{path}", None)
         vars(dt).pop(path, None)
 
@@ -63,7 +63,7 @@ def test_names_are_offered_once() -> None:
 
 
 def test_exported_names_have_a_line() -> None:
-    homes = handed_on(ast.parse(Path(dt.__file__).read_text()), "deltact_fab")
+    homes = door_imports(ast.parse(Path(dt.__file__).read_text()), "deltact_fab")
     ours = {name for name, (home, _) in homes.items() if home.startswith("deltact_fab")}
     assert ours - {"open_door"} == {*dt.__all__}
     assert dt.__all__[1:] == re.findall(r"(?m)^- `(\w+)`: [A-Z].+\.$", dt.__doc__ or "")
@@ -76,13 +76,13 @@ def test_an_import_loads_the_version_alone() -> None:
 
 
 def test_old_user_code_still_works() -> None:
-    for path, names in moved.TAUGHT.items():
+    for path, names in moved.MOVED_NAMES.items():
         with pytest.warns(FutureWarning, match=re.escape(f"deltact_fab.{path} goes in 0.5: ")):
             module = import_module(f"deltact_fab.{path}")
         for old, new in names.items():
             assert ":" in new or getattr(module, old) is getattr(dt, new), f"{path}.{old}"
             assert hasattr(module, old), f"{path}.{old}"
-    assert {"record", "rig.config", "cad.registry", "shapes.indenter"} <= moved.TAUGHT.keys()
+    assert {"record", "rig.config", "cad.registry", "shapes.indenter"} <= moved.MOVED_NAMES.keys()
 
 
 def test_moved_path_warns_once() -> None:

@@ -1,4 +1,4 @@
-"""What every wing uses: errors, files, units, the catalogue, the cache, jobs and page templates."""
+"""Shared basics: errors, files, units, the catalogue, the cache, jobs and page templates."""
 
 from __future__ import annotations
 

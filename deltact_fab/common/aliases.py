@@ -1,4 +1,4 @@
-"""Plain types that many signatures share; an array's shape stands in the docstring."""
+"""Type aliases of many signatures; docstrings state the shapes of arrays."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Progress = Callable[[int, int, str], None]
-"""Told how far a job is: steps done, steps in all, what is being done."""
+"""Progress callback: steps done, steps in total, current step."""
 
 Point2 = tuple[float, float]
 Point = tuple[float, float, float]
@@ -20,15 +20,14 @@ Array = NDArray[Any]
 Field = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-_WARNING = "WARNING: "  # how the line of a note begins that is one
+_WARNING_PREFIX = "WARNING: "  # prefix of a warning's line
 
 
 @dataclass(frozen=True)
 class Note:
-    """A flag of a solver, an event of a sensor, a thing left out, a remark on a run.
+    """Remark on a result: solver flag, sensor event, skipped item.
 
-    id: the same whatever the text says; notes are counted and chosen by it. warns: a reader must
-    not miss it.
+    id: independent of the text; notes are counted and filtered by it. warns: shown as a warning.
     """
 
     id: str
@@ -37,15 +36,15 @@ class Note:
 
     @property
     def labelled(self) -> str:
-        """`ID: text`, for a text that does not name its subject."""
+        """Text with its id, `ID: text`."""
         return f"{self.id}: {self.text}"
 
     @property
     def line(self) -> str:
-        """The text alone, marked where it warns."""
-        return _WARNING * self.warns + self.text
+        """Text, with the prefix of a warning if it warns."""
+        return _WARNING_PREFIX * self.warns + self.text
 
     @classmethod
     def from_line(cls, line: str) -> Note:
-        """Read back a `line`; the note has no id."""
-        return cls("", line.removeprefix(_WARNING), line.startswith(_WARNING))
+        """Parse a `line`; the note has no id."""
+        return cls("", line.removeprefix(_WARNING_PREFIX), line.startswith(_WARNING_PREFIX))

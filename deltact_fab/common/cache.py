@@ -1,8 +1,8 @@
-"""The one content-hash store: what was measured or computed once, found again by what it was from.
+"""Cache of computed results, addressed by the hash of their inputs.
 
-An entry lies in the user's cache folder under the SHA-256 of its key: the value as Python packs it,
-behind a SHA-256 of both. Losing the folder costs time and nothing else. What lies there is trusted
-as the compiled code is that numba keeps: let nobody else write into it.
+An entry is a file in the user's cache folder named by the SHA-256 of its key: the pickled value,
+preceded by a SHA-256 of key and value. Losing the folder costs only time. Its content is trusted,
+like numba's compiled code: nobody else may have write access.
 """
 
 from __future__ import annotations
@@ -22,41 +22,41 @@ from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from deltact_fab.version import VERSION
+from deltact_fab.version import PACKAGE_VERSION
 
 from . import digest
 from .files import whole_file
 
 FOLDER_VARIABLE = "DELTACT_FAB_CACHE"
-_ABANDONED_S = 3600.0
-_SEAL_BYTES = 32
+_ABANDONED_S = 3600.0  # by hand: older partial files belong to dead processes
+_SEAL_BYTES = 32  # definition: length of a SHA-256
 
 
 def cache_folder() -> Path:
-    """$DELTACT_FAB_CACHE, else deltact-fab in the user's cache folder; it need not exist."""
-    if named := os.environ.get(FOLDER_VARIABLE):
-        return Path(named)
+    """Return $DELTACT_FAB_CACHE, else deltact-fab in the user's cache folder; may not exist."""
+    if override := os.environ.get(FOLDER_VARIABLE):
+        return Path(override)
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "deltact-fab"
 
 
 def cache_key(
-    *code: str, package: Path = digest.PACKAGE, libraries: tuple[str, ...] = (), **given: Any
+    *code: str, package: Path = digest.PACKAGE_DIR, libraries: tuple[str, ...] = (), **inputs: Any
 ) -> dict[str, Any]:
-    """Make the key of a result: its code, what decides it beside, and what it was made from.
+    """Make the key of a result from its code, library versions and inputs.
 
-    code, package: as of `code_digest`. libraries: distributions whose versions count, and with them
-    the machine. given: plain data and dataclasses.
+    code, package: as in `code_digest`. libraries: distributions whose versions count, together with
+    the machine type. inputs: plain data and dataclasses.
     """
     made_by = _versions(libraries) if libraries else {}
     return {
         "code": digest.code_digest(*code, package=package),
         "made_by": made_by,
-        **plain_data(given),
+        **plain_data(inputs),
     }
 
 
 def plain_data(value: Any) -> Any:
-    """Nested dataclasses as JSON holds them, each with the name of its class."""
+    """Convert nested dataclasses to plain data, each with its class name."""
     if is_dataclass(value) and not isinstance(value, type):
         inside = {f.name: plain_data(getattr(value, f.name)) for f in fields(value)}
         return {"class": type(value).__name__, **inside}
@@ -64,30 +64,30 @@ def plain_data(value: Any) -> Any:
         return {str(key): plain_data(item) for key, item in value.items()}
     if isinstance(value, tuple | list):
         return [plain_data(item) for item in value]
-    # What it does is in the digest of the sources.
+    # Its code is in the digest of the sources.
     return value.__qualname__ if callable(value) else value
 
 
 @functools.cache
 def _versions(libraries: tuple[str, ...]) -> dict[str, str]:
-    found = {
-        "deltact-fab": VERSION,
+    versions = {
+        "deltact-fab": PACKAGE_VERSION,
         "machine": platform.machine(),
         "zlib": zlib.ZLIB_RUNTIME_VERSION,
     }
     for name in libraries:
         try:
-            found[name] = importlib.metadata.version(name)
+            versions[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
-            found[name] = "absent"
-    return found
+            versions[name] = "absent"
+    return versions
 
 
 @dataclass(frozen=True)
 class Store:
-    """Values of one kind in the user's cache folder, each under the key it was computed from.
+    """Cached values of one kind, by the key they were computed from.
 
-    limit_bytes: what the kind may take of the disk; the longest unused entries make room.
+    limit_bytes: disk space of the kind; the least recently used entries are deleted.
     """
 
     kind: str
@@ -95,11 +95,11 @@ class Store:
 
     @property
     def folder(self) -> Path:
-        """The folder of the kind; it need not exist."""
+        """Folder of the kind; may not exist."""
         return cache_folder() / self.kind
 
     def read(self, key: dict[str, Any]) -> Any | None:
-        """The value stored under a key, or None; a damaged entry counts as none."""
+        """Return the value of a key, or None if it is missing or damaged."""
         path = cache_folder() / self.file(key)
         try:
             entry = path.read_bytes()
@@ -108,16 +108,16 @@ class Store:
         seal, data = entry[:_SEAL_BYTES], entry[_SEAL_BYTES:]
         if seal != _seal(path, data):
             return None
-        # Its last use, which `trim` goes by.
+        # Time of last use, for `trim`.
         with contextlib.suppress(OSError):
             os.utime(path)
         return pickle.loads(data)
 
     def write(self, key: dict[str, Any], value: Any) -> bool:
-        """Store a value under a key that holds its code, whole or not at all; False: not stored."""
+        """Store a value under a key atomically; False if it could not be stored."""
         path, data = cache_folder() / self.file(key), pickle.dumps(value)
         try:
-            _put(path, _seal(path, data) + data)
+            _write_entry(path, _seal(path, data) + data)
         except OSError:
             return False
         if self.limit_bytes is not None:
@@ -125,30 +125,29 @@ class Store:
         return True
 
     def file(self, key: dict[str, Any]) -> Path:
-        """The file of a key, from the user's cache folder: it may be copied there."""
+        """Path of a key's file, relative to the user's cache folder."""
         text = json.dumps(key, sort_keys=True, separators=(",", ":"))
         return Path(self.kind, f"{hashlib.sha256(text.encode()).hexdigest()}.bin")
 
     def trim(self, limit_bytes: int, keep: Iterable[dict[str, Any]] = ()) -> int:
-        """Delete files, the longest unused first, until they take at most limit_bytes.
+        """Delete the least recently used files until they take at most limit_bytes.
 
-        keep: keys that have just been used; the limit is never below what their files take. What a
-        process that died left half written goes too. Returns the bytes freed; a folder that
-        refuses is left as it is.
+        keep: keys just used; their files always fit. Partial files of dead processes are deleted
+        too. Returns the bytes freed; errors of the folder are ignored.
         """
-        held, freed = [], 0
-        kept = (cache_folder() / self.file(key) for key in keep)
-        limit_bytes = max(limit_bytes, sum(file.stat().st_size for file in kept if file.exists()))
+        candidates, freed = [], 0
+        recent = (cache_folder() / self.file(key) for key in keep)
+        limit_bytes = max(limit_bytes, sum(file.stat().st_size for file in recent if file.exists()))
         with contextlib.suppress(OSError), os.scandir(self.folder) as entries:
             for entry in entries:
                 state = entry.stat(follow_symlinks=False)
                 if entry.name.endswith(".part") and time.time() - state.st_mtime > _ABANDONED_S:
-                    held.append((0.0, entry.name, state.st_size, entry.path))
+                    candidates.append((0.0, entry.name, state.st_size, entry.path))
                 elif entry.name.endswith(".bin"):
-                    held.append((state.st_mtime, entry.name, state.st_size, entry.path))
-        total = sum(size for _, _, size, _ in held)
-        for used, _, size, path in sorted(held):
-            if used > 0 and total - freed <= limit_bytes:
+                    candidates.append((state.st_mtime, entry.name, state.st_size, entry.path))
+        total = sum(size for _, _, size, _ in candidates)
+        for last_use, _, size, path in sorted(candidates):
+            if last_use > 0 and total - freed <= limit_bytes:
                 break
             with contextlib.suppress(OSError):
                 os.unlink(path)
@@ -157,23 +156,23 @@ class Store:
 
 
 def copy_in(name: str, data: bytes) -> None:
-    """A file of another machine's store into this one's; where the folder refuses, nothing."""
+    """Add a file of another machine's store; errors of the folder are ignored."""
     path = cache_folder() / name
     with contextlib.suppress(OSError):
         if not path.exists():
-            _put(path, data)
+            _write_entry(path, data)
 
 
 def copy_out(names: Iterable[str]) -> dict[str, bytes]:
-    """Of these files of the store the bytes of those that are there."""
-    found = {}
+    """Return the bytes of those of the store's files that exist."""
+    contents = {}
     for name in names:
         with contextlib.suppress(OSError):
-            found[name] = (cache_folder() / name).read_bytes()
-    return found
+            contents[name] = (cache_folder() / name).read_bytes()
+    return contents
 
 
-def _put(path: Path, data: bytes) -> None:
+def _write_entry(path: Path, data: bytes) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path, sync=False) as part:
         part.write_bytes(data)

@@ -1,10 +1,10 @@
-"""A name becomes a TOML file: a path, a file of this folder, else the shipped one.
+"""Lookup of TOML files by name: a path, a local file, else the shipped one.
 
-NAME of a kind is the first of ./KIND/NAME.toml, ./NAME.toml where its keys are those of the kind,
-and the shipped KIND/NAME.toml. KIND is cad, patterns, protocols or protocols/rigs.
+NAME of a kind is the first of ./KIND/NAME.toml, ./NAME.toml if its keys match the kind, and the
+shipped KIND/NAME.toml. KIND is cad, patterns, protocols or protocols/rigs.
 
-Whatever is read is validated strictly: an unknown key, a wrong type or a value out of range is
-one line that names file and key.
+Files are validated strictly: an unknown key, a wrong type or a value out of range is one line
+naming file and key.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .errors import InputError, did_you_mean
 from .files import disk_errors, write_whole
 from .reading import read_toml
 
-MARKS: dict[str, frozenset[str]] = {
+KIND_KEYS: dict[str, frozenset[str]] = {
     "cad": frozenset(
         {"base", "skin", "frame", "optics", "body", "indenter", "shape", "module", "bought"}
     ),
@@ -30,58 +30,59 @@ MARKS: dict[str, frozenset[str]] = {
     "protocols": frozenset({"indenters", "positions_mm", "depths_mm", "capture"}),
     "protocols/rigs": frozenset({"stage"}),
 }
-"""Keys at the top of a file that tell its kind: one of them is enough."""
+"""Top-level keys that identify the kind of a file: one is enough."""
 MAX_FAULTS = 20
-"""Of a file that are told: each hint among known keys takes a millisecond."""
-T = TypeVar("T")
+"""Reported faults per file; by hand: each hint takes a millisecond."""
+Model = TypeVar("Model")
 
 
 def catalogue_names(kind: str) -> list[str]:
     """List the names that `find_file` resolves for a kind."""
-    found = {p.stem for folder in (Path(kind), shipped_folder(kind)) for p in folder.glob("*.toml")}
+    names = {p.stem for folder in (Path(kind), shipped_folder(kind)) for p in folder.glob("*.toml")}
     for path in Path().glob("*.toml"):
         with suppress(InputError):
-            if not MARKS[kind].isdisjoint(read_toml(path)):
-                found.add(path.stem)
-    return sorted(found)
+            if not KIND_KEYS[kind].isdisjoint(read_toml(path)):
+                names.add(path.stem)
+    return sorted(names)
 
 
 def find_file(kind: str, name: str) -> Path:
     """Resolve a catalogue name or a path to an existing TOML file.
 
-    Raises InputError naming the nearest catalogue entry when nothing matches.
+    Raises InputError naming the nearest catalogue entry if nothing matches.
     """
-    if kind not in MARKS:
+    if kind not in KIND_KEYS:
         raise ValueError(f"unknown catalogue {kind!r}")
     path = Path(name)
     if path.suffix == ".toml" or path.parent != Path("."):
         if isfile(path):
             return path
-        raise InputError(f"{name}: {'a folder, no file' if isdir(path) else 'no such file'}")
-    own, here, shipped = (
+        raise InputError(f"{name}: {'is a folder' if isdir(path) else 'no such file'}")
+    lab_file, cwd_file, shipped = (
         folder / f"{name}.toml" for folder in (Path(kind), Path(), shipped_folder(kind))
     )
-    if isfile(own):
-        return own
-    # One that is no TOML is the user's to mend: the shipped one would hide it.
-    another = isfile(here) and MARKS[kind].isdisjoint(read_toml(here))
-    if isfile(here) and not another:
-        return here
+    if isfile(lab_file):
+        return lab_file
+    # Invalid TOML raises: the shipped file must not hide the user's mistake.
+    another = isfile(cwd_file) and KIND_KEYS[kind].isdisjoint(read_toml(cwd_file))
+    if isfile(cwd_file) and not another:
+        return cwd_file
     if isfile(shipped):
         return shipped
-    remark = f"; {here} has none of {', '.join(sorted(MARKS[kind]))}" if another else ""
+    remark = f"; {cwd_file} has none of {', '.join(sorted(KIND_KEYS[kind]))}" if another else ""
     hint = did_you_mean(name, catalogue_names(kind))
-    raise InputError(f"{name}: not in the catalogue of {kind}{remark}; {hint}")
+    noun = {"cad": "design"}.get(kind, kind.rpartition("/")[2].removesuffix("s"))
+    raise InputError(f"no {noun} {name!r}{remark}; {hint}")
 
 
 def write_new_file(path: Path, text: str) -> None:
-    """Write a TOML file that is not there yet, whole or not at all.
+    """Write a new TOML file atomically.
 
-    Raises InputError where it is there already, has no folder or does not end in .toml, RunFailed
-    when the disk refuses.
+    Raises InputError if it exists, has no folder or does not end in .toml, RunFailed for a disk
+    error.
     """
     if path.suffix != ".toml":
-        raise InputError(f"{path}: expected the name of a file that ends in .toml")
+        raise InputError(f"{path}: expected a file name ending in .toml")
     with disk_errors(path):
         if path.exists():
             raise InputError(f"{path}: already there; name a new file")
@@ -93,8 +94,8 @@ def write_new_file(path: Path, text: str) -> None:
 def toml_text(data: Mapping[str, Any], about: Sequence[str] = ()) -> str:
     """Format tables as a TOML file that `read_toml` reads.
 
-    data: numbers, strings, booleans, lists and tables of them; about: lines of comment above it.
-    A key whose value is None is left out. Raises ValueError for NaN and infinity.
+    data: numbers, strings, booleans, lists and tables of them; about: comment lines above.
+    Keys with None are omitted. Raises ValueError for NaN and infinity.
     """
     lines = [f"# {line}" for line in about] + _table("", data)
     return "\n".join(lines).lstrip("\n") + "\n"
@@ -113,70 +114,71 @@ def _table(name: str, values: Mapping[str, Any]) -> list[str]:
 
 
 def toml_literal(value: Any) -> str:
-    """Format a value as TOML writes it, on one line. Raises ValueError for NaN and infinity."""
+    """Format a value as a TOML literal on one line. Raises ValueError for NaN and infinity."""
     if isinstance(value, Mapping):
-        inner = ", ".join(f"{name} = {toml_literal(one)}" for name, one in value.items())
+        inner = ", ".join(f"{name} = {toml_literal(item)}" for name, item in value.items())
         return f"{{{inner}}}"
     if isinstance(value, list):
         return f"[{', '.join(map(toml_literal, value))}]"
-    # A JSON value is a TOML one, but for null and a bare DEL.
+    # JSON values are valid TOML, except null and a bare DEL.
     text = json.dumps(value, ensure_ascii=False, allow_nan=False)
     return text.replace("\x7f", "\\u007f")
 
 
-def validate(kind: type[T], data: object, source: str) -> T:
+def validate(kind: type[Model], data: object, source: str) -> Model:
     """Build a pydantic model or dataclass from plain data, strictly.
 
-    Raises InputError of one line: `source: key: what is wrong (got value)`, without a key where
-    values do not go together; further faults follow on the same line, separated by ' | '.
+    Raises InputError of one line: `source: key: fault (got value)`, without a key for faults of
+    several values; further faults follow on the same line, separated by ' | '.
     """
     from pydantic import ValidationError
 
     from .configuration import adapter
 
     try:
-        # By way of JSON: strict on strings and booleans, while a list may still fill a tuple.
+        # Via JSON: strict on strings and booleans, while a list may still fill a tuple.
         text = json.dumps(data, default=str)
-    except RecursionError as why:
-        raise InputError(f"{source}: nested too deep; expected a few levels") from why
+    except RecursionError as error:
+        raise InputError(f"{source}: nested too deep; expected a few levels") from error
     try:
-        return cast(T, adapter(cast(Any, kind)).validate_json(text, strict=True))
-    except ValidationError as why:
-        faults = why.errors()
-        lines = [_line(source, kind, fault) for fault in faults[:MAX_FAULTS]]
-        raise InputError(*lines, untold=max(0, len(faults) - MAX_FAULTS)) from why
+        return cast(Model, adapter(cast(Any, kind)).validate_json(text, strict=True))
+    except ValidationError as error:
+        faults = error.errors()
+        lines = [_fault_text(source, kind, fault) for fault in faults[:MAX_FAULTS]]
+        raise InputError(*lines, untold=max(0, len(faults) - MAX_FAULTS)) from error
 
 
-OUT_OF_LIMITS = {
+OUT_OF_LIMITS_TYPES = {
     "greater_than", "greater_than_equal", "less_than", "less_than_equal", "finite_number"
 }  # fmt: skip
 
 
-def _line(source: str, kind: type, fault: Any) -> str:
-    from .configuration import TAGS, schema_at
+def _fault_text(source: str, kind: type, fault: Any) -> str:
+    from .configuration import TAG_NAMES, schema_at
 
-    at = tuple(part for part in fault["loc"] if part not in (*TAGS, "[key]"))
-    key = ".".join(str(part) for part in at)
-    where = f"{source}: {key}" if key else source
+    path = tuple(part for part in fault["loc"] if part not in (*TAG_NAMES, "[key]"))
+    key = ".".join(str(part) for part in path)
+    location = f"{source}: {key}" if key else source
     if fault["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-        known = list(schema_at(kind, at[:-1]).get("properties", ()))
-        hint = did_you_mean(str(at[-1]), known) if known else "remove it"
-        return f"{where}: unknown key; {hint}"
+        keys = list(schema_at(kind, path[:-1]).get("properties", ()))
+        hint = did_you_mean(str(path[-1]), keys) if keys else "remove it"
+        return f"{location}: unknown key; {hint}"
     if fault["type"] in ("missing", "missing_argument"):
-        return f"{where}: missing key"
+        return f"{location}: missing key"
     message = fault["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, ")
-    message = message.replace("a valid array", "a list")
-    got = fault.get("input")
-    if fault["type"] in OUT_OF_LIMITS:
-        name = next((part for part in reversed(at) if isinstance(part, str)), "value")
-        if limits := _limits(name, schema_at(kind, at)):
-            return f"{where}: {got!r}; expected {limits}"
-    shown = "" if got is None or isinstance(got, dict) else f" (got {got!r})"
-    return f"{where}: {message}{shown}"
+    message = message.replace("Input should be", "expected").replace("a valid array", "a list")
+    message = message.replace("a valid number", "a number without a unit")
+    value = fault.get("input")
+    if fault["type"] in OUT_OF_LIMITS_TYPES:
+        name = next((part for part in reversed(path) if isinstance(part, str)), "value")
+        if limits := _limits(name, schema_at(kind, path)):
+            return f"{location}: {value!r}; expected {limits}"
+    received = "" if value is None or isinstance(value, dict) else f" (got {value!r})"
+    return f"{location}: {message}{received}"
 
 
 def _limits(name: str, schema: dict[str, Any]) -> str:
-    """What a number must lie between, where it has a lower and an upper limit."""
+    """Format the limits of a number; empty without a lower and an upper one."""
     for low, above in (("minimum", "<="), ("exclusiveMinimum", "<")):
         for high, below in (("maximum", "<="), ("exclusiveMaximum", "<")):
             if low in schema and high in schema:

@@ -1,4 +1,4 @@
-"""A check: one figure held against a limit, and the one way to sum many of them."""
+"""Checks: values compared with limits, and their summary."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from typing import Any, Literal
 from .errors import InputError
 
 Status = Literal["pass", "not run", "warn", "fail"]
-STATUSES: tuple[Status, ...] = ("pass", "not run", "warn", "fail")
-"""From the best to the worst."""
+STATUS_ORDER: tuple[Status, ...] = ("pass", "not run", "warn", "fail")
+"""Ordered from best to worst."""
 
 
 @dataclass(frozen=True)
 class Check:
-    """One figure held against its limit.
+    """Comparison of one value with its limit.
 
-    id: unique in a list of checks and independent of all words. name, subject: what is checked, of
-    which part, axis or device. value, limit: numbers, or texts with their units. basis: what the
-    value rests on: keys of a design that nobody has measured, steps of a protocol. remedy: what
-    to do where it fails. sign: how a value must stand to its limit, where both are numbers.
-    margin: distance to the limit, at least 0 where it passes; None where it is no one number.
+    id: unique in a list of checks, independent of texts. name, subject: property checked, and its
+    part, axis or device. value, limit: numbers, or texts with units. basis: origin of the value:
+    unverified keys of a design, steps of a protocol. remedy: action if it fails. sign: required
+    relation of value to limit, if both are numbers. margin: distance to the limit, at least 0 if it
+    passes; None if not a single number.
     """
 
     id: str
@@ -38,48 +38,48 @@ class Check:
 
     @classmethod
     def warnings(cls, id: str, lines: Iterable[str]) -> list[Check]:
-        """A check that warns for each line."""
+        """Create one warning check per line."""
         return [cls(f"{id}.{k}", value=line, status="warn") for k, line in enumerate(lines)]
 
     @classmethod
     def at_most(
-        cls, id: str, name: str, subject: str, value: float, limit: float, where: str,
+        cls, id: str, name: str, subject: str, value: float, limit: float, location: str,
         status: Status,
     ) -> Check:  # fmt: skip
-        """The check of a figure that must not exceed its limit, in the unit that subject names."""
-        return cls(id, name, subject, value, limit, status, (where,), sign="<=")
+        """Create a check of value <= limit, in the unit named in subject."""
+        return cls(id, name, subject, value, limit, status, (location,), sign="<=")
 
     @classmethod
     def refusal(cls, id: str, name: str, reasons: Sequence[str]) -> Check:
-        """The check of what is refused in words: it passes where there are none."""
+        """Create a check that fails with the reasons given, and passes without any."""
         status, text = graded(not reasons), "; ".join(reasons)
         return cls(id, name, "refusals", len(reasons), 0, status, remedy=text, sign="<=")
 
     @property
     def reason(self) -> str:
-        """Why it fails or warns, in one line; a refusal names its file itself."""
+        """Reason of a failure or warning in one line; a remedy names its file itself."""
         if self.remedy:
             return self.remedy
         sign = "<" if self.sign == ">=" else ">"
-        where = "; ".join(self.basis)
-        return f"{self.name}: {self.subject} {self.value:g} {sign} {self.limit:g} at {where}"
+        location = "; ".join(self.basis)
+        return f"{self.name}: {self.subject} {self.value:g} {sign} {self.limit:g} at {location}"
 
     @property
     def failed(self) -> bool:
-        """True where it fails; what warns or was not run does not."""
+        """True if it fails; False for a warning or a check not run."""
         return self.status == "fail"
 
     @staticmethod
     def require(checks: Iterable[Check], source: str) -> None:
-        """Raise InputError with every failed one; source: the file that they are of."""
+        """Raise InputError with all failed checks; source: their file."""
         failed = [check for check in checks if check.failed]
         if failed:
             refused = [check.reason for check in failed if check.remedy]
-            others = [f"{source}: {check.reason}" for check in failed if not check.remedy]
-            raise InputError(*refused, *others)
+            exceeded = [f"{source}: {check.reason}" for check in failed if not check.remedy]
+            raise InputError(*refused, *exceeded)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data; a number that is not finite is None."""
+        """Plain data; non-finite numbers become None."""
         return {
             key: None if isinstance(v, float) and not math.isfinite(v) else v
             for key, v in asdict(self).items()
@@ -87,5 +87,5 @@ class Check:
 
 
 def graded(passed: bool, warns: bool = False) -> Status:
-    """Grade a check that passes or not, and may pass with a warning."""
+    """Return the status of a check from its result, optionally a warning."""
     return "fail" if not passed else "warn" if warns else "pass"

@@ -1,9 +1,9 @@
-"""The one base of what stands in a lab's files: protocols, rigs, recipes and lists.
+"""Base class of the tables in a lab's files: protocols, rigs, recipes and lists.
 
-Every number of a table has a lowest and a highest value: what is further out is a slip of the pen.
-Limits stand in the annotation (`Field(ge=, le=)`) and the meaning of a key in the docstring below
-it. Error lines, `deltact-fab schema`, new files and the reference are all made from `schema_of`.
-Dimensions that are computed with are plain records, whose base is `sensor.shapes.bounded.Bounded`.
+Every number has a lower and an upper limit, to catch slips. Limits are in the annotation
+(`Field(ge=, le=)`), the meaning of a key in the docstring below it. Error messages, `deltact-fab
+schema`, new files and the reference are generated from `json_schema_of`. Dimensions used in
+computations are plain records based on `sensor.shapes.bounded.Bounded`.
 """
 
 from __future__ import annotations
@@ -15,21 +15,22 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema
 
-K = TypeVar("K")
-V = TypeVar("V")
-TAGS = ("(value)", "(table)")
-"""Tags of a union of a value and a table; a place in a file does not have them."""
+MapKey = TypeVar("MapKey")
+MapValue = TypeVar("MapValue")
+TAG_NAMES = ("(value)", "(table)")
+"""Tags of a union of a value and a table; removed from key paths in messages."""
 OneOrEach = Annotated[
-    Annotated[V, Tag(TAGS[0])] | Annotated[dict[K, V], Field(min_length=1), Tag(TAGS[1])],
-    Discriminator(lambda value: TAGS[isinstance(value, dict)]),
+    Annotated[MapValue, Tag(TAG_NAMES[0])]
+    | Annotated[dict[MapKey, MapValue], Field(min_length=1), Tag(TAG_NAMES[1])],
+    Discriminator(lambda value: TAG_NAMES[isinstance(value, dict)]),
 ]
-"""One value for every key alike, or a table of values by key."""
+"""One value for all keys, or a table of values by key."""
 
 
 class Table(BaseModel):
-    """A table: no key but those that it names, no NaN, nothing changed afterwards.
+    """Frozen table without unknown keys and NaN.
 
-    `json_schema_extra={"instead_of": KEY}` of a key: either it or KEY is given.
+    A key with `json_schema_extra={"instead_of": KEY}` replaces KEY.
     """
 
     model_config = ConfigDict(
@@ -38,16 +39,16 @@ class Table(BaseModel):
 
 
 class _Schema(GenerateJsonSchema):
-    """As a file has it: a key that may be None is one that may be left out.
+    """Schema of files: a key that may be None is optional.
 
-    The default of a table is an empty one, since the keys inside say theirs.
+    The default of a table is an empty one, since its keys have their own defaults.
     """
 
     def nullable_schema(self, schema: Any) -> dict[str, Any]:
         return self.generate_inner(schema["schema"])
 
     def tagged_union_schema(self, schema: Any) -> dict[str, Any]:
-        return {"anyOf": [self.generate_inner(one) for one in schema["choices"].values()]}
+        return {"anyOf": [self.generate_inner(choice) for choice in schema["choices"].values()]}
 
     def default_schema(self, schema: Any) -> dict[str, Any]:
         inner = self.generate_inner(schema["schema"])
@@ -62,35 +63,35 @@ class _Schema(GenerateJsonSchema):
 
 @cache
 def adapter(model: Any) -> TypeAdapter[Any]:
-    """What validates a model or a dataclass."""
+    """Return the cached validator of a model or a dataclass."""
     return TypeAdapter(model)
 
 
 @cache
 def json_schema_of(model: Any) -> dict[str, Any]:
-    """Generate the JSON Schema of a model or a dataclass, to be read only."""
+    """Return the JSON Schema of a model or a dataclass; do not modify it."""
     return adapter(model).json_schema(schema_generator=_Schema)
 
 
 def resolve_schema(key: dict[str, Any], root: dict[str, Any]) -> dict[str, Any]:
-    """Follow the reference of a key to its own schema."""
+    """Resolve the `$ref` of a key's schema."""
     target = root["$defs"][key["$ref"].rpartition("/")[2]] if "$ref" in key else {}
     return {**target, **key}
 
 
-def schema_at(model: Any, at: Sequence[str | int]) -> dict[str, Any]:
-    """The schema of the table or value at a place in a file; empty where there is none."""
+def schema_at(model: Any, path: Sequence[str | int]) -> dict[str, Any]:
+    """Return the schema at a key path; empty if there is none."""
     root = node = json_schema_of(model)
-    for part in at:
-        node = _ways_merged(resolve_schema(node, root))
+    for part in path:
+        node = _merge_options(resolve_schema(node, root))
         if isinstance(part, int):
             node = (node.get("prefixItems", [])[part:] or [node.get("items", {})])[0]
         else:
             inside = node.get("properties", {}).get(part, node.get("additionalProperties"))
             node = inside if isinstance(inside, dict) else {}
-    return _ways_merged(resolve_schema(node, root))
+    return _merge_options(resolve_schema(node, root))
 
 
-def _ways_merged(node: dict[str, Any]) -> dict[str, Any]:
-    """A value or a table: the limits of the one, the keys of the other."""
-    return {k: v for way in node.get("anyOf", ()) for k, v in way.items()} | node
+def _merge_options(node: dict[str, Any]) -> dict[str, Any]:
+    """Merge the schemas of a union: limits of the value, keys of the table."""
+    return {k: v for option in node.get("anyOf", ()) for k, v in option.items()} | node

@@ -1,9 +1,9 @@
-"""One digest of code for everything that is kept: of what a result depends on, and of no more.
+"""Digest of the code that a cached result depends on.
 
-The files are those that the named modules import, in functions too, each with what it imports in
-turn; a name at a package's door is followed to the file that defines it, and a folder that
-`discover` looks through counts whole. Of each file the syntax tree counts, without docstrings:
-a changed comment, docstring or layout is no change.
+It covers the files that the named modules import, directly or indirectly, also within functions; a
+name at a package's door is followed to the file that defines it, and a folder searched by
+`discover` counts whole. Only the syntax tree without docstrings counts, so comments, docstrings
+and layout do not change the digest.
 """
 
 from __future__ import annotations
@@ -13,25 +13,25 @@ import hashlib
 from functools import cache
 from pathlib import Path
 
-from deltact_fab.door import handed_on
-from deltact_fab.paths import PACKAGE
+from deltact_fab.door import door_imports
+from deltact_fab.paths import PACKAGE_DIR
 
-# They say what went wrong, where things are kept and how far it is: no result depends on them.
-SILENT = (
+# Error messages, paths, storage and progress: no result depends on them.
+UNCOUNTED_MODULES = (
     "door",
     "paths",
     *(f"common.{name}" for name in ("errors", "cache", "digest", "files", "jobs")),
 )
 
-# (module, names) of each import: the module's parts, the package's name first.
+# (module, names) of each import; the module as its parts, package first.
 Imports = tuple[tuple[tuple[str, ...], list[str]], ...]
 
 
-def code_digest(*modules: str, package: Path = PACKAGE) -> str:
-    """Hash modules, named from the package as in "gel.path", and all that they import.
+def code_digest(*modules: str, package: Path = PACKAGE_DIR) -> str:
+    """Hash modules, named relative to the package as in "gel.path", and all their imports.
 
-    package: another one's folder; what it imports of this one counts too. Raises ValueError for a
-    module that is not there.
+    package: folder of another package; its imports of this one count too. Raises ValueError for a
+    missing module.
     """
     return _digest(tuple(sorted(set(modules))), package)
 
@@ -40,20 +40,19 @@ def code_digest(*modules: str, package: Path = PACKAGE) -> str:
 def _digest(modules: tuple[str, ...], package: Path) -> str:
     text = hashlib.sha256()
     for path in code_files(*modules, package=package):
-        name = path.relative_to(_home(path, package)).as_posix()
-        text.update(f"{name} {_read(path, package)[0]}\n".encode())
+        name = path.relative_to(_package_folder(path, package)).as_posix()
+        text.update(f"{name} {_parse_module(path, package)[0]}\n".encode())
     return text.hexdigest()[:16]
 
 
-def code_files(*modules: str, package: Path = PACKAGE) -> list[Path]:
-    """The files whose text counts, sorted.
+def code_files(*modules: str, package: Path = PACKAGE_DIR) -> list[Path]:
+    """List the files covered by the digest, sorted.
 
-    Raises ValueError for a module that is not there, and for a package whose `__init__` holds no
-    code: nothing would count.
+    Raises ValueError for a missing module, and for a package whose `__init__` has no code.
     """
-    todo, found = [], set()
+    todo, files = [], set()
     for name in modules:
-        path = _file((package.name, *name.split(".")), package)
+        path = _module_file((package.name, *name.split(".")), package)
         if path is None:
             raise ValueError(f"digest: no module {name!r} in {package.name}")
         if path.name == "__init__.py" and not _holds_code(path):
@@ -61,22 +60,22 @@ def code_files(*modules: str, package: Path = PACKAGE) -> list[Path]:
         todo.append(path)
     while todo:
         path = todo.pop()
-        if path not in found:
-            found.add(path)
-            todo += (f for f in imported(path, package) if not _silent(f, package))
-    return sorted(found)
+        if path not in files:
+            files.add(path)
+            todo += (f for f in imported_files(path, package) if not _is_uncounted(f, package))
+    return sorted(files)
 
 
-def meaning(tree: ast.AST) -> str:
-    """The text of a syntax tree without comments, layout and docstrings."""
+def code_text(tree: ast.AST) -> str:
+    """Source text of a syntax tree without comments, layout and docstrings."""
     for node in ast.walk(tree):
         if isinstance(body := getattr(node, "body", None), list):
-            node.body = [one for one in body if not _is_text(one)] or [ast.Pass()]  # type: ignore[attr-defined]
+            node.body = [statement for statement in body if not _is_text(statement)] or [ast.Pass()]  # type: ignore[attr-defined]
     return ast.unparse(tree)
 
 
 def _is_text(node: ast.AST) -> bool:
-    """A string that stands alone: the docstring of whatever is above it."""
+    """True for a string statement, that is, a docstring."""
     return (
         isinstance(node, ast.Expr)
         and isinstance(node.value, ast.Constant)
@@ -85,15 +84,15 @@ def _is_text(node: ast.AST) -> bool:
 
 
 @cache
-def imported(path: Path, package: Path = PACKAGE) -> tuple[Path, ...]:
-    """Files of the package that one imports when it runs, in functions too."""
-    found = []
-    for module, names in _read(path, package)[1]:
+def imported_files(path: Path, package: Path = PACKAGE_DIR) -> tuple[Path, ...]:
+    """Files of the package that a file imports at run time, also within functions."""
+    files = []
+    for module, names in _parse_module(path, package)[1]:
         for name in names:
-            file = _defining(module, name, package)
+            file = _defining_file(module, name, package)
             if file is not None and file != path:
-                found.append(file)
-    return (*found, *_read(path, package)[2])
+                files.append(file)
+    return (*files, *_parse_module(path, package)[2])
 
 
 def _holds_code(path: Path) -> bool:
@@ -101,42 +100,42 @@ def _holds_code(path: Path) -> bool:
     return any(not _is_text(node) for node in body)
 
 
-def _silent(file: Path, package: Path) -> bool:
-    name = ".".join(file.relative_to(_home(file, package)).with_suffix("").parts)
-    return any(name == silent or name.startswith(f"{silent}.") for silent in SILENT)
+def _is_uncounted(file: Path, package: Path) -> bool:
+    name = ".".join(file.relative_to(_package_folder(file, package)).with_suffix("").parts)
+    return any(name == silent or name.startswith(f"{silent}.") for silent in UNCOUNTED_MODULES)
 
 
-def _home(path: Path, package: Path) -> Path:
-    return PACKAGE if path.is_relative_to(PACKAGE) else package
+def _package_folder(path: Path, package: Path) -> Path:
+    return PACKAGE_DIR if path.is_relative_to(PACKAGE_DIR) else package
 
 
 @cache
-def _read(path: Path, package: Path) -> tuple[str, Imports, tuple[Path, ...]]:
-    """The hash of what a file means, what it imports of the package, and what it looks through."""
+def _parse_module(path: Path, package: Path) -> tuple[str, Imports, tuple[Path, ...]]:
+    """Hash of a file's code, its imports from the package, and the files it discovers."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    found = _imports(tree, path, package), _looked_through(tree, path)
-    return hashlib.sha256(meaning(tree).encode()).hexdigest(), *found
+    dependencies = _imports(tree, path, package), _discovered_files(tree, path)
+    return hashlib.sha256(code_text(tree).encode()).hexdigest(), *dependencies
 
 
-def _looked_through(tree: ast.Module, path: Path) -> tuple[Path, ...]:
-    """The files beside one that calls `collect_entries(__package__, ..., besides=(...))`."""
+def _discovered_files(tree: ast.Module, path: Path) -> tuple[Path, ...]:
+    """Sibling files found by a module's `collect_entries(__package__, ..., besides=(...))`."""
     for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
         if (
             ast.unparse(call.func) == "collect_entries"
             and ast.unparse(call.args[0]) == "__package__"
         ):
-            left = {path.stem, "__init__"}
+            excluded = {path.stem, "__init__"}
             for keyword in call.keywords:
-                left.update(ast.literal_eval(keyword.value))
-            return tuple(f for f in sorted(path.parent.glob("*.py")) if f.stem not in left)
+                excluded.update(ast.literal_eval(keyword.value))
+            return tuple(f for f in sorted(path.parent.glob("*.py")) if f.stem not in excluded)
     return ()
 
 
 def _imports(tree: ast.Module, path: Path, package: Path) -> Imports:
-    home = _home(path, package)
-    here = (home.name, *path.relative_to(home).parent.parts)
-    known = (package.name, PACKAGE.name)
-    found: list[tuple[tuple[str, ...], list[str]]] = []
+    home = _package_folder(path, package)
+    parent = (home.name, *path.relative_to(home).parent.parts)
+    packages = (package.name, PACKAGE_DIR.name)
+    imports: list[tuple[tuple[str, ...], list[str]]] = []
     todo: list[ast.AST] = [tree]
     while todo:
         node = todo.pop()
@@ -149,37 +148,37 @@ def _imports(tree: ast.Module, path: Path, package: Path) -> Imports:
         if isinstance(node, ast.ImportFrom):
             tail = tuple(node.module.split(".")) if node.module else ()
             if node.level:
-                tail = here[: len(here) - node.level + 1] + tail
-            if tail[0] in known:
-                found.append((tail, [alias.name for alias in node.names]))
+                tail = parent[: len(parent) - node.level + 1] + tail
+            if tail[0] in packages:
+                imports.append((tail, [alias.name for alias in node.names]))
         elif isinstance(node, ast.Import):
             for alias in node.names:
                 parts = tuple(alias.name.split("."))
-                if parts[0] in known and len(parts) > 1:
-                    found.append((parts[:-1], [parts[-1]]))
-    return tuple(found)
+                if parts[0] in packages and len(parts) > 1:
+                    imports.append((parts[:-1], [parts[-1]]))
+    return tuple(imports)
 
 
-def _defining(module: tuple[str, ...], name: str, package: Path) -> Path | None:
-    """The file that a name imported from a module comes from."""
-    direct = _file((*module, name), package)
+def _defining_file(module: tuple[str, ...], name: str, package: Path) -> Path | None:
+    """Find the file that defines a name imported from a module."""
+    direct = _module_file((*module, name), package)
     if direct is not None:
         return direct
-    file = _file(module, package)
+    file = _module_file(module, package)
     if file is None or file.name != "__init__.py":
         return file
-    home, original = _handed_on(file, ".".join(module)).get(name, ("", ""))
-    return _defining(tuple(home.split(".")), original, package) if home else file
+    home, original = _door_imports(file, ".".join(module)).get(name, ("", ""))
+    return _defining_file(tuple(home.split(".")), original, package) if home else file
 
 
 @cache
-def _handed_on(file: Path, package: str) -> dict[str, tuple[str, str]]:
-    """The names at the door of a package, each with its module and its name there."""
-    return handed_on(ast.parse(file.read_text(encoding="utf-8")), package)
+def _door_imports(file: Path, package: str) -> dict[str, tuple[str, str]]:
+    """Map the names at a package's door to (module, name there)."""
+    return door_imports(ast.parse(file.read_text(encoding="utf-8")), package)
 
 
-def _file(module: tuple[str, ...], package: Path) -> Path | None:
-    path = (PACKAGE if module[0] == PACKAGE.name else package).joinpath(*module[1:])
+def _module_file(module: tuple[str, ...], package: Path) -> Path | None:
+    path = (PACKAGE_DIR if module[0] == PACKAGE_DIR.name else package).joinpath(*module[1:])
     for file in (path / "__init__.py", path.with_name(path.name + ".py")):
         if file.is_file():
             return file

@@ -1,4 +1,4 @@
-"""What a folder of modules holds: a file that is put there is found, and no list names it."""
+"""Discovery of entries in a folder of modules: new files need no registration."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from typing import Any
 def collect_entries(
     package: str | None, table: str, besides: Collection[str] = ()
 ) -> dict[str, Any]:
-    """Join the tables of one name that the modules of a package's folder have.
+    """Merge the tables named `table` of all modules in a package's folder.
 
-    A table is a dict, or a tuple of what has a `name`. besides: modules that are no entries.
-    A file that calls this with `__package__` depends on all of them, and `digest` counts them so.
-    Raises RuntimeError when two of them claim one key.
+    A table is a dict, or a tuple of objects with a `name`. besides: modules to skip.
+    `digest` counts all of these modules for a file that calls this with `__package__`.
+    Raises RuntimeError for duplicate keys.
     """
     assert package, "a package's own name"
-    found: dict[str, Any] = {}
+    entries: dict[str, Any] = {}
     folder = importlib.import_module(package).__path__
     for name in sorted(m.name for m in pkgutil.iter_modules(folder) if m.name not in besides):
-        held = getattr(importlib.import_module(f"{package}.{name}"), table, {})
-        for key, value in held.items() if isinstance(held, dict) else ((e.name, e) for e in held):
-            if key in found:
-                where = f"one in {package}.{name}"
-                raise RuntimeError(f"two entries of {table} are called {key!r}, {where}")
-            found[key] = value
-    return found
+        rows = getattr(importlib.import_module(f"{package}.{name}"), table, {})
+        for key, value in rows.items() if isinstance(rows, dict) else ((e.name, e) for e in rows):
+            if key in entries:
+                origin = f"one in {package}.{name}"
+                raise RuntimeError(f"two entries of {table} are called {key!r}, {origin}")
+            entries[key] = value
+    return entries

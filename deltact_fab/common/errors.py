@@ -1,6 +1,6 @@
-"""Errors that a user reads: one clear line each, with the exit code the command line gives.
+"""Errors for users: one line each, with the exit code of the command line.
 
-A message names the place (file:key), the value that was found, and what would be right.
+A message names the location (file: key), the value found and the valid ones.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ import importlib.util
 import re
 from collections.abc import Iterable, Sequence
 
-MAX_CHARACTERS = 300
-"""Of a message on the command line."""
+MAX_MESSAGE_CHARACTERS = 300
+"""Longest message on the command line; by hand: about three lines of a terminal."""
 
 
 class DeltactFabError(Exception):
-    """Base of every error that the package raises on purpose. Its text is one line.
+    """Base class of the package's errors. The text is one line.
 
-    faults: what is wrong, each with its place; untold: how many more there are.
+    faults: messages with their locations; untold: number of further ones.
     """
 
     exit_code = 1
@@ -30,77 +30,77 @@ class DeltactFabError(Exception):
 
 
 class InputError(DeltactFabError):
-    """Input that cannot be used: nothing was run, nothing was written."""
+    """Invalid input: nothing was run, nothing was written."""
 
     exit_code = 2
 
 
 class RunFailed(DeltactFabError):
-    """A failure on good input: a check, a solver or a run failed."""
+    """Failure on valid input: of a check, a solver or a run."""
 
     DISK = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
-    """Errors of a full or broken disk: no fault of what was asked."""
+    """Errors of a full or broken disk, not of the input."""
 
 
 class SolverError(RunFailed):
-    """A numerical method that missed its stated tolerance, or left its range of validity."""
+    """Numerical method beyond its stated tolerance or range of validity."""
 
 
 class TimeLimit(RunFailed):
-    """A limit of time that the caller set was reached."""
+    """Time limit of the caller reached."""
 
 
 class Stopped(RunFailed):
-    """An end by the operator before it was done, in good order."""
+    """Orderly stop by the operator before the end."""
 
     exit_code = 130
 
 
 class StageError(RunFailed):
-    """A motion controller that refused, alarmed, restarted or fell silent."""
+    """Motion controller that refused, alarmed, restarted or timed out."""
 
 
 class SensorError(RunFailed):
-    """A camera or force sensor that delivered nothing usable."""
+    """Camera or force sensor without usable data."""
 
 
 class MissingLibrary(DeltactFabError):
-    """An absent library of the system or optional package; the text says how to install it."""
+    """Missing system library or optional package; the text gives the install command."""
 
     exit_code = 2
 
 
-def require_extra(extra: str, what: str, *modules: str) -> None:
-    """Require the modules of an extra, none of which is imported; call it before the work.
+def require_extra(extra: str, feature: str, *modules: str) -> None:
+    """Check that the modules of an extra are installed, without importing them.
 
-    what: what cannot be had without them, as it stands before "needs". Raises MissingLibrary.
+    feature: subject of the message, before "needs". Raises MissingLibrary.
     """
     for module in modules:
         if importlib.util.find_spec(module) is None:
-            raise MissingLibrary(f"{what} needs {module}: pip install 'deltact-fab[{extra}]'")
+            raise MissingLibrary(f"{feature} needs {module}: pip install 'deltact-fab[{extra}]'")
 
 
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return '; did you mean X?' for a near miss among `known`, else the list of what is valid."""
-    names = sorted(known)
+def did_you_mean(word: str, choices: Iterable[str]) -> str:
+    """Return '; did you mean X?' for a near miss, else all valid `choices`."""
+    names = sorted(choices)
     near = difflib.get_close_matches(word, names, n=1)
     return f"did you mean {near[0]!r}?" if near else f"valid: {', '.join(names)}"
 
 
 def fault_line(*faults: str, untold: int = 0) -> str:
-    """Join faults to one line of at most MAX_CHARACTERS that any terminal can show.
+    """Join faults to one printable line of at most MAX_MESSAGE_CHARACTERS.
 
-    What is too long loses first faults from the end, then the inside of its long words.
+    If too long, faults are dropped from the end, then long words are shortened.
     """
     plain = [_printable(fault) for fault in faults]
     short = [re.sub(r"\S{61,}", lambda word: f"{word[0][:40]}...{word[0][-16:]}", f) for f in plain]
-    for told in (plain, short):
-        for shown in range(min(len(told), MAX_CHARACTERS // 3), 0, -1):
-            line = _joined(told[:shown], len(told) - shown + untold)
-            if len(line) <= MAX_CHARACTERS:
+    for texts in (plain, short):
+        for count in range(min(len(texts), MAX_MESSAGE_CHARACTERS // 3), 0, -1):
+            line = _joined(texts[:count], len(texts) - count + untold)
+            if len(line) <= MAX_MESSAGE_CHARACTERS:
                 return line
-    more = _joined(["..."], len(faults) - 1 + untold)
-    return short[0][: MAX_CHARACTERS - len(more)] + more
+    tail = _joined(["..."], len(faults) - 1 + untold)
+    return short[0][: MAX_MESSAGE_CHARACTERS - len(tail)] + tail
 
 
 def _printable(text: str) -> str:

@@ -1,4 +1,4 @@
-"""Files written whole or not at all: beside their place first, then renamed."""
+"""Atomic writing of files: to a temporary name in the same folder, then renamed."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from .errors import DeltactFabError, InputError, RunFailed
 
 
 def write_whole(path: Path, data: bytes, sync_name: bool = True) -> None:
-    """Write a file so that it survives a power cut whole, or is as it was.
+    """Write a file atomically, safe against power loss.
 
-    sync_name: as of `whole`. Raises RunFailed naming the file when the disk refuses.
+    sync_name: as in `whole_file`. Raises RunFailed naming the file for a disk error.
     """
     with disk_errors(path), whole_file(path, sync_name=sync_name) as part:
         part.write_bytes(data)
@@ -25,12 +25,12 @@ def write_whole(path: Path, data: bytes, sync_name: bool = True) -> None:
 
 @contextmanager
 def whole_file(path: Path, sync: bool = True, sync_name: bool = True) -> Iterator[Path]:
-    """Yield a hidden name beside `path` for a file or a folder that takes its place at the end.
+    """Yield a temporary path next to `path` for a file or folder that replaces it at the end.
 
-    On any error it is removed, and `path` is as it was. sync: False for what may be lost in a power
-    cut. sync_name: False where the caller syncs the folder, once for many files. Raises OSError.
+    On any error it is removed and `path` is unchanged. sync: False if loss in a power cut is
+    acceptable. sync_name: False if the caller syncs the folder itself. Raises OSError.
     """
-    part = _beside(path)
+    part = _part_path(path)
     try:
         yield part
         if sync:
@@ -44,18 +44,18 @@ def whole_file(path: Path, sync: bool = True, sync_name: bool = True) -> Iterato
 
 
 def write_files(
-    wanted: Mapping[Path, bytes],
+    contents: Mapping[Path, bytes],
     gone: Collection[Path] = (),
     error: type[DeltactFabError] = InputError,
 ) -> None:
-    """Write all files, in their order: no half file is ever seen.
+    """Write several files in order, each atomically.
 
-    None takes its name before all are on the disk; a rename that fails then leaves those before it.
-    gone: files that go when all are there. Raises `error` in one line when one cannot be written.
+    All are on the disk before the first is renamed; if a rename fails, earlier ones stay.
+    gone: files to delete afterwards. Raises `error` in one line if a file cannot be written.
     """
-    parts = {path: _beside(path) for path in wanted}
+    parts = {path: _part_path(path) for path in contents}
     try:
-        for path, content in wanted.items():
+        for path, content in contents.items():
             if path.is_dir():
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
             parts[path].write_bytes(content)
@@ -64,33 +64,33 @@ def write_files(
             part.replace(path)
         for path in gone:
             path.unlink(missing_ok=True)
-    except OSError as why:
-        raise error(_unwritable(path, why)) from why
+    except OSError as os_error:
+        raise error(_write_error_text(path, os_error)) from os_error
     finally:
-        for left in parts.values():
-            left.unlink(missing_ok=True)
+        for leftover in parts.values():
+            leftover.unlink(missing_ok=True)
 
 
 def check_writable(path: Path, folder: bool = False) -> None:
-    """Raise InputError where a file, or a folder, cannot be: in no folder, no right, too long."""
+    """Raise InputError if a file or folder cannot be created at a path."""
     try:
         if folder:
-            there = next(one for one in (path, *path.absolute().parents) if one.exists())
+            parent = next(p for p in (path, *path.absolute().parents) if p.exists())
         else:
-            there = path.parent
-            # Path.is_dir raises on a name that is too long, False to one that may not be read.
+            parent = path.parent
+            # lstat raises for a name that is too long, unlike Path.is_dir.
             with suppress(FileNotFoundError, NotADirectoryError):
                 path.lstat()
-    except OSError as why:
-        raise InputError(_unwritable(path, why)) from why
-    if folder and not there.is_dir():
-        raise InputError(f"{path}: {there} is a file; expected a folder")
+    except OSError as error:
+        raise InputError(_write_error_text(path, error)) from error
+    if folder and not parent.is_dir():
+        raise InputError(f"{parent}: is a file; expected a folder")
     if not folder and path.is_dir():
-        raise InputError(f"{path}: is a folder; expected the name of a file")
-    if not there.is_dir():
-        raise InputError(f"{path}: there is no folder {there}; create it first")
-    if not os.access(there, os.W_OK):
-        raise InputError(f"{path}: cannot be written: {there} is read-only")
+        raise InputError(f"{path}: is a folder; expected a file name")
+    if not parent.is_dir():
+        raise InputError(f"{path}: no folder {parent}; create it first")
+    if not os.access(parent, os.W_OK):
+        raise InputError(f"{path}: cannot be written: {parent} is read-only")
 
 
 @contextmanager
@@ -99,25 +99,25 @@ def disk_errors(
 ) -> Iterator[None]:
     """Turn an OSError into a RunFailed that names the file.
 
-    action: while a folder is `made` only a full or broken disk is a RunFailed, all else InputError.
+    action: with `made`, only a full or broken disk is a RunFailed, all else an InputError.
     """
     try:
         yield
-    except OSError as why:
-        bad_disk = action != "made" or why.errno in RunFailed.DISK
+    except OSError as error:
+        bad_disk = action != "made" or error.errno in RunFailed.DISK
         kind = RunFailed if bad_disk else InputError
-        raise kind(f"{path}: cannot be {action}: {why.strerror or why}") from why
+        raise kind(f"{path}: cannot be {action}: {error.strerror or error}") from error
 
 
 def make_folder(folder: Path, *inside: str) -> None:
-    """Make a folder, those above it and those named inside; as `disk_errors` if that cannot be."""
+    """Create a folder with parents and named subfolders; raises as `disk_errors`."""
     with disk_errors(folder, "made"):
         for name in inside or ("",):
             (folder / name).mkdir(parents=True, exist_ok=True)
 
 
 def sync_folder(folder: Path) -> None:
-    """Make a rename survive a power cut; file systems that cannot say so are let pass."""
+    """Sync a folder, so that renames survive a power cut; ignored if unsupported."""
     if os.name == "posix":
         _sync(folder, (errno.EINVAL, errno.ENOTSUP))
 
@@ -126,27 +126,27 @@ def _sync(path: Path, pass_over: Collection[int] = ()) -> None:
     handle = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
     try:
         os.fsync(handle)
-    except OSError as why:
-        if why.errno not in pass_over:
+    except OSError as error:
+        if error.errno not in pass_over:
             raise
     finally:
         os.close(handle)
 
 
-def _unwritable(path: Path, why: OSError) -> str:
-    shown = path if len(str(path)) <= 80 else f"...{str(path)[-77:]}"
-    return f"{shown}: cannot be written: {why.strerror}"
+def _write_error_text(path: Path, error: OSError) -> str:
+    name = path if len(str(path)) <= 80 else f"...{str(path)[-77:]}"
+    return f"{name}: cannot be written: {error.strerror}"
 
 
-def _beside(path: Path) -> Path:
-    """A name in the same folder, short where the file's own is nearly as long as names can be."""
+def _part_path(path: Path) -> Path:
+    """Temporary path in the same folder; a hash replaces names near the length limit."""
     name = os.fsencode(path.name)
     key = path.name if len(name) < 200 else hashlib.sha256(name).hexdigest()[:8]
     return path.with_name(f".{key}.{os.getpid()}.part")
 
 
 def _remove(path: Path) -> None:
-    """Where nothing may be written, nothing can be removed either, and nothing is there."""
+    """Remove a file or folder, ignoring errors: in a read-only folder there is none."""
     if path.is_dir():
         shutil.rmtree(path, ignore_errors=True)
     else:

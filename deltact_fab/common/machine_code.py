@@ -1,6 +1,6 @@
-"""Loops that are compiled when they are first called, and kept between runs.
+"""Loops compiled by numba at the first call and cached between runs.
 
-Import what is compiled where it is called: numba takes half a second.
+Import compiled modules within functions: numba takes half a second to load.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ Loop = TypeVar("Loop", bound=Callable[..., Any])
 
 
 def compile_loop(**options: Any) -> Callable[[Loop], Loop]:
-    """Decorate a loop that numba compiles; options: numba's, besides sums in any order.
+    """Decorator that compiles a loop with numba, allowing reassociated sums; options: of numba.
 
-    Kept in the package's folder or the user's, or in neither where neither can be written.
+    Cached in the package's folder or the user's, if one is writable.
     """
     options = {"fastmath": {"contract", "reassoc", "nsz"}, **options}
 
     def decorate(loop: Loop) -> Loop:
         try:
             return numba.njit(cache=True, **options)(loop)
-        except RuntimeError:  # no folder to keep it in
+        except RuntimeError:  # no writable cache folder
             return numba.njit(**options)(loop)
 
     return decorate

@@ -1,4 +1,4 @@
-"""Text files that a user gives, read within limits: no file can make the reader wait or fail."""
+"""Reading of user files within limits, so that no file can block or crash the reader."""
 
 from __future__ import annotations
 
@@ -10,53 +10,52 @@ from typing import Any
 
 from .errors import InputError
 
-MAX_BYTES = 4 * 2**20
-"""Of a file of settings, a few kB long as a rule: so much is parsed in about a second."""
-MAX_KEYS = 20_000
-"""Of a file of settings, which has some hundred: tomllib needs up to 50 us for one."""
+MAX_SETTINGS_BYTES = 4 * 2**20
+"""Settings file, usually a few kB; by hand: this much is parsed in about a second."""
+MAX_SETTINGS_KEYS = 20_000
+"""Settings file, usually some hundred; by hand: tomllib takes up to 50 us per key."""
 MAX_RECORD_BYTES = 64 * 2**20
-"""Of a table or a record that a program wrote."""
-MAX_LEVELS = 32
-"""Of tables and lists in each other; a file of settings has four."""
-_DEEP_KEY = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]+[ \t]*\.[ \t]*){{{MAX_LEVELS}}}")
-_MAX_WHOLE = 2**63  # TOML 1.0, "Integer": 64 bits, signed
+"""Table or record written by a program; by hand: bounds the memory."""
+MAX_NESTING_LEVELS = 32
+"""Nesting of tables and lists; by hand: settings files have four, the stack allows more."""
+_DEEP_KEY = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]+[ \t]*\.[ \t]*){{{MAX_NESTING_LEVELS}}}")
+_MAX_INTEGER = 2**63  # format TOML 1.0, "Integer": 64 bits, signed
 
 
-def read_text(path: Path, most_bytes: int = MAX_BYTES) -> str:
-    """Read the text of a file, UTF-8 with or without its mark.
+def read_text(path: Path, max_bytes: int = MAX_SETTINGS_BYTES) -> str:
+    """Read a UTF-8 text file, with or without BOM.
 
-    Raises InputError of one line: it cannot be read, is longer than most_bytes, or is no UTF-8.
+    Raises InputError if it cannot be read, exceeds max_bytes or is not UTF-8.
     """
     try:
-        with path.open("rb") as file:  # a pipe has no size to ask for
-            data = file.read(most_bytes + 1)
-    except (OSError, ValueError) as why:  # ValueError: a zero byte in the name
-        raise InputError(f"{path}: cannot be read: {getattr(why, 'strerror', why)}") from why
-    if len(data) > most_bytes:
-        raise InputError(f"{path}: larger than {most_bytes / 2**20:g} MiB; is it the right file?")
+        with path.open("rb") as file:  # a pipe has no size
+            data = file.read(max_bytes + 1)
+    except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
+        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', error)}") from error
+    if len(data) > max_bytes:
+        raise InputError(f"{path}: larger than {max_bytes / 2**20:g} MiB; is it the right file?")
     try:
         return data.decode("utf-8-sig")
-    except UnicodeDecodeError as why:
-        raise InputError(f"{path}: not UTF-8 text: byte {why.start} is {data[why.start]:#x}") from (
-            why
-        )
+    except UnicodeDecodeError as error:
+        byte = f"byte {error.start} is {data[error.start]:#x}"
+        raise InputError(f"{path}: not UTF-8 text: {byte}") from error
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Read the tables of a TOML file. Raises InputError naming the file and the place in it."""
+    """Read a TOML file. Raises InputError naming the file and the location in it."""
     content = read_text(path)
-    if content.count("=") + content.count("\n[") > MAX_KEYS:
-        raise InputError(f"{path}: more than {MAX_KEYS} keys; is it the right file?")
+    if content.count("=") + content.count("\n[") > MAX_SETTINGS_KEYS:
+        raise InputError(f"{path}: more than {MAX_SETTINGS_KEYS} keys; is it the right file?")
     try:
-        # Before parsing, whose time grows with the square of a key's depth.
+        # Before parsing, whose time is quadratic in a key's depth.
         if _DEEP_KEY.search(content):
             raise RecursionError
         data = tomllib.loads(content)
-        _check(data)
-    except RecursionError as why:
-        raise InputError(f"{path}: nested too deep; expected a few levels") from why
-    except ValueError as why:  # also a whole number of thousands of digits
-        raise InputError(f"{path}: not valid TOML: {why}") from why
+        _check_values(data)
+    except RecursionError as error:
+        raise InputError(f"{path}: nested too deep; expected a few levels") from error
+    except ValueError as error:  # also an integer of thousands of digits
+        raise InputError(f"{path}: not valid TOML: {error}") from error
     return data
 
 
@@ -69,26 +68,26 @@ def parse_json(content: str, source: str) -> dict[str, Any]:
     """Parse the object of a JSON text. Raises InputError naming its source."""
     try:
         data = json.loads(content)
-        _check(data)
-    except RecursionError as why:
-        raise InputError(f"{source}: nested too deep; expected a few levels") from why
-    except ValueError as why:
-        raise InputError(f"{source}: not valid JSON: {why}") from why
+        _check_values(data)
+    except RecursionError as error:
+        raise InputError(f"{source}: nested too deep; expected a few levels") from error
+    except ValueError as error:
+        raise InputError(f"{source}: not valid JSON: {error}") from error
     if not isinstance(data, dict):
         raise InputError(f"{source}: an object is needed, as in {{...}}, not {type(data).__name__}")
     return data
 
 
-def _check(data: object) -> None:
-    """Raise ValueError for a whole number beyond 64 bits, RecursionError beyond MAX_LEVELS."""
+def _check_values(data: object) -> None:
+    """Raise ValueError for integers over 64 bits, RecursionError over MAX_NESTING_LEVELS."""
     waiting = [(data, 0)]
     while waiting:
         value, level = waiting.pop()
-        if level > MAX_LEVELS:
+        if level > MAX_NESTING_LEVELS:
             raise RecursionError
-        if isinstance(value, int) and not -_MAX_WHOLE <= value < _MAX_WHOLE:
-            raise ValueError(f"a whole number of {value.bit_length()} bits; expected at most 64")
+        if isinstance(value, int) and not -_MAX_INTEGER <= value < _MAX_INTEGER:
+            raise ValueError(f"an integer of {value.bit_length()} bits; expected at most 64")
         if isinstance(value, dict):
-            waiting += [(one, level + 1) for one in value.values()]
+            waiting += [(item, level + 1) for item in value.values()]
         elif isinstance(value, list):
-            waiting += [(one, level + 1) for one in value]
+            waiting += [(item, level + 1) for item in value]

@@ -1,4 +1,4 @@
-"""The one way from a template to a page, from findings to its verdict, from a frame to a table."""
+"""Rendering of pages from templates, of a verdict from checks, of HTML tables from frames."""
 
 from __future__ import annotations
 
@@ -10,48 +10,48 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from deltact_fab.paths import asset
 
-from .checks import STATUSES, Check, Status
+from .checks import STATUS_ORDER, Check, Status
 from .errors import require_extra
 from .files import make_folder, write_whole
 
 if TYPE_CHECKING:
     import pandas as pd
 
-MAX_COLUMNS = 14  # as many as a sheet of paper holds; a file has the others
-SHORT = 32  # letters that stay on one line
+MAX_COLUMNS = 14  # by hand: fits a sheet of paper; the data file has all
+SHORT_CELL_LETTERS = 32  # by hand: longer cells wrap
 
 
 def require_pages() -> None:
-    """Require what a page needs; call it before the work. Raises MissingLibrary."""
+    """Check that page rendering is installed, before the work. Raises MissingLibrary."""
     require_extra("report", "a page", "jinja2", "matplotlib")
 
 
 def render_page(template: str, findings: Iterable[Check], **values: Any) -> str:
-    """Fill a template of this package; a name that it does not find is an error.
+    """Fill a template of this package; an undefined name is an error.
 
-    findings: sentences for and against what the page shows, which make its verdict. Raises
-    MissingLibrary without the extra `report`.
+    findings: checks that make up the page's verdict. Raises MissingLibrary without the extra
+    `report`.
     """
     require_pages()
     import jinja2
 
-    made = jinja2.Environment(
+    environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(asset("templates")),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.filters.update(
+    environment.filters.update(
         num=format_number, fig=lambda value, decimals=1: format_number(value, decimals)
     )
-    return made.get_template(template).render(verdict=page_verdict(findings), **values)
+    return environment.get_template(template).render(verdict=page_verdict(findings), **values)
 
 
 def write_page(out: Path, template: str, findings: Iterable[Check], **values: Any) -> Path:
-    """Write a page whole, as `render_page` makes it; its folder is made where it is missing.
+    """Render a page as `render_page` does and write it atomically; creates its folder.
 
-    Raises InputError when the folder cannot be, RunFailed when the disk refuses.
+    Raises InputError if the folder cannot be created, RunFailed for a disk error.
     """
     page = render_page(template, findings, **values)
     make_folder(out.parent)
@@ -60,38 +60,38 @@ def write_page(out: Path, template: str, findings: Iterable[Check], **values: An
 
 
 class Verdict(NamedTuple):
-    """What a page says first: its findings, each once, and the worst status of them."""
+    """Verdict of a page: its distinct checks and their worst status."""
 
     checks: tuple[Check, ...]
     status: Status
 
 
 def page_verdict(checks: Iterable[Check]) -> Verdict:
-    """Sum of all that a page has to say for and against what it shows."""
-    once = tuple({(check.value, check.status): check for check in checks}.values())
-    return Verdict(once, max((c.status for c in once), key=STATUSES.index, default="pass"))
+    """Combine the checks of a page into a verdict."""
+    unique = tuple({(check.value, check.status): check for check in checks}.values())
+    return Verdict(unique, max((c.status for c in unique), key=STATUS_ORDER.index, default="pass"))
 
 
-# Of a key or a column: what its last part says of the unit.
-_UNITS = {
+# Unit by the last part of a key or column.
+_UNIT_LABELS = {
     "mm": "mm", "mm2": "mm²", "mm3": "mm³", "cm3": "cm³", "um": "µm", "px": "px", "n": "N",
     "s": "s", "nmm": "N mm", "mpa": "MPa", "kpa": "kPa", "ms": "ms", "mb": "MB",
     "percent": "%", "deg": "°",
 }  # fmt: skip
 
 
-def label(key: str) -> str:
-    """A key or column as a page writes it: `normal_rmse_n` is "normal rmse, N"."""
+def format_label(key: str) -> str:
+    """Format a key or column as a label: `normal_rmse_n` is "normal rmse, N"."""
     words, _, last = key.rpartition("_")
-    if words and last in _UNITS:
-        return f"{words.replace('_', ' ')}, {_UNITS[last]}"
+    if words and last in _UNIT_LABELS:
+        return f"{words.replace('_', ' ')}, {_UNIT_LABELS[last]}"
     return key.replace("_", " ")
 
 
 def format_number(value: Any, decimals: int | None = None) -> str:
-    """Format a number with four digits at most; an empty text where there is none.
+    """Format a number with at most four significant digits; empty for None or nan.
 
-    decimals: as it is read off a balance or a rule instead: so many, without trailing zeros.
+    decimals: fixed number of decimals instead, without trailing zeros.
     """
     if decimals is not None:
         fixed = f"{value:.{decimals}f}"
@@ -105,11 +105,11 @@ def format_number(value: Any, decimals: int | None = None) -> str:
         text = f"{value:,.0f}"
     else:
         text = f"{value:.4g}" if size >= 1e-4 else f"{value:.2e}"
-    return text.replace(",", "\u202f").replace("-", "−")  # a thin space that does not break
+    return text.replace(",", "\u202f").replace("-", "−")  # narrow no-break space
 
 
-def cell(value: Any) -> str:
-    """A value as a page shows it."""
+def format_cell(value: Any) -> str:
+    """Format a table cell."""
     import numpy as np
 
     if isinstance(value, bool | np.bool_):
@@ -124,34 +124,34 @@ def html_table(
     links: Sequence[str] = (),
     keys: str = "",
 ) -> dict[str, Any]:
-    """Prepare a table for the macro `table`; columns without any value are left out.
+    """Prepare a table for the macro `table`; empty columns are dropped.
 
-    words: what stands above a column in place of its name. marks, links: the class of each row, and
-    where its first cell leads. keys: a column of keys, shown by their labels.
-    beyond: names of the columns that are not shown.
+    words: column headings instead of names. marks, links: CSS class of each row and link of its
+    first cell. keys: a column of keys, shown as labels. Result key `beyond`: labels of the columns
+    over MAX_COLUMNS.
     """
     heads = words or {}
     cells = {
-        name: [label(value) if name == keys else cell(value) for value in frame[name]]
+        name: [format_label(value) if name == keys else format_cell(value) for value in frame[name]]
         for name in frame
     }
-    known = [name for name, column in cells.items() if any(column) or not column]
-    shown = known[:MAX_COLUMNS]
+    filled = [name for name, column in cells.items() if any(column) or not column]
+    columns = filled[:MAX_COLUMNS]
     return {
         "head": [
-            {"words": heads.get(str(name)) or label(str(name)), "kind": _kind(frame[name])}
-            for name in shown
+            {"words": heads.get(str(name)) or format_label(str(name)), "kind": _kind(frame[name])}
+            for name in columns
         ],
-        "rows": list(zip(*(cells[name] for name in shown), strict=True)),
+        "rows": list(zip(*(cells[name] for name in columns), strict=True)),
         "marks": list(marks) or [""] * len(frame),
         "links": links,
-        "beyond": [label(str(name)) for name in known[MAX_COLUMNS:]],
+        "beyond": [format_label(str(name)) for name in filled[MAX_COLUMNS:]],
     }
 
 
 def _kind(column: pd.Series[Any]) -> str:
-    """number, or short or long words: the last are broken into lines."""
-    known = column.dropna()
-    if all(isinstance(value, int | float) or hasattr(value, "dtype") for value in known):
+    """Column kind: number, short or long text (wrapped)."""
+    values = column.dropna()
+    if all(isinstance(value, int | float) or hasattr(value, "dtype") for value in values):
         return "number"
-    return "short" if max(len(str(value)) for value in known) <= SHORT else "long"
+    return "short" if max(len(str(value)) for value in values) <= SHORT_CELL_LETTERS else "long"

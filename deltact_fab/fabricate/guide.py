@@ -286,7 +286,7 @@ def sticker(design: Design, examples: Examples) -> PatternToPrint:
 
     recipe, view_mm = load_recipe(), design.optics.view_mm
     file = ""
-    if design.optics.beyond(recipe.printed_mm) is not None:
+    if design.optics.print_shortfall(recipe.printed_mm) is not None:
         patch_mm = recipe.patch_mm or 1.0
         squares = math.ceil((max(view_mm) + STICKER_SPARE_MM) / patch_mm)
         recipe = recipe.model_copy(update={"size_mm": round(squares * patch_mm, 6)})

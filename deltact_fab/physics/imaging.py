@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.sensor import GAMMA, ImageSensor, Printer
+from deltact_fab.sensor import CAMERA_GAMMA, ImageSensor, Printer
 
 
 def print_colours(
@@ -26,7 +26,7 @@ def print_colours(
     low = np.floor(scaled)
     threshold = rng.random(values.shape, dtype=np.float32)
     coded = np.minimum(low + (scaled - low > threshold), steps) / np.float32(steps)
-    reflectance = np.power(coded, np.float32(GAMMA))
+    reflectance = np.power(coded, np.float32(CAMERA_GAMMA))
     shifts = rng.normal(0.0, printer.misregistration_um / 1000 / printer.mm_per_dot, (3, 2))
     sigma = max(printer.spread_um / 1000 / printer.mm_per_dot / 2, 1e-3)
     inks = []

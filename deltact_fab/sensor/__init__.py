@@ -1,6 +1,6 @@
-"""The sensor in numbers: its dimensions, indenters, cameras and frames, and its linear elasticity.
+"""Numerical model of the sensor: dimensions, indenters, cameras, frames and linear elasticity.
 
-No solver, no picture and no device: estimators and simulators may share what is here.
+No solvers, images or devices: shared by estimators and simulators.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from .optics.lattice import FaceMotion, LatticeSampler, SeenFace, SurfaceLattice
     from .optics.rectified import Rectified
     from .shapes.bounded import Bounded, ShapeError, bounded_number
-    from .shapes.imaging import GAMMA, ImageSensor, Printer
+    from .shapes.imaging import CAMERA_GAMMA, ImageSensor, Printer
     from .shapes.indenter import (
         INDENTER_KINDS, describe_indenters, parse_indenter, restore_indenter,
     )

@@ -18,7 +18,7 @@ import pytest
 import spoiled
 from called import called
 
-from deltact_fab.common.checks import STATUSES, Check
+from deltact_fab.common.checks import STATUS_ORDER, Check
 from deltact_fab.fabricate.patterns.code import encode
 from deltact_fab.fabricate.patterns.raster import raster
 from deltact_fab.fabricate.patterns.recipe import PatternRecipe
@@ -141,7 +141,7 @@ def test_checks_keep_0_3_0_keys(tmp_path: Path, command: Callable[[Path], str]) 
     checks = data if isinstance(data, list) else data["checks"]
     keys = {field.name for field in fields(Check)}
     assert all(keys <= set(check) for check in checks)
-    assert {check["status"] for check in checks} <= set(STATUSES)
+    assert {check["status"] for check in checks} <= set(STATUS_ORDER)
     ids = [check["id"] for check in checks]
     assert len(set(ids)) == len(ids)
     assert [id for id in ids if not re.fullmatch(r"[a-z0-9]+([.-][a-z0-9]+)*", id)] == []

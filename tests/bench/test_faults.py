@@ -129,7 +129,7 @@ def test_a_file_that_may_not_grow(
     assert_completes(short, out)
 
 
-def test_a_folder_that_may_not_be_written(short: ShortRun, disk: Callable[[str], Path]) -> None:
+def test_read_only_folder_is_refused(short: ShortRun, disk: Callable[[str], Path]) -> None:
     place = disk("size=64m")
     cut = short.unfinished(place / "cut")
     shutil.copytree(short.finished, place / "finished")
@@ -143,7 +143,7 @@ def test_a_folder_that_may_not_be_written(short: ShortRun, disk: Callable[[str],
 
 
 @pytest.mark.parametrize("gone", [True, False])
-def test_a_journal_that_is_empty_or_gone(short: ShortRun, tmp_path: Path, gone: bool) -> None:
+def test_empty_or_missing_journal_is_refused(short: ShortRun, tmp_path: Path, gone: bool) -> None:
     run = short.unfinished(tmp_path / "run")
     journal, words = run / "journal.sqlite", "unable to open" if gone else "no such table"
     journal.unlink() if gone else journal.write_bytes(b"")

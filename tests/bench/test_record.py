@@ -49,7 +49,7 @@ def pose(t_s: list[float], z_mm: list[float]) -> Chunk:
     return Chunk("pose", 0.5, {"t_ns": t_ns, "x_mm": 0 * z + 1 / 3, "y_mm": 0 * z, "z_mm": z})
 
 
-def test_frames_come_back_as_they_went_in(tmp_path: Path) -> None:
+def test_frames_round_trip(tmp_path: Path) -> None:
     run = writer(tmp_path / "r")
     run.frame(STEP, 1, image(), 3.0, 0.5, 2.5)
     run.frame(STEP, 2, None, 4.0, 1.5, 3.5)
@@ -68,7 +68,7 @@ def test_frames_come_back_as_they_went_in(tmp_path: Path) -> None:
     assert opened.summary() == {"frames": 2}
 
 
-def test_streams_come_back_bit_for_bit_at_their_own_times(tmp_path: Path) -> None:
+def test_streams_round_trip_bit_for_bit(tmp_path: Path) -> None:
     run = writer(tmp_path / "r")
     first = force(np.arange(4000) / 997.0)
     run.step(STEP, 2.0, 2.5, 4.5, [first, pose([0.0, 0.1], [0.123, -1e-3])])
@@ -90,7 +90,7 @@ def test_streams_come_back_bit_for_bit_at_their_own_times(tmp_path: Path) -> Non
     assert len(opened.force("another")) == 0
 
 
-def test_a_frame_has_force_and_pose_of_its_own_time_and_the_skew(tmp_path: Path) -> None:
+def test_frames_have_interpolated_force_and_pose(tmp_path: Path) -> None:
     run = writer(tmp_path / "r")
     run.frame(STEP, 1, None, 1.5, 0.5, 1.0)
     run.frame(STEP, 2, None, 2.25, 1.25, 1.75)
@@ -115,7 +115,7 @@ def test_a_frame_has_force_and_pose_of_its_own_time_and_the_skew(tmp_path: Path)
     ("t_press_s", "force_skew_s", "pose_skew_s"),
     [(0.8, 0.1, 0.2), (1.01, 0.006, 0.01), (1.09, 0.01, 0.09), (2.2, 0.5, 0.2)],
 )
-def test_skew_counts_to_the_nearer_sample_either_side(
+def test_skew_is_time_to_nearest_sample(
     tmp_path: Path, t_press_s: float, force_skew_s: float, pose_skew_s: float
 ) -> None:
     run = writer(tmp_path / "r")
@@ -128,7 +128,7 @@ def test_skew_counts_to_the_nearer_sample_either_side(
     assert row["pose_skew_s"] == pytest.approx(pose_skew_s)
 
 
-def test_a_damaged_chunk_is_told_by_its_step(tmp_path: Path) -> None:
+def test_damaged_chunk_names_its_step(tmp_path: Path) -> None:
     run = writer(tmp_path / "r")
     run.step(STEP, 2.0, 1.0, 3.0, [force(np.arange(100) / 1000)])
     run.close({})
@@ -177,7 +177,7 @@ def test_a_frame_is_stored_once(tmp_path: Path) -> None:
     run.abandon()
 
 
-def test_a_folder_that_is_there_is_never_written_into(tmp_path: Path) -> None:
+def test_existing_folder_is_never_overwritten(tmp_path: Path) -> None:
     (tmp_path / "r").mkdir()
     with pytest.raises(InputError, match="already there"):
         writer(tmp_path / "r")
@@ -193,7 +193,7 @@ def test_faults_of_a_folder_are_named(tmp_path: Path) -> None:
     opened = open_run(tmp_path / "r")
     file = tmp_path / "r" / str(opened.frames().loc[0, "file"])
     file.write_bytes(file.read_bytes()[:40])
-    with pytest.raises(RunFailed, match="damaged: 40 bytes that differ"):
+    with pytest.raises(RunFailed, match="damaged: its 40 bytes do not match"):
         opened.image(f"images/{file.name}")
     file.unlink()
     with pytest.raises(RunFailed, match="cannot be read"):

@@ -72,10 +72,10 @@ def problems(run: Path) -> list[tuple[str, str]]:
     return [(problem.kind, problem.where) for problem in check_run(run).problems]
 
 
-def test_a_whole_run_is_said_to_be_whole(mini_run: Path) -> None:
+def test_intact_run_is_reported_intact(mini_run: Path) -> None:
     done = command("check", mini_run)
     assert done.exit_code == 0, done.output
-    assert "whole (finished): 2 of 2 presses whole" in done.output
+    assert "intact, finished: 2/2 presses complete" in done.output
     found = json.loads(command("check", mini_run, "--json").output)
     assert found["whole"]
     assert found["found_frames"] == found["frames"] == found["images"] > 10
@@ -108,7 +108,7 @@ SPOILT: dict[str, tuple[Callable[[Path], object], str, str, str]] = {
     "strange frame": (
         lambda r: sql(r, "UPDATE frames SET frame_id = 'x#001' "
                          f"WHERE frame_id = '{PRESS}/rest#001'"),
-        "extra", "x#001", "does not have",
+        "extra", "x#001", "not in the protocol",
     ),
     "moved": (
         lambda r: sql(r, f"UPDATE steps SET seq = 900 WHERE step_id = '{PRESS}/after'"),
@@ -153,12 +153,12 @@ def test_what_is_wrong_is_named(copy: Path, how: str) -> None:
      ("summary.json", '"wall_seconds": ', '"wall_seconds": 1'), ("protocol.toml", "0.3", "0.30"),
      ("notes.jsonl", "the gel is new", "the gel is old")],
 )  # fmt: skip
-def test_no_value_of_the_metadata_can_be_changed_unseen(
+def test_changed_metadata_is_always_detected(
     no_images: Path, tmp_path: Path, name: str, old: str, new: str
 ) -> None:
     run = tmp_path / "run"
     shutil.copytree(no_images, run)
-    assert check_run(run).whole
+    assert check_run(run).intact
     text = (run / name).read_text()
     assert old in text
     (run / name).write_text(text.replace(old, new, 1))
@@ -166,9 +166,9 @@ def test_no_value_of_the_metadata_can_be_changed_unseen(
     assert any(name in f"{p.where} {p.text}" for p in found.problems)
 
 
-def test_a_run_of_0_2_is_read_and_checked_and_not_gone_on_with(no_images: Path) -> None:
+def test_old_run_is_readable_not_resumable(no_images: Path) -> None:
     found = check_run(OF_0_2)
-    assert (found.format, found.whole, list(found.open)) == (5, True, ["sphere-6/p2"])
+    assert (found.format, found.intact, list(found.open)) == (5, True, ["sphere-6/p2"])
     assert found.unhashed == ["run.json", "protocol.toml", "pattern.json"]
     assert found.rows()[1][:2] == ("not hashed", "run.json, protocol.toml, pattern.json")
     old, new = (open_run(folder).frames("sphere-6/p1") for folder in (OF_0_2, no_images))
@@ -178,32 +178,32 @@ def test_a_run_of_0_2_is_read_and_checked_and_not_gone_on_with(no_images: Path) 
         new.drop(columns=clocks, errors="ignore")
     )
     of = str(OF_0_2 / "protocol.toml"), str(no_images.parent / "rig.toml")
-    with pytest.raises(InputError, match="format 5, of an older version; it can be read"):
+    with pytest.raises(InputError, match="format 5 is of an older version"):
         run_experiment(RunRequest(*of, OF_0_2, seed=3), resume=True)
 
 
-def test_a_run_whose_metadata_were_changed_is_not_gone_on_with(copy: Path) -> None:
+def test_changed_metadata_prevents_resume(copy: Path) -> None:
     (copy / "summary.json").unlink()
     pattern = copy / "pattern.json"
     pattern.write_text(pattern.read_text().replace('"seed": 7', '"seed": 8'))
-    with pytest.raises(RunFailed, match=r"pattern\.json: differs from its hash .*put it back"):
+    with pytest.raises(RunFailed, match=r"pattern\.json: differs from its hash .*restore it"):
         RunWriter.resume(copy, [])
 
 
-def test_what_an_unfinished_run_lacks_is_no_damage(copy: Path) -> None:
+def test_missing_press_is_no_damage_unfinished(copy: Path) -> None:
     (copy / "summary.json").unlink()
     sql(copy, "DELETE FROM steps WHERE step_id = '4dots/p1/after'")
     (copy / "images" / "left-over.png").write_bytes(b"")
     done = command("check", copy)
     assert done.exit_code == 0, done.output
-    assert "whole (unfinished): 1 of 2 presses" in done.output
+    assert "intact, unfinished: 1/2 presses" in done.output
     assert re.search(r"open +4dots/p1 ", done.output)
     held = claim(copy)
     assert "being written now" in command("check", copy).output
     held.close()
 
 
-def test_what_is_no_run_is_bad_input(tmp_path: Path) -> None:
+def test_other_folders_are_input_errors(tmp_path: Path) -> None:
     for verb in (["check"], ["show"], ["note", "text"]):
         done = CliRunner().invoke(main, ["record", verb[0], str(tmp_path), *verb[1:]])
         assert isinstance(done.exception, InputError), verb
@@ -211,23 +211,22 @@ def test_what_is_no_run_is_bad_input(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_finished_run_that_has_lost_an_image_says_so_on_resume(
-    mini: tuple[Path, Path], copy: Path
-) -> None:
+def test_resume_reports_lost_image(mini: tuple[Path, Path], copy: Path) -> None:
     protocol, rig = map(str, mini)
     summary = run_experiment(RunRequest(protocol, rig, copy, seed=3), resume=True)
     assert summary["already_finished"]
     lost = first_image(copy)
     lost.unlink()
-    with pytest.raises(RunFailed, match=rf"damaged since: .*{lost.name}: No such file.*--resume"):
+    text = rf"damaged after its end: .*{lost.name}: No such file.*--resume"
+    with pytest.raises(RunFailed, match=text):
         run_experiment(RunRequest(protocol, rig, copy, seed=3), resume=True)
     (copy / "summary.json").unlink()  # as the error advises
     summary = run_experiment(RunRequest(protocol, rig, copy, seed=3), resume=True)
     assert list(summary["redone"]) == ["4dots/p1"]
-    assert check_run(copy).whole
+    assert check_run(copy).intact
 
 
-def test_notes_are_kept_while_a_run_goes_on_and_after_it(copy: Path) -> None:
+def test_notes_during_and_after_a_run(copy: Path) -> None:
     held = claim(copy)  # as the process that carries it out
     assert command("note", copy, "the gel looks dry").exit_code == 0
     held.close()

@@ -20,8 +20,8 @@ from mcap.reader import make_reader
 from deltact_fab.app.cli.main import main
 from deltact_fab.bench.protocols.plan import Step
 from deltact_fab.bench.record.export import export_run
-from deltact_fab.bench.record.export.lerobot import MM_PER_LEVEL, MOTION, RAW
-from deltact_fab.bench.record.export.tables import TABLES, TimeLine
+from deltact_fab.bench.record.export.lerobot import MM_PER_LEVEL, MOTION_KEY, RAW_KEY
+from deltact_fab.bench.record.export.tables import TABLE_COLUMNS, TimeLine
 from deltact_fab.bench.record.notes import RunNote
 from deltact_fab.bench.record.run import Run, open_run
 from deltact_fab.bench.record.streams import Chunk
@@ -59,21 +59,21 @@ def messages(path: Path) -> dict[str, list[tuple[int, dict]]]:
 
 
 @pytest.mark.slow
-def test_mcap_has_every_message_at_its_time_and_says_what_it_is(run: Run, tmp_path: Path) -> None:
+def test_mcap_has_every_message_at_time(run: Run, tmp_path: Path) -> None:
     out = tmp_path / "run.mcap"
     done = CliRunner().invoke(
         main, ["record", "export", str(run.folder), "--format", "mcap", "-o", str(out), "--json"]
     )
     assert done.exit_code == 0, done.output
     found = messages(out)
-    line, frames = TimeLine.of(run), run.frames()
+    line, frames = TimeLine.from_run(run), run.frames()
     for topic, table in (
         ("/camera/image", frames), ("/stage/pose", run.pose()), ("/force/wrench", run.force()),
     ):  # fmt: skip
         wanted = [
             t
             for press, part in table.groupby("press", sort=False)
-            for t in line.of_press_ns(str(press), part["t_s"].to_numpy())
+            for t in line.press_time_ns(str(press), part["t_s"].to_numpy())
         ]
         assert [t for t, _ in found[topic]] == wanted, topic
         assert json.loads(done.stdout)["rows"][topic] == len(table)
@@ -103,7 +103,7 @@ def test_mcap_has_every_message_at_its_time_and_says_what_it_is(run: Run, tmp_pa
 
 
 @pytest.mark.parametrize("form", ["csv", "parquet"])
-def test_tables_come_back_as_the_record_has_them(run: Run, tmp_path: Path, form: str) -> None:
+def test_exported_tables_match_the_record(run: Run, tmp_path: Path, form: str) -> None:
     out = tmp_path / "out"
     rows = export_run([run], form, out)
     read = pd.read_csv if form == "csv" else pd.read_parquet
@@ -112,7 +112,7 @@ def test_tables_come_back_as_the_record_has_them(run: Run, tmp_path: Path, form:
     }  # fmt: skip
     for name, table in wanted.items():
         found = read(out / f"{name}.{form}")
-        assert list(found) == list(TABLES[name])
+        assert list(found) == list(TABLE_COLUMNS[name])
         assert rows[name] == len(found) == len(table)
         for column in set(found) - {"time_ns"}:
             if column in table:
@@ -136,7 +136,7 @@ def test_parquet_has_the_run_with_it(run: Run, tmp_path: Path) -> None:
     assert file.num_row_groups == 4  # press by press
 
 
-def test_a_run_of_0_2_and_one_cut_off_are_exported(run: Run, tmp_path: Path) -> None:
+def test_old_and_interrupted_runs_are_exported(run: Run, tmp_path: Path) -> None:
     assert export_run([open_run(OF_0_2)], "csv", tmp_path / "old")["frames"] == 10
     cut = tmp_path / "cut"
     shutil.copytree(run.folder, cut)
@@ -147,7 +147,7 @@ def test_a_run_of_0_2_and_one_cut_off_are_exported(run: Run, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("form", ["csv", "mcap", "lerobot"])
-def test_nothing_stays_of_an_export_that_fails(run: Run, tmp_path: Path, form: str) -> None:
+def test_failed_export_leaves_nothing(run: Run, tmp_path: Path, form: str) -> None:
     spoilt = tmp_path / "run"
     shutil.copytree(run.folder, spoilt)
     with closing(sqlite3.connect(spoilt / "journal.sqlite")) as db, db:
@@ -157,7 +157,7 @@ def test_nothing_stays_of_an_export_that_fails(run: Run, tmp_path: Path, form: s
     assert [p.name for p in tmp_path.iterdir()] == ["run"]
 
 
-def test_where_and_what_cannot_be_exported_is_one_line(run: Run, tmp_path: Path) -> None:
+def test_invalid_export_is_one_line(run: Run, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="already there"):
         export_run([run], "csv", tmp_path)
     with pytest.raises(InputError, match="no such folder"):
@@ -167,7 +167,7 @@ def test_where_and_what_cannot_be_exported_is_one_line(run: Run, tmp_path: Path)
 
 
 @pytest.mark.slow
-def test_lerobot_has_its_frames_and_the_motion_to_its_levels(run: Run, tmp_path: Path) -> None:
+def test_lerobot_has_frames_and_quantised_motion(run: Run, tmp_path: Path) -> None:
     """`benchmarks/datasets.py` asks its own loader."""
     av = pytest.importorskip("av")
     counts = export_run([run, run], "lerobot", tmp_path / "out", follow=open_follower)
@@ -182,7 +182,7 @@ def test_lerobot_has_its_frames_and_the_motion_to_its_levels(run: Run, tmp_path:
     info = json.loads((tmp_path / "out" / "meta" / "info.json").read_text())
     assert info["total_episodes"] == 2 * frames["press"].nunique()
     seen = {}
-    for key in (RAW, MOTION):
+    for key in (RAW_KEY, MOTION_KEY):
         with av.open(tmp_path / "out" / "videos" / key / "chunk-000" / "file-000.mp4") as video:
             shown = [(f.time, f.to_ndarray(format="rgb24")) for f in video.decode(video=0)]
         assert [t for t, _ in shown] == [k / info["fps"] for k in range(2 * len(frames))]
@@ -190,15 +190,15 @@ def test_lerobot_has_its_frames_and_the_motion_to_its_levels(run: Run, tmp_path:
     track = open_follower(run)
     for at, file in enumerate(frames[frames["press"] == frames["press"].iloc[0]]["file"]):
         motion = track(run.image(file))
-        shift = (seen[MOTION][at][..., :2].astype(float) - 128) * MM_PER_LEVEL
+        shift = (seen[MOTION_KEY][at][..., :2].astype(float) - 128) * MM_PER_LEVEL
         inside = np.abs(motion.shift_mm) < 127 * MM_PER_LEVEL
         assert np.abs(shift - motion.shift_mm)[inside].max() <= MM_PER_LEVEL / 2 + 1e-6
-        assert np.array_equal(seen[MOTION][at][..., 2] == 255, motion.known)
-        off = cv2.cvtColor(seen[RAW][at], cv2.COLOR_RGB2BGR).astype(float) - run.raw(file)
+        assert np.array_equal(seen[MOTION_KEY][at][..., 2] == 255, motion.known)
+        off = cv2.cvtColor(seen[RAW_KEY][at], cv2.COLOR_RGB2BGR).astype(float) - run.raw(file)
         assert 10 * np.log10(255**2 / np.mean(off**2)) > 35
 
 
-def test_jpeg_xl_becomes_png_with_the_same_pixels(tmp_path: Path) -> None:
+def test_jpeg_xl_is_exported_as_png(tmp_path: Path) -> None:
     pytest.importorskip("imagecodecs")
     step = Step("ball/p1/rest", "ball/p1", "sphere:10", "travel", (0, 0, 5.0), 30.0, 1)
     meta = {
@@ -220,9 +220,7 @@ def test_jpeg_xl_becomes_png_with_the_same_pixels(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_time_line_is_one_over_sessions(
-    mini: tuple[Path, Path], run: Run, tmp_path: Path
-) -> None:
+def test_time_line_spans_all_sessions(mini: tuple[Path, Path], run: Run, tmp_path: Path) -> None:
     again = tmp_path / "run"
     shutil.copytree(run.folder, again)
     (again / "summary.json").unlink()
@@ -230,12 +228,12 @@ def test_the_time_line_is_one_over_sessions(
     protocol, rig = map(str, mini)
     run_experiment(RunRequest(protocol, rig, again, seed=3), resume=True)
     resumed = open_run(again)
-    line = TimeLine.of(resumed)
+    line = TimeLine.from_run(resumed)
     assert len(line.offsets_ns) == 2
     assert line.press_session["4dots/p1"] == 0
     assert line.press_session["sphere-10/p1"] == 1
     spans = {
-        press: line.of_press_ns(str(press), part[["t_start_s", "t_end_s"]].to_numpy())
+        press: line.press_time_ns(str(press), part[["t_start_s", "t_end_s"]].to_numpy())
         for press, part in resumed.steps().groupby("press", sort=False)
     }
     assert spans["4dots/p1"].max() <= spans["sphere-10/p1"].min()  # though it comes later

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from deltact_fab.app.cli.main import main
 from deltact_fab.bench.record.images import encode_png
-from deltact_fab.bench.record.importing import lag_of, motion
+from deltact_fab.bench.record.importing import estimate_lag, motion_meter
 from deltact_fab.bench.record.run import open_run
 from deltact_fab.common.errors import InputError, RunFailed
 from deltact_fab.estimate.measure.force.calibration import load_force
@@ -121,7 +121,7 @@ def elsewhere(
     return made_once("elsewhere", make)
 
 
-def test_force_and_pose_come_back_in_the_faces_axes_and_units(elsewhere: Path) -> None:
+def test_force_and_pose_are_converted(elsewhere: Path) -> None:
     run, truth = open_run(elsewhere / "imported"), open_run(elsewhere / "run")
     assert run.imported
     assert not run.simulated
@@ -138,12 +138,13 @@ def test_force_and_pose_come_back_in_the_faces_axes_and_units(elsewhere: Path) -
 
 
 @pytest.mark.parametrize("lag_s", [0.0, 0.1])
-def test_a_lag_of_the_force_is_found_within_a_frame(elsewhere: Path, lag_s: float) -> None:
+def test_lag_is_estimated_within_a_frame(elsewhere: Path, lag_s: float) -> None:
     run = open_run(elsewhere / "imported")
-    frames, force, moved = run.frames(), run.force(), motion()
+    frames, force, moved = run.frames(), run.force(), motion_meter()
     moved_px = np.array([moved(run.raw(file)) for file in frames["file"]])
     forces = force[WRENCH[:3]].to_numpy()
-    found = lag_of(frames["t_s"].to_numpy(), moved_px, force["t_s"].to_numpy() + lag_s, forces)
+    force_t_s = force["t_s"].to_numpy() + lag_s
+    found = estimate_lag(frames["t_s"].to_numpy(), moved_px, force_t_s, forces)
     assert found.lag_s is not None
     assert found.between_s is not None
     assert abs(found.lag_s - lag_s) < found.frame_s / 2
@@ -152,12 +153,10 @@ def test_a_lag_of_the_force_is_found_within_a_frame(elsewhere: Path, lag_s: floa
 
 
 @pytest.mark.slow
-def test_what_an_import_lacks_is_one_line_and_the_rest_works(
-    elsewhere: Path, tmp_path: Path
-) -> None:
+def test_unknown_import_values_are_one_line(elsewhere: Path, tmp_path: Path) -> None:
     run = tmp_path / "imported"
     shutil.copytree(elsewhere / "imported", run)
-    assert "whole (finished)" in command("record", "check", run).output
+    assert "intact, finished" in command("record", "check", run).output
     shown = command("record", "show", run).output
     assert re.search(r"^kind +imported$", shown, re.M)
     assert command("record", "export", run, "--format", "csv", "--out", run / "t").exit_code == 0
@@ -176,9 +175,7 @@ def test_what_an_import_lacks_is_one_line_and_the_rest_works(
 
 
 @pytest.mark.slow
-def test_with_camera_design_and_pose_shape_and_force_are_as_of_a_run(
-    elsewhere: Path, tmp_path: Path
-) -> None:
+def test_complete_import_is_analysed_like_run(elsewhere: Path, tmp_path: Path) -> None:
     view = open_run(elsewhere / "run").camera
     (tmp_path / "camera.toml").write_text(camera_toml(view))
     text = RECORDING.replace('"images"', f'"{elsewhere}/images"')
@@ -232,10 +229,10 @@ TOML = "recording.toml"
 WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
     "column": (edit(TOML, '"Fc"', '"Fz"'), r"force.csv: fz = 'Fz': no such column; .*Fa"),
     "unit": (edit(TOML, '"mN"', '"lbf"'), r"recording.toml: force.force_unit: .*'N' or 'mN' .*lbf"),
-    "mirror": (edit(TOML, "[0, 0, 1]", "[0, 0, -1]"), r"force: rotation: is a mirror"),
+    "mirror": (edit(TOML, "[0, 0, 1]", "[0, 0, -1]"), r"force: rotation: a reflection"),
     "no rate": (
         edit(TOML, '[times]\nfile = "times.csv"\ntime = "t"\n', ""),
-        r"recording.toml: rate_hz: missing key; .*images has no times",
+        r"recording.toml: rate_hz: missing key, .*images has no times",
     ),
     "times back": (
         lines("times.csv", lambda r: [*r[:2], *r[:0:-1][:3]]),
@@ -244,7 +241,7 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
     "a row less": (lines("times.csv", lambda r: r[:-1]), r"times.csv: t: 3 rows, and .* 4 images"),
     "ms are s": (edit("times.csv", "t\n", "t\n1e12\n"), r"times.csv: t: up to 1.0e\+12 s; .*'ns'"),
     "no file": (lambda f: (f / "pose.csv").unlink(), r"pose.csv: cannot be read: No such file"),
-    "image": (lambda f: (f / "images/2.png").write_bytes(b"x"), r"2.png: does not decode"),
+    "image": (lambda f: (f / "images/2.png").write_bytes(b"x"), r"2.png: not a readable image"),
     "size": (
         lambda f: (f / "images/3.png").write_bytes(encode_png(np.zeros((9, 8, 3), np.uint8))),
         r"image 4 is of 8 x 9 px, the first of 400 x 300",
@@ -253,7 +250,7 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
 
 
 @pytest.mark.parametrize("what", WRONG)
-def test_wrong_input_is_one_line_and_writes_nothing(few: Path, what: str) -> None:
+def test_invalid_recording_writes_nothing(few: Path, what: str) -> None:
     spoil, words = WRONG[what]
     spoil(few)
     before = sorted(few.rglob("*"))
@@ -271,10 +268,10 @@ def sql(text: str) -> Callable[[Path], object]:
 
 
 DAMAGED: dict[str, tuple[Callable[[Path], object], str]] = {
-    "row": (sql("DELETE FROM frames WHERE k = 2"), "no row names it"),
-    "stream": (sql("DELETE FROM samples WHERE stream = 'pose'"), "None of pose, and"),
+    "row": (sql("DELETE FROM frames WHERE k = 2"), "not listed in the journal"),
+    "stream": (sql("DELETE FROM samples WHERE stream = 'pose'"), "None of pose, but"),
     "image": (lambda r: next((r / "images").iterdir()).unlink(), "No such file"),
-    "summary": (lambda r: (r / "summary.json").unlink(), "summary.json  without it"),
+    "summary": (lambda r: (r / "summary.json").unlink(), "summary.json  needed to verify"),
 }
 
 
@@ -282,7 +279,7 @@ DAMAGED: dict[str, tuple[Callable[[Path], object], str]] = {
 def test_a_damaged_import_fails_its_check(few: Path, what: str) -> None:
     done = command("record", "import", few / TOML, "--out", few / "out")
     assert done.exit_code == 0, done.output
-    assert "is not told" in done.output  # four images tell no lag
+    assert "undetermined" in done.output  # four images are too few for a lag
     spoil, words = DAMAGED[what]
     spoil(few / "out")
     done = command("record", "check", few / "out")
@@ -303,7 +300,7 @@ def test_images_and_a_rate_are_enough(tmp_path: Path) -> None:
     assert "no force recorded" in refusal("analyze", "force", tmp_path / "out")
 
 
-def test_an_import_is_exported_as_a_dataset_and_for_foxglove(few: Path) -> None:
+def test_import_exports_to_lerobot_and_mcap(few: Path) -> None:
     """Its times begin before its first image, and before 1970."""
     pytest.importorskip("av")
     rows = (few / "times.csv").read_text().splitlines()
@@ -327,7 +324,7 @@ def test_an_import_is_exported_as_a_dataset_and_for_foxglove(few: Path) -> None:
     assert done.exit_code == 0, done.output
 
 
-def test_force_is_not_calibrated_on_what_a_tracker_fills_in_between_markers(tmp_path: Path) -> None:
+def test_no_force_calibration_on_interpolated_motion(tmp_path: Path) -> None:
     face = np.full((240, 320, 3), 150, np.uint8)
     for x in range(25, 320, 30):
         for y in range(24, 240, 32):

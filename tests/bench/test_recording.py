@@ -46,7 +46,7 @@ def held(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
     return go
 
 
-def test_jpeg_xl_is_lossless_and_named_in_the_journal(tmp_path: Path) -> None:
+def test_jpeg_xl_is_lossless_and_journalled(tmp_path: Path) -> None:
     pytest.importorskip("imagecodecs")
     run = writer(tmp_path / "r", "jxl")
     put(run, 1)
@@ -61,7 +61,7 @@ def test_jpeg_xl_is_lossless_and_named_in_the_journal(tmp_path: Path) -> None:
     assert decode(b"\xff\x0a no image", "a.jxl") is None
 
 
-def test_rows_come_in_the_order_of_the_calls(tmp_path: Path) -> None:
+def test_rows_keep_the_call_order(tmp_path: Path) -> None:
     run = writer(tmp_path / "r")
     for k in range(1, 41):
         assert put(run, k) == f"{STEP.id}#{k:03d}"
@@ -74,10 +74,10 @@ def test_rows_come_in_the_order_of_the_calls(tmp_path: Path) -> None:
     run.abandon()
 
 
-def test_a_full_queue_says_so_or_waits(
+def test_full_queue_refuses_or_waits(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, held: threading.Event
 ) -> None:
-    monkeypatch.setattr(journal, "MAX_IMAGES", 4)
+    monkeypatch.setattr(journal, "MAX_QUEUED_IMAGES", 4)
     run = writer(tmp_path / "r")
     assert all(put(run, k) for k in range(1, 5))
     assert put(run, 5, wait=False) is None
@@ -94,24 +94,22 @@ def test_a_full_queue_says_so_or_waits(
     assert open_run(tmp_path / "r").frames()["k"].tolist() == [1, 2, 3, 4, 6]
     # What was given up counts as missed, and the press as complete.
     again = RunWriter.resume(tmp_path / "r", [STEP])
-    assert again.kept == {STEP.press}
+    assert again.kept_presses == {STEP.press}
     assert again.missed == 35
     again.abandon()
 
 
-def test_so_many_bytes_wait_and_no_more(
+def test_queue_is_limited_in_bytes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, held: threading.Event
 ) -> None:
-    monkeypatch.setattr(journal, "MAX_BYTES", 3 * image(0).nbytes)
+    monkeypatch.setattr(journal, "MAX_QUEUED_BYTES", 3 * image(0).nbytes)
     run = writer(tmp_path / "r")
     assert [put(run, k, wait=False) is not None for k in range(1, 6)] == [True] * 3 + [False] * 2
     held.set()
     run.abandon()
 
 
-def test_a_file_that_cannot_be_written_ends_the_order_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_unwritable_file_ends_the_commits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write, told = journal.write_whole, threading.Event()
 
     def full(path: Path, data: bytes, sync_name: bool) -> None:
@@ -146,7 +144,7 @@ def test_a_file_that_cannot_be_written_ends_the_order_there(
     assert len(opened.steps()) == 0
 
 
-def test_a_frame_is_committed_within_a_second_without_being_asked_for(tmp_path: Path) -> None:
+def test_frame_is_committed_within_a_second(tmp_path: Path) -> None:
     run = writer(tmp_path / "r")
     put(run, 1)
     opened, until_s = open_run(tmp_path / "r"), time.monotonic() + 30
@@ -156,7 +154,7 @@ def test_a_frame_is_committed_within_a_second_without_being_asked_for(tmp_path: 
     run.abandon()
 
 
-def test_late_frames_of_a_sweep_are_flagged(tmp_path: Path) -> None:
+def test_late_sweep_frames_are_flagged(tmp_path: Path) -> None:
     meta = {
         "simulated": False,
         "camera": None,

@@ -114,7 +114,7 @@ def assert_equal(tiny: ShortRun, resumed: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_damaged_press_is_done_again_in_its_place(tiny: ShortRun, tmp_path: Path) -> None:
+def test_damaged_press_is_repeated_in_place(tiny: ShortRun, tmp_path: Path) -> None:
     out = tiny.unfinished(tmp_path / "r", "sphere-8/p2")
     image = sorted((out / "images").glob("sphere-6_p2_*"))[2]
     image.write_bytes(image.read_bytes()[:-40])
@@ -134,11 +134,11 @@ def test_a_damaged_press_is_done_again_in_its_place(tiny: ShortRun, tmp_path: Pa
         "sphere-6/p2": f"images/{image.name}: differs from its hash in the journal",
         "sphere-8/p1": summary["redone"]["sphere-8/p1"],
     }
-    assert summary["redone"]["sphere-8/p1"].startswith(f"truth/{truth.name}: its truth is damaged")
+    assert summary["redone"]["sphere-8/p1"].startswith(f"truth/{truth.name}: truth damaged")
     assert_equal(tiny, out)
 
 
-def test_a_finished_run_is_left_as_it_is(tiny: ShortRun, tmp_path: Path) -> None:
+def test_finished_run_is_left_unchanged(tiny: ShortRun, tmp_path: Path) -> None:
     out = tmp_path / "r"
     shutil.copytree(tiny.finished, out)
     before = files(out)
@@ -157,7 +157,7 @@ def test_other_conditions_are_refused_by_name(tiny: ShortRun, tmp_path: Path) ->
         ({"protocol": str(protocol)}, text.replace("[0.4]", "[0.5]"),
          r"protocol\.depths_mm: \[0\.4\] in the .*\[0\.5\] now"),
         ({"protocol": str(protocol)}, text + "# a note\n",
-         r"another text; resume with .*protocol\.toml"),
+         r"other text.; resume with .*protocol\.toml"),
         ({"rig": str(rig)}, "", r"rig\.virtual\.gel\.spacing_mm: 0\.5 in the folder, 0\.4 now"),
     ]  # fmt: skip
     for other, written, says in cases:
@@ -201,9 +201,7 @@ def kill_at(tiny: ShortRun, where: str, n: int, out: Path, *more: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_run_killed_at_any_moment_ends_as_the_undisturbed_one(
-    tiny: ShortRun, tmp_path: Path
-) -> None:
+def test_killed_run_ends_like_undisturbed_one(tiny: ShortRun, tmp_path: Path) -> None:
     """Three moments, one in each third of the images; after one of them it is killed once more."""
     rng = np.random.default_rng(20)
     for n in range(3):
@@ -221,7 +219,7 @@ def test_a_run_killed_at_any_moment_ends_as_the_undisturbed_one(
 
 
 @pytest.mark.slow
-def test_killed_inside_the_writing_of_an_image(tiny: ShortRun, tmp_path: Path) -> None:
+def test_kill_while_writing_an_image(tiny: ShortRun, tmp_path: Path) -> None:
     out = tmp_path / "r"
     kill_at(tiny, "image", 8 + 4, out)  # one of the second press, not yet renamed
     part = list((out / "images").glob(".*.part"))

@@ -30,7 +30,7 @@ def of(row: evidence.EvidenceRow) -> set[str]:
     known += digest.code_files(
         *(m.partition(".")[2] for m in modules if m.startswith("deltact_fab."))
     )
-    here = digest.PACKAGE
+    here = digest.PACKAGE_DIR
     return {p.relative_to(here).as_posix() for p in known if p.is_relative_to(here)}
 
 

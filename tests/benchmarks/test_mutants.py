@@ -2,11 +2,11 @@
 
 import tomllib
 
-from deltact_fab.paths import PACKAGE
+from deltact_fab.paths import PACKAGE_DIR
 
 
 def test_each_fault_stands_once_in_its_file() -> None:
-    root = PACKAGE.parent
+    root = PACKAGE_DIR.parent
     faults = tomllib.loads((root / "benchmarks/mutants.toml").read_text())["fault"]
     assert len(faults) == 20
     assert [f for f in faults if (root / f["file"]).read_text().count(f["old"]) != 1] == []

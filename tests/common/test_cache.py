@@ -22,7 +22,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "c"
 
 
-def test_round_trip_by_content_of_the_key(folder: Path) -> None:
+def test_round_trip_by_key_content(folder: Path) -> None:
     key = {"a": 1, "b": [1, 2]}
     assert STORE.read(key) is None
     assert STORE.write(key, {"v": 2.5})
@@ -32,7 +32,7 @@ def test_round_trip_by_content_of_the_key(folder: Path) -> None:
     assert len(list(folder.rglob("*"))) == 2
 
 
-def test_bytes_and_arrays_come_back_wherever_they_stand(folder: Path) -> None:
+def test_nested_bytes_and_arrays_round_trip(folder: Path) -> None:
     data = b'{"line": 1}\n\x00\xff\nrest'
     arrays = [np.arange(6.0).reshape(2, 3).T, np.zeros((0, 11)), np.array(3), np.array(["ab", "c"])]
     value = {"file": data, "v": 0.1, "in": [{"array": array, "n": None} for array in arrays]}
@@ -46,7 +46,7 @@ def test_bytes_and_arrays_come_back_wherever_they_stand(folder: Path) -> None:
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(at=st.integers(0, 10_000), bit=st.integers(0, 7))
-def test_a_changed_bit_anywhere_counts_as_none(folder: Path, at: int, bit: int) -> None:
+def test_any_changed_bit_is_a_miss(folder: Path, at: int, bit: int) -> None:
     STORE.write({"a": 1}, [b"some bytes", {"v": 0.1}])
     (entry,) = folder.rglob("*.bin")
     whole = bytearray(entry.read_bytes())
@@ -55,7 +55,7 @@ def test_a_changed_bit_anywhere_counts_as_none(folder: Path, at: int, bit: int) 
     assert STORE.read({"a": 1}) is None
 
 
-def test_a_folder_that_refuses_is_told_and_harmless(folder: Path) -> None:
+def test_unwritable_folder_is_harmless(folder: Path) -> None:
     folder.write_text("a file in the way")
     assert STORE.write({"a": 1}, b"x") is False
     assert STORE.read({"a": 1}) is None

@@ -44,7 +44,7 @@ class Plain:
         (Outer, {"inner": {"depth_mm": "8"}}, "f: inner.depth_mm: "),
         (Outer, {"inner": {"depth_mm": True}}, "f: inner.depth_mm: "),
         (Outer, {"pair_mm": [1.0]}, "f: pair_mm"),
-        (Outer, {"many": "1 mm"}, "f: many: Input should be a list (got '1 mm')"),
+        (Outer, {"many": "1 mm"}, "f: many: expected a list (got '1 mm')"),
         (Plain, {"sensor": {"frame": {"seat_mm": 6}}}, "unknown key; did you mean 'seat_y_mm'?"),
         (
             Plain,
@@ -69,13 +69,11 @@ def test_toml_faults_are_one_line(tmp_path: Path) -> None:
         catalog.read_toml(file)
     with pytest.raises(InputError, match="no such file"):
         catalog.find_file("cad", str(tmp_path / "y.toml"))
-    with pytest.raises(InputError, match="a folder, no file"):
+    with pytest.raises(InputError, match="is a folder"):
         catalog.find_file("cad", str(tmp_path))
 
 
-def test_a_bare_name_is_this_folder_s_own_first(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bare_name_prefers_local_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     shipped = catalog.find_file("patterns", "dense")
     assert shipped.parent == shipped_folder("patterns")
@@ -86,9 +84,7 @@ def test_a_bare_name_is_this_folder_s_own_first(
     assert catalog.find_file("patterns", "dense") == Path("patterns/dense.toml")
 
 
-def test_a_file_of_another_kind_is_not_taken(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_file_of_other_kind_is_skipped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("smoke.toml").write_text('law = "transparent"\n')
     assert catalog.find_file("protocols", "smoke").parent == shipped_folder("protocols")
@@ -99,9 +95,7 @@ def test_a_file_of_another_kind_is_not_taken(
     assert "mine" not in catalog.catalogue_names("protocols")
 
 
-def test_a_damaged_file_here_is_told_and_not_passed_over(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_damaged_local_file_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("smoke.toml").write_text("name = [\n")
     with pytest.raises(InputError, match=r"smoke.toml: not valid TOML"):

@@ -46,13 +46,13 @@ def test_a_constant_counts(package: Path) -> None:
 
 
 @pytest.mark.parametrize("file", ["room/unused.py", "typed.py"])
-def test_what_is_not_run_does_not_count(package: Path, file: str) -> None:
+def test_files_not_run_do_not_count(package: Path, file: str) -> None:
     before = now(package)
     (package / file).write_text("def g():\n    return 5\n\n\nT = g\n")
     assert now(package) == before
 
 
-def test_comments_docstrings_and_layout_do_not_count(package: Path) -> None:
+def test_comments_and_layout_do_not_count(package: Path) -> None:
     before = now(package)
     (package / "room/used.py").write_text(
         '"""Other words."""\nC = (\n    1.5  # why\n)\n"""Of C."""\n'
@@ -61,9 +61,9 @@ def test_comments_docstrings_and_layout_do_not_count(package: Path) -> None:
     assert now(package) == before
 
 
-def test_the_gel_knows_its_solver_and_no_picture() -> None:
+def test_gel_digest_includes_solver_only() -> None:
     names = {
-        p.relative_to(digest.PACKAGE).as_posix() for p in digest.code_files("physics.gel.press")
+        p.relative_to(digest.PACKAGE_DIR).as_posix() for p in digest.code_files("physics.gel.press")
     }
     assert {
         "physics/gel/finite/newton.py",
@@ -75,14 +75,14 @@ def test_the_gel_knows_its_solver_and_no_picture() -> None:
     )
 
 
-def test_a_package_without_code_is_no_module_to_count(package: Path) -> None:
+def test_package_without_code_is_refused(package: Path) -> None:
     """A room whose `__init__` only says what it is for would leave all its files out."""
     (package / "room/__init__.py").write_text('"""Words."""\n')
     with pytest.raises(ValueError, match="package 'room' holds no code; name modules in it"):
         digest.code_files("room", package=package)
 
 
-def test_another_package_s_digest_holds_what_it_imports_of_this_one(package: Path) -> None:
+def test_other_packages_digest_includes_its_imports(package: Path) -> None:
     (package / "top.py").write_text(
         "def run():\n    from deltact_fab.sensor import parse_indenter\n"
     )

@@ -22,7 +22,7 @@ def _fill(folder: Path) -> None:
     (folder / "a" / "b").write_bytes(b"2")
 
 
-def test_a_folder_appears_with_all_that_is_in_it_or_not_at_all(tmp_path: Path) -> None:
+def test_folder_is_created_atomically(tmp_path: Path) -> None:
     with files.whole_file(tmp_path / "made") as part:
         part.mkdir()
         (part / "a").write_bytes(b"1")
@@ -33,7 +33,7 @@ def test_a_folder_appears_with_all_that_is_in_it_or_not_at_all(tmp_path: Path) -
     assert [p.name for p in tmp_path.iterdir()] == ["made"]
 
 
-def test_a_full_disk_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_full_disk_leaves_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(handle: int) -> None:
         raise OSError(28, "No space left on device")
 
@@ -48,7 +48,7 @@ def test_a_full_disk_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize("blocked", [False, True])
-def test_files_that_go_together_go_with_those_that_come(tmp_path: Path, blocked: bool) -> None:
+def test_files_are_replaced_together(tmp_path: Path, blocked: bool) -> None:
     new, old, last = (tmp_path / name for name in ("new", "old", "result"))
     old.write_bytes(b"1")
     last.mkdir() if blocked else last.write_bytes(b"2")

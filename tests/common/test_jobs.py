@@ -23,7 +23,7 @@ from deltact_fab.common import jobs
 from deltact_fab.common.errors import InputError, MissingLibrary, RunFailed
 from deltact_fab.common.jobs.batch import run_each, run_jobs
 from deltact_fab.common.jobs.cluster import open_executor
-from deltact_fab.common.jobs.local import THREAD_VARIABLES, TRIES, processors
+from deltact_fab.common.jobs.local import JOB_ATTEMPTS, THREAD_VARIABLES, processors
 
 LISTED = pytest.mark.skipif(shutil.which("ps") is None, reason="ps is not installed (procps)")
 
@@ -33,7 +33,7 @@ def none_left() -> bool:
 
 
 @pytest.mark.parametrize("workers", [1, 3])
-def test_results_are_in_the_order_of_the_jobs_and_progress_names_each(workers: int) -> None:
+def test_results_and_progress_in_job_order(workers: int) -> None:
     heard: list[tuple[int, int, str]] = []
     names = ["four", "nine", "sixteen", "twenty-five"]
     assert run_each(
@@ -58,30 +58,30 @@ def test_any_executor_will_do() -> None:
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_the_first_job_that_fails_gives_the_error_however_late(workers: int) -> None:
+def test_first_failing_job_gives_the_error(workers: int) -> None:
     # In two processes the third job fails at once, the second only after a while.
     tasks = ["1", "sum(range(10_000_000)) + one", "two", "3"]
     arrived: dict[int, Any] = {}
     with pytest.raises(NameError, match="'one'"):
-        run_each(eval, tasks, tasks, arrived=arrived.__setitem__, workers=workers)
+        run_each(eval, tasks, tasks, on_result=arrived.__setitem__, workers=workers)
     assert arrived.keys() <= {0}
     assert none_left()
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_failures_are_collected_where_the_rest_is_wanted(workers: int) -> None:
+def test_failures_are_collected_on_request(workers: int) -> None:
     ended: dict[int, tuple[Any, Exception | None]] = {}
     run_jobs(eval, ["1", "one", "1/0", "4"], lambda k, *e: ended.update({k: e}), workers=workers)
     assert [ended[i][0] for i in (0, 3)] == [1, 4]
     assert [type(ended[i][1]) for i in (1, 2)] == [NameError, ZeroDivisionError]
 
 
-def test_what_hears_may_fail_and_nothing_is_left() -> None:
+def test_failing_callback_leaves_no_process() -> None:
     def arrived(index: int, result: float) -> None:
         raise ArithmeticError("heard")
 
     with pytest.raises(ArithmeticError, match="heard"):
-        run_each(time.sleep, [0.01, 60, 60], "abc", arrived=arrived, workers=2)
+        run_each(time.sleep, [0.01, 60, 60], "abc", on_result=arrived, workers=2)
     assert none_left()
 
 
@@ -96,28 +96,28 @@ def first_time_dies(mark: str) -> str:
 
 
 @pytest.mark.slow
-def test_a_job_whose_process_is_killed_is_tried_again(tmp_path: Path) -> None:
+def test_job_of_killed_process_is_retried(tmp_path: Path) -> None:
     marks = [str(tmp_path / f"{n}") for n in range(5)]
     assert run_each(first_time_dies, marks, marks, workers=2) == ["done"] * 5
     assert none_left()
 
 
-def test_one_that_kills_its_process_each_time_fails_alone() -> None:
+def test_job_killing_its_process_fails_alone() -> None:
     ended: dict[int, tuple[Any, Exception | None]] = {}
     tasks = ["2", "__import__('os')._exit(3)", "__import__('time').sleep(0.5) or 5", "7"]
     run_jobs(eval, tasks, lambda k, *e: ended.update({k: e}), workers=2)
     assert [ended[i][0] for i in (0, 2, 3)] == [2, 5, 7]
     why = ended[1][1]
     assert isinstance(why, RunFailed)
-    assert str(why).startswith("its process died twice (out of memory, or killed)")
-    assert TRIES == 2
+    assert str(why).startswith("worker process died twice (out of memory, or killed)")
+    assert JOB_ATTEMPTS == 2
     assert "\n" not in str(why)
 
 
 @pytest.mark.slow
-def test_an_idle_process_that_dies_costs_no_job_a_try() -> None:
+def test_idle_process_death_costs_no_attempt() -> None:
     with open_executor(workers=1) as own:
-        for _ in range(TRIES + 1):
+        for _ in range(JOB_ATTEMPTS + 1):
             (process_id,) = run_each(eval, ["__import__('os').getpid()"], ["id"], own)
             os.kill(process_id, signal.SIGKILL)
             time.sleep(0.2)
@@ -128,7 +128,7 @@ def nothing() -> None:
     return None
 
 
-def test_what_cannot_be_pickled_fails_as_that_job() -> None:
+def test_unpicklable_job_fails_alone() -> None:
     ended: dict[int, tuple[Any, Exception | None]] = {}
     made = [nothing, lambda: None]
     run_jobs(functools.partial(isinstance, object), made, lambda k, *e: ended.update({k: e}),
@@ -146,7 +146,7 @@ def threads_of(_: int) -> tuple[list[str | None], int, int]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("asked", [None, "5"])
-def test_workers_share_the_processors_unless_a_number_is_set(
+def test_workers_share_processors_by_default(
     monkeypatch: pytest.MonkeyPatch, asked: str | None
 ) -> None:
     for name in THREAD_VARIABLES:
@@ -159,7 +159,7 @@ def test_workers_share_the_processors_unless_a_number_is_set(
         assert asked or (of_cv2, inside) == (3, 3)
 
 
-def test_a_worker_keeps_threads_that_the_user_set(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_worker_keeps_users_thread_setting(monkeypatch: pytest.MonkeyPatch) -> None:
     names = ["OMP_NUM_THREADS", "MKL_NUM_THREADS"]
     monkeypatch.setenv(names[0], "5")
     monkeypatch.delenv(names[1], raising=False)
@@ -183,7 +183,7 @@ def test_another_place_is_refused(on: str, workers: int | None, says: str) -> No
     assert says in str(why.value)
 
 
-def test_without_the_extra_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_extra_names_install_command(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with (
         pytest.raises(MissingLibrary, match=r"pip install 'deltact-fab\[cluster\]'"),
@@ -196,7 +196,7 @@ def test_without_the_extra_it_says_what_to_install(monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.parametrize("way", ["file", "stdin"])
-def test_a_script_without_a_guard_runs_once(tmp_path: Path, way: str) -> None:
+def test_script_without_guard_runs_once(tmp_path: Path, way: str) -> None:
     text = (
         "import math\nfrom deltact_fab.common import run_each\nprint('here')\n"
         "print(*run_each(math.sqrt, [4, 9], 'ab', workers=2), sep='\\n')\n"
@@ -217,7 +217,7 @@ def test_a_script_without_a_guard_runs_once(tmp_path: Path, way: str) -> None:
 
 @LISTED
 @pytest.mark.parametrize("way", ["killed", "Ctrl-C"])
-def test_workers_end_with_their_parent_and_with_ctrl_c(way: str) -> None:
+def test_workers_end_with_parent_or_interrupt(way: str) -> None:
     script = (
         "import time\n"
         "from deltact_fab.common import run_each\n"

@@ -111,7 +111,7 @@ def test_results_and_errors_come_from_there(cluster: Cluster) -> None:
         assert run_each(math.sqrt, [4], "a", again) == [2]
 
 
-def test_a_job_that_kills_its_workers_fails_alone_in_one_line(cluster: Cluster) -> None:
+def test_job_killing_its_workers_fails_alone(cluster: Cluster) -> None:
     cluster.add(nanny=True)  # one worker: each time it dies Dask blames those that wait on it too
     ended: dict[int, tuple[Any, Exception | None]] = {}
     with open_executor(cluster.on) as there:
@@ -125,10 +125,11 @@ def test_a_job_that_kills_its_workers_fails_alone_in_one_line(cluster: Cluster) 
 
 
 @pytest.mark.parametrize("gone", ["scheduler", "workers"])
-def test_a_cluster_that_is_gone_is_said(
+def test_lost_cluster_is_reported(
     cluster: Cluster, monkeypatch: pytest.MonkeyPatch, gone: str
 ) -> None:
-    monkeypatch.setattr(importlib.import_module("deltact_fab.common.jobs.cluster"), "GONE_S", 3.0)
+    module = importlib.import_module("deltact_fab.common.jobs.cluster")
+    monkeypatch.setattr(module, "NO_WORKER_S", 3.0)
     cluster.add(1)
     kill = f"__import__('os').killpg({cluster.scheduler.pid}, 9) or __import__('time').sleep(60)"
     task = {"scheduler": kill, "workers": "__import__('os')._exit(3)"}[gone]
@@ -137,7 +138,7 @@ def test_a_cluster_that_is_gone_is_said(
 
 
 @pytest.mark.parametrize("way", ["nobody", "no workers"])
-def test_where_there_is_nothing_it_is_said(
+def test_missing_scheduler_is_reported(
     cluster: Cluster, way: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     module = importlib.import_module("deltact_fab.common.jobs.cluster")
@@ -152,7 +153,7 @@ def test_where_there_is_nothing_it_is_said(
     assert "\n" not in str(why.value)
 
 
-def test_a_worker_with_other_code_is_refused_alone(
+def test_worker_with_other_code_is_refused(
     cluster: Cluster, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     package = Path(jobs.__file__).parents[2]
@@ -162,7 +163,7 @@ def test_a_worker_with_other_code_is_refused_alone(
         copy = other / file.relative_to(package.parent)
         copy.parent.mkdir(exist_ok=True)
         copy.write_bytes(file.read_bytes())
-    said = "its deltact_fab is another"
+    said = "its deltact_fab differs"
     cluster.add(1)
     with open_executor(cluster.on) as there:
         assert there.workers == 1
@@ -186,7 +187,7 @@ def test_a_worker_with_other_code_is_refused_alone(
         pass
 
 
-def test_files_of_the_store_go_with_jobs_and_come_back(
+def test_store_files_travel_with_jobs(
     cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of machines that share no disk: what one has made is here, and there where it is needed."""
@@ -196,7 +197,7 @@ def test_files_of_the_store_go_with_jobs_and_come_back(
     cluster.add(2)
     file = "gel/one.bin"
     with open_executor(cluster.on) as there:
-        wait(lambda: there._look() == 2)
+        wait(lambda: there._count_threads() == 2)
         (made,) = run_each(tiny.leave, [tiny.Leaves(file=file)], ["makes"], there)
         assert (tmp_path / "here" / file).read_text() == str(made["by"]) == str(made["in"])
         more = {f"job {n}": GridJob(f"job {n}", tiny.leave, {"file": file, "n": n, "s": 0.3},

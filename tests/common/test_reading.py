@@ -20,13 +20,13 @@ from deltact_fab.fabricate.patterns.recipe import PatternRecipe
         (b"a = " + b"[" * 5000 + b"]" * 5000, "nested too deep"),
         (b".".join([b"a"] * 20_000) + b" = 1", "nested too deep"),
         (b"a = " + b"[" * 40 + b"]" * 40, "nested too deep"),
-        (b"a = " + b"9" * 100, "a whole number of 333 bits"),
+        (b"a = " + b"9" * 100, "an integer of 333 bits"),
         (b"a = " + b"9" * 5000, "not valid TOML"),
         (b"a = '\xff'", "not UTF-8 text: byte 5 is 0xff"),
         (b"a = 1\0", "not valid TOML"),
     ],
 )
-def test_what_no_settings_hold_is_refused_at_once(tmp_path: Path, data: bytes, says: str) -> None:
+def test_excessive_files_are_refused_at_once(tmp_path: Path, data: bytes, says: str) -> None:
     file = tmp_path / "x.toml"
     file.write_bytes(data)
     begun = time.process_time()
@@ -35,7 +35,7 @@ def test_what_no_settings_hold_is_refused_at_once(tmp_path: Path, data: bytes, s
     assert time.process_time() - begun < 1
 
 
-def test_of_many_faults_the_first_are_told() -> None:
+def test_first_of_many_faults_are_reported() -> None:
     begun = time.process_time()
     with pytest.raises(InputError, match=r"^f: law: missing .* \| and 9981 more$") as told:
         catalog.validate(PatternRecipe, {f"key_{i}": 1 for i in range(10_000)} | {"seed": 1}, "f")
@@ -45,7 +45,7 @@ def test_of_many_faults_the_first_are_told() -> None:
     assert told.value.untold == 9981
 
 
-def test_a_place_that_holds_no_file_is_named(tmp_path: Path) -> None:
+def test_unreadable_paths_are_named(tmp_path: Path) -> None:
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     for name in (".", "loop", "gone", "x" * 300, "a\0b"):
         with pytest.raises(InputError, match="cannot be read"):
@@ -58,7 +58,7 @@ def test_json_is_an_object(tmp_path: Path) -> None:
         reading.read_json(tmp_path / "x.json")
 
 
-def test_a_message_is_one_printable_line_of_300_characters() -> None:
+def test_message_is_one_short_printable_line() -> None:
     assert fault_line("a\n b\u202e") == "a b\\u202e"
     assert fault_line("x" * 300) == "x" * 300
     short = fault_line(f"f.toml: name: unknown {'y' * 1000!r}; valid: a, b")

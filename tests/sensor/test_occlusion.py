@@ -21,14 +21,14 @@ def shelf() -> np.ndarray:
     return at
 
 
-def test_a_surface_that_hides_nothing_is_not_in_dispute() -> None:
+def test_unfolded_surface_has_no_folds() -> None:
     leaning = grid()
     leaning[..., 0] += 0.9 * np.sin(leaning[..., 0] / 2)
     assert not folded_pixels(grid(), (ROWS, COLUMNS)).any()
     assert not folded_pixels(leaning, (ROWS, COLUMNS)).any()
 
 
-def test_under_a_shelf_the_nearer_of_the_two_is_seen() -> None:
+def test_nearer_surface_under_overhang_is_seen() -> None:
     at, y = shelf(), np.arange(ROWS)
     disputed = folded_pixels(at, (ROWS, COLUMNS))
     # Column 19 lies at x = 27 now and column 20 at x = 20: between them both are.
@@ -41,7 +41,7 @@ def test_under_a_shelf_the_nearer_of_the_two_is_seen() -> None:
     assert np.allclose(nearest_surface(at, -shelf_near, wanted), np.stack((24 + 0 * y, y), -1))
 
 
-def test_a_pixel_that_sees_nothing_says_so() -> None:
+def test_empty_pixel_is_nan() -> None:
     wanted = np.zeros((ROWS, COLUMNS), bool)
     wanted[3, 4] = wanted[3, 12] = True
     seen = nearest_surface(shelf(), np.zeros((ROWS, COLUMNS)), wanted)

@@ -113,7 +113,7 @@ def test_flat_field_is_stored_and_applied(tmp_path: Path) -> None:
     press = before.replace(", [0.8, 0.5]", "") + after[after.index("[capture]") :]
     Path(protocol).write_text(press.replace("rate_hz = 0.5", "settle_s = 1.0"))
     share = np.full((340, 420, 3), 0.5, np.float32)
-    (tmp_path / "light.png").write_bytes(FlatField(share).png())
+    (tmp_path / "light.png").write_bytes(FlatField(share).to_png())
     (tmp_path / "camera.toml").write_text(camera_toml(CALIBRATED, {"flat": {"file": "light.png"}}))
     run_experiment(RunRequest(protocol, rig, tmp_path / "run"))
     (tmp_path / "light.png").unlink()

@@ -126,7 +126,7 @@ def test_hold_and_retract_are_recorded(files: tuple[str, str], tmp_path: Path) -
     run = open_run(tmp_path / "r")
     frames, truth = run.frames(), run.truth()
     assert truth is not None
-    assert check_run(tmp_path / "r").whole
+    assert check_run(tmp_path / "r").intact
     assert not frames["late"].any()
     hold, out = (frames[frames["kind"] == kind] for kind in ("hold", "retract"))
     assert np.diff(hold["t_press_s"])[:-1] == pytest.approx(1.0, abs=0.01)

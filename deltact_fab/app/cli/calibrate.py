@@ -66,7 +66,7 @@ def lens(
     field = None if flat is None else fit_flat_field(flat, result.lens)
     flat_file = out.with_suffix(".flat.png")
     if field is not None:
-        write_whole(flat_file, field.png())
+        write_whole(flat_file, field.to_png())
     write_whole(out, result.camera_toml(None if field is None else flat_file.name).encode())
     flat_name = None if field is None else flat_file.name
     data = {"camera": result.lens.as_dict(), **result.as_dict(), "flat": flat_name}

@@ -11,7 +11,7 @@ from itertools import pairwise
 import click
 
 from deltact_fab.common import DeltactFabError, MissingLibrary, RunFailed, Stopped, fault_line
-from deltact_fab.version import VERSION
+from deltact_fab.version import PACKAGE_VERSION
 
 from .group import CommandGroup, load_command
 
@@ -84,7 +84,7 @@ class LazyGroup(CommandGroup):
     "2 bad input, 130 interrupted.",
 )
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
-@click.version_option(VERSION, prog_name=PROGRAM_NAME)
+@click.version_option(PACKAGE_VERSION, prog_name=PROGRAM_NAME)
 def main(debug: bool) -> None:
     """Make DelTact tactile sensors, and design and run the experiments that qualify them."""
 

@@ -235,7 +235,7 @@ def sheet(
     source = click.get_current_context().get_parameter_source("design")
     explicit = bool(changes) or source is not click.core.ParameterSource.DEFAULT
     for name, recipe in zip(recipes, chosen, strict=True):
-        excess = sensor.optics.beyond(recipe.printed_mm) if explicit else None
+        excess = sensor.optics.print_shortfall(recipe.printed_mm) if explicit else None
         if excess is not None:
             raise InputError(f"{name}: size_mm: {excess} by --design {design}")
     with progress("pattern sheet") as tell:

@@ -35,7 +35,7 @@ def check(run: Path) -> Answer:
     with progress("check") as bar:
         verdict = verify(run, bar)
     lines = compact(("", "where", "what"), rows) if (rows := verdict.rows()) else ()
-    return Answer(verdict.as_dict(), [verdict.line, *lines], None if verdict.whole else "")
+    return Answer(verdict.as_dict(), [verdict.line, *lines], None if verdict.intact else "")
 
 
 @record.command()

@@ -1,7 +1,6 @@
-"""Static checks: everything that can be known wrong before anything moves.
+"""Static checks of a protocol, before anything moves.
 
-Each check is a row with the figure, its bound and the worst step, so that a lab sees the margin as
-well as the verdict.
+Each check gives the value, its limit and the worst step, so the margin is visible as well.
 """
 
 from __future__ import annotations
@@ -16,8 +15,8 @@ from deltact_fab.common import Check, graded
 from deltact_fab.sensor import SensorDimensions, parse_indenter
 
 from .motion import (
-    LOCKSTEP,
-    WALL_CLOCK,
+    LOCKSTEP_PACE,
+    WALL_CLOCK_PACE,
     StageConfig,
     homing_s,
     move_duration_s,
@@ -27,21 +26,21 @@ from .plan import Protocol, Step, expand_protocol
 
 PNG_BYTES_PER_PX = 2.2  # measured on rendered frames of a dense pattern: 1.9-2.3
 FORCE_BYTES_PER_S = 14_000  # measured on the simulated sensor at 1 kHz, noise 0.01 N
-EPS_MM = 1e-9
-MAX_BETWEEN_FRAMES_MM = 0.25  # up to 7 pixels: as in `deep-drag`, which is followed throughout
+LIMIT_SLACK_MM = 1e-9  # by hand: floating-point rounding of targets
+MAX_BETWEEN_FRAMES_MM = 0.25  # 7 px, as in `deep-drag`, tracked throughout: docs/evidence/flow.md
 
 
-def ends_mm(travel_mm: float, at_top: bool, pull_off_mm: float) -> tuple[float, float]:
-    """How low and how high an axis may go: its switch, at 0 or at the other end, trips there."""
+def axis_range_mm(travel_mm: float, at_top: bool, pull_off_mm: float) -> tuple[float, float]:
+    """Lowest and highest position of an axis; its limit switch is at 0 or at the other end."""
     return (-travel_mm, -pull_off_mm) if at_top else (pull_off_mm - travel_mm, 0.0)
 
 
 @dataclass(frozen=True)
 class RunEstimate:
-    """Estimate of what a run takes: connecting, homing, planned motion, settling and waits.
+    """Estimated resources of a run: connecting, homing, motion, settling and waits.
 
-    What an operator takes between two indenters is left out.
-    between_frames_mm: the longest way that the tip goes unseen while it presses or drags.
+    The operator's time to change indenters is not included.
+    between_frames_mm: longest tip travel between two frames in contact.
     """
 
     steps: int
@@ -53,7 +52,7 @@ class RunEstimate:
     disk_mb: float
 
     @classmethod
-    def of(
+    def from_protocol(
         cls,
         protocol: Protocol,
         image_px: int,
@@ -62,19 +61,19 @@ class RunEstimate:
         wall_clock: bool = False,
         change_s: float = 0.0,
     ) -> RunEstimate:
-        """Frames, time and disk of a whole run, from the steps and the stage's acceleration.
+        """Estimate frames, time and disk space from the steps and the stage's acceleration.
 
-        image_px: pixels of a frame as it is stored. wall_clock: on a rig that does not
-        wait. change_s: what finding the face with another indenter takes.
+        image_px: pixels of a stored frame. wall_clock: the rig runs in real time, not in
+        lockstep. change_s: time to find the face with another indenter.
         """
         steps = expand_protocol(protocol) if steps is None else steps
-        pace = WALL_CLOCK if wall_clock else LOCKSTEP
-        here = stage.frame.to_sensor_mm(stage.homed_mm)
+        pace = WALL_CLOCK_PACE if wall_clock else LOCKSTEP_PACE
+        position = stage.frame.to_sensor_mm(stage.homed_mm)
         homing = stage.homing_s if stage.homing_s is not None else homing_s(stage.travel_mm)
         seconds = pace.connect_s + homing
         for step in steps:
             seconds += move_duration_s(
-                subtract_vectors(step.target_mm, here),
+                subtract_vectors(step.target_mm, position),
                 step.feed_mm_min,
                 stage.max_feed_mm_min,
                 stage.acceleration_mm_s2,
@@ -83,16 +82,17 @@ class RunEstimate:
             seconds += (
                 pace.move_s + step.hold_s + (step.settle_s + pace.frames_s if step.frames else 0.0)
             )
-            here = step.target_mm
+            position = step.target_mm
         frames = sum(s.frames for s in steps)
-        px = image_px if "image" in protocol.channels else 0
+        filmed = "image" in protocol.channels
+        px = image_px if filmed else 0
         stream_bytes = FORCE_BYTES_PER_S * seconds if "force" in protocol.channels else 0
         return cls(
             steps=len(steps),
             presses=len({s.press for s in steps if s.kind == "press"}),
             frames=frames,
             settled=sum(s.settled for s in steps),
-            between_frames_mm=float(_unseen(steps).value) if "image" in protocol.channels else 0.0,
+            between_frames_mm=float(_frame_spacing(steps).value) if filmed else 0.0,
             seconds=seconds,
             disk_mb=(frames * (px * PNG_BYTES_PER_PX + 2000) + stream_bytes) / 1e6,
         )
@@ -104,12 +104,12 @@ def check_limits(
     stage: StageConfig,
     steps: list[Step] | None = None,
 ) -> list[Check]:
-    """All static checks of a protocol on a sensor and a stage, passed ones included."""
+    """Run all static checks of a protocol on a sensor and a stage; passed ones included."""
     steps = expand_protocol(protocol) if steps is None else steps
     rows = [*_travel(steps, stage), *_feeds(steps, stage), _depth(steps, protocol, sensor)]
     rows += [_tip_reach(steps), *_opening(steps, sensor), _sideways(steps, protocol)]
     if "image" in protocol.channels:
-        rows += [_unseen(steps)]
+        rows += [_frame_spacing(steps)]
     return [*rows, _names(steps)]
 
 
@@ -121,80 +121,80 @@ def _travel(steps: list[Step], stage: StageConfig) -> Iterable[Check]:
     frame = stage.frame
     for axis, letter in enumerate("xyz"):
         at_top = stage.homed_mm[axis] == 0
-        bottom_mm, top_mm = ends_mm(stage.travel_mm[axis], at_top, stage.pull_off_mm)
+        bottom_mm, top_mm = axis_range_mm(stage.travel_mm[axis], at_top, stage.pull_off_mm)
         high, at_high = _worst((frame.to_machine_mm(s.target_mm)[axis], s.id) for s in steps)
         low, at_low = _worst((-frame.to_machine_mm(s.target_mm)[axis], s.id) for s in steps)
-        for way, far, most_mm, at in (("", high, top_mm, at_high), ("-", low, -bottom_mm, at_low)):
-            id, what = f"travel.{'low' if way else 'high'}-{letter}", f"machine {way}{letter} (mm)"
-            status = graded(far <= most_mm + EPS_MM)
-            yield Check.at_most(id, "travel", what, far, most_mm, at, status)
+        ends = ("high", "", high, top_mm, at_high), ("low", "-", low, -bottom_mm, at_low)
+        for end, sign, value, limit, step_id in ends:
+            id, subject = f"travel.{end}-{letter}", f"machine {sign}{letter} (mm)"
+            status = graded(value <= limit + LIMIT_SLACK_MM)
+            yield Check.at_most(id, "travel", subject, value, limit, step_id, status)
 
 
 def _names(steps: list[Step]) -> Check:
-    """A record keeps each step under its own name, which has depths and ways to 0.01 mm."""
+    """Check that step names, which have depths and drags to 0.01 mm, are unique."""
     twice = [name for name, times in Counter(s.id for s in steps).items() if times > 1]
-    where = twice[0] if twice else "-"
-    what, status = "stops less than 0.01 mm apart", graded(not twice)
-    return Check.at_most("step-names", "step names", what, len(twice), 0, where, status)
+    step_id = twice[0] if twice else "-"
+    subject, status = "stops less than 0.01 mm apart", graded(not twice)
+    return Check.at_most("step-names", "step names", subject, len(twice), 0, step_id, status)
 
 
 def _feeds(steps: list[Step], stage: StageConfig) -> Iterable[Check]:
     slowest = min(stage.max_feed_mm_min)
-    feed, at = _worst((s.feed_mm_min, s.id) for s in steps)
+    feed, step_id = _worst((s.feed_mm_min, s.id) for s in steps)
     status = graded(feed <= slowest)
-    yield Check.at_most("feed", "feed", "feed (mm/min)", feed, slowest, at, status)
+    yield Check.at_most("feed", "feed", "feed (mm/min)", feed, slowest, step_id, status)
 
 
 def _depth(steps: list[Step], protocol: Protocol, sensor: SensorDimensions) -> Check:
     bound = sensor.skin.thickness_mm - protocol.specimen.depth_margin_mm
-    depth, at = _worst((-s.target_mm[2], s.id) for s in steps)
+    depth, step_id = _worst((-s.target_mm[2], s.id) for s in steps)
     name, status = "depth against the gel", graded(depth <= bound)
-    return Check.at_most("depth.gel", name, "depth (mm)", depth, bound, at, status)
+    return Check.at_most("depth.gel", name, "depth (mm)", depth, bound, step_id, status)
 
 
 def _tip_reach(steps: list[Step]) -> Check:
-    """Tips and shanks must be as long as they are pressed, or the back plate would touch."""
+    """Check that tip and shank are longer than the depth; else the back plate touches."""
     over = [(-s.target_mm[2] / parse_indenter(s.indenter).reach_mm, s.id) for s in steps]
-    share, at = _worst(over)
-    name, what = "depth against the tip", "depth / free length of the tip"
-    return Check.at_most("depth.tip", name, what, share, 1.0, at, graded(share <= 1.0))
+    share, step_id = _worst(over)
+    name, subject = "depth against the tip", "depth / free length of the tip"
+    return Check.at_most("depth.tip", name, subject, share, 1.0, step_id, graded(share <= 1.0))
 
 
 def _opening(steps: list[Step], sensor: SensorDimensions) -> Iterable[Check]:
     for axis, letter in enumerate("xy"):
         bound = sensor.skin.opening_half_mm[axis]
-        reach, at = _worst(
+        reach, step_id = _worst(
             (abs(s.target_mm[axis]) + parse_indenter(s.indenter).footprint_half_mm[axis], s.id)
             for s in steps
             if s.kind in ("press", "shear")
         )
-        name, what = "footprint + shear inside the skin", f"reach in {letter} (mm)"
-        status = graded(reach <= bound + EPS_MM)
-        yield Check.at_most(f"footprint.{letter}", name, what, reach, bound, at, status)
+        name, subject = "footprint + shear inside the skin", f"reach in {letter} (mm)"
+        status = graded(reach <= bound + LIMIT_SLACK_MM)
+        yield Check.at_most(f"footprint.{letter}", name, subject, reach, bound, step_id, status)
 
 
 def _sideways(steps: list[Step], protocol: Protocol) -> Check:
-    """Sideways travel only at or above the clearance plane, unless it is declared shear."""
+    """Check that sideways travel stays above the clearance plane, except for shear."""
     clearance_mm = protocol.motion.clearance_mm
-    worst, at = 0.0, "-"
-    for before, step in itertools.pairwise(steps):
-        sideways = step.target_mm[:2] != before.target_mm[:2]
-        low_mm = min(before.target_mm[2], step.target_mm[2])
+    worst, step_id = 0.0, "-"
+    for previous, step in itertools.pairwise(steps):
+        sideways = step.target_mm[:2] != previous.target_mm[:2]
+        low_mm = min(previous.target_mm[2], step.target_mm[2])
         if sideways and step.kind != "shear" and clearance_mm - low_mm > worst:
-            worst, at = clearance_mm - low_mm, step.id
-    what, status = "sideways below clearance by (mm)", graded(worst <= EPS_MM)
-    return Check.at_most("clearance-plane", "clearance plane", what, worst, 0.0, at, status)
+            worst, step_id = clearance_mm - low_mm, step.id
+    subject, status = "sideways below clearance by (mm)", graded(worst <= LIMIT_SLACK_MM)
+    return Check.at_most("clearance-plane", "clearance plane", subject, worst, 0.0, step_id, status)
 
 
-def _unseen(steps: list[Step]) -> Check:
-    """How far the tip goes between two frames: a tracker takes long steps for new faces."""
-    way_mm, at = _worst(
-        (math.dist(before.target_mm, step.target_mm) / max(step.frames, 1), step.id)
-        for before, step in itertools.pairwise(steps)
+def _frame_spacing(steps: list[Step]) -> Check:
+    """Check the tip travel between two frames: trackers lose the face in long steps."""
+    spacing_mm, step_id = _worst(
+        (math.dist(previous.target_mm, step.target_mm) / max(step.frames, 1), step.id)
+        for previous, step in itertools.pairwise(steps)
         if step.kind in ("press", "shear") or (step.kind == "retract" and step.frames)
     )
-    bound, what = MAX_BETWEEN_FRAMES_MM, "travel of the tip (mm)"
-    status = graded(True, warns=way_mm > bound + EPS_MM)
-    return Check.at_most(
-        "motion-between-frames", "motion between frames", what, way_mm, bound, at, status
-    )
+    bound, subject = MAX_BETWEEN_FRAMES_MM, "travel of the tip (mm)"
+    status = graded(True, warns=spacing_mm > bound + LIMIT_SLACK_MM)
+    id, name = "motion-between-frames", "motion between frames"
+    return Check.at_most(id, name, subject, spacing_mm, bound, step_id, status)

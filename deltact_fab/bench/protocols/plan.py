@@ -1,7 +1,7 @@
-"""A protocol: what a lab declares, and the steps it becomes (paper, Pattern Selection, steps 1-6).
+"""Protocols and their expansion into steps (paper, Pattern Selection, steps 1-6).
 
-The declaration is the value that is stored and hashed; the steps are derived from it and carry ids
-that do not change when the run is repeated or resumed.
+The protocol is stored and hashed; the steps are derived from it and have ids that stay the same
+when the run is repeated or resumed.
 """
 
 from __future__ import annotations
@@ -26,49 +26,49 @@ from deltact_fab.common import (
 )
 from deltact_fab.sensor import GEL_LEVELS, GelMaterial, Indenter, find_level, parse_indenter
 
-from .motion import Place
+from .motion import PosMm
 
-Kind = Literal["change", "travel", "approach", "press", "hold", "shear", "retract"]
-Stop = Literal["rest", "press", "shear", "after"]
-Length = Annotated[float, Field(ge=0.001, le=1000)]  # mm
-Feed = Annotated[float, Field(ge=0.001, le=100_000)]  # mm/min; `budget` asks for more
-Rate = Annotated[float, Field(ge=0.0001, le=1000)]  # frames a second
-Share = Annotated[float, Field(ge=0.001, le=100)]
-Mass = Annotated[float, Field(ge=0.1, le=100_000)]  # g
-Count = Annotated[int, Field(ge=1, le=1000)]
-Tilt = Annotated[float, Field(ge=-40, le=40)]  # both at once still leave a force on the face
+StepKind = Literal["change", "travel", "approach", "press", "hold", "shear", "retract"]
+StopKind = Literal["rest", "press", "shear", "after"]
+PlanLength = Annotated[float, Field(ge=0.001, le=1000)]  # mm
+PlanFeed = Annotated[float, Field(ge=0.001, le=100_000)]  # mm/min
+FrameRate = Annotated[float, Field(ge=0.0001, le=1000)]  # frames per second
+DepthShare = Annotated[float, Field(ge=0.001, le=100)]
+WeightMass = Annotated[float, Field(ge=0.1, le=100_000)]  # g
+GridCount = Annotated[int, Field(ge=1, le=1000)]
+FaceTilt = Annotated[float, Field(ge=-40, le=40)]  # both at once still press on the face
 Seconds = Annotated[float, Field(ge=0.001, le=1e6)]
-Wait = Annotated[float, Field(ge=0, le=600)]
-Waits = OneOrEach[Wait, Stop]
-"""Of every stop alike, or of each kind of stop."""
+SettleTime = Annotated[float, Field(ge=0, le=600)]
+SettleTimes = OneOrEach[SettleTime, StopKind]
+"""One value for all stops, or one per kind of stop."""
 
-MAX_STEPS = 200_000
-"""Of a protocol; the force calibration of the paper has 2435."""
+MAX_PROTOCOL_STEPS = 200_000
+"""By hand: the paper's force calibration has 2435; more make planning slow."""
 
 
 class Shear(Table):
     """Sideways motion at each depth: to one side, through to the other, back to the centre."""
 
-    amplitude_mm: Length | None = Field(default=None, examples=[3.0])
-    """How far the tip is dragged to each side of the press. Either this or amplitude_of_depth."""
-    amplitude_of_depth: Share | None = Field(
+    amplitude_mm: PlanLength | None = Field(default=None, examples=[3.0])
+    """Drag to each side of the press. Either this or amplitude_of_depth."""
+    amplitude_of_depth: DepthShare | None = Field(
         default=None, examples=[0.7], json_schema_extra={"instead_of": "amplitude_mm"}
     )
-    """Instead of amplitude_mm: as a share of the depth. A ball slips as a whole once it is dragged
-    by about 1.5 x friction of its depth, whatever its size (Mindlin), and sticks before that."""
+    """Instead of amplitude_mm: as a share of the depth. A ball of any size slips fully once dragged
+    by about 1.5 x friction x depth (Mindlin); before that it sticks."""
     axes: tuple[Literal["x", "y"], ...] = ("x", "y")
-    """Along which axes of the face the tip is dragged, one after the other."""
+    """Axes of the face along which the tip is dragged, one after the other."""
     points_per_side: int = Field(default=1, ge=1, le=100)
     """Stops on each side of the centre."""
     grid: bool = False
-    """The stops are the whole square of (2 points_per_side + 1)^2, diagonals included, in one turn
-    outwards from the centre, and not one axis after the other."""
+    """Stops on the full square of (2 points_per_side + 1)^2 points, in a spiral outwards from the
+    centre, instead of one axis after the other."""
     first: Literal["positive", "outward"] = "positive"
-    """The side gone to first: + always, or away from the centre of the face (+ where the position
-    is on it). Outward, positions that are mirror images of each other have paths that are too."""
+    """First side of a drag: always +, or away from the centre of the face (+ on the centre line).
+    With "outward", mirrored positions have mirrored paths."""
 
     @model_validator(mode="after")
-    def _one_way(self) -> Self:
+    def _check_amplitude(self) -> Self:
         if (self.amplitude_mm is None) == (self.amplitude_of_depth is None):
             raise ValueError("either amplitude_mm or amplitude_of_depth is needed")
         if self.grid and set(self.axes) != {"x", "y"}:
@@ -82,81 +82,81 @@ class Shear(Table):
         return side * side if self.grid else side * len(self.axes)
 
     def at_depth_mm(self, depth_mm: float) -> float:
-        """The amplitude of a press of this depth."""
+        """Amplitude for a press of this depth."""
         return self.amplitude_mm or (self.amplitude_of_depth or 0.0) * depth_mm
 
 
 class Hold(Table):
-    """A rest after each press, once its stop has its frame and before any drag: the gel creeps."""
+    """Hold after each press, before any drag, to record creep of the gel."""
 
     s: Annotated[float, Field(ge=0.1, le=86_400)] = Field(examples=[60.0])
-    """Seconds that the tip stays where it is."""
-    rate_hz: Rate = Field(examples=[1.0])
-    """Frames per second of it, evenly, the last one at its end; none of them is called settled."""
+    """Duration of the hold in seconds."""
+    rate_hz: FrameRate = Field(examples=[1.0])
+    """Frames per second during the hold, the last one at its end; none counts as settled."""
 
 
 class Retract(Table):
-    """The way out of the gel, filmed and felt: the gel is unloaded."""
+    """Retraction with frames and force samples, to record unloading."""
 
-    rate_hz: Rate = Field(examples=[2.0])
+    rate_hz: FrameRate = Field(examples=[2.0])
     """Frames per second of planned motion, evenly, from the last stop up to approach_gap_mm."""
 
 
 class Capture(Table):
-    """What is filmed on the way, and whether a stop settles; at least one of both."""
+    """Frames during motion and settled frames at stops; at least one of both."""
 
-    rate_hz: Rate | None = Field(default=None, examples=[1.0])
-    """Frames per second of planned motion, evenly over each press and drag; omit for none."""
-    settle_s: Waits | None = Field(default=None, examples=[1.0])
+    rate_hz: FrameRate | None = Field(default=None, examples=[1.0])
+    """Frames per second during each press and drag; omit for none."""
+    settle_s: SettleTimes | None = Field(default=None, examples=[1.0])
     """Wait before a stop's frame, which then counts as settled. Without it stops do not wait, and
     only the frame before a press is settled. By kind of stop, as {press = 5.0, shear = 1.0}: before
     the press (rest), at a depth (press), at the end of a drag (shear), after the press (after,
-    never called settled); one without does not wait."""
+    never settled); omitted kinds do not wait."""
     hold: Hold | None = None
     retract: Retract | None = None
 
     @model_validator(mode="after")
-    def _something(self) -> Self:
+    def _check_not_empty(self) -> Self:
         if self.rate_hz is None and self.settle_s is None:
             raise ValueError(
-                "rate_hz (film on the way) or settle_s (a settled frame at each stop) is needed"
+                "rate_hz (frames during motion) or settle_s (a settled frame per stop) is needed"
             )
         return self
 
-    def wait_s(self, stop: Stop) -> float | None:
-        """How long a stop of this kind settles, see `Stop`; None: it does not."""
+    def wait_s(self, stop: StopKind) -> float | None:
+        """Settling time of a kind of stop in s; None: no wait."""
         return self.settle_s.get(stop) if isinstance(self.settle_s, dict) else self.settle_s
 
-    def rates_hz(self) -> dict[Kind, float]:
-        """Frames per second of the kinds of steps that are filmed."""
-        asked: dict[Kind, float | None] = {
+    def rates_hz(self) -> dict[StepKind, float]:
+        """Frame rates of the kinds of steps that have frames."""
+        rates: dict[StepKind, float | None] = {
             "press": self.rate_hz,
             "shear": self.rate_hz,
             "hold": self.hold.rate_hz if self.hold else None,
             "retract": self.retract.rate_hz if self.retract else None,
         }
-        return {kind: rate_hz for kind, rate_hz in asked.items() if rate_hz is not None}
+        return {kind: rate_hz for kind, rate_hz in rates.items() if rate_hz is not None}
 
 
 class PlaceGrid(Table):
-    """Places in rows and columns, in place of a list: row by row from the lowest x and y on."""
+    """Positions on a grid, instead of a list: row by row from the lowest x and y."""
 
-    x: tuple[Place, Place] = Field(examples=[[-6.0, 6.0]])
-    """Lowest and highest x of the places, mm from the centre of the face."""
-    y: tuple[Place, Place] = Field(examples=[[-5.0, 5.0]])
-    """The same along y."""
-    n: tuple[Count, Count] = Field(examples=[[3, 3]])
-    """How many places along x and along y, evenly from lowest to highest; 1: in the middle."""
+    x: tuple[PosMm, PosMm] = Field(examples=[[-6.0, 6.0]])
+    """Lowest and highest x, mm from the centre of the face."""
+    y: tuple[PosMm, PosMm] = Field(examples=[[-5.0, 5.0]])
+    """Lowest and highest y."""
+    n: tuple[GridCount, GridCount] = Field(examples=[[3, 3]])
+    """Number of positions along x and y, evenly from lowest to highest; 1: in the middle."""
 
     @model_validator(mode="after")
-    def _rising(self) -> Self:
+    def _check_order(self) -> Self:
         for name, (low, high), n in (("x", self.x, self.n[0]), ("y", self.y, self.n[1])):
             if low > high or (low == high and n > 1):
                 raise ValueError(f"{name}: [{low:g}, {high:g}] for {n}; expected [lowest, highest]")
         return self
 
     def places_mm(self) -> tuple[Point2, ...]:
-        """All (x, y), to a nanometre."""
+        """Positions (x, y), rounded to a nanometre."""
         xs, ys = (
             [round(low + (high - low) * (k / (n - 1) if n > 1 else 0.5), 6) for k in range(n)]
             for (low, high), n in ((self.x, self.n[0]), (self.y, self.n[1]))
@@ -167,21 +167,21 @@ class PlaceGrid(Table):
 class MotionPlan(Table):
     """Feeds and heights of the stage, in the sensor frame."""
 
-    clearance_mm: Length = 5.0
+    clearance_mm: PlanLength = 5.0
     """Height above the resting face from which sideways travel is allowed."""
-    approach_gap_mm: Length = 0.5
+    approach_gap_mm: PlanLength = 0.5
     """Height at which the travel feed gives way to the press feed."""
-    park_mm: Length = 20.0
+    park_mm: PlanLength = 20.0
     """Height at which the indenter is changed."""
-    travel_feed_mm_min: Feed = 600.0
+    travel_feed_mm_min: PlanFeed = 600.0
     """Feed of the moves above the face."""
-    press_feed_mm_min: Feed = 30.0
+    press_feed_mm_min: PlanFeed = 30.0
     """Feed from approach_gap_mm down into the gel, and back out of it."""
-    shear_feed_mm_min: Feed = 30.0
+    shear_feed_mm_min: PlanFeed = 30.0
     """Feed of the drags in contact."""
 
     @model_validator(mode="after")
-    def _heights(self) -> Self:
+    def _check_heights(self) -> Self:
         if not self.approach_gap_mm <= self.clearance_mm <= self.park_mm:
             raise ValueError(
                 "approach_gap_mm <= clearance_mm <= park_mm: "
@@ -197,70 +197,70 @@ def _gel_field(key: str) -> Any:
 
 
 class Specimen(Table):
-    """The sensor under test: which design and pattern, and what its gel is believed to be."""
+    """Sensor under test: design, pattern and assumed gel properties."""
 
     serial: str | None = Field(default=None, min_length=1, max_length=64, examples=["A-07"])
-    """The sensor's own number, as it is written on it; a second sensor of a design has another."""
+    """Serial number of the sensor; each sensor of a design has its own."""
     design: str = "deltact"
-    """Name or path of the design that the sensor was made from."""
+    """Name or path of the sensor's design."""
     pattern: str = "dense-with-dots"
-    """Name or path of the recipe of its pattern."""
+    """Name or path of its pattern recipe."""
     gel_model: Annotated[str, Field(json_schema_extra={"enum": list(GEL_LEVELS)})] = "linear"
-    """How forces are predicted and a virtual gel is simulated: "linear" is for presses of up to a
-    tenth of the thickness; "hyperelastic" is finite strain, for deep ones, and takes minutes."""
+    """Model for predicted forces and the virtual gel: "linear" for presses up to a tenth of the
+    thickness; "hyperelastic" (finite strain) for deep ones, takes minutes."""
     modulus_mpa: float = _gel_field("modulus_mpa")
     poisson: float = _gel_field("poisson")
     friction: float = _gel_field("friction")
     prony: tuple[tuple[Annotated[float, Field(ge=0, le=100)], Seconds], ...] = ()
-    """Pairs (g, tau_s) of a viscoelastic gel, as in GelMaterial: modulus_mpa is that of a
-    slow press."""
-    depth_margin_mm: Length = 1.0
+    """Pairs (g, tau_s) of a viscoelastic gel, as in GelMaterial; modulus_mpa is then the long-term
+    modulus."""
+    depth_margin_mm: PlanLength = 1.0
     """Gel that must remain below the deepest press."""
 
     @field_validator("gel_model")
     @classmethod
-    def _level(cls, value: str) -> str:
+    def _check_level(cls, value: str) -> str:
         return find_level(value)
 
     @field_validator("serial")
     @classmethod
-    def _printable(cls, value: str | None) -> str | None:
+    def _check_serial(cls, value: str | None) -> str | None:
         if value is not None and not (value.isprintable() and value == value.strip()):
-            raise ValueError("printable characters, with no blank at either end")
+            raise ValueError("must be printable, without blanks at the ends")
         return value
 
 
 class DeadWeights(Table):
-    """Known masses that are laid on the face by hand, in place of a stage and a force sensor."""
+    """Known masses laid on the face by hand, instead of a stage and a force sensor."""
 
-    masses_g: tuple[Mass, ...] = Field(min_length=1, max_length=100, examples=[[50.0, 100.0]])
-    """Each with the indenter and what holds it, in the order in which they are laid on."""
+    masses_g: tuple[WeightMass, ...] = Field(min_length=1, max_length=100, examples=[[50.0, 100.0]])
+    """Masses, each including the indenter and its holder, in order of loading."""
     error_g: Annotated[float, Field(ge=0, le=1000)] = 0.1
-    """How far a mass may be off, by its class or by the balance."""
-    tilt_deg: tuple[Tilt, Tilt] = (0.0, 0.0)
-    """What a level on the face shows along x and along y, positive where that way leads down. A
-    tilted face is sheared; a level one says nothing of shear."""
+    """Error of a mass, from its class or the balance."""
+    tilt_deg: tuple[FaceTilt, FaceTilt] = (0.0, 0.0)
+    """Tilt of the face along x and y, positive if that direction leads down. A tilted face is
+    sheared; a level one gives no shear data."""
     tilt_error_deg: Annotated[float, Field(ge=0, le=10)] = 0.2
-    """How far the level may be off."""
+    """Error of the tilt."""
     height_mm: Annotated[float, Field(ge=-1000, le=1000)] = 0.0
-    """Of the centre of mass over the face; 0 or less where the mass hangs from a yoke. On a tilted
-    face it makes a moment."""
+    """Height of the centre of mass above the face; 0 or less if the mass hangs from a yoke. On a
+    tilted face it causes a moment."""
     gravity_m_s2: float = Field(default=9.80665, ge=9.7, le=9.9)
-    """Where the lab is; 9.780 at the equator to 9.832 at the poles."""
+    """Local gravity; 9.780 at the equator to 9.832 at the poles."""
 
     def wrench(self, mass_g: float, at_mm: Point2) -> tuple[float, ...]:
-        """Force (N) on the sensor, and its moment (N mm) about the centre of the resting face."""
+        """Force (N) on the sensor and moment (N mm) about the centre of the resting face."""
         fx, fy = (self._weight_n(mass_g) * math.sin(math.radians(t)) for t in self.tilt_deg)
         fz = -math.sqrt(self._weight_n(mass_g) ** 2 - fx**2 - fy**2)
         (x, y), z = at_mm, self.height_mm
         return fx, fy, fz, y * fz - z * fy, z * fx - x * fz, x * fy - y * fx
 
     def error_n(self) -> tuple[float, float]:
-        """How far the normal force and a shear force may be off, at the largest mass."""
-        weight_n, off = self._weight_n(max(self.masses_g)), math.radians(self.tilt_error_deg)
+        """Errors of normal force and shear force in N at the largest mass."""
+        weight_n, tilt = self._weight_n(max(self.masses_g)), math.radians(self.tilt_error_deg)
         steepest = max(abs(math.sin(math.radians(t))) for t in self.tilt_deg)
         mass_n = self._weight_n(self.error_g)
-        return mass_n + weight_n * off * (steepest + off), mass_n * steepest + weight_n * off
+        return mass_n + weight_n * tilt * (steepest + tilt), mass_n * steepest + weight_n * tilt
 
     def _weight_n(self, mass_g: float) -> float:
         return mass_g / 1000 * self.gravity_m_s2
@@ -274,18 +274,17 @@ class Protocol(Table):
     description: str = ""
     """One line for lists and reports."""
     indenters: tuple[str, ...] = Field(min_length=1)
-    """What presses, in this order: sphere:DIAMETER_MM, or 4dots, 2dots, edges, ellipsoid, hexprism,
+    """Indenters in order of use: sphere:DIAMETER_MM, or 4dots, 2dots, edges, ellipsoid, hexprism,
     star, cylinder, ring, hat, with or without :SIZE_MM; or a shape of cad/indenters.toml."""
-    positions_mm: tuple[tuple[Place, Place], ...] = Field(default=(), examples=[[[0.0, 0.0]]])
-    """Where each indenter presses: (x, y) from the centre of the face. Either this or grid."""
+    positions_mm: tuple[tuple[PosMm, PosMm], ...] = Field(default=(), examples=[[[0.0, 0.0]]])
+    """Positions (x, y) of the presses from the centre of the face. Either this or grid."""
     grid: PlaceGrid | None = Field(default=None, json_schema_extra={"instead_of": "positions_mm"})
-    depths_mm: tuple[Length, ...] = ()
-    """How deep each press goes, below the resting face, one stop after the other; rising."""
+    depths_mm: tuple[PlanLength, ...] = ()
+    """Depths of the stops of each press below the resting face, increasing."""
     weights: DeadWeights | None = Field(default=None, json_schema_extra={"instead_of": "depths_mm"})
     channels: frozenset[Literal["image", "dots", "force", "shear", "traction"]]
-    """What the analysis will ask for; what is not named here is not built and not solved. None at
-    all leaves the poses of the stage. traction: what presses and shears the face, of every frame,
-    which only a virtual rig knows."""
+    """Data that the analysis needs; others are not computed. Empty: stage poses only. traction:
+    traction on the face at every frame, virtual rigs only."""
     shear: Shear | None = None
     capture: Capture
     motion: MotionPlan = MotionPlan()
@@ -293,26 +292,26 @@ class Protocol(Table):
 
     @field_validator("indenters")
     @classmethod
-    def _known(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+    def _valid_indenters(cls, value: tuple[str, ...]) -> tuple[str, ...]:
         try:
             names = tuple(parse_indenter(name).name for name in value)
-        except InputError as why:
-            raise ValueError(str(why)) from why
+        except InputError as error:
+            raise ValueError(str(error)) from error
         if len(set(names)) != len(names):
-            raise ValueError("each indenter once")
+            raise ValueError("list each indenter once")
         return names
 
     @model_validator(mode="after")
-    def _channels_and_depths(self) -> Self:
+    def _check_combinations(self) -> Self:
         if bool(self.positions_mm) == bool(self.grid):
             raise ValueError("either positions_mm or grid is needed")
-        if self.grid is not None:  # a short form: from here on, and in a record, places are listed
+        if self.grid is not None:  # expanded here, so that records list the positions
             object.__setattr__(self, "positions_mm", self.grid.places_mm())
             object.__setattr__(self, "grid", None)
         if "dots" in self.channels and "image" not in self.channels:
             raise ValueError("channels: 'dots' needs 'image'")
         if "traction" in self.channels and "image" not in self.channels:
-            raise ValueError("channels: 'traction' needs 'image': it is kept for the frames")
+            raise ValueError("channels: 'traction' needs 'image': it is stored per frame")
         if self.shear and "shear" not in self.channels:
             raise ValueError("channels: a protocol with [shear] needs 'shear'")
         if bool(self.depths_mm) == bool(self.weights):
@@ -325,48 +324,48 @@ class Protocol(Table):
                 "tilt the face"
             )
         if list(self.depths_mm) != sorted(set(self.depths_mm)):
-            raise ValueError("depths_mm: strictly increasing, the gel has a history")
+            raise ValueError("depths_mm: must be strictly increasing, as the gel has memory")
         legs = 0 if self.shear is None else self.shear.legs
         presses = len(self.indenters) * len(self.positions_mm)
         stops = 1 + legs + (capture.hold is not None)
-        if (count := presses * (4 + len(self.depths_mm) * stops)) > MAX_STEPS:
-            raise ValueError(f"{count} steps; expected at most {MAX_STEPS}: split it")
+        if (count := presses * (4 + len(self.depths_mm) * stops)) > MAX_PROTOCOL_STEPS:
+            raise ValueError(f"{count} steps; at most {MAX_PROTOCOL_STEPS}: split the protocol")
         return self
 
     @field_serializer("channels", when_used="json")
-    def _in_one_order(self, channels: frozenset[str]) -> list[str]:
-        """A set's own order differs from one process to the next, and results are kept by it."""
+    def _sort_channels(self, channels: frozenset[str]) -> list[str]:
+        """Sort the channels: a set's order differs between processes and changes cache keys."""
         return sorted(channels)
 
 
 @dataclass(frozen=True)
 class Step:
-    """One straight move and what is captured with it. Points are tip positions, sensor frame."""
+    """One straight move and its captures. Points are tip positions in the sensor frame."""
 
     id: str
     press: str
     indenter: str
-    kind: Kind
+    kind: StepKind
     target_mm: Point
     feed_mm_min: float
     frames: int = 0
-    """Evenly over the move and hold_s; the last one at the end, after settle_s."""
+    """Number of frames, evenly over the move and hold_s; the last one after settle_s."""
     settle_s: float = 0.0
     settled: bool = False
-    """Whether that last one is taken at rest, as the protocol's capture means it."""
+    """True if the last frame is taken at rest, see `Capture.settle_s`."""
     hold_s: float = 0.0
-    """The tip stays for so long at the end of the move."""
+    """Time that the tip stays at the end of the move."""
 
 
 def load_protocol(name: str, by_hand: bool = False) -> tuple[Protocol, Path]:
-    """Read a protocol by catalogue name or path. by_hand: one of dead weights will do.
+    """Read a protocol by catalogue name or path. by_hand: accept dead weights.
 
     Raises InputError.
     """
     path = find_file("protocols", name)
     protocol = validate(Protocol, read_toml(path), str(path))
     if protocol.weights is not None and not by_hand:
-        raise InputError(f"{path}: weights: laid on by hand, in a `run` on a real rig alone")
+        raise InputError(f"{path}: weights: only for a `run` on a real rig, by hand")
     return protocol, path
 
 
@@ -375,8 +374,8 @@ def expand_protocol(protocol: Protocol, air: bool = False) -> list[Step]:
 
     Ids read `indenter/position/depth/leg`; a press is indenter/position.
 
-    air: the clearance plane stands for every height below it, so that nothing is touched; steps,
-    ids and frames stay what they are.
+    air: raise all targets to the clearance plane, so that nothing is touched; steps, ids and
+    frames stay the same.
     """
     steps = list(_steps(protocol))
     if not air:
@@ -410,27 +409,27 @@ def _press(
     feeds = {"press": motion.press_feed_mm_min, "shear": motion.shear_feed_mm_min,
              "hold": motion.press_feed_mm_min,
              "retract": motion.press_feed_mm_min}  # fmt: skip
-    here = above = (x, y, motion.clearance_mm)
+    position = above = (x, y, motion.clearance_mm)
 
-    def move(leg: str, kind: Kind, target: Point, stop: Stop | None = None) -> Step:
-        """A move from here, filmed where its kind is. stop: it has a frame at its end."""
-        nonlocal here
+    def move(leg: str, kind: StepKind, target: Point, stop: StopKind | None = None) -> Step:
+        """Move from the current position, with frames if its kind has a rate or it is a stop."""
+        nonlocal position
         feed_mm_min = feeds.get(kind, motion.travel_feed_mm_min)
         hold_s = capture.hold.s if kind == "hold" and capture.hold else 0.0
-        seconds = math.dist(here, target) / (feed_mm_min / 60) + hold_s
+        seconds = math.dist(position, target) / (feed_mm_min / 60) + hold_s
         frames = 0
         if kind in rates_hz:
             frames = max(1, round(seconds * rates_hz[kind]))
         elif stop:
             frames = 1
-        here = target
+        position = target
         wait_s = capture.wait_s(stop) if stop else None
         return Step(
             f"{press}/{leg}", press, indenter.name, kind, target, feed_mm_min, frames,
             wait_s or 0.0, wait_s is not None, hold_s,
         )  # fmt: skip
 
-    # Nothing touches the gel yet, whether the protocol has stops that settle or not.
+    # Always settled: nothing touches the gel yet.
     yield replace(move("rest", "travel", above, "rest"), settled=True)
     if protocol.weights is not None:
         for number in range(1, len(protocol.weights.masses_g) + 1):
@@ -444,51 +443,51 @@ def _press(
         if capture.hold is not None:
             yield move(f"d{depth:.2f}/hold", "hold", down)
         for leg, target in _legs(protocol.shear, down):
-            stop: Stop | None = "shear" if target != down else None
+            stop: StopKind | None = "shear" if target != down else None
             yield move(f"d{depth:.2f}/{leg}", "shear", target, stop)
-    # A way out is filmed as far as the way in is: above the gap there is nothing to be seen.
+    # Retraction has frames up to the approach gap, like the press: above it nothing moves.
     top_mm = motion.approach_gap_mm if "retract" in rates_hz else motion.clearance_mm
-    yield move("retract", "retract", (*here[:2], top_mm))
-    # The face may still be on its way back: it is looked at, and never called settled.
-    here = above
+    yield move("retract", "retract", (*position[:2], top_mm))
+    # The face may still be recovering: one frame, never settled.
+    position = above
     yield replace(move("after", "travel", above, "after"), settled=False)
 
 
 def _legs(shear: Shear | None, centre: Point) -> Iterator[tuple[str, Point]]:
-    """Names and targets of the drags at a depth; ways back to the centre are no stops."""
+    """Yield names and targets of the drags at a depth; returns to the centre are no stops."""
     if shear is None:
         return
     n, (x, y, z) = shear.points_per_side, centre
     amplitude_mm = shear.at_depth_mm(-z)
     outward = shear.first == "outward"
-    signs = [-1 if outward and at < 0 else 1 for at in (x, y)]
+    signs = [-1 if outward and coordinate < 0 else 1 for coordinate in (x, y)]
 
     def name(axis: int, k: int) -> str:
         side = amplitude_mm * k / n
         text = f"{side:+.2f}" if k and n > 1 else "0+-"[k]
         return f"{'xy'[axis]}{text}"
 
-    for i, j, axes in _turn(n) if shear.grid else _through(n, shear.axes):
+    for i, j, axes in _square_spiral(n) if shear.grid else _cross_path(n, shear.axes):
         k = (signs[0] * i, signs[1] * j)
         leg = "shear-" + "".join(name(axis, k[axis]) for axis in axes)
         dx, dy = (amplitude_mm * v / n for v in k)
         yield leg, (x + dx, y + dy, z)
 
 
-def _through(n: int, letters: Sequence[str]) -> Iterator[tuple[int, int, Sequence[int]]]:
-    """Points of a cross: along each axis outwards, through to the other side, and back."""
+def _cross_path(n: int, letters: Sequence[str]) -> Iterator[tuple[int, int, Sequence[int]]]:
+    """Yield points of a cross: along each axis outwards, across to the other side, and back."""
     for axis in ("xy".index(letter) for letter in letters):
         for k in (*range(1, n + 1), *range(-1, -n - 1, -1), 0):
             yield (k, 0, (0,)) if axis == 0 else (0, k, (1,))
 
 
-def _turn(n: int) -> Iterator[tuple[int, int, Sequence[int]]]:
-    """Points of a square about (0, 0), each next to the one before it, and at last (0, 0)."""
+def _square_spiral(n: int) -> Iterator[tuple[int, int, Sequence[int]]]:
+    """Yield points of a square in a spiral around (0, 0), and finally (0, 0)."""
     i = j = 0
     for ring in range(1, n + 1):
         i += 1
         yield i, j, (0, 1)
-        # Up the side that was reached, then round the other three, to below where it began.
+        # Up this side, then around the other three, to below the start.
         for di, dj, length in ((0, 1, 2 * ring - 1), (-1, 0, 2 * ring), (0, -1, 2 * ring),
                                (1, 0, 2 * ring)):  # fmt: skip
             for _ in range(length):

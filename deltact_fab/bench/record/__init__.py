@@ -1,4 +1,4 @@
-"""A run is a folder that survives: frozen inputs, an SQLite journal, images written whole.
+"""A run folder: frozen inputs, an SQLite journal, images written atomically.
 
 `docs/architecture.md` lists its files. The folder appears whole, by one rename. Rows are committed
 in batches, each after its files (`journal`). A press is complete when its last step is journalled;

@@ -1,4 +1,4 @@
-"""Whether a run folder holds what its plan asks for, whole: every row, image, sample and truth."""
+"""Verification of a run folder against its plan: every row, image, sample and truth."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from deltact_fab.common import InputError, Progress, RunFailed, read_toml, valid
 
 from ..protocols.plan import Protocol, Step, expand_protocol
 from . import notes
-from .files import UNHASHED, TruthFiles, frame_id_of, metadata, written
-from .journal import being_written
+from .files import UNHASHED_FORMAT, TruthFiles, frame_id_of, metadata_files, written_files
+from .journal import is_claimed
 from .run import Run
 
 FileAndHash = tuple[str | None, str | None]
@@ -25,7 +25,7 @@ FileAndHash = tuple[str | None, str | None]
 
 @dataclass(frozen=True)
 class Damage:
-    """One thing that is wrong. kind: damaged, missing, extra or differs; where: file or id."""
+    """One fault of a run folder. kind: damaged, missing, extra or differs; where: file or id."""
 
     kind: str
     where: str
@@ -34,13 +34,13 @@ class Damage:
 
 @dataclass
 class RunVerdict:
-    """What was found in a run folder; it is whole when there is no problem.
+    """Result of verifying a run folder; the run is intact if there are no problems.
 
-    presses, frames: planned; whole_presses: complete, every hash right; lost_frames: that did not
-    come when they were wanted, as the run itself counted. sound: whole presses and changes of the
-    indenter, by name, which `--resume` keeps. open: presses that an unfinished run has begun and
-    not completed, with the reason: no damage, `--resume` does them. unhashed: metadata that an
-    older version wrote without a hash, so that a value that was changed in them may not be seen.
+    presses, frames: planned; whole_presses: complete, all hashes match; lost_frames: that the
+    camera did not deliver, as counted by the run. sound: complete presses and indenter changes by
+    name; `--resume` keeps them. open: presses that an unfinished run began but did not complete,
+    with the reason; no damage, `--resume` repeats them. unhashed: metadata that an older version
+    wrote without a hash, in which a changed value may go unnoticed.
     """
 
     folder: Path
@@ -59,127 +59,126 @@ class RunVerdict:
     problems: list[Damage] = field(default_factory=list)
 
     @property
-    def whole(self) -> bool:
-        """Nothing is damaged, and a finished run has all of its plan."""
+    def intact(self) -> bool:
+        """True if nothing is damaged and a finished run contains its whole plan."""
         return not self.problems
 
     @property
     def line(self) -> str:
-        """The verdict in one line."""
-        said = "whole" if self.whole else f"DAMAGED: {len(self.problems)} problems"
-        end = "finished" if self.finished else "unfinished"
+        """Verdict in one line."""
+        condition = "intact" if self.intact else f"DAMAGED ({len(self.problems)} problems)"
+        state = "finished" if self.finished else "unfinished"
         if self.being_written:
-            end = "being written now"
-        lost = f" ({self.lost_frames} lost while it ran)" if self.lost_frames else ""
+            state = "being written now"
+        lost_note = f" ({self.lost_frames} lost by the camera)" if self.lost_frames else ""
         return (
-            f"{self.folder}: {said} ({end}): {self.whole_presses} of {self.presses} presses whole, "
-            f"{self.found_frames} of {self.frames} frames{lost}, {self.images} images, "
+            f"{self.folder}: {condition}, {state}: {self.whole_presses}/{self.presses} presses "
+            f"complete, {self.found_frames}/{self.frames} frames{lost_note}, {self.images} images, "
             f"format {self.format}"
         )
 
     def rows(self) -> list[tuple[str, str, str]]:
-        """Kind, place and text of each press that is not complete and of each problem."""
-        rows = [("open", press, f"{why}; `run --resume` repeats it")
-                for press, why in self.open.items()]  # fmt: skip
+        """Kind, location and text of each incomplete press and each problem."""
+        rows = [("open", press, f"{reason}; `run --resume` repeats it")
+                for press, reason in self.open.items()]  # fmt: skip
         if self.unhashed:
             text = (
-                "written by an older version; what was changed in them since is seen only where it "
-                "does not fit the rest"
+                "written by an older version without hashes; changes are detected only if "
+                "inconsistent with the rest"
             )
             rows.append(("not hashed", ", ".join(self.unhashed), text))
-        return rows + [(one.kind, one.where, one.text) for one in self.problems]
+        return rows + [(problem.kind, problem.where, problem.text) for problem in self.problems]
 
-    def require_whole(self) -> None:
-        """Raise RunFailed, naming the first file, when a finished run is not whole any more."""
-        found = [p for p in self.problems if p.kind != "extra"]
-        if found:
-            more = f", and {len(found) - 1} more (`record check` lists them)" * (len(found) > 1)
+    def require_intact(self) -> None:
+        """Raise RunFailed, naming the first file, if a finished run has been damaged."""
+        faults = [p for p in self.problems if p.kind != "extra"]
+        if faults:
+            rest = f", and {len(faults) - 1} more (`record check` lists them)" * (len(faults) > 1)
             raise RunFailed(
-                f"{self.folder}: finished, and damaged since: {found[0].where}: {found[0].text}"
-                f"{more}; put it back from a copy, or remove summary.json and --resume does that "
-                "press again"
+                f"{self.folder}: damaged after its end: {faults[0].where}: {faults[0].text}{rest}; "
+                "restore it from a copy, or remove summary.json and repeat that press with --resume"
             )
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data."""
-        return {**asdict(self), "folder": str(self.folder), "whole": self.whole}
+        return {**asdict(self), "folder": str(self.folder), "whole": self.intact}
 
 
 def check_run(folder: Path, progress: Progress | None = None) -> RunVerdict:
-    """Verify a run folder against its plan; nothing in it is changed.
+    """Verify a run folder against its plan, without changing anything.
 
-    Reads every image (hash), unpacks every sample and truth. Raises InputError where there is no
-    run folder.
+    Hashes every image and unpacks every sample and truth. Raises InputError if there is no run
+    folder.
     """
     if not (folder / "run.json").is_file():
-        Run(folder)  # says what is there instead
+        Run(folder)  # raises the specific error
     verdict = RunVerdict(folder)
     try:
         run = Run(folder)
-    except InputError as why:
-        verdict.problems.append(Damage("damaged", "run.json", str(why)))
+    except InputError as error:
+        verdict.problems.append(Damage("damaged", "run.json", str(error)))
         return verdict
     verdict.format, verdict.finished = run.format, run.finished
-    verdict.being_written = being_written(folder)
+    verdict.being_written = is_claimed(folder)
     add = verdict.problems.append
-    for number, note in notes.lines(folder):
+    for number, note in notes.read_notes(folder):
         if note is None:
-            add(Damage("damaged", "notes.jsonl", f"line {number} is no note, or was changed"))
+            add(Damage("damaged", "notes.jsonl", f"line {number} is not a note or was changed"))
         elif not note["hashed"]:
             verdict.unhashed.append(f"notes.jsonl:{number}")
     steps: list[Step] = []
     if not run.imported:
         try:
             steps = _planned(run)
-        except InputError as why:
-            add(Damage("damaged", "protocol.toml", str(why)))
+        except InputError as error:
+            add(Damage("damaged", "protocol.toml", str(error)))
     try:
         with run.reader() as db:
-            db.execute("BEGIN")  # one moment of a run that goes on
-            verdict.problems += judge(run, db, steps, verdict, progress)
-            if run.format == UNHASHED:
-                verdict.unhashed += [f for end in (False, True) for f in metadata(folder, end)]
+            db.execute("BEGIN")  # one snapshot of a running run
+            verdict.problems += find_damage(run, db, steps, verdict, progress)
+            if run.format == UNHASHED_FORMAT:
+                verdict.unhashed += metadata_files(folder, False) + metadata_files(folder, True)
             else:
-                told = {problem.where for problem in verdict.problems}
-                verdict.problems += [d for d in unlike_hashes(run, db) if d.where not in told]
-    except RunFailed as why:
-        add(Damage("damaged", "journal.sqlite", str(why)))
+                reported = {problem.where for problem in verdict.problems}
+                verdict.problems += [d for d in hash_mismatches(run, db) if d.where not in reported]
+    except RunFailed as error:
+        add(Damage("damaged", "journal.sqlite", str(error)))
     if run.imported and not verdict.problems:
-        verdict.problems += _uncounted(run)
+        verdict.problems += _count_mismatches(run)
     return verdict
 
 
-def unlike_hashes(run: Run, db: sqlite3.Connection) -> Iterator[Damage]:
-    """Metadata that are not, byte for byte, what the journal of a run of today has the hashes of.
+def hash_mismatches(run: Run, db: sqlite3.Connection) -> Iterator[Damage]:
+    """Metadata files whose SHA-256 differs from the journal (runs of the current format).
 
-    Of an unfinished run only what it began with is known.
+    For an unfinished run, only the files written at its start are checked.
     """
     hashes: dict[str, str] = dict(db.execute("SELECT file, sha256 FROM files"))
-    begun, ended = metadata(run.folder, False), metadata(run.folder, True)
+    begun, ended = metadata_files(run.folder, False), metadata_files(run.folder, True)
     late = {"summary.json", *ended, *(file for file in hashes if file.startswith("truth/"))}
     for file in sorted({*begun, *ended, *hashes}):
         if file in late and not run.finished:
             continue
         if file not in hashes:
-            yield Damage("damaged", file, "the journal has no hash of it")
+            yield Damage("damaged", file, "no hash in the journal")
         elif file not in (*begun, *ended):
-            yield Damage("missing", file, "the journal has its hash")
-        elif why := _damage(run.folder / file, hashes[file]):
-            yield Damage("damaged", file, why)
+            yield Damage("missing", file, "listed in the journal")
+        elif mismatch := _file_damage(run.folder / file, hashes[file]):
+            yield Damage("damaged", file, mismatch)
 
 
-def _damage(path: Path, digest: str | None) -> str:
-    """Why a file is not the one that was hashed; empty where it is."""
+def _file_damage(path: Path, digest: str | None) -> str:
+    """Return why a file does not match its hash; empty if it does."""
     try:
         data = path.read_bytes()
-    except OSError as why:
-        return str(why.strerror)
+    except OSError as error:
+        return str(error.strerror)
     same = hashlib.sha256(data).hexdigest() == digest
     return "" if same else "differs from its hash in the journal"
 
 
 def _planned(run: Run) -> list[Step]:
-    """The steps that the run's protocol becomes.
+    """Steps planned by the run's protocol.
 
     Raises InputError when protocol.toml cannot be read.
     """
@@ -188,121 +187,123 @@ def _planned(run: Run) -> list[Step]:
     return expand_protocol(protocol, bool(run.meta.get("air")))
 
 
-def judge(
+def find_damage(
     run: Run,
     db: sqlite3.Connection,
     steps: Sequence[Step],
     verdict: RunVerdict,
     progress: Progress | None,
 ) -> Iterator[Damage]:
-    """What is wrong with rows and files; counts, whole and open presses go into the verdict.
+    """Yield faults of rows and files; fill counts, sound and open presses of `verdict`.
 
-    steps: of the plan; none where it is not known, and rows are held against files only. Of a
-    journal whose file or indices are broken nothing else is said.
+    steps: planned; empty if unknown: then rows are compared with files only. If the journal's file
+    or indices are corrupt, only that is reported.
     """
     broken = [line for (line,) in db.execute("PRAGMA integrity_check") if line != "ok"]
     if broken:
         yield from (Damage("damaged", "journal.sqlite", line) for line in broken)
         return
-    done = {row[0]: row[1:] for row in db.execute("SELECT step_id, seq, press FROM steps")}
-    found: dict[str, FileAndHash] = {}
-    placed: dict[str, tuple[Any, ...]] = {}
+    step_rows = {row[0]: row[1:] for row in db.execute("SELECT step_id, seq, press FROM steps")}
+    frame_files: dict[str, FileAndHash] = {}
+    frame_rows: dict[str, tuple[Any, ...]] = {}
     for frame_id, file, digest, *place in db.execute(
         "SELECT frame_id, file, sha256, seq, step_id, press, k FROM frames ORDER BY seq"
     ):
-        found[frame_id], placed[frame_id] = (file, digest), tuple(place)
+        frame_files[frame_id], frame_rows[frame_id] = (file, digest), tuple(place)
     ids: dict[str, list[str]] = {}
     for step in steps:
         ids.setdefault(step.press, []).extend([*_frame_ids(step), step.id])
     if steps:
-        yield from _differences(steps, done, placed)
+        yield from _differences(steps, step_rows, frame_rows)
     else:
-        for frame_id, (_, _, press, _) in placed.items():
+        for frame_id, (_, _, press, _) in frame_rows.items():
             ids.setdefault(press, []).append(frame_id)
     changes = {step.press for step in steps if step.kind == "change"}
-    verdict.presses, verdict.found_frames = len(ids.keys() - changes), len(found)
-    verdict.frames = sum(step.frames for step in steps) or len(found)
-    verdict.images = sum(file is not None for file, _ in found.values())
-    lost = _lost(db, steps, found)
-    verdict.lost_frames = len(lost)
+    verdict.presses, verdict.found_frames = len(ids.keys() - changes), len(frame_files)
+    verdict.frames = sum(step.frames for step in steps) or len(frame_files)
+    verdict.images = sum(file is not None for file, _ in frame_files.values())
+    lost_ids = _lost_ids(db, steps, frame_files)
+    verdict.lost_frames = len(lost_ids)
     checked = 0
     for press, part in ids.items():
-        missing = [i for i in part if not (i in found or i in done or i in lost)]
+        missing = [i for i in part if not (i in frame_files or i in step_rows or i in lost_ids)]
         lacks = f"not in the journal: {len(missing)} of {len(part)} frames and steps, from "
-        if missing and not run.finished:  # a resume does it again, whatever is there of it
+        if missing and not run.finished:  # a resume repeats it in any case
             if len(missing) < len(part):
                 verdict.open[press] = lacks + missing[0]
             continue
         if missing:
             yield Damage("missing", press, lacks + missing[0])
-        frames = {i: found[i] for i in part if i in found}
-        lines = list(_damages(run, press, frames))
+        frames = {i: frame_files[i] for i in part if i in frame_files}
+        lines = list(_press_damage(run, press, frames))
         yield from (Damage("damaged", press, line) for line in lines)
         if not missing and not lines:
             verdict.sound.append(press)
         checked += len(frames)
         if progress is not None and frames:
-            progress(checked, len(found), f"checking {press}")
+            progress(checked, len(frame_files), f"checking {press}")
     verdict.whole_presses = len(set(verdict.sound) - changes)
     if run.finished:  # what a cut-off press left is cleared by the resume
-        yield from _strays(run, {file for file, _ in found.values() if file}, ids)
+        yield from _stray_files(run, {file for file, _ in frame_files.values() if file}, ids)
 
 
 def _frame_ids(step: Step) -> list[str]:
-    """Ids of the frames of a step, in order of capture."""
+    """Frame ids of a step, in order of capture."""
     return [frame_id_of(step, k) for k in range(1, step.frames + 1)]
 
 
-def _lost(db: sqlite3.Connection, steps: Sequence[Step], found: Container[str]) -> set[str]:
-    """Ids of frames that did not come, as many as their steps say: counted, and no damage."""
+def _lost_ids(db: sqlite3.Connection, steps: Sequence[Step], received: Container[str]) -> set[str]:
+    """Ids of frames that the camera dropped, up to each step's `missed` count; not damage."""
     missed = dict(db.execute("SELECT step_id, missed FROM steps"))
-    lost: set[str] = set()
+    lost_ids: set[str] = set()
     for step in steps:
-        lost.update([i for i in _frame_ids(step) if i not in found][: missed.get(step.id, 0)])
-    return lost
+        absent = [i for i in _frame_ids(step) if i not in received]
+        lost_ids.update(absent[: missed.get(step.id, 0)])
+    return lost_ids
 
 
 def _differences(
     steps: Sequence[Step],
-    done: dict[str, tuple[Any, ...]],
-    placed: dict[str, tuple[Any, ...]],
+    step_rows: dict[str, tuple[Any, ...]],
+    frame_rows: dict[str, tuple[Any, ...]],
 ) -> Iterator[Damage]:
-    """Rows that the plan does not have, or that stand in another place than it gives them."""
-    wanted_steps = {step.id: (n, step.press) for n, step in enumerate(steps, start=1)}
-    wanted_frames: dict[str, tuple[Any, ...]] = {}
+    """Yield rows that are not in the plan, or at another position than planned."""
+    planned_steps = {step.id: (n, step.press) for n, step in enumerate(steps, start=1)}
+    planned_frames: dict[str, tuple[Any, ...]] = {}
     for step in steps:
         for k, frame_id in enumerate(_frame_ids(step), start=1):
-            wanted_frames[frame_id] = (len(wanted_frames) + 1, step.id, step.press, k)
-    for what, wanted, rows in (("step", wanted_steps, done), ("frame", wanted_frames, placed)):
+            planned_frames[frame_id] = (len(planned_frames) + 1, step.id, step.press, k)
+    tables = ("step", planned_steps, step_rows), ("frame", planned_frames, frame_rows)
+    for kind, planned, rows in tables:
         for row_id, place in rows.items():
-            if row_id not in wanted:
-                yield Damage("extra", row_id, f"a {what} that the protocol does not have")
-            elif place != wanted[row_id]:
-                text = f"the {what} stands at {place}, the protocol has it at {wanted[row_id]}"
+            if row_id not in planned:
+                yield Damage("extra", row_id, f"{kind} not in the protocol")
+            elif place != planned[row_id]:
+                text = f"{kind} at {place}, planned at {planned[row_id]}"
                 yield Damage("differs", row_id, text)
 
 
-def _damages(run: Run, press: str, frames: Mapping[str, FileAndHash]) -> Iterator[str]:
-    """What is wrong with the files of a press whose rows are all there, a line each."""
-    drawn = False
+def _press_damage(run: Run, press: str, frames: Mapping[str, FileAndHash]) -> Iterator[str]:
+    """Yield faults of the files of a press whose rows are complete, one line each."""
+    has_images = False
     for file, digest in frames.values():
         if file is None:
             continue
-        drawn = True
-        if why := _damage(run.folder / file, digest):
-            yield f"{file}: {why}"
+        has_images = True
+        if damage := _file_damage(run.folder / file, digest):
+            yield f"{file}: {damage}"
     yield from run.damaged_samples(press)
-    if drawn and run.simulated and run.meta["rig"]["kind"] == "virtual":
-        yield from _truth_damages(run, press, list(frames))
+    if has_images and run.simulated and run.meta["rig"]["kind"] == "virtual":
+        yield from _truth_damage(run, press, list(frames))
 
 
-def _truth_damages(run: Run, press: str, frame_ids: list[str]) -> Iterator[str]:
+def _truth_damage(run: Run, press: str, frame_ids: list[str]) -> Iterator[str]:
     files = TruthFiles(run.folder)
     lens = [files.lens] * ((run.meta["camera"] or {}).get("model") == "rectified")
     needed = [files.lattice, *lens, files.press(press)]
     for path in needed:
         if not path.is_file():
-            yield f"{path.relative_to(run.folder)}: its truth is missing"
+            yield f"{path.relative_to(run.folder)}: truth missing"
             return
     name = needed[-1].relative_to(run.folder)
     try:
@@ -310,32 +311,32 @@ def _truth_damages(run: Run, press: str, frame_ids: list[str]) -> Iterator[str]:
             bad = packed.testzip()
         with np.load(needed[-1]) as data:
             ids = data["frame_id"].tolist()
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as why:
-        yield f"{name}: its truth is damaged: {why}"
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        yield f"{name}: truth damaged: {error}"
         return
     if bad is not None or ids != frame_ids:
-        yield f"{name}: its truth is damaged"
+        yield f"{name}: truth damaged"
 
 
-def _strays(run: Run, named: Iterable[str], plan: Iterable[str]) -> Iterator[Damage]:
-    known = {run.folder / file for file in named}
-    known |= {TruthFiles(run.folder).press(press) for press in plan}
-    for path in sorted(written(run.folder)):
-        if path not in known:
-            yield Damage("extra", str(path.relative_to(run.folder)), "no row names it")
+def _stray_files(run: Run, row_files: Iterable[str], plan: Iterable[str]) -> Iterator[Damage]:
+    expected = {run.folder / file for file in row_files}
+    expected |= {TruthFiles(run.folder).press(press) for press in plan}
+    for path in sorted(written_files(run.folder)):
+        if path not in expected:
+            yield Damage("extra", str(path.relative_to(run.folder)), "not listed in the journal")
 
 
-def _uncounted(run: Run) -> Iterator[Damage]:
-    """Where the journal of an imported run, which has no plan, differs from what was counted."""
-    said = run.summary()
-    if not said:
-        yield Damage("missing", "summary.json", "without it an import is not known to be whole")
+def _count_mismatches(run: Run) -> Iterator[Damage]:
+    """Yield differences between the journal of an imported run and its summary's counts."""
+    summary = run.summary()
+    if not summary:
+        yield Damage("missing", "summary.json", "needed to verify an import")
         return
     with run.reader() as db:
-        found = dict(db.execute("SELECT stream, sum(n) FROM samples GROUP BY stream"))
-        found["frames"] = db.execute("SELECT count(*) FROM frames").fetchone()[0]
-    wanted = {"frames": said.get("frames"), **(said.get("samples") or {})}
-    for what, count in wanted.items():
-        if found.get(what) != count:
-            text = f"{found.get(what)} of {what}, and {count} were imported"
+        counts = dict(db.execute("SELECT stream, sum(n) FROM samples GROUP BY stream"))
+        counts["frames"] = db.execute("SELECT count(*) FROM frames").fetchone()[0]
+    expected = {"frames": summary.get("frames"), **(summary.get("samples") or {})}
+    for name, count in expected.items():
+        if counts.get(name) != count:
+            text = f"{counts.get(name)} of {name}, but {count} were imported"
             yield Damage("differs", "journal.sqlite", text)

@@ -1,4 +1,4 @@
-"""Whether a run may be continued: under the conditions it was begun with, or not at all."""
+"""Resume check: a run may be continued only under the conditions it began with."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import Any
 
 from deltact_fab.common import InputError
 
-from .files import FORMAT, json_bytes
+from .files import RUN_FORMAT, json_bytes
 from .run import Run
 
-# What a run may be continued with although it differs: it changes no number and no byte.
+# Keys that may differ on resume: they change no result and no file.
 _MAY_DIFFER = (
     "format", "name", "rig_name", "rig.stage.port", "rig.stage.registration", "rig.camera.model",
     "rig.camera.source", "versions.python", "versions.cadquery",
@@ -25,59 +25,59 @@ def require_same_conditions(
     pattern: dict[str, Any],
     with_versions: bool = True,
 ) -> None:
-    """Refuse to go on with a run under other conditions than those of its beginning.
+    """Refuse to resume a run whose conditions have changed.
 
-    meta, protocol, pattern: as for `RunWriter.create`. Raises InputError naming the first thing
-    that differs, its value in the folder and its value now.
+    meta, protocol, pattern: as for `RunWriter.create`. Raises InputError naming the first
+    key that differs, with its stored and its current value.
     """
-    if run.format != FORMAT:
+    if run.format != RUN_FORMAT:
         raise InputError(
-            f"{run.folder}: cannot be resumed: format {run.format}, of an older version; it can be "
-            "read, checked and analysed"
+            f"{run.folder}: cannot be resumed: format {run.format} is of an older version, for "
+            "reading only"
         )
-    given = json.loads(json_bytes({**meta, "pattern": pattern}))
+    current = json.loads(json_bytes({**meta, "pattern": pattern}))
     stored = {**run.meta, "pattern": run.pattern}
-    # What a user gave comes before what follows from it.
-    for part in dict.fromkeys(("protocol", "seed", "rig", "sensor", "pattern", *given, *stored)):
+    # User input first, derived values after.
+    for part in dict.fromkeys(("protocol", "seed", "rig", "sensor", "pattern", *current, *stored)):
         if part == "versions" and not with_versions:
             continue
-        found = _difference(stored.get(part), given.get(part), part)
-        if found is not None:
-            key, was, now = found
+        difference = _first_difference(stored.get(part), current.get(part), part)
+        if difference is not None:
+            key, old, new = difference
             raise InputError(
-                f"{run.folder}: cannot be resumed: {key}: {_short(was)} in the folder, "
-                f"{_short(now)} now; a run must end under the conditions it began with"
+                f"{run.folder}: cannot be resumed: {key}: {_shorten(old)} in the folder, "
+                f"{_shorten(new)} now; conditions must not change during a run"
             )
-    kept = run.folder / "protocol.toml"
+    protocol_path = run.folder / "protocol.toml"
     try:
-        before = kept.read_bytes()
-    except OSError as why:
-        raise InputError(f"{kept}: cannot be read: {why.strerror}") from why
-    if before != protocol:
-        was, now = (hashlib.sha256(text).hexdigest()[:12] for text in (before, protocol))
+        recorded = protocol_path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{protocol_path}: cannot be read: {error.strerror}") from error
+    if recorded != protocol:
+        old, new = (hashlib.sha256(text).hexdigest()[:12] for text in (recorded, protocol))
         raise InputError(
-            f"{run.folder}: cannot be resumed: protocol.toml: SHA-256 {was} in the folder, {now} "
-            f"now: the same values in another text; resume with {kept}"
+            f"{run.folder}: cannot be resumed: protocol.toml: SHA-256 {old} in the folder, {new} "
+            f"now (same values, other text); resume with {protocol_path}"
         )
 
 
-def _difference(a: Any, b: Any, at: str) -> tuple[str, Any, Any] | None:
-    """The first place where two trees of plain data differ: its key and both values.
+def _first_difference(a: Any, b: Any, key_path: str) -> tuple[str, Any, Any] | None:
+    """First difference between two trees of plain data: key path and both values.
 
-    What is not there is None: a field that was not known to who began the run was not used.
+    A missing key counts as None: a field added by a later version was not used.
     """
-    if at in _MAY_DIFFER:
+    if key_path in _MAY_DIFFER:
         return None
     if isinstance(a, dict) and isinstance(b, dict):
         for key in sorted(a.keys() | b.keys()):
-            found = _difference(a.get(key), b.get(key), f"{at}.{key}")
-            if found is not None:
-                return found
+            difference = _first_difference(a.get(key), b.get(key), f"{key_path}.{key}")
+            if difference is not None:
+                return difference
         return None
-    return None if a == b else (at, a, b)
+    return None if a == b else (key_path, a, b)
 
 
-def _short(value: Any) -> str:
+def _shorten(value: Any) -> str:
     if value is None:
         return "nothing"
     text = json.dumps(value)

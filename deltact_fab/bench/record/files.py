@@ -1,6 +1,6 @@
-"""The files of a run folder: their places, and what those in JSON hold.
+"""Files of a run folder: paths, and schemas of its JSON files.
 
-More may stand in the JSON. Who reads a run may count on the types of the keys named here.
+The JSON may have more keys; the types of those listed here are guaranteed.
 """
 
 from __future__ import annotations
@@ -16,74 +16,73 @@ from typing_extensions import TypedDict  # pydantic: needed before Python 3.12
 
 from deltact_fab.common import InputError, Note, read_json, validate
 
-from ..protocols.plan import Step, Waits
+from ..protocols.plan import SettleTimes, Step
 
-FORMAT = 6
-UNHASHED = 5  # the format of 0.2.0, in which the metadata have no hashes
-IMPORTED, UNKNOWN_SENSOR = "imported", "unknown"
-"""The mark of a run that was recorded elsewhere, in run.json and pattern.json; the kind of its
-frames, and their indenter where nobody said it."""
+RUN_FORMAT = 6  # format number of run folders written by this version
+UNHASHED_FORMAT = 5  # the format of 0.2.0, in which the metadata have no hashes
+IMPORTED_MARK, UNKNOWN_SENSOR = "imported", "unknown"
+"""Mark of an imported run, in run.json and pattern.json; kind of its frames, and their indenter
+if unknown."""
 LATTICE_FILE, LENS_FILE = "truth/lattice.json", "truth/lens.json"
-FLAT = "camera.flat.png"
-"""The flat field of a calibrated camera, if that has one."""
-NOTES = "notes.jsonl"
-"""Operators' notes, a JSON object a line."""
+FLAT_FILE = "camera.flat.png"
+"""Flat field of a calibrated camera, if it has one."""
+NOTES_FILE = "notes.jsonl"
+"""Operators' notes, one JSON object per line."""
 
 
 def frame_id_of(step: Step, k: int) -> str:
-    """Id of the k-th frame of a step, from 1."""
+    """Id of the k-th frame of a step; k from 1."""
     return f"{step.id}#{k:03d}"
 
 
 def image_file(frame_id: str, suffix: str = "png") -> str:
-    """Path of a frame's image inside the run folder; suffix: png or jxl."""
+    """Path of a frame's image within the run folder; suffix: png or jxl."""
     return f"images/{frame_id.replace('/', '_').replace('#', '_')}.{suffix}"
 
 
 @dataclass(frozen=True)
 class TruthFiles:
-    """Places of a virtual rig's truth of a run. folder: of the run."""
+    """Paths of a virtual rig's truth. folder: the run folder."""
 
     folder: Path
 
     @property
     def lattice(self) -> Path:
-        """The lattice that displacements stand on."""
+        """Lattice on which displacements are stored."""
         return self.folder / LATTICE_FILE
 
     @property
     def lens(self) -> Path:
-        """The lens that the rig draws through, which is not the calibrated one."""
+        """True lens, through which the rig renders; the calibrated one differs."""
         return self.folder / LENS_FILE
 
     def press(self, name: str) -> Path:
-        """The truth of one press.
+        """Truth of one press, an npz.
 
-        An npz of displacement_mm (n, ny, nx, 3), one a solved knot, and for each frame of the
-        press, in order of capture: frame_id, knots (m, 2) it lies between, fraction (m,) of the
-        way. Older runs have no more. Of each knot: contact_area_mm2 and stick_area_mm2 (n,) seen
-        along z in the deformed state, errors of both, centroid_mm (n, 2) of the contact in the
-        sensor frame, without one the tip's (x, y); zone_map (n, ny, nx) uint8, 0 apart, 1 slipping,
-        2 sticking, at the nodes x_mm, y_mm of the whole face at rest. Without friction all that
-        touches slips.
+        displacement_mm (n, ny, nx, 3): at each solved knot; per frame in order of capture:
+        frame_id, knots (m, 2) around it, fraction (m,) between them. Older runs have no more. Per
+        knot: contact_area_mm2 and stick_area_mm2 (n,) seen along z in the deformed state, errors of
+        both, centroid_mm (n, 2) of the contact in the sensor frame (without contact: the tip's
+        x, y); zone_map (n, ny, nx) uint8, 0 apart, 1 slipping, 2 sticking, at the resting nodes
+        x_mm, y_mm of the face. Without friction all contact slips.
         """
         return self.folder / "truth" / f"{name.replace('/', '_')}.npz"
 
 
-def metadata(folder: Path, at_the_end: bool) -> list[str]:
-    """What there is in a run beside journal, images, notes and truths of presses, in its order.
+def metadata_files(folder: Path, at_the_end: bool) -> list[str]:
+    """Existing metadata files of a run, as paths in its folder.
 
-    at_the_end: what is known when the run ends, else what it begins with. Paths in the folder.
+    at_the_end: those written at the end of the run, else those written at its start.
     """
-    begun, ended = (
-        ("run.json", "protocol.toml", "pattern.json", FLAT),
+    initial, final = (
+        ("run.json", "protocol.toml", "pattern.json", FLAT_FILE),
         ("summary.json", LATTICE_FILE, LENS_FILE),
     )
-    return [name for name in (ended if at_the_end else begun) if (folder / name).is_file()]
+    return [name for name in (final if at_the_end else initial) if (folder / name).is_file()]
 
 
-def written(folder: Path) -> Iterator[Path]:
-    """Images, truths of presses and cut-off writes of a run: what a resume may remove."""
+def written_files(folder: Path) -> Iterator[Path]:
+    """Yield the images, truths and partial files of a run, which a resume may remove."""
     inside = ("images/*.png", "images/*.jxl", "images/.*.part", "truth/*.npz", "truth/.*.part")
     for pattern in (".*.part", *inside):
         yield from folder.glob(pattern)
@@ -108,7 +107,7 @@ class _Specimen(TypedDict, total=False):
 
 class _Capture(TypedDict, total=False):
     rate_hz: Positive | None
-    settle_s: Waits | None
+    settle_s: SettleTimes | None
     hold: dict[str, Positive] | None
     retract: dict[str, Positive] | None
 
@@ -183,41 +182,43 @@ class _SummaryFile(TypedDict, total=False):
     devices: dict[str, Any]
 
 
-class Kept(dict[str, Any]):
-    """A table of a kept file: a missing key is bad input, not an error of the reader."""
+class StrictDict(dict[str, Any]):
+    """Table of a run file: a missing key raises InputError instead of KeyError."""
 
     source = ""
-    lacks = "missing key"
+    missing_text = "missing key"
 
     def __missing__(self, key: str) -> Any:
-        raise InputError(f"{self.source}: {key}: {self.lacks}")
+        raise InputError(f"{self.source}: {key}: {self.missing_text}")
 
 
-_FILES = {"run.json": _RunFile, "pattern.json": _PatternFile, "summary.json": _SummaryFile}
+_UNKNOWN_TEXT = "unknown for an imported run; name camera and design in its recording's file"
+_FILE_SCHEMAS = {"run.json": _RunFile, "pattern.json": _PatternFile, "summary.json": _SummaryFile}
 
 
-def kept(folder: Path, name: str) -> dict[str, Any]:
-    """What run.json, pattern.json or summary.json of a run holds.
+def load_run_file(folder: Path, name: str) -> dict[str, Any]:
+    """Read run.json, pattern.json or summary.json of a run.
 
-    Raises InputError naming file and key, then and for a missing key.
+    Raises InputError naming file and key, also when a missing key is used.
     """
     path = folder / name
     data = read_json(path)
-    if name == "run.json" and (known := data.get("format")) not in (UNHASHED, FORMAT):
-        raise InputError(f"{path}: format: {known}, this version reads {UNHASHED} and {FORMAT}")
-    validate(_FILES[name], data, str(path))
-    told = "not known of an imported run; its file for `record import` can name camera and design"
-    lacks = told if IMPORTED in data else Kept.lacks
-    found: dict[str, Any] = _wrapped(data, str(path), lacks)
-    return found
+    stored = data.get("format")
+    if name == "run.json" and stored not in (UNHASHED_FORMAT, RUN_FORMAT):
+        valid = f"this version reads {UNHASHED_FORMAT} and {RUN_FORMAT}"
+        raise InputError(f"{path}: format: {stored}, {valid}")
+    validate(_FILE_SCHEMAS[name], data, str(path))
+    missing_text = _UNKNOWN_TEXT if IMPORTED_MARK in data else StrictDict.missing_text
+    wrapped: dict[str, Any] = _wrap(data, str(path), missing_text)
+    return wrapped
 
 
-def _wrapped(value: Any, source: str, lacks: str) -> Any:
-    """The same with every table a `Kept`."""
+def _wrap(value: Any, source: str, missing_text: str) -> Any:
+    """Convert every table to a `StrictDict`."""
     if isinstance(value, list):
-        return [_wrapped(one, source, lacks) for one in value]
+        return [_wrap(item, source, missing_text) for item in value]
     if not isinstance(value, dict):
         return value
-    table = Kept({key: _wrapped(one, source, lacks) for key, one in value.items()})
-    table.source, table.lacks = source, lacks
+    table = StrictDict({key: _wrap(item, source, missing_text) for key, item in value.items()})
+    table.source, table.missing_text = source, missing_text
     return table

@@ -1,7 +1,7 @@
-"""Images as files, by the suffix of their names: encoding without loss, and the one reader.
+"""Image files by suffix: lossless encoding and decoding.
 
-PNG is the default and needs nothing more. JPEG XL takes a seventh of the time to write and five
-times as long to read; it comes with the extra `images`.
+PNG is the default. JPEG XL takes a seventh of the time to write and five times as long to read; it
+needs the extra `images`.
 """
 
 from __future__ import annotations
@@ -16,38 +16,38 @@ from numpy.typing import NDArray
 
 from deltact_fab.common import RunFailed, require_extra
 
-RATE_HELD_HZ = {"png": 30.0, "jxl": 80.0}
-"""Images of 1280 x 720 a second that a run holds on two cores: as fast as they go, 35 and 88 were
-seen, and none of 240 was dropped at 30 and at 60 (`python -m benchmarks.recording`)."""
-JXL_EFFORT = 1  # higher ones gain a hundredth of the size and cost several times as long
+SUSTAINED_RATE_HZ = {"png": 30.0, "jxl": 80.0}
+"""Sustained frames per second of 1280 x 720 on two cores: the maximum measured is 35 and 88, and
+none of 240 was dropped at 30 and 60 (docs/evidence/bench-timing.md)."""
+JXL_EFFORT = 1  # by hand: higher ones save 1 % of size at several times the time
 
-_MEASURED_PX = 1280 * 720
+_MEASURED_IMAGE_PX = 1280 * 720  # image of the rates measured above
 
 
 @dataclass(frozen=True)
 class ImageFormat:
-    """The file format in which a run keeps its images. suffix: of their names, png or jxl."""
+    """Image file format of a run. suffix: png or jxl."""
 
     suffix: str
 
     @classmethod
-    def of(cls, meta: Mapping[str, Any]) -> ImageFormat:
-        """The format that the camera of a rig asks for; meta: of a run, with its rig."""
+    def from_meta(cls, meta: Mapping[str, Any]) -> ImageFormat:
+        """Format requested by the rig's camera. meta: of a run, with its rig."""
         camera = (meta.get("rig") or {}).get("camera") or {}
         return cls(str(camera.get("format") or "png"))
 
     def require(self) -> None:
-        """Raise MissingLibrary when such files cannot be written here."""
+        """Raise MissingLibrary if the format cannot be written here."""
         if self.suffix == "jxl":
             _imagecodecs()
 
-    def rate_held_hz(self, image_px: int) -> float:
-        """Frames of so many pixels a second that can be kept without loss."""
-        return RATE_HELD_HZ[self.suffix] * _MEASURED_PX / image_px
+    def sustained_rate_hz(self, image_px: int) -> float:
+        """Frames per second that can be stored without loss, for images of `image_px` pixels."""
+        return SUSTAINED_RATE_HZ[self.suffix] * _MEASURED_IMAGE_PX / image_px
 
 
 def encode(image: NDArray[np.uint8], suffix: str) -> bytes:
-    """(h, w, 3) BGR to the bytes of a file, without loss. Raises RunFailed."""
+    """Encode (h, w, 3) BGR as file bytes, lossless. Raises RunFailed."""
     if suffix == "png":
         return encode_png(image)
     import cv2
@@ -56,15 +56,15 @@ def encode(image: NDArray[np.uint8], suffix: str) -> bytes:
     rgb = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
     try:
         return bytes(codecs.jpegxl_encode(rgb, effort=JXL_EFFORT, lossless=True, numthreads=1))
-    except (RuntimeError, ValueError) as why:
-        raise RunFailed(f"an image could not be encoded as JPEG XL: {why}") from why
+    except (RuntimeError, ValueError) as error:
+        raise RunFailed(f"JPEG XL encoding failed: {error}") from error
 
 
 def encode_png(image: NDArray[np.uint8]) -> bytes:
     """Encode (h, w, 3) BGR as PNG bytes, tuned for noisy frames (fast filter, Huffman only)."""
     import cv2
 
-    done, data = cv2.imencode(
+    success, data = cv2.imencode(
         ".png",
         image,
         [
@@ -76,15 +76,15 @@ def encode_png(image: NDArray[np.uint8]) -> bytes:
             cv2.IMWRITE_PNG_FILTER_AVG,
         ],
     )
-    if not done:
-        raise RunFailed("an image could not be encoded as PNG")
+    if not success:
+        raise RunFailed("PNG encoding failed")
     return bytes(data)
 
 
 def decode(data: bytes, name: str) -> NDArray[np.uint8] | None:
-    """(h, w, 3) BGR of the bytes of a file of that name; None when they are no such image.
+    """Decode file bytes to (h, w, 3) BGR; None if they are not an image of that name's format.
 
-    Whatever OpenCV knows, and JPEG XL. Raises MissingLibrary.
+    Reads all formats of OpenCV and JPEG XL. Raises MissingLibrary.
     """
     import cv2
 

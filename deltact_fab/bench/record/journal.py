@@ -1,9 +1,9 @@
-"""The journal of a run: SQLite tables, the right to write them, and what is written as it goes on.
+"""Journal of a run: SQLite tables, the write lock, and the writer threads.
 
 Files are written on two threads, rows in their order on a third. A row is committed only after its
 file is on the disk, so a kill at any time leaves no row without its file. Rows are committed in the
-order in which they were put, at most BATCH of them or BATCH_S after the first of them. A caller
-that adds an image finds room for it or waits, or learns that there is none.
+order in which they were put, at most BATCH_N of them or BATCH_S after the first. A caller that
+adds an image to a full queue waits or is refused.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from numpy.typing import NDArray
 
 from deltact_fab.common import InputError, RunFailed, disk_errors, sync_folder, write_whole
 
-from .files import UNHASHED
+from .files import UNHASHED_FORMAT
 from .images import encode
 
-SCHEMA = """
+JOURNAL_SCHEMA = """
 CREATE TABLE steps (
   seq INTEGER PRIMARY KEY, step_id TEXT NOT NULL UNIQUE, press TEXT NOT NULL,
   indenter TEXT NOT NULL, kind TEXT NOT NULL,
@@ -54,19 +54,19 @@ CREATE TABLE events (
 );
 CREATE TABLE files (file TEXT PRIMARY KEY, sha256 TEXT NOT NULL);
 """
-PRESS_TABLES = ("frames", "samples", "steps")  # whose rows belong to a press and go with it
+PRESS_TABLES = ("frames", "samples", "steps")  # rows are deleted with their press
 WALL_COLUMNS = ("wall_s",)  # the only columns in which two equal runs may differ
-# A resumed run may also differ in the rig's clock, which starts anew with each session; and in its
-# events, which tell how it ended.
+# A resumed run may also differ in the rig's clock, which restarts with each session, and in its
+# events.
 CLOCK_COLUMNS = (*WALL_COLUMNS, "t_s", "t_start_s", "t_end_s", "origin_s")
 
 
 def claim(folder: Path) -> BinaryIO:
-    """Claim a run folder until the file that this returns is closed, or the process dies.
+    """Lock a run folder until the returned file is closed or the process ends.
 
-    Raises InputError when another process has it.
+    Raises InputError if another process holds the lock.
     """
-    # On run.json, for a lock on the journal would disturb the locks of SQLite itself.
+    # On run.json: a lock on the journal would interfere with SQLite's own.
     file = (folder / "run.json").open("rb")
     if not _lock(file, shared=False):
         file.close()
@@ -74,14 +74,14 @@ def claim(folder: Path) -> BinaryIO:
     return file
 
 
-def being_written(folder: Path) -> bool:
-    """Whether another process has the run claimed just now."""
+def is_claimed(folder: Path) -> bool:
+    """True if another process holds the lock of the run."""
     with (folder / "run.json").open("rb") as file:
         return not _lock(file, shared=True)
 
 
 def _lock(file: BinaryIO, shared: bool) -> bool:
-    """Lock a file until it is closed; False when another process has it. True without locks."""
+    """Lock a file until it is closed; False if another process holds it. True without locks."""
     if os.name == "posix":
         import fcntl
 
@@ -95,7 +95,7 @@ def _lock(file: BinaryIO, shared: bool) -> bool:
 
 
 def connect(folder: Path, new: bool = False) -> sqlite3.Connection:
-    """The journal for writing. Raises RunFailed when it is not there or is no journal."""
+    """Open the journal for writing. Raises RunFailed if it is missing or not a journal."""
     path = (folder / "journal.sqlite").absolute()
     with journal_errors(folder):
         # One thread at a time uses it: the pipeline's, between the start of a run and its end.
@@ -112,49 +112,48 @@ def connect(folder: Path, new: bool = False) -> sqlite3.Connection:
 
 
 def insert(db: sqlite3.Connection, table: str, row: Mapping[str, Any]) -> None:
-    """One row, by the names of its columns."""
+    """Insert one row, by column names."""
     names = ",".join(row)
     db.execute(
         f"INSERT INTO {table} ({names}) VALUES ({','.join('?' * len(row))})", tuple(row.values())
     )
 
 
-def keep_hashes(db: sqlite3.Connection, files: Mapping[str, bytes]) -> None:
-    """Of files of the run by their paths in it; those of before are replaced."""
+def store_hashes(db: sqlite3.Connection, files: Mapping[str, bytes]) -> None:
+    """Store the SHA-256 of files, by their paths in the run; earlier ones are replaced."""
     with db:
         rows = [(file, hashlib.sha256(data).hexdigest()) for file, data in files.items()]
         db.executemany("INSERT OR REPLACE INTO files (file, sha256) VALUES (?, ?)", rows)
 
 
-def misfits(db: sqlite3.Connection, run_format: int) -> Iterator[str]:
-    """What no run writes: values of another type than their column's, or out of all bounds.
+def schema_faults(db: sqlite3.Connection, run_format: int) -> Iterator[str]:
+    """Yield faults of the tables: missing columns or events, values of wrong type or out of range.
 
-    SQLite stores them all the same, and only what computes with them would fail. Nor may a column
-    or the first event be missing.
+    SQLite stores any value in any column, so damage would surface only in computations.
     """
     have = _columns(db)
     with closing(sqlite3.connect(":memory:")) as empty:
-        empty.executescript(SCHEMA)
-        if run_format == UNHASHED:
+        empty.executescript(JOURNAL_SCHEMA)
+        if run_format == UNHASHED_FORMAT:
             empty.execute("DROP TABLE files")
-        lost = sorted(_columns(empty).keys() - have.keys())
-    for table, column in lost:
+        missing = sorted(_columns(empty).keys() - have.keys())
+    for table, column in missing:
         yield f"no such table or column: {table}.{column}"
-    if not lost and not db.execute("SELECT count(*) FROM events").fetchone()[0]:
-        yield "events: none; a run begins with one"
+    if not missing and not db.execute("SELECT count(*) FROM events").fetchone()[0]:
+        yield "events: none, at least one expected"
     for (table, column), (kind, needed) in have.items():
-        if (fits := _FITS.get(kind)) is None:
+        if (fits := _TYPE_CONDITIONS.get(kind)) is None:
             continue
         if not needed:
             fits = f"{{0}} IS NULL OR {fits}"
         wrong = f"NOT coalesce({fits.format(chr(34) + column + chr(34))}, FALSE)"
         count = db.execute(f'SELECT count(*) FROM "{table}" WHERE {wrong}').fetchone()[0]
         if count:
-            yield f"{table}.{column}: {count} of its values are damaged"
+            yield f"{table}.{column}: {count} damaged values"
 
 
 def _columns(db: sqlite3.Connection) -> dict[tuple[str, str], tuple[str, bool]]:
-    """Of every column, by its table and name, the type and whether it must have a value."""
+    """Type and NOT NULL of every column, by table and column name."""
     query = (
         'SELECT t.name, c.name, c.type, c."notnull" OR c.pk '
         "FROM sqlite_master t, pragma_table_info(t.name) c WHERE t.type = 'table'"
@@ -162,7 +161,7 @@ def _columns(db: sqlite3.Connection) -> dict[tuple[str, str], tuple[str, bool]]:
     return {(table, column): (kind, needed) for table, column, kind, needed in db.execute(query)}
 
 
-_FITS = {
+_TYPE_CONDITIONS = {
     "REAL": "typeof({0}) IN ('real', 'integer') AND abs({0}) < 1e12",
     "INTEGER": "typeof({0}) = 'integer' AND {0} BETWEEN -1e12 AND 1e12",
     "TEXT": "typeof({0}) = 'text'",
@@ -172,34 +171,34 @@ _FITS = {
 
 @contextmanager
 def journal_errors(folder: Path) -> Iterator[None]:
-    """An error of SQLite becomes a RunFailed that names the journal."""
+    """Turn an SQLite error into a RunFailed that names the journal."""
     try:
         yield
-    except sqlite3.Error as why:
-        raise RunFailed(f"{folder / 'journal.sqlite'}: the journal failed: {why}") from why
+    except sqlite3.Error as error:
+        raise RunFailed(f"{folder / 'journal.sqlite'}: journal error: {error}") from error
 
 
-ENCODERS = 2
-BATCH, BATCH_S = 32, 0.5
-MAX_IMAGES, MAX_BYTES = 128, 256 << 20  # that wait to be written
-FLUSH_S = 120.0  # what waits is written within seconds; a disk that takes longer hangs
-SHA256 = "sha256"  # the column that is known when the file is written
+ENCODER_THREADS = 2  # measured with two: docs/evidence/bench-timing.md
+BATCH_N, BATCH_S = 32, 0.5  # by hand: larger batches sync less often, a kill loses more
+MAX_QUEUED_IMAGES, MAX_QUEUED_BYTES = 128, 256 << 20  # by hand: memory for slow disks
+FLUSH_S = 120.0  # by hand: the queue takes seconds; a disk that takes longer hangs
+HASH_COLUMN = "sha256"  # the column that is known when the file is written
 
 TableRow = dict[str, Any]
 
 
 @dataclass
 class _Entry:
-    """Rows of tables that belong together, and the hash of the file of the first of them."""
+    """Rows to be committed together, and the pending hash of the first row's file."""
 
     rows: Sequence[tuple[str, TableRow]]
     digest: Future[str] | None = None
     history: bool = False
-    """Written even after a failure: how the run ended."""
+    """True for events, which are written even after a failure."""
 
 
 class WriterThreads:
-    """The threads of one `RunWriter`. failed: called once, from one of them, with the reason."""
+    """Threads of a `RunWriter`. failed: called once, from one of them, with the error."""
 
     def __init__(
         self, folder: Path, db: sqlite3.Connection, failed: Callable[[RunFailed], None]
@@ -209,19 +208,19 @@ class WriterThreads:
         self._failed = failed
         self._changed = threading.Condition()
         self._queue: deque[_Entry] = deque()
-        self._open = 0  # entries that are not committed yet
-        self._images = self._bytes = 0  # that wait to be written
+        self._open = 0  # entries not committed yet
+        self._images = self._bytes = 0  # in the queue
         self._hurry = self._ending = False
-        self._cut = False  # from here on rows would stand without what comes before them
+        self._cut = False  # later rows would lack earlier ones
         self.failure: RunFailed | None = None
-        self._pool = ThreadPoolExecutor(ENCODERS, "encoder")
+        self._pool = ThreadPoolExecutor(ENCODER_THREADS, "encoder")
         self._committer = threading.Thread(target=self._run, name="journal", daemon=True)
         self._committer.start()
 
-    def put(self, rows: Sequence[tuple[str, TableRow]], history: bool = False) -> None:
-        """Have these rows committed together. Raises RunFailed after a failure.
+    def put_rows(self, rows: Sequence[tuple[str, TableRow]], history: bool = False) -> None:
+        """Queue rows to be committed together. Raises RunFailed after a failure.
 
-        history: told all the same then.
+        history: written even after a failure.
         """
         with self._changed:
             if self.failure is not None and not history:
@@ -231,16 +230,16 @@ class WriterThreads:
     def put_image(
         self, rows: Sequence[tuple[str, TableRow]], file: Path, image: NDArray[np.uint8], wait: bool
     ) -> bool:
-        """Have the image written, then these rows; False, and nothing kept, when there is no room.
+        """Queue an image, then its rows; False, with nothing queued, if the queue is full.
 
-        wait: until there is. The first row gets the SHA-256 of the file. Raises RunFailed.
+        wait: for space instead. The first row gets the SHA-256 of the file. Raises RunFailed.
         """
         with self._changed:
             while not self._has_room(image.nbytes) and self.failure is None:
                 if not wait:
                     return False
                 if not self._changed.wait(FLUSH_S):
-                    raise self._hanging()
+                    raise self._timeout_error()
             if self.failure is not None:
                 raise self.failure
             self._images += 1
@@ -249,17 +248,17 @@ class WriterThreads:
         return True
 
     def flush(self) -> None:
-        """Wait until all that was put is committed. Raises RunFailed when it cannot be."""
+        """Wait until the queue is committed. Raises RunFailed if that fails."""
         with self._changed:
             self._hurry = True
             self._changed.notify_all()
             if not self._changed.wait_for(lambda: not self._open, FLUSH_S):
-                raise self._hanging()
+                raise self._timeout_error()
             if self.failure is not None:
                 raise self.failure
 
     def close(self) -> None:
-        """Write what was put, and end the threads; never raises."""
+        """Write the queue and end the threads; never raises."""
         with self._changed:
             self._hurry = self._ending = True
             self._changed.notify_all()
@@ -269,24 +268,24 @@ class WriterThreads:
     def _has_room(self, nbytes: int) -> bool:
         if not self._images:
             return True
-        return self._images < MAX_IMAGES and self._bytes + nbytes <= MAX_BYTES
+        return self._images < MAX_QUEUED_IMAGES and self._bytes + nbytes <= MAX_QUEUED_BYTES
 
     def _append(self, entry: _Entry) -> None:
         self._queue.append(entry)
         self._open += 1
         self._changed.notify_all()
 
-    def _hanging(self) -> RunFailed:
-        return RunFailed(f"{self._folder}: the disk took nothing for {FLUSH_S:.0f} s")
+    def _timeout_error(self) -> RunFailed:
+        return RunFailed(f"{self._folder}: no write completed within {FLUSH_S:.0f} s")
 
     def _write(self, file: Path, image: NDArray[np.uint8]) -> str:
-        """In an encoder's thread; a failure is known at once, not when its row is due."""
+        """Encode and write in an encoder thread; a failure is reported at once."""
         try:
             data = encode(image, file.suffix[1:])
             digest = hashlib.sha256(data).hexdigest()
             write_whole(file, data, sync_name=False)
-        except BaseException as why:
-            self._fail(why)
+        except BaseException as error:
+            self._fail(error)
             raise
         finally:
             with self._changed:
@@ -295,12 +294,12 @@ class WriterThreads:
                 self._changed.notify_all()
         return digest
 
-    def _fail(self, why: BaseException) -> None:
+    def _fail(self, error: BaseException) -> None:
         with self._changed:
             if self.failure is not None:
                 return
             self.failure = (
-                why if isinstance(why, RunFailed) else RunFailed(f"{self._folder}: {why!r}")
+                error if isinstance(error, RunFailed) else RunFailed(f"{self._folder}: {error!r}")
             )
             self._changed.notify_all()
         self._failed(self.failure)
@@ -309,8 +308,8 @@ class WriterThreads:
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._queue or self._ending)
-                self._changed.wait_for(lambda: self._hurry or len(self._queue) >= BATCH, BATCH_S)
-                batch = [self._queue.popleft() for _ in range(min(BATCH, len(self._queue)))]
+                self._changed.wait_for(lambda: self._hurry or len(self._queue) >= BATCH_N, BATCH_S)
+                batch = [self._queue.popleft() for _ in range(min(BATCH_N, len(self._queue)))]
                 if not batch:
                     return
             self._commit(batch)
@@ -321,25 +320,25 @@ class WriterThreads:
                 self._changed.notify_all()
 
     def _commit(self, batch: Sequence[_Entry]) -> None:
-        """Commit what comes before the first entry that failed; of the rest only the history."""
-        whole: list[_Entry] = []
+        """Commit the entries before the first failed one; of the rest only the history."""
+        complete: list[_Entry] = []
         try:
             for entry in batch if not self._cut else ():
                 if entry.digest is not None:
-                    entry.rows[0][1][SHA256] = entry.digest.result()
-                whole.append(entry)
-        except BaseException as why:
+                    entry.rows[0][1][HASH_COLUMN] = entry.digest.result()
+                complete.append(entry)
+        except BaseException as error:
             self._cut = True
-            self._fail(why)
-        rest = batch[len(whole) :]
+            self._fail(error)
+        rest = batch[len(complete) :]
         try:
-            if any(entry.digest is not None for entry in whole):
+            if any(entry.digest is not None for entry in complete):
                 with disk_errors(self._folder / "images"):
-                    sync_folder(self._folder / "images")  # their renames, of all of them at once
-            self._insert(whole)
-        except BaseException as why:
+                    sync_folder(self._folder / "images")  # all renames at once
+            self._insert(complete)
+        except BaseException as error:
             self._cut = True
-            self._fail(why)
+            self._fail(error)
             rest = batch
         with suppress(RunFailed):
             self._insert([entry for entry in rest if entry.history])
@@ -354,10 +353,10 @@ class WriterThreads:
 
 
 def read_press_rows(folder: Path) -> dict[str, list[tuple[Any, ...]]]:
-    """Rows of a run's tables that belong to presses, by table, to compare two equal runs.
+    """Read rows that belong to presses, by table, to compare two runs.
 
-    All columns but the clocks', the first of each row its id; of poses that they are there: a move
-    is sent in pieces as time goes by, and when it is asked for its place hangs on that.
+    All columns but the clocks, the id first; of pose samples only their presence: poses are
+    sampled while a move is streamed, so their values depend on timing.
     """
     rows: dict[str, list[tuple[Any, ...]]] = {}
     uri = (folder / "journal.sqlite").absolute().as_uri()

@@ -1,7 +1,7 @@
-"""An operator's notes on a run, which may be written by anyone at any time.
+"""Operators' notes on a run, which may be added at any time.
 
-They stand in RUN/notes.jsonl, a line of JSON each, and not in the journal: that belongs to the one
-process that carries the run out, and is not touched any more once it has finished.
+They are lines of JSON in RUN/notes.jsonl, not in the journal: only the process that executes the
+run writes that, and never after the end.
 """
 
 from __future__ import annotations
@@ -16,38 +16,38 @@ from typing import Any
 
 from deltact_fab.common import InputError, RunFailed, disk_errors, parse_json, sync_folder
 
-from .files import NOTES
+from .files import NOTES_FILE
 
-LONGEST = 4000  # characters: so that one write of the file system holds a note whole
+MAX_NOTE_CHARACTERS = 4000  # by hand: one write call stores a note whole
 
 
 class RunNote:
-    """An operator's note, to be added to a run."""
+    """Operator's note for a run."""
 
     def __init__(self, text: str) -> None:
-        """Take a text without blanks at its ends. Raises InputError for one that is no note."""
+        """Strip and check the text. Raises InputError if empty, too long or not printable."""
         self.text = text = text.strip()
-        if not 0 < len(text) <= LONGEST:
-            raise InputError(f"note: {len(text)} characters; expected 1 to {LONGEST}")
+        if not 0 < len(text) <= MAX_NOTE_CHARACTERS:
+            raise InputError(f"note: {len(text)} characters; expected 1 to {MAX_NOTE_CHARACTERS}")
         if odd := [c for c in text if not c.isprintable() and c not in "\n\t"]:
-            raise InputError(f"note: {odd[0]!r} is no character that can be printed; leave it out")
+            raise InputError(f"note: {odd[0]!r} is not printable; remove it")
 
     def add_to(self, folder: Path) -> dict[str, Any]:
         """Append the note to a run and return it: text, wall_s.
 
-        Safe while the run goes on. Raises InputError for no run folder, RunFailed when the disk
-        refuses.
+        Safe during the run. Raises InputError if there is no run folder, RunFailed for a disk
+        error.
         """
         if not (folder / "run.json").is_file():
             raise InputError(f"{folder}: not a run folder (no run.json)")
         note = {"wall_s": time.time(), "text": self.text}
-        path = folder / NOTES
+        path = folder / NOTES_FILE
         new = not path.exists()
         try:
             with path.open("a+b", buffering=0) as file:
                 end = file.seek(0, os.SEEK_END)
                 file.seek(max(end - 1, 0))
-                torn = file.read(1) not in (b"", b"\n")  # by a process that died in the middle
+                torn = file.read(1) not in (b"", b"\n")  # a writer died midway
                 line = json.dumps({**note, "sha256": _digest(note)})
                 data = b"\n" * torn + line.encode() + b"\n"
                 if file.write(data) != len(data):
@@ -55,27 +55,27 @@ class RunNote:
                 os.fsync(file.fileno())
             if new:
                 sync_folder(folder)
-        except OSError as why:
-            raise RunFailed(f"{path}: cannot be written: {why.strerror}") from why
+        except OSError as error:
+            raise RunFailed(f"{path}: cannot be written: {error.strerror}") from error
         return note
 
 
-def lines(folder: Path) -> Iterator[tuple[int, dict[str, Any] | None]]:
-    """Each line's number, from 1, and its note in the order of writing; None where it is damaged.
+def read_notes(folder: Path) -> Iterator[tuple[int, dict[str, Any] | None]]:
+    """Yield (line number from 1, note) in order of writing; note is None if damaged.
 
-    With text and wall_s comes whether the line has a hash: those of 0.2.0 have none. Raises
-    RunFailed when they cannot be read.
+    Keys of a note: wall_s, text, hashed (False for lines of 0.2.0, which have no hash). Raises
+    RunFailed if the file cannot be read.
     """
-    path = folder / NOTES
+    path = folder / NOTES_FILE
     with disk_errors(path, "read"):
-        written = path.read_bytes().splitlines() if path.exists() else []
-    for number, line in enumerate(written, start=1):
+        raw_lines = path.read_bytes().splitlines() if path.exists() else []
+    for number, line in enumerate(raw_lines, start=1):
         try:
-            read = parse_json(line.decode(), f"{path}:{number}")
-            note = {"wall_s": float(read["wall_s"]), "text": str(read["text"])}
-            if "sha256" in read and read["sha256"] != _digest(note):
+            entry = parse_json(line.decode(), f"{path}:{number}")
+            note = {"wall_s": float(entry["wall_s"]), "text": str(entry["text"])}
+            if "sha256" in entry and entry["sha256"] != _digest(note):
                 raise ValueError("differs from its hash")
-            yield number, {**note, "hashed": "sha256" in read}
+            yield number, {**note, "hashed": "sha256" in entry}
         except (InputError, ValueError, KeyError, TypeError):
             yield number, None
 

@@ -1,4 +1,4 @@
-"""Reading a run: its tables, streams, images and, on a virtual rig, its truth."""
+"""Reading of a run: tables, streams, images and, on a virtual rig, the truth."""
 
 from __future__ import annotations
 
@@ -25,109 +25,108 @@ from deltact_fab.sensor import (
 
 from ..protocols.plan import DeadWeights
 from . import notes
-from .files import FLAT, IMPORTED, LATTICE_FILE, UNKNOWN_SENSOR, kept
+from .files import FLAT_FILE, IMPORTED_MARK, LATTICE_FILE, UNKNOWN_SENSOR, load_run_file
 from .images import decode
-from .journal import being_written, misfits
-from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, at_times, unpack
-from .truth import RunTruth, load
+from .journal import is_claimed, schema_faults
+from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, interpolate_at, unpack
+from .truth import RunTruth, load_truth
 
 if TYPE_CHECKING:
     import pandas as pd
 
-_STREAMS = {"pose": POSE_COLUMNS, "force": FORCE_COLUMNS}
-_SAMPLED = (*POSE_COLUMNS, *FORCE_COLUMNS)
-_SKEWS = ("pose_skew_s", "force_skew_s")
-_LATENESS = ("late_s", "late", "dropped", "repeated")
+_STREAM_COLUMNS = {"pose": POSE_COLUMNS, "force": FORCE_COLUMNS}
+_SAMPLED_KEYS = (*POSE_COLUMNS, *FORCE_COLUMNS)
+_SKEW_KEYS = ("pose_skew_s", "force_skew_s")
+_LATENESS_KEYS = ("late_s", "late", "dropped", "repeated")
 
 
 class Run:
     """A recorded run, read only."""
 
     UNKNOWN: ClassVar = UNKNOWN_SENSOR
-    """Kind of the frames of an imported run; their indenter where nobody said it."""
+    """Kind of the frames of an imported run; their indenter if unknown."""
 
     def __init__(self, folder: Path):
         if not (folder / "run.json").is_file():
-            what = "not a run folder (no run.json)" if folder.exists() else "no such folder"
-            raise InputError(f"{folder}: {what}")
+            problem = "not a run folder (no run.json)" if folder.exists() else "no such folder"
+            raise InputError(f"{folder}: {problem}")
         self.folder = folder
-        self.meta: dict[str, Any] = kept(folder, "run.json")
-        self.pattern: dict[str, Any] = kept(folder, "pattern.json")
+        self.meta: dict[str, Any] = load_run_file(folder, "run.json")
+        self.pattern: dict[str, Any] = load_run_file(folder, "pattern.json")
         self.format = int(self.meta["format"])
-        """Of the folder: that of this version, or that of 0.2.0."""
+        """Format number of the folder: of this version, or of 0.2.0."""
         self._sound = False
 
     def frames(self, press: str | None = None) -> pd.DataFrame:
-        """One row a frame (of one press), in order of capture.
+        """Frames (of one press), one row per frame in order of capture.
 
         Pose (x_mm, y_mm, z_mm) and force (fx_n to tz_nmm) are interpolated linearly to the frame's
-        time between the samples of its step; pose_skew_s and force_skew_s: how far in time the
-        nearest sample is. All are nan where there is none. t_s: on the rig's clock; t_step_s,
-        t_press_s: since the step, the press began. settled: the tip rested, for as long as the
-        protocol settles, when the frame was taken. late_s: exposed after it was wanted; late: by
-        more than half of what lies between two frames of a sweep; dropped, repeated: frames that
-        the camera lost, or gave twice, since the one before.
+        time between the samples of its step; pose_skew_s, force_skew_s: time to the nearest sample.
+        All are nan without samples. t_s: on the rig's clock; t_step_s, t_press_s: since the start
+        of the step, of the press. settled: the tip had rested for the protocol's settling time.
+        late_s: delay of the exposure; late: by more than half the frame period of a sweep;
+        dropped, repeated: frames lost or delivered twice since the previous one.
         """
         table = self._table("frames", press)
         table["settled"] = table["settled"].astype(bool)
         table["late"] = self._late(table)
         rows = table.groupby("step_id").indices
-        found = {name: np.full(len(table), np.nan) for name in (*_SAMPLED, *_SKEWS)}
-        for stream, names in _STREAMS.items():
+        sampled = {name: np.full(len(table), np.nan) for name in (*_SAMPLED_KEYS, *_SKEW_KEYS)}
+        for stream, names in _STREAM_COLUMNS.items():
             for _, step_id, chunk in self._chunks(stream, press):
                 if step_id not in rows:
                     continue
-                at = rows[step_id]
-                values, skew_s = at_times(chunk, table["t_press_s"].to_numpy()[at], names)
+                index = rows[step_id]
+                values, skew_s = interpolate_at(chunk, table["t_press_s"].to_numpy()[index], names)
                 for name, column in zip(names, values.T, strict=True):
-                    found[name][at] = column
-                found[f"{stream}_skew_s"][at] = skew_s
-        table = table.assign(**found)
-        last = ["wall_s", "t_press_s", *_SKEWS, "settled", *_LATENESS]
-        first = [name for name in table if name not in (*last, *_SAMPLED)]
-        return table[[*first, *_SAMPLED, *last]]
+                    sampled[name][index] = column
+                sampled[f"{stream}_skew_s"][index] = skew_s
+        table = table.assign(**sampled)
+        last = ["wall_s", "t_press_s", *_SKEW_KEYS, "settled", *_LATENESS_KEYS]
+        first = [name for name in table if name not in (*last, *_SAMPLED_KEYS)]
+        return table[[*first, *_SAMPLED_KEYS, *last]]
 
     def force(self, press: str | None = None) -> pd.DataFrame:
-        """One row a sample of the force sensor (of one press), in order of time.
+        """Samples of the force sensor (of one press), one row each in order of time.
 
         fx_n to tz_nmm: on the sensor. t_s: on the rig's clock; t_press_s: since the press's tare.
         saturated: a gauge was out of range. A run of 45 presses of an hour each has 160 million
-        rows: ask press by press.
+        rows: read it press by press.
         """
         return self._samples("force", press, "saturated")
 
     def pose(self, press: str | None = None) -> pd.DataFrame:
-        """One row a position that the stage reported (of one press): x_mm, y_mm, z_mm of the tip.
+        """Tip positions x_mm, y_mm, z_mm reported by the stage (of one press), one row each.
 
-        t_s is when it was asked for. Times as in `force`.
+        t_s is the time of the request. Times as in `force`.
         """
         return self._samples("pose", press)
 
     def events(self) -> pd.DataFrame:
-        """One row an event, in the order in which they were written, over all sessions.
+        """Events of all sessions, one row each in order of writing.
 
-        t_s: on the clock of the rig in that session, nan before it ran; wall_s: of the day.
+        t_s: on the rig's clock of that session, nan before it ran; wall_s: wall time.
         """
         return self._table("events")
 
     def notes(self) -> pd.DataFrame:
-        """One row an operator's note, in the order of writing: wall_s of the day, text."""
+        """Operators' notes, one row each in order of writing: wall_s, text."""
         import pandas as pd
 
-        kept = [note for _, note in notes.lines(self.folder) if note is not None]
-        return pd.DataFrame(kept, columns=["wall_s", "text"])
+        valid = [note for _, note in notes.read_notes(self.folder) if note is not None]
+        return pd.DataFrame(valid, columns=["wall_s", "text"])
 
     def steps(self, press: str | None = None) -> pd.DataFrame:
-        """One row a finished step (of one press)."""
+        """Finished steps (of one press), one row each."""
         return self._table("steps", press)
 
     @cached_property
     def camera(self) -> CameraModel:
-        """The projection of the images as they are tracked. Raises InputError without a camera."""
+        """Camera model of the tracked images. Raises InputError without a camera."""
         stored = self.meta["camera"]
         if stored is None and self.imported:
             raise InputError(
-                f"{self.folder}: imported without a camera; name `camera` and `design` in the "
+                f"{self.folder}: imported without a camera; set `camera` and `design` in the "
                 "recording's file and import it again"
             )
         if stored is None:
@@ -136,7 +135,7 @@ class Run:
 
     @property
     def weights(self) -> DeadWeights | None:
-        """Known masses that a hand laid on, None where a stage pressed. Raises InputError."""
+        """Dead weights applied by hand; None if a stage pressed. Raises InputError."""
         stored = self.meta["protocol"].get("weights")
         return None if stored is None else validate(DeadWeights, stored, str(self.folder))
 
@@ -147,11 +146,11 @@ class Run:
 
     @property
     def imported(self) -> bool:
-        """True of a recording made elsewhere: of it little is known (run.json: imported)."""
-        return IMPORTED in self.meta
+        """True for a recording made elsewhere; much may be unknown (run.json: imported)."""
+        return IMPORTED_MARK in self.meta
 
     def dots_mm(self) -> NDArray[np.float64]:
-        """Centres of the pattern's dots at rest, (n, 2) mm; n = 0 without dots."""
+        """Centres (n, 2) mm of the pattern's dots at rest; n = 0 without dots."""
         return np.asarray(self.pattern.get("dots_mm", []), dtype=float).reshape(-1, 2)
 
     def dot_diameter_mm(self) -> float:
@@ -159,97 +158,94 @@ class Run:
         return float(self.pattern["dot_diameter_mm"])
 
     def image(self, file: str) -> NDArray[np.uint8]:
-        """(h, w, 3) BGR of one frame as it is tracked: rectified where a lens was calibrated.
+        """Frame (h, w, 3) BGR as it is tracked: rectified if a lens is calibrated.
 
-        Where the camera has a flat field, as under even light.
-
-        Raises RunFailed when it is missing, differs from its hash, does not decode or is not of
-        the lens's size.
+        Also divided by the flat field if the camera has one. Raises RunFailed if it is missing,
+        differs from its hash, does not decode or does not have the lens's size.
         """
         raw = self.raw(file)
         if self.meta["camera"] is None or not isinstance(self.camera, Rectified):
             return raw
         try:
-            seen = np.asarray(self.camera.rectify(raw), np.uint8)
-            return seen if self.flat is None else self.flat.apply(seen)
-        except InputError as why:
-            raise RunFailed(f"{self.folder / file}: {why}") from why
+            view = np.asarray(self.camera.rectify(raw), np.uint8)
+            return view if self.flat is None else self.flat.apply(view)
+        except InputError as error:
+            raise RunFailed(f"{self.folder / file}: {error}") from error
 
     @cached_property
     def flat(self) -> FlatField | None:
-        """Of the rectified view, where there is one. Raises InputError when it is damaged."""
-        path, view = self.folder / FLAT, self.camera
+        """Flat field of the rectified view, or None. Raises InputError if damaged."""
+        path, view = self.folder / FLAT_FILE, self.camera
         if not path.is_file():
             return None
         assert isinstance(view, Rectified), "a flat field comes with a lens"
-        return FlatField.read(path, (view.lens.width_px, view.lens.height_px)).seen_by(view)
+        return FlatField.load(path, (view.lens.width_px, view.lens.height_px)).for_view(view)
 
     def raw(self, file: str) -> NDArray[np.uint8]:
-        """(h, w, 3) BGR of one frame as the camera gave it. Raises as `image` does."""
+        """Raw camera frame (h, w, 3) BGR. Raises as `image` does."""
         image = decode(self.data(file), file)
         if image is None:
-            raise RunFailed(f"{self.folder / file}: does not decode as an image")
+            raise RunFailed(f"{self.folder / file}: not a readable image")
         return image
 
     def data(self, file: str) -> bytes:
-        """The bytes of a frame's file. Raises RunFailed when it is missing or damaged."""
+        """Bytes of a frame's file. Raises RunFailed if missing or damaged."""
         path = self.folder / file
         with disk_errors(path, "read"):
             data = path.read_bytes()
         if hashlib.sha256(data).hexdigest() != self._hash_of(file):
             raise RunFailed(
-                f"{path}: damaged: {len(data)} bytes that differ from the hash in the journal"
+                f"{path}: damaged: its {len(data)} bytes do not match the hash in the journal"
             )
         return data
 
     @property
     def finished(self) -> bool:
-        """True when the run came to its end; False while it goes on or when it was cut off."""
+        """True if the run ended; False while it is running or if it was interrupted."""
         return (self.folder / "summary.json").is_file()
 
     def indenter(self, name: str) -> Indenter:
-        """An indenter by its name in this run; a lab's own shape is as the run kept it."""
+        """Indenter by its name in this run; a lab's own shape as stored with the run."""
         return restore_indenter(
             name, self.meta.get("shapes", {}), f"{self.folder / 'run.json'}: shapes"
         )
 
     def summary(self) -> dict[str, Any]:
-        """The run's own summary, written at its end; empty when it was cut off."""
+        """Summary written at the end of the run; empty if unfinished."""
         if not self.finished:
             return {}
         try:
-            return kept(self.folder, "summary.json")
-        except InputError as why:
-            raise RunFailed(str(why)) from why
+            return load_run_file(self.folder, "summary.json")
+        except InputError as error:
+            raise RunFailed(str(error)) from error
 
     def remarks(self) -> tuple[list[str], list[str]]:
-        """Warnings of the summary, without their mark, and its other notes."""
+        """Return the warnings of the summary, without prefix, and its other notes."""
         summary = self.summary()
-        kept = summary.get("remarks", ())
-        remarks = [Note(one["id"], one["text"], one.get("warns", False)) for one in kept]
-        if "remarks" not in summary:  # of an imported run, or of 0.3.0 and before: lines alone
+        stored = summary.get("remarks", ())
+        remarks = [Note(r["id"], r["text"], r.get("warns", False)) for r in stored]
+        if "remarks" not in summary:  # imported, or 0.3.0 and before: lines only
             lines = summary.get("notes", ())
             remarks = [Note.from_line(line) for line in lines]
-        warned, others = ([one.text for one in remarks if one.warns is w] for w in (True, False))
-        return warned, others
+        return [r.text for r in remarks if r.warns], [r.text for r in remarks if not r.warns]
 
     def truth(self) -> RunTruth | None:
-        """The virtual rig's truth of all complete presses, None on a real run.
+        """Truth of all complete presses on a virtual rig; None for a real run.
 
-        Raises RunFailed when it is damaged.
+        Raises RunFailed if damaged.
         """
         if not (self.folder / LATTICE_FILE).is_file():
             return None
         with self.reader() as db:
             rows = db.execute("SELECT press FROM frames GROUP BY press ORDER BY min(seq)")
             presses = [press for (press,) in rows]
-        asked = self.meta["protocol"]["channels"]
-        return load(self.folder, self.camera, presses, "traction" in asked)
+        channels = self.meta["protocol"]["channels"]
+        return load_truth(self.folder, self.camera, presses, "traction" in channels)
 
     def describe(self) -> dict[str, Any]:
-        """Protocol, specimen, rig, counts, events by kind, notes, as plain data. Raises RunFailed.
+        """Protocol, specimen, rig, counts, events by kind and notes as plain data.
 
-        begun_s, ended_s: the day's time of the first and the last event.
+        begun_s, ended_s: wall time of the first and the last event. Raises RunFailed.
         """
         meta, summary, events = self.meta, self.summary(), self.events()
         protocol = meta.get("protocol") or {}
@@ -261,14 +257,14 @@ class Run:
                 " (SELECT press FROM steps WHERE kind = 'press' UNION SELECT press FROM frames)"
             ).fetchone()[0]
         state = "finished" if self.finished else "unfinished"
-        # Where the rig file had the face, and the file that it was registered by, if it was.
+        # Pose of the face in the rig file, and its registration file, if any.
         stage = (meta.get("rig") or {}).get("stage") or {}
         placed_by = ("registration", "origin_machine_mm", "angle_deg", "tilt_deg")
         begun = events.index[events["kind"] == "session"]
         session = events.loc[begun[-1] :] if len(begun) else events  # the last one
         return {
             "folder": str(self.folder),
-            "state": "being written now" if being_written(self.folder) else state,
+            "state": "being written now" if is_claimed(self.folder) else state,
             "format": self.format,
             "protocol": protocol.get("name"),
             "description": protocol.get("description"),
@@ -300,22 +296,22 @@ class Run:
 
     def _late(self, table: pd.DataFrame) -> pd.Series[bool]:
         capture = self.meta.get("protocol", {}).get("capture", {})
-        own = {kind: (capture.get(kind) or {}).get("rate_hz") for kind in ("hold", "retract")}
-        rates_hz = [own.get(kind, capture.get("rate_hz")) or np.nan for kind in table["kind"]]
-        limit_s = 0.5 / np.array(rates_hz)  # nothing is later than nan
+        overrides = {kind: (capture.get(kind) or {}).get("rate_hz") for kind in ("hold", "retract")}
+        rates_hz = [overrides.get(kind, capture.get("rate_hz")) or np.nan for kind in table["kind"]]
+        limit_s = 0.5 / np.array(rates_hz)  # nan: never late
         return (table["late_s"] > limit_s) & ~table["settled"]
 
     def _hash_of(self, file: str) -> str | None:
-        held: dict[str, str] = self.__dict__.setdefault("hashes", {})
-        if file not in held:  # also a frame that came since, in a run that goes on
+        hashes: dict[str, str] = self.__dict__.setdefault("hashes", {})
+        if file not in hashes:  # also frames added meanwhile, in a running run
             with self.reader() as db:
-                held.update(db.execute("SELECT file, sha256 FROM frames WHERE file IS NOT NULL"))
-        return held.get(file)
+                hashes.update(db.execute("SELECT file, sha256 FROM frames WHERE file IS NOT NULL"))
+        return hashes.get(file)
 
-    def _samples(self, stream: str, press: str | None, *more: str) -> pd.DataFrame:
+    def _samples(self, stream: str, press: str | None, *extra: str) -> pd.DataFrame:
         import pandas as pd
 
-        names = _STREAMS[stream]
+        names = _STREAM_COLUMNS[stream]
         parts = [
             pd.DataFrame(
                 {
@@ -324,26 +320,26 @@ class Run:
                     "t_s": chunk.origin_s + chunk.t_press_s(),
                     "t_press_s": chunk.t_press_s(),
                     **{name: chunk.values(name) for name in names},
-                    **{name: chunk.columns.get(name) for name in more},
+                    **{name: chunk.columns.get(name) for name in extra},
                 }
             )
             for of_press, step_id, chunk in self._chunks(stream, press)
         ]
         if not parts:
-            return pd.DataFrame(columns=["press", "step_id", "t_s", "t_press_s", *names, *more])
+            return pd.DataFrame(columns=["press", "step_id", "t_s", "t_press_s", *names, *extra])
         return pd.concat(parts, ignore_index=True)
 
     def damaged_samples(self, press: str) -> Iterator[str]:
-        """Of each stream the first chunk of a press that cannot be unpacked."""
-        for stream in _STREAMS:
+        """Yield the first damaged chunk of a press in each stream."""
+        for stream in _STREAM_COLUMNS:
             try:
                 for _ in self._chunks(stream, press):
                     pass
-            except RunFailed as why:
-                yield str(why)
+            except RunFailed as error:
+                yield str(error)
 
     def _chunks(self, stream: str, press: str | None) -> Iterator[tuple[str, str, Chunk]]:
-        """Press, step and samples, step by step. Raises RunFailed for a damaged chunk."""
+        """Yield (press, step, samples) step by step. Raises RunFailed for a damaged chunk."""
         with self.reader() as db:
             rows = db.execute(
                 "SELECT press, step_id, stream, origin_s, n, columns, data FROM samples "
@@ -353,39 +349,39 @@ class Run:
             for of_press, step_id, *stored in rows:
                 try:
                     yield of_press, step_id, unpack(*stored)
-                except ValueError as why:
+                except ValueError as error:
                     raise RunFailed(
                         f"{self.folder / 'journal.sqlite'}: {stream} of {step_id}: damaged samples"
-                    ) from why
+                    ) from error
 
     def _table(self, name: str, press: str | None = None) -> pd.DataFrame:
         import pandas as pd
 
-        which = "" if press is None else "WHERE press = :press "
+        condition = "" if press is None else "WHERE press = :press "
         with self.reader() as db:
             try:
                 return pd.read_sql_query(
-                    f"SELECT * FROM {name} {which}ORDER BY seq", db, params={"press": press}
+                    f"SELECT * FROM {name} {condition}ORDER BY seq", db, params={"press": press}
                 )
-            except pd.errors.DatabaseError as why:
-                raise sqlite3.DatabaseError(str(why.__cause__ or why)) from why
+            except pd.errors.DatabaseError as error:
+                raise sqlite3.DatabaseError(str(error.__cause__ or error)) from error
 
     @contextmanager
     def reader(self) -> Iterator[sqlite3.Connection]:
-        """The journal, read only. Raises RunFailed when it cannot be read."""
+        """Open the journal read-only. Raises RunFailed if it cannot be read."""
         path = self.folder / "journal.sqlite"
         try:
             uri = f"{path.absolute().as_uri()}?mode=ro"
             with closing(sqlite3.connect(uri, uri=True)) as db:
                 if not self._sound:
-                    for line in misfits(db, self.format):
+                    for line in schema_faults(db, self.format):
                         raise sqlite3.DatabaseError(line)
                     self._sound = True
                 yield db
-        except sqlite3.Error as why:
-            raise RunFailed(f"{path}: the journal cannot be read: {why}") from why
+        except sqlite3.Error as error:
+            raise RunFailed(f"{path}: the journal cannot be read: {error}") from error
 
 
 def open_run(folder: str | Path) -> Run:
-    """Open a run folder. Raises InputError when it is none."""
+    """Open a run folder. Raises InputError if it is not one."""
     return Run(Path(folder))

@@ -1,4 +1,4 @@
-"""Writing a run, frame by frame, and taking an interrupted one up again. See `journal`."""
+"""Writing of a run, frame by frame, and resuming of an interrupted one. See `journal`."""
 
 from __future__ import annotations
 
@@ -26,55 +26,63 @@ from deltact_fab.common import (
 from deltact_fab.sensor import FlatField
 
 from ..protocols.plan import Step
-from .check import RunVerdict, judge, unlike_hashes
-from .files import FLAT, FORMAT, TruthFiles, frame_id_of, image_file, json_bytes, metadata, written
+from .check import RunVerdict, find_damage, hash_mismatches
+from .files import (
+    FLAT_FILE,
+    RUN_FORMAT,
+    TruthFiles,
+    frame_id_of,
+    image_file,
+    json_bytes,
+    metadata_files,
+    written_files,
+)
 from .images import ImageFormat, encode
 from .journal import (
+    JOURNAL_SCHEMA,
     PRESS_TABLES,
-    SCHEMA,
     TableRow,
     WriterThreads,
     claim,
     connect,
     insert,
     journal_errors,
-    keep_hashes,
+    store_hashes,
 )
 from .run import Run
 from .streams import Chunk, pack
 
 
 class RunWriter:
-    """Writer of one run, off the caller's thread: every call returns when there is room for what it
-    gave, and `flush` when all of it is committed. With a step come the samples that force sensor
-    and stage gave in it.
+    """Writer of one run in the background: calls return once their data are queued, `flush` once
+    they are committed. A step is stored with the samples of force sensor and stage.
 
-    Rows are numbered by their place in the plan, so a press that is redone gets its old numbers.
+    Rows are numbered by their position in the plan, so a repeated press gets its old numbers.
     """
 
     def __init__(self, folder: Path, steps: Sequence[Step], image_format: str) -> None:
         """For `create` and `resume` only."""
         self.folder = folder
-        self.kept: frozenset[str] = frozenset()
-        """Presses that are complete and are not carried out again."""
+        self.kept_presses: frozenset[str] = frozenset()
+        """Complete presses, which are not repeated."""
         self.redone: dict[str, str] = {}
-        """Presses found begun or damaged, and why they are carried out again."""
+        """Incomplete or damaged presses, with the reason for repeating them."""
         self.missed = 0
-        """Frames of finished steps that did not come, over all sessions."""
+        """Frames missing from finished steps, over all sessions."""
         self.session = 1
         self.image_format = image_format
-        self.failed: Callable[[RunFailed], None] = lambda why: None
-        """Told at once, from another thread, when the disk refuses; the next call raises it too."""
+        self.failed: Callable[[RunFailed], None] = lambda error: None
+        """Called from another thread on a disk error; the next call raises it too."""
         self._step_seq = {step.id: n for n, step in enumerate(steps, start=1)}
-        before = accumulate((step.frames for step in steps), initial=0)
-        self._frames_before = {step.id: n for step, n in zip(steps, before, strict=False)}
+        frames_before = accumulate((step.frames for step in steps), initial=0)
+        self._frames_before = {step.id: n for step, n in zip(steps, frames_before, strict=False)}
         self._claim = claim(folder)
         try:
             self._db = connect(folder)
         except BaseException:
             self._claim.close()
             raise
-        self._writing = WriterThreads(folder, self._db, lambda why: self.failed(why))
+        self._writing = WriterThreads(folder, self._db, lambda error: self.failed(error))
 
     @classmethod
     def create(
@@ -86,72 +94,72 @@ class RunWriter:
         steps: Sequence[Step],
         flat: FlatField | None = None,
     ) -> RunWriter:
-        """Start a run in a new folder, which appears whole or not at all.
+        """Start a run in a new folder, created atomically.
 
-        flat: of the camera that meta names; what is read is corrected by it.
-        Raises InputError when it is there or cannot be made there, RunFailed on a bad disk.
+        flat: flat field of the camera in meta, applied on reading.
+        Raises InputError if the folder exists or cannot be created, RunFailed for a disk error.
         """
         if folder.exists():
             raise InputError(f"{folder}: already there; name a new --out folder")
-        ImageFormat.of(meta).require()
-        made = folder.with_name(f".{folder.name}.part")
+        ImageFormat.from_meta(meta).require()
+        part = folder.with_name(f".{folder.name}.part")
         try:
             with disk_errors(folder, "made"):
                 folder.parent.mkdir(parents=True, exist_ok=True)
-                if made.exists():
-                    shutil.rmtree(made)  # a start that was cut off
-                (made / "images").mkdir(parents=True)
-            given = {
-                "run.json": json_bytes({"format": FORMAT, **meta}),
+                if part.exists():
+                    shutil.rmtree(part)  # left by an interrupted start
+                (part / "images").mkdir(parents=True)
+            files = {
+                "run.json": json_bytes({"format": RUN_FORMAT, **meta}),
                 "protocol.toml": protocol,
                 "pattern.json": json_bytes(pattern),
             }
             if flat is not None:
-                given[FLAT] = flat.png()
-            for name, data in given.items():
-                write_whole(made / name, data)
-            with journal_errors(made), closing(connect(made, new=True)) as db:
-                db.executescript(f"BEGIN;{SCHEMA}COMMIT;")
+                files[FLAT_FILE] = flat.to_png()
+            for name, data in files.items():
+                write_whole(part / name, data)
+            with journal_errors(part), closing(connect(part, new=True)) as db:
+                db.executescript(f"BEGIN;{JOURNAL_SCHEMA}COMMIT;")
                 with db:
-                    insert(db, "events", _event("session", "begun"))
-                keep_hashes(db, given)
+                    insert(db, "events", _log_row("session", "begun"))
+                store_hashes(db, files)
             with disk_errors(folder, "made"):
-                made.rename(folder)
+                part.rename(folder)
                 sync_folder(folder.parent)
-        except BaseException as why:
-            shutil.rmtree(made, ignore_errors=True)
-            if isinstance(why, RunFailed):  # in words of the folder that was asked for
-                raise RunFailed(str(why).replace(str(made), str(folder))) from why
+        except BaseException as error:
+            shutil.rmtree(part, ignore_errors=True)
+            if isinstance(error, RunFailed):  # name the requested folder
+                raise RunFailed(str(error).replace(str(part), str(folder))) from error
             raise
-        return cls(folder, steps, ImageFormat.of(meta).suffix)
+        return cls(folder, steps, ImageFormat.from_meta(meta).suffix)
 
     @classmethod
     def resume(
         cls, folder: Path, steps: Sequence[Step], progress: Progress | None = None
     ) -> RunWriter:
-        """Continue an unfinished run: keep complete presses, clear away all else.
+        """Continue an unfinished run: keep complete presses, remove the rest.
 
-        Raises InputError for no run folder, one that is being written and one that cannot be
-        written; RunFailed for a damaged journal or other metadata.
+        Raises InputError for a folder that is not a run, is being written or is read-only;
+        RunFailed for a damaged journal or other metadata.
         """
         run = Run(folder)
         if not os.access(folder, os.W_OK):
-            raise InputError(f"{folder}: cannot be written; a run is continued where it stands")
-        form = ImageFormat.of(run.meta)
+            raise InputError(f"{folder}: read-only; a run is continued in its own folder")
+        form = ImageFormat.from_meta(run.meta)
         form.require()
         writer = cls(folder, steps, form.suffix)
         try:
             with journal_errors(folder):
-                for found in unlike_hashes(run, writer._db):
-                    raise RunFailed(f"{folder / found.where}: {found.text}; put it back")
+                for damage in hash_mismatches(run, writer._db):
+                    raise RunFailed(f"{folder / damage.where}: {damage.text}; restore it")
                 verdict = RunVerdict(folder)
-                for found in judge(run, writer._db, steps, verdict, progress):
-                    if found.where == "journal.sqlite":
-                        raise sqlite3.DatabaseError(found.text)
-                    if found.kind == "damaged":
-                        writer.redone.setdefault(found.where, found.text)
+                for damage in find_damage(run, writer._db, steps, verdict, progress):
+                    if damage.where == "journal.sqlite":
+                        raise sqlite3.DatabaseError(damage.text)
+                    if damage.kind == "damaged":
+                        writer.redone.setdefault(damage.where, damage.text)
                 writer.redone |= verdict.open
-                writer.kept = frozenset(verdict.sound)
+                writer.kept_presses = frozenset(verdict.sound)
                 writer._clear()
         except BaseException:
             writer.abandon()
@@ -172,16 +180,16 @@ class RunWriter:
         repeated: int = 0,
         wait: bool = True,
     ) -> str | None:
-        """Have one frame stored (image may be left out by the scene); return its id.
+        """Store one frame (image: None if the protocol has no images); return its id.
 
-        None, and nothing stored, when too many wait to be written; wait: until there is room.
-        late_s: after it was wanted. dropped, repeated: by the camera, since the one before.
+        Returns None, with nothing stored, if the queue is full; wait: for space instead.
+        late_s: delay of the exposure. dropped, repeated: by the camera, since the previous one.
         """
         frame_id = frame_id_of(step, k)
         row: TableRow = {
             "frame_id": frame_id,
             "seq": self._frames_before[step.id] + k,
-            **_named(step),
+            **_step_columns(step),
             "k": k,
             "settled": step.settled and k == step.frames,
             "file": None,
@@ -195,7 +203,7 @@ class RunWriter:
             "wall_s": time.time(),
         }
         if image is None:
-            self._writing.put([("frames", row)])
+            self._writing.put_rows([("frames", row)])
             return frame_id
         row["file"] = image_file(frame_id, self.image_format)
         path = self.folder / row["file"]
@@ -212,13 +220,13 @@ class RunWriter:
     ) -> None:
         """Journal a finished step and its samples. A press's last step completes the press.
 
-        missed: of its frames, that will not come.
+        missed: number of its frames that the camera did not deliver.
         """
         self.missed += missed
         x_mm, y_mm, z_mm = step.target_mm
         row: TableRow = {
             "seq": self._step_seq[step.id],
-            **_named(step),
+            **_step_columns(step),
             "x_mm": x_mm,
             "y_mm": y_mm,
             "z_mm": z_mm,
@@ -229,49 +237,50 @@ class RunWriter:
             "t_end_s": t_end_s,
             "wall_s": time.time(),
         }
-        self._writing.put([*self._samples(step, chunks), ("steps", row)])
+        self._writing.put_rows([*self._samples(step, chunks), ("steps", row)])
 
-    def cut_off(self, step: Step, chunks: Iterable[Chunk]) -> None:
-        """Keep the samples of a step that will not be finished, until its press is done again."""
-        self._writing.put(self._samples(step, chunks))
+    def interrupted_step(self, step: Step, chunks: Iterable[Chunk]) -> None:
+        """Store the samples of an interrupted step, until its press is repeated."""
+        self._writing.put_rows(self._samples(step, chunks))
 
     def event(
         self, kind: str, text: str, t_s: float | None = None, step: Step | None = None
     ) -> None:
-        """Note what happened, at a time of the rig's clock; from any thread."""
-        self._writing.put([("events", _event(kind, text, t_s, step))], history=True)
+        """Log an event; thread-safe. t_s: on the rig's clock."""
+        self._writing.put_rows([("events", _log_row(kind, text, t_s, step))], history=True)
 
-    def ready(self) -> None:
-        """Load what writing images needs: doing so keeps all other threads waiting for a while."""
+    def load_encoder(self) -> None:
+        """Load the image encoder in advance: its import blocks all threads for a while."""
         encode(np.zeros((8, 8, 3), np.uint8), self.image_format)
 
     def flush(self) -> None:
-        """Wait until all is committed. Raises RunFailed, as all that writes does after a failure.
+        """Wait until all is committed. Raises RunFailed naming the file that could not be written.
 
-        The failure names the file that the disk refused.
+        Every writing method raises it after a failure.
         """
         self._writing.flush()
 
     @property
     def failure(self) -> RunFailed | None:
-        """Why nothing more can be written."""
+        """Error after which nothing can be written; None: no error."""
         return self._writing.failure
 
     def close(self, summary: dict[str, Any]) -> None:
-        """Finish the run: fold the journal into one plain file, then write the summary.
+        """Finish the run: checkpoint the journal into one file, then write the summary.
 
-        Raises RunFailed when the disk refuses; the run then stays unfinished.
+        Raises RunFailed for a disk error; the run then stays unfinished.
         """
         try:
             self._writing.flush()
             self._writing.close()
             data = json_bytes(summary)
             with journal_errors(self.folder), disk_errors(self.folder):
-                known = {f: (self.folder / f).read_bytes() for f in metadata(self.folder, True)}
-                keep_hashes(self._db, {**known, "summary.json": data})
+                names = metadata_files(self.folder, True)
+                contents = {name: (self.folder / name).read_bytes() for name in names}
+                store_hashes(self._db, {**contents, "summary.json": data})
                 self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-                # A finished record is read from anywhere, write-protected folders included; a
-                # reader that has it open just now keeps the log in being.
+                # A finished record must be readable in write-protected folders; an open reader
+                # keeps the write-ahead log alive.
                 with suppress(sqlite3.OperationalError):
                     self._db.execute("PRAGMA journal_mode=DELETE")
                 self._db.close()
@@ -280,7 +289,7 @@ class RunWriter:
             self.abandon()
 
     def abandon(self) -> None:
-        """Release the folder with all that was written; never raises, to mask no other error."""
+        """Release the folder; never raises, so as not to mask another error."""
         self._writing.close()
         with suppress(sqlite3.Error):
             self._db.close()
@@ -291,14 +300,14 @@ class RunWriter:
         return [("samples", {**place, **pack(chunk)}) for chunk in chunks]
 
     def _clear(self) -> None:
-        """Remove all but the kept presses: rows first, for a file without a row is cleared again.
+        """Remove all but the kept presses: rows first, so files without rows can be found again.
 
-        Raises RunFailed when a file cannot be removed.
+        Raises RunFailed if a file cannot be removed.
         """
         with self._db:
             for table in PRESS_TABLES:
                 rows = self._db.execute(f"SELECT DISTINCT press FROM {table}").fetchall()
-                gone = [(press,) for (press,) in rows if press not in self.kept]
+                gone = [(press,) for (press,) in rows if press not in self.kept_presses]
                 self._db.executemany(f"DELETE FROM {table} WHERE press = ?", gone)
             query = "SELECT coalesce(sum(missed), 0) FROM steps"
             self.missed = self._db.execute(query).fetchone()[0]
@@ -306,21 +315,21 @@ class RunWriter:
             count = "SELECT count(*) FROM events WHERE kind = 'session'"
             self.session = 1 + self._db.execute(count).fetchone()[0]
             text = f"resumed: {kept_frames} frames kept"
-            again = "; ".join(f"{press}: {why}" for press, why in self.redone.items())
-            text += f"; done again: {again}" if again else ""
-            insert(self._db, "events", _event("session", text))
+            repeated = "; ".join(f"{press}: {reason}" for press, reason in self.redone.items())
+            text += f"; repeated: {repeated}" if repeated else ""
+            insert(self._db, "events", _log_row("session", text))
         files = self._db.execute("SELECT file FROM frames WHERE file IS NOT NULL")
         keep = {self.folder / file for (file,) in files}
-        keep |= {TruthFiles(self.folder).press(press) for press in self.kept}
-        for path in written(self.folder):
+        keep |= {TruthFiles(self.folder).press(press) for press in self.kept_presses}
+        for path in written_files(self.folder):
             if path not in keep:
                 try:
                     path.unlink()
-                except OSError as why_not:
-                    raise RunFailed(f"{path}: cannot be removed: {why_not.strerror}") from why_not
+                except OSError as error:
+                    raise RunFailed(f"{path}: cannot be removed: {error.strerror}") from error
 
 
-def _named(step: Step) -> TableRow:
+def _step_columns(step: Step) -> TableRow:
     return {
         "step_id": step.id,
         "press": step.press,
@@ -329,7 +338,7 @@ def _named(step: Step) -> TableRow:
     }
 
 
-def _event(kind: str, text: str, t_s: float | None = None, step: Step | None = None) -> TableRow:
+def _log_row(kind: str, text: str, t_s: float | None = None, step: Step | None = None) -> TableRow:
     press, step_id = (None, None) if step is None else (step.press, step.id)
     return {
         "kind": kind,

@@ -19,7 +19,7 @@ from pydantic import Field, create_model, model_validator
 from deltact_fab.common import InputError, Table, did_you_mean, find_file, read_toml, validate
 from deltact_fab.sensor import Fisheye, ImageSensor, Printer
 
-from ..protocols.motion import StageConfig, Tilt
+from ..protocols.motion import StageConfig, StageTilt
 from .tables import (
     CameraConfig,
     CameraFile,
@@ -89,7 +89,7 @@ class MountConfig(Table):
 
     offset_mm: tuple[Off, Off, Off] = (0.0, 0.0, 0.0)
     """Of the face's middle from `[stage] origin_machine_mm`."""
-    tilt_deg: tuple[Tilt, Tilt] = (0.0, 0.0)
+    tilt_deg: tuple[StageTilt, StageTilt] = (0.0, 0.0)
     """Of the face, about the sensor's x, then about y."""
     longer_mm: dict[str, Off] = Field(default_factory=dict)
     """By indenter: how much longer than the one that the origin was measured with."""

@@ -375,7 +375,7 @@ class RigKind(ABC):
         camera = self._config.camera
         if camera is None or camera.model is None or "image" not in protocol.channels:
             return None
-        return FlatField.beside(self._source.parent / camera.model)
+        return FlatField.from_camera_file(self._source.parent / camera.model)
 
     def change_s(self, protocol: plan.Protocol) -> float:
         """What finding the face with another indenter takes by plan; 0 where nothing is felt."""

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field, model_validator
 from deltact_fab.common import InputError, Table
 from deltact_fab.sensor import parse_indenter
 
-from ..protocols.motion import Force, Place, Tilt
+from ..protocols.motion import Force, PosMm, StageTilt
 
 Pixels = Annotated[int, Field(ge=8, le=20_000)]
 Control = Annotated[int, Field(ge=-1_000_000, le=1_000_000)]
@@ -177,7 +177,7 @@ class ForceConfig(Table):
     without it. ATI Nano17 SI-25-0.25 (FT8577): 25, 25, 35; SI-50-0.5 (FT11564): 50, 50, 70."""
     range_nmm: tuple[Torque, Torque, Torque] = (250.0, 250.0, 250.0)
     """Most torque that it measures about x, y, z. SI-25-0.25: 250; SI-50-0.5: 500."""
-    origin_mm: tuple[Place, Place, Place] | None = Field(default=None, examples=[[0.0, 0.0, -30.0]])
+    origin_mm: tuple[PosMm, PosMm, PosMm] | None = Field(default=None, examples=[[0.0, 0.0, -30.0]])
     """Where its moments count from, in the sensor frame of the gel (below the gel z < 0). MEASURE
     with a rule; without it no moment of a press is predicted."""
     rate_hz: float = Field(default=1000.0, ge=1, le=10_000)
@@ -274,7 +274,7 @@ class RegisteredTouch(Table):
     """One touch of a registration."""
 
     at_mm: tuple[Millimetres, Millimetres]
-    machine_mm: tuple[Place, Place, Place]
+    machine_mm: tuple[PosMm, PosMm, PosMm]
     spread_mm: float = Field(ge=0, le=10)
 
 
@@ -288,9 +288,9 @@ class RegistrationFile(Table):
     rig: str = Field(max_length=4096)
     indenter: str = Field(max_length=64)
     by: str = Field(max_length=64)
-    origin_machine_mm: tuple[Place, Place, Place]
+    origin_machine_mm: tuple[PosMm, PosMm, PosMm]
     angle_deg: float = Field(ge=-360, le=360)
-    tilt_deg: tuple[Tilt, Tilt]
+    tilt_deg: tuple[StageTilt, StageTilt]
     residual_mm: float = Field(ge=0, le=10)
     jig_off_mm: tuple[Millimetres, Millimetres] | None = None
     """Of a file that `rig register --jig` wrote."""

@@ -50,7 +50,7 @@ class WeightsBench(OpenBench):
         try:
             for press, group in groupby(steps, lambda step: step.press):
                 part = list(group)
-                if press in writer.kept:
+                if press in writer.kept_presses:
                     done += sum(step.frames for step in part)
                     continue
                 began_s, masses_g = self.clock.now_s(), iter(self._weights.masses_g)

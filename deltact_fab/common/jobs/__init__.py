@@ -1,5 +1,5 @@
-"""The one executor of the package: jobs side by side, on this machine or on a Dask cluster.
+"""Parallel jobs, on this machine or on a Dask cluster.
 
-Everything is written against concurrent.futures.Executor. batch.py hands jobs to one and collects,
-local.py is processes here, cluster.py these or an existing Dask cluster.
+All executors are concurrent.futures.Executor. batch.py submits jobs and collects results, local.py
+runs local processes, cluster.py those or an existing Dask cluster.
 """

@@ -1,5 +1,5 @@
-"""Processes of this machine that behave: they share the cores, leave Ctrl-C to the caller, end with
-it, do not run its script again, and one that dies takes no other's job with it.
+"""Local process pool: workers share the cores, ignore Ctrl-C, end with the caller, do not import
+its script, and a dying worker affects only its own job.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ..errors import RunFailed
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
 
-R = TypeVar("R")
+Result = TypeVar("Result")
 
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
@@ -31,98 +31,95 @@ THREAD_VARIABLES = (
     "VECLIB_MAXIMUM_THREADS",
     "OPENCV_FOR_THREADS_NUM",
 )
-TRIES = 2
-"""A job is begun at most so often, when its process dies under it."""
+JOB_ATTEMPTS = 2
+"""Attempts at a job whose process dies; by hand: a third rarely helps when memory runs out."""
 _share: int | None = None
 
 
 def processors() -> int:
-    """Processors that this process may use: in a worker its share of them."""
+    """Number of processors that this process may use; in a worker, its share."""
     if _share is not None:
         return _share
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class Local(ThreadPoolExecutor):
-    """A thread for each process, that gives it one job after the other.
+    """Executor with one thread per worker process; each runs one job after the other.
 
-    On every way out of a `with` block none is left behind. A pool of one process each, because a
-    pool of several breaks as a whole when one of them dies. Processes start when there is a job for
-    them and import what it needs. What is defined in the caller's own script is not known to them.
+    Leaving the `with` block ends all processes. Each process has its own pool, because a shared
+    pool breaks as a whole when one process dies. Processes start with their first job and import
+    what it needs; names of the caller's own script are not available.
     """
 
     def __init__(self, workers: int, threads: int | None = None) -> None:
-        """threads: of each process, by default its share of the processors."""
+        """threads: per process, by default its share of the processors."""
         from multiprocessing import resource_tracker
 
-        super().__init__(workers, "deltact-fab-job", _hold_interrupts)
+        super().__init__(workers, "deltact-fab-job", _block_interrupts)
         self.workers = workers
         self.threads = threads or max(1, processors() // workers)
-        self._mine = threading.local()
+        self._per_thread = threading.local()
         self._pools: list[ProcessPoolExecutor] = []
         self._starting = threading.Lock()
         self._closed = False
-        # Its start would let signals through to the threads that hold them.
+        # Start it first: its start would unblock the signals that the threads block.
         resource_tracker.ensure_running()
 
-    def submit(self, fn: Callable[..., R], /, *args: Any, **kwargs: Any) -> Future[R]:
-        """As every Executor's; a job whose process dies is begun again, TRIES times in all."""
-        return super().submit(self._give, fn, *args, **kwargs)
+    def submit(self, fn: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
+        """Like Executor.submit; a job whose process dies is retried, JOB_ATTEMPTS in all."""
+        return super().submit(self._run_in_process, fn, *args, **kwargs)
 
-    def _give(self, fn: Callable[..., R], *args: Any, **kwargs: Any) -> R:
+    def _run_in_process(self, fn: Callable[..., Result], *args: Any, **kwargs: Any) -> Result:
         from concurrent.futures.process import BrokenProcessPool
 
-        # Here, and unpacked by the job: what cannot be unpacked fails like any other job.
+        # Unpickled within the job, so unpicklable arguments fail like any other job.
         packed = pickle.dumps((fn, args, kwargs))
-        for _ in range(TRIES):
+        for _ in range(JOB_ATTEMPTS):
             try:
-                answer: R = self._process(packed).result()
+                answer: Result = self._process(packed).result()
                 return answer
             except BrokenProcessPool:
                 if self._closed:
                     raise CancelledError from None
-        raise RunFailed(
-            "its process died twice (out of memory, or killed): fewer jobs at a time need less "
-            "memory"
-        )
+        raise RunFailed("worker process died twice (out of memory, or killed); run fewer jobs")
 
     def _process(self, packed: bytes) -> Future[Any]:
-        """A job given to this thread's process, which is started where there is none."""
+        """Submit a job to this thread's process, starting one if needed."""
         from concurrent.futures.process import BrokenProcessPool
 
-        if (pool := getattr(self._mine, "pool", None)) is not None:
-            # One that died while it had nothing to do has not tried.
+        if (pool := getattr(self._per_thread, "pool", None)) is not None:
+            # A process that died idle does not count as an attempt.
             with contextlib.suppress(BrokenProcessPool):
                 return pool.submit(_work, packed)
         with self._starting:
             if self._closed:
                 raise CancelledError
-            self._mine.pool, future = _start(packed, self.threads)
-            self._pools.append(self._mine.pool)
+            self._per_thread.pool, future = _start_process(packed, self.threads)
+            self._pools.append(self._per_thread.pool)
         return future
 
     def __exit__(self, *_: object) -> None:
-        # At once: an idle worker has nothing to lose, a busy one nothing to give.
+        # Terminate at once: results of running jobs are not needed.
         with self._starting:
             self._closed = True
         self.shutdown(wait=False, cancel_futures=True)
         for pool in self._pools:
-            _end(pool)
+            _terminate(pool)
         self.shutdown(wait=True)
 
 
-def _start(packed: bytes, threads: int) -> tuple[ProcessPoolExecutor, Future[Any]]:
-    """A process, with its first job: it starts when it has one."""
+def _start_process(packed: bytes, threads: int) -> tuple[ProcessPoolExecutor, Future[Any]]:
+    """Create a pool of one process with its first job, which starts it."""
     import multiprocessing
     from concurrent.futures import ProcessPoolExecutor
 
-    pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin, (threads,))
-    with _main_hidden():
+    pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _init_worker, (threads,))
+    with _hide_main():
         return pool, pool.submit(_work, packed)
 
 
-def _end(pool: ProcessPoolExecutor) -> None:
-    # After an orderly end the pool has forgotten its processes.
+def _terminate(pool: ProcessPoolExecutor) -> None:
+    # After an orderly shutdown the pool has no list of processes.
     workers: dict[int, Any] = dict(getattr(pool, "_processes", None) or {})
     for worker in workers.values():
         worker.terminate()
@@ -134,17 +131,17 @@ def _end(pool: ProcessPoolExecutor) -> None:
             worker.join()
 
 
-def _hold_interrupts() -> None:
-    """In a thread: Ctrl-C never reaches the processes that it starts, they inherit that."""
+def _block_interrupts() -> None:
+    """Block SIGINT in a thread; processes that it starts inherit this."""
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
 
 
 @contextlib.contextmanager
-def _main_hidden() -> Iterator[None]:
-    """Processes started inside do not import the caller's script.
+def _hide_main() -> Iterator[None]:
+    """Keep processes started within from importing the caller's script.
 
-    They need nothing of it, and one without `if __name__ == "__main__":` would run again in each.
+    A script without `if __name__ == "__main__":` would run again in each.
     """
     main = sys.modules["__main__"]
     sys.modules["__main__"] = types.ModuleType("__main__")
@@ -157,18 +154,18 @@ def _main_hidden() -> Iterator[None]:
 # -- in the process --------------------------------------------------------------------------------
 
 
-def _begin(threads: int) -> None:
-    """Ctrl-C is the parent's to answer, no worker outlives it, and the cores are shared."""
+def _init_worker(threads: int) -> None:
+    """Initialise a worker: ignore Ctrl-C, end with the parent, share the cores."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    take_share(threads)
-    # Before any library is loaded; who has set one means it.
+    set_processor_share(threads)
+    # Before any library is loaded; values set by the user stay.
     for name in THREAD_VARIABLES:
         os.environ.setdefault(name, str(threads))
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
-def take_share(threads: int) -> None:
-    """This process is one of several workers: what its jobs start shares that many processors."""
+def set_processor_share(threads: int) -> None:
+    """Set the number of processors that this worker and its jobs may use."""
     global _share
     _share = threads
 

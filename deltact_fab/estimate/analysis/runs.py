@@ -13,7 +13,7 @@ import pandas as pd
 from deltact_fab.bench import Run
 from deltact_fab.common import InputError, make_folder, validate, write_whole
 from deltact_fab.sensor import CameraModel, Pinhole, SkinDimensions
-from deltact_fab.version import VERSION
+from deltact_fab.version import PACKAGE_VERSION
 
 from ..measure.sensor_id import (
     CalibrationHead,
@@ -137,7 +137,7 @@ def head_of(runs: Sequence[Run], kind: CalibrationKind) -> CalibrationHead:
     source = CalibrationSource(
         runs=tuple(run.folder.resolve().name for run in runs),
         simulated=simulated,
-        version=VERSION,
+        version=PACKAGE_VERSION,
         seed=int(runs[0].meta["seed"]) if simulated else None,
     )
     return CalibrationHead(kind, first, source)

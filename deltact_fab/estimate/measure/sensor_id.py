@@ -16,7 +16,7 @@ from annotated_types import Ge
 
 from deltact_fab.common import Array, InputError, read_toml, toml_text, validate
 from deltact_fab.sensor import CameraModel, FlatField, SkinDimensions
-from deltact_fab.version import VERSION
+from deltact_fab.version import PACKAGE_VERSION
 
 CALIBRATION_SCHEMA = 1  # format version of the files
 CalibrationKind = Literal["depth", "force", "acceptance"]
@@ -235,7 +235,7 @@ def format_acceptance(
     beside the file, and its bytes. rows: the checks.
     """
     simulated = model.simulated is not None
-    provenance = CalibrationSource((source,), simulated, VERSION, seed if simulated else None)
+    provenance = CalibrationSource((source,), simulated, PACKAGE_VERSION, seed if simulated else None)
     head = CalibrationHead("acceptance", SensorId(model.design, model.serial), provenance)
     return head.toml({"rest": rest_table(*rest), "accepted": {"rows": rows}})
 

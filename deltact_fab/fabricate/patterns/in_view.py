@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltact_fab.common import Array, Field, Image, Point, Point2
-from deltact_fab.sensor import GAMMA, CameraModel, SkinDimensions
+from deltact_fab.sensor import CAMERA_GAMMA, CameraModel, SkinDimensions
 
 from .locate import (
     MIN_AGREEMENT,
@@ -277,7 +277,7 @@ class ComparedPrint:
         slope, offset = (
             np.take_along_axis(values, best[None], 0)[0] for values in (self.slope, self.offset)
         )
-        white = np.clip(slope + offset, 0, None) ** GAMMA
+        white = np.clip(slope + offset, 0, None) ** CAMERA_GAMMA
         light = _smooth(white, has_pattern)[has_pattern]
         mean = float(light.mean())
         edges, torn, inside = _find_missing(~has_pattern, tiles)

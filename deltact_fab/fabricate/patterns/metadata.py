@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltact_fab.common import MM_PER_INCH, InputError, parse_json, validate
-from deltact_fab.version import VERSION
+from deltact_fab.version import PACKAGE_VERSION
 
 from .recipe import PatternRecipe
 
@@ -115,7 +115,7 @@ def _text(
         "recipe": recipe.model_dump_json(exclude_none=True),
         "dpi": dpi,
     }
-    text = {"Software": f"deltact-fab {VERSION}"}
+    text = {"Software": f"deltact-fab {PACKAGE_VERSION}"}
     text |= {key: str(value) for key, value in values.items() if value is not None}
     if recipe.dots is not None:
         grid = recipe.dots

@@ -31,7 +31,7 @@ from deltact_fab.common import (
     whole_file,
 )
 from deltact_fab.sensor import ImageSensor, Printer
-from deltact_fab.version import VERSION
+from deltact_fab.version import PACKAGE_VERSION
 
 from .code import encode
 from .quality.measure import STANDARD_MM_PER_PX, driver_image, measure_quality, photograph
@@ -210,7 +210,7 @@ def write_series(
             (folder / SERIES_VIEWS / f"{entry.name}.png").write_bytes(view)
         data = {
             "format": SERIES_FORMAT,
-            "version": VERSION,
+            "version": PACKAGE_VERSION,
             "seed": seed,
             "dpi": dpi,
             "paper": paper,

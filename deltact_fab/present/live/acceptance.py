@@ -268,7 +268,7 @@ def _rows(
          f"<= {50 * dark:.0f} %, half of what one dark LED does", found.one_sided <= dark / 2,
          "an LED is dark or hidden: guide G, H.3"),
         ("saturation", "saturation", f"{100 * found.saturated:.2f} % of pixels full",
-         f"<= {100 * FlatField.most_full:g} %", found.saturated <= FlatField.most_full,
+         f"<= {100 * FlatField.max_saturated:g} %", found.saturated <= FlatField.max_saturated,
          "less exposure; lamp off, notch closed: guide H.7, H.8"),
         ("edges", "edges of the view",
          f"{lost or 'pattern on all four'}; {100 * found.face_share:.0f} % of the face seen",

@@ -62,7 +62,7 @@ def open_source(
         source.known = own
         if own.projection is None and rest_only:
             sensor = _design(own.design)
-            lens = Rectified.of(sensor, Fisheye.of(sensor))
+            lens = Rectified.from_sensor(sensor, Fisheye.from_sensor(sensor))
             own = source.known = replace(own, projection=lens, nominal=True)
     except InputError:
         source.close()
@@ -81,10 +81,10 @@ def known_of(camera_file: Path, design: str | None = None) -> SensorModel:
     """What a camera file and a design say. Raises InputError."""
     sensor = _design(design)
     camera, _ = load_camera(camera_file)
-    flat = FlatField.beside(camera_file)
+    flat = FlatField.from_camera_file(camera_file)
     if isinstance(camera, Fisheye):
-        camera = Rectified.of(sensor, camera)
-    return SensorModel(camera, sensor.skin, flat=flat and flat.seen_by(camera))
+        camera = Rectified.from_sensor(sensor, camera)
+    return SensorModel(camera, sensor.skin, flat=flat and flat.for_view(camera))
 
 
 def _opened(name: str, given: SensorModel | None, design: str | None, seed: int) -> Source:

@@ -16,7 +16,7 @@ import numpy as np
 
 from deltact_fab.bench import encode_png
 from deltact_fab.common import Array, disk_errors, make_folder, whole_file, write_whole
-from deltact_fab.version import VERSION
+from deltact_fab.version import PACKAGE_VERSION
 
 from . import picture
 from .formatting import COLUMNS, as_dict, line, row_of
@@ -231,7 +231,7 @@ class KeptFolder(MeasurementOutput):
         make_folder(folder, *("fields", "pictures")[: 1 + pictures])
         known, pattern = session.source.known, session.pattern
         about = {
-            "source": session.source.name, "simulated": known.simulated, "version": VERSION,
+            "source": session.source.name, "simulated": known.simulated, "version": PACKAGE_VERSION,
             "mm_per_px": None if known.in_px else session.view.mm_per_px,
             "pattern": "dense" if pattern is None else pattern.kind, "told": once(session),
         }  # fmt: skip

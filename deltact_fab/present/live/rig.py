@@ -51,8 +51,8 @@ def rig_source(rig_name: str, protocol: str, design: str | None, seed: int) -> S
     sensor = load_design(design or "deltact")
     view = load_view(bench.camera, sensor, path)
     model = bench.camera.model
-    flat = None if model is None else FlatField.beside(path.parent / model)
-    seen = None if view is None or flat is None else flat.seen_by(view)
+    flat = None if model is None else FlatField.from_camera_file(path.parent / model)
+    seen = None if view is None or flat is None else flat.for_view(view)
     told = "simulated devices" if bench.served else None
     known = SensorModel(view, sensor.skin, flat=seen, simulated=told)
     return camera_source(bench.camera, path.parent, known)
@@ -79,7 +79,7 @@ def virtual_source(rig_name: str, protocol_name: str, seed: int) -> Source:
     known = SensorModel(
         view,
         sensor.skin,
-        flat=None if view is None or flat is None else flat.seen_by(view),
+        flat=None if view is None or flat is None else flat.for_view(view),
         recipe=request.recipe.model_dump(mode="json"),
         design=protocol.specimen.design,
         serial=protocol.specimen.serial,

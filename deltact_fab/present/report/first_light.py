@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from deltact_fab.fabricate import Design, PatternRecipe, illuminance, pattern_albedo
 from deltact_fab.physics import print_colours
-from deltact_fab.sensor import GAMMA, ImageSensor, Printer
+from deltact_fab.sensor import CAMERA_GAMMA, ImageSensor, Printer
 from deltact_fab.simulate import FrameRenderer, PictureGeometry
 
 PRINT_MM, STREAK_MM = 8.0, 0.4
@@ -39,7 +39,7 @@ def _print(values: NDArray[np.float32], printer: Printer) -> Pair:
     spoiled[..., 1] += FAINT * (1 - spoiled[..., 1])
     streak = round(STREAK_MM / printer.mm_per_dot)
     spoiled[half : half + streak] = 1
-    good, spoiled = (255 * one[..., ::-1] ** (1 / GAMMA) for one in (good, spoiled))
+    good, spoiled = (255 * one[..., ::-1] ** (1 / CAMERA_GAMMA) for one in (good, spoiled))
     return _jpeg(good), _jpeg(spoiled)
 
 

@@ -1,18 +1,18 @@
-"""What the free sides of a block add to the compliance of its face, found by finite elements.
+"""Additional compliance of a block's face due to its free sides, by finite elements.
 
-Two linear problems share their cells: the block, whose sides are free, and a periodic slab of the
-same bricks that goes on where the block ends. The difference of their surface compliances is the
-work of the sides alone. Near a load both are wrong by the same amount and the difference is not,
-so cells that would be far too coarse for a contact do, while the layer sees the contact itself.
+Two linear problems share a mesh: the block with free sides, and a periodic slab of the same bricks
+that continues beyond the block. The difference of their surface compliances is the effect of the
+sides. Near a load both have the same discretisation error, which cancels, so cells far too coarse
+for a contact suffice; the contact itself is resolved by the layer.
 
-The slab is the block plus more gel, so the difference is symmetric and positive semidefinite: the
-sides can only make a face softer.
+The slab is the block plus more gel, so the difference is symmetric and positive semidefinite: free
+sides only soften the face.
 
 Both problems are condensed to the face, the slab wave by wave, the block in its four symmetry
 classes by eliminating one layer of nodes after another from the base up.
 
-Eight nodes a brick, 2 x 2 x 2 points, and one mean dilatation (Nagtegaal, Parks and Rice 1974), so
-that near incompressibility does not lock them.
+Bricks have eight nodes, 2 x 2 x 2 points and one mean dilatation (Nagtegaal, Parks and Rice 1974),
+which avoids locking near incompressibility.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from deltact_fab.common import Field, InputError, Store, cache_key
 
 from ..shapes.sensor import SkinDimensions
 
-# Corners of a brick as (x, y, z) steps: round the lower face, then round the upper one.
-CORNERS = np.array(
+# Corners of a brick as (x, y, z) steps, around the lower face, then the upper; definition.
+BRICK_CORNERS = np.array(
     [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
 )
 
@@ -56,11 +56,11 @@ class BrickBox(NamedTuple):
 
 
 def stiffness(box: BrickBox, poisson: float, free: NDArray[np.bool_]) -> sp.csr_matrix:
-    """Upper triangle over the free displacements, for a modulus of 1 MPa; free: (nodes, 3)."""
+    """Stiffness (upper triangle) of the free displacements at 1 MPa modulus; free: (nodes, 3)."""
     nx, ny, nz = box.bricks
     z, y, x = np.meshgrid(np.arange(nz), np.arange(ny), np.arange(nx), indexing="ij")
     corners = [
-        ((z + dz) * (ny + 1) + y + dy) * (nx + 1) + x + dx for dx, dy, dz in CORNERS.tolist()
+        ((z + dz) * (ny + 1) + y + dy) * (nx + 1) + x + dx for dx, dy, dz in BRICK_CORNERS.tolist()
     ]
     nodes = np.stack(corners, axis=-1).reshape(-1, 8)
     number = np.full(free.size, -1)
@@ -68,25 +68,25 @@ def stiffness(box: BrickBox, poisson: float, free: NDArray[np.bool_]) -> sp.csr_
     place = number[(3 * nodes[:, :, None] + np.arange(3)).reshape(-1, 24)]
     rows, columns = np.repeat(place, 24, axis=1), np.tile(place, (1, 24))
     values = np.tile(_brick(box.side_mm, poisson).ravel(), (len(nodes), 1))
-    kept = (rows >= 0) & (columns >= rows)
+    mask = (rows >= 0) & (columns >= rows)
     size = int(np.count_nonzero(free))
-    entries = (values[kept], (rows[kept], columns[kept]))
+    entries = (values[mask], (rows[mask], columns[mask]))
     return sp.coo_matrix(entries, shape=(size, size)).tocsr()
 
 
 def brick_gradients() -> Field:
     """dN_a / dxi_j (8 Gauss points, 8 nodes, 3) of the brick from -1 to 1."""
-    signs = 2.0 * CORNERS - 1
+    signs = 2.0 * BRICK_CORNERS - 1
     factor = 1 + signs[:, None, :] / np.sqrt(3) * signs[None]
-    found = np.empty((8, 8, 3))
+    gradients = np.empty((8, 8, 3))
     for j in range(3):
-        others = [k for k in range(3) if k != j]
-        found[:, :, j] = signs[:, j] * factor[..., others].prod(axis=-1) / 8
-    return found
+        other_axes = [k for k in range(3) if k != j]
+        gradients[:, :, j] = signs[:, j] * factor[..., other_axes].prod(axis=-1) / 8
+    return gradients
 
 
 def _brick(side_mm: tuple[float, float, float], poisson: float) -> Field:
-    """(24, 24) N/mm of one brick, for a modulus of 1 MPa."""
+    """Stiffness (24, 24) N/mm of one brick for a modulus of 1 MPa."""
     mu = 1 / (2 * (1 + poisson))
     lame = poisson / ((1 + poisson) * (1 - 2 * poisson))
     side = np.asarray(side_mm)
@@ -100,24 +100,24 @@ def _brick(side_mm: tuple[float, float, float], poisson: float) -> Field:
     return mu * weight * shear.reshape(24, 24) + bulk
 
 
-Signs = tuple[int, int]
+MirrorSigns = tuple[int, int]
 
-MAX_LINEAR_POISSON = 0.4999
-PADDING = 2  # periods of the slab, in faces
-CELLS_ALONG = 24  # cells along the longer side, unless a size is asked for
-MAX_ALONG = 36  # the same where the gel is thinner than such a cell
-_STORE = Store("gel-sides")
-_CLASSES: tuple[Signs, ...] = ((1, 1), (-1, 1), (1, -1), (-1, -1))  # in (x, y)
+MAX_LINEAR_POISSON = 0.4999  # measured: 0.1 % of force below incompressible, docs/evidence/gel.md
+SLAB_PAD = 2  # measured: costs 0.1 % of force against 3, docs/evidence/numerics.md
+CELLS_ALONG_SIDE = 24  # by hand: default along the longer side; finer costs minutes once
+MAX_CELLS_ALONG_SIDE = 36  # by hand: the same for a gel thinner than such a cell
+_SIDES_STORE = Store("gel-sides")
+_SYMMETRY_CLASSES: tuple[MirrorSigns, ...] = ((1, 1), (-1, 1), (1, -1), (-1, -1))  # definition
 
 
 @dataclass(frozen=True, eq=False)
 class FreeSides:
-    """The sides' part of the face's compliance, for a modulus of 1 MPa.
+    """Effect of the free sides on the face's compliance, for a modulus of 1 MPa.
 
-    x_mm (nx,), y_mm (ny,): nodes of the face, both odd in number. quarters (3, 3, 4, q, q) in mm
+    x_mm (nx,), y_mm (ny,): nodes of the face, odd numbers of them. quarters (3, 3, 4, q, q) in mm
     MPa / N: displacement component, force component, symmetry class, then the nodes of the quarter
-    x >= 0, y >= 0 twice, row by row. The classes are (even, even), (even, odd), (odd, even) and
-    (odd, odd) in (y, x), said of u_z; `halves` gives the amplitudes that they act on.
+    x >= 0, y >= 0 twice, row by row. Classes: (even, even), (even, odd), (odd, even), (odd, odd) in
+    (y, x) of u_z; they act on the amplitudes of `even_odd`.
     """
 
     x_mm: Field
@@ -126,17 +126,16 @@ class FreeSides:
 
 
 def free_sides(skin: SkinDimensions, poisson: float, cell_mm: float | None = None) -> FreeSides:
-    """The sides of a skin's block, from the cache or computed.
+    """Effect of the sides of a skin's block, from the cache or computed.
 
-    cell_mm: largest side of a cell; None takes CELLS_ALONG the longer side, for a thinner gel up to
-    MAX_ALONG.
-    The edges' fillet and the frame are left out.
-    Raises InputError for a Poisson's ratio over MAX_POISSON and for an unusable cell size.
+    cell_mm: largest side of a cell; None for CELLS_ALONG_SIDE cells along the longer side, for a
+    thin gel up to MAX_CELLS_ALONG_SIDE. The fillet of the edges and the frame are not modelled.
+    Raises InputError for a Poisson's ratio over MAX_LINEAR_POISSON or an unusable cell size.
     """
     if not 0 <= poisson <= MAX_LINEAR_POISSON:
         raise InputError(
             f"block: 0 <= poisson <= {MAX_LINEAR_POISSON} is needed: {poisson:g} fails; "
-            f"{MAX_LINEAR_POISSON} is incompressible but for 0.1 % of force"
+            f"{MAX_LINEAR_POISSON} is within 0.1 % of force of incompressible"
         )
     box = _box(skin, cell_mm)
     key = cache_key(
@@ -148,73 +147,73 @@ def free_sides(skin: SkinDimensions, poisson: float, cell_mm: float | None = Non
     )
     a, b = skin.opening_half_mm
     x, y = np.linspace(-a, a, box.bricks[0] + 1), np.linspace(-b, b, box.bricks[1] + 1)
-    quarters = _STORE.read(key)
+    quarters = _SIDES_STORE.read(key)
     if quarters is None:
-        quarters = _quarters(box, poisson)
-        _STORE.write(key, quarters)
+        quarters = _quarter_compliances(box, poisson)
+        _SIDES_STORE.write(key, quarters)
     return FreeSides(x, y, quarters)
 
 
-def halves(values: Field) -> Field:
-    """Amplitudes (2, h, ...) of the even and the odd part of values (2 h - 1, ...) on a mirror.
+def even_odd(values: Field) -> Field:
+    """Amplitudes (2, h, ...) of the even and odd parts of values (2 h - 1, ...) about the centre.
 
-    The map is orthonormal: its transpose puts the values together again.
+    The map is orthonormal: its transpose is its inverse.
     """
     h = len(values) // 2
-    right, left = values[h:], values[h::-1]
-    parts = np.stack([right + left, right - left]) / math.sqrt(2)
+    positive, negative = values[h:], values[h::-1]
+    parts = np.stack([positive + negative, positive - negative]) / math.sqrt(2)
     parts[0, 0] = values[h]
     return parts
 
 
 def _box(skin: SkinDimensions, cell_mm: float | None) -> BrickBox:
-    """Bricks of a whole block, even in number along x and y."""
+    """Mesh of the whole block, with even numbers of bricks along x and y."""
     longer = max(skin.width_mm, skin.length_mm)
     size = cell_mm
     if size is None:
-        size = min(longer / CELLS_ALONG, max(skin.thickness_mm, longer / MAX_ALONG))
-    least, most = longer / 80, min(skin.width_mm, skin.length_mm) / 4
-    if not (math.isfinite(size) and least * (1 - 1e-9) <= size <= most):
+        size = min(longer / CELLS_ALONG_SIDE, max(skin.thickness_mm, longer / MAX_CELLS_ALONG_SIDE))
+    min_mm, max_mm = longer / 80, min(skin.width_mm, skin.length_mm) / 4
+    if not (math.isfinite(size) and min_mm * (1 - 1e-9) <= size <= max_mm):
         raise InputError(
-            f"block: cell_mm must be {least:g} to {most:g} mm for a face of {skin.width_mm:g} x "
+            f"block: cell_mm must be {min_mm:g} to {max_mm:g} mm for a face of {skin.width_mm:g} x "
             f"{skin.length_mm:g} mm: {size:g} fails"
         )
     nx, ny = (2 * math.ceil(side / (2 * size) - 1e-9) for side in (skin.width_mm, skin.length_mm))
-    # Thin gels want several cells over the height; cells growing with depth save time once only.
+    # Several cells over the height also for thin gels.
     step = min(size, skin.thickness_mm / 4)
     layers = math.ceil(skin.thickness_mm / step - 1e-9)
     side = (skin.width_mm / nx, skin.length_mm / ny, skin.thickness_mm / layers)
     return BrickBox((nx, ny, layers), side)
 
 
-def _quarters(box: BrickBox, poisson: float) -> Field:
-    """Block minus slab, (3, 3, 4, q, q), for a modulus of 1 MPa."""
+def _quarter_compliances(box: BrickBox, poisson: float) -> Field:
+    """Compliance of block minus slab (3, 3, 4, q, q) for a modulus of 1 MPa."""
     kernel = _slab_kernel(box, poisson)
     half_x, half_y, layers = box.bricks[0] // 2, box.bricks[1] // 2, box.bricks[2]
     quarter = BrickBox((half_x, half_y, layers), box.side_mm)
     row, column = (
         i.ravel() for i in np.meshgrid(np.arange(half_y + 1), np.arange(half_x + 1), indexing="ij")
     )
-    # A node's images share its unit of force.
+    # The unit force is shared by a node's mirror images.
     root = np.sqrt(np.where(row > 0, 2.0, 1.0) * np.where(column > 0, 2.0, 1.0)) / 2
     q = len(row)
-    found = np.zeros((3, 3, 4, q, q))
-    for i, signs in enumerate(_CLASSES):
-        free = _free_on_face(row, column, signs)
-        part = _condensed(quarter, poisson, np.tile(free, (layers + 1, 1)))
-        part -= _mirrored(kernel, row, column, free, signs)
-        whole = np.zeros((3 * q, 3 * q))
-        whole[np.ix_(free.ravel(), free.ravel())] = (part + part.T) / 2
-        scaled = root[:, None, None, None] * whole.reshape(q, 3, q, 3) * root[:, None]
-        found[:, :, i] = np.transpose(scaled, (1, 3, 0, 2))
-    return found
+    quarters = np.zeros((3, 3, 4, q, q))
+    for i, signs in enumerate(_SYMMETRY_CLASSES):
+        free = _free_components(row, column, signs)
+        part = _condense(quarter, poisson, np.tile(free, (layers + 1, 1)))
+        part -= _slab_response(kernel, row, column, free, signs)
+        full = np.zeros((3 * q, 3 * q))
+        full[np.ix_(free.ravel(), free.ravel())] = (part + part.T) / 2
+        scaled = root[:, None, None, None] * full.reshape(q, 3, q, 3) * root[:, None]
+        quarters[:, :, i] = np.transpose(scaled, (1, 3, 0, 2))
+    return quarters
 
 
-def _condensed(box: BrickBox, poisson: float, free: NDArray[np.bool_]) -> Field:
-    """Compliance (n, n) of a face's free displacements, every layer of nodes alike but the base.
+def _condense(box: BrickBox, poisson: float, free: NDArray[np.bool_]) -> Field:
+    """Compliance (n, n) of the face's free displacements; all node layers but the base are alike.
 
-    Layers are eliminated upwards with dense blocks: three quarters of a layer fill up anyway, and
-    the same rows hold the many right-hand sides that a sparse factor would have to be given.
+    Layers are eliminated upwards with dense blocks: fill-in is three quarters of a layer anyway,
+    and a sparse factor would need as many right-hand sides.
     """
     free = free.copy()
     free[: box.nodes_a_layer] = False
@@ -223,9 +222,9 @@ def _condensed(box: BrickBox, poisson: float, free: NDArray[np.bool_]) -> Field:
     rest = np.zeros((n, n))
     for start in range(0, upper.shape[0], n):
         rows = upper[start : start + n].tocsc()
-        own = rows[:, start : start + n].toarray()
-        own += np.triu(own, 1).T
-        factor = scipy.linalg.cholesky(own - rest, lower=True, overwrite_a=True, check_finite=False)
+        full = rows[:, start : start + n].toarray()
+        full += np.triu(full, 1).T
+        factor = scipy.linalg.cholesky(full - rest, True, overwrite_a=True, check_finite=False)
         if start + n < upper.shape[0]:
             above = scipy.linalg.solve_triangular(
                 factor, rows[:, start + n : start + 2 * n].toarray(), lower=True,
@@ -239,14 +238,14 @@ def _condensed(box: BrickBox, poisson: float, free: NDArray[np.bool_]) -> Field:
 def _slab_kernel(box: BrickBox, poisson: float) -> Field:
     """Response (3, 3, my, mx) of the periodic slab's face to a force on node 0, offset 0 first.
 
-    A wave makes all columns of cells alike up to phases, so one column's matrix is enough.
+    For a plane wave, columns of cells differ only in phase, so one column's matrix is enough.
     """
     nx, ny, layers = box.bricks
     levels = layers + 1
     column = BrickBox((1, 1, layers), box.side_mm)
     upper = stiffness(column, poisson, np.ones((column.nodes, 3), dtype=bool)).toarray()
-    whole = (upper + np.triu(upper, 1).T).reshape(levels, 4, 3, levels, 4, 3)
-    my, mx = PADDING * ny, PADDING * nx
+    full = (upper + np.triu(upper, 1).T).reshape(levels, 4, 3, levels, 4, 3)
+    my, mx = SLAB_PAD * ny, SLAB_PAD * nx
     ky, kx = 2 * np.pi * scipy.fft.fftfreq(my), 2 * np.pi * scipy.fft.rfftfreq(mx)
     at_y, at_x = (
         np.exp(1j * np.multiply.outer(ky, [0, 1])),
@@ -258,43 +257,43 @@ def _slab_kernel(box: BrickBox, poisson: float) -> Field:
     spectrum = np.empty((my, len(kx), 3, 3), dtype=np.complex128)
     for i in range(my):
         phase = np.einsum("b,ka->kba", at_y[i], at_x).reshape(-1, 4)
-        waves = np.einsum("ka,maincj,kc->kminj", phase.conj(), whole, phase, optimize=True).reshape(
+        waves = np.einsum("ka,maincj,kc->kminj", phase.conj(), full, phase, optimize=True).reshape(
             len(kx), 3 * levels, 3 * levels
         )[:, 3:, 3:]
         spectrum[i] = np.linalg.solve(waves, right[None])[:, -3:]
     return scipy.fft.irfft2(np.moveaxis(spectrum, (2, 3), (0, 1)), s=(my, mx), axes=(2, 3))
 
 
-def _free_on_face(
-    row: NDArray[np.int64], column: NDArray[np.int64], signs: Signs
+def _free_components(
+    row: NDArray[np.int64], column: NDArray[np.int64], signs: MirrorSigns
 ) -> NDArray[np.bool_]:
-    """Which displacements (n, 3) of the quarter's nodes a symmetry class leaves free.
+    """True for displacements (n, 3) of the quarter's nodes that a symmetry class leaves free.
 
     signs: +1 mirror-symmetric, -1 antisymmetric, in x and in y.
     """
     free = np.ones((len(row), 3), dtype=bool)
     for axis, on in ((0, column == 0), (1, row == 0)):
-        held = np.arange(3) == axis if signs[axis] > 0 else np.arange(3) != axis
-        free[on] &= ~held
+        fixed = np.arange(3) == axis if signs[axis] > 0 else np.arange(3) != axis
+        free[on] &= ~fixed
     return free
 
 
-_MIRRORS = ((False, False), (True, False), (False, True), (True, True))
+_MIRROR_IMAGES = ((False, False), (True, False), (False, True), (True, True))
 
 
-def _mirrored(
+def _slab_response(
     kernel: Field,
     row: NDArray[np.int64],
     column: NDArray[np.int64],
     free: NDArray[np.bool_],
-    signs: Signs,
+    signs: MirrorSigns,
 ) -> Field:
-    """The slab's response (n, n) to a class's forces on all four quarters."""
+    """Response (n, n) of the slab to a class's forces on all four quarters."""
     total = np.zeros((len(row), 3, len(row), 3))
-    for mirror in _MIRRORS:
+    for mirror in _MIRROR_IMAGES:
         x, y = (-column if mirror[0] else column), (-row if mirror[1] else row)
         part = kernel[:, :, row[:, None] - y[None, :], column[:, None] - x[None, :]]
-        # What a force's components are multiplied with at this image.
+        # Signs of the force components at this mirror image.
         factor = np.ones(3)
         for axis in (0, 1):
             if mirror[axis]:

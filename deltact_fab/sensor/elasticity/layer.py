@@ -1,7 +1,7 @@
-"""A linear elastic layer bonded to a rigid base: surface tractions in, surface displacement out.
+"""Linear elastic layer bonded to a rigid base: surface tractions to surface displacement.
 
-The operator is a convolution, diagonal in wave number, with a closed form that holds up to
-Poisson's ratio 0.5. The surface is periodic and knows no sides: `block` adds them.
+The operator is a convolution, diagonal in wave number, in closed form up to Poisson's ratio 0.5.
+The surface is periodic and has no sides: `block` adds them.
 """
 
 from __future__ import annotations
@@ -38,18 +38,17 @@ class WaveCompliance(NamedTuple):
 def surface_compliance(
     k_per_mm: Field, thickness_mm: float, material: GelMaterial
 ) -> WaveCompliance:
-    """Closed-form compliance of a bonded layer at wave numbers k >= 0; any shape, kept.
+    """Closed-form compliance of a bonded layer at wave numbers k >= 0 of any shape.
 
-    Every ratio is multiplied through by 2 exp(-2 k h), so a large k h gives the half-space and
-    does not overflow. Source: the plane-strain layer solution, checked in the tests against the
-    layer's differential equation.
+    All ratios are scaled by 2 exp(-2 k h), so a large k h gives the half-space without overflow.
+    Source: plane-strain layer solution, tested against the layer's differential equation.
     """
     nu, g = material.poisson, material.shear_modulus_mpa
     k = np.asarray(k_per_mm, dtype=np.float64)
     a = k * thickness_mm
     kappa = 3 - 4 * nu
     e = np.exp(-2 * a)
-    # Twice exp(-2a) times (sinh 2a - 2a): the closed form loses digits as a -> 0, the series none.
+    # Twice exp(-2a) times (sinh 2a - 2a): the closed form cancels as a -> 0, the series does not.
     s = 2 * np.minimum(a, 0.5)
     series = s**3 / 6 * (1 + s**2 / 20 * (1 + s**2 / 42 * (1 + s**2 / 72 * (1 + s**2 / 110))))
     excess = np.where(a < 0.5, 2 * e * series, 1 - e**2 - 4 * a * e)
@@ -110,27 +109,27 @@ class BondedLayer:
     def apply_patch(self, tractions_mpa: Field, row: int, column: int) -> Field:
         """Displacement (ny, nx, 3) in mm of tractions (3, my, mx) that are zero outside a patch.
 
-        row, column: grid index of the patch's first node. The same operator as `apply`; the
-        transform skips the rows that hold nothing.
+        row, column: grid index of the patch's first node. Same operator as `apply`, but the
+        transform skips empty rows.
         """
         (_, my, mx), (ny, nx) = tractions_mpa.shape, self.shape
-        wide = np.zeros((3, my, nx))
-        wide[:, :, column : column + mx] = tractions_mpa
+        padded = np.zeros((3, my, nx))
+        padded[:, :, column : column + mx] = tractions_mpa
         half = np.zeros((3, ny, nx // 2 + 1), dtype=np.complex128)
-        half[:, row : row + my] = scipy.fft.rfft(wide, axis=2, workers=1)
+        half[:, row : row + my] = scipy.fft.rfft(padded, axis=2, workers=1)
         tx, ty, tz = scipy.fft.fft(half, axis=1, workers=1, overwrite_x=True)
         xx, yy, xy, zz, xz, yz = self._symbols
         u = np.empty_like(half)
         u[0] = xx * tx + xy * ty - 1j * xz * tz
         u[1] = xy * tx + yy * ty - 1j * yz * tz
         u[2] = zz * tz + 1j * (xz * tx + yz * ty)
-        moved = scipy.fft.irfft2(u, s=(ny, nx), axes=(1, 2), workers=1, overwrite_x=True)
-        return np.moveaxis(moved, 0, -1)
+        displacement = scipy.fft.irfft2(u, s=(ny, nx), axes=(1, 2), workers=1, overwrite_x=True)
+        return np.moveaxis(displacement, 0, -1)
 
     def window(self, my: int, mx: int, row: int = 0, column: int = 0) -> WindowOperator:
-        """The operator between tractions and displacements of one my x mx patch.
+        """Operator from tractions to displacements within a my x mx patch.
 
-        row, column: of the patch's first node; the layer is the same everywhere.
+        row, column: of the patch's first node, unused: the layer is homogeneous.
         """
         return WindowOperator(self._kernels, my, mx)
 
@@ -143,7 +142,7 @@ class BondedLayer:
         k = np.hypot(kx, ky)
         c = surface_compliance(k, self.thickness_mm, self.material)
         safe = np.where(k == 0, 1.0, k)
-        # A wave at the Nyquist number has no sign, so whatever is odd in it must vanish there.
+        # A wave at the Nyquist number has no sign, so odd parts must vanish there.
         odd_x = np.where(np.arange(nx // 2 + 1)[None, :] == nx // 2, 0.0, kx) / safe
         odd_y = np.where(np.arange(ny)[:, None] == ny // 2, 0.0, ky) / safe
         x2 = np.where(k == 0, 0.5, (kx / safe) ** 2)
@@ -163,23 +162,23 @@ class BondedLayer:
         """Point responses (6, ny, nx), offset 0 first: xx, yy, xy, zz, xz (u_x of t_z), yz."""
         spectra = self._symbols.astype(np.complex128)
         spectra[4:] *= -1j
-        found: Field = scipy.fft.irfft2(spectra, s=self.shape, axes=(1, 2), workers=1)
-        return found
+        kernels: Field = scipy.fft.irfft2(spectra, s=self.shape, axes=(1, 2), workers=1)
+        return kernels
 
 
 class WindowOperator:
-    """The layer's own convolution restricted to a patch of my x mx nodes.
+    """Convolution of the layer restricted to a patch of my x mx nodes.
 
-    The kernel is the periodic layer's, cut to the offsets that the patch has and embedded in a
-    transform of about twice the patch, so a contact of a few millimetres costs a small transform
-    and still sees the whole layer. Fields are (my, mx), in-plane vectors (2, my, mx).
+    The periodic kernel is cut to the offsets of the patch and embedded in a transform of about
+    twice the patch, so a small contact costs a small transform without truncating the
+    layer. Fields are (my, mx), in-plane vectors (2, my, mx).
     """
 
     def __init__(self, kernels: Field, my: int, mx: int) -> None:
         ny, nx = kernels.shape[1:]
         if 2 * my > ny or 2 * mx > nx:
             raise InputError(
-                f"layer: a contact window of {my} x {mx} nodes is over half the period of "
+                f"layer: contact window of {my} x {mx} nodes exceeds half the period of "
                 f"{ny} x {nx}; more padding is needed"
             )
         self.shape = (my, mx)
@@ -201,35 +200,35 @@ class WindowOperator:
         return out[..., :my, :mx]
 
     def normal_of_pressure(self, pressure: Field) -> Field:
-        """Depth (mm, into the gel) that a pressure (MPa) gives: symmetric, positive definite."""
+        """Depth (mm, into the gel) due to a pressure (MPa); symmetric, positive definite."""
         return self._back(self._zz * self._forward(pressure))
 
     def shear_of_pressure(self, pressure: Field) -> Field:
-        """In-plane displacement (2, my, mx) that a pressure gives."""
+        """In-plane displacement (2, my, mx) due to a pressure."""
         f = -1j * self._forward(pressure)
         return self._back(np.stack([self._xz * f, self._yz * f]))
 
     def shear_of_shear(self, traction: Field) -> Field:
-        """In-plane displacement of in-plane traction: symmetric, positive definite."""
+        """In-plane displacement due to in-plane traction; symmetric, positive definite."""
         fx, fy = self._forward(traction)
         return self._back(np.stack([self._xx * fx + self._xy * fy, self._xy * fx + self._yy * fy]))
 
     def normal_of_shear(self, traction: Field) -> Field:
-        """Depth (mm, into the gel) that an in-plane traction gives."""
+        """Depth (mm, into the gel) due to an in-plane traction."""
         fx, fy = self._forward(traction)
         return self._back(1j * (self._xz * fx + self._yz * fy))
 
 
-def even_fast_length(least: float) -> int:
-    """Smallest even length from `least` that the real transform handles quickly."""
-    return 2 * int(scipy.fft.next_fast_len(math.ceil(least / 2 - 1e-9), real=True))
+def even_fast_length(minimum: float) -> int:
+    """Smallest even length >= `minimum` that is fast for the real transform."""
+    return 2 * int(scipy.fft.next_fast_len(math.ceil(minimum / 2 - 1e-9), real=True))
 
 
-NODES = 48  # Gauss points on the radius; the kernel is smooth: ten digits up to radius/h = 2
+PUNCH_NODES = 48  # by hand: Gauss points on the radius, ten digits up to radius/h = 2
 
 
 def flat_punch_n_per_mm(radius_mm: float, thickness_mm: float, material: GelMaterial) -> float:
-    """Force over depth of a flat cylinder on the bonded layer.
+    """Stiffness (N/mm) of a flat cylindrical punch on the bonded layer.
 
     A Fredholm equation of the second kind (after Lebedev and Ufliand, J. Appl. Math. Mech. 22,
     1958): with the layer's compliance written as (1 - nu)/(G k) M(k h) and the pressure's transform
@@ -238,14 +237,14 @@ def flat_punch_n_per_mm(radius_mm: float, thickness_mm: float, material: GelMate
     and F = 2 pi G/(1 - nu) int_0^a phi dt.
     """
     stiffness = material.shear_modulus_mpa / (1 - material.poisson)
-    t, weight = np.polynomial.legendre.leggauss(NODES)
+    t, weight = np.polynomial.legendre.leggauss(PUNCH_NODES)
     t, weight = radius_mm * (t + 1) / 2, radius_mm * weight / 2
-    # 1 - M falls off as (k h)^2 exp(-2 k h): at k h = 24 nothing is left.
+    # 1 - M decays as (k h)^2 exp(-2 k h): negligible at k h = 24.
     ratio = radius_mm / thickness_mm
     k, weight_k = np.polynomial.legendre.leggauss(max(96, int(48 * ratio) + 64))
     k, weight_k = 12 * (k + 1) / thickness_mm, 12 * weight_k / thickness_mm
-    lost = 1 - surface_compliance(k, thickness_mm, material).normal * stiffness * k
+    deficit = 1 - surface_compliance(k, thickness_mm, material).normal * stiffness * k
     waves = np.cos(np.outer(t, k))
-    kernel = (waves * (2 / math.pi * weight_k * lost)) @ waves.T
-    phi = np.linalg.solve(np.eye(NODES) - kernel * weight, np.full(NODES, 2 / math.pi))
+    kernel = (waves * (2 / math.pi * weight_k * deficit)) @ waves.T
+    phi = np.linalg.solve(np.eye(PUNCH_NODES) - kernel * weight, np.full(PUNCH_NODES, 2 / math.pi))
     return float(2 * math.pi * stiffness * (weight @ phi))

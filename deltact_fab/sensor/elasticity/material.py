@@ -1,4 +1,4 @@
-"""What the skin is made of: three numbers and, if it creeps, a Prony series, validated once."""
+"""Material of the gel: elastic constants, friction and an optional Prony series."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ..shapes.bounded import Bounded, bounded_number
 
-MAX_PRONY = 100.0  # beyond, shares were given in percent, or the long-term modulus is nothing
+MAX_PRONY_SUM = 100.0  # by hand: more means shares in percent or no long-term modulus
 
 
 @dataclass(frozen=True)
@@ -17,10 +17,10 @@ class GelMaterial(Bounded):
     modulus_mpa: Young's modulus; 0.56 is Gent's relation at Shore 15A, uncertain by a factor of 2.
     poisson: Poisson's ratio, 0 to 0.5 (0.5, incompressible, is allowed).
     friction: Coulomb coefficient against the indenter.
-    prony: pairs (g, tau_s) of a relaxing gel; none: elastic. modulus_mpa is what is left after long
-    rest (a slow press, a book value), g the extra share of its shear modulus that fades with tau:
+    prony: pairs (g, tau_s) of a relaxing gel; empty: elastic. modulus_mpa is the long-term modulus
+    (slow press, book value), g the additional share of shear modulus that decays with tau:
     G(t) = G (1 + sum g exp(-t / tau)).
-    Shares s of the *instantaneous* modulus, as many programs list them, are g = s / (1 - sum s).
+    Shares s of the *instantaneous* modulus, common elsewhere, convert as g = s / (1 - sum s).
 
     Raises ValueError for a number outside its range.
     """
@@ -42,15 +42,15 @@ class GelMaterial(Bounded):
                 raise ValueError(f"prony: g >= 0 and finite in each [g, tau_s]: {g} fails")
             if not (math.isfinite(tau) and tau > 0):
                 raise ValueError(f"prony: tau_s > 0 and finite in each [g, tau_s]: {tau} fails")
-        if not self.prony_sum <= MAX_PRONY:
-            raise ValueError(f"prony: sum of g <= {MAX_PRONY:g}: {self.prony_sum} fails")
+        if not self.prony_sum <= MAX_PRONY_SUM:
+            raise ValueError(f"prony: sum of g <= {MAX_PRONY_SUM:g}: {self.prony_sum} fails")
 
     @property
     def shear_modulus_mpa(self) -> float:
-        """G = E / (2 (1 + nu)), of a slow press."""
+        """Long-term shear modulus G = E / (2 (1 + nu))."""
         return self.modulus_mpa / (2 * (1 + self.poisson))
 
     @property
     def prony_sum(self) -> float:
-        """Sum of g: a sudden press meets a shear modulus (1 + prony_sum) times as large."""
+        """Sum of g; the instantaneous shear modulus is (1 + prony_sum) times the long-term one."""
         return sum((g for g, _ in self.prony), 0.0)

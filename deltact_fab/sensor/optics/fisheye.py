@@ -1,8 +1,7 @@
-"""A fisheye behind air, a plate of acrylic and the gel; Snell's law solved exactly.
+"""Fisheye lens behind air, an acrylic plate and the gel, with exact refraction (Snell's law).
 
-Refraction at plane faces leaves no single centre: the rays of one camera do not meet in a point,
-and what a pixel sees depends on how far away it is. So a ray is traced from the entrance pupil,
-and a point is projected by solving for the one ray that meets it.
+Refraction at plane faces has no single centre of projection. So rays are traced from the entrance
+pupil, and a point is projected by solving for the ray that hits it.
 """
 
 from __future__ import annotations
@@ -22,18 +21,18 @@ from ..shapes.sensor import N_ACRYLIC, N_SILICONE, SensorDimensions
 from .camera import Medium
 
 
-def across(tan_squared: Any, index: float) -> Any:
-    """Tangent of a ray in a layer over its tangent in air, both against the common normal.
+def refracted_ratio(tan_squared: Any, index: float) -> Any:
+    """Ratio of a ray's tangent in a layer to that in air, both from the common normal.
 
     Snell at plane faces: n sin t' = sin t, so tan t' / tan t = 1 / sqrt(n^2 + (n^2 - 1) tan^2 t),
-    which stays finite up to grazing rays. tan_squared: tan^2 t in air, a number or an array.
+    finite up to grazing rays. tan_squared: tan^2 t in air, a number or an array.
     """
     return (index**2 + (index**2 - 1) * tan_squared) ** -0.5
 
 
 @dataclass(frozen=True)
 class LayeredPath:
-    """Air, acrylic and gel on the way of a ray from the lens to the face, mm along the axis."""
+    """Layers from the lens to the face: air, acrylic and gel, thickness in mm."""
 
     air_gap_mm: float
     acrylic_mm: float
@@ -41,18 +40,18 @@ class LayeredPath:
 
     @property
     def layers(self) -> tuple[tuple[float, float], ...]:
-        """Thickness (mm) and refractive index of each."""
+        """Thickness (mm) and refractive index of each layer."""
         return (self.air_gap_mm, 1.0), (self.acrylic_mm, N_ACRYLIC), (self.gel_mm, N_SILICONE)
 
     def reach_mm(self, half_angle_rad: float) -> float:
-        """Radius on the gel's face that a ray leaving the lens at half_angle_rad reaches."""
+        """Radius on the gel's face of a ray that leaves the lens at half_angle_rad."""
         t = math.tan(half_angle_rad)
-        return t * float(sum(d * across(t**2, n) for d, n in self.layers))
+        return t * float(sum(d * refracted_ratio(t**2, n) for d, n in self.layers))
 
     def half_angle_rad(self, radius_mm: float) -> float:
-        """Half angle at the lens under which a point of the face is seen; inf: none reaches it.
+        """Half angle at the lens of a point of the face at radius_mm >= 0; inf if out of reach.
 
-        Inverse of reach_mm, which grows with the angle, by bisection to 1e-12 rad. radius_mm >= 0.
+        Inverse of reach_mm, which is monotonic, by bisection to 1e-12 rad.
         """
         low, high = 0.0, math.pi / 2 - 1e-9
         if self.reach_mm(high) < radius_mm:
@@ -68,33 +67,32 @@ class LayeredPath:
 
 Depth = NDArray[Any] | float
 
-FIELD_RAD = math.radians(100)
-"""Half field of the 200-degree lens."""
-MIN_GROWTH = 0.1
-"""Share of f by which the image's radius must still grow with the angle: there the field ends."""
-ROUNDING_MM = 1e-9
-"""A point on the face may lie so far behind it when it comes out of a transform."""
-STEP_RAD = 1e-8
-"""A ray has been found when Newton's step is shorter: what it leaves is its square, 1e-9 px."""
-MAX_ITERATIONS = 40
+MAX_FIELD_RAD = math.radians(100)
+"""Half field of the 200-degree lens (paper)."""
+MIN_RADIUS_GROWTH = 0.1
+"""By hand: the field ends where the radius grows with the angle by less than this share of f."""
+FACE_SLACK_MM = 1e-9
+"""By hand: rounding of points on the face after a transform."""
+RAY_STEP_RAD = 1e-8
+"""By hand: convergence limit of Newton's step; the remaining error is its square, 1e-9 px."""
+MAX_RAY_ITERATIONS = 40  # by hand: Newton converges in a few
 DECENTRING_ITERATIONS, DECENTRING_SETTLED = 20, 1e-8
-"""Each leaves less than a tenth: p1 and p2 of real lenses are some thousandths."""
+"""By hand: each iteration reduces the error tenfold, as p1 and p2 are some thousandths."""
 
 
 @dataclass(frozen=True)
 class Fisheye(Bounded):
-    """The camera's own image, through the lens as it is.
+    """Raw camera with a fisheye lens.
 
-    A ray leaves the entrance pupil at an angle theta against the lens's axis, and meets the image
-    theta + k1 theta^3 + k2 theta^5 + k3 theta^7 + k4 theta^9 focal lengths from (cx, cy), plus what
-    decentred elements add (p1, p2: Brown 1966); along y all of it counts aspect times. The pupil
-    stands on the axis; seen from the angle theta it has moved back along it by pupil_shift_mm
-    theta^2 (theta in rad), which widens the gap to air_gap_mm + pupil_shift_mm theta^2 cos(tilt).
-    Plates and gel are flat and normal to z. The pupil of theta = 0 is at (x0_mm, y0_mm) above the
-    sensor's origin. The image is turned by roll_deg about the lens's axis, then lens and all by
-    tilt_y_deg about y and tilt_x_deg about x (right-handed), against the plates' normal.
+    A ray at angle theta from the lens's axis in the entrance pupil meets the image at radius
+    f (theta + k1 theta^3 + k2 theta^5 + k3 theta^7 + k4 theta^9) from (cx, cy), plus decentring
+    (p1, p2: Brown 1966); y is scaled by aspect. The pupil is on the axis; at angle theta (rad) it
+    is shifted back along it by pupil_shift_mm theta^2, which widens the gap to air_gap_mm +
+    pupil_shift_mm theta^2 cos(tilt). Plates and gel are flat and normal to z. The pupil of
+    theta = 0 is at (x0_mm, y0_mm) above the sensor's origin. The image is rotated by roll_deg about
+    the lens's axis, then the lens by tilt_y_deg about y and tilt_x_deg about x (right-handed).
 
-    Not seen, and nan where a pixel is given: beyond FIELD_RAD or where the radius stops growing.
+    Out of view, nan for a pixel: beyond MAX_FIELD_RAD or where the radius stops growing.
     """
 
     f_px: float = bounded_number(870 / 2.24, "focal length, 0.87 mm of 2.24 um pixels", 10, 10_000)
@@ -105,16 +103,16 @@ class Fisheye(Bounded):
     p1: float = bounded_number(0.0, "decentring, along y", -0.1, 0.1)
     p2: float = bounded_number(0.0, "decentring, along x", -0.1, 0.1)
     aspect: float = bounded_number(1.0, "focal length along y over that along x", 0.5, 2)
-    cx_px: float = bounded_number(639.5, "column where the axis meets the image", -10_000, 20_000)
-    cy_px: float = bounded_number(359.5, "row where the axis meets the image", -10_000, 20_000)
-    tilt_x_deg: float = bounded_number(0.0, "turn of the lens about x", -10, 10)
-    tilt_y_deg: float = bounded_number(0.0, "turn of the lens about y", -10, 10)
-    roll_deg: float = bounded_number(0.0, "turn of the image about the lens's axis", -180, 180)
-    x0_mm: float = bounded_number(0.0, "where the pupil stands along x", -50, 50)
-    y0_mm: float = bounded_number(0.0, "where the pupil stands along y", -50, 50)
+    cx_px: float = bounded_number(639.5, "column of the principal point", -10_000, 20_000)
+    cy_px: float = bounded_number(359.5, "row of the principal point", -10_000, 20_000)
+    tilt_x_deg: float = bounded_number(0.0, "tilt of the lens about x", -10, 10)
+    tilt_y_deg: float = bounded_number(0.0, "tilt of the lens about y", -10, 10)
+    roll_deg: float = bounded_number(0.0, "rotation of the image about the lens's axis", -180, 180)
+    x0_mm: float = bounded_number(0.0, "x of the pupil", -50, 50)
+    y0_mm: float = bounded_number(0.0, "y of the pupil", -50, 50)
     air_gap_mm: float = bounded_number(3.0, "entrance pupil on the axis to acrylic", 0.1, 50)
     pupil_shift_mm: float = bounded_number(
-        0.0, "how far the pupil moves back, per theta^2", -10, 10
+        0.0, "shift of the pupil backwards, per theta^2", -10, 10
     )
     acrylic_mm: float = bounded_number(2.0, "thickness of the acrylic plate", 0.1, 50)
     gel_mm: float = bounded_number(12.0, "acrylic to the resting outer face", 0.1, 100)
@@ -125,16 +123,16 @@ class Fisheye(Bounded):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        # To 90 degrees from the normal and 10 of tilt; else a point could be met by two rays.
-        least_mm = self.air_gap_mm + FIELD_RAD**2 * self.pupil_shift_mm
+        # Up to 90 degrees from the normal plus 10 of tilt; else two rays could hit one point.
+        least_mm = self.air_gap_mm + MAX_FIELD_RAD**2 * self.pupil_shift_mm
         if not least_mm > 0:
             raise ShapeError(
-                f"air_gap_mm + {FIELD_RAD**2:.2f} pupil_shift_mm > 0: {least_mm:g} fails"
+                f"air_gap_mm + {MAX_FIELD_RAD**2:.2f} pupil_shift_mm > 0: {least_mm:g} fails"
             )
 
     @classmethod
-    def of(cls, sensor: SensorDimensions) -> Fisheye:
-        """The nominal lens of a design: centred and straight, the pupil at the lens's apex."""
+    def from_sensor(cls, sensor: SensorDimensions) -> Fisheye:
+        """Nominal lens of a design: centred, not tilted, with the pupil at the lens's apex."""
         k1, k2, k3, k4 = sensor.lens_terms
         o, (width_px, height_px) = sensor.optics, sensor.raw_size_px
         return cls(
@@ -146,30 +144,30 @@ class Fisheye(Bounded):
 
     @property
     def centre_px(self) -> tuple[float, float]:
-        """Where the lens's axis meets the image."""
+        """Principal point: image point of the lens's axis."""
         return (self.cx_px, self.cy_px)
 
     @property
     def mm_per_px(self) -> float:
-        """Of the resting face, straight below an upright pupil."""
+        """Scale of the resting face below an upright pupil."""
         return (
             self.air_gap_mm + self.acrylic_mm / self.n_acrylic + self.gel_mm / self.n_gel
         ) / self.f_px
 
     @cached_property
     def field_rad(self) -> float:
-        """The angle from the axis up to which the lens forms an image."""
-        # Where 1 + 3 k1 t^2 + 5 k2 t^4 + ... falls to the least growth.
-        terms = [9 * self.k4, 7 * self.k3, 5 * self.k2, 3 * self.k1, 1 - MIN_GROWTH]
+        """Largest angle from the axis with an image."""
+        # Where 1 + 3 k1 t^2 + 5 k2 t^4 + ... falls to MIN_RADIUS_GROWTH.
+        terms = [9 * self.k4, 7 * self.k3, 5 * self.k2, 3 * self.k1, 1 - MIN_RADIUS_GROWTH]
         roots = np.roots(terms)
         turns = [math.sqrt(r.real) for r in roots if abs(r.imag) < 1e-12 and r.real > 0]
-        return min([FIELD_RAD, *turns])
+        return min([MAX_FIELD_RAD, *turns])
 
     def project_px(self, xyz_mm: Array, medium: Medium = "gel") -> Array:
         """Sensor points (..., 3) in mm to image points (..., 2) in px, to 1e-9 px.
 
-        Raises InputError for points that are not in the gel or not in the air beyond the face, as
-        the medium says, and for points outside the field; SolverError when no ray was found.
+        Raises InputError for points outside the medium (gel, or air beyond the face) or outside the
+        field; SolverError if no ray was found.
         """
         tan = self._tangents(xyz_mm, medium)
         towards = np.concatenate((tan, np.ones_like(tan[..., :1])), axis=-1) @ self._turn
@@ -177,10 +175,10 @@ class Fisheye(Bounded):
         theta = np.arctan2(across_, along)
         if not np.all(theta <= self.field_rad):
             raise InputError(
-                f"a point lies {np.degrees(np.max(theta)):.1f} degrees from the lens's axis, "
+                f"a point is {np.degrees(np.max(theta)):.1f} degrees from the lens's axis, "
                 f"outside its field of {math.degrees(self.field_rad):.1f}"
             )
-        # Radius over sine: along on the axis, where both vanish.
+        # Radius over sine; its limit on the axis, where both vanish.
         with np.errstate(invalid="ignore", divide="ignore"):
             per = np.where(across_ > 0, theta / across_, 1 / along)
         gain = self.f_px * per * self._stretch(theta**2)
@@ -192,15 +190,15 @@ class Fisheye(Bounded):
         return off_px + np.asarray(self.centre_px)
 
     def crossing_mm(self, xyz_mm: Array, medium: Medium = "gel") -> Array:
-        """Where the rays to points (..., 3) cross the resting face, (..., 2) mm.
+        """Intersections (..., 2) mm of the rays to points (..., 3) with the resting face.
 
         Raises as project_px does, but for the field.
         """
-        return self._met_mm(self._tangents(xyz_mm, medium), self.gel_mm, 0.0)[0]
+        return self._trace_mm(self._tangents(xyz_mm, medium), self.gel_mm, 0.0)[0]
 
     def ray_to(self, xyz_mm: Array, medium: Medium = "gel") -> tuple[Array, Array]:
-        """The rays to points (..., 3) as `ray` gives them. Raises as crossing_mm does."""
-        return self._through(self._tangents(xyz_mm, medium), medium)
+        """Rays to points (..., 3), as returned by `ray`. Raises as crossing_mm does."""
+        return self._rays(self._tangents(xyz_mm, medium), medium)
 
     def rest_px(self, xy_mm: Array) -> Array:
         return self.project_px(on_face(xy_mm))
@@ -209,62 +207,62 @@ class Fisheye(Bounded):
         return self.ray(px)[0][..., :2]
 
     def ray(self, px: Array, medium: Medium = "gel") -> tuple[Array, Array]:
-        """As of any `CameraModel`: nan outside the field, or where the ray misses the face."""
-        off = (np.asarray(px, float) - np.asarray(self.centre_px)) / self.f_px
+        """Rays as in `CameraModel`; nan outside the field, or if the ray misses the face."""
+        point = (np.asarray(px, float) - np.asarray(self.centre_px)) / self.f_px
         if self.aspect != 1:
-            off = off / (1.0, self.aspect)
+            point = point / (1.0, self.aspect)
         if self.p1 or self.p2:
-            seen = off
+            distorted = point
             with np.errstate(over="ignore", invalid="ignore"):
                 for _ in range(DECENTRING_ITERATIONS):
-                    before, off = off, seen - self._decentring(off)
-                # Where it runs away, decentring folds the image: no one ray is seen there.
-                settled = np.abs(off - before).max(axis=-1, keepdims=True) < DECENTRING_SETTLED
-                off = np.where(settled, off, np.nan)
-        radius = np.hypot(off[..., 0], off[..., 1])
+                    previous, point = point, distorted - self._decentring(point)
+                # Divergence: decentring folds the image, the ray is ambiguous.
+                settled = np.abs(point - previous).max(axis=-1, keepdims=True) < DECENTRING_SETTLED
+                point = np.where(settled, point, np.nan)
+        radius = np.hypot(point[..., 0], point[..., 1])
         theta = self._angle(radius)
         with np.errstate(invalid="ignore", divide="ignore"):
             per = np.where(radius > 0, np.sin(theta) / radius, 1.0)
-            towards = np.concatenate((off * per[..., None], np.cos(theta)[..., None]), axis=-1)
+            towards = np.concatenate((point * per[..., None], np.cos(theta)[..., None]), axis=-1)
             towards = towards @ self._turn.T
             towards = np.where(towards[..., 2:] > 0, towards, np.nan)
             tan = towards[..., :2] / towards[..., 2:]
-        return self._through(tan, medium)
+        return self._rays(tan, medium)
 
     def maps(self) -> None:
-        """None: the raw image is seen as it is."""
+        """Return None: the image is the raw one."""
 
     def as_dict(self) -> dict[str, Any]:
         return {"model": "fisheye", **asdict(self)}
 
     @cached_property
     def _turn(self) -> NDArray[np.float64]:
-        """(3, 3) from the lens's frame to the sensor's."""
+        """Rotation (3, 3) from the lens's frame to the sensor's."""
         x, y, turn = (math.radians(a) for a in (self.tilt_x_deg, self.tilt_y_deg, self.roll_deg))
         about_x = [[1, 0, 0], [0, math.cos(x), -math.sin(x)], [0, math.sin(x), math.cos(x)]]
         about_y = [[math.cos(y), 0, math.sin(y)], [0, 1, 0], [-math.sin(y), 0, math.cos(y)]]
         about_z = [[math.cos(turn), -math.sin(turn), 0], [math.sin(turn), math.cos(turn), 0]]
         return np.array(about_x) @ np.array(about_y) @ np.array([*about_z, [0, 0, 1]])
 
-    def _through(self, tan: Array, medium: Medium) -> tuple[Array, Array]:
-        """Origins on the resting face and directions of rays of tangents (..., 2) in the gap."""
-        at = self._met_mm(tan, self.gel_mm, 0.0)[0]
+    def _rays(self, tan: Array, medium: Medium) -> tuple[Array, Array]:
+        """Origins on the resting face and directions of rays with tangents (..., 2) in the gap."""
+        face_mm = self._trace_mm(tan, self.gel_mm, 0.0)[0]
         slope = tan
         if medium == "gel":
-            slope = tan * across(np.sum(tan**2, axis=-1), self.n_gel)[..., None]
-        flat, one = np.zeros_like(at[..., :1]), np.ones_like(at[..., :1])
-        return np.concatenate((at, flat), axis=-1), np.concatenate((slope, one), axis=-1)
+            slope = tan * refracted_ratio(np.sum(tan**2, axis=-1), self.n_gel)[..., None]
+        zeros, ones = np.zeros_like(face_mm[..., :1]), np.ones_like(face_mm[..., :1])
+        return np.concatenate((face_mm, zeros), axis=-1), np.concatenate((slope, ones), axis=-1)
 
     def _stretch(self, square: Array) -> Array:
-        """Radius over focal length and angle, of squared angles."""
+        """Image radius over f theta, for squared angles."""
         k1, k2, k3, k4 = self.k1, self.k2, self.k3, self.k4
         if k3 == k4 == 0:
             return np.asarray(1 + square * (k1 + square * k2))
         return np.asarray(1 + square * (k1 + square * (k2 + square * (k3 + square * k4))))
 
-    def _decentring(self, off: Array) -> Array:
-        """What decentred elements add to places (..., 2) in focal lengths from the axis."""
-        u, v = off[..., 0], off[..., 1]
+    def _decentring(self, point: Array) -> Array:
+        """Decentring shift of points (..., 2) in focal lengths from the axis (Brown 1966)."""
+        u, v = point[..., 0], point[..., 1]
         cross, square = 2 * u * v, u * u + v * v
         return np.stack(
             (
@@ -275,10 +273,10 @@ class Fisheye(Bounded):
         )
 
     def _angle(self, radius: Array) -> Array:
-        """Angle against the axis, rad, of image radii over f; nan outside the field."""
+        """Angle from the axis, rad, of image radii over f; nan outside the field."""
         nodes = np.linspace(0, self.field_rad, 1024)
-        held = nodes * self._stretch(nodes**2)
-        theta = np.interp(radius, held, nodes, right=np.nan)
+        radii = nodes * self._stretch(nodes**2)
+        theta = np.interp(radius, radii, nodes, right=np.nan)
         for _ in range(3):  # from an error of 1e-6 or less: 1e-12, then rounding
             square = theta**2
             value = theta * self._stretch(square)
@@ -288,32 +286,34 @@ class Fisheye(Bounded):
         return np.asarray(theta)
 
     def _tangents(self, xyz_mm: Array, medium: Medium) -> Array:
-        """Tangents (..., 2) in the air gap, against z, of the rays that meet points (..., 3).
+        """Tangents (..., 2) from z, in the air gap, of the rays through points (..., 3).
 
-        Newton on both. Without a pupil that moves, a ray's reach is concave in its tangent and
-        Newton from the left cannot miss; with one that does, this is where the solution starts.
+        Newton's method. Without pupil shift, a ray's reach is concave in its tangent, so Newton
+        from the left converges; that solution is the start with pupil shift.
         """
         points = np.asarray(xyz_mm, float)
         z = points[..., 2]
-        gel, beyond = (
+        gel, free = (
             (self.gel_mm + z, np.zeros_like(z))
             if medium == "gel"
             else (np.full_like(z, self.gel_mm), z)
         )
-        if not (np.all(gel > 0) and np.all(beyond > -ROUNDING_MM) and np.all(np.isfinite(points))):
-            where = f"in the gel, z > {-self.gel_mm:g}" if medium == "gel" else "in air, z >= 0"
-            raise InputError(f"a point to be seen is not {where} mm")
+        if not (np.all(gel > 0) and np.all(free > -FACE_SLACK_MM) and np.all(np.isfinite(points))):
+            region = f"in the gel, z > {-self.gel_mm:g}" if medium == "gel" else "in air, z >= 0"
+            raise InputError(f"a point to be projected is not {region} mm")
         aim = points[..., :2] - (self.x0_mm, self.y0_mm)
-        far = np.hypot(aim[..., 0], aim[..., 1])
-        t = far / (self.air_gap_mm + beyond + self.acrylic_mm / self.n_acrylic + gel / self.n_gel)
+        distance = np.hypot(aim[..., 0], aim[..., 1])
+        t = distance / (
+            self.air_gap_mm + free + self.acrylic_mm / self.n_acrylic + gel / self.n_gel
+        )
         for _ in range(3):
-            met, growth = self._reach(t, self.air_gap_mm + beyond, gel)
-            t = t + (far - met) / growth
+            reach, growth = self._reach(t, self.air_gap_mm + free, gel)
+            t = t + (distance - reach) / growth
         with np.errstate(invalid="ignore", divide="ignore"):
-            tan = np.where(far > 0, t / far, 0.0)[..., None] * aim
-        for _ in range(MAX_ITERATIONS):
-            at, jacobian = self._met_mm(tan, gel, beyond)
-            miss = at - points[..., :2]
+            tan = np.where(distance > 0, t / distance, 0.0)[..., None] * aim
+        for _ in range(MAX_RAY_ITERATIONS):
+            hit, jacobian = self._trace_mm(tan, gel, free)
+            miss = hit - points[..., :2]
             (xx, xy), (yx, yy) = jacobian
             det = xx * yy - xy * yx
             step = np.stack(
@@ -325,26 +325,26 @@ class Fisheye(Bounded):
             )
             tan = tan - step
             size = np.hypot(step[..., 0], step[..., 1])
-            if np.all(size <= STEP_RAD * np.sqrt(1 + np.sum(tan**2, axis=-1))):
+            if np.all(size <= RAY_STEP_RAD * np.sqrt(1 + np.sum(tan**2, axis=-1))):
                 return tan
-        raise SolverError(f"lens: no ray to a point was found in {MAX_ITERATIONS} iterations")
+        raise SolverError(f"lens: ray to a point not found in {MAX_RAY_ITERATIONS} iterations")
 
     def _reach(self, t: Array, air_mm: Array, gel_mm: Array) -> tuple[Array, Array]:
-        """How far aside rays of tangents t come through the layers, and its derivative, mm."""
+        """Radial offset in mm of rays with tangents t through the layers, and its derivative."""
         square = t**2
-        plate, gel = across(square, self.n_acrylic), across(square, self.n_gel)
-        met = t * (air_mm + self.acrylic_mm * plate + gel_mm * gel)
+        plate, gel = refracted_ratio(square, self.n_acrylic), refracted_ratio(square, self.n_gel)
+        reach = t * (air_mm + self.acrylic_mm * plate + gel_mm * gel)
         growth = air_mm + self.n_acrylic**2 * self.acrylic_mm * plate**3
-        return met, growth + self.n_gel**2 * gel_mm * gel**3
+        return reach, growth + self.n_gel**2 * gel_mm * gel**3
 
-    def _met_mm(self, tan: Array, gel_mm: Depth, beyond_mm: Depth) -> tuple[Array, Any]:
-        """Where rays of tangents (..., 2) in air are after gel_mm of gel and beyond_mm of air.
+    def _trace_mm(self, tan: Array, gel_mm: Depth, beyond_mm: Depth) -> tuple[Array, Any]:
+        """Positions (..., 2) mm of rays of tangents (..., 2) after gel_mm of gel, beyond_mm of air.
 
-        (..., 2) mm, and its derivative with the tangents ((xx, xy), (yx, yy)).
+        Also returns the derivative by the tangents ((xx, xy), (yx, yy)).
         """
         tx, ty = tan[..., 0], tan[..., 1]
         square = tx**2 + ty**2
-        plate, gel = across(square, self.n_acrylic), across(square, self.n_gel)
+        plate, gel = refracted_ratio(square, self.n_acrylic), refracted_ratio(square, self.n_gel)
         per = self.air_gap_mm + beyond_mm + self.acrylic_mm * plate + gel_mm * gel
         # d across / d tan^2 = - (n^2 - 1) / 2 across^3, and d tan^2 = 2 tan d tan.
         bend = -(self.n_acrylic**2 - 1) * self.acrylic_mm * plate**3
@@ -359,23 +359,23 @@ class Fisheye(Bounded):
             sine = np.sqrt(np.sum(cross**2, axis=0))
             theta = np.arctan2(sine, along)
             back = self.pupil_shift_mm * theta**2
-            # Along the ray (tx, ty, 1), a step of the pupil back by b is one aside by b (tan - a).
+            # A pupil shift back by b moves the ray (tx, ty, 1) sideways by b (tan - a).
             aside_x, aside_y = tx * az - ax, ty * az - ay
             x, y = x + back * aside_x, y + back * aside_y
             # theta^2 changes with the cosine c by - 2 theta / sin theta, which is - 2 on the axis.
             length = np.sqrt(1 + square)
             with np.errstate(invalid="ignore", divide="ignore"):
                 turn = np.where(sine > 0, theta * length / sine, 1.0)
-            by = -2 * self.pupil_shift_mm * turn
+            factor = -2 * self.pupil_shift_mm * turn
             cosine = along / length
-            dx = by * (ax - cosine * tx / length) / length
-            dy = by * (ay - cosine * ty / length) / length
+            dx = factor * (ax - cosine * tx / length) / length
+            dy = factor * (ay - cosine * ty / length) / length
             xx, xy = xx + back * az + aside_x * dx, xy + aside_x * dy
             yx, yy = yx + aside_y * dx, yy + back * az + aside_y * dy
         return np.stack((x, y), axis=-1), ((xx, xy), (yx, yy))
 
 
 def on_face(xy_mm: Array) -> Array:
-    """Points (..., 2) of the resting face with their z of 0, (..., 3)."""
-    at = np.asarray(xy_mm, float)
-    return np.concatenate((at, np.zeros_like(at[..., :1])), axis=-1)
+    """Points (..., 2) of the resting face as (..., 3) with z = 0."""
+    xy = np.asarray(xy_mm, float)
+    return np.concatenate((xy, np.zeros_like(xy[..., :1])), axis=-1)

@@ -1,8 +1,8 @@
-"""Camera files: the model of a camera, and the flat field beside it.
+"""Camera files: camera model and flat field.
 
-The flat field is how the light falls off over a camera's image, and makes images as under even
-light. Shading multiplies the light; behind a camera's gamma it multiplies the coded values too, so
-coded values are divided by those of a frame of a blank skin. It is kept as a 16-bit PNG.
+The flat field corrects the illumination over the image. Shading multiplies the light, and behind a
+camera's gamma also the coded values, so these are divided by those of a frame of a blank skin. It
+is stored as a 16-bit PNG.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .camera import CameraModel, Pinhole
 from .fisheye import Fisheye
 from .rectified import Rectified
 
-_MODELS: dict[str, type[Pinhole | Fisheye | Rectified]] = {
+_MODEL_TYPES: dict[str, type[Pinhole | Fisheye | Rectified]] = {
     "pinhole": Pinhole,
     "fisheye": Fisheye,
     "rectified": Rectified,
@@ -29,116 +29,116 @@ _MODELS: dict[str, type[Pinhole | Fisheye | Rectified]] = {
 
 
 def restore_camera(data: Mapping[str, Any], source: str = "camera") -> CameraModel:
-    """The model that `as_dict` wrote; one without a name is from when all were pinholes.
+    """Restore a camera model from `as_dict`; without "model" it is a pinhole (old files).
 
-    Raises InputError, with the source in front, for an unknown model or values that are not its.
+    Raises InputError prefixed with the source for an unknown model or invalid values.
     """
     values = dict(data)
     name = values.pop("model", "pinhole")
-    if not isinstance(name, str) or name not in _MODELS:
-        raise InputError(f"{source}: model: {name!r}; {did_you_mean(str(name), _MODELS)}")
+    if not isinstance(name, str) or name not in _MODEL_TYPES:
+        raise InputError(f"{source}: model: {name!r}; {did_you_mean(str(name), _MODEL_TYPES)}")
     lens = values.get("lens")
     if name == "rectified" and isinstance(lens, Mapping):
         values["lens"] = {k: v for k, v in lens.items() if k != "model"}
         if lens.get("model", "fisheye") != "fisheye":
             raise InputError(f"{source}: lens.model: {lens['model']!r}; valid: fisheye")
-    return validate(_MODELS[name], values, source)
+    return validate(_MODEL_TYPES[name], values, source)
 
 
 def load_camera(path: Path) -> tuple[CameraModel, dict[str, Any]]:
-    """The model of a camera file, from its table [camera], and the file's other tables.
+    """Load the camera model of a file, from its table [camera], and the other tables.
 
-    Raises InputError of one line: no such file, no TOML, no such table, a key or a value in it
-    that is not the model's.
+    Raises InputError for a missing or invalid file, table, key or value.
     """
     data = read_toml(path)
     table = data.pop("camera", None)
     if not isinstance(table, dict):
         raise InputError(f'{path}: camera: missing table; [camera] with model = "fisheye" expected')
     if "model" not in table:
-        raise InputError(f"{path}: camera.model: missing key; valid: {', '.join(sorted(_MODELS))}")
+        valid = ", ".join(sorted(_MODEL_TYPES))
+        raise InputError(f"{path}: camera.model: missing key; valid: {valid}")
     return restore_camera(table, f"{path}: camera"), data
 
 
 def camera_toml(
     camera: CameraModel, tables: Mapping[str, Any] | None = None, about: Sequence[str] = ()
 ) -> str:
-    """The text of a camera file that `load_camera` reads.
+    """Text of a camera file for `load_camera`.
 
-    tables: what else it holds, by name, of numbers, strings, booleans, lists and tables of them;
-    about: lines of comment above it.
+    tables: further tables by name, of numbers, strings, booleans, lists and tables of them;
+    about: comment lines above.
     """
     return toml_text({"camera": camera.as_dict(), **(tables or {})}, about)
 
 
-SMOOTH = 0.01
-"""Sigma of the blur that takes the blank frame's noise away, of its width."""
-MAX_GAIN = 4.0
-"""Where it is darker than that, beyond the skin's window, nothing is to be made bright."""
-FULL = 65535
-COARSE = 8
-"""Pixels a side that one of the kept image stands for: less than the blur's sigma."""
+BLUR_SHARE = 0.01
+"""Blur sigma over image width, removes noise of the blank frame; by hand: more blurs shading."""
+MAX_FLAT_GAIN = 4.0
+"""By hand: the dark area beyond the skin's window is not brightened further."""
+FULL_16_BIT = 65535  # format: 16-bit PNG
+FLAT_REDUCTION = 8
+"""Reduction of the stored image; by hand: less than the blur's sigma."""
 
 
 @dataclass(frozen=True)
 class FlatField:
-    """Share of the full light that each pixel and channel gets, (h, w, 3) float32 BGR, <= 1."""
+    """Relative illumination of each pixel and channel, (h, w, 3) float32 BGR, <= 1."""
 
     share: NDArray[np.float32]
-    most_full: ClassVar[float] = 0.001
-    """Share of pixels that may be at the end of their scale before light is lost."""
+    max_saturated: ClassVar[float] = 0.001
+    """Largest share of saturated pixels in a blank frame."""
 
     @classmethod
-    def of_blank(cls, image: NDArray[np.uint8], source: str) -> FlatField:
-        """From a frame (h, w, 3) BGR of a blank skin. Raises InputError naming the source."""
+    def from_blank(cls, image: NDArray[np.uint8], source: str) -> FlatField:
+        """Create from a frame (h, w, 3) BGR of a blank skin. Raises InputError naming source."""
         import cv2
 
-        if np.mean(image == 255) > cls.most_full:
+        if np.mean(image == 255) > cls.max_saturated:
             raise InputError(f"{source}: over-exposed; take the blank frame with less light")
-        smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), SMOOTH * image.shape[1])
+        smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), BLUR_SHARE * image.shape[1])
         top = smooth.reshape(-1, 3).max(axis=0)
         if not np.all(top >= 16):
-            raise InputError(f"{source}: too dark to tell how the light falls off")
-        return cls(np.maximum(smooth / top, np.float32(1 / MAX_GAIN)))
+            raise InputError(f"{source}: too dark to measure the flat field")
+        return cls(np.maximum(smooth / top, np.float32(1 / MAX_FLAT_GAIN)))
 
     @classmethod
-    def read(cls, path: Path, size_px: tuple[int, int]) -> FlatField:
-        """From the file that `png` makes, for images of (width, height). Raises InputError."""
+    def load(cls, path: Path, size_px: tuple[int, int]) -> FlatField:
+        """Load a file of `to_png`, for images of (width, height). Raises InputError."""
         import cv2
 
-        kept = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
-        if kept is None or kept.dtype != np.uint16 or kept.ndim != 3 or not kept.min() > 0:
-            raise InputError(f"{path}: not a 16-bit image of the light")
-        share = (kept / FULL).astype(np.float32)
+        stored = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
+        if stored is None or stored.dtype != np.uint16 or stored.ndim != 3 or not stored.min() > 0:
+            raise InputError(f"{path}: not a 16-bit flat field image")
+        share = (stored / FULL_16_BIT).astype(np.float32)
         return cls(np.asarray(cv2.resize(share, size_px, interpolation=cv2.INTER_LINEAR)))
 
     @classmethod
-    def beside(cls, camera_file: Path) -> FlatField | None:
-        """The one that a camera file names, None where it names none. Raises InputError."""
+    def from_camera_file(cls, camera_file: Path) -> FlatField | None:
+        """Load the flat field named in a camera file, or None. Raises InputError."""
         lens, tables = load_camera(camera_file)
         if "flat" not in tables:
             return None
         table = tables["flat"]
         if not (isinstance(table, dict) and isinstance(table.get("file"), str)):
-            raise InputError(f"{camera_file}: flat.file: missing; the name of an image beside it")
+            raise InputError(f"{camera_file}: flat.file: missing; expected an image next to it")
         try:
-            return cls.read(camera_file.parent / table["file"], (lens.width_px, lens.height_px))
-        except InputError as why:
-            raise InputError(f"{camera_file}: flat.file: {why}") from why
+            return cls.load(camera_file.parent / table["file"], (lens.width_px, lens.height_px))
+        except InputError as error:
+            raise InputError(f"{camera_file}: flat.file: {error}") from error
 
-    def png(self) -> bytes:
-        """As 16-bit PNG, COARSE times smaller, for it is smooth."""
+    def to_png(self) -> bytes:
+        """Encode as 16-bit PNG, FLAT_REDUCTION times smaller, as it is smooth."""
         import cv2
 
-        size = tuple(-(-side // COARSE) for side in self.share.shape[1::-1])
+        size = tuple(-(-side // FLAT_REDUCTION) for side in self.share.shape[1::-1])
         coarse = cv2.resize(self.share, size, interpolation=cv2.INTER_AREA)
-        done, data = cv2.imencode(".png", np.rint(coarse * FULL).astype(np.uint16))
-        if not done:
-            raise RunFailed("the flat field could not be encoded as PNG")
+        success, data = cv2.imencode(".png", np.rint(coarse * FULL_16_BIT).astype(np.uint16))
+        if not success:
+            raise RunFailed("flat field: PNG encoding failed")
         return bytes(data)
 
-    def seen_by(self, view: CameraModel) -> FlatField:
-        """The same for the images of a view: rectify first, then apply, which is cheaper."""
+    def for_view(self, view: CameraModel) -> FlatField:
+        """Flat field for the images of a view: rectifying before applying it is cheaper."""
         import cv2
 
         if not isinstance(view, Rectified):
@@ -149,7 +149,7 @@ class FlatField:
         return FlatField(np.asarray(share, np.float32))
 
     def apply(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """An image (h, w, 3) BGR or (h, w) grey as under even light, uint8; full stays full.
+        """Correct an image (h, w, 3) BGR or (h, w) grey, uint8; saturated pixels stay so.
 
         Raises InputError for an image of another size.
         """
@@ -157,7 +157,7 @@ class FlatField:
 
         if image.shape[:2] != self.share.shape[:2]:
             raise InputError(
-                f"flat field of {self.share.shape[1]} x {self.share.shape[0]} px for an image of "
+                f"flat field of {self.share.shape[1]} x {self.share.shape[0]} px, image of "
                 f"{image.shape[1]} x {image.shape[0]}"
             )
         share = self.share if image.ndim == 3 else self.share.mean(axis=2)

@@ -1,9 +1,9 @@
-"""Displacements of the face on a lattice, what lies between its nodes, and the motion in the image.
+"""Displacements of the face on a lattice, their interpolation, and the motion in the image.
 
-A frame has a million points to project and a lattice some ten thousand. What is projected is a
-smooth function of the position and of a displacement that is itself a cubic spline on the lattice.
-With nodes at most STEP_MM apart the spline through it is off by 1e-5 px in a drag 3 mm deep, by
-1e-4 in one 8 mm deep (95th percentile; 0.002 px at worst).
+A frame has a million points to project, a lattice some ten thousand. The projection is a smooth
+function of position and displacement, a cubic spline on the lattice; with nodes at most
+MAX_MOTION_STEP_MM apart, its interpolation error is 1e-5 px in a drag 3 mm deep, 1e-4 in one 8 mm
+deep (95th percentile; 0.002 px at worst).
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from .rectified import Rectified
 
 @dataclass(frozen=True)
 class SurfaceLattice:
-    """A regular lattice of points on the resting face, on which displacements are stored.
+    """Regular lattice on the resting face, on which displacements are stored.
 
-    x0_mm, y0_mm: first node; spacing_mm: between nodes; nx, ny: their number.
+    x0_mm, y0_mm: first node; spacing_mm: node spacing; nx, ny: numbers of nodes.
     """
 
     x0_mm: float
@@ -48,7 +48,7 @@ class SurfaceLattice:
             raise ValueError("x0_mm, y0_mm: expected -1e6 to 1e6")
 
     def axes_mm(self) -> tuple[Array, Array]:
-        """Nodes along x (nx,) and along y (ny,)."""
+        """Node coordinates along x (nx,) and y (ny,)."""
         return (
             self.x0_mm + self.spacing_mm * np.arange(self.nx),
             self.y0_mm + self.spacing_mm * np.arange(self.ny),
@@ -62,7 +62,7 @@ class SurfaceLattice:
 class LatticeSampler:
     """Cubic B-spline interpolation from a lattice to the tensor grid xs x ys, as two matrices.
 
-    The drawing camera and the stored truth both go through it, so they agree to rounding.
+    Used by rendering and by the stored truth, so they agree to rounding.
     """
 
     along_x: NDArray[np.float64]  # (len(xs), nx)
@@ -70,41 +70,41 @@ class LatticeSampler:
 
     @classmethod
     def make(cls, lattice: SurfaceLattice, xs_mm: Array, ys_mm: Array) -> LatticeSampler:
-        """Build the matrices. Raises InputError when a point lies outside the lattice."""
+        """Build the matrices. Raises InputError for points outside the lattice."""
         x_mm, y_mm = lattice.axes_mm()
         return cls(_spline_matrix(x_mm, xs_mm), _spline_matrix(y_mm, ys_mm))
 
     def __call__(self, values: Array) -> NDArray[np.float64]:
-        """(ny, nx, c) on the lattice to (len(ys), len(xs), c)."""
+        """Interpolate values (ny, nx, c) to (len(ys), len(xs), c)."""
         columns = [self.along_y @ values[..., c] @ self.along_x.T for c in range(values.shape[-1])]
         return np.stack(columns, axis=-1)
 
 
 class PointSampler:
-    """The same spline at points that stand on no tensor grid."""
+    """Cubic B-spline interpolation from a lattice to scattered points."""
 
     def __init__(self, lattice: SurfaceLattice, xy_mm: Array) -> None:
-        """xy_mm: points (n, 2). Raises InputError when one lies outside the lattice."""
+        """xy_mm: points (n, 2). Raises InputError for points outside the lattice."""
         from scipy.sparse import csr_array
 
         x_mm, y_mm = lattice.axes_mm()
         x, self._x = _spline_terms(x_mm, xy_mm[:, 0])
         y, self._y = _spline_terms(y_mm, xy_mm[:, 1])
         shares = y.data.reshape(-1, 4, 1) * x.data.reshape(-1, 1, 4)
-        at = y.indices.reshape(-1, 4, 1) * lattice.nx + x.indices.reshape(-1, 1, 4)
+        index = y.indices.reshape(-1, 4, 1) * lattice.nx + x.indices.reshape(-1, 1, 4)
         self._shares = csr_array(
-            (shares.ravel(), at.ravel(), np.arange(0, shares.size + 1, 16)),
+            (shares.ravel(), index.ravel(), np.arange(0, shares.size + 1, 16)),
             shape=(len(xy_mm), lattice.ny * lattice.nx),
         )
 
     def __call__(self, values: Array) -> NDArray[np.float64]:
-        """(ny, nx, c) on the lattice to (n, c) at the points."""
+        """Interpolate values (ny, nx, c) to (n, c) at the points."""
         terms = self._y @ np.moveaxis(np.asarray(values, float), -1, 0) @ self._x.T
         return np.asarray(self._shares @ terms.reshape(len(terms), -1).T)
 
 
 def _spline_terms(nodes: Array, points: Array) -> tuple[Any, Array]:
-    """The four basis functions at each point (sparse), and what makes coefficients of nodes."""
+    """Four basis functions at each point (sparse), and the matrix from nodes to coefficients."""
     from scipy.interpolate import BSpline
 
     spline = _spline(nodes, points)
@@ -117,38 +117,38 @@ def _spline_matrix(nodes: Array, points: Array) -> NDArray[np.float64]:
 
 
 def _spline(nodes: Array, points: Array) -> Any:
-    """The spline of each node's unit value. Raises InputError for points outside the nodes."""
+    """Splines of the nodes' unit values. Raises InputError for points outside the nodes."""
     from scipy.interpolate import make_interp_spline
 
     if np.min(points) < nodes[0] - 1e-9 or np.max(points) > nodes[-1] + 1e-9:
         raise InputError(
-            f"points from {np.min(points):.3f} to {np.max(points):.3f} mm leave the lattice "
-            f"{nodes[0]:.3f} to {nodes[-1]:.3f} mm"
+            f"points from {np.min(points):.3f} to {np.max(points):.3f} mm are outside the "
+            f"lattice {nodes[0]:.3f} to {nodes[-1]:.3f} mm"
         )
     return make_interp_spline(nodes, np.eye(len(nodes)), k=3)
 
 
-STEP_MM = 0.2
+MAX_MOTION_STEP_MM = 0.2  # by hand: trades time for the errors stated above
 
 
 class FaceMotion:
-    """Projected motion on a lattice that has the nodes of the displacement's and some between."""
+    """Projected motion on a refined lattice of the displacement."""
 
     def __init__(self, lattice: SurfaceLattice, project_px: Callable[[Array], Array]) -> None:
-        """project_px: points of the moved face (..., 3) in mm to the image (..., 2) in px."""
-        n = ceil(lattice.spacing_mm / STEP_MM - 1e-9)
+        """project_px: points of the deformed face (..., 3) in mm to the image (..., 2) in px."""
+        n = ceil(lattice.spacing_mm / MAX_MOTION_STEP_MM - 1e-9)
         self.lattice = replace(
             lattice,
             spacing_mm=lattice.spacing_mm / n,
             nx=(lattice.nx - 1) * n + 1,
             ny=(lattice.ny - 1) * n + 1,
         )
-        # Rounding may put the last node a hair beyond the lattice's.
+        # Rounding may put the last node slightly outside the lattice.
         xs, ys = (
             np.clip(fine, coarse[0], coarse[-1])
             for fine, coarse in zip(self.lattice.axes_mm(), lattice.axes_mm(), strict=True)
         )
-        # The finer spline holds the coarser one: no displacement is changed by this.
+        # The finer spline contains the coarser one: displacements are unchanged.
         self.displaced = LatticeSampler.make(lattice, xs, ys)
         x, y = np.meshgrid(xs, ys)
         self._rest = np.stack((x, y, np.zeros_like(x)), axis=-1)
@@ -156,15 +156,15 @@ class FaceMotion:
         self._rest_px = project_px(self._rest)
 
     def __call__(self, displacement_mm: Array) -> Array:
-        """Displacement (ny, nx, 3) on its lattice to motion in px on `lattice`, (ny, nx, 2)."""
-        moved = self._rest + self.displaced(displacement_mm)
-        return np.asarray(self._project_px(moved) - self._rest_px)
+        """Convert displacement (ny, nx, 3) to motion in px on `lattice`, (ny, nx, 2)."""
+        position = self._rest + self.displaced(displacement_mm)
+        return np.asarray(self._project_px(position) - self._rest_px)
 
 
 class SeenFace:
-    """Motion of the face, (ny, nx, 3) mm on a lattice, as the pixels of a view show it.
+    """Motion of the face in the pixels of a view, from displacements (ny, nx, 3) mm on a lattice.
 
-    lens: what the frames were drawn through; None: through the camera itself.
+    lens: true lens of the rendering; None: the camera itself.
     """
 
     def __init__(
@@ -172,10 +172,10 @@ class SeenFace:
     ) -> None:
         self.camera, self.lattice, self.lens = camera, lattice, lens
 
-    def both(self, u_mm: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Motion of what every pixel sees at rest: projected, (h, w, 2) px, and in plane, mm."""
-        if self._through is not None:
-            return self._through.both(u_mm)
+    def motion(self, u_mm: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Motion of the point that each pixel sees at rest: projected (h, w, 2) px, in plane mm."""
+        if self._true_lens is not None:
+            return self._true_lens.motion(u_mm)
         moved_mm = self._grid(u_mm)
         return self.camera.project_px(self._rest_mm + moved_mm) - self._rest_px, moved_mm[..., :2]
 
@@ -185,7 +185,7 @@ class SeenFace:
         """Projected displacement (n, 2) px of points of the resting face (n, 2) mm."""
         moved_mm = PointSampler(self.lattice, xy_mm)(u_mm)
         rest_mm = np.column_stack((xy_mm, np.zeros(len(xy_mm))))
-        project_px = (self._through or self.camera).project_px
+        project_px = (self._true_lens or self.camera).project_px
         return np.asarray(project_px(rest_mm + moved_mm) - project_px(rest_mm))
 
     @cached_property
@@ -202,15 +202,15 @@ class SeenFace:
         return self.camera.project_px(self._rest_mm)
 
     @cached_property
-    def _through(self) -> _Through | None:
+    def _true_lens(self) -> _TrueLensMotion | None:
         if self.lens is None:
             return None
         assert isinstance(self.camera, Rectified), "a lens's frames are rectified"
-        return _Through(self.lens, self.camera, self.lattice)
+        return _TrueLensMotion(self.lens, self.camera, self.lattice)
 
 
-class _Through:
-    """What a rectified view shows of frames that were drawn through another lens than it holds."""
+class _TrueLensMotion:
+    """Motion in a rectified view of frames rendered through another lens than its own."""
 
     def __init__(self, lens: Fisheye, view: Rectified, lattice: SurfaceLattice) -> None:
         self._lens, self._view = lens, view
@@ -222,11 +222,11 @@ class _Through:
         self._at_seen = PointSampler(self._motion.lattice, seen_mm)
 
     def project_px(self, xyz_mm: NDArray[Any]) -> NDArray[Any]:
-        """Points (..., 3) mm, through the lens, to where the view takes them to be (..., 2) px."""
+        """Project points (..., 3) mm through the true lens to the view (..., 2) px."""
         return self._view.rest_px(self._view.lens.rest_mm(self._lens.project_px(xyz_mm)))
 
-    def both(self, u_mm: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """As SeenFace."""
+    def motion(self, u_mm: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Motion as in `SeenFace.motion`."""
         parts = self._motion(u_mm), self._motion.displaced(u_mm[..., :2])
         flow_px, at_rest_mm = (self._at_seen(part).reshape(self._shape) for part in parts)
         return flow_px, at_rest_mm

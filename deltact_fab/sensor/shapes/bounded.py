@@ -1,4 +1,4 @@
-"""Dimensions that carry their meaning and their limits, so that both are checked and shown."""
+"""Dimensions with description and limits, for checks and display."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 class ShapeError(ValueError):
-    """A dimension breaks an inequality; the text states the inequality with its numbers."""
+    """Violated inequality of dimensions; the text states it with its numbers."""
 
 
 def bounded_number(
@@ -19,15 +19,14 @@ def bounded_number(
     *,
     unverified: bool = False,
 ) -> Any:
-    """A field of a frozen dimension record.
+    """Create a field of a frozen dimension record.
 
-    meaning: one line for whoever reads it on a screen. low, high: what the record accepts, both
-    ends included. unverified: the default was assumed and not measured; every check that rests on
-    it says so.
+    meaning: one-line description. low, high: limits, inclusive. unverified: the default is assumed,
+    not measured; checks that depend on it report it.
     """
     return field(
         default=default,
-        metadata={  # by the names that pydantic takes from a field, for files and schema
+        metadata={  # pydantic's names, for files and schema
             "description": meaning,
             "ge": low,
             "le": high,
@@ -38,10 +37,10 @@ def bounded_number(
 
 @dataclass(frozen=True)
 class Bounded:
-    """A record of numbers with meaning and limits, which `catalog.validate` reads from a file.
+    """Record of numbers with descriptions and limits, read by `catalog.validate`.
 
-    One with keys that count as unverified has a field `measured` for those that a lab has measured.
-    Raises ShapeError for a number beyond its limits, for NaN, and for a key measured in vain.
+    A record with unverified keys has a field `measured` listing those measured by the lab.
+    Raises ShapeError for a number out of its limits, NaN, and an invalid key in `measured`.
     """
 
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by pydantic
@@ -60,5 +59,5 @@ class Bounded:
 
     @staticmethod
     def is_unverified(f: Field[Any]) -> bool:
-        """Whether the default of a record's field was assumed and not measured."""
+        """True if the default of a record's field is assumed, not measured."""
         return bool(f.metadata.get("json_schema_extra", {}).get("unverified"))

@@ -1,8 +1,8 @@
-"""Indenters by name: one definition gives the height field, the footprint and the CAD solid.
+"""Indenters by name: one definition for height field, footprint and CAD solid.
 
-Names are short and typed by hand: `sphere:10` is a sphere of 10 mm diameter, `star` the paper's
-star. `NAME:SIZE` scales an indenter to another longest side; radii that the printer sets (edges,
-corners, noses) stay. A file of `indenters` adds names of its own, and a lab's cad/indenters.toml.
+`sphere:10` is a sphere of 10 mm diameter, `star` the paper's star. `NAME:SIZE` scales an indenter
+to another longest side; radii given by the printer (edges, corners, noses) stay. Modules in
+`indenters` and a lab's cad/indenters.toml add names.
 """
 
 from __future__ import annotations
@@ -15,31 +15,31 @@ from typing import Any
 
 from deltact_fab.common import InputError, validate
 
-from .indenters import SHAPES
-from .own import SHANK_MM, OwnShape, own_shapes
-from .rigid import REACH_MM, Indenter
+from .indenters import SHAPE_FACTORIES
+from .own import MIN_SHANK_MM, OwnShape, own_shapes
+from .rigid import DEFAULT_REACH_MM, Indenter
 from .tips import SphereTip
 
-SIZE_MM = 9.0
+DEFAULT_SIZE_MM = 9.0  # by hand: longest side of a footprint, see `indenters.paper`
 
 
 def sphere(diameter_mm: float) -> Indenter:
-    """A sphere, as in the paper's force calibration (10, 12, 15, 18 and 22 mm)."""
+    """Sphere, as in the paper's force calibration (10, 12, 15, 18 and 22 mm)."""
     radius_mm = diameter_mm / 2
-    reach_mm = max(REACH_MM, radius_mm + SHANK_MM)
+    reach_mm = max(DEFAULT_REACH_MM, radius_mm + MIN_SHANK_MM)
     tip = SphereTip(0.0, 0.0, radius_mm)
     return Indenter(f"sphere:{diameter_mm:g}", (tip,), reach_mm=reach_mm)
 
 
-INDENTER_KINDS = ("sphere", *SHAPES)
+INDENTER_KINDS = ("sphere", *SHAPE_FACTORIES)
 
 
 def parse_indenter(name: str) -> Indenter:
-    """Read an indenter's name: `sphere:DIAMETER`, one of KINDS with or without `:SIZE`, or a
-    shape of the lab's list.
+    """Parse an indenter's name: `sphere:DIAMETER`, one of INDENTER_KINDS with optional `:SIZE`, or
+    a shape of the lab.
 
     SIZE is the longest side of the footprint in mm, 9 by default. Raises InputError with the
-    nearest name or the sizes that are valid.
+    nearest name or the valid sizes.
     """
     kind, colon, size = name.strip().partition(":")
     if kind == "sphere":
@@ -49,45 +49,45 @@ def parse_indenter(name: str) -> Indenter:
                 f"indenter {name!r}: a sphere takes a diameter of 0.5 to 30 mm, as in 'sphere:10'"
             )
         return sphere(diameter_mm)
-    if kind not in SHAPES:
-        own = own_shapes()
-        if kind in own and not colon:
-            return own[kind].indenter(kind)
-        near = difflib.get_close_matches(kind, [*INDENTER_KINDS, *own], n=1)
-        valid = f"valid: sphere:DIAMETER_MM, and with or without :SIZE_MM {', '.join(SHAPES)}"
+    if kind not in SHAPE_FACTORIES:
+        lab_shapes = own_shapes()
+        if kind in lab_shapes and not colon:
+            return lab_shapes[kind].indenter(kind)
+        near = difflib.get_close_matches(kind, [*INDENTER_KINDS, *lab_shapes], n=1)
+        valid = f"valid: sphere:DIAMETER_MM or, opt. with :SIZE_MM, {', '.join(SHAPE_FACTORIES)}"
         hint = f"did you mean {near[0]!r}?" if near else valid
         raise InputError(f"indenter {name!r}: unknown; {hint}")
     if not colon:
-        return SHAPES[kind](1.0)
+        return SHAPE_FACTORIES[kind](1.0)
     size_mm = _size(size)
     if not 5.0 <= size_mm <= 20.0:
         raise InputError(
             f"indenter {name!r}: the longest side of its footprint is 5 to 20 mm, as in "
-            f"'{kind}:{SIZE_MM:g}'"
+            f"'{kind}:{DEFAULT_SIZE_MM:g}'"
         )
-    scaled = SHAPES[kind](size_mm / SIZE_MM)
-    return scaled if size_mm == SIZE_MM else replace(scaled, name=f"{kind}:{size_mm:g}")
+    scaled = SHAPE_FACTORIES[kind](size_mm / DEFAULT_SIZE_MM)
+    return scaled if size_mm == DEFAULT_SIZE_MM else replace(scaled, name=f"{kind}:{size_mm:g}")
 
 
 def describe_indenters(names: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Describe the shapes that are the lab's own, by name, for a run to keep."""
-    named = [name for name in names if name.partition(":")[0] not in INDENTER_KINDS]
-    own = own_shapes() if named else {}
-    return {name: asdict(own[name]) for name in named}
+    """Describe the lab's own shapes among these, by name, to be stored with a run."""
+    custom = [name for name in names if name.partition(":")[0] not in INDENTER_KINDS]
+    lab_shapes = own_shapes() if custom else {}
+    return {name: asdict(lab_shapes[name]) for name in custom}
 
 
-def restore_indenter(name: str, own: Mapping[str, Any], source: str) -> Indenter:
-    """An indenter of a run by its name; own: what it kept of the lab's shapes, and source where.
+def restore_indenter(name: str, lab_shapes: Mapping[str, Any], source: str) -> Indenter:
+    """Restore an indenter of a run. lab_shapes: stored with the run, in the file `source`.
 
-    Raises InputError as `parse`, and naming source.
+    Raises InputError as `parse_indenter`, or naming source.
     """
-    if name in own:
-        return validate(OwnShape, own[name], f"{source}: {name}").indenter(name)
+    if name in lab_shapes:
+        return validate(OwnShape, lab_shapes[name], f"{source}: {name}").indenter(name)
     return parse_indenter(name)
 
 
 def _size(text: str) -> float:
-    """A size as it is written in a name, so that one name is one shape; NaN when it is none."""
+    """Parse a size, rounded as in names, so one name is one shape; NaN if invalid."""
     try:
         return float(f"{float(text):g}")
     except ValueError:

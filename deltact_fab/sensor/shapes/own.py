@@ -1,4 +1,4 @@
-"""Indenters of a lab's own: the tables `[shape.NAME]` of cad/indenters.toml."""
+"""Custom indenters of a lab: tables `[shape.NAME]` of cad/indenters.toml."""
 
 from __future__ import annotations
 
@@ -10,125 +10,127 @@ from typing import Any, Literal
 from deltact_fab.common import InputError, find_file, read_toml, validate
 
 from .bounded import ShapeError
-from .indenters import SHAPES
+from .indenters import SHAPE_FACTORIES
 from .prism import PrismTip
-from .rigid import REACH_MM, Indenter, PlainTip, PosedTip
+from .rigid import DEFAULT_REACH_MM, Indenter, PlainTip, PosedTip
 from .tips import EllipsoidTip, RidgeTip, SphereTip, require_positive
 from .turned import TurnedTip
 
-SHANK_MM = 3.0  # least length above the equator, for the gel that bulges
-ASIDE_MM = 30.0  # the largest sphere that has a name is as wide
-TAKES = {
+MIN_SHANK_MM = 3.0  # by hand: length above the equator, for bulging gel
+MAX_OFFSET_MM = 30.0  # by hand: diameter of the largest named sphere
+TIP_DIMENSIONS = {
     "ball": ("radius_mm",),
     "ridge": ("radius_mm", "half_width_mm", "length_mm", "flank_deg"),
     "ellipsoid": ("a_mm", "b_mm"),
     "polygon": ("points", "outer_mm", "edge_mm"),
     "cylinder": ("radius_mm", "edge_mm"),
 }
-"""What each kind of tip takes, all of it."""
+"""Dimensions of each kind of tip, all required."""
 
 
 @dataclass(frozen=True)
 class OwnTip:
-    """One tip: its kind, its dimensions, and where and how it stands."""
+    """One tip: kind, dimensions, position and orientation."""
 
     kind: Literal["ball", "ridge", "ellipsoid", "polygon", "cylinder"]
     """ball: half a sphere. ridge: a wedge along y with a round nose. ellipsoid: half a spheroid,
-    long along x. polygon: a flat face with equal corners. cylinder: an upright one, flat."""
+    long along x. polygon: a flat face with equal corners. cylinder: vertical, with a flat end."""
     x_mm: float = 0.0
-    """Where it stands along x."""
+    """Position along x."""
     y_mm: float = 0.0
-    """Where it stands along y."""
+    """Position along y."""
     turn_deg: float = 0.0
-    """Turn about z, counter-clockwise seen from the back plate: a ridge lies along y at 0."""
+    """Rotation about z, counter-clockwise seen from the back plate; at 0 a ridge is along y."""
     tilt_x_deg: float = 0.0
-    """Tilt about x, before the turn; within 45 degrees."""
+    """Tilt about x, before the rotation; within 45 degrees."""
     tilt_y_deg: float = 0.0
-    """Tilt about y, after that about x and before the turn; within 45 degrees."""
+    """Tilt about y, after that about x and before the rotation; within 45 degrees."""
     radius_mm: float | None = None
-    """Of a ball, a cylinder, or a ridge's nose."""
+    """Radius of a ball, a cylinder, or a ridge's nose."""
     half_width_mm: float | None = None
-    """Of a ridge, where its flanks end."""
+    """Half width of a ridge at the end of its flanks."""
     length_mm: float | None = None
-    """Of a ridge, between the middles of its round ends."""
+    """Length of a ridge between the centres of its round ends."""
     flank_deg: float | None = None
-    """Of a ridge: its flanks with the vertical."""
+    """Angle of a ridge's flanks from the vertical."""
     a_mm: float | None = None
-    """Of an ellipsoid: semi-axis along x."""
+    """Semi-axis of an ellipsoid along x."""
     b_mm: float | None = None
-    """Of an ellipsoid: semi-axes along y and z."""
+    """Semi-axes of an ellipsoid along y and z."""
     points: int | None = None
-    """Of a polygon: its corners, the first on +x."""
+    """Number of corners of a polygon, the first on +x."""
     outer_mm: float | None = None
-    """Of a polygon: from its middle to a corner."""
+    """Radius of a polygon from its centre to a corner."""
     edge_mm: float | None = None
-    """Rounding of the edge of a flat face."""
+    """Edge radius of a flat face."""
 
     __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
 
     def tip(self, top_mm: float) -> PlainTip | PosedTip:
-        """The tip below a back plate. Raises ShapeError for a dimension that lacks or is none."""
-        every = {key for keys in TAKES.values() for key in keys}
-        given = {key: getattr(self, key) for key in every if getattr(self, key) is not None}
-        if set(given) != set(TAKES[self.kind]):
-            takes, has = ", ".join(TAKES[self.kind]), ", ".join(sorted(given)) or "nothing"
+        """Build the tip below a back plate. Raises ShapeError for missing or extra dimensions."""
+        dimensions = {key for keys in TIP_DIMENSIONS.values() for key in keys}
+        values = {key: getattr(self, key) for key in dimensions if getattr(self, key) is not None}
+        if set(values) != set(TIP_DIMENSIONS[self.kind]):
+            takes = ", ".join(TIP_DIMENSIONS[self.kind])
+            has = ", ".join(sorted(values)) or "nothing"
             raise ShapeError(f"a {self.kind} takes {takes}: {has} fails")
-        require_positive(self, *given)
-        if not max(abs(self.x_mm), abs(self.y_mm)) <= ASIDE_MM:
-            raise ShapeError(f"|x_mm|, |y_mm| <= {ASIDE_MM:g}: {self.x_mm:g}, {self.y_mm:g} fails")
+        require_positive(self, *values)
+        if not max(abs(self.x_mm), abs(self.y_mm)) <= MAX_OFFSET_MM:
+            offset = f"{self.x_mm:g}, {self.y_mm:g}"
+            raise ShapeError(f"|x_mm|, |y_mm| <= {MAX_OFFSET_MM:g}: {offset} fails")
         turn, tilt = self.turn_deg, (self.tilt_x_deg, self.tilt_y_deg)
         posed = turn != 0 or any(tilt)
-        at = (0.0, 0.0) if posed else (self.x_mm, self.y_mm)
-        tip = self._plain(given, at)
+        position = (0.0, 0.0) if posed else (self.x_mm, self.y_mm)
+        tip = self._upright_tip(values, position)
         return PosedTip(tip, self.x_mm, self.y_mm, turn, *tilt, top_mm) if posed else tip
 
-    def _plain(self, given: dict[str, Any], at: tuple[float, float]) -> PlainTip:
+    def _upright_tip(self, values: dict[str, Any], position: tuple[float, float]) -> PlainTip:
         if self.kind == "polygon":
-            made: PlainTip = PrismTip.polygon(
-                given["points"], given["outer_mm"], edge_mm=given["edge_mm"]
+            tip: PlainTip = PrismTip.polygon(
+                values["points"], values["outer_mm"], edge_mm=values["edge_mm"]
             )
         elif self.kind == "cylinder":
-            made = TurnedTip.cylinder(**given)
+            tip = TurnedTip.cylinder(**values)
         else:
             kinds = {"ball": SphereTip, "ridge": RidgeTip, "ellipsoid": EllipsoidTip}
-            return kinds[self.kind](*at, **given)
-        return replace(made, x_mm=at[0], y_mm=at[1])
+            return kinds[self.kind](*position, **values)
+        return replace(tip, x_mm=position[0], y_mm=position[1])
 
 
 @dataclass(frozen=True)
 class OwnShape:
-    """An indenter: tips on one back plate, all with their lowest point at the same height."""
+    """Indenter: tips on one back plate, all with their lowest point at the same height."""
 
     tips: tuple[OwnTip, ...]
-    """One table each."""
-    reach_mm: float = REACH_MM
+    """One table per tip."""
+    reach_mm: float = DEFAULT_REACH_MM
     """Free length of tips and shanks, up to the back plate."""
 
     __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
 
     def indenter(self, name: str) -> Indenter:
-        """The indenter. Raises InputError for what is none."""
-        return _made(name, self)
+        """Build the indenter. Raises InputError for an invalid shape."""
+        return _build_indenter(name, self)
 
 
 @lru_cache(maxsize=64)
-def _made(name: str, shape: OwnShape) -> Indenter:
+def _build_indenter(name: str, shape: OwnShape) -> Indenter:
     try:
-        if not re.fullmatch(r"[a-z][a-z0-9-]*", name) or name in ("sphere", *SHAPES):
+        if not re.fullmatch(r"[a-z][a-z0-9-]*", name) or name in ("sphere", *SHAPE_FACTORIES):
             raise ShapeError(f"a name of a-z, 0-9 and -, and no built-in one: {name!r} fails")
         if not shape.tips:
             raise ShapeError("tips >= 1: 0 fails")
-        made = Indenter(
+        indenter = Indenter(
             name, tuple(tip.tip(shape.reach_mm) for tip in shape.tips), reach_mm=shape.reach_mm
         )
-        high = made.equator_mm + SHANK_MM
+        high = indenter.equator_mm + MIN_SHANK_MM
         if not high <= shape.reach_mm <= 50:
             raise ShapeError(
-                f"equator + {SHANK_MM:g} <= reach_mm <= 50: {high:g}, {shape.reach_mm:g} fails"
+                f"equator + {MIN_SHANK_MM:g} <= reach_mm <= 50: {high:g}, {shape.reach_mm:g} fails"
             )
-    except ShapeError as why:
-        raise InputError(f"shape.{name}: {why}") from why
-    return made
+    except ShapeError as error:
+        raise InputError(f"shape.{name}: {error}") from error
+    return indenter
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""A flat prism with equal points: stars and regular polygons; see `tips` for what a tip states."""
+"""Flat prismatic tips with equal points: stars and regular polygons; see `tips`."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ import numpy as np
 from deltact_fab.common import Field, Point2
 
 from .bounded import ShapeError
-from .tips import LowestInTheMiddle, less, require_positive
+from .tips import LowestInTheMiddle, check_less, require_positive
 
-POLYGON = 1e-6  # angle of a notch below which there is none
+MIN_NOTCH_RAD = 1e-6  # by hand: rounding; notches below this angle are none
 
 
 @dataclass(frozen=True)
 class PrismTip(LowestInTheMiddle):
-    """A flat face with n equal points, the first on +x: a star, or a regular polygon.
+    """Flat tip with n equal points, the first on +x: a star or a regular polygon.
 
-    The outline is smooth: points rounded with corner_mm, notches with notch_mm, straight sides
-    between them. The edge of the face is rounded with edge_mm.
+    Points are rounded with corner_mm, notches with notch_mm, the edge of the face with edge_mm;
+    sides are straight.
 
-    points: number of points. outer_mm: from the middle to the end of a rounded point.
-    inner_mm: from the middle to where two sides would meet if the notch were not rounded.
-    `PrismTip.polygon` gives the inner_mm at which two sides are in line and no notch is left.
+    points: number of points. outer_mm: from the centre to the end of a rounded point.
+    inner_mm: from the centre to the intersection of two sides at a notch.
+    `PrismTip.polygon` sets the inner_mm at which two sides are in line, without notch.
     """
 
     x_mm: float
@@ -41,7 +41,7 @@ class PrismTip(LowestInTheMiddle):
     def polygon(
         cls, sides: int, outer_mm: float, corner_mm: float = 0.5, edge_mm: float = 0.3
     ) -> PrismTip:
-        """A regular polygon on the axis; outer_mm: from the middle to a rounded corner."""
+        """Regular polygon on the axis; outer_mm: from the centre to a rounded corner."""
         inner_mm = (outer_mm - corner_mm) * math.cos(math.pi / sides) + corner_mm
         return cls(0.0, 0.0, sides, outer_mm, inner_mm, corner_mm, edge_mm=edge_mm)
 
@@ -49,17 +49,17 @@ class PrismTip(LowestInTheMiddle):
         require_positive(self, "outer_mm", "inner_mm", "corner_mm", "notch_mm", "edge_mm")
         if self.points < 3:
             raise ShapeError(f"points >= 3: {self.points} fails")
-        # Else the rounded edges of a point's two sides would meet, and it would not be flat there.
-        less("edge_mm", self.edge_mm, "corner_mm", self.corner_mm)
-        less("corner_mm", self.corner_mm, "outer_mm", self.outer_mm)
+        # Else the rounded edges of a point's two sides would meet, leaving no flat.
+        check_less("edge_mm", self.edge_mm, "corner_mm", self.corner_mm)
+        check_less("corner_mm", self.corner_mm, "outer_mm", self.outer_mm)
         straight = (self.outer_mm - self.corner_mm) * math.cos(self._half_angle) + self.corner_mm
         if self.inner_mm > straight + 1e-12:
             raise ShapeError(
                 f"inner_mm <= that of a polygon: {self.inner_mm:g} <= {straight:g} fails"
             )
-        less("corner_mm", self.corner_mm, "inner_mm", self.inner_mm)
-        less("0", 0.0, "length of a straight side", self._side.length_mm)
-        less("edge_mm", self.edge_mm, "radius_mm", self.radius_mm)
+        check_less("corner_mm", self.corner_mm, "inner_mm", self.inner_mm)
+        check_less("0", 0.0, "length of a straight side", self._side.length_mm)
+        check_less("edge_mm", self.edge_mm, "radius_mm", self.radius_mm)
 
     @property
     def _half_angle(self) -> float:
@@ -67,12 +67,12 @@ class PrismTip(LowestInTheMiddle):
 
     @cached_property
     def _side(self) -> _Side:
-        """The line from the sharp notch that touches the point's arc."""
+        """Tangent from the sharp notch to the point's arc."""
         cos, sin = math.cos(self._half_angle), math.sin(self._half_angle)
         c, q, corner_x = self.corner_mm, self.notch_mm, self.outer_mm - self.corner_mm
         dx, dy = self.inner_mm * cos - corner_x, self.inner_mm * sin
         d2 = dx**2 + dy**2
-        less("corner_mm", c, "from the point's arc centre to the notch", math.sqrt(d2))
+        check_less("corner_mm", c, "from the point's arc centre to the notch", math.sqrt(d2))
         t = math.sqrt(d2 - c**2)
         normal = (c * dx + t * dy) / d2, (c * dy - t * dx) / d2
         along = (t * dx - c * dy) / d2, (t * dy + c * dx) / d2
@@ -82,7 +82,7 @@ class PrismTip(LowestInTheMiddle):
 
     @property
     def radius_mm(self) -> float:
-        """A ball that fits inside and touches the face: it reaches the deepest notch."""
+        """Radius of the largest ball inside that touches the face, up to the notches."""
         return self._side.notch_r_mm - self.notch_mm
 
     @property
@@ -102,7 +102,7 @@ class PrismTip(LowestInTheMiddle):
         """Distance to the outline, positive inside; exact outside and within corner_mm of it."""
         x, y = x_mm - self.x_mm, y_mm - self.y_mm
         r, half = np.hypot(x, y), self._half_angle
-        # All sides fold onto one half of a point, with its middle on +x.
+        # Fold all sides onto one half of a point, with its axis on +x.
         angle = np.abs(np.mod(np.arctan2(y, x) + half, 2 * half) - half)
         side = self._side
         u, v = r * np.cos(angle) - side.corner_x_mm, r * np.sin(angle)
@@ -114,8 +114,8 @@ class PrismTip(LowestInTheMiddle):
         )
         inset = self.corner_mm - out
         inset = np.where(along < 0, self.corner_mm - np.hypot(u, v), inset)
-        # A polygon has no notch: outside, on the line through a side's middle, rounding finds one.
-        notched = (along > side.length_mm) & (self._notch_angle > POLYGON)
+        # A polygon has no notch; rounding would find one on the line through a side's centre.
+        notched = (along > side.length_mm) & (self._notch_angle > MIN_NOTCH_RAD)
         return np.where(notched, notch - self.notch_mm, inset)
 
     def height_mm(self, x_mm: Field, y_mm: Field) -> Field:
@@ -124,9 +124,9 @@ class PrismTip(LowestInTheMiddle):
         return np.where(inset >= 0, rho - np.sqrt(rho**2 - short**2), np.inf)
 
     def outline(self) -> tuple[Point2, list[tuple[str, tuple[Point2, ...]]]]:
-        """The outline about the tip's own middle: a start, then what is drawn from there.
+        """Closed outline about the tip's centre: start point and segments.
 
-        Each entry is ("line", (end,)) or ("arc", (middle, end)); it closes at the start.
+        Each segment is ("line", (end,)) or ("arc", (middle, end)).
         """
         side, half = self._side, self._half_angle
         c, q = self.corner_mm, self.notch_mm
@@ -134,32 +134,32 @@ class PrismTip(LowestInTheMiddle):
         notch = (side.notch_r_mm * math.cos(half), side.notch_r_mm * math.sin(half))
         notch_start = (notch[0] - q * side.normal[0], notch[1] - q * side.normal[1])
         notch_middle = (notch[0] - q * math.cos(half), notch[1] - q * math.sin(half))
-        notch_end = _turned(_mirrored(notch_start), 2 * half)
-        drawn: list[tuple[str, tuple[Point2, ...]]] = []
+        notch_end = _rotate(_mirror_y(notch_start), 2 * half)
+        segments: list[tuple[str, tuple[Point2, ...]]] = []
         for k in range(self.points):
             turn = 2 * half * k
-            if self._notch_angle > POLYGON:
-                drawn.append(("line", (_turned(notch_start, turn),)))
-                drawn.append(("arc", (_turned(notch_middle, turn), _turned(notch_end, turn))))
-            tip = _turned((self.outer_mm, 0.0), turn + 2 * half)
-            drawn.append(("line", (_turned(_mirrored(start), turn + 2 * half),)))
-            drawn.append(("arc", (tip, _turned(start, turn + 2 * half))))
-        return start, drawn
+            if self._notch_angle > MIN_NOTCH_RAD:
+                segments.append(("line", (_rotate(notch_start, turn),)))
+                segments.append(("arc", (_rotate(notch_middle, turn), _rotate(notch_end, turn))))
+            tip = _rotate((self.outer_mm, 0.0), turn + 2 * half)
+            segments.append(("line", (_rotate(_mirror_y(start), turn + 2 * half),)))
+            segments.append(("arc", (tip, _rotate(start, turn + 2 * half))))
+        return start, segments
 
     @property
     def _notch_angle(self) -> float:
-        """Angle (rad) by which half a notch turns the outline back; 0 for a polygon."""
+        """Angle (rad) of half a notch; 0 for a polygon."""
         normal = math.atan2(self._side.normal[1], self._side.normal[0])
         return normal - self._half_angle
 
 
 @dataclass(frozen=True)
 class _Side:
-    """One straight side of a prism, between the arc of a point on +x and that of the next notch.
+    """Straight side of a prism, between the arcs of the point on +x and the next notch.
 
     along, normal: unit vectors, along from the point to the notch, normal outwards.
     corner_x_mm: x of the point's arc centre, on +x. notch_r_mm: distance of the notch's arc
-    centre from the middle. length_mm: of the straight part.
+    centre from the tip's centre. length_mm: of the straight part.
     """
 
     along: Point2
@@ -169,10 +169,10 @@ class _Side:
     length_mm: float
 
 
-def _turned(p: Point2, angle: float) -> Point2:
+def _rotate(p: Point2, angle: float) -> Point2:
     c, s = math.cos(angle), math.sin(angle)
     return c * p[0] - s * p[1], s * p[0] + c * p[1]
 
 
-def _mirrored(p: Point2) -> Point2:
+def _mirror_y(p: Point2) -> Point2:
     return p[0], -p[1]

@@ -1,9 +1,8 @@
-"""A rigid indenter as numbers: its tips, its stem, and how deep it reaches.
+"""Geometry of a rigid indenter: tips, stem and reach.
 
-The tip's lowest point is at z = 0 in the indenter's frame; the body lies above. `tips` says what a
-tip states. One that is turned about its axis, and tilted, moves with its shank as one rigid body,
-whose lowest point is set back to z = 0; the shank goes on along its own axis up to the back plate,
-so that a tilted tip leans.
+The tip's lowest point is at z = 0 in the indenter's frame; the body is above. `tips` defines the
+attributes of a tip. A turned or tilted tip moves with its shank as one rigid body, shifted so that
+its lowest point is at z = 0; the shank continues along its own axis up to the back plate.
 """
 
 from __future__ import annotations
@@ -24,13 +23,13 @@ from .turned import TurnedTip
 
 PlainTip = SphereTip | RidgeTip | EllipsoidTip | PrismTip | TurnedTip
 
-TILT_DEG = 45.0
-_LEVEL_MM = 0.1  # heights that are looked at for the first inside the body; no tip is thinner
-_GRID = np.linspace(-1.0, 1.0, 61)
+TIP_TILT_DEG = 45.0  # by hand: steeper tips press with their shank
+_SEARCH_STEP_MM = 0.1  # by hand: bracketing step of the underside; no tip is thinner
+_UNIT_GRID = np.linspace(-1.0, 1.0, 61)
 
 
 def edge_radius_mm(tip: PlainTip | PosedTip) -> float:
-    """Smallest convex radius of a tip's underside, however it is turned."""
+    """Smallest convex radius of a tip's underside, in any orientation."""
     if isinstance(tip, PosedTip):
         return edge_radius_mm(tip.tip)
     if isinstance(tip, EllipsoidTip):
@@ -39,20 +38,20 @@ def edge_radius_mm(tip: PlainTip | PosedTip) -> float:
         return tip.edge_mm
     if not isinstance(tip, TurnedTip):
         return tip.radius_mm
-    found, a = tip.radius_mm, tip.start_mm
+    radius, a = tip.radius_mm, tip.start_mm
     for piece in tip.pieces:
         c = piece.centre_mm
         if c is not None and c[1] >= max(a[1], piece.end_mm[1]) - 1e-9:
-            found = min(found, math.dist(c, a))
+            radius = min(radius, math.dist(c, a))
         a = piece.end_mm
-    return found
+    return radius
 
 
 @dataclass(frozen=True)
 class PosedTip:
-    """A tip tilted about x, then about y, then turned about z, standing at (x, y).
+    """Tip tilted about x, then about y, then turned about z, at (x, y).
 
-    tip: at x = y = 0. top_mm: height of the back plate, at which the shank ends.
+    tip: at x = y = 0. top_mm: height of the back plate, where the shank ends.
     """
 
     tip: PlainTip
@@ -64,10 +63,11 @@ class PosedTip:
     top_mm: float = 12.0
 
     def __post_init__(self) -> None:
-        for name, most in (("turn_deg", 360.0), ("tilt_x_deg", TILT_DEG), ("tilt_y_deg", TILT_DEG)):
+        tilts = {"tilt_x_deg": TIP_TILT_DEG, "tilt_y_deg": TIP_TILT_DEG}
+        for name, limit in {"turn_deg": 360.0, **tilts}.items():
             value = getattr(self, name)
-            if not abs(value) <= most:
-                raise ShapeError(f"|{name}| <= {most:g}: {value:g} fails")
+            if not abs(value) <= limit:
+                raise ShapeError(f"|{name}| <= {limit:g}: {value:g} fails")
 
     @cached_property
     def turn(self) -> NDArray[np.float64]:
@@ -80,12 +80,12 @@ class PosedTip:
 
     @property
     def tilted(self) -> bool:
-        """Whether its axis is not upright."""
+        """True if the axis is not vertical."""
         return self.tilt_x_deg != 0 or self.tilt_y_deg != 0
 
     @cached_property
     def origin_mm(self) -> NDArray[np.float64]:
-        """Where the origin of the tip's own frame stands, (3,)."""
+        """Origin (3,) of the tip's own frame."""
         return np.array([self.x_mm, self.y_mm, -self._lowest[2]])
 
     @property
@@ -94,9 +94,9 @@ class PosedTip:
 
     @cached_property
     def _lowest(self) -> tuple[float, float, float]:
-        """The lowest point of the turned underside from the tip's own origin.
+        """Lowest point of the rotated underside relative to the tip's origin.
 
-        On a grid that closes in on it; exact to 1e-9 mm for a convex tip.
+        By successive grid refinement; exact to 1e-9 mm for a convex tip.
         """
         if not self.tilted:
             (x, y), (dx, dy) = self.tip.lowest_mm, self.turn[:2, :2]
@@ -104,7 +104,7 @@ class PosedTip:
         (u0, v0), (a, b) = (0.0, 0.0), self.tip.half_mm
         best = (0.0, 0.0, math.inf)
         for _ in range(16):
-            u, v = np.meshgrid(u0 + a * _GRID, v0 + b * _GRID)
+            u, v = np.meshgrid(u0 + a * _UNIT_GRID, v0 + b * _UNIT_GRID)
             w = self.tip.height_mm(u, v)
             inside = np.isfinite(w)
             points = np.stack([u[inside], v[inside], w[inside]])
@@ -118,92 +118,91 @@ class PosedTip:
 
     @property
     def radius_mm(self) -> float:
-        least = edge_radius_mm(self.tip) if self.tilted else self.tip.radius_mm
-        return min(self.tip.radius_mm, least)
+        edge = edge_radius_mm(self.tip) if self.tilted else self.tip.radius_mm
+        return min(self.tip.radius_mm, edge)
 
     @cached_property
     def equator_mm(self) -> float:
-        """Height at which the sides turn vertical, the least round the tip; to 1e-3 mm if tilted.
+        """Smallest height at which the sides turn vertical; to 1e-3 mm if tilted.
 
-        Along 24 directions from the lowest point, where the outline ends.
+        Evaluated at the outline in 24 directions from the lowest point.
         """
         if not self.tilted:
             return self.tip.equator_mm
         angle = np.arange(24) * math.pi / 12
-        way, start = np.stack([np.cos(angle), np.sin(angle)]), self.lowest_mm
+        direction, start = np.stack([np.cos(angle), np.sin(angle)]), self.lowest_mm
         low, high = np.zeros(24), np.full(24, 2 * math.hypot(*self.half_mm))
         for _ in range(40):
             middle = (low + high) / 2
-            x, y = start[0] + middle * way[0], start[1] + middle * way[1]
+            x, y = start[0] + middle * direction[0], start[1] + middle * direction[1]
             inside = np.isfinite(self.height_mm(x, y))
             low, high = np.where(inside, middle, low), np.where(inside, high, middle)
-        rim = self.height_mm(start[0] + low * way[0], start[1] + low * way[1])
+        rim = self.height_mm(start[0] + low * direction[0], start[1] + low * direction[1])
         return float(rim.min())
 
     @property
     def half_mm(self) -> Point2:
-        """Half sides (x, y) of a box around the tip and its leaning shank, seen along z."""
+        """Half sides (x, y) of the bounding box of tip and tilted shank, seen along z."""
         (a, b), up = self.tip.half_mm, self.top_mm / self.turn[2, 2]
         x, y, _ = np.abs(self.turn) @ (a, b, up if self.tilted else 0.0)
         return float(x), float(y)
 
     @property
     def corner_mm(self) -> float:
-        """Smallest convex radius of the outline; half of the tip's where it is tilted."""
+        """Smallest convex radius of the outline; half of the tip's if tilted."""
         return self.tip.corner_mm / 2 if self.tilted else self.tip.corner_mm
 
     def height_mm(self, x_mm: Field, y_mm: Field) -> Field:
-        """Underside above the lowest point, inf beside the tip; indenter frame, one shape.
+        """Height of the underside above the lowest point, inf outside; arrays of one shape.
 
-        Of a tilted tip where the upright line through a point first meets the body, found between
-        heights _LEVEL_MM apart and halved to 1e-12 mm.
+        For a tilted tip, the first intersection of the vertical line with the body, bracketed in
+        steps of _SEARCH_STEP_MM and bisected to 1e-12 mm.
         """
         x, y = np.broadcast_arrays(x_mm, y_mm)
         x, y = x.astype(np.float64) - self.x_mm, y.astype(np.float64) - self.y_mm
         if not self.tilted:
             (xx, xy), (yx, yy) = self.turn[:2, :2]
             return self.tip.height_mm(xx * x + yx * y, xy * x + yy * y)
-        found = np.full(x.shape, np.inf)
+        height = np.full(x.shape, np.inf)
         open_ = np.flatnonzero((np.abs(x) <= self.half_mm[0]) & (np.abs(y) <= self.half_mm[1]))
         flat_x, flat_y = x.ravel(), y.ravel()
-        steps = math.ceil(self.top_mm / _LEVEL_MM)
+        steps = math.ceil(self.top_mm / _SEARCH_STEP_MM)
         for k in range(steps + 1):
             z = self.top_mm * k / steps
-            met = self._holds(flat_x[open_], flat_y[open_], np.full(open_.shape, z))
-            found.flat[open_[met]] = z
-            open_ = open_[~met]
-        at = np.flatnonzero(np.isfinite(found.ravel()) & (found.ravel() > 0))
-        high = found.ravel()[at]
+            inside = self._contains(flat_x[open_], flat_y[open_], np.full(open_.shape, z))
+            height.flat[open_[inside]] = z
+            open_ = open_[~inside]
+        index = np.flatnonzero(np.isfinite(height.ravel()) & (height.ravel() > 0))
+        high = height.ravel()[index]
         low = high - self.top_mm / steps
         for _ in range(40):
             middle = (low + high) / 2
-            met = self._holds(flat_x[at], flat_y[at], middle)
-            low, high = np.where(met, low, middle), np.where(met, middle, high)
-        found.flat[at] = high
-        return found
+            inside = self._contains(flat_x[index], flat_y[index], middle)
+            low, high = np.where(inside, low, middle), np.where(inside, middle, high)
+        height.flat[index] = high
+        return height
 
-    def _holds(self, x: Field, y: Field, z: Field) -> NDArray[np.bool_]:
-        """Whether points from where the tip stands are inside the body."""
+    def _contains(self, x: Field, y: Field, z: Field) -> NDArray[np.bool_]:
+        """True for points, relative to the tip's position, inside the body."""
         u, v, w = self.turn.T @ np.stack([x, y, z + self._lowest[2]])
         inside: NDArray[np.bool_] = w >= self.tip.height_mm(u, v)
         return inside
 
 
 Tip = PlainTip | PosedTip
-REACH_MM = 12.0  # as long as the standard gel is thick
+DEFAULT_REACH_MM = 12.0  # paper: thickness of the standard gel
 
 
 @dataclass(frozen=True)
 class Indenter:
-    """A rigid indenter: tips with their shanks on one back plate, and a stem.
+    """Rigid indenter: tips with shanks on one back plate, and a stem.
 
-    name: what the user typed, normalised (`sphere:10`, `4dots`).
-    tips: what touches the gel; outside all of them the indenter is out of reach.
-    stem_diameter_mm: the stem that fits the stage's tool holder.
-    stem_flat_at_mm: the stem's flat from its axis, on the side of the tips' +x and over the whole
-    length: it clocks the tips in the tool holder. The same for all.
-    reach_mm: free length from the lowest point up to the back plate, that is, the depth to which
-    tips and shanks alone can be pressed.
+    name: normalised user input (`sphere:10`, `4dots`).
+    tips: surfaces that can touch the gel.
+    stem_diameter_mm: fits the stage's tool holder.
+    stem_flat_at_mm: distance of the stem's flat from its axis, on the tips' +x side over the whole
+    length; it orients the tips in the tool holder. The same for all indenters.
+    reach_mm: free length from the lowest point up to the back plate, the largest depth of a press.
     """
 
     name: str
@@ -211,7 +210,7 @@ class Indenter:
     stem_diameter_mm: float = 6.0
     stem_length_mm: float = 20.0
     stem_flat_at_mm: float = 2.2
-    reach_mm: float = REACH_MM
+    reach_mm: float = DEFAULT_REACH_MM
 
     @property
     def edge_radius_mm(self) -> float:
@@ -220,12 +219,12 @@ class Indenter:
 
     @property
     def slug(self) -> str:
-        """The name as it may stand in a file name."""
+        """Name for use in file names."""
         return self.name.replace(":", "-").replace(".", "p")
 
     @property
     def footprint_half_mm(self) -> tuple[float, float]:
-        """Half sides of the box around the tips as seen along z (x, y)."""
+        """Half sides (x, y) of the bounding box of the tips, seen along z."""
         return (
             max(abs(t.x_mm) + t.half_mm[0] for t in self.tips),
             max(abs(t.y_mm) + t.half_mm[1] for t in self.tips),
@@ -233,17 +232,17 @@ class Indenter:
 
     @property
     def equator_mm(self) -> float:
-        """Depth at which the first tip is in up to where its sides turn vertical.
+        """Depth at which the sides of the first tip turn vertical.
 
-        A model of the gel's face as a height field ends there; the indenter itself goes on.
+        A height-field model of the face is valid up to this depth.
         """
         return min(t.equator_mm for t in self.tips)
 
     def height_mm(self, x_mm: Field, y_mm: Field) -> Field:
-        """Height of the indenter's underside above its lowest point, inf where there is none.
+        """Height of the indenter's underside above its lowest point, inf outside the tips.
 
-        x_mm, y_mm: arrays of one shape, relative to the indenter's axis. Returns that shape. Shanks
-        and back plate are not in it: they are out of sight from below or further away.
+        x_mm, y_mm: arrays of one shape, relative to the indenter's axis. Returns that shape,
+        without shanks and back plate.
         """
         height = np.full(np.broadcast(x_mm, y_mm).shape, np.inf)
         for tip in self.tips:

@@ -1,4 +1,4 @@
-"""Dimensions of the sensor that more than one side of the product needs (paper, Hardware Design).
+"""Dimensions of the sensor shared by several subsystems (paper, Hardware Design).
 
 Sensor frame: origin at the centre of the resting outer face, x along the width (36 mm), y along
 the length (34 mm), z out of the sensor. All lengths in millimetres.
@@ -11,21 +11,21 @@ from typing import ClassVar
 
 from .bounded import Bounded, ShapeError, bounded_number
 
-N_SILICONE = 1.41
-N_ACRYLIC = 1.49
+N_SILICONE = 1.41  # by hand: typical refractive index of clear silicone; scales depths seen
+N_ACRYLIC = 1.49  # by hand: typical refractive index of PMMA
 
 
 @dataclass(frozen=True)
 class SkinDimensions(Bounded):
-    """The clear silicone block behind the pattern (paper: 36 x 34 x 12, edges filleted)."""
+    """Clear silicone block behind the pattern (paper: 36 x 34 x 12, edges filleted)."""
 
     film_margin_mm: ClassVar[float] = 10.0
-    """Pattern film beyond the face on each side (assumed): held while laid, trimmed when dry."""
+    """Margin of the pattern film on each side (assumed): for handling, trimmed when dry."""
     width_mm: float = bounded_number(36.0, "side along x", 5, 200)
     length_mm: float = bounded_number(34.0, "side along y", 5, 200)
     thickness_mm: float = bounded_number(12.0, "outer face to acrylic", 0.5, 60)
     edge_fillet_mm: float = bounded_number(2.0, "rounding of the touched face's edges", 0.05, 50)
-    protrusion_mm: float = bounded_number(6.0, "height that stands proud of the frame", 0.1, 60)
+    protrusion_mm: float = bounded_number(6.0, "protrusion above the frame", 0.1, 60)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -41,33 +41,33 @@ class SkinDimensions(Bounded):
             )
 
     def film_mm(self, margin_mm: float = film_margin_mm) -> tuple[float, float]:
-        """Sides (x, y) of the film that carries the pattern: the face, and the margin all around.
+        """Sides (x, y) of the pattern film: the face with a margin all around.
 
-        The bill of materials, the guide and the print sheets take it from here.
+        Used by the bill of materials, the guide and the print sheets.
         """
         return (self.width_mm + 2 * margin_mm, self.length_mm + 2 * margin_mm)
 
     @property
     def opening_half_mm(self) -> tuple[float, float]:
-        """Half sides of the face, inside which footprint and shear must stay (x, y)."""
+        """Half sides (x, y) of the face, which footprint and shear must not exceed."""
         return (self.width_mm / 2, self.length_mm / 2)
 
 
 @dataclass(frozen=True)
 class FrameDimensions(Bounded):
-    """The black tactile skin base that holds the skin: an outer box with a window."""
+    """Black frame that holds the skin: an outer box with a window."""
 
-    wall_x_mm: float = bounded_number(1.5, "wall beside the skin in x; (39 - 36) / 2", 0.5, 50)
-    wall_y_mm: float = bounded_number(3.0, "wall beside the skin in y; (40 - 34) / 2", 0.5, 50)
+    wall_x_mm: float = bounded_number(1.5, "wall next to the skin in x; (39 - 36) / 2", 0.5, 50)
+    wall_y_mm: float = bounded_number(3.0, "wall next to the skin in y; (40 - 34) / 2", 0.5, 50)
     seat_y_mm: float = bounded_number(1.5, "ledge in y that the acrylic rests on", 0.2, 20)
     seat_x_mm: float = bounded_number(
-        0.0, "by which the acrylic's pocket is wider than the skin", 0, 20
+        0.0, "excess width of the acrylic's pocket over the skin", 0, 20
     )
 
 
 @dataclass(frozen=True)
 class OpticsDimensions(Bounded):
-    """What the camera looks through, and how much of the face it sees."""
+    """Optical path of the camera, and its field of view on the face."""
 
     air_gap_mm: float = bounded_number(3.0, "lens to acrylic", 0.1, 50)
     acrylic_mm: float = bounded_number(2.0, "thickness of the acrylic plate", 0.5, 20)
@@ -81,10 +81,10 @@ class OpticsDimensions(Bounded):
         """Size of the field of view on the resting face, (x, y) = image in px x mm_per_px."""
         return (self.image_width_px * self.mm_per_px, self.image_height_px * self.mm_per_px)
 
-    def beyond(self, side_mm: float) -> str | None:
-        """Why a square print of that side on the face does not fill the view; None where it does.
+    def print_shortfall(self, side_mm: float) -> str | None:
+        """Return why a square print of side_mm does not fill the view; None if it does.
 
-        Without a print the camera sees nothing that moves.
+        Without a print no motion is visible.
         """
         if side_mm >= max(self.view_mm):
             return None
@@ -97,7 +97,7 @@ class OpticsDimensions(Bounded):
 
 @dataclass(frozen=True)
 class SensorDimensions(Bounded):
-    """The optical half of the sensor; derived lengths are properties with their equation."""
+    """Optical part of the sensor; derived lengths are properties with their equation."""
 
     skin: SkinDimensions = field(default_factory=SkinDimensions)
     frame: FrameDimensions = field(default_factory=FrameDimensions)
@@ -105,7 +105,7 @@ class SensorDimensions(Bounded):
 
     @property
     def focal_px(self) -> float:
-        """Focal length in px of the raw image: 0.87 mm of 2.24 um pixels; a design has its own."""
+        """Focal length in px of the raw image: 0.87 mm of 2.24 um pixels; overridden by designs."""
         return 870 / 2.24
 
     @property
@@ -115,7 +115,7 @@ class SensorDimensions(Bounded):
 
     @property
     def raw_size_px(self) -> tuple[int, int]:
-        """Width and height of the raw image; a design has its own camera's."""
+        """Width and height of the raw image; a design overrides it with its camera's."""
         return 1280, 720
 
     @property
@@ -135,7 +135,7 @@ class SensorDimensions(Bounded):
     def eye_distance_mm(self) -> float:
         """Apparent distance of the face from the lens: g + t_acrylic / n + t_silicone / n.
 
-        Paraxial Snell; the pinhole camera of this level of the optics stands there.
+        Paraxial Snell; position of the pinhole camera.
         """
         return (
             self.optics.air_gap_mm

@@ -1,14 +1,14 @@
-"""Tips: the surfaces by which an indenter touches the gel, each one definition in numbers.
+"""Tips: surfaces by which an indenter touches the gel, defined parametrically.
 
 A tip has its lowest point at z = 0. Its underside rises to `equator_mm`, where its sides turn
-vertical; from there a shank of the same outline goes on. `height_mm` is the underside, and the CAD
-solid is made from the same numbers.
+vertical; a shank of the same outline continues from there. `height_mm` is the underside; the CAD
+solid has the same parameters.
 
-Every tip states:
-x_mm, y_mm: where it stands in the indenter's frame.
-lowest_mm: (x, y) of a lowest point in the same frame; of a ring it is not the middle.
+Attributes of every tip:
+x_mm, y_mm: position in the indenter's frame.
+lowest_mm: (x, y) of a lowest point in the same frame; for a ring not its centre.
 radius_mm: a ball of this radius fits inside the tip and touches it at its lowest point.
-    A grid node within d of that point is met from the depth radius - sqrt(radius^2 - d^2) on.
+    A grid node within d of that point is touched from depth radius - sqrt(radius^2 - d^2).
 equator_mm: height at which the height field ends.
 half_mm: half sides (x, y) of the box around the tip, seen along z.
 corner_mm: smallest radius of the convex parts of its outline.
@@ -27,7 +27,7 @@ from .bounded import ShapeError
 
 
 class LowestInTheMiddle:
-    """A tip whose lowest point is where it stands."""
+    """Tip with its lowest point at its position."""
 
     x_mm: float
     y_mm: float
@@ -39,7 +39,7 @@ class LowestInTheMiddle:
 
 @dataclass(frozen=True)
 class SphereTip(LowestInTheMiddle):
-    """One spherical cap of the indenter's face at (x, y), with its lowest point at z = 0."""
+    """Spherical tip at (x, y), with its lowest point at z = 0."""
 
     x_mm: float
     y_mm: float
@@ -66,7 +66,7 @@ class SphereTip(LowestInTheMiddle):
 
 @dataclass(frozen=True)
 class RidgeTip(LowestInTheMiddle):
-    """A straight ridge along y: a wedge with a rounded nose, and ends turned about its last points.
+    """Straight ridge along y: a wedge with a rounded nose and round ends.
 
         seen along y             seen along z
          |     |  equator_mm        ___
@@ -87,23 +87,24 @@ class RidgeTip(LowestInTheMiddle):
 
     def __post_init__(self) -> None:
         require_positive(self, "radius_mm", "half_width_mm", "length_mm")
-        less("0", 0.0, "flank_deg", self.flank_deg)
-        less("flank_deg", self.flank_deg, "90", 90.0)
-        less("radius_mm cos(flank_deg)", self.nose_half_mm, "half_width_mm", self.half_width_mm)
+        check_less("0", 0.0, "flank_deg", self.flank_deg)
+        check_less("flank_deg", self.flank_deg, "90", 90.0)
+        half_mm = self.half_width_mm
+        check_less("radius_mm cos(flank_deg)", self.nose_half_mm, "half_width_mm", half_mm)
 
     @property
     def nose_half_mm(self) -> float:
-        """Distance from the ridge's middle at which the nose meets the flank, tangent to it."""
+        """Distance from the ridge's centre line where the nose meets the flank tangentially."""
         return self.radius_mm * math.cos(math.radians(self.flank_deg))
 
     @property
     def nose_height_mm(self) -> float:
-        """Height of that place."""
+        """Height where the nose meets the flank."""
         return self.radius_mm * (1 - math.sin(math.radians(self.flank_deg)))
 
     @property
     def slope(self) -> float:
-        """Rise of the flank over its run."""
+        """Slope of the flank, dz/dx."""
         return 1 / math.tan(math.radians(self.flank_deg))
 
     @property
@@ -119,8 +120,8 @@ class RidgeTip(LowestInTheMiddle):
         return self.half_width_mm
 
     def height_mm(self, x_mm: Field, y_mm: Field) -> Field:
-        beyond = np.maximum(np.abs(y_mm - self.y_mm) - self.length_mm / 2, 0.0)
-        d = np.hypot(x_mm - self.x_mm, beyond)
+        overhang = np.maximum(np.abs(y_mm - self.y_mm) - self.length_mm / 2, 0.0)
+        d = np.hypot(x_mm - self.x_mm, overhang)
         nose = np.minimum(d, self.nose_half_mm)
         round_ = self.radius_mm - np.sqrt(self.radius_mm**2 - nose**2)
         flank = self.nose_height_mm + (d - self.nose_half_mm) * self.slope
@@ -130,10 +131,10 @@ class RidgeTip(LowestInTheMiddle):
 
 @dataclass(frozen=True)
 class EllipsoidTip(LowestInTheMiddle):
-    """Half an ellipsoid with its round axis along x: semi-axes a along x, b along y and z.
+    """Half a spheroid with its axis along x: semi-axes a along x, b along y and z.
 
-    A spheroid, for the kernel turns it exactly; of a free ellipsoid it has splines only, and its
-    volumes of those are off by a per cent.
+    A spheroid because the CAD kernel revolves it exactly; a general ellipsoid is a spline there,
+    with a volume error of 1 %.
     """
 
     x_mm: float
@@ -177,7 +178,7 @@ def require_positive(record: object, *names: str) -> None:
             raise ShapeError(f"{name} > 0 and finite: {value} fails")
 
 
-def less(small: str, a: float, large: str, b: float) -> None:
+def check_less(small: str, a: float, large: str, b: float) -> None:
     """Raise ShapeError stating `a < b` with its numbers unless it holds (NaN fails)."""
     if not a < b:
         raise ShapeError(f"{small} < {large}: {a:g} < {b:g} fails")

@@ -102,7 +102,7 @@ class RunRequest:
     def estimate(self) -> RunEstimate:
         """Frames, time and disk of the whole run."""
         image_px, rig = rule.image_px(self.view, self.rig), self.rig
-        return RunEstimate.of(
+        return RunEstimate.from_protocol(
             self.protocol, image_px, rig.stage, self.steps, not rig.simulated,
             self.kind.change_s(self.protocol) if self._in_contact else 0.0,
         )  # fmt: skip
@@ -178,7 +178,7 @@ class RunRequest:
             recipe = self.recipe
         except InputError as error:
             return [str(error)]
-        shortfall = self.design.optics.beyond(recipe.printed_mm)
+        shortfall = self.design.optics.print_shortfall(recipe.printed_mm)
         if "image" in self.protocol.channels and shortfall is not None:
             return [
                 f"{self.source}: specimen.pattern: {self.protocol.specimen.pattern!r}: {shortfall}"
@@ -194,7 +194,7 @@ class RunRequest:
     def _bad_format(self) -> list[str]:
         """Reasons why images cannot be written in the format of the rig file."""
         try:
-            ImageFormat.of({"rig": self.rig.recorded()}).require()
+            ImageFormat.from_meta({"rig": self.rig.recorded()}).require()
         except MissingLibrary as error:
             return [str(error)]
         return []

@@ -66,7 +66,7 @@ def run_experiment(
         if recorded.finished and note is not None:
             raise InputError(f"--note: {out} has finished; `deltact-fab record note` adds to it")
         if recorded.finished:
-            check_run(out, request.progress).require_whole()
+            check_run(out, request.progress).require_intact()
             return {**recorded.summary(), "already_finished": True}
     else:
         _require_new(out, text)
@@ -80,7 +80,7 @@ def run_experiment(
             remark.add_to(out)
         with closing(request.kind.build(job, request.progress)) as bench:
             counts, rig_seconds = carry_out_steps(bench, steps, writer, request.progress, live)
-            kept_frames = sum(step.frames for step in steps if step.press in writer.kept)
+            kept_frames = sum(step.frames for step in steps if step.press in writer.kept_presses)
             remarks = [*bench.notes(), *warnings, *_resumed(writer.session, kept_frames)]
             if request.air:
                 remarks.insert(0, AIR_RUN)

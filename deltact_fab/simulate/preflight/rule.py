@@ -219,9 +219,9 @@ def resource_checks(
     that goes on has there already is not needed again.
     """
     px = image_px(view, rig)
-    held_hz = ImageFormat.of({"rig": rig.recorded()}).rate_held_hz(px)
+    held_hz = ImageFormat.from_meta({"rig": rig.recorded()}).sustained_rate_hz(px)
     camera_hz = getattr(rig.camera, "rate_hz", None)
-    estimate = RunEstimate.of(protocol, px, rig.stage, steps)
+    estimate = RunEstimate.from_protocol(protocol, px, rig.stage, steps)
     files = out.rglob("*") if (out / "run.json").is_file() else ()
     kept_mb = sum(file.stat().st_size for file in files if file.is_file()) / 1e6
     most_hz = held_hz if camera_hz is None else min(held_hz, camera_hz)

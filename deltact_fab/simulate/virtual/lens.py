@@ -27,13 +27,13 @@ def true_lens(config: VirtualConfig, sensor: SensorDimensions) -> Fisheye:
 
     Raises InputError for numbers that are another sensor's.
     """
-    nominal = Fisheye.of(sensor).as_dict()
+    nominal = Fisheye.from_sensor(sensor).as_dict()
     overrides = config.virtual.lens
     values = dict(nominal)
     if overrides is not None:
         made_for = nominal
         if overrides.design is not None:
-            made_for = Fisheye.of(load_design(overrides.design)).as_dict()
+            made_for = Fisheye.from_sensor(load_design(overrides.design)).as_dict()
         for key, value in overrides.numbers().items():
             differs = abs(value - nominal[key]) > ASSEMBLY_MM.get(key, np.inf)
             if overrides.design is None and differs:
@@ -56,7 +56,7 @@ def tracked_view(config: VirtualConfig, sensor: SensorDimensions, source: Path) 
     or is so far off that its view is not in the picture.
     """
     if config.camera is None:
-        view, label = Rectified.of(sensor, Fisheye.of(sensor)), "the design's lens"
+        view, label = Rectified.from_sensor(sensor), "the design's lens"
     else:
         label = str(source.parent / config.camera.model)
         loaded = load_view(config.camera, sensor, source)

@@ -71,7 +71,7 @@ ON_FACE = BoardPose((0.0, 0.0, 0.0), Rotation.identity())
 class Studio:
     def __init__(self, lens: Fisheye, sensor: ImageSensor, design: SensorDimensions) -> None:
         self.lens, self.design = lens, design
-        self._exposure = Exposure(sensor, RawView(lens, Rectified.of(design, lens)).offset)
+        self._exposure = Exposure(sensor, RawView(lens, Rectified.from_sensor(design, lens)).offset)
         rows, columns = np.arange(-1.0, lens.height_px + 1), np.arange(-1.0, lens.width_px + 1)
         self._origin, self._slope = lens.ray(np.stack(np.meshgrid(columns, rows), -1), "air")
 
@@ -219,7 +219,7 @@ def take_photographs(
         raise InputError("--air: a skin is not held in the air; name the board with --air-board")
     if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
         raise InputError(f"{folder}: is there already; name a new folder")
-    shortfall = design.optics.beyond(board.nx * board.square_mm) if board.skin else None
+    shortfall = design.optics.print_shortfall(board.nx * board.square_mm) if board.skin else None
     if shortfall is not None:
         raise InputError(f"--board skin: {shortfall}: wet a larger board onto the face")
     lens = true_lens(config, design)

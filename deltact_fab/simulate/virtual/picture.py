@@ -135,7 +135,7 @@ class PictureGeometry:
     @classmethod
     def resting(cls, sensor: SensorDimensions) -> PictureGeometry:
         """The geometry of the design's own pinhole, of a face that nothing touches."""
-        camera = Pinhole.of(sensor)
+        camera = Pinhole.from_sensor(sensor)
         margin_mm = cls.MARGIN_PX * camera.mm_per_px
         nx, ny = (
             2 * math.ceil((side / 2 + margin_mm) / NODES_MM) + 1 for side in sensor.optics.view_mm

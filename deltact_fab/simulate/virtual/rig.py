@@ -46,7 +46,7 @@ class VirtualKind(RigKind):
     def camera(self, protocol: Protocol, sensor: SensorDimensions) -> Pinhole | Rectified | None:
         """The design's pinhole, or the view through the lens; that only where images are taken."""
         if self._config.virtual.lens is None:
-            return Pinhole.of(sensor)
+            return Pinhole.from_sensor(sensor)
         if "image" not in protocol.channels:
             return None
         from .lens import tracked_view

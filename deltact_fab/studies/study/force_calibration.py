@@ -67,7 +67,7 @@ def _simulated(asked: StudyRequest) -> StudyResult:
     result = fit_best_model(
         data, asked.seed, lambda model, error: of.calibration(name, model, error), source=name
     )
-    told = RunEstimate.of(protocol, 0, of.rig.stage)
+    told = RunEstimate.from_protocol(protocol, 0, of.rig.stage)
     deepest, shear = protocol.depths_mm[-1], protocol.shear
     stops = (told.settled // told.presses - 1) // len(protocol.depths_mm) if told.presses else 0
     return found(

@@ -110,7 +110,7 @@ class PressScene:
             view, flat = kind.camera(alone, self.sensor), kind.flat(alone)
             more["rig_file"] = str(self.source.resolve())
             more["camera"] = None if view is None else view.as_dict()
-            more["flat"] = None if flat is None else hashlib.sha256(flat.png()).hexdigest()
+            more["flat"] = None if flat is None else hashlib.sha256(flat.to_png()).hexdigest()
         # Of a design no more than a sensor is: what is built around it changes no point.
         sensor = SensorDimensions(self.sensor.skin, self.sensor.frame, self.sensor.optics)
         job_data = arguments(alone, sensor, self.rig, press, self.seed, **more)

@@ -242,7 +242,7 @@ class DragFrame(NamedTuple):
 
 def view_of(sensor: SensorDimensions) -> Pinhole:
     """The middle of the sensor's view, with at most FIELD_PX pixels, even ones for the mosaic."""
-    whole = Pinhole.of(sensor)
+    whole = Pinhole.from_sensor(sensor)
     part = min(1.0, (FIELD_PX / (whole.width_px * whole.height_px)) ** 0.5)
     width_px, height_px = (2 * int(part * n / 2) for n in (whole.width_px, whole.height_px))
     return replace(whole, width_px=width_px, height_px=height_px)
@@ -267,7 +267,7 @@ def dragged(view: Pinhole, seed: int) -> list[DragFrame]:
     return [
         DragFrame(
             drawing.material_px(u_mm),
-            TrueFrame.from_flow(*seen.both(u_mm), in_view, view.mm_per_px),
+            TrueFrame.from_flow(*seen.motion(u_mm), in_view, view.mm_per_px),
         )
         for u_mm in (whole * (k / OUTWARD) for k in range(1, OUTWARD + 1))
     ]

@@ -139,11 +139,11 @@ def settings(of: PressScene, gel: Sequence[Mapping[str, Any]]) -> dict[str, str]
         "places": f"{'; '.join(f'({x:g}, {y:g})' for x, y in first.positions_mm)} mm",
         "depth calibrated on": f"{ball.indenters[0]} at {_depths(ball)} mm (protocol {BALL})",
         "force calibrated on": f"{', '.join(force.indenters)} at {len(force.positions_mm)} places, "
-        f"{RunEstimate.of(force, 0, box).settled} settled points (of {FORCE}); model "
-        f"{FORCE_MODEL}",
+        f"{RunEstimate.from_protocol(force, 0, box).settled} settled points (of {FORCE}); "
+        f"model {FORCE_MODEL}",
         "twist": f"{twist.indenters[0]} at {at} mm, sheared around a grid",
-        "frames": f"the tip at most {RunEstimate.of(first, 0, box).between_frames_mm:.2g} mm "
-        "further in each",
+        "frames": f"the tip at most "
+        f"{RunEstimate.from_protocol(first, 0, box).between_frames_mm:.2g} mm further in each",
         **of.settings(gel),
     }
 

@@ -115,7 +115,7 @@ class PressStream:
                 )
             true = None
             if number:
-                flow, in_plane = (still, still) if u_mm is None else self.seen.both(u_mm)
+                flow, in_plane = (still, still) if u_mm is None else self.seen.motion(u_mm)
                 true = TrueFrame.from_flow(flow, in_plane, in_view, self.view.mm_per_px)
             yield FaceFrame(number, look, self.geometry.material_px(u_mm), u_mm, true)
 
@@ -140,7 +140,7 @@ class PressStream:
 
     @cached_property
     def _light(self) -> FlatField | None:
-        return None if self._flat is None else self._flat.seen_by(self.view)
+        return None if self._flat is None else self._flat.for_view(self.view)
 
     def _field(self, knot: int) -> NDArray[Any]:
         """Displacement (ny, nx, 3) of a knot on the cut lattice; the last two are kept."""

@@ -83,7 +83,7 @@ def test_from_photographs_to_a_camera_file(place: Path) -> None:
     x, y = np.meshgrid(np.linspace(-15, 15, 9), np.linspace(-11, 11, 7))
     at = np.stack((x, y), -1)
     assert np.abs(view.rest_px(lens.rest_mm(true.rest_px(at))) - view.rest_px(at)).max() < 0.1
-    flat = FlatField.beside(out)
+    flat = FlatField.from_camera_file(out)
     assert flat is not None
     assert flat.share.shape == (360, 640, 3)
     # A person reads the same.
@@ -106,7 +106,7 @@ def test_from_photographs_to_a_camera_file(place: Path) -> None:
         (["photos/contact", "--air-board", "9x7"], r"--air-board: '9x7'; as in 9x7x3"),
         (["photos/contact", "--board", "9x7x3"], r"1.png: .* inner corners found, but a board of"),
         (["photos/contact", "--flat", "small.png"], r"--flat small.png: 320 x 180 px, and"),
-        (["photos/contact", "--design", "delt"], r"delt: not in the catalogue of cad"),
+        (["photos/contact", "--design", "delt"], r"no design 'delt'"),
     ],
     ids=lambda w: "-".join(Path(x).stem for x in w) or "none" if isinstance(w, list) else "",
 )

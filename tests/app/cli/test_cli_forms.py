@@ -40,15 +40,15 @@ def test_output_options_are_uniform() -> None:
 @pytest.mark.parametrize(
     ("folder", "place", "says"),
     [
-        (False, "held", "held: is a folder; expected the name of a file"),
-        (False, "gone/x.toml", "gone/x.toml: there is no folder gone; create it first"),
+        (False, "held", "held: is a folder; expected a file name"),
+        (False, "gone/x.toml", "gone/x.toml: no folder gone; create it first"),
         (
             False,
             "locked/x.toml",
             "locked/x.toml: cannot be written: locked is read-only",
         ),
-        (True, "file", "file: file is a file; expected a folder"),
-        (True, "file/x/y", "file/x/y: .*file is a file; expected a folder"),
+        (True, "file", "file: is a file; expected a folder"),
+        (True, "file/x/y", "file: is a file; expected a folder"),
         (True, "locked/x", "locked/x: cannot be written: .*locked is read-only"),
     ],
 )

@@ -85,7 +85,7 @@ def test_moved_command_works_with_notice(old: str, now: str, tmp_path: Path) -> 
         ("run smoke --rig vurtual --out x", "did you mean 'virtual'?"),
         ("run smoke", "--out"),
         ("run first-moves --air --out r --seed -1", "-1"),
-        ("run first-moves --air --out r --note \x01", "no character that can be printed"),
+        ("run first-moves --air --out r --note \x01", "is not printable"),
         ("gel press --indenter cube --depth 1", "valid: sphere:DIAMETER_MM"),
         ("gel press --depth 1 --limit-s 0", "more than 0 seconds"),
         ("gel press --depth 1 --poisson 0.6", "poisson"),
@@ -114,7 +114,7 @@ def test_moved_command_works_with_notice(old: str, now: str, tmp_path: Path) -> 
         ("rig check b.toml --seconds nan", "nan is not a finite number"),
         ("rig register b.toml -o f.toml --indenter 4dots", "registered with a ball"),
         ("rig register b.toml -o f.toml --at nan,0", "must be two finite numbers"),
-        ("rig register b.toml -o gone/f.toml", "there is no folder gone; create it first"),
+        ("rig register b.toml -o gone/f.toml", "no folder gone; create it first"),
     ],
 )
 def test_bad_input_is_one_line(words: str, says: str, tmp_path: Path) -> None:

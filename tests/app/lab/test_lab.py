@@ -122,7 +122,7 @@ def test_no_overwrite_and_no_path_names(here: Path) -> None:
     before = Path("there.toml").read_bytes()
     for words, says in (
         (["protocol", "new", "own", "-o", "there.toml"], "there.toml: already there"),
-        (["protocol", "new", "own", "-o", "no/own.toml"], "no/own.toml: there is no folder no"),
+        (["protocol", "new", "own", "-o", "no/own.toml"], "no/own.toml: no folder no"),
         (["protocol", "new", "own.toml"], "must be a name"),
         (["cad", "new", "../own"], "must be a name"),
         (["protocol", "new", "two words"], "name: "),

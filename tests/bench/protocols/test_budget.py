@@ -32,13 +32,13 @@ def declare(**changes: object) -> Protocol:
 
 def rows(protocol: Protocol, out: Path, **more: object) -> dict[str, Check]:
     box = config.load_rig("virtual")[0].stage
-    estimate = limits.RunEstimate.of(protocol, 1280 * 720, box)
+    estimate = limits.RunEstimate.from_protocol(protocol, 1280 * 720, box)
     arguments: dict[str, object] = {"held_hz": 50.0, **more}
     found = budget_checks(protocol, plan.expand_protocol(protocol), estimate, out, **arguments)  # type: ignore[arg-type]
     return {row.name: row for row in found}
 
 
-def test_feeds_that_the_firmware_would_not_hold(tmp_path: Path) -> None:
+def test_feeds_beyond_firmware_are_refused(tmp_path: Path) -> None:
     assert not rows(declare(motion={"press_feed_mm_min": 1.0}), tmp_path)["least feed"].failed
     found = rows(declare(motion={"press_feed_mm_min": 0.99}), tmp_path)["least feed"]
     assert found.failed
@@ -47,11 +47,11 @@ def test_feeds_that_the_firmware_would_not_hold(tmp_path: Path) -> None:
         Check.require([found], "p.toml")
 
 
-def test_days_are_warned_of_and_months_refused(tmp_path: Path) -> None:
+def test_days_warn_and_months_fail(tmp_path: Path) -> None:
     hour = declare(capture={"settle_s": 600.0})
     steps, estimate = (
         plan.expand_protocol(hour),
-        limits.RunEstimate.of(hour, 1, config.load_rig("virtual")[0].stage),
+        limits.RunEstimate.from_protocol(hour, 1, config.load_rig("virtual")[0].stage),
     )
     for days, ok, warns in ((0.9, True, False), (2, True, True), (31, False, False)):
         taken = replace(estimate, seconds=days * 86400)
@@ -60,11 +60,11 @@ def test_days_are_warned_of_and_months_refused(tmp_path: Path) -> None:
         assert found.value == pytest.approx(24 * days)
 
 
-def test_the_disk_that_is_judged_is_that_of_the_run(tmp_path: Path) -> None:
+def test_run_folders_disk_is_checked(tmp_path: Path) -> None:
     found = rows(SMOKE, tmp_path / "run")["disk"]
     assert str(tmp_path) in found.basis[0]
     box = config.load_rig("virtual")[0].stage
-    huge = replace(limits.RunEstimate.of(SMOKE, 1, box), disk_mb=3.5e9)
+    huge = replace(limits.RunEstimate.from_protocol(SMOKE, 1, box), disk_mb=3.5e9)
     found = budget_checks(SMOKE, plan.expand_protocol(SMOKE), huge, tmp_path, None)[2]
     assert found.failed
     assert found.value > found.limit
@@ -82,7 +82,7 @@ def test_a_rate_that_cannot_be_kept(tmp_path: Path) -> None:
     assert "camera rate" not in rows(fast, tmp_path, held_hz=None)
 
 
-def test_check_has_the_rows_and_run_refuses(tmp_path: Path) -> None:
+def test_check_lists_and_run_refuses(tmp_path: Path) -> None:
     text = plan.load_protocol("smoke")[1].read_text()
     slow = tmp_path / "slow.toml"
     slow.write_text(text.replace("press_feed_mm_min = 30.0", "press_feed_mm_min = 0.5"))

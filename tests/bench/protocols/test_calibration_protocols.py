@@ -16,7 +16,7 @@ NAMES = ("force-calibration", "force-calibration-small", "twist", "ball-press")
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_they_pass_every_check_and_are_filmed_without_a_jump(name: str) -> None:
+def test_calibration_protocols_pass_every_check(name: str) -> None:
     protocol, _ = plan.load_protocol(name)
     rig, _ = config.load_rig("virtual")
     rows = limits.check_limits(protocol, load_design(protocol.specimen.design), rig.stage)
@@ -24,7 +24,7 @@ def test_they_pass_every_check_and_are_filmed_without_a_jump(name: str) -> None:
     assert protocol.specimen.gel_model == "hyperelastic"
 
 
-def test_the_whole_one_has_the_papers_points() -> None:
+def test_full_calibration_has_papers_points() -> None:
     steps = plan.expand_protocol(plan.load_protocol("force-calibration")[0])
     settled = collections.Counter(s.press for s in steps if s.settled)
     assert len(settled) == 9 * 5
@@ -32,7 +32,7 @@ def test_the_whole_one_has_the_papers_points() -> None:
     assert settled.total() == 2070
 
 
-def test_four_of_its_nine_places_are_solved() -> None:
+def test_four_of_nine_positions_solved() -> None:
     protocol, _ = plan.load_protocol("force-calibration")
     rig, _ = config.load_rig("virtual")
     assert rig.kind == "virtual"
@@ -42,7 +42,7 @@ def test_four_of_its_nine_places_are_solved() -> None:
     assert len(solved) == 20
 
 
-def test_a_twist_pulls_along_the_circle_about_the_centre_both_ways() -> None:
+def test_twist_pulls_both_ways_around_centre() -> None:
     protocol, _ = plan.load_protocol("twist")
     (ball,) = protocol.indenters
     (depth,) = protocol.depths_mm

@@ -47,7 +47,7 @@ def test_depth_against_the_tip(depth: float, ok: bool) -> None:
 
 
 @pytest.mark.parametrize(("x", "ok"), [(10.0, True), (10.001, False)])
-def test_footprint_and_shear_stay_on_the_skin(x: float, ok: bool) -> None:
+def test_footprint_and_shear_stay_on_skin(x: float, ok: bool) -> None:
     moved = protocol(positions_mm=[[x, 0.0]], indenters=["sphere:10"])
     assert (
         row(limits.check_limits(moved, SENSOR, BOX), "reach in x").failed is not ok
@@ -62,13 +62,13 @@ def test_travel_in_the_machine_frame() -> None:
     assert row(limits.check_limits(protocol(), SENSOR, low), "machine -z").failed
 
 
-def test_travel_sees_the_rotation_of_the_stage() -> None:
+def test_travel_includes_stage_rotation() -> None:
     turned = BOX.model_copy(update={"origin_machine_mm": (-2.0, -60.0, -40.0), "angle_deg": 90.0})
     rows = limits.check_limits(protocol(), SENSOR, turned)
     assert row(rows, "machine x").failed  # shear in -y becomes +x there: 3 > 2
 
 
-def test_sideways_below_the_clearance_plane_is_refused() -> None:
+def test_sideways_below_clearance_is_refused() -> None:
     smoke = protocol()
     steps = plan.expand_protocol(smoke)
     bad = Step("x/low", "x", "sphere:10", "travel", (5.0, 0.0, 1.0), 600.0)
@@ -78,19 +78,20 @@ def test_sideways_below_the_clearance_plane_is_refused() -> None:
     assert found.value == pytest.approx(4.0)
 
 
-def test_require_names_file_figure_bound_and_step() -> None:
+def test_require_names_value_limit_and_step() -> None:
     rows = limits.check_limits(protocol(depths_mm=[11.5], indenters=["sphere:22"]), SENSOR, BOX)
     with pytest.raises(InputError, match=r"p\.toml: depth against the gel: .*11\.5 > 11 at sphere"):
         Check.require(rows, "p.toml")
 
 
 def test_estimate_counts_frames_time_and_disk() -> None:
-    estimate = limits.RunEstimate.of(protocol(), 798 * 586, BOX)
+    estimate = limits.RunEstimate.from_protocol(protocol(), 798 * 586, BOX)
     steps = plan.expand_protocol(protocol())
     assert estimate.frames == sum(s.frames for s in steps)
     shear_s = 2 * 24 / (30 / 60)
     assert shear_s < estimate.seconds < shear_s + 75
-    without = limits.RunEstimate.of(protocol(channels=["force", "shear"]), 798 * 586, BOX)
+    blind = protocol(channels=["force", "shear"])
+    without = limits.RunEstimate.from_protocol(blind, 798 * 586, BOX)
     assert without.disk_mb < estimate.disk_mb / 40
-    silent = limits.RunEstimate.of(protocol(channels=["image", "shear"]), 798 * 586, BOX)
+    silent = limits.RunEstimate.from_protocol(protocol(channels=["image", "shear"]), 798 * 586, BOX)
     assert estimate.disk_mb - silent.disk_mb == pytest.approx(0.014 * estimate.seconds)

@@ -28,7 +28,7 @@ def steps(declared: Protocol) -> list[Step]:
     return plan.expand_protocol(declared)
 
 
-def test_it_is_declared_as_the_paper_has_it(declared: Protocol) -> None:
+def test_protocol_matches_the_paper(declared: Protocol) -> None:
     assert declared.indenters == ("4dots", "edges", "ellipsoid", "hexprism", "star")
     assert len(set(declared.positions_mm)) == 4
     assert declared.depths_mm == (5.0, 10.0)
@@ -45,7 +45,7 @@ def test_each_indenter_gets_3600_frames(declared: Protocol, steps: list[Step]) -
     assert frames == dict.fromkeys(declared.indenters, 3600)
 
 
-def test_every_check_passes_on_the_virtual_rig() -> None:
+def test_every_check_passes_on_virtual_rig() -> None:
     rows = RunRequest(NAME, "virtual").checks()
     assert [r for r in rows if r.failed] == []
     reach = {r.subject: r.value for r in rows if r.name.startswith("footprint")}
@@ -53,7 +53,7 @@ def test_every_check_passes_on_the_virtual_rig() -> None:
 
 
 @pytest.mark.parametrize("level", ["linear", "layer", "block"])
-def test_a_linear_run_is_refused_before_anything_moves(level: str, tmp_path: Path) -> None:
+def test_linear_run_is_refused_before_motion(level: str, tmp_path: Path) -> None:
     text = plan.load_protocol(NAME)[1].read_text()
     protocol, out = tmp_path / "linear.toml", tmp_path / "run"
     protocol.write_text(text.replace('gel_model = "hyperelastic"', f'gel_model = "{level}"'))
@@ -76,7 +76,7 @@ def test_a_linear_run_is_refused_before_anything_moves(level: str, tmp_path: Pat
         ({"gel_model": "hyperelastic", "prony": [[0.2, 1.0]]}, 11.0, ""),
     ],
 )
-def test_only_what_a_level_cannot_do_is_refused(
+def test_only_unsupported_presses_are_refused(
     declared: Protocol, specimen: dict[str, object], depth_mm: float, says: str
 ) -> None:
     data = declared.model_dump() | {"indenters": ("sphere:15",), "depths_mm": (depth_mm,)}
@@ -105,7 +105,7 @@ def test_only_what_a_level_cannot_do_is_refused(
         ("sphere:10", 3.001, "25% of the thickness"),
     ],
 )
-def test_the_linear_level_is_asked_only_what_a_height_field_can_answer(
+def test_linear_model_requires_height_fields(
     declared: Protocol, name: str, depth_mm: float, needs: str
 ) -> None:
     other = Protocol.model_validate(

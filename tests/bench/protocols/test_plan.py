@@ -28,7 +28,7 @@ def declare(**changes: object) -> Protocol:
     return catalog.validate(Protocol, data | changes, "t.toml")
 
 
-def test_path_is_connected_and_returns_to_the_centre_after_each_axis() -> None:
+def test_path_returns_to_centre_per_axis() -> None:
     steps = plan.expand_protocol(declare())
     shear = [s for s in steps if s.kind == "shear"]
     assert [s.id.rsplit("/", 1)[1] for s in shear[:6]] == [
@@ -40,7 +40,7 @@ def test_path_is_connected_and_returns_to_the_centre_after_each_axis() -> None:
     assert shear[3].target_mm == (1.0, 0.0, -0.5)
 
 
-def test_a_stop_is_read_once_after_settling_and_the_way_back_is_no_stop() -> None:
+def test_stop_is_captured_once_after_settling() -> None:
     shear = {"amplitude_mm": 2.0, "points_per_side": 2}
     protocol = declare(capture={"settle_s": 1.5}, shear=shear)
     press = [s for s in plan.expand_protocol(protocol) if s.press == "sphere-10/p1" and s.frames]
@@ -53,7 +53,7 @@ def test_a_stop_is_read_once_after_settling_and_the_way_back_is_no_stop() -> Non
     assert offsets == pytest.approx([1.0, 2.0, -1.0, -2.0])
 
 
-def test_each_kind_of_stop_settles_for_its_own_time() -> None:
+def test_stop_kinds_have_own_settling_times() -> None:
     waits = {"rest": 0.5, "press": 5.0, "after": 3.0}
     legs = {
         s.id.rsplit("/", 1)[1]: s
@@ -65,7 +65,7 @@ def test_each_kind_of_stop_settles_for_its_own_time() -> None:
     }  # fmt: skip
 
 
-def test_a_hold_follows_each_press_and_a_retract_is_filmed_as_far_as_the_press() -> None:
+def test_hold_after_press_and_filmed_retract() -> None:
     asked = {"rate_hz": 2.0, "hold": {"s": 6.0, "rate_hz": 1.5}, "retract": {"rate_hz": 4.0}}
     plain = [s for s in plan.expand_protocol(declare()) if s.press == "sphere-10/p1"]
     steps = [s for s in plan.expand_protocol(declare(capture=asked)) if s.press == "sphere-10/p1"]
@@ -82,7 +82,7 @@ def test_a_hold_follows_each_press_and_a_retract_is_filmed_as_far_as_the_press()
     assert retract.frames == round(1.5 / 0.5 * 4.0)
 
 
-def test_a_grid_is_a_short_form_of_positions() -> None:
+def test_grid_expands_to_positions() -> None:
     grid = {"x": [-6.0, 6.0], "y": [1.0, 2.0], "n": [3, 2]}
     places = [[-6.0, 1.0], [0.0, 1.0], [6.0, 1.0], [-6.0, 2.0], [0.0, 2.0], [6.0, 2.0]]
     made = declare(positions_mm=[], grid=grid)
@@ -99,22 +99,22 @@ def test_a_grid_is_a_short_form_of_positions() -> None:
         ({"grid": {"x": [0, 1], "y": [0, 1], "n": [2, 2]}}, "t.toml: either positions_mm or grid"),
         ({"grid": {"x": [1, 0], "y": [0, 1], "n": [2, 2]}}, "t.toml: grid: x: [1, 0] for 2; exp"),
         ({"grid": {"x": [0, 1], "y": [1, 1], "n": [2, 2]}}, "t.toml: grid: y: [1, 1] for 2; exp"),
-        ({"capture": {"settle_s": {"prss": 1}}}, "t.toml: capture.settle_s.prss: Input should"),
+        ({"capture": {"settle_s": {"prss": 1}}}, "t.toml: capture.settle_s.prss: expected"),
         ({"capture": {"settle_s": {"press": 601}}}, "capture.settle_s.press: 601; expected"),
         ({"capture": {"settle_s": 601}}, "601; expected 0 <= settle_s <= 600"),
         ({"capture": {"settle_s": {}}}, "t.toml: capture.settle_s: Dictionary should have"),
         ({"capture": {"settle_s": 1, "hold": {"s": 5}}}, "t.toml: capture.hold.rate_hz: missing"),
-        ({"capture": {"settle_s": 1, "retract": 2}}, "t.toml: capture.retract: Input should be"),
+        ({"capture": {"settle_s": 1, "retract": 2}}, "t.toml: capture.retract: expected"),
     ],
 )
-def test_a_wrong_way_to_say_it_is_one_line(changes: dict[str, object], line: str) -> None:
+def test_invalid_capture_is_one_line(changes: dict[str, object], line: str) -> None:
     with pytest.raises(InputError) as why:
         declare(**changes)
     assert line in str(why.value)
     assert "\n" not in str(why.value)
 
 
-def test_filmed_on_the_way_and_settled_at_the_end() -> None:
+def test_filmed_press_ends_settled() -> None:
     both = plan.expand_protocol(declare(capture={"rate_hz": 2.0, "settle_s": 1.5}))
     sweep = plan.expand_protocol(declare())
     assert [(s.id, s.target_mm, s.frames) for s in both] == [
@@ -128,7 +128,7 @@ def test_filmed_on_the_way_and_settled_at_the_end() -> None:
 
 
 @given(st.integers(1, 6), st.floats(0.1, 3.0))
-def test_a_grid_is_gone_through_point_by_point_and_back(n: int, amplitude_mm: float) -> None:
+def test_shear_grid_visits_every_point(n: int, amplitude_mm: float) -> None:
     shear = {"amplitude_mm": amplitude_mm, "points_per_side": n, "grid": True}
     protocol = declare(shear=shear, positions_mm=[[1.0, -2.0]], depths_mm=[1.0])
     steps = [s for s in plan.expand_protocol(protocol) if s.kind in ("press", "shear")]
@@ -148,7 +148,7 @@ def test_a_grid_is_gone_through_point_by_point_and_back(n: int, amplitude_mm: fl
 @given(
     st.floats(0, 6), st.floats(0, 6), st.booleans(), st.booleans(), st.booleans(), st.integers(1, 3)
 )
-def test_outward_the_mirror_image_of_a_place_has_the_mirror_image_of_its_path(
+def test_outward_paths_mirror_their_positions(
     x: float, y: float, left: bool, down: bool, grid: bool, n: int
 ) -> None:
     shear = {"amplitude_of_depth": 0.4, "points_per_side": n, "grid": grid, "first": "outward"}
@@ -168,7 +168,7 @@ def test_outward_the_mirror_image_of_a_place_has_the_mirror_image_of_its_path(
         assert its[2] == mine[2]
 
 
-def test_outward_goes_away_from_the_centre_first() -> None:
+def test_outward_drags_away_from_centre_first() -> None:
     shear = {"amplitude_mm": 2.0, "first": "outward"}
     places = [[-1.0, 3.0], [0.0, -2.0]]
     sweep = plan.expand_protocol(declare(shear=shear, positions_mm=places, depths_mm=[1.0]))
@@ -183,7 +183,7 @@ def test_outward_goes_away_from_the_centre_first() -> None:
     assert offsets == pytest.approx([-1.0, -2.0, 1.0, 2.0, 0.0])
 
 
-def test_what_is_kept_of_it_has_one_order_in_every_process() -> None:
+def test_stored_channels_are_sorted() -> None:
     protocol, _ = plan.load_protocol("smoke")
     assert len(protocol.channels) > 1
     told = [protocol.model_copy(update={"channels": order}).model_dump(mode="json")["channels"]
@@ -213,9 +213,7 @@ def test_what_is_kept_of_it_has_one_order_in_every_process() -> None:
         ({"specimen": {"serial": " 7"}}, ["specimen.serial", "no blank"]),
     ],
 )
-def test_bad_declarations_are_one_line_with_file_key_and_what_would_be_right(
-    change: dict[str, object], words: list[str]
-) -> None:
+def test_invalid_protocols_give_one_line(change: dict[str, object], words: list[str]) -> None:
     with pytest.raises(InputError) as caught:
         declare(**change)
     line = str(caught.value)

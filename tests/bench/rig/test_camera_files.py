@@ -91,7 +91,7 @@ def test_a_network_camera_is_read_until_it_is_gone(network_camera: str, tmp_path
 def test_a_camera_file_gives_the_view_the_size_and_the_light(tmp_path: Path) -> None:
     lens = Fisheye(width_px=W, height_px=H, cx_px=31.5, cy_px=23.5, f_px=20.0)
     share = np.full((H, W, 3), 0.5, np.float32)
-    (tmp_path / "light.png").write_bytes(FlatField(share).png())
+    (tmp_path / "light.png").write_bytes(FlatField(share).to_png())
     (tmp_path / "lens.toml").write_text(camera_toml(lens, {"flat": {"file": "light.png"}}))
     (tmp_path / "pinhole.toml").write_text(camera_toml(Pinhole(0.1, W, H, 12.85)))
     sensor, rig = SensorDimensions(), tmp_path / "bench.toml"
@@ -100,8 +100,8 @@ def test_a_camera_file_gives_the_view_the_size_and_the_light(tmp_path: Path) -> 
         return CameraConfig(source=0, **options)
 
     view = load_view(config(model="lens.toml", width_px=W, height_px=H), sensor, rig)
-    assert view == Rectified.of(sensor, lens)
-    light = FlatField.beside(tmp_path / "lens.toml")
+    assert view == Rectified.from_sensor(sensor, lens)
+    light = FlatField.from_camera_file(tmp_path / "lens.toml")
     assert light is not None
     assert light.share.shape == (H, W, 3)
     assert load_view(config(model="pinhole.toml"), sensor, rig) == Pinhole(0.1, W, H, 12.85)

@@ -135,7 +135,7 @@ def test_it_asks_tares_waits_and_records(weigh: Weigh, tmp_path: Path) -> None:
     assert (frames["t_step_s"][frames["settled"]] >= STATIC["settle_s"]).all()
     assert frames[["x_mm", "z_mm"]].isna().all(axis=None)  # nobody knows how deep it went
     assert (run.events()["kind"] == "weight").sum() == 4
-    assert check_run(tmp_path / "r").whole
+    assert check_run(tmp_path / "r").intact
 
 
 def test_it_is_taken_up_where_it_was_left(weigh: Weigh, tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from deltact_fab.sensor.optics.rectified import Rectified
 from deltact_fab.sensor.shapes.sensor import SensorDimensions
 
 LENS = Lens()
-VIEW = Rectified.of(SensorDimensions(), Fisheye(f_px=LENS.f_px))
+VIEW = Rectified.from_sensor(SensorDimensions(), Fisheye(f_px=LENS.f_px))
 MOTION = Motion(press_mm=2.0, drag_mm=(3.0, 0.0), twist_rad=0.1)
 STEPS = 8
 CAMERAS = {

@@ -78,7 +78,7 @@ def test_set_changes_numbers_words_and_lists():
         ("skin.width_mm", "expected section.key=value"),
         ("skin.widht_mm=44", "skin.widht_mm: unknown key; did you mean 'width_mm'"),
         ("skn.width_mm=44", "skn: unknown key; did you mean 'skin'"),
-        ("skin.width_mm=wide", "skin.width_mm: Input should be a valid number"),
+        ("skin.width_mm=wide", "skin.width_mm: expected a number without a unit"),
         ("skin.width_mm=nan", "skin"),
         ("skin.width_mm=0", "skin.width_mm: 0; expected 5 <= width_mm <= 200"),
         ("skin.edge_fillet_mm=6", "edge_fillet_mm < protrusion_mm"),

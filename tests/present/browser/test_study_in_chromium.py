@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 from made_up_study import COLUMNS, study, wide
 
-from deltact_fab.common.templating import MAX_COLUMNS, label
+from deltact_fab.common.templating import MAX_COLUMNS, format_label
 from deltact_fab.present.report import study_page
 from deltact_fab.present.report.result import ReportTable
 
@@ -67,7 +67,7 @@ def test_the_print_has_every_column_of_a_wide_table(opened: Opened, tmp_path: Pa
     words = words_of(printed(opened(page.as_uri()), tmp_path / "p.pdf"))
     assert wide().shape[1] == COLUMNS
     for name in (*wide(), *many):
-        assert re.sub(r"\s", "", label(name)) in words, name
+        assert re.sub(r"\s", "", format_label(name)) in words, name
     for i in range(MAX_COLUMNS):
         assert f"{700.25 + i:.4g}" in words
     for value in wide()["rmse_left_out_position_9_n"]:

@@ -71,12 +71,12 @@ def photographs(made: Made, n: int) -> list[np.ndarray]:
     x, y = np.meshgrid(at, at)
     for paint in made.paint:
         values = paint(values, x, y).astype(np.float32)
-    camera: Pinhole | RawView = Pinhole.of(DESIGN)
+    camera: Pinhole | RawView = Pinhole.from_sensor(DESIGN)
     if made.fisheye or made.lens:
-        nominal = Fisheye.of(DESIGN)
+        nominal = Fisheye.from_sensor(DESIGN)
         numbers = dict(made.lens)
         true = replace(nominal, **{k: getattr(nominal, k) + v for k, v in numbers.items()})
-        camera = RawView(true, Rectified.of(DESIGN, nominal))
+        camera = RawView(true, Rectified.from_sensor(DESIGN, nominal))
     draw = FrameRenderer(PictureGeometry(camera, LATTICE), values, STEP_MM, made.camera)
     lattice_x, lattice_y = np.meshgrid(*LATTICE.axes_mm())
     bump = np.zeros((*lattice_x.shape, 3))
@@ -217,7 +217,7 @@ def given(images: list[np.ndarray], camera: Pinhole | Rectified) -> Source:
 
 def judged(made: Made, images: int = 2, recipe: str = "") -> Acceptance:
     through_lens = made.fisheye or made.lens
-    camera = Rectified.of(DESIGN, Fisheye.of(DESIGN)) if through_lens else Pinhole.of(DESIGN)
+    camera = (Rectified if through_lens else Pinhole).from_sensor(DESIGN)
     source = given(photographs(made, max(images, made.images)), camera)
     return accept_sensor(source, load_recipe(recipe or made.recipe), DESIGN)
 
@@ -258,7 +258,8 @@ def test_the_guide_s_pictures_are_what_they_are_said_to_be():
     pair = render_examples(DESIGN, load_recipe("recommended"))["sensor"]
     for jpeg, rows in zip(pair, (set(), set(SPOILED)), strict=True):
         image = np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR))
-        done = accept_sensor(given([image], Pinhole.of(DESIGN)), load_recipe("recommended"), DESIGN)
+        source = given([image], Pinhole.from_sensor(DESIGN))
+        done = accept_sensor(source, load_recipe("recommended"), DESIGN)
         assert failed(done) == rows
 
 
@@ -281,7 +282,7 @@ def test_an_accepted_sensor_is_kept_and_later_health_starts_from_it(tmp_path):
     folder.mkdir()
     cv2.imwrite(str(folder / "0.png"), np.roll(rest, 12, axis=1))
     camera = tmp_path / "camera.toml"
-    numbers = Pinhole.of(DESIGN).as_dict()
+    numbers = Pinhole.from_sensor(DESIGN).as_dict()
     camera.write_text(
         "[camera]\n" + "".join(f"{k} = {json.dumps(v)}\n" for k, v in numbers.items())
     )

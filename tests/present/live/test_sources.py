@@ -130,7 +130,7 @@ def test_each_source_that_cannot_be_used_is_one_line(
 ) -> None:
     assert "/dev/video63: no camera that can be opened" in _refusal("63", pinhole)
     assert "did you mean 'virtual'" in _refusal("virtul")
-    assert "not in the catalogue of protocols" in _refusal("virtual:smok")
+    assert "no protocol 'smok'" in _refusal("virtual:smok")
     assert "without 'image'" in _refusal("virtual:first-moves")
     assert "moves a real stage" in _refusal("grbl-bench:smoke")
     assert "camera: missing table" in _refusal("grbl-bench")

@@ -211,7 +211,7 @@ def test_the_sticker_is_the_design_s_own() -> None:
     wide = load_design("large-60x50")
     own = STICKER(wide, pairs)
     recipe = validate(PatternRecipe, tomllib.loads(own.file), "recommended-large.toml")
-    assert wide.optics.beyond(recipe.printed_mm) is None
+    assert wide.optics.print_shortfall(recipe.printed_mm) is None
     assert own.size_mm == recipe.size_mm == 56.4
     seen = Image.open(io.BytesIO(base64.b64decode(own.image.partition(",")[2])))
     assert [side * recipe.patch_mm for side in seen.size] == pytest.approx(

@@ -201,4 +201,4 @@ def test_no_other_folder_is_written_into(tmp_path: Path, held: str) -> None:
     ],
 )  # fmt: skip
 def test_cells_are_for_people(value: object, shown: str) -> None:
-    assert templating.cell(value) == shown
+    assert templating.format_cell(value) == shown

@@ -196,7 +196,7 @@ def test_force_converges_with_the_cells() -> None:
     assert fine == pytest.approx([8.056, 7.597, 5.116], rel=6e-3)
 
 
-def test_contact_beyond_the_edge_carries_nothing_there(block: FreeBlock) -> None:
+def test_no_load_beyond_the_edge(block: FreeBlock) -> None:
     """A tip at the very corner: a quarter of the sphere is above gel, and that can be pressed."""
     half = SKIN.opening_half_mm
     state = pressed(block, *half, depth=1.0)

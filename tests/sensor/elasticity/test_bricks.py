@@ -14,7 +14,7 @@ from deltact_fab.sensor.shapes.sensor import SkinDimensions
 
 
 @pytest.mark.parametrize("poisson", [0.0, 0.3, 0.4999])
-def test_it_is_the_tangent_of_the_finite_strain_bricks_at_rest(poisson: float) -> None:
+def test_matches_finite_strain_tangent_at_rest(poisson: float) -> None:
     skin = SkinDimensions(width_mm=8, length_mm=6, thickness_mm=3, protrusion_mm=2.5)
     mesh = block_mesh(skin, 1.0)
     box = BrickBox((8, 6, 3), (1.0, 1.0, 1.0))

@@ -14,14 +14,14 @@ SKIN = SkinDimensions(width_mm=20.0, length_mm=16.0, thickness_mm=7.0)
 
 @pytest.fixture(scope="module")
 def cells() -> FaceCells:
-    return FaceCells.of(SKIN, 0.49, 1.0)
+    return FaceCells.from_skin(SKIN, 0.49, 1.0)
 
 
 def _windows(cells: FaceCells) -> tuple[slice, slice]:
     return slice(0, len(cells.y_mm)), slice(0, len(cells.x_mm))
 
 
-def test_a_load_moves_the_cells_as_the_block_says(cells: FaceCells) -> None:
+def test_cell_response_matches_the_block(cells: FaceCells) -> None:
     block = FreeBlock(SKIN, GelMaterial(1.0, 0.49), 0.25)
     rows, columns = _windows(cells)
     shape = (len(cells.y_mm), len(cells.x_mm), 3)
@@ -34,7 +34,7 @@ def test_a_load_moves_the_cells_as_the_block_says(cells: FaceCells) -> None:
     np.testing.assert_allclose(moved, means, atol=1e-9)
 
 
-def test_the_matrix_is_symmetric_and_a_window_is_a_part_of_it(cells: FaceCells) -> None:
+def test_matrix_is_symmetric_and_windows_match(cells: FaceCells) -> None:
     rows, columns = _windows(cells)
     whole = cells.compliance((rows, columns), (rows, columns))
     flat = whole.reshape(3 * len(whole), -1)

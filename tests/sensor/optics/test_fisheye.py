@@ -12,19 +12,19 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.sensor.optics.fisheye import Fisheye
 from deltact_fab.sensor.shapes.sensor import SensorDimensions
 
-LENS = Fisheye.of(SensorDimensions())
+LENS = Fisheye.from_sensor(SensorDimensions())
 
 
-def test_the_nominal_lens_of_a_design_takes_its_layers():
+def test_nominal_lens_has_designs_layers():
     data = {"optics": {"air_gap_mm": 4.0, "acrylic_mm": 3.0}, "skin": {"thickness_mm": 10.0}}
-    lens = Fisheye.of(catalog.validate(SensorDimensions, data, "mine.toml"))
+    lens = Fisheye.from_sensor(catalog.validate(SensorDimensions, data, "mine.toml"))
     assert (lens.air_gap_mm, lens.acrylic_mm, lens.gel_mm) == (4.0, 3.0, 10.0)
     assert lens.mm_per_px == pytest.approx((4 + 3 / 1.49 + 10 / 1.41) / lens.f_px, rel=1e-12)
     apart = lens.rest_px(np.array([[0.005, 0.0], [-0.005, 0.0]]))
     assert 0.01 / (apart[0, 0] - apart[1, 0]) == pytest.approx(lens.mm_per_px, rel=1e-6)
 
 
-def test_image_x_and_y_are_those_of_the_sensor():
+def test_image_axes_match_sensor_axes():
     right, below = LENS.rest_px(np.array([[2.0, 0.0], [0.0, 2.0]])) - LENS.centre_px
     assert right == pytest.approx((right[0], 0), abs=1e-9)
     assert right[0] > 0
@@ -45,7 +45,7 @@ def test_a_positive_turn_is_right_handed():
     assert seen == pytest.approx(LENS.rest_px(np.array([3.0, 0.0])) - LENS.centre_px, abs=1e-9)
 
 
-def test_what_the_lens_does_not_see_is_nan():
+def test_points_outside_the_field_are_nan():
     beyond = np.array([[1279.0, 719.0], [1260.0, 359.5]])  # beyond the field; rays that rise
     assert np.isnan(LENS.rest_mm(beyond)).all()
     origin, way = LENS.ray(beyond)
@@ -62,12 +62,12 @@ def test_what_the_lens_does_not_see_is_nan():
         ([0.0, np.nan, 0.0], "gel", "in the gel"),
     ],
 )
-def test_a_point_that_is_not_in_its_medium_is_refused(point, medium, says):
+def test_point_outside_its_medium_is_refused(point, medium, says):
     with pytest.raises(InputError, match=says):
         LENS.project_px(np.array([[1.0, 1.0, 0.0], point]), medium)
 
 
-def test_a_radius_that_stops_growing_ends_the_field():
+def test_field_ends_where_radius_stops_growing():
     lens = dataclasses.replace(LENS, k1=-0.3)
     ends_rad = np.sqrt(0.9 / 0.9)  # 1 - 0.9 theta^2 = 0.1
     assert lens.field_rad == pytest.approx(ends_rad)
@@ -89,6 +89,6 @@ def test_a_radius_that_stops_growing_ends_the_field():
         ({"pupil_shift_mm": -1.5}, r"air_gap_mm \+ 3\.05 pupil_shift_mm > 0: -1\.5\d+ fails"),
     ],
 )
-def test_values_that_no_lens_has_are_refused(change, says):
+def test_impossible_lens_values_are_refused(change, says):
     with pytest.raises(ValueError, match=says):
         dataclasses.replace(LENS, **change)

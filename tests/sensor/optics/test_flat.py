@@ -29,8 +29,8 @@ def lit(level: float, seed: int) -> NDArray[np.uint8]:
 
 @pytest.fixture
 def camera(tmp_path: Path) -> Path:
-    flat = FlatField.of_blank(lit(0.6, 1), "blank.png")
-    (tmp_path / "camera.flat.png").write_bytes(flat.png())
+    flat = FlatField.from_blank(lit(0.6, 1), "blank.png")
+    (tmp_path / "camera.flat.png").write_bytes(flat.to_png())
     path = tmp_path / "camera.toml"
     path.write_text(camera_toml(LENS, {"flat": {"file": "camera.flat.png"}}))
     return path
@@ -41,8 +41,8 @@ def coarse(image: NDArray[np.uint8]) -> NDArray[np.float64]:
     return cv2.resize(image, (16, 9), interpolation=cv2.INTER_AREA).astype(float)
 
 
-def test_light_that_falls_off_is_made_even(camera: Path) -> None:
-    flat = FlatField.beside(camera)
+def test_vignetting_is_corrected(camera: Path) -> None:
+    flat = FlatField.from_camera_file(camera)
     assert flat is not None
     image = lit(0.35, 2)
     before, after = coarse(image), coarse(flat.apply(image))
@@ -55,31 +55,31 @@ def test_light_that_falls_off_is_made_even(camera: Path) -> None:
 
 def test_the_colour_of_the_light_stays(camera: Path) -> None:
     colour = np.array([0.5, 0.8, 1.0])
-    blank = FlatField.of_blank((lit(0.6, 1) * colour).astype(np.uint8), "blank.png")
-    even = FlatField.beside(camera)
+    blank = FlatField.from_blank((lit(0.6, 1) * colour).astype(np.uint8), "blank.png")
+    even = FlatField.from_camera_file(camera)
     assert even is not None
     assert np.abs(blank.share - even.share).max() < 0.05
 
 
 def test_rectified_first_is_the_same(camera: Path) -> None:
-    flat = FlatField.beside(camera)
+    flat = FlatField.from_camera_file(camera)
     assert flat is not None
     image = cv2.GaussianBlur(lit(0.35, 3), (0, 0), 2)
     first = VIEW.rectify(flat.apply(image)).astype(int)
-    later = flat.seen_by(VIEW).apply(VIEW.rectify(image)).astype(int)
+    later = flat.for_view(VIEW).apply(VIEW.rectify(image)).astype(int)
     assert np.abs(first - later).max() <= 2
 
 
-def test_what_is_no_flat_field_is_refused(camera: Path) -> None:
+def test_invalid_flat_field_is_refused(camera: Path) -> None:
     for level, says in ((255, "over-exposed"), (3, "too dark")):
         with pytest.raises(InputError, match=f"^blank.png: {says}"):
-            FlatField.of_blank(np.full((360, 640, 3), level, np.uint8), "blank.png")
-    flat = FlatField.beside(camera)
+            FlatField.from_blank(np.full((360, 640, 3), level, np.uint8), "blank.png")
+    flat = FlatField.from_camera_file(camera)
     assert flat is not None
-    with pytest.raises(InputError, match="flat field of 640 x 360 px for an image of 8 x 8"):
+    with pytest.raises(InputError, match="flat field of 640 x 360 px, image of 8 x 8"):
         flat.apply(np.zeros((8, 8, 3), np.uint8))
     (camera.parent / "camera.flat.png").unlink()
     with pytest.raises(InputError, match=r"camera.toml: flat.file: .*: not a 16-bit image"):
-        FlatField.beside(camera)
+        FlatField.from_camera_file(camera)
     camera.write_text(camera_toml(LENS))
-    assert FlatField.beside(camera) is None
+    assert FlatField.from_camera_file(camera) is None

@@ -20,7 +20,7 @@ from deltact_fab.sensor.shapes.sensor import SensorDimensions
 SENSOR = SensorDimensions()
 NORMAL = np.array([0.0, 0.0, 1.0])
 
-NOMINAL = Fisheye.of(SENSOR)
+NOMINAL = Fisheye.from_sensor(SENSOR)
 REAL = Fisheye(
     f_px=391.3,
     k1=-0.021,
@@ -115,7 +115,7 @@ def trace(lens: Fisheye, medium: str, z_mm: float, widest_deg: float = 66.0) -> 
 
 @pytest.mark.parametrize(("medium", "z_mm"), DEPTHS)
 @pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES.keys())
-def test_a_fisheye_is_the_rays_that_were_traced(lens, medium, z_mm):
+def test_fisheye_matches_traced_rays(lens, medium, z_mm):
     traced = trace(lens, medium, z_mm)
     np.testing.assert_allclose(lens.project_px(traced.points_mm, medium), traced.px, atol=1e-9)
     np.testing.assert_allclose(lens.rest_mm(traced.px), traced.rest_mm, atol=1e-11)
@@ -128,7 +128,7 @@ def test_a_fisheye_is_the_rays_that_were_traced(lens, medium, z_mm):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_any_lens_is_the_rays_that_were_traced(seed):
+def test_any_lens_matches_traced_rays(seed):
     rng = np.random.default_rng(seed)
     gap_mm = rng.uniform(0.3, 8)
     lens = Fisheye(
@@ -156,8 +156,8 @@ def test_any_lens_is_the_rays_that_were_traced(seed):
 
 @pytest.mark.parametrize(("medium", "z_mm"), DEPTHS)
 @pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES.keys())
-def test_a_rectified_view_has_a_point_where_its_ray_crosses_the_face(lens, medium, z_mm):
-    view = Rectified.of(SENSOR, lens)
+def test_rectified_points_are_face_crossings(lens, medium, z_mm):
+    view = Rectified.from_sensor(SENSOR, lens)
     traced = trace(lens, medium, z_mm)
     px = traced.rest_mm / view.mm_per_px + (np.array([view.width_px, view.height_px]) - 1) / 2
     np.testing.assert_allclose(view.project_px(traced.points_mm, medium), px, atol=1e-9)
@@ -167,8 +167,8 @@ def test_a_rectified_view_has_a_point_where_its_ray_crosses_the_face(lens, mediu
 
 
 @pytest.mark.parametrize(("medium", "z_mm"), DEPTHS)
-def test_a_pinhole_is_the_lens_near_the_axis(medium, z_mm):
-    camera = Pinhole.of(SENSOR)
+def test_pinhole_approximates_lens_near_axis(medium, z_mm):
+    camera = Pinhole.from_sensor(SENSOR)
     in_px, in_mm = [], []
     for widest_deg in (2.0, 1.0):
         traced = trace(NOMINAL, medium, z_mm, widest_deg)
@@ -184,7 +184,7 @@ def test_a_pinhole_is_the_lens_near_the_axis(medium, z_mm):
 
 
 @pytest.mark.parametrize("degrees", [1.0, 30.0, 57.6, 80.0])
-def test_the_reach_of_a_half_angle_is_the_traced_one(degrees):
+def test_reach_matches_traced_rays(degrees):
     """What the design's checks of the view go by."""
     traced = trace(NOMINAL, "gel", 0.0, degrees)
     widest = np.argmax(np.hypot(*(traced.px - NOMINAL.centre_px).T))

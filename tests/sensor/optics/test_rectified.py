@@ -18,11 +18,11 @@ LENS = Fisheye(
     k1=-0.02, cx_px=645.0, tilt_x_deg=1.5, tilt_y_deg=-2.0, roll_deg=1.0, x0_mm=0.3,
     air_gap_mm=2.8, pupil_shift_mm=-0.3,
 )  # fmt: skip
-VIEW = Rectified.of(SENSOR, LENS)
+VIEW = Rectified.from_sensor(SENSOR, LENS)
 
 
 @pytest.mark.slow
-def test_a_picture_of_the_face_comes_out_at_one_scale():
+def test_face_is_rectified_to_uniform_scale():
     def shade(xy_mm):
         return 128 + 60 * np.cos(2 * np.pi * xy_mm[..., 0] / 2.1) * np.sin(xy_mm[..., 1] * 2.3)
 
@@ -31,16 +31,16 @@ def test_a_picture_of_the_face_comes_out_at_one_scale():
     view = VIEW.rectify(raw)
     xs, ys = axes_mm(VIEW)
     wanted = shade(np.stack(np.meshgrid(xs, ys), axis=-1))
-    assert VIEW.seen().all()
+    assert VIEW.visible_pixels().all()
     # What cubic interpolation and the 1/32 px of its table leave, of an amplitude of 60.
     assert np.abs(view - wanted).max() < 1.5
     colour = VIEW.rectify(np.dstack([raw] * 3))
     assert np.array_equal(colour[..., 1], view)
 
 
-def test_pixels_that_the_raw_image_does_not_hold_are_not_seen():
-    view = Rectified.of(SENSOR, replace(LENS, cx_px=980.0))
-    seen = view.seen()
+def test_pixels_outside_raw_image_are_masked():
+    view = Rectified.from_sensor(SENSOR, replace(LENS, cx_px=980.0))
+    seen = view.visible_pixels()
     assert not seen[:, -5].any()
     assert seen[:, :600].all()
     picture = view.rectify(np.full((720, 1280), 200, np.uint8))
@@ -48,16 +48,16 @@ def test_pixels_that_the_raw_image_does_not_hold_are_not_seen():
     assert (picture[seen] == 200).all()
 
 
-def test_what_the_view_cannot_take_is_refused():
+def test_invalid_views_are_refused():
     for z_mm in (-12.0, np.nan):
         with pytest.raises(InputError, match="in the gel"):
             VIEW.project_px(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, z_mm]]))
-    with pytest.raises(InputError, match="an image of 798 x 586 px; the lens makes 1280 x 720 px"):
+    with pytest.raises(InputError, match="image of 798 x 586 px; the lens has 1280 x 720 px"):
         VIEW.rectify(np.zeros((586, 798), np.uint8))
 
 
-def test_the_raw_image_is_coarser_in_the_corners():
-    view = Rectified.of(SENSOR)
+def test_raw_image_is_coarser_in_corners():
+    view = Rectified.from_sensor(SENSOR)
     cx, cy = view.centre_px
     scales = view.raw_mm_per_px(np.array([[cx, cy], [0.0, cy], [0.0, 0.0]]))
     np.testing.assert_allclose(
@@ -65,8 +65,8 @@ def test_the_raw_image_is_coarser_in_the_corners():
     )
 
 
-def test_the_paper_s_patch_is_aliased_over_most_of_the_view_and_a_coarse_one_nowhere():
-    view = Rectified.of(SENSOR)
+def test_papers_patch_is_mostly_aliased():
+    view = Rectified.from_sensor(SENSOR)
     assert view.aliased_share(0.075) == pytest.approx(0.746, abs=0.005)
     assert view.aliased_share(0.15) == 0.0
     assert view.aliased_share(0.06) == 1.0

@@ -23,7 +23,7 @@ def test_there_and_back(frame: StageFrame, place: tuple[float, float, float]) ->
 
 
 @given(FRAME)
-def test_it_is_a_rotation_and_a_shift(frame: StageFrame) -> None:
+def test_frame_is_rotation_and_shift(frame: StageFrame) -> None:
     origin = np.array(frame.to_machine_mm((0, 0, 0)))
     axes = np.array([frame.to_machine_mm(p) for p in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]) - origin
     assert tuple(origin) == frame.origin_machine_mm
@@ -48,14 +48,14 @@ def test_signs_of_the_tilt() -> None:
 
 
 @given(FRAME)
-def test_the_tilt_is_found_from_the_normal_of_the_face(frame: StageFrame) -> None:
+def test_tilt_from_face_normal(frame: StageFrame) -> None:
     top, origin = frame.to_machine_mm((0, 0, 3.0)), frame.origin_machine_mm
     normal = (top[0] - origin[0], top[1] - origin[1], top[2] - origin[2])
-    found = StageFrame(origin, frame.angle_deg).facing(normal)
+    found = StageFrame(origin, frame.angle_deg).with_normal(normal)
     assert found.tilt_deg == pytest.approx(frame.tilt_deg, abs=1e-9)
 
 
 @pytest.mark.parametrize("normal", [(0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.0, 0.0, math.nan)])
 def test_a_normal_that_is_none(normal: tuple[float, float, float]) -> None:
     with pytest.raises(ValueError, match="must point up"):
-        StageFrame((0.0, 0.0, 0.0)).facing(normal)
+        StageFrame((0.0, 0.0, 0.0)).with_normal(normal)

@@ -17,14 +17,14 @@ from deltact_fab.sensor.shapes.sensor import SensorDimensions
 
 LENS = Fisheye(k1=-0.02, air_gap_mm=2.7, pupil_shift_mm=-0.3)
 MODELS: list[CameraModel] = [
-    Pinhole.of(SensorDimensions()),
+    Pinhole.from_sensor(SensorDimensions()),
     LENS,
-    Rectified.of(SensorDimensions(), LENS),
+    Rectified.from_sensor(SensorDimensions(), LENS),
 ]
 
 
 @pytest.mark.parametrize("camera", MODELS, ids=lambda camera: type(camera).__name__.lower())
-def test_a_model_comes_back_from_its_plain_data(camera: CameraModel, tmp_path: Path) -> None:
+def test_camera_models_round_trip(camera: CameraModel, tmp_path: Path) -> None:
     data = json.loads(json.dumps(camera.as_dict()))
     assert data["model"] == type(camera).__name__.lower()
     assert restore_camera(data) == camera
@@ -43,13 +43,13 @@ def test_a_model_comes_back_from_its_plain_data(camera: CameraModel, tmp_path: P
         ({**MODELS[2].as_dict(), "lens": {"k7": 1.0}}, "lens.k7: unknown key"),
     ],
 )
-def test_data_of_no_model_is_one_line(data: dict[str, object], says: str) -> None:
+def test_invalid_camera_data_is_one_line(data: dict[str, object], says: str) -> None:
     with pytest.raises(InputError, match=rf"^run\.json: {says}") as refused:
         restore_camera(data, "run.json")
     assert "\n" not in str(refused.value)
 
 
-def test_a_file_keeps_what_stands_beside_the_camera(tmp_path: Path) -> None:
+def test_camera_file_keeps_other_tables(tmp_path: Path) -> None:
     tables = {
         "calibration": {
             "free": ["f_px", "k1"],
@@ -76,7 +76,7 @@ def test_a_file_keeps_what_stands_beside_the_camera(tmp_path: Path) -> None:
         ("[camera", "not valid TOML"),
     ],
 )
-def test_a_file_that_is_no_camera_is_one_line(tmp_path: Path, text: str, says: str) -> None:
+def test_invalid_camera_file_is_one_line(tmp_path: Path, text: str, says: str) -> None:
     file = tmp_path / "camera.toml"
     file.write_text(text)
     with pytest.raises(InputError, match=rf"camera\.toml: {says}") as refused:
@@ -84,12 +84,12 @@ def test_a_file_that_is_no_camera_is_one_line(tmp_path: Path, text: str, says: s
     assert "\n" not in str(refused.value)
 
 
-def test_a_model_of_0_1_has_no_name_and_is_a_pinhole() -> None:
+def test_model_without_name_is_pinhole() -> None:
     data = {key: value for key, value in MODELS[0].as_dict().items() if key != "model"}
     assert restore_camera(data) == MODELS[0]
 
 
-def test_axes_are_where_the_pixels_are_at_rest() -> None:
+def test_axes_match_pixels_at_rest() -> None:
     camera = MODELS[0]
     xs_mm, ys_mm = axes_mm(camera, 2)
     corners_px = np.array([[-2.0, -2.0], [camera.width_px + 1.0, camera.height_px + 1.0]])

@@ -11,7 +11,7 @@ from closed_forms import tip_mm3
 from deltact_fab.common.aliases import Field
 from deltact_fab.common.errors import InputError
 from deltact_fab.sensor.shapes.bounded import ShapeError
-from deltact_fab.sensor.shapes.indenter import SIZE_MM, parse_indenter
+from deltact_fab.sensor.shapes.indenter import DEFAULT_SIZE_MM, parse_indenter
 from deltact_fab.sensor.shapes.prism import PrismTip
 from deltact_fab.sensor.shapes.rigid import Indenter, Tip
 from deltact_fab.sensor.shapes.tips import EllipsoidTip, RidgeTip, SphereTip
@@ -75,14 +75,14 @@ def test_a_name_is_normalised(typed: str, name: str, slug: str) -> None:
     ("typed", "says"),
     [
         ("elipsoid", "indenter 'elipsoid': unknown; did you mean 'ellipsoid'?"),
-        ("cube:3", "valid: sphere:DIAMETER_MM, and with or without :SIZE_MM 4dots, 2dots, edges, "),
+        ("cube:3", "valid: sphere:DIAMETER_MM or, opt. with :SIZE_MM, 4dots, 2dots, edges, "),
         ("sphere", "a diameter of 0.5 to 30 mm, as in 'sphere:10'"),
         ("sphere:nan", "a diameter of 0.5 to 30 mm"),
         ("star:big", "5 to 20 mm"),
         ("edges:20.1", "5 to 20 mm"),
     ],
 )
-def test_a_wrong_name_says_what_is_right(typed: str, says: str) -> None:
+def test_wrong_name_lists_valid_ones(typed: str, says: str) -> None:
     with pytest.raises(InputError) as caught:
         parse_indenter(typed)
     assert says in str(caught.value)
@@ -111,7 +111,7 @@ def test_spheres_keep_their_bits(name: str) -> None:
 def test_field_and_footprint(name: str) -> None:
     shape = parse_indenter(name)
     hx, hy = shape.footprint_half_mm
-    assert 2 * max(hx, hy) == pytest.approx(float(name.partition(":")[2] or SIZE_MM))
+    assert 2 * max(hx, hy) == pytest.approx(float(name.partition(":")[2] or DEFAULT_SIZE_MM))
     spacing = max(hx, hy) / 200
     x, y = grid(hx, hy, spacing)
     height = shape.height_mm(x, y)
@@ -134,7 +134,7 @@ def test_field_and_footprint(name: str) -> None:
 
 
 @pytest.mark.parametrize("tip", TIPS, ids=lambda t: type(t).__name__)
-def test_a_ball_of_radius_mm_fits_inside_and_touches_the_lowest_point(tip: Tip) -> None:
+def test_ball_of_radius_fits_inside_tip(tip: Tip) -> None:
     """What the contact solver's test of the grid relies on; and a ball of twice it does not fit."""
     r = tip.radius_mm
     d = r * np.sqrt(np.linspace(0, 1 - 1e-12, 300))[:, None]
@@ -147,7 +147,7 @@ def test_a_ball_of_radius_mm_fits_inside_and_touches_the_lowest_point(tip: Tip) 
 
 
 @pytest.mark.parametrize("tip", TIPS, ids=lambda t: type(t).__name__)
-def test_the_volume_is_the_integral_of_the_field(tip: Tip) -> None:
+def test_volume_is_integral_of_height_field(tip: Tip) -> None:
     hx, hy = tip.half_mm
     spacing = min(hx, hy) / 250
     x, y = grid(hx, hy, spacing)
@@ -186,7 +186,7 @@ def _sampled(outline: Drawn, n: int = 4000) -> Field:
 @pytest.mark.parametrize(
     "tip", [t for t in TIPS if isinstance(t, PrismTip)], ids=lambda t: t.points
 )
-def test_the_inset_is_the_distance_to_the_drawn_outline(tip: PrismTip) -> None:
+def test_inset_is_distance_to_outline(tip: PrismTip) -> None:
     from scipy.spatial import cKDTree
 
     outline = _sampled(tip.outline())
@@ -221,7 +221,7 @@ def test_the_inset_is_the_distance_to_the_drawn_outline(tip: PrismTip) -> None:
 
 
 @pytest.mark.parametrize("tip", TURNED, ids=lambda t: f"{t.rim_mm:.3g}-{t.radius_mm:.3g}")
-def test_the_drawn_profile_is_the_height_field(tip: TurnedTip) -> None:
+def test_profile_matches_height_field(tip: TurnedTip) -> None:
     drawn = _sampled(tip.profile(), 500)
     d, z = drawn.T
     assert np.all(np.diff(d) >= -1e-12)
@@ -236,8 +236,8 @@ def test_the_drawn_profile_is_the_height_field(tip: TurnedTip) -> None:
     assert math.isinf(at[1]) == (tip.start_mm[0] > 0)
 
 
-def test_the_hat_is_a_dome_a_flank_and_a_brim() -> None:
-    hat, size_mm = parse_indenter("hat"), SIZE_MM
+def test_hat_has_dome_flank_and_brim() -> None:
+    hat, size_mm = parse_indenter("hat"), DEFAULT_SIZE_MM
     d = np.linspace(0, size_mm / 2 - 1e-9, 20001)
     z = hat.height_mm(np.zeros(20001), d)
     slope = np.gradient(z, d)
@@ -274,13 +274,13 @@ def test_the_hat_is_a_dome_a_flank_and_a_brim() -> None:
         (lambda: TurnedTip(0, 0, 0.1, (1, 0), (ProfilePiece((1, 1)),)), "d of a point < d of the"),
     ],
 )
-def test_dimensions_that_make_no_tip_state_the_inequality(make: object, says: str) -> None:
+def test_invalid_dimensions_state_the_inequality(make: object, says: str) -> None:
     assert callable(make)
     with pytest.raises(ShapeError, match=says):
         make()
 
 
-def test_an_indenter_is_as_low_as_its_lowest_tip() -> None:
+def test_indenter_height_is_its_lowest_tip() -> None:
     mixed = Indenter("mixed", (SphereTip(0, 0, 5.0), SphereTip(1.0, 0, 1.0)))
     x, y = np.array([0.0, 1.0, 2.5, 9.0]), np.zeros(4)
     assert mixed.height_mm(x, y) == pytest.approx([0.0, 0.0, 5 - math.sqrt(18.75), math.inf])

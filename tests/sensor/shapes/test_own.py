@@ -22,7 +22,7 @@ from deltact_fab.sensor.shapes.turned import TurnedTip
 OWN = ("cross", "tilted-edge", "two-axis")
 
 
-def test_a_turned_ridge_is_the_ridge_at_turned_points():
+def test_turned_ridge_matches_turned_points():
     ridge = RidgeTip(0.0, 0.0, 0.3, 1.5, 6.0)
     turned = PosedTip(ridge, 1.0, -0.5, turn_deg=30.0)
     rng = np.random.default_rng(3)
@@ -34,7 +34,7 @@ def test_a_turned_ridge_is_the_ridge_at_turned_points():
     assert turned.equator_mm == ridge.equator_mm
 
 
-def test_a_tilted_ball_is_the_same_ball_below_its_widest():
+def test_tilted_ball_is_unchanged_below_equator():
     ball = PosedTip(SphereTip(0.0, 0.0, 4.0), 0.0, 0.0, tilt_x_deg=12.0, tilt_y_deg=-20.0)
     x, y = np.random.default_rng(4).uniform(-1, 1, (2, 300))
     # It turns about the ball's lowest point, and so its middle moves aside.
@@ -66,7 +66,7 @@ def test_a_tilted_spheroid_is_its_quadric():
     [TurnedTip.cylinder(4.5, 0.3), PrismTip.polygon(6, 4.5), EllipsoidTip(0.0, 0.0, 4.5, 3.0)],
     ids=lambda tip: type(tip).__name__,
 )
-def test_a_tilted_tip_holds_its_ball_of_radius(upright):
+def test_tilted_tip_contains_its_ball(upright):
     tip = PosedTip(upright, 0.4, -0.2, tilt_x_deg=20.0, tilt_y_deg=10.0)
     x, y = tip.lowest_mm
     d = tip.radius_mm * np.linspace(0, 1 - 1e-9, 40)[:, None]
@@ -76,7 +76,7 @@ def test_a_tilted_tip_holds_its_ball_of_radius(upright):
 
 
 @pytest.mark.parametrize("name", OWN)
-def test_the_solid_has_the_underside_of_the_numbers(name):
+def test_solid_matches_height_field(name):
     built = BuiltDesign(load_design(), (find_part(name),), {})
     assert [row.status for row in height_fields(built)] == ["pass"]
 
@@ -104,7 +104,7 @@ def test_mirrors_are_those_of_the_shape():
         ('tips = [{kind = "cube"}]', "shape.mine.tips"),
     ],
 )
-def test_a_shape_that_is_none_is_one_line(tmp_path, monkeypatch, text, says):
+def test_invalid_shape_is_one_line(tmp_path, monkeypatch, text, says):
     (tmp_path / "indenters.toml").write_text(f"[shape.mine]\n{text}\n")
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=re.escape(says)) as told:
@@ -113,13 +113,13 @@ def test_a_shape_that_is_none_is_one_line(tmp_path, monkeypatch, text, says):
 
 
 @pytest.mark.parametrize("name", ["Mine", "a/b", "star", "sphere"])
-def test_a_name_that_a_file_or_a_built_in_shape_cannot_have_is_refused(name):
+def test_reserved_or_invalid_names_are_refused(name):
     shape = OwnShape((OwnTip("ball", radius_mm=2.0),))
     with pytest.raises(InputError, match="no built-in one"):
         shape.indenter(name)
 
 
-def test_a_run_keeps_the_shape_whatever_the_file_says_later(tmp_path, monkeypatch):
+def test_run_keeps_its_own_shapes(tmp_path, monkeypatch):
     (tmp_path / "indenters.toml").write_text(
         '[shape.mine]\ntips = [{kind = "ball", radius_mm = 2.0, x_mm = 1.0}]\n'
     )

@@ -13,7 +13,7 @@ from deltact_fab.sensor.optics.camera import Pinhole
 from deltact_fab.sensor.optics.fisheye import Fisheye
 from deltact_fab.sensor.optics.lattice import PointSampler, SurfaceLattice
 from deltact_fab.sensor.optics.rectified import Rectified
-from deltact_fab.sensor.shapes.imaging import GAMMA, ImageSensor
+from deltact_fab.sensor.shapes.imaging import CAMERA_GAMMA, ImageSensor
 from deltact_fab.sensor.shapes.sensor import SensorDimensions
 from deltact_fab.simulate.virtual.picture import (
     RIM_PX,
@@ -124,7 +124,7 @@ def dots(at_mm: NDArray[np.float64], half_mm: float = 8.0) -> NDArray[np.float32
 
 def middles(image: NDArray[np.uint8], near_px: NDArray[np.float64]) -> NDArray[np.float64]:
     """Centroids (n, 2) of light within 4 px of each place."""
-    light = (image.mean(axis=-1) / 255.0) ** GAMMA
+    light = (image.mean(axis=-1) / 255.0) ** CAMERA_GAMMA
     found = []
     for x, y in np.rint(near_px).astype(int):
         rows, columns = np.mgrid[y - 4 : y + 5, x - 4 : x + 5]

@@ -81,7 +81,7 @@ def test_a_case_that_kills_or_hangs_is_wrong_and_the_rest_go_on(toy: str, tmp_pa
     rows = list(harness.case_rows("toy", toy, cases, tmp_path, False, silence_s=5.0))
     assert [r["case"] for r in rows] == [c.name for c in cases]
     assert [r["outcome"] for r in rows] == ["right", "wrong", "wrong", "right"]
-    assert "its process died twice" in rows[1]["note"]
+    assert "worker process died twice" in rows[1]["note"]
     assert "no answer for 5 s" in rows[2]["note"]
 
 

@@ -1,6 +1,6 @@
-"""Runs in the formats of others. Press by press, whole or not at all.
+"""Export of runs to CSV, Parquet, MCAP and LeRobot, press by press and atomic.
 
-CSV, Parquet and MCAP are of one run; a dataset of LeRobot may be of several.
+CSV, Parquet and MCAP hold one run; a LeRobot dataset may hold several.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from deltact_fab.common import InputError, Progress, disk_errors, require_extra,
 
 from ..run import Run
 
-FORMATS = {
+EXPORT_LIBRARIES = {
     "csv": (),
     "parquet": ("pyarrow",),
     "mcap": ("mcap",),
     "lerobot": ("av", "pyarrow"),
 }
-"""Each with what it is written with, where that is a package of the extra `export`."""
+"""Packages of the extra `export` that each format needs."""
 
 
 def export_run(
@@ -31,28 +31,28 @@ def export_run(
 ) -> dict[str, int]:
     """Write runs to `out`, a new file (mcap) or folder; return rows by table.
 
-    form: one of FORMATS. More than one run is for lerobot only, as is `follow`: what measures the
-    motion of the face, None to leave it out. Of a run that was cut off, what it has. Raises
-    InputError where `out` is there already or has no folder, MissingLibrary without the extra
-    `export`, RunFailed for a damaged run and a full disk.
+    form: one of EXPORT_LIBRARIES. Several runs, and `follow` (tracker of the face's motion; None:
+    no motion), are for lerobot only. An unfinished run is exported as far as it goes. Raises
+    InputError if `out` exists or has no parent folder, MissingLibrary without the extra `export`,
+    RunFailed for a damaged run or a full disk.
     """
-    require_extra("export", f"--format {form}", *FORMATS[form])
+    require_extra("export", f"--format {form}", *EXPORT_LIBRARIES[form])
     if out.exists():
         raise InputError(f"{out}: already there; name a new one")
     if not out.absolute().parent.is_dir():
         raise InputError(f"{out.parent}: no such folder")
     if form != "lerobot" and len(runs) > 1:
         raise InputError(f"--format {form}: one run at a time; lerobot takes several")
-    report = progress or (lambda done, total, what: None)
-    with disk_errors(out), whole_file(out) as made:
+    report = progress or (lambda count, total, text: None)
+    with disk_errors(out), whole_file(out) as part:
         if form == "mcap":
             from .foxglove import write
 
-            return write(runs[0], made, report)
+            return write(runs[0], part, report)
         if form == "lerobot":
             from .lerobot import write as write_lerobot
 
-            return write_lerobot(runs, made, follow, report)
+            return write_lerobot(runs, part, follow, report)
         from .tables import write as write_tables
 
-        return write_tables(runs[0], made, form, report)
+        return write_tables(runs[0], part, form, report)

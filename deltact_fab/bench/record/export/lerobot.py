@@ -1,9 +1,9 @@
-"""Runs as a LeRobotDataset, version 3.0: numbers in Parquet, images and motion as video.
+"""Export of runs as a LeRobotDataset v3.0: numbers in Parquet, images and motion as video.
 
 The layout is what its loader reads (huggingface/lerobot, `datasets`). An episode is a press, which
-starts tared and at rest. The format knows one rate, and `timestamp` is a frame's number over it;
-when it was really taken stand in `t_press_s` and `time_ns`. Both videos are VP9 in RGB planes: dots
-of a few pixels in colour do not outlive the halved colour of other formats (25 dB). Numbers are
+starts tared and at rest. The format has one rate, and `timestamp` is the frame number over it;
+`t_press_s` and `time_ns` hold the true times. Both videos are VP9 in RGB planes: chroma subsampling
+would blur coloured dots of a few pixels (25 dB). Numbers are
 float32; the motion is exact to its levels, the image is lossy.
 """
 
@@ -27,66 +27,67 @@ from deltact_fab.common import InputError, Progress
 from ..files import UNKNOWN_SENSOR, json_bytes
 from ..run import Run
 from ..streams import FORCE_COLUMNS, POSE_COLUMNS
-from .tables import LINE, TABLES, TimeLine, described, of_press
+from .tables import TABLE_COLUMNS, TIME_COLUMN, TimeLine, describe_run, press_rows
 
-RAW, MOTION = "observation.images.raw", "observation.images.deformation"
-MM_PER_LEVEL, REST = 0.025, 128
-ABOUT = {
-    MOTION: "red and green: x and y of the way of each point of the face since the press's first "
-    f"frame, {MM_PER_LEVEL:g} mm per level from {REST}, cut off at 1 and 255; blue: 255 where it "
-    "was found in the image, else 0",
-    RAW: "as the camera gave it; lossy",
-    "timestamp": "frame_index / fps, as the format asks; t_press_s and time_ns say when",
+RAW_KEY, MOTION_KEY = "observation.images.raw", "observation.images.deformation"
+MM_PER_LEVEL, REST_LEVEL = 0.025, 128  # by hand: 8 bits for +-3.2 mm; finer steps clip sooner
+FEATURE_TEXTS = {
+    MOTION_KEY: "red and green: x and y displacement of each point of the face since the press's "
+    f"first frame, {MM_PER_LEVEL:g} mm per level from {REST_LEVEL}, cut off at 1 and 255; blue: "
+    "255 where it was found in the image, else 0",
+    RAW_KEY: "raw camera image; lossy",
+    "timestamp": "frame_index / fps, as the format requires; true times: t_press_s, time_ns",
 }
-RATE_HZ = 10  # of frames at stops, which have none
-FILE_FRAMES = 500  # some 300 MB; the loader finds frames to 0.1 ms by float32 s, so not many more
-CHUNK_FILES = 1000
-QUALITY = {RAW: {"crf": "20", "b": "0"}, MOTION: {"lossless": "1"}}
-EVERY = 16  # pixels between those that statistics are of
-INDEX = ("frame_index", "episode_index", "index", "task_index")
+STOP_RATE_HZ = 10  # by hand: nominal, for frames at stops, which have no rate
+FILE_FRAMES = 500  # about 300 MB; format: the loader seeks to 0.1 ms in float32 s
+CHUNK_FILES = 1000  # format: LeRobot's default chunks_size
+VIDEO_OPTIONS = {RAW_KEY: {"crf": "20", "b": "0"}, MOTION_KEY: {"lossless": "1"}}
+STATS_STRIDE_PX = 16  # by hand: every 16th pixel counts in the statistics; fewer bias them
+INDEX_FEATURES = ("frame_index", "episode_index", "index", "task_index")
 Stats = dict[str, NDArray[Any]]
 
 
 def levels(motion: Any) -> NDArray[np.uint8]:
-    """(h, w, 3) RGB of a motion, as `ABOUT` says."""
-    shift = np.clip(np.rint(motion.shift_mm / MM_PER_LEVEL) + REST, 1, 255)
+    """Image (h, w, 3) RGB of a motion, encoded as `FEATURE_TEXTS` states."""
+    shift = np.clip(np.rint(motion.shift_mm / MM_PER_LEVEL) + REST_LEVEL, 1, 255)
     return np.dstack([shift, np.where(motion.known, 255, 0)]).astype(np.uint8)
 
 
-CONTACT_N = 0.1  # several times the noise of the sensors that a bench has
-_TARGET = ("target_x_mm", "target_y_mm", "target_z_mm")
-COLUMNS = {**TABLES["frames"], "contact": "int8", **dict.fromkeys(_TARGET, "float64")}
-"""contact: 1 where fz_n < -CONTACT_N or, where no force is known, z_mm < 0; 0 where neither; -1
-where neither is known. target: where the step under way leads the tip."""
+CONTACT_FORCE_N = 0.1  # by hand: several times the sensor noise; lower gives false contacts
+_TARGET_COLUMNS = ("target_x_mm", "target_y_mm", "target_z_mm")
+_ADDED_COLUMNS = {"contact": "int8", **dict.fromkeys(_TARGET_COLUMNS, "float64")}
+EPISODE_COLUMNS = TABLE_COLUMNS["frames"] | _ADDED_COLUMNS
+"""contact: 1 if fz_n < -CONTACT_FORCE_N or, without a force, z_mm < 0; else 0; -1 if neither is
+recorded. target: end point of the current step."""
 
-FIELDS: dict[str, tuple[str, ...]] = {
-    "time_ns": (LINE,),
+FEATURE_COLUMNS: dict[str, tuple[str, ...]] = {
+    "time_ns": (TIME_COLUMN,),
     "t_press_s": ("t_press_s",),
     "seq": ("seq",),
     "settled": ("settled",),
     "observation.state": POSE_COLUMNS,
     "observation.wrench": FORCE_COLUMNS,
     "observation.contact": ("contact",),
-    "action": _TARGET,
+    "action": _TARGET_COLUMNS,
 }
-"""The columns that each feature of the dataset is made of."""
+"""Columns that make up each feature of the dataset."""
 
 Follow = Callable[[Run], Callable[[NDArray[np.uint8]], Any]]
-"""What follows a press of a run, from its first image on; the record knows no tracker.
+"""Factory of a tracker of one press, from its first image on (`record` imports no tracker).
 
-It gives the pattern's motion at points of the face: shift_mm (h, w, 2), known (h, w), x_mm (w,),
+The tracker returns the motion at points of the face: shift_mm (h, w, 2), known (h, w), x_mm (w,),
 y_mm (h,), trusted."""
 
 
 def values_of(table: pd.DataFrame, columns: tuple[str, ...]) -> NDArray[Any]:
-    """(n,) of one column, (n, columns) of more; nan where a float is not known."""
-    values = table[list(columns)].to_numpy(COLUMNS[columns[0]])
+    """Values (n,) of one column, (n, columns) of several; nan for a missing float."""
+    values = table[list(columns)].to_numpy(EPISODE_COLUMNS[columns[0]])
     return values if len(columns) > 1 else values[:, 0]
 
 
 @dataclass(frozen=True)
 class Episode:
-    """A press with frames. table: of its frames, with `COLUMNS`; follow: None without motion."""
+    """A press with frames. table: its frames, `EPISODE_COLUMNS`; follow: None for no motion."""
 
     run: Run
     line: TimeLine
@@ -96,13 +97,13 @@ class Episode:
 
     @property
     def indenter(self) -> str:
-        """Which was mounted."""
+        """Name of the mounted indenter."""
         return str(self.table["indenter"].iloc[0])
 
     def images(self) -> Iterator[tuple[NDArray[np.uint8], Any]]:
-        """Of each frame the image as the camera gave it, (h, w, 3) RGB, and the motion.
+        """Yield the raw image (h, w, 3) RGB and the motion of each frame.
 
-        One at a time; none of a run without images. Raises as `Run.image` and the tracker do.
+        Empty for a run without images. Raises as `Run.image` and the tracker do.
         """
         track = self.follow(self.run) if self.follow and self.run.meta["camera"] else None
         for file in self.table["file"].dropna():
@@ -112,38 +113,38 @@ class Episode:
 
 
 def episodes(runs: Sequence[Run], follow: Follow | None, progress: Progress) -> Iterator[Episode]:
-    """All presses that have frames, run by run in the order they were begun.
+    """Yield all presses with frames, run by run in the order they began.
 
-    Raises InputError where no run has one, or where one has images and another has not.
+    Raises InputError if there is none, or if only some have images.
     """
-    lines = [TimeLine.of(run) for run in runs]
-    done, total, seen = 0, sum(len(line.presses) for line in lines), set()
+    lines = [TimeLine.from_run(run) for run in runs]
+    count, total, has_images = 0, sum(len(line.presses) for line in lines), set()
     for run, line in zip(runs, lines, strict=True):
         for press in line.presses:
-            done += 1
-            table = of_press(run, line, "frames", press)
+            count += 1
+            table = press_rows(run, line, "frames", press)
             if table.empty:  # a change of the indenter
                 continue
-            seen.add(bool(table["file"].notna().all()))
-            if len(seen) > 1:
-                raise InputError(f"{run.folder}: {press}: frames with and without images")
-            yield Episode(run, line, press, _told(run, line, press, table), follow)
-            progress(done, total, press)
-    if not seen:
+            has_images.add(bool(table["file"].notna().all()))
+            if len(has_images) > 1:
+                raise InputError(f"{run.folder}: {press}: only some frames have images")
+            yield Episode(run, line, press, _with_targets(run, line, press, table), follow)
+            progress(count, total, press)
+    if not has_images:
         raise InputError(f"{runs[0].folder}: no press has frames")
 
 
-def _told(run: Run, line: TimeLine, press: str, table: pd.DataFrame) -> pd.DataFrame:
-    """With targets and contact."""
-    targets = of_press(run, line, "steps", press).set_index("step_id")[list(POSE_COLUMNS)]
-    named = targets.rename(columns=dict(zip(POSE_COLUMNS, _TARGET, strict=True)))
+def _with_targets(run: Run, line: TimeLine, press: str, table: pd.DataFrame) -> pd.DataFrame:
+    """Add targets and contact to the frames of a press."""
+    targets = press_rows(run, line, "steps", press).set_index("step_id")[list(POSE_COLUMNS)]
+    target_columns = targets.rename(columns=dict(zip(POSE_COLUMNS, _TARGET_COLUMNS, strict=True)))
     fz_n, z_mm = table["fz_n"], table["z_mm"]
-    contact = np.select([fz_n.notna(), z_mm.notna()], [fz_n < -CONTACT_N, z_mm < 0], -1)
-    return table.join(named, on="step_id").assign(contact=contact.astype(np.int8))
+    contact = np.select([fz_n.notna(), z_mm.notna()], [fz_n < -CONTACT_FORCE_N, z_mm < 0], -1)
+    return table.join(target_columns, on="step_id").assign(contact=contact.astype(np.int8))
 
 
-class _Part:
-    """The n-th file of each kind: whole episodes, numbers held until it ends, videos written."""
+class _FilePart:
+    """n-th file of each kind: whole episodes; tables are written at the end, videos at once."""
 
     def __init__(self, folder: Path, n: int, rate_hz: int) -> None:
         self._folder, self._rate_hz = folder, rate_hz
@@ -154,7 +155,7 @@ class _Part:
         self._videos: dict[str, Any] = {}
 
     def place(self, kind: str, suffix: str) -> Path:
-        """Of the file of a kind, its folder made."""
+        """Path of the file of a kind; creates its folder."""
         path = self._folder / kind / f"chunk-{self.chunk:03d}" / f"file-{self.file:03d}.{suffix}"
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
@@ -163,7 +164,7 @@ class _Part:
         """Add an image (h, w, 3) RGB to a video."""
         if key not in self._videos:
             out = av.open(self.place(f"videos/{key}", "mp4"), "w")
-            options = {"g": "2", "deadline": "realtime", "cpu-used": "8", **QUALITY[key]}
+            options = {"g": "2", "deadline": "realtime", "cpu-used": "8", **VIDEO_OPTIONS[key]}
             stream: Any = out.add_stream("libvpx-vp9", rate=self._rate_hz, options=options)
             stream.height, stream.width = image.shape[:2]
             stream.pix_fmt = "gbrp"
@@ -172,7 +173,7 @@ class _Part:
         out.mux(stream.encode(av.VideoFrame.from_ndarray(image, "rgb24")))
 
     def close(self) -> None:
-        """End all files."""
+        """Close all files."""
         for out, stream in self._videos.values():
             out.mux(stream.encode())
             out.close()
@@ -185,60 +186,60 @@ class _Part:
 def write(
     runs: Sequence[Run], folder: Path, follow: Follow | None, progress: Progress
 ) -> dict[str, int]:
-    """Write the dataset into a new folder; return how many episodes and frames it has.
+    """Write the dataset into a new folder; return its numbers of episodes and frames.
 
-    Raises InputError for runs of different rates or images, else as `episodes` and its images do.
+    Raises InputError for runs with different rates or image sizes, else as `episodes` does.
     """
     rates = {str(run.folder): _rate_hz(run) for run in runs}
     if len(set(rates.values())) > 1:
-        raise InputError(f"runs at different rates make no dataset, which has one: {rates} Hz")
+        raise InputError(f"a dataset needs one frame rate; runs have {rates} Hz")
     rate_hz = max(1, round(min(rates.values())))
     tasks: dict[str, int] = {}
     total: dict[str, Stats] = {}
     features: dict[str, Any] = {}
-    part, frames, at = _Part(folder, 0, rate_hz), 0, -1
-    for at, episode in enumerate(episodes(runs, follow, progress)):
+    part, frames, index = _FilePart(folder, 0, rate_hz), 0, -1
+    for index, episode in enumerate(episodes(runs, follow, progress)):
         if part.frames >= FILE_FRAMES:
             part.close()
-            part = _Part(folder, part.chunk * CHUNK_FILES + part.file + 1, rate_hz)
+            part = _FilePart(folder, part.chunk * CHUNK_FILES + part.file + 1, rate_hz)
         n = len(episode.table)
-        known = episode.indenter != UNKNOWN_SENSOR
-        task = "press the sensor" + (f" with {episode.indenter}" if known else "")
-        columns = {key: _single(values_of(episode.table, c)) for key, c in FIELDS.items()}
-        numbers = (np.arange(n), np.full(n, at), np.arange(frames, frames + n),
+        has_indenter = episode.indenter != UNKNOWN_SENSOR
+        task = "press the sensor" + (f" with {episode.indenter}" if has_indenter else "")
+        columns = {key: _single(values_of(episode.table, c)) for key, c in FEATURE_COLUMNS.items()}
+        numbers = (np.arange(n), np.full(n, index), np.arange(frames, frames + n),
                    np.full(n, tasks.setdefault(task, len(tasks))))  # fmt: skip
-        columns |= dict(zip(INDEX, numbers, strict=True))
+        columns |= dict(zip(INDEX_FEATURES, numbers, strict=True))
         columns["timestamp"] = _single(np.arange(n) / rate_hz)
         part.tables.append(_table(columns))
-        where = {"chunk_index": part.chunk, "file_index": part.file}
+        location = {"chunk_index": part.chunk, "file_index": part.file}
         row: dict[str, Any] = {
-            "episode_index": at, "tasks": [task], "length": n, "dataset_from_index": frames,
+            "episode_index": index, "tasks": [task], "length": n, "dataset_from_index": frames,
             "dataset_to_index": frames + n, "run": str(episode.run.meta["name"]),
             "press": episode.press, "indenter": episode.indenter,
         }  # fmt: skip
-        begun = {"from_timestamp": part.frames / rate_hz,
+        time_span = {"from_timestamp": part.frames / rate_hz,
                  "to_timestamp": (part.frames + n) / rate_hz}  # fmt: skip
-        pixels = _filmed(episode, part, features, rate_hz)
+        pixels = _write_videos(episode, part, features, rate_hz)
         for kind in ("data", "meta/episodes"):
-            row |= {f"{kind}/{name}": value for name, value in where.items()}
+            row |= {f"{kind}/{name}": value for name, value in location.items()}
         for key in pixels:
-            row |= {f"videos/{key}/{name}": value for name, value in (where | begun).items()}
+            row |= {f"videos/{key}/{name}": value for name, value in (location | time_span).items()}
         for key, values in (columns | pixels).items():
             stats = _stats(values, key in pixels)
-            total[key] = _merged(total[key], stats) if key in total else stats
+            total[key] = _merge_stats(total[key], stats) if key in total else stats
             row |= {f"stats/{key}/{name}": value.tolist() for name, value in stats.items()}
         part.rows.append(row)
         part.frames += n
         frames += n
         for key, values in columns.items():
-            names = list(FIELDS.get(key, (key,)))
+            names = list(FEATURE_COLUMNS.get(key, (key,)))
             features[key] = {"dtype": values.dtype.name, "shape": [len(names)], "names": names}
     part.close()
     info = {
         "codebase_version": "v3.0", "robot_type": "deltact-fab", "fps": rate_hz,
-        "total_episodes": at + 1, "total_frames": frames, "total_tasks": len(tasks),
+        "total_episodes": index + 1, "total_frames": frames, "total_tasks": len(tasks),
         "chunks_size": CHUNK_FILES, "data_files_size_in_mb": 100, "video_files_size_in_mb": 500,
-        "splits": {"train": f"0:{at + 1}"}, "features": features,
+        "splits": {"train": f"0:{index + 1}"}, "features": features,
         "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
         "video_path": "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4",
     }  # fmt: skip
@@ -249,17 +250,18 @@ def write(
     pd.DataFrame({"task_index": tasks.values()}, index=list(tasks)).to_parquet(
         meta / "tasks.parquet"
     )
-    about = {"runs": [described(run) for run in runs], "about": ABOUT, "mm_per_level": MM_PER_LEVEL}
+    described = [describe_run(run) for run in runs]
+    about = {"runs": described, "about": FEATURE_TEXTS, "mm_per_level": MM_PER_LEVEL}
     (meta / "deltact-fab.json").write_bytes(json_bytes(about))
-    return {"episodes": at + 1, "frames": frames}
+    return {"episodes": index + 1, "frames": frames}
 
 
 def _rate_hz(run: Run) -> float:
-    if run.imported:  # no protocol said it
+    if run.imported:  # an import has no protocol
         every_s = np.median(np.diff(run.frames()["t_s"])) if len(run.frames()) > 1 else 0.0
-        return 1 / float(every_s) if every_s > 0 else RATE_HZ
+        return 1 / float(every_s) if every_s > 0 else STOP_RATE_HZ
     capture = (run.meta.get("protocol") or {}).get("capture") or {}
-    return float(capture.get("rate_hz") or RATE_HZ)
+    return float(capture.get("rate_hz") or STOP_RATE_HZ)
 
 
 def _single(values: NDArray[Any]) -> NDArray[Any]:
@@ -267,7 +269,7 @@ def _single(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _table(columns: dict[str, NDArray[Any]]) -> Any:
-    """As Arrow: a column of vectors is one of lists of one length."""
+    """Arrow table; a column of vectors becomes one of fixed-size lists."""
 
     def arrow(values: NDArray[Any]) -> Any:
         flat = pa.array(values.ravel())
@@ -276,46 +278,48 @@ def _table(columns: dict[str, NDArray[Any]]) -> Any:
     return pa.table({key: arrow(values) for key, values in columns.items()})
 
 
-def _filmed(
-    episode: Episode, part: _Part, features: dict[str, Any], rate_hz: int
+def _write_videos(
+    episode: Episode, part: _FilePart, features: dict[str, Any], rate_hz: int
 ) -> dict[str, NDArray[Any]]:
-    """Write an episode's videos; return some of their pixels, (n, 3), for statistics."""
+    """Write an episode's videos; return a sample of their pixels (n, 3) for statistics."""
     pixels: dict[str, list[NDArray[Any]]] = {}
     for image, motion in episode.images():
-        for key, shown in ((RAW, image), (MOTION, None if motion is None else levels(motion))):
-            if shown is None:
+        drawing = None if motion is None else levels(motion)
+        for key, picture in ((RAW_KEY, image), (MOTION_KEY, drawing)):
+            if picture is None:
                 continue
-            told = {
-                "dtype": "video", "shape": list(shown.shape),
+            feature = {
+                "dtype": "video", "shape": list(picture.shape),
                 "names": ["height", "width", "channels"],
                 "info": {
-                    "video.height": shown.shape[0], "video.width": shown.shape[1],
+                    "video.height": picture.shape[0], "video.width": picture.shape[1],
                     "video.channels": 3, "video.codec": "vp9", "video.pix_fmt": "gbrp",
                     "video.fps": rate_hz, "video.is_depth_map": False, "has_audio": False,
                 },
             }  # fmt: skip
-            if features.setdefault(key, told) != told:
-                raise InputError(f"{episode.run.folder}: {episode.press}: images of another size")
-            part.film(key, shown)
-            pixels.setdefault(key, []).append(shown[::EVERY, ::EVERY].reshape(-1, 3))
-    return {key: np.concatenate(seen) for key, seen in pixels.items()}
+            if features.setdefault(key, feature) != feature:
+                raise InputError(f"{episode.run.folder}: {episode.press}: image size differs")
+            part.film(key, picture)
+            sparse = picture[::STATS_STRIDE_PX, ::STATS_STRIDE_PX]
+            pixels.setdefault(key, []).append(sparse.reshape(-1, 3))
+    return {key: np.concatenate(parts) for key, parts in pixels.items()}
 
 
 def _stats(values: NDArray[Any], picture: bool) -> Stats:
-    """By column, what is not known (nan) left out; of a picture in [0, 1], channels (3, 1, 1)."""
+    """Statistics by column, ignoring nan; of a picture in [0, 1], by channel (3, 1, 1)."""
     rows = np.asarray(values, float).reshape(len(values), -1) / (255 if picture else 1)
     rows = np.where(np.isfinite(rows).any(axis=0), rows, 0.0)
-    told = {"min": np.nanmin(rows, axis=0), "max": np.nanmax(rows, axis=0),
+    summary = {"min": np.nanmin(rows, axis=0), "max": np.nanmax(rows, axis=0),
             "mean": np.nanmean(rows, axis=0), "std": np.nanstd(rows, axis=0)}  # fmt: skip
-    shaped = {name: value.reshape(3, 1, 1) if picture else value for name, value in told.items()}
+    shaped = {name: value.reshape(3, 1, 1) if picture else value for name, value in summary.items()}
     return shaped | {"count": np.array([len(rows)])}
 
 
-def _merged(a: Stats, b: Stats) -> Stats:
+def _merge_stats(a: Stats, b: Stats) -> Stats:
     share = b["count"] / (count := a["count"] + b["count"])
-    way = b["mean"] - a["mean"]
-    spread = a["std"] ** 2 * (1 - share) + b["std"] ** 2 * share + way**2 * share * (1 - share)
+    shift = b["mean"] - a["mean"]
+    spread = a["std"] ** 2 * (1 - share) + b["std"] ** 2 * share + shift**2 * share * (1 - share)
     return {
         "min": np.minimum(a["min"], b["min"]), "max": np.maximum(a["max"], b["max"]),
-        "mean": a["mean"] + share * way, "std": np.sqrt(spread), "count": count,
+        "mean": a["mean"] + share * shift, "std": np.sqrt(spread), "count": count,
     }  # fmt: skip

@@ -57,7 +57,7 @@ def load_view(
                 f"{source}: camera.width_px, height_px: {asked[0]} x {asked[1]} px, and {path} is "
                 f"of images of {made[0]} x {made[1]} px"
             )
-    return Rectified.of(sensor, camera) if isinstance(camera, Fisheye) else camera
+    return Rectified.from_sensor(sensor, camera) if isinstance(camera, Fisheye) else camera
 
 
 def raw_size_px(camera: CameraModel) -> tuple[int, int]:
@@ -88,7 +88,7 @@ def view_notes(view: CameraModel | None, patch_mm: float | None) -> Iterator[Not
     if aliased >= NOTICED:
         text = (
             f"patches of {patch_mm:g} mm alias over {aliased:.0%} of the view: the lens has less "
-            f"than {view.least_patch_px:g} pixels for one there"
+            f"than {view.min_patch_px:g} pixels for one there"
         )
         yield Note("aliasing", text, warns=True)
     yield Note("raw images", "images are stored raw and rectified when they are read")

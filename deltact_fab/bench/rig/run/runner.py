@@ -68,7 +68,7 @@ class Runner:
         """
         self._total = sum(s.frames for s in steps)
         lift_to_mm = min(s.target_mm[2] for s in steps if s.kind == "travel")
-        todo = [i for i, s in enumerate(steps) if s.press not in self._writer.kept]
+        todo = [i for i, s in enumerate(steps) if s.press not in self._writer.kept_presses]
         self._kept = self._total - sum(steps[i].frames for i in todo)
         self._remaining = RemainingTime(steps, todo, self._d.wall_clock, self._d.change_s)
         with interruptible(self._stage.abort):

@@ -15,14 +15,14 @@ from contextlib import contextmanager, suppress
 
 from deltact_fab.common import DeltactFabError, SensorError, to_ns
 
-from ...protocols.motion import ARRIVAL_S, LOOK_S
+from ...protocols.motion import ARRIVAL_DELAY_S, STATUS_INTERVAL_S
 from ...protocols.plan import Step
 from ...record.streams import Chunk
 from ...record.writer import RunWriter
 from ..interface import CameraFrame, Devices
 from .streams import ForceStream, FrameRequest, FrameStream, PoseStream
 
-LOOK_NS = to_ns(LOOK_S)
+LOOK_NS = to_ns(STATUS_INTERVAL_S)
 GUARD_NS = 8_000_000  # between two looks of the guard
 SAMPLE_NS = 1_000_000  # a reading waits for the next sample
 TAKEN = "taken"
@@ -94,7 +94,7 @@ class Schedule:
         """Wait for the end of the move, then for the moment that its plan gives."""
         self._until(end_ns)
         self._d.stage.wait()
-        self._sleep_until(end_ns + to_ns(ARRIVAL_S))
+        self._sleep_until(end_ns + to_ns(ARRIVAL_DELAY_S))
 
     def reach(self, end_ns: int) -> None:
         if self._guarded:
@@ -163,7 +163,7 @@ class Schedule:
     def cut_off(self, step: Step) -> None:
         """Keep what the streams held when the run broke off. Raises RunFailed."""
         self._account(step)
-        self._writer.cut_off(step, self._take())
+        self._writer.interrupted_step(step, self._take())
 
     def event(self, kind: str, text: str, step: Step | None = None) -> None:
         self._writer.event(kind, text, self._d.clock.now_s(), step)

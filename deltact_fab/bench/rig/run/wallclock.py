@@ -47,7 +47,7 @@ class ThreadedSchedule(Schedule):
         """Start the threads; the guard is armed on return. Raises SensorError."""
         self._writer.failed = self._fail
         if self._d.camera is not None:
-            self._writer.ready()
+            self._writer.load_encoder()
             self._seeing = Loop("camera", self.frames.step, self._fail)
             self._loops.append(self._seeing)
         if self.force is not None:

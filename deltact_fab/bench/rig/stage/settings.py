@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 
 from deltact_fab.common import Check, Point
 
-from ...protocols.limits import ends_mm
+from ...protocols.limits import axis_range_mm
 from ...protocols.motion import StageConfig
 from .exchange import OPTIONS
 
@@ -189,7 +189,7 @@ class Limits:
     def ends_mm(self, axis: int) -> tuple[float, float]:
         """How low and how high an axis may go: homing leaves it $27 off its switch."""
         at_top = not int(self.settings.get(23, 0)) >> axis & 1
-        return ends_mm(self.travel_mm[axis], at_top, self.settings.get(27, 0.0))
+        return axis_range_mm(self.travel_mm[axis], at_top, self.settings.get(27, 0.0))
 
     def target_refusal(self, machine_mm: Point) -> str:
         """A target that is no place, or outside of the travel."""

@@ -158,7 +158,7 @@ def register_face(
     residual_mm = float(abs(level @ (height, along_x, along_y) - at[:, 2]).max())
     x, y, _ = frame.origin_machine_mm
     z = float(height + along_x * x + along_y * y) - asked.longer_mm
-    found = replace(frame, origin_machine_mm=(x, y, z)).facing((-along_x, -along_y, 1.0))
+    found = replace(frame, origin_machine_mm=(x, y, z)).with_normal((-along_x, -along_y, 1.0))
     a, b = map(math.radians, found.tilt_deg)
     tilt_deg = math.degrees(math.acos(math.cos(a) * math.cos(b)))
     if tilt_deg > MAX_TILT_DEG:

@@ -18,7 +18,7 @@ import numpy as np
 from deltact_fab.common import DeltactFabError, Field, Point, SensorError, StageError
 from deltact_fab.sensor import EllipsoidTip, Indenter, SphereTip
 
-from ...protocols.motion import WALL_CLOCK, StageConfig, move_duration_s
+from ...protocols.motion import WALL_CLOCK_PACE, StageConfig, move_duration_s
 from ..interface import move_to, rise
 from ..tables import TouchConfig
 from .feeler import LOOK_S, MEAN_S, SETTLE_S, TARE_S, ForceProbe
@@ -83,7 +83,7 @@ def tool_change_s(stage: StageConfig, touch: TouchConfig | None, park_mm: float)
         (1, high_mm, TRAVEL_FEED_MM_MIN),
     )
     limits = stage.max_feed_mm_min, stage.acceleration_mm_s2
-    beyond_s = WALL_CLOCK.move_s
+    beyond_s = WALL_CLOCK_PACE.move_s
     moving_s = sum(n * (move_duration_s((0, 0, mm), f, *limits) + beyond_s) for n, mm, f in moves)
     return TARE_S + moving_s + touch.repeats * (steps + 1) * (SETTLE_S + MEAN_S + LOOK_S)
 

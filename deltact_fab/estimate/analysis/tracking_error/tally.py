@@ -284,7 +284,7 @@ class TrueFrame:
     def imaged_pixels(camera: CameraModel) -> NDArray[np.bool_]:
         """Pixels (h, w) that hold an image: a rectified view may exceed that of the lens."""
         if isinstance(camera, Rectified):
-            return camera.seen()
+            return camera.visible_pixels()
         return np.ones((camera.height_px, camera.width_px), bool)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from deltact_fab.common import InputError, validate
 from deltact_fab.sensor import SkinDimensions
-from deltact_fab.version import VERSION
+from deltact_fab.version import PACKAGE_VERSION
 
 from ..sensor_id import (
     CalibrationHead,
@@ -54,7 +54,8 @@ class ForceCalibration:
         error: Mapping[str, Mapping[str, Any]],
     ) -> ForceCalibration:
         """Build a calibration from simulated presses. name: of the simulation, with this seed."""
-        head = CalibrationHead("force", sensor.id, CalibrationSource((name,), True, VERSION, seed))
+        source = CalibrationSource((name,), True, PACKAGE_VERSION, seed)
+        head = CalibrationHead("force", sensor.id, source)
         return cls(head, model, sensor.skin, sensor.poisson, error)
 
     def view(self, view: SensorModel) -> SensorModel:

@@ -66,7 +66,7 @@ class FaceInverse:
     """
 
     def __init__(self, view: SensorModel) -> None:
-        cells = FaceCells.of(view.skin, view.poisson, INVERSE_CELL_MM)
+        cells = FaceCells.from_skin(view.skin, view.poisson, INVERSE_CELL_MM)
         xs, ys = axes_mm(view.camera)
         half = view.camera.mm_per_px / 2
         y_range, x_range = (ys[0] - half, ys[-1] + half), (xs[0] - half, xs[-1] + half)

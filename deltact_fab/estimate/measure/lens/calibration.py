@@ -171,7 +171,7 @@ def fit_flat_field(blank: Path, lens: Fisheye) -> FlatField:
             f"--flat {blank}: {width} x {height} px, and the boards' images have "
             f"{lens.width_px} x {lens.height_px}"
         )
-    return FlatField.of_blank(image, f"--flat {blank}")
+    return FlatField.from_blank(image, f"--flat {blank}")
 
 
 def lens_from_corners(

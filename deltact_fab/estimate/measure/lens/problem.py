@@ -251,7 +251,7 @@ LENS_PRIORS = {
 
 def nominal(sensor: SensorDimensions, contact: Sequence[Corners], size_px: Array) -> Fisheye:
     """Return the design's lens for (width, height) px, with the focal length of the corners."""
-    (cx, cy), design = (size_px - 1) / 2, Fisheye.of(sensor)
+    (cx, cy), design = (size_px - 1) / 2, Fisheye.from_sensor(sensor)
     _, px_per_mm = min(_near_middle(corners, (cx, cy)) for corners in contact)
     return replace(
         design, f_px=px_per_mm * (design.mm_per_px * design.f_px),

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from deltact_fab.common import Point2
-from deltact_fab.version import VERSION
+from deltact_fab.version import PACKAGE_VERSION
 
 from ...pdf import POINTS_PER_MM, Document, glyphs, width_em
 from .dimensioning import TitleBlock
@@ -221,7 +221,7 @@ class DrawingPage:
         content = [f"{scale:.6f} 0 0 {-scale:.6f} 0 {height:.6f} cm 0 G 0 g 1 j"]
         content += [line for mark in self.broken() for line in _as_pdf(mark)]
         file.page([side * scale for side in self.size_mm], "\n".join(content))
-        return file.finish(self.title, f"deltact-fab {VERSION}")
+        return file.finish(self.title, f"deltact-fab {PACKAGE_VERSION}")
 
 
 def _as_svg(mark: Mark) -> str:
@@ -288,9 +288,9 @@ def draw_frame(
     page.path([[(x0, y1), (x0, y0), (x1, y0)]], "frame")
     texts = {
         "Projection": "first angle", "Dimensions": "mm", "Paper": sheet, "Owner": lab.owner,
-        "Drawn by": lab.drawn_by, "Approved by": lab.approved_by, "Title": name,
-        "Made by": f"deltact-fab {VERSION}", "Revision": lab.revision, "Date of issue": lab.date,
-        "Drawing number": lab.number and f"{lab.number}-{name}", "Sheet": "1 of 1", **cells,
+        "Drawn by": lab.drawn_by, "Approved by": lab.approved_by, "Title": name, "Sheet": "1 of 1",
+        "Made by": f"deltact-fab {PACKAGE_VERSION}", "Revision": lab.revision,
+        "Date of issue": lab.date, "Drawing number": lab.number and f"{lab.number}-{name}", **cells,
     }  # fmt: skip
     row_mm = TITLE_BLOCK_MM[1] / len(TITLE_CELLS)
     for i, row in enumerate(TITLE_CELLS):

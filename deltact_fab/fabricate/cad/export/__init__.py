@@ -159,7 +159,7 @@ def _load_or_make(
     results = run_each(
         make, missing, [task.name for task in missing], None,
         lambda count, _, step: tell(from_cache + count, len(tasks), step),
-        arrived=store_files, workers=jobs or shared,
+        on_result=store_files, workers=jobs or shared,
     )  # fmt: skip
     return cached_files + [file for several in results for file in several]
 

@@ -18,7 +18,7 @@ from xml.sax.saxutils import escape, quoteattr
 import numpy as np
 
 from deltact_fab.common import Point
-from deltact_fab.version import VERSION
+from deltact_fab.version import PACKAGE_VERSION
 
 from ..mesh import Mesh
 from ..rays import normals
@@ -74,7 +74,7 @@ def threemf_bytes(
     model = f"""<?xml version="1.0" encoding="UTF-8"?>
 <model unit="millimeter" xml:lang="en" xmlns="{_CORE_NAMESPACE}">
 <metadata name="Title">{escape(name)}</metadata>
-<metadata name="Application">deltact-fab {VERSION}</metadata>
+<metadata name="Application">deltact-fab {PACKAGE_VERSION}</metadata>
 <resources>
 <basematerials id="1"><base name={quoteattr(material)} displaycolor="{shade}"/></basematerials>
 <object id="2" type="model" name={quoteattr(name)} pid="1" pindex="0">

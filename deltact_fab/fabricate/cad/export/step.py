@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from deltact_fab.common import Point, RunFailed
-from deltact_fab.version import VERSION
+from deltact_fab.version import PACKAGE_VERSION
 
 
 def part_bytes(solid: Any, name: str) -> bytes:
@@ -102,7 +102,7 @@ def _step_bytes(writer: Any, name: str) -> bytes:
     header.SetTimeStamp(Text("1970-01-01T00:00:00"))
     header.SetAuthorValue(1, Text("deltact-fab"))
     header.SetOrganizationValue(1, Text("deltact-fab"))
-    header.SetOriginatingSystem(Text(f"deltact-fab {VERSION}"))
+    header.SetOriginatingSystem(Text(f"deltact-fab {PACKAGE_VERSION}"))
     header.SetAuthorisation(Text(""))
     stream = io.BytesIO()
     if writer.WriteStream(stream) != IFSelect_RetDone:

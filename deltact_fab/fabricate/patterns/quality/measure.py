@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltact_fab.common import MM_PER_INCH, Array, InputError
-from deltact_fab.sensor import GAMMA, ImageSensor, Printer, SensorDimensions
+from deltact_fab.sensor import CAMERA_GAMMA, ImageSensor, Printer, SensorDimensions
 
 from ..raster import cell_means, finest_mm, pattern_albedo, raster_window
 from ..recipe import PatternRecipe
@@ -93,7 +93,7 @@ def measure_quality(
     resolved = has_raster(recipe, printer.dpi)
     # Where a printer dot covers several patches, the values sent have already lost contrast
     patches = None if resolved else recipe.patches()
-    coded = np.power(printed, np.float32(1 / GAMMA)) * np.float32(255)
+    coded = np.power(printed, np.float32(1 / CAMERA_GAMMA)) * np.float32(255)
     original, coded = _middle(image), _middle(coded)
     print_contrast = contrast_share(coded, original, original if patches is None else patches)
     camera_contrast = contrast_share(photo, designed, image if patches is None else patches)

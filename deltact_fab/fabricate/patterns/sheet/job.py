@@ -29,7 +29,7 @@ from typing import Any, Literal
 
 from deltact_fab.common import InputError, Progress, did_you_mean, write_files
 from deltact_fab.sensor import SensorDimensions
-from deltact_fab.version import VERSION
+from deltact_fab.version import PACKAGE_VERSION
 
 from ...pdf import Document
 from ..cell_grid import CellGrid
@@ -157,7 +157,7 @@ def write_sheet(
         marks += page_marks.footer(sheet, page, pages)
         file.page(sheet.size_pt, "\n".join(marks), page_images)
     codes = tuple(cell.sticker.key for cell in cells.values())
-    content = file.finish("Pattern stickers", f"deltact-fab {VERSION}", codes)
+    content = file.finish("Pattern stickers", f"deltact-fab {PACKAGE_VERSION}", codes)
     write_files({out: content})
     tell(total, total, "file")
     return SheetReport(

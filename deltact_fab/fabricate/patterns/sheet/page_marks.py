@@ -13,7 +13,7 @@ from itertools import product
 import numpy as np
 
 from deltact_fab.common import InputError
-from deltact_fab.version import VERSION
+from deltact_fab.version import PACKAGE_VERSION
 
 from ..cell_grid import CellGrid
 from ..raster import finest_mm
@@ -90,8 +90,8 @@ def footer(sheet: Sheet, page: int, pages: int) -> list[str]:
     """Line of text along the lower margin."""
     y_mm = sheet.size_mm[1] - PAGE_MARGIN_MM - 1.0
     text = (
-        f"deltact-fab {VERSION}, page {page + 1} of {pages}. The text of a QR code regenerates "
-        "its pattern: deltact-fab pattern make CODE -o FILE"
+        f"deltact-fab {PACKAGE_VERSION}, page {page + 1} of {pages}. The text of a QR code "
+        "regenerates its pattern: deltact-fab pattern make CODE -o FILE"
     )
     return [sheet.text_line(PAGE_MARGIN_MM + LEFT_BAND_MM, y_mm, text)]
 

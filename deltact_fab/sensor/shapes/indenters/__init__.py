@@ -8,5 +8,5 @@ from deltact_fab.common import collect_entries
 
 from ..rigid import Indenter
 
-SHAPES: dict[str, Callable[[float], Indenter]] = collect_entries(__package__, "SHAPES")
+SHAPE_FACTORIES: dict[str, Callable[[float], Indenter]] = collect_entries(__package__, "SHAPES")
 """Each takes the factor by which its default, 9 mm along its longest side, is scaled."""

@@ -32,7 +32,7 @@ Vectors = NDArray[np.float32]
 Motion = Callable[[Field, Field], Field]
 
 SENSOR = SensorDimensions()
-CAMERA = Pinhole.of(SENSOR)
+CAMERA = Pinhole.from_sensor(SENSOR)
 MM_PER_PX = CAMERA.mm_per_px
 MARGIN_PX = PictureGeometry.MARGIN_PX
 MOVING_MM = 0.1  # as in the tracking error

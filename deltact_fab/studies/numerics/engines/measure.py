@@ -27,7 +27,7 @@ SMOOTH_MM, FINE_MM = 2.0, 0.5
 EVERY = (1, 2, 4, 8, 16)
 PUSH = 0.3  # of the dent that the curves see: det from 1.7 to about 0.94
 SENSOR = SensorDimensions()
-CAMERA = Pinhole.of(SENSOR)
+CAMERA = Pinhole.from_sensor(SENSOR)
 VIEW = SensorModel(CAMERA, SENSOR.skin)
 MM_PER_PX = CAMERA.mm_per_px
 
