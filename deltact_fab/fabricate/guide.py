@@ -150,7 +150,9 @@ def write_guide(
         p=DEFAULT_FIGURES,
         sticker=pattern,
         facts=quantities.FABRICATION_FIGURES,
-        process=html_table(pd.DataFrame(quantities.FABRICATION_FIGURES, dtype=object), PROCESS_HEADS),
+        process=html_table(
+            pd.DataFrame(quantities.FABRICATION_FIGURES, dtype=object), PROCESS_HEADS
+        ),
         gaps=html_table(pd.DataFrame(gaps(design)), GAP_HEADS),
         unverified=[(key, f"{attrgetter(key)(design):g}") for key in design.unverified()],
         # Keys that list measured dimensions, for sections with unverified ones.
@@ -338,7 +340,8 @@ def _figures(d: Design) -> dict[str, Any]:
     full = quantities.skins_batch(d, quantities.cavities(d))
     coupon_g = d.coupon.wells * well_volume_mm3(d) / 1000 * DEFAULT_FIGURES.density_g_cm3
     return {
-        "cup_ml": CUP_STEP_ML * math.ceil(full.volume_cm3 * DEFAULT_FIGURES.foam_factor / CUP_STEP_ML),
+        "cup_ml": CUP_STEP_ML
+        * math.ceil(full.volume_cm3 * DEFAULT_FIGURES.foam_factor / CUP_STEP_ML),
         # Half as much again for two drops and the rest in the cup.
         "coupon_g": max(1.5 * coupon_g, DEFAULT_FIGURES.coat_batch_g),
         "brighter": quantities.resistor_for_ohm(20.0, d.light),

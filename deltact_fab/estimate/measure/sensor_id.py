@@ -235,7 +235,9 @@ def format_acceptance(
     beside the file, and its bytes. rows: the checks.
     """
     simulated = model.simulated is not None
-    provenance = CalibrationSource((source,), simulated, PACKAGE_VERSION, seed if simulated else None)
+    provenance = CalibrationSource(
+        (source,), simulated, PACKAGE_VERSION, seed if simulated else None
+    )
     head = CalibrationHead("acceptance", SensorId(model.design, model.serial), provenance)
     return head.toml({"rest": rest_table(*rest), "accepted": {"rows": rows}})
 

@@ -89,13 +89,17 @@ class CastingScenes:
         yield "E.5", [*masked, *self._lifted(self._bodies("film", GREEN_RGBA, [flat]))]
         skirt = min(d.skin.protrusion_mm - 0.5, d.skin.edge_fillet_mm + 2.0)
         yield "E.6", [*masked, *self._bodies("film", GREEN_RGBA, [self._coat(0.0, FILM_MM, skirt)])]
-        printed = self._bodies("film", GREEN_RGBA, [self._coat(0.0, FILM_MM, d.skin.edge_fillet_mm)])
+        printed = self._bodies(
+            "film", GREEN_RGBA, [self._coat(0.0, FILM_MM, d.skin.edge_fillet_mm)]
+        )
         yield "E.7", [*masked, *printed]
 
         half = [*self._halved(face_parts), *self._halved(printed)]
         depth = d.skin.protrusion_mm - 0.01
         white = self._bodies("white coat", WHITE_RGBA, [self._coat(FILM_MM, 2 * FILM_MM, depth)])
-        black = self._bodies("black coat", BLACK_RGBA, [self._coat(2 * FILM_MM, 3 * FILM_MM, depth)])
+        black = self._bodies(
+            "black coat", BLACK_RGBA, [self._coat(2 * FILM_MM, 3 * FILM_MM, depth)]
+        )
         yield "F.3", [*face_parts, *white]
         yield "F.4", [*half, *self._halved(white)]
         yield "F.5", [*half, *self._halved(white), *self._halved(black)]
