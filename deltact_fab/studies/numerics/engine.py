@@ -95,25 +95,25 @@ def judge(case: Case, scratch: Path) -> dict[str, Any]:
     figure: float | None = None
     note = ""
     try:
-        found = case.check(scratch)
-        figure, note = found if isinstance(found, tuple) else (found, "")
+        answer = case.check(scratch)
+        figure, note = answer if isinstance(answer, tuple) else (answer, "")
         figure = float(figure)
-    except DeltactFabError as why:
-        note = " ".join(str(why).split())
-        came = "refused"
-    except Exception as why:  # a crash is a verdict of its own
-        note = f"{type(why).__name__}: {' '.join(str(why).split())}"[:300]
-        came = "crashed"
+    except DeltactFabError as error:
+        note = " ".join(str(error).split())
+        verdict = "refused"
+    except Exception as error:  # a crash is a verdict of its own
+        note = f"{type(error).__name__}: {' '.join(str(error).split())}"[:300]
+        verdict = "crashed"
     else:
         within = case.bound is not None and math.isfinite(figure) and abs(figure) <= case.bound
-        came = "right" if within else "off"
-    if came == "refused" and case.says not in note:
-        came, note = "off", f"refused for another reason: {note}"
-    outcome = came if came in case.expectation.split(" or ") else "wrong"
-    return as_row(case, outcome, plain(figure), note, time.perf_counter() - start_s)
+        verdict = "right" if within else "off"
+    if verdict == "refused" and case.says not in note:
+        verdict, note = "off", f"refused for another reason: {note}"
+    outcome = verdict if verdict in case.expectation.split(" or ") else "wrong"
+    return stability_row(case, outcome, finite_or_none(figure), note, time.perf_counter() - start_s)
 
 
-def as_row(
+def stability_row(
     case: Case, outcome: str, figure: float | None, note: str, seconds: float = 0.0
 ) -> dict[str, Any]:
     return {
@@ -122,7 +122,7 @@ def as_row(
     }  # fmt: skip
 
 
-def plain(figure: float | None) -> float | None:
+def finite_or_none(figure: float | None) -> float | None:
     """JSON knows no NaN: a figure that is none is null."""
     return None if figure is None or not math.isfinite(figure) else float(figure)
 

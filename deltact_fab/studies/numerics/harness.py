@@ -24,26 +24,26 @@ from .engine import (
     Case,
     CurveSetting,
     Engine,
-    as_row,
+    stability_row,
     judge,
     peak_resident_mb,
-    plain,
+    finite_or_none,
     reset_peak_mb,
 )
 
 # Modules, imported only when asked for: an engine needs libraries that another does not.
-REGISTRY = {name: f"{__package__}.engines.{name}" for name in ("pattern", "flow", "gel", "measure")}
+ENGINE_MODULES = {name: f"{__package__}.engines.{name}" for name in ("pattern", "flow", "gel", "measure")}
 
 
 def check_names(names: tuple[str, ...]) -> tuple[str, ...]:
     """The engines asked for, all when none is named. Raises InputError for an unknown one."""
     for name in names:
-        if name not in REGISTRY:
-            raise InputError(f"engine {name!r}: unknown; {did_you_mean(name, REGISTRY)}")
-    return tuple(dict.fromkeys(names)) or tuple(REGISTRY)
+        if name not in ENGINE_MODULES:
+            raise InputError(f"engine {name!r}: unknown; {did_you_mean(name, ENGINE_MODULES)}")
+    return tuple(dict.fromkeys(names)) or tuple(ENGINE_MODULES)
 
 
-def load(module: str) -> Engine:
+def load_engine(module: str) -> Engine:
     """The engine of a module. Raises TypeError when the module has none."""
     engine = importlib.import_module(module).ENGINE
     if not isinstance(engine, Engine):
@@ -51,14 +51,14 @@ def load(module: str) -> Engine:
     return engine
 
 
-def on_one_core() -> None:
+def pin_to_one_core() -> None:
     """Keep a process on one core where the system can, and silent on standard output."""
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, [max(os.sched_getaffinity(0))])
     os.dup2(2, 1)
 
 
-Rows = list[dict[str, Any]]
+ResultRows = list[dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -70,12 +70,12 @@ class Numerics:
     """
 
     meta: dict[str, Any]
-    engines: Rows
-    curves: Rows
-    stability: Rows
+    engines: ResultRows
+    curves: ResultRows
+    stability: ResultRows
 
     @property
-    def wrong(self) -> Rows:
+    def wrong(self) -> ResultRows:
         """The rows that fail the command."""
         return [row for row in self.stability if row["outcome"] == "wrong"]
 
@@ -113,33 +113,33 @@ def run_engines(
     """
 
     started = time.monotonic()
-    tell = progress or (lambda done, total, what: None)
-    engines = {name: load(REGISTRY[name]) for name in check_names(tuple(names))}
+    tell = progress or (lambda count, total, label: None)
+    engines = {name: load_engine(ENGINE_MODULES[name]) for name in check_names(tuple(names))}
     plans = {name: (e.curves(quick), e.cases(quick)) for name, e in engines.items()}
     total = sum(len(settings) + len(cases) for settings, cases in plans.values())
-    curves: Rows = []
-    judged: Rows = []
+    curves: ResultRows = []
+    stability: ResultRows = []
     with tempfile.TemporaryDirectory(prefix="deltact-fab-") as folder:
         scratch = Path(folder)
         for name in engines:
             settings, cases = plans[name]
-            place = name, REGISTRY[name]
+            place = name, ENGINE_MODULES[name]
             for row in curve_rows(*place, settings, scratch, quick):
                 curves.append(row)
-                tell(len(curves) + len(judged), total, f"{name}: {row['setting']}")
+                tell(len(curves) + len(stability), total, f"{name}: {row['setting']}")
             for row in case_rows(*place, cases, scratch, quick):
-                judged.append(row)
-                tell(len(curves) + len(judged), total, f"{name}: {row['case']}")
+                stability.append(row)
+                tell(len(curves) + len(stability), total, f"{name}: {row['case']}")
     return Numerics(
         meta={
             "quick": quick,
             "seconds": time.monotonic() - started,
-            "machine": machine(),
+            "machine": describe_machine(),
             "versions": library_versions(),
         },
         engines=[{"name": n, "title": e.title, "about": e.about} for n, e in engines.items()],
-        curves=compared(curves),
-        stability=judged,
+        curves=compare_to_baseline(curves),
+        stability=stability,
     )
 
 
@@ -156,27 +156,27 @@ def case_rows(
     silence_s: float = SILENCE_S,
 ) -> Iterator[dict[str, Any]]:
     """Judge the cases in one process; one that takes it down is wrong, another does the rest."""
-    left = list(range(len(cases)))
-    while left:
+    pending = list(range(len(cases)))
+    while pending:
         with open_executor(workers=1, threads=1) as process:
-            while left:
-                k = left.pop(0)
-                job = process.submit(judged, module, scratch, quick, k)
+            while pending:
+                k = pending.pop(0)
+                job = process.submit(judge_case, module, scratch, quick, k)
                 try:
                     yield {"engine": name, **job.result(silence_s)}
-                except (RunFailed, TimeoutError) as why:
-                    said = f"the process died: {str(why) or f'no answer for {silence_s:g} s'}"
-                    yield {"engine": name, **as_row(cases[k], "wrong", None, said)}
+                except (RunFailed, TimeoutError) as error:
+                    note = f"the process died: {str(error) or f'no answer for {silence_s:g} s'}"
+                    yield {"engine": name, **stability_row(cases[k], "wrong", None, note)}
                     break
 
 
-def judged(module: str, scratch: Path, quick: bool, k: int) -> dict[str, Any]:
+def judge_case(module: str, scratch: Path, quick: bool, k: int) -> dict[str, Any]:
     """The row of a module's case, in its process."""
-    on_one_core()
-    return judge(load(module).cases(quick)[k], scratch)
+    pin_to_one_core()
+    return judge(load_engine(module).cases(quick)[k], scratch)
 
 
-REPEATS = 5
+MIN_REPEATS = 5
 MAX_REPEATS = 25
 LONG_ENOUGH_S = 0.3  # with five repeats done, no more are added past this
 
@@ -188,13 +188,13 @@ def curve_rows(
     for setting in settings:
         with open_executor(workers=1, threads=1) as process:
             try:
-                row = process.submit(timed, module, scratch, quick, setting.key).result(SILENCE_S)
-            except Exception as why:
-                raise RunFailed(f"numerics: {name}: {setting.key}: {why}") from why
+                row = process.submit(time_setting, module, scratch, quick, setting.key).result(SILENCE_S)
+            except Exception as error:
+                raise RunFailed(f"numerics: {name}: {setting.key}: {error}") from error
         yield {"engine": name, **row}
 
 
-def timed(module: str, scratch: Path, quick: bool, key: str) -> dict[str, Any]:
+def time_setting(module: str, scratch: Path, quick: bool, key: str) -> dict[str, Any]:
     """The row of one setting of a module, in its process; the warm-up call is apart.
 
     cpu_s, cpu_most_s: best and slowest of `repeats`, for whatever else is at work only ever adds.
@@ -202,8 +202,8 @@ def timed(module: str, scratch: Path, quick: bool, key: str) -> dict[str, Any]:
     peak_mb: memory above what libraries and inputs hold. error, reference_error: in `unit`. kind:
     of the reference.
     """
-    on_one_core()
-    setting = next(s for s in load(module).curves(quick) if s.key == key)
+    pin_to_one_core()
+    setting = next(s for s in load_engine(module).curves(quick) if s.key == key)
     work = setting.build(scratch)
     before_mb = reset_peak_mb()
     start_s = time.process_time()
@@ -211,7 +211,7 @@ def timed(module: str, scratch: Path, quick: bool, key: str) -> dict[str, Any]:
     first_s = time.process_time() - start_s
     wall_s: list[float] = []
     cpu_s: list[float] = []
-    while len(cpu_s) < REPEATS or (sum(cpu_s) < LONG_ENOUGH_S and len(cpu_s) < MAX_REPEATS):
+    while len(cpu_s) < MIN_REPEATS or (sum(cpu_s) < LONG_ENOUGH_S and len(cpu_s) < MAX_REPEATS):
         start_s, start_cpu_s = time.perf_counter(), time.process_time()
         result = work.run()
         wall_s.append(time.perf_counter() - start_s)
@@ -221,12 +221,12 @@ def timed(module: str, scratch: Path, quick: bool, key: str) -> dict[str, Any]:
         "case": setting.case, "series": setting.series, "setting": setting.name,
         "cpu_s": min(cpu_s), "cpu_most_s": max(cpu_s), "wall_s": min(wall_s),
         "compile_s": max(0.0, first_s - min(cpu_s)), "peak_mb": max(0.0, peak_mb),
-        "error": plain(work.error(result)), "unit": setting.unit, "reference": setting.reference,
+        "error": finite_or_none(work.error(result)), "unit": setting.unit, "reference": setting.reference,
         "reference_error": setting.reference_error, "repeats": len(cpu_s), "kind": setting.kind,
     }  # fmt: skip
 
 
-def compared(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def compare_to_baseline(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """The rows beside the first of their case, and with their front marked.
 
     times_as_fast: CPU time of the baseline, the first setting of the case, over its own. pareto: no
@@ -234,24 +234,24 @@ def compared(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """
     out = []
     for row in rows:
-        here = [r for r in rows if (r["engine"], r["case"]) == (row["engine"], row["case"])]
+        same_case = [r for r in rows if (r["engine"], r["case"]) == (row["engine"], row["case"])]
         cost = row["cpu_s"], row["error"]
         beaten = row["error"] is None or any(
             r["error"] is not None
             and r["cpu_s"] <= row["cpu_s"]
             and r["error"] <= row["error"]
             and (r["cpu_s"], r["error"]) != cost
-            for r in here
+            for r in same_case
         )
         out.append(row | {
-            "baseline": f"{here[0]['series']}, {here[0]['setting']}",
-            "times_as_fast": here[0]["cpu_s"] / row["cpu_s"] if row["cpu_s"] else math.inf,
+            "baseline": f"{same_case[0]['series']}, {same_case[0]['setting']}",
+            "times_as_fast": same_case[0]["cpu_s"] / row["cpu_s"] if row["cpu_s"] else math.inf,
             "pareto": not beaten,
         })  # fmt: skip
     return out
 
 
-def machine() -> dict[str, Any]:
+def describe_machine() -> dict[str, Any]:
     """What the times were measured on: processor, cores, system."""
     model = platform.processor() or platform.machine()
     if Path("/proc/cpuinfo").exists():

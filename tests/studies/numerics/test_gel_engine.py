@@ -19,7 +19,7 @@ def test_extrapolation_removes_an_error_of_second_order() -> None:
     field = np.random.default_rng(0).standard_normal((5, 4, 2))
     off = np.random.default_rng(1).standard_normal((5, 4, 2))
     cells = (0.75, 0.5)
-    found = gel_press.extrapolated(
+    found = gel_press.extrapolate(
         [40 + 3 * h**2 for h in cells], [field + off * h**2 for h in cells], cells
     )
     assert found.normal_n == pytest.approx(40, rel=1e-12)
@@ -30,7 +30,7 @@ def test_extrapolation_removes_an_error_of_second_order() -> None:
 
 @pytest.fixture(scope="module")
 def found() -> FiniteSolution:
-    return gel_press.solved(GelCase(spacing_mm=3.0), 0.3, (0.0, 0.0, 3.0))
+    return gel_press.solve_press(GelCase(spacing_mm=3.0), 0.3, (0.0, 0.0, 3.0))
 
 
 def test_the_judges_see_what_is_wrong(found: FiniteSolution) -> None:
@@ -44,7 +44,7 @@ def test_the_judges_see_what_is_wrong(found: FiniteSolution) -> None:
 
 def test_shear_beyond_the_cone_is_seen() -> None:
     scene = GelCase(spacing_mm=3.0, friction=0.5, mirrors=(False, True))
-    rubbed = gel_press.solved(scene, 1.5, (0.0, 0.0, 3.0), (1.0, 0.0, 3.0))
+    rubbed = gel_press.solve_press(scene, 1.5, (0.0, 0.0, 3.0), (1.0, 0.0, 3.0))
     assert gel_press.cone_excess(rubbed) < 5e-3
     more = replace(rubbed.last, shear_mpa=1.1 * rubbed.last.shear_mpa)
     assert gel_press.cone_excess(FiniteSolution(rubbed.press, (more,))) > 0.05
@@ -54,7 +54,7 @@ def test_shear_beyond_the_cone_is_seen() -> None:
     ("of", "what", "own"),
     [
         pytest.param(of, *item, marks=SLOW if item[0][1] is True else pytest.mark.evidence)
-        for of, table in ((gel_press.reference, gel_press.OWN_ERROR),
+        for of, table in ((gel_press.reference, gel_press.REFERENCE_ERROR),
                           (evidence.reference, evidence.OWN_ERROR)) for item in table.items()
     ],
 )  # fmt: skip

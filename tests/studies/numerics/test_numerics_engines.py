@@ -15,13 +15,13 @@ from deltact_fab.sensor.elasticity.material import GelMaterial
 from deltact_fab.sensor.shapes.indenter import parse_indenter
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
 from deltact_fab.studies.numerics.engine import judge
-from deltact_fab.studies.numerics.harness import REGISTRY, load
+from deltact_fab.studies.numerics.harness import ENGINE_MODULES, load_engine
 
 
 @pytest.mark.parametrize("quick", [True, False])
-@pytest.mark.parametrize("name", REGISTRY)
+@pytest.mark.parametrize("name", ENGINE_MODULES)
 def test_every_engine_has_curves_and_stability_cases(name: str, quick: bool) -> None:
-    engine = load(REGISTRY[name])
+    engine = load_engine(ENGINE_MODULES[name])
     settings, cases = list(engine.curves(quick)), list(engine.cases(quick))
     assert len(settings) >= 2, f"{name} has no curve"
     assert cases, f"{name} has no stability cases"
@@ -39,10 +39,10 @@ def test_every_engine_has_curves_and_stability_cases(name: str, quick: bool) -> 
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(n, marks=pytest.mark.slow if n in ("gel", "flow") else ()) for n in REGISTRY],
+    [pytest.param(n, marks=pytest.mark.slow if n in ("gel", "flow") else ()) for n in ENGINE_MODULES],
 )
 def test_no_quick_case_is_wrong(name: str, tmp_path: Path) -> None:
-    rows = [judge(case, tmp_path) for case in load(REGISTRY[name]).cases(True)]
+    rows = [judge(case, tmp_path) for case in load_engine(ENGINE_MODULES[name]).cases(True)]
     assert {r["outcome"] for r in rows} == {"right", "refused"}, [
         r for r in rows if r["outcome"] == "wrong"
     ]

@@ -7,7 +7,7 @@ import itertools
 from deltact_fab.bench.protocols import plan
 from deltact_fab.bench.rig import config
 from deltact_fab.simulate import FaultScenario
-from deltact_fab.studies.numerics.faults.kinds import FAULTS
+from deltact_fab.studies.numerics.faults.kinds import FAULT_KINDS
 from deltact_fab.studies.numerics.faults.rehearsal import _covering
 
 
@@ -24,7 +24,7 @@ def test_the_first_press_and_the_deepest_other_are_kept_with_frames_at_rest() ->
 
 def test_each_fault_strikes_and_each_moment_is_met() -> None:
     moments = [f"moment {k}" for k in range(14)]
-    kept = _covering(list(itertools.product([fault.name for fault in FAULTS], moments)))
-    assert len(set(kept)) == len(FAULTS)
-    assert {fault for fault, _ in kept} == {fault.name for fault in FAULTS}
+    kept = _covering(list(itertools.product([fault.name for fault in FAULT_KINDS], moments)))
+    assert len(set(kept)) == len(FAULT_KINDS)
+    assert {fault for fault, _ in kept} == {fault.name for fault in FAULT_KINDS}
     assert {moment for _, moment in kept} == set(moments)

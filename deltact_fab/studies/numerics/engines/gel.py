@@ -31,11 +31,11 @@ from deltact_fab.sensor import FreeBlock, GelMaterial, SkinDimensions, parse_ind
 from ..engine import Case, CurveSetting, Engine, Work
 from . import gel_press as checks
 from .gel_press import (
-    FINE,
-    LATTICE_MM,
-    OWN_ERROR,
-    QUICK_FINE,
-    SPHERE,
+    REFERENCE_CELLS_MM,
+    FACE_LATTICE_MM,
+    REFERENCE_ERROR,
+    QUICK_CELLS_MM,
+    SPHERE_INDENTER,
     GelAnswer,
     GelCase,
     PressSetup,
@@ -43,7 +43,7 @@ from .gel_press import (
     errors,
     reference,
     solve_finite,
-    solved,
+    solve_press,
 )
 
 
@@ -56,15 +56,15 @@ def solve(run: PressSetup) -> GelAnswer:
 
 def solve_auto(run: PressSetup) -> GelAnswer:
     """As `gel press` does it, with its estimate."""
-    material, indenter = GelMaterial(friction=run.friction), parse_indenter(SPHERE)
-    found = press_gel(SkinDimensions(), material, indenter, (0.0, 0.0), run.depth_mm,
+    material, indenter = GelMaterial(friction=run.friction), parse_indenter(SPHERE_INDENTER)
+    press = press_gel(SkinDimensions(), material, indenter, (0.0, 0.0), run.depth_mm,
                   tolerance=run.tolerance)  # fmt: skip
-    if found.result["force_n"] is None:
-        raise RunFailed(f"auto: {found.result['reason']}")
-    step = round(LATTICE_MM / float(found.x_mm[1] - found.x_mm[0]))
-    u = found.displacement_mm[::step, ::step, :2]
-    kept = ("model", "error_estimate", "picked", "within_tolerance")
-    return GelAnswer(-found.result["force_n"][2], u, {k: found.result[k] for k in kept})
+    if press.result["force_n"] is None:
+        raise RunFailed(f"auto: {press.result['reason']}")
+    step = round(FACE_LATTICE_MM / float(press.x_mm[1] - press.x_mm[0]))
+    u = press.displacement_mm[::step, ::step, :2]
+    note_keys = ("model", "error_estimate", "picked", "within_tolerance")
+    return GelAnswer(-press.result["force_n"][2], u, {k: press.result[k] for k in note_keys})
 
 
 def solve_linear(run: PressSetup) -> GelAnswer:
@@ -72,11 +72,11 @@ def solve_linear(run: PressSetup) -> GelAnswer:
     skin, material, indenter = (
         SkinDimensions(),
         GelMaterial(friction=run.friction),
-        parse_indenter(SPHERE),
+        parse_indenter(SPHERE_INDENTER),
     )
     choice = select_level(skin, material, indenter, Reach(deepest_mm=run.depth_mm), level=run.level,
                   spacing_mm=run.spacing_mm)  # fmt: skip
-    contact = open_contact(skin, material, indenter, choice, LATTICE_MM)
+    contact = open_contact(skin, material, indenter, choice, FACE_LATTICE_MM)
     *_, last = follow_path(
         contact, contact.rest(), (0.0, 0.0, run.depth_mm), contact.choice.step_mm
     )
@@ -104,38 +104,38 @@ def linear_breach(scene: GelCase, depth_mm: float, scratch: Path) -> tuple[float
     return float(max(worst, excess)), f"Fx {fx:+.3f} N, Fz {fz:+.3f} N"
 
 
-FORCE, IN_PLANE = "% of the force", "mm rms over the face"
+FORCE_UNIT, IN_PLANE_UNIT = "% of the force", "mm rms over the face"
 
 
 def curves(quick: bool) -> Sequence[CurveSetting]:
     """What can be repeated six times; the rest is left to `make evidence`."""
     if quick:
-        return [_setting(PressSetup("hyperelastic", 2.0, 0.0, h), FORCE, True) for h in (3.0, 2.0)]
+        return [_setting(PressSetup("hyperelastic", 2.0, 0.0, h), FORCE_UNIT, True) for h in (3.0, 2.0)]
     levels: dict[Level, tuple[float, ...]] = {
         "hyperelastic": (3.0, 2.0, 1.5, 1.0), "linear": (0.5, 0.35, 0.25, 0.125),
     }  # fmt: skip
     runs = [PressSetup(level, 2.0, 0.0, h) for level, spacings in levels.items() for h in spacings]
     runs += [PressSetup("auto", 2.0, 0.0, tolerance=t) for t in (0.1, 0.03, 0.01)]
     deep = [PressSetup("hyperelastic", 5.0, 0.0, h) for h in (3.0, 2.0, 1.5, 1.0)]
-    return [_setting(r, FORCE, False) for r in (*runs, *deep)] + [
-        _setting(r, IN_PLANE, False) for r in deep
+    return [_setting(r, FORCE_UNIT, False) for r in (*runs, *deep)] + [
+        _setting(r, IN_PLANE_UNIT, False) for r in deep
     ]
 
 
 def _setting(run: PressSetup, unit: str, quick: bool) -> CurveSetting:
-    what = "force" if unit == FORCE else "in plane"
-    coarse, fine = QUICK_FINE if quick else FINE
+    quantity = "force" if unit == FORCE_UNIT else "in plane"
+    coarse, fine = QUICK_CELLS_MM if quick else REFERENCE_CELLS_MM
     return CurveSetting(
-        f"{run.case}: {what}", run.series, run.name, unit,
+        f"{run.case}: {quantity}", run.series, run.name, unit,
         f"hyperelastic, quarter, {coarse:g} and {fine:g} mm extrapolated",
-        OWN_ERROR[run.depth_mm, quick][unit == IN_PLANE], partial(_build, run, unit, quick),
+        REFERENCE_ERROR[run.depth_mm, quick][unit == IN_PLANE_UNIT], partial(_build, run, unit, quick),
         "self-test",
     )  # fmt: skip
 
 
 def _build(run: PressSetup, unit: str, quick: bool, scratch: Path) -> Work:
     truth = reference(run.depth_mm, quick)
-    place = int(unit == IN_PLANE)
+    place = int(unit == IN_PLANE_UNIT)
     return Work(partial(solve, run), lambda answer: abs(errors(answer, truth)[place]))
 
 
@@ -143,8 +143,8 @@ def cases(quick: bool) -> Sequence[Case]:
     """What takes seconds; the lines of minutes and hours are `make evidence`'s."""
     coarse = GelCase(spacing_mm=2.0)
     out = [
-        *(of_nu((0.4999,))[1:] if quick else of_nu((0.3, 0.4999))),
-        *of_friction((0.5,) if quick else (0.5, 100.0)),
+        *(cases_by_poisson((0.4999,))[1:] if quick else cases_by_poisson((0.3, 0.4999))),
+        *cases_by_friction((0.5,) if quick else (0.5, 100.0)),
         *_linear(quick),
         _refused("depth NaN", "finite", coarse, down(math.nan)),
         _refused("nu 0.5", "poisson", replace(coarse, nu=0.5), down(1.0)),
@@ -161,10 +161,10 @@ def cases(quick: bool) -> Sequence[Case]:
     return out
 
 
-def of_nu(nus: Sequence[float]) -> list[Case]:
+def cases_by_poisson(nus: Sequence[float]) -> list[Case]:
     """Presses to 5 mm at these Poisson's ratios, against a finer mesh and the energy stored."""
-    work = partial(checks.law, checks.work_error_percent)
-    judges = (("finer mesh", checks.finer, 1.0, "% of the force"),
+    work = partial(checks.evaluate_law, checks.work_error_percent)
+    judges = (("finer mesh", checks.mesh_error_percent, 1.0, "% of the force"),
               ("work of the indenter", work, 0.5, "% of the energy"))  # fmt: skip
     return [
         Case(f"nu {nu:g} to 5 mm: {name}", "right",
@@ -173,17 +173,17 @@ def of_nu(nus: Sequence[float]) -> list[Case]:
     ]  # fmt: skip
 
 
-def of_friction(frictions: Sequence[float]) -> list[Case]:
+def cases_by_friction(frictions: Sequence[float]) -> list[Case]:
     """Drags at these coefficients: the cone, and what the base carries."""
     laws = (("cone", checks.cone_excess, 5e-3, "of the bound"),
             ("base carries the force", checks.imbalance, 1e-6, "of the force"))  # fmt: skip
     return [
         Case(f"friction {mu:g}, 3 mm deep, dragged 3 mm: {name}", "right or refused",
-             partial(checks.law, of, GelCase(spacing_mm=2.0, friction=mu, mirrors=(False, True)),
+             partial(checks.evaluate_law, measure, GelCase(spacing_mm=2.0, friction=mu, mirrors=(False, True)),
                      1.0, (down(3.0), (3.0, 0.0, 3.0))), bound, unit, "press:")
         for mu in frictions
-        for name, of, bound, unit in laws
-        if mu > 0 or of is not checks.cone_excess
+        for name, measure, bound, unit in laws
+        if mu > 0 or measure is not checks.cone_excess
     ]  # fmt: skip
 
 
@@ -208,7 +208,7 @@ def _linear(quick: bool) -> list[Case]:
 
 
 def _refused(name: str, says: str, scene: GelCase, tip: Point) -> Case:
-    call = partial(checks.run, partial(solved, scene, 1.0, tip))
+    call = partial(checks.expect_refusal, partial(solve_press, scene, 1.0, tip))
     return Case(name, "refused", call, says=says)
 
 

@@ -31,23 +31,23 @@ from deltact_fab.sensor import GelMaterial, SkinDimensions, parse_indenter
 
 from ..engine import Flagged
 
-Box = tuple[float, float, float, float]
-SPHERE = "sphere:15"
-FOCUS: Box = (-7.5, 7.5, -7.5, 7.5)
-FINER = 1.5  # ratio of the mesh that a force is held against
+FocusBox = tuple[float, float, float, float]
+SPHERE_INDENTER = "sphere:15"
+DEFAULT_FOCUS: FocusBox = (-7.5, 7.5, -7.5, 7.5)
+FINER_MESH_RATIO = 1.5  # ratio of the mesh that a force is held against
 
 
 @dataclass(frozen=True)
 class GelCase:
     """One indenter on one gel with its mesh or grid; hashable: what is solved is solved once."""
 
-    indenter: str = SPHERE
+    indenter: str = SPHERE_INDENTER
     spacing_mm: float = 1.5
     friction: float = 0.0
     nu: float = 0.49
     side_mm: tuple[float, float] = (36.0, 34.0)
     thickness_mm: float = 12.0
-    focus: Box | None = FOCUS
+    focus: FocusBox | None = DEFAULT_FOCUS
     mirrors: tuple[bool, bool] = (True, True)
     solver: SolverName = "auto"
 
@@ -68,7 +68,7 @@ class GelCase:
         )  # fmt: skip
 
     def finer(self) -> GelCase:
-        return replace(self, spacing_mm=self.spacing_mm / FINER)
+        return replace(self, spacing_mm=self.spacing_mm / FINER_MESH_RATIO)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,7 @@ class FiniteSolution:
 
 
 @functools.cache
-def solved(scene: GelCase, step_mm: float, *tips: Point) -> FiniteSolution:
+def solve_press(scene: GelCase, step_mm: float, *tips: Point) -> FiniteSolution:
     """From above the first tip through all tips in steps. Raises what the solver raises."""
     press = scene.press()
     states = [press.rest((tips[0][0], tips[0][1], 0.0))]
@@ -105,14 +105,14 @@ def solved(scene: GelCase, step_mm: float, *tips: Point) -> FiniteSolution:
     return FiniteSolution(press, tuple(states))
 
 
-def trusted(found: FiniteSolution) -> FiniteSolution:
+def require_trusted(solution: FiniteSolution) -> FiniteSolution:
     """Raises Flagged where the last state is marked as not to be trusted."""
-    if not found.last.trusted:
-        d = found.last.diagnostics
-        why = f"{d.penetration_mm:.2g} mm inside at depth {found.last.tip_mm[2]:g} mm"
+    if not solution.last.trusted:
+        d = solution.last.diagnostics
+        reason = f"{d.penetration_mm:.2g} mm inside at depth {solution.last.tip_mm[2]:g} mm"
         lagged = "; jumped, with the friction of the pressures before" if d.lagged else ""
-        raise Flagged(f"not trusted: {why}{lagged}")
-    return found
+        raise Flagged(f"not trusted: {reason}{lagged}")
+    return solution
 
 
 def down(depth_mm: float) -> Point:
@@ -123,24 +123,24 @@ def down(depth_mm: float) -> Point:
 # -- figures ---------------------------------------------------------------------------------------
 
 
-def imbalance(found: FiniteSolution) -> float:
+def imbalance(solution: FiniteSolution) -> float:
     """What the base does not carry, over the force; across a mirror the mirror carries too."""
-    mirrors = (*found.press.mesh.mirrors, False)
+    mirrors = (*solution.press.mesh.mirrors, False)
     worst = 0.0
-    for s in found.states:
+    for s in solution.states:
         size = math.hypot(*s.force_n)
         if size > 0:
-            left = [
+            residual_n = [
                 f + b for f, b, m in zip(s.force_n, s.base_force_n, mirrors, strict=True) if not m
             ]
-            worst = max(worst, math.hypot(*left) / size)
+            worst = max(worst, math.hypot(*residual_n) / size)
     return worst
 
 
-def cone_excess(found: FiniteSolution) -> float:
+def cone_excess(solution: FiniteSolution) -> float:
     """Shear beyond friction x pressure at a contact point, over the largest bound, end of path."""
-    bound = found.press.friction * found.last.pressure_mpa
-    size = np.linalg.norm(found.last.shear_mpa, axis=2)
+    bound = solution.press.friction * solution.last.pressure_mpa
+    size = np.linalg.norm(solution.last.shear_mpa, axis=2)
     return float((size - bound).max() / bound.max())
 
 
@@ -151,54 +151,54 @@ def energy_nmm(press: FinitePress, state: FiniteState) -> float:
     return bulk + press.surface.evaluate(u, tip, tangent=False).energy_nmm
 
 
-def work_error_percent(found: FiniteSolution) -> float:
+def work_error_percent(solution: FiniteSolution) -> float:
     """Work of a frictionless straight press by Simpson's rule over the energy stored, less 1."""
-    depth = np.array([s.tip_mm[2] for s in found.states])
-    force = np.array([-s.force_n[2] for s in found.states])
+    depth = np.array([s.tip_mm[2] for s in solution.states])
+    force = np.array([-s.force_n[2] for s in solution.states])
     n = len(depth) - 1
     if n % 2:
         raise ValueError("an even number of steps is needed")
     weight = np.full(n + 1, 2.0)
     weight[1::2], weight[[0, -1]] = 4.0, 1.0
     work = float(weight @ force) * (depth[-1] - depth[0]) / n / 3
-    return 100 * (work / energy_nmm(found.press, found.last) - 1)
+    return 100 * (work / energy_nmm(solution.press, solution.last) - 1)
 
 
 # -- what a case computes: the figure that is held to a bound, and a note -------------------------
 
 
-def finer(
+def mesh_error_percent(
     scene: GelCase, step_mm: float, tips: tuple[Point, ...], scratch: Path
 ) -> tuple[float, str]:
     """Force of the mesh over that of the finer one, less 1, in %."""
-    found = trusted(solved(scene, step_mm, *tips))
-    fine = solved(scene.finer(), step_mm, *tips)
-    return 100 * (found.normal_n / fine.normal_n - 1), found.note()
+    solution = require_trusted(solve_press(scene, step_mm, *tips))
+    fine = solve_press(scene.finer(), step_mm, *tips)
+    return 100 * (solution.normal_n / fine.normal_n - 1), solution.note()
 
 
-def law(
-    of: Callable[[FiniteSolution], float], scene: GelCase, step_mm: float,
+def evaluate_law(
+    measure: Callable[[FiniteSolution], float], scene: GelCase, step_mm: float,
     tips: tuple[Point, ...], scratch: Path,
 ) -> tuple[float, str]:  # fmt: skip
     """`cone_excess`, `imbalance` or `work_error_percent` of a path."""
-    found = trusted(solved(scene, step_mm, *tips))
-    return of(found), found.note()
+    solution = require_trusted(solve_press(scene, step_mm, *tips))
+    return measure(solution), solution.note()
 
 
 def one_increment(scene: GelCase, depth_mm: float, scratch: Path) -> tuple[float, str]:
     """Force of a press in one step over that in ten, less 1."""
-    one = solved(scene, depth_mm, down(depth_mm))
-    many = solved(scene, depth_mm / 10, down(depth_mm))
-    return one.normal_n / many.normal_n - 1, one.note()
+    single = solve_press(scene, depth_mm, down(depth_mm))
+    many = solve_press(scene, depth_mm / 10, down(depth_mm))
+    return single.normal_n / many.normal_n - 1, single.note()
 
 
-def run(call: Callable[[], Any], scratch: Path) -> float:
+def expect_refusal(call: Callable[[], Any], scratch: Path) -> float:
     """For calls that must be refused: there is no figure."""
     call()
     return math.nan
 
 
-LATTICE_MM = 0.5
+FACE_LATTICE_MM = 0.5
 
 
 @dataclass(frozen=True)
@@ -219,13 +219,13 @@ class PressSetup:
     @property
     def scene(self) -> GelCase:
         """A quarter of the block at finite strain."""
-        return GelCase(SPHERE, self.spacing_mm, self.friction)
+        return GelCase(SPHERE_INDENTER, self.spacing_mm, self.friction)
 
     @property
     def series(self) -> str:
-        told = {"auto": "auto, by tolerance, estimate included",
+        labels = {"auto": "auto, by tolerance, estimate included",
                 "hyperelastic": "hyperelastic, quarter"}  # fmt: skip
-        return told.get(self.level, self.level)
+        return labels.get(self.level, self.level)
 
     @property
     def name(self) -> str:
@@ -235,7 +235,7 @@ class PressSetup:
     @property
     def case(self) -> str:
         friction = f"friction {self.friction:g}" if self.friction else "no friction"
-        return f"{SPHERE} pressed {self.depth_mm:g} mm, {friction}"
+        return f"{SPHERE_INDENTER} pressed {self.depth_mm:g} mm, {friction}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,11 +251,11 @@ class GelAnswer:
     inner_s: float | None = None
 
 
-def prepared(run: PressSetup) -> tuple[FinitePress, FaceLattice]:
+def mesh_and_lattice(run: PressSetup) -> tuple[FinitePress, FaceLattice]:
     """Its mesh with the solver, and the lattice on it, laid as `path.open.contact_of` lays it."""
     press = run.scene.press()
     x, y = (
-        np.linspace(-half, half, 2 * math.ceil(half / LATTICE_MM - 1e-9) + 1)
+        np.linspace(-half, half, 2 * math.ceil(half / FACE_LATTICE_MM - 1e-9) + 1)
         for half in run.scene.skin().opening_half_mm
     )
     return press, FaceLattice(press.mesh, x, y)
@@ -263,7 +263,7 @@ def prepared(run: PressSetup) -> tuple[FinitePress, FaceLattice]:
 
 def solve_finite(run: PressSetup) -> GelAnswer:
     """At finite strain on the run's mesh."""
-    press, lattice = prepared(run)
+    press, lattice = mesh_and_lattice(run)
     states = list(follow_path(press, press.rest(), (0.0, 0.0, run.depth_mm), run.step_mm))
     force, _ = press.wrench(states[-1])
     work = IncrementDiagnostics.over([s.diagnostics for s in states])
@@ -285,9 +285,9 @@ class PressReference:
     in_plane_error: float
 
 
-FINE, QUICK_FINE = (0.75, 0.5), (1.5, 1.0)  # coarser and finer cells
+REFERENCE_CELLS_MM, QUICK_CELLS_MM = (0.75, 0.5), (1.5, 1.0)  # coarser and finer cells
 # What `reference` says of itself, measured; a slow test holds it to that.
-OWN_ERROR = {
+REFERENCE_ERROR = {
     # (depth, quick): % of the force, mm rms in plane
     (2.0, True): (0.24, 0.0042),
     (2.0, False): (0.17, 0.0015),
@@ -297,24 +297,24 @@ OWN_ERROR = {
 
 def reference(depth_mm: float, quick: bool = False) -> PressReference:
     """Extrapolated from two meshes of a quarter, without friction."""
-    cells = QUICK_FINE if quick else FINE
-    return extrapolated(*kept(PressSetup("hyperelastic", depth_mm, 0.0, h) for h in cells), cells)
+    cells = QUICK_CELLS_MM if quick else REFERENCE_CELLS_MM
+    return extrapolate(*cached_solutions(PressSetup("hyperelastic", depth_mm, 0.0, h) for h in cells), cells)
 
 
-def kept(runs: Iterable[PressSetup]) -> tuple[list[float], list[Field]]:
+def cached_solutions(runs: Iterable[PressSetup]) -> tuple[list[float], list[Field]]:
     """Normal forces and in-plane displacements at finite strain; kept in the user's cache."""
     runs = list(runs)
-    key = cache_key("studies.numerics.engines.gel_press", runs=runs, lattice=LATTICE_MM)
+    key = cache_key("studies.numerics.engines.gel_press", runs=runs, lattice=FACE_LATTICE_MM)
     store = Store("gel-reference")
-    held: tuple[list[float], list[Field]] | None = store.read(key)
-    if held is None:
+    cached: tuple[list[float], list[Field]] | None = store.read(key)
+    if cached is None:
         answers = [solve_finite(r) for r in runs]
-        held = [a.normal_n for a in answers], [a.in_plane_mm for a in answers]
-        store.write(key, held)
-    return held
+        cached = [a.normal_n for a in answers], [a.in_plane_mm for a in answers]
+        store.write(key, cached)
+    return cached
 
 
-def extrapolated(
+def extrapolate(
     normal_n: Sequence[float], in_plane_mm: Sequence[Field], cells_mm: tuple[float, float]
 ) -> PressReference:
     """From a coarser and a finer mesh. Its error: how far it lies from the finer one."""
@@ -324,9 +324,9 @@ def extrapolated(
     return PressReference(force, u, 100 * abs(force / normal_n[1] - 1), rms_mm(u - in_plane_mm[1]))
 
 
-def rms_mm(off: Field) -> float:
+def rms_mm(vectors_mm: Field) -> float:
     """Of in-plane vectors (ny, nx, 2)."""
-    return math.sqrt(float((off**2).sum(axis=-1).mean()))
+    return math.sqrt(float((vectors_mm**2).sum(axis=-1).mean()))
 
 
 def errors(answer: GelAnswer, truth: PressReference) -> tuple[float, float]:

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 from deltact_fab.simulate import FaultBench
 
-BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
-GARBAGE = b"\xff\x00\x8a~|<\xff\x00\x00\xfe\r\n\xff\x00"  # a line of it, and more before the next
+FALSE_BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
+GARBAGE_BYTES = b"\xff\x00\x8a~|<\xff\x00\x00\xfe\r\n\xff\x00"  # a line of it, and more before the next
 DRIFT_S = 10.0  # to the guard's limit
-PUSHED = 1.05  # of that limit
+PUSH_FACTOR = 1.05  # of that limit
 
 # The moments of every session that are no step of it.
-HOMING, BEFORE = "homing", "before the first move"
+HOMING_MOMENT, BEFORE_MOVE_MOMENT = "homing", "before the first move"
 Strike = Callable[[FaultBench, float], None]
 
 
@@ -47,7 +47,7 @@ def _box(field: str, value: float, for_s: float = 1e6) -> Strike:
 
 def _push(for_s: float) -> Strike:
     def strike(bench: FaultBench, at_s: float) -> None:
-        push_n = PUSHED * bench.of.limit_n  # within the sensor's range where the limit lets it be
+        push_n = PUSH_FACTOR * bench.of.limit_n  # within the sensor's range where the limit lets it be
         bench.extra_n = lambda t_s: push_n if at_s <= t_s < at_s + for_s else 0.0
 
     return strike
@@ -58,14 +58,14 @@ def _drift(bench: FaultBench, at_s: float) -> None:
     bench.extra_n = lambda t_s: max(t_s - at_s, 0.0) * rate_n_s
 
 
-FAULTS: tuple[FaultKind, ...] = (
+FAULT_KINDS: tuple[FaultKind, ...] = (
     FaultKind("lost ok", lambda b, at_s: b.board.lose(b"ok", at_s, most=1),
               ("no answer to $",), success=True, within_s=0.6),
     FaultKind("doubled ok", lambda b, at_s: b.board.change(lambda s: s + s, b"ok", at_s), (),
               success=True),
-    FaultKind("false banner", lambda b, at_s: b.board.invent(BANNER, at_s), ("restarted",)),
+    FaultKind("false banner", lambda b, at_s: b.board.invent(FALSE_BANNER, at_s), ("restarted",)),
     FaultKind("false alarm", lambda b, at_s: b.board.invent(b"ALARM:3\r\n", at_s), ("ALARM:3",)),
-    FaultKind("garbage, 0xFF and NUL", lambda b, at_s: b.board.invent(GARBAGE, at_s),
+    FaultKind("garbage, 0xFF and NUL", lambda b, at_s: b.board.invent(GARBAGE_BYTES, at_s),
               ("no answer to", "not understood"), success=True, within_s=1.2),
     FaultKind("half lines",
               lambda b, at_s: b.board.change(lambda s: s[: len(s) // 2], b"", at_s, most=3),
