@@ -21,13 +21,13 @@ from deltact_fab.sensor.shapes.imaging import ImageSensor
 from deltact_fab.studies.numerics.engine import finite_or_none
 from deltact_fab.studies.numerics.engines.flow import compute_flow
 from deltact_fab.studies.numerics.engines.flow_frames import (
-    DEFAULT_CAMERA,
     COARSE_RECIPE,
+    DEFAULT_CAMERA,
     FRAMES_SEED,
     FlowSequence,
     Vectors,
     bump,
-    far_motion,
+    far_bump,
     in_plane,
     pressed,
 )
@@ -89,16 +89,22 @@ class ThreeChips(ImageSensor):
 THREE_CHIPS = ThreeChips()
 STARS = {
     "speckle": Question(speckle_star, 16, 4),
-    "three chips": Question(partial(in_plane, COARSE_RECIPE, STAR.motion, sensor=THREE_CHIPS), 16, 4),
+    "three chips": Question(
+        partial(in_plane, COARSE_RECIPE, STAR.motion, sensor=THREE_CHIPS), 16, 4
+    ),
     "Bayer mosaic": Question(partial(in_plane, COARSE_RECIPE, STAR.motion), 16, 4),
 }
 MOTIONS = {
     "press": Question(pressed, 40),
     "press, three chips": Question(partial(pressed, sensor=THREE_CHIPS), 40),
     "22 px": Question(partial(in_plane, COARSE_RECIPE, _short), 32),
-    "22 px, three chips": Question(partial(in_plane, COARSE_RECIPE, _short, sensor=THREE_CHIPS), 32),
-    "121 px": Question(partial(in_plane, COARSE_RECIPE, far_motion), 128),
-    "121 px, three chips": Question(partial(in_plane, COARSE_RECIPE, far_motion, sensor=THREE_CHIPS), 128),
+    "22 px, three chips": Question(
+        partial(in_plane, COARSE_RECIPE, _short, sensor=THREE_CHIPS), 32
+    ),
+    "121 px": Question(partial(in_plane, COARSE_RECIPE, far_bump), 128),
+    "121 px, three chips": Question(
+        partial(in_plane, COARSE_RECIPE, far_bump, sensor=THREE_CHIPS), 128
+    ),
 }
 
 

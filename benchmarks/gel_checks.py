@@ -12,10 +12,10 @@ from deltact_fab.studies.numerics.engines.gel_press import (
     GelCase,
     cone_excess,
     down,
-    mesh_error_percent,
     imbalance,
-    solve_press,
+    mesh_error_percent,
     require_trusted,
+    solve_press,
 )
 
 

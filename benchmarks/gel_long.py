@@ -38,8 +38,8 @@ def cases() -> list[Case]:
         # Friction is of first order in the increment: the interface of all levels parts a long one.
         Case("10 mm in one increment, friction 0.5: against 10", "right",
              partial(one_increment_of_the_level, 10.0, 2.0), 0.1, force),
-        Case("10 mm deep: finer mesh", "right", partial(checks.mesh_error_percent, deep, 1.0, (down(10.0),)),
-             3.0, percent),
+        Case("10 mm deep: finer mesh", "right",
+             partial(checks.mesh_error_percent, deep, 1.0, (down(10.0),)), 3.0, percent),
         Case("10 mm deep: work of the indenter", "right", partial(
              checks.evaluate_law, checks.work_error_percent, deep, 1.0, (down(10.0),)), 0.5,
              "% of the energy"),
@@ -51,7 +51,8 @@ def cases() -> list[Case]:
     small = GelCase("sphere:30", 1.0, side_mm=(12.0, 12.0), focus=None)
     out += [
         Case(f"{name} on a gel of 12 x 12 mm, 5 mm deep: finer mesh", "right",
-             partial(checks.mesh_error_percent, replace(small, indenter=name), 1.0, (down(5.0),)), 3.0, percent)
+             partial(checks.mesh_error_percent, replace(small, indenter=name), 1.0, (down(5.0),)),
+             3.0, percent)
         for name in ("sphere:30", "hexprism:20")
     ]  # fmt: skip
     return out
@@ -100,10 +101,11 @@ def _sharp() -> list[Case]:
         head = f"{name}, friction 0.5, 4 mm deep, dragged 2 mm"
         out += [
             Case(f"{head}: cone", "right or refused",
-                 partial(checks.evaluate_law, checks.cone_excess, half, 0.5, tips), 5e-3, "of the bound",
-                 "t"),
+                 partial(checks.evaluate_law, checks.cone_excess, half, 0.5, tips), 5e-3,
+                 "of the bound", "t"),
             Case(f"{head}: base carries the force", "right or refused",
-                 partial(checks.evaluate_law, checks.imbalance, half, 0.5, tips), 1e-6, "of the force", "t"),
+                 partial(checks.evaluate_law, checks.imbalance, half, 0.5, tips), 1e-6,
+                 "of the force", "t"),
         ]  # fmt: skip
         if name != "star":
             out.append(Case(f"{name}, 4 mm deep: no side force", "right or refused",

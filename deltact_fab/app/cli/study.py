@@ -121,7 +121,7 @@ def _run(name: str, one: Study, given: dict[str, Any]) -> Answer:
                 executor=executor,
                 progress=tick,
                 say=lambda text: click.echo(text, err=True),
-                more={key: given[key] for key in more},
+                options={key: given[key] for key in more},
             ),
         )
     click.echo(f"report: {write_study_page(found, out)}", err=True)

@@ -27,30 +27,31 @@ if TYPE_CHECKING:
 
 
 SERIES_COLOURS, INK_COLOUR = ReportFigure.SERIES_COLOURS, ReportFigure.INK_COLOUR
-SOFT, GRID, FAINT = ReportFigure.PAPER_COLOUR, "#dfe3ea", "#bbbbbb"
+SOFT_COLOUR, GRID_COLOUR, LEG_COLOUR = ReportFigure.PAPER_COLOUR, "#dfe3ea", "#bbbbbb"
 """What stands back, grid, lines between legs."""
 DOUBT_COLOUR = SERIES_COLOURS[4]
-MARKERS = "osD^vP*"
+SERIES_MARKERS = "osD^vP*"
 # Names of these colours in templates/style.css, which has others for a dark page.
-_NAMED = {
-    INK_COLOUR: "ink", SOFT: "soft", GRID: "line", FAINT: "leg", SERIES_COLOURS[0].lower(): "blue",
+_CSS_NAMES = {
+    INK_COLOUR: "ink", SOFT_COLOUR: "soft", GRID_COLOUR: "line", LEG_COLOUR: "leg",
+    SERIES_COLOURS[0].lower(): "blue",
 }  # fmt: skip
 PAGE_PT, PAPER_PT = 9.5, 8.0
 MIN_PAGE_PT = 9.0
 """12 pixels of the screen: no letter of a page's figure is smaller."""
-FLATTEST = 0.6  # of a figure in a paper's column: height by width
-_INKED = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color")
+MIN_ASPECT = 0.6  # of a figure in a paper's column: height by width
+_INK_KEYS = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color")
 _paper_in: ContextVar[float | None] = ContextVar("paper_in", default=None)
 
 
 @contextmanager
 def on_paper(width_in: float) -> Iterator[None]:
     """Within it, `blank` makes figures of this width in inches, in the letters of a paper."""
-    before = _paper_in.set(width_in)
+    token = _paper_in.set(width_in)
     try:
         yield
     finally:
-        _paper_in.reset(before)
+        _paper_in.reset(token)
 
 
 def create_figure(
@@ -65,7 +66,7 @@ def create_figure(
 
     paper_in = _paper_in.get()
     if paper_in is not None:
-        width, height = paper_in, max(paper_in * height / width, FLATTEST * min(paper_in, 3.5))
+        width, height = paper_in, max(paper_in * height / width, MIN_ASPECT * min(paper_in, 3.5))
     matplotlib.rcParams.update(
         {
             "svg.hashsalt": "deltact-fab",  # same figure, same bytes
@@ -76,8 +77,8 @@ def create_figure(
             "axes.spines.top": False,
             "axes.spines.right": False,
             "axes.grid": True,
-            "grid.color": GRID,
-            **dict.fromkeys(_INKED, INK_COLOUR if paper_in is None else "#000000"),
+            "grid.color": GRID_COLOUR,
+            **dict.fromkeys(_INK_KEYS, INK_COLOUR if paper_in is None else "#000000"),
             "grid.linewidth": 0.6,
             "axes.axisbelow": True,
             "legend.frameon": False,
@@ -93,12 +94,12 @@ def create_figure(
     return figure, axes
 
 
-IN_A_ROW = 3
+PANELS_PER_ROW = 3
 
 
-def panels(count: int, height: float, share_y: bool = True) -> Any:
+def create_panels(count: int, height: float, share_y: bool = True) -> Any:
     """As `blank`: so many axes, IN_A_ROW at most beside each other; height: of a row."""
-    columns = min(IN_A_ROW, count)
+    columns = min(PANELS_PER_ROW, count)
     rows = -(-count // columns)
     figure, axes = create_figure(9.6, rows * height, columns, share_y, rows)
     for axis in axes[count:]:
@@ -115,7 +116,7 @@ def to_svg(figure: Figure, words: str = "") -> str:
     """
     from matplotlib.colors import to_hex
 
-    letters(figure, MIN_PAGE_PT)
+    clamp_letters(figure, MIN_PAGE_PT)
     for patch in (figure.patch, *(axis.patch for axis in figure.axes)):
         if to_hex(patch.get_facecolor()) == "#ffffff":
             patch.set_facecolor("none")
@@ -123,7 +124,7 @@ def to_svg(figure: Figure, words: str = "") -> str:
     figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
     text = out.getvalue()
     svg = text[text.index("<svg") :]
-    svg = re.sub("|".join(_NAMED), lambda m: f"var(--{_NAMED[m[0]]}, {m[0]})", svg)
+    svg = re.sub("|".join(_CSS_NAMES), lambda m: f"var(--{_CSS_NAMES[m[0]]}, {m[0]})", svg)
     axes = figure.axes[0]
     against = (" ".join(label.split()) for label in (axes.get_ylabel(), axes.get_xlabel()))
     label = html.escape(words or " against ".join(filter(None, against)) or "figure", quote=True)
@@ -135,7 +136,7 @@ def to_svg(figure: Figure, words: str = "") -> str:
     return re.sub(r'href="#', f'href="#{salt}-', svg)
 
 
-def letters(figure: Figure, least_pt: float, most_pt: float = math.inf) -> None:
+def clamp_letters(figure: Figure, least_pt: float, most_pt: float = math.inf) -> None:
     """Letters of a figure that are smaller or larger than that become so."""
     from matplotlib.text import Text
 
@@ -150,18 +151,18 @@ def draw_legend(figure: Figure, axis: Axes) -> None:
                   fontsize="small")  # fmt: skip
 
 
-WIDE = 300.0  # from the lowest to the highest: beyond it only powers of ten have labels
+WIDE_RANGE = 300.0  # from the lowest to the highest: beyond it only powers of ten have labels
 
 
-def set_log_scale(axis: Axes, which: str) -> None:
+def set_log_scale(axis: Axes, directions: str) -> None:
     """Set logarithmic axes, `x`, `y` or `xy`, labelled 0.01, 0.02, 0.05 and not by powers."""
     from matplotlib.ticker import LogLocator, NullLocator
 
-    for letter in which:
+    for letter in directions:
         (axis.set_xscale if letter == "x" else axis.set_yscale)("log")
         side = axis.xaxis if letter == "x" else axis.yaxis
         low, high = side.get_view_interval()
-        subs = (1.0, 2.0, 5.0) if high < WIDE * low else (1.0,)
+        subs = (1.0, 2.0, 5.0) if high < WIDE_RANGE * low else (1.0,)
         side.set_major_locator(LogLocator(subs=subs))
         side.set_major_formatter("{x:g}")
         side.set_minor_locator(NullLocator())
@@ -170,7 +171,7 @@ def set_log_scale(axis: Axes, which: str) -> None:
 MAX_LEGS = 20
 
 
-def by_frame(axis: Axes, step_ids: pd.Series[str]) -> None:
+def label_frames(axis: Axes, step_ids: pd.Series[str]) -> None:
     """Whole frames from 1 along an axis; legs of the path named above where they begin."""
     from matplotlib.ticker import MaxNLocator
 
@@ -180,15 +181,15 @@ def by_frame(axis: Axes, step_ids: pd.Series[str]) -> None:
     begins = np.flatnonzero(np.append(True, legs[1:] != legs[:-1]))
     if len(begins) > MAX_LEGS:
         return  # no one could read them
-    for at in begins[1:]:
-        axis.axvline(at + 0.5, color=FAINT, lw=0.7)
+    for start in begins[1:]:
+        axis.axvline(start + 0.5, color=LEG_COLOUR, lw=0.7)
     above = axis.secondary_xaxis("top")
-    above.set_xticks(begins + 1, legs[begins], rotation=90, fontsize="small", color=SOFT)
+    above.set_xticks(begins + 1, legs[begins], rotation=90, fontsize="small", color=SOFT_COLOUR)
     above.tick_params(length=0, pad=1)
     above.spines[:].set_visible(False)
 
 
-FAR = 3.0  # times the highest that is drawn
+FAR_ABOVE = 3.0  # times the highest that is drawn
 
 
 def draw_paper_line(
@@ -200,26 +201,26 @@ def draw_paper_line(
     One far above what is drawn would flatten it: it is told above the axis. about: the paper says
     "around".
     """
-    if value > FAR * highest > 0:
+    if value > FAR_ABOVE * highest > 0:
         x = 1.0 if across is None else sum(across) / 2
         place = axis.transAxes if across is None else axis.get_xaxis_transform()
         words = f"{'≈' * about}{value:g} ↑"  # no wider than a column, which has neighbours
         axis.text(x, 1.0, words if across else f"paper {words}", transform=place, va="bottom",
                   ha="right" if across is None else "center", fontsize="small",
-                  color=SOFT)  # fmt: skip
+                  color=SOFT_COLOUR)  # fmt: skip
         return
     place = axis.get_yaxis_transform() if across is None else axis.transData
-    axis.plot(across or (0, 1), [value] * 2, "--" if about else "-", color=SOFT, lw=1.4,
+    axis.plot(across or (0, 1), [value] * 2, "--" if about else "-", color=SOFT_COLOUR, lw=1.4,
               label=words, transform=place)  # fmt: skip
 
 
 # Of a name from its mark: points to the right and up, and which of its edges lie there.
-_BESIDE = (
+_LABEL_SIDES = (
     (1.0, 0.0, "left", "center"), (-1.0, 0.0, "right", "center"), (0.0, 1.0, "center", "bottom"),
     (0.0, -1.0, "center", "top"), (0.7, 0.7, "left", "bottom"), (-0.7, 0.7, "right", "bottom"),
     (0.7, -0.7, "left", "top"), (-0.7, -0.7, "right", "top"),
 )  # fmt: skip
-_PLACES = [(away, *place) for away in (6.0, 16.0, 28.0, 42.0, 60.0) for place in _BESIDE]
+_LABEL_PLACES = [(pt, *side) for pt in (6.0, 16.0, 28.0, 42.0, 60.0) for side in _LABEL_SIDES]
 
 
 def name_marks(
@@ -236,22 +237,22 @@ def name_marks(
     figure.draw_without_rendering()  # lays it out
     inside = axis.get_window_extent()
     spots = axis.transData.transform([mark[:2] for mark in marks])
-    taken = [Bbox([spot - 5, spot + 5]) for spot in spots]
+    occupied = [Bbox([spot - 5, spot + 5]) for spot in spots]
     for x, y, name, colour in marks:
         line = {"arrowstyle": "-", "color": colour, "lw": 0.6, "shrinkA": 0, "shrinkB": 3}
-        for away, dx, dy, ha, va in _PLACES:
+        for off_pt, dx, dy, ha, va in _LABEL_PLACES:
             text = axis.annotate(
-                name, (x, y), xytext=(away * dx, away * dy), textcoords="offset points", ha=ha,
-                va=va, fontsize=MIN_PAGE_PT, fontweight="bold" if name == bold else None,
-                arrowprops=line if away > _PLACES[0][0] else None,
+                name, (x, y), xytext=(off_pt * dx, off_pt * dy), textcoords="offset points",
+                ha=ha, va=va, fontsize=MIN_PAGE_PT, fontweight="bold" if name == bold else None,
+                arrowprops=line if off_pt > _LABEL_PLACES[0][0] else None,
             )  # fmt: skip
             text.get_window_extent()  # finds its place; with its line, which may cross others
             box = Text.get_window_extent(text)
-            free = inside.x0 <= box.x0 and box.x1 <= inside.x1 and not box.count_overlaps(taken)
-            if free or (away, dx, dy, ha, va) == _PLACES[-1]:
+            free = inside.x0 <= box.x0 and box.x1 <= inside.x1 and not box.count_overlaps(occupied)
+            if free or (off_pt, dx, dy, ha, va) == _LABEL_PLACES[-1]:
                 break
             text.remove()
-        taken.append(box)
+        occupied.append(box)
 
 
 COLUMN_IN, BOTH_COLUMNS_IN = 3.5, 7.16  # of IEEE's two-column page
@@ -259,11 +260,11 @@ SMALLEST_PT = 6.0
 _NO_DATE = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 
 
-def draw(one: ReportFigure) -> Figure:
+def draw_for_paper(report_figure: ReportFigure) -> Figure:
     """A figure at the size of a paper, its titles broken where they would run over."""
-    with on_paper(COLUMN_IN if one.column else BOTH_COLUMNS_IN):
-        figure = one.draw()
-    letters(figure, SMALLEST_PT, PAPER_PT)
+    with on_paper(COLUMN_IN if report_figure.column else BOTH_COLUMNS_IN):
+        figure = report_figure.draw()
+    clamp_letters(figure, SMALLEST_PT, PAPER_PT)
     _break_titles(figure)
     return figure
 
@@ -289,7 +290,7 @@ def _break_titles(figure: Figure) -> None:
     for axis in figure.axes:
         width = axis.get_window_extent().width
         for text in (axis.title, axis._left_title, axis._right_title):  # type: ignore[attr-defined]
-            words, wide = text.get_text(), text.get_window_extent().width
-            if words and wide > width and "$" not in words:
-                letters = max(8, int(len(words) * width / wide))
+            words, text_width = text.get_text(), text.get_window_extent().width
+            if words and text_width > width and "$" not in words:
+                letters = max(8, int(len(words) * width / text_width))
                 text.set_text("\n".join(textwrap.wrap(words, letters)))

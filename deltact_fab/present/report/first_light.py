@@ -14,7 +14,7 @@ from deltact_fab.sensor import GAMMA, ImageSensor, Printer
 from deltact_fab.simulate import FrameRenderer, PictureGeometry
 
 PRINT_MM, STREAK_MM = 8.0, 0.4
-FAINT = 0.75  # of the ink that is nearly empty, what is missing
+FADED_SHARE = 0.75  # of the ink that is nearly empty, what is missing
 BUBBLE_MM, BUBBLE_AT_MM = 1.2, (4.0, -3.0)
 TORN_MM = 5.0
 
@@ -36,17 +36,17 @@ def _print(values: NDArray[np.float32], printer: Printer) -> Pair:
     half, side = round(PRINT_MM / printer.mm_per_dot / 2), len(values) // 2
     good = values[side - half : side + half, side - half : side + half]
     spoiled = good.copy()
-    spoiled[..., 1] += FAINT * (1 - spoiled[..., 1])
+    spoiled[..., 1] += FADED_SHARE * (1 - spoiled[..., 1])
     streak = round(STREAK_MM / printer.mm_per_dot)
     spoiled[half : half + streak] = 1
-    good, spoiled = (255 * one[..., ::-1] ** (1 / GAMMA) for one in (good, spoiled))
+    good, spoiled = (255 * image[..., ::-1] ** (1 / GAMMA) for image in (good, spoiled))
     return _jpeg(good), _jpeg(spoiled)
 
 
 def _sensor(values: NDArray[np.float32], printer: Printer, design: Design) -> Pair:
     """The view; then with a bubble, the film torn at a corner and one LED dark."""
-    at = (np.arange(len(values)) - (len(values) - 1) / 2) * printer.mm_per_dot
-    x, y = np.meshgrid(at, at)
+    dots_mm = (np.arange(len(values)) - (len(values) - 1) / 2) * printer.mm_per_dot
+    x, y = np.meshgrid(dots_mm, dots_mm)
     right, top = np.array(design.optics.view_mm) / 2
     spoiled = values * (illuminance(design, x, y, dark=0) / illuminance(design, x, y))[..., None]
     spoiled[y - x > right + top - TORN_MM] = 1
@@ -55,12 +55,12 @@ def _sensor(values: NDArray[np.float32], printer: Printer, design: Design) -> Pa
     spoiled *= np.where(np.abs(r - 1) < 0.12, 0.2, 1)[..., None]
     geometry, rng = PictureGeometry.resting(design), np.random.default_rng(0)
 
-    def seen(print_: NDArray[Any]) -> bytes:
+    def photograph(print_: NDArray[Any]) -> bytes:
         values = print_.astype(np.float32)
         draw = FrameRenderer(geometry, values, printer.mm_per_dot, ImageSensor())
         return _jpeg(draw.render(None, rng))
 
-    return seen(values), seen(spoiled)
+    return photograph(values), photograph(spoiled)
 
 
 def _jpeg(bgr: NDArray[Any]) -> bytes:

@@ -23,7 +23,7 @@ from deltact_fab.estimate import (
 
 from . import figures, run_figures
 
-SMALLER = 0.6  # pictures of presses stand side by side
+THUMBNAIL_SCALE = 0.6  # pictures of presses stand side by side
 
 
 def write_run_page(
@@ -45,42 +45,42 @@ def write_run_page(
     run = open_run(run_folder)
     if not run.finished:
         raise InputError(f"{run_folder}: the run is not finished; go on with `run --resume`")
-    frames, notes, judged = run.frames(), run.notes(), tracking.verdict
+    frames, notes, verdict = run.frames(), run.notes(), tracking.verdict
     warned, remarks = run.remarks()
-    drawn = {
+    charts = {
         "by_time": run_figures.plot_error_by_time(tracking),
-        "by_step": run_figures.error_by_step(tracking),
+        "by_step": run_figures.plot_error_by_step(tracking),
     }
     if measured is not None and measured.force is not None:
-        drawn["force"] = run_figures.force_by_frame(measured.force.frames)
+        charts["force"] = run_figures.plot_force_by_frame(measured.force.frames)
     elif frames["fz_n"].notna().any():
-        drawn["force"] = run_figures.force_by_frame(frames)
+        charts["force"] = run_figures.plot_force_by_frame(frames)
     deepest = measured.deepest if measured is not None else []
     if deepest:
-        drawn["shape"] = run_figures.deepest_presses(deepest)
+        charts["shape"] = run_figures.plot_deepest_presses(deepest)
     return write_page(
         out,
         "run.html",
-        _found(warned, tracking, measured, shape),
+        _run_checks(warned, tracking, measured, shape),
         meta=run.meta,
         summary=run.summary(),
         simulated=run.simulated,
         tracking=tracking.as_dict(),
-        doubts={name: why for name, why in judged.doubts.items() if why},
+        doubts={name: reasons for name, reasons in verdict.doubts.items() if reasons},
         remarks=remarks,
         methods=_methods(tracking),
         measured=measured,
         shape=shape,
         rule=tracking.RULE,
-        best=next(m for m in tracking.methods if m["name"] == judged.about),
+        best=next(m for m in tracking.methods if m["name"] == verdict.about),
         paper_mm=tracking.PAPER_BEST_MM,
         figures={
-            name: figures.to_svg(figure, _SHOWN.get(name, ""))
-            for name, figure in drawn.items()
+            name: figures.to_svg(figure, _FIGURE_WORDS.get(name, ""))
+            for name, figure in charts.items()
             if figure
         },
-        pictures=[_picture(run, frames, one) for one in deepest],
-        contacts=html_table(pd.DataFrame([row for one in deepest for row in _contacts(one)])),
+        pictures=[_picture(run, frames, press) for press in deepest],
+        contacts=html_table(pd.DataFrame([row for press in deepest for row in _contacts(press)])),
         parts=parts,
         made=html_table(pd.DataFrame(parts["parts"] if parts else [])),
         counts={
@@ -108,15 +108,15 @@ def write_imported_page(run: Run, out: Path) -> Path:
     if not summary or frames.empty:
         raise InputError(f"{run.folder}: not whole; import it again")
     t_s = frames["t_s"] - frames["t_s"].iloc[0]
-    figure = run_figures.force_and_motion(t_s, frames, summary["moved_px"])
-    most = frames.iloc[int(np.argmax(summary["moved_px"]))]
+    figure = run_figures.plot_force_motion(t_s, frames, summary["moved_px"])
+    farthest = frames.iloc[int(np.argmax(summary["moved_px"]))]
     force = run.folder / "analysis" / "force.json"
-    told = read_json(force) if force.is_file() else {}
-    if "verdict" in told:
-        found = [Check("force", value=f"Force from the flow: {told['verdict']}.")]
+    force_data = read_json(force) if force.is_file() else {}
+    if "verdict" in force_data:
+        checks = [Check("force", value=f"Force from the flow: {force_data['verdict']}.")]
     else:
         text = "Force from the flow was not calibrated: `calibrate force` does it."
-        found = [Check("force", value=text, status="warn")]
+        checks = [Check("force", value=text, status="warn")]
     warned, remarks = run.remarks()
     counts = {
         "images": f"{len(frames)} of {' x '.join(map(str, run.meta['imported']['image_px']))} px",
@@ -129,8 +129,8 @@ def write_imported_page(run: Run, out: Path) -> Path:
         "imported.html",
         [
             *Check.warnings("run", warned),
-            *found,
-            *Check.warnings("left-out", told.get("left_out", [])),
+            *checks,
+            *Check.warnings("left-out", force_data.get("left_out", [])),
         ],
         name=run.meta["name"],
         about=run.meta["protocol"]["description"],
@@ -138,13 +138,13 @@ def write_imported_page(run: Run, out: Path) -> Path:
         figure=figures.to_svg(figure, "force on the sensor and motion of the picture over time"),
         pictures=[
             _thumbnail(run, frames.iloc[0], "the first image: motion counts from it"),
-            _thumbnail(run, most, f"moved most, after {most['t_press_s']:.2f} s"),
+            _thumbnail(run, farthest, f"moved most, after {farthest['t_press_s']:.2f} s"),
         ],
         known=html_table(pd.DataFrame(counts.items(), columns=["what", "value"])),
     )
 
 
-def _found(
+def _run_checks(
     warned: list[str],
     tracking: TrackingResult,
     measured: RunMeasurement | None,
@@ -163,7 +163,7 @@ def _found(
 
 
 # What a figure shows, where its axes do not say it all.
-_SHOWN = {
+_FIGURE_WORDS = {
     "shape": "depth, flow and contact on the face at the deepest press of each indenter",
     "force": "force on the sensor in x, y and z, N, against the frame",
 }
@@ -171,16 +171,16 @@ _SHOWN = {
 
 def _methods(tracking: TrackingResult) -> dict[str, Any]:
     """The table of methods, the recommended one marked, with the paper's below."""
-    judged, rows = tracking.verdict, []
+    verdict, rows = tracking.verdict, []
     for m in tracking.methods:
-        known = m["confident_share"] if m["coverage"] is None else m["coverage"]
+        confident = m["confident_share"] if m["coverage"] is None else m["coverage"]
         rows.append(
             {
                 "method / reference": m["name"],
                 "mean error over all moving pixels, mm": m["mean_off_dots_mm"],
                 "95th percentile, mm": m["p95_off_dots_mm"],
                 "confident pixels, mm": m["mean_confident_mm"],
-                "share of confident pixels": _percent(known),
+                "share of confident pixels": _percent(confident),
                 f"of that off by over {tracking.WRONG_MM:g} mm": _percent(
                     m["confident_wrong_share"]
                 ),
@@ -188,10 +188,10 @@ def _methods(tracking: TrackingResult) -> dict[str, Any]:
                 "frames trusted": _percent(m["trusted_share"]),
                 "CPU time a frame, ms": m["ms_per_frame"],
                 "new references": m["reference_switches"],
-                "reliable": "no" if judged.doubts[m["name"]] else "yes",
+                "reliable": "no" if verdict.doubts[m["name"]] else "yes",
             }
         )
-    marks = ["take" if m["name"] == judged.take else "" for m in tracking.methods]
+    marks = ["take" if m["name"] == verdict.take else "" for m in tracking.methods]
     if any(m["mean_at_dots_mm"] is not None for m in tracking.methods):
         rows.append(
             {"method / reference": "the paper's own", "at the dots, mm": tracking.PAPER_BEST_MM}
@@ -200,12 +200,12 @@ def _methods(tracking: TrackingResult) -> dict[str, Any]:
     return html_table(pd.DataFrame(rows), marks=marks)
 
 
-def _contacts(one: DeepestPress) -> list[dict[str, Any]]:
+def _contacts(press: DeepestPress) -> list[dict[str, Any]]:
     """A row a contact of a press; none where contacts were not asked for."""
-    found = one.result.contacts
-    if found is None:
+    result = press.result
+    if result.contacts is None:
         return []
-    about = {"indenter": one.indenter, "frame": one.frame_id, "cover": _percent(one.result.cover)}
+    about = {"indenter": press.indenter, "frame": press.frame_id, "cover": _percent(result.cover)}
     return [
         {
             **about,
@@ -214,7 +214,7 @@ def _contacts(one: DeepestPress) -> list[dict[str, Any]]:
             "peak_depth_mm": c.peak_depth_mm,
             "share of the force": _percent(c.force_share),
         }
-        for c in found
+        for c in result.contacts
     ] or [{**about, "place x, y, mm": "no contact found"}]
 
 
@@ -227,12 +227,12 @@ def _settings(run: Run) -> pd.DataFrame:
         if value is not None and not isinstance(value, dict)
     }
     dots = pattern.get("dots_mm")
-    own = {
+    extra = {
         "dots": f"{len(dots)} of {pattern['dot_diameter_mm']} mm" if dots else "none",
         "seed": str(run.meta["seed"]),
         "controller": stage["banner"] if stage else "none: weights laid on by hand",
     }
-    settings = {**recipe, **own, **run.meta["versions"]}
+    settings = {**recipe, **extra, **run.meta["versions"]}
     return pd.DataFrame(settings.items(), columns=["setting", "value"])
 
 
@@ -240,10 +240,10 @@ def _percent(value: float | None) -> str:
     return "" if value is None else format_percent(value).replace(" ", "\u00a0")
 
 
-def _picture(run: Run, frames: pd.DataFrame, one: DeepestPress | None = None) -> Any:
+def _picture(run: Run, frames: pd.DataFrame, press: DeepestPress | None = None) -> Any:
     """The image of a press, else the pattern at rest, as a data URL, and its caption."""
-    row = frames.iloc[0] if one is None else frames[frames["frame_id"] == one.frame_id].iloc[0]
-    caption = "at rest" if one is None else f"{one.indenter}, {one.depth_mm:.2f} mm deep"
+    row = frames.iloc[0] if press is None else frames[frames["frame_id"] == press.frame_id].iloc[0]
+    caption = "at rest" if press is None else f"{press.indenter}, {press.depth_mm:.2f} mm deep"
     return _thumbnail(run, row, caption)
 
 
@@ -251,9 +251,8 @@ def _thumbnail(run: Run, row: pd.Series[Any], caption: str) -> dict[str, str]:
     """The image of a frame, smaller, as a data URL, and its caption."""
     import cv2
 
-    small = cv2.resize(
-        run.image(str(row["file"])), None, fx=SMALLER, fy=SMALLER, interpolation=cv2.INTER_AREA
-    )
+    image, scale = run.image(str(row["file"])), THUMBNAIL_SCALE
+    small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     # JPEG would smear the pattern.
     png = base64.b64encode(encode_png(np.asarray(small, np.uint8))).decode()
     return {"src": f"data:image/png;base64,{png}", "caption": caption}

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-ASSUMED = (
+ASSUMED_NOTE = (
     "Printer and camera are assumed values of a model, so this ranks patterns and predicts no "
     "error in millimetres: measure your own before you choose."
 )
@@ -33,18 +33,18 @@ def write_patterns_page(folder: Path) -> Path:
     series = PatternSeries.load(folder)
     data = series.figures
     rows = data["patterns"]
-    seen = [row for row in rows if row["quality"]["seen"]]
+    visible = [row for row in rows if row["quality"]["seen"]]
     models = (("printer", data["printer"]), ("camera", data["sensor"]))
     settings = [
-        (f"{what} {key}", str(value)) for what, values in models for key, value in values.items()
+        (f"{part} {key}", str(value)) for part, values in models for key, value in values.items()
     ]
     return write_page(
         series.page,
         "patterns.html",
-        [_best(rows, seen), Check("assumed", value=ASSUMED)],
+        [_best_check(rows, visible), Check("assumed", value=ASSUMED_NOTE)],
         s=data,
         rows=rows,
-        chart=figures.to_svg(draw(rows)),
+        chart=figures.to_svg(plot_predictors(rows)),
         sizes_mm=sorted({row["d_mm"] for row in rows}),
         factors=sorted({row["r"] for row in rows}),
         views={(row["d_mm"], row["r"]): _view(series, row["name"]) for row in rows},
@@ -59,19 +59,19 @@ def write_patterns_page(folder: Path) -> Path:
     )
 
 
-def _best(rows: list[dict[str, Any]], seen: list[dict[str, Any]]) -> Check:
+def _best_check(rows: list[dict[str, Any]], visible: list[dict[str, Any]]) -> Check:
     """What can be tracked best; the unseen have the gradient of halftone and noise, not theirs."""
-    if not seen:
+    if not visible:
         text = f"The camera sees none of the {len(rows)} patterns: nothing here can be tracked."
         return Check("patterns", value=text, status="fail")
-    small = max(seen, key=lambda row: _seen(row)["mean_gradient"])
-    large = max(seen, key=lambda row: sum(_seen(row)["contrast"][3:5]))
+    small = max(visible, key=lambda row: _photographed(row)["mean_gradient"])
+    large = max(visible, key=lambda row: sum(_photographed(row)["contrast"][3:5]))
     return Check(
         "patterns",
-        value=f"The camera still sees {len(seen)} of {len(rows)} patterns: of these "
+        value=f"The camera still sees {len(visible)} of {len(rows)} patterns: of these "
         f"d {small['d_mm']}, r {small['r']} has the most to track in small motion and "
         f"d {large['d_mm']}, r {large['r']} in large motion.",
-        status=graded(True, warns=len(seen) < len(rows)),
+        status=graded(True, warns=len(visible) < len(rows)),
     )
 
 
@@ -80,23 +80,23 @@ def _view(series: PatternSeries, name: str) -> str:
     return "data:image/png;base64," + base64.b64encode(series.view(name)).decode()
 
 
-def _seen(row: dict[str, Any]) -> dict[str, Any]:
+def _photographed(row: dict[str, Any]) -> dict[str, Any]:
     return dict(row["quality"]["photographed"])
 
 
 def _row(row: dict[str, Any]) -> dict[str, Any]:
     """What predicts tracking, as the camera sees a pattern; quality.csv has all, designed too."""
-    seen, quality = _seen(row), row["quality"]
+    figures_seen, quality = _photographed(row), row["quality"]
     paper = row["paper_error_mm"]
     return {
         "d_mm": row["d_mm"],
         "r": row["r"],
         "the paper's error, mm": f"{'≈ ' * row['paper_about']}{paper or ''}",
-        "gradient, levels/px": round(seen["mean_gradient"], 1),
-        "contrast at level 3": round(seen["contrast"][3], 1),
-        "contrast at level 4": round(seen["contrast"][4], 1),
-        "second peak": round(seen["peak"], 2),
-        "at, mm": seen["peak_mm"] and round(seen["peak_mm"], 2),
+        "gradient, levels/px": round(figures_seen["mean_gradient"], 1),
+        "contrast at level 3": round(figures_seen["contrast"][3], 1),
+        "contrast at level 4": round(figures_seen["contrast"][4], 1),
+        "second peak": round(figures_seen["peak"], 2),
+        "at, mm": figures_seen["peak_mm"] and round(figures_seen["peak_mm"], 2),
         "camera px a patch": round(quality["px_a_patch"], 2),
         "left on the print, %": round(100 * quality["print_contrast"]),
         "left in the camera, %": round(100 * quality["camera_contrast"]),
@@ -104,12 +104,12 @@ def _row(row: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def draw(rows: Sequence[dict[str, Any]]) -> Figure:
+def plot_predictors(rows: Sequence[dict[str, Any]]) -> Figure:
     """Mean gradient, and contrast at pyramid levels 3 and 4, as the camera sees them, by patch."""
     panels = {
-        "mean gradient, grey levels/px": [_seen(row)["mean_gradient"] for row in rows],
-        "contrast at level 3, grey levels": [_seen(row)["contrast"][3] for row in rows],
-        "contrast at level 4, grey levels": [_seen(row)["contrast"][4] for row in rows],
+        "mean gradient, grey levels/px": [_photographed(row)["mean_gradient"] for row in rows],
+        "contrast at level 3, grey levels": [_photographed(row)["contrast"][3] for row in rows],
+        "contrast at level 4, grey levels": [_photographed(row)["contrast"][4] for row in rows],
     }
     figure, axes = figures.create_figure(9.6, 3.5, len(panels), share_y=False)
     sizes_mm = sorted({row["d_mm"] for row in rows})
@@ -119,7 +119,8 @@ def draw(rows: Sequence[dict[str, Any]]) -> Figure:
             axis.plot(
                 *zip(*sorted(part), strict=True),
                 color=figures.SERIES_COLOURS[k % len(figures.SERIES_COLOURS)],
-                marker=figures.MARKERS[k % len(figures.MARKERS)], ms=5, lw=1.4, label=f"r = {r:g}",
+                marker=figures.SERIES_MARKERS[k % len(figures.SERIES_MARKERS)],
+                ms=5, lw=1.4, label=f"r = {r:g}",
             )  # fmt: skip
         axis.set_title(title, loc="left", fontweight="bold", fontsize=9.5)
         axis.set_xticks(sizes_mm, [f"{d_mm:g}" for d_mm in sizes_mm], rotation=90)

@@ -52,7 +52,7 @@ class ReportTable:
     name: str
     caption: str
     frame: pd.DataFrame
-    shown: tuple[str, ...] | None = None
+    columns: tuple[str, ...] | None = None
     words: dict[str, str] = field(default_factory=dict)
 
     @property
@@ -63,7 +63,7 @@ class ReportTable:
         return [{str(name): value for name, value in row.items()} for row in rows]
 
 
-State = Literal["met", "missed", "undecided"]
+GoalState = Literal["met", "missed", "undecided"]
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Headline:
     whole: bool = True
 
     @property
-    def state(self) -> State | None:
+    def state(self) -> GoalState | None:
         """What is known of the goal: undecided where its interval reaches over it or is not known,
         and of a part of the jobs. None without a goal.
         """
@@ -134,26 +134,26 @@ class Claim:
     undecided: str
     readings: Mapping[str, tuple[float | None, float | None]]
 
-    def state(self, whole: bool = True) -> State:
+    def state(self, final: bool = True) -> GoalState:
         """met: it is shown; missed: so is its contrary."""
         ends = self.readings.values()
-        if whole and ends and all(low is not None and low > 0 for low, _ in ends):
+        if final and ends and all(low is not None and low > 0 for low, _ in ends):
             return "met"
-        if whole and ends and all(high is not None and high < 0 for _, high in ends):
+        if final and ends and all(high is not None and high < 0 for _, high in ends):
             return "missed"
         return "undecided"
 
-    def sentence(self, whole: bool = True) -> str:
+    def sentence(self, final: bool = True) -> str:
         """What may be said."""
         words = {"met": self.text, "missed": self.otherwise, "undecided": self.undecided}
-        return words[self.state(whole)]
+        return words[self.state(final)]
 
-    def as_dict(self, whole: bool = True) -> dict[str, Any]:
+    def as_dict(self, final: bool = True) -> dict[str, Any]:
         """Plain data."""
         readings = [
             {"name": name, "low": low, "high": high} for name, (low, high) in self.readings.items()
         ]
-        return {"says": self.sentence(whole), "state": self.state(whole), "readings": readings}
+        return {"says": self.sentence(final), "state": self.state(final), "readings": readings}
 
 
 @dataclass(frozen=True)
@@ -184,47 +184,47 @@ class StudyResult:
     left_out: tuple[Note, ...] = ()
     missing: tuple[str, ...] = ()
     files: dict[str, str] = field(default_factory=dict)
-    more: dict[str, Any] = field(default_factory=dict)
+    extra: dict[str, Any] = field(default_factory=dict)
     module: str = ""
 
     @property
     def findings(self) -> tuple[Check, ...]:
         """Claims, the answer, the figures that are told, what is missing, what the gel flagged."""
-        whole = not self.missing
-        found = [
+        final = not self.missing
+        checks = [
             Check(
                 f"claim.{k}",
-                value=one.sentence(whole),
-                status=graded(True, one.state(whole) == "undecided"),
+                value=claim.sentence(final),
+                status=graded(True, claim.state(final) == "undecided"),
             )
-            for k, one in enumerate(self.claims)
+            for k, claim in enumerate(self.claims)
         ]
-        found += [Check(f"answer.{k}", value=line) for k, line in enumerate(self.answer)]
-        found += [
-            Check(f"figure.{k}", value=one.sentence, status=GOAL[one.state])
-            for k, one in enumerate(self.headlines)
-            if one.told
+        checks += [Check(f"answer.{k}", value=line) for k, line in enumerate(self.answer)]
+        checks += [
+            Check(f"figure.{k}", value=head.sentence, status=GOAL_STATUS[head.state])
+            for k, head in enumerate(self.headlines)
+            if head.told
         ]
-        goals = Counter(one.state for one in self.headlines if one.state is not None)
+        goals = Counter(headline.state for headline in self.headlines if headline.state is not None)
         if goals:
-            states = [name for name in STATES if goals[name]]
+            states = [name for name in GOAL_STATES if goals[name]]
             counted = ", ".join(f"{goals[name]} {name}" for name in states)
-            found.append(Check("goals", value=f"Goals: {counted}.", status=GOAL[states[-1]]))
+            checks += [Check("goals", value=f"Goals: {counted}.", status=GOAL_STATUS[states[-1]])]
         if n := len(self.missing):
             are = "job is" if n == 1 else "jobs are"
-            found.append(
+            checks.append(
                 Check("missing", value=f"{n} {are} missing, so nothing is decided.", status="warn")
             )
         if flags := self.settings.get(self.GEL_FLAGS):
-            found.append(
+            checks.append(
                 Check("gel-flags", value=f"The simulated gel is flagged: {flags}.", status="warn")
             )
-        return tuple(found)
+        return tuple(checks)
 
     @property
     def verdict(self) -> tuple[str, ...]:
         """The findings' sentences."""
-        return tuple(str(one.value) for one in self.findings)
+        return tuple(str(check.value) for check in self.findings)
 
     @property
     def data(self) -> dict[str, Any]:
@@ -235,16 +235,16 @@ class StudyResult:
             "seed": self.seed,
             "scale": self.scale,
             "verdict": list(self.verdict),
-            "claims": [one.as_dict(not self.missing) for one in self.claims],
-            "headlines": [one.as_dict() for one in self.headlines],
-            "tables": {one.name: one.records for one in self.tables},
+            "claims": [claim.as_dict(not self.missing) for claim in self.claims],
+            "headlines": [head.as_dict() for head in self.headlines],
+            "tables": {table.name: table.records for table in self.tables},
             "settings": self.settings,
             "missing": list(self.missing),
-            **self.more,
+            **self.extra,
         }
 
 
-STATES: tuple[State, ...] = ("met", "undecided", "missed")
-GOAL: dict[State | None, Status] = {
+GOAL_STATES: tuple[GoalState, ...] = ("met", "undecided", "missed")
+GOAL_STATUS: dict[GoalState | None, Status] = {
     None: "pass", "met": "pass", "undecided": "warn", "missed": "fail",
 }  # fmt: skip

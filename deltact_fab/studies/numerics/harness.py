@@ -24,15 +24,15 @@ from .engine import (
     Case,
     CurveSetting,
     Engine,
-    stability_row,
+    finite_or_none,
     judge,
     peak_resident_mb,
-    finite_or_none,
     reset_peak_mb,
+    stability_row,
 )
 
 # Modules, imported only when asked for: an engine needs libraries that another does not.
-ENGINE_MODULES = {name: f"{__package__}.engines.{name}" for name in ("pattern", "flow", "gel", "measure")}
+ENGINE_MODULES = {n: f"{__package__}.engines.{n}" for n in ("pattern", "flow", "gel", "measure")}
 
 
 def check_names(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -188,7 +188,8 @@ def curve_rows(
     for setting in settings:
         with open_executor(workers=1, threads=1) as process:
             try:
-                row = process.submit(time_setting, module, scratch, quick, setting.key).result(SILENCE_S)
+                job = process.submit(time_setting, module, scratch, quick, setting.key)
+                row = job.result(SILENCE_S)
             except Exception as error:
                 raise RunFailed(f"numerics: {name}: {setting.key}: {error}") from error
         yield {"engine": name, **row}
@@ -221,8 +222,9 @@ def time_setting(module: str, scratch: Path, quick: bool, key: str) -> dict[str,
         "case": setting.case, "series": setting.series, "setting": setting.name,
         "cpu_s": min(cpu_s), "cpu_most_s": max(cpu_s), "wall_s": min(wall_s),
         "compile_s": max(0.0, first_s - min(cpu_s)), "peak_mb": max(0.0, peak_mb),
-        "error": finite_or_none(work.error(result)), "unit": setting.unit, "reference": setting.reference,
-        "reference_error": setting.reference_error, "repeats": len(cpu_s), "kind": setting.kind,
+        "error": finite_or_none(work.error(result)), "unit": setting.unit,
+        "reference": setting.reference, "reference_error": setting.reference_error,
+        "repeats": len(cpu_s), "kind": setting.kind,
     }  # fmt: skip
 
 

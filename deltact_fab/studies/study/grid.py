@@ -34,32 +34,32 @@ class JobPace:
     """
 
     def __init__(self, costs: Sequence[float], width: int) -> None:
-        known = bool(costs) and all(cost > 0 for cost in costs)
-        self.costs = list(costs) if known else [1.0] * len(costs)
-        self.done = 0.0
+        costs_known = bool(costs) and all(cost > 0 for cost in costs)
+        self.costs = list(costs) if costs_known else [1.0] * len(costs)
+        self.done_cost = 0.0
         self._began = time.monotonic()
         self.beforehand = ""
         """What to expect, in words; empty where nothing is known."""
-        if known:
+        if costs_known:
             width = max(1, min(width, len(costs)))  # several share the jobs, and no job is shared
             self.beforehand = f"about {format_duration(max(sum(costs) / width, *costs))}"
 
-    def left(self) -> str:
+    def time_left(self) -> str:
         """Time to go at the pace so far, in words; empty before anything is done."""
-        if not self.done:
+        if not self.done_cost:
             return ""
         spent_s = time.monotonic() - self._began
-        return f"about {format_duration(spent_s * (sum(self.costs) / self.done - 1))} left"
+        return f"about {format_duration(spent_s * (sum(self.costs) / self.done_cost - 1))} left"
 
 
-STORE = Store("study")
-KEPT_BYTES = 4_000_000_000
+STUDY_STORE = Store("study")
+MAX_STORE_BYTES = 4_000_000_000
 """Of all studies; what a grid has just used is kept in any case."""
 Value = dict[str, Any]
 """What a job found, as the store keeps it."""
 
 # What may end one job and no other; anything else is a mistake in the code of all of them.
-_FAILURES = (DeltactFabError, ArithmeticError, ValueError, MemoryError, OSError)
+JOB_FAILURES = (DeltactFabError, ArithmeticError, ValueError, MemoryError, OSError)
 
 
 def seed_of(seed: int, name: str) -> int:
@@ -99,8 +99,8 @@ class GridJob:
         # The hash alone: with its arguments a key would be written and compared at length.
         try:
             text = json.dumps(self.arguments, sort_keys=True, default=job_arguments)
-        except TypeError as why:
-            raise TypeError(f"{self.name}: arguments: {why}") from why
+        except TypeError as error:
+            raise TypeError(f"{self.name}: arguments: {error}") from error
         arguments = hashlib.sha256(text.encode()).hexdigest()
         return cache_key(module or top, package=folder, work=work, arguments=arguments)
 
@@ -122,9 +122,9 @@ class Grid:
     there from before.
     """
 
-    found: dict[str, Value]
+    results: dict[str, Value]
     missing: dict[str, str]
-    kept: int
+    n_cached: int
 
     def __getitem__(self, name: str) -> Value:
         """One that must be there. Raises RunFailed where it has no result."""
@@ -133,7 +133,7 @@ class Grid:
                 f"{name}: has no result: {self.missing[name]}; the rest is kept, and the same "
                 "command tries it again"
             )
-        return self.found[name]
+        return self.results[name]
 
 
 def solve(
@@ -149,34 +149,34 @@ def solve(
     for two jobs of one name; the error itself when every job fails; Stopped on Ctrl-C; RunFailed
     when what they run on is gone.
     """
-    if twice := [name for name, n in Counter(job.name for job in jobs).items() if n > 1]:
-        raise ValueError(f"jobs of one name: {', '.join(twice)}")
+    if duplicates := [name for name, n in Counter(job.name for job in jobs).items() if n > 1]:
+        raise ValueError(f"jobs of one name: {', '.join(duplicates)}")
     keys = {job.name: job.key() for job in jobs}
-    held = {name: STORE.read(key) for name, key in keys.items()}
-    found = {name: value for name, value in held.items() if value is not None}
-    kept = len(found)
+    stored = {name: STUDY_STORE.read(key) for name, key in keys.items()}
+    results = {name: value for name, value in stored.items() if value is not None}
+    n_cached = len(results)
     missing: dict[str, str] = {}
     errors: list[Exception] = []
     refused: list[str] = []
     # The longest are begun first, so that none is left alone at the end.
-    todo = sorted((job for job in jobs if job.name not in found), key=lambda job: -job.cost)
+    todo = sorted((job for job in jobs if job.name not in results), key=lambda job: -job.cost)
     pace = JobPace([job.cost for job in todo], count_workers(executor))
 
-    def tick(what: str) -> None:
+    def tick(label: str) -> None:
         if progress is not None:
-            left = pace.left()
-            progress(len(found) + len(missing), len(jobs), f"{what}{left and f', {left}'}")
+            eta = pace.time_left()
+            progress(len(results) + len(missing), len(jobs), f"{label}{eta and f', {eta}'}")
 
-    def ended(index: int, value: Value | None, error: Exception | None) -> None:
+    def on_end(index: int, value: Value | None, error: Exception | None) -> None:
         """Keep what a job gave, or why it gave nothing. Raises a mistake in the code of a job."""
         name = todo[index].name
-        pace.done += pace.costs[index]
+        pace.done_cost += pace.costs[index]
         if value is not None:
-            found[name] = value
-            if not STORE.write(keys[name], value) and not refused:
-                refused.append(f"{STORE.folder.parent}: nothing can be kept there")
+            results[name] = value
+            if not STUDY_STORE.write(keys[name], value) and not refused:
+                refused.append(f"{STUDY_STORE.folder.parent}: nothing can be kept there")
                 say(f"{refused[0]}; do not interrupt this")
-        elif isinstance(error, _FAILURES):
+        elif isinstance(error, JOB_FAILURES):
             errors.append(error)
             missing[name] = " ".join(str(error).split()) or type(error).__name__
             say(f"failed: {name}: {missing[name]}")
@@ -187,21 +187,21 @@ def solve(
 
     if todo:
         about = pace.beforehand and f", {pace.beforehand}"
-        say(f"{kept} of {len(jobs)} jobs are kept, {len(todo)} to do{about}")
+        say(f"{n_cached} of {len(jobs)} jobs are kept, {len(todo)} to do{about}")
     tick("")
     try:
-        run_jobs(_do, todo, ended, executor)
-    except (KeyboardInterrupt, RunFailed) as why:
-        state = f"{len(found)} of {len(jobs)} jobs are kept; the same command goes on there"
-        if isinstance(why, KeyboardInterrupt):
-            raise Stopped(f"stopped: {state}") from why
-        raise RunFailed(f"{why}; {state}") from why
-    if errors and not found:
+        run_jobs(_run_job, todo, on_end, executor)
+    except (KeyboardInterrupt, RunFailed) as cause:
+        state = f"{len(results)} of {len(jobs)} jobs are kept; the same command goes on there"
+        if isinstance(cause, KeyboardInterrupt):
+            raise Stopped(f"stopped: {state}") from cause
+        raise RunFailed(f"{cause}; {state}") from cause
+    if errors and not results:
         raise errors[0]
     # The longest unused make room, and never what has been used now, which is the youngest.
-    STORE.trim(KEPT_BYTES, keys.values())
-    return Grid({job.name: found[job.name] for job in jobs if job.name in found}, missing, kept)
+    STUDY_STORE.trim(MAX_STORE_BYTES, keys.values())
+    return Grid({j.name: results[j.name] for j in jobs if j.name in results}, missing, n_cached)
 
 
-def _do(job: GridJob) -> Value:
+def _run_job(job: GridJob) -> Value:
     return job.work(job.arguments)

@@ -27,7 +27,7 @@ Statistic = Callable[[NDArray[np.float64]], float]
 Scale = Literal["plain", "positive", "correlation"]
 
 # To the scale on which an interval is made, infinite at its end; back; the least and the most.
-_SCALES: dict[
+INTERVAL_SCALES: dict[
     Scale, tuple[Callable[[float], float], Callable[[float], float], float, float]
 ] = {
     "plain": (float, float, -math.inf, math.inf),
@@ -49,37 +49,37 @@ class Interval(NamedTuple):
     over: str
 
 
-def headline(what: str, unit: str, found: Interval, factor: float = 1.0, **more: Any) -> Headline:
+def headline(label: str, unit: str, ci: Interval, factor: float = 1.0, **fields: Any) -> Headline:
     """A figure that counts, with its interval; factor: to the unit, from the figure's own."""
-    low, high = (None if end is None else factor * end for end in (found.low, found.high))
-    return Headline(what, factor * found.value, unit, low, high, found.over, **more)
+    low, high = (None if end is None else factor * end for end in (ci.low, ci.high))
+    return Headline(label, factor * ci.value, unit, low, high, ci.over, **fields)
 
 
-def rmse(errors: ArrayLike, groups: Sequence[Hashable] | NDArray[Any], each: str) -> Interval:
+def rmse(errors: ArrayLike, groups: Sequence[Hashable] | NDArray[Any], noun: str) -> Interval:
     """Root of the mean square of errors (n,) or (n, k), with its interval; each: "position"..."""
     return estimate(
-        errors, groups, lambda rows: math.sqrt(float(np.mean(rows**2))), each, "positive"
+        errors, groups, lambda rows: math.sqrt(float(np.mean(rows**2))), noun, "positive"
     )
 
 
 def mean(
-    values: ArrayLike, groups: Sequence[Hashable] | NDArray[Any], each: str, scale: Scale = "plain"
+    values: ArrayLike, groups: Sequence[Hashable] | NDArray[Any], noun: str, scale: Scale = "plain"
 ) -> Interval:
     """Mean of values (n,), with its interval; each: what a group is, "seed", "position"..."""
-    return estimate(values, groups, lambda rows: float(np.mean(rows)), each, scale)
+    return estimate(values, groups, lambda rows: float(np.mean(rows)), noun, scale)
 
 
 def ratio(
     above: ArrayLike,
     below: ArrayLike,
     groups: Sequence[Hashable] | NDArray[Any],
-    each: str,
+    noun: str,
     level: float = 0.95,
 ) -> Interval:
     """Mean of values (n,) over that of others, group by group, with its interval."""
     rows = np.column_stack((above, below))
     return estimate(
-        rows, groups, lambda r: float(r[:, 0].mean() / r[:, 1].mean()), each, "positive", level
+        rows, groups, lambda r: float(r[:, 0].mean() / r[:, 1].mean()), noun, "positive", level
     )
 
 
@@ -87,7 +87,7 @@ def estimate(
     values: ArrayLike,
     groups: Sequence[Hashable] | NDArray[Any],
     statistic: Statistic,
-    each: str,
+    noun: str,
     scale: Scale = "plain",
     level: float = 0.95,
 ) -> Interval:
@@ -108,28 +108,28 @@ def estimate(
             f"{len(names)} groups"
         )
     number = {name: index for index, name in enumerate(dict.fromkeys(names))}
-    of, count = np.array([number[name] for name in names]), len(number)
-    to, back, least, most = _SCALES[scale]
+    codes, count = np.array([number[name] for name in names]), len(number)
+    forward, inverse, lowest, highest = INTERVAL_SCALES[scale]
 
-    def at(rows: NDArray[np.float64]) -> float:
+    def scaled(rows: NDArray[np.float64]) -> float:
         figure = float(statistic(rows))
-        if not least <= figure <= most:  # NaN fails too
+        if not lowest <= figure <= highest:  # NaN fails too
             raise InputError(f"interval: the figure {figure:g} is no {scale} one")
-        return to(figure)
+        return forward(figure)
 
     value = float(statistic(rows))
-    several = f"{each}es" if each.endswith("s") else f"{each}s"
-    over = f"{count} {several}" if count > 1 else f"one {each}"
+    plural = f"{noun}es" if noun.endswith("s") else f"{noun}s"
+    over = f"{count} {plural}" if count > 1 else f"one {noun}"
     if count < MIN_GROUPS:
         return Interval(value, None, None, f"{over}: no interval below four")
-    whole, without = at(rows), np.array([at(rows[of != group]) for group in range(count)])
-    if math.isinf(whole):  # an RMSE of 0, a correlation of 1: so it is in every group
+    full, without = scaled(rows), np.array([scaled(rows[codes != g]) for g in range(count)])
+    if math.isinf(full):  # an RMSE of 0, a correlation of 1: so it is in every group
         return Interval(value, value, value, over)
     if np.isinf(without).any():  # all hangs on one group, which its own scale cannot show
-        _, low, high, _ = estimate(rows, names, statistic, each, level=level)
-        return Interval(value, max(low or 0.0, least), min(high or 0.0, most), over)
+        _, low, high, _ = estimate(rows, names, statistic, noun, level=level)
+        return Interval(value, max(low or 0.0, lowest), min(high or 0.0, highest), over)
     from scipy.special import stdtrit
 
     spread = math.sqrt((count - 1) / count * float(np.sum((without - without.mean()) ** 2)))
     reach = float(stdtrit(count - 1, (1 + level) / 2)) * spread
-    return Interval(value, back(whole - reach), back(whole + reach), over)
+    return Interval(value, inverse(full - reach), inverse(full + reach), over)

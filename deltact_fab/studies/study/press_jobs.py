@@ -96,7 +96,7 @@ class RecordedTrackingJob:
 
 
 @contextmanager
-def carried_out(job: PressJob) -> Iterator[tuple[Run, dict[str, Any]]]:
+def recorded_press(job: PressJob) -> Iterator[tuple[Run, dict[str, Any]]]:
     """The finished run of a press, until the end of the block, and what the gel reports of it.
 
     Raises RunFailed.
@@ -121,10 +121,10 @@ def gel_report(bench: VirtualRig) -> dict[str, Any]:
     ids. left_out: by the rig.
     """
     presses = bench.presses
-    opened = presses.opened
-    flags = [flag.id for press in opened for knot in press.solver.knots for flag in knot.flags]
+    gel_presses = presses.opened
+    flags = [flag.id for press in gel_presses for knot in press.solver.knots for flag in knot.flags]
     by_name = {path.press: path for path in presses.paths}
-    choices = [presses.choice(by_name[press.name]) for press in opened]
+    choices = [presses.choice(by_name[press.name]) for press in gel_presses]
     return {
         "cells_mm": sorted({choice.spacing_mm for choice in choices}),
         "coarse": max((c.spacing_mm / c.asked_mm for c in choices if c.asked_mm), default=1.0),
@@ -138,21 +138,21 @@ def force_points_job(job: ForcePointsJob) -> dict[str, Any]:
 
     Raises RunFailed.
     """
-    with carried_out(job) as (run, gel):
+    with recorded_press(job) as (run, gel):
         points = measure_force_points(run, job.protocol.name, job.press, job.features)
     return {"points": points, **gel}
 
 
 def depth_calibration_job(job: PressJob) -> dict[str, Any]:
     """A calibration of depth by the press of a ball. Raises RunFailed."""
-    with carried_out(job) as (run, gel):
+    with recorded_press(job) as (run, gel):
         calibration = calibrate_depth(run.folder)
         return {"toml": calibration.toml(), "line": calibration.line, **gel}
 
 
 def shape_job(job: ShapeJob) -> dict[str, Any]:
     """The `PressShape` of a press as "shape", and what its gel reports. Raises RunFailed."""
-    with carried_out(job) as (run, gel), TemporaryDirectory() as folder:
+    with recorded_press(job) as (run, gel), TemporaryDirectory() as folder:
         depth, force = Path(folder, "depth.toml"), Path(folder, "force.toml")
         depth.write_text(job.depth, encoding="utf-8")
         force.write_text(job.force, encoding="utf-8")
@@ -160,17 +160,17 @@ def shape_job(job: ShapeJob) -> dict[str, Any]:
 
 
 # CPU seconds on one core, about, for the time that is announced beforehand.
-GEOMETRY_S, PATTERN_S, PRINT_S = 0.2, 0.45, 1.2
-FIGURES = ("mean_at_dots_mm", "mean_off_dots_mm", "lost_share")
+GEOMETRY_COST_S, PATTERN_COST_S, PRINT_COST_S = 0.2, 0.45, 1.2
+FRAME_KEYS = ("mean_at_dots_mm", "mean_off_dots_mm", "lost_share")
 """Columns of a job's table of frames."""
 
 
 def cost_s(frames: int, patterns: int) -> float:
     """Seconds of one core that a job takes, about."""
-    return frames * (GEOMETRY_S + patterns * PATTERN_S) + patterns * PRINT_S
+    return frames * (GEOMETRY_COST_S + patterns * PATTERN_COST_S) + patterns * PRINT_COST_S
 
 
-def follow(job: TrackingJob) -> dict[str, Any]:
+def track_press(job: TrackingJob) -> dict[str, Any]:
     """Every frame of a press, its geometry and truth once, tracked under every pattern.
 
     Returns `cells` (`PressErrors`, one a pattern), `frames`, and `gel` (its flags). Raises
@@ -189,32 +189,32 @@ def follow(job: TrackingJob) -> dict[str, Any]:
     rows: dict[str, dict[str, list[dict[str, Any]]]] = {
         name: {method: [] for method in job.methods} for name in printed
     }
-    lost: dict[str, list[str]] = {}
+    failures: dict[str, list[str]] = {}
     for frame in stream.frames():
         for name, (picture, noise) in printed.items():
-            if name in lost:
+            if name in failures:
                 continue
-            image = stream.tracked(picture.expose(frame.at_px, noise, frame.displacement_mm))
+            image = stream.tracker_image(picture.expose(frame.at_px, noise, frame.displacement_mm))
             try:
-                said = followers[name].take(image, frame.true)
-            except SensorError as why:  # a print that the camera cannot tell from grey
-                lost[name] = [str(why)]
+                estimates = followers[name].take(image, frame.true)
+            except SensorError as error:  # a print that the camera cannot tell from grey
+                failures[name] = [str(error)]
                 continue
-            for method, figures in said.items():
+            for method, figures in estimates.items():
                 rows[name][method].append(figures)
-    tips_mm = np.array([look.tip_mm for look in stream.looks])
+    tips_mm = np.array([look.tip_mm for look in stream.moments])
     cells = [
-        errors_of(
-            job.press, stream.path.indenter, tips_mm, stream.path.at_mm, name, one.tallies,
-            rows[name], one.dots.tally.figures() if one.dots else None,
-            lost.get(name, one.left_out),
+        press_errors(
+            job.press, stream.path.indenter, tips_mm, stream.path.at_mm, name, follower.tallies,
+            rows[name], follower.dots.tally.figures() if follower.dots else None,
+            failures.get(name, follower.left_out),
         )
-        for name, one in followers.items()
+        for name, follower in followers.items()
     ]  # fmt: skip
-    return {"cells": cells, "frames": len(stream.looks), "gel": {"flags": stream.solver.flags}}
+    return {"cells": cells, "frames": len(stream.moments), "gel": {"flags": stream.solver.flags}}
 
 
-def errors_of(
+def press_errors(
     press: str, indenter: str, tips_mm: Field, at_mm: Sequence[float], pattern: str,
     tallies: Mapping[str, ErrorTally], rows: Mapping[str, Sequence[Mapping[str, Any]]],
     dots: dict[str, Any] | None, left_out: Sequence[str],
@@ -226,18 +226,18 @@ def errors_of(
     x, y, z = tips_mm[1:].T
     path = np.column_stack((np.maximum(-z, 0.0), np.hypot(x - at_mm[0], y - at_mm[1])))
     sums = {method: replace(tally, ms=[]) for method, tally in tallies.items()}
-    figures = {m: [[row.get(key) for key in FIGURES] for row in rows[m]] for m in tallies}
-    arrays = {m: np.array(part, float).reshape(-1, len(FIGURES)) for m, part in figures.items()}
+    figures = {m: [[row.get(key) for key in FRAME_KEYS] for row in rows[m]] for m in tallies}
+    arrays = {m: np.array(part, float).reshape(-1, len(FRAME_KEYS)) for m, part in figures.items()}
     return PressErrors(pattern, press, indenter, sums, arrays, path, dots, tuple(left_out))
 
 
-def follow_recorded(job: RecordedTrackingJob) -> dict[str, Any]:
+def track_recorded(job: RecordedTrackingJob) -> dict[str, Any]:
     """One press of a run, as `follow` returns one of a simulated gel."""
     run = open_run(job.folder)
     tracked = analyse_press(job.folder, job.press, TrackingPlan.of(run, job.methods))
     rows = {m: [row for row in tracked.rows if row["method"] == m] for m in job.methods}
     tips_mm = run.frames(job.press)[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
-    cell = errors_of(
+    cell = press_errors(
         job.press, job.indenter, tips_mm, tips_mm[0, :2].tolist(), job.pattern, tracked.tallies,
         rows, tracked.dots.figures(), tracked.left_out,
     )  # fmt: skip

@@ -107,15 +107,15 @@ def find_study(name: str) -> Study:
     return STUDIES[name]
 
 
-def run_study(name: str, asked: StudyRequest) -> StudyResult:
+def run_study(name: str, request: StudyRequest) -> StudyResult:
     """Run a study. Raises InputError for an unknown one or bad options, RunFailed.
 
     Jobs that were asked for and have no result stand in the result's `missing`.
     """
     module = f"studies.study.{find_study(name).module}"
-    result: StudyResult = importlib.import_module(f"deltact_fab.{module}").run(asked)
-    missing = tuple(job for grid in asked.grids for job in grid.missing)
-    heads = tuple(replace(one, whole=not missing) for one in result.headlines)
+    result: StudyResult = importlib.import_module(f"deltact_fab.{module}").run(request)
+    missing = tuple(job for grid in request.grids for job in grid.missing)
+    heads = tuple(replace(head, whole=not missing) for head in result.headlines)
     return replace(result, missing=missing, headlines=heads, module=module)
 
 
@@ -136,7 +136,7 @@ class StudyRequest:
     executor: Executor | None = None
     progress: Progress | None = None
     say: Callable[[str], None] = lambda text: None
-    more: dict[str, Any] = field(default_factory=dict)
+    options: dict[str, Any] = field(default_factory=dict)
     grids: list[Grid] = field(default_factory=list, compare=False, repr=False)
 
     def solve(self, jobs: Sequence[GridJob]) -> Grid:
@@ -148,7 +148,7 @@ class StudyRequest:
         return grid
 
 
-def share_of(scale: float | None) -> float:
+def parse_scale(scale: float | None) -> float:
     """A scale as a number, 1 for None. Raises InputError outside of (0, 1]."""
     share = 1.0 if scale is None else scale
     if not 0 < share <= 1:
@@ -156,7 +156,7 @@ def share_of(scale: float | None) -> float:
     return share
 
 
-def virtual_rig(name: str) -> tuple[VirtualConfig, Path]:
+def load_virtual_rig(name: str) -> tuple[VirtualConfig, Path]:
     """A virtual rig by name or path, and its file. Raises InputError for a real one."""
     from deltact_fab.bench import VirtualConfig, load_rig
 
@@ -169,7 +169,7 @@ def virtual_rig(name: str) -> tuple[VirtualConfig, Path]:
     return rig, source
 
 
-def modulus_remark(modulus_mpa: float, also: str = "") -> str:
+def modulus_remark(modulus_mpa: float, extra: str = "") -> str:
     """For a study's notes: how well the gel's modulus is known, and what that changes.
 
     Stresses of the simulated gel are in proportion to it at one and the same deformation (so is
@@ -183,5 +183,5 @@ def modulus_remark(modulus_mpa: float, also: str = "") -> str:
         "(Gent's relation from Shore 15A). Deformation at a given depth does not depend on it, nor "
         "does what follows from deformation alone: images, flow, tracking errors, depth, contact, "
         "how fast a force fades, shares of a force. Forces and tractions, and their errors in N "
-        f"and kPa, are in proportion to it.{also}"
+        f"and kPa, are in proportion to it.{extra}"
     )

@@ -21,10 +21,10 @@ from deltact_fab.simulate import Presses, VirtualKind, solve_presses
 
 from .grid import GridJob
 from .press_jobs import PressJob
-from .registry import StudyRequest, virtual_rig
+from .registry import StudyRequest, load_virtual_rig
 
-RIG = "virtual"
-FRAME_S = 0.25
+STUDY_RIG = "virtual"
+FRAME_COST_S = 0.25
 """What a frame takes on the rig `virtual`: drawn, stored, tracked."""
 
 
@@ -43,16 +43,16 @@ class PressScene:
     seed: int
 
     @classmethod
-    def of(cls, asked: StudyRequest, loaded: Mapping[str, tuple[Protocol, Path]]) -> PressScene:
+    def load(cls, request: StudyRequest, loaded: Mapping[str, tuple[Protocol, Path]]) -> PressScene:
         """Of protocols and their files. Raises InputError, one line, for what cannot be used."""
-        name = asked.rig or RIG
-        rig, source = virtual_rig(name)
-        first, *others = loaded
+        name = request.rig or STUDY_RIG
+        rig, source = load_virtual_rig(name)
+        first, *remaining = loaded
         specimen = loaded[first][0].specimen
-        for other in others:
-            if loaded[other][0].specimen != specimen:
+        for second in remaining:
+            if loaded[second][0].specimen != specimen:
                 raise InputError(
-                    f"{other}: another specimen than {first} has; a calibration is of one sensor"
+                    f"{second}: another specimen than {first} has; a calibration is of one sensor"
                 )
         sensor, kind = load_design(specimen.design), VirtualKind(rig, source)
         for protocol, file in loaded.values():
@@ -60,7 +60,7 @@ class PressScene:
             if refused := kind.refusals(protocol, sensor, str(file)):
                 raise InputError(refused[0])
         protocols = {key: protocol for key, (protocol, _) in loaded.items()}
-        return cls(protocols, rig, name, source, sensor, asked.seed)
+        return cls(protocols, rig, name, source, sensor, request.seed)
 
     def gel(self, name: str) -> Presses:
         """The presses of a protocol on the rig's gel."""
@@ -70,14 +70,14 @@ class PressScene:
         """The presses of a protocol, in its order."""
         return [path.press for path in self.gel(name).paths]
 
-    def solve_gels(self, asked: StudyRequest) -> None:
+    def solve_gels(self, request: StudyRequest) -> None:
         """The gel of every press into the store, where it is not there, before the jobs of presses.
 
         From there a job of the press has it, that of a mirror image too. One that cannot be solved
         is kept with the reason, which its press raises at once.
         """
         protocols, gel = self.protocols.values(), self.rig.virtual.gel
-        solve_presses(protocols, self.sensor.skin, gel, asked.executor, asked.progress)
+        solve_presses(protocols, self.sensor.skin, gel, request.executor, request.progress)
 
     def job(
         self,
@@ -87,7 +87,7 @@ class PressScene:
         work: Callable[[Any], dict[str, Any]],
         arguments: type[PressJob],
         cost_s: float | None = None,
-        **more: Any,
+        **extra: Any,
     ) -> GridJob:
         """A job of a press of a protocol, its gel solved; cost_s: None for one that is recorded.
 
@@ -98,8 +98,8 @@ class PressScene:
         path = presses.path(press)
         if cost_s is None:
             steps = expand_protocol(protocol)
-            cost_s = FRAME_S * sum(step.frames for step in steps if step.press == press)
-            more["recipe"] = load_recipe(protocol.specimen.pattern)
+            cost_s = FRAME_COST_S * sum(step.frames for step in steps if step.press == press)
+            extra["recipe"] = load_recipe(protocol.specimen.pattern)
         needs: tuple[str, ...] = ()
         with suppress(DeltactFabError):  # no mesh serves it
             needs = presses.of(path).stored_files
@@ -108,12 +108,12 @@ class PressScene:
         if self.rig.camera is not None:
             kind = VirtualKind(self.rig, self.source)
             view, flat = kind.camera(alone, self.sensor), kind.flat(alone)
-            more["rig_file"] = str(self.source.resolve())
-            more["camera"] = None if view is None else view.as_dict()
-            more["flat"] = None if flat is None else hashlib.sha256(flat.png()).hexdigest()
+            extra["rig_file"] = str(self.source.resolve())
+            extra["camera"] = None if view is None else view.as_dict()
+            extra["flat"] = None if flat is None else hashlib.sha256(flat.png()).hexdigest()
         # Of a design no more than a sensor is: what is built around it changes no point.
         sensor = SensorDimensions(self.sensor.skin, self.sensor.frame, self.sensor.optics)
-        job_data = arguments(alone, sensor, self.rig, press, self.seed, **more)
+        job_data = arguments(alone, sensor, self.rig, press, self.seed, **extra)
         return GridJob(job, work, job_data, cost_s, needs)
 
     def view(self, name: str) -> SensorModel:
@@ -134,16 +134,16 @@ class PressScene:
         )
         return ForceCalibration.from_simulation(name, model, sensor, self.seed, error)
 
-    def settings(self, gel: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    def settings(self, gel_reports: Sequence[Mapping[str, Any]]) -> dict[str, str]:
         """What the presses were made with, as a reader is shown it; gel: what jobs report of it."""
         specimen, force = next(iter(self.protocols.values())).specimen, self.rig.force
         hyperelastic = self.rig.virtual.gel.hyperelastic
         range_n, range_nmm = (
             ", ".join(f"{v:g}" for v in values) for values in (force.range_n, force.range_nmm)
         )
-        cells = [cell for one in gel for cell in one["cells_mm"]]
-        times = max(one["coarse"] for one in gel) ** 2
-        found = {
+        cells = [cell for report in gel_reports for cell in report["cells_mm"]]
+        times = max(report["coarse"] for report in gel_reports) ** 2
+        result = {
             "rig": self.rig_name,
             "pattern": specimen.pattern,
             "friction": f"{specimen.friction:g}",
@@ -156,17 +156,17 @@ class PressScene:
             f"mesh may be {times:.2g} times that of the tolerance, "
             f"{times * (1 - Choice.model_share) * hyperelastic.tolerance:.1%} of the force",
         }
-        return found | flagged(gel, "jobs")
+        return result | flag_setting(gel_reports, "jobs")
 
 
-def flagged(gel: Sequence[Mapping[str, Any]], of: str) -> dict[str, str]:
+def flag_setting(gel_reports: Sequence[Mapping[str, Any]], noun: str) -> dict[str, str]:
     """The setting GEL_FLAGS of a study; none where no gel was flagged. gel: what jobs report."""
-    flags = Counter(name for one in gel for name in one["flags"])
-    told = "; ".join(f"{name} at {n} of {len(gel)} {of}" for name, n in flags.items())
-    return {StudyResult.GEL_FLAGS: told} if told else {}
+    flags = Counter(name for report in gel_reports for name in report["flags"])
+    summary = "; ".join(f"{name} at {n} of {len(gel_reports)} {noun}" for name, n in flags.items())
+    return {StudyResult.GEL_FLAGS: summary} if summary else {}
 
 
-def left_out(gel: Sequence[Mapping[str, Any]]) -> tuple[Note, ...]:
+def collect_left_out(gel_reports: Sequence[Mapping[str, Any]]) -> tuple[Note, ...]:
     """What the rig did without in any job."""
-    notes = {note for one in gel for note in one["left_out"]}
+    notes = {note for report in gel_reports for note in report["left_out"]}
     return tuple(sorted(notes, key=lambda note: note.labelled))

@@ -18,7 +18,7 @@ from made_up_study import study
 from deltact_fab.app.cli.main import main
 from deltact_fab.common.errors import InputError
 from deltact_fab.present.report import index_page, study_page
-from deltact_fab.present.report.index_page import Entry, entries
+from deltact_fab.present.report.index_page import Entry, list_entries
 
 OLD_RUN = Path(__file__).parents[2] / "data" / "run-format-5"
 
@@ -60,7 +60,7 @@ def all_sorts(mini_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def found(all_sorts: Path) -> dict[str, Entry]:
-    return {entry.name: entry for entry in entries(all_sorts, all_sorts)}
+    return {entry.name: entry for entry in list_entries(all_sorts, all_sorts)}
 
 
 def test_every_run_and_study_has_a_row_and_nothing_else(found: dict[str, Entry]) -> None:
@@ -110,10 +110,10 @@ def test_an_analysed_run_tells_its_verdict(mini_run: Path, tmp_path: Path) -> No
     path = tmp_path / "run" / "analysis" / "tracking.json"
     path.write_text('{"verdict": {"line": "Use dis-fast."}}')
     (tmp_path / "run" / "report.html").write_text("")
-    (entry,) = entries(tmp_path, tmp_path)
+    (entry,) = list_entries(tmp_path, tmp_path)
     assert (entry.line, entry.trouble, entry.link) == ("Use dis-fast.", "", "run/report.html")
     path.write_text('{"verdict"')
-    assert entries(tmp_path, tmp_path)[0].trouble == "damaged:"
+    assert list_entries(tmp_path, tmp_path)[0].trouble == "damaged:"
 
 
 def test_the_command_writes_a_page_whose_links_hold(all_sorts: Path, tmp_path: Path) -> None:

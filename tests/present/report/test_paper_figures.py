@@ -22,7 +22,7 @@ def width_pt(svg: bytes) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize(("column", "width_in"), [(True, 3.5), (False, 7.16)])
 def test_width_letters_and_fonts(tmp_path: Path, column: bool, width_in: float) -> None:
-    figure = figures.draw(ReportFigure("bars", "", bars, column))
+    figure = figures.draw_for_paper(ReportFigure("bars", "", bars, column))
     assert figure.get_size_inches()[0] == pytest.approx(width_in)
     assert figure.get_size_inches()[1] <= 0.7 * width_in
     sizes = {t.get_fontsize() for t in figure.findobj(Text) if t.get_text()}
@@ -38,7 +38,7 @@ def test_width_letters_and_fonts(tmp_path: Path, column: bool, width_in: float) 
 
 
 def test_a_title_wider_than_its_axes_is_broken_and_no_word_is_lost() -> None:
-    figure = figures.draw(ReportFigure("bars", "", bars, True))
+    figure = figures.draw_for_paper(ReportFigure("bars", "", bars, True))
     title = figure.axes[0].get_title(loc="left")
     assert "\n" in title
     assert title.replace("\n", " ") == bars().axes[0].get_title(loc="left")

@@ -15,7 +15,7 @@ from deltact_fab.bench.protocols.plan import Protocol
 from deltact_fab.bench.rig import config
 from deltact_fab.simulate import FaultScenario
 from deltact_fab.studies.numerics.faults.kinds import FAULT_KINDS, FaultKind
-from deltact_fab.studies.numerics.faults.rehearsal import FaultOutcome, FaultMatrix
+from deltact_fab.studies.numerics.faults.rehearsal import FaultMatrix, FaultOutcome
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs POSIX limits and locks")
 PRESS, TRAVEL, DRAG = "d1.50/press", "rest", "d1.50/shear-x+"
@@ -80,15 +80,16 @@ def test_another_error_and_a_success_that_was_not_due_are_found(matrix: FaultMat
 def test_a_record_that_lost_something_is_found(matrix: FaultMatrix, tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(matrix.folder / "undisturbed", run)
-    assert matrix.record_difference(run) == ""
+    assert matrix.difference(run) == ""
     assert matrix.lost_row(run, matrix.committed) == ""
     image = next((run / "images").iterdir())
     kept = image.read_bytes()
     image.write_bytes(kept[:-1] + b"?")
-    assert "differs from the undisturbed run's" in matrix.record_difference(run)
+    assert "differs from the undisturbed run's" in matrix.difference(run)
     image.write_bytes(kept)
     with sqlite3.connect(run / "journal.sqlite") as db:
         db.execute("DELETE FROM frames WHERE frame_id LIKE '%/p1/rest#001'")
     db.close()
-    assert matrix.lost_row(run, matrix.committed).endswith("is lost or changed: sphere-6/p1/rest#001")
-    assert matrix.record_difference(run) == "frames differ from the undisturbed run's"
+    lost = matrix.lost_row(run, matrix.committed)
+    assert lost.endswith("is lost or changed: sphere-6/p1/rest#001")
+    assert matrix.difference(run) == "frames differ from the undisturbed run's"

@@ -17,7 +17,8 @@ STAR = Star(DEFAULT_CAMERA.width_px, DEFAULT_CAMERA.height_px)
 
 
 def pixels() -> tuple[flow_frames.Field, flow_frames.Field]:
-    x, y = np.meshgrid(np.arange(float(DEFAULT_CAMERA.width_px)), np.arange(float(DEFAULT_CAMERA.height_px)))
+    size_px = DEFAULT_CAMERA.width_px, DEFAULT_CAMERA.height_px
+    x, y = np.meshgrid(*(np.arange(float(n)) for n in size_px))
     return x, y
 
 
@@ -43,7 +44,7 @@ def test_a_drawn_frame_moves_as_it_is_told(tmp_path: Path) -> None:
     """Its truth is the field itself, and the flow finds it."""
     given = flow_frames.scene(tmp_path, "near")
     x, y = pixels()
-    np.testing.assert_allclose(given.truth_px, flow_frames.near_motion(x, y), atol=1e-4)
+    np.testing.assert_allclose(given.truth_px, flow_frames.near_bump(x, y), atol=1e-4)
     seen = flow.track_sequence(FlowTracker(), given.images[::4], given)
     assert seen.trusted
     assert seen.confident > 0.9

@@ -39,7 +39,10 @@ def test_every_engine_has_curves_and_stability_cases(name: str, quick: bool) -> 
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(n, marks=pytest.mark.slow if n in ("gel", "flow") else ()) for n in ENGINE_MODULES],
+    [
+        pytest.param(n, marks=pytest.mark.slow if n in {"gel", "flow"} else ())
+        for n in ENGINE_MODULES
+    ],
 )
 def test_no_quick_case_is_wrong(name: str, tmp_path: Path) -> None:
     rows = [judge(case, tmp_path) for case in load_engine(ENGINE_MODULES[name]).cases(True)]

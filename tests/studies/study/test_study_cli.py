@@ -17,7 +17,7 @@ from click.testing import CliRunner
 
 from deltact_fab.app.cli.main import main
 from deltact_fab.app.cli.study import study
-from deltact_fab.studies.study.grid import STORE
+from deltact_fab.studies.study.grid import STUDY_STORE
 from deltact_fab.studies.study.registry import STUDIES, Study
 
 COMMAND = [sys.executable, str(Path(tiny_study.__file__)), "study", "run", "tiny"]
@@ -28,7 +28,7 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("DELTACT_FAB_CACHE", str(tmp_path / "store"))
     (tmp_path / "done").mkdir()
     monkeypatch.setenv(tiny_study.DONE, str(tmp_path / "done"))
-    return tmp_path / "store" / STORE.kind
+    return tmp_path / "store" / STUDY_STORE.kind
 
 
 def call(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:

@@ -36,13 +36,13 @@ def solve(jobs: list[GridJob], say: Callable[[str], None] = lambda text: None) -
 
 
 def entries() -> list[Path]:
-    return sorted(engine.STORE.folder.glob("*.bin"))
+    return sorted(engine.STUDY_STORE.folder.glob("*.bin"))
 
 
 def same(one: Grid, other: Grid) -> bool:
-    return list(one.found) == list(other.found) and all(
+    return list(one.results) == list(other.results) and all(
         a.keys() == b.keys() and all(np.array_equal(a[k], b[k], equal_nan=k == "nan") for k in a)
-        for a, b in zip(one.found.values(), other.found.values(), strict=True)
+        for a, b in zip(one.results.values(), other.results.values(), strict=True)
     )
 
 
@@ -51,7 +51,7 @@ def test_what_is_kept_is_not_done_again_and_is_the_same(done: Path) -> None:
     first = solve(tiny_study.jobs_of(7, 3), say=said.append)
     again = solve(tiny_study.jobs_of(7, 3), say=said.append)
     assert said == ["0 of 3 jobs are kept, 3 to do"]
-    assert (first.kept, again.kept, len(list(done.iterdir()))) == (0, 3, 3)
+    assert (first.n_cached, again.n_cached, len(list(done.iterdir()))) == (0, 3, 3)
     assert same(first, again)
     value = first["job-1"]
     assert value["draws"].shape == (4, 2)
@@ -62,8 +62,8 @@ def test_what_is_kept_is_not_done_again_and_is_the_same(done: Path) -> None:
 
 def test_another_seed_or_other_arguments_are_another_job(done: Path) -> None:
     solve(tiny_study.jobs_of(7, 2))
-    assert solve(tiny_study.jobs_of(8, 2)).kept == 0
-    assert solve(tiny_study.jobs_of(7, 3)).kept == 2
+    assert solve(tiny_study.jobs_of(8, 2)).n_cached == 0
+    assert solve(tiny_study.jobs_of(7, 3)).n_cached == 2
 
 
 def test_arguments_that_are_no_plain_data_are_refused_before_anything_is_done() -> None:
@@ -85,9 +85,9 @@ def test_a_damaged_entry_is_done_again(harm: str, done: Path) -> None:
     }
     one.write_bytes(harmed[harm])
     again = solve(tiny_study.jobs_of(7, 2))
-    assert (again.kept, len(list(done.iterdir()))) == (1, 3)
+    assert (again.n_cached, len(list(done.iterdir()))) == (1, 3)
     assert same(whole, again)
-    assert solve(tiny_study.jobs_of(7, 2)).kept == 2
+    assert solve(tiny_study.jobs_of(7, 2)).n_cached == 2
 
 
 def test_a_failure_ends_one_job_and_the_grid_says_so_whatever_is_asked_of_it(done: Path) -> None:
@@ -95,15 +95,15 @@ def test_a_failure_ends_one_job_and_the_grid_says_so_whatever_is_asked_of_it(don
     grid = solve(tiny_study.jobs_of(7, 4, fails="job-2"), say=said.append)
     assert said[1:] == ["failed: job-2: it did not converge"]
     assert grid.missing == {"job-2": "it did not converge"}
-    assert list(grid.found) == ["job-0", "job-1", "job-3"]
-    assert grid["job-3"]["mean"] == grid.found["job-3"]["mean"]
+    assert list(grid.results) == ["job-0", "job-1", "job-3"]
+    assert grid["job-3"]["mean"] == grid.results["job-3"]["mean"]
     with pytest.raises(RunFailed, match="job-2: has no result"):
         grid["job-2"]
     with pytest.raises(KeyError):
         grid["job-9"]
     # It is tried again, and then the grid is whole.
     later = solve(tiny_study.jobs_of(7, 4))
-    assert (later.missing, later.kept, len(later.found)) == ({}, 3, 4)
+    assert (later.missing, later.n_cached, len(later.results)) == ({}, 3, 4)
     failing = tiny_study.jobs_of(7, 4, fails="job-2")
     assert [solve(failing).missing for _ in range(2)] == [{"job-2": "it did not converge"}] * 2
 
@@ -118,7 +118,7 @@ def test_a_store_that_refuses_is_said_once_and_the_values_are_there(tmp_path: Pa
     cache.cache_folder().parent.mkdir(exist_ok=True)
     cache.cache_folder().write_text("no folder")
     said: list[str] = []
-    assert len(solve(tiny_study.jobs_of(7, 3), say=said.append).found) == 3
+    assert len(solve(tiny_study.jobs_of(7, 3), say=said.append).results) == 3
     assert [line for line in said if "nothing can be kept" in line] == said[1:]
     assert len(said) == 2
 
@@ -130,9 +130,9 @@ def test_what_a_study_forgets_is_in_its_result(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setitem(registry.STUDIES, "tiny", registry.Study("tiny_study", "Tiny."))
     monkeypatch.setitem(sys.modules, "deltact_fab.studies.study.tiny_study", tiny_study)
     more = {"count": 3, "seconds": 0.0, "fails": "job-1", "partial": True}
-    assert registry.run_study("tiny", StudyRequest(more=more)).missing == ("job-1",)
+    assert registry.run_study("tiny", StudyRequest(options=more)).missing == ("job-1",)
     with pytest.raises(RunFailed, match="job-1: has no result"):
-        registry.run_study("tiny", StudyRequest(more={**more, "partial": False}))
+        registry.run_study("tiny", StudyRequest(options={**more, "partial": False}))
     with pytest.raises(InputError, match="did you mean 'tiny'"):
         registry.run_study("tinny", StudyRequest())
 
@@ -163,9 +163,9 @@ def test_remaining_time_is_told_by_what_the_jobs_cost(monkeypatch: pytest.Monkey
     now = [100.0]
     monkeypatch.setattr(engine.time, "monotonic", lambda: now[0])
     pace = JobPace([30.0, 10.0, 10.0, 10.0], 2)
-    assert (pace.beforehand, pace.left()) == ("about 30 s", "")
+    assert (pace.beforehand, pace.time_left()) == ("about 30 s", "")
     now[0] += 8
-    pace.done += 10
-    assert pace.left() == "about 40 s left"
+    pace.done_cost += 10
+    assert pace.time_left() == "about 40 s left"
     assert JobPace([0.0] * 20, 2).beforehand == ""
     assert JobPace([60.0, 600.0], 2).beforehand == "about 10 min 00 s"  # the longest

@@ -19,7 +19,12 @@ from deltact_fab.fabricate.patterns.series import list_series
 from deltact_fab.present.report.result import StudyResult
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
 from deltact_fab.studies.study import pattern_selection
-from deltact_fab.studies.study.pattern_errors import COMPOSED, SUMMED, PatternErrors, PressErrors
+from deltact_fab.studies.study.pattern_errors import (
+    COMPOSED_FLOW,
+    SUMMED_FLOW,
+    PatternErrors,
+    PressErrors,
+)
 from deltact_fab.studies.study.pattern_selection import Selection
 from deltact_fab.studies.study.pattern_tables import claims
 from deltact_fab.studies.study.registry import StudyRequest
@@ -29,7 +34,7 @@ TWO = ("d0p1-r0p5", "d0p2-r0p1")
 
 def asked(mini: tuple[Path, Path], **more: Any) -> StudyRequest:
     chosen = {"protocol": str(mini[0]), "pattern": TWO, "indenter": ()} | more
-    return StudyRequest(scale=1.0, seed=3, rig=str(mini[1]), more=chosen)
+    return StudyRequest(scale=1.0, seed=3, rig=str(mini[1]), options=chosen)
 
 
 @pytest.fixture(scope="module")
@@ -55,8 +60,8 @@ def test_a_small_one_has_errors_cover_and_the_papers_values(small: StudyResult) 
             assert 0.5 < row[f"{name}_coverage"] <= 1
     json.dumps(small.data, allow_nan=False)
     patterns, indenters, path = small.tables
-    assert patterns.shown is not None
-    assert set(patterns.shown) <= set(patterns.frame)
+    assert patterns.columns is not None
+    assert set(patterns.columns) <= set(patterns.frame)
     assert len(indenters.frame) == 6
     assert {"depth_mm", "drag_from_mm", "drag_to_mm", "lost_pixels"} < set(path.frame)
     assert (path.frame["frames"] > 0).all()
@@ -100,7 +105,7 @@ def test_names_that_are_not_known_are_refused(
 
 
 def test_presses_are_cut_so_that_every_worker_has_some_and_none_too_many() -> None:
-    scene = Selection.of(StudyRequest())
+    scene = Selection.from_request(StudyRequest())
     for workers, parts in ((1, 5), (5, 5), (100, 17)):
         jobs = scene.jobs(workers)
         assert len({job.name for job in jobs}) == len(jobs) == 5 * parts
@@ -109,7 +114,7 @@ def test_presses_are_cut_so_that_every_worker_has_some_and_none_too_many() -> No
 
 
 def test_a_job_is_known_by_all_of_its_arguments_in_any_process() -> None:
-    job, other = Selection.of(StudyRequest()).jobs()[:2]
+    job, other = Selection.from_request(StudyRequest()).jobs()[:2]
     assert pickle.loads(pickle.dumps(job)).key() == job.key()
     assert job.arguments.press == other.arguments.press
     changes: list[dict[str, Any]] = [
@@ -125,7 +130,7 @@ def test_a_job_is_known_by_all_of_its_arguments_in_any_process() -> None:
 
 
 def test_at_full_scale_the_gel_of_mirrored_positions_is_solved_once() -> None:
-    scene = Selection.of(StudyRequest(scale=1.0))
+    scene = Selection.from_request(StudyRequest(scale=1.0))
     assert len(scene.jobs()) == 100
     presses = scene.scene.gel(scene.name)
     stored = {presses.of(path).solver.stored_as for path in presses.paths}
@@ -150,7 +155,7 @@ def made_up(
         mean = errors_mm.get(at, 0.3)
         for indenter, times in zip(INDENTERS, 1 + spread * rng.uniform(-1, 1, 5), strict=True):
             tallies = {}
-            for method, share in ((SUMMED, 1.0), (COMPOSED, composed)):
+            for method, share in ((SUMMED_FLOW, 1.0), (COMPOSED_FLOW, composed)):
                 value = mean * times * (share if at in errors_mm else 1.0)
                 tally = tallies[method] = ErrorTally()
                 tally.confident_share.take(1.0)
@@ -186,7 +191,7 @@ def test_a_claim_needs_both_readings_and_an_interval(
 ) -> None:
     found = claims(errors)
     assert [one.state() for one in found] == says
-    assert [one.state(whole=False) for one in found] == ["undecided"] * 3
+    assert [one.state(final=False) for one in found] == ["undecided"] * 3
 
 
 def test_two_patterns_are_no_round() -> None:
@@ -199,19 +204,19 @@ def test_two_patterns_are_no_round() -> None:
 
 def test_a_pattern_without_an_error_under_one_indenter_has_no_mean() -> None:
     errors = made_up({(0.1, 0.5): 0.01})
-    best = errors.best(SUMMED, "at_dots", errors.printed)
+    best = errors.best(SUMMED_FLOW, "at_dots", errors.printed)
     assert best is not None
     assert best.name == "d0p1-r0p5"
-    del errors._joined["d0p1-r0p5", "i1", SUMMED]
-    assert errors.mean("d0p1-r0p5", SUMMED, "at_dots") is None
-    assert errors.best(SUMMED, "at_dots", errors.printed) != best
+    del errors._joined["d0p1-r0p5", "i1", SUMMED_FLOW]
+    assert errors.mean("d0p1-r0p5", SUMMED_FLOW, "at_dots") is None
+    assert errors.best(SUMMED_FLOW, "at_dots", errors.printed) != best
 
 
 def test_frames_along_the_path_are_those_at_a_depth_by_their_drag() -> None:
     path = np.array([[2.5, 0.0], [5.0, 0.0], [5.0, 0.5], [5.0, 1.0], [5.0, 2.0]])
-    rows = {SUMMED: np.full((5, 3), 0.1)}
+    rows = {SUMMED_FLOW: np.full((5, 3), 0.1)}
     cell = PressErrors("x", "i/p1", "i", {}, rows, path, None, ())
-    found = PatternErrors((), [cell]).along("x", SUMMED)
+    found = PatternErrors((), [cell]).along_path("x", SUMMED_FLOW)
     assert [(row["depth_mm"], row["drag_to_mm"], row["frames"]) for row in found] == [
         (5.0, 0.0, 1), (5.0, 1.0, 2), (5.0, 2.0, 1)
     ]  # fmt: skip

@@ -14,7 +14,7 @@ from deltact_fab.paths import shipped_folder
 from deltact_fab.present.report.result import StudyResult
 from deltact_fab.studies.study import registry, shapes
 from deltact_fab.studies.study.registry import StudyRequest
-from deltact_fab.studies.study.shapes import FORCE, OBJECTS, TWIST, scene
+from deltact_fab.studies.study.shapes import FORCE_SMALL, OBJECT_SETS, TWIST_PRESS, load_scene
 
 
 def press(name: str, error_mm: float | None = None, **more: Any) -> PressShape:
@@ -41,7 +41,7 @@ def seen(**errors: float | None) -> dict[str, PressShape]:
 
 
 def found(presses: dict[str, PressShape], left_out_n: float | None = None) -> StudyResult:
-    return shapes.result(presses, [], None, "", left_out_n, simulated=True, seed=0, scale=1.0)
+    return shapes.build_result(presses, [], None, "", left_out_n, simulated=True, seed=0, scale=1.0)
 
 
 def test_a_depth_that_is_right_errs_by_nothing_and_meets_its_goals() -> None:
@@ -86,18 +86,19 @@ def test_the_force_is_held_against_the_sensor() -> None:
 
 
 def test_the_scale_thins_places_and_no_object() -> None:
-    whole, least = scene(StudyRequest()), scene(StudyRequest(scale=0.01))
-    for name in OBJECTS:
+    whole, least = load_scene(StudyRequest()), load_scene(StudyRequest(scale=0.01))
+    for name in OBJECT_SETS:
         assert len(whole.protocols[name].positions_mm) == 3
         assert least.protocols[name].positions_mm == whole.protocols[name].positions_mm[:1]
         assert least.protocols[name].indenters == whole.protocols[name].indenters
         assert least.protocols[name].depths_mm == whole.protocols[name].depths_mm
-    assert least.protocols[FORCE] == whole.protocols[FORCE]
-    assert whole.presses(TWIST) == ["sphere-15/p1"]
-    kinds = {one.partition("/")[0] for name in OBJECTS for one in whole.presses(name)}
+    assert least.protocols[FORCE_SMALL] == whole.protocols[FORCE_SMALL]
+    assert whole.presses(TWIST_PRESS) == ["sphere-15/p1"]
+    kinds = {one.partition("/")[0] for name in OBJECT_SETS for one in whole.presses(name)}
     assert kinds == {"sphere-15", "cylinder", "ring", "hat"}
     # No object is the ball that depth and force are calibrated on.
-    assert set(whole.protocols[FORCE].indenters) == set(whole.protocols["ball-press"].indenters)
+    force, ball = whole.protocols[FORCE_SMALL], whole.protocols["ball-press"]
+    assert set(force.indenters) == set(ball.indenters)
     assert "sphere-10" not in kinds
 
 

@@ -20,7 +20,7 @@ from deltact_fab.estimate import FlowMethod, FlowTracker
 from deltact_fab.simulate import PictureGeometry
 
 from ..engine import Case, CurveSetting, Engine, Flagged, Work
-from .flow_frames import CAMERA_MM_PER_PX, FlowSequence, Vectors, scene
+from .flow_frames import VIEW_MM_PER_PX, FlowSequence, Vectors, scene
 
 PIXEL_WRONG_PX = 1.0
 OTHER_SEEDS = {"near": "other seed", "near, fine": "other seed, fine"}
@@ -102,7 +102,7 @@ def _track_edited(edit: str, names: tuple[str, ...], scratch: Path) -> dict[str,
     return out
 
 
-def _max_confident_share(edit: str, names: tuple[str, ...], scratch: Path) -> float:
+def _confidence(edit: str, names: tuple[str, ...], scratch: Path) -> float:
     """Greatest confident share. Raises Flagged where it is small and no frame is trusted."""
     outcomes = _track_edited(edit, names, scratch)
     share = max(s.confident for s in outcomes.values())
@@ -130,14 +130,14 @@ def hard_cases(quick: bool) -> list[Case]:
     """What must not be trusted, nor be confident; what should still be read, or flagged."""
     near = ("near",) if quick else tuple(OTHER_SEEDS)
     out = [
-        Case(f"{edit}: not trusted", "refused", partial(_max_confident_share, edit, near), says="flagged")
+        Case(f"{edit}: not trusted", "refused", partial(_confidence, edit, near), says="flagged")
         for edit in (("noise", "upside down") if quick else UNRELATED_IMAGES)
     ]
     if quick:
         return out
     readable = [(edit, edit, near, MAX_WRONG_SHARE) for edit in SPOILT_IMAGES]
-    readable += [(f"{name.replace('far', '121 px')}, at once and in ten frames", "whole", (name,), bound)
-             for name, bound in FAR_MAX_WRONG_SHARE.items()]  # fmt: skip
+    readable += [(f"{name.replace('far', '121 px')}, at once and in ten frames", "whole", (name,),
+                  bound) for name, bound in FAR_MAX_WRONG_SHARE.items()]  # fmt: skip
     return out + [
         Case(f"{name}: confident pixels off by 1 px", "right or refused",
              partial(_max_wrong_share, edit, names), bound, "share of them", says="flagged")
@@ -178,17 +178,17 @@ def curves(quick: bool) -> Sequence[CurveSetting]:
     """Methods on a pair, and trackers by their reference through ten frames."""
     millimetres = partial(
         CurveSetting, unit="mm, mean over moving pixels", reference="the field that was drawn",
-        reference_error=PictureGeometry.TOLERANCE_PX * CAMERA_MM_PER_PX,
+        reference_error=PictureGeometry.TOLERANCE_PX * VIEW_MM_PER_PX,
     )  # fmt: skip
     methods = ("fused", "dis-medium", "dis-fast") if quick else FlowMethod.NAMES
     pairs = [
         millimetres(case=PRESS_CASE, series="a pair", name=method, build=partial(_pair, method))
         for method in methods
     ]
-    trackers = [(reference, "fused") for reference in FlowTracker.REFERENCES]
-    trackers += [(reference, "dis-medium") for reference in FlowTracker.REFERENCES if reference != "anchored"]
+    trackers = [(ref, "fused") for ref in FlowTracker.REFERENCES]
+    trackers += [(ref, "dis-medium") for ref in FlowTracker.REFERENCES if ref != "anchored"]
     labels: dict[str, tuple[str, str]] = {
-        f"{method}/{reference}": (reference, method) for reference, method in trackers
+        f"{method}/{ref}": (ref, method) for ref, method in trackers
     }
     labels[FlowMethod.PAPER] = ("the paper's", FlowMethod.PAPER)
     return pairs + [

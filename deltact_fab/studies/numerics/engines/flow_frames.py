@@ -33,7 +33,7 @@ Motion = Callable[[Field, Field], Field]
 
 DEFAULT_SENSOR = SensorDimensions()
 DEFAULT_CAMERA = Pinhole.of(DEFAULT_SENSOR)
-CAMERA_MM_PER_PX = DEFAULT_CAMERA.mm_per_px
+VIEW_MM_PER_PX = DEFAULT_CAMERA.mm_per_px
 PICTURE_MARGIN_PX = PictureGeometry.MARGIN_PX
 MIN_MOTION_MM = 0.1  # as in the tracking error
 FRAMES_SEED = 11
@@ -65,7 +65,7 @@ class FlowSequence(NamedTuple):
 
     def moving(self) -> NDArray[np.bool_]:
         """Pixels that are judged: a true motion of at least 0.1 mm that stays in view."""
-        size = np.hypot(*np.moveaxis(self.truth_px, -1, 0)) * CAMERA_MM_PER_PX
+        size = np.hypot(*np.moveaxis(self.truth_px, -1, 0)) * VIEW_MM_PER_PX
         return np.asarray(self.in_view() & (size >= MIN_MOTION_MM))
 
     def error_px(self, flow_px: Vectors) -> Vectors:
@@ -74,7 +74,7 @@ class FlowSequence(NamedTuple):
 
     def mean_error_mm(self, flow_px: Vectors) -> float:
         """Mean endpoint error over the moving pixels, mm at rest."""
-        return float(self.error_px(flow_px)[self.moving()].mean(dtype=np.float64) * CAMERA_MM_PER_PX)
+        return float(self.error_px(flow_px)[self.moving()].mean(dtype=np.float64) * VIEW_MM_PER_PX)
 
 
 def scene(scratch: Path, name: str) -> FlowSequence:
@@ -114,9 +114,9 @@ def in_plane(
     """A motion in the plane of the face, given in pixels at the pixels' places."""
     reach = PICTURE_MARGIN_PX + 2
     x_mm, y_mm = axes_mm(DEFAULT_CAMERA, reach)
-    lattice = SurfaceLattice(float(x_mm[0]), float(y_mm[0]), CAMERA_MM_PER_PX, len(x_mm), len(y_mm))
-    pixel_grid = np.meshgrid(np.arange(len(x_mm)) - float(reach), np.arange(len(y_mm)) - float(reach))
-    shift_mm = motion(*pixel_grid) * CAMERA_MM_PER_PX
+    lattice = SurfaceLattice(float(x_mm[0]), float(y_mm[0]), VIEW_MM_PER_PX, len(x_mm), len(y_mm))
+    grid_px = np.meshgrid(np.arange(len(x_mm)) - float(reach), np.arange(len(y_mm)) - float(reach))
+    shift_mm = motion(*grid_px) * VIEW_MM_PER_PX
     flat = np.dstack((shift_mm, np.zeros(shift_mm.shape[:2])))
     return render_sequence(recipe, lattice, flat, n_frames, sensor)
 
@@ -135,9 +135,9 @@ def bump(peak_px: float, front_px: float, back_px: float, x: Field, y: Field) ->
     return np.asarray(peak_px * size[..., None] * along)
 
 
-far_motion: Motion = partial(bump, 121.0, 105.0, 73.5)
+far_bump: Motion = partial(bump, 121.0, 105.0, 73.5)
 """121 px, det F from 0.3 to 2."""
-near_motion: Motion = partial(bump, 12.0, 90.0, 90.0)
+near_bump: Motion = partial(bump, 12.0, 90.0, 90.0)
 
 
 @cache
@@ -150,7 +150,7 @@ def _press() -> tuple[SurfaceLattice, Field]:
     contact = LinearContact(face, parse_indenter("sphere:10"))
     *_, down = follow_path(contact, contact.rest(), (0.0, 0.0, 1.2), 0.3)
     *_, sheared = follow_path(contact, down, (1.5, 0.0, 1.2), 0.3)
-    view, margin_mm = DEFAULT_SENSOR.optics.view_mm, PICTURE_MARGIN_PX * CAMERA_MM_PER_PX
+    view, margin_mm = DEFAULT_SENSOR.optics.view_mm, PICTURE_MARGIN_PX * VIEW_MM_PER_PX
     crop = LatticeCrop(face.x_mm, face.y_mm, (view[0] / 2 + margin_mm, view[1] / 2 + margin_mm))
     return crop.lattice, crop(sheared.displacement_mm).astype(np.float64)
 
@@ -162,10 +162,10 @@ def pressed(recipe: PatternRecipe = DOTS_RECIPE, sensor: ImageSensor | None = No
 
 FLOW_SCENES: dict[str, Callable[[], FlowSequence]] = {
     "press": pressed,
-    "far": partial(in_plane, COARSE_RECIPE, far_motion, 10),
-    "far, fine": partial(in_plane, FINE_RECIPE, far_motion, 10),
-    "near": partial(in_plane, COARSE_RECIPE, near_motion, 4),
-    "near, fine": partial(in_plane, FINE_RECIPE, near_motion, 4),
-    "other seed": partial(in_plane, COARSE_RECIPE.model_copy(update={"seed": 24}), near_motion),
-    "other seed, fine": partial(in_plane, FINE_RECIPE.model_copy(update={"seed": 102}), near_motion),
+    "far": partial(in_plane, COARSE_RECIPE, far_bump, 10),
+    "far, fine": partial(in_plane, FINE_RECIPE, far_bump, 10),
+    "near": partial(in_plane, COARSE_RECIPE, near_bump, 4),
+    "near, fine": partial(in_plane, FINE_RECIPE, near_bump, 4),
+    "other seed": partial(in_plane, COARSE_RECIPE.model_copy(update={"seed": 24}), near_bump),
+    "other seed, fine": partial(in_plane, FINE_RECIPE.model_copy(update={"seed": 102}), near_bump),
 }

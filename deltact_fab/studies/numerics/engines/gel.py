@@ -31,10 +31,10 @@ from deltact_fab.sensor import FreeBlock, GelMaterial, SkinDimensions, parse_ind
 from ..engine import Case, CurveSetting, Engine, Work
 from . import gel_press as checks
 from .gel_press import (
-    REFERENCE_CELLS_MM,
     FACE_LATTICE_MM,
-    REFERENCE_ERROR,
     QUICK_CELLS_MM,
+    REFERENCE_CELLS_MM,
+    REFERENCE_ERROR,
     SPHERE_INDENTER,
     GelAnswer,
     GelCase,
@@ -110,7 +110,8 @@ FORCE_UNIT, IN_PLANE_UNIT = "% of the force", "mm rms over the face"
 def curves(quick: bool) -> Sequence[CurveSetting]:
     """What can be repeated six times; the rest is left to `make evidence`."""
     if quick:
-        return [_setting(PressSetup("hyperelastic", 2.0, 0.0, h), FORCE_UNIT, True) for h in (3.0, 2.0)]
+        runs = [PressSetup("hyperelastic", 2.0, 0.0, h) for h in (3.0, 2.0)]
+        return [_setting(r, FORCE_UNIT, True) for r in runs]
     levels: dict[Level, tuple[float, ...]] = {
         "hyperelastic": (3.0, 2.0, 1.5, 1.0), "linear": (0.5, 0.35, 0.25, 0.125),
     }  # fmt: skip
@@ -128,8 +129,8 @@ def _setting(run: PressSetup, unit: str, quick: bool) -> CurveSetting:
     return CurveSetting(
         f"{run.case}: {quantity}", run.series, run.name, unit,
         f"hyperelastic, quarter, {coarse:g} and {fine:g} mm extrapolated",
-        REFERENCE_ERROR[run.depth_mm, quick][unit == IN_PLANE_UNIT], partial(_build, run, unit, quick),
-        "self-test",
+        REFERENCE_ERROR[run.depth_mm, quick][unit == IN_PLANE_UNIT],
+        partial(_build, run, unit, quick), "self-test",
     )  # fmt: skip
 
 
@@ -179,8 +180,9 @@ def cases_by_friction(frictions: Sequence[float]) -> list[Case]:
             ("base carries the force", checks.imbalance, 1e-6, "of the force"))  # fmt: skip
     return [
         Case(f"friction {mu:g}, 3 mm deep, dragged 3 mm: {name}", "right or refused",
-             partial(checks.evaluate_law, measure, GelCase(spacing_mm=2.0, friction=mu, mirrors=(False, True)),
-                     1.0, (down(3.0), (3.0, 0.0, 3.0))), bound, unit, "press:")
+             partial(checks.evaluate_law, measure,
+                     GelCase(spacing_mm=2.0, friction=mu, mirrors=(False, True)), 1.0,
+                     (down(3.0), (3.0, 0.0, 3.0))), bound, unit, "press:")
         for mu in frictions
         for name, measure, bound, unit in laws
         if mu > 0 or measure is not checks.cone_excess

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -298,12 +298,12 @@ REFERENCE_ERROR = {
 def reference(depth_mm: float, quick: bool = False) -> PressReference:
     """Extrapolated from two meshes of a quarter, without friction."""
     cells = QUICK_CELLS_MM if quick else REFERENCE_CELLS_MM
-    return extrapolate(*cached_solutions(PressSetup("hyperelastic", depth_mm, 0.0, h) for h in cells), cells)
+    runs = [PressSetup("hyperelastic", depth_mm, 0.0, h) for h in cells]
+    return extrapolate(*cached_solutions(runs), cells)
 
 
-def cached_solutions(runs: Iterable[PressSetup]) -> tuple[list[float], list[Field]]:
+def cached_solutions(runs: list[PressSetup]) -> tuple[list[float], list[Field]]:
     """Normal forces and in-plane displacements at finite strain; kept in the user's cache."""
-    runs = list(runs)
     key = cache_key("studies.numerics.engines.gel_press", runs=runs, lattice=FACE_LATTICE_MM)
     store = Store("gel-reference")
     cached: tuple[list[float], list[Field]] | None = store.read(key)

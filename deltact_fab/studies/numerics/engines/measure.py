@@ -29,7 +29,7 @@ DENT_PUSH = 0.3  # of the dent that the curves see: det from 1.7 to about 0.94
 DEFAULT_SENSOR = SensorDimensions()
 DEFAULT_CAMERA = Pinhole.of(DEFAULT_SENSOR)
 SENSOR_VIEW = SensorModel(DEFAULT_CAMERA, DEFAULT_SENSOR.skin)
-CAMERA_MM_PER_PX = DEFAULT_CAMERA.mm_per_px
+VIEW_MM_PER_PX = DEFAULT_CAMERA.mm_per_px
 
 
 # -- faces whose parts and density are known in closed form ---------------------------------------
@@ -91,7 +91,7 @@ def dent(push: float) -> Array:
 
 def dent_density(push: float) -> Array:
     """1 / det(I + grad u) of `dent` under a Gaussian of SIGMA_PX, (h, w), in closed form."""
-    wide2 = SMOOTH_SIGMA_MM**2 + (SIGMA_PX * CAMERA_MM_PER_PX) ** 2  # a Gaussian of a Gaussian is one again
+    wide2 = SMOOTH_SIGMA_MM**2 + (SIGMA_PX * VIEW_MM_PER_PX) ** 2  # Gaussians convolve to one
     x, y = _pixels()
     rho2 = x**2 + y**2
     gain = push * (SMOOTH_SIGMA_MM**2 / wide2) ** 2 * np.exp(-rho2 / (2 * wide2))
@@ -121,7 +121,7 @@ def _density(stride: int, scratch: Path) -> Work:
     flow = face(dent(DENT_PUSH), stride)
     exact = block_means(dent_density(DENT_PUSH), stride)
     return Work(
-        lambda: jacobian_density(flow, CAMERA_MM_PER_PX),
+        lambda: jacobian_density(flow, VIEW_MM_PER_PX),
         lambda density: 100 * _rms(density.value - exact) / float(np.ptp(exact)),
     )
 
@@ -133,7 +133,7 @@ def curves(quick: bool) -> Sequence[CurveSetting]:
     hodge = [
         exact(f"parts of a flow whose features have sigma {sigma_mm:g} mm", "d, r, h",
               f"every {stride} px", "% of the field, rms", build=partial(_parts, sigma_mm, stride))
-        for sigma_mm in ((SMOOTH_SIGMA_MM,) if quick else (SMOOTH_SIGMA_MM, FINE_SIGMA_MM)) for stride in strides
+        for sigma_mm in (SMOOTH_SIGMA_MM, FINE_SIGMA_MM)[: 1 if quick else 2] for stride in strides
     ]  # fmt: skip
     density = [
         exact("Gaussian density of a dent", "Jacobian", f"every {stride} px", "% of its range, rms",
@@ -163,7 +163,7 @@ def _light_touch(scratch: Path) -> float:
 
 def _folded(scratch: Path) -> float:
     """Largest density of a map that folds. Raises Flagged where it is not to be relied on."""
-    density = jacobian_density(face(dent(-1.6), 2), CAMERA_MM_PER_PX)
+    density = jacobian_density(face(dent(-1.6), 2), VIEW_MM_PER_PX)
     if not density.reliable.all():
         raise Flagged(f"flagged: {100 * (1 - density.cover):.0f} % of the density is not reliable")
     return float(density.value.max())

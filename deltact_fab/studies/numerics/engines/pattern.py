@@ -25,7 +25,7 @@ from deltact_fab.fabricate import (
 
 from ..engine import Case, CurveSetting, Engine, Work
 
-SAMPLER_SEED = 20210
+DRAW_SEED = 20210
 CURVE_TRIES = 10**7  # the tail is heavy even where it ends: 58 tries on average at r = 0.1
 
 
@@ -61,7 +61,7 @@ def distance_to_law(values: NDArray[Any], r: float, levels: int | None) -> float
         return t - (b - a) - (d - c) + overlap
 
     # Another seed than the draws': the place within the cell must not know of the value.
-    inside = np.random.default_rng(SAMPLER_SEED + 1).random(v.shape) * width
+    inside = np.random.default_rng(DRAW_SEED + 1).random(v.shape) * width
     total = allowed_below(np.full_like(v, top))
     # Where the neighbours already break the law nothing is allowed: counted as a share of 1.
     share = np.where(total > 0, (allowed_below(v) + inside) / np.where(total > 0, total, 1), 1.0)
@@ -78,7 +78,7 @@ def violations(values: NDArray[Any], r: float) -> int:
 
 
 def _uniforms(rows: int, columns: int) -> Field:
-    return np.random.default_rng(SAMPLER_SEED).random((rows, columns, 3))
+    return np.random.default_rng(DRAW_SEED).random((rows, columns, 3))
 
 
 def _by_levels(n: int, r: float, scratch: Path) -> Work:
@@ -88,7 +88,7 @@ def _by_levels(n: int, r: float, scratch: Path) -> Work:
 
 def _by_rejection(n: int, r: float, scratch: Path) -> Work:
     def run() -> Field:
-        return Algorithm1(r).fill_by_rejection(np.random.default_rng(SAMPLER_SEED), n, n, CURVE_TRIES)
+        return Algorithm1(r).fill_by_rejection(np.random.default_rng(DRAW_SEED), n, n, CURVE_TRIES)
 
     def error(values: Field) -> float:
         return math.nan if np.isnan(values).any() else distance_to_law(values, r, None)
@@ -134,7 +134,7 @@ def cases(quick: bool) -> Sequence[Case]:
     side, broken = 100 if quick else 466, "broken pairs"
     sizes = [(side, side, r) for r in (1e-12, 0.2500001, 0.9999)]
     sizes += [(1, 1, 0.6), (1, 500, 0.6)]
-    ends = np.random.default_rng(SAMPLER_SEED).choice([0.0, np.nextafter(1.0, 0.0)], (60, 60, 3))
+    ends = np.random.default_rng(DRAW_SEED).choice([0.0, np.nextafter(1.0, 0.0)], (60, 60, 3))
     out = [
         *(Case(f"{m} x {n} patches, r = {r!r}", "right", partial(_broken, _uniforms(m, n), r), 0,
                broken) for m, n, r in sizes),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from deltact_fab.simulate import FaultBench
 
 FALSE_BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
-GARBAGE_BYTES = b"\xff\x00\x8a~|<\xff\x00\x00\xfe\r\n\xff\x00"  # a line of it, and more before the next
+GARBAGE_BYTES = b"\xff\x00\x8a~|<\xff\x00\x00\xfe\r\n\xff\x00"  # one line and a part of the next
 DRIFT_S = 10.0  # to the guard's limit
 PUSH_FACTOR = 1.05  # of that limit
 
@@ -47,7 +47,7 @@ def _box(field: str, value: float, for_s: float = 1e6) -> Strike:
 
 def _push(for_s: float) -> Strike:
     def strike(bench: FaultBench, at_s: float) -> None:
-        push_n = PUSH_FACTOR * bench.of.limit_n  # within the sensor's range where the limit lets it be
+        push_n = PUSH_FACTOR * bench.of.limit_n  # within the sensor's range, if possible
         bench.extra_n = lambda t_s: push_n if at_s <= t_s < at_s + for_s else 0.0
 
     return strike

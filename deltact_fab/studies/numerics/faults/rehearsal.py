@@ -67,19 +67,19 @@ class FaultMatrix:
         try:
             bench, at_s = FaultBench(self.scenario), self.at_s[moment]
             fault.strike(bench, at_s)
-            observed = FaultOutcome(fault.name, moment, run_outcome(bench, folder))
+            result = FaultOutcome(fault.name, moment, run_outcome(bench, folder))
             ended_ns = bench.clock.now_ns()
             FaultBench.free_disk()
             bench.clock.sleep_s(60.0)  # all rests, and silence is over
-            if observed.outcome != "success":
-                observed = measure_travel(bench, fault, observed, at_s, ended_ns)
-            wrong = expectation_error(fault, observed) or self.resume_error(bench, folder, observed.outcome)
-            return replace(observed, wrong=wrong)
+            if result.outcome != "success":
+                result = measure_travel(bench, fault, result, at_s, ended_ns)
+            wrong = end_error(fault, result) or self.resume_error(bench, folder, result.outcome)
+            return replace(result, wrong=wrong)
         finally:
             FaultBench.free_disk()
             shutil.rmtree(folder)
 
-    def record_difference(self, folder: Path, all_rows: bool = True) -> str:
+    def difference(self, folder: Path, all_rows: bool = True) -> str:
         """What of a finished record is not as in the undisturbed one, "" if nothing is.
 
         all_rows: not only ids and images have to be the same.
@@ -110,14 +110,16 @@ class FaultMatrix:
     def resume_error(self, bench: FaultBench, folder: Path, outcome: str) -> str:
         """The fault is gone; the same board, as it was left, serves another session: what is wrong
         with the record then."""
-        if difference := self.lost_row(folder, self.committed):
-            return difference
+        if row_error := self.lost_row(folder, self.committed):
+            return row_error
         if outcome != "success":
             bench.mend()
             if (ending := run_outcome(bench, folder)) != "success":
                 return f"cannot be resumed: {ending}"
         # A run that bore the fault may have its times and samples moved by it; not its images.
-        return self.lost_row(folder, self.committed) or self.record_difference(folder, outcome != "success")
+        return self.lost_row(folder, self.committed) or self.difference(
+            folder, outcome != "success"
+        )
 
     def _stop(self, count: int, total: int, label: str) -> None:
         if label.startswith(self.scenario.second):
@@ -158,24 +160,24 @@ def run_outcome(bench: FaultBench, folder: Path, progress: Any = None) -> str:
     return "success"
 
 
-def expectation_error(fault: FaultKind, observed: FaultOutcome) -> str:
+def end_error(fault: FaultKind, result: FaultOutcome) -> str:
     """What of an end is not as the fault lets it be, "" if all is."""
-    if observed.outcome == "success":
+    if result.outcome == "success":
         return "" if fault.success else "success, and an error was due"
-    if not any(words in observed.outcome for words in fault.says):
+    if not any(words in result.outcome for words in fault.says):
         return "another error than the fault's"
-    if observed.wrong or observed.travel_mm is None or observed.known_s is None:
-        return observed.wrong
-    if observed.allowed_mm is not None and observed.travel_mm > observed.allowed_mm:
-        return f"{observed.travel_mm:.2f} mm of travel, {observed.allowed_mm:.2f} allowed"
-    limit_s = (fault.within_s or 0.0) + (HOMING_S if observed.moment == HOMING_MOMENT else 0.0)
-    if observed.known_s > limit_s:
-        return f"known after {observed.known_s:.2f} s, {limit_s:g} expected"
+    if result.wrong or result.travel_mm is None or result.known_s is None:
+        return result.wrong
+    if result.allowed_mm is not None and result.travel_mm > result.allowed_mm:
+        return f"{result.travel_mm:.2f} mm of travel, {result.allowed_mm:.2f} allowed"
+    limit_s = (fault.within_s or 0.0) + (HOMING_S if result.moment == HOMING_MOMENT else 0.0)
+    if result.known_s > limit_s:
+        return f"known after {result.known_s:.2f} s, {limit_s:g} expected"
     return ""
 
 
 def measure_travel(
-    bench: FaultBench, fault: FaultKind, observed: FaultOutcome, at_s: float, ended_ns: int
+    bench: FaultBench, fault: FaultKind, result: FaultOutcome, at_s: float, ended_ns: int
 ) -> FaultOutcome:
     """How far the carriage went after the error, and how far it may have.
 
@@ -192,28 +194,28 @@ def measure_travel(
     known_ns = at_ns if known_at_once else stop_ns
     begun = {s.block for s in segments if s.start_ns < min(stop_ns, ended_ns)}
     pieces = [s for s in segments if s.end_ns > max(known_ns, s.start_ns)]
-    stopping = [s for s in pieces if s.block in begun]
+    moves = [s for s in pieces if s.block in begun]
     later = [s for s in pieces if s.block not in begun]
     low_mm = min((s.end_mm[2] for s in segments if s.end_ns > at_ns), default=0.0)
     deeper_mm = max(bench.board.position_mm(at_ns / 1e9)[2] - low_mm, 0.0)
-    observed = replace(observed, known_s=(known_ns - at_ns) / 1e9, deeper_mm=deeper_mm)
-    if stopping:
-        blocks = {s.block for s in stopping}
+    result = replace(result, known_s=(known_ns - at_ns) / 1e9, deeper_mm=deeper_mm)
+    if moves:
+        blocks = {s.block for s in moves}
         speeds = [phase[2] for s in segments if s.block in blocks for phase in s.phases]
-        speed, accel = max(speeds, default=0.0), min(s.accel_mm_s2 for s in stopping)
-        lengths_mm = [math.dist(s.position_mm(max(known_ns, s.start_ns)), s.end_mm) for s in stopping]
+        speed, accel = max(speeds, default=0.0), min(s.accel_mm_s2 for s in moves)
+        legs_mm = [math.dist(s.position_mm(max(known_ns, s.start_ns)), s.end_mm) for s in moves]
         limit_mm = speed**2 / (2 * accel) + speed * REACTION_S if fault.carries else None
-        if not fault.carries and stopping[-1].end_mm[2] <= stopping[0].start_mm[2]:  # a dead man
+        if not fault.carries and moves[-1].end_mm[2] <= moves[0].start_mm[2]:  # a dead man
             limit_mm = speed * max(GrblStage.planned_ahead_s, speed / accel)
         allowed_mm = None if limit_mm is None else limit_mm + TRAVEL_ROUNDING_MM
-        observed = replace(observed, travel_mm=sum(lengths_mm), allowed_mm=allowed_mm)
+        result = replace(result, travel_mm=sum(legs_mm), allowed_mm=allowed_mm)
     rises = all(
         s.end_mm[2] > s.start_mm[2] and math.dist(s.start_mm[:2], s.end_mm[:2]) < TRAVEL_ROUNDING_MM
         for s in later
     )
     if fault.carries and not rises:
-        return replace(observed, wrong="it moved again after the stop, and not straight up")
-    return observed
+        return replace(result, wrong="it moved again after the stop, and not straight up")
+    return result
 
 
 SHORT_CELLS = len(FAULT_KINDS)  # faults at moments, where not all are asked for
@@ -250,7 +252,9 @@ class Rehearsal:
         }  # fmt: skip
 
 
-def rehearse(scenario: FaultScenario, thorough: bool, progress: Progress | None = None) -> Rehearsal:
+def rehearse(
+    scenario: FaultScenario, thorough: bool, progress: Progress | None = None
+) -> Rehearsal:
     """Rehearse every fault, at every moment or at some of them, each moment met by some fault.
 
     Raises RunFailed where the undisturbed run ends in an error.
@@ -284,8 +288,9 @@ def _covering(pairs: list[tuple[str, str]]) -> list[tuple[str, str]]:
     """SHORT of them in which every fault and every moment stands as often as any other can."""
     chosen: list[tuple[str, str]] = []
     while len(chosen) < SHORT_CELLS:
-        used_words = [word for pair in chosen for word in pair]
-        chosen.append(min((p for p in pairs if p not in chosen), key=lambda p: sum(map(used_words.count, p))))
+        words = [word for pair in chosen for word in pair]
+        rest = [p for p in pairs if p not in chosen]
+        chosen.append(min(rest, key=lambda p: sum(map(words.count, p))))
     return chosen
 
 
