@@ -1,7 +1,7 @@
-"""Both questions of the engines that were asked for, as one result with its files.
+"""Benchmark of the chosen engines, as one result with its files.
 
-Error against CPU time, every setting in a process of its own; and stiff and extreme cases: each is
-right within its bound, or refused; anything else is wrong.
+Error against CPU time, every setting in a process of its own; stiff and extreme cases, each right
+within its bound or refused; anything else is wrong.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ ENGINE_MODULES = {n: f"{__package__}.engines.{n}" for n in ("pattern", "flow", "
 
 
 def check_names(names: tuple[str, ...]) -> tuple[str, ...]:
-    """The engines asked for, all when none is named. Raises InputError for an unknown one."""
+    """Engine names without duplicates, all by default. Raises InputError for an unknown one."""
     for name in names:
         if name not in ENGINE_MODULES:
             raise InputError(f"engine {name!r}: unknown; {did_you_mean(name, ENGINE_MODULES)}")
@@ -44,7 +44,7 @@ def check_names(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def load_engine(module: str) -> Engine:
-    """The engine of a module. Raises TypeError when the module has none."""
+    """Load the engine of a module. Raises TypeError for a module without one."""
     engine = importlib.import_module(module).ENGINE
     if not isinstance(engine, Engine):
         raise TypeError(f"{module}.ENGINE is no Engine")
@@ -52,7 +52,7 @@ def load_engine(module: str) -> Engine:
 
 
 def pin_to_one_core() -> None:
-    """Keep a process on one core where the system can, and silent on standard output."""
+    """Pin the process to one core if the system can; standard output to standard error."""
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, [max(os.sched_getaffinity(0))])
     os.dup2(2, 1)
@@ -63,10 +63,9 @@ ResultRows = list[dict[str, Any]]
 
 @dataclass(frozen=True)
 class Numerics:
-    """What `run` found, as plain rows.
+    """Benchmark results as plain rows.
 
-    engines: name, title and about of each, in order. curves: as of `compared`; stability: as of
-    `judge`.
+    engines: name, title, about. curves: rows of `compare_to_baseline`. stability: of `judge`.
     """
 
     meta: dict[str, Any]
@@ -76,11 +75,11 @@ class Numerics:
 
     @property
     def wrong(self) -> ResultRows:
-        """The rows that fail the command."""
+        """Stability rows that fail the command."""
         return [row for row in self.stability if row["outcome"] == "wrong"]
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data, as `numerics --json` prints it."""
+        """Return plain data, as printed by `numerics --json`."""
         return {**asdict(self), "wrong": len(self.wrong)}
 
     def save(self, out: Path) -> list[Path]:
@@ -108,7 +107,7 @@ def run_engines(
 ) -> Numerics:
     """Run the curves and the hard cases of the named engines, all by default.
 
-    quick: a few settings and cases an engine. Raises InputError for an unknown engine, RunFailed
+    quick: a few settings and cases per engine. Raises InputError for an unknown engine, RunFailed
     when a setting cannot be timed.
     """
 
@@ -143,8 +142,7 @@ def run_engines(
     )
 
 
-# A reference takes a minute on a quiet core and several on a busy one; this ends what hangs.
-SILENCE_S = 600.0
+SILENCE_S = 600.0  # by hand: a reference takes minutes on a busy core; longer waits on a hung one
 
 
 def case_rows(
@@ -155,7 +153,7 @@ def case_rows(
     quick: bool,
     silence_s: float = SILENCE_S,
 ) -> Iterator[dict[str, Any]]:
-    """Judge the cases in one process; one that takes it down is wrong, another does the rest."""
+    """Judge the cases in one process; after a crash (wrong) the rest in another."""
     pending = list(range(len(cases)))
     while pending:
         with open_executor(workers=1, threads=1) as process:
@@ -171,20 +169,20 @@ def case_rows(
 
 
 def judge_case(module: str, scratch: Path, quick: bool, k: int) -> dict[str, Any]:
-    """The row of a module's case, in its process."""
+    """Row of a module's case; runs in its process."""
     pin_to_one_core()
     return judge(load_engine(module).cases(quick)[k], scratch)
 
 
-MIN_REPEATS = 5
-MAX_REPEATS = 25
-LONG_ENOUGH_S = 0.3  # with five repeats done, no more are added past this
+MIN_REPEATS = 5  # decision 0060
+MAX_REPEATS = 25  # by hand: more tightens the best of short runs, slower
+LONG_ENOUGH_S = 0.3  # by hand: total CPU time after which five repeats suffice
 
 
 def curve_rows(
     name: str, module: str, settings: Sequence[CurveSetting], scratch: Path, quick: bool
 ) -> Iterator[dict[str, Any]]:
-    """Time settings one after the other. Raises RunFailed naming a setting that failed."""
+    """Time settings one by one. Raises RunFailed naming a setting that failed."""
     for setting in settings:
         with open_executor(workers=1, threads=1) as process:
             try:
@@ -196,12 +194,11 @@ def curve_rows(
 
 
 def time_setting(module: str, scratch: Path, quick: bool, key: str) -> dict[str, Any]:
-    """The row of one setting of a module, in its process; the warm-up call is apart.
+    """Row of one setting of a module, timed after a warm-up call; runs in its process.
 
-    cpu_s, cpu_most_s: best and slowest of `repeats`, for whatever else is at work only ever adds.
-    wall_s: best. compile_s: CPU time of the warm-up beyond the best (compiling, plans, caches).
-    peak_mb: memory above what libraries and inputs hold. error, reference_error: in `unit`. kind:
-    of the reference.
+    cpu_s, cpu_most_s: best and slowest of `repeats`; other load only adds time. wall_s: best.
+    compile_s: CPU time of the warm-up beyond the best (compiling, plans, caches). peak_mb: memory
+    beyond libraries and inputs. error, reference_error: in `unit`. kind: of the reference.
     """
     pin_to_one_core()
     setting = next(s for s in load_engine(module).curves(quick) if s.key == key)
@@ -229,10 +226,10 @@ def time_setting(module: str, scratch: Path, quick: bool, key: str) -> dict[str,
 
 
 def compare_to_baseline(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The rows beside the first of their case, and with their front marked.
+    """Return the rows compared with their case's baseline, its first setting.
 
-    times_as_fast: CPU time of the baseline, the first setting of the case, over its own. pareto: no
-    setting of the case takes less CPU time and is nearer.
+    times_as_fast: CPU time of the baseline over the row's. pareto: no setting of the case is both
+    faster and more accurate.
     """
     out = []
     for row in rows:
@@ -254,7 +251,7 @@ def compare_to_baseline(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def describe_machine() -> dict[str, Any]:
-    """What the times were measured on: processor, cores, system."""
+    """Machine of the timings: processor, cores, system."""
     model = platform.processor() or platform.machine()
     if Path("/proc/cpuinfo").exists():
         for line in Path("/proc/cpuinfo").read_text(errors="replace").splitlines():

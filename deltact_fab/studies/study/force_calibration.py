@@ -1,8 +1,7 @@
-"""`study run force-calibration`: the paper's Contact Force Distribution, whole.
+"""`study run force-calibration`: the paper's complete Contact Force Distribution experiment.
 
-Five balls at nine places, 46 settled points at each (Linear Regression Analysis): the paper's model
-and better ones on the same points, judged on what they never saw; simulated, or recorded on any
-bench.
+Five balls at nine places, 46 settled points each (Linear Regression Analysis): the paper's model
+and better ones on the same points, cross-validated; simulated, or recorded on any bench.
 """
 
 from __future__ import annotations
@@ -26,34 +25,34 @@ from .scene import PressScene, collect_left_out
 
 CALIBRATION_PROTOCOL = "force-calibration"
 MIN_KEPT = 2
-"""Places and depths that are kept where there are so many: one of each can be left out."""
+"""Places and depths kept at least. By definition: cross-validation leaves one out."""
 FORCE_MODULUS_NOTE = (
     " Only the force sensor's noise and range do not scale: in a gel of half the modulus noise "
     "counts twice."
 )
 
 NORMAL_GOAL_N, SHEAR_GOAL_SHARE = 0.2, 0.02
-"""Of the normal force, and of the range in shear, on what shares neither place nor indenter."""
+"""Decision 0038: RMSE of the normal force, and of shear over its range, on unseen points."""
 COMPONENT_WORDS = {"normal": "normal force", "shear_x": "shear along x", "shear_y": "shear along y"}
 LAB_NOTE = (
-    "What a lab will see is more than the error above, which takes the gel's thickness and "
-    "Poisson's ratio as exactly known and the flow without bias. On flows with an assumed error, "
+    "Errors in a lab will be larger: the error above assumes that the gel's thickness and "
+    "Poisson's ratio are exactly known and that the flow is unbiased. With an assumed flow error: "
     "0.13 N at scattered places; with a gel 1 mm off, 0.32 N (docs/evidence/force.md). On two gels "
-    "of another solver that it does not believe in, without images, ten presses calibrate normal "
-    "force to 0.05 N of 7 N with the gel fitted to them, to 0.05 and 0.11 N with the design's "
-    "(docs/evidence/strangers.md). All of this is simulated."
+    "of a different solver, without images, ten presses calibrate normal force to 0.05 N of 7 N "
+    "with the gel fitted to them, to 0.05 and 0.11 N with the design's "
+    "(docs/evidence/strangers.md). All simulated."
 )
 
 PlaceMm = tuple[float, float]
 
 
 def run(request: StudyRequest) -> StudyResult:
-    """The study, simulated or of recorded runs. Raises InputError, RunFailed."""
+    """Run the study, simulated or on recorded runs. Raises InputError, RunFailed."""
     return _recorded(request) if request.runs else _simulated(request)
 
 
 def _simulated(request: StudyRequest) -> StudyResult:
-    """Every point of the scene that was asked for, judged; a job is a press."""
+    """Simulate and evaluate every point of the requested scene; one job per press."""
     scene = load_scene(request)
     scene.solve_gels(request)
     ((name, protocol),) = scene.protocols.items()
@@ -115,12 +114,12 @@ def _recorded(request: StudyRequest) -> StudyResult:
 
 
 def _not_taken(result: ForceResult) -> tuple[Note, ...]:
-    """Points that were not taken, and models without points enough."""
+    """Notes on excluded points, and models with too few points."""
     return tuple(Note("points or models", line) for line in result.left_out)
 
 
 def load_scene(request: StudyRequest) -> PressScene:
-    """The scene that was asked for. Raises InputError, one line, for one that cannot be used."""
+    """Load the requested scene. Raises InputError, one line, for an unusable one."""
     protocol, source = load_protocol(request.options.get("protocol") or CALIBRATION_PROTOCOL)
     level = protocol.specimen.gel_model
     if level != "hyperelastic":
@@ -139,16 +138,16 @@ def load_scene(request: StudyRequest) -> PressScene:
 
 
 def count_points(protocol: Protocol) -> int:
-    """Settled points of a protocol."""
+    """Number of settled points of a protocol."""
     return sum(step.settled for step in expand_protocol(protocol))
 
 
 def scale_protocol(protocol: Protocol, scale: float) -> Protocol:
-    """The protocol with about scale x its points, scale in (0, 1].
+    """Reduce a protocol to about scale x its points, scale in (0, 1].
 
-    All indenters and stops of shear stay. Of places and of depths two are left at least, of depths
-    the first and the last, and of places one of each set of mirror images before a second: what is
-    left out in a cross-validation must be a place never seen. Raises InputError for another scale.
+    Keeps all indenters and shear stops, at least two places and two depths, the first and last
+    depth, and one place per set of mirror images before a second, so that a place left out in
+    cross-validation is unseen. Raises InputError for another scale.
     """
     target = parse_scale(scale) * count_points(protocol)
     places, depths_mm = protocol.positions_mm, protocol.depths_mm
@@ -173,10 +172,10 @@ def scale_protocol(protocol: Protocol, scale: float) -> Protocol:
 
 
 def order_places(places: Sequence[PlaceMm]) -> list[int]:
-    """Indices in the order in which places are kept: far apart, mirror images last.
+    """Indices of places in the order of preference: far apart, mirror images last.
 
-    The first is nearest to the centre, for the largest indenter goes whole there; then always the
-    one that is farthest from those before it, of places not seen in a mirror yet.
+    The first is nearest to the centre, where the largest indenter fits; then always the farthest
+    from the earlier ones, of the places that are no mirror image of one of them.
     """
     folded = [(abs(x), abs(y)) for x, y in places]
     order: list[int] = []
@@ -195,7 +194,7 @@ def order_places(places: Sequence[PlaceMm]) -> list[int]:
 
 
 def build_result(result: ForceResult, scale: float | None = None, **scene: Any) -> StudyResult:
-    """What the points say; scene: what only their maker knows (settings, notes, left_out ...)."""
+    """Build the result of the points. scene: further fields (settings, notes, left_out ...)."""
     places = result.errors_by_distance()
     simulated = result.calibration.head.made.simulated
     gel_lines = [gel.line for gel in (result.gel, result.early) if gel]
@@ -213,10 +212,10 @@ def build_result(result: ForceResult, scale: float | None = None, **scene: Any) 
         tables=(
             ReportTable(
                 "force-models",
-                "Every model. RMSE by what was left out, fitted anew without it (unseen: position "
-                "and indenter together, by which models are ranked). The last rows are the paper's "
-                "table, of a real sensor, which does not say whether its R2 is about the mean or "
-                "about 0.",
+                "Every model. RMSE by cross-validation split, refitted without the points left out "
+                "(unseen: position and indenter together; models are ranked by it). The last rows "
+                "are the paper's table, of a real sensor; it does not state whether its R2 is "
+                "about the mean or about 0.",
                 pd.DataFrame(result.rows()),
             ),
             ReportTable(
@@ -240,9 +239,9 @@ def build_result(result: ForceResult, scale: float | None = None, **scene: Any) 
 
 
 def _widest_interval(errors: Array, points: pd.DataFrame, split: str) -> Interval:
-    """Over positions or indenters, whichever errs more widely; of a random split over presses.
+    """RMSE with the wider interval, over positions or indenters; presses for a random split.
 
-    off (repeats, n): errors of points that were left out by this split.
+    errors: (repeats, n), N, of points left out by this split.
     """
     if split == "unseen":
         groups = {g: points[g] for g in ("position", "indenter") if points[g].nunique() > 1}
@@ -253,7 +252,7 @@ def _widest_interval(errors: Array, points: pd.DataFrame, split: str) -> Interva
 
 
 def _best_heads(result: ForceResult) -> list[Headline]:
-    """The best model on what it never saw."""
+    """Headlines of the best model on unseen points."""
     best, split = result.best, result.best.ranked_by
     chosen = f"best of {len(result.judged)} by this figure"
     if result.gel or result.early:
@@ -266,7 +265,7 @@ def _best_heads(result: ForceResult) -> list[Headline]:
             continue
         remark = f"of {span:.2f} N; {chosen}"
         if name == "normal" and result.calibration.head.made.simulated:
-            remark += "; takes gel and flow as exact: 0.05 to 0.32 N if they are not, see the notes"
+            remark += "; assumes exact gel and flow: 0.05 to 0.32 N otherwise, see the notes"
         heads.append(
             headline(
                 f"{words}, {result.SPLITS[split]}: RMSE", "N",
@@ -279,7 +278,7 @@ def _best_heads(result: ForceResult) -> list[Headline]:
 
 
 def _paper_heads(result: ForceResult, alone: str) -> list[Headline]:
-    """The paper's model on the paper's split, beside what the paper printed."""
+    """Headlines of the paper's model on the paper's split, with the printed values."""
     return [
         headline(
             f"the paper's model, {COMPONENT_WORDS[name]}, {result.SPLITS['point']}: RMSE", "N",
@@ -292,11 +291,11 @@ def _paper_heads(result: ForceResult, alone: str) -> list[Headline]:
 
 
 def _alone_remark(places: pd.DataFrame) -> str:
-    """The paper's own reading fitted to the nearest and the farthest distance alone."""
+    """Remark: the paper's model fitted to the nearest and the farthest distance alone."""
     rows = places[(places["model"] == "paper, clipped") & (places["constant"] == "without")]
     rows = rows.dropna(subset="alone_n").sort_values("distance_mm")
     words = [f"{row['alone_n']:.2f} N at {row['distance_mm']:.1f} mm" for _, row in rows.iterrows()]
     if not words:
-        return "the paper prints no places"
+        return "the paper gives no places"
     ends = " to ".join(dict.fromkeys((words[0], words[-1])))
-    return f"fitted to one distance from the axis alone, {ends}; the paper prints no places"
+    return f"fitted to one distance from the axis alone, {ends}; the paper gives no places"

@@ -1,8 +1,8 @@
-"""Tracking errors of the pattern selection: a pattern, an indenter and a tracker at a time.
+"""Tracking errors of the pattern selection, by pattern, indenter and tracker.
 
-The paper's error is that at the dots (Eq. 7). Over which of them, frames and indenters it is taken
-the paper does not say: each measure is a reading that its text allows. A pattern's error is the
-mean of its indenters', and its interval is taken over indenters, which differ most.
+The paper's error is that at the dots (Eq. 7), for dots, frames and indenters that it does not
+specify: each measure is one interpretation of its text. A pattern's error is the mean over
+indenters, with an interval over indenters, which differ most.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ FLOW_NAMES = {
     COMPOSED_FLOW: "the paper's tracker, composed",
     OUR_FLOW: "our tracker",
 }
-"""The paper's "superposition" of flows can mean a sum at unmoved pixels, or their composition."""
+"""The paper's "superposition" of flows may be a sum at fixed pixels or a composition."""
 MIN_DRAG_FRAMES = 3
-"""Frames at one depth, from which on it is one that was dragged at."""
+"""By hand: frames at one depth that make it a depth of drags; fewer take in the way down."""
 DRAG_EDGES_MM = (0.0, 1.0, 2.0, 4.0, 7.0)
-"""Ends of the lengths of drag over which frames are taken together."""
+"""By hand: bin edges of the drag length; finer bins have few frames."""
 
 
 @dataclass(frozen=True)
 class PressErrors:
-    """One press under one pattern: sums by tracker, and a line a frame of FIGURES.
+    """Errors of one press with one pattern: sums by tracker; a row of FRAME_KEYS per frame.
 
-    path (n, 2): depth and length of drag at each frame, mm.
+    path: (n, 2), depth and drag length per frame, mm.
     """
 
     pattern: str
@@ -52,7 +52,7 @@ class PressErrors:
 
 
 class PatternErrors:
-    """All cells of a study. Several of one pattern and indenter are replicates, taken together."""
+    """Errors of all presses of a study; those of one pattern and indenter are pooled."""
 
     def __init__(self, printed: Sequence[SeriesEntry], cells: Sequence[PressErrors]) -> None:
         self.printed = tuple(printed)
@@ -66,7 +66,7 @@ class PatternErrors:
                 self._joined.setdefault(key, ErrorTally()).join(tally)
 
     def figures(self, pattern: str, method: str) -> dict[str, Any]:
-        """Of all indenters together, see `ErrorTally.figures`."""
+        """Pooled figures of all indenters, see `ErrorTally.figures`."""
         total = ErrorTally()
         for (p, _, m), tally in self._joined.items():
             if (p, m) == (pattern, method):
@@ -76,14 +76,14 @@ class PatternErrors:
     def by_indenter(
         self, pattern: str, method: str, measure: Measure
     ) -> NDArray[np.float64] | None:
-        """Mean error mm of each indenter, all its presses together; None where one has none."""
+        """Mean error per indenter, mm, its presses pooled; None if one has no error."""
         tallies = [self._joined.get((pattern, i, method)) for i in self.indenters]
         values = [None if tally is None else getattr(tally, measure).value for tally in tallies]
         measured = [v for v in values if v is not None]
         return np.array(measured) if measured and len(measured) == len(values) else None
 
     def mean(self, pattern: str, method: str, measure: Measure) -> Interval | None:
-        """Mean over indenters and its interval; None where one of them has no error."""
+        """Mean over indenters with interval; None if one has no error."""
         errors = self.by_indenter(pattern, method, measure)
         if errors is None:
             return None
@@ -92,7 +92,7 @@ class PatternErrors:
     def best(
         self, method: str, measure: Measure, among: Iterable[SeriesEntry]
     ) -> SeriesEntry | None:
-        """The pattern with the least error; None where none has one."""
+        """Pattern with the smallest error; None if there is none."""
         candidates = [
             (interval.value, n, p)
             for n, p in enumerate(among)
@@ -103,7 +103,7 @@ class PatternErrors:
     def error_ratio(
         self, above: Sequence[str], below: Sequence[str], method: str, level: float = 0.95
     ) -> Interval | None:
-        """Error at the dots of some patterns over that of others, by indenters; None: not known."""
+        """Ratio of the errors at the dots of two groups of patterns; None if unknown."""
         sides = []
         for names in (above, below):
             per_pattern = [self.by_indenter(name, method, "at_dots") for name in names]
@@ -115,7 +115,7 @@ class PatternErrors:
         return intervals.ratio(top, bottom, self.indenters, "indenter", level)
 
     def along_path(self, pattern: str, method: str) -> list[dict[str, Any]]:
-        """Means over frames by depth (mm) and length of drag (mm from, to), in their order."""
+        """Means over frames by depth and drag length, mm, in order."""
         parts: dict[tuple[float, int], list[NDArray[np.float64]]] = {}
         for cell in self.cells:
             if cell.pattern != pattern or method not in cell.rows:

@@ -1,8 +1,8 @@
 """The flow: error against exact truth and CPU time, on frames that the virtual camera draws.
 
-All frames are simulated (`flow_frames`). What a tracker must not believe, or should still read, is
-the last frame of a motion of 12 px, spoilt: as the first frame after the reference and after three
-whole ones, on two patterns with seeds other than those that set the thresholds.
+All frames are simulated (`flow_frames`). Robustness cases: the last frame of a 12 px motion is
+degraded or replaced, as the first frame after the reference and after three intact ones, on two
+patterns with seeds other than those that set the thresholds.
 """
 
 from __future__ import annotations
@@ -22,18 +22,19 @@ from deltact_fab.simulate import PictureGeometry
 from ..engine import Case, CurveSetting, Engine, Flagged, Work
 from .flow_frames import VIEW_MM_PER_PX, FlowSequence, Vectors, scene
 
-PIXEL_WRONG_PX = 1.0
+PIXEL_WRONG_PX = 1.0  # definition: a pixel further off counts as wrong
 OTHER_SEEDS = {"near": "other seed", "near, fine": "other seed, fine"}
-MAX_CONFIDENT_SHARE = 0.005  # share of the view that may be confident of an unrelated image
-# Of a frame that is trusted: share of the confident pixels that may be off by more than 1 px.
-MAX_WRONG_SHARE = 0.005
-# The same of a long motion, where the goal is none at all. On the coarse pattern some pixels where
-# the motion squeezes areas to half are off by up to 1.5 px (decision 0061).
+MAX_CONFIDENT_SHARE = (
+    0.005  # by hand: of the view; measured 0 (docs/evidence/flow.md)
+)
+MAX_WRONG_SHARE = 0.005  # by hand: wrong share of the confident pixels of a trusted frame
+# Same for a long motion, goal zero. On the coarse pattern some pixels where the motion halves areas
+# are off by up to 1.5 px (decision 0061).
 FAR_MAX_WRONG_SHARE = {"far": 0.0015, "far, fine": 0.0}
 
 
 class TrackedPixels(NamedTuple):
-    """What a tracker says of the last frame.
+    """Tracker result on the last frame.
 
     confident: share of the visible pixels. wrong: share of the confident ones off by over 1 px.
     """
@@ -44,7 +45,7 @@ class TrackedPixels(NamedTuple):
 
 
 def track_sequence(tracker: Any, frames: Sequence[Image], truth: FlowSequence) -> TrackedPixels:
-    """Follow frames, the first at rest, to the last, which has all of the motion of `truth`."""
+    """Track frames from rest to the last, which has the full motion of `truth`."""
     for image in frames[:-1]:
         tracker.update(image)
     estimate = tracker.update(frames[-1])
@@ -57,7 +58,7 @@ def track_sequence(tracker: Any, frames: Sequence[Image], truth: FlowSequence) -
     )
 
 
-# -- what is done to an image ----------------------------------------------------------------------
+# -- degraded images -------------------------------------------------------------------------------
 
 
 def _noisy(image: Image) -> Image:
@@ -90,7 +91,7 @@ SPOILT_IMAGES: dict[str, Callable[[Image], Image]] = {
 
 @cache
 def _track_edited(edit: str, names: tuple[str, ...], scratch: Path) -> dict[str, TrackedPixels]:
-    """What the default tracker says of one image in scenes by name, by place in the sequence."""
+    """Track an edited last frame by the default tracker; by scene and place in the sequence."""
     spoil = {**UNRELATED_IMAGES, **SPOILT_IMAGES}[edit]
     out = {}
     for name in names:
@@ -103,7 +104,7 @@ def _track_edited(edit: str, names: tuple[str, ...], scratch: Path) -> dict[str,
 
 
 def _confidence(edit: str, names: tuple[str, ...], scratch: Path) -> float:
-    """Greatest confident share. Raises Flagged where it is small and no frame is trusted."""
+    """Largest confident share. Raises Flagged if it is small and no frame is trusted."""
     outcomes = _track_edited(edit, names, scratch)
     share = max(s.confident for s in outcomes.values())
     if share <= MAX_CONFIDENT_SHARE and not any(s.trusted for s in outcomes.values()):
@@ -112,9 +113,9 @@ def _confidence(edit: str, names: tuple[str, ...], scratch: Path) -> float:
 
 
 def _max_wrong_share(edit: str, names: tuple[str, ...], scratch: Path) -> tuple[float, str]:
-    """Greatest share of the confident pixels of a trusted frame that are off by more than 1 px.
+    """Largest share of a trusted frame's confident pixels that are off by more than 1 px.
 
-    Raises Flagged where no frame is trusted.
+    Raises Flagged if no frame is trusted.
     """
     outcomes = _track_edited(edit, names, scratch)
     cover = [100 * s.confident for s in outcomes.values()]
@@ -127,7 +128,7 @@ def _max_wrong_share(edit: str, names: tuple[str, ...], scratch: Path) -> tuple[
 
 
 def hard_cases(quick: bool) -> list[Case]:
-    """What must not be trusted, nor be confident; what should still be read, or flagged."""
+    """Unrelated images, which must be refused; degraded ones, to be tracked or refused."""
     near = ("near",) if quick else tuple(OTHER_SEEDS)
     out = [
         Case(f"{edit}: not trusted", "refused", partial(_confidence, edit, near), says="flagged")
@@ -150,7 +151,7 @@ FAR_CASE = "121 px in ten frames, det F from 0.3 to 2"
 
 
 def compute_flow(method: str, pair: FlowSequence) -> Vectors:
-    """Flow (h, w, 2) px from first to last image from a cold start, as the tracker sees them."""
+    """Flow (h, w, 2), px, from the first to the last image, from a cold start."""
     return FlowMethod(method).between(
         *(FlowMethod.prepare(image) for image in (pair.images[0], pair.last))
     )
@@ -175,7 +176,7 @@ def _track_far(name: str, scratch: Path) -> Work:
 
 
 def curves(quick: bool) -> Sequence[CurveSetting]:
-    """Methods on a pair, and trackers by their reference through ten frames."""
+    """Methods on an image pair; trackers through ten frames, by reference mode."""
     millimetres = partial(
         CurveSetting, unit="mm, mean over moving pixels", reference="the field that was drawn",
         reference_error=PictureGeometry.TOLERANCE_PX * VIEW_MM_PER_PX,
@@ -203,7 +204,7 @@ def _accuracy(method: str, scratch: Path) -> float:
 
 
 def cases(quick: bool) -> Sequence[Case]:
-    """What may not be answered silently: no relation, too much motion."""
+    """Accuracy on a press; unrelated images and too much motion."""
     methods = ("fused", "dis-fast") if quick else FlowMethod.NAMES
     return [
         *(Case(f"{method}: press", "right", partial(_accuracy, method), 0.03, "mm")

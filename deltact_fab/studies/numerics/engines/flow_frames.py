@@ -1,6 +1,6 @@
-"""Frames for the flow: what the virtual camera sees of known motions, drawn once a scratch folder.
+"""Frames for the flow: known motions rendered by the virtual camera, once per scratch folder.
 
-All of it is synthetic. The truth is the displacement that the frames were drawn from.
+All synthetic. The truth is the displacement that the frames were drawn from.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ DEFAULT_SENSOR = SensorDimensions()
 DEFAULT_CAMERA = Pinhole.of(DEFAULT_SENSOR)
 VIEW_MM_PER_PX = DEFAULT_CAMERA.mm_per_px
 PICTURE_MARGIN_PX = PictureGeometry.MARGIN_PX
-MIN_MOTION_MM = 0.1  # as in the tracking error
-FRAMES_SEED = 11
+MIN_MOTION_MM = 0.1  # definition: as in the tracking error
+FRAMES_SEED = 11  # by hand: any fixed seed
 DOTS_RECIPE = load_recipe("dense-with-dots")
-# The tracker's thresholds were set on the pattern with dots: these have other seeds.
+# Seeds other than that of the dots pattern, on which the tracker's thresholds were set.
 COARSE_RECIPE = PatternRecipe(law="algorithm1", seed=23, patch_mm=0.15, r=0.1)
 FINE_RECIPE = PatternRecipe(law="algorithm1", seed=101, patch_mm=0.075, r=0.6)
 
@@ -58,13 +58,13 @@ class FlowSequence(NamedTuple):
         return self.images[-1]
 
     def in_view(self) -> NDArray[np.bool_]:
-        """Pixels (h, w) that are still in view in the last frame."""
+        """Mask (h, w) of pixels still in view in the last frame."""
         h, w = self.truth_px.shape[:2]
         x, y = np.moveaxis(self.truth_px, -1, 0) + np.meshgrid(np.arange(w), np.arange(h))
         return np.asarray((x >= 0) & (x <= w - 1) & (y >= 0) & (y <= h - 1))
 
     def moving(self) -> NDArray[np.bool_]:
-        """Pixels that are judged: a true motion of at least 0.1 mm that stays in view."""
+        """Mask (h, w) of evaluated pixels: true motion of at least 0.1 mm that stays in view."""
         size = np.hypot(*np.moveaxis(self.truth_px, -1, 0)) * VIEW_MM_PER_PX
         return np.asarray(self.in_view() & (size >= MIN_MOTION_MM))
 
@@ -78,7 +78,7 @@ class FlowSequence(NamedTuple):
 
 
 def scene(scratch: Path, name: str) -> FlowSequence:
-    """A scene by a name of `SCENES`, drawn once a scratch folder."""
+    """Load a scene of `FLOW_SCENES`; rendered once per scratch folder."""
     path = scratch / f"flow-{name}.npz"
     if not path.exists():
         cv2.setNumThreads(1)
@@ -95,7 +95,7 @@ def render_sequence(
     n_frames: int = 1,
     sensor: ImageSensor | None = None,
 ) -> FlowSequence:
-    """Rest and `n_frames` equal parts of a displacement (ny, nx, 3) on a lattice of the face."""
+    """Render rest and `n_frames` equal steps of a displacement (ny, nx, 3) on a face lattice."""
     rng = np.random.default_rng(FRAMES_SEED)
     printer = Printer()
     printed = print_colours(printer, pattern_albedo(recipe, printer.mm_per_dot), rng)
@@ -111,7 +111,7 @@ def render_sequence(
 def in_plane(
     recipe: PatternRecipe, motion: Motion, n_frames: int = 1, sensor: ImageSensor | None = None
 ) -> FlowSequence:
-    """A motion in the plane of the face, given in pixels at the pixels' places."""
+    """Render a motion in the plane of the face, given in px at pixel positions."""
     reach = PICTURE_MARGIN_PX + 2
     x_mm, y_mm = axes_mm(DEFAULT_CAMERA, reach)
     lattice = SurfaceLattice(float(x_mm[0]), float(y_mm[0]), VIEW_MM_PER_PX, len(x_mm), len(y_mm))

@@ -1,9 +1,9 @@
 """The gel at its two levels: error of force and tracked displacement against run time.
 
-One press, a sphere of 15 mm to 2 and 5 mm in the middle of the standard skin. The reference is the
-finite-strain level on two fine meshes, extrapolated at second order; what that moves the finer one
-is stated as its own error. The linear level's error is its model's, whatever its grid. The cases
-are stiff and extreme presses; a state that the solver itself does not trust counts as refused.
+One press: a 15 mm sphere to 2 and 5 mm in the middle of the standard skin. Reference: the
+finite-strain level on two fine meshes, Richardson-extrapolated at second order; its error is the
+change from the finer mesh. The linear level's error is its model's, whatever its grid. Cases:
+stiff and extreme presses; a state that the solver marks as untrusted counts as refused.
 """
 
 from __future__ import annotations
@@ -48,14 +48,14 @@ from .gel_press import (
 
 
 def solve(run: PressSetup) -> GelAnswer:
-    """The press from nothing: mesh, factors and path. Raises what the gel raises."""
+    """Solve the press from scratch: mesh, factors and path. Raises the gel's errors."""
     if run.level == "hyperelastic":
         return solve_finite(run)
     return solve_auto(run) if run.level == "auto" else solve_linear(run)
 
 
 def solve_auto(run: PressSetup) -> GelAnswer:
-    """As `gel press` does it, with its estimate."""
+    """Solve like `gel press`, with its error estimate."""
     material, indenter = GelMaterial(friction=run.friction), parse_indenter(SPHERE_INDENTER)
     press = press_gel(SkinDimensions(), material, indenter, (0.0, 0.0), run.depth_mm,
                   tolerance=run.tolerance)  # fmt: skip
@@ -68,7 +68,7 @@ def solve_auto(run: PressSetup) -> GelAnswer:
 
 
 def solve_linear(run: PressSetup) -> GelAnswer:
-    """By the linear level, on a grid of the run's spacing."""
+    """Solve at the linear level, on a grid of the run's spacing."""
     skin, material, indenter = (
         SkinDimensions(),
         GelMaterial(friction=run.friction),
@@ -84,10 +84,10 @@ def solve_linear(run: PressSetup) -> GelAnswer:
 
 
 def linear_breach(scene: GelCase, depth_mm: float, scratch: Path) -> tuple[float, str]:
-    """Of a press and a drag of 0.3 mm at the linear level, the worst breach of contact.
+    """Worst contact violation of a press and 0.3 mm drag at the linear level.
 
-    Penetration, a gap under pressure (both over the depth) and shear above friction x pressure (of
-    its largest bound), worked out anew on the whole face.
+    Penetration or gap under pressure (over the depth), or shear above friction x pressure (over its
+    largest bound), recomputed on the whole face.
     """
     face = FreeBlock(scene.skin(), scene.material(), scene.spacing_mm)
     contact = LinearContact(face, parse_indenter(scene.indenter))
@@ -108,7 +108,7 @@ FORCE_UNIT, IN_PLANE_UNIT = "% of the force", "mm rms over the face"
 
 
 def curves(quick: bool) -> Sequence[CurveSetting]:
-    """What can be repeated six times; the rest is left to `make evidence`."""
+    """Settings fast enough to repeat six times; `make evidence` has the others."""
     if quick:
         runs = [PressSetup("hyperelastic", 2.0, 0.0, h) for h in (3.0, 2.0)]
         return [_setting(r, FORCE_UNIT, True) for r in runs]
@@ -141,7 +141,7 @@ def _build(run: PressSetup, unit: str, quick: bool, scratch: Path) -> Work:
 
 
 def cases(quick: bool) -> Sequence[Case]:
-    """What takes seconds; the lines of minutes and hours are `make evidence`'s."""
+    """Cases of seconds; `make evidence` has those of minutes and hours."""
     coarse = GelCase(spacing_mm=2.0)
     out = [
         *(cases_by_poisson((0.4999,))[1:] if quick else cases_by_poisson((0.3, 0.4999))),
@@ -163,7 +163,7 @@ def cases(quick: bool) -> Sequence[Case]:
 
 
 def cases_by_poisson(nus: Sequence[float]) -> list[Case]:
-    """Presses to 5 mm at these Poisson's ratios, against a finer mesh and the energy stored."""
+    """Presses to 5 mm at these Poisson's ratios, against a finer mesh and the stored energy."""
     work = partial(checks.evaluate_law, checks.work_error_percent)
     judges = (("finer mesh", checks.mesh_error_percent, 1.0, "% of the force"),
               ("work of the indenter", work, 0.5, "% of the energy"))  # fmt: skip
@@ -175,7 +175,7 @@ def cases_by_poisson(nus: Sequence[float]) -> list[Case]:
 
 
 def cases_by_friction(frictions: Sequence[float]) -> list[Case]:
-    """Drags at these coefficients: the cone, and what the base carries."""
+    """Drags at these friction coefficients: friction cone, and force balance at the base."""
     laws = (("cone", checks.cone_excess, 5e-3, "of the bound"),
             ("base carries the force", checks.imbalance, 1e-6, "of the force"))  # fmt: skip
     return [
@@ -190,7 +190,7 @@ def cases_by_friction(frictions: Sequence[float]) -> list[Case]:
 
 
 def _linear(quick: bool) -> list[Case]:
-    """Drags at the linear level to its limits of material, friction and depth; what it refuses."""
+    """Drags at the linear level to its limits of material, friction and depth; refusals."""
     fine = GelCase("sphere:10", 0.5, friction=0.5)
     drags = [(fine, 1.2)]
     if not quick:

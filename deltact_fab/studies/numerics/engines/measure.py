@@ -1,4 +1,4 @@
-"""From the flow to force and shape: fields known in closed form, and what may not be believed."""
+"""From flow to force and shape: closed-form fields, and inputs that must be flagged."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from deltact_fab.sensor import Pinhole, SensorDimensions, axes_mm
 
 from ..engine import Case, CurveSetting, Engine, Flagged, Work
 
-SMOOTH_SIGMA_MM, FINE_SIGMA_MM = 2.0, 0.5
-STRIDES_PX = (1, 2, 4, 8, 16)
-DENT_PUSH = 0.3  # of the dent that the curves see: det from 1.7 to about 0.94
+SMOOTH_SIGMA_MM, FINE_SIGMA_MM = 2.0, 0.5  # by hand: a contact's scale, and an edge's
+STRIDES_PX = (1, 2, 4, 8, 16)  # by hand: the error is visible from 4 on
+DENT_PUSH = 0.3  # by hand: determinant from 1.7 to about 0.94, a usual press
 DEFAULT_SENSOR = SensorDimensions()
 DEFAULT_CAMERA = Pinhole.of(DEFAULT_SENSOR)
 SENSOR_VIEW = SensorModel(DEFAULT_CAMERA, DEFAULT_SENSOR.skin)
@@ -42,7 +42,7 @@ def _pixels() -> tuple[Array, Array]:
 
 
 def face(shift_mm: Array, stride: int) -> FaceFlow:
-    """A shift (h, w, 2) at every pixel of the camera, as a tracker's would be handed on."""
+    """Flow of a shift (h, w, 2), mm, at every camera pixel, averaged by stride."""
     x, y = axes_mm(DEFAULT_CAMERA)
     w, h = len(x) // stride, len(y) // stride
     x, y = (axis[: n * stride].reshape(n, stride).mean(1) for axis, n in ((x, w), (y, h)))
@@ -51,7 +51,7 @@ def face(shift_mm: Array, stride: int) -> FaceFlow:
 
 
 def block_means(values: Array, stride: int) -> Array:
-    """Over every x every pixels."""
+    """Means of stride x stride blocks."""
     h, w = (side // stride for side in values.shape[:2])
     cells = values[: h * stride, : w * stride].reshape(h, stride, w, stride, *values.shape[2:])
     return np.asarray(cells.mean(axis=(1, 3)))
@@ -66,10 +66,9 @@ def _slope(x0: float, y0: float, sigma_mm: float) -> Array:
 
 @cache
 def parts(sigma_mm: float) -> Array:
-    """Three fields (3, h, w, 2) at every pixel, mm, that the decomposition should find apart:
-    something that spreads, something that turns, and a shift with a saddle.
+    """Three fields (3, h, w, 2), mm, for the decomposition: divergence, curl, shift with saddle.
 
-    The first two end inside the view (4e-4 of their most is left at the nearest edge at 2 mm).
+    The first two decay inside the view (to 4e-4 of the peak at the nearest edge at 2 mm).
     """
     x, y = _pixels()
     ones = np.ones(np.broadcast_shapes(x.shape, y.shape))
@@ -82,9 +81,9 @@ def parts(sigma_mm: float) -> Array:
 
 
 def dent(push: float) -> Array:
-    """A spread (h, w, 2) at every pixel, mm, whose determinant at the middle is (1 + push)^2.
+    """Diverging field (h, w, 2), mm; its determinant at the middle is (1 + push)^2.
 
-    Below push = -1 the map folds.
+    Folds below push = -1.
     """
     return push * SMOOTH_SIGMA_MM * _slope(0.0, 0.0, SMOOTH_SIGMA_MM)
 
@@ -127,7 +126,7 @@ def _density(stride: int, scratch: Path) -> Work:
 
 
 def curves(quick: bool) -> Sequence[CurveSetting]:
-    """Points from every pixel to every 16th."""
+    """Errors over strides of 1 to 16 px."""
     strides = (4, 8) if quick else STRIDES_PX
     exact = partial(CurveSetting, reference="closed form", reference_error=0.0)
     hodge = [
@@ -143,13 +142,13 @@ def curves(quick: bool) -> Sequence[CurveSetting]:
 
 
 def _far_and_faint(scratch: Path) -> float:
-    """The d of a dent of 1e-3 mm on a shift of 10 mm, float32, in % of it."""
+    """Error of d of a 1e-3 mm dent on a 10 mm shift in float32, %."""
     d = block_means(parts(SMOOTH_SIGMA_MM)[0], 4) * 1e-3
     return 100 * float(np.abs(Hodge((d + 10).astype(np.float32)).d - d).max() / np.abs(d).max())
 
 
 def _light_touch(scratch: Path) -> float:
-    """By a model of deep presses alone. Raises Flagged where it says that this is beyond them."""
+    """Force of a light press by a model of deep ones. Raises Flagged if marked extrapolated."""
     rng = np.random.default_rng(0)
     features = make_features("paper", SENSOR_VIEW)
     deep = [features.of(face(k * dent(DENT_PUSH) + k**2 * parts(SMOOTH_SIGMA_MM)[1], 8))
@@ -162,7 +161,7 @@ def _light_touch(scratch: Path) -> float:
 
 
 def _folded(scratch: Path) -> float:
-    """Largest density of a map that folds. Raises Flagged where it is not to be relied on."""
+    """Largest density of a folding map. Raises Flagged if marked unreliable."""
     density = jacobian_density(face(dent(-1.6), 2), VIEW_MM_PER_PX)
     if not density.reliable.all():
         raise Flagged(f"flagged: {100 * (1 - density.cover):.0f} % of the density is not reliable")
@@ -178,7 +177,7 @@ def _wampler(scratch: Path) -> tuple[float, str]:
 
 
 def cases(quick: bool) -> Sequence[Case]:
-    """Too much, too little, too faint: right or flagged."""
+    """Inputs outside the models' range, and a NIST regression."""
     return [
         Case("1e-3 mm on a shift of 10 mm: d", "right", _far_and_faint, 2.0, "%"),
         Case("a light touch, deep presses trained on: wrench", "refused", _light_touch,

@@ -1,9 +1,9 @@
-"""The patch sampler: how near its draws are to the law of Algorithm 1, and at what cost.
+"""Patch sampler: distance of its draws to the law of Algorithm 1, and its cost.
 
-Given its left and upper neighbours a value is uniform on what they allow. So the share of the
-allowed range that lies below it is uniform on 0..1, independently for every patch and channel: the
-Kolmogorov-Smirnov distance of these shares to the uniform law is the distance of a sampler to
-Algorithm 1, for any sampler. A perfect sampler shows 1.36/sqrt(N) in one sample of twenty.
+Given its left and upper neighbours a value is uniform on the range that they allow, so the share of
+that range below it is uniform on 0..1, independently for every patch and channel. A sampler's
+distance is the Kolmogorov-Smirnov distance of these shares to the uniform law. A perfect sampler
+exceeds 1.36/sqrt(N) in one sample of twenty.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from deltact_fab.fabricate import (
 
 from ..engine import Case, CurveSetting, Engine, Work
 
-DRAW_SEED = 20210
-CURVE_TRIES = 10**7  # the tail is heavy even where it ends: 58 tries on average at r = 0.1
+DRAW_SEED = 20210  # by hand: any fixed seed
+CURVE_TRIES = 10**7  # by hand: the tail is heavy (58 tries on average at r = 0.1)
 
 
 def distance_to_law(values: NDArray[Any], r: float, levels: int | None) -> float:
@@ -52,7 +52,7 @@ def distance_to_law(values: NDArray[Any], r: float, levels: int | None) -> float
             np.where(np.isnan(neighbour), 0.0, np.clip(neighbour + above, 0, top)),
         ]
     if levels is not None and 2 * step > levels:
-        # The first patch: levels that no neighbour could answer are left out.
+        # The first patch: without levels that have no allowed neighbour.
         edges[0][0, 0], edges[1][0, 0] = levels - step, step
 
     def allowed_below(t: Field) -> Field:
@@ -60,10 +60,10 @@ def distance_to_law(values: NDArray[Any], r: float, levels: int | None) -> float
         overlap = np.maximum(np.minimum(b, d) - np.maximum(a, c), 0.0)
         return t - (b - a) - (d - c) + overlap
 
-    # Another seed than the draws': the place within the cell must not know of the value.
+    # Another seed than the draws': the position in the cell must be independent of the value.
     inside = np.random.default_rng(DRAW_SEED + 1).random(v.shape) * width
     total = allowed_below(np.full_like(v, top))
-    # Where the neighbours already break the law nothing is allowed: counted as a share of 1.
+    # No value is allowed where the neighbours violate the law: counted as a share of 1.
     share = np.where(total > 0, (allowed_below(v) + inside) / np.where(total > 0, total, 1), 1.0)
     ordered = np.sort(share.ravel())
     step_up = np.arange(ordered.size + 1) / ordered.size
@@ -97,7 +97,7 @@ def _by_rejection(n: int, r: float, scratch: Path) -> Work:
 
 
 def curves(quick: bool) -> Sequence[CurveSetting]:
-    """Exact, and the printed algorithm where it ends (r <= 1/4)."""
+    """Exact sampling, and the printed algorithm where it terminates (r <= 1/4)."""
     kinds: tuple[tuple[str, Callable[[int, float, Path], Work], tuple[int, ...], float], ...] = (
         ("exact, by anti-diagonals", _by_levels, (30, 100, 466, 1000), 1.0),
         ("as printed (rejection)", _by_rejection, (10, 30, 100), 0.25),
@@ -130,7 +130,7 @@ def _recipe(d: float, r: float, scratch: Path) -> float:
 
 
 def cases(quick: bool) -> Sequence[Case]:
-    """Ends of r, of the uniforms and of the sizes; what must be refused."""
+    """Extremes of r, uniforms and sizes; invalid inputs."""
     side, broken = 100 if quick else 466, "broken pairs"
     sizes = [(side, side, r) for r in (1e-12, 0.2500001, 0.9999)]
     sizes += [(1, 1, 0.6), (1, 500, 0.6)]

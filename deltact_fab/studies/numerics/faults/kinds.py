@@ -1,4 +1,4 @@
-"""The faults that are rehearsed: how each is made, what it may end in, how soon that is known."""
+"""Rehearsed faults: injection, allowed outcomes, detection time."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from deltact_fab.simulate import FaultBench
 
 FALSE_BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
 GARBAGE_BYTES = b"\xff\x00\x8a~|<\xff\x00\x00\xfe\r\n\xff\x00"  # one line and a part of the next
-DRIFT_S = 10.0  # to the guard's limit
-PUSH_FACTOR = 1.05  # of that limit
+DRIFT_S = 10.0  # by hand: time to the guard's limit; slower outlasts a step
+PUSH_FACTOR = 1.05  # by hand: times that limit; more may saturate the sensor
 
-# The moments of every session that are no step of it.
+# Moments outside of the steps.
 HOMING_MOMENT, BEFORE_MOVE_MOMENT = "homing", "before the first move"
 Strike = Callable[[FaultBench, float], None]
 
 
 @dataclass(frozen=True)
 class FaultKind:
-    """strike: arranges it for a time of the clock, s. says: the named errors; one of them must
-    stand in what the run ends in. success: whether the run may also do well, as if nothing were.
+    """strike: schedules the fault, s. says: error texts, one of which the run must end with.
+    success: the run may also finish undisturbed.
 
-    within_s: None where the fault is something that comes (a line, a sample): travel counts from
-    then. Else it is something that fails to come: the host can know only after a time-out, which
-    is at most so long, and travel counts from when it ended. homing: it exists then, too.
+    within_s: None if the fault is an event (a line, a sample): travel counts from it. Else a lack
+    of one, which the host detects after a timeout of at most this; travel counts from detection.
+    homing: the fault can also strike during homing.
     """
 
     name: str
@@ -34,7 +34,7 @@ class FaultKind:
     within_s: float | None = None
     homing: bool = True
     carries: bool = True
-    """Whether a stop byte can reach the board; else the move goes on to its target."""
+    """True if a stop byte can reach the board; else the move goes on to its target."""
 
 
 def _box(field: str, value: float, for_s: float = 1e6) -> Strike:

@@ -1,7 +1,7 @@
-"""A lab's own protocol and rig file through every fault, on the simulated bench in lockstep.
+"""Rehearsal of a lab's protocol and rig file under every fault, on the simulated bench.
 
-A cell is one fault at one moment: what the run ended in, how far the carriage went, and what is
-kept. It goes on with a run whose first press is committed, so that there is something to lose.
+A cell is one fault at one moment: outcome, travel and the record. It continues a run whose first
+press is committed, so that there is data to lose.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from deltact_fab.simulate import FaultBench, FaultScenario
 
 from .kinds import BEFORE_MOVE_MOMENT, FAULT_KINDS, HOMING_MOMENT, FaultKind
 
-REACTION_S = 0.010  # of motion, beyond the braking distance
-TRAVEL_ROUNDING_MM = 0.003
-HOMING_S = 60.0  # a homing board answers nothing until it is done, so that long it is waited for
+REACTION_S = 0.010  # decision 0075: travel at the feed, beyond the braking distance
+TRAVEL_ROUNDING_MM = 0.003  # decision 0075: motor steps
+HOMING_S = 60.0  # by hand: a homing board does not answer; longer hides a dead one
 STOP_BYTES = (b"\x85", b"\x18", b"!")
 PressRows = dict[str, list[tuple[Any, ...]]]
 
 
 @dataclass(frozen=True)
 class FaultOutcome:
-    """outcome: "success" or the error. travel_mm, allowed_mm: after the error; None where nothing
-    moved or nothing failed. known_s: from the fault until the host could know, or knew. wrong: what
-    is not as it must be, "" when all is. deeper_mm: than at the fault."""
+    """outcome: "success" or the error. travel_mm, allowed_mm: after the error; None if nothing
+    moved or failed. known_s: detection time. wrong: violated requirement, or "". deeper_mm: tip
+    depth beyond that at the fault."""
 
     fault: str
     moment: str
@@ -44,7 +44,7 @@ class FaultOutcome:
 
 
 class FaultMatrix:
-    """What all cells share: the undisturbed run, the one begun, and when its moments are."""
+    """Common data of all cells: the undisturbed run, the interrupted run, its moments."""
 
     def __init__(self, folder: Path, scenario: FaultScenario) -> None:
         self.folder, self.scenario = folder, scenario
@@ -54,7 +54,7 @@ class FaultMatrix:
         self.undisturbed_rows = read_press_rows(self._undisturbed)
         # A run that was stopped in its second press.
         assert run_outcome(FaultBench(self.scenario), self.begun, self._stop) != "success"
-        # The press that was cut off is done again whole: none of its rows is to be kept.
+        # The interrupted press is repeated from its start: none of its rows is kept.
         self.committed = {
             table: [row for row in part if not str(row[0]).startswith(self.scenario.second)]
             for table, part in read_press_rows(self.begun).items()
@@ -62,7 +62,7 @@ class FaultMatrix:
         self.at_s = self._moments()
 
     def run_cell(self, fault: FaultKind, moment: str, folder: Path) -> FaultOutcome:
-        """Strike, end, mend, resume, compare. folder: of the run, which is gone afterwards."""
+        """Inject a fault, repair, resume, compare. folder: of the run; removed at the end."""
         shutil.copytree(self.begun, folder)
         try:
             bench, at_s = FaultBench(self.scenario), self.at_s[moment]
@@ -70,7 +70,7 @@ class FaultMatrix:
             result = FaultOutcome(fault.name, moment, run_outcome(bench, folder))
             ended_ns = bench.clock.now_ns()
             FaultBench.free_disk()
-            bench.clock.sleep_s(60.0)  # all rests, and silence is over
+            bench.clock.sleep_s(60.0)  # until everything is at rest
             if result.outcome != "success":
                 result = measure_travel(bench, fault, result, at_s, ended_ns)
             wrong = end_error(fault, result) or self.resume_error(bench, folder, result.outcome)
@@ -80,9 +80,9 @@ class FaultMatrix:
             shutil.rmtree(folder)
 
     def difference(self, folder: Path, all_rows: bool = True) -> str:
-        """What of a finished record is not as in the undisturbed one, "" if nothing is.
+        """First difference of a finished record from the undisturbed one, or "".
 
-        all_rows: not only ids and images have to be the same.
+        all_rows: compare all rows, not only ids and images.
         """
         rows = read_press_rows(folder)
         for table in rows if all_rows else ():
@@ -98,7 +98,7 @@ class FaultMatrix:
         return ""
 
     def lost_row(self, folder: Path, committed: PressRows) -> str:
-        """What was committed and is not there any more."""
+        """First committed row that is missing or changed, or ""."""
         current = read_press_rows(folder)
         for table in ("frames", "steps"):
             by_id = {row[0]: row for row in current[table]}
@@ -108,15 +108,14 @@ class FaultMatrix:
         return ""
 
     def resume_error(self, bench: FaultBench, folder: Path, outcome: str) -> str:
-        """The fault is gone; the same board, as it was left, serves another session: what is wrong
-        with the record then."""
+        """Resume on the same board without the fault; return the record's first error, or ""."""
         if row_error := self.lost_row(folder, self.committed):
             return row_error
         if outcome != "success":
             bench.mend()
             if (ending := run_outcome(bench, folder)) != "success":
                 return f"cannot be resumed: {ending}"
-        # A run that bore the fault may have its times and samples moved by it; not its images.
+        # A fault that a run survives may change times and samples, not images.
         return self.lost_row(folder, self.committed) or self.difference(
             folder, outcome != "success"
         )
@@ -126,7 +125,7 @@ class FaultMatrix:
             raise KeyboardInterrupt
 
     def _moments(self) -> dict[str, float]:
-        """When they are in the session of a cell, in which nothing goes wrong."""
+        """Times of the moments, s, in an undisturbed session of a cell."""
         folder = self.folder / "timed"
         shutil.copytree(self.begun, folder)
         bench = FaultBench(self.scenario)
@@ -141,7 +140,7 @@ class FaultMatrix:
             HOMING_MOMENT: began_ns / 1e9 + 0.3,  # Z is on its way up, at full speed
             BEFORE_MOVE_MOMENT: float(events[events["kind"] == "homed"]["t_s"].max()),
         }
-        # Every change of state, and a moment drawn between.
+        # Every change of state, and a random moment between.
         draw = random.Random(0)
         for name, row in ((str(name), row) for name, row in steps.items()):
             if name.startswith(f"{second}/"):
@@ -152,7 +151,7 @@ class FaultMatrix:
 
 
 def run_outcome(bench: FaultBench, folder: Path, progress: Any = None) -> str:
-    """What a session ends in: "success" or its error."""
+    """Run a session; return "success" or its error."""
     try:
         bench.run(folder, progress)
     except DeltactFabError as error:
@@ -161,9 +160,9 @@ def run_outcome(bench: FaultBench, folder: Path, progress: Any = None) -> str:
 
 
 def end_error(fault: FaultKind, result: FaultOutcome) -> str:
-    """What of an end is not as the fault lets it be, "" if all is."""
+    """First violation of the fault's allowed outcome, or ""."""
     if result.outcome == "success":
-        return "" if fault.success else "success, and an error was due"
+        return "" if fault.success else "success, expected an error"
     if not any(words in result.outcome for words in fault.says):
         return "another error than the fault's"
     if result.wrong or result.travel_mm is None or result.known_s is None:
@@ -179,10 +178,10 @@ def end_error(fault: FaultKind, result: FaultOutcome) -> str:
 def measure_travel(
     bench: FaultBench, fault: FaultKind, result: FaultOutcome, at_s: float, ended_ns: int
 ) -> FaultOutcome:
-    """How far the carriage went after the error, and how far it may have.
+    """Travel of the carriage after the error, and its limit.
 
-    Counted from when the fault had come to the host, or from its stop byte where that had to wait
-    for a time-out; to rest, over every line begun before the stop byte. A lift is begun after it.
+    From the fault's arrival at the host, or from the stop byte if the host had to time out; to
+    rest, over every line begun before the stop byte. A lift begins after it.
     """
     at_ns = bench.struck_ns(at_s)
     segments = bench.board.segments
@@ -205,7 +204,7 @@ def measure_travel(
         speed, accel = max(speeds, default=0.0), min(s.accel_mm_s2 for s in moves)
         legs_mm = [math.dist(s.position_mm(max(known_ns, s.start_ns)), s.end_mm) for s in moves]
         limit_mm = speed**2 / (2 * accel) + speed * REACTION_S if fault.carries else None
-        if not fault.carries and moves[-1].end_mm[2] <= moves[0].start_mm[2]:  # a dead man
+        if not fault.carries and moves[-1].end_mm[2] <= moves[0].start_mm[2]:  # link-loss stop
             limit_mm = speed * max(GrblStage.planned_ahead_s, speed / accel)
         allowed_mm = None if limit_mm is None else limit_mm + TRAVEL_ROUNDING_MM
         result = replace(result, travel_mm=sum(legs_mm), allowed_mm=allowed_mm)
@@ -218,12 +217,12 @@ def measure_travel(
     return result
 
 
-SHORT_CELLS = len(FAULT_KINDS)  # faults at moments, where not all are asked for
+SHORT_CELLS = len(FAULT_KINDS)  # cells of a rehearsal that is not thorough
 
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """cells: what each fault did. moments: when, in order. of: how many there would be in all."""
+    """cells: outcomes. moments: names, in order. total: number of cells of a thorough rehearsal."""
 
     cells: tuple[FaultOutcome, ...]
     moments: tuple[str, ...]
@@ -255,9 +254,9 @@ class Rehearsal:
 def rehearse(
     scenario: FaultScenario, thorough: bool, progress: Progress | None = None
 ) -> Rehearsal:
-    """Rehearse every fault, at every moment or at some of them, each moment met by some fault.
+    """Rehearse every fault at every moment, or a subset that covers all faults and moments.
 
-    Raises RunFailed where the undisturbed run ends in an error.
+    Raises RunFailed if the undisturbed run ends in an error.
     """
     with tempfile.TemporaryDirectory(prefix="deltact-fab-") as name:
         folder = Path(name)
@@ -285,7 +284,7 @@ def rehearse(
 
 
 def _covering(pairs: list[tuple[str, str]]) -> list[tuple[str, str]]:
-    """SHORT of them in which every fault and every moment stands as often as any other can."""
+    """SHORT_CELLS pairs with faults and moments as evenly represented as possible."""
     chosen: list[tuple[str, str]] = []
     while len(chosen) < SHORT_CELLS:
         words = [word for pair in chosen for word in pair]
