@@ -1,4 +1,4 @@
-"""Offline HTML pages of the engines (error against CPU time, stability) and of a rehearsal."""
+"""Offline HTML pages of the engine benchmark and of a rehearsal."""
 
 from __future__ import annotations
 
@@ -51,24 +51,24 @@ def write_numerics_page(data: dict[str, Any], out: Path) -> Path:
 
 
 def _stability_check(rows: Sequence[dict[str, Any]]) -> Check:
-    """What came of the stiff and extreme cases."""
+    """Verdict on the stiff and extreme cases."""
     wrong, n = [r["case"] for r in rows if r["outcome"] == "wrong"], len(rows)
     if wrong:
         are = "is" if len(wrong) == 1 else "are"
         text = f"{len(wrong)} of {n} stiff and extreme cases {are} wrong: {'; '.join(wrong)}."
-        return Check("cases", value=f"{text} Do not trust what rests on them.", status="fail")
+        return Check("cases", value=f"{text} Do not trust results of these engines.", status="fail")
     return Check(
         "cases",
-        value=f"All {n} stiff and extreme cases came out as they must: right within their bounds, "
-        "or refused. The engines can be trusted within the errors below that are against an "
-        "independent reference; a self-test shows no accuracy.",
+        value=f"{n}/{n} stiff and extreme cases passed: right within their bounds, or refused. The "
+        "engines can be trusted within the errors below that are against an independent reference; "
+        "a self-test does not show accuracy.",
     )
 
 
 def error_against_time(rows: Sequence[dict[str, Any]]) -> Figure:
-    """One case: error against CPU time, both logarithmic, a line a series, the front ringed.
+    """Plot error against CPU time of one case, log-log, a line per series, Pareto front ringed.
 
-    A mark is at the best time, its bar ends at the slowest.
+    Marks at the best time; bars to the slowest.
     """
     figure, (axis,) = figures.create_figure(5.0, 4.4)
     valid = [r for r in rows if r["error"] is not None and r["error"] > 0]
@@ -78,7 +78,7 @@ def error_against_time(rows: Sequence[dict[str, Any]]) -> Figure:
         best, slowest = ([r[key] * 1e3 for r in part] for key in ("cpu_s", "cpu_most_s"))
         errors = [r["error"] for r in part]
         colour = figures.SERIES_COLOURS[i % len(figures.SERIES_COLOURS)]
-        # Names with a number in them are steps of one knob and are joined; methods are not.
+        # Names with a number are values of one parameter and are joined; methods are not.
         ladder = all(any(c.isdigit() for c in r["setting"]) for r in part)
         axis.plot(best, errors, marker=figures.SERIES_MARKERS[i % len(figures.SERIES_MARKERS)],
                   color=colour, ms=6, lw=1.0, ls="-" if ladder else "none", label=name)  # fmt: skip
@@ -94,7 +94,7 @@ def error_against_time(rows: Sequence[dict[str, Any]]) -> Figure:
             min(r["cpu_s"] for r in valid) * 1e3 / 1.6, max(r["cpu_most_s"] for r in valid) * 2.8e3
         )
         axis.set_ylim(min(r["error"] for r in valid) / 1.8, max(r["error"] for r in valid) * 2.2)
-    axis.set_xlabel("CPU time, milliseconds: best of the runs, bar to the slowest")
+    axis.set_xlabel("CPU time, ms: best of the runs, bar to the slowest")
     axis.set_ylabel(f"error, {rows[0]['unit']}")
     title = textwrap.fill(rows[0]["case"], 52)
     axis.set_title(title, loc="left", fontweight="bold", fontsize=9.5)
@@ -104,14 +104,14 @@ def error_against_time(rows: Sequence[dict[str, Any]]) -> Figure:
 
 
 FAULT_COLUMNS = {
-    "fault": "fault", "moment": "when", "outcome": "what the operator reads",
+    "fault": "fault", "moment": "when", "outcome": "message to the operator",
     "deeper_mm": "lower, mm", "wrong": "with --resume",
 }  # fmt: skip
 
 
 def write_rehearsal_page(report: dict[str, Any], protocol: str, rig: str, out: Path) -> list[Path]:
-    """Write rehearsal.html and rehearsal.json of `Rehearsal.as_dict()` into a folder; the files."""
-    rows = [{**c, "wrong": c["wrong"] or "the same record"} for c in report["cells"]]
+    """Write rehearsal.html and .json of `Rehearsal.as_dict()` into a folder; return the files."""
+    rows = [{**c, "wrong": c["wrong"] or "same record"} for c in report["cells"]]
     marks = ["" if c["passed"] else "bad" for c in rows]
     frame = pd.DataFrame(rows, columns=list(FAULT_COLUMNS)).round(2)
     cells = html_table(frame, FAULT_COLUMNS, marks)

@@ -1,4 +1,4 @@
-"""One offline HTML page of a pattern series: what each looks like, its figures, the paper's."""
+"""Offline HTML page of a pattern series: views, figures, and the paper's errors."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
 
 
 ASSUMED_NOTE = (
-    "Printer and camera are assumed values of a model, so this ranks patterns and predicts no "
-    "error in millimetres: measure your own before you choose."
+    "Printer and camera parameters are assumed, so this ranks patterns and does not predict errors "
+    "in mm: measure your own before you choose."
 )
 
 
 def write_patterns_page(folder: Path) -> Path:
     """Write patterns.html into the folder of a series, from its quality.json and views.
 
-    Raises InputError for a folder that holds no series, MissingLibrary without the extra `report`,
-    RunFailed when the disk refuses.
+    Raises InputError for a folder without a series, MissingLibrary without the extra `report`,
+    RunFailed if the disk refuses.
     """
     series = PatternSeries.load(folder)
     data = series.figures
@@ -60,23 +60,23 @@ def write_patterns_page(folder: Path) -> Path:
 
 
 def _best_check(rows: list[dict[str, Any]], visible: list[dict[str, Any]]) -> Check:
-    """What can be tracked best; the unseen have the gradient of halftone and noise, not theirs."""
+    """Verdict: patterns with most texture; unseen ones have only halftone and noise."""
     if not visible:
-        text = f"The camera sees none of the {len(rows)} patterns: nothing here can be tracked."
+        text = f"The camera resolves 0 of {len(rows)} patterns: none can be tracked."
         return Check("patterns", value=text, status="fail")
     small = max(visible, key=lambda row: _photographed(row)["mean_gradient"])
     large = max(visible, key=lambda row: sum(_photographed(row)["contrast"][3:5]))
     return Check(
         "patterns",
-        value=f"The camera still sees {len(visible)} of {len(rows)} patterns: of these "
-        f"d {small['d_mm']}, r {small['r']} has the most to track in small motion and "
-        f"d {large['d_mm']}, r {large['r']} in large motion.",
+        value=f"The camera resolves {len(visible)} of {len(rows)} patterns; most texture for small "
+        f"motion: d {small['d_mm']}, r {small['r']}; for large motion: d {large['d_mm']}, "
+        f"r {large['r']}.",
         status=graded(True, warns=len(visible) < len(rows)),
     )
 
 
 def _view(series: PatternSeries, name: str) -> str:
-    """A pattern's view, as a data URL."""
+    """View of a pattern, as a data URL."""
     return "data:image/png;base64," + base64.b64encode(series.view(name)).decode()
 
 
@@ -85,7 +85,7 @@ def _photographed(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def _row(row: dict[str, Any]) -> dict[str, Any]:
-    """What predicts tracking, as the camera sees a pattern; quality.csv has all, designed too."""
+    """Row of figures that predict tracking, as photographed; quality.csv has all."""
     figures_seen, quality = _photographed(row), row["quality"]
     paper = row["paper_error_mm"]
     return {
@@ -97,7 +97,7 @@ def _row(row: dict[str, Any]) -> dict[str, Any]:
         "contrast at level 4": round(figures_seen["contrast"][4], 1),
         "second peak": round(figures_seen["peak"], 2),
         "at, mm": figures_seen["peak_mm"] and round(figures_seen["peak_mm"], 2),
-        "camera px a patch": round(quality["px_a_patch"], 2),
+        "camera px per patch": round(quality["px_a_patch"], 2),
         "left on the print, %": round(100 * quality["print_contrast"]),
         "left in the camera, %": round(100 * quality["camera_contrast"]),
         "lost": "" if quality["seen"] else "not seen",
@@ -105,7 +105,7 @@ def _row(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def plot_predictors(rows: Sequence[dict[str, Any]]) -> Figure:
-    """Mean gradient, and contrast at pyramid levels 3 and 4, as the camera sees them, by patch."""
+    """Plot mean gradient and contrast at pyramid levels 3 and 4, as photographed, by patch."""
     panels = {
         "mean gradient, grey levels/px": [_photographed(row)["mean_gradient"] for row in rows],
         "contrast at level 3, grey levels": [_photographed(row)["contrast"][3] for row in rows],

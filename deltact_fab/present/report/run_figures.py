@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
     from deltact_fab.estimate import TrackingResult
 
-MAX_METHODS = 4
+MAX_METHODS = 4  # by hand: more curves hide each other
 
 
 def _plotted_methods(tracking: TrackingResult) -> list[tuple[str, dict[str, Any]]]:
-    """Methods whose error is known, MOST_METHODS at most, with their colours; the table has all.
+    """Methods with a known error and their colours, MAX_METHODS at most; the table has all.
 
-    The recommended one, the paper's, the fastest and the most exact come first.
+    First the recommended, the paper's, the fastest and the most accurate.
     """
     verdict = tracking.verdict
     rated = [m for m in tracking.methods if verdict.error and m[verdict.error] is not None]
@@ -44,7 +44,7 @@ def _plotted_methods(tracking: TrackingResult) -> list[tuple[str, dict[str, Any]
 
 
 def plot_error_by_step(tracking: TrackingResult) -> Figure | None:
-    """The error that was judged against the frame, a panel an indenter; None without any."""
+    """Plot the verdict's error against the frame, a panel per indenter; None without any."""
     frames, error, methods = tracking.frames, tracking.verdict.error, _plotted_methods(tracking)
     if not methods:
         return None
@@ -65,7 +65,7 @@ def plot_error_by_step(tracking: TrackingResult) -> Figure | None:
 
 
 def plot_error_by_time(tracking: TrackingResult) -> Figure | None:
-    """Plot error against CPU time a frame, one mark a method; None without any error."""
+    """Plot error against CPU time per frame, a mark per method; None without any error."""
     verdict, methods = tracking.verdict, _plotted_methods(tracking)
     if not methods:
         return None
@@ -86,7 +86,7 @@ def plot_error_by_time(tracking: TrackingResult) -> Figure | None:
     set_log_scale(axis, "xy")
     times = [row["ms_per_frame"] for _, row in methods]
     axis.set_xlim(min(times) / 1.6, max(times) * 2.2)
-    axis.set_xlabel("CPU time a frame, ms: median, one thread")
+    axis.set_xlabel("CPU time per frame, ms: median, one thread")
     axis.set_ylabel(f"mean error, mm{', simulated' if tracking.simulated else ''}")
     for marker, face, words in (
         ("o", SOFT_COLOUR, f"{verdict.error_words}, reliable"),
@@ -100,7 +100,7 @@ def plot_error_by_time(tracking: TrackingResult) -> Figure | None:
 
 
 def plot_deepest_presses(presses: Sequence[DeepestPress]) -> Figure:
-    """A panel an indenter: depth as a map, flow as arrows, contact in white."""
+    """Plot a panel per indenter: depth map, flow arrows, contact in white."""
     figure, axes = figures.create_panels(
         len(presses), 0.9 + 4.8 / min(figures.PANELS_PER_ROW, len(presses)), False
     )
@@ -111,13 +111,13 @@ def plot_deepest_presses(presses: Sequence[DeepestPress]) -> Figure:
 
 def _panel(axis: Axes, press: DeepestPress) -> None:
     flow, shape = press.result.flow, press.result.shape
-    assert flow is not None, "all that can be measured is"
-    assert shape is not None, "all that can be measured is"
+    assert flow is not None, "all measurable results are present"
+    assert shape is not None, "all measurable results are present"
     if shape.depth is None:
         values, words = np.where(shape.density.reliable, shape.relative, np.nan), "relative depth"
     else:
         values, words = np.where(shape.depth.known, shape.depth.depth_mm, np.nan), "depth, mm"
-    axis.set_facecolor("#8a8f99")  # where nothing is known
+    axis.set_facecolor("#8a8f99")  # unknown values
     top = float(np.nanmax(values, initial=2 * maps.MIN_ARROW_MM))
     maps.draw_map(axis, shape.x_mm, shape.y_mm, values, "magma", 0, top, words)
     shift_mm = np.where(flow.known[..., None], flow.shift_mm, np.nan)
@@ -129,7 +129,7 @@ def _panel(axis: Axes, press: DeepestPress) -> None:
 
 
 def plot_force_motion(t_s: pd.Series[float], frames: pd.DataFrame, moved_px: list[float]) -> Figure:
-    """Of an imported run, over time: force on the sensor, and how far the picture moved."""
+    """Plot force on the sensor and image motion of an imported run over time."""
     columns = [name for name in RunMeasurement.FORCE_COLUMNS if frames[name].notna().any()]
     figure, axes = figures.create_panels(2 if columns else 1, 3.4, share_y=False)
     for axis in axes:
@@ -140,15 +140,14 @@ def plot_force_motion(t_s: pd.Series[float], frames: pd.DataFrame, moved_px: lis
         axes[0].set_ylabel("force on the sensor, N")
         draw_legend(figure, axes[0])
     axes[-1].plot(t_s, moved_px, color=SOFT_COLOUR, lw=1.2)
-    axes[-1].set_ylabel("mean motion of the picture, px")
+    axes[-1].set_ylabel("mean image motion, px")
     return figure
 
 
 def plot_force_by_frame(frames: pd.DataFrame) -> Figure:
-    """Force on the sensor against the frame, a panel an indenter.
+    """Plot force on the sensor against the frame, a panel per indenter.
 
-    Where the flow was asked (columns of `Force.frames`), what was measured lies thick and pale
-    under what the flow says of it.
+    With estimates from the flow (columns of `Force.frames`), the sensor's force is thick and pale.
     """
     indenters = list(dict.fromkeys(frames["indenter"]))
     estimated = f"{RunMeasurement.FORCE_COLUMNS[0]}_est" in frames
@@ -165,9 +164,9 @@ def plot_force_by_frame(frames: pd.DataFrame) -> Figure:
             axis.plot(index, force_n, color=colour, lw=1.2, label=label)
         if estimated:
             axis.plot([], [], color=SOFT_COLOUR, lw=4, alpha=0.4, label="force sensor")
-            axis.plot([], [], "|", color=figures.DOUBT_COLOUR, ms=9, label="not to be trusted")
+            axis.plot([], [], "|", color=figures.DOUBT_COLOUR, ms=9, label="untrusted")
             doubtful = index[(part["extrapolated"] | ~part["trusted"]).to_numpy()]
-            for number in doubtful:  # an empty plot off the axes would leave no room for them
+            for number in doubtful:  # one by one: plots only the marks
                 axis.plot(number, 0, "|", color=figures.DOUBT_COLOUR, ms=9, clip_on=False,
                           transform=axis.get_xaxis_transform())  # fmt: skip
         label_frames(axis, part["step_id"])
@@ -178,14 +177,14 @@ def plot_force_by_frame(frames: pd.DataFrame) -> Figure:
 
 
 def plot_predicted_force(result: ForceResult) -> ReportFigure:
-    """Plot predicted against measured force of a calibration, with the origin of its data."""
+    """Plot predicted against measured force of a calibration, with its data's origin."""
     caption = "Predicted against measured force. Each point by a model fitted without it: "
     words = f"{caption}{result.SPLITS[result.best.ranked_by]}."
     return ReportFigure("force-predicted", words, partial(_predicted, result))
 
 
 def _predicted(result: ForceResult) -> Figure:
-    """A row a model (the paper's, the best), a panel a component, a colour an indenter."""
+    """Rows: models (paper, best); panels: components; colours: indenters."""
     models = {model.name: model for model in (result.paper, result.best)}.values()
     figure, axes = figures.create_figure(9.6, 3.3 * len(models), 3, share_y=False, rows=len(models))
     balls = list(dict.fromkeys(result.data.points["indenter"]))

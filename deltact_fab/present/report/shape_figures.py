@@ -1,4 +1,4 @@
-"""Maps of the face: the paper's gallery of shapes, depth against truth, and force distribution."""
+"""Maps of the face: the paper's gallery of shapes, depth errors, force distribution."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ if TYPE_CHECKING:
     from deltact_fab.estimate import ContactRegion, ShapeMaps
 
 
-MAX_COLUMNS = 4
-RELIEF_LINE_MM = 0.5  # between the lines of a surface
-OBJECT_TOP_MM = 4.0  # of an object, above its tip
-MAP_PERCENTILE = 99.5  # percentile of a map that is full scale: single points do not fade the rest
+GALLERY_COLUMNS = 4  # paper: its figure has four shapes
+RELIEF_LINE_MM = 0.5  # by hand: spacing of surface lines; less is black
+OBJECT_TOP_MM = 4.0  # by hand: drawn height of an object above its tip
+MAP_PERCENTILE = 99.5  # by hand: full scale of a map; single points do not fade the rest
 
 
 def plot_gallery(pictures: Sequence[ShapeMaps], note: str) -> Figure:
-    """Plot a column a press: object, image with flow, density, surface.
+    """Plot a column per press: object, image with flow, density, surface.
 
-    As the paper's figure of four shapes has it, of the first COLUMNS.
+    Like the paper's figure of four shapes; the first GALLERY_COLUMNS presses.
     """
-    maps = list(pictures)[:MAX_COLUMNS]
+    maps = list(pictures)[:GALLERY_COLUMNS]
     rows = {_object: 0.75, _flow: 1.1, _density: 1.35, _surface: 0.9}
     figure, axes = figures.create_figure(
         2.5 * len(maps) + 0.1, 2.0 * sum(rows.values()) + 0.4, len(maps), share_y=False,
@@ -42,7 +42,7 @@ def plot_gallery(pictures: Sequence[ShapeMaps], note: str) -> Figure:
     axes[0].get_gridspec().set_height_ratios(list(rows.values()))
     suffix = "" if len(maps) == len(pictures) else f"; {len(maps)} of {len(pictures)} presses"
     figure.suptitle(
-        f"{note}{suffix}\narrows: flow; dotted: as far as the density is reliable", fontsize="small"
+        f"{note}{suffix}\narrows: flow; dotted: limit of the reliable density", fontsize="small"
     )
     for k, axis in enumerate(axes):
         row, column = divmod(k, len(maps))
@@ -51,11 +51,11 @@ def plot_gallery(pictures: Sequence[ShapeMaps], note: str) -> Figure:
 
 
 def plot_depth_against_truth(pictures: Sequence[ShapeMaps], note: str) -> Figure:
-    """Plot a column a press: a section through the tip, and the map of the error.
+    """Plot a column per press: a section through the tip, and the error map.
 
-    Of those with truth, COLUMNS of them; there must be one.
+    The first GALLERY_COLUMNS presses with truth, at least one.
     """
-    compared = [p for p in pictures if p.true_depth_mm is not None][:MAX_COLUMNS]
+    compared = [p for p in pictures if p.true_depth_mm is not None][:GALLERY_COLUMNS]
     figure, axes = figures.create_figure(
         2.5 * len(compared) + 0.1, 5.2, len(compared), share_y=False, rows=2
     )
@@ -68,7 +68,7 @@ def plot_depth_against_truth(pictures: Sequence[ShapeMaps], note: str) -> Figure
 
 
 def _object(figure: Figure, place: Axes, picture: ShapeMaps, first: bool) -> None:
-    """The indenter, its tip upwards."""
+    """Plot the indenter, tip upwards."""
     from matplotlib.colors import LightSource
 
     if picture.indenter == Run.UNKNOWN:
@@ -77,7 +77,7 @@ def _object(figure: Figure, place: Axes, picture: ShapeMaps, first: bool) -> Non
         return
     indenter = picture.pressed
     half = 1.02 * _reach_mm(indenter)
-    # Around the axis, so that the walls of what is turned come out smooth.
+    # Polar grid: smooth walls of solids of revolution.
     radius, angle = np.meshgrid(np.linspace(0, half, 91), np.linspace(0, 2 * np.pi, 73))
     x, y = radius * np.cos(angle), radius * np.sin(angle)
     z = OBJECT_TOP_MM - np.minimum(indenter.height_mm(x, y), OBJECT_TOP_MM)
@@ -94,7 +94,7 @@ def _object(figure: Figure, place: Axes, picture: ShapeMaps, first: bool) -> Non
 
 
 def _reach_mm(indenter: Indenter) -> float:
-    """Largest distance from the axis of what is drawn of it."""
+    """Largest radius of the drawn part of the indenter, mm."""
     half = max(indenter.footprint_half_mm)
     x, y = np.meshgrid(*(2 * [np.linspace(-half, half, 201)]))
     return float(np.hypot(x, y)[indenter.height_mm(x, y) < OBJECT_TOP_MM].max())
@@ -117,7 +117,7 @@ def _density(figure: Figure, axis: Axes, picture: ShapeMaps, first: bool) -> Non
 
 
 def _surface(figure: Figure, place: Axes, picture: ShapeMaps, first: bool) -> None:
-    """The depth as a relief: what presses stands up, as in the paper."""
+    """Plot the depth as a surface, deepest upwards, as in the paper."""
     from matplotlib.ticker import MultipleLocator
 
     axis = space_axes(figure, place)
@@ -137,8 +137,8 @@ def _surface(figure: Figure, place: Axes, picture: ShapeMaps, first: bool) -> No
 
 
 def _section(axis: Axes, picture: ShapeMaps, first: bool) -> None:
-    """Depth along x through the tip: measured, true, and the object itself where it was put."""
-    assert picture.true_depth_mm is not None, "of those with truth"
+    """Plot depth along x through the tip: measured, true, and the object."""
+    assert picture.true_depth_mm is not None, "a press with truth"
     row = int(np.argmin(np.abs(picture.flow.y_mm - picture.tip_mm[1])))
     x = picture.flow.x_mm
     line_x = np.linspace(x[0], x[-1], 801)
@@ -168,7 +168,7 @@ def _error(axis: Axes, picture: ShapeMaps, first: bool) -> None:
                "measured - true depth, mm", "bottom")  # fmt: skip
     draw_outlines(axis, picture.contacts, "black")
     draw_true_contact(axis, picture, SERIES_COLOURS[4])
-    axis.plot([], [], color=figures.INK_COLOUR, lw=1.3, label="contact found")
+    axis.plot([], [], color=figures.INK_COLOUR, lw=1.3, label="measured contact")
     axis.plot([], [], color=SERIES_COLOURS[4], lw=1.3, ls="--", label="true contact")
     format_map(axis, window_mm(picture), first)
 
@@ -180,23 +180,20 @@ def _deepest(picture: ShapeMaps) -> float:
 
 
 def _window_index(picture: ShapeMaps) -> tuple[Array, ...]:
-    """What is shown of a map, as its index."""
+    """Index of the shown part of a map."""
     sides = zip((picture.flow.x_mm, picture.flow.y_mm), window_mm(picture), strict=True)
     columns, rows = (np.flatnonzero((v >= low) & (v <= high)) for v, (low, high) in sides)
     return np.ix_(rows, columns)
 
 
-KPA_PER_MPA = 1e3  # of an MPa
-MIN_KPA = 2.0  # full scale at the least
-FORCE_PERCENTILE = 98  # percentile that is full scale
+KPA_PER_MPA = 1e3  # exact
+MIN_KPA = 2.0  # by hand: smallest full scale; less shows noise
+FORCE_PERCENTILE = 98  # by hand: full scale; single nodes at an edge do not darken the rest
 FORCE_MAP = "magma"
 
 
 def plot_distribution(picture: ShapeMaps, note: str) -> Figure:
-    """Plot the measured forces above, and the true ones below where they are known, on one scale.
-
-    Of a picture with tractions.
-    """
+    """Plot measured forces above, true ones below if known, on one scale; needs tractions."""
     fields = [
         (words, x_mm, y_mm, -KPA_PER_MPA * mpa[..., 2], KPA_PER_MPA * mpa[..., :2])
         for words, (x_mm, y_mm, mpa) in picture.tractions
@@ -219,7 +216,7 @@ def plot_distribution(picture: ShapeMaps, note: str) -> Figure:
         draw_arrows(shear_axis, x_mm, y_mm, shear_kpa, picture.tip_mm, shear)
         shear_axis.set_title(f"shear force, {words}", fontsize=TITLE_SIZE)
         for axis in (normal_axis, shear_axis):
-            axis.set_facecolor("black")  # where nothing was looked for, nothing presses
+            axis.set_facecolor("black")  # outside of the estimate
             if words == "true":
                 draw_true_contact(axis, picture, "white", "-")
             else:
@@ -229,7 +226,7 @@ def plot_distribution(picture: ShapeMaps, note: str) -> Figure:
 
 
 def _full_scale(values: Array) -> float:
-    """Full scale of what is not 0: single nodes at an edge do not darken the rest."""
+    """Full scale of the loaded values."""
     loaded = values[values > 0.02 * values.max(initial=0)]
     return float(np.percentile(loaded, FORCE_PERCENTILE)) if loaded.size else 0.0
 
@@ -252,9 +249,9 @@ def _depth(axis: Axes, picture: ShapeMaps) -> None:
 
 
 def _force_words(picture: ShapeMaps) -> str:
-    """The two totals, in words."""
+    """Total forces in words: estimated and measured."""
     parts, wrench = [], picture.wrench
-    totals = [] if wrench is None else [("found", wrench.force_n, float(wrench.torque_nmm[2]))]
+    totals = [] if wrench is None else [("estimated", wrench.force_n, float(wrench.torque_nmm[2]))]
     for words, force, torque in (*totals, ("force sensor", picture.force_n, picture.torque_z_nmm)):
         if force is not None:
             x, y, z = (float(v) + 0.0 for v in np.round(force, 2))
@@ -264,31 +261,31 @@ def _force_words(picture: ShapeMaps) -> str:
     return "\n".join([title + f"{picture.tip_depth_mm:.2f} mm deep", *parts])
 
 
-# -- parts of these figures: around a press, seen as the camera sees it ----------------------------
+# -- parts of these figures: around a press, in the camera's orientation ---------------------------
 
 HALF_MM = 8.0
-"""Shown of the face to each side of the tip, as far as the view goes."""
+"""By hand: half width of the shown face around the tip; clipped to the view."""
 ARROW_STEP_MM = 1.5
-"""Between arrows: sparse, as the paper's figure of the force distribution has them."""
-MIN_ARROW_MM = 0.02
+"""By hand: arrow spacing, sparse as in the paper's force distribution."""
+MIN_ARROW_MM = 0.02  # by hand: smallest full scale; less shows noise
 ARROW_COLOUR = "#7fe0ff"
 TICK_SIZE, LABEL_SIZE, TITLE_SIZE = "x-small", "small", "small"
-"""Sizes of letters, of those that the page or the paper has."""
+"""Font sizes, relative to that of page or paper."""
 
 Window = Sequence[Sequence[float] | Array]
-"""Limits (low, high) of what is shown in x and in y."""
+"""Shown limits (low, high) in x and in y."""
 
 
 def window_mm(picture: ShapeMaps) -> Window:
-    """What is shown around a press."""
-    assert picture.edges_mm is not None, "of those that are drawn"
+    """Shown part of the face around a press."""
+    assert picture.edges_mm is not None, "a press with an image"
     left_mm, right, top, bottom = picture.edges_mm
     limits = zip(picture.tip_mm[:2], (left_mm, top), (right, bottom), strict=True)
     return [np.clip([mid - HALF_MM, mid + HALF_MM], low, high) for mid, low, high in limits]
 
 
 def format_map(axis: Axes, window: Window, first: bool = True, last: bool = True) -> None:
-    """Limits and labels of a map; first in its row, last in its column."""
+    """Set limits and labels of a map; first in its row, last in its column."""
     from matplotlib.ticker import MultipleLocator
 
     axis.grid(visible=False)
@@ -306,7 +303,7 @@ def draw_map(
     axis: Axes, x_mm: Array, y_mm: Array, values: Array, colours: str, low: float, high: float,
     words: str, side: str = "right",
 ) -> None:  # fmt: skip
-    """Values at points, each a cell of its own, with a bar at a side; those of no number blank."""
+    """Draw values at points as cells, with a colour bar at a side; NaN is blank."""
     mesh = axis.pcolormesh(
         x_mm, y_mm, values, cmap=colours, vmin=low, vmax=high, shading="nearest", rasterized=True
     )
@@ -319,8 +316,8 @@ def draw_map(
 
 
 def draw_flow(axis: Axes, picture: ShapeMaps) -> None:
-    """The camera's image, darkened, with the flow as arrows."""
-    assert picture.image is not None, "of those that are drawn"
+    """Draw the darkened camera image with flow arrows."""
+    assert picture.image is not None, "a press with an image"
     assert picture.edges_mm is not None, "with it"
     rgb = (picture.image[..., ::-1].astype(float) * 0.6).astype(np.uint8)
     left_mm, right, top, bottom = picture.edges_mm
@@ -333,9 +330,9 @@ def draw_flow(axis: Axes, picture: ShapeMaps) -> None:
 def draw_arrows(
     axis: Axes, x_mm: Array, y_mm: Array, vectors: Array, middle: Array, peak: float | None = None
 ) -> float:
-    """Vectors (h, w, 2), NaN where not known, at points ARROW_MM apart, one in the middle.
+    """Draw vectors (h, w, 2), NaN if unknown, at points ARROW_STEP_MM apart, one in the middle.
 
-    most: the longest, drawn so that arrows do not hide each other; of all where it is not given.
+    peak: vector length of two spacings, default the largest. Returns it.
     """
     from scipy.interpolate import RegularGridInterpolator
 
@@ -359,7 +356,7 @@ def draw_outlines(axis: Axes, contacts: Iterable[ContactRegion], colour: str = "
 
 
 def draw_true_contact(axis: Axes, picture: ShapeMaps, colour: str, style: str = "--") -> None:
-    """Outline of the true contact, where it is known."""
+    """Draw the outline of the true contact, if known."""
     x_mm, y_mm, true = picture.flow.x_mm, picture.flow.y_mm, picture.true_contact
     if true is not None and true.any():
         axis.contour(x_mm, y_mm, true.astype(float), [0.5], colors=colour,
@@ -367,7 +364,7 @@ def draw_true_contact(axis: Axes, picture: ShapeMaps, colour: str, style: str = 
 
 
 def space_axes(figure: Figure, place: Axes) -> Axes3D:
-    """Axes in space in the place of flat ones, which keep their letter."""
+    """Create 3D axes in place of flat ones, which keep their letter."""
     place.set_axis_off()
     axis = figure.add_subplot(place.get_subplotspec(), projection="3d")
     axis.view_init(elev=35, azim=-60)

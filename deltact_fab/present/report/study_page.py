@@ -1,7 +1,4 @@
-"""A study's folder: one offline HTML page, the verdict first, and the files that it stands on.
-
-It is written whole, and its result is read again.
-"""
+"""Folder of a study: an offline HTML page, the verdict first, and its data files."""
 
 from __future__ import annotations
 
@@ -36,18 +33,18 @@ from .result import Headline, ReportTable, StudyResult
 
 PAGE_FILE, RESULT_FILE = "report.html", "result.json"
 STUDY_FORMAT = "deltact-fab study 2"
-MAX_ROWS, FIRST_ROWS = 120, 20  # a longer table is shown by its first rows
-MAX_MISSING = 20
+MAX_ROWS, FIRST_ROWS = 120, 20  # by hand: the page shows only the first rows of longer tables
+MAX_MISSING = 20  # by hand: names listed on the page
 HEADLINES_TABLE = "headlines"
 FIGURE_KINDS = ("svg", "pdf")
 
 
 @dataclass(frozen=True)
 class StoredResult:
-    """What is read of `result.json`, in which all stands that `--json` prints.
+    """Fields read from `result.json`, which has the output of `--json`.
 
-    made: day and time (UTC, ISO 8601) at which it was written. module, code: what made it, and its
-    digest. files: names.
+    made: time of writing (UTC, ISO 8601). module, code: the study's module and its digest. files:
+    names.
     """
 
     study: str
@@ -61,12 +58,12 @@ class StoredResult:
 
     @property
     def old(self) -> bool:
-        """Whether other code than the present one made it."""
+        """True if made by other code than the present."""
         return bool(self.module) and _code_of(self.module) != self.code
 
 
 def _code_of(module: str) -> str:
-    """The digest of a module; empty where the package has none of that name."""
+    """Digest of a module; empty for an unknown one."""
     try:
         return code_digest(module) if module else ""
     except ValueError:
@@ -74,11 +71,11 @@ def _code_of(module: str) -> str:
 
 
 def read_result(folder: str | Path) -> StoredResult:
-    """What a study left in a folder. Raises InputError naming file and key."""
+    """Read the result of a study's folder. Raises InputError naming file and key."""
     path = Path(folder) / RESULT_FILE
     if not isfile(path):
         raise InputError(
-            f"{folder}: no study ({RESULT_FILE} is missing); name a folder that `study run` wrote"
+            f"{folder}: no study ({RESULT_FILE} is missing); give a folder written by `study run`"
         )
     content = read_json(path)
     if (found_format := content.get("format")) != STUDY_FORMAT:
@@ -87,9 +84,9 @@ def read_result(folder: str | Path) -> StoredResult:
 
 
 def contents(result: StudyResult) -> dict[str, bytes]:
-    """The files of a study but its page, by name; result.json last.
+    """Files of a study without its page, by name; result.json last.
 
-    Raises RunFailed for a number that JSON does not have.
+    Raises RunFailed for a non-finite number.
     """
     files = {
         f"{table.name}.csv": table.frame.to_csv(index=False).encode() for table in result.tables
@@ -114,9 +111,9 @@ def contents(result: StudyResult) -> dict[str, bytes]:
 
 
 def refuse_foreign_folder(out: Path, study: str) -> None:
-    """Raises InputError for a folder that is neither empty nor an earlier one of this study.
+    """Raise InputError for a folder that is neither empty nor an earlier one of this study.
 
-    Empty folders in it count for nothing: that of its figures may be one.
+    Empty subfolders are ignored: that of its figures may be one.
     """
     try:
         earlier = read_result(out).study
@@ -125,31 +122,30 @@ def refuse_foreign_folder(out: Path, study: str) -> None:
     files = (p for p in out.rglob("*") if not p.is_dir() and not p.name.startswith(".new-"))
     if earlier != study and any(files):
         state = f"holds study {earlier}" if earlier else f"is not empty and holds no {study}"
-        raise InputError(f"{out}: {state}; name another folder")
+        raise InputError(f"{out}: {state}; give another folder")
 
 
 def place_files(files: Mapping[str, bytes], out: Path) -> None:
-    """Put files into a study's folder; those that an earlier study left there go, others stay.
+    """Write files into a study's folder and remove those of an earlier result, no others.
 
-    Until all are on the disk the earlier ones stay as they are. Raises RunFailed when the disk
-    refuses.
+    Earlier files stay until all are on the disk. Raises RunFailed if the disk refuses.
     """
-    # Its list is the last to change: what is cut short here is found by the next.
+    # Its list changes last, so the next call completes an interrupted one.
     names = sorted(files, key=lambda name: name == RESULT_FILE)
     try:
         earlier = read_result(out).files
     except InputError:
         earlier = ()
-    # A list that was changed by hand reaches into no other folder.
+    # Only names in this folder, also if the list was edited.
     gone = [out / name for name in earlier if name not in files and Path(name).name == name]
     write_files({out / name: files[name] for name in names}, gone, RunFailed)
 
 
 def table_context(table: ReportTable) -> dict[str, Any]:
-    """What the template needs of a table.
+    """Template context of a table.
 
-    title, more: of the caption. hidden: how many rows are not shown.
-    Raises KeyError for a shown column that the frame has not.
+    title, details: of the caption. hidden: number of rows not shown.
+    Raises KeyError for a missing column.
     """
     frame = table.frame if table.columns is None else table.frame[list(table.columns)]
     title, _, details = table.caption.partition(". ")
@@ -159,26 +155,26 @@ def table_context(table: ReportTable) -> dict[str, Any]:
         "hidden": len(frame) - len(page_rows),
         "name": table.name,
         "title": title.removesuffix("."),
-        "more": details,
+        "details": details,
     }
 
 
 def require_ready_study(study: str, out: Path) -> None:
     """Check before a study begins that its page can be written into a folder.
 
-    Raises MissingLibrary without the extra `report`, InputError for a folder that holds anything
-    but an earlier one of this study.
+    Raises MissingLibrary without the extra `report`, InputError for a folder with other content
+    than an earlier result of this study.
     """
     require_pages()
     refuse_foreign_folder(out, study)
 
 
 def write_study_page(result: StudyResult, out: Path) -> Path:
-    """Write report.html, a CSV a table, further files and result.json into a folder; the page.
+    """Write report.html, a CSV per table, further files and result.json into a folder.
 
-    All are made before the first is written: what fails leaves an earlier study as it is.
-    Raises MissingLibrary without the extra `report`, InputError for a folder that cannot be or is
-    another's, RunFailed when the disk refuses or a figure is no number.
+    Returns the page. An earlier result is unchanged on failure.
+    Raises MissingLibrary without the extra `report`, InputError for a folder with other content,
+    RunFailed if the disk refuses or a figure is not finite.
     """
     make_folder(out)
     refuse_foreign_folder(out, result.study)
@@ -193,12 +189,11 @@ def write_study_page(result: StudyResult, out: Path) -> Path:
 
 
 def write_study_figures(result: StudyResult, folder: Path) -> list[Path]:
-    """Write NAME.svg and NAME.pdf of every figure into a folder; the files, in their order.
+    """Write NAME.svg and NAME.pdf of every figure into a folder; return the files.
 
-    Letters are text with their font beside (SVG) or in the file (PDF), of 6 to 8 points. The same
-    figure gives the same bytes each time. All are drawn before the first is written. Raises
-    MissingLibrary without the extra `report`, InputError for a folder that cannot be, RunFailed
-    when the disk refuses.
+    Text is 6 to 8 pt with its font beside (SVG) or embedded (PDF). Output is reproducible. All are
+    drawn before the first is written. Raises MissingLibrary without the extra `report`, InputError
+    for an impossible folder, RunFailed if the disk refuses.
     """
     files = {
         f"{report_figure.name}.{kind}": figures.figure_bytes(figure, kind)
@@ -213,7 +208,7 @@ def write_study_figures(result: StudyResult, folder: Path) -> list[Path]:
 
 
 def render_study(result: StudyResult, result_data: dict[str, Any]) -> str:
-    """The page. kept: its result.json, of which versions and time are taken."""
+    """Render the page. result_data: its result.json, for versions and time."""
     head_rows = pd.DataFrame(map(_headline_row, result.headlines))
     marks = ["bad" if head.state == "missed" else "" for head in result.headlines]
     settings = {**result.settings, "seed": str(result.seed), **result_data["versions"]}
@@ -229,15 +224,15 @@ def render_study(result: StudyResult, result_data: dict[str, Any]) -> str:
         ],
         what_counts=html_table(head_rows, marks=marks),
         tables=[table_context(table) for table in result.tables if table.name != HEADLINES_TABLE],
-        left_out=html_table(pd.DataFrame(left_out, columns=["without", "why"])),
+        left_out=html_table(pd.DataFrame(left_out, columns=["not modelled", "reason"])),
         settings=html_table(pd.DataFrame(settings.items(), columns=["setting", "value"])),
         most_missing=MAX_MISSING,
     )
 
 
 def _headline_row(head: Headline) -> dict[str, Any]:
-    """A headline as a row of the page."""
-    unit = f"\u00a0{head.unit}" if head.unit else ""  # on the line of its number
+    """Row of a headline on the page."""
+    unit = f"\u00a0{head.unit}" if head.unit else ""  # no line break before the unit
     interval = goal = ""
     if head.low is not None and head.high is not None:
         interval = f"{format_number(head.low)} to {format_number(head.high)}{unit}, "
@@ -250,5 +245,5 @@ def _headline_row(head: Headline) -> dict[str, Any]:
         "95 % interval, over": f"{interval}{head.over}",
         "paper": "" if head.paper is None else f"{format_number(head.paper)}{unit}",
         "goal": goal,
-        "remark": head.remark or ("the study gives no reason" if head.state == "missed" else ""),
+        "remark": head.remark or ("no reason given" if head.state == "missed" else ""),
     }

@@ -1,7 +1,7 @@
-"""The best pattern for a printer and a camera: candidates ranked, the best few confirmed.
+"""Search for the best pattern for a printer and a camera: rank candidates, confirm the best.
 
-Candidates are drawn on a known drag of the face; the best are followed on the gel at finite strain,
-as in a pattern selection, with seeds that the search has not seen.
+Candidates are rendered on a known drag of the face; the best are tracked on the finite-strain gel,
+as in a pattern selection, with seeds that the search has not used.
 """
 
 from __future__ import annotations
@@ -43,22 +43,22 @@ from .search_candidates import (
 )
 
 SEARCH_PROTOCOL = "pattern-search"
-MIN_CANDIDATES = 8
+MIN_CANDIDATES = 8  # by hand: fewer are no search
 MIN_MM_PER_PX, MAX_MM_PER_PX = 0.012, 0.1
-"""2500 px across the view take minutes a pattern; 300 px are too few to track in."""
+"""By hand: 2500 px across the view take minutes per pattern; 300 px are too few."""
 PROBE_COST_S = 3.0
-"""A candidate's cost on one core."""
+"""Cost of a candidate on one core, measured once; only for the announced time."""
 SEARCH_LEFT_OUT = (
-    Note("grey patterns", "a printer makes them of one ink, which the model of three does not "
-            "hold; and the tracker's second witness is colour"),
-    Note("marker dots", "they are features themselves and would flatter the error"),
-    Note("the lens", "the view is a pinhole's: the search is for a scale in mm a pixel"),
-    Note("the search's own gel", "its drag is a known motion: nothing is solved for it"),
+    Note("grey patterns", "printed with one ink, which the three-ink model does not cover; and "
+            "the tracker needs colour for its consistency check"),
+    Note("marker dots", "they are features themselves and would bias the error"),
+    Note("the lens", "pinhole view: the search is for a scale in mm per pixel"),
+    Note("the search's own gel", "its drag is a prescribed motion, without a solver"),
 )  # fmt: skip
 
 
 def run(request: StudyRequest) -> StudyResult:
-    """Search, then confirm. Raises InputError for a rig or option that cannot be, RunFailed."""
+    """Search, then confirm. Raises InputError for an invalid rig or option, RunFailed."""
     scale, rig = parse_scale(request.scale), request.rig or STUDY_RIG
     config, sensor = open_bench(rig, request.options.get("dpi"), request.options.get("mm_per_px"))
     mm_per_dot = MM_PER_INCH / config.virtual.printer.dpi
@@ -96,7 +96,7 @@ def run(request: StudyRequest) -> StudyResult:
         for k, seed in enumerate(seeds, start=1)
     ]  # fmt: skip
     done_jobs = request.solve([job for group in jobs for job in group]).results
-    errors = PatternErrors((), [  # of each seed that was done whole
+    errors = PatternErrors((), [  # of completed seeds
         replace(cell, indenter=f"held out {k}")
         for k, group in enumerate(jobs, start=1) if all(job.name in done_jobs for job in group)
         for job in group
@@ -105,7 +105,7 @@ def run(request: StudyRequest) -> StudyResult:
     gel_table = confirmation_table(errors, chosen)
     winner = next((name for name in gel_table["pattern"] if name in best), None)
     if winner is None:
-        raise RunFailed("pattern-search: no finalist could be tracked on the gel")
+        raise RunFailed("pattern-search: no finalist was tracked on the gel")
     recipe = _with_seed(among[winner], DEFAULT_SEED).model_dump(mode="json", exclude_none=True)
     heads, bench = headlines(errors, best, winner), describe_bench(config, sensor)
     px = recipe["patch_mm"] / sensor.optics.mm_per_px
@@ -115,7 +115,7 @@ def run(request: StudyRequest) -> StudyResult:
         f"{bench['printer']};",
         f"{bench['camera']}.",
         *(head.sentence for head in heads if head.told),
-        "Any seed will do.",
+        "Any seed works.",
     ]
     return StudyResult(
         study=SEARCH_PROTOCOL,
@@ -127,37 +127,36 @@ def run(request: StudyRequest) -> StudyResult:
         headlines=heads,
         tables=(
             ReportTable("confirmed", "Confirmed on the finite-strain gel. Means over "
-                        f"{len(seeds)} seeds that the search has not seen.", gel_table),
+                        f"{len(seeds)} seeds that the search has not used.", gel_table),
             ReportTable("candidates", f"The candidates. Means over {len(searches)} seeds, best "
-                        "first; of the longest step between frames that is bridged the least.",
+                        "first; bridged_mm: the minimum.",
                         frame.drop(columns=["law", "patch_mm"])),
         ),
         figures=(
             ReportFigure(
                 "errors",
-                "Mean error by the size of a patch: of each candidate on the search's drag (dots, "
-                "by law), and of those confirmed on the finite-strain gel with 95 % intervals over "
-                "the seeds (squares); simulated.",
+                "Mean error by patch size: candidates on the search's drag (dots, by law), and "
+                "those confirmed on the finite-strain gel with 95 % intervals over seeds "
+                "(squares); simulated.",
                 partial(plot_errors_by_size, frame, gel_table, among),
             ),
         ),
         settings={
             **bench,
             "candidates": f"{len(among)}, of at least {MIN_PATCH_DOTS:g} printer dots and "
-            f"{MIN_PATCH_PX:g} to {MAX_PATCH_PX:g} camera pixels a patch (the paper's in any case)",
-            "to be a finalist": f"the tracker is confident on {100 * MIN_COVERED_SHARE:.0f} % of "
+            f"{MIN_PATCH_PX:g} to {MAX_PATCH_PX:g} camera pixels per patch (the paper's always)",
+            "to be a finalist": f"tracker confident on {100 * MIN_COVERED_SHARE:.0f} % of "
             f"the moving pixels and bridges steps of {MIN_BRIDGED_MM:.1f} mm; one per law and size",
             "confirmed on": f"{covered_part(full, protocol).words}, finite-strain gel of the "
             f"rig {rig!r}",
             "friction": f"{protocol.specimen.friction:g}",
             "seeds": f"{len(searches)} of the search, {len(seeds)} held out: pattern, print and "
-            "noise are drawn anew with each",
+            "noise are redrawn with each",
         },
         notes=(
-            "Printer and camera are models with assumed parameters, not measured ones: print the "
-            "best few on one sheet and run `study run pattern-selection` on your bench before you "
-            "commit.",
-            *dict.fromkeys(f"{cell.pattern} could not be tracked on the gel: {reason}"
+            "Printer and camera models have assumed, not measured, parameters: print the best few "
+            "on one sheet and run `study run pattern-selection` on your bench before you commit.",
+            *dict.fromkeys(f"{cell.pattern} was not tracked on the gel: {reason}"
                            for cell in errors.cells for reason in cell.left_out),
         ),
         left_out=SEARCH_LEFT_OUT,
@@ -168,25 +167,24 @@ def run(request: StudyRequest) -> StudyResult:
 
 
 def _with_seed(recipe: PatternRecipe, seed: int) -> PatternRecipe:
-    """A recipe of another seed."""
+    """Return the recipe with another seed."""
     return recipe.model_copy(update={"seed": seed})
 
 
 def open_bench(
     rig: str, dpi: int | None = None, mm_per_px: float | None = None
 ) -> tuple[VirtualConfig, SensorDimensions]:
-    """A virtual rig, a pinhole without a lens, and the sensor before it.
+    """Virtual rig with a pinhole camera, and the sensor before it.
 
-    dpi: of the printer, mm_per_px: of the camera, None for the rig's and the sensor's. Sides of the
-    image are even, for the mosaic. Raises InputError for a rig that is not virtual, or a value out
-    of range.
+    dpi: of the printer; mm_per_px: of the camera; None for the rig's and the sensor's. Image sides
+    are even, for the Bayer mosaic. Raises InputError for a real rig or a value out of range.
     """
     sensor, config = SensorDimensions(), load_virtual_rig(rig)[0]
     scale = sensor.optics.mm_per_px if mm_per_px is None else mm_per_px
     if not MIN_MM_PER_PX <= scale <= MAX_MM_PER_PX:  # NaN fails too
         raise InputError(
-            f"pattern-search: mm_per_px: {scale:g}; {MIN_MM_PER_PX} to {MAX_MM_PER_PX} mm "
-            "of the face a pixel can be simulated"
+            f"pattern-search: mm_per_px: {scale:g}; expected {MIN_MM_PER_PX} to "
+            f"{MAX_MM_PER_PX} mm of the face per pixel"
         )
     width, height = (2 * math.floor(mm / scale / 2 + 1e-9) for mm in sensor.optics.view_mm)
     optics = replace(sensor.optics, mm_per_px=scale, image_width_px=width, image_height_px=height)
@@ -199,12 +197,12 @@ def open_bench(
 
 
 def describe_bench(config: VirtualConfig, sensor: SensorDimensions) -> dict[str, str]:
-    """Printer and camera for people."""
+    """Printer and camera in words."""
     p, s = config.virtual.printer, config.virtual.camera
     return {
-        "printer": f"{p.dpi} dpi, {p.levels} levels an ink, spread {p.spread_um:g} µm, inks "
+        "printer": f"{p.dpi} dpi, {p.levels} levels per ink, spread {p.spread_um:g} µm, inks "
         f"misplaced by {p.misregistration_um:g} µm (standard deviation)",
-        "camera": f"{sensor.optics.mm_per_px:g} mm a pixel, blur {s.blur_px:g} px, full well "
+        "camera": f"{sensor.optics.mm_per_px:g} mm per pixel, blur {s.blur_px:g} px, full well "
         f"{s.full_well_electrons:g} electrons, read noise {s.read_noise_electrons:g}, "
         f"shading {s.shading:g}, Bayer mosaic",
     }

@@ -4,8 +4,8 @@ Simulated: the gel of a press is solved once, and its frames are drawn and track
 (`stream`) under every pattern, by the paper's tracker and by ours. Recorded: a run is one tactile
 base, as in the paper, and its error is taken at the dots.
 
-What is never thinned is the way between two frames, which is what a tracker has to bridge, and the
-presses: all depths, both axes.
+A smaller scale keeps the step between frames, which a tracker has to bridge, and the presses: all
+depths, both axes.
 """
 
 from __future__ import annotations
@@ -34,28 +34,28 @@ from .scene import PressScene, flag_setting
 
 SELECTION_STUDY, SELECTION_TITLE = "pattern-selection", "Which pattern is tracked best"
 TRACKERS_SETTING = (
-    "the paper's: Farneback 5/13/10, the reference renewed where the image warped back differs by "
-    f"more than {FlowTracker.RENEW_SHARE:g} of what unrelated views of the pattern differ by, "
-    "flows summed and composed; ours: fused, anchored"
+    "the paper's: Farneback 5/13/10; the reference is renewed if the warped-back image differs by "
+    f"more than {FlowTracker.RENEW_SHARE:g} of the difference of unrelated views; flows summed "
+    "and composed; ours: fused, anchored"
 )
 SELECTION_NOTES = (
-    "The paper stacks its indenters' errors and calls the result the average error: read as a sum "
-    "of five, its values would be means of a fifth.",
-    "Intervals are over indenters (jackknife, 95 %): not over prints of a pattern, seeds or gels.",
-    "A claim is made where flows summed and composed agree and both intervals exclude it; more "
-    "positions (--scale) and prints of a pattern (--seed) would decide others.",
+    "The paper stacks its indenters' errors and calls the result the average error: if that is a "
+    "sum of five, its mean errors are a fifth.",
+    "Intervals are over indenters (jackknife, 95 %), not over prints of a pattern, seeds or gels.",
+    "A claim is decided if summed and composed flows agree and both intervals exclude its "
+    "contrary; more positions (--scale) and prints of a pattern (--seed) may decide others.",
 )
 SELECTION_LEFT_OUT = (
-    Note("images and records", "drawn, tracked and let go: a stream"),
-    Note("forces", "no channel asks for them"),
+    Note("images and records", "rendered and tracked as a stream, not stored"),
+    Note("forces", "not in the protocol's channels"),
 )
-NO_LENS = Note("the lens", "the rig draws through a pinhole")
+NO_LENS = Note("the lens", "this rig uses a pinhole camera")
 
 
 def run(request: StudyRequest) -> StudyResult:
-    """The study. `asked.more`: "pattern" and "indenter", names of a part of them.
+    """Run the study. `request.options`: names in "pattern" and "indenter" restrict it.
 
-    Raises InputError for names that are not known, RunFailed where every job failed.
+    Raises InputError for unknown names, RunFailed if every job failed.
     """
     return _recorded(request) if request.runs else _simulated(request)
 
@@ -73,7 +73,7 @@ def _simulated(request: StudyRequest) -> StudyResult:
     errors = PatternErrors(selection.entries, _cells(grid))
     specimen, printer = protocol.specimen, rig.printer
     result = _base_result(request, errors, grid, part.words, True)
-    # The jobs of one press have one gel.
+    # All jobs of a press share its gel.
     gels = {j.arguments.press: grid.results[j.name]["gel"] for j in jobs if j.name in grid.results}
     return replace(
         result,
@@ -109,10 +109,10 @@ def _recorded(request: StudyRequest) -> StudyResult:
 
 
 def run_jobs(folders: Sequence[Path], methods: Sequence[str]) -> list[tuple[SeriesEntry, GridJob]]:
-    """(pattern, job) for each press of the runs.
+    """Return (pattern, job) for each press of the runs.
 
-    Runs of one pattern are replicates. Raises InputError for a run that is not finished, has no
-    images, dots or dense pattern, or is named twice.
+    Runs of one pattern are replicates. Raises InputError for a run that is unfinished, without
+    images, dots or a dense pattern, or named twice.
     """
     jobs: list[tuple[SeriesEntry, GridJob]] = []
     for n, folder in enumerate(folders):
@@ -124,8 +124,8 @@ def run_jobs(folders: Sequence[Path], methods: Sequence[str]) -> list[tuple[Seri
             raise InputError(f"{folder}: the pattern has only dots; expected a dense one")
         if "dots" not in run.meta["protocol"]["channels"] or not len(run.dots_mm()):
             raise InputError(
-                f"{folder}: no dots were recorded, at which the error is measured; expected "
-                "a pattern with dots and the channel 'dots'"
+                f"{folder}: no dots recorded to measure the error at; expected a pattern with dots "
+                "and the channel 'dots'"
             )
         printed = pattern_of_run(run)
         for press, part in frames.groupby("press", sort=False):
@@ -141,7 +141,7 @@ def run_jobs(folders: Sequence[Path], methods: Sequence[str]) -> list[tuple[Seri
 
 
 def pattern_of_run(run: Run) -> SeriesEntry:
-    """The pattern of a run: one of the paper's by its d and r, else by the run's name."""
+    """Pattern of a run: one of the paper's by d and r, else named by the run."""
     recipe = validate(
         PatternRecipe, run.pattern["recipe"], f"{run.folder / 'pattern.json'}: recipe"
     )
@@ -155,14 +155,14 @@ def pattern_of_run(run: Run) -> SeriesEntry:
 
 
 def _cells(grid: Grid) -> list[PressErrors]:
-    """The errors that jobs found, in their order."""
+    """Errors of all jobs, in order."""
     return [cell for value in grid.results.values() for cell in value["cells"]]
 
 
 def _base_result(
     request: StudyRequest, errors: PatternErrors, grid: Grid, covers: str, simulated: bool
 ) -> StudyResult:
-    """What both have."""
+    """Result fields shared by simulated and recorded runs."""
     losses = [
         f"{cell.pattern} under {cell.press}: {line}" for cell in errors.cells
         for line in cell.left_out
@@ -183,23 +183,23 @@ def _base_result(
 
 
 def _bench_note(selection: Selection) -> str:
-    """What may part it from the paper's bench, in figures."""
+    """Note on the differences to the paper's bench."""
     printer, optics = selection.scene.rig.virtual.printer, selection.scene.sensor.optics
     least_mm = min(e.recipe.patch_mm for e in selection.entries if e.recipe.patch_mm)
     dots, pixels = least_mm / (MM_PER_INCH / printer.dpi), least_mm / optics.mm_per_px
     return (
-        f"What parts it from the paper's bench: a printer model ({printer.dpi} dpi, "
-        f"{printer.spread_um:g} um of spread: the smallest patch, {least_mm:g} mm, is {dots:.1f} "
-        f"of its dots and {pixels:.1f} pixels), no motion blur, light that stays. The paper does "
-        "not print its gel, its indenters' sizes, its positions, nor the threshold at which its "
-        "reference is renewed."
+        f"Differences to the paper's bench: a printer model ({printer.dpi} dpi, "
+        f"{printer.spread_um:g} um spread: the smallest patch, {least_mm:g} mm, is {dots:.1f} "
+        f"printer dots and {pixels:.1f} pixels), no motion blur, constant light. The paper does "
+        "not give its gel, the indenters' sizes, its positions, or the threshold for renewing "
+        "the reference."
     )
 
 
 class PathPart(NamedTuple):
-    """Which part of a whole protocol's path another one covers, and how densely it is filmed.
+    """Part of a full protocol's path that a reduced one covers.
 
-    words: one line. longest_step_mm: of the tip between two frames of a line.
+    words: one line. longest_step_mm: of the tip between two frames.
     """
 
     words: str
@@ -210,10 +210,10 @@ class PathPart(NamedTuple):
 
 
 def thin_protocol(full: Protocol, scale: float) -> Protocol:
-    """A protocol with about `scale` times the frames of a whole one, 0 < scale <= 1.
+    """Reduce a protocol to about `scale` times its frames, 0 < scale <= 1.
 
-    As few positions as hold them, the first ones, and of their drags so many steps as fit, at least
-    one. At scale 1 it is the whole one. The step between frames is the whole one's.
+    Keeps as few positions as possible, the first ones, and as many steps of their drags as fit, at
+    least one; the step between frames is unchanged.
     """
     if scale >= 1 or full.shear is None or full.shear.amplitude_mm is None:
         return full
@@ -232,20 +232,20 @@ def thin_protocol(full: Protocol, scale: float) -> Protocol:
 
 
 def _with_drag(protocol: Protocol, amplitude_mm: float) -> Protocol:
-    """With drags of this many mm, to the micrometre."""
+    """Return the protocol with drags of this length, rounded to 1 um."""
     assert protocol.shear is not None
     shear = protocol.shear.model_copy(update={"amplitude_mm": round(amplitude_mm, 3)})
     return protocol.model_copy(update={"shear": shear})
 
 
 def frames_per_indenter(protocol: Protocol) -> int:
-    """Frames of the first indenter; the others have as many."""
+    """Number of frames per indenter."""
     first = protocol.model_copy(update={"indenters": protocol.indenters[:1]})
     return sum(step.frames for step in expand_protocol(first))
 
 
 def covered_part(full: Protocol, protocol: Protocol) -> PathPart:
-    """The part of the whole protocol's path that a thinned one covers."""
+    """Part of the full protocol's path that a reduced one covers."""
     frames, of_frames = frames_per_indenter(protocol), frames_per_indenter(full)
     positions, share = len(protocol.positions_mm), frames / of_frames
     words = (
@@ -262,7 +262,7 @@ def covered_part(full: Protocol, protocol: Protocol) -> PathPart:
 
 
 def longest_step_mm(protocol: Protocol) -> float:
-    """Longest way of the tip between two frames of a press or drag."""
+    """Longest motion of the tip between two frames of a press or drag, mm."""
     longest, position_mm = 0.0, (0.0, 0.0, 0.0)
     for step in expand_protocol(protocol):
         if step.frames and step.kind in ("press", "shear"):
@@ -272,14 +272,14 @@ def longest_step_mm(protocol: Protocol) -> float:
 
 
 SELECTION_SCALE = 0.04
-"""Default: 136 of 3600 frames an indenter, some 40 minutes on two cores with the gel solved."""
+"""By hand: 136 of 3600 frames per indenter; 40 minutes on two cores with the gel solved."""
 MAX_PATTERNS_PER_JOB = 4
-"""Of a job, at most: each takes some 80 MB, and so many share a frame's geometry well enough."""
+"""By hand: each takes some 80 MB; decision 0040: fewer share the cost of a frame's geometry."""
 
 
 @dataclass(frozen=True)
 class Selection:
-    """The scene of one study: what is pressed, drawn and followed. name: of its protocol."""
+    """Scene of one study: presses, patterns, trackers. name: of its protocol."""
 
     scene: PressScene
     name: str
@@ -288,7 +288,7 @@ class Selection:
 
     @classmethod
     def from_request(cls, request: StudyRequest) -> Selection:
-        """As requested. Raises InputError for a real rig or unknown names."""
+        """Build from a request. Raises InputError for a real rig or unknown names."""
         full, source = load_protocol(str(request.options.get("protocol") or SELECTION_STUDY))
         indenters = _select_names(
             "--indenter",
@@ -305,11 +305,11 @@ class Selection:
 
     @property
     def protocol(self) -> Protocol:
-        """What is pressed."""
+        """Protocol of the presses."""
         return self.scene.protocols[self.name]
 
     def jobs(self, workers: int = 1) -> list[GridJob]:
-        """A press with some patterns each, which share its geometry; a part for every worker."""
+        """One job per press and group of patterns, which share its geometry; a group per worker."""
         count = len(self.entries)
         parts = min(max(workers, math.ceil(count / MAX_PATTERNS_PER_JOB)), count)
         frames = self.part.frames_an_indenter // self.part.positions
@@ -327,7 +327,7 @@ class Selection:
 
 
 def _select_names(option: str, requested: list[str], choices: list[str]) -> list[str]:
-    """Those asked for in the order of those known, all where none is. Raises InputError."""
+    """Return the requested choices in order, all if none. Raises InputError."""
     for name in requested:
         if name not in choices:
             raise InputError(f"{option}: {name!r}: unknown; {did_you_mean(name, choices)}")

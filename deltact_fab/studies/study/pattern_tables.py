@@ -20,25 +20,25 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PAPER_BEST = ((0.1, 0.5), (0.075, 0.6))
-"""(d in mm, r) of the least error in each of the paper's rounds."""
-TOO_SMALL_MM, SMALL_D_MM = 0.05, 0.075
+"""(d in mm, r) of the smallest error in each of the paper's rounds."""
+TOO_SMALL_MM, SMALL_D_MM = 0.05, 0.075  # paper: too small to print, and the second round's best
 PAGE_COLUMNS = {
     SUMMED_FLOW: ("mm", "moving_mm", "sum_mm", "lost_frames", "lost_pixels"),
     COMPOSED_FLOW: ("mm", "moving_mm", "sum_mm", "lost_pixels"),
     OUR_FLOW: ("mm", "off_mm"),
 }
-"""Of the table's columns those of the page; the file has all."""
+"""Columns shown on the page; the file has all."""
 PAPER_FLOWS = (SUMMED_FLOW, COMPOSED_FLOW)
 FLOW_LABELS = {SUMMED_FLOW: "summed", COMPOSED_FLOW: "composed", OUR_FLOW: "ours"}
 COLUMN_PREFIX: dict[Measure, str] = {"at_dots": "", "at_moving_dots": "moving_", "off_dots": "off_"}
-"""The paper's over all dots, over those that move; ours over moving pixels off the dots."""
+"""Column prefixes: error at all dots, at moving dots, at moving pixels off the dots."""
 
 
 def claims(errors: PatternErrors) -> tuple[Claim, ...]:
-    """Whether the paper's best of each round is best here, and whether small patches fail.
+    """Claims: the paper's best of each round is best here; small patches fail.
 
-    Readings: flows summed and composed. Each pattern of a round is compared with the paper's, so
-    the interval's level is that of as many comparisons together.
+    Readings: summed and composed flows. Each pattern of a round is compared with the paper's best,
+    so the interval's level is corrected for that many comparisons (Bonferroni).
     """
     all_claims = []
     rounds_ = rounds(errors.printed)[: len(PatternSeries.grids)]
@@ -83,14 +83,14 @@ def claims(errors: PatternErrors) -> tuple[Claim, ...]:
 
 
 def _log_interval(error_ratio: Interval | None) -> tuple[float | None, float | None]:
-    """The logarithms of a ratio's ends, above 0 where it is above 1."""
+    """Logarithms of the ends of a ratio's interval; above 0 if the ratio is above 1."""
     ends = (None, None) if error_ratio is None else (error_ratio.low, error_ratio.high)
     low, high = (None if end is None else math.log(end) for end in ends)
     return low, high
 
 
 def headlines(errors: PatternErrors) -> tuple[Headline, ...]:
-    """The paper's figures beside those found, by each tracker; then the least of ours."""
+    """Errors of the paper's patterns by tracker, with the paper's; then our smallest."""
     heads = []
     for p in (p for p in errors.printed if p.paper_error_mm is not None and not p.paper_about):
         for method in errors.methods:
@@ -107,7 +107,7 @@ def headlines(errors: PatternErrors) -> tuple[Headline, ...]:
 
 
 def _loss_remark(errors: PatternErrors, printed: SeriesEntry, method: str) -> str:
-    """How much a tracker lost, in words."""
+    """Remark on lost frames and pixels."""
     total = errors.figures(printed.name, method)
     return f"{_share(1 - total['trusted_share'])} of frames and {_share(total['lost_share'])} of " \
         "pixels lost"  # fmt: skip
@@ -118,7 +118,7 @@ def _share(value: float) -> str:
 
 
 def tables(errors: PatternErrors, covers: str) -> tuple[ReportTable, ...]:
-    """Patterns by every reading; the same by indenter; and along the path."""
+    """Tables: patterns by every reading, by indenter, and along the path."""
     rows, by_indenter, along = [], [], []
     best = [p for p in errors.printed if (p.recipe.patch_mm, p.recipe.r) in PAPER_BEST]
     chosen = best or errors.printed[:1]
@@ -159,8 +159,8 @@ def tables(errors: PatternErrors, covers: str) -> tuple[ReportTable, ...]:
         ReportTable(
             "patterns",
             "Each pattern. At the dots (Eq. 7): over all dots, over those that move, and the sum "
-            "over indenters, for the paper says neither which dots nor whether its stacked columns "
-            "are means; off the dots: all moving visible pixels against the simulated truth. "
+            "over indenters (the paper specifies neither the dots nor whether its stacked columns "
+            "are means); off the dots: all moving visible pixels against the simulated truth. "
             f"Over {covers}.",
             pd.DataFrame(rows),
             tuple(columns),
@@ -170,22 +170,22 @@ def tables(errors: PatternErrors, covers: str) -> tuple[ReportTable, ...]:
                     pd.DataFrame(by_indenter)),
         ReportTable(
             "path",
-            "Along the path. Means over frames by depth and length of drag, of the paper's "
-            "choices and ours. Deep in the gel a pixel is magnified: 2.2 times at 10 mm.",
+            "Along the path. Means over frames by depth and drag length, of the paper's best "
+            "and ours. Deep in the gel a pixel is magnified: 2.2 times at 10 mm.",
             pd.DataFrame(along),
         ),
     )  # fmt: skip
 
 
 def _dot_loss(errors: PatternErrors, printed: SeriesEntry) -> float | None:
-    """Share of the dots that were not found in a frame; None where none was followed."""
+    """Share of dots not found in a frame; None if no dots were tracked."""
     counts = [c.dots for c in errors.cells if c.pattern == printed.name and c.dots]
     n_lost, n_seen = (sum(dots[key] for dots in counts) for key in ("lost", "seen"))
     return n_lost / (n_lost + n_seen) if n_lost + n_seen else None
 
 
 def charts(errors: PatternErrors, covers: str) -> tuple[ReportFigure, ...]:
-    """The paper's chart by its tracker in both readings, and ours off the dots."""
+    """Charts: the paper's tracker in both readings, and ours."""
     specs: tuple[tuple[str, Measure, str], ...] = (
         (SUMMED_FLOW, "at_dots", "at the dots"),
         (COMPOSED_FLOW, "at_dots", "at the dots"),
@@ -200,8 +200,8 @@ def charts(errors: PatternErrors, covers: str) -> tuple[ReportFigure, ...]:
             + (
                 ""
                 if method == OUR_FLOW
-                else "; horizontal lines: the paper's, dashed where it says 'around', an "
-                "arrow where it is far above"
+                else "; horizontal lines: the paper's, dashed if it says 'around', an arrow if "
+                "far above"
             )
             + f". {covers}.",
             partial(_chart, errors, method, measure),
@@ -212,7 +212,7 @@ def charts(errors: PatternErrors, covers: str) -> tuple[ReportFigure, ...]:
 
 
 def _chart(errors: PatternErrors, method: str, measure: Measure) -> Figure:
-    """The paper's two rounds one below the other: a column a pattern, indenter on indenter."""
+    """The paper's two rounds: a column per pattern, indenters stacked."""
     from deltact_fab.present import create_figure, draw_legend, draw_paper_line
 
     parts, colours = rounds(errors.printed), ReportFigure.SERIES_COLOURS
@@ -246,7 +246,7 @@ def _chart(errors: PatternErrors, method: str, measure: Measure) -> Figure:
 
 
 def rounds(printed: Sequence[SeriesEntry]) -> list[tuple[str, list[SeriesEntry]]]:
-    """The paper's two rounds as far as their patterns are here, and the others; none empty."""
+    """Group patterns by the paper's two rounds, and others; no empty groups."""
     names = ("First round", "Second round")
     parts = [
         (f"{names[n - 1]} of the paper", [p for p in printed if n in p.rounds])

@@ -1,10 +1,10 @@
-"""The candidates of a pattern search, a law each over sizes that can be printed and seen, and how
-they did: by their error in the search, the best few confirmed.
+"""Candidates of a pattern search, laws over printable and visible sizes, their ranking and
+confirmation.
 
-All in colour. A printer makes grey of one ink, which the model of three does not hold, and the
-tracker takes the colours that it does not follow as its second witness. In the search a candidate
-is printed and photographed once and tracked on a known drag, simulated; what a pixel sees of the
-face depends on the motion alone, so it is solved once a process and serves every pattern.
+All in colour: grey is printed with one ink, which the three-ink model does not cover, and the
+tracker needs colour for its consistency check. In the search a candidate is printed and
+photographed once and tracked on a known drag, simulated; the face point of a pixel depends only on
+the motion, so it is computed once per process for all patterns.
 """
 
 from __future__ import annotations
@@ -34,32 +34,32 @@ from .pattern_errors import OUR_FLOW, PatternErrors
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PATCH_SIZES_MM = (0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6)
+PATCH_SIZES_MM = (0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6)  # by hand: finer is slower
 MIN_PATCH_DOTS = 3.0
-"""Printer dots a patch: fewer, and halftone and misplaced ink leave none of its own colour."""
+"""Decision 0040: printer dots per patch; fewer lose the colour to halftone and misregistration."""
 MIN_PATCH_PX, MAX_PATCH_PX = 1.5, 16.0
-"""Camera pixels a patch: fewer alias; in larger ones a matching window has no edge in it."""
-ALGORITHM1_R = (0.1, 0.3, 0.6)
+"""Decision 0040: camera pixels per patch; fewer alias, more leave matching windows without edge."""
+ALGORITHM1_R = (0.1, 0.3, 0.6)  # by hand: spans the paper's range
 OCTAVE_SCALES = ((1, 2), (1, 2, 4), (1, 2, 4, 8))
-"""Sides of octave noise's blocks, in patches."""
+"""By hand: block sides of octave noise, in patches; more octaves have coarser blocks."""
 MAX_OCTAVE_MM, MAX_RANDOM_MM = 0.2, 0.3
-"""The one's coarse blocks give what larger patches would; of the other, larger ones are worse:
-where neighbours happen to be alike, there is nothing to follow."""
+"""By hand: coarse octave blocks replace larger patches; larger random patches track worse, as equal
+neighbours leave no edge."""
 PAPER_PATTERN = "algorithm1 d 0.075 r 0.6"
-"""The paper's choice; it is always among the candidates."""
+"""The paper's choice; always a candidate."""
 GOAL_SHARE = 1 / 3
-"""Of the paper's pattern's mean error, at most."""
+"""Goal: mean error over that of the paper's pattern."""
 MIN_COVERED_SHARE = 0.9
-"""Share of the moving pixels on which the tracker must be confident, for a recommendation."""
+"""Decision 0040: confident share of the moving pixels required of a finalist."""
 MIN_BRIDGED_MM = 0.39
-"""Twice the step between frames that the protocols have: a press may be quicker than planned."""
+"""By hand: twice the protocols' step between frames, for faster presses (decision 0040)."""
 CONFIRMED_COLUMNS = ("mean_error_mm", "low_mm", "high_mm", "coverage")
-"""Of a confirmed pattern."""
-UM_PER_MM = 1000.0
+"""Columns of a confirmed pattern."""
+UM_PER_MM = 1000.0  # exact
 
 
 def pattern_name(recipe: PatternRecipe) -> str:
-    """Law and sizes of a pattern."""
+    """Name of a pattern: law and sizes."""
     if recipe.scales_mm:
         return f"{recipe.law} {'/'.join(f'{scale:g}' for scale in recipe.scales_mm)}"
     r = "" if recipe.r is None else f" r {recipe.r:g}"
@@ -67,7 +67,7 @@ def pattern_name(recipe: PatternRecipe) -> str:
 
 
 def candidates(mm_per_dot: float, mm_per_px: float) -> dict[str, PatternRecipe]:
-    """All of them, by name, that a printer of that pitch can print and a camera can see."""
+    """Return all patterns, by name, that the printer can print and the camera can see."""
     least_mm = max(MIN_PATCH_DOTS * mm_per_dot * (1 - 1e-9), MIN_PATCH_PX * mm_per_px / (1 + 1e-9))
     return {
         name: recipe
@@ -93,7 +93,7 @@ def _all_candidates() -> Iterator[PatternRecipe]:
 def thin_candidates(
     among: dict[str, PatternRecipe], count: int, keep: tuple[str, ...]
 ) -> dict[str, PatternRecipe]:
-    """This many of them, evenly over laws; those in kept are among them."""
+    """Select `count` candidates, evenly over laws, with those in `keep`."""
     free = sorted((name for name in among if name not in keep), key=lambda name: among[name].law)
     target = max(0, count - sum(name in among for name in keep))
     step = len(free) / target if target else 1.0
@@ -102,7 +102,7 @@ def thin_candidates(
 
 
 def shorten_shear(protocol: Protocol, share: float) -> Protocol:
-    """With that share of its shear, in whole steps of a frame; at least one."""
+    """Return the protocol with a share of its shear, in whole frame steps, at least one."""
     shear, rate_hz = protocol.shear, protocol.capture.rate_hz
     assert shear is not None
     assert shear.amplitude_mm is not None
@@ -116,10 +116,10 @@ def shorten_shear(protocol: Protocol, share: float) -> Protocol:
 def rank_candidates(
     probed: Mapping[str, Sequence[dict[str, Any]]], among: Mapping[str, PatternRecipe]
 ) -> pd.DataFrame:
-    """A row a candidate, the least error first; means over seeds, of `bridged_mm` the least.
+    """Table of candidates, smallest error first; means over seeds, minimum of `bridged_mm`.
 
-    seen: what `probe` returned by candidate's name, a value a seed. `refused`: why it has no
-    error. Raises RunFailed where none could be tracked.
+    probed: results of `probe` by candidate, one per seed. `refused`: reason for a missing error.
+    Raises RunFailed if none could be tracked.
     """
     rows = []
     for name, recipe in among.items():
@@ -140,17 +140,16 @@ def rank_candidates(
 
 
 def finalists(frame: pd.DataFrame, count: int) -> list[str]:
-    """The best of different kinds that can be recommended; fewer where there are no more."""
+    """Best reliable candidates, one per law and patch size, at most `count`."""
     reliable = (frame["coverage"] >= MIN_COVERED_SHARE) & (frame["bridged_mm"] >= MIN_BRIDGED_MM)
     kinds = frame[frame["error_mm"].notna() & reliable].drop_duplicates(["law", "patch_mm"])
     return list(kinds["pattern"])[:count]
 
 
 def chosen_by_others(errors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """For each seed the error of the pattern that the other seeds call best.
+    """Error per seed of the pattern that is best on the other seeds: no selection bias.
 
-    errors: (patterns, seeds). With one seed, the best one. So having chosen it among several
-    flatters nothing.
+    errors: (patterns, seeds). With one seed, the smallest.
     """
     n = errors.shape[1]
     if n == 1:
@@ -160,7 +159,7 @@ def chosen_by_others(errors: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def confirmation_table(errors: PatternErrors, names: Sequence[str]) -> pd.DataFrame:
-    """A row a pattern that the default tracker lost with no seed, the best first."""
+    """Table of patterns tracked with every seed by the default tracker, the best first."""
     rows = []
     for name in names:
         by_seed = errors.by_indenter(name, OUR_FLOW, "off_dots")
@@ -172,7 +171,7 @@ def confirmation_table(errors: PatternErrors, names: Sequence[str]) -> pd.DataFr
 
 
 def headlines(errors: PatternErrors, best: Sequence[str], to_print: str) -> tuple[Headline, ...]:
-    """Error of the pattern to print, and its share of the paper's pattern's."""
+    """Headlines: error of the pattern to print, and its ratio to that of the paper's pattern."""
 
     def by_seed(name: str) -> NDArray[np.float64] | None:
         return errors.by_indenter(name, OUR_FLOW, "off_dots")
@@ -188,8 +187,8 @@ def headlines(errors: PatternErrors, best: Sequence[str], to_print: str) -> tupl
         tracked = [e for name in best if (e := by_seed(name)) is not None]
         share = ratio(chosen_by_others(np.array(tracked)), paper, seeds, "seed")
         heads.append(
-            headline("its share of the paper's pattern's error", "", share, goal=GOAL_SHARE,
-                     told=True, remark="for each seed the finalist that the other seeds call best")
+            headline("its ratio to the error of the paper's pattern", "", share, goal=GOAL_SHARE,
+                     told=True, remark="per seed the finalist that is best on the other seeds")
         )  # fmt: skip
     return tuple(heads)
 
@@ -197,7 +196,7 @@ def headlines(errors: PatternErrors, best: Sequence[str], to_print: str) -> tupl
 def plot_errors_by_size(
     frame: pd.DataFrame, gel: pd.DataFrame, among: Mapping[str, PatternRecipe]
 ) -> Figure:
-    """A dot a candidate of `ranked`, and a square each of `confirmed`."""
+    """Plot errors over patch size: dots for candidates, squares for confirmed ones."""
     from deltact_fab.present import create_figure, draw_legend, set_log_scale
 
     figure, (axis,) = create_figure(7.4, 3.6)
@@ -215,38 +214,38 @@ def plot_errors_by_size(
             )
         axis.plot(x, UM_PER_MM * row["mean_error_mm"], "s", ms=6, mfc="none", color=colour)
     set_log_scale(axis, "xy")
-    axis.set(xlabel="size of a patch, mm", ylabel="mean error, µm")
+    axis.set(xlabel="patch size, mm", ylabel="mean error, µm")
     draw_legend(figure, axis)
     return figure
 
 
-DRAG_LATTICE_MM = 0.3
+DRAG_LATTICE_MM = 0.3  # by hand: resolves DRAG_WIDTH_MM; finer is slower
 DRAG_MM = 2.4
-"""The largest motion of the drag, STEP_MM a frame: 12 frames, which many steps divide."""
-DRAG_STEP_MM = 0.2
+"""By hand: largest motion of the drag, in 12 steps, a number with many divisors."""
+DRAG_STEP_MM = 0.2  # decision 0040: the studies' largest step between frames
 DRAG_STEPS = round(DRAG_MM / DRAG_STEP_MM)
 DRAG_WIDTH_MM, DRAG_DEPTH_MM = 2.0, 2.0
-"""So steep that the skin before it nearly folds (det F 0.2) and is lost to a tracker, as before an
-indenter that is dragged: where it comes back, a pattern that repeats itself is mistaken for itself.
-With a width of 3 mm that never happens, and the order of patterns is not that on the gel."""
+"""By hand: so steep that the skin before it nearly folds (det F 0.2) and is lost to a tracker, as
+before a dragged indenter; where it reappears, repetitive patterns are mismatched. With a width of
+3 mm this never happens, and the ranking differs from that on the gel (decision 0040)."""
 DRAG_WAVES = ((1.5, 0.015), (2.5, 0.03), (4.0, 0.06))
-"""Wavelength and amplitude (mm) of smooth waves on top: a slope of 0.06 to 0.09 each."""
+"""By hand: wavelength and amplitude of superposed waves, mm: slopes of 0.06 to 0.09."""
 MAX_FIELD_PX = 200_000
-"""Pixels of the middle of the view, which is what is drawn."""
+"""By hand: pixels rendered, of the middle of the view; fewer are noisier, more are slower."""
 SEARCH_TRACKER = "fused"
 MAX_ERROR_RATIO = 2.0
-"""Times the error of short steps: beyond it a step counts as not bridged."""
+"""By hand: error over that of short steps, above which a step is not bridged."""
 
 
 class DragFrame(NamedTuple):
-    """What pixels see of the face (h + 2, w + 2, 2), px, and what is true of them."""
+    """Face points of pixels, at_px (h + 2, w + 2, 2), and the true motion."""
 
     at_px: NDArray[np.float32]
     truth: TrueFrame
 
 
 def middle_view(sensor: SensorDimensions) -> Pinhole:
-    """The middle of the sensor's view, with at most FIELD_PX pixels, even ones for the mosaic."""
+    """Middle of the sensor's view, at most MAX_FIELD_PX pixels, even sides for the mosaic."""
     full = Pinhole.of(sensor)
     part = min(1.0, (MAX_FIELD_PX / (full.width_px * full.height_px)) ** 0.5)
     width_px, height_px = (2 * int(part * n / 2) for n in (full.width_px, full.height_px))
@@ -255,7 +254,7 @@ def middle_view(sensor: SensorDimensions) -> Pinhole:
 
 @lru_cache(maxsize=2)
 def geometry(view: Pinhole) -> tuple[PictureGeometry, SurfaceLattice]:
-    """What draws displacements on a lattice over the view and its margin."""
+    """Renderer of displacements, on a lattice over the view and its margin."""
     x_mm, y_mm = axes_mm(view, PictureGeometry.MARGIN_PX + 1)
     nx, ny = (int(np.ceil((a[-1] - a[0]) / DRAG_LATTICE_MM)) + 1 for a in (x_mm, y_mm))
     lattice = SurfaceLattice(float(x_mm[0]), float(y_mm[0]), DRAG_LATTICE_MM, nx, ny)
@@ -264,7 +263,7 @@ def geometry(view: Pinhole) -> tuple[PictureGeometry, SurfaceLattice]:
 
 @lru_cache(maxsize=2)
 def drag_frames(view: Pinhole, seed: int) -> list[DragFrame]:
-    """Frames of a press that is dragged away, with waves on the skin, in steps of STEP_MM."""
+    """Frames of a press that is dragged away, with waves on the skin, in DRAG_STEP_MM steps."""
     drawing, lattice = geometry(view)
     face, in_view = SeenFace(view, lattice), TrueFrame.imaged_pixels(view)
     full_drag = drag_mm(*np.meshgrid(*lattice.axes_mm()), np.random.default_rng([seed, 22]))
@@ -278,7 +277,7 @@ def drag_frames(view: Pinhole, seed: int) -> list[DragFrame]:
 
 
 def drag_mm(x: Field, y: Field, rng: np.random.Generator) -> Field:
-    """Displacement (h, w, 3) at points of the face: a dent, a shift with it, and waves."""
+    """Displacement (h, w, 3), mm, at points of the face: a dent, its shift, and waves."""
     bump = np.exp(-(x**2 + y**2) / (2 * DRAG_WIDTH_MM**2))
     heading = rng.uniform(0, 2 * np.pi)
     u = np.stack([DRAG_MM * np.cos(heading) * bump, DRAG_MM * np.sin(heading) * bump,
@@ -303,11 +302,10 @@ class ProbeJob:
 
 
 def probe(job: ProbeJob) -> dict[str, Any]:
-    """A pattern on the known drag.
+    """Track a pattern on the known drag.
 
-    Returns `error_mm` and `coverage` of the drag there and back, and `bridged_mm`, the longest step
-    in which it is followed as well as in short ones. A pattern in which nothing can be tracked has
-    `refused`, saying why.
+    Returns `error_mm` and `coverage` of the drag and its reverse, and `bridged_mm`, the longest
+    step tracked as well as short ones; or `refused`, the reason if nothing can be tracked.
     """
     cv2.setNumThreads(1)  # DIS splits the image by thread
     seed, view = job.seed, middle_view(job.sensor)
@@ -337,7 +335,7 @@ def probe(job: ProbeJob) -> dict[str, Any]:
 def _track_frames(
     marks: PatternDots, rest: Image, images: Sequence[Image], truths: Sequence[TrueFrame]
 ) -> tuple[dict[str, Any], float]:
-    """Figures of all frames, and the mean error of the last one, mm."""
+    """Return figures of all frames, and the mean error of the last one, mm."""
     follower = Follower(TrackingPlan((SEARCH_TRACKER,), False, ()), marks)
     follower.take(rest, None)
     estimates = [follower.take(*frame) for frame in zip(images, truths, strict=True)]
@@ -346,12 +344,12 @@ def _track_frames(
 
 
 def strides(n: int) -> list[int]:
-    """Frames a step, so that every way ends at the last one of n."""
+    """Strides, in frames, that end at the last of n frames."""
     return [stride for stride in range(1, n + 1) if n % stride == 0]
 
 
 def longest_bridged(errors: dict[int, float]) -> int:
-    """The longest stride up to which the error stays within MAX_LOSS of that at stride 1."""
+    """Longest stride with an error within MAX_ERROR_RATIO of that at stride 1."""
     longest = 1
     for stride in sorted(errors):
         if errors[stride] > MAX_ERROR_RATIO * errors[1]:

@@ -1,7 +1,7 @@
-"""`study run settling`: how long to wait at a stop, by the force's error against the wait.
+"""`study run settling`: waiting time at a stop, from the force's error against the wait.
 
-Of recorded runs whose stops rest long (protocol `settling`), on a bench or a virtual rig. The
-relaxation that fits them leaves a closed form at each stop.
+From recorded runs with long rests (protocol `settling`), on a bench or a virtual rig. The fitted
+relaxation gives a closed form at each stop.
 """
 
 from __future__ import annotations
@@ -37,30 +37,29 @@ if TYPE_CHECKING:
     from .registry import StudyRequest
 
 SETTLING_STUDY = "settling"
-WAIT_PERCENTS = (5, 2, 1, 0.5)  # of the steady force: bounds whose waits are given
-HEADLINE_PERCENT = 2  # of them, that of the headlines
-STOP_AXES = {"press": [2], "shear": [0, 1]}  # the forces that a stop was made for
+WAIT_PERCENTS = (5, 2, 1, 0.5)  # by hand: bounds of the tables, % of the steady force
+HEADLINE_PERCENT = 2  # by hand: the bound of the headlines; smaller waits longer
+STOP_AXES = {"press": [2], "shear": [0, 1]}  # definition: force components that a stop changes
 STOP_WORDS = {"press": "a press", "shear": "a drag"}
-RELAXED_TIMES = 10.0  # x the slowest time: what is left then is e^-10 of its branch
-MIN_SHOWN_S, MIN_SHOWN_PERCENT = 0.02, 0.05  # shown
-SETTLING_MODULUS_NOTE = " Waits for an error in N are those of half or twice as strict a share."
+RELAXED_TIMES = 10.0  # by hand: times the slowest relaxation time, which leaves e^-10 of it
+MIN_SHOWN_S, MIN_SHOWN_PERCENT = 0.02, 0.05  # by hand: start of the axes, below is noise
+SETTLING_MODULUS_NOTE = " So waits for an error in N are those of half or twice the relative bound."
 SETTLING_LEFT_OUT = (
-    Note("softening by the first press (Mullins)", "the fit has no such memory; press a new gel "
-            "as deep before you measure"),
+    Note("softening by the first press (Mullins)", "not in the fit; precondition a new gel by a "
+            "press as deep"),
     Note("drift of the force sensor", "looks like a slow branch; see the force after the press"),
-    Note("slip while the force fades", "the closed form takes the contact as unchanged: on a "
-            "simulated gel at finite strain it was within 1 % of a press's force, and a drag's "
-            "excess was up to a fifth larger"),
-    Note("images", "while the force fades no point of the face moves by more than a few "
-            "micrometres in plane: an image is of the deformation, whenever it was taken"),
+    Note("slip while the force fades", "the closed form assumes a constant contact: on a simulated "
+            "finite-strain gel it was within 1 % of a press's force, and a drag's excess was up "
+            "to a fifth larger"),
+    Note("images", "during relaxation no point of the face moves by more than a few micrometres "
+            "in plane: images do not depend on the wait"),
 )  # fmt: skip
 
 
 def settling_time_s(wait_s: ArrayLike, error: ArrayLike, bound: float) -> float:
-    """The first of wait_s (n,) from which on |error| (n,) is within bound; nan: never.
+    """First time of wait_s (n,) after which |error| (n,) stays within bound; NaN: never.
 
-    Between two of them the error is taken as straight in the logarithm of error and linear in time,
-    as it is where it fades.
+    Interpolates the logarithm of the error linearly in time, as in a decay.
     """
     wait, magnitude = np.asarray(wait_s, float), np.abs(np.asarray(error, float))
     outside = np.flatnonzero(magnitude > bound)
@@ -75,9 +74,9 @@ def settling_time_s(wait_s: ArrayLike, error: ArrayLike, bound: float) -> float:
 
 
 class ForceDecay(NamedTuple):
-    """A stop: steady_n of the force that it was made for; excess_n (m,) at wait_s (m,) into it.
+    """Force decay at a stop: steady_n; fitted excess_n (m,) at wait_s (m,).
 
-    measured_n (k,): the same as it was measured, at measured_s (k,).
+    measured_n: (k,), measured excess at measured_s (k,).
     """
 
     name: str
@@ -91,7 +90,7 @@ class ForceDecay(NamedTuple):
 
     @classmethod
     def from_rest(cls, rest: ForceRest, steady_n: Field, fitted: RelaxationFit) -> ForceDecay:
-        """steady_n (3,): what the force of this rest fades to."""
+        """Build from a rest. steady_n: (3,), limit of its force."""
         times_s = fitted.series.times_s
         wait_s = np.geomspace(0.01 * min(times_s), RELAXED_TIMES * max(times_s), 120)
         wait_s = np.concatenate([[0.0], wait_s])
@@ -105,11 +104,11 @@ class ForceDecay(NamedTuple):
         )  # fmt: skip
 
     def settle_time_s(self, percent: float) -> float:
-        """Seconds until the force stays within that of its steady value."""
+        """Time until the force stays within a percentage of its steady value, s."""
         return settling_time_s(self.wait_s, self.excess_n, percent * self.steady_n / 100)
 
     def row(self) -> dict[str, Any]:
-        """Of the table."""
+        """Row of the table."""
         return {
             "stop": self.name, "kind": self.kind, "depth_mm": self.depth_mm,
             "steady_n": self.steady_n, "at_once_n": float(self.excess_n[0]),
@@ -119,9 +118,7 @@ class ForceDecay(NamedTuple):
 
 
 def run(request: StudyRequest) -> StudyResult:
-    """The study. Raises InputError without a run or for one whose stops do not rest; SolverError
-    where no series is found.
-    """
+    """Run the study. Raises InputError without runs or rests, SolverError if the fit fails."""
     if not request.runs:
         raise InputError(
             f"--from: missing; record the protocol {SETTLING_STUDY!r} on a bench or a virtual "
@@ -136,26 +133,26 @@ def run(request: StudyRequest) -> StudyResult:
     words = ", ".join(f"{100 * g:.2g} % with {tau:.2g} s" for g, tau in fitted.series.pairs)
     return StudyResult(
         study=SETTLING_STUDY,
-        title="How long to wait at a stop",
+        title="Waiting time at a stop",
         simulated=all(source.simulated for source in runs),
         seed=request.seed,
         scale=None,
-        answer=("When the tip stops, the force is above its steady value by shares that fade "
-                f"exponentially: {words}.",),
+        answer=("After a stop, the force exceeds its steady value by exponentially decaying "
+                f"shares: {words}.",),
         headlines=(
             *_longest_waits(stops),
-            Headline("share of the steady force that fades", 100 * sum(fitted.series.shares), "%",
+            Headline("decaying share of the steady force", 100 * sum(fitted.series.shares), "%",
                      None, None, "one series: no interval"),
         ),
         tables=(
-            ReportTable("waits", "Rest until the force is within a bound of its steady value.",
+            ReportTable("waits", "Waits until the force is within a bound of its steady value.",
                         pd.DataFrame([stop.row() for stop in stops])),
         ),
         figures=(
             ReportFigure(
                 "error-against-wait",
-                "Force over its steady value against the wait, by depth: in closed form (thick) "
-                f"and as measured (thin). Dotted: {', '.join(f'{p:g}' for p in WAIT_PERCENTS)} %.",
+                "Force over its steady value against the wait, by depth: fitted (thick) and "
+                f"measured (thin). Dotted: {', '.join(f'{p:g}' for p in WAIT_PERCENTS)} %.",
                 partial(plot_decay, stops),
             ),
         ),
@@ -170,12 +167,12 @@ def run(request: StudyRequest) -> StudyResult:
 
 
 def _longest_waits(stops: Sequence[ForceDecay]) -> list[Headline]:
-    """By kind, the wait after which no stop is off by more than BOUND."""
+    """Headlines: longest wait by kind of stop, for HEADLINE_PERCENT."""
     heads = []
     for kind, words in STOP_WORDS.items():
         waits = [stop.settle_time_s(HEADLINE_PERCENT) for stop in stops if stop.kind == kind]
         if waits:
-            label = f"wait after {words} for {HEADLINE_PERCENT} % of the force, the longest"
+            label = f"longest wait after {words} for {HEADLINE_PERCENT} % of the force"
             over = f"{len(waits)} stop{'s' * (len(waits) > 1)}: no interval"
             heads.append(Headline(label, max(waits), "s", None, None, over, told=True))
     return heads
@@ -190,14 +187,14 @@ def _notes(rests: Sequence[ForceRest], fitted: RelaxationFit) -> list[str]:
         slow = ", ".join(f"{tau:.3g} s" for tau in fitted.unsure)
         notes.append(
             f"A branch of {slow} is slower than half of the longest rest: its share, and the "
-            "steady force, are extrapolated. Rest longer (settle_s) to know them, and see to the "
-            "force sensor's drift, which looks the same."
+            "steady force, are extrapolated. Rest longer (settle_s) to measure them, and check "
+            "the force sensor's drift, which looks the same."
         )
     return notes
 
 
 def plot_decay(stops: Sequence[ForceDecay]) -> Figure:
-    """Error against waiting time, a panel for presses and one for drags, a colour a depth."""
+    """Plot error against waiting time: panels for presses and drags, colours for depths."""
     kinds = [kind for kind in STOP_WORDS if any(stop.kind == kind for stop in stops)]
     figure, axes = create_figure(9.6, 3.8, len(kinds))
     depths, series = sorted({s.depth_mm for s in stops}), cycle(ReportFigure.SERIES_COLOURS)

@@ -1,9 +1,9 @@
 """`study run shapes`: the paper's Shape Reconstruction and its figure of the force distribution.
 
-Sphere, cylinder, ring and toy hat, pressed on the virtual rig: the paper's gallery, the depth's
-error against truth, and the force field of a sheared press. `analyze shape` draws a recorded run.
-First the calibrations, of depth by a press of a ball, of force by that ball at three places; then
-the objects, none of which is that ball, and the ball of the twist.
+Sphere, cylinder, ring and toy hat, pressed on the virtual rig: the paper's gallery, depth errors,
+and the force field of a sheared press. `analyze shape` plots a recorded run. First calibrations of
+depth (a press of a ball) and of force (that ball at three places); then the objects, none of which
+is that ball, and the ball of the twist.
 """
 
 from __future__ import annotations
@@ -36,37 +36,36 @@ OBJECT_SETS = ("shapes", "shapes-hat")
 BALL_PRESS, FORCE_SMALL, TWIST_PRESS = "ball-press", "force-calibration-small", "twist"
 ALL_SETS = (*OBJECT_SETS, BALL_PRESS, FORCE_SMALL, TWIST_PRESS)
 FORCE_INDENTER = "sphere:10"
-"""Of the calibration of force: the one that calibrates the depth, and no object is."""
+"""Indenter of the force calibration; as for depth, and none of the objects."""
 FORCE_MODEL = "inverse-placed"
-"""Which `calibrate force` takes on every run so far (docs/decisions/0026), and which says where."""
+"""Chosen by `calibrate force` on every run so far (decision 0026); it gives a force field."""
 NINE_D_TACT = (
-    "9DTact gives 0.0462 mm for one ball (arXiv 2308.14277): another sensor, a real one, and "
-    "another experiment"
+    "9DTact reports 0.0462 mm for one ball (arXiv 2308.14277): another, real sensor and another "
+    "experiment"
 )
-SHAPES_GOAL_N = 0.2
-PRESSURE_GOAL = 0.3
-"""Of the peak pressure, in the mean over the contact."""
+SHAPES_GOAL_N = 0.2  # decision 0038: as in the force calibration
+PRESSURE_GOAL = 0.3  # by hand: mean error over the contact, of the peak pressure; lower is missed
 MEAN_COLUMNS = (
     "depth_error_contact_mm", "depth_error_face_mm", "true_peak_depth_mm", "peak_depth_mm",
     "true_area_mm2", "area_mm2", "contact_iou", "normal_n", "found_normal_n", "true_peak_kpa",
     "peak_kpa",
 )  # fmt: skip
-"""Of the table, where they are known."""
+"""Columns of the table, if known."""
 SHAPES_NOTES = (
-    "The paper shows these shapes and gives no number for them, so there is none to stand beside; "
-    "nor does it give a size, a place or a depth.",
-    "The paper's Gaussian density tells outlines, edges and steps: at edges the pattern crowds, on "
-    "a flat face it hardly changes. Off the axis parallax shifts what presses, so the density "
-    "crowds on one side and spreads on the other. It is no map of the depth.",
+    "The paper shows these shapes without numbers to compare with, and without sizes, places or "
+    "depths.",
+    "The paper's Gaussian density shows outlines, edges and steps: the pattern is compressed at "
+    "edges and hardly changes on a flat face. Off the axis, parallax shifts the pressed area, so "
+    "the density rises on one side and falls on the other. It is not a depth map.",
 )
 NO_TURN = (
-    "A stage of three axes does not turn: the twist is a ball sheared far from the centre, which "
-    "gives torque about the face's middle; a turn about the ball's own axis would show as a whirl."
+    "A three-axis stage cannot rotate: the twist is a ball sheared far from the centre, a torque "
+    "about the face's middle; a rotation about the ball's own axis would show as a vortex."
 )
 
 
 def run(request: StudyRequest) -> StudyResult:
-    """The study, calibrations first. Raises InputError, RunFailed."""
+    """Run the study, calibrations first. Raises InputError, RunFailed."""
     scene = load_scene(request)
     scene.solve_gels(request)
     ball = scene.presses(BALL_PRESS)[0]
@@ -112,7 +111,7 @@ def run(request: StudyRequest) -> StudyResult:
 
 
 def load_scene(request: StudyRequest) -> PressScene:
-    """The scene that was asked for. Raises InputError, one line, for one that cannot be used."""
+    """Load the requested scene. Raises InputError, one line, for an unusable one."""
     scale = parse_scale(request.scale)
     loaded = {name: load_protocol(name) for name in ALL_SETS}
     changed: dict[str, dict[str, Any]] = {FORCE_SMALL: {"indenters": [FORCE_INDENTER]}}
@@ -131,7 +130,7 @@ def load_scene(request: StudyRequest) -> PressScene:
 
 
 def settings(scene: PressScene, gel: Sequence[Mapping[str, Any]]) -> dict[str, str]:
-    """What the presses were made with, as a reader is shown it."""
+    """Settings of the presses in words."""
     box = scene.rig.stage
     first, hat, ball, force, twist = (scene.protocols[name] for name in ALL_SETS)
     places = ", ".join(f"({x:g}, {y:g})" for x, y in twist.positions_mm)
@@ -157,10 +156,10 @@ def build_result(
     presses: Mapping[str, PressShape], pictures: Sequence[ShapeMaps], field: ShapeMaps | None,
     note: str, left_out_n: float | None = None, notes: tuple[str, ...] = (), **metadata: Any,
 ) -> StudyResult:  # fmt: skip
-    """presses: by name. pictures: of the gallery. field: a frame with a traction, None for none.
+    """Build the result. presses: by name. pictures: of the gallery. field: a frame with tractions.
 
-    note: where they are from, over the figures. left_out_n: error of the calibration of force on a
-    place left out. made: seed, settings and whatever else only their maker knows.
+    note: origin, above the figures. left_out_n: error of the force calibration on a place left out,
+    N. metadata: seed, settings and further fields.
     """
     frames = settled_frames(presses)
     sources = sorted({shape.contact_by for shape in presses.values() if shape.contact_by})
@@ -171,9 +170,8 @@ def build_result(
         tables=(
             ReportTable(
                 "shapes-by-object",
-                "By object and depth. Means over the places at which each object was pressed. "
-                "Contact: where the true depth or pressure says so, and what was found; iou: what "
-                "both have of it, of all that either has.",
+                "By object and depth. Means over the places of each object. Contact: true (from "
+                "depth or pressure) and measured; iou: intersection over union of both.",
                 by_object(frames),
             ),
         ),
@@ -189,7 +187,7 @@ def build_result(
 
 
 def settled_frames(presses: Mapping[str, PressShape]) -> pd.DataFrame:
-    """A row a settled frame that presses; columns as the rows of `PressShape`, and `job`."""
+    """Table of settled frames in contact; columns as the rows of `PressShape`, and `job`."""
     rows = [
         {"job": job, **row}
         for job, shape in presses.items()
@@ -200,7 +198,7 @@ def settled_frames(presses: Mapping[str, PressShape]) -> pd.DataFrame:
 
 
 def by_object(frames: pd.DataFrame) -> pd.DataFrame:
-    """Means over the places of each object at each depth, before any shear, of what is known."""
+    """Means over places per object and depth, before any shear, of known values."""
     presses = frames[frames["kind"] != "shear"]
     presses = presses.assign(tip_depth_mm=presses["tip_depth_mm"].round(2))
     grouped = presses.groupby(["indenter", "tip_depth_mm"], sort=False)
@@ -210,7 +208,7 @@ def by_object(frames: pd.DataFrame) -> pd.DataFrame:
 
 
 def headlines(frames: pd.DataFrame, left_out_n: float | None = None) -> tuple[Headline, ...]:
-    """Intervals are over objects, which differ more than their places; of one over its places."""
+    """Headlines; intervals over objects, which differ most, or the places of one object."""
     heads: list[Headline] = []
     if "depth_error_contact_mm" in frames:
         heads += _depth_heads(frames.dropna(subset=["depth_error_contact_mm"]))
@@ -220,11 +218,11 @@ def headlines(frames: pd.DataFrame, left_out_n: float | None = None) -> tuple[He
         part = frames.dropna(subset=["pressure_error"])
         share = (part["peak_kpa"] / part["true_peak_kpa"]).groupby(part["indenter"]).mean()
         remark = (
-            f"cells of 1 mm round edges off: the peak found is {share.min():.2f} of the true one "
-            f"with {share.idxmin()}, {share.max():.2f} with {share.idxmax()}, so where edges press "
-            "hard this share is too favourable"
+            f"cells of 1 mm smooth edges: the measured peak is {share.min():.2f} of the true one "
+            f"for {share.idxmin()}, {share.max():.2f} for {share.idxmax()}, so at hard edges the "
+            "error is underestimated"
         )
-        label = "pressure field, mean error over the contact, of its peak"
+        label = "pressure field, mean error over the contact, relative to its peak"
         heads += [_mean_head(label, "", part, "pressure_error", goal=PRESSURE_GOAL, remark=remark)]
     return tuple(heads)
 
@@ -236,12 +234,12 @@ def _depth_heads(frames: pd.DataFrame) -> list[Headline]:
         _mean_head(
             label, "mm", frames, "depth_error_contact_mm",
             goal=ShapeResult.GOALS["depth_error_contact_mm"],
-            remark=f"predicting zero everywhere gives {zero:.2f} mm", told=True,
+            remark=f"baseline (zero depth): {zero:.2f} mm", told=True,
         ),
         _mean_head(
             "depth over the face, mean error", "mm", frames, "depth_error_face_mm", told=True,
             goal=ShapeResult.GOALS["depth_error_face_mm"],
-            remark="most of a face is not pressed, so this figure is favourable",
+            remark="optimistic, since most of a face is not pressed",
         ),
         *(
             _mean_head(f"{name}: {label}", "mm", part, "depth_error_contact_mm",
@@ -257,8 +255,8 @@ def _depth_heads(frames: pd.DataFrame) -> list[Headline]:
 
 
 def _force_heads(frames: pd.DataFrame, left_out_n: float | None) -> list[Headline]:
-    """Error of the normal force, apart where a calibration, of force or depth, does not reach."""
-    remark = "" if left_out_n is None else f"{left_out_n:.2f} N on a place of its ball left out; "
+    """Headlines of the normal force error, within the calibrations and extrapolated."""
+    remark = "" if left_out_n is None else f"{left_out_n:.2f} N on a left-out place of its ball; "
     heads = []
     outside = frames["force_extrapolated"].astype(bool) | frames["extrapolated"].astype(bool)
     for outer, part in frames.groupby(outside):
@@ -281,7 +279,7 @@ def _mean_head(
 
 
 def _groups(rows: pd.DataFrame) -> tuple[list[str], str]:
-    """What errs together in frames, and what it is called."""
+    """Groups of frames with correlated errors, and their noun."""
     column, noun = ("indenter", "object") if rows["indenter"].nunique() > 1 else ("job", "place")
     return list(rows[column]), noun
 
@@ -289,14 +287,14 @@ def _groups(rows: pd.DataFrame) -> tuple[list[str], str]:
 def build_figures(
     pictures: Sequence[ShapeMaps], field: ShapeMaps | None, note: str
 ) -> tuple[ReportFigure, ...]:
-    """The gallery, the depth against truth where there is one, forces where there is a field."""
+    """Figures: the gallery; depth against truth and forces, if known."""
     charts = []
     if pictures:
         charts.append(
             ReportFigure(
                 "shapes-gallery",
-                "The paper's gallery: object; camera image with the flow; Gaussian density of 3 px "
-                "as a hot map, redder where it is deeper; the face, deepest upwards.",
+                "The paper's gallery: object; camera image with flow; Gaussian density (3 px), red "
+                "for deeper; measured face, deepest upwards.",
                 partial(plot_gallery, pictures, note),
             )
         )
@@ -304,8 +302,8 @@ def build_figures(
         charts.append(
             ReportFigure(
                 "shapes-depth-error",
-                "Above: sections through the tip. Below: measured less true depth; black the "
-                "contact found, dashed the true one.",
+                "Above: sections through the tip. Below: measured minus true depth; contact "
+                "measured (black) and true (dashed).",
                 partial(plot_depth_against_truth, pictures, note),
             )
         )
@@ -313,8 +311,8 @@ def build_figures(
         charts.append(
             ReportFigure(
                 "force-distribution",
-                "The paper's force distribution: flow, normal force and shear, with the contact in "
-                "white, and below what is true where that is known.",
+                "The paper's force distribution: flow, normal force and shear, contact in white; "
+                "below: true values, if known.",
                 partial(plot_distribution, field, note),
             )
         )

@@ -1,9 +1,9 @@
-"""Frames of one press as a stream: drawn, used, and dropped, with no record of them.
+"""Frames of one press as a stream: rendered, used and dropped without a record.
 
-Geometry and truth of a frame are found once, whatever number of patterns is printed on the gel:
-a pattern costs its print once, and a frame of it what the camera does to it. The images are those
-that the virtual rig would record, but for where a real controller's ramps put the tip (a few
-micrometres); `Look`s taken from a record give its very bytes.
+Geometry and truth of a frame are computed once for all patterns; a pattern adds its print once and
+the camera model per frame. The images equal those recorded by the virtual rig except for the tip
+position on a real controller's ramps (a few micrometres); moments taken from a record reproduce its
+images exactly.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ from deltact_fab.simulate import (
 
 @dataclass(frozen=True)
 class FrameMoment:
-    """When a frame is taken: `fraction` of the way from knot a to knot b of the press; 0 is rest.
+    """Moment of a frame: `fraction` from knot a to knot b of the press; knot 0 is rest.
 
-    tip_mm: where the tip is, sensor frame. step: the protocol's, by its id.
+    tip_mm: tip position, sensor frame. step: id of the protocol's step.
     """
 
     step: str
@@ -50,10 +50,10 @@ class FrameMoment:
 
 @dataclass(frozen=True)
 class FaceFrame:
-    """One moment of the face, before any pattern is on it.
+    """Face at one moment, independent of the pattern.
 
-    at_px: (h + 2, w + 2, 2), what each pixel sees, for `FrameRenderer.expose`. displacement_mm:
-    (ny, nx, 3) on the lattice, None at rest. true: None of the first frame, the reference.
+    at_px: (h + 2, w + 2, 2), face point of each pixel, for `FrameRenderer.expose`. displacement_mm:
+    (ny, nx, 3) on the lattice, None at rest. true: None for the first frame, the reference.
     """
 
     number: int
@@ -64,7 +64,7 @@ class FaceFrame:
 
 
 class PressStream:
-    """One press of a protocol on a virtual rig, its gel solved or found, frame by frame."""
+    """Frames of one press of a protocol on a virtual rig, its gel solved or from the store."""
 
     def __init__(
         self,
@@ -86,7 +86,7 @@ class PressStream:
         self.solver.solve_all()
         kind = VirtualKind(config, source)
         view, self._flat = kind.camera(protocol, sensor), kind.flat(protocol)
-        assert view is not None, "a protocol that is drawn asks for images"
+        assert view is not None, "the protocol has images"
         self.view: Pinhole | Rectified = view
         self._crop = crop_lattice(config, sensor, self.solver.axes_mm)
         lattice = self._crop.lattice
@@ -96,13 +96,13 @@ class PressStream:
 
     @cached_property
     def moments(self) -> list[FrameMoment]:
-        """The moments of the protocol's frames."""
+        """Moments of the protocol's frames."""
         return frame_moments(self.protocol, self.path, self.increments)
 
     def frames(self, chosen: Iterable[FrameMoment] | None = None) -> Iterator[FaceFrame]:
-        """Each moment of the face, one after the other; looks: None for the protocol's own.
+        """Iterate over moments of the face. chosen: None for the protocol's.
 
-        Raises SolverError where a pixel would see no point of the surface.
+        Raises SolverError if a pixel sees no point of the surface.
         """
         in_view = TrueFrame.imaged_pixels(self.view)
         zeros = np.zeros((*in_view.shape, 2))
@@ -120,22 +120,22 @@ class PressStream:
             yield FaceFrame(number, moment, self.geometry.material_px(u_mm), u_mm, true)
 
     def picture(self, recipe: PatternRecipe, seed: int) -> FrameRenderer:
-        """The gel with that pattern printed on it, as the rig's own run with that seed has it."""
+        """Renderer of the gel with a printed pattern, as in a run of the rig with that seed."""
         return FrameRenderer.printed(self.geometry, self.config.virtual, recipe, seed)
 
     def noise(self, seed: int) -> np.random.Generator:
-        """What `FrameRenderer.expose` takes, one generator a pattern, from the first frame on."""
+        """Noise generator for `FrameRenderer.expose`; one per pattern, from the first frame on."""
         return FrameRenderer.noise(seed, self.press)
 
     def tracker_image(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """An image as trackers take it: rectified where the rig has a lens."""
+        """Image for the tracker: rectified if the rig has a lens."""
         if not isinstance(self.view, Rectified):
             return image
         rectified = np.asarray(self.view.rectify(image), np.uint8)
         return rectified if self._light is None else self._light.apply(rectified)
 
     def marks(self, recipe: PatternRecipe) -> PatternDots:
-        """The pattern's dots before this camera."""
+        """Dots of the pattern in this camera's view."""
         return PatternDots.of(self.view, recipe.as_record())
 
     @cached_property
@@ -143,7 +143,7 @@ class PressStream:
         return None if self._flat is None else self._flat.seen_by(self.view)
 
     def _field(self, knot: int) -> NDArray[Any]:
-        """Displacement (ny, nx, 3) of a knot on the cut lattice; the last two are kept."""
+        """Displacement (ny, nx, 3), mm, of a knot on the cropped lattice; caches the last two."""
         for number, field in self._knot:
             if number == knot:
                 return field
@@ -160,9 +160,9 @@ class PressStream:
 
 
 def frame_moments(protocol: Protocol, path: PressPath, increments: Increments) -> list[FrameMoment]:
-    """The moments of a press's frames: evenly over each filmed line, the last one at its end.
+    """Moments of a press's frames: evenly over each filmed line, the last at its end.
 
-    Not for a gel that creeps: a rest has a knot of its own there.
+    Not for a gel that creeps, whose rests have their own knots.
     """
     moments: list[FrameMoment] = []
     position_mm, knot = (*path.at_mm, protocol.motion.clearance_mm), 0
@@ -189,7 +189,7 @@ def frame_moments(protocol: Protocol, path: PressPath, increments: Increments) -
 def _moment_at(
     step: Step, start: tuple[float, ...], splits: list[float], numbers: list[int], k: int
 ) -> FrameMoment:
-    """The k-th frame of a line with knots `numbers` at its fractions `at`."""
+    """Moment of the k-th frame of a line with knots `numbers` at its fractions `splits`."""
     progress = k / step.frames
     i = 0
     while i + 2 < len(splits) and splits[i + 1] <= progress:

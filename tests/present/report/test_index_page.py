@@ -86,10 +86,10 @@ def test_a_study_tells_its_verdict_its_date_and_where_its_page_is(found: dict[st
     ("name", "trouble", "line"),
     [
         ("half", "2 jobs missing:", "The better one"),
-        ("no-page", "its page is gone:", "The better one"),
+        ("no-page", "page missing:", "The better one"),
         ("fresh", "", "The better one"),
-        ("stale", "made by other code than this:", "The better one"),
-        ("gone", "made by other code than this:", "The better one"),
+        ("stale", "made by other code:", "The better one"),
+        ("gone", "made by other code:", "The better one"),
         ("cut", "damaged:", "not valid JSON"),
         ("stopped", "unfinished:", "frames in"),
         ("hurt", "damaged:", "journal"),
@@ -127,7 +127,7 @@ def test_the_command_writes_a_page_whose_links_hold(all_sorts: Path, tmp_path: P
     links = [html.unescape(link) for link in re.findall(r'<a href="([^"]+)"', page)]
     assert len(links) == 12
     assert all((out.parent / unquote(link)).exists() for link in links)
-    assert "8 of 12 are unfinished, old, damaged or made with warnings" in page
+    assert "8 of 12 are unfinished, outdated, damaged or with warnings" in page
     assert page.count('<tr class="bad">') == 8
     assert "<script" not in page
 

@@ -74,7 +74,7 @@ def test_another_error_and_a_success_that_was_not_due_are_found(matrix: FaultMat
     other = dataclasses.replace(fault("limit switch"), says=("a word that nobody says",))
     assert cell(matrix, other, PRESS).wrong == "another error than the fault's"
     never = dataclasses.replace(fault("doubled ok"), success=False)
-    assert cell(matrix, never, PRESS).wrong == "success, and an error was due"
+    assert cell(matrix, never, PRESS).wrong == "success, expected an error"
 
 
 def test_a_record_that_lost_something_is_found(matrix: FaultMatrix, tmp_path: Path) -> None:

@@ -95,12 +95,12 @@ def test_a_study_is_told_written_and_its_own_folder_taken_again(tmp_path: Path) 
     first = call(tmp_path, "--count", "3", "--json", "--figures", "figures")
     assert first.returncode == 0, first.stderr
     assert len(json.loads(first.stdout)["tables"]["means"]) == 3
-    assert "0 of 3 jobs are kept, 3 to do\n" in first.stderr
+    assert "0 of 3 jobs stored, 3 to do\n" in first.stderr
     assert f"report: {Path('study-out/tiny/report.html')}\n" in first.stderr
     again = call(tmp_path, "--count", "4", "--fails", "job-3", "--partial", "yes")
     assert again.returncode == 0
     assert again.stdout == "3 means.\n1 job is missing, so nothing is decided.\n"
-    assert "3 of 4 jobs are kept, 1 to do" in again.stderr
+    assert "3 of 4 jobs stored, 1 to do" in again.stderr
     assert "failed: job-3: it did not converge\n" in again.stderr
     assert "warning: 1 jobs have no result and are left out: job-3;" in again.stderr
     assert "job-3" in (tmp_path / "study-out/tiny/report.html").read_text()
@@ -139,7 +139,7 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(tmp_path: Path, store: 
     assert (process.returncode, out) == (130, "")
     # Without a terminal a line every few seconds says how far it is.
     assert [line for line in said.splitlines() if not line.startswith("tiny: ")][1:] == [
-        f"deltact-fab: stopped: {kept} of 12 jobs are kept; the same command goes on there"
+        f"deltact-fab: stopped: {kept} of 12 jobs stored; run the same command to resume"
     ]
     assert 2 <= kept < 12
     assert not (tmp_path / "study-out/tiny/report.html").exists()

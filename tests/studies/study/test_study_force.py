@@ -123,7 +123,7 @@ def test_by_place_the_papers_model_is_read_in_four_ways() -> None:
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
-        (StudyRequest(rig="grbl-bench"), "a study simulates on a 'virtual' rig"),
+        (StudyRequest(rig="grbl-bench"), "expected a 'virtual' rig"),
         (StudyRequest(rig="virtul"), "did you mean 'virtual'"),
         (StudyRequest(options={"protocol": "deep-drag"}), "channels: without force"),
         (StudyRequest(scale=0.0), "expected above 0 and at most 1"),

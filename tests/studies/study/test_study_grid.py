@@ -50,7 +50,7 @@ def test_what_is_kept_is_not_done_again_and_is_the_same(done: Path) -> None:
     said: list[str] = []
     first = solve(tiny_study.jobs_of(7, 3), say=said.append)
     again = solve(tiny_study.jobs_of(7, 3), say=said.append)
-    assert said == ["0 of 3 jobs are kept, 3 to do"]
+    assert said == ["0 of 3 jobs stored, 3 to do"]
     assert (first.n_cached, again.n_cached, len(list(done.iterdir()))) == (0, 3, 3)
     assert same(first, again)
     value = first["job-1"]
@@ -97,7 +97,7 @@ def test_a_failure_ends_one_job_and_the_grid_says_so_whatever_is_asked_of_it(don
     assert grid.missing == {"job-2": "it did not converge"}
     assert list(grid.results) == ["job-0", "job-1", "job-3"]
     assert grid["job-3"]["mean"] == grid.results["job-3"]["mean"]
-    with pytest.raises(RunFailed, match="job-2: has no result"):
+    with pytest.raises(RunFailed, match="job-2: no result"):
         grid["job-2"]
     with pytest.raises(KeyError):
         grid["job-9"]
@@ -131,7 +131,7 @@ def test_what_a_study_forgets_is_in_its_result(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setitem(sys.modules, "deltact_fab.studies.study.tiny_study", tiny_study)
     more = {"count": 3, "seconds": 0.0, "fails": "job-1", "partial": True}
     assert registry.run_study("tiny", StudyRequest(options=more)).missing == ("job-1",)
-    with pytest.raises(RunFailed, match="job-1: has no result"):
+    with pytest.raises(RunFailed, match="job-1: no result"):
         registry.run_study("tiny", StudyRequest(options={**more, "partial": False}))
     with pytest.raises(InputError, match="did you mean 'tiny'"):
         registry.run_study("tinny", StudyRequest())

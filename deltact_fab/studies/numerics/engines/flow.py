@@ -24,9 +24,7 @@ from .flow_frames import VIEW_MM_PER_PX, FlowSequence, Vectors, scene
 
 PIXEL_WRONG_PX = 1.0  # definition: a pixel further off counts as wrong
 OTHER_SEEDS = {"near": "other seed", "near, fine": "other seed, fine"}
-MAX_CONFIDENT_SHARE = (
-    0.005  # by hand: of the view; measured 0 (docs/evidence/flow.md)
-)
+MAX_CONFIDENT_SHARE = 0.005  # by hand: of the view; measured 0 (docs/evidence/flow.md)
 MAX_WRONG_SHARE = 0.005  # by hand: wrong share of the confident pixels of a trusted frame
 # Same for a long motion, goal zero. On the coarse pattern some pixels where the motion halves areas
 # are off by up to 1.5 px (decision 0061).
