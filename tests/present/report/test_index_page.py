@@ -63,14 +63,14 @@ def found(all_sorts: Path) -> dict[str, Entry]:
     return {entry.name: entry for entry in list_entries(all_sorts, all_sorts)}
 
 
-def test_every_run_and_study_has_a_row_and_nothing_else(found: dict[str, Entry]) -> None:
+def test_only_runs_and_studies_have_rows(found: dict[str, Entry]) -> None:
     assert set(found) == {
         "studies/a study #1", "half", "no-page", "fresh", "stale", "gone", "cut", "runs/mini",
         "stopped", "old", "hurt", "odd",
     }  # fmt: skip
 
 
-def test_a_study_tells_its_verdict_its_date_and_where_its_page_is(found: dict[str, Entry]) -> None:
+def test_study_row_has_verdict_date_link(found: dict[str, Entry]) -> None:
     entry = found["studies/a study #1"]
     assert entry.kind == "study made-up"
     assert entry.line == "The better one is half as far off."
@@ -96,7 +96,7 @@ def test_a_study_tells_its_verdict_its_date_and_where_its_page_is(found: dict[st
         ("odd", "damaged:", "an object is needed"),
     ],
 )
-def test_what_is_not_in_order_says_so_in_a_line(
+def test_problems_are_named_in_the_row(
     found: dict[str, Entry], all_sorts: Path, name: str, trouble: str, line: str
 ) -> None:
     assert found[name].trouble == trouble
@@ -116,7 +116,7 @@ def test_an_analysed_run_tells_its_verdict(mini_run: Path, tmp_path: Path) -> No
     assert list_entries(tmp_path, tmp_path)[0].trouble == "damaged:"
 
 
-def test_the_command_writes_a_page_whose_links_hold(all_sorts: Path, tmp_path: Path) -> None:
+def test_command_writes_page_with_valid_links(all_sorts: Path, tmp_path: Path) -> None:
     out = tmp_path / "deep" / "index.html"
     out.parent.mkdir()
     done = CliRunner().invoke(

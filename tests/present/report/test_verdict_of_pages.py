@@ -149,7 +149,7 @@ def test_a_warning_reaches_the_verdict_once(
     assert words.lower().count(says.lower()) == 1
 
 
-def test_the_worst_is_the_verdict_and_what_is_said_twice_stands_once() -> None:
+def test_worst_is_verdict_without_duplicates() -> None:
     found = [
         Check("1", value="a"), Check("2", value="c", status="fail"),
         *Check.warnings("3", ["b"]), Check("4", value="a"),

@@ -64,20 +64,20 @@ def test_a_fault_ends_as_it_must(matrix: FaultMatrix, name: str, moment: str) ->
     assert cell(matrix, fault(name), moment).wrong == ""
 
 
-def test_a_carriage_that_goes_on_is_found(matrix: FaultMatrix) -> None:
+def test_continued_motion_is_detected(matrix: FaultMatrix) -> None:
     """A cable that is out, judged as if a byte could reach the board."""
     strict = dataclasses.replace(fault("unplugged for good"), carries=True)
     assert "mm of travel, " in cell(matrix, strict, TRAVEL).wrong
 
 
-def test_another_error_and_a_success_that_was_not_due_are_found(matrix: FaultMatrix) -> None:
+def test_unexpected_outcomes_are_detected(matrix: FaultMatrix) -> None:
     other = dataclasses.replace(fault("limit switch"), says=("a word that nobody says",))
     assert cell(matrix, other, PRESS).wrong == "another error than the fault's"
     never = dataclasses.replace(fault("doubled ok"), success=False)
     assert cell(matrix, never, PRESS).wrong == "success, expected an error"
 
 
-def test_a_record_that_lost_something_is_found(matrix: FaultMatrix, tmp_path: Path) -> None:
+def test_lost_record_rows_are_detected(matrix: FaultMatrix, tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(matrix.folder / "undisturbed", run)
     assert matrix.difference(run) == ""

@@ -27,12 +27,12 @@ def star() -> Vectors:
     return STAR.motion(*pixels()).astype(np.float32)
 
 
-def test_noise_of_the_star_is_the_noise(star: Vectors) -> None:
+def test_star_noise_equals_image_noise(star: Vectors) -> None:
     noisy = star + np.random.default_rng(1).normal(0, 0.02, star.shape).astype(np.float32)
     assert STAR.figures(noisy).noise_px == pytest.approx(0.02, rel=0.02)
 
 
-def test_a_star_on_a_grid_of_nodes_has_the_same_figures(star: Vectors) -> None:
+def test_star_on_nodes_has_same_figures(star: Vectors) -> None:
     seen = np.asarray(cv2.blur(star, (1, 21)))
     nodes = np.full_like(seen, np.nan)
     nodes[2::4, 2::4] = seen[2::4, 2::4]
@@ -40,7 +40,7 @@ def test_a_star_on_a_grid_of_nodes_has_the_same_figures(star: Vectors) -> None:
 
 
 @pytest.mark.slow
-def test_a_drawn_frame_moves_as_it_is_told(tmp_path: Path) -> None:
+def test_rendered_frame_has_requested_motion(tmp_path: Path) -> None:
     """Its truth is the field itself, and the flow finds it."""
     given = flow_frames.scene(tmp_path, "near")
     x, y = pixels()

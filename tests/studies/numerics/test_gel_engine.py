@@ -15,7 +15,7 @@ from deltact_fab.studies.numerics.engines.gel_press import FiniteSolution, GelCa
 SLOW = pytest.mark.slow
 
 
-def test_extrapolation_removes_an_error_of_second_order() -> None:
+def test_extrapolation_removes_second_order_error() -> None:
     field = np.random.default_rng(0).standard_normal((5, 4, 2))
     off = np.random.default_rng(1).standard_normal((5, 4, 2))
     cells = (0.75, 0.5)
@@ -58,7 +58,7 @@ def test_shear_beyond_the_cone_is_seen() -> None:
                           (evidence.reference, evidence.OWN_ERROR)) for item in table.items()
     ],
 )  # fmt: skip
-def test_a_reference_is_as_good_as_it_says(of: Any, what: tuple[Any, ...], own: Any) -> None:
+def test_reference_error_is_as_stated(of: Any, what: tuple[Any, ...], own: Any) -> None:
     truth = of(*what)
     assert truth.force_error <= own[0] * 1.1
     assert truth.in_plane_error <= own[1] * 1.1

@@ -76,7 +76,7 @@ def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 
 @pytest.mark.slow
-def test_a_case_that_kills_or_hangs_is_wrong_and_the_rest_go_on(toy: str, tmp_path: Path) -> None:
+def test_crash_or_hang_is_wrong(toy: str, tmp_path: Path) -> None:
     cases = harness.load_engine(toy).cases(False)
     rows = list(harness.case_rows("toy", toy, cases, tmp_path, False, silence_s=5.0))
     assert [r["case"] for r in rows] == [c.name for c in cases]
@@ -106,7 +106,7 @@ def test_pareto_front() -> None:
     assert {r["baseline"] for r in found} == {"s, n"}
 
 
-def test_every_row_is_judged_and_a_wrong_one_fails_the_command(toy: str, tmp_path: Path) -> None:
+def test_wrong_row_fails_the_command(toy: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
     done = CliRunner().invoke(numerics, ["toy", "--quick", "--out", str(out)])
     assert done.exit_code == 1

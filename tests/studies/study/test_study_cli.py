@@ -41,7 +41,7 @@ def files(folder: Path) -> dict[str, bytes]:
     return {p.name: p.read_bytes() for p in folder.iterdir()}
 
 
-def test_every_study_is_listed_and_shows_its_options_with_their_defaults() -> None:
+def test_studies_are_listed_with_options() -> None:
     listed = CliRunner().invoke(study, ["list"]).stdout
     for name, one in STUDIES.items():
         assert f"{name} " in listed
@@ -57,7 +57,7 @@ def test_every_study_is_listed_and_shows_its_options_with_their_defaults() -> No
         assert f"[default: study-out/{name}]" in shown
 
 
-def test_options_of_one_study_have_their_types(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_study_options_are_typed(monkeypatch: pytest.MonkeyPatch) -> None:
     own = {"--few": {"help": "N.", "default": 3}, "--many": {"help": "M.", "multiple": True}}
     monkeypatch.setitem(STUDIES, "own", Study("none", "Own.", takes=("scale",), options=own))
     words = ["study", "run", "own", "--help"]
@@ -71,7 +71,7 @@ def test_options_of_one_study_have_their_types(monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.mark.slow
-def test_what_is_refused_is_one_line_and_nothing_is_written(tmp_path: Path) -> None:
+def test_refusal_is_one_line_without_output(tmp_path: Path) -> None:
     strange = tmp_path / "strange"
     strange.mkdir()
     (strange / "mine.txt").write_text("mine")
@@ -91,7 +91,7 @@ def test_what_is_refused_is_one_line_and_nothing_is_written(tmp_path: Path) -> N
 
 
 @pytest.mark.slow
-def test_a_study_is_told_written_and_its_own_folder_taken_again(tmp_path: Path) -> None:
+def test_study_reuses_its_own_folder(tmp_path: Path) -> None:
     first = call(tmp_path, "--count", "3", "--json", "--figures", "figures")
     assert first.returncode == 0, first.stderr
     assert len(json.loads(first.stdout)["tables"]["means"]) == 3
@@ -130,7 +130,7 @@ def until(process: subprocess.Popen[str], store: Path, count: int) -> None:
 
 
 @pytest.mark.slow
-def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(tmp_path: Path, store: Path) -> None:
+def test_ctrl_c_keeps_results_for_resume(tmp_path: Path, store: Path) -> None:
     with begun(tmp_path, "--seconds", "0.3", "--jobs", "2") as process:
         until(process, store, 2)
         os.killpg(process.pid, signal.SIGINT)
@@ -146,7 +146,7 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(tmp_path: Path, store: 
 
 
 @pytest.mark.slow
-def test_killed_at_random_moments_and_resumed_the_tables_are_those_of_an_undisturbed_run(
+def test_killed_and_resumed_tables_are_identical(
     tmp_path: Path, store: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drawn = random.Random(22)

@@ -71,7 +71,7 @@ def made(noise_n: float = 0.02, bent: float = 1.0, places: int = PLACES) -> Forc
     )
 
 
-def test_what_counts_is_told_in_few_words_with_its_interval() -> None:
+def test_verdict_is_short_with_intervals() -> None:
     told = build_result(made(), scale=0.1)
     assert told.answer[0].startswith("Use the model sums; more than ")
     best, paper = told.headlines[:3], told.headlines[3:]
@@ -90,7 +90,7 @@ def test_what_counts_is_told_in_few_words_with_its_interval() -> None:
     assert [one for one in told.notes if "docs/evidence/strangers.md" in one]
 
 
-def test_a_goal_is_missed_or_undecided_where_places_are_few() -> None:
+def test_few_places_leave_goals_open() -> None:
     """With a place that answers otherwise; of three places there is no interval."""
     assert build_result(made(bent=1.6)).headlines[0].state == "missed"
     few = build_result(made(places=3)).headlines[0]
@@ -98,7 +98,7 @@ def test_a_goal_is_missed_or_undecided_where_places_are_few() -> None:
     assert few.state == "undecided"
 
 
-def test_by_place_the_papers_model_is_read_in_four_ways() -> None:
+def test_paper_model_has_four_readings() -> None:
     """Of normal force that is linear in the signed sums, with another factor at each place."""
     result = made()
     data = result.data
@@ -129,13 +129,13 @@ def test_by_place_the_papers_model_is_read_in_four_ways() -> None:
         (StudyRequest(scale=0.0), "expected above 0 and at most 1"),
     ],
 )
-def test_a_scene_that_will_not_do_is_refused_in_one_line(asked: StudyRequest, words: str) -> None:
+def test_unusable_scene_is_refused(asked: StudyRequest, words: str) -> None:
     with pytest.raises(InputError, match=words) as why:
         load_scene(asked)
     assert "\n" not in str(why.value)
 
 
-def test_a_gel_that_no_tolerance_picks_is_refused(mini: tuple[Path, Path], mini_run: Path) -> None:
+def test_other_gel_models_are_refused(mini: tuple[Path, Path], mini_run: Path) -> None:
     with pytest.raises(
         InputError, match=r"specimen.gel_model: 'linear'; a calibration needs .*'hyperelastic'"
     ):
@@ -144,7 +144,7 @@ def test_a_gel_that_no_tolerance_picks_is_refused(mini: tuple[Path, Path], mini_
         run(StudyRequest(runs=(mini_run,)))
 
 
-def test_recorded_runs_take_no_scale_and_no_rig(mini_run: Path, tmp_path: Path) -> None:
+def test_recorded_runs_refuse_scale_and_rig(mini_run: Path, tmp_path: Path) -> None:
     for asked, words in (
         (StudyRequest(runs=(mini_run,), scale=0.1), "--scale: does not go with --from"),
         (StudyRequest(runs=(mini_run,), rig="virtual"), "--rig: does not go with --from"),
@@ -175,7 +175,7 @@ def folded(protocol: Protocol) -> set[tuple[float, float]]:
 @pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.floats(1e-4, 1.0))
-def test_any_scale_keeps_the_indenters_the_range_and_places_to_leave_out(scale: float) -> None:
+def test_scale_keeps_indenters_and_range(scale: float) -> None:
     thin = scale_protocol(whole(), scale)
     assert thin.indenters == whole().indenters
     assert len(folded(thin)) >= 2
@@ -195,7 +195,7 @@ def test_the_whole_is_the_papers() -> None:
     assert count_points(whole()) == 9 * (5 * 9 + 1) * 5 == 2070
 
 
-def test_places_are_kept_far_apart_and_mirror_images_last() -> None:
+def test_places_are_far_apart_mirrors_last() -> None:
     order = [whole().positions_mm[n] for n in order_places(whole().positions_mm)]
     assert order[:2] == [(0.0, 0.0), (6.0, 5.0)]
     assert {(abs(x), abs(y)) for x, y in order[:4]} == folded(whole())
@@ -238,7 +238,7 @@ def simulated(asked: StudyRequest) -> dict[str, Any]:
 
 
 @pytest.mark.slow
-def test_the_study_is_simulated_judged_and_told(simulated: dict[str, Any]) -> None:
+def test_simulated_study_end_to_end(simulated: dict[str, Any]) -> None:
     # One at rest and nine stops of a grid of shear, at three places, two of them mirror images.
     assert simulated["n_points"] == 30
     best = simulated["tables"]["force-models"][0]
@@ -261,7 +261,7 @@ def test_the_study_is_simulated_judged_and_told(simulated: dict[str, Any]) -> No
 
 
 @pytest.mark.slow
-def test_a_recorded_run_of_the_protocol_says_the_same(
+def test_recorded_run_gives_same_result(
     asked: StudyRequest, simulated: dict[str, Any], tmp_path: Path
 ) -> None:
     folder = tmp_path / "recorded"

@@ -46,7 +46,7 @@ def same(one: Grid, other: Grid) -> bool:
     )
 
 
-def test_what_is_kept_is_not_done_again_and_is_the_same(done: Path) -> None:
+def test_stored_results_are_not_recomputed(done: Path) -> None:
     said: list[str] = []
     first = solve(tiny_study.jobs_of(7, 3), say=said.append)
     again = solve(tiny_study.jobs_of(7, 3), say=said.append)
@@ -60,13 +60,13 @@ def test_what_is_kept_is_not_done_again_and_is_the_same(done: Path) -> None:
     assert math.isnan(value["nan"])
 
 
-def test_another_seed_or_other_arguments_are_another_job(done: Path) -> None:
+def test_seed_and_arguments_change_the_key(done: Path) -> None:
     solve(tiny_study.jobs_of(7, 2))
     assert solve(tiny_study.jobs_of(8, 2)).n_cached == 0
     assert solve(tiny_study.jobs_of(7, 3)).n_cached == 2
 
 
-def test_arguments_that_are_no_plain_data_are_refused_before_anything_is_done() -> None:
+def test_non_plain_arguments_are_refused_early() -> None:
     job = tiny_study.jobs_of(1, 1)[0]
     with pytest.raises(TypeError, match="job-0"):
         solve([replace(job, arguments={"path": Path()})])
@@ -90,7 +90,7 @@ def test_a_damaged_entry_is_done_again(harm: str, done: Path) -> None:
     assert solve(tiny_study.jobs_of(7, 2)).n_cached == 2
 
 
-def test_a_failure_ends_one_job_and_the_grid_says_so_whatever_is_asked_of_it(done: Path) -> None:
+def test_failure_ends_only_its_job(done: Path) -> None:
     said: list[str] = []
     grid = solve(tiny_study.jobs_of(7, 4, fails="job-2"), say=said.append)
     assert said[1:] == ["failed: job-2: it did not converge"]
@@ -108,13 +108,13 @@ def test_a_failure_ends_one_job_and_the_grid_says_so_whatever_is_asked_of_it(don
     assert [solve(failing).missing for _ in range(2)] == [{"job-2": "it did not converge"}] * 2
 
 
-def test_a_mistake_in_the_code_is_raised_with_the_job_that_it_was_in() -> None:
+def test_bug_is_raised_with_its_job() -> None:
     with pytest.raises(KeyError) as why:
         solve([GridJob("wrong", tiny_study.draw, {}), *tiny_study.jobs_of(7, 1)])
     assert why.value.__notes__ == ["in the job wrong"]
 
 
-def test_a_store_that_refuses_is_said_once_and_the_values_are_there(tmp_path: Path) -> None:
+def test_failing_store_is_reported_once(tmp_path: Path) -> None:
     cache.cache_folder().parent.mkdir(exist_ok=True)
     cache.cache_folder().write_text("no folder")
     said: list[str] = []
@@ -123,7 +123,7 @@ def test_a_store_that_refuses_is_said_once_and_the_values_are_there(tmp_path: Pa
     assert len(said) == 2
 
 
-def test_what_a_study_forgets_is_in_its_result(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_jobs_are_in_the_result(monkeypatch: pytest.MonkeyPatch) -> None:
     from deltact_fab.studies.study import registry
 
     monkeypatch.setattr(registry, "STUDIES", dict(registry.STUDIES))
@@ -148,7 +148,7 @@ def test_the_longest_jobs_are_begun_first() -> None:
     assert [name for name in heard if name] == ["job-1", "job-2", "job-0"]
 
 
-def test_seeds_depend_on_the_study_and_the_name_and_nothing_else() -> None:
+def test_seeds_depend_on_study_and_name() -> None:
     names = [f"sphere:{d}/p{n}" for d in range(40) for n in range(50)]
     found = [seed_of(3, name) for name in names]
     assert len(set(found)) == len(names)
@@ -159,7 +159,7 @@ def test_seeds_depend_on_the_study_and_the_name_and_nothing_else() -> None:
     assert seed_of(3, "sphere:10/p1") == 249821586942346
 
 
-def test_remaining_time_is_told_by_what_the_jobs_cost(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_remaining_time_follows_job_costs(monkeypatch: pytest.MonkeyPatch) -> None:
     now = [100.0]
     monkeypatch.setattr(engine.time, "monotonic", lambda: now[0])
     pace = JobPace([30.0, 10.0, 10.0, 10.0], 2)

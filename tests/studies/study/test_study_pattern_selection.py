@@ -44,7 +44,7 @@ def small(mini: tuple[Path, Path]) -> StudyResult:
 
 
 @pytest.mark.slow
-def test_a_small_one_has_errors_cover_and_the_papers_values(small: StudyResult) -> None:
+def test_small_study_has_errors_and_paper(small: StudyResult) -> None:
     assert small.simulated
     assert not small.missing
     rows = {row["pattern"]: row for row in small.data["tables"]["patterns"]}
@@ -72,7 +72,7 @@ def test_a_small_one_has_errors_cover_and_the_papers_values(small: StudyResult) 
 
 
 @pytest.mark.slow
-def test_the_same_from_the_record_of_the_same_press(
+def test_record_gives_the_same_errors(
     mini: tuple[Path, Path], mini_run: Path, tmp_path: Path
 ) -> None:
     """A record has its own pattern, and here its truth: the stream's frames are micrometres off."""
@@ -97,14 +97,14 @@ def test_the_same_from_the_record_of_the_same_press(
         ({"indenter": ("sphere:15",)}, "--indenter: 'sphere:15'"),
     ],
 )
-def test_names_that_are_not_known_are_refused(
+def test_unknown_names_are_refused(
     mini: tuple[Path, Path], more: dict[str, Any], says: str
 ) -> None:
     with pytest.raises(InputError, match=says):
         pattern_selection.run(asked(mini, **more))
 
 
-def test_presses_are_cut_so_that_every_worker_has_some_and_none_too_many() -> None:
+def test_presses_are_split_over_workers() -> None:
     scene = Selection.from_request(StudyRequest())
     for workers, parts in ((1, 5), (5, 5), (100, 17)):
         jobs = scene.jobs(workers)
@@ -113,7 +113,7 @@ def test_presses_are_cut_so_that_every_worker_has_some_and_none_too_many() -> No
         assert sorted(first) == sorted(entry.name for entry in scene.entries)
 
 
-def test_a_job_is_known_by_all_of_its_arguments_in_any_process() -> None:
+def test_job_key_is_independent_of_process() -> None:
     job, other = Selection.from_request(StudyRequest()).jobs()[:2]
     assert pickle.loads(pickle.dumps(job)).key() == job.key()
     assert job.arguments.press == other.arguments.press
@@ -129,7 +129,7 @@ def test_a_job_is_known_by_all_of_its_arguments_in_any_process() -> None:
     assert len(set(keys)) == len(keys)
 
 
-def test_at_full_scale_the_gel_of_mirrored_positions_is_solved_once() -> None:
+def test_mirrored_positions_are_solved_once() -> None:
     scene = Selection.from_request(StudyRequest(scale=1.0))
     assert len(scene.jobs()) == 100
     presses = scene.scene.gel(scene.name)
@@ -186,9 +186,7 @@ THEIRS = {(0.1, 0.5): 0.11, (0.075, 0.6): 0.08}
         (made_up(THEIRS | {(0.05, r): 0.6 for r in (0.4, 0.5, 0.6)}), ["met", "met", "met"]),
     ],
 )
-def test_a_claim_needs_both_readings_and_an_interval(
-    errors: PatternErrors, says: list[str]
-) -> None:
+def test_claim_needs_both_readings(errors: PatternErrors, says: list[str]) -> None:
     found = claims(errors)
     assert [one.state() for one in found] == says
     assert [one.state(final=False) for one in found] == ["undecided"] * 3
@@ -202,7 +200,7 @@ def test_two_patterns_are_no_round() -> None:
     assert [one.state() for one in claims(errors)] == ["undecided"] * len(claims(errors))
 
 
-def test_a_pattern_without_an_error_under_one_indenter_has_no_mean() -> None:
+def test_missing_indenter_error_has_no_mean() -> None:
     errors = made_up({(0.1, 0.5): 0.01})
     best = errors.best(SUMMED_FLOW, "at_dots", errors.printed)
     assert best is not None
@@ -212,7 +210,7 @@ def test_a_pattern_without_an_error_under_one_indenter_has_no_mean() -> None:
     assert errors.best(SUMMED_FLOW, "at_dots", errors.printed) != best
 
 
-def test_frames_along_the_path_are_those_at_a_depth_by_their_drag() -> None:
+def test_frames_are_grouped_by_drag() -> None:
     path = np.array([[2.5, 0.0], [5.0, 0.0], [5.0, 0.5], [5.0, 1.0], [5.0, 2.0]])
     rows = {SUMMED_FLOW: np.full((5, 3), 0.1)}
     cell = PressErrors("x", "i/p1", "i", {}, rows, path, None, ())

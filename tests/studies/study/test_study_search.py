@@ -41,7 +41,7 @@ from deltact_fab.studies.study.search_candidates import (
 )
 
 
-def test_the_rig_file_is_the_default_and_options_win() -> None:
+def test_options_override_the_rig_file() -> None:
     (rig, sensor), (other, seen) = open_bench("virtual"), open_bench("virtual", 600, 0.05)
     assert (rig.virtual.printer.dpi, sensor.optics.mm_per_px) == (1200, 0.0378)
     assert (other.virtual.printer.dpi, seen.optics.mm_per_px) == (600, 0.05)
@@ -75,7 +75,7 @@ def test_candidates_can_be_printed_and_seen(dpi: int, mm_per_px: float) -> None:
         assert recipe.dots is None
 
 
-def test_fewer_candidates_still_hold_the_papers_and_the_recommended() -> None:
+def test_fewer_candidates_keep_required_ones() -> None:
     whole = candidates(25.4 / 1200, 0.0378)
     kept = (PAPER_PATTERN, pattern_name(load_recipe()))
     for count in (10, 20, len(whole)):
@@ -85,7 +85,7 @@ def test_fewer_candidates_still_hold_the_papers_and_the_recommended() -> None:
         assert {one.law for one in among.values()} == {one.law for one in whole.values()}
 
 
-def test_a_shorter_drag_keeps_the_step_between_frames() -> None:
+def test_shorter_drag_keeps_frame_step() -> None:
     whole = plan.load_protocol("pattern-search")[0]
     short = shorten_shear(whole, 0.02)
     assert short.shear is not None
@@ -115,7 +115,7 @@ def test_the_drag_goes_in_equal_steps() -> None:
     assert np.abs(np.diff(lengths_mm)).max() < 0.3
 
 
-def test_the_skin_before_the_drag_nearly_folds() -> None:
+def test_skin_nearly_folds_before_drag() -> None:
     """Else a pattern that repeats itself looks better than it is on the gel."""
     truth = drag_frames(middle_view(open_bench("virtual")[1]), 3)[-1].truth.flow_px
     along_y, along_x = np.gradient(truth, axis=(0, 1))
@@ -124,7 +124,7 @@ def test_the_skin_before_the_drag_nearly_folds() -> None:
 
 
 @pytest.mark.slow
-def test_good_light_leaves_next_to_no_error_and_seeds_repeat() -> None:
+def test_good_light_has_small_repeatable_error() -> None:
     keys = {"law": "iid", "patch_mm": 0.15}
     quiet, usual = probed(QUIET, **keys), probed({}, **keys)
     assert quiet["error_mm"] < usual["error_mm"] < 0.005
@@ -132,18 +132,18 @@ def test_good_light_leaves_next_to_no_error_and_seeds_repeat() -> None:
     assert all(np.array_equal(again[key], usual[key]) for key in usual)
 
 
-def test_a_blank_sticker_is_refused_with_the_reason() -> None:
+def test_blank_sticker_is_refused() -> None:
     found = probed({}, law="transparent")
     assert "texture" in found["refused"]
     assert "error_mm" not in found
 
 
-def test_a_step_is_bridged_until_the_error_doubles() -> None:
+def test_step_is_bridged_until_error_doubles() -> None:
     errors = {1: 1.0, 2: 1.9, 3: 2.1, 6: 1.0}
     assert longest_bridged(errors) == 2
 
 
-def test_each_seed_is_judged_by_the_choice_of_the_others() -> None:
+def test_seed_uses_choice_of_the_others() -> None:
     errors = np.array([[1.0, 1.0, 9.0], [2.0, 2.0, 2.0]])
     # Seeds 0 and 1 see the 9 and choose the second; seed 2 does not, and gets it
     assert chosen_by_others(errors).tolist() == [2.0, 2.0, 9.0]
@@ -156,7 +156,7 @@ def tally(error_mm: float) -> ErrorTally:
     return one
 
 
-def test_the_gain_is_over_the_papers_pattern_seed_by_seed() -> None:
+def test_gain_is_paired_by_seed() -> None:
     errors_mm = {"x": (1.0, 1.1, 0.9, 1.0), PAPER_PATTERN: (4.0, 4.4, 3.6, 4.0)}
     cells = [
         PressErrors(name, "p1", f"seed {k}", {OUR_FLOW: tally(v)}, {}, np.zeros((0, 2)), None, ())
@@ -170,7 +170,7 @@ def test_the_gain_is_over_the_papers_pattern_seed_by_seed() -> None:
 
 
 @pytest.mark.slow
-def test_a_small_search_finds_a_better_pattern_than_the_papers() -> None:
+def test_small_search_beats_paper_pattern() -> None:
     found = run_study("pattern-search", StudyRequest(scale=0.02, rig="virtual-coarse", seed=1))
     data = json.loads(json.dumps(found.data, allow_nan=False))
     error, share, *_ = found.headlines

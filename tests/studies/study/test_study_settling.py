@@ -36,7 +36,7 @@ def pressed_at_once(share: float = SHARE) -> ForceDecay:
     return ForceDecay.from_rest(rest, np.array([0.0, 0.0, -STEADY_N]), fitted)
 
 
-def test_a_stop_waits_as_long_as_its_exponential_says() -> None:
+def test_wait_follows_the_exponential() -> None:
     stop = pressed_at_once()
     row = stop.row()
     assert row["steady_n"] == STEADY_N
@@ -49,13 +49,13 @@ def test_a_stop_waits_as_long_as_its_exponential_says() -> None:
     assert pressed_at_once(0.01).settle_time_s(2) == 0
 
 
-def test_a_study_of_nothing_names_the_protocol_to_record() -> None:
+def test_missing_run_names_the_protocol() -> None:
     with pytest.raises(InputError, match="--from: missing; record the protocol 'settling'"):
         registry.run_study("settling", StudyRequest())
 
 
 @pytest.mark.slow
-def test_a_recorded_run_gives_back_the_gel_that_it_was_recorded_on(tmp_path: Path) -> None:
+def test_recorded_run_recovers_its_gel(tmp_path: Path) -> None:
     series = ((0.1, 0.5), (0.08, 4.0))
     whole, _ = plan.load_protocol("settling")
     changed = whole.model_copy(

@@ -48,9 +48,7 @@ def recorded(run: Run) -> list[FrameMoment]:
         return [FrameMoment("", a, b, fraction) for (a, b), fraction in rows]
 
 
-def test_the_plan_has_the_rigs_frames_but_for_the_ramps_of_its_motors(
-    stream: PressStream, recorded: list[FrameMoment]
-) -> None:
+def test_plan_matches_rig_except_ramps(stream: PressStream, recorded: list[FrameMoment]) -> None:
     planned = stream.moments
     assert len(planned) == len(recorded)
 
@@ -66,7 +64,7 @@ def test_the_plan_has_the_rigs_frames_but_for_the_ramps_of_its_motors(
 
 
 @pytest.mark.slow
-def test_memory_does_not_grow_with_the_frames(stream: PressStream, recipe: PatternRecipe) -> None:
+def test_memory_is_independent_of_frames(stream: PressStream, recipe: PatternRecipe) -> None:
     picture, noise, looks = stream.picture(recipe, 0), stream.noise(0), stream.moments
     held = []
     tracemalloc.start()
@@ -82,7 +80,7 @@ def test_memory_does_not_grow_with_the_frames(stream: PressStream, recipe: Patte
 
 
 @pytest.mark.slow
-def test_followed_as_a_stream_a_press_has_the_errors_that_its_record_has(
+def test_stream_has_errors_of_record(
     stream: PressStream, run: Run, recipe: PatternRecipe, recorded: list[FrameMoment]
 ) -> None:
     from deltact_fab.estimate.analysis.tracking_error.follow import Follower

@@ -24,7 +24,7 @@ def whole() -> Protocol:
     return plan.load_protocol("pattern-selection")[0]
 
 
-def test_the_whole_one_has_the_papers_frames_and_step(whole: Protocol) -> None:
+def test_full_protocol_has_paper_frames(whole: Protocol) -> None:
     assert thin_protocol(whole, 1.0) == whole
     part = covered_part(whole, whole)
     assert (part.frames_an_indenter, part.positions) == (3600, 4)
@@ -32,9 +32,7 @@ def test_the_whole_one_has_the_papers_frames_and_step(whole: Protocol) -> None:
 
 
 @pytest.mark.parametrize("scale", SCALES)
-def test_no_scale_makes_a_longer_step_or_leaves_out_a_depth_or_an_axis(
-    whole: Protocol, scale: float
-) -> None:
+def test_scale_keeps_step_depths_axes(whole: Protocol, scale: float) -> None:
     fewer = thin_protocol(whole, scale)
     assert longest_step_mm(fewer) <= longest_step_mm(whole) + 1e-9
     assert fewer.depths_mm == whole.depths_mm
@@ -52,7 +50,7 @@ def test_no_scale_makes_a_longer_step_or_leaves_out_a_depth_or_an_axis(
     assert Protocol.model_validate(fewer.model_dump()) == fewer
 
 
-def test_frames_follow_the_scale_down_to_the_presses_alone(whole: Protocol) -> None:
+def test_frames_follow_the_scale(whole: Protocol) -> None:
     frames = np.array([frames_per_indenter(thin_protocol(whole, scale)) for scale in SCALES])
     wanted = 3600 * np.array(SCALES)
     # Half a step more or less of each drag of a position: four of its twelve are of two steps.
