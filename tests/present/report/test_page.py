@@ -69,7 +69,7 @@ def test_first_line_recommends_a_method(page: str, result: TrackingResult) -> No
     assert result.verdict.line in html.unescape(verdict.group(2))
     assert (verdict.group(1) == "pass") <= result.verdict.trusted
     for name, why in result.verdict.doubts.items():
-        assert (f"<b>{name}</b> is not reliable here" in page) == bool(why)
+        assert (f"<b>{name}</b> is unreliable here" in page) == bool(why)
 
 
 def test_figure_marks_unreliable_methods(result: TrackingResult) -> None:

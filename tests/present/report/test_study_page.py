@@ -94,7 +94,7 @@ def test_long_table_is_cut_and_noted(page: str, tmp_path: Path) -> None:
     head, *rows = table_of(section(page, "Every point"))
     assert head == ["point", "normal, N"]  # the empty column is left out
     assert len(rows) == study_page.FIRST_ROWS
-    assert "the first 20 of 2070 rows are shown" in page
+    assert "first 20 of 2070 rows shown" in page
     missing = section(page, "25 jobs missing")
     assert missing.count("d0.1-r") == study_page.MAX_MISSING
     assert "and 5 more" in missing
@@ -162,7 +162,7 @@ def test_failure_keeps_the_earlier_study(tmp_path: Path, what: str) -> None:
     if what == "figure":
         bad = replace(plain(), figures=(ReportFigure("bad", "Bad.", _fails),))  # type: ignore[arg-type]
     else:
-        bad = replace(plain(), more={"error_mm": float("nan")})
+        bad = replace(plain(), extra={"error_mm": float("nan")})
     with pytest.raises(RunFailed):
         study_page.write_study_page(bad, tmp_path)
     assert state(tmp_path) == before
@@ -183,9 +183,9 @@ def test_no_other_folder_is_written_into(tmp_path: Path, held: str) -> None:
     else:
         study_page.write_study_page(replace(plain(), study="other"), tmp_path)
     before = state(tmp_path)
-    with pytest.raises(InputError, match="name another folder"):
+    with pytest.raises(InputError, match="give another folder"):
         study_page.require_ready_study("made-up", tmp_path)
-    with pytest.raises(InputError, match="name another folder"):
+    with pytest.raises(InputError, match="give another folder"):
         study_page.write_study_page(plain(), tmp_path)
     assert state(tmp_path) == before
 

@@ -137,7 +137,7 @@ def level(written: Path) -> tuple[str, str]:
 @pytest.mark.parametrize(
     ("make", "says"),
     [(run, TOLD), (imported, TOLD), (made_up_study, TOLD), (index, "1 of 1 is"), (numerics, TOLD),
-     (patterns, "sees 1 of 2"), (rehearsal, TOLD), (fabrication_guide, TOLD)],
+     (patterns, "resolves 1 of 2"), (rehearsal, TOLD), (fabrication_guide, TOLD)],
 )  # fmt: skip
 def test_a_warning_reaches_the_verdict_once(
     make: Any, says: str, tmp_path: Path, warned_run: Callable[[bool], Path]

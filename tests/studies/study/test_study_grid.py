@@ -119,7 +119,7 @@ def test_failing_store_is_reported_once(tmp_path: Path) -> None:
     cache.cache_folder().write_text("no folder")
     said: list[str] = []
     assert len(solve(tiny_study.jobs_of(7, 3), say=said.append).results) == 3
-    assert [line for line in said if "nothing can be kept" in line] == said[1:]
+    assert [line for line in said if "cannot store results" in line] == said[1:]
     assert len(said) == 2
 
 

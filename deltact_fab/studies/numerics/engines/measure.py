@@ -1,4 +1,4 @@
-"""From flow to force and shape: closed-form fields, and inputs that must be flagged."""
+"""Flow to force and shape: closed-form fields, and inputs that must be flagged."""
 
 from __future__ import annotations
 
