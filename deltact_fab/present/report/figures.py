@@ -36,7 +36,7 @@ _CSS_NAMES = {
     INK_COLOUR: "ink", SOFT_COLOUR: "soft", GRID_COLOUR: "line", LEG_COLOUR: "leg",
     SERIES_COLOURS[0].lower(): "blue",
 }  # fmt: skip
-PAGE_PT, PAPER_PT = 9.5, 8.0  # by hand: text of the page; IEEE figures have 8 pt
+PAGE_PT, PAPER_PT = 9.5, 8.0  # by hand: text sizes of figures on page and paper
 MIN_PAGE_PT = 9.0
 """Definition: 12 px of the screen, the smallest letter of a page's figure."""
 MIN_ASPECT = 0.6  # by hand: height by width in a paper's column; less is hard to read

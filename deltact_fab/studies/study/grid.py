@@ -55,7 +55,7 @@ class JobPace:
 
 STUDY_STORE = Store("study")
 MAX_STORE_BYTES = 4_000_000_000
-"""By hand: a few full studies. Limit of the store; results in use are never deleted."""
+"""By hand: limit of the store; larger keeps more to resume. Results in use are never deleted."""
 Value = dict[str, Any]
 """Result of a job, as stored."""
 

@@ -47,7 +47,7 @@ MIN_CANDIDATES = 8  # by hand: fewer are no search
 MIN_MM_PER_PX, MAX_MM_PER_PX = 0.012, 0.1
 """By hand: 2500 px across the view take minutes per pattern; 300 px are too few."""
 PROBE_COST_S = 3.0
-"""Cost of a candidate on one core, measured once; only for the announced time."""
+"""By hand: CPU seconds of a candidate on one core, for the announced time only."""
 SEARCH_LEFT_OUT = (
     Note("grey patterns", "printed with one ink, which the three-ink model does not cover; and "
             "the tracker needs colour for its consistency check"),

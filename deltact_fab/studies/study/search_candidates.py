@@ -39,7 +39,7 @@ MIN_PATCH_DOTS = 3.0
 """Decision 0040: printer dots per patch; fewer lose the colour to halftone and misregistration."""
 MIN_PATCH_PX, MAX_PATCH_PX = 1.5, 16.0
 """Decision 0040: camera pixels per patch; fewer alias, more leave matching windows without edge."""
-ALGORITHM1_R = (0.1, 0.3, 0.6)  # by hand: spans the paper's range
+ALGORITHM1_R = (0.1, 0.3, 0.6)  # by hand: low to high; more values take longer
 OCTAVE_SCALES = ((1, 2), (1, 2, 4), (1, 2, 4, 8))
 """By hand: block sides of octave noise, in patches; more octaves have coarser blocks."""
 MAX_OCTAVE_MM, MAX_RANDOM_MM = 0.2, 0.3

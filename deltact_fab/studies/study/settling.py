@@ -42,7 +42,7 @@ HEADLINE_PERCENT = 2  # by hand: the bound of the headlines; smaller waits longe
 STOP_AXES = {"press": [2], "shear": [0, 1]}  # definition: force components that a stop changes
 STOP_WORDS = {"press": "a press", "shear": "a drag"}
 RELAXED_TIMES = 10.0  # by hand: times the slowest relaxation time, which leaves e^-10 of it
-MIN_SHOWN_S, MIN_SHOWN_PERCENT = 0.02, 0.05  # by hand: start of the axes, below is noise
+MIN_SHOWN_S, MIN_SHOWN_PERCENT = 0.02, 0.05  # by hand: start of the axes; less squeezes the curves
 SETTLING_MODULUS_NOTE = " So waits for an error in N are those of half or twice the relative bound."
 SETTLING_LEFT_OUT = (
     Note("softening by the first press (Mullins)", "not in the fit; precondition a new gel by a "

@@ -44,7 +44,7 @@ NINE_D_TACT = (
     "experiment"
 )
 SHAPES_GOAL_N = 0.2  # decision 0038: as in the force calibration
-PRESSURE_GOAL = 0.3  # by hand: mean error over the contact, of the peak pressure; lower is missed
+PRESSURE_GOAL = 0.3  # by hand: mean error over the contact, relative to the peak pressure
 MEAN_COLUMNS = (
     "depth_error_contact_mm", "depth_error_face_mm", "true_peak_depth_mm", "peak_depth_mm",
     "true_area_mm2", "area_mm2", "contact_iou", "normal_n", "found_normal_n", "true_peak_kpa",

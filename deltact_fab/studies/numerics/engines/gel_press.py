@@ -33,12 +33,7 @@ from ..engine import Flagged
 
 FocusBox = tuple[float, float, float, float]
 SPHERE_INDENTER = "sphere:15"
-DEFAULT_FOCUS: FocusBox = (
-    -7.5,
-    7.5,
-    -7.5,
-    7.5,
-)  # by hand: contact and margin; larger is slower
+DEFAULT_FOCUS: FocusBox = (-7.5, 7.5, -7.5, 7.5)  # by hand: the contact with margin, mm
 FINER_MESH_RATIO = 1.5  # by hand: smaller shows less error, larger costs ratio^3 or more
 
 

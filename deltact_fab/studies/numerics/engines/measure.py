@@ -23,9 +23,9 @@ from deltact_fab.sensor import Pinhole, SensorDimensions, axes_mm
 
 from ..engine import Case, CurveSetting, Engine, Flagged, Work
 
-SMOOTH_SIGMA_MM, FINE_SIGMA_MM = 2.0, 0.5  # by hand: a contact's scale, and an edge's
-STRIDES_PX = (1, 2, 4, 8, 16)  # by hand: the error is visible from 4 on
-DENT_PUSH = 0.3  # by hand: determinant from 1.7 to about 0.94, a usual press
+SMOOTH_SIGMA_MM, FINE_SIGMA_MM = 2.0, 0.5  # by hand: wide and narrow features
+STRIDES_PX = (1, 2, 4, 8, 16)  # by hand: every pixel to every 16th, by doubling
+DENT_PUSH = 0.3  # by hand: determinant from 1.7 to about 0.94, far from folding
 DEFAULT_SENSOR = SensorDimensions()
 DEFAULT_CAMERA = Pinhole.of(DEFAULT_SENSOR)
 SENSOR_VIEW = SensorModel(DEFAULT_CAMERA, DEFAULT_SENSOR.skin)

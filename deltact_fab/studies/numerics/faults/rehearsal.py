@@ -52,7 +52,7 @@ class FaultMatrix:
         self.begun = folder / "begun"
         FaultBench(self.scenario).run(self._undisturbed)
         self.undisturbed_rows = read_press_rows(self._undisturbed)
-        # A run that was stopped in its second press.
+        # A run stopped in its second press.
         assert run_outcome(FaultBench(self.scenario), self.begun, self._stop) != "success"
         # The interrupted press is repeated from its start: none of its rows is kept.
         self.committed = {
@@ -237,11 +237,11 @@ class Rehearsal:
         n = len(self.cells)
         far_mm = max(cell.deeper_mm for cell in self.cells)
         summary = (
-            f"{len(self.wrong)} of {n} faults did NOT end as they must"
+            f"{len(self.wrong)}/{n} faults FAILED"
             if self.wrong
-            else f"all {n} faults ended at rest, and every run went on to the same record"
+            else f"{n}/{n} faults ended at rest, and every run resumed to the same record"
         )
-        return f"{summary}; the tip went {far_mm:.2f} mm lower at most, in air or gel (simulated)"
+        return f"{summary}; tip at most {far_mm:.2f} mm lower, in air or gel (simulated)"
 
     def as_dict(self) -> dict[str, Any]:
         rows = [{**asdict(cell), "passed": not cell.wrong} for cell in self.cells]
