@@ -171,7 +171,7 @@ def test_steps_join_parts_that_stay_joined() -> None:
     assert joined == [sensor]
 
 
-def test_without_the_kernel_it_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_kernel_is_noted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def missing() -> None:
         raise MissingLibrary("the CAD kernel cannot load: libGL.so.1; apt-get install libgl1")
 

@@ -104,7 +104,7 @@ def test_problems_are_named_in_the_row(
     assert str(all_sorts) not in found[name].line
 
 
-def test_an_analysed_run_tells_its_verdict(mini_run: Path, tmp_path: Path) -> None:
+def test_analysed_run_shows_its_verdict(mini_run: Path, tmp_path: Path) -> None:
     shutil.copytree(mini_run, tmp_path / "run")
     (tmp_path / "run" / "analysis").mkdir(exist_ok=True)
     path = tmp_path / "run" / "analysis" / "tracking.json"

@@ -106,7 +106,7 @@ def test_long_table_is_cut_and_noted(page: str, tmp_path: Path) -> None:
     assert pd.read_csv(tmp_path / "s" / "many.csv").shape == (1, 22)
 
 
-def test_what_was_written_is_read_again(folder: Path) -> None:
+def test_written_result_is_read_back(folder: Path) -> None:
     kept, made = read_result(folder), study(missing=25)
     assert (kept.study, kept.verdict, kept.simulated) == (made.study, made.verdict, True)
     assert kept.missing == made.missing
@@ -198,5 +198,5 @@ def test_no_other_folder_is_written_into(tmp_path: Path, held: str) -> None:
         ("star", "star"), (np.int64(5), "5"), (np.float64(0.25), "0.25"),
     ],
 )  # fmt: skip
-def test_cells_are_for_people(value: object, shown: str) -> None:
+def test_cells_are_formatted(value: object, shown: str) -> None:
     assert templating.cell(value) == shown

@@ -60,7 +60,7 @@ def cell(matrix: FaultMatrix, of: FaultKind, moment: str) -> FaultOutcome:
      pytest.param("doubled ok", DRAG, marks=pytest.mark.slow),
      pytest.param("disk full", DRAG, marks=pytest.mark.slow)],
 )  # fmt: skip
-def test_a_fault_ends_as_it_must(matrix: FaultMatrix, name: str, moment: str) -> None:
+def test_fault_meets_its_requirements(matrix: FaultMatrix, name: str, moment: str) -> None:
     assert cell(matrix, fault(name), moment).wrong == ""
 
 

@@ -33,7 +33,7 @@ def found() -> FiniteSolution:
     return gel_press.solve_press(GelCase(spacing_mm=3.0), 0.3, (0.0, 0.0, 3.0))
 
 
-def test_the_judges_see_what_is_wrong(found: FiniteSolution) -> None:
+def test_checks_detect_errors(found: FiniteSolution) -> None:
     assert abs(gel_press.work_error_percent(found)) < 0.5
     assert gel_press.imbalance(found) < 1e-6
     stronger = [replace(s, force_n=tuple(1.02 * f for f in s.force_n)) for s in found.states]
@@ -42,7 +42,7 @@ def test_the_judges_see_what_is_wrong(found: FiniteSolution) -> None:
     assert gel_press.imbalance(wrong) > 0.01
 
 
-def test_shear_beyond_the_cone_is_seen() -> None:
+def test_excess_shear_is_detected() -> None:
     scene = GelCase(spacing_mm=3.0, friction=0.5, mirrors=(False, True))
     rubbed = gel_press.solve_press(scene, 1.5, (0.0, 0.0, 3.0), (1.0, 0.0, 3.0))
     assert gel_press.cone_excess(rubbed) < 5e-3

@@ -72,6 +72,6 @@ def test_few_groups_have_no_interval(groups, over):
         ([1.0, math.nan], ["a", "b"]),
     ],
 )
-def test_what_cannot_be_is_refused(values, groups):
+def test_invalid_input_is_refused(values, groups):
     with pytest.raises(InputError, match="as many as groups"):
         intervals.estimate(values, groups, np.mean, "seed")

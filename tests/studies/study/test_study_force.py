@@ -190,7 +190,7 @@ def test_scale_keeps_indenters_and_range(scale: float) -> None:
         assert 1 / ABOVE <= count_points(thin) / wanted <= ABOVE
 
 
-def test_the_whole_is_the_papers() -> None:
+def test_full_scale_is_the_papers() -> None:
     assert scale_protocol(whole(), 1.0) == whole()
     assert count_points(whole()) == 9 * (5 * 9 + 1) * 5 == 2070
 
@@ -203,7 +203,7 @@ def test_places_are_far_apart_mirrors_last() -> None:
 
 
 @pytest.mark.parametrize("scale", [0.0, -0.1, 1.01, float("nan")])
-def test_another_scale_is_refused(scale: float) -> None:
+def test_invalid_scale_is_refused(scale: float) -> None:
     with pytest.raises(InputError, match="at most 1"):
         scale_protocol(whole(), scale)
 

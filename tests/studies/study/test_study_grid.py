@@ -73,7 +73,7 @@ def test_non_plain_arguments_are_refused_early() -> None:
 
 
 @pytest.mark.parametrize("harm", ["cut", "bit", "empty", "other"])
-def test_a_damaged_entry_is_done_again(harm: str, done: Path) -> None:
+def test_damaged_entry_is_recomputed(harm: str, done: Path) -> None:
     whole = solve(tiny_study.jobs_of(7, 2))
     one, other = entries()
     data = one.read_bytes()
@@ -137,7 +137,7 @@ def test_missing_jobs_are_in_the_result(monkeypatch: pytest.MonkeyPatch) -> None
         registry.run_study("tinny", StudyRequest())
 
 
-def test_the_longest_jobs_are_begun_first() -> None:
+def test_longest_jobs_start_first() -> None:
     jobs = [
         replace(job, cost=cost)
         for job, cost in zip(tiny_study.jobs_of(7, 3), (1.0, 3.0, 2.0), strict=True)

@@ -192,7 +192,7 @@ def test_claim_needs_both_readings(errors: PatternErrors, says: list[str]) -> No
     assert [one.state(final=False) for one in found] == ["undecided"] * 3
 
 
-def test_two_patterns_are_no_round() -> None:
+def test_two_patterns_are_not_a_round() -> None:
     """The paper's optimum once appeared in green from two patterns of the series."""
     whole = made_up(THEIRS)
     two = [p for p in whole.printed if p.name in TWO]

@@ -50,7 +50,7 @@ def test_options_override_the_rig_file() -> None:
 
 
 @pytest.mark.parametrize("more", [{"dpi": 10}, {"mm_per_px": 1.0}, {"mm_per_px": float("nan")}])
-def test_nonsense_is_refused_by_name(more: dict[str, Any]) -> None:
+def test_invalid_options_are_named(more: dict[str, Any]) -> None:
     with pytest.raises(InputError, match=next(iter(more))) as why:
         open_bench("virtual", **more)
     assert "\n" not in str(why.value)
