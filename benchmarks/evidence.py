@@ -28,7 +28,7 @@ from deltact_fab.physics.gel.finite.linear import SolverName
 from deltact_fab.studies.numerics.engine import Case
 from deltact_fab.studies.numerics.engines import gel, gel_press
 from deltact_fab.studies.numerics.engines.gel_press import PressSetup
-from deltact_fab.studies.numerics.harness import machine
+from deltact_fab.studies.numerics.harness import describe_machine
 from deltact_fab.version import library_versions
 
 from . import felupe, flow_peers, gel_long, store
@@ -169,7 +169,7 @@ def fill(path: Path, only: str = "", stale: bool = False, jobs: int = 1) -> int:
             store.append(path, {
                 "key": row.key, "result": result, "seconds": round(seconds, 1), "threads": 1,
                 "load": [round(v, 1) for v in os.getloadavg()],
-                "machine": machine(), "versions": library_versions(PACKAGES),
+                "machine": describe_machine(), "versions": library_versions(PACKAGES),
             })  # fmt: skip
     return len(wanted)
 

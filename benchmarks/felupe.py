@@ -20,7 +20,7 @@ from deltact_fab.common.errors import InputError, RunFailed
 from deltact_fab.physics.gel.finite.press import FinitePress
 from deltact_fab.physics.gel.finite.surface import HARDENING, HARDEST, SHALLOW
 from deltact_fab.sensor.shapes.tips import SphereTip
-from deltact_fab.studies.numerics.engines.gel_press import GelAnswer, prepared
+from deltact_fab.studies.numerics.engines.gel_press import GelAnswer, mesh_and_lattice
 
 from . import peer
 from .gel_press import WholePress
@@ -108,7 +108,7 @@ class FelupeRun(WholePress):
 
 def solve(run: FelupeRun) -> GelAnswer:
     """Raises RunFailed where there is no felupe, or where it does not converge."""
-    press, lattice = prepared(run)
+    press, lattice = mesh_and_lattice(run)
     n = max(1, math.ceil(run.depth_mm / run.step_mm - 1e-9))
     tips = [(0.0, 0.0, run.depth_mm * (i / n)) for i in range(1, n + 1)]
     found = felupe_press(felupe_case(press, tips))

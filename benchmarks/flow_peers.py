@@ -18,16 +18,16 @@ from benchmarks.star import Star
 from deltact_fab.common.errors import RunFailed
 from deltact_fab.estimate.measure.flow.renewed import FlowMethod
 from deltact_fab.sensor.shapes.imaging import ImageSensor
-from deltact_fab.studies.numerics.engine import plain
-from deltact_fab.studies.numerics.engines.flow import found
+from deltact_fab.studies.numerics.engine import finite_or_none
+from deltact_fab.studies.numerics.engines.flow import compute_flow
 from deltact_fab.studies.numerics.engines.flow_frames import (
-    CAMERA,
-    COARSE,
-    SEED,
+    COARSE_RECIPE,
+    DEFAULT_CAMERA,
+    FRAMES_SEED,
     FlowSequence,
     Vectors,
     bump,
-    far,
+    far_bump,
     in_plane,
     pressed,
 )
@@ -38,7 +38,7 @@ PEERS = {"pyvale": "pyvale_flow.py", "al-dic": "al_dic_flow.py"}
 MARGIN_PX = 32  # no correlator answers nearer to the border
 REPEATS = 3
 # v = 0.5 cos(2 pi y / p(x)) px, p from 10 to 300 px, as of the DIC Challenge 2.0.
-STAR = Star(CAMERA.width_px, CAMERA.height_px)
+STAR = Star(DEFAULT_CAMERA.width_px, DEFAULT_CAMERA.height_px)
 _short = partial(bump, 22.0, 90.0, 90.0)
 
 
@@ -48,8 +48,8 @@ def speckle_star() -> FlowSequence:
     Speckle and noise as measured on its image "Star, noise": 118 +- 38 grey levels, correlation
     exp(-(d / 2.74 px)^2), noise of variance 0.5 + 0.031 x grey level.
     """
-    rng = np.random.default_rng(SEED)
-    w, h, fine = CAMERA.width_px, CAMERA.height_px, 4
+    rng = np.random.default_rng(FRAMES_SEED)
+    w, h, fine = DEFAULT_CAMERA.width_px, DEFAULT_CAMERA.height_px, 4
     size = (h + 16) * fine, (w + 16) * fine
     white = rng.standard_normal(size, dtype=np.float32)
     field = cv2.GaussianBlur(white, (0, 0), 1.37 * fine)
@@ -89,16 +89,22 @@ class ThreeChips(ImageSensor):
 THREE_CHIPS = ThreeChips()
 STARS = {
     "speckle": Question(speckle_star, 16, 4),
-    "three chips": Question(partial(in_plane, COARSE, STAR.motion, sensor=THREE_CHIPS), 16, 4),
-    "Bayer mosaic": Question(partial(in_plane, COARSE, STAR.motion), 16, 4),
+    "three chips": Question(
+        partial(in_plane, COARSE_RECIPE, STAR.motion, sensor=THREE_CHIPS), 16, 4
+    ),
+    "Bayer mosaic": Question(partial(in_plane, COARSE_RECIPE, STAR.motion), 16, 4),
 }
 MOTIONS = {
     "press": Question(pressed, 40),
     "press, three chips": Question(partial(pressed, sensor=THREE_CHIPS), 40),
-    "22 px": Question(partial(in_plane, COARSE, _short), 32),
-    "22 px, three chips": Question(partial(in_plane, COARSE, _short, sensor=THREE_CHIPS), 32),
-    "121 px": Question(partial(in_plane, COARSE, far), 128),
-    "121 px, three chips": Question(partial(in_plane, COARSE, far, sensor=THREE_CHIPS), 128),
+    "22 px": Question(partial(in_plane, COARSE_RECIPE, _short), 32),
+    "22 px, three chips": Question(
+        partial(in_plane, COARSE_RECIPE, _short, sensor=THREE_CHIPS), 32
+    ),
+    "121 px": Question(partial(in_plane, COARSE_RECIPE, far_bump), 128),
+    "121 px, three chips": Question(
+        partial(in_plane, COARSE_RECIPE, far_bump, sensor=THREE_CHIPS), 128
+    ),
 }
 
 
@@ -110,7 +116,7 @@ def peer_row(method: str) -> dict[str, Any]:
         flow, cpu_s, out["version"] = answer(method, question, scene)
         noise_px, loss_px = STAR.figures(flow)
         out["stars"][name] = {
-            "noise_px": noise_px, "loss_px": plain(loss_px), "cpu_s": cpu_s,
+            "noise_px": noise_px, "loss_px": finite_or_none(loss_px), "cpu_s": cpu_s,
         }  # fmt: skip
     for name, question in MOTIONS.items():
         scene = question.scene()
@@ -137,11 +143,11 @@ def peer_row(method: str) -> dict[str, Any]:
 def answer(method: str, question: Question, scene: FlowSequence) -> tuple[Vectors, float, str]:
     """Flow (h, w, 2) px, nan where there is none; CPU seconds; the version."""
     if method in FlowMethod.NAMES:
-        found(method, scene)
+        compute_flow(method, scene)
         times = []
         for _ in range(REPEATS):
             before = time.process_time()
-            flow = found(method, scene)
+            flow = compute_flow(method, scene)
             times.append(time.process_time() - before)
         return flow, min(times), f"cv2 {cv2.__version__}"
     given = {

@@ -12,10 +12,10 @@ from deltact_fab.studies.numerics.engines.gel_press import (
     GelCase,
     cone_excess,
     down,
-    finer,
     imbalance,
-    solved,
-    trusted,
+    mesh_error_percent,
+    require_trusted,
+    solve_press,
 )
 
 
@@ -25,8 +25,8 @@ def thickness(
     """`finer` of a press, or the worse of a fall of its force and `imbalance`."""
     tip = down(depth_mm)
     if what == "force":
-        return finer(scene, step_mm, (tip,), scratch)
-    found = trusted(solved(scene, step_mm, tip))
+        return mesh_error_percent(scene, step_mm, (tip,), scratch)
+    found = require_trusted(solve_press(scene, step_mm, tip))
     force = np.array([-s.force_n[2] for s in found.states])
     fall = max(0.0, -float(np.diff(force).min())) / force[-1]
     return max(fall, imbalance(found)), found.note()
@@ -40,7 +40,7 @@ def corners(scene: GelCase, at_mm: tuple[float, float], depth_mm: float, scratch
             x, y = sx * at_mm[0], sy * at_mm[1]
             box = (x - 4, x + 4, y - 4, y + 4)
             here = replace(scene, mirrors=(False, False), focus=box)
-            last = trusted(solved(here, 1.0, (x, y, depth_mm)))
+            last = require_trusted(solve_press(here, 1.0, (x, y, depth_mm)))
             forces.append(np.array(last.last.force_n) * [sx, sy, 1])
     assert last is not None
     spread = np.ptp(np.array(forces), axis=0).max()
@@ -49,7 +49,7 @@ def corners(scene: GelCase, at_mm: tuple[float, float], depth_mm: float, scratch
 
 def side_force_of_a_press(scene: GelCase, depth_mm: float, scratch: Path) -> tuple[float, str]:
     """Side force of a straight press that symmetry forbids, over the force."""
-    found = trusted(solved(scene, 0.5, down(depth_mm)))
+    found = require_trusted(solve_press(scene, 0.5, down(depth_mm)))
     force, _ = found.press.wrench(found.last)
     return float(np.abs(force[:2]).max() / abs(force[2])), found.note()
 
@@ -61,7 +61,7 @@ def long_drag(scene: GelCase, axis: int, scratch: Path) -> tuple[float, str]:
     for sign in (1.0, -1.0):
         end = [0.0, 0.0, 10.0]
         end[axis] = sign * 10.0
-        found.append(trusted(solved(scene, 0.5, down(10.0), (end[0], end[1], end[2]))))
+        found.append(require_trusted(solve_press(scene, 0.5, down(10.0), (end[0], end[1], end[2]))))
     worst = max(max(imbalance(f), cone_excess(f)) for f in found)
     note = "; ".join(f.note() for f in found)
     if not (scene.indenter == "star" and axis == 0):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from deltact_fab.studies.numerics.engines.gel_press import GelCase, down, energy_nmm, solved
+from deltact_fab.studies.numerics.engines.gel_press import GelCase, down, energy_nmm, solve_press
 
 INCREMENTS = 40
 
@@ -17,7 +17,7 @@ def work_but_jumps(scene: GelCase, depth_mm: float, scratch: Path) -> tuple[floa
 
     In % of the energy at the end. A gel that snaps over an edge loses energy and gains none.
     """
-    found = solved(scene, depth_mm / INCREMENTS, down(depth_mm))
+    found = solve_press(scene, depth_mm / INCREMENTS, down(depth_mm))
     depth = np.array([s.tip_mm[2] for s in found.states])
     force = np.array([-s.force_n[2] for s in found.states])
     stored = np.array([energy_nmm(found.press, s) for s in found.states])

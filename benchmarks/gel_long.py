@@ -12,7 +12,7 @@ from deltact_fab.sensor.elasticity.material import GelMaterial
 from deltact_fab.sensor.shapes.indenter import parse_indenter
 from deltact_fab.studies.numerics.engine import Case
 from deltact_fab.studies.numerics.engines import gel_press as checks
-from deltact_fab.studies.numerics.engines.gel import of_friction, of_nu
+from deltact_fab.studies.numerics.engines.gel import cases_by_friction, cases_by_poisson
 from deltact_fab.studies.numerics.engines.gel_press import GelCase, down
 
 from . import gel_checks
@@ -29,8 +29,8 @@ def cases() -> list[Case]:
     percent, force = "% of the force", "of the force"
     deep, corner = GelCase(spacing_mm=1.5), GelCase("sphere:10", 1.5)
     out = [
-        *of_nu((0.4, 0.45, 0.49, 0.495, 0.499)),
-        *of_friction((0.0, 0.1, 1.0, 5.0)),
+        *cases_by_poisson((0.4, 0.45, 0.49, 0.495, 0.499)),
+        *cases_by_friction((0.0, 0.1, 1.0, 5.0)),
         *_thickness(),
         *_sharp(),
     ]
@@ -38,10 +38,10 @@ def cases() -> list[Case]:
         # Friction is of first order in the increment: the interface of all levels parts a long one.
         Case("10 mm in one increment, friction 0.5: against 10", "right",
              partial(one_increment_of_the_level, 10.0, 2.0), 0.1, force),
-        Case("10 mm deep: finer mesh", "right", partial(checks.finer, deep, 1.0, (down(10.0),)),
-             3.0, percent),
+        Case("10 mm deep: finer mesh", "right",
+             partial(checks.mesh_error_percent, deep, 1.0, (down(10.0),)), 3.0, percent),
         Case("10 mm deep: work of the indenter", "right", partial(
-             checks.law, checks.work_error_percent, deep, 1.0, (down(10.0),)), 0.5,
+             checks.evaluate_law, checks.work_error_percent, deep, 1.0, (down(10.0),)), 0.5,
              "% of the energy"),
         Case("four corners, sphere:10 at 14, 13 mm, 3 mm deep", "right",
              partial(gel_checks.corners, corner, (14.0, 13.0), 3.0), 1e-6, force),
@@ -51,7 +51,8 @@ def cases() -> list[Case]:
     small = GelCase("sphere:30", 1.0, side_mm=(12.0, 12.0), focus=None)
     out += [
         Case(f"{name} on a gel of 12 x 12 mm, 5 mm deep: finer mesh", "right",
-             partial(checks.finer, replace(small, indenter=name), 1.0, (down(5.0),)), 3.0, percent)
+             partial(checks.mesh_error_percent, replace(small, indenter=name), 1.0, (down(5.0),)),
+             3.0, percent)
         for name in ("sphere:30", "hexprism:20")
     ]  # fmt: skip
     return out
@@ -100,10 +101,11 @@ def _sharp() -> list[Case]:
         head = f"{name}, friction 0.5, 4 mm deep, dragged 2 mm"
         out += [
             Case(f"{head}: cone", "right or refused",
-                 partial(checks.law, checks.cone_excess, half, 0.5, tips), 5e-3, "of the bound",
-                 "t"),
+                 partial(checks.evaluate_law, checks.cone_excess, half, 0.5, tips), 5e-3,
+                 "of the bound", "t"),
             Case(f"{head}: base carries the force", "right or refused",
-                 partial(checks.law, checks.imbalance, half, 0.5, tips), 1e-6, "of the force", "t"),
+                 partial(checks.evaluate_law, checks.imbalance, half, 0.5, tips), 1e-6,
+                 "of the force", "t"),
         ]  # fmt: skip
         if name != "star":
             out.append(Case(f"{name}, 4 mm deep: no side force", "right or refused",

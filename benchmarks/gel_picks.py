@@ -10,7 +10,7 @@ from deltact_fab.physics.gel.path.open import open_contact
 from deltact_fab.sensor.elasticity.material import GelMaterial
 from deltact_fab.sensor.shapes.indenter import parse_indenter
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
-from deltact_fab.studies.numerics.engines.gel_press import SPHERE, down
+from deltact_fab.studies.numerics.engines.gel_press import SPHERE_INDENTER, down
 
 
 def one_increment_of_the_level(
@@ -18,7 +18,7 @@ def one_increment_of_the_level(
 ) -> tuple[float, str]:
     """Force of a press with friction in one step over that in ten, less 1."""
     scene, reach = (
-        (SkinDimensions(), GelMaterial(), parse_indenter(SPHERE)),
+        (SkinDimensions(), GelMaterial(), parse_indenter(SPHERE_INDENTER)),
         Reach(deepest_mm=depth_mm),
     )
     choice = select_level(*scene, reach, level="hyperelastic", spacing_mm=spacing_mm)

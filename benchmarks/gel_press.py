@@ -8,7 +8,7 @@ from typing import Literal
 from deltact_fab.physics.gel.finite.linear import SolverName
 from deltact_fab.studies.numerics.engines import gel_press
 from deltact_fab.studies.numerics.engines.gel_press import (
-    SPHERE,
+    SPHERE_INDENTER,
     GelCase,
     PressReference,
     PressSetup,
@@ -33,7 +33,7 @@ class WholePress(PressSetup):
     @property
     def scene(self) -> GelCase:
         """Without mirrors."""
-        whole = GelCase(SPHERE, self.spacing_mm, self.friction, mirrors=(False, False),
+        whole = GelCase(SPHERE_INDENTER, self.spacing_mm, self.friction, mirrors=(False, False),
                         solver=self.solver)  # fmt: skip
         return replace(whole, focus=None) if self.part == "even" else whole
 
@@ -52,8 +52,8 @@ def reference(depth_mm: float, friction: float) -> PressReference:
         PressSetup("hyperelastic", depth_mm, friction, h, step)
         for h, step in ((FINE[0], STEPS_MM[0]), (FINE[1], STEPS_MM[0]), (FINE[0], STEPS_MM[1]))
     ]
-    force, u = gel_press.kept(runs)
-    found = gel_press.extrapolated(force, u, FINE)
+    force, u = gel_press.cached_solutions(runs)
+    found = gel_press.extrapolate(force, u, FINE)
     normal_n = found.normal_n + 2 * (force[2] - force[0])
     in_plane_mm = found.in_plane_mm + 2 * (u[2] - u[0])
     return PressReference(

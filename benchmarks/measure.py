@@ -30,7 +30,7 @@ def case_row(case: Case) -> dict[str, Any]:
 def reference_row(depth_mm: float, friction: float) -> dict[str, Any]:
     """A reference of the curves, and what it says of its own error."""
     truth = reference(depth_mm, friction)
-    cells_mm, step = (FINE, STEPS_MM[0]) if friction else (gel_press.FINE, 1.0)
+    cells_mm, step = (FINE, STEPS_MM[0]) if friction else (gel_press.REFERENCE_CELLS_MM, 1.0)
     return {
         "depth_mm": depth_mm, "friction": friction, "meshes_mm": list(cells_mm), "step_mm": step,
         "normal_n": truth.normal_n, "own_force_percent": truth.force_error,

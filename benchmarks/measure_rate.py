@@ -33,7 +33,7 @@ from deltact_fab.estimate.measure.flow.fused import to_full
 from deltact_fab.estimate.measure.pipeline.measurement import Measurement, Pipeline
 from deltact_fab.simulate.experiment.request import RunRequest
 from deltact_fab.simulate.experiment.session import run_experiment
-from deltact_fab.studies.numerics.harness import machine
+from deltact_fab.studies.numerics.harness import describe_machine
 
 FRAMES = 300
 TIMED = 150  # of them, the press and two drags of the four
@@ -231,7 +231,7 @@ def _about(frames: int) -> dict[str, Any]:
     return {
         "frames": frames,
         "scene": f"protocol {PROTOCOL} on rig {RIG}, simulated, seed 0",
-        "machine": machine(),
+        "machine": describe_machine(),
         "threads": {"cv2": 1, **{name: os.environ.get(name) for name in _BLAS}},
         "left_out": "decoding: the frames lie in memory",
         "calibrations": "by these frames themselves: for their time, not for their error",

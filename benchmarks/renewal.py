@@ -28,7 +28,7 @@ from deltact_fab.fabricate.patterns.series import list_series
 from deltact_fab.sensor.shapes.sensor import SensorDimensions
 from deltact_fab.simulate.virtual.picture import FrameRenderer, PictureGeometry
 from deltact_fab.studies.study.pattern_selection import Selection
-from deltact_fab.studies.study.registry import StudyRequest, virtual_rig
+from deltact_fab.studies.study.registry import StudyRequest, load_virtual_rig
 from deltact_fab.studies.study.stream import PressStream
 
 SHARES = (0.25, 0.5, 0.75)
@@ -39,7 +39,7 @@ def seen() -> Iterator[tuple[str, float, float]]:
     """Of each pattern of the paper: the rule's threshold, and the most that it can see, in grey
     levels of the virtual rig's camera.
     """
-    config, geometry = virtual_rig("virtual")[0], PictureGeometry.resting(SensorDimensions())
+    config, geometry = load_virtual_rig("virtual")[0], PictureGeometry.resting(SensorDimensions())
 
     def at_rest_of(recipe: PatternRecipe, seed: int) -> Image:
         picture = FrameRenderer.printed(geometry, config.virtual, recipe, seed)
@@ -55,7 +55,7 @@ def seen() -> Iterator[tuple[str, float, float]]:
 
 def by_share(press: str) -> Iterator[str]:
     """Rows of markdown: mean error of moving pixels, mm, and renewals, by share and sum."""
-    scene = Selection.of(StudyRequest())
+    scene = Selection.from_request(StudyRequest())
     of = scene.scene
     stream = PressStream(scene.protocol, press, of.sensor, of.rig, of.source)
     totals: tuple[FlowReference, ...] = ("summed", "composed")
@@ -71,7 +71,7 @@ def by_share(press: str) -> Iterator[str]:
                     for share, total in ways]  # fmt: skip
         sums, pixels, switches = np.zeros(len(ways)), 0, [0] * len(ways)
         for frame in stream.frames():
-            image = stream.tracked(picture.expose(frame.at_px, noise, frame.displacement_mm))
+            image = stream.tracker_image(picture.expose(frame.at_px, noise, frame.displacement_mm))
             true = frame.true
             moving = off & (true.moving if true else False)
             pixels += int(moving.sum())

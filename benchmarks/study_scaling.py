@@ -66,8 +66,8 @@ def grids(study: str) -> list[list[float]]:
     with suppress(EnoughError), mock.patch.object(PressScene, "solve_gels", solve_gels):
         module.run(asked)
     if study == "shapes":  # its objects wait for the calibrations
-        of = shapes.scene(asked)
-        presses = [(n, p) for n in (*shapes.OBJECTS, shapes.TWIST) for p in of.presses(n)]
+        of = shapes.load_scene(asked)
+        presses = [(n, p) for n in (*shapes.OBJECT_SETS, shapes.TWIST_PRESS) for p in of.presses(n)]
         work, kind = press_jobs.shape_job, press_jobs.ShapeJob
         jobs = [of.job("", n, p, work, kind, depth="", force="") for n, p in presses]
         asked.costs.append([job.cost for job in jobs])
@@ -86,7 +86,7 @@ def bounds() -> None:
 def measured(job: press_jobs.TrackingJob) -> dict[str, Any]:
     """A press followed in a process of its own: CPU seconds, and the most memory, MB."""
     began = time.process_time()
-    frames = press_jobs.follow(job)["frames"]
+    frames = press_jobs.track_press(job)["frames"]
     peak_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return {"frames": frames, "cpu_s": time.process_time() - began, "mb": peak_kb / 1024}
 
@@ -101,7 +101,7 @@ def alone(job: GridJob) -> dict[str, Any]:
 
 def scene(depth_mm: float) -> Selection:
     """One press without a drag, its gel solved."""
-    small = Selection.of(StudyRequest(scale=0.001, more={"indenter": ["ellipsoid"]}))
+    small = Selection.from_request(StudyRequest(scale=0.001, options={"indenter": ["ellipsoid"]}))
     lone = {"depths_mm": (depth_mm,), "shear": None}
     protocols = {small.name: small.protocol.model_copy(update=lone)}
     found = replace(small, scene=replace(small.scene, protocols=protocols))
@@ -114,7 +114,7 @@ def job(of: Selection, count: int, name: str = "", seed: int = 0) -> GridJob:
     every = [job.arguments for job in of.jobs()]
     patterns = dict(pair for one in every for pair in one.patterns.items())
     few = dict(list(patterns.items())[:count])
-    return GridJob(name, press_jobs.follow, replace(every[0], seed=seed, patterns=few))
+    return GridJob(name, press_jobs.track_press, replace(every[0], seed=seed, patterns=few))
 
 
 def timed() -> None:

@@ -27,7 +27,7 @@ from deltact_fab.simulate.experiment.request import RunRequest
 from deltact_fab.simulate.experiment.session import run_experiment
 from deltact_fab.simulate.virtual.presses import Presses, gel_not_built, gel_notes
 from deltact_fab.studies.study.press_jobs import gel_report
-from deltact_fab.studies.study.scene import flagged, left_out
+from deltact_fab.studies.study.scene import collect_left_out, flag_setting
 
 ODD = "WARNING: other: words; taken 1 mm"
 Change = Callable[[], None]
@@ -79,13 +79,13 @@ def test_a_gel_is_reported_by_ids(change: Change) -> None:
             left_out=lambda: gel_not_built(presses, choices),  # noqa: B023
         )
         reports.append(gel_report(bench))
-        settings.append(flagged(reports[-1:], "jobs"))
+        settings.append(flag_setting(reports[-1:], "jobs"))
         change()
     assert settings[1] == settings[0] == {"gel's flags": "small strain at 1 of 1 jobs"}
     assert [(n.id, n.warns) for n in notes[1]] == [(n.id, n.warns) for n in notes[0]]
     assert notes[0][-1].line.startswith("WARNING: small strain: depth 1.5 mm is over 10 %")
     assert notes[0][-1].line.endswith("; states concerned: 1 of sphere-12/p1")
-    before, after = ([note.id for note in left_out([report])] for report in reports)
+    before, after = ([note.id for note in collect_left_out([report])] for report in reports)
     assert before == after
     assert "viscosity" in before
     assert reports[0].pop("left_out") != reports[1].pop("left_out")

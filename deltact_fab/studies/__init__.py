@@ -1,4 +1,4 @@
-"""The paper's experiments and better ones, and the judgement of every numerical engine."""
+"""Studies: the paper's experiments and extended ones; benchmarks of the numerical engines."""
 
 from __future__ import annotations
 

@@ -14,26 +14,26 @@ def graph() -> architecture.Graph:
     return architecture.imports()
 
 
-def test_the_pages_are_what_the_code_says() -> None:
+def test_pages_match_the_code() -> None:
     stale = [file.name for file, text in architecture.pages().items() if file.read_text() != text]
     assert not stale, "python -m benchmarks.reference writes them anew"
 
 
-def test_every_package_says_what_it_is_for() -> None:
+def test_every_package_has_a_purpose() -> None:
     rows = architecture.packages().splitlines()[2:]
     assert len(rows) > 25
     shape = r"\| (\*\*`\w+`\*\* \| |\| `\w+` )\|( \d+)? \| [A-Z].*\. \|"
     assert [row for row in rows if not re.fullmatch(shape, row)] == []
 
 
-def test_arrows_left_out_follow_from_those_drawn(graph: architecture.Graph) -> None:
+def test_omitted_arrows_are_implied(graph: architecture.Graph) -> None:
     drawn = architecture.reduced(graph)
     assert sum(map(len, drawn.values())) < sum(map(len, graph.values())) / 2
     for name in graph:
         assert architecture.reachable(drawn, name) == architecture.reachable(graph, name)
 
 
-def test_no_arrow_leads_from_an_estimator_to_the_truth(graph: architecture.Graph) -> None:
+def test_estimators_do_not_import_truth(graph: architecture.Graph) -> None:
     estimators, truth = architecture.sides()
     assert estimators
     assert truth
@@ -41,7 +41,7 @@ def test_no_arrow_leads_from_an_estimator_to_the_truth(graph: architecture.Graph
         assert not architecture.reachable(graph, name) & truth
 
 
-def test_every_file_that_the_page_names_is_there() -> None:
+def test_every_named_file_exists() -> None:
     """Paths from the package or the checkout, and names of a wing as `bench.open_run`."""
     page = architecture.PAGE.read_text()
     tops = (architecture.ROOT / architecture.PACKAGE, architecture.ROOT)

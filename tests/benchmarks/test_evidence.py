@@ -14,7 +14,7 @@ from deltact_fab.common.errors import InputError
 MACHINE = {"machine": {"processor": "", "cores": 1}, "threads": 1, "load": None, "versions": {}}
 
 
-def test_rows_have_names_of_their_own_and_the_file_has_them_all() -> None:
+def test_rows_are_unique_and_stored() -> None:
     names = [r.name for r in evidence.rows()]
     assert len(set(names)) == len(names)
     kinds = {name.partition(":")[0] for name in names}
@@ -34,7 +34,7 @@ def of(row: evidence.EvidenceRow) -> set[str]:
     return {p.relative_to(here).as_posix() for p in known if p.is_relative_to(here)}
 
 
-def test_a_row_depends_on_its_own_level_and_an_edit_elsewhere_leaves_it() -> None:
+def test_row_depends_on_its_level_only() -> None:
     rows = {r.name: r for r in evidence.rows()}
     finite = of(rows["curve: sphere:15 pressed 2 mm, no friction: hyperelastic, quarter: 2 mm"])
     assert {"physics/gel/finite/newton.py", "studies/numerics/engines/gel_press.py"} <= finite
@@ -55,7 +55,7 @@ def test_a_row_depends_on_its_own_level_and_an_edit_elsewhere_leaves_it() -> Non
 
 
 @pytest.mark.slow
-def test_evidence_goes_on_where_it_stopped_and_marks_what_is_stale(
+def test_evidence_resumes_and_marks_stale_rows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, name = tmp_path / "rows.jsonl", "stability: nu 0.5"
@@ -86,7 +86,7 @@ def told(path: Path) -> str:
     return out.read_text()
 
 
-def test_rows_are_one_file_sorted_each_row_once(tmp_path: Path) -> None:
+def test_rows_are_sorted_and_unique(tmp_path: Path) -> None:
     path = tmp_path / "rows.jsonl"
     entries = [{"key": {"row": name}, "result": i} for i, name in enumerate("bab")]
     for entry in entries:

@@ -20,7 +20,7 @@ def pressing(name="sphere:15", friction=0.0, points=2, **mesh):
     )
 
 
-def test_the_case_is_the_contact_that_the_press_has():
+def test_case_has_the_contact_of_press():
     """The numbers that travel give the pressure of `Surface`, so that both solve the same."""
     press = pressing()
     case = felupe.felupe_case(press, TIPS)

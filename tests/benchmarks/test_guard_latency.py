@@ -9,7 +9,7 @@ from benchmarks import guard
 
 
 @pytest.mark.slow
-def test_a_stop_byte_follows_every_excess_record() -> None:
+def test_every_excess_record_is_stopped() -> None:
     found = guard.measure(40, "jxl")
     assert len(found["whole_ms"]) == 40
     assert found["kept_hz"] > 1

@@ -5,7 +5,7 @@ import tomllib
 from deltact_fab.paths import PACKAGE_DIR
 
 
-def test_each_fault_stands_once_in_its_file() -> None:
+def test_each_mutant_matches_once() -> None:
     root = PACKAGE_DIR.parent
     faults = tomllib.loads((root / "benchmarks/mutants.toml").read_text())["fault"]
     assert len(faults) == 20

@@ -7,12 +7,12 @@ import click
 from benchmarks import reference
 
 
-def test_the_pages_are_what_the_program_has() -> None:
+def test_pages_match_the_program() -> None:
     kept = {file.name: file.read_text() for file in reference.FOLDER.glob("*.md")}
     assert kept == reference.pages(), "python -m benchmarks.reference writes them anew"
 
 
-def test_every_command_and_every_option_says_what_it_is() -> None:
+def test_commands_and_options_have_help() -> None:
     silent = []
     for context, command in reference.commands():
         if command.hidden or not (command.help or "").strip():

@@ -5,13 +5,13 @@ from __future__ import annotations
 from benchmarks import studies
 
 
-def test_the_pages_are_what_is_kept() -> None:
+def test_pages_match_stored_results() -> None:
     assert studies.PAGE.read_text() == studies.page(studies.kept())
     text = studies.HOW_TO.read_text()
     assert text == studies.with_block(text, studies.kept())
 
 
-def test_every_study_is_kept() -> None:
+def test_every_study_has_stored_results() -> None:
     from deltact_fab.studies.study.registry import STUDIES
 
     assert {study["study"] for study in studies.kept()} == set(STUDIES)

@@ -202,6 +202,6 @@ def test_store_files_travel_with_jobs(
         assert (tmp_path / "here" / file).read_text() == str(made["by"]) == str(made["in"])
         more = {f"job {n}": GridJob(f"job {n}", tiny.leave, {"file": file, "n": n, "s": 0.3},
                                     needs=(file, "gel/none.bin")) for n in range(8)}  # fmt: skip
-        found = solve(list(more.values()), there).found
+        found = solve(list(more.values()), there).results
     assert {one["by"] for one in found.values()} == {made["by"]}
     assert len({one["in"] for one in found.values()}) == 2

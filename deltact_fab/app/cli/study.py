@@ -121,7 +121,7 @@ def _run_study(name: str, spec: Study, values: dict[str, Any]) -> Answer:
                 executor=executor,
                 progress=tick,
                 say=lambda text: click.echo(text, err=True),
-                more={key: values[key] for key in extra_keys},
+                options={key: values[key] for key in extra_keys},
             ),
         )
     click.echo(f"report: {write_study_page(result, out)}", err=True)

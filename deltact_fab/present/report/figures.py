@@ -1,4 +1,4 @@
-"""What all figures share: size, letters, colours, and the way to SVG that needs no other file."""
+"""Common style of figures: size, fonts, colours; export to self-contained SVG."""
 
 from __future__ import annotations
 
@@ -27,57 +27,58 @@ if TYPE_CHECKING:
 
 
 SERIES_COLOURS, INK_COLOUR = ReportFigure.SERIES_COLOURS, ReportFigure.INK_COLOUR
-SOFT, GRID, FAINT = ReportFigure.PAPER_COLOUR, "#dfe3ea", "#bbbbbb"
-"""What stands back, grid, lines between legs."""
+SOFT_COLOUR, GRID_COLOUR, LEG_COLOUR = ReportFigure.PAPER_COLOUR, "#dfe3ea", "#bbbbbb"
+"""Secondary content, grid, lines between legs."""
 DOUBT_COLOUR = SERIES_COLOURS[4]
-MARKERS = "osD^vP*"
-# Names of these colours in templates/style.css, which has others for a dark page.
-_NAMED = {
-    INK_COLOUR: "ink", SOFT: "soft", GRID: "line", FAINT: "leg", SERIES_COLOURS[0].lower(): "blue",
+SERIES_MARKERS = "osD^vP*"
+# Their names in templates/style.css, which redefines them for a dark page.
+_CSS_NAMES = {
+    INK_COLOUR: "ink", SOFT_COLOUR: "soft", GRID_COLOUR: "line", LEG_COLOUR: "leg",
+    SERIES_COLOURS[0].lower(): "blue",
 }  # fmt: skip
-PAGE_PT, PAPER_PT = 9.5, 8.0
+PAGE_PT, PAPER_PT = 9.5, 8.0  # by hand: text sizes of figures on page and paper
 MIN_PAGE_PT = 9.0
-"""12 pixels of the screen: no letter of a page's figure is smaller."""
-FLATTEST = 0.6  # of a figure in a paper's column: height by width
-_INKED = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color")
+"""Definition: 12 px of the screen, the smallest letter of a page's figure."""
+MIN_ASPECT = 0.6  # by hand: height by width in a paper's column; less is hard to read
+_INK_KEYS = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color")
 _paper_in: ContextVar[float | None] = ContextVar("paper_in", default=None)
 
 
 @contextmanager
 def on_paper(width_in: float) -> Iterator[None]:
-    """Within it, `blank` makes figures of this width in inches, in the letters of a paper."""
-    before = _paper_in.set(width_in)
+    """Context: `create_figure` makes figures of this width, inches, in a paper's font size."""
+    token = _paper_in.set(width_in)
     try:
         yield
     finally:
-        _paper_in.reset(before)
+        _paper_in.reset(token)
 
 
 def create_figure(
     width: float, height: float, panels: int = 1, share_y: bool = True, rows: int = 1
 ) -> Any:
-    """Create a figure and its axes, row by row, without a display; several have letters.
+    """Create a figure and its axes, row by row, without a display; several axes get letters.
 
-    width, height: inches on the page; `on_paper` keeps their ratio, but for what gets too flat.
+    width, height: inches on the page; `on_paper` keeps their ratio down to MIN_ASPECT.
     """
     require_extra("report", "a figure", "matplotlib")
     import matplotlib
 
     paper_in = _paper_in.get()
     if paper_in is not None:
-        width, height = paper_in, max(paper_in * height / width, FLATTEST * min(paper_in, 3.5))
+        width, height = paper_in, max(paper_in * height / width, MIN_ASPECT * min(paper_in, 3.5))
     matplotlib.rcParams.update(
         {
             "svg.hashsalt": "deltact-fab",  # same figure, same bytes
             "svg.fonttype": "none",
-            "pdf.fonttype": 42,  # letters stay letters, their font goes along
+            "pdf.fonttype": 42,  # text stays text, with its font
             "font.family": "sans-serif",
             "font.size": PAGE_PT if paper_in is None else PAPER_PT,
             "axes.spines.top": False,
             "axes.spines.right": False,
             "axes.grid": True,
-            "grid.color": GRID,
-            **dict.fromkeys(_INKED, INK_COLOUR if paper_in is None else "#000000"),
+            "grid.color": GRID_COLOUR,
+            **dict.fromkeys(_INK_KEYS, INK_COLOUR if paper_in is None else "#000000"),
             "grid.linewidth": 0.6,
             "axes.axisbelow": True,
             "legend.frameon": False,
@@ -93,12 +94,12 @@ def create_figure(
     return figure, axes
 
 
-IN_A_ROW = 3
+PANELS_PER_ROW = 3  # by hand: more are too narrow to read
 
 
-def panels(count: int, height: float, share_y: bool = True) -> Any:
-    """As `blank`: so many axes, IN_A_ROW at most beside each other; height: of a row."""
-    columns = min(IN_A_ROW, count)
+def create_panels(count: int, height: float, share_y: bool = True) -> Any:
+    """Create a figure of `count` axes, PANELS_PER_ROW per row. height: of a row, inches."""
+    columns = min(PANELS_PER_ROW, count)
     rows = -(-count // columns)
     figure, axes = create_figure(9.6, rows * height, columns, share_y, rows)
     for axis in axes[count:]:
@@ -107,15 +108,14 @@ def panels(count: int, height: float, share_y: bool = True) -> Any:
 
 
 def to_svg(figure: Figure, words: str = "") -> str:
-    """The figure as an <svg> element of a page, without the prologue and without a date.
+    """Return the figure as an <svg> element of a page, without prologue and date.
 
-    It has no ground of its own and names its colours as the page's style does, so that it is dark
-    on a dark page; what a colour map drew stays as it is. words: what it shows, for those who
-    cannot see it; else what its first axes show against what.
+    Transparent, with the colour names of the page's style, so it adapts to a dark page; colour maps
+    are unchanged. words: alternative text; by default the labels of the first axes.
     """
     from matplotlib.colors import to_hex
 
-    letters(figure, MIN_PAGE_PT)
+    clamp_letters(figure, MIN_PAGE_PT)
     for patch in (figure.patch, *(axis.patch for axis in figure.axes)):
         if to_hex(patch.get_facecolor()) == "#ffffff":
             patch.set_facecolor("none")
@@ -123,7 +123,7 @@ def to_svg(figure: Figure, words: str = "") -> str:
     figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
     text = out.getvalue()
     svg = text[text.index("<svg") :]
-    svg = re.sub("|".join(_NAMED), lambda m: f"var(--{_NAMED[m[0]]}, {m[0]})", svg)
+    svg = re.sub("|".join(_CSS_NAMES), lambda m: f"var(--{_CSS_NAMES[m[0]]}, {m[0]})", svg)
     axes = figure.axes[0]
     against = (" ".join(label.split()) for label in (axes.get_ylabel(), axes.get_xlabel()))
     label = html.escape(words or " against ".join(filter(None, against)) or "figure", quote=True)
@@ -135,8 +135,8 @@ def to_svg(figure: Figure, words: str = "") -> str:
     return re.sub(r'href="#', f'href="#{salt}-', svg)
 
 
-def letters(figure: Figure, least_pt: float, most_pt: float = math.inf) -> None:
-    """Letters of a figure that are smaller or larger than that become so."""
+def clamp_letters(figure: Figure, least_pt: float, most_pt: float = math.inf) -> None:
+    """Clamp the font sizes of a figure, pt."""
     from matplotlib.text import Text
 
     for text in figure.findobj(Text):
@@ -150,28 +150,28 @@ def draw_legend(figure: Figure, axis: Axes) -> None:
                   fontsize="small")  # fmt: skip
 
 
-WIDE = 300.0  # from the lowest to the highest: beyond it only powers of ten have labels
+WIDE_RANGE = 300.0  # by hand: highest over lowest; above it labels only at powers of ten
 
 
-def set_log_scale(axis: Axes, which: str) -> None:
-    """Set logarithmic axes, `x`, `y` or `xy`, labelled 0.01, 0.02, 0.05 and not by powers."""
+def set_log_scale(axis: Axes, directions: str) -> None:
+    """Set logarithmic axes, "x", "y" or "xy", labelled 0.01, 0.02, 0.05 instead of powers."""
     from matplotlib.ticker import LogLocator, NullLocator
 
-    for letter in which:
+    for letter in directions:
         (axis.set_xscale if letter == "x" else axis.set_yscale)("log")
         side = axis.xaxis if letter == "x" else axis.yaxis
         low, high = side.get_view_interval()
-        subs = (1.0, 2.0, 5.0) if high < WIDE * low else (1.0,)
+        subs = (1.0, 2.0, 5.0) if high < WIDE_RANGE * low else (1.0,)
         side.set_major_locator(LogLocator(subs=subs))
         side.set_major_formatter("{x:g}")
         side.set_minor_locator(NullLocator())
 
 
-MAX_LEGS = 20
+MAX_LEGS = 20  # by hand: more labels overlap
 
 
-def by_frame(axis: Axes, step_ids: pd.Series[str]) -> None:
-    """Whole frames from 1 along an axis; legs of the path named above where they begin."""
+def label_frames(axis: Axes, step_ids: pd.Series[str]) -> None:
+    """Label an axis by frames from 1, and above it the starts of the path's legs."""
     from matplotlib.ticker import MaxNLocator
 
     axis.set_xlabel("frame")
@@ -179,16 +179,16 @@ def by_frame(axis: Axes, step_ids: pd.Series[str]) -> None:
     legs = step_ids.str.rsplit("/", n=1).str[-1].str.replace("shear-", "").to_numpy()
     begins = np.flatnonzero(np.append(True, legs[1:] != legs[:-1]))
     if len(begins) > MAX_LEGS:
-        return  # no one could read them
-    for at in begins[1:]:
-        axis.axvline(at + 0.5, color=FAINT, lw=0.7)
+        return  # illegible
+    for start in begins[1:]:
+        axis.axvline(start + 0.5, color=LEG_COLOUR, lw=0.7)
     above = axis.secondary_xaxis("top")
-    above.set_xticks(begins + 1, legs[begins], rotation=90, fontsize="small", color=SOFT)
+    above.set_xticks(begins + 1, legs[begins], rotation=90, fontsize="small", color=SOFT_COLOUR)
     above.tick_params(length=0, pad=1)
     above.spines[:].set_visible(False)
 
 
-FAR = 3.0  # times the highest that is drawn
+FAR_ABOVE = 3.0  # by hand: times the highest plotted value; more flattens the plot
 
 
 def draw_paper_line(
@@ -197,38 +197,37 @@ def draw_paper_line(
 ) -> None:  # fmt: skip
     """Draw the paper's value as a line over the axis, or across a column of it.
 
-    One far above what is drawn would flatten it: it is told above the axis. about: the paper says
-    "around".
+    A value far above the plotted ones is written above the axis. about: the paper says "around".
     """
-    if value > FAR * highest > 0:
+    if value > FAR_ABOVE * highest > 0:
         x = 1.0 if across is None else sum(across) / 2
         place = axis.transAxes if across is None else axis.get_xaxis_transform()
-        words = f"{'≈' * about}{value:g} ↑"  # no wider than a column, which has neighbours
+        words = f"{'≈' * about}{value:g} ↑"  # no wider than a column
         axis.text(x, 1.0, words if across else f"paper {words}", transform=place, va="bottom",
                   ha="right" if across is None else "center", fontsize="small",
-                  color=SOFT)  # fmt: skip
+                  color=SOFT_COLOUR)  # fmt: skip
         return
     place = axis.get_yaxis_transform() if across is None else axis.transData
-    axis.plot(across or (0, 1), [value] * 2, "--" if about else "-", color=SOFT, lw=1.4,
+    axis.plot(across or (0, 1), [value] * 2, "--" if about else "-", color=SOFT_COLOUR, lw=1.4,
               label=words, transform=place)  # fmt: skip
 
 
-# Of a name from its mark: points to the right and up, and which of its edges lie there.
-_BESIDE = (
+# Offset of a name from its mark, right and up, and the alignment of the name.
+_LABEL_SIDES = (
     (1.0, 0.0, "left", "center"), (-1.0, 0.0, "right", "center"), (0.0, 1.0, "center", "bottom"),
     (0.0, -1.0, "center", "top"), (0.7, 0.7, "left", "bottom"), (-0.7, 0.7, "right", "bottom"),
     (0.7, -0.7, "left", "top"), (-0.7, -0.7, "right", "top"),
 )  # fmt: skip
-_PLACES = [(away, *place) for away in (6.0, 16.0, 28.0, 42.0, 60.0) for place in _BESIDE]
+_LABEL_PLACES = [(pt, *side) for pt in (6.0, 16.0, 28.0, 42.0, 60.0) for side in _LABEL_SIDES]
 
 
 def name_marks(
     figure: Figure, axis: Axes, marks: Sequence[tuple[float, float, str, str]], bold: str = ""
 ) -> None:
-    """Write names beside their marks (x, y, name, colour), where they cover no other.
+    """Write names beside their marks (x, y, name, colour) without overlap.
 
-    A name that finds its place farther off is joined to its mark. bold: the name to stress. Limits
-    and scales of the axis are to be set before.
+    A line joins a distant name to its mark. bold: the name to emphasise. Set limits and scales of
+    the axis before.
     """
     from matplotlib.text import Text
     from matplotlib.transforms import Bbox
@@ -236,43 +235,40 @@ def name_marks(
     figure.draw_without_rendering()  # lays it out
     inside = axis.get_window_extent()
     spots = axis.transData.transform([mark[:2] for mark in marks])
-    taken = [Bbox([spot - 5, spot + 5]) for spot in spots]
+    occupied = [Bbox([spot - 5, spot + 5]) for spot in spots]
     for x, y, name, colour in marks:
         line = {"arrowstyle": "-", "color": colour, "lw": 0.6, "shrinkA": 0, "shrinkB": 3}
-        for away, dx, dy, ha, va in _PLACES:
+        for off_pt, dx, dy, ha, va in _LABEL_PLACES:
             text = axis.annotate(
-                name, (x, y), xytext=(away * dx, away * dy), textcoords="offset points", ha=ha,
-                va=va, fontsize=MIN_PAGE_PT, fontweight="bold" if name == bold else None,
-                arrowprops=line if away > _PLACES[0][0] else None,
+                name, (x, y), xytext=(off_pt * dx, off_pt * dy), textcoords="offset points",
+                ha=ha, va=va, fontsize=MIN_PAGE_PT, fontweight="bold" if name == bold else None,
+                arrowprops=line if off_pt > _LABEL_PLACES[0][0] else None,
             )  # fmt: skip
-            text.get_window_extent()  # finds its place; with its line, which may cross others
+            text.get_window_extent()  # places it; the line may cross others
             box = Text.get_window_extent(text)
-            free = inside.x0 <= box.x0 and box.x1 <= inside.x1 and not box.count_overlaps(taken)
-            if free or (away, dx, dy, ha, va) == _PLACES[-1]:
+            free = inside.x0 <= box.x0 and box.x1 <= inside.x1 and not box.count_overlaps(occupied)
+            if free or (off_pt, dx, dy, ha, va) == _LABEL_PLACES[-1]:
                 break
             text.remove()
-        taken.append(box)
+        occupied.append(box)
 
 
 COLUMN_IN, BOTH_COLUMNS_IN = 3.5, 7.16  # of IEEE's two-column page
-SMALLEST_PT = 6.0
+SMALLEST_PT = 6.0  # by hand: smaller is illegible in print
 _NO_DATE = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 
 
-def draw(one: ReportFigure) -> Figure:
-    """A figure at the size of a paper, its titles broken where they would run over."""
-    with on_paper(COLUMN_IN if one.column else BOTH_COLUMNS_IN):
-        figure = one.draw()
-    letters(figure, SMALLEST_PT, PAPER_PT)
+def draw_for_paper(report_figure: ReportFigure) -> Figure:
+    """Draw a figure at the size of a paper, with long titles wrapped."""
+    with on_paper(COLUMN_IN if report_figure.column else BOTH_COLUMNS_IN):
+        figure = report_figure.draw()
+    clamp_letters(figure, SMALLEST_PT, PAPER_PT)
     _break_titles(figure)
     return figure
 
 
 def figure_bytes(figure: Figure, kind: str) -> bytes:
-    """The bytes of a figure's file, `svg` or `pdf`.
-
-    What still runs over the edge makes the figure larger, for a clipped label is lost.
-    """
+    """Return a figure's file, "svg" or "pdf", enlarged to include labels over the edge."""
     from matplotlib.transforms import Bbox
 
     out = io.BytesIO()
@@ -284,12 +280,12 @@ def figure_bytes(figure: Figure, kind: str) -> bytes:
 
 
 def _break_titles(figure: Figure) -> None:
-    """Titles that are wider than what they stand above go on in the next line."""
+    """Wrap titles that are wider than their axes."""
     figure.draw_without_rendering()
     for axis in figure.axes:
         width = axis.get_window_extent().width
         for text in (axis.title, axis._left_title, axis._right_title):  # type: ignore[attr-defined]
-            words, wide = text.get_text(), text.get_window_extent().width
-            if words and wide > width and "$" not in words:
-                letters = max(8, int(len(words) * width / wide))
+            words, text_width = text.get_text(), text.get_window_extent().width
+            if words and text_width > width and "$" not in words:
+                letters = max(8, int(len(words) * width / text_width))
                 text.set_text("\n".join(textwrap.wrap(words, letters)))

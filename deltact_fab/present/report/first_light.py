@@ -1,4 +1,4 @@
-"""A good and a spoiled print, a good and a spoiled sensor, as a lab sees them: rendered."""
+"""Rendered examples: a good and a spoiled print, a good and a spoiled sensor."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from deltact_fab.physics import print_colours
 from deltact_fab.sensor import CAMERA_GAMMA, ImageSensor, Printer
 from deltact_fab.simulate import FrameRenderer, PictureGeometry
 
+# By hand, to make each defect visible: streak, missing share of the faded ink, bubble, torn corner.
 PRINT_MM, STREAK_MM = 8.0, 0.4
-FAINT = 0.75  # of the ink that is nearly empty, what is missing
+FADED_SHARE = 0.75
 BUBBLE_MM, BUBBLE_AT_MM = 1.2, (4.0, -3.0)
 TORN_MM = 5.0
 
 
 Pair = tuple[bytes, bytes]
-"""A good one and a spoiled one, JPEG."""
+"""Good and spoiled example, JPEG."""
 
 
 def render_examples(design: Design, recipe: PatternRecipe) -> dict[str, Pair]:
@@ -32,21 +33,21 @@ def render_examples(design: Design, recipe: PatternRecipe) -> dict[str, Pair]:
 
 
 def _print(values: NDArray[np.float32], printer: Printer) -> Pair:
-    """A cut of it; then with a clogged nozzle and magenta nearly empty."""
+    """Cut-out of the print; the same with a clogged nozzle and magenta nearly empty."""
     half, side = round(PRINT_MM / printer.mm_per_dot / 2), len(values) // 2
     good = values[side - half : side + half, side - half : side + half]
     spoiled = good.copy()
-    spoiled[..., 1] += FAINT * (1 - spoiled[..., 1])
+    spoiled[..., 1] += FADED_SHARE * (1 - spoiled[..., 1])
     streak = round(STREAK_MM / printer.mm_per_dot)
     spoiled[half : half + streak] = 1
-    good, spoiled = (255 * one[..., ::-1] ** (1 / CAMERA_GAMMA) for one in (good, spoiled))
+    good, spoiled = (255 * image[..., ::-1] ** (1 / CAMERA_GAMMA) for image in (good, spoiled))
     return _jpeg(good), _jpeg(spoiled)
 
 
 def _sensor(values: NDArray[np.float32], printer: Printer, design: Design) -> Pair:
-    """The view; then with a bubble, the film torn at a corner and one LED dark."""
-    at = (np.arange(len(values)) - (len(values) - 1) / 2) * printer.mm_per_dot
-    x, y = np.meshgrid(at, at)
+    """Camera view; the same with a bubble, a torn film corner and one dark LED."""
+    dots_mm = (np.arange(len(values)) - (len(values) - 1) / 2) * printer.mm_per_dot
+    x, y = np.meshgrid(dots_mm, dots_mm)
     right, top = np.array(design.optics.view_mm) / 2
     spoiled = values * (illuminance(design, x, y, dark=0) / illuminance(design, x, y))[..., None]
     spoiled[y - x > right + top - TORN_MM] = 1
@@ -55,12 +56,12 @@ def _sensor(values: NDArray[np.float32], printer: Printer, design: Design) -> Pa
     spoiled *= np.where(np.abs(r - 1) < 0.12, 0.2, 1)[..., None]
     geometry, rng = PictureGeometry.resting(design), np.random.default_rng(0)
 
-    def seen(print_: NDArray[Any]) -> bytes:
+    def photograph(print_: NDArray[Any]) -> bytes:
         values = print_.astype(np.float32)
         draw = FrameRenderer(geometry, values, printer.mm_per_dot, ImageSensor())
         return _jpeg(draw.render(None, rng))
 
-    return seen(values), seen(spoiled)
+    return photograph(values), photograph(spoiled)
 
 
 def _jpeg(bgr: NDArray[Any]) -> bytes:

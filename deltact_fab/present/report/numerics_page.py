@@ -1,4 +1,4 @@
-"""Offline HTML pages of the engines (error against CPU time, stability) and of a rehearsal."""
+"""Offline HTML pages of the engine benchmark and of a rehearsal."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from . import figures
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-STABILITY = ["case", "outcome", "expectation", "figure", "bound", "unit", "note"]
+STABILITY_COLUMNS = ["case", "outcome", "expectation", "figure", "bound", "unit", "note"]
 
 
 def write_numerics_page(data: dict[str, Any], out: Path) -> Path:
@@ -26,12 +26,12 @@ def write_numerics_page(data: dict[str, Any], out: Path) -> Path:
 
     Raises MissingLibrary without the extra `report`, RunFailed when the disk refuses.
     """
-    drawn = []
+    engines = []
     for engine in data["engines"]:
         curves = [r for r in data["curves"] if r["engine"] == engine["name"]]
         by_case = {r["case"]: [s for s in curves if s["case"] == r["case"]] for r in curves}
         cases = [r for r in data["stability"] if r["engine"] == engine["name"]]
-        drawn.append(
+        engines.append(
             {
                 **engine,
                 "panels": [figures.to_svg(error_against_time(rows)) for rows in by_case.values()],
@@ -40,60 +40,61 @@ def write_numerics_page(data: dict[str, Any], out: Path) -> Path:
                     for case, rows in by_case.items()
                 ],
                 "stability": html_table(
-                    pd.DataFrame(cases, columns=STABILITY),
+                    pd.DataFrame(cases, columns=STABILITY_COLUMNS),
                     marks=["bad" if r["outcome"] == "wrong" else "" for r in cases],
                 ),
                 "counts": Counter(r["outcome"] for r in cases),
             }
         )  # fmt: skip
-    stable = _stable(data["stability"])
-    return write_page(out, "numerics.html", [stable], engines=drawn, meta=data["meta"])
+    stable = _stability_check(data["stability"])
+    return write_page(out, "numerics.html", [stable], engines=engines, meta=data["meta"])
 
 
-def _stable(rows: Sequence[dict[str, Any]]) -> Check:
-    """What came of the stiff and extreme cases."""
+def _stability_check(rows: Sequence[dict[str, Any]]) -> Check:
+    """Verdict on the stiff and extreme cases."""
     wrong, n = [r["case"] for r in rows if r["outcome"] == "wrong"], len(rows)
     if wrong:
         are = "is" if len(wrong) == 1 else "are"
         text = f"{len(wrong)} of {n} stiff and extreme cases {are} wrong: {'; '.join(wrong)}."
-        return Check("cases", value=f"{text} Do not trust what rests on them.", status="fail")
+        return Check("cases", value=f"{text} Do not trust results of these engines.", status="fail")
     return Check(
         "cases",
-        value=f"All {n} stiff and extreme cases came out as they must: right within their bounds, "
-        "or refused. The engines can be trusted within the errors below that are against an "
-        "independent reference; a self-test shows no accuracy.",
+        value=f"{n}/{n} stiff and extreme cases passed: right within their bounds, or refused. The "
+        "engines can be trusted within the errors below that are against an independent reference; "
+        "a self-test does not show accuracy.",
     )
 
 
 def error_against_time(rows: Sequence[dict[str, Any]]) -> Figure:
-    """One case: error against CPU time, both logarithmic, a line a series, the front ringed.
+    """Plot error against CPU time of one case, log-log, a line per series, Pareto front ringed.
 
-    A mark is at the best time, its bar ends at the slowest.
+    Marks at the best time; bars to the slowest.
     """
     figure, (axis,) = figures.create_figure(5.0, 4.4)
-    known = [r for r in rows if r["error"] is not None and r["error"] > 0]
+    valid = [r for r in rows if r["error"] is not None and r["error"] > 0]
     names = []
     for i, name in enumerate(dict.fromkeys(r["series"] for r in rows)):
-        part = sorted((r for r in known if r["series"] == name), key=lambda r: r["cpu_s"])
-        best, most = ([r[key] * 1e3 for r in part] for key in ("cpu_s", "cpu_most_s"))
+        part = sorted((r for r in valid if r["series"] == name), key=lambda r: r["cpu_s"])
+        best, slowest = ([r[key] * 1e3 for r in part] for key in ("cpu_s", "cpu_most_s"))
         errors = [r["error"] for r in part]
         colour = figures.SERIES_COLOURS[i % len(figures.SERIES_COLOURS)]
-        # Names with a number in them are steps of one knob and are joined; methods are not.
+        # Names with a number are values of one parameter and are joined; methods are not.
         ladder = all(any(c.isdigit() for c in r["setting"]) for r in part)
-        axis.plot(best, errors, marker=figures.MARKERS[i % len(figures.MARKERS)], color=colour,
-                  ms=6, lw=1.0, ls="-" if ladder else "none", label=name)  # fmt: skip
-        axis.hlines(errors, best, most, color=colour, lw=2.5, alpha=0.25)
+        axis.plot(best, errors, marker=figures.SERIES_MARKERS[i % len(figures.SERIES_MARKERS)],
+                  color=colour, ms=6, lw=1.0, ls="-" if ladder else "none", label=name)  # fmt: skip
+        axis.hlines(errors, best, slowest, color=colour, lw=2.5, alpha=0.25)
         names += [(x, y, r["setting"], colour) for x, y, r in zip(best, errors, part, strict=True)]
-    front = sorted((r for r in known if r["pareto"]), key=lambda r: r["cpu_s"])
-    axis.plot([r["cpu_s"] * 1e3 for r in front], [r["error"] for r in front], "o:", ms=12, lw=0.9,
-              color=figures.SOFT, mfc="none", mew=1.1, label="Pareto front", zorder=1)  # fmt: skip
+    front = sorted((r for r in valid if r["pareto"]), key=lambda r: r["cpu_s"])
+    axis.plot([r["cpu_s"] * 1e3 for r in front], [r["error"] for r in front], "o:", ms=12,
+              lw=0.9, color=figures.SOFT_COLOUR, mfc="none", mew=1.1, label="Pareto front",
+              zorder=1)  # fmt: skip
     figures.set_log_scale(axis, "xy")
-    if known:  # room for the names, and at least one tick on each axis
+    if valid:  # room for the names, and at least one tick on each axis
         axis.set_xlim(
-            min(r["cpu_s"] for r in known) * 1e3 / 1.6, max(r["cpu_most_s"] for r in known) * 2.8e3
+            min(r["cpu_s"] for r in valid) * 1e3 / 1.6, max(r["cpu_most_s"] for r in valid) * 2.8e3
         )
-        axis.set_ylim(min(r["error"] for r in known) / 1.8, max(r["error"] for r in known) * 2.2)
-    axis.set_xlabel("CPU time, milliseconds: best of the runs, bar to the slowest")
+        axis.set_ylim(min(r["error"] for r in valid) / 1.8, max(r["error"] for r in valid) * 2.2)
+    axis.set_xlabel("CPU time, ms: best of the runs, bar to the slowest")
     axis.set_ylabel(f"error, {rows[0]['unit']}")
     title = textwrap.fill(rows[0]["case"], 52)
     axis.set_title(title, loc="left", fontweight="bold", fontsize=9.5)
@@ -102,22 +103,23 @@ def error_against_time(rows: Sequence[dict[str, Any]]) -> Figure:
     return figure
 
 
-CELLS = {
-    "fault": "fault", "moment": "when", "outcome": "what the operator reads",
+FAULT_COLUMNS = {
+    "fault": "fault", "moment": "when", "outcome": "message to the operator",
     "deeper_mm": "lower, mm", "wrong": "with --resume",
 }  # fmt: skip
 
 
-def write_rehearsal_page(found: dict[str, Any], protocol: str, rig: str, out: Path) -> list[Path]:
-    """Write rehearsal.html and rehearsal.json of `Rehearsal.as_dict()` into a folder; the files."""
-    rows = [{**c, "wrong": c["wrong"] or "the same record"} for c in found["cells"]]
+def write_rehearsal_page(report: dict[str, Any], protocol: str, rig: str, out: Path) -> list[Path]:
+    """Write rehearsal.html and .json of `Rehearsal.as_dict()` into a folder; return the files."""
+    rows = [{**c, "wrong": c["wrong"] or "same record"} for c in report["cells"]]
     marks = ["" if c["passed"] else "bad" for c in rows]
-    cells = html_table(pd.DataFrame(rows, columns=list(CELLS)).round(2), CELLS, marks)
-    text = f"{found['verdict'][:1].upper()}{found['verdict'][1:]}."
-    judged = Check("faults", value=text, status=graded(found["passed"]))
+    frame = pd.DataFrame(rows, columns=list(FAULT_COLUMNS)).round(2)
+    cells = html_table(frame, FAULT_COLUMNS, marks)
+    text = f"{report['verdict'][:1].upper()}{report['verdict'][1:]}."
+    check = Check("faults", value=text, status=graded(report["passed"]))
     page, data = out / "rehearsal.html", out / "rehearsal.json"
     write_page(
-        page, "rehearsal.html", [judged], found=found, protocol=protocol, rig=rig, cells=cells
+        page, "rehearsal.html", [check], report=report, protocol=protocol, rig=rig, cells=cells
     )
-    write_whole(data, json.dumps(found, indent=1).encode())
+    write_whole(data, json.dumps(report, indent=1).encode())
     return [page, data]

@@ -1,4 +1,4 @@
-"""One offline HTML page of a run: what was made, moved, seen and measured, with its figures."""
+"""Offline HTML page of a run: settings, motion, images, measurements, figures."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from deltact_fab.estimate import (
 
 from . import figures, run_figures
 
-SMALLER = 0.6  # pictures of presses stand side by side
+THUMBNAIL_SCALE = 0.6  # by hand: pictures of presses side by side; larger makes the page heavy
 
 
 def write_run_page(
@@ -34,53 +34,52 @@ def write_run_page(
     parts: dict[str, Any] | None = None,
     shape: ShapeResult | None = None,
 ) -> Path:
-    """Write the report of a run, its tracking analysis and what was measured to one file.
+    """Write the report of a run, its tracking analysis and measurements to one file.
 
-    measured: shape, contact and force of it; without it the page has no word of them. shape: its
-    depth and contacts against truth.
-    parts: `parts` (a row a part, with its formats) and `note` (why there are none), from the demo.
-    Raises InputError for a run that is not finished, MissingLibrary without the extra `report`,
-    RunFailed when the disk refuses.
+    measured: shape, contact and force; omitted from the page if None. shape: depth and contacts
+    against truth. parts: `parts` (a row per part, with its formats) and `note` (reason for none),
+    from the demo. Raises InputError for an unfinished run, MissingLibrary without the extra
+    `report`, RunFailed if the disk refuses.
     """
     run = open_run(run_folder)
     if not run.finished:
         raise InputError(f"{run_folder}: the run is not finished; go on with `run --resume`")
-    frames, notes, judged = run.frames(), run.notes(), tracking.verdict
+    frames, notes, verdict = run.frames(), run.notes(), tracking.verdict
     warned, remarks = run.remarks()
-    drawn = {
+    charts = {
         "by_time": run_figures.plot_error_by_time(tracking),
-        "by_step": run_figures.error_by_step(tracking),
+        "by_step": run_figures.plot_error_by_step(tracking),
     }
     if measured is not None and measured.force is not None:
-        drawn["force"] = run_figures.force_by_frame(measured.force.frames)
+        charts["force"] = run_figures.plot_force_by_frame(measured.force.frames)
     elif frames["fz_n"].notna().any():
-        drawn["force"] = run_figures.force_by_frame(frames)
+        charts["force"] = run_figures.plot_force_by_frame(frames)
     deepest = measured.deepest if measured is not None else []
     if deepest:
-        drawn["shape"] = run_figures.deepest_presses(deepest)
+        charts["shape"] = run_figures.plot_deepest_presses(deepest)
     return write_page(
         out,
         "run.html",
-        _found(warned, tracking, measured, shape),
+        _run_checks(warned, tracking, measured, shape),
         meta=run.meta,
         summary=run.summary(),
         simulated=run.simulated,
         tracking=tracking.as_dict(),
-        doubts={name: why for name, why in judged.doubts.items() if why},
+        doubts={name: reasons for name, reasons in verdict.doubts.items() if reasons},
         remarks=remarks,
         methods=_methods(tracking),
         measured=measured,
         shape=shape,
         rule=tracking.RULE,
-        best=next(m for m in tracking.methods if m["name"] == judged.about),
+        best=next(m for m in tracking.methods if m["name"] == verdict.about),
         paper_mm=tracking.PAPER_BEST_MM,
         figures={
-            name: figures.to_svg(figure, _SHOWN.get(name, ""))
-            for name, figure in drawn.items()
+            name: figures.to_svg(figure, _FIGURE_WORDS.get(name, ""))
+            for name, figure in charts.items()
             if figure
         },
-        pictures=[_picture(run, frames, one) for one in deepest],
-        contacts=html_table(pd.DataFrame([row for one in deepest for row in _contacts(one)])),
+        pictures=[_picture(run, frames, press) for press in deepest],
+        contacts=html_table(pd.DataFrame([row for press in deepest for row in _contacts(press)])),
         parts=parts,
         made=html_table(pd.DataFrame(parts["parts"] if parts else [])),
         counts={
@@ -91,7 +90,6 @@ def write_run_page(
         },
         pattern=_picture(run, frames),
         settings=html_table(_settings(run)),
-        # What operators said.
         notes=[
             f"{datetime.fromtimestamp(wall_s, UTC):%Y-%m-%d %H:%M} UTC: {text}"
             for wall_s, text in zip(notes["wall_s"], notes["text"], strict=True)
@@ -100,23 +98,23 @@ def write_run_page(
 
 
 def write_imported_page(run: Run, out: Path) -> Path:
-    """Write the page of an imported run: what is known of it, what is not, its force and motion.
+    """Write the page of an imported run: its data, notes, force and motion.
 
-    With the verdict of `calibrate force`, where that was asked. Raises as `write` does.
+    With the verdict of `calibrate force`, if any. Raises like `write_run_page`.
     """
     frames, summary = run.frames(), run.summary()
     if not summary or frames.empty:
-        raise InputError(f"{run.folder}: not whole; import it again")
+        raise InputError(f"{run.folder}: incomplete; import it again")
     t_s = frames["t_s"] - frames["t_s"].iloc[0]
-    figure = run_figures.force_and_motion(t_s, frames, summary["moved_px"])
-    most = frames.iloc[int(np.argmax(summary["moved_px"]))]
+    figure = run_figures.plot_force_motion(t_s, frames, summary["moved_px"])
+    farthest = frames.iloc[int(np.argmax(summary["moved_px"]))]
     force = run.folder / "analysis" / "force.json"
-    told = read_json(force) if force.is_file() else {}
-    if "verdict" in told:
-        found = [Check("force", value=f"Force from the flow: {told['verdict']}.")]
+    force_data = read_json(force) if force.is_file() else {}
+    if "verdict" in force_data:
+        checks = [Check("force", value=f"Force from the flow: {force_data['verdict']}.")]
     else:
-        text = "Force from the flow was not calibrated: `calibrate force` does it."
-        found = [Check("force", value=text, status="warn")]
+        text = "Force from the flow is not calibrated; run `calibrate force`."
+        checks = [Check("force", value=text, status="warn")]
     warned, remarks = run.remarks()
     counts = {
         "images": f"{len(frames)} of {' x '.join(map(str, run.meta['imported']['image_px']))} px",
@@ -129,28 +127,28 @@ def write_imported_page(run: Run, out: Path) -> Path:
         "imported.html",
         [
             *Check.warnings("run", warned),
-            *found,
-            *Check.warnings("left-out", told.get("left_out", [])),
+            *checks,
+            *Check.warnings("left-out", force_data.get("left_out", [])),
         ],
         name=run.meta["name"],
         about=run.meta["protocol"]["description"],
         notes=[*remarks, *run.notes()["text"]],
         figure=figures.to_svg(figure, "force on the sensor and motion of the picture over time"),
         pictures=[
-            _thumbnail(run, frames.iloc[0], "the first image: motion counts from it"),
-            _thumbnail(run, most, f"moved most, after {most['t_press_s']:.2f} s"),
+            _thumbnail(run, frames.iloc[0], "first image, reference of the motion"),
+            _thumbnail(run, farthest, f"largest motion, after {farthest['t_press_s']:.2f} s"),
         ],
         known=html_table(pd.DataFrame(counts.items(), columns=["what", "value"])),
     )
 
 
-def _found(
+def _run_checks(
     warned: list[str],
     tracking: TrackingResult,
     measured: RunMeasurement | None,
     shape: ShapeResult | None,
 ) -> Iterator[Check]:
-    """What speaks for and against a run: warnings of how it was made first."""
+    """Checks of a run: warnings on its recording first."""
     yield from Check.warnings("run", (f"{line[:1].upper()}{line[1:]}." for line in warned))
     yield Check("tracking", value=tracking.verdict.line, status=graded(tracking.verdict.trusted))
     if shape is not None:
@@ -162,36 +160,36 @@ def _found(
         )
 
 
-# What a figure shows, where its axes do not say it all.
-_SHOWN = {
+# Alternative text of figures, if the axes are not sufficient.
+_FIGURE_WORDS = {
     "shape": "depth, flow and contact on the face at the deepest press of each indenter",
     "force": "force on the sensor in x, y and z, N, against the frame",
 }
 
 
 def _methods(tracking: TrackingResult) -> dict[str, Any]:
-    """The table of methods, the recommended one marked, with the paper's below."""
-    judged, rows = tracking.verdict, []
+    """Table of methods, the recommended one marked, with the paper's below."""
+    verdict, rows = tracking.verdict, []
     for m in tracking.methods:
-        known = m["confident_share"] if m["coverage"] is None else m["coverage"]
+        confident = m["confident_share"] if m["coverage"] is None else m["coverage"]
         rows.append(
             {
                 "method / reference": m["name"],
                 "mean error over all moving pixels, mm": m["mean_off_dots_mm"],
                 "95th percentile, mm": m["p95_off_dots_mm"],
-                "confident pixels, mm": m["mean_confident_mm"],
-                "share of confident pixels": _percent(known),
-                f"of that off by over {tracking.WRONG_MM:g} mm": _percent(
+                "error on confident pixels, mm": m["mean_confident_mm"],
+                "share of confident pixels": _percent(confident),
+                f"confident but >{tracking.WRONG_MM:g} mm off": _percent(
                     m["confident_wrong_share"]
                 ),
                 "at the dots, mm": m["mean_at_dots_mm"],
                 "frames trusted": _percent(m["trusted_share"]),
-                "CPU time a frame, ms": m["ms_per_frame"],
+                "CPU time per frame, ms": m["ms_per_frame"],
                 "new references": m["reference_switches"],
-                "reliable": "no" if judged.doubts[m["name"]] else "yes",
+                "reliable": "no" if verdict.doubts[m["name"]] else "yes",
             }
         )
-    marks = ["take" if m["name"] == judged.take else "" for m in tracking.methods]
+    marks = ["take" if m["name"] == verdict.take else "" for m in tracking.methods]
     if any(m["mean_at_dots_mm"] is not None for m in tracking.methods):
         rows.append(
             {"method / reference": "the paper's own", "at the dots, mm": tracking.PAPER_BEST_MM}
@@ -200,12 +198,12 @@ def _methods(tracking: TrackingResult) -> dict[str, Any]:
     return html_table(pd.DataFrame(rows), marks=marks)
 
 
-def _contacts(one: DeepestPress) -> list[dict[str, Any]]:
-    """A row a contact of a press; none where contacts were not asked for."""
-    found = one.result.contacts
-    if found is None:
+def _contacts(press: DeepestPress) -> list[dict[str, Any]]:
+    """Rows of a press's contacts; none if contacts were not requested."""
+    result = press.result
+    if result.contacts is None:
         return []
-    about = {"indenter": one.indenter, "frame": one.frame_id, "cover": _percent(one.result.cover)}
+    about = {"indenter": press.indenter, "frame": press.frame_id, "cover": _percent(result.cover)}
     return [
         {
             **about,
@@ -214,12 +212,12 @@ def _contacts(one: DeepestPress) -> list[dict[str, Any]]:
             "peak_depth_mm": c.peak_depth_mm,
             "share of the force": _percent(c.force_share),
         }
-        for c in found
+        for c in result.contacts
     ] or [{**about, "place x, y, mm": "no contact found"}]
 
 
 def _settings(run: Run) -> pd.DataFrame:
-    """What the run was made with."""
+    """Settings of the run."""
     pattern, stage = run.pattern, run.summary()["devices"]["stage"]
     recipe = {
         f"pattern: {key}": str(value)
@@ -227,12 +225,12 @@ def _settings(run: Run) -> pd.DataFrame:
         if value is not None and not isinstance(value, dict)
     }
     dots = pattern.get("dots_mm")
-    own = {
+    extra = {
         "dots": f"{len(dots)} of {pattern['dot_diameter_mm']} mm" if dots else "none",
         "seed": str(run.meta["seed"]),
-        "controller": stage["banner"] if stage else "none: weights laid on by hand",
+        "controller": stage["banner"] if stage else "none: weights placed by hand",
     }
-    settings = {**recipe, **own, **run.meta["versions"]}
+    settings = {**recipe, **extra, **run.meta["versions"]}
     return pd.DataFrame(settings.items(), columns=["setting", "value"])
 
 
@@ -240,20 +238,19 @@ def _percent(value: float | None) -> str:
     return "" if value is None else format_percent(value).replace(" ", "\u00a0")
 
 
-def _picture(run: Run, frames: pd.DataFrame, one: DeepestPress | None = None) -> Any:
-    """The image of a press, else the pattern at rest, as a data URL, and its caption."""
-    row = frames.iloc[0] if one is None else frames[frames["frame_id"] == one.frame_id].iloc[0]
-    caption = "at rest" if one is None else f"{one.indenter}, {one.depth_mm:.2f} mm deep"
+def _picture(run: Run, frames: pd.DataFrame, press: DeepestPress | None = None) -> Any:
+    """Image of a press, or the pattern at rest, as a data URL, and its caption."""
+    row = frames.iloc[0] if press is None else frames[frames["frame_id"] == press.frame_id].iloc[0]
+    caption = "at rest" if press is None else f"{press.indenter}, {press.depth_mm:.2f} mm deep"
     return _thumbnail(run, row, caption)
 
 
 def _thumbnail(run: Run, row: pd.Series[Any], caption: str) -> dict[str, str]:
-    """The image of a frame, smaller, as a data URL, and its caption."""
+    """Thumbnail of a frame as a data URL, and its caption."""
     import cv2
 
-    small = cv2.resize(
-        run.image(str(row["file"])), None, fx=SMALLER, fy=SMALLER, interpolation=cv2.INTER_AREA
-    )
-    # JPEG would smear the pattern.
+    image, scale = run.image(str(row["file"])), THUMBNAIL_SCALE
+    small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    # JPEG would blur the pattern.
     png = base64.b64encode(encode_png(np.asarray(small, np.uint8))).decode()
     return {"src": f"data:image/png;base64,{png}", "caption": caption}

@@ -1,4 +1,4 @@
-"""One offline HTML page of a pattern series: what each looks like, its figures, the paper's."""
+"""Offline HTML page of a pattern series: views, figures, and the paper's errors."""
 
 from __future__ import annotations
 
@@ -18,33 +18,33 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-ASSUMED = (
-    "Printer and camera are assumed values of a model, so this ranks patterns and predicts no "
-    "error in millimetres: measure your own before you choose."
+ASSUMED_NOTE = (
+    "Printer and camera parameters are assumed, so this ranks patterns and does not predict errors "
+    "in mm: measure your own before you choose."
 )
 
 
 def write_patterns_page(folder: Path) -> Path:
     """Write patterns.html into the folder of a series, from its quality.json and views.
 
-    Raises InputError for a folder that holds no series, MissingLibrary without the extra `report`,
-    RunFailed when the disk refuses.
+    Raises InputError for a folder without a series, MissingLibrary without the extra `report`,
+    RunFailed if the disk refuses.
     """
     series = PatternSeries.load(folder)
     data = series.figures
     rows = data["patterns"]
-    seen = [row for row in rows if row["quality"]["seen"]]
+    visible = [row for row in rows if row["quality"]["seen"]]
     models = (("printer", data["printer"]), ("camera", data["sensor"]))
     settings = [
-        (f"{what} {key}", str(value)) for what, values in models for key, value in values.items()
+        (f"{part} {key}", str(value)) for part, values in models for key, value in values.items()
     ]
     return write_page(
         series.page,
         "patterns.html",
-        [_best(rows, seen), Check("assumed", value=ASSUMED)],
+        [_best_check(rows, visible), Check("assumed", value=ASSUMED_NOTE)],
         s=data,
         rows=rows,
-        chart=figures.to_svg(draw(rows)),
+        chart=figures.to_svg(plot_predictors(rows)),
         sizes_mm=sorted({row["d_mm"] for row in rows}),
         factors=sorted({row["r"] for row in rows}),
         views={(row["d_mm"], row["r"]): _view(series, row["name"]) for row in rows},
@@ -59,57 +59,57 @@ def write_patterns_page(folder: Path) -> Path:
     )
 
 
-def _best(rows: list[dict[str, Any]], seen: list[dict[str, Any]]) -> Check:
-    """What can be tracked best; the unseen have the gradient of halftone and noise, not theirs."""
-    if not seen:
-        text = f"The camera sees none of the {len(rows)} patterns: nothing here can be tracked."
+def _best_check(rows: list[dict[str, Any]], visible: list[dict[str, Any]]) -> Check:
+    """Verdict: patterns with most texture; unseen ones have only halftone and noise."""
+    if not visible:
+        text = f"The camera resolves 0 of {len(rows)} patterns: none can be tracked."
         return Check("patterns", value=text, status="fail")
-    small = max(seen, key=lambda row: _seen(row)["mean_gradient"])
-    large = max(seen, key=lambda row: sum(_seen(row)["contrast"][3:5]))
+    small = max(visible, key=lambda row: _photographed(row)["mean_gradient"])
+    large = max(visible, key=lambda row: sum(_photographed(row)["contrast"][3:5]))
     return Check(
         "patterns",
-        value=f"The camera still sees {len(seen)} of {len(rows)} patterns: of these "
-        f"d {small['d_mm']}, r {small['r']} has the most to track in small motion and "
-        f"d {large['d_mm']}, r {large['r']} in large motion.",
-        status=graded(True, warns=len(seen) < len(rows)),
+        value=f"The camera resolves {len(visible)} of {len(rows)} patterns; most texture for small "
+        f"motion: d {small['d_mm']}, r {small['r']}; for large motion: d {large['d_mm']}, "
+        f"r {large['r']}.",
+        status=graded(True, warns=len(visible) < len(rows)),
     )
 
 
 def _view(series: PatternSeries, name: str) -> str:
-    """A pattern's view, as a data URL."""
+    """View of a pattern, as a data URL."""
     return "data:image/png;base64," + base64.b64encode(series.view(name)).decode()
 
 
-def _seen(row: dict[str, Any]) -> dict[str, Any]:
+def _photographed(row: dict[str, Any]) -> dict[str, Any]:
     return dict(row["quality"]["photographed"])
 
 
 def _row(row: dict[str, Any]) -> dict[str, Any]:
-    """What predicts tracking, as the camera sees a pattern; quality.csv has all, designed too."""
-    seen, quality = _seen(row), row["quality"]
+    """Row of figures that predict tracking, as photographed; quality.csv has all."""
+    figures_seen, quality = _photographed(row), row["quality"]
     paper = row["paper_error_mm"]
     return {
         "d_mm": row["d_mm"],
         "r": row["r"],
         "the paper's error, mm": f"{'≈ ' * row['paper_about']}{paper or ''}",
-        "gradient, levels/px": round(seen["mean_gradient"], 1),
-        "contrast at level 3": round(seen["contrast"][3], 1),
-        "contrast at level 4": round(seen["contrast"][4], 1),
-        "second peak": round(seen["peak"], 2),
-        "at, mm": seen["peak_mm"] and round(seen["peak_mm"], 2),
-        "camera px a patch": round(quality["px_a_patch"], 2),
+        "gradient, levels/px": round(figures_seen["mean_gradient"], 1),
+        "contrast at level 3": round(figures_seen["contrast"][3], 1),
+        "contrast at level 4": round(figures_seen["contrast"][4], 1),
+        "second peak": round(figures_seen["peak"], 2),
+        "at, mm": figures_seen["peak_mm"] and round(figures_seen["peak_mm"], 2),
+        "camera px per patch": round(quality["px_a_patch"], 2),
         "left on the print, %": round(100 * quality["print_contrast"]),
         "left in the camera, %": round(100 * quality["camera_contrast"]),
         "lost": "" if quality["seen"] else "not seen",
     }
 
 
-def draw(rows: Sequence[dict[str, Any]]) -> Figure:
-    """Mean gradient, and contrast at pyramid levels 3 and 4, as the camera sees them, by patch."""
+def plot_predictors(rows: Sequence[dict[str, Any]]) -> Figure:
+    """Plot mean gradient and contrast at pyramid levels 3 and 4, as photographed, by patch."""
     panels = {
-        "mean gradient, grey levels/px": [_seen(row)["mean_gradient"] for row in rows],
-        "contrast at level 3, grey levels": [_seen(row)["contrast"][3] for row in rows],
-        "contrast at level 4, grey levels": [_seen(row)["contrast"][4] for row in rows],
+        "mean gradient, grey levels/px": [_photographed(row)["mean_gradient"] for row in rows],
+        "contrast at level 3, grey levels": [_photographed(row)["contrast"][3] for row in rows],
+        "contrast at level 4, grey levels": [_photographed(row)["contrast"][4] for row in rows],
     }
     figure, axes = figures.create_figure(9.6, 3.5, len(panels), share_y=False)
     sizes_mm = sorted({row["d_mm"] for row in rows})
@@ -119,7 +119,8 @@ def draw(rows: Sequence[dict[str, Any]]) -> Figure:
             axis.plot(
                 *zip(*sorted(part), strict=True),
                 color=figures.SERIES_COLOURS[k % len(figures.SERIES_COLOURS)],
-                marker=figures.MARKERS[k % len(figures.MARKERS)], ms=5, lw=1.4, label=f"r = {r:g}",
+                marker=figures.SERIES_MARKERS[k % len(figures.SERIES_MARKERS)],
+                ms=5, lw=1.4, label=f"r = {r:g}",
             )  # fmt: skip
         axis.set_title(title, loc="left", fontweight="bold", fontsize=9.5)
         axis.set_xticks(sizes_mm, [f"{d_mm:g}" for d_mm in sizes_mm], rotation=90)

@@ -1,4 +1,4 @@
-"""What a study found, in the form that pages, files and docs are made from."""
+"""Result of a study, the source of its pages, files and docs."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ReportFigure:
-    """A figure: name is its file's, caption one or two sentences, draw makes it with matplotlib.
+    """A figure. name: of its file. caption: one or two sentences. draw: plots it by matplotlib.
 
-    draw takes its figure from `create_figure`, which makes it as wide as the page or the paper
-    wants it. column: in a paper one column is enough (3.5 in), else it takes both (7.16 in).
+    draw uses `create_figure`, which sets the width of page or paper. column: in a paper it spans
+    one column (3.5 in), else both (7.16 in).
     """
 
     SERIES_COLOURS: ClassVar = (
         "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#1d2330",
     )  # fmt: skip
-    """Okabe and Ito's palette: told apart by people who see colours differently."""
+    """Palette of Okabe and Ito, distinguishable by colour-blind readers."""
     INK_COLOUR: ClassVar = "#1d2330"
-    """Letters and axes."""
+    """Text and axes."""
     PAPER_COLOUR: ClassVar = "#5b6475"
-    """The paper's figures, bounds, and whatever else stands back."""
+    """The paper's values, bounds and other secondary content."""
 
     name: str
     caption: str
@@ -42,38 +42,37 @@ class ReportFigure:
 
 @dataclass(frozen=True)
 class ReportTable:
-    """A table of the page and a CSV file of its name; columns have units in their names.
+    """Table of the page and CSV file of its name; columns have units in their names.
 
-    shown: the page's columns, None for all; the CSV has all. words: what stands above a column on
-    the page in place of its name, for those that need it. A column in which nothing was measured
-    is left out of the page.
+    columns: those of the page, None for all; the CSV has all. words: headings on the page in place
+    of column names. The page omits columns without values.
     """
 
     name: str
     caption: str
     frame: pd.DataFrame
-    shown: tuple[str, ...] | None = None
+    columns: tuple[str, ...] | None = None
     words: dict[str, str] = field(default_factory=dict)
 
     @property
     def records(self) -> list[dict[str, Any]]:
-        """Its rows as plain data, None where there is no number."""
+        """Rows as plain data, None for missing numbers."""
         plain = self.frame.astype(object).where(self.frame.notna(), None)
         rows = plain.to_dict("records")
         return [{str(name): value for name, value in row.items()} for row in rows]
 
 
-State = Literal["met", "missed", "undecided"]
+GoalState = Literal["met", "missed", "undecided"]
 
 
 @dataclass(frozen=True)
 class Headline:
-    """One figure that counts, with its 95 % interval and the paper's own beside it.
+    """A key figure with its 95 % interval and the paper's value.
 
-    over: what the interval is drawn over ("5 seeds", "9 positions"); low, high None: not known, and
-    over says why. goal: the value may be no larger, or with better = "high" no smaller. remark: why
-    it disagrees with the paper or misses its goal, or what it depends on. told: it stands in the
-    verdict. whole: of all jobs that were asked for.
+    over: groups of the interval ("5 seeds", "9 positions"), or the reason for none (low, high
+    None). goal: upper limit of the value, lower with better = "high". remark: reason for differing
+    from the paper or missing the goal, or a dependence. told: part of the verdict. whole: no job is
+    missing.
     """
 
     what: str
@@ -90,9 +89,9 @@ class Headline:
     whole: bool = True
 
     @property
-    def state(self) -> State | None:
-        """What is known of the goal: undecided where its interval reaches over it or is not known,
-        and of a part of the jobs. None without a goal.
+    def state(self) -> GoalState | None:
+        """State of the goal; None without one. Undecided if the interval contains it or is
+        unknown, or if jobs are missing.
         """
         if self.goal is None:
             return None
@@ -105,28 +104,27 @@ class Headline:
 
     @property
     def sentence(self) -> str:
-        """It in words, with goal and the paper's value."""
+        """Sentence with the value, goal and the paper's value."""
         text = f"{self.what[:1].upper()}{self.what[1:]}: {self.value:.3g} {self.unit}".rstrip()
         if self.low is not None and self.high is not None:
             text += f" [{self.low:.3g} to {self.high:.3g}]"
         if self.goal is not None:
-            text += f", the goal of {self.goal:.3g} is {self.state}"
+            text += f", goal {self.goal:.3g}: {self.state}"
         return text + (f"; the paper {self.paper:g}." if self.paper is not None else ".")
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data; a value that is no number becomes None."""
+        """Return plain data; a non-finite value becomes None."""
         value = self.value if math.isfinite(self.value) else None
         return {**asdict(self), "value": value, "state": self.state}
 
 
 @dataclass(frozen=True)
 class Claim:
-    """A sentence that is said only where it is shown: by all jobs, and by every reading with an
-    interval that excludes 0.
+    """A claim, decided only if no job is missing and every reading's interval excludes 0.
 
-    text, otherwise: the sentences where every interval lies above 0, and below it. undecided: that
-    where it is neither, with what would decide it. readings: ends of the intervals, by their
-    names, of the differences that the claim rests on, above 0 where it holds; None: not known.
+    text, otherwise: sentence if all intervals are above, below 0. undecided: sentence for neither.
+    readings: interval ends by name of the differences that the claim tests, above 0 if it holds;
+    None: unknown.
     """
 
     text: str
@@ -134,40 +132,40 @@ class Claim:
     undecided: str
     readings: Mapping[str, tuple[float | None, float | None]]
 
-    def state(self, whole: bool = True) -> State:
-        """met: it is shown; missed: so is its contrary."""
+    def state(self, final: bool = True) -> GoalState:
+        """met: shown; missed: the contrary is shown."""
         ends = self.readings.values()
-        if whole and ends and all(low is not None and low > 0 for low, _ in ends):
+        if final and ends and all(low is not None and low > 0 for low, _ in ends):
             return "met"
-        if whole and ends and all(high is not None and high < 0 for _, high in ends):
+        if final and ends and all(high is not None and high < 0 for _, high in ends):
             return "missed"
         return "undecided"
 
-    def sentence(self, whole: bool = True) -> str:
-        """What may be said."""
+    def sentence(self, final: bool = True) -> str:
+        """Sentence of the claim in its state."""
         words = {"met": self.text, "missed": self.otherwise, "undecided": self.undecided}
-        return words[self.state(whole)]
+        return words[self.state(final)]
 
-    def as_dict(self, whole: bool = True) -> dict[str, Any]:
-        """Plain data."""
+    def as_dict(self, final: bool = True) -> dict[str, Any]:
+        """Return plain data."""
         readings = [
             {"name": name, "low": low, "high": high} for name, (low, high) in self.readings.items()
         ]
-        return {"says": self.sentence(whole), "state": self.state(whole), "readings": readings}
+        return {"says": self.sentence(final), "state": self.state(final), "readings": readings}
 
 
 @dataclass(frozen=True)
 class StudyResult:
-    """A study's findings: page, terminal, files and docs are made of it by templates.
+    """A study's findings, the source of page, terminal output, files and docs.
 
-    answer: sentences that no figure says, the answer first. more: plain data that only programs
-    take. settings: what it was made with, as shown (friction, noise, range, step between frames).
-    missing: names of jobs that failed or were not done: with any, nothing is decided.
-    files: text of further files beside the page, by name (a recipe). module: what made it.
+    answer: further sentences of the verdict, the answer first. extra: plain data for programs.
+    settings: as shown (friction, noise, range, step between frames). missing: names of jobs without
+    a result; with any, nothing is decided. files: text of further files beside the page, by name (a
+    recipe). module: the study's module.
     """
 
     GEL_FLAGS: ClassVar = "gel's flags"
-    """The setting that says where the simulated gel was beyond what it is made for."""
+    """Setting that names states outside of the simulated gel's valid range."""
 
     study: str
     title: str
@@ -184,67 +182,67 @@ class StudyResult:
     left_out: tuple[Note, ...] = ()
     missing: tuple[str, ...] = ()
     files: dict[str, str] = field(default_factory=dict)
-    more: dict[str, Any] = field(default_factory=dict)
+    extra: dict[str, Any] = field(default_factory=dict)
     module: str = ""
 
     @property
     def findings(self) -> tuple[Check, ...]:
-        """Claims, the answer, the figures that are told, what is missing, what the gel flagged."""
-        whole = not self.missing
-        found = [
+        """Checks: claims, answer, key figures, missing jobs, flags of the gel."""
+        final = not self.missing
+        checks = [
             Check(
                 f"claim.{k}",
-                value=one.sentence(whole),
-                status=graded(True, one.state(whole) == "undecided"),
+                value=claim.sentence(final),
+                status=graded(True, claim.state(final) == "undecided"),
             )
-            for k, one in enumerate(self.claims)
+            for k, claim in enumerate(self.claims)
         ]
-        found += [Check(f"answer.{k}", value=line) for k, line in enumerate(self.answer)]
-        found += [
-            Check(f"figure.{k}", value=one.sentence, status=GOAL[one.state])
-            for k, one in enumerate(self.headlines)
-            if one.told
+        checks += [Check(f"answer.{k}", value=line) for k, line in enumerate(self.answer)]
+        checks += [
+            Check(f"figure.{k}", value=head.sentence, status=GOAL_STATUS[head.state])
+            for k, head in enumerate(self.headlines)
+            if head.told
         ]
-        goals = Counter(one.state for one in self.headlines if one.state is not None)
+        goals = Counter(headline.state for headline in self.headlines if headline.state is not None)
         if goals:
-            states = [name for name in STATES if goals[name]]
+            states = [name for name in GOAL_STATES if goals[name]]
             counted = ", ".join(f"{goals[name]} {name}" for name in states)
-            found.append(Check("goals", value=f"Goals: {counted}.", status=GOAL[states[-1]]))
+            checks += [Check("goals", value=f"Goals: {counted}.", status=GOAL_STATUS[states[-1]])]
         if n := len(self.missing):
             are = "job is" if n == 1 else "jobs are"
-            found.append(
+            checks.append(
                 Check("missing", value=f"{n} {are} missing, so nothing is decided.", status="warn")
             )
         if flags := self.settings.get(self.GEL_FLAGS):
-            found.append(
+            checks.append(
                 Check("gel-flags", value=f"The simulated gel is flagged: {flags}.", status="warn")
             )
-        return tuple(found)
+        return tuple(checks)
 
     @property
     def verdict(self) -> tuple[str, ...]:
-        """The findings' sentences."""
-        return tuple(str(one.value) for one in self.findings)
+        """Sentences of the findings."""
+        return tuple(str(check.value) for check in self.findings)
 
     @property
     def data(self) -> dict[str, Any]:
-        """All of it as plain data, for `--json`."""
+        """Result as plain data, for `--json`."""
         return {
             "study": self.study,
             "simulated": self.simulated,
             "seed": self.seed,
             "scale": self.scale,
             "verdict": list(self.verdict),
-            "claims": [one.as_dict(not self.missing) for one in self.claims],
-            "headlines": [one.as_dict() for one in self.headlines],
-            "tables": {one.name: one.records for one in self.tables},
+            "claims": [claim.as_dict(not self.missing) for claim in self.claims],
+            "headlines": [head.as_dict() for head in self.headlines],
+            "tables": {table.name: table.records for table in self.tables},
             "settings": self.settings,
             "missing": list(self.missing),
-            **self.more,
+            **self.extra,
         }
 
 
-STATES: tuple[State, ...] = ("met", "undecided", "missed")
-GOAL: dict[State | None, Status] = {
+GOAL_STATES: tuple[GoalState, ...] = ("met", "undecided", "missed")
+GOAL_STATUS: dict[GoalState | None, Status] = {
     None: "pass", "met": "pass", "undecided": "warn", "missed": "fail",
 }  # fmt: skip

@@ -1,7 +1,4 @@
-"""A study's folder: one offline HTML page, the verdict first, and the files that it stands on.
-
-It is written whole, and its result is read again.
-"""
+"""Folder of a study: an offline HTML page, the verdict first, and its data files."""
 
 from __future__ import annotations
 
@@ -34,20 +31,20 @@ from deltact_fab.version import library_versions
 from . import figures
 from .result import Headline, ReportTable, StudyResult
 
-PAGE, RESULT = "report.html", "result.json"
-FORMAT = "deltact-fab study 2"
-MAX_ROWS, FIRST_ROWS = 120, 20  # a longer table is shown by its first rows
-MAX_MISSING = 20
-HEADLINES = "headlines"
-FIGURES = ("svg", "pdf")
+PAGE_FILE, RESULT_FILE = "report.html", "result.json"
+STUDY_FORMAT = "deltact-fab study 2"
+MAX_ROWS, FIRST_ROWS = 120, 20  # by hand: the page shows only the first rows of longer tables
+MAX_MISSING = 20  # by hand: names listed on the page
+HEADLINES_TABLE = "headlines"
+FIGURE_KINDS = ("svg", "pdf")
 
 
 @dataclass(frozen=True)
-class KeptResult:
-    """What is read of `result.json`, in which all stands that `--json` prints.
+class StoredResult:
+    """Fields read from `result.json`, which has the output of `--json`.
 
-    made: day and time (UTC, ISO 8601) at which it was written. module, code: what made it, and its
-    digest. files: names.
+    made: time of writing (UTC, ISO 8601). module, code: the study's module and its digest. files:
+    names.
     """
 
     study: str
@@ -61,42 +58,42 @@ class KeptResult:
 
     @property
     def old(self) -> bool:
-        """Whether other code than the present one made it."""
+        """True if made by other code than the present."""
         return bool(self.module) and _code_of(self.module) != self.code
 
 
 def _code_of(module: str) -> str:
-    """The digest of a module; empty where the package has none of that name."""
+    """Digest of a module; empty for an unknown one."""
     try:
         return code_digest(module) if module else ""
     except ValueError:
         return ""
 
 
-def read_result(folder: str | Path) -> KeptResult:
-    """What a study left in a folder. Raises InputError naming file and key."""
-    path = Path(folder) / RESULT
+def read_result(folder: str | Path) -> StoredResult:
+    """Read the result of a study's folder. Raises InputError naming file and key."""
+    path = Path(folder) / RESULT_FILE
     if not isfile(path):
         raise InputError(
-            f"{folder}: no study ({RESULT} is missing); name a folder that `study run` wrote"
+            f"{folder}: no study ({RESULT_FILE} is missing); give a folder written by `study run`"
         )
-    found = read_json(path)
-    if (kept := found.get("format")) != FORMAT:
-        raise InputError(f"{path}: format: {kept!r}; this version reads {FORMAT!r}")
-    return validate(KeptResult, found, str(path))
+    content = read_json(path)
+    if (found_format := content.get("format")) != STUDY_FORMAT:
+        raise InputError(f"{path}: format: {found_format!r}; this version reads {STUDY_FORMAT!r}")
+    return validate(StoredResult, content, str(path))
 
 
 def contents(result: StudyResult) -> dict[str, bytes]:
-    """The files of a study but its page, by name; result.json last.
+    """Files of a study without its page, by name; result.json last.
 
-    Raises RunFailed for a number that JSON does not have.
+    Raises RunFailed for a non-finite number.
     """
-    made = {
+    files = {
         f"{table.name}.csv": table.frame.to_csv(index=False).encode() for table in result.tables
     }
-    made |= {name: text.encode() for name, text in result.files.items()}
-    kept = {
-        "format": FORMAT,
+    files |= {name: text.encode() for name, text in result.files.items()}
+    result_data = {
+        "format": STUDY_FORMAT,
         "title": result.title,
         "made": f"{datetime.now(UTC):%Y-%m-%dT%H:%MZ}",
         "module": result.module,
@@ -104,151 +101,149 @@ def contents(result: StudyResult) -> dict[str, bytes]:
         "versions": library_versions(),
         **result.data,
         "figures": [figure.name for figure in result.figures],
-        "files": [PAGE, *made],
+        "files": [PAGE_FILE, *files],
     }
     try:
-        made[RESULT] = (json.dumps(kept, indent=1, allow_nan=False) + "\n").encode()
-    except ValueError as why:
-        raise RunFailed(f"{result.study}: its data hold a figure that is no number: {why}") from why
-    return made
+        files[RESULT_FILE] = (json.dumps(result_data, indent=1, allow_nan=False) + "\n").encode()
+    except ValueError as error:
+        raise RunFailed(f"{result.study}: a figure is not finite: {error}") from error
+    return files
 
 
-def refuse_strange(out: Path, study: str) -> None:
-    """Raises InputError for a folder that is neither empty nor an earlier one of this study.
+def refuse_foreign_folder(out: Path, study: str) -> None:
+    """Raise InputError for a folder that is neither empty nor an earlier one of this study.
 
-    Empty folders in it count for nothing: that of its figures may be one.
+    Empty subfolders are ignored: that of its figures may be one.
     """
     try:
-        other = read_result(out).study
+        earlier = read_result(out).study
     except InputError:
-        other = None
-    files = (one for one in out.rglob("*") if not one.is_dir() and not one.name.startswith(".new-"))
-    if other != study and any(files):
-        held = f"holds the study {other}" if other else f"is not empty, and no earlier {study}"
-        raise InputError(f"{out}: {held}; name another folder")
+        earlier = None
+    files = (p for p in out.rglob("*") if not p.is_dir() and not p.name.startswith(".new-"))
+    if earlier != study and any(files):
+        state = f"holds study {earlier}" if earlier else f"is not empty and holds no {study}"
+        raise InputError(f"{out}: {state}; give another folder")
 
 
-def place(files: Mapping[str, bytes], out: Path) -> None:
-    """Put files into a study's folder; those that an earlier study left there go, others stay.
+def place_files(files: Mapping[str, bytes], out: Path) -> None:
+    """Write files into a study's folder and remove those of an earlier result, no others.
 
-    Until all are on the disk the earlier ones stay as they are. Raises RunFailed when the disk
-    refuses.
+    Earlier files stay until all are on the disk. Raises RunFailed if the disk refuses.
     """
-    # Its list is the last to change: what is cut short here is found by the next.
-    names = sorted(files, key=lambda name: name == RESULT)
+    # Its list changes last, so the next call completes an interrupted one.
+    names = sorted(files, key=lambda name: name == RESULT_FILE)
     try:
         earlier = read_result(out).files
     except InputError:
         earlier = ()
-    # A list that was changed by hand reaches into no other folder.
+    # Only names in this folder, also if the list was edited.
     gone = [out / name for name in earlier if name not in files and Path(name).name == name]
     write_files({out / name: files[name] for name in names}, gone, RunFailed)
 
 
-def prepared(one: ReportTable) -> dict[str, Any]:
-    """What the template needs of a table.
+def table_context(table: ReportTable) -> dict[str, Any]:
+    """Template context of a table.
 
-    title, more: of the caption. hidden: how many rows are not shown.
-    Raises KeyError for a shown column that the frame has not.
+    title, details: of the caption. hidden: number of rows not shown.
+    Raises KeyError for a missing column.
     """
-    frame = one.frame if one.shown is None else one.frame[list(one.shown)]
-    title, _, more = one.caption.partition(". ")
-    shown = frame if len(frame) <= MAX_ROWS else frame.iloc[:FIRST_ROWS]
+    frame = table.frame if table.columns is None else table.frame[list(table.columns)]
+    title, _, details = table.caption.partition(". ")
+    page_rows = frame if len(frame) <= MAX_ROWS else frame.iloc[:FIRST_ROWS]
     return {
-        **html_table(shown, one.words),
-        "hidden": len(frame) - len(shown),
-        "name": one.name,
+        **html_table(page_rows, table.words),
+        "hidden": len(frame) - len(page_rows),
+        "name": table.name,
         "title": title.removesuffix("."),
-        "more": more,
+        "details": details,
     }
 
 
 def require_ready_study(study: str, out: Path) -> None:
     """Check before a study begins that its page can be written into a folder.
 
-    Raises MissingLibrary without the extra `report`, InputError for a folder that holds anything
-    but an earlier one of this study.
+    Raises MissingLibrary without the extra `report`, InputError for a folder with other content
+    than an earlier result of this study.
     """
     require_pages()
-    refuse_strange(out, study)
+    refuse_foreign_folder(out, study)
 
 
 def write_study_page(result: StudyResult, out: Path) -> Path:
-    """Write report.html, a CSV a table, further files and result.json into a folder; the page.
+    """Write report.html, a CSV per table, further files and result.json into a folder.
 
-    All are made before the first is written: what fails leaves an earlier study as it is.
-    Raises MissingLibrary without the extra `report`, InputError for a folder that cannot be or is
-    another's, RunFailed when the disk refuses or a figure is no number.
+    Returns the page. An earlier result is unchanged on failure.
+    Raises MissingLibrary without the extra `report`, InputError for a folder with other content,
+    RunFailed if the disk refuses or a figure is not finite.
     """
     make_folder(out)
-    refuse_strange(out, result.study)
+    refuse_foreign_folder(out, result.study)
     if result.headlines:
-        frame = pd.DataFrame([one.as_dict() for one in result.headlines])
-        own = ReportTable(HEADLINES, "Key figures", frame)
-        result = replace(result, tables=(own, *result.tables))
+        frame = pd.DataFrame([head.as_dict() for head in result.headlines])
+        head_table = ReportTable(HEADLINES_TABLE, "Key figures", frame)
+        result = replace(result, tables=(head_table, *result.tables))
     files = contents(result)
-    page = html(result, json.loads(files[RESULT]))
-    place({PAGE: page.encode(), **files}, out)
-    return out / PAGE
+    page = render_study(result, json.loads(files[RESULT_FILE]))
+    place_files({PAGE_FILE: page.encode(), **files}, out)
+    return out / PAGE_FILE
 
 
 def write_study_figures(result: StudyResult, folder: Path) -> list[Path]:
-    """Write NAME.svg and NAME.pdf of every figure into a folder; the files, in their order.
+    """Write NAME.svg and NAME.pdf of every figure into a folder; return the files.
 
-    Letters are text with their font beside (SVG) or in the file (PDF), of 6 to 8 points. The same
-    figure gives the same bytes each time. All are drawn before the first is written. Raises
-    MissingLibrary without the extra `report`, InputError for a folder that cannot be, RunFailed
-    when the disk refuses.
+    Text is 6 to 8 pt with its font beside (SVG) or embedded (PDF). Output is reproducible. All are
+    drawn before the first is written. Raises MissingLibrary without the extra `report`, InputError
+    for an impossible folder, RunFailed if the disk refuses.
     """
-    drawn = {
-        f"{one.name}.{kind}": figures.figure_bytes(figure, kind)
-        for one in result.figures
-        for figure in (figures.draw(one),)
-        for kind in FIGURES
+    files = {
+        f"{report_figure.name}.{kind}": figures.figure_bytes(figure, kind)
+        for report_figure in result.figures
+        for figure in (figures.draw_for_paper(report_figure),)
+        for kind in FIGURE_KINDS
     }
     make_folder(folder)
-    for name, data in drawn.items():
+    for name, data in files.items():
         write_whole(folder / name, data)
-    return [folder / name for name in drawn]
+    return [folder / name for name in files]
 
 
-def html(result: StudyResult, kept: dict[str, Any]) -> str:
-    """The page. kept: its result.json, of which versions and time are taken."""
-    told = pd.DataFrame(map(_told, result.headlines))
-    marks = ["bad" if one.state == "missed" else "" for one in result.headlines]
-    settings = {**result.settings, "seed": str(result.seed), **kept["versions"]}
-    left_out = [(one.id, one.text) for one in result.left_out]
+def render_study(result: StudyResult, result_data: dict[str, Any]) -> str:
+    """Render the page. result_data: its result.json, for versions and time."""
+    head_rows = pd.DataFrame(map(_headline_row, result.headlines))
+    marks = ["bad" if head.state == "missed" else "" for head in result.headlines]
+    settings = {**result.settings, "seed": str(result.seed), **result_data["versions"]}
+    left_out = [(note.id, note.text) for note in result.left_out]
     return render_page(
         "study.html",
         result.findings,
         r=result,
-        made=f"{kept['made'].replace('T', ' ').removesuffix('Z')} UTC",
+        made=f"{result_data['made'].replace('T', ' ').removesuffix('Z')} UTC",
         figures=[
-            {"svg": figures.to_svg(one.draw(), one.caption), "caption": one.caption}
-            for one in result.figures
+            {"svg": figures.to_svg(f.draw(), f.caption), "caption": f.caption}
+            for f in result.figures
         ],
-        what_counts=html_table(told, marks=marks),
-        tables=[prepared(one) for one in result.tables if one.name != HEADLINES],
-        left_out=html_table(pd.DataFrame(left_out, columns=["without", "why"])),
+        what_counts=html_table(head_rows, marks=marks),
+        tables=[table_context(table) for table in result.tables if table.name != HEADLINES_TABLE],
+        left_out=html_table(pd.DataFrame(left_out, columns=["not modelled", "reason"])),
         settings=html_table(pd.DataFrame(settings.items(), columns=["setting", "value"])),
         most_missing=MAX_MISSING,
     )
 
 
-def _told(one: Headline) -> dict[str, Any]:
-    """A headline as a row of the page."""
-    unit = f"\u00a0{one.unit}" if one.unit else ""  # on the line of its number
-    apart = goal = ""
-    if one.low is not None and one.high is not None:
-        apart = f"{format_number(one.low)} to {format_number(one.high)}{unit}, "
-    if one.goal is not None:
-        least = "at least" if one.better == "high" else "at most"
-        goal = f"{least} {format_number(one.goal)}{unit}: {one.state}"
+def _headline_row(head: Headline) -> dict[str, Any]:
+    """Row of a headline on the page."""
+    unit = f"\u00a0{head.unit}" if head.unit else ""  # no line break before the unit
+    interval = goal = ""
+    if head.low is not None and head.high is not None:
+        interval = f"{format_number(head.low)} to {format_number(head.high)}{unit}, "
+    if head.goal is not None:
+        bound = "at least" if head.better == "high" else "at most"
+        goal = f"{bound} {format_number(head.goal)}{unit}: {head.state}"
     return {
-        "figure": one.what,
-        "value": f"{format_number(one.value)}{unit}",
-        "95 % interval, over": f"{apart}{one.over}",
-        "paper": "" if one.paper is None else f"{format_number(one.paper)}{unit}",
+        "figure": head.what,
+        "value": f"{format_number(head.value)}{unit}",
+        "95 % interval, over": f"{interval}{head.over}",
+        "paper": "" if head.paper is None else f"{format_number(head.paper)}{unit}",
         "goal": goal,
-        "remark": one.remark or ("the study gives no reason" if one.state == "missed" else ""),
+        "remark": head.remark or ("no reason given" if head.state == "missed" else ""),
     }

@@ -1,6 +1,4 @@
-"""One harness for two questions about every numerical engine.
+"""Benchmark of the numerical engines: error against run time, and stiff and extreme cases.
 
-Error against run time; and stiff and extreme cases, each right within its bound or refused.
-
-An engine is a module in `engines` with a frozen `ENGINE`, and one line in `harness.REGISTRY`.
+An engine is a module in `engines` with a frozen `ENGINE`, and a name in `harness.ENGINE_MODULES`.
 """

@@ -1,4 +1,4 @@
-"""What an engine states about itself: what to time, against which truth, and its hard cases."""
+"""Interface of a benchmarked engine: settings to time, their reference, and hard cases."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ Expectation = Literal["right", "refused", "right or refused"]
 
 
 class Flagged(DeltactFabError):
-    """The engine returned a result and marked it as not to be trusted: a refusal with an array."""
+    """The engine returned a result that it marks as untrusted; counts as a refusal."""
 
 
 @dataclass(frozen=True)
 class Work:
-    """One setting made ready: `run` is timed, `error` judges its result and is not."""
+    """A prepared setting: `run` is timed, `error` evaluates its result and is not timed."""
 
     run: Callable[[], Any]
     error: Callable[[Any], float]
@@ -32,12 +32,12 @@ class Work:
 class CurveSetting:
     """One point of a curve.
 
-    case: what is computed; one panel a case. series, name: how it is set; a series is joined by a
-    line. unit: of the error. reference: what the error is against; reference_error: its own error
-    in the same unit. build: called in a fresh process with a scratch folder that all settings of
-    one command share. kind: independent where the reference is a closed form, another method's or a
-    truth whose model the estimator does not share; a self-test where they share it or it is our own
-    solver, finer. A case's first setting is its baseline.
+    case: problem solved; one panel per case. series, name: parameters; a line joins a series.
+    unit: of the error. reference, reference_error: reference solution and its error, in `unit`.
+    build: called in a fresh process with a scratch folder that all settings of a command share.
+    kind: "independent" if the reference is a closed form, another method or a truth whose model the
+    estimator does not share; "self-test" if they share it or it is our own solver on a finer mesh.
+    A case's first setting is its baseline.
     """
 
     case: str
@@ -51,7 +51,7 @@ class CurveSetting:
 
     @property
     def key(self) -> str:
-        """Unique among the settings of an engine."""
+        """Key, unique among the settings of an engine."""
         return f"{self.case} | {self.series} | {self.name}"
 
 
@@ -59,9 +59,9 @@ class CurveSetting:
 class Case:
     """One row of the stability table.
 
-    expectation: `right` is a figure whose size is within bound; `refused` is an error of ours (or
-    a result flagged as not to be trusted) whose text contains `says`. check: figure, or figure and
-    note; called with the scratch folder.
+    expectation: `right`: a figure with magnitude within bound; `refused`: a DeltactFabError (or
+    a result flagged as untrusted) with `says` in its text. check: called with the scratch folder;
+    returns the figure, or figure and note.
     """
 
     name: str
@@ -78,7 +78,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Engine:
-    """title, about: for the page. curves, cases: called with `quick`, a few seconds' worth."""
+    """title, about: for the page. curves, cases: called with `quick`: a few seconds only."""
 
     title: str
     about: str
@@ -87,7 +87,7 @@ class Engine:
 
 
 def judge(case: Case, scratch: Path) -> dict[str, Any]:
-    """One row of the table: what was expected, the figure, the outcome, and what was said.
+    """Run a case; return its row: expectation, figure, outcome, note.
 
     Outcome: right, refused or wrong. Seconds: wall clock.
     """
@@ -95,25 +95,25 @@ def judge(case: Case, scratch: Path) -> dict[str, Any]:
     figure: float | None = None
     note = ""
     try:
-        found = case.check(scratch)
-        figure, note = found if isinstance(found, tuple) else (found, "")
+        answer = case.check(scratch)
+        figure, note = answer if isinstance(answer, tuple) else (answer, "")
         figure = float(figure)
-    except DeltactFabError as why:
-        note = " ".join(str(why).split())
-        came = "refused"
-    except Exception as why:  # a crash is a verdict of its own
-        note = f"{type(why).__name__}: {' '.join(str(why).split())}"[:300]
-        came = "crashed"
+    except DeltactFabError as error:
+        note = " ".join(str(error).split())
+        verdict = "refused"
+    except Exception as error:  # a crash is a verdict of its own
+        note = f"{type(error).__name__}: {' '.join(str(error).split())}"[:300]
+        verdict = "crashed"
     else:
         within = case.bound is not None and math.isfinite(figure) and abs(figure) <= case.bound
-        came = "right" if within else "off"
-    if came == "refused" and case.says not in note:
-        came, note = "off", f"refused for another reason: {note}"
-    outcome = came if came in case.expectation.split(" or ") else "wrong"
-    return as_row(case, outcome, plain(figure), note, time.perf_counter() - start_s)
+        verdict = "right" if within else "off"
+    if verdict == "refused" and case.says not in note:
+        verdict, note = "off", f"refused for another reason: {note}"
+    outcome = verdict if verdict in case.expectation.split(" or ") else "wrong"
+    return stability_row(case, outcome, finite_or_none(figure), note, time.perf_counter() - start_s)
 
 
-def as_row(
+def stability_row(
     case: Case, outcome: str, figure: float | None, note: str, seconds: float = 0.0
 ) -> dict[str, Any]:
     return {
@@ -122,13 +122,13 @@ def as_row(
     }  # fmt: skip
 
 
-def plain(figure: float | None) -> float | None:
-    """JSON knows no NaN: a figure that is none is null."""
+def finite_or_none(figure: float | None) -> float | None:
+    """Return the figure, or None if it is not finite (JSON has no NaN)."""
     return None if figure is None or not math.isfinite(figure) else float(figure)
 
 
 def reset_peak_mb() -> float:
-    """Start the record of the peak anew where the system can, and return the memory held now."""
+    """Reset the peak-memory counter if the system can; return the current memory, MB."""
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")
         return _status_mb("VmRSS:")
@@ -136,7 +136,7 @@ def reset_peak_mb() -> float:
 
 
 def peak_resident_mb() -> float:
-    """Largest resident memory since `reset_peak_mb`; since the start where that cannot be reset."""
+    """Peak resident memory since `reset_peak_mb`, or since the start if it cannot be reset."""
     with contextlib.suppress(OSError):
         return _status_mb("VmHWM:")
     import resource

@@ -1,7 +1,7 @@
-"""Both questions of the engines that were asked for, as one result with its files.
+"""Benchmark of the chosen engines, as one result with its files.
 
-Error against CPU time, every setting in a process of its own; and stiff and extreme cases: each is
-right within its bound, or refused; anything else is wrong.
+Error against CPU time, every setting in a process of its own; stiff and extreme cases, each right
+within its bound or refused; anything else is wrong.
 """
 
 from __future__ import annotations
@@ -24,63 +24,62 @@ from .engine import (
     Case,
     CurveSetting,
     Engine,
-    as_row,
+    finite_or_none,
     judge,
     peak_resident_mb,
-    plain,
     reset_peak_mb,
+    stability_row,
 )
 
 # Modules, imported only when asked for: an engine needs libraries that another does not.
-REGISTRY = {name: f"{__package__}.engines.{name}" for name in ("pattern", "flow", "gel", "measure")}
+ENGINE_MODULES = {n: f"{__package__}.engines.{n}" for n in ("pattern", "flow", "gel", "measure")}
 
 
 def check_names(names: tuple[str, ...]) -> tuple[str, ...]:
-    """The engines asked for, all when none is named. Raises InputError for an unknown one."""
+    """Engine names without duplicates, all by default. Raises InputError for an unknown one."""
     for name in names:
-        if name not in REGISTRY:
-            raise InputError(f"engine {name!r}: unknown; {did_you_mean(name, REGISTRY)}")
-    return tuple(dict.fromkeys(names)) or tuple(REGISTRY)
+        if name not in ENGINE_MODULES:
+            raise InputError(f"engine {name!r}: unknown; {did_you_mean(name, ENGINE_MODULES)}")
+    return tuple(dict.fromkeys(names)) or tuple(ENGINE_MODULES)
 
 
-def load(module: str) -> Engine:
-    """The engine of a module. Raises TypeError when the module has none."""
+def load_engine(module: str) -> Engine:
+    """Load the engine of a module. Raises TypeError for a module without one."""
     engine = importlib.import_module(module).ENGINE
     if not isinstance(engine, Engine):
         raise TypeError(f"{module}.ENGINE is no Engine")
     return engine
 
 
-def on_one_core() -> None:
-    """Keep a process on one core where the system can, and silent on standard output."""
+def pin_to_one_core() -> None:
+    """Pin the process to one core if the system can; standard output to standard error."""
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, [max(os.sched_getaffinity(0))])
     os.dup2(2, 1)
 
 
-Rows = list[dict[str, Any]]
+ResultRows = list[dict[str, Any]]
 
 
 @dataclass(frozen=True)
 class Numerics:
-    """What `run` found, as plain rows.
+    """Benchmark results as plain rows.
 
-    engines: name, title and about of each, in order. curves: as of `compared`; stability: as of
-    `judge`.
+    engines: name, title, about. curves: rows of `compare_to_baseline`. stability: of `judge`.
     """
 
     meta: dict[str, Any]
-    engines: Rows
-    curves: Rows
-    stability: Rows
+    engines: ResultRows
+    curves: ResultRows
+    stability: ResultRows
 
     @property
-    def wrong(self) -> Rows:
-        """The rows that fail the command."""
+    def wrong(self) -> ResultRows:
+        """Stability rows that fail the command."""
         return [row for row in self.stability if row["outcome"] == "wrong"]
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data, as `numerics --json` prints it."""
+        """Return plain data, as printed by `numerics --json`."""
         return {**asdict(self), "wrong": len(self.wrong)}
 
     def save(self, out: Path) -> list[Path]:
@@ -108,43 +107,42 @@ def run_engines(
 ) -> Numerics:
     """Run the curves and the hard cases of the named engines, all by default.
 
-    quick: a few settings and cases an engine. Raises InputError for an unknown engine, RunFailed
+    quick: a few settings and cases per engine. Raises InputError for an unknown engine, RunFailed
     when a setting cannot be timed.
     """
 
     started = time.monotonic()
-    tell = progress or (lambda done, total, what: None)
-    engines = {name: load(REGISTRY[name]) for name in check_names(tuple(names))}
+    tell = progress or (lambda count, total, label: None)
+    engines = {name: load_engine(ENGINE_MODULES[name]) for name in check_names(tuple(names))}
     plans = {name: (e.curves(quick), e.cases(quick)) for name, e in engines.items()}
     total = sum(len(settings) + len(cases) for settings, cases in plans.values())
-    curves: Rows = []
-    judged: Rows = []
+    curves: ResultRows = []
+    stability: ResultRows = []
     with tempfile.TemporaryDirectory(prefix="deltact-fab-") as folder:
         scratch = Path(folder)
         for name in engines:
             settings, cases = plans[name]
-            place = name, REGISTRY[name]
+            place = name, ENGINE_MODULES[name]
             for row in curve_rows(*place, settings, scratch, quick):
                 curves.append(row)
-                tell(len(curves) + len(judged), total, f"{name}: {row['setting']}")
+                tell(len(curves) + len(stability), total, f"{name}: {row['setting']}")
             for row in case_rows(*place, cases, scratch, quick):
-                judged.append(row)
-                tell(len(curves) + len(judged), total, f"{name}: {row['case']}")
+                stability.append(row)
+                tell(len(curves) + len(stability), total, f"{name}: {row['case']}")
     return Numerics(
         meta={
             "quick": quick,
             "seconds": time.monotonic() - started,
-            "machine": machine(),
+            "machine": describe_machine(),
             "versions": library_versions(),
         },
         engines=[{"name": n, "title": e.title, "about": e.about} for n, e in engines.items()],
-        curves=compared(curves),
-        stability=judged,
+        curves=compare_to_baseline(curves),
+        stability=stability,
     )
 
 
-# A reference takes a minute on a quiet core and several on a busy one; this ends what hangs.
-SILENCE_S = 600.0
+SILENCE_S = 600.0  # by hand: a reference takes minutes on a busy core; longer waits on a hung one
 
 
 def case_rows(
@@ -155,55 +153,55 @@ def case_rows(
     quick: bool,
     silence_s: float = SILENCE_S,
 ) -> Iterator[dict[str, Any]]:
-    """Judge the cases in one process; one that takes it down is wrong, another does the rest."""
-    left = list(range(len(cases)))
-    while left:
+    """Judge the cases in one process; after a crash (wrong) the rest in another."""
+    pending = list(range(len(cases)))
+    while pending:
         with open_executor(workers=1, threads=1) as process:
-            while left:
-                k = left.pop(0)
-                job = process.submit(judged, module, scratch, quick, k)
+            while pending:
+                k = pending.pop(0)
+                job = process.submit(judge_case, module, scratch, quick, k)
                 try:
                     yield {"engine": name, **job.result(silence_s)}
-                except (RunFailed, TimeoutError) as why:
-                    said = f"the process died: {str(why) or f'no answer for {silence_s:g} s'}"
-                    yield {"engine": name, **as_row(cases[k], "wrong", None, said)}
+                except (RunFailed, TimeoutError) as error:
+                    note = f"the process died: {str(error) or f'no answer for {silence_s:g} s'}"
+                    yield {"engine": name, **stability_row(cases[k], "wrong", None, note)}
                     break
 
 
-def judged(module: str, scratch: Path, quick: bool, k: int) -> dict[str, Any]:
-    """The row of a module's case, in its process."""
-    on_one_core()
-    return judge(load(module).cases(quick)[k], scratch)
+def judge_case(module: str, scratch: Path, quick: bool, k: int) -> dict[str, Any]:
+    """Row of a module's case; runs in its process."""
+    pin_to_one_core()
+    return judge(load_engine(module).cases(quick)[k], scratch)
 
 
-REPEATS = 5
-MAX_REPEATS = 25
-LONG_ENOUGH_S = 0.3  # with five repeats done, no more are added past this
+MIN_REPEATS = 5  # decision 0060
+MAX_REPEATS = 25  # by hand: more tightens the best of short runs, slower
+LONG_ENOUGH_S = 0.3  # by hand: total CPU time after which five repeats suffice
 
 
 def curve_rows(
     name: str, module: str, settings: Sequence[CurveSetting], scratch: Path, quick: bool
 ) -> Iterator[dict[str, Any]]:
-    """Time settings one after the other. Raises RunFailed naming a setting that failed."""
+    """Time settings one by one. Raises RunFailed naming a setting that failed."""
     for setting in settings:
         with open_executor(workers=1, threads=1) as process:
             try:
-                row = process.submit(timed, module, scratch, quick, setting.key).result(SILENCE_S)
-            except Exception as why:
-                raise RunFailed(f"numerics: {name}: {setting.key}: {why}") from why
+                job = process.submit(time_setting, module, scratch, quick, setting.key)
+                row = job.result(SILENCE_S)
+            except Exception as error:
+                raise RunFailed(f"numerics: {name}: {setting.key}: {error}") from error
         yield {"engine": name, **row}
 
 
-def timed(module: str, scratch: Path, quick: bool, key: str) -> dict[str, Any]:
-    """The row of one setting of a module, in its process; the warm-up call is apart.
+def time_setting(module: str, scratch: Path, quick: bool, key: str) -> dict[str, Any]:
+    """Row of one setting of a module, timed after a warm-up call; runs in its process.
 
-    cpu_s, cpu_most_s: best and slowest of `repeats`, for whatever else is at work only ever adds.
-    wall_s: best. compile_s: CPU time of the warm-up beyond the best (compiling, plans, caches).
-    peak_mb: memory above what libraries and inputs hold. error, reference_error: in `unit`. kind:
-    of the reference.
+    cpu_s, cpu_most_s: best and slowest of `repeats`; other load only adds time. wall_s: best.
+    compile_s: CPU time of the warm-up beyond the best (compiling, plans, caches). peak_mb: memory
+    beyond libraries and inputs. error, reference_error: in `unit`. kind: of the reference.
     """
-    on_one_core()
-    setting = next(s for s in load(module).curves(quick) if s.key == key)
+    pin_to_one_core()
+    setting = next(s for s in load_engine(module).curves(quick) if s.key == key)
     work = setting.build(scratch)
     before_mb = reset_peak_mb()
     start_s = time.process_time()
@@ -211,7 +209,7 @@ def timed(module: str, scratch: Path, quick: bool, key: str) -> dict[str, Any]:
     first_s = time.process_time() - start_s
     wall_s: list[float] = []
     cpu_s: list[float] = []
-    while len(cpu_s) < REPEATS or (sum(cpu_s) < LONG_ENOUGH_S and len(cpu_s) < MAX_REPEATS):
+    while len(cpu_s) < MIN_REPEATS or (sum(cpu_s) < LONG_ENOUGH_S and len(cpu_s) < MAX_REPEATS):
         start_s, start_cpu_s = time.perf_counter(), time.process_time()
         result = work.run()
         wall_s.append(time.perf_counter() - start_s)
@@ -221,38 +219,39 @@ def timed(module: str, scratch: Path, quick: bool, key: str) -> dict[str, Any]:
         "case": setting.case, "series": setting.series, "setting": setting.name,
         "cpu_s": min(cpu_s), "cpu_most_s": max(cpu_s), "wall_s": min(wall_s),
         "compile_s": max(0.0, first_s - min(cpu_s)), "peak_mb": max(0.0, peak_mb),
-        "error": plain(work.error(result)), "unit": setting.unit, "reference": setting.reference,
-        "reference_error": setting.reference_error, "repeats": len(cpu_s), "kind": setting.kind,
+        "error": finite_or_none(work.error(result)), "unit": setting.unit,
+        "reference": setting.reference, "reference_error": setting.reference_error,
+        "repeats": len(cpu_s), "kind": setting.kind,
     }  # fmt: skip
 
 
-def compared(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The rows beside the first of their case, and with their front marked.
+def compare_to_baseline(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the rows compared with their case's baseline, its first setting.
 
-    times_as_fast: CPU time of the baseline, the first setting of the case, over its own. pareto: no
-    setting of the case takes less CPU time and is nearer.
+    times_as_fast: CPU time of the baseline over the row's. pareto: no setting of the case is both
+    faster and more accurate.
     """
     out = []
     for row in rows:
-        here = [r for r in rows if (r["engine"], r["case"]) == (row["engine"], row["case"])]
+        same_case = [r for r in rows if (r["engine"], r["case"]) == (row["engine"], row["case"])]
         cost = row["cpu_s"], row["error"]
         beaten = row["error"] is None or any(
             r["error"] is not None
             and r["cpu_s"] <= row["cpu_s"]
             and r["error"] <= row["error"]
             and (r["cpu_s"], r["error"]) != cost
-            for r in here
+            for r in same_case
         )
         out.append(row | {
-            "baseline": f"{here[0]['series']}, {here[0]['setting']}",
-            "times_as_fast": here[0]["cpu_s"] / row["cpu_s"] if row["cpu_s"] else math.inf,
+            "baseline": f"{same_case[0]['series']}, {same_case[0]['setting']}",
+            "times_as_fast": same_case[0]["cpu_s"] / row["cpu_s"] if row["cpu_s"] else math.inf,
             "pareto": not beaten,
         })  # fmt: skip
     return out
 
 
-def machine() -> dict[str, Any]:
-    """What the times were measured on: processor, cores, system."""
+def describe_machine() -> dict[str, Any]:
+    """Machine of the timings: processor, cores, system."""
     model = platform.processor() or platform.machine()
     if Path("/proc/cpuinfo").exists():
         for line in Path("/proc/cpuinfo").read_text(errors="replace").splitlines():

@@ -1,8 +1,7 @@
-"""`study run force-calibration`: the paper's Contact Force Distribution, whole.
+"""`study run force-calibration`: the paper's complete Contact Force Distribution experiment.
 
-Five balls at nine places, 46 settled points at each (Linear Regression Analysis): the paper's model
-and better ones on the same points, judged on what they never saw; simulated, or recorded on any
-bench.
+Five balls at nine places, 46 settled points each (Linear Regression Analysis): the paper's model
+and better ones on the same points, cross-validated; simulated, or recorded on any bench.
 """
 
 from __future__ import annotations
@@ -21,80 +20,80 @@ from deltact_fab.present import Headline, ReportTable, StudyResult, plot_predict
 
 from .intervals import Interval, headline, rmse
 from .press_jobs import ForcePointsJob, force_points_job
-from .registry import StudyRequest, modulus_remark, share_of
-from .scene import PressScene, left_out
+from .registry import StudyRequest, modulus_remark, parse_scale
+from .scene import PressScene, collect_left_out
 
-PROTOCOL = "force-calibration"
-FEWEST = 2
-"""Places and depths that are kept where there are so many: one of each can be left out."""
-ALSO = (
+CALIBRATION_PROTOCOL = "force-calibration"
+MIN_KEPT = 2
+"""Places and depths kept at least. By definition: cross-validation leaves one out."""
+FORCE_MODULUS_NOTE = (
     " Only the force sensor's noise and range do not scale: in a gel of half the modulus noise "
     "counts twice."
 )
 
-GOAL_N, GOAL_SHEAR = 0.2, 0.02
-"""Of the normal force, and of the range in shear, on what shares neither place nor indenter."""
-WORDS = {"normal": "normal force", "shear_x": "shear along x", "shear_y": "shear along y"}
-IN_A_LAB = (
-    "What a lab will see is more than the error above, which takes the gel's thickness and "
-    "Poisson's ratio as exactly known and the flow without bias. On flows with an assumed error, "
+NORMAL_GOAL_N, SHEAR_GOAL_SHARE = 0.2, 0.02
+"""Decision 0038: RMSE of the normal force, and of shear over its range, on unseen points."""
+COMPONENT_WORDS = {"normal": "normal force", "shear_x": "shear along x", "shear_y": "shear along y"}
+LAB_NOTE = (
+    "Errors in a lab will be larger: the error above assumes that the gel's thickness and "
+    "Poisson's ratio are exactly known and that the flow is unbiased. With an assumed flow error: "
     "0.13 N at scattered places; with a gel 1 mm off, 0.32 N (docs/evidence/force.md). On two gels "
-    "of another solver that it does not believe in, without images, ten presses calibrate normal "
-    "force to 0.05 N of 7 N with the gel fitted to them, to 0.05 and 0.11 N with the design's "
-    "(docs/evidence/strangers.md). All of this is simulated."
+    "of a different solver, without images, ten presses calibrate normal force to 0.05 N of 7 N "
+    "with the gel fitted to them, to 0.05 and 0.11 N with the design's "
+    "(docs/evidence/strangers.md). All simulated."
 )
 
-Place = tuple[float, float]
+PlaceMm = tuple[float, float]
 
 
-def run(asked: StudyRequest) -> StudyResult:
-    """The study, simulated or of recorded runs. Raises InputError, RunFailed."""
-    return _recorded(asked) if asked.runs else _simulated(asked)
+def run(request: StudyRequest) -> StudyResult:
+    """Run the study, simulated or on recorded runs. Raises InputError, RunFailed."""
+    return _recorded(request) if request.runs else _simulated(request)
 
 
-def _simulated(asked: StudyRequest) -> StudyResult:
-    """Every point of the scene that was asked for, judged; a job is a press."""
-    of = scene(asked)
-    of.solve_gels(asked)
-    ((name, protocol),) = of.protocols.items()
+def _simulated(request: StudyRequest) -> StudyResult:
+    """Simulate and evaluate every point of the requested scene; one job per press."""
+    scene = load_scene(request)
+    scene.solve_gels(request)
+    ((name, protocol),) = scene.protocols.items()
     names = ForceResult.FEATURES
     jobs = [
-        of.job(p, name, p, force_points_job, ForcePointsJob, features=names)
-        for p in of.presses(name)
+        scene.job(p, name, p, force_points_job, ForcePointsJob, features=names)
+        for p in scene.presses(name)
     ]
-    done = list(asked.solve(jobs).found.values())
-    data = gather_points([one["points"] for one in done], names, of.view(name), name)
+    results = list(request.solve(jobs).results.values())
+    data = gather_points([r["points"] for r in results], names, scene.view(name), name)
     result = fit_best_model(
-        data, asked.seed, lambda model, error: of.calibration(name, model, error), source=name
+        data, request.seed, lambda model, error: scene.calibration(name, model, error), source=name
     )
-    told = RunEstimate.from_protocol(protocol, 0, of.rig.stage)
+    plan = RunEstimate.from_protocol(protocol, 0, scene.rig.stage)
     deepest, shear = protocol.depths_mm[-1], protocol.shear
-    stops = (told.settled // told.presses - 1) // len(protocol.depths_mm) if told.presses else 0
-    return found(
+    stops = (plan.settled // plan.presses - 1) // len(protocol.depths_mm) if plan.presses else 0
+    return build_result(
         result,
-        scale=share_of(asked.scale),
+        scale=parse_scale(request.scale),
         settings={
             "protocol": f"{protocol.name}: {len(protocol.indenters)} indenters at "
             f"{len(protocol.positions_mm)} places, {stops} settled points at each of "
-            f"{len(protocol.depths_mm)} depths and one at rest: {told.settled} points",
+            f"{len(protocol.depths_mm)} depths and one at rest: {plan.settled} points",
             "depths": ", ".join(f"{d:g}" for d in protocol.depths_mm) + " mm",
             "shear": f"to +-{shear.at_depth_mm(deepest) if shear else 0:g} mm along x and y at the "
             "deepest",
-            "frames": f"{told.frames}, the tip at most {told.between_frames_mm:.2g} mm further in "
+            "frames": f"{plan.frames}, the tip at most {plan.between_frames_mm:.2g} mm further in "
             f"each; {protocol.capture.wait_s('press') or 0:g} s of rest before a settled one",
-            **of.settings(done),
+            **scene.settings(results),
         },
-        notes=(modulus_remark(protocol.specimen.modulus_mpa, ALSO),),
-        left_out=(*left_out(done), *_not_taken(result)),
+        notes=(modulus_remark(protocol.specimen.modulus_mpa, FORCE_MODULUS_NOTE),),
+        left_out=(*collect_left_out(results), *_not_taken(result)),
     )
 
 
-def _recorded(asked: StudyRequest) -> StudyResult:
-    given = {"scale": asked.scale, "rig": asked.rig, "protocol": asked.more.get("protocol")}
-    for name, value in given.items():
+def _recorded(request: StudyRequest) -> StudyResult:
+    options = {"scale": request.scale, "rig": request.rig, **request.options}
+    for name, value in options.items():
         if value is not None:
             raise InputError(f"--{name}: does not go with --from: the points are those of its runs")
-    runs = [open_run(folder) for folder in asked.runs]
+    runs = [open_run(folder) for folder in request.runs]
     for run in runs:
         level = run.meta["protocol"]["specimen"]["gel_model"]
         if run.simulated and level != "hyperelastic":
@@ -102,11 +101,11 @@ def _recorded(asked: StudyRequest) -> StudyResult:
                 f"{run.folder}: simulated with gel_model = {level!r}; a calibration is judged on "
                 "'hyperelastic'"
             )
-    result = calibrate_force(asked.runs, None, asked.seed, asked.executor, asked.progress)
-    return found(
+    result = calibrate_force(request.runs, None, request.seed, request.executor, request.progress)
+    return build_result(
         result,
         settings={
-            "runs": ", ".join(str(folder) for folder in asked.runs),
+            "runs": ", ".join(str(folder) for folder in request.runs),
             "rig": ", ".join(dict.fromkeys(str(run.meta["rig_name"]) for run in runs)),
             "pattern": str(runs[0].meta["protocol"]["specimen"]["pattern"]),
         },
@@ -115,13 +114,13 @@ def _recorded(asked: StudyRequest) -> StudyResult:
 
 
 def _not_taken(result: ForceResult) -> tuple[Note, ...]:
-    """Points that were not taken, and models without points enough."""
+    """Notes on excluded points, and models with too few points."""
     return tuple(Note("points or models", line) for line in result.left_out)
 
 
-def scene(asked: StudyRequest) -> PressScene:
-    """The scene that was asked for. Raises InputError, one line, for one that cannot be used."""
-    protocol, source = load_protocol(asked.more.get("protocol") or PROTOCOL)
+def load_scene(request: StudyRequest) -> PressScene:
+    """Load the requested scene. Raises InputError, one line, for an unusable one."""
+    protocol, source = load_protocol(request.options.get("protocol") or CALIBRATION_PROTOCOL)
     level = protocol.specimen.gel_model
     if level != "hyperelastic":
         raise InputError(
@@ -134,36 +133,37 @@ def scene(asked: StudyRequest) -> PressScene:
         )
     if protocol.capture.wait_s("press") is None:
         raise InputError(f"{source}: capture.settle_s: missing key; points are frames at rest")
-    return PressScene.of(asked, {protocol.name: (scaled(protocol, share_of(asked.scale)), source)})
+    protocol = scale_protocol(protocol, parse_scale(request.scale))
+    return PressScene.load(request, {protocol.name: (protocol, source)})
 
 
-def points_of(protocol: Protocol) -> int:
-    """Settled points of a protocol."""
+def count_points(protocol: Protocol) -> int:
+    """Number of settled points of a protocol."""
     return sum(step.settled for step in expand_protocol(protocol))
 
 
-def scaled(protocol: Protocol, scale: float) -> Protocol:
-    """The protocol with about scale x its points, scale in (0, 1].
+def scale_protocol(protocol: Protocol, scale: float) -> Protocol:
+    """Reduce a protocol to about scale x its points, scale in (0, 1].
 
-    All indenters and stops of shear stay. Of places and of depths two are left at least, of depths
-    the first and the last, and of places one of each set of mirror images before a second: what is
-    left out in a cross-validation must be a place never seen. Raises InputError for another scale.
+    Keeps all indenters and shear stops, at least two places and two depths, the first and last
+    depth, and one place per set of mirror images before a second, so that a place left out in
+    cross-validation is unseen. Raises InputError for another scale.
     """
-    wanted = share_of(scale) * points_of(protocol)
+    target = parse_scale(scale) * count_points(protocol)
     places, depths_mm = protocol.positions_mm, protocol.depths_mm
-    one = {"indenters": protocol.indenters[:1], "positions_mm": places[:1],
+    first_depth = {"indenters": protocol.indenters[:1], "positions_mm": places[:1],
            "depths_mm": depths_mm[:1]}  # fmt: skip
-    of_depth = points_of(protocol.model_copy(update=one)) - 1
-    could = [
+    of_depth = count_points(protocol.model_copy(update=first_depth)) - 1
+    candidates = [
         (len(protocol.indenters) * p * (1 + d * of_depth), p, d)
-        for p in range(min(FEWEST, len(places)), len(places) + 1)
-        for d in range(min(FEWEST, len(depths_mm)), len(depths_mm) + 1)
+        for p in range(min(MIN_KEPT, len(places)), len(places) + 1)
+        for d in range(min(MIN_KEPT, len(depths_mm)), len(depths_mm) + 1)
     ]
-    _, p, d = min(could, key=lambda one: (abs(math.log(one[0] / wanted)), -one[1]))
+    _, p, d = min(candidates, key=lambda c: (abs(math.log(c[0] / target)), -c[1]))
     last, steps = len(depths_mm) - 1, max(d - 1, 1)
     return protocol.model_copy(
         update={
-            "positions_mm": tuple(places[n] for n in sorted(spread(places)[:p])),
+            "positions_mm": tuple(places[n] for n in sorted(order_places(places)[:p])),
             "depths_mm": tuple(
                 depths_mm[last - round(last * k / steps)] for k in reversed(range(d))
             ),
@@ -171,51 +171,51 @@ def scaled(protocol: Protocol, scale: float) -> Protocol:
     )
 
 
-def spread(places: Sequence[Place]) -> list[int]:
-    """Indices in the order in which places are kept: far apart, mirror images last.
+def order_places(places: Sequence[PlaceMm]) -> list[int]:
+    """Indices of places in the order of preference: far apart, mirror images last.
 
-    The first is nearest to the centre, for the largest indenter goes whole there; then always the
-    one that is farthest from those before it, of places not seen in a mirror yet.
+    The first is nearest to the centre, where the largest indenter fits; then always the farthest
+    from the earlier ones, of the places that are no mirror image of one of them.
     """
     folded = [(abs(x), abs(y)) for x, y in places]
     order: list[int] = []
-    seen: dict[Place, int] = {}
+    uses: dict[PlaceMm, int] = {}
     while len(order) < len(places):
-        left = [n for n in range(len(places)) if n not in order]
-        fewest = min(seen.get(folded[n], 0) for n in left)
-        left = [n for n in left if seen.get(folded[n], 0) == fewest]
+        remaining = [n for n in range(len(places)) if n not in order]
+        fewest = min(uses.get(folded[n], 0) for n in remaining)
+        remaining = [n for n in remaining if uses.get(folded[n], 0) == fewest]
         if not order:
-            best = min(left, key=lambda n: math.hypot(*folded[n]))
+            best = min(remaining, key=lambda n: math.hypot(*folded[n]))
         else:
-            best = max(left, key=lambda n: min(math.dist(places[n], places[k]) for k in order))
+            best = max(remaining, key=lambda n: min(math.dist(places[n], places[k]) for k in order))
         order.append(best)
-        seen[folded[best]] = seen.get(folded[best], 0) + 1
+        uses[folded[best]] = uses.get(folded[best], 0) + 1
     return order
 
 
-def found(result: ForceResult, scale: float | None = None, **scene: Any) -> StudyResult:
-    """What the points say; scene: what only their maker knows (settings, notes, left_out ...)."""
+def build_result(result: ForceResult, scale: float | None = None, **scene: Any) -> StudyResult:
+    """Build the result of the points. scene: further fields (settings, notes, left_out ...)."""
     places = result.errors_by_distance()
     simulated = result.calibration.head.made.simulated
-    told = [one.line for one in (result.gel, result.unrelaxed) if one]
-    notes = [IN_A_LAB, *told] if simulated else told
+    gel_lines = [gel.line for gel in (result.gel, result.unrelaxed) if gel]
+    notes = [LAB_NOTE, *gel_lines] if simulated else gel_lines
     few = result.presses_needed
-    more = f"; more than {few} presses improve it little" if few else ""
+    advice = f"; more than {few} presses improve it little" if few else ""
     return StudyResult(
         study="force-calibration",
         title="Force calibration",
         simulated=simulated,
         seed=result.seed,
         scale=scale,
-        answer=(f"Use the model {result.best.name}{more}.",),
-        headlines=(*_best(result), *_paper(result, _alone(places))),
+        answer=(f"Use the model {result.best.name}{advice}.",),
+        headlines=(*_best_heads(result), *_paper_heads(result, _alone_remark(places))),
         tables=(
             ReportTable(
                 "force-models",
-                "Every model. RMSE by what was left out, fitted anew without it (unseen: position "
-                "and indenter together, by which models are ranked). The last rows are the paper's "
-                "table, of a real sensor, which does not say whether its R2 is about the mean or "
-                "about 0.",
+                "Every model. RMSE by cross-validation split, refitted without the points left out "
+                "(unseen: position and indenter together; models are ranked by it). The last rows "
+                "are the paper's table, of a real sensor; it does not state whether its R2 is "
+                "about the mean or about 0.",
                 pd.DataFrame(result.rows()),
             ),
             ReportTable(
@@ -228,7 +228,7 @@ def found(result: ForceResult, scale: float | None = None, **scene: Any) -> Stud
         ),
         figures=(plot_predicted_force(result),),
         files={"points.csv": result.points().to_csv(index=False)},
-        more={
+        extra={
             "best": result.best.name,
             "n_points": len(result.data),
             "learning_n": result.curves,
@@ -238,51 +238,51 @@ def found(result: ForceResult, scale: float | None = None, **scene: Any) -> Stud
     )  # fmt: skip
 
 
-def _interval(off: Array, points: pd.DataFrame, split: str) -> Interval:
-    """Over positions or indenters, whichever errs more widely; of a random split over presses.
+def _widest_interval(errors: Array, points: pd.DataFrame, split: str) -> Interval:
+    """RMSE with the wider interval, over positions or indenters; presses for a random split.
 
-    off (repeats, n): errors of points that were left out by this split.
+    errors: (repeats, n), N, of points left out by this split.
     """
     if split == "unseen":
-        each = {of: points[of] for of in ("position", "indenter") if points[of].nunique() > 1}
+        groups = {g: points[g] for g in ("position", "indenter") if points[g].nunique() > 1}
     else:
-        each = {"distinct press": points["indenter"] + " " + points["position"]}
-    tried = [rmse(off.ravel(), np.tile(of, len(off)), words) for words, of in each.items()]
-    return max(tried, key=lambda one: np.inf if one.low is None else (one.high or 0) - one.low)
+        groups = {"distinct press": points["indenter"] + " " + points["position"]}
+    intervals = [rmse(errors.ravel(), np.tile(g, len(errors)), n) for n, g in groups.items()]
+    return max(intervals, key=lambda i: np.inf if i.low is None else (i.high or 0) - i.low)
 
 
-def _best(result: ForceResult) -> list[Headline]:
-    """The best model on what it never saw."""
+def _best_heads(result: ForceResult) -> list[Headline]:
+    """Headlines of the best model on unseen points."""
     best, split = result.best, result.best.ranked_by
     chosen = f"best of {len(result.models)} by this figure"
     if result.gel or result.unrelaxed:
         chosen += ", with the gel fitted to all presses, not refitted in each fold"
     heads = []
-    for name, words in WORDS.items():
+    for name, words in COMPONENT_WORDS.items():
         span = float(np.ptp(result.wrench_component(name)))
-        off = best.component(name, split) - result.wrench_component(name)
-        if not span or np.isnan(off).any():
+        errors = best.component(name, split) - result.wrench_component(name)
+        if not span or np.isnan(errors).any():
             continue
         remark = f"of {span:.2f} N; {chosen}"
         if name == "normal" and result.calibration.head.made.simulated:
-            remark += "; takes gel and flow as exact: 0.05 to 0.32 N if they are not, see the notes"
+            remark += "; assumes exact gel and flow: 0.05 to 0.32 N otherwise, see the notes"
         heads.append(
             headline(
                 f"{words}, {result.SPLITS[split]}: RMSE", "N",
-                _interval(off, result.data.points, split),
-                goal=GOAL_N if name == "normal" else GOAL_SHEAR * span,
+                _widest_interval(errors, result.data.points, split),
+                goal=NORMAL_GOAL_N if name == "normal" else SHEAR_GOAL_SHARE * span,
                 remark=remark, told=name == "normal",
             )
         )  # fmt: skip
     return heads
 
 
-def _paper(result: ForceResult, alone: str) -> list[Headline]:
-    """The paper's model on the paper's split, beside what the paper printed."""
+def _paper_heads(result: ForceResult, alone: str) -> list[Headline]:
+    """Headlines of the paper's model on the paper's split, with the printed values."""
     return [
         headline(
-            f"the paper's model, {WORDS[name]}, {result.SPLITS['point']}: RMSE", "N",
-            _interval(result.paper.component(name, "point") - result.wrench_component(name),
+            f"the paper's model, {COMPONENT_WORDS[name]}, {result.SPLITS['point']}: RMSE", "N",
+            _widest_interval(result.paper.component(name, "point") - result.wrench_component(name),
                       result.data.points, "point"), paper=printed_n,
             remark=alone if name == "normal" else "", told=name == "normal",
         )
@@ -290,12 +290,12 @@ def _paper(result: ForceResult, alone: str) -> list[Headline]:
     ]  # fmt: skip
 
 
-def _alone(places: pd.DataFrame) -> str:
-    """The paper's own reading fitted to the nearest and the farthest distance alone."""
-    own = places[(places["model"] == "paper, clipped") & (places["constant"] == "without")]
-    own = own.dropna(subset="alone_n").sort_values("distance_mm")
-    words = [f"{of['alone_n']:.2f} N at {of['distance_mm']:.1f} mm" for _, of in own.iterrows()]
+def _alone_remark(places: pd.DataFrame) -> str:
+    """Remark: the paper's model fitted to the nearest and the farthest distance alone."""
+    rows = places[(places["model"] == "paper, clipped") & (places["constant"] == "without")]
+    rows = rows.dropna(subset="alone_n").sort_values("distance_mm")
+    words = [f"{row['alone_n']:.2f} N at {row['distance_mm']:.1f} mm" for _, row in rows.iterrows()]
     if not words:
-        return "the paper prints no places"
+        return "the paper gives no places"
     ends = " to ".join(dict.fromkeys((words[0], words[-1])))
-    return f"fitted to one distance from the axis alone, {ends}; the paper prints no places"
+    return f"fitted to one distance from the axis alone, {ends}; the paper gives no places"

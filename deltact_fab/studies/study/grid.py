@@ -1,4 +1,4 @@
-"""A grid of pure jobs: each stored under the hash of its arguments, so a study can go on."""
+"""Grid of pure jobs, each stored under the hash of its arguments, so a study can resume."""
 
 from __future__ import annotations
 
@@ -28,44 +28,45 @@ from deltact_fab.common import (
 
 
 class JobPace:
-    """How long jobs still take; costs: seconds of each, all known or they count alike.
+    """Estimator of the remaining time of jobs.
 
-    width: how many run at a time. done: is set to what has been done, in the unit of costs.
+    costs: seconds per job; equal weights unless all are known. width: number of parallel jobs.
+    done_cost: sum of the finished jobs' costs, set by the caller.
     """
 
     def __init__(self, costs: Sequence[float], width: int) -> None:
-        known = bool(costs) and all(cost > 0 for cost in costs)
-        self.costs = list(costs) if known else [1.0] * len(costs)
-        self.done = 0.0
+        costs_known = bool(costs) and all(cost > 0 for cost in costs)
+        self.costs = list(costs) if costs_known else [1.0] * len(costs)
+        self.done_cost = 0.0
         self._began = time.monotonic()
         self.beforehand = ""
-        """What to expect, in words; empty where nothing is known."""
-        if known:
-            width = max(1, min(width, len(costs)))  # several share the jobs, and no job is shared
+        """Estimated total time, in words; empty if unknown."""
+        if costs_known:
+            width = max(1, min(width, len(costs)))  # a job runs on one worker
             self.beforehand = f"about {format_duration(max(sum(costs) / width, *costs))}"
 
-    def left(self) -> str:
-        """Time to go at the pace so far, in words; empty before anything is done."""
-        if not self.done:
+    def time_left(self) -> str:
+        """Return the remaining time at the pace so far, in words; empty before the first job."""
+        if not self.done_cost:
             return ""
         spent_s = time.monotonic() - self._began
-        return f"about {format_duration(spent_s * (sum(self.costs) / self.done - 1))} left"
+        return f"about {format_duration(spent_s * (sum(self.costs) / self.done_cost - 1))} left"
 
 
-STORE = Store("study")
-KEPT_BYTES = 4_000_000_000
-"""Of all studies; what a grid has just used is kept in any case."""
+STUDY_STORE = Store("study")
+MAX_STORE_BYTES = 4_000_000_000
+"""By hand: limit of the store; larger keeps more to resume. Results in use are never deleted."""
 Value = dict[str, Any]
-"""What a job found, as the store keeps it."""
+"""Result of a job, as stored."""
 
-# What may end one job and no other; anything else is a mistake in the code of all of them.
-_FAILURES = (DeltactFabError, ArithmeticError, ValueError, MemoryError, OSError)
+# Failures of one job; any other exception is a bug in the code of all jobs.
+JOB_FAILURES = (DeltactFabError, ArithmeticError, ValueError, MemoryError, OSError)
 
 
 def seed_of(seed: int, name: str) -> int:
-    """The seed of a job in a study's seed: a number below 2**48, by numpy's SeedSequence.
+    """Seed of a job: a number below 2**48, by numpy's SeedSequence.
 
-    It depends on the two alone, so a grid that grows keeps the draws of what it had.
+    Depends on the study's seed and the job's name only, so a growing grid keeps its draws.
     """
     import numpy as np
 
@@ -79,10 +80,10 @@ def seed_of(seed: int, name: str) -> int:
 class GridJob:
     """One cell of a grid.
 
-    name: unique in the grid. work: a function of a module. arguments: all that the result depends
-    on, the seed among it (`seed_of`): plain data, frozen dataclasses, models of a lab's files.
-    cost: seconds that it may take on one core, 0 where that is not known. needs: files of the store
-    that it reads; they go with it to another machine.
+    name: unique in the grid. work: a function of a module. arguments: all inputs of the result,
+    with the seed (`seed_of`): plain data, frozen dataclasses, models of a lab's files. cost:
+    estimated seconds on one core, 0 if unknown. needs: files of the store that it reads, copied
+    with it to another machine.
     """
 
     name: str
@@ -92,48 +93,47 @@ class GridJob:
     needs: tuple[str, ...] = ()
 
     def key(self) -> dict[str, Any]:
-        """The key of its result in the store. Raises TypeError for what is not plain data."""
+        """Return the store key of its result. Raises TypeError for non-plain data."""
         top, _, module = self.work.__module__.partition(".")
         folder = Path(str(sys.modules[top].__file__)).parent
         work = f"{self.work.__module__}:{self.work.__name__}"
-        # The hash alone: with its arguments a key would be written and compared at length.
+        # Only the hash: the arguments would make keys long to write and compare.
         try:
             text = json.dumps(self.arguments, sort_keys=True, default=job_arguments)
-        except TypeError as why:
-            raise TypeError(f"{self.name}: arguments: {why}") from why
+        except TypeError as error:
+            raise TypeError(f"{self.name}: arguments: {error}") from error
         arguments = hashlib.sha256(text.encode()).hexdigest()
         return cache_key(module or top, package=folder, work=work, arguments=arguments)
 
 
 def job_arguments(value: Any) -> dict[str, Any]:
-    """A dataclass or a model of a lab's file as plain data. Raises TypeError for anything else."""
+    """Return a dataclass or lab-file model as plain data. Raises TypeError for others."""
     if is_dataclass(value):
         return vars(value)
     if isinstance(value, Table):
         return value.model_dump(mode="json")
-    raise TypeError(f"{type(value).__name__} is no plain data")
+    raise TypeError(f"{type(value).__name__} is not plain data")
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Results of jobs by name, in their order.
+    """Results of jobs by name, in order.
 
-    found: those that there are. missing: why each other job has no result. kept: how many were
-    there from before.
+    missing: reason per job without a result. n_cached: results found in the store.
     """
 
-    found: dict[str, Value]
+    results: dict[str, Value]
     missing: dict[str, str]
-    kept: int
+    n_cached: int
 
     def __getitem__(self, name: str) -> Value:
-        """One that must be there. Raises RunFailed where it has no result."""
+        """Return a required result. Raises RunFailed if it is missing."""
         if name in self.missing:
             raise RunFailed(
-                f"{name}: has no result: {self.missing[name]}; the rest is kept, and the same "
-                "command tries it again"
+                f"{name}: no result: {self.missing[name]}; other results are stored; run the "
+                "same command to retry"
             )
-        return self.found[name]
+        return self.results[name]
 
 
 def solve(
@@ -142,41 +142,41 @@ def solve(
     progress: Progress | None = None,
     say: Callable[[str], None] = lambda text: None,
 ) -> Grid:
-    """The results of jobs; those that are kept are not done again, and each is kept when it ends.
+    """Run jobs, except those with a stored result; store each result when it is ready.
 
-    A failure ends that job and no other. progress: told of each job's end, with the remaining
-    time. say: told what there is to do, before it begins, and each failure. Raises ValueError
-    for two jobs of one name; the error itself when every job fails; Stopped on Ctrl-C; RunFailed
-    when what they run on is gone.
+    A failure ends only its job. progress: called at each job's end, with the remaining time. say:
+    called with the amount of work before it begins, and with each failure. Raises ValueError for
+    duplicate names; the first error if every job fails; Stopped on Ctrl-C; RunFailed if the
+    executor is lost.
     """
-    if twice := [name for name, n in Counter(job.name for job in jobs).items() if n > 1]:
-        raise ValueError(f"jobs of one name: {', '.join(twice)}")
+    if duplicates := [name for name, n in Counter(job.name for job in jobs).items() if n > 1]:
+        raise ValueError(f"duplicate job names: {', '.join(duplicates)}")
     keys = {job.name: job.key() for job in jobs}
-    held = {name: STORE.read(key) for name, key in keys.items()}
-    found = {name: value for name, value in held.items() if value is not None}
-    kept = len(found)
+    stored = {name: STUDY_STORE.read(key) for name, key in keys.items()}
+    results = {name: value for name, value in stored.items() if value is not None}
+    n_cached = len(results)
     missing: dict[str, str] = {}
     errors: list[Exception] = []
     refused: list[str] = []
-    # The longest are begun first, so that none is left alone at the end.
-    todo = sorted((job for job in jobs if job.name not in found), key=lambda job: -job.cost)
+    # Longest first, so that no long job runs alone at the end.
+    todo = sorted((job for job in jobs if job.name not in results), key=lambda job: -job.cost)
     pace = JobPace([job.cost for job in todo], count_workers(executor))
 
-    def tick(what: str) -> None:
+    def tick(label: str) -> None:
         if progress is not None:
-            left = pace.left()
-            progress(len(found) + len(missing), len(jobs), f"{what}{left and f', {left}'}")
+            eta = pace.time_left()
+            progress(len(results) + len(missing), len(jobs), f"{label}{eta and f', {eta}'}")
 
-    def ended(index: int, value: Value | None, error: Exception | None) -> None:
-        """Keep what a job gave, or why it gave nothing. Raises a mistake in the code of a job."""
+    def on_end(index: int, value: Value | None, error: Exception | None) -> None:
+        """Store a job's result or failure. Raises an error that is a bug in its code."""
         name = todo[index].name
-        pace.done += pace.costs[index]
+        pace.done_cost += pace.costs[index]
         if value is not None:
-            found[name] = value
-            if not STORE.write(keys[name], value) and not refused:
-                refused.append(f"{STORE.folder.parent}: nothing can be kept there")
-                say(f"{refused[0]}; do not interrupt this")
-        elif isinstance(error, _FAILURES):
+            results[name] = value
+            if not STUDY_STORE.write(keys[name], value) and not refused:
+                refused.append(f"{STUDY_STORE.folder.parent}: cannot store results there")
+                say(f"{refused[0]}; an interruption loses them")
+        elif isinstance(error, JOB_FAILURES):
             errors.append(error)
             missing[name] = " ".join(str(error).split()) or type(error).__name__
             say(f"failed: {name}: {missing[name]}")
@@ -187,21 +187,21 @@ def solve(
 
     if todo:
         about = pace.beforehand and f", {pace.beforehand}"
-        say(f"{kept} of {len(jobs)} jobs are kept, {len(todo)} to do{about}")
+        say(f"{n_cached} of {len(jobs)} jobs stored, {len(todo)} to do{about}")
     tick("")
     try:
-        run_jobs(_do, todo, ended, executor)
-    except (KeyboardInterrupt, RunFailed) as why:
-        state = f"{len(found)} of {len(jobs)} jobs are kept; the same command goes on there"
-        if isinstance(why, KeyboardInterrupt):
-            raise Stopped(f"stopped: {state}") from why
-        raise RunFailed(f"{why}; {state}") from why
-    if errors and not found:
+        run_jobs(_run_job, todo, on_end, executor)
+    except (KeyboardInterrupt, RunFailed) as cause:
+        state = f"{len(results)} of {len(jobs)} jobs stored; run the same command to resume"
+        if isinstance(cause, KeyboardInterrupt):
+            raise Stopped(f"stopped: {state}") from cause
+        raise RunFailed(f"{cause}; {state}") from cause
+    if errors and not results:
         raise errors[0]
-    # The longest unused make room, and never what has been used now, which is the youngest.
-    STORE.trim(KEPT_BYTES, keys.values())
-    return Grid({job.name: found[job.name] for job in jobs if job.name in found}, missing, kept)
+    # Delete the least recently used, never those of this grid, which are the newest.
+    STUDY_STORE.trim(MAX_STORE_BYTES, keys.values())
+    return Grid({j.name: results[j.name] for j in jobs if j.name in results}, missing, n_cached)
 
 
-def _do(job: GridJob) -> Value:
+def _run_job(job: GridJob) -> Value:
     return job.work(job.arguments)

@@ -1,14 +1,14 @@
-"""The uncertainty of a figure found over a few seeds, positions or presses.
+"""Confidence intervals of figures over a few seeds, positions or presses.
 
-Samples of one group (one position's presses) err together, so only whole groups count as repeats.
+Errors within a group (one position's presses) are correlated, so only groups count as repeats.
 The interval is the delete-one-group jackknife with Student's t of (groups - 1) degrees of freedom
 (Efron, The Jackknife, the Bootstrap and Other Resampling Plans, 1982, ch. 3; for clusters
 MacKinnon, Nielsen and Webb, J. Applied Econometrics 38, 2023, 671). Nominally 95 %, it holds the
 truth in 91 to 97 % of cases at 3 groups and at 9, where the bootstrap of whole groups does in 71 to
 91 % (`python -m benchmarks.intervals`); and it needs no seed.
 
-It is for figures that a group changes smoothly: mean, RMSE, R2, correlation, a ratio of such. It is
-not for a median or a largest value: of those it can be far too narrow.
+For smooth statistics: mean, RMSE, R2, correlation, ratios of such. Not for a median or a maximum:
+there it can be far too narrow.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from deltact_fab.present import Headline
 Statistic = Callable[[NDArray[np.float64]], float]
 Scale = Literal["plain", "positive", "correlation"]
 
-# To the scale on which an interval is made, infinite at its end; back; the least and the most.
-_SCALES: dict[
+# Transform to the scale of the interval, infinite at its end; inverse; least and largest figure.
+INTERVAL_SCALES: dict[
     Scale, tuple[Callable[[float], float], Callable[[float], float], float, float]
 ] = {
     "plain": (float, float, -math.inf, math.inf),
@@ -37,11 +37,11 @@ _SCALES: dict[
     ),
 }  # fmt: skip
 MIN_GROUPS = 4
-"""Groups for an interval: the spread of fewer is itself not known."""
+"""Decision 0038: no interval below; the spread of fewer groups is too uncertain."""
 
 
 class Interval(NamedTuple):
-    """A figure, its interval (None, None below MIN_GROUPS), and what it was drawn over."""
+    """A figure, its interval (None, None below MIN_GROUPS), and its groups in words."""
 
     value: float
     low: float | None
@@ -49,37 +49,37 @@ class Interval(NamedTuple):
     over: str
 
 
-def headline(what: str, unit: str, found: Interval, factor: float = 1.0, **more: Any) -> Headline:
-    """A figure that counts, with its interval; factor: to the unit, from the figure's own."""
-    low, high = (None if end is None else factor * end for end in (found.low, found.high))
-    return Headline(what, factor * found.value, unit, low, high, found.over, **more)
+def headline(label: str, unit: str, ci: Interval, factor: float = 1.0, **fields: Any) -> Headline:
+    """Headline of a figure and its interval. factor: to `unit`, from the figure's own."""
+    low, high = (None if end is None else factor * end for end in (ci.low, ci.high))
+    return Headline(label, factor * ci.value, unit, low, high, ci.over, **fields)
 
 
-def rmse(errors: ArrayLike, groups: Sequence[Hashable] | NDArray[Any], each: str) -> Interval:
-    """Root of the mean square of errors (n,) or (n, k), with its interval; each: "position"..."""
+def rmse(errors: ArrayLike, groups: Sequence[Hashable] | NDArray[Any], noun: str) -> Interval:
+    """Root mean square of errors (n,) or (n, k) with interval. noun: of a group, singular."""
     return estimate(
-        errors, groups, lambda rows: math.sqrt(float(np.mean(rows**2))), each, "positive"
+        errors, groups, lambda rows: math.sqrt(float(np.mean(rows**2))), noun, "positive"
     )
 
 
 def mean(
-    values: ArrayLike, groups: Sequence[Hashable] | NDArray[Any], each: str, scale: Scale = "plain"
+    values: ArrayLike, groups: Sequence[Hashable] | NDArray[Any], noun: str, scale: Scale = "plain"
 ) -> Interval:
-    """Mean of values (n,), with its interval; each: what a group is, "seed", "position"..."""
-    return estimate(values, groups, lambda rows: float(np.mean(rows)), each, scale)
+    """Mean of values (n,) with interval. noun: of a group, as "seed"."""
+    return estimate(values, groups, lambda rows: float(np.mean(rows)), noun, scale)
 
 
 def ratio(
     above: ArrayLike,
     below: ArrayLike,
     groups: Sequence[Hashable] | NDArray[Any],
-    each: str,
+    noun: str,
     level: float = 0.95,
 ) -> Interval:
-    """Mean of values (n,) over that of others, group by group, with its interval."""
+    """Ratio of the means of two paired samples (n,), with interval."""
     rows = np.column_stack((above, below))
     return estimate(
-        rows, groups, lambda r: float(r[:, 0].mean() / r[:, 1].mean()), each, "positive", level
+        rows, groups, lambda r: float(r[:, 0].mean() / r[:, 1].mean()), noun, "positive", level
     )
 
 
@@ -87,19 +87,18 @@ def estimate(
     values: ArrayLike,
     groups: Sequence[Hashable] | NDArray[Any],
     statistic: Statistic,
-    each: str,
+    noun: str,
     scale: Scale = "plain",
     level: float = 0.95,
 ) -> Interval:
-    """A statistic of values with its interval over groups, as a headline takes it.
+    """Statistic of values with its jackknife interval over groups.
 
-    values (n, ...): rows of samples, of any shape a row (several columns for a ratio). groups (n,):
-    the seed, position or press of each; where two are repeated, take the one that errs more widely.
-    statistic: of rows (m, ...), smooth in what a group contributes. each: what a group is, in the
-    singular. scale: "positive" for a magnitude such as an RMSE (the interval is made of its
-    logarithm and stays above 0), "correlation" for one in -1 to 1 (of Fisher's z).
-    Raises InputError for values that are not finite or not as many as groups, and a figure that
-    the scale does not allow.
+    values: (n, ...), samples (several columns for a ratio). groups: (n,), seed, position or press
+    of each; of two kinds of groups take the one with the wider interval. statistic: of rows
+    (m, ...), smooth in each group's contribution. noun: of a group, singular. scale: "positive" for
+    a magnitude such as an RMSE (interval on its logarithm), "correlation" for one in -1 to 1
+    (Fisher's z). Raises InputError for values that are not finite or not as many as groups, and for
+    a figure outside of the scale.
     """
     rows, names = np.asarray(values, dtype=np.float64), list(groups)
     if rows.ndim == 0 or len(rows) != len(names) or not names or not np.isfinite(rows).all():
@@ -108,28 +107,28 @@ def estimate(
             f"{len(names)} groups"
         )
     number = {name: index for index, name in enumerate(dict.fromkeys(names))}
-    of, count = np.array([number[name] for name in names]), len(number)
-    to, back, least, most = _SCALES[scale]
+    codes, count = np.array([number[name] for name in names]), len(number)
+    forward, inverse, lowest, highest = INTERVAL_SCALES[scale]
 
-    def at(rows: NDArray[np.float64]) -> float:
+    def scaled(rows: NDArray[np.float64]) -> float:
         figure = float(statistic(rows))
-        if not least <= figure <= most:  # NaN fails too
-            raise InputError(f"interval: the figure {figure:g} is no {scale} one")
-        return to(figure)
+        if not lowest <= figure <= highest:  # NaN fails too
+            raise InputError(f"interval: the figure {figure:g} is outside of the scale {scale!r}")
+        return forward(figure)
 
     value = float(statistic(rows))
-    several = f"{each}es" if each.endswith("s") else f"{each}s"
-    over = f"{count} {several}" if count > 1 else f"one {each}"
+    plural = f"{noun}es" if noun.endswith("s") else f"{noun}s"
+    over = f"{count} {plural}" if count > 1 else f"one {noun}"
     if count < MIN_GROUPS:
         return Interval(value, None, None, f"{over}: no interval below four")
-    whole, without = at(rows), np.array([at(rows[of != group]) for group in range(count)])
-    if math.isinf(whole):  # an RMSE of 0, a correlation of 1: so it is in every group
+    full, without = scaled(rows), np.array([scaled(rows[codes != g]) for g in range(count)])
+    if math.isinf(full):  # an RMSE of 0, a correlation of 1: in every group
         return Interval(value, value, value, over)
-    if np.isinf(without).any():  # all hangs on one group, which its own scale cannot show
-        _, low, high, _ = estimate(rows, names, statistic, each, level=level)
-        return Interval(value, max(low or 0.0, least), min(high or 0.0, most), over)
+    if np.isinf(without).any():  # one group decides: no interval on the transformed scale
+        _, low, high, _ = estimate(rows, names, statistic, noun, level=level)
+        return Interval(value, max(low or 0.0, lowest), min(high or 0.0, highest), over)
     from scipy.special import stdtrit
 
     spread = math.sqrt((count - 1) / count * float(np.sum((without - without.mean()) ** 2)))
     reach = float(stdtrit(count - 1, (1 + level) / 2)) * spread
-    return Interval(value, back(whole - reach), back(whole + reach), over)
+    return Interval(value, inverse(full - reach), inverse(full + reach), over)

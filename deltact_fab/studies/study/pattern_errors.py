@@ -1,8 +1,8 @@
-"""Tracking errors of the pattern selection: a pattern, an indenter and a tracker at a time.
+"""Tracking errors of the pattern selection, by pattern, indenter and tracker.
 
-The paper's error is that at the dots (Eq. 7). Over which of them, frames and indenters it is taken
-the paper does not say: each measure is a reading that its text allows. A pattern's error is the
-mean of its indenters', and its interval is taken over indenters, which differ most.
+The paper's error is that at the dots (Eq. 7), for dots, frames and indenters that it does not
+specify: each measure is one interpretation of its text. A pattern's error is the mean over
+indenters, with an interval over indenters, which differ most.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from . import intervals
 from .intervals import Interval
 
 Measure = Literal["at_dots", "at_moving_dots", "off_dots"]
-SUMMED, COMPOSED, OURS = "paper", "farneback-paper/composed", "fused"
-METHODS = {
-    SUMMED: "the paper's tracker, summed",
-    COMPOSED: "the paper's tracker, composed",
-    OURS: "our tracker",
+SUMMED_FLOW, COMPOSED_FLOW, OUR_FLOW = "paper", "farneback-paper/composed", "fused"
+FLOW_NAMES = {
+    SUMMED_FLOW: "the paper's tracker, summed",
+    COMPOSED_FLOW: "the paper's tracker, composed",
+    OUR_FLOW: "our tracker",
 }
-"""The paper's "superposition" of flows can mean a sum at unmoved pixels, or their composition."""
-DRAGGED = 3
-"""Frames at one depth, from which on it is one that was dragged at."""
-DRAGS_MM = (0.0, 1.0, 2.0, 4.0, 7.0)
-"""Ends of the lengths of drag over which frames are taken together."""
+"""The paper's "superposition" of flows may be a sum at fixed pixels or a composition."""
+MIN_DRAG_FRAMES = 3
+"""By hand: frames at one depth that make it a depth of drags; fewer take in the way down."""
+DRAG_EDGES_MM = (0.0, 1.0, 2.0, 4.0, 7.0)
+"""By hand: bin edges of the drag length; finer bins have few frames."""
 
 
 @dataclass(frozen=True)
 class PressErrors:
-    """One press under one pattern: sums by tracker, and a line a frame of FIGURES.
+    """Errors of one press with one pattern: sums by tracker; a row of FRAME_KEYS per frame.
 
-    path (n, 2): depth and length of drag at each frame, mm.
+    path: (n, 2), depth and drag length per frame, mm.
     """
 
     pattern: str
@@ -52,7 +52,7 @@ class PressErrors:
 
 
 class PatternErrors:
-    """All cells of a study. Several of one pattern and indenter are replicates, taken together."""
+    """Errors of all presses of a study; those of one pattern and indenter are pooled."""
 
     def __init__(self, printed: Sequence[SeriesEntry], cells: Sequence[PressErrors]) -> None:
         self.printed = tuple(printed)
@@ -66,79 +66,79 @@ class PatternErrors:
                 self._joined.setdefault(key, ErrorTally()).join(tally)
 
     def figures(self, pattern: str, method: str) -> dict[str, Any]:
-        """Of all indenters together, see `ErrorTally.figures`."""
-        whole = ErrorTally()
+        """Pooled figures of all indenters, see `ErrorTally.figures`."""
+        total = ErrorTally()
         for (p, _, m), tally in self._joined.items():
             if (p, m) == (pattern, method):
-                whole.join(tally)
-        return whole.figures()
+                total.join(tally)
+        return total.figures()
 
     def by_indenter(
         self, pattern: str, method: str, measure: Measure
     ) -> NDArray[np.float64] | None:
-        """Mean error mm of each indenter, all its presses together; None where one has none."""
+        """Mean error per indenter, mm, its presses pooled; None if one has no error."""
         tallies = [self._joined.get((pattern, i, method)) for i in self.indenters]
         values = [None if tally is None else getattr(tally, measure).value for tally in tallies]
-        known = [v for v in values if v is not None]
-        return np.array(known) if known and len(known) == len(values) else None
+        measured = [v for v in values if v is not None]
+        return np.array(measured) if measured and len(measured) == len(values) else None
 
     def mean(self, pattern: str, method: str, measure: Measure) -> Interval | None:
-        """Mean over indenters and its interval; None where one of them has no error."""
-        known = self.by_indenter(pattern, method, measure)
-        if known is None:
+        """Mean over indenters with interval; None if one has no error."""
+        errors = self.by_indenter(pattern, method, measure)
+        if errors is None:
             return None
-        return intervals.mean(known, self.indenters, "indenter", "positive")
+        return intervals.mean(errors, self.indenters, "indenter", "positive")
 
     def best(
         self, method: str, measure: Measure, among: Iterable[SeriesEntry]
     ) -> SeriesEntry | None:
-        """The pattern with the least error; None where none has one."""
-        found = [
-            (known.value, n, p)
+        """Pattern with the smallest error; None if there is none."""
+        candidates = [
+            (interval.value, n, p)
             for n, p in enumerate(among)
-            if (known := self.mean(p.name, method, measure)) is not None
+            if (interval := self.mean(p.name, method, measure)) is not None
         ]
-        return min(found)[2] if found else None
+        return min(candidates)[2] if candidates else None
 
-    def times(
+    def error_ratio(
         self, above: Sequence[str], below: Sequence[str], method: str, level: float = 0.95
     ) -> Interval | None:
-        """Error at the dots of some patterns over that of others, by indenters; None: not known."""
+        """Ratio of the errors at the dots of two groups of patterns; None if unknown."""
         sides = []
         for names in (above, below):
-            each = [self.by_indenter(name, method, "at_dots") for name in names]
-            known = [one for one in each if one is not None]
-            if not known or len(known) < len(each):
+            per_pattern = [self.by_indenter(name, method, "at_dots") for name in names]
+            measured = [e for e in per_pattern if e is not None]
+            if not measured or len(measured) < len(per_pattern):
                 return None
-            sides.append(np.mean(known, axis=0))
+            sides.append(np.mean(measured, axis=0))
         top, bottom = sides
         return intervals.ratio(top, bottom, self.indenters, "indenter", level)
 
-    def along(self, pattern: str, method: str) -> list[dict[str, Any]]:
-        """Means over frames by depth (mm) and length of drag (mm from, to), in their order."""
+    def along_path(self, pattern: str, method: str) -> list[dict[str, Any]]:
+        """Means over frames by depth and drag length, mm, in order."""
         parts: dict[tuple[float, int], list[NDArray[np.float64]]] = {}
         for cell in self.cells:
             if cell.pattern != pattern or method not in cell.rows:
                 continue
             depths, counts = np.unique(cell.path[:, 0].round(2), return_counts=True)
-            dragged = depths[(counts >= DRAGGED) & (depths > 0)]  # not on the way down
+            dragged = depths[(counts >= MIN_DRAG_FRAMES) & (depths > 0)]  # not on the way down
             for (depth_mm, drag_mm), line in zip(cell.path, cell.rows[method], strict=False):
-                drag = int(np.searchsorted(DRAGS_MM, drag_mm - 1e-6))
+                drag = int(np.searchsorted(DRAG_EDGES_MM, drag_mm - 1e-6))
                 if round(float(depth_mm), 2) in dragged:
                     parts.setdefault((round(float(depth_mm), 2), drag), []).append(line)
         return [
             {
                 "depth_mm": depth_mm,
-                "drag_from_mm": DRAGS_MM[max(drag - 1, 0)],
-                "drag_to_mm": DRAGS_MM[drag] if drag < len(DRAGS_MM) else None,
+                "drag_from_mm": DRAG_EDGES_MM[max(drag - 1, 0)],
+                "drag_to_mm": DRAG_EDGES_MM[drag] if drag < len(DRAG_EDGES_MM) else None,
                 "frames": len(parts[depth_mm, drag]),
                 **dict(zip(("at_dots_mm", "off_dots_mm", "lost_pixels"),
-                           map(_mean, np.array(parts[depth_mm, drag]).T), strict=True)),
+                           map(_finite_mean, np.array(parts[depth_mm, drag]).T), strict=True)),
             }
             for depth_mm, drag in sorted(parts)
         ]  # fmt: skip
 
 
-def _mean(values: NDArray[np.float64]) -> float | None:
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if known.size else None
+def _finite_mean(values: NDArray[np.float64]) -> float | None:
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if finite.size else None

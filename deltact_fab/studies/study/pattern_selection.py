@@ -4,8 +4,8 @@ Simulated: the gel of a press is solved once, and its frames are drawn and track
 (`stream`) under every pattern, by the paper's tracker and by ours. Recorded: a run is one tactile
 base, as in the paper, and its error is taken at the dots.
 
-What is never thinned is the way between two frames, which is what a tracker has to bridge, and the
-presses: all depths, both axes.
+A smaller scale keeps the step between frames, which a tracker has to bridge, and the presses: all
+depths, both axes.
 """
 
 from __future__ import annotations
@@ -26,99 +26,97 @@ from deltact_fab.present import StudyResult
 from deltact_fab.sensor import parse_indenter
 
 from .grid import Grid, GridJob
-from .pattern_errors import METHODS, PatternErrors, PressErrors
+from .pattern_errors import FLOW_NAMES, PatternErrors, PressErrors
 from .pattern_tables import charts, claims, headlines, tables
-from .press_jobs import RecordedTrackingJob, TrackingJob, cost_s, follow, follow_recorded
+from .press_jobs import RecordedTrackingJob, TrackingJob, cost_s, track_press, track_recorded
 from .registry import StudyRequest, modulus_remark
-from .scene import PressScene, flagged
+from .scene import PressScene, flag_setting
 
-NAME, TITLE = "pattern-selection", "Which pattern is tracked best"
-TRACKERS = (
-    "the paper's: Farneback 5/13/10, the reference renewed where the image warped back differs by "
-    f"more than {FlowTracker.RENEW_SHARE:g} of what unrelated views of the pattern differ by, "
-    "flows summed and composed; ours: fused, anchored"
+SELECTION_STUDY, SELECTION_TITLE = "pattern-selection", "Which pattern is tracked best"
+TRACKERS_SETTING = (
+    "the paper's: Farneback 5/13/10; the reference is renewed if the warped-back image differs by "
+    f"more than {FlowTracker.RENEW_SHARE:g} of the difference of unrelated views; flows summed "
+    "and composed; ours: fused, anchored"
 )
-NOTES = (
-    "The paper stacks its indenters' errors and calls the result the average error: read as a sum "
-    "of five, its values would be means of a fifth.",
-    "Intervals are over indenters (jackknife, 95 %): not over prints of a pattern, seeds or gels.",
-    "A claim is made where flows summed and composed agree and both intervals exclude it; more "
-    "positions (--scale) and prints of a pattern (--seed) would decide others.",
+SELECTION_NOTES = (
+    "The paper stacks its indenters' errors and calls the result the average error: if that is a "
+    "sum of five, its mean errors are a fifth.",
+    "Intervals are over indenters (jackknife, 95 %), not over prints of a pattern, seeds or gels.",
+    "A claim is decided if summed and composed flows agree and both intervals exclude its "
+    "contrary; more positions (--scale) and prints of a pattern (--seed) may decide others.",
 )
-LEFT_OUT = (
-    Note("images and records", "drawn, tracked and let go: a stream"),
-    Note("forces", "no channel asks for them"),
+SELECTION_LEFT_OUT = (
+    Note("images and records", "rendered and tracked as a stream, not stored"),
+    Note("forces", "not in the protocol's channels"),
 )
-NO_LENS = Note("the lens", "the rig draws through a pinhole")
+NO_LENS = Note("the lens", "this rig uses a pinhole camera")
 
 
-def run(asked: StudyRequest) -> StudyResult:
-    """The study. `asked.more`: "pattern" and "indenter", names of a part of them.
+def run(request: StudyRequest) -> StudyResult:
+    """Run the study. `request.options`: names in "pattern" and "indenter" restrict it.
 
-    Raises InputError for names that are not known, RunFailed where every job failed.
+    Raises InputError for unknown names, RunFailed if every job failed.
     """
-    return _recorded(asked) if asked.runs else _simulated(asked)
+    return _recorded(request) if request.runs else _simulated(request)
 
 
-def _simulated(asked: StudyRequest) -> StudyResult:
-    of = Selection.of(asked)
-    part, protocol, rig = of.part, of.protocol, of.scene.rig.virtual
-    asked.say(
-        f"{len(of.entries)} patterns x {len(protocol.indenters)} indenters: {part.words}; "
+def _simulated(request: StudyRequest) -> StudyResult:
+    selection = Selection.from_request(request)
+    part, protocol, rig = selection.part, selection.protocol, selection.scene.rig.virtual
+    request.say(
+        f"{len(selection.entries)} patterns x {len(protocol.indenters)} indenters: {part.words}; "
         f"{part.longest_step_mm:.3f} mm between frames at most"
     )
-    of.scene.solve_gels(asked)
-    jobs = of.jobs(count_workers(asked.executor))
-    grid = asked.solve(jobs)
-    errors = PatternErrors(of.entries, _cells(grid))
+    selection.scene.solve_gels(request)
+    jobs = selection.jobs(count_workers(request.executor))
+    grid = request.solve(jobs)
+    errors = PatternErrors(selection.entries, _cells(grid))
     specimen, printer = protocol.specimen, rig.printer
-    found = _result(asked, errors, grid, part.words, True)
-    # The jobs of one press have one gel.
-    gels = {
-        job.arguments.press: grid.found[job.name]["gel"] for job in jobs if job.name in grid.found
-    }
+    result = _base_result(request, errors, grid, part.words, True)
+    # All jobs of a press share its gel.
+    gels = {j.arguments.press: grid.results[j.name]["gel"] for j in jobs if j.name in grid.results}
     return replace(
-        found,
-        scale=asked.scale,
-        more={"part": part._asdict()},
+        result,
+        scale=request.scale,
+        extra={"part": part._asdict()},
         settings={
             "path": part.words,
             "step between frames": f"{part.longest_step_mm:.3f} mm at most",
-            "trackers": TRACKERS,
+            "trackers": TRACKERS_SETTING,
             "gel": f"{specimen.gel_model}, {specimen.modulus_mpa:g} MPa, friction "
             f"{specimen.friction:g}",
             "printer": f"{printer.dpi} dpi, {printer.levels} levels, spread {printer.spread_um:g} "
             f"um, misregistration {printer.misregistration_um:g} um",
             "camera": "; ".join(f"{k} {v}" for k, v in vars(rig.camera).items()),
-            **flagged(list(gels.values()), "presses"),
+            **flag_setting(list(gels.values()), "presses"),
         },
-        notes=(*found.notes, _bench(of), modulus_remark(specimen.modulus_mpa)),
-        left_out=LEFT_OUT if rig.lens else (*LEFT_OUT, NO_LENS),
+        notes=(*result.notes, _bench_note(selection), modulus_remark(specimen.modulus_mpa)),
+        left_out=SELECTION_LEFT_OUT if rig.lens else (*SELECTION_LEFT_OUT, NO_LENS),
     )
 
 
-def _recorded(asked: StudyRequest) -> StudyResult:
-    found = jobs_of(asked.runs, tuple(METHODS))
-    grid = asked.solve([job for _, job in found])
-    printed = {printed.name: printed for printed, _ in found}
+def _recorded(request: StudyRequest) -> StudyResult:
+    pairs = run_jobs(request.runs, tuple(FLOW_NAMES))
+    grid = request.solve([job for _, job in pairs])
+    printed = {printed.name: printed for printed, _ in pairs}
     errors = PatternErrors(list(printed.values()), _cells(grid))
-    runs = [open_run(folder) for folder in asked.runs]
+    runs = [open_run(folder) for folder in request.runs]
     simulated = any(run.simulated for run in runs)
     return replace(
-        _result(asked, errors, grid, f"{len(runs)} recorded runs", simulated),
-        settings={"runs": ", ".join(run.folder.name for run in runs), "trackers": TRACKERS},
+        _base_result(request, errors, grid, f"{len(runs)} recorded runs", simulated),
+        settings={"runs": ", ".join(run.folder.name for run in runs), "trackers": TRACKERS_SETTING},
     )
 
 
-def jobs_of(folders: Sequence[Path], methods: Sequence[str]) -> list[tuple[SeriesEntry, GridJob]]:
-    """(pattern, job) for each press of the runs.
+def run_jobs(folders: Sequence[Path], methods: Sequence[str]) -> list[tuple[SeriesEntry, GridJob]]:
+    """Return (pattern, job) for each press of the runs.
 
-    Runs of one pattern are replicates. Raises InputError for a run that is not finished, has no
-    images, dots or dense pattern, or is named twice.
+    Runs of one pattern are replicates. Raises InputError for a run that is unfinished, without
+    images, dots or a dense pattern, or named twice.
     """
-    found: list[tuple[SeriesEntry, GridJob]] = []
+    jobs: list[tuple[SeriesEntry, GridJob]] = []
     for n, folder in enumerate(folders):
-        if folder.resolve() in [one.resolve() for one in folders[:n]]:
+        if folder.resolve() in [earlier.resolve() for earlier in folders[:n]]:
             raise InputError(f"--from {folder}: named twice; runs of one pattern are replicates")
         run = open_run(folder)
         frames = read_frames(run, "the pattern selection")
@@ -126,30 +124,30 @@ def jobs_of(folders: Sequence[Path], methods: Sequence[str]) -> list[tuple[Serie
             raise InputError(f"{folder}: the pattern has only dots; expected a dense one")
         if "dots" not in run.meta["protocol"]["channels"] or not len(run.dots_mm()):
             raise InputError(
-                f"{folder}: no dots were recorded, at which the error is measured; expected "
-                "a pattern with dots and the channel 'dots'"
+                f"{folder}: no dots recorded to measure the error at; expected a pattern with dots "
+                "and the channel 'dots'"
             )
-        printed = printed_of(run)
+        printed = pattern_of_run(run)
         for press, part in frames.groupby("press", sort=False):
-            what = [run.meta, run.pattern, part[["file", "sha256"]].to_numpy().tolist()]
-            content = hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()
+            inputs = [run.meta, run.pattern, part[["file", "sha256"]].to_numpy().tolist()]
+            content = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
             arguments = RecordedTrackingJob(
                 str(folder.resolve()), str(press), str(part["indenter"].iloc[0]), printed.name,
                 tuple(methods), content,
             )  # fmt: skip
-            job = GridJob(f"{folder}: {press}", follow_recorded, arguments, float(len(part)))
-            found.append((printed, job))
-    return found
+            job = GridJob(f"{folder}: {press}", track_recorded, arguments, float(len(part)))
+            jobs.append((printed, job))
+    return jobs
 
 
-def printed_of(run: Run) -> SeriesEntry:
-    """The pattern of a run: one of the paper's by its d and r, else by the run's name."""
+def pattern_of_run(run: Run) -> SeriesEntry:
+    """Pattern of a run: one of the paper's by d and r, else named by the run."""
     recipe = validate(
         PatternRecipe, run.pattern["recipe"], f"{run.folder / 'pattern.json'}: recipe"
     )
-    told = recipe.law, recipe.patch_mm, recipe.r
+    key = recipe.law, recipe.patch_mm, recipe.r
     for entry in list_series():
-        if told == (entry.recipe.law, entry.recipe.patch_mm, entry.recipe.r):
+        if key == (entry.recipe.law, entry.recipe.patch_mm, entry.recipe.r):
             return entry
     if recipe.law == "algorithm1":
         return SeriesEntry(f"d{recipe.patch_mm:g}-r{recipe.r:g}".replace(".", "p"), recipe)
@@ -157,51 +155,51 @@ def printed_of(run: Run) -> SeriesEntry:
 
 
 def _cells(grid: Grid) -> list[PressErrors]:
-    """The errors that jobs found, in their order."""
-    return [cell for value in grid.found.values() for cell in value["cells"]]
+    """Errors of all jobs, in order."""
+    return [cell for value in grid.results.values() for cell in value["cells"]]
 
 
-def _result(
-    asked: StudyRequest, errors: PatternErrors, grid: Grid, covers: str, simulated: bool
+def _base_result(
+    request: StudyRequest, errors: PatternErrors, grid: Grid, covers: str, simulated: bool
 ) -> StudyResult:
-    """What both have."""
-    lost = [
+    """Result fields shared by simulated and recorded runs."""
+    losses = [
         f"{cell.pattern} under {cell.press}: {line}" for cell in errors.cells
         for line in cell.left_out
     ]  # fmt: skip
     return StudyResult(
-        study=NAME,
-        title=TITLE,
+        study=SELECTION_STUDY,
+        title=SELECTION_TITLE,
         simulated=simulated,
-        seed=asked.seed,
+        seed=request.seed,
         scale=None,
         answer=(f"{'Simulated: ' if simulated else ''}{covers}.",),
         claims=claims(errors),
         headlines=headlines(errors),
         tables=tables(errors, covers),
         figures=charts(errors, covers),
-        notes=(*NOTES, *lost),
+        notes=(*SELECTION_NOTES, *losses),
     )
 
 
-def _bench(of: Selection) -> str:
-    """What may part it from the paper's bench, in figures."""
-    printer, optics = of.scene.rig.virtual.printer, of.scene.sensor.optics
-    least_mm = min(e.recipe.patch_mm for e in of.entries if e.recipe.patch_mm)
+def _bench_note(selection: Selection) -> str:
+    """Note on the differences to the paper's bench."""
+    printer, optics = selection.scene.rig.virtual.printer, selection.scene.sensor.optics
+    least_mm = min(e.recipe.patch_mm for e in selection.entries if e.recipe.patch_mm)
     dots, pixels = least_mm / (MM_PER_INCH / printer.dpi), least_mm / optics.mm_per_px
     return (
-        f"What parts it from the paper's bench: a printer model ({printer.dpi} dpi, "
-        f"{printer.spread_um:g} um of spread: the smallest patch, {least_mm:g} mm, is {dots:.1f} "
-        f"of its dots and {pixels:.1f} pixels), no motion blur, light that stays. The paper does "
-        "not print its gel, its indenters' sizes, its positions, nor the threshold at which its "
-        "reference is renewed."
+        f"Differences to the paper's bench: a printer model ({printer.dpi} dpi, "
+        f"{printer.spread_um:g} um spread: the smallest patch, {least_mm:g} mm, is {dots:.1f} "
+        f"printer dots and {pixels:.1f} pixels), no motion blur, constant light. The paper does "
+        "not give its gel, the indenters' sizes, its positions, or the threshold for renewing "
+        "the reference."
     )
 
 
 class PathPart(NamedTuple):
-    """Which part of a whole protocol's path another one covers, and how densely it is filmed.
+    """Part of a full protocol's path that a reduced one covers.
 
-    words: one line. longest_step_mm: of the tip between two frames of a line.
+    words: one line. longest_step_mm: of the tip between two frames.
     """
 
     words: str
@@ -211,52 +209,52 @@ class PathPart(NamedTuple):
     longest_step_mm: float
 
 
-def thinned(whole: Protocol, scale: float) -> Protocol:
-    """A protocol with about `scale` times the frames of a whole one, 0 < scale <= 1.
+def thin_protocol(full: Protocol, scale: float) -> Protocol:
+    """Reduce a protocol to about `scale` times its frames, 0 < scale <= 1.
 
-    As few positions as hold them, the first ones, and of their drags so many steps as fit, at least
-    one. At scale 1 it is the whole one. The step between frames is the whole one's.
+    Keeps as few positions as possible, the first ones, and as many steps of their drags as fit, at
+    least one; the step between frames is unchanged.
     """
-    if scale >= 1 or whole.shear is None or whole.shear.amplitude_mm is None:
-        return whole
-    wanted = scale * frames_an_indenter(whole)
-    count = math.ceil(scale * len(whole.positions_mm) - 1e-9)
-    rate_hz = whole.capture.rate_hz
+    if scale >= 1 or full.shear is None or full.shear.amplitude_mm is None:
+        return full
+    target = scale * frames_per_indenter(full)
+    count = math.ceil(scale * len(full.positions_mm) - 1e-9)
+    rate_hz = full.capture.rate_hz
     assert rate_hz is not None, "the paper's protocol films its drags"
-    step_mm = whole.motion.shear_feed_mm_min / 60 / rate_hz
-    longest = int(whole.shear.amplitude_mm / step_mm)
-    fewer = whole.model_copy(update={"positions_mm": whole.positions_mm[:count]})
-    if frames_an_indenter(fewer) <= wanted:
+    step_mm = full.motion.shear_feed_mm_min / 60 / rate_hz
+    longest = int(full.shear.amplitude_mm / step_mm)
+    fewer = full.model_copy(update={"positions_mm": full.positions_mm[:count]})
+    if frames_per_indenter(fewer) <= target:
         return fewer
-    one, two = (frames_an_indenter(_dragged(fewer, n * step_mm)) for n in (1, 2))
-    steps = round((wanted - one) / (two - one)) + 1
-    return _dragged(fewer, min(max(steps, 1), longest) * step_mm)
+    one_step, two_steps = (frames_per_indenter(_with_drag(fewer, n * step_mm)) for n in (1, 2))
+    steps = round((target - one_step) / (two_steps - one_step)) + 1
+    return _with_drag(fewer, min(max(steps, 1), longest) * step_mm)
 
 
-def _dragged(protocol: Protocol, amplitude_mm: float) -> Protocol:
-    """With drags of this many mm, to the micrometre."""
+def _with_drag(protocol: Protocol, amplitude_mm: float) -> Protocol:
+    """Return the protocol with drags of this length, rounded to 1 um."""
     assert protocol.shear is not None
     shear = protocol.shear.model_copy(update={"amplitude_mm": round(amplitude_mm, 3)})
     return protocol.model_copy(update={"shear": shear})
 
 
-def frames_an_indenter(protocol: Protocol) -> int:
-    """Frames of the first indenter; the others have as many."""
+def frames_per_indenter(protocol: Protocol) -> int:
+    """Number of frames per indenter."""
     first = protocol.model_copy(update={"indenters": protocol.indenters[:1]})
     return sum(step.frames for step in expand_protocol(first))
 
 
-def part_of(whole: Protocol, protocol: Protocol) -> PathPart:
-    """The part of the whole protocol's path that a thinned one covers."""
-    frames, of_frames = frames_an_indenter(protocol), frames_an_indenter(whole)
+def covered_part(full: Protocol, protocol: Protocol) -> PathPart:
+    """Part of the full protocol's path that a reduced one covers."""
+    frames, of_frames = frames_per_indenter(protocol), frames_per_indenter(full)
     positions, share = len(protocol.positions_mm), frames / of_frames
     words = (
-        f"{positions} of {len(whole.positions_mm)} positions, "
+        f"{positions} of {len(full.positions_mm)} positions, "
         f"{' and '.join(f'{d:g}' for d in protocol.depths_mm)} mm deep, "
     )
-    if protocol.shear and whole.shear:
+    if protocol.shear and full.shear:
         words += (
-            f"shear +-{protocol.shear.amplitude_mm or 0:g} of {whole.shear.amplitude_mm or 0:g} mm "
+            f"shear +-{protocol.shear.amplitude_mm or 0:g} of {full.shear.amplitude_mm or 0:g} mm "
             f"in {' and '.join(protocol.shear.axes)}, "
         )
     words += f"{frames} of {of_frames} frames ({share:.1%})"
@@ -264,24 +262,24 @@ def part_of(whole: Protocol, protocol: Protocol) -> PathPart:
 
 
 def longest_step_mm(protocol: Protocol) -> float:
-    """Longest way of the tip between two frames of a press or drag."""
-    longest, here = 0.0, (0.0, 0.0, 0.0)
+    """Longest motion of the tip between two frames of a press or drag, mm."""
+    longest, position_mm = 0.0, (0.0, 0.0, 0.0)
     for step in expand_protocol(protocol):
         if step.frames and step.kind in ("press", "shear"):
-            longest = max(longest, math.dist(here, step.target_mm) / step.frames)
-        here = step.target_mm
+            longest = max(longest, math.dist(position_mm, step.target_mm) / step.frames)
+        position_mm = step.target_mm
     return longest
 
 
-SCALE = 0.04
-"""Default: 136 of 3600 frames an indenter, some 40 minutes on two cores with the gel solved."""
-PATTERNS = 4
-"""Of a job, at most: each takes some 80 MB, and so many share a frame's geometry well enough."""
+SELECTION_SCALE = 0.04
+"""By hand: 136 of 3600 frames per indenter; 40 minutes on two cores with the gel solved."""
+MAX_PATTERNS_PER_JOB = 4
+"""By hand: each takes some 80 MB; decision 0040: fewer share the cost of a frame's geometry."""
 
 
 @dataclass(frozen=True)
 class Selection:
-    """The scene of one study: what is pressed, drawn and followed. name: of its protocol."""
+    """Scene of one study: presses, patterns, trackers. name: of its protocol."""
 
     scene: PressScene
     name: str
@@ -289,48 +287,48 @@ class Selection:
     entries: tuple[SeriesEntry, ...]
 
     @classmethod
-    def of(cls, asked: StudyRequest) -> Selection:
-        """As requested. Raises InputError for a real rig or unknown names."""
-        whole, source = load_protocol(str(asked.more.get("protocol") or NAME))
-        indenters = _chosen(
+    def from_request(cls, request: StudyRequest) -> Selection:
+        """Build from a request. Raises InputError for a real rig or unknown names."""
+        full, source = load_protocol(str(request.options.get("protocol") or SELECTION_STUDY))
+        indenters = _select_names(
             "--indenter",
-            [parse_indenter(name).name for name in asked.more.get("indenter") or ()],
-            list(whole.indenters),
+            [parse_indenter(name).name for name in request.options.get("indenter") or ()],
+            list(full.indenters),
         )
-        every = {entry.name: entry for entry in list_series(asked.seed)}
-        chosen = _chosen("--pattern", list(asked.more.get("pattern") or ()), list(every))
-        protocol = thinned(whole, SCALE if asked.scale is None else asked.scale)
+        series = {entry.name: entry for entry in list_series(request.seed)}
+        names = _select_names("--pattern", list(request.options.get("pattern") or ()), list(series))
+        protocol = thin_protocol(full, SELECTION_SCALE if request.scale is None else request.scale)
         protocol = protocol.model_copy(update={"indenters": tuple(indenters)})
-        scene = PressScene.of(asked, {protocol.name: (protocol, source)})
-        entries = tuple(every[name] for name in chosen)
-        return cls(scene, protocol.name, part_of(whole, protocol), entries)
+        scene = PressScene.load(request, {protocol.name: (protocol, source)})
+        entries = tuple(series[name] for name in names)
+        return cls(scene, protocol.name, covered_part(full, protocol), entries)
 
     @property
     def protocol(self) -> Protocol:
-        """What is pressed."""
+        """Protocol of the presses."""
         return self.scene.protocols[self.name]
 
     def jobs(self, workers: int = 1) -> list[GridJob]:
-        """A press with some patterns each, which share its geometry; a part for every worker."""
+        """One job per press and group of patterns, which share its geometry; a group per worker."""
         count = len(self.entries)
-        parts = min(max(workers, math.ceil(count / PATTERNS)), count)
+        parts = min(max(workers, math.ceil(count / MAX_PATTERNS_PER_JOB)), count)
         frames = self.part.frames_an_indenter // self.part.positions
         patterns = [
             {entry.name: entry.recipe for entry in self.entries[k::parts]} for k in range(parts)
         ]
         return [
             self.scene.job(
-                f"{press} ({k} of {parts})", self.name, press, follow, TrackingJob,
-                cost_s(frames, len(some)), patterns=some, methods=tuple(METHODS),
+                f"{press} ({k} of {parts})", self.name, press, track_press, TrackingJob,
+                cost_s(frames, len(group)), patterns=group, methods=tuple(FLOW_NAMES),
             )
             for press in self.scene.presses(self.name)
-            for k, some in enumerate(patterns, start=1)
+            for k, group in enumerate(patterns, start=1)
         ]  # fmt: skip
 
 
-def _chosen(option: str, asked: list[str], known: list[str]) -> list[str]:
-    """Those asked for in the order of those known, all where none is. Raises InputError."""
-    for name in asked:
-        if name not in known:
-            raise InputError(f"{option}: {name!r}: not in this study; {did_you_mean(name, known)}")
-    return [name for name in known if not asked or name in asked]
+def _select_names(option: str, requested: list[str], choices: list[str]) -> list[str]:
+    """Return the requested choices in order, all if none. Raises InputError."""
+    for name in requested:
+        if name not in choices:
+            raise InputError(f"{option}: {name!r}: unknown; {did_you_mean(name, choices)}")
+    return [name for name in choices if not requested or name in requested]

@@ -1,9 +1,8 @@
-"""Presses inside a pure job: in a folder removed at the end, or as a stream.
+"""Jobs of single presses, in a temporary folder or as a stream.
 
-Each is carried out on the virtual rig as a run has it, and its record analysed as any other; then
-the images go, and what was found in them stays. Calibrations come as the text of their files, so
-that a job depends on nothing of its caller. The pattern selection's are followed under several
-patterns, simulated or recorded.
+Each press runs on the virtual rig and its record is analysed like any other; the images are
+deleted, the results kept. Calibrations are passed as file texts, so that a job is self-contained.
+The pattern selection tracks a press under several patterns, simulated or recorded.
 """
 
 from __future__ import annotations
@@ -42,11 +41,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PressJob:
-    """A press on a virtual rig; its jobs depend on nothing else of their caller.
+    """Arguments of a job of a press on a virtual rig.
 
-    press: as `sphere-10/p1`. recipe: of a press that is recorded. rig_file: from which the paths in
-    it count. Where it names the file of a camera, that is read again by the job, from the same
-    place; camera, flat: what is in it.
+    press: as `sphere-10/p1`. recipe: of a recorded press. rig_file: base of the rig's paths. The
+    job reads a camera file that it names again; camera, flat: content of that file, for the key.
     """
 
     protocol: Protocol
@@ -62,14 +60,14 @@ class PressJob:
 
 @dataclass(frozen=True, kw_only=True)
 class ForcePointsJob(PressJob):
-    """Forces and features of a press. features: names of feature sets."""
+    """Arguments of `force_points_job`. features: names of feature sets."""
 
     features: tuple[str, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
 class ShapeJob(PressJob):
-    """The shape that is found under a press. depth, force: texts of calibrations."""
+    """Arguments of `shape_job`. depth, force: texts of calibration files."""
 
     depth: str
     force: str
@@ -77,7 +75,7 @@ class ShapeJob(PressJob):
 
 @dataclass(frozen=True, kw_only=True)
 class TrackingJob(PressJob):
-    """A press tracked under several patterns: recipes by name."""
+    """Arguments of `track_press`. patterns: recipes by name."""
 
     patterns: dict[str, PatternRecipe]
     methods: tuple[str, ...]
@@ -85,7 +83,7 @@ class TrackingJob(PressJob):
 
 @dataclass(frozen=True)
 class RecordedTrackingJob:
-    """A recorded press tracked. content: digest of what is read of the run."""
+    """Arguments of `track_recorded`. content: digest of the data read."""
 
     folder: str
     press: str
@@ -96,11 +94,8 @@ class RecordedTrackingJob:
 
 
 @contextmanager
-def carried_out(job: PressJob) -> Iterator[tuple[Run, dict[str, Any]]]:
-    """The finished run of a press, until the end of the block, and what the gel reports of it.
-
-    Raises RunFailed.
-    """
+def recorded_press(job: PressJob) -> Iterator[tuple[Run, dict[str, Any]]]:
+    """Context of the finished run of a press, and its gel report. Raises RunFailed."""
     import cv2
 
     protocol, sensor, source = job.protocol, job.sensor, Path(job.rig_file)
@@ -109,22 +104,22 @@ def carried_out(job: PressJob) -> Iterator[tuple[Run, dict[str, Any]]]:
         folder = Path(scratch) / protocol.name
         view = VirtualKind(job.rig, source).camera(protocol, sensor)
         setup = RigSetup(protocol, sensor, job.recipe, view, job.seed, folder)
-        cv2.setNumThreads(1)  # a processor has a job of its own
+        cv2.setNumThreads(1)  # one job per core
         bench = run_presses(setup, job.rig, source, [job.press])
         yield open_run(folder), gel_report(bench)
 
 
 def gel_report(bench: VirtualRig) -> dict[str, Any]:
-    """What the gel reports of a press, plain data.
+    """Report of the gel on the presses, plain data.
 
-    cells_mm: of each mesh. coarse: cells over those that the tolerance requires, the worst. flags:
-    ids. left_out: by the rig.
+    cells_mm: of each mesh. coarse: largest cell size over that required by the tolerance. flags:
+    ids. left_out: notes of the rig.
     """
     presses = bench.presses
-    opened = presses.open_presses
-    flags = [flag.id for press in opened for knot in press.solver.knots for flag in knot.flags]
+    gel_presses = presses.open_presses
+    flags = [flag.id for press in gel_presses for knot in press.solver.knots for flag in knot.flags]
     by_name = {path.press: path for path in presses.paths}
-    choices = [presses.choice(by_name[press.name]) for press in opened]
+    choices = [presses.choice(by_name[press.name]) for press in gel_presses]
     return {
         "cells_mm": sorted({choice.spacing_mm for choice in choices}),
         "coarse": max((c.spacing_mm / c.asked_mm for c in choices if c.asked_mm), default=1.0),
@@ -134,51 +129,51 @@ def gel_report(bench: VirtualRig) -> dict[str, Any]:
 
 
 def force_points_job(job: ForcePointsJob) -> dict[str, Any]:
-    """The `PressPoints` of a press, for a fit of forces, as "points", and what its gel reports.
+    """Measure `PressPoints` of a press for a force fit: "points", and the gel report.
 
     Raises RunFailed.
     """
-    with carried_out(job) as (run, gel):
+    with recorded_press(job) as (run, gel):
         points = measure_force_points(run, job.protocol.name, job.press, job.features)
     return {"points": points, **gel}
 
 
 def depth_calibration_job(job: PressJob) -> dict[str, Any]:
-    """A calibration of depth by the press of a ball. Raises RunFailed."""
-    with carried_out(job) as (run, gel):
+    """Calibrate depth by the press of a ball. Raises RunFailed."""
+    with recorded_press(job) as (run, gel):
         calibration = calibrate_depth(run.folder)
         return {"toml": calibration.toml(), "line": calibration.line, **gel}
 
 
 def shape_job(job: ShapeJob) -> dict[str, Any]:
-    """The `PressShape` of a press as "shape", and what its gel reports. Raises RunFailed."""
-    with carried_out(job) as (run, gel), TemporaryDirectory() as folder:
+    """Measure the `PressShape` of a press: "shape", and the gel report. Raises RunFailed."""
+    with recorded_press(job) as (run, gel), TemporaryDirectory() as folder:
         depth, force = Path(folder, "depth.toml"), Path(folder, "force.toml")
         depth.write_text(job.depth, encoding="utf-8")
         force.write_text(job.force, encoding="utf-8")
         return {"shape": measure_press(run.folder, job.press, depth, force), **gel}
 
 
-# CPU seconds on one core, about, for the time that is announced beforehand.
-GEOMETRY_S, PATTERN_S, PRINT_S = 0.2, 0.45, 1.2
-FIGURES = ("mean_at_dots_mm", "mean_off_dots_mm", "lost_share")
+# By hand: CPU seconds on one core, for the announced time only; too small promises too much.
+GEOMETRY_COST_S, PATTERN_COST_S, PRINT_COST_S = 0.2, 0.45, 1.2
+FRAME_KEYS = ("mean_at_dots_mm", "mean_off_dots_mm", "lost_share")
 """Columns of a job's table of frames."""
 
 
 def cost_s(frames: int, patterns: int) -> float:
-    """Seconds of one core that a job takes, about."""
-    return frames * (GEOMETRY_S + patterns * PATTERN_S) + patterns * PRINT_S
+    """Estimated seconds of a job on one core."""
+    return frames * (GEOMETRY_COST_S + patterns * PATTERN_COST_S) + patterns * PRINT_COST_S
 
 
-def follow(job: TrackingJob) -> dict[str, Any]:
-    """Every frame of a press, its geometry and truth once, tracked under every pattern.
+def track_press(job: TrackingJob) -> dict[str, Any]:
+    """Track every frame of a press under every pattern; geometry and truth are computed once.
 
-    Returns `cells` (`PressErrors`, one a pattern), `frames`, and `gel` (its flags). Raises
-    SolverError where the gel cannot be solved or drawn.
+    Returns `cells` (`PressErrors` per pattern), `frames`, and `gel` (its flags). Raises SolverError
+    if the gel cannot be solved or rendered.
     """
     import cv2
 
-    cv2.setNumThreads(1)  # the other cores have jobs of their own
+    cv2.setNumThreads(1)  # one job per core
     stream = PressStream(job.protocol, job.press, job.sensor, job.rig, Path(job.rig_file))
     printed, followers = {}, {}
     for name, recipe in job.patterns.items():
@@ -189,55 +184,55 @@ def follow(job: TrackingJob) -> dict[str, Any]:
     rows: dict[str, dict[str, list[dict[str, Any]]]] = {
         name: {method: [] for method in job.methods} for name in printed
     }
-    lost: dict[str, list[str]] = {}
+    failures: dict[str, list[str]] = {}
     for frame in stream.frames():
         for name, (picture, noise) in printed.items():
-            if name in lost:
+            if name in failures:
                 continue
-            image = stream.tracked(picture.expose(frame.at_px, noise, frame.displacement_mm))
+            image = stream.tracker_image(picture.expose(frame.at_px, noise, frame.displacement_mm))
             try:
-                said = followers[name].track(image, frame.true)
-            except SensorError as why:  # a print that the camera cannot tell from grey
-                lost[name] = [str(why)]
+                estimates = followers[name].track(image, frame.true)
+            except SensorError as error:  # the camera sees only grey
+                failures[name] = [str(error)]
                 continue
-            for method, figures in said.items():
+            for method, figures in estimates.items():
                 rows[name][method].append(figures)
-    tips_mm = np.array([look.tip_mm for look in stream.looks])
+    tips_mm = np.array([look.tip_mm for look in stream.moments])
     cells = [
-        errors_of(
-            job.press, stream.path.indenter, tips_mm, stream.path.at_mm, name, one.tallies,
-            rows[name], one.dots.tally.figures() if one.dots else None,
-            lost.get(name, one.left_out),
+        press_errors(
+            job.press, stream.path.indenter, tips_mm, stream.path.at_mm, name, follower.tallies,
+            rows[name], follower.dots.tally.figures() if follower.dots else None,
+            failures.get(name, follower.left_out),
         )
-        for name, one in followers.items()
+        for name, follower in followers.items()
     ]  # fmt: skip
-    return {"cells": cells, "frames": len(stream.looks), "gel": {"flags": stream.solver.flags}}
+    return {"cells": cells, "frames": len(stream.moments), "gel": {"flags": stream.solver.flags}}
 
 
-def errors_of(
+def press_errors(
     press: str, indenter: str, tips_mm: Field, at_mm: Sequence[float], pattern: str,
     tallies: Mapping[str, ErrorTally], rows: Mapping[str, Sequence[Mapping[str, Any]]],
     dots: dict[str, Any] | None, left_out: Sequence[str],
 ) -> PressErrors:  # fmt: skip
-    """The errors of a press under a pattern as a grid keeps them: FIGURES of frames, no times.
+    """Errors of a press under a pattern, for storage: FRAME_KEYS of frames, no times.
 
-    tips_mm (n + 1, 3): at all frames, of which the first is the reference; at_mm: of the press.
+    tips_mm: (n + 1, 3), at all frames, the first the reference. at_mm: place of the press.
     """
     x, y, z = tips_mm[1:].T
     path = np.column_stack((np.maximum(-z, 0.0), np.hypot(x - at_mm[0], y - at_mm[1])))
     sums = {method: replace(tally, ms=[]) for method, tally in tallies.items()}
-    figures = {m: [[row.get(key) for key in FIGURES] for row in rows[m]] for m in tallies}
-    arrays = {m: np.array(part, float).reshape(-1, len(FIGURES)) for m, part in figures.items()}
+    figures = {m: [[row.get(key) for key in FRAME_KEYS] for row in rows[m]] for m in tallies}
+    arrays = {m: np.array(part, float).reshape(-1, len(FRAME_KEYS)) for m, part in figures.items()}
     return PressErrors(pattern, press, indenter, sums, arrays, path, dots, tuple(left_out))
 
 
-def follow_recorded(job: RecordedTrackingJob) -> dict[str, Any]:
-    """One press of a run, as `follow` returns one of a simulated gel."""
+def track_recorded(job: RecordedTrackingJob) -> dict[str, Any]:
+    """Track one press of a run; returns `cells` like `track_press`."""
     run = open_run(job.folder)
     tracked = analyse_press(job.folder, job.press, TrackingPlan.for_run(run, job.methods))
     rows = {m: [row for row in tracked.rows if row["method"] == m] for m in job.methods}
     tips_mm = run.frames(job.press)[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
-    cell = errors_of(
+    cell = press_errors(
         job.press, job.indenter, tips_mm, tips_mm[0, :2].tolist(), job.pattern, tracked.tallies,
         rows, tracked.dots.figures(), tracked.left_out,
     )  # fmt: skip

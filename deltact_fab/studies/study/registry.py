@@ -1,6 +1,4 @@
-"""The studies by name, as plain data, and what one is asked; a study's module is imported only when
-it is run.
-"""
+"""Registry of studies as plain data, and their request; a study's module is imported to run it."""
 
 from __future__ import annotations
 
@@ -23,11 +21,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Study:
-    """A study. line: what `study list` says. about: paragraphs of its `--help`.
+    """A study. line: for `study list`. about: paragraphs of its `--help`.
 
-    takes: which of the common options it has: "scale", "seed", "rig", "from", and "grid" for --jobs
-    and --on. scale: its default scale, shown in the help; None where it takes none. options: of
-    this study only, as click takes them, by flag; a request has their values in `more`.
+    takes: its common options, of "scale", "seed", "rig", "from", and "grid" for --jobs and --on.
+    scale: default scale, shown in the help; None without one. options: click options of this study
+    only, by flag; a request has their values in `options`.
     """
 
     module: str
@@ -42,20 +40,20 @@ STUDIES = {
     "force-calibration": Study(
         "force_calibration",
         "The paper's force table: 5 balls, 2070 points.",
-        "The default is all of the paper's 2070 settled points (protocol "
-        "force-calibration) on a gel at finite strain: half an hour on two idle cores, six minutes "
-        "with --scale 0.1. A smaller scale takes fewer depths and places; all indenters stay, and "
-        "so do at least two places and the range of depth and shear.\n\n"
-        "With --from the points are those of recorded runs, of any bench.",
+        "Default: all of the paper's 2070 settled points (protocol force-calibration) on a gel at "
+        "finite strain: half an hour on two idle cores, six minutes with --scale 0.1. A smaller "
+        "scale uses fewer depths and places, with all indenters, at least two places and the full "
+        "range of depth and shear.\n\n"
+        "--from uses the points of recorded runs instead, of any bench.",
         options={"--protocol": {"help": "Another protocol with images, forces and settled stops."}},
     ),
     "pattern-selection": Study(
         "pattern_selection",
         "The paper's 17 patterns under 5 indenters.",
-        "By the paper's own tracker and by ours, at the dots and away from them. --scale 1 is the "
+        "Tracks with the paper's tracker and ours, at the dots and off them. --scale 1 is the "
         "paper's 3600 frames per indenter and pattern, a day on two cores. A smaller scale films "
         "fewer positions and shorter drags, with the same step between frames. The gel is solved "
-        "once and kept. With --from, each run is one tactile base.",
+        "once and stored. With --from, each run is one tactile base.",
         scale=0.04,
         options={
             "--protocol": {"help": "Protocol to press: a name or a path.",
@@ -69,20 +67,19 @@ STUDIES = {
     "shapes": Study(
         "shapes",
         "Sphere, cylinder, ring, toy hat: depth against truth; force fields.",
-        "Four objects (protocols shapes, shapes-hat), the calibrations of depth and force that "
-        "they need (ball-press, and one ball of force-calibration-small), and a press of twist: "
+        "Four objects (protocols shapes, shapes-hat), the depth and force calibrations that they "
+        "need (ball-press, and one ball of force-calibration-small), and a press of twist: "
         "five minutes on two idle cores. A smaller scale presses each object at fewer than three "
-        "places; all objects and depths stay. `analyze shape` does the same with a recorded run.",
+        "places, with all objects and depths. `analyze shape` analyses a recorded run likewise.",
         takes=("scale", "seed", "rig", "grid"),
     ),
     "pattern-search": Study(
         "pattern_search",
         "The best pattern for a printer and a camera.",
-        about="Candidates go through the printer and the camera of a virtual rig (its tables "
-        "[virtual.printer] and [virtual.camera]) and are ranked by "
-        "their tracking error on a known drag; the best few are then tracked on the finite-strain "
-        "gel next to the paper's pattern. A smaller scale takes fewer candidates and seeds, and a "
-        "shorter drag.",
+        about="Candidates are rendered with the printer and the camera of a virtual rig (tables "
+        "[virtual.printer] and [virtual.camera]) and ranked by tracking error on a known drag; the "
+        "best few are then tracked on the finite-strain gel, with the paper's pattern. A smaller "
+        "scale uses fewer candidates and seeds, and a shorter drag.",
         takes=("scale", "seed", "rig", "grid"),
         scale=1.0,
         options={
@@ -92,41 +89,41 @@ STUDIES = {
     ),
     "settling": Study(
         "settling",
-        "How long to wait at a stop before the force is steady.",
-        about="Record the protocol `settling`, on your bench or a virtual rig, and name the run "
-        "with --from: the gel's relaxation is fitted to its rests.",
+        "Waiting time at a stop until the force is steady.",
+        about="Fits the gel's relaxation to the rests of a run of the protocol `settling`. Record "
+        "it on your bench or a virtual rig, and give it with --from.",
         takes=("from",),
     ),
 }  # fmt: skip
 
 
 def find_study(name: str) -> Study:
-    """A study by its name. Raises InputError for an unknown one."""
+    """Look up a study by name. Raises InputError for an unknown one."""
     if name not in STUDIES:
-        raise InputError(f"{name}: no such study; {did_you_mean(name, STUDIES)}")
+        raise InputError(f"no study {name!r}; {did_you_mean(name, STUDIES)}")
     return STUDIES[name]
 
 
-def run_study(name: str, asked: StudyRequest) -> StudyResult:
+def run_study(name: str, request: StudyRequest) -> StudyResult:
     """Run a study. Raises InputError for an unknown one or bad options, RunFailed.
 
-    Jobs that were asked for and have no result stand in the result's `missing`.
+    Jobs without a result are listed in the result's `missing`.
     """
     module = f"studies.study.{find_study(name).module}"
-    result: StudyResult = importlib.import_module(f"deltact_fab.{module}").run(asked)
-    missing = tuple(job for grid in asked.grids for job in grid.missing)
-    heads = tuple(replace(one, whole=not missing) for one in result.headlines)
+    result: StudyResult = importlib.import_module(f"deltact_fab.{module}").run(request)
+    missing = tuple(job for grid in request.grids for job in grid.missing)
+    heads = tuple(replace(head, whole=not missing) for head in result.headlines)
     return replace(result, missing=missing, headlines=heads, module=module)
 
 
 @dataclass(frozen=True)
 class StudyRequest:
-    """The options of a study that is to be run.
+    """Options of a study run.
 
-    scale: share of the paper's points or frames, in (0, 1]; None: the study's default. rig: a
-    virtual rig's name or path; None: the study's own. runs: recorded runs to take instead of
-    simulating. executor: None is local processes. say: one line for the user, on stderr.
-    more: options of one study only, every one that the registry declares. grids: those solved.
+    scale: share of the paper's points or frames, in (0, 1]; None: the study's default. rig: name or
+    path of a virtual rig; None: the study's default. runs: recorded runs to use instead of
+    simulating. executor: None for local processes. say: prints a line on stderr. options: all
+    options that the registry declares for this study. grids: grids solved so far.
     """
 
     scale: float | None = None
@@ -136,11 +133,11 @@ class StudyRequest:
     executor: Executor | None = None
     progress: Progress | None = None
     say: Callable[[str], None] = lambda text: None
-    more: dict[str, Any] = field(default_factory=dict)
+    options: dict[str, Any] = field(default_factory=dict)
     grids: list[Grid] = field(default_factory=list, compare=False, repr=False)
 
     def solve(self, jobs: Sequence[GridJob]) -> Grid:
-        """A grid of jobs on what was asked for; what is missing in it gets into the result."""
+        """Solve a grid of jobs; its missing jobs go into the result."""
         from .grid import solve
 
         grid = solve(jobs, self.executor, self.progress, self.say)
@@ -148,40 +145,38 @@ class StudyRequest:
         return grid
 
 
-def share_of(scale: float | None) -> float:
-    """A scale as a number, 1 for None. Raises InputError outside of (0, 1]."""
+def parse_scale(scale: float | None) -> float:
+    """Return the scale, 1 for None. Raises InputError outside of (0, 1]."""
     share = 1.0 if scale is None else scale
     if not 0 < share <= 1:
         raise InputError(f"--scale: {share:g}; expected above 0 and at most 1")
     return share
 
 
-def virtual_rig(name: str) -> tuple[VirtualConfig, Path]:
-    """A virtual rig by name or path, and its file. Raises InputError for a real one."""
+def load_virtual_rig(name: str) -> tuple[VirtualConfig, Path]:
+    """Load a virtual rig by name or path, and its file. Raises InputError for a real one."""
     from deltact_fab.bench import VirtualConfig, load_rig
 
     rig, source = load_rig(name)
     if not isinstance(rig, VirtualConfig):
         raise InputError(
-            f"{source}: kind: {rig.kind!r}; a study simulates on a 'virtual' rig: name a virtual "
-            "rig, or give what a real one recorded to a study that takes --from"
+            f"{source}: kind: {rig.kind!r}; expected a 'virtual' rig; runs of a real one go to a "
+            "study with --from"
         )
     return rig, source
 
 
-def modulus_remark(modulus_mpa: float, also: str = "") -> str:
-    """For a study's notes: how well the gel's modulus is known, and what that changes.
+def modulus_remark(modulus_mpa: float, extra: str = "") -> str:
+    """Note on the uncertainty of the gel's modulus and its effects.
 
-    Stresses of the simulated gel are in proportion to it at one and the same deformation (so is
-    every force that is solved here: `physics.gel.path` solves for 1 MPa). also: what else depends
-    on it, of a study in which what is fixed in newtons meets forces at another place.
+    Stresses of the simulated gel are proportional to it at the same deformation (`physics.gel.path`
+    solves for 1 MPa). extra: further effects, for a study with quantities fixed in newtons.
     """
     from deltact_fab.simulate import MODULUS_FACTOR
 
     return (
         f"The gel's modulus, {modulus_mpa:g} MPa, is known to a factor of {MODULUS_FACTOR:g} "
-        "(Gent's relation from Shore 15A). Deformation at a given depth does not depend on it, nor "
-        "does what follows from deformation alone: images, flow, tracking errors, depth, contact, "
-        "how fast a force fades, shares of a force. Forces and tractions, and their errors in N "
-        f"and kPa, are in proportion to it.{also}"
+        "(Gent's relation from Shore 15A). It does not affect deformation at a given depth, nor "
+        "images, flow, tracking errors, depth, contact, relaxation times and relative forces. "
+        f"Forces and tractions, and their errors in N and kPa, are proportional to it.{extra}"
     )

@@ -1,10 +1,10 @@
-"""The candidates of a pattern search, a law each over sizes that can be printed and seen, and how
-they did: by their error in the search, the best few confirmed.
+"""Candidates of a pattern search, laws over printable and visible sizes, their ranking and
+confirmation.
 
-All in colour. A printer makes grey of one ink, which the model of three does not hold, and the
-tracker takes the colours that it does not follow as its second witness. In the search a candidate
-is printed and photographed once and tracked on a known drag, simulated; what a pixel sees of the
-face depends on the motion alone, so it is solved once a process and serves every pattern.
+All in colour: grey is printed with one ink, which the three-ink model does not cover, and the
+tracker needs colour for its consistency check. In the search a candidate is printed and
+photographed once and tracked on a known drag, simulated; the face point of a pixel depends only on
+the motion, so it is computed once per process for all patterns.
 """
 
 from __future__ import annotations
@@ -29,37 +29,37 @@ from deltact_fab.sensor import Pinhole, SeenFace, SensorDimensions, SurfaceLatti
 from deltact_fab.simulate import FrameRenderer, PictureGeometry
 
 from .intervals import headline, mean, ratio
-from .pattern_errors import OURS, PatternErrors
+from .pattern_errors import OUR_FLOW, PatternErrors
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SIZES_MM = (0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6)
-MIN_DOTS = 3.0
-"""Printer dots a patch: fewer, and halftone and misplaced ink leave none of its own colour."""
-MIN_PX, MAX_PX = 1.5, 16.0
-"""Camera pixels a patch: fewer alias; in larger ones a matching window has no edge in it."""
-R = (0.1, 0.3, 0.6)
-SCALES = ((1, 2), (1, 2, 4), (1, 2, 4, 8))
-"""Sides of octave noise's blocks, in patches."""
+PATCH_SIZES_MM = (0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6)  # by hand: finer is slower
+MIN_PATCH_DOTS = 3.0
+"""Decision 0040: printer dots per patch; fewer lose the colour to halftone and misregistration."""
+MIN_PATCH_PX, MAX_PATCH_PX = 1.5, 16.0
+"""Decision 0040: camera pixels per patch; fewer alias, more leave matching windows without edge."""
+ALGORITHM1_R = (0.1, 0.3, 0.6)  # by hand: low to high; more values take longer
+OCTAVE_SCALES = ((1, 2), (1, 2, 4), (1, 2, 4, 8))
+"""By hand: block sides of octave noise, in patches; more octaves have coarser blocks."""
 MAX_OCTAVE_MM, MAX_RANDOM_MM = 0.2, 0.3
-"""The one's coarse blocks give what larger patches would; of the other, larger ones are worse:
-where neighbours happen to be alike, there is nothing to follow."""
-PAPER = "algorithm1 d 0.075 r 0.6"
-"""The paper's choice; it is always among the candidates."""
-GOAL = 1 / 3
-"""Of the paper's pattern's mean error, at most."""
-MIN_COVERAGE = 0.9
-"""Share of the moving pixels on which the tracker must be confident, for a recommendation."""
+"""By hand: coarse octave blocks replace larger patches; larger random patches track worse, as equal
+neighbours leave no edge."""
+PAPER_PATTERN = "algorithm1 d 0.075 r 0.6"
+"""The paper's choice; always a candidate."""
+GOAL_SHARE = 1 / 3
+"""Goal: mean error over that of the paper's pattern."""
+MIN_COVERED_SHARE = 0.9
+"""Decision 0040: confident share of the moving pixels required of a finalist."""
 MIN_BRIDGED_MM = 0.39
-"""Twice the step between frames that the protocols have: a press may be quicker than planned."""
-FIGURES = ("mean_error_mm", "low_mm", "high_mm", "coverage")
-"""Of a confirmed pattern."""
-UM = 1000.0
+"""By hand: twice the protocols' step between frames, for faster presses (decision 0040)."""
+CONFIRMED_COLUMNS = ("mean_error_mm", "low_mm", "high_mm", "coverage")
+"""Columns of a confirmed pattern."""
+UM_PER_MM = 1000.0  # exact
 
 
-def name_of(recipe: PatternRecipe) -> str:
-    """Law and sizes of a pattern."""
+def pattern_name(recipe: PatternRecipe) -> str:
+    """Name of a pattern: law and sizes."""
     if recipe.scales_mm:
         return f"{recipe.law} {'/'.join(f'{scale:g}' for scale in recipe.scales_mm)}"
     r = "" if recipe.r is None else f" r {recipe.r:g}"
@@ -67,66 +67,67 @@ def name_of(recipe: PatternRecipe) -> str:
 
 
 def candidates(mm_per_dot: float, mm_per_px: float) -> dict[str, PatternRecipe]:
-    """All of them, by name, that a printer of that pitch can print and a camera can see."""
-    least_mm = max(MIN_DOTS * mm_per_dot * (1 - 1e-9), MIN_PX * mm_per_px / (1 + 1e-9))
+    """Return all patterns, by name, that the printer can print and the camera can see."""
+    least_mm = max(MIN_PATCH_DOTS * mm_per_dot * (1 - 1e-9), MIN_PATCH_PX * mm_per_px / (1 + 1e-9))
     return {
         name: recipe
-        for recipe in _all()
-        if least_mm <= (recipe.patch_mm or 0.0) <= MAX_PX * mm_per_px or name_of(recipe) == PAPER
-        for name in (name_of(recipe),)
+        for recipe in _all_candidates()
+        if least_mm <= (recipe.patch_mm or 0.0) <= MAX_PATCH_PX * mm_per_px
+        or pattern_name(recipe) == PAPER_PATTERN
+        for name in (pattern_name(recipe),)
     }
 
 
-def _all() -> Iterator[PatternRecipe]:
-    for d in SIZES_MM:
-        own: dict[str, Any] = {"seed": DEFAULT_SEED, "patch_mm": d}
-        for r in R:
-            yield PatternRecipe(law="algorithm1", r=r, **own)
+def _all_candidates() -> Iterator[PatternRecipe]:
+    for d in PATCH_SIZES_MM:
+        common: dict[str, Any] = {"seed": DEFAULT_SEED, "patch_mm": d}
+        for r in ALGORITHM1_R:
+            yield PatternRecipe(law="algorithm1", r=r, **common)
         for law in ("iid", "binary") if d <= MAX_RANDOM_MM else ():
-            yield PatternRecipe(law=law, **own)
-        for blocks in SCALES if d <= MAX_OCTAVE_MM else ():
+            yield PatternRecipe(law=law, **common)
+        for blocks in OCTAVE_SCALES if d <= MAX_OCTAVE_MM else ():
             scales = tuple(round(d * side, 9) for side in blocks)
-            yield PatternRecipe(law="octave", scales_mm=scales, **own)
+            yield PatternRecipe(law="octave", scales_mm=scales, **common)
 
 
-def thinned(
-    among: dict[str, PatternRecipe], count: int, kept: tuple[str, ...]
+def thin_candidates(
+    among: dict[str, PatternRecipe], count: int, keep: tuple[str, ...]
 ) -> dict[str, PatternRecipe]:
-    """This many of them, evenly over laws; those in kept are among them."""
-    free = sorted((name for name in among if name not in kept), key=lambda name: among[name].law)
-    wanted = max(0, count - sum(name in among for name in kept))
-    step = len(free) / wanted if wanted else 1.0
-    some = {free[int(k * step)] for k in range(wanted)}
-    return {name: recipe for name, recipe in among.items() if name in some or name in kept}
+    """Select `count` candidates, evenly over laws, with those in `keep`."""
+    free = sorted((name for name in among if name not in keep), key=lambda name: among[name].law)
+    target = max(0, count - sum(name in among for name in keep))
+    step = len(free) / target if target else 1.0
+    picked = {free[int(k * step)] for k in range(target)}
+    return {name: recipe for name, recipe in among.items() if name in picked or name in keep}
 
 
-def shortened(protocol: Protocol, share: float) -> Protocol:
-    """With that share of its shear, in whole steps of a frame; at least one."""
+def shorten_shear(protocol: Protocol, share: float) -> Protocol:
+    """Return the protocol with a share of its shear, in whole frame steps, at least one."""
     shear, rate_hz = protocol.shear, protocol.capture.rate_hz
     assert shear is not None
     assert shear.amplitude_mm is not None
     assert rate_hz is not None
     step_mm = protocol.motion.shear_feed_mm_min / 60 / rate_hz
     steps = max(1, round(share * shear.amplitude_mm / step_mm))
-    kept = shear.model_copy(update={"amplitude_mm": round(steps * step_mm, 6)})
-    return protocol.model_copy(update={"shear": kept})
+    shorter = shear.model_copy(update={"amplitude_mm": round(steps * step_mm, 6)})
+    return protocol.model_copy(update={"shear": shorter})
 
 
-def ranked(
-    seen: Mapping[str, Sequence[dict[str, Any]]], among: Mapping[str, PatternRecipe]
+def rank_candidates(
+    probed: Mapping[str, Sequence[dict[str, Any]]], among: Mapping[str, PatternRecipe]
 ) -> pd.DataFrame:
-    """A row a candidate, the least error first; means over seeds, of `bridged_mm` the least.
+    """Table of candidates, smallest error first; means over seeds, minimum of `bridged_mm`.
 
-    seen: what `probe` returned by candidate's name, a value a seed. `refused`: why it has no
-    error. Raises RunFailed where none could be tracked.
+    probed: results of `probe` by candidate, one per seed. `refused`: reason for a missing error.
+    Raises RunFailed if none could be tracked.
     """
     rows = []
     for name, recipe in among.items():
-        values = seen[name]
-        why = next((v["refused"] for v in values if "refused" in v), "")
+        values = probed[name]
+        reason = next((v["refused"] for v in values if "refused" in v), "")
         row: dict[str, Any] = {
             "pattern": name, "law": recipe.law, "patch_mm": recipe.patch_mm, "error_mm": None,
-            "coverage": None, "bridged_mm": None, "refused": why if values else "no result",
+            "coverage": None, "bridged_mm": None, "refused": reason if values else "no result",
         }  # fmt: skip
         if not row["refused"]:
             row |= {k: float(np.mean([v[k] for v in values])) for k in ("error_mm", "coverage")}
@@ -139,17 +140,16 @@ def ranked(
 
 
 def finalists(frame: pd.DataFrame, count: int) -> list[str]:
-    """The best of different kinds that can be recommended; fewer where there are no more."""
-    sure = (frame["coverage"] >= MIN_COVERAGE) & (frame["bridged_mm"] >= MIN_BRIDGED_MM)
-    kinds = frame[frame["error_mm"].notna() & sure].drop_duplicates(["law", "patch_mm"])
+    """Best reliable candidates, one per law and patch size, at most `count`."""
+    reliable = (frame["coverage"] >= MIN_COVERED_SHARE) & (frame["bridged_mm"] >= MIN_BRIDGED_MM)
+    kinds = frame[frame["error_mm"].notna() & reliable].drop_duplicates(["law", "patch_mm"])
     return list(kinds["pattern"])[:count]
 
 
 def chosen_by_others(errors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """For each seed the error of the pattern that the other seeds call best.
+    """Error per seed of the pattern that is best on the other seeds: no selection bias.
 
-    errors: (patterns, seeds). With one seed, the best one. So having chosen it among several
-    flatters nothing.
+    errors: (patterns, seeds). With one seed, the smallest.
     """
     n = errors.shape[1]
     if n == 1:
@@ -158,131 +158,135 @@ def chosen_by_others(errors: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(errors[rest.argmin(axis=0), np.arange(n)])
 
 
-def confirmed(errors: PatternErrors, names: Sequence[str]) -> pd.DataFrame:
-    """A row a pattern that the default tracker lost with no seed, the best first."""
+def confirmation_table(errors: PatternErrors, names: Sequence[str]) -> pd.DataFrame:
+    """Table of patterns tracked with every seed by the default tracker, the best first."""
     rows = []
     for name in names:
-        by_seed = errors.by_indenter(name, OURS, "off_dots")
+        by_seed = errors.by_indenter(name, OUR_FLOW, "off_dots")
         if by_seed is not None:
             value, low, high, _ = mean(by_seed, errors.indenters, "seed", "positive")
-            rows.append((name, value, low, high, errors.figures(name, OURS)["coverage"]))
-    frame = pd.DataFrame(rows, columns=["pattern", *FIGURES])
+            rows.append((name, value, low, high, errors.figures(name, OUR_FLOW)["coverage"]))
+    frame = pd.DataFrame(rows, columns=["pattern", *CONFIRMED_COLUMNS])
     return frame.sort_values("mean_error_mm", ignore_index=True)
 
 
 def headlines(errors: PatternErrors, best: Sequence[str], to_print: str) -> tuple[Headline, ...]:
-    """Error of the pattern to print, and its share of the paper's pattern's."""
+    """Headlines: error of the pattern to print, and its ratio to that of the paper's pattern."""
 
     def by_seed(name: str) -> NDArray[np.float64] | None:
-        return errors.by_indenter(name, OURS, "off_dots")
+        return errors.by_indenter(name, OUR_FLOW, "off_dots")
 
-    own, seeds = by_seed(to_print), errors.indenters
-    assert own is not None
+    to_print_mm, seeds = by_seed(to_print), errors.indenters
+    assert to_print_mm is not None
     heads = [
-        headline("mean error of the pattern to print", "µm", mean(own, seeds, "seed", "positive"),
-                 UM, told=True,
+        headline("mean error of the pattern to print", "µm",
+                 mean(to_print_mm, seeds, "seed", "positive"), UM_PER_MM, told=True,
                  remark="moving pixels, default tracker, no dots, finite-strain gel"),
     ]  # fmt: skip
-    if (paper := by_seed(PAPER)) is not None:
-        tracked = [one for name in best if (one := by_seed(name)) is not None]
+    if (paper := by_seed(PAPER_PATTERN)) is not None:
+        tracked = [e for name in best if (e := by_seed(name)) is not None]
         share = ratio(chosen_by_others(np.array(tracked)), paper, seeds, "seed")
         heads.append(
-            headline("its share of the paper's pattern's error", "", share, goal=GOAL, told=True,
-                     remark="for each seed the finalist that the other seeds call best")
+            headline("its ratio to the error of the paper's pattern", "", share, goal=GOAL_SHARE,
+                     told=True, remark="per seed the finalist that is best on the other seeds")
         )  # fmt: skip
     return tuple(heads)
 
 
-def errors_by_size(
+def plot_errors_by_size(
     frame: pd.DataFrame, gel: pd.DataFrame, among: Mapping[str, PatternRecipe]
 ) -> Figure:
-    """A dot a candidate of `ranked`, and a square each of `confirmed`."""
+    """Plot errors over patch size: dots for candidates, squares for confirmed ones."""
     from deltact_fab.present import create_figure, draw_legend, set_log_scale
 
     figure, (axis,) = create_figure(7.4, 3.6)
     groups = frame.dropna(subset="error_mm").groupby("law")
     for colour, (law, part) in zip(cycle(ReportFigure.SERIES_COLOURS), groups, strict=False):
-        axis.plot(part["patch_mm"], UM * part["error_mm"], "o", ms=4, color=colour, label=law)
-    for one in gel.to_dict("records"):
-        x, name = among[one["pattern"]].patch_mm, one["pattern"]
-        colour = ReportFigure.PAPER_COLOUR if name == PAPER else ReportFigure.INK_COLOUR
-        if pd.notna(one["low_mm"]):
-            axis.plot([x, x], [UM * one["low_mm"], UM * one["high_mm"]], color=colour, lw=1)
-        axis.plot(x, UM * one["mean_error_mm"], "s", ms=6, mfc="none", color=colour)
+        axis.plot(
+            part["patch_mm"], UM_PER_MM * part["error_mm"], "o", ms=4, color=colour, label=law
+        )
+    for row in gel.to_dict("records"):
+        x, name = among[row["pattern"]].patch_mm, row["pattern"]
+        colour = ReportFigure.PAPER_COLOUR if name == PAPER_PATTERN else ReportFigure.INK_COLOUR
+        if pd.notna(row["low_mm"]):
+            axis.plot(
+                [x, x], [UM_PER_MM * row["low_mm"], UM_PER_MM * row["high_mm"]], color=colour, lw=1
+            )
+        axis.plot(x, UM_PER_MM * row["mean_error_mm"], "s", ms=6, mfc="none", color=colour)
     set_log_scale(axis, "xy")
-    axis.set(xlabel="size of a patch, mm", ylabel="mean error, µm")
+    axis.set(xlabel="patch size, mm", ylabel="mean error, µm")
     draw_legend(figure, axis)
     return figure
 
 
-LATTICE_MM = 0.3
+DRAG_LATTICE_MM = 0.3  # by hand: resolves DRAG_WIDTH_MM; finer is slower
 DRAG_MM = 2.4
-"""The largest motion of the drag, STEP_MM a frame: 12 frames, which many steps divide."""
-STEP_MM = 0.2
-OUTWARD = round(DRAG_MM / STEP_MM)
+"""By hand: largest motion of the drag, in 12 steps, a number with many divisors."""
+DRAG_STEP_MM = 0.2  # decision 0040: the studies' largest step between frames
+DRAG_STEPS = round(DRAG_MM / DRAG_STEP_MM)
 DRAG_WIDTH_MM, DRAG_DEPTH_MM = 2.0, 2.0
-"""So steep that the skin before it nearly folds (det F 0.2) and is lost to a tracker, as before an
-indenter that is dragged: where it comes back, a pattern that repeats itself is mistaken for itself.
-With a width of 3 mm that never happens, and the order of patterns is not that on the gel."""
-WAVES = ((1.5, 0.015), (2.5, 0.03), (4.0, 0.06))
-"""Wavelength and amplitude (mm) of smooth waves on top: a slope of 0.06 to 0.09 each."""
-FIELD_PX = 200_000
-"""Pixels of the middle of the view, which is what is drawn."""
-TRACKER = "fused"
-MAX_LOSS = 2.0
-"""Times the error of short steps: beyond it a step counts as not bridged."""
+"""By hand: so steep that the skin before it nearly folds (det F 0.2) and is lost to a tracker, as
+before a dragged indenter; where it reappears, repetitive patterns are mismatched. With a width of
+3 mm this never happens, and the ranking differs from that on the gel (decision 0040)."""
+DRAG_WAVES = ((1.5, 0.015), (2.5, 0.03), (4.0, 0.06))
+"""By hand: wavelength and amplitude of superposed waves, mm: slopes of 0.06 to 0.09."""
+MAX_FIELD_PX = 200_000
+"""By hand: pixels rendered, of the middle of the view; fewer are noisier, more are slower."""
+SEARCH_TRACKER = "fused"
+MAX_ERROR_RATIO = 2.0
+"""By hand: error over that of short steps, above which a step is not bridged."""
 
 
 class DragFrame(NamedTuple):
-    """What pixels see of the face (h + 2, w + 2, 2), px, and what is true of them."""
+    """Face points of pixels, at_px (h + 2, w + 2, 2), and the true motion."""
 
     at_px: NDArray[np.float32]
     truth: TrueFrame
 
 
-def view_of(sensor: SensorDimensions) -> Pinhole:
-    """The middle of the sensor's view, with at most FIELD_PX pixels, even ones for the mosaic."""
-    whole = Pinhole.from_sensor(sensor)
-    part = min(1.0, (FIELD_PX / (whole.width_px * whole.height_px)) ** 0.5)
-    width_px, height_px = (2 * int(part * n / 2) for n in (whole.width_px, whole.height_px))
-    return replace(whole, width_px=width_px, height_px=height_px)
+def middle_view(sensor: SensorDimensions) -> Pinhole:
+    """Middle of the sensor's view, at most MAX_FIELD_PX pixels, even sides for the mosaic."""
+    full = Pinhole.from_sensor(sensor)
+    part = min(1.0, (MAX_FIELD_PX / (full.width_px * full.height_px)) ** 0.5)
+    width_px, height_px = (2 * int(part * n / 2) for n in (full.width_px, full.height_px))
+    return replace(full, width_px=width_px, height_px=height_px)
 
 
 @lru_cache(maxsize=2)
 def geometry(view: Pinhole) -> tuple[PictureGeometry, SurfaceLattice]:
-    """What draws displacements on a lattice over the view and its margin."""
+    """Renderer of displacements, on a lattice over the view and its margin."""
     x_mm, y_mm = axes_mm(view, PictureGeometry.MARGIN_PX + 1)
-    nx, ny = (int(np.ceil((a[-1] - a[0]) / LATTICE_MM)) + 1 for a in (x_mm, y_mm))
-    lattice = SurfaceLattice(float(x_mm[0]), float(y_mm[0]), LATTICE_MM, nx, ny)
+    nx, ny = (int(np.ceil((a[-1] - a[0]) / DRAG_LATTICE_MM)) + 1 for a in (x_mm, y_mm))
+    lattice = SurfaceLattice(float(x_mm[0]), float(y_mm[0]), DRAG_LATTICE_MM, nx, ny)
     return PictureGeometry(view, lattice), lattice
 
 
 @lru_cache(maxsize=2)
-def dragged(view: Pinhole, seed: int) -> list[DragFrame]:
-    """Frames of a press that is dragged away, with waves on the skin, in steps of STEP_MM."""
+def drag_frames(view: Pinhole, seed: int) -> list[DragFrame]:
+    """Frames of a press that is dragged away, with waves on the skin, in DRAG_STEP_MM steps."""
     drawing, lattice = geometry(view)
-    seen, in_view = SeenFace(view, lattice), TrueFrame.imaged_pixels(view)
-    whole = drag_mm(*np.meshgrid(*lattice.axes_mm()), np.random.default_rng([seed, 22]))
-    whole *= DRAG_MM / np.hypot(whole[..., 0], whole[..., 1]).max()
+    face, in_view = SeenFace(view, lattice), TrueFrame.imaged_pixels(view)
+    full_drag = drag_mm(*np.meshgrid(*lattice.axes_mm()), np.random.default_rng([seed, 22]))
+    full_drag *= DRAG_MM / np.hypot(full_drag[..., 0], full_drag[..., 1]).max()
     return [
         DragFrame(
             drawing.material_px(u_mm),
-            TrueFrame.from_flow(*seen.motion(u_mm), in_view, view.mm_per_px),
+            TrueFrame.from_flow(*face.motion(u_mm), in_view, view.mm_per_px),
         )
-        for u_mm in (whole * (k / OUTWARD) for k in range(1, OUTWARD + 1))
+        for u_mm in (full_drag * (k / DRAG_STEPS) for k in range(1, DRAG_STEPS + 1))
     ]
 
 
 def drag_mm(x: Field, y: Field, rng: np.random.Generator) -> Field:
-    """Displacement (h, w, 3) at points of the face: a dent, a shift with it, and waves."""
+    """Displacement (h, w, 3), mm, at points of the face: a dent, its shift, and waves."""
     bump = np.exp(-(x**2 + y**2) / (2 * DRAG_WIDTH_MM**2))
     heading = rng.uniform(0, 2 * np.pi)
     u = np.stack([DRAG_MM * np.cos(heading) * bump, DRAG_MM * np.sin(heading) * bump,
                   -DRAG_DEPTH_MM * bump], axis=-1)  # fmt: skip
-    for wavelength_mm, amplitude_mm in WAVES:
+    for wavelength_mm, amplitude_mm in DRAG_WAVES:
         along, to, phase = rng.uniform(0, 2 * np.pi, 3)
-        way = (x * np.cos(along) + y * np.sin(along)) / wavelength_mm
-        wave = amplitude_mm * np.sin(2 * np.pi * way + phase)
+        cycles = (x * np.cos(along) + y * np.sin(along)) / wavelength_mm
+        wave = amplitude_mm * np.sin(2 * np.pi * cycles + phase)
         u[..., 0] += wave * np.cos(to)
         u[..., 1] += wave * np.sin(to)
     return np.asarray(u)
@@ -299,57 +303,57 @@ class ProbeJob:
 
 
 def probe(job: ProbeJob) -> dict[str, Any]:
-    """A pattern on the known drag.
+    """Track a pattern on the known drag.
 
-    Returns `error_mm` and `coverage` of the drag there and back, and `bridged_mm`, the longest step
-    in which it is followed as well as in short ones. A pattern in which nothing can be tracked has
-    `refused`, saying why.
+    Returns `error_mm` and `coverage` of the drag and its reverse, and `bridged_mm`, the longest
+    step tracked as well as short ones; or `refused`, the reason if nothing can be tracked.
     """
     cv2.setNumThreads(1)  # DIS splits the image by thread
-    seed, view = job.seed, view_of(job.sensor)
+    seed, view = job.seed, middle_view(job.sensor)
     marks, drawing = PatternDots.from_record(view, job.recipe.as_record()), geometry(view)[0]
     picture = FrameRenderer.printed(drawing, job.rig.virtual, job.recipe, seed)
     noise = FrameRenderer.noise(seed, "")
-    there = dragged(view, seed)
+    drag = drag_frames(view, seed)
     rest = picture.expose(drawing.material_px(None), noise)
-    truths = [frame.truth for frame in (*there, *there[-2::-1])]
-    images = [picture.expose(frame.at_px, noise) for frame in (*there, *there[-2::-1])]
+    truths = [frame.truth for frame in (*drag, *drag[-2::-1])]
+    images = [picture.expose(frame.at_px, noise) for frame in (*drag, *drag[-2::-1])]
     try:
-        whole = _followed(marks, rest, images, truths)[0]
+        figures = _track_frames(marks, rest, images, truths)[0]
         last_mm = {
-            stride: _followed(marks, rest, images[stride - 1 : OUTWARD : stride],
-                              truths[stride - 1 : OUTWARD : stride])[1]
-            for stride in strides(OUTWARD)
+            stride: _track_frames(marks, rest, images[stride - 1 : DRAG_STEPS : stride],
+                              truths[stride - 1 : DRAG_STEPS : stride])[1]
+            for stride in strides(DRAG_STEPS)
         }  # fmt: skip
-    except SensorError as why:  # no texture anywhere
-        return {"refused": str(why)}
+    except SensorError as error:  # no texture anywhere
+        return {"refused": str(error)}
     return {
-        "error_mm": whole["mean_off_dots_mm"],
-        "coverage": whole["coverage"],
-        "bridged_mm": STEP_MM * bridged(last_mm),
+        "error_mm": figures["mean_off_dots_mm"],
+        "coverage": figures["coverage"],
+        "bridged_mm": DRAG_STEP_MM * longest_bridged(last_mm),
     }
 
 
-def _followed(
+def _track_frames(
     marks: PatternDots, rest: Image, images: Sequence[Image], truths: Sequence[TrueFrame]
 ) -> tuple[dict[str, Any], float]:
-    """Figures of all frames, and the mean error of the last one, mm."""
-    follower = Follower(TrackingPlan((TRACKER,), False, ()), marks)
+    """Return figures of all frames, and the mean error of the last one, mm."""
+    follower = Follower(TrackingPlan((SEARCH_TRACKER,), False, ()), marks)
     follower.track(rest, None)
-    said = [follower.track(*frame) for frame in zip(images, truths, strict=True)]
-    return follower.tallies[TRACKER].figures(), said[-1][TRACKER]["mean_off_dots_mm"]
+    estimates = [follower.track(*frame) for frame in zip(images, truths, strict=True)]
+    last = estimates[-1][SEARCH_TRACKER]
+    return follower.tallies[SEARCH_TRACKER].figures(), last["mean_off_dots_mm"]
 
 
 def strides(n: int) -> list[int]:
-    """Frames a step, so that every way ends at the last one of n."""
+    """Strides, in frames, that end at the last of n frames."""
     return [stride for stride in range(1, n + 1) if n % stride == 0]
 
 
-def bridged(errors: dict[int, float]) -> int:
-    """The longest stride up to which the error stays within MAX_LOSS of that at stride 1."""
+def longest_bridged(errors: dict[int, float]) -> int:
+    """Longest stride with an error within MAX_ERROR_RATIO of that at stride 1."""
     longest = 1
     for stride in sorted(errors):
-        if errors[stride] > MAX_LOSS * errors[1]:
+        if errors[stride] > MAX_ERROR_RATIO * errors[1]:
             break
         longest = stride
     return longest

@@ -1,9 +1,9 @@
 """`study run shapes`: the paper's Shape Reconstruction and its figure of the force distribution.
 
-Sphere, cylinder, ring and toy hat, pressed on the virtual rig: the paper's gallery, the depth's
-error against truth, and the force field of a sheared press. `analyze shape` draws a recorded run.
-First the calibrations, of depth by a press of a ball, of force by that ball at three places; then
-the objects, none of which is that ball, and the ball of the twist.
+Sphere, cylinder, ring and toy hat, pressed on the virtual rig: the paper's gallery, depth errors,
+and the force field of a sheared press. `analyze shape` plots a recorded run. First calibrations of
+depth (a press of a ball) and of force (that ball at three places); then the objects, none of which
+is that ball, and the ball of the twist.
 """
 
 from __future__ import annotations
@@ -28,123 +28,123 @@ from deltact_fab.present import (
 
 from . import press_jobs as jobs
 from .intervals import Scale, headline, mean, rmse
-from .registry import StudyRequest, modulus_remark, share_of
-from .scene import PressScene, left_out
+from .registry import StudyRequest, modulus_remark, parse_scale
+from .scene import PressScene, collect_left_out
 
-OBJECTS = ("shapes", "shapes-hat")
+OBJECT_SETS = ("shapes", "shapes-hat")
 """Protocols of the four objects."""
-BALL, FORCE, TWIST = "ball-press", "force-calibration-small", "twist"
+BALL_PRESS, FORCE_SMALL, TWIST_PRESS = "ball-press", "force-calibration-small", "twist"
+ALL_SETS = (*OBJECT_SETS, BALL_PRESS, FORCE_SMALL, TWIST_PRESS)
 FORCE_INDENTER = "sphere:10"
-"""Of the calibration of force: the one that calibrates the depth, and no object is."""
+"""Indenter of the force calibration; as for depth, and none of the objects."""
 FORCE_MODEL = "inverse-placed"
-"""Which `calibrate force` takes on every run so far (docs/decisions/0026), and which says where."""
+"""Chosen by `calibrate force` on every run so far (decision 0026); it gives a force field."""
 NINE_D_TACT = (
-    "9DTact gives 0.0462 mm for one ball (arXiv 2308.14277): another sensor, a real one, and "
-    "another experiment"
+    "9DTact reports 0.0462 mm for one ball (arXiv 2308.14277): another, real sensor and another "
+    "experiment"
 )
-GOAL_N = 0.2
-GOAL_FIELD = 0.3
-"""Of the peak pressure, in the mean over the contact."""
-MEANS = (
+SHAPES_GOAL_N = 0.2  # decision 0038: as in the force calibration
+PRESSURE_GOAL = 0.3  # by hand: mean error over the contact, relative to the peak pressure
+MEAN_COLUMNS = (
     "depth_error_contact_mm", "depth_error_face_mm", "true_peak_depth_mm", "peak_depth_mm",
     "true_area_mm2", "area_mm2", "contact_iou", "normal_n", "found_normal_n", "true_peak_kpa",
     "peak_kpa",
 )  # fmt: skip
-"""Of the table, where they are known."""
-NOTES = (
-    "The paper shows these shapes and gives no number for them, so there is none to stand beside; "
-    "nor does it give a size, a place or a depth.",
-    "The paper's Gaussian density tells outlines, edges and steps: at edges the pattern crowds, on "
-    "a flat face it hardly changes. Off the axis parallax shifts what presses, so the density "
-    "crowds on one side and spreads on the other. It is no map of the depth.",
+"""Columns of the table, if known."""
+SHAPES_NOTES = (
+    "The paper shows these shapes without numbers to compare with, and without sizes, places or "
+    "depths.",
+    "The paper's Gaussian density shows outlines, edges and steps: the pattern is compressed at "
+    "edges and hardly changes on a flat face. Off the axis, parallax shifts the pressed area, so "
+    "the density rises on one side and falls on the other. It is not a depth map.",
 )
 NO_TURN = (
-    "A stage of three axes does not turn: the twist is a ball sheared far from the centre, which "
-    "gives torque about the face's middle; a turn about the ball's own axis would show as a whirl."
+    "A three-axis stage cannot rotate: the twist is a ball sheared far from the centre, a torque "
+    "about the face's middle; a rotation about the ball's own axis would show as a vortex."
 )
 
 
-def run(asked: StudyRequest) -> StudyResult:
-    """The study, calibrations first. Raises InputError, RunFailed."""
-    of = scene(asked)
-    of.solve_gels(asked)
-    ball = of.presses(BALL)[0]
-    depth_job = of.job("depth", BALL, ball, jobs.depth_calibration_job, jobs.PressJob)
+def run(request: StudyRequest) -> StudyResult:
+    """Run the study, calibrations first. Raises InputError, RunFailed."""
+    scene = load_scene(request)
+    scene.solve_gels(request)
+    ball = scene.presses(BALL_PRESS)[0]
+    depth_job = scene.job("depth", BALL_PRESS, ball, jobs.depth_calibration_job, jobs.PressJob)
     work, kind, features = jobs.force_points_job, jobs.ForcePointsJob, (FORCE_MODEL,)
     force_jobs = [
-        of.job(f"force {press}", FORCE, press, work, kind, features=features)
-        for press in of.presses(FORCE)
+        scene.job(f"force {press}", FORCE_SMALL, press, work, kind, features=features)
+        for press in scene.presses(FORCE_SMALL)
     ]
-    first = asked.solve([depth_job, *force_jobs])
+    first = request.solve([depth_job, *force_jobs])
     depth, points = first[depth_job.name], [first[job.name] for job in force_jobs]
     parts = [value["points"] for value in points]
-    data = gather_points(parts, [FORCE_MODEL], of.view(FORCE), FORCE)
-    model, errors = fit_model(data, FORCE_MODEL, of.seed)
-    force = of.calibration(FORCE, model, errors)
+    data = gather_points(parts, [FORCE_MODEL], scene.view(FORCE_SMALL), FORCE_SMALL)
+    model, errors = fit_model(data, FORCE_MODEL, scene.seed)
+    force = scene.calibration(FORCE_SMALL, model, errors)
     texts = {"depth": depth["toml"], "force": force.toml("")}
     shape_jobs = [
-        (name, of.job(f"{name} {press}", name, press, jobs.shape_job, jobs.ShapeJob, **texts))
-        for name in (*OBJECTS, TWIST)
-        for press in of.presses(name)
+        (name, scene.job(f"{name} {press}", name, press, jobs.shape_job, jobs.ShapeJob, **texts))
+        for name in (*OBJECT_SETS, TWIST_PRESS)
+        for press in scene.presses(name)
     ]
-    found = asked.solve([job for _, job in shape_jobs]).found
-    done = [(name, job.name) for name, job in shape_jobs if job.name in found]
-    objects = {job: found[job]["shape"] for name, job in done if name != TWIST}
-    twist = next((found[job]["shape"] for name, job in done if name == TWIST), None)
+    shapes = request.solve([job for _, job in shape_jobs]).results
+    finished = [(name, job.name) for name, job in shape_jobs if job.name in shapes]
+    objects = {job: shapes[job]["shape"] for name, job in finished if name != TWIST_PRESS}
+    twist = next((shapes[job]["shape"] for name, job in finished if name == TWIST_PRESS), None)
     pictures = PressShape.deepest_maps(objects.values())
-    gel = [depth, *points, *found.values()]
-    modulus_mpa = of.protocols[BALL].specimen.modulus_mpa
-    return result(
+    gel = [depth, *points, *shapes.values()]
+    modulus_mpa = scene.protocols[BALL_PRESS].specimen.modulus_mpa
+    return build_result(
         objects,
         pictures,
         next((p for p in (twist and twist.twisted, *pictures) if p and p.tractions), None),
-        f"simulated on {of.rig_name}, seed {asked.seed}",
+        f"simulated on {scene.rig_name}, seed {request.seed}",
         errors.get("normal", {}).get("rmse_left_out_position_n"),
         (depth["line"], NO_TURN, modulus_remark(modulus_mpa)),
         simulated=True,
-        seed=asked.seed,
-        scale=share_of(asked.scale),
-        settings=settings(of, gel),
-        left_out=left_out(gel),
+        seed=request.seed,
+        scale=parse_scale(request.scale),
+        settings=settings(scene, gel),
+        left_out=collect_left_out(gel),
         more={"twist": twist.rows if twist else []},
     )
 
 
-def scene(asked: StudyRequest) -> PressScene:
-    """The scene that was asked for. Raises InputError, one line, for one that cannot be used."""
-    scale = share_of(asked.scale)
-    loaded = {name: load_protocol(name) for name in (*OBJECTS, BALL, FORCE, TWIST)}
-    changed: dict[str, dict[str, Any]] = {FORCE: {"indenters": [FORCE_INDENTER]}}
-    for name in (*OBJECTS, TWIST):
+def load_scene(request: StudyRequest) -> PressScene:
+    """Load the requested scene. Raises InputError, one line, for an unusable one."""
+    scale = parse_scale(request.scale)
+    loaded = {name: load_protocol(name) for name in ALL_SETS}
+    changed: dict[str, dict[str, Any]] = {FORCE_SMALL: {"indenters": [FORCE_INDENTER]}}
+    for name in (*OBJECT_SETS, TWIST_PRESS):
         places = loaded[name][0].positions_mm
-        kept = 1 if name == TWIST else max(1, round(scale * len(places)))
-        changed[name] = {"positions_mm": places[:kept]}
-    thinned = {
+        count = 1 if name == TWIST_PRESS else max(1, round(scale * len(places)))
+        changed[name] = {"positions_mm": places[:count]}
+    protocols = {
         name: (
             Protocol.model_validate(protocol.model_dump(mode="json") | changed.get(name, {})),
             source,
         )
         for name, (protocol, source) in loaded.items()
     }
-    return PressScene.of(asked, thinned)
+    return PressScene.load(request, protocols)
 
 
-def settings(of: PressScene, gel: Sequence[Mapping[str, Any]]) -> dict[str, str]:
-    """What the presses were made with, as a reader is shown it."""
-    box = of.rig.stage
-    first, hat, ball, force, twist = (of.protocols[name] for name in (*OBJECTS, BALL, FORCE, TWIST))
-    at = ", ".join(f"({x:g}, {y:g})" for x, y in twist.positions_mm)
+def settings(scene: PressScene, gel: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """Settings of the presses in words."""
+    box = scene.rig.stage
+    first, hat, ball, force, twist = (scene.protocols[name] for name in ALL_SETS)
+    places = ", ".join(f"({x:g}, {y:g})" for x, y in twist.positions_mm)
     return {
         "objects": "; ".join(f"{', '.join(p.indenters)} to {_depths(p)} mm" for p in (first, hat)),
         "places": f"{'; '.join(f'({x:g}, {y:g})' for x, y in first.positions_mm)} mm",
-        "depth calibrated on": f"{ball.indenters[0]} at {_depths(ball)} mm (protocol {BALL})",
+        "depth calibrated on": f"{ball.indenters[0]} at {_depths(ball)} mm (protocol {BALL_PRESS})",
         "force calibrated on": f"{', '.join(force.indenters)} at {len(force.positions_mm)} places, "
-        f"{RunEstimate.from_protocol(force, 0, box).settled} settled points (of {FORCE}); "
+        f"{RunEstimate.from_protocol(force, 0, box).settled} settled points (of {FORCE_SMALL}); "
         f"model {FORCE_MODEL}",
-        "twist": f"{twist.indenters[0]} at {at} mm, sheared around a grid",
+        "twist": f"{twist.indenters[0]} at {places} mm, sheared around a grid",
         "frames": f"the tip at most "
         f"{RunEstimate.from_protocol(first, 0, box).between_frames_mm:.2g} mm further in each",
-        **of.settings(gel),
+        **scene.settings(gel),
     }
 
 
@@ -152,17 +152,17 @@ def _depths(protocol: Protocol) -> str:
     return ", ".join(f"{depth:g}" for depth in protocol.depths_mm)
 
 
-def result(
+def build_result(
     presses: Mapping[str, PressShape], pictures: Sequence[ShapeMaps], field: ShapeMaps | None,
-    note: str, left_out_n: float | None = None, notes: tuple[str, ...] = (), **made: Any,
+    note: str, left_out_n: float | None = None, notes: tuple[str, ...] = (), **metadata: Any,
 ) -> StudyResult:  # fmt: skip
-    """presses: by name. pictures: of the gallery. field: a frame with a traction, None for none.
+    """Build the result. presses: by name. pictures: of the gallery. field: a frame with tractions.
 
-    note: where they are from, over the figures. left_out_n: error of the calibration of force on a
-    place left out. made: seed, settings and whatever else only their maker knows.
+    note: origin, above the figures. left_out_n: error of the force calibration on a place left out,
+    N. metadata: seed, settings and further fields.
     """
-    frames = frame_of(presses)
-    ways = sorted({seen.contact_by for seen in presses.values() if seen.contact_by})
+    frames = settled_frames(presses)
+    sources = sorted({shape.contact_by for shape in presses.values() if shape.contact_by})
     return StudyResult(
         study="shapes",
         title="Shapes and force distribution",
@@ -170,151 +170,150 @@ def result(
         tables=(
             ReportTable(
                 "shapes-by-object",
-                "By object and depth. Means over the places at which each object was pressed. "
-                "Contact: where the true depth or pressure says so, and what was found; iou: what "
-                "both have of it, of all that either has.",
+                "By object and depth. Means over the places of each object. Contact: true (from "
+                "depth or pressure) and measured; iou: intersection over union of both.",
                 by_object(frames),
             ),
         ),
-        figures=drawn(pictures, field, note),
-        notes=(*NOTES, *notes),
-        more={
+        figures=build_figures(pictures, field, note),
+        notes=(*SHAPES_NOTES, *notes),
+        extra={
             "frames": ReportTable("frames", "", frames).records,
-            "contact_by": ways,
-            **made.pop("more", {}),
+            "contact_by": sources,
+            **metadata.pop("more", {}),
         },
-        **made,
+        **metadata,
     )  # fmt: skip
 
 
-def frame_of(presses: Mapping[str, PressShape]) -> pd.DataFrame:
-    """A row a settled frame that presses; columns as the rows of `PressShape`, and `job`."""
+def settled_frames(presses: Mapping[str, PressShape]) -> pd.DataFrame:
+    """Table of settled frames in contact; columns as the rows of `PressShape`, and `job`."""
     rows = [
         {"job": job, **row}
-        for job, seen in presses.items()
-        for row in seen.rows
+        for job, shape in presses.items()
+        for row in shape.rows
         if row["tip_depth_mm"] > 0
     ]
     return pd.DataFrame(rows).dropna(axis="columns", how="all")
 
 
 def by_object(frames: pd.DataFrame) -> pd.DataFrame:
-    """Means over the places of each object at each depth, before any shear, of what is known."""
-    own = frames[frames["kind"] != "shear"]
-    own = own.assign(tip_depth_mm=own["tip_depth_mm"].round(2))
-    grouped = own.groupby(["indenter", "tip_depth_mm"], sort=False)
-    table = grouped[[name for name in MEANS if name in frames]].mean()
+    """Means over places per object and depth, before any shear, of known values."""
+    presses = frames[frames["kind"] != "shear"]
+    presses = presses.assign(tip_depth_mm=presses["tip_depth_mm"].round(2))
+    grouped = presses.groupby(["indenter", "tip_depth_mm"], sort=False)
+    table = grouped[[name for name in MEAN_COLUMNS if name in frames]].mean()
     table.insert(0, "places", grouped["job"].nunique())
     return table.reset_index()
 
 
 def headlines(frames: pd.DataFrame, left_out_n: float | None = None) -> tuple[Headline, ...]:
-    """Intervals are over objects, which differ more than their places; of one over its places."""
-    found: list[Headline] = []
+    """Headlines; intervals over objects, which differ most, or the places of one object."""
+    heads: list[Headline] = []
     if "depth_error_contact_mm" in frames:
-        found += _depth(frames.dropna(subset=["depth_error_contact_mm"]))
+        heads += _depth_heads(frames.dropna(subset=["depth_error_contact_mm"]))
     if {"found_normal_n", "normal_n"} <= set(frames.columns):
-        found += _force(frames.dropna(subset=["found_normal_n", "normal_n"]), left_out_n)
+        heads += _force_heads(frames.dropna(subset=["found_normal_n", "normal_n"]), left_out_n)
     if "pressure_error" in frames:
-        both = frames.dropna(subset=["pressure_error"])
-        share = (both["peak_kpa"] / both["true_peak_kpa"]).groupby(both["indenter"]).mean()
+        part = frames.dropna(subset=["pressure_error"])
+        share = (part["peak_kpa"] / part["true_peak_kpa"]).groupby(part["indenter"]).mean()
         remark = (
-            f"cells of 1 mm round edges off: the peak found is {share.min():.2f} of the true one "
-            f"with {share.idxmin()}, {share.max():.2f} with {share.idxmax()}, so where edges press "
-            "hard this share is too favourable"
+            f"cells of 1 mm smooth edges: the measured peak is {share.min():.2f} of the true one "
+            f"for {share.idxmin()}, {share.max():.2f} for {share.idxmax()}, so at hard edges the "
+            "error is underestimated"
         )
-        what = "pressure field, mean error over the contact, of its peak"
-        found.append(_mean(what, "", both, "pressure_error", goal=GOAL_FIELD, remark=remark))
-    return tuple(found)
+        label = "pressure field, mean error over the contact, relative to its peak"
+        heads += [_mean_head(label, "", part, "pressure_error", goal=PRESSURE_GOAL, remark=remark)]
+    return tuple(heads)
 
 
-def _depth(known: pd.DataFrame) -> list[Headline]:
-    zero, own = known["zero_error_contact_mm"].mean(), known["depth_correlation"].mean()
-    what = "depth over the contact, mean error"
+def _depth_heads(frames: pd.DataFrame) -> list[Headline]:
+    zero, correlation = frames["zero_error_contact_mm"].mean(), frames["depth_correlation"].mean()
+    label = "depth over the contact, mean error"
     return [
-        _mean(
-            what, "mm", known, "depth_error_contact_mm",
+        _mean_head(
+            label, "mm", frames, "depth_error_contact_mm",
             goal=ShapeResult.GOALS["depth_error_contact_mm"],
-            remark=f"predicting zero everywhere gives {zero:.2f} mm", told=True,
+            remark=f"baseline (zero depth): {zero:.2f} mm", told=True,
         ),
-        _mean(
-            "depth over the face, mean error", "mm", known, "depth_error_face_mm", told=True,
+        _mean_head(
+            "depth over the face, mean error", "mm", frames, "depth_error_face_mm", told=True,
             goal=ShapeResult.GOALS["depth_error_face_mm"],
-            remark="most of a face is not pressed, so this figure is favourable",
+            remark="optimistic, since most of a face is not pressed",
         ),
         *(
-            _mean(f"{name}: {what}", "mm", part, "depth_error_contact_mm",
+            _mean_head(f"{name}: {label}", "mm", part, "depth_error_contact_mm",
                   remark=NINE_D_TACT if str(name).startswith("sphere:") else "")
-            for name, part in known.groupby("indenter", sort=False)
+            for name, part in frames.groupby("indenter", sort=False)
         ),
-        _mean(
+        _mean_head(
             "the paper's density: correlation with the true depth", "",
-            known.dropna(subset=["relative_correlation"]), "relative_correlation",
-            scale="correlation", better="high", remark=f"of our depth: {own:.2f}", told=True,
+            frames.dropna(subset=["relative_correlation"]), "relative_correlation",
+            scale="correlation", better="high", remark=f"our depth: {correlation:.2f}", told=True,
         ),
     ]  # fmt: skip
 
 
-def _force(frames: pd.DataFrame, left_out_n: float | None) -> list[Headline]:
-    """Error of the normal force, apart where a calibration, of force or depth, does not reach."""
-    remark = "" if left_out_n is None else f"{left_out_n:.2f} N on a place of its ball left out; "
-    found = []
+def _force_heads(frames: pd.DataFrame, left_out_n: float | None) -> list[Headline]:
+    """Headlines of the normal force error, within the calibrations and extrapolated."""
+    remark = "" if left_out_n is None else f"{left_out_n:.2f} N on a left-out place of its ball; "
+    heads = []
     outside = frames["force_extrapolated"].astype(bool) | frames["extrapolated"].astype(bool)
-    for beyond, part in frames.groupby(outside):
-        off, true = part["found_normal_n"] - part["normal_n"], part["normal_n"]
-        found.append(
+    for outer, part in frames.groupby(outside):
+        error, true = part["found_normal_n"] - part["normal_n"], part["normal_n"]
+        heads.append(
             headline(
-                f"normal force {'beyond' if beyond else 'within'} the calibrations, RMSE", "N",
-                rmse(off, *_groups(part)), goal=None if beyond else GOAL_N,
-                remark=f"{'' if beyond else remark}forces of {true.min():.1f} to {true.max():.1f} "
-                f"N; mean error {100 * (off / true).mean():+.0f} %", told=not beyond,
+                f"normal force {'beyond' if outer else 'within'} the calibrations, RMSE", "N",
+                rmse(error, *_groups(part)), goal=None if outer else SHAPES_GOAL_N,
+                remark=f"{'' if outer else remark}forces of {true.min():.1f} to {true.max():.1f} "
+                f"N; mean error {100 * (error / true).mean():+.0f} %", told=not outer,
             )
         )  # fmt: skip
-    return found
+    return heads
 
 
-def _mean(
-    what: str, unit: str, rows: pd.DataFrame, column: str, scale: Scale = "positive", **more: Any
+def _mean_head(
+    label: str, unit: str, rows: pd.DataFrame, column: str, scale: Scale = "positive", **fields: Any
 ) -> Headline:
-    return headline(what, unit, mean(rows[column], *_groups(rows), scale), **more)
+    return headline(label, unit, mean(rows[column], *_groups(rows), scale), **fields)
 
 
 def _groups(rows: pd.DataFrame) -> tuple[list[str], str]:
-    """What errs together in frames, and what it is called."""
-    by, each = ("indenter", "object") if rows["indenter"].nunique() > 1 else ("job", "place")
-    return list(rows[by]), each
+    """Groups of frames with correlated errors, and their noun."""
+    column, noun = ("indenter", "object") if rows["indenter"].nunique() > 1 else ("job", "place")
+    return list(rows[column]), noun
 
 
-def drawn(
+def build_figures(
     pictures: Sequence[ShapeMaps], field: ShapeMaps | None, note: str
 ) -> tuple[ReportFigure, ...]:
-    """The gallery, the depth against truth where there is one, forces where there is a field."""
-    found = []
+    """Figures: the gallery; depth against truth and forces, if known."""
+    charts = []
     if pictures:
-        found.append(
+        charts.append(
             ReportFigure(
                 "shapes-gallery",
-                "The paper's gallery: object; camera image with the flow; Gaussian density of 3 px "
-                "as a hot map, redder where it is deeper; the face, deepest upwards.",
+                "The paper's gallery: object; camera image with flow; Gaussian density (3 px), red "
+                "for deeper; measured face, deepest upwards.",
                 partial(plot_gallery, pictures, note),
             )
         )
     if any(picture.true_depth_mm is not None for picture in pictures):
-        found.append(
+        charts.append(
             ReportFigure(
                 "shapes-depth-error",
-                "Above: sections through the tip. Below: measured less true depth; black the "
-                "contact found, dashed the true one.",
+                "Above: sections through the tip. Below: measured minus true depth; contact "
+                "measured (black) and true (dashed).",
                 partial(plot_depth_against_truth, pictures, note),
             )
         )
     if field is not None:
-        found.append(
+        charts.append(
             ReportFigure(
                 "force-distribution",
-                "The paper's force distribution: flow, normal force and shear, with the contact in "
-                "white, and below what is true where that is known.",
+                "The paper's force distribution: flow, normal force and shear, contact in white; "
+                "below: true values, if known.",
                 partial(plot_distribution, field, note),
             )
         )
-    return tuple(found)
+    return tuple(charts)

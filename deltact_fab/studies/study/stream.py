@@ -1,9 +1,9 @@
-"""Frames of one press as a stream: drawn, used, and dropped, with no record of them.
+"""Frames of one press as a stream: rendered, used and dropped without a record.
 
-Geometry and truth of a frame are found once, whatever number of patterns is printed on the gel:
-a pattern costs its print once, and a frame of it what the camera does to it. The images are those
-that the virtual rig would record, but for where a real controller's ramps put the tip (a few
-micrometres); `Look`s taken from a record give its very bytes.
+Geometry and truth of a frame are computed once for all patterns; a pattern adds its print once and
+the camera model per frame. The images equal those recorded by the virtual rig except for the tip
+position on a real controller's ramps (a few micrometres); moments taken from a record reproduce its
+images exactly.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ from deltact_fab.simulate import (
 
 
 @dataclass(frozen=True)
-class Look:
-    """When a frame is taken: `fraction` of the way from knot a to knot b of the press; 0 is rest.
+class FrameMoment:
+    """Moment of a frame: `fraction` from knot a to knot b of the press; knot 0 is rest.
 
-    tip_mm: where the tip is, sensor frame. step: the protocol's, by its id.
+    tip_mm: tip position, sensor frame. step: id of the protocol's step.
     """
 
     step: str
@@ -50,21 +50,21 @@ class Look:
 
 @dataclass(frozen=True)
 class FaceFrame:
-    """One moment of the face, before any pattern is on it.
+    """Face at one moment, independent of the pattern.
 
-    at_px: (h + 2, w + 2, 2), what each pixel sees, for `FrameRenderer.expose`. displacement_mm:
-    (ny, nx, 3) on the lattice, None at rest. true: None of the first frame, the reference.
+    at_px: (h + 2, w + 2, 2), face point of each pixel, for `FrameRenderer.expose`. displacement_mm:
+    (ny, nx, 3) on the lattice, None at rest. true: None for the first frame, the reference.
     """
 
     number: int
-    look: Look
+    moment: FrameMoment
     at_px: NDArray[np.float32]
     displacement_mm: Field | None
     true: TrueFrame | None
 
 
 class PressStream:
-    """One press of a protocol on a virtual rig, its gel solved or found, frame by frame."""
+    """Frames of one press of a protocol on a virtual rig, its gel solved or from the store."""
 
     def __init__(
         self,
@@ -86,56 +86,56 @@ class PressStream:
         self.solver.solve_all()
         kind = VirtualKind(config, source)
         view, self._flat = kind.camera(protocol, sensor), kind.flat(protocol)
-        assert view is not None, "a protocol that is drawn asks for images"
+        assert view is not None, "the protocol has images"
         self.view: Pinhole | Rectified = view
         self._crop = crop_lattice(config, sensor, self.solver.axes_mm)
         lattice = self._crop.lattice
         self.geometry, lens = picture_geometry(config, sensor, view, lattice)
-        self.seen = SeenFace(view, lattice, lens)
+        self.face = SeenFace(view, lattice, lens)
         self._knot: list[tuple[int, NDArray[Any]]] = [(-1, np.zeros(0))] * 2
 
     @cached_property
-    def looks(self) -> list[Look]:
-        """The moments of the protocol's frames."""
-        return looks(self.protocol, self.path, self.increments)
+    def moments(self) -> list[FrameMoment]:
+        """Moments of the protocol's frames."""
+        return frame_moments(self.protocol, self.path, self.increments)
 
-    def frames(self, looks: Iterable[Look] | None = None) -> Iterator[FaceFrame]:
-        """Each moment of the face, one after the other; looks: None for the protocol's own.
+    def frames(self, chosen: Iterable[FrameMoment] | None = None) -> Iterator[FaceFrame]:
+        """Iterate over moments of the face. chosen: None for the protocol's.
 
-        Raises SolverError where a pixel would see no point of the surface.
+        Raises SolverError if a pixel sees no point of the surface.
         """
         in_view = TrueFrame.imaged_pixels(self.view)
-        still = np.zeros((*in_view.shape, 2))
-        for number, look in enumerate(self.looks if looks is None else looks):
+        zeros = np.zeros((*in_view.shape, 2))
+        for number, moment in enumerate(self.moments if chosen is None else chosen):
             u_mm = None
-            if look.a or look.b:  # as the rig's scene has it: linear between knots, of 32 bits each
-                first = self._field(look.a).astype(float)
+            if moment.a or moment.b:  # linear between knots of float32, as in the rig's scene
+                first = self._field(moment.a).astype(float)
                 u_mm = np.asarray(
-                    first + look.fraction * (self._field(look.b).astype(float) - first)
+                    first + moment.fraction * (self._field(moment.b).astype(float) - first)
                 )
             true = None
             if number:
-                flow, in_plane = (still, still) if u_mm is None else self.seen.motion(u_mm)
+                flow, in_plane = (zeros, zeros) if u_mm is None else self.face.motion(u_mm)
                 true = TrueFrame.from_flow(flow, in_plane, in_view, self.view.mm_per_px)
-            yield FaceFrame(number, look, self.geometry.material_px(u_mm), u_mm, true)
+            yield FaceFrame(number, moment, self.geometry.material_px(u_mm), u_mm, true)
 
     def picture(self, recipe: PatternRecipe, seed: int) -> FrameRenderer:
-        """The gel with that pattern printed on it, as the rig's own run with that seed has it."""
+        """Renderer of the gel with a printed pattern, as in a run of the rig with that seed."""
         return FrameRenderer.printed(self.geometry, self.config.virtual, recipe, seed)
 
     def noise(self, seed: int) -> np.random.Generator:
-        """What `FrameRenderer.expose` takes, one generator a pattern, from the first frame on."""
+        """Noise generator for `FrameRenderer.expose`; one per pattern, from the first frame on."""
         return FrameRenderer.noise(seed, self.press)
 
-    def tracked(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """An image as trackers take it: rectified where the rig has a lens."""
+    def tracker_image(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Image for the tracker: rectified if the rig has a lens."""
         if not isinstance(self.view, Rectified):
             return image
-        seen = np.asarray(self.view.rectify(image), np.uint8)
-        return seen if self._light is None else self._light.apply(seen)
+        rectified = np.asarray(self.view.rectify(image), np.uint8)
+        return rectified if self._light is None else self._light.apply(rectified)
 
     def marks(self, recipe: PatternRecipe) -> PatternDots:
-        """The pattern's dots before this camera."""
+        """Dots of the pattern in this camera's view."""
         return PatternDots.from_record(self.view, recipe.as_record())
 
     @cached_property
@@ -143,7 +143,7 @@ class PressStream:
         return None if self._flat is None else self._flat.for_view(self.view)
 
     def _field(self, knot: int) -> NDArray[Any]:
-        """Displacement (ny, nx, 3) of a knot on the cut lattice; the last two are kept."""
+        """Displacement (ny, nx, 3), mm, of a knot on the cropped lattice; caches the last two."""
         for number, field in self._knot:
             if number == knot:
                 return field
@@ -151,49 +151,49 @@ class PressStream:
             lattice = self._crop.lattice
             field = np.zeros((lattice.ny, lattice.nx, 3), np.float32)
         else:
-            whole = self.solver.knots[knot - 1].displacement_mm
-            if whole is None:
+            full_field = self.solver.knots[knot - 1].displacement_mm
+            if full_field is None:
                 raise SolverError(f"{self.press}: knot {knot} has no displacement of the face")
-            field = self._crop(whole)
+            field = self._crop(full_field)
         self._knot = [self._knot[1], (knot, field)]
         return field
 
 
-def looks(protocol: Protocol, path: PressPath, increments: Increments) -> list[Look]:
-    """The moments of a press's frames: evenly over each filmed line, the last one at its end.
+def frame_moments(protocol: Protocol, path: PressPath, increments: Increments) -> list[FrameMoment]:
+    """Moments of a press's frames: evenly over each filmed line, the last at its end.
 
-    Not for a gel that creeps: a rest has a knot of its own there.
+    Not for a gel that creeps, whose rests have their own knots.
     """
-    found: list[Look] = []
-    here, knot = (*path.at_mm, protocol.motion.clearance_mm), 0
+    moments: list[FrameMoment] = []
+    position_mm, knot = (*path.at_mm, protocol.motion.clearance_mm), 0
     for step in expand_protocol(protocol):
         if step.press != path.press:
             continue
-        start, here = here, step.target_mm
+        start, position_mm = position_mm, step.target_mm
         if step.kind == "hold":
-            found += [Look(step.id, knot, knot, 0.0, here)] * step.frames
+            moments += [FrameMoment(step.id, knot, knot, 0.0, position_mm)] * step.frames
             continue
-        if here[2] > -CONTACT_EPS_MM and not (step.kind == "retract" and step.frames):
+        if position_mm[2] > -CONTACT_EPS_MM and not (step.kind == "retract" and step.frames):
             knot = 0
-            found += [Look(step.id, 0, 0, 0.0, here)] * step.frames
+            moments += [FrameMoment(step.id, 0, 0, 0.0, position_mm)] * step.frames
             continue
-        at, where = increments.divide(start, here)
+        splits, tips_mm = increments.divide(start, position_mm)
         numbers = [knot]
-        for tip in where[1:]:
+        for tip in tips_mm[1:]:
             knot = knot + 1 if tip[2] < 0 else 0
             numbers.append(knot)
-        found += [_between(step, start, at, numbers, k) for k in range(1, step.frames + 1)]
-    return found
+        moments += [_moment_at(step, start, splits, numbers, k) for k in range(1, step.frames + 1)]
+    return moments
 
 
-def _between(
-    step: Step, start: tuple[float, ...], at: list[float], numbers: list[int], k: int
-) -> Look:
-    """The k-th frame of a line with knots `numbers` at its fractions `at`."""
-    done = k / step.frames
+def _moment_at(
+    step: Step, start: tuple[float, ...], splits: list[float], numbers: list[int], k: int
+) -> FrameMoment:
+    """Moment of the k-th frame of a line with knots `numbers` at its fractions `splits`."""
+    progress = k / step.frames
     i = 0
-    while i + 2 < len(at) and at[i + 1] <= done:
+    while i + 2 < len(splits) and splits[i + 1] <= progress:
         i += 1
-    part = min(max((done - at[i]) / (at[i + 1] - at[i]), 0.0), 1.0)
-    x, y, z = (p + done * (q - p) for p, q in zip(start, step.target_mm, strict=True))
-    return Look(step.id, numbers[i], numbers[i + 1], part, (x, y, z))
+    part = min(max((progress - splits[i]) / (splits[i + 1] - splits[i]), 0.0), 1.0)
+    x, y, z = (p + progress * (q - p) for p, q in zip(start, step.target_mm, strict=True))
+    return FrameMoment(step.id, numbers[i], numbers[i + 1], part, (x, y, z))

@@ -147,7 +147,7 @@ def checked(tab: Page, out_of_sight: Callable[[Page], list[str]]) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_page_of_each_kind_can_be_read_everywhere(
+def test_every_page_is_readable_everywhere(
     kind: str,
     opened: Callable[..., Page],
     pages: Callable[[str], Path],
@@ -189,7 +189,7 @@ def image(tab: Page) -> int:
     return int(words[words.index("image", words.index("age")) + 1])
 
 
-def test_the_live_page_is_drawn_obeys_its_buttons_and_several_may_look(
+def test_live_page_buttons_and_several_viewers(
     live_url: str, opened: Callable[..., Page], out_of_sight: Callable[[Page], list[str]]
 ) -> None:
     tab = opened(live_url)

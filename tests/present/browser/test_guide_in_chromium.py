@@ -39,7 +39,7 @@ def view(tab: Page) -> NDArray[np.uint8]:
     return np.asarray(image, np.uint8)
 
 
-def test_every_picture_is_drawn_and_the_model_turns(
+def test_pictures_render_and_model_rotates(
     opened: Callable[..., Page], pages: Callable[[str], Path]
 ) -> None:
     tab = opened(pages("guide").as_uri(), 1100)
@@ -68,7 +68,7 @@ def test_every_picture_is_drawn_and_the_model_turns(
     assert np.mean(np.any(view(tab) != seen, axis=2)) > 0.01
 
 
-def test_without_webgl_a_picture_stands_where_the_model_would(
+def test_picture_replaces_model_without_webgl(
     browser: Browser, pages: Callable[[str], Path]
 ) -> None:
     tab = browser.new_page(viewport={"width": 390, "height": 900})

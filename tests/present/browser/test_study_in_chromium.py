@@ -26,9 +26,7 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.slow
 
 
-def test_headlines_are_read_at_390_px_without_scrolling(
-    opened: Opened, pages: Callable[[str], Path]
-) -> None:
+def test_headlines_fit_390_px(opened: Opened, pages: Callable[[str], Path]) -> None:
     tab = opened(pages("study").as_uri(), 390)
     headlines = tab.locator("table").first
     box = headlines.bounding_box()
@@ -56,7 +54,7 @@ def words_of(pdf: Path) -> str:
     return re.sub(r"\s", "", text.decode())
 
 
-def test_the_print_has_every_column_of_a_wide_table(opened: Opened, tmp_path: Path) -> None:
+def test_print_has_all_wide_table_columns(opened: Opened, tmp_path: Path) -> None:
     many = pd.DataFrame({f"column_{i}_of_many_mm": [i + 0.5, 700.25 + i] for i in range(22)})
     page = study_page.write_study_page(
         replace(

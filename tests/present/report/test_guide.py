@@ -61,7 +61,7 @@ def page(out: Path, *changes: str, design: str = "deltact", sensors: int = 1) ->
     )
 
 
-def test_it_fetches_nothing_and_its_anchors_lead_somewhere(tmp_path: Path) -> None:
+def test_guide_is_offline_and_anchors_resolve(tmp_path: Path) -> None:
     file = write_guide(load_design(), tmp_path / "guide.html", examples=pairs, pictures=DRAWN)
     seen, beside = offline(file.read_text())
     assert beside == set()
@@ -73,7 +73,7 @@ def test_it_fetches_nothing_and_its_anchors_lead_somewhere(tmp_path: Path) -> No
     assert again.read_bytes() == file.read_bytes()
 
 
-def test_it_tells_the_steps_in_their_order(tmp_path: Path) -> None:
+def test_steps_are_in_order(tmp_path: Path) -> None:
     text = page(tmp_path / "guide.html").text
     at = [
         text.index(words)
@@ -114,7 +114,7 @@ DEFAULT = (
         ("deltact", ("camera.hole_mm=0", "holder.screw=none"), ("H. Assembly",), ()),
     ],
 )  # fmt: skip
-def test_it_is_the_guide_of_its_design(
+def test_guide_follows_its_design(
     tmp_path: Path,
     design: str,
     changes: tuple[str, ...],
@@ -126,13 +126,13 @@ def test_it_is_the_guide_of_its_design(
     assert [words for words in lacks if words in text] == []
 
 
-def test_the_number_of_sensors_is_in_it(tmp_path: Path) -> None:
+def test_guide_has_number_of_sensors(tmp_path: Path) -> None:
     text = page(tmp_path / "guide.html", sensors=4).text
     assert "how to make 4" in text
     assert "5 skins (the transparent base included), in 2 fillings" in text
 
 
-def test_it_says_how_each_printed_part_lies(tmp_path: Path) -> None:
+def test_guide_has_print_orientations(tmp_path: Path) -> None:
     text = page(tmp_path / "guide.html").text
     assert [
         part.name for part in list_parts() if part.printed and part.pose.instructions not in text
@@ -140,7 +140,7 @@ def test_it_says_how_each_printed_part_lies(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("design", ["deltact", "franka"])
-def test_what_is_measured_is_no_longer_unverified(design: str, tmp_path: Path) -> None:
+def test_measured_values_are_verified(design: str, tmp_path: Path) -> None:
     keys = load_design(design).unverified()
     text = page(tmp_path / "a.html", design=design).text
     assert f"{len(keys)} dimensions unverified" in text
@@ -157,7 +157,7 @@ def test_what_is_measured_is_no_longer_unverified(design: str, tmp_path: Path) -
     assert "Every dimension is marked as measured." in done
 
 
-def test_every_step_brings_together_parts_of_the_sensor_that_stay_together() -> None:
+def test_steps_join_parts_that_stay_joined() -> None:
     """What a step has brought together, a later one moves as one."""
     sensor = {part.name for part in list_parts() if part.group == "sensor"}
     joined = [{"skin", "acrylic", "skin-frame"}]  # by the casting
@@ -171,7 +171,7 @@ def test_every_step_brings_together_parts_of_the_sensor_that_stay_together() -> 
     assert joined == [sensor]
 
 
-def test_without_the_kernel_it_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_kernel_is_noted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def missing() -> None:
         raise MissingLibrary("the CAD kernel cannot load: libGL.so.1; apt-get install libgl1")
 
@@ -184,7 +184,7 @@ def test_without_the_kernel_it_says_so(tmp_path: Path, monkeypatch: pytest.Monke
     assert "H. Assembly" in seen.text
 
 
-def test_the_view_is_the_model_and_fetches_nothing() -> None:
+def test_view_is_the_offline_model() -> None:
     corners = np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0]], np.float32)
     triangle = Mesh(corners, np.arange(3)[None], np.zeros(1, np.int64), 0.0)
     glb = glb_bytes({"lid": (shaded_mesh(triangle, "lid", (0.2, 0.5, 0.2, 1.0)), AT_ORIGIN)})
@@ -196,7 +196,7 @@ def test_the_view_is_the_model_and_fetches_nothing() -> None:
     assert b'"lid"' in base64.b64decode(shown[1])
 
 
-def test_where_it_cannot_be_written_it_says_so(tmp_path: Path) -> None:
+def test_unwritable_guide_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="file: cannot be made"):
         write_guide(load_design(), tmp_path / "file" / "guide.html", examples=pairs, pictures=DRAWN)
@@ -205,7 +205,7 @@ def test_where_it_cannot_be_written_it_says_so(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_sticker_is_the_design_s_own() -> None:
+def test_sticker_belongs_to_the_design() -> None:
     shipped = STICKER(load_design(), pairs)
     assert (shipped.file, shipped.unseen) == ("", "")
     wide = load_design("large-60x50")

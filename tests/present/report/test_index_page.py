@@ -18,7 +18,7 @@ from made_up_study import study
 from deltact_fab.app.cli.main import main
 from deltact_fab.common.errors import InputError
 from deltact_fab.present.report import index_page, study_page
-from deltact_fab.present.report.index_page import Entry, entries
+from deltact_fab.present.report.index_page import Entry, list_entries
 
 OLD_RUN = Path(__file__).parents[2] / "data" / "run-format-5"
 
@@ -60,17 +60,17 @@ def all_sorts(mini_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def found(all_sorts: Path) -> dict[str, Entry]:
-    return {entry.name: entry for entry in entries(all_sorts, all_sorts)}
+    return {entry.name: entry for entry in list_entries(all_sorts, all_sorts)}
 
 
-def test_every_run_and_study_has_a_row_and_nothing_else(found: dict[str, Entry]) -> None:
+def test_only_runs_and_studies_have_rows(found: dict[str, Entry]) -> None:
     assert set(found) == {
         "studies/a study #1", "half", "no-page", "fresh", "stale", "gone", "cut", "runs/mini",
         "stopped", "old", "hurt", "odd",
     }  # fmt: skip
 
 
-def test_a_study_tells_its_verdict_its_date_and_where_its_page_is(found: dict[str, Entry]) -> None:
+def test_study_row_has_verdict_date_link(found: dict[str, Entry]) -> None:
     entry = found["studies/a study #1"]
     assert entry.kind == "study made-up"
     assert entry.line == "The better one is half as far off."
@@ -86,17 +86,17 @@ def test_a_study_tells_its_verdict_its_date_and_where_its_page_is(found: dict[st
     ("name", "trouble", "line"),
     [
         ("half", "2 jobs missing:", "The better one"),
-        ("no-page", "its page is gone:", "The better one"),
+        ("no-page", "page missing:", "The better one"),
         ("fresh", "", "The better one"),
-        ("stale", "made by other code than this:", "The better one"),
-        ("gone", "made by other code than this:", "The better one"),
+        ("stale", "made by other code:", "The better one"),
+        ("gone", "made by other code:", "The better one"),
         ("cut", "damaged:", "not valid JSON"),
         ("stopped", "unfinished:", "frames in"),
         ("hurt", "damaged:", "journal"),
         ("odd", "damaged:", "an object is needed"),
     ],
 )
-def test_what_is_not_in_order_says_so_in_a_line(
+def test_problems_are_named_in_the_row(
     found: dict[str, Entry], all_sorts: Path, name: str, trouble: str, line: str
 ) -> None:
     assert found[name].trouble == trouble
@@ -104,19 +104,19 @@ def test_what_is_not_in_order_says_so_in_a_line(
     assert str(all_sorts) not in found[name].line
 
 
-def test_an_analysed_run_tells_its_verdict(mini_run: Path, tmp_path: Path) -> None:
+def test_analysed_run_shows_its_verdict(mini_run: Path, tmp_path: Path) -> None:
     shutil.copytree(mini_run, tmp_path / "run")
     (tmp_path / "run" / "analysis").mkdir(exist_ok=True)
     path = tmp_path / "run" / "analysis" / "tracking.json"
     path.write_text('{"verdict": {"line": "Use dis-fast."}}')
     (tmp_path / "run" / "report.html").write_text("")
-    (entry,) = entries(tmp_path, tmp_path)
+    (entry,) = list_entries(tmp_path, tmp_path)
     assert (entry.line, entry.trouble, entry.link) == ("Use dis-fast.", "", "run/report.html")
     path.write_text('{"verdict"')
-    assert entries(tmp_path, tmp_path)[0].trouble == "damaged:"
+    assert list_entries(tmp_path, tmp_path)[0].trouble == "damaged:"
 
 
-def test_the_command_writes_a_page_whose_links_hold(all_sorts: Path, tmp_path: Path) -> None:
+def test_command_writes_page_with_valid_links(all_sorts: Path, tmp_path: Path) -> None:
     out = tmp_path / "deep" / "index.html"
     out.parent.mkdir()
     done = CliRunner().invoke(
@@ -127,7 +127,7 @@ def test_the_command_writes_a_page_whose_links_hold(all_sorts: Path, tmp_path: P
     links = [html.unescape(link) for link in re.findall(r'<a href="([^"]+)"', page)]
     assert len(links) == 12
     assert all((out.parent / unquote(link)).exists() for link in links)
-    assert "8 of 12 are unfinished, old, damaged or made with warnings" in page
+    assert "8 of 12 are unfinished, outdated, damaged or with warnings" in page
     assert page.count('<tr class="bad">') == 8
     assert "<script" not in page
 

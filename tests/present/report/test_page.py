@@ -34,7 +34,7 @@ def page(mini_run: Path, result: TrackingResult, tmp_path_factory: pytest.TempPa
 
 
 @pytest.mark.slow
-def test_it_shows_shape_contacts_and_force_and_how_far_to_believe_them(
+def test_page_shows_shape_force_and_trust(
     mini_run: Path, result: TrackingResult, calibrations: list[Path], tmp_path: Path
 ) -> None:
     found = measure_run(open_run(mini_run), calibrations)
@@ -50,29 +50,29 @@ def test_it_shows_shape_contacts_and_force_and_how_far_to_believe_them(
     assert "not a test" in verdict.partition('<p class="warn">')[2]
 
 
-def test_it_fetches_nothing_and_says_what_it_is(page: str, result: TrackingResult) -> None:
+def test_page_is_offline_and_labelled(page: str, result: TrackingResult) -> None:
     seen, beside = offline(page)
     assert beside == set()
     assert "script" not in seen.tags
     assert len(seen.ids) > 20
     for words in (
-        "simulated", "seed 3", "0.08 mm", "left out: finite-strain gel", "Grbl 1.1h",
+        "simulated", "seed 3", "0.08 mm", "not modelled: finite-strain gel", "Grbl 1.1h",
         "opencv-contrib-python-headless", "The parts were left out: no libGL",
         *(f">{format_number(row['mean_off_dots_mm'])}</td>" for row in result.methods),
     ):  # fmt: skip
         assert words in page, words
 
 
-def test_its_first_line_says_which_method_to_take(page: str, result: TrackingResult) -> None:
+def test_first_line_recommends_a_method(page: str, result: TrackingResult) -> None:
     verdict = re.search(r'</h1>\s*<div class="verdict (\w+)">(.*?)</div>', page, re.DOTALL)
     assert verdict is not None
     assert result.verdict.line in html.unescape(verdict.group(2))
     assert (verdict.group(1) == "pass") <= result.verdict.trusted
     for name, why in result.verdict.doubts.items():
-        assert (f"<b>{name}</b> is not reliable here" in page) == bool(why)
+        assert (f"<b>{name}</b> is unreliable here" in page) == bool(why)
 
 
-def test_the_figure_crosses_out_what_cannot_be_believed(result: TrackingResult) -> None:
+def test_figure_marks_unreliable_methods(result: TrackingResult) -> None:
     good = {**result.methods[0], "confident_wrong_share": 0.0, "coverage": 1.0,
             "trusted_share": 1.0, "mean_off_dots_mm": 0.02, "ms_per_frame": 5.0}  # fmt: skip
     lying = {**good, "name": "lying", "confident_wrong_share": 0.2, "ms_per_frame": 2.0}
@@ -86,9 +86,7 @@ def test_the_figure_crosses_out_what_cannot_be_believed(result: TrackingResult) 
 
 
 @pytest.mark.slow
-def test_a_run_in_which_nothing_moved_enough_still_has_a_report(
-    mini: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_run_without_motion_has_a_report(mini: tuple[Path, Path], tmp_path: Path) -> None:
     """A touch of 0.3 mm moves no pixel by 0.1 mm: the errors off the dots are empty."""
     from deltact_fab.simulate.experiment.request import RunRequest
     from deltact_fab.simulate.experiment.session import run_experiment
@@ -104,7 +102,7 @@ def test_a_run_in_which_nothing_moved_enough_still_has_a_report(
 
 
 @pytest.mark.slow
-def test_it_names_the_sensor_that_was_pressed_and_leaves_out_what_nobody_measured(
+def test_page_names_sensor_omits_unmeasured(
     mini_run: Path, result: TrackingResult, page: str, tmp_path: Path
 ) -> None:
     run = tmp_path / "run"

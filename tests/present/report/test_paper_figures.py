@@ -22,7 +22,7 @@ def width_pt(svg: bytes) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize(("column", "width_in"), [(True, 3.5), (False, 7.16)])
 def test_width_letters_and_fonts(tmp_path: Path, column: bool, width_in: float) -> None:
-    figure = figures.draw(ReportFigure("bars", "", bars, column))
+    figure = figures.draw_for_paper(ReportFigure("bars", "", bars, column))
     assert figure.get_size_inches()[0] == pytest.approx(width_in)
     assert figure.get_size_inches()[1] <= 0.7 * width_in
     sizes = {t.get_fontsize() for t in figure.findobj(Text) if t.get_text()}
@@ -37,14 +37,14 @@ def test_width_letters_and_fonts(tmp_path: Path, column: bool, width_in: float) 
     assert b"CreationDate" not in pdf
 
 
-def test_a_title_wider_than_its_axes_is_broken_and_no_word_is_lost() -> None:
-    figure = figures.draw(ReportFigure("bars", "", bars, True))
+def test_wide_title_is_wrapped() -> None:
+    figure = figures.draw_for_paper(ReportFigure("bars", "", bars, True))
     title = figure.axes[0].get_title(loc="left")
     assert "\n" in title
     assert title.replace("\n", " ") == bars().axes[0].get_title(loc="left")
 
 
-def test_the_page_is_drawn_at_its_own_size_afterwards() -> None:
+def test_page_size_is_restored() -> None:
     with figures.on_paper(3.5):
         assert bars().get_size_inches()[0] == 3.5
     assert bars().get_size_inches()[0] == pytest.approx(9.6)
@@ -52,7 +52,7 @@ def test_the_page_is_drawn_at_its_own_size_afterwards() -> None:
     assert label.get_fontsize() == figures.PAGE_PT
 
 
-def test_names_stay_off_each_other_and_inside() -> None:
+def test_names_do_not_overlap() -> None:
     figure, (axis,) = figures.create_figure(6, 3)
     marks = [(1 + 0.01 * i, 1 + 0.01 * (i % 3), f"a long name {i}", "#000000") for i in range(7)]
     axis.plot([m[0] for m in marks], [m[1] for m in marks], "o")

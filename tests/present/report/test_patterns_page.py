@@ -37,7 +37,7 @@ def seen(page: str) -> SeenPage:
     return SeenPage(page)
 
 
-def test_it_fetches_nothing_and_says_what_it_is(report: series.SeriesReport, page: str) -> None:
+def test_page_is_offline_and_labelled(report: series.SeriesReport, page: str) -> None:
     seen, beside = offline(page)
     assert beside == {"quality.csv", "quality.json"}
     assert "script" not in seen.tags
@@ -51,9 +51,7 @@ def test_it_fetches_nothing_and_says_what_it_is(report: series.SeriesReport, pag
     assert patterns_page.write_patterns_page(report.out).read_text() == page
 
 
-def test_the_table_holds_every_pattern_as_the_camera_sees_it(
-    report: series.SeriesReport, seen: SeenPage
-) -> None:
+def test_table_has_every_photographed_pattern(report: series.SeriesReport, seen: SeenPage) -> None:
     table = [row for row in seen.rows if len(row) > 8 and row[0][:1].isdigit()]
     assert [row[2] for row in table] == ["≈ 0.5", "0.08", ""]
     for fields, row in zip(table, report.figures["patterns"], strict=True):
@@ -84,9 +82,7 @@ def test_the_views_are_in_it_unchanged(report: series.SeriesReport, seen: SeenPa
         (json.dumps({"format": "deltact-fab pattern series 0"}), "series 0"),
     ],
 )
-def test_a_folder_without_a_series_is_one_line(
-    tmp_path: Path, content: str | None, said: str
-) -> None:
+def test_folder_without_series_is_refused(tmp_path: Path, content: str | None, said: str) -> None:
     if content is not None:
         (tmp_path / "quality.json").write_text(content)
     with pytest.raises(InputError) as caught:

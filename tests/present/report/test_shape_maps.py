@@ -60,7 +60,7 @@ def meshes(axis: Any) -> list[QuadMesh]:
 
 
 @pytest.mark.slow
-def test_the_density_drawn_is_the_density_that_was_found() -> None:
+def test_plotted_density_is_the_measured_one() -> None:
     figure = shape_figures.plot_gallery([picture(), picture(**WITH_TRUTH)], "")
     drawn = [mesh for axis in figure.axes for mesh in meshes(axis)]
     assert len(drawn) == 2
@@ -68,7 +68,7 @@ def test_the_density_drawn_is_the_density_that_was_found() -> None:
     assert to_svg(figure).count("measured, to 1.00 mm") == 2
 
 
-def test_what_is_measured_right_has_a_white_map_of_errors() -> None:
+def test_exact_depth_has_white_error_map() -> None:
     figure = shape_figures.plot_depth_against_truth([picture(), picture(**WITH_TRUTH)], "")
     (mesh,) = (m for axis in figure.axes for m in meshes(axis))
     assert not mesh.get_array().any()
@@ -76,7 +76,7 @@ def test_what_is_measured_right_has_a_white_map_of_errors() -> None:
     assert low == -high == -0.02
 
 
-def test_found_and_true_forces_have_one_scale_and_the_contact_in_white() -> None:
+def test_forces_share_scale_with_white_contact() -> None:
     nodes = np.linspace(-18, 18, 30)
     true = np.zeros((30, 30, 3))
     true[..., 2] = -2 * np.exp(-(nodes**2 + nodes[:, None] ** 2) / 6)

@@ -50,26 +50,26 @@ def table_of(part: str) -> list[list[str]]:
     return [[html.unescape(re.sub("<.*?>", "", cell)) for cell in row] for row in cells]
 
 
-def test_the_verdict_stands_first_and_what_it_is_made_with_last(page: str) -> None:
+def test_verdict_is_first_settings_last(page: str) -> None:
     body = page.partition("<body>")[2]
     places = [body.index(words) for words in (
         "The better one is half as far off.", "It holds for &lt;all&gt; seeds.",
-        "25 jobs are missing", "Key figures", "Bars of three tools.", "Twelve columns",
-        "What this scene left out", "Made with", "opencv-contrib-python-headless",
+        "25 jobs missing", "Key figures", "Bars of three tools.", "Twelve columns",
+        "Not modelled", "Settings", "opencv-contrib-python-headless",
     )]  # fmt: skip
     assert places == sorted(places)
     assert "simulated</span>" in body
     assert "seed 7" in body
 
 
-def test_it_fetches_nothing_and_links_to_what_lies_beside_it(page: str, folder: Path) -> None:
+def test_page_is_offline_and_links_files(page: str, folder: Path) -> None:
     seen, beside = offline(page)
     assert beside == {"headlines.csv", "wide.csv", "points.csv", "part.csv", "recipe.toml"}
     assert all((folder / link).is_file() for link in beside)
     assert len(seen.ids) > 20
 
 
-def test_headlines_tell_value_interval_paper_and_goal(page: str) -> None:
+def test_headlines_have_value_interval_paper_goal(page: str) -> None:
     head, *rows = table_of(section(page, "Key figures"))
     assert head == ["figure", "value", "95 % interval, over", "paper", "goal", "remark"]
     assert rows[0] == [
@@ -80,7 +80,7 @@ def test_headlines_tell_value_interval_paper_and_goal(page: str) -> None:
     assert rows[2][1:] == ["0.991", "one fit", "0.99", "at least 0.98: undecided", ""]
 
 
-def test_goals_and_missing_jobs_put_the_verdict_in_doubt_and_nothing_else(tmp_path: Path) -> None:
+def test_only_goals_and_missing_jobs_warn(tmp_path: Path) -> None:
     good = replace(plain(), headlines=plain().headlines[:1])
     page = study_page.write_study_page(good, tmp_path / "good").read_text()
     assert 'class="verdict pass"' in page
@@ -90,14 +90,12 @@ def test_goals_and_missing_jobs_put_the_verdict_in_doubt_and_nothing_else(tmp_pa
     assert "1 job is missing" in bad
 
 
-def test_what_is_too_long_for_a_page_is_told_and_left_to_its_file(
-    page: str, tmp_path: Path
-) -> None:
+def test_long_table_is_cut_and_noted(page: str, tmp_path: Path) -> None:
     head, *rows = table_of(section(page, "Every point"))
     assert head == ["point", "normal, N"]  # the empty column is left out
     assert len(rows) == study_page.FIRST_ROWS
-    assert "the first 20 of 2070 rows are shown" in page
-    missing = section(page, "25 jobs are missing")
+    assert "first 20 of 2070 rows shown" in page
+    missing = section(page, "25 jobs missing")
     assert missing.count("d0.1-r") == study_page.MAX_MISSING
     assert "and 5 more" in missing
     many = ReportTable("many", "Many", pd.DataFrame({f"c{i}_mm": [i + 0.5] for i in range(22)}))
@@ -108,7 +106,7 @@ def test_what_is_too_long_for_a_page_is_told_and_left_to_its_file(
     assert pd.read_csv(tmp_path / "s" / "many.csv").shape == (1, 22)
 
 
-def test_what_was_written_is_read_again(folder: Path) -> None:
+def test_written_result_is_read_back(folder: Path) -> None:
     kept, made = read_result(folder), study(missing=25)
     assert (kept.study, kept.verdict, kept.simulated) == (made.study, made.verdict, True)
     assert kept.missing == made.missing
@@ -121,7 +119,7 @@ def test_what_was_written_is_read_again(folder: Path) -> None:
     pd.testing.assert_frame_equal(again, made.tables[0].frame)
 
 
-def test_a_value_that_is_no_number_is_kept_as_none_and_meets_no_goal(tmp_path: Path) -> None:
+def test_nan_is_none_and_goal_undecided(tmp_path: Path) -> None:
     lost = Headline("error", float("nan"), "mm", None, None, "no frame was trusted", goal=1.0)
     study_page.write_study_page(replace(plain(), headlines=(lost,)), tmp_path)
     (kept,) = json.loads((tmp_path / "result.json").read_text())["headlines"]
@@ -138,7 +136,7 @@ def test_a_value_that_is_no_number_is_kept_as_none_and_meets_no_goal(tmp_path: P
         ({"made": None}, "made: "),
     ],
 )
-def test_a_result_that_is_none_names_file_and_key(
+def test_invalid_result_names_file_and_key(
     folder: Path, tmp_path: Path, change: dict[str, object], words: str
 ) -> None:
     found = json.loads((folder / "result.json").read_text())
@@ -158,19 +156,19 @@ def _fails() -> None:
 
 
 @pytest.mark.parametrize("what", ["figure", "number"])
-def test_what_fails_leaves_the_earlier_study_as_it_is(tmp_path: Path, what: str) -> None:
+def test_failure_keeps_the_earlier_study(tmp_path: Path, what: str) -> None:
     study_page.write_study_page(plain(), tmp_path)
     before = state(tmp_path)
     if what == "figure":
         bad = replace(plain(), figures=(ReportFigure("bad", "Bad.", _fails),))  # type: ignore[arg-type]
     else:
-        bad = replace(plain(), more={"error_mm": float("nan")})
+        bad = replace(plain(), extra={"error_mm": float("nan")})
     with pytest.raises(RunFailed):
         study_page.write_study_page(bad, tmp_path)
     assert state(tmp_path) == before
 
 
-def test_files_of_the_earlier_study_go_and_a_users_own_stay(tmp_path: Path) -> None:
+def test_earlier_files_go_user_files_stay(tmp_path: Path) -> None:
     study_page.write_study_page(plain(), tmp_path)
     (tmp_path / "my-notes.txt").write_text("mine")
     study_page.write_study_page(replace(plain(), tables=plain().tables[:1], files={}), tmp_path)
@@ -185,9 +183,9 @@ def test_no_other_folder_is_written_into(tmp_path: Path, held: str) -> None:
     else:
         study_page.write_study_page(replace(plain(), study="other"), tmp_path)
     before = state(tmp_path)
-    with pytest.raises(InputError, match="name another folder"):
+    with pytest.raises(InputError, match="give another folder"):
         study_page.require_ready_study("made-up", tmp_path)
-    with pytest.raises(InputError, match="name another folder"):
+    with pytest.raises(InputError, match="give another folder"):
         study_page.write_study_page(plain(), tmp_path)
     assert state(tmp_path) == before
 
@@ -200,5 +198,5 @@ def test_no_other_folder_is_written_into(tmp_path: Path, held: str) -> None:
         ("star", "star"), (np.int64(5), "5"), (np.float64(0.25), "0.25"),
     ],
 )  # fmt: skip
-def test_cells_are_for_people(value: object, shown: str) -> None:
+def test_cells_are_formatted(value: object, shown: str) -> None:
     assert templating.format_cell(value) == shown

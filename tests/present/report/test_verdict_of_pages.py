@@ -137,7 +137,7 @@ def level(written: Path) -> tuple[str, str]:
 @pytest.mark.parametrize(
     ("make", "says"),
     [(run, TOLD), (imported, TOLD), (made_up_study, TOLD), (index, "1 of 1 is"), (numerics, TOLD),
-     (patterns, "sees 1 of 2"), (rehearsal, TOLD), (fabrication_guide, TOLD)],
+     (patterns, "resolves 1 of 2"), (rehearsal, TOLD), (fabrication_guide, TOLD)],
 )  # fmt: skip
 def test_a_warning_reaches_the_verdict_once(
     make: Any, says: str, tmp_path: Path, warned_run: Callable[[bool], Path]
@@ -149,7 +149,7 @@ def test_a_warning_reaches_the_verdict_once(
     assert words.lower().count(says.lower()) == 1
 
 
-def test_the_worst_is_the_verdict_and_what_is_said_twice_stands_once() -> None:
+def test_worst_is_verdict_without_duplicates() -> None:
     found = [
         Check("1", value="a"), Check("2", value="c", status="fail"),
         *Check.warnings("3", ["b"]), Check("4", value="a"),

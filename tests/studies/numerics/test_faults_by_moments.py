@@ -14,8 +14,8 @@ import pytest
 from deltact_fab.bench.protocols.plan import Protocol
 from deltact_fab.bench.rig import config
 from deltact_fab.simulate import FaultBench, FaultScenario
-from deltact_fab.studies.numerics.faults.kinds import FAULTS, FaultKind
-from deltact_fab.studies.numerics.faults.rehearsal import FaultOutcome, Matrix
+from deltact_fab.studies.numerics.faults.kinds import FAULT_KINDS, FaultKind
+from deltact_fab.studies.numerics.faults.rehearsal import FaultMatrix, FaultOutcome
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs POSIX limits and locks")
 PRESS, TRAVEL, DRAG = "d1.50/press", "rest", "d1.50/shear-x+"
@@ -40,18 +40,18 @@ shear_feed_mm_min = 60.0
 
 
 @pytest.fixture(scope="module")
-def matrix(tmp_path_factory: pytest.TempPathFactory) -> Matrix:
+def matrix(tmp_path_factory: pytest.TempPathFactory) -> FaultMatrix:
     protocol = Protocol.model_validate(tomllib.loads(TEXT))
     of = FaultScenario.from_protocol(protocol, TEXT.encode(), config.load_rig("grbl-bench")[0])
-    return Matrix(tmp_path_factory.mktemp("bench"), of)
+    return FaultMatrix(tmp_path_factory.mktemp("bench"), of)
 
 
 def fault(name: str) -> FaultKind:
-    return next(f for f in FAULTS if f.name == name)
+    return next(f for f in FAULT_KINDS if f.name == name)
 
 
-def cell(matrix: Matrix, of: FaultKind, moment: str) -> FaultOutcome:
-    return matrix.cell(of, moment, matrix.folder / "cell")
+def cell(matrix: FaultMatrix, of: FaultKind, moment: str) -> FaultOutcome:
+    return matrix.run_cell(of, moment, matrix.folder / "cell")
 
 
 @pytest.mark.parametrize(
@@ -60,41 +60,42 @@ def cell(matrix: Matrix, of: FaultKind, moment: str) -> FaultOutcome:
      pytest.param("doubled ok", DRAG, marks=pytest.mark.slow),
      pytest.param("disk full", DRAG, marks=pytest.mark.slow)],
 )  # fmt: skip
-def test_a_fault_ends_as_it_must(matrix: Matrix, name: str, moment: str) -> None:
+def test_fault_meets_its_requirements(matrix: FaultMatrix, name: str, moment: str) -> None:
     assert cell(matrix, fault(name), moment).wrong == ""
 
 
-@pytest.mark.parametrize("kind", FAULTS, ids=lambda kind: kind.name)
+@pytest.mark.parametrize("kind", FAULT_KINDS, ids=lambda kind: kind.name)
 def test_every_fault_can_strike(kind: FaultKind) -> None:
     protocol, rig = Protocol.model_validate(tomllib.loads(TEXT)), config.load_rig("grbl-bench")[0]
     kind.strike(FaultBench(FaultScenario.from_protocol(protocol, TEXT.encode(), rig)), 9.0)
 
 
-def test_a_carriage_that_goes_on_is_found(matrix: Matrix) -> None:
+def test_continued_motion_is_detected(matrix: FaultMatrix) -> None:
     """A cable that is out, judged as if a byte could reach the board."""
     strict = dataclasses.replace(fault("unplugged for good"), carries=True)
     assert "mm of travel, " in cell(matrix, strict, TRAVEL).wrong
 
 
-def test_another_error_and_a_success_that_was_not_due_are_found(matrix: Matrix) -> None:
+def test_unexpected_outcomes_are_detected(matrix: FaultMatrix) -> None:
     other = dataclasses.replace(fault("limit switch"), says=("a word that nobody says",))
     assert cell(matrix, other, PRESS).wrong == "another error than the fault's"
     never = dataclasses.replace(fault("doubled ok"), success=False)
-    assert cell(matrix, never, PRESS).wrong == "success, and an error was due"
+    assert cell(matrix, never, PRESS).wrong == "success, expected an error"
 
 
-def test_a_record_that_lost_something_is_found(matrix: Matrix, tmp_path: Path) -> None:
+def test_lost_record_rows_are_detected(matrix: FaultMatrix, tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(matrix.folder / "undisturbed", run)
-    assert matrix.wrong(run) == ""
-    assert matrix.lost(run, matrix.committed) == ""
+    assert matrix.difference(run) == ""
+    assert matrix.lost_row(run, matrix.committed) == ""
     image = next((run / "images").iterdir())
     kept = image.read_bytes()
     image.write_bytes(kept[:-1] + b"?")
-    assert "differs from the undisturbed run's" in matrix.wrong(run)
+    assert "differs from the undisturbed run's" in matrix.difference(run)
     image.write_bytes(kept)
     with sqlite3.connect(run / "journal.sqlite") as db:
         db.execute("DELETE FROM frames WHERE frame_id LIKE '%/p1/rest#001'")
     db.close()
-    assert matrix.lost(run, matrix.committed).endswith("is lost or changed: sphere-6/p1/rest#001")
-    assert matrix.wrong(run) == "frames differ from the undisturbed run's"
+    lost = matrix.lost_row(run, matrix.committed)
+    assert lost.endswith("is lost or changed: sphere-6/p1/rest#001")
+    assert matrix.difference(run) == "frames differ from the undisturbed run's"

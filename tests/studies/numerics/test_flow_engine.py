@@ -11,13 +11,14 @@ import pytest
 from benchmarks.star import Star
 from deltact_fab.estimate.measure.flow.tracker import FlowTracker
 from deltact_fab.studies.numerics.engines import flow, flow_frames
-from deltact_fab.studies.numerics.engines.flow_frames import CAMERA, FlowSequence, Vectors
+from deltact_fab.studies.numerics.engines.flow_frames import DEFAULT_CAMERA, FlowSequence, Vectors
 
-STAR = Star(CAMERA.width_px, CAMERA.height_px)
+STAR = Star(DEFAULT_CAMERA.width_px, DEFAULT_CAMERA.height_px)
 
 
 def pixels() -> tuple[flow_frames.Field, flow_frames.Field]:
-    x, y = np.meshgrid(np.arange(float(CAMERA.width_px)), np.arange(float(CAMERA.height_px)))
+    size_px = DEFAULT_CAMERA.width_px, DEFAULT_CAMERA.height_px
+    x, y = np.meshgrid(*(np.arange(float(n)) for n in size_px))
     return x, y
 
 
@@ -26,12 +27,12 @@ def star() -> Vectors:
     return STAR.motion(*pixels()).astype(np.float32)
 
 
-def test_noise_of_the_star_is_the_noise(star: Vectors) -> None:
+def test_star_noise_equals_image_noise(star: Vectors) -> None:
     noisy = star + np.random.default_rng(1).normal(0, 0.02, star.shape).astype(np.float32)
     assert STAR.figures(noisy).noise_px == pytest.approx(0.02, rel=0.02)
 
 
-def test_a_star_on_a_grid_of_nodes_has_the_same_figures(star: Vectors) -> None:
+def test_star_on_nodes_has_same_figures(star: Vectors) -> None:
     seen = np.asarray(cv2.blur(star, (1, 21)))
     nodes = np.full_like(seen, np.nan)
     nodes[2::4, 2::4] = seen[2::4, 2::4]
@@ -39,15 +40,15 @@ def test_a_star_on_a_grid_of_nodes_has_the_same_figures(star: Vectors) -> None:
 
 
 @pytest.mark.slow
-def test_a_drawn_frame_moves_as_it_is_told(tmp_path: Path) -> None:
+def test_rendered_frame_has_requested_motion(tmp_path: Path) -> None:
     """Its truth is the field itself, and the flow finds it."""
     given = flow_frames.scene(tmp_path, "near")
     x, y = pixels()
-    np.testing.assert_allclose(given.truth_px, flow_frames.near(x, y), atol=1e-4)
-    seen = flow.judged(FlowTracker(), given.images[::4], given)
+    np.testing.assert_allclose(given.truth_px, flow_frames.near_bump(x, y), atol=1e-4)
+    seen = flow.track_sequence(FlowTracker(), given.images[::4], given)
     assert seen.trusted
     assert seen.confident > 0.9
     assert seen.wrong == 0
     # The same against a truth that is 2 px elsewhere: every confident pixel is wrong.
     false = FlowSequence(given.images, given.truth_px + np.float32(2))
-    assert flow.judged(FlowTracker(), given.images[::4], false).wrong == 1
+    assert flow.track_sequence(FlowTracker(), given.images[::4], false).wrong == 1

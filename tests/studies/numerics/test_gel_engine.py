@@ -15,11 +15,11 @@ from deltact_fab.studies.numerics.engines.gel_press import FiniteSolution, GelCa
 SLOW = pytest.mark.slow
 
 
-def test_extrapolation_removes_an_error_of_second_order() -> None:
+def test_extrapolation_removes_second_order_error() -> None:
     field = np.random.default_rng(0).standard_normal((5, 4, 2))
     off = np.random.default_rng(1).standard_normal((5, 4, 2))
     cells = (0.75, 0.5)
-    found = gel_press.extrapolated(
+    found = gel_press.extrapolate(
         [40 + 3 * h**2 for h in cells], [field + off * h**2 for h in cells], cells
     )
     assert found.normal_n == pytest.approx(40, rel=1e-12)
@@ -30,10 +30,10 @@ def test_extrapolation_removes_an_error_of_second_order() -> None:
 
 @pytest.fixture(scope="module")
 def found() -> FiniteSolution:
-    return gel_press.solved(GelCase(spacing_mm=3.0), 0.3, (0.0, 0.0, 3.0))
+    return gel_press.solve_press(GelCase(spacing_mm=3.0), 0.3, (0.0, 0.0, 3.0))
 
 
-def test_the_judges_see_what_is_wrong(found: FiniteSolution) -> None:
+def test_checks_detect_errors(found: FiniteSolution) -> None:
     assert abs(gel_press.work_error_percent(found)) < 0.5
     assert gel_press.imbalance(found) < 1e-6
     stronger = [replace(s, force_n=tuple(1.02 * f for f in s.force_n)) for s in found.states]
@@ -42,9 +42,9 @@ def test_the_judges_see_what_is_wrong(found: FiniteSolution) -> None:
     assert gel_press.imbalance(wrong) > 0.01
 
 
-def test_shear_beyond_the_cone_is_seen() -> None:
+def test_excess_shear_is_detected() -> None:
     scene = GelCase(spacing_mm=3.0, friction=0.5, mirrors=(False, True))
-    rubbed = gel_press.solved(scene, 1.5, (0.0, 0.0, 3.0), (1.0, 0.0, 3.0))
+    rubbed = gel_press.solve_press(scene, 1.5, (0.0, 0.0, 3.0), (1.0, 0.0, 3.0))
     assert gel_press.cone_excess(rubbed) < 5e-3
     more = replace(rubbed.last, shear_mpa=1.1 * rubbed.last.shear_mpa)
     assert gel_press.cone_excess(FiniteSolution(rubbed.press, (more,))) > 0.05
@@ -54,11 +54,11 @@ def test_shear_beyond_the_cone_is_seen() -> None:
     ("of", "what", "own"),
     [
         pytest.param(of, *item, marks=SLOW if item[0][1] is True else pytest.mark.evidence)
-        for of, table in ((gel_press.reference, gel_press.OWN_ERROR),
+        for of, table in ((gel_press.reference, gel_press.REFERENCE_ERROR),
                           (evidence.reference, evidence.OWN_ERROR)) for item in table.items()
     ],
 )  # fmt: skip
-def test_a_reference_is_as_good_as_it_says(of: Any, what: tuple[Any, ...], own: Any) -> None:
+def test_reference_error_is_as_stated(of: Any, what: tuple[Any, ...], own: Any) -> None:
     truth = of(*what)
     assert truth.force_error <= own[0] * 1.1
     assert truth.in_plane_error <= own[1] * 1.1

@@ -15,13 +15,13 @@ from deltact_fab.sensor.elasticity.material import GelMaterial
 from deltact_fab.sensor.shapes.indenter import parse_indenter
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
 from deltact_fab.studies.numerics.engine import judge
-from deltact_fab.studies.numerics.harness import REGISTRY, load
+from deltact_fab.studies.numerics.harness import ENGINE_MODULES, load_engine
 
 
 @pytest.mark.parametrize("quick", [True, False])
-@pytest.mark.parametrize("name", REGISTRY)
-def test_every_engine_has_curves_and_stability_cases(name: str, quick: bool) -> None:
-    engine = load(REGISTRY[name])
+@pytest.mark.parametrize("name", ENGINE_MODULES)
+def test_engines_have_curves_and_cases(name: str, quick: bool) -> None:
+    engine = load_engine(ENGINE_MODULES[name])
     settings, cases = list(engine.curves(quick)), list(engine.cases(quick))
     assert len(settings) >= 2, f"{name} has no curve"
     assert cases, f"{name} has no stability cases"
@@ -39,16 +39,19 @@ def test_every_engine_has_curves_and_stability_cases(name: str, quick: bool) -> 
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(n, marks=pytest.mark.slow if n in ("gel", "flow") else ()) for n in REGISTRY],
+    [
+        pytest.param(n, marks=pytest.mark.slow if n in {"gel", "flow"} else ())
+        for n in ENGINE_MODULES
+    ],
 )
 def test_no_quick_case_is_wrong(name: str, tmp_path: Path) -> None:
-    rows = [judge(case, tmp_path) for case in load(REGISTRY[name]).cases(True)]
+    rows = [judge(case, tmp_path) for case in load_engine(ENGINE_MODULES[name]).cases(True)]
     assert {r["outcome"] for r in rows} == {"right", "refused"}, [
         r for r in rows if r["outcome"] == "wrong"
     ]
 
 
-def test_distance_to_the_law_sees_another_law() -> None:
+def test_distance_detects_another_law() -> None:
     from deltact_fab.studies.numerics.engines.pattern import distance_to_law, violations
 
     n, limit = 60, 1.95 / np.sqrt(3 * 60 * 60)
@@ -64,7 +67,7 @@ def test_distance_to_the_law_sees_another_law() -> None:
     assert distance_to_law(biased, 0.1, 256) > 2 * limit
 
 
-def test_another_modulus_scales_the_linear_forces_and_nothing_else() -> None:
+def test_modulus_scales_linear_forces_only() -> None:
     found = []
     for modulus_mpa in (0.56e-3, 0.56, 560.0):
         face = FreeBlock(SkinDimensions(), GelMaterial(modulus_mpa), spacing_mm=0.5)

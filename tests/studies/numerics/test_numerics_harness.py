@@ -70,14 +70,14 @@ def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.delitem(sys.modules, "toy_engine", raising=False)
-    monkeypatch.setitem(harness.REGISTRY, "toy", "toy_engine")
+    monkeypatch.setitem(harness.ENGINE_MODULES, "toy", "toy_engine")
     monkeypatch.setenv("DELTACT_FAB_CACHE", str(tmp_path / "cache"))
     return "toy_engine"
 
 
 @pytest.mark.slow
-def test_a_case_that_kills_or_hangs_is_wrong_and_the_rest_go_on(toy: str, tmp_path: Path) -> None:
-    cases = harness.load(toy).cases(False)
+def test_crash_or_hang_is_wrong(toy: str, tmp_path: Path) -> None:
+    cases = harness.load_engine(toy).cases(False)
     rows = list(harness.case_rows("toy", toy, cases, tmp_path, False, silence_s=5.0))
     assert [r["case"] for r in rows] == [c.name for c in cases]
     assert [r["outcome"] for r in rows] == ["right", "wrong", "wrong", "right"]
@@ -86,7 +86,7 @@ def test_a_case_that_kills_or_hangs_is_wrong_and_the_rest_go_on(toy: str, tmp_pa
 
 
 def test_a_setting_that_fails_is_named(toy: str, tmp_path: Path) -> None:
-    setting, _ = harness.load(toy).curves(True)
+    setting, _ = harness.load_engine(toy).curves(True)
     wrong = type(setting)(**{**setting.__dict__, "name": "n = 0"})
     with pytest.raises(RunFailed, match=r"toy: toy \| s \| n = 0"):
         list(harness.curve_rows("toy", toy, [wrong], tmp_path, True))
@@ -100,13 +100,13 @@ def test_pareto_front() -> None:
 
     rows = [row("a", 1, 4), row("a", 2, 2), row("a", 3, 3), row("a", 4, 1), row("a", 0.5, None),
             row("b", 9, 9)]  # fmt: skip
-    found = harness.compared(rows)
+    found = harness.compare_to_baseline(rows)
     assert [r["pareto"] for r in found] == [True, True, False, True, False, True]
     assert [r["times_as_fast"] for r in found] == [1, 0.5, pytest.approx(1 / 3), 0.25, 2, 1]
     assert {r["baseline"] for r in found} == {"s, n"}
 
 
-def test_every_row_is_judged_and_a_wrong_one_fails_the_command(toy: str, tmp_path: Path) -> None:
+def test_wrong_row_fails_the_command(toy: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
     done = CliRunner().invoke(numerics, ["toy", "--quick", "--out", str(out)])
     assert done.exit_code == 1
@@ -153,5 +153,5 @@ def test_everything_end_to_end(
     monkeypatch.setenv("DELTACT_FAB_CACHE", str(tmp_path))
     found = harness.run_engines(quick=quick)
     assert found.wrong == []
-    assert {r["engine"] for r in found.stability} == set(harness.REGISTRY)
-    assert {r["engine"] for r in found.curves} == set(harness.REGISTRY)
+    assert {r["engine"] for r in found.stability} == set(harness.ENGINE_MODULES)
+    assert {r["engine"] for r in found.curves} == set(harness.ENGINE_MODULES)

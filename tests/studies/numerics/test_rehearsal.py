@@ -7,11 +7,11 @@ import itertools
 from deltact_fab.bench.protocols import plan
 from deltact_fab.bench.rig import config
 from deltact_fab.simulate import FaultScenario
-from deltact_fab.studies.numerics.faults.kinds import FAULTS
+from deltact_fab.studies.numerics.faults.kinds import FAULT_KINDS
 from deltact_fab.studies.numerics.faults.rehearsal import _covering
 
 
-def test_the_first_press_and_the_deepest_other_are_kept_with_frames_at_rest() -> None:
+def test_keeps_first_and_deepest_press() -> None:
     declared, path = plan.load_protocol("pattern-selection")
     found = FaultScenario.from_protocol(declared, path.read_bytes(), config.load_rig("virtual")[0])
     whole = {step.id: step for step in plan.expand_protocol(declared)}
@@ -22,9 +22,9 @@ def test_the_first_press_and_the_deepest_other_are_kept_with_frames_at_rest() ->
     assert lowest == min(step.target_mm[2] for step in whole.values())
 
 
-def test_each_fault_strikes_and_each_moment_is_met() -> None:
+def test_all_faults_and_moments_are_covered() -> None:
     moments = [f"moment {k}" for k in range(14)]
-    kept = _covering(list(itertools.product([fault.name for fault in FAULTS], moments)))
-    assert len(set(kept)) == len(FAULTS)
-    assert {fault for fault, _ in kept} == {fault.name for fault in FAULTS}
+    kept = _covering(list(itertools.product([fault.name for fault in FAULT_KINDS], moments)))
+    assert len(set(kept)) == len(FAULT_KINDS)
+    assert {fault for fault, _ in kept} == {fault.name for fault in FAULT_KINDS}
     assert {moment for _, moment in kept} == set(moments)

@@ -30,12 +30,12 @@ def _coverage(count: int, figure, truth: float, trials: int = 400) -> float:
     ("figure", "truth"),
     [(intervals.mean, 0.0), (intervals.rmse, math.sqrt(1 + GROUP_SD**2))],
 )
-def test_the_interval_holds_the_truth_as_often_as_it_says(count, figure, truth):
+def test_interval_has_nominal_coverage(count, figure, truth):
     """95 % nominal; 400 trials have a standard error of 1.1 %."""
     assert 0.90 <= _coverage(count, figure, truth) <= 0.98
 
 
-def test_of_a_mean_of_single_samples_it_is_students():
+def test_single_samples_give_student_interval():
     sample = np.random.default_rng(2).normal(3, 2, 9)
     _, low, high, _ = intervals.estimate(sample, np.arange(9), np.mean, "seed")
     own = stats.ttest_1samp(sample, 0).confidence_interval(0.95)
@@ -45,7 +45,7 @@ def test_of_a_mean_of_single_samples_it_is_students():
     assert (low, high) == pytest.approx((own.low, own.high), rel=1e-12)
 
 
-def test_a_statistic_may_take_several_columns_and_groups_of_unequal_size():
+def test_several_columns_and_unequal_groups():
     """Total over total: with each group's ratio the same, nothing is uncertain."""
     rng = np.random.default_rng(4)
     below = rng.uniform(1, 2, 30)
@@ -60,7 +60,7 @@ def test_a_statistic_may_take_several_columns_and_groups_of_unequal_size():
     [([1, 1, 1], "one position: no interval below four"),
      ([1, 2, 3], "3 positions: no interval below four")],
 )  # fmt: skip
-def test_few_groups_have_no_interval_and_say_so(groups, over):
+def test_few_groups_have_no_interval(groups, over):
     assert intervals.mean([1.0, 2.0, 3.0], groups, "position") == (2.0, None, None, over)
 
 
@@ -72,6 +72,6 @@ def test_few_groups_have_no_interval_and_say_so(groups, over):
         ([1.0, math.nan], ["a", "b"]),
     ],
 )
-def test_what_cannot_be_is_refused(values, groups):
+def test_invalid_input_is_refused(values, groups):
     with pytest.raises(InputError, match="as many as groups"):
         intervals.estimate(values, groups, np.mean, "seed")

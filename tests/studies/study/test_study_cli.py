@@ -17,7 +17,7 @@ from click.testing import CliRunner
 
 from deltact_fab.app.cli.main import main
 from deltact_fab.app.cli.study import study
-from deltact_fab.studies.study.grid import STORE
+from deltact_fab.studies.study.grid import STUDY_STORE
 from deltact_fab.studies.study.registry import STUDIES, Study
 
 COMMAND = [sys.executable, str(Path(tiny_study.__file__)), "study", "run", "tiny"]
@@ -28,7 +28,7 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("DELTACT_FAB_CACHE", str(tmp_path / "store"))
     (tmp_path / "done").mkdir()
     monkeypatch.setenv(tiny_study.DONE, str(tmp_path / "done"))
-    return tmp_path / "store" / STORE.kind
+    return tmp_path / "store" / STUDY_STORE.kind
 
 
 def call(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
@@ -41,7 +41,7 @@ def files(folder: Path) -> dict[str, bytes]:
     return {p.name: p.read_bytes() for p in folder.iterdir()}
 
 
-def test_every_study_is_listed_and_shows_its_options_with_their_defaults() -> None:
+def test_studies_are_listed_with_options() -> None:
     listed = CliRunner().invoke(study, ["list"]).stdout
     for name, one in STUDIES.items():
         assert f"{name} " in listed
@@ -57,7 +57,7 @@ def test_every_study_is_listed_and_shows_its_options_with_their_defaults() -> No
         assert f"[default: study-out/{name}]" in shown
 
 
-def test_options_of_one_study_have_their_types(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_study_options_are_typed(monkeypatch: pytest.MonkeyPatch) -> None:
     own = {"--few": {"help": "N.", "default": 3}, "--many": {"help": "M.", "multiple": True}}
     monkeypatch.setitem(STUDIES, "own", Study("none", "Own.", takes=("scale",), options=own))
     words = ["study", "run", "own", "--help"]
@@ -71,7 +71,7 @@ def test_options_of_one_study_have_their_types(monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.mark.slow
-def test_what_is_refused_is_one_line_and_nothing_is_written(tmp_path: Path) -> None:
+def test_refusal_is_one_line_without_output(tmp_path: Path) -> None:
     strange = tmp_path / "strange"
     strange.mkdir()
     (strange / "mine.txt").write_text("mine")
@@ -91,16 +91,16 @@ def test_what_is_refused_is_one_line_and_nothing_is_written(tmp_path: Path) -> N
 
 
 @pytest.mark.slow
-def test_a_study_is_told_written_and_its_own_folder_taken_again(tmp_path: Path) -> None:
+def test_study_reuses_its_own_folder(tmp_path: Path) -> None:
     first = call(tmp_path, "--count", "3", "--json", "--figures", "figures")
     assert first.returncode == 0, first.stderr
     assert len(json.loads(first.stdout)["tables"]["means"]) == 3
-    assert "0 of 3 jobs are kept, 3 to do\n" in first.stderr
+    assert "0 of 3 jobs stored, 3 to do\n" in first.stderr
     assert f"report: {Path('study-out/tiny/report.html')}\n" in first.stderr
     again = call(tmp_path, "--count", "4", "--fails", "job-3", "--partial", "yes")
     assert again.returncode == 0
     assert again.stdout == "3 means.\n1 job is missing, so nothing is decided.\n"
-    assert "3 of 4 jobs are kept, 1 to do" in again.stderr
+    assert "3 of 4 jobs stored, 1 to do" in again.stderr
     assert "failed: job-3: it did not converge\n" in again.stderr
     assert "warning: 1 jobs failed and are not included: job-3;" in again.stderr
     assert "job-3" in (tmp_path / "study-out/tiny/report.html").read_text()
@@ -130,7 +130,7 @@ def until(process: subprocess.Popen[str], store: Path, count: int) -> None:
 
 
 @pytest.mark.slow
-def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(tmp_path: Path, store: Path) -> None:
+def test_ctrl_c_keeps_results_for_resume(tmp_path: Path, store: Path) -> None:
     with begun(tmp_path, "--seconds", "0.3", "--jobs", "2") as process:
         until(process, store, 2)
         os.killpg(process.pid, signal.SIGINT)
@@ -139,14 +139,14 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(tmp_path: Path, store: 
     assert (process.returncode, out) == (130, "")
     # Without a terminal a line every few seconds says how far it is.
     assert [line for line in said.splitlines() if not line.startswith("tiny: ")][1:] == [
-        f"deltact-fab: stopped: {kept} of 12 jobs are kept; the same command goes on there"
+        f"deltact-fab: stopped: {kept} of 12 jobs stored; run the same command to resume"
     ]
     assert 2 <= kept < 12
     assert not (tmp_path / "study-out/tiny/report.html").exists()
 
 
 @pytest.mark.slow
-def test_killed_at_random_moments_and_resumed_the_tables_are_those_of_an_undisturbed_run(
+def test_killed_and_resumed_tables_are_identical(
     tmp_path: Path, store: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drawn = random.Random(22)

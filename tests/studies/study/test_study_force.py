@@ -30,12 +30,12 @@ from deltact_fab.sensor.shapes.sensor import SkinDimensions
 from deltact_fab.simulate.experiment.request import RunRequest
 from deltact_fab.simulate.experiment.session import run_experiment
 from deltact_fab.studies.study.force_calibration import (
-    found,
-    points_of,
+    build_result,
+    count_points,
+    load_scene,
+    order_places,
     run,
-    scaled,
-    scene,
-    spread,
+    scale_protocol,
 )
 from deltact_fab.studies.study.registry import StudyRequest
 
@@ -71,8 +71,8 @@ def made(noise_n: float = 0.02, bent: float = 1.0, places: int = PLACES) -> Forc
     )
 
 
-def test_what_counts_is_told_in_few_words_with_its_interval() -> None:
-    told = found(made(), scale=0.1)
+def test_verdict_is_short_with_intervals() -> None:
+    told = build_result(made(), scale=0.1)
     assert told.answer[0].startswith("Use the model sums; more than ")
     best, paper = told.headlines[:3], told.headlines[3:]
     for head in told.headlines:
@@ -90,15 +90,15 @@ def test_what_counts_is_told_in_few_words_with_its_interval() -> None:
     assert [one for one in told.notes if "docs/evidence/strangers.md" in one]
 
 
-def test_a_goal_is_missed_or_undecided_where_places_are_few() -> None:
+def test_few_places_leave_goals_open() -> None:
     """With a place that answers otherwise; of three places there is no interval."""
-    assert found(made(bent=1.6)).headlines[0].state == "missed"
-    few = found(made(places=3)).headlines[0]
+    assert build_result(made(bent=1.6)).headlines[0].state == "missed"
+    few = build_result(made(places=3)).headlines[0]
     assert few.over == "3 positions: no interval below four"
     assert few.state == "undecided"
 
 
-def test_by_place_the_papers_model_is_read_in_four_ways() -> None:
+def test_paper_model_has_four_readings() -> None:
     """Of normal force that is linear in the signed sums, with another factor at each place."""
     result = made()
     data = result.data
@@ -114,7 +114,7 @@ def test_by_place_the_papers_model_is_read_in_four_ways() -> None:
     assert (right[["at_random_n", "by_press_n", "by_place_n"]] > 0.3).all(axis=None)
     assert (reading["paper, clipped", "with"]["alone_n"] > 0.2).all()
     assert (reading["paper, signed", "without"]["alone_n"] > 1e-3).all()
-    whole = found(made())
+    whole = build_result(made())
     clipped = whole.tables[1].frame.query("model == 'paper, clipped' and constant == 'without'")
     pooled = (clipped["at_random_n"] ** 2).mean() ** 0.5
     assert pooled == pytest.approx(whole.headlines[3].value), "the paper's own reading"
@@ -123,33 +123,33 @@ def test_by_place_the_papers_model_is_read_in_four_ways() -> None:
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
-        (StudyRequest(rig="grbl-bench"), "a study simulates on a 'virtual' rig"),
+        (StudyRequest(rig="grbl-bench"), "expected a 'virtual' rig"),
         (StudyRequest(rig="virtul"), "did you mean 'virtual'"),
-        (StudyRequest(more={"protocol": "deep-drag"}), "channels: without force"),
+        (StudyRequest(options={"protocol": "deep-drag"}), "channels: without force"),
         (StudyRequest(scale=0.0), "expected above 0 and at most 1"),
     ],
 )
-def test_a_scene_that_will_not_do_is_refused_in_one_line(asked: StudyRequest, words: str) -> None:
+def test_unusable_scene_is_refused(asked: StudyRequest, words: str) -> None:
     with pytest.raises(InputError, match=words) as why:
-        scene(asked)
+        load_scene(asked)
     assert "\n" not in str(why.value)
 
 
-def test_a_gel_that_no_tolerance_picks_is_refused(mini: tuple[Path, Path], mini_run: Path) -> None:
+def test_other_gel_models_are_refused(mini: tuple[Path, Path], mini_run: Path) -> None:
     with pytest.raises(
         InputError, match=r"specimen.gel_model: 'linear'; a calibration needs .*'hyperelastic'"
     ):
-        scene(StudyRequest(more={"protocol": str(mini[0])}))
+        load_scene(StudyRequest(options={"protocol": str(mini[0])}))
     with pytest.raises(InputError, match=r"gel_model = 'linear'.*judged on 'hyperelastic'"):
         run(StudyRequest(runs=(mini_run,)))
 
 
-def test_recorded_runs_take_no_scale_and_no_rig(mini_run: Path, tmp_path: Path) -> None:
+def test_recorded_runs_refuse_scale_and_rig(mini_run: Path, tmp_path: Path) -> None:
     for asked, words in (
         (StudyRequest(runs=(mini_run,), scale=0.1), "--scale: does not go with --from"),
         (StudyRequest(runs=(mini_run,), rig="virtual"), "--rig: does not go with --from"),
         (
-            StudyRequest(runs=(mini_run,), more={"protocol": "twist"}),
+            StudyRequest(runs=(mini_run,), options={"protocol": "twist"}),
             "--protocol: does not go with",
         ),
         (StudyRequest(runs=(tmp_path / "gone",)), "no such folder"),
@@ -175,8 +175,8 @@ def folded(protocol: Protocol) -> set[tuple[float, float]]:
 @pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.floats(1e-4, 1.0))
-def test_any_scale_keeps_the_indenters_the_range_and_places_to_leave_out(scale: float) -> None:
-    thin = scaled(whole(), scale)
+def test_scale_keeps_indenters_and_range(scale: float) -> None:
+    thin = scale_protocol(whole(), scale)
     assert thin.indenters == whole().indenters
     assert len(folded(thin)) >= 2
     assert set(thin.positions_mm) <= set(whole().positions_mm)
@@ -184,28 +184,28 @@ def test_any_scale_keeps_the_indenters_the_range_and_places_to_leave_out(scale: 
     assert set(thin.depths_mm) <= set(whole().depths_mm)
     shears = [protocol.shear for protocol in (thin, whole())]
     assert len({shear and shear.at_depth_mm(1.6) for shear in shears}) == 1
-    wanted = scale * points_of(whole())
-    assert points_of(thin) >= FEWEST_POINTS
+    wanted = scale * count_points(whole())
+    assert count_points(thin) >= FEWEST_POINTS
     if wanted > FEWEST_POINTS:
-        assert 1 / ABOVE <= points_of(thin) / wanted <= ABOVE
+        assert 1 / ABOVE <= count_points(thin) / wanted <= ABOVE
 
 
-def test_the_whole_is_the_papers() -> None:
-    assert scaled(whole(), 1.0) == whole()
-    assert points_of(whole()) == 9 * (5 * 9 + 1) * 5 == 2070
+def test_full_scale_is_the_papers() -> None:
+    assert scale_protocol(whole(), 1.0) == whole()
+    assert count_points(whole()) == 9 * (5 * 9 + 1) * 5 == 2070
 
 
-def test_places_are_kept_far_apart_and_mirror_images_last() -> None:
-    order = [whole().positions_mm[n] for n in spread(whole().positions_mm)]
+def test_places_are_far_apart_mirrors_last() -> None:
+    order = [whole().positions_mm[n] for n in order_places(whole().positions_mm)]
     assert order[:2] == [(0.0, 0.0), (6.0, 5.0)]
     assert {(abs(x), abs(y)) for x, y in order[:4]} == folded(whole())
     assert sorted(order) == sorted(whole().positions_mm)
 
 
 @pytest.mark.parametrize("scale", [0.0, -0.1, 1.01, float("nan")])
-def test_another_scale_is_refused(scale: float) -> None:
+def test_invalid_scale_is_refused(scale: float) -> None:
     with pytest.raises(InputError, match="at most 1"):
-        scaled(whole(), scale)
+        scale_protocol(whole(), scale)
 
 
 PROTOCOL = """
@@ -229,7 +229,7 @@ gel_model = "hyperelastic"
 def asked(tmp_path_factory: pytest.TempPathFactory) -> StudyRequest:
     protocol = tmp_path_factory.mktemp("protocol") / "two-places.toml"
     protocol.write_text(PROTOCOL)
-    return StudyRequest(rig="virtual-coarse", seed=5, more={"protocol": str(protocol)})
+    return StudyRequest(rig="virtual-coarse", seed=5, options={"protocol": str(protocol)})
 
 
 @pytest.fixture(scope="module")
@@ -238,7 +238,7 @@ def simulated(asked: StudyRequest) -> dict[str, Any]:
 
 
 @pytest.mark.slow
-def test_the_study_is_simulated_judged_and_told(simulated: dict[str, Any]) -> None:
+def test_simulated_study_end_to_end(simulated: dict[str, Any]) -> None:
     # One at rest and nine stops of a grid of shear, at three places, two of them mirror images.
     assert simulated["n_points"] == 30
     best = simulated["tables"]["force-models"][0]
@@ -261,11 +261,11 @@ def test_the_study_is_simulated_judged_and_told(simulated: dict[str, Any]) -> No
 
 
 @pytest.mark.slow
-def test_a_recorded_run_of_the_protocol_says_the_same(
+def test_recorded_run_gives_same_result(
     asked: StudyRequest, simulated: dict[str, Any], tmp_path: Path
 ) -> None:
     folder = tmp_path / "recorded"
-    run_experiment(RunRequest(asked.more["protocol"], str(asked.rig), folder, seed=5))
+    run_experiment(RunRequest(asked.options["protocol"], str(asked.rig), folder, seed=5))
     recorded = run(StudyRequest(runs=(folder,), seed=5)).data
     assert recorded["tables"] == simulated["tables"]
     assert recorded["runs"] == ["recorded"]

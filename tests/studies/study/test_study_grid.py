@@ -36,22 +36,22 @@ def solve(jobs: list[GridJob], say: Callable[[str], None] = lambda text: None) -
 
 
 def entries() -> list[Path]:
-    return sorted(engine.STORE.folder.glob("*.bin"))
+    return sorted(engine.STUDY_STORE.folder.glob("*.bin"))
 
 
 def same(one: Grid, other: Grid) -> bool:
-    return list(one.found) == list(other.found) and all(
+    return list(one.results) == list(other.results) and all(
         a.keys() == b.keys() and all(np.array_equal(a[k], b[k], equal_nan=k == "nan") for k in a)
-        for a, b in zip(one.found.values(), other.found.values(), strict=True)
+        for a, b in zip(one.results.values(), other.results.values(), strict=True)
     )
 
 
-def test_what_is_kept_is_not_done_again_and_is_the_same(done: Path) -> None:
+def test_stored_results_are_not_recomputed(done: Path) -> None:
     said: list[str] = []
     first = solve(tiny_study.jobs_of(7, 3), say=said.append)
     again = solve(tiny_study.jobs_of(7, 3), say=said.append)
-    assert said == ["0 of 3 jobs are kept, 3 to do"]
-    assert (first.kept, again.kept, len(list(done.iterdir()))) == (0, 3, 3)
+    assert said == ["0 of 3 jobs stored, 3 to do"]
+    assert (first.n_cached, again.n_cached, len(list(done.iterdir()))) == (0, 3, 3)
     assert same(first, again)
     value = first["job-1"]
     assert value["draws"].shape == (4, 2)
@@ -60,20 +60,20 @@ def test_what_is_kept_is_not_done_again_and_is_the_same(done: Path) -> None:
     assert math.isnan(value["nan"])
 
 
-def test_another_seed_or_other_arguments_are_another_job(done: Path) -> None:
+def test_seed_and_arguments_change_the_key(done: Path) -> None:
     solve(tiny_study.jobs_of(7, 2))
-    assert solve(tiny_study.jobs_of(8, 2)).kept == 0
-    assert solve(tiny_study.jobs_of(7, 3)).kept == 2
+    assert solve(tiny_study.jobs_of(8, 2)).n_cached == 0
+    assert solve(tiny_study.jobs_of(7, 3)).n_cached == 2
 
 
-def test_arguments_that_are_no_plain_data_are_refused_before_anything_is_done() -> None:
+def test_non_plain_arguments_are_refused_early() -> None:
     job = tiny_study.jobs_of(1, 1)[0]
     with pytest.raises(TypeError, match="job-0"):
         solve([replace(job, arguments={"path": Path()})])
 
 
 @pytest.mark.parametrize("harm", ["cut", "bit", "empty", "other"])
-def test_a_damaged_entry_is_done_again(harm: str, done: Path) -> None:
+def test_damaged_entry_is_recomputed(harm: str, done: Path) -> None:
     whole = solve(tiny_study.jobs_of(7, 2))
     one, other = entries()
     data = one.read_bytes()
@@ -85,59 +85,59 @@ def test_a_damaged_entry_is_done_again(harm: str, done: Path) -> None:
     }
     one.write_bytes(harmed[harm])
     again = solve(tiny_study.jobs_of(7, 2))
-    assert (again.kept, len(list(done.iterdir()))) == (1, 3)
+    assert (again.n_cached, len(list(done.iterdir()))) == (1, 3)
     assert same(whole, again)
-    assert solve(tiny_study.jobs_of(7, 2)).kept == 2
+    assert solve(tiny_study.jobs_of(7, 2)).n_cached == 2
 
 
-def test_a_failure_ends_one_job_and_the_grid_says_so_whatever_is_asked_of_it(done: Path) -> None:
+def test_failure_ends_only_its_job(done: Path) -> None:
     said: list[str] = []
     grid = solve(tiny_study.jobs_of(7, 4, fails="job-2"), say=said.append)
     assert said[1:] == ["failed: job-2: it did not converge"]
     assert grid.missing == {"job-2": "it did not converge"}
-    assert list(grid.found) == ["job-0", "job-1", "job-3"]
-    assert grid["job-3"]["mean"] == grid.found["job-3"]["mean"]
-    with pytest.raises(RunFailed, match="job-2: has no result"):
+    assert list(grid.results) == ["job-0", "job-1", "job-3"]
+    assert grid["job-3"]["mean"] == grid.results["job-3"]["mean"]
+    with pytest.raises(RunFailed, match="job-2: no result"):
         grid["job-2"]
     with pytest.raises(KeyError):
         grid["job-9"]
     # It is tried again, and then the grid is whole.
     later = solve(tiny_study.jobs_of(7, 4))
-    assert (later.missing, later.kept, len(later.found)) == ({}, 3, 4)
+    assert (later.missing, later.n_cached, len(later.results)) == ({}, 3, 4)
     failing = tiny_study.jobs_of(7, 4, fails="job-2")
     assert [solve(failing).missing for _ in range(2)] == [{"job-2": "it did not converge"}] * 2
 
 
-def test_a_mistake_in_the_code_is_raised_with_the_job_that_it_was_in() -> None:
+def test_bug_is_raised_with_its_job() -> None:
     with pytest.raises(KeyError) as why:
         solve([GridJob("wrong", tiny_study.draw, {}), *tiny_study.jobs_of(7, 1)])
     assert why.value.__notes__ == ["in the job wrong"]
 
 
-def test_a_store_that_refuses_is_said_once_and_the_values_are_there(tmp_path: Path) -> None:
+def test_failing_store_is_reported_once(tmp_path: Path) -> None:
     cache.cache_folder().parent.mkdir(exist_ok=True)
     cache.cache_folder().write_text("no folder")
     said: list[str] = []
-    assert len(solve(tiny_study.jobs_of(7, 3), say=said.append).found) == 3
-    assert [line for line in said if "nothing can be kept" in line] == said[1:]
+    assert len(solve(tiny_study.jobs_of(7, 3), say=said.append).results) == 3
+    assert [line for line in said if "cannot store results" in line] == said[1:]
     assert len(said) == 2
 
 
-def test_what_a_study_forgets_is_in_its_result(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_jobs_are_in_the_result(monkeypatch: pytest.MonkeyPatch) -> None:
     from deltact_fab.studies.study import registry
 
     monkeypatch.setattr(registry, "STUDIES", dict(registry.STUDIES))
     monkeypatch.setitem(registry.STUDIES, "tiny", registry.Study("tiny_study", "Tiny."))
     monkeypatch.setitem(sys.modules, "deltact_fab.studies.study.tiny_study", tiny_study)
     more = {"count": 3, "seconds": 0.0, "fails": "job-1", "partial": True}
-    assert registry.run_study("tiny", StudyRequest(more=more)).missing == ("job-1",)
-    with pytest.raises(RunFailed, match="job-1: has no result"):
-        registry.run_study("tiny", StudyRequest(more={**more, "partial": False}))
+    assert registry.run_study("tiny", StudyRequest(options=more)).missing == ("job-1",)
+    with pytest.raises(RunFailed, match="job-1: no result"):
+        registry.run_study("tiny", StudyRequest(options={**more, "partial": False}))
     with pytest.raises(InputError, match="did you mean 'tiny'"):
         registry.run_study("tinny", StudyRequest())
 
 
-def test_the_longest_jobs_are_begun_first() -> None:
+def test_longest_jobs_start_first() -> None:
     jobs = [
         replace(job, cost=cost)
         for job, cost in zip(tiny_study.jobs_of(7, 3), (1.0, 3.0, 2.0), strict=True)
@@ -148,7 +148,7 @@ def test_the_longest_jobs_are_begun_first() -> None:
     assert [name for name in heard if name] == ["job-1", "job-2", "job-0"]
 
 
-def test_seeds_depend_on_the_study_and_the_name_and_nothing_else() -> None:
+def test_seeds_depend_on_study_and_name() -> None:
     names = [f"sphere:{d}/p{n}" for d in range(40) for n in range(50)]
     found = [seed_of(3, name) for name in names]
     assert len(set(found)) == len(names)
@@ -159,13 +159,13 @@ def test_seeds_depend_on_the_study_and_the_name_and_nothing_else() -> None:
     assert seed_of(3, "sphere:10/p1") == 249821586942346
 
 
-def test_remaining_time_is_told_by_what_the_jobs_cost(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_remaining_time_follows_job_costs(monkeypatch: pytest.MonkeyPatch) -> None:
     now = [100.0]
     monkeypatch.setattr(engine.time, "monotonic", lambda: now[0])
     pace = JobPace([30.0, 10.0, 10.0, 10.0], 2)
-    assert (pace.beforehand, pace.left()) == ("about 30 s", "")
+    assert (pace.beforehand, pace.time_left()) == ("about 30 s", "")
     now[0] += 8
-    pace.done += 10
-    assert pace.left() == "about 40 s left"
+    pace.done_cost += 10
+    assert pace.time_left() == "about 40 s left"
     assert JobPace([0.0] * 20, 2).beforehand == ""
     assert JobPace([60.0, 600.0], 2).beforehand == "about 10 min 00 s"  # the longest

@@ -19,7 +19,12 @@ from deltact_fab.fabricate.patterns.series import list_series
 from deltact_fab.present.report.result import StudyResult
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
 from deltact_fab.studies.study import pattern_selection
-from deltact_fab.studies.study.pattern_errors import COMPOSED, SUMMED, PatternErrors, PressErrors
+from deltact_fab.studies.study.pattern_errors import (
+    COMPOSED_FLOW,
+    SUMMED_FLOW,
+    PatternErrors,
+    PressErrors,
+)
 from deltact_fab.studies.study.pattern_selection import Selection
 from deltact_fab.studies.study.pattern_tables import claims
 from deltact_fab.studies.study.registry import StudyRequest
@@ -29,7 +34,7 @@ TWO = ("d0p1-r0p5", "d0p2-r0p1")
 
 def asked(mini: tuple[Path, Path], **more: Any) -> StudyRequest:
     chosen = {"protocol": str(mini[0]), "pattern": TWO, "indenter": ()} | more
-    return StudyRequest(scale=1.0, seed=3, rig=str(mini[1]), more=chosen)
+    return StudyRequest(scale=1.0, seed=3, rig=str(mini[1]), options=chosen)
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +44,7 @@ def small(mini: tuple[Path, Path]) -> StudyResult:
 
 
 @pytest.mark.slow
-def test_a_small_one_has_errors_cover_and_the_papers_values(small: StudyResult) -> None:
+def test_small_study_has_errors_and_paper(small: StudyResult) -> None:
     assert small.simulated
     assert not small.missing
     rows = {row["pattern"]: row for row in small.data["tables"]["patterns"]}
@@ -55,8 +60,8 @@ def test_a_small_one_has_errors_cover_and_the_papers_values(small: StudyResult) 
             assert 0.5 < row[f"{name}_coverage"] <= 1
     json.dumps(small.data, allow_nan=False)
     patterns, indenters, path = small.tables
-    assert patterns.shown is not None
-    assert set(patterns.shown) <= set(patterns.frame)
+    assert patterns.columns is not None
+    assert set(patterns.columns) <= set(patterns.frame)
     assert len(indenters.frame) == 6
     assert {"depth_mm", "drag_from_mm", "drag_to_mm", "lost_pixels"} < set(path.frame)
     assert (path.frame["frames"] > 0).all()
@@ -67,7 +72,7 @@ def test_a_small_one_has_errors_cover_and_the_papers_values(small: StudyResult) 
 
 
 @pytest.mark.slow
-def test_the_same_from_the_record_of_the_same_press(
+def test_record_gives_the_same_errors(
     mini: tuple[Path, Path], mini_run: Path, tmp_path: Path
 ) -> None:
     """A record has its own pattern, and here its truth: the stream's frames are micrometres off."""
@@ -92,15 +97,15 @@ def test_the_same_from_the_record_of_the_same_press(
         ({"indenter": ("sphere:15",)}, "--indenter: 'sphere:15'"),
     ],
 )
-def test_names_that_are_not_known_are_refused(
+def test_unknown_names_are_refused(
     mini: tuple[Path, Path], more: dict[str, Any], says: str
 ) -> None:
     with pytest.raises(InputError, match=says):
         pattern_selection.run(asked(mini, **more))
 
 
-def test_presses_are_cut_so_that_every_worker_has_some_and_none_too_many() -> None:
-    scene = Selection.of(StudyRequest())
+def test_presses_are_split_over_workers() -> None:
+    scene = Selection.from_request(StudyRequest())
     for workers, parts in ((1, 5), (5, 5), (100, 17)):
         jobs = scene.jobs(workers)
         assert len({job.name for job in jobs}) == len(jobs) == 5 * parts
@@ -108,8 +113,8 @@ def test_presses_are_cut_so_that_every_worker_has_some_and_none_too_many() -> No
         assert sorted(first) == sorted(entry.name for entry in scene.entries)
 
 
-def test_a_job_is_known_by_all_of_its_arguments_in_any_process() -> None:
-    job, other = Selection.of(StudyRequest()).jobs()[:2]
+def test_job_key_is_independent_of_process() -> None:
+    job, other = Selection.from_request(StudyRequest()).jobs()[:2]
     assert pickle.loads(pickle.dumps(job)).key() == job.key()
     assert job.arguments.press == other.arguments.press
     changes: list[dict[str, Any]] = [
@@ -124,8 +129,8 @@ def test_a_job_is_known_by_all_of_its_arguments_in_any_process() -> None:
     assert len(set(keys)) == len(keys)
 
 
-def test_at_full_scale_the_gel_of_mirrored_positions_is_solved_once() -> None:
-    scene = Selection.of(StudyRequest(scale=1.0))
+def test_mirrored_positions_are_solved_once() -> None:
+    scene = Selection.from_request(StudyRequest(scale=1.0))
     assert len(scene.jobs()) == 100
     presses = scene.scene.gel(scene.name)
     stored = {presses.planned_press(path).solver.stored_as for path in presses.paths}
@@ -150,7 +155,7 @@ def made_up(
         mean = errors_mm.get(at, 0.3)
         for indenter, times in zip(INDENTERS, 1 + spread * rng.uniform(-1, 1, 5), strict=True):
             tallies = {}
-            for method, share in ((SUMMED, 1.0), (COMPOSED, composed)):
+            for method, share in ((SUMMED_FLOW, 1.0), (COMPOSED_FLOW, composed)):
                 value = mean * times * (share if at in errors_mm else 1.0)
                 tally = tallies[method] = ErrorTally()
                 tally.confident_share.add(1.0)
@@ -181,15 +186,13 @@ THEIRS = {(0.1, 0.5): 0.11, (0.075, 0.6): 0.08}
         (made_up(THEIRS | {(0.05, r): 0.6 for r in (0.4, 0.5, 0.6)}), ["met", "met", "met"]),
     ],
 )
-def test_a_claim_needs_both_readings_and_an_interval(
-    errors: PatternErrors, says: list[str]
-) -> None:
+def test_claim_needs_both_readings(errors: PatternErrors, says: list[str]) -> None:
     found = claims(errors)
     assert [one.state() for one in found] == says
-    assert [one.state(whole=False) for one in found] == ["undecided"] * 3
+    assert [one.state(final=False) for one in found] == ["undecided"] * 3
 
 
-def test_two_patterns_are_no_round() -> None:
+def test_two_patterns_are_not_a_round() -> None:
     """The paper's optimum once appeared in green from two patterns of the series."""
     whole = made_up(THEIRS)
     two = [p for p in whole.printed if p.name in TWO]
@@ -197,21 +200,21 @@ def test_two_patterns_are_no_round() -> None:
     assert [one.state() for one in claims(errors)] == ["undecided"] * len(claims(errors))
 
 
-def test_a_pattern_without_an_error_under_one_indenter_has_no_mean() -> None:
+def test_missing_indenter_error_has_no_mean() -> None:
     errors = made_up({(0.1, 0.5): 0.01})
-    best = errors.best(SUMMED, "at_dots", errors.printed)
+    best = errors.best(SUMMED_FLOW, "at_dots", errors.printed)
     assert best is not None
     assert best.name == "d0p1-r0p5"
-    del errors._joined["d0p1-r0p5", "i1", SUMMED]
-    assert errors.mean("d0p1-r0p5", SUMMED, "at_dots") is None
-    assert errors.best(SUMMED, "at_dots", errors.printed) != best
+    del errors._joined["d0p1-r0p5", "i1", SUMMED_FLOW]
+    assert errors.mean("d0p1-r0p5", SUMMED_FLOW, "at_dots") is None
+    assert errors.best(SUMMED_FLOW, "at_dots", errors.printed) != best
 
 
-def test_frames_along_the_path_are_those_at_a_depth_by_their_drag() -> None:
+def test_frames_are_grouped_by_drag() -> None:
     path = np.array([[2.5, 0.0], [5.0, 0.0], [5.0, 0.5], [5.0, 1.0], [5.0, 2.0]])
-    rows = {SUMMED: np.full((5, 3), 0.1)}
+    rows = {SUMMED_FLOW: np.full((5, 3), 0.1)}
     cell = PressErrors("x", "i/p1", "i", {}, rows, path, None, ())
-    found = PatternErrors((), [cell]).along("x", SUMMED)
+    found = PatternErrors((), [cell]).along_path("x", SUMMED_FLOW)
     assert [(row["depth_mm"], row["drag_to_mm"], row["frames"]) for row in found] == [
         (5.0, 0.0, 1), (5.0, 1.0, 2), (5.0, 2.0, 1)
     ]  # fmt: skip

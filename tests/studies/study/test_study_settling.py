@@ -21,22 +21,22 @@ from deltact_fab.simulate.experiment.request import RunRequest
 from deltact_fab.simulate.experiment.session import run_experiment
 from deltact_fab.studies.study import registry
 from deltact_fab.studies.study.registry import StudyRequest
-from deltact_fab.studies.study.settling import Fading
+from deltact_fab.studies.study.settling import ForceDecay
 
 SHARE, TIME_S, STEADY_N = 0.1, 2.0, 7.0
 
 
-def pressed_at_once(share: float = SHARE) -> Fading:
+def pressed_at_once(share: float = SHARE) -> ForceDecay:
     """A press of no duration, which a series of one branch leaves all of its share."""
     t_s = np.arange(0.0, 20.0, BIN_S)
     force = np.zeros((len(t_s), 3))
     force[1:, 2] = -STEADY_N * (1 + share * np.exp(-(t_s[1:] - t_s[1]) / TIME_S))
     rest = ForceRest(ForceHistory("p1", t_s, force), "p1/press", "press", 1.6, slice(1, len(t_s)))
     fitted = RelaxationFit(Series((share,), (TIME_S,)), 0.0, np.zeros((0, 3)), (), 0.0)
-    return Fading.of(rest, np.array([0.0, 0.0, -STEADY_N]), fitted)
+    return ForceDecay.from_rest(rest, np.array([0.0, 0.0, -STEADY_N]), fitted)
 
 
-def test_a_stop_waits_as_long_as_its_exponential_says() -> None:
+def test_wait_follows_the_exponential() -> None:
     stop = pressed_at_once()
     row = stop.row()
     assert row["steady_n"] == STEADY_N
@@ -46,16 +46,16 @@ def test_a_stop_waits_as_long_as_its_exponential_says() -> None:
     assert np.interp(1.0, stop.measured_s, stop.measured_n) == pytest.approx(
         np.interp(1.0, stop.wait_s, stop.excess_n), rel=0.02
     )
-    assert pressed_at_once(0.01).wait(2) == 0
+    assert pressed_at_once(0.01).settle_time_s(2) == 0
 
 
-def test_a_study_of_nothing_names_the_protocol_to_record() -> None:
+def test_missing_run_names_the_protocol() -> None:
     with pytest.raises(InputError, match="--from: missing; record the protocol 'settling'"):
         registry.run_study("settling", StudyRequest())
 
 
 @pytest.mark.slow
-def test_a_recorded_run_gives_back_the_gel_that_it_was_recorded_on(tmp_path: Path) -> None:
+def test_recorded_run_recovers_its_gel(tmp_path: Path) -> None:
     series = ((0.1, 0.5), (0.08, 4.0))
     whole, _ = plan.load_protocol("settling")
     changed = whole.model_copy(

@@ -14,7 +14,7 @@ from deltact_fab.paths import shipped_folder
 from deltact_fab.present.report.result import StudyResult
 from deltact_fab.studies.study import registry, shapes
 from deltact_fab.studies.study.registry import StudyRequest
-from deltact_fab.studies.study.shapes import FORCE, OBJECTS, TWIST, scene
+from deltact_fab.studies.study.shapes import FORCE_SMALL, OBJECT_SETS, TWIST_PRESS, load_scene
 
 
 def press(name: str, error_mm: float | None = None, **more: Any) -> PressShape:
@@ -41,10 +41,10 @@ def seen(**errors: float | None) -> dict[str, PressShape]:
 
 
 def found(presses: dict[str, PressShape], left_out_n: float | None = None) -> StudyResult:
-    return shapes.result(presses, [], None, "", left_out_n, simulated=True, seed=0, scale=1.0)
+    return shapes.build_result(presses, [], None, "", left_out_n, simulated=True, seed=0, scale=1.0)
 
 
-def test_a_depth_that_is_right_errs_by_nothing_and_meets_its_goals() -> None:
+def test_exact_depth_meets_its_goals() -> None:
     contact, face, *_ = found(seen(sphere=0.0, cylinder=0.0, ring=0.0, hat=0.0)).headlines
     assert (contact.value, contact.low, contact.high) == (0, 0, 0)
     assert contact.over == "4 objects"
@@ -52,7 +52,7 @@ def test_a_depth_that_is_right_errs_by_nothing_and_meets_its_goals() -> None:
     assert face.state == "met"
 
 
-def test_each_object_has_its_error_and_a_goal_that_the_interval_reaches_over_is_undecided() -> None:
+def test_goal_inside_interval_is_undecided() -> None:
     result = found(seen(sphere=0.1, cylinder=0.1, ring=0.1, hat=0.4))
     by = {head.what.partition(":")[0]: head for head in result.headlines}
     assert by["ring"].value == pytest.approx(0.1)
@@ -63,14 +63,14 @@ def test_each_object_has_its_error_and_a_goal_that_the_interval_reaches_over_is_
     assert whole.high is not None
     assert 0 < whole.low < 0.25 < whole.high
     assert whole.state == "undecided"
-    assert "the goal of 0.25 is undecided" in result.verdict[0]
+    assert "goal 0.25: undecided" in result.verdict[0]
     assert len(" ".join(result.verdict).split()) <= 80
     (table,) = result.data["tables"].values()
     assert [(row["indenter"], row["places"]) for row in table][2:] == [("ring", 3), ("hat", 3)]
     assert table[3]["depth_error_contact_mm"] == pytest.approx(0.4)
 
 
-def test_the_force_is_held_against_the_sensor() -> None:
+def test_force_is_compared_with_sensor() -> None:
     presses = {
         f"p{k}": press("ring", found_normal_n=5.0 + off, normal_n=5.0, force_extrapolated=off == 1)
         for k, off in enumerate((0.1, -0.1, 0.1, 1))
@@ -78,26 +78,27 @@ def test_the_force_is_held_against_the_sensor() -> None:
     head, beyond = found(presses, 0.06).headlines
     assert head.value == pytest.approx(0.1)
     assert head.goal == 0.2
-    assert "0.06 N on a place of its ball left out" in head.remark
+    assert "0.06 N on a left-out place of its ball" in head.remark
     assert beyond.value == pytest.approx(1)
     assert "beyond the calibrations" in beyond.what
     assert beyond.goal is None
     assert "+20 %" in beyond.remark
 
 
-def test_the_scale_thins_places_and_no_object() -> None:
-    whole, least = scene(StudyRequest()), scene(StudyRequest(scale=0.01))
-    for name in OBJECTS:
+def test_scale_reduces_places_not_objects() -> None:
+    whole, least = load_scene(StudyRequest()), load_scene(StudyRequest(scale=0.01))
+    for name in OBJECT_SETS:
         assert len(whole.protocols[name].positions_mm) == 3
         assert least.protocols[name].positions_mm == whole.protocols[name].positions_mm[:1]
         assert least.protocols[name].indenters == whole.protocols[name].indenters
         assert least.protocols[name].depths_mm == whole.protocols[name].depths_mm
-    assert least.protocols[FORCE] == whole.protocols[FORCE]
-    assert whole.presses(TWIST) == ["sphere-15/p1"]
-    kinds = {one.partition("/")[0] for name in OBJECTS for one in whole.presses(name)}
+    assert least.protocols[FORCE_SMALL] == whole.protocols[FORCE_SMALL]
+    assert whole.presses(TWIST_PRESS) == ["sphere-15/p1"]
+    kinds = {one.partition("/")[0] for name in OBJECT_SETS for one in whole.presses(name)}
     assert kinds == {"sphere-15", "cylinder", "ring", "hat"}
     # No object is the ball that depth and force are calibrated on.
-    assert set(whole.protocols[FORCE].indenters) == set(whole.protocols["ball-press"].indenters)
+    force, ball = whole.protocols[FORCE_SMALL], whole.protocols["ball-press"]
+    assert set(force.indenters) == set(ball.indenters)
     assert "sphere-10" not in kinds
 
 
@@ -118,7 +119,7 @@ FEWER = {
 
 
 @pytest.mark.slow
-def test_the_study_is_whole_and_done_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_study_is_complete_and_cached(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "protocols").mkdir()
     for name, pairs in FEWER.items():
         text = (shipped_folder("protocols") / f"{name}.toml").read_text()

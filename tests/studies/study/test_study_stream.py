@@ -16,7 +16,7 @@ from deltact_fab.bench.rig.config import VirtualConfig
 from deltact_fab.estimate.analysis.tracking_error.follow import TrackingPlan, analyse_press
 from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.fabricate.patterns.recipe import PatternRecipe
-from deltact_fab.studies.study.stream import Look, PressStream
+from deltact_fab.studies.study.stream import FrameMoment, PressStream
 
 PRESS = "sphere-10/p1"
 
@@ -41,20 +41,18 @@ def recipe(run: Run) -> PatternRecipe:
 
 
 @pytest.fixture(scope="module")
-def recorded(run: Run) -> list[Look]:
+def recorded(run: Run) -> list[FrameMoment]:
     """When the rig took its frames."""
     with np.load(TruthFiles(run.folder).press(PRESS)) as held:
         rows = zip(held["knots"].tolist(), held["fraction"].tolist(), strict=True)
-        return [Look("", a, b, fraction) for (a, b), fraction in rows]
+        return [FrameMoment("", a, b, fraction) for (a, b), fraction in rows]
 
 
-def test_the_plan_has_the_rigs_frames_but_for_the_ramps_of_its_motors(
-    stream: PressStream, recorded: list[Look]
-) -> None:
-    planned = stream.looks
+def test_plan_matches_rig_except_ramps(stream: PressStream, recorded: list[FrameMoment]) -> None:
+    planned = stream.moments
     assert len(planned) == len(recorded)
 
-    def tip_mm(look: Look) -> np.ndarray:
+    def tip_mm(look: FrameMoment) -> np.ndarray:
         poses = [(*stream.path.at_mm, 0.0), *(p.tip_mm for p in stream.solver.poses)]
         a, b = (np.array(poses[k]) for k in (look.a, look.b))
         return a + look.fraction * (b - a)
@@ -66,8 +64,8 @@ def test_the_plan_has_the_rigs_frames_but_for_the_ramps_of_its_motors(
 
 
 @pytest.mark.slow
-def test_memory_does_not_grow_with_the_frames(stream: PressStream, recipe: PatternRecipe) -> None:
-    picture, noise, looks = stream.picture(recipe, 0), stream.noise(0), stream.looks
+def test_memory_is_independent_of_frames(stream: PressStream, recipe: PatternRecipe) -> None:
+    picture, noise, looks = stream.picture(recipe, 0), stream.noise(0), stream.moments
     held = []
     tracemalloc.start()
     try:
@@ -82,8 +80,8 @@ def test_memory_does_not_grow_with_the_frames(stream: PressStream, recipe: Patte
 
 
 @pytest.mark.slow
-def test_followed_as_a_stream_a_press_has_the_errors_that_its_record_has(
-    stream: PressStream, run: Run, recipe: PatternRecipe, recorded: list[Look]
+def test_stream_has_errors_of_record(
+    stream: PressStream, run: Run, recipe: PatternRecipe, recorded: list[FrameMoment]
 ) -> None:
     from deltact_fab.estimate.analysis.tracking_error.follow import Follower
 
@@ -93,7 +91,7 @@ def test_followed_as_a_stream_a_press_has_the_errors_that_its_record_has(
     picture, noise = stream.picture(recipe, seed), stream.noise(seed)
     follower = Follower(scene, marks)
     for frame in stream.frames(recorded):
-        image = stream.tracked(picture.expose(frame.at_px, noise))
+        image = stream.tracker_image(picture.expose(frame.at_px, noise))
         follower.track(image, frame.true)
     found = follower.tallies["fused"].figures()
     assert {**found, "ms_per_frame": 0} == {**kept, "ms_per_frame": 0}

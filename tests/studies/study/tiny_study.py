@@ -73,10 +73,10 @@ def jobs_of(seed: int, count: int, seconds: float = 0.0, fails: str = "") -> lis
 def run(asked: StudyRequest) -> StudyResult:
     import pandas as pd
 
-    more = asked.more
+    more = asked.options
     jobs = jobs_of(asked.seed, more["count"], more["seconds"], more["fails"])
     grid = asked.solve(jobs)
-    found = grid.found if more["partial"] else {job.name: grid[job.name] for job in jobs}
+    found = grid.results if more["partial"] else {job.name: grid[job.name] for job in jobs}
     frame = pd.DataFrame({"job": list(found), "mean": [v["mean"] for v in found.values()]})
     return StudyResult(
         study="tiny",

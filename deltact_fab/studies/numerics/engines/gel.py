@@ -1,9 +1,9 @@
 """The gel at its two levels: error of force and tracked displacement against run time.
 
-One press, a sphere of 15 mm to 2 and 5 mm in the middle of the standard skin. The reference is the
-finite-strain level on two fine meshes, extrapolated at second order; what that moves the finer one
-is stated as its own error. The linear level's error is its model's, whatever its grid. The cases
-are stiff and extreme presses; a state that the solver itself does not trust counts as refused.
+One press: a 15 mm sphere to 2 and 5 mm in the middle of the standard skin. Reference: the
+finite-strain level on two fine meshes, Richardson-extrapolated at second order; its error is the
+change from the finer mesh. The linear level's error is its model's, whatever its grid. Cases:
+stiff and extreme presses; a state that the solver marks as untrusted counts as refused.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from deltact_fab.sensor import FreeBlock, GelMaterial, SkinDimensions, parse_ind
 from ..engine import Case, CurveSetting, Engine, Work
 from . import gel_press as checks
 from .gel_press import (
-    FINE,
-    LATTICE_MM,
-    OWN_ERROR,
-    QUICK_FINE,
-    SPHERE,
+    FACE_LATTICE_MM,
+    QUICK_CELLS_MM,
+    REFERENCE_CELLS_MM,
+    REFERENCE_ERROR,
+    SPHERE_INDENTER,
     GelAnswer,
     GelCase,
     PressSetup,
@@ -43,40 +43,40 @@ from .gel_press import (
     errors,
     reference,
     solve_finite,
-    solved,
+    solve_press,
 )
 
 
 def solve(run: PressSetup) -> GelAnswer:
-    """The press from nothing: mesh, factors and path. Raises what the gel raises."""
+    """Solve the press from scratch: mesh, factors and path. Raises the gel's errors."""
     if run.level == "hyperelastic":
         return solve_finite(run)
     return solve_auto(run) if run.level == "auto" else solve_linear(run)
 
 
 def solve_auto(run: PressSetup) -> GelAnswer:
-    """As `gel press` does it, with its estimate."""
-    material, indenter = GelMaterial(friction=run.friction), parse_indenter(SPHERE)
-    found = press_gel(SkinDimensions(), material, indenter, (0.0, 0.0), run.depth_mm,
+    """Solve like `gel press`, with its error estimate."""
+    material, indenter = GelMaterial(friction=run.friction), parse_indenter(SPHERE_INDENTER)
+    press = press_gel(SkinDimensions(), material, indenter, (0.0, 0.0), run.depth_mm,
                   tolerance=run.tolerance)  # fmt: skip
-    if found.result["force_n"] is None:
-        raise RunFailed(f"auto: {found.result['reason']}")
-    step = round(LATTICE_MM / float(found.x_mm[1] - found.x_mm[0]))
-    u = found.displacement_mm[::step, ::step, :2]
-    kept = ("model", "error_estimate", "picked", "within_tolerance")
-    return GelAnswer(-found.result["force_n"][2], u, {k: found.result[k] for k in kept})
+    if press.result["force_n"] is None:
+        raise RunFailed(f"auto: {press.result['reason']}")
+    step = round(FACE_LATTICE_MM / float(press.x_mm[1] - press.x_mm[0]))
+    u = press.displacement_mm[::step, ::step, :2]
+    note_keys = ("model", "error_estimate", "picked", "within_tolerance")
+    return GelAnswer(-press.result["force_n"][2], u, {k: press.result[k] for k in note_keys})
 
 
 def solve_linear(run: PressSetup) -> GelAnswer:
-    """By the linear level, on a grid of the run's spacing."""
+    """Solve at the linear level, on a grid of the run's spacing."""
     skin, material, indenter = (
         SkinDimensions(),
         GelMaterial(friction=run.friction),
-        parse_indenter(SPHERE),
+        parse_indenter(SPHERE_INDENTER),
     )
     choice = select_level(skin, material, indenter, Reach(deepest_mm=run.depth_mm), level=run.level,
                   spacing_mm=run.spacing_mm)  # fmt: skip
-    contact = open_contact(skin, material, indenter, choice, LATTICE_MM)
+    contact = open_contact(skin, material, indenter, choice, FACE_LATTICE_MM)
     *_, last = follow_path(
         contact, contact.rest(), (0.0, 0.0, run.depth_mm), contact.choice.step_mm
     )
@@ -84,10 +84,10 @@ def solve_linear(run: PressSetup) -> GelAnswer:
 
 
 def linear_breach(scene: GelCase, depth_mm: float, scratch: Path) -> tuple[float, str]:
-    """Of a press and a drag of 0.3 mm at the linear level, the worst breach of contact.
+    """Worst contact violation of a press and 0.3 mm drag at the linear level.
 
-    Penetration, a gap under pressure (both over the depth) and shear above friction x pressure (of
-    its largest bound), worked out anew on the whole face.
+    Penetration or gap under pressure (over the depth), or shear above friction x pressure (over its
+    largest bound), recomputed on the whole face.
     """
     face = FreeBlock(scene.skin(), scene.material(), scene.spacing_mm)
     contact = LinearContact(face, parse_indenter(scene.indenter))
@@ -104,47 +104,48 @@ def linear_breach(scene: GelCase, depth_mm: float, scratch: Path) -> tuple[float
     return float(max(worst, excess)), f"Fx {fx:+.3f} N, Fz {fz:+.3f} N"
 
 
-FORCE, IN_PLANE = "% of the force", "mm rms over the face"
+FORCE_UNIT, IN_PLANE_UNIT = "% of the force", "mm rms over the face"
 
 
 def curves(quick: bool) -> Sequence[CurveSetting]:
-    """What can be repeated six times; the rest is left to `make evidence`."""
+    """Settings fast enough to repeat six times; `make evidence` has the others."""
     if quick:
-        return [_setting(PressSetup("hyperelastic", 2.0, 0.0, h), FORCE, True) for h in (3.0, 2.0)]
+        runs = [PressSetup("hyperelastic", 2.0, 0.0, h) for h in (3.0, 2.0)]
+        return [_setting(r, FORCE_UNIT, True) for r in runs]
     levels: dict[Level, tuple[float, ...]] = {
         "hyperelastic": (3.0, 2.0, 1.5, 1.0), "linear": (0.5, 0.35, 0.25, 0.125),
     }  # fmt: skip
     runs = [PressSetup(level, 2.0, 0.0, h) for level, spacings in levels.items() for h in spacings]
     runs += [PressSetup("auto", 2.0, 0.0, tolerance=t) for t in (0.1, 0.03, 0.01)]
     deep = [PressSetup("hyperelastic", 5.0, 0.0, h) for h in (3.0, 2.0, 1.5, 1.0)]
-    return [_setting(r, FORCE, False) for r in (*runs, *deep)] + [
-        _setting(r, IN_PLANE, False) for r in deep
+    return [_setting(r, FORCE_UNIT, False) for r in (*runs, *deep)] + [
+        _setting(r, IN_PLANE_UNIT, False) for r in deep
     ]
 
 
 def _setting(run: PressSetup, unit: str, quick: bool) -> CurveSetting:
-    what = "force" if unit == FORCE else "in plane"
-    coarse, fine = QUICK_FINE if quick else FINE
+    quantity = "force" if unit == FORCE_UNIT else "in plane"
+    coarse, fine = QUICK_CELLS_MM if quick else REFERENCE_CELLS_MM
     return CurveSetting(
-        f"{run.case}: {what}", run.series, run.name, unit,
+        f"{run.case}: {quantity}", run.series, run.name, unit,
         f"hyperelastic, quarter, {coarse:g} and {fine:g} mm extrapolated",
-        OWN_ERROR[run.depth_mm, quick][unit == IN_PLANE], partial(_build, run, unit, quick),
-        "self-test",
+        REFERENCE_ERROR[run.depth_mm, quick][unit == IN_PLANE_UNIT],
+        partial(_build, run, unit, quick), "self-test",
     )  # fmt: skip
 
 
 def _build(run: PressSetup, unit: str, quick: bool, scratch: Path) -> Work:
     truth = reference(run.depth_mm, quick)
-    place = int(unit == IN_PLANE)
+    place = int(unit == IN_PLANE_UNIT)
     return Work(partial(solve, run), lambda answer: abs(errors(answer, truth)[place]))
 
 
 def cases(quick: bool) -> Sequence[Case]:
-    """What takes seconds; the lines of minutes and hours are `make evidence`'s."""
+    """Cases of seconds; `make evidence` has those of minutes and hours."""
     coarse = GelCase(spacing_mm=2.0)
     out = [
-        *(of_nu((0.4999,))[1:] if quick else of_nu((0.3, 0.4999))),
-        *of_friction((0.5,) if quick else (0.5, 100.0)),
+        *(cases_by_poisson((0.4999,))[1:] if quick else cases_by_poisson((0.3, 0.4999))),
+        *cases_by_friction((0.5,) if quick else (0.5, 100.0)),
         *_linear(quick),
         _refused("depth NaN", "finite", coarse, down(math.nan)),
         _refused("nu 0.5", "poisson", replace(coarse, nu=0.5), down(1.0)),
@@ -161,10 +162,10 @@ def cases(quick: bool) -> Sequence[Case]:
     return out
 
 
-def of_nu(nus: Sequence[float]) -> list[Case]:
-    """Presses to 5 mm at these Poisson's ratios, against a finer mesh and the energy stored."""
-    work = partial(checks.law, checks.work_error_percent)
-    judges = (("finer mesh", checks.finer, 1.0, "% of the force"),
+def cases_by_poisson(nus: Sequence[float]) -> list[Case]:
+    """Presses to 5 mm at these Poisson's ratios, against a finer mesh and the stored energy."""
+    work = partial(checks.evaluate_law, checks.work_error_percent)
+    judges = (("finer mesh", checks.mesh_error_percent, 1.0, "% of the force"),
               ("work of the indenter", work, 0.5, "% of the energy"))  # fmt: skip
     return [
         Case(f"nu {nu:g} to 5 mm: {name}", "right",
@@ -173,22 +174,23 @@ def of_nu(nus: Sequence[float]) -> list[Case]:
     ]  # fmt: skip
 
 
-def of_friction(frictions: Sequence[float]) -> list[Case]:
-    """Drags at these coefficients: the cone, and what the base carries."""
+def cases_by_friction(frictions: Sequence[float]) -> list[Case]:
+    """Drags at these friction coefficients: friction cone, and force balance at the base."""
     laws = (("cone", checks.cone_excess, 5e-3, "of the bound"),
             ("base carries the force", checks.imbalance, 1e-6, "of the force"))  # fmt: skip
     return [
         Case(f"friction {mu:g}, 3 mm deep, dragged 3 mm: {name}", "right or refused",
-             partial(checks.law, of, GelCase(spacing_mm=2.0, friction=mu, mirrors=(False, True)),
-                     1.0, (down(3.0), (3.0, 0.0, 3.0))), bound, unit, "press:")
+             partial(checks.evaluate_law, measure,
+                     GelCase(spacing_mm=2.0, friction=mu, mirrors=(False, True)), 1.0,
+                     (down(3.0), (3.0, 0.0, 3.0))), bound, unit, "press:")
         for mu in frictions
-        for name, of, bound, unit in laws
-        if mu > 0 or of is not checks.cone_excess
+        for name, measure, bound, unit in laws
+        if mu > 0 or measure is not checks.cone_excess
     ]  # fmt: skip
 
 
 def _linear(quick: bool) -> list[Case]:
-    """Drags at the linear level to its limits of material, friction and depth; what it refuses."""
+    """Drags at the linear level to its limits of material, friction and depth; refusals."""
     fine = GelCase("sphere:10", 0.5, friction=0.5)
     drags = [(fine, 1.2)]
     if not quick:
@@ -208,7 +210,7 @@ def _linear(quick: bool) -> list[Case]:
 
 
 def _refused(name: str, says: str, scene: GelCase, tip: Point) -> Case:
-    call = partial(checks.run, partial(solved, scene, 1.0, tip))
+    call = partial(checks.expect_refusal, partial(solve_press, scene, 1.0, tip))
     return Case(name, "refused", call, says=says)
 
 

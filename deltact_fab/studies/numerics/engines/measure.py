@@ -1,4 +1,4 @@
-"""From the flow to force and shape: fields known in closed form, and what may not be believed."""
+"""Flow to force and shape: closed-form fields, and inputs that must be flagged."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from deltact_fab.sensor import Pinhole, SensorDimensions, axes_mm
 
 from ..engine import Case, CurveSetting, Engine, Flagged, Work
 
-SMOOTH_MM, FINE_MM = 2.0, 0.5
-EVERY = (1, 2, 4, 8, 16)
-PUSH = 0.3  # of the dent that the curves see: det from 1.7 to about 0.94
-SENSOR = SensorDimensions()
-CAMERA = Pinhole.from_sensor(SENSOR)
-VIEW = SensorModel(CAMERA, SENSOR.skin)
-MM_PER_PX = CAMERA.mm_per_px
+SMOOTH_SIGMA_MM, FINE_SIGMA_MM = 2.0, 0.5  # by hand: wide and narrow features
+STRIDES_PX = (1, 2, 4, 8, 16)  # by hand: every pixel to every 16th, by doubling
+DENT_PUSH = 0.3  # by hand: determinant from 1.7 to about 0.94, far from folding
+DEFAULT_SENSOR = SensorDimensions()
+DEFAULT_CAMERA = Pinhole.from_sensor(DEFAULT_SENSOR)
+SENSOR_VIEW = SensorModel(DEFAULT_CAMERA, DEFAULT_SENSOR.skin)
+VIEW_MM_PER_PX = DEFAULT_CAMERA.mm_per_px
 
 
 # -- faces whose parts and density are known in closed form ---------------------------------------
@@ -37,23 +37,23 @@ MM_PER_PX = CAMERA.mm_per_px
 
 @cache
 def _pixels() -> tuple[Array, Array]:
-    x, y = axes_mm(CAMERA)
+    x, y = axes_mm(DEFAULT_CAMERA)
     return x[None], y[:, None]
 
 
-def face(shift_mm: Array, every: int) -> FaceFlow:
-    """A shift (h, w, 2) at every pixel of the camera, as a tracker's would be handed on."""
-    x, y = axes_mm(CAMERA)
-    w, h = len(x) // every, len(y) // every
-    x, y = (axis[: n * every].reshape(n, every).mean(1) for axis, n in ((x, w), (y, h)))
-    shift = means(shift_mm, every).astype(np.float32)
+def face(shift_mm: Array, stride: int) -> FaceFlow:
+    """Flow of a shift (h, w, 2), mm, at every camera pixel, averaged by stride."""
+    x, y = axes_mm(DEFAULT_CAMERA)
+    w, h = len(x) // stride, len(y) // stride
+    x, y = (axis[: n * stride].reshape(n, stride).mean(1) for axis, n in ((x, w), (y, h)))
+    shift = block_means(shift_mm, stride).astype(np.float32)
     return FaceFlow(shift, np.ones((h, w), bool), x, y)
 
 
-def means(values: Array, every: int) -> Array:
-    """Over every x every pixels."""
-    h, w = (side // every for side in values.shape[:2])
-    cells = values[: h * every, : w * every].reshape(h, every, w, every, *values.shape[2:])
+def block_means(values: Array, stride: int) -> Array:
+    """Means of stride x stride blocks."""
+    h, w = (side // stride for side in values.shape[:2])
+    cells = values[: h * stride, : w * stride].reshape(h, stride, w, stride, *values.shape[2:])
     return np.asarray(cells.mean(axis=(1, 3)))
 
 
@@ -66,35 +66,34 @@ def _slope(x0: float, y0: float, sigma_mm: float) -> Array:
 
 @cache
 def parts(sigma_mm: float) -> Array:
-    """Three fields (3, h, w, 2) at every pixel, mm, that the decomposition should find apart:
-    something that spreads, something that turns, and a shift with a saddle.
+    """Three fields (3, h, w, 2), mm, for the decomposition: divergence, curl, shift with saddle.
 
-    The first two end inside the view (4e-4 of their most is left at the nearest edge at 2 mm).
+    The first two decay inside the view (to 4e-4 of the peak at the nearest edge at 2 mm).
     """
     x, y = _pixels()
-    one = np.ones(np.broadcast_shapes(x.shape, y.shape))
+    ones = np.ones(np.broadcast_shapes(x.shape, y.shape))
     turned = _slope(-4.0, 1.0, sigma_mm)
     return np.stack((
         _slope(3.0, -1.0, sigma_mm),
         np.stack((-turned[..., 1], turned[..., 0]), axis=-1),
-        np.stack((0.3 + 0.01 * x * one, -0.2 - 0.01 * y * one), axis=-1),
+        np.stack((0.3 + 0.01 * x * ones, -0.2 - 0.01 * y * ones), axis=-1),
     ))  # fmt: skip
 
 
 def dent(push: float) -> Array:
-    """A spread (h, w, 2) at every pixel, mm, whose determinant at the middle is (1 + push)^2.
+    """Diverging field (h, w, 2), mm; its determinant at the middle is (1 + push)^2.
 
-    Below push = -1 the map folds.
+    Folds below push = -1.
     """
-    return push * SMOOTH_MM * _slope(0.0, 0.0, SMOOTH_MM)
+    return push * SMOOTH_SIGMA_MM * _slope(0.0, 0.0, SMOOTH_SIGMA_MM)
 
 
 def dent_density(push: float) -> Array:
     """1 / det(I + grad u) of `dent` under a Gaussian of SIGMA_PX, (h, w), in closed form."""
-    wide2 = SMOOTH_MM**2 + (SIGMA_PX * MM_PER_PX) ** 2  # a Gaussian of a Gaussian is one again
+    wide2 = SMOOTH_SIGMA_MM**2 + (SIGMA_PX * VIEW_MM_PER_PX) ** 2  # Gaussians convolve to one
     x, y = _pixels()
     rho2 = x**2 + y**2
-    gain = push * (SMOOTH_MM**2 / wide2) ** 2 * np.exp(-rho2 / (2 * wide2))
+    gain = push * (SMOOTH_SIGMA_MM**2 / wide2) ** 2 * np.exp(-rho2 / (2 * wide2))
     return np.asarray(1 / ((1 + gain) * (1 + gain * (1 - rho2 / wide2))))
 
 
@@ -105,80 +104,80 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(np.square(values, dtype=float))))
 
 
-def _parts(sigma_mm: float, every: int, scratch: Path) -> Work:
-    known = parts(sigma_mm)
-    field = face(known.sum(axis=0), every).shift_mm
-    wanted = np.stack([means(part, every) for part in known])
+def _parts(sigma_mm: float, stride: int, scratch: Path) -> Work:
+    true_parts = parts(sigma_mm)
+    field = face(true_parts.sum(axis=0), stride).shift_mm
+    expected = np.stack([block_means(part, stride) for part in true_parts])
 
     def run() -> Array:
-        found = Hodge(field)
-        return np.stack((found.d, found.r, found.h))
+        hodge = Hodge(field)
+        return np.stack((hodge.d, hodge.r, hodge.h))
 
-    return Work(run, lambda found: 100 * _rms(found - wanted) / _rms(field))
+    return Work(run, lambda measured: 100 * _rms(measured - expected) / _rms(field))
 
 
-def _density(every: int, scratch: Path) -> Work:
-    flow = face(dent(PUSH), every)
-    exact = means(dent_density(PUSH), every)
+def _density(stride: int, scratch: Path) -> Work:
+    flow = face(dent(DENT_PUSH), stride)
+    exact = block_means(dent_density(DENT_PUSH), stride)
     return Work(
-        lambda: jacobian_density(flow, MM_PER_PX),
-        lambda found: 100 * _rms(found.value - exact) / float(np.ptp(exact)),
+        lambda: jacobian_density(flow, VIEW_MM_PER_PX),
+        lambda density: 100 * _rms(density.value - exact) / float(np.ptp(exact)),
     )
 
 
 def curves(quick: bool) -> Sequence[CurveSetting]:
-    """Points from every pixel to every 16th."""
-    strides = (4, 8) if quick else EVERY
+    """Errors over strides of 1 to 16 px."""
+    strides = (4, 8) if quick else STRIDES_PX
     exact = partial(CurveSetting, reference="closed form", reference_error=0.0)
     hodge = [
         exact(f"parts of a flow whose features have sigma {sigma_mm:g} mm", "d, r, h",
-              f"every {every} px", "% of the field, rms", build=partial(_parts, sigma_mm, every))
-        for sigma_mm in ((SMOOTH_MM,) if quick else (SMOOTH_MM, FINE_MM)) for every in strides
+              f"every {stride} px", "% of the field, rms", build=partial(_parts, sigma_mm, stride))
+        for sigma_mm in (SMOOTH_SIGMA_MM, FINE_SIGMA_MM)[: 1 if quick else 2] for stride in strides
     ]  # fmt: skip
     density = [
-        exact("Gaussian density of a dent", "Jacobian", f"every {every} px", "% of its range, rms",
-              build=partial(_density, every)) for every in strides
+        exact("Gaussian density of a dent", "Jacobian", f"every {stride} px", "% of its range, rms",
+              build=partial(_density, stride)) for stride in strides
     ]  # fmt: skip
     return hodge + density
 
 
 def _far_and_faint(scratch: Path) -> float:
-    """The d of a dent of 1e-3 mm on a shift of 10 mm, float32, in % of it."""
-    d = means(parts(SMOOTH_MM)[0], 4) * 1e-3
+    """Error of d of a 1e-3 mm dent on a 10 mm shift in float32, %."""
+    d = block_means(parts(SMOOTH_SIGMA_MM)[0], 4) * 1e-3
     return 100 * float(np.abs(Hodge((d + 10).astype(np.float32)).d - d).max() / np.abs(d).max())
 
 
 def _light_touch(scratch: Path) -> float:
-    """By a model of deep presses alone. Raises Flagged where it says that this is beyond them."""
+    """Force of a light press by a model of deep ones. Raises Flagged if marked extrapolated."""
     rng = np.random.default_rng(0)
-    features = make_features("paper", VIEW)
-    deep = [features.compute(face(k * dent(PUSH) + k**2 * parts(SMOOTH_MM)[1], 8))
+    features = make_features("paper", SENSOR_VIEW)
+    deep = [features.compute(face(k * dent(DENT_PUSH) + k**2 * parts(SMOOTH_SIGMA_MM)[1], 8))
             for k in np.linspace(0.8, 1, 30)]  # fmt: skip
     model = ForceModel.fit(features, np.stack(deep), rng.normal(size=(30, 6)))[0]
-    wrench = model.wrench(features.compute(face(0.3 * dent(PUSH), 8)), 1.0)
+    wrench = model.wrench(features.compute(face(0.3 * dent(DENT_PUSH), 8)), 1.0)
     if wrench.extrapolated:
         raise Flagged("flagged: extrapolated")
     return float(np.abs(wrench.force_n).max())
 
 
 def _folded(scratch: Path) -> float:
-    """Largest density of a map that folds. Raises Flagged where it is not to be relied on."""
-    found = jacobian_density(face(dent(-1.6), 2), MM_PER_PX)
-    if not found.reliable.all():
-        raise Flagged(f"flagged: {100 * (1 - found.cover):.0f} % of the density is not reliable")
-    return float(found.value.max())
+    """Largest density of a folding map. Raises Flagged if marked unreliable."""
+    density = jacobian_density(face(dent(-1.6), 2), VIEW_MM_PER_PX)
+    if not density.reliable.all():
+        raise Flagged(f"flagged: {100 * (1 - density.cover):.0f} % of the density is not reliable")
+    return float(density.value.max())
 
 
 def _wampler(scratch: Path) -> tuple[float, str]:
     """NIST's Wampler 1: y = 1 + x + ... + x^5 at 0 to 20, every coefficient 1."""
     powers = np.arange(21.0)[:, None] ** np.arange(6)
     fit = least_squares(powers, powers.sum(axis=1), [f"x{i}" for i in range(6)])
-    off = float(np.abs(np.array(fit.coefficients) - 1).max())
-    return off, f"condition {fit.condition_raw:.0e} raw, {fit.condition_scaled:.0e} scaled"
+    max_error = float(np.abs(np.array(fit.coefficients) - 1).max())
+    return max_error, f"condition {fit.condition_raw:.0e} raw, {fit.condition_scaled:.0e} scaled"
 
 
 def cases(quick: bool) -> Sequence[Case]:
-    """Too much, too little, too faint: right or flagged."""
+    """Inputs outside the models' range, and a NIST regression."""
     return [
         Case("1e-3 mm on a shift of 10 mm: d", "right", _far_and_faint, 2.0, "%"),
         Case("a light touch, deep presses trained on: wrench", "refused", _light_touch,

@@ -1,9 +1,9 @@
-"""The patch sampler: how near its draws are to the law of Algorithm 1, and at what cost.
+"""Patch sampler: distance of its draws to the law of Algorithm 1, and its cost.
 
-Given its left and upper neighbours a value is uniform on what they allow. So the share of the
-allowed range that lies below it is uniform on 0..1, independently for every patch and channel: the
-Kolmogorov-Smirnov distance of these shares to the uniform law is the distance of a sampler to
-Algorithm 1, for any sampler. A perfect sampler shows 1.36/sqrt(N) in one sample of twenty.
+Given its left and upper neighbours a value is uniform on the range that they allow, so the share of
+that range below it is uniform on 0..1, independently for every patch and channel. A sampler's
+distance is the Kolmogorov-Smirnov distance of these shares to the uniform law. A perfect sampler
+exceeds 1.36/sqrt(N) in one sample of twenty.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from deltact_fab.fabricate import (
 
 from ..engine import Case, CurveSetting, Engine, Work
 
-SEED = 20210
-CURVE_TRIES = 10**7  # the tail is heavy even where it ends: 58 tries on average at r = 0.1
+DRAW_SEED = 20210  # by hand: any fixed seed
+CURVE_TRIES = 10**7  # by hand: the tail is heavy (58 tries on average at r = 0.1)
 
 
 def distance_to_law(values: NDArray[Any], r: float, levels: int | None) -> float:
@@ -43,27 +43,27 @@ def distance_to_law(values: NDArray[Any], r: float, levels: int | None) -> float
         below, above, top, width = step - 1.0, float(step), float(levels), 1.0
         if step == 0:
             below = above = 0.0
-    left, up = np.full_like(v, np.nan), np.full_like(v, np.nan)
-    left[:, 1:], up[1:] = v[:, :-1], v[:-1]
+    left_values, upper_values = np.full_like(v, np.nan), np.full_like(v, np.nan)
+    left_values[:, 1:], upper_values[1:] = v[:, :-1], v[:-1]
     edges = []
-    for neighbour in (left, up):
+    for neighbour in (left_values, upper_values):
         edges += [
             np.where(np.isnan(neighbour), 0.0, np.clip(neighbour - below, 0, top)),
             np.where(np.isnan(neighbour), 0.0, np.clip(neighbour + above, 0, top)),
         ]
     if levels is not None and 2 * step > levels:
-        # The first patch: levels that no neighbour could answer are left out.
+        # The first patch: without levels that have no allowed neighbour.
         edges[0][0, 0], edges[1][0, 0] = levels - step, step
 
     def allowed_below(t: Field) -> Field:
         a, b, c, d = (np.minimum(e, t) for e in edges)
-        both = np.maximum(np.minimum(b, d) - np.maximum(a, c), 0.0)
-        return t - (b - a) - (d - c) + both
+        overlap = np.maximum(np.minimum(b, d) - np.maximum(a, c), 0.0)
+        return t - (b - a) - (d - c) + overlap
 
-    # Another seed than the draws': the place within the cell must not know of the value.
-    inside = np.random.default_rng(SEED + 1).random(v.shape) * width
+    # Another seed than the draws': the position in the cell must be independent of the value.
+    inside = np.random.default_rng(DRAW_SEED + 1).random(v.shape) * width
     total = allowed_below(np.full_like(v, top))
-    # Where the neighbours already break the law nothing is allowed: counted as a share of 1.
+    # No value is allowed where the neighbours violate the law: counted as a share of 1.
     share = np.where(total > 0, (allowed_below(v) + inside) / np.where(total > 0, total, 1), 1.0)
     ordered = np.sort(share.ravel())
     step_up = np.arange(ordered.size + 1) / ordered.size
@@ -78,26 +78,26 @@ def violations(values: NDArray[Any], r: float) -> int:
 
 
 def _uniforms(rows: int, columns: int) -> Field:
-    return np.random.default_rng(SEED).random((rows, columns, 3))
+    return np.random.default_rng(DRAW_SEED).random((rows, columns, 3))
 
 
 def _by_levels(n: int, r: float, scratch: Path) -> Work:
     law, uniforms = Algorithm1(r), _uniforms(n, n)
-    return Work(lambda: law.fill(uniforms), lambda drawn: distance_to_law(drawn, r, law.levels))
+    return Work(lambda: law.fill(uniforms), lambda values: distance_to_law(values, r, law.levels))
 
 
 def _by_rejection(n: int, r: float, scratch: Path) -> Work:
     def run() -> Field:
-        return Algorithm1(r).fill_by_rejection(np.random.default_rng(SEED), n, n, CURVE_TRIES)
+        return Algorithm1(r).fill_by_rejection(np.random.default_rng(DRAW_SEED), n, n, CURVE_TRIES)
 
-    def error(found: Field) -> float:
-        return math.nan if np.isnan(found).any() else distance_to_law(found, r, None)
+    def error(values: Field) -> float:
+        return math.nan if np.isnan(values).any() else distance_to_law(values, r, None)
 
     return Work(run, error)
 
 
 def curves(quick: bool) -> Sequence[CurveSetting]:
-    """Exact, and the printed algorithm where it ends (r <= 1/4)."""
+    """Exact sampling, and the printed algorithm where it terminates (r <= 1/4)."""
     kinds: tuple[tuple[str, Callable[[int, float, Path], Work], tuple[int, ...], float], ...] = (
         ("exact, by anti-diagonals", _by_levels, (30, 100, 466, 1000), 1.0),
         ("as printed (rejection)", _by_rejection, (10, 30, 100), 0.25),
@@ -115,14 +115,14 @@ def curves(quick: bool) -> Sequence[CurveSetting]:
 
 
 def _broken(uniforms: Field, r: float, scratch: Path) -> tuple[float, str]:
-    drawn = Algorithm1(r).fill(uniforms)
-    return violations(drawn, r) + int(((drawn < 0) | (drawn > 255)).sum()), ""
+    values = Algorithm1(r).fill(uniforms)
+    return violations(values, r) + int(((values < 0) | (values > 255)).sum()), ""
 
 
 def _law(r: float, scratch: Path) -> float:
     law, uniforms = Algorithm1(r), _uniforms(200, 200)
-    found = distance_to_law(law.fill(uniforms), r, law.levels)
-    return found * math.sqrt(uniforms.size)
+    distance = distance_to_law(law.fill(uniforms), r, law.levels)
+    return distance * math.sqrt(uniforms.size)
 
 
 def _recipe(d: float, r: float, scratch: Path) -> float:
@@ -130,11 +130,11 @@ def _recipe(d: float, r: float, scratch: Path) -> float:
 
 
 def cases(quick: bool) -> Sequence[Case]:
-    """Ends of r, of the uniforms and of the sizes; what must be refused."""
+    """Extremes of r, uniforms and sizes; invalid inputs."""
     side, broken = 100 if quick else 466, "broken pairs"
     sizes = [(side, side, r) for r in (1e-12, 0.2500001, 0.9999)]
     sizes += [(1, 1, 0.6), (1, 500, 0.6)]
-    ends = np.random.default_rng(SEED).choice([0.0, np.nextafter(1.0, 0.0)], (60, 60, 3))
+    ends = np.random.default_rng(DRAW_SEED).choice([0.0, np.nextafter(1.0, 0.0)], (60, 60, 3))
     out = [
         *(Case(f"{m} x {n} patches, r = {r!r}", "right", partial(_broken, _uniforms(m, n), r), 0,
                broken) for m, n, r in sizes),

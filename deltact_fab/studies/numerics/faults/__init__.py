@@ -1,4 +1,4 @@
-"""What a fault does to a run, at each moment of it: the real host, runner and record in lockstep.
+"""Faults at each moment of a run: the real host, runner and record, in lockstep simulation.
 
-`simulate.FaultBench` is what they drive, `kinds` the faults, `rehearsal` each at each moment.
+`simulate.FaultBench` is the simulated bench, `kinds` the faults, `rehearsal` the matrix.
 """

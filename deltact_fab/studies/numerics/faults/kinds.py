@@ -1,4 +1,4 @@
-"""The faults that are rehearsed: how each is made, what it may end in, how soon that is known."""
+"""Rehearsed faults: injection, allowed outcomes, detection time."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ from dataclasses import dataclass
 
 from deltact_fab.simulate import FaultBench
 
-BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
-GARBAGE = b"\xff\x00\x8a~|<\xff\x00\x00\xfe\r\n\xff\x00"  # a line of it, and more before the next
-DRIFT_S = 10.0  # to the guard's limit
-PUSHED = 1.05  # of that limit
+FALSE_BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
+GARBAGE_BYTES = b"\xff\x00\x8a~|<\xff\x00\x00\xfe\r\n\xff\x00"  # one line and a part of the next
+DRIFT_S = 10.0  # by hand: time to the guard's limit; slower outlasts a step
+PUSH_FACTOR = 1.05  # by hand: times that limit; more may saturate the sensor
 
-# The moments of every session that are no step of it.
-HOMING, BEFORE = "homing", "before the first move"
+# Moments outside of the steps.
+HOMING_MOMENT, BEFORE_MOVE_MOMENT = "homing", "before the first move"
 Strike = Callable[[FaultBench, float], None]
 
 
 @dataclass(frozen=True)
 class FaultKind:
-    """strike: arranges it for a time of the clock, s. says: the named errors; one of them must
-    stand in what the run ends in. success: whether the run may also do well, as if nothing were.
+    """strike: schedules the fault, s. says: error texts, one of which the run must end with.
+    success: the run may also finish undisturbed.
 
-    within_s: None where the fault is something that comes (a line, a sample): travel counts from
-    then. Else it is something that fails to come: the host can know only after a time-out, which
-    is at most so long, and travel counts from when it ended. homing: it exists then, too.
+    within_s: None if the fault is an event (a line, a sample): travel counts from it. Else a lack
+    of one, which the host detects after a timeout of at most this; travel counts from detection.
+    homing: the fault can also strike during homing.
     """
 
     name: str
@@ -34,7 +34,7 @@ class FaultKind:
     within_s: float | None = None
     homing: bool = True
     carries: bool = True
-    """Whether a stop byte can reach the board; else the move goes on to its target."""
+    """True if a stop byte can reach the board; else the move goes on to its target."""
 
 
 def _box(field: str, value: float, for_s: float = 1e6) -> Strike:
@@ -47,9 +47,7 @@ def _box(field: str, value: float, for_s: float = 1e6) -> Strike:
 
 def _push(for_s: float) -> Strike:
     def strike(bench: FaultBench, at_s: float) -> None:
-        push_n = (
-            PUSHED * bench.scenario.limit_n
-        )  # within the sensor's range where the limit lets it be
+        push_n = PUSH_FACTOR * bench.scenario.limit_n  # within the sensor's range, if possible
         bench.extra_n = lambda t_s: push_n if at_s <= t_s < at_s + for_s else 0.0
 
     return strike
@@ -60,14 +58,14 @@ def _drift(bench: FaultBench, at_s: float) -> None:
     bench.extra_n = lambda t_s: max(t_s - at_s, 0.0) * rate_n_s
 
 
-FAULTS: tuple[FaultKind, ...] = (
+FAULT_KINDS: tuple[FaultKind, ...] = (
     FaultKind("lost ok", lambda b, at_s: b.board.lose(b"ok", at_s, limit=1),
               ("no answer to $",), success=True, within_s=0.6),
     FaultKind("doubled ok", lambda b, at_s: b.board.alter_lines(lambda s: s + s, b"ok", at_s), (),
               success=True),
-    FaultKind("false banner", lambda b, at_s: b.board.inject(BANNER, at_s), ("restarted",)),
+    FaultKind("false banner", lambda b, at_s: b.board.inject(FALSE_BANNER, at_s), ("restarted",)),
     FaultKind("false alarm", lambda b, at_s: b.board.inject(b"ALARM:3\r\n", at_s), ("ALARM:3",)),
-    FaultKind("garbage, 0xFF and NUL", lambda b, at_s: b.board.inject(GARBAGE, at_s),
+    FaultKind("garbage, 0xFF and NUL", lambda b, at_s: b.board.inject(GARBAGE_BYTES, at_s),
               ("no answer to", "not understood"), success=True, within_s=1.2),
     FaultKind("half lines",
               lambda b, at_s: b.board.alter_lines(lambda s: s[: len(s) // 2], b"", at_s, limit=3),

@@ -1,7 +1,7 @@
-"""A lab's own protocol and rig file through every fault, on the simulated bench in lockstep.
+"""Rehearsal of a lab's protocol and rig file under every fault, on the simulated bench.
 
-A cell is one fault at one moment: what the run ended in, how far the carriage went, and what is
-kept. It goes on with a run whose first press is committed, so that there is something to lose.
+A cell is one fault at one moment: outcome, travel and the record. It continues a run whose first
+press is committed, so that there is data to lose.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from deltact_fab.bench import GrblStage, open_run, read_press_rows
 from deltact_fab.common import DeltactFabError, Progress, RunFailed, run_each
 from deltact_fab.simulate import FaultBench, FaultScenario
 
-from .kinds import BEFORE, FAULTS, HOMING, FaultKind
+from .kinds import BEFORE_MOVE_MOMENT, FAULT_KINDS, HOMING_MOMENT, FaultKind
 
-REACTION_S = 0.010  # of motion, beyond the braking distance
-ROUNDING_MM = 0.003
-HOMING_S = 60.0  # a homing board answers nothing until it is done, so that long it is waited for
-STOPS = (b"\x85", b"\x18", b"!")
-Rows = dict[str, list[tuple[Any, ...]]]
+REACTION_S = 0.010  # decision 0075: travel at the feed, beyond the braking distance
+TRAVEL_ROUNDING_MM = 0.003  # decision 0075: motor steps
+HOMING_S = 60.0  # by hand: a homing board does not answer; longer hides a dead one
+STOP_BYTES = (b"\x85", b"\x18", b"!")
+PressRows = dict[str, list[tuple[Any, ...]]]
 
 
 @dataclass(frozen=True)
 class FaultOutcome:
-    """outcome: "success" or the error. travel_mm, allowed_mm: after the error; None where nothing
-    moved or nothing failed. known_s: from the fault until the host could know, or knew. wrong: what
-    is not as it must be, "" when all is. deeper_mm: than at the fault."""
+    """outcome: "success" or the error. travel_mm, allowed_mm: after the error; None if nothing
+    moved or failed. known_s: detection time. wrong: violated requirement, or "". deeper_mm: tip
+    depth beyond that at the fault."""
 
     fault: str
     moment: str
@@ -43,53 +43,53 @@ class FaultOutcome:
     deeper_mm: float = 0.0
 
 
-class Matrix:
-    """What all cells share: the undisturbed run, the one begun, and when its moments are."""
+class FaultMatrix:
+    """Common data of all cells: the undisturbed run, the interrupted run, its moments."""
 
-    def __init__(self, folder: Path, of: FaultScenario) -> None:
-        self.folder, self.of = folder, of
+    def __init__(self, folder: Path, scenario: FaultScenario) -> None:
+        self.folder, self.scenario = folder, scenario
         self._undisturbed = folder / "undisturbed"
         self.begun = folder / "begun"
-        FaultBench(self.of).run(self._undisturbed)
-        self.whole = read_press_rows(self._undisturbed)
-        # A run that was stopped in its second press.
-        assert ended(FaultBench(self.of), self.begun, self._stop) != "success"
-        # The press that was cut off is done again whole: none of its rows is to be kept.
+        FaultBench(self.scenario).run(self._undisturbed)
+        self.undisturbed_rows = read_press_rows(self._undisturbed)
+        # A run stopped in its second press.
+        assert run_outcome(FaultBench(self.scenario), self.begun, self._stop) != "success"
+        # The interrupted press is repeated from its start: none of its rows is kept.
         self.committed = {
-            table: [row for row in part if not str(row[0]).startswith(self.of.second)]
+            table: [row for row in part if not str(row[0]).startswith(self.scenario.second)]
             for table, part in read_press_rows(self.begun).items()
         }
         self.at_s = self._moments()
 
-    def cell(self, fault: FaultKind, moment: str, folder: Path) -> FaultOutcome:
-        """Strike, end, mend, resume, compare. folder: of the run, which is gone afterwards."""
+    def run_cell(self, fault: FaultKind, moment: str, folder: Path) -> FaultOutcome:
+        """Inject a fault, repair, resume, compare. folder: of the run; removed at the end."""
         shutil.copytree(self.begun, folder)
         try:
-            bench, at_s = FaultBench(self.of), self.at_s[moment]
+            bench, at_s = FaultBench(self.scenario), self.at_s[moment]
             fault.strike(bench, at_s)
-            found = FaultOutcome(fault.name, moment, ended(bench, folder))
+            result = FaultOutcome(fault.name, moment, run_outcome(bench, folder))
             ended_ns = bench.clock.now_ns()
             FaultBench.free_disk()
-            bench.clock.sleep_s(60.0)  # all rests, and silence is over
-            if found.outcome != "success":
-                found = travelled(bench, fault, found, at_s, ended_ns)
-            wrong = misjudged(fault, found) or self.resumed(bench, folder, found.outcome)
-            return replace(found, wrong=wrong)
+            bench.clock.sleep_s(60.0)  # until everything is at rest
+            if result.outcome != "success":
+                result = measure_travel(bench, fault, result, at_s, ended_ns)
+            wrong = end_error(fault, result) or self.resume_error(bench, folder, result.outcome)
+            return replace(result, wrong=wrong)
         finally:
             FaultBench.free_disk()
             shutil.rmtree(folder)
 
-    def wrong(self, folder: Path, all_rows: bool = True) -> str:
-        """What of a finished record is not as in the undisturbed one, "" if nothing is.
+    def difference(self, folder: Path, all_rows: bool = True) -> str:
+        """First difference of a finished record from the undisturbed one, or "".
 
-        all_rows: not only ids and images have to be the same.
+        all_rows: compare all rows, not only ids and images.
         """
-        found = read_press_rows(folder)
-        for table in found if all_rows else ():
-            if found[table] != self.whole[table]:
+        rows = read_press_rows(folder)
+        for table in rows if all_rows else ():
+            if rows[table] != self.undisturbed_rows[table]:
                 return f"{table} differ from the undisturbed run's"
-        frame_ids = [row[0] for row in found["frames"]]
-        if frame_ids != [row[0] for row in self.whole["frames"]]:
+        frame_ids = [row[0] for row in rows["frames"]]
+        if frame_ids != [row[0] for row in self.undisturbed_rows["frames"]]:
             return "the frames' ids are not those of the undisturbed run"
         for row in open_run(folder).frames().itertuples():
             image = (folder / str(row.file)).read_bytes()
@@ -97,49 +97,50 @@ class Matrix:
                 return f"{row.file} differs from the undisturbed run's"
         return ""
 
-    def lost(self, folder: Path, before: Rows) -> str:
-        """What was committed and is not there any more."""
-        now = read_press_rows(folder)
+    def lost_row(self, folder: Path, committed: PressRows) -> str:
+        """First committed row that is missing or changed, or ""."""
+        current = read_press_rows(folder)
         for table in ("frames", "steps"):
-            kept = {row[0]: row for row in now[table]}
-            for row in before[table]:
-                if kept.get(row[0]) != row:
+            by_id = {row[0]: row for row in current[table]}
+            for row in committed[table]:
+                if by_id.get(row[0]) != row:
                     return f"a committed row of {table} is lost or changed: {row[0]}"
         return ""
 
-    def resumed(self, bench: FaultBench, folder: Path, outcome: str) -> str:
-        """The fault is gone; the same board, as it was left, serves another session: what is wrong
-        with the record then."""
-        if lost := self.lost(folder, self.committed):
-            return lost
+    def resume_error(self, bench: FaultBench, folder: Path, outcome: str) -> str:
+        """Resume on the same board without the fault; return the record's first error, or ""."""
+        if row_error := self.lost_row(folder, self.committed):
+            return row_error
         if outcome != "success":
             bench.clear_faults()
-            if (again := ended(bench, folder)) != "success":
-                return f"cannot be resumed: {again}"
-        # A run that bore the fault may have its times and samples moved by it; not its images.
-        return self.lost(folder, self.committed) or self.wrong(folder, outcome != "success")
+            if (ending := run_outcome(bench, folder)) != "success":
+                return f"cannot be resumed: {ending}"
+        # A fault that a run survives may change times and samples, not images.
+        return self.lost_row(folder, self.committed) or self.difference(
+            folder, outcome != "success"
+        )
 
-    def _stop(self, done: int, total: int, what: str) -> None:
-        if what.startswith(self.of.second):
+    def _stop(self, count: int, total: int, label: str) -> None:
+        if label.startswith(self.scenario.second):
             raise KeyboardInterrupt
 
     def _moments(self) -> dict[str, float]:
-        """When they are in the session of a cell, in which nothing goes wrong."""
+        """Times of the moments, s, in an undisturbed session of a cell."""
         folder = self.folder / "timed"
         shutil.copytree(self.begun, folder)
-        bench = FaultBench(self.of)
+        bench = FaultBench(self.scenario)
         bench.run(folder)
         run = open_run(folder)
         began_ns = next(t for t, who, data in bench.trace if who == "host" and data == b"$H\n")
         events, steps = run.events(), run.steps().set_index("step_id").to_dict("index")
         shutil.rmtree(folder)
 
-        second = self.of.second
+        second = self.scenario.second
         first = {
-            HOMING: began_ns / 1e9 + 0.3,  # Z is on its way up, at full speed
-            BEFORE: float(events[events["kind"] == "homed"]["t_s"].max()),
+            HOMING_MOMENT: began_ns / 1e9 + 0.3,  # Z is on its way up, at full speed
+            BEFORE_MOVE_MOMENT: float(events[events["kind"] == "homed"]["t_s"].max()),
         }
-        # Every change of state, and a moment drawn between.
+        # Every change of state, and a random moment between.
         draw = random.Random(0)
         for name, row in ((str(name), row) for name, row in steps.items()):
             if name.startswith(f"{second}/"):
@@ -149,83 +150,83 @@ class Matrix:
         return first
 
 
-def ended(bench: FaultBench, folder: Path, progress: Any = None) -> str:
-    """What a session ends in: "success" or its error."""
+def run_outcome(bench: FaultBench, folder: Path, progress: Any = None) -> str:
+    """Run a session; return "success" or its error."""
     try:
         bench.run(folder, progress)
-    except DeltactFabError as why:
-        return " ".join(str(why).replace(str(folder), "RUN").split())
+    except DeltactFabError as error:
+        return " ".join(str(error).replace(str(folder), "RUN").split())
     return "success"
 
 
-def misjudged(fault: FaultKind, found: FaultOutcome) -> str:
-    """What of an end is not as the fault lets it be, "" if all is."""
-    if found.outcome == "success":
-        return "" if fault.success else "success, and an error was due"
-    if not any(words in found.outcome for words in fault.says):
+def end_error(fault: FaultKind, result: FaultOutcome) -> str:
+    """First violation of the fault's allowed outcome, or ""."""
+    if result.outcome == "success":
+        return "" if fault.success else "success, expected an error"
+    if not any(words in result.outcome for words in fault.says):
         return "another error than the fault's"
-    if found.wrong or found.travel_mm is None or found.known_s is None:
-        return found.wrong
-    if found.allowed_mm is not None and found.travel_mm > found.allowed_mm:
-        return f"{found.travel_mm:.2f} mm of travel, {found.allowed_mm:.2f} allowed"
-    limit_s = (fault.within_s or 0.0) + (HOMING_S if found.moment == HOMING else 0.0)
-    if found.known_s > limit_s:
-        return f"known after {found.known_s:.2f} s, {limit_s:g} expected"
+    if result.wrong or result.travel_mm is None or result.known_s is None:
+        return result.wrong
+    if result.allowed_mm is not None and result.travel_mm > result.allowed_mm:
+        return f"{result.travel_mm:.2f} mm of travel, {result.allowed_mm:.2f} allowed"
+    limit_s = (fault.within_s or 0.0) + (HOMING_S if result.moment == HOMING_MOMENT else 0.0)
+    if result.known_s > limit_s:
+        return f"known after {result.known_s:.2f} s, {limit_s:g} expected"
     return ""
 
 
-def travelled(
-    bench: FaultBench, fault: FaultKind, found: FaultOutcome, at_s: float, ended_ns: int
+def measure_travel(
+    bench: FaultBench, fault: FaultKind, result: FaultOutcome, at_s: float, ended_ns: int
 ) -> FaultOutcome:
-    """How far the carriage went after the error, and how far it may have.
+    """Travel of the carriage after the error, and its limit.
 
-    Counted from when the fault had come to the host, or from its stop byte where that had to wait
-    for a time-out; to rest, over every line begun before the stop byte. A lift is begun after it.
+    From the fault's arrival at the host, or from the stop byte if the host had to time out; to
+    rest, over every line begun before the stop byte. A lift begins after it.
     """
     at_ns = bench.fault_ns(at_s)
     segments = bench.board.segments
     stop_ns = next(
-        (t for t, who, data in bench.trace if who == "host" and data in STOPS and t >= at_ns),
+        (t for t, who, data in bench.trace if who == "host" and data in STOP_BYTES and t >= at_ns),
         ended_ns,
     )
-    heard = fault.within_s is None or not fault.carries
-    known_ns = at_ns if heard else stop_ns
+    known_at_once = fault.within_s is None or not fault.carries
+    known_ns = at_ns if known_at_once else stop_ns
     begun = {s.block for s in segments if s.start_ns < min(stop_ns, ended_ns)}
     pieces = [s for s in segments if s.end_ns > max(known_ns, s.start_ns)]
-    moved = [s for s in pieces if s.block in begun]
+    moves = [s for s in pieces if s.block in begun]
     later = [s for s in pieces if s.block not in begun]
     low_mm = min((s.end_mm[2] for s in segments if s.end_ns > at_ns), default=0.0)
     deeper_mm = max(bench.board.position_mm(at_ns / 1e9)[2] - low_mm, 0.0)
-    found = replace(found, known_s=(known_ns - at_ns) / 1e9, deeper_mm=deeper_mm)
-    if moved:
-        blocks = {s.block for s in moved}
+    result = replace(result, known_s=(known_ns - at_ns) / 1e9, deeper_mm=deeper_mm)
+    if moves:
+        blocks = {s.block for s in moves}
         speeds = [phase[2] for s in segments if s.block in blocks for phase in s.phases]
-        speed, accel = max(speeds, default=0.0), min(s.accel_mm_s2 for s in moved)
-        way = [math.dist(s.position_mm(max(known_ns, s.start_ns)), s.end_mm) for s in moved]
-        most = speed**2 / (2 * accel) + speed * REACTION_S if fault.carries else None
-        if not fault.carries and moved[-1].end_mm[2] <= moved[0].start_mm[2]:  # a dead man
-            most = speed * max(GrblStage.planned_ahead_s, speed / accel)
-        allowed_mm = None if most is None else most + ROUNDING_MM
-        found = replace(found, travel_mm=sum(way), allowed_mm=allowed_mm)
+        speed, accel = max(speeds, default=0.0), min(s.accel_mm_s2 for s in moves)
+        legs_mm = [math.dist(s.position_mm(max(known_ns, s.start_ns)), s.end_mm) for s in moves]
+        limit_mm = speed**2 / (2 * accel) + speed * REACTION_S if fault.carries else None
+        if not fault.carries and moves[-1].end_mm[2] <= moves[0].start_mm[2]:  # link-loss stop
+            limit_mm = speed * max(GrblStage.planned_ahead_s, speed / accel)
+        allowed_mm = None if limit_mm is None else limit_mm + TRAVEL_ROUNDING_MM
+        result = replace(result, travel_mm=sum(legs_mm), allowed_mm=allowed_mm)
     rises = all(
-        s.end_mm[2] > s.start_mm[2] and math.dist(s.start_mm[:2], s.end_mm[:2]) < ROUNDING_MM
+        s.end_mm[2] > s.start_mm[2] and math.dist(s.start_mm[:2], s.end_mm[:2]) < TRAVEL_ROUNDING_MM
         for s in later
     )
     if fault.carries and not rises:
-        return replace(found, wrong="it moved again after the stop, and not straight up")
-    return found
+        return replace(result, wrong="it moved again after the stop, and not straight up")
+    return result
 
 
-SHORT = len(FAULTS)  # faults at moments, where not all are asked for
+SHORT_CELLS = len(FAULT_KINDS)  # cells of a rehearsal that is not thorough
 
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """cells: what each fault did. moments: when, in order. of: how many there would be in all."""
+    """cells: outcomes. moments: names, in order. total: number of cells of a thorough rehearsal."""
 
     cells: tuple[FaultOutcome, ...]
     moments: tuple[str, ...]
-    of: int
+    total: int
     steps: int
 
     @property
@@ -235,61 +236,64 @@ class Rehearsal:
     def verdict(self) -> str:
         n = len(self.cells)
         far_mm = max(cell.deeper_mm for cell in self.cells)
-        what = (
-            f"{len(self.wrong)} of {n} faults did NOT end as they must"
+        summary = (
+            f"{len(self.wrong)}/{n} faults FAILED"
             if self.wrong
-            else f"all {n} faults ended at rest, and every run went on to the same record"
+            else f"{n}/{n} faults ended at rest, and every run resumed to the same record"
         )
-        return f"{what}; the tip went {far_mm:.2f} mm lower at most, in air or gel (simulated)"
+        return f"{summary}; tip at most {far_mm:.2f} mm lower, in air or gel (simulated)"
 
     def as_dict(self) -> dict[str, Any]:
         rows = [{**asdict(cell), "passed": not cell.wrong} for cell in self.cells]
         return {
             "passed": not self.wrong, "verdict": self.verdict(), "simulated": True,
-            "of": self.of, "steps": self.steps, "cells": rows,
+            "of": self.total, "steps": self.steps, "cells": rows,
         }  # fmt: skip
 
 
-def rehearse(of: FaultScenario, thorough: bool, progress: Progress | None = None) -> Rehearsal:
-    """Rehearse every fault, at every moment or at some of them, each moment met by some fault.
+def rehearse(
+    scenario: FaultScenario, thorough: bool, progress: Progress | None = None
+) -> Rehearsal:
+    """Rehearse every fault at every moment, or a subset that covers all faults and moments.
 
-    Raises RunFailed where the undisturbed run ends in an error.
+    Raises RunFailed if the undisturbed run ends in an error.
     """
     with tempfile.TemporaryDirectory(prefix="deltact-fab-") as name:
         folder = Path(name)
         try:
-            made = Matrix(folder, of)
-        except AssertionError as why:
-            raise RunFailed("the protocol cannot be stopped in its last press") from why
-        moments = tuple(made.at_s)
+            matrix = FaultMatrix(folder, scenario)
+        except AssertionError as error:
+            raise RunFailed("the protocol cannot be stopped in its last press") from error
+        moments = tuple(matrix.at_s)
         pairs = [
             (fault.name, moment)
-            for fault in FAULTS
+            for fault in FAULT_KINDS
             for moment in moments
-            if fault.homing or moment != HOMING
+            if fault.homing or moment != HOMING_MOMENT
         ]
         total = len(pairs)
-        if not thorough and len(pairs) > SHORT:
+        if not thorough and len(pairs) > SHORT_CELLS:
             random.Random(0).shuffle(pairs)
             pairs = _covering(pairs)
-        jobs = [(made, k, *pair) for k, pair in enumerate(pairs)]
+        jobs = [(matrix, k, *pair) for k, pair in enumerate(pairs)]
         names = [f"{fault}: {moment}" for _, _, fault, moment in jobs]
-        cells = run_each(_cell, jobs, names, progress=progress)
-    order = {fault.name: k for k, fault in enumerate(FAULTS)}
+        cells = run_each(_run_job, jobs, names, progress=progress)
+    order = {fault.name: k for k, fault in enumerate(FAULT_KINDS)}
     cells.sort(key=lambda c: (order[c.fault], moments.index(c.moment)))
-    return Rehearsal(tuple(cells), moments, total, len(of.steps))
+    return Rehearsal(tuple(cells), moments, total, len(scenario.steps))
 
 
 def _covering(pairs: list[tuple[str, str]]) -> list[tuple[str, str]]:
-    """SHORT of them in which every fault and every moment stands as often as any other can."""
-    kept: list[tuple[str, str]] = []
-    while len(kept) < SHORT:
-        seen = [word for pair in kept for word in pair]
-        kept.append(min((p for p in pairs if p not in kept), key=lambda p: sum(map(seen.count, p))))
-    return kept
+    """SHORT_CELLS pairs with faults and moments as evenly represented as possible."""
+    chosen: list[tuple[str, str]] = []
+    while len(chosen) < SHORT_CELLS:
+        words = [word for pair in chosen for word in pair]
+        rest = [p for p in pairs if p not in chosen]
+        chosen.append(min(rest, key=lambda p: sum(map(words.count, p))))
+    return chosen
 
 
-def _cell(job: tuple[Matrix, int, str, str]) -> FaultOutcome:
-    made, number, name, moment = job
-    fault = next(fault for fault in FAULTS if fault.name == name)
-    return made.cell(fault, moment, made.folder / f"cell-{number}")
+def _run_job(job: tuple[FaultMatrix, int, str, str]) -> FaultOutcome:
+    matrix, number, name, moment = job
+    fault = next(fault for fault in FAULT_KINDS if fault.name == name)
+    return matrix.run_cell(fault, moment, matrix.folder / f"cell-{number}")
