@@ -250,7 +250,7 @@ def accept(
     steps = [] if step is None else check_known_step(step)
     opened = open_source(source, camera, design, serial, seed, rest_only=True)
     try:
-        known = opened.known
+        known = opened.model
         if recipe is None and known.recipe is None:
             raise InputError("RECIPE: missing; a name of `pattern list` or a recipe's file")
         asked = load_recipe(recipe) if recipe else validate(PatternRecipe, known.recipe, source)

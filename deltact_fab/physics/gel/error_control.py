@@ -31,32 +31,40 @@ from .level_selection import HIDDEN, IN_PLANE_MM, MAX_DOFS, TOLERANCE
 from .path.solver import PathSolver
 from .zones import Zones
 
-Errors = tuple[float, float]
+PressErrors = tuple[float, float]
 """Of the force, relative, and in plane, mm rms over the face."""
 Opener = Callable[[Choice, PathSolver | None], PathSolver]
 
-COARSER, FEWER = 1.5, 2.0
-APART = 1.4  # least ratio of the cells of two meshes that are compared
-EDGE = 0.2  # x (cell / contact radius)^2, of the force: what the contact's edge costs at least
-BLUNTED = 0.2  # x cell / contact radius, of the force: what a mesh costs that rounds an edge off
-ALONE = 3.0  # times that, and all of the in-plane field, where there is one mesh to go by
-STEP_FORCE = 1 / (FEWER - 1)  # steps are of first order
+MESH_RATIO, STEP_RATIO = 1.5, 2.0
+MIN_MESH_RATIO = 1.4  # least ratio of the cells of two meshes that are compared
+EDGE_ERROR = (
+    0.2  # x (cell / contact radius)^2, of the force: what the contact's edge costs at least
+)
+BLUNT_ERROR = (
+    0.2  # x cell / contact radius, of the force: what a mesh costs that rounds an edge off
+)
+SINGLE_MESH_FACTOR = (
+    3.0  # times that, and all of the in-plane field, where there is one mesh to go by
+)
+STEP_FORCE = 1 / (STEP_RATIO - 1)  # steps are of first order
 MESH_IN_PLANE, STEP_IN_PLANE = 2.4, 1.75  # x change of displacement: errors of places add up
 LINEAR_FORCE, LINEAR_IN_PLANE = 0.9, 1.9  # x change with the grid of the linear level
-BELOW = 2  # meshes coarser than the one asked for
-ABOVE = 3  # that follow, as fine as the estimate wants them
+COARSER_MESHES = 2  # meshes coarser than the one asked for
+FINER_MESHES = 3  # that follow, as fine as the estimate wants them
 FINEST_STEP = 0.25  # least factor of the steps
 # Most increments x unknowns^WORK_POWER of a mesh, about a minute on one core. Counted, not timed: a
 # busy machine must not change a result.
 MAX_WORK = 1.2e7
 WORK_POWER = 1.3
-FIXED = 3e3  # unknowns^WORK_POWER that an increment costs besides: small meshes are not free
+INCREMENT_WORK = (
+    3e3  # unknowns^WORK_POWER that an increment costs besides: small meshes are not free
+)
 WORK_S = 60 / MAX_WORK  # CPU time of work, until some was measured
 DOFS_POWER = 2.5  # of the cells' number on their size
-AIM = 0.85  # of the tolerance
+AIM_SHARE = 0.85  # of the tolerance
 STEP_SHARE = 0.4  # of the tolerance that steps may take
 MIN_FINER = 0.85  # factor of a mesh that follows; closer ones tell nothing of each other
-WORTH = 0.9  # a refinement that work affords by less is not made
+MAX_USEFUL_FACTOR = 0.9  # a refinement that work affords by less is not made
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,16 +94,16 @@ class MeshConvergence:
         tolerance: float,
         progress: Progress | None = None,
     ) -> None:
-        self._tell = progress or (lambda done, total, what: None)
+        self._report = progress or (lambda count, total, label: None)
         self._open, self._radius_mm, self._edge_mm = opener, float(radius_mm), float(edge_mm)
         self._unknowns = unknowns
         self._work_s: list[float] = []  # CPU time of work, as far as measured
         self.tolerance = tolerance
         self.in_plane_mm = IN_PLANE_MM * tolerance / TOLERANCE
         self._runs: list[PathSolver] = []
-        self._by_step, self._steps_seen = (0.0, 0.0), False
+        self._step_errors, self._steps_checked = (0.0, 0.0), False
 
-    def holds(self, estimate: dict[str, float]) -> bool:
+    def meets_tolerance(self, estimate: dict[str, float]) -> bool:
         force, in_plane = estimate["force_rel"], estimate["displacement_mm"]
         return bool(force <= self.tolerance and in_plane <= self.in_plane_mm)
 
@@ -105,7 +113,7 @@ class MeshConvergence:
         A limit of time (`time_limit`) ends it with what there is; raises TimeLimit where that is
         nothing, SolverError where no mesh is solved.
         """
-        self._runs, self._by_step, self._steps_seen = [], (0.0, 0.0), False
+        self._runs, self._step_errors, self._steps_checked = [], (0.0, 0.0), False
         limited = False
         try:
             self._climb(choice, free)
@@ -114,65 +122,65 @@ class MeshConvergence:
                 raise
             limited = True
             choice = self._runs[-1].choice
-            if choice.level == FINITE_LEVEL and choice.friction > 0 and not any(self._by_step):
+            if choice.level == FINITE_LEVEL and choice.friction > 0 and not any(self._step_errors):
                 # By the rule that steps were chosen by, which is not measured here.
-                self._by_step = (ALONE * STEP_SHARE * self.tolerance, 0.0)
+                self._step_errors = (SINGLE_MESH_FACTOR * STEP_SHARE * self.tolerance, 0.0)
         zones = self._runs[-1].last.zones.beside(self._runs[-2:][0].last.zones)
         return RefinedPress(self._runs[-1], self.estimate(), zones, limited)
 
     def _climb(self, choice: Choice, free: bool) -> None:
         if choice.level != FINITE_LEVEL:
-            self._runs.append(self._run(choice.times(COARSER)))
+            self._runs.append(self._run(choice.times(MESH_RATIO)))
             self._runs.append(self._run(choice))
             return
         if free:
             choice = replace(choice, asked_mm=0.0)  # the estimate says what a mesh is worth
         largest = HIDDEN * self._radius_mm / choice.spacing_mm
-        below = [f for k in range(BELOW, 0, -1) if (f := COARSER**k) <= largest]
+        below = [f for k in range(COARSER_MESHES, 0, -1) if (f := MESH_RATIO**k) <= largest]
         increments = len(self._open(choice, None).poses)
-        while free and below and below[0] * COARSER <= largest:
+        while free and below and below[0] * MESH_RATIO <= largest:
             # It is solved about three times, for its steps.
             if 3 * WORK_S * self._work(choice.times(below[0]), increments) < time_limit.left_s():
                 break
-            below.insert(0, below[0] * COARSER)
+            below.insert(0, below[0] * MESH_RATIO)
         for factor in below:
-            choice = self._low(choice, factor, free)
-            if free and self._done():
+            choice = self._solve_coarser(choice, factor, free)
+            if free and self._converged():
                 return
         if not (free and self._runs):
             self._add(choice)
-        for _ in range(ABOVE if free else 0):
-            if self._done():
+        for _ in range(FINER_MESHES if free else 0):
+            if self._converged():
                 return
             last = self._runs[-1]
-            factor = afforded(last, self._wanted())
-            if factor > WORTH:
+            factor = affordable_factor(last, self._next_factor())
+            if factor > MAX_USEFUL_FACTOR:
                 return
             self._add(choice.times(factor * last.choice.spacing_mm / choice.spacing_mm))
 
-    def _low(self, choice: Choice, factor: float, free: bool) -> Choice:
+    def _solve_coarser(self, choice: Choice, factor: float, free: bool) -> Choice:
         """Solve a coarser mesh, and find on it the steps that the tolerance needs."""
-        least, coarser = choice.step_mm * FINEST_STEP, len(self._runs)
+        min_step_mm, coarser_runs = choice.step_mm * FINEST_STEP, len(self._runs)
         while True:
             try:
                 self._add(choice.times(factor))
             except SolverError:
                 # Too coarse for the tip; the mesh that was asked for may not be.
-                del self._runs[coarser:]
+                del self._runs[coarser_runs:]
                 return choice
-            del self._runs[coarser:-1]  # the same mesh with longer steps
-            if choice.friction == 0 or self._steps_seen:
+            del self._runs[coarser_runs:-1]  # the same mesh with longer steps
+            if choice.friction == 0 or self._steps_checked:
                 return choice
-            self._by_step = self._steps_part(self._runs[-1])
+            self._step_errors = self._errors_of_steps(self._runs[-1])
             goals = STEP_SHARE * self.tolerance, STEP_SHARE * self.in_plane_mm
-            over = max(e / g for e, g in zip(self._by_step, goals, strict=True))
-            if not free or over <= 1 or choice.step_mm <= least:
-                self._steps_seen = True
+            over = max(e / g for e, g in zip(self._step_errors, goals, strict=True))
+            if not free or over <= 1 or choice.step_mm <= min_step_mm:
+                self._steps_checked = True
                 return choice
             choice = choice.times(1.0, min(max(1 / over, 0.5), 0.75))
 
-    def _done(self) -> bool:
-        return len(self._runs) > 1 and self.holds(self.estimate())
+    def _converged(self) -> bool:
+        return len(self._runs) > 1 and self.meets_tolerance(self.estimate())
 
     def _add(self, choice: Choice) -> None:
         text = f"{choice.spacing_mm:.3g} mm, steps of {choice.step_mm:.3g} mm"
@@ -181,79 +189,84 @@ class MeshConvergence:
 
     def estimate(self) -> dict[str, float]:
         choice = self._runs[-1].choice
-        force, in_plane = zip(self._mesh_part(), self._by_step, strict=True)
+        force, in_plane = zip(self._mesh_errors(), self._step_errors, strict=True)
         return {
             "force_rel": choice.model_force_rel + sum(force),
             "displacement_mm": choice.model_in_plane_mm + sum(in_plane),
         }
 
-    def _mesh_part(self) -> Errors:
+    def _mesh_errors(self) -> PressErrors:
         fine = self._runs[-1]
-        edge = self._edge_part(fine)
-        before = [r for r in self._runs if r.choice.spacing_mm >= APART * fine.choice.spacing_mm]
-        if not before:
-            return (ALONE * edge, _rms_mm(_field_mm(fine)))
-        coarse = before[-1]
+        edge = self._edge_error(fine)
+        coarser = [
+            r for r in self._runs if r.choice.spacing_mm >= MIN_MESH_RATIO * fine.choice.spacing_mm
+        ]
+        if not coarser:
+            return (SINGLE_MESH_FACTOR * edge, _rms_mm(_field_mm(fine)))
+        coarse = coarser[-1]
         force, in_plane = _change(fine, coarse)
         if fine.choice.level != FINITE_LEVEL:
-            return (LINEAR_FORCE * _size(force, fine), LINEAR_IN_PLANE * in_plane)
+            return (LINEAR_FORCE * _relative_size(force, fine), LINEAR_IN_PLANE * in_plane)
         # Cells are of second order.
-        left = 1 / ((coarse.choice.spacing_mm / fine.choice.spacing_mm) ** 2 - 1)
-        off = left * force - fine.last.lacking_rel * np.array(fine.last.force_n)
-        return (max(edge, _size(off, fine)), MESH_IN_PLANE * left * in_plane)
+        richardson = 1 / ((coarse.choice.spacing_mm / fine.choice.spacing_mm) ** 2 - 1)
+        error_n = richardson * force - fine.last.lacking_rel * np.array(fine.last.force_n)
+        return (max(edge, _relative_size(error_n, fine)), MESH_IN_PLANE * richardson * in_plane)
 
-    def _edge_part(self, run: PathSolver) -> float:
+    def _edge_error(self, run: PathSolver) -> float:
         """Of the force, what cells of this size cost under such a contact at least."""
         cells = run.choice.spacing_mm / self._radius_mm
-        known = EDGE * cells**2
+        error_rel = EDGE_ERROR * cells**2
         if run.choice.level == FINITE_LEVEL and BLUNT * run.choice.spacing_mm > self._edge_mm:
-            known = max(known, BLUNTED * cells)
+            error_rel = max(error_rel, BLUNT_ERROR * cells)
         # The ramp of the contact pushes before it is touched: a light press is too stiff by it.
-        return known + max(0.0, -run.last.lacking_rel)
+        return error_rel + max(0.0, -run.last.lacking_rel)
 
-    def _steps_part(self, run: PathSolver) -> Errors:
+    def _errors_of_steps(self, run: PathSolver) -> PressErrors:
         """What its steps put a run off by: friction's part of the force comes late in each."""
         choice = run.choice
-        fewer = self._run(choice.times(1.0, FEWER), run)
+        fewer = self._run(choice.times(1.0, STEP_RATIO), run)
         if sum(knot.cuts for knot in fewer.knots) == sum(knot.cuts for knot in run.knots):
             force, in_plane = _change(run, fewer)
-            return (STEP_FORCE * _size(force, run), STEP_IN_PLANE * in_plane)
+            return (STEP_FORCE * _relative_size(force, run), STEP_IN_PLANE * in_plane)
         # Longer steps were cut to shorter ones, and show nothing.
-        force, in_plane = _change(self._run(choice.times(1.0, 1 / FEWER)), run)
-        return (FEWER * STEP_FORCE * _size(force, run), FEWER * STEP_IN_PLANE * in_plane)
+        force, in_plane = _change(self._run(choice.times(1.0, 1 / STEP_RATIO)), run)
+        return (
+            STEP_RATIO * STEP_FORCE * _relative_size(force, run),
+            STEP_RATIO * STEP_IN_PLANE * in_plane,
+        )
 
-    def _wanted(self) -> float:
+    def _next_factor(self) -> float:
         """Factor of the cells at which the estimate reaches AIM."""
-        mesh, step = self._mesh_part(), self._by_step
-        goals = AIM * self.tolerance, AIM * self.in_plane_mm
-        least = [
+        mesh, step = self._mesh_errors(), self._step_errors
+        goals = AIM_SHARE * self.tolerance, AIM_SHARE * self.in_plane_mm
+        factors = [
             math.sqrt(max(goal - s, goal / 4) / m) if m > 0 else 1.0
             for m, s, goal in zip(mesh, step, goals, strict=True)
         ]
-        return max(min(*least, MIN_FINER), 1 / COARSER)
+        return max(min(*factors, MIN_FINER), 1 / MESH_RATIO)
 
     def _run(self, choice: Choice, like: PathSolver | None = None) -> PathSolver:
         """The way by a choice; like: on a coarser mesh, to start from its increments."""
         solver = self._open(choice, like)
         solver.choice = choice
-        what = f"{choice.level}, {choice.spacing_mm:.3g} mm"
-        self._tell(0, len(solver.poses), what)
+        label = f"{choice.level}, {choice.spacing_mm:.3g} mm"
+        self._report(0, len(solver.poses), label)
         new = choice.level == FINITE_LEVEL and solver.found is None
         if new:
             work = self._work(choice, len(solver.poses))
             # The least that was measured: libraries are loaded in the first.
             time_limit.check(min(self._work_s, default=0.0) * work)
         start_s = time.thread_time()
-        solver.solve_all(lambda done, of, _: self._tell(done, of, what))
+        solver.solve_all(lambda count, total, _: self._report(count, total, label))
         if new:
             self._work_s.append((time.thread_time() - start_s) / work)
         return solver
 
     def _work(self, choice: Choice, increments: int) -> float:
-        return increments * (self._unknowns(choice) ** WORK_POWER + FIXED)
+        return increments * (self._unknowns(choice) ** WORK_POWER + INCREMENT_WORK)
 
 
-def afforded(run: PathSolver, factor: float) -> float:
+def affordable_factor(run: PathSolver, factor: float) -> float:
     """As much of a refinement of the cells as MAX_DOFS and MAX_WORK leave."""
     dofs = run.dofs
     factor = max(factor, min(1.0, (dofs / MAX_DOFS) ** (1 / DOFS_POWER)))
@@ -267,9 +280,9 @@ def _change(fine: PathSolver, coarse: PathSolver) -> tuple[Field, float]:
     return b - a, _rms_mm(_field_mm(coarse) - _field_mm(fine))
 
 
-def _size(force_n: Field, run: PathSolver) -> float:
-    whole = math.hypot(*run.last.force_n)
-    return float(np.linalg.norm(force_n)) / whole if whole else 0.0
+def _relative_size(force_n: Field, run: PathSolver) -> float:
+    total_n = math.hypot(*run.last.force_n)
+    return float(np.linalg.norm(force_n)) / total_n if total_n else 0.0
 
 
 def _field_mm(run: PathSolver) -> Field:

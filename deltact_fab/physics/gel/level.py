@@ -20,7 +20,7 @@ from deltact_fab.sensor import GEL_LEVELS, Indenter, SkinDimensions
 
 from .zones import ZoneMap, Zones
 
-Level = str
+GelLevel = str
 """A name of GEL_LEVELS."""
 LINEAR_LEVEL, FINITE_LEVEL = GEL_LEVELS
 USUAL_MPA = 0.01, 10.0  # silicone gels and rubbers, with room on both sides
@@ -87,7 +87,7 @@ class Choice:
 
     model_share: ClassVar[float] = 0.5
     """Share of a tolerance that the level's own error may take."""
-    level: Level
+    level: GelLevel
     spacing_mm: float
     step_mm: float
     mirrors: tuple[bool, bool]
@@ -95,7 +95,7 @@ class Choice:
     friction: float
     model_force_rel: float
     model_in_plane_mm: float
-    why: str
+    reason: str
     asked_mm: float = 0.0
     growth: float = 1.0
 
@@ -138,7 +138,7 @@ class IncrementDiagnostics:
     flags: tuple[Note, ...] = ()
 
     @classmethod
-    def over(cls, parts: Sequence[IncrementDiagnostics]) -> IncrementDiagnostics:
+    def combine(cls, parts: Sequence[IncrementDiagnostics]) -> IncrementDiagnostics:
         """Of parts as one: the last one's, with the work of all."""
         counts = ("iterations", "factorisations", "damped", "lagged", "cuts")
         return replace(parts[-1], **{n: sum(getattr(p, n) for p in parts) for n in counts})
@@ -169,15 +169,15 @@ class State:
     @property
     def tip_mm(self) -> Point:
         """(x, y, depth) of the indenter's lowest point."""
-        at: Point = self.inner.tip_mm
-        return at
+        tip: Point = self.inner.tip_mm
+        return tip
 
     @cached_property
     def zones(self) -> tuple[Zones, ZoneMap]:
         """Of the contact; and (ny, nx) of it: 0 apart, 1 slipping, 2 sticking."""
-        found: tuple[Zones, ZoneMap] | None = self.contact.zones(self.inner)
+        contact_zones: tuple[Zones, ZoneMap] | None = self.contact.zones(self.inner)
         shape = len(self.contact.y_mm), len(self.contact.x_mm)
-        return found or (Zones(centroid_mm=self.tip_mm[:2]), np.zeros(shape, np.uint8))
+        return contact_zones or (Zones(centroid_mm=self.tip_mm[:2]), np.zeros(shape, np.uint8))
 
     @cached_property
     def displacement_mm(self) -> Field:
@@ -196,7 +196,7 @@ class GelContact:
     Of an inner state it tells displacement_mm, traction_mpa and zones, as `State` has them.
     """
 
-    level: Level
+    level: GelLevel
     x_mm: Field
     y_mm: Field
     choice: Choice
@@ -242,18 +242,18 @@ def follow_path(
     start, end = np.array(previous.tip_mm), np.array(tip_mm, dtype=np.float64)
     if start[2] < 0 < end[2]:
         start = start + (end - start) * (-start[2] / (end[2] - start[2]))
-    away = float(np.linalg.norm(end - start)) if end[2] > 0 else 0.0
-    n = max(1, math.ceil(away / max_step_mm - 1e-9)) if math.isfinite(away) else 1
-    more = () if seconds is None else (seconds / n, guide)
+    length_mm = float(np.linalg.norm(end - start)) if end[2] > 0 else 0.0
+    n = max(1, math.ceil(length_mm / max_step_mm - 1e-9)) if math.isfinite(length_mm) else 1
+    extras = () if seconds is None else (seconds / n, guide)
     state = previous
     for i in range(1, n + 1):
-        at = start + (end - start) * (i / n) if i < n else end
-        state = contact.solve(state, (float(at[0]), float(at[1]), float(at[2])), *more)
+        point = start + (end - start) * (i / n) if i < n else end
+        state = contact.solve(state, (float(point[0]), float(point[1]), float(point[2])), *extras)
         yield state
 
 
-R2 = 0.7548776662466927, 0.5698402909980532  # steps that fill a square evenly (Roberts)
-MIRROR_MM = 1e-6
+R2_STEPS = 0.7548776662466927, 0.5698402909980532  # steps that fill a square evenly (Roberts)
+MIRROR_TOLERANCE_MM = 1e-6
 
 
 def is_mirrored(indenter: Indenter, axis: int) -> bool:
@@ -264,11 +264,12 @@ def is_mirrored(indenter: Indenter, axis: int) -> bool:
     k = np.arange(1, 2001)
     half = indenter.footprint_half_mm
     x, y = (
-        np.asarray((2 * ((c * k) % 1) - 1) * h, np.float64) for c, h in zip(R2, half, strict=True)
+        np.asarray((2 * ((c * k) % 1) - 1) * h, np.float64)
+        for c, h in zip(R2_STEPS, half, strict=True)
     )
-    other: tuple[Field, Field] = (-x, y) if axis == 0 else (x, -y)
-    here, there = indenter.height_mm(x, y), indenter.height_mm(*other)
-    return bool(np.allclose(here, there, rtol=0, atol=MIRROR_MM))
+    mirrored: tuple[Field, Field] = (-x, y) if axis == 0 else (x, -y)
+    height, mirrored_height = indenter.height_mm(x, y), indenter.height_mm(*mirrored)
+    return bool(np.allclose(height, mirrored_height, rtol=0, atol=MIRROR_TOLERANCE_MM))
 
 
 def contact_radius_mm(indenter: Indenter, depth_mm: float) -> float:
@@ -296,11 +297,11 @@ def _sections(indenter: Indenter, depth_mm: float) -> tuple[float, tuple[float, 
             x = np.arange(-101, 102) * cell
             height = indenter.height_mm(*np.meshgrid(x, x))
             inside = np.isfinite(height) & (height <= part * depth_mm)
-            seen = [np.abs(x[inside.any(axis=k)]).max(initial=0.0) for k in (0, 1)]
-            if max(seen) >= size / 4:
+            extents = [np.abs(x[inside.any(axis=k)]).max(initial=0.0) for k in (0, 1)]
+            if max(extents) >= size / 4:
                 break
-            size = max(2 * max(seen), 4 * cell)
-        boxes.append((float(seen[0]) + cell / 2, float(seen[1]) + cell / 2))
+            size = max(2 * max(extents), 4 * cell)
+        boxes.append((float(extents[0]) + cell / 2, float(extents[1]) + cell / 2))
         if part < 1:
             radius = float(distance_transform_edt(inside).max()) * cell
     return float(max(radius, cell)), boxes[0]

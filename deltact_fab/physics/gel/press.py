@@ -29,15 +29,15 @@ from deltact_fab.sensor import (
 from . import time_limit
 from .error_control import MeshConvergence, RefinedPress
 from .finite.mesh import unknowns
-from .level import FINITE_LEVEL, Choice, Level, contact_radius_mm, unusual_material
-from .level_selection import MAX_TOLERANCE, MIN_TOLERANCE, TOLERANCE
+from .level import FINITE_LEVEL, Choice, GelLevel, contact_radius_mm, unusual_material
+from .level_selection import FORCE_TOLERANCE, MAX_TOLERANCE, MIN_TOLERANCE
 from .path.knots import Increments, KnotPose, ObservedChannels
 from .path.open import choose_level, open_path
 from .path.solver import PathSolver
 
-LIMIT_S = 120.0
-OBSERVED = ObservedChannels(fields="last", lacking=True)
-KEYS = (
+CPU_LIMIT_S = 120.0
+PRESS_OBSERVED = ObservedChannels(fields="last", lacking=True)
+RESULT_KEYS = (
     "force_n", "depth_mm", "contact_area_mm2", "contact_area_error_mm2", "stick_area_mm2",
     "stick_area_error_mm2", "centroid_mm", "max_stretch", "model", "converged",
     "error_estimate", "within_tolerance", "seconds", "picked", "peak_in_plane_mm", "flags",
@@ -46,7 +46,7 @@ KEYS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Pressed:
+class PressResult:
     """The outcome. result: plain data with the keys of `gel press --json`.
 
     tips_mm (n, 3), forces_n (n, 3): the way, at rest first. x_mm (nx,), y_mm (ny,) and
@@ -68,12 +68,12 @@ def press_gel(
     at_mm: Point2,
     depth_mm: float,
     shear_mm: Point2 = (0.0, 0.0),
-    model: Level = "auto",
-    tolerance: float = TOLERANCE,
+    model: GelLevel = "auto",
+    tolerance: float = FORCE_TOLERANCE,
     spacing_mm: float | None = None,
     progress: Progress | None = None,
-    limit_s: float = LIMIT_S,
-) -> Pressed:
+    limit_s: float = CPU_LIMIT_S,
+) -> PressResult:
     """Press to a depth, then shear.
 
     tolerance: of the force; IN_PLANE_MM in proportion goes with it. Meshes are refined until the
@@ -91,17 +91,17 @@ def press_gel(
     if shear_mm != (0.0, 0.0):
         corners.append((x + shear_mm[0], y + shear_mm[1], -depth_mm))
 
-    def way(step_mm: float) -> tuple[KnotPose, ...]:
+    def path(step_mm: float) -> tuple[KnotPose, ...]:
         return Increments(step_mm, step_mm).poses(corners) or (KnotPose(corners[-1], 0.0, 1.0),)
 
-    def picks(level: Level) -> Choice:
+    def choose(level: GelLevel) -> Choice:
         return choose_level(
-            skin, material, indenter, way(math.inf), tolerance, level=level, spacing_mm=spacing_mm
+            skin, material, indenter, path(math.inf), tolerance, level=level, spacing_mm=spacing_mm
         )
 
     def solver(choice: Choice, like: PathSolver | None) -> PathSolver:
-        poses = way(choice.step_mm)
-        return open_path(skin, material, indenter, poses, OBSERVED, choice, like, True)
+        poses = path(choice.step_mm)
+        return open_path(skin, material, indenter, poses, PRESS_OBSERVED, choice, like, True)
 
     def unknowns_of(choice: Choice) -> int:
         return unknowns(skin, choice.spacing_mm, choice.focus, choice.mirrors, choice.growth)
@@ -110,53 +110,53 @@ def press_gel(
     edge_mm = indenter.edge_radius_mm
     ladder = MeshConvergence(solver, unknowns_of, radius_mm, edge_mm, tolerance, progress)
     picked: Choice | None = None
-    found: RefinedPress | None = None
+    refined: RefinedPress | None = None
     try:
         with time_limit.within(limit_s):
-            picked = picks(model)
-            found = ladder.refine(picked, free=spacing_mm is None)
+            picked = choose(model)
+            refined = ladder.refine(picked, free=spacing_mm is None)
             linear = model == "auto" and picked.level != FINITE_LEVEL
-            if linear and not (found.limited or ladder.holds(found.estimate)):
-                picked = picks(FINITE_LEVEL)
-                found = ladder.refine(picked, free=spacing_mm is None)
+            if linear and not (refined.limited or ladder.meets_tolerance(refined.estimate)):
+                picked = choose(FINITE_LEVEL)
+                refined = ladder.refine(picked, free=spacing_mm is None)
     except TimeLimit:
-        if found is None:
-            why = f"--limit-s {limit_s:g}: no mesh was solved in that CPU time; more is needed"
+        if refined is None:
+            error = f"--limit-s {limit_s:g}: no mesh was solved in that CPU time; more is needed"
             level = picked.level if picked else model
-            return refused(depth_mm, level, why, time.perf_counter() - started)
-        found = replace(found, limited=True)
-    except DeltactFabError as why:
+            return refused_press(depth_mm, level, error, time.perf_counter() - started)
+        refined = replace(refined, limited=True)
+    except DeltactFabError as error:
         level = picked.level if picked else model
-        return refused(depth_mm, level, str(why), time.perf_counter() - started)
-    fine, choice, last = found.run, found.run.choice, found.run.last
+        return refused_press(depth_mm, level, str(error), time.perf_counter() - started)
+    fine, choice, last = refined.run, refined.run.choice, refined.run.last
     u = last.displacement_mm
     assert u is not None, "the last field is observed"
     tips = [(x, y, 0.0), *((px, py, -pz) for px, py, pz in (p.tip_mm for p in fine.poses))]
-    flags = [*_flags(found, ladder, depth_mm, limit_s)]
+    flags = [*_flags(refined, ladder, depth_mm, limit_s)]
     if odd := unusual_material(material.modulus_mpa):
         flags.append(Note("modulus", odd))
     forces = material.modulus_mpa * np.array([(0.0, 0.0, 0.0), *(k.force_n for k in fine.knots)])
     result = {
         "force_n": forces[-1].tolist(),
         "depth_mm": depth_mm,
-        **vars(found.zones),
+        **vars(refined.zones),
         "max_stretch": last.most_stretch,
         "model": choice.level,
         "converged": True,
-        "error_estimate": found.estimate,
-        "within_tolerance": ladder.holds(found.estimate),
+        "error_estimate": refined.estimate,
+        "within_tolerance": ladder.meets_tolerance(refined.estimate),
         "seconds": time.perf_counter() - started,
         "picked": {
             "spacing_mm": choice.spacing_mm,
             "step_mm": choice.step_mm,
             "mirrors": list(choice.mirrors),
             "dofs": fine.dofs,
-            "why": choice.why,
+            "why": choice.reason,
         },
         "peak_in_plane_mm": float(np.hypot(u[..., 0], u[..., 1]).max()),
         "flags": [flag.labelled for flag in flags],
     }
-    return Pressed(result, np.array(tips), forces, *fine.axes_mm, u.astype(np.float64))
+    return PressResult(result, np.array(tips), forces, *fine.axes_mm, u.astype(np.float64))
 
 
 def _require(
@@ -176,24 +176,24 @@ def _require(
 
 
 def _flags(
-    found: RefinedPress, ladder: MeshConvergence, depth_mm: float, limit_s: float
+    refined: RefinedPress, ladder: MeshConvergence, depth_mm: float, limit_s: float
 ) -> Iterator[Note]:
     """What a reader of the result must know: the solver's own flags at the corners, and more."""
-    estimate, solver = found.estimate, found.run
-    named: dict[str, Note] = {}
+    estimate, solver = refined.estimate, refined.run
+    corner_flags: dict[str, Note] = {}
     for pose, knot in zip(solver.poses, solver.knots, strict=True):
         if pose.part == 1.0:  # on the way in, the first increments are coarse by intention
-            named.update({flag.id: flag for flag in knot.flags})
-    yield from named.values()
-    if depth_mm > 0 and found.zones.contact_area_mm2 == 0:
+            corner_flags.update({flag.id: flag for flag in knot.flags})
+    yield from corner_flags.values()
+    if depth_mm > 0 and refined.zones.contact_area_mm2 == 0:
         yield Note("contact lost", f"at depth {depth_mm:g} mm nothing is touched")
-    if found.limited:
+    if refined.limited:
         text = (
             f"{limit_s:g} CPU seconds do not reach to the tolerance; cells of "
-            f"{found.run.choice.spacing_mm:.3g} mm are the finest that were solved"
+            f"{refined.run.choice.spacing_mm:.3g} mm are the finest that were solved"
         )
         yield Note("limit", text)
-    if not ladder.holds(estimate):
+    if not ladder.meets_tolerance(estimate):
         text = (
             f"estimated error {estimate['force_rel']:.2g} of force, "
             f"{estimate['displacement_mm']:.2g} mm in plane; {ladder.tolerance:g} and "
@@ -202,9 +202,11 @@ def _flags(
         yield Note("tolerance", text)
 
 
-def refused(depth_mm: float, level: Level, reason: str, seconds: float = 0.0) -> Pressed:
+def refused_press(
+    depth_mm: float, level: GelLevel, reason: str, seconds: float = 0.0
+) -> PressResult:
     """What stands for a press that was not solved, with the level that was taken or asked for."""
-    result = dict.fromkeys(KEYS) | {
+    result = dict.fromkeys(RESULT_KEYS) | {
         "depth_mm": depth_mm if math.isfinite(depth_mm) else None,
         "model": None if level == "auto" else level,
         "converged": False,
@@ -214,4 +216,4 @@ def refused(depth_mm: float, level: Level, reason: str, seconds: float = 0.0) ->
         "reason": reason,
     }
     none = np.empty((0, 3))
-    return Pressed(result, none, none, np.empty(0), np.empty(0), np.empty((0, 0, 3)))
+    return PressResult(result, none, none, np.empty(0), np.empty(0), np.empty((0, 0, 3)))

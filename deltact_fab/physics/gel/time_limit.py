@@ -28,12 +28,12 @@ def within(seconds: float) -> Iterator[None]:
         _END_S.reset(token)
 
 
-def left_s() -> float:
+def remaining_s() -> float:
     """Of the limit that this runs in; infinite where there is none."""
     return _END_S.get() - time.thread_time()
 
 
 def check(needed_s: float = 0.0) -> None:
     """Raises TimeLimit where less is left: what would not end in time is not begun."""
-    if left_s() < needed_s:
+    if remaining_s() < needed_s:
         raise TimeLimit("the limit of time was reached")

@@ -32,29 +32,29 @@ def means(edges_mm: Field, at_mm: Field) -> Field:
     return np.ascontiguousarray(shares / _areas(at_mm)[:, None])
 
 
-def _areas(at: Field) -> Field:
+def _areas(nodes: Field) -> Field:
     """Integrals of the nodes' hats: the trapezoids' weights."""
-    half = np.diff(at) / 2
+    half = np.diff(nodes) / 2
     return np.append(half, 0.0) + np.append(0.0, half)
 
 
-def _hats_up_to(x: Field, at: Field) -> Field:
+def _hats_up_to(x: Field, nodes: Field) -> Field:
     """(points, nodes): integrals of the hats from the first node on; outer ones go on as 1."""
-    n, width = len(at), np.diff(at)
-    i = np.clip(np.searchsorted(at, x, side="right") - 1, 0, n - 2)
-    rows, s = np.arange(len(x)), np.clip((x - at[i]) / width[i], 0.0, 1.0)
+    n, width = len(nodes), np.diff(nodes)
+    i = np.clip(np.searchsorted(nodes, x, side="right") - 1, 0, n - 2)
+    rows, s = np.arange(len(x)), np.clip((x - nodes[i]) / width[i], 0.0, 1.0)
     passed = (np.arange(n - 1) < i[:, None]) * (width / 2)
-    found = np.zeros((len(x), n))
-    found[:, :-1] += passed
-    found[:, 1:] += passed
-    found[rows, i] += width[i] * (s - s**2 / 2)
-    found[rows, i + 1] += width[i] * s**2 / 2
-    found[:, 0] += np.minimum(x - at[0], 0.0)
-    found[:, -1] += np.maximum(x - at[-1], 0.0)
-    return found
+    integrals = np.zeros((len(x), n))
+    integrals[:, :-1] += passed
+    integrals[:, 1:] += passed
+    integrals[rows, i] += width[i] * (s - s**2 / 2)
+    integrals[rows, i + 1] += width[i] * s**2 / 2
+    integrals[:, 0] += np.minimum(x - nodes[0], 0.0)
+    integrals[:, -1] += np.maximum(x - nodes[-1], 0.0)
+    return integrals
 
 
-def hermite(knots: Field, at: Field) -> Field:
+def hermite(knots: Field, points: Field) -> Field:
     """Matrix (points, knots) of the local cubic; outside of the knots the last cubic goes on.
 
     Slopes at the knots are those of parabolas through three neighbours.
@@ -63,13 +63,16 @@ def hermite(knots: Field, at: Field) -> Field:
 
     values = np.eye(len(knots))
     slopes = np.gradient(values, knots, axis=0, edge_order=2 if len(knots) > 2 else 1)
-    return np.asarray(CubicHermiteSpline(knots, values, slopes)(at))
+    return np.asarray(CubicHermiteSpline(knots, values, slopes)(points))
 
 
-NEAR, FAR = 0.75, 1.5  # cells beyond the points that touch
-RIM, STICK_RIM = 0.1, 0.2  # cells by which the rims of contact and stick zone may be off
-AT_BOUND = 1e-6  # of friction's bound
-SLIPPING, STICKING = 1, 2  # 0: apart
+NEAR_CELLS, FAR_CELLS = 0.75, 1.5  # cells beyond the points that touch
+RIM_ERROR, STICK_RIM_ERROR = (
+    0.1,
+    0.2,
+)  # cells by which the rims of contact and stick zone may be off
+BOUND_MARGIN = 1e-6  # of friction's bound
+SLIP_ZONE, STICK_ZONE = 1, 2  # 0: apart
 
 Flags = NDArray[np.bool_]
 ZoneMap = NDArray[np.uint8]
@@ -90,17 +93,17 @@ class Zones:
     stick_area_error_mm2: float = 0.0
     centroid_mm: Point2 = (0.0, 0.0)
 
-    def beside(self, coarse: Zones) -> Zones:
+    def with_errors_at_least(self, coarse: Zones) -> Zones:
         """With no smaller errors than the change from a coarser mesh."""
-        fine, other = vars(self), vars(coarse)
+        fine, reference = vars(self), vars(coarse)
         names = ("contact_area", "stick_area")
-        change = {f"{n}_error_mm2": abs(fine[f"{n}_mm2"] - other[f"{n}_mm2"]) for n in names}
-        return replace(self, **{n: max(fine[n], more) for n, more in change.items()})
+        change = {f"{n}_error_mm2": abs(fine[f"{n}_mm2"] - reference[f"{n}_mm2"]) for n in names}
+        return replace(self, **{n: max(fine[n], minimum) for n, minimum in change.items()})
 
 
-def measured(
+def measure_zones(
     axes_mm: Sequence[Field], place_mm: Field, inside: Field, sticks: Flags,
-    off_mm: tuple[float, float], lattice_mm: tuple[Field, Field],
+    rim_errors_mm: tuple[float, float], lattice_mm: tuple[Field, Field],
 ) -> tuple[Zones, ZoneMap]:  # fmt: skip
     """What touches, and the map (ny, nx) of it on another lattice, of the nearest nodes.
 
@@ -108,45 +111,47 @@ def measured(
     inside (ny, nx): the share of each that touches. sticks (ny, nx): of those. off_mm: how far the
     rims of contact and stick zone may be off. lattice_mm: x and y of the map.
     """
-    steps = [at[1] - at[0] for at in reversed(axes_mm)]
+    steps = [axis[1] - axis[0] for axis in reversed(axes_mm)]
     (xy, xx), (yy, yx) = (np.gradient(place_mm[..., k], *steps) for k in (0, 1))
     # What lies below a fold is not seen.
-    each = np.maximum(xx * yy - xy * yx, 0.0) * math.prod(steps)
-    found: list[float] = []
-    for zone, off in zip((inside, inside * sticks), off_mm, strict=True):
+    areas = np.maximum(xx * yy - xy * yx, 0.0) * math.prod(steps)
+    figures: list[float] = []
+    for zone, error_mm in zip((inside, inside * sticks), rim_errors_mm, strict=True):
         rim = np.hypot(*np.gradient(zone, *steps))
-        found += [float((each * zone).sum()), off * float((each * rim).sum())]
+        figures += [float((areas * zone).sum()), error_mm * float((areas * rim).sum())]
     # Where cells are as large as the contact, by their square: from a tenth of the area on.
-    found[1] *= max(1.0, 10 * found[1] / found[0])
-    x, y = np.tensordot(each * inside, place_mm, 2) / found[0]
-    zone_map = np.pad(np.where(sticks, STICKING, SLIPPING) * (inside >= 0.5), 1)
+    figures[1] *= max(1.0, 10 * figures[1] / figures[0])
+    x, y = np.tensordot(areas * inside, place_mm, 2) / figures[0]
+    zone_map = np.pad(np.where(sticks, STICK_ZONE, SLIP_ZONE) * (inside >= 0.5), 1)
     columns, rows = (
-        (np.rint((to - at[0]) / (at[1] - at[0])).astype(int) + 1).clip(0, len(at) + 1)
-        for at, to in zip(axes_mm, lattice_mm, strict=True)
+        (np.rint((to - axis[0]) / (axis[1] - axis[0])).astype(int) + 1).clip(0, len(axis) + 1)
+        for axis, to in zip(axes_mm, lattice_mm, strict=True)
     )
-    zones = Zones(found[0], found[1], found[2], found[3], (float(x), float(y)))
+    zones = Zones(figures[0], figures[1], figures[2], figures[3], (float(x), float(y)))
     return zones, zone_map[np.ix_(rows, columns)].astype(np.uint8)
 
 
-def inside(gap_mm: Field, touched: Flags, cell_mm: float, steps_mm: Sequence[float]) -> Field:
+def contact_share(
+    gap_mm: Field, touched: Flags, cell_mm: float, steps_mm: Sequence[float]
+) -> Field:
     """Share (ny, nx) of each node that touches, on nodes steps_mm apart along y and x.
 
     gap_mm (ny, nx): to the indenter. touched (ny, nx): next to a point that is under pressure.
     """
     from scipy.ndimage import distance_transform_edt
 
-    def to_mm(there: Flags) -> Field:
-        return np.asarray(distance_transform_edt(~there, sampling=steps_mm))
+    def to_mm(mask: Flags) -> Field:
+        return np.asarray(distance_transform_edt(~mask, sampling=steps_mm))
 
     step_mm = max(steps_mm)
-    beyond = np.abs(to_mm(touched) - NEAR * cell_mm) < step_mm
-    level = float(np.median(gap_mm[beyond])) if beyond.any() else 0.0
+    band = np.abs(to_mm(touched) - NEAR_CELLS * cell_mm) < step_mm
+    level = float(np.median(gap_mm[band])) if band.any() else 0.0
     near = gap_mm < level
-    away = to_mm(near) - step_mm / 2
-    ring = ~near & (away < (FAR - NEAR) * cell_mm)
+    distance = to_mm(near) - step_mm / 2
+    ring = ~near & (distance < (FAR_CELLS - NEAR_CELLS) * cell_mm)
     if level <= 0 or not ring.any():
         return touched.astype(np.float64)  # contact up to the face's edge, or in a fold
     start = level ** (2 / 3)
-    rise = ((gap_mm[ring] ** (2 / 3) - start) * away[ring]).sum() / (away[ring] ** 2).sum()
-    found = np.clip((to_mm(~near) - start / rise) / step_mm, 0.0, 1.0)
-    return found if found.any() else touched.astype(np.float64)  # too small a contact for its cells
+    rise = ((gap_mm[ring] ** (2 / 3) - start) * distance[ring]).sum() / (distance[ring] ** 2).sum()
+    share = np.clip((to_mm(~near) - start / rise) / step_mm, 0.0, 1.0)
+    return share if share.any() else touched.astype(np.float64)  # too small a contact for its cells

@@ -25,8 +25,8 @@ def as_dict(m: MeasuredImage, outlines: bool = False) -> dict[str, Any]:
     contacts = result.contacts
     force = result.force
     return {
-        "frame": m.given.frame,
-        "t_s": round(m.given.t_s, 6),
+        "frame": m.source_image.frame,
+        "t_s": round(m.source_image.t_s, 6),
         "since_reference": result.frame,
         "age_ms": round(result.age_ms, 3),
         "cover": round(result.cover, 4),
@@ -36,29 +36,29 @@ def as_dict(m: MeasuredImage, outlines: bool = False) -> dict[str, Any]:
         "torque_nmm": None if force is None else _rounded(force.torque_nmm),
         "contacts": None if contacts is None else [_contact(c, outlines) for c in contacts],
         "dropped": m.dropped,
-        "motion_px": _one(m.motion.largest_px),
-        "motion_median_px": _one(m.motion.median_px),
-        "motion_mm": _one(m.motion.largest_mm),
+        "motion_px": _rounded_or_none(m.motion.largest_px),
+        "motion_median_px": _rounded_or_none(m.motion.median_px),
+        "motion_mm": _rounded_or_none(m.motion.largest_mm),
         "markers": m.motion.markers,
         "markers_held": m.motion.markers_held,
     }
 
 
 def _contact(contact: Any, outline: bool) -> dict[str, Any]:
-    told = {
+    entry = {
         "area_mm2": round(float(contact.area_mm2), 3),
         "centroid_mm": _rounded(contact.centroid_mm),
         "place_mm": _rounded(contact.place_mm),
         "cover": round(contact.cover, 4),
-        "peak_depth_mm": _one(contact.peak_depth_mm),
-        "force_share": _one(contact.force_share),
+        "peak_depth_mm": _rounded_or_none(contact.peak_depth_mm),
+        "force_share": _rounded_or_none(contact.force_share),
     }
     if outline:
-        told["outline_mm"] = [_rounded(p) for p in contact.outline_mm]
-    return told
+        entry["outline_mm"] = [_rounded(p) for p in contact.outline_mm]
+    return entry
 
 
-def _one(value: float | None) -> float | None:
+def _rounded_or_none(value: float | None) -> float | None:
     return None if value is None else round(float(value), 4)
 
 
@@ -70,28 +70,28 @@ def _signed(values: list[float | None], digits: int) -> str:
     return " ".join("-" if v is None else f"{v:+.{digits}f}" for v in values)
 
 
-def line(m: MeasuredImage) -> str:
+def status_text(m: MeasuredImage) -> str:
     """One result, as a person reads it while it runs."""
-    told = as_dict(m)
+    values = as_dict(m)
     parts = [
         f"{m.hz:5.1f} Hz",
-        f"age {told['age_ms']:3.0f} ms",
-        f"cover {told['cover']:4.0%}" + ("" if told["trusted"] else " NOT TRUSTED"),
+        f"age {values['age_ms']:3.0f} ms",
+        f"cover {values['cover']:4.0%}" + ("" if values["trusted"] else " NOT TRUSTED"),
     ]
-    if told["force_n"] is not None:
-        parts.append(f"F {_signed(told['force_n'], 2)} N")
-        parts.append(f"T {_signed(told['torque_nmm'], 1)} N mm")
-    elif told["motion_px"] is not None:
-        mm, px = told["motion_mm"], told["motion_px"]
+    if values["force_n"] is not None:
+        parts.append(f"F {_signed(values['force_n'], 2)} N")
+        parts.append(f"T {_signed(values['torque_nmm'], 1)} N mm")
+    elif values["motion_px"] is not None:
+        mm, px = values["motion_mm"], values["motion_px"]
         parts.append(f"motion {px:.2f} px" if mm is None else f"motion {mm:.3f} mm")
-    if told["markers"] is not None:
-        parts.append(f"{told['markers_held']} of {told['markers']} markers")
-    if told["extrapolated"]:
+    if values["markers"] is not None:
+        parts.append(f"{values['markers_held']} of {values['markers']} markers")
+    if values["extrapolated"]:
         parts.append("BEYOND ITS CALIBRATION")
-    if told["contacts"] is not None:
-        parts.append(f"contacts: {len(told['contacts'])}")
+    if values["contacts"] is not None:
+        parts.append(f"contacts: {len(values['contacts'])}")
         parts += [f"{c['area_mm2']:.1f} mm2 at ({c['place_mm'][0]:+.1f}, "
-                  f"{c['place_mm'][1]:+.1f}) mm" for c in told["contacts"][:1]]  # fmt: skip
+                  f"{c['place_mm'][1]:+.1f}) mm" for c in values["contacts"][:1]]  # fmt: skip
     if m.dropped:
         parts.append(f"{m.dropped} dropped")
     return "  ".join(parts)
@@ -118,9 +118,9 @@ def _columns(kind: str, **texts: str) -> list[TableColumn]:
     return [TableColumn(name, kind, ends[name], text) for name, text in texts.items()]
 
 
-WRENCH = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
-DEEPEST = ("contact_x_mm", "contact_y_mm", "contact_area_mm2", "contact_depth_mm")
-COLUMNS = [
+WRENCH_COLUMNS = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
+CONTACT_COLUMNS = ("contact_x_mm", "contact_y_mm", "contact_area_mm2", "contact_depth_mm")
+RESULT_COLUMNS = [
     *_columns(
         "int64",
         frame="Number of the image in the source, from 0; a gap is images that were dropped.",
@@ -143,9 +143,9 @@ COLUMNS = [
         motion_px="Largest motion of the pattern in the picture, from the reference.",
         motion_median_px="Median length of that motion.",
         motion_mm="Largest motion on the resting face, where its scale is known.",
-        **dict.fromkeys(WRENCH, "Force on the sensor, a press has fz_n < 0, and torque about the "
+        **dict.fromkeys(WRENCH_COLUMNS, "Force on the sensor, a press has fz_n < 0, and torque about the "
                         "centre of the resting face."),
-        **dict.fromkeys(DEEPEST, "Of the deepest contact, in the frame of the sensor."),
+        **dict.fromkeys(CONTACT_COLUMNS, "Of the deepest contact, in the frame of the sensor."),
     ),
     *_columns(
         "string",
@@ -153,7 +153,7 @@ COLUMNS = [
         picture="File with the image as it was tracked, where pictures were asked for.",
     ),
 ]  # fmt: skip
-ARRAYS = _columns(
+FIELD_ARRAYS = _columns(
     "array",
     flow_px="(h, w, 2) motion from the reference, x and y; rows and columns are 2 px apart.",
     state="(h, w) of flow_px: 2 found in this image, 1 filled from neighbours, 0 a guess.",
@@ -170,29 +170,36 @@ ARRAYS = _columns(
     position_px="(n, 2) places of the markers, nan of one that is not found.",
     displacement_px="(n, 2) of each from its place in the reference.",
 )
-_TYPES: dict[str, Any] = {
+_COLUMN_TYPES: dict[str, Any] = {
     "int64": int, "bool": bool, "float64": float, "string": str, "array": list[float]
 }  # fmt: skip
 
 
 def _model(name: str, columns: list[TableColumn]) -> type[Table]:
     keys: dict[str, Any] = {
-        c.name: (_TYPES[c.kind] | None, Field(None, description=c.text)) for c in columns
+        c.name: (_COLUMN_TYPES[c.kind] | None, Field(None, description=c.text)) for c in columns
     }
     return create_model(name, __base__=Table, **keys)
 
 
-MeasuredRow, FieldArrays = _model("MeasuredRow", COLUMNS), _model("FieldArrays", ARRAYS)
+MeasuredRow, FieldArrays = (
+    _model("MeasuredRow", RESULT_COLUMNS),
+    _model("FieldArrays", FIELD_ARRAYS),
+)
 
 
-def row_of(m: MeasuredImage, fields: str, picture: str) -> list[Any]:
+def table_row(m: MeasuredImage, fields: str, picture: str) -> list[Any]:
     """A result by COLUMNS, "" for what is not known; fields, picture: names of its files."""
-    told = as_dict(m)
-    wrench = [*(told["force_n"] or ()), *(told["torque_nmm"] or ())]
-    row = told | dict(zip(WRENCH, wrench, strict=False)) | {"fields": fields, "picture": picture}
-    if (found := told["contacts"]) is not None:
-        row["contacts"] = len(found)
-    if found:
-        deepest = [*found[0]["place_mm"], found[0]["area_mm2"], found[0]["peak_depth_mm"]]
-        row |= zip(DEEPEST, deepest, strict=True)
-    return ["" if (value := row.get(c.name)) is None else value for c in COLUMNS]
+    values = as_dict(m)
+    wrench = [*(values["force_n"] or ()), *(values["torque_nmm"] or ())]
+    row = (
+        values
+        | dict(zip(WRENCH_COLUMNS, wrench, strict=False))
+        | {"fields": fields, "picture": picture}
+    )
+    if (contacts := values["contacts"]) is not None:
+        row["contacts"] = len(contacts)
+    if contacts:
+        deepest = [*contacts[0]["place_mm"], contacts[0]["area_mm2"], contacts[0]["peak_depth_mm"]]
+        row |= zip(CONTACT_COLUMNS, deepest, strict=True)
+    return ["" if (value := row.get(c.name)) is None else value for c in RESULT_COLUMNS]

@@ -12,7 +12,7 @@ from deltact_fab.common import Check, InputError, graded
 from deltact_fab.estimate import FaceFlow, FlowTracker
 
 STUCK_MM = 0.5  # about the contact's middle: what slips last
-OFF_MM = 0.01
+MAX_STEP_ERROR_MM = 0.01
 
 
 def check_known_step(folder: Path) -> list[Check]:
@@ -40,20 +40,20 @@ def check_known_step(folder: Path) -> list[Check]:
     near = np.hypot(x - rest[0], y - rest[1]) < STUCK_MM
     rows, origin = [], ", simulated" if run.simulated else ""
     for k, axis in enumerate("xy"):
-        there, back = f"shear-{axis}+", f"shear-{axis}-"
-        if there not in flows or back not in flows:
+        plus, minus = f"shear-{axis}+", f"shear-{axis}-"
+        if plus not in flows or minus not in flows:
             continue
-        a, b = flows[there], flows[back]
-        known = near & a.known & b.known
-        moved = (a.shift_mm - b.shift_mm)[known][:, k]
-        pictured = camera.project_px(np.stack((at_mm[there], at_mm[back])))
+        a, b = flows[plus], flows[minus]
+        valid = near & a.known & b.known
+        shifts_mm = (a.shift_mm - b.shift_mm)[valid][:, k]
+        pictured = camera.project_px(np.stack((at_mm[plus], at_mm[minus])))
         larger = (pictured[0] - pictured[1])[k] * camera.mm_per_px
-        made_mm = float((at_mm[there] - at_mm[back])[k])
-        seen_mm = made_mm * float(moved.mean()) / larger if len(moved) else math.nan
+        made_mm = float((at_mm[plus] - at_mm[minus])[k])
+        seen_mm = made_mm * float(shifts_mm.mean()) / larger if len(shifts_mm) else math.nan
         rows.append(Check(
             f"known-step.{axis}", f"known step, {axis}", "",
-            f"{seen_mm:.3f} mm of {made_mm:.3f}{origin}", f"within {OFF_MM:g} mm",
-            graded(abs(seen_mm - made_mm) <= OFF_MM),
+            f"{seen_mm:.3f} mm of {made_mm:.3f}{origin}", f"within {MAX_STEP_ERROR_MM:g} mm",
+            graded(abs(seen_mm - made_mm) <= MAX_STEP_ERROR_MM),
             remedy="calibrate the camera on this skin: `calibrate lens`; or the tip slips",
         ))  # fmt: skip
     return rows

@@ -25,7 +25,7 @@ from deltact_fab.sensor import (
 
 from .source import Source, camera_source, file_source
 
-NAMES_A_FILE = re.compile(r"\w[\w.+-]*")  # of a serial number: others are never kept
+SERIAL_PATTERN = re.compile(r"\w[\w.+-]*")  # of a serial number: others are never kept
 
 
 def open_source(
@@ -47,23 +47,25 @@ def open_source(
     the design's lens stands for it. follow_s: NAME is a folder that is still written into, and ends
     when no image came for so long. Raises InputError for a name that is nothing of these.
     """
-    given = None if camera_file is None else known_of(camera_file, design)
+    file_model = None if camera_file is None else model_from_camera_file(camera_file, design)
     source = (
-        _opened(name, given, design, seed) if follow_s is None else _followed(name, given, follow_s)
+        _open_named(name, file_model, design, seed)
+        if follow_s is None
+        else _open_growing_folder(name, file_model, follow_s)
     )
     try:
-        own = source.known
-        if given is not None:
-            own = replace(own, projection=given.projection, flat=given.flat)
+        model = source.model
+        if file_model is not None:
+            model = replace(model, projection=file_model.projection, flat=file_model.flat)
         if design is not None:
-            own = replace(own, design=design, skin=_design(design).skin)
+            model = replace(model, design=design, skin=_design(design).skin)
         if serial is not None:
-            own = replace(own, serial=serial)
-        source.known = own
-        if own.projection is None and rest_only:
-            sensor = _design(own.design)
+            model = replace(model, serial=serial)
+        source.model = model
+        if model.projection is None and rest_only:
+            sensor = _design(model.design)
             lens = Rectified.of(sensor, Fisheye.of(sensor))
-            own = source.known = replace(own, projection=lens, nominal=True)
+            model = source.model = replace(model, projection=lens, nominal=True)
     except InputError:
         source.close()
         raise
@@ -77,7 +79,7 @@ def _design(name: str | None) -> SensorDimensions:
     return load_design(name or "deltact")
 
 
-def known_of(camera_file: Path, design: str | None = None) -> SensorModel:
+def model_from_camera_file(camera_file: Path, design: str | None = None) -> SensorModel:
     """What a camera file and a design say. Raises InputError."""
     sensor = _design(design)
     camera, _ = load_camera(camera_file)
@@ -87,17 +89,21 @@ def known_of(camera_file: Path, design: str | None = None) -> SensorModel:
     return SensorModel(camera, sensor.skin, flat=flat and flat.seen_by(camera))
 
 
-def _opened(name: str, given: SensorModel | None, design: str | None, seed: int) -> Source:
+def _open_named(name: str, file_model: SensorModel | None, design: str | None, seed: int) -> Source:
     """What is imported is what that kind of source needs."""
     path = Path(name)
     if name.isdecimal() or path.is_char_device() or "://" in name:
         from deltact_fab.bench import CameraConfig
 
-        camera = None if given is None else given.projection
+        camera = None if file_model is None else file_model.projection
         w, h = (None, None) if camera is None else raw_size_px(camera)
-        asked = {"source": int(name) if name.isdecimal() else name, "width_px": w, "height_px": h}
-        config = validate(CameraConfig, asked, f"camera {name}")
-        return camera_source(config, Path(), given)
+        settings = {
+            "source": int(name) if name.isdecimal() else name,
+            "width_px": w,
+            "height_px": h,
+        }
+        config = validate(CameraConfig, settings, f"camera {name}")
+        return camera_source(config, Path(), file_model)
     rig, _, protocol = name.partition(":")
     rigs = catalogue_names("protocols/rigs")
     if Path(rig).suffix == ".toml" or (rig in rigs and not path.exists()):
@@ -105,11 +111,11 @@ def _opened(name: str, given: SensorModel | None, design: str | None, seed: int)
 
         return rig_source(rig, protocol, design, seed)
     if (path / "run.json").is_file():
-        return _recorded(path)
+        return _open_run_images(path)
     if path.is_dir() or path.is_file():
         from deltact_fab.bench import open_images
 
-        return file_source(open_images(path), given)
+        return file_source(open_images(path), file_model)
     near = did_you_mean(rig, rigs)
     raise InputError(
         f"{name}: no camera number, address, video, folder, run or rig of that name; of the rigs "
@@ -117,17 +123,17 @@ def _opened(name: str, given: SensorModel | None, design: str | None, seed: int)
     )
 
 
-def _followed(name: str, given: SensorModel | None, silence_s: float) -> Source:
+def _open_growing_folder(name: str, file_model: SensorModel | None, silence_s: float) -> Source:
     from deltact_fab.bench import open_images
 
     folder = Path(name)
     if not folder.is_dir() or (folder / "run.json").is_file():
-        wanted = "a folder that images are written into"
-        raise InputError(f"{name}: {wanted} is needed with --follow, as RUN/images of a run")
-    return file_source(open_images(folder, silence_s), given)
+        needed = "a folder that images are written into"
+        raise InputError(f"{name}: {needed} is needed with --follow, as RUN/images of a run")
+    return file_source(open_images(folder, silence_s), file_model)
 
 
-def _recorded(folder: Path) -> Source:
+def _open_run_images(folder: Path) -> Source:
     """A run's images as the camera gave them, at rest one of each press; times of the rig's clock.
 
     Raises InputError for a folder that is no run, or one without images.
@@ -138,7 +144,7 @@ def _recorded(folder: Path) -> Source:
         raise InputError(f"{folder}: a run without images")
     specimen = run.meta["protocol"]["specimen"]
     skin = run.meta["sensor"]["skin"]
-    known = SensorModel(
+    model = SensorModel(
         run.camera,
         validate(SkinDimensions, skin, f"{folder}/run.json: sensor.skin"),
         flat=run.flat,
@@ -153,18 +159,18 @@ def _recorded(folder: Path) -> Source:
         for file, t_s in zip(chosen["file"], chosen["t_s"], strict=True):
             yield CameraFrame(run.raw(str(file)), float(t_s))
 
-    return Source(str(folder), known, frames)
+    return Source(str(folder), model, frames)
 
 
-def measurement_of(
-    known: SensorModel, files: Sequence[Path], show: Sequence[str] | None = None
+def open_measurement(
+    model: SensorModel, files: Sequence[Path], show: Sequence[str] | None = None
 ) -> Measurement:
     """Of the outputs named, or of all that the calibrations allow; always with what is tracked.
 
     Raises InputError, one line, for a file that is none, for another sensor's, and as Measurement.
     """
     include = None if show is None else [*show, "observation"]
-    return Measurement(replace(known, rest=accepted_rest(known)), include, files)
+    return Measurement(replace(model, rest=accepted_rest(model)), include, files)
 
 
 def acceptance_file(serial: str) -> Path:
@@ -172,29 +178,33 @@ def acceptance_file(serial: str) -> Path:
 
     Raises InputError for a serial that is no file's name.
     """
-    if not NAMES_A_FILE.fullmatch(serial):
+    if not SERIAL_PATTERN.fullmatch(serial):
         raise InputError(
             f"--serial {serial!r}: letters, digits, '.', '+', '-', '_' make a file's name"
         )
     return Path("sensors") / f"{serial}.toml"
 
 
-def accepted_rest(known: SensorModel) -> NDArray[np.uint8] | None:
+def accepted_rest(model: SensorModel) -> NDArray[np.uint8] | None:
     """The face at rest when this sensor was accepted, as it is tracked; None where it was not.
 
     Raises InputError for a file that is none, and for an image of another size.
     """
-    if known.serial is None or known.projection is None or not NAMES_A_FILE.fullmatch(known.serial):
+    if (
+        model.serial is None
+        or model.projection is None
+        or not SERIAL_PATTERN.fullmatch(model.serial)
+    ):
         return None
-    file = acceptance_file(known.serial)
+    file = acceptance_file(model.serial)
     if not file.is_file():
         return None
-    kept = read_acceptance(file, known)
-    image = None if kept is None else cv2.imdecode(np.frombuffer(kept, np.uint8), cv2.IMREAD_COLOR)
+    png = read_acceptance(file, model)
+    image = None if png is None else cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
     if image is None:
         raise InputError(f"{file}: rest.file: no image of the face at rest")
     try:
-        seen = np.asarray(Rectifier(known.camera).view(image), np.uint8)
-    except InputError as why:
-        raise InputError(f"{file}: rest.file: {why}") from why
-    return seen if known.flat is None else known.flat.apply(seen)
+        view = np.asarray(Rectifier(model.camera).view(image), np.uint8)
+    except InputError as error:
+        raise InputError(f"{file}: rest.file: {error}") from error
+    return view if model.flat is None else model.flat.apply(view)

@@ -19,14 +19,14 @@ from deltact_fab.common import Array, disk_errors, make_folder, whole_file, writ
 from deltact_fab.version import VERSION
 
 from . import picture
-from .formatting import COLUMNS, as_dict, line, row_of
+from .formatting import RESULT_COLUMNS, as_dict, status_text, table_row
 from .page import LivePage
-from .session import MeasuredImage, MeasurementSession, once
+from .session import MeasuredImage, MeasurementSession, session_notes
 from .source import Source
 
-TERMINAL_S = 0.1
-PIPED_S = 2.0
-WINDOW_S = 30.0
+TERMINAL_PERIOD_S = 0.1
+PIPED_PERIOD_S = 2.0
+TRACE_WINDOW_S = 30.0
 """Of time that the page draws of a live source; of others all that it has."""
 
 
@@ -36,7 +36,7 @@ class MeasurementOutput:
     def show(self, measured: MeasuredImage) -> None:
         """One more. Raises BrokenPipeError when nobody reads any longer."""
 
-    def end(self, why: str, last: MeasuredImage | None) -> None:
+    def end(self, reason: str, last: MeasuredImage | None) -> None:
         """There will be no more; last: the last one."""
 
 
@@ -47,28 +47,28 @@ class StatusLine(MeasurementOutput):
     to: IO[str]
     simulated: str | None
     next_s: float = 0.0
-    written: MeasuredImage | None = None
+    last_written: MeasuredImage | None = None
 
     def show(self, measured: MeasuredImage) -> None:
         if (now_s := time.monotonic()) >= self.next_s:
-            self.next_s = now_s + (TERMINAL_S if self.to.isatty() else PIPED_S)
+            self.next_s = now_s + (TERMINAL_PERIOD_S if self.to.isatty() else PIPED_PERIOD_S)
             self._write(measured)
 
-    def end(self, why: str, last: MeasuredImage | None) -> None:
+    def end(self, reason: str, last: MeasuredImage | None) -> None:
         if last is not None:
-            if last is not self.written:
+            if last is not self.last_written:
                 self._write(last)
-            before = "\n" if self.to.isatty() else ""
+            prefix = "\n" if self.to.isatty() else ""
             origin = f" ({self.simulated})" if self.simulated else ""
-            self.to.write(f"{before}{why} after {last.given.frame + 1} images{origin}\n")
+            self.to.write(f"{prefix}{reason} after {last.source_image.frame + 1} images{origin}\n")
             self.to.flush()
 
     def _write(self, measured: MeasuredImage) -> None:
         # Back to the line's start, and what is left of a longer one erased.
-        text = line(measured)
+        text = status_text(measured)
         self.to.write(f"\r{text}\x1b[K" if self.to.isatty() else f"{text}\n")
         self.to.flush()
-        self.written = measured
+        self.last_written = measured
 
 
 @dataclass
@@ -79,10 +79,10 @@ class JsonLines(MeasurementOutput):
     simulated: str | None
 
     def show(self, measured: MeasuredImage) -> None:
-        told = as_dict(measured)
+        entry = as_dict(measured)
         if self.simulated is not None:
-            told["simulated"] = self.simulated
-        self.to.write(json.dumps(told, allow_nan=False) + "\n")
+            entry["simulated"] = self.simulated
+        self.to.write(json.dumps(entry, allow_nan=False) + "\n")
         self.to.flush()
 
 
@@ -93,10 +93,10 @@ class MeasurementSummary(MeasurementOutput):
     to: Callable[[object], None]
     simulated: str | None
 
-    def end(self, why: str, last: MeasuredImage | None) -> None:
-        images = 0 if last is None else last.given.frame + 1
-        told = None if last is None else as_dict(last)
-        self.to({"ended": why, "images": images, "simulated": self.simulated, "last": told})
+    def end(self, reason: str, last: MeasuredImage | None) -> None:
+        images = 0 if last is None else last.source_image.frame + 1
+        entry = None if last is None else as_dict(last)
+        self.to({"ended": reason, "images": images, "simulated": self.simulated, "last": entry})
 
 
 @dataclass
@@ -109,13 +109,13 @@ class PageOutput(MeasurementOutput):
     def show(self, measured: MeasuredImage) -> None:
         session = self.session
         self.page.show(
-            lambda: picture.data(measured, session.view),
-            lambda: picture.image(measured, session.rectified(measured.given.image)),
-            picture.point(measured),
+            lambda: picture.page_data(measured, session.view),
+            lambda: picture.draw_markers(measured, session.rectified(measured.source_image.image)),
+            picture.trace_point(measured),
         )
 
-    def end(self, why: str, last: MeasuredImage | None) -> None:
-        self.page.ended = why
+    def end(self, reason: str, last: MeasuredImage | None) -> None:
+        self.page.ended = reason
 
 
 @dataclass
@@ -125,9 +125,9 @@ class HealthOutput(MeasurementOutput):
     tell: Callable[[str, str], None]
 
     def show(self, measured: MeasuredImage) -> None:
-        found = measured.result.health
-        if measured.result.frame == 0 and found is not None:
-            self.tell(f"state of health: {found.line}", "; ".join(found.reasons))
+        health = measured.result.health
+        if measured.result.frame == 0 and health is not None:
+            self.tell(f"state of health: {health.line}", "; ".join(health.reasons))
 
 
 def deliver_results(
@@ -149,7 +149,7 @@ def deliver_results(
     source ended: False where Ctrl-C came before. Raises InputError for a port that cannot be had,
     RunFailed when the disk refuses, and what the session raises.
     """
-    simulated, page = session.source.known.simulated, None
+    simulated, page = session.source.model.simulated, None
     outputs: list[MeasurementOutput] = []
     with ExitStack() as stack:
         stack.callback(session.source.close)
@@ -173,13 +173,13 @@ def deliver_results(
             if page is not None:
                 page.health, page.unfit = health, unfit
 
-        if lines := once(session):
+        if lines := session_notes(session):
             tell_health("\n".join(lines))
         outputs.append(HealthOutput(tell_health))
         if folder is not None:
-            kept = KeptFolder(folder, session, pictures)
-            stack.callback(kept.close)
-            outputs.append(kept)
+            saved = OutputFolder(folder, session, pictures)
+            stack.callback(saved.close)
+            outputs.append(saved)
         return _deliver(session, outputs, stay=page is not None)
 
 
@@ -204,22 +204,22 @@ def _deliver(session: MeasurementSession, outputs: list[MeasurementOutput], stay
 
 def _page_facts(source: Source, with_force: bool) -> dict[str, object]:
     """What the page says once of a source, and of the curves that it draws."""
-    unit, least = ("px", 2.0) if source.known.in_px else ("mm", 0.1)
+    unit, min_range = ("px", 2.0) if source.model.in_px else ("mm", 0.1)
     names, title = ["largest motion"], f"Motion of the pattern, {unit}"
     if with_force:
-        names, least = ["z", "x", "y"], 0.2
+        names, min_range = ["z", "x", "y"], 0.2
         title = "Force on the sensor, N; a press is negative in z"
     return {
         "source": source.name,
-        "simulated": source.known.simulated,
+        "simulated": source.model.simulated,
         "trace_names": names,
         "trace_title": title,
-        "trace_least": least,
-        "window_s": WINDOW_S if source.live else None,
+        "trace_least": min_range,
+        "window_s": TRACE_WINDOW_S if source.live else None,
     }
 
 
-class KeptFolder(MeasurementOutput):
+class OutputFolder(MeasurementOutput):
     """Rows go to measured.csv as they come; all else is written whole.
 
     So what is there can be read whenever the process ends.
@@ -229,28 +229,31 @@ class KeptFolder(MeasurementOutput):
         """pictures: keep each image too, as it is tracked. Raises InputError, RunFailed."""
         self._folder, self._session, self._pictures = folder, session, pictures
         make_folder(folder, *("fields", "pictures")[: 1 + pictures])
-        known, pattern = session.source.known, session.pattern
+        model, pattern = session.source.model, session.pattern
         about = {
-            "source": session.source.name, "simulated": known.simulated, "version": VERSION,
-            "mm_per_px": None if known.in_px else session.view.mm_per_px,
-            "pattern": "dense" if pattern is None else pattern.kind, "told": once(session),
+            "source": session.source.name, "simulated": model.simulated, "version": VERSION,
+            "mm_per_px": None if model.in_px else session.view.mm_per_px,
+            "pattern": "dense" if pattern is None else pattern.kind, "told": session_notes(session),
         }  # fmt: skip
         write_whole(folder / "measured.json", json.dumps(about, indent=1).encode())
         self._table = (folder / "measured.csv").open("w", encoding="utf-8", newline="")
-        self._add([column.name for column in COLUMNS])
+        self._add([column.name for column in RESULT_COLUMNS])
 
     def show(self, measured: MeasuredImage) -> None:
         """Raises RunFailed when the disk refuses."""
-        name = f"{measured.given.frame:06d}"
-        fields, shown = f"fields/{name}.npz", f"pictures/{name}.png" if self._pictures else ""
+        name = f"{measured.source_image.frame:06d}"
+        fields, picture_name = (
+            f"fields/{name}.npz",
+            f"pictures/{name}.png" if self._pictures else "",
+        )
         with disk_errors(self._folder):
             with whole_file(self._folder / fields, sync=False) as part, part.open("wb") as out:
                 np.savez(out, allow_pickle=False, **dict(_arrays(measured)))
-            if shown:
-                tracked = self._session.rectified(measured.given.image)
-                with whole_file(self._folder / shown, sync=False) as part:
-                    part.write_bytes(encode_png(picture.image(measured, tracked)))
-            self._add(row_of(measured, fields, shown))
+            if picture_name:
+                tracked = self._session.rectified(measured.source_image.image)
+                with whole_file(self._folder / picture_name, sync=False) as part:
+                    part.write_bytes(encode_png(picture.draw_markers(measured, tracked)))
+            self._add(table_row(measured, fields, picture_name))
 
     def _add(self, cells: list[Any]) -> None:
         csv.writer(self._table, lineterminator="\n").writerow(cells)
@@ -269,6 +272,6 @@ def _arrays(m: MeasuredImage) -> Iterator[tuple[str, Array]]:
     parts.append((r.flow, "", "shift_mm known x_mm y_mm"))
     parts.append((r.shape and r.shape.depth, "depth_", "depth_mm x_mm y_mm"))
     parts.append((r.traction, "traction_", "traction_mpa x_mm y_mm"))
-    for part, before, names in parts:
+    for part, prefix, names in parts:
         for name in names.split() if part is not None else ():
-            yield name if name.startswith(before) else before + name, getattr(part, name)
+            yield name if name.startswith(prefix) else prefix + name, getattr(part, name)

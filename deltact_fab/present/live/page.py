@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from deltact_fab.common import InputError
 from deltact_fab.paths import asset
 
-LOOPBACK = "127.0.0.1"
+LOOPBACK_HOST = "127.0.0.1"
 JPEG_QUALITY = 80
-HISTORY = 1200
+TRACE_POINTS = 1200
 """Points of the traces that a browser which comes later is shown."""
 
 
@@ -41,7 +41,7 @@ class LivePage:
     def __init__(self, about: dict[str, Any], reference: Callable[[], None], port: int = 0) -> None:
         """port: 0 takes a free one. Raises InputError for one that cannot be had."""
         self._about, self._lock = about, threading.Lock()
-        self._trace: deque[tuple[float | None, ...]] = deque(maxlen=HISTORY)
+        self._trace: deque[tuple[float | None, ...]] = deque(maxlen=TRACE_POINTS)
         self._number, self._data = -1, cache(dict[str, Any])
         self.jpeg: Callable[[], bytes] = bytes
         """The newest picture."""
@@ -51,15 +51,17 @@ class LivePage:
         page = self
 
         class Handler(_Handler):
-            shown = page
+            live_page = page
 
         try:
-            self._server = ThreadingHTTPServer((LOOPBACK, port), Handler)
-        except OSError as why:
-            raise InputError(f"--port {port}: {why.strerror}; leave it out for a free one") from why
+            self._server = ThreadingHTTPServer((LOOPBACK_HOST, port), Handler)
+        except OSError as error:
+            raise InputError(
+                f"--port {port}: {error.strerror}; leave it out for a free one"
+            ) from error
         self._server.daemon_threads = True
         self.port = int(self._server.server_address[1])
-        self.url = f"http://{LOOPBACK}:{self.port}/"
+        self.url = f"http://{LOOPBACK_HOST}:{self.port}/"
         threading.Thread(target=self._server.serve_forever, daemon=True).start()
 
     def show(
@@ -71,8 +73,8 @@ class LivePage:
         """Leave a result: its numbers, its picture, its point of the traces (time, then values)."""
 
         def jpeg() -> bytes:
-            done, file = cv2.imencode(".jpg", image(), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-            return file.tobytes() if done else b""
+            ok, file = cv2.imencode(".jpg", image(), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+            return file.tobytes() if ok else b""
 
         with self._lock:
             self._number, self._data, self.jpeg = self._number + 1, cache(data), cache(jpeg)
@@ -87,18 +89,18 @@ class LivePage:
         with self._lock:
             return {**self._about, "trace": list(self._trace)}
 
-    def newest(self, seen: str) -> dict[str, Any]:
+    def newest(self, last_number: str) -> dict[str, Any]:
         """What a browser is told that has seen the result of that number."""
         with self._lock:
             number, data = self._number, self._data
         return {
             "ended": self.ended, "health": self.health, "unfit": self.unfit, "number": number,
-            "result": None if seen == str(number) else data(),
+            "result": None if last_number == str(number) else data(),
         }  # fmt: skip
 
 
 class _Handler(BaseHTTPRequestHandler):
-    shown: LivePage
+    live_page: LivePage
     protocol_version = "HTTP/1.1"
     timeout = 30  # a browser that takes nothing for so long is let go
 
@@ -114,14 +116,14 @@ class _Handler(BaseHTTPRequestHandler):
         if not self._from_here():
             self._answer(403, "text/plain", b"only pages of this server")
         elif path == "/":
-            self._answer(200, "text/html; charset=utf-8", _PAGE.read_bytes())
+            self._answer(200, "text/html; charset=utf-8", _PAGE_FILE.read_bytes())
         elif path == "/style.css":
-            self._answer(200, "text/css; charset=utf-8", _STYLE.read_bytes())
+            self._answer(200, "text/css; charset=utf-8", _STYLE_FILE.read_bytes())
         elif path == "/image.jpg":
-            self._answer(200, "image/jpeg", self.shown.jpeg())
+            self._answer(200, "image/jpeg", self.live_page.jpeg())
         elif path in ("/about", "/newest"):
-            told = self.shown.about() if path == "/about" else self.shown.newest(words)
-            text = json.dumps(told, allow_nan=False, separators=(",", ":"))
+            reply = self.live_page.about() if path == "/about" else self.live_page.newest(words)
+            text = json.dumps(reply, allow_nan=False, separators=(",", ":"))
             self._answer(200, "application/json", text.encode())
         else:
             self._answer(404, "text/plain", b"not here")
@@ -130,14 +132,14 @@ class _Handler(BaseHTTPRequestHandler):
         if not self._from_here():
             self._answer(403, "text/plain", b"only pages of this server")
         elif self.path == "/reference":
-            self.shown.reference()
+            self.live_page.reference()
             self._answer(204, "text/plain", b"")
         else:
             self._answer(404, "text/plain", b"not here")
 
     def _from_here(self) -> bool:
         """The browser means this server, and no page of another one sent it."""
-        hosts = {f"{name}:{self.shown.port}" for name in (LOOPBACK, "localhost")}
+        hosts = {f"{name}:{self.live_page.port}" for name in (LOOPBACK_HOST, "localhost")}
         origin = self.headers.get("Origin")
         return self.headers.get("Host") in hosts and (
             origin is None or origin.removeprefix("http://") in hosts
@@ -152,6 +154,6 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
 
-_PAGE = asset("live.html")
+_PAGE_FILE = asset("live.html")
 # The sheet of all pages; it is read and nothing is imported, for a robot has no library of pages.
-_STYLE = asset("templates/style.css")
+_STYLE_FILE = asset("templates/style.css")

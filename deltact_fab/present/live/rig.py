@@ -50,12 +50,12 @@ def rig_source(rig_name: str, protocol: str, design: str | None, seed: int) -> S
         raise InputError(f"{path}: camera: missing table; without one there is nothing to measure")
     sensor = load_design(design or "deltact")
     view = load_view(bench.camera, sensor, path)
-    model = bench.camera.model
-    flat = None if model is None else FlatField.beside(path.parent / model)
-    seen = None if view is None or flat is None else flat.seen_by(view)
-    told = "simulated devices" if bench.served else None
-    known = SensorModel(view, sensor.skin, flat=seen, simulated=told)
-    return camera_source(bench.camera, path.parent, known)
+    camera_file = bench.camera.model
+    flat = None if camera_file is None else FlatField.beside(path.parent / camera_file)
+    view_flat = None if view is None or flat is None else flat.seen_by(view)
+    simulated = "simulated devices" if bench.served else None
+    model = SensorModel(view, sensor.skin, flat=view_flat, simulated=simulated)
+    return camera_source(bench.camera, path.parent, model)
 
 
 def virtual_source(rig_name: str, protocol_name: str, seed: int) -> Source:
@@ -69,14 +69,14 @@ def virtual_source(rig_name: str, protocol_name: str, seed: int) -> Source:
     if "image" not in protocol.channels:
         raise InputError(f"{source}: channels: without 'image' there is nothing to measure")
     # What the measurement does not need is not solved either.
-    wanted = protocol.channels & {"image", "shear"}
-    request.protocol = protocol = protocol.model_copy(update={"channels": wanted})
+    channels = protocol.channels & {"image", "shear"}
+    request.protocol = protocol = protocol.model_copy(update={"channels": channels})
     sensor, kind = request.design, request.kind
     rows = check_limits(protocol, sensor, request.rig.stage, request.steps)
     rows.append(Check.refusal("rig", kind.part, kind.refusals(protocol, sensor, source)))
     Check.require(rows, source)
     view, flat = request.view, kind.flat(protocol)
-    known = SensorModel(
+    model = SensorModel(
         view,
         sensor.skin,
         flat=None if view is None or flat is None else flat.seen_by(view),
@@ -94,12 +94,12 @@ def virtual_source(rig_name: str, protocol_name: str, seed: int) -> Source:
             closing(kind.build(request.setup(Path(folder)))) as rig,
         ):
             assert isinstance(rig, VirtualRig), "a real one has another source"
-            yield from _carried_out(request.steps, rig, rest_only)
+            yield from _run_steps(request.steps, rig, rest_only)
 
-    return Source(f"{rig_name}:{protocol_name}", known, frames)
+    return Source(f"{rig_name}:{protocol_name}", model, frames)
 
 
-def _carried_out(steps: Sequence[Step], devices: Devices, at_rest: bool) -> Iterator[CameraFrame]:
+def _run_steps(steps: Sequence[Step], devices: Devices, at_rest: bool) -> Iterator[CameraFrame]:
     """Every image of the steps, taken when the runner would take it; at_rest: of the first rest."""
     stage, camera, clock = devices.stage, devices.camera, devices.clock
     assert camera is not None, "the protocol asks for images"

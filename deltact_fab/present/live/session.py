@@ -22,12 +22,12 @@ from deltact_fab.common import Array, InputError, did_you_mean
 from deltact_fab.estimate import FaceFlow, Measurement, MeasurementResult, Pipeline, RestPattern
 from deltact_fab.sensor import CameraModel, Pinhole
 
-from .open import known_of, measurement_of, open_source
+from .open import model_from_camera_file, open_measurement, open_source
 from .source import Source, images
 
-RATE_S = 2.0
+RATE_WINDOW_S = 2.0
 """Over so long the rate of results is taken."""
-PATIENCE_S = 2.0
+CLOSE_TIMEOUT_S = 2.0
 """So long the source may take to deliver its last image when nobody wants more."""
 
 
@@ -39,7 +39,7 @@ class SourceImage:
     frame: int
     t_s: float
     image: NDArray[np.uint8]
-    given_s: float
+    age_from_s: float
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Motion:
     markers_held: int | None = None
 
     @classmethod
-    def of(cls, result: MeasurementResult, camera: CameraModel, in_px: bool) -> Motion:
+    def from_result(cls, result: MeasurementResult, camera: CameraModel, in_px: bool) -> Motion:
         """Of a result with "observation", or of markers; camera: of the tracked images."""
         counts: tuple[int, ...] = ()
         if (dots := result.markers) is not None:
@@ -69,9 +69,9 @@ class Motion:
             flow = FaceFlow.of(result.observation, camera, FaceFlow.SPACING_PX)
             shift_px = flow.shift_mm[flow.known] / np.float32(camera.mm_per_px)
         size = np.hypot(*shift_px.T)
-        most, middle = (float(size.max()), float(np.median(size))) if len(size) else (None, None)
-        mm = None if in_px or most is None else most * camera.mm_per_px
-        return cls(most, middle, mm, in_px, *counts)
+        largest, median = (float(size.max()), float(np.median(size))) if len(size) else (None, None)
+        mm = None if in_px or largest is None else largest * camera.mm_per_px
+        return cls(largest, median, mm, in_px, *counts)
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class MeasuredImage:
     the images that the camera lost. motion: of the pattern in the picture.
     """
 
-    given: SourceImage
+    source_image: SourceImage
     result: MeasurementResult
     hz: float
     dropped: int
@@ -107,14 +107,14 @@ class MeasurementSession:
         where the source did not know.
         """
         self.source, self.measurement, self.pattern = source, measurement, pattern
-        self.view = source.known.camera
+        self.view = source.model.camera
         """Of the images as they are tracked."""
         self._least_s = 0.0 if most_hz is None or source.live else 1 / most_hz
         self._frames = images(source) if frames is None else frames
         self._stopped = False
         self._error: BaseException | None = None
-        self._given: deque[SourceImage] = deque()
-        self._lost = 0
+        self._pending: deque[SourceImage] = deque()
+        self._camera_drops = 0
 
     def results(self) -> Iterator[MeasuredImage]:
         """What was measured, in order. Raises what the source or the measurement raises."""
@@ -127,17 +127,19 @@ class MeasurementSession:
                 for result in pipeline.results():
                     now_s = time.monotonic()
                     times.append(now_s)
-                    while now_s - times[0] > RATE_S:
+                    while now_s - times[0] > RATE_WINDOW_S:
                         times.popleft()
                     hz = (len(times) - 1) / (now_s - times[0]) if len(times) > 1 else 0.0
-                    given = self._given.popleft()
-                    while given.given_s != result.t_s:  # those between were dropped
-                        given = self._given.popleft()
-                    motion = Motion.of(result, self.view, self.source.known.in_px)
-                    yield MeasuredImage(given, result, hz, pipeline.dropped + self._lost, motion)
+                    source_image = self._pending.popleft()
+                    while source_image.age_from_s != result.t_s:  # those between were dropped
+                        source_image = self._pending.popleft()
+                    motion = Motion.from_result(result, self.view, self.source.model.in_px)
+                    yield MeasuredImage(
+                        source_image, result, hz, pipeline.dropped + self._camera_drops, motion
+                    )
             finally:
                 self._stopped = True
-                feeder.join(PATIENCE_S)
+                feeder.join(CLOSE_TIMEOUT_S)
         if self._error is not None:
             raise self._error
 
@@ -147,21 +149,23 @@ class MeasurementSession:
 
     def _feed(self, pipeline: Pipeline) -> None:
         """Give every image to the pipeline, which drops those that it has no time for."""
-        flat = self.source.known.flat
+        flat = self.source.model.flat
         try:
             for k, frame in enumerate(self._frames):
                 began_s = time.monotonic()
-                self._lost += frame.dropped
+                self._camera_drops += frame.dropped
                 if self._stopped:
                     break
                 image = frame.image if flat is None else flat.apply(self.rectified(frame.image))
-                given = SourceImage(k, frame.t_s, image, frame.t_s if self.source.live else began_s)
-                self._given.append(given)
-                pipeline.submit(image, given.given_s)
+                source_image = SourceImage(
+                    k, frame.t_s, image, frame.t_s if self.source.live else began_s
+                )
+                self._pending.append(source_image)
+                pipeline.submit(image, source_image.age_from_s)
                 if self._least_s:
                     time.sleep(max(0.0, began_s + self._least_s - time.monotonic()))
-        except Exception as why:  # raised where the results are read
-            self._error = None if self._stopped else why
+        except Exception as error:  # raised where the results are read
+            self._error = None if self._stopped else error
         finally:
             self.source.close()
             pipeline.close()
@@ -190,33 +194,35 @@ def open_session(
     """
     source = open_source(name, camera_file, design, serial, seed, follow_s=follow_s)
     try:
-        frames, known = images(source), source.known
-        if known.projection is not None and mm_per_px is not None:
+        frames, model = images(source), source.model
+        if model.projection is not None and mm_per_px is not None:
             raise InputError(f"{name}: --mm-per-px: its camera is known, and has the scale")
-        if known.projection is None and calibrations:
+        if model.projection is None and calibrations:
             raise InputError(
                 f"{calibrations[0]}: a calibration holds for the camera that it was made with: "
                 "name that camera's file with --camera"
             )
-        if known.projection is not None and (calibrations or known.recipe is not None):
-            measurement = measurement_of(known, calibrations, show)
+        if model.projection is not None and (calibrations or model.recipe is not None):
+            measurement = open_measurement(model, calibrations, show)
             return MeasurementSession(source, measurement, most_hz=most_hz, frames=frames)
         first = next(frames)
-        if known.projection is None:
+        if model.projection is None:
             h, w = first.image.shape[:2]
             camera = Pinhole(mm_per_px or 1.0, w, h, eye_distance_mm=1e3)  # stands for the lens
-            known = source.known = replace(known, projection=camera, in_px=mm_per_px is None)
-        if known.in_px:
-            if beyond := [one for one in show or () if one not in ("flow", "observation")]:
-                why = "needs a scale: --mm-per-px or --camera"
-                if beyond[0] not in Measurement.OUTPUTS:
-                    why = f"unknown; {did_you_mean(beyond[0], Measurement.OUTPUTS)}"
-                raise InputError(f"--show {beyond[0]}: {why}")
+            model = source.model = replace(model, projection=camera, in_px=mm_per_px is None)
+        if model.in_px:
+            if unscaled := [
+                output for output in show or () if output not in ("flow", "observation")
+            ]:
+                reason = "needs a scale: --mm-per-px or --camera"
+                if unscaled[0] not in Measurement.OUTPUTS:
+                    reason = f"unknown; {did_you_mean(unscaled[0], Measurement.OUTPUTS)}"
+                raise InputError(f"--show {unscaled[0]}: {reason}")
             show = ("observation",)
-        measurement = measurement_of(known, (), show)
+        measurement = open_measurement(model, (), show)
         pattern = RestPattern.recognise(measurement.rectified(first.image))
         if pattern.kind == "markers":
-            measurement = Measurement.of_markers(known.camera)
+            measurement = Measurement.of_markers(model.camera)
         frames = chain((first,), frames)
         return MeasurementSession(
             source, measurement, most_hz=most_hz, frames=frames, pattern=pattern
@@ -226,11 +232,11 @@ def open_session(
         raise
 
 
-def once(session: MeasurementSession) -> list[str]:
+def session_notes(session: MeasurementSession) -> list[str]:
     """What a reader must know of a session's results, a line each."""
     pattern = session.pattern
     lines = [pattern.lacks] if pattern is not None and pattern.lacks else []
-    if session.source.known.in_px:
+    if session.source.model.in_px:
         lines.append(
             "in pixels, as no camera is known: --mm-per-px gives lengths on the face in mm; a "
             "camera file (`deltact-fab calibrate lens`, --camera) takes the lens out, and with it "
@@ -300,12 +306,14 @@ class LiveMeasurement(Pipeline):
         """
         cv2.setNumThreads(1)
         if Path(sensor).is_dir():
-            known = open_source(str(sensor), None, design, serial).known
+            model = open_source(str(sensor), None, design, serial).model
         else:
-            known = replace(known_of(Path(sensor), design), design=design, serial=serial)
+            model = replace(
+                model_from_camera_file(Path(sensor), design), design=design, serial=serial
+            )
         files = [Path(file) for file in calibrations]
-        super().__init__(measurement_of(known, files, show), "newest")
-        self._flat = known.flat
+        super().__init__(open_measurement(model, files, show), "newest")
+        self._flat = model.flat
 
     def submit(self, image: Array, t_s: float | None = None) -> None:
         """As Pipeline; under even light, where the sensor's flat field is known."""

@@ -27,7 +27,7 @@ class Source:
     """
 
     name: str
-    known: SensorModel
+    model: SensorModel
     frames: Callable[[bool], Iterator[CameraFrame]]
     live: bool = False
     close: Callable[[], None] = lambda: None
@@ -39,25 +39,25 @@ def images(source: Source, rest_only: bool = False) -> Iterator[CameraFrame]:
     Of the size of the first, where no one knows the camera. Raises InputError, one line, for
     another size; else as the source does.
     """
-    camera = source.known.projection
-    wanted = None if camera is None else raw_size_px(camera)
-    whose = f"camera {'of the design' if source.known.nominal else 'that was calibrated'} makes"
+    camera = source.model.projection
+    size_px = None if camera is None else raw_size_px(camera)
+    origin = f"camera {'of the design' if source.model.nominal else 'that was calibrated'} makes"
     k = -1
     for k, frame in enumerate(source.frames(rest_only)):
         h, w = frame.image.shape[:2]
-        if wanted is None:
-            wanted, whose = (w, h), "first image has"
-        if (w, h) != wanted:
+        if size_px is None:
+            size_px, origin = (w, h), "first image has"
+        if (w, h) != size_px:
             raise InputError(
-                f"{source.name}: image {k} has {w} x {h} px; the {whose} "
-                f"{wanted[0]} x {wanted[1]} px"
+                f"{source.name}: image {k} has {w} x {h} px; the {origin} "
+                f"{size_px[0]} x {size_px[1]} px"
             )
         yield frame
     if k < 0:
         raise RunFailed(f"{source.name}: ended before its first image")
 
 
-def camera_source(config: CameraConfig, folder: Path, known: SensorModel | None = None) -> Source:
+def camera_source(config: CameraConfig, folder: Path, model: SensorModel | None = None) -> Source:
     """A camera that runs by itself, and does not know what touches the face.
 
     Raises InputError for one that cannot be opened; frames: SensorError when it stalls or is gone.
@@ -71,14 +71,14 @@ def camera_source(config: CameraConfig, folder: Path, known: SensorModel | None 
         while True:
             yield camera.capture()
 
-    return Source(config.name, known or SensorModel(), frames, live=True, close=camera.close)
+    return Source(config.name, model or SensorModel(), frames, live=True, close=camera.close)
 
 
-def file_source(images: ImageSource, known: SensorModel | None = None) -> Source:
+def file_source(images: ImageSource, model: SensorModel | None = None) -> Source:
     """Images from the disk; times as the file has them."""
 
     def frames(_: bool) -> Iterator[CameraFrame]:
         for k, image in enumerate(images.read()):
             yield CameraFrame(image, k / images.rate_hz, k)
 
-    return Source(images.name, known or SensorModel(), frames, close=images.close)
+    return Source(images.name, model or SensorModel(), frames, close=images.close)

@@ -139,7 +139,7 @@ def press_curve(
         else:
             poses = Increments(choice.step_mm, choice.step_mm).poses(corners)
             solver = open_path(skin, unit, indenter, poses, ObservedChannels(), choice)
-            if level == "hyperelastic" and solver.found is None and not solve:
+            if level == "hyperelastic" and solver.stored is None and not solve:
                 return None
             points, ended = _usable(solver, choice, progress, what)
         if not best.points or (points and points[-1][0] > best.reached_mm):

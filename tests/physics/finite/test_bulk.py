@@ -19,7 +19,7 @@ LINEAR = np.array([[0.2, 0.1, -0.15], [0.05, -0.25, 0.1], [0.12, 0.08, -0.2]])
 
 
 def law(poisson: float = 0.49) -> NeoHooke:
-    return NeoHooke.of(GelMaterial(poisson=poisson))
+    return NeoHooke.from_material(GelMaterial(poisson=poisson))
 
 
 def energy(w: NeoHooke, f: np.ndarray) -> np.ndarray:

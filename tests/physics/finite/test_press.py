@@ -54,7 +54,7 @@ def test_contact_forces_and_tangent_are_derivatives():
     assert 0 < (now.coupling.gain_n_mm != 0).sum() < (seen.pressure_mpa > 0).sum()
     plus, minus = (surface.evaluate(u + s * h * v, tip, grip, False) for s in (1, -1))
     upper = press.pattern.matrix(now.data)
-    ours = (upper + sp.triu(upper, k=1).T) @ v[free] + surface.coupled(now.coupling, v)[free]
+    ours = (upper + sp.triu(upper, k=1).T) @ v[free] + surface.coupling_force(now.coupling, v)[free]
     turn = ((plus.force_n - minus.force_n) / (2 * h))[free]
     assert np.linalg.norm(ours - turn) < 1e-6 * np.linalg.norm(turn)
 

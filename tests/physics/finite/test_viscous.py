@@ -14,7 +14,7 @@ from deltact_fab.sensor.shapes.sensor import SkinDimensions
 
 SERIES = ((0.4, 0.3), (0.25, 5.0))
 GEL = GelMaterial(poisson=0.45, prony=SERIES)
-LAW = NeoHooke.of(GEL)
+LAW = NeoHooke.from_material(GEL)
 SKIN = SkinDimensions(8.0, 6.0, 4.0, edge_fillet_mm=0.5, protrusion_mm=2.0)
 SHEAR = np.array([[1.0, 0, 0.8], [0, 1, 0], [0, 0, 1]])
 STRETCH = np.diag([0.8, 1.1, 1.3])
@@ -23,7 +23,7 @@ SIX = ((0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2))
 
 
 def viscosity(material: GelMaterial = GEL) -> Viscosity:
-    found = Viscosity.of(material, NeoHooke.of(material))
+    found = Viscosity.from_material(material, NeoHooke.from_material(material))
     assert found is not None
     return found
 

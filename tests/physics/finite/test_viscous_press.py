@@ -56,7 +56,7 @@ def test_a_press_without_end_is_the_elastic_one(friction):
 @pytest.mark.slow
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 def test_a_sudden_press_is_elastic_with_the_stiff_shear_modulus(friction):
-    law = NeoHooke.of(SOFT)
+    law = NeoHooke.from_material(SOFT)
     stiff = NeoHooke(law.mu_mpa * (1 + GEL.prony_sum), law.lambda_mpa)
     poisson = stiff.lambda_mpa / (2 * (stiff.lambda_mpa + stiff.mu_mpa))
     elastic = pressing(GelMaterial(2 * stiff.mu_mpa * (1 + poisson), poisson), friction)

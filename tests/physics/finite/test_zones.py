@@ -14,7 +14,7 @@ from deltact_fab.common.aliases import Point
 from deltact_fab.physics.gel.level import GelContact, Reach, State, follow_path
 from deltact_fab.physics.gel.level_selection import select_level
 from deltact_fab.physics.gel.path.open import open_contact
-from deltact_fab.physics.gel.zones import inside
+from deltact_fab.physics.gel.zones import contact_share
 from deltact_fab.sensor.elasticity.material import GelMaterial
 from deltact_fab.sensor.shapes.indenter import parse_indenter
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
@@ -47,7 +47,7 @@ def test_the_rim_of_a_gap_that_opens_as_hertz_s(a: float, b: float) -> None:
     r = np.hypot(x / a, y / b)
     beyond = np.maximum(r - 1, 0.0) * np.hypot(x, y) / np.maximum(r, 1e-9)
     squares = np.hypot((np.floor(2 * x) / 2 + 0.25) / a, (np.floor(2 * y) / 2 + 0.25) / b) < 0.95
-    found = inside(0.2 * beyond**1.5, squares, 1.0, (0.1, 0.1))
+    found = contact_share(0.2 * beyond**1.5, squares, 1.0, (0.1, 0.1))
     assert found.sum() * 0.01 == pytest.approx(np.pi * a * b, rel=0.02)
     assert abs(squares.sum() * 0.01 / (np.pi * a * b) - 1) > 0.05
 

@@ -110,8 +110,8 @@ def test_what_a_lab_should_know_of_its_data_is_told() -> None:
     outlier = n.copy()
     outlier[45::2] += 3.0
     found = fitted(d, outlier)
-    assert np.flatnonzero(~found.used).tolist() == list(range(45, 60, 2))
-    rest = fitted(d[found.used], outlier[found.used])
+    assert np.flatnonzero(~found.inliers).tolist() == list(range(45, 60, 2))
+    rest = fitted(d[found.inliers], outlier[found.inliers])
     assert vars(found.modulus_mpa) == pytest.approx(vars(rest.modulus_mpa), rel=1e-6)
     for values, told in (
         (outlier, "8 of 60 values left out"),

@@ -12,8 +12,8 @@ from deltact_fab.common.aliases import Field
 from deltact_fab.common.errors import InputError, SolverError
 from deltact_fab.physics.gel.level import (
     GelContact,
+    GelLevel,
     IncrementDiagnostics,
-    Level,
     Reach,
     State,
     follow_path,
@@ -30,7 +30,7 @@ from deltact_fab.sensor.shapes.sensor import SkinDimensions
 SKIN, GEL = SkinDimensions(), GelMaterial()
 
 
-def opened(level: Level, tips: list[tuple[float, float, float]], **more: Any) -> GelContact:
+def opened(level: GelLevel, tips: list[tuple[float, float, float]], **more: Any) -> GelContact:
     scene = SKIN, GEL, parse_indenter(more.pop("indenter", "sphere:15"))
     lattice_mm = more.pop("lattice_mm", 0.5)
     return open_contact(
@@ -51,7 +51,9 @@ def end(contact: GelContact, *tips: tuple[float, float, float]) -> State:
 
 
 @pytest.mark.parametrize("level", ["linear", pytest.param("hyperelastic", marks=pytest.mark.slow)])
-def test_every_level_gives_a_light_touch_the_same_force_on_the_same_lattice(level: Level) -> None:
+def test_every_level_gives_a_light_touch_the_same_force_on_the_same_lattice(
+    level: GelLevel,
+) -> None:
     tip = (0.0, 0.0, 0.5)
     spacing = 0.75 if level == "hyperelastic" else 0.5
     contact = opened(level, [tip], spacing_mm=spacing)
@@ -71,7 +73,7 @@ def test_every_level_gives_a_light_touch_the_same_force_on_the_same_lattice(leve
     ("level", "lattice_mm"),
     [("linear", 1.5), pytest.param("hyperelastic", 0.3, marks=pytest.mark.slow)],
 )
-def test_the_lattice_of_tractions_adds_up_to_the_wrench(level: Level, lattice_mm: float) -> None:
+def test_the_lattice_of_tractions_adds_up_to_the_wrench(level: GelLevel, lattice_mm: float) -> None:
     """Off the middle, off the nodes and dragged; lattices finer and coarser than grid and mesh."""
     tips = [(6.3, -4.1, 1.0), (6.8, -3.9, 1.0)]
     spacing = 2.0 if level == "hyperelastic" else 0.4
@@ -220,7 +222,7 @@ def test_parts_as_one_keep_every_count() -> None:
         IncrementDiagnostics(**dict.fromkeys(counts, n), residual=0.1 / n, flags=(f"n: {n}",))
         for n in (2, 5)
     )
-    assert IncrementDiagnostics.over([first, last]) == replace(last, **dict.fromkeys(counts, 7))
+    assert IncrementDiagnostics.combine([first, last]) == replace(last, **dict.fromkeys(counts, 7))
 
 
 def test_an_increment_on_which_pressure_and_friction_do_not_agree_is_halved(

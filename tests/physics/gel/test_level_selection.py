@@ -54,7 +54,7 @@ def test_a_mesh_over_its_unknowns_is_enlarged_and_says_so() -> None:
     assert held.asked_mm == free.asked_mm == free.spacing_mm < held.spacing_mm
     mesh = block_mesh(SKIN, held.spacing_mm, held.focus, held.mirrors)
     assert 7000 < mesh.free_dofs <= 8000
-    assert "8000 unknowns; the tolerance requires 0.5 mm by its edge radius" in held.why
+    assert "8000 unknowns; the tolerance requires 0.5 mm by its edge radius" in held.reason
     named = select_level(
         SKIN, GEL, parse_indenter("star"), reach, spacing_mm=1.0, most_unknowns=8000
     )

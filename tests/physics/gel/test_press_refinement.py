@@ -11,12 +11,12 @@ import pytest
 
 from deltact_fab.common.errors import SolverError, TimeLimit
 from deltact_fab.physics.gel import error_control, time_limit
-from deltact_fab.physics.gel.error_control import EDGE, WORK_POWER, MeshConvergence
+from deltact_fab.physics.gel.error_control import EDGE_ERROR, WORK_POWER, MeshConvergence
 from deltact_fab.physics.gel.level import Choice, IncrementDiagnostics, Reach, follow_path
 from deltact_fab.physics.gel.level_selection import select_level
 from deltact_fab.physics.gel.path.knots import KnotPose
 from deltact_fab.physics.gel.path.solver import PathSolver
-from deltact_fab.physics.gel.press import OBSERVED, press_gel
+from deltact_fab.physics.gel.press import PRESS_OBSERVED, press_gel
 from deltact_fab.physics.gel.zones import Zones
 from deltact_fab.sensor.elasticity.material import GelMaterial
 from deltact_fab.sensor.shapes.indenter import parse_indenter
@@ -77,16 +77,18 @@ def ladder(
 
     def opener(choice: Choice, like: PathSolver | None) -> PathSolver:
         gel: Any = Gel(choice, force, dofs, field_mm, lacking_rel)
-        return PathSolver(lambda: gel, [down], observed=OBSERVED, like=like, keeps_states=True)
+        return PathSolver(
+            lambda: gel, [down], observed=PRESS_OBSERVED, like=like, keeps_states=True
+        )
 
     return MeshConvergence(opener, unknowns, RADIUS_MM, edge_mm, TOLERANCE)
 
 
 def test_the_first_mesh_that_keeps_to_the_tolerance_answers() -> None:
     found = ladder(lambda h, step: 10.0).refine(chosen(0.0), free=True)
-    edge = EDGE * (found.run.choice.spacing_mm / RADIUS_MM) ** 2
+    edge = EDGE_ERROR * (found.run.choice.spacing_mm / RADIUS_MM) ** 2
     assert found.estimate["force_rel"] == pytest.approx(edge)
-    assert edge < TOLERANCE < edge * error_control.COARSER**2
+    assert edge < TOLERANCE < edge * error_control.MESH_RATIO**2
     assert not found.limited
 
 
@@ -105,14 +107,14 @@ def test_an_error_of_second_order_is_what_is_told() -> None:
     assert found.estimate["force_rel"] == pytest.approx(true, rel=1e-9)
     finer = ladder(force).refine(chosen(0.0), free=True)
     assert finer.estimate["force_rel"] <= TOLERANCE
-    assert f"taken {finer.run.choice.spacing_mm:.3g} mm" in finer.run.choice.why
+    assert f"taken {finer.run.choice.spacing_mm:.3g} mm" in finer.run.choice.reason
     assert finer.estimate["force_rel"] > TOLERANCE / 2  # no finer than needed
 
 
 @pytest.mark.parametrize(("lacking_rel", "adds"), [(-0.04, 0.04), (0.0, 0.0)])
 def test_a_light_press_adds_its_ramp_to_error(lacking_rel: float, adds: float) -> None:
     press = ladder(lambda h, step: 10.0, lacking_rel=lacking_rel).refine(chosen(0.0), free=False)
-    edge = EDGE * (1.6 / RADIUS_MM) ** 2
+    edge = EDGE_ERROR * (1.6 / RADIUS_MM) ** 2
     assert press.estimate["force_rel"] == pytest.approx(edge + adds)
 
 
@@ -179,7 +181,7 @@ def test_a_limit_of_time_ends_with_the_best_mesh_so_far(clock_s: list[float]) ->
     one = within(1.5)
     assert clock_s[0] == 1
     assert two.limited
-    assert two.run.choice.spacing_mm == pytest.approx(1.6 * error_control.COARSER)
+    assert two.run.choice.spacing_mm == pytest.approx(1.6 * error_control.MESH_RATIO)
     true = 0.1 * two.run.choice.spacing_mm**2 / (1 + 0.1 * two.run.choice.spacing_mm**2)
     assert two.estimate["force_rel"] == pytest.approx(true)
     # One mesh has nothing to be compared with.
@@ -199,7 +201,7 @@ def test_a_limit_too_short_for_the_first_mesh_begins_with_a_coarser_one(
         clock_s[0] += 5e-7 * (3e5 / h**2.5) ** WORK_POWER
         return 10.0
 
-    first = 1.6 * error_control.COARSER**error_control.BELOW
+    first = 1.6 * error_control.MESH_RATIO**error_control.COARSER_MESHES
     found = []
     for seconds in (100.0, 0.02):
         clock_s[0] = 0.0
@@ -207,7 +209,7 @@ def test_a_limit_too_short_for_the_first_mesh_begins_with_a_coarser_one(
             found.append(ladder(force, unknowns=unknowns).refine(chosen(0.0), free=True))
     assert [one.limited for one in found] == [False, True]
     assert found[0].run.choice.spacing_mm < first
-    assert first < found[1].run.choice.spacing_mm <= error_control.HIDDEN * RADIUS_MM
+    assert first < found[1].run.choice.spacing_mm <= error_control.HIDDEN_RADII * RADIUS_MM
     assert found[1].estimate["force_rel"] > TOLERANCE
 
 
@@ -215,7 +217,7 @@ def test_waiting_takes_nothing_of_the_limit_and_computing_does() -> None:
     with time_limit.within(0.05):
         time.sleep(0.1)
         time_limit.check()
-        while time_limit.left_s() > 0:
+        while time_limit.remaining_s() > 0:
             pass
         with pytest.raises(TimeLimit):
             time_limit.check()

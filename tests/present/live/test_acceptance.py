@@ -229,10 +229,10 @@ def failed(done: Acceptance) -> set[str]:
 def test_a_bubble_is_found_where_it_is_and_nothing_else_is_wrong():
     done = judged(Made(paint=(bubble(4.0, -3.0, 1.0),)))
     assert failed(done) == {"bubbles, lint, dust"}
-    ((x, y, long_mm),) = done.found.places
+    ((x, y, long_mm),) = done.findings.places
     assert (x, y) == pytest.approx((4.0, -3.0), abs=0.2)
     assert long_mm == pytest.approx(1.0, abs=0.4)
-    assert done.found.noise_mm is None  # of two images nothing is said
+    assert done.findings.noise_mm is None  # of two images nothing is said
 
 
 @pytest.mark.slow
@@ -247,9 +247,9 @@ def test_a_bad_sensor_fails_its_own_row_and_no_other_without_cause(name):
     made, (own, *follow), painted = BAD[name]
     done = judged(made, recipe="dense-with-dots" if name == "wrong pattern" else "")
     assert own in failed(done) <= {own, *follow}
-    assert {key: getattr(done.found, key) for key in painted} == painted
+    assert {key: getattr(done.findings, key) for key in painted} == painted
     if name == "far out of focus":  # print, mosaic and demosaicing have nearly a pixel of their own
-        blur_px = np.median([b for row in done.found.blur_px for b in row if b is not None])
+        blur_px = np.median([b for row in done.findings.blur_px for b in row if b is not None])
         assert 4 <= blur_px <= np.hypot(4, 0.95) + 0.6
 
 

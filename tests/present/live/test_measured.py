@@ -16,9 +16,9 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.analysis.force.result import write_force_calibration
 from deltact_fab.estimate.analysis.measured import RunMeasurement, find_calibrations, measure_run
 from deltact_fab.estimate.measure.force.calibration import load_force
-from deltact_fab.present.live.open import measurement_of, open_source
+from deltact_fab.present.live.open import open_measurement, open_source
 from deltact_fab.present.live.outputs import HealthOutput, JsonLines, StatusLine
-from deltact_fab.present.live.picture import LOST, data
+from deltact_fab.present.live.picture import LOST_LEVEL, page_data
 from deltact_fab.present.live.session import MeasuredImage, MeasurementSession
 
 PRESSED = 2
@@ -28,7 +28,7 @@ PRESSED = 2
 @pytest.fixture(scope="module")
 def session(mini_run: Path, calibrations: list[Path]) -> MeasurementSession:
     source = open_source(str(mini_run))
-    return MeasurementSession(source, measurement_of(source.known, calibrations))
+    return MeasurementSession(source, open_measurement(source.model, calibrations))
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,7 @@ def test_another_sensors_calibration_is_refused(mini_run: Path, calibrations: li
     other = calibrations[0].with_name("other.toml")
     other.write_text(text.replace('design = "deltact"', 'design = "another"'))
     with pytest.raises(InputError, match="made on another sensor"):
-        measurement_of(open_source(str(mini_run)).known, [other])
+        open_measurement(open_source(str(mini_run)).model, [other])
     with pytest.raises(InputError, match="made on another sensor"):
         find_calibrations(open_run(mini_run), [other])
 
@@ -97,12 +97,14 @@ def test_another_sensors_calibration_is_refused(mini_run: Path, calibrations: li
 def test_what_the_page_draws_is_what_was_measured(
     results: list[MeasuredImage], session: MeasurementSession
 ) -> None:
-    told = data(results[PRESSED], session.view)
+    told = page_data(results[PRESSED], session.view)
     json.dumps(told, allow_nan=False)
     assert [m["name"] for m in told["maps"]] == ["pressure", "depth", "relative depth"]
     depth = told["maps"][1]
     levels = np.frombuffer(_bytes(depth["data"]), np.uint8).reshape(depth["height"], depth["width"])
-    row, column = np.unravel_index(np.argmax(np.where(levels == LOST, 0, levels)), levels.shape)
+    row, column = np.unravel_index(
+        np.argmax(np.where(levels == LOST_LEVEL, 0, levels)), levels.shape
+    )
     x, y = (
         low + (at + 0.5) / n * (high - low)
         for at, n, (low, high) in (

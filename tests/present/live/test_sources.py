@@ -52,7 +52,7 @@ def test_a_run_knows_its_camera_pattern_and_seed_and_gives_raw_images(mini_run: 
     frames = list(images(source))
     assert [f.t_s for f in frames] == pytest.approx(table["t_s"])
     assert np.array_equal(frames[3].image, run.raw(table["file"].iloc[3]))
-    known = source.known
+    known = source.model
     assert known.camera is not None
     assert known.camera.as_dict() == run.camera.as_dict()
     assert known.simulated == "simulated, seed 3"
@@ -69,7 +69,7 @@ def test_a_rig_shows_what_a_run_on_it_records(mini: tuple[Path, Path], mini_run:
     seen = images(source)
     for k in range(3):
         assert np.array_equal(next(seen).image, run.raw(files.iloc[k]))
-    assert source.known.simulated == "simulated, seed 3"
+    assert source.model.simulated == "simulated, seed 3"
 
 
 def test_a_camera_file_goes_before_what_a_source_knows(mini_run: Path, tmp_path: Path) -> None:
@@ -78,9 +78,9 @@ def test_a_camera_file_goes_before_what_a_source_knows(mini_run: Path, tmp_path:
     file = tmp_path / "camera.toml"
     file.write_text(camera_toml(other))
     source = open_source(str(mini_run), file, serial="B2")
-    assert source.known.camera == other
-    assert source.known.serial == "B2"
-    assert source.known.design == "deltact"
+    assert source.model.camera == other
+    assert source.model.serial == "B2"
+    assert source.model.design == "deltact"
 
 
 RIG = """

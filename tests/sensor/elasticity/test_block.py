@@ -121,7 +121,9 @@ def test_smooth_load_against_plain_finite_elements(component: int, even: tuple[b
         on = mesh.nodes_mm[:, axis] == 0
         free[on] &= ~np.array(held)
     pattern = Pattern(mesh, free)
-    stiffness = BulkAssembly(mesh, NeoHooke.of(GEL), pattern).evaluate(np.zeros(free.shape)).data
+    stiffness = (
+        BulkAssembly(mesh, NeoHooke.from_material(GEL), pattern).evaluate(np.zeros(free.shape)).data
+    )
     assert stiffness is not None
     solver = make_solver()
     solver.factorise(pattern.matrix(stiffness))

@@ -22,7 +22,7 @@ def test_it_is_the_tangent_of_the_finite_strain_bricks_at_rest(poisson: float) -
     free[: box.nodes_a_layer] = False
     free[7::11, 1] = False
     pattern = Pattern(mesh, free)
-    law = NeoHooke.of(GelMaterial(1.0, poisson))
+    law = NeoHooke.from_material(GelMaterial(1.0, poisson))
     data = BulkAssembly(mesh, law, pattern).evaluate(np.zeros((box.nodes, 3))).data
     assert data is not None
     want = pattern.matrix(data).toarray()

@@ -60,18 +60,18 @@ def test_a_press_is_solved_once_and_found_bit_for_bit(store: Path) -> None:
     (entry,) = store.glob("*.bin")
     data = entry.read_bytes()
     found = solved(declared())
-    assert (found.found is not None, found.solves) == (True, 0)
+    assert (found.stored is not None, found.solves) == (True, 0)
     assert all(k.displacement_mm is not None for k in found.knots)
     # A damaged entry is none, and what is solved anew is the same.
     entry.write_bytes(data[: len(data) // 2] + b"x" + data[len(data) // 2 + 1 :])
     again = solved(declared())
-    assert again.found is None
+    assert again.stored is None
     assert again.solves == len(again.poses) == len(found.knots)
     for a, b in zip(again.knots, found.knots, strict=True):
         assert a.force_n == b.force_n
         assert a.torque_nmm == b.torque_nmm
         assert np.array_equal(a.displacement_mm, b.displacement_mm)
-    assert solved(declared()).found is not None
+    assert solved(declared()).stored is not None
 
 
 @pytest.mark.parametrize(
@@ -89,7 +89,7 @@ def test_a_press_is_solved_once_and_found_bit_for_bit(store: Path) -> None:
 )
 def test_only_what_changes_the_mechanics_is_solved_again(other: Protocol, shared: bool) -> None:
     presses = Presses(other, SKIN, COARSE)
-    assert (presses.of(presses.paths[0]).solver.found is not None) == shared
+    assert (presses.of(presses.paths[0]).solver.stored is not None) == shared
 
 
 def test_the_way_of_a_press_is_the_plan_s_in_contact() -> None:

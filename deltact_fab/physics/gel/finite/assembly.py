@@ -15,12 +15,12 @@ from .material import Memory, NeoHooke
 from .mesh import HexMesh
 
 CELL_DOFS = 24
-UPPER = np.triu_indices(CELL_DOFS)
+CELL_UPPER = np.triu_indices(CELL_DOFS)
 FACE_UPPER = np.triu_indices(12)
-_FACE_OF_CELL = np.flatnonzero((UPPER[0] >= 12) & (UPPER[1] >= 12))
+_FACE_OF_CELL = np.flatnonzero((CELL_UPPER[0] >= 12) & (CELL_UPPER[1] >= 12))
 
 
-class Pattern:
+class MatrixPattern:
     """The upper triangle in CSR of the matrix over the free displacements of a mesh.
 
     free (n, 3): True where a displacement is not held. size: their number.
@@ -37,16 +37,16 @@ class Pattern:
         self.number[flat] = np.arange(self.size)
         dofs = (3 * mesh.cells[:, :, None] + np.arange(3)).reshape(-1, CELL_DOFS)
         place = self.number[dofs]
-        one, two = place[:, UPPER[0]], place[:, UPPER[1]]
-        low, high = np.minimum(one, two), np.maximum(one, two)
-        held = (high == self.size).ravel()
+        first, second = place[:, CELL_UPPER[0]], place[:, CELL_UPPER[1]]
+        low, high = np.minimum(first, second), np.maximum(first, second)
+        fixed = (high == self.size).ravel()
         keys = (low * (self.size + 1) + high).ravel()
         # Sorting is dear, so each neighbouring pair of nodes could be sorted once instead; it is
         # paid once per mesh and is less than one factorisation.
-        unique, inverse = np.unique(keys[~held], return_inverse=True)
+        unique, inverse = np.unique(keys[~fixed], return_inverse=True)
         self.entries = len(unique)
         slots = np.full(keys.size, self.entries, dtype=np.int64)
-        slots[~held] = inverse
+        slots[~fixed] = inverse
         self.slots: NDArray[np.int64] = slots.reshape(low.shape)
         self.face_slots: NDArray[np.int64] = self.slots[mesh.touched][:, _FACE_OF_CELL]
         rows = unique // (self.size + 1)
@@ -54,7 +54,7 @@ class Pattern:
         self.indptr = np.zeros(self.size + 1, dtype=np.int32)
         np.cumsum(np.bincount(rows, minlength=self.size), out=self.indptr[1:])
 
-    def whole(self, free_values: Field) -> Field:
+    def expand(self, free_values: Field) -> Field:
         """Values (n, 3) from those of the free displacements (size,), 0 where held."""
         out = np.zeros(self.free.shape)
         out[self.free] = free_values
@@ -72,10 +72,10 @@ class Pattern:
         return np.asarray(total[: self.entries], dtype=np.float64)
 
 
-POINTS = 8
+CELL_POINTS = 8
 # Empty arrays stand for None in machine code.
 _NO_PRESSURE = np.empty(0)
-_NO_MEMORY = np.empty((0, POINTS, 6))
+_NO_MEMORY = np.empty((0, CELL_POINTS, 6))
 
 
 class Bulk(NamedTuple):
@@ -101,7 +101,7 @@ class BulkAssembly:
     gradients_per_mm (m, 8 nodes, 8 points x 3). weights_mm3 (m, 8).
     """
 
-    def __init__(self, mesh: HexMesh, law: NeoHooke, pattern: Pattern) -> None:
+    def __init__(self, mesh: HexMesh, law: NeoHooke, pattern: MatrixPattern) -> None:
         self.mesh, self.law, self.pattern = mesh, law, pattern
         local = brick_gradients()
         x = mesh.nodes_mm[mesh.cells]
@@ -133,21 +133,21 @@ class BulkAssembly:
         m = len(self.mesh.cells)
         force = np.zeros_like(displacement_mm)
         data = np.zeros(self.pattern.entries + 1 if tangent else 0)
-        jbar, whole = np.empty(m), np.empty((m, 24))
-        energy, least = compiled.loop(
+        jbar, volume_rate = np.empty(m), np.empty((m, 24))
+        energy, least_j = compiled.loop(
             np.ascontiguousarray(displacement_mm), self.mesh.cells, self.gradients_per_mm,
             self.weights_mm3, self.pattern.slots, self.law.mu_mpa,
             self.law.lambda_mpa, self.law.local_mpa,
-            tangent, force, data, jbar, whole,
+            tangent, force, data, jbar, volume_rate,
             _NO_PRESSURE if pressure_mpa is None else pressure_mpa, scale,
             memory_mpa,
         )  # fmt: skip
-        return Bulk(energy, force, data[:-1], least, jbar, whole)
+        return Bulk(energy, force, data[:-1], least_j, jbar, volume_rate)
 
     def deformation_gradient(self, displacement_mm: Field) -> Field:
         u = displacement_mm[self.mesh.cells]
         grad = np.matmul(np.swapaxes(u, 1, 2), self.gradients_per_mm)
-        f = np.swapaxes(grad.reshape(len(u), 3, POINTS, 3), 1, 2)
+        f = np.swapaxes(grad.reshape(len(u), 3, CELL_POINTS, 3), 1, 2)
         return f + np.eye(3)
 
     def scatter(self, nodal: Field) -> Field:

@@ -32,8 +32,8 @@ from deltact_fab.sensor import (
     TurnedTip,
 )
 
-_TINY = 1e-12
-_STEP_MM = 1e-4  # for differences of a prism's outline
+_TINY_LENGTH = 1e-12
+_OUTLINE_STEP_MM = 1e-4  # for differences of a prism's outline
 
 
 class Gap(NamedTuple):
@@ -68,15 +68,15 @@ def gap(indenter: Indenter, points_mm: Field) -> Gap:
     for tip in indenter.tips:
         if isinstance(tip, PosedTip):
             r = tip.turn  # in its own frame, and turned back
-            own = _tip(tip.tip, (points_mm - tip.origin_mm) @ r)
-            here = Gap(own.distance_mm, own.normal @ r.T, r @ own.curvature_per_mm @ r.T)
+            local = _tip(tip.tip, (points_mm - tip.origin_mm) @ r)
+            candidate = Gap(local.distance_mm, local.normal @ r.T, r @ local.curvature_per_mm @ r.T)
         else:
-            here = _tip(tip, points_mm - np.array([tip.x_mm, tip.y_mm, 0.0]))
-        nearer = here.distance_mm < best.distance_mm
+            candidate = _tip(tip, points_mm - np.array([tip.x_mm, tip.y_mm, 0.0]))
+        nearer = candidate.distance_mm < best.distance_mm
         best = Gap(
-            np.where(nearer, here.distance_mm, best.distance_mm),
-            np.where(nearer[:, None], here.normal, best.normal),
-            np.where(nearer[:, None, None], here.curvature_per_mm, best.curvature_per_mm),
+            np.where(nearer, candidate.distance_mm, best.distance_mm),
+            np.where(nearer[:, None], candidate.normal, best.normal),
+            np.where(nearer[:, None, None], candidate.curvature_per_mm, best.curvature_per_mm),
         )
     return best
 
@@ -121,7 +121,7 @@ def _profile_distance(chain: _Chain, d: Field, z: Field) -> _Profile:
         normal[nearer, 0], normal[nearer, 1] = n_d[nearer], n_z[nearer]
         bend[nearer] = curve[nearer]
 
-    one, none = np.ones_like(d), np.zeros_like(d)
+    ones, zeros = np.ones_like(d), np.zeros_like(d)
     a = start
     corners = [start]
     for end, centre in pieces:
@@ -130,32 +130,32 @@ def _profile_distance(chain: _Chain, d: Field, z: Field) -> _Profile:
             length = math.dist(a, end)
             td, tz = (end[0] - a[0]) / length, (end[1] - a[1]) / length
             along = (d - a[0]) * td + (z - a[1]) * tz
-            off = (d - a[0]) * tz - (z - a[1]) * td
-            take(off, tz * one, -td * one, none, (along >= 0) & (along <= length))
+            offset = (d - a[0]) * tz - (z - a[1]) * td
+            take(offset, tz * ones, -td * ones, zeros, (along >= 0) & (along <= length))
             height = a[1] + (d - a[0]) * (tz / td)
         else:
             # An arc that bulges downwards bounds a ball's inside, one upwards its outside.
             up = max(a[1], end[1]) > centre[1] + 1e-9 * math.dist(a, centre)
-            way = 1.0 if up else -1.0
+            side = 1.0 if up else -1.0
             radius = math.dist(a, centre)
             u, v = d - centre[0], z - centre[1]
-            r = np.maximum(np.hypot(u, v), _TINY)
+            r = np.maximum(np.hypot(u, v), _TINY_LENGTH)
             # A point belongs to the arc if its ray from the centre meets it.
             low, high = a[0] - centre[0], end[0] - centre[0]
             ray = u * (radius / r)
-            met = (ray >= low - _TINY) & (ray <= high + _TINY) & (way * v >= 0)
-            take(way * (radius - r), -way * u / r, -way * v / r, -way / r, met)
-            height = centre[1] + way * np.sqrt(np.maximum(radius**2 - u**2, 0.0))
+            on_arc = (ray >= low - _TINY_LENGTH) & (ray <= high + _TINY_LENGTH) & (side * v >= 0)
+            take(side * (radius - r), -side * u / r, -side * v / r, -side / r, on_arc)
+            height = centre[1] + side * np.sqrt(np.maximum(radius**2 - u**2, 0.0))
         below = np.where(within, height, below)
         corners.append(end)
         a = end
-    take(d - a[0], one, none, none, z >= a[1])
+    take(d - a[0], ones, zeros, zeros, z >= a[1])
     if start[0] > 0:
-        take(start[0] - d, -one, none, none, z >= start[1])
+        take(start[0] - d, -ones, zeros, zeros, z >= start[1])
     inside = z > below
     for c in corners:
         u, v = d - c[0], z - c[1]
-        r = np.maximum(np.hypot(u, v), _TINY)
+        r = np.maximum(np.hypot(u, v), _TINY_LENGTH)
         sign = np.where(inside, -1.0, 1.0)
         # Pieces that meet smoothly there are as near; strictly nearer means a real corner.
         real = r < np.abs(best) * (1 - 1e-9) - 1e-12
@@ -170,9 +170,9 @@ def _segment_outline(p: Field, half_mm: float) -> _Outline:
     """Distance from the segment |y| <= half_mm on the y axis; half_mm = 0: from the z axis."""
     y = p[:, 1] - np.clip(p[:, 1], -half_mm, half_mm)
     d = np.hypot(p[:, 0], y)
-    safe = np.maximum(d, _TINY)
+    safe = np.maximum(d, _TINY_LENGTH)
     out = np.stack([p[:, 0] / safe, y / safe, np.zeros_like(d)], axis=1)
-    out[d < _TINY] = (1.0, 0.0, 0.0)
+    out[d < _TINY_LENGTH] = (1.0, 0.0, 0.0)
     turned = (y != 0) | (half_mm == 0)
     return _Outline(d, out, np.where(turned, 1 / safe, 0.0))
 
@@ -182,19 +182,19 @@ def _prism_outline(tip: PrismTip, p: Field) -> _Outline:
 
     Its arcs' centres are private to the tip; a step of 1e-4 mm leaves 1e-8 in the direction.
     """
-    h = _STEP_MM
+    h = _OUTLINE_STEP_MM
     x, y = p[:, 0] + tip.x_mm, p[:, 1] + tip.y_mm
     d = -tip.inset_mm(x, y)
     xp, xm = -tip.inset_mm(x + h, y), -tip.inset_mm(x - h, y)
     yp, ym = -tip.inset_mm(x, y + h), -tip.inset_mm(x, y - h)
     gx, gy = (xp - xm) / (2 * h), (yp - ym) / (2 * h)
-    size = np.maximum(np.hypot(gx, gy), _TINY)
+    size = np.maximum(np.hypot(gx, gy), _TINY_LENGTH)
     out = np.stack([gx / size, gy / size, np.zeros_like(d)], axis=1)
     # Second derivative across the gradient; the Laplacian would see kinks along it.
     across = (-out[:, 1], out[:, 0])
-    one = -tip.inset_mm(x + h * across[0], y + h * across[1])
-    two = -tip.inset_mm(x - h * across[0], y - h * across[1])
-    bend = np.clip((one + two - 2 * d) / h**2, -1e3, 1e3)
+    ahead = -tip.inset_mm(x + h * across[0], y + h * across[1])
+    behind = -tip.inset_mm(x - h * across[0], y - h * across[1])
+    bend = np.clip((ahead + behind - 2 * d) / h**2, -1e3, 1e3)
     return _Outline(d, out, bend)
 
 
@@ -221,7 +221,7 @@ def _ellipsoid(tip: EllipsoidTip, p: Field) -> Gap:
     a, b = tip.a_mm, tip.b_mm
     low = np.minimum(p[:, 2] - b, 0.0)
     rho = np.hypot(p[:, 1], low)
-    safe = np.maximum(rho, _TINY)
+    safe = np.maximum(rho, _TINY_LENGTH)
     out = np.stack([np.zeros_like(rho), p[:, 1] / safe, low / safe], axis=1)
     size, n_x, n_r, bend = _ellipse(a, b, np.abs(p[:, 0]), rho)
     n_x = n_x * np.where(p[:, 0] < 0, -1.0, 1.0)
@@ -242,25 +242,25 @@ def _ellipse(a: float, b: float, x: Field, y: Field) -> tuple[Field, Field, Fiel
     (a x / (t + a^2))^2 + (b y / (t + b^2))^2 - 1 (Eberly, Distance from a point to an ellipse);
     F is convex and falls from infinity there, so Newton from below does not overshoot.
     """
-    t = np.maximum(a * x - a**2, b * y - b**2) + _TINY
+    t = np.maximum(a * x - a**2, b * y - b**2) + _TINY_LENGTH
     for _ in range(60):
         p, q = a * x / (t + a**2), b * y / (t + b**2)
         value = p**2 + q**2 - 1
         slope = -2 * (p**2 / (t + a**2) + q**2 / (t + b**2))
-        step = np.where(slope < 0, -value / np.minimum(slope, -_TINY), 0.0)
+        step = np.where(slope < 0, -value / np.minimum(slope, -_TINY_LENGTH), 0.0)
         t = t + np.maximum(step, 0.0)
         if np.all(np.abs(step) <= 1e-14 * (np.abs(t) + min(a, b) ** 2)):
             break
     fx, fy = a**2 * x / (t + a**2), b**2 * y / (t + b**2)
     nx, ny = fx / a**2, fy / b**2
-    grad = np.maximum(np.hypot(nx, ny), _TINY)
+    grad = np.maximum(np.hypot(nx, ny), _TINY_LENGTH)
     nx, ny = nx / grad, ny / grad
     size = (x - fx) * nx + (y - fy) * ny
     radius = (a * b) ** 2 * grad**3
-    return size, nx, ny, 1 / np.maximum(radius + size, _TINY)
+    return size, nx, ny, 1 / np.maximum(radius + size, _TINY_LENGTH)
 
 
-BLUNT = 0.5  # least radius over the cell size
+BLUNT_CELLS = 0.5  # least radius over the cell size
 
 
 def blunted(indenter: Indenter, cell_mm: float) -> Indenter:
@@ -271,7 +271,7 @@ def blunted(indenter: Indenter, cell_mm: float) -> Indenter:
     part of the mesh error, and the fine indenter is found again where cells are twice its radius or
     less. The lowest point stays where it is, and so do name, outline and reach.
     """
-    radius = BLUNT * cell_mm
+    radius = BLUNT_CELLS * cell_mm
     return replace(indenter, tips=tuple(_blunt(tip, radius) for tip in indenter.tips))
 
 

@@ -29,7 +29,7 @@ import numpy as np
 from deltact_fab.common import Field, InputError
 from deltact_fab.sensor import GelMaterial
 
-LOCAL = 8.0  # b over mu
+LOCAL_RATIO = 8.0  # b over mu
 MAX_FINITE_POISSON = 0.49999  # beyond, rounding in U' spoils the residual
 
 
@@ -41,7 +41,7 @@ class NeoHooke:
     lambda_mpa: float
 
     @classmethod
-    def of(cls, material: GelMaterial) -> NeoHooke:
+    def from_material(cls, material: GelMaterial) -> NeoHooke:
         """From modulus and Poisson's ratio; InputError beyond MAX_POISSON."""
         nu, e = material.poisson, material.modulus_mpa
         if nu > MAX_FINITE_POISSON:
@@ -53,7 +53,7 @@ class NeoHooke:
 
     @property
     def local_mpa(self) -> float:
-        return min(LOCAL * self.mu_mpa, self.lambda_mpa / 8)
+        return min(LOCAL_RATIO * self.mu_mpa, self.lambda_mpa / 8)
 
     def volumetric(self, jbar: Field) -> tuple[Field, Field, Field]:
         """U, U' (MPa, tension positive) and U'' at mean dilatations (m,)."""
@@ -67,7 +67,7 @@ class NeoHooke:
 
 
 # Order of a symmetric tensor's six components.
-_ROW, _COLUMN = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
+_TENSOR_ROWS, _TENSOR_COLUMNS = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
 
 
 class Memory(NamedTuple):
@@ -111,7 +111,7 @@ class Viscosity:
     times_s: tuple[float, ...]
 
     @classmethod
-    def of(cls, material: GelMaterial, law: NeoHooke) -> Viscosity | None:
+    def from_material(cls, material: GelMaterial, law: NeoHooke) -> Viscosity | None:
         """None where the gel has no series: then nothing is kept and nothing computed."""
         pairs = [(g, tau) for g, tau in material.prony if g > 0]
         if not pairs:
@@ -133,7 +133,10 @@ class Viscosity:
 
     def local_stress(self, f: Field) -> Field:
         """S = mu (I - C^-1) in MPa, (..., 6), of deformation gradients (..., 3, 3)."""
-        c = [(f[..., :, i] * f[..., :, j]).sum(axis=-1) for i, j in zip(_ROW, _COLUMN, strict=True)]
+        c = [
+            (f[..., :, i] * f[..., :, j]).sum(axis=-1)
+            for i, j in zip(_TENSOR_ROWS, _TENSOR_COLUMNS, strict=True)
+        ]
         xx, yy, zz, xy, xz, yz = c
         s = np.empty((*f.shape[:-2], 6))
         s[..., 0], s[..., 1], s[..., 2] = yy * zz - yz**2, xx * zz - xz**2, xx * yy - xy**2
@@ -148,11 +151,11 @@ class Viscosity:
 
         None: all has faded. seconds: what the increment takes.
         """
-        left, a = self.weights(seconds)
+        decay, a = self.weights(seconds)
         gains = np.array(self.shares) * a
         parts = np.multiply.outer(-gains, self.local_stress(f))
         if overstress_mpa is not None:
-            parts += left[:, None, None, None] * overstress_mpa
+            parts += decay[:, None, None, None] * overstress_mpa
         return Memory(1.0 + math.fsum(gains), parts.sum(axis=0), parts, gains)
 
     def overstress(self, f: Field, memory: Memory) -> Field:

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from deltact_fab.common import Field, InputError
 from deltact_fab.sensor import SkinDimensions
 
-Box = tuple[float, float, float, float]
+FocusBox = tuple[float, float, float, float]
 
-GROWTH = 1.25  # of neighbouring cells; more costs accuracy at the transition
-COARSEST = 5.0  # largest cell over smallest
+CELL_GROWTH = 1.25  # of neighbouring cells; more costs accuracy at the transition
+MAX_CELL_RATIO = 5.0  # largest cell over smallest
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,14 +38,14 @@ class HexMesh:
     axes_mm: tuple[Field, Field, Field] | None = None
 
     @property
-    def held(self) -> NDArray[np.bool_]:
+    def fixed(self) -> NDArray[np.bool_]:
         """Displacements (n, 3) that are zero: of the base, and across mirrors."""
-        held = np.zeros(self.nodes_mm.shape, dtype=bool)
-        held[self.base] = True
+        mask = np.zeros(self.nodes_mm.shape, dtype=bool)
+        mask[self.base] = True
         for axis, mirror in enumerate(self.mirrors):
             if mirror:
-                held[:, axis] |= self.nodes_mm[:, axis] == 0.0
-        return held
+                mask[:, axis] |= self.nodes_mm[:, axis] == 0.0
+        return mask
 
     @property
     def copies(self) -> int:
@@ -64,15 +64,15 @@ class HexMesh:
 
     @property
     def free_dofs(self) -> int:
-        return int((~self.held).sum())
+        return int((~self.fixed).sum())
 
 
 def block_mesh(
     skin: SkinDimensions,
     spacing_mm: float,
-    focus: Box | None = None,
+    focus: FocusBox | None = None,
     mirrors: tuple[bool, bool] = (False, False),
-    growth: float = GROWTH,
+    growth: float = CELL_GROWTH,
 ) -> HexMesh:
     """A block width x length x thickness; the edges' fillet and the frame are left out.
 
@@ -98,9 +98,9 @@ def block_mesh(
 def unknowns(
     skin: SkinDimensions,
     spacing_mm: float,
-    focus: Box,
+    focus: FocusBox,
     mirrors: tuple[bool, bool],
-    growth: float = GROWTH,
+    growth: float = CELL_GROWTH,
 ) -> int:
     """About how many displacements `block_mesh` would leave free: those across mirrors count."""
     x, y, z = _axes(skin, spacing_mm, focus, mirrors, growth)
@@ -110,9 +110,9 @@ def unknowns(
 def _axes(
     skin: SkinDimensions,
     spacing_mm: float,
-    focus: Box | None,
+    focus: FocusBox | None,
     mirrors: tuple[bool, bool],
-    growth: float = GROWTH,
+    growth: float = CELL_GROWTH,
 ) -> tuple[Field, Field, Field]:
     halves = skin.opening_half_mm
     axes = []
@@ -161,17 +161,17 @@ def _graded(
     a, b = max(low, min(inner_low, high - spacing)), min(high, max(inner_high, low + spacing))
     count = max(1, math.ceil((b - a) / spacing - 1e-9))
     # A whole number of cells, where there is room: meshes are then as fine as they say.
-    more = count * spacing - (b - a)
+    excess = count * spacing - (b - a)
     if a > low and b < high:
-        a, b = max(low, a - more / 2), min(high, b + more / 2)
+        a, b = max(low, a - excess / 2), min(high, b + excess / 2)
     elif b < high:
-        b = min(high, b + more)
+        b = min(high, b + excess)
     elif a > low:
-        a = max(low, a - more)
+        a = max(low, a - excess)
     middle = np.linspace(a, b, count + 1)
-    left = a - _growing(a - low, spacing, growth)[::-1]
-    right = b + _growing(high - b, spacing, growth)
-    return np.concatenate([left, middle, right])
+    lower = a - _growing(a - low, spacing, growth)[::-1]
+    upper = b + _growing(high - b, spacing, growth)
+    return np.concatenate([lower, middle, upper])
 
 
 def _growing(length: float, spacing: float, growth: float) -> Field:
@@ -181,7 +181,7 @@ def _growing(length: float, spacing: float, growth: float) -> Field:
     steps: list[float] = []
     step = spacing
     while sum(steps) < length:
-        step = min(step * growth, spacing * COARSEST)
+        step = min(step * growth, spacing * MAX_CELL_RATIO)
         steps.append(step)
     # One step fewer where that is nearer; then all are scaled to fit.
     if len(steps) > 1 and length - sum(steps[:-1]) < sum(steps) - length:

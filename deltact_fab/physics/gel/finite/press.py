@@ -16,15 +16,15 @@ from .assembly import BulkAssembly, Pattern
 from .distance import blunted
 from .linear import SolverName, make_solver
 from .material import Memory, NeoHooke, Viscosity
-from .mesh import Box, HexMesh, block_mesh
+from .mesh import FocusBox, HexMesh, block_mesh
 from .newton import Equilibrium, descend
-from .state import FiniteState, Guide, start_of
+from .state import FiniteState, Guide, predict_start
 from .surface import FrictionGrip, Surface
 
 HIDDEN_LIMIT = 0.75  # of the depth, or of what is inside the resting gel; beyond, a tip hides
 
 
-def refuse_lost(
+def require_contact(
     surface: Surface, indenter: Indenter, cell_mm: float, previous: FiniteState, state: FiniteState
 ) -> None:
     """Raises SolverError where a tip hides in the mesh or contact is lost on the way down.
@@ -41,8 +41,8 @@ def refuse_lost(
             f"{cell_mm:.2g} mm, a finer mesh is needed"
         )
     # A thin tip may pass through the gel whole: then it is as deep inside as at rest.
-    still = np.zeros_like(state.displacement_mm)
-    unmoved = surface.deepest_mm(still, np.array(state.tip_mm))
+    undisplaced = np.zeros_like(state.displacement_mm)
+    unmoved = surface.deepest_mm(undisplaced, np.array(state.tip_mm))
     if penetration > max(HIDDEN_LIMIT * min(depth, unmoved), float(surface.width_mm.max())):
         raise SolverError(
             f"press: {indenter.name} is {penetration:.2g} mm inside the gel at depth {depth:g} mm: "
@@ -57,11 +57,14 @@ def refuse_lost(
         )
 
 
-TOLERANCE = 1e-8  # of `IncrementDiagnostics.residual`
-MAX_CUTS = 6  # halvings of one increment
-SHARP, MANY = 2.0, 5  # cells: least radius that 2 x 2 points a face can feel, and else how many
-LONGEST = 1.0  # cells that a node may move in one iteration, over twice the tip's own move
-FLOOR = 1e-2  # x E x thickness x cell size: least force that a residual is compared with
+NEWTON_TOLERANCE = 1e-8  # of `IncrementDiagnostics.residual`
+MAX_FINITE_CUTS = 6  # halvings of one increment
+SHARP_CELLS, SHARP_POINTS = (
+    2.0,
+    5,
+)  # cells: least radius that 2 x 2 points a face can feel, and else how many
+MAX_MOVE_CELLS = 1.0  # cells that a node may move in one iteration, over twice the tip's own move
+FORCE_FLOOR = 1e-2  # x E x thickness x cell size: least force that a residual is compared with
 
 
 class FinitePress:
@@ -83,25 +86,27 @@ class FinitePress:
     ) -> None:
         self.mesh, self.indenter = mesh, indenter
         self.friction = material.friction if friction is None else friction
-        self.tolerance = TOLERANCE
-        self.law = NeoHooke.of(material)
-        self.viscosity = Viscosity.of(material, self.law)
-        self.pattern = Pattern(mesh, ~mesh.held)
+        self.tolerance = NEWTON_TOLERANCE
+        self.law = NeoHooke.from_material(material)
+        self.viscosity = Viscosity.from_material(material, self.law)
+        self.pattern = Pattern(mesh, ~mesh.fixed)
         self.bulk = BulkAssembly(mesh, self.law, self.pattern)
         face_mm = _smallest_face_mm(mesh)
-        sharp = indenter.edge_radius_mm < SHARP * face_mm
-        points = points or (MANY if sharp else 2)
-        felt = blunted(indenter, face_mm)
-        self.surface = Surface(mesh, self.pattern, felt, material.modulus_mpa, points)
+        sharp = indenter.edge_radius_mm < SHARP_CELLS * face_mm
+        points = points or (SHARP_POINTS if sharp else 2)
+        rounded = blunted(indenter, face_mm)
+        self.surface = Surface(mesh, self.pattern, rounded, material.modulus_mpa, points)
         self.solver = make_solver(solver)
         self._rest_data = self.bulk.evaluate(np.zeros_like(mesh.nodes_mm)).data
         cell = self._cell_mm = float(np.sqrt(self.surface.weights_mm2.sum(axis=1).min()))
-        self.floor_n = FLOOR * material.modulus_mpa * cell * float(np.ptp(mesh.nodes_mm[:, 2]))
+        self.floor_n = (
+            FORCE_FLOOR * material.modulus_mpa * cell * float(np.ptp(mesh.nodes_mm[:, 2]))
+        )
 
     @classmethod
     def on_block(
         cls, skin: SkinDimensions, material: GelMaterial, indenter: Indenter, spacing_mm: float,
-        focus: Box | None = None, mirrors: tuple[bool, bool] = (False, False),
+        focus: FocusBox | None = None, mirrors: tuple[bool, bool] = (False, False),
         solver: SolverName = "auto",
     ) -> FinitePress:  # fmt: skip
         """On a block of a skin, meshed as `block_mesh` does."""
@@ -118,11 +123,11 @@ class FinitePress:
         return force, torque
 
     def rest(self, tip_mm: Point = (0.0, 0.0, 0.0)) -> FiniteState:
-        at = self.surface.weights_mm2.shape
+        shape = self.surface.weights_mm2.shape
         nothing = (0.0, 0.0, 0.0)
         return FiniteState(
-            tip_mm, np.zeros_like(self.mesh.nodes_mm), np.zeros((*at, 3)), np.zeros(at),
-            np.zeros((*at, 3)), nothing, nothing, nothing, 0, np.zeros(len(self.mesh.cells)),
+            tip_mm, np.zeros_like(self.mesh.nodes_mm), np.zeros((*shape, 3)), np.zeros(shape),
+            np.zeros((*shape, 3)), nothing, nothing, nothing, 0, np.zeros(len(self.mesh.cells)),
         )  # fmt: skip
 
     def solve(
@@ -147,33 +152,33 @@ class FinitePress:
                 "a sudden one, inf for long rest"
             )
         start, move = np.array(previous.tip_mm), np.array(tip_mm) - np.array(previous.tip_mm)
-        done, part, cuts = 0.0, 1.0, 0
+        fraction, part, cuts = 0.0, 1.0, 0
         state, parts = previous, []
         change = None if guide is None else guide.change(previous.tip_mm, tip_mm)
-        while done < 1.0:
-            goal = min(1.0, done + part)
+        while fraction < 1.0:
+            goal = min(1.0, fraction + part)
             tip = start + goal * move
-            memory = self._memory(state, seconds, goal - done)
+            memory = self._memory(state, seconds, goal - fraction)
             try:
-                at = tip_mm if goal == 1.0 else _point(tip)
-                state = self._increment(state, at, memory, change)
-            except SolverError as why:
+                target = tip_mm if goal == 1.0 else _point(tip)
+                state = self._increment(state, target, memory, change)
+            except SolverError as error:
                 if change is not None:
                     change = None
                     continue
                 cuts += 1
                 part /= 2
-                if part < 2.0**-MAX_CUTS and part * np.linalg.norm(move) < self._cell_mm:
+                if part < 2.0**-MAX_FINITE_CUTS and part * np.linalg.norm(move) < self._cell_mm:
                     raise SolverError(
-                        f"press: {self.indenter.name} at {_text(_point(tip))}: {why}; "
-                        f"{MAX_CUTS} halvings of the increment did not help"
-                    ) from why
+                        f"press: {self.indenter.name} at {_text(_point(tip))}: {error}; "
+                        f"{MAX_FINITE_CUTS} halvings of the increment did not help"
+                    ) from error
                 continue
             change = None
             parts.append(state.diagnostics)
-            done = goal
-        refuse_lost(self.surface, self.indenter, self._cell_mm, previous, state)
-        work = IncrementDiagnostics.over(parts)
+            fraction = goal
+        require_contact(self.surface, self.indenter, self._cell_mm, previous, state)
+        work = IncrementDiagnostics.combine(parts)
         return replace(state, diagnostics=replace(work, cuts=cuts))
 
     def _memory(self, state: FiniteState, seconds: float | None, part: float) -> Memory | None:
@@ -198,36 +203,40 @@ class FinitePress:
         stays: first order in the increment, as friction is anyway.
         """
         tip = np.array(tip_mm)
-        u, pressure = start_of(self.bulk, previous, tip, self._cell_mm, change)
-        moved = tip - np.array(previous.tip_mm)
-        grip = self._grip(previous, moved) if self.friction > 0 and tip_mm[2] > 0 else None
-        longest = LONGEST * self._cell_mm + 2 * float(np.abs(moved).max())
+        u, pressure = predict_start(self.bulk, previous, tip, self._cell_mm, change)
+        move = tip - np.array(previous.tip_mm)
+        grip = self._grip(previous, move) if self.friction > 0 and tip_mm[2] > 0 else None
+        longest = MAX_MOVE_CELLS * self._cell_mm + 2 * float(np.abs(move).max())
 
-        def solved(grip: FrictionGrip | None, start: Field, cells: Field) -> newton.NewtonSolution:
-            at = Equilibrium(self.bulk, self.surface, tip, grip, memory, self.floor_n)
+        def solve_newton(
+            grip: FrictionGrip | None, start: Field, cells: Field
+        ) -> newton.NewtonSolution:
+            system = Equilibrium(self.bulk, self.surface, tip, grip, memory, self.floor_n)
             return newton.solve(
-                at, start, cells, self.solver, self.pattern, self.tolerance, longest
+                system, start, cells, self.solver, self.pattern, self.tolerance, longest
             )
 
         lagged = 0
         try:
-            found = solved(grip, u[self.pattern.free], pressure)
+            solution = solve_newton(grip, u[self.pattern.free], pressure)
         except SolverError:
-            if change is not None or float(np.linalg.norm(moved)) > self._cell_mm * (1 + 1e-9):
+            if change is not None or float(np.linalg.norm(move)) > self._cell_mm * (1 + 1e-9):
                 raise  # from far away there may be several minima; shorter increments tell
-            held = grip and replace(grip, bound_mpa=grip.friction * previous.pressure_mpa)
-            at = Equilibrium(self.bulk, self.surface, tip, held, memory, self.floor_n)
+            fixed_bound = grip and replace(grip, bound_mpa=grip.friction * previous.pressure_mpa)
+            problem = Equilibrium(self.bulk, self.surface, tip, fixed_bound, memory, self.floor_n)
             low = descend(
-                at, u[self.pattern.free], self.solver, self.pattern, self._rest_data, longest
+                problem, u[self.pattern.free], self.solver, self.pattern, self._rest_data, longest
             )
-            found = solved(held, low.free_mm, low.pressure_mpa).after(low)
+            solution = solve_newton(fixed_bound, low.free_mm, low.pressure_mpa).add_work(low)
             if grip is not None:
                 try:
-                    found = solved(grip, found.free_mm, found.pressure_mpa).after(found)
+                    solution = solve_newton(grip, solution.free_mm, solution.pressure_mpa).add_work(
+                        solution
+                    )
                 except SolverError:
-                    grip, lagged = held, 1
+                    grip, lagged = fixed_bound, 1
         return self._state(
-            previous, tip_mm, self.pattern.whole(found.free_mm), grip, found, memory, lagged
+            previous, tip_mm, self.pattern.expand(solution.free_mm), grip, solution, memory, lagged
         )
 
     def _grip(self, previous: FiniteState, move: Field) -> FrictionGrip:
@@ -237,35 +246,35 @@ class FinitePress:
         gap, t = gap / (move . normal); from there on it slips. So a point that just sinks before
         the tip has not slipped at all when it is met.
         """
-        before = np.array(previous.tip_mm)
-        at = self.surface.points(previous.displacement_mm, before)
-        seen = self.surface.evaluate(previous.displacement_mm, before, tangent=False)
-        pressure, normal = seen.pressure_mpa, seen.gap.normal.reshape(at.shape)
-        held = pressure > 0
-        free_gap = np.maximum(seen.gap.distance_mm.reshape(pressure.shape), 0.0)
+        start = np.array(previous.tip_mm)
+        points = self.surface.points(previous.displacement_mm, start)
+        contact = self.surface.evaluate(previous.displacement_mm, start, tangent=False)
+        pressure, normal = contact.pressure_mpa, contact.gap.normal.reshape(points.shape)
+        touching = pressure > 0
+        free_gap = np.maximum(contact.gap.distance_mm.reshape(pressure.shape), 0.0)
         closing = normal @ move
         t = np.divide(free_gap, closing, out=np.ones_like(closing), where=closing > free_gap)
-        coming = ~held & (t < 1)
-        at = np.where(coming[..., None], at - t[..., None] * move, at)
-        normal = self.surface.normals(at)
-        return FrictionGrip(at, previous.slip_mm, normal, held | coming, self.friction)
+        coming = ~touching & (t < 1)
+        points = np.where(coming[..., None], points - t[..., None] * move, points)
+        normal = self.surface.normals(points)
+        return FrictionGrip(points, previous.slip_mm, normal, touching | coming, self.friction)
 
     def _state(
         self, previous: FiniteState, tip_mm: Point, u: Field, grip: FrictionGrip | None,
-        found: newton.NewtonSolution, memory: Memory | None, lagged: int,
+        solution: newton.NewtonSolution, memory: Memory | None, lagged: int,
     ) -> FiniteState:  # fmt: skip
         tip = np.array(tip_mm)
         bulk = self.bulk.evaluate(u, False, memory=memory)
         pressure = self.law.volumetric(bulk.jbar)[1]
         contact = self.surface.evaluate(u, tip, grip, tangent=False)
         pull = -contact.force_n
-        where = self.mesh.nodes_mm + u
+        nodes_mm = self.mesh.nodes_mm + u
         diagnostics = IncrementDiagnostics(
-            iterations=found.iterations,
-            factorisations=found.factorisations,
-            damped=found.damped,
+            iterations=solution.iterations,
+            factorisations=solution.factorisations,
+            damped=solution.damped,
             lagged=lagged,
-            residual=found.residual,
+            residual=solution.residual,
             penetration_mm=self.surface.deepest_mm(u, tip) if tip_mm[2] > 0 else 0.0,
             least_j=bulk.least_j,
             most_stretch=self._most_stretch(u),
@@ -281,7 +290,7 @@ class FinitePress:
             pressure_mpa=contact.pressure_mpa,
             shear_mpa=contact.shear_mpa,
             force_n=_point(pull.sum(axis=0)),
-            torque_nmm=_point(np.cross(where, pull).sum(axis=0)),
+            torque_nmm=_point(np.cross(nodes_mm, pull).sum(axis=0)),
             base_force_n=_point(bulk.force_n[self.mesh.base].sum(axis=0)),
             contact_points=int((contact.pressure_mpa > 0).sum()),
             cell_pressure_mpa=pressure,

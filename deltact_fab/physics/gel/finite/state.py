@@ -15,7 +15,7 @@ from .mesh import HexMesh
 
 PENETRATION_LIMIT = 0.05  # of the depth; beyond, a state is not `trusted`
 
-UNSTRETCHED = IncrementDiagnostics(most_stretch=1.0)
+REST_DIAGNOSTICS = IncrementDiagnostics(most_stretch=1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class FiniteState:
     base_force_n: Point
     contact_points: int
     cell_pressure_mpa: Field
-    diagnostics: IncrementDiagnostics = UNSTRETCHED
+    diagnostics: IncrementDiagnostics = REST_DIAGNOSTICS
     rate: tuple[Field, Field, Field] | None = None
     overstress_mpa: Field | None = None
 
@@ -56,7 +56,7 @@ class FiniteState:
         return d.penetration_mm <= inside_mm and not d.lagged
 
 
-SAME_MM = 1e-6  # tips no further apart are one
+SAME_TIP_MM = 1e-6  # tips no further apart are one
 
 
 class Guide:
@@ -83,12 +83,14 @@ class Guide:
             return None
         self._next = first
         a, b = self._states[first], self._states[last]
-        moved = _laid(b.displacement_mm - a.displacement_mm, self._nodes)
-        return moved, _laid((b.cell_pressure_mpa - a.cell_pressure_mpa)[:, None], self._cells)[:, 0]
+        shift_mm = _interpolate(b.displacement_mm - a.displacement_mm, self._nodes)
+        return shift_mm, _interpolate(
+            (b.cell_pressure_mpa - a.cell_pressure_mpa)[:, None], self._cells
+        )[:, 0]
 
     def _index(self, tip_mm: Point, start: int) -> int | None:
         for k in range(start, len(self._states)):
-            if np.allclose(self._states[k].tip_mm, tip_mm, rtol=0, atol=SAME_MM):
+            if np.allclose(self._states[k].tip_mm, tip_mm, rtol=0, atol=SAME_TIP_MM):
                 return k
         return None
 
@@ -98,19 +100,19 @@ def _linear(at_mm: Field, to_mm: Field) -> Field:
     return np.stack([np.interp(to_mm, at_mm, unit) for unit in np.eye(len(at_mm))], axis=1)
 
 
-def _laid(values: Field, weights: Sequence[Field]) -> Field:
+def _interpolate(values: Field, weights: Sequence[Field]) -> Field:
     """Values (points, k) of a block, x fastest and z slowest, at the points of another."""
     x, y, z = weights
     grid = values.reshape(z.shape[1], y.shape[1], x.shape[1], -1)
-    found = np.einsum("ai,bj,ck,ijkd->abcd", z, y, x, grid, optimize=True)
-    return np.asarray(found.reshape(-1, grid.shape[-1]))
+    mapped = np.einsum("ai,bj,ck,ijkd->abcd", z, y, x, grid, optimize=True)
+    return np.asarray(mapped.reshape(-1, grid.shape[-1]))
 
 
-PREDICTABLE = 0.75  # of the smallest cell: longest move that is extrapolated
-KEPT = 0.2  # of the least volume ratio, by which a start may crush a cell
+PREDICTABLE_CELLS = 0.75  # of the smallest cell: longest move that is extrapolated
+MIN_VOLUME_SHARE = 0.2  # of the least volume ratio, by which a start may crush a cell
 
 
-def start_of(
+def predict_start(
     bulk: BulkAssembly,
     previous: FiniteState,
     tip_mm: Field,
@@ -123,16 +125,16 @@ def start_of(
     """
     u, pressure = previous.displacement_mm, previous.cell_pressure_mpa
     if change is None:
-        share = _share(previous, tip_mm, cell_mm)
+        share = _repeat_share(previous, tip_mm, cell_mm)
         if previous.rate is None or share == 0:
             return u, pressure
         change = share * previous.rate[0], share * previous.rate[2]
     trial = u + change[0]
-    kept = bulk.evaluate(trial, False).least_j > KEPT * previous.diagnostics.least_j
-    return (trial, pressure + change[1]) if kept else (u, pressure)
+    usable = bulk.evaluate(trial, False).least_j > MIN_VOLUME_SHARE * previous.diagnostics.least_j
+    return (trial, pressure + change[1]) if usable else (u, pressure)
 
 
-def _share(previous: FiniteState, tip_mm: Field, cell_mm: float) -> float:
+def _repeat_share(previous: FiniteState, tip_mm: Field, cell_mm: float) -> float:
     """How much of the last increment is repeated; 0 where the path turns or the move is long.
 
     On the way back the contact does not open as it closed. A move of a cell or more shears cells so
@@ -140,9 +142,9 @@ def _share(previous: FiniteState, tip_mm: Field, cell_mm: float) -> float:
     """
     if previous.rate is None:
         return 0.0
-    moved = previous.rate[1]
+    last_move = previous.rate[1]
     move = tip_mm - np.array(previous.tip_mm)
-    length2, goal2 = float(moved @ moved), float(move @ move)
-    along = float(move @ moved) / length2 if length2 > 0 else 0.0
+    length2, goal2 = float(last_move @ last_move), float(move @ move)
+    along = float(move @ last_move) / length2 if length2 > 0 else 0.0
     turned = along <= 0 or along**2 * length2 < 0.9 * goal2
-    return 0.0 if turned or goal2 > (PREDICTABLE * cell_mm) ** 2 else min(along, 2.0)
+    return 0.0 if turned or goal2 > (PREDICTABLE_CELLS * cell_mm) ** 2 else min(along, 2.0)

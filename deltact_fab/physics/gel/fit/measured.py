@@ -12,8 +12,8 @@ import numpy as np
 
 from deltact_fab.common import Field, InputError, read_text
 
-COLUMNS = ("depth_mm", "normal_n")
-SHEAR = ("shear_x_mm", "shear_y_mm")
+PRESS_COLUMNS = ("depth_mm", "normal_n")
+SHEAR_COLUMNS = ("shear_x_mm", "shear_y_mm")
 MIN_ROWS = 6
 STILL_MM = 0.02  # no stage repeats better: a smaller move is no shear
 
@@ -40,16 +40,18 @@ def read_press_csv(path: Path | str) -> MeasuredIndentation:
     lines = _lines(read_text(path))
     number, header = next(lines, (0, []))
     if not header:
-        raise InputError(f"{path}: empty; a header with {', '.join(COLUMNS)} is needed")
-    for name in (*COLUMNS, *SHEAR):
+        raise InputError(f"{path}: empty; a header with {', '.join(PRESS_COLUMNS)} is needed")
+    for name in (*PRESS_COLUMNS, *SHEAR_COLUMNS):
         if header.count(name) > 1:
             raise InputError(f"{path}:{number}: column {name} occurs twice; once is needed")
-        if name in COLUMNS and name not in header:
+        if name in PRESS_COLUMNS and name not in header:
             raise InputError(
                 f"{path}:{number}: no column {name}; found {', '.join(header)}; "
-                f"{' and '.join(COLUMNS)} are needed"
+                f"{' and '.join(PRESS_COLUMNS)} are needed"
             )
-    place = {name: header.index(name) for name in (*COLUMNS, *SHEAR) if name in header}
+    place = {
+        name: header.index(name) for name in (*PRESS_COLUMNS, *SHEAR_COLUMNS) if name in header
+    }
     rows = []
     for number, cells in lines:
         if len(cells) != len(header):
@@ -59,14 +61,14 @@ def read_press_csv(path: Path | str) -> MeasuredIndentation:
             )
         rows.append([_number(path, number, name, cells[i]) for name, i in place.items()])
     table = np.array(rows).reshape(len(rows), len(place))
-    moved = np.logical_or.accumulate((np.abs(table[:, 2:]) > STILL_MM).any(axis=1))
-    depth_mm, normal_n = table[~moved, :2].T
+    dragged = np.logical_or.accumulate((np.abs(table[:, 2:]) > STILL_MM).any(axis=1))
+    depth_mm, normal_n = table[~dragged, :2].T
     if len(depth_mm) < MIN_ROWS:
         raise InputError(
             f"{path}: {len(depth_mm)} rows of a straight press; at least {MIN_ROWS} are needed"
         )
     _check_signs(path, depth_mm, normal_n)
-    return MeasuredIndentation(path.name, depth_mm, normal_n, int(moved.sum()))
+    return MeasuredIndentation(path.name, depth_mm, normal_n, int(dragged.sum()))
 
 
 def _lines(text: str) -> Iterator[tuple[int, list[str]]]:

@@ -18,9 +18,9 @@ from deltact_fab.sensor import BlockWindow, FreeBlock, Indenter
 
 from .. import time_limit
 
-MAX_ITERATIONS = 4000
+MAX_CONTACT_ITERATIONS = 4000
 _POWER_STEPS = 12  # to the largest eigenvalue: the uniform start is already close to it
-MUCH = 0.7  # of a set of nodes: a smaller part of it has an eigenvalue of its own
+SUBSET_SHARE = 0.7  # of a set of nodes: a smaller part of it has an eigenvalue of its own
 
 
 def normal_contact(
@@ -40,7 +40,7 @@ def normal_contact(
     applications = 1
     direction = np.zeros_like(p)
     old = 0.0
-    for _ in range(MAX_ITERATIONS):
+    for _ in range(MAX_CONTACT_ITERATIONS):
         time_limit.check()
         worst = normal_violation(gap, p)
         if worst <= goal_mm:
@@ -53,20 +53,20 @@ def normal_contact(
         image = operator.normal_of_pressure(direction)
         applications += 1
         step = float(np.vdot(residual, direction)) / float(np.vdot(direction, image))
-        moved = p - step * direction
-        clipped = bool(np.any(moved < 0))
+        stepped = p - step * direction
+        clipped = bool(np.any(stepped < 0))
         if clipped:
-            p = np.maximum(moved, 0.0)
+            p = np.maximum(stepped, 0.0)
             gap = rest_gap_mm + operator.normal_of_pressure(p)
             applications += 1
         else:
-            p = moved
+            p = stepped
             gap = gap - step * image
         # A changed set of active nodes ends the conjugacy.
         changed = clipped or bool(np.any((p == 0) & (gap < 0)))
         old = 0.0 if changed else new
     raise SolverError(
-        f"contact: pressure not converged after {MAX_ITERATIONS} iterations: "
+        f"contact: pressure not converged after {MAX_CONTACT_ITERATIONS} iterations: "
         f"violation {worst:.1e} mm, {goal_mm:.1e} mm is asked"
     )
 
@@ -76,7 +76,7 @@ class ShearComplianceBound:
 
     def __init__(self, operator: BlockWindow) -> None:
         self._operator = operator
-        self._known: tuple[NDArray[np.bool_], float] | None = None
+        self._last_bound: tuple[NDArray[np.bool_], float] | None = None
 
     def largest(self, active: NDArray[np.bool_]) -> tuple[float, int]:
         """An upper estimate on the active nodes (my, mx), and operator applications.
@@ -84,9 +84,9 @@ class ShearComplianceBound:
         That of a set is one of all its subsets too (Cauchy's interlacing), so the last serves as
         long as the set lies within it and is not much smaller.
         """
-        if self._known is not None:
-            nodes, value = self._known
-            if not (active & ~nodes).any() and active.sum() >= MUCH * nodes.sum():
+        if self._last_bound is not None:
+            nodes, value = self._last_bound
+            if not (active & ~nodes).any() and active.sum() >= SUBSET_SHARE * nodes.sum():
                 return value, 0
         nodes = binary_dilation(active)
         # The kernel is positive and long-ranged, so the uniform vector is close to the extreme one.
@@ -95,7 +95,7 @@ class ShearComplianceBound:
         for _ in range(_POWER_STEPS):
             v = self._operator.shear_of_shear(v / np.linalg.norm(v)) * nodes
             value = float(np.linalg.norm(v))
-        self._known = nodes, 1.02 * value
+        self._last_bound = nodes, 1.02 * value
         return 1.02 * value, _POWER_STEPS
 
 
@@ -121,7 +121,7 @@ def friction_contact(
     slip = operator.shear_of_shear(q) + free_slip_mm
     applications += 1
     ahead, ahead_slip, momentum = q, slip, 1.0
-    for _ in range(MAX_ITERATIONS):
+    for _ in range(MAX_CONTACT_ITERATIONS):
         time_limit.check()
         worst = float(np.abs(q - _on_disc(q - step * slip, bound_mpa)).max()) / step
         if worst <= goal_mm:
@@ -140,7 +140,7 @@ def friction_contact(
         ahead_slip = slip_new + weight * (slip_new - slip)
         q, slip = q_new, slip_new
     raise SolverError(
-        f"contact: friction not converged after {MAX_ITERATIONS} iterations: "
+        f"contact: friction not converged after {MAX_CONTACT_ITERATIONS} iterations: "
         f"violation {worst:.1e} mm, {goal_mm:.1e} mm is asked"
     )
 
@@ -156,7 +156,7 @@ def _on_disc(q: Field, bound: Field) -> Field:
     return q * np.where(size > bound, bound / np.where(size > 0, size, 1.0), 1.0)
 
 
-MARGIN = 3  # nodes around those below the indenter
+MARGIN_NODES = 3  # nodes around those below the indenter
 
 
 @dataclass
@@ -219,16 +219,16 @@ def footprint(
     return rows, columns, xx, yy
 
 
-def span(which: NDArray[np.bool_]) -> slice:
+def span(mask: NDArray[np.bool_]) -> slice:
     """The slice from the first to the last True."""
-    found = np.flatnonzero(which)
-    return slice(int(found[0]), int(found[-1]) + 1) if found.size else slice(0, 0)
+    indices = np.flatnonzero(mask)
+    return slice(int(indices[0]), int(indices[-1]) + 1) if indices.size else slice(0, 0)
 
 
-def _widened(within: slice, which: NDArray[np.bool_], n: int) -> slice:
+def _widened(within: slice, mask: NDArray[np.bool_], n: int) -> slice:
     """The span of `which` inside `within`, with a margin and a size rounded up to 8 nodes."""
-    near = span(which)
-    start, stop = within.start + near.start - MARGIN, within.start + near.stop + MARGIN
+    near = span(mask)
+    start, stop = within.start + near.start - MARGIN_NODES, within.start + near.stop + MARGIN_NODES
     size = min(n, 8 * math.ceil((stop - start) / 8))
     start = min(max(0, start - (size - (stop - start)) // 2), n - size)
     return slice(start, start + size)

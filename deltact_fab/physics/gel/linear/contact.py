@@ -85,23 +85,23 @@ class Mixer:
         self._trials: list[Field] = []
         self._errors: list[Field] = []
 
-    def next(self, trial: Field, found: Field) -> Field:
+    def next(self, trial: Field, output: Field) -> Field:
         """The next trial, after `trial` gave `found`; arrays of any one shape."""
-        self._trials.append(found.ravel())
-        self._errors.append((found - trial).ravel())
+        self._trials.append(output.ravel())
+        self._errors.append((output - trial).ravel())
         del self._trials[: -self._memory], self._errors[: -self._memory]
         if len(self._errors) < 2:
-            return found
+            return output
         steps = np.stack([e - self._errors[-1] for e in self._errors[:-1]], axis=1)
         weights, *_ = np.linalg.lstsq(steps, -self._errors[-1], rcond=1e-8)
         moves = np.stack([t - self._trials[-1] for t in self._trials[:-1]], axis=1)
-        return (self._trials[-1] + moves @ weights).reshape(found.shape)
+        return (self._trials[-1] + moves @ weights).reshape(output.shape)
 
 
-SMALL_STRAIN = 0.10  # of the thickness
+SMALL_STRAIN_DEPTH = 0.10  # of the thickness
 
 
-class _Solved(NamedTuple):
+class _PatchSolution(NamedTuple):
     """Pressure (my, mx), shear (2, my, mx), of it what a drag added, and the worst violation over
     the depth."""
 
@@ -123,7 +123,7 @@ class LinearContact:
     @staticmethod
     def is_large_strain(depth_mm: float, thickness_mm: float) -> bool:
         """Whether the in-plane field of a press to that depth is no longer to be trusted."""
-        return depth_mm > SMALL_STRAIN * thickness_mm * (1 + 1e-9)
+        return depth_mm > SMALL_STRAIN_DEPTH * thickness_mm * (1 + 1e-9)
 
     def __init__(
         self,
@@ -141,9 +141,9 @@ class LinearContact:
 
     def rest(self, tip_mm: Point = (0.0, 0.0, 0.0)) -> ContactState:
         scalar, plane = np.zeros(self.face.shape), np.zeros((*self.face.shape, 2))
-        nothing, still = (0.0, 0.0, 0.0), np.zeros((*self.face.shape, 3))
+        nothing, displacement = (0.0, 0.0, 0.0), np.zeros((*self.face.shape, 3))
         return ContactState(
-            tip_mm, scalar, plane, still, plane.copy(), plane.copy(), nothing, nothing
+            tip_mm, scalar, plane, displacement, plane.copy(), plane.copy(), nothing, nothing
         )  # fmt: skip
 
     def solve(self, previous: ContactState, tip_mm: Point) -> ContactState:
@@ -172,64 +172,66 @@ class LinearContact:
 
     # -- the coupled problem ---------------------------------------------------------------------
 
-    def _solve_patch(self, patch: Patch, previous: ContactState, tip: Point) -> _Solved:
+    def _solve_patch(self, patch: Patch, previous: ContactState, tip: Point) -> _PatchSolution:
         op, depth = patch.operator, tip[2]
-        at = (patch.rows, patch.columns)
+        window = (patch.rows, patch.columns)
         goal = self.tolerance * depth
-        p = previous.pressure_mpa[at]
+        p = previous.pressure_mpa[window]
         none = np.zeros((2, *op.shape))
         if self.friction == 0:
             gap = patch.height_mm(none) - depth
-            p, worst, used = normal_contact(op, np.where(np.isfinite(gap), p, 0.0), gap, goal / 4)
-            self._applications += used
-            return _Solved(p, none, none, worst / depth)
+            p, worst, applications = normal_contact(
+                op, np.where(np.isfinite(gap), p, 0.0), gap, goal / 4
+            )
+            self._applications += applications
+            return _PatchSolution(p, none, none, worst / depth)
         travel = _travel(previous.tip_mm, tip)
         dragged = bool(travel.any() or previous.drag_mm.any())
-        before, dragged_before, q, more = (
-            np.moveaxis(field[at], -1, 0)[:2]
+        u_before, drag_before, q, drag = (
+            np.moveaxis(field[window], -1, 0)[:2]
             for field in (
                 previous.displacement_mm, previous.drag_mm, previous.shear_mpa, previous.drag_mpa
             )
         )  # fmt: skip
-        alone = q - more
-        target, held = before + travel[:, None, None], before - dragged_before
+        alone = q - drag
+        target, target_alone = u_before + travel[:, None, None], u_before - drag_before
         # What pressure and friction tell each other: drag in plane (2) and lift by shear (1).
-        trial = np.concatenate([dragged_before, op.normal_of_shear(q)[None]])
+        trial = np.concatenate([drag_before, op.normal_of_shear(q)[None]])
         mixer, compliance = Mixer(), ShearComplianceBound(op)
 
         def rub(
             shear: Field, free_slip: Field, bound: Field, goal_mm: float
         ) -> tuple[Field, Field, float]:
             """Shear and slip (2, my, mx) and the worst violation (mm), counted."""
-            q, slip, worst, used = friction_contact(
+            q, slip, worst, count = friction_contact(
                 op, shear, free_slip, bound, goal_mm, compliance
             )
-            self._applications += used
+            self._applications += count
             return q, slip, worst
 
         inner = 1e-3 * depth
         for i in range(1, self.max_alternations + 1):
             gap = patch.height_mm(trial[:2]) - depth + trial[2]
-            p, _, used = normal_contact(op, np.where(np.isfinite(gap), p, 0.0), gap, inner)
-            self._applications += used
+            p, _, applications = normal_contact(op, np.where(np.isfinite(gap), p, 0.0), gap, inner)
+            self._applications += applications
             spread, bound = op.shear_of_pressure(p), self.friction * p
             q, slip, worst = rub(q, spread - target, bound, inner)
-            found = np.zeros_like(trial)
+            output = np.zeros_like(trial)
             if dragged:
-                alone, slip_alone, worst_alone = rub(alone, spread - held, bound, inner)
+                alone, slip_alone, worst_alone = rub(alone, spread - target_alone, bound, inner)
                 worst = max(worst, worst_alone)
-                found[:2] = (target + slip) - (held + slip_alone)
-            found[2] = op.normal_of_shear(q)
-            gap = patch.height_mm(found[:2]) - depth + found[2] + op.normal_of_pressure(p)
+                output[:2] = (target + slip) - (target_alone + slip_alone)
+            output[2] = op.normal_of_shear(q)
+            gap = patch.height_mm(output[:2]) - depth + output[2] + op.normal_of_pressure(p)
             self._applications += 3
             worst = max(normal_violation(gap, p), worst)
             if worst <= goal:
-                return _Solved(p, q, q - alone if dragged else none, worst / depth)
+                return _PatchSolution(p, q, q - alone if dragged else none, worst / depth)
             inner = max(goal / 4, min(0.02 * worst, inner))
             if 2 * i == self.max_alternations:
                 # A node that comes and goes spoils a long memory.
                 mixer = Mixer(memory=2)
-            trial = mixer.next(trial, found)
+            trial = mixer.next(trial, output)
         raise SolverError(
             f"contact: pressure and friction do not agree after {self.max_alternations} "
             f"alternations at depth {depth:g} mm: {worst / depth:.1e} of the depth, "
@@ -239,15 +241,17 @@ class LinearContact:
 
     # -- the result ------------------------------------------------------------------------------
 
-    def _state(self, patch: Patch, found: _Solved, tip: Point) -> tuple[ContactState, float]:
+    def _state(
+        self, patch: Patch, solution: _PatchSolution, tip: Point
+    ) -> tuple[ContactState, float]:
         """The state on the whole grid, and the worst penetration (mm) outside the patch."""
-        face, p = self.face, found.pressure
-        traction = np.concatenate([found.shear, -p[None]])
+        face, p = self.face, solution.pressure
+        traction = np.concatenate([solution.shear, -p[None]])
         u = face.apply_patch(traction, patch.rows.start, patch.columns.start)
         drag = np.zeros((*face.shape, 2))
-        if found.drag.any():
-            added = np.concatenate([found.drag, np.zeros_like(p)[None]])
-            drag = face.apply_patch(added, patch.rows.start, patch.columns.start)[..., :2]
+        if solution.drag.any():
+            drag_traction = np.concatenate([solution.drag, np.zeros_like(p)[None]])
+            drag = face.apply_patch(drag_traction, patch.rows.start, patch.columns.start)[..., :2]
         rows, columns, xx, yy = footprint(face, self.indenter, tip, drag)
         gap = self.indenter.height_mm(xx, yy) - tip[2] - u[rows, columns, 2]
         inside = np.zeros(face.shape, dtype=bool)
@@ -256,17 +260,20 @@ class LinearContact:
 
         contact = p > 0
         x, y = face.x_mm[patch.columns], face.y_mm[patch.rows]
-        at = (patch.rows, patch.columns)
-        height = patch.height_mm(np.moveaxis(drag[at], -1, 0))
+        window = (patch.rows, patch.columns)
+        height = patch.height_mm(np.moveaxis(drag[window], -1, 0))
         refuse_bad_contact(self.indenter, tip, height, contact)
-        arm = np.stack([*np.meshgrid(x, y), np.zeros(p.shape)]) + np.moveaxis(u[at], -1, 0)
+        arm = np.stack([*np.meshgrid(x, y), np.zeros(p.shape)]) + np.moveaxis(u[window], -1, 0)
         det = least_det(face, u, tip)
         force = traction.sum(axis=(1, 2)) * face.cell_mm2
         torque = np.cross(arm, traction, axis=0).sum(axis=(1, 2)) * face.cell_mm2
         pressure = np.zeros(face.shape)
-        shear, more = np.zeros((2, *face.shape, 2))
-        pressure[at] = p
-        shear[at], more[at] = np.moveaxis(found.shear, 0, -1), np.moveaxis(found.drag, 0, -1)
+        shear, drag_mpa = np.zeros((2, *face.shape, 2))
+        pressure[window] = p
+        shear[window], drag_mpa[window] = (
+            np.moveaxis(solution.shear, 0, -1),
+            np.moveaxis(solution.drag, 0, -1),
+        )
         flags: tuple[Note, ...] = ()
         if self.is_large_strain(tip[2], face.thickness_mm):
             text = (
@@ -276,8 +283,8 @@ class LinearContact:
             flags = (Note("small strain", text),)
         diagnostics = IncrementDiagnostics(
             iterations=self._applications,
-            residual=found.residual,
-            penetration_mm=found.residual * tip[2],
+            residual=solution.residual,
+            penetration_mm=solution.residual * tip[2],
             least_j=det,
             flags=flags,
         )
@@ -286,7 +293,7 @@ class LinearContact:
             pressure_mpa=pressure,
             shear_mpa=shear,
             displacement_mm=u,
-            drag_mpa=more,
+            drag_mpa=drag_mpa,
             drag_mm=drag,
             force_n=(float(force[0]), float(force[1]), float(force[2])),
             torque_nmm=(float(torque[0]), float(torque[1]), float(torque[2])),
@@ -296,10 +303,10 @@ class LinearContact:
         return state, outside
 
 
-def _travel(before: Point, now: Point) -> Field:
+def _travel(start: Point, end: Point) -> Field:
     """In-plane movement (2,) of the indenter while it touched: what lies above the face is free."""
-    share = 1.0 if before[2] >= 0 else now[2] / (now[2] - before[2])
-    return share * np.array([now[0] - before[0], now[1] - before[1]])
+    share = 1.0 if start[2] >= 0 else end[2] / (end[2] - start[2])
+    return share * np.array([end[0] - start[0], end[1] - start[1]])
 
 
 def _point(tip_mm: Point) -> Point:

@@ -73,8 +73,8 @@ def model_error(
 def refuse_out_of_range(face: FreeBlock, indenter: Indenter, tip_mm: Point) -> None:
     """Raises InputError for a tip that is deeper than the level reaches, or off the face."""
     x, y, depth = tip_mm
-    if why := _too_deep(face.thickness_mm, indenter, depth):
-        raise InputError(f"contact: {why}; level hyperelastic can")
+    if reason := _too_deep(face.thickness_mm, indenter, depth):
+        raise InputError(f"contact: {reason}; level hyperelastic can")
     dx, dy = face.spacing_mm
     half_x, half_y = face.x_mm[-1] + dx / 2, face.y_mm[-1] + dy / 2
     if abs(x) > half_x or abs(y) > half_y:
@@ -95,8 +95,8 @@ def refuse_bad_contact(
         raise SolverError(
             f"contact: {indenter.name} at depth {depth:g} mm found no node under pressure"
         )
-    beside = ndimage.binary_dilation(contact) & ~np.isfinite(height_mm)
-    if beside.any():
+    edge = ndimage.binary_dilation(contact) & ~np.isfinite(height_mm)
+    if edge.any():
         raise SolverError(
             f"contact: at depth {depth:g} mm the contact reaches the edge of "
             f"{indenter.name}, where its height field ends; less depth is needed"

@@ -36,7 +36,7 @@ class Increments:
         cuts = [0.0, 1.0]
         if min(start[2], end[2]) < 0 < max(start[2], end[2]):
             cuts.insert(1, start[2] / (start[2] - end[2]))
-        at = [0.0]
+        fractions = [0.0]
         for a, b in itertools.pairwise(cuts):
             dx, dy, dz = ((q - p) * (b - a) for p, q in zip(start, end, strict=True))
             z = (start[2] + f * (end[2] - start[2]) for f in (a, b))
@@ -45,27 +45,27 @@ class Increments:
                 math.ceil(abs(dz) / self.press_mm - 1e-9),
                 math.ceil(math.hypot(dx, dy) / self.shear_mm - 1e-9),
             )  # fmt: skip
-            at += [a + (b - a) * k / pieces for k in range(1, pieces + 1)]
-        where = []
-        for f in at:
+            fractions += [a + (b - a) * k / pieces for k in range(1, pieces + 1)]
+        points = []
+        for f in fractions:
             x, y, z_mm = (p + f * (q - p) for p, q in zip(start, end, strict=True))
-            where.append((x, y, 0.0 if abs(z_mm) < CONTACT_EPS_MM else z_mm))
-        return at, where
+            points.append((x, y, 0.0 if abs(z_mm) < CONTACT_EPS_MM else z_mm))
+        return fractions, points
 
     def poses(self, corners_mm: Sequence[Point]) -> tuple[KnotPose, ...]:
         """Poses of a way with corners (x, y, z), straight between them.
 
         The first corner is where the tip comes from. Ways through the air have no pose.
         """
-        found = []
+        knots = []
         for start, end in itertools.pairwise(corners_mm):
-            at, where = self.divide(start, end)
-            found += [
+            fractions, points = self.divide(start, end)
+            knots += [
                 KnotPose(tip, 0.0, f)
-                for f, tip in zip(at[1:], where[1:], strict=True)
+                for f, tip in zip(fractions[1:], points[1:], strict=True)
                 if tip[2] < 0
             ]
-        return tuple(found)
+        return tuple(knots)
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ class Mirror:
                 u[..., axis] *= -1
         return u
 
-    def solved(self, knot: SolvedKnot) -> SolvedKnot:
+    def knot_image(self, knot: SolvedKnot) -> SolvedKnot:
         u, t, zone_map = knot.displacement_mm, knot.traction_mpa, knot.zone_map
         return replace(
             knot,
@@ -179,7 +179,7 @@ class Mirror:
         )
 
 
-def to_solved(poses: Sequence[KnotPose], indenter: Indenter) -> Mirror:
+def solved_image(poses: Sequence[KnotPose], indenter: Indenter) -> Mirror:
     """What takes a press to the one of its images that is solved: it leaves 0 towards +x and +y."""
     flip = []
     for axis in (0, 1):

@@ -13,8 +13,8 @@ from deltact_fab.common import Field, cache_key
 from deltact_fab.sensor import GelMaterial, Indenter, SkinDimensions
 
 from ..level import FINITE_LEVEL, Choice, GelContact, Reach
-from ..level_selection import TOLERANCE, select_level
-from .knots import KnotPose, ObservedChannels, to_solved
+from ..level_selection import FORCE_TOLERANCE, select_level
+from .knots import KnotPose, ObservedChannels, solved_image
 from .solver import PathSolver
 
 
@@ -23,14 +23,14 @@ def choose_level(
     material: GelMaterial,
     indenter: Indenter,
     poses: Sequence[KnotPose],
-    tolerance: float = TOLERANCE,
+    tolerance: float = FORCE_TOLERANCE,
     **wishes: Any,
 ) -> Choice:
     """Level, mesh and steps of a press, of its image where that is solved; wishes: of `pick`.
 
     Raises InputError where no level or mesh can do it.
     """
-    mirror = to_solved(poses, indenter)
+    mirror = solved_image(poses, indenter)
     tips = [mirror.point(p.tip_mm) for p in poses]
     reach = Reach.around([(x, y, -z) for x, y, z in tips])
     return select_level(skin, material, indenter, reach, tolerance, **wishes)
@@ -53,8 +53,8 @@ def open_path(
     matter to a gel that creeps only. like, keeps_states: see `PathSolver`.
     """
     unit = replace(material, modulus_mpa=1.0)
-    mirror = to_solved(poses, indenter)
-    solved = [(mirror.point(p.tip_mm), p.seconds) for p in poses]
+    mirror = solved_image(poses, indenter)
+    images = [(mirror.point(p.tip_mm), p.seconds) for p in poses]
     linear = choice.level != FINITE_LEVEL
     key = cache_key(
         f"physics.gel.{'linear' if linear else 'finite'}.gel",
@@ -71,7 +71,7 @@ def open_path(
         mirrors=choice.mirrors,
         focus=None if linear else choice.focus,
         step_mm=None if linear else choice.step_mm,
-        poses=[[*tip, seconds] if material.prony else tip for tip, seconds in solved],
+        poses=[[*tip, seconds] if material.prony else tip for tip, seconds in images],
         observed=observed,
     )
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from deltact_fab.common import Point, RunFailed
 from deltact_fab.physics import (
-    Level,
+    GelLevel,
     LinearContact,
     Reach,
     follow_path,
@@ -111,7 +111,7 @@ def curves(quick: bool) -> Sequence[CurveSetting]:
     """What can be repeated six times; the rest is left to `make evidence`."""
     if quick:
         return [_setting(PressSetup("hyperelastic", 2.0, 0.0, h), FORCE, True) for h in (3.0, 2.0)]
-    levels: dict[Level, tuple[float, ...]] = {
+    levels: dict[GelLevel, tuple[float, ...]] = {
         "hyperelastic": (3.0, 2.0, 1.5, 1.0), "linear": (0.5, 0.35, 0.25, 0.125),
     }  # fmt: skip
     runs = [PressSetup(level, 2.0, 0.0, h) for level, spacings in levels.items() for h in spacings]
