@@ -1,4 +1,4 @@
-"""One press: level and mesh picked, its error estimated, refined if need be (`error_control`)."""
+"""One press: choice of level and mesh, error estimate, refinement if needed (`error_control`)."""
 
 from __future__ import annotations
 
@@ -35,21 +35,21 @@ from .path.knots import Increments, KnotPose, ObservedChannels
 from .path.open import choose_level, open_path
 from .path.solver import PathSolver
 
-CPU_LIMIT_S = 120.0
-PRESS_OBSERVED = ObservedChannels(fields="last", lacking=True)
+CPU_LIMIT_S = 120.0  # by hand: ends a press that no mesh meets; longer refines more
+PRESS_CHANNELS = ObservedChannels(fields="last", lacking=True)
 RESULT_KEYS = (
     "force_n", "depth_mm", "contact_area_mm2", "contact_area_error_mm2", "stick_area_mm2",
     "stick_area_error_mm2", "centroid_mm", "max_stretch", "model", "converged",
     "error_estimate", "within_tolerance", "seconds", "picked", "peak_in_plane_mm", "flags",
 )  # fmt: skip
-"""Of a result; a refusal has `reason` besides, and None where there is no figure."""
+"""Keys of a result; a refusal also has `reason`, and None for missing values."""
 
 
 @dataclass(frozen=True, eq=False)
 class PressResult:
-    """The outcome. result: plain data with the keys of `gel press --json`.
+    """Result of a press: plain data with the keys of `gel press --json`, and arrays.
 
-    tips_mm (n, 3), forces_n (n, 3): the way, at rest first. x_mm (nx,), y_mm (ny,) and
+    tips_mm (n, 3), forces_n (n, 3): along the path, from rest. x_mm (nx,), y_mm (ny,) and
     displacement_mm (ny, nx, 3): the face at its end. All empty when refused or not converged.
     """
 
@@ -76,13 +76,13 @@ def press_gel(
 ) -> PressResult:
     """Press to a depth, then shear.
 
-    tolerance: of the force; IN_PLANE_MM in proportion goes with it. Meshes are refined until the
-    estimate is within it, as far as `error_control` allows, unless spacing_mm names one.
-    progress: told the increments done and to do of the mesh under way, and which that is.
-    limit_s: of CPU time (`time_limit`), loading libraries included; the best mesh by then is the
-    answer, flagged `limit`.
-    Raises InputError for numbers that make no press; a refusal or a failure of the solver is in
-    the result, `converged` False and `force_n` None.
+    tolerance: of the force, with IN_PLANE_MM in proportion. Meshes are refined until the estimate
+    is within it, as far as `error_control` allows, unless spacing_mm is given.
+    progress: called with increments done, total, and the name of the current mesh.
+    limit_s: of CPU time (`time_limit`), loading libraries included; the best mesh by then is
+    returned, flagged `limit`.
+    Raises InputError for invalid numbers; a refusal or a failure of the solver is in the result,
+    `converged` False and `force_n` None.
     """
     _require(at_mm, depth_mm, shear_mm, tolerance, limit_s)
     started = time.perf_counter()
@@ -101,7 +101,7 @@ def press_gel(
 
     def solver(choice: Choice, like: PathSolver | None) -> PathSolver:
         poses = path(choice.step_mm)
-        return open_path(skin, material, indenter, poses, PRESS_OBSERVED, choice, like, True)
+        return open_path(skin, material, indenter, poses, PRESS_CHANNELS, choice, like, True)
 
     def unknowns_of(choice: Choice) -> int:
         return unknowns(skin, choice.spacing_mm, choice.focus, choice.mirrors, choice.growth)
@@ -121,9 +121,9 @@ def press_gel(
                 refined = ladder.refine(picked, free=spacing_mm is None)
     except TimeLimit:
         if refined is None:
-            error = f"--limit-s {limit_s:g}: no mesh was solved in that CPU time; more is needed"
+            reason = f"--limit-s {limit_s:g}: too short, no mesh was solved in that CPU time"
             level = picked.level if picked else model
-            return refused_press(depth_mm, level, error, time.perf_counter() - started)
+            return refused_press(depth_mm, level, reason, time.perf_counter() - started)
         refined = replace(refined, limited=True)
     except DeltactFabError as error:
         level = picked.level if picked else model
@@ -162,7 +162,7 @@ def press_gel(
 def _require(
     at_mm: Point2, depth_mm: float, shear_mm: Point2, tolerance: float, limit_s: float
 ) -> None:
-    """Raises InputError for numbers that make no press."""
+    """Raise InputError for invalid numbers."""
     if not (math.isfinite(depth_mm) and depth_mm >= 0):
         raise InputError(f"--depth {depth_mm}: a depth in mm, 0 or more, is needed")
     if not all(math.isfinite(v) for v in (*at_mm, *shear_mm)):
@@ -178,34 +178,32 @@ def _require(
 def _flags(
     refined: RefinedPress, ladder: MeshConvergence, depth_mm: float, limit_s: float
 ) -> Iterator[Note]:
-    """What a reader of the result must know: the solver's own flags at the corners, and more."""
+    """Yield warnings about the result: the solver's flags at the corners, and its errors."""
     estimate, solver = refined.estimate, refined.run
     corner_flags: dict[str, Note] = {}
     for pose, knot in zip(solver.poses, solver.knots, strict=True):
-        if pose.part == 1.0:  # on the way in, the first increments are coarse by intention
+        if pose.part == 1.0:  # the first increments of a line are coarse by intention
             corner_flags.update({flag.id: flag for flag in knot.flags})
     yield from corner_flags.values()
     if depth_mm > 0 and refined.zones.contact_area_mm2 == 0:
-        yield Note("contact lost", f"at depth {depth_mm:g} mm nothing is touched")
+        yield Note("contact lost", f"no contact at depth {depth_mm:g} mm")
     if refined.limited:
         text = (
-            f"{limit_s:g} CPU seconds do not reach to the tolerance; cells of "
-            f"{refined.run.choice.spacing_mm:.3g} mm are the finest that were solved"
+            f"tolerance not reached in {limit_s:g} CPU seconds; finest solved cells: "
+            f"{refined.run.choice.spacing_mm:.3g} mm"
         )
         yield Note("limit", text)
     if not ladder.meets_tolerance(estimate):
         text = (
             f"estimated error {estimate['force_rel']:.2g} of force, "
-            f"{estimate['displacement_mm']:.2g} mm in plane; {ladder.tolerance:g} and "
-            f"{ladder.in_plane_mm:.2g} mm were asked"
+            f"{estimate['displacement_mm']:.2g} mm in plane; requested {ladder.tolerance:g} and "
+            f"{ladder.in_plane_mm:.2g} mm"
         )
         yield Note("tolerance", text)
 
 
-def refused_press(
-    depth_mm: float, level: GelLevel, reason: str, seconds: float = 0.0
-) -> PressResult:
-    """What stands for a press that was not solved, with the level that was taken or asked for."""
+def refused_press(depth_mm: float, level: GelLevel, reason: str, seconds: float) -> PressResult:
+    """Result of a press that was not solved, with the chosen or requested level."""
     result = dict.fromkeys(RESULT_KEYS) | {
         "depth_mm": depth_mm if math.isfinite(depth_mm) else None,
         "model": None if level == "auto" else level,

@@ -25,8 +25,8 @@ def as_dict(m: MeasuredImage, outlines: bool = False) -> dict[str, Any]:
     contacts = result.contacts
     force = result.force
     return {
-        "frame": m.source_image.frame,
-        "t_s": round(m.source_image.t_s, 6),
+        "frame": m.source.frame,
+        "t_s": round(m.source.t_s, 6),
         "since_reference": result.frame,
         "age_ms": round(result.age_ms, 3),
         "cover": round(result.cover, 4),
@@ -153,7 +153,7 @@ RESULT_COLUMNS = [
         picture="File with the image as it was tracked, where pictures were asked for.",
     ),
 ]  # fmt: skip
-FIELD_ARRAYS = _columns(
+ARRAY_COLUMNS = _columns(
     "array",
     flow_px="(h, w, 2) motion from the reference, x and y; rows and columns are 2 px apart.",
     state="(h, w) of flow_px: 2 found in this image, 1 filled from neighbours, 0 a guess.",
@@ -184,7 +184,7 @@ def _model(name: str, columns: list[TableColumn]) -> type[Table]:
 
 MeasuredRow, FieldArrays = (
     _model("MeasuredRow", RESULT_COLUMNS),
-    _model("FieldArrays", FIELD_ARRAYS),
+    _model("FieldArrays", ARRAY_COLUMNS),
 )
 
 

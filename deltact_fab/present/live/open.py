@@ -47,11 +47,11 @@ def open_source(
     the design's lens stands for it. follow_s: NAME is a folder that is still written into, and ends
     when no image came for so long. Raises InputError for a name that is nothing of these.
     """
-    file_model = None if camera_file is None else model_from_camera_file(camera_file, design)
+    file_model = None if camera_file is None else load_model(camera_file, design)
     source = (
         _open_named(name, file_model, design, seed)
         if follow_s is None
-        else _open_growing_folder(name, file_model, follow_s)
+        else _open_followed(name, file_model, follow_s)
     )
     try:
         model = source.model
@@ -79,7 +79,7 @@ def _design(name: str | None) -> SensorDimensions:
     return load_design(name or "deltact")
 
 
-def model_from_camera_file(camera_file: Path, design: str | None = None) -> SensorModel:
+def load_model(camera_file: Path, design: str | None = None) -> SensorModel:
     """What a camera file and a design say. Raises InputError."""
     sensor = _design(design)
     camera, _ = load_camera(camera_file)
@@ -123,7 +123,7 @@ def _open_named(name: str, file_model: SensorModel | None, design: str | None, s
     )
 
 
-def _open_growing_folder(name: str, file_model: SensorModel | None, silence_s: float) -> Source:
+def _open_followed(name: str, file_model: SensorModel | None, silence_s: float) -> Source:
     from deltact_fab.bench import open_images
 
     folder = Path(name)

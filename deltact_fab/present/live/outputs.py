@@ -60,7 +60,7 @@ class StatusLine(MeasurementOutput):
                 self._write(last)
             prefix = "\n" if self.to.isatty() else ""
             origin = f" ({self.simulated})" if self.simulated else ""
-            self.to.write(f"{prefix}{reason} after {last.source_image.frame + 1} images{origin}\n")
+            self.to.write(f"{prefix}{reason} after {last.source.frame + 1} images{origin}\n")
             self.to.flush()
 
     def _write(self, measured: MeasuredImage) -> None:
@@ -94,7 +94,7 @@ class MeasurementSummary(MeasurementOutput):
     simulated: str | None
 
     def end(self, reason: str, last: MeasuredImage | None) -> None:
-        images = 0 if last is None else last.source_image.frame + 1
+        images = 0 if last is None else last.source.frame + 1
         entry = None if last is None else as_dict(last)
         self.to({"ended": reason, "images": images, "simulated": self.simulated, "last": entry})
 
@@ -110,7 +110,7 @@ class PageOutput(MeasurementOutput):
         session = self.session
         self.page.show(
             lambda: picture.page_data(measured, session.view),
-            lambda: picture.draw_markers(measured, session.rectified(measured.source_image.image)),
+            lambda: picture.draw_markers(measured, session.rectified(measured.source.image)),
             picture.trace_point(measured),
         )
 
@@ -241,7 +241,7 @@ class OutputFolder(MeasurementOutput):
 
     def show(self, measured: MeasuredImage) -> None:
         """Raises RunFailed when the disk refuses."""
-        name = f"{measured.source_image.frame:06d}"
+        name = f"{measured.source.frame:06d}"
         fields, picture_name = (
             f"fields/{name}.npz",
             f"pictures/{name}.png" if self._pictures else "",
@@ -250,7 +250,7 @@ class OutputFolder(MeasurementOutput):
             with whole_file(self._folder / fields, sync=False) as part, part.open("wb") as out:
                 np.savez(out, allow_pickle=False, **dict(_arrays(measured)))
             if picture_name:
-                tracked = self._session.rectified(measured.source_image.image)
+                tracked = self._session.rectified(measured.source.image)
                 with whole_file(self._folder / picture_name, sync=False) as part:
                     part.write_bytes(encode_png(picture.draw_markers(measured, tracked)))
             self._add(table_row(measured, fields, picture_name))

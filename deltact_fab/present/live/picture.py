@@ -17,7 +17,7 @@ from .session import MeasuredImage
 
 ARROW_SPACING_MM = 1.5
 """Between arrows: sparse, as the paper's figure of the force distribution has them."""
-LOST_LEVEL = 255
+LOST_BYTE = 255
 ARROW_SPACING_PX, MIN_SCALE_PX = 32.0, 1.0  # the same where lengths are in pixels
 MIN_SCALE_MM = 0.05
 MIN_SCALE_MPA = 2e-3
@@ -72,7 +72,7 @@ def page_data(m: MeasuredImage, camera: CameraModel) -> dict[str, Any]:
 
 def trace_point(m: MeasuredImage) -> tuple[float | None, ...]:
     """Of the traces: time; the force in z, x and y, else the motion; 1 where they are trusted."""
-    force, t_s = m.result.force, round(m.source_image.t_s, 4)
+    force, t_s = m.result.force, round(m.source.t_s, 4)
     if force is None:
         return (t_s, _largest(m), float(m.result.trusted))
     x, y, z = (None if np.isnan(v) else round(float(v), 4) for v in force.force_n)
@@ -127,10 +127,10 @@ def _map(
     gone = np.zeros((h, w), bool) if valid is None else ~valid
     clean = np.where(gone, 0, values).astype(np.float32)
     full_scale = max(min_scale, float(clean.max()))
-    levels = np.clip(np.rint(clean / full_scale * (LOST_LEVEL - 1)), 0, LOST_LEVEL - 1).astype(
+    levels = np.clip(np.rint(clean / full_scale * (LOST_BYTE - 1)), 0, LOST_BYTE - 1).astype(
         np.uint8
     )
-    levels[gone] = LOST_LEVEL
+    levels[gone] = LOST_BYTE
     half_x, half_y = float(x_mm[1] - x_mm[0]) / 2, float(y_mm[1] - y_mm[0]) / 2
     return {
         "name": name, "times": factor, "unit": unit, "most": full_scale,

@@ -22,7 +22,7 @@ from deltact_fab.common import Array, InputError, did_you_mean
 from deltact_fab.estimate import FaceFlow, Measurement, MeasurementResult, Pipeline, RestPattern
 from deltact_fab.sensor import CameraModel, Pinhole
 
-from .open import model_from_camera_file, open_measurement, open_source
+from .open import load_model, open_measurement, open_source
 from .source import Source, images
 
 RATE_WINDOW_S = 2.0
@@ -82,7 +82,7 @@ class MeasuredImage:
     the images that the camera lost. motion: of the pattern in the picture.
     """
 
-    source_image: SourceImage
+    source: SourceImage
     result: MeasurementResult
     hz: float
     dropped: int
@@ -114,7 +114,7 @@ class MeasurementSession:
         self._stopped = False
         self._error: BaseException | None = None
         self._pending: deque[SourceImage] = deque()
-        self._camera_drops = 0
+        self._drops = 0
 
     def results(self) -> Iterator[MeasuredImage]:
         """What was measured, in order. Raises what the source or the measurement raises."""
@@ -130,13 +130,11 @@ class MeasurementSession:
                     while now_s - times[0] > RATE_WINDOW_S:
                         times.popleft()
                     hz = (len(times) - 1) / (now_s - times[0]) if len(times) > 1 else 0.0
-                    source_image = self._pending.popleft()
-                    while source_image.age_from_s != result.t_s:  # those between were dropped
-                        source_image = self._pending.popleft()
+                    image = self._pending.popleft()
+                    while image.age_from_s != result.t_s:  # those between were dropped
+                        image = self._pending.popleft()
                     motion = Motion.from_result(result, self.view, self.source.model.in_px)
-                    yield MeasuredImage(
-                        source_image, result, hz, pipeline.dropped + self._camera_drops, motion
-                    )
+                    yield MeasuredImage(image, result, hz, pipeline.dropped + self._drops, motion)
             finally:
                 self._stopped = True
                 feeder.join(CLOSE_TIMEOUT_S)
@@ -153,15 +151,15 @@ class MeasurementSession:
         try:
             for k, frame in enumerate(self._frames):
                 began_s = time.monotonic()
-                self._camera_drops += frame.dropped
+                self._drops += frame.dropped
                 if self._stopped:
                     break
                 image = frame.image if flat is None else flat.apply(self.rectified(frame.image))
-                source_image = SourceImage(
+                queued = SourceImage(
                     k, frame.t_s, image, frame.t_s if self.source.live else began_s
                 )
-                self._pending.append(source_image)
-                pipeline.submit(image, source_image.age_from_s)
+                self._pending.append(queued)
+                pipeline.submit(image, queued.age_from_s)
                 if self._least_s:
                     time.sleep(max(0.0, began_s + self._least_s - time.monotonic()))
         except Exception as error:  # raised where the results are read
@@ -212,7 +210,7 @@ def open_session(
             model = source.model = replace(model, projection=camera, in_px=mm_per_px is None)
         if model.in_px:
             if unscaled := [
-                output for output in show or () if output not in ("flow", "observation")
+                name_shown for name_shown in show or () if name_shown not in ("flow", "observation")
             ]:
                 reason = "needs a scale: --mm-per-px or --camera"
                 if unscaled[0] not in Measurement.OUTPUTS:
@@ -308,9 +306,7 @@ class LiveMeasurement(Pipeline):
         if Path(sensor).is_dir():
             model = open_source(str(sensor), None, design, serial).model
         else:
-            model = replace(
-                model_from_camera_file(Path(sensor), design), design=design, serial=serial
-            )
+            model = replace(load_model(Path(sensor), design), design=design, serial=serial)
         files = [Path(file) for file in calibrations]
         super().__init__(open_measurement(model, files, show), "newest")
         self._flat = model.flat

@@ -6,7 +6,7 @@ import scipy.integrate
 import scipy.sparse as sp
 
 from deltact_fab.common.errors import InputError
-from deltact_fab.physics.gel.finite.assembly import BulkAssembly, Pattern
+from deltact_fab.physics.gel.finite.assembly import BulkAssembly, MatrixPattern
 from deltact_fab.physics.gel.finite.material import NeoHooke, Viscosity
 from deltact_fab.physics.gel.finite.mesh import block_mesh
 from deltact_fab.sensor.elasticity.material import GelMaterial
@@ -126,7 +126,7 @@ def bulk_with_history():
     mesh = block_mesh(SKIN, 1.5)
     free = np.ones(mesh.nodes_mm.shape, bool)
     free[mesh.base] = False
-    bulk = BulkAssembly(mesh, LAW, Pattern(mesh, free))
+    bulk = BulkAssembly(mesh, LAW, MatrixPattern(mesh, free))
     law, rng, held = viscosity(), np.random.default_rng(1), None
     f = bulk.deformation_gradient(np.zeros(free.shape))
     for seconds in (0.1, 2.0):

@@ -16,7 +16,7 @@ from deltact_fab.physics.gel.level import Choice, IncrementDiagnostics, Reach, f
 from deltact_fab.physics.gel.level_selection import select_level
 from deltact_fab.physics.gel.path.knots import KnotPose
 from deltact_fab.physics.gel.path.solver import PathSolver
-from deltact_fab.physics.gel.press import PRESS_OBSERVED, press_gel
+from deltact_fab.physics.gel.press import PRESS_CHANNELS, press_gel
 from deltact_fab.physics.gel.zones import Zones
 from deltact_fab.sensor.elasticity.material import GelMaterial
 from deltact_fab.sensor.shapes.indenter import parse_indenter
@@ -78,7 +78,7 @@ def ladder(
     def opener(choice: Choice, like: PathSolver | None) -> PathSolver:
         gel: Any = Gel(choice, force, dofs, field_mm, lacking_rel)
         return PathSolver(
-            lambda: gel, [down], observed=PRESS_OBSERVED, like=like, keeps_states=True
+            lambda: gel, [down], observed=PRESS_CHANNELS, like=like, keeps_states=True
         )
 
     return MeshConvergence(opener, unknowns, RADIUS_MM, edge_mm, TOLERANCE)

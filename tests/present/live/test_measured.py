@@ -18,7 +18,7 @@ from deltact_fab.estimate.analysis.measured import RunMeasurement, find_calibrat
 from deltact_fab.estimate.measure.force.calibration import load_force
 from deltact_fab.present.live.open import open_measurement, open_source
 from deltact_fab.present.live.outputs import HealthOutput, JsonLines, StatusLine
-from deltact_fab.present.live.picture import LOST_LEVEL, page_data
+from deltact_fab.present.live.picture import LOST_BYTE, page_data
 from deltact_fab.present.live.session import MeasuredImage, MeasurementSession
 
 PRESSED = 2
@@ -103,7 +103,7 @@ def test_what_the_page_draws_is_what_was_measured(
     depth = told["maps"][1]
     levels = np.frombuffer(_bytes(depth["data"]), np.uint8).reshape(depth["height"], depth["width"])
     row, column = np.unravel_index(
-        np.argmax(np.where(levels == LOST_LEVEL, 0, levels)), levels.shape
+        np.argmax(np.where(levels == LOST_BYTE, 0, levels)), levels.shape
     )
     x, y = (
         low + (at + 0.5) / n * (high - low)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import RectBivariateSpline
 
 from deltact_fab.common.errors import InputError
-from deltact_fab.physics.gel.finite.assembly import BulkAssembly, Pattern
+from deltact_fab.physics.gel.finite.assembly import BulkAssembly, MatrixPattern
 from deltact_fab.physics.gel.finite.linear import make_solver
 from deltact_fab.physics.gel.finite.material import NeoHooke
 from deltact_fab.physics.gel.finite.mesh import block_mesh
@@ -120,7 +120,7 @@ def test_smooth_load_against_plain_finite_elements(component: int, even: tuple[b
         held = [(i == axis) == normal_held for i in range(3)]
         on = mesh.nodes_mm[:, axis] == 0
         free[on] &= ~np.array(held)
-    pattern = Pattern(mesh, free)
+    pattern = MatrixPattern(mesh, free)
     stiffness = (
         BulkAssembly(mesh, NeoHooke.from_material(GEL), pattern).evaluate(np.zeros(free.shape)).data
     )

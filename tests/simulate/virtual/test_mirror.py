@@ -16,7 +16,7 @@ from deltact_fab.physics.gel.path.knots import (
     KnotPose,
     Mirror,
     SolvedKnot,
-    solved_image,
+    mirror_of,
 )
 from deltact_fab.physics.gel.path.solver import PathSolver
 from deltact_fab.sensor.shapes.indenter import parse_indenter
@@ -118,12 +118,12 @@ def way(path: PressPath) -> list[KnotPose]:
 
 def test_only_planes_that_indenter_and_path_share_are_used() -> None:
     outward, positive = declared(), declared(shear={"amplitude_mm": 1.0})
-    there = [solved_image(way(p), parse_indenter("ellipsoid")) for p in paths(outward)]
+    there = [mirror_of(way(p), parse_indenter("ellipsoid")) for p in paths(outward)]
     assert there == [Mirror(False, False), Mirror(True, False), Mirror(True, True),
                      Mirror(False, True)]  # fmt: skip
     # A star of five points has no mirror plane x = 0.
-    assert solved_image(way(paths(outward)[1]), parse_indenter("star")) == Mirror(False, False)
-    assert solved_image(way(paths(outward)[2]), parse_indenter("star")) == Mirror(False, True)
+    assert mirror_of(way(paths(outward)[1]), parse_indenter("star")) == Mirror(False, False)
+    assert mirror_of(way(paths(outward)[2]), parse_indenter("star")) == Mirror(False, True)
     # All go to + first: images in place, but not in path.
     seen = {Presses(positive, SKIN, GELS["linear"]).of(p).solver.stored_as for p in paths(positive)}
     assert len(seen) == 4

@@ -68,7 +68,7 @@ def loop(  # noqa: C901 - one kernel, compiled as a whole
             cross[:] = 0.0
             lap[:] = 0.0
         rate[:] = 0.0
-        # The tangent takes the pressure that was predicted, so that it does not swing with u1.
+        # The tangent uses the predicted pressure, so that it does not swing with u1.
         pressure = pressures[e] if pressures.shape[0] > 0 else u1
         for q in range(8):
             w = weights[e, q]

@@ -1,8 +1,8 @@
-"""Signed distance from an indenter, with its normal and curvature: what contact is made of.
+"""Signed distance from an indenter, with its normal and curvature, for contact.
 
-Shanks go on above the tips without end and the back plate lies at `reach_mm` across all of them,
+Shanks continue above the tips without end and the back plate lies at `reach_mm` across all of them,
 so a deep press cannot slip through the body. Every tip is a profile (d, z) swept along an outline:
-d is the distance from the axis (turned tips, spheres), from a segment (ridges) or beyond the
+d is the distance from the axis (turned tips, spheres), from a segment (ridges) or outside the
 outline (prisms); an ellipsoid is an ellipse turned about its long axis. Where the outline's
 distance is exact, so is this one outside; inside it is exact down to the nearest medial line.
 """
@@ -32,12 +32,12 @@ from deltact_fab.sensor import (
     TurnedTip,
 )
 
-_TINY_LENGTH = 1e-12
-_OUTLINE_STEP_MM = 1e-4  # for differences of a prism's outline
+_TINY_LENGTH = 1e-12  # by hand: rounding, keeps divisions finite
+_OUTLINE_STEP_MM = 1e-4  # by hand: difference step of a prism's outline; leaves 1e-8 in direction
 
 
 class Gap(NamedTuple):
-    """distance_mm (n,), positive outside. normal (n, 3): its gradient, out of the indenter.
+    """Distance (n,) in mm, positive outside; normal (n, 3): its gradient, out of the indenter;
     curvature_per_mm (n, 3, 3): its second derivative."""
 
     distance_mm: Field
@@ -46,7 +46,7 @@ class Gap(NamedTuple):
 
 
 class _Outline(NamedTuple):
-    """d (n,), the unit vectors along and across its gradient (n, 3), and its curvature (n,)."""
+    """Distance d (n,) outside an outline, its gradient (n, 3) and curvature (n,)."""
 
     d: Field
     out: Field
@@ -54,7 +54,7 @@ class _Outline(NamedTuple):
 
 
 class _Profile(NamedTuple):
-    """In the profile's plane: distance, normal (n, 2) in (d, z), curvature of the level line."""
+    """Distance in the profile's plane, normal (n, 2) in (d, z), curvature of the level line."""
 
     distance: Field
     normal: Field
@@ -81,12 +81,12 @@ def gap(indenter: Indenter, points_mm: Field) -> Gap:
     return best
 
 
-# A profile's start and [(end, centre or None)...], from its innermost point outwards.
+# A profile: start and [(end, arc's centre or None)...], from its innermost point outwards.
 _Chain = tuple[tuple[float, float], list[tuple[tuple[float, float], tuple[float, float] | None]]]
 
 
 def _tip(tip: PlainTip, p: Field) -> Gap:
-    """Distance from one tip and its shank; p (n, 3) relative to where the tip stands."""
+    """Distance from one tip and its shank; p (n, 3) relative to the tip's axis."""
     if isinstance(tip, EllipsoidTip):
         return _ellipsoid(tip, p)
     chain: _Chain
@@ -178,10 +178,7 @@ def _segment_outline(p: Field, half_mm: float) -> _Outline:
 
 
 def _prism_outline(tip: PrismTip, p: Field) -> _Outline:
-    """Distance beyond the outline, negative inside; derivatives by differences.
-
-    Its arcs' centres are private to the tip; a step of 1e-4 mm leaves 1e-8 in the direction.
-    """
+    """Distance outside the outline, negative inside; derivatives by differences."""
     h = _OUTLINE_STEP_MM
     x, y = p[:, 0] + tip.x_mm, p[:, 1] + tip.y_mm
     d = -tip.inset_mm(x, y)
@@ -260,23 +257,23 @@ def _ellipse(a: float, b: float, x: Field, y: Field) -> tuple[Field, Field, Fiel
     return size, nx, ny, 1 / np.maximum(radius + size, _TINY_LENGTH)
 
 
-BLUNT_CELLS = 0.5  # least radius over the cell size
+BLUNT_CELLS = 0.5  # least radius over cell size; by hand: less, and contact points jump over edges
 
 
 def blunted(indenter: Indenter, cell_mm: float) -> Indenter:
-    """The indenter with its edges, corners and noses rounded to BLUNT x cell_mm, where it allows.
+    """Round the edges, corners and noses of an indenter to BLUNT_CELLS x cell_mm where possible.
 
     A facet cannot follow an edge that turns within it: its contact points jump between the two
-    sides and Newton's method does not settle. The rounding shrinks with the mesh, so it is one more
-    part of the mesh error, and the fine indenter is found again where cells are twice its radius or
-    less. The lowest point stays where it is, and so do name, outline and reach.
+    sides and Newton's method does not settle. The rounding shrinks with the mesh, so it is part of
+    the mesh error; it vanishes for cells up to twice the indenter's own radius. The lowest point,
+    name, outline and reach stay.
     """
     radius = BLUNT_CELLS * cell_mm
     return replace(indenter, tips=tuple(_blunt(tip, radius) for tip in indenter.tips))
 
 
 def _blunt(tip: Tip, radius_mm: float) -> Tip:
-    """As much of the radius as the tip's other dimensions leave room for."""
+    """Round a tip to the radius, or to the largest part of it that its dimensions allow."""
     for share in (1.0, 0.8, 0.6, 0.4):
         with contextlib.suppress(ShapeError):
             return _with_radius(tip, share * radius_mm)
@@ -299,7 +296,7 @@ def _with_radius(tip: Tip, radius_mm: float) -> Tip:
 
 
 def _rounded_rim(tip: TurnedTip, radius_mm: float) -> tuple[ProfilePiece, ...]:
-    """The last arc, from a flat face up to the rim, made wider; other profiles as they are."""
+    """Widen the last arc, from a flat face up to the rim; return other profiles unchanged."""
     *inner, last = tip.pieces
     if last.centre_mm is None or not inner or inner[-1].centre_mm is not None:
         return tip.pieces

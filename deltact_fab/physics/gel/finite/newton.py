@@ -1,18 +1,18 @@
 """Newton's method for displacements and cell pressures.
 
-With U'(J) as the only pressure, Newton is slow near incompressibility: a step that is right in
-shape changes volumes at second order, U' makes a large stress of that, and the tangent's geometric
-part follows it. Here every cell carries a pressure p of its own (the three-field form of Simo,
-Taylor and Pister 1985). Linearised, p = U'(J) + U''(J) dJ.du, so that p leaves the equations again:
-the matrix keeps its pattern, its geometric part is formed with the predicted p, and the right-hand
-side is the residual of the displacements alone. Where that vanishes, p is U'(J).
+With U'(J) as the only pressure, Newton is slow near incompressibility: a step of the right shape
+changes volumes at second order, U' turns that into a large stress, and the tangent's geometric part
+follows it. Here every cell has its own pressure p (the three-field form of Simo, Taylor and Pister
+1985). Linearised, p = U'(J) + U''(J) dJ.du, so that p is eliminated: the matrix keeps its pattern,
+its geometric part is formed with the predicted p, and the right-hand side is the residual of the
+displacements alone. At the solution p = U'(J).
 
-Shear of a slipping point is friction x pressure, so its tangent is not symmetric. The symmetric
-part alone is factorised; what couples shear to pressure lives on the few points in contact and is
-brought in by GMRES on the factor.
+Shear of a slipping point is friction x pressure, so its tangent is not symmetric. Only the
+symmetric part is factorised; the coupling of shear to pressure, at the few points in contact, is
+added by GMRES with the factor as preconditioner.
 
-Where a dragged gel folds, the equilibrium ends and the next one is elsewhere: no step lowers the
-residual, or the tangent has negative eigenvalues. That is left to `descend`.
+Where a dragged gel folds, the equilibrium branch ends and the next one is far away: no step lowers
+the residual, or the tangent has negative eigenvalues. `descend` solves those.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ import scipy.sparse.linalg as spla
 from deltact_fab.common import Field, SolverError
 
 from .. import time_limit
-from .assembly import BulkAssembly, Pattern
+from .assembly import BulkAssembly, MatrixPattern
 from .linear import Solver
 from .material import Memory
 from .surface import Coupling, FrictionGrip, Surface
 
 
 class Evaluation(NamedTuple):
-    """residual_n (size,): unbalanced forces, p = U'(J). scale_n: what they are small to.
-    data: CSR entries of the tangent's symmetric part, if asked for. pressure_mpa (m,): U'(J).
-    energy_nmm: the potential, where friction has one."""
+    """Unbalanced forces residual_n (size,) with p = U'(J), relative to scale_n.
+    data: CSR entries of the tangent's symmetric part, if requested. pressure_mpa (m,): U'(J).
+    energy_nmm: potential, where friction has one."""
 
     residual_n: Field
     scale_n: float
@@ -45,7 +45,7 @@ class Evaluation(NamedTuple):
 
 
 class Equilibrium:
-    """One increment with the tip at (x, y, depth): the system to be solved.
+    """Equations of one increment with the tip at (x, y, depth).
 
     floor_n: least force that a residual is compared with.
     """
@@ -68,9 +68,9 @@ class Equilibrium:
     def evaluate(
         self, free_mm: Field, pressure_mpa: Field | None, tangent: bool, curved: bool
     ) -> Evaluation | None:
-        """At displacements (size,); None where a cell is turned inside out. pressure_mpa (m,): of
-        the tangent's geometric part; None: U'(J). `curved` False leaves out terms of the tangent
-        that may be negative."""
+        """Evaluate at displacements (size,); None where a cell is inverted. pressure_mpa (m,): of
+        the tangent's geometric part; None: U'(J). `curved` False drops terms of the tangent that
+        may be negative."""
         u = self._bulk.pattern.expand(free_mm)
         bulk = self._bulk.evaluate(u, tangent, pressure_mpa, memory=self._memory)
         if not bulk.least_j > 0:
@@ -86,13 +86,13 @@ class Equilibrium:
         return Evaluation(residual, scale, data, first, bulk.energy_nmm + contact.energy_nmm)
 
     def pressure_rate(self, step_mm: Field) -> Field:
-        """U'' dJ.step (m,) at the displacements of the last evaluation."""
+        """Return U'' dJ.step (m,) at the displacements of the last evaluation."""
         assert self._volume_terms is not None
         rate, second = self._volume_terms
         return second * self._volume_change(rate, step_mm) / self._bulk.volumes_mm3
 
     def unbalance_n(self, free_mm: Field, pressure_mpa: Field) -> float | None:
-        """Norm of the residual with given cell pressures; None if inside out."""
+        """Norm of the residual with given cell pressures; None where a cell is inverted."""
         u = self._bulk.pattern.expand(free_mm)
         bulk = self._bulk.evaluate(u, False, memory=self._memory)
         if not bulk.least_j > 0:
@@ -106,7 +106,7 @@ class Equilibrium:
 
     @property
     def couples(self) -> bool:
-        """Whether the last tangent has a part that is not symmetric: shear follows pressure."""
+        """True if the last tangent has an unsymmetric part: shear follows pressure."""
         return self._coupling is not None and bool(self._coupling.gain_n_mm.any())
 
     def coupling_force(self, step_mm: Field) -> Field:
@@ -119,19 +119,20 @@ class Equilibrium:
         return np.asarray(np.einsum("mk,mk->m", rate, step.reshape(rate.shape)))
 
 
-KEEP_FACTOR = 0.2  # a factor is kept while it reduces the residual at least to this
-STEP_LENGTHS = 3  # lengths that are tried of one direction
-ROUNDING_RESIDUAL = 1e-6  # residual below which steps are taken whole: their growth is rounding
-NEAR_RESIDUAL = 1e-2  # residual below which negative eigenvalues may be the solution's own
-WEAK_FACTOR, MAX_WEAK_STEPS = 0.7, 3  # a step that leaves more, and how many of them are a fold
-GMRES_TOLERANCE = 1e-3  # of the residual: tolerance of GMRES, and most of its iterations
-GMRES_ITERATIONS = 60
+# By hand: each trades factorisations against iterations; a solution meets the tolerance anyway.
+KEEP_FACTOR = 0.2  # a factorisation is reused while it reduces the residual at least to this
+STEP_LENGTHS = 3  # step lengths tried per direction
+ROUNDING_RESIDUAL = 1e-6  # below it full steps are accepted: growth of the residual is rounding
+NEAR_RESIDUAL = 1e-2  # below it negative eigenvalues may belong to the solution
+WEAK_FACTOR, MAX_WEAK_STEPS = 0.7, 3  # steps that leave more of the residual; so many are a fold
+GMRES_TOLERANCE = 1e-3  # relative residual
+GMRES_STEPS = 60
 MAX_NEWTON_ITERATIONS = 60
 
 
 @dataclass
 class NewtonSolution:
-    """free_mm (size,). residual: |r| / scale. iterations, factorisations: work. damped:
+    """Solution free_mm (size,) with residual |r| / scale. iterations, factorisations: work. damped:
     factorisations with damping. pressure_mpa (m,): of the cells, for the next tangent."""
 
     free_mm: Field
@@ -142,7 +143,7 @@ class NewtonSolution:
     damped: int = 0
 
     def add_work(self, start: NewtonSolution) -> NewtonSolution:
-        """The same, and the work of the one that it began from."""
+        """Add the work of the solution that this one started from."""
         self.iterations += start.iterations
         self.factorisations += start.factorisations
         self.damped += start.damped
@@ -156,24 +157,20 @@ class _Step(NamedTuple):
 
 
 class _Direction:
-    """Factors of the tangent at one point after the other."""
+    """Search directions from the factorised tangent, point after point."""
 
     def __init__(
-        self, problem: Equilibrium, solver: Solver, pattern: Pattern, solution: NewtonSolution
+        self, problem: Equilibrium, solver: Solver, pattern: MatrixPattern, solution: NewtonSolution
     ) -> None:
-        self._problem, self._solver, self._pattern, self._solution = (
-            problem,
-            solver,
-            pattern,
-            solution,
-        )
+        self._problem, self._solver = problem, solver
+        self._pattern, self._solution = pattern, solution
         self.curved = True
         self.reusable = False
         self._weak = 0
 
     def factorise(self, x: Field) -> None:
-        """Of a positive matrix at x: against negative eigenvalues the terms that may be negative
-        are left out. Raises SolverError where that is not enough."""
+        """Factorise a positive matrix at x, dropping terms that may be negative where needed.
+        Raises SolverError where that is not enough."""
         while True:
             time_limit.check()
             evaluation = self._problem.evaluate(x, self._solution.pressure_mpa, True, self.curved)
@@ -183,19 +180,17 @@ class _Direction:
             if not self._solver.negative or self._solution.residual <= NEAR_RESIDUAL:
                 return
             if not self.curved:
-                raise SolverError(
-                    f"newton: no minimum beside a residual {self._solution.residual:.1e}"
-                )
+                residual = self._solution.residual
+                raise SolverError(f"newton: no minimum near a residual of {residual:.1e}")
             self.curved = False
 
     def record_step(self, full_length: bool, previous: float) -> None:
-        """After a step from residual `before`. Raises SolverError where three did little."""
+        """Record a step from residual `previous`. Raises SolverError after three weak ones."""
         residual = self._solution.residual
         self.reusable = full_length and residual < KEEP_FACTOR * previous
         self.curved = self.curved or residual < NEAR_RESIDUAL
-        self._weak = (
-            self._weak + 1 if residual > max(WEAK_FACTOR * previous, ROUNDING_RESIDUAL) else 0
-        )
+        weak = residual > max(WEAK_FACTOR * previous, ROUNDING_RESIDUAL)
+        self._weak = self._weak + 1 if weak else 0
         if self._weak >= MAX_WEAK_STEPS:
             raise SolverError(f"newton: {MAX_WEAK_STEPS} steps left a residual of {residual:.1e}")
 
@@ -210,7 +205,7 @@ class _Direction:
 
         operator = spla.LinearOperator((n, n), matvec=apply, dtype=np.float64)
         y, _ = spla.gmres(
-            operator, -residual_n, rtol=GMRES_TOLERANCE, restart=GMRES_ITERATIONS, maxiter=1
+            operator, -residual_n, rtol=GMRES_TOLERANCE, restart=GMRES_STEPS, maxiter=1
         )
         return self._solver.solve(y)
 
@@ -220,21 +215,20 @@ def solve(
     start_mm: Field,
     pressure_mpa: Field,
     solver: Solver,
-    pattern: Pattern,
+    pattern: MatrixPattern,
     tolerance: float,
     longest_mm: float = np.inf,
 ) -> NewtonSolution:
-    """Equilibrium from start_mm on.
+    """Solve for equilibrium from start_mm.
 
     pressure_mpa (m,): cell pressures for the first tangent.
     longest_mm: largest displacement in one iteration.
-    Raises SolverError when |r| <= tolerance x scale is not reached; nothing else is returned.
-    TimeLimit as `time_limit` says.
+    Raises SolverError when |r| <= tolerance x scale is not reached, TimeLimit as `time_limit`.
     """
     x = start_mm
     current = problem.evaluate(x, pressure_mpa, False, True)
     if current is None:
-        raise SolverError("newton: the start turns a cell inside out")
+        raise SolverError("newton: a cell is inverted at the start")
     solution = NewtonSolution(x, pressure_mpa, relative_residual(current))
     direction = _Direction(problem, solver, pattern, solution)
     while not solution.residual <= tolerance:
@@ -265,9 +259,9 @@ def _step(
     problem: Equilibrium, x: Field, current: Evaluation, direction: _Direction, longest_mm: float,
     solution: NewtonSolution,
 ) -> _Step:  # fmt: skip
-    """A step that is no longer than longest_mm and lowers the residual.
+    """Return a step no longer than longest_mm that lowers the residual.
 
-    It is measured with the pressures that go with it: those of the volumes alone grow at second
+    The residual is taken with the predicted pressures: those of the volumes alone grow at second
     order in the step.
     """
     norm = float(np.linalg.norm(current.residual_n))
@@ -275,17 +269,15 @@ def _step(
         if not direction.reusable:
             direction.factorise(x)
         step = direction.step_mm(current.residual_n)
-        largest_mm = float(np.abs(step).max())
+        peak_mm = float(np.abs(step).max())
         rate = problem.pressure_rate(step)
-        length = min(1.0, longest_mm / largest_mm) if largest_mm > 0 else 1.0
-        # Ten times too long it is no direction any more.
-        for _ in range(STEP_LENGTHS if largest_mm <= 10 * longest_mm else 0):
-            residual_n = problem.unbalance_n(
-                x + length * step, current.pressure_mpa + length * rate
-            )
-            if residual_n is not None and (
-                residual_n <= norm or solution.residual < ROUNDING_RESIDUAL
-            ):
+        length = min(1.0, longest_mm / peak_mm) if peak_mm > 0 else 1.0
+        # A step ten times too long has no usable direction.
+        for _ in range(STEP_LENGTHS if peak_mm <= 10 * longest_mm else 0):
+            pressure = current.pressure_mpa + length * rate
+            norm_n = problem.unbalance_n(x + length * step, pressure)
+            rounding = solution.residual < ROUNDING_RESIDUAL
+            if norm_n is not None and (norm_n <= norm or rounding):
                 return _Step(length * step, length * rate, length)
             length /= 2
         if direction.reusable:
@@ -296,12 +288,13 @@ def _step(
             raise SolverError(f"newton: no step lowers the residual of {solution.residual:.1e}")
 
 
-FIRST_DAMPING, MAX_DAMPING = 0.05, 1e6  # damping: begun with, given up beyond
-DAMPING_RISE, DAMPING_FALL = 4.0, 0.5  # times the damping after a bad step, after a good one
-GOOD_GAIN, POOR_GAIN, ACCEPTED_GAIN = 0.7, 0.2, 1e-3  # energy lowered over what the model promised
-MIN_DAMPING = 1e-3  # damping below which there is none
-DESCENT_RESIDUAL = 1e-4  # of the residual: from there Newton's method goes on
-ENERGY_ROUNDING = 1e-12  # of the energy: changes that are not seen any more
+# By hand, as is usual for a trust region: speed of the descent, not its end.
+FIRST_DAMPING, MAX_DAMPING = 0.05, 1e6  # first damping; failure above the largest
+DAMPING_RISE, DAMPING_FALL = 4.0, 0.5  # factors after a poor and after a good step
+GOOD_GAIN, POOR_GAIN, ACCEPTED_GAIN = 0.7, 0.2, 1e-3  # actual over predicted decrease of energy
+MIN_DAMPING = 1e-3  # less counts as none
+DESCENT_RESIDUAL = 1e-4  # relative; from there Newton's method continues
+ENERGY_ROUNDING = 1e-12  # of the energy: smaller changes are rounding
 MAX_DESCENT_STEPS = 150
 
 
@@ -309,47 +302,45 @@ def descend(
     problem: Equilibrium,
     start_mm: Field,
     solver: Solver,
-    pattern: Pattern,
+    pattern: MatrixPattern,
     rest_data: Field,
     longest_mm: float,
 ) -> NewtonSolution:
-    """Down the energy, for folds where Newton's method fails, to a residual of ENOUGH, or as far
-    as the energy's rounding lets see.
+    """Minimise the energy at folds, where Newton's method fails, to DESCENT_RESIDUAL or rounding.
 
-    With friction bounded by numbers that are held, an increment has a potential, and a gel that
-    jumps comes to rest in a minimum of it. Newton's steps are damped by the stiffness at rest,
-    K + eta K0, and taken if they lower the energy by a part of what the quadratic model promises,
-    which also sets eta (Levenberg and Marquardt as a trust region: Nocedal and Wright, Numerical
-    Optimization, ch. 4). The energy only falls, so it cannot run in circles.
-    longest_mm: largest displacement in one iteration. Raises SolverError after MOST_DESCENTS.
+    With fixed bounds of friction an increment has a potential, and a gel that jumps comes to rest
+    in a minimum of it. Newton's steps are damped by the stiffness at rest, K + eta K0, and accepted
+    if they lower the energy by a part of the decrease predicted by the quadratic model, which also
+    sets eta (Levenberg-Marquardt as a trust region: Nocedal and Wright, Numerical Optimization,
+    ch. 4). The energy only falls, so it cannot cycle.
+    longest_mm: largest displacement in one iteration. Raises SolverError after MAX_DESCENT_STEPS.
     """
     x = start_mm
     current = problem.evaluate(x, None, True, True)
     if current is None:
-        raise SolverError("descent: the start turns a cell inside out")
+        raise SolverError("descent: a cell is inverted at the start")
     solution = NewtonSolution(x, current.pressure_mpa, relative_residual(current))
     eta = 0.0
     while solution.residual > DESCENT_RESIDUAL:
         time_limit.check()
         if solution.iterations >= MAX_DESCENT_STEPS or eta > MAX_DAMPING:
             raise SolverError(
-                f"descent: residual {solution.residual:.1e} after {solution.iterations} iterations, "
-                f"{DESCENT_RESIDUAL:.0e} is needed"
+                f"descent: residual {solution.residual:.1e} after {solution.iterations} "
+                f"iterations, {DESCENT_RESIDUAL:.0e} is needed"
             )
         data = current.data + eta * rest_data if eta else current.data
         solver.factorise(pattern.matrix(data))
         solution.factorisations += 1
         solution.damped += bool(eta)
         step = None if solver.negative else -solver.solve(current.residual_n)
-        slope = (
-            0.0 if step is None else float(current.residual_n @ step)
-        )  # = -step.(K + eta K0) step
-        # Not every solver knows the inertia; of an indefinite matrix a step may lead up.
+        # slope = -step.(K + eta K0) step. Not every solver returns the inertia; with an indefinite
+        # matrix a step may lead uphill.
+        slope = 0.0 if step is None else float(current.residual_n @ step)
         if step is None or slope >= 0:
             eta = max(FIRST_DAMPING, DAMPING_RISE * eta)
             continue
-        largest_mm = float(np.abs(step).max())
-        part = min(1.0, longest_mm / largest_mm)
+        peak_mm = float(np.abs(step).max())
+        part = min(1.0, longest_mm / peak_mm)
         promised = -slope * part * (1 - part / 2)
         step *= part
         trial = problem.evaluate(x + step, None, True, True)

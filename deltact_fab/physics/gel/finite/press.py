@@ -1,4 +1,4 @@
-"""A rigid indenter pressed into and dragged over a block of finite strain, state to state."""
+"""A rigid indenter pressed into and dragged over a finite-strain block, from state to state."""
 
 from __future__ import annotations
 
@@ -12,24 +12,25 @@ from deltact_fab.sensor import GelMaterial, Indenter, SkinDimensions
 
 from ..level import IncrementDiagnostics
 from . import newton
-from .assembly import BulkAssembly, Pattern
+from .assembly import BulkAssembly, MatrixPattern
 from .distance import blunted
 from .linear import SolverName, make_solver
 from .material import Memory, NeoHooke, Viscosity
 from .mesh import FocusBox, HexMesh, block_mesh
-from .newton import Equilibrium, descend
+from .newton import Equilibrium, NewtonSolution, descend
 from .state import FiniteState, Guide, predict_start
 from .surface import FrictionGrip, Surface
 
-HIDDEN_LIMIT = 0.75  # of the depth, or of what is inside the resting gel; beyond, a tip hides
+# Largest penetration over the depth, or over that into the resting gel (docs/evidence/gel.md).
+HIDDEN_LIMIT = 0.75
 
 
 def require_contact(
     surface: Surface, indenter: Indenter, cell_mm: float, previous: FiniteState, state: FiniteState
 ) -> None:
-    """Raises SolverError where a tip hides in the mesh or contact is lost on the way down.
+    """Raise SolverError where a tip hides between cells or contact is lost while advancing.
 
-    indenter: as it is, not as the mesh feels it. cell_mm: side of the smallest face.
+    indenter: without the mesh's rounding. cell_mm: side of the smallest face.
     """
     depth, penetration = state.tip_mm[2], state.diagnostics.penetration_mm
     if depth <= 0:
@@ -40,7 +41,7 @@ def require_contact(
             f"press: {indenter.name} is {2 * narrow:.2g} mm wide and hides between cells of "
             f"{cell_mm:.2g} mm, a finer mesh is needed"
         )
-    # A thin tip may pass through the gel whole: then it is as deep inside as at rest.
+    # A thin tip may pass through the gel: then it is as deep inside as in the gel at rest.
     undisplaced = np.zeros_like(state.displacement_mm)
     unmoved = surface.deepest_mm(undisplaced, np.array(state.tip_mm))
     if penetration > max(HIDDEN_LIMIT * min(depth, unmoved), float(surface.width_mm.max())):
@@ -48,7 +49,7 @@ def require_contact(
             f"press: {indenter.name} is {penetration:.2g} mm inside the gel at depth {depth:g} mm: "
             "the tip hides between the contact points of this mesh, a finer one is needed"
         )
-    # Into a dent that a relaxing gel still keeps, a tip may advance without contact.
+    # A tip may advance without contact into a dent of a relaxing gel.
     dented = state.overstress_mpa is not None and previous.contact_points == 0
     if state.contact_points == 0 and depth > previous.tip_mm[2] and not dented:
         raise SolverError(
@@ -57,22 +58,22 @@ def require_contact(
         )
 
 
+# By hand: tighter or more cost time; looser or fewer end more presses with an error.
 NEWTON_TOLERANCE = 1e-8  # of `IncrementDiagnostics.residual`
 MAX_FINITE_CUTS = 6  # halvings of one increment
-SHARP_CELLS, SHARP_POINTS = (
-    2.0,
-    5,
-)  # cells: least radius that 2 x 2 points a face can feel, and else how many
-MAX_MOVE_CELLS = 1.0  # cells that a node may move in one iteration, over twice the tip's own move
+MAX_MOVE_CELLS = 1.0  # cells that a node may move in one iteration, plus twice the tip's move
 FORCE_FLOOR = 1e-2  # x E x thickness x cell size: least force that a residual is compared with
+# Contact points along a face's side where a radius is below SHARP_CELLS cells (measured,
+# docs/evidence/gel.md); else 2.
+SHARP_CELLS, SHARP_POINTS = 2.0, 5
 
 
 class FinitePress:
     """Contact of one indenter with one mesh. Holds no history: `solve` maps state to state.
 
-    friction: Coulomb coefficient; None takes the material's; 0 builds no friction at all.
-    points: along a face's side at which the indenter is met; None: 2, or MANY where a radius is
-    below SHARP cells, for a face that wraps it is stretched.
+    friction: Coulomb coefficient; None takes the material's; 0: frictionless.
+    points: contact points along a face's side; None: 2, or SHARP_POINTS where a radius is below
+    SHARP_CELLS cells, since a face that wraps it is stretched.
     """
 
     def __init__(
@@ -89,7 +90,7 @@ class FinitePress:
         self.tolerance = NEWTON_TOLERANCE
         self.law = NeoHooke.from_material(material)
         self.viscosity = Viscosity.from_material(material, self.law)
-        self.pattern = Pattern(mesh, ~mesh.fixed)
+        self.pattern = MatrixPattern(mesh, ~mesh.fixed)
         self.bulk = BulkAssembly(mesh, self.law, self.pattern)
         face_mm = _smallest_face_mm(mesh)
         sharp = indenter.edge_radius_mm < SHARP_CELLS * face_mm
@@ -99,9 +100,8 @@ class FinitePress:
         self.solver = make_solver(solver)
         self._rest_data = self.bulk.evaluate(np.zeros_like(mesh.nodes_mm)).data
         cell = self._cell_mm = float(np.sqrt(self.surface.weights_mm2.sum(axis=1).min()))
-        self.floor_n = (
-            FORCE_FLOOR * material.modulus_mpa * cell * float(np.ptp(mesh.nodes_mm[:, 2]))
-        )
+        height_mm = float(np.ptp(mesh.nodes_mm[:, 2]))
+        self.floor_n = FORCE_FLOOR * material.modulus_mpa * cell * height_mm
 
     @classmethod
     def on_block(
@@ -109,7 +109,7 @@ class FinitePress:
         focus: FocusBox | None = None, mirrors: tuple[bool, bool] = (False, False),
         solver: SolverName = "auto",
     ) -> FinitePress:  # fmt: skip
-        """On a block of a skin, meshed as `block_mesh` does."""
+        """Press on a block of a skin, meshed by `block_mesh`."""
         return cls(block_mesh(skin, spacing_mm, focus, mirrors), material, indenter, solver=solver)
 
     def wrench(self, state: FiniteState) -> tuple[Field, Field]:
@@ -137,19 +137,19 @@ class FinitePress:
         seconds: float | None = None,
         guide: Guide | None = None,
     ) -> FiniteState:
-        """One increment, cut in halves where it does not converge.
+        """Solve one increment, halved where it does not converge.
 
-        seconds: that it takes, 0 (sudden) to infinity (long rest), evenly along the way; a gel with
-        a Prony series needs it (InputError), to any other it makes no difference. The same tip
-        again is a hold. guide: of a coarser mesh on the same way, to start from its increments.
-        Raises SolverError when MAX_CUTS do not help, when the tip slips through the mesh, and
-        when contact is lost while the depth grows.
+        seconds: duration, 0 (sudden) to infinity (long rest), at constant speed; required (raises
+        InputError) for a gel with a Prony series, else ignored. The same tip again is a hold.
+        guide: increments of a coarser mesh on the same path, to start from.
+        Raises SolverError when MAX_FINITE_CUTS do not help, when the tip slips through the mesh,
+        and when contact is lost while the depth grows.
         """
         _require_finite(tip_mm)
         if self.viscosity is not None and seconds is None:
             raise InputError(
-                "press: a gel with a Prony series needs the seconds that an increment takes: 0 for "
-                "a sudden one, inf for long rest"
+                "press: a gel with a Prony series needs the duration of an increment in seconds: "
+                "0 for a sudden one, inf for long rest"
             )
         start, move = np.array(previous.tip_mm), np.array(tip_mm) - np.array(previous.tip_mm)
         fraction, part, cuts = 0.0, 1.0, 0
@@ -194,13 +194,13 @@ class FinitePress:
         memory: Memory | None,
         change: tuple[Field, Field] | None = None,
     ) -> FiniteState:
-        """Predict and solve by Newton's method; where that finds no way, down the energy.
+        """Predict and solve by Newton's method; where that fails, minimise the energy.
 
-        change: of displacements and cell pressures, as it is foreseen; None: by the last increment.
+        change: predicted change of displacements and cell pressures; None: the last increment's.
 
-        The energy needs the bound of friction held, at the pressures of the start; from the minimum
-        that is found the bound is released. Where the gel has no equilibrium then, the held one
-        stays: first order in the increment, as friction is anyway.
+        The energy needs a fixed bound of friction, at the pressures of the start; from its minimum
+        the bound is released. Where there is no equilibrium then, the fixed one is returned: its
+        error is of first order in the increment, as friction's is anyway.
         """
         tip = np.array(tip_mm)
         u, pressure = predict_start(self.bulk, previous, tip, self._cell_mm, change)
@@ -208,9 +208,7 @@ class FinitePress:
         grip = self._grip(previous, move) if self.friction > 0 and tip_mm[2] > 0 else None
         longest = MAX_MOVE_CELLS * self._cell_mm + 2 * float(np.abs(move).max())
 
-        def solve_newton(
-            grip: FrictionGrip | None, start: Field, cells: Field
-        ) -> newton.NewtonSolution:
+        def solve_newton(grip: FrictionGrip | None, start: Field, cells: Field) -> NewtonSolution:
             system = Equilibrium(self.bulk, self.surface, tip, grip, memory, self.floor_n)
             return newton.solve(
                 system, start, cells, self.solver, self.pattern, self.tolerance, longest
@@ -221,7 +219,7 @@ class FinitePress:
             solution = solve_newton(grip, u[self.pattern.free], pressure)
         except SolverError:
             if change is not None or float(np.linalg.norm(move)) > self._cell_mm * (1 + 1e-9):
-                raise  # from far away there may be several minima; shorter increments tell
+                raise  # over a long move there may be several minima: cut the increment
             fixed_bound = grip and replace(grip, bound_mpa=grip.friction * previous.pressure_mpa)
             problem = Equilibrium(self.bulk, self.surface, tip, fixed_bound, memory, self.floor_n)
             low = descend(
@@ -230,9 +228,8 @@ class FinitePress:
             solution = solve_newton(fixed_bound, low.free_mm, low.pressure_mpa).add_work(low)
             if grip is not None:
                 try:
-                    solution = solve_newton(grip, solution.free_mm, solution.pressure_mpa).add_work(
-                        solution
-                    )
+                    final = solve_newton(grip, solution.free_mm, solution.pressure_mpa)
+                    solution = final.add_work(solution)
                 except SolverError:
                     grip, lagged = fixed_bound, 1
         return self._state(
@@ -240,11 +237,11 @@ class FinitePress:
         )
 
     def _grip(self, previous: FiniteState, move: Field) -> FrictionGrip:
-        """What the points in contact remember, and from where those count that will come to it.
+        """History of the points in contact, and reference positions of those about to touch.
 
-        A free point keeps its place until the tip has come the share t of its move that closes the
-        gap, t = gap / (move . normal); from there on it slips. So a point that just sinks before
-        the tip has not slipped at all when it is met.
+        A free point stays until the tip has moved the fraction t of its move that closes the gap,
+        t = gap / (move . normal); from there on it slips. So a point that only sinks ahead of the
+        tip has not slipped when it is touched.
         """
         start = np.array(previous.tip_mm)
         points = self.surface.points(previous.displacement_mm, start)
@@ -261,7 +258,7 @@ class FinitePress:
 
     def _state(
         self, previous: FiniteState, tip_mm: Point, u: Field, grip: FrictionGrip | None,
-        solution: newton.NewtonSolution, memory: Memory | None, lagged: int,
+        solution: NewtonSolution, memory: Memory | None, lagged: int,
     ) -> FiniteState:  # fmt: skip
         tip = np.array(tip_mm)
         bulk = self.bulk.evaluate(u, False, memory=memory)

@@ -1,4 +1,4 @@
-"""A solved position of the indenter on a mesh, and from where the next increment starts."""
+"""State of a solved position of the indenter on a mesh, and the next increment's start."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from ..level import IncrementDiagnostics
 from .assembly import BulkAssembly
 from .mesh import HexMesh
 
-PENETRATION_LIMIT = 0.05  # of the depth; beyond, a state is not `trusted`
+PENETRATION_LIMIT = 0.05  # of the depth; by hand: above, a state is not `trusted`
 
 REST_DIAGNOSTICS = IncrementDiagnostics(most_stretch=1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class FiniteState:
-    """One solved position of the indenter; also the whole history that the next one needs.
+    """One solved position of the indenter; also the full history for the next one.
 
     tip_mm: (x, y, depth) of the lowest point, depth positive into the gel from the resting face.
-    displacement_mm (n, 3): of all nodes. slip_mm (f, q, 3): elastic slip stored at the q points
-    of every face. pressure_mpa (f, q), shear_mpa (f, q, 3): on the gel, per resting area.
+    displacement_mm (n, 3): of all nodes. slip_mm (f, q, 3): elastic slip at the q points of every
+    face. pressure_mpa (f, q), shear_mpa (f, q, 3): on the gel, per resting area.
     force_n, torque_nmm: on the sensor, about the centre of the resting face.
     base_force_n: of the base on the gel; minus force_n in equilibrium.
-    contact_points: how many are under pressure.
+    contact_points: number of points under pressure.
     cell_pressure_mpa (m,): mean pressure of the cells, tension positive.
-    rate: what the last increment changed: displacement (n, 3), tip (3,) and cell pressure (m,).
-    overstress_mpa (k, m, 8, 6): of a gel with a Prony series, see `Viscosity`; None: all has faded.
+    rate: changes in the last increment: displacement (n, 3), tip (3,) and cell pressure (m,).
+    overstress_mpa (k, m, 8, 6): of a gel with a Prony series, see `Viscosity`; None: relaxed.
     """
 
     tip_mm: Point
@@ -49,21 +49,21 @@ class FiniteState:
 
     @property
     def trusted(self) -> bool:
-        """False where the indenter is more than PENETRATION_LIMIT of its depth inside the gel, or
-        where friction is not that of the state's own pressures."""
+        """True unless the indenter is more than PENETRATION_LIMIT of its depth inside the gel, or
+        friction is not that of the state's own pressures."""
         d = self.diagnostics
         inside_mm = PENETRATION_LIMIT * max(self.tip_mm[2], 0.0)
         return d.penetration_mm <= inside_mm and not d.lagged
 
 
-SAME_TIP_MM = 1e-6  # tips no further apart are one
+SAME_TIP_MM = 1e-6  # by hand: tips no further apart are the same, above rounding
 
 
 class Guide:
-    """Increments of a way that a coarser mesh has gone, asked for in its order.
+    """Increments of a path solved on a coarser mesh, requested in order.
 
-    From there Newton's method finds the finer mesh's own answer in about half the factors.
-    Both meshes are blocks, so interpolation is the product of three along the axes.
+    Starting from them, Newton's method needs about half the factorisations on the finer mesh.
+    Both meshes are blocks, so interpolation is a product of three along the axes.
     states: of the coarser mesh, in the order solved.
     """
 
@@ -76,7 +76,7 @@ class Guide:
         self._cells = [_linear(a, b) for a, b in zip(*middles, strict=True)]
 
     def change(self, start_mm: Point, end_mm: Point) -> tuple[Field, Field] | None:
-        """Of displacements (n, 3) and cell pressures (m,) between two tips; None if not there."""
+        """Change of displacements (n, 3), cell pressures (m,) between two tips; None if unknown."""
         first = self._index(start_mm, self._next)
         last = None if first is None else self._index(end_mm, first + 1)
         if first is None or last is None:
@@ -84,9 +84,8 @@ class Guide:
         self._next = first
         a, b = self._states[first], self._states[last]
         shift_mm = _interpolate(b.displacement_mm - a.displacement_mm, self._nodes)
-        return shift_mm, _interpolate(
-            (b.cell_pressure_mpa - a.cell_pressure_mpa)[:, None], self._cells
-        )[:, 0]
+        pressure = (b.cell_pressure_mpa - a.cell_pressure_mpa)[:, None]
+        return shift_mm, _interpolate(pressure, self._cells)[:, 0]
 
     def _index(self, tip_mm: Point, start: int) -> int | None:
         for k in range(start, len(self._states)):
@@ -96,20 +95,22 @@ class Guide:
 
 
 def _linear(at_mm: Field, to_mm: Field) -> Field:
-    """Weights (len(to), len(at)) of linear interpolation, constant beyond the ends."""
+    """Weights (len(to), len(at)) of linear interpolation, constant outside the ends."""
     return np.stack([np.interp(to_mm, at_mm, unit) for unit in np.eye(len(at_mm))], axis=1)
 
 
 def _interpolate(values: Field, weights: Sequence[Field]) -> Field:
-    """Values (points, k) of a block, x fastest and z slowest, at the points of another."""
+    """Interpolate values (points, k) of a block, x fastest and z slowest, to another block."""
     x, y, z = weights
     grid = values.reshape(z.shape[1], y.shape[1], x.shape[1], -1)
     mapped = np.einsum("ai,bj,ck,ijkd->abcd", z, y, x, grid, optimize=True)
     return np.asarray(mapped.reshape(-1, grid.shape[-1]))
 
 
-PREDICTABLE_CELLS = 0.75  # of the smallest cell: longest move that is extrapolated
-MIN_VOLUME_SHARE = 0.2  # of the least volume ratio, by which a start may crush a cell
+# By hand, for the work only: longest move that is extrapolated, over the smallest cell; least
+# volume ratio of a start, over that of the previous state.
+PREDICTABLE_CELLS = 0.75
+MIN_VOLUME_SHARE = 0.2
 
 
 def predict_start(
@@ -119,9 +120,9 @@ def predict_start(
     cell_mm: float,
     change: tuple[Field, Field] | None,
 ) -> tuple[Field, Field]:
-    """Displacements (n, 3) and cell pressures (m,): the state before and a change of them.
+    """Predict displacements (n, 3) and cell pressures (m,) from the previous state.
 
-    change: as it is foreseen; None: the last increment's, repeated.
+    change: predicted change; None: repeats the last increment's.
     """
     u, pressure = previous.displacement_mm, previous.cell_pressure_mpa
     if change is None:
@@ -135,10 +136,10 @@ def predict_start(
 
 
 def _repeat_share(previous: FiniteState, tip_mm: Field, cell_mm: float) -> float:
-    """How much of the last increment is repeated; 0 where the path turns or the move is long.
+    """Fraction of the last increment to repeat; 0 where the path turns or the move is long.
 
-    On the way back the contact does not open as it closed. A move of a cell or more shears cells so
-    much that Newton from rest takes half the factors.
+    On reversal the contact does not open as it closed. A move of a cell or more shears cells so
+    much that Newton without prediction takes half the factorisations.
     """
     if previous.rate is None:
         return 0.0

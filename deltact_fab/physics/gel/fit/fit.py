@@ -1,8 +1,8 @@
 """Modulus of a lab's own gel, from a measured press.
 
-Model: the hyperelastic curve of the very block and indenter, at a friction that is given; forces
-are linear in the modulus. Least squares with constant noise; the intervals are Student's t on the
-covariance s^2 (J'J)^-1, widened where the residuals follow each other.
+Model: the hyperelastic force curve of the same block and indenter at a given friction; forces are
+linear in the modulus. Least squares with constant noise; the intervals are Student's t on the
+covariance s^2 (J'J)^-1, widened where the residuals are correlated.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from deltact_fab.common import Field, InputError, Point2, Progress, RunFailed
 from deltact_fab.sensor import GelMaterial, Indenter, SkinDimensions
 
+from ..error_control import MESH_RATIO
 from ..level import Choice, unusual_material
 from ..level_selection import FORCE_TOLERANCE
 from .force_curve import DEEPEST_SHARE, ForceCurve, cells_mm, force_curve
@@ -24,9 +25,9 @@ from .measured import MeasuredIndentation
 
 Bounds = tuple[float, float]
 
-CONFIDENCE_LEVEL = 0.95
-OUTLIER_SIGMAS = 6.0  # robust standard deviations
-EXACT_REL = 1e-10  # of the rms force: residuals below are rounding
+CONFIDENCE_LEVEL = 0.95  # of the intervals: by hand, the usual level
+OUTLIER_SIGMAS = 6.0  # robust standard deviations; by hand: less drops good values
+EXACT_REL = 1e-10  # of the rms force; by hand: residuals below are rounding
 
 
 @dataclass(frozen=True)
@@ -36,16 +37,16 @@ class Estimate:
     high: float
 
     def widened(self, rel: float) -> Estimate:
-        """With a share of the value more on either side, for what no residual shows."""
+        """Widen by a fraction of the value on either side, for errors that no residual shows."""
         margin = rel * abs(self.value)
         return Estimate(self.value, self.low - margin, self.high + margin)
 
 
 @dataclass(frozen=True, eq=False)
 class FitSolution:
-    """values: the modulus and, where it is fitted, the depth of first touch, with covariance.
+    """Fitted values: the modulus and, if fitted, the depth of first touch, with covariance.
 
-    follow: lag-1 correlation of the residuals, 0 where it is within chance.
+    lag1: lag-1 correlation of the residuals, 0 if insignificant.
     """
 
     values: Field
@@ -97,7 +98,7 @@ def solve(data: MeasuredIndentation, unit: ForceCurve, touch_bounds: Bounds | No
     plain = run(inliers, np.array(start), "linear", 1.0)
     spread = _robust(forces(plain.x) - data.normal_n)
     if spread > EXACT_REL * scale:
-        # Robust first, to see what does not belong; then plain on the rest, for the intervals.
+        # A robust fit to find outliers, then least squares on the rest for the intervals.
         calm = run(inliers, plain.x, "soft_l1", spread).x
         residual = forces(calm) - data.normal_n
         inliers = np.abs(residual) <= OUTLIER_SIGMAS * max(_robust(residual), EXACT_REL * scale)
@@ -108,11 +109,8 @@ def solve(data: MeasuredIndentation, unit: ForceCurve, touch_bounds: Bounds | No
     if dof < 2:
         raise RunFailed(f"gel fit: {int(inliers.sum())} usable values for {len(x)} unknowns")
     residual = (forces(x) - data.normal_n)[inliers]
-    lag1 = (
-        _lag1_correlation(residual)
-        if float(np.sqrt(np.mean(residual**2))) > EXACT_REL * scale
-        else 0.0
-    )
+    exact = float(np.sqrt(np.mean(residual**2))) <= EXACT_REL * scale
+    lag1 = 0.0 if exact else _lag1(residual)
     variance = float(residual @ residual) / dof * (1 + lag1) / (1 - lag1)
     to_mpa: Field = np.array([modulus, 1.0])[: len(x)]
     scatter = np.asarray(np.linalg.pinv(plain.jac.T @ plain.jac), dtype=np.float64)
@@ -126,15 +124,15 @@ def _robust(residual: Field) -> float:
     return 1.4826 * float(np.median(np.abs(residual)))
 
 
-def _lag1_correlation(residual: Field) -> float:
-    """Lag-1 correlation in the order measured, 0 unless it is past chance (3 sigma)."""
+def _lag1(residual: Field) -> float:
+    """Lag-1 correlation in measured order, 0 unless significant (3 sigma)."""
     size = float(residual @ residual)
     r = float(residual[1:] @ residual[:-1]) / size if size > 0 else 0.0
     return min(r, 0.95) if r > 3 / math.sqrt(len(residual)) else 0.0
 
 
 def smooth_part(x: Field, residual: Field) -> tuple[Field, float]:
-    """Cubic trend of a residual over `at`, and the F test's p that it is chance."""
+    """Cubic trend of a residual over `x`, and the F test's p that it is chance."""
     from scipy.stats import f
 
     n, order = len(x), 3
@@ -147,25 +145,24 @@ def smooth_part(x: Field, residual: Field) -> tuple[Field, float]:
     return trend, float(f.sf(float(trend @ trend) / (order + 1) / noise, order + 1, n - order - 1))
 
 
-COARSER = 1.5
-# Of the force: what cells by the default tolerance may be off.
+# Relative force error that cells by the default tolerance may have.
 CELLS_REL = Choice.model_share * FORCE_TOLERANCE
-MODEL_REL = 0.01  # of the force: what the model itself may be off
+# By hand, as fractions: smaller ones warn or refuse more often, larger ones miss wrong data.
+MODEL_REL = 0.01  # of the force: expected error of the model
 TOUCH_FORCE = 0.02  # of the largest force, for a first guess of the first touch
-TOUCH_BEFORE, TOUCH_AFTER = 0.4, 0.15  # of the press, round that guess
-MIN_DEPTH_SPREAD = 0.1  # of the deepest press: range of the depths
+TOUCH_BEFORE, TOUCH_AFTER = 0.4, 0.15  # of the press: search range around that guess
+MIN_DEPTH_SPREAD = 0.1  # of the deepest press: least range of the depths
 
 
 @dataclass(frozen=True, eq=False)
 class GelFit:
-    """What a measured press says of the gel.
+    """Gel modulus fitted to a measured press.
 
-    friction_used: what the model took. offset_mm: depth_mm at first touch, None where it was not
-    fitted. rms_n, rms_rel: of all residuals, over the rms of the forces. mesh_error_rel: of the
-    modulus, from a mesh COARSER as coarse, part of its interval; None where it was not asked for.
+    friction_used: friction of the model. offset_mm: depth_mm at first touch, None if not fitted.
+    rms_n, rms_rel: of all residuals, over the rms of the forces. mesh_error_rel: of the modulus,
+    from a mesh MESH_RATIO as coarse, part of its interval; None if not requested.
     trend_rel: rms of the smooth part of the residual over the rms force. depth_mm (n,) from first
-    touch of measured_n (n,) and model_n (n,); used (n,): False where a value was left out as an
-    outlier.
+    touch of measured_n (n,) and model_n (n,); inliers (n,): False for outliers, not fitted.
     """
 
     modulus_mpa: Estimate
@@ -184,7 +181,7 @@ class GelFit:
     inliers: NDArray[np.bool_]
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data, without the arrays."""
+        """Return plain data, without the arrays."""
         plain = {k: v for k, v in asdict(self).items() if not isinstance(v, np.ndarray)}
         return {**plain, "model": "hyperelastic", "notes": list(self.notes)}
 
@@ -202,11 +199,11 @@ def fit_press(
     mesh_error: bool = True,
     progress: Progress | None = None,
 ) -> GelFit:
-    """Fit the modulus, and the depth of first touch where it is asked for.
+    """Fit the modulus and, with fit_offset, the depth of first touch.
 
-    mesh_error: solve on the coarser mesh too. Raises InputError where the file's depths do not fit
-    the gel or are all one, RunFailed where no modulus follows or its interval holds 0, and what the
-    engine raises.
+    mesh_error: also solve on a coarser mesh. Raises InputError where the file's depths do not fit
+    the gel or are all equal, RunFailed where there is no modulus or its interval includes 0, and
+    the solver's errors.
     """
     bounds, deepest = _reach(data, skin, fit_offset)
     default_mm = cells_mm(skin, indenter, poisson, at_mm, deepest)
@@ -222,10 +219,10 @@ def fit_press(
     solution = solve_on(h)
     error = None
     if mesh_error:
-        # Cells are of second order. One pair of meshes may agree by chance: never less than what
-        # the cells were chosen for.
-        ratio = float(solve_on(h * COARSER).values[0] / solution.values[0])
-        error = max(abs(ratio - 1) / (COARSER**2 - 1), CELLS_REL * (h / default_mm) ** 2)
+        # Cells are of second order. One pair of meshes may agree by chance: never less than the
+        # error that the cells were chosen for.
+        ratio = float(solve_on(h * MESH_RATIO).values[0] / solution.values[0])
+        error = max(abs(ratio - 1) / (MESH_RATIO**2 - 1), CELLS_REL * (h / default_mm) ** 2)
     residual, inliers = data.normal_n - solution.model_n, solution.inliers
     scale = float(np.sqrt(np.mean(data.normal_n[inliers] ** 2)))
     rms = float(np.sqrt(np.mean(residual[inliers] ** 2)))
@@ -234,8 +231,8 @@ def fit_press(
     if not modulus.low > 0:
         raise RunFailed(
             f"gel fit: {modulus.value:.3g} MPa with an interval of {modulus.low:.3g} to "
-            f"{modulus.high:.3g}, which holds 0: these data give no modulus; less noise, more rows "
-            "or a deeper press is needed"
+            f"{modulus.high:.3g} includes 0: the data do not determine a modulus; less noise, more "
+            "rows or a deeper press is needed"
         )
     return GelFit(
         modulus_mpa=modulus,
@@ -258,13 +255,13 @@ def fit_press(
 def _reach(
     data: MeasuredIndentation, skin: SkinDimensions, fit_offset: bool
 ) -> tuple[Bounds | None, float]:
-    """Bounds of the depth_mm of first touch, if it is fitted, and the deepest press they need."""
+    """Return bounds of the depth_mm of first touch, if fitted, and the deepest press they need."""
     low_mm, high_mm = float(data.depth_mm.min()), float(data.depth_mm.max())
-    # At one depth a force gives no more than one number, whatever it means.
+    # A force at a single depth does not determine modulus and offset.
     if not high_mm - low_mm >= MIN_DEPTH_SPREAD * high_mm:
         raise InputError(
-            f"{data.name}: column depth_mm: all rows are {low_mm:.3g} to {high_mm:.3g} mm deep; depths "
-            f"spread over at least {MIN_DEPTH_SPREAD:.0%} of the deepest are needed"
+            f"{data.name}: column depth_mm: all rows are {low_mm:.3g} to {high_mm:.3g} mm deep; "
+            f"depths spread over at least {MIN_DEPTH_SPREAD:.0%} of the deepest are needed"
         )
     limit = DEEPEST_SHARE * skin.thickness_mm
     bounds: Bounds | None = None
@@ -289,7 +286,7 @@ def _reach(
 def _trend(
     data: MeasuredIndentation, solution: FitSolution, residual: Field, scale: float
 ) -> tuple[float, list[str]]:
-    """Smooth part of the residual over depth, relative, and what it means."""
+    """Relative size of the residual's trend over depth, and a warning about it."""
     press = solution.inliers & (data.depth_mm > solution.touch_mm)
     if not press.any():
         return 0.0, []
@@ -309,16 +306,16 @@ def _data_notes(
 ) -> list[str]:
     notes = []
     if data.dragged:
-        notes.append(f"{data.dragged} rows from the first move along the face on are left out")
+        notes.append(f"{data.dragged} rows from the first move along the face on: not fitted")
     if odd := unusual_material(modulus.value):
         notes.append(f"warning: {odd}; normal_n in N (not mN or g) and depth_mm in mm are needed")
     out = int((~solution.inliers).sum())
     if out:
-        notes.append(f"{out} of {len(solution.inliers)} values left out as outliers")
+        notes.append(f"{out}/{len(solution.inliers)} values not fitted (outliers)")
     if solution.lag1:
         notes.append(
-            f"residuals follow each other (lag-1 correlation {solution.lag1:.2f}); intervals are "
-            f"widened {math.sqrt((1 + solution.lag1) / (1 - solution.lag1)):.1f} times for it"
+            f"residuals are correlated (lag-1 correlation {solution.lag1:.2f}): intervals widened "
+            f"{math.sqrt((1 + solution.lag1) / (1 - solution.lag1)):.1f} times"
         )
     if bounds is not None:
         edge = 1e-3 * (bounds[1] - bounds[0])
@@ -327,12 +324,10 @@ def _data_notes(
                 f"warning: the first touch is at the end of its range, {bounds[0]:.3g} to "
                 f"{bounds[1]:.3g} mm; rows before touch would determine it"
             )
-    untouched_n = data.normal_n[data.depth_mm < solution.touch_mm]
-    if len(untouched_n) > 3:
-        bias, doubt = (
-            float(untouched_n.mean()),
-            float(untouched_n.std(ddof=1)) / math.sqrt(len(untouched_n)),
-        )
+    free_n = data.normal_n[data.depth_mm < solution.touch_mm]
+    if len(free_n) > 3:
+        bias = float(free_n.mean())
+        doubt = float(free_n.std(ddof=1)) / math.sqrt(len(free_n))
         if abs(bias) > 4 * doubt and abs(bias) > 1e-3 * float(data.normal_n.max()):
             notes.append(f"warning: the sensor reads {bias:.3g} N before touch; tare it")
     return notes

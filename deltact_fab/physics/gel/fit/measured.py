@@ -1,4 +1,4 @@
-"""A press as a lab measured it: depth and force, row by row, out of a CSV file."""
+"""A press measured by a lab: depth and force, row by row, from a CSV file."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from deltact_fab.common import Field, InputError, read_text
 
 PRESS_COLUMNS = ("depth_mm", "normal_n")
 SHEAR_COLUMNS = ("shear_x_mm", "shear_y_mm")
-MIN_ROWS = 6
-STILL_MM = 0.02  # no stage repeats better: a smaller move is no shear
+MIN_ROWS = 6  # by hand: fewer give no interval of a modulus
+STILL_MM = 0.02  # by hand, about a stage's repeatability: a smaller move is no shear
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredIndentation:
     """Rows in the order measured. depth_mm (n,) into the gel; normal_n (n,) positive = pressed.
 
-    dragged: rows of the file that are left out, from the first move in plane on.
+    dragged: number of rows not used, from the first move in plane on.
     """
 
     name: str
@@ -32,7 +32,7 @@ class MeasuredIndentation:
 
 
 def read_press_csv(path: Path | str) -> MeasuredIndentation:
-    """Read COLUMNS, and SHEAR where a drag follows; others are left alone, `#` starts a comment.
+    """Read PRESS_COLUMNS, and SHEAR_COLUMNS for a drag; `#` starts a comment, others are ignored.
 
     Raises InputError naming file, line and column.
     """
@@ -49,9 +49,8 @@ def read_press_csv(path: Path | str) -> MeasuredIndentation:
                 f"{path}:{number}: no column {name}; found {', '.join(header)}; "
                 f"{' and '.join(PRESS_COLUMNS)} are needed"
             )
-    place = {
-        name: header.index(name) for name in (*PRESS_COLUMNS, *SHEAR_COLUMNS) if name in header
-    }
+    names = (*PRESS_COLUMNS, *SHEAR_COLUMNS)
+    place = {name: header.index(name) for name in names if name in header}
     rows = []
     for number, cells in lines:
         if len(cells) != len(header):
@@ -72,7 +71,7 @@ def read_press_csv(path: Path | str) -> MeasuredIndentation:
 
 
 def _lines(text: str) -> Iterator[tuple[int, list[str]]]:
-    """Line numbers and stripped cells, without blank lines and comments."""
+    """Yield line numbers and stripped cells, without blank lines and comments."""
     for number, line in enumerate(text.splitlines(), start=1):
         if line.strip() and not line.lstrip().startswith("#"):
             yield number, [cell.strip() for cell in next(csv.reader([line]))]

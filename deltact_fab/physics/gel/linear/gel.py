@@ -1,4 +1,4 @@
-"""The linear level behind the interface of `level`: grid fields on the common lattice."""
+"""Linear gel, a `level.GelContact`: grid fields on the common lattice."""
 
 from __future__ import annotations
 
@@ -8,19 +8,10 @@ from deltact_fab.common import Field, Point, SolverError
 from deltact_fab.sensor import FreeBlock, GelMaterial, Indenter, SkinDimensions
 
 from ..level import Choice, GelContact, State
-from ..zones import (
-    BOUND_MARGIN,
-    RIM_ERROR,
-    STICK_RIM_ERROR,
-    ZoneMap,
-    Zones,
-    hermite,
-    means,
-    measure_zones,
-)
+from ..zones import BOUND_MARGIN, ZoneMap, Zones, hermite, means, measure_zones
 from .contact import ContactState, LinearContact
 
-MAX_LINEAR_CUTS = 2  # halvings of an increment
+MAX_LINEAR_CUTS = 2  # halvings of an increment; by hand: more only delay the refusal
 
 
 class LinearGel(GelContact):
@@ -39,7 +30,7 @@ class LinearGel(GelContact):
         self.dofs = 3 * face.shape[0] * face.shape[1]
         self.contact = LinearContact(face, indenter, choice.friction)
         self._sampled = hermite(face.x_mm, x_mm), hermite(face.y_mm, y_mm)
-        # A traction at a node of the grid is that of the cell around it.
+        # A traction at a grid node is constant over the cell around it.
         edges = (
             np.append(nodes - step / 2, nodes[-1] + step / 2)
             for nodes, step in zip((face.x_mm, face.y_mm), face.spacing_mm, strict=True)
@@ -71,13 +62,13 @@ class LinearGel(GelContact):
         return _sample_on_lattice(self._sampled, inner.displacement_mm)
 
     def traction_mpa(self, inner: ContactState) -> Field:
-        """(ny, nx, 3) on the lattice; linear, so pressure acts along -z."""
+        """Return tractions (ny, nx, 3) on the lattice; linear, so pressure acts along -z."""
         shear = _sample_on_lattice(self._means, inner.shear_mpa)
         pressure = _sample_on_lattice(self._means, inner.pressure_mpa[..., None])
         return np.concatenate([shear, -pressure], axis=-1)
 
     def zones(self, inner: ContactState) -> tuple[Zones, ZoneMap] | None:
-        """The nodes under pressure, each with its cell: the contact is hard. None: none is."""
+        """Return the zones of the nodes under pressure; None without contact."""
         if not inner.contact_nodes:
             return None
         face, h = self.contact.face, max(self.contact.face.spacing_mm)
@@ -87,7 +78,7 @@ class LinearGel(GelContact):
             (face.x_mm, face.y_mm), place + inner.displacement_mm[..., :2],
             (inner.pressure_mpa > 0).astype(np.float64),
             np.linalg.norm(inner.shear_mpa, axis=2) < bound,
-            (RIM_ERROR * h, STICK_RIM_ERROR * h), (self.x_mm, self.y_mm),
+            h, 0.0, (self.x_mm, self.y_mm),
         )  # fmt: skip
 
     def _state(self, inner: ContactState) -> State:

@@ -1,4 +1,4 @@
-"""A press by a tolerance: level, mesh and mirror image picked, contact and solver opened."""
+"""Opening of a press: choice of level, mesh and mirror image, contact and solver."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from deltact_fab.sensor import GelMaterial, Indenter, SkinDimensions
 
 from ..level import FINITE_LEVEL, Choice, GelContact, Reach
 from ..level_selection import FORCE_TOLERANCE, select_level
-from .knots import KnotPose, ObservedChannels, solved_image
+from .knots import KnotPose, ObservedChannels, mirror_of
 from .solver import PathSolver
 
 
@@ -26,11 +26,11 @@ def choose_level(
     tolerance: float = FORCE_TOLERANCE,
     **wishes: Any,
 ) -> Choice:
-    """Level, mesh and steps of a press, of its image where that is solved; wishes: of `pick`.
+    """Choose level, mesh and steps of a press (or its mirror image); wishes: of `select_level`.
 
-    Raises InputError where no level or mesh can do it.
+    Raises InputError where no level or mesh is possible.
     """
-    mirror = solved_image(poses, indenter)
+    mirror = mirror_of(poses, indenter)
     tips = [mirror.point(p.tip_mm) for p in poses]
     reach = Reach.around([(x, y, -z) for x, y, z in tips])
     return select_level(skin, material, indenter, reach, tolerance, **wishes)
@@ -46,14 +46,14 @@ def open_path(
     like: PathSolver | None = None,
     keeps_states: bool = False,
 ) -> PathSolver:
-    """The solver of a press on what was chosen for it; forces for a modulus of 1 MPa, kept.
+    """Open the solver of a press on a choice; its forces are for a modulus of 1 MPa, and stored.
 
-    Kept with all that a knot depends on but the modulus, with which forces are in proportion. A
-    linear grid knows no focus, and no level but that of finite strain parts an increment. Seconds
-    matter to a gel that creeps only. like, keeps_states: see `PathSolver`.
+    The store's key is everything that a knot depends on except the modulus, to which forces are
+    proportional. A linear grid has no focus, and only finite strain divides increments. Seconds
+    matter only to a gel that creeps. like, keeps_states: see `PathSolver`.
     """
     unit = replace(material, modulus_mpa=1.0)
-    mirror = solved_image(poses, indenter)
+    mirror = mirror_of(poses, indenter)
     images = [(mirror.point(p.tip_mm), p.seconds) for p in poses]
     linear = choice.level != FINITE_LEVEL
     key = cache_key(
@@ -88,7 +88,7 @@ def open_contact(
     choice: Choice,
     lattice_mm: float = 0.25,
 ) -> GelContact:
-    """The contact that a choice describes. lattice_mm: largest distance of lattice nodes."""
+    """Make the contact of a choice. lattice_mm: largest spacing of the lattice."""
     x, y = (_lattice(half, lattice_mm) for half in skin.opening_half_mm)
     if choice.level == FINITE_LEVEL:
         from ..finite.gel import FiniteGel
@@ -100,6 +100,6 @@ def open_contact(
 
 
 def _lattice(half_mm: float, spacing_mm: float) -> Field:
-    """From -half to half; 0 is a node."""
+    """Lattice nodes from -half to half, 0 included."""
     n = max(1, math.ceil(half_mm / spacing_mm - 1e-9))
     return np.linspace(-half_mm, half_mm, 2 * n + 1)

@@ -1,4 +1,4 @@
-"""A press followed knot by knot: each taken from the store, or solved and then kept."""
+"""A press solved knot by knot: each is read from the store, or solved and then stored."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ END_ERRORS: dict[str, type[DeltactFabError]] = {"input": InputError, "solver": S
 
 
 class PathSolver:
-    """The knots of one press: key 0 is rest, 1 to len(poses) are the planned knots, more others.
+    """Knots of one press: key 0 is rest, 1 to len(poses) are the planned knots, then others.
 
-    contact: opens what solves, at the first solve, for a modulus of 1 MPa. key: of the store; None
-    stores nothing. mirror: takes the press to the one that is solved and stored; all else here is
-    the press itself. floor_mm: depth of the gel's floor. solves, seconds: of knots solved here, not
-    of those found. A press that cannot be solved to its end is kept as far as it goes, with why:
-    the same is not tried twice. like: the solver of the same way on a coarser mesh; where it keeps
-    its states (keeps_states), this one starts from them. choice: it was opened by, if told.
+    contact: opens the contact at the first solve, for a modulus of 1 MPa. key: of the store; None
+    stores nothing. mirror: from the press to its image that is solved and stored; everything else
+    here is of the press itself. floor_mm: depth of the gel's floor. stored: the store's entry, if
+    any. solves, seconds: of knots solved here, without stored ones. A press that fails is stored up
+    to there with the error and not tried again. like: solver of the same path on a coarser mesh;
+    if it keeps its states (keeps_states), this one starts from them. choice: set by the opener.
     """
 
     choice: Choice
@@ -93,12 +93,12 @@ class PathSolver:
 
     @property
     def stored_as(self) -> str | None:
-        """Equal for presses that one solution serves; None: nothing is stored."""
+        """Identifier, equal for presses that share a solution; None: nothing is stored."""
         return None if self._key is None else json.dumps(self._key)
 
     @property
     def stored_file(self) -> Path | None:
-        """The file of the store that has all of the press; None where there is none."""
+        """The store's file of the complete press, None if missing."""
         return None if self._key is None else SOLVED_PATHS.file(self._key)
 
     @property
@@ -111,19 +111,19 @@ class PathSolver:
 
     @property
     def ended(self) -> str:
-        """Why the planned knots after those found cannot be solved; empty where they can."""
+        """Error that prevents the planned knots after the stored ones; empty if none."""
         return str(self.stored["ended"][1]) if self.stored and self.stored["ended"] else ""
 
     @property
     def flags(self) -> dict[str, int]:
-        """Flags of these knots, by id, and how many carry each."""
+        """Count these knots' flags by id."""
         return dict(sorted(Counter(flag.id for knot in self._knots for flag in knot.flags).items()))
 
     def next(self, previous: int, tip_mm: Point, seconds: float) -> SolvedKnot:
-        """The knot at tip (x, y, z < 0), coming straight from the one of key `before`.
+        """Solve the knot at tip (x, y, z < 0), straight from the knot of key `previous`.
 
-        seconds: that it takes; those of the plan where it is planned. Raises SolverError and
-        InputError when the gel cannot be solved there.
+        seconds: duration; a planned knot uses the plan's. Raises SolverError and InputError when
+        the gel cannot be solved there.
         """
         assert not self._closed, "the next press has begun"
         if previous < len(self.poses) and self.poses[previous].tip_mm == tip_mm:
@@ -145,7 +145,7 @@ class PathSolver:
         return self.knots
 
     def close(self) -> None:
-        """Free fields and solver, a quarter of a gigabyte and more; counts and flags stay."""
+        """Free fields and solver (a quarter of a gigabyte and more); keep counts and flags."""
         self._knots = [replace(k, **UNKEPT_FIELDS) for k in self._knots]
         self._states, self.states, self._contact, self._closed = {}, [], None, True
 
@@ -160,11 +160,9 @@ class PathSolver:
         try:
             start = self._state(previous, pose.tip_mm)
             state, knot = self._solve(start, pose, previous + 1, last)
-        except tuple(END_ERRORS.values()) as reason:
-            kind = next(
-                name for name, error_type in END_ERRORS.items() if type(reason) is error_type
-            )
-            self._keep((kind, str(reason)))
+        except tuple(END_ERRORS.values()) as error:
+            kind = next(name for name, cls in END_ERRORS.items() if type(error) is cls)
+            self._keep((kind, str(error)))
             raise
         self._knots.append(knot)
         self._remember(previous, previous + 1, state)
@@ -203,12 +201,12 @@ class PathSolver:
     # -- states ----------------------------------------------------------------------------------
 
     def _state(self, key: int, tip_mm: Point) -> State:
-        """The solver's state at a knot; planned ones that came from the store are solved again."""
+        """Return the solver's state at a knot; solve stored knots again for it."""
         if key == 0:
             return self.contact.rest(self.mirror.point((tip_mm[0], tip_mm[1], 0.0)))
         if key in self._states:
             return self._states[key]
-        assert key <= len(self.poses), "a hold can throw back by one knot, never by two"
+        assert key <= len(self.poses), "a hold can go back by one knot, never by two"
         state = self.contact.rest(self.mirror.point((*self.poses[0].tip_mm[:2], 0.0)))
         for number, pose in enumerate(self.poses[:key], start=1):
             state, _ = self._solve(state, pose, number, False)
@@ -216,15 +214,15 @@ class PathSolver:
         return state
 
     def _remember(self, previous: int, key: int, state: State) -> None:
-        # Two are enough: a hold can throw back by one knot, never by two.
+        # Two are enough: a hold can go back by one knot, never by two.
         self._states = {k: s for k, s in self._states.items() if k == previous} | {key: state}
 
     # -- the store -------------------------------------------------------------------------------
 
     def _load(self) -> dict[str, Any] | None:
-        """What `_keep` left in the store, its knots as this press's own; None: no whole one.
+        """Load the store's entry, its knots mirrored to this press; None: no complete one.
 
-        ended: (kind of error, why) where the gel could not be solved at the knot after these.
+        ended: (kind of error, message) where the gel could not be solved at the next knot.
         """
         entry = None if self._key is None else SOLVED_PATHS.read(self._key)
         if entry is None or (len(entry["knots"]) != len(self.poses) and entry["ended"] is None):
@@ -244,10 +242,10 @@ class PathSolver:
 def clamp_to_floor(
     displacement_mm: NDArray[np.float32], floor_mm: float
 ) -> tuple[NDArray[np.float32], list[Note]]:
-    """A face's displacement (ny, nx, 3) with nothing below the gel's floor, and a flag if it was.
+    """Clamp a face's displacement (ny, nx, 3) to the gel's floor, with a flag if it was below.
 
-    The solver knows no contact of the gel with itself or its floor: where a deep drag folds the
-    face between large cells, a part of it can come out where the window is.
+    The solver has no contact of the gel with itself or its floor: where a deep drag folds the face
+    between large cells, a part of it can end up inside the window.
     """
     below = -floor_mm - displacement_mm[..., 2]
     if not (below > 0).any():
