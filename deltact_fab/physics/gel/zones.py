@@ -66,12 +66,10 @@ def hermite(knots: Field, points: Field) -> Field:
     return np.asarray(CubicHermiteSpline(knots, values, slopes)(points))
 
 
-# Measured (docs/evidence/gel.md), in cells: range outside the contact that is extrapolated from;
-# errors of the rims of contact and stick zone.
+# Cells outside the contact; by hand: nearer has the mesh's error, farther leaves the power law.
 NEAR_CELLS, FAR_CELLS = 0.75, 1.5
-RIM_ERROR, STICK_RIM_ERROR = 0.1, 0.2
-
-BOUND_MARGIN = 1e-6  # of friction's bound; by hand: above rounding
+RIM_ERROR, STICK_RIM_ERROR = 0.1, 0.2  # cells; measured, docs/evidence/gel.md
+FRICTION_MARGIN = 1e-6  # of friction's bound; by hand: above rounding
 SLIP_ZONE, STICK_ZONE = 1, 2  # values of a zone map by definition; 0: no contact
 
 Flags = NDArray[np.bool_]

@@ -1,9 +1,9 @@
-"""Acceptance: a finished sensor's own images against its design, before anything presses on it.
+"""Acceptance: check of a finished sensor's images against its design, before the first press.
 
-The recipe is drawn as the camera should see it and laid onto the mean of the images at rest, tile
-by tile: where the tiles lie tells place, turn, scale and tilt, what they hold tells blur and light,
-what they lack tells film, bubbles and dust. Rest and step are told by the tracker and the state of
-health that every measurement uses.
+The recipe is rendered as the camera should see it and matched to the mean of the images at rest,
+tile by tile: the tiles' positions give place, rotation, scale and tilt, their content blur and
+light, and mismatches film damage, bubbles and dust. Rest and step are checked by the tracker and
+the state of health of every measurement.
 """
 
 from __future__ import annotations
@@ -51,34 +51,33 @@ from deltact_fab.sensor import CameraModel, FlatField
 
 from .source import Source, images
 
+# Limits by hand: wider ones accept a sensor that measures worse, narrower ones refuse good ones.
 REST_FRAMES = 100
-LEAST_FRAMES = 10  # of which noise can be told
-BLUR_PATCHES = 0.375  # of a patch: there half of the contrast of neighbours is left (MTF50)
-LEAST_BLUR_PX = 1.2  # a Bayer filter and its demosaicing alone take nearly a pixel
-MIN_AGREEMENT = (
-    0.5  # median correlation of tiles with the recipe; of unlike patterns it is about 0.3
-)
-MAX_TURN_DEG, MAX_SCALE_ERROR, MAX_KEYSTONE = 3.0, 0.04, 0.06
-MIN_WHITE, MAX_WHITE = 0.2, 0.98  # of white, linear
+LEAST_FRAMES = 10  # fewest images to estimate noise
+BLUR_PATCHES = 0.375  # of a patch: half of the neighbours' contrast remains (MTF50)
+LEAST_BLUR_PX = 1.2  # a Bayer filter and its demosaicing alone blur by nearly a pixel
+MIN_AGREEMENT = 0.5  # median correlation of tiles with the recipe; other patterns have about 0.3
+MAX_PRINT_TURN_DEG, MAX_SCALE_ERROR, MAX_KEYSTONE = 3.0, 0.04, 0.06
+MIN_WHITE, MAX_WHITE = 0.2, 0.98  # of full scale, linear
 
 
 @dataclass(frozen=True)
 class Acceptance:
-    """rows: the worst is the verdict. found: None where the pattern is not the recipe's."""
+    """Result of an acceptance; the worst of rows decides. findings: None for another pattern."""
 
     source: str
     images: int
     rows: tuple[Check, ...]
     findings: FaceFindings | None
     raw: Image
-    """The first image at rest, as the camera gave it, (h, w, 3) BGR."""
+    """First raw image at rest, (h, w, 3) BGR."""
 
     @property
     def passed(self) -> bool:
         return not any(row.failed for row in self.rows)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data, as `rig accept --json` prints it."""
+        """Return plain data for `rig accept --json`."""
         return {
             "passed": self.passed, "source": self.source, "images": self.images,
             "checks": [row.as_dict() for row in self.rows],
@@ -86,17 +85,17 @@ class Acceptance:
         }  # fmt: skip
 
     def save(self, model: SensorModel, seed: int, out: Path) -> None:
-        """Keep a sensor that was accepted, and its face at rest beside it.
+        """Save an accepted sensor, and its face at rest next to it.
 
-        seed: of a simulated one. Raises InputError for one that was not accepted and for a file
-        that is there already, RunFailed when the disk refuses.
+        seed: of a simulated one. Raises InputError for a sensor that was not accepted and for an
+        existing file, RunFailed on disk errors.
         """
         if not self.passed:
-            raise InputError(f"{self.source}: not accepted: there is nothing to keep")
+            raise InputError(f"{self.source}: not accepted, so not saved")
         image, rest = out.with_suffix(".rest.png"), encode_png(self.raw)
         for file in (out, image):
             if file.exists():
-                raise InputError(f"{file}: already there; name another file with -o, or remove it")
+                raise InputError(f"{file}: exists; choose another file with -o, or remove it")
         rows = [[row.name, row.value, row.limit] for row in self.rows]
         text = format_acceptance(model, self.source, seed, (image.name, rest), rows)
         with disk_errors(out):
@@ -104,7 +103,7 @@ class Acceptance:
         write_files({image: rest, out: text.encode()})
 
     def picture(self, camera: CameraModel) -> bytes:
-        """The face at rest as it is tracked, with what was found on it; PNG."""
+        """Draw the rectified face at rest with the findings on it; return PNG."""
         image = np.ascontiguousarray(Rectifier(camera).view(self.raw), np.uint8)
         findings = self.findings
         for x, y, long_mm in () if findings is None else (*findings.torn, *findings.places):
@@ -118,13 +117,13 @@ class Acceptance:
 def accept_sensor(
     source: Source, recipe: PatternRecipe, design: Design, frames: int = REST_FRAMES
 ) -> Acceptance:
-    """Judge a sensor by its images at rest.
+    """Check a sensor by its images at rest.
 
-    frames: so many are looked at, where the source has them. Raises InputError for a recipe without
-    patches, and as `present.live.open.images`.
+    frames: most images used. Raises InputError for a recipe without patches, and the errors of
+    `present.live.source.images`.
     """
     if recipe.patch_mm is None or recipe.law == "chessboard":
-        raise InputError(f"{recipe.law}: no dense pattern: there is nothing to recognise")
+        raise InputError(f"{recipe.law}: not a dense pattern, so it cannot be recognised")
     camera = source.model.camera
     rest = _RestImages(camera, source.model.flat)
     for frame in islice(images(source, rest_only=True), frames):
@@ -134,8 +133,8 @@ def accept_sensor(
     compared = sticker.compare(view)
     if compared is None or compared.agreement < MIN_AGREEMENT:
         row = Check(
-            "recipe", "recipe", "", "not this recipe's pattern", "the recipe's pattern", "fail",
-            remedy="is it this recipe and sensor, its cover off the face, its light on? Guide E, G",
+            "recipe", "recipe", "", "pattern not recognised", "the recipe's pattern", "fail",
+            remedy="check recipe and sensor; uncover the face; switch the light on: guide E, G",
         )  # fmt: skip
         return Acceptance(source.name, rest.count, (row,), None, rest.raw)
     findings = replace(
@@ -147,7 +146,7 @@ def accept_sensor(
 
 
 class _RestImages:
-    """The images at rest: their mean, what is full in them, the motion that the tracker sees."""
+    """Images at rest: their mean, saturation and tracked motion."""
 
     def __init__(self, camera: CameraModel, flat: FlatField | None) -> None:
         self._camera, self._flat = camera, flat
@@ -161,11 +160,11 @@ class _RestImages:
         self.raw: Image = np.zeros((1, 1, 3), np.uint8)
 
     def add(self, raw: Image) -> None:
-        """One more image (h, w, 3) BGR as the camera gives it."""
+        """Add a raw image (h, w, 3) BGR."""
         view = np.asarray(self._rectifier.view(raw), np.uint8)
         full = (raw.max(axis=2) >= 254).astype(np.uint8)
         maps = self._camera.maps()
-        if maps is not None and view is not raw:  # a cubic overshoots, and tells full ones wrongly
+        if maps is not None and view is not raw:  # cubic interpolation overshoots
             full = np.asarray(cv2.remap(full, *maps, cv2.INTER_NEAREST), np.uint8)
         self.saturated = max(self.saturated, float(full.mean()))
         if self._sum is None:
@@ -186,13 +185,13 @@ class _RestImages:
 
     @property
     def mean(self) -> NDArray[np.float32]:
-        """Of the images, as the camera's light has them (h, w, 3) BGR, 0..255."""
-        assert self._sum is not None, "a source has an image, or it raises"
+        """Mean image without flat field correction, (h, w, 3) BGR, 0..255."""
+        assert self._sum is not None, "a source without an image raises"
         return np.asarray(self._sum / self.count, np.float32)
 
     @property
     def noise_mm(self) -> float | None:
-        """Noise of a point, median over the face; None of too few images, or untracked ones."""
+        """Noise of a point, median over the face; None with too few or untracked images."""
         if self.count < LEAST_FRAMES:
             return None
         spread = np.hypot(*np.moveaxis(np.stack(self._flows[1:]).std(axis=0), -1, 0))
@@ -201,7 +200,7 @@ class _RestImages:
 
     @property
     def changes(self) -> tuple[str, ...]:
-        """What moved or changed from the first image to the last."""
+        """Reasons why the first and the last image differ."""
         if self.untrackable:
             return (self.untrackable,)
         if self._first is None or self.count < 2:
@@ -210,7 +209,7 @@ class _RestImages:
 
 
 def _dark_led_fall(design: Design) -> float:
-    """By how much the light then falls from side to side, at the least, of its mean."""
+    """Least relative fall of the light from side to side with one LED dark."""
     x, y = np.meshgrid(*(np.linspace(-side / 2, side / 2, 15) for side in design.optics.view_mm))
     falls = []
     for led in range(design.light.led_count):
@@ -234,60 +233,60 @@ def _check_rows(
     worst_px, dark = float(np.percentile(blurs_px, 95)), _dark_led_fall(design)
     edges = ", ".join(f"{mm:g} mm along {side}" for side, mm in findings.edges.items())
     noise, few = findings.noise_mm, count < LEAST_FRAMES
-    noise_text = f"{count} images: give {LEAST_FRAMES} or more" if few else "not tracked"
+    noise_text = f"{count} images, {LEAST_FRAMES} needed" if few else "not tracked"
     if noise is not None:
         noise_text = f"{1000 * noise:.1f} um over {count} images"
     rows = (
-        ("recipe", "recipe", f"found, agreement {findings.agreement:.2f}", f">= {MIN_AGREEMENT:g}", True,
-         ""),
-        ("mirror", "mirror", "mirrored" if findings.mirrored else "as it should be",
-         "as the design has it", not findings.mirrored,
+        ("recipe", "recipe", f"found, agreement {findings.agreement:.2f}",
+         f">= {MIN_AGREEMENT:g}", True, ""),
+        ("mirror", "mirror", "mirrored" if findings.mirrored else "not mirrored",
+         "not mirrored", not findings.mirrored,
          "the print was made for the other side of the film: guide E.1"),
         ("turn", "turn", f"{round(findings.turned_deg, 1) + 0.0:g} degrees",
-         f"within {MAX_TURN_DEG:g} of upright", abs(findings.turned_deg) <= MAX_TURN_DEG,
+         f"within {MAX_PRINT_TURN_DEG:g} of upright", abs(findings.turned_deg) <= MAX_PRINT_TURN_DEG,
          "lay the next sticker square to the frame, or turn the skin base: guide E.5, H.5"),
-        ("place", "place", f"its middle at ({x:.2f}, {y:.2f}) mm",
+        ("place", "place", f"centre at ({x:.2f}, {y:.2f}) mm",
          f"within ({room[0]:.2f}, {room[1]:.2f})", abs(x) <= room[0] and abs(y) <= room[1],
-         "the view leaves the sticker or its dots: lay the next one in the middle, guide E.5"),
+         "the view leaves the sticker or its dots: centre the next one, guide E.5"),
         ("scale", "scale", f"{findings.scale:.3f} of the camera's", f"1 +- {MAX_SCALE_ERROR:g}",
          abs(findings.scale - 1) <= MAX_SCALE_ERROR,
          "film stretched (E.5), skin of another thickness (D.7), or the lens off its height (H.1)"),
         ("tilt", "lens square to the face", f"{100 * findings.keystone:.1f} % larger on one side",
          f"<= {100 * MAX_KEYSTONE:g} %", findings.keystone <= MAX_KEYSTONE,
-         "board or plate sits askew: guide H.1, H.3, H.5"),
+         "board or plate is tilted: guide H.1, H.3, H.5"),
         ("focus", "focus",
-         f"blur {float(np.median(blurs_px)):.1f} px, worst of the face {worst_px:.1f}",
+         f"blur {float(np.median(blurs_px)):.1f} px, worst {worst_px:.1f} px",
          f"<= {most_px:.1f} px, half of a patch's contrast", worst_px <= most_px,
          "turn the lens: guide H.5; worse on one side: the lens is tilted, H.1"),
         ("light.level", "light, level", f"white at {100 * findings.level:.0f} % of full",
          f"{100 * MIN_WHITE:g} to {100 * MAX_WHITE:g} %", MIN_WHITE <= findings.level <= MAX_WHITE,
-         "exposure and gain of the camera; current of the light: guide G"),
+         "adjust exposure and gain, or the light's current: guide G"),
         ("light.even", "light, even", f"least {findings.evenness:.2f} of the mean",
          f">= {EVEN_LIGHT_SHARE:g}", findings.evenness >= EVEN_LIGHT_SHARE,
-         "look at the LEDs and the diffuser: guide G, H.3"),
+         "check the LEDs and the diffuser: guide G, H.3"),
         ("light.leds", "light, all LEDs",
          f"falls by {100 * findings.one_sided:.0f} % from side to side",
-         f"<= {50 * dark:.0f} %, half of what one dark LED does", findings.one_sided <= dark / 2,
+         f"<= {50 * dark:.0f} %, half of one dark LED", findings.one_sided <= dark / 2,
          "an LED is dark or hidden: guide G, H.3"),
         ("saturation", "saturation", f"{100 * findings.saturated:.2f} % of pixels full",
          f"<= {100 * FlatField.most_full:g} %", findings.saturated <= FlatField.most_full,
          "less exposure; lamp off, notch closed: guide H.7, H.8"),
         ("edges", "edges of the view",
-         f"{edges or 'pattern on all four'}; {100 * findings.face_share:.0f} % of the face seen",
+         f"{edges or 'pattern on all four'}; {100 * findings.face_share:.0f} % of the face visible",
          "no frame, no end of the print", not findings.edges,
-         "the frame or the film's end is in view: lens off the middle (H.1), sticker off it (E.5)"),
-        ("film", "film", _list_places(findings.torn, "whole"), "whole", not findings.torn,
+         "frame or film's end in view: centre the lens (H.1) or the sticker (E.5)"),
+        ("film", "film", _list_places(findings.torn, "intact"), "intact", not findings.torn,
          "torn, loose or folded: guide E.6, E.7"),
         ("bubbles", "bubbles, lint, dust", _list_places(findings.places, "none"), "none",
          not findings.places,
          "in the gel: cast again (D.5, D.8); on lens or plate: open and clean (H.3, H.5)"),
         ("noise", "noise at rest", noise_text,
-         "not judged" if few else f"<= {1000 * Health.MAX_DEFORMATION_MM:g} um",
+         "not checked" if few else f"<= {1000 * Health.MAX_DEFORMATION_MM:g} um",
          noise is not None and noise <= Health.MAX_DEFORMATION_MM,
          "fix exposure and gain, more light; nothing may shake or flicker"),
-        ("rest", "at rest", "; ".join(findings.rest) or "nothing moved", "as `health` has it",
+        ("rest", "at rest", "; ".join(findings.rest) or "unchanged", "`health` limits",
          not findings.rest,
-         "let nothing touch the face, and lock exposure, gain and white balance"),
+         "keep the face untouched; lock exposure, gain and white balance"),
     )  # fmt: skip
     checks = (
         Check(id, name, "", value, limit, graded(passed), remedy=remedy)
@@ -298,6 +297,6 @@ def _check_rows(
 
 
 def _list_places(places: Sequence[Point], none: str) -> str:
-    """The first places in words."""
+    """List the first places as text."""
     text = "; ".join(f"{long:g} mm at ({x:g}, {y:g})" for x, y, long in places[:3])
     return (text or none) + (f" and {len(places) - 3} more" if len(places) > 3 else "")

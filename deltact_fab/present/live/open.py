@@ -1,4 +1,4 @@
-"""From what a user names to a source of images with all that is known of its sensor."""
+"""Opening of image sources by name, with the model of their sensor."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from deltact_fab.sensor import (
 
 from .source import Source, camera_source, file_source
 
-SERIAL_PATTERN = re.compile(r"\w[\w.+-]*")  # of a serial number: others are never kept
+SERIAL_PATTERN = re.compile(r"\w[\w.+-]*")  # serial numbers that make a file name
 
 
 def open_source(
@@ -37,15 +37,14 @@ def open_source(
     rest_only: bool = False,
     follow_s: float | None = None,
 ) -> Source:
-    """Open what a name stands for, and tell it what the user knows of its sensor.
+    """Open a source by name, and complete its sensor model.
 
     name: the number of a camera ("0"), its device file or address, a run, a folder of images, a
     video, a virtual rig with or without a protocol ("virtual:smoke"), or a real rig, of which only
-    the camera is opened. camera_file: as `deltact-fab calibrate lens` writes
-    it. design, serial: of the sensor. They go before what the source knows. seed: of a virtual rig.
-    rest_only: the images are looked at only to see what was made: where no one knows the camera,
-    the design's lens stands for it. follow_s: NAME is a folder that is still written into, and ends
-    when no image came for so long. Raises InputError for a name that is nothing of these.
+    the camera is opened. camera_file: from `deltact-fab calibrate lens`. design, serial: of the
+    sensor; all three override the source's. seed: of a virtual rig. rest_only: for images at rest,
+    an unknown camera is replaced by the design's lens. follow_s: the folder is still being written,
+    and ends after so long without an image. Raises InputError for a name that is none of these.
     """
     file_model = None if camera_file is None else load_model(camera_file, design)
     source = (
@@ -73,14 +72,14 @@ def open_source(
 
 
 def _design(name: str | None) -> SensorDimensions:
-    """The named design, else the default one; a source that knows its sensor asks for none."""
+    """Load the named or the default design."""
     from deltact_fab.fabricate import load_design
 
     return load_design(name or "deltact")
 
 
 def load_model(camera_file: Path, design: str | None = None) -> SensorModel:
-    """What a camera file and a design say. Raises InputError."""
+    """Load a sensor model from a camera file and a design. Raises InputError."""
     sensor = _design(design)
     camera, _ = load_camera(camera_file)
     flat = FlatField.beside(camera_file)
@@ -90,18 +89,15 @@ def load_model(camera_file: Path, design: str | None = None) -> SensorModel:
 
 
 def _open_named(name: str, file_model: SensorModel | None, design: str | None, seed: int) -> Source:
-    """What is imported is what that kind of source needs."""
+    """Open a source, importing only the modules for its kind."""
     path = Path(name)
     if name.isdecimal() or path.is_char_device() or "://" in name:
         from deltact_fab.bench import CameraConfig
 
         camera = None if file_model is None else file_model.projection
         w, h = (None, None) if camera is None else raw_size_px(camera)
-        settings = {
-            "source": int(name) if name.isdecimal() else name,
-            "width_px": w,
-            "height_px": h,
-        }
+        device = int(name) if name.isdecimal() else name
+        settings = {"source": device, "width_px": w, "height_px": h}
         config = validate(CameraConfig, settings, f"camera {name}")
         return camera_source(config, Path(), file_model)
     rig, _, protocol = name.partition(":")
@@ -118,8 +114,7 @@ def _open_named(name: str, file_model: SensorModel | None, design: str | None, s
         return file_source(open_images(path), file_model)
     near = did_you_mean(rig, rigs)
     raise InputError(
-        f"{name}: no camera number, address, video, folder, run or rig of that name; of the rigs "
-        f"{near}"
+        f"{name}: no camera number, address, video, folder, run or rig of that name; rigs: {near}"
     )
 
 
@@ -128,20 +123,19 @@ def _open_followed(name: str, file_model: SensorModel | None, silence_s: float) 
 
     folder = Path(name)
     if not folder.is_dir() or (folder / "run.json").is_file():
-        needed = "a folder that images are written into"
-        raise InputError(f"{name}: {needed} is needed with --follow, as RUN/images of a run")
+        raise InputError(f"{name}: --follow needs a folder of images, such as RUN/images")
     return file_source(open_images(folder, silence_s), file_model)
 
 
 def _open_run_images(folder: Path) -> Source:
-    """A run's images as the camera gave them, at rest one of each press; times of the rig's clock.
+    """Open a run's raw images, at rest one per press; times of the rig's clock.
 
-    Raises InputError for a folder that is no run, or one without images.
+    Raises InputError for a folder that is not a run, or has no images.
     """
     run = open_run(folder)
     rows = run.frames().dropna(subset=["file"])
     if rows.empty:
-        raise InputError(f"{folder}: a run without images")
+        raise InputError(f"{folder}: run has no images")
     specimen = run.meta["protocol"]["specimen"]
     skin = run.meta["sensor"]["skin"]
     model = SensorModel(
@@ -165,44 +159,40 @@ def _open_run_images(folder: Path) -> Source:
 def open_measurement(
     model: SensorModel, files: Sequence[Path], show: Sequence[str] | None = None
 ) -> Measurement:
-    """Of the outputs named, or of all that the calibrations allow; always with what is tracked.
+    """Open a measurement of the named outputs, or of all that the calibrations allow.
 
-    Raises InputError, one line, for a file that is none, for another sensor's, and as Measurement.
+    It always includes the tracked observation. Raises InputError, one line, for an invalid file, or
+    one of another sensor, and Measurement's errors.
     """
     include = None if show is None else [*show, "observation"]
     return Measurement(replace(model, rest=accepted_rest(model)), include, files)
 
 
 def acceptance_file(serial: str) -> Path:
-    """The file in which `rig accept` keeps a sensor.
+    """Return the file in which `rig accept` saves a sensor.
 
-    Raises InputError for a serial that is no file's name.
+    Raises InputError for a serial that is not a file name.
     """
     if not SERIAL_PATTERN.fullmatch(serial):
-        raise InputError(
-            f"--serial {serial!r}: letters, digits, '.', '+', '-', '_' make a file's name"
-        )
+        raise InputError(f"--serial {serial!r}: use letters, digits, '.', '+', '-' and '_' only")
     return Path("sensors") / f"{serial}.toml"
 
 
 def accepted_rest(model: SensorModel) -> NDArray[np.uint8] | None:
-    """The face at rest when this sensor was accepted, as it is tracked; None where it was not.
+    """Rectified face at rest when this sensor was accepted; None if it was not.
 
-    Raises InputError for a file that is none, and for an image of another size.
+    Raises InputError for an invalid file, and for an image of another size.
     """
-    if (
-        model.serial is None
-        or model.projection is None
-        or not SERIAL_PATTERN.fullmatch(model.serial)
-    ):
+    serial = model.serial
+    if serial is None or model.projection is None or not SERIAL_PATTERN.fullmatch(serial):
         return None
-    file = acceptance_file(model.serial)
+    file = acceptance_file(serial)
     if not file.is_file():
         return None
     png = read_acceptance(file, model)
     image = None if png is None else cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
     if image is None:
-        raise InputError(f"{file}: rest.file: no image of the face at rest")
+        raise InputError(f"{file}: rest.file: not an image of the face at rest")
     try:
         view = np.asarray(Rectifier(model.camera).view(image), np.uint8)
     except InputError as error:

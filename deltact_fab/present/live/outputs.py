@@ -1,4 +1,4 @@
-"""Where results go while they come: lines for people and programs, the page, a folder."""
+"""Outputs of a live measurement: status and JSON lines, the page, a folder."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ from .page import LivePage
 from .session import MeasuredImage, MeasurementSession, session_notes
 from .source import Source
 
+# By hand: as often, and as long, as one can read.
 TERMINAL_PERIOD_S = 0.1
 PIPED_PERIOD_S = 2.0
-TRACE_WINDOW_S = 30.0
-"""Of time that the page draws of a live source; of others all that it has."""
+TRACE_WINDOW_S = 30.0  # time span of a live source's traces on the page; other sources: all
 
 
 class MeasurementOutput:
-    """Takes results one after another."""
+    """Output of results, one after another."""
 
     def show(self, measured: MeasuredImage) -> None:
-        """One more. Raises BrokenPipeError when nobody reads any longer."""
+        """Output one result. Raises BrokenPipeError when the reader is gone."""
 
     def end(self, reason: str, last: MeasuredImage | None) -> None:
-        """There will be no more; last: the last one."""
+        """Finish; last: the last result."""
 
 
 @dataclass
 class StatusLine(MeasurementOutput):
-    """One line that changes on a terminal; elsewhere one every few seconds, and the last one."""
+    """Status line, updated in place on a terminal; elsewhere a line every few seconds."""
 
     to: IO[str]
     simulated: str | None
@@ -64,7 +64,7 @@ class StatusLine(MeasurementOutput):
             self.to.flush()
 
     def _write(self, measured: MeasuredImage) -> None:
-        # Back to the line's start, and what is left of a longer one erased.
+        # Return to the line's start, and erase the rest of a longer one.
         text = status_text(measured)
         self.to.write(f"\r{text}\x1b[K" if self.to.isatty() else f"{text}\n")
         self.to.flush()
@@ -73,7 +73,7 @@ class StatusLine(MeasurementOutput):
 
 @dataclass
 class JsonLines(MeasurementOutput):
-    """One JSON object a result, written at once."""
+    """One JSON object per result, flushed at once."""
 
     to: IO[str]
     simulated: str | None
@@ -88,7 +88,7 @@ class JsonLines(MeasurementOutput):
 
 @dataclass
 class MeasurementSummary(MeasurementOutput):
-    """One JSON document when there are no more: how many images, and the last result."""
+    """One JSON document at the end: number of images, and the last result."""
 
     to: Callable[[object], None]
     simulated: str | None
@@ -101,7 +101,7 @@ class MeasurementSummary(MeasurementOutput):
 
 @dataclass
 class PageOutput(MeasurementOutput):
-    """The page, which stays open when the results end, until it is closed."""
+    """Live page, which stays open after the last result."""
 
     session: MeasurementSession
     page: LivePage
@@ -120,7 +120,7 @@ class PageOutput(MeasurementOutput):
 
 @dataclass
 class HealthOutput(MeasurementOutput):
-    """Tells the state of health that each new reference shows, where a calibration can say it."""
+    """Report the state of health at each new reference, if a calibration provides it."""
 
     tell: Callable[[str, str], None]
 
@@ -140,14 +140,14 @@ def deliver_results(
     pictures: bool = False,
     page_port: int | None = None,
 ) -> bool:
-    """Measure all images of a session, close its source, and pass every result on.
+    """Measure all images of a session, send every result to the outputs, and close the source.
 
-    A line for people goes to stdout, or to stderr where stdout is a program's. tell: takes the
-    lines that are told once. jsonl: an object a result goes to stdout. summary: takes one document
-    at the end. folder: new, for rows and arrays; pictures: for the images too. page_port: of the
-    live page, 0 for a free one, None for no page; it stays open until Ctrl-C. Returns whether the
-    source ended: False where Ctrl-C came before. Raises InputError for a port that cannot be had,
-    RunFailed when the disk refuses, and what the session raises.
+    The status line goes to stdout, or to stderr where stdout is for a program. tell: prints a
+    one-time message. jsonl: one object per result to stdout. summary: receives a document at the
+    end. folder: new, for rows and arrays; pictures: also for the images. page_port: of the live
+    page, 0 for a free one, None for no page; it stays open until Ctrl-C. Returns False after
+    Ctrl-C, else True. Raises InputError for an unavailable port, RunFailed on disk errors, and the
+    session's errors.
     """
     simulated, page = session.source.model.simulated, None
     outputs: list[MeasurementOutput] = []
@@ -184,7 +184,7 @@ def deliver_results(
 
 
 def _deliver(session: MeasurementSession, outputs: list[MeasurementOutput], stay: bool) -> bool:
-    """Every result to every output; stay: with the last one, until Ctrl-C."""
+    """Send every result to every output; stay: wait for Ctrl-C after the last one."""
     measured, ended = None, False
     try:
         for measured in session.results():
@@ -203,12 +203,12 @@ def _deliver(session: MeasurementSession, outputs: list[MeasurementOutput], stay
 
 
 def _page_facts(source: Source, with_force: bool) -> dict[str, object]:
-    """What the page says once of a source, and of the curves that it draws."""
+    """Constant facts of the page: source and traces."""
     unit, min_range = ("px", 2.0) if source.model.in_px else ("mm", 0.1)
-    names, title = ["largest motion"], f"Motion of the pattern, {unit}"
+    names, title = ["largest motion"], f"Motion of the pattern in {unit}"
     if with_force:
         names, min_range = ["z", "x", "y"], 0.2
-        title = "Force on the sensor, N; a press is negative in z"
+        title = "Force on the sensor in N (z < 0: press)"
     return {
         "source": source.name,
         "simulated": source.model.simulated,
@@ -220,13 +220,13 @@ def _page_facts(source: Source, with_force: bool) -> dict[str, object]:
 
 
 class OutputFolder(MeasurementOutput):
-    """Rows go to measured.csv as they come; all else is written whole.
+    """Folder with a row per result in measured.csv; other files are written atomically.
 
-    So what is there can be read whenever the process ends.
+    So it is readable whenever the process ends.
     """
 
     def __init__(self, folder: Path, session: MeasurementSession, pictures: bool) -> None:
-        """pictures: keep each image too, as it is tracked. Raises InputError, RunFailed."""
+        """pictures: also save each tracked image. Raises InputError, RunFailed."""
         self._folder, self._session, self._pictures = folder, session, pictures
         make_folder(folder, *("fields", "pictures")[: 1 + pictures])
         model, pattern = session.source.model, session.pattern
@@ -240,12 +240,10 @@ class OutputFolder(MeasurementOutput):
         self._add([column.name for column in RESULT_COLUMNS])
 
     def show(self, measured: MeasuredImage) -> None:
-        """Raises RunFailed when the disk refuses."""
+        """Write a result. Raises RunFailed on disk errors."""
         name = f"{measured.source.frame:06d}"
-        fields, picture_name = (
-            f"fields/{name}.npz",
-            f"pictures/{name}.png" if self._pictures else "",
-        )
+        fields = f"fields/{name}.npz"
+        picture_name = f"pictures/{name}.png" if self._pictures else ""
         with disk_errors(self._folder):
             with whole_file(self._folder / fields, sync=False) as part, part.open("wb") as out:
                 np.savez(out, allow_pickle=False, **dict(_arrays(measured)))
@@ -264,7 +262,7 @@ class OutputFolder(MeasurementOutput):
 
 
 def _arrays(m: MeasuredImage) -> Iterator[tuple[str, Array]]:
-    """By the names of `formatting.ARRAYS`."""
+    """Yield the arrays of a result, named as in `formatting.ARRAY_COLUMNS`."""
     r = m.result
     parts: list[tuple[Any, str, str]] = [(r.markers, "", "position_px displacement_px")]
     if r.flow is None:

@@ -1,8 +1,8 @@
-"""The live page: a small server on the loopback that shows the newest result to any browser here.
+"""Live page: a small server on the loopback that shows the newest result to local browsers.
 
-The measurement only leaves its newest result here. A browser asks ten times a second for what is
-new and has a thread of its own, so one that is slow misses results and stops nobody; numbers and
-picture are made when one asks.
+The measurement only stores its newest result here. A browser polls ten times per second in a
+thread of its own, so a slow one misses results but blocks nothing; numbers and image are made on
+request.
 """
 
 from __future__ import annotations
@@ -24,27 +24,26 @@ from deltact_fab.common import InputError
 from deltact_fab.paths import asset
 
 LOOPBACK_HOST = "127.0.0.1"
-JPEG_QUALITY = 80
-TRACE_POINTS = 1200
-"""Points of the traces that a browser which comes later is shown."""
+JPEG_QUALITY = 80  # by hand: size against artefacts
+TRACE_POINTS = 1200  # sent to a browser that connects later; by hand, about its window's pixels
 
 
 class LivePage:
-    """Serves the live page until it is closed.
+    """Server of the live page.
 
-    reference: called when a browser asks for a new reference. about: what the page says of the
-    source, once. ended: why no more results will come. health, unfit: the sensor's state of health,
-    and why its results are not to be trusted. Anyone on this computer may look and ask for a
-    reference, and nobody else: it listens on the loopback, and answers no page of another origin.
+    reference: called when a browser requests a new reference. about: constant facts of the source.
+    ended: reason why results ended. health, unfit: the sensor's state of health, and why its
+    results are not trusted. Only users of this computer can view and request a reference: it
+    listens on the loopback, and rejects pages of other origins.
     """
 
     def __init__(self, about: dict[str, Any], reference: Callable[[], None], port: int = 0) -> None:
-        """port: 0 takes a free one. Raises InputError for one that cannot be had."""
+        """port: 0 for a free one. Raises InputError for an unavailable one."""
         self._about, self._lock = about, threading.Lock()
         self._trace: deque[tuple[float | None, ...]] = deque(maxlen=TRACE_POINTS)
         self._number, self._data = -1, cache(dict[str, Any])
         self.jpeg: Callable[[], bytes] = bytes
-        """The newest picture."""
+        """Encode the newest picture."""
         self.ended: str | None = None
         self.health = self.unfit = ""
         self.reference = reference
@@ -56,9 +55,8 @@ class LivePage:
         try:
             self._server = ThreadingHTTPServer((LOOPBACK_HOST, port), Handler)
         except OSError as error:
-            raise InputError(
-                f"--port {port}: {error.strerror}; leave it out for a free one"
-            ) from error
+            text = f"--port {port}: {error.strerror}; omit --port for a free one"
+            raise InputError(text) from error
         self._server.daemon_threads = True
         self.port = int(self._server.server_address[1])
         self.url = f"http://{LOOPBACK_HOST}:{self.port}/"
@@ -70,7 +68,7 @@ class LivePage:
         image: Callable[[], NDArray[np.uint8]],
         point: tuple[float | None, ...],
     ) -> None:
-        """Leave a result: its numbers, its picture, its point of the traces (time, then values)."""
+        """Store a result: its numbers, its image, its point of the traces (time, then values)."""
 
         def jpeg() -> bytes:
             ok, file = cv2.imencode(".jpg", image(), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
@@ -85,12 +83,12 @@ class LivePage:
         self._server.server_close()
 
     def about(self) -> dict[str, Any]:
-        """What a browser is told first, with the traces so far."""
+        """Return the facts for a new browser, with the traces so far."""
         with self._lock:
             return {**self._about, "trace": list(self._trace)}
 
     def newest(self, last_number: str) -> dict[str, Any]:
-        """What a browser is told that has seen the result of that number."""
+        """Return the news for a browser whose last result has that number."""
         with self._lock:
             number, data = self._number, self._data
         return {
@@ -102,10 +100,10 @@ class LivePage:
 class _Handler(BaseHTTPRequestHandler):
     live_page: LivePage
     protocol_version = "HTTP/1.1"
-    timeout = 30  # a browser that takes nothing for so long is let go
+    timeout = 30  # s, by hand: drops a browser that reads nothing
 
     def log_message(self, format: str, *args: Any) -> None:
-        """The terminal belongs to the measurement."""
+        """Log nothing: the terminal belongs to the measurement."""
 
     def handle(self) -> None:
         with suppress(ConnectionError, TimeoutError):
@@ -138,7 +136,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(404, "text/plain", b"not here")
 
     def _from_here(self) -> bool:
-        """The browser means this server, and no page of another one sent it."""
+        """True if the request is for this server and from no other server's page."""
         hosts = {f"{name}:{self.live_page.port}" for name in (LOOPBACK_HOST, "localhost")}
         origin = self.headers.get("Origin")
         return self.headers.get("Host") in hosts and (
@@ -155,5 +153,5 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 _PAGE_FILE = asset("live.html")
-# The sheet of all pages; it is read and nothing is imported, for a robot has no library of pages.
+# Style of all pages, read without importing their library, which a robot lacks.
 _STYLE_FILE = asset("templates/style.css")

@@ -1,4 +1,4 @@
-"""A result as the live page draws it: a coarse map, sparse arrows, outlines, numbers."""
+"""Data of the live page for a result: a coarse map, sparse arrows, outlines, numbers."""
 
 from __future__ import annotations
 
@@ -15,18 +15,16 @@ from deltact_fab.sensor import CameraModel
 from .formatting import as_dict
 from .session import MeasuredImage
 
-ARROW_SPACING_MM = 1.5
-"""Between arrows: sparse, as the paper's figure of the force distribution has them."""
-LOST_BYTE = 255
-ARROW_SPACING_PX, MIN_SCALE_PX = 32.0, 1.0  # the same where lengths are in pixels
-MIN_SCALE_MM = 0.05
-MIN_SCALE_MPA = 2e-3
-MIN_SCALE_RELATIVE = 0.02
-"""Full scale of arrows and map at the least, so that noise does not fill the page."""
+LOST_BYTE = 255  # format of the page's maps: unknown
+# By hand: arrows as sparse as in the paper's figure of the force distribution, and the least full
+# scale of arrows and maps, so that noise does not fill the page.
+ARROW_SPACING_MM, ARROW_SPACING_PX = 1.5, 32.0
+MIN_SCALE_MM, MIN_SCALE_PX = 0.05, 1.0
+MIN_SCALE_MPA, MIN_SCALE_RELATIVE = 2e-3, 0.02
 
 
 def page_data(m: MeasuredImage, camera: CameraModel) -> dict[str, Any]:
-    """What the page needs of one result, as plain numbers. camera: of the tracked view."""
+    """Return the page's data of one result as plain numbers. camera: of the tracked view."""
     result, in_px = m.result, m.motion.in_px
     cx, cy = camera.centre_px
     scale = camera.mm_per_px  # 1 where lengths are in pixels
@@ -57,8 +55,8 @@ def page_data(m: MeasuredImage, camera: CameraModel) -> dict[str, Any]:
         entry["flow"] = _arrows(f.shift_mm, f.known, f.x_mm, f.y_mm, "flow", min_scale, 1,
                                entry["unit"], "of motion", arrow)  # fmt: skip
     if (t := result.traction) is not None:
-        entry["shear"] = _arrows(t.traction_mpa[..., :2], None, t.x_mm, t.y_mm, "shear", MIN_SCALE_MPA,
-                                1e3, "kPa", "of shear")  # fmt: skip
+        entry["shear"] = _arrows(t.traction_mpa[..., :2], None, t.x_mm, t.y_mm, "shear",
+                                 MIN_SCALE_MPA, 1e3, "kPa", "of shear")  # fmt: skip
         entry["maps"].append(_map(-t.traction_mpa[..., 2], None, t.x_mm, t.y_mm, "pressure",
                                  MIN_SCALE_MPA, 1e3, "kPa"))  # fmt: skip
     if (s := result.shape) is not None:
@@ -71,7 +69,7 @@ def page_data(m: MeasuredImage, camera: CameraModel) -> dict[str, Any]:
 
 
 def trace_point(m: MeasuredImage) -> tuple[float | None, ...]:
-    """Of the traces: time; the force in z, x and y, else the motion; 1 where they are trusted."""
+    """Return a point of the traces: time; force in z, x and y, else motion; 1 if trusted."""
     force, t_s = m.result.force, round(m.source.t_s, 4)
     if force is None:
         return (t_s, _largest(m), float(m.result.trusted))
@@ -81,7 +79,7 @@ def trace_point(m: MeasuredImage) -> tuple[float | None, ...]:
 
 
 def draw_markers(m: MeasuredImage, tracked: Array) -> Array:
-    """The image of a result as it is tracked, each marker's way from rest drawn into it."""
+    """Draw the markers' displacement since rest into the tracked image."""
     dots = m.result.markers
     if dots is None:
         return tracked
@@ -93,7 +91,7 @@ def draw_markers(m: MeasuredImage, tracked: Array) -> Array:
 
 
 def _largest(m: MeasuredImage) -> float | None:
-    """The motion that a reader is told: in px where no scale is known, else in mm."""
+    """Largest motion: in px where no scale is known, else in mm."""
     largest = m.motion.largest_px if m.motion.in_px else m.motion.largest_mm
     return None if largest is None else round(largest, 4)
 
@@ -102,7 +100,7 @@ def _arrows(
     vectors: Array, valid: Array | None, x_mm: Array, y_mm: Array, name: str, min_scale: float,
     factor: float, unit: str, words: str, spacing: float = ARROW_SPACING_MM,
 ) -> dict[str, Any]:  # fmt: skip
-    """Vectors (h, w, 2) at points so far apart; where they are not known there is no arrow."""
+    """Sample vectors (h, w, 2) at a spacing; no arrow where they are unknown."""
     stride = max(1, round(spacing / float(x_mm[1] - x_mm[0])))
     rows, columns = (slice((n - 1) % stride // 2, None, stride) for n in (len(y_mm), len(x_mm)))
     part = np.array(vectors[rows, columns], np.float32)
@@ -122,14 +120,13 @@ def _map(
     values: Array, valid: Array | None, x_mm: Array, y_mm: Array, name: str, min_scale: float,
     factor: float, unit: str,
 ) -> dict[str, Any]:  # fmt: skip
-    """Values (h, w) as bytes, 0 and less dark, the most 254, what is not known LOST."""
+    """Encode values (h, w) as bytes: up to 0 as 0, the largest as 254, unknown as LOST_BYTE."""
     h, w = values.shape
     gone = np.zeros((h, w), bool) if valid is None else ~valid
     clean = np.where(gone, 0, values).astype(np.float32)
     full_scale = max(min_scale, float(clean.max()))
-    levels = np.clip(np.rint(clean / full_scale * (LOST_BYTE - 1)), 0, LOST_BYTE - 1).astype(
-        np.uint8
-    )
+    top = LOST_BYTE - 1
+    levels = np.clip(np.rint(clean / full_scale * top), 0, top).astype(np.uint8)
     levels[gone] = LOST_BYTE
     half_x, half_y = float(x_mm[1] - x_mm[0]) / 2, float(y_mm[1] - y_mm[0]) / 2
     return {
@@ -141,7 +138,7 @@ def _map(
 
 
 def _displaced(points_mm: list[list[float]], flow: FaceFlow) -> list[list[float]]:
-    """Points of the resting face where the camera sees them now."""
+    """Move points of the resting face by the flow."""
     column, row = (
         np.clip(np.rint((coordinates - axis[0]) / flow.cell_mm).astype(int), 0, len(axis) - 1)
         for coordinates, axis in zip(np.transpose(points_mm), (flow.x_mm, flow.y_mm), strict=True)

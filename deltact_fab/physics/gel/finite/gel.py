@@ -12,7 +12,7 @@ from deltact_fab.common import Field, InputError, Note, Point
 from deltact_fab.sensor import GelMaterial, Indenter, SkinDimensions
 
 from ..level import Choice, GelContact, IncrementDiagnostics, Reach, State, follow_path
-from ..zones import BOUND_MARGIN, ZoneMap, Zones, contact_share, hermite, means, measure_zones
+from ..zones import FRICTION_MARGIN, ZoneMap, Zones, contact_share, hermite, means, measure_zones
 from .distance import gap
 from .mesh import HexMesh, block_mesh
 from .press import FinitePress
@@ -214,7 +214,7 @@ class FiniteGel(GelContact):
         place[..., :2] += np.stack(np.meshgrid(*axes), axis=-1)
         offsets_mm = (place - np.array(inner.tip_mm) * [1, 1, -1]).reshape(-1, 3)
         gap_mm = gap(surface.indenter, offsets_mm).distance_mm.reshape(place.shape[:2])
-        bound = self.press.friction * inner.pressure_mpa * (1 - BOUND_MARGIN)
+        bound = self.press.friction * inner.pressure_mpa * (1 - FRICTION_MARGIN)
         sticking = np.linalg.norm(inner.shear_mpa, axis=2) < bound
         # Not in the first two components: a mirror changes their sign.
         flags = np.stack([sticking, sticking, sticking, touched], axis=2).astype(np.float64)

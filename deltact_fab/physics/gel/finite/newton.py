@@ -125,7 +125,7 @@ STEP_LENGTHS = 3  # step lengths tried per direction
 ROUNDING_RESIDUAL = 1e-6  # below it full steps are accepted: growth of the residual is rounding
 NEAR_RESIDUAL = 1e-2  # below it negative eigenvalues may belong to the solution
 WEAK_FACTOR, MAX_WEAK_STEPS = 0.7, 3  # steps that leave more of the residual; so many are a fold
-GMRES_TOLERANCE = 1e-3  # relative residual
+GMRES_RTOL = 1e-3
 GMRES_STEPS = 60
 MAX_NEWTON_ITERATIONS = 60
 
@@ -204,9 +204,7 @@ class _Direction:
             return y + self._problem.coupling_force(self._solver.solve(y))
 
         operator = spla.LinearOperator((n, n), matvec=apply, dtype=np.float64)
-        y, _ = spla.gmres(
-            operator, -residual_n, rtol=GMRES_TOLERANCE, restart=GMRES_STEPS, maxiter=1
-        )
+        y, _ = spla.gmres(operator, -residual_n, rtol=GMRES_RTOL, restart=GMRES_STEPS, maxiter=1)
         return self._solver.solve(y)
 
 
@@ -276,8 +274,7 @@ def _step(
         for _ in range(STEP_LENGTHS if peak_mm <= 10 * longest_mm else 0):
             pressure = current.pressure_mpa + length * rate
             norm_n = problem.unbalance_n(x + length * step, pressure)
-            rounding = solution.residual < ROUNDING_RESIDUAL
-            if norm_n is not None and (norm_n <= norm or rounding):
+            if norm_n is not None and (norm_n <= norm or solution.residual < ROUNDING_RESIDUAL):
                 return _Step(length * step, length * rate, length)
             length /= 2
         if direction.reusable:

@@ -21,8 +21,7 @@ from .newton import Equilibrium, NewtonSolution, descend
 from .state import FiniteState, Guide, predict_start
 from .surface import FrictionGrip, Surface
 
-# Largest penetration over the depth, or over that into the resting gel (docs/evidence/gel.md).
-HIDDEN_LIMIT = 0.75
+HIDDEN_LIMIT = 0.75  # most penetration, of the depth or of that at rest; docs/evidence/gel.md
 
 
 def require_contact(
@@ -63,9 +62,7 @@ NEWTON_TOLERANCE = 1e-8  # of `IncrementDiagnostics.residual`
 MAX_FINITE_CUTS = 6  # halvings of one increment
 MAX_MOVE_CELLS = 1.0  # cells that a node may move in one iteration, plus twice the tip's move
 FORCE_FLOOR = 1e-2  # x E x thickness x cell size: least force that a residual is compared with
-# Contact points along a face's side where a radius is below SHARP_CELLS cells (measured,
-# docs/evidence/gel.md); else 2.
-SHARP_CELLS, SHARP_POINTS = 2.0, 5
+SHARP_CELLS, SHARP_POINTS = 2.0, 5  # of a sharp tip; measured, docs/evidence/gel.md
 
 
 class FinitePress:

@@ -107,10 +107,8 @@ def _interpolate(values: Field, weights: Sequence[Field]) -> Field:
     return np.asarray(mapped.reshape(-1, grid.shape[-1]))
 
 
-# By hand, for the work only: longest move that is extrapolated, over the smallest cell; least
-# volume ratio of a start, over that of the previous state.
-PREDICTABLE_CELLS = 0.75
-MIN_VOLUME_SHARE = 0.2
+PREDICTABLE_CELLS = 0.75  # longest extrapolated move, in cells; by hand, for the work only
+MIN_VOLUME_SHARE = 0.2  # least volume ratio of a start over the previous one; by hand, likewise
 
 
 def predict_start(

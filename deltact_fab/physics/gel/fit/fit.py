@@ -109,8 +109,8 @@ def solve(data: MeasuredIndentation, unit: ForceCurve, touch_bounds: Bounds | No
     if dof < 2:
         raise RunFailed(f"gel fit: {int(inliers.sum())} usable values for {len(x)} unknowns")
     residual = (forces(x) - data.normal_n)[inliers]
-    exact = float(np.sqrt(np.mean(residual**2))) <= EXACT_REL * scale
-    lag1 = 0.0 if exact else _lag1(residual)
+    noisy = float(np.sqrt(np.mean(residual**2))) > EXACT_REL * scale
+    lag1 = _lag1(residual) if noisy else 0.0
     variance = float(residual @ residual) / dof * (1 + lag1) / (1 - lag1)
     to_mpa: Field = np.array([modulus, 1.0])[: len(x)]
     scatter = np.asarray(np.linalg.pinv(plain.jac.T @ plain.jac), dtype=np.float64)
@@ -326,8 +326,7 @@ def _data_notes(
             )
     free_n = data.normal_n[data.depth_mm < solution.touch_mm]
     if len(free_n) > 3:
-        bias = float(free_n.mean())
-        doubt = float(free_n.std(ddof=1)) / math.sqrt(len(free_n))
-        if abs(bias) > 4 * doubt and abs(bias) > 1e-3 * float(data.normal_n.max()):
+        bias, error = float(free_n.mean()), float(free_n.std(ddof=1)) / math.sqrt(len(free_n))
+        if abs(bias) > 4 * error and abs(bias) > 1e-3 * float(data.normal_n.max()):
             notes.append(f"warning: the sensor reads {bias:.3g} N before touch; tare it")
     return notes

@@ -8,7 +8,7 @@ from deltact_fab.common import Field, Point, SolverError
 from deltact_fab.sensor import FreeBlock, GelMaterial, Indenter, SkinDimensions
 
 from ..level import Choice, GelContact, State
-from ..zones import BOUND_MARGIN, ZoneMap, Zones, hermite, means, measure_zones
+from ..zones import FRICTION_MARGIN, ZoneMap, Zones, hermite, means, measure_zones
 from .contact import ContactState, LinearContact
 
 MAX_LINEAR_CUTS = 2  # halvings of an increment; by hand: more only delay the refusal
@@ -73,7 +73,7 @@ class LinearGel(GelContact):
             return None
         face, h = self.contact.face, max(self.contact.face.spacing_mm)
         place = np.stack(np.meshgrid(face.x_mm, face.y_mm), axis=-1)
-        bound = self.choice.friction * inner.pressure_mpa * (1 - BOUND_MARGIN)
+        bound = self.choice.friction * inner.pressure_mpa * (1 - FRICTION_MARGIN)
         return measure_zones(
             (face.x_mm, face.y_mm), place + inner.displacement_mm[..., :2],
             (inner.pressure_mpa > 0).astype(np.float64),

@@ -253,7 +253,7 @@ def clamp_to_floor(
     clamped = displacement_mm.copy()
     clamped[..., 2] = np.maximum(clamped[..., 2], np.float32(-floor_mm))
     text = (
-        f"{int((below > 0).sum())} of {below.size} points of the face come out below the gel's "
-        f"floor, by {below.max():.2g} mm at most, and are kept on it: no gel lies so"
+        f"{int((below > 0).sum())} of {below.size} points of the face lie below the gel's "
+        f"floor, by {below.max():.2g} mm at most, and are clamped to it"
     )
     return clamped, [Note("floor", text)]
