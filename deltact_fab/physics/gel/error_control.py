@@ -6,8 +6,7 @@ between two meshes estimates the mesh error; forces are corrected to a hard cont
 by chance, so a change may be small by chance; the estimate is never below the known error of cells
 of that size under such a contact. With friction, steps STEP_RATIO times as large on the coarser
 mesh estimate the step error. The linear level adds its model error by the measured rule of
-`linear.validity`. docs/evidence/gel.md counts how many presses keep within the estimate, on cases
-that did not set the factors.
+`linear.validity`. docs/evidence/gel.md tests the estimate on presses that did not set the factors.
 
 A CPU time limit (`time_limit`) shortens the sequence at both ends: where the first mesh costs too
 much, coarser ones are solved first, and no mesh is started that is predicted to exceed the limit.
@@ -43,15 +42,13 @@ LONE_FACTOR = 3.0  # x EDGE_ERROR with a single mesh; in plane the whole field c
 STEP_FORCE = 1 / (STEP_RATIO - 1)  # steps are of first order
 MESH_IN_PLANE, STEP_IN_PLANE = 2.4, 1.75  # x change of displacement: local errors add up
 LINEAR_FORCE, LINEAR_IN_PLANE = 0.9, 1.9  # x change with the grid of the linear level
-
 # By hand, for the CPU time of a press: more and finer meshes cost more and change no estimate.
 MIN_MESH_RATIO = 1.4  # least ratio of the cells of two meshes that are compared
 COARSER_MESHES = 2  # number of meshes coarser than the requested one
 FINER_MESHES = 3  # most meshes finer than it, sized by the estimate
 FINEST_STEP = 0.25  # least factor of the steps
-# Most increments x unknowns^WORK_POWER of a mesh, about a minute on one core (measured,
-# docs/evidence/gel.md). Counted, not timed: a busy machine must not change a result.
-MAX_WORK = 1.2e7
+# Measured. Work is counted, not timed, so that a busy machine does not change a result.
+MAX_WORK = 1.2e7  # most increments x unknowns^WORK_POWER of a mesh, about a minute on one core
 WORK_POWER = 1.3
 INCREMENT_WORK = 3e3  # fixed cost of an increment, in unknowns^WORK_POWER
 WORK_S = 60 / MAX_WORK  # CPU time per unit of work, until it is measured
@@ -131,11 +128,10 @@ class MeshConvergence:
             choice = replace(choice, asked_mm=0.0)  # the estimate replaces the rule's cell size
         largest = HIDDEN_RADII * self._radius_mm / choice.spacing_mm
         below = [f for k in range(COARSER_MESHES, 0, -1) if (f := MESH_RATIO**k) <= largest]
-        increments = len(self._open(choice, None).poses)
+        steps = len(self._open(choice, None).poses)
         while free and below and below[0] * MESH_RATIO <= largest:
             # Solved about three times, for the step error.
-            cost_s = 3 * WORK_S * self._work(choice.times(below[0]), increments)
-            if cost_s < time_limit.remaining_s():
+            if 3 * WORK_S * self._work(choice.times(below[0]), steps) < time_limit.remaining_s():
                 break
             below.insert(0, below[0] * MESH_RATIO)
         for factor in below:

@@ -35,7 +35,6 @@ from .linear.validity import linear_refusal, model_error
 FORCE_TOLERANCE = 0.03  # relative, of the force
 MIN_TOLERANCE, MAX_TOLERANCE = 0.001, 0.5
 IN_PLANE_MM = 0.05  # rms over the face, at FORCE_TOLERANCE
-
 # Measured (docs/evidence/gel.md), at FORCE_TOLERANCE.
 FRICTION_FORCE = 0.5  # x min(friction, 1) x (depth/thickness)^1.6
 CELLS_ACROSS = 3.0  # contact radius over cell size
@@ -46,7 +45,6 @@ SHARP_EDGE_MM = 0.75  # radius below which an edge is sharp
 STEP_ERROR = 3.5  # x friction's part of the force, over the number of increments
 SHEAR_STEP = 0.08  # of the contact radius, when dragged
 HIDDEN_RADII = 1.5  # x contact radius: larger cells may miss the tip
-
 # By hand: limits of work and of extrapolating the rules above.
 MAX_GRID_MM = 0.5  # of the linear level
 MAX_EDGE_CELL_MM = 0.9  # at any tolerance
@@ -98,7 +96,7 @@ def select_level(
         level = FINITE_LEVEL if refusal or not near else LINEAR_LEVEL
         reason = error_text if level == LINEAR_LEVEL else f"linear: {refusal or error_text}"
     elif level == LINEAR_LEVEL and refusal:
-        raise InputError(f"gel: level linear: {refusal}; level hyperelastic can")
+        raise InputError(f"gel: level linear: {refusal}; use level hyperelastic")
     if level == LINEAR_LEVEL:
         h = spacing_mm or linear_grid_mm(skin, indenter, depth)
         return Choice(
@@ -189,8 +187,7 @@ def step_mm(
     indenter: Indenter, depth_mm: float, thickness_mm: float, tolerance: float, friction: float,
     moves: bool,
 ) -> float:  # fmt: skip
-    """Increments of a path. A point grips from the end of the increment in which it touches, so
-    friction's part of the force is short by about STEP_ERROR over their number."""
+    """Increments of a path; friction's part of the force lacks STEP_ERROR over their number."""
     if depth_mm <= 0:
         return STEP_OF_THICKNESS * thickness_mm
     shortfall = STEP_ERROR * friction_force_rel(friction, depth_mm / thickness_mm)

@@ -46,7 +46,7 @@ RESULT_KEYS = (
 
 
 @dataclass(frozen=True, eq=False)
-class PressResult:
+class PressOutcome:
     """Result of a press: plain data with the keys of `gel press --json`, and arrays.
 
     tips_mm (n, 3), forces_n (n, 3): along the path, from rest. x_mm (nx,), y_mm (ny,) and
@@ -73,7 +73,7 @@ def press_gel(
     spacing_mm: float | None = None,
     progress: Progress | None = None,
     limit_s: float = CPU_LIMIT_S,
-) -> PressResult:
+) -> PressOutcome:
     """Press to a depth, then shear.
 
     tolerance: of the force, with IN_PLANE_MM in proportion. Meshes are refined until the estimate
@@ -121,7 +121,7 @@ def press_gel(
                 refined = ladder.refine(picked, free=spacing_mm is None)
     except TimeLimit:
         if refined is None:
-            reason = f"--limit-s {limit_s:g}: too short, no mesh was solved in that CPU time"
+            reason = f"--limit-s {limit_s:g}: no mesh was solved in that CPU time; increase it"
             level = picked.level if picked else model
             return refused_press(depth_mm, level, reason, time.perf_counter() - started)
         refined = replace(refined, limited=True)
@@ -156,7 +156,7 @@ def press_gel(
         "peak_in_plane_mm": float(np.hypot(u[..., 0], u[..., 1]).max()),
         "flags": [flag.labelled for flag in flags],
     }
-    return PressResult(result, np.array(tips), forces, *fine.axes_mm, u.astype(np.float64))
+    return PressOutcome(result, np.array(tips), forces, *fine.axes_mm, u.astype(np.float64))
 
 
 def _require(
@@ -202,7 +202,7 @@ def _flags(
         yield Note("tolerance", text)
 
 
-def refused_press(depth_mm: float, level: GelLevel, reason: str, seconds: float) -> PressResult:
+def refused_press(depth_mm: float, level: GelLevel, reason: str, seconds: float) -> PressOutcome:
     """Result of a press that was not solved, with the chosen or requested level."""
     result = dict.fromkeys(RESULT_KEYS) | {
         "depth_mm": depth_mm if math.isfinite(depth_mm) else None,
@@ -214,4 +214,4 @@ def refused_press(depth_mm: float, level: GelLevel, reason: str, seconds: float)
         "reason": reason,
     }
     none = np.empty((0, 3))
-    return PressResult(result, none, none, np.empty(0), np.empty(0), np.empty((0, 0, 3)))
+    return PressOutcome(result, none, none, np.empty(0), np.empty(0), np.empty((0, 0, 3)))

@@ -114,9 +114,8 @@ def measure_zones(
     # The face below a fold is hidden.
     areas = np.maximum(xx * yy - xy * yx, 0.0) * math.prod(steps)
     figures: list[float] = []
-    rims_mm = (edge_error_mm + k * cell_mm for k in (RIM_ERROR, STICK_RIM_ERROR))
-    for zone, error_mm in zip((inside, inside * sticks), rims_mm, strict=True):
-        rim = np.hypot(*np.gradient(zone, *steps))
+    for zone, cells in ((inside, RIM_ERROR), (inside * sticks, STICK_RIM_ERROR)):
+        rim, error_mm = np.hypot(*np.gradient(zone, *steps)), edge_error_mm + cells * cell_mm
         figures += [float((areas * zone).sum()), error_mm * float((areas * rim).sum())]
     # Where cells are as large as the contact (error over a tenth of the area) it grows squared.
     figures[1] *= max(1.0, 10 * figures[1] / figures[0])

@@ -57,7 +57,7 @@ LEAST_FRAMES = 10  # fewest images to estimate noise
 BLUR_PATCHES = 0.375  # of a patch: half of the neighbours' contrast remains (MTF50)
 LEAST_BLUR_PX = 1.2  # a Bayer filter and its demosaicing alone blur by nearly a pixel
 MIN_AGREEMENT = 0.5  # median correlation of tiles with the recipe; other patterns have about 0.3
-MAX_PRINT_TURN_DEG, MAX_SCALE_ERROR, MAX_KEYSTONE = 3.0, 0.04, 0.06
+MAX_TURNED_DEG, MAX_SCALE_ERROR, MAX_KEYSTONE = 3.0, 0.04, 0.06
 MIN_WHITE, MAX_WHITE = 0.2, 0.98  # of full scale, linear
 
 
@@ -243,7 +243,7 @@ def _check_rows(
          "not mirrored", not findings.mirrored,
          "the print was made for the other side of the film: guide E.1"),
         ("turn", "turn", f"{round(findings.turned_deg, 1) + 0.0:g} degrees",
-         f"within {MAX_PRINT_TURN_DEG:g} of upright", abs(findings.turned_deg) <= MAX_PRINT_TURN_DEG,
+         f"within {MAX_TURNED_DEG:g} of upright", abs(findings.turned_deg) <= MAX_TURNED_DEG,
          "lay the next sticker square to the frame, or turn the skin base: guide E.5, H.5"),
         ("place", "place", f"centre at ({x:.2f}, {y:.2f}) mm",
          f"within ({room[0]:.2f}, {room[1]:.2f})", abs(x) <= room[0] and abs(y) <= room[1],

@@ -146,8 +146,7 @@ def deliver_results(
     one-time message. jsonl: one object per result to stdout. summary: receives a document at the
     end. folder: new, for rows and arrays; pictures: also for the images. page_port: of the live
     page, 0 for a free one, None for no page; it stays open until Ctrl-C. Returns False after
-    Ctrl-C, else True. Raises InputError for an unavailable port, RunFailed on disk errors, and the
-    session's errors.
+    Ctrl-C, else True. Raises InputError for a port in use, RunFailed for the disk and as `results`.
     """
     simulated, page = session.source.model.simulated, None
     outputs: list[MeasurementOutput] = []
@@ -220,10 +219,7 @@ def _page_facts(source: Source, with_force: bool) -> dict[str, object]:
 
 
 class OutputFolder(MeasurementOutput):
-    """Folder with a row per result in measured.csv; other files are written atomically.
-
-    So it is readable whenever the process ends.
-    """
+    """Folder of rows and atomically written files, readable whenever the process ends."""
 
     def __init__(self, folder: Path, session: MeasurementSession, pictures: bool) -> None:
         """pictures: also save each tracked image. Raises InputError, RunFailed."""

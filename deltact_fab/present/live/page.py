@@ -1,8 +1,7 @@
 """Live page: a small server on the loopback that shows the newest result to local browsers.
 
 The measurement only stores its newest result here. A browser polls ten times per second in a
-thread of its own, so a slow one misses results but blocks nothing; numbers and image are made on
-request.
+thread of its own, so a slow one only misses results; numbers and image are made on request.
 """
 
 from __future__ import annotations

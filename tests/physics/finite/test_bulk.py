@@ -89,7 +89,7 @@ def full(pattern: MatrixPattern, data: np.ndarray) -> sp.csr_matrix:
     return upper + sp.triu(upper, k=1).T
 
 
-def test_a_mesh_holds_its_volume_and_faces():
+def test_mesh_keeps_volume_and_faces():
     mesh = block_mesh(SKIN, 0.8, (-1.0, 1.0, -1.5, 0.5))
     bulk = BulkAssembly(mesh, law(), MatrixPattern(mesh, np.ones(mesh.nodes_mm.shape, bool)))
     assert bulk.volumes_mm3.sum() == pytest.approx(8 * 6 * 4, rel=1e-12)
@@ -124,7 +124,7 @@ def test_patch(poisson):
     assert f == pytest.approx(np.broadcast_to(np.eye(3) + LINEAR, f.shape), abs=1e-12)
 
 
-def test_a_homogeneous_state_has_the_laws_energy_and_forces():
+def test_homogeneous_state_has_energy_and_forces():
     mesh, _ = skewed()
     bulk = BulkAssembly(mesh, law(), MatrixPattern(mesh, np.ones(mesh.nodes_mm.shape, bool)))
     b = bulk.evaluate(mesh.nodes_mm @ LINEAR.T)
@@ -156,7 +156,7 @@ def test_forces_and_tangent_are_derivatives(poisson):
     assert np.linalg.norm(ours - turn) < 1e-7 * np.linalg.norm(turn)
 
 
-def test_a_cell_turned_inside_out_has_no_energy():
+def test_inverted_cell_has_no_energy():
     mesh = block_mesh(SKIN, 2.0)
     bulk = BulkAssembly(mesh, law(), MatrixPattern(mesh, np.ones(mesh.nodes_mm.shape, bool)))
     b = bulk.evaluate(mesh.nodes_mm * [0.0, 0.0, -2.0])
@@ -165,7 +165,7 @@ def test_a_cell_turned_inside_out_has_no_energy():
 
 
 @pytest.mark.parametrize("name", ["pardiso", "superlu"])
-def test_linear_solvers_agree_and_take_new_entries(name):
+def test_linear_solvers_agree_after_new_entries(name):
     if name == "pardiso":
         pytest.importorskip("pypardiso")
     mesh = block_mesh(SKIN, 1.5)

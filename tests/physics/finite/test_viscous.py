@@ -59,7 +59,7 @@ def faded(t: float) -> float:
 
 @pytest.mark.parametrize("f", [SHEAR, STRETCH, BOTH])
 @pytest.mark.parametrize("step", [1e-3, 0.07, 1.0, 40.0])
-def test_a_step_held_relaxes_along_the_series(f, step):
+def test_held_step_relaxes_by_the_series(f, step):
     point = Point()
     s = exact_local(f)
     assert point.go(f, 0.0) == pytest.approx(s * faded(0), abs=1e-12)
@@ -90,7 +90,7 @@ def ramp(s: float) -> np.ndarray:
     )
 
 
-def test_a_ramp_converges_to_the_convolution_with_second_order():
+def test_ramp_converges_with_second_order():
     right = convolved(ramp, 1.0)
     errors = []
     for n in (4, 8, 16, 32):
@@ -137,7 +137,7 @@ def bulk_with_history():
     return bulk, law, memory, 0.1 * rng.standard_normal(free.shape) * free, rng
 
 
-def test_forces_and_tangent_are_derivatives_with_a_past():
+def test_forces_are_derivatives_with_history():
     bulk, _, memory, u, rng = bulk_with_history()
     past = {"memory": memory}
     free = bulk.pattern.free

@@ -41,7 +41,7 @@ def pressed(name: str, friction: float, *tips: Point) -> tuple[GelContact, State
 
 
 @pytest.mark.parametrize(("a", "b"), [(3.0, 3.0), (4.0, 2.5)])
-def test_the_rim_of_a_gap_that_opens_as_hertz_s(a: float, b: float) -> None:
+def test_rim_of_a_hertzian_gap(a: float, b: float) -> None:
     """An ellipse, known where it touches by squares of half a cell of 1 mm."""
     x, y = np.meshgrid(np.arange(-80, 81) / 10, np.arange(-60, 61) / 10)
     r = np.hypot(x / a, y / b)
@@ -60,7 +60,7 @@ def test_the_rim_of_a_gap_that_opens_as_hertz_s(a: float, b: float) -> None:
         for press in RIM_MM
     ],
 )
-def test_area_of_a_ball_against_the_axisymmetric_twin(name: str, depth_mm: float) -> None:
+def test_ball_area_against_axisymmetric_twin(name: str, depth_mm: float) -> None:
     contact, state = pressed(name, 0.0, (0.0, 0.0, depth_mm))
     zones, found = state.zones
     truth_mm2 = np.pi * np.mean(RIM_MM[name, depth_mm]) ** 2
@@ -76,7 +76,7 @@ def test_area_of_a_ball_against_the_axisymmetric_twin(name: str, depth_mm: float
 
 
 @pytest.mark.evidence
-def test_the_twin_s_rim_at_coarse_cells() -> None:
+def test_twin_rim_at_coarse_cells() -> None:
     got = cylinder(0.5, float(np.sqrt(36 * 34 / np.pi)), 12.0).press(7.5, [1.0, 1.5])
     for one in got:
         low, high = RIM_MM["sphere:15", one.depth_mm]

@@ -77,14 +77,12 @@ def ladder(
 
     def opener(choice: Choice, like: PathSolver | None) -> PathSolver:
         gel: Any = Gel(choice, force, dofs, field_mm, lacking_rel)
-        return PathSolver(
-            lambda: gel, [down], observed=PRESS_CHANNELS, like=like, keeps_states=True
-        )
+        return PathSolver(lambda: gel, [down], None, PRESS_CHANNELS, like=like, keeps_states=True)
 
     return MeshConvergence(opener, unknowns, RADIUS_MM, edge_mm, TOLERANCE)
 
 
-def test_the_first_mesh_that_keeps_to_the_tolerance_answers() -> None:
+def test_first_mesh_within_tolerance_is_returned() -> None:
     found = ladder(lambda h, step: 10.0).refine(chosen(0.0), free=True)
     edge = EDGE_ERROR * (found.run.choice.spacing_mm / RADIUS_MM) ** 2
     assert found.estimate["force_rel"] == pytest.approx(edge)
@@ -92,13 +90,13 @@ def test_the_first_mesh_that_keeps_to_the_tolerance_answers() -> None:
     assert not found.limited
 
 
-def test_a_mesh_that_was_asked_for_is_the_one() -> None:
+def test_requested_mesh_is_used() -> None:
     for spacing in (0.8, 2.4):
         found = ladder(lambda h, step: 10.0).refine(chosen(0.0, spacing), free=False)
         assert found.run.choice.spacing_mm == pytest.approx(spacing)
 
 
-def test_an_error_of_second_order_is_what_is_told() -> None:
+def test_second_order_error_is_estimated() -> None:
     def force(h: float, step: float) -> float:
         return 10 * (1 + 0.04 * h**2)
 
@@ -112,13 +110,13 @@ def test_an_error_of_second_order_is_what_is_told() -> None:
 
 
 @pytest.mark.parametrize(("lacking_rel", "adds"), [(-0.04, 0.04), (0.0, 0.0)])
-def test_a_light_press_adds_its_ramp_to_error(lacking_rel: float, adds: float) -> None:
+def test_light_press_adds_ramp_error(lacking_rel: float, adds: float) -> None:
     press = ladder(lambda h, step: 10.0, lacking_rel=lacking_rel).refine(chosen(0.0), free=False)
     edge = EDGE_ERROR * (1.6 / RADIUS_MM) ** 2
     assert press.estimate["force_rel"] == pytest.approx(edge + adds)
 
 
-def test_a_mesh_keeps_to_force_and_in_plane() -> None:
+def test_mesh_meets_both_tolerances() -> None:
     meshes = ladder(lambda h, step: 10.0, field_mm=lambda h: 0.02 * h**2)
     by_both = meshes.refine(chosen(0.0), free=True)
     by_force = ladder(lambda h, step: 10.0).refine(chosen(0.0), free=True)
@@ -126,7 +124,7 @@ def test_a_mesh_keeps_to_force_and_in_plane() -> None:
     assert 0 < by_both.estimate["displacement_mm"] <= meshes.in_plane_mm
 
 
-def test_steps_that_cost_too_much_are_made_smaller_on_the_coarsest_mesh() -> None:
+def test_steps_shrink_on_the_coarsest_mesh() -> None:
     solved = []
 
     def force(h: float, step: float) -> float:
@@ -142,7 +140,7 @@ def test_steps_that_cost_too_much_are_made_smaller_on_the_coarsest_mesh() -> Non
     assert found.estimate["force_rel"] <= TOLERANCE
 
 
-def test_a_mesh_too_coarse_to_be_solved_is_passed_over() -> None:
+def test_unsolvable_coarse_mesh_is_skipped() -> None:
     def force(h: float, step: float) -> float:
         if h > 1.7:
             raise SolverError("hides")
@@ -163,7 +161,7 @@ def clock_s(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return now
 
 
-def test_a_limit_of_time_ends_with_the_best_mesh_so_far(clock_s: list[float]) -> None:
+def test_time_limit_returns_best_mesh(clock_s: list[float]) -> None:
     """Each mesh takes a second."""
 
     def force(h: float, step: float) -> float:
@@ -191,7 +189,7 @@ def test_a_limit_of_time_ends_with_the_best_mesh_so_far(clock_s: list[float]) ->
     assert not within(100).limited
 
 
-def test_a_limit_too_short_for_the_first_mesh_begins_with_a_coarser_one(
+def test_short_limit_starts_coarser(
     clock_s: list[float],
 ) -> None:
     def unknowns(choice: Choice) -> int:
@@ -213,7 +211,7 @@ def test_a_limit_too_short_for_the_first_mesh_begins_with_a_coarser_one(
     assert found[1].estimate["force_rel"] > TOLERANCE
 
 
-def test_waiting_takes_nothing_of_the_limit_and_computing_does() -> None:
+def test_limit_counts_cpu_time_only() -> None:
     with time_limit.within(0.05):
         time.sleep(0.1)
         time_limit.check()
@@ -237,7 +235,7 @@ def test_a_press_returns_within_its_limit() -> None:
     assert any(flag.startswith("limit: 2.5 CPU seconds") for flag in result["flags"])
 
 
-def test_a_press_that_no_mesh_ends_in_time_is_refused_and_one_is_flagged() -> None:
+def test_time_limit_refuses_or_flags() -> None:
     asked = (SkinDimensions(), GelMaterial(), parse_indenter("star"), (0.3, 0.0), 1.2)
     result = press_gel(*asked, tolerance=0.02, limit_s=1e-3).result
     assert result["force_n"] is None
@@ -246,7 +244,7 @@ def test_a_press_that_no_mesh_ends_in_time_is_refused_and_one_is_flagged() -> No
 
 
 @pytest.mark.slow
-def test_what_the_contacts_give_takes_of_the_force_is_its_energys_slope() -> None:
+def test_lacking_force_is_energy_slope() -> None:
     from deltact_fab.physics.gel.finite.gel import lacking_n
     from deltact_fab.physics.gel.path.open import open_contact
 

@@ -37,7 +37,7 @@ def results(session: MeasurementSession) -> list[MeasuredImage]:
 
 
 @pytest.mark.slow
-def test_each_output_says_force_contacts_and_health(results: list[MeasuredImage]) -> None:
+def test_outputs_contain_force_contacts_health(results: list[MeasuredImage]) -> None:
     people, program, said = io.StringIO(), io.StringIO(), list[str]()
     origin = "simulated, seed 3"
     outputs = (
@@ -62,7 +62,7 @@ def test_each_output_says_force_contacts_and_health(results: list[MeasuredImage]
 
 
 @pytest.mark.slow
-def test_the_report_says_what_the_command_says(
+def test_report_agrees_with_command(
     results: list[MeasuredImage], mini_run: Path, calibrations: list[Path]
 ) -> None:
     run = open_run(mini_run)
@@ -94,7 +94,7 @@ def test_another_sensors_calibration_is_refused(mini_run: Path, calibrations: li
         find_calibrations(open_run(mini_run), [other])
 
 
-def test_what_the_page_draws_is_what_was_measured(
+def test_page_draws_the_measurement(
     results: list[MeasuredImage], session: MeasurementSession
 ) -> None:
     told = page_data(results[PRESSED], session.view)
@@ -102,9 +102,8 @@ def test_what_the_page_draws_is_what_was_measured(
     assert [m["name"] for m in told["maps"]] == ["pressure", "depth", "relative depth"]
     depth = told["maps"][1]
     levels = np.frombuffer(_bytes(depth["data"]), np.uint8).reshape(depth["height"], depth["width"])
-    row, column = np.unravel_index(
-        np.argmax(np.where(levels == LOST_BYTE, 0, levels)), levels.shape
-    )
+    peak = np.argmax(np.where(levels == LOST_BYTE, 0, levels))
+    row, column = np.unravel_index(peak, levels.shape)
     x, y = (
         low + (at + 0.5) / n * (high - low)
         for at, n, (low, high) in (
@@ -121,7 +120,7 @@ def test_what_the_page_draws_is_what_was_measured(
 @pytest.mark.parametrize(
     ("source", "own"), [("{name}", True), ("{folder}", True), ("another", False)]
 )
-def test_a_calibration_of_this_run_is_no_test(
+def test_own_calibration_is_no_test(
     mini_run: Path, calibrations: list[Path], tmp_path: Path, source: str, own: bool
 ) -> None:
     run = open_run(first_press(mini_run, tmp_path / "renamed"))

@@ -11,13 +11,7 @@ import pytest
 from deltact_fab.bench.protocols.plan import Protocol
 from deltact_fab.bench.rig.config import FiniteGelConfig, GelConfig
 from deltact_fab.physics.gel.path import open as open_module
-from deltact_fab.physics.gel.path.knots import (
-    Increments,
-    KnotPose,
-    Mirror,
-    SolvedKnot,
-    mirror_of,
-)
+from deltact_fab.physics.gel.path.knots import Increments, KnotPose, Mirror, SolvedKnot, mirror_of
 from deltact_fab.physics.gel.path.solver import PathSolver
 from deltact_fab.sensor.shapes.indenter import parse_indenter
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
@@ -91,7 +85,7 @@ def test_the_image_of_a_solved_press_is_what_a_solve_of_its_own_finds(
     assert first.poses
     assert image.stored is not None
     assert image.solves == 0
-    monkeypatch.setattr(open_module, "to_solved", lambda *_: Mirror())
+    monkeypatch.setattr(open_module, "mirror_of", lambda *_: Mirror())
     own = whole(protocol, number, level)
     assert own.stored is None
     tips = [pose.tip_mm for pose in own.poses]

@@ -107,7 +107,7 @@ class BulkAssembly:
         jacobian = np.einsum("mai,qaj->mqij", x, local)
         det = np.linalg.det(jacobian)
         if not det.min() > 0:
-            raise InputError("mesh: a cell is turned inside out at rest")
+            raise InputError("mesh: a cell is inverted at rest")
         gradients = np.einsum("qaj,mqji->maqi", local, np.linalg.inv(jacobian), optimize=True)
         self.gradients_per_mm: Field = np.ascontiguousarray(gradients).reshape(len(x), 8, -1)
         self.weights_mm3: Field = np.ascontiguousarray(det)

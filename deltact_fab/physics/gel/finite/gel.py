@@ -26,8 +26,7 @@ class FaceLattice:
     (piecewise Hermite, slopes of the parabola through three nodes). It is C1, exact for parabolas
     at any grading, and a kink at the contact's edge is felt one cell away at most; a spline would
     ring. Tractions: every contact point represents a part of its face as large as its weight, and
-    the parts are averaged to the nodes by area (`zones.means`), so that their sum over the resting
-    face is the force.
+    the parts are averaged to the nodes by area (`zones.means`), conserving the force.
     """
 
     def __init__(self, mesh: HexMesh, x_mm: Field, y_mm: Field) -> None:
@@ -171,8 +170,8 @@ class FiniteGel(GelContact):
                 point = end + (start - end) * below
                 touch = (float(point[0]), float(point[1]), 0.0)
                 inner = self.press.solve(inner, touch, seconds * (1 - below))
-            seconds *= below
-            parts = list(follow_path(self.press, inner, tip_mm, longest_mm, seconds, guide))
+            path = follow_path(self.press, inner, tip_mm, longest_mm, seconds * below, guide)
+            parts = list(path)
             work = IncrementDiagnostics.combine([part.diagnostics for part in parts])
             state = replace(parts[-1], diagnostics=work)
         return self._state(state, previous.jumped)

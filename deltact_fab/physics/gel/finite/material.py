@@ -14,8 +14,7 @@ alternate from cell to cell; contact on a bonded block does not excite that, and
 affected. The part -mu ln J stays local: with Jbar alone a brick can invert at one point. Squeezed
 to a third under a sharp tip it would still fold into an hourglass, whose points lose and gain
 volume at a constant mean. The part with b = LOCAL_RATIO mu, at most lambda/8, prevents that; being
-of fourth order it vanishes at small strains, so it does not lock, and a homogeneous state is not
-affected.
+of fourth order it vanishes at small strains (no locking), and in homogeneous states.
 """
 
 from __future__ import annotations

@@ -180,8 +180,7 @@ class _Direction:
             if not self._solver.negative or self._solution.residual <= NEAR_RESIDUAL:
                 return
             if not self.curved:
-                residual = self._solution.residual
-                raise SolverError(f"newton: no minimum near a residual of {residual:.1e}")
+                raise SolverError(f"newton: no minimum at residual {self._solution.residual:.1e}")
             self.curved = False
 
     def record_step(self, full_length: bool, previous: float) -> None:
@@ -272,8 +271,7 @@ def _step(
         length = min(1.0, longest_mm / peak_mm) if peak_mm > 0 else 1.0
         # A step ten times too long has no usable direction.
         for _ in range(STEP_LENGTHS if peak_mm <= 10 * longest_mm else 0):
-            pressure = current.pressure_mpa + length * rate
-            norm_n = problem.unbalance_n(x + length * step, pressure)
+            norm_n = problem.unbalance_n(x + length * step, current.pressure_mpa + length * rate)
             if norm_n is not None and (norm_n <= norm or solution.residual < ROUNDING_RESIDUAL):
                 return _Step(length * step, length * rate, length)
             length /= 2
@@ -330,8 +328,7 @@ def descend(
         solution.factorisations += 1
         solution.damped += bool(eta)
         step = None if solver.negative else -solver.solve(current.residual_n)
-        # slope = -step.(K + eta K0) step. Not every solver returns the inertia; with an indefinite
-        # matrix a step may lead uphill.
+        # slope = -step.(K + eta K0) step: may be positive where the solver returns no inertia.
         slope = 0.0 if step is None else float(current.residual_n @ step)
         if step is None or slope >= 0:
             eta = max(FIRST_DAMPING, DAMPING_RISE * eta)

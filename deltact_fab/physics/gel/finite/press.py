@@ -97,8 +97,8 @@ class FinitePress:
         self.solver = make_solver(solver)
         self._rest_data = self.bulk.evaluate(np.zeros_like(mesh.nodes_mm)).data
         cell = self._cell_mm = float(np.sqrt(self.surface.weights_mm2.sum(axis=1).min()))
-        height_mm = float(np.ptp(mesh.nodes_mm[:, 2]))
-        self.floor_n = FORCE_FLOOR * material.modulus_mpa * cell * height_mm
+        floor_mpa = FORCE_FLOOR * material.modulus_mpa
+        self.floor_n = floor_mpa * cell * float(np.ptp(mesh.nodes_mm[:, 2]))
 
     @classmethod
     def on_block(
@@ -139,8 +139,8 @@ class FinitePress:
         seconds: duration, 0 (sudden) to infinity (long rest), at constant speed; required (raises
         InputError) for a gel with a Prony series, else ignored. The same tip again is a hold.
         guide: increments of a coarser mesh on the same path, to start from.
-        Raises SolverError when MAX_FINITE_CUTS do not help, when the tip slips through the mesh,
-        and when contact is lost while the depth grows.
+        Raises SolverError when MAX_FINITE_CUTS do not help, or the tip slips through the mesh or
+        loses contact while advancing.
         """
         _require_finite(tip_mm)
         if self.viscosity is not None and seconds is None:

@@ -255,10 +255,9 @@ class Surface:
         secant = np.where(slips, b / safe, k)
         if not tangent:
             return secant[..., None] * e, size, slips, None
-        direction = e / safe[..., None]
+        unit = e / safe[..., None]
         flat = np.eye(3) - n[..., :, None] * n[..., None, :]
-        slide = direction[..., :, None] * direction[..., None, :]
-        slide = np.where(slips, 1.0, 0.0)[..., None, None] * slide
+        slide = np.where(slips, 1.0, 0.0)[..., None, None] * unit[..., :, None] * unit[..., None, :]
         return secant[..., None] * e, size, slips, secant[..., None, None] * (flat - slide)
 
     def _matrix_entries(self, block: Field, active: NDArray[np.bool_]) -> Field:

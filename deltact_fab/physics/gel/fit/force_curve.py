@@ -110,9 +110,8 @@ def force_curve(
         depths.append(deepest_mm)
     poses = [KnotPose((*at_mm, -d), 0.0, 1.0) for d in depths]
     # Cells for any depth, so that a deeper press gives the same forces on the way.
-    deepest_poses = [*poses, KnotPose((*at_mm, -DEEPEST_SHARE * thickness), 0.0, 1.0)]
-    wishes = {"level": "hyperelastic", "spacing_mm": spacing_mm}
-    choice = choose_level(skin, unit, indenter, deepest_poses, **wishes)
+    route = [*poses, KnotPose((*at_mm, -DEEPEST_SHARE * thickness), 0.0, 1.0)]
+    choice = choose_level(skin, unit, indenter, route, level="hyperelastic", spacing_mm=spacing_mm)
     # The poses are no further apart than one increment of the solver.
     solver = open_path(
         skin, unit, indenter, poses, ObservedChannels(), replace(choice, step_mm=step)

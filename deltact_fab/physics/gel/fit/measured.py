@@ -49,8 +49,7 @@ def read_press_csv(path: Path | str) -> MeasuredIndentation:
                 f"{path}:{number}: no column {name}; found {', '.join(header)}; "
                 f"{' and '.join(PRESS_COLUMNS)} are needed"
             )
-    names = (*PRESS_COLUMNS, *SHEAR_COLUMNS)
-    place = {name: header.index(name) for name in names if name in header}
+    place = {n: header.index(n) for n in (*PRESS_COLUMNS, *SHEAR_COLUMNS) if n in header}
     rows = []
     for number, cells in lines:
         if len(cells) != len(header):

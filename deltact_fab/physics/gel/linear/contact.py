@@ -150,9 +150,8 @@ class LinearContact:
         """Solve one increment: the tip moves straight from `previous` to (x, y, depth).
 
         Friction depends on the path: divide a long move (`level.follow_path`). Raises InputError
-        when the tip is off the face or too deep for this level, SolverError when the grid does not
-        resolve the contact, or when it runs off the face or the indenter, folds the face, or does
-        not converge.
+        for a tip off the face or too deep, SolverError for a contact that the grid does not
+        resolve, that runs off face or indenter, folds the face, or does not converge.
         """
         tip = _point(tip_mm)
         if tip[2] <= 0:

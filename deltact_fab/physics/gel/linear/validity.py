@@ -18,7 +18,6 @@ from ..level import contact_radius_mm
 
 DEPTH_LIMIT = 0.25  # of the thickness, by hand: force within some per cent of finite strain
 FOLD_LIMIT = 0.2  # least det(I + grad u) of the face; by hand: at 0 the printed pattern folds
-
 # Measured, docs/evidence/gel.md: relative force, and in plane.
 TIP_FORCE = 1.05  # x (poisson - EVEN_POISSON) x depth/contact radius: too stiff above it
 EVEN_POISSON = 0.42
