@@ -310,7 +310,7 @@ def test_invalid_input_is_one_line(tmp_path):
             ["images", "dense"],
             "image 0 has 64 x 48 px; the design camera has 1280 x 720 px",
         ),
-        (["images", "chessboard"], "chessboard: no dense pattern"),
+        (["images", "chessboard"], "chessboard: not a dense pattern"),
         (["images", "dense", "--step", "images"], "images: not a run folder"),
     ):
         done = called("rig", "accept", *words, cwd=tmp_path)

@@ -128,7 +128,7 @@ def test_unusable_source_is_one_line(
     assert "did you mean 'virtual'" in _refusal("virtul")
     assert "not in the catalogue of protocols" in _refusal("virtual:smok")
     assert "`measure` needs 'image'" in _refusal("virtual:first-moves")
-    assert "moves a real stage" in _refusal("grbl-bench:smoke")
+    assert "has a real stage" in _refusal("grbl-bench:smoke")
     assert "camera: missing table" in _refusal("grbl-bench")
     assert "rtsp://127.0.0.1:9/none: no stream of images" in _refusal(
         "rtsp://127.0.0.1:9/none", pinhole
