@@ -47,10 +47,10 @@ MIN_MESH_RATIO = 1.4  # least ratio of the cells of two meshes that are compared
 COARSER_MESHES = 2  # number of meshes coarser than the requested one
 FINER_MESHES = 3  # most meshes finer than it, sized by the estimate
 FINEST_STEP = 0.25  # least factor of the steps
-# Measured. Work is counted, not timed, so that a busy machine does not change a result.
+# Work is counted, not timed, so that a busy machine changes no result (docs/evidence/gel.md).
 MAX_WORK = 1.2e7  # most increments x unknowns^WORK_POWER of a mesh, about a minute on one core
-WORK_POWER = 1.3
-INCREMENT_WORK = 3e3  # fixed cost of an increment, in unknowns^WORK_POWER
+WORK_POWER = 1.3  # by hand, with INCREMENT_WORK a model of CPU time: errors misjudge time only
+INCREMENT_WORK = 3e3  # by hand: fixed cost of an increment, in unknowns^WORK_POWER
 WORK_S = 60 / MAX_WORK  # CPU time per unit of work, until it is measured
 DOFS_POWER = 2.5  # unknowns grow with this power of 1/cell size; by hand, between area and volume
 AIM_SHARE = 0.85  # of the tolerance, aimed at; by hand: nearer to 1 misses more often
@@ -125,7 +125,7 @@ class MeshConvergence:
             self._runs.append(self._run(choice))
             return
         if free:
-            choice = replace(choice, asked_mm=0.0)  # the estimate replaces the rule's cell size
+            choice = replace(choice, goal_mm=0.0)  # the estimate replaces the rule's cell size
         largest = HIDDEN_RADII * self._radius_mm / choice.spacing_mm
         below = [f for k in range(COARSER_MESHES, 0, -1) if (f := MESH_RATIO**k) <= largest]
         steps = len(self._open(choice, None).poses)
@@ -233,9 +233,9 @@ class MeshConvergence:
         ]
         return max(min(*factors, MIN_FINER), 1 / MESH_RATIO)
 
-    def _run(self, choice: Choice, like: PathSolver | None = None) -> PathSolver:
-        """Solve the path on a choice; like: solver on a coarser mesh, whose increments start it."""
-        solver = self._open(choice, like)
+    def _run(self, choice: Choice, coarser: PathSolver | None = None) -> PathSolver:
+        """Solve the path on a choice, starting from the increments of a coarser mesh."""
+        solver = self._open(choice, coarser)
         solver.choice = choice
         label = f"{choice.level}, {choice.spacing_mm:.3g} mm"
         self._report(0, len(solver.poses), label)

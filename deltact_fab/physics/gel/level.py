@@ -80,7 +80,7 @@ class Choice:
     mirrors: planes x = 0, y = 0 at which the mesh ends. focus: box of fine cells
     (x_low, x_high, y_low, y_high). friction: of the solve, 0 where neglected.
     model_force_rel, model_in_plane_mm: model error of the level by the measured rule; 0 for the
-    finite level. reason: one line for a reader. asked_mm: cells that the tolerance requires,
+    finite level. reason: one line for a reader. goal_mm: cells that the tolerance requires,
     smaller than spacing_mm where most_unknowns limits them; 0: not chosen by tolerance.
     growth: ratio of neighbouring cells away from the focus; 1: of a linear grid.
     """
@@ -96,7 +96,7 @@ class Choice:
     model_force_rel: float
     model_in_plane_mm: float
     reason: str
-    asked_mm: float = 0.0
+    goal_mm: float = 0.0
     growth: float = 1.0
 
     def times(self, spacing: float = 1.0, step: float = 1.0) -> Choice:

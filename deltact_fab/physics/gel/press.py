@@ -99,9 +99,9 @@ def press_gel(
             skin, material, indenter, path(math.inf), tolerance, level=level, spacing_mm=spacing_mm
         )
 
-    def solver(choice: Choice, like: PathSolver | None) -> PathSolver:
+    def solver(choice: Choice, coarser: PathSolver | None) -> PathSolver:
         poses = path(choice.step_mm)
-        return open_path(skin, material, indenter, poses, PRESS_CHANNELS, choice, like, True)
+        return open_path(skin, material, indenter, poses, PRESS_CHANNELS, choice, coarser, True)
 
     def unknowns_of(choice: Choice) -> int:
         return unknowns(skin, choice.spacing_mm, choice.focus, choice.mirrors, choice.growth)

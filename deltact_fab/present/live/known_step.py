@@ -11,7 +11,7 @@ from deltact_fab.bench import open_run
 from deltact_fab.common import Check, InputError, graded
 from deltact_fab.estimate import FaceFlow, FlowTracker
 
-STUCK_MM = 0.5  # radius about the contact's centre, which slips last; by hand, below any contact
+STUCK_MM = 0.5  # radius about the centre, which slips last; by hand: larger ones slip
 MAX_STEP_ERROR_MM = 0.01  # by hand: less refuses good cameras, more a wrong scale
 
 

@@ -24,7 +24,7 @@ from deltact_fab.paths import asset
 
 LOOPBACK_HOST = "127.0.0.1"
 JPEG_QUALITY = 80  # by hand: size against artefacts
-TRACE_POINTS = 1200  # sent to a browser that connects later; by hand, about its window's pixels
+TRACE_POINTS = 1200  # sent to a browser that connects later; by hand: more slow the page down
 
 
 class LivePage:

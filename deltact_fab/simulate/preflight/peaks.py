@@ -161,7 +161,7 @@ def _usable(
         ended = str(why)
     for pose, knot in zip(solver.poses, solver.knots, strict=False):
         lost = _add(points, -pose.tip_mm[2], -knot.force_n[2], knot.penetration_mm)
-    larger = choice.spacing_mm / choice.asked_mm if choice.asked_mm else 1.0
+    larger = choice.spacing_mm / choice.goal_mm if choice.goal_mm else 1.0
     margin = 1 + max(TOLERANCE, choice.model_force_rel) * min(max(larger, 1.0), MAX_LARGER)
     return tuple((d, f * margin) for d, f in points), lost or ended
 

@@ -51,7 +51,7 @@ def test_cells_grow_to_limit_unknowns() -> None:
         )
         for n in (None, 8000)
     )
-    assert held.asked_mm == free.asked_mm == free.spacing_mm < held.spacing_mm
+    assert held.goal_mm == free.goal_mm == free.spacing_mm < held.spacing_mm
     mesh = block_mesh(SKIN, held.spacing_mm, held.focus, held.mirrors)
     assert 7000 < mesh.free_dofs <= 8000
     assert "8000 unknowns; tolerance requires 0.5 mm by its edge radius" in held.reason

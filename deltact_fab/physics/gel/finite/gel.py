@@ -244,11 +244,11 @@ class FiniteGel(GelContact):
         jumped = inner.contact_points > 0 and (jumped or d.lagged > 0)
         depth = max(inner.tip_mm[2], 0.0)
         flags = []
-        coarse = self.choice.spacing_mm / self.choice.asked_mm if self.choice.asked_mm else 1.0
+        coarse = self.choice.spacing_mm / self.choice.goal_mm if self.choice.goal_mm else 1.0
         if coarse > 1:
             text = (
                 f"cells of {self.choice.spacing_mm:g} mm where the tolerance requires "
-                f"{self.choice.asked_mm:g} mm: errors may be {coarse**2:.1f} times as large"
+                f"{self.choice.goal_mm:g} mm: errors may be {coarse**2:.1f} times as large"
             )
             flags.append(Note("mesh", text))
         if d.penetration_mm > PENETRATION_LIMIT * depth:

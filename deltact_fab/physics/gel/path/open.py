@@ -24,16 +24,16 @@ def choose_level(
     indenter: Indenter,
     poses: Sequence[KnotPose],
     tolerance: float = FORCE_TOLERANCE,
-    **wishes: Any,
+    **options: Any,
 ) -> Choice:
-    """Choose level, mesh and steps of a press (or its mirror image); wishes: of `select_level`.
+    """Choose level, mesh and steps of a press (or its mirror image); options: of `select_level`.
 
     Raises InputError where no level or mesh is possible.
     """
     mirror = mirror_of(poses, indenter)
     tips = [mirror.point(p.tip_mm) for p in poses]
     reach = Reach.around([(x, y, -z) for x, y, z in tips])
-    return select_level(skin, material, indenter, reach, tolerance, **wishes)
+    return select_level(skin, material, indenter, reach, tolerance, **options)
 
 
 def open_path(
@@ -43,14 +43,14 @@ def open_path(
     poses: Sequence[KnotPose],
     observed: ObservedChannels,
     choice: Choice,
-    like: PathSolver | None = None,
+    coarser: PathSolver | None = None,
     keeps_states: bool = False,
 ) -> PathSolver:
     """Open the solver of a press on a choice; its forces are for a modulus of 1 MPa, and stored.
 
     The store's key is everything that a knot depends on except the modulus, to which forces are
     proportional. A linear grid has no focus, and only finite strain divides increments. Seconds
-    matter only to a gel that creeps. like, keeps_states: see `PathSolver`.
+    matter only to a gel that creeps. coarser, keeps_states: see `PathSolver`.
     """
     unit = replace(material, modulus_mpa=1.0)
     mirror = mirror_of(poses, indenter)
@@ -66,7 +66,7 @@ def open_path(
         indenter=repr(indenter),
         level=choice.level,
         spacing_mm=choice.spacing_mm,
-        asked_mm=choice.asked_mm,
+        asked_mm=choice.goal_mm,
         growth=choice.growth,
         mirrors=choice.mirrors,
         focus=None if linear else choice.focus,
@@ -75,10 +75,10 @@ def open_path(
         observed=observed,
     )
 
-    def contact() -> GelContact:
+    def gel() -> GelContact:
         return open_contact(skin, unit, indenter, choice, observed.lattice_mm)
 
-    return PathSolver(contact, poses, key, observed, mirror, skin.thickness_mm, like, keeps_states)
+    return PathSolver(gel, poses, key, observed, mirror, skin.thickness_mm, coarser, keeps_states)
 
 
 def open_contact(

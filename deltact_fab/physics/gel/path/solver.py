@@ -43,7 +43,7 @@ class PathSolver:
     stores nothing. mirror: from the press to its image that is solved and stored; everything else
     here is of the press itself. floor_mm: depth of the gel's floor. stored: the store's entry, if
     any. solves, seconds: of knots solved here, without stored ones. A press that fails is stored up
-    to there with the error and not tried again. like: solver of the same path on a coarser mesh;
+    to there with the error and not tried again. coarser: solver of the same path on a coarser mesh;
     if it keeps its states (keeps_states), this one starts from them. choice: set by the opener.
     """
 
@@ -57,11 +57,11 @@ class PathSolver:
         observed: ObservedChannels | None = None,
         mirror: Mirror | None = None,
         floor_mm: float = math.inf,
-        like: PathSolver | None = None,
+        coarser: PathSolver | None = None,
         keeps_states: bool = False,
     ) -> None:
         self.states: list[State] = []
-        self._keeps_states, self._like, self._guide = keeps_states, like, None
+        self._keeps_states, self._coarser, self._guide = keeps_states, coarser, None
         self.poses, self.observed = tuple(planned), observed or ObservedChannels()
         self._floor_mm = floor_mm
         self.mirror = mirror or Mirror()
@@ -176,8 +176,8 @@ class PathSolver:
     ) -> tuple[State, SolvedKnot]:
         start_s = time.perf_counter()
         x, y, z = self.mirror.point(pose.tip_mm)
-        if self._like is not None and self._guide is None and self._like.states:
-            self._guide = self.contact.guide(self._like.states)
+        if self._coarser is not None and self._guide is None and self._coarser.states:
+            self._guide = self.contact.guide(self._coarser.states)
         state = self.contact.solve(start, (x, y, -z), pose.seconds, self._guide)
         flags = list(state.diagnostics.flags)
         field = traction = zone_map = None
