@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from deltact_fab.common.aliases import Field
 from deltact_fab.common.errors import InputError, RunFailed
 from deltact_fab.physics.gel.finite.press import FinitePress
-from deltact_fab.physics.gel.finite.surface import HARDENING, HARDEST, SHALLOW
+from deltact_fab.physics.gel.finite.surface import HARDENING_CELLS, MAX_HARDENING, RAMP_DEPTH_SHARE
 from deltact_fab.sensor.shapes.tips import SphereTip
 from deltact_fab.studies.numerics.engines.gel_press import GelAnswer, mesh_and_lattice
 
@@ -74,11 +74,11 @@ def felupe_case(press: FinitePress, tips_mm: Sequence[tuple[float, float, float]
         raise InputError("felupe: 2 x 2 contact points a face are needed: points = 2")
     if int((~press.pattern.free).sum()) != 3 * len(mesh.base):
         raise InputError("felupe: a mesh without planes of symmetry is needed")
-    doubled = HARDENING * np.sqrt(surface.weights_mm2.sum(axis=1))
+    doubled = HARDENING_CELLS * np.sqrt(surface.weights_mm2.sum(axis=1))
     return FelupeCase(
         mesh.nodes_mm, mesh.cells, mesh.faces, mesh.base, press.law.mu_mpa, press.law.lambda_mpa,
         press.law.local_mpa, tips[0].radius_mm, surface.stiffness[:, 0], 1 / doubled**2,
-        HARDEST * doubled, surface.width_mm[:, 0], SHALLOW,
+        MAX_HARDENING * doubled, surface.width_mm[:, 0], RAMP_DEPTH_SHARE,
         np.array(tips_mm, dtype=np.float64), press.tolerance, press.floor_n,
     )  # fmt: skip
 

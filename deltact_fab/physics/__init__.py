@@ -1,4 +1,4 @@
-"""What the simulated sensor obeys: gel mechanics, and the way from ink to an image's bytes."""
+"""Physics of the simulated sensor: gel mechanics, and the image chain from ink to bytes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from .gel.finite.state import FiniteState
     from .gel.fit.fit import fit_press
     from .gel.fit.measured import read_press_csv
-    from .gel.level import Choice, IncrementDiagnostics, Level, Reach, follow_path
+    from .gel.level import Choice, GelLevel, IncrementDiagnostics, Reach, follow_path
     from .gel.level_selection import poisson_limit, select_level
     from .gel.linear.contact import LinearContact
     from .gel.path.knots import CONTACT_EPS_MM, Increments, KnotPose, ObservedChannels, SolvedKnot

@@ -1,6 +1,6 @@
-"""From colour values to the bytes that a program gets: printer, light, lens, mosaic, noise, cable.
+"""Image chain from colour values to bytes: printer, light, lens, mosaic, noise, cable.
 
-The numbers of printer and camera, and their defaults, are in `sensor.shapes.imaging`.
+Printer and camera parameters, and their defaults, are in `sensor.shapes.imaging`.
 """
 
 from __future__ import annotations
@@ -38,17 +38,17 @@ def print_colours(
     return np.stack(inks, axis=-1)
 
 
-_DEMOSAICS: dict[str, int] = {
+_DEMOSAIC_CODES: dict[str, int] = {
     "edge-aware": cv2.COLOR_BayerRG2BGR_EA,
     "bilinear": cv2.COLOR_BayerRG2BGR,
     "gradients": cv2.COLOR_BayerRG2BGR_VNG,
 }
-_SAMPLING = {
+_JPEG_SAMPLING = {
     "mjpeg-422": cv2.IMWRITE_JPEG_SAMPLING_FACTOR_422,
     "mjpeg-420": cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420,
 }
-_FAR = 1e6  # squared half diagonals: where a pixel that sees nothing is taken to look
-# Place and width of the highlight, in half diagonals of the view.
+_FAR_SQUARED = 1e6  # by hand: squared distance, in half diagonals, of a pixel that sees nothing
+# Position and width of the highlight, in half diagonals of the view; by hand, as an LED reflects.
 _HIGHLIGHT_AT, _HIGHLIGHT_WIDTH = (0.35, -0.3), 0.06
 
 
@@ -59,22 +59,22 @@ def view_grid(height: int, width: int) -> NDArray[np.float32]:
 
 
 class Exposure:
-    """Light to bytes, for one camera and where its pixels look.
+    """Conversion of light to bytes, for one camera and its pixels' viewing positions.
 
-    off: (h, w, 2) from the view's middle, in half diagonals; inf where nothing is seen.
+    position: (h, w, 2) from the view's middle, in half diagonals; inf where nothing is seen.
     """
 
-    def __init__(self, sensor: ImageSensor, off: NDArray[np.float32]) -> None:
+    def __init__(self, sensor: ImageSensor, position: NDArray[np.float32]) -> None:
         self._sensor = sensor
-        square = np.minimum(np.sum(off**2, axis=-1)[..., None], _FAR)
+        square = np.minimum(np.sum(position**2, axis=-1)[..., None], _FAR_SQUARED)
         light = np.maximum(1 - sensor.shading * square, 0)
         self._outward = np.minimum(square, 1).astype(np.float32)
         if sensor.led_gradient != 1:
             light *= 1 + (sensor.led_gradient - 1) * self._outward
             light /= max(1.0, sensor.led_gradient)
         self._light = light.astype(np.float32)
-        away = np.sum((off - np.asarray(_HIGHLIGHT_AT)) ** 2, axis=-1)[..., None]
-        spot = sensor.highlight * np.exp(-away / (2 * _HIGHLIGHT_WIDTH**2))
+        distance2 = np.sum((position - np.asarray(_HIGHLIGHT_AT)) ** 2, axis=-1)[..., None]
+        spot = sensor.highlight * np.exp(-distance2 / (2 * _HIGHLIGHT_WIDTH**2))
         self._highlight = spot.astype(np.float32)
 
     def expose(
@@ -83,7 +83,7 @@ class Exposure:
         rng: np.random.Generator,
         depth_mm: NDArray[np.float32] | None = None,
     ) -> NDArray[np.uint8]:
-        """Linear radiance (h, w, 3 RGB, 0..1) to the BGR image that a program gets.
+        """Convert linear radiance (h, w, 3 RGB, 0..1) to the BGR image of the driver.
 
         depth_mm: (h, w) of the face below rest, for `contact_glow_per_mm`; None at rest.
         """
@@ -100,7 +100,8 @@ class Exposure:
             return self._delivered(self._digitised(np.ascontiguousarray(light[..., ::-1]), rng))
         raw = light[..., 1].copy()  # BGGR mosaic
         raw[0::2, 0::2], raw[1::2, 1::2] = light[0::2, 0::2, 2], light[1::2, 1::2, 0]
-        return self._delivered(cv2.cvtColor(self._digitised(raw, rng), _DEMOSAICS[sensor.demosaic]))
+        coded = self._digitised(raw, rng)
+        return self._delivered(cv2.cvtColor(coded, _DEMOSAIC_CODES[sensor.demosaic]))
 
     def _digitised(self, raw: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.uint8]:
         sensor = self._sensor
@@ -112,14 +113,14 @@ class Exposure:
         return np.rint(coded * 255).astype(np.uint8)
 
     def _delivered(self, bgr: Any) -> NDArray[np.uint8]:
-        """What the camera's processor and its cable make of an image."""
+        """Apply sharpening and transfer format to an image."""
         sensor = self._sensor
         if sensor.sharpening:
             soft = cv2.GaussianBlur(bgr, (0, 0), 1.0)
             bgr = cv2.addWeighted(bgr, 1 + sensor.sharpening, soft, -sensor.sharpening, 0)
-        if sensor.format in _SAMPLING:
+        if sensor.format in _JPEG_SAMPLING:
             chosen = [cv2.IMWRITE_JPEG_QUALITY, sensor.jpeg_quality,
-                      cv2.IMWRITE_JPEG_SAMPLING_FACTOR, _SAMPLING[sensor.format]]  # fmt: skip
+                      cv2.IMWRITE_JPEG_SAMPLING_FACTOR, _JPEG_SAMPLING[sensor.format]]  # fmt: skip
             bgr = cv2.imdecode(cv2.imencode(".jpg", bgr, chosen)[1], cv2.IMREAD_COLOR)
         elif sensor.format != "raw":
             luma, *chroma = cv2.split(cv2.cvtColor(bgr, cv2.COLOR_BGR2YCrCb))

@@ -28,7 +28,7 @@ def load(name: str) -> ModuleType:
 
 
 @pytest.mark.slow
-def test_a_part_has_the_volume_of_its_formula(tmp_path: Path) -> None:
+def test_part_has_calculated_volume(tmp_path: Path) -> None:
     solid_mm3, formula_mm3 = load("build_a_part").main(tmp_path / "out")
     assert solid_mm3 == pytest.approx(formula_mm3, rel=1e-6)
     assert 0.9 < solid_mm3 / (36 * 34 * 14) < 1  # the box, less a step and round corners
@@ -42,7 +42,7 @@ def test_larger_patches_reach_the_camera() -> None:
 
 
 @pytest.mark.slow
-def test_a_run_measures_hertz_and_the_gel_s_rigid_back(tmp_path: Path) -> None:
+def test_run_agrees_with_hertz(tmp_path: Path) -> None:
     """A layer is stiffer than a half-space, the more so the wider the contact."""
     found = load("run_a_protocol").main(tmp_path / "out")
     stiffer = {depth: measured_n / hertz_n for depth, (measured_n, hertz_n) in found.items()}
@@ -50,7 +50,7 @@ def test_a_run_measures_hertz_and_the_gel_s_rigid_back(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_tracking_is_within_hundredths_of_a_millimetre(mini_run: Path) -> None:
+def test_tracking_error_is_small(mini_run: Path) -> None:
     """Off the dots against truth worse than at them: dots are features, and flatter."""
     errors = load("measure_a_run").main(mini_run)
     at_dots_mm, off_dots_mm = errors["mean_at_dots_mm"].mean(), errors["mean_off_dots_mm"].mean()
@@ -58,14 +58,14 @@ def test_tracking_is_within_hundredths_of_a_millimetre(mini_run: Path) -> None:
     assert off_dots_mm == pytest.approx(0.016, abs=0.004)
 
 
-def test_force_grows_with_hertz_and_a_little_more(mini_run: Path) -> None:
+def test_force_grows_slightly_beyond_hertz(mini_run: Path) -> None:
     exponent, at_1_mm_n = load("force_law").main(mini_run)
     assert exponent == pytest.approx(1.57, abs=0.03)
     assert at_1_mm_n == pytest.approx(2.70, rel=0.03)
 
 
 @pytest.mark.slow
-def test_half_the_thickness_is_stiffer_and_only_some_can_be_built() -> None:
+def test_half_thickness_is_stiffer() -> None:
     rows = {row.thickness_mm: row for row in load("sweep_a_design").main()}
     forces = [row.normal_n for row in rows.values()]
     assert forces == sorted(forces, reverse=True)

@@ -90,9 +90,7 @@ LACKS = {
 
 
 @pytest.mark.slow
-def test_a_command_that_lacks_its_extra_names_it_and_writes_nothing(
-    base: Path, mini_run: Path, tmp_path: Path
-) -> None:
+def test_missing_extra_is_named(base: Path, mini_run: Path, tmp_path: Path) -> None:
     commands = [words.replace("RUN", str(mini_run)).split() for words in LACKS]
     (tmp_path / "commands.json").write_text(json.dumps(commands))
     (tmp_path / "here").mkdir()
@@ -108,9 +106,7 @@ def test_a_command_that_lacks_its_extra_names_it_and_writes_nothing(
 
 
 @pytest.mark.slow
-def test_measure_pattern_protocol_and_doctor_need_no_extra(
-    base: Path, mini_run: Path, tmp_path: Path
-) -> None:
+def test_base_commands_need_no_extra(base: Path, mini_run: Path, tmp_path: Path) -> None:
     def good(*words: str) -> str:
         done = python(base, tmp_path, "-m", "deltact_fab.app.cli.main", *words)
         assert done.returncode == 0, done.stderr

@@ -58,21 +58,21 @@ def imported() -> dict[str, str]:
 
 
 @pytest.mark.slow
-def test_what_the_package_imports_is_what_is_declared() -> None:
+def test_imports_are_declared() -> None:
     used = imported()
     extras = set().union(*(declared(extra) for extra in EXTRA_PURPOSES))
     assert not extras & declared("")
     assert set(used) == declared("") | extras, used
 
 
-def test_all_is_every_extra_of_the_program() -> None:
+def test_all_includes_every_extra() -> None:
     assert set(PROJECT["optional-dependencies"]) >= {*EXTRA_PURPOSES, "all", "test"}
     (line,) = PROJECT["optional-dependencies"]["all"]
     assert line == f"deltact-fab[{','.join(EXTRA_PURPOSES)}]"
 
 
 @pytest.mark.slow
-def test_the_extra_that_a_message_names_brings_the_module() -> None:
+def test_named_extra_provides_the_module() -> None:
     packages = packages_distributions()
     seen = set()
     for path, node in nodes():
@@ -113,7 +113,7 @@ def test_the_same_pythons_are_named_everywhere() -> None:
 
 
 @pytest.mark.parametrize("python", PYTHONS)
-def test_a_package_has_one_pin_for_each_python(python: str) -> None:
+def test_one_pin_per_package_and_python(python: str) -> None:
     pins = [Requirement(line) for line in (ROOT / "constraints.txt").read_text().splitlines()]
     where = {"python_version": python, "python_full_version": f"{python}.9"}
     names = [pin.name for pin in pins if pin.marker is None or pin.marker.evaluate(where)]

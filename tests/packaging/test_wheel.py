@@ -106,7 +106,7 @@ def of_the_checkout(*folders: str) -> dict[str, bytes]:
 
 
 @pytest.mark.slow
-def test_the_sdist_holds_what_builds_tests_and_reads_and_nothing_else(built: Path) -> None:
+def test_sdist_contents(built: Path) -> None:
     with tarfile.open(next(built.glob("*.tar.gz"))) as archive:
         names = {name.split("/", 1)[1] for name in archive.getnames()}
     assert {name.split("/")[0] for name in names} == TRAVELS
@@ -116,7 +116,7 @@ def test_the_sdist_holds_what_builds_tests_and_reads_and_nothing_else(built: Pat
     assert not [name for name in names if "__pycache__" in name or name.endswith(".pyc")]
 
 
-def test_the_wheel_holds_the_package_the_catalogue_and_no_more(wheel: Path) -> None:
+def test_wheel_contents(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         held = {name: archive.read(name) for name in archive.namelist()}
     info = next(name for name in held if name.endswith("/METADATA")).split("/")[0]

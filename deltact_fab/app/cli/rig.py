@@ -245,7 +245,7 @@ def accept(
     steps = [] if step is None else check_known_step(step)
     images = open_source(source, camera, design, serial, seed, rest_only=True)
     try:
-        model = images.known
+        model = images.model
         if recipe is None and model.recipe is None:
             raise InputError("RECIPE: missing; a name of `pattern list` or a recipe's file")
         expected = load_recipe(recipe) if recipe else validate(PatternRecipe, model.recipe, source)

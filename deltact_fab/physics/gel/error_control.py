@@ -1,16 +1,15 @@
-"""The path of one press solved on a ladder of meshes: its error, and the cells that meet it.
+"""A press solved on a sequence of meshes: its error estimate, and refinement to a tolerance.
 
-Each mesh is COARSER times as fine as the one before and starts from that one's increments. Two of
-them show the mesh's part of the error, forces being as a hard contact would have them
-(`finite.gel.lacking_n`), which the meshes share otherwise; the contact's edge falls into cells
-by chance, so a change may be small by chance too, and the part is never taken as less than what
-cells of that size under such a contact are known to cost. With friction, steps FEWER times as large
-on the coarser mesh show the steps' part. The linear level has besides what its model leaves out by
-the measured rule of `linear.validity`. How many presses keep within the estimate, on cases that did
-not set the factors, is in docs/evidence/gel.md.
+Each mesh is MESH_RATIO times as fine as the one before and starts from its increments. The change
+between two meshes estimates the mesh error; forces are corrected to a hard contact first
+(`finite.gel.lacking_n`), an error that the meshes share. The contact's edge falls into the cells
+by chance, so a change may be small by chance; the estimate is never below the known error of cells
+of that size under such a contact. With friction, steps STEP_RATIO times as large on the coarser
+mesh estimate the step error. The linear level adds its model error by the measured rule of
+`linear.validity`. docs/evidence/gel.md tests the estimate on presses that did not set the factors.
 
-A limit of time (`time_limit`) shortens the ladder at both ends: where the first mesh is too dear
-coarser ones come before it, and none is begun that would not end in time by those before it.
+A CPU time limit (`time_limit`) shortens the sequence at both ends: where the first mesh costs too
+much, coarser ones are solved first, and no mesh is started that is predicted to exceed the limit.
 """
 
 from __future__ import annotations
@@ -25,43 +24,43 @@ import numpy as np
 from deltact_fab.common import Field, Progress, SolverError, TimeLimit
 
 from . import time_limit
-from .finite.distance import BLUNT
+from .finite.distance import BLUNT_CELLS
 from .level import FINITE_LEVEL, Choice
-from .level_selection import HIDDEN, IN_PLANE_MM, MAX_DOFS, TOLERANCE
+from .level_selection import FORCE_TOLERANCE, HIDDEN_RADII, IN_PLANE_MM, MAX_DOFS, STEP_SHARE
 from .path.solver import PathSolver
 from .zones import Zones
 
-Errors = tuple[float, float]
-"""Of the force, relative, and in plane, mm rms over the face."""
+PressErrors = tuple[float, float]
+"""Errors of the force, relative, and in plane, mm rms over the face."""
 Opener = Callable[[Choice, PathSolver | None], PathSolver]
 
-COARSER, FEWER = 1.5, 2.0
-APART = 1.4  # least ratio of the cells of two meshes that are compared
-EDGE = 0.2  # x (cell / contact radius)^2, of the force: what the contact's edge costs at least
-BLUNTED = 0.2  # x cell / contact radius, of the force: what a mesh costs that rounds an edge off
-ALONE = 3.0  # times that, and all of the in-plane field, where there is one mesh to go by
-STEP_FORCE = 1 / (FEWER - 1)  # steps are of first order
-MESH_IN_PLANE, STEP_IN_PLANE = 2.4, 1.75  # x change of displacement: errors of places add up
+# Factors of the estimate, set on measured presses (docs/evidence/gel.md).
+MESH_RATIO, STEP_RATIO = 1.5, 2.0  # by hand: smaller ones resolve less, larger ones waste a mesh
+EDGE_ERROR = 0.2  # x (cell / contact radius)^2, of the force: least error at the contact's edge
+BLUNT_ERROR = 0.2  # x cell / contact radius, of the force: least error of a rounded sharp edge
+LONE_FACTOR = 3.0  # x EDGE_ERROR with a single mesh; in plane the whole field counts as error
+STEP_FORCE = 1 / (STEP_RATIO - 1)  # steps are of first order
+MESH_IN_PLANE, STEP_IN_PLANE = 2.4, 1.75  # x change of displacement: local errors add up
 LINEAR_FORCE, LINEAR_IN_PLANE = 0.9, 1.9  # x change with the grid of the linear level
-BELOW = 2  # meshes coarser than the one asked for
-ABOVE = 3  # that follow, as fine as the estimate wants them
+# By hand, for the CPU time of a press: more and finer meshes cost more and change no estimate.
+MIN_MESH_RATIO = 1.4  # least ratio of the cells of two meshes that are compared
+COARSER_MESHES = 2  # number of meshes coarser than the requested one
+FINER_MESHES = 3  # most meshes finer than it, sized by the estimate
 FINEST_STEP = 0.25  # least factor of the steps
-# Most increments x unknowns^WORK_POWER of a mesh, about a minute on one core. Counted, not timed: a
-# busy machine must not change a result.
-MAX_WORK = 1.2e7
-WORK_POWER = 1.3
-FIXED = 3e3  # unknowns^WORK_POWER that an increment costs besides: small meshes are not free
-WORK_S = 60 / MAX_WORK  # CPU time of work, until some was measured
-DOFS_POWER = 2.5  # of the cells' number on their size
-AIM = 0.85  # of the tolerance
-STEP_SHARE = 0.4  # of the tolerance that steps may take
-MIN_FINER = 0.85  # factor of a mesh that follows; closer ones tell nothing of each other
-WORTH = 0.9  # a refinement that work affords by less is not made
+# Work is counted, not timed, so that a busy machine changes no result (docs/evidence/gel.md).
+MAX_WORK = 1.2e7  # most increments x unknowns^WORK_POWER of a mesh, about a minute on one core
+WORK_POWER = 1.3  # by hand, with INCREMENT_WORK a model of CPU time: errors misjudge time only
+INCREMENT_WORK = 3e3  # by hand: fixed cost of an increment, in unknowns^WORK_POWER
+WORK_S = 60 / MAX_WORK  # CPU time per unit of work, until it is measured
+DOFS_POWER = 2.5  # unknowns grow with this power of 1/cell size; by hand, between area and volume
+AIM_SHARE = 0.85  # of the tolerance, aimed at; by hand: nearer to 1 misses more often
+MIN_FINER = 0.85  # by hand: largest cell factor of a next mesh; closer ones hardly differ
+MAX_USEFUL_FACTOR = 0.9  # by hand: stop where the work affords no smaller cell factor
 
 
 @dataclass(frozen=True, eq=False)
 class RefinedPress:
-    """The finest run and its estimates; limited: a limit of time ended it before it was done."""
+    """The finest run and its estimates; limited: stopped by the CPU time limit."""
 
     run: PathSolver
     estimate: dict[str, float]
@@ -70,11 +69,11 @@ class RefinedPress:
 
 
 class MeshConvergence:
-    """One way to go, on any mesh.
+    """Error estimate and refinement of one path over a sequence of meshes.
 
-    opener: solves it on a choice, given the solver on a coarser mesh to start from, if any.
-    unknowns: of a choice's mesh, before it is made. radius_mm: of the contact at its deepest.
-    edge_mm: the smallest of the indenter's edges.
+    opener: opens the path's solver for a choice, and for the solver on a coarser mesh or None.
+    unknowns: number for a choice, without building its mesh. radius_mm: contact radius at the
+    deepest point. edge_mm: smallest edge radius of the indenter.
     """
 
     def __init__(
@@ -86,26 +85,26 @@ class MeshConvergence:
         tolerance: float,
         progress: Progress | None = None,
     ) -> None:
-        self._tell = progress or (lambda done, total, what: None)
+        self._report = progress or (lambda count, total, label: None)
         self._open, self._radius_mm, self._edge_mm = opener, float(radius_mm), float(edge_mm)
         self._unknowns = unknowns
-        self._work_s: list[float] = []  # CPU time of work, as far as measured
+        self._work_s: list[float] = []  # measured CPU time per unit of work
         self.tolerance = tolerance
-        self.in_plane_mm = IN_PLANE_MM * tolerance / TOLERANCE
+        self.in_plane_mm = IN_PLANE_MM * tolerance / FORCE_TOLERANCE
         self._runs: list[PathSolver] = []
-        self._by_step, self._steps_seen = (0.0, 0.0), False
+        self._step_errors, self._steps_checked = (0.0, 0.0), False
 
-    def holds(self, estimate: dict[str, float]) -> bool:
+    def meets_tolerance(self, estimate: dict[str, float]) -> bool:
         force, in_plane = estimate["force_rel"], estimate["displacement_mm"]
         return bool(force <= self.tolerance and in_plane <= self.in_plane_mm)
 
     def refine(self, choice: Choice, free: bool) -> RefinedPress:
-        """The finest run and its estimate; free: mesh and steps may be other than chosen.
+        """Return the finest run and its estimate; free: mesh and steps may differ from the choice.
 
-        A limit of time (`time_limit`) ends it with what there is; raises TimeLimit where that is
-        nothing, SolverError where no mesh is solved.
+        At the CPU time limit (`time_limit`) the best run so far is returned. Raises TimeLimit where
+        there is none, SolverError where no mesh is solved.
         """
-        self._runs, self._by_step, self._steps_seen = [], (0.0, 0.0), False
+        self._runs, self._step_errors, self._steps_checked = [], (0.0, 0.0), False
         limited = False
         try:
             self._climb(choice, free)
@@ -114,147 +113,149 @@ class MeshConvergence:
                 raise
             limited = True
             choice = self._runs[-1].choice
-            if choice.level == FINITE_LEVEL and choice.friction > 0 and not any(self._by_step):
-                # By the rule that steps were chosen by, which is not measured here.
-                self._by_step = (ALONE * STEP_SHARE * self.tolerance, 0.0)
-        zones = self._runs[-1].last.zones.beside(self._runs[-2:][0].last.zones)
+            if choice.level == FINITE_LEVEL and choice.friction > 0 and not any(self._step_errors):
+                # Step error not measured: use the rule by which the steps were chosen.
+                self._step_errors = (LONE_FACTOR * STEP_SHARE * self.tolerance, 0.0)
+        zones = self._runs[-1].last.zones.with_errors_at_least(self._runs[-2:][0].last.zones)
         return RefinedPress(self._runs[-1], self.estimate(), zones, limited)
 
     def _climb(self, choice: Choice, free: bool) -> None:
         if choice.level != FINITE_LEVEL:
-            self._runs.append(self._run(choice.times(COARSER)))
+            self._runs.append(self._run(choice.times(MESH_RATIO)))
             self._runs.append(self._run(choice))
             return
         if free:
-            choice = replace(choice, asked_mm=0.0)  # the estimate says what a mesh is worth
-        largest = HIDDEN * self._radius_mm / choice.spacing_mm
-        below = [f for k in range(BELOW, 0, -1) if (f := COARSER**k) <= largest]
-        increments = len(self._open(choice, None).poses)
-        while free and below and below[0] * COARSER <= largest:
-            # It is solved about three times, for its steps.
-            if 3 * WORK_S * self._work(choice.times(below[0]), increments) < time_limit.left_s():
+            choice = replace(choice, goal_mm=0.0)  # the estimate replaces the rule's cell size
+        largest = HIDDEN_RADII * self._radius_mm / choice.spacing_mm
+        below = [f for k in range(COARSER_MESHES, 0, -1) if (f := MESH_RATIO**k) <= largest]
+        steps = len(self._open(choice, None).poses)
+        while free and below and below[0] * MESH_RATIO <= largest:
+            # Solved about three times, for the step error.
+            if 3 * WORK_S * self._work(choice.times(below[0]), steps) < time_limit.remaining_s():
                 break
-            below.insert(0, below[0] * COARSER)
+            below.insert(0, below[0] * MESH_RATIO)
         for factor in below:
-            choice = self._low(choice, factor, free)
-            if free and self._done():
+            choice = self._solve_coarser(choice, factor, free)
+            if free and self._converged():
                 return
         if not (free and self._runs):
             self._add(choice)
-        for _ in range(ABOVE if free else 0):
-            if self._done():
+        for _ in range(FINER_MESHES if free else 0):
+            if self._converged():
                 return
             last = self._runs[-1]
-            factor = afforded(last, self._wanted())
-            if factor > WORTH:
+            factor = affordable_factor(last, self._next_factor())
+            if factor > MAX_USEFUL_FACTOR:
                 return
             self._add(choice.times(factor * last.choice.spacing_mm / choice.spacing_mm))
 
-    def _low(self, choice: Choice, factor: float, free: bool) -> Choice:
-        """Solve a coarser mesh, and find on it the steps that the tolerance needs."""
-        least, coarser = choice.step_mm * FINEST_STEP, len(self._runs)
+    def _solve_coarser(self, choice: Choice, factor: float, free: bool) -> Choice:
+        """Solve a coarser mesh and determine on it the steps that the tolerance needs."""
+        min_step_mm, coarser_runs = choice.step_mm * FINEST_STEP, len(self._runs)
         while True:
             try:
                 self._add(choice.times(factor))
             except SolverError:
-                # Too coarse for the tip; the mesh that was asked for may not be.
-                del self._runs[coarser:]
+                # Too coarse for the tip; the requested mesh may not be.
+                del self._runs[coarser_runs:]
                 return choice
-            del self._runs[coarser:-1]  # the same mesh with longer steps
-            if choice.friction == 0 or self._steps_seen:
+            del self._runs[coarser_runs:-1]  # the same mesh with longer steps
+            if choice.friction == 0 or self._steps_checked:
                 return choice
-            self._by_step = self._steps_part(self._runs[-1])
+            self._step_errors = self._errors_of_steps(self._runs[-1])
             goals = STEP_SHARE * self.tolerance, STEP_SHARE * self.in_plane_mm
-            over = max(e / g for e, g in zip(self._by_step, goals, strict=True))
-            if not free or over <= 1 or choice.step_mm <= least:
-                self._steps_seen = True
+            over = max(e / g for e, g in zip(self._step_errors, goals, strict=True))
+            if not free or over <= 1 or choice.step_mm <= min_step_mm:
+                self._steps_checked = True
                 return choice
             choice = choice.times(1.0, min(max(1 / over, 0.5), 0.75))
 
-    def _done(self) -> bool:
-        return len(self._runs) > 1 and self.holds(self.estimate())
+    def _converged(self) -> bool:
+        return len(self._runs) > 1 and self.meets_tolerance(self.estimate())
 
     def _add(self, choice: Choice) -> None:
         text = f"{choice.spacing_mm:.3g} mm, steps of {choice.step_mm:.3g} mm"
-        choice = replace(choice, why=f"{choice.why}; taken {text}")
+        choice = replace(choice, reason=f"{choice.reason}; taken {text}")
         self._runs.append(self._run(choice, self._runs[-1] if self._runs else None))
 
     def estimate(self) -> dict[str, float]:
         choice = self._runs[-1].choice
-        force, in_plane = zip(self._mesh_part(), self._by_step, strict=True)
+        force, in_plane = zip(self._mesh_errors(), self._step_errors, strict=True)
         return {
             "force_rel": choice.model_force_rel + sum(force),
             "displacement_mm": choice.model_in_plane_mm + sum(in_plane),
         }
 
-    def _mesh_part(self) -> Errors:
+    def _mesh_errors(self) -> PressErrors:
         fine = self._runs[-1]
-        edge = self._edge_part(fine)
-        before = [r for r in self._runs if r.choice.spacing_mm >= APART * fine.choice.spacing_mm]
-        if not before:
-            return (ALONE * edge, _rms_mm(_field_mm(fine)))
-        coarse = before[-1]
+        edge = self._edge_error(fine)
+        limit_mm = MIN_MESH_RATIO * fine.choice.spacing_mm
+        coarser = [r for r in self._runs if r.choice.spacing_mm >= limit_mm]
+        if not coarser:
+            return (LONE_FACTOR * edge, _rms_mm(_field_mm(fine)))
+        coarse = coarser[-1]
         force, in_plane = _change(fine, coarse)
         if fine.choice.level != FINITE_LEVEL:
-            return (LINEAR_FORCE * _size(force, fine), LINEAR_IN_PLANE * in_plane)
+            return (LINEAR_FORCE * _relative_size(force, fine), LINEAR_IN_PLANE * in_plane)
         # Cells are of second order.
-        left = 1 / ((coarse.choice.spacing_mm / fine.choice.spacing_mm) ** 2 - 1)
-        off = left * force - fine.last.lacking_rel * np.array(fine.last.force_n)
-        return (max(edge, _size(off, fine)), MESH_IN_PLANE * left * in_plane)
+        richardson = 1 / ((coarse.choice.spacing_mm / fine.choice.spacing_mm) ** 2 - 1)
+        error_n = richardson * force - fine.last.lacking_rel * np.array(fine.last.force_n)
+        return (max(edge, _relative_size(error_n, fine)), MESH_IN_PLANE * richardson * in_plane)
 
-    def _edge_part(self, run: PathSolver) -> float:
-        """Of the force, what cells of this size cost under such a contact at least."""
+    def _edge_error(self, run: PathSolver) -> float:
+        """Least relative force error of the run's cell size under this contact."""
         cells = run.choice.spacing_mm / self._radius_mm
-        known = EDGE * cells**2
-        if run.choice.level == FINITE_LEVEL and BLUNT * run.choice.spacing_mm > self._edge_mm:
-            known = max(known, BLUNTED * cells)
-        # The ramp of the contact pushes before it is touched: a light press is too stiff by it.
-        return known + max(0.0, -run.last.lacking_rel)
+        error_rel = EDGE_ERROR * cells**2
+        if run.choice.level == FINITE_LEVEL and BLUNT_CELLS * run.choice.spacing_mm > self._edge_mm:
+            error_rel = max(error_rel, BLUNT_ERROR * cells)
+        # The contact's pressure ramp starts before touch and makes a light press too stiff.
+        return error_rel + max(0.0, -run.last.lacking_rel)
 
-    def _steps_part(self, run: PathSolver) -> Errors:
-        """What its steps put a run off by: friction's part of the force comes late in each."""
+    def _errors_of_steps(self, run: PathSolver) -> PressErrors:
+        """Errors of a run from its step size: friction lags within each step."""
         choice = run.choice
-        fewer = self._run(choice.times(1.0, FEWER), run)
+        fewer = self._run(choice.times(1.0, STEP_RATIO), run)
         if sum(knot.cuts for knot in fewer.knots) == sum(knot.cuts for knot in run.knots):
             force, in_plane = _change(run, fewer)
-            return (STEP_FORCE * _size(force, run), STEP_IN_PLANE * in_plane)
-        # Longer steps were cut to shorter ones, and show nothing.
-        force, in_plane = _change(self._run(choice.times(1.0, 1 / FEWER)), run)
-        return (FEWER * STEP_FORCE * _size(force, run), FEWER * STEP_IN_PLANE * in_plane)
+            return (STEP_FORCE * _relative_size(force, run), STEP_IN_PLANE * in_plane)
+        # The longer steps were cut, so they do not differ from the run's: halve its steps.
+        force, in_plane = _change(self._run(choice.times(1.0, 1 / STEP_RATIO)), run)
+        factor = STEP_RATIO * STEP_FORCE
+        return (factor * _relative_size(force, run), STEP_RATIO * STEP_IN_PLANE * in_plane)
 
-    def _wanted(self) -> float:
-        """Factor of the cells at which the estimate reaches AIM."""
-        mesh, step = self._mesh_part(), self._by_step
-        goals = AIM * self.tolerance, AIM * self.in_plane_mm
-        least = [
+    def _next_factor(self) -> float:
+        """Cell factor at which the estimate is predicted to reach AIM_SHARE of the tolerance."""
+        mesh, step = self._mesh_errors(), self._step_errors
+        goals = AIM_SHARE * self.tolerance, AIM_SHARE * self.in_plane_mm
+        factors = [
             math.sqrt(max(goal - s, goal / 4) / m) if m > 0 else 1.0
             for m, s, goal in zip(mesh, step, goals, strict=True)
         ]
-        return max(min(*least, MIN_FINER), 1 / COARSER)
+        return max(min(*factors, MIN_FINER), 1 / MESH_RATIO)
 
-    def _run(self, choice: Choice, like: PathSolver | None = None) -> PathSolver:
-        """The way by a choice; like: on a coarser mesh, to start from its increments."""
-        solver = self._open(choice, like)
+    def _run(self, choice: Choice, coarser: PathSolver | None = None) -> PathSolver:
+        """Solve the path on a choice, starting from the increments of a coarser mesh."""
+        solver = self._open(choice, coarser)
         solver.choice = choice
-        what = f"{choice.level}, {choice.spacing_mm:.3g} mm"
-        self._tell(0, len(solver.poses), what)
-        new = choice.level == FINITE_LEVEL and solver.found is None
+        label = f"{choice.level}, {choice.spacing_mm:.3g} mm"
+        self._report(0, len(solver.poses), label)
+        new = choice.level == FINITE_LEVEL and solver.stored is None
         if new:
             work = self._work(choice, len(solver.poses))
-            # The least that was measured: libraries are loaded in the first.
+            # Use the least measured rate: the first run also loads libraries.
             time_limit.check(min(self._work_s, default=0.0) * work)
         start_s = time.thread_time()
-        solver.solve_all(lambda done, of, _: self._tell(done, of, what))
+        solver.solve_all(lambda count, total, _: self._report(count, total, label))
         if new:
             self._work_s.append((time.thread_time() - start_s) / work)
         return solver
 
     def _work(self, choice: Choice, increments: int) -> float:
-        return increments * (self._unknowns(choice) ** WORK_POWER + FIXED)
+        return increments * (self._unknowns(choice) ** WORK_POWER + INCREMENT_WORK)
 
 
-def afforded(run: PathSolver, factor: float) -> float:
-    """As much of a refinement of the cells as MAX_DOFS and MAX_WORK leave."""
+def affordable_factor(run: PathSolver, factor: float) -> float:
+    """Return the cell factor, enlarged to what MAX_DOFS and MAX_WORK allow."""
     dofs = run.dofs
     factor = max(factor, min(1.0, (dofs / MAX_DOFS) ** (1 / DOFS_POWER)))
     work = len(run.poses) * dofs**WORK_POWER / MAX_WORK
@@ -262,14 +263,14 @@ def afforded(run: PathSolver, factor: float) -> float:
 
 
 def _change(fine: PathSolver, coarse: PathSolver) -> tuple[Field, float]:
-    """From one run to a coarser: forces (3,) as a hard contact would have them, rms in plane."""
+    """Change from a run to a coarser one: hard-contact force (3,) in N, in plane rms in mm."""
     a, b = ((1 + r.last.lacking_rel) * np.array(r.last.force_n) for r in (fine, coarse))
     return b - a, _rms_mm(_field_mm(coarse) - _field_mm(fine))
 
 
-def _size(force_n: Field, run: PathSolver) -> float:
-    whole = math.hypot(*run.last.force_n)
-    return float(np.linalg.norm(force_n)) / whole if whole else 0.0
+def _relative_size(force_n: Field, run: PathSolver) -> float:
+    total_n = math.hypot(*run.last.force_n)
+    return float(np.linalg.norm(force_n)) / total_n if total_n else 0.0
 
 
 def _field_mm(run: PathSolver) -> Field:

@@ -1,8 +1,8 @@
-"""One gel, two levels of mechanics behind one interface; `path.open.contact_of` makes one.
+"""Common interface of the two levels of gel mechanics; `path.open.open_contact` makes one.
 
-linear: small strain (`linear`). hyperelastic: finite strain (`finite`). Both know the free sides,
-press an `Indenter`, keep their history in the state and show the face on one and the same lattice,
-whatever they compute on. Last, an indenter's part in the gel at a depth: sections and mirrors.
+linear: small strain (`linear`). hyperelastic: finite strain (`finite`). Both model the free sides,
+press an `Indenter`, keep their history in the state and return the face on the same lattice,
+independent of their mesh. Also sections and mirror planes of an indenter.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ from deltact_fab.sensor import GEL_LEVELS, Indenter, SkinDimensions
 
 from .zones import ZoneMap, Zones
 
-Level = str
+GelLevel = str
 """A name of GEL_LEVELS."""
 LINEAR_LEVEL, FINITE_LEVEL = GEL_LEVELS
-USUAL_MPA = 0.01, 10.0  # silicone gels and rubbers, with room on both sides
+USUAL_MPA = 0.01, 10.0  # by hand: silicone gels and rubbers, with a margin on both sides
 
 
 def unusual_material(modulus_mpa: float) -> str | None:
-    """A warning of a Young's modulus that is hardly a gel's: of another unit, it may be."""
+    """Warn of a Young's modulus outside the range of gels, possibly in another unit."""
     low, high = USUAL_MPA
     if low <= modulus_mpa <= high:
         return None
     return (
-        f"{modulus_mpa:.3g} MPa is outside {low:g} to {high:g} MPa, where soft gels and rubbers lie"
+        f"{modulus_mpa:.3g} MPa is outside {low:g} to {high:g} MPa, the range of gels and rubbers"
     )
 
 
 @dataclass(frozen=True)
 class Reach:
-    """The reach of a path's tip: x_mm and y_mm (low, high) on the face, deepest_mm into the gel."""
+    """Range of a path's tip: x_mm and y_mm (low, high) on the face, deepest_mm into the gel."""
 
     x_mm: tuple[float, float] = (0.0, 0.0)
     y_mm: tuple[float, float] = (0.0, 0.0)
@@ -46,7 +46,7 @@ class Reach:
 
     @classmethod
     def around(cls, tips_mm: Iterable[Point]) -> Reach:
-        """The smallest that holds tips (x, y, depth), at least one."""
+        """Return the smallest reach that contains tips (x, y, depth), at least one."""
         x, y, depth = np.array(list(tips_mm), dtype=np.float64).T
         return cls(
             (float(x.min()), float(x.max())), (float(y.min()), float(y.max())), float(depth.max())
@@ -57,7 +57,7 @@ class Reach:
         return self.x_mm[0] < self.x_mm[1] or self.y_mm[0] < self.y_mm[1]
 
     def require_on(self, skin: SkinDimensions) -> None:
-        """Raises InputError for a tip at the gel's base or off the face."""
+        """Raise InputError for a tip at the gel's base or off the face."""
         if self.deepest_mm >= skin.thickness_mm:
             raise InputError(
                 f"gel: depth {self.deepest_mm:g} mm is not below the gel's thickness of "
@@ -74,20 +74,20 @@ class Reach:
 
 @dataclass(frozen=True)
 class Choice:
-    """The level and mesh that were picked for a press.
+    """Level and mesh chosen for a press.
 
     spacing_mm: of the linear grid, or of cells at the contact. step_mm: of a path's increments.
     mirrors: planes x = 0, y = 0 at which the mesh ends. focus: box of fine cells
-    (x_low, x_high, y_low, y_high). friction: as it is solved, 0 where it was left out.
-    model_force_rel, model_in_plane_mm: what the level itself leaves out, by the measured rule; 0
-    for the finest level. why: one line for a reader. asked_mm: the cells that the tolerance
-    requires, smaller than spacing_mm where most_unknowns does not afford them; 0: not chosen so.
-    growth: of cells away from the focus, from one to the next; 1: of a linear grid.
+    (x_low, x_high, y_low, y_high). friction: of the solve, 0 where neglected.
+    model_force_rel, model_in_plane_mm: model error of the level by the measured rule; 0 for the
+    finite level. reason: one line for a reader. goal_mm: cells that the tolerance requires,
+    smaller than spacing_mm where most_unknowns limits them; 0: not chosen by tolerance.
+    growth: ratio of neighbouring cells away from the focus; 1: of a linear grid.
     """
 
     model_share: ClassVar[float] = 0.5
     """Share of a tolerance that the level's own error may take."""
-    level: Level
+    level: GelLevel
     spacing_mm: float
     step_mm: float
     mirrors: tuple[bool, bool]
@@ -95,15 +95,15 @@ class Choice:
     friction: float
     model_force_rel: float
     model_in_plane_mm: float
-    why: str
-    asked_mm: float = 0.0
+    reason: str
+    goal_mm: float = 0.0
     growth: float = 1.0
 
     def times(self, spacing: float = 1.0, step: float = 1.0) -> Choice:
-        """The same with cells or grid, and steps, larger by these factors.
+        """Scale cells or grid, and steps, by these factors.
 
-        So many cells become one, those that grow too: with one growth for all meshes the cells away
-        from the contact were alike, and a comparison did not show what they cost.
+        Growing cells scale too: with one growth for all meshes the cells away from the contact
+        would be alike, and a comparison would not show their error.
         """
         return replace(
             self,
@@ -120,9 +120,8 @@ class IncrementDiagnostics:
     iterations: Newton's, or operator applications of the linear level. cuts: halvings of the
     increment. residual: of forces over the contact's, or of the contact conditions over the depth.
     penetration_mm: deepest, also between contact points. least_j: smallest volume ratio, or
-    det(I + grad u_xy) of a linear face. most_stretch: None for the linear level. flags: what
-    a reader must not miss.
-    Of finite strain alone: factorisations; damped: those with damping, as where the gel folds.
+    det(I + grad u_xy) of a linear face. most_stretch: None for the linear level. flags: warnings.
+    Finite strain only: factorisations; damped: those with damping, as where the gel folds;
     lagged: parts whose friction is bounded by the pressures at their start.
     """
 
@@ -138,25 +137,24 @@ class IncrementDiagnostics:
     flags: tuple[Note, ...] = ()
 
     @classmethod
-    def over(cls, parts: Sequence[IncrementDiagnostics]) -> IncrementDiagnostics:
-        """Of parts as one: the last one's, with the work of all."""
+    def combine(cls, parts: Sequence[IncrementDiagnostics]) -> IncrementDiagnostics:
+        """Combine the diagnostics of parts: the last one's, with counts summed."""
         counts = ("iterations", "factorisations", "damped", "lagged", "cuts")
         return replace(parts[-1], **{n: sum(getattr(p, n) for p in parts) for n in counts})
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A solved position; also the history that the next one needs. Fields are on the lattice.
+    """A solved position, also the history for the next one. Fields are on the lattice.
 
-    inner: as the level has it; contact: the one that solved it. jumped: since first touch, friction
-    was that of the pressures before a jump; the slip that is left of it belongs to the history of
-    all that follows.
+    inner: the level's own state; contact: the one that solved it. jumped: since first touch,
+    friction was that of the pressures before a jump, and its slip remains in the history.
     force_n, torque_nmm: on the sensor, about the centre of the resting face.
     displacement_mm (ny, nx, 3): at the nodes, z out of the sensor.
-    traction_mpa (ny, nx, 3): on the gel, per resting area. A node holds no sample but the mean
-    around it, weighted with its hat (1 at the node, 0 at its neighbours), so the trapezoids' sum
-    over the face gives force_n to rounding; and with every traction at its node's displaced place,
-    torque_nmm within 1 % of the force times the contact's radius.
+    traction_mpa (ny, nx, 3): on the gel, per resting area. A node holds not a sample but the mean
+    weighted with its hat (1 at the node, 0 at its neighbours), so the trapezoidal sum over the face
+    gives force_n to rounding; and with every traction at its node's displaced position, torque_nmm
+    within 1 % of the force times the contact's radius.
     """
 
     inner: Any
@@ -169,15 +167,15 @@ class State:
     @property
     def tip_mm(self) -> Point:
         """(x, y, depth) of the indenter's lowest point."""
-        at: Point = self.inner.tip_mm
-        return at
+        tip: Point = self.inner.tip_mm
+        return tip
 
     @cached_property
     def zones(self) -> tuple[Zones, ZoneMap]:
-        """Of the contact; and (ny, nx) of it: 0 apart, 1 slipping, 2 sticking."""
-        found: tuple[Zones, ZoneMap] | None = self.contact.zones(self.inner)
+        """Zones of the contact, and their map (ny, nx): 0 no contact, 1 slipping, 2 sticking."""
+        contact_zones: tuple[Zones, ZoneMap] | None = self.contact.zones(self.inner)
         shape = len(self.contact.y_mm), len(self.contact.x_mm)
-        return found or (Zones(centroid_mm=self.tip_mm[:2]), np.zeros(shape, np.uint8))
+        return contact_zones or (Zones(centroid_mm=self.tip_mm[:2]), np.zeros(shape, np.uint8))
 
     @cached_property
     def displacement_mm(self) -> Field:
@@ -191,38 +189,38 @@ class State:
 class GelContact:
     """One indenter against one gel; holds no history.
 
-    x_mm (nx,), y_mm (ny,): the lattice, on the whole face. choice: what was picked and why.
+    x_mm (nx,), y_mm (ny,): lattice on the whole face. choice: level and mesh.
     dofs: unknowns of the deformable body (displacements, or tractions of the linear grid).
-    Of an inner state it tells displacement_mm, traction_mpa and zones, as `State` has them.
+    Subclasses compute displacement_mm, traction_mpa and zones of an inner state, as in `State`.
     """
 
-    level: Level
+    level: GelLevel
     x_mm: Field
     y_mm: Field
     choice: Choice
     dofs: int
 
     def rest(self, tip_mm: Point = (0.0, 0.0, 0.0)) -> State:
-        """Without contact: nothing displaced, nothing remembered."""
+        """Return the state without contact and history."""
         raise NotImplementedError
 
     def solve(self, previous: Any, tip_mm: Point, seconds: float = 0.0, guide: Any = None) -> State:
-        """One increment, straight from `previous`, which must be of this contact.
+        """Solve one increment, straight from `previous`, a state of this contact.
 
-        seconds: that it takes; only a gel with a Prony series minds. guide: see `guide`.
+        seconds: duration, for a gel with a Prony series. guide: see `guide`.
         Raises InputError out of range, SolverError where it is not solved.
         """
         raise NotImplementedError
 
     def guide(self, states: Sequence[Any]) -> Any:
-        """From states of a coarser mesh along the same way, what `solve` then starts from.
+        """Make a starting point of `solve` from states of a coarser mesh along the same path.
 
-        It changes the work and not what is solved. None where that does not help.
+        It changes the work, not the solution. None where it does not help.
         """
         return None
 
     def lacking_rel(self, state: Any) -> float:
-        """Of the normal force, what a hard contact would give more."""
+        """Missing normal force, relative: what a hard contact would add."""
         return 0.0
 
 
@@ -230,45 +228,45 @@ def follow_path(
     contact: Any, previous: Any, tip_mm: Point, max_step_mm: float,
     seconds: float | None = None, guide: Any = None,
 ) -> Iterator[Any]:  # fmt: skip
-    """The states of a contact along the straight way to tip_mm, in equal increments.
+    """Yield the states of a contact along the straight path to tip_mm, in equal increments.
 
-    None is longer than max_step_mm. seconds: of the whole way, at an even feed; guide: with them,
-    as of `GelContact.solve`. The way above the face is skipped, so the first increment
-    starts at first touch; a move that ends without contact gives the one state of rest. Raises
-    InputError for a step that is no length, and what the contact's `solve` raises.
+    max_step_mm: longest increment. seconds: of the whole path, at constant speed; guide: requires
+    seconds, see `GelContact.solve`. The path above the face is skipped, so the first increment
+    starts at first touch; a move that ends without contact gives one state of rest. Raises
+    InputError for an invalid step, and the errors of the contact's `solve`.
     """
     if not (math.isfinite(max_step_mm) and max_step_mm > 0):
-        raise InputError(f"contact: max_step_mm > 0 and finite: {max_step_mm} fails")
+        raise InputError(f"contact: max_step_mm must be positive and finite, not {max_step_mm}")
     start, end = np.array(previous.tip_mm), np.array(tip_mm, dtype=np.float64)
     if start[2] < 0 < end[2]:
         start = start + (end - start) * (-start[2] / (end[2] - start[2]))
-    away = float(np.linalg.norm(end - start)) if end[2] > 0 else 0.0
-    n = max(1, math.ceil(away / max_step_mm - 1e-9)) if math.isfinite(away) else 1
-    more = () if seconds is None else (seconds / n, guide)
+    length_mm = float(np.linalg.norm(end - start)) if end[2] > 0 else 0.0
+    n = max(1, math.ceil(length_mm / max_step_mm - 1e-9)) if math.isfinite(length_mm) else 1
+    extras = () if seconds is None else (seconds / n, guide)
     state = previous
     for i in range(1, n + 1):
-        at = start + (end - start) * (i / n) if i < n else end
-        state = contact.solve(state, (float(at[0]), float(at[1]), float(at[2])), *more)
+        point = start + (end - start) * (i / n) if i < n else end
+        state = contact.solve(state, (float(point[0]), float(point[1]), float(point[2])), *extras)
         yield state
 
 
-R2 = 0.7548776662466927, 0.5698402909980532  # steps that fill a square evenly (Roberts)
-MIRROR_MM = 1e-6
+# Steps of the R2 sequence, which fills a square evenly: definition by Roberts (2018).
+R2_STEPS = 0.7548776662466927, 0.5698402909980532
+MIRROR_TOLERANCE_MM = 1e-6  # by hand: above rounding, below any edge
 
 
 def is_mirrored(indenter: Indenter, axis: int) -> bool:
-    """Whether an indenter is its own image in the plane x = 0 (axis 0) or y = 0 (axis 1).
+    """True if an indenter is symmetric about the plane x = 0 (axis 0) or y = 0 (axis 1).
 
-    By its underside at points that no symmetry puts on an edge.
+    Compares its underside at points that no symmetry puts on an edge.
     """
     k = np.arange(1, 2001)
     half = indenter.footprint_half_mm
-    x, y = (
-        np.asarray((2 * ((c * k) % 1) - 1) * h, np.float64) for c, h in zip(R2, half, strict=True)
-    )
-    other: tuple[Field, Field] = (-x, y) if axis == 0 else (x, -y)
-    here, there = indenter.height_mm(x, y), indenter.height_mm(*other)
-    return bool(np.allclose(here, there, rtol=0, atol=MIRROR_MM))
+    steps = zip(R2_STEPS, half, strict=True)
+    x, y = (np.asarray((2 * ((c * k) % 1) - 1) * h, np.float64) for c, h in steps)
+    mirrored: tuple[Field, Field] = (-x, y) if axis == 0 else (x, -y)
+    height, mirrored_height = indenter.height_mm(x, y), indenter.height_mm(*mirrored)
+    return bool(np.allclose(height, mirrored_height, rtol=0, atol=MIRROR_TOLERANCE_MM))
 
 
 def contact_radius_mm(indenter: Indenter, depth_mm: float) -> float:
@@ -289,18 +287,18 @@ def _sections(indenter: Indenter, depth_mm: float) -> tuple[float, tuple[float, 
     radius = 0.0
     half_x, half_y = indenter.footprint_half_mm
     for part in (1.0, 0.5):
-        # Zoom in on a light touch: a few hundredths of a millimetre have a section too.
+        # Zoom in on a light touch, to resolve a section at a few hundredths of a millimetre.
         size = max(half_x, half_y)
         for _ in range(6):
             cell = size / 100
             x = np.arange(-101, 102) * cell
             height = indenter.height_mm(*np.meshgrid(x, x))
             inside = np.isfinite(height) & (height <= part * depth_mm)
-            seen = [np.abs(x[inside.any(axis=k)]).max(initial=0.0) for k in (0, 1)]
-            if max(seen) >= size / 4:
+            extents = [np.abs(x[inside.any(axis=k)]).max(initial=0.0) for k in (0, 1)]
+            if max(extents) >= size / 4:
                 break
-            size = max(2 * max(seen), 4 * cell)
-        boxes.append((float(seen[0]) + cell / 2, float(seen[1]) + cell / 2))
+            size = max(2 * max(extents), 4 * cell)
+        boxes.append((float(extents[0]) + cell / 2, float(extents[1]) + cell / 2))
         if part < 1:
             radius = float(distance_transform_edt(inside).max()) * cell
     return float(max(radius, cell)), boxes[0]

@@ -1,7 +1,7 @@
-"""Which level, mesh and steps keep to a tolerance; the rules' numbers are measured.
+"""Choice of level, mesh and steps for a tolerance, by measured rules.
 
-docs/evidence/gel.md holds the tables that the constants below are read from. Half of
-a tolerance is left to the model, the other half to the mesh.
+The constants are read from the tables in docs/evidence/gel.md. The model may use half of a
+tolerance, the mesh the other half.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from deltact_fab.sensor import (
 )
 
 from .finite.material import MAX_FINITE_POISSON
-from .finite.mesh import GROWTH, unknowns
+from .finite.mesh import CELL_GROWTH, unknowns
 from .level import (
     FINITE_LEVEL,
     LINEAR_LEVEL,
     Choice,
-    Level,
+    GelLevel,
     Reach,
     contact_radius_mm,
     is_mirrored,
@@ -31,30 +31,29 @@ from .level import (
 )
 from .linear.validity import linear_refusal, model_error
 
-TOLERANCE = 0.03  # of the force
+# By hand: defaults and range of a tolerance; tighter costs time.
+FORCE_TOLERANCE = 0.03  # relative, of the force
 MIN_TOLERANCE, MAX_TOLERANCE = 0.001, 0.5
-IN_PLANE_MM = 0.05  # rms over the face, at TOLERANCE
-
+IN_PLANE_MM = 0.05  # rms over the face, at FORCE_TOLERANCE
+# Measured (docs/evidence/gel.md), at FORCE_TOLERANCE.
 FRICTION_FORCE = 0.5  # x min(friction, 1) x (depth/thickness)^1.6
-
-CELLS_ACROSS = 3.0  # contact radius over cell size, of a mesh at TOLERANCE
-MAX_GRID_MM = 0.5  # of the linear level
-
-# Cells of the finite-strain mesh.
-DRAGGED = 0.85  # x cells of a path that moves in plane: its steps take more of the tolerance
-LAYERS = 8  # least cells over the thickness
-EDGE_CELL_MM = 0.5  # largest cell at TOLERANCE where an edge is sharper than it
-MAX_EDGE_CELL_MM = 0.9  # at any tolerance
-EDGE_MM = 0.75  # radius below which an edge is sharp
-STEP = 0.12  # of the thickness, where friction does not ask for less
+CELLS_ACROSS = 3.0  # contact radius over cell size
+DRAGGED_CELLS = 0.85  # x cells of a path that moves in plane: its steps use more of the tolerance
+MIN_LAYERS = 8  # least cells over the thickness
+EDGE_CELL_MM = 0.5  # largest cell where an edge is sharp
+SHARP_EDGE_MM = 0.75  # radius below which an edge is sharp
 STEP_ERROR = 3.5  # x friction's part of the force, over the number of increments
-STEP_SHARE = 0.4  # of the tolerance for that
-SHEAR_STEP = 0.08  # of the contact radius, when dragged, at TOLERANCE
-MIN_STEPS, MAX_STEPS = 4, 40  # the least at TOLERANCE, in proportion beyond, and 2
+SHEAR_STEP = 0.08  # of the contact radius, when dragged
+HIDDEN_RADII = 1.5  # x contact radius: larger cells may miss the tip
+# By hand: limits of work and of extrapolating the rules above.
+MAX_GRID_MM = 0.5  # of the linear level
+MAX_EDGE_CELL_MM = 0.9  # at any tolerance
+STEP_OF_THICKNESS = 0.12  # longest step, where friction needs no shorter one
+STEP_SHARE = 0.4  # of the tolerance, for the step error
+MIN_INCREMENTS, MAX_INCREMENTS = 4, 40  # least at FORCE_TOLERANCE, fewer above it, never below 2
 MAX_GROWTH = 1.5  # of cells away from the contact, at any tolerance
 MAX_DOFS = 120_000
-MIN_MM = 0.15  # smallest cell that is chosen
-HIDDEN = 1.5  # x contact radius: cells beyond may miss the tip
+MIN_CELL_MM = 0.15
 
 
 def select_level(
@@ -62,22 +61,22 @@ def select_level(
     material: GelMaterial,
     indenter: Indenter,
     reach: Reach,
-    tolerance: float = TOLERANCE,
+    tolerance: float = FORCE_TOLERANCE,
     *,
-    level: Level = "auto",
+    level: GelLevel = "auto",
     friction: float | None = None,
     observe_shear: bool = True,
     spacing_mm: float | None = None,
     most_unknowns: int | None = None,
 ) -> Choice:
-    """The cheapest level and mesh whose errors keep to the tolerance, or those of a named level.
+    """Choose the cheapest level and mesh within the tolerance, or the mesh of a named level.
 
-    tolerance: of the force, 0.001 to 0.5; in plane it is IN_PLANE_MM in proportion. The mesh is for
-    the deepest point of the reach. observe_shear False with a reach of one point in plane
-    leaves friction out where that changes the force by less than the model's share.
-    most_unknowns: of a finite-strain mesh that is chosen here; cells are enlarged down to it.
-    Raises InputError for a depth, a material or a spacing that the level cannot have, and names
-    the level that can.
+    tolerance: of the force, 0.001 to 0.5; in plane IN_PLANE_MM in proportion. The mesh is for the
+    deepest point of the reach. observe_shear False with a reach of one point in plane neglects
+    friction where that changes the force by less than the model's share.
+    most_unknowns: limit of a finite-strain mesh chosen here; its cells are enlarged to meet it.
+    Raises InputError for a depth, a material or a spacing that the level does not support, and
+    names the level that does.
     """
     if level != "auto" and level not in GEL_LEVELS:
         raise InputError(f"gel: level {level!r}: valid: auto, {', '.join(GEL_LEVELS)}")
@@ -89,15 +88,15 @@ def select_level(
         mu = 0.0
     force, in_plane = model_error(skin, indenter, depth, material.poisson)
     refusal = linear_refusal(skin, material, indenter, depth)
-    reason = "asked for"
+    reason = "requested"
     if level == "auto":
         goal = Choice.model_share * tolerance
-        off = f"off by about {force:.1%} of force, {in_plane:.2g} mm in plane"
-        near = force <= goal and in_plane <= goal / TOLERANCE * IN_PLANE_MM
+        error_text = f"error about {force:.1%} of force, {in_plane:.2g} mm in plane"
+        near = force <= goal and in_plane <= goal / FORCE_TOLERANCE * IN_PLANE_MM
         level = FINITE_LEVEL if refusal or not near else LINEAR_LEVEL
-        reason = off if level == LINEAR_LEVEL else f"linear: {refusal or off}"
+        reason = error_text if level == LINEAR_LEVEL else f"linear: {refusal or error_text}"
     elif level == LINEAR_LEVEL and refusal:
-        raise InputError(f"gel: level linear: {refusal}; level hyperelastic can")
+        raise InputError(f"gel: level linear: {refusal}; use level hyperelastic")
     if level == LINEAR_LEVEL:
         h = spacing_mm or linear_grid_mm(skin, indenter, depth)
         return Choice(
@@ -106,104 +105,105 @@ def select_level(
             f"linear ({reason}): grid {h:.3g} mm",
         )  # fmt: skip
     mirrors = mirrors_of(indenter, reach)
-    growth = min(GROWTH ** math.sqrt(tolerance / TOLERANCE), MAX_GROWTH)
-    h, what = (spacing_mm, "as asked") if spacing_mm else cell_mm(skin, indenter, reach, tolerance)
-    asked = h
+    growth = min(CELL_GROWTH ** math.sqrt(tolerance / FORCE_TOLERANCE), MAX_GROWTH)
+    h, basis = cell_mm(skin, indenter, reach, tolerance)
+    if spacing_mm:
+        h, basis = spacing_mm, "requested"
+    required = h
     if spacing_mm is None and most_unknowns is not None:
         h = _affordable_mm(skin, indenter, reach, mirrors, h, most_unknowns, growth)
-        if h > asked:
-            what = f"{most_unknowns} unknowns; the tolerance requires {asked:.3g} mm by its {what}"
+        if h > required:
+            basis = f"{most_unknowns} unknowns; tolerance requires {required:.3g} mm by its {basis}"
     if not (math.isfinite(h) and 0.02 <= h <= thickness / 2):
         raise InputError(f"gel: cells of 0.02 to {thickness / 2:g} mm are needed: {h:g} mm fails")
     radius = contact_radius_mm(indenter, depth) if depth > 0 else math.inf
-    if h > HIDDEN * radius:
+    if h > HIDDEN_RADII * radius:
         raise InputError(
             f"gel: at depth {depth:g} mm {indenter.name} touches over a radius of {radius:.2g} mm "
-            f"and hides between cells of {h:.3g} mm; {HIDDEN * radius:.2g} mm or less is needed"
+            f"and hides between cells of {h:.3g} mm; at most {HIDDEN_RADII * radius:.2g} mm works"
         )
     step = step_mm(indenter, depth, thickness, tolerance, mu, reach.moves)
     planes = " and ".join(n for n, m in zip("xy", mirrors, strict=True) if m)
     part = {0: "whole block", 1: f"half block, mirror {planes}", 2: "quarter block"}[sum(mirrors)]
     return Choice(
         level, h, step, mirrors, focus_mm(skin, indenter, reach, h), mu, 0.0, 0.0,
-        f"hyperelastic ({reason}): cells {h:.3g} mm ({what}), steps {step:.3g} mm, {part}"
-        + ("" if mu > 0 or material.friction == 0 else ", friction left out"),
-        asked, growth,
+        f"hyperelastic ({reason}): cells {h:.3g} mm ({basis}), steps {step:.3g} mm, {part}"
+        + ("" if mu > 0 or material.friction == 0 else ", friction neglected"),
+        required, growth,
     )  # fmt: skip
 
 
 def _affordable_mm(
     skin: SkinDimensions, indenter: Indenter, reach: Reach, mirrors: tuple[bool, bool],
-    spacing_mm: float, most: int, growth: float,
+    spacing_mm: float, max_unknowns: int, growth: float,
 ) -> float:  # fmt: skip
-    """The smallest cells from spacing_mm on whose mesh has at most this many unknowns."""
+    """Smallest cells from spacing_mm on whose mesh has at most max_unknowns."""
     h, largest = spacing_mm, skin.thickness_mm / 2
     while h < largest:
         focus = focus_mm(skin, indenter, reach, h)
-        if unknowns(skin, h, focus, mirrors, growth) <= most:
+        if unknowns(skin, h, focus, mirrors, growth) <= max_unknowns:
             break
         h = min(h * 1.03, largest)
     return h if h == spacing_mm else float(f"{h:.3g}")
 
 
 def friction_force_rel(friction: float, part: float) -> float:
-    """What friction adds to the force of a press to a part of the thickness."""
+    """Relative force that friction adds to a press to a fraction of the thickness."""
     return FRICTION_FORCE * min(friction, 1.0) * part**1.6
 
 
-def poisson_limit(level: Level) -> float:
-    """Largest Poisson's ratio that a level can take."""
+def poisson_limit(level: GelLevel) -> float:
+    """Largest Poisson's ratio that a level supports."""
     return MAX_LINEAR_POISSON if level == LINEAR_LEVEL else MAX_FINITE_POISSON
 
 
 def linear_grid_mm(skin: SkinDimensions, indenter: Indenter, depth_mm: float) -> float:
-    """Largest grid whose part of the error is small beside the linear level's own."""
+    """Largest grid whose error is small compared with the linear level's model error."""
     across = contact_radius_mm(indenter, depth_mm) / CELLS_ACROSS if depth_mm > 0 else MAX_GRID_MM
-    # A grid half as coarse again, which tells the error, must be one of that face too.
-    h = min(max(across, MIN_MM), MAX_GRID_MM, skin.length_mm / 24)
+    # A grid 1.5 times as coarse, for the error estimate, must fit the face too.
+    h = min(max(across, MIN_CELL_MM), MAX_GRID_MM, skin.length_mm / 24)
     return float(f"{h:.3g}")
 
 
 def cell_mm(
     skin: SkinDimensions, indenter: Indenter, reach: Reach, tolerance: float
 ) -> tuple[float, str]:
-    share = math.sqrt(tolerance / TOLERANCE)  # bricks are of second order
+    share = math.sqrt(tolerance / FORCE_TOLERANCE)  # bricks are of second order
     depth = max(reach.deepest_mm, 0.0)
     radius = contact_radius_mm(indenter, depth) if depth > 0 else indenter.tips[0].radius_mm
-    h = radius / CELLS_ACROSS * share * (DRAGGED if reach.moves else 1.0)
-    what = f"contact radius {radius:.2g} mm"
+    h = radius / CELLS_ACROSS * share * (DRAGGED_CELLS if reach.moves else 1.0)
+    basis = f"contact radius {radius:.2g} mm"
     edge = indenter.edge_radius_mm
     sharp = min(share * EDGE_CELL_MM, MAX_EDGE_CELL_MM)
-    if edge < EDGE_MM and sharp < h:
-        h, what = sharp, f"edge radius {edge:.2g} mm"
-    thin = skin.thickness_mm / LAYERS
+    if edge < SHARP_EDGE_MM and sharp < h:
+        h, basis = sharp, f"edge radius {edge:.2g} mm"
+    thin = skin.thickness_mm / MIN_LAYERS
     if thin < h:
-        h, what = thin, f"thickness {skin.thickness_mm:g} mm"
-    return float(f"{max(h, MIN_MM):.3g}"), what
+        h, basis = thin, f"thickness {skin.thickness_mm:g} mm"
+    return float(f"{max(h, MIN_CELL_MM):.3g}"), basis
 
 
 def step_mm(
     indenter: Indenter, depth_mm: float, thickness_mm: float, tolerance: float, friction: float,
     moves: bool,
 ) -> float:  # fmt: skip
-    """Increments of a path. A point grips from the end of the increment that it comes in, so
-    friction's part of the force is short by about STEP_ERROR over their number."""
+    """Increments of a path; friction's part of the force lacks STEP_ERROR over their number."""
     if depth_mm <= 0:
-        return STEP * thickness_mm
-    lost = STEP_ERROR * friction_force_rel(friction, depth_mm / thickness_mm)
-    least = max(MIN_STEPS * min(TOLERANCE / tolerance, 1.0), 2.0)
-    steps = min(max(lost / (STEP_SHARE * tolerance), least), MAX_STEPS)
-    step = min(depth_mm / math.ceil(steps - 1e-9), STEP * thickness_mm)
+        return STEP_OF_THICKNESS * thickness_mm
+    shortfall = STEP_ERROR * friction_force_rel(friction, depth_mm / thickness_mm)
+    min_steps = max(MIN_INCREMENTS * min(FORCE_TOLERANCE / tolerance, 1.0), 2.0)
+    steps = min(max(shortfall / (STEP_SHARE * tolerance), min_steps), MAX_INCREMENTS)
+    step = min(depth_mm / math.ceil(steps - 1e-9), STEP_OF_THICKNESS * thickness_mm)
     if moves and friction > 0:
-        shear = SHEAR_STEP * contact_radius_mm(indenter, depth_mm) * tolerance / TOLERANCE
-        step = min(step, max(shear, depth_mm / MAX_STEPS))
+        shear = SHEAR_STEP * contact_radius_mm(indenter, depth_mm) * tolerance / FORCE_TOLERANCE
+        step = min(step, max(shear, depth_mm / MAX_INCREMENTS))
     return float(f"{step:.3g}")
 
 
 def focus_mm(
     skin: SkinDimensions, indenter: Indenter, reach: Reach, spacing_mm: float
 ) -> tuple[float, float, float, float]:
-    """Box of the face that the indenter touches along the path, and a margin of two cells."""
+    """Box that the indenter touches along the path, with a margin of two cells."""
     half = [p + 2 * spacing_mm for p in section_half_mm(indenter, max(reach.deepest_mm, 0.0))]
     return (
         reach.x_mm[0] - half[0], reach.x_mm[1] + half[0],
@@ -212,7 +212,7 @@ def focus_mm(
 
 
 def mirrors_of(indenter: Indenter, reach: Reach) -> tuple[bool, bool]:
-    """Planes x = 0 and y = 0 that path and indenter both have as a mirror."""
+    """Return for x = 0 and y = 0 whether path and indenter are both symmetric about it."""
     return (
         reach.x_mm == (0.0, 0.0) and is_mirrored(indenter, 0),
         reach.y_mm == (0.0, 0.0) and is_mirrored(indenter, 1),

@@ -1,4 +1,4 @@
-"""One press: level and mesh picked, its error estimated, refined if need be (`error_control`)."""
+"""One press: choice of level and mesh, error estimate, refinement if needed (`error_control`)."""
 
 from __future__ import annotations
 
@@ -29,27 +29,27 @@ from deltact_fab.sensor import (
 from . import time_limit
 from .error_control import MeshConvergence, RefinedPress
 from .finite.mesh import unknowns
-from .level import FINITE_LEVEL, Choice, Level, contact_radius_mm, unusual_material
-from .level_selection import MAX_TOLERANCE, MIN_TOLERANCE, TOLERANCE
+from .level import FINITE_LEVEL, Choice, GelLevel, contact_radius_mm, unusual_material
+from .level_selection import FORCE_TOLERANCE, MAX_TOLERANCE, MIN_TOLERANCE
 from .path.knots import Increments, KnotPose, ObservedChannels
 from .path.open import choose_level, open_path
 from .path.solver import PathSolver
 
-LIMIT_S = 120.0
-OBSERVED = ObservedChannels(fields="last", lacking=True)
-KEYS = (
+CPU_LIMIT_S = 120.0  # by hand: ends a press that no mesh meets; longer refines more
+PRESS_CHANNELS = ObservedChannels(fields="last", lacking=True)
+RESULT_KEYS = (
     "force_n", "depth_mm", "contact_area_mm2", "contact_area_error_mm2", "stick_area_mm2",
     "stick_area_error_mm2", "centroid_mm", "max_stretch", "model", "converged",
     "error_estimate", "within_tolerance", "seconds", "picked", "peak_in_plane_mm", "flags",
 )  # fmt: skip
-"""Of a result; a refusal has `reason` besides, and None where there is no figure."""
+"""Keys of a result; a refusal also has `reason`, and None for missing values."""
 
 
 @dataclass(frozen=True, eq=False)
-class Pressed:
-    """The outcome. result: plain data with the keys of `gel press --json`.
+class PressOutcome:
+    """Result of a press: plain data with the keys of `gel press --json`, and arrays.
 
-    tips_mm (n, 3), forces_n (n, 3): the way, at rest first. x_mm (nx,), y_mm (ny,) and
+    tips_mm (n, 3), forces_n (n, 3): along the path, from rest. x_mm (nx,), y_mm (ny,) and
     displacement_mm (ny, nx, 3): the face at its end. All empty when refused or not converged.
     """
 
@@ -68,21 +68,21 @@ def press_gel(
     at_mm: Point2,
     depth_mm: float,
     shear_mm: Point2 = (0.0, 0.0),
-    model: Level = "auto",
-    tolerance: float = TOLERANCE,
+    model: GelLevel = "auto",
+    tolerance: float = FORCE_TOLERANCE,
     spacing_mm: float | None = None,
     progress: Progress | None = None,
-    limit_s: float = LIMIT_S,
-) -> Pressed:
+    limit_s: float = CPU_LIMIT_S,
+) -> PressOutcome:
     """Press to a depth, then shear.
 
-    tolerance: of the force; IN_PLANE_MM in proportion goes with it. Meshes are refined until the
-    estimate is within it, as far as `error_control` allows, unless spacing_mm names one.
-    progress: told the increments done and to do of the mesh under way, and which that is.
-    limit_s: of CPU time (`time_limit`), loading libraries included; the best mesh by then is the
-    answer, flagged `limit`.
-    Raises InputError for numbers that make no press; a refusal or a failure of the solver is in
-    the result, `converged` False and `force_n` None.
+    tolerance: of the force, with IN_PLANE_MM in proportion. Meshes are refined until the estimate
+    is within it, as far as `error_control` allows, unless spacing_mm is given.
+    progress: called with increments done, total, and the name of the current mesh.
+    limit_s: of CPU time (`time_limit`), loading libraries included; the best mesh by then is
+    returned, flagged `limit`.
+    Raises InputError for invalid numbers; a refusal or a failure of the solver is in the result,
+    `converged` False and `force_n` None.
     """
     _require(at_mm, depth_mm, shear_mm, tolerance, limit_s)
     started = time.perf_counter()
@@ -91,17 +91,17 @@ def press_gel(
     if shear_mm != (0.0, 0.0):
         corners.append((x + shear_mm[0], y + shear_mm[1], -depth_mm))
 
-    def way(step_mm: float) -> tuple[KnotPose, ...]:
+    def path(step_mm: float) -> tuple[KnotPose, ...]:
         return Increments(step_mm, step_mm).poses(corners) or (KnotPose(corners[-1], 0.0, 1.0),)
 
-    def picks(level: Level) -> Choice:
+    def choose(level: GelLevel) -> Choice:
         return choose_level(
-            skin, material, indenter, way(math.inf), tolerance, level=level, spacing_mm=spacing_mm
+            skin, material, indenter, path(math.inf), tolerance, level=level, spacing_mm=spacing_mm
         )
 
-    def solver(choice: Choice, like: PathSolver | None) -> PathSolver:
-        poses = way(choice.step_mm)
-        return open_path(skin, material, indenter, poses, OBSERVED, choice, like, True)
+    def solver(choice: Choice, coarser: PathSolver | None) -> PathSolver:
+        poses = path(choice.step_mm)
+        return open_path(skin, material, indenter, poses, PRESS_CHANNELS, choice, coarser, True)
 
     def unknowns_of(choice: Choice) -> int:
         return unknowns(skin, choice.spacing_mm, choice.focus, choice.mirrors, choice.growth)
@@ -110,59 +110,59 @@ def press_gel(
     edge_mm = indenter.edge_radius_mm
     ladder = MeshConvergence(solver, unknowns_of, radius_mm, edge_mm, tolerance, progress)
     picked: Choice | None = None
-    found: RefinedPress | None = None
+    refined: RefinedPress | None = None
     try:
         with time_limit.within(limit_s):
-            picked = picks(model)
-            found = ladder.refine(picked, free=spacing_mm is None)
+            picked = choose(model)
+            refined = ladder.refine(picked, free=spacing_mm is None)
             linear = model == "auto" and picked.level != FINITE_LEVEL
-            if linear and not (found.limited or ladder.holds(found.estimate)):
-                picked = picks(FINITE_LEVEL)
-                found = ladder.refine(picked, free=spacing_mm is None)
+            if linear and not (refined.limited or ladder.meets_tolerance(refined.estimate)):
+                picked = choose(FINITE_LEVEL)
+                refined = ladder.refine(picked, free=spacing_mm is None)
     except TimeLimit:
-        if found is None:
-            why = f"--limit-s {limit_s:g}: no mesh was solved in that CPU time; more is needed"
+        if refined is None:
+            reason = f"--limit-s {limit_s:g}: no mesh was solved in that CPU time; increase it"
             level = picked.level if picked else model
-            return refused(depth_mm, level, why, time.perf_counter() - started)
-        found = replace(found, limited=True)
-    except DeltactFabError as why:
+            return refused_press(depth_mm, level, reason, time.perf_counter() - started)
+        refined = replace(refined, limited=True)
+    except DeltactFabError as error:
         level = picked.level if picked else model
-        return refused(depth_mm, level, str(why), time.perf_counter() - started)
-    fine, choice, last = found.run, found.run.choice, found.run.last
+        return refused_press(depth_mm, level, str(error), time.perf_counter() - started)
+    fine, choice, last = refined.run, refined.run.choice, refined.run.last
     u = last.displacement_mm
     assert u is not None, "the last field is observed"
     tips = [(x, y, 0.0), *((px, py, -pz) for px, py, pz in (p.tip_mm for p in fine.poses))]
-    flags = [*_flags(found, ladder, depth_mm, limit_s)]
+    flags = [*_flags(refined, ladder, depth_mm, limit_s)]
     if odd := unusual_material(material.modulus_mpa):
         flags.append(Note("modulus", odd))
     forces = material.modulus_mpa * np.array([(0.0, 0.0, 0.0), *(k.force_n for k in fine.knots)])
     result = {
         "force_n": forces[-1].tolist(),
         "depth_mm": depth_mm,
-        **vars(found.zones),
+        **vars(refined.zones),
         "max_stretch": last.most_stretch,
         "model": choice.level,
         "converged": True,
-        "error_estimate": found.estimate,
-        "within_tolerance": ladder.holds(found.estimate),
+        "error_estimate": refined.estimate,
+        "within_tolerance": ladder.meets_tolerance(refined.estimate),
         "seconds": time.perf_counter() - started,
         "picked": {
             "spacing_mm": choice.spacing_mm,
             "step_mm": choice.step_mm,
             "mirrors": list(choice.mirrors),
             "dofs": fine.dofs,
-            "why": choice.why,
+            "why": choice.reason,
         },
         "peak_in_plane_mm": float(np.hypot(u[..., 0], u[..., 1]).max()),
         "flags": [flag.labelled for flag in flags],
     }
-    return Pressed(result, np.array(tips), forces, *fine.axes_mm, u.astype(np.float64))
+    return PressOutcome(result, np.array(tips), forces, *fine.axes_mm, u.astype(np.float64))
 
 
 def _require(
     at_mm: Point2, depth_mm: float, shear_mm: Point2, tolerance: float, limit_s: float
 ) -> None:
-    """Raises InputError for numbers that make no press."""
+    """Raise InputError for invalid numbers."""
     if not (math.isfinite(depth_mm) and depth_mm >= 0):
         raise InputError(f"--depth {depth_mm}: a depth in mm, 0 or more, is needed")
     if not all(math.isfinite(v) for v in (*at_mm, *shear_mm)):
@@ -176,35 +176,35 @@ def _require(
 
 
 def _flags(
-    found: RefinedPress, ladder: MeshConvergence, depth_mm: float, limit_s: float
+    refined: RefinedPress, ladder: MeshConvergence, depth_mm: float, limit_s: float
 ) -> Iterator[Note]:
-    """What a reader of the result must know: the solver's own flags at the corners, and more."""
-    estimate, solver = found.estimate, found.run
-    named: dict[str, Note] = {}
+    """Yield warnings about the result: the solver's flags at the corners, and its errors."""
+    estimate, solver = refined.estimate, refined.run
+    corner_flags: dict[str, Note] = {}
     for pose, knot in zip(solver.poses, solver.knots, strict=True):
-        if pose.part == 1.0:  # on the way in, the first increments are coarse by intention
-            named.update({flag.id: flag for flag in knot.flags})
-    yield from named.values()
-    if depth_mm > 0 and found.zones.contact_area_mm2 == 0:
-        yield Note("contact lost", f"at depth {depth_mm:g} mm nothing is touched")
-    if found.limited:
+        if pose.part == 1.0:  # the first increments of a line are coarse by intention
+            corner_flags.update({flag.id: flag for flag in knot.flags})
+    yield from corner_flags.values()
+    if depth_mm > 0 and refined.zones.contact_area_mm2 == 0:
+        yield Note("contact lost", f"no contact at depth {depth_mm:g} mm")
+    if refined.limited:
         text = (
-            f"{limit_s:g} CPU seconds do not reach to the tolerance; cells of "
-            f"{found.run.choice.spacing_mm:.3g} mm are the finest that were solved"
+            f"tolerance not reached in {limit_s:g} CPU seconds; finest solved cells: "
+            f"{refined.run.choice.spacing_mm:.3g} mm"
         )
         yield Note("limit", text)
-    if not ladder.holds(estimate):
+    if not ladder.meets_tolerance(estimate):
         text = (
             f"estimated error {estimate['force_rel']:.2g} of force, "
-            f"{estimate['displacement_mm']:.2g} mm in plane; {ladder.tolerance:g} and "
-            f"{ladder.in_plane_mm:.2g} mm were asked"
+            f"{estimate['displacement_mm']:.2g} mm in plane; requested {ladder.tolerance:g} and "
+            f"{ladder.in_plane_mm:.2g} mm"
         )
         yield Note("tolerance", text)
 
 
-def refused(depth_mm: float, level: Level, reason: str, seconds: float = 0.0) -> Pressed:
-    """What stands for a press that was not solved, with the level that was taken or asked for."""
-    result = dict.fromkeys(KEYS) | {
+def refused_press(depth_mm: float, level: GelLevel, reason: str, seconds: float) -> PressOutcome:
+    """Result of a press that was not solved, with the chosen or requested level."""
+    result = dict.fromkeys(RESULT_KEYS) | {
         "depth_mm": depth_mm if math.isfinite(depth_mm) else None,
         "model": None if level == "auto" else level,
         "converged": False,
@@ -214,4 +214,4 @@ def refused(depth_mm: float, level: Level, reason: str, seconds: float = 0.0) ->
         "reason": reason,
     }
     none = np.empty((0, 3))
-    return Pressed(result, none, none, np.empty(0), np.empty(0), np.empty((0, 0, 3)))
+    return PressOutcome(result, none, none, np.empty(0), np.empty(0), np.empty((0, 0, 3)))

@@ -1,8 +1,7 @@
-"""A limit of CPU time on what is solved inside it; the solvers' loops check it.
+"""CPU time limit for everything solved inside it, checked by the solvers' loops.
 
-It is the time of the thread that solves: what other programs take does not count, nor do the
-threads that the linear solver starts, which spin while they wait and so cost a third more for the
-same answer.
+It counts the solving thread only: not other programs, nor the threads of the linear solver, which
+spin while they wait and so cost a third more for the same answer.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ _END_S: ContextVar[float] = ContextVar("end_s", default=math.inf)
 
 @contextmanager
 def within(seconds: float) -> Iterator[None]:
-    """`check` raises after this many seconds, or where an enclosing limit ends."""
+    """Limit CPU time: `check` raises after so many seconds, or at the end of an outer limit."""
     token = _END_S.set(min(_END_S.get(), time.thread_time() + seconds))
     try:
         yield
@@ -28,12 +27,12 @@ def within(seconds: float) -> Iterator[None]:
         _END_S.reset(token)
 
 
-def left_s() -> float:
-    """Of the limit that this runs in; infinite where there is none."""
+def remaining_s() -> float:
+    """Remaining CPU time of the enclosing limit; infinite without one."""
     return _END_S.get() - time.thread_time()
 
 
 def check(needed_s: float = 0.0) -> None:
-    """Raises TimeLimit where less is left: what would not end in time is not begun."""
-    if left_s() < needed_s:
-        raise TimeLimit("the limit of time was reached")
+    """Raise TimeLimit where less than needed_s remains."""
+    if remaining_s() < needed_s:
+        raise TimeLimit("CPU time limit reached")

@@ -1,1 +1,1 @@
-"""Measuring while it happens: where images come from, and the page that shows what they say."""
+"""Live measurement: image sources, results, and the page that shows them."""

@@ -1,6 +1,6 @@
-"""A result as a program reads it, as a person does on one line, and as `measure --out` keeps it.
+"""Results as plain data, as a status line, and as rows and arrays of `measure --out`.
 
-The last by name and unit, as `deltact-fab schema` prints it.
+Rows and arrays have names and units, printed by `deltact-fab schema`.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from .session import MeasuredImage
 
 
 def as_dict(m: MeasuredImage, outlines: bool = False) -> dict[str, Any]:
-    """Plain numbers of one result; what was not asked for, or was not calibrated, is None.
+    """Return one result as plain numbers; None where not requested or not calibrated.
 
-    outlines: also those of the contacts, as lists of points in mm.
+    outlines: with the contacts' outlines, as lists of points in mm.
     """
     result = m.result
     contacts = result.contacts
     force = result.force
     return {
-        "frame": m.given.frame,
-        "t_s": round(m.given.t_s, 6),
+        "frame": m.source.frame,
+        "t_s": round(m.source.t_s, 6),
         "since_reference": result.frame,
         "age_ms": round(result.age_ms, 3),
         "cover": round(result.cover, 4),
@@ -36,29 +36,29 @@ def as_dict(m: MeasuredImage, outlines: bool = False) -> dict[str, Any]:
         "torque_nmm": None if force is None else _rounded(force.torque_nmm),
         "contacts": None if contacts is None else [_contact(c, outlines) for c in contacts],
         "dropped": m.dropped,
-        "motion_px": _one(m.motion.largest_px),
-        "motion_median_px": _one(m.motion.median_px),
-        "motion_mm": _one(m.motion.largest_mm),
+        "motion_px": _rounded_or_none(m.motion.largest_px),
+        "motion_median_px": _rounded_or_none(m.motion.median_px),
+        "motion_mm": _rounded_or_none(m.motion.largest_mm),
         "markers": m.motion.markers,
         "markers_held": m.motion.markers_held,
     }
 
 
 def _contact(contact: Any, outline: bool) -> dict[str, Any]:
-    told = {
+    entry = {
         "area_mm2": round(float(contact.area_mm2), 3),
         "centroid_mm": _rounded(contact.centroid_mm),
         "place_mm": _rounded(contact.place_mm),
         "cover": round(contact.cover, 4),
-        "peak_depth_mm": _one(contact.peak_depth_mm),
-        "force_share": _one(contact.force_share),
+        "peak_depth_mm": _rounded_or_none(contact.peak_depth_mm),
+        "force_share": _rounded_or_none(contact.force_share),
     }
     if outline:
-        told["outline_mm"] = [_rounded(p) for p in contact.outline_mm]
-    return told
+        entry["outline_mm"] = [_rounded(p) for p in contact.outline_mm]
+    return entry
 
 
-def _one(value: float | None) -> float | None:
+def _rounded_or_none(value: float | None) -> float | None:
     return None if value is None else round(float(value), 4)
 
 
@@ -70,28 +70,28 @@ def _signed(values: list[float | None], digits: int) -> str:
     return " ".join("-" if v is None else f"{v:+.{digits}f}" for v in values)
 
 
-def line(m: MeasuredImage) -> str:
-    """One result, as a person reads it while it runs."""
-    told = as_dict(m)
+def status_text(m: MeasuredImage) -> str:
+    """Format one result as a status line."""
+    values = as_dict(m)
     parts = [
         f"{m.hz:5.1f} Hz",
-        f"age {told['age_ms']:3.0f} ms",
-        f"cover {told['cover']:4.0%}" + ("" if told["trusted"] else " NOT TRUSTED"),
+        f"age {values['age_ms']:3.0f} ms",
+        f"cover {values['cover']:4.0%}" + ("" if values["trusted"] else " NOT TRUSTED"),
     ]
-    if told["force_n"] is not None:
-        parts.append(f"F {_signed(told['force_n'], 2)} N")
-        parts.append(f"T {_signed(told['torque_nmm'], 1)} N mm")
-    elif told["motion_px"] is not None:
-        mm, px = told["motion_mm"], told["motion_px"]
+    if values["force_n"] is not None:
+        parts.append(f"F {_signed(values['force_n'], 2)} N")
+        parts.append(f"T {_signed(values['torque_nmm'], 1)} N mm")
+    elif values["motion_px"] is not None:
+        mm, px = values["motion_mm"], values["motion_px"]
         parts.append(f"motion {px:.2f} px" if mm is None else f"motion {mm:.3f} mm")
-    if told["markers"] is not None:
-        parts.append(f"{told['markers_held']} of {told['markers']} markers")
-    if told["extrapolated"]:
-        parts.append("BEYOND ITS CALIBRATION")
-    if told["contacts"] is not None:
-        parts.append(f"contacts: {len(told['contacts'])}")
+    if values["markers"] is not None:
+        parts.append(f"{values['markers_held']}/{values['markers']} markers")
+    if values["extrapolated"]:
+        parts.append("EXTRAPOLATED")
+    if values["contacts"] is not None:
+        parts.append(f"contacts: {len(values['contacts'])}")
         parts += [f"{c['area_mm2']:.1f} mm2 at ({c['place_mm'][0]:+.1f}, "
-                  f"{c['place_mm'][1]:+.1f}) mm" for c in told["contacts"][:1]]  # fmt: skip
+                  f"{c['place_mm'][1]:+.1f}) mm" for c in values["contacts"][:1]]  # fmt: skip
     if m.dropped:
         parts.append(f"{m.dropped} dropped")
     return "  ".join(parts)
@@ -99,7 +99,7 @@ def line(m: MeasuredImage) -> str:
 
 @dataclass(frozen=True)
 class TableColumn:
-    """One column. kind: string, int64, float64 or bool."""
+    """Column of a table. kind: string, int64, float64 or bool."""
 
     name: str
     kind: str
@@ -118,81 +118,83 @@ def _columns(kind: str, **texts: str) -> list[TableColumn]:
     return [TableColumn(name, kind, ends[name], text) for name, text in texts.items()]
 
 
-WRENCH = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
-DEEPEST = ("contact_x_mm", "contact_y_mm", "contact_area_mm2", "contact_depth_mm")
-COLUMNS = [
+WRENCH_COLUMNS = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
+CONTACT_COLUMNS = ("contact_x_mm", "contact_y_mm", "contact_area_mm2", "contact_depth_mm")
+RESULT_COLUMNS = [
     *_columns(
         "int64",
-        frame="Number of the image in the source, from 0; a gap is images that were dropped.",
-        since_reference="Images since the reference, from which motion counts.",
-        dropped="Images that gave way to newer ones, so far.",
-        markers="Markers in the reference; empty where a dense pattern was followed.",
-        markers_held="Those of them that are found in this image.",
-        contacts="Separate contacts, with a calibration of depth.",
+        frame="Number of the image in the source, from 0; gaps are dropped images.",
+        since_reference="Images since the reference, relative to which motion is measured.",
+        dropped="Images dropped so far in favour of newer ones.",
+        markers="Markers in the reference; empty for a dense pattern.",
+        markers_held="Markers found in this image.",
+        contacts="Separate contacts; needs a depth calibration.",
     ),
     *_columns(
         "bool",
-        trusted="False: ignore all other values.",
-        extrapolated="A calibration is used beyond what it was made from.",
+        trusted="Enough of the view is tracked reliably; if false, ignore all other values.",
+        extrapolated="A calibration is used outside its range.",
     ),
     *_columns(
         "float64",
-        t_s="When the image was taken, on the source's clock.",
-        age_ms="From when it was taken, or given where it comes from a file, to its result.",
-        cover="Share of the view whose motion is known; of markers, the share that is found.",
-        motion_px="Largest motion of the pattern in the picture, from the reference.",
+        t_s="Time of the image, on the source's clock.",
+        age_ms="Delay from taking the image (reading it, from a file) to its result.",
+        cover="Fraction of the view whose motion is known; of markers, the fraction found.",
+        motion_px="Largest motion of the pattern in the image since the reference.",
         motion_median_px="Median length of that motion.",
         motion_mm="Largest motion on the resting face, where its scale is known.",
-        **dict.fromkeys(WRENCH, "Force on the sensor, a press has fz_n < 0, and torque about the "
-                        "centre of the resting face."),
-        **dict.fromkeys(DEEPEST, "Of the deepest contact, in the frame of the sensor."),
+        **dict.fromkeys(WRENCH_COLUMNS, "Force on the sensor (fz_n < 0 in a press), and torque "
+                        "about the centre of the resting face."),
+        **dict.fromkeys(CONTACT_COLUMNS, "Deepest contact, in the frame of the sensor."),
     ),
     *_columns(
         "string",
         fields="File with the image's arrays; `schema fields` names them.",
-        picture="File with the image as it was tracked, where pictures were asked for.",
+        picture="File with the tracked image, if pictures were requested.",
     ),
 ]  # fmt: skip
-ARRAYS = _columns(
+ARRAY_COLUMNS = _columns(
     "array",
-    flow_px="(h, w, 2) motion from the reference, x and y; rows and columns are 2 px apart.",
-    state="(h, w) of flow_px: 2 found in this image, 1 filled from neighbours, 0 a guess.",
-    shift_mm="(h, w, 2) motion on the face, at x_mm and y_mm; with a camera or a scale.",
-    known="(h, w) of shift_mm: it is measured, and no guess.",
-    x_mm="(w,) places of the columns of shift_mm.",
-    y_mm="(h,) places of its rows.",
+    flow_px="(h, w, 2) motion since the reference, x and y; rows and columns are 2 px apart.",
+    state="(h, w) quality of flow_px: 2 measured, 1 filled from neighbours, 0 a guess.",
+    shift_mm="(h, w, 2) motion on the face, at x_mm and y_mm; needs a camera or a scale.",
+    known="(h, w) true where shift_mm is measured, not a guess.",
+    x_mm="(w,) column positions of shift_mm.",
+    y_mm="(h,) row positions of shift_mm.",
     depth_mm="(h, w) depth into the gel, at depth_x_mm and depth_y_mm.",
-    depth_x_mm="(w,) places of the columns of depth_mm.",
-    depth_y_mm="(h,) places of its rows.",
+    depth_x_mm="(w,) column positions of depth_mm.",
+    depth_y_mm="(h,) row positions of depth_mm.",
     traction_mpa="(h, w, 3) traction on the face, at traction_x_mm and traction_y_mm.",
-    traction_x_mm="(w,) places of the columns of traction_mpa.",
-    traction_y_mm="(h,) places of its rows.",
-    position_px="(n, 2) places of the markers, nan of one that is not found.",
-    displacement_px="(n, 2) of each from its place in the reference.",
+    traction_x_mm="(w,) column positions of traction_mpa.",
+    traction_y_mm="(h,) row positions of traction_mpa.",
+    position_px="(n, 2) positions of the markers, nan if not found.",
+    displacement_px="(n, 2) displacement of the markers since the reference.",
 )
-_TYPES: dict[str, Any] = {
+_COLUMN_TYPES: dict[str, Any] = {
     "int64": int, "bool": bool, "float64": float, "string": str, "array": list[float]
 }  # fmt: skip
 
 
 def _model(name: str, columns: list[TableColumn]) -> type[Table]:
     keys: dict[str, Any] = {
-        c.name: (_TYPES[c.kind] | None, Field(None, description=c.text)) for c in columns
+        c.name: (_COLUMN_TYPES[c.kind] | None, Field(None, description=c.text)) for c in columns
     }
     return create_model(name, __base__=Table, **keys)
 
 
-MeasuredRow, FieldArrays = _model("MeasuredRow", COLUMNS), _model("FieldArrays", ARRAYS)
+MeasuredRow = _model("MeasuredRow", RESULT_COLUMNS)
+FieldArrays = _model("FieldArrays", ARRAY_COLUMNS)
 
 
-def row_of(m: MeasuredImage, fields: str, picture: str) -> list[Any]:
-    """A result by COLUMNS, "" for what is not known; fields, picture: names of its files."""
-    told = as_dict(m)
-    wrench = [*(told["force_n"] or ()), *(told["torque_nmm"] or ())]
-    row = told | dict(zip(WRENCH, wrench, strict=False)) | {"fields": fields, "picture": picture}
-    if (found := told["contacts"]) is not None:
-        row["contacts"] = len(found)
-    if found:
-        deepest = [*found[0]["place_mm"], found[0]["area_mm2"], found[0]["peak_depth_mm"]]
-        row |= zip(DEEPEST, deepest, strict=True)
-    return ["" if (value := row.get(c.name)) is None else value for c in COLUMNS]
+def table_row(m: MeasuredImage, fields: str, picture: str) -> list[Any]:
+    """Row of a result by RESULT_COLUMNS, "" if unknown; fields, picture: names of its files."""
+    values = as_dict(m)
+    wrench = [*(values["force_n"] or ()), *(values["torque_nmm"] or ())]
+    row = values | dict(zip(WRENCH_COLUMNS, wrench, strict=False))
+    row |= {"fields": fields, "picture": picture}
+    if (contacts := values["contacts"]) is not None:
+        row["contacts"] = len(contacts)
+    if contacts:
+        deepest = [*contacts[0]["place_mm"], contacts[0]["area_mm2"], contacts[0]["peak_depth_mm"]]
+        row |= zip(CONTACT_COLUMNS, deepest, strict=True)
+    return ["" if (value := row.get(c.name)) is None else value for c in RESULT_COLUMNS]

@@ -1,4 +1,4 @@
-"""A step that the stage made, as the camera saw it: the face sticks to the tip and goes with it."""
+"""A known stage step, measured by the camera: the face sticks to the tip and moves with it."""
 
 from __future__ import annotations
 
@@ -11,17 +11,16 @@ from deltact_fab.bench import open_run
 from deltact_fab.common import Check, InputError, graded
 from deltact_fab.estimate import FaceFlow, FlowTracker
 
-STUCK_MM = 0.5  # about the contact's middle: what slips last
-OFF_MM = 0.01
+STUCK_MM = 0.5  # radius about the centre, which slips last; by hand: larger ones slip
+MAX_STEP_ERROR_MM = 0.01  # by hand: less refuses good cameras, more a wrong scale
 
 
 def check_known_step(folder: Path) -> list[Check]:
-    """Check the step of a recorded press as the camera saw it, a row for x and one for y.
+    """Compare the step of a recorded press with the camera's, one row for x and one for y.
 
-    It is from one end of the first press's shear to the other.
-
-    The picture of a step is larger than the step where the face is pressed in; the camera and the
-    stage's depth say by how much. Raises InputError for a run without such steps.
+    The step is from one end of the first press's shear to the other. The image of a step is larger
+    where the face is pressed in; the camera model and the stage's depth correct that. Raises
+    InputError for a run without such steps.
     """
     run = open_run(folder)
     camera = run.camera
@@ -29,7 +28,7 @@ def check_known_step(folder: Path) -> list[Check]:
     frames = frames[frames["press"] == frames["press"].iloc[0]] if len(frames) else frames
     names = [str(step_id).rpartition("/")[2] for step_id in frames["step_id"]]
     if not {"rest", "shear-x+", "shear-x-"} <= set(names):
-        raise InputError(f"{folder}: no known step: a run of the protocol known-step has some")
+        raise InputError(f"{folder}: no known step; record a run of the protocol known-step")
     tracker = FlowTracker(full=False)
     flows, at_mm = {}, {}
     for name, (_, row) in zip(names, frames.iterrows(), strict=True):
@@ -40,20 +39,20 @@ def check_known_step(folder: Path) -> list[Check]:
     near = np.hypot(x - rest[0], y - rest[1]) < STUCK_MM
     rows, origin = [], ", simulated" if run.simulated else ""
     for k, axis in enumerate("xy"):
-        there, back = f"shear-{axis}+", f"shear-{axis}-"
-        if there not in flows or back not in flows:
+        plus, minus = f"shear-{axis}+", f"shear-{axis}-"
+        if plus not in flows or minus not in flows:
             continue
-        a, b = flows[there], flows[back]
-        known = near & a.known & b.known
-        moved = (a.shift_mm - b.shift_mm)[known][:, k]
-        pictured = camera.project_px(np.stack((at_mm[there], at_mm[back])))
+        a, b = flows[plus], flows[minus]
+        valid = near & a.known & b.known
+        shifts_mm = (a.shift_mm - b.shift_mm)[valid][:, k]
+        pictured = camera.project_px(np.stack((at_mm[plus], at_mm[minus])))
         larger = (pictured[0] - pictured[1])[k] * camera.mm_per_px
-        made_mm = float((at_mm[there] - at_mm[back])[k])
-        seen_mm = made_mm * float(moved.mean()) / larger if len(moved) else math.nan
+        made_mm = float((at_mm[plus] - at_mm[minus])[k])
+        seen_mm = made_mm * float(shifts_mm.mean()) / larger if len(shifts_mm) else math.nan
         rows.append(Check(
             f"known-step.{axis}", f"known step, {axis}", "",
-            f"{seen_mm:.3f} mm of {made_mm:.3f}{origin}", f"within {OFF_MM:g} mm",
-            graded(abs(seen_mm - made_mm) <= OFF_MM),
+            f"{seen_mm:.3f} mm of {made_mm:.3f}{origin}", f"within {MAX_STEP_ERROR_MM:g} mm",
+            graded(abs(seen_mm - made_mm) <= MAX_STEP_ERROR_MM),
             remedy="calibrate the camera on this skin: `calibrate lens`; or the tip slips",
         ))  # fmt: skip
     return rows

@@ -1,4 +1,4 @@
-"""From what a user names to a source of images with all that is known of its sensor."""
+"""Opening of image sources by name, with the model of their sensor."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from deltact_fab.sensor import (
 
 from .source import Source, camera_source, file_source
 
-NAMES_A_FILE = re.compile(r"\w[\w.+-]*")  # of a serial number: others are never kept
+SERIAL_PATTERN = re.compile(r"\w[\w.+-]*")  # serial numbers that make a file name
 
 
 def open_source(
@@ -37,33 +37,34 @@ def open_source(
     rest_only: bool = False,
     follow_s: float | None = None,
 ) -> Source:
-    """Open what a name stands for, and tell it what the user knows of its sensor.
+    """Open a source by name, and complete its sensor model.
 
     name: the number of a camera ("0"), its device file or address, a run, a folder of images, a
     video, a virtual rig with or without a protocol ("virtual:smoke"), or a real rig, of which only
-    the camera is opened. camera_file: as `deltact-fab calibrate lens` writes
-    it. design, serial: of the sensor. They go before what the source knows. seed: of a virtual rig.
-    rest_only: the images are looked at only to see what was made: where no one knows the camera,
-    the design's lens stands for it. follow_s: NAME is a folder that is still written into, and ends
-    when no image came for so long. Raises InputError for a name that is nothing of these.
+    the camera is opened. camera_file: from `deltact-fab calibrate lens`. design, serial: of the
+    sensor; all three override the source's. seed: of a virtual rig. rest_only: for images at rest,
+    an unknown camera is replaced by the design's lens. follow_s: the folder is still being written,
+    and ends after so long without an image. Raises InputError for a name that is none of these.
     """
-    given = None if camera_file is None else known_of(camera_file, design)
+    file_model = None if camera_file is None else load_model(camera_file, design)
     source = (
-        _opened(name, given, design, seed) if follow_s is None else _followed(name, given, follow_s)
+        _open_named(name, file_model, design, seed)
+        if follow_s is None
+        else _open_followed(name, file_model, follow_s)
     )
     try:
-        own = source.known
-        if given is not None:
-            own = replace(own, projection=given.projection, flat=given.flat)
+        model = source.model
+        if file_model is not None:
+            model = replace(model, projection=file_model.projection, flat=file_model.flat)
         if design is not None:
-            own = replace(own, design=design, skin=_design(design).skin)
+            model = replace(model, design=design, skin=_design(design).skin)
         if serial is not None:
-            own = replace(own, serial=serial)
-        source.known = own
-        if own.projection is None and rest_only:
-            sensor = _design(own.design)
+            model = replace(model, serial=serial)
+        source.model = model
+        if model.projection is None and rest_only:
+            sensor = _design(model.design)
             lens = Rectified.from_sensor(sensor, Fisheye.from_sensor(sensor))
-            own = source.known = replace(own, projection=lens, nominal=True)
+            model = source.model = replace(model, projection=lens, nominal=True)
     except InputError:
         source.close()
         raise
@@ -71,14 +72,14 @@ def open_source(
 
 
 def _design(name: str | None) -> SensorDimensions:
-    """The named design, else the default one; a source that knows its sensor asks for none."""
+    """Load the named or the default design."""
     from deltact_fab.fabricate import load_design
 
     return load_design(name or "deltact")
 
 
-def known_of(camera_file: Path, design: str | None = None) -> SensorModel:
-    """What a camera file and a design say. Raises InputError."""
+def load_model(camera_file: Path, design: str | None = None) -> SensorModel:
+    """Load a sensor model from a camera file and a design. Raises InputError."""
     sensor = _design(design)
     camera, _ = load_camera(camera_file)
     flat = FlatField.from_camera_file(camera_file)
@@ -87,17 +88,18 @@ def known_of(camera_file: Path, design: str | None = None) -> SensorModel:
     return SensorModel(camera, sensor.skin, flat=flat and flat.for_view(camera))
 
 
-def _opened(name: str, given: SensorModel | None, design: str | None, seed: int) -> Source:
-    """What is imported is what that kind of source needs."""
+def _open_named(name: str, file_model: SensorModel | None, design: str | None, seed: int) -> Source:
+    """Open a source, importing only the modules for its kind."""
     path = Path(name)
     if name.isdecimal() or path.is_char_device() or "://" in name:
         from deltact_fab.bench import CameraConfig
 
-        camera = None if given is None else given.projection
+        camera = None if file_model is None else file_model.projection
         w, h = (None, None) if camera is None else raw_size_px(camera)
-        asked = {"source": int(name) if name.isdecimal() else name, "width_px": w, "height_px": h}
-        config = validate(CameraConfig, asked, f"camera {name}")
-        return camera_source(config, Path(), given)
+        device = int(name) if name.isdecimal() else name
+        settings = {"source": device, "width_px": w, "height_px": h}
+        config = validate(CameraConfig, settings, f"camera {name}")
+        return camera_source(config, Path(), file_model)
     rig, _, protocol = name.partition(":")
     rigs = catalogue_names("protocols/rigs")
     if Path(rig).suffix == ".toml" or (rig in rigs and not path.exists()):
@@ -105,40 +107,38 @@ def _opened(name: str, given: SensorModel | None, design: str | None, seed: int)
 
         return rig_source(rig, protocol, design, seed)
     if (path / "run.json").is_file():
-        return _recorded(path)
+        return _open_run_images(path)
     if path.is_dir() or path.is_file():
         from deltact_fab.bench import open_images
 
-        return file_source(open_images(path), given)
+        return file_source(open_images(path), file_model)
     near = did_you_mean(rig, rigs)
     raise InputError(
-        f"{name}: no camera number, address, video, folder, run or rig of that name; of the rigs "
-        f"{near}"
+        f"{name}: no camera number, address, video, folder, run or rig of that name; rigs: {near}"
     )
 
 
-def _followed(name: str, given: SensorModel | None, silence_s: float) -> Source:
+def _open_followed(name: str, file_model: SensorModel | None, silence_s: float) -> Source:
     from deltact_fab.bench import open_images
 
     folder = Path(name)
     if not folder.is_dir() or (folder / "run.json").is_file():
-        wanted = "a folder that images are written into"
-        raise InputError(f"{name}: {wanted} is needed with --follow, as RUN/images of a run")
-    return file_source(open_images(folder, silence_s), given)
+        raise InputError(f"{name}: --follow needs a folder of images, such as RUN/images")
+    return file_source(open_images(folder, silence_s), file_model)
 
 
-def _recorded(folder: Path) -> Source:
-    """A run's images as the camera gave them, at rest one of each press; times of the rig's clock.
+def _open_run_images(folder: Path) -> Source:
+    """Open a run's raw images, at rest one per press; times of the rig's clock.
 
-    Raises InputError for a folder that is no run, or one without images.
+    Raises InputError for a folder that is not a run, or has no images.
     """
     run = open_run(folder)
     rows = run.frames().dropna(subset=["file"])
     if rows.empty:
-        raise InputError(f"{folder}: a run without images")
+        raise InputError(f"{folder}: run has no images")
     specimen = run.meta["protocol"]["specimen"]
     skin = run.meta["sensor"]["skin"]
-    known = SensorModel(
+    model = SensorModel(
         run.camera,
         validate(SkinDimensions, skin, f"{folder}/run.json: sensor.skin"),
         flat=run.flat,
@@ -153,48 +153,48 @@ def _recorded(folder: Path) -> Source:
         for file, t_s in zip(chosen["file"], chosen["t_s"], strict=True):
             yield CameraFrame(run.raw(str(file)), float(t_s))
 
-    return Source(str(folder), known, frames)
+    return Source(str(folder), model, frames)
 
 
-def measurement_of(
-    known: SensorModel, files: Sequence[Path], show: Sequence[str] | None = None
+def open_measurement(
+    model: SensorModel, files: Sequence[Path], show: Sequence[str] | None = None
 ) -> Measurement:
-    """Of the outputs named, or of all that the calibrations allow; always with what is tracked.
+    """Open a measurement of the named outputs, or of all that the calibrations allow.
 
-    Raises InputError, one line, for a file that is none, for another sensor's, and as Measurement.
+    It always includes the tracked observation. Raises InputError, one line, for an invalid file, or
+    one of another sensor, and Measurement's errors.
     """
     include = None if show is None else [*show, "observation"]
-    return Measurement(replace(known, rest=accepted_rest(known)), include, files)
+    return Measurement(replace(model, rest=accepted_rest(model)), include, files)
 
 
 def acceptance_file(serial: str) -> Path:
-    """The file in which `rig accept` keeps a sensor.
+    """Return the file in which `rig accept` saves a sensor.
 
-    Raises InputError for a serial that is no file's name.
+    Raises InputError for a serial that is not a file name.
     """
-    if not NAMES_A_FILE.fullmatch(serial):
-        raise InputError(
-            f"--serial {serial!r}: letters, digits, '.', '+', '-', '_' make a file's name"
-        )
+    if not SERIAL_PATTERN.fullmatch(serial):
+        raise InputError(f"--serial {serial!r}: use letters, digits, '.', '+', '-' and '_' only")
     return Path("sensors") / f"{serial}.toml"
 
 
-def accepted_rest(known: SensorModel) -> NDArray[np.uint8] | None:
-    """The face at rest when this sensor was accepted, as it is tracked; None where it was not.
+def accepted_rest(model: SensorModel) -> NDArray[np.uint8] | None:
+    """Rectified face at rest when this sensor was accepted; None if it was not.
 
-    Raises InputError for a file that is none, and for an image of another size.
+    Raises InputError for an invalid file, and for an image of another size.
     """
-    if known.serial is None or known.projection is None or not NAMES_A_FILE.fullmatch(known.serial):
+    serial = model.serial
+    if serial is None or model.projection is None or not SERIAL_PATTERN.fullmatch(serial):
         return None
-    file = acceptance_file(known.serial)
+    file = acceptance_file(serial)
     if not file.is_file():
         return None
-    kept = read_acceptance(file, known)
-    image = None if kept is None else cv2.imdecode(np.frombuffer(kept, np.uint8), cv2.IMREAD_COLOR)
+    png = read_acceptance(file, model)
+    image = None if png is None else cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
     if image is None:
-        raise InputError(f"{file}: rest.file: no image of the face at rest")
+        raise InputError(f"{file}: rest.file: not an image of the face at rest")
     try:
-        seen = np.asarray(Rectifier(known.camera).view(image), np.uint8)
-    except InputError as why:
-        raise InputError(f"{file}: rest.file: {why}") from why
-    return seen if known.flat is None else known.flat.apply(seen)
+        view = np.asarray(Rectifier(model.camera).view(image), np.uint8)
+    except InputError as error:
+        raise InputError(f"{file}: rest.file: {error}") from error
+    return view if model.flat is None else model.flat.apply(view)

@@ -1,4 +1,4 @@
-"""Where results go while they come: lines for people and programs, the page, a folder."""
+"""Outputs of a live measurement: status and JSON lines, the page, a folder."""
 
 from __future__ import annotations
 
@@ -19,89 +19,89 @@ from deltact_fab.common import Array, disk_errors, make_folder, whole_file, writ
 from deltact_fab.version import PACKAGE_VERSION
 
 from . import picture
-from .formatting import COLUMNS, as_dict, line, row_of
+from .formatting import RESULT_COLUMNS, as_dict, status_text, table_row
 from .page import LivePage
-from .session import MeasuredImage, MeasurementSession, once
+from .session import MeasuredImage, MeasurementSession, session_notes
 from .source import Source
 
-TERMINAL_S = 0.1
-PIPED_S = 2.0
-WINDOW_S = 30.0
-"""Of time that the page draws of a live source; of others all that it has."""
+# By hand: as often, and as long, as one can read.
+TERMINAL_PERIOD_S = 0.1
+PIPED_PERIOD_S = 2.0
+TRACE_WINDOW_S = 30.0  # time span of a live source's traces on the page; other sources: all
 
 
 class MeasurementOutput:
-    """Takes results one after another."""
+    """Output of results, one after another."""
 
     def show(self, measured: MeasuredImage) -> None:
-        """One more. Raises BrokenPipeError when nobody reads any longer."""
+        """Output one result. Raises BrokenPipeError when the reader is gone."""
 
-    def end(self, why: str, last: MeasuredImage | None) -> None:
-        """There will be no more; last: the last one."""
+    def end(self, reason: str, last: MeasuredImage | None) -> None:
+        """Finish; last: the last result."""
 
 
 @dataclass
 class StatusLine(MeasurementOutput):
-    """One line that changes on a terminal; elsewhere one every few seconds, and the last one."""
+    """Status line, updated in place on a terminal; elsewhere a line every few seconds."""
 
     to: IO[str]
     simulated: str | None
     next_s: float = 0.0
-    written: MeasuredImage | None = None
+    last_written: MeasuredImage | None = None
 
     def show(self, measured: MeasuredImage) -> None:
         if (now_s := time.monotonic()) >= self.next_s:
-            self.next_s = now_s + (TERMINAL_S if self.to.isatty() else PIPED_S)
+            self.next_s = now_s + (TERMINAL_PERIOD_S if self.to.isatty() else PIPED_PERIOD_S)
             self._write(measured)
 
-    def end(self, why: str, last: MeasuredImage | None) -> None:
+    def end(self, reason: str, last: MeasuredImage | None) -> None:
         if last is not None:
-            if last is not self.written:
+            if last is not self.last_written:
                 self._write(last)
-            before = "\n" if self.to.isatty() else ""
+            prefix = "\n" if self.to.isatty() else ""
             origin = f" ({self.simulated})" if self.simulated else ""
-            self.to.write(f"{before}{why} after {last.given.frame + 1} images{origin}\n")
+            self.to.write(f"{prefix}{reason} after {last.source.frame + 1} images{origin}\n")
             self.to.flush()
 
     def _write(self, measured: MeasuredImage) -> None:
-        # Back to the line's start, and what is left of a longer one erased.
-        text = line(measured)
+        # Return to the line's start, and erase the rest of a longer one.
+        text = status_text(measured)
         self.to.write(f"\r{text}\x1b[K" if self.to.isatty() else f"{text}\n")
         self.to.flush()
-        self.written = measured
+        self.last_written = measured
 
 
 @dataclass
 class JsonLines(MeasurementOutput):
-    """One JSON object a result, written at once."""
+    """One JSON object per result, flushed at once."""
 
     to: IO[str]
     simulated: str | None
 
     def show(self, measured: MeasuredImage) -> None:
-        told = as_dict(measured)
+        entry = as_dict(measured)
         if self.simulated is not None:
-            told["simulated"] = self.simulated
-        self.to.write(json.dumps(told, allow_nan=False) + "\n")
+            entry["simulated"] = self.simulated
+        self.to.write(json.dumps(entry, allow_nan=False) + "\n")
         self.to.flush()
 
 
 @dataclass
 class MeasurementSummary(MeasurementOutput):
-    """One JSON document when there are no more: how many images, and the last result."""
+    """One JSON document at the end: number of images, and the last result."""
 
     to: Callable[[object], None]
     simulated: str | None
 
-    def end(self, why: str, last: MeasuredImage | None) -> None:
-        images = 0 if last is None else last.given.frame + 1
-        told = None if last is None else as_dict(last)
-        self.to({"ended": why, "images": images, "simulated": self.simulated, "last": told})
+    def end(self, reason: str, last: MeasuredImage | None) -> None:
+        images = 0 if last is None else last.source.frame + 1
+        entry = None if last is None else as_dict(last)
+        self.to({"ended": reason, "images": images, "simulated": self.simulated, "last": entry})
 
 
 @dataclass
 class PageOutput(MeasurementOutput):
-    """The page, which stays open when the results end, until it is closed."""
+    """Live page, which stays open after the last result."""
 
     session: MeasurementSession
     page: LivePage
@@ -109,25 +109,25 @@ class PageOutput(MeasurementOutput):
     def show(self, measured: MeasuredImage) -> None:
         session = self.session
         self.page.show(
-            lambda: picture.data(measured, session.view),
-            lambda: picture.image(measured, session.rectified(measured.given.image)),
-            picture.point(measured),
+            lambda: picture.page_data(measured, session.view),
+            lambda: picture.draw_markers(measured, session.rectified(measured.source.image)),
+            picture.trace_point(measured),
         )
 
-    def end(self, why: str, last: MeasuredImage | None) -> None:
-        self.page.ended = why
+    def end(self, reason: str, last: MeasuredImage | None) -> None:
+        self.page.ended = reason
 
 
 @dataclass
 class HealthOutput(MeasurementOutput):
-    """Tells the state of health that each new reference shows, where a calibration can say it."""
+    """Report the state of health at each new reference, if a calibration provides it."""
 
     tell: Callable[[str, str], None]
 
     def show(self, measured: MeasuredImage) -> None:
-        found = measured.result.health
-        if measured.result.frame == 0 and found is not None:
-            self.tell(f"state of health: {found.line}", "; ".join(found.reasons))
+        health = measured.result.health
+        if measured.result.frame == 0 and health is not None:
+            self.tell(f"state of health: {health.line}", "; ".join(health.reasons))
 
 
 def deliver_results(
@@ -140,16 +140,15 @@ def deliver_results(
     pictures: bool = False,
     page_port: int | None = None,
 ) -> bool:
-    """Measure all images of a session, close its source, and pass every result on.
+    """Measure all images of a session, send every result to the outputs, and close the source.
 
-    A line for people goes to stdout, or to stderr where stdout is a program's. tell: takes the
-    lines that are told once. jsonl: an object a result goes to stdout. summary: takes one document
-    at the end. folder: new, for rows and arrays; pictures: for the images too. page_port: of the
-    live page, 0 for a free one, None for no page; it stays open until Ctrl-C. Returns whether the
-    source ended: False where Ctrl-C came before. Raises InputError for a port that cannot be had,
-    RunFailed when the disk refuses, and what the session raises.
+    The status line goes to stdout, or to stderr where stdout is for a program. tell: prints a
+    one-time message. jsonl: one object per result to stdout. summary: receives a document at the
+    end. folder: new, for rows and arrays; pictures: also for the images. page_port: of the live
+    page, 0 for a free one, None for no page; it stays open until Ctrl-C. Returns False after
+    Ctrl-C, else True. Raises InputError for a port in use, RunFailed for the disk and as `results`.
     """
-    simulated, page = session.source.known.simulated, None
+    simulated, page = session.source.model.simulated, None
     outputs: list[MeasurementOutput] = []
     with ExitStack() as stack:
         stack.callback(session.source.close)
@@ -173,18 +172,18 @@ def deliver_results(
             if page is not None:
                 page.health, page.unfit = health, unfit
 
-        if lines := once(session):
+        if lines := session_notes(session):
             tell_health("\n".join(lines))
         outputs.append(HealthOutput(tell_health))
         if folder is not None:
-            kept = KeptFolder(folder, session, pictures)
-            stack.callback(kept.close)
-            outputs.append(kept)
+            saved = OutputFolder(folder, session, pictures)
+            stack.callback(saved.close)
+            outputs.append(saved)
         return _deliver(session, outputs, stay=page is not None)
 
 
 def _deliver(session: MeasurementSession, outputs: list[MeasurementOutput], stay: bool) -> bool:
-    """Every result to every output; stay: with the last one, until Ctrl-C."""
+    """Send every result to every output; stay: wait for Ctrl-C after the last one."""
     measured, ended = None, False
     try:
         for measured in session.results():
@@ -203,54 +202,52 @@ def _deliver(session: MeasurementSession, outputs: list[MeasurementOutput], stay
 
 
 def _page_facts(source: Source, with_force: bool) -> dict[str, object]:
-    """What the page says once of a source, and of the curves that it draws."""
-    unit, least = ("px", 2.0) if source.known.in_px else ("mm", 0.1)
-    names, title = ["largest motion"], f"Motion of the pattern, {unit}"
+    """Constant facts of the page: source and traces."""
+    unit, min_range = ("px", 2.0) if source.model.in_px else ("mm", 0.1)
+    names, title = ["largest motion"], f"Motion of the pattern in {unit}"
     if with_force:
-        names, least = ["z", "x", "y"], 0.2
-        title = "Force on the sensor, N; a press is negative in z"
+        names, min_range = ["z", "x", "y"], 0.2
+        title = "Force on the sensor in N (z < 0: press)"
     return {
         "source": source.name,
-        "simulated": source.known.simulated,
+        "simulated": source.model.simulated,
         "trace_names": names,
         "trace_title": title,
-        "trace_least": least,
-        "window_s": WINDOW_S if source.live else None,
+        "trace_least": min_range,
+        "window_s": TRACE_WINDOW_S if source.live else None,
     }
 
 
-class KeptFolder(MeasurementOutput):
-    """Rows go to measured.csv as they come; all else is written whole.
-
-    So what is there can be read whenever the process ends.
-    """
+class OutputFolder(MeasurementOutput):
+    """Folder of rows and atomically written files, readable whenever the process ends."""
 
     def __init__(self, folder: Path, session: MeasurementSession, pictures: bool) -> None:
-        """pictures: keep each image too, as it is tracked. Raises InputError, RunFailed."""
+        """pictures: also save each tracked image. Raises InputError, RunFailed."""
         self._folder, self._session, self._pictures = folder, session, pictures
         make_folder(folder, *("fields", "pictures")[: 1 + pictures])
-        known, pattern = session.source.known, session.pattern
+        model, pattern = session.source.model, session.pattern
         about = {
-            "source": session.source.name, "simulated": known.simulated, "version": PACKAGE_VERSION,
-            "mm_per_px": None if known.in_px else session.view.mm_per_px,
-            "pattern": "dense" if pattern is None else pattern.kind, "told": once(session),
+            "source": session.source.name, "simulated": model.simulated, "version": PACKAGE_VERSION,
+            "mm_per_px": None if model.in_px else session.view.mm_per_px,
+            "pattern": "dense" if pattern is None else pattern.kind, "told": session_notes(session),
         }  # fmt: skip
         write_whole(folder / "measured.json", json.dumps(about, indent=1).encode())
         self._table = (folder / "measured.csv").open("w", encoding="utf-8", newline="")
-        self._add([column.name for column in COLUMNS])
+        self._add([column.name for column in RESULT_COLUMNS])
 
     def show(self, measured: MeasuredImage) -> None:
-        """Raises RunFailed when the disk refuses."""
-        name = f"{measured.given.frame:06d}"
-        fields, shown = f"fields/{name}.npz", f"pictures/{name}.png" if self._pictures else ""
+        """Write a result. Raises RunFailed on disk errors."""
+        name = f"{measured.source.frame:06d}"
+        fields = f"fields/{name}.npz"
+        picture_name = f"pictures/{name}.png" if self._pictures else ""
         with disk_errors(self._folder):
             with whole_file(self._folder / fields, sync=False) as part, part.open("wb") as out:
                 np.savez(out, allow_pickle=False, **dict(_arrays(measured)))
-            if shown:
-                tracked = self._session.rectified(measured.given.image)
-                with whole_file(self._folder / shown, sync=False) as part:
-                    part.write_bytes(encode_png(picture.image(measured, tracked)))
-            self._add(row_of(measured, fields, shown))
+            if picture_name:
+                tracked = self._session.rectified(measured.source.image)
+                with whole_file(self._folder / picture_name, sync=False) as part:
+                    part.write_bytes(encode_png(picture.draw_markers(measured, tracked)))
+            self._add(table_row(measured, fields, picture_name))
 
     def _add(self, cells: list[Any]) -> None:
         csv.writer(self._table, lineterminator="\n").writerow(cells)
@@ -261,7 +258,7 @@ class KeptFolder(MeasurementOutput):
 
 
 def _arrays(m: MeasuredImage) -> Iterator[tuple[str, Array]]:
-    """By the names of `formatting.ARRAYS`."""
+    """Yield the arrays of a result, named as in `formatting.ARRAY_COLUMNS`."""
     r = m.result
     parts: list[tuple[Any, str, str]] = [(r.markers, "", "position_px displacement_px")]
     if r.flow is None:
@@ -269,6 +266,6 @@ def _arrays(m: MeasuredImage) -> Iterator[tuple[str, Array]]:
     parts.append((r.flow, "", "shift_mm known x_mm y_mm"))
     parts.append((r.shape and r.shape.depth, "depth_", "depth_mm x_mm y_mm"))
     parts.append((r.traction, "traction_", "traction_mpa x_mm y_mm"))
-    for part, before, names in parts:
+    for part, prefix, names in parts:
         for name in names.split() if part is not None else ():
-            yield name if name.startswith(before) else before + name, getattr(part, name)
+            yield name if name.startswith(prefix) else prefix + name, getattr(part, name)

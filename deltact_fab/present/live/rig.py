@@ -1,8 +1,8 @@
-"""A rig as a source. Of a real one the camera is opened and nothing else; it moves nothing.
+"""A rig as a source. Of a real one only the camera is opened; nothing moves.
 
-A virtual one carries out a protocol, and its camera is looked through. Nothing is recorded, and no
-force is measured: the images come through the interface of a camera, as any driver's would, and
-what measures them sees no more of the rig than of a file.
+A virtual one runs a protocol and its camera delivers the images. Nothing is recorded, and no force
+is measured: the images come through the camera interface of any driver, and the measurement has no
+access to the rig.
 """
 
 from __future__ import annotations
@@ -33,50 +33,50 @@ DEFAULT_PROTOCOL = "smoke"
 
 
 def rig_source(rig_name: str, protocol: str, design: str | None, seed: int) -> Source:
-    """The camera of a rig, and what the rig's file knows of it.
+    """Open the camera of a rig, with the sensor model of the rig's file.
 
-    protocol: of a virtual rig, "" for the default. design: of the sensor before a real camera.
-    Raises InputError for a real rig without a camera, or that is asked to carry out a protocol.
+    protocol: of a virtual rig, "" for the default. design: of the sensor at a real camera.
+    Raises InputError for a real rig without a camera, or with a protocol.
     """
     bench, path = load_rig(rig_name)
     if isinstance(bench, VirtualConfig):
         return virtual_source(rig_name, protocol or DEFAULT_PROTOCOL, seed)
     if protocol:
         raise InputError(
-            f"{path}: kind: {bench.kind!r} moves a real stage, and `measure` only looks: name the "
-            "rig without a protocol for its camera, or `run` the protocol"
+            f"{path}: kind: {bench.kind!r} has a real stage, which `measure` does not move: give "
+            "the rig without a protocol for its camera, or `run` the protocol"
         )
     if bench.camera is None:
-        raise InputError(f"{path}: camera: missing table; without one there is nothing to measure")
+        raise InputError(f"{path}: camera: missing table; `measure` needs a camera")
     sensor = load_design(design or "deltact")
     view = load_view(bench.camera, sensor, path)
-    model = bench.camera.model
-    flat = None if model is None else FlatField.from_camera_file(path.parent / model)
-    seen = None if view is None or flat is None else flat.for_view(view)
-    told = "simulated devices" if bench.served else None
-    known = SensorModel(view, sensor.skin, flat=seen, simulated=told)
-    return camera_source(bench.camera, path.parent, known)
+    camera_file = bench.camera.model
+    flat = None if camera_file is None else FlatField.from_camera_file(path.parent / camera_file)
+    view_flat = None if view is None or flat is None else flat.for_view(view)
+    simulated = "simulated devices" if bench.served else None
+    model = SensorModel(view, sensor.skin, flat=view_flat, simulated=simulated)
+    return camera_source(bench.camera, path.parent, model)
 
 
 def virtual_source(rig_name: str, protocol_name: str, seed: int) -> Source:
-    """The images of a protocol on a virtual rig, in order; of those at rest there is no end.
+    """Open the images of a protocol on a virtual rig, in order; those at rest never end.
 
-    Time is virtual: images come as quickly as they are drawn. Raises InputError for a protocol
+    Time is virtual: images come as fast as they are rendered. Raises InputError for a protocol
     without images or that does not fit.
     """
     request = RunRequest(protocol_name, rig_name, seed=seed)
     protocol, source = request.protocol, str(request.source)
     if "image" not in protocol.channels:
-        raise InputError(f"{source}: channels: without 'image' there is nothing to measure")
-    # What the measurement does not need is not solved either.
-    wanted = protocol.channels & {"image", "shear"}
-    request.protocol = protocol = protocol.model_copy(update={"channels": wanted})
+        raise InputError(f"{source}: channels: `measure` needs 'image'")
+    # Solve only the channels that the measurement needs.
+    channels = protocol.channels & {"image", "shear"}
+    request.protocol = protocol = protocol.model_copy(update={"channels": channels})
     sensor, kind = request.design, request.kind
     rows = check_limits(protocol, sensor, request.rig.stage, request.steps)
     rows.append(Check.refusal("rig", kind.part, kind.refusals(protocol, sensor, source)))
     Check.require(rows, source)
     view, flat = request.view, kind.flat(protocol)
-    known = SensorModel(
+    model = SensorModel(
         view,
         sensor.skin,
         flat=None if view is None or flat is None else flat.for_view(view),
@@ -93,14 +93,14 @@ def virtual_source(rig_name: str, protocol_name: str, seed: int) -> Source:
             TemporaryDirectory() as folder,
             closing(kind.build(request.setup(Path(folder)))) as rig,
         ):
-            assert isinstance(rig, VirtualRig), "a real one has another source"
-            yield from _carried_out(request.steps, rig, rest_only)
+            assert isinstance(rig, VirtualRig), "a real rig has another source"
+            yield from _run_steps(request.steps, rig, rest_only)
 
-    return Source(f"{rig_name}:{protocol_name}", known, frames)
+    return Source(f"{rig_name}:{protocol_name}", model, frames)
 
 
-def _carried_out(steps: Sequence[Step], devices: Devices, at_rest: bool) -> Iterator[CameraFrame]:
-    """Every image of the steps, taken when the runner would take it; at_rest: of the first rest."""
+def _run_steps(steps: Sequence[Step], devices: Devices, at_rest: bool) -> Iterator[CameraFrame]:
+    """Yield the images of the steps, timed as in a run; at_rest: of the first rest, endlessly."""
     stage, camera, clock = devices.stage, devices.camera, devices.clock
     assert camera is not None, "the protocol asks for images"
     stage.connect()

@@ -1,4 +1,4 @@
-"""Whatever delivers images, and what it knows of the sensor that it shows."""
+"""Sources of images, with the model of the sensor that they show."""
 
 from __future__ import annotations
 
@@ -17,50 +17,50 @@ if TYPE_CHECKING:
 
 @dataclass
 class Source:
-    """Images of one sensor, raw as its camera gives them, with times of one clock.
+    """Raw images of one sensor, with times of one clock.
 
-    frames: images (h, w, 3) BGR uint8 in order of time, the first at rest; with True only those of
-    a face that nothing touches, as far as the source can tell. It raises InputError or a kind of
-    RunFailed that names the source. live: images come whether they are taken or not: the newest
-    counts, and times are those of `time.monotonic`; else every image counts. close: lets go of
-    device or file, once no frames are read; again does nothing.
+    model: what is known of the sensor. frames: yields images (h, w, 3) BGR uint8 in order of time,
+    the first at rest; with True only those at rest, as far as the source knows. It raises
+    InputError or a RunFailed that names the source. live: images keep coming: only the newest
+    counts, and times are of `time.monotonic`; else every image counts. close: releases device or
+    file when no frames are read; repeated calls do nothing.
     """
 
     name: str
-    known: SensorModel
+    model: SensorModel
     frames: Callable[[bool], Iterator[CameraFrame]]
     live: bool = False
     close: Callable[[], None] = lambda: None
 
 
 def images(source: Source, rest_only: bool = False) -> Iterator[CameraFrame]:
-    """The frames of an opened source, at least one, all of the size that its camera makes.
+    """Yield the frames of an opened source, at least one, all of its camera's size.
 
-    Of the size of the first, where no one knows the camera. Raises InputError, one line, for
-    another size; else as the source does.
+    With an unknown camera, of the size of the first. Raises InputError, one line, for another
+    size, and the source's errors.
     """
-    camera = source.known.projection
-    wanted = None if camera is None else raw_size_px(camera)
-    whose = f"camera {'of the design' if source.known.nominal else 'that was calibrated'} makes"
+    camera = source.model.projection
+    size_px = None if camera is None else raw_size_px(camera)
+    origin = f"{'design' if source.model.nominal else 'calibrated'} camera has"
     k = -1
     for k, frame in enumerate(source.frames(rest_only)):
         h, w = frame.image.shape[:2]
-        if wanted is None:
-            wanted, whose = (w, h), "first image has"
-        if (w, h) != wanted:
+        if size_px is None:
+            size_px, origin = (w, h), "first image has"
+        if (w, h) != size_px:
             raise InputError(
-                f"{source.name}: image {k} has {w} x {h} px; the {whose} "
-                f"{wanted[0]} x {wanted[1]} px"
+                f"{source.name}: image {k} has {w} x {h} px; the {origin} "
+                f"{size_px[0]} x {size_px[1]} px"
             )
         yield frame
     if k < 0:
         raise RunFailed(f"{source.name}: ended before its first image")
 
 
-def camera_source(config: CameraConfig, folder: Path, known: SensorModel | None = None) -> Source:
-    """A camera that runs by itself, and does not know what touches the face.
+def camera_source(config: CameraConfig, folder: Path, model: SensorModel | None = None) -> Source:
+    """Open a free-running camera.
 
-    Raises InputError for one that cannot be opened; frames: SensorError when it stalls or is gone.
+    Raises InputError if it cannot be opened; frames: SensorError when it stalls or disconnects.
     """
     from deltact_fab.bench import WallClock, open_camera
 
@@ -71,14 +71,14 @@ def camera_source(config: CameraConfig, folder: Path, known: SensorModel | None 
         while True:
             yield camera.capture()
 
-    return Source(config.name, known or SensorModel(), frames, live=True, close=camera.close)
+    return Source(config.name, model or SensorModel(), frames, live=True, close=camera.close)
 
 
-def file_source(images: ImageSource, known: SensorModel | None = None) -> Source:
-    """Images from the disk; times as the file has them."""
+def file_source(images: ImageSource, model: SensorModel | None = None) -> Source:
+    """Open images on disk, with the file's times."""
 
     def frames(_: bool) -> Iterator[CameraFrame]:
         for k, image in enumerate(images.read()):
             yield CameraFrame(image, k / images.rate_hz, k)
 
-    return Source(images.name, known or SensorModel(), frames, close=images.close)
+    return Source(images.name, model or SensorModel(), frames, close=images.close)

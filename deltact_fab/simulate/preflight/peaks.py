@@ -142,7 +142,7 @@ def press_curve(
         else:
             poses = Increments(choice.step_mm, choice.step_mm).poses(corners)
             solver = open_path(skin, unit, indenter, poses, ObservedChannels(), choice)
-            if level == "hyperelastic" and solver.found is None and not solve:
+            if level == "hyperelastic" and solver.stored is None and not solve:
                 return None
             points, ended = _safe_points(solver, choice, progress, label)
         if not best.points or (points and points[-1][0] > best.reached_mm):
@@ -164,7 +164,7 @@ def _safe_points(
         ended = str(error)
     for pose, knot in zip(solver.poses, solver.knots, strict=False):
         failure = _add(points, -pose.tip_mm[2], -knot.force_n[2], knot.penetration_mm)
-    larger = choice.spacing_mm / choice.asked_mm if choice.asked_mm else 1.0
+    larger = choice.spacing_mm / choice.goal_mm if choice.goal_mm else 1.0
     margin = 1 + max(FORCE_TOL, choice.model_force_rel) * min(max(larger, 1.0), MAX_COARSER)
     return tuple((d, f * margin) for d, f in points), failure or ended
 

@@ -76,7 +76,7 @@ def solve_presses(
         row = _press_row(press)
         rows.append(row)
         name = press.solver.stored_as or f"{press.name} of {protocol.name}"
-        if press.solver.found is not None:
+        if press.solver.stored is not None:
             finish_row(row)
         elif name in todo:
             row.like = todo[name].press
@@ -140,8 +140,8 @@ def _press_row(press: PlannedPress) -> PressRow:
         press.name,
         len(press.solver.poses),
         done=len(press.solver.knots),
-        found=press.solver.found is not None,
-        seconds=press.solver.found["seconds"] if press.solver.found else 0.0,
+        found=press.solver.stored is not None,
+        seconds=press.solver.stored["seconds"] if press.solver.stored else 0.0,
         zones=press.solver.knots[-1].zones if press.solver.knots else Zones(),
         flags=press.solver.flags,
         failure=press.solver.ended,

@@ -18,9 +18,9 @@ from deltact_fab.common import Field, InputError, Note, Point
 from deltact_fab.physics import (
     CONTACT_EPS_MM,
     Choice,
+    GelLevel,
     Increments,
     KnotPose,
-    Level,
     LinearContact,
     ObservedChannels,
     PathSolver,
@@ -78,7 +78,7 @@ class Presses:
 
     def __init__(self, protocol: Protocol, skin: SkinDimensions, config: GelConfig) -> None:
         specimen = protocol.specimen
-        self.level: Level = specimen.gel_model
+        self.level: GelLevel = specimen.gel_model
         self.modulus_mpa = specimen.modulus_mpa
         self.shears = "shear" in protocol.channels
         self.fields = "image" in protocol.channels
@@ -306,7 +306,7 @@ def gel_notes(presses: Presses, choices: Sequence[Choice], skin: SkinDimensions)
     """Notes on the simulated gel for readers of a run."""
     pressed = presses.open_presses
     solves = sum(p.solver.solves for p in pressed)
-    cached = sum(len(p.solver.knots) for p in pressed if p.solver.found is not None)
+    cached = sum(len(p.solver.knots) for p in pressed if p.solver.stored is not None)
     text = (
         f"{solves} contact problems solved, {cached} found in the store (no pattern, camera or "
         "modulus matters to them); between them displacements and forces are interpolated linearly"
@@ -316,7 +316,7 @@ def gel_notes(presses: Presses, choices: Sequence[Choice], skin: SkinDimensions)
     if linear:
         text = "the linear gel ignores large strain: tenths of a mm in plane from 2 mm deep"
         yield Note("linear gel", text)
-    yield from dict.fromkeys(Note("level", f"gel: {choice.why}") for choice in choices)
+    yield from dict.fromkeys(Note("level", f"gel: {choice.reason}") for choice in choices)
     if not presses.shears and any(c.friction for c in choices):
         yield Note("friction", "friction is solved, for it changes the force of these presses")
     # From the plan, for the presses that a resumed run kept are not solved again.

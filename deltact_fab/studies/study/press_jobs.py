@@ -122,7 +122,7 @@ def gel_report(bench: VirtualRig) -> dict[str, Any]:
     choices = [presses.choice(by_name[press.name]) for press in gel_presses]
     return {
         "cells_mm": sorted({choice.spacing_mm for choice in choices}),
-        "coarse": max((c.spacing_mm / c.asked_mm for c in choices if c.asked_mm), default=1.0),
+        "coarse": max((c.spacing_mm / c.goal_mm for c in choices if c.goal_mm), default=1.0),
         "flags": list(dict.fromkeys(flags)),
         "left_out": list(bench.left_out()),
     }

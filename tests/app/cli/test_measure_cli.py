@@ -57,7 +57,7 @@ def test_ctrl_c_exits_130_complete_lines(mini_run: Path) -> None:
         (["{run}", "--calibration", "{run}/none.toml"], "no such file"),
         (["{run}", "--camera", "{run}/none.toml"], "none.toml"),
         (["{run}", "--view", "--port", "99999"], "0<=x<=65535"),
-        (["{run}", "--view", "--port", "{taken}"], "in use; leave it out for a free one"),
+        (["{run}", "--view", "--port", "{taken}"], "in use; omit --port for a free one"),
     ],
 )
 def test_unmeasurable_source_is_one_line(asked: list[str], told: str, mini_run: Path) -> None:

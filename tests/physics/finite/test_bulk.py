@@ -6,7 +6,7 @@ import scipy.sparse as sp
 
 from deltact_fab.common.errors import InputError
 from deltact_fab.physics.gel.finite import newton
-from deltact_fab.physics.gel.finite.assembly import BulkAssembly, Pattern
+from deltact_fab.physics.gel.finite.assembly import BulkAssembly, MatrixPattern
 from deltact_fab.physics.gel.finite.linear import make_solver
 from deltact_fab.physics.gel.finite.material import NeoHooke
 from deltact_fab.physics.gel.finite.mesh import HexMesh, block_mesh
@@ -19,7 +19,7 @@ LINEAR = np.array([[0.2, 0.1, -0.15], [0.05, -0.25, 0.1], [0.12, 0.08, -0.2]])
 
 
 def law(poisson: float = 0.49) -> NeoHooke:
-    return NeoHooke.of(GelMaterial(poisson=poisson))
+    return NeoHooke.from_material(GelMaterial(poisson=poisson))
 
 
 def energy(w: NeoHooke, f: np.ndarray) -> np.ndarray:
@@ -84,14 +84,14 @@ class Held:
         return np.linalg.norm((b.force_n + self.bulk.scatter(own.reshape(-1, 8, 3)))[self.free])
 
 
-def full(pattern: Pattern, data: np.ndarray) -> sp.csr_matrix:
+def full(pattern: MatrixPattern, data: np.ndarray) -> sp.csr_matrix:
     upper = pattern.matrix(data)
     return upper + sp.triu(upper, k=1).T
 
 
-def test_a_mesh_holds_its_volume_and_faces():
+def test_mesh_keeps_volume_and_faces():
     mesh = block_mesh(SKIN, 0.8, (-1.0, 1.0, -1.5, 0.5))
-    bulk = BulkAssembly(mesh, law(), Pattern(mesh, np.ones(mesh.nodes_mm.shape, bool)))
+    bulk = BulkAssembly(mesh, law(), MatrixPattern(mesh, np.ones(mesh.nodes_mm.shape, bool)))
     assert bulk.volumes_mm3.sum() == pytest.approx(8 * 6 * 4, rel=1e-12)
     assert np.all(mesh.nodes_mm[mesh.faces][..., 2] == 0.0)
     assert np.all(mesh.nodes_mm[mesh.base][:, 2] == -4.0)
@@ -108,7 +108,7 @@ def test_patch(poisson):
     """A linear displacement on the hull is found inside a skewed mesh, at large strain."""
     mesh, inner = skewed()
     free = np.repeat(inner[:, None], 3, axis=1)
-    pattern = Pattern(mesh, free)
+    pattern = MatrixPattern(mesh, free)
     bulk = BulkAssembly(mesh, law(poisson), pattern)
     exact = mesh.nodes_mm @ LINEAR.T
     problem = Held(bulk, exact, free)
@@ -124,9 +124,9 @@ def test_patch(poisson):
     assert f == pytest.approx(np.broadcast_to(np.eye(3) + LINEAR, f.shape), abs=1e-12)
 
 
-def test_a_homogeneous_state_has_the_laws_energy_and_forces():
+def test_homogeneous_state_has_energy_and_forces():
     mesh, _ = skewed()
-    bulk = BulkAssembly(mesh, law(), Pattern(mesh, np.ones(mesh.nodes_mm.shape, bool)))
+    bulk = BulkAssembly(mesh, law(), MatrixPattern(mesh, np.ones(mesh.nodes_mm.shape, bool)))
     b = bulk.evaluate(mesh.nodes_mm @ LINEAR.T)
     f = (np.eye(3) + LINEAR)[None]
     assert b.energy_nmm == pytest.approx(float(energy(law(), f)[0]) * 8 * 6 * 4, rel=1e-12)
@@ -140,7 +140,7 @@ def test_forces_and_tangent_are_derivatives(poisson):
     mesh, _ = skewed()
     free = np.ones(mesh.nodes_mm.shape, bool)
     free[mesh.base] = False
-    pattern = Pattern(mesh, free)
+    pattern = MatrixPattern(mesh, free)
     bulk = BulkAssembly(mesh, law(poisson), pattern)
     rng = np.random.default_rng(1)
     u = 0.1 * rng.standard_normal(free.shape)
@@ -156,22 +156,22 @@ def test_forces_and_tangent_are_derivatives(poisson):
     assert np.linalg.norm(ours - turn) < 1e-7 * np.linalg.norm(turn)
 
 
-def test_a_cell_turned_inside_out_has_no_energy():
+def test_inverted_cell_has_no_energy():
     mesh = block_mesh(SKIN, 2.0)
-    bulk = BulkAssembly(mesh, law(), Pattern(mesh, np.ones(mesh.nodes_mm.shape, bool)))
+    bulk = BulkAssembly(mesh, law(), MatrixPattern(mesh, np.ones(mesh.nodes_mm.shape, bool)))
     b = bulk.evaluate(mesh.nodes_mm * [0.0, 0.0, -2.0])
     assert b.energy_nmm == np.inf
     assert b.least_j < 0
 
 
 @pytest.mark.parametrize("name", ["pardiso", "superlu"])
-def test_linear_solvers_agree_and_take_new_entries(name):
+def test_linear_solvers_agree_after_new_entries(name):
     if name == "pardiso":
         pytest.importorskip("pypardiso")
     mesh = block_mesh(SKIN, 1.5)
     free = np.ones(mesh.nodes_mm.shape, bool)
     free[mesh.base] = False
-    pattern = Pattern(mesh, free)
+    pattern = MatrixPattern(mesh, free)
     data = BulkAssembly(mesh, law(), pattern).evaluate(np.zeros(free.shape)).data
     right = np.random.default_rng(4).standard_normal(pattern.size)
     solver = make_solver(name)

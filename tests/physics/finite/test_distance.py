@@ -22,7 +22,7 @@ def near(name: str) -> tuple:
 
 
 @pytest.mark.parametrize("name", [*NAMES, "cross"])
-def test_the_height_field_lies_at_distance_zero(name):
+def test_height_field_has_distance_zero(name):
     body = indenter.parse_indenter(name)
     xy = np.random.default_rng(2).uniform(-1, 1, (2000, 2)) * body.footprint_half_mm
     z = body.height_mm(xy[:, 0], xy[:, 1])

@@ -46,7 +46,7 @@ def force_n(skin: SkinDimensions, nu: float, name: str, depth: float) -> float:
 
 
 @pytest.mark.parametrize(("nu", "thickness"), [(0.35, 12.0), (0.499, 8.0)])
-def test_the_block_is_the_disc_of_equal_area(nu: float, thickness: float) -> None:
+def test_block_agrees_with_equal_area_disc(nu: float, thickness: float) -> None:
     """Its sides, too: they take 2 to 3 % off the layer here, the corners' part of it is small."""
     skin = SkinDimensions(thickness_mm=thickness)
     disc = body(FACE_MM, thickness, nu, 3.9).linear_force_n(7.5, 2.0)
@@ -89,7 +89,7 @@ def held(nu: float, thickness: float, radius: float, depth: float) -> Held:
         (0.499, 8.0, 6.0, 0.4),
     ],
 )
-def test_a_linear_level_is_within_its_estimate(
+def test_linear_level_error_within_estimate(
     nu: float, thickness: float, radius: float, depth: float
 ) -> None:
     found = held(nu, thickness, radius, depth)

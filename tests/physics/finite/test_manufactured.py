@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from deltact_fab.common.aliases import Field
-from deltact_fab.physics.gel.finite.assembly import BulkAssembly, Pattern
+from deltact_fab.physics.gel.finite.assembly import BulkAssembly, MatrixPattern
 from deltact_fab.physics.gel.finite.linear import make_solver
 from deltact_fab.physics.gel.finite.material import NeoHooke
 from deltact_fab.physics.gel.finite.mesh import HexMesh, block_mesh
@@ -103,7 +103,7 @@ def loads(mesh: HexMesh, mu: float, lam: float) -> Field:
 
 def solved(mesh: HexMesh, law: NeoHooke, load: Field) -> Field:
     """Displacements (n, 3) by Newton from the made-up ones at the nodes, whose error is larger."""
-    pattern = Pattern(mesh, ~mesh.held)
+    pattern = MatrixPattern(mesh, ~mesh.fixed)
     bulk, solver = BulkAssembly(mesh, law, pattern), make_solver()
     u = made_up(mesh.nodes_mm)
     size = float(np.linalg.norm(load[pattern.free]))
@@ -127,7 +127,7 @@ def error_mm(mesh: HexMesh, u: Field) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize("nu", [0.3, 0.49])
 def test_displacements_converge_with_order_two(nu: float) -> None:
-    law = NeoHooke.of(GelMaterial(poisson=nu))
+    law = NeoHooke.from_material(GelMaterial(poisson=nu))
     found = []
     for spacing in (1.0, 2 / 3, 0.5):
         mesh = block_mesh(SKIN, spacing)

@@ -28,7 +28,7 @@ def twin():
 # -- the twin itself ----------------------------------------------------------------------------
 
 
-def test_the_twins_tangent_and_forces_are_derivatives():
+def test_twin_tangent_and_forces_are_derivatives():
     body = cylinder(2.0, RADIUS, THICKNESS)
     rng = np.random.default_rng(0)
     u = 0.03 * rng.standard_normal(body.nodes.shape)
@@ -42,7 +42,7 @@ def test_the_twins_tangent_and_forces_are_derivatives():
     assert np.abs(turn - (f_up - f_down) / (2 * h)).max() < 1e-6 * np.abs(turn).max()
 
 
-def test_the_twin_is_exact_where_strain_is_homogeneous():
+def test_twin_is_exact_at_homogeneous_strain():
     """A free cylinder stretched by uniform factors: energy of the law, and balanced inside."""
     body = Cylinder(np.array([0.0, 1.0, 2.5, 4.0]), np.array([-3.0, -1.0, 0.0]), 0.56, 0.49)
     a, c = 1.1, 0.8
@@ -60,7 +60,7 @@ def test_the_twin_is_exact_where_strain_is_homogeneous():
 
 
 @pytest.mark.evidence
-def test_the_twin_in_the_limit_of_a_light_touch_on_a_thick_cylinder_is_hertz():
+def test_twin_light_touch_agrees_with_hertz():
     """a/h = 1/160: F = 4/3 E/(1 - nu^2) sqrt(R) d^1.5; the base adds about a / h to it."""
     lines = np.append(graded(72.0, 0.1, 1.0, growth=1.4, most=200.0), 80.0)
     touch = Cylinder(lines, -lines[::-1], 1.0, 0.3).press(5.0, [0.05], step_mm=0.01)[0]
@@ -106,12 +106,12 @@ def estimated(nu, thickness, radius, depth, friction):
         pytest.param(0.495, 19.6, 12.8, 2.63, 0.5, marks=pytest.mark.evidence),
     ],
 )
-def test_the_estimate_of_a_press_covers_its_error(nu, thickness, radius, depth, friction):
+def test_estimate_covers_the_error(nu, thickness, radius, depth, friction):
     true, estimate = estimated(nu, thickness, radius, depth, friction)
     assert true <= estimate <= 0.03
 
 
 @pytest.mark.slow
-def test_a_thin_nearly_incompressible_gel_keeps_to_the_tolerance():
+def test_thin_incompressible_gel_meets_tolerance():
     true, _ = estimated(0.495, 1.5, 10.0, 0.3, 0.0)
     assert true <= 0.03

@@ -6,7 +6,7 @@ import scipy.integrate
 import scipy.sparse as sp
 
 from deltact_fab.common.errors import InputError
-from deltact_fab.physics.gel.finite.assembly import BulkAssembly, Pattern
+from deltact_fab.physics.gel.finite.assembly import BulkAssembly, MatrixPattern
 from deltact_fab.physics.gel.finite.material import NeoHooke, Viscosity
 from deltact_fab.physics.gel.finite.mesh import block_mesh
 from deltact_fab.sensor.elasticity.material import GelMaterial
@@ -14,7 +14,7 @@ from deltact_fab.sensor.shapes.sensor import SkinDimensions
 
 SERIES = ((0.4, 0.3), (0.25, 5.0))
 GEL = GelMaterial(poisson=0.45, prony=SERIES)
-LAW = NeoHooke.of(GEL)
+LAW = NeoHooke.from_material(GEL)
 SKIN = SkinDimensions(8.0, 6.0, 4.0, edge_fillet_mm=0.5, protrusion_mm=2.0)
 SHEAR = np.array([[1.0, 0, 0.8], [0, 1, 0], [0, 0, 1]])
 STRETCH = np.diag([0.8, 1.1, 1.3])
@@ -23,7 +23,7 @@ SIX = ((0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2))
 
 
 def viscosity(material: GelMaterial = GEL) -> Viscosity:
-    found = Viscosity.of(material, NeoHooke.of(material))
+    found = Viscosity.from_material(material, NeoHooke.from_material(material))
     assert found is not None
     return found
 
@@ -59,7 +59,7 @@ def faded(t: float) -> float:
 
 @pytest.mark.parametrize("f", [SHEAR, STRETCH, BOTH])
 @pytest.mark.parametrize("step", [1e-3, 0.07, 1.0, 40.0])
-def test_a_step_held_relaxes_along_the_series(f, step):
+def test_held_step_relaxes_by_the_series(f, step):
     point = Point()
     s = exact_local(f)
     assert point.go(f, 0.0) == pytest.approx(s * faded(0), abs=1e-12)
@@ -90,7 +90,7 @@ def ramp(s: float) -> np.ndarray:
     )
 
 
-def test_a_ramp_converges_to_the_convolution_with_second_order():
+def test_ramp_converges_with_second_order():
     right = convolved(ramp, 1.0)
     errors = []
     for n in (4, 8, 16, 32):
@@ -126,7 +126,7 @@ def bulk_with_history():
     mesh = block_mesh(SKIN, 1.5)
     free = np.ones(mesh.nodes_mm.shape, bool)
     free[mesh.base] = False
-    bulk = BulkAssembly(mesh, LAW, Pattern(mesh, free))
+    bulk = BulkAssembly(mesh, LAW, MatrixPattern(mesh, free))
     law, rng, held = viscosity(), np.random.default_rng(1), None
     f = bulk.deformation_gradient(np.zeros(free.shape))
     for seconds in (0.1, 2.0):
@@ -137,7 +137,7 @@ def bulk_with_history():
     return bulk, law, memory, 0.1 * rng.standard_normal(free.shape) * free, rng
 
 
-def test_forces_and_tangent_are_derivatives_with_a_past():
+def test_forces_are_derivatives_with_history():
     bulk, _, memory, u, rng = bulk_with_history()
     past = {"memory": memory}
     free = bulk.pattern.free

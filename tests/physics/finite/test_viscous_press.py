@@ -46,7 +46,7 @@ def sudden() -> tuple[FinitePress, FiniteState]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("friction", [0.0, 0.5])
-def test_a_press_without_end_is_the_elastic_one(friction):
+def test_infinitely_slow_press_is_elastic(friction):
     elastic, relaxing = pressing(SOFT, friction), pressing(GEL, friction)
     one = last(elastic, None)
     same(last(relaxing, np.inf), one, 1e-12)
@@ -55,8 +55,8 @@ def test_a_press_without_end_is_the_elastic_one(friction):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("friction", [0.0, 0.5])
-def test_a_sudden_press_is_elastic_with_the_stiff_shear_modulus(friction):
-    law = NeoHooke.of(SOFT)
+def test_sudden_press_has_stiff_shear_modulus(friction):
+    law = NeoHooke.from_material(SOFT)
     stiff = NeoHooke(law.mu_mpa * (1 + GEL.prony_sum), law.lambda_mpa)
     poisson = stiff.lambda_mpa / (2 * (stiff.lambda_mpa + stiff.mu_mpa))
     elastic = pressing(GelMaterial(2 * stiff.mu_mpa * (1 + poisson), poisson), friction)
@@ -69,7 +69,7 @@ def test_a_sudden_press_is_elastic_with_the_stiff_shear_modulus(friction):
 
 
 @pytest.mark.slow
-def test_a_hold_relaxes_from_stiff_to_soft_along_the_series(sudden):
+def test_hold_relaxes_from_stiff_to_soft(sudden):
     press, state = sudden
     soft = -last(pressing(SOFT), None).force_n[2]
     forces, t = [-state.force_n[2]], 0.0
@@ -88,7 +88,7 @@ def test_a_hold_relaxes_from_stiff_to_soft_along_the_series(sudden):
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.5])
-def test_a_dent_creeps_back_and_long_rest_leaves_nothing(friction):
+def test_dent_recovers_fully_after_long_rest(friction):
     press = pressing(friction=friction)
     state = press.solve(last(press, 0.0), DEEP, 10.0)
     state = press.solve(state, UP, 0.1)
@@ -104,7 +104,7 @@ def test_a_dent_creeps_back_and_long_rest_leaves_nothing(friction):
     assert np.abs(state.overstress_mpa).max() < 1e-12
 
 
-def test_a_tip_may_advance_into_a_dent_without_contact(sudden):
+def test_tip_advances_into_dent_without_contact(sudden):
     press, state = sudden
     state = press.solve(press.solve(state, DEEP, np.inf), UP, 0.0)
     away = press.solve(state, (0.0, 0.0, 0.3), 0.0)
@@ -112,7 +112,7 @@ def test_a_tip_may_advance_into_a_dent_without_contact(sudden):
     assert press.solve(away, (0.0, 0.0, 2.9), 0.0).contact_points > 0
 
 
-def test_an_increment_that_is_cut_shares_its_time(monkeypatch):
+def test_cut_increment_divides_its_time(monkeypatch):
     press, tip = pressing(), (0.0, 0.0, 1.0)
     right = last(press, 0.4, tip, 0.5)
     whole, calls = press._increment, []
@@ -132,9 +132,9 @@ def test_an_increment_that_is_cut_shares_its_time(monkeypatch):
 
 def test_a_relaxing_gel_needs_the_time():
     press = pressing()
-    with pytest.raises(InputError, match="needs the seconds"):
+    with pytest.raises(InputError, match="needs the duration"):
         press.solve(press.rest(), DEEP)
-    with pytest.raises(InputError, match="needs the seconds"):
+    with pytest.raises(InputError, match="needs the duration"):
         next(follow_path(press, press.rest(), DEEP, 1.0))
     for bad in (-1.0, np.nan):
         with pytest.raises(InputError, match="seconds >= 0"):
@@ -142,7 +142,7 @@ def test_a_relaxing_gel_needs_the_time():
 
 
 @pytest.mark.parametrize("seconds", [0.0, 1e-12, 1.0, 1e12])
-def test_any_increment_of_a_strong_series_converges(seconds):
+def test_any_increment_converges_with_strong_series(seconds):
     press = pressing(replace(SOFT, prony=((1.0, 1.0),)), friction=0.5)
     state = press.solve(press.rest(), DEEP, seconds)
     assert state.diagnostics.residual <= 1e-8

@@ -14,7 +14,7 @@ from deltact_fab.common.aliases import Point
 from deltact_fab.physics.gel.level import GelContact, Reach, State, follow_path
 from deltact_fab.physics.gel.level_selection import select_level
 from deltact_fab.physics.gel.path.open import open_contact
-from deltact_fab.physics.gel.zones import inside
+from deltact_fab.physics.gel.zones import contact_share
 from deltact_fab.sensor.elasticity.material import GelMaterial
 from deltact_fab.sensor.shapes.indenter import parse_indenter
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
@@ -41,13 +41,13 @@ def pressed(name: str, friction: float, *tips: Point) -> tuple[GelContact, State
 
 
 @pytest.mark.parametrize(("a", "b"), [(3.0, 3.0), (4.0, 2.5)])
-def test_the_rim_of_a_gap_that_opens_as_hertz_s(a: float, b: float) -> None:
+def test_rim_of_a_hertzian_gap(a: float, b: float) -> None:
     """An ellipse, known where it touches by squares of half a cell of 1 mm."""
     x, y = np.meshgrid(np.arange(-80, 81) / 10, np.arange(-60, 61) / 10)
     r = np.hypot(x / a, y / b)
     beyond = np.maximum(r - 1, 0.0) * np.hypot(x, y) / np.maximum(r, 1e-9)
     squares = np.hypot((np.floor(2 * x) / 2 + 0.25) / a, (np.floor(2 * y) / 2 + 0.25) / b) < 0.95
-    found = inside(0.2 * beyond**1.5, squares, 1.0, (0.1, 0.1))
+    found = contact_share(0.2 * beyond**1.5, squares, 1.0, (0.1, 0.1))
     assert found.sum() * 0.01 == pytest.approx(np.pi * a * b, rel=0.02)
     assert abs(squares.sum() * 0.01 / (np.pi * a * b) - 1) > 0.05
 
@@ -60,7 +60,7 @@ def test_the_rim_of_a_gap_that_opens_as_hertz_s(a: float, b: float) -> None:
         for press in RIM_MM
     ],
 )
-def test_area_of_a_ball_against_the_axisymmetric_twin(name: str, depth_mm: float) -> None:
+def test_ball_area_against_axisymmetric_twin(name: str, depth_mm: float) -> None:
     contact, state = pressed(name, 0.0, (0.0, 0.0, depth_mm))
     zones, found = state.zones
     truth_mm2 = np.pi * np.mean(RIM_MM[name, depth_mm]) ** 2
@@ -76,7 +76,7 @@ def test_area_of_a_ball_against_the_axisymmetric_twin(name: str, depth_mm: float
 
 
 @pytest.mark.evidence
-def test_the_twin_s_rim_at_coarse_cells() -> None:
+def test_twin_rim_at_coarse_cells() -> None:
     got = cylinder(0.5, float(np.sqrt(36 * 34 / np.pi)), 12.0).press(7.5, [1.0, 1.5])
     for one in got:
         low, high = RIM_MM["sphere:15", one.depth_mm]

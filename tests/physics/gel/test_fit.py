@@ -54,7 +54,7 @@ def test_exact_without_noise(factor: float) -> None:
 
 
 @pytest.mark.slow
-def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
+def test_intervals_have_their_coverage() -> None:
     """95 % of 200 draws, both values; by chance less than 180 comes once in 860 such tests."""
     d = np.linspace(-0.2, 3.0, 40)
     clean, rng = truth().normal_n(d), np.random.default_rng(6)
@@ -69,7 +69,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
 
 
 @pytest.mark.parametrize("touch", [-2.0, 0.45, 17.0])
-def test_first_touch_is_found_wherever_the_stage_counts_from(touch: float) -> None:
+def test_first_touch_found_at_any_offset(touch: float) -> None:
     d = np.linspace(-0.5, 3.0, 60)
     found = fitted(d + touch, truth().normal_n(d), fit_offset=True)
     assert found.offset_mm is not None
@@ -78,7 +78,7 @@ def test_first_touch_is_found_wherever_the_stage_counts_from(touch: float) -> No
 
 
 @pytest.mark.slow
-def test_a_finer_meshs_data_are_met_within_the_told_mesh_error() -> None:
+def test_mesh_error_covers_finer_mesh() -> None:
     d = np.linspace(0.0, 3.0, 60)
     n = truth(spacing=1.8).normal_n(d) + noise(2, len(d))
     found = fitted(d, n, mesh_error=True)
@@ -94,27 +94,27 @@ def test_a_finer_meshs_data_are_met_within_the_told_mesh_error() -> None:
 
 
 @pytest.mark.slow
-def test_a_wrong_thickness_leaves_a_trend_that_is_told() -> None:
+def test_wrong_thickness_warns_of_a_trend() -> None:
     d = np.linspace(0.0, 3.5, 60)
     thin = SkinDimensions(thickness_mm=7.0, protrusion_mm=4.0)
     right = fitted(d, truth().normal_n(d) + noise(4, len(d)))
     wrong = fitted(d, truth(skin=thin).normal_n(d) + noise(4, len(d)))
     assert not any("thickness" in note for note in right.notes)
     assert any("thickness" in note for note in wrong.notes)
-    assert any("follow each other" in note for note in wrong.notes)
+    assert any("are correlated" in note for note in wrong.notes)
 
 
-def test_what_a_lab_should_know_of_its_data_is_told() -> None:
+def test_suspect_data_get_notes() -> None:
     d = np.linspace(-1.0, 3.0, 60)
     n = truth().normal_n(d) + noise(7, len(d))
     outlier = n.copy()
     outlier[45::2] += 3.0
     found = fitted(d, outlier)
-    assert np.flatnonzero(~found.used).tolist() == list(range(45, 60, 2))
-    rest = fitted(d[found.used], outlier[found.used])
+    assert np.flatnonzero(~found.inliers).tolist() == list(range(45, 60, 2))
+    rest = fitted(d[found.inliers], outlier[found.inliers])
     assert vars(found.modulus_mpa) == pytest.approx(vars(rest.modulus_mpa), rel=1e-6)
     for values, told in (
-        (outlier, "8 of 60 values left out"),
+        (outlier, "8/60 values not fitted"),
         (n + 0.4, "tare"),
         (1000 * n, "mN"),
         (n / 1000, "mN"),
@@ -151,7 +151,7 @@ def test_bad_files_are_refused_by_place(tmp_path: Path, text: str, said: str) ->
     assert "\n" not in str(why.value)
 
 
-def test_comments_spaces_a_byte_order_mark_more_columns_and_a_drag(tmp_path: Path) -> None:
+def test_csv_with_comments_and_drag(tmp_path: Path) -> None:
     path = tmp_path / "good.csv"
     rows = "".join(f"{k}, {k / 4} , {k}, 0.01, x\n" for k in range(8)) + "8, 2, 7, 0.5, x\n"
     path.write_text("\ufeff# bench 2\ntime_s, depth_mm , normal_n, shear_y_mm, operator\n" + rows)
@@ -179,9 +179,9 @@ def test_depths_that_tell_nothing_are_refused(
         fitted(depth_mm, depth_mm**1.5, fit_offset=offset)
 
 
-def test_forces_that_give_no_modulus_are_refused() -> None:
+def test_forces_without_modulus_are_refused() -> None:
     d = np.linspace(0.0, 3.0, 12)
-    with pytest.raises(RunFailed, match=r"an interval of -.* which holds 0"):
+    with pytest.raises(RunFailed, match=r"an interval of -.* includes 0"):
         fitted(d, truth().normal_n(d) * 0.02 + noise(11, 12, 5.0))
     with pytest.raises(RunFailed, match="no modulus above 0"):
         fitted(d, -(d**1.5))

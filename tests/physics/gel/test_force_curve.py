@@ -42,7 +42,7 @@ def test_smooth_and_rising_from_zero() -> None:
     assert np.abs(np.diff(slope)).max() < 0.02 * slope.max()
 
 
-def test_shallow_end_is_hertz_where_the_gel_is_deep() -> None:
+def test_shallow_press_agrees_with_hertz() -> None:
     """At 0.1 mm the contact is 0.87 mm wide: a bonded layer of 12 mm adds about 8 %, no less."""
     got = curve().normal_n(np.array([0.1]))[0]
     hertz = hertz_force_n(7.5, 0.1, GelMaterial(0.56, 0.49))

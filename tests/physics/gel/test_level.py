@@ -12,8 +12,8 @@ from deltact_fab.common.aliases import Field
 from deltact_fab.common.errors import InputError, SolverError
 from deltact_fab.physics.gel.level import (
     GelContact,
+    GelLevel,
     IncrementDiagnostics,
-    Level,
     Reach,
     State,
     follow_path,
@@ -30,7 +30,7 @@ from deltact_fab.sensor.shapes.sensor import SkinDimensions
 SKIN, GEL = SkinDimensions(), GelMaterial()
 
 
-def opened(level: Level, tips: list[tuple[float, float, float]], **more: Any) -> GelContact:
+def opened(level: GelLevel, tips: list[tuple[float, float, float]], **more: Any) -> GelContact:
     scene = SKIN, GEL, parse_indenter(more.pop("indenter", "sphere:15"))
     lattice_mm = more.pop("lattice_mm", 0.5)
     return open_contact(
@@ -51,7 +51,7 @@ def end(contact: GelContact, *tips: tuple[float, float, float]) -> State:
 
 
 @pytest.mark.parametrize("level", ["linear", pytest.param("hyperelastic", marks=pytest.mark.slow)])
-def test_every_level_gives_a_light_touch_the_same_force_on_the_same_lattice(level: Level) -> None:
+def test_levels_agree_at_light_touch(level: GelLevel) -> None:
     tip = (0.0, 0.0, 0.5)
     spacing = 0.75 if level == "hyperelastic" else 0.5
     contact = opened(level, [tip], spacing_mm=spacing)
@@ -71,7 +71,7 @@ def test_every_level_gives_a_light_touch_the_same_force_on_the_same_lattice(leve
     ("level", "lattice_mm"),
     [("linear", 1.5), pytest.param("hyperelastic", 0.3, marks=pytest.mark.slow)],
 )
-def test_the_lattice_of_tractions_adds_up_to_the_wrench(level: Level, lattice_mm: float) -> None:
+def test_tractions_sum_to_the_wrench(level: GelLevel, lattice_mm: float) -> None:
     """Off the middle, off the nodes and dragged; lattices finer and coarser than grid and mesh."""
     tips = [(6.3, -4.1, 1.0), (6.8, -3.9, 1.0)]
     spacing = 2.0 if level == "hyperelastic" else 0.4
@@ -114,7 +114,7 @@ def test_means_keep_sums_moments_and_constants() -> None:
 
 
 @pytest.mark.slow
-def test_a_mirrored_mesh_gives_the_wrench_of_the_whole() -> None:
+def test_mirrored_mesh_has_full_wrench() -> None:
     """The same press on a quarter and on all of one mesh."""
     tip = (0.0, 0.0, 1.5)
     scene = SKIN, GEL, parse_indenter("sphere:15")
@@ -137,7 +137,7 @@ def test_a_mirrored_mesh_gives_the_wrench_of_the_whole() -> None:
     assert a.traction_mpa == pytest.approx(b.traction_mpa, abs=1e-6)
 
 
-def test_lattice_interpolation_is_exact_for_parabolas_and_of_third_order() -> None:
+def test_lattice_interpolation_has_third_order() -> None:
     def error(n: int) -> float:
         s = np.linspace(0, 1, n)
         knots = s + 0.15 * np.sin(2 * np.pi * s)
@@ -149,7 +149,7 @@ def test_lattice_interpolation_is_exact_for_parabolas_and_of_third_order() -> No
     assert error(41) < error(21) / 6
 
 
-def test_what_cannot_be_is_refused_with_its_number() -> None:
+def test_invalid_press_is_refused() -> None:
     with pytest.raises(InputError, match="depth 12 mm is not below the gel's thickness of 12 mm"):
         opened("hyperelastic", [(0.0, 0.0, 12.0)])
     with pytest.raises(InputError, match=r"level linear: depth 4 mm is over 3 mm.*hyperelastic"):
@@ -163,11 +163,11 @@ def test_what_cannot_be_is_refused_with_its_number() -> None:
     with pytest.raises(InputError, match="valid: auto, linear"):
         opened("thick", [(0.0, 0.0, 1.0)])  # type: ignore[arg-type]
     contact = opened("hyperelastic", [(0.0, 0.0, 1.0)], spacing_mm=3.0)
-    with pytest.raises(InputError, match="mirror x = 0"):
+    with pytest.raises(InputError, match="mirror plane x = 0"):
         contact.solve(contact.rest(), (1.0, 0.0, 1.0))
 
 
-def test_a_coarse_mesh_at_a_sharp_edge_is_flagged() -> None:
+def test_coarse_mesh_at_edge_is_flagged() -> None:
     tip = (0.0, 0.0, 1.0)
     contact = opened("hyperelastic", [tip], indenter="hexprism", spacing_mm=2.0)
     flags = end(contact, tip).diagnostics.flags
@@ -175,7 +175,7 @@ def test_a_coarse_mesh_at_a_sharp_edge_is_flagged() -> None:
 
 
 @pytest.mark.slow
-def test_what_a_jump_left_in_the_history_stays_flagged_until_the_contact_is_left() -> None:
+def test_jump_stays_flagged_until_contact_ends() -> None:
     """The star on cells as coarse: its points snap over the edges one after the other."""
     tip = (0.0, 0.0, 4.5)
     contact = opened("hyperelastic", [tip], indenter="star", spacing_mm=1.6)
@@ -187,9 +187,9 @@ def test_what_a_jump_left_in_the_history_stays_flagged_until_the_contact_is_left
     told = [friction(s) for s in states]
     first = next(i for i, text in enumerate(told) if text)
     assert 0 < first < len(states) - 1
-    assert "no rest was found" in told[first]
+    assert "no equilibrium was found" in told[first]
     assert all(told[first:])
-    assert "on the way here" in told[first + 1]
+    assert "the gel jumped earlier" in told[first + 1]
     # With a longer increment, too; and only what has let go starts afresh.
     assert friction(contact.solve(states[first - 2], states[first].tip_mm))
     free = contact.solve(states[-1], (0.0, 0.0, -1.0))
@@ -198,7 +198,7 @@ def test_what_a_jump_left_in_the_history_stays_flagged_until_the_contact_is_left
 
 
 @pytest.mark.slow
-def test_a_long_increment_with_friction_is_parted_and_tells_the_work_of_all_parts() -> None:
+def test_long_friction_increment_is_divided() -> None:
     tip = (0.0, 0.0, 10.0)
     contact = opened("hyperelastic", [tip], spacing_mm=2.0)
     one = contact.solve(contact.rest(), tip)
@@ -220,10 +220,10 @@ def test_parts_as_one_keep_every_count() -> None:
         IncrementDiagnostics(**dict.fromkeys(counts, n), residual=0.1 / n, flags=(f"n: {n}",))
         for n in (2, 5)
     )
-    assert IncrementDiagnostics.over([first, last]) == replace(last, **dict.fromkeys(counts, 7))
+    assert IncrementDiagnostics.combine([first, last]) == replace(last, **dict.fromkeys(counts, 7))
 
 
-def test_an_increment_on_which_pressure_and_friction_do_not_agree_is_halved(
+def test_unconverged_increment_is_halved(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     contact = opened("linear", [(0.0, 0.0, 1.0), (1.0, 0.0, 1.0)], spacing_mm=0.5)

@@ -34,7 +34,7 @@ def test_deeper_wants_a_better_level() -> None:
 @given(
     st.floats(0.3, 3.0), st.floats(0.005, 0.1), st.sampled_from(["sphere:10", "star", "ellipsoid"])
 )
-def test_a_tighter_tolerance_never_gives_larger_cells(d: float, tol: float, name: str) -> None:
+def test_tighter_tolerance_never_enlarges_cells(d: float, tol: float, name: str) -> None:
     one, two = (
         select_level(SKIN, GEL, parse_indenter(name), Reach(deepest_mm=d), t, level="hyperelastic")
         for t in (tol, tol / 2)
@@ -43,7 +43,7 @@ def test_a_tighter_tolerance_never_gives_larger_cells(d: float, tol: float, name
     assert two.step_mm <= one.step_mm
 
 
-def test_a_mesh_over_its_unknowns_is_enlarged_and_says_so() -> None:
+def test_cells_grow_to_limit_unknowns() -> None:
     reach = Reach((-7.0, 13.0), (-8.0, 12.0), 10.0)
     free, held = (
         select_level(
@@ -51,10 +51,10 @@ def test_a_mesh_over_its_unknowns_is_enlarged_and_says_so() -> None:
         )
         for n in (None, 8000)
     )
-    assert held.asked_mm == free.asked_mm == free.spacing_mm < held.spacing_mm
+    assert held.goal_mm == free.goal_mm == free.spacing_mm < held.spacing_mm
     mesh = block_mesh(SKIN, held.spacing_mm, held.focus, held.mirrors)
     assert 7000 < mesh.free_dofs <= 8000
-    assert "8000 unknowns; the tolerance requires 0.5 mm by its edge radius" in held.why
+    assert "8000 unknowns; tolerance requires 0.5 mm by its edge radius" in held.reason
     named = select_level(
         SKIN, GEL, parse_indenter("star"), reach, spacing_mm=1.0, most_unknowns=8000
     )
@@ -74,7 +74,7 @@ def test_a_mesh_over_its_unknowns_is_enlarged_and_says_so() -> None:
         (0.35, 9.0, 8.0, 0.9, 0.0293),
     ],
 )
-def test_the_rule_of_large_strain_knows_tip_and_material(
+def test_model_error_by_tip_and_material(
     nu: float, h: float, radius: float, d: float, force: float
 ) -> None:
     skin = SkinDimensions(thickness_mm=h)
@@ -99,14 +99,14 @@ def test_the_linear_grid_resolves_the_contact(name: str, depth: float) -> None:
     assert choice.model_force_rel > 5e-3
 
 
-def test_an_edge_gets_smaller_cells_than_a_ball() -> None:
+def test_edge_gets_smaller_cells() -> None:
     assert picked("hexprism", 0, 0, 5.0).spacing_mm < picked("sphere:15", 0, 0, 5.0).spacing_mm
     assert edge_radius_mm(parse_indenter("star").tips[0]) == 0.3
     assert edge_radius_mm(parse_indenter("hat").tips[0]) == pytest.approx(0.3)
     assert edge_radius_mm(parse_indenter("ellipsoid").tips[0]) == pytest.approx(2.0)
 
 
-def test_mirrors_are_those_of_indenter_and_path() -> None:
+def test_mirrors_of_indenter_and_path() -> None:
     both = {
         n: (is_mirrored(parse_indenter(n), 0), is_mirrored(parse_indenter(n), 1))
         for n in INDENTER_KINDS[1:]
@@ -118,7 +118,7 @@ def test_mirrors_are_those_of_indenter_and_path() -> None:
     assert sheared.mirrors == (False, True)
 
 
-def test_friction_is_left_out_only_where_it_does_not_count() -> None:
+def test_negligible_friction_is_neglected() -> None:
     def friction(depth: float, observe: bool) -> float:
         reach = Reach(deepest_mm=depth)
         return select_level(

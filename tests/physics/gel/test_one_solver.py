@@ -52,7 +52,7 @@ def four(indenter: str, depth_mm: float, spacing_mm: float | None) -> dict[str, 
 
 
 @pytest.mark.slow
-def test_four_figures_of_one_press_agree_within_the_tolerance() -> None:
+def test_four_solutions_of_a_press_agree() -> None:
     found = four("sphere:15", 5.0, None)
     for name in ("fit", "run"):
         assert found[name] == pytest.approx(found["press"], rel=0.03), name

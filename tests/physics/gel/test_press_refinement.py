@@ -11,12 +11,12 @@ import pytest
 
 from deltact_fab.common.errors import SolverError, TimeLimit
 from deltact_fab.physics.gel import error_control, time_limit
-from deltact_fab.physics.gel.error_control import EDGE, WORK_POWER, MeshConvergence
+from deltact_fab.physics.gel.error_control import EDGE_ERROR, WORK_POWER, MeshConvergence
 from deltact_fab.physics.gel.level import Choice, IncrementDiagnostics, Reach, follow_path
 from deltact_fab.physics.gel.level_selection import select_level
 from deltact_fab.physics.gel.path.knots import KnotPose
 from deltact_fab.physics.gel.path.solver import PathSolver
-from deltact_fab.physics.gel.press import OBSERVED, press_gel
+from deltact_fab.physics.gel.press import PRESS_CHANNELS, press_gel
 from deltact_fab.physics.gel.zones import Zones
 from deltact_fab.sensor.elasticity.material import GelMaterial
 from deltact_fab.sensor.shapes.indenter import parse_indenter
@@ -75,28 +75,29 @@ def ladder(
     """Of a gel that is solved by formula, at the level of finite strain."""
     down = KnotPose((0.0, 0.0, -DEPTH_MM), 0.0, 1.0)
 
-    def opener(choice: Choice, like: PathSolver | None) -> PathSolver:
+    def opener(choice: Choice, coarser: PathSolver | None) -> PathSolver:
         gel: Any = Gel(choice, force, dofs, field_mm, lacking_rel)
-        return PathSolver(lambda: gel, [down], observed=OBSERVED, like=like, keeps_states=True)
+        states = {"coarser": coarser, "keeps_states": True}
+        return PathSolver(lambda: gel, [down], None, PRESS_CHANNELS, **states)
 
     return MeshConvergence(opener, unknowns, RADIUS_MM, edge_mm, TOLERANCE)
 
 
-def test_the_first_mesh_that_keeps_to_the_tolerance_answers() -> None:
+def test_first_mesh_within_tolerance_is_returned() -> None:
     found = ladder(lambda h, step: 10.0).refine(chosen(0.0), free=True)
-    edge = EDGE * (found.run.choice.spacing_mm / RADIUS_MM) ** 2
+    edge = EDGE_ERROR * (found.run.choice.spacing_mm / RADIUS_MM) ** 2
     assert found.estimate["force_rel"] == pytest.approx(edge)
-    assert edge < TOLERANCE < edge * error_control.COARSER**2
+    assert edge < TOLERANCE < edge * error_control.MESH_RATIO**2
     assert not found.limited
 
 
-def test_a_mesh_that_was_asked_for_is_the_one() -> None:
+def test_requested_mesh_is_used() -> None:
     for spacing in (0.8, 2.4):
         found = ladder(lambda h, step: 10.0).refine(chosen(0.0, spacing), free=False)
         assert found.run.choice.spacing_mm == pytest.approx(spacing)
 
 
-def test_an_error_of_second_order_is_what_is_told() -> None:
+def test_second_order_error_is_estimated() -> None:
     def force(h: float, step: float) -> float:
         return 10 * (1 + 0.04 * h**2)
 
@@ -105,18 +106,18 @@ def test_an_error_of_second_order_is_what_is_told() -> None:
     assert found.estimate["force_rel"] == pytest.approx(true, rel=1e-9)
     finer = ladder(force).refine(chosen(0.0), free=True)
     assert finer.estimate["force_rel"] <= TOLERANCE
-    assert f"taken {finer.run.choice.spacing_mm:.3g} mm" in finer.run.choice.why
+    assert f"taken {finer.run.choice.spacing_mm:.3g} mm" in finer.run.choice.reason
     assert finer.estimate["force_rel"] > TOLERANCE / 2  # no finer than needed
 
 
 @pytest.mark.parametrize(("lacking_rel", "adds"), [(-0.04, 0.04), (0.0, 0.0)])
-def test_a_light_press_adds_its_ramp_to_error(lacking_rel: float, adds: float) -> None:
+def test_light_press_adds_ramp_error(lacking_rel: float, adds: float) -> None:
     press = ladder(lambda h, step: 10.0, lacking_rel=lacking_rel).refine(chosen(0.0), free=False)
-    edge = EDGE * (1.6 / RADIUS_MM) ** 2
+    edge = EDGE_ERROR * (1.6 / RADIUS_MM) ** 2
     assert press.estimate["force_rel"] == pytest.approx(edge + adds)
 
 
-def test_a_mesh_keeps_to_force_and_in_plane() -> None:
+def test_mesh_meets_both_tolerances() -> None:
     meshes = ladder(lambda h, step: 10.0, field_mm=lambda h: 0.02 * h**2)
     by_both = meshes.refine(chosen(0.0), free=True)
     by_force = ladder(lambda h, step: 10.0).refine(chosen(0.0), free=True)
@@ -124,7 +125,7 @@ def test_a_mesh_keeps_to_force_and_in_plane() -> None:
     assert 0 < by_both.estimate["displacement_mm"] <= meshes.in_plane_mm
 
 
-def test_steps_that_cost_too_much_are_made_smaller_on_the_coarsest_mesh() -> None:
+def test_steps_shrink_on_the_coarsest_mesh() -> None:
     solved = []
 
     def force(h: float, step: float) -> float:
@@ -140,7 +141,7 @@ def test_steps_that_cost_too_much_are_made_smaller_on_the_coarsest_mesh() -> Non
     assert found.estimate["force_rel"] <= TOLERANCE
 
 
-def test_a_mesh_too_coarse_to_be_solved_is_passed_over() -> None:
+def test_unsolvable_coarse_mesh_is_skipped() -> None:
     def force(h: float, step: float) -> float:
         if h > 1.7:
             raise SolverError("hides")
@@ -161,7 +162,7 @@ def clock_s(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return now
 
 
-def test_a_limit_of_time_ends_with_the_best_mesh_so_far(clock_s: list[float]) -> None:
+def test_time_limit_returns_best_mesh(clock_s: list[float]) -> None:
     """Each mesh takes a second."""
 
     def force(h: float, step: float) -> float:
@@ -179,7 +180,7 @@ def test_a_limit_of_time_ends_with_the_best_mesh_so_far(clock_s: list[float]) ->
     one = within(1.5)
     assert clock_s[0] == 1
     assert two.limited
-    assert two.run.choice.spacing_mm == pytest.approx(1.6 * error_control.COARSER)
+    assert two.run.choice.spacing_mm == pytest.approx(1.6 * error_control.MESH_RATIO)
     true = 0.1 * two.run.choice.spacing_mm**2 / (1 + 0.1 * two.run.choice.spacing_mm**2)
     assert two.estimate["force_rel"] == pytest.approx(true)
     # One mesh has nothing to be compared with.
@@ -189,7 +190,7 @@ def test_a_limit_of_time_ends_with_the_best_mesh_so_far(clock_s: list[float]) ->
     assert not within(100).limited
 
 
-def test_a_limit_too_short_for_the_first_mesh_begins_with_a_coarser_one(
+def test_short_limit_starts_coarser(
     clock_s: list[float],
 ) -> None:
     def unknowns(choice: Choice) -> int:
@@ -199,7 +200,7 @@ def test_a_limit_too_short_for_the_first_mesh_begins_with_a_coarser_one(
         clock_s[0] += 5e-7 * (3e5 / h**2.5) ** WORK_POWER
         return 10.0
 
-    first = 1.6 * error_control.COARSER**error_control.BELOW
+    first = 1.6 * error_control.MESH_RATIO**error_control.COARSER_MESHES
     found = []
     for seconds in (100.0, 0.02):
         clock_s[0] = 0.0
@@ -207,15 +208,15 @@ def test_a_limit_too_short_for_the_first_mesh_begins_with_a_coarser_one(
             found.append(ladder(force, unknowns=unknowns).refine(chosen(0.0), free=True))
     assert [one.limited for one in found] == [False, True]
     assert found[0].run.choice.spacing_mm < first
-    assert first < found[1].run.choice.spacing_mm <= error_control.HIDDEN * RADIUS_MM
+    assert first < found[1].run.choice.spacing_mm <= error_control.HIDDEN_RADII * RADIUS_MM
     assert found[1].estimate["force_rel"] > TOLERANCE
 
 
-def test_waiting_takes_nothing_of_the_limit_and_computing_does() -> None:
+def test_limit_counts_cpu_time_only() -> None:
     with time_limit.within(0.05):
         time.sleep(0.1)
         time_limit.check()
-        while time_limit.left_s() > 0:
+        while time_limit.remaining_s() > 0:
             pass
         with pytest.raises(TimeLimit):
             time_limit.check()
@@ -232,10 +233,10 @@ def test_a_press_returns_within_its_limit() -> None:
         assert time.thread_time() - started_s < 1.1 * limit_s + 0.1
         assert not result["within_tolerance"]
     assert result["force_n"] is not None
-    assert any(flag.startswith("limit: 2.5 CPU seconds") for flag in result["flags"])
+    assert any(flag.startswith("limit: tolerance not reached in 2.5") for flag in result["flags"])
 
 
-def test_a_press_that_no_mesh_ends_in_time_is_refused_and_one_is_flagged() -> None:
+def test_time_limit_refuses_or_flags() -> None:
     asked = (SkinDimensions(), GelMaterial(), parse_indenter("star"), (0.3, 0.0), 1.2)
     result = press_gel(*asked, tolerance=0.02, limit_s=1e-3).result
     assert result["force_n"] is None
@@ -244,7 +245,7 @@ def test_a_press_that_no_mesh_ends_in_time_is_refused_and_one_is_flagged() -> No
 
 
 @pytest.mark.slow
-def test_what_the_contacts_give_takes_of_the_force_is_its_energys_slope() -> None:
+def test_lacking_force_is_energy_slope() -> None:
     from deltact_fab.physics.gel.finite.gel import lacking_n
     from deltact_fab.physics.gel.path.open import open_contact
 
@@ -259,7 +260,8 @@ def test_what_the_contacts_give_takes_of_the_force_is_its_energys_slope() -> Non
 
     def energy(state: Any) -> float:
         tip = np.array(state.inner.tip_mm)
-        return float(contact.press.surface.give(state.inner.displacement_mm, tip)[0])
+        u = state.inner.displacement_mm
+        return float(contact.press.surface.complementary_energy(u, tip)[0])
 
     slope = (energy(last) - energy(first)) / 0.02
     assert slope > 0

@@ -200,7 +200,7 @@ def test_live_page_buttons_and_several_viewers(
     tab.wait_for_function(f"{STATE} == 'paused'")
     tab.wait_for_timeout(1000)  # what was under way is shown
     words, held = tab.inner_text("body"), image(tab)
-    for word in ("simulated, seed 3", "the flow is trusted", "no force calibration", "Hz"):
+    for word in ("simulated, seed 3", "flow trusted", "no force calibration", "Hz"):
         assert word in words
     assert tab.evaluate(DRAWN, "face") > 0.5
     assert tab.evaluate(DRAWN, "plot") > 0.01

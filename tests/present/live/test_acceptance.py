@@ -226,13 +226,13 @@ def failed(done: Acceptance) -> set[str]:
     return {row.name for row in done.rows if row.failed}
 
 
-def test_a_bubble_is_found_where_it_is_and_nothing_else_is_wrong():
+def test_bubble_is_located():
     done = judged(Made(paint=(bubble(4.0, -3.0, 1.0),)))
     assert failed(done) == {"bubbles, lint, dust"}
-    ((x, y, long_mm),) = done.found.places
+    ((x, y, long_mm),) = done.findings.places
     assert (x, y) == pytest.approx((4.0, -3.0), abs=0.2)
     assert long_mm == pytest.approx(1.0, abs=0.4)
-    assert done.found.noise_mm is None  # of two images nothing is said
+    assert done.findings.noise_mm is None  # of two images nothing is said
 
 
 @pytest.mark.slow
@@ -243,18 +243,18 @@ def test_a_sound_sensor_is_accepted(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", BAD)
-def test_a_bad_sensor_fails_its_own_row_and_no_other_without_cause(name):
+def test_bad_sensor_fails_its_row_only(name):
     made, (own, *follow), painted = BAD[name]
     done = judged(made, recipe="dense-with-dots" if name == "wrong pattern" else "")
     assert own in failed(done) <= {own, *follow}
-    assert {key: getattr(done.found, key) for key in painted} == painted
+    assert {key: getattr(done.findings, key) for key in painted} == painted
     if name == "far out of focus":  # print, mosaic and demosaicing have nearly a pixel of their own
-        blur_px = np.median([b for row in done.found.blur_px for b in row if b is not None])
+        blur_px = np.median([b for row in done.findings.blur_px for b in row if b is not None])
         assert 4 <= blur_px <= np.hypot(4, 0.95) + 0.6
 
 
 @pytest.mark.slow
-def test_the_guide_s_pictures_are_what_they_are_said_to_be():
+def test_guide_pictures_match_their_captions():
     pair = render_examples(DESIGN, load_recipe("recommended"))["sensor"]
     for jpeg, rows in zip(pair, (set(), set(SPOILED)), strict=True):
         image = np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR))
@@ -264,7 +264,7 @@ def test_the_guide_s_pictures_are_what_they_are_said_to_be():
 
 
 @pytest.mark.slow
-def test_an_accepted_sensor_is_kept_and_later_health_starts_from_it(tmp_path):
+def test_health_starts_from_acceptance(tmp_path):
     words = ["rig", "accept", "virtual", "--frames", "12", "--serial", "A1"]
     done = called(*words, "--picture", "face.png", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -300,18 +300,18 @@ def test_an_accepted_sensor_is_kept_and_later_health_starts_from_it(tmp_path):
     assert "sensors/A1.toml: rest.file: no image of the face at rest" in told.stderr
 
 
-def test_what_cannot_be_judged_is_one_line(tmp_path):
+def test_invalid_input_is_one_line(tmp_path):
     (tmp_path / "images").mkdir()
     cv2.imwrite(str(tmp_path / "images" / "0.png"), np.full((48, 64, 3), 90, np.uint8))
     for words, says in (
         (["images"], "RECIPE: missing; a name of `pattern list` or a recipe's file"),
         (["images", "dens"], "did you mean 'dense'?"),
-        (["images", "dense", "--serial", "../x"], "--serial '../x': letters, digits"),
+        (["images", "dense", "--serial", "../x"], "--serial '../x': use letters, digits"),
         (
             ["images", "dense"],
-            "image 0 has 64 x 48 px; the camera of the design makes 1280 x 720 px",
+            "image 0 has 64 x 48 px; the design camera has 1280 x 720 px",
         ),
-        (["images", "chessboard"], "chessboard: no dense pattern"),
+        (["images", "chessboard"], "chessboard: not a dense pattern"),
         (["images", "dense", "--step", "images"], "images: not a run folder"),
     ):
         done = called("rig", "accept", *words, cwd=tmp_path)
@@ -322,7 +322,7 @@ def test_what_cannot_be_judged_is_one_line(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_known_step_is_recovered_and_a_wrong_scale_is_not(tmp_path):
+def test_known_step_detects_wrong_scale(tmp_path):
     """Truth and camera share their projection here; the solver moves the face."""
     done = called("run", "known-step", "--rig", "virtual", "--out", "step", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

@@ -47,7 +47,7 @@ def newest(page: LivePage, seen: int = -1) -> dict[str, Any]:
     return json.loads(ask(page, f"/newest?{seen}")[1])
 
 
-def test_a_browser_gets_the_page_the_newest_picture_and_the_traces_so_far(page: LivePage) -> None:
+def test_browser_gets_page_picture_and_traces(page: LivePage) -> None:
     for k in range(3):
         show(page, k)
     status, body = ask(page, "/")
@@ -63,9 +63,7 @@ def test_a_browser_gets_the_page_the_newest_picture_and_the_traces_so_far(page: 
     assert newest(page, 2)["result"] is None
 
 
-def test_only_this_computer_may_ask_and_no_page_of_another_server(
-    page: LivePage, asked: list[str]
-) -> None:
+def test_foreign_requests_are_rejected(page: LivePage, asked: list[str]) -> None:
     with pytest.raises(ConnectionRefusedError):  # 127.0.0.2 is this computer too, and not asked
         socket.create_connection(("127.0.0.2", page.port))
     assert ask(page, "/", Host="deltact.example")[0] == 403  # a name that was made to lead here
@@ -76,7 +74,7 @@ def test_only_this_computer_may_ask_and_no_page_of_another_server(
 
 
 @pytest.mark.slow
-def test_a_browser_that_reads_nothing_holds_up_neither_measurement_nor_others(
+def test_stalled_browser_blocks_nothing(
     page: LivePage,
 ) -> None:
     """Every result is some megabytes: more than the buffers between server and browser take."""
@@ -89,7 +87,7 @@ def test_a_browser_that_reads_nothing_holds_up_neither_measurement_nor_others(
     deaf.close()
 
 
-def test_health_and_end_are_told_to_every_browser(page: LivePage) -> None:
+def test_browsers_get_health_and_end(page: LivePage) -> None:
     page.health, page.ended = "state of health: fit to use", "ended"
     told = newest(page)
     assert (told["health"], told["ended"]) == ("state of health: fit to use", "ended")

@@ -16,9 +16,9 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.analysis.force.result import write_force_calibration
 from deltact_fab.estimate.analysis.measured import RunMeasurement, find_calibrations, measure_run
 from deltact_fab.estimate.measure.force.calibration import load_force
-from deltact_fab.present.live.open import measurement_of, open_source
+from deltact_fab.present.live.open import open_measurement, open_source
 from deltact_fab.present.live.outputs import HealthOutput, JsonLines, StatusLine
-from deltact_fab.present.live.picture import LOST, data
+from deltact_fab.present.live.picture import LOST_BYTE, page_data
 from deltact_fab.present.live.session import MeasuredImage, MeasurementSession
 
 PRESSED = 2
@@ -28,7 +28,7 @@ PRESSED = 2
 @pytest.fixture(scope="module")
 def session(mini_run: Path, calibrations: list[Path]) -> MeasurementSession:
     source = open_source(str(mini_run))
-    return MeasurementSession(source, measurement_of(source.known, calibrations))
+    return MeasurementSession(source, open_measurement(source.model, calibrations))
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +37,7 @@ def results(session: MeasurementSession) -> list[MeasuredImage]:
 
 
 @pytest.mark.slow
-def test_each_output_says_force_contacts_and_health(results: list[MeasuredImage]) -> None:
+def test_outputs_contain_force_contacts_health(results: list[MeasuredImage]) -> None:
     people, program, said = io.StringIO(), io.StringIO(), list[str]()
     origin = "simulated, seed 3"
     outputs = (
@@ -62,7 +62,7 @@ def test_each_output_says_force_contacts_and_health(results: list[MeasuredImage]
 
 
 @pytest.mark.slow
-def test_the_report_says_what_the_command_says(
+def test_report_agrees_with_command(
     results: list[MeasuredImage], mini_run: Path, calibrations: list[Path]
 ) -> None:
     run = open_run(mini_run)
@@ -89,20 +89,21 @@ def test_another_sensors_calibration_is_refused(mini_run: Path, calibrations: li
     other = calibrations[0].with_name("other.toml")
     other.write_text(text.replace('design = "deltact"', 'design = "another"'))
     with pytest.raises(InputError, match="made on another sensor"):
-        measurement_of(open_source(str(mini_run)).known, [other])
+        open_measurement(open_source(str(mini_run)).model, [other])
     with pytest.raises(InputError, match="made on another sensor"):
         find_calibrations(open_run(mini_run), [other])
 
 
-def test_what_the_page_draws_is_what_was_measured(
+def test_page_draws_the_measurement(
     results: list[MeasuredImage], session: MeasurementSession
 ) -> None:
-    told = data(results[PRESSED], session.view)
+    told = page_data(results[PRESSED], session.view)
     json.dumps(told, allow_nan=False)
     assert [m["name"] for m in told["maps"]] == ["pressure", "depth", "relative depth"]
     depth = told["maps"][1]
     levels = np.frombuffer(_bytes(depth["data"]), np.uint8).reshape(depth["height"], depth["width"])
-    row, column = np.unravel_index(np.argmax(np.where(levels == LOST, 0, levels)), levels.shape)
+    peak = np.argmax(np.where(levels == LOST_BYTE, 0, levels))
+    row, column = np.unravel_index(peak, levels.shape)
     x, y = (
         low + (at + 0.5) / n * (high - low)
         for at, n, (low, high) in (
@@ -119,7 +120,7 @@ def test_what_the_page_draws_is_what_was_measured(
 @pytest.mark.parametrize(
     ("source", "own"), [("{name}", True), ("{folder}", True), ("another", False)]
 )
-def test_a_calibration_of_this_run_is_no_test(
+def test_own_calibration_is_no_test(
     mini_run: Path, calibrations: list[Path], tmp_path: Path, source: str, own: bool
 ) -> None:
     run = open_run(first_press(mini_run, tmp_path / "renamed"))

@@ -37,22 +37,20 @@ def pictures(tmp_path: Path) -> Path:
     return folder
 
 
-def test_images_of_a_folder_come_in_the_order_of_their_numbers(
-    pictures: Path, pinhole: Path
-) -> None:
+def test_folder_images_in_numeric_order(pictures: Path, pinhole: Path) -> None:
     frames = list(images(open_source(str(pictures), pinhole)))
     assert [int(f.image[0, 0, 0]) for f in frames] == [20 * k for k in range(12)]
     assert np.all(np.diff([f.t_s for f in frames]) > 0)
 
 
-def test_a_run_knows_its_camera_pattern_and_seed_and_gives_raw_images(mini_run: Path) -> None:
+def test_run_gives_model_and_raw_images(mini_run: Path) -> None:
     source = open_source(str(mini_run))
     run = open_run(mini_run)
     table = run.frames()
     frames = list(images(source))
     assert [f.t_s for f in frames] == pytest.approx(table["t_s"])
     assert np.array_equal(frames[3].image, run.raw(table["file"].iloc[3]))
-    known = source.known
+    known = source.model
     assert known.camera is not None
     assert known.camera.as_dict() == run.camera.as_dict()
     assert known.simulated == "simulated, seed 3"
@@ -60,7 +58,7 @@ def test_a_run_knows_its_camera_pattern_and_seed_and_gives_raw_images(mini_run: 
 
 
 @pytest.mark.slow
-def test_a_rig_shows_what_a_run_on_it_records(mini: tuple[Path, Path], mini_run: Path) -> None:
+def test_rig_images_equal_recorded_run(mini: tuple[Path, Path], mini_run: Path) -> None:
     """Through the camera's interface: the same images, at rest and on the way down."""
     protocol, rig = mini
     source = open_source(f"{rig}:{protocol}", seed=3)
@@ -69,18 +67,18 @@ def test_a_rig_shows_what_a_run_on_it_records(mini: tuple[Path, Path], mini_run:
     seen = images(source)
     for k in range(3):
         assert np.array_equal(next(seen).image, run.raw(files.iloc[k]))
-    assert source.known.simulated == "simulated, seed 3"
+    assert source.model.simulated == "simulated, seed 3"
 
 
-def test_a_camera_file_goes_before_what_a_source_knows(mini_run: Path, tmp_path: Path) -> None:
+def test_camera_file_overrides_source(mini_run: Path, tmp_path: Path) -> None:
     recorded = open_run(mini_run).camera
     other = Pinhole(0.05, recorded.width_px, recorded.height_px, 14)
     file = tmp_path / "camera.toml"
     file.write_text(camera_toml(other))
     source = open_source(str(mini_run), file, serial="B2")
-    assert source.known.camera == other
-    assert source.known.serial == "B2"
-    assert source.known.design == "deltact"
+    assert source.model.camera == other
+    assert source.model.serial == "B2"
+    assert source.model.design == "deltact"
 
 
 RIG = """
@@ -101,9 +99,7 @@ sys.exit("the lens fell off")
 """
 
 
-def test_a_real_rig_s_camera_is_looked_through_and_its_stage_left_alone(
-    pinhole: Path, tmp_path: Path
-) -> None:
+def test_real_rig_opens_camera_only(pinhole: Path, tmp_path: Path) -> None:
     """Its port is not even there. The camera ends with what it last said."""
     rig = tmp_path / "bench.toml"
     command = json.dumps([sys.executable, "-c", NOISE])
@@ -125,14 +121,14 @@ def _refusal(name: object, camera: Path | None = None) -> str:
     return str(why.value)
 
 
-def test_each_source_that_cannot_be_used_is_one_line(
+def test_unusable_source_is_one_line(
     pictures: Path, pinhole: Path, tmp_path: Path, mini_run: Path
 ) -> None:
     assert "/dev/video63: no camera that can be opened" in _refusal("63", pinhole)
     assert "did you mean 'virtual'" in _refusal("virtul")
     assert "no protocol 'smok'" in _refusal("virtual:smok")
-    assert "without 'image'" in _refusal("virtual:first-moves")
-    assert "moves a real stage" in _refusal("grbl-bench:smoke")
+    assert "`measure` needs 'image'" in _refusal("virtual:first-moves")
+    assert "has a real stage" in _refusal("grbl-bench:smoke")
     assert "camera: missing table" in _refusal("grbl-bench")
     assert "rtsp://127.0.0.1:9/none: no stream of images" in _refusal(
         "rtsp://127.0.0.1:9/none", pinhole
@@ -146,7 +142,7 @@ def test_each_source_that_cannot_be_used_is_one_line(
     (pictures / "3.png").write_bytes(b"no image")
     assert "3.png: does not decode" in _refusal(pictures, pinhole)
     cv2.imwrite(str(pictures / "3.png"), np.zeros((40, 64, 3), np.uint8))
-    assert "image 3 has 64 x 40 px; the camera that was calibrated makes 64 x 48 px" in _refusal(
+    assert "image 3 has 64 x 40 px; the calibrated camera has 64 x 48 px" in _refusal(
         pictures, pinhole
     )
     assert "image 3 has 64 x 40 px; the first image has 64 x 48 px" in _refusal(pictures)

@@ -75,12 +75,12 @@ def film(file: Path, face: Image) -> Path:
 @pytest.mark.parametrize(
     ("face", "kind"), [(speckle(), "dense"), (skin(), "markers"), (plain(), "nothing")]
 )
-def test_an_image_shows_a_dense_pattern_markers_or_nothing(face: Image, kind: str) -> None:
+def test_pattern_kinds_are_recognised(face: Image, kind: str) -> None:
     assert RestPattern.recognise(moved(face, 0)).kind == kind
 
 
 @pytest.mark.parametrize(("name", "kind"), [("dense-with-dots", "dense"), ("dots", "markers")])
-def test_dots_on_a_dense_pattern_are_no_markers(name: str, kind: str) -> None:
+def test_dots_on_dense_pattern_are_ignored(name: str, kind: str) -> None:
     recipe = load_recipe(str(catalog.find_file("patterns", name)))
     found = RestPattern.recognise(
         np.ascontiguousarray(raster_window(recipe, 672.0, 480)[..., ::-1])
@@ -92,13 +92,13 @@ def test_dots_on_a_dense_pattern_are_no_markers(name: str, kind: str) -> None:
 
 @pytest.mark.parametrize("form", ["folder", "film"])
 @pytest.mark.parametrize(("name", "face"), [("dense", speckle()), ("markers", skin())])
-def test_without_a_camera_it_is_measured_in_pixels(
+def test_unknown_camera_measures_in_pixels(
     name: str, face: Image, form: str, tmp_path: Path
 ) -> None:
     source = (shots if form == "folder" else film)(tmp_path / "x.avi", face)
     done = called("measure", str(source), "--jsonl")
     assert done.returncode == 0, done.stderr
-    assert done.stderr.count("--mm-per-px gives lengths on the face in mm") == 1
+    assert done.stderr.count("--mm-per-px gives mm on the face") == 1
     told = [json.loads(line) for line in done.stdout.splitlines()]
     assert len(told) == 4
     last = told[-1]
@@ -109,7 +109,7 @@ def test_without_a_camera_it_is_measured_in_pixels(
     assert (last["markers"] is None) == (name == "dense")
 
 
-def test_a_scale_gives_mm_and_what_needs_a_camera_is_one_line(tmp_path: Path) -> None:
+def test_scale_gives_mm(tmp_path: Path) -> None:
     source = str(shots(tmp_path / "x", skin()))
     done = called("measure", source, "--mm-per-px", "0.1", "--json")
     last = json.loads(done.stdout)["last"]
@@ -118,7 +118,7 @@ def test_a_scale_gives_mm_and_what_needs_a_camera_is_one_line(tmp_path: Path) ->
     assert "in pixels" not in done.stderr
     for words, says in (
         (["--show", "shape"], "--show shape: needs a scale: --mm-per-px or --camera"),
-        (["--calibration", "f.toml"], "f.toml: a calibration holds for the camera"),
+        (["--calibration", "f.toml"], "f.toml: a calibration is valid for its own"),
         (["--pictures"], "--pictures needs --out"),
         (["--out", source], "must be a new or empty folder"),
     ):
@@ -140,7 +140,7 @@ def write(folder: Path, n: int, end: str) -> None:
 
 
 @pytest.mark.parametrize(("end", "code"), [("silence", 0), ("half", 1)])
-def test_a_folder_in_the_making_is_measured_to_its_end(end: str, code: int, tmp_path: Path) -> None:
+def test_growing_folder_is_measured_completely(end: str, code: int, tmp_path: Path) -> None:
     folder, n = tmp_path / "images", 12
     folder.mkdir()
     writer = threading.Thread(target=write, args=(folder, n, end))
@@ -154,7 +154,7 @@ def test_a_folder_in_the_making_is_measured_to_its_end(end: str, code: int, tmp_
     assert (f"{n}.png: not a whole image" in done.stderr) == (code == 1)
 
 
-def test_what_is_measured_is_kept_by_name_and_unit(tmp_path: Path) -> None:
+def test_results_are_saved_with_units(tmp_path: Path) -> None:
     out = tmp_path / "out"
     done = called("measure", shots(tmp_path / "x", speckle()), "--out", out, "--pictures")
     assert done.returncode == 0, done.stderr

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import RectBivariateSpline
 
 from deltact_fab.common.errors import InputError
-from deltact_fab.physics.gel.finite.assembly import BulkAssembly, Pattern
+from deltact_fab.physics.gel.finite.assembly import BulkAssembly, MatrixPattern
 from deltact_fab.physics.gel.finite.linear import make_solver
 from deltact_fab.physics.gel.finite.material import NeoHooke
 from deltact_fab.physics.gel.finite.mesh import block_mesh
@@ -120,8 +120,9 @@ def test_smooth_load_against_plain_finite_elements(component: int, even: tuple[b
         held = [(i == axis) == normal_held for i in range(3)]
         on = mesh.nodes_mm[:, axis] == 0
         free[on] &= ~np.array(held)
-    pattern = Pattern(mesh, free)
-    stiffness = BulkAssembly(mesh, NeoHooke.of(GEL), pattern).evaluate(np.zeros(free.shape)).data
+    pattern = MatrixPattern(mesh, free)
+    bulk = BulkAssembly(mesh, NeoHooke.from_material(GEL), pattern)
+    stiffness = bulk.evaluate(np.zeros(free.shape)).data
     assert stiffness is not None
     solver = make_solver()
     solver.factorise(pattern.matrix(stiffness))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deltact_fab.physics.gel.finite.assembly import BulkAssembly, Pattern
+from deltact_fab.physics.gel.finite.assembly import BulkAssembly, MatrixPattern
 from deltact_fab.physics.gel.finite.material import NeoHooke
 from deltact_fab.physics.gel.finite.mesh import block_mesh
 from deltact_fab.sensor.elasticity.edge_compliance import BrickBox, stiffness
@@ -21,8 +21,8 @@ def test_matches_finite_strain_tangent_at_rest(poisson: float) -> None:
     free = np.ones((box.nodes, 3), bool)
     free[: box.nodes_a_layer] = False
     free[7::11, 1] = False
-    pattern = Pattern(mesh, free)
-    law = NeoHooke.of(GelMaterial(1.0, poisson))
+    pattern = MatrixPattern(mesh, free)
+    law = NeoHooke.from_material(GelMaterial(1.0, poisson))
     data = BulkAssembly(mesh, law, pattern).evaluate(np.zeros((box.nodes, 3))).data
     assert data is not None
     want = pattern.matrix(data).toarray()

@@ -11,7 +11,7 @@ import pytest
 from deltact_fab.bench.protocols.plan import Protocol
 from deltact_fab.bench.rig.config import FiniteGelConfig, GelConfig
 from deltact_fab.physics.gel.path import open as open_module
-from deltact_fab.physics.gel.path.knots import Increments, KnotPose, Mirror, SolvedKnot, to_solved
+from deltact_fab.physics.gel.path.knots import Increments, KnotPose, Mirror, SolvedKnot, mirror_of
 from deltact_fab.physics.gel.path.solver import PathSolver
 from deltact_fab.sensor.shapes.indenter import parse_indenter
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
@@ -83,11 +83,11 @@ def test_mirror_image_matches_own_solve(
     first = whole(protocol, 0, level)
     image = whole(protocol, number, level)
     assert first.poses
-    assert image.found is not None
+    assert image.stored is not None
     assert image.solves == 0
-    monkeypatch.setattr(open_module, "to_solved", lambda *_: Mirror())
+    monkeypatch.setattr(open_module, "mirror_of", lambda *_: Mirror())
     own = whole(protocol, number, level)
-    assert own.found is None
+    assert own.stored is None
     tips = [pose.tip_mm for pose in own.poses]
     assert tips == [pose.tip_mm for pose in image.poses]
     worst = np.max([off(a, b) for a, b in zip(own.knots, image.knots, strict=True)], axis=0)
@@ -112,12 +112,12 @@ def way(path: PressPath) -> list[KnotPose]:
 
 def test_only_common_symmetry_planes_are_used() -> None:
     outward, positive = declared(), declared(shear={"amplitude_mm": 1.0})
-    there = [to_solved(way(p), parse_indenter("ellipsoid")) for p in press_paths(outward)]
+    there = [mirror_of(way(p), parse_indenter("ellipsoid")) for p in press_paths(outward)]
     assert there == [Mirror(False, False), Mirror(True, False), Mirror(True, True),
                      Mirror(False, True)]  # fmt: skip
     # A star of five points has no mirror plane x = 0.
-    assert to_solved(way(press_paths(outward)[1]), parse_indenter("star")) == Mirror(False, False)
-    assert to_solved(way(press_paths(outward)[2]), parse_indenter("star")) == Mirror(False, True)
+    assert mirror_of(way(press_paths(outward)[1]), parse_indenter("star")) == Mirror(False, False)
+    assert mirror_of(way(press_paths(outward)[2]), parse_indenter("star")) == Mirror(False, True)
     # All go to + first: images in place, but not in path.
     seen = {
         Presses(positive, SKIN, GELS["linear"]).planned_press(p).solver.stored_as

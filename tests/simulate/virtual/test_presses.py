@@ -60,18 +60,18 @@ def test_solved_press_is_cached_bit_identical(store: Path) -> None:
     (entry,) = store.glob("*.bin")
     data = entry.read_bytes()
     found = solved(declared())
-    assert (found.found is not None, found.solves) == (True, 0)
+    assert (found.stored is not None, found.solves) == (True, 0)
     assert all(k.displacement_mm is not None for k in found.knots)
     # A damaged entry is none, and what is solved anew is the same.
     entry.write_bytes(data[: len(data) // 2] + b"x" + data[len(data) // 2 + 1 :])
     again = solved(declared())
-    assert again.found is None
+    assert again.stored is None
     assert again.solves == len(again.poses) == len(found.knots)
     for a, b in zip(again.knots, found.knots, strict=True):
         assert a.force_n == b.force_n
         assert a.torque_nmm == b.torque_nmm
         assert np.array_equal(a.displacement_mm, b.displacement_mm)
-    assert solved(declared()).found is not None
+    assert solved(declared()).stored is not None
 
 
 @pytest.mark.parametrize(
@@ -89,7 +89,7 @@ def test_solved_press_is_cached_bit_identical(store: Path) -> None:
 )
 def test_only_mechanics_changes_solve_again(other: Protocol, shared: bool) -> None:
     presses = Presses(other, SKIN, COARSE)
-    assert (presses.planned_press(presses.paths[0]).solver.found is not None) == shared
+    assert (presses.planned_press(presses.paths[0]).solver.stored is not None) == shared
 
 
 def test_press_path_is_the_planned_contact() -> None:

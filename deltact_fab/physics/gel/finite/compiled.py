@@ -12,16 +12,16 @@ from deltact_fab.common import compile_loop
 @compile_loop()
 def loop(  # noqa: C901 - one kernel, compiled as a whole
     displacement: Any, cells: Any, gradients: Any, weights: Any, slots: Any, mu: float,
-    lam: float, local: float, tangent: bool, force: Any, data: Any, jbars: Any, wholes: Any,
+    lam: float, local: float, tangent: bool, force: Any, data: Any, jbars: Any, rates: Any,
     pressures: Any, scale: float, memory: Any,
 ) -> tuple[float, float]:  # fmt: skip
     m = cells.shape[0]
-    energy, least = 0.0, np.inf
+    energy, least_j = 0.0, np.inf
     u, g = np.empty((8, 3)), np.empty((8, 24))
     f, c = np.empty((8, 3, 3)), np.empty((3, 3))
     jac = np.empty(8)
     inv = np.empty((8, 3, 3))
-    outer, cross, whole = np.empty((24, 24)), np.empty((24, 24)), np.empty(24)
+    outer, cross, rate = np.empty((24, 24)), np.empty((24, 24)), np.empty(24)
     lap = np.empty((8, 8))
     mu *= scale
     fh = np.empty((3, 3))
@@ -48,9 +48,9 @@ def loop(  # noqa: C901 - one kernel, compiled as a whole
                         - fq[(i + 1) % 3, (j + 2) % 3] * fq[(i + 2) % 3, (j + 1) % 3]
                     )
             det = fq[0, 0] * c[0, 0] + fq[0, 1] * c[0, 1] + fq[0, 2] * c[0, 2]
-            least = min(least, det)
+            least_j = min(least_j, det)
             if not det > 0.0:
-                return np.inf, least
+                return np.inf, least_j
             jac[q] = det
             for i in range(3):
                 for j in range(3):
@@ -67,19 +67,19 @@ def loop(  # noqa: C901 - one kernel, compiled as a whole
             outer[:] = 0.0
             cross[:] = 0.0
             lap[:] = 0.0
-        whole[:] = 0.0
-        # The tangent takes the pressure that was predicted, so that it does not swing with u1.
-        held = pressures[e] if pressures.shape[0] > 0 else u1
+        rate[:] = 0.0
+        # The tangent uses the predicted pressure, so that it does not swing with u1.
+        pressure = pressures[e] if pressures.shape[0] > 0 else u1
         for q in range(8):
             w = weights[e, q]
-            pj = held * jac[q]
+            pj = pressure * jac[q]
             square = 0.0
             for i in range(3):
                 for j in range(3):
                     square += f[q, i, j] ** 2
-            turn = np.log(jac[q])
-            energy += w * (mu * ((square - 3) / 2 - turn) + local / 4 * turn**4)
-            own = local * turn**3
+            log_j = np.log(jac[q])
+            energy += w * (mu * ((square - 3) / 2 - log_j) + local / 4 * log_j**4)
+            local_term = local * log_j**3
             for a in range(8):
                 for i in range(3):
                     s, t = 0.0, 0.0
@@ -87,11 +87,11 @@ def loop(  # noqa: C901 - one kernel, compiled as a whole
                         s += inv[q, i, j] * grad[a, 3 * q + j]
                         t += f[q, i, j] * grad[a, 3 * q + j]
                     g[q, 3 * a + i] = s
-                    force[cells[e, a], i] += w * (mu * t + (own - mu) * s)
-                    whole[3 * a + i] += w * jac[q] * s
+                    force[cells[e, a], i] += w * (mu * t + (local_term - mu) * s)
+                    rate[3 * a + i] += w * jac[q] * s
             if tangent:
                 gq = g[q]
-                c1, c2 = w * (pj + 3 * local * turn**2), w * (mu - pj - own)
+                c1, c2 = w * (pj + 3 * local * log_j**2), w * (mu - pj - local_term)
                 for i in range(24):
                     g1, g2 = c1 * gq[i], c2 * gq[i]
                     for j in range(24):
@@ -130,8 +130,8 @@ def loop(  # noqa: C901 - one kernel, compiled as a whole
         jbars[e] = jbar
         for a in range(8):
             for i in range(3):
-                force[cells[e, a], i] += u1 * whole[3 * a + i]
-                wholes[e, 3 * a + i] = whole[3 * a + i]
+                force[cells[e, a], i] += u1 * rate[3 * a + i]
+                rates[e, 3 * a + i] = rate[3 * a + i]
         if tangent:
             k = 0
             for a in range(8):
@@ -142,10 +142,10 @@ def loop(  # noqa: C901 - one kernel, compiled as a whole
                             s = (
                                 outer[3 * a + i, 3 * b + j]
                                 + cross[3 * a + j, 3 * b + i]
-                                + u2 / volume * whole[3 * a + i] * whole[3 * b + j]
+                                + u2 / volume * rate[3 * a + i] * rate[3 * b + j]
                             )
                             if i == j:
                                 s += lap[a, b]
                             data[slots[e, k]] += s
                             k += 1
-    return energy, least
+    return energy, least_j

@@ -1,8 +1,8 @@
-"""Signed distance from an indenter, with its normal and curvature: what contact is made of.
+"""Signed distance from an indenter, with its normal and curvature, for contact.
 
-Shanks go on above the tips without end and the back plate lies at `reach_mm` across all of them,
+Shanks continue above the tips without end and the back plate lies at `reach_mm` across all of them,
 so a deep press cannot slip through the body. Every tip is a profile (d, z) swept along an outline:
-d is the distance from the axis (turned tips, spheres), from a segment (ridges) or beyond the
+d is the distance from the axis (turned tips, spheres), from a segment (ridges) or outside the
 outline (prisms); an ellipsoid is an ellipse turned about its long axis. Where the outline's
 distance is exact, so is this one outside; inside it is exact down to the nearest medial line.
 """
@@ -32,12 +32,12 @@ from deltact_fab.sensor import (
     TurnedTip,
 )
 
-_TINY = 1e-12
-_STEP_MM = 1e-4  # for differences of a prism's outline
+_TINY_LENGTH = 1e-12  # by hand: rounding, keeps divisions finite
+_OUTLINE_STEP_MM = 1e-4  # by hand: difference step of a prism's outline; leaves 1e-8 in direction
 
 
 class Gap(NamedTuple):
-    """distance_mm (n,), positive outside. normal (n, 3): its gradient, out of the indenter.
+    """Distance (n,) in mm, positive outside; normal (n, 3): its gradient, out of the indenter;
     curvature_per_mm (n, 3, 3): its second derivative."""
 
     distance_mm: Field
@@ -46,7 +46,7 @@ class Gap(NamedTuple):
 
 
 class _Outline(NamedTuple):
-    """d (n,), the unit vectors along and across its gradient (n, 3), and its curvature (n,)."""
+    """Distance d (n,) outside an outline, its gradient (n, 3) and curvature (n,)."""
 
     d: Field
     out: Field
@@ -54,7 +54,7 @@ class _Outline(NamedTuple):
 
 
 class _Profile(NamedTuple):
-    """In the profile's plane: distance, normal (n, 2) in (d, z), curvature of the level line."""
+    """Distance in the profile's plane, normal (n, 2) in (d, z), curvature of the level line."""
 
     distance: Field
     normal: Field
@@ -68,25 +68,25 @@ def gap(indenter: Indenter, points_mm: Field) -> Gap:
     for tip in indenter.tips:
         if isinstance(tip, PosedTip):
             r = tip.turn  # in its own frame, and turned back
-            own = _tip(tip.tip, (points_mm - tip.origin_mm) @ r)
-            here = Gap(own.distance_mm, own.normal @ r.T, r @ own.curvature_per_mm @ r.T)
+            local = _tip(tip.tip, (points_mm - tip.origin_mm) @ r)
+            candidate = Gap(local.distance_mm, local.normal @ r.T, r @ local.curvature_per_mm @ r.T)
         else:
-            here = _tip(tip, points_mm - np.array([tip.x_mm, tip.y_mm, 0.0]))
-        nearer = here.distance_mm < best.distance_mm
+            candidate = _tip(tip, points_mm - np.array([tip.x_mm, tip.y_mm, 0.0]))
+        nearer = candidate.distance_mm < best.distance_mm
         best = Gap(
-            np.where(nearer, here.distance_mm, best.distance_mm),
-            np.where(nearer[:, None], here.normal, best.normal),
-            np.where(nearer[:, None, None], here.curvature_per_mm, best.curvature_per_mm),
+            np.where(nearer, candidate.distance_mm, best.distance_mm),
+            np.where(nearer[:, None], candidate.normal, best.normal),
+            np.where(nearer[:, None, None], candidate.curvature_per_mm, best.curvature_per_mm),
         )
     return best
 
 
-# A profile's start and [(end, centre or None)...], from its innermost point outwards.
+# A profile: start and [(end, arc's centre or None)...], from its innermost point outwards.
 _Chain = tuple[tuple[float, float], list[tuple[tuple[float, float], tuple[float, float] | None]]]
 
 
 def _tip(tip: PlainTip, p: Field) -> Gap:
-    """Distance from one tip and its shank; p (n, 3) relative to where the tip stands."""
+    """Distance from one tip and its shank; p (n, 3) relative to the tip's axis."""
     if isinstance(tip, EllipsoidTip):
         return _ellipsoid(tip, p)
     chain: _Chain
@@ -121,7 +121,7 @@ def _profile_distance(chain: _Chain, d: Field, z: Field) -> _Profile:
         normal[nearer, 0], normal[nearer, 1] = n_d[nearer], n_z[nearer]
         bend[nearer] = curve[nearer]
 
-    one, none = np.ones_like(d), np.zeros_like(d)
+    ones, zeros = np.ones_like(d), np.zeros_like(d)
     a = start
     corners = [start]
     for end, centre in pieces:
@@ -130,32 +130,32 @@ def _profile_distance(chain: _Chain, d: Field, z: Field) -> _Profile:
             length = math.dist(a, end)
             td, tz = (end[0] - a[0]) / length, (end[1] - a[1]) / length
             along = (d - a[0]) * td + (z - a[1]) * tz
-            off = (d - a[0]) * tz - (z - a[1]) * td
-            take(off, tz * one, -td * one, none, (along >= 0) & (along <= length))
+            offset = (d - a[0]) * tz - (z - a[1]) * td
+            take(offset, tz * ones, -td * ones, zeros, (along >= 0) & (along <= length))
             height = a[1] + (d - a[0]) * (tz / td)
         else:
             # An arc that bulges downwards bounds a ball's inside, one upwards its outside.
             up = max(a[1], end[1]) > centre[1] + 1e-9 * math.dist(a, centre)
-            way = 1.0 if up else -1.0
+            side = 1.0 if up else -1.0
             radius = math.dist(a, centre)
             u, v = d - centre[0], z - centre[1]
-            r = np.maximum(np.hypot(u, v), _TINY)
+            r = np.maximum(np.hypot(u, v), _TINY_LENGTH)
             # A point belongs to the arc if its ray from the centre meets it.
             low, high = a[0] - centre[0], end[0] - centre[0]
             ray = u * (radius / r)
-            met = (ray >= low - _TINY) & (ray <= high + _TINY) & (way * v >= 0)
-            take(way * (radius - r), -way * u / r, -way * v / r, -way / r, met)
-            height = centre[1] + way * np.sqrt(np.maximum(radius**2 - u**2, 0.0))
+            on_arc = (ray >= low - _TINY_LENGTH) & (ray <= high + _TINY_LENGTH) & (side * v >= 0)
+            take(side * (radius - r), -side * u / r, -side * v / r, -side / r, on_arc)
+            height = centre[1] + side * np.sqrt(np.maximum(radius**2 - u**2, 0.0))
         below = np.where(within, height, below)
         corners.append(end)
         a = end
-    take(d - a[0], one, none, none, z >= a[1])
+    take(d - a[0], ones, zeros, zeros, z >= a[1])
     if start[0] > 0:
-        take(start[0] - d, -one, none, none, z >= start[1])
+        take(start[0] - d, -ones, zeros, zeros, z >= start[1])
     inside = z > below
     for c in corners:
         u, v = d - c[0], z - c[1]
-        r = np.maximum(np.hypot(u, v), _TINY)
+        r = np.maximum(np.hypot(u, v), _TINY_LENGTH)
         sign = np.where(inside, -1.0, 1.0)
         # Pieces that meet smoothly there are as near; strictly nearer means a real corner.
         real = r < np.abs(best) * (1 - 1e-9) - 1e-12
@@ -170,31 +170,28 @@ def _segment_outline(p: Field, half_mm: float) -> _Outline:
     """Distance from the segment |y| <= half_mm on the y axis; half_mm = 0: from the z axis."""
     y = p[:, 1] - np.clip(p[:, 1], -half_mm, half_mm)
     d = np.hypot(p[:, 0], y)
-    safe = np.maximum(d, _TINY)
+    safe = np.maximum(d, _TINY_LENGTH)
     out = np.stack([p[:, 0] / safe, y / safe, np.zeros_like(d)], axis=1)
-    out[d < _TINY] = (1.0, 0.0, 0.0)
+    out[d < _TINY_LENGTH] = (1.0, 0.0, 0.0)
     turned = (y != 0) | (half_mm == 0)
     return _Outline(d, out, np.where(turned, 1 / safe, 0.0))
 
 
 def _prism_outline(tip: PrismTip, p: Field) -> _Outline:
-    """Distance beyond the outline, negative inside; derivatives by differences.
-
-    Its arcs' centres are private to the tip; a step of 1e-4 mm leaves 1e-8 in the direction.
-    """
-    h = _STEP_MM
+    """Distance outside the outline, negative inside; derivatives by differences."""
+    h = _OUTLINE_STEP_MM
     x, y = p[:, 0] + tip.x_mm, p[:, 1] + tip.y_mm
     d = -tip.inset_mm(x, y)
     xp, xm = -tip.inset_mm(x + h, y), -tip.inset_mm(x - h, y)
     yp, ym = -tip.inset_mm(x, y + h), -tip.inset_mm(x, y - h)
     gx, gy = (xp - xm) / (2 * h), (yp - ym) / (2 * h)
-    size = np.maximum(np.hypot(gx, gy), _TINY)
+    size = np.maximum(np.hypot(gx, gy), _TINY_LENGTH)
     out = np.stack([gx / size, gy / size, np.zeros_like(d)], axis=1)
     # Second derivative across the gradient; the Laplacian would see kinks along it.
     across = (-out[:, 1], out[:, 0])
-    one = -tip.inset_mm(x + h * across[0], y + h * across[1])
-    two = -tip.inset_mm(x - h * across[0], y - h * across[1])
-    bend = np.clip((one + two - 2 * d) / h**2, -1e3, 1e3)
+    ahead = -tip.inset_mm(x + h * across[0], y + h * across[1])
+    behind = -tip.inset_mm(x - h * across[0], y - h * across[1])
+    bend = np.clip((ahead + behind - 2 * d) / h**2, -1e3, 1e3)
     return _Outline(d, out, bend)
 
 
@@ -221,7 +218,7 @@ def _ellipsoid(tip: EllipsoidTip, p: Field) -> Gap:
     a, b = tip.a_mm, tip.b_mm
     low = np.minimum(p[:, 2] - b, 0.0)
     rho = np.hypot(p[:, 1], low)
-    safe = np.maximum(rho, _TINY)
+    safe = np.maximum(rho, _TINY_LENGTH)
     out = np.stack([np.zeros_like(rho), p[:, 1] / safe, low / safe], axis=1)
     size, n_x, n_r, bend = _ellipse(a, b, np.abs(p[:, 0]), rho)
     n_x = n_x * np.where(p[:, 0] < 0, -1.0, 1.0)
@@ -242,41 +239,41 @@ def _ellipse(a: float, b: float, x: Field, y: Field) -> tuple[Field, Field, Fiel
     (a x / (t + a^2))^2 + (b y / (t + b^2))^2 - 1 (Eberly, Distance from a point to an ellipse);
     F is convex and falls from infinity there, so Newton from below does not overshoot.
     """
-    t = np.maximum(a * x - a**2, b * y - b**2) + _TINY
+    t = np.maximum(a * x - a**2, b * y - b**2) + _TINY_LENGTH
     for _ in range(60):
         p, q = a * x / (t + a**2), b * y / (t + b**2)
         value = p**2 + q**2 - 1
         slope = -2 * (p**2 / (t + a**2) + q**2 / (t + b**2))
-        step = np.where(slope < 0, -value / np.minimum(slope, -_TINY), 0.0)
+        step = np.where(slope < 0, -value / np.minimum(slope, -_TINY_LENGTH), 0.0)
         t = t + np.maximum(step, 0.0)
         if np.all(np.abs(step) <= 1e-14 * (np.abs(t) + min(a, b) ** 2)):
             break
     fx, fy = a**2 * x / (t + a**2), b**2 * y / (t + b**2)
     nx, ny = fx / a**2, fy / b**2
-    grad = np.maximum(np.hypot(nx, ny), _TINY)
+    grad = np.maximum(np.hypot(nx, ny), _TINY_LENGTH)
     nx, ny = nx / grad, ny / grad
     size = (x - fx) * nx + (y - fy) * ny
     radius = (a * b) ** 2 * grad**3
-    return size, nx, ny, 1 / np.maximum(radius + size, _TINY)
+    return size, nx, ny, 1 / np.maximum(radius + size, _TINY_LENGTH)
 
 
-BLUNT = 0.5  # least radius over the cell size
+BLUNT_CELLS = 0.5  # least radius over cell size; by hand: less, and contact points jump over edges
 
 
 def blunted(indenter: Indenter, cell_mm: float) -> Indenter:
-    """The indenter with its edges, corners and noses rounded to BLUNT x cell_mm, where it allows.
+    """Round the edges, corners and noses of an indenter to BLUNT_CELLS x cell_mm where possible.
 
     A facet cannot follow an edge that turns within it: its contact points jump between the two
-    sides and Newton's method does not settle. The rounding shrinks with the mesh, so it is one more
-    part of the mesh error, and the fine indenter is found again where cells are twice its radius or
-    less. The lowest point stays where it is, and so do name, outline and reach.
+    sides and Newton's method does not settle. The rounding shrinks with the mesh, so it is part of
+    the mesh error; it vanishes for cells up to twice the indenter's own radius. The lowest point,
+    name, outline and reach stay.
     """
-    radius = BLUNT * cell_mm
+    radius = BLUNT_CELLS * cell_mm
     return replace(indenter, tips=tuple(_blunt(tip, radius) for tip in indenter.tips))
 
 
 def _blunt(tip: Tip, radius_mm: float) -> Tip:
-    """As much of the radius as the tip's other dimensions leave room for."""
+    """Round a tip to the radius, or to the largest part of it that its dimensions allow."""
     for share in (1.0, 0.8, 0.6, 0.4):
         with contextlib.suppress(ShapeError):
             return _with_radius(tip, share * radius_mm)
@@ -299,7 +296,7 @@ def _with_radius(tip: Tip, radius_mm: float) -> Tip:
 
 
 def _rounded_rim(tip: TurnedTip, radius_mm: float) -> tuple[ProfilePiece, ...]:
-    """The last arc, from a flat face up to the rim, made wider; other profiles as they are."""
+    """Widen the last arc, from a flat face up to the rim; return other profiles unchanged."""
     *inner, last = tip.pieces
     if last.centre_mm is None or not inner or inner[-1].centre_mm is not None:
         return tip.pieces

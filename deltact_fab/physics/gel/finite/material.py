@@ -3,19 +3,18 @@
 Per cell of reference volume V the energy is
     sum over points w [mu/2 (F:F - 3) - mu ln J + b/4 ln(J)^4]  +  V U(Jbar),
     Jbar = sum w J / V,   U(J) = lambda/2 ln(J)^2 - b/4 ln(J)^4,
-the mean dilatation of Nagtegaal, Parks and Rice (1974) as Simo, Taylor and Pister (1985) put it
-for finite strain, one constant pressure a cell (Q1P0). mu and lambda are Lame's constants, so that
+the mean dilatation of Nagtegaal, Parks and Rice (1974), for finite strain by Simo, Taylor and
+Pister (1985), with one pressure per cell (Q1P0). mu and lambda are Lame's constants, so that
 small strains are Hooke's law and a homogeneous state is the usual compressible neo-Hooke (Bonet
 and Wood, Nonlinear Continuum Mechanics for Finite Element Analysis, 6.4).
 
-Locking: only U grows with nu, and it sees one number a cell, so a brick keeps enough freedom to
-bend at nu = 0.4999; with J at each of the 2 x 2 x 2 points it would lock. The pressure of Q1P0 may
-alternate from cell to cell; contact on a bonded block does not excite that, forces are free of it.
-The part -mu ln J stays local: with Jbar alone a brick can turn inside out at one point. Squeezed
+Locking: only U grows with nu, and it depends on one number per cell, so a brick can still bend at
+nu = 0.4999; with J at each of the 2 x 2 x 2 points it would lock. The pressure of Q1P0 may
+alternate from cell to cell; contact on a bonded block does not excite that, and forces are not
+affected. The part -mu ln J stays local: with Jbar alone a brick can invert at one point. Squeezed
 to a third under a sharp tip it would still fold into an hourglass, whose points lose and gain
-volume while its mean keeps it. The part with b = LOCAL mu, at most lambda/8, stands against that;
-to fourth order it is no part of small strains, so it locks nothing, and a homogeneous state does
-not feel it.
+volume at a constant mean. The part with b = LOCAL_RATIO mu, at most lambda/8, prevents that; being
+of fourth order it vanishes at small strains (no locking), and in homogeneous states.
 """
 
 from __future__ import annotations
@@ -29,8 +28,8 @@ import numpy as np
 from deltact_fab.common import Field, InputError
 from deltact_fab.sensor import GelMaterial
 
-LOCAL = 8.0  # b over mu
-MAX_FINITE_POISSON = 0.49999  # beyond, rounding in U' spoils the residual
+LOCAL_RATIO = 8.0  # b over mu; by hand: less lets cells fold, more stiffens sheared ones
+MAX_FINITE_POISSON = 0.49999  # by hand: above, rounding in U' spoils the residual
 
 
 @dataclass(frozen=True)
@@ -41,8 +40,8 @@ class NeoHooke:
     lambda_mpa: float
 
     @classmethod
-    def of(cls, material: GelMaterial) -> NeoHooke:
-        """From modulus and Poisson's ratio; InputError beyond MAX_POISSON."""
+    def from_material(cls, material: GelMaterial) -> NeoHooke:
+        """Convert modulus and Poisson's ratio. Raises InputError above MAX_FINITE_POISSON."""
         nu, e = material.poisson, material.modulus_mpa
         if nu > MAX_FINITE_POISSON:
             raise InputError(
@@ -53,10 +52,10 @@ class NeoHooke:
 
     @property
     def local_mpa(self) -> float:
-        return min(LOCAL * self.mu_mpa, self.lambda_mpa / 8)
+        return min(LOCAL_RATIO * self.mu_mpa, self.lambda_mpa / 8)
 
     def volumetric(self, jbar: Field) -> tuple[Field, Field, Field]:
-        """U, U' (MPa, tension positive) and U'' at mean dilatations (m,)."""
+        """Return U, U' (MPa, tension positive) and U'' at mean dilatations (m,)."""
         k, b, log = self.lambda_mpa, self.local_mpa, np.log(jbar)
         slope = k * log - b * log**3
         return (
@@ -66,15 +65,15 @@ class NeoHooke:
         )
 
 
-# Order of a symmetric tensor's six components.
-_ROW, _COLUMN = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
+# Order of a symmetric tensor's six components: definition.
+_TENSOR_ROWS, _TENSOR_COLS = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
 
 
 class Memory(NamedTuple):
-    """What the past does in one increment.
+    """Effect of the past on one increment.
 
     scale: factor of the local energy. stress_mpa (m, 8, 6): h; xx, yy, zz, xy, xz, yz.
-    parts_mpa (k, m, 8, 6): its terms, one a branch. gains (k,): g a, what each takes of S'.
+    parts_mpa (k, m, 8, 6): its terms, one per branch. gains (k,): g a, each branch's factor of S'.
     """
 
     scale: float
@@ -85,7 +84,7 @@ class Memory(NamedTuple):
 
 @dataclass(frozen=True)
 class Viscosity:
-    """A gel that relaxes: shares (k,) of mu and times_s (k,) that they take to fade.
+    """Relaxation of a gel: shares (k,) of mu and their relaxation times_s (k,).
 
     A Prony series on the local stress, exact in time for a straight increment. Each branch (g, tau)
     carries an overstress H (second Piola, reference axes, so turning the gel does not change it)
@@ -103,7 +102,7 @@ class Viscosity:
     for the last, and g a S gives that one back. So the potential is as well behaved as the elastic
     one, at t = 0 (a sudden press, e = a = 1) as at infinity (long rest, e = a = 0).
 
-    Linear in S: relaxation times do not depend on the stretch, and no softening is remembered.
+    Linear in S: relaxation times do not depend on the stretch, and there is no softening.
     """
 
     mu_mpa: float
@@ -111,17 +110,17 @@ class Viscosity:
     times_s: tuple[float, ...]
 
     @classmethod
-    def of(cls, material: GelMaterial, law: NeoHooke) -> Viscosity | None:
-        """None where the gel has no series: then nothing is kept and nothing computed."""
+    def from_material(cls, material: GelMaterial, law: NeoHooke) -> Viscosity | None:
+        """Take a material's Prony series; return None where it has none."""
         pairs = [(g, tau) for g, tau in material.prony if g > 0]
         if not pairs:
             return None
         return cls(law.mu_mpa, tuple(g for g, _ in pairs), tuple(tau for _, tau in pairs))
 
     def weights(self, seconds: float) -> tuple[Field, Field]:
-        """e (k,), what is left of an overstress, and a (k,), of a change of stress on the way.
+        """Return decay factors e (k,) of an overstress and a (k,) of a stress change on the way.
 
-        Raises InputError for a time that is negative or no number; infinity is long rest.
+        Raises InputError for a time that is negative or not a number; infinity is long rest.
         """
         if not seconds >= 0:
             raise InputError(f"viscosity: seconds >= 0 are needed: {seconds} fails")
@@ -132,8 +131,9 @@ class Viscosity:
             return np.exp(-x), a
 
     def local_stress(self, f: Field) -> Field:
-        """S = mu (I - C^-1) in MPa, (..., 6), of deformation gradients (..., 3, 3)."""
-        c = [(f[..., :, i] * f[..., :, j]).sum(axis=-1) for i, j in zip(_ROW, _COLUMN, strict=True)]
+        """Return S = mu (I - C^-1) in MPa, (..., 6), at deformation gradients (..., 3, 3)."""
+        pairs = zip(_TENSOR_ROWS, _TENSOR_COLS, strict=True)
+        c = [(f[..., :, i] * f[..., :, j]).sum(axis=-1) for i, j in pairs]
         xx, yy, zz, xy, xz, yz = c
         s = np.empty((*f.shape[:-2], 6))
         s[..., 0], s[..., 1], s[..., 2] = yy * zz - yz**2, xx * zz - xz**2, xx * yy - xy**2
@@ -144,17 +144,17 @@ class Viscosity:
         return s
 
     def memory(self, f: Field, overstress_mpa: Field | None, seconds: float) -> Memory:
-        """For an increment that starts at gradients f (m, 8, 3, 3) with overstress (k, m, 8, 6).
+        """Memory of an increment that starts at gradients f (m, 8, 3, 3).
 
-        None: all has faded. seconds: what the increment takes.
+        overstress_mpa (k, m, 8, 6); None: relaxed. seconds: duration of the increment.
         """
-        left, a = self.weights(seconds)
+        decay, a = self.weights(seconds)
         gains = np.array(self.shares) * a
         parts = np.multiply.outer(-gains, self.local_stress(f))
         if overstress_mpa is not None:
-            parts += left[:, None, None, None] * overstress_mpa
+            parts += decay[:, None, None, None] * overstress_mpa
         return Memory(1.0 + math.fsum(gains), parts.sum(axis=0), parts, gains)
 
     def overstress(self, f: Field, memory: Memory) -> Field:
-        """H' (k, m, 8, 6) in MPa at the end of the increment, at gradients f (m, 8, 3, 3)."""
+        """Return H' (k, m, 8, 6) in MPa at the end of the increment, gradients f (m, 8, 3, 3)."""
         return memory.parts_mpa + np.multiply.outer(memory.gains, self.local_stress(f))

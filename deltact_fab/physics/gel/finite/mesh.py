@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from deltact_fab.common import Field, InputError
 from deltact_fab.sensor import SkinDimensions
 
-Box = tuple[float, float, float, float]
+FocusBox = tuple[float, float, float, float]
 
-GROWTH = 1.25  # of neighbouring cells; more costs accuracy at the transition
-COARSEST = 5.0  # largest cell over smallest
+CELL_GROWTH = 1.25  # ratio of neighbouring cells; by hand: more costs accuracy at the transition
+MAX_CELL_RATIO = 5.0  # largest cell over smallest; by hand: more saves few unknowns
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,9 +25,9 @@ class HexMesh:
     """Hexahedra whose nodes 0-3 run round the lower quadrilateral and 4-7 above them.
 
     nodes_mm (n, 3). cells (m, 8): node numbers. touched (f,): cells whose upper quadrilateral lies
-    in the touched face. base (b,): nodes held by the rigid base.
-    mirrors: whether the planes x = 0 and y = 0 are mirrors, the mesh being what lies beyond them.
-    axes_mm: of a block, the coordinates along x, y and z whose product the nodes are.
+    in the touched face. base (b,): nodes fixed to the rigid base.
+    mirrors: True where x = 0, y = 0 is a mirror plane; the mesh lies on its positive side.
+    axes_mm: of a block, the coordinates along x, y and z, whose product are the nodes.
     """
 
     nodes_mm: Field
@@ -38,14 +38,14 @@ class HexMesh:
     axes_mm: tuple[Field, Field, Field] | None = None
 
     @property
-    def held(self) -> NDArray[np.bool_]:
-        """Displacements (n, 3) that are zero: of the base, and across mirrors."""
-        held = np.zeros(self.nodes_mm.shape, dtype=bool)
-        held[self.base] = True
+    def fixed(self) -> NDArray[np.bool_]:
+        """Mask (n, 3) of zero displacements: of the base, and across mirrors."""
+        mask = np.zeros(self.nodes_mm.shape, dtype=bool)
+        mask[self.base] = True
         for axis, mirror in enumerate(self.mirrors):
             if mirror:
-                held[:, axis] |= self.nodes_mm[:, axis] == 0.0
-        return held
+                mask[:, axis] |= self.nodes_mm[:, axis] == 0.0
+        return mask
 
     @property
     def copies(self) -> int:
@@ -57,30 +57,30 @@ class HexMesh:
         return self.cells[self.touched, 4:]
 
     def at_nodes(self, cells: NDArray[np.int64], forces: Field) -> Field:
-        """Sum (n, 3) of forces (m, k, 3) at the nodes (m, k) of cells or faces."""
+        """Sum forces (m, k, 3) at the nodes (m, k) of cells or faces to (n, 3)."""
         flat, n = cells.ravel(), len(self.nodes_mm)
         columns = [np.bincount(flat, weights=forces[..., i].ravel(), minlength=n) for i in range(3)]
         return np.stack(columns, axis=1)
 
     @property
     def free_dofs(self) -> int:
-        return int((~self.held).sum())
+        return int((~self.fixed).sum())
 
 
 def block_mesh(
     skin: SkinDimensions,
     spacing_mm: float,
-    focus: Box | None = None,
+    focus: FocusBox | None = None,
     mirrors: tuple[bool, bool] = (False, False),
-    growth: float = GROWTH,
+    growth: float = CELL_GROWTH,
 ) -> HexMesh:
-    """A block width x length x thickness; the edges' fillet and the frame are left out.
+    """Mesh a block width x length x thickness; the edges' fillet and the frame are neglected.
 
     spacing_mm: cell size, everywhere or, with a focus, inside it and at the face.
-    focus: (x_low, x_high, y_low, y_high) in mm; cells grow from it by `growth` up to COARSEST,
-        and from the face towards the base.
+    focus: (x_low, x_high, y_low, y_high) in mm; cells grow from it by `growth` up to
+        MAX_CELL_RATIO, and from the face towards the base.
     mirrors: keep only x >= 0, y >= 0; a focus must be symmetric there.
-    Raises InputError for a spacing that is not a usable length.
+    Raises InputError for an unusable spacing.
     """
     if not (math.isfinite(spacing_mm) and 0 < spacing_mm <= skin.thickness_mm):
         raise InputError(
@@ -98,11 +98,11 @@ def block_mesh(
 def unknowns(
     skin: SkinDimensions,
     spacing_mm: float,
-    focus: Box,
+    focus: FocusBox,
     mirrors: tuple[bool, bool],
-    growth: float = GROWTH,
+    growth: float = CELL_GROWTH,
 ) -> int:
-    """About how many displacements `block_mesh` would leave free: those across mirrors count."""
+    """Estimate the free displacements of `block_mesh`; those across mirrors are counted too."""
     x, y, z = _axes(skin, spacing_mm, focus, mirrors, growth)
     return 3 * len(x) * len(y) * (len(z) - 1)
 
@@ -110,9 +110,9 @@ def unknowns(
 def _axes(
     skin: SkinDimensions,
     spacing_mm: float,
-    focus: Box | None,
+    focus: FocusBox | None,
     mirrors: tuple[bool, bool],
-    growth: float = GROWTH,
+    growth: float = CELL_GROWTH,
 ) -> tuple[Field, Field, Field]:
     halves = skin.opening_half_mm
     axes = []
@@ -134,7 +134,7 @@ def _axes(
 
 
 def extruded(plane_mm: Field, quads: NDArray[np.int64], z_mm: Field) -> HexMesh:
-    """Quadrilaterals (q, 4) over points (p, 2), counterclockwise, repeated at heights z_mm."""
+    """Extrude quadrilaterals (q, 4) over points (p, 2), counterclockwise, through heights z_mm."""
     p, layers = len(plane_mm), len(z_mm) - 1
     nodes = np.concatenate(
         [np.repeat(plane_mm[None], layers + 1, axis=0), np.empty((layers + 1, p, 1))], axis=2
@@ -157,31 +157,31 @@ def _uniform(low: float, high: float, spacing: float) -> Field:
 def _graded(
     low: float, high: float, inner_low: float, inner_high: float, spacing: float, growth: float
 ) -> Field:
-    """Points from low to high: equal cells between the inner bounds, growing outside of them."""
+    """Points from low to high: equal cells between the inner bounds, growing outside them."""
     a, b = max(low, min(inner_low, high - spacing)), min(high, max(inner_high, low + spacing))
     count = max(1, math.ceil((b - a) / spacing - 1e-9))
-    # A whole number of cells, where there is room: meshes are then as fine as they say.
-    more = count * spacing - (b - a)
+    # Widen to a whole number of cells where there is room, so that they have the given size.
+    excess = count * spacing - (b - a)
     if a > low and b < high:
-        a, b = max(low, a - more / 2), min(high, b + more / 2)
+        a, b = max(low, a - excess / 2), min(high, b + excess / 2)
     elif b < high:
-        b = min(high, b + more)
+        b = min(high, b + excess)
     elif a > low:
-        a = max(low, a - more)
+        a = max(low, a - excess)
     middle = np.linspace(a, b, count + 1)
-    left = a - _growing(a - low, spacing, growth)[::-1]
-    right = b + _growing(high - b, spacing, growth)
-    return np.concatenate([left, middle, right])
+    lower = a - _growing(a - low, spacing, growth)[::-1]
+    upper = b + _growing(high - b, spacing, growth)
+    return np.concatenate([lower, middle, upper])
 
 
 def _growing(length: float, spacing: float, growth: float) -> Field:
-    """Distances of points from 0 (left out) to `length`, their steps growing from `spacing`."""
+    """Distances of points from 0 (excluded) to `length`, their steps growing from `spacing`."""
     if length < 1e-9 * spacing:
         return np.empty(0)
     steps: list[float] = []
     step = spacing
     while sum(steps) < length:
-        step = min(step * growth, spacing * COARSEST)
+        step = min(step * growth, spacing * MAX_CELL_RATIO)
         steps.append(step)
     # One step fewer where that is nearer; then all are scaled to fit.
     if len(steps) > 1 and length - sum(steps[:-1]) < sum(steps) - length:

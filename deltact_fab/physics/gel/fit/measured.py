@@ -1,4 +1,4 @@
-"""A press as a lab measured it: depth and force, row by row, out of a CSV file."""
+"""A press measured by a lab: depth and force, row by row, from a CSV file."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ import numpy as np
 
 from deltact_fab.common import Field, InputError, read_text
 
-COLUMNS = ("depth_mm", "normal_n")
-SHEAR = ("shear_x_mm", "shear_y_mm")
-MIN_ROWS = 6
-STILL_MM = 0.02  # no stage repeats better: a smaller move is no shear
+PRESS_COLUMNS = ("depth_mm", "normal_n")
+SHEAR_COLUMNS = ("shear_x_mm", "shear_y_mm")
+MIN_ROWS = 6  # by hand: fewer give no interval of a modulus
+STILL_MM = 0.02  # by hand, about a stage's repeatability: a smaller move is no shear
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredIndentation:
     """Rows in the order measured. depth_mm (n,) into the gel; normal_n (n,) positive = pressed.
 
-    dragged: rows of the file that are left out, from the first move in plane on.
+    dragged: number of rows not used, from the first move in plane on.
     """
 
     name: str
@@ -32,7 +32,7 @@ class MeasuredIndentation:
 
 
 def read_press_csv(path: Path | str) -> MeasuredIndentation:
-    """Read COLUMNS, and SHEAR where a drag follows; others are left alone, `#` starts a comment.
+    """Read PRESS_COLUMNS, and SHEAR_COLUMNS for a drag; `#` starts a comment, others are ignored.
 
     Raises InputError naming file, line and column.
     """
@@ -40,16 +40,16 @@ def read_press_csv(path: Path | str) -> MeasuredIndentation:
     lines = _lines(read_text(path))
     number, header = next(lines, (0, []))
     if not header:
-        raise InputError(f"{path}: empty; a header with {', '.join(COLUMNS)} is needed")
-    for name in (*COLUMNS, *SHEAR):
+        raise InputError(f"{path}: empty; a header with {', '.join(PRESS_COLUMNS)} is needed")
+    for name in (*PRESS_COLUMNS, *SHEAR_COLUMNS):
         if header.count(name) > 1:
             raise InputError(f"{path}:{number}: column {name} occurs twice; once is needed")
-        if name in COLUMNS and name not in header:
+        if name in PRESS_COLUMNS and name not in header:
             raise InputError(
                 f"{path}:{number}: no column {name}; found {', '.join(header)}; "
-                f"{' and '.join(COLUMNS)} are needed"
+                f"{' and '.join(PRESS_COLUMNS)} are needed"
             )
-    place = {name: header.index(name) for name in (*COLUMNS, *SHEAR) if name in header}
+    place = {n: header.index(n) for n in (*PRESS_COLUMNS, *SHEAR_COLUMNS) if n in header}
     rows = []
     for number, cells in lines:
         if len(cells) != len(header):
@@ -59,18 +59,18 @@ def read_press_csv(path: Path | str) -> MeasuredIndentation:
             )
         rows.append([_number(path, number, name, cells[i]) for name, i in place.items()])
     table = np.array(rows).reshape(len(rows), len(place))
-    moved = np.logical_or.accumulate((np.abs(table[:, 2:]) > STILL_MM).any(axis=1))
-    depth_mm, normal_n = table[~moved, :2].T
+    dragged = np.logical_or.accumulate((np.abs(table[:, 2:]) > STILL_MM).any(axis=1))
+    depth_mm, normal_n = table[~dragged, :2].T
     if len(depth_mm) < MIN_ROWS:
         raise InputError(
             f"{path}: {len(depth_mm)} rows of a straight press; at least {MIN_ROWS} are needed"
         )
     _check_signs(path, depth_mm, normal_n)
-    return MeasuredIndentation(path.name, depth_mm, normal_n, int(moved.sum()))
+    return MeasuredIndentation(path.name, depth_mm, normal_n, int(dragged.sum()))
 
 
 def _lines(text: str) -> Iterator[tuple[int, list[str]]]:
-    """Line numbers and stripped cells, without blank lines and comments."""
+    """Yield line numbers and stripped cells, without blank lines and comments."""
     for number, line in enumerate(text.splitlines(), start=1):
         if line.strip() and not line.lstrip().startswith("#"):
             yield number, [cell.strip() for cell in next(csv.reader([line]))]

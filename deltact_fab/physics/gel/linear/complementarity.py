@@ -1,7 +1,7 @@
 """Contact on a part of a linear face: pressure at a depth, and shear within a bound.
 
-Each is a convex minimum with one constraint a node, solved by itself and without history; `contact`
-makes them agree.
+Each is a convex minimisation with one constraint per node, solved separately and without history;
+`contact` iterates between them.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ from deltact_fab.sensor import BlockWindow, FreeBlock, Indenter
 
 from .. import time_limit
 
-MAX_ITERATIONS = 4000
+# By hand: work against failures or a looser bound, never the solution.
+MAX_CONTACT_ITERATIONS = 4000
 _POWER_STEPS = 12  # to the largest eigenvalue: the uniform start is already close to it
-MUCH = 0.7  # of a set of nodes: a smaller part of it has an eigenvalue of its own
+SUBSET_SHARE = 0.7  # of a set of nodes: a smaller part gets an eigenvalue of its own
 
 
 def normal_contact(
@@ -29,7 +30,7 @@ def normal_contact(
     rest_gap_mm: Field,
     goal_mm: float,
 ) -> tuple[Field, float, int]:
-    """Polonsky-Keer conjugate gradients: p >= 0, gap >= 0, p gap = 0 at a given depth.
+    """Solve p >= 0, gap >= 0, p gap = 0 at a given depth by Polonsky-Keer conjugate gradients.
 
     pressure_mpa: first guess, (my, mx). rest_gap_mm: gap without pressure, (my, mx), inf where the
     indenter does not reach. Returns pressure, worst violation (mm) and operator applications.
@@ -40,12 +41,12 @@ def normal_contact(
     applications = 1
     direction = np.zeros_like(p)
     old = 0.0
-    for _ in range(MAX_ITERATIONS):
+    for _ in range(MAX_CONTACT_ITERATIONS):
         time_limit.check()
         worst = normal_violation(gap, p)
         if worst <= goal_mm:
             return p, worst, applications
-        # Penetrating nodes enter with the residual that is already there.
+        # Penetrating nodes enter with their present residual.
         active = (p > 0) | (gap < 0)
         residual = np.where(active, gap, 0.0)
         new = float(np.vdot(residual, residual))
@@ -53,40 +54,40 @@ def normal_contact(
         image = operator.normal_of_pressure(direction)
         applications += 1
         step = float(np.vdot(residual, direction)) / float(np.vdot(direction, image))
-        moved = p - step * direction
-        clipped = bool(np.any(moved < 0))
+        stepped = p - step * direction
+        clipped = bool(np.any(stepped < 0))
         if clipped:
-            p = np.maximum(moved, 0.0)
+            p = np.maximum(stepped, 0.0)
             gap = rest_gap_mm + operator.normal_of_pressure(p)
             applications += 1
         else:
-            p = moved
+            p = stepped
             gap = gap - step * image
         # A changed set of active nodes ends the conjugacy.
         changed = clipped or bool(np.any((p == 0) & (gap < 0)))
         old = 0.0 if changed else new
     raise SolverError(
-        f"contact: pressure not converged after {MAX_ITERATIONS} iterations: "
-        f"violation {worst:.1e} mm, {goal_mm:.1e} mm is asked"
+        f"contact: pressure not converged after {MAX_CONTACT_ITERATIONS} iterations: "
+        f"violation {worst:.1e} mm, {goal_mm:.1e} mm required"
     )
 
 
 class ShearComplianceBound:
-    """Largest eigenvalues of an operator's shear compliance, for sets of nodes that come and go."""
+    """Largest eigenvalue of an operator's shear compliance, for changing sets of nodes."""
 
     def __init__(self, operator: BlockWindow) -> None:
         self._operator = operator
-        self._known: tuple[NDArray[np.bool_], float] | None = None
+        self._last_bound: tuple[NDArray[np.bool_], float] | None = None
 
     def largest(self, active: NDArray[np.bool_]) -> tuple[float, int]:
-        """An upper estimate on the active nodes (my, mx), and operator applications.
+        """Return an upper estimate on the active nodes (my, mx), and operator applications.
 
-        That of a set is one of all its subsets too (Cauchy's interlacing), so the last serves as
+        That of a set also bounds its subsets (Cauchy's interlacing), so the last one is reused as
         long as the set lies within it and is not much smaller.
         """
-        if self._known is not None:
-            nodes, value = self._known
-            if not (active & ~nodes).any() and active.sum() >= MUCH * nodes.sum():
+        if self._last_bound is not None:
+            nodes, value = self._last_bound
+            if not (active & ~nodes).any() and active.sum() >= SUBSET_SHARE * nodes.sum():
                 return value, 0
         nodes = binary_dilation(active)
         # The kernel is positive and long-ranged, so the uniform vector is close to the extreme one.
@@ -95,7 +96,7 @@ class ShearComplianceBound:
         for _ in range(_POWER_STEPS):
             v = self._operator.shear_of_shear(v / np.linalg.norm(v)) * nodes
             value = float(np.linalg.norm(v))
-        self._known = nodes, 1.02 * value
+        self._last_bound = nodes, 1.02 * value
         return 1.02 * value, _POWER_STEPS
 
 
@@ -121,7 +122,7 @@ def friction_contact(
     slip = operator.shear_of_shear(q) + free_slip_mm
     applications += 1
     ahead, ahead_slip, momentum = q, slip, 1.0
-    for _ in range(MAX_ITERATIONS):
+    for _ in range(MAX_CONTACT_ITERATIONS):
         time_limit.check()
         worst = float(np.abs(q - _on_disc(q - step * slip, bound_mpa)).max()) / step
         if worst <= goal_mm:
@@ -140,28 +141,28 @@ def friction_contact(
         ahead_slip = slip_new + weight * (slip_new - slip)
         q, slip = q_new, slip_new
     raise SolverError(
-        f"contact: friction not converged after {MAX_ITERATIONS} iterations: "
-        f"violation {worst:.1e} mm, {goal_mm:.1e} mm is asked"
+        f"contact: friction not converged after {MAX_CONTACT_ITERATIONS} iterations: "
+        f"violation {worst:.1e} mm, {goal_mm:.1e} mm required"
     )
 
 
 def normal_violation(gap: Field, p: Field) -> float:
-    """Worst gap under pressure or penetration anywhere (mm)."""
+    """Largest gap under pressure or penetration anywhere (mm)."""
     return float(np.abs(np.where(p > 0, gap, np.minimum(gap, 0.0))).max())
 
 
 def _on_disc(q: Field, bound: Field) -> Field:
-    """Nearest traction (2, ...) with |q| <= bound at every node."""
+    """Project a traction (2, ...) to |q| <= bound at every node."""
     size = np.hypot(q[0], q[1])
     return q * np.where(size > bound, bound / np.where(size > 0, size, 1.0), 1.0)
 
 
-MARGIN = 3  # nodes around those below the indenter
+MARGIN_NODES = 3  # by hand: around those below the indenter; fewer repeat more solves
 
 
 @dataclass
 class Patch:
-    """The part of the grid that a solve works on, and the height field above it."""
+    """Part of the grid that is solved, and the height field above it."""
 
     rows: slice
     columns: slice
@@ -171,17 +172,17 @@ class Patch:
     operator: BlockWindow
 
     def height_mm(self, shift_mm: Field) -> Field:
-        """Height above the nodes where they are after an in-plane shift (2, my, mx)."""
+        """Height above the nodes after an in-plane shift (2, my, mx)."""
         return self.indenter.height_mm(self.x_mm + shift_mm[0], self.y_mm + shift_mm[1])
 
 
 def patch_below(
     face: FreeBlock, indenter: Indenter, tip: Point, grow_mm: float, shift_mm: Field
 ) -> Patch:
-    """Nodes that can come into contact: those below the indenter's underside, and a margin.
+    """Return the nodes that can touch: those below the indenter's underside, and a margin.
 
-    grow_mm: of the depth within which a node counts as below. shift_mm: as in `footprint`.
-    Raises SolverError where a tip of the indenter meets no node.
+    grow_mm: added to the depth within which a node counts as below. shift_mm: as in `footprint`.
+    Raises SolverError where a tip of the indenter is above no node.
     """
     x, y, depth = tip
     rows, columns, xx, yy = footprint(face, indenter, tip, shift_mm)
@@ -206,9 +207,9 @@ def patch_below(
 def footprint(
     face: FreeBlock, indenter: Indenter, tip: Point, shift_mm: Field
 ) -> tuple[slice, slice, Field, Field]:
-    """Rows and columns below the whole indenter, and their positions (my, mx) from the tip.
+    """Return rows and columns below the whole indenter, and positions (my, mx) from the tip.
 
-    shift_mm (ny, nx, 2): of the nodes in plane.
+    shift_mm (ny, nx, 2): in-plane shift of the nodes.
     """
     slack = float(np.abs(shift_mm).max())
     half_x, half_y = indenter.footprint_half_mm
@@ -219,16 +220,16 @@ def footprint(
     return rows, columns, xx, yy
 
 
-def span(which: NDArray[np.bool_]) -> slice:
-    """The slice from the first to the last True."""
-    found = np.flatnonzero(which)
-    return slice(int(found[0]), int(found[-1]) + 1) if found.size else slice(0, 0)
+def span(mask: NDArray[np.bool_]) -> slice:
+    """Return the slice from the first to the last True."""
+    indices = np.flatnonzero(mask)
+    return slice(int(indices[0]), int(indices[-1]) + 1) if indices.size else slice(0, 0)
 
 
-def _widened(within: slice, which: NDArray[np.bool_], n: int) -> slice:
-    """The span of `which` inside `within`, with a margin and a size rounded up to 8 nodes."""
-    near = span(which)
-    start, stop = within.start + near.start - MARGIN, within.start + near.stop + MARGIN
+def _widened(within: slice, mask: NDArray[np.bool_], n: int) -> slice:
+    """Widen the span of `mask` in `within` by a margin, to a multiple of 8 nodes."""
+    near = span(mask)
+    start, stop = within.start + near.start - MARGIN_NODES, within.start + near.stop + MARGIN_NODES
     size = min(n, 8 * math.ceil((stop - start) / 8))
     start = min(max(0, start - (size - (stop - start)) // 2), n - size)
     return slice(start, start + size)

@@ -1,6 +1,6 @@
-"""Where the linear level stops (too deep, off the face or the indenter, folded), and its error.
+"""Validity limits of the linear level (depth, face, indenter, folding), and its model error.
 
-The numbers are measured; docs/evidence/gel.md holds the tables they are read from.
+The constants are measured: docs/evidence/gel.md has the tables.
 """
 
 from __future__ import annotations
@@ -16,24 +16,23 @@ from deltact_fab.sensor import MAX_LINEAR_POISSON, FreeBlock, GelMaterial, Inden
 
 from ..level import contact_radius_mm
 
-DEPTH_LIMIT = 0.25  # of the thickness: force is still within some per cent of finite strain there
-FOLD_LIMIT = 0.2  # least det(I + grad u) of the face; at 0 the printed pattern folds over
-
+DEPTH_LIMIT = 0.25  # of the thickness, by hand: force within some per cent of finite strain
+FOLD_LIMIT = 0.2  # least det(I + grad u) of the face; by hand: at 0 the printed pattern folds
+# Measured, docs/evidence/gel.md: relative force, and in plane.
 TIP_FORCE = 1.05  # x (poisson - EVEN_POISSON) x depth/contact radius: too stiff above it
 EVEN_POISSON = 0.42
-BEND_FORCE = 1.0  # x (depth/thickness)^2, of the force: too soft
-SPREAD_FORCE = 0.02  # x depth/contact radius: what the two do not tell
-# x depth^2 sqrt(pi/face): first + second x (contact radius/thickness)^2.
-BEND_IN_PLANE = (0.13, 0.4)
-MIN_IN_PLANE = 0.002  # x depth: what the reference, a disc for the block, tells apart
+BEND_FORCE = 1.0  # x (depth/thickness)^2: too soft
+SPREAD_FORCE = 0.02  # x depth/contact radius: scatter about the two
+BEND_IN_PLANE = (0.13, 0.4)  # x depth^2 sqrt(pi/face), with 1 and (contact radius/thickness)^2
+MIN_IN_PLANE = 0.002  # x depth: resolution of the reference, a disc in place of the block
 
 
 def linear_refusal(
     skin: SkinDimensions, material: GelMaterial, indenter: Indenter, depth_mm: float
 ) -> str | None:
-    """Why the level cannot follow a press to that depth at all, None where it can."""
+    """Return the reason why the level does not support a press to that depth, or None."""
     if material.prony:
-        return "it knows no Prony series"
+        return "it does not support a Prony series"
     if material.poisson > MAX_LINEAR_POISSON:
         return f"poisson <= {MAX_LINEAR_POISSON} is needed: {material.poisson:g} fails"
     return _too_deep(skin.thickness_mm, indenter, depth_mm)
@@ -52,10 +51,10 @@ def _too_deep(thickness_mm: float, indenter: Indenter, depth_mm: float) -> str |
 def model_error(
     skin: SkinDimensions, indenter: Indenter, depth_mm: float, poisson: float
 ) -> tuple[float, float]:
-    """What the level leaves out, large strain: of the force, relative, and in plane, mm rms.
+    """Error from neglected large strain: of the force, relative, and in plane, mm rms.
 
-    Under the tip it is of the order depth/contact radius, with a sign that Poisson's ratio sets;
-    over the thickness of second order.
+    Under the tip it is of the order depth/contact radius, with a sign that depends on Poisson's
+    ratio; over the thickness it is of second order.
     """
     if depth_mm <= 0:
         return 0.0, 0.0
@@ -63,7 +62,7 @@ def model_error(
     steep = depth_mm / radius
     tip = TIP_FORCE * (poisson - EVEN_POISSON) * steep
     bend = BEND_FORCE * (depth_mm / thickness) ** 2
-    # Of opposite signs, they are not relied on to cancel.
+    # Where their signs differ, they are not assumed to cancel.
     force = max(tip, bend + max(-tip, 0.0)) + SPREAD_FORCE * steep
     in_plane = BEND_IN_PLANE[0] + BEND_IN_PLANE[1] * (radius / thickness) ** 2
     in_plane *= depth_mm**2 * math.sqrt(math.pi / (skin.width_mm * skin.length_mm))
@@ -71,10 +70,10 @@ def model_error(
 
 
 def refuse_out_of_range(face: FreeBlock, indenter: Indenter, tip_mm: Point) -> None:
-    """Raises InputError for a tip that is deeper than the level reaches, or off the face."""
+    """Raise InputError for a tip too deep for the level, or off the face."""
     x, y, depth = tip_mm
-    if why := _too_deep(face.thickness_mm, indenter, depth):
-        raise InputError(f"contact: {why}; level hyperelastic can")
+    if reason := _too_deep(face.thickness_mm, indenter, depth):
+        raise InputError(f"contact: {reason}; use level hyperelastic")
     dx, dy = face.spacing_mm
     half_x, half_y = face.x_mm[-1] + dx / 2, face.y_mm[-1] + dy / 2
     if abs(x) > half_x or abs(y) > half_y:
@@ -86,17 +85,17 @@ def refuse_out_of_range(face: FreeBlock, indenter: Indenter, tip_mm: Point) -> N
 def refuse_bad_contact(
     indenter: Indenter, tip_mm: Point, height_mm: Field, contact: NDArray[np.bool_]
 ) -> None:
-    """Raises SolverError where nothing is under pressure, or contact runs off the indenter.
+    """Raise SolverError where nothing is under pressure, or contact runs off the indenter.
 
     height_mm, contact (my, mx): over the nodes of a patch.
     """
     depth = tip_mm[2]
     if not contact.any():
         raise SolverError(
-            f"contact: {indenter.name} at depth {depth:g} mm found no node under pressure"
+            f"contact: {indenter.name} at depth {depth:g} mm has no node under pressure"
         )
-    beside = ndimage.binary_dilation(contact) & ~np.isfinite(height_mm)
-    if beside.any():
+    edge = ndimage.binary_dilation(contact) & ~np.isfinite(height_mm)
+    if edge.any():
         raise SolverError(
             f"contact: at depth {depth:g} mm the contact reaches the edge of "
             f"{indenter.name}, where its height field ends; less depth is needed"
@@ -104,7 +103,7 @@ def refuse_bad_contact(
 
 
 def least_det(face: FreeBlock, displacement_mm: Field, tip_mm: Point) -> float:
-    """Smallest in-plane det(I + grad u) on the face; raises SolverError below FOLD_LIMIT."""
+    """Smallest in-plane det(I + grad u) on the face. Raises SolverError below FOLD_LIMIT."""
     dx, dy = face.spacing_mm
     ux, uy = displacement_mm[..., 0], displacement_mm[..., 1]
     xy, xx = np.gradient(ux, dy, dx)

@@ -1,1 +1,1 @@
-"""The one way in which a press is solved: block, path, what is observed, tolerance -> knots."""
+"""Solution of a press along its path: block, path, observed channels, tolerance -> knots."""

@@ -1,7 +1,7 @@
-"""A press as poses to be solved, and what is kept of each when it is.
+"""Poses of a press, and the results kept of each.
 
 Positions are of the tip in the sensor frame, z < 0 in the gel. Forces are for a modulus of 1 MPa:
-all stresses of the gel are in proportion to it.
+all stresses of the gel are proportional to it.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from deltact_fab.sensor import Indenter
 from ..level import is_mirrored
 from ..zones import ZoneMap, Zones
 
-CONTACT_EPS_MM = 1e-9  # rounding of a stage's transform; a motor step is 1e-3
+CONTACT_EPS_MM = 1e-9  # by hand: above a stage transform's rounding, below a motor step of 1e-3
 
 
 @dataclass(frozen=True)
 class Increments:
-    """Longest way between two knots, in mm: along the gel's normal and across it."""
+    """Longest distance between two knots, in mm: along the gel's normal and across it."""
 
     press_mm: float
     shear_mm: float
 
     def divide(self, start: Point, end: Point) -> tuple[list[float], list[Point]]:
-        """Fractions and points of the knots of a line, one of them exactly at first touch."""
+        """Return fractions and points of a line's knots, one of them exactly at first touch."""
         cuts = [0.0, 1.0]
         if min(start[2], end[2]) < 0 < max(start[2], end[2]):
             cuts.insert(1, start[2] / (start[2] - end[2]))
-        at = [0.0]
+        fractions = [0.0]
         for a, b in itertools.pairwise(cuts):
             dx, dy, dz = ((q - p) * (b - a) for p, q in zip(start, end, strict=True))
             z = (start[2] + f * (end[2] - start[2]) for f in (a, b))
@@ -45,34 +45,34 @@ class Increments:
                 math.ceil(abs(dz) / self.press_mm - 1e-9),
                 math.ceil(math.hypot(dx, dy) / self.shear_mm - 1e-9),
             )  # fmt: skip
-            at += [a + (b - a) * k / pieces for k in range(1, pieces + 1)]
-        where = []
-        for f in at:
+            fractions += [a + (b - a) * k / pieces for k in range(1, pieces + 1)]
+        points = []
+        for f in fractions:
             x, y, z_mm = (p + f * (q - p) for p, q in zip(start, end, strict=True))
-            where.append((x, y, 0.0 if abs(z_mm) < CONTACT_EPS_MM else z_mm))
-        return at, where
+            points.append((x, y, 0.0 if abs(z_mm) < CONTACT_EPS_MM else z_mm))
+        return fractions, points
 
     def poses(self, corners_mm: Sequence[Point]) -> tuple[KnotPose, ...]:
-        """Poses of a way with corners (x, y, z), straight between them.
+        """Return the poses of a path with corners (x, y, z), straight between them.
 
-        The first corner is where the tip comes from. Ways through the air have no pose.
+        The first corner is the start. Moves through the air have no pose.
         """
-        found = []
+        knots = []
         for start, end in itertools.pairwise(corners_mm):
-            at, where = self.divide(start, end)
-            found += [
+            fractions, points = self.divide(start, end)
+            knots += [
                 KnotPose(tip, 0.0, f)
-                for f, tip in zip(at[1:], where[1:], strict=True)
+                for f, tip in zip(fractions[1:], points[1:], strict=True)
                 if tip[2] < 0
             ]
-        return tuple(found)
+        return tuple(knots)
 
 
 @dataclass(frozen=True)
 class KnotPose:
-    """Place and time at which a knot is solved: tip (x, y, z < 0), seconds since the knot before.
+    """Position and time of a knot: tip (x, y, z < 0), seconds since the previous knot.
 
-    part: the fraction of its line; 0 when the tip has rested since the end of the line before.
+    part: fraction of its line; 0 when the tip has rested since the end of the previous line.
     """
 
     tip_mm: Point
@@ -82,10 +82,10 @@ class KnotPose:
 
 @dataclass(frozen=True)
 class ObservedChannels:
-    """The channels that are observed of a press; nothing else is computed or kept.
+    """Channels observed of a press; nothing else is computed or kept.
 
-    fields: of which knots the face's displacement is kept. traction: the face's traction of the
-    same knots. lattice_mm: largest distance of the lattice's nodes.
+    fields: knots whose face displacement is kept. traction: keep the face's traction of the same
+    knots. lacking: compute lacking_rel. lattice_mm: largest spacing of the lattice.
     """
 
     fields: Literal["none", "last", "all"] = "none"
@@ -96,13 +96,12 @@ class ObservedChannels:
 
 @dataclass(frozen=True, eq=False)
 class SolvedKnot:
-    """The gel solved at a pose; key 0 is rest. A solver's are for a modulus of 1 MPa.
+    """Solution of the gel at a pose; a solver's are for a modulus of 1 MPa.
 
-    key: the press's own number. displacement_mm, traction_mpa (ny, nx, 3), zone_map (ny, nx), 0
-    apart, 1 slipping, 2 sticking: on the lattice, None unless observed; the map comes with the
-    displacement. most_stretch: None at a linear level. lacking_rel: of the normal force, what a
-    hard contact would give more, 0 unless observed. flags: what a reader of the results must know
-    of this state.
+    key: number within the press, 0 at rest. displacement_mm, traction_mpa (ny, nx, 3), zone_map
+    (ny, nx), 0 no contact, 1 slipping, 2 sticking: on the lattice, None unless observed; the map
+    comes with the displacement. most_stretch: None at the linear level. lacking_rel: missing normal
+    force compared with a hard contact, 0 unless observed. flags: warnings about this state.
     """
 
     key: int = 0
@@ -123,7 +122,7 @@ class SolvedKnot:
         return (*self.force_n, *self.torque_nmm)
 
     def scaled(self, modulus_mpa: float) -> SolvedKnot:
-        """The knot for that modulus in place of 1 MPa."""
+        """Scale the knot from 1 MPa to a modulus."""
         (fx, fy, fz), (tx, ty, tz), e = self.force_n, self.torque_nmm, modulus_mpa
         traction = self.traction_mpa
         return replace(
@@ -136,28 +135,28 @@ class SolvedKnot:
 
 @dataclass(frozen=True)
 class Mirror:
-    """The reflection that changes the sign of x, of y or of both; its own inverse.
+    """Reflection that changes the sign of x, of y or of both; its own inverse.
 
-    Gel and block are their own images in x = 0 and y = 0. Where an indenter is too, one of two
-    presses that are each other's images is solved and serves both.
+    Gel and block are symmetric about x = 0 and y = 0. Where an indenter is too, only one of two
+    presses that are mirror images is solved and used for both.
     """
 
     x: bool = False
     y: bool = False
 
     def point(self, p: Point) -> Point:
-        """The image of a point or of a polar vector (force)."""
-        # + 0.0: no -0.0, which the store would take for another press.
+        """Reflect a point or a polar vector (force)."""
+        # + 0.0: no -0.0, which the store would treat as another press.
         return (-p[0] if self.x else p[0]) + 0.0, (-p[1] if self.y else p[1]) + 0.0, p[2]
 
     def torque(self, t: Point) -> Point:
-        """The image of an axial vector: a reflection keeps its part along the plane's normal."""
+        """Reflect an axial vector: its part along the plane's normal stays."""
         sign = -1 if self.x != self.y else 1
         x, y, z = self.point(t)
         return sign * x, sign * y, sign * z
 
     def field(self, u: NDArray[Any]) -> NDArray[Any]:
-        """The image of vectors (ny, nx, 3), or numbers, on a lattice that is centred on 0."""
+        """Reflect vectors (ny, nx, 3), or scalars, on a lattice centred on 0."""
         if not (self.x or self.y):
             return u
         u = u[:: -1 if self.y else 1, :: -1 if self.x else 1].copy()
@@ -166,7 +165,7 @@ class Mirror:
                 u[..., axis] *= -1
         return u
 
-    def solved(self, knot: SolvedKnot) -> SolvedKnot:
+    def knot_image(self, knot: SolvedKnot) -> SolvedKnot:
         u, t, zone_map = knot.displacement_mm, knot.traction_mpa, knot.zone_map
         return replace(
             knot,
@@ -179,8 +178,8 @@ class Mirror:
         )
 
 
-def to_solved(poses: Sequence[KnotPose], indenter: Indenter) -> Mirror:
-    """What takes a press to the one of its images that is solved: it leaves 0 towards +x and +y."""
+def mirror_of(poses: Sequence[KnotPose], indenter: Indenter) -> Mirror:
+    """Mirror from a press to its image that is solved, which leaves 0 towards +x and +y."""
     flip = []
     for axis in (0, 1):
         first = next((p.tip_mm[axis] for p in poses if p.tip_mm[axis] != 0), 0.0)

@@ -1,4 +1,4 @@
-"""A press by a tolerance: level, mesh and mirror image picked, contact and solver opened."""
+"""Opening of a press: choice of level, mesh and mirror image, contact and solver."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from deltact_fab.common import Field, cache_key
 from deltact_fab.sensor import GelMaterial, Indenter, SkinDimensions
 
 from ..level import FINITE_LEVEL, Choice, GelContact, Reach
-from ..level_selection import TOLERANCE, select_level
-from .knots import KnotPose, ObservedChannels, to_solved
+from ..level_selection import FORCE_TOLERANCE, select_level
+from .knots import KnotPose, ObservedChannels, mirror_of
 from .solver import PathSolver
 
 
@@ -23,17 +23,17 @@ def choose_level(
     material: GelMaterial,
     indenter: Indenter,
     poses: Sequence[KnotPose],
-    tolerance: float = TOLERANCE,
-    **wishes: Any,
+    tolerance: float = FORCE_TOLERANCE,
+    **options: Any,
 ) -> Choice:
-    """Level, mesh and steps of a press, of its image where that is solved; wishes: of `pick`.
+    """Choose level, mesh and steps of a press (or its mirror image); options: of `select_level`.
 
-    Raises InputError where no level or mesh can do it.
+    Raises InputError where no level or mesh is possible.
     """
-    mirror = to_solved(poses, indenter)
+    mirror = mirror_of(poses, indenter)
     tips = [mirror.point(p.tip_mm) for p in poses]
     reach = Reach.around([(x, y, -z) for x, y, z in tips])
-    return select_level(skin, material, indenter, reach, tolerance, **wishes)
+    return select_level(skin, material, indenter, reach, tolerance, **options)
 
 
 def open_path(
@@ -43,18 +43,18 @@ def open_path(
     poses: Sequence[KnotPose],
     observed: ObservedChannels,
     choice: Choice,
-    like: PathSolver | None = None,
+    coarser: PathSolver | None = None,
     keeps_states: bool = False,
 ) -> PathSolver:
-    """The solver of a press on what was chosen for it; forces for a modulus of 1 MPa, kept.
+    """Open the solver of a press on a choice; its forces are for a modulus of 1 MPa, and stored.
 
-    Kept with all that a knot depends on but the modulus, with which forces are in proportion. A
-    linear grid knows no focus, and no level but that of finite strain parts an increment. Seconds
-    matter to a gel that creeps only. like, keeps_states: see `PathSolver`.
+    The store's key is everything that a knot depends on except the modulus, to which forces are
+    proportional. A linear grid has no focus, and only finite strain divides increments. Seconds
+    matter only to a gel that creeps. coarser, keeps_states: see `PathSolver`.
     """
     unit = replace(material, modulus_mpa=1.0)
-    mirror = to_solved(poses, indenter)
-    solved = [(mirror.point(p.tip_mm), p.seconds) for p in poses]
+    mirror = mirror_of(poses, indenter)
+    images = [(mirror.point(p.tip_mm), p.seconds) for p in poses]
     linear = choice.level != FINITE_LEVEL
     key = cache_key(
         f"physics.gel.{'linear' if linear else 'finite'}.gel",
@@ -66,19 +66,19 @@ def open_path(
         indenter=repr(indenter),
         level=choice.level,
         spacing_mm=choice.spacing_mm,
-        asked_mm=choice.asked_mm,
+        asked_mm=choice.goal_mm,
         growth=choice.growth,
         mirrors=choice.mirrors,
         focus=None if linear else choice.focus,
         step_mm=None if linear else choice.step_mm,
-        poses=[[*tip, seconds] if material.prony else tip for tip, seconds in solved],
+        poses=[[*tip, seconds] if material.prony else tip for tip, seconds in images],
         observed=observed,
     )
 
-    def contact() -> GelContact:
+    def gel() -> GelContact:
         return open_contact(skin, unit, indenter, choice, observed.lattice_mm)
 
-    return PathSolver(contact, poses, key, observed, mirror, skin.thickness_mm, like, keeps_states)
+    return PathSolver(gel, poses, key, observed, mirror, skin.thickness_mm, coarser, keeps_states)
 
 
 def open_contact(
@@ -88,7 +88,7 @@ def open_contact(
     choice: Choice,
     lattice_mm: float = 0.25,
 ) -> GelContact:
-    """The contact that a choice describes. lattice_mm: largest distance of lattice nodes."""
+    """Make the contact of a choice. lattice_mm: largest spacing of the lattice."""
     x, y = (_lattice(half, lattice_mm) for half in skin.opening_half_mm)
     if choice.level == FINITE_LEVEL:
         from ..finite.gel import FiniteGel
@@ -100,6 +100,6 @@ def open_contact(
 
 
 def _lattice(half_mm: float, spacing_mm: float) -> Field:
-    """From -half to half; 0 is a node."""
+    """Lattice nodes from -half to half, 0 included."""
     n = max(1, math.ceil(half_mm / spacing_mm - 1e-9))
     return np.linspace(-half_mm, half_mm, 2 * n + 1)

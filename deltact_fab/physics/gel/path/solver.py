@@ -1,4 +1,4 @@
-"""A press followed knot by knot: each taken from the store, or solved and then kept."""
+"""A press solved knot by knot: each is read from the store, or solved and then stored."""
 
 from __future__ import annotations
 
@@ -29,22 +29,22 @@ from .knots import KnotPose, Mirror, ObservedChannels, SolvedKnot
 if TYPE_CHECKING:
     from ..level import Choice, GelContact, State
 
-Told = Callable[[int, int, float], None]  # knots done, of all, seconds of the last
+KnotProgress = Callable[[int, int, float], None]  # knots done, of all, seconds of the last
 
 SOLVED_PATHS = Store("gel-trajectory", limit_bytes=8 * 10**9)
-UNKEPT: dict[str, Any] = dict.fromkeys(("displacement_mm", "traction_mpa", "zone_map"))
-ENDS: dict[str, type[DeltactFabError]] = {"input": InputError, "solver": SolverError}
+UNKEPT_FIELDS: dict[str, Any] = dict.fromkeys(("displacement_mm", "traction_mpa", "zone_map"))
+END_ERRORS: dict[str, type[DeltactFabError]] = {"input": InputError, "solver": SolverError}
 
 
 class PathSolver:
-    """The knots of one press: key 0 is rest, 1 to len(poses) are the planned knots, more others.
+    """Knots of one press: key 0 is rest, 1 to len(poses) are the planned knots, then others.
 
-    contact: opens what solves, at the first solve, for a modulus of 1 MPa. key: of the store; None
-    stores nothing. mirror: takes the press to the one that is solved and stored; all else here is
-    the press itself. floor_mm: depth of the gel's floor. solves, seconds: of knots solved here, not
-    of those found. A press that cannot be solved to its end is kept as far as it goes, with why:
-    the same is not tried twice. like: the solver of the same way on a coarser mesh; where it keeps
-    its states (keeps_states), this one starts from them. choice: it was opened by, if told.
+    contact: opens the contact at the first solve, for a modulus of 1 MPa. key: of the store; None
+    stores nothing. mirror: from the press to its image that is solved and stored; everything else
+    here is of the press itself. floor_mm: depth of the gel's floor. stored: the store's entry, if
+    any. solves, seconds: of knots solved here, without stored ones. A press that fails is stored up
+    to there with the error and not tried again. coarser: solver of the same path on a coarser mesh;
+    if it keeps its states (keeps_states), this one starts from them. choice: set by the opener.
     """
 
     choice: Choice
@@ -57,11 +57,11 @@ class PathSolver:
         observed: ObservedChannels | None = None,
         mirror: Mirror | None = None,
         floor_mm: float = math.inf,
-        like: PathSolver | None = None,
+        coarser: PathSolver | None = None,
         keeps_states: bool = False,
     ) -> None:
         self.states: list[State] = []
-        self._keeps_states, self._like, self._guide = keeps_states, like, None
+        self._keeps_states, self._coarser, self._guide = keeps_states, coarser, None
         self.poses, self.observed = tuple(planned), observed or ObservedChannels()
         self._floor_mm = floor_mm
         self.mirror = mirror or Mirror()
@@ -70,10 +70,10 @@ class PathSolver:
         self._key = key
         self._knots: list[SolvedKnot] = []
         self._states: dict[int, State] = {}
-        self._others = len(self.poses)
+        self._last_key = len(self.poses)
         self._closed = False
         self.solves, self.seconds = 0, 0.0
-        self.found = self._load()
+        self.stored = self._load()
 
     @property
     def contact(self) -> GelContact:
@@ -83,22 +83,22 @@ class PathSolver:
 
     @property
     def axes_mm(self) -> tuple[Field, Field]:
-        if self.found is not None:
-            return self.found["x_mm"], self.found["y_mm"]
+        if self.stored is not None:
+            return self.stored["x_mm"], self.stored["y_mm"]
         return self.contact.x_mm, self.contact.y_mm
 
     @property
     def dofs(self) -> int:
-        return int(self.found["dofs"]) if self.found else self.contact.dofs
+        return int(self.stored["dofs"]) if self.stored else self.contact.dofs
 
     @property
     def stored_as(self) -> str | None:
-        """Equal for presses that one solution serves; None: nothing is stored."""
+        """Identifier, equal for presses that share a solution; None: nothing is stored."""
         return None if self._key is None else json.dumps(self._key)
 
     @property
     def stored_file(self) -> Path | None:
-        """The file of the store that has all of the press; None where there is none."""
+        """The store's file of the complete press, None if missing."""
         return None if self._key is None else SOLVED_PATHS.file(self._key)
 
     @property
@@ -111,63 +111,63 @@ class PathSolver:
 
     @property
     def ended(self) -> str:
-        """Why the planned knots after those found cannot be solved; empty where they can."""
-        return str(self.found["ended"][1]) if self.found and self.found["ended"] else ""
+        """Error that prevents the planned knots after the stored ones; empty if none."""
+        return str(self.stored["ended"][1]) if self.stored and self.stored["ended"] else ""
 
     @property
     def flags(self) -> dict[str, int]:
-        """Flags of these knots, by id, and how many carry each."""
+        """Count these knots' flags by id."""
         return dict(sorted(Counter(flag.id for knot in self._knots for flag in knot.flags).items()))
 
-    def next(self, before: int, tip_mm: Point, seconds: float) -> SolvedKnot:
-        """The knot at tip (x, y, z < 0), coming straight from the one of key `before`.
+    def next(self, previous: int, tip_mm: Point, seconds: float) -> SolvedKnot:
+        """Solve the knot at tip (x, y, z < 0), straight from the knot of key `previous`.
 
-        seconds: that it takes; those of the plan where it is planned. Raises SolverError and
-        InputError when the gel cannot be solved there.
+        seconds: duration; a planned knot uses the plan's. Raises SolverError and InputError when
+        the gel cannot be solved there.
         """
         assert not self._closed, "the next press has begun"
-        if before < len(self.poses) and self.poses[before].tip_mm == tip_mm:
-            if before == len(self._knots):
-                self._solve_planned(before)
-            return self._knots[before]
-        start, pose = self._state(before, tip_mm), KnotPose(tip_mm, seconds, 1.0)
-        state, solved = self._solve(start, pose, self._others + 1, True)
-        self._others += 1
-        self._remember(before, self._others, state)
-        return solved
+        if previous < len(self.poses) and self.poses[previous].tip_mm == tip_mm:
+            if previous == len(self._knots):
+                self._solve_planned(previous)
+            return self._knots[previous]
+        start, pose = self._state(previous, tip_mm), KnotPose(tip_mm, seconds, 1.0)
+        state, knot = self._solve(start, pose, self._last_key + 1, True)
+        self._last_key += 1
+        self._remember(previous, self._last_key, state)
+        return knot
 
-    def solve_all(self, told: Told | None = None) -> tuple[SolvedKnot, ...]:
+    def solve_all(self, progress: KnotProgress | None = None) -> tuple[SolvedKnot, ...]:
         for k in range(len(self._knots), len(self.poses)):
             start_s = time.perf_counter()
             self.next(k, self.poses[k].tip_mm, 0.0)
-            if told:
-                told(k + 1, len(self.poses), time.perf_counter() - start_s)
+            if progress:
+                progress(k + 1, len(self.poses), time.perf_counter() - start_s)
         return self.knots
 
     def close(self) -> None:
-        """Free fields and solver, a quarter of a gigabyte and more; counts and flags stay."""
-        self._knots = [replace(k, **UNKEPT) for k in self._knots]
+        """Free fields and solver (a quarter of a gigabyte and more); keep counts and flags."""
+        self._knots = [replace(k, **UNKEPT_FIELDS) for k in self._knots]
         self._states, self.states, self._contact, self._closed = {}, [], None, True
 
     # -- solving ---------------------------------------------------------------------------------
 
-    def _solve_planned(self, before: int) -> None:
-        if self.found is not None and self.found["ended"] is not None:
-            kind, why = self.found["ended"]
-            raise ENDS[kind](why)
-        pose = self.poses[before]
-        last = before + 1 == len(self.poses)
+    def _solve_planned(self, previous: int) -> None:
+        if self.stored is not None and self.stored["ended"] is not None:
+            kind, reason = self.stored["ended"]
+            raise END_ERRORS[kind](reason)
+        pose = self.poses[previous]
+        last = previous + 1 == len(self.poses)
         try:
-            start = self._state(before, pose.tip_mm)
-            state, solved = self._solve(start, pose, before + 1, last)
-        except tuple(ENDS.values()) as why:
-            kind = next(name for name, error in ENDS.items() if type(why) is error)
-            self._keep((kind, str(why)))
+            start = self._state(previous, pose.tip_mm)
+            state, knot = self._solve(start, pose, previous + 1, last)
+        except tuple(END_ERRORS.values()) as error:
+            kind = next(name for name, cls in END_ERRORS.items() if type(error) is cls)
+            self._keep((kind, str(error)))
             raise
-        self._knots.append(solved)
-        self._remember(before, before + 1, state)
+        self._knots.append(knot)
+        self._remember(previous, previous + 1, state)
         if self._keeps_states:
-            self.states += [start, state] if before == 0 else [state]
+            self.states += [start, state] if previous == 0 else [state]
         if last:
             self._keep(None)
 
@@ -176,14 +176,14 @@ class PathSolver:
     ) -> tuple[State, SolvedKnot]:
         start_s = time.perf_counter()
         x, y, z = self.mirror.point(pose.tip_mm)
-        if self._like is not None and self._guide is None and self._like.states:
-            self._guide = self.contact.guide(self._like.states)
+        if self._coarser is not None and self._guide is None and self._coarser.states:
+            self._guide = self.contact.guide(self._coarser.states)
         state = self.contact.solve(start, (x, y, -z), pose.seconds, self._guide)
         flags = list(state.diagnostics.flags)
         field = traction = zone_map = None
-        shown = self.observed.fields
-        if shown == "all" or (shown == "last" and last):
-            field, below = on_floor(state.displacement_mm.astype(np.float32), self._floor_mm)
+        fields = self.observed.fields
+        if fields == "all" or (fields == "last" and last):
+            field, below = clamp_to_floor(state.displacement_mm.astype(np.float32), self._floor_mm)
             flags += below
             zone_map = state.zones[1]
             if self.observed.traction:
@@ -191,69 +191,69 @@ class PathSolver:
         self.solves += 1
         self.seconds += time.perf_counter() - start_s
         d = state.diagnostics
-        solved = SolvedKnot(
+        knot = SolvedKnot(
             key, state.force_n, state.torque_nmm, state.zones[0], field, tuple(flags), traction,
             d.penetration_mm, d.most_stretch, d.cuts,
             self.contact.lacking_rel(state) if last and self.observed.lacking else 0.0, zone_map,
         )  # fmt: skip
-        return state, self.mirror.solved(solved)
+        return state, self.mirror.knot_image(knot)
 
     # -- states ----------------------------------------------------------------------------------
 
     def _state(self, key: int, tip_mm: Point) -> State:
-        """The solver's state at a knot; planned ones that came from the store are solved again."""
+        """Return the solver's state at a knot; solve stored knots again for it."""
         if key == 0:
             return self.contact.rest(self.mirror.point((tip_mm[0], tip_mm[1], 0.0)))
         if key in self._states:
             return self._states[key]
-        assert key <= len(self.poses), "a hold can throw back by one knot, never by two"
+        assert key <= len(self.poses), "a hold can go back by one knot, never by two"
         state = self.contact.rest(self.mirror.point((*self.poses[0].tip_mm[:2], 0.0)))
         for number, pose in enumerate(self.poses[:key], start=1):
             state, _ = self._solve(state, pose, number, False)
         self._states[key] = state
         return state
 
-    def _remember(self, before: int, key: int, state: State) -> None:
-        # Two are enough: a hold can throw back by one knot, never by two.
-        self._states = {k: s for k, s in self._states.items() if k == before} | {key: state}
+    def _remember(self, previous: int, key: int, state: State) -> None:
+        # Two are enough: a hold can go back by one knot, never by two.
+        self._states = {k: s for k, s in self._states.items() if k == previous} | {key: state}
 
     # -- the store -------------------------------------------------------------------------------
 
     def _load(self) -> dict[str, Any] | None:
-        """What `_keep` left in the store, its knots as this press's own; None: no whole one.
+        """Load the store's entry, its knots mirrored to this press; None: no complete one.
 
-        ended: (kind of error, why) where the gel could not be solved at the knot after these.
+        ended: (kind of error, message) where the gel could not be solved at the next knot.
         """
-        held = None if self._key is None else SOLVED_PATHS.read(self._key)
-        if held is None or (len(held["knots"]) != len(self.poses) and held["ended"] is None):
+        entry = None if self._key is None else SOLVED_PATHS.read(self._key)
+        if entry is None or (len(entry["knots"]) != len(self.poses) and entry["ended"] is None):
             return None
-        self._knots = [self.mirror.solved(knot) for knot in held.pop("knots")]
-        return dict(held)
+        self._knots = [self.mirror.knot_image(knot) for knot in entry.pop("knots")]
+        return dict(entry)
 
     def _keep(self, ended: tuple[str, str] | None) -> None:
         if self._key is None:
             return
         x_mm, y_mm = self.axes_mm
-        held = {"x_mm": x_mm, "y_mm": y_mm, "seconds": self.seconds, "dofs": self.contact.dofs}
-        held |= {"ended": ended, "knots": [self.mirror.solved(k) for k in self._knots]}
-        SOLVED_PATHS.write(self._key, held)
+        entry = {"x_mm": x_mm, "y_mm": y_mm, "seconds": self.seconds, "dofs": self.contact.dofs}
+        entry |= {"ended": ended, "knots": [self.mirror.knot_image(k) for k in self._knots]}
+        SOLVED_PATHS.write(self._key, entry)
 
 
-def on_floor(
+def clamp_to_floor(
     displacement_mm: NDArray[np.float32], floor_mm: float
 ) -> tuple[NDArray[np.float32], list[Note]]:
-    """A face's displacement (ny, nx, 3) with nothing below the gel's floor, and a flag if it was.
+    """Clamp a face's displacement (ny, nx, 3) to the gel's floor, with a flag if it was below.
 
-    The solver knows no contact of the gel with itself or its floor: where a deep drag folds the
-    face between large cells, a part of it can come out where the window is.
+    The solver has no contact of the gel with itself or its floor: where a deep drag folds the face
+    between large cells, a part of it can end up inside the window.
     """
     below = -floor_mm - displacement_mm[..., 2]
     if not (below > 0).any():
         return displacement_mm, []
-    kept = displacement_mm.copy()
-    kept[..., 2] = np.maximum(kept[..., 2], np.float32(-floor_mm))
+    clamped = displacement_mm.copy()
+    clamped[..., 2] = np.maximum(clamped[..., 2], np.float32(-floor_mm))
     text = (
-        f"{int((below > 0).sum())} of {below.size} points of the face come out below the gel's "
-        f"floor, by {below.max():.2g} mm at most, and are kept on it: no gel lies so"
+        f"{int((below > 0).sum())} of {below.size} points of the face lie below the gel's "
+        f"floor, by {below.max():.2g} mm at most, and are clamped to it"
     )
-    return kept, [Note("floor", text)]
+    return clamped, [Note("floor", text)]

@@ -18,7 +18,7 @@ import numpy as np
 
 from deltact_fab.common import Point, RunFailed
 from deltact_fab.physics import (
-    Level,
+    GelLevel,
     LinearContact,
     Reach,
     follow_path,
@@ -112,7 +112,7 @@ def curves(quick: bool) -> Sequence[CurveSetting]:
     if quick:
         runs = [PressSetup("hyperelastic", 2.0, 0.0, h) for h in (3.0, 2.0)]
         return [_setting(r, FORCE_UNIT, True) for r in runs]
-    levels: dict[Level, tuple[float, ...]] = {
+    levels: dict[GelLevel, tuple[float, ...]] = {
         "hyperelastic": (3.0, 2.0, 1.5, 1.0), "linear": (0.5, 0.35, 0.25, 0.125),
     }  # fmt: skip
     runs = [PressSetup(level, 2.0, 0.0, h) for level, spacings in levels.items() for h in spacings]
@@ -198,7 +198,7 @@ def _linear(quick: bool) -> list[Case]:
         drags += [(replace(fine, friction=mu), 1.2) for mu in (5.0, 100.0)]
         drags.append((fine, 3.0))
     refused = (("1e-3 mm deep, the tip between nodes", "touches no grid node", fine, 1e-3),
-               ("over a quarter of the gel", "hyperelastic can", fine, 3.1),
+               ("over a quarter of the gel", "use level hyperelastic", fine, 3.1),
                ("nu 0.5", "poisson <=", replace(fine, nu=0.5), 1.2))  # fmt: skip
     return [
         *(Case(f"linear: nu {scene.nu:g}, friction {scene.friction:g}, {depth:g} mm deep, dragged",

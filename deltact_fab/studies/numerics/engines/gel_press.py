@@ -22,8 +22,8 @@ from deltact_fab.physics import (
     FaceLattice,
     FinitePress,
     FiniteState,
+    GelLevel,
     IncrementDiagnostics,
-    Level,
     SolverName,
     follow_path,
 )
@@ -209,7 +209,7 @@ class PressSetup:
     finite-strain level.
     """
 
-    level: Level
+    level: GelLevel
     depth_mm: float
     friction: float
     spacing_mm: float = 0.0
@@ -266,7 +266,7 @@ def solve_finite(run: PressSetup) -> GelAnswer:
     press, lattice = mesh_and_lattice(run)
     states = list(follow_path(press, press.rest(), (0.0, 0.0, run.depth_mm), run.step_mm))
     force, _ = press.wrench(states[-1])
-    work = IncrementDiagnostics.over([s.diagnostics for s in states])
+    work = IncrementDiagnostics.combine([s.diagnostics for s in states])
     note = {"dofs": press.mesh.free_dofs, "solver": press.solver.name, **vars(work)}
     u = lattice.displacement_mm(states[-1].displacement_mm)[..., :2]
     return GelAnswer(-float(force[2]), u, note)
