@@ -113,9 +113,9 @@ def _change(data: dict[str, Any], change: str) -> None:
 def load_indenters(name: str = "indenters") -> IndenterList:
     """Load the lab's indenters and their body. Raises InputError naming file and key."""
     path = find_file("cad", name)
-    listed = validate(IndenterList, read_toml(path), str(path))
+    indenters = validate(IndenterList, read_toml(path), str(path))
     names: set[str] = set()
-    for entry in listed.indenter:
+    for entry in indenters.indenter:
         try:
             name = parse_indenter(entry.name).name
         except InputError as error:
@@ -123,7 +123,7 @@ def load_indenters(name: str = "indenters") -> IndenterList:
         if name in names:
             raise InputError(f"{path}: indenter {name!r}: listed twice; expected once")
         names.add(name)
-    return listed
+    return indenters
 
 
 @dataclass(frozen=True)

@@ -36,8 +36,8 @@ def parts_of_group(group: str, design: Design | None = None) -> list[Part]:
 
 def list_parts(indenters: IndenterList | None = None, design: Design | None = None) -> list[Part]:
     """Return `design_parts` and the indenters of the list (default: cad/indenters.toml)."""
-    listed = load_indenters() if indenters is None else indenters
-    tips = [indenter_part(parse_indenter(e.name), listed.body, e.quantity) for e in listed.indenter]
+    chosen = load_indenters() if indenters is None else indenters
+    tips = [indenter_part(parse_indenter(e.name), chosen.body, e.quantity) for e in chosen.indenter]
     return [*design_parts(design), *tips]
 
 
@@ -47,16 +47,16 @@ def find_part(name: str, indenters: IndenterList | None = None) -> Part:
     `indenter-star`, `star` and `star:8` are valid. Raises InputError with the nearest known name,
     or the valid sizes.
     """
-    listed = load_indenters() if indenters is None else indenters
-    by_name = {part.name: part for part in list_parts(listed)}
+    chosen = load_indenters() if indenters is None else indenters
+    by_name = {part.name: part for part in list_parts(chosen)}
     if name in by_name:
         return by_name[name]
-    if name in listed.shape:
-        return indenter_part(listed.shape[name].indenter(name), listed.body)
+    if name in chosen.shape:
+        return indenter_part(chosen.shape[name].indenter(name), chosen.body)
     if name.partition(":")[0] not in INDENTER_KINDS:
-        names = [*by_name, *PART_GROUPS, *INDENTER_KINDS, *listed.shape]
+        names = [*by_name, *PART_GROUPS, *INDENTER_KINDS, *chosen.shape]
         raise InputError(f"part {name!r}: unknown; {did_you_mean(name, names)}")
-    part = indenter_part(parse_indenter(name), listed.body)
+    part = indenter_part(parse_indenter(name), chosen.body)
     return by_name.get(part.name, part)
 
 

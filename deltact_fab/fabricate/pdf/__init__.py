@@ -176,11 +176,11 @@ class Document:
         entries = " ".join(f"/{key} ({_escaped(text)})" for key, text in words.items() if text)
         info = self.add(f"<< {entries} >>".encode())
         parts = [b"%PDF-1.7\n%\xe2\xe3\xcf\xd3\n"]
-        at, offsets = len(parts[0]), []
+        position, offsets = len(parts[0]), []
         for number, body in enumerate(self._objects, 1):
-            offsets.append(at)
+            offsets.append(position)
             parts += [b"%d 0 obj\n" % number, body, b"\nendobj\n"]
-            at += sum(len(part) for part in parts[-3:])
+            position += sum(len(part) for part in parts[-3:])
         digest = hashlib.sha256()
         for part in parts:
             digest.update(part)
@@ -189,7 +189,7 @@ class Document:
         table += [f"{offset:010d} 00000 n \n" for offset in offsets]
         table.append(
             f"trailer\n<< /Size {len(offsets) + 1} /Root 1 0 R /Info {info} 0 R "
-            f"/ID [<{name}> <{name}>] >>\nstartxref\n{at}\n%%EOF\n"
+            f"/ID [<{name}> <{name}>] >>\nstartxref\n{position}\n%%EOF\n"
         )
         return b"".join([*parts, "".join(table).encode()])
 

@@ -114,7 +114,7 @@ from pathlib import Path
 from deltact_fab.fabricate.cad import export
 # A shell starts what it puts in the background, this test perhaps, with Ctrl-C ignored.
 signal.signal(signal.SIGINT, signal.default_int_handler)
-export.SHARED_FROM = 2
+export.MIN_SHARED_TASKS = 2
 export.count_workers = lambda: 2
 from deltact_fab.app.cli.main import entry
 sys.argv = ["deltact-fab", "cad", "export", "sensor", "--out", {str(tmp_path / "o")!r}]
