@@ -174,7 +174,7 @@ def test_worker_keeps_users_thread_setting(monkeypatch: pytest.MonkeyPatch) -> N
         ("cloud", None, "--on 'cloud': expected 'local' or 'dask:tcp://HOST:PORT'"),
         ("dask:tcp://127.0.0.1", None, "expected 'local' or 'dask:tcp://HOST:PORT'"),
         ("dask:127.0.0.1:8786", None, "expected 'local' or 'dask:tcp://HOST:PORT'"),
-        ("dask:tcp://127.0.0.1:8786", 3, "--jobs 3: with --on"),
+        ("dask:tcp://127.0.0.1:8786", 3, "--jobs 3: not with --on"),
     ],
 )
 def test_another_place_is_refused(on: str, workers: int | None, says: str) -> None:

@@ -210,7 +210,7 @@ def test_stored_channels_are_sorted() -> None:
         ({"specimen": {"serial": ""}}, ["specimen.serial", "1 character"]),
         ({"specimen": {"serial": "n" * 65}}, ["specimen.serial", "64 characters"]),
         ({"specimen": {"serial": "DT\n7"}}, ["specimen.serial", "printable"]),
-        ({"specimen": {"serial": " 7"}}, ["specimen.serial", "no blank"]),
+        ({"specimen": {"serial": " 7"}}, ["specimen.serial", "without blanks"]),
     ],
 )
 def test_invalid_protocols_give_one_line(change: dict[str, object], words: list[str]) -> None:

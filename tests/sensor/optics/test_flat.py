@@ -79,7 +79,9 @@ def test_invalid_flat_field_is_refused(camera: Path) -> None:
     with pytest.raises(InputError, match="flat field of 640 x 360 px, image of 8 x 8"):
         flat.apply(np.zeros((8, 8, 3), np.uint8))
     (camera.parent / "camera.flat.png").unlink()
-    with pytest.raises(InputError, match=r"camera.toml: flat.file: .*: not a 16-bit image"):
+    with pytest.raises(
+        InputError, match=r"camera.toml: flat.file: .*: not a 16-bit flat field image"
+    ):
         FlatField.from_camera_file(camera)
     camera.write_text(camera_toml(LENS))
     assert FlatField.from_camera_file(camera) is None

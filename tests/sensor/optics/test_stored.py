@@ -96,5 +96,5 @@ def test_axes_match_pixels_at_rest() -> None:
     ends_mm = np.array([[xs_mm[0], ys_mm[0], 0.0], [xs_mm[-1], ys_mm[-1], 0.0]])
     np.testing.assert_allclose(camera.rest_mm(corners_px), ends_mm[:, :2], rtol=1e-14)
     np.testing.assert_allclose(camera.project_px(ends_mm), corners_px, atol=1e-9)
-    with pytest.raises(ValueError, match="not one x"):
+    with pytest.raises(ValueError, match="has distortion"):
         axes_mm(LENS)
