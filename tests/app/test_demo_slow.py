@@ -75,8 +75,8 @@ def test_the_demo_ends_with_shape_contact_and_force_beside_the_tracking_error(de
     assert not set(runs[0]["protocol"]["indenters"]) & set(runs[1]["protocol"]["indenters"])
     page = (demo / "report.html").read_text()
     (off,) = re.findall(
-        r"Force from the flow by &#39;inverse-placed&#39;, (\d+) frames: RMS error ([.\d]+) N normal, "
-        r"([.\d]+) and ([.\d]+) N shear", page
+        r"Force from the flow by &#39;inverse-placed&#39;, (\d+) frames: RMS error ([.\d]+) N "
+        r"normal, ([.\d]+) and ([.\d]+) N shear", page
     )  # fmt: skip
     assert int(off[0]) >= 30
     assert float(off[1]) <= 0.12  # of 6 N
