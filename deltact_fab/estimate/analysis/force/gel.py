@@ -25,14 +25,8 @@ from .judge import predict_left_out
 
 POISSON_STEP, THICKNESS_STEP = 1.25, 0.01  # of 1/2 - nu (factor), of the thickness; by hand: cost
 SEARCH_STEPS = (4, 2, 1)  # of successive pattern searches; by hand: an inverse per pair tried
-SEARCH_DIRECTIONS = (
-    (1, 0),
-    (-1, 0),
-    (0, 1),
-    (0, -1),
-    (1, -1),
-    (-1, 1),
-)  # by hand: (1, -1) look alike
+# By hand: both axes, and the valley of gels that look alike, thinner and softer.
+SEARCH_DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, -1), (-1, 1))
 MAX_SEARCH_STEPS = 8  # from the design's values; by hand: farther is no plausible casting error
 COMPRESSIBILITY_RANGE = (0.002, 0.1)  # of 1/2 - nu; by hand: silicones, and the solver's limits
 MAX_SEARCH_FRAMES = 120  # spread over all; by hand: more cost time and hardly change the pair
