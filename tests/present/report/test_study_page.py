@@ -102,7 +102,7 @@ def test_long_table_is_cut_and_noted(page: str, tmp_path: Path) -> None:
     wide = study_page.write_study_page(replace(plain(), tables=(many,)), tmp_path / "s").read_text()
     (head, row), part = table_of(section(wide, "Many")), section(wide, "Many")
     assert (head[-1], row[-1]) == ("c13, mm", "13.5")
-    assert "further columns in it: c14, mm; " in part
+    assert "further columns: c14, mm; " in part
     assert pd.read_csv(tmp_path / "s" / "many.csv").shape == (1, 22)
 
 
