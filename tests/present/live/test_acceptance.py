@@ -297,7 +297,7 @@ def test_health_starts_from_acceptance(tmp_path):
     file.write_text(file.read_text().partition("[rest]")[0])
     told = called(*look, cwd=tmp_path)
     assert told.returncode == 2
-    assert "sensors/A1.toml: rest.file: no image of the face at rest" in told.stderr
+    assert "sensors/A1.toml: rest.file: not an image of the face at rest" in told.stderr
 
 
 def test_invalid_input_is_one_line(tmp_path):
