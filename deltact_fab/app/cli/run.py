@@ -64,7 +64,7 @@ def run(
         else:
             summary = run_experiment(
                 request, resume=resume, note=note,
-                live=lambda it: report(it.done, it.total, it.line()),
+                live=lambda it: report(it.frames_done, it.frames_total, it.line()),
             )  # fmt: skip
     if dry_run:
         told = (

@@ -12,29 +12,29 @@ import numpy as np
 
 from deltact_fab.common import Check, DeltactFabError, InputError, SensorError, Status, graded
 
-from .bench import lacking
+from .bench import missing_tables
 from .camera.model import calibrated_camera, open_camera, raw_size_px
 from .config import GrblConfig
 from .force.guard import GuardLimits
-from .force.rdt import fetch
+from .force.rdt import fetch_settings
 from .force.watchdog import open_force
 from .interface import Camera, ForceSensor, OpenBench, Rig, WallClock
 from .stage.grbl import GrblStage
 from .tables import CameraConfig, ForceConfig, GuardConfig
 
-SLOW = 0.95
+MIN_IMAGE_RATE_SHARE = 0.95
 """Of the nominal rate; below, something holds the camera back."""
-BRIGHT = 0.01
+MAX_OVEREXPOSED_SHARE = 0.01
 """Share of an image that may be at the end of its scale."""
-DARK = 16
+MIN_MEAN_GREY = 16
 SLOW_DEVICE = "a shorter exposure, another fourcc or a faster port would help"
 SLOW_SENDER = "what sends them is slow, or this computer is busy"
-HOLDS = {"exposure": "auto_exposure", "gain": None, "white_balance_k": "auto_white_balance"}
-SLOW_SENSOR = 0.98
+AUTO_KEYS = {"exposure": "auto_exposure", "gain": None, "white_balance_k": "auto_white_balance"}
+MIN_SAMPLE_RATE_SHARE = 0.98
 """Of the rate that the box tells; below, records are lost."""
-NOISY = 0.01
+MAX_REST_SHARE = 0.01
 """Of the range, one deviation at rest."""
-NEAR = 0.02
+RANGE_TOLERANCE = 0.02
 """Ranges of the box and of the rig file that differ by less are the same."""
 
 
@@ -44,7 +44,7 @@ def check_rig(config: GrblConfig, folder: Path, seconds: float) -> Iterator[Chec
     folder: of the rig file. seconds: how long camera and sensor are watched. Raises nothing that a
     device can cause: that is a row.
     """
-    yield from _stage(config)
+    yield from _stage_rows(config)
     if config.force is not None and config.force.reachable:
         yield from force_rows(config.force, config.guard, seconds)
     if config.camera is not None:
@@ -52,32 +52,32 @@ def check_rig(config: GrblConfig, folder: Path, seconds: float) -> Iterator[Chec
     else:
         text = "no [camera]: a protocol with the channel image is refused"
         yield _row("camera", "table", "warn", text)
-    yield from _presses(config)
+    yield from _press_rows(config)
 
 
-def _stage(config: GrblConfig) -> Iterator[Check]:
-    stage = GrblStage.of(config.stage, WallClock())
+def _stage_rows(config: GrblConfig) -> Iterator[Check]:
+    stage = GrblStage.from_config(config.stage, WallClock())
     refused = ""
     try:
         stage.connect()
-    except DeltactFabError as why:
-        refused = str(why)
+    except DeltactFabError as error:
+        refused = str(error)
     finally:
         stage.close()
-    told = stage.identity()
-    if read := len(told["settings"]):
-        banner = told["banner"] or "no banner: the board does not restart when opened"
-        text = f"{config.stage.port} answers: {banner}; {read} settings were read"
+    identity = stage.identity()
+    if n_settings := len(identity["settings"]):
+        banner = identity["banner"] or "no banner: the board does not restart when opened"
+        text = f"{config.stage.port} answers: {banner}; {n_settings} settings were read"
         yield _row("stage", "answer", "pass", text)
-    yield from stage.judged
-    if refused and not any(row.failed for row in stage.judged):
+    yield from stage.setting_checks
+    if refused and not any(row.failed for row in stage.setting_checks):
         remedy = "check its power and cable, [stage] port and baud, and that no other program has"
         yield _row("stage", "connection", "fail", refused, f"{remedy} the port")
 
 
-def _presses(config: GrblConfig) -> Iterator[Check]:
+def _press_rows(config: GrblConfig) -> Iterator[Check]:
     """What a press needs of the rig file; without it a run goes in air only."""
-    force, missing = config.force, lacking(config)
+    force, missing = config.force, missing_tables(config)
     if force is not None and force.reachable and "range_n" not in force.model_fields_set:
         missing["range"] = "[force] range_n is not declared: write it from the calibration sheet"
     if config.stage.max_force_n is None:
@@ -99,19 +99,19 @@ def camera_rows(config: CameraConfig, folder: Path, seconds: float) -> Iterator[
 
     folder: of the rig file. Raises nothing that a camera can cause: that is a row.
     """
-    yield _calibration(config, folder)
+    yield _calibration_row(config, folder)
     try:
         with closing(open_camera(config, folder, WallClock())) as camera:
-            rows = list(_camera_images(camera, config, seconds))
-            told = camera.identity()
-    except (InputError, SensorError) as why:
-        yield _row("camera", "images", "fail", str(why))
+            rows = list(_image_rows(camera, config, seconds))
+            identity = camera.identity()
+    except (InputError, SensorError) as error:
+        yield _row("camera", "images", "fail", str(error))
         return
     yield from rows
-    yield from _locks(config, told)
+    yield from _lock_rows(config, identity)
 
 
-def _calibration(config: CameraConfig, folder: Path) -> Check:
+def _calibration_row(config: CameraConfig, folder: Path) -> Check:
     if config.model is None:
         text = "camera.model: not calibrated, nothing can be tracked"
         remedy = "`deltact-fab calibrate lens` makes the file"
@@ -119,16 +119,16 @@ def _calibration(config: CameraConfig, folder: Path) -> Check:
     path = folder / config.model
     try:
         size_px = raw_size_px(calibrated_camera(path))
-    except InputError as why:
-        return _row("camera", "calibration", "fail", str(why))
-    asked = (config.width_px, config.height_px)
-    if config.width_px is not None and asked != size_px:
+    except InputError as error:
+        return _row("camera", "calibration", "fail", str(error))
+    configured_px = (config.width_px, config.height_px)
+    if config.width_px is not None and configured_px != size_px:
         text = f"camera.model: of images of {size_px[0]} x {size_px[1]} px"
         return _row("camera", "calibration", "fail", text)
     return _row("camera", "calibration", "pass", f"calibrated: {path}")
 
 
-def _camera_images(camera: Camera, config: CameraConfig, seconds: float) -> Iterator[Check]:
+def _image_rows(camera: Camera, config: CameraConfig, seconds: float) -> Iterator[Check]:
     """What at least two images tell. The first says nothing of what was lost before it."""
     camera.begin("probe")
     first_s = camera.capture().t_s
@@ -139,37 +139,37 @@ def _camera_images(camera: Camera, config: CameraConfig, seconds: float) -> Iter
         n += 1
         dropped += last.dropped
         repeated += last.repeated
-    image, took_s, told = last.image, last.t_s - first_s, camera.identity()
+    image, took_s, identity = last.image, last.t_s - first_s, camera.identity()
     h, w = image.shape[:2]
-    stamped = told["stamped_by"]
-    after = f", {config.latency_ms:g} ms after its exposure" if stamped == "arrival" else ""
-    text = f"images of {w} x {h} px, stamped by {stamped}{after}"
+    stamped = identity["stamped_by"]
+    delay = f", {config.latency_ms:g} ms after its exposure" if stamped == "arrival" else ""
+    text = f"images of {w} x {h} px, stamped by {stamped}{delay}"
     yield _row("camera", "images", "pass", text)
-    nominal, hz = told["rate_hz"], n / took_s if took_s > 0 else 0.0
-    slow = nominal is not None and hz < SLOW * nominal
-    asked = "" if nominal is None else f" of {nominal:g}"
-    why = (SLOW_DEVICE if config.is_device else SLOW_SENDER) if slow else ""
-    yield _row("camera", "rate", graded(not slow), f"{hz:.1f} images a second{asked}", why)
+    nominal, hz = identity["rate_hz"], n / took_s if took_s > 0 else 0.0
+    slow = nominal is not None and hz < MIN_IMAGE_RATE_SHARE * nominal
+    of_nominal = "" if nominal is None else f" of {nominal:g}"
+    remedy = (SLOW_DEVICE if config.is_device else SLOW_SENDER) if slow else ""
+    yield _row("camera", "rate", graded(not slow), f"{hz:.1f} images per s{of_nominal}", remedy)
     text = f"{dropped} lost, {repeated} repeated"
     yield _row("camera", "lost", graded(not (dropped or repeated)), text)
     bright = float(np.mean(image == 255))
-    if bright > BRIGHT:
+    if bright > MAX_OVEREXPOSED_SHARE:
         text = f"{bright:.0%} of the image is over-exposed"
         yield _row("camera", "light", "fail", text, "less light or a shorter exposure")
-    elif image.mean() < DARK:
+    elif image.mean() < MIN_MEAN_GREY:
         remedy = "is the light on, the lens uncovered?"
         yield _row("camera", "light", "fail", "the image is dark", remedy)
 
 
-def _locks(config: CameraConfig, told: dict[str, Any]) -> Iterator[Check]:
+def _lock_rows(config: CameraConfig, identity: dict[str, Any]) -> Iterator[Check]:
     """Of a V4L2 device: what it would change by itself."""
-    controls: dict[str, Any] = told.get("controls", {})
-    for key, automatic in HOLDS.items() if controls else ():
-        has = controls[key]
+    controls: dict[str, Any] = identity.get("controls", {})
+    for key, automatic in AUTO_KEYS.items() if controls else ():
+        value = controls[key]
         if getattr(config, key) is not None:
-            yield _row("camera", key.replace("_", "-"), "pass", f"{key} locked at {has:g}")
-        elif has is not None and (automatic is None or controls[automatic] is not None):
-            remedy = f"`{key} = {has:.0f}` keeps what it has"
+            yield _row("camera", key.replace("_", "-"), "pass", f"{key} locked at {value:g}")
+        elif value is not None and (automatic is None or controls[automatic] is not None):
+            remedy = f"`{key} = {value:.0f}` keeps what it has"
             yield _row("camera", key.replace("_", "-"), "fail", f"camera.{key}: not locked", remedy)
 
 
@@ -179,13 +179,13 @@ def force_rows(config: ForceConfig, guard: GuardConfig | None, seconds: float) -
     Raises nothing that a sensor can cause: that is a row.
     """
     try:
-        yield from _page(config)
+        yield from _box_rows(config)
         with closing(open_force(config, WallClock())) as sensor:
-            heard = list(_heard(sensor, config, seconds))
-        yield from heard
-        limits = GuardLimits.of(guard, config)
-    except DeltactFabError as why:
-        yield _row("force", "answer", "fail", str(why))
+            rows = list(_sample_rows(sensor, config, seconds))
+        yield from rows
+        limits = GuardLimits.from_config(guard, config)
+    except DeltactFabError as error:
+        yield _row("force", "answer", "fail", str(error))
         return
     force = ", ".join(f"{value:g}" for value in limits.force_n)
     torque = ", ".join(f"{value:g}" for value in limits.torque_nmm)
@@ -193,24 +193,24 @@ def force_rows(config: ForceConfig, guard: GuardConfig | None, seconds: float) -
     yield _row("force", "guard", "pass", text)
 
 
-def _page(config: ForceConfig) -> Iterator[Check]:
+def _box_rows(config: ForceConfig) -> Iterator[Check]:
     """What the box says of itself, against the rig file. Raises SensorError, InputError."""
     if config.netft is None:
         return
-    s = fetch(config.netft)
+    s = fetch_settings(config.netft)
     about = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in s.about)
     text = f"{config.netft.host}: transducer {s.serial}, {about}"
     yield _row("force", "transducer", "pass", text)
     text = f"{s.counts_per_n:g} counts a newton, {s.counts_per_nmm:g} a newton millimetre"
     yield _row("force", "counts", "pass", text)
-    for key, told in (("range_n", s.range_n), ("range_nmm", s.range_nmm)):
-        written = getattr(config, key)
-        if told is None:
-            text = f"force.{key}: {written}, which the box does not tell"
+    for key, rated in (("range_n", s.range_n), ("range_nmm", s.range_nmm)):
+        declared = getattr(config, key)
+        if rated is None:
+            text = f"force.{key}: {declared}, which the box does not tell"
             yield _row("force", key.replace("_", "-"), "pass", text)
             continue
-        right = [round(value, 3) for value in told]
-        if np.allclose(written, told, rtol=NEAR):
+        right = [round(value, 3) for value in rated]
+        if np.allclose(declared, rated, rtol=RANGE_TOLERANCE):
             yield _row(
                 "force",
                 key.replace("_", "-"),
@@ -218,11 +218,11 @@ def _page(config: ForceConfig) -> Iterator[Check]:
                 f"force.{key} = {right}, as the transducer's",
             )
         else:
-            wrong = f"force.{key}: {list(written)}; the transducer's is {right}: write that"
+            wrong = f"force.{key}: {list(declared)}; the transducer's is {right}: write that"
             yield _row("force", key.replace("_", "-"), "fail", wrong)
 
 
-def _heard(sensor: ForceSensor, config: ForceConfig, seconds: float) -> Iterator[Check]:
+def _sample_rows(sensor: ForceSensor, config: ForceConfig, seconds: float) -> Iterator[Check]:
     """Rate, losses, tare and noise. Raises SensorError."""
     sensor.begin("probe")
     until_s = time.monotonic() + seconds
@@ -231,26 +231,26 @@ def _heard(sensor: ForceSensor, config: ForceConfig, seconds: float) -> Iterator
         parts.append(sensor.read())
     t_ns = np.concatenate([part.t_ns for part in parts])
     values = np.concatenate([np.hstack([part.force_n, part.torque_nmm]) for part in parts])
-    told_hz = float(sensor.identity()["rate_hz"] or 0)
+    nominal_hz = float(sensor.identity()["rate_hz"] or 0)
     hz = (len(t_ns) - 1) / max((t_ns[-1] - t_ns[0]) / 1e9, 1e-9)
-    slow = config.netft is not None and hz < SLOW_SENSOR * told_hz
-    of = f" of {told_hz:g}" if config.netft is not None else ""
-    lost, late = sum(part.lost for part in parts), sum(part.late for part in parts)
-    yield _row("force", "rate", graded(not slow), f"{hz:.0f}{of} samples a second")
-    text = f"{lost} samples lost, {late} late"
-    yield _row("force", "lost", graded(not lost, warns=late > 0), text)
+    slow = config.netft is not None and hz < MIN_SAMPLE_RATE_SHARE * nominal_hz
+    of_nominal = f" of {nominal_hz:g}" if config.netft is not None else ""
+    n_lost, n_late = sum(part.n_lost for part in parts), sum(part.n_late for part in parts)
+    yield _row("force", "rate", graded(not slow), f"{hz:.0f}{of_nominal} samples a second")
+    text = f"{n_lost} samples lost, {n_late} late"
+    yield _row("force", "lost", graded(not n_lost, warns=n_late > 0), text)
     if any(part.saturated.any() for part in parts):
         text = "saturated with nothing touching: is the tip free?"
         yield _row("force", "saturation", "fail", text)
     ranges = np.array([*config.range_n, *config.range_nmm])
     mean, noise = np.abs(values.mean(axis=0)), values.std(axis=0)
     text = f"{mean[:3].max():.3f} N and {mean[3:].max():.2f} N mm are left after the tare"
-    yield _row("force", "tare", graded(bool((mean <= NOISY * ranges).all())), text)
+    yield _row("force", "tare", graded(bool((mean <= MAX_REST_SHARE * ranges).all())), text)
     if config.netft is not None and not noise.any():
         text = "the readings do not change at all: is the transducer plugged in?"
         yield _row("force", "noise", "fail", text)
         return
-    quiet = bool((noise <= NOISY * ranges).all())
+    quiet = bool((noise <= MAX_REST_SHARE * ranges).all())
     text = f"noise at rest {noise[:3].max():.4f} N, {noise[3:].max():.3f} N mm (one deviation)"
     text = text if quiet else f"{text}: does something touch or shake it?"
     yield _row("force", "noise", graded(quiet), text)

@@ -30,8 +30,8 @@ from .tables import (
     TouchConfig,
 )
 
-Off = Annotated[float, Field(ge=-20, le=20)]  # mm
-TOOLS = {"sphere:10": {"length_mm": 0.0}}
+MountOffset = Annotated[float, Field(ge=-20, le=20)]  # mm
+TOOLS_EXAMPLE = {"sphere:10": {"length_mm": 0.0}}
 
 
 class NoiseConfig(Table):
@@ -74,7 +74,7 @@ class GelConfig(Table):
     hyperelastic: FiniteGelConfig = FiniteGelConfig()
 
 
-class GoneConfig(Table):
+class ObsoleteConfig(Table):
     """Of `run --realtime` of version 0.2, which is gone: read, and not used."""
 
     camera_rate_hz: float = Field(default=5.0, ge=0.1, le=240)
@@ -87,11 +87,11 @@ class MountConfig(Table):
     Only `rig simulate` has it: on a virtual rig the rig file is right.
     """
 
-    offset_mm: tuple[Off, Off, Off] = (0.0, 0.0, 0.0)
+    offset_mm: tuple[MountOffset, MountOffset, MountOffset] = (0.0, 0.0, 0.0)
     """Of the face's middle from `[stage] origin_machine_mm`."""
     tilt_deg: tuple[Tilt, Tilt] = (0.0, 0.0)
     """Of the face, about the sensor's x, then about y."""
-    longer_mm: dict[str, Off] = Field(default_factory=dict)
+    longer_mm: dict[str, MountOffset] = Field(default_factory=dict)
     """By indenter: how much longer than the one that the origin was measured with."""
 
 
@@ -130,7 +130,7 @@ class SimulatorConfig(Table):
     force: NoiseConfig = NoiseConfig()
     gel: GelConfig = GelConfig()
     mount: MountConfig = MountConfig()
-    realtime: GoneConfig = GoneConfig()
+    realtime: ObsoleteConfig = ObsoleteConfig()
 
 
 class VirtualConfig(Table):
@@ -145,7 +145,7 @@ class VirtualConfig(Table):
     guard: GuardConfig | None = None
     """What stops the stage; for `rig simulate` only, as are touch and tools."""
     touch: TouchConfig = TouchConfig()
-    tools: Tools = Field(default_factory=dict, examples=[TOOLS])
+    tools: Tools = Field(default_factory=dict, examples=[TOOLS_EXAMPLE])
     """By indenter, as `[tools."sphere:10"]`; for `rig simulate` only."""
     virtual: SimulatorConfig = SimulatorConfig()
     served: ClassVar[bool] = False
@@ -184,7 +184,7 @@ class GrblConfig(Table):
     camera: CameraConfig | None = None
     guard: GuardConfig | None = None
     touch: TouchConfig | None = None
-    tools: Tools = Field(default_factory=dict, examples=[TOOLS])
+    tools: Tools = Field(default_factory=dict, examples=[TOOLS_EXAMPLE])
     """By indenter, as `[tools."sphere:10"]`: how much longer it is than the tip that the origin was
     measured with."""
 
@@ -203,7 +203,7 @@ class GrblConfig(Table):
 
 
 RigConfig = VirtualConfig | GrblConfig
-_KINDS: dict[str, type[VirtualConfig] | type[GrblConfig]] = {
+RIG_CONFIGS: dict[str, type[VirtualConfig] | type[GrblConfig]] = {
     "virtual": VirtualConfig,
     "grbl": GrblConfig,
 }
@@ -214,13 +214,13 @@ def load_rig(name: str) -> tuple[RigConfig, Path]:
     path = find_file("protocols/rigs", name)
     data = read_toml(path)
     kind = data.get("kind")
-    if not isinstance(kind, str) or kind not in _KINDS:
-        found = "missing key" if kind is None else f"unknown kind {kind!r}"
-        raise InputError(f"{path}: kind: {found}; {did_you_mean(str(kind), _KINDS)}")
-    return _registered(validate(_KINDS[kind], data, str(path)), path), path
+    if not isinstance(kind, str) or kind not in RIG_CONFIGS:
+        problem = "missing key" if kind is None else f"unknown kind {kind!r}"
+        raise InputError(f"{path}: kind: {problem}; {did_you_mean(str(kind), RIG_CONFIGS)}")
+    return _with_registration(validate(RIG_CONFIGS[kind], data, str(path)), path), path
 
 
-def _registered(config: RigConfig, path: Path) -> RigConfig:
+def _with_registration(config: RigConfig, path: Path) -> RigConfig:
     """With the face where it was registered. Raises InputError for a file that is none."""
     if config.stage.registration is None:
         return config
@@ -230,7 +230,7 @@ def _registered(config: RigConfig, path: Path) -> RigConfig:
             f"{path}: stage.registration: {config.stage.registration!r}: no such file in "
             f"{path.parent}; `deltact-fab rig register` writes one"
         )
-    found = validate(RegistrationFile, read_toml(file), str(file))
+    registration = validate(RegistrationFile, read_toml(file), str(file))
     keys = ("origin_machine_mm", "angle_deg", "tilt_deg")
-    stage = config.stage.model_copy(update={key: getattr(found, key) for key in keys})
+    stage = config.stage.model_copy(update={key: getattr(registration, key) for key in keys})
     return config.model_copy(update={"stage": stage})

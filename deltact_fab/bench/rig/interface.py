@@ -75,8 +75,8 @@ class ForceSamples:
     counts: NDArray[np.int32]  # (n, 6): three of force, three of torque
     per_unit: NDArray[np.float64]  # (6,) counts in a newton, in a newton millimetre
     saturated: NDArray[np.bool_]  # (n,)
-    lost: int = 0  # samples that are missing before and between these
-    late: int = 0  # of these, how many came noticeably later than they were taken
+    n_lost: int = 0  # samples that are missing before and between these
+    n_late: int = 0  # of these, how many came noticeably later than they were taken
     notes: tuple[Note, ...] = ()  # events for the journal, at most one a second of each id
 
     @property
@@ -222,10 +222,10 @@ class Guard(Protocol):
     def watch(self, samples: ForceSamples) -> None:
         """Look at what was read."""
 
-    def lost(self, why: str) -> None:
+    def on_sensor_lost(self, reason: str) -> None:
         """The sensor says nothing that can be trusted."""
 
-    def tell(self) -> tuple[Note, ...]:
+    def pop_notes(self) -> tuple[Note, ...]:
         """What it has to say of itself."""
 
     def rearm(self) -> None:
@@ -325,7 +325,7 @@ class OpenBench(ABC):
     def notes(self) -> Iterable[Note]:
         """What a reader of the results must know, once the run is over."""
 
-    def left_out(self) -> Iterator[Note]:
+    def omissions(self) -> Iterator[Note]:
         """What was not built, driven or solved, and why."""
         if self.camera is None:
             yield Note("camera", "no channel asks for images")
@@ -338,14 +338,14 @@ class OpenBench(ABC):
 class Rig(Devices, OpenBench):
     """A bench whose stage carries out the run. opened: closes its devices, the last one first."""
 
-    opened: ExitStack
+    exit_stack: ExitStack
 
     def identity(self) -> dict[str, Any]:
         devices = {"stage": self.stage, "camera": self.camera, "force": self.force}
-        return {name: None if it is None else it.identity() for name, it in devices.items()}
+        return {name: d.identity() if d is not None else None for name, d in devices.items()}
 
     def close(self) -> None:
-        self.opened.close()
+        self.exit_stack.close()
 
 
 class RigKind(ABC):

@@ -15,8 +15,8 @@ Pixels = Annotated[int, Field(ge=8, le=20_000)]
 Control = Annotated[int, Field(ge=-1_000_000, le=1_000_000)]
 Word = Annotated[str, Field(min_length=1, max_length=4096)]
 DEVICE_FOLDER = "/dev/"
-COMMAND = ["gst-launch-1.0", "-q", "nvarguscamerasrc", "!", "...", "!", "fdsink"]
-LOCKS = ("exposure", "gain", "white_balance_k", "autofocus")
+COMMAND_EXAMPLE = ["gst-launch-1.0", "-q", "nvarguscamerasrc", "!", "...", "!", "fdsink"]
+LOCKABLE_KEYS = ("exposure", "gain", "white_balance_k", "autofocus")
 Torque = Annotated[float, Field(gt=0, le=10_000_000)]  # N mm
 Millimetres = Annotated[float, Field(ge=-100, le=100)]
 
@@ -38,7 +38,7 @@ class CameraConfig(Table):
     source: Annotated[int, Field(ge=0, le=255)] | Word | None = Field(default=None, examples=[0])
     """N of /dev/videoN or a device file; an rtsp or http address."""
     command: tuple[Word, ...] | None = Field(
-        default=None, min_length=1, max_length=256, examples=[COMMAND],
+        default=None, min_length=1, max_length=256, examples=[COMMAND_EXAMPLE],
         json_schema_extra={"instead_of": "source"},
     )  # fmt: skip
     """In place of a source: a program and its arguments, as for the camera port of a Jetson. It
@@ -106,7 +106,7 @@ class CameraConfig(Table):
                 "address; images from files are for `measure` and `record import`"
             )
         if not self.is_device:
-            only = [key for key in ("fourcc", *LOCKS) if getattr(self, key) is not None]
+            only = [key for key in ("fourcc", *LOCKABLE_KEYS) if getattr(self, key) is not None]
             if only:
                 raise ValueError(
                     f"{', '.join(only)}: only of a V4L2 device, and the source is {self.name}; "
@@ -194,7 +194,7 @@ class ForceConfig(Table):
         return self.netft is not None or self.serial is not None
 
     @model_validator(mode="after")
-    def _one_way(self) -> Self:
+    def _one_connection(self) -> Self:
         if self.netft is not None and self.serial is not None:
             raise ValueError("one sensor has one way to it: give [force.netft] or [force.serial]")
         return self
@@ -219,7 +219,7 @@ class GuardConfig(Table):
     """On any axis, about the sensor's own origin."""
 
     @model_validator(mode="after")
-    def _one(self) -> Self:
+    def _one_force_limit(self) -> Self:
         if self.force_n is not None and self.axes_n is not None:
             raise ValueError("force_n is for all axes, axes_n for each: give one of them")
         return self
@@ -300,10 +300,10 @@ class RegistrationFile(Table):
         """For a person."""
         x, y, z = self.origin_machine_mm
         tx, ty = self.tilt_deg
-        known = f"{self.residual_mm:.3f} mm from flat" if len(self.touches) > 3 else "no residual"
+        flat = f"{self.residual_mm:.3f} mm from flat" if len(self.touches) > 3 else "no residual"
         return (
             f"face at machine ({x:.3f}, {y:.3f}, {z:.3f}) mm, tilted {tx:+.3f} deg about x and "
-            f"{ty:+.3f} about y, {known} by {len(self.touches)} touches"
+            f"{ty:+.3f} about y, {flat} by {len(self.touches)} touches"
         )
 
 
@@ -311,8 +311,8 @@ def _named_tools(tools: dict[str, ToolConfig]) -> dict[str, ToolConfig]:
     """The same under the indenters' own names. Raises ValueError for a name that is none."""
     try:
         return {parse_indenter(name).name: tool for name, tool in tools.items()}
-    except InputError as why:
-        raise ValueError(str(why)) from why
+    except InputError as error:
+        raise ValueError(str(error)) from error
 
 
 Tools = Annotated[dict[str, ToolConfig], AfterValidator(_named_tools)]

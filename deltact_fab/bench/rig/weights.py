@@ -45,30 +45,30 @@ class WeightsBench(OpenBench):
         self, steps: Sequence[Step], writer: RunWriter, progress: Progress | None = None
     ) -> None:
         """All places that the writer has not kept. Raises RunFailed, SensorError, Stopped."""
-        total, done = sum(step.frames for step in steps), 0
+        total, frames_done = sum(step.frames for step in steps), 0
         step = steps[0]
         try:
             for press, group in groupby(steps, lambda step: step.press):
                 part = list(group)
                 if press in writer.kept:
-                    done += sum(step.frames for step in part)
+                    frames_done += sum(step.frames for step in part)
                     continue
                 began_s, masses_g = self.clock.now_s(), iter(self._weights.masses_g)
                 frames: dict[str, float] = {}
                 for step in part:
                     if progress is not None:
-                        progress(done, total, step.id)
+                        progress(frames_done, total, step.id)
                     mass_g = next(masses_g) if step.kind == "press" else 0.0
                     frames |= self._step(step, mass_g, writer, began_s)
-                    done += step.frames
+                    frames_done += step.frames
                 if self.camera is not None and frames:
                     self.camera.end(frames)
                 writer.flush()
-        except KeyboardInterrupt as why:
+        except KeyboardInterrupt as error:
             raise Stopped(
                 f"stopped by the operator in {step.id}; complete places are kept: go on with "
                 "--resume"
-            ) from why
+            ) from error
 
     def _step(
         self, step: Step, mass_g: float, writer: RunWriter, began_s: float
@@ -124,7 +124,7 @@ class WeightsBench(OpenBench):
 
     def left_out(self) -> Iterator[Note]:
         yield Note("stage, force sensor and guard", "a hand lays the weights on")
-        yield from super().left_out()
+        yield from super().omissions()
 
     def notes(self) -> Iterator[Note]:
         """How well the weights are known."""

@@ -93,7 +93,7 @@ class VirtualRig(Rig):
             controller, clock, stage.frame, presses.increments, presses.open, self._crop,
             presses.modulus_mpa,
         )  # fmt: skip
-        host = GrblStage.of(stage, clock, SerialLink(controller, clock, baud=stage.baud))
+        host = GrblStage.from_config(stage, clock, SerialLink(controller, clock, baud=stage.baud))
         host.whole_moves = True  # the gel is solved along the lines of the plan
         with ExitStack() as opened:
             opened.callback(host.close)
@@ -115,7 +115,7 @@ class VirtualRig(Rig):
                 force = VirtualForce(box, clock, scene)
                 opened.callback(force.close)
             super().__init__(clock, host, camera, force, self.scene.mount)
-            self.opened = opened.pop_all()
+            self.exit_stack = opened.pop_all()
 
     def left_out(self) -> Iterator[Note]:
         """What this scene did not build or solve, and why."""

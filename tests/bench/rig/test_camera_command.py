@@ -111,12 +111,12 @@ def test_a_count_of_32_bits_begins_anew() -> None:
 
 
 def test_who_is_slow_gets_the_newest_and_knows_what_he_missed() -> None:
-    n = 5 * stream.DEPTH
+    n = 5 * stream.QUEUE_DEPTH
     camera = opened([*sent(*range(n)), ["exit", 0]])
-    while camera._over is None:  # until all have come
+    while camera._failure is None:  # until all have come
         time.sleep(0.01)
     frames = to_the_end(camera)[0]
-    first = n - stream.DEPTH
+    first = n - stream.QUEUE_DEPTH
     assert [told(f) for f in frames] == [
         (first, first, 0), *[(k, 0, 0) for k in range(first + 1, n)]
     ]  # fmt: skip
@@ -164,7 +164,7 @@ def test_a_camera_that_shows_one_image_for_ever_hangs() -> None:
 
 
 def test_a_first_image_that_does_not_come_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stream, "FIRST_S", 0.3)
+    monkeypatch.setattr(stream, "FIRST_IMAGE_S", 0.3)
     assert "no first image" in to_the_end(opened([]))[1]
 
 

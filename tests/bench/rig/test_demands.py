@@ -65,7 +65,7 @@ def test_each_thing_that_is_missing_is_named(tmp_path: Path) -> None:
     for rig, words in (
         (STAGE + TOUCH, "bench.toml: force: a press on a real rig needs a force sensor"),
         (STAGE + FORCE, "bench.toml: touch: missing table"),
-        (STAGE + FORCE + TOUCH + "at_mm = [15.0, 0.0]\n", "sphere:10 reaches 20 mm out there"),
+        (STAGE + FORCE + TOUCH + "at_mm = [15.0, 0.0]\n", "sphere:10 reaches 20 mm out"),
         (STAGE + FORCE + TOUCH + "[guard]\nforce_n = 0.4\n", "the guard trips at 0.4 N"),
         (STAGE + FORCE + TOUCH + "[guard]\nforce_n = 40.0\n", "over the sensor's range"),
         (STAGE + FORCE + TOUCH + "clear_mm = 2.0\n", "touch: clear_mm: 2 is below search_mm"),

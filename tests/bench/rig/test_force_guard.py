@@ -140,7 +140,7 @@ def test_a_lift_is_let_go_on_unless_the_force_still_grows(bench: Bench) -> None:
         bench.stage.start_move((0.0, 0.0, 10.0), 600)
         bench.watched(0.2, fz=-9.0)
         bench.watched(0.1, saturated=True)
-        bench.guard.lost("the force sensor is silent")
+        bench.guard.on_sensor_lost("the force sensor is silent")
         bench.stage.wait()
         assert bench.stage.position_mm()[2] == pytest.approx(10.0)
         bench.stage.start_move((0.0, 0.0, 15.0), 600)
@@ -188,7 +188,7 @@ def test_a_lift_leaves_no_limit_wider(bench: Bench) -> None:
 def test_a_lost_sensor_and_homing_are_stopped_as_well(bench: Bench) -> None:
     bench.stage.start_move((0.0, 0.0, -10.0), 600)
     bench.clock.sleep_s(0.3)
-    bench.guard.lost("force sensor: no sample within 50 ms")
+    bench.guard.on_sensor_lost("force sensor: no sample within 50 ms")
     bench.clock.sleep_s(0.5)
     assert bench.controller.state == "Idle"
     assert bench.guard.tripped == "force sensor: no sample within 50 ms"
@@ -206,7 +206,7 @@ def test_a_guard_that_is_blind_for_long_stops_the_stage_and_a_hiccup_is_told(
     bench.watched(0.08, old_s=0.15)
     bench.watched(0.1)
     assert not bench.guard.tripped
-    (note,) = bench.guard.tally.tell(bench.clock.now_ns())
+    (note,) = bench.guard.tally.pop_notes(bench.clock.now_ns())
     assert note.id == "behind"
     assert note.text.startswith("40 times the newest force sample was old")
     bench.watched(0.08, old_s=0.3)
@@ -219,12 +219,13 @@ def test_a_guard_that_is_blind_for_long_stops_the_stage_and_a_hiccup_is_told(
 
 def test_limits_come_from_the_rig_file_or_from_the_sensors_range() -> None:
     force = ForceConfig()
-    assert GuardLimits.of(None, force) == GuardLimits((20.0, 20.0, 28.0), (200.0, 200.0, 200.0))
+    limits = GuardLimits((20.0, 20.0, 28.0), (200.0, 200.0, 200.0))
+    assert GuardLimits.from_config(None, force) == limits
     own = GuardConfig(force_n=5.0, resultant_n=6.0, torque_nmm=100.0)
-    assert GuardLimits.of(own, force) == GuardLimits((5.0,) * 3, (100.0,) * 3, 6.0)
-    each = GuardLimits.of(GuardConfig(axes_n=(1.0, 2.0, 3.0)), force)
+    assert GuardLimits.from_config(own, force) == GuardLimits((5.0,) * 3, (100.0,) * 3, 6.0)
+    each = GuardLimits.from_config(GuardConfig(axes_n=(1.0, 2.0, 3.0)), force)
     assert each == GuardLimits((1.0, 2.0, 3.0), (200.0, 200.0, 200.0), inf)
     with pytest.raises(InputError, match=r"guard: the limit 30 of Fx is over .* range of 25"):
-        GuardLimits.of(GuardConfig(force_n=30.0), force)
+        GuardLimits.from_config(GuardConfig(force_n=30.0), force)
     with pytest.raises(ValueError, match="give one of them"):
         GuardConfig(force_n=1.0, axes_n=(1.0, 1.0, 1.0))

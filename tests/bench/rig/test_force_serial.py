@@ -118,7 +118,7 @@ def test_silence_and_a_pulled_plug_are_errors() -> None:
 
 
 def test_what_cannot_be_a_scale_is_named() -> None:
-    with pytest.raises(SensorError, match="/nowhere/tty: the scale's port cannot be opened"):
+    with pytest.raises(SensorError, match="/nowhere/tty: cannot open the scale's port"):
         open_force(ForceConfig(serial=SerialScaleConfig(port="/nowhere/tty")), WallClock())
     with pytest.raises(InputError, match=r"force.serial: port: bad://x: not a serial port"):
         open_force(ForceConfig(serial=SerialScaleConfig(port="bad://x")), WallClock())

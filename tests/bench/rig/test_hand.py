@@ -67,7 +67,7 @@ class Hand:
         others = {"h": self.home}
         HandSession(
             self.stage, self.force, self.guard, key, self.told.append, self.shown.append,
-            others=others,
+            actions=others,
         ).run()  # fmt: skip
 
 

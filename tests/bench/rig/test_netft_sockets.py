@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from deltact_fab.bench.rig.check import force_rows
 from deltact_fab.bench.rig.force.netft import NetFTSensor
-from deltact_fab.bench.rig.force.rdt import fetch
+from deltact_fab.bench.rig.force.rdt import fetch_settings
 from deltact_fab.bench.rig.force.watchdog import open_force
 from deltact_fab.bench.rig.interface import ForceSamples, WallClock
 from deltact_fab.bench.rig.tables import ForceConfig, GuardConfig, NetFTConfig
@@ -77,7 +77,7 @@ def test_samples_come_each_once_with_units_tare_and_times_of_the_hosts_clock() -
         assert before_ns < t_ns[0]
         assert t_ns[-1] <= after_ns
         assert (np.diff(t_ns) > 0).all()
-        lost = sum(part.lost for part in parts)
+        lost = sum(part.n_lost for part in parts)
         assert len(t_ns) + lost == pytest.approx((t_ns[-1] - t_ns[0]) / 1e6 + 1, abs=2)
         about = sensor.identity()
         assert (about["serial"], about["rate_hz"]) == ("FT00001", 1000.0)
@@ -132,8 +132,8 @@ def test_late_datagrams_are_told_and_keep_their_time() -> None:
         sensor.start()
         until(sensor, lambda s: s.t_ns[-1] > time.monotonic_ns() - 5_000_000)
         box.faults.late_s = 0.2
-        part = until(sensor, lambda s: s.late > 0 and time.monotonic_ns() - s.t_ns[-1] > 150e6)[-1]
-        assert any(note.id == "late" for note in part.notes) or sensor.tally.total["late"]
+        parts = until(sensor, lambda s: s.n_late > 0 and time.monotonic_ns() - s.t_ns[-1] > 150e6)
+        assert any(note.id == "late" for note in parts[-1].notes) or sensor.tally.total["late"]
         box.faults.late_s = 0.0
         until(sensor, lambda s: time.monotonic_ns() - s.t_ns[-1] < 50e6)  # and is over with it
         sensor.close()
@@ -181,26 +181,26 @@ def test_a_box_out_of_reach_disabled_or_another_one_is_named(
 ) -> None:
     with NetFTServer(Hand()) as box:
         with pytest.raises(InputError, match=r"serial number 'FT00001'.*serial = 'FT11564'"):
-            fetch(way(box, serial="FT11564"))
-        assert fetch(way(box, serial="FT00001")).range_n == (25.0, 25.0, 35.0)
+            fetch_settings(way(box, serial="FT11564"))
+        assert fetch_settings(way(box, serial="FT00001")).range_n == (25.0, 25.0, 35.0)
         box.page["comrdte"] = "Disabled"
         with pytest.raises(SensorError, match="comrdte: RDT is disabled; enable it"):
-            fetch(way(box))
+            fetch_settings(way(box))
         box.page["comrdte"] = "Enabled"
         box.page["scfgfu"] = "furlong"
         with pytest.raises(SensorError, match="scfgfu: unit 'furlong' is not known"):
-            fetch(way(box))
+            fetch_settings(way(box))
         box.page["scfgfu"] = "N"
         monkeypatch.setenv("http_proxy", "http://127.0.0.1:9")
-        assert fetch(way(box)).range_n is not None
+        assert fetch_settings(way(box)).range_n is not None
         box.path = "/elsewhere.xml"
         with pytest.raises(SensorError, match=r"cannot be read \(HTTP Error 404"):
-            fetch(way(box))
+            fetch_settings(way(box))
         nobody = way(box)
     with pytest.raises(
         SensorError, match=r"netftapi2.xml: cannot be read .* check the box's power"
     ):
-        fetch(nobody)
+        fetch_settings(nobody)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 
 from deltact_fab.bench.rig import config
 from deltact_fab.bench.rig.stage.grbl import GrblStage
-from deltact_fab.bench.rig.stage.settings import Limits, judge
+from deltact_fab.bench.rig.stage.settings import Limits, check_settings
 from deltact_fab.common import catalog
 from deltact_fab.common.errors import StageError
 from deltact_fab.sensor.optics.camera import StageFrame
@@ -48,7 +48,7 @@ def connected(
     grbl.options, grbl.unsaid = options, unsaid
     trace: list[wire.WireExchange] = []
     link = wire.SerialLink(grbl, clock, trace=trace)
-    stage = GrblStage.of(config.StageConfig(**{**STAGE, **file}), clock, link)  # type: ignore[arg-type]
+    stage = GrblStage.from_config(config.StageConfig(**{**STAGE, **file}), clock, link)  # type: ignore[arg-type]
     try:
         stage.connect()
     finally:
@@ -94,11 +94,11 @@ def test_a_board_that_would_move_unhomed() -> None:
     with pytest.raises(StageError, match=r"\[OPT:VL\.\.\.\] .*HOMING_INIT_LOCK.*; flash"):
         connected(options="L")
     said = ["[OPT:V,15,128]", "[FIRMWARE:grblHAL]"]
-    (row,) = judge({**SETTINGS, 1: 255, 22: 1}, said, None)
+    (row,) = check_settings({**SETTINGS, 1: 255, 22: 1}, said, None)
     assert (row.id, row.status) == ("stage.lock", "fail")
     assert str(row.value).startswith("$22=1 (not locked at its start")
     assert "set $22=5" in row.value
-    assert not judge({**SETTINGS, 1: 255, 22: 5}, said, None)
+    assert not check_settings({**SETTINGS, 1: 255, 22: 5}, said, None)
 
 
 def test_what_is_not_said() -> None:
@@ -108,21 +108,21 @@ def test_what_is_not_said() -> None:
 
 def test_masks_that_the_rig_file_declares() -> None:
     stage = connected({3: 5, 23: 3}, direction_mask=5, homing_direction_mask=3)
-    assert not stage.judged
+    assert not stage.setting_checks
     with pytest.raises(StageError, match=r"\$3=0 .* the rig file says 5 \(X, Z\).* set \$3=5"):
         connected({}, direction_mask=5)
 
 
 def test_a_controller_that_can_do_more_is_accepted_and_the_file_s_travel_holds() -> None:
     stage = connected({110: 6000, 120: 500, 132: 200})
-    assert not stage.judged
+    assert not stage.setting_checks
     stage.home()
     with pytest.raises(Exception, match=r"target Z -60\.500 mm .* outside of -60 \.\. -1"):
         stage.start_move((0.0, 0.0, -20.5), 600.0)
 
 
 def test_motors_that_are_off_at_rest_are_a_warning() -> None:
-    (row,) = connected({1: 25}).judged
+    (row,) = connected({1: 25}).setting_checks
     assert row.status == "warn"
     assert row.value.endswith("set $1=255 unless the screws hold by themselves")
 
@@ -131,7 +131,7 @@ def test_motors_that_are_off_at_rest_are_a_warning() -> None:
 def test_what_ships_passes(name: str) -> None:
     stage = config.load_rig(name)[0].stage
     own = grbl_settings(stage.travel_mm, stage.max_feed_mm_min, stage.acceleration_mm_s2)
-    assert {row.status for row in judge(own, [], stage)} == {"warn"}  # of motors that rest
+    assert {row.status for row in check_settings(own, [], stage)} == {"warn"}  # of motors that rest
 
 
 # A position's time: when the controller read it, not when the host came to hear of it.

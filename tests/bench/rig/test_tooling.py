@@ -25,7 +25,7 @@ from deltact_fab.bench.rig.tables import ToolConfig, TouchConfig
 from deltact_fab.bench.rig.tool import session
 from deltact_fab.bench.rig.tool.feeler import ForceProbe
 from deltact_fab.bench.rig.tool.tooling import (
-    KEPT,
+    TOUCH_FILE,
     TerminalOperator,
     Tooling,
     clear_the_face,
@@ -127,7 +127,7 @@ def test_a_press_goes_as_deep_as_declared_on_a_face_that_is_elsewhere(tmp_path: 
     row = mounted.identity()["indenters"]["sphere:10"]
     assert row["machine_mm"][2] == pytest.approx(-40 - 0.4 + 1.3, abs=0.02)
     assert row["z_mm"] == pytest.approx(-0.1, abs=0.02)
-    assert json.loads((tmp_path / "r" / KEPT).read_text())["touches"][0]["base"] == "S-12"
+    assert json.loads((tmp_path / "r" / TOUCH_FILE).read_text())["touches"][0]["base"] == "S-12"
     events = open_run(tmp_path / "r").events()
     said = dict(zip(events["kind"], events["text"], strict=True))
     assert said["begin"].startswith("sensor S-12 (confirmed); the position was lost; the force")
@@ -172,9 +172,10 @@ def test_a_resumed_run_touches_off_again_and_refuses_another_length(tmp_path: Pa
     run = open_run(folder)
     assert run.finished
     assert len(run.steps()) == len(plan.expand_protocol(PROTOCOL))
-    heights = [t["machine_mm"][2] for t in json.loads((folder / KEPT).read_text())["touches"]]
+    touches = json.loads((folder / TOUCH_FILE).read_text())["touches"]
+    heights = [touch["machine_mm"][2] for touch in touches]
     assert heights == pytest.approx([-39.0, -38.8], abs=0.02)
-    (folder / KEPT).write_text("{")
+    (folder / TOUCH_FILE).write_text("{")
     with pytest.raises(InputError, match=r"tool\.json: not valid JSON"):
         tooling(it, folder, unattended=True).change_indenter("sphere:10")
 
@@ -265,7 +266,7 @@ def test_a_block_says_where_the_face_is_sideways() -> None:
     frame = find(24.0).frame(EXPECTED)
     assert frame.origin_machine_mm == pytest.approx((-59.3, -60.4, -40.0), abs=0.02)
     assert frame.angle_deg == pytest.approx(1.2, abs=0.02)
-    assert feeler.most_n < 3.0
+    assert feeler.peak_n < 3.0
     with pytest.raises(SensorError, match="not met at -x within 3 mm"):
         find(28.0)
     assert it.stage.position_mm()[2] > 5

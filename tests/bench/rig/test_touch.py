@@ -9,7 +9,7 @@ from felt import Bench, bench
 from deltact_fab.bench.rig.config import load_rig
 from deltact_fab.bench.rig.interface import move_to
 from deltact_fab.bench.rig.tables import TouchConfig
-from deltact_fab.bench.rig.tool.touch import FaceTouch, fit, tool_change_s
+from deltact_fab.bench.rig.tool.touch import FaceTouch, fit_contact, tool_change_s
 from deltact_fab.common.errors import SensorError
 from deltact_fab.sensor.shapes.indenter import parse_indenter
 
@@ -148,7 +148,7 @@ def test_a_fit_of_clean_curves_is_exact() -> None:
     z = np.arange(0.3, -0.2, -0.01)
     for power, powers in ((1.5, (1.5,)), (1.0, (1.0, 1.25, 1.5))):
         force = 0.02 + 3.0 * np.maximum(0.0371 - z, 0) ** power
-        contact = fit(z.tolist(), force.tolist(), powers)
+        contact = fit_contact(z.tolist(), force.tolist(), powers)
         assert contact.z_mm == pytest.approx(0.0371, abs=2e-5)
         assert contact.power == power
 

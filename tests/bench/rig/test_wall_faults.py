@@ -189,7 +189,7 @@ def test_streams_of_a_run_belong_together_by_their_times(tmp_path: Path) -> None
     assert off_n.abs().quantile(0.9) < np.pi * 2e-3
     looks = run.pose()["t_s"].diff().dropna()
     assert looks.median() > 0.09
-    assert seen[-1].done == planned
+    assert seen[-1].frames_done == planned
     assert re.search(r"after  Fz [+-]0\.\d\d N  .*0 s left$", seen[-1].line())
     settled = frames[frames["settled"] & (frames["kind"] == "press")]
     assert settled["z_mm"].to_numpy() == pytest.approx(-1.0, abs=2e-3)

@@ -93,7 +93,7 @@ def test_one_process_from_its_start_to_its_end(bench: Bench) -> None:
     begun_ns = watchdog.read().t_ns[0]
     time.sleep(1.2)
     parts = [watchdog.read() for _ in range(4)]
-    assert sum(part.lost for part in parts) == 0
+    assert sum(part.n_lost for part in parts) == 0
     assert parts[0].t_ns[0] - begun_ns < 1e9
     assert parts[-1].t_ns[-1] - begun_ns > 1.1e9
 

@@ -18,12 +18,12 @@ from ...record.images import decode
 from ..interface import Clock
 from .stream import FeedImage
 
-ASSUMED_HZ = 30.0
+DEFAULT_RATE_HZ = 30.0
 """Of images that come without times."""
-OPEN_MS = 10_000
-READ_MS = 2_000
-POLL_S = 0.05
-STEADY_S = 0.5  # so long a TIFF must not grow: nothing in it says where it ends
+URL_OPEN_MS = 10_000
+URL_READ_MS = 2_000
+FOLDER_POLL_S = 0.05
+TIFF_STEADY_S = 0.5  # so long a TIFF must not grow: nothing in it says where it ends
 
 
 class ImageFolder:
@@ -31,13 +31,13 @@ class ImageFolder:
 
     SUFFIXES: ClassVar = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
     kind = "folder"
-    rate_hz = ASSUMED_HZ
+    rate_hz = DEFAULT_RATE_HZ
 
     def __init__(self, folder: Path) -> None:
         """Raises InputError for a folder without images."""
         self.name = str(folder)
         self._files = sorted(
-            (p for p in folder.iterdir() if p.suffix.lower() in self.SUFFIXES), key=_numbers
+            (p for p in folder.iterdir() if p.suffix.lower() in self.SUFFIXES), key=_natural_key
         )
         if not self._files:
             raise InputError(f"{folder}: no image in this folder ({', '.join(self.SUFFIXES)})")
@@ -47,20 +47,20 @@ class ImageFolder:
         for file in self._files:
             with disk_errors(file, "read"):
                 data = file.read_bytes()
-            yield self._decoded(file, data)
+            yield self._decode(file, data)
 
     def close(self) -> None:
         """Nothing is held open."""
 
     @staticmethod
-    def _decoded(file: Path, data: bytes) -> Image:
+    def _decode(file: Path, data: bytes) -> Image:
         image = decode(data, file.name)
         if image is None:
             raise RunFailed(f"{file}: does not decode as an image")
         return image
 
 
-def _numbers(path: Path) -> list[tuple[int, str]]:
+def _natural_key(path: Path) -> list[tuple[int, str]]:
     """What paths are sorted by: their names, numbers in them by size."""
     return [(int(p), "") if p.isdigit() else (-1, p) for p in re.split(r"(\d+)", path.name)]
 
@@ -78,40 +78,40 @@ class FollowedFolder(ImageFolder):
 
     def read(self) -> Generator[Image, None, None]:
         """As ImageFolder. Raises RunFailed, also for an image that never becomes whole."""
-        taken, size, heard_s = set[str](), 0, time.monotonic()
+        processed, size, grown_s = set[str](), 0, time.monotonic()
         while True:
-            waits = None
-            for file in self._new(taken):
+            incomplete = None
+            for file in self._new_files(processed):
                 try:
                     data = file.read_bytes()
                 except FileNotFoundError:  # it has another name now: this was not its own
                     continue
                 if len(data) != size:
-                    size, heard_s = len(data), time.monotonic()
-                if not _whole(file, data, time.monotonic() - heard_s):
-                    waits = file
+                    size, grown_s = len(data), time.monotonic()
+                if not _is_complete(file, data, time.monotonic() - grown_s):
+                    incomplete = file
                     break
-                taken.add(file.name)
-                yield self._decoded(file, data)
-                size, heard_s = 0, time.monotonic()
-            if time.monotonic() - heard_s > self._silence_s:
-                if waits is None:
+                processed.add(file.name)
+                yield self._decode(file, data)
+                size, grown_s = 0, time.monotonic()
+            if time.monotonic() - grown_s > self._silence_s:
+                if incomplete is None:
                     return
                 raise RunFailed(
-                    f"{waits}: not a whole image, and nothing came for {self._silence_s:g} s"
+                    f"{incomplete}: not a whole image, and nothing came for {self._silence_s:g} s"
                 )
-            time.sleep(POLL_S)
+            time.sleep(FOLDER_POLL_S)
 
-    def _new(self, taken: set[str]) -> list[Path]:
+    def _new_files(self, processed: set[str]) -> list[Path]:
         try:
-            there = [p for p in self._folder.iterdir() if p.name not in taken]
-        except OSError as why:
-            raise RunFailed(f"{self.name}: cannot be read: {why.strerror}") from why
-        images = (p for p in there if p.suffix.lower() in self.SUFFIXES and p.name[0] != ".")
-        return sorted(images, key=_numbers)
+            entries = [p for p in self._folder.iterdir() if p.name not in processed]
+        except OSError as error:
+            raise RunFailed(f"{self.name}: cannot be read: {error.strerror}") from error
+        images = (p for p in entries if p.suffix.lower() in self.SUFFIXES and p.name[0] != ".")
+        return sorted(images, key=_natural_key)
 
 
-def _whole(file: Path, data: bytes, steady_s: float) -> bool:
+def _is_complete(file: Path, data: bytes, steady_s: float) -> bool:
     """Whether a file is written to its end, which its format tells. steady_s: it did not grow."""
     kind = file.suffix.lower()
     if kind == ".png":
@@ -120,7 +120,7 @@ def _whole(file: Path, data: bytes, steady_s: float) -> bool:
         return data.rstrip(b"\0").endswith(b"\xff\xd9")
     if kind == ".bmp":
         return len(data) > 6 and 0 < int.from_bytes(data[2:6], "little") <= len(data)
-    return len(data) > 0 and steady_s > STEADY_S
+    return len(data) > 0 and steady_s > TIFF_STEADY_S
 
 
 class Video:
@@ -131,20 +131,20 @@ class Video:
     def __init__(self, file: Path) -> None:
         """Raises InputError for a file that is no video."""
         self.name = str(file)
-        self._capture = quietly_opened(str(file))
+        self._capture = open_quietly(str(file))
         if not self._capture.isOpened():
             raise InputError(f"{file}: not a video that can be read")
-        self.rate_hz = self._capture.get(cv2.CAP_PROP_FPS) or ASSUMED_HZ
+        self.rate_hz = self._capture.get(cv2.CAP_PROP_FPS) or DEFAULT_RATE_HZ
 
     def read(self) -> Generator[Image, None, None]:
-        k = 0
+        count = 0
         while True:
-            done, image = self._capture.read()
-            if not done:
+            ok, image = self._capture.read()
+            if not ok:
                 break
             yield np.asarray(image, np.uint8)
-            k += 1
-        if k == 0:
+            count += 1
+        if count == 0:
             raise RunFailed(f"{self.name}: holds no image")
 
     def close(self) -> None:
@@ -178,9 +178,10 @@ class UrlFeed:
         self.name = url
         self._clock = clock
         options = [
-            cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, OPEN_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, READ_MS,
+            cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, URL_OPEN_MS,
+            cv2.CAP_PROP_READ_TIMEOUT_MSEC, URL_READ_MS,
         ]  # fmt: skip
-        self._capture = quietly_opened(url, cv2.CAP_FFMPEG, options)
+        self._capture = open_quietly(url, cv2.CAP_FFMPEG, options)
         if not self._capture.isOpened():
             raise InputError(f"camera.source: {url}: no stream of images; check {self.check}")
         self.rate_hz = self._capture.get(cv2.CAP_PROP_FPS) or None
@@ -190,8 +191,8 @@ class UrlFeed:
         if not self._capture.grab():
             raise SensorError(f"camera {self.name}: gives no more images; check {self.check}")
         t_s = self._clock.now_s()
-        done, image = self._capture.retrieve()
-        if not done:
+        ok, image = self._capture.retrieve()
+        if not ok:
             raise SensorError(f"camera {self.name}: an image that cannot be decoded")
         return FeedImage(np.asarray(image, np.uint8), t_s)
 
@@ -202,7 +203,7 @@ class UrlFeed:
         self._capture.release()
 
 
-def quietly_opened(
+def open_quietly(
     name: int | str, backend: int = cv2.CAP_ANY, options: Sequence[int] = ()
 ) -> cv2.VideoCapture:
     """What OpenCV makes of a name, without its own words on stderr where that is nothing."""

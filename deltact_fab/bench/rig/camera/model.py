@@ -27,7 +27,7 @@ from ..interface import Camera, Clock, WallClock
 from ..tables import CameraConfig, CameraFile
 from .stream import Feed, StreamCamera
 
-NOTICED = 0.005
+MIN_NOTED_ALIASING = 0.005
 """Share of the view that may alias without a word."""
 
 
@@ -51,11 +51,12 @@ def load_view(
     path = source.parent / config.model
     camera = calibrated_camera(path, f"{source}: camera.model")
     if isinstance(config, CameraConfig) and config.width_px is not None:
-        made, asked = raw_size_px(camera), (config.width_px, config.height_px)
-        if made != asked:
+        calibrated, configured = raw_size_px(camera), (config.width_px, config.height_px)
+        if calibrated != configured:
+            w, h = configured
             raise InputError(
-                f"{source}: camera.width_px, height_px: {asked[0]} x {asked[1]} px, and {path} is "
-                f"of images of {made[0]} x {made[1]} px"
+                f"{source}: camera.width_px, height_px: {w} x {h} px, and {path} is "
+                f"for images of {calibrated[0]} x {calibrated[1]} px"
             )
     return Rectified.of(sensor, camera) if isinstance(camera, Fisheye) else camera
 
@@ -85,7 +86,7 @@ def view_notes(view: CameraModel | None, patch_mm: float | None) -> Iterator[Not
     text = f"pixel scale: {middle:.3f} mm in the middle, {corner:.3f} mm in the corners"
     yield Note("pixel scale", text)
     aliased = 0.0 if patch_mm is None else view.aliased_share(patch_mm)
-    if aliased >= NOTICED:
+    if aliased >= MIN_NOTED_ALIASING:
         text = (
             f"patches of {patch_mm:g} mm alias over {aliased:.0%} of the view: the lens has less "
             f"than {view.least_patch_px:g} pixels for one there"
@@ -142,7 +143,7 @@ def take_photograph(
     folder: Path,
     out: Path,
     count: int,
-    before: Callable[[int], None] = lambda number: None,
+    prompt: Callable[[int], None] = lambda number: None,
 ) -> list[Path]:
     """Write out/contact/1.png and on, raw as the camera gives them, and return the files.
 
@@ -157,7 +158,7 @@ def take_photograph(
         camera.capture()  # it runs, and has the settings of the rig file
         make_folder(out, "contact")
         for number in range(1, count + 1):
-            before(number)
+            prompt(number)
             camera.begin("photograph")
             file = out / "contact" / f"{number}.png"
             write_whole(file, encode_png(camera.capture().image))

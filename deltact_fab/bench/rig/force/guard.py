@@ -17,11 +17,11 @@ from .netft import NoteCounts
 
 GUARD_SHARE = 0.8  # of the sensor's range, where the rig file sets no limit
 # Between two stop bytes; one that comes before its jog has begun does nothing.
-AGAIN_NS = 20_000_000
-SURELY_NS = 100_000_000  # the byte is repeated for so long, whatever the force does meanwhile
+BYTE_PERIOD_NS = 20_000_000
+BYTE_REPEAT_NS = 100_000_000  # the byte is repeated for so long, whatever the force does meanwhile
 # On the way out the force may rise over the limit, to so much of what tripped the guard.
-EASE = 1.25
-NAMES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
+EASE_RATIO = 1.25
+AXIS_NAMES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 
 
 @dataclass(frozen=True)
@@ -33,37 +33,37 @@ class GuardLimits:
     resultant_n: float = inf
 
     @classmethod
-    def of(cls, guard: GuardConfig | None, force: ForceConfig) -> GuardLimits:
+    def from_config(cls, guard: GuardConfig | None, force: ForceConfig) -> GuardLimits:
         """Those of the rig file; what it does not set is `GUARD_SHARE` of the sensor's range.
 
         Raises InputError for a limit that the sensor cannot measure.
         """
-        own = guard or GuardConfig()
+        config = guard or GuardConfig()
         x, y, z = (GUARD_SHARE * n for n in force.range_n)
-        force_n = own.axes_n or (x, y, z)
-        if own.axes_n is None and own.force_n is not None:
-            force_n = (own.force_n,) * 3
+        force_n = config.axes_n or (x, y, z)
+        if config.axes_n is None and config.force_n is not None:
+            force_n = (config.force_n,) * 3
         x, y, z = (GUARD_SHARE * n for n in force.range_nmm)
-        torque_nmm = (x, y, z) if own.torque_nmm is None else (own.torque_nmm,) * 3
-        rows = zip(NAMES, (*force_n, *torque_nmm), (*force.range_n, *force.range_nmm), strict=True)
-        for name, limit, most in rows:
-            if limit > most:
+        torque_nmm = (x, y, z) if config.torque_nmm is None else (config.torque_nmm,) * 3
+        ranges = (*force.range_n, *force.range_nmm)
+        for name, limit, range_max in zip(AXIS_NAMES, (*force_n, *torque_nmm), ranges, strict=True):
+            if limit > range_max:
                 raise InputError(
-                    f"guard: the limit {limit:g} of {name} is over the sensor's range of {most:g} "
-                    "([force] range_n, range_nmm), where it would never be seen"
+                    f"guard: the limit {limit:g} of {name} is over the sensor's range of "
+                    f"{range_max:g} ([force] range_n, range_nmm), where it would never be seen"
                 )
-        return cls(force_n, torque_nmm, inf if own.resultant_n is None else own.resultant_n)
+        return cls(force_n, torque_nmm, inf if config.resultant_n is None else config.resultant_n)
 
     @staticmethod
     def keys(guard: GuardConfig | None) -> tuple[str, str]:
         """Keys of the rig file that set the limits on the axes: of force and of torque."""
-        given = {} if guard is None else guard.model_dump(exclude_none=True)
+        configured = {} if guard is None else guard.model_dump(exclude_none=True)
         force, torque = (
             f"the guard, {GUARD_SHARE:g} of [force] {key}" for key in ("range_n", "range_nmm")
         )
-        named = [key for key in ("axes_n", "force_n") if key in given]
-        force = f"[guard] {named[0]}" if named else force
-        return force, "[guard] torque_nmm" if "torque_nmm" in given else torque
+        force_keys = [key for key in ("axes_n", "force_n") if key in configured]
+        force = f"[guard] {force_keys[0]}" if force_keys else force
+        return force, "[guard] torque_nmm" if "torque_nmm" in configured else torque
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Trip:
     Times are ns of the host's clock; record_ns is None where no sample did it.
     """
 
-    why: str
+    reason: str
     record_ns: int | None
     byte_ns: int
 
@@ -101,7 +101,7 @@ class ForceGuard:
 
     def __post_init__(self) -> None:
         limits = self.limits
-        self._most = np.array([*limits.force_n, *limits.torque_nmm, limits.resultant_n])
+        self._bounds = np.array([*limits.force_n, *limits.torque_nmm, limits.resultant_n])
         self._peak = np.zeros(7)  # since it tripped: six axes and the whole force
         self._easing = False
         self._byte_ns = 0
@@ -111,34 +111,34 @@ class ForceGuard:
 
     @property
     def tripped(self) -> str:
-        return self.trip.why if self.trip is not None else ""
+        return self.trip.reason if self.trip is not None else ""
 
     def watch(self, samples: ForceSamples) -> None:
         """Write the stop byte if a sample is over a limit or saturated, or all are old."""
         if not len(samples.t_ns):
             return
-        self._look_at_age(int(samples.t_ns[-1]))
+        self._check_age(int(samples.t_ns[-1]))
         values = samples.counts / samples.per_unit
         sizes = np.column_stack((np.abs(values), np.sqrt((values[:, :3] ** 2).sum(axis=1))))
-        bad = (sizes > self._most).any(axis=1) | samples.saturated
+        bad = (sizes > self._bounds).any(axis=1) | samples.saturated
         if bad.any():
-            self._stop_for(samples, sizes, int(bad.argmax()))
+            self._trip_on(samples, sizes, int(bad.argmax()))
             self._peak = np.maximum(self._peak, sizes.max(axis=0))
         elif (
             self.trip is not None
             and not self._easing
-            and self.clock.now_ns() - self.trip.byte_ns < SURELY_NS
+            and self.clock.now_ns() - self.trip.byte_ns < BYTE_REPEAT_NS
         ):
             self._write()
 
-    def lost(self, why: str) -> None:
+    def on_sensor_lost(self, reason: str) -> None:
         if not self._easing:
             self._write()
         if self.trip is None:
-            self.trip = Trip(why, None, self._byte_ns)
+            self.trip = Trip(reason, None, self._byte_ns)
 
-    def tell(self) -> tuple[Note, ...]:
-        return self.tally.tell(self.clock.now_ns())
+    def pop_notes(self) -> tuple[Note, ...]:
+        return self.tally.pop_notes(self.clock.now_ns())
 
     def rearm(self) -> None:
         self.trip = None
@@ -152,16 +152,16 @@ class ForceGuard:
 
         A sensor that is saturated or lost cannot tell, and does not hold the tip in the gel.
         """
-        before = self._most
-        self._most = np.maximum(self._most, EASE * self._peak)
+        bounds = self._bounds
+        self._bounds = np.maximum(self._bounds, EASE_RATIO * self._peak)
         self._easing = True
         try:
             yield
         finally:
             self._easing = False
-            self._most = before
+            self._bounds = bounds
 
-    def _look_at_age(self, newest_ns: int) -> None:
+    def _check_age(self, newest_ns: int) -> None:
         """Blind is who looks at old samples, and after behind_s of that still does."""
         if self.behind_s is None:
             return
@@ -174,32 +174,32 @@ class ForceGuard:
         if self._behind_ns is None:
             self._behind_ns = now_ns
         elif now_ns - self._behind_ns > limit_ns:
-            self.lost(
+            self.on_sensor_lost(
                 f"force sensor: the host is {old_ns / 1e6:.0f} ms behind its stream; end other "
                 "programs, look at the network, or set a lower rate on the box"
             )
 
-    def _stop_for(self, samples: ForceSamples, sizes: Field, k: int) -> None:
+    def _trip_on(self, samples: ForceSamples, sizes: Field, k: int) -> None:
         """The byte first, then the words for it. sizes: (n, 7); k: of the first in excess."""
         if samples.saturated.any() and self._easing:
             return
         self._write()
         if self.trip is not None:
             return
-        axis = int((sizes[k, :6] / self._most[:6]).argmax())
+        axis = int((sizes[k, :6] / self._bounds[:6]).argmax())
         value, unit = (samples.counts[k] / samples.per_unit)[axis], "N" if axis < 3 else "N mm"
         if samples.saturated[k]:
-            why = "the force sensor is saturated"
-        elif sizes[k, axis] > self._most[axis]:
-            limit = f"the guard's {self._most[axis]:g} {unit}"
-            why = f"{NAMES[axis]} = {value:.2f} {unit}, over {limit}"
+            reason = "the force sensor is saturated"
+        elif sizes[k, axis] > self._bounds[axis]:
+            limit = f"the guard's {self._bounds[axis]:g} {unit}"
+            reason = f"{AXIS_NAMES[axis]} = {value:.2f} {unit}, over {limit}"
         else:
-            why = f"a force of {sizes[k, 6]:.2f} N, over the guard's {self._most[6]:g} N"
-        self.trip = Trip(why, int(samples.t_ns[k]), self._byte_ns)
+            reason = f"a force of {sizes[k, 6]:.2f} N, over the guard's {self._bounds[6]:g} N"
+        self.trip = Trip(reason, int(samples.t_ns[k]), self._byte_ns)
 
     def _write(self) -> None:
         """The stop byte, at most every AGAIN_NS."""
         now_ns = self.clock.now_ns()
-        if not self._byte_ns or now_ns - self._byte_ns >= AGAIN_NS:
+        if not self._byte_ns or now_ns - self._byte_ns >= BYTE_PERIOD_NS:
             self.stop()
             self._byte_ns = now_ns

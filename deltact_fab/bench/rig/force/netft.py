@@ -19,11 +19,11 @@ from deltact_fab.common import Note, Point, SensorError, to_ns
 from ..interface import Clock, ForceSamples
 
 DatagramArrivals = NDArray[Any]
-SILENT_S = 0.05  # a sensor that says nothing for so long has failed
+SENSOR_SILENT_S = 0.05  # a sensor that says nothing for so long has failed
 LATE_NS = 20_000_000  # a record so much later than its number says is told of
-DRIFT = 2e-4  # the box's clock and the host's differ by less: two quartzes of 100 ppm
-TELL_NS = 1_000_000_000  # a box that repeats every record must not fill the journal
-TEXTS = {
+MAX_CLOCK_DRIFT = 2e-4  # the box's clock and the host's differ by less: two quartzes of 100 ppm
+NOTE_PERIOD_NS = 1_000_000_000  # a box that repeats every record must not fill the journal
+NOTE_TEXTS = {
     "gap": "{n} force samples are missing",
     "late": "{n} force samples came late, by up to {worst:.0f} ms",
     "duplicate": "{n} force records came twice",
@@ -69,7 +69,7 @@ class BoxLink(Protocol):
     def receive(self, timeout_s: float) -> DatagramArrivals:
         """(n,) NetFTSensor.RECORD: all that came; waits for one, empty after the time-out."""
 
-    def troubles(self) -> dict[str, int]:
+    def pop_losses(self) -> dict[str, int]:
         """What did not become a record since the last call: counts by a name of `TEXTS`."""
 
     def close(self) -> None: ...
@@ -92,7 +92,7 @@ class NetFTSensor:
     ERROR: ClassVar = 1 << 31
     """Bit 31 of the status word: any error of the unit."""
 
-    def __init__(self, link: BoxLink, clock: Clock, timeout_s: float = SILENT_S):
+    def __init__(self, link: BoxLink, clock: Clock, timeout_s: float = SENSOR_SILENT_S):
         self._link = link
         self._clock = clock
         self._timeout_s = timeout_s
@@ -120,7 +120,7 @@ class NetFTSensor:
         Raises SensorError when no new one comes within the time-out, for a fault of the box (after
         the samples before it), and when more are missing in a row than come within the time-out.
         """
-        fresh = self._fresh()
+        fresh = self._receive_new()
         status = fresh["status"]
         saturated = status & self.SATURATED != 0
         faulty = (status & self.ERROR != 0) & ~saturated
@@ -132,23 +132,23 @@ class NetFTSensor:
                 raise SensorError(self._fault)
             fresh, saturated = fresh[:first], saturated[:first]
         sequence = fresh["rdt"].astype(np.int64)
-        lost = self._lost(sequence)
+        n_lost = self._count_lost(sequence)
         t_ns, late_ns = self._times(sequence, fresh["at_ns"])
         late = late_ns > LATE_NS
         tally = self.tally
-        tally.add("gap", lost)
+        tally.add("gap", n_lost)
         tally.add("late", int(late.sum()), float(late_ns.max()) / 1e6)
         tally.add("saturation", int(saturated.sum()))
-        for name, n in self._link.troubles().items():
+        for name, n in self._link.pop_losses().items():
             tally.add(name, n)
         return ForceSamples(
             t_ns,
             fresh["counts"].astype(np.int32),
             self._per_unit,
             saturated,
-            lost,
+            n_lost,
             int(late.sum()),
-            tally.tell(self._clock.now_ns()),
+            tally.pop_notes(self._clock.now_ns()),
         )
 
     def stop(self) -> None:
@@ -168,7 +168,7 @@ class NetFTSensor:
     def close(self) -> None:
         self._link.close()
 
-    def _fresh(self) -> DatagramArrivals:
+    def _receive_new(self) -> DatagramArrivals:
         """What came and is younger than all before it, at least one record."""
         if self._fault:
             raise SensorError(self._fault)
@@ -180,8 +180,8 @@ class NetFTSensor:
             if len(came):
                 sequence = came["rdt"].astype(np.int64)
                 # Where a stream starts is the box's affair.
-                before = self._sequence or int(sequence[0]) - 1
-                top = np.maximum.accumulate(np.concatenate([[before], sequence]))[:-1]
+                previous = self._sequence or int(sequence[0]) - 1
+                top = np.maximum.accumulate(np.concatenate([[previous], sequence]))[:-1]
                 fresh = came[sequence > top]
                 self.tally.add("duplicate", int((sequence == top).sum()))
                 self.tally.add("order", int((sequence < top).sum()))
@@ -191,20 +191,20 @@ class NetFTSensor:
             if left_ns <= 0:
                 break
         self.tally.add("silence", 1)
-        what = f"; {stale} old ones came: does another program use the box?" if stale else ""
+        hint = f"; {stale} old ones came: does another program use the box?" if stale else ""
         raise SensorError(
-            f"force sensor: no sample within {self._timeout_s * 1000:.0f} ms{what}; check power, "
+            f"force sensor: no sample within {self._timeout_s * 1000:.0f} ms{hint}; check power, "
             "cable and address"
         )
 
-    def _lost(self, sequence: NDArray[np.int64]) -> int:
+    def _count_lost(self, sequence: NDArray[np.int64]) -> int:
         """How many records are missing before and between these."""
-        before = self._sequence or int(sequence[0]) - 1
-        steps = np.diff(sequence, prepend=before)
+        previous = self._sequence or int(sequence[0]) - 1
+        steps = np.diff(sequence, prepend=previous)
         self._sequence = int(sequence[-1])
-        most = int(steps.max()) - 1
-        if most > self._timeout_s * self._settings.rate_hz:
-            raise SensorError(f"force sensor: {most} samples in a row were lost; check the network")
+        gap = int(steps.max()) - 1
+        if gap > self._timeout_s * self._settings.rate_hz:
+            raise SensorError(f"force sensor: {gap} samples in a row were lost; check the network")
         return int(steps.sum()) - len(steps)
 
     def _times(
@@ -216,7 +216,7 @@ class NetFTSensor:
         if self._zero_ns is None:
             self._zero_ns, self._last_ns = zero_ns, 0
         else:
-            drift_ns = round(DRIFT * (int(at_ns[-1]) - self._heard_ns))
+            drift_ns = round(MAX_CLOCK_DRIFT * (int(at_ns[-1]) - self._heard_ns))
             self._zero_ns = min(zero_ns, self._zero_ns + drift_ns)
         self._heard_ns = int(at_ns[-1])
         t_ns = self._zero_ns + after_ns
@@ -232,23 +232,23 @@ class NoteCounts:
 
     def __init__(self) -> None:
         self.total: Counter[str] = Counter()
-        self._untold: Counter[str] = Counter()
+        self._pending: Counter[str] = Counter()
         self._worst: dict[str, float] = {}
-        self._told_ns: dict[str, int] = {}
+        self._noted_ns: dict[str, int] = {}
 
     def add(self, name: str, n: int, worst: float = 0.0) -> None:
         """Something of that name happened n times; 0 is nothing."""
         if n > 0:
             self.total[name] += n
-            self._untold[name] += n
+            self._pending[name] += n
             self._worst[name] = max(worst, self._worst.get(name, 0.0))
 
-    def tell(self, now_ns: int) -> tuple[Note, ...]:
+    def pop_notes(self, now_ns: int) -> tuple[Note, ...]:
         """A note for each name that was not told within the last second."""
         notes = []
-        for name in [*self._untold]:
-            if now_ns - self._told_ns.get(name, now_ns - TELL_NS) >= TELL_NS:
-                text = TEXTS[name].format(n=self._untold.pop(name), worst=self._worst.pop(name))
-                notes.append(Note(name, text))
-                self._told_ns[name] = now_ns
+        for name in [*self._pending]:
+            if now_ns - self._noted_ns.get(name, now_ns - NOTE_PERIOD_NS) >= NOTE_PERIOD_NS:
+                n, worst = self._pending.pop(name), self._worst.pop(name)
+                notes.append(Note(name, NOTE_TEXTS[name].format(n=n, worst=worst)))
+                self._noted_ns[name] = now_ns
         return tuple(notes)

@@ -19,15 +19,15 @@ from deltact_fab.common import DeltactFabError, SensorError, Stopped
 from ..interface import Clock, ForceSensor, Guard, Stage
 from .streams import ForceStream
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _LAST_WORDS = (
     b"deltact-fab: stopped at once by a second signal: the controller was reset and its position "
     b"is lost; the tip may be in the gel\n"
 )
 _SHOW_CURSOR = b"\x1b[?25h\n"  # a progress bar hides it
-NAME = "force sensor"
-ANSWER_S = 10.0
-END_S = 5.0
+SENSOR_LOOP_NAME = "force sensor"
+LOOP_ANSWER_S = 10.0
+LOOP_END_S = 5.0
 
 
 @contextmanager
@@ -54,12 +54,12 @@ def interruptible(abort: Callable[[], None]) -> Iterator[None]:
             os.write(2, (_SHOW_CURSOR if os.isatty(2) else b"") + _LAST_WORDS)
         os._exit(Stopped.exit_code)
 
-    heeded = [n for n in SIGNALS if signal.getsignal(n) is not signal.SIG_IGN]
-    before = {n: signal.signal(n, interrupt) for n in heeded}
+    heeded = [n for n in STOP_SIGNALS if signal.getsignal(n) is not signal.SIG_IGN]
+    previous = {n: signal.signal(n, interrupt) for n in heeded}
     try:
         yield
     finally:
-        for number, handler in before.items():
+        for number, handler in previous.items():
             signal.signal(number, handler)
 
 
@@ -79,58 +79,58 @@ class Loop:
         self.name = name
         self._step = step
         self._failed = failed
-        self._asked: SimpleQueue[tuple[Callable[[], None], Future[None]]] = SimpleQueue()
-        self._going = self._ending = False
+        self._requests: SimpleQueue[tuple[Callable[[], None], Future[None]]] = SimpleQueue()
+        self._stepping = self._ending = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
-    def ask(self, what: Callable[[], None], limit_s: float, going: bool | None = None) -> None:
+    def ask(self, action: Callable[[], None], limit_s: float, going: bool | None = None) -> None:
         """Have it done between two steps; going: whether steps go on after that.
 
         Raises whatever it raises, and SensorError when it takes longer than limit_s.
         """
-        done: Future[None] = Future()
+        future: Future[None] = Future()
 
-        def both() -> None:
-            what()
+        def perform() -> None:
+            action()
             if going is not None:
-                self._going = going
+                self._stepping = going
 
         if self._ending:
             raise SensorError(f"{self.name}: it has ended")
-        self._asked.put((both, done))
+        self._requests.put((perform, future))
         try:
-            done.result(limit_s)
-        except (TimeoutError, CancelledError) as why:
-            done.cancel()
-            raise SensorError(f"{self.name}: no answer within {limit_s:g} s") from why
+            future.result(limit_s)
+        except (TimeoutError, CancelledError) as error:
+            future.cancel()
+            raise SensorError(f"{self.name}: no answer within {limit_s:g} s") from error
 
     def end(self, limit_s: float) -> bool:
         """End it after the step under way; False when that takes longer than limit_s."""
         self._ending = True
-        self._asked.put((lambda: None, Future()))  # wakes one that rests
+        self._requests.put((lambda: None, Future()))  # wakes one that rests
         self._thread.join(limit_s)
         return not self._thread.is_alive()
 
     def _run(self) -> None:
         while not self._ending:
             try:
-                what, done = self._asked.get(block=not self._going)
+                action, future = self._requests.get(block=not self._stepping)
             except Empty:
                 try:
                     self._step()
-                except BaseException as why:
-                    self._going = False
-                    self._failed(why)
+                except BaseException as error:
+                    self._stepping = False
+                    self._failed(error)
                 continue
-            if self._ending or not done.set_running_or_notify_cancel():
-                done.cancel()
+            if self._ending or not future.set_running_or_notify_cancel():
+                future.cancel()
                 continue
             try:
-                what()
-                done.set_result(None)
-            except BaseException as why:
-                done.set_exception(why)
+                action()
+                future.set_result(None)
+            except BaseException as error:
+                future.set_exception(error)
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ class Watch:
     """What is felt meanwhile. stream: None where nothing watches. trouble: why it was stopped."""
 
     stream: ForceStream | None = None
-    trouble: list[BaseException] = field(default_factory=list)
+    errors: list[BaseException] = field(default_factory=list)
 
 
 @contextmanager
@@ -156,24 +156,24 @@ def watch_force(
     stream = ForceStream(force, guard, lambda name, text: None)
     stream.keeping = False
     watch = Watch(stream)
-    trouble = watch.trouble
+    errors = watch.errors
 
-    def failed(why: BaseException) -> None:
+    def failed(error: BaseException) -> None:
         stage.cancel()
-        trouble.append(why)
+        errors.append(error)
 
-    loop = Loop(NAME, stream.step, failed)
+    loop = Loop(SENSOR_LOOP_NAME, stream.step, failed)
     try:
-        loop.ask(force.start, ANSWER_S, going=True)
+        loop.ask(force.start, LOOP_ANSWER_S, going=True)
         try:
             yield watch
-        except DeltactFabError as why:
-            if trouble:  # what stopped it, rather than what that came to
-                raise trouble[0] from why
+        except DeltactFabError as stopped_by:
+            if errors:  # what stopped it, rather than what that came to
+                raise errors[0] from stopped_by
             raise
-        if trouble:
-            raise trouble[0]
+        if errors:
+            raise errors[0]
     finally:
         with suppress(DeltactFabError):
-            loop.ask(force.stop, ANSWER_S, going=False)
-        loop.end(END_S)
+            loop.ask(force.stop, LOOP_ANSWER_S, going=False)
+        loop.end(LOOP_END_S)

@@ -27,13 +27,13 @@ from ...protocols.plan import Step
 from ...record.writer import RunWriter
 from ..interface import LIFT_FEED_MM_MIN, Devices, OpenBench, rise
 from .loop import interruptible
-from .schedule import DROPPED, LATE, MISSED, TAKEN, UNWRITTEN, Schedule
+from .schedule import N_DROPPED, N_LATE, N_MISSED, N_TAKEN, N_UNWRITTEN, Schedule
 from .streams import FrameRequest
 from .wallclock import ThreadedSchedule
 
-GO_ON = "complete presses are kept: go on with --resume"
-PRIOR_S = 10.0  # so much of the plan is believed before anything was measured
-START_MM = 0.5  # a simulated step in the gel takes as long as so much more way: measured
+RESUME_HINT = "complete presses are kept: go on with --resume"
+PRIOR_PLAN_S = 10.0  # so much of the plan is believed before anything was measured
+GEL_STEP_MM = 0.5  # a simulated step in the gel takes as long as so much more way: measured
 
 
 class Runner:
@@ -51,13 +51,13 @@ class Runner:
     ) -> None:
         self._d = devices
         self._writer = writer
-        self._progress = progress or (lambda done, total, what: None)
+        self._progress = progress or (lambda n_done, total, step: None)
         self._live = live
         kind = ThreadedSchedule if devices.wall_clock else Schedule
-        self._streams: Schedule = kind(devices, writer, self._tell)
+        self._streams: Schedule = kind(devices, writer, self._report)
         self._stage = devices.stage
         self._mounted = ""
-        self._kept = self._total = 0  # frames
+        self._n_resumed = self._total = 0  # frames
         self._remaining: RemainingTime | None = None
 
     def run(self, steps: Sequence[Step]) -> int:
@@ -69,26 +69,27 @@ class Runner:
         self._total = sum(s.frames for s in steps)
         lift_to_mm = min(s.target_mm[2] for s in steps if s.kind == "travel")
         todo = [i for i, s in enumerate(steps) if s.press not in self._writer.kept]
-        self._kept = self._total - sum(steps[i].frames for i in todo)
+        self._n_resumed = self._total - sum(steps[i].frames for i in todo)
         self._remaining = RemainingTime(steps, todo, self._d.wall_clock, self._d.change_s)
         with interruptible(self._stage.abort):
             try:
                 self._set_up(bool(todo))
-                before = -1
+                previous = -1
                 for i in todo:
                     last = i + 1 == len(steps) or steps[i + 1].press != steps[i].press
-                    self._guarded(steps, i, i != before + 1, last, lift_to_mm)
-                    before = i
+                    self._run_step(steps, i, i != previous + 1, last, lift_to_mm)
+                    previous = i
                 self._writer.flush()
             finally:
                 for name in self._streams.close():
                     with suppress(DeltactFabError):
                         self._streams.event("fault", f"{name}: did not end; it is left behind")
-        return self._streams.counts[TAKEN]
+        return self._streams.counts[N_TAKEN]
 
     def counts(self) -> dict[str, int]:
         """Frames that were late, missed, unwritten, dropped or repeated; what is not there is 0."""
-        return {kind: n for kind, n in sorted(self._streams.counts.items()) if kind != TAKEN and n}
+        counts = sorted(self._streams.counts.items())
+        return {kind: n for kind, n in counts if kind != N_TAKEN and n}
 
     def _set_up(self, moves: bool) -> None:
         """Connect, arm the guard, home. An error leaves the stage where it stopped."""
@@ -106,13 +107,13 @@ class Runner:
                     raise
                 streams.check()
                 streams.event("homed", "positions are known")
-        except KeyboardInterrupt as why:
+        except KeyboardInterrupt as error:
             stage.stop()
-            raise Stopped("stopped by the operator before the first step") from why
+            raise Stopped("stopped by the operator before the first step") from error
         assert self._remaining is not None
         self._remaining.start()
 
-    def _guarded(
+    def _run_step(
         self, steps: Sequence[Step], i: int, take_up: bool, last: bool, lift_to_mm: float
     ) -> None:
         """One step, and what is to be done when it fails."""
@@ -120,44 +121,45 @@ class Runner:
         try:
             try:
                 if take_up:
-                    self._take_up(steps, i)
+                    self._resume_at(steps, i)
                 self._carry_out(step, last)
             except StageError:
                 self._streams.check()  # a thread stopped it, and the stage says that it stopped
                 raise
             assert self._remaining is not None
             self._remaining.finished(i)
-        except StageError as why:
+        except StageError as error:
             lifted = self._rescue(lift_to_mm)
-            self._cut_off(step, "fault", f"{why}; {lifted}")
-            raise type(why)(f"{why} ({lifted})") from why
-        except BaseException as why:
+            self._cut_off(step, "fault", f"{error}; {lifted}")
+            raise type(error)(f"{error} ({lifted})") from error
+        except BaseException as error:
             # The tip may be in the gel: whatever went wrong, it is not left there.
             lifted = self._lift(lift_to_mm)
-            stopped = isinstance(why, KeyboardInterrupt)
-            text = "by the operator" if stopped else str(why)
+            stopped = isinstance(error, KeyboardInterrupt)
+            text = "by the operator" if stopped else str(error)
             self._cut_off(step, "stop" if stopped else "fault", f"{text}; {lifted}")
-            if isinstance(why, KeyboardInterrupt):
-                raise Stopped(f"stopped by the operator in {step.id}; {lifted}; {GO_ON}") from why
-            if isinstance(why, DeltactFabError):
-                raise type(why)(f"{why} ({lifted})") from why
+            if isinstance(error, KeyboardInterrupt):
+                text = f"stopped by the operator in {step.id}; {lifted}; {RESUME_HINT}"
+                raise Stopped(text) from error
+            if isinstance(error, DeltactFabError):
+                raise type(error)(f"{error} ({lifted})") from error
             raise
 
-    def _take_up(self, steps: Sequence[Step], i: int) -> None:
+    def _resume_at(self, steps: Sequence[Step], i: int) -> None:
         """Before the first step of a press: its indenter, and where the step before it ended.
 
         So that it is reached by the same move as in an undisturbed run, and takes the same time.
         What is driven again for that is not journalled again.
         """
-        step, before = steps[i], steps[i - 1]
+        step, previous = steps[i], steps[i - 1]
         if step.kind != "change" and step.indenter != self._mounted:
             change = next(s for s in steps if s.kind == "change" and s.indenter == step.indenter)
             self._go(change)
             self._change(change)
-            if change == before:
+            if change == previous:
                 return
         # Both ends of this move are at or above the clearance plane.
-        self._go(before)
+        self._go(previous)
 
     def _carry_out(self, step: Step, last: bool) -> None:
         """Carry out one step; last: of its press, which it completes."""
@@ -165,7 +167,7 @@ class Runner:
         streams.enter(step)
         start_ns = streams.now_ns()
         planned_s = self._stage.start_move(step.target_mm, step.feed_mm_min)
-        streams.set_out(step)
+        streams.move_sent(step)
         filmed_s = planned_s + step.hold_s
         filmed_ns = to_ns(filmed_s)
         for k in range(1, step.frames):
@@ -197,8 +199,8 @@ class Runner:
         except KeyboardInterrupt:
             stage.stop()
             return "the lift was stopped by the operator"
-        except DeltactFabError as why:
-            return f"the tip could NOT be lifted: {why}"
+        except DeltactFabError as error:
+            return f"the tip could NOT be lifted: {error}"
         return "the tip was lifted"
 
     def _rescue(self, height_mm: float) -> str:
@@ -210,8 +212,8 @@ class Runner:
         except KeyboardInterrupt:
             self._stage.abort()
             return "the lift was stopped by the operator"
-        except DeltactFabError as why:
-            return f"the tip could NOT be lifted: {why}"
+        except DeltactFabError as error:
+            return f"the tip could NOT be lifted: {error}"
         return (
             "the tip was NOT lifted and may be in the gel: switch the motors off and turn z up by "
             "hand"
@@ -223,19 +225,20 @@ class Runner:
         self._streams.reach(self._streams.now_ns() + to_ns(planned_s))
 
     def _change(self, step: Step) -> None:
-        found = self._streams.change(step.indenter)
+        report = self._streams.change(step.indenter)
         self._mounted = step.indenter
-        self._streams.event("indenter", found or f"{step.indenter} mounted")
+        self._streams.event("indenter", report or f"{step.indenter} mounted")
 
-    def _tell(self, step: Step) -> None:
+    def _report(self, step: Step) -> None:
         counts = self._streams.counts
-        done = self._kept + counts[TAKEN] + counts[MISSED] + counts[UNWRITTEN]
-        self._progress(done, self._total, step.id)
+        n_done = self._n_resumed + counts[N_TAKEN] + counts[N_MISSED] + counts[N_UNWRITTEN]
+        self._progress(n_done, self._total, step.id)
         if self._live is not None and self._remaining is not None:
-            lost = counts[MISSED] + counts[UNWRITTEN] + counts[DROPPED]
+            n_lost = counts[N_MISSED] + counts[N_UNWRITTEN] + counts[N_DROPPED]
             force_n = self._streams.force.force_n if self._streams.force is not None else None
             left_s = self._remaining.left_s()
-            self._live(RunProgress(step.id, done, self._total, force_n, counts[LATE], lost, left_s))
+            n = n_done, self._total
+            self._live(RunProgress(step.id, *n, force_n, counts[N_LATE], n_lost, left_s))
 
     def _cut_off(self, step: Step, kind: str, text: str) -> None:
         """Keep what the streams held when the run broke off; no error here hides the first one."""
@@ -253,11 +256,11 @@ class RunProgress:
     """A look at a run: where it is, what the sensor feels, what was lost, what is left."""
 
     step: str
-    done: int  # frames, of total
-    total: int
+    frames_done: int  # frames, of total
+    frames_total: int
     force_n: tuple[float, float, float] | None
-    late: int
-    lost: int  # frames that will not come, and those that the camera dropped
+    frames_late: int
+    frames_lost: int  # frames that will not come, and those that the camera dropped
     left_s: float | None  # wall time; None before it can be told
 
     def line(self) -> str:
@@ -265,8 +268,8 @@ class RunProgress:
         parts = [self.step]
         if self.force_n is not None:
             parts.append(f"Fz {self.force_n[2]:+.2f} N")
-        if self.late or self.lost:
-            parts.append(f"{self.late} late, {self.lost} lost")
+        if self.frames_late or self.frames_lost:
+            parts.append(f"{self.frames_late} late, {self.frames_lost} lost")
         if self.left_s is not None:
             parts.append(f"{format_duration(self.left_s)} left")
         return "  ".join(parts)
@@ -291,7 +294,7 @@ class RemainingTime:
             for i in todo
         }  # fmt: skip
         self._left_s = sum(self._planned_s.values())
-        self._done_s = PRIOR_S if wall_clock else 0.0
+        self._done_s = PRIOR_PLAN_S if wall_clock else 0.0
         self._took_s = self._done_s
         self._since_s = time.monotonic()
 
@@ -317,18 +320,18 @@ class RemainingTime:
 
 
 def _planned_s(steps: Sequence[Step], i: int) -> float:
-    step, before = steps[i], steps[i - 1] if i else steps[i]
-    way_mm = math.dist(before.target_mm, step.target_mm)
-    return way_mm / step.feed_mm_min * 60 + step.hold_s + step.settle_s + 0.1
+    step, previous = steps[i], steps[i - 1] if i else steps[i]
+    path_mm = math.dist(previous.target_mm, step.target_mm)
+    return path_mm / step.feed_mm_min * 60 + step.hold_s + step.settle_s + 0.1
 
 
 def _in_gel_mm(steps: Sequence[Step], i: int) -> float:
     """Of a step that ends in the gel, what of its way lies below the face, and START_MM."""
-    here, there = (steps[j].target_mm for j in (max(i - 1, 0), i))
-    if there[2] >= 0:
+    start_mm, end_mm = (steps[j].target_mm for j in (max(i - 1, 0), i))
+    if end_mm[2] >= 0:
         return 0.0
-    share = 1.0 if here[2] <= 0 else -there[2] / (here[2] - there[2])
-    return START_MM + share * math.dist(here, there)
+    share = 1.0 if start_mm[2] <= 0 else -end_mm[2] / (start_mm[2] - end_mm[2])
+    return GEL_STEP_MM + share * math.dist(start_mm, end_mm)
 
 
 def carry_out_steps(

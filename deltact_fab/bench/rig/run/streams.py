@@ -30,18 +30,18 @@ class PoseStream:
     def __init__(self, stage: Stage, clock: Clock) -> None:
         self._stage = stage
         self._clock = clock
-        self._kept: list[tuple[int, float, float, float]] = []
-        self.looked_ns = 0
+        self._poses: list[tuple[int, float, float, float]] = []
+        self.asked_ns = 0
 
     def step(self) -> None:
         """Ask the stage. Raises StageError."""
-        self.looked_ns = self._clock.now_ns()
+        self.asked_ns = self._clock.now_ns()
         t_ns, position_mm = self._stage.located()
-        self._kept.append((t_ns, *position_mm))
+        self._poses.append((t_ns, *position_mm))
 
     def take(self, origin_ns: int) -> list[Chunk]:
         """All that came since the last call, times from origin_ns on."""
-        poses, self._kept = self._kept, []
+        poses, self._poses = self._poses, []
         if not poses:
             return []
         t_ns = np.array([pose[0] for pose in poses], np.int64) - origin_ns
@@ -65,22 +65,22 @@ class ForceStream:
     lifting: bool = False
     last_ns: int = 0  # of the last sample
     force_n: Point | None = None  # of the last sample
-    _kept: list[ForceSamples] = field(default_factory=list)
+    _batches: list[ForceSamples] = field(default_factory=list)
 
     def step(self) -> None:
         """Read once. Raises SensorError: the sensor's own, and beyond the guard's limit."""
         try:
             samples = self.force.read()
-        except SensorError as why:
+        except SensorError as error:
             if self.guard is not None:
-                self.guard.lost(str(why))
+                self.guard.on_sensor_lost(str(error))
             raise
         notes = samples.notes
         if self.guard is not None:
             self.guard.watch(samples)
-            notes += self.guard.tell()
+            notes += self.guard.pop_notes()
         if self.keeping:
-            self._kept.append(samples)
+            self._batches.append(samples)
         force_n = samples.force_n
         if len(force_n):
             self.last_ns = int(samples.t_ns[-1])
@@ -93,13 +93,13 @@ class ForceStream:
         if self.guard is not None and self.guard.tripped:
             raise SensorError(self.guard.tripped)
         if samples.saturated.any():
-            found = tuple(force_n[samples.saturated.argmax()].tolist())
-            raise SensorError(f"the force sensor is saturated at {found} N")
+            saturated_n = tuple(force_n[samples.saturated.argmax()].tolist())
+            raise SensorError(f"the force sensor is saturated at {saturated_n} N")
 
     def take(self, origin_ns: int) -> list[Chunk]:
         """All that came since the last call, times from origin_ns on."""
         # One assignment, so that a reading that comes just now is kept in the one or in the other.
-        forces, self._kept = self._kept, []
+        forces, self._batches = self._batches, []
         if not forces:
             return []
         t_ns = np.concatenate([part.t_ns for part in forces]) - origin_ns
@@ -149,7 +149,7 @@ class FrameStream:
         self._clock = clock
         self._keep = keep
         self._lock = threading.Lock()
-        self._wanted: deque[FrameRequest] = deque()
+        self._requests: deque[FrameRequest] = deque()
         self._busy = False
         self._dropped = self._repeated = 0
         self.missed = 0
@@ -157,19 +157,19 @@ class FrameStream:
     def forget(self) -> None:
         """A new press: what was wanted or counted before is no concern of it."""
         with self._lock:
-            self._wanted.clear()
+            self._requests.clear()
             self.missed = 0
             self._dropped = self._repeated = 0
 
-    def want(self, wanted: FrameRequest) -> None:
+    def want(self, request: FrameRequest) -> None:
         with self._lock:
-            self._wanted.append(wanted)
+            self._requests.append(request)
 
     @property
     def pending(self) -> bool:
         """Frames are still wanted, or on their way to the record."""
         with self._lock:
-            return bool(self._wanted) or self._busy
+            return bool(self._requests) or self._busy
 
     def step(self) -> None:
         """Take one frame, and keep it if it is wanted. Raises SensorError, RunFailed."""
@@ -181,8 +181,8 @@ class FrameStream:
             self._repeated += frame.repeated
         due = []
         with self._lock:
-            while self._wanted and self._wanted[0].t_ns <= t_ns:
-                due.append(self._wanted.popleft())
+            while self._requests and self._requests[0].t_ns <= t_ns:
+                due.append(self._requests.popleft())
             self._busy = bool(due)
         if not due:
             return

@@ -20,20 +20,20 @@ from deltact_fab.common import Point, StageError
 
 from ...protocols.motion import subtract_vectors
 from ..interface import Clock, StageState
-from .exchange import ALARMS, BANNER_S, RESET, Talk, TalkFault, explain, state_text
+from .exchange import ALARM_TEXTS, BANNER_S, SOFT_RESET, Talk, TalkFault, explain, state_text
 from .port import Cable, LinkLost, Port
 from .settings import Limits
 
-JOG_CANCEL, HOLD = b"\x85", b"!"
+JOG_CANCEL, FEED_HOLD = b"\x85", b"!"
 POLL_END_S = 0.02
-MARGIN_S = 2.0
-HELD = ("Hold", "Hold:0", "Door:0", "Check")  # at rest, and a reset ends it without any motion
+STOP_MARGIN_S = 2.0
+HELD_STATES = ("Hold", "Hold:0", "Door:0", "Check")  # at rest: a reset ends them without motion
 PLANNED_AHEAD_S = 0.17  # in the gel; with a piece on its way, whose answer is lost, 0.22
 AHEAD_CLEAR_S = 0.5  # where nothing is touched
 PIECE_S = 0.05  # of motion in a line, at the feed
-EXCUSED_S = 0.3  # after a host was late
-SHORTEST_MM = 2e-4  # of a line: places have four decimals
-FOLLOWED = 0.2  # of what it is behind, at each look
+HOST_LATE_S = 0.3  # after a host was late
+MIN_PIECE_MM = 2e-4  # of a line: places have four decimals
+CLOCK_GAIN = 0.2  # of what it is behind, at each look
 
 
 @dataclass(frozen=True)
@@ -58,28 +58,28 @@ class Move:
         return (now_ns - self.start_ns) / 1e9
 
     @property
-    def whole(self) -> bool:
+    def is_sent(self) -> bool:
         """Whether the controller knows all of it."""
         return self.sent_mm >= self._length_mm
 
     def due_mm(self, now_ns: int) -> float | None:
         """How far along its way the next line leads, None while none is due."""
         since_s = self.since_s(now_ns)
-        due_mm = self._way_mm(since_s + self.ahead_s)
+        due_mm = self._distance_mm(since_s + self.ahead_s)
         if due_mm < self._length_mm:
-            early_mm = self._way_mm(since_s + self.ahead_s - PIECE_S)
-            if early_mm < self.sent_mm or due_mm < self.sent_mm + SHORTEST_MM:
+            early_mm = self._distance_mm(since_s + self.ahead_s - PIECE_S)
+            if early_mm < self.sent_mm or due_mm < self.sent_mm + MIN_PIECE_MM:
                 return None
-        return None if self.whole else due_mm
+        return None if self.is_sent else due_mm
 
     def first_mm(self) -> float:
-        return max(self._way_mm(self.ahead_s), SHORTEST_MM)
+        return max(self._distance_mm(self.ahead_s), MIN_PIECE_MM)
 
-    def place_mm(self, way_mm: float) -> Point:
+    def point_at_mm(self, distance_mm: float) -> Point:
         """So far along it, as a line has it."""
-        if way_mm >= self._length_mm:
+        if distance_mm >= self._length_mm:
             return self.target_mm
-        share = way_mm / self._length_mm
+        share = distance_mm / self._length_mm
         x, y, z = (
             round(a + share * (b - a), 4) + 0.0
             for a, b in zip(self.start_mm, self.target_mm, strict=True)
@@ -92,24 +92,24 @@ class Move:
         if braking:
             speed = min(self.feed_mm_min / 60, self.accel_mm_s2 * max(since_s, 0.0))
             ahead_mm = speed**2 / (2 * self.accel_mm_s2)
-        return not self.whole and self._way_mm(since_s) + ahead_mm > self.sent_mm
+        return not self.is_sent and self._distance_mm(since_s) + ahead_mm > self.sent_mm
 
-    def seen(self, state: StageState) -> Move:
+    def retimed(self, state: StageState) -> Move:
         """It, its plan moved towards where its controller was seen: their clocks may differ."""
-        if self.whole:
+        if self.is_sent:
             return self
-        share = 1.0 if self._excused(state) else FOLLOWED
-        return replace(self, start_ns=self.start_ns + round(share * 1e9 * self._behind_s(state)))
+        share = 1.0 if self._host_was_late(state) else CLOCK_GAIN
+        return replace(self, start_ns=self.start_ns + round(share * 1e9 * self._delay_s(state)))
 
     def was_held(self, state: StageState, more_than_s: float) -> bool:
         """Whether somebody else ended a jog of it, and it goes on from rest with the next one."""
-        if self.whole:
+        if self.is_sent:
             return False
         dry = self.runs_dry(round(state.t_s * 1e9), braking=True)
-        behind_s = self._behind_s(state) - state.within_s
-        return behind_s > more_than_s and not dry and not self._excused(state)
+        behind_s = self._delay_s(state) - state.within_s
+        return behind_s > more_than_s and not dry and not self._host_was_late(state)
 
-    def again(self, from_mm: Point, now_ns: int, planned_s: float) -> Move:
+    def remainder(self, from_mm: Point, now_ns: int, planned_s: float) -> Move:
         """What is left of it, begun anew from rest."""
         return replace(
             self,
@@ -120,22 +120,23 @@ class Move:
             late_ns=now_ns,
         )
 
-    def _excused(self, state: StageState) -> bool:
+    def _host_was_late(self, state: StageState) -> bool:
         """Whether it is behind because the host was late."""
-        return state.t_s - self.late_ns / 1e9 < EXCUSED_S + self.feed_mm_min / 60 / self.accel_mm_s2
+        ramp_s = self.feed_mm_min / 60 / self.accel_mm_s2
+        return state.t_s - self.late_ns / 1e9 < HOST_LATE_S + ramp_s
 
-    def _behind_s(self, state: StageState) -> float:
-        gone = subtract_vectors(state.machine_mm, self.start_mm)
-        ahead = subtract_vectors(self.target_mm, self.start_mm)
-        gone_mm = sum(map(mul, gone, ahead)) / self._length_mm
-        planned_mm = self._way_mm(state.t_s - self.start_ns / 1e9)
-        return (planned_mm - gone_mm) / (self.feed_mm_min / 60)
+    def _delay_s(self, state: StageState) -> float:
+        travelled = subtract_vectors(state.machine_mm, self.start_mm)
+        path = subtract_vectors(self.target_mm, self.start_mm)
+        travelled_mm = sum(map(mul, travelled, path)) / self._length_mm
+        planned_mm = self._distance_mm(state.t_s - self.start_ns / 1e9)
+        return (planned_mm - travelled_mm) / (self.feed_mm_min / 60)
 
     @property
     def _length_mm(self) -> float:
         return math.dist(self.start_mm, self.target_mm)
 
-    def _way_mm(self, t_s: float) -> float:
+    def _distance_mm(self, t_s: float) -> float:
         """Of its planned way after so long, braking left out."""
         if t_s <= 0:
             return 0.0
@@ -143,8 +144,8 @@ class Move:
             return self._length_mm
         speed = self.feed_mm_min / 60
         ramp_s = speed / self.accel_mm_s2
-        way_mm = self.accel_mm_s2 * t_s**2 / 2 if t_s < ramp_s else speed * (t_s - ramp_s / 2)
-        return min(way_mm, self._length_mm)
+        distance_mm = self.accel_mm_s2 * t_s**2 / 2 if t_s < ramp_s else speed * (t_s - ramp_s / 2)
+        return min(distance_mm, self._length_mm)
 
 
 class Controller:
@@ -194,23 +195,23 @@ class Controller:
             try:
                 yield
             except TalkFault as fault:
-                if fault.lost:
-                    self.lose(fault.why)
-                self._raise(fault.why, fault)
-            except LinkLost as lost:
+                if fault.position_lost:
+                    self.lose_position(fault.reason)
+                self._raise(fault.reason, fault)
+            except LinkLost as error:
                 if not self.port.is_open:
-                    self._raise(self.trouble or str(lost), lost)
+                    self._raise(self.trouble or str(error), error)
                 halted = self.halt()
                 self.port.close()
-                self.lose(f"{lost}{halted}")
-                self._raise(f"{lost}{halted}", lost)
+                self.lose_position(f"{error}{halted}")
+                self._raise(f"{error}{halted}", error)
 
-    def _raise(self, why: str, cause: Exception) -> NoReturn:
-        raise StageError(f"{self.url}: {why}{self.halt()}") from cause
+    def _raise(self, reason: str, cause: Exception) -> NoReturn:
+        raise StageError(f"{self.url}: {reason}{self.halt()}") from cause
 
-    def lose(self, why: str) -> None:
+    def lose_position(self, reason: str) -> None:
         """The position is in doubt. The first reason is kept: silence after an alarm is no news."""
-        self.trouble = self.trouble or why
+        self.trouble = self.trouble or reason
         self.homed, self.reset_due = False, True
 
     def status(self) -> StageState:
@@ -222,7 +223,7 @@ class Controller:
         if state.state.partition(":")[0] in ("Alarm", "Sleep"):
             raise TalkFault(
                 f"the controller is in {state_text(state.state)}: its position is lost, home again",
-                lost=True,
+                position_lost=True,
             )
 
     def require_ready(self) -> None:
@@ -236,19 +237,19 @@ class Controller:
 
     # ---- bringing it to rest ------------------------------------------------------------------
 
-    def meet(self) -> None:
+    def wake(self) -> None:
         """Hear the banner of a controller that restarts on opening, or rouse one that does not."""
-        heard = self.talk.banner()
-        self.banner = heard[0] if heard else ""
-        seen = None if heard else self.talk.look()
-        state = "" if seen is None else seen.state
-        if not heard and state.partition(":")[0] in ("", "Sleep"):
-            if not (heard := self.talk.greet()):
+        lines = self.talk.banner()
+        self.banner = lines[0] if lines else ""
+        report = None if lines else self.talk.peek_status()
+        state = "" if report is None else report.state
+        if not lines and state.partition(":")[0] in ("", "Sleep"):
+            if not (lines := self.talk.reset()):
                 raise TalkFault(
                     f"no banner within {BANNER_S:g} s and no answer to '?' at {self.port.baud} "
                     "baud, nor to a reset (0x18); expected a GRBL 1.1 controller"
                 )
-            self.banner = heard[0]
+            self.banner = lines[0]
         if state.partition(":")[0] not in ("", "Sleep", "Idle", "Alarm"):
             self.rest(alarmed=True)
 
@@ -257,7 +258,7 @@ class Controller:
 
         alarmed: an Alarm will do.
         """
-        deadline = self.port.deadline_ns(self.limits.braking_s() + MARGIN_S)
+        deadline = self.port.deadline_ns(self.limits.braking_s() + STOP_MARGIN_S)
         while True:
             state = self.status()
             name = state.state.partition(":")[0]
@@ -267,7 +268,7 @@ class Controller:
             self.require_position(state)
             if self.port.now_ns() > deadline:
                 raise TalkFault(f"still {state.state} at {in_mm(state.machine_mm)} after a stop")
-            if state.state in HELD:
+            if state.state in HELD_STATES:
                 self._release(state)
                 continue
             if state.state == "Door:1":
@@ -276,13 +277,13 @@ class Controller:
                 raise TalkFault(f"the controller is in {state_text(state.state)}; reset it first")
             self.clock.sleep_s(POLL_END_S)
             if name in ("Jog", "Run"):  # the first byte came to nothing if the jog had not begun
-                self.port.write(JOG_CANCEL if name == "Jog" else HOLD)
+                self.port.write(JOG_CANCEL if name == "Jog" else FEED_HOLD)
 
     def idle_again(self, limit_s: float) -> StageState | None:
         """After a fault: at rest, told to brake where it is not; None where it does not come to."""
         deadline = self.port.deadline_ns(limit_s)
         while self.port.is_open and self.port.now_ns() < deadline:
-            state = self.talk.look()
+            state = self.talk.peek_status()
             name = "" if state is None else state.state.partition(":")[0]
             if state is not None and name == "Idle":
                 self.move, self.stopping = None, False
@@ -290,30 +291,31 @@ class Controller:
             if name not in ("", "Jog", "Run"):
                 return None
             if name:
-                self.port.write(JOG_CANCEL if name == "Jog" else HOLD)
+                self.port.write(JOG_CANCEL if name == "Jog" else FEED_HOLD)
                 self.clock.sleep_s(POLL_END_S)
         return None
 
-    def _release(self, before: StageState) -> None:
+    def _release(self, held_state: StageState) -> None:
         """End Hold, or Door with the door closed, by a reset: at rest that keeps the position."""
         reset_due = self.reset_due
-        for text in self.greet():
+        for text in self.reset():
             if text.startswith("ALARM:"):
-                raise TalkFault(f"{explain(text, ALARMS)}; home again", lost=True)
+                raise TalkFault(f"{explain(text, ALARM_TEXTS)}; home again", position_lost=True)
         self.reset_due = reset_due
         if self.homed:
-            after = self.status()
-            kept = self.limits.same_place(before.machine_mm, after.machine_mm)
-            if not kept or after.state.startswith("Alarm"):
-                raise TalkFault(f"its position was lost as {before.state} was ended", lost=True)
+            new_state = self.status()
+            unmoved = self.limits.same_place(held_state.machine_mm, new_state.machine_mm)
+            if not unmoved or new_state.state.startswith("Alarm"):
+                text = f"the position was lost when {held_state.state} was ended"
+                raise TalkFault(text, position_lost=True)
 
-    def greet(self) -> list[str]:
+    def reset(self) -> list[str]:
         """Reset it and hear what it says, the banner first. Raises TalkFault when none comes."""
-        heard = self.talk.greet()
-        if not heard:
-            raise TalkFault("no banner after a reset (0x18)", lost=True)
-        self.banner, self.reset_due = heard[0], False
-        return heard
+        lines = self.talk.reset()
+        if not lines:
+            raise TalkFault("no banner after a reset (0x18)", position_lost=True)
+        self.banner, self.reset_due = lines[0], False
+        return lines
 
     def halt(self) -> str:
         """Write the byte that ends what may be moving; say what came of it, "" if nothing was."""
@@ -321,10 +323,10 @@ class Controller:
         if move is None and not homing:
             return ""
         self.stopping, self.reset_due = True, self.reset_due or homing
-        what = "homing" if move is None else f"the move to {in_mm(move.target_mm)}"
-        reached = self.port.reach(RESET if homing else JOG_CANCEL)
+        motion = "homing" if move is None else f"the move to {in_mm(move.target_mm)}"
+        reached = self.port.reach(SOFT_RESET if homing else JOG_CANCEL)
         self.move, self.homing = None, False
-        return f"; {what} {'was told to stop' if reached else 'goes on'}"
+        return f"; {motion} {'was told to stop' if reached else 'goes on'}"
 
 
 def in_mm(p: Point) -> str:

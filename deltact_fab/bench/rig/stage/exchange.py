@@ -10,16 +10,16 @@ import re
 from collections.abc import Callable
 
 from ..interface import StageState
-from .port import SLICE_S, Port
+from .port import READ_SLICE_S, Port
 
-RESET = b"\x18"
-RESET_S = 1.0  # to the banner after a reset; half a second of that is for the message of an alarm
-QUIET_S = 0.2  # nothing said for so long: nothing more is to come
+SOFT_RESET = b"\x18"
+RESET_BANNER_S = 1.0
+LINE_QUIET_S = 0.2  # nothing said for so long: nothing more is to come
 BANNER_S = 2.5  # an Arduino's boot loader takes up to 2 s
-ANSWER_S = 1.0
+LINE_ANSWER_S = 1.0
 STATUS_S = 0.5  # a `?` is answered within milliseconds
 LISTEN_S = 2.0  # after silence: time for a restarting controller to say so
-ERRORS = {
+ERROR_TEXTS = {
     1: "a letter is missing",
     2: "bad number",
     3: "unknown $ command",
@@ -41,7 +41,7 @@ ERRORS = {
     22: "no feed rate",
 }
 # 1 to 9 of GRBL 1.1, the rest of grblHAL.
-ALARMS = {
+ALARM_TEXTS = {
     1: "hard limit: a switch was hit",
     2: "soft limit: a move would leave the travel",
     3: "reset while moving: steps may be lost",
@@ -61,7 +61,7 @@ ALARMS = {
     17: "a motor driver reports a fault",
     18: "homing failed: axis position unknown",
 }
-STATES = {
+STATE_TEXTS = {
     "Hold": "feed hold",
     "Door": "safety door",
     "Door:0": "safety door, closed again",
@@ -72,20 +72,22 @@ STATES = {
     "Tool": "waiting for a tool change",
     "Sleep": "asleep: only a reset wakes it",
 }
-_NUMBER = r"(-?\d+(?:\.\d*)?)"
-BANNER = re.compile(r"Grbl(?:HAL)? (\d+)\.(\d+)\S*", re.IGNORECASE)
-SETTING = re.compile(rf"\$(\d+)={_NUMBER}")
-STATUS = re.compile(rf"<([A-Za-z]+(?::\d+)?)\|(M|W)Pos:{_NUMBER},{_NUMBER},{_NUMBER}(?:\|[^<>]*)?>")
-OPTIONS = re.compile(r"\[OPT:([^,\]]*)")
+DECIMAL_PATTERN = r"(-?\d+(?:\.\d*)?)"
+BANNER_PATTERN = re.compile(r"Grbl(?:HAL)? (\d+)\.(\d+)\S*", re.IGNORECASE)
+SETTING_PATTERN = re.compile(rf"\$(\d+)={DECIMAL_PATTERN}")
+STATUS_PATTERN = re.compile(
+    rf"<([A-Za-z]+(?::\d+)?)\|(M|W)Pos:{','.join([DECIMAL_PATTERN] * 3)}(?:\|[^<>]*)?>"
+)
+OPTIONS_PATTERN = re.compile(r"\[OPT:([^,\]]*)")
 
 
 class TalkFault(Exception):
     """What goes wrong in a talk. lost: it leaves the position in doubt."""
 
-    def __init__(self, why: str, *, lost: bool = False) -> None:
-        super().__init__(why)
-        self.why = why
-        self.lost = lost
+    def __init__(self, reason: str, *, position_lost: bool = False) -> None:
+        super().__init__(reason)
+        self.reason = reason
+        self.position_lost = position_lost
 
 
 class NoAnswer(TalkFault):
@@ -101,7 +103,7 @@ class Talk:
     def __init__(self, port: Port) -> None:
         self._port = port
         self.posted: tuple[str, int] | None = None
-        self._swift = False  # answers were faster than the baud rate: USB all the way
+        self._beats_baud = False  # answers were faster than the baud rate: USB all the way
 
     def banner(self, limit_s: float = BANNER_S) -> list[str]:
         """Wait for a banner: it and what was said with it, the banner first; [] if none comes.
@@ -109,32 +111,32 @@ class Talk:
         Whatever a first boot prints before it follows it here.
         """
         deadline = self._port.deadline_ns(limit_s)
-        before: list[str] = []
+        boot_lines: list[str] = []
         while (text := self._port.line(deadline)) is not None:
-            if found := BANNER.search(text):
-                return [text[found.start() :], *before, *self._rest()]
-            before.append(text)
+            if match := BANNER_PATTERN.search(text):
+                return [text[match.start() :], *boot_lines, *self._read_until_quiet()]
+            boot_lines.append(text)
         return []
 
-    def greet(self) -> list[str]:
+    def reset(self) -> list[str]:
         """Reset (0x18), and hear the banner and all that comes with it; [] if none comes."""
         self.posted = None
         # Within half a second of an alarm a reset is not heard; the banner of one that came before
         # may still be under way. Neither is worth a word.
-        for limit_s in (RESET_S, LISTEN_S):
-            self._port.write(RESET)
-            if heard := self.banner(limit_s):
-                return heard
+        for limit_s in (RESET_BANNER_S, LISTEN_S):
+            self._port.write(SOFT_RESET)
+            if lines := self.banner(limit_s):
+                return lines
         return []
 
-    def look(self) -> StageState | None:
+    def peek_status(self) -> StageState | None:
         """What it is doing, None when it does not answer. Nothing else that it says is heeded."""
         self._port.write(b"?")
-        deadline = self._port.deadline_ns(ANSWER_S)
+        deadline = self._port.deadline_ns(LINE_ANSWER_S)
         while (text := self._port.line(deadline)) is not None:
-            if found := STATUS.search(text):
-                at_mm = float(found[3]), float(found[4]), float(found[5])
-                return StageState(at_mm, found[1], self._port.now_ns() / 1e9)
+            if match := STATUS_PATTERN.search(text):
+                at_mm = float(match[3]), float(match[4]), float(match[5])
+                return StageState(at_mm, match[1], self._port.now_ns() / 1e9)
         return None
 
     def post(self, line: str) -> None:
@@ -146,16 +148,16 @@ class Talk:
         """Hear the answer to what was posted; False where none comes within limit_s."""
         deadline = self._port.deadline_ns(limit_s)
         while self.posted is not None and (text := self._port.line(deadline)) is not None:
-            self._heed(text)
+            self._handle_line(text)
         return self.posted is None
 
     def forget_posted(self) -> None:
         """Whatever is still under way of it is no answer to anything."""
         self.posted = None
-        for text in self._rest():
-            _watch(text)
+        for text in self._read_until_quiet():
+            _raise_for_event(text)
 
-    def command(self, line: str, limit_s: float = ANSWER_S) -> list[str]:
+    def command(self, line: str, limit_s: float = LINE_ANSWER_S) -> list[str]:
         """Send a line, wait for its ok, return what came before it.
 
         Raises NoAnswer, and the line stays posted: its answer may come later.
@@ -168,13 +170,14 @@ class Talk:
         deadline = self._port.deadline_ns(limit_s)
         data: list[str] = []
         while (text := self._port.line(deadline)) is not None:
-            self._heed(text)
+            self._handle_line(text)
             if self.posted is None:
-                length = sum(len(said) + len("\r\n") for said in data)
-                self._swift |= self._port.now_ns() - sent_ns < self._port.on_wire_ns(length)
+                length = sum(len(answer) + len("\r\n") for answer in data)
+                took_ns = self._port.now_ns() - sent_ns
+                self._beats_baud |= took_ns < self._port.on_wire_ns(length)
                 return data
             data.append(text)
-        raise NoAnswer(f"no answer to {line} within {limit_s:.1f} s", lost=True)
+        raise NoAnswer(f"no answer to {line} within {limit_s:.1f} s", position_lost=True)
 
     def status(self, on_silence: Callable[[], str]) -> StageState:
         """One status report.
@@ -193,44 +196,44 @@ class Talk:
             port.write(b"?")
             deadline = port.deadline_ns(limit_s)
             while (text := port.line(deadline)) is not None:
-                found = STATUS.search(text)
-                if found is None:
-                    self._heed(text)
-                elif found[2] == "W":
+                match = STATUS_PATTERN.search(text)
+                if match is None:
+                    self._handle_line(text)
+                elif match[2] == "W":
                     raise TalkFault("status reports give the work position; set $10=1 or $10=3")
                 elif not stopped:
-                    t_s, within_s = self._true_at(asked_ns, len(text) + len("\r\n"))
-                    at_mm = float(found[3]), float(found[4]), float(found[5])
-                    return StageState(at_mm, found[1], t_s, within_s)
-        raise TalkFault(f"no answer to '?' within {2 * STATUS_S:g} s{stopped}", lost=True)
+                    t_s, within_s = self._position_time(asked_ns, len(text) + len("\r\n"))
+                    at_mm = float(match[3]), float(match[4]), float(match[5])
+                    return StageState(at_mm, match[1], t_s, within_s)
+        raise TalkFault(f"no answer to '?' within {2 * STATUS_S:g} s{stopped}", position_lost=True)
 
-    def overhear(self) -> None:
+    def handle_received(self) -> None:
         """What has come in whole lines, without any wait."""
-        for text in self._port.heard():
-            self._heed(text)
+        for text in self._port.received_lines():
+            self._handle_line(text)
 
     def drain(self) -> None:
         """Hear what has come since the last exchange, so that it is not taken for an answer."""
         while self._port.waiting:
-            text = self._port.line(self._port.deadline_ns(SLICE_S))
+            text = self._port.line(self._port.deadline_ns(READ_SLICE_S))
             if text is not None:
-                self._heed(text)
+                self._handle_line(text)
 
-    def _heed(self, text: str) -> None:
+    def _handle_line(self, text: str) -> None:
         """The answer to what was posted; all else is watched."""
         if self.posted is not None and (text == "ok" or text.startswith("error:")):
             (line, _), self.posted = self.posted, None
             if text != "ok":
-                raise TalkFault(f"{line} was refused: {explain(text, ERRORS)}")
-        _watch(text)
+                raise TalkFault(f"{line} was refused: {explain(text, ERROR_TEXTS)}")
+        _raise_for_event(text)
 
-    def _rest(self) -> list[str]:
-        heard = []
-        while (text := self._port.line(self._port.deadline_ns(QUIET_S))) is not None:
-            heard.append(text)
-        return heard
+    def _read_until_quiet(self) -> list[str]:
+        lines = []
+        while (text := self._port.line(self._port.deadline_ns(LINE_QUIET_S))) is not None:
+            lines.append(text)
+        return lines
 
-    def _true_at(self, asked_ns: int, n: int) -> tuple[float, float]:
+    def _position_time(self, asked_ns: int, n: int) -> tuple[float, float]:
         """When the position in an answer of n bytes that is complete now was true; give or take.
 
         It was read between the question and the answer's first byte. That one is as old as the
@@ -238,33 +241,32 @@ class Talk:
         """
         answered_ns = self._port.now_ns()
         begun_ns = answered_ns - self._port.on_wire_ns(n)
-        self._swift |= begun_ns < asked_ns
-        if self._swift:
+        self._beats_baud |= begun_ns < asked_ns
+        if self._beats_baud:
             begun_ns = max(answered_ns, asked_ns)
         return (asked_ns + begun_ns) / 2e9, (begun_ns - asked_ns) / 2e9
 
 
-def _watch(text: str) -> None:
+def _raise_for_event(text: str) -> None:
     """Raise for what nobody asked to hear: an alarm, or the banner of a restart."""
     if text.startswith("ALARM:"):
-        raise TalkFault(f"{explain(text, ALARMS)}; home again", lost=True)
-    if found := BANNER.search(text):
-        raise TalkFault(
-            f"the controller restarted ({found[0]}): its position is lost, home again", lost=True
-        )
+        raise TalkFault(f"{explain(text, ALARM_TEXTS)}; home again", position_lost=True)
+    if match := BANNER_PATTERN.search(text):
+        text = f"the controller restarted ({match[0]}): its position is lost, home again"
+        raise TalkFault(text, position_lost=True)
 
 
 def explain(text: str, meanings: dict[int, str]) -> str:
     """`error:9` or `ALARM:2`, with its meaning where it is known."""
     number = text.partition(":")[2]
-    known = meanings.get(int(number)) if number.isdigit() else None
-    return f"{text} ({known})" if known else text
+    meaning = meanings.get(int(number)) if number.isdigit() else None
+    return f"{text} ({meaning})" if meaning else text
 
 
 def state_text(state: str) -> str:
     """`Door:1 (the safety door is open)`; an alarm's number in its words."""
     name, _, number = state.partition(":")
-    if name == "Alarm" and number.isdigit() and int(number) in ALARMS:
-        return f"{state} ({ALARMS[int(number)]})"
-    known = STATES.get(state) or STATES.get(name)
-    return f"{state} ({known})" if known else state
+    if name == "Alarm" and number.isdigit() and int(number) in ALARM_TEXTS:
+        return f"{state} ({ALARM_TEXTS[int(number)]})"
+    meaning = STATE_TEXTS.get(state) or STATE_TEXTS.get(name)
+    return f"{state} ({meaning})" if meaning else state

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 from deltact_fab.common import Check, Point, to_ns
 from deltact_fab.sensor import StageFrame
@@ -31,12 +31,12 @@ from ...protocols.motion import StageConfig
 from ..interface import Clock, StageState
 from . import jogs
 from .controller import JOG_CANCEL, PIECE_S, PLANNED_AHEAD_S, Controller
-from .exchange import BANNER, RESET, SETTING, TalkFault, state_text
+from .exchange import BANNER_PATTERN, SETTING_PATTERN, SOFT_RESET, TalkFault, state_text
 from .port import Cable
-from .settings import Limits, judge, refusal
+from .settings import Limits, check_settings, first_failure
 
 RESCUE_S = 10.0  # so long after a fault a controller may answer again
-CLEAR_MM = 1.0  # over the face, where the gel is expected: nothing is touched
+FACE_CLEARANCE_MM = 1.0  # over the face, where the gel is expected: nothing is touched
 
 
 class GrblStage:
@@ -70,15 +70,15 @@ class GrblStage:
         self._within_s = 0.0  # a position's time was off by at most so much
         self.whole_moves = False
         """The controller is told all of a move at once: where no host can die or be late."""
-        self.judged: list[Check] = []
+        self.setting_checks: list[Check] = []
         """What `connect` found wrong with the controller's settings."""
 
     @classmethod
-    def of(cls, config: StageConfig, clock: Clock, url: str | Cable | None = None) -> GrblStage:
+    def from_config(cls, config: StageConfig, clock: Clock, url: str | Cable | None = None) -> Self:
         """The stage of a rig file, its port not yet open; url: in place of the file's port."""
-        where = url if url is not None else config.port
-        assert where is not None, "the configuration has a port"
-        return cls(where, clock, config.frame, baud=config.baud, config=config)
+        port = url if url is not None else config.port
+        assert port is not None, "the configuration has a port"
+        return cls(port, clock, config.frame, baud=config.baud, config=config)
 
     # ---- the Stage interface ------------------------------------------------------------------
 
@@ -96,20 +96,20 @@ class GrblStage:
             self._c.port.open()
             self._c.forget()
             self._unfit = "not connected: connect before homing"
-            self._c.meet()
-            version = BANNER.search(self._c.banner)
+            self._c.wake()
+            version = BANNER_PATTERN.search(self._c.banner)
             if version is not None and (int(version[1]), int(version[2])) < (1, 1):
                 raise TalkFault(f"found {version[0]!r}; jogging needs GRBL 1.1 or later")
             self._info = [d for d in self._c.talk.command("$I") if d.startswith("[")]
-            found = (SETTING.match(d) for d in self._c.talk.command("$$"))
-            settings = {int(m[1]): float(m[2]) for m in found if m}
+            matches = (SETTING_PATTERN.match(d) for d in self._c.talk.command("$$"))
+            settings = {int(m[1]): float(m[2]) for m in matches if m}
             self._c.limits = Limits(
                 settings, None if self._config is None else self._config.travel_mm
             )
-            self.judged = judge(settings, self._info, self._config)
+            self.setting_checks = check_settings(settings, self._info, self._config)
             self._unfit = "its settings were refused: set them right and connect again"
-            if why := refusal(self.judged):
-                raise TalkFault(why)
+            if reason := first_failure(self.setting_checks):
+                raise TalkFault(reason)
             self._unfit = ""
 
     def home(self) -> None:
@@ -151,7 +151,7 @@ class GrblStage:
                 self.stop()
             machine_mm = self.frame.to_machine_mm(target_mm)
             low_mm = min(self.frame.to_sensor_mm(self._c.at_mm)[2], target_mm[2])
-            clear = low_mm > CLEAR_MM
+            clear = low_mm > FACE_CLEARANCE_MM
             return jogs.begin(self._c, machine_mm, feed_mm_min, clear, self.whole_moves)
 
     def wait(self) -> StageState:
@@ -191,7 +191,7 @@ class GrblStage:
         if self._c.homing:
             self.reset()
             return
-        self._c.port.blurt(JOG_CANCEL)
+        self._c.port.write_at_once(JOG_CANCEL)
         with self._c.exchange():
             if self._c.trouble:
                 raise TalkFault(self._c.trouble)
@@ -199,14 +199,14 @@ class GrblStage:
                 return  # no move was begun
             self._c.move = None
             if self._c.talk.posted is not None:  # what is read after the byte begins anew
-                self._c.talk.settle(jogs.ANSWER_S)
+                self._c.talk.settle(jogs.JOG_ANSWER_S)
                 self._c.port.write(JOG_CANCEL)
             self._c.rest()
             self._c.stopping = False
 
     def cancel(self) -> None:
         self._c.cancelled = True
-        self._c.port.blurt(RESET if self._c.homing else JOG_CANCEL)
+        self._c.port.write_at_once(SOFT_RESET if self._c.homing else JOG_CANCEL)
 
     def share(self, hold: Callable[[int | None, bytes], None]) -> None:
         """As Stage. While homing that byte does nothing; whoever asks for samples stops that."""
@@ -217,9 +217,9 @@ class GrblStage:
 
         The position is lost; `home` comes next.
         """
-        self._c.port.blurt(RESET)
+        self._c.port.write_at_once(SOFT_RESET)
         self._c.cancelled = True
-        self._c.lose("the controller was reset: home again")
+        self._c.lose_position("the controller was reset: home again")
 
     def identity(self) -> dict[str, Any]:
         return {
@@ -245,7 +245,7 @@ class GrblStage:
         return self._c.homed and not self._c.trouble
 
     def lift(self, height_mm: float, feed_mm_min: float) -> bool:
-        was = self._c.homed
+        was_homed = self._c.homed
         if not self.trust_count():
             return False
         x, y, z = self._c.at_mm
@@ -255,7 +255,7 @@ class GrblStage:
                 self.start_move(self.frame.to_sensor_mm((x, y, top_mm)), feed_mm_min)
                 self.wait()
         finally:
-            self._c.homed = self._c.homed and was
+            self._c.homed = self._c.homed and was_homed
         return True
 
     def rescue(self, height_mm: float, feed_mm_min: float) -> bool:
@@ -265,12 +265,12 @@ class GrblStage:
             state = c.idle_again(RESCUE_S)
         if state is None:
             return False
-        why, c.trouble = c.trouble, ""
+        reason, c.trouble = c.trouble, ""
         try:
             above_mm = height_mm - self.frame.to_sensor_mm(state.machine_mm)[2]
             return self.lift(max(above_mm, 0.0), feed_mm_min)
         finally:
-            c.lose(why)
+            c.lose_position(reason)
 
     # ---- beyond the interface -----------------------------------------------------------------
 
@@ -289,7 +289,7 @@ class GrblStage:
             self._c.at_mm, self._c.homed = state.machine_mm, True
         return True
 
-    def look(self) -> StageState:
+    def report(self) -> StageState:
         """What the controller says, locked or not. Raises StageError when it says nothing."""
         with self._c.exchange():
             return self._c.status()
@@ -303,6 +303,6 @@ class GrblStage:
         with self._c.exchange():
             if not self._c.port.is_open:
                 self._c.port.open()
-            self._c.lose("the controller was reset: home again")
+            self._c.lose_position("the controller was reset: home again")
             self._c.homing, self._c.move = False, None
-            self._c.greet()
+            self._c.reset()

@@ -16,22 +16,22 @@ from ..interface import StageState
 from .controller import (
     AHEAD_CLEAR_S,
     JOG_CANCEL,
-    MARGIN_S,
     PLANNED_AHEAD_S,
     POLL_END_S,
+    STOP_MARGIN_S,
     Controller,
     Move,
     in_mm,
 )
 from .exchange import NoAnswer, TalkFault, state_text
-from .settings import AXES
+from .settings import AXIS_LETTERS
 
-ANSWER_S = 0.5  # it comes within 0.1 s, and without it the carriage may be on its way
-HEAR_S = 0.005  # between two looks at what was said without being asked for
-POLL_S = 0.1  # while a move is under way; the firmware's documents ask for at most 10 a second
-UP = 0.9  # of a way that leads away from the face, at least so much is upwards
+JOG_ANSWER_S = 0.5  # it comes within 0.1 s, and without it the carriage may be on its way
+LISTEN_PERIOD_S = 0.005  # between two looks at what was said without being asked for
+STATUS_POLL_S = 0.1
+MIN_UP_SHARE = 0.9  # of a way that leads away from the face, at least so much is upwards
 HELD_S, HELD_CLEAR_S = 0.03, 0.1  # behind its plan: in the gel, and where nothing is touched
-TRIES = 3  # of a line that is not answered, where nothing is touched
+JOG_ATTEMPTS = 3  # of a line that is not answered, where nothing is touched
 
 
 def begin(
@@ -47,22 +47,22 @@ def begin(
     machine = (x, y, z)
     delta = subtract_vectors(machine, c.at_mm)
     limits = c.limits
-    if why := limits.target_refusal(machine) or limits.feed_refusal(delta, feed_mm_min):
-        raise InputError(f"{c.url}: {why}")
+    if refusal := limits.target_refusal(machine) or limits.feed_refusal(delta, feed_mm_min):
+        raise InputError(f"{c.url}: {refusal}")
     planned_s = move_duration_s(delta, feed_mm_min, limits.axes(110), limits.axes(120))
     accel = along_line(delta, limits.axes(120)) if any(delta) else math.inf
-    whole = at_once or delta[2] >= UP * math.hypot(*delta)
+    send_all = at_once or delta[2] >= MIN_UP_SHARE * math.hypot(*delta)
     ahead_s = max(AHEAD_CLEAR_S if clear else PLANNED_AHEAD_S, feed_mm_min / 60 / accel)
     c.talk.drain()
     now_ns = c.port.now_ns()
     c.clear = clear
     c.move = Move(
-        c.at_mm, machine, feed_mm_min, accel, now_ns, planned_s, math.inf if whole else ahead_s
+        c.at_mm, machine, feed_mm_min, accel, now_ns, planned_s, math.inf if send_all else ahead_s
     )
     if c.cancelled:
         raise TalkFault("stopped before it moved")
     _send(c, _line(c, c.move, c.move.first_mm()))
-    if not whole:  # it has begun by now, and not long before that where an answer is slow
+    if not send_all:  # it has begun by now, and not long before that where an answer is slow
         c.move = replace(c.move, start_ns=c.port.now_ns())
     if c.cancelled:  # while the line was read, which drops the byte
         c.port.write(JOG_CANCEL)
@@ -72,14 +72,14 @@ def begin(
 def feed(c: Controller) -> None:
     """Send the next piece of the move under way if it is due. Within an exchange."""
     move = c.move
-    if move is None or move.whole or c.cancelled:
+    if move is None or move.is_sent or c.cancelled:
         return
     now_ns = c.port.now_ns()
     if c.talk.posted is not None:
         line, since_ns = c.talk.posted
-        if now_ns - since_ns > ANSWER_S * 1e9:
-            why = NoAnswer(f"no answer to {line} within {ANSWER_S:g} s", lost=True)
-            if not _came_late(c, why):
+        if now_ns - since_ns > JOG_ANSWER_S * 1e9:
+            fault = NoAnswer(f"no answer to {line} within {JOG_ANSWER_S:g} s", position_lost=True)
+            if not _answer_came_late(c, fault):
                 _send(c, line)
         return
     late = move.runs_dry(now_ns, braking=True)
@@ -87,11 +87,11 @@ def feed(c: Controller) -> None:
         c.waits += 1
         c.move = move = replace(move, late_ns=now_ns)
     if move.runs_dry(now_ns):
-        from_mm = move.place_mm(move.sent_mm)
-        left = subtract_vectors(move.target_mm, from_mm)
+        from_mm = move.point_at_mm(move.sent_mm)
+        rest_mm = subtract_vectors(move.target_mm, from_mm)
         axes = c.limits.axes
-        planned_s = move_duration_s(left, move.feed_mm_min, axes(110), axes(120))
-        c.move = move = move.again(from_mm, now_ns, planned_s)
+        planned_s = move_duration_s(rest_mm, move.feed_mm_min, axes(110), axes(120))
+        c.move = move = move.remainder(from_mm, now_ns, planned_s)
     if (due_mm := move.due_mm(now_ns)) is not None:
         c.talk.post(_line(c, move, due_mm))
         if c.cancelled:  # meanwhile, by another thread
@@ -102,10 +102,10 @@ def follow(c: Controller) -> StageState:
     """Wait until the move is at its target, polling. Raises StageError when it does not come to."""
     idle_short = 0
     while (move := c.move) is not None:
-        limit_s = move.planned_s * 1.1 + MARGIN_S
+        limit_s = move.planned_s * 1.1 + STOP_MARGIN_S
         left_s = move.planned_s - move.since_s(c.port.now_ns())
         if left_s > 0 or idle_short:
-            listen(c, min(POLL_S, max(left_s + 0.002, POLL_END_S)))
+            listen(c, min(STATUS_POLL_S, max(left_s + 0.002, POLL_END_S)))
         with c.exchange():
             state = poll(c)
             if state.state == "Idle":
@@ -114,7 +114,7 @@ def follow(c: Controller) -> StageState:
                     # The next move starts from what was commanded, not from its rounding.
                     c.at_mm = move.target_mm
                     return state
-                idle_short += move.whole or c.cancelled
+                idle_short += move.is_sent or c.cancelled
                 if idle_short == 2:
                     c.move = None
                     raise TalkFault(
@@ -144,12 +144,12 @@ def listen(c: Controller, seconds: float) -> None:
     while True:
         if c.port.is_open:
             with c.exchange():
-                c.talk.overhear()
+                c.talk.handle_received()
                 feed(c)
         left_ns = deadline - c.port.now_ns()
         if left_ns <= 0:
             return
-        c.clock.sleep_s(min(left_ns / 1e9, HEAR_S))
+        c.clock.sleep_s(min(left_ns / 1e9, LISTEN_PERIOD_S))
 
 
 def poll(c: Controller) -> StageState:
@@ -163,7 +163,7 @@ def poll(c: Controller) -> StageState:
         if c.move is not None and state.state in ("Jog", "Idle") and not c.cancelled:
             # A hold ends one jog: no other follows it.
             c.cancelled |= c.move.was_held(state, HELD_CLEAR_S if c.clear else HELD_S)
-            c.move = c.move.seen(state)
+            c.move = c.move.retimed(state)
         if c.cancelled and state.state == "Jog":  # the byte came before the jog began
             c.port.write(JOG_CANCEL)
         return state
@@ -171,27 +171,27 @@ def poll(c: Controller) -> StageState:
 
 def _line(c: Controller, move: Move, due_mm: float) -> str:
     """The jog that leads so far along it."""
-    machine = move.place_mm(due_mm)
+    machine = move.point_at_mm(due_mm)
     c.move = replace(move, sent_mm=due_mm)
-    words = "".join(f"{axis}{p:.4f}" for axis, p in zip(AXES, machine, strict=True))
+    words = "".join(f"{axis}{p:.4f}" for axis, p in zip(AXIS_LETTERS, machine, strict=True))
     return f"$J=G90G21G53{words}F{move.feed_mm_min:.3f}"
 
 
 def _send(c: Controller, line: str) -> None:
     """Send it and hear its ok. The same place once more is no motion, so it may be sent again."""
-    for left in range(TRIES - 1, -1, -1):
+    for attempts_left in range(JOG_ATTEMPTS - 1, -1, -1):
         try:
-            c.talk.command(line, ANSWER_S)
-        except NoAnswer as why:
-            if _came_late(c, why):
+            c.talk.command(line, JOG_ANSWER_S)
+        except NoAnswer as fault:
+            if _answer_came_late(c, fault):
                 return
-            if not left:
+            if not attempts_left:
                 raise
         else:
             return
 
 
-def _came_late(c: Controller, why: NoAnswer) -> bool:
+def _answer_came_late(c: Controller, fault: NoAnswer) -> bool:
     """A line was not answered in time: raise, unless nothing is touched and it may go on.
 
     In Hold or behind an open door a line is heard, and not answered.
@@ -200,9 +200,9 @@ def _came_late(c: Controller, why: NoAnswer) -> bool:
     state = c.status().state
     if state.partition(":")[0] in ("Hold", "Door"):
         # The line waits in the controller: the reset of the next `stop` is what forgets it.
-        raise TalkFault(f"{state_text(state)}: no move begins{halted or c.halt()}") from why
+        raise TalkFault(f"{state_text(state)}: no move begins{halted or c.halt()}") from fault
     if not c.clear or state not in ("Idle", "Jog"):
-        raise TalkFault(f"{why.why}{halted}", lost=True) from why
+        raise TalkFault(f"{fault.reason}{halted}", position_lost=True) from fault
     c.waits += 1
     if c.talk.posted is None:
         return True

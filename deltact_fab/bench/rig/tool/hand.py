@@ -23,18 +23,18 @@ from ..interface import LIFT_FEED_MM_MIN, ForceSensor, Guard, Stage, WallClock, 
 from ..run.loop import Watch, interruptible, watch_force
 from ..stage.exchange import state_text
 from ..stage.grbl import GrblStage
-from .session import GuardedStage, register_face, requested_tool, write_registration
+from .session import GuardedStage, register_face, registration_request, write_registration
 from .tooling import TerminalOperator, home_safely
 
 CLEARANCE_MM = 5.0
-FEED_MM_MIN = 300.0
+HAND_FEED_MM_MIN = 300.0
 NEAR_FEED_MM_MIN = 30.0
 """Below the clearance height."""
-SAME_MM = 2e-3
-STEPS_MM = (0.02, 0.1, 1.0, 10.0)
-EASE_MM = 2.0  # up, after the guard has stopped it
-TELL_S = 0.2
-HELP = (
+SAME_PLACE_MM = 2e-3
+KEY_STEPS_MM = (0.02, 0.1, 1.0, 10.0)
+TRIP_LIFT_MM = 2.0  # up, after the guard has stopped it
+DISPLAY_PERIOD_S = 0.2
+KEY_HELP = (
     "arrows: x and y   page up, u / page down, d: z   1 2 3 4: steps of 0.02, 0.1, 1, 10 mm   "
     "space: stop\nh: home   o: the tip stands at the origin   r: register the face   q: end"
 )
@@ -48,10 +48,10 @@ def stopped_by_ctrl_c(stage: Stage) -> Iterator[None]:
     with interruptible(stage.abort):
         try:
             yield
-        except KeyboardInterrupt as why:
+        except KeyboardInterrupt as error:
             stage.stop()
-            where = f" at {position_text(stage.position_mm())}" if stage.homed else ""
-            raise Stopped(f"stopped by the operator{where}") from why
+            place = f" at {position_text(stage.position_mm())}" if stage.homed else ""
+            raise Stopped(f"stopped by the operator{place}") from error
 
 
 def plan_move(
@@ -62,13 +62,13 @@ def plan_move(
     Raises InputError for one that, without into_gel, ends below CLEARANCE_MM or goes sideways
     there; straight up is always allowed.
     """
-    here = stage.position_mm()
-    there = add_vectors(here, by_mm)
-    low_mm, up = min(here[2], there[2]), by_mm[0] == by_mm[1] == 0 and by_mm[2] >= 0
+    start = stage.position_mm()
+    end = add_vectors(start, by_mm)
+    low_mm, up = min(start[2], end[2]), by_mm[0] == by_mm[1] == 0 and by_mm[2] >= 0
     near = low_mm < CLEARANCE_MM and not up
     if near and not into_gel:
         raise InputError(_too_low(low_mm))
-    return there, min(feed_mm_min, NEAR_FEED_MM_MIN) if near else feed_mm_min
+    return end, min(feed_mm_min, NEAR_FEED_MM_MIN) if near else feed_mm_min
 
 
 def go_to(stage: Stage, target_mm: Point, feed_mm_min: float, into_gel: bool) -> None:
@@ -81,10 +81,10 @@ def go_to(stage: Stage, target_mm: Point, feed_mm_min: float, into_gel: bool) ->
     x, y, z = target_mm
     if z < CLEARANCE_MM and not into_gel:
         raise InputError(_too_low(z))
-    here = stage.position_mm()
-    if math.dist(here[:2], (x, y)) > SAME_MM:
-        high_mm = max(here[2], CLEARANCE_MM)
-        for place in ((here[0], here[1], high_mm), (x, y, high_mm)):
+    start = stage.position_mm()
+    if math.dist(start[:2], (x, y)) > SAME_PLACE_MM:
+        high_mm = max(start[2], CLEARANCE_MM)
+        for place in ((start[0], start[1], high_mm), (x, y, high_mm)):
             move_to(stage, place, feed_mm_min)
     if z < CLEARANCE_MM:
         if stage.position_mm()[2] > CLEARANCE_MM:
@@ -106,7 +106,7 @@ def _too_low(z_mm: float) -> str:
     )
 
 
-MOVES: dict[str, Point] = {
+KEY_DIRECTIONS: dict[str, Point] = {
     "left": (-1, 0, 0), "right": (1, 0, 0), "down": (0, -1, 0), "up": (0, 1, 0),
     "page up": (0, 0, 1), "page down": (0, 0, -1), "u": (0, 0, 1), "d": (0, 0, -1),
 }  # fmt: skip
@@ -124,95 +124,95 @@ class HandSession:
     tell: Callable[[str], None]
     show: Callable[[str], None]
     into_gel: bool = False
-    others: dict[str, Callable[[], str]] = field(default_factory=dict)
+    actions: dict[str, Callable[[], str]] = field(default_factory=dict)
     step_mm: float = 1.0
 
     def run(self) -> None:
         """Until the key q. Raises StageError where the stage cannot be talked to any more."""
-        self.tell(HELP)
+        self.tell(KEY_HELP)
         if not self.stage.trust_count():
             self.tell("the position is lost: h homes")
         while True:
             try:
                 with watch_force(self.stage, self.stage.clock, self.force, self.guard) as watch:
-                    what = self._drive(watch)
-            except SensorError as why:
-                self._ease(str(why))
-                what = ""
-                while not what:
-                    what = self.key(TELL_S)
-            if what == "q":
+                    key = self._move_by_keys(watch)
+            except SensorError as error:
+                self._lift_after_trip(str(error))
+                key = ""
+                while not key:
+                    key = self.key(DISPLAY_PERIOD_S)
+            if key == "q":
                 return
-            if what in self.others:
+            if key in self.actions:
                 try:
-                    self.tell(self.others[what]())
-                except DeltactFabError as why:
-                    self.tell(str(why))
+                    self.tell(self.actions[key]())
+                except DeltactFabError as error:
+                    self.tell(str(error))
 
-    def _drive(self, watch: Watch) -> str:
+    def _move_by_keys(self, watch: Watch) -> str:
         """Keys that move, until one that does not; "" when the guard has stopped the stage."""
-        while not watch.trouble:
-            self.show(self._line(watch))
-            key = self.key(TELL_S)
-            if key in self.others or key == "q":
+        while not watch.errors:
+            self.show(self._state_line(watch))
+            key = self.key(DISPLAY_PERIOD_S)
+            if key in self.actions or key == "q":
                 return key
-            if key in MOVES:
-                self._move(MOVES[key], watch)
+            if key in KEY_DIRECTIONS:
+                self._move(KEY_DIRECTIONS[key], watch)
             elif key == "o":
-                self.tell(self._origin())
-            elif key.isdigit() and 0 < int(key) <= len(STEPS_MM):
-                self.step_mm = STEPS_MM[int(key) - 1]
+                self.tell(self._set_origin())
+            elif key.isdigit() and 0 < int(key) <= len(KEY_STEPS_MM):
+                self.step_mm = KEY_STEPS_MM[int(key) - 1]
         return ""
 
-    def _move(self, way: Point, watch: Watch) -> None:
-        x, y, z = (self.step_mm * part for part in way)
+    def _move(self, direction: Point, watch: Watch) -> None:
+        x, y, z = (self.step_mm * part for part in direction)
         stage, clock = self.stage, self.stage.clock
         deep = self.into_gel or self.guard is not None
         try:
-            target_mm, feed = plan_move(stage, (x, y, z), FEED_MM_MIN, deep)
+            target_mm, feed = plan_move(stage, (x, y, z), HAND_FEED_MM_MIN, deep)
             end_s = clock.now_s() + stage.start_move(target_mm, feed)
-            while clock.now_s() < end_s and not watch.trouble:
-                self.show(self._line(watch, asks=False))
-                stage.listen(min(TELL_S / 10, max(end_s - clock.now_s(), 0.0)))
+            while clock.now_s() < end_s and not watch.errors:
+                self.show(self._state_line(watch, asks=False))
+                stage.listen(min(DISPLAY_PERIOD_S / 10, max(end_s - clock.now_s(), 0.0)))
                 if self.key(0.0) == " ":
                     stage.stop()
                     return
             stage.wait()
-        except (InputError, StageError) as why:
-            self.tell(str(why))
+        except (InputError, StageError) as error:
+            self.tell(str(error))
 
-    def _origin(self) -> str:
+    def _set_origin(self) -> str:
         """The tip stands where the face has its middle, from now on (0, 0, 0)."""
         if not self.stage.homed:
             return "home first: h"
-        here = self.stage.frame.to_machine_mm(self.stage.position_mm())
-        self.stage.frame = replace(self.stage.frame, origin_machine_mm=here)
-        x, y, z = here
+        origin_mm = self.stage.frame.to_machine_mm(self.stage.position_mm())
+        self.stage.frame = replace(self.stage.frame, origin_machine_mm=origin_mm)
+        x, y, z = origin_mm
         return f"origin_machine_mm = [{x:.3f}, {y:.3f}, {z:.3f}]  # for [stage] of the rig file"
 
-    def _ease(self, why: str) -> None:
+    def _lift_after_trip(self, reason: str) -> None:
         """After a trip, a little up; only a force that still grows would stop that."""
-        self.tell(f"{why}; lifting by {EASE_MM:g} mm; any key goes on, q ends")
+        self.tell(f"{reason}; lifting by {TRIP_LIFT_MM:g} mm; any key goes on, q ends")
         if self.guard is None:
             return
         with self.guard.easing():
             try:
                 self.stage.stop()
-                self.stage.lift(EASE_MM, LIFT_FEED_MM_MIN)
+                self.stage.lift(TRIP_LIFT_MM, LIFT_FEED_MM_MIN)
             except StageError as fault:
                 self.tell(str(fault))
         self.guard.rearm()
 
-    def _line(self, watch: Watch, asks: bool = True) -> str:
-        where = "moving"
+    def _state_line(self, watch: Watch, asks: bool = True) -> str:
+        place = "moving"
         if asks:
             homed = self.stage.homed
-            where = position_text(self.stage.position_mm()) if homed else "not homed"
+            place = position_text(self.stage.position_mm()) if homed else "not homed"
         force_n = None if watch.stream is None else watch.stream.force_n
-        felt = "no force sensor: no guard"
+        force = "no force sensor: no guard"
         if watch.stream is not None:
-            felt = "..." if force_n is None else "F {:+.2f} {:+.2f} {:+.2f} N".format(*force_n)
-        return f"{where} | step {self.step_mm:g} mm | {felt} | {time.strftime('%H:%M:%S')}"
+            force = "..." if force_n is None else "F {:+.2f} {:+.2f} {:+.2f} N".format(*force_n)
+        return f"{place} | step {self.step_mm:g} mm | {force} | {time.strftime('%H:%M:%S')}"
 
 
 @dataclass(frozen=True)
@@ -226,9 +226,9 @@ class StageStatus:
     def line(self) -> str:
         """State and position in one line."""
         mm = self.sensor_mm
-        where = "locked: home first" if mm is None else position_text(mm)
+        place = "locked: home first" if mm is None else position_text(mm)
         machine = ", ".join(f"{p:.3f}" for p in self.machine_mm)
-        return f"{state_text(self.state)}, {where}; machine {machine}"
+        return f"{state_text(self.state)}, {place}; machine {machine}"
 
 
 class HandStage:
@@ -246,7 +246,7 @@ class HandStage:
                 f"{self._source}: kind: a {config.kind!r} rig has no stage to drive; 'grbl' has"
             )
         self._config = config
-        self._stage = GrblStage.of(config.stage, WallClock())
+        self._stage = GrblStage.from_config(config.stage, WallClock())
 
     def status(self) -> StageStatus:
         """What the stage is doing and where it is; nothing moves."""
@@ -259,7 +259,7 @@ class HandStage:
 
         ask: the operator at the terminal may be asked whether the tip is clear.
         """
-        with self._driven() as guard:
+        with self._connected() as guard:
             start_s = time.monotonic()
             with stopped_by_ctrl_c(self._stage):
                 operator = TerminalOperator() if ask else None
@@ -277,7 +277,7 @@ class HandStage:
                 f"DX DY DZ: {length_mm:g} mm is more than {most_mm:g}; give --most {length_mm:g} "
                 "if that is meant"
             )
-        with self._driven() as guard:
+        with self._connected() as guard:
             self._require_count()
             with stopped_by_ctrl_c(self._stage), self._watched(guard):
                 move_to(self._stage, *plan_move(self._stage, by_mm, feed_mm_min, into_gel))
@@ -291,7 +291,7 @@ class HandStage:
         home_first: home before, on the operator's word that the tip is clear; else the position
         that the controller has counted is taken.
         """
-        with self._driven() as guard:
+        with self._connected() as guard:
             with stopped_by_ctrl_c(self._stage):
                 if home_first:
                     self._home(guard, None, tip_is_clear=True)
@@ -318,8 +318,8 @@ class HandStage:
         """
         stage = self._stage
         out, operator = Path(f"{self._source.stem}-registration.toml"), TerminalOperator()
-        asked = requested_tool(self._config, self._source, sensor, indenter)
-        with self._driven() as guard:
+        request = registration_request(self._config, self._source, sensor, indenter)
+        with self._connected() as guard:
 
             def home() -> str:
                 with whole_lines():
@@ -329,13 +329,13 @@ class HandStage:
                 if guard is None:
                     return "registration needs a force sensor"
                 with whole_lines():
-                    found = register_face(GuardedStage(stage, guard, guard), asked, operator)
-                write_registration(found, out)
-                return f"{out}: {found.line()}"
+                    face = register_face(GuardedStage(stage, guard, guard), request, operator)
+                write_registration(face, out)
+                return f"{out}: {face.line()}"
 
-            others = {"h": home, "r": register}
+            actions = {"h": home, "r": register}
             with keys() as key, stopped_by_ctrl_c(stage):
-                HandSession(stage, guard, guard, key, tell, show, into_gel, others).run()
+                HandSession(stage, guard, guard, key, tell, show, into_gel, actions).run()
             return self._state()
 
     def reset(self) -> str:
@@ -345,16 +345,16 @@ class HandStage:
             return str(self._stage.identity()["banner"])
 
     @contextmanager
-    def _driven(self) -> Iterator[Watchdog | None]:
+    def _connected(self) -> Iterator[Watchdog | None]:
         """Connect; the guard on the force sensor, None where the file names none."""
         config = self._config
-        with ExitStack() as opened:
-            opened.callback(self._stage.close)
+        with ExitStack() as stack:
+            stack.callback(self._stage.close)
             self._stage.connect()
             guard = None
             if config.force is not None and config.force.reachable:
                 guard = open_guarded(config.force, config.guard, self._stage)
-                opened.callback(guard.close)
+                stack.callback(guard.close)
             yield guard
 
     def _watched(self, guard: Watchdog | None) -> AbstractContextManager[object]:
@@ -373,8 +373,8 @@ class HandStage:
             raise StageError("the controller is locked, its position is lost: `rig home` first")
 
     def _state(self) -> StageStatus:
-        report = self._stage.look()
-        known = report.state.partition(":")[0] not in ("Alarm", "Sleep")
+        report = self._stage.report()
+        has_position = report.state.partition(":")[0] not in ("Alarm", "Sleep")
         machine_mm = report.machine_mm
-        sensor_mm = self._config.stage.frame.to_sensor_mm(machine_mm) if known else None
+        sensor_mm = self._config.stage.frame.to_sensor_mm(machine_mm) if has_position else None
         return StageStatus(report.state, machine_mm, sensor_mm)

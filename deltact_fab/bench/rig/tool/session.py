@@ -34,14 +34,14 @@ from ..run.loop import interruptible
 from ..stage.grbl import GrblStage
 from ..tables import RegisteredTouch, RegistrationFile, TouchConfig
 from .feeler import ForceProbe
-from .tooling import LIFT_MM, TerminalOperator, confirm, home_safely, raised
+from .tooling import HOMING_LIFT_MM, TerminalOperator, confirm, home_safely, raised_frame
 from .touch import ForceTouch, powers_of
 
 MAX_TILT_DEG = 2.0
 MAX_RESIDUAL_MM = 0.1
-REACH = 0.7  # of what the face leaves to the indenter's middle
-MIN_AREA = 0.05  # of the face, of the largest triangle among the places
-Place = tuple[float, float]
+CORNER_SHARE = 0.7  # of what the face leaves to the indenter's middle
+MIN_TRIANGLE_SHARE = 0.05  # of the face, of the largest triangle among the places
+FacePoint = tuple[float, float]
 
 
 @dataclass
@@ -67,11 +67,11 @@ def home_stage(
             f"{source}: force: no way to a force sensor, and nothing else keeps the tip from "
             "breaking what it meets: add [force.netft] or [force.serial]"
         )
-    stage = GrblStage.of(config.stage, WallClock())
-    with ExitStack() as opened:
-        opened.callback(stage.close)
+    stage = GrblStage.from_config(config.stage, WallClock())
+    with ExitStack() as stack:
+        stack.callback(stage.close)
         force = guard = open_guarded(config.force, config.guard, stage)
-        opened.callback(force.close)
+        stack.callback(force.close)
         with interruptible(stage.abort):
             try:
                 stage.connect()
@@ -81,12 +81,12 @@ def home_stage(
                 yield GuardedStage(stage, force, guard)
             except StageError:
                 raise
-            except BaseException as why:
+            except BaseException as error:
                 with suppress(DeltactFabError):
                     stage.stop()
-                    stage.lift(LIFT_MM, LIFT_FEED_MM_MIN)
-                if isinstance(why, KeyboardInterrupt):
-                    raise Stopped("stopped by the operator") from why
+                    stage.lift(HOMING_LIFT_MM, LIFT_FEED_MM_MIN)
+                if isinstance(error, KeyboardInterrupt):
+                    raise Stopped("stopped by the operator") from error
                 raise
 
 
@@ -114,18 +114,18 @@ class RegistrationRequest:
     """
 
     ball: Indenter
-    places: tuple[Place, ...]
+    places: tuple[FacePoint, ...]
     touch: TouchConfig
     longer_mm: float
     rig: str
 
 
-def requested_tool(
+def registration_request(
     config: GrblConfig,
     source: Path,
     sensor: SensorDimensions,
     indenter: str,
-    places: tuple[Place, ...] = (),
+    places: tuple[FacePoint, ...] = (),
 ) -> RegistrationRequest:
     """Judge what was asked for, before a device is opened. Raises InputError.
 
@@ -140,26 +140,26 @@ def requested_tool(
 
 
 def register_face(
-    bench: GuardedStage, asked: RegistrationRequest, operator: TerminalOperator
+    bench: GuardedStage, request: RegistrationRequest, operator: TerminalOperator
 ) -> RegistrationFile:
     """Have the ball mounted, touch the face at each place, and fit the plane where it lies.
 
     Raises SensorError, StageError and RunFailed, that also for a tilt over MAX_TILT_DEG and for
     touches that lie further than MAX_RESIDUAL_MM from their plane.
     """
-    stage, ball = bench.stage, asked.ball
+    stage, ball = bench.stage, request.ball
     confirm(operator, ball.name, "it is mounted, screwed tight")
-    stage.frame = frame = raised(stage.frame, asked.longer_mm)
-    touch = ForceTouch(ForceProbe(stage, bench.force, stage.clock, bench.guard), asked.touch)
-    touches = [touch.find(ball, place) for place in asked.places]
-    at = np.array([frame.to_machine_mm((*t.at_mm, t.z_mm)) for t in touches])
-    level = np.column_stack((np.ones(len(at)), at[:, :2]))
-    (height, along_x, along_y), *_ = np.linalg.lstsq(level, at[:, 2], rcond=None)
-    residual_mm = float(abs(level @ (height, along_x, along_y) - at[:, 2]).max())
+    stage.frame = frame = raised_frame(stage.frame, request.longer_mm)
+    touch = ForceTouch(ForceProbe(stage, bench.force, stage.clock, bench.guard), request.touch)
+    touches = [touch.find(ball, place) for place in request.places]
+    points = np.array([frame.to_machine_mm((*t.at_mm, t.z_mm)) for t in touches])
+    level = np.column_stack((np.ones(len(points)), points[:, :2]))
+    (height, along_x, along_y), *_ = np.linalg.lstsq(level, points[:, 2], rcond=None)
+    residual_mm = float(abs(level @ (height, along_x, along_y) - points[:, 2]).max())
     x, y, _ = frame.origin_machine_mm
-    z = float(height + along_x * x + along_y * y) - asked.longer_mm
-    found = replace(frame, origin_machine_mm=(x, y, z)).facing((-along_x, -along_y, 1.0))
-    a, b = map(math.radians, found.tilt_deg)
+    z = float(height + along_x * x + along_y * y) - request.longer_mm
+    face = replace(frame, origin_machine_mm=(x, y, z)).facing((-along_x, -along_y, 1.0))
+    a, b = map(math.radians, face.tilt_deg)
     tilt_deg = math.degrees(math.acos(math.cos(a) * math.cos(b)))
     if tilt_deg > MAX_TILT_DEG:
         raise RunFailed(
@@ -171,15 +171,15 @@ def register_face(
             f"the touches lie up to {residual_mm:.3f} mm from one plane, more than "
             f"{MAX_RESIDUAL_MM:g}: something moved, or the face is not flat"
         )
-    places = at.round(4).tolist()
+    places = points.round(4).tolist()
     return RegistrationFile(
         date=datetime.now(UTC).isoformat(timespec="seconds"),
-        rig=asked.rig,
+        rig=request.rig,
         indenter=ball.name,
         by=touches[0].by,
         origin_machine_mm=(x, y, round(z, 4)),
-        angle_deg=round(found.angle_deg, 4),
-        tilt_deg=(round(found.tilt_deg[0], 4), round(found.tilt_deg[1], 4)),
+        angle_deg=round(face.angle_deg, 4),
+        tilt_deg=(round(face.tilt_deg[0], 4), round(face.tilt_deg[1], 4)),
         residual_mm=round(residual_mm, 4),
         touches=tuple(
             RegisteredTouch(at_mm=t.at_mm, machine_mm=place, spread_mm=t.spread_mm)
@@ -192,7 +192,7 @@ def register_rig(
     rig: str,
     sensor: SensorDimensions,
     indenter: str,
-    places: tuple[Place, ...],
+    places: tuple[FacePoint, ...],
     out: Path,
     tip_is_clear: bool = False,
 ) -> RegistrationFile:
@@ -206,12 +206,12 @@ def register_rig(
         raise InputError(
             f"{source}: kind: only a real rig is registered; this one is {config.kind!r}"
         )
-    asked = requested_tool(config, source, sensor, indenter, places)
+    request = registration_request(config, source, sensor, indenter, places)
     operator = TerminalOperator()
     with home_stage(config, source, operator, tip_is_clear) as bench:
-        found = register_face(bench, asked, operator)
-    write_registration(found, out)
-    return found
+        registration = register_face(bench, request, operator)
+    write_registration(registration, out)
+    return registration
 
 
 def write_registration(registration: RegistrationFile, out: Path) -> None:
@@ -220,14 +220,14 @@ def write_registration(registration: RegistrationFile, out: Path) -> None:
     write_whole(out, toml_text(registration.model_dump(mode="json"), [about]).encode())
 
 
-def places_for(skin: SkinDimensions, indenter: Indenter) -> tuple[Place, ...]:
+def places_for(skin: SkinDimensions, indenter: Indenter) -> tuple[FacePoint, ...]:
     """The corners of a rectangle on the face, with the ball well inside."""
     (x, y), (rx, ry) = skin.opening_half_mm, indenter.footprint_half_mm
-    x, y = REACH * (x - rx), REACH * (y - ry)
+    x, y = CORNER_SHARE * (x - rx), CORNER_SHARE * (y - ry)
     return ((-x, -y), (x, -y), (x, y), (-x, y))
 
 
-def require_fit(skin: SkinDimensions, indenter: Indenter, places: Sequence[Place]) -> None:
+def require_fit(skin: SkinDimensions, indenter: Indenter, places: Sequence[FacePoint]) -> None:
     """Raise InputError for an indenter that is no ball, or places that give no plane."""
     if len(indenter.tips) != 1 or powers_of(indenter) != (1.5,):
         raise InputError(
@@ -241,7 +241,7 @@ def require_fit(skin: SkinDimensions, indenter: Indenter, places: Sequence[Place
                 f"--at {place[0]:g},{place[1]:g}: {indenter.name} does not fit on the face of "
                 f"{2 * half[0]:g} x {2 * half[1]:g} mm there"
             )
-    least_mm2 = MIN_AREA * 4 * half[0] * half[1]
+    least_mm2 = MIN_TRIANGLE_SHARE * 4 * half[0] * half[1]
     if len(places) < 3 or _largest_mm2(places) < least_mm2:
         raise InputError(
             "--at: three places at least are needed, and not in a line: the largest triangle of "
@@ -249,7 +249,7 @@ def require_fit(skin: SkinDimensions, indenter: Indenter, places: Sequence[Place
         )
 
 
-def _largest_mm2(places: Sequence[Place]) -> float:
+def _largest_mm2(places: Sequence[FacePoint]) -> float:
     return max(
         (
             abs((b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])) / 2

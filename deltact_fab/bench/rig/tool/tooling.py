@@ -32,14 +32,14 @@ from ..tables import ToolConfig, TouchConfig
 from .feeler import ForceProbe
 from .touch import TRAVEL_FEED_MM_MIN, FaceTouch, ForceTouch
 
-KEPT = "tool.json"
-TRIES = 5
-LIFT_MM = 25.0
-STANDING_S = 0.1
-CONTACT_N = 0.3
+TOUCH_FILE = "tool.json"
+CONFIRM_ATTEMPTS = 5
+HOMING_LIFT_MM = 25.0
+REST_FORCE_S = 0.1
+TIP_CONTACT_N = 0.3
 """More than this, on the tare of whoever measured last, is a tip that touches or a sensor that was
 never tared: both are for the operator to see."""
-CLEAR = "clear"
+CLEAR_ANSWER = "clear"
 
 
 class TerminalOperator:
@@ -58,17 +58,17 @@ class TerminalOperator:
         return line.strip()
 
 
-def confirm(operator: TerminalOperator, name: str, what: str) -> None:
+def confirm(operator: TerminalOperator, name: str, claim: str) -> None:
     """Wait until somebody types the name of what they mounted; another name is asked again.
 
     what: ends "type NAME to confirm that". Raises RunFailed after TRIES other answers.
     """
-    for _ in range(TRIES):
-        answer = operator.ask(f"type {name} to confirm that {what}")
+    for _ in range(CONFIRM_ATTEMPTS):
+        answer = operator.ask(f"type {name} to confirm that {claim}")
         if answer == name:
             return
         operator.tell(f"that was {answer!r}, not {name!r}")
-    raise RunFailed(f"{name}: not confirmed in {TRIES} answers")
+    raise RunFailed(f"{name}: not confirmed in {CONFIRM_ATTEMPTS} answers")
 
 
 def clear_the_face(
@@ -88,28 +88,28 @@ def clear_the_face(
     (tip_is_clear). air: of a rig without a force sensor nothing is asked, for no run of it pressed.
     Raises StageError when neither is there.
     """
-    if stage.lift(LIFT_MM, LIFT_FEED_MM_MIN):
+    if stage.lift(HOMING_LIFT_MM, LIFT_FEED_MM_MIN):
         return "the position was known: lifted straight up before homing"
     if tip_is_clear:
         return "the position was lost; the operator's word that the tip is clear"
-    why = "no force sensor can tell whether the tip is in the gel"
+    reason = "no force sensor can tell whether the tip is in the gel"
     if force is not None:
-        felt_n = _standing_n(clock, force)
-        if felt_n <= CONTACT_N:
-            return f"the position was lost; the force sensor feels {felt_n:.2f} N: clear"
-        why = (
-            f"the force sensor feels {felt_n:.2f} N: the tip may be in the gel (or the sensor was "
+        force_n = _rest_force_n(clock, force)
+        if force_n <= TIP_CONTACT_N:
+            return f"the position was lost; the force sensor feels {force_n:.2f} N: clear"
+        reason = (
+            f"the force sensor feels {force_n:.2f} N: the tip may be in the gel (or the sensor was "
             "not tared since it was mounted)"
         )
     elif air:
         return "the position was lost; a rig without a force sensor, in air"
     if operator is None:
         raise StageError(
-            f"not homed: the position is lost, and {why}; look, turn z up by hand, and give "
+            f"not homed: the position is lost, and {reason}; look, turn z up by hand, and give "
             "--tip-is-clear"
         )
-    operator.tell(f"the position is lost, and {why}; look, and turn z up by hand if it is")
-    confirm(operator, CLEAR, "the tip touches nothing")
+    operator.tell(f"the position is lost, and {reason}; look, and turn z up by hand if it is")
+    confirm(operator, CLEAR_ANSWER, "the tip touches nothing")
     return "the position was lost; the operator confirmed that the tip is clear"
 
 
@@ -129,12 +129,12 @@ def home_safely(
     return how
 
 
-def _standing_n(clock: Clock, force: ForceSensor) -> float:
+def _rest_force_n(clock: Clock, force: ForceSensor) -> float:
     """Size of the mean force while nothing moves, on the tare that the sensor still has."""
     force.start()
     try:
         parts: list[NDArray[np.float64]] = []
-        end_s = clock.now_s() + STANDING_S
+        end_s = clock.now_s() + REST_FORCE_S
         while not parts or clock.now_s() < end_s:
             parts.append(force.read().force_n)
         return float(np.linalg.norm(np.concatenate(parts).mean(axis=0)))
@@ -178,8 +178,8 @@ class Tooling:
             self.stage, self.clock, self.force, self.operator,
             tip_is_clear=self.job.tip_is_clear, air=self.job.air,
         )  # fmt: skip
-        by = "unattended" if self.operator is None else "confirmed"
-        return cleared if self.job.air else f"sensor {self._base} ({by}); {cleared}"
+        confirmation = "unattended" if self.operator is None else "confirmed"
+        return cleared if self.job.air else f"sensor {self._base} ({confirmation}); {cleared}"
 
     def change_indenter(self, name: str) -> str:
         """Have it mounted and confirmed, find its tip, and put the stage's frame there.
@@ -193,17 +193,17 @@ class Tooling:
             confirm(self.operator, name, "it is mounted, screwed tight")
         longer_mm = self.tools[name].length_mm if name in self.tools else 0.0
         before_mm = self.stage.frame.to_machine_mm(self.stage.position_mm())
-        expected = raised(self._frame, longer_mm)
+        expected = raised_frame(self._frame, longer_mm)
         self.stage.frame = expected
         touch = self._find(name)
         x, y, z = expected.to_machine_mm((*touch.at_mm, touch.z_mm))
-        moved_mm = self._require_the_same(name, z)
+        moved_mm = self._require_same_face(name, z)
         frame = replace(expected, origin_machine_mm=expected.to_machine_mm((0.0, 0.0, touch.z_mm)))
         self.stage.frame = frame
         move_to(self.stage, frame.to_sensor_mm(before_mm), TRAVEL_FEED_MM_MIN)
         self._keep(name, touch, (x, y, z), longer_mm)
-        moved = "" if moved_mm is None else f", {moved_mm:+.3f} mm from the run's first touch"
-        return f"{name} mounted: face at machine z {z:.3f} mm, {touch.line()}{moved}"
+        shift = "" if moved_mm is None else f", {moved_mm:+.3f} mm from the run's first touch"
+        return f"{name} mounted: face at machine z {z:.3f} mm, {touch.line()}{shift}"
 
     def identity(self) -> dict[str, Any]:
         return {
@@ -219,9 +219,10 @@ class Tooling:
         feeler = ForceProbe(self.stage, self.force, self.clock, self.guard)
         return ForceTouch(feeler, config).find(parse_indenter(name), config.at_mm)
 
-    def _require_the_same(self, name: str, machine_z_mm: float) -> float | None:
+    def _require_same_face(self, name: str, machine_z_mm: float) -> float | None:
         """How far the face has moved since the run's first touch with it; None: this is it."""
-        first = next((row for row in kept(self.job.folder) if row["indenter"] == name), None)
+        touches = load_touches(self.job.folder)
+        first = next((row for row in touches if row["indenter"] == name), None)
         if first is None:
             return None
         assert self.touch is not None
@@ -246,26 +247,26 @@ class Tooling:
             **touch.as_dict(),
         }
         self._mounted[name] = row
-        rows = [*kept(self.job.folder), row]
+        rows = [*load_touches(self.job.folder), row]
         if self.job.folder.is_dir():
             text = json.dumps({"touches": rows}, indent=1) + "\n"
-            write_whole(self.job.folder / KEPT, text.encode())
+            write_whole(self.job.folder / TOUCH_FILE, text.encode())
 
 
-def kept(folder: Path) -> list[dict[str, Any]]:
+def load_touches(folder: Path) -> list[dict[str, Any]]:
     """Every touch-off of a run in order, none where there was none. Raises InputError."""
-    path = folder / KEPT
+    path = folder / TOUCH_FILE
     if not path.exists():
         return []
-    found = read_json(path)
+    data = read_json(path)
     try:
-        touches = found["touches"]
+        touches = data["touches"]
         return [{**row, "machine_mm": [float(p) for p in row["machine_mm"]]} for row in touches]
-    except (ValueError, KeyError, TypeError) as why:
-        raise InputError(f"{path}: touches: not as a run writes them: {why}") from why
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: touches: not as a run writes them: {error}") from error
 
 
-def raised(frame: StageFrame, by_mm: float) -> StageFrame:
+def raised_frame(frame: StageFrame, by_mm: float) -> StageFrame:
     """The same for a tool that is so much longer: along the machine's z."""
     x, y, z = frame.origin_machine_mm
     return replace(frame, origin_machine_mm=(x, y, z + by_mm))

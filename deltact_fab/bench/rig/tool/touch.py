@@ -21,20 +21,20 @@ from deltact_fab.sensor import EllipsoidTip, Indenter, SphereTip
 from ...protocols.motion import WALL_CLOCK, StageConfig, move_duration_s
 from ..interface import move_to, rise
 from ..tables import TouchConfig
-from .feeler import LOOK_S, MEAN_S, SETTLE_S, TARE_S, ForceProbe
+from .feeler import PROBE_MEAN_S, PROBE_POLL_S, PROBE_SETTLE_S, PROBE_TARE_S, ForceProbe
 
-STRIDE_MM = 0.5
-STEP_MM = 0.01
-OFF_MM = 0.2  # one step back from the face
-OFF_TIMES = 10
-BEYOND_MM = 0.1  # clear of the face before the steps begin
-LOWERING = 4.0  # times the feed of the approach, above the height where it begins
+DESCENT_STRIDE_MM = 0.5
+TOUCH_STEP_MM = 0.01
+BACK_OFF_MM = 0.2  # one step back from the face
+MAX_BACK_OFFS = 10
+STEP_START_MM = 0.1  # clear of the face before the steps begin
+LOWERING_RATIO = 4.0  # times the feed of the approach, above the height where it begins
 TRAVEL_FEED_MM_MIN = 300.0
-NOISES = 5.0  # of the sensor, below the threshold
-ENOUGH = 3  # poses below the face
-MOST = 5.0  # times the threshold: no deeper, however few the poses
-CANDIDATES = 200
-ROUNDS = 4
+MIN_NOISE_RATIO = 5.0  # of the sensor, below the threshold
+MIN_CONTACT_POSES = 3  # poses below the face
+MAX_FORCE_RATIO = 5.0  # times the threshold: no deeper, however few the poses
+CANDIDATE_COUNT = 200
+SEARCH_ROUNDS = 4
 
 
 @dataclass(frozen=True)
@@ -59,9 +59,9 @@ class FaceTouch:
 
     def line(self) -> str:
         """For a person."""
-        felt = "" if self.most_n is None else f", {self.most_n:.2f} N at most"
+        peak = "" if self.most_n is None else f", {self.most_n:.2f} N at most"
         return f"{self.z_mm:+.3f} mm from where it was expected, {self.repeats} touches within " + (
-            f"{self.spread_mm:.3f} mm, by {self.by}{felt}"
+            f"{self.spread_mm:.3f} mm, by {self.by}{peak}"
         )
 
 
@@ -73,19 +73,20 @@ def tool_change_s(stage: StageConfig, touch: TouchConfig | None, park_mm: float)
     if touch is None:
         return 0.0
     feed, high_mm = touch.feed_mm_min, max(park_mm, touch.clear_mm)
-    steps = round((OFF_MM + BEYOND_MM) / STEP_MM) + ENOUGH
+    steps = round((BACK_OFF_MM + STEP_START_MM) / TOUCH_STEP_MM) + MIN_CONTACT_POSES
     moves = (  # how many, how far, how fast
-        ((high_mm - touch.clear_mm) / STRIDE_MM, STRIDE_MM, LOWERING * feed),
-        (touch.clear_mm / STRIDE_MM, STRIDE_MM, feed),
-        (touch.repeats, OFF_MM, TRAVEL_FEED_MM_MIN),
-        (touch.repeats, BEYOND_MM, TRAVEL_FEED_MM_MIN),
-        (touch.repeats * steps, STEP_MM, feed),
+        ((high_mm - touch.clear_mm) / DESCENT_STRIDE_MM, DESCENT_STRIDE_MM, LOWERING_RATIO * feed),
+        (touch.clear_mm / DESCENT_STRIDE_MM, DESCENT_STRIDE_MM, feed),
+        (touch.repeats, BACK_OFF_MM, TRAVEL_FEED_MM_MIN),
+        (touch.repeats, STEP_START_MM, TRAVEL_FEED_MM_MIN),
+        (touch.repeats * steps, TOUCH_STEP_MM, feed),
         (1, high_mm, TRAVEL_FEED_MM_MIN),
     )
     limits = stage.max_feed_mm_min, stage.acceleration_mm_s2
     beyond_s = WALL_CLOCK.move_s
     moving_s = sum(n * (move_duration_s((0, 0, mm), f, *limits) + beyond_s) for n, mm, f in moves)
-    return TARE_S + moving_s + touch.repeats * (steps + 1) * (SETTLE_S + MEAN_S + LOOK_S)
+    rest_s = PROBE_SETTLE_S + PROBE_MEAN_S + PROBE_POLL_S
+    return PROBE_TARE_S + moving_s + touch.repeats * (steps + 1) * rest_s
 
 
 class ForceTouch:
@@ -107,19 +108,19 @@ class ForceTouch:
         feeler = self._feeler
         try:
             noise_n = self._tare((x, y), at_mm, high_mm)
-            found = self._touches(indenter, at_mm)
+            contacts = self._touch_face(indenter, at_mm)
         except StageError:
             raise
-        except BaseException as why:
+        except BaseException as error:
             lifted = self._retreat(high_mm)
-            if isinstance(why, DeltactFabError):
-                raise type(why)(f"touch-off of {indenter.name}: {why}; {lifted}") from why
+            if isinstance(error, DeltactFabError):
+                raise type(error)(f"touch-off of {indenter.name}: {error}; {lifted}") from error
             raise
         finally:
             with suppress(DeltactFabError):  # the first error is the one to tell
                 feeler.release()
         self._go((*at_mm, high_mm))
-        heights = [contact.z_mm for contact in found]
+        heights = [contact.z_mm for contact in contacts]
         spread_mm = max(heights) - min(heights)
         if spread_mm > self._config.spread_mm:
             raise SensorError(
@@ -129,52 +130,54 @@ class ForceTouch:
             )
         return FaceTouch(
             "force", at_mm, round(sum(heights) / len(heights), 4), round(spread_mm, 4),
-            len(heights), round(noise_n, 5), round(max(c.residual_n for c in found), 5),
-            round(feeler.most_n, 3),
+            len(heights), round(noise_n, 5), round(max(c.residual_n for c in contacts), 5),
+            round(feeler.peak_n, 3),
         )  # fmt: skip
 
-    def _tare(self, here: tuple[float, float], at_mm: tuple[float, float], high_mm: float) -> float:
+    def _tare(
+        self, start: tuple[float, float], at_mm: tuple[float, float], high_mm: float
+    ) -> float:
         """Above the point, tare; returns the noise."""
-        self._go((*here, high_mm))
+        self._go((*start, high_mm))
         self._go((*at_mm, high_mm))
         noise_n = self._feeler.tare()
-        if noise_n * NOISES > self._config.force_n:
+        if noise_n * MIN_NOISE_RATIO > self._config.force_n:
             raise SensorError(
                 f"the sensor's noise is {noise_n:.3f} N (one deviation): a contact of "
                 f"touch.force_n = {self._config.force_n:g} N cannot be told from it; at least "
-                f"{noise_n * NOISES:.2g} N, or find out what shakes"
+                f"{noise_n * MIN_NOISE_RATIO:.2g} N, or find out what shakes"
             )
         return noise_n
 
-    def _touches(self, indenter: Indenter, at_mm: tuple[float, float]) -> list[ContactFit]:
+    def _touch_face(self, indenter: Indenter, at_mm: tuple[float, float]) -> list[ContactFit]:
         config = self._config
-        if self._descend(at_mm, config.clear_mm, config.feed_mm_min * LOWERING):
-            self._too_early()
+        if self._descend(at_mm, config.clear_mm, config.feed_mm_min * LOWERING_RATIO):
+            self._raise_too_early()
         if self._descend(at_mm, config.search_mm, config.feed_mm_min):
-            self._too_early()
+            self._raise_too_early()
         if not self._descend(at_mm, -config.search_mm, config.feed_mm_min):
             raise SensorError(
                 f"nothing was met down to {config.search_mm:g} mm below the height expected "
-                f"(touch.search_mm), {self._feeler.most_n:.3f} N at most; is the indenter shorter "
+                f"(touch.search_mm), {self._feeler.peak_n:.3f} N at most; is the indenter shorter "
                 "than [tools] says, or the sensor not there?"
             )
         self._require_a_press()
-        found = []
+        contacts = []
         for _ in range(config.repeats):
             self._back_off()
-            found.append(self._step_down(powers_of(indenter)))
-        return found
+            contacts.append(self._step_down(powers_of(indenter)))
+        return contacts
 
     def _descend(self, at_mm: tuple[float, float], to_mm: float, feed_mm_min: float) -> bool:
         """Down by strides; True as soon as a contact is felt."""
         z = self._stage.position_mm()[2]
         while z > to_mm + 1e-3:
-            z = max(z - STRIDE_MM, to_mm)
+            z = max(z - DESCENT_STRIDE_MM, to_mm)
             if self._feeler.move((*at_mm, z), feed_mm_min, self._config.force_n):
                 return True
         return False
 
-    def _too_early(self) -> None:
+    def _raise_too_early(self) -> None:
         z = self._stage.position_mm()[2]
         raise SensorError(
             f"a force came {z:.2f} mm above the height expected, more than touch.search_mm = "
@@ -194,16 +197,16 @@ class ForceTouch:
 
     def _back_off(self) -> None:
         """Up until nothing is felt, and a little more."""
-        for _ in range(OFF_TIMES):
+        for _ in range(MAX_BACK_OFFS):
             x, y, z = self._stage.position_mm()
-            self._go((x, y, z + OFF_MM))
+            self._go((x, y, z + BACK_OFF_MM))
             if abs(self._feeler.at_rest()[2]) < 0.1 * self._config.force_n:
-                self._go((x, y, z + OFF_MM + BEYOND_MM))
+                self._go((x, y, z + BACK_OFF_MM + STEP_START_MM))
                 return
         force = self._feeler.at_rest()[2]
         raise SensorError(
-            f"the force is still {-force:.3f} N {OFF_TIMES * OFF_MM:g} mm above the contact: the "
-            "sensor drifts, or the gel sticks to the indenter"
+            f"the force is still {-force:.3f} N {MAX_BACK_OFFS * BACK_OFF_MM:g} mm above the "
+            "contact: the sensor drifts, or the gel sticks to the indenter"
         )
 
     def _step_down(self, powers: tuple[float, ...]) -> ContactFit:
@@ -211,24 +214,26 @@ class ForceTouch:
         config = self._config
         heights: list[float] = []
         forces: list[float] = []
-        deeper = 0
+        n_deep = 0
         while True:
             x, y, z = self._stage.position_mm()
             heights.append(z)
             forces.append(-float(self._feeler.at_rest()[2]))
-            deeper += forces[-1] > 0.2 * config.force_n
-            if forces[-1] > config.force_n and (deeper >= ENOUGH or self._much(forces)):
-                return fit(heights, forces, powers)
-            if z - STEP_MM < -config.search_mm - STEP_MM / 2:
+            n_deep += forces[-1] > 0.2 * config.force_n
+            contact = forces[-1] > config.force_n
+            if contact and (n_deep >= MIN_CONTACT_POSES or self._next_step_exceeds_limit(forces)):
+                return fit_contact(heights, forces, powers)
+            if z - TOUCH_STEP_MM < -config.search_mm - TOUCH_STEP_MM / 2:
                 raise SensorError(
                     f"{forces[-1]:.3f} N at the lowest height (touch.search_mm = "
                     f"{config.search_mm:g}), where {config.force_n:g} N was felt before"
                 )
-            self._feeler.move((x, y, z - STEP_MM), config.feed_mm_min, MOST * config.force_n)
+            max_n = MAX_FORCE_RATIO * config.force_n
+            self._feeler.move((x, y, z - TOUCH_STEP_MM), config.feed_mm_min, max_n)
 
-    def _much(self, forces: list[float]) -> bool:
+    def _next_step_exceeds_limit(self, forces: list[float]) -> bool:
         """Another step as stiff as the last would be too much."""
-        return 2 * forces[-1] - forces[-2] > MOST * self._config.force_n
+        return 2 * forces[-1] - forces[-2] > MAX_FORCE_RATIO * self._config.force_n
 
     def _go(self, target_mm: Point) -> None:
         move_to(self._stage, target_mm, TRAVEL_FEED_MM_MIN)
@@ -240,8 +245,8 @@ class ForceTouch:
             guard = self._feeler.guard
             with guard.easing() if guard is not None else nullcontext():
                 rise(self._stage, high_mm, TRAVEL_FEED_MM_MIN)
-        except DeltactFabError as why:
-            return f"the tip could NOT be lifted: {why}"
+        except DeltactFabError as error:
+            return f"the tip could NOT be lifted: {error}"
         return "the tip was lifted"
 
 
@@ -265,7 +270,9 @@ def powers_of(indenter: Indenter) -> tuple[float, ...]:
     return (1.0, 1.25, 1.5)
 
 
-def fit(z_mm: Sequence[float], force_n: Sequence[float], powers: Sequence[float]) -> ContactFit:
+def fit_contact(
+    z_mm: Sequence[float], force_n: Sequence[float], powers: Sequence[float]
+) -> ContactFit:
     """The height from which down the force rises: b + a (z0 - z)^power below z0, b above.
 
     z_mm, force_n: (n,) going down, the first ones clear of the face. a and b follow from z0 by
@@ -273,26 +280,26 @@ def fit(z_mm: Sequence[float], force_n: Sequence[float], powers: Sequence[float]
     the interval above it is known, and its middle is returned.
     """
     z, force = np.asarray(z_mm, float), np.asarray(force_n, float)
-    found = [_fitted(z, force, power) for power in powers]
-    return min(found, key=lambda contact: contact.residual_n)
+    fits = [_fit_power(z, force, power) for power in powers]
+    return min(fits, key=lambda contact: contact.residual_n)
 
 
-def _fitted(z: Field, force: Field, power: float) -> ContactFit:
+def _fit_power(z: Field, force: Field, power: float) -> ContactFit:
     low, high = float(z.min()), float(z.max())
-    best, residual = high, np.inf
-    for _ in range(ROUNDS):
-        candidates = np.linspace(low, high, CANDIDATES)
-        left = _left_n2(z, force, power, candidates)
-        k = int(np.argmin(left))
+    z_mm, residual = high, np.inf
+    for _ in range(SEARCH_ROUNDS):
+        candidates = np.linspace(low, high, CANDIDATE_COUNT)
+        residual_n2 = _residual_n2(z, force, power, candidates)
+        k = int(np.argmin(residual_n2))
         # Over an interval without a pose in it the answer may be the same everywhere.
-        same = np.flatnonzero(left <= left[k] * (1 + 1e-9))
-        best, residual = float(candidates[same].mean()), float(left[k])
+        best = candidates[residual_n2 <= residual_n2[k] * (1 + 1e-9)]
+        z_mm, residual = float(best.mean()), float(residual_n2[k])
         step = candidates[1] - candidates[0]
-        low, high = float(candidates[same[0]] - step), float(candidates[same[-1]] + step)
-    return ContactFit(best, power, float(np.sqrt(residual / len(z))))
+        low, high = float(best[0] - step), float(best[-1] + step)
+    return ContactFit(z_mm, power, float(np.sqrt(residual / len(z))))
 
 
-def _left_n2(z: Field, force: Field, power: float, candidates: Field) -> Field:
+def _residual_n2(z: Field, force: Field, power: float, candidates: Field) -> Field:
     """Sum of squares that is left, for each height (m,) of the face."""
     shape = np.maximum(candidates[:, None] - z, 0.0) ** power  # (m, n)
     shape = shape - shape.mean(axis=1, keepdims=True)
