@@ -1,4 +1,4 @@
-"""What is wrong with a bench, and how to put it right: each device is talked to, nothing moves."""
+"""Faults of a bench and their remedies: each device is queried, nothing moves."""
 
 from __future__ import annotations
 
@@ -22,27 +22,23 @@ from .interface import Camera, ForceSensor, OpenBench, Rig, WallClock
 from .stage.grbl import GrblStage
 from .tables import CameraConfig, ForceConfig, GuardConfig
 
-MIN_IMAGE_RATE_SHARE = 0.95
-"""Of the nominal rate; below, something holds the camera back."""
-MAX_OVEREXPOSED_SHARE = 0.01
-"""Share of an image that may be at the end of its scale."""
-MIN_MEAN_GREY = 16
-SLOW_DEVICE = "a shorter exposure, another fourcc or a faster port would help"
-SLOW_SENDER = "what sends them is slow, or this computer is busy"
+# By hand: stricter limits fail a sound bench, looser ones pass a poor one.
+MIN_IMAGE_RATE_SHARE = 0.95  # of the nominal rate
+MAX_OVEREXPOSED_SHARE = 0.01  # of the pixels, at 255
+MIN_MEAN_GREY = 16  # of 255
+MIN_SAMPLE_RATE_SHARE = 0.98  # of the box's rate
+MAX_REST_SHARE = 0.01  # of the range: mean after the tare, standard deviation at rest
+RANGE_TOLERANCE = 0.02  # relative, box against rig file
+SLOW_DEVICE = "try a shorter exposure, another fourcc or a faster port"
+SLOW_SENDER = "the sender is slow, or this computer is busy"
 AUTO_KEYS = {"exposure": "auto_exposure", "gain": None, "white_balance_k": "auto_white_balance"}
-MIN_SAMPLE_RATE_SHARE = 0.98
-"""Of the rate that the box tells; below, records are lost."""
-MAX_REST_SHARE = 0.01
-"""Of the range, one deviation at rest."""
-RANGE_TOLERANCE = 0.02
-"""Ranges of the box and of the rig file that differ by less are the same."""
 
 
 def check_rig(config: GrblConfig, folder: Path, seconds: float) -> Iterator[Check]:
-    """Look at stage, force sensor, guard, camera and at what a press needs besides.
+    """Check stage, force sensor, guard and camera, and that the rig file allows a press.
 
-    folder: of the rig file. seconds: how long camera and sensor are watched. Raises nothing that a
-    device can cause: that is a row.
+    folder: of the rig file. seconds: how long camera and sensor are watched. A device that fails
+    gives a row, no exception.
     """
     yield from _stage_rows(config)
     if config.force is not None and config.force.reachable:
@@ -66,8 +62,8 @@ def _stage_rows(config: GrblConfig) -> Iterator[Check]:
         stage.close()
     identity = stage.identity()
     if n_settings := len(identity["settings"]):
-        banner = identity["banner"] or "no banner: the board does not restart when opened"
-        text = f"{config.stage.port} answers: {banner}; {n_settings} settings were read"
+        banner = identity["banner"] or "no banner (board did not restart on opening)"
+        text = f"{config.stage.port} answers: {banner}; {n_settings} settings read"
         yield _row("stage", "answer", "pass", text)
     yield from stage.setting_checks
     if refused and not any(row.failed for row in stage.setting_checks):
@@ -76,7 +72,7 @@ def _stage_rows(config: GrblConfig) -> Iterator[Check]:
 
 
 def _press_rows(config: GrblConfig) -> Iterator[Check]:
-    """What a press needs of the rig file; without it a run goes in air only."""
+    """Rows for the keys of the rig file that a press needs; a run in air does without."""
     force, missing = config.force, missing_tables(config)
     if force is not None and force.reachable and "range_n" not in force.model_fields_set:
         missing["range"] = "[force] range_n is not declared: write it from the calibration sheet"
@@ -87,7 +83,7 @@ def _press_rows(config: GrblConfig) -> Iterator[Check]:
     for id, text in missing.items():
         yield _row("presses", id, "fail", text)
     if not missing:
-        yield _row("presses", "rig-file", "pass", "the rig file has all that a press needs")
+        yield _row("presses", "rig-file", "pass", "complete for a press")
 
 
 def _row(device: str, id: str, status: Status, text: str, remedy: str = "") -> Check:
@@ -95,9 +91,9 @@ def _row(device: str, id: str, status: Status, text: str, remedy: str = "") -> C
 
 
 def camera_rows(config: CameraConfig, folder: Path, seconds: float) -> Iterator[Check]:
-    """Open the camera of a rig file, look through it for so long, and judge what comes.
+    """Open the camera of a rig file and check its images for some seconds.
 
-    folder: of the rig file. Raises nothing that a camera can cause: that is a row.
+    folder: of the rig file. A camera that fails gives a row, no exception.
     """
     yield _calibration_row(config, folder)
     try:
@@ -113,8 +109,8 @@ def camera_rows(config: CameraConfig, folder: Path, seconds: float) -> Iterator[
 
 def _calibration_row(config: CameraConfig, folder: Path) -> Check:
     if config.model is None:
-        text = "camera.model: not calibrated, nothing can be tracked"
-        remedy = "`deltact-fab calibrate lens` makes the file"
+        text = "camera.model: not calibrated; images cannot be tracked"
+        remedy = "run `deltact-fab calibrate lens`"
         return _row("camera", "calibration", "warn", text, remedy)
     path = folder / config.model
     try:
@@ -123,13 +119,13 @@ def _calibration_row(config: CameraConfig, folder: Path) -> Check:
         return _row("camera", "calibration", "fail", str(error))
     configured_px = (config.width_px, config.height_px)
     if config.width_px is not None and configured_px != size_px:
-        text = f"camera.model: of images of {size_px[0]} x {size_px[1]} px"
+        text = f"camera.model: for images of {size_px[0]} x {size_px[1]} px"
         return _row("camera", "calibration", "fail", text)
     return _row("camera", "calibration", "pass", f"calibrated: {path}")
 
 
 def _image_rows(camera: Camera, config: CameraConfig, seconds: float) -> Iterator[Check]:
-    """What at least two images tell. The first says nothing of what was lost before it."""
+    """Rows from at least two images; losses are counted from the second one on."""
     camera.begin("probe")
     first_s = camera.capture().t_s
     n = dropped = repeated = 0
@@ -155,28 +151,28 @@ def _image_rows(camera: Camera, config: CameraConfig, seconds: float) -> Iterato
     bright = float(np.mean(image == 255))
     if bright > MAX_OVEREXPOSED_SHARE:
         text = f"{bright:.0%} of the image is over-exposed"
-        yield _row("camera", "light", "fail", text, "less light or a shorter exposure")
+        yield _row("camera", "light", "fail", text, "reduce the light or the exposure")
     elif image.mean() < MIN_MEAN_GREY:
-        remedy = "is the light on, the lens uncovered?"
+        remedy = "check the light and the lens cap"
         yield _row("camera", "light", "fail", "the image is dark", remedy)
 
 
 def _lock_rows(config: CameraConfig, identity: dict[str, Any]) -> Iterator[Check]:
-    """Of a V4L2 device: what it would change by itself."""
+    """Rows for the automatic controls of a V4L2 device."""
     controls: dict[str, Any] = identity.get("controls", {})
     for key, automatic in AUTO_KEYS.items() if controls else ():
         value = controls[key]
         if getattr(config, key) is not None:
             yield _row("camera", key.replace("_", "-"), "pass", f"{key} locked at {value:g}")
         elif value is not None and (automatic is None or controls[automatic] is not None):
-            remedy = f"`{key} = {value:.0f}` keeps what it has"
+            remedy = f"`{key} = {value:.0f}` keeps the present value"
             yield _row("camera", key.replace("_", "-"), "fail", f"camera.{key}: not locked", remedy)
 
 
 def force_rows(config: ForceConfig, guard: GuardConfig | None, seconds: float) -> Iterator[Check]:
-    """Open the sensor, tare it with nothing touching, listen for so long, and judge what it says.
+    """Open the sensor, tare it with nothing touching, and check its samples for some seconds.
 
-    Raises nothing that a sensor can cause: that is a row.
+    A sensor that fails gives a row, no exception.
     """
     try:
         yield from _box_rows(config)
@@ -194,19 +190,19 @@ def force_rows(config: ForceConfig, guard: GuardConfig | None, seconds: float) -
 
 
 def _box_rows(config: ForceConfig) -> Iterator[Check]:
-    """What the box says of itself, against the rig file. Raises SensorError, InputError."""
+    """Compare the box's own settings with the rig file. Raises SensorError, InputError."""
     if config.netft is None:
         return
     s = fetch_settings(config.netft)
     about = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in s.about)
     text = f"{config.netft.host}: transducer {s.serial}, {about}"
     yield _row("force", "transducer", "pass", text)
-    text = f"{s.counts_per_n:g} counts a newton, {s.counts_per_nmm:g} a newton millimetre"
+    text = f"{s.counts_per_n:g} counts/N, {s.counts_per_nmm:g} counts/(N mm)"
     yield _row("force", "counts", "pass", text)
     for key, rated in (("range_n", s.range_n), ("range_nmm", s.range_nmm)):
         declared = getattr(config, key)
         if rated is None:
-            text = f"force.{key}: {declared}, which the box does not tell"
+            text = f"force.{key}: {declared}; the box reports no range"
             yield _row("force", key.replace("_", "-"), "pass", text)
             continue
         right = [round(value, 3) for value in rated]
@@ -215,10 +211,10 @@ def _box_rows(config: ForceConfig) -> Iterator[Check]:
                 "force",
                 key.replace("_", "-"),
                 "pass",
-                f"force.{key} = {right}, as the transducer's",
+                f"force.{key} = {right}, same as the transducer",
             )
         else:
-            wrong = f"force.{key}: {list(declared)}; the transducer's is {right}: write that"
+            wrong = f"force.{key}: {list(declared)}; the transducer has {right}: use that"
             yield _row("force", key.replace("_", "-"), "fail", wrong)
 
 
@@ -236,30 +232,30 @@ def _sample_rows(sensor: ForceSensor, config: ForceConfig, seconds: float) -> It
     slow = config.netft is not None and hz < MIN_SAMPLE_RATE_SHARE * nominal_hz
     of_nominal = f" of {nominal_hz:g}" if config.netft is not None else ""
     n_lost, n_late = sum(part.n_lost for part in parts), sum(part.n_late for part in parts)
-    yield _row("force", "rate", graded(not slow), f"{hz:.0f}{of_nominal} samples a second")
+    yield _row("force", "rate", graded(not slow), f"{hz:.0f}{of_nominal} samples per s")
     text = f"{n_lost} samples lost, {n_late} late"
     yield _row("force", "lost", graded(not n_lost, warns=n_late > 0), text)
     if any(part.saturated.any() for part in parts):
-        text = "saturated with nothing touching: is the tip free?"
+        text = "saturated with nothing touching: check that the tip is free"
         yield _row("force", "saturation", "fail", text)
     ranges = np.array([*config.range_n, *config.range_nmm])
     mean, noise = np.abs(values.mean(axis=0)), values.std(axis=0)
-    text = f"{mean[:3].max():.3f} N and {mean[3:].max():.2f} N mm are left after the tare"
+    text = f"{mean[:3].max():.3f} N and {mean[3:].max():.2f} N mm remain after the tare"
     yield _row("force", "tare", graded(bool((mean <= MAX_REST_SHARE * ranges).all())), text)
     if config.netft is not None and not noise.any():
-        text = "the readings do not change at all: is the transducer plugged in?"
+        text = "readings are constant: check the transducer's plug"
         yield _row("force", "noise", "fail", text)
         return
     quiet = bool((noise <= MAX_REST_SHARE * ranges).all())
-    text = f"noise at rest {noise[:3].max():.4f} N, {noise[3:].max():.3f} N mm (one deviation)"
-    text = text if quiet else f"{text}: does something touch or shake it?"
+    text = f"noise at rest {noise[:3].max():.4f} N, {noise[3:].max():.3f} N mm (1 sigma)"
+    text = text if quiet else f"{text}: check that nothing touches or shakes it"
     yield _row("force", "noise", graded(quiet), text)
 
 
 def ask_devices(bench: OpenBench) -> list[str]:
-    """Ask each device of a bench; returns a line for each: that it answers, and how.
+    """Query each device of a bench and return a line for each.
 
-    The stage is connected, its settings are judged; the camera gives an image, the force sensor
+    The stage is connected and its settings checked; the camera takes an image, the force sensor
     a reading. Raises InputError, StageError, SensorError.
     """
     lines = []

@@ -1,4 +1,4 @@
-"""What a rig file can name on this computer: what is plugged in is found, nothing is opened."""
+"""Serial ports and cameras of this computer, as a rig file names them; nothing is opened."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 SERIAL_BY_ID, SYSFS_VIDEO = Path("/dev/serial/by-id"), Path("/sys/class/video4linux")
 DEV_FOLDER = Path("/dev")
-# Makers of the boards that GRBL runs on, and of their serial chips; others come after them.
+# USB vendor ids of boards that run GRBL and of their serial chips; listed before others.
 BOARD_MAKERS = {
     0x2341: "Arduino", 0x2A03: "Arduino", 0x1A86: "CH340", 0x0403: "FTDI", 0x10C4: "CP210x",
     0x0483: "STM32", 0x16C0: "Teensy", 0x2E8A: "Raspberry Pi Pico", 0x303A: "ESP32",
@@ -16,19 +16,19 @@ BOARD_MAKERS = {
 
 @dataclass(frozen=True)
 class HostDevice:
-    """A device of this computer. name: as a rig file has it; text: what it says it is."""
+    """A device of this computer. name: for a rig file; text: its own description."""
 
     name: str
     text: str = ""
 
 
 def list_devices() -> dict[str, list[HostDevice]]:
-    """Ports and cameras of this computer, each with the name that a rig file has for it."""
+    """List ports and cameras of this computer with their names for a rig file."""
     return {"ports": list_ports(), "cameras": list_cameras()}
 
 
 def list_ports(by_id: Path = SERIAL_BY_ID) -> list[HostDevice]:
-    """USB serial ports, boards of known makers first; by their lasting names where there are."""
+    """List USB serial ports, boards of known makers first, by stable names where possible."""
     from serial.tools.list_ports import comports
 
     stable = _stable_names(by_id)
@@ -44,9 +44,9 @@ def list_ports(by_id: Path = SERIAL_BY_ID) -> list[HostDevice]:
 
 
 def list_cameras(sysfs: Path = SYSFS_VIDEO, dev: Path = DEV_FOLDER) -> list[HostDevice]:
-    """V4L2 cameras in order of their numbers, by their lasting names where there are.
+    """List V4L2 cameras by number, with stable names where possible.
 
-    A camera's first node gives its images; those that follow give metadata.
+    A camera's first node gives images; the others give metadata.
     """
     stable = _stable_names(dev / "v4l" / "by-id")
     cameras = []

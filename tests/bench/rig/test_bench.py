@@ -105,7 +105,7 @@ def test_without_a_force_sensor_or_a_device_asked_for_nothing_is_opened(tmp_path
             with pytest.raises(InputError, match=r"bench\.toml: force: .* needs a force sensor"):
                 run_experiment(RunRequest(protocol, rig, tmp_path / "r"))
         protocol, rig = files(tmp_path, it, '["image", "force"]')
-        with pytest.raises(InputError, match=r"'image' asked for, .* has no \[camera\]"):
+        with pytest.raises(InputError, match=r"'image' needs a camera, .* has no \[camera\]"):
             run_experiment(RunRequest(protocol, rig, tmp_path / "r", air=True))
     assert it.links == []
     assert not (tmp_path / "r").exists()

@@ -150,7 +150,7 @@ def test_a_camera_that_stalls_is_told_in_time() -> None:
     camera.capture()
     started_s = time.monotonic()
     assert (
-        "stalled, no image within 0.5 s; check the command and its camera" in to_the_end(camera)[1]
+        "stalled: no image within 0.5 s; check the command and its camera" in to_the_end(camera)[1]
     )
     assert 0.4 < time.monotonic() - started_s < 5
 
@@ -160,7 +160,7 @@ def test_a_camera_that_shows_one_image_for_ever_hangs() -> None:
     for k in range(1, 100):
         plan += [["wait", 0.01], ["send", k, 0]]
     text = to_the_end(opened(plan))[1]
-    assert "the same image over and over" in text
+    assert "the same image " in text
 
 
 def test_a_first_image_that_does_not_come_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -172,8 +172,8 @@ def test_a_first_image_that_does_not_come_is_told(monkeypatch: pytest.MonkeyPatc
     ("end", "says"),
     [
         ([["say", "hum"], ["say", "no lens"], ["exit", 3]], "ended with status 3; .*: no lens$"),
-        ([["exit", 0]], "ended with status 0; it said nothing on stderr"),
-        ([["say", "zap"], ["abort"]], "ended by signal 9; its last words: zap"),
+        ([["exit", 0]], "ended with status 0; no message on stderr"),
+        ([["say", "zap"], ["abort"]], "ended by signal 9; stderr: zap"),
         ([["write", 100], ["exit", 0]], "ended with status 0"),  # amid an image
         ([["write", 16], ["write", W * H * 3]], "its stamps are .* off this computer's"),
     ],

@@ -120,9 +120,9 @@ def test_what_is_locked_is_read_back(look: Any) -> None:
 
 
 REFUSED: list[tuple[dict[str, Any], str]] = [
-        ({"gain": 30, "V4L2_STEP": 7}, "camera.gain: asked 30, the camera keeps 28; it takes 0 to "
+        ({"gain": 30, "V4L2_STEP": 7}, "camera.gain: asked 30, the camera keeps 28; range 0 to "
          "100 in steps of 7"),
-        ({"exposure": 9000}, "camera.exposure: asked 9000, the camera keeps 5000; it takes 1 to "
+        ({"exposure": 9000}, "camera.exposure: asked 9000, the camera keeps 5000; range 1 to "
          "5000"),
         ({"exposure": 156, "V4L2_KEEP": 1}, "camera.exposure: the camera keeps its automatic on"),
         ({"gain": 3, "autofocus": False, "V4L2_BARE": 1}, "camera.gain: asked 3, the camera has no "
@@ -144,8 +144,8 @@ def test_a_setting_that_was_not_taken_is_refused(look: Any) -> None:
 
 
 FAILS = [
-    ({"V4L2_STALL": 5}, 5, "stalled, no image within 0.5 s; check its cable and power"),
-    ({"V4L2_SAME": 5}, 6, "the same image over and over"),
+    ({"V4L2_STALL": 5}, 5, "stalled: no image within 0.5 s; check its cable and power"),
+    ({"V4L2_SAME": 5}, 6, "the same image "),
     ({"V4L2_GONE": 5}, 5, "is gone: No such device; check its cable"),
     ({"V4L2_SHORT": 5}, 5, "stalled"),  # nothing that can be decoded
 ]

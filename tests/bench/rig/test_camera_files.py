@@ -44,9 +44,9 @@ def test_what_is_no_camera_is_one_line(tmp_path: Path) -> None:
 
     with pytest.raises(ValueError, match=r"source: 'film\.mpg' is no camera"):
         CameraConfig(source="film.mpg")
-    assert "/dev/video63: no camera that can be opened" in refusal(source=63)
-    assert "/dev/no-camera: no camera" in refusal(source="/dev/no-camera")
-    assert "no stream of images" in refusal(source="http://127.0.0.1:9/video")
+    assert "/dev/video63: cannot be opened" in refusal(source=63)
+    assert "/dev/no-camera: cannot be opened" in refusal(source="/dev/no-camera")
+    assert "no image stream" in refusal(source="http://127.0.0.1:9/video")
 
 
 class Mjpeg(http.server.BaseHTTPRequestHandler):
@@ -81,7 +81,7 @@ def test_a_network_camera_is_read_until_it_is_gone(network_camera: str, tmp_path
     camera = open_camera(CameraConfig(source=network_camera), tmp_path, WallClock())
     taken, why = to_the_end(camera)
     identity = camera.identity()
-    assert "gives no more images; check its address" in why
+    assert "stream ended; check its address" in why
     assert taken[0].image.shape == (H, W, 3)
     assert np.all(np.diff([f.t_s for f in taken]) > 0)
     assert (identity["kind"], identity["stamped_by"]) == ("url", "arrival")
@@ -107,7 +107,7 @@ def test_a_camera_file_gives_the_view_the_size_and_the_light(tmp_path: Path) -> 
     assert load_view(config(model="pinhole.toml"), sensor, rig) == Pinhole(0.1, W, H, 12.85)
     assert load_view(config(), sensor, rig) is None
     assert "not calibrated" in next(view_notes(None, None)).text
-    with pytest.raises(InputError, match=r"1280 x 720 px, and .*lens\.toml is of .* 64 x 48 px"):
+    with pytest.raises(InputError, match=r"1280 x 720 px, and .*lens\.toml is for .* 64 x 48 px"):
         load_view(config(model="lens.toml", width_px=1280, height_px=720), sensor, rig)
     with pytest.raises(InputError, match=r"camera\.model: .*none\.toml: no such file"):
         load_view(config(model="none.toml"), sensor, rig)
@@ -140,7 +140,7 @@ def test_what_is_wrong_with_a_camera_is_said_and_how_to_put_it_right(tmp_path: P
     assert "of 200; what sends them is slow" in lines("k", rate_hz=200.0)[False]
     assert "over-exposed" in lines("k[:99] + b'\\xff' * (len(k) - 99)")[False]
     assert "the image is dark" in lines("k[:99] + bytes(len(k) - 99)")[False]
-    assert "the same image over and over" in lines("bytes(len(k))")[False]
+    assert "the same image " in lines("bytes(len(k))")[False]
     absent = list(camera_rows(CameraConfig(source=63, model="none.toml"), tmp_path, 0.5))
     assert [f.status for f in absent] == ["fail", "fail"]
 
@@ -166,7 +166,7 @@ def test_photographs_are_exposed_when_they_are_asked_for(tmp_path: Path) -> None
     assert files == [out / "contact" / "1.png", out / "contact" / "2.png"]
     first, second = (cv2.imread(str(file))[0, 0, 0] for file in files)
     assert int(second) - int(first) >= 3
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="exists already"):
         take_photograph(config, tmp_path, out, 1)
 
 

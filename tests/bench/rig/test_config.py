@@ -59,11 +59,11 @@ def test_each_kind_has_its_own_tables(tmp_path: Path) -> None:
         ),
         (
             'kind = "grbl"' + STAGE + 'port = "p"\n[camera]\nsource = "rtsp://a"\ngain = 1',
-            r"camera: gain: only of a V4L2 device, and the source is rtsp://a",
+            r"camera: gain: only for a V4L2 device, and the source is rtsp://a",
         ),
         (
             'kind = "grbl"' + STAGE + 'port = "p"\n[camera]\ncommand = ["cat"]',
-            r"camera: width_px, height_px: missing; a command does not tell its size",
+            r"camera: width_px, height_px: missing; a command needs them",
         ),
         ('kind = "virtual"' + STAGE + CAMERA, r"camera\.model: .* \[virtual\.lens\] .* a pinhole"),
         ('kind = "virtual"' + STAGE + "[camera]\n" + LENS, r"camera\.model: missing key"),

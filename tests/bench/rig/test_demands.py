@@ -73,13 +73,13 @@ def test_each_thing_that_is_missing_is_named(tmp_path: Path) -> None:
     ):
         assert words in refused(tmp_path, rig)
     text = refused(tmp_path, STAGE + FORCE + TOUCH, channels="")
-    assert 'records the force that its guard watches: add "force"' in text
+    assert 'must record the force: add "force"' in text
 
 
 def test_what_nobody_can_change_is_refused_unattended(tmp_path: Path) -> None:
     two = '"sphere:10", "star"'
     text = refused(tmp_path, STAGE + FORCE + TOUCH, two, unattended=True)
-    assert "--unattended: 'poses' holds 2 indenters, and nobody is there" in text
+    assert "--unattended: 'poses' has 2 indenters, and nobody is there" in text
 
 
 @pytest.mark.slow
@@ -96,7 +96,7 @@ def test_protocol_check_has_rows_for_it(tmp_path: Path) -> None:
     assert basis.startswith('[tools."star"] length_mm is not declared')
     alone = CliRunner().invoke(main, [*words, "--unattended"])
     assert "FAIL  contact" in alone.output
-    assert "holds 2 indenters" in alone.output
+    assert "has 2 indenters" in alone.output
     assert alone.exit_code == 1
 
 
@@ -127,8 +127,8 @@ def test_only_a_real_rig_with_a_force_sensor_is_registered(tmp_path: Path) -> No
     bench, out = tmp_path / "bench.toml", tmp_path / "reg.toml"
     bench.write_text(STAGE)
     for rig, more, words in (
-        ("virtual", [], "only a real rig is registered"),
-        (str(bench), [], "no way to a force sensor"),
+        ("virtual", [], "only a real rig can be registered"),
+        (str(bench), [], "no force sensor"),
         (str(bench), ["--at", "1;2"], "'--at': '1;2': two numbers"),
     ):
         done = CliRunner().invoke(main, ["rig", "register", rig, "-o", str(out), *more])

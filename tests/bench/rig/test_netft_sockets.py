@@ -188,7 +188,7 @@ def test_a_box_out_of_reach_disabled_or_another_one_is_named(
             fetch_settings(way(box))
         box.page["comrdte"] = "Enabled"
         box.page["scfgfu"] = "furlong"
-        with pytest.raises(SensorError, match="scfgfu: unit 'furlong' is not known"):
+        with pytest.raises(SensorError, match="scfgfu: unknown unit 'furlong'"):
             fetch_settings(way(box))
         box.page["scfgfu"] = "N"
         monkeypatch.setenv("http_proxy", "http://127.0.0.1:9")

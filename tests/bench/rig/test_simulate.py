@@ -35,7 +35,7 @@ def test_check_finds_nothing_to_put_right(bench: Path) -> None:
     done = called("rig", "check", str(bench), "--seconds", "0.5", cwd=bench.parent)
     wrong = [line for line in done.stdout.splitlines() if line.startswith("FAIL")]
     # The program that draws the images shares two cores with other tests.
-    assert [line for line in wrong if "images a second" not in line] == []
+    assert [line for line in wrong if "images per s" not in line] == []
     assert done.returncode == bool(wrong)
     assert "transducer simulated" in done.stdout
 

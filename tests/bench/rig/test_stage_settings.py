@@ -67,8 +67,8 @@ def connected(
         ({21: 0}, r"\$21=0 \(hard limits are off.*\); set \$21=1"),
         ({22: 0, 20: 1}, r"\$22=0 \(homing is off\); set \$22=1"),
         ({22: 9}, r"\$22=9 \(homing sets 0 where it ends.*\); set \$22=1 "),
-        ({23: 4}, r"\$23=4 \(axes that home at their negative end: Z\).* set \$23=0"),
-        ({3: 1}, r"\$3=1 \(axes turned round: X\), and the rig file says 0 \(none\).* set \$3=0"),
+        ({23: 4}, r"\$23=4 \(axes homing at the negative end: Z\).* set \$23=0"),
+        ({3: 1}, r"\$3=1 \(reversed axes: X\), and the rig file says 0 \(none\).* set \$3=0"),
         ({27: 0}, r"\$27=0 mm; not > 0"),
         ({27: 2}, r"\$27=2 mm, and \[stage\] pull_off_mm is 1: .*set \$27=1, or pull_off_mm = 2"),
         ({32: 1}, r"\$32=1 \(laser or lathe mode\); set \$32=0"),
@@ -96,7 +96,7 @@ def test_a_board_that_would_move_unhomed() -> None:
     said = ["[OPT:V,15,128]", "[FIRMWARE:grblHAL]"]
     (row,) = check_settings({**SETTINGS, 1: 255, 22: 1}, said, None)
     assert (row.id, row.status) == ("stage.lock", "fail")
-    assert str(row.value).startswith("$22=1 (not locked at its start")
+    assert str(row.value).startswith("$22=1 (not locked at start")
     assert "set $22=5" in row.value
     assert not check_settings({**SETTINGS, 1: 255, 22: 5}, said, None)
 

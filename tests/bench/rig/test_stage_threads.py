@@ -163,7 +163,7 @@ def test_many_threads_ask_while_one_drives_and_none_hears_another_s_answer() -> 
 def test_the_second_of_two_hosts_refuses() -> None:
     with homed() as (it, stage):
         sent = len(it.heard)
-        with pytest.raises(StageError, match="another program drives this stage; end it first"):
+        with pytest.raises(StageError, match="another program uses this stage; end it first"):
             GrblStage(it.port, WallClock(), StageFrame((0.0, 0.0, 0.0))).connect()
         assert len(it.heard) == sent  # it wrote nothing
         assert stage.homed

@@ -86,7 +86,7 @@ def test_nothing_there_is_never_sought_beyond_the_range() -> None:
 
 def test_a_force_above_the_range_is_too_early() -> None:
     it = bench("sphere:10", longer_mm=4.0)
-    assert "above the height expected, more than touch.search_mm = 3" in fails(it)
+    assert "above the expected height, more than touch.search_mm = 3" in fails(it)
     assert it.face.deepest_mm < 0.4
 
 

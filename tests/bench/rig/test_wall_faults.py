@@ -134,7 +134,7 @@ def test_a_guard_that_trips_while_homing_moves_nothing_any_more(
 
 def test_where_nothing_pushes_it_homes_and_the_sensor_rests(tmp_path: Path) -> None:
     with wall_bench(tmp_path, camera=False) as bench:
-        assert "operator's word" in bench.home()
+        assert "operator stated" in bench.home()
         assert bench.devices.stage.homed
         force = bench.devices.force
         assert force is not None

@@ -116,7 +116,7 @@ def test_one_process_from_its_start_to_its_end(bench: Bench) -> None:
         watchdog.read()
 
     watchdog._process.kill()
-    with pytest.raises(SensorError, match="the process that guards the force died"):
+    with pytest.raises(SensorError, match="the guard process died"):
         read_on(watchdog)
     watchdog.close()
 

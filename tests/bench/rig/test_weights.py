@@ -121,12 +121,12 @@ def test_it_asks_tares_waits_and_records(weigh: Weigh, tmp_path: Path) -> None:
     hand = Hand()
     notes = weigh(protocol(), hand)
     assert hand.asked[:4] == [
-        "take sphere:15; Enter when it is at hand",
-        "take everything off the face, next is (0, 0) mm; Enter when nothing touches it",
-        "lay 100 g on sphere:15 at (0, 0) mm; Enter when it rests",
-        "lay 50 g on sphere:15 at (0, 0) mm; Enter when it rests",
+        "take sphere:15; press Enter when ready",
+        "clear the face, next is (0, 0) mm; press Enter when nothing touches it",
+        "place 100 g on sphere:15 at (0, 0) mm; press Enter when it rests",
+        "place 50 g on sphere:15 at (0, 0) mm; press Enter when it rests",
     ]
-    assert "the normal force is known to 0.001 N" in notes[0]
+    assert "uncertainty 0.001 N normal" in notes[0]
     run = open_run(tmp_path / "r")
     frames = run.frames("sphere-15/p2")
     assert frames["fz_n"].tolist() == pytest.approx([0, -0.980665, -0.4903325, 0], abs=1e-6)
@@ -139,7 +139,7 @@ def test_it_asks_tares_waits_and_records(weigh: Weigh, tmp_path: Path) -> None:
 
 
 def test_it_is_taken_up_where_it_was_left(weigh: Weigh, tmp_path: Path) -> None:
-    with pytest.raises(Stopped, match="sphere-15/p2/m1/press; complete places are kept"):
+    with pytest.raises(Stopped, match="sphere-15/p2/m1/press; complete presses are kept"):
         weigh(protocol(), Hand(stops_after=6))
     again = Hand()
     weigh(protocol(), again)

@@ -112,7 +112,7 @@ def test_lost_datagrams_are_counted_and_too_many_are_an_error() -> None:
     clock.sleep_s(0.1)
     for _ in range(60):
         box.receive(0.0)
-    with pytest.raises(SensorError, match="60 samples in a row were lost"):
+    with pytest.raises(SensorError, match="60 samples lost in a row"):
         sensor.read()
 
 

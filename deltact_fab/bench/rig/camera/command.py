@@ -1,4 +1,4 @@
-"""Images from a program's standard output, as of the camera port of a Jetson."""
+"""Images from a program's standard output, as for the camera port of a Jetson."""
 
 from __future__ import annotations
 
@@ -21,16 +21,15 @@ from deltact_fab.common import InputError, SensorError
 from ..interface import Clock
 from .stream import FeedImage
 
-STAMP_HEADER = struct.Struct("<qII")  # monotonic nanoseconds, number, nothing
-PIPE_BYTES = 1 << 20
-"""As much as Linux lets a process have: the fewer reads an image."""
-STDERR_TAIL_BYTES = 4096
-TERMINATE_S = 2.0
-"""A program that is told to end and does not within this is killed."""
+STAMP_HEADER = struct.Struct("<qII")  # monotonic nanoseconds, number, unused
+# By hand: a small pipe costs reads per image, a long tail memory, a long wait delays `close`.
+PIPE_BYTES = 1 << 20  # largest that Linux allows an ordinary process
+STDERR_TAIL_BYTES = 4096  # kept for the error message
+TERMINATE_S = 2.0  # from SIGTERM to SIGKILL
 
 
 class CommandFeed:
-    """Implements Feed: a child process in a group of its own, and its images read whole."""
+    """Implements Feed: a child process in its own group, read image by image."""
 
     check = "the command and its camera"
 
@@ -42,7 +41,7 @@ class CommandFeed:
         folder: Path,
         stamped: bool = False,
     ) -> None:
-        """folder: in which it runs. Raises InputError for a program that cannot be started."""
+        """folder: working directory. Raises InputError for a program that cannot be started."""
         self.name = command[0]
         self.stamps = "sender" if stamped else "arrival"
         self._command = list(command)
@@ -75,7 +74,7 @@ class CommandFeed:
         self._new_buffer()
 
     def next(self, timeout_s: float) -> FeedImage | None:
-        """As Feed; what has come of an image is kept for the next call."""
+        """Return the next image, see Feed; a partial image is kept for the next call."""
         until_s = time.monotonic() + timeout_s
         while self._unfilled:
             left_s = until_s - time.monotonic()
@@ -94,7 +93,7 @@ class CommandFeed:
         return {"kind": "command", "command": self._command}
 
     def close(self) -> None:
-        """End the child and all that it started; again does nothing."""
+        """End the child and its children; idempotent."""
         if self._out.closed:
             return
         if self._child.poll() is None:
@@ -106,12 +105,12 @@ class CommandFeed:
         self._err.close()
 
     def _new_buffer(self) -> None:
-        """Room for the next image, which is its own: nobody else writes to it later."""
+        """Allocate the buffer of the next image; it is never reused."""
         self._bytes = np.empty(self._header_bytes + int(np.prod(self._shape)), np.uint8)
         self._unfilled = self._bytes.data
 
     def _read_output(self, timeout_s: float) -> None:
-        """Read what has come. Raises SensorError at the end."""
+        """Read available output. Raises SensorError at its end."""
         for fd, _ in self._poll.poll(timeout_s * 1e3):
             if fd == self._err.fileno():
                 text = self._err.read(STDERR_TAIL_BYTES)
@@ -125,7 +124,7 @@ class CommandFeed:
             self._unfilled = self._unfilled[n:]
 
     def _end_reason(self) -> str:
-        """Why there are no more images."""
+        """Message for the end of the output."""
         status = self._exit_status(TERMINATE_S)
         if status is None:
             ending = "closed its output"
@@ -135,11 +134,11 @@ class CommandFeed:
         self._stderr_tail += self._err.read() or b""
         lines = self._stderr_tail.decode(errors="replace").split("\n")
         messages = [line.strip() for line in lines if line.strip()]
-        last = f"; its last words: {messages[-1]}" if messages else "; it said nothing on stderr"
+        last = f"; stderr: {messages[-1]}" if messages else "; no message on stderr"
         return f"camera {self.name}: the command {ending}{last}"
 
     def _exit_status(self, timeout_s: float) -> int | None:
-        """How the child ended, -n by signal n; None while it runs."""
+        """Return the exit status of the child, -n for signal n; None while it runs."""
         with suppress(subprocess.TimeoutExpired):
             return self._child.wait(timeout_s)
         return None
@@ -150,6 +149,6 @@ class CommandFeed:
 
 
 def _enlarge_pipe(fd: int) -> None:
-    """Ask for a larger pipe; a smaller one serves too."""
+    """Enlarge the pipe if possible."""
     with suppress(OSError, AttributeError):  # Linux alone can
         fcntl.fcntl(fd, fcntl.F_SETPIPE_SZ, PIPE_BYTES)

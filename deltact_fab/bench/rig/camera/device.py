@@ -1,6 +1,6 @@
 """Images of a V4L2 device, with the driver's numbers and stamps; settings locked and read back.
 
-The automatic of a setting is switched off before it is set, or the driver refuses it.
+Automatic control of a setting is switched off before it is set, or the driver refuses it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Bytes = NDArray[np.uint8]
 
 
 def _raw_decoder(channels: int, conversion: int | None) -> Callable[[Bytes, int, int, int], Image]:
-    """How lines of line_bytes bytes become an image (h, w, 3) BGR."""
+    """Return a decoder of raw lines of line_bytes bytes to an image (h, w, 3) BGR."""
 
     def decode(data: Bytes, w: int, h: int, line_bytes: int) -> Image:
         lines = data[: h * line_bytes].reshape(h, line_bytes)[:, : w * channels]
@@ -44,7 +44,7 @@ def _decode_jpeg(data: Bytes, w: int, h: int, line_bytes: int) -> Image:
     return np.asarray(image, np.uint8)
 
 
-# In the order in which they are tried where the rig file names none: without losses first.
+# In the order of trial where the rig file names none: lossless formats first.
 PIXEL_DECODERS = {
     "BGR3": _raw_decoder(3, None),
     "RGB3": _raw_decoder(3, cv2.COLOR_RGB2BGR),
@@ -57,7 +57,7 @@ PIXEL_DECODERS = {
 
 
 class DeviceFeed:
-    """Implements Feed: a V4L2 device, set up as the rig file has it."""
+    """Implements Feed: a V4L2 device, set up by the rig file."""
 
     check = "its cable and power, and that nothing else uses it"
     stamps = "driver"
@@ -69,9 +69,9 @@ class DeviceFeed:
         try:
             self._device = V4l2Device(self.name)
         except OSError as error:
-            hint = "; who uses it belongs to the group 'video'" if error.errno == EACCES else ""
+            hint = "; add the user to the group 'video'" if error.errno == EACCES else ""
             raise InputError(
-                f"camera.source: {self.name}: no camera that can be opened: {error.strerror}{hint}"
+                f"camera.source: {self.name}: cannot be opened: {error.strerror}{hint}"
             ) from error
         try:
             self._set_up(config)
@@ -85,10 +85,10 @@ class DeviceFeed:
             raise
 
     def _set_up(self, config: CameraConfig) -> None:
-        """Coding and size, the rate that goes with them, then the settings."""
+        """Set pixel format and size, then the rate, then the controls."""
         device = self._device
         if not device.gives_images():
-            raise InputError(f"camera.source: {self.name}: gives no images; name another node")
+            raise InputError(f"camera.source: {self.name}: gives no images; use another node")
         asked_px = None
         if config.width_px is not None and config.height_px is not None:
             asked_px = (config.width_px, config.height_px)
@@ -99,16 +99,16 @@ class DeviceFeed:
         if config.fourcc not in (None, fourcc) or fourcc not in PIXEL_DECODERS:
             raise InputError(
                 f"camera.fourcc: asked {config.fourcc or 'any of ' + ', '.join(PIXEL_DECODERS)}, "
-                f"the camera keeps {fourcc}; `v4l2-ctl --list-formats-ext` names its codings"
+                f"the camera keeps {fourcc}; `v4l2-ctl --list-formats-ext` lists its formats"
             )
         if asked_px not in (None, size_px):
             raise InputError(
                 f"camera.width_px: asked {config.width_px} x {config.height_px}, the camera keeps "
-                f"{size_px[0]} x {size_px[1]} px; `v4l2-ctl --list-formats-ext` names its sizes"
+                f"{size_px[0]} x {size_px[1]} px; `v4l2-ctl --list-formats-ext` lists its sizes"
             )
         self.rate_hz = device.set_rate(config.rate_hz)
         if config.rate_hz is not None and not _is_near(self.rate_hz, config.rate_hz):
-            keeps = "its own, remove the key" if self.rate_hz is None else f"{self.rate_hz:g}"
+            keeps = "a fixed rate; remove the key" if self.rate_hz is None else f"{self.rate_hz:g}"
             raise InputError(
                 f"camera.rate_hz: asked {config.rate_hz:g}, the camera keeps {keeps} at this size "
                 f"in {fourcc}; MJPG is often faster than YUYV"
@@ -118,13 +118,13 @@ class DeviceFeed:
         device.start()
 
     def next(self, timeout_s: float) -> FeedImage | None:
-        """As Feed. A damaged image is left out; the numbers tell that it is missing."""
+        """Return the next image, see Feed; a damaged one is skipped and its number is missing."""
         try:
             with self._device.next_buffer(timeout_s) as buffer:
                 return None if buffer is None or buffer.damaged else self._decoded_image(buffer)
         except OSError as error:
             raise SensorError(
-                f"camera {self.name}: is gone: {error.strerror}; check {self.check}"
+                f"camera {self.name}: disconnected: {error.strerror}; check {self.check}"
             ) from error
 
     def _decoded_image(self, buffer: FilledBuffer) -> FeedImage | None:
@@ -151,7 +151,7 @@ def _is_near(actual: float | None, nominal: float) -> bool:
     return actual is not None and abs(actual - nominal) <= 0.01 * nominal
 
 
-# include/uapi/linux/v4l2-controls.h
+# include/uapi/linux/v4l2-controls.h (V4L2)
 MANUAL_EXPOSURE = 1  # V4L2_EXPOSURE_MANUAL
 CONTROL_IDS = {
     "auto_exposure": 0x009A_0901,  # V4L2_CID_EXPOSURE_AUTO
@@ -167,13 +167,13 @@ AUTOMATIC_SWITCHES = {
     "gain": ("auto_gain", 0),
     "white_balance_k": ("auto_white_balance", 0),
 }
-"""What has to be switched off, and by which value."""
+"""Automatic control of each setting, and its value for off."""
 
 
 def apply_locks(device: V4l2Device, config: CameraConfig) -> dict[str, int | None]:
-    """Lock all that the rig file asks for; then what the device has of each, None for nothing.
+    """Apply the settings of the rig file; return the device's values, None for a missing control.
 
-    Raises InputError, one line, for all that it keeps otherwise.
+    Raises InputError, one line, for settings that the device did not accept.
     """
     requested = {key: getattr(config, key) for key in ("exposure", "gain", "white_balance_k")}
     requested["autofocus"] = None if config.autofocus is None else int(config.autofocus)
@@ -188,14 +188,14 @@ def apply_locks(device: V4l2Device, config: CameraConfig) -> dict[str, int | Non
         holder = None if automatic is None else settings[automatic]
         if value is None or (setting is not None and setting.value == value):
             if value is not None and holder is not None and holder.value != off_value:
-                refused.append(f"camera.{key}: the camera keeps its automatic on")
+                refused.append(f"camera.{key}: automatic control stays on")
         elif setting is None:
-            refused.append(f"camera.{key}: asked {value}, the camera has no such setting")
+            refused.append(f"camera.{key}: asked {value}, the camera has no such control")
         else:
             steps = f" in steps of {setting.step}" if setting.step > 1 else ""
             refused.append(
-                f"camera.{key}: asked {value}, the camera keeps {setting.value}; it takes "
-                f"{setting.minimum} to {setting.maximum}{steps}"
+                f"camera.{key}: asked {value}, the camera keeps {setting.value}; "
+                f"range {setting.minimum} to {setting.maximum}{steps}"
             )
     if refused:
         raise InputError("; ".join(refused))
@@ -203,7 +203,7 @@ def apply_locks(device: V4l2Device, config: CameraConfig) -> dict[str, int | Non
 
 
 def _request_value(device: V4l2Device, key: str, value: int) -> None:
-    """Whether it was taken is read back afterwards."""
+    """Set a value without checking; the caller reads it back."""
     automatic, off_value = AUTOMATIC_SWITCHES.get(key, (None, 0))
     if automatic is not None:
         with suppress(OSError):

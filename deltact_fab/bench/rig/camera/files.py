@@ -1,4 +1,4 @@
-"""Images from the disk, of which every one counts, and those that come from an address."""
+"""Images from files, none of which is dropped, and from a network address."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from ...record.images import decode
 from ..interface import Clock
 from .stream import FeedImage
 
-DEFAULT_RATE_HZ = 30.0
-"""Of images that come without times."""
+# By hand: longer limits report a dead source later, shorter ones lose a slow one.
+DEFAULT_RATE_HZ = 30.0  # of images without times
 URL_OPEN_MS = 10_000
 URL_READ_MS = 2_000
 FOLDER_POLL_S = 0.05
-TIFF_STEADY_S = 0.5  # so long a TIFF must not grow: nothing in it says where it ends
+TIFF_STEADY_S = 0.5  # without growth a TIFF, which has no end mark, is complete
 
 
 class ImageFolder:
-    """The images of a folder in order of their names, numbers by size."""
+    """The images of a folder in natural order of their names."""
 
     SUFFIXES: ClassVar = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
     kind = "folder"
@@ -50,26 +50,26 @@ class ImageFolder:
             yield self._decode(file, data)
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """Do nothing: no file is held open."""
 
     @staticmethod
     def _decode(file: Path, data: bytes) -> Image:
         image = decode(data, file.name)
         if image is None:
-            raise RunFailed(f"{file}: does not decode as an image")
+            raise RunFailed(f"{file}: cannot be decoded as an image")
         return image
 
 
 def _natural_key(path: Path) -> list[tuple[int, str]]:
-    """What paths are sorted by: their names, numbers in them by size."""
+    """Sort key of a path: its name, with numbers compared by value."""
     return [(int(p), "") if p.isdigit() else (-1, p) for p in re.split(r"(\d+)", path.name)]
 
 
 class FollowedFolder(ImageFolder):
-    """Every image of a folder once it is whole, those that wait in the order of their numbers.
+    """The images of a folder that is being written, each once it is complete, in natural order.
 
-    One that is not whole is waited for, and so are those that follow it. It ends when no byte came
-    for silence_s.
+    An incomplete image is waited for before those that follow it. Ends when no byte came for
+    silence_s.
     """
 
     def __init__(self, folder: Path, silence_s: float) -> None:
@@ -77,14 +77,14 @@ class FollowedFolder(ImageFolder):
         self._folder, self._silence_s = folder, silence_s
 
     def read(self) -> Generator[Image, None, None]:
-        """As ImageFolder. Raises RunFailed, also for an image that never becomes whole."""
+        """Yield images, see ImageFolder. Raises RunFailed, also for one that stays incomplete."""
         processed, size, grown_s = set[str](), 0, time.monotonic()
         while True:
             incomplete = None
             for file in self._new_files(processed):
                 try:
                     data = file.read_bytes()
-                except FileNotFoundError:  # it has another name now: this was not its own
+                except FileNotFoundError:  # renamed meanwhile: a temporary name
                     continue
                 if len(data) != size:
                     size, grown_s = len(data), time.monotonic()
@@ -98,7 +98,7 @@ class FollowedFolder(ImageFolder):
                 if incomplete is None:
                     return
                 raise RunFailed(
-                    f"{incomplete}: not a whole image, and nothing came for {self._silence_s:g} s"
+                    f"{incomplete}: incomplete image, and no data for {self._silence_s:g} s"
                 )
             time.sleep(FOLDER_POLL_S)
 
@@ -112,7 +112,7 @@ class FollowedFolder(ImageFolder):
 
 
 def _is_complete(file: Path, data: bytes, steady_s: float) -> bool:
-    """Whether a file is written to its end, which its format tells. steady_s: it did not grow."""
+    """True if a file has the end mark of its format. steady_s: time since it last grew."""
     kind = file.suffix.lower()
     if kind == ".png":
         return data.endswith(b"IEND\xaeB`\x82")
@@ -129,7 +129,7 @@ class Video:
     kind = "video"
 
     def __init__(self, file: Path) -> None:
-        """Raises InputError for a file that is no video."""
+        """Raises InputError for a file that is not a video."""
         self.name = str(file)
         self._capture = open_quietly(str(file))
         if not self._capture.isOpened():
@@ -145,20 +145,20 @@ class Video:
             yield np.asarray(image, np.uint8)
             count += 1
         if count == 0:
-            raise RunFailed(f"{self.name}: holds no image")
+            raise RunFailed(f"{self.name}: contains no image")
 
     def close(self) -> None:
         self._capture.release()
 
 
 ImageSource = ImageFolder | Video
-"""Images of one size, one after another."""
+"""A sequence of images of one size."""
 
 
 def open_images(path: Path, silence_s: float | None = None) -> ImageSource:
     """Open a folder of images or a video. Raises InputError, one line.
 
-    silence_s: a folder that is still written into is followed, until no byte came for so long.
+    silence_s: follow a folder that is being written, until no byte came for so long.
     """
     if silence_s is not None:
         return FollowedFolder(path, silence_s)
@@ -178,18 +178,17 @@ class UrlFeed:
         self.name = url
         self._clock = clock
         options = [
-            cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, URL_OPEN_MS,
-            cv2.CAP_PROP_READ_TIMEOUT_MSEC, URL_READ_MS,
+            cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, URL_OPEN_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, URL_READ_MS
         ]  # fmt: skip
         self._capture = open_quietly(url, cv2.CAP_FFMPEG, options)
         if not self._capture.isOpened():
-            raise InputError(f"camera.source: {url}: no stream of images; check {self.check}")
+            raise InputError(f"camera.source: {url}: no image stream; check {self.check}")
         self.rate_hz = self._capture.get(cv2.CAP_PROP_FPS) or None
 
     def next(self, timeout_s: float) -> FeedImage | None:
-        """As Feed, but that it waits for READ_MS at most."""
+        """Return the next image, see Feed; waits up to URL_READ_MS."""
         if not self._capture.grab():
-            raise SensorError(f"camera {self.name}: gives no more images; check {self.check}")
+            raise SensorError(f"camera {self.name}: stream ended; check {self.check}")
         t_s = self._clock.now_s()
         ok, image = self._capture.retrieve()
         if not ok:
@@ -206,8 +205,8 @@ class UrlFeed:
 def open_quietly(
     name: int | str, backend: int = cv2.CAP_ANY, options: Sequence[int] = ()
 ) -> cv2.VideoCapture:
-    """What OpenCV makes of a name, without its own words on stderr where that is nothing."""
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # and FFmpeg's
+    """Open a video or stream with OpenCV, without its messages on stderr."""
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # FFmpeg's messages
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:

@@ -1,8 +1,7 @@
 """A V4L2 device by the kernel's own calls (include/uapi/linux/videodev2.h), on 64 bits.
 
-OpenCV opens such a device too, and keeps to itself what a record needs: the number that the driver
-gives an image, whether its stamp is of the monotonic clock, that it is damaged, and what range a
-setting has.
+OpenCV opens such a device too, but hides data that a record needs: the driver's number of an
+image, the clock of its stamp, the error flag, and the range of a control.
 """
 
 from __future__ import annotations
@@ -14,12 +13,11 @@ import os
 import select
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from ctypes import c_int32 as int32
-from ctypes import c_uint32 as uint32
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+uint32, int32 = ctypes.c_uint32, ctypes.c_int32
 BUF_CAPTURE = 1  # V4L2_BUF_TYPE_VIDEO_CAPTURE
 MEMORY_MMAP = 1  # V4L2_MEMORY_MMAP
 CAP_CAPTURE = 0x0000_0001  # V4L2_CAP_VIDEO_CAPTURE
@@ -28,7 +26,7 @@ BUF_FLAG_ERROR = 0x0000_0040  # V4L2_BUF_FLAG_ERROR
 TIMESTAMP_MASK = 0x0000_E000  # V4L2_BUF_FLAG_TIMESTAMP_MASK
 TIMESTAMP_MONOTONIC = 0x0000_2000  # V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC
 CTRL_DISABLED = 0x0001  # V4L2_CTRL_FLAG_DISABLED
-BUFFER_COUNT = 4
+BUFFER_COUNT = 4  # by hand: more ride out a late host, and cost memory
 
 
 class _Capability(ctypes.Structure):
@@ -86,7 +84,7 @@ class _Range(ctypes.Structure):
 
 
 def _code(number: int, kind: type, direction: int = 3) -> int:
-    """_IOC of asm-generic/ioctl.h; direction: 1 write, 2 read."""
+    """Request code, _IOC of asm-generic/ioctl.h; direction: 1 write, 2 read."""
     return direction << 30 | ctypes.sizeof(kind) << 16 | ord("V") << 8 | number
 
 
@@ -102,7 +100,7 @@ VIDIOC_QUERYCTRL = _code(36, _Range)
 
 @dataclass(frozen=True)
 class ControlSetting:
-    """A control's value and what it may be."""
+    """A control's value and range."""
 
     value: int
     minimum: int
@@ -112,17 +110,17 @@ class ControlSetting:
 
 @dataclass(frozen=True)
 class FilledBuffer:
-    """A buffer that the driver has filled; what it holds is valid until it is given back."""
+    """A buffer filled by the driver; its data are valid until it is given back."""
 
     data: memoryview
     number: int
     t_s: float | None
-    """Of the kernel's monotonic clock; None where the driver stamps by another."""
+    """Time of the kernel's monotonic clock; None if the driver stamps by another."""
     damaged: bool
 
 
 class V4l2Device:
-    """An open device. Every method raises OSError as the kernel refuses."""
+    """An open device. Every method raises OSError from the kernel."""
 
     def __init__(self, path: str) -> None:
         self._fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -131,27 +129,27 @@ class V4l2Device:
         self._poll.register(self._fd, select.POLLIN)
 
     def gives_images(self) -> bool:
-        """Whether it gives images: metadata, outputs and codecs are nodes too."""
+        """True for a node that gives images; others are for metadata, output or codecs."""
         caps = self._ioctl(VIDIOC_QUERYCAP, _Capability())
         return bool((caps.node if caps.device & CAP_DEVICE_CAPS else caps.device) & CAP_CAPTURE)
 
     def set_format(
         self, fourcc: str | None = None, size_px: tuple[int, int] | None = None
     ) -> tuple[str, tuple[int, int], int]:
-        """Ask for coding and size; what the device takes of them, and the bytes of a line."""
+        """Request pixel format and size; return the accepted ones, and the bytes per line."""
         wanted_format = self._ioctl(VIDIOC_G_FMT, _Format(BUF_CAPTURE))
         pixels = wanted_format.fmt.pixels
         if fourcc is not None:
             pixels.code = int.from_bytes(fourcc.encode("ascii"), "little")
         if size_px is not None:
             pixels.width, pixels.height = size_px
-        pixels.field = pixels.line_bytes = pixels.image_bytes = 0  # the driver's to say
+        pixels.field = pixels.line_bytes = pixels.image_bytes = 0  # set by the driver
         pixels = self._ioctl(VIDIOC_S_FMT, wanted_format).fmt.pixels
         letters = pixels.code.to_bytes(4, "little").decode("ascii", errors="replace")
         return letters, (pixels.width, pixels.height), pixels.line_bytes
 
     def set_rate(self, nominal_hz: float | None = None) -> float | None:
-        """Ask for a rate; the one that the device takes, None where it has no say in it."""
+        """Request a rate; return the accepted one, None if the device has no rate control."""
         rate = _Rate(BUF_CAPTURE)
         try:
             if nominal_hz is not None:
@@ -164,7 +162,7 @@ class V4l2Device:
         return rate.denominator / rate.numerator if rate.numerator else None
 
     def setting(self, control: int) -> ControlSetting | None:
-        """A control as it is; None where the device has not got it."""
+        """Return a control's present state; None if the device lacks it."""
         try:
             limits = self._ioctl(VIDIOC_QUERYCTRL, _Range(control))
             if limits.flags & CTRL_DISABLED:
@@ -175,11 +173,11 @@ class V4l2Device:
         return ControlSetting(value, limits.minimum, limits.maximum, limits.step)
 
     def set(self, control: int, value: int) -> None:
-        """Ask for a value, which the driver may round."""
+        """Request a value; the driver may round it."""
         self._ioctl(VIDIOC_S_CTRL, _Control(control, value))
 
     def start(self) -> None:
-        """Map the buffers, give them to the driver and let images come."""
+        """Map the buffers, queue them and start the stream."""
         request = self._ioctl(VIDIOC_REQBUFS, _Request(BUFFER_COUNT, BUF_CAPTURE, MEMORY_MMAP))
         for k in range(request.count):
             buffer = self._ioctl(VIDIOC_QUERYBUF, _Buffer(k, BUF_CAPTURE, memory=MEMORY_MMAP))
@@ -194,7 +192,7 @@ class V4l2Device:
 
     @contextmanager
     def next_buffer(self, timeout_s: float) -> Iterator[FilledBuffer | None]:
-        """The next buffer, None when none is filled in time; it is given back afterwards."""
+        """Yield the next filled buffer, None at the timeout; it is given back afterwards."""
         if not self._poll.poll(timeout_s * 1e3):
             yield None
             return
@@ -209,7 +207,7 @@ class V4l2Device:
     def close(self) -> None:
         if self._fd >= 0:
             fd, self._fd = self._fd, -1
-            with suppress(OSError):  # it may be gone
+            with suppress(OSError):  # disconnected
                 fcntl.ioctl(fd, VIDIOC_STREAMOFF, bytes(int32(BUF_CAPTURE)))
             for mapped in self._maps:
                 mapped.close()

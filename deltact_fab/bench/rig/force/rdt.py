@@ -1,5 +1,5 @@
-"""The way to a Net F/T box on the network: RDT records over UDP, each stamped by the kernel as it
-comes, so that a computer that was late is not taken for a box that was."""
+"""Connection to a Net F/T box: RDT records over UDP, stamped by the kernel on arrival, so that a
+late host is not mistaken for a late box."""
 
 from __future__ import annotations
 
@@ -23,28 +23,29 @@ from .netft import DatagramArrivals, NetFTSensor, NetFTSettings
 
 RDT_HEADER, CMD_START, CMD_STOP, CMD_BIAS = 0x1234, 2, 0, 0x42  # ATI 9610-05-1022, table 9.1
 RDT_RECORD = struct.Struct(">IIIiiiiii")  # number of the record, of the cycle, status word, counts
+# By hand (no real box was at hand): longer limits report a dead box later.
 FIRST_RECORD_S = 1.0  # from the start of a stream to its first record
-BIAS_DELAY_S = 0.02  # from the command to bias to the first record that is less by it
-START_RECORDS = 10  # records that are heard before a start is over
-BIAS_SHARE = 0.01  # of the range may be left after a bias
-BIAS_ATTEMPTS = 3  # attempts
-DEFAULT_RANGE_N, DEFAULT_RANGE_NMM = 25.0, 250.0  # ranges of a transducer that does not tell
-RECEIVE_BUFFER_BYTES = 1 << 22
-MAX_RECORDS = 1000  # records that are taken at once: the guard looks in between
-# Of Linux; the same numbers on x86 and ARM, and in what comes with a record.
-SO_TIMESTAMPNS, SO_RXQ_OVFL = 35, 40  # SO_TIMESTAMPNS, SO_RXQ_OVFL
-TIMESPEC_FORMAT, OVERFLOW_FORMAT = struct.Struct("@ll"), struct.Struct("@I")
+BIAS_DELAY_S = 0.02  # from the bias command to the first biased record
+START_RECORDS = 10  # read before a start is complete; decision 0031
+BIAS_SHARE = 0.01  # of the range may remain after a bias
+BIAS_ATTEMPTS = 3
+DEFAULT_RANGE_N, DEFAULT_RANGE_NMM = 25.0, 250.0  # if the box reports none: a Nano17 SI-25-0.25
+RECEIVE_BUFFER_BYTES = 1 << 22  # in the kernel, for a late host
+MAX_RECORDS = 1000  # per read, so that the guard can check in between
 MAX_PAGE_BYTES = 1 << 18
 PAGE_TIMEOUT_S = 3.0
-# Newtons in a unit of force, newton millimetres in a unit of torque, as the box writes them.
+# Definition in Linux's asm-generic/socket.h, also the type of the ancillary data.
+SO_TIMESTAMPNS, SO_RXQ_OVFL = 35, 40
+TIMESPEC_FORMAT, OVERFLOW_FORMAT = struct.Struct("@ll"), struct.Struct("@I")
+# N and N mm per unit in the box's spelling; pounds and kilograms force by definition.
 NEWTONS_PER_UNIT = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "klbf": 4448.2216152605}
 NMM_PER_UNIT = {"Nmm": 1.0, "Nm": 1e3, "kNm": 1e6, "kgcm": 98.0665, "kgfcm": 98.0665}
 
 
 class RdtLink:
-    """Implements rig.force.netft.BoxLink. Stamps are CLOCK_MONOTONIC, as of `WallClock`.
+    """Implements rig.force.netft.BoxLink. Stamps are CLOCK_MONOTONIC, like `WallClock`.
 
-    Where the kernel stamps nothing (not Linux) a record has the time at which it was read.
+    Without kernel stamps (not Linux) a record has the time at which it was read.
     """
 
     def __init__(self, config: NetFTConfig, settings: NetFTSettings) -> None:
@@ -56,7 +57,7 @@ class RdtLink:
         self._max_residual = BIAS_SHARE * np.array(ranges) * per_unit
         self._bias_due = False
         self._socket: socket.socket | None = None
-        self._first_records = np.empty(0, NetFTSensor.RECORD)  # heard at the start, not given yet
+        self._first_records = np.empty(0, NetFTSensor.RECORD)  # read by `start`, not returned yet
         self._dropped = 0  # by the kernel, since the start
         self._losses: dict[str, int] = {}
 
@@ -64,11 +65,11 @@ class RdtLink:
         return self._settings
 
     def bias(self) -> None:
-        """Bias on the box, which hears it while it streams only: with the next start."""
+        """Bias at the next start: the box accepts it only while it streams."""
         self._bias_due = True
 
     def start(self) -> None:
-        """Start the stream, hear its first records, and bias where that is due."""
+        """Start the stream, read its first records, and bias if due."""
         self._restart()
         attempts = BIAS_ATTEMPTS
         while self._bias_due:
@@ -85,7 +86,7 @@ class RdtLink:
                 )
 
     def stop(self) -> None:
-        """Stop the stream and close its socket: what is under way comes to nobody."""
+        """Stop the stream and close its socket; datagrams in transit are lost."""
         if self._socket is not None:
             with suppress(SensorError):
                 self._send(CMD_STOP)
@@ -93,12 +94,12 @@ class RdtLink:
         self._socket = None
 
     def receive(self, timeout_s: float) -> DatagramArrivals:
-        """All that came; of a stream that is faster than this host, MOST of it."""
+        """Return received records, at most MAX_RECORDS, so that a slow host returns too."""
         if len(self._first_records):
             came, self._first_records = self._first_records, self._first_records[:0]
             return came
         if self._socket is None:
-            raise SensorError(f"{self._label}: the stream has ended: it was not started")
+            raise SensorError(f"{self._label}: the stream was not started")
         select([self._socket], [], [], timeout_s)
         since_ns = time.monotonic_ns() - time.time_ns()
         rows: list[tuple[int, int, int, tuple[int, ...]]] = []
@@ -115,7 +116,7 @@ class RdtLink:
         self.stop()
 
     def _restart(self) -> None:
-        """The first record may be slow to come: the earliest of some tells when they were taken."""
+        """Start anew; several records, as the earliest arrival fixes the times."""
         self.stop()
         self._first_records, self._dropped, self._losses = np.empty(0, NetFTSensor.RECORD), 0, {}
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -136,13 +137,13 @@ class RdtLink:
                 self.stop()
                 raise SensorError(
                     f"{self._label}: no record within {FIRST_RECORD_S:g} s of the start; check "
-                    "[force.netft] rdt_port, and that no fire wall holds UDP back"
+                    "[force.netft] rdt_port, and that no firewall blocks UDP"
                 )
             parts.append(self.receive(left_s))
         self._first_records = np.concatenate(parts)
 
     def _bias_residual(self) -> str:
-        """What is still felt after a bias, "" within bounds: a command may be lost unanswered."""
+        """Text of the mean load after a bias, "" within bounds: the command may be lost."""
         residual = np.abs(self._first_records["counts"].mean(axis=0))
         if (residual <= self._max_residual).all():
             return ""
@@ -151,7 +152,7 @@ class RdtLink:
         return f"{force_n:.2f} N, {max(residual[3:]) / s.counts_per_nmm:.1f} N mm"
 
     def _receive(self, rows: list[tuple[int, int, int, tuple[int, ...]]], since_ns: int) -> None:
-        """One datagram. since_ns: of the monotonic clock less the kernel's."""
+        """Append one datagram to rows. since_ns: monotonic clock minus the kernel's."""
         assert self._socket is not None
         try:
             data, about, _, _ = self._socket.recvmsg(RDT_RECORD.size + 1, 128)
@@ -190,9 +191,9 @@ NMM_PER_UNIT |= {"lbfin": 112.9848290276167, "lbfft": 1355.8179483314004}
 
 
 def fetch_settings(config: NetFTConfig) -> NetFTSettings:
-    """Read the page of a box. Raises SensorError: out of reach, no such page, unknown units."""
+    """Read the settings page of a box. Raises SensorError: unreachable, no page, unknown units."""
     url = f"http://{config.host}:{config.http_port}/netftapi2.xml"
-    # A box on the bench is never behind the institute's proxy.
+    # The box is in the local network: no proxy.
     opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
     try:
         with opener.open(url, timeout=PAGE_TIMEOUT_S) as answer:
@@ -208,18 +209,18 @@ def fetch_settings(config: NetFTConfig) -> NetFTSettings:
     if config.serial is not None and page.serial != config.serial:
         raise InputError(
             f"{url}: the transducer has serial number {page.serial!r}, and the rig file "
-            f"[force.netft] serial = {config.serial!r}: another sensor, or another calibration is "
-            "active in the box"
+            f"[force.netft] serial = {config.serial!r}: wrong sensor, or wrong active calibration "
+            "in the box"
         )
     return page
 
 
 def parse_settings(text: bytes, url: str) -> NetFTSettings:
-    """Read the page. Raises SensorError naming the element that cannot be used."""
+    """Parse the settings page. Raises SensorError naming the invalid element."""
     try:
         root = ET.fromstring(text)
     except ET.ParseError as error:
-        raise SensorError(f"{url}: not the page of a Net F/T box: {error}") from error
+        raise SensorError(f"{url}: not the settings page of a Net F/T box: {error}") from error
 
     def word(name: str) -> str:
         return (root.findtext(f".//{name}") or "").strip()
@@ -234,11 +235,11 @@ def parse_settings(text: bytes, url: str) -> NetFTSettings:
         return value
 
     def scale(name: str, factors: dict[str, float]) -> float:
-        # Spelled N-mm or Nmm, kg-cm or kgf-cm by firmware.
+        # The spelling depends on the firmware: N-mm or Nmm, kg-cm or kgf-cm.
         unit = word(name).replace("-", "").replace("lbin", "lbfin").replace("lbft", "lbfft")
         if unit not in factors:
             raise SensorError(
-                f"{url}: {name}: unit {word(name)!r} is not known, so the counts mean nothing; "
+                f"{url}: {name}: unknown unit {word(name)!r}; "
                 "set N and N-mm on the box's configurations page"
             )
         return factors[unit]

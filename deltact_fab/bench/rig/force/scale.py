@@ -1,7 +1,7 @@
 """A scale or load cell that writes lines of numbers to a serial port, for a lab without a Nano17.
 
-One line is one sample; what its numbers are is declared in `[force.serial]`. Its samples are
-stamped when they arrive, so they are late by what the scale and its adapter take.
+One line is one sample; `[force.serial]` declares its columns. Samples are stamped on arrival, so
+they are late by the delay of the scale and its adapter.
 """
 
 from __future__ import annotations
@@ -21,22 +21,23 @@ from .netft import NoteCounts
 
 NUMBER_PATTERN = re.compile(rb"[-+]?[ \t]*(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 FORCE_AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
-FORCE_UNITS_N = {"N": 1.0, "mN": 1e-3, "g": 9.80665e-3, "kg": 9.80665}
-TORQUE_UNITS_NMM = {"Nmm": 1.0, "Nm": 1e3}
-SCALE_COUNTS_PER_N, SCALE_COUNTS_PER_NMM = 1e6, 1e5  # finer than any scale writes
-MAX_COUNT = 2**31 - 1  # of a count
+FORCE_UNITS_N = {"N": 1.0, "mN": 1e-3, "g": 9.80665e-3, "kg": 9.80665}  # definition: 9.80665 m/s2
+TORQUE_UNITS_NMM = {"Nmm": 1.0, "Nm": 1e3}  # definition
+# By hand: longer times delay a press, shorter ones lose a slow scale or its resolution.
+SCALE_COUNTS_PER_N, SCALE_COUNTS_PER_NMM = 1e6, 1e5  # finer than any scale
+MAX_COUNT = 2**31 - 1  # of the record's int32
 FIRST_LINE_S = 3.0  # an Arduino restarts when its port is opened
 SCALE_TARE_S = 0.3
-MIN_TARE_SAMPLES = 3  # samples
-MAX_LINE_BYTES = 1024  # bytes of a line
+MIN_TARE_SAMPLES = 3
+MAX_LINE_BYTES = 1024
 
 
 class SerialScale:
     """Implements rig.interface.ForceSensor. The port is open from the start.
 
-    What a scale does not measure is zero in its samples; `identity` names what it does. A value
-    beyond the range of the rig file is flagged as saturated. Raises SensorError where the port
-    cannot be opened.
+    Axes that the scale does not measure are zero; `identity` names its columns. A value beyond
+    the range of the rig file is flagged as saturated. Raises SensorError if the port cannot be
+    opened.
     """
 
     def __init__(self, config: ForceConfig, clock: Clock) -> None:
@@ -54,7 +55,7 @@ class SerialScale:
         self._columns = [(k, FORCE_AXES.index(name)) for k, name in columns if name != "-"]
         self._tare = np.zeros(6)
         self._partial = b""
-        self._skip_line = True  # what is left of the line that was under way
+        self._skip_line = True  # rest of a line that had begun before
         self._last_ns = 0
         self._since: tuple[int, int] = (0, 0)  # first stamp of the stream, samples since
         self._period_ns = 0.0
@@ -72,7 +73,7 @@ class SerialScale:
         self._has_sent = False
 
     def begin(self, stream: str) -> None:
-        """Start, and take the mean of what it says with nothing touching for zero."""
+        """Start, and take the mean of the unloaded readings as zero."""
         self._tare = np.zeros(6)
         self.start()
         parts = [self.read()]
@@ -84,11 +85,11 @@ class SerialScale:
             parts.append(self.read())
         counts = np.concatenate([part.counts for part in parts])
         if any(part.saturated.any() for part in parts):
-            raise SensorError(f"{self._config.port}: the scale is over its range with no load")
+            raise SensorError(f"{self._config.port}: the scale is over its range without load")
         self._tare = np.asarray(counts.mean(axis=0) / self._per_unit)
 
     def start(self) -> None:
-        """Forget what was written so far; ask for lines where the scale has to be asked."""
+        """Discard received data; send the request of a scale that needs one."""
         self._port_io(self._port.reset_input_buffer)
         self._partial, self._skip_line = b"", True
         self._since, self._period_ns = (0, 0), 0.0
@@ -96,9 +97,9 @@ class SerialScale:
             self._port_io(lambda: self._port.write(ask.encode("ascii")))
 
     def read(self) -> ForceSamples:
-        """All samples since the last read, at least one; waits for the next to come.
+        """Return samples since the last read, at least one; waits for the next.
 
-        Raises SensorError when no line of numbers comes within `silent_s`, or the port is gone.
+        Raises SensorError when no line of numbers comes within `silent_s`, or the port is lost.
         """
         table = self._config
         limit_s = table.silent_s if self._has_sent else max(FIRST_LINE_S, table.silent_s)
@@ -113,14 +114,14 @@ class SerialScale:
             if now_ns >= deadline_ns:
                 self.tally.add("silence", 1)
                 garbage = self.tally.total["garbage"]
-                hint = f"; {garbage} lines were something else" if garbage else ""
+                hint = f"; {garbage} other lines" if garbage else ""
                 raise SensorError(
                     f"{table.port}: no line of {len(table.columns)} numbers within {limit_s:g} s"
                     f"{hint}; check the cable, [force.serial] baud and columns"
                 )
 
     def stop(self) -> None:
-        """What it goes on to write is dropped at the next start."""
+        """Do nothing: the next start discards lines received until then."""
 
     def identity(self) -> dict[str, Any]:
         table = self._config
@@ -140,14 +141,14 @@ class SerialScale:
             self._port.close()
 
     def _port_io(self, operation: Any) -> Any:
-        """Do it; a port that is gone is the sensor's error."""
+        """Run a port operation; a lost port raises SensorError."""
         try:
             return operation()
         except (OSError, TypeError) as error:  # pyserial reads from no descriptor once it is closed
-            raise SensorError(f"{self._config.port}: the scale's port is gone: {error}") from error
+            raise SensorError(f"{self._config.port}: lost the scale's port: {error}") from error
 
     def _rows(self, data: bytes) -> list[list[float]]:
-        """Values of the lines that are whole now, a row of six each."""
+        """Return rows of six values from the lines that are complete."""
         *lines, self._partial = re.split(rb"[\r\n]+", self._partial + data)
         if len(self._partial) > MAX_LINE_BYTES:
             self.tally.add("garbage", 1)
@@ -173,7 +174,7 @@ class SerialScale:
         values = rows * self._units
         saturated = np.asarray((np.abs(values) > self._limits).any(axis=1))
         counts = np.clip(np.rint((values - self._tare) * self._per_unit), -MAX_COUNT, MAX_COUNT)
-        # Lines that came in one piece were written one after the other.
+        # Lines received together were written one period apart.
         back = np.arange(len(rows) - 1, -1, -1) * self._period_ns
         t_ns = np.maximum(now_ns - np.rint(back).astype(np.int64), self._last_ns + 1)
         t_ns = np.maximum.accumulate(t_ns - np.arange(len(rows))) + np.arange(len(rows))

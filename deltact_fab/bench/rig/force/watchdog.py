@@ -1,9 +1,9 @@
 """The force sensor and its guard in a process of their own.
 
-An interpreter lock that is shared with encoders costs the guard tens of milliseconds. Here samples
-come in and the stop byte goes out of one process that does nothing else; the program asks it for
-what was measured. It holds the stage's port open beside the program, for opening it anew would
-restart an Arduino. When the program dies, it stops the stage.
+Sharing the interpreter lock with encoders costs the guard tens of milliseconds. This process only
+reads samples and writes the stop byte; the program asks it for the samples. It shares the open
+port of the stage, since opening it again would restart an Arduino. If the program dies, it stops
+the stage.
 """
 
 from __future__ import annotations
@@ -32,18 +32,19 @@ from .guard import ForceGuard, GuardLimits, Trip
 from .netft import SENSOR_SILENT_S, NetFTSensor
 from .rdt import RdtLink, fetch_settings
 
+# By hand: longer limits report a hung process later, smaller counts lose or delay samples.
 GUARD_ANSWER_S = 10.0
 GUARD_END_S = 2.0
-MAX_BATCHES = 10_000  # batches that nobody has asked for
-MAX_ANSWER_SAMPLES = 1000  # samples in an answer, at least: more than one batch only up to so many
-REALTIME_PRIORITY = 10  # of 1 to 99: over every ordinary thread, under those of the system
-NICE_LEVEL = -10
+MAX_BATCHES = 10_000  # kept unread; then the oldest is dropped
+MAX_ANSWER_SAMPLES = 1000  # per answer, unless one batch has more
+REALTIME_PRIORITY = 10  # SCHED_FIFO, of 1 to 99: over ordinary threads, below the system's
+NICE_LEVEL = -10  # decision 0031
 
 
 def raise_priority() -> str:
-    """Put this process first, as far as the system lets this user; "" where it does not.
+    """Raise the priority of this process; return how, "" if not permitted.
 
-    On Linux, with the right to (`ulimit -r`, `ulimit -e`, or root).
+    Needs Linux and the right (`ulimit -r`, `ulimit -e`, or root).
     """
     with suppress(OSError, AttributeError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REALTIME_PRIORITY))
@@ -55,9 +56,9 @@ def raise_priority() -> str:
 
 
 def open_force(config: ForceConfig, clock: Clock) -> ForceSensor:
-    """The sensor, reached and not streaming yet.
+    """Connect to the sensor, without starting its stream.
 
-    Raises InputError where the table names no way to it, SensorError where it cannot be reached,
+    Raises InputError if the table names no connection, SensorError if it cannot be reached,
     MissingLibrary.
     """
     if config.netft is not None:
@@ -68,7 +69,7 @@ def open_force(config: ForceConfig, clock: Clock) -> ForceSensor:
 
         return SerialScale(config, clock)
     raise InputError(
-        "force: no way to the sensor; add [force.netft] with its host, or [force.serial] with its "
+        "force: no connection given; add [force.netft] with its host, or [force.serial] with its "
         "port, to the rig file"
     )
 
@@ -77,7 +78,7 @@ def open_force(config: ForceConfig, clock: Clock) -> ForceSensor:
 
 
 class Watchdog:
-    """Implements rig.interface.ForceSensor, and Guard: what it has to do is done in the process.
+    """Implements rig.interface.ForceSensor and Guard through the guard process.
 
     Raises as `open_force`.
     """
@@ -90,13 +91,13 @@ class Watchdog:
                 command,
                 pass_fds=[child_end.fileno()],
                 stdin=subprocess.DEVNULL,
-                start_new_session=True,  # Ctrl-C is the program's affair
+                start_new_session=True,  # Ctrl-C is handled by the program
             )
-        self._ports = parent_end  # file descriptors go where messages go
+        self._ports = parent_end  # for file descriptors; same socket as the messages
         self._line = Connection(os.dup(parent_end.fileno()))
         self._lock = threading.RLock()
         self.trip: Trip | None = None
-        """Of the guard, as of the last answer."""
+        """Trip of the guard at the last answer."""
         try:
             self._request("open", config, limits)
         except BaseException:
@@ -104,7 +105,7 @@ class Watchdog:
             raise
 
     def hold(self, port: int | None, stop: bytes) -> None:
-        """Write the stop byte to that descriptor from now on; None: let go of it."""
+        """Write the stop byte to that descriptor from now on; None: release it."""
         with suppress(SensorError):
             self._request("hold", stop, port is not None, port=port)
 
@@ -122,7 +123,7 @@ class Watchdog:
         self._request("stop")
 
     def identity(self) -> dict[str, Any]:
-        """As ForceSensor, and how the system favours the process."""
+        """Return the sensor's identity, and the priority of the guard process."""
         about: dict[str, Any] = self._request("identity")
         return about
 
@@ -145,13 +146,13 @@ class Watchdog:
         return self.trip.reason if self.trip is not None else ""
 
     def watch(self, samples: ForceSamples) -> None:
-        """It has seen them."""
+        """No-op: the guard process checks every sample."""
 
     def on_sensor_lost(self, reason: str) -> None:
-        """It knows."""
+        """No-op: the guard process detects a lost sensor itself."""
 
     def pop_notes(self) -> tuple[Note, ...]:
-        """What it has to say comes with the samples."""
+        """Return nothing: notes come with ForceSamples.notes."""
         return ()
 
     def rearm(self) -> None:
@@ -159,7 +160,7 @@ class Watchdog:
 
     @contextmanager
     def easing(self) -> Iterator[None]:
-        """As Guard; a dead one does not leave the tip in the gel."""
+        """Raise the limits for a lift, see Guard; a dead process does not prevent the lift."""
         with suppress(SensorError):
             self._request("ease", True)
         try:
@@ -169,25 +170,25 @@ class Watchdog:
                 self._request("ease", False)
 
     def _request(self, request: str, *args: Any, port: int | None = None) -> Any:
-        """Its answer. Raises what came of it there, and SensorError where the process is gone."""
+        """Send a request and return the answer. Raises its error, or SensorError if it died."""
         with self._lock:
             try:
                 self._line.send((request, args))
                 if port is not None:
                     socket.send_fds(self._ports, [b"p"], [port])
                 if not self._line.poll(GUARD_ANSWER_S):
-                    self._process.kill()  # a late answer would be taken for the next one's
+                    self._process.kill()  # a late answer would be taken for the next one
                     raise SensorError(f"force sensor: no answer within {GUARD_ANSWER_S:g} s")
                 answer, self.trip = self._line.recv()
             except (EOFError, OSError) as error:
-                raise SensorError("force sensor: the process that guards the force died") from error
+                raise SensorError("force sensor: the guard process died") from error
         if isinstance(answer, BaseException):
             raise answer
         return answer
 
 
 def open_guarded(config: ForceConfig, guard: GuardConfig | None, stage: Stage) -> Watchdog:
-    """The sensor of a rig file, and in one with it the guard that stops the stage.
+    """Open the sensor of a rig file together with the guard that stops the stage.
 
     Raises as `open_force`, and InputError for a limit that the sensor cannot measure.
     """
@@ -200,7 +201,7 @@ def open_guarded(config: ForceConfig, guard: GuardConfig | None, stage: Stage) -
 
 
 class _StopLine:
-    """The port of the stage, to write the stop byte to."""
+    """Descriptor of the stage's port, and the stop byte."""
 
     port: int | None = None
     stop = b""
@@ -217,13 +218,13 @@ class _StopLine:
 
 
 class _Server:
-    """Reads the sensor, watches, and answers what it is asked."""
+    """Guard process: reads the sensor, guards, and answers requests."""
 
     _force: ForceSensor
     _guard: ForceGuard | None = None
 
     def __init__(self, channel: socket.socket, priority: str) -> None:
-        """first: how the system favours this process."""
+        """priority: text of the process's priority."""
         self._ports, self._priority = channel, priority
         self._line = Connection(os.dup(channel.fileno()))
         self._clock = WallClock()
@@ -232,10 +233,10 @@ class _Server:
         self._streaming = False
         self._batches: list[ForceSamples] = []
         self._error: SensorError | None = None
-        self._read_pending = False  # for samples, and none were there
+        self._read_pending = False  # a read waits for samples
 
     def run(self) -> None:
-        """Until the program closes it; whatever else ends it stops the stage."""
+        """Serve until the program closes it; any other end stops the stage."""
         closed = False
         try:
             while not closed:
@@ -253,7 +254,7 @@ class _Server:
                     self._answer(partial(getattr(self, f"do_{request}"), *args))
                     if closed:
                         break
-        except (EOFError, OSError):  # the program is gone
+        except (EOFError, OSError):  # the program died
             pass
         finally:
             if not closed:
@@ -315,9 +316,9 @@ class _Server:
         del self._batches[:-MAX_BATCHES]
 
     def _take_samples(self) -> ForceSamples:
-        """What was measured since the last time, or why nothing was."""
+        """Return queued samples; raise the sensor's error if there are none."""
         if not self._batches:
-            raise self._error or SensorError("force sensor: it was not started")
+            raise self._error or SensorError("force sensor: not started")
         n, length = 0, 0
         waiting = self._batches
         while n < len(waiting) and (not n or length + len(waiting[n].t_ns) <= MAX_ANSWER_SAMPLES):

@@ -1,6 +1,6 @@
-"""Threads and signals of a run: one stream stepped over and over by a thread that does what it is
-asked in between; the guard armed by one where there is no run; the signals that end a run, the
-first in good order, the second at once."""
+"""Threads and signals of a run: a thread that steps one stream and runs requests in between; such a
+thread as force guard outside of a run; and signals, of which the first ends a run in good order and
+the second at once."""
 
 from __future__ import annotations
 
@@ -21,12 +21,13 @@ from .streams import ForceStream
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _LAST_WORDS = (
-    b"deltact-fab: stopped at once by a second signal: the controller was reset and its position "
-    b"is lost; the tip may be in the gel\n"
+    b"deltact-fab: stopped at once by a second signal: the controller was reset, its position is "
+    b"lost, and the tip may be in the gel\n"
 )
 _SHOW_CURSOR = b"\x1b[?25h\n"  # a progress bar hides it
 SENSOR_LOOP_NAME = "force sensor"
-LOOP_ANSWER_S = 10.0
+# By hand: longer limits report a hung thread later.
+LOOP_ANSWER_S = 10.0  # long enough to reopen a camera or tare
 LOOP_END_S = 5.0
 
 
@@ -34,10 +35,10 @@ LOOP_END_S = 5.0
 def interruptible(abort: Callable[[], None]) -> Iterator[None]:
     """Ctrl-C, SIGTERM and SIGHUP raise KeyboardInterrupt; the second calls `abort` and exits.
 
-    abort: called in the signal handler, amid whatever goes on; it may write to the stage and no
-    more. After it the process ends with one line and exit code 130, and nothing is cleaned up: what
-    must not be lost has to be on the disk already. What the parent told us to ignore stays ignored
-    (nohup). Only the main thread may handle signals; in another nothing is changed.
+    abort: called in the signal handler; it may only write to the stage. Then the process ends with
+    one line and exit code 130, without cleanup: data must be on the disk already. Signals ignored
+    by the parent (nohup) stay ignored. Does nothing outside of the main thread, which alone may
+    handle signals.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -64,10 +65,9 @@ def interruptible(abort: Callable[[], None]) -> Iterator[None]:
 
 
 class Loop:
-    """The only thread that touches its device, so that no driver needs a lock.
+    """The only thread that uses its device, so that no driver needs a lock.
 
-    failed: called from it with the reason when a step fails; it rests then, until it is asked to go
-    on.
+    failed: called by it with the error of a step; then it pauses until a request with `going`.
     """
 
     def __init__(
@@ -85,9 +85,9 @@ class Loop:
         self._thread.start()
 
     def ask(self, action: Callable[[], None], limit_s: float, going: bool | None = None) -> None:
-        """Have it done between two steps; going: whether steps go on after that.
+        """Run an action between two steps; going: start or pause the steps afterwards.
 
-        Raises whatever it raises, and SensorError when it takes longer than limit_s.
+        Raises the action's error, and SensorError when it takes longer than limit_s.
         """
         future: Future[None] = Future()
 
@@ -97,7 +97,7 @@ class Loop:
                 self._stepping = going
 
         if self._ending:
-            raise SensorError(f"{self.name}: it has ended")
+            raise SensorError(f"{self.name}: the thread has ended")
         self._requests.put((perform, future))
         try:
             future.result(limit_s)
@@ -106,9 +106,9 @@ class Loop:
             raise SensorError(f"{self.name}: no answer within {limit_s:g} s") from error
 
     def end(self, limit_s: float) -> bool:
-        """End it after the step under way; False when that takes longer than limit_s."""
+        """End it after the present step; False when that takes longer than limit_s."""
         self._ending = True
-        self._requests.put((lambda: None, Future()))  # wakes one that rests
+        self._requests.put((lambda: None, Future()))  # wakes a paused thread
         self._thread.join(limit_s)
         return not self._thread.is_alive()
 
@@ -135,7 +135,7 @@ class Loop:
 
 @dataclass(frozen=True)
 class Watch:
-    """What is felt meanwhile. stream: None where nothing watches. trouble: why it was stopped."""
+    """Force guard of a block. stream: None without a guard. errors: reasons of a stop."""
 
     stream: ForceStream | None = None
     errors: list[BaseException] = field(default_factory=list)
@@ -145,10 +145,10 @@ class Watch:
 def watch_force(
     stage: Stage, clock: Clock, force: ForceSensor | None, guard: Guard | None
 ) -> Iterator[Watch]:
-    """The guard sees every sample until the block ends, as in a run; nothing is kept of them.
+    """Pass every sample to the guard until the block ends, as in a run, without recording.
 
-    The sensor is the thread's for so long, and stopped after that. Without a sensor or a guard
-    nothing watches. Raises SensorError, the stage stopped, beyond a limit or for a lost sensor.
+    A thread uses the sensor meanwhile, and stops it at the end. Without a sensor or a guard the
+    block is unguarded. Raises SensorError, the stage stopped, beyond a limit or for a lost sensor.
     """
     if force is None or guard is None:
         yield Watch()
@@ -168,7 +168,7 @@ def watch_force(
         try:
             yield watch
         except DeltactFabError as stopped_by:
-            if errors:  # what stopped it, rather than what that came to
+            if errors:  # the cause, rather than its consequence
                 raise errors[0] from stopped_by
             raise
         if errors:

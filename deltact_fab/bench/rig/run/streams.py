@@ -1,8 +1,8 @@
-"""Pose, force and frames: what each device says while a press goes on, one step at a time.
+"""Streams of pose, force and frames during a press, advanced one step at a time.
 
-A step asks its device once and keeps what it says. In lockstep one scheduler steps all three; on
-the wall clock force and frames are stepped by threads of their own. What is kept is taken, step by
-step of the protocol, by the thread that moves the stage.
+A step polls its device once and buffers the data. In lockstep one scheduler steps all three; on
+the wall clock force and frames have threads of their own. The thread that moves the stage takes
+the buffered data after each step of the protocol.
 """
 
 from __future__ import annotations
@@ -22,10 +22,7 @@ from ..interface import Camera, CameraFrame, Clock, ForceSamples, ForceSensor, G
 
 
 class PoseStream:
-    """Where the stage says it is, each time it is asked, with the time at which that was true.
-
-    looked_ns: when it was last asked.
-    """
+    """Positions of the stage with their times. asked_ns: time of the last request."""
 
     def __init__(self, stage: Stage, clock: Clock) -> None:
         self._stage = stage
@@ -34,13 +31,13 @@ class PoseStream:
         self.asked_ns = 0
 
     def step(self) -> None:
-        """Ask the stage. Raises StageError."""
+        """Request the position. Raises StageError."""
         self.asked_ns = self._clock.now_ns()
         t_ns, position_mm = self._stage.located()
         self._poses.append((t_ns, *position_mm))
 
     def take(self, origin_ns: int) -> list[Chunk]:
-        """All that came since the last call, times from origin_ns on."""
+        """Return data since the last call, times relative to origin_ns."""
         poses, self._poses = self._poses, []
         if not poses:
             return []
@@ -52,10 +49,10 @@ class PoseStream:
 
 @dataclass
 class ForceStream:
-    """What the force sensor sends; the guard sees it first.
+    """Samples of the force sensor; the guard checks them first.
 
-    note: told what goes wrong with the stream, id and words, as the sensor says it. keeping: what
-    comes is kept. lifting: the tip is on its way out of the gel, and only the guard stops that.
+    note: called with id and text of a problem of the stream. keeping: samples are buffered.
+    lifting: the tip is being lifted, and only the guard stops that.
     """
 
     force: ForceSensor
@@ -68,7 +65,7 @@ class ForceStream:
     _batches: list[ForceSamples] = field(default_factory=list)
 
     def step(self) -> None:
-        """Read once. Raises SensorError: the sensor's own, and beyond the guard's limit."""
+        """Read once. Raises SensorError for a failed sensor or a tripped guard."""
         try:
             samples = self.force.read()
         except SensorError as error:
@@ -97,8 +94,8 @@ class ForceStream:
             raise SensorError(f"the force sensor is saturated at {saturated_n} N")
 
     def take(self, origin_ns: int) -> list[Chunk]:
-        """All that came since the last call, times from origin_ns on."""
-        # One assignment, so that a reading that comes just now is kept in the one or in the other.
+        """Return data since the last call, times relative to origin_ns."""
+        # One assignment, so that a concurrent sample is in one of both lists.
         forces, self._batches = self._batches, []
         if not forces:
             return []
@@ -112,7 +109,7 @@ class ForceStream:
 
 @dataclass(frozen=True)
 class FrameRequest:
-    """The k-th frame of a step, to be exposed at t_ns or as soon as it can be after that.
+    """The k-th frame of a step, due at t_ns or as soon as possible after.
 
     start_ns: of the step. period_ns: to the next frame of a sweep; 0 for a frame at a stop.
     """
@@ -125,11 +122,11 @@ class FrameRequest:
 
     @property
     def at_stop(self) -> bool:
-        """The last one of its step: it is waited for, and never given up."""
+        """True for the last one of its step, which is never given up."""
         return self.k == self.step.frames
 
     def late(self, t_ns: int) -> bool:
-        """A frame of a sweep that was exposed half a period after it was wanted, or later."""
+        """True for a frame of a sweep exposed more than half a period late."""
         return self.period_ns > 0 and t_ns - self.t_ns > self.period_ns / 2
 
 
@@ -137,14 +134,14 @@ Keep = Callable[[FrameRequest, "CameraFrame | None", int, int, int], None]
 
 
 class FrameStream:
-    """The first frame exposed at or after each wanted moment; all others are let go.
+    """Selects the first frame exposed at or after each requested time; drops all others.
 
-    keep: called with the moment, the frame and its time (ns), and how many frames were dropped and
-    repeated since the one kept before. missed: moments so far for which none came before the next.
+    keep: called with request, frame, its time (ns), and the number of frames dropped and repeated
+    since the last one kept. missed: requests without a frame before the next request.
     """
 
     def __init__(self, camera: Camera | None, clock: Clock, keep: Keep) -> None:
-        """camera: None where the protocol takes no images: a frame is a moment, then."""
+        """camera: None if the protocol takes no images; then a frame is only a time."""
         self._camera = camera
         self._clock = clock
         self._keep = keep
@@ -155,7 +152,7 @@ class FrameStream:
         self.missed = 0
 
     def forget(self) -> None:
-        """A new press: what was wanted or counted before is no concern of it."""
+        """Clear requests and counts before a new press."""
         with self._lock:
             self._requests.clear()
             self.missed = 0
@@ -167,12 +164,12 @@ class FrameStream:
 
     @property
     def pending(self) -> bool:
-        """Frames are still wanted, or on their way to the record."""
+        """True while frames are requested or being recorded."""
         with self._lock:
             return bool(self._requests) or self._busy
 
     def step(self) -> None:
-        """Take one frame, and keep it if it is wanted. Raises SensorError, RunFailed."""
+        """Take one frame, and keep it if requested. Raises SensorError, RunFailed."""
         t_ns = self._clock.now_ns()
         frame = self._camera.capture() if self._camera is not None else None
         if frame is not None:

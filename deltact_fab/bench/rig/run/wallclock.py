@@ -1,11 +1,10 @@
-"""Time passes by itself: camera and force sensor have a thread of their own each.
+"""Streams of a run in real time: camera and force sensor have a thread each.
 
-The camera's takes every frame that the device gives, and keeps those that are wanted. The force
-sensor's reads from the connection to the end, so that the guard is armed in every motion; it rests
-only while an indenter is changed, when whoever mounts it feels for the face. The thread that moves
-the stage asks it where it is, ten times a second at most: the pose of a frame lies between two
-answers. Whichever thread fails writes the byte that stops the stage, and this one raises the
-reason.
+The camera's thread takes every frame and keeps the requested ones. The force sensor's thread reads
+from the connection to the end, so that the guard is armed in every motion; it pauses only while an
+indenter is changed, when the touch-off uses the sensor. The thread that moves the stage polls the
+pose at most ten times per second: a frame's pose lies between two answers. A thread that fails
+writes the stop byte, and the moving thread raises its error.
 """
 
 from __future__ import annotations
@@ -23,13 +22,14 @@ from .loop import LOOP_ANSWER_S, LOOP_END_S, Loop
 from .schedule import POSE_PERIOD_NS, Schedule
 from .streams import FrameRequest
 
-FRAME_LIMIT_S = 10.0  # from the moment that a frame is wanted; a stalled camera says so before
-THREAD_POLL_S = 0.005  # between two looks at what other threads have done
-STAGE_POLL_S = 0.02  # the stage is heard meanwhile; another thread that fails has stopped it itself
+# By hand: longer times see a fault later, shorter ones load the host.
+FRAME_LIMIT_S = 10.0  # after a frame is due; a stalled camera reports itself before
+THREAD_POLL_S = 0.005  # of other threads' results
+STAGE_POLL_S = 0.02  # a thread that fails stops the stage itself
 
 
 class ThreadedSchedule(Schedule):
-    """Every device in a thread of its own. `check` raises the first failure of one of them."""
+    """A thread per device. `check` raises the first failure of any of them."""
 
     def __init__(self, devices: Devices, writer: RunWriter, tell: Callable[[Step], None]) -> None:
         super().__init__(devices, writer, tell)
@@ -55,7 +55,7 @@ class ThreadedSchedule(Schedule):
             self._force_loop.ask(self.force.force.start, LOOP_ANSWER_S, going=True)
 
     def enter(self, step: Step) -> None:
-        """Nothing moves while another thread has a reason against it."""
+        """Begin a step, unless another thread has failed."""
         self._step = step
         self.check()
 
@@ -64,7 +64,7 @@ class ThreadedSchedule(Schedule):
             self.pose.step()
 
     def film(self, request: FrameRequest) -> None:
-        """Leave it to the camera's thread; without a camera a frame is a moment to wait for."""
+        """Request a frame from the camera's thread; without a camera wait for its time."""
         self._last_frame_ns = request.t_ns
         self.frames.want(request)
         if self._camera_loop is None:
@@ -72,7 +72,7 @@ class ThreadedSchedule(Schedule):
             self.frames.step()
 
     def reach(self, end_ns: int) -> None:
-        """Wait for the planned end, then for the stage to say so; the guard is armed."""
+        """Wait for the planned end, then for the stage to report it, with the guard armed."""
         self._until(end_ns)
         self._d.stage.wait()
         self.check()
@@ -81,9 +81,9 @@ class ThreadedSchedule(Schedule):
         self.reach(end_ns)
 
     def complete(self, step: Step) -> None:
-        """Wait for the frames, for the force at the last of them, and ask for the pose at its end.
+        """Wait for the frames and for a force sample after them, then poll the pose.
 
-        Raises SensorError when they do not come.
+        Raises SensorError when frames do not arrive.
         """
         if not self.in_press:
             return
@@ -94,7 +94,7 @@ class ThreadedSchedule(Schedule):
             self._until(min(self.now_ns() + to_ns(THREAD_POLL_S), limit_ns))
         if self.force is not None and step.frames:
             asked_ns = self.now_ns()
-            # Its own thread says so, and ends this, when it is silent or lags behind.
+            # A silent or late sensor ends this through its own thread.
             while self.force.last_ns < asked_ns:
                 self._until(self.now_ns() + to_ns(THREAD_POLL_S))
         self.pose.step()
@@ -102,7 +102,7 @@ class ThreadedSchedule(Schedule):
         self._report(step)
 
     def change(self, name: str) -> str | None:
-        """The force sensor is left alone, stopped, and streams again after that."""
+        """Change the indenter with the force stream stopped, then restart it."""
         if self._force_loop is None or self.force is None:
             return self._d.change_indenter(name)
         self._force_loop.ask(self.force.force.stop, LOOP_ANSWER_S, going=False)
@@ -112,7 +112,7 @@ class ThreadedSchedule(Schedule):
 
     @contextmanager
     def lifting(self) -> Iterator[None]:
-        """The force that stopped the run may stay, and even grow a little; no more than that."""
+        """Lift with the guard's limits raised slightly above the peak."""
         self._ending = True
         guard = self._d.guard
         if self._force_loop is None or self.force is None or guard is None:
@@ -120,12 +120,12 @@ class ThreadedSchedule(Schedule):
             return
         self.force.lifting, self.force.keeping = True, False
         with guard.easing():
-            with suppress(SensorError):  # a dead sensor does not leave the tip in the gel
+            with suppress(SensorError):  # a failed sensor does not prevent the lift
                 self._force_loop.ask(lambda: None, LOOP_ANSWER_S, going=True)
             yield
 
     def close(self) -> list[str]:
-        """End the threads, each after what it is about."""
+        """End the threads, each after its present step."""
         self._ending = True
         return [loop.name for loop in self._loops if not loop.end(LOOP_END_S)]
 
@@ -153,7 +153,7 @@ class ThreadedSchedule(Schedule):
         return request.at_stop
 
     def _until(self, t_ns: int) -> None:
-        """Let time pass; in a press ask the stage where it is every LOOK_NS. Raises the trouble."""
+        """Wait; in a press poll the pose every POSE_PERIOD_NS. Raises errors of threads."""
         while True:
             self.check()
             now_ns = self.now_ns()
@@ -170,7 +170,7 @@ class ThreadedSchedule(Schedule):
             self._d.stage.listen(min((min(t_ns, due_ns) - now_ns) / 1e9, STAGE_POLL_S))
 
     def check(self) -> None:
-        """Raise the first failure of another thread, in words of the step under way."""
+        """Raise the first error of another thread, with the id of the present step."""
         error = self._error
         if error is None:
             return
@@ -180,10 +180,10 @@ class ThreadedSchedule(Schedule):
         raise RunFailed(f"{prefix}{type(error).__name__}: {error}") from error
 
     def _fail(self, error: BaseException) -> None:
-        """From the thread that failed: stop the stage at once; who moves it finds the reason."""
+        """Stop the stage at once, in the thread that failed; `check` raises the error."""
         with self._lock:
             if self._error is None:
-                # Before anyone knows of it, or the byte would end the way up.
+                # Before the error is visible, or the byte would end the lift.
                 if not self._ending:
                     self._d.stage.cancel()
                 self._error = error

@@ -1,7 +1,7 @@
-"""What is said to a GRBL controller and heard from it: one line outstanding, every line answered;
-errors, alarms and states in plain words.
+"""Serial protocol of a GRBL controller: one line outstanding, every line answered; texts of its
+errors, alarms and states.
 
-Nothing here knows of moves. What a host must react to is a `TalkFault`.
+Independent of moves. Events that the host must react to are raised as `TalkFault`.
 """
 
 from __future__ import annotations
@@ -13,12 +13,13 @@ from ..interface import StageState
 from .port import READ_SLICE_S, Port
 
 SOFT_RESET = b"\x18"
-RESET_BANNER_S = 1.0
-LINE_QUIET_S = 0.2  # nothing said for so long: nothing more is to come
+# By hand: longer waits find a dead controller later, shorter ones blame a slow one.
+RESET_BANNER_S = 1.0  # from a reset to the banner, half a second of it for the message of an alarm
+LINE_QUIET_S = 0.2  # without a line: the answer is complete
 BANNER_S = 2.5  # an Arduino's boot loader takes up to 2 s
 LINE_ANSWER_S = 1.0
-STATUS_S = 0.5  # a `?` is answered within milliseconds
-LISTEN_S = 2.0  # after silence: time for a restarting controller to say so
+STATUS_S = 0.5  # `?` is answered within milliseconds
+LISTEN_S = 2.0  # after silence: for the banner of a restart
 ERROR_TEXTS = {
     1: "a letter is missing",
     2: "bad number",
@@ -82,7 +83,7 @@ OPTIONS_PATTERN = re.compile(r"\[OPT:([^,\]]*)")
 
 
 class TalkFault(Exception):
-    """What goes wrong in a talk. lost: it leaves the position in doubt."""
+    """A fault in the communication. position_lost: the position is in doubt."""
 
     def __init__(self, reason: str, *, position_lost: bool = False) -> None:
         super().__init__(reason)
@@ -91,24 +92,24 @@ class TalkFault(Exception):
 
 
 class NoAnswer(TalkFault):
-    """A line was sent and neither its ok nor an error came back in time."""
+    """A line was not answered in time by ok or an error."""
 
 
 class Talk:
-    """Commands, questions and greetings over one port. Raises TalkFault, and LinkLost of the port.
+    """Commands and queries over one port. Raises TalkFault, and LinkLost of the port.
 
-    posted: the line whose answer is heard whenever it comes, and when it was sent (ns).
+    posted: the line whose answer is pending, and when it was sent (ns).
     """
 
     def __init__(self, port: Port) -> None:
         self._port = port
         self.posted: tuple[str, int] | None = None
-        self._beats_baud = False  # answers were faster than the baud rate: USB all the way
+        self._beats_baud = False  # answers faster than the baud rate: native USB
 
     def banner(self, limit_s: float = BANNER_S) -> list[str]:
-        """Wait for a banner: it and what was said with it, the banner first; [] if none comes.
+        """Wait for a banner; return it, lines before it and lines after it; [] if none comes.
 
-        Whatever a first boot prints before it follows it here.
+        The lines before it are printed by the first boot.
         """
         deadline = self._port.deadline_ns(limit_s)
         boot_lines: list[str] = []
@@ -119,10 +120,10 @@ class Talk:
         return []
 
     def reset(self) -> list[str]:
-        """Reset (0x18), and hear the banner and all that comes with it; [] if none comes."""
+        """Reset (0x18); return the banner and further lines; [] without a banner."""
         self.posted = None
-        # Within half a second of an alarm a reset is not heard; the banner of one that came before
-        # may still be under way. Neither is worth a word.
+        # Within half a second of an alarm a reset is ignored, and the banner of an earlier one
+        # may still be arriving: neither is an error.
         for limit_s in (RESET_BANNER_S, LISTEN_S):
             self._port.write(SOFT_RESET)
             if lines := self.banner(limit_s):
@@ -130,7 +131,7 @@ class Talk:
         return []
 
     def peek_status(self) -> StageState | None:
-        """What it is doing, None when it does not answer. Nothing else that it says is heeded."""
+        """Query the state, None without an answer. Other lines are ignored."""
         self._port.write(b"?")
         deadline = self._port.deadline_ns(LINE_ANSWER_S)
         while (text := self._port.line(deadline)) is not None:
@@ -140,27 +141,27 @@ class Talk:
         return None
 
     def post(self, line: str) -> None:
-        """Send a line without waiting; none is posted yet. What listens hears its answer."""
+        """Send a line without waiting for its answer; requires that none is posted."""
         self.posted = line, self._port.now_ns()
         self._port.write(line.encode("ascii") + b"\n")
 
     def settle(self, limit_s: float) -> bool:
-        """Hear the answer to what was posted; False where none comes within limit_s."""
+        """Wait for the answer to the posted line; False if none comes within limit_s."""
         deadline = self._port.deadline_ns(limit_s)
         while self.posted is not None and (text := self._port.line(deadline)) is not None:
             self._handle_line(text)
         return self.posted is None
 
     def forget_posted(self) -> None:
-        """Whatever is still under way of it is no answer to anything."""
+        """Discard the posted line and lines still arriving."""
         self.posted = None
         for text in self._read_until_quiet():
             _raise_for_event(text)
 
     def command(self, line: str, limit_s: float = LINE_ANSWER_S) -> list[str]:
-        """Send a line, wait for its ok, return what came before it.
+        """Send a line, wait for its ok, return the lines before it.
 
-        Raises NoAnswer, and the line stays posted: its answer may come later.
+        Raises NoAnswer; the line stays posted, as its answer may come later.
         """
         self.drain()
         if not self.settle(limit_s):
@@ -180,15 +181,15 @@ class Talk:
         raise NoAnswer(f"no answer to {line} within {limit_s:.1f} s", position_lost=True)
 
     def status(self, on_silence: Callable[[], str]) -> StageState:
-        """One status report.
+        """Request one status report.
 
-        Silence is borne once. After the second time on_silence is called, to stop what moves; it
-        says what came of it. Then a restarting controller gets its say.
+        After a second unanswered request on_silence is called to stop the motion and returns the
+        outcome as text. Then the banner of a restart is waited for.
         """
         port = self._port
         self.drain()
         stopped = ""
-        # Of the first question: what comes after a second one may still answer that.
+        # Time of the first request: the answer after a second one may still belong to it.
         asked_ns = port.now_ns() + port.on_wire_ns(1)
         for limit_s in (STATUS_S, STATUS_S, LISTEN_S):
             if limit_s == LISTEN_S:
@@ -208,19 +209,19 @@ class Talk:
         raise TalkFault(f"no answer to '?' within {2 * STATUS_S:g} s{stopped}", position_lost=True)
 
     def handle_received(self) -> None:
-        """What has come in whole lines, without any wait."""
+        """Handle the complete lines received so far, without waiting."""
         for text in self._port.received_lines():
             self._handle_line(text)
 
     def drain(self) -> None:
-        """Hear what has come since the last exchange, so that it is not taken for an answer."""
+        """Handle lines since the last exchange, so that they are not taken for an answer."""
         while self._port.waiting:
             text = self._port.line(self._port.deadline_ns(READ_SLICE_S))
             if text is not None:
                 self._handle_line(text)
 
     def _handle_line(self, text: str) -> None:
-        """The answer to what was posted; all else is watched."""
+        """Handle the answer to the posted line; raise for alarms and restarts."""
         if self.posted is not None and (text == "ok" or text.startswith("error:")):
             (line, _), self.posted = self.posted, None
             if text != "ok":
@@ -234,10 +235,10 @@ class Talk:
         return lines
 
     def _position_time(self, asked_ns: int, n: int) -> tuple[float, float]:
-        """When the position in an answer of n bytes that is complete now was true; give or take.
+        """Time (s) of the position in an answer of n bytes complete now, and its uncertainty.
 
-        It was read between the question and the answer's first byte. That one is as old as the
-        answer is long, unless the link was ever seen to be faster than its baud rate.
+        It was read between the request and the answer's first byte, which is older than now by
+        the time on the wire, unless the link was ever faster than its baud rate.
         """
         answered_ns = self._port.now_ns()
         begun_ns = answered_ns - self._port.on_wire_ns(n)
@@ -248,7 +249,7 @@ class Talk:
 
 
 def _raise_for_event(text: str) -> None:
-    """Raise for what nobody asked to hear: an alarm, or the banner of a restart."""
+    """Raise TalkFault for an alarm or the banner of a restart."""
     if text.startswith("ALARM:"):
         raise TalkFault(f"{explain(text, ALARM_TEXTS)}; home again", position_lost=True)
     if match := BANNER_PATTERN.search(text):
@@ -257,14 +258,14 @@ def _raise_for_event(text: str) -> None:
 
 
 def explain(text: str, meanings: dict[int, str]) -> str:
-    """`error:9` or `ALARM:2`, with its meaning where it is known."""
+    """Return `error:9` or `ALARM:2` with its meaning if known."""
     number = text.partition(":")[2]
     meaning = meanings.get(int(number)) if number.isdigit() else None
     return f"{text} ({meaning})" if meaning else text
 
 
 def state_text(state: str) -> str:
-    """`Door:1 (the safety door is open)`; an alarm's number in its words."""
+    """Return `Door:1 (the safety door is open)`; alarms with their meaning."""
     name, _, number = state.partition(":")
     if name == "Alarm" and number.isdigit() and int(number) in ALARM_TEXTS:
         return f"{state} ({ALARM_TEXTS[int(number)]})"

@@ -1,4 +1,4 @@
-"""A stage that feels: moves during which every sample of the force sensor is looked at."""
+"""Moves with force feedback: every sample of the force sensor is checked."""
 
 from __future__ import annotations
 
@@ -10,19 +10,20 @@ from deltact_fab.common import Field, Point, SensorError, to_ns
 from ..interface import Clock, ForceSamples, ForceSensor, Guard, Stage
 
 STREAM_NAME = "touch-off"
-PROBE_POLL_S = 0.004  # between two looks at the samples that came
-MEAN_WINDOW_NS = 5_000_000  # a force is the mean of the samples of so long, or of one
+# By hand: longer times average more noise, and make a touch slower and deeper.
+PROBE_POLL_S = 0.004
+MEAN_WINDOW_NS = 5_000_000  # averaged in a move
 PROBE_TARE_S = 0.25
-PROBE_SETTLE_S = 0.02  # after a move, before a mean is taken
-PROBE_MEAN_S = 0.05
-MIN_MEAN_SAMPLES = 3  # samples in a mean
+PROBE_SETTLE_S = 0.02  # after a move
+PROBE_MEAN_S = 0.05  # averaged at rest
+MIN_MEAN_SAMPLES = 3
 
 
 class ForceProbe:
-    """Moves a stage with the force sensor read all the while, and the guard looking on.
+    """Moves a stage while reading the force sensor, with the guard active.
 
-    Forces are those since `tare` (N, on the sensor). Raises SensorError for a saturated sample or a
-    tripped guard, with the stage told to stop.
+    Forces are relative to `tare` (N, on the sensor). Raises SensorError for a saturated sample or a
+    tripped guard, after stopping the stage.
     """
 
     def __init__(self, stage: Stage, force: ForceSensor, clock: Clock, guard: Guard | None) -> None:
@@ -33,10 +34,10 @@ class ForceProbe:
         self._t_ns: NDArray[np.int64] = np.empty(0, np.int64)
         self._tail_n: Field = np.empty((0, 3))
         self.peak_n = 0.0
-        """The largest force felt since the tare, averaged as for a contact."""
+        """Largest force since the tare, averaged as for a contact."""
 
     def tare(self) -> float:
-        """Begin to stream with nothing touching; the sensor's noise, one deviation (N)."""
+        """Start the stream and tare without contact; return the noise, one sigma (N)."""
         self._force.begin(STREAM_NAME)
         self._zero_n = np.zeros(3)
         samples_n = self._since(self._clock.now_ns(), PROBE_TARE_S)
@@ -45,11 +46,11 @@ class ForceProbe:
         return float(samples_n.std(axis=0).max())
 
     def release(self) -> None:
-        """Let no more samples come."""
+        """Stop the stream."""
         self._force.stop()
 
     def move(self, target_mm: Point, feed_mm_min: float, over_n: float) -> bool:
-        """One straight move; True when a force over that ended it, at rest either way."""
+        """Make one straight move; return True if a force over over_n ended it."""
         try:
             end_s = self._clock.now_s() + self.stage.start_move(target_mm, feed_mm_min)
             while (left_s := end_s - self._clock.now_s()) > 0:
@@ -65,19 +66,19 @@ class ForceProbe:
             raise
 
     def at_rest(self) -> Field:
-        """Mean force (3,) N while nothing moves."""
+        """Return the mean force (3,), N, at rest."""
         self._clock.sleep_s(PROBE_SETTLE_S)
         return np.asarray(self._since(self._clock.now_ns(), PROBE_MEAN_S).mean(axis=0))
 
     def _force_size_n(self) -> float:
-        """Read what has come; size of the force in the last samples."""
+        """Read samples; return the magnitude of the mean force of the last ones."""
         self._read()
         size = float(np.linalg.norm(self._tail_n.mean(axis=0)))
         self.peak_n = max(self.peak_n, size)
         return size
 
     def _since(self, start_ns: int, seconds: float) -> Field:
-        """Samples (n, 3) N measured from then on, for so long; at least LEAST."""
+        """Return samples (n, 3), N, of an interval; at least MIN_MEAN_SAMPLES."""
         parts: list[Field] = []
         end_ns = start_ns + to_ns(seconds)
         while True:

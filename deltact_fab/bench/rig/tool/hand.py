@@ -1,7 +1,7 @@
-"""A real rig's stage driven by hand: one command at a time, or key by key in one session.
+"""Manual control of a real rig's stage: by single commands, or by keys in one session.
 
 An Arduino that restarts whenever its port is opened loses its position with each command; in a
-session by keys the port stays open: homing, steps, origin, registration, the guard armed.
+session the port stays open: homing, steps, origin and registration with the guard armed.
 """
 
 from __future__ import annotations
@@ -26,25 +26,25 @@ from ..stage.grbl import GrblStage
 from .session import GuardedStage, register_face, registration_request, write_registration
 from .tooling import TerminalOperator, home_safely
 
-CLEARANCE_MM = 5.0
+# By hand: higher and slower is safer for the gel, and takes longer.
+CLEARANCE_MM = 5.0  # decision 0072
 HAND_FEED_MM_MIN = 300.0
-NEAR_FEED_MM_MIN = 30.0
-"""Below the clearance height."""
+NEAR_FEED_MM_MIN = 30.0  # below the clearance height; decision 0072
 SAME_PLACE_MM = 2e-3
 KEY_STEPS_MM = (0.02, 0.1, 1.0, 10.0)
-TRIP_LIFT_MM = 2.0  # up, after the guard has stopped it
+TRIP_LIFT_MM = 2.0  # after a trip of the guard
 DISPLAY_PERIOD_S = 0.2
 KEY_HELP = (
     "arrows: x and y   page up, u / page down, d: z   1 2 3 4: steps of 0.02, 0.1, 1, 10 mm   "
-    "space: stop\nh: home   o: the tip stands at the origin   r: register the face   q: end"
+    "space: stop\nh: home   o: set the origin here   r: register the face   q: quit"
 )
 Key = Callable[[float], str]
-"""Waits so long (s) for a key: its name, "" where none came."""
+"""Wait up to so many seconds for a key; its name, "" for none."""
 
 
 @contextmanager
 def stopped_by_ctrl_c(stage: Stage) -> Iterator[None]:
-    """Ctrl-C, SIGTERM and SIGHUP stop the motion, the second one resets; raises Stopped then."""
+    """Stop the motion on Ctrl-C, SIGTERM and SIGHUP and raise Stopped; a second one resets."""
     with interruptible(stage.abort):
         try:
             yield
@@ -57,7 +57,7 @@ def stopped_by_ctrl_c(stage: Stage) -> Iterator[None]:
 def plan_move(
     stage: Stage, by_mm: Point, feed_mm_min: float, into_gel: bool
 ) -> tuple[Point, float]:
-    """Where a straight move by so much (sensor frame) leads, and how fast; nothing moves.
+    """Return target and feed of a relative straight move (sensor frame); nothing moves.
 
     Raises InputError for one that, without into_gel, ends below CLEARANCE_MM or goes sideways
     there; straight up is always allowed.
@@ -72,12 +72,12 @@ def plan_move(
 
 
 def go_to(stage: Stage, target_mm: Point, feed_mm_min: float, into_gel: bool) -> None:
-    """To a place (sensor frame): up to the clearance height, sideways, then down.
+    """Go to a position (sensor frame): up to the clearance height, sideways, then down.
 
     Raises InputError, with nothing sent, for one below CLEARANCE_MM without into_gel.
     """
     if not all(map(math.isfinite, target_mm)):
-        raise InputError(f"X Y Z: {target_mm} mm is not a place")
+        raise InputError(f"X Y Z: {target_mm} mm is not a position")
     x, y, z = target_mm
     if z < CLEARANCE_MM and not into_gel:
         raise InputError(_too_low(z))
@@ -94,19 +94,19 @@ def go_to(stage: Stage, target_mm: Point, feed_mm_min: float, into_gel: bool) ->
 
 
 def position_text(position_mm: Point) -> str:
-    """A tip position for a person."""
+    """Format a tip position."""
     x, y, z = (round(p, 3) + 0.0 for p in position_mm)
     return f"x {x:.3f}, y {y:.3f}, z {z:.3f} mm (sensor)"
 
 
 def _too_low(z_mm: float) -> str:
     return (
-        f"z = {z_mm:g} mm is below {CLEARANCE_MM:g} mm over the face, where the tip may touch the "
+        f"z = {z_mm:g} mm is below {CLEARANCE_MM:g} mm above the face, where the tip may touch the "
         "gel: give --into-gel (slow), or go up first"
     )
 
 
-KEY_DIRECTIONS: dict[str, Point] = {
+KEY_DIRECTIONS: dict[str, Point] = {  # definition: sensor axes
     "left": (-1, 0, 0), "right": (1, 0, 0), "down": (0, -1, 0), "up": (0, 1, 0),
     "page up": (0, 0, 1), "page down": (0, 0, -1), "u": (0, 0, 1), "d": (0, 0, -1),
 }  # fmt: skip
@@ -114,8 +114,8 @@ KEY_DIRECTIONS: dict[str, Point] = {
 
 @dataclass
 class HandSession:
-    """tell: a line for the operator. show: the state, over and over. into_gel: below the clearance
-    height without a guard as well. others: what a key does between two watches, and says."""
+    """Session by keys. tell: prints a line. show: refreshes the state. into_gel: allow moves below
+    the clearance height without a guard. actions: other keys, each returns a message."""
 
     stage: GrblStage
     force: ForceSensor | None
@@ -128,10 +128,10 @@ class HandSession:
     step_mm: float = 1.0
 
     def run(self) -> None:
-        """Until the key q. Raises StageError where the stage cannot be talked to any more."""
+        """Run until the key q. Raises StageError if the stage cannot be reached any more."""
         self.tell(KEY_HELP)
         if not self.stage.trust_count():
-            self.tell("the position is lost: h homes")
+            self.tell("position lost: press h to home")
         while True:
             try:
                 with watch_force(self.stage, self.stage.clock, self.force, self.guard) as watch:
@@ -150,7 +150,7 @@ class HandSession:
                     self.tell(str(error))
 
     def _move_by_keys(self, watch: Watch) -> str:
-        """Keys that move, until one that does not; "" when the guard has stopped the stage."""
+        """Move by keys; return the first other key, "" when the guard has stopped the stage."""
         while not watch.errors:
             self.show(self._state_line(watch))
             key = self.key(DISPLAY_PERIOD_S)
@@ -182,7 +182,7 @@ class HandSession:
             self.tell(str(error))
 
     def _set_origin(self) -> str:
-        """The tip stands where the face has its middle, from now on (0, 0, 0)."""
+        """Set the origin (0, 0, 0), the centre of the face, at the present position."""
         if not self.stage.homed:
             return "home first: h"
         origin_mm = self.stage.frame.to_machine_mm(self.stage.position_mm())
@@ -191,8 +191,8 @@ class HandSession:
         return f"origin_machine_mm = [{x:.3f}, {y:.3f}, {z:.3f}]  # for [stage] of the rig file"
 
     def _lift_after_trip(self, reason: str) -> None:
-        """After a trip, a little up; only a force that still grows would stop that."""
-        self.tell(f"{reason}; lifting by {TRIP_LIFT_MM:g} mm; any key goes on, q ends")
+        """Lift the tip a little after a trip, unless the force still grows."""
+        self.tell(f"{reason}; lifting by {TRIP_LIFT_MM:g} mm; q quits, any other key continues")
         if self.guard is None:
             return
         with self.guard.easing():
@@ -209,7 +209,7 @@ class HandSession:
             homed = self.stage.homed
             place = position_text(self.stage.position_mm()) if homed else "not homed"
         force_n = None if watch.stream is None else watch.stream.force_n
-        force = "no force sensor: no guard"
+        force = "no force sensor, no guard"
         if watch.stream is not None:
             force = "..." if force_n is None else "F {:+.2f} {:+.2f} {:+.2f} N".format(*force_n)
         return f"{place} | step {self.step_mm:g} mm | {force} | {time.strftime('%H:%M:%S')}"
@@ -217,14 +217,14 @@ class HandSession:
 
 @dataclass(frozen=True)
 class StageStatus:
-    """State and position, as the controller reports them; sensor_mm: None where it is locked."""
+    """Reported state and position; sensor_mm: None if the controller is locked."""
 
     state: str
     machine_mm: Point
     sensor_mm: Point | None
 
     def line(self) -> str:
-        """State and position in one line."""
+        """Return state and position in one line."""
         mm = self.sensor_mm
         place = "locked: home first" if mm is None else position_text(mm)
         machine = ", ".join(f"{p:.3f}" for p in self.machine_mm)
@@ -232,10 +232,10 @@ class StageStatus:
 
 
 class HandStage:
-    """The stage of a real rig, driven by hand; each command opens its port and closes it.
+    """Manual control of a real rig's stage; each command opens and closes its port.
 
-    The force sensor of the rig file, where it has one, guards every motion as in a run. Ctrl-C
-    stops a motion. Commands raise InputError, StageError, SensorError, and Stopped for Ctrl-C.
+    A force sensor in the rig file guards every motion as in a run. Ctrl-C stops a motion. Commands
+    raise InputError, StageError, SensorError, and Stopped for Ctrl-C.
     """
 
     def __init__(self, rig: str) -> None:
@@ -249,15 +249,15 @@ class HandStage:
         self._stage = GrblStage.from_config(config.stage, WallClock())
 
     def status(self) -> StageStatus:
-        """What the stage is doing and where it is; nothing moves."""
+        """Query state and position; nothing moves."""
         with closing(self._stage):
             self._stage.connect()
             return self._state()
 
     def home(self, tip_is_clear: bool, ask: bool) -> tuple[str, float, StageStatus]:
-        """Home every axis; returns how the face was cleared, the seconds, and the state.
+        """Home every axis; return how the face was cleared, the duration (s), and the state.
 
-        ask: the operator at the terminal may be asked whether the tip is clear.
+        ask: ask the operator at the terminal if needed.
         """
         with self._connected() as guard:
             start_s = time.monotonic()
@@ -267,15 +267,15 @@ class HandStage:
             return how, time.monotonic() - start_s, self._state()
 
     def jog(self, by_mm: Point, feed_mm_min: float, most_mm: float, into_gel: bool) -> StageStatus:
-        """Move the tip by a vector (sensor frame) that is no longer than most_mm.
+        """Move the tip by a vector (sensor frame) of length most_mm at most.
 
-        into_gel: it may end below the clearance height, slowly.
+        into_gel: allow an end below the clearance height, slowly.
         """
         length_mm = math.hypot(*by_mm)
         if not length_mm <= most_mm:  # before a port is opened, which may restart the board
             raise InputError(
-                f"DX DY DZ: {length_mm:g} mm is more than {most_mm:g}; give --most {length_mm:g} "
-                "if that is meant"
+                f"DX DY DZ: {length_mm:g} mm exceeds {most_mm:g} mm; give --most {length_mm:g} "
+                "to allow it"
             )
         with self._connected() as guard:
             self._require_count()
@@ -286,10 +286,10 @@ class HandStage:
     def go_to(
         self, target_mm: Point, feed_mm_min: float, into_gel: bool, home_first: bool
     ) -> StageStatus:
-        """Move the tip to a place (sensor frame): up, then sideways, then down.
+        """Move the tip to a position (sensor frame): up, then sideways, then down.
 
-        home_first: home before, on the operator's word that the tip is clear; else the position
-        that the controller has counted is taken.
+        home_first: home before, the operator having confirmed that the tip is clear; else the
+        controller's count is trusted.
         """
         with self._connected() as guard:
             with stopped_by_ctrl_c(self._stage):
@@ -311,10 +311,10 @@ class HandStage:
         indenter: str,
         into_gel: bool,
     ) -> StageStatus:
-        """Move the tip key by key until the operator ends it; homing and registration as well.
+        """Move the tip by keys until the operator quits; includes homing and registration.
 
-        keys: opens the keyboard; whole_lines: while open, lines are typed as usual. tell: a line
-        for the operator. show: the state, over and over. indenter: the ball to register with.
+        keys: opens the keyboard; whole_lines: restores line input while open. tell: prints a line.
+        show: refreshes the state. indenter: the ball to register with.
         """
         stage = self._stage
         out, operator = Path(f"{self._source.stem}-registration.toml"), TerminalOperator()
@@ -339,14 +339,14 @@ class HandStage:
             return self._state()
 
     def reset(self) -> str:
-        """Reset the controller, which loses its position; returns its banner."""
+        """Reset the controller, which loses its position; return its banner."""
         with closing(self._stage):
             self._stage.reset()
             return str(self._stage.identity()["banner"])
 
     @contextmanager
     def _connected(self) -> Iterator[Watchdog | None]:
-        """Connect; the guard on the force sensor, None where the file names none."""
+        """Connect; yield the guard on the force sensor, None without one."""
         config = self._config
         with ExitStack() as stack:
             stack.callback(self._stage.close)
@@ -370,7 +370,7 @@ class HandStage:
 
     def _require_count(self) -> None:
         if not self._stage.trust_count():
-            raise StageError("the controller is locked, its position is lost: `rig home` first")
+            raise StageError("controller locked, position lost: run `rig home` first")
 
     def _state(self) -> StageStatus:
         report = self._stage.report()

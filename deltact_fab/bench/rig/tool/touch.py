@@ -1,9 +1,9 @@
-"""The face is found by the force sensor: down slowly until it is felt, off, and again by steps.
+"""Touch-off by force: approach until contact, back off, and approach again by steps.
 
-Nothing but short jogs is ever under way: a host that dies leaves a tip that goes on by STRIDE_MM at
-most. The first approach only says where to look. From a little above, the second goes down by
-STEP_MM, rests, and takes the mean force; the height of the face is fitted to those, so that neither
-the threshold nor a delay is part of it. Only the fitted ones are repeated, and compared.
+Only short jogs are sent: if the host dies, the tip moves by DESCENT_STRIDE_MM at most. The first
+approach locates the face roughly. The second one goes down from just above by TOUCH_STEP_MM, rests,
+and takes the mean force; the height of the face is fitted to these, independent of threshold and
+delays. Only the fitted approach is repeated and compared.
 """
 
 from __future__ import annotations
@@ -23,25 +23,26 @@ from ..interface import move_to, rise
 from ..tables import TouchConfig
 from .feeler import PROBE_MEAN_S, PROBE_POLL_S, PROBE_SETTLE_S, PROBE_TARE_S, ForceProbe
 
+# Decision 0033; by hand: finer steps and more poses fit better, and take longer and go deeper.
 DESCENT_STRIDE_MM = 0.5
 TOUCH_STEP_MM = 0.01
 BACK_OFF_MM = 0.2  # one step back from the face
 MAX_BACK_OFFS = 10
-STEP_START_MM = 0.1  # clear of the face before the steps begin
-LOWERING_RATIO = 4.0  # times the feed of the approach, above the height where it begins
+STEP_START_MM = 0.1  # above the face, where the steps begin
+LOWERING_RATIO = 4.0  # feed above the approach, relative to its feed
 TRAVEL_FEED_MM_MIN = 300.0
-MIN_NOISE_RATIO = 5.0  # of the sensor, below the threshold
-MIN_CONTACT_POSES = 3  # poses below the face
-MAX_FORCE_RATIO = 5.0  # times the threshold: no deeper, however few the poses
+MIN_NOISE_RATIO = 5.0  # threshold over the noise
+MIN_CONTACT_POSES = 3  # below the face
+MAX_FORCE_RATIO = 5.0  # largest force over the threshold, however few the poses
 CANDIDATE_COUNT = 200
 SEARCH_ROUNDS = 4
 
 
 @dataclass(frozen=True)
 class FaceTouch:
-    """Where a tip met the face, and how well that is known.
+    """Result of a touch-off with its uncertainty.
 
-    z_mm: height of the face in the frame that the stage had, at at_mm. spread_mm: between repeats.
+    z_mm: height of the face at at_mm, in the stage's frame of then. spread_mm: between repeats.
     """
 
     by: str
@@ -54,21 +55,21 @@ class FaceTouch:
     most_n: float | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
+        """Return plain data."""
         return {key: value for key, value in asdict(self).items() if value is not None}
 
     def line(self) -> str:
-        """For a person."""
-        peak = "" if self.most_n is None else f", {self.most_n:.2f} N at most"
-        return f"{self.z_mm:+.3f} mm from where it was expected, {self.repeats} touches within " + (
+        """Return a summary for the operator."""
+        peak = "" if self.most_n is None else f", peak force {self.most_n:.2f} N"
+        return f"{self.z_mm:+.3f} mm from the expected height, {self.repeats} touches within " + (
             f"{self.spread_mm:.3f} mm, by {self.by}{peak}"
         )
 
 
 def tool_change_s(stage: StageConfig, touch: TouchConfig | None, park_mm: float) -> float:
-    """How long `ForceTouch.find` takes from the height of a change and back; 0 without a [touch].
+    """Duration of `ForceTouch.find` from the height of a change and back; 0 without [touch].
 
-    The face is taken to be where it is expected.
+    Assumes the face at its expected height.
     """
     if touch is None:
         return 0.0
@@ -90,18 +91,18 @@ def tool_change_s(stage: StageConfig, touch: TouchConfig | None, park_mm: float)
 
 
 class ForceTouch:
-    """Finds the face below a point of it, with the tip of one indenter."""
+    """Finds the height of the face at one point with the mounted indenter."""
 
     def __init__(self, feeler: ForceProbe, config: TouchConfig) -> None:
         self._feeler, self._stage = feeler, feeler.stage
         self._config = config
 
     def find(self, indenter: Indenter, at_mm: tuple[float, float]) -> FaceTouch:
-        """Go there, touch as often as configured, and up again to the height of the start.
+        """Go to the point, touch as often as configured, and return to the initial height.
 
-        Heights are those of the stage's frame, whose z = 0 is where the face is expected. Raises
-        SensorError in one line when it is not met, too early, or not twice at one height; the tip
-        is lifted then too, unless the stage is at fault.
+        Heights are in the stage's frame, z = 0 at the expected face. Raises SensorError, one line,
+        for no contact, contact too early, or heights that differ; the tip is lifted then too,
+        unless the stage failed.
         """
         x, y, start_mm = self._stage.position_mm()
         high_mm = max(start_mm, self._config.clear_mm)
@@ -117,16 +118,16 @@ class ForceTouch:
                 raise type(error)(f"touch-off of {indenter.name}: {error}; {lifted}") from error
             raise
         finally:
-            with suppress(DeltactFabError):  # the first error is the one to tell
+            with suppress(DeltactFabError):  # keep the first error
                 feeler.release()
         self._go((*at_mm, high_mm))
         heights = [contact.z_mm for contact in contacts]
         spread_mm = max(heights) - min(heights)
         if spread_mm > self._config.spread_mm:
             raise SensorError(
-                f"touch-off of {indenter.name}: {len(heights)} touches lie {spread_mm:.3f} mm "
-                f"apart, at most {self._config.spread_mm:g} (touch.spread_mm): is the indenter "
-                "loose, or the sensor?"
+                f"touch-off of {indenter.name}: {len(heights)} touches differ by {spread_mm:.3f} "
+                f"mm, more than touch.spread_mm = {self._config.spread_mm:g}: check for a loose "
+                "indenter or sensor"
             )
         return FaceTouch(
             "force", at_mm, round(sum(heights) / len(heights), 4), round(spread_mm, 4),
@@ -137,15 +138,15 @@ class ForceTouch:
     def _tare(
         self, start: tuple[float, float], at_mm: tuple[float, float], high_mm: float
     ) -> float:
-        """Above the point, tare; returns the noise."""
+        """Go above the point and tare; return the noise (N)."""
         self._go((*start, high_mm))
         self._go((*at_mm, high_mm))
         noise_n = self._feeler.tare()
         if noise_n * MIN_NOISE_RATIO > self._config.force_n:
             raise SensorError(
-                f"the sensor's noise is {noise_n:.3f} N (one deviation): a contact of "
-                f"touch.force_n = {self._config.force_n:g} N cannot be told from it; at least "
-                f"{noise_n * MIN_NOISE_RATIO:.2g} N, or find out what shakes"
+                f"the sensor's noise is {noise_n:.3f} N (1 sigma), too much for touch.force_n = "
+                f"{self._config.force_n:g} N; set at least {noise_n * MIN_NOISE_RATIO:.2g} N, or "
+                "remove vibrations"
             )
         return noise_n
 
@@ -157,9 +158,9 @@ class ForceTouch:
             self._raise_too_early()
         if not self._descend(at_mm, -config.search_mm, config.feed_mm_min):
             raise SensorError(
-                f"nothing was met down to {config.search_mm:g} mm below the height expected "
-                f"(touch.search_mm), {self._feeler.peak_n:.3f} N at most; is the indenter shorter "
-                "than [tools] says, or the sensor not there?"
+                f"no contact down to {config.search_mm:g} mm below the expected height "
+                f"(touch.search_mm), peak force {self._feeler.peak_n:.3f} N; is the indenter "
+                "shorter than in [tools], or the sensor missing?"
             )
         self._require_a_press()
         contacts = []
@@ -169,7 +170,7 @@ class ForceTouch:
         return contacts
 
     def _descend(self, at_mm: tuple[float, float], to_mm: float, feed_mm_min: float) -> bool:
-        """Down by strides; True as soon as a contact is felt."""
+        """Go down by strides; return True at the first contact."""
         z = self._stage.position_mm()[2]
         while z > to_mm + 1e-3:
             z = max(z - DESCENT_STRIDE_MM, to_mm)
@@ -180,8 +181,8 @@ class ForceTouch:
     def _raise_too_early(self) -> None:
         z = self._stage.position_mm()[2]
         raise SensorError(
-            f"a force came {z:.2f} mm above the height expected, more than touch.search_mm = "
-            f"{self._config.search_mm:g}; is the indenter longer than [tools] says, or something "
+            f"contact {z:.2f} mm above the expected height, more than touch.search_mm = "
+            f"{self._config.search_mm:g}; is the indenter longer than in [tools], or something "
             "in the way?"
         )
 
@@ -189,14 +190,12 @@ class ForceTouch:
         force = self._feeler.at_rest()
         if -force[2] < 0.5 * float((force**2).sum()) ** 0.5:
             raise SensorError(
-                "what was met does not press along -z, force ({:.2f}, {:.2f}, {:.2f}) N: the "
-                "sensor's axes are others, or the indenter met something beside the face".format(
-                    *force
-                )
+                "the contact does not press along -z, force ({:.2f}, {:.2f}, {:.2f}) N: the "
+                "sensor's axes differ, or the indenter touched something else".format(*force)
             )
 
     def _back_off(self) -> None:
-        """Up until nothing is felt, and a little more."""
+        """Go up until there is no force, and a little more."""
         for _ in range(MAX_BACK_OFFS):
             x, y, z = self._stage.position_mm()
             self._go((x, y, z + BACK_OFF_MM))
@@ -210,7 +209,7 @@ class ForceTouch:
         )
 
     def _step_down(self, powers: tuple[float, ...]) -> ContactFit:
-        """Down by steps through the face; its height."""
+        """Go down by steps through the face; return its fitted height."""
         config = self._config
         heights: list[float] = []
         forces: list[float] = []
@@ -232,14 +231,14 @@ class ForceTouch:
             self._feeler.move((x, y, z - TOUCH_STEP_MM), config.feed_mm_min, max_n)
 
     def _next_step_exceeds_limit(self, forces: list[float]) -> bool:
-        """Another step as stiff as the last would be too much."""
+        """True if another step as stiff as the last would exceed the force limit."""
         return 2 * forces[-1] - forces[-2] > MAX_FORCE_RATIO * self._config.force_n
 
     def _go(self, target_mm: Point) -> None:
         move_to(self._stage, target_mm, TRAVEL_FEED_MM_MIN)
 
     def _retreat(self, high_mm: float) -> str:
-        """Stop and go straight up; says what came of it."""
+        """Stop and go straight up; return the outcome."""
         try:
             self._stage.stop()
             guard = self._feeler.guard
@@ -252,7 +251,7 @@ class ForceTouch:
 
 @dataclass(frozen=True)
 class ContactFit:
-    """Height of the face (mm), the power of the depth that the force rises with, what is left."""
+    """Height of the face (mm), exponent of the force over depth, and RMS residual (N)."""
 
     z_mm: float
     power: float
@@ -260,10 +259,9 @@ class ContactFit:
 
 
 def powers_of(indenter: Indenter) -> tuple[float, ...]:
-    """Powers of the depth by which the force of this indenter may rise.
+    """Candidate exponents of the force over depth for an indenter.
 
-    A ball's rises with 1.5 (Hertz), a flat one's with 1, and one that meets the face by an edge
-    first with something in between.
+    1.5 for a ball (Hertz), 1 for a flat one, and between for one that touches by an edge first.
     """
     if all(isinstance(tip, SphereTip | EllipsoidTip) for tip in indenter.tips):
         return (1.5,)
@@ -273,11 +271,11 @@ def powers_of(indenter: Indenter) -> tuple[float, ...]:
 def fit_contact(
     z_mm: Sequence[float], force_n: Sequence[float], powers: Sequence[float]
 ) -> ContactFit:
-    """The height from which down the force rises: b + a (z0 - z)^power below z0, b above.
+    """Fit the height z0 of the face: force b + a (z0 - z)^power below z0, b above.
 
     z_mm, force_n: (n,) going down, the first ones clear of the face. a and b follow from z0 by
-    least squares, so that z0 alone is searched for. With a single pose below the face nothing but
-    the interval above it is known, and its middle is returned.
+    least squares, so that only z0 is searched. With a single pose below the face only the interval
+    above it is known, and its middle is returned.
     """
     z, force = np.asarray(z_mm, float), np.asarray(force_n, float)
     fits = [_fit_power(z, force, power) for power in powers]
@@ -291,7 +289,7 @@ def _fit_power(z: Field, force: Field, power: float) -> ContactFit:
         candidates = np.linspace(low, high, CANDIDATE_COUNT)
         residual_n2 = _residual_n2(z, force, power, candidates)
         k = int(np.argmin(residual_n2))
-        # Over an interval without a pose in it the answer may be the same everywhere.
+        # The residual is constant over an interval without a pose.
         best = candidates[residual_n2 <= residual_n2[k] * (1 + 1e-9)]
         z_mm, residual = float(best.mean()), float(residual_n2[k])
         step = candidates[1] - candidates[0]
@@ -300,11 +298,11 @@ def _fit_power(z: Field, force: Field, power: float) -> ContactFit:
 
 
 def _residual_n2(z: Field, force: Field, power: float, candidates: Field) -> Field:
-    """Sum of squares that is left, for each height (m,) of the face."""
+    """Residual sum of squares for each candidate height (m,) of the face."""
     shape = np.maximum(candidates[:, None] - z, 0.0) ** power  # (m, n)
     shape = shape - shape.mean(axis=1, keepdims=True)
     about = force - force.mean()
     size = (shape**2).sum(axis=1)
-    along = np.maximum(shape @ about, 0.0)  # pulling is no contact
+    along = np.maximum(shape @ about, 0.0)  # tension is no contact
     gain = np.divide(along**2, size, out=np.zeros_like(size), where=size > 0)
     return np.asarray(np.maximum((about**2).sum() - gain, 0.0))
