@@ -35,7 +35,7 @@ from deltact_fab.sensor.shapes.sensor import SensorDimensions
 W, H = 64, 48
 
 
-def test_what_is_no_camera_is_one_line(tmp_path: Path) -> None:
+def test_invalid_camera_is_refused(tmp_path: Path) -> None:
     def refusal(**options: Any) -> str:
         with pytest.raises(InputError) as why:
             open_camera(CameraConfig(**options), tmp_path, WallClock())
@@ -77,7 +77,7 @@ def network_camera() -> Iterator[str]:
     thread.join()
 
 
-def test_a_network_camera_is_read_until_it_is_gone(network_camera: str, tmp_path: Path) -> None:
+def test_network_camera_read_until_it_ends(network_camera: str, tmp_path: Path) -> None:
     camera = open_camera(CameraConfig(source=network_camera), tmp_path, WallClock())
     taken, why = to_the_end(camera)
     identity = camera.identity()
@@ -88,7 +88,7 @@ def test_a_network_camera_is_read_until_it_is_gone(network_camera: str, tmp_path
     assert len(taken) + sum(f.dropped for f in taken) >= 10
 
 
-def test_a_camera_file_gives_the_view_the_size_and_the_light(tmp_path: Path) -> None:
+def test_camera_file_sets_view_size_light(tmp_path: Path) -> None:
     lens = Fisheye(width_px=W, height_px=H, cx_px=31.5, cy_px=23.5, f_px=20.0)
     share = np.full((H, W, 3), 0.5, np.float32)
     (tmp_path / "light.png").write_bytes(FlatField(share).png())
@@ -114,7 +114,7 @@ def test_a_camera_file_gives_the_view_the_size_and_the_light(tmp_path: Path) -> 
 
 
 @pytest.mark.slow
-def test_what_is_wrong_with_a_camera_is_said_and_how_to_put_it_right(tmp_path: Path) -> None:
+def test_camera_faults_are_reported_with_remedy(tmp_path: Path) -> None:
     def lines(expression: str, **options: Any) -> dict[bool, str]:
         """A command that draws 60 images a second from a random k."""
         code = (
@@ -137,7 +137,7 @@ def test_what_is_wrong_with_a_camera_is_said_and_how_to_put_it_right(tmp_path: P
     assert good[False] == ""
     assert "images of 64 x 48 px, stamped by arrival, 0 ms after its exposure" in good[True]
     assert "camera.model: not calibrated" in lines("k")[False]
-    assert "of 200; what sends them is slow" in lines("k", rate_hz=200.0)[False]
+    assert "of 200; the sender is slow" in lines("k", rate_hz=200.0)[False]
     assert "over-exposed" in lines("k[:99] + b'\\xff' * (len(k) - 99)")[False]
     assert "the image is dark" in lines("k[:99] + bytes(len(k) - 99)")[False]
     assert "the same image " in lines("bytes(len(k))")[False]
@@ -145,7 +145,7 @@ def test_what_is_wrong_with_a_camera_is_said_and_how_to_put_it_right(tmp_path: P
     assert [f.status for f in absent] == ["fail", "fail"]
 
 
-def test_photographs_are_exposed_when_they_are_asked_for(tmp_path: Path) -> None:
+def test_photographs_are_exposed_after_their_prompt(tmp_path: Path) -> None:
     code = (
         "import os, sys, time\n"
         "for k in range(2000):\n"
@@ -170,7 +170,7 @@ def test_photographs_are_exposed_when_they_are_asked_for(tmp_path: Path) -> None
         take_photograph(config, tmp_path, out, 1)
 
 
-def test_cameras_are_found_by_their_nodes(tmp_path: Path) -> None:
+def test_cameras_are_listed_by_node(tmp_path: Path) -> None:
     """A second node of a camera gives metadata."""
     sysfs, dev = tmp_path / "sys", tmp_path / "dev"
     (dev / "v4l" / "by-id").mkdir(parents=True)

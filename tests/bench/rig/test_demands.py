@@ -61,7 +61,7 @@ def refused(
     return str(why.value)
 
 
-def test_each_thing_that_is_missing_is_named(tmp_path: Path) -> None:
+def test_each_missing_table_is_named(tmp_path: Path) -> None:
     for rig, words in (
         (STAGE + TOUCH, "bench.toml: force: a press on a real rig needs a force sensor"),
         (STAGE + FORCE, "bench.toml: touch: missing table"),
@@ -76,14 +76,14 @@ def test_each_thing_that_is_missing_is_named(tmp_path: Path) -> None:
     assert 'must record the force: add "force"' in text
 
 
-def test_what_nobody_can_change_is_refused_unattended(tmp_path: Path) -> None:
+def test_change_of_indenter_is_refused_unattended(tmp_path: Path) -> None:
     two = '"sphere:10", "star"'
     text = refused(tmp_path, STAGE + FORCE + TOUCH, two, unattended=True)
     assert "--unattended: 'poses' has 2 indenters, and nobody is there" in text
 
 
 @pytest.mark.slow
-def test_protocol_check_has_rows_for_it(tmp_path: Path) -> None:
+def test_protocol_check_reports_tool_lengths(tmp_path: Path) -> None:
     protocol, bench = tmp_path / "p.toml", tmp_path / "bench.toml"
     protocol.write_text(PROTOCOL.format(indenters='"sphere:10", "star"', channels='"force"'))
     bench.write_text(STAGE + FORCE + TOUCH + '[tools."sphere:10"]\nlength_mm = 0.0\n')
@@ -100,7 +100,7 @@ def test_protocol_check_has_rows_for_it(tmp_path: Path) -> None:
     assert alone.exit_code == 1
 
 
-def test_a_registration_stands_for_what_the_rig_file_says_of_the_face(tmp_path: Path) -> None:
+def test_registration_replaces_pose_of_rig_file(tmp_path: Path) -> None:
     frame = StageFrame((-60.5, -59.0, -39.25), 0.0, (0.8, -0.5))
     row = RegisteredTouch(at_mm=(1.0, 2.0), machine_mm=(-60.0, -60.0, -39.0), spread_mm=0.004)
     found = RegistrationFile(
@@ -123,7 +123,7 @@ def test_a_registration_stands_for_what_the_rig_file_says_of_the_face(tmp_path: 
         write_registration(found, tmp_path / "no" / "reg.toml")
 
 
-def test_only_a_real_rig_with_a_force_sensor_is_registered(tmp_path: Path) -> None:
+def test_registration_needs_real_guarded_rig(tmp_path: Path) -> None:
     bench, out = tmp_path / "bench.toml", tmp_path / "reg.toml"
     bench.write_text(STAGE)
     for rig, more, words in (

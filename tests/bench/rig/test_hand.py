@@ -77,7 +77,7 @@ def held() -> Iterator[ExitStack]:
         yield held
 
 
-def test_one_session_homes_moves_and_sets_the_origin(held: ExitStack) -> None:
+def test_one_session_homes_moves_sets_origin(held: ExitStack) -> None:
     hand = Hand(held, guarded=False)
     hand.drive("right", "o", "h", "right", "2", "page down", "3", "left", "left", "o", "d", "q")
     assert "the position is unknown: home first" in " ".join(hand.told)
@@ -90,7 +90,7 @@ def test_one_session_homes_moves_and_sets_the_origin(held: ExitStack) -> None:
     assert any("no force sensor, no guard" in line for line in hand.shown)
 
 
-def test_the_guard_stops_it_lifts_a_little_and_goes_on(held: ExitStack) -> None:
+def test_guard_stops_lifts_and_continues(held: ExitStack) -> None:
     hand = Hand(held, guarded=True)
 
     def push(force_n: float) -> Callable[[], None]:

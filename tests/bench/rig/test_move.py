@@ -19,7 +19,7 @@ from deltact_fab.bench.rig.stage.controller import MIN_PIECE_MM, PIECE_S, PLANNE
     length=st.floats(0.001, 60),
     steps=st.lists(st.floats(0.001, PIECE_S), min_size=1, max_size=60),
 )
-def test_no_more_than_its_share_is_sent_and_none_of_it_twice(
+def test_sent_distance_is_bounded_never_repeated(
     feed: float, accel: float, length: float, steps: list[float]
 ) -> None:
     speed = feed / 60
@@ -44,7 +44,7 @@ def at(way_mm: float, t_s: float) -> StageState:
     return StageState((0.0, 0.0, -way_mm), "Jog", t_s)
 
 
-def test_another_clock_is_followed_and_a_hold_is_told_from_it() -> None:
+def test_clock_drift_is_followed_hold_detected() -> None:
     move = Move((0, 0, 0), (0, 0, -10), 60.0, 1000.0, 0, 10.0, PLANNED_AHEAD_S, sent_mm=0.17)
     for k in range(1, 60):  # a resonator that is 1 % slow
         t_s = 0.1 * k

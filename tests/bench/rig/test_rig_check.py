@@ -58,7 +58,7 @@ def check(folder: Path, *more: str) -> Result:
     return CliRunner().invoke(main, words)
 
 
-def test_a_whole_bench(tmp_path: Path) -> None:
+def test_complete_bench_passes(tmp_path: Path) -> None:
     (tmp_path / "images").mkdir()
     for k in range(4):
         image = np.random.default_rng(k).integers(60, 200, (48, 64, 3), dtype=np.uint8)
@@ -87,7 +87,7 @@ def test_a_whole_bench(tmp_path: Path) -> None:
     assert {v for (device, _), v in rows.items() if device == "camera"} >= {"WARN"}
 
 
-def test_what_is_wrong_says_what_to_do(tmp_path: Path) -> None:
+def test_faults_are_reported_with_remedy(tmp_path: Path) -> None:
     with bench(tmp_path, {21: 0}):
         done = check(tmp_path)
     assert done.exit_code == 1
@@ -97,7 +97,7 @@ def test_what_is_wrong_says_what_to_do(tmp_path: Path) -> None:
     assert done.output.splitlines()[-1].endswith("4 to put right")
 
 
-def test_a_port_that_is_not_there(tmp_path: Path) -> None:
+def test_missing_port_is_reported(tmp_path: Path) -> None:
     rig_file(tmp_path, str(tmp_path / "no-port"))
     done = check(tmp_path)
     assert done.exit_code == 1

@@ -79,18 +79,18 @@ def connected(
         ({21: 0, 3: 1, 32: 1}, r"\$21=0 .*\(and 2 more: see `rig check`\)$"),
     ],
 )
-def test_each_rule_refuses_in_one_line(settings: dict[int, float], said: str) -> None:
+def test_each_violation_is_refused(settings: dict[int, float], said: str) -> None:
     with pytest.raises(StageError, match=said) as why:
         connected(settings)
     assert "\n" not in str(why.value)
 
 
-def test_an_origin_that_homing_moves() -> None:
+def test_origin_set_by_homing_is_refused() -> None:
     with pytest.raises(StageError, match=r"\[OPT:VZ\.\.\.\] .*HOMING_FORCE_SET_ORIGIN.*; flash"):
         connected(options="Z")
 
 
-def test_a_board_that_would_move_unhomed() -> None:
+def test_board_unlocked_at_start_is_refused() -> None:
     with pytest.raises(StageError, match=r"\[OPT:VL\.\.\.\] .*HOMING_INIT_LOCK.*; flash"):
         connected(options="L")
     said = ["[OPT:V,15,128]", "[FIRMWARE:grblHAL]"]
@@ -101,19 +101,19 @@ def test_a_board_that_would_move_unhomed() -> None:
     assert not check_settings({**SETTINGS, 1: 255, 22: 5}, said, None)
 
 
-def test_what_is_not_said() -> None:
+def test_missing_setting_is_refused() -> None:
     with pytest.raises(StageError, match=r"the answer to \$\$ lacks \$32$"):
         connected(unsaid=b"$32")
 
 
-def test_masks_that_the_rig_file_declares() -> None:
+def test_declared_direction_masks_are_accepted() -> None:
     stage = connected({3: 5, 23: 3}, direction_mask=5, homing_direction_mask=3)
     assert not stage.setting_checks
     with pytest.raises(StageError, match=r"\$3=0 .* the rig file says 5 \(X, Z\).* set \$3=5"):
         connected({}, direction_mask=5)
 
 
-def test_a_controller_that_can_do_more_is_accepted_and_the_file_s_travel_holds() -> None:
+def test_faster_controller_accepted_travel_of_file() -> None:
     stage = connected({110: 6000, 120: 500, 132: 200})
     assert not stage.setting_checks
     stage.home()
@@ -121,14 +121,14 @@ def test_a_controller_that_can_do_more_is_accepted_and_the_file_s_travel_holds()
         stage.start_move((0.0, 0.0, -20.5), 600.0)
 
 
-def test_motors_that_are_off_at_rest_are_a_warning() -> None:
+def test_motors_off_at_rest_are_warned() -> None:
     (row,) = connected({1: 25}).setting_checks
     assert row.status == "warn"
     assert row.value.endswith("set $1=255 unless the screws hold by themselves")
 
 
 @pytest.mark.parametrize("name", catalog.catalogue_names("protocols/rigs"))
-def test_what_ships_passes(name: str) -> None:
+def test_shipped_rigs_pass(name: str) -> None:
     stage = config.load_rig(name)[0].stage
     own = grbl_settings(stage.travel_mm, stage.max_feed_mm_min, stage.acceleration_mm_s2)
     assert {row.status for row in check_settings(own, [], stage)} == {"warn"}  # of motors that rest
@@ -141,7 +141,7 @@ ROUNDING_MM = 0.002  # half a step and half a digit of the report, on three axes
 
 
 @pytest.mark.parametrize("baud", [9600, 115200, 1_000_000])
-def test_in_motion_it_is_where_the_carriage_was_then(baud: int) -> None:
+def test_pose_in_motion_matches_its_time(baud: int) -> None:
     clock = VirtualClock(1234.5)
     grbl = GrblController(None, clock)
     link = wire.SerialLink(grbl, clock, baud=baud)
@@ -162,7 +162,7 @@ def test_in_motion_it_is_where_the_carriage_was_then(baud: int) -> None:
 
 
 @pytest.mark.parametrize("way", [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, -1.0)])
-def test_a_feed_is_refused_whichever_way_it_goes(way: tuple[float, float, float]) -> None:
+def test_excessive_feed_refused_in_any_direction(way: tuple[float, float, float]) -> None:
     limits = Limits(
         grbl_settings(STAGE["travel_mm"], STAGE["max_feed_mm_min"], STAGE["acceleration_mm_s2"])
     )

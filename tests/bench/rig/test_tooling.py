@@ -118,7 +118,7 @@ def low(it: Bench) -> None:
 
 
 @pytest.mark.slow
-def test_a_press_goes_as_deep_as_declared_on_a_face_that_is_elsewhere(tmp_path: Path) -> None:
+def test_press_depth_holds_on_shifted_face(tmp_path: Path) -> None:
     """The face 0.4 mm lower, the indenter 1.3 mm longer where the file says 1."""
     it = bench("sphere:10", (0.0, 0.0, -0.4), 1.3, homed=False)
     with typing("S-12", "sphere:10"):
@@ -130,11 +130,11 @@ def test_a_press_goes_as_deep_as_declared_on_a_face_that_is_elsewhere(tmp_path: 
     assert json.loads((tmp_path / "r" / TOUCH_FILE).read_text())["touches"][0]["base"] == "S-12"
     events = open_run(tmp_path / "r").events()
     said = dict(zip(events["kind"], events["text"], strict=True))
-    assert said["begin"].startswith("sensor S-12 (confirmed); the position was lost; the force")
+    assert said["begin"].startswith("sensor S-12 (confirmed); position lost; force")
     assert "face at machine z -39.1" in said["indenter"]
 
 
-def test_another_name_is_asked_again_and_silence_ends_the_run(
+def test_wrong_name_asked_again_silence_ends(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     it = bench("sphere:10", homed=False)
@@ -153,7 +153,7 @@ def test_another_name_is_asked_again_and_silence_ends_the_run(
 
 
 @pytest.mark.slow
-def test_a_resumed_run_touches_off_again_and_refuses_another_length(tmp_path: Path) -> None:
+def test_resumed_run_refuses_another_length(tmp_path: Path) -> None:
     it = bench("sphere:10", longer_mm=1.0, homed=False)
     folder = tmp_path / "r"
     with typing("S-12", "sphere:10"), pytest.raises(RunFailed, match="stopped by the operator"):
@@ -161,7 +161,7 @@ def test_a_resumed_run_touches_off_again_and_refuses_another_length(tmp_path: Pa
     other = bench("sphere:10", longer_mm=1.5, homed=False)
     with typing("S-12", "sphere:10"), pytest.raises(RunFailed) as why:
         carry_out(other, folder, resume=True)
-    assert "the face is 0.50 mm higher than the run had it, more than touch.moved_mm" in str(
+    assert "the face is 0.50 mm higher than at the run's first touch, more than touch.moved_mm" in str(
         why.value
     )
     assert other.face.deepest_mm < 0.2
@@ -180,7 +180,7 @@ def test_a_resumed_run_touches_off_again_and_refuses_another_length(tmp_path: Pa
         tooling(it, folder, unattended=True).change_indenter("sphere:10")
 
 
-def test_unattended_nobody_is_asked_and_a_contact_is_refused(tmp_path: Path) -> None:
+def test_unattended_contact_is_refused_without_prompt(tmp_path: Path) -> None:
     it = bench("sphere:10", homed=False)
     it.stage.connect()
     with typing():
@@ -195,7 +195,7 @@ def test_unattended_nobody_is_asked_and_a_contact_is_refused(tmp_path: Path) -> 
     assert "operator stated" in tooling(it, tmp_path, unattended=True, tip_is_clear=True).begin()
 
 
-def test_where_the_position_is_known_the_tip_is_lifted_straight_up() -> None:
+def test_known_position_lifts_straight_up() -> None:
     it = bench("sphere:10")
     it.stage.start_move((2.0, 1.0, 3.0), 1200)
     it.stage.wait()
@@ -210,7 +210,7 @@ def test_where_the_position_is_known_the_tip_is_lifted_straight_up() -> None:
     assert it.stage.homed
 
 
-def test_in_air_without_a_force_sensor_nothing_is_asked(tmp_path: Path) -> None:
+def test_air_without_force_sensor_no_prompt(tmp_path: Path) -> None:
     it = bench("sphere:10", homed=False)
     it.stage.connect()
     mounted = Tooling(job(tmp_path, air=True), it.stage, it.clock)
@@ -224,7 +224,7 @@ def test_in_air_without_a_force_sensor_nothing_is_asked(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_tilt_of_a_face_is_found() -> None:
+def test_tilt_of_face_is_measured() -> None:
     ball, skin = parse_indenter("sphere:10"), SkinDimensions()
     it = bench("sphere:10", (0.0, 0.0, 0.4), 1.0, tilt_deg=(0.8, -0.5))
     low(it)
@@ -240,7 +240,7 @@ def test_the_tilt_of_a_face_is_found() -> None:
     assert "4 touches" in found.line()
 
 
-def test_places_and_indenters_that_give_no_plane_are_refused() -> None:
+def test_invalid_registration_points_are_refused() -> None:
     skin, ball = SkinDimensions(), parse_indenter("sphere:10")
     for name, places, why in (
         ("star", session.places_for(skin, ball), "needs a ball"),
@@ -253,7 +253,7 @@ def test_places_and_indenters_that_give_no_plane_are_refused() -> None:
 
 
 @pytest.mark.slow
-def test_a_block_says_where_the_face_is_sideways() -> None:
+def test_block_sides_locate_face_sideways() -> None:
     it = bench(
         "sphere:10", (0.7, -0.4, 0.0), guard_n=10.0, block_mm=(24.0, 22.0, -2.0), turn_deg=1.2
     )

@@ -144,7 +144,7 @@ def test_each_source_that_cannot_be_used_is_one_line(
     text.write_text("no film")
     assert "not a video" in _refusal(text, pinhole)
     (pictures / "3.png").write_bytes(b"no image")
-    assert "3.png: does not decode" in _refusal(pictures, pinhole)
+    assert "3.png: cannot be decoded" in _refusal(pictures, pinhole)
     cv2.imwrite(str(pictures / "3.png"), np.zeros((40, 64, 3), np.uint8))
     assert "image 3 has 64 x 40 px; the camera that was calibrated makes 64 x 48 px" in _refusal(
         pictures, pinhole
