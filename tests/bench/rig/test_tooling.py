@@ -161,7 +161,7 @@ def test_resumed_run_refuses_another_length(tmp_path: Path) -> None:
     other = bench("sphere:10", longer_mm=1.5, homed=False)
     with typing("S-12", "sphere:10"), pytest.raises(RunFailed) as why:
         carry_out(other, folder, resume=True)
-    assert "the face is 0.50 mm higher than at the run's first touch, more than touch.moved_mm" in str(
+    assert "0.50 mm higher than at the run's first touch, more than touch.moved_mm" in str(
         why.value
     )
     assert other.face.deepest_mm < 0.2

@@ -169,7 +169,7 @@ class VirtualHand(Hand):
             now = self.stage.position_mm()
             move_to(self.stage, (now[0], now[1], 5.0), 600)
             move_to(self.stage, (x, y, 5.0), 600)
-        if text.startswith("lay"):
+        if text.startswith("place"):
             weight_n = float(text.split()[1]) * 9.80665e-3
             assert self.force is not None
             self.force.start()

@@ -31,8 +31,8 @@ STAGE_POLL_S = 0.02  # a thread that fails stops the stage itself
 class ThreadedSchedule(Schedule):
     """A thread per device. `check` raises the first failure of any of them."""
 
-    def __init__(self, devices: Devices, writer: RunWriter, tell: Callable[[Step], None]) -> None:
-        super().__init__(devices, writer, tell)
+    def __init__(self, devices: Devices, writer: RunWriter, report: Callable[[Step], None]) -> None:
+        super().__init__(devices, writer, report)
         self._lock = threading.Lock()
         self._error: BaseException | None = None
         self._ending = False
