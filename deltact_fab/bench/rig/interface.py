@@ -135,7 +135,7 @@ class Stage(Protocol):
     def position_mm(self) -> tuple[float, float, float]:
         """Request the tip position in the sensor frame."""
 
-    def located(self) -> tuple[int, tuple[float, float, float]]:
+    def timed_position(self) -> tuple[int, tuple[float, float, float]]:
         """Request time (ns of the clock, see `StageState.t_s`) and tip position.
 
         Allowed during a move. Raises StageError.

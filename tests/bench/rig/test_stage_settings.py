@@ -152,7 +152,7 @@ def test_pose_in_motion_matches_its_time(baud: int) -> None:
     before_ns = 0
     for _ in range(30):
         clock.sleep_s(0.0713)
-        t_ns, position_mm = stage.located()
+        t_ns, position_mm = stage.timed_position()
         assert before_ns < t_ns < clock.now_ns()
         before_ns = t_ns
         truth_mm = FRAME.to_sensor_mm(grbl.position_mm(t_ns / 1e9))

@@ -143,7 +143,7 @@ def test_many_pollers_never_mix_their_answers() -> None:
 
         def ask(mine: list[tuple[int, tuple[float, float, float]]]) -> None:
             while not done.is_set():
-                mine.append(stage.located())
+                mine.append(stage.timed_position())
 
         others = [Other(lambda mine=mine: ask(mine)) for mine in seen]  # type: ignore[misc]
         for x in (-8.0, -1.0, -5.0):

@@ -84,7 +84,7 @@ class Schedule:
 
     def film(self, request: FrameRequest) -> None:
         self._until(request.t_ns)
-        self.frames.want(request)
+        self.frames.add_request(request)
         self.frames.step()
         self.pose.step()
         self._poll_force()
@@ -140,7 +140,7 @@ class Schedule:
     def begin(self, step: Step) -> None:
         """Flush, tare without contact, and start the streams of a press."""
         self._press_frames = {}
-        self.frames.forget()
+        self.frames.clear()
         self._begin_devices(step)
         self.event("begun", "tared" if self.force is not None else "no force sensor", step)
 

@@ -33,7 +33,7 @@ class PoseStream:
     def step(self) -> None:
         """Request the position. Raises StageError."""
         self.asked_ns = self._clock.now_ns()
-        t_ns, position_mm = self._stage.located()
+        t_ns, position_mm = self._stage.timed_position()
         self._poses.append((t_ns, *position_mm))
 
     def take(self, origin_ns: int) -> list[Chunk]:
@@ -130,7 +130,7 @@ class FrameRequest:
         return self.period_ns > 0 and t_ns - self.t_ns > self.period_ns / 2
 
 
-Keep = Callable[[FrameRequest, "CameraFrame | None", int, int, int], None]
+KeepFrame = Callable[[FrameRequest, "CameraFrame | None", int, int, int], None]
 
 
 class FrameStream:
@@ -140,7 +140,7 @@ class FrameStream:
     since the last one kept. missed: requests without a frame before the next request.
     """
 
-    def __init__(self, camera: Camera | None, clock: Clock, keep: Keep) -> None:
+    def __init__(self, camera: Camera | None, clock: Clock, keep: KeepFrame) -> None:
         """camera: None if the protocol takes no images; then a frame is only a time."""
         self._camera = camera
         self._clock = clock
@@ -151,14 +151,14 @@ class FrameStream:
         self._dropped = self._repeated = 0
         self.missed = 0
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """Clear requests and counts before a new press."""
         with self._lock:
             self._requests.clear()
             self.missed = 0
             self._dropped = self._repeated = 0
 
-    def want(self, request: FrameRequest) -> None:
+    def add_request(self, request: FrameRequest) -> None:
         with self._lock:
             self._requests.append(request)
 

@@ -66,7 +66,7 @@ class ThreadedSchedule(Schedule):
     def film(self, request: FrameRequest) -> None:
         """Request a frame from the camera's thread; without a camera wait for its time."""
         self._last_frame_ns = request.t_ns
-        self.frames.want(request)
+        self.frames.add_request(request)
         if self._camera_loop is None:
             self._until(request.t_ns)
             self.frames.step()

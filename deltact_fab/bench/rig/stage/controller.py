@@ -178,7 +178,7 @@ class Controller:
         self.clock = clock
         self._lock = threading.RLock()  # of one exchange
 
-    def forget(self) -> None:
+    def clear_state(self) -> None:
         """Clear position and faults, before connecting and homing."""
         self.homed = self.homing = self.stopping = self.reset_due = False
         self.trouble, self.move = "", None
@@ -324,7 +324,7 @@ class Controller:
             return ""
         self.stopping, self.reset_due = True, self.reset_due or homing
         motion = "homing" if move is None else f"the move to {in_mm(move.target_mm)}"
-        reached = self.port.reach(SOFT_RESET if homing else JOG_CANCEL)
+        reached = self.port.write_stop(SOFT_RESET if homing else JOG_CANCEL)
         self.move, self.homing = None, False
         return f"; {motion} {'was told to stop' if reached else 'goes on'}"
 

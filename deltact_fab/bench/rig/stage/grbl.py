@@ -94,7 +94,7 @@ class GrblStage:
         self._driver = threading.current_thread()
         with self._c.exchange():
             self._c.port.open()
-            self._c.forget()
+            self._c.clear_state()
             self._unfit = "not connected: connect before homing"
             self._c.wake()
             version = BANNER_PATTERN.search(self._c.banner)
@@ -124,7 +124,7 @@ class GrblStage:
                 raise TalkFault(self._c.trouble or self._unfit)
             if self._c.reset_due:
                 self.reset()
-            self._c.forget()
+            self._c.clear_state()
             self._c.rest(alarmed=True)
             self._c.homing = True
             if self._c.cancelled:
@@ -152,7 +152,7 @@ class GrblStage:
             machine_mm = self.frame.to_machine_mm(target_mm)
             low_mm = min(self.frame.to_sensor_mm(self._c.at_mm)[2], target_mm[2])
             clear = low_mm > FACE_CLEARANCE_MM
-            return jogs.begin(self._c, machine_mm, feed_mm_min, clear, self.whole_moves)
+            return jogs.start_move(self._c, machine_mm, feed_mm_min, clear, self.whole_moves)
 
     def wait(self) -> StageState:
         """Wait for the target, see Stage; a move that stops short or takes too long fails."""
@@ -161,15 +161,15 @@ class GrblStage:
             self._c.require_ready()
             if self._c.move is None and self._c.stopping:
                 raise TalkFault("the last move was stopped")
-        return jogs.follow(self._c)
+        return jogs.wait_for_target(self._c)
 
     def listen(self, seconds: float) -> None:
         jogs.listen(self._c, seconds)
 
     def position_mm(self) -> Point:
-        return self.located()[1]
+        return self.timed_position()[1]
 
-    def located(self) -> tuple[int, Point]:
+    def timed_position(self) -> tuple[int, Point]:
         """Request time and position, see Stage; `identity` has the worst uncertainty."""
         with self._c.exchange():
             self._c.require_ready()

@@ -35,7 +35,7 @@ HELD_S, HELD_CLEAR_S = 0.03, 0.1  # largest delay in the gel, and clear of the f
 JOG_ATTEMPTS = 3  # for a line without an answer, clear of the face
 
 
-def begin(
+def start_move(
     c: Controller, target_mm: Point, feed_mm_min: float, clear: bool, at_once: bool = False
 ) -> float:
     """Start one straight move to machine coordinates; return its planned time (s).
@@ -62,7 +62,7 @@ def begin(
     )
     if c.cancelled:
         raise TalkFault("stopped before it moved")
-    _send(c, _line(c, c.move, c.move.first_mm()))
+    _send(c, _jog_command(c, c.move, c.move.first_mm()))
     if not send_all:  # begun by now, and not long before with a slow answer
         c.move = replace(c.move, start_ns=c.port.now_ns())
     if c.cancelled:  # in reading the line the controller drops the byte
@@ -70,7 +70,7 @@ def begin(
     return planned_s
 
 
-def feed(c: Controller) -> None:
+def send_due_piece(c: Controller) -> None:
     """Send the next piece of the present move if due. Call within an exchange."""
     move = c.move
     if move is None or move.is_sent or c.cancelled:
@@ -94,12 +94,12 @@ def feed(c: Controller) -> None:
         planned_s = move_duration_s(rest_mm, move.feed_mm_min, axes(110), axes(120))
         c.move = move = move.remainder(from_mm, now_ns, planned_s)
     if (due_mm := move.due_mm(now_ns)) is not None:
-        c.talk.post(_line(c, move, due_mm))
+        c.talk.post(_jog_command(c, move, due_mm))
         if c.cancelled:  # by another thread
             c.port.write(JOG_CANCEL)
 
 
-def follow(c: Controller) -> StageState:
+def wait_for_target(c: Controller) -> StageState:
     """Poll until the move is at its target. Raises StageError if it does not arrive."""
     idle_short = 0
     while (move := c.move) is not None:
@@ -146,7 +146,7 @@ def listen(c: Controller, seconds: float) -> None:
         if c.port.is_open:
             with c.exchange():
                 c.talk.handle_received()
-                feed(c)
+                send_due_piece(c)
         left_ns = deadline - c.port.now_ns()
         if left_ns <= 0:
             return
@@ -170,7 +170,7 @@ def poll(c: Controller) -> StageState:
         return state
 
 
-def _line(c: Controller, move: Move, due_mm: float) -> str:
+def _jog_command(c: Controller, move: Move, due_mm: float) -> str:
     """Return the jog command to a distance along the move."""
     machine = move.point_at_mm(due_mm)
     c.move = replace(move, sent_mm=due_mm)

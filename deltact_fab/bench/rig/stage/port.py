@@ -139,7 +139,7 @@ class Port:
         """True if there are unread bytes. Raises LinkLost."""
         return bool(self._io(lambda: self._port.in_waiting))
 
-    def reach(self, stop: bytes) -> bool:
+    def write_stop(self, stop: bytes) -> bool:
         """Write a stop byte twice, reopening a lost port; return True if it was written.
 
         Reopening may restart an Arduino, which stops a move as well.

@@ -38,7 +38,7 @@ KEY_HELP = (
     "arrows: x and y   page up, u / page down, d: z   1 2 3 4: steps of 0.02, 0.1, 1, 10 mm   "
     "space: stop\nh: home   o: set the origin here   r: register the face   q: quit"
 )
-Key = Callable[[float], str]
+ReadKey = Callable[[float], str]
 """Wait up to so many seconds for a key; its name, "" for none."""
 
 
@@ -120,7 +120,7 @@ class HandSession:
     stage: GrblStage
     force: ForceSensor | None
     guard: Guard | None
-    key: Key
+    key: ReadKey
     tell: Callable[[str], None]
     show: Callable[[str], None]
     into_gel: bool = False
@@ -303,7 +303,7 @@ class HandStage:
 
     def drive_by_keys(
         self,
-        keys: Callable[[], AbstractContextManager[Key]],
+        keys: Callable[[], AbstractContextManager[ReadKey]],
         whole_lines: Callable[[], AbstractContextManager[None]],
         tell: Callable[[str], None],
         show: Callable[[str], None],
