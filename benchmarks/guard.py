@@ -44,7 +44,7 @@ SETTINGS |= {110: 6000, 111: 6000, 112: 6000}
 
 def serve(rate_hz: float) -> None:
     """Print the ports, then for every line "over" what became of it: ns of record and byte."""
-    from deltact_fab.bench.rig.force.watchdog import run_first
+    from deltact_fab.bench.rig.force.watchdog import raise_priority
     from deltact_fab.bench.rig.interface import WallClock
     from deltact_fab.bench.rig.tables import ForceConfig
     from deltact_fab.simulate.virtual.controller import GrblController
@@ -70,7 +70,7 @@ def serve(rate_hz: float) -> None:
             heard_ns.append(round(at_s * 1e9))
             stopped.set()
 
-    run_first()  # it stands for hardware of its own
+    raise_priority()  # it stands for hardware of its own
     clock = WallClock()
     grbl = GrblController(SETTINGS, clock, start_mm=(-1, -1, -1), boot_s=0.2)
     config = ForceConfig(rate_hz=rate_hz)

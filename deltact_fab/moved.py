@@ -49,7 +49,9 @@ MOVED_NAMES: dict[str, dict[str, str]] = {
         "confirm": "bench.rig.tool.tooling:confirm",
     },
     "rig.tool.touch": {
-        name: f"bench.rig.tool.touch:{name}" for name in ("LOWERING", "MOST", "STEP_MM")
+        "LOWERING": "bench.rig.tool.touch:LOWERING_RATIO",
+        "MOST": "bench.rig.tool.touch:MAX_FORCE_RATIO",
+        "STEP_MM": "bench.rig.tool.touch:TOUCH_STEP_MM",
     },
     "shapes": {
         "Indenter": "sensor.shapes.rigid:Indenter",

@@ -99,7 +99,7 @@ def test_event_keeps_the_sensor_id(change: Change) -> None:
         tally = NoteCounts()
         tally.add("gap", 3)
         none = np.zeros((0, 6), np.int32)
-        return ForceSamples(none[:, 0], none, np.ones(6), none[:, 0] > 0, notes=tally.tell(0))
+        return ForceSamples(none[:, 0], none, np.ones(6), none[:, 0] > 0, notes=tally.pop_notes(0))
 
     sensor: Any = SimpleNamespace(read=read)
     for _ in range(2):

@@ -128,7 +128,7 @@ def beliefs(program: list[str], folder: Path) -> Iterator[tuple[str, str]]:
 
     def unhomed(stage: GrblStage) -> str:
         stage.connect()
-        state = stage.look().state
+        state = stage.report().state
         if stage.lift(25.0, 300.0) or stage.trust_count():
             return f"WRONG: moved in {state}"
         return f"{state}: nothing lifts, no count is trusted"
@@ -140,7 +140,7 @@ def beliefs(program: list[str], folder: Path) -> Iterator[tuple[str, str]]:
         for _ in range(3):
             stage.home()
             stage.lift(25.0, 300.0)
-        return f"{stage.look().state} at {stage.look().machine_mm}"
+        return f"{stage.report().state} at {stage.report().machine_mm}"
 
     yield "homed and lifted at the top three times", look(twice)
 

@@ -144,7 +144,7 @@ def test_damaged_chunk_names_its_step(tmp_path: Path) -> None:
 def test_events_tell_the_history(tmp_path: Path) -> None:
     run = writer(tmp_path / "r")
     run.event("homed", "positions are known", 2.5)
-    run.event("gap", "3 force samples are missing", 4.5, STEP)
+    run.event("gap", "3 force samples missing", 4.5, STEP)
     run.abandon()
     events = open_run(tmp_path / "r").events()
     assert events["kind"].tolist() == ["session", "homed", "gap"]

@@ -63,7 +63,7 @@ def run(
         else:
             summary = run_experiment(
                 request, resume=resume, note=note,
-                live=lambda state: report(state.done, state.total, state.line())
+                live=lambda state: report(state.frames_done, state.frames_total, state.line())
             )  # fmt: skip
     if dry_run:
         text = (

@@ -1,8 +1,8 @@
 """The real bench of kind `grbl`: stage, camera and force sensor, at the wall clock.
 
-Only what the protocol's channels ask for is opened; the force sensor always where the rig file says
-how it is reached, for the guard lives on it, and a tip also meets things in the air. `unmet` tells
-what a rig must have before it presses, and before it is left alone.
+Only devices that the protocol's channels need are opened, and always the force sensor if the rig
+file says how to reach it, because the guard needs it. `unmet_conditions` lists what a rig lacks
+before it may press, and before it may run unattended.
 """
 
 from __future__ import annotations
@@ -24,35 +24,35 @@ from .interface import Camera, OpenBench, Rig, RigKind, RigSetup, WallClock
 from .stage.grbl import GrblStage
 from .tables import TouchConfig
 from .tool.tooling import Tooling
-from .tool.touch import MOST, tool_change_s
+from .tool.touch import MAX_FORCE_RATIO, tool_change_s
 
-KNOWN_ONLY_SIMULATED = frozenset({"traction"})
+SIMULATED_CHANNELS = frozenset({"traction"})
 
 
 class GrblKind(RigKind):
-    """The kind of rig with a real GRBL stage: its refusals, and its devices built."""
+    """Rig with a real GRBL stage: why it refuses a protocol, and how its devices are opened."""
 
     part = "devices of the rig"
     _config: GrblConfig
 
     def refusals(self, protocol: Protocol, sensor: SensorDimensions, source: str) -> list[str]:
-        """A line for each device that the protocol asks for and the rig has not."""
+        """Return a line for each device that the protocol needs and the rig lacks."""
         config = self._config
         # Weights are the force.
-        asked = protocol.channels - ({"force"} if protocol.weights is not None else set())
+        channels = protocol.channels - ({"force"} if protocol.weights is not None else set())
         lines = [
-            f"{source}: channels: {name!r} asked for, and only a virtual rig knows it; remove it"
-            for name in sorted(asked & KNOWN_ONLY_SIMULATED)
+            f"{source}: channels: {name!r} exists on a virtual rig only; remove it"
+            for name in sorted(channels & SIMULATED_CHANNELS)
         ]
-        if "image" in asked and config.camera is None:
+        if "image" in channels and config.camera is None:
             lines.append(
-                f"{source}: channels: 'image' asked for, and {self._source} has no [camera]; add "
-                'one, as source = 0, or remove "image"'
+                f"{source}: channels: 'image' needs a camera, and {self._source} has no [camera]; "
+                'add one, as source = 0, or remove "image"'
             )
-        if "force" in asked and not (config.force and config.force.reachable):
+        if "force" in channels and not (config.force and config.force.reachable):
             lines.append(
-                f"{source}: channels: 'force' asked for, and {self._source} has no way to a force "
-                "sensor; add [force.netft] or [force.serial] with its ranges, or remove "
+                f"{source}: channels: 'force' needs a sensor, and {self._source} says how to reach "
+                "none; add [force.netft] or [force.serial] with its ranges, or remove "
                 '"force"'
             )
         return lines
@@ -66,7 +66,7 @@ class GrblKind(RigKind):
         return tool_change_s(self._config.stage, self._config.touch, protocol.motion.park_mm)
 
     def undeclared_lengths(self, protocol: Protocol) -> list[str]:
-        """Indenters of unknown length, where there is more than one: what is searched has to do."""
+        """Indenters without a declared length; none when the protocol uses only one."""
         config = self._config
         missing = [name for name in protocol.indenters if name not in config.tools]
         if len(protocol.indenters) < 2 or not missing or config.touch is None:
@@ -74,38 +74,38 @@ class GrblKind(RigKind):
         return [
             f'[tools."{missing[0]}"] length_mm is not declared'
             + (f" (nor {len(missing) - 1} more)" if len(missing) > 1 else "")
-            + f": its tip is looked for within touch.search_mm = {config.touch.search_mm:g} mm of "
-            "where that of the reference is"
+            + f": its tip is searched within touch.search_mm = {config.touch.search_mm:g} mm of "
+            "the reference tip's position"
         ]
 
     def unmet_conditions(
         self, protocol: Protocol, sensor: SensorDimensions, unattended: bool
     ) -> list[str]:
-        """Why this rig must not press, or not alone, a line each, to follow the rig file's name.
+        """Reasons why this rig must not press, or not unattended; each follows the rig file's name.
 
-        Predicted forces against what stage and sensor bear are `preflight`'s affair.
+        `preflight` compares predicted forces with the limits of stage and sensor.
         """
         config = self._config
         force, touch = config.force, config.touch
-        lines = list(lacking(config).values())
+        lines = list(missing_tables(config).values())
         if force is not None and force.reachable and "force" not in protocol.channels:
             lines.append(
-                f"channels of {protocol.name!r}: a press on a real rig records the force that its "
-                'guard watches: add "force", or give --air'
+                f"channels of {protocol.name!r}: a press on a real rig must record the force: "
+                'add "force", or give --air'
             )
         if touch is not None:
-            lines += _outside(touch, protocol, sensor)
+            lines += _touch_off_face(touch, protocol, sensor)
             if force is not None:
-                lines += _above_the_guard(config, touch)
+                lines += _touch_above_guard(config, touch)
         if unattended and len(protocol.indenters) > 1:
             lines.append(
-                f"--unattended: {protocol.name!r} holds {len(protocol.indenters)} indenters, and "
-                "nobody is there to change them: a protocol of one"
+                f"--unattended: {protocol.name!r} has {len(protocol.indenters)} indenters, and "
+                "nobody is there to change them: use a protocol with one"
             )
         return lines
 
     def build(self, job: RigSetup, progress: Progress | None = None) -> OpenBench:
-        """A hand lays weights on; a stage does all else."""
+        """Weights are placed by hand; everything else is done by the stage."""
         if job.protocol.weights is None:
             return GrblRig(self._config, self._source.parent, job)
         from .weights import WeightsBench
@@ -114,22 +114,22 @@ class GrblKind(RigKind):
 
 
 class GrblRig(Rig):
-    """What was opened is closed, however building it ends."""
+    """Devices of a real rig; those already open are closed when the next one fails."""
 
     def __init__(self, config: GrblConfig, folder: Path, job: RigSetup) -> None:
         """folder: of the rig file."""
         self._job, clock = job, WallClock()
-        stage = GrblStage.of(config.stage, clock)
+        stage = GrblStage.from_config(config.stage, clock)
         park_mm = job.protocol.motion.park_mm
-        with ExitStack() as opened:
-            opened.callback(stage.close)
+        with ExitStack() as stack:
+            stack.callback(stage.close)
             force: Watchdog | None = None
             if config.force is not None and config.force.reachable:
                 force = open_guarded(config.force, config.guard, stage)
-                opened.callback(force.close)
+                stack.callback(force.close)
             elif not job.air:
                 raise InputError(
-                    "force: nothing guards a press without a force sensor; add [force.netft] or "
+                    "force: a press needs a force sensor for the guard; add [force.netft] or "
                     "[force.serial] to the rig file, or give --air"
                 )
             self._tooling = Tooling(job, stage, clock, force, force, config.touch, config.tools)
@@ -137,7 +137,7 @@ class GrblRig(Rig):
             if "image" in job.protocol.channels:
                 assert config.camera is not None, "refused without one"
                 camera = open_camera(config.camera, folder, clock)
-                opened.callback(camera.close)
+                stack.callback(camera.close)
             super().__init__(
                 clock,
                 stage,
@@ -149,12 +149,12 @@ class GrblRig(Rig):
                 change_s=0.0 if job.air else tool_change_s(config.stage, config.touch, park_mm),
                 wall_clock=True,
             )
-            self.resources = opened.pop_all()
+            self.exit_stack = stack.pop_all()
 
     def left_out(self) -> Iterator[Note]:
-        yield from super().left_out()
+        yield from super().omissions()
         if self.force is None:
-            text = "the rig file has no way to one; nothing is touched"
+            text = "the rig file names none; nothing is touched"
             yield Note("force sensor and guard", text)
 
     def notes(self) -> Iterator[Note]:
@@ -167,8 +167,8 @@ class GrblRig(Rig):
         return {**super().identity(), "tool": self._tooling.identity()}
 
 
-def lacking(config: GrblConfig) -> dict[str, str]:
-    """The tables that every press needs and the rig file has not, with a line each."""
+def missing_tables(config: GrblConfig) -> dict[str, str]:
+    """Tables that every press needs and the rig file lacks: name to message."""
     lines = {}
     if config.force is None or not config.force.reachable:
         lines["force"] = (
@@ -184,32 +184,32 @@ def lacking(config: GrblConfig) -> dict[str, str]:
     return lines
 
 
-def _outside(touch: TouchConfig, protocol: Protocol, sensor: SensorDimensions) -> list[str]:
-    """The place of the touch-off, with the indenter around it, lies on the face."""
+def _touch_off_face(touch: TouchConfig, protocol: Protocol, sensor: SensorDimensions) -> list[str]:
+    """Return a line if an indenter at touch.at_mm reaches beyond the face."""
     lines = []
     for name in protocol.indenters:
         reach = parse_indenter(name).footprint_half_mm
-        for axis, (at, half, most) in enumerate(
+        for axis, (centre_mm, half_mm, edge_mm) in enumerate(
             zip(touch.at_mm, reach, sensor.skin.opening_half_mm, strict=True)
         ):
-            if abs(at) + half > most:
+            if abs(centre_mm) + half_mm > edge_mm:
                 lines.append(
-                    f"touch.at_mm: {'xy'[axis]} = {at:g} mm: {name} reaches {abs(at) + half:g} mm "
-                    f"out there, and the face ends at {most:g}"
+                    f"touch.at_mm: {'xy'[axis]} = {centre_mm:g} mm: {name} reaches "
+                    f"{abs(centre_mm) + half_mm:g} mm out, and the face ends at {edge_mm:g} mm"
                 )
     return lines[:1]
 
 
-def _above_the_guard(config: GrblConfig, touch: TouchConfig) -> list[str]:
+def _touch_above_guard(config: GrblConfig, touch: TouchConfig) -> list[str]:
     assert config.force is not None
     try:
-        limits = GuardLimits.of(config.guard, config.force)
-    except InputError as why:
-        return [str(why)]
-    least_n = min(*limits.force_n, limits.resultant_n)
-    if MOST * touch.force_n < least_n:
+        limits = GuardLimits.from_config(config.guard, config.force)
+    except InputError as error:
+        return [str(error)]
+    lowest_n = min(*limits.force_n, limits.resultant_n)
+    if MAX_FORCE_RATIO * touch.force_n < lowest_n:
         return []
     return [
-        f"touch.force_n: {touch.force_n:g} N: a touch-off goes up to {MOST:g} times that, and the "
-        f"guard trips at {least_n:g} N"
+        f"touch.force_n: {touch.force_n:g} N: a touch-off reaches up to {MAX_FORCE_RATIO:g} times "
+        f"that, and the guard trips at {lowest_n:g} N"
     ]

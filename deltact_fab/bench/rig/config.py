@@ -1,9 +1,9 @@
-"""A rig file: where the stage stands, what it can do, and what is attached. Nothing is opened.
+"""A rig file: pose and limits of the stage, and the devices attached. Nothing is opened.
 
 `kind` decides what a rig is: `virtual` simulates everything below the wire and has the tables of
 its simulators under `[virtual]`; `grbl` drives a real controller on `stage.port`. `[stage]` and
-`[force]` are the same for both: what the devices are. `[camera]` names what is known of a lens, and
-`[virtual.lens]` is the one that a simulated camera has: nothing that estimates may read it.
+`[force]` describe the devices of both. `[camera]` names the lens calibration; `[virtual.lens]` is
+the true lens of a simulated camera, which no estimator may read.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from .tables import (
     TouchConfig,
 )
 
-Off = Annotated[float, Field(ge=-20, le=20)]  # mm
-TOOLS = {"sphere:10": {"length_mm": 0.0}}
+MountOffset = Annotated[float, Field(ge=-20, le=20)]  # mm
+TOOLS_EXAMPLE = {"sphere:10": {"length_mm": 0.0}}  # the format, in help and new files
 
 
 class NoiseConfig(Table):
-    """What the simulated force box adds to a reading."""
+    """Noise of the simulated force box."""
 
     noise_n: float = Field(default=0.01, ge=0, le=100)
     """Standard deviation of a force reading."""
@@ -45,65 +45,65 @@ class FiniteGelConfig(Table):
     """Resolution of the simulated gel at the level 'hyperelastic'."""
 
     cell_mm: float | None = Field(default=None, ge=0.1, le=12.0)
-    """Cells below the indenter; None: chosen from its shape and the tolerance."""
+    """Cell size below the indenter; None: chosen from its shape and the tolerance."""
     tolerance: float = Field(default=0.03, ge=0.001, le=0.5)
-    """Of force, for that choice."""
+    """Relative error of force for that choice."""
     most_unknowns: int = Field(default=8_000, ge=500, le=1_000_000)
-    """Of a mesh chosen so: thousands of knots are solved on it. Larger cells are flagged."""
+    """Upper limit for a mesh chosen so; cells that had to be larger are flagged."""
     lattice_mm: float = Field(default=0.5, ge=0.05, le=2.0)
-    """Lattice on which displacements are kept."""
+    """Spacing of the lattice on which displacements are stored."""
     press_increment_mm: float = Field(default=0.5, ge=0.001, le=5.0)
-    """Way of a press between two solutions."""
+    """Distance pressed between two solutions."""
     shear_increment_mm: float = Field(default=1.0, ge=0.001, le=5.0)
-    """Way of a drag between two solutions."""
+    """Distance dragged between two solutions."""
 
 
 class GelConfig(Table):
-    """Resolution of the simulated gel: at the linear level, and apart from it at finite strain.
+    """Resolution of the simulated gel at the linear level and, separately, at finite strain.
 
     One solve per increment of motion; between them displacements and forces are interpolated.
     """
 
     spacing_mm: float | None = Field(default=None, ge=0.05, le=2.0)
-    """Between the points at which the linear gel is solved and shown; None: chosen from the contact
+    """Spacing of the points at which the linear gel is solved; None: chosen from the contact
     and `hyperelastic.lattice_mm`."""
     press_increment_mm: float = Field(default=0.1, ge=0.001, le=1.0)
-    """Way of a press between two solutions at the linear level."""
+    """Distance pressed between two solutions at the linear level."""
     shear_increment_mm: float = Field(default=0.25, ge=0.001, le=2.0)
-    """Way of a drag between two solutions at the linear level."""
+    """Distance dragged between two solutions at the linear level."""
     hyperelastic: FiniteGelConfig = FiniteGelConfig()
 
 
-class GoneConfig(Table):
-    """Of `run --realtime` of version 0.2, which is gone: read, and not used."""
+class ObsoleteConfig(Table):
+    """Obsolete table of version 0.2 (`run --realtime`): read, and ignored."""
 
     camera_rate_hz: float = Field(default=5.0, ge=0.1, le=240)
     """Not used."""
 
 
 class MountConfig(Table):
-    """How the bench truly stands beside what its rig file says, for a touch-off to find.
+    """True misalignment of the bench against its rig file, for a touch-off to find.
 
-    Only `rig simulate` has it: on a virtual rig the rig file is right.
+    For `rig simulate` only: on a virtual rig the rig file is exact.
     """
 
-    offset_mm: tuple[Off, Off, Off] = (0.0, 0.0, 0.0)
-    """Of the face's middle from `[stage] origin_machine_mm`."""
+    offset_mm: tuple[MountOffset, MountOffset, MountOffset] = (0.0, 0.0, 0.0)
+    """Offset of the face's centre from `[stage] origin_machine_mm`."""
     tilt_deg: tuple[StageTilt, StageTilt] = (0.0, 0.0)
-    """Of the face, about the sensor's x, then about y."""
-    longer_mm: dict[str, Off] = Field(default_factory=dict)
-    """By indenter: how much longer than the one that the origin was measured with."""
+    """Tilt of the face about the sensor's x, then about y."""
+    longer_mm: dict[str, MountOffset] = Field(default_factory=dict)
+    """By indenter: its length minus that of the tip that the origin was measured with."""
 
 
 class _LensChanges(Table):
     """The true lens of a simulated camera: what differs from the design's."""
 
     design: str | None = None
-    """Name or path of the design that these numbers are of; on another design what differs from it
-    counts. Without it they must be near those of every design that the rig is used with."""
+    """Name or path of the design that these numbers belong to; on another design only differences
+    from it apply. Without it they must fit every design that the rig is used with."""
 
     def numbers(self) -> dict[str, float]:
-        """What is given, without the design."""
+        """Return the given numbers, without the design."""
         return self.model_dump(exclude={"design"}, exclude_none=True)
 
 
@@ -125,12 +125,12 @@ class SimulatorConfig(Table):
 
     camera: ImageSensor = Field(default_factory=ImageSensor)
     lens: LensConfig | None = None
-    """Without it the camera is a pinhole."""
+    """None: the camera is a pinhole."""
     printer: Printer = Field(default_factory=Printer)
     force: NoiseConfig = NoiseConfig()
     gel: GelConfig = GelConfig()
     mount: MountConfig = MountConfig()
-    realtime: GoneConfig = GoneConfig()
+    realtime: ObsoleteConfig = ObsoleteConfig()
 
 
 class VirtualConfig(Table):
@@ -143,9 +143,9 @@ class VirtualConfig(Table):
     force: ForceConfig = ForceConfig()
     camera: CameraFile | None = None
     guard: GuardConfig | None = None
-    """What stops the stage; for `rig simulate` only, as are touch and tools."""
+    """Limits of the force guard; for `rig simulate` only, as are touch and tools."""
     touch: TouchConfig = TouchConfig()
-    tools: Tools = Field(default_factory=dict, examples=[TOOLS])
+    tools: Tools = Field(default_factory=dict, examples=[TOOLS_EXAMPLE])
     """By indenter, as `[tools."sphere:10"]`; for `rig simulate` only."""
     virtual: SimulatorConfig = SimulatorConfig()
     served: ClassVar[bool] = False
@@ -154,13 +154,13 @@ class VirtualConfig(Table):
     def _lens(self) -> Self:
         if self.camera is not None and self.virtual.lens is None:
             raise ValueError(
-                "camera.model: a virtual rig without [virtual.lens] draws through a pinhole, which "
+                "camera.model: a virtual rig without [virtual.lens] has a pinhole camera, which "
                 "needs no calibration; add [virtual.lens] or remove [camera]"
             )
         return self
 
     def recorded(self) -> dict[str, Any]:
-        """What a record keeps: of the true lens no more than whether it is the same."""
+        """Return the data for a record; of the true lens only a hash, to tell a change."""
         data = self.model_dump(mode="json")
         if self.virtual.lens is not None:
             text = self.virtual.lens.model_dump_json(exclude_none=True)
@@ -175,17 +175,16 @@ class GrblConfig(Table):
     kind: Literal["grbl"]
     """"grbl": a real GRBL 1.1 or grblHAL stage."""
     served: bool = False
-    """Its devices are simulated ones, served by `rig simulate`, which writes this key: runs say
-    so."""
+    """True for simulated devices, served by `rig simulate`, which writes this key; runs report
+    it."""
     stage: StageConfig
     force: ForceConfig | None = None
-    """A sensor that stands in the way of the force, read or not; every press needs it, for the
-    guard lives on it."""
+    """Sensor in the load path, read or not; every press needs it for the guard."""
     camera: CameraConfig | None = None
     guard: GuardConfig | None = None
     touch: TouchConfig | None = None
-    tools: Tools = Field(default_factory=dict, examples=[TOOLS])
-    """By indenter, as `[tools."sphere:10"]`: how much longer it is than the tip that the origin was
+    tools: Tools = Field(default_factory=dict, examples=[TOOLS_EXAMPLE])
+    """By indenter, as `[tools."sphere:10"]`: its length minus that of the tip that the origin was
     measured with."""
 
     @model_validator(mode="after")
@@ -198,12 +197,12 @@ class GrblConfig(Table):
         return self
 
     def recorded(self) -> dict[str, Any]:
-        """What a record keeps."""
+        """Return the data for a record."""
         return self.model_dump(mode="json")
 
 
 RigConfig = VirtualConfig | GrblConfig
-_KINDS: dict[str, type[VirtualConfig] | type[GrblConfig]] = {
+RIG_CONFIGS: dict[str, type[VirtualConfig] | type[GrblConfig]] = {
     "virtual": VirtualConfig,
     "grbl": GrblConfig,
 }
@@ -214,14 +213,14 @@ def load_rig(name: str) -> tuple[RigConfig, Path]:
     path = find_file("protocols/rigs", name)
     data = read_toml(path)
     kind = data.get("kind")
-    if not isinstance(kind, str) or kind not in _KINDS:
-        found = "missing key" if kind is None else f"unknown kind {kind!r}"
-        raise InputError(f"{path}: kind: {found}; {did_you_mean(str(kind), _KINDS)}")
-    return _registered(validate(_KINDS[kind], data, str(path)), path), path
+    if not isinstance(kind, str) or kind not in RIG_CONFIGS:
+        problem = "missing key" if kind is None else f"unknown kind {kind!r}"
+        raise InputError(f"{path}: kind: {problem}; {did_you_mean(str(kind), RIG_CONFIGS)}")
+    return _with_registration(validate(RIG_CONFIGS[kind], data, str(path)), path), path
 
 
-def _registered(config: RigConfig, path: Path) -> RigConfig:
-    """With the face where it was registered. Raises InputError for a file that is none."""
+def _with_registration(config: RigConfig, path: Path) -> RigConfig:
+    """Apply the registered position of the face. Raises InputError for an invalid file."""
     if config.stage.registration is None:
         return config
     file = path.parent / config.stage.registration
@@ -230,7 +229,7 @@ def _registered(config: RigConfig, path: Path) -> RigConfig:
             f"{path}: stage.registration: {config.stage.registration!r}: no such file in "
             f"{path.parent}; `deltact-fab rig register` writes one"
         )
-    found = validate(RegistrationFile, read_toml(file), str(file))
+    registration = validate(RegistrationFile, read_toml(file), str(file))
     keys = ("origin_machine_mm", "angle_deg", "tilt_deg")
-    stage = config.stage.model_copy(update={key: getattr(found, key) for key in keys})
+    stage = config.stage.model_copy(update={key: getattr(registration, key) for key in keys})
     return config.model_copy(update={"stage": stage})

@@ -1,4 +1,4 @@
-"""The few small interfaces a run is written against. The runner does not know which rig it drives.
+"""Interfaces between a run and a rig; the runner does not know which rig it drives.
 
 Positions are tip positions in the sensor frame (mm): x along the width, y along the length, z out
 of the sensor, z = 0 at the resting face; a depth d is z = -d. Times are seconds of one `Clock`.
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class Clock(Protocol):
-    """The one time base of host, runner, controller, camera and force sensor."""
+    """Common time base of host, runner, controller, camera and force sensor."""
 
     def now_ns(self) -> int:
         """Nanoseconds since an arbitrary, fixed origin; never goes back."""
@@ -36,15 +36,15 @@ class Clock(Protocol):
         """Seconds since the same origin."""
 
     def sleep_s(self, seconds: float) -> None:
-        """Let that much time pass (wall time, or virtual time in lockstep)."""
+        """Wait (wall time, or virtual time in lockstep)."""
 
 
 @dataclass(frozen=True)
 class StageState:
-    """What the controller last said: position in its own machine frame and what it is doing.
+    """Status report of the controller: machine position and state.
 
-    t_s: when the position was true, at most within_s from it. The controller reads its position
-    after it was asked and before it begins to answer; t_s is the middle of that time.
+    t_s: time of the position, uncertain by within_s. The controller reads its position between
+    request and answer; t_s is the middle of that interval.
     """
 
     machine_mm: tuple[float, float, float]
@@ -59,131 +59,127 @@ class CameraFrame:
 
     image: Image  # (h, w, 3) BGR uint8
     t_s: float
-    number: int | None = None  # of the device's own count; None: it does not count
-    dropped: int = 0  # frames that the device lost since the one before
-    repeated: int = 0  # frames since the one before that were the same image once more: left out
+    number: int | None = None  # the device's frame number; None: it does not count
+    dropped: int = 0  # frames lost by the device since the previous one
+    repeated: int = 0  # identical images since the previous one, skipped
 
 
 @dataclass(frozen=True)
 class ForceSamples:
-    """Samples of force on the sensor about the centre of the resting face, in order of time.
+    """Samples of the wrench on the sensor about the centre of the resting face, in time order.
 
-    Kept in the sensor's own counts, so that a record of them loses nothing.
+    In the sensor's own counts, so that a record is lossless.
     """
 
     t_ns: NDArray[np.int64]  # (n,) of the host's clock
     counts: NDArray[np.int32]  # (n, 6): three of force, three of torque
-    per_unit: NDArray[np.float64]  # (6,) counts in a newton, in a newton millimetre
+    per_unit: NDArray[np.float64]  # (6,) counts per N, counts per N mm
     saturated: NDArray[np.bool_]  # (n,)
-    lost: int = 0  # samples that are missing before and between these
-    late: int = 0  # of these, how many came noticeably later than they were taken
-    notes: tuple[Note, ...] = ()  # events for the journal, at most one a second of each id
+    n_lost: int = 0  # samples missing before and between these
+    n_late: int = 0  # number of these that arrived noticeably late
+    notes: tuple[Note, ...] = ()  # events for the journal, at most one per second and id
 
     @property
     def force_n(self) -> NDArray[np.float64]:
-        """(n, 3) newtons."""
+        """Force (n, 3), N."""
         return np.asarray(self.counts[:, :3] / self.per_unit[:3], float)
 
     @property
     def torque_nmm(self) -> NDArray[np.float64]:
-        """(n, 3) newton millimetres."""
+        """Torque (n, 3), N mm."""
         return np.asarray(self.counts[:, 3:] / self.per_unit[3:], float)
 
 
 class Stage(Protocol):
-    """A motion stage in sensor coordinates; it knows its own limits."""
+    """A motion stage in sensor coordinates, with its own limits."""
 
     frame: StageFrame
-    """The sensor frame as the tip that is mounted now has it; positions are told and taken in it.
-    Another may be set at any time, nothing moves."""
+    """Sensor frame for the mounted tip, used for all positions; may be replaced at any time without
+    motion."""
 
     @property
     def homed(self) -> bool:
-        """Whether positions are known: homed since it was connected, and no fault since."""
+        """True if positions are known: homed since it was connected, and no fault since."""
 
     def connect(self) -> None: ...
     def home(self) -> None: ...
     def lift(self, height_mm: float, feed_mm_min: float) -> bool:
-        """Go straight up, z of the machine alone, by that much or to the top of the travel.
+        """Go straight up along machine z, by height_mm or to the top of the travel.
 
-        Also before homing: a controller that is not locked counts its steps, and up is away from
-        the face whatever the count. False, with nothing moved, where it is locked.
+        Works before homing: a controller that is not locked counts its steps, and up is away from
+        the face. Returns False, without motion, if it is locked.
         """
 
     def rescue(self, height_mm: float, feed_mm_min: float) -> bool:
-        """After a StageError: straight up to that height (sensor frame), if it can be trusted.
+        """After a StageError go straight up to that height (sensor frame), if that is safe.
 
-        Only where the controller rests within 10 s and has kept its count. False, with nothing
-        moved, elsewhere; positions are lost all the same. Raises StageError.
+        Only if the controller rests within 10 s and has kept its count; else returns False, without
+        motion. Positions are lost in both cases. Raises StageError.
         """
 
     def start_move(self, target_mm: tuple[float, float, float], feed_mm_min: float) -> float:
-        """Send one straight move to a tip position; its planned time (s), at once.
+        """Send one straight move to a tip position and return its planned time (s) at once.
 
-        Raises InputError, with nothing sent, for what the stage cannot do, and StageError.
+        Raises InputError, with nothing sent, for a move beyond the limits, and StageError.
         """
 
     def wait(self) -> StageState:
         """Wait until the last move is at its target. Raises StageError otherwise."""
 
     def listen(self, seconds: float) -> None:
-        """Let that much time pass; an alarm or a restart is heard within 5 ms of it.
+        """Wait while reading the controller; detects an alarm or a restart within 5 ms.
 
-        Raises StageError, the move stopped.
+        Raises StageError after stopping the move.
         """
 
     def position_mm(self) -> tuple[float, float, float]:
-        """Tip position in the sensor frame as the controller reports it now."""
+        """Request the tip position in the sensor frame."""
 
-    def located(self) -> tuple[int, tuple[float, float, float]]:
-        """The same with the time at which it was true (ns of the clock), see `StageState.t_s`.
+    def timed_position(self) -> tuple[int, tuple[float, float, float]]:
+        """Request time (ns of the clock, see `StageState.t_s`) and tip position.
 
-        It asks the controller, once, and may be called in a move. Raises StageError.
+        Allowed during a move. Raises StageError.
         """
 
     def stop(self) -> None:
-        """Halt motion now, keep the position, leave the controller able to move again.
+        """Halt motion, keeping the position and the ability to move.
 
-        From the thread that talks to the controller it waits for rest; from any other it only
-        writes.
+        Waits for rest in the thread that drives the controller; in any other it only writes.
         """
 
     def cancel(self) -> None:
-        """Write the byte that ends the motion under way, and no more: from any thread."""
+        """Only write the byte that ends the present motion: from any thread."""
 
     def share(self, hold: Callable[[int | None, bytes], None]) -> None:
-        """Tell it, now and whenever that changes, where the stop byte goes and which that is.
-
-        None: nowhere, for the port is about to be closed.
-        """
+        """Pass descriptor (None before closing) and stop byte to `hold`, now and on changes."""
 
     def abort(self) -> None:
-        """Halt at once, whatever is lost by it, and never raise: written in a signal handler."""
+        """Halt at once, losing the position, and never raise: for a signal handler."""
 
     def identity(self) -> dict[str, Any]:
-        """What the record keeps of the device: firmware, options, settings."""
+        """Return the device's firmware, options and settings for the record."""
 
     def close(self) -> None: ...
 
 
 class Camera(Protocol):
-    """A source of images with times."""
+    """A source of images with time stamps."""
 
     def begin(self, stream: str) -> None:
-        """A new stream of frames (one press) starts: flush buffers; simulated noise re-seeds."""
+        """Start a new stream of frames (one press): flush buffers, seed simulated noise."""
 
     def capture(self) -> CameraFrame:
-        """The next frame after the last, and none from before `begin`. Raises SensorError.
+        """Return the next frame, exposed after `begin`. Raises SensorError.
 
-        A camera that runs by itself is asked over and over; what was lost in between is in
-        `CameraFrame.dropped`. A simulated one exposes when it is asked.
+        A free-running camera counts losses since the last call in `CameraFrame.dropped`. A
+        simulated one exposes on this call.
         """
 
     def end(self, frames: Mapping[str, float]) -> None:
-        """The stream is over: ids under which frames were recorded, in order, and their times (s).
+        """End the stream; frames: recorded ids in order, and their times (s).
 
-        Whatever a camera keeps of a stream is on the disk on return; the press counts as complete
-        only after that. Raises RunFailed.
+        Any data that the camera itself stores is on the disk on return; only then is the press
+        complete. Raises RunFailed.
         """
 
     def identity(self) -> dict[str, Any]: ...
@@ -194,59 +190,58 @@ class ForceSensor(Protocol):
     """A six-axis force sensor that streams at its own rate."""
 
     def begin(self, stream: str) -> None:
-        """Tare with nothing touching, at the start of a press, and start the stream."""
+        """Tare without contact, at the start of a press, and start the stream."""
 
     def start(self) -> None:
-        """Let samples come again after a stop, on the same tare."""
+        """Restart the stream after a stop, with the same tare."""
 
     def read(self) -> ForceSamples:
-        """All samples since the last read, at least one; waits for the next to come.
+        """Return samples since the last read, at least one; waits for the next.
 
-        Raises SensorError when it is silent, faulted or has lost too many to go on.
+        Raises SensorError when it is silent, faulted or has lost too many.
         """
 
     def stop(self) -> None:
-        """Let no more samples come; those not read are dropped."""
+        """Stop the stream; unread samples are dropped."""
 
     def identity(self) -> dict[str, Any]: ...
     def close(self) -> None: ...
 
 
 class Guard(Protocol):
-    """What stops the stage beyond a force; see `force.guard.ForceGuard`."""
+    """Stops the stage beyond a force limit; see `force.guard.ForceGuard`."""
 
     @property
     def tripped(self) -> str:
-        """Why it stopped the stage, "" while it has not."""
+        """Reason of the stop, "" without one."""
 
     def watch(self, samples: ForceSamples) -> None:
-        """Look at what was read."""
+        """Check a batch of samples."""
 
-    def lost(self, why: str) -> None:
-        """The sensor says nothing that can be trusted."""
+    def on_sensor_lost(self, reason: str) -> None:
+        """Stop the stage: the sensor has failed."""
 
-    def tell(self) -> tuple[Note, ...]:
-        """What it has to say of itself."""
+    def pop_notes(self) -> tuple[Note, ...]:
+        """Return new notes about the guard."""
 
     def rearm(self) -> None:
-        """Forget why it stopped."""
+        """Clear the trip."""
 
     def easing(self) -> AbstractContextManager[None]:
-        """While the tip is lifted after a trip."""
+        """Raise the limits while the tip is lifted after a trip."""
 
 
-LIFT_FEED_MM_MIN = 120.0
-"""Out of the gel: slow enough for one that sticks."""
+LIFT_FEED_MM_MIN = 120.0  # by hand: slow enough for a gel that sticks
 
 
 def move_to(stage: Stage, target_mm: Point, feed_mm_min: float) -> None:
-    """One straight move (sensor frame) to its end. Raises InputError, StageError."""
+    """Make one straight move (sensor frame). Raises InputError, StageError."""
     stage.start_move(target_mm, feed_mm_min)
     stage.wait()
 
 
 def rise(stage: Stage, height_mm: float, feed_mm_min: float) -> None:
-    """Straight up to that height, or stay where the tip is higher. Raises as `go`."""
+    """Go straight up to that height; stay if the tip is higher. Raises as `move_to`."""
     x, y, z = stage.position_mm()
     move_to(stage, (x, y, max(z, height_mm)), feed_mm_min)
 
@@ -266,26 +261,26 @@ class WallClock:
 
 @dataclass
 class Devices:
-    """The devices that a run drives; a camera or force sensor that no channel asks for is None."""
+    """The devices of a run; camera and force sensor are None if no channel needs them."""
 
     clock: Clock
     stage: Stage
     camera: Camera | None
     force: ForceSensor | None
     change_indenter: Callable[[str], str | None]
-    """Has an indenter mounted and finds its tip; returns what the record is to keep of it."""
+    """Has an indenter mounted and finds its tip; returns a text for the record."""
     guard: Guard | None = None
     begin: Callable[[], str] | None = None
-    """Before a session's homing, the stage connected: asks, lifts a tip out of the gel, or raises;
-    returns what the record is to keep of it."""
+    """Runs before homing, the stage connected: asks, lifts a tip out of the gel, or raises; returns
+    a text for the record."""
     change_s: float = 0.0
-    """What `change_indenter` takes by plan."""
+    """Planned duration of `change_indenter`."""
     wall_clock: bool = False
-    """Time passes by itself: every device has a thread of its own; else one scheduler steps all."""
+    """True: real time, with a thread per device; False: one scheduler steps all devices."""
 
 
 class PrintedPattern(Protocol):
-    """The specimen's pattern: all of a recipe that a bench reads."""
+    """The part of a pattern recipe that a bench reads."""
 
     @property
     def patch_mm(self) -> float | None: ...
@@ -293,25 +288,25 @@ class PrintedPattern(Protocol):
 
 @dataclass(frozen=True)
 class RigSetup:
-    """One run as it was asked for: what a rig is built from. folder: of the run."""
+    """Input for building the rig of one run. folder: of the run."""
 
     protocol: plan.Protocol
     sensor: SensorDimensions
     recipe: PrintedPattern
     view: CameraModel | None
-    """Of the images that are tracked, see `RigKind.camera`."""
+    """Camera model of the tracked images, see `RigKind.camera`."""
     seed: int
     folder: Path
     air: bool = False
-    """Nothing is touched, see `bench.protocols.plan.expand_protocol`."""
+    """True: no contact, see `bench.protocols.plan.expand_protocol`."""
     unattended: bool = False
     """Run without prompts: nobody changes an indenter or answers."""
     tip_is_clear: bool = False
-    """The operator's word that the tip touches nothing when the session begins."""
+    """The operator states that the tip touches nothing when the session begins."""
 
 
 class OpenBench(ABC):
-    """All devices of one run. Whoever builds it closes it, however the run ends."""
+    """All devices of one run, closed by their creator in any case."""
 
     clock: Clock
     camera: Camera | None
@@ -319,81 +314,78 @@ class OpenBench(ABC):
 
     @abstractmethod
     def identity(self) -> dict[str, Any]:
-        """What the summary keeps of each device; None for one that is not there."""
+        """Return the identity of each device for the summary; None for an absent one."""
 
     @abstractmethod
     def notes(self) -> Iterable[Note]:
-        """What a reader of the results must know, once the run is over."""
+        """Notes for a reader of the results, after the run."""
 
-    def left_out(self) -> Iterator[Note]:
-        """What was not built, driven or solved, and why."""
+    def omissions(self) -> Iterator[Note]:
+        """Notes on devices or models that were not built, with the reason."""
         if self.camera is None:
-            yield Note("camera", "no channel asks for images")
+            yield Note("camera", "no channel needs images")
 
     @abstractmethod
     def close(self) -> None:
-        """Close every device, also after one that fails to; again does nothing."""
+        """Close every device, even if one fails to close; idempotent."""
 
 
 class Rig(Devices, OpenBench):
-    """A bench whose stage carries out the run. opened: closes its devices, the last one first."""
+    """A bench with a stage. exit_stack: closes its devices, the last one first."""
 
-    resources: ExitStack
+    exit_stack: ExitStack
 
     def identity(self) -> dict[str, Any]:
         devices = {"stage": self.stage, "camera": self.camera, "force": self.force}
-        return {name: None if it is None else it.identity() for name, it in devices.items()}
+        return {name: d.identity() if d is not None else None for name, d in devices.items()}
 
     def close(self) -> None:
-        self.resources.close()
+        self.exit_stack.close()
 
 
 class RigKind(ABC):
-    """A kind of rig: what it says before any device is opened, and how it is built."""
+    """A kind of rig: checks before any device is opened, and its construction."""
 
     part: str
-    """What `refusals` speaks of, for a table of checks."""
+    """Subject of `refusals` in a table of checks."""
 
     def __init__(self, config: Any, source: Path) -> None:
-        """source: of the rig file, from which the paths in it count."""
+        """source: path of the rig file, base of its relative paths."""
         self._config = config
         self._source = source
 
     @abstractmethod
     def refusals(self, protocol: plan.Protocol, sensor: SensorDimensions, source: str) -> list[str]:
-        """Why a protocol cannot be carried out on it, a line each; source: of the protocol."""
+        """Reasons why a protocol cannot run on it, a line each; source: of the protocol."""
 
     @abstractmethod
     def camera(self, protocol: plan.Protocol, sensor: SensorDimensions) -> CameraModel | None:
-        """The projection of the images that are tracked; None without a camera.
+        """Return the projection of the tracked images; None without a camera.
 
-        Raises InputError for a calibration that cannot be read, or not serve here.
+        Raises InputError for an unreadable or unsuitable calibration.
         """
 
     def flat(self, protocol: plan.Protocol) -> FlatField | None:
-        """How the light falls off in that camera's images, where it is known. Raises InputError."""
+        """Return the flat field of that camera if there is one. Raises InputError."""
         camera = self._config.camera
         if camera is None or camera.model is None or "image" not in protocol.channels:
             return None
         return FlatField.from_camera_file(self._source.parent / camera.model)
 
     def change_s(self, protocol: plan.Protocol) -> float:
-        """What finding the face with another indenter takes by plan; 0 where nothing is felt."""
+        """Planned duration of a touch-off after a change of indenter; 0 without one."""
         return 0.0
 
     def undeclared_lengths(self, protocol: plan.Protocol) -> list[str]:
-        """A line for indenters of unknown length, where a hand changes them."""
+        """Return a line for indenters without a declared length, on a real rig."""
         return []
 
     def unmet_conditions(
         self, protocol: plan.Protocol, sensor: SensorDimensions, unattended: bool
     ) -> list[str]:
-        """Why the rig must not press, or not alone, a line each; none for one that cannot break."""
+        """Reasons why the rig must not press, or not unattended; none on a simulated rig."""
         return []
 
     @abstractmethod
     def build(self, job: RigSetup, progress: Progress | None = None) -> OpenBench:
-        """Every device of the run, or none: what was opened is closed when another fails.
-
-        progress: told of what has to be solved first.
-        """
+        """Open all devices, or none if one fails. progress: of preparing a simulation."""

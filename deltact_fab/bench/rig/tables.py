@@ -1,4 +1,4 @@
-"""The tables of a rig file that both kinds have: camera, force sensor, guard, touch-off, tools."""
+"""Tables of a rig file common to both kinds: camera, force sensor, guard, touch-off, tools."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ Pixels = Annotated[int, Field(ge=8, le=20_000)]
 Control = Annotated[int, Field(ge=-1_000_000, le=1_000_000)]
 Word = Annotated[str, Field(min_length=1, max_length=4096)]
 DEVICE_FOLDER = "/dev/"
-COMMAND = ["gst-launch-1.0", "-q", "nvarguscamerasrc", "!", "...", "!", "fdsink"]
-LOCKS = ("exposure", "gain", "white_balance_k", "autofocus")
+COMMAND_EXAMPLE = ["gst-launch-1.0", "-q", "nvarguscamerasrc", "!", "...", "!", "fdsink"]
+LOCKABLE_KEYS = ("exposure", "gain", "white_balance_k", "autofocus")
 Torque = Annotated[float, Field(gt=0, le=10_000_000)]  # N mm
 Millimetres = Annotated[float, Field(ge=-100, le=100)]
 
 
 class CameraFile(Table):
-    """What is known of a camera, as it was calibrated."""
+    """Calibration of a camera."""
 
     model: Word
-    """A camera file, of `deltact-fab calibrate lens`; its path counts from the rig file."""
+    """A camera file, of `deltact-fab calibrate lens`; path relative to the rig file."""
 
 
 class CameraConfig(Table):
-    """The camera that looks at the gel: how its images come, and how it was calibrated.
+    """The camera that looks at the gel: source of its images, and calibration.
 
-    Paths count from the folder of the rig file. Only a V4L2 device's settings can be locked here;
-    any other source is told its own where it is started.
+    Paths are relative to the folder of the rig file. Only settings of a V4L2 device can be locked
+    here; any other source is configured where it is started.
     """
 
     source: Annotated[int, Field(ge=0, le=255)] | Word | None = Field(default=None, examples=[0])
     """N of /dev/videoN or a device file; an rtsp or http address."""
     command: tuple[Word, ...] | None = Field(
-        default=None, min_length=1, max_length=256, examples=[COMMAND],
+        default=None, min_length=1, max_length=256, examples=[COMMAND_EXAMPLE],
         json_schema_extra={"instead_of": "source"},
     )  # fmt: skip
     """In place of a source: a program and its arguments, as for the camera port of a Jetson. It
@@ -46,38 +46,38 @@ class CameraConfig(Table):
     between."""
     stamped: bool = False
     """The command writes 16 bytes before each image, little-endian: int64 nanoseconds of this
-    computer's monotonic clock, uint32 number of the image, uint32 that means nothing."""
+    computer's monotonic clock, uint32 number of the image, uint32 unused."""
     width_px: Pixels | None = Field(default=None, examples=[1280])
-    """Width of an image, which a device is asked for and a command must say; with height_px."""
+    """Width of an image: requested from a device, required for a command; with height_px."""
     height_px: Pixels | None = Field(default=None, examples=[720])
     """Height of an image; with width_px."""
     rate_hz: float | None = Field(default=None, ge=0.01, le=10_000, examples=[30.0])
-    """What a device is asked for, and what missing images are told by."""
+    """Rate requested from a device; missing images are inferred from it."""
     fourcc: str | None = Field(default=None, min_length=4, max_length=4, examples=["MJPG"])
-    """Of a V4L2 device: as MJPG or YUYV."""
+    """Pixel format of a V4L2 device, as MJPG or YUYV."""
     exposure: Control | None = Field(default=None, examples=[100])
-    """Of a V4L2 device, in units of the driver, 0.1 ms with UVC. The automatic one is off then.
-    MEASURE: choose it with the light on and the gel in place; `rig check` says what the device has
-    now."""
+    """Exposure of a V4L2 device in units of the driver, 0.1 ms with UVC; turns automatic exposure
+    off. MEASURE: choose it with the light on and the gel in place; `rig check` shows the present
+    value."""
     gain: Control | None = Field(default=None, examples=[0])
-    """Of a V4L2 device, in units of the driver."""
+    """Gain of a V4L2 device, in units of the driver."""
     white_balance_k: Annotated[int, Field(ge=1000, le=20_000)] | None = Field(
         default=None, examples=[4600]
     )
-    """Of a V4L2 device: colour temperature; the automatic one is off then."""
+    """Colour temperature of a V4L2 device; turns automatic white balance off."""
     autofocus: bool | None = Field(default=None, examples=[False])
-    """Of a V4L2 device: false holds the lens where it is."""
+    """V4L2 device: false holds the focus where it is."""
     latency_ms: float = Field(default=0.0, ge=0, le=10_000)
-    """From the middle of the exposure to the moment that the image is stamped with."""
+    """Time from the middle of the exposure to the image's time stamp."""
     format: Literal["png", "jxl"] = "png"
-    """Of the images in the record, both lossless: "png" holds 30 images of 1280 x 720 a second on
-    two cores, "jxl" (extra `images`) 80."""
+    """Format of the images in the record, both lossless: "png" sustains 30 images of 1280 x 720
+    per second on two cores, "jxl" (extra `images`) 80."""
     model: Word | None = Field(default=None, examples=["camera.toml"])
-    """A camera file, of `deltact-fab calibrate lens`; without one nothing can be tracked."""
+    """A camera file, of `deltact-fab calibrate lens`; without one images cannot be tracked."""
 
     @property
     def is_device(self) -> bool:
-        """Whether the source is a V4L2 device."""
+        """True if the source is a V4L2 device."""
         source = self.source
         return isinstance(source, int) or (source is not None and source.startswith(DEVICE_FOLDER))
 
@@ -97,7 +97,7 @@ class CameraConfig(Table):
         if (self.width_px is None) != (self.height_px is None):
             raise ValueError("width_px, height_px: both or none")
         if self.command is not None and self.width_px is None:
-            raise ValueError("width_px, height_px: missing; a command does not tell its size")
+            raise ValueError("width_px, height_px: missing; a command needs them")
         if self.stamped and self.command is None:
             raise ValueError("stamped: only a command can stamp its images")
         if self.command is None and not self.is_device and "://" not in self.name:
@@ -106,11 +106,11 @@ class CameraConfig(Table):
                 "address; images from files are for `measure` and `record import`"
             )
         if not self.is_device:
-            only = [key for key in ("fourcc", *LOCKS) if getattr(self, key) is not None]
+            only = [key for key in ("fourcc", *LOCKABLE_KEYS) if getattr(self, key) is not None]
             if only:
                 raise ValueError(
-                    f"{', '.join(only)}: only of a V4L2 device, and the source is {self.name}; "
-                    "set it where the images come from"
+                    f"{', '.join(only)}: only for a V4L2 device, and the source is {self.name}; "
+                    "set it in the program that sends the images"
                 )
         return self
 
@@ -125,10 +125,10 @@ class NetFTConfig(Table):
     http_port: int = Field(default=80, ge=1, le=65535)
     """TCP port of its settings."""
     serial: str | None = Field(default=None, min_length=1, max_length=64, examples=["FT11564"])
-    """Of the transducer, as FT11564; with it, any other one is refused."""
+    """Serial number of the transducer, as FT11564; any other one is refused."""
     silent_s: float = Field(default=0.05, ge=0.02, le=10)
-    """A box that says nothing for so long has failed, and readings twice as old leave the guard
-    blind. What simulates a box on a busy computer needs more."""
+    """Silence after which the box has failed; readings twice as old leave the guard blind. A
+    simulated box on a busy computer needs more."""
 
 
 class SerialScaleConfig(Table):
@@ -137,135 +137,135 @@ class SerialScaleConfig(Table):
     port: str = Field(min_length=1, max_length=4096, examples=["/dev/ttyUSB0"])
     """Serial device, as /dev/ttyUSB0."""
     baud: int = Field(default=115200, ge=1200, le=10_000_000)
-    """Of the serial port."""
+    """Baud rate of the serial port."""
     columns: tuple[Literal["fx", "fy", "fz", "tx", "ty", "tz", "-"], ...] = Field(
         default=("fz",), min_length=1, max_length=32
     )
-    """What each number of a line is; "-" is left out, as a time. Words between do not count."""
+    """Meaning of each number of a line; "-" is ignored, as a time. Words between do not count."""
     unit: Literal["N", "mN", "g", "kg"] = "N"
-    """Of the forces that it writes."""
+    """Unit of the forces that it writes."""
     torque_unit: Literal["Nmm", "Nm"] = "Nmm"
-    """Of the torques that it writes."""
+    """Unit of the torques that it writes."""
     scale: float = Field(default=1.0, ge=-1e6, le=1e6)
-    """Times each number. A press has Fz < 0, so a scale that shows it as positive needs -1."""
+    """Factor for each number. A press has Fz < 0, so a scale that shows it as positive needs -1."""
     silent_s: float = Field(default=0.5, ge=0.02, le=10)
-    """A scale that says nothing for so long has failed."""
+    """Silence after which the scale has failed."""
     ask: str | None = Field(
         default=None, max_length=80, pattern=r"^[\x00-\x7f]*$", examples=["SIR\r\n"]
     )
-    """What makes it write, for a scale that has to be asked, as "SIR\\r\\n"."""
+    """Request for a scale that does not write by itself, as "SIR\\r\\n"."""
 
     @model_validator(mode="after")
     def _axes(self) -> Self:
         axes = [name for name in self.columns if name != "-"]
         if not axes or len(set(axes)) < len(axes):
-            raise ValueError("columns: each axis once, at least one, and '-' for what is left out")
+            raise ValueError("columns: each axis once, at least one, and '-' for ignored numbers")
         if self.scale == 0:
-            raise ValueError("scale: 0 leaves nothing of a force; -1 turns its sign")
+            raise ValueError("scale: must not be 0; -1 changes the sign")
         return self
 
 
 class ForceConfig(Table):
     """A six-axis force sensor.
 
-    The defaults serve the simulated box; `preflight` takes what a rig file does not write down for
+    The defaults serve the simulated box; for `preflight` a key missing in the rig file is
     undeclared.
     """
 
     range_n: tuple[Force, Force, Force] = (25.0, 25.0, 35.0)
-    """Most force that it measures along x, y, z, as on its calibration sheet; a press is refused
-    without it. ATI Nano17 SI-25-0.25 (FT8577): 25, 25, 35; SI-50-0.5 (FT11564): 50, 50, 70."""
+    """Rated force along x, y, z, from its calibration sheet; a press is refused without it.
+    ATI Nano17 SI-25-0.25 (FT8577): 25, 25, 35; SI-50-0.5 (FT11564): 50, 50, 70."""
     range_nmm: tuple[Torque, Torque, Torque] = (250.0, 250.0, 250.0)
-    """Most torque that it measures about x, y, z. SI-25-0.25: 250; SI-50-0.5: 500."""
+    """Rated torque about x, y, z. SI-25-0.25: 250; SI-50-0.5: 500."""
     origin_mm: tuple[PosMm, PosMm, PosMm] | None = Field(default=None, examples=[[0.0, 0.0, -30.0]])
-    """Where its moments count from, in the sensor frame of the gel (below the gel z < 0). MEASURE
+    """Reference point of its moments in the sensor frame of the gel (below the gel z < 0). MEASURE
     with a rule; without it no moment of a press is predicted."""
     rate_hz: float = Field(default=1000.0, ge=1, le=10_000)
     """Readings per second."""
     netft: NetFTConfig | None = None
-    """How a real rig reaches it: an ATI Net F/T box on the network."""
+    """Connection on a real rig: an ATI Net F/T box on the network."""
     serial: SerialScaleConfig | None = Field(
         default=None, json_schema_extra={"instead_of": "netft"}
     )
 
     @property
     def reachable(self) -> bool:
-        """Whether it is said how the sensor is read."""
+        """True if a connection to the sensor is given."""
         return self.netft is not None or self.serial is not None
 
     @model_validator(mode="after")
-    def _one_way(self) -> Self:
+    def _one_connection(self) -> Self:
         if self.netft is not None and self.serial is not None:
-            raise ValueError("one sensor has one way to it: give [force.netft] or [force.serial]")
+            raise ValueError("give either [force.netft] or [force.serial], not both")
         return self
 
 
 class GuardConfig(Table):
-    """Beyond any of these the guard stops the stage, whatever it is doing. What is not set is 80 %
-    of the force sensor's range.
+    """Limits beyond which the guard stops the stage, whatever it is doing; default: 80 % of the
+    force sensor's range.
 
     See `guard.GuardLimits`.
     """
 
     force_n: Force | None = Field(default=None, examples=[15.0])
-    """On any axis, of either sign."""
+    """Limit on every axis, either sign."""
     axes_n: tuple[Force, Force, Force] | None = Field(
         default=None, examples=[[15.0, 15.0, 25.0]], json_schema_extra={"instead_of": "force_n"}
     )
-    """On each axis, instead of force_n."""
+    """Limit on each axis, instead of force_n."""
     resultant_n: Force | None = Field(default=None, examples=[25.0])
-    """Of the whole force."""
+    """Limit of the resultant force."""
     torque_nmm: Torque | None = Field(default=None, examples=[200.0])
-    """On any axis, about the sensor's own origin."""
+    """Limit on every axis, about the sensor's own origin."""
 
     @model_validator(mode="after")
-    def _one(self) -> Self:
+    def _one_force_limit(self) -> Self:
         if self.force_n is not None and self.axes_n is not None:
-            raise ValueError("force_n is for all axes, axes_n for each: give one of them")
+            raise ValueError("give either force_n (all axes) or axes_n (each axis), not both")
         return self
 
 
 class ToolConfig(Table):
-    """What is known of one indenter before it is mounted."""
+    """Declared length of one indenter."""
 
     length_mm: Millimetres = Field(examples=[0.0])
-    """How much longer it is than the one that `[stage] origin_machine_mm` was measured with.
+    """Length minus that of the tip that `[stage] origin_machine_mm` was measured with.
     MEASURE with a caliper; a touch-off corrects it within search_mm."""
 
 
 class TouchConfig(Table):
-    """How the face is found after each change of indenter, and when a run goes on.
+    """Touch-off: finds the face after each change of indenter and when a run is resumed.
 
-    Heights count from where the face is expected: `[stage] origin_machine_mm`, and the length of
-    the indenter.
+    Heights are above the expected face: `[stage] origin_machine_mm` plus the length of the
+    indenter.
     """
 
     by: Literal["force"] = "force"
-    """What tells the contact: the force sensor."""
+    """Contact is detected by the force sensor."""
     at_mm: tuple[Millimetres, Millimetres] = (0.0, 0.0)
-    """Where on the face."""
+    """Point on the face."""
     force_n: float = Field(default=0.1, ge=0.005, le=5)
-    """So much is a contact; at least five standard deviations of the sensor's noise, which `rig
-    check` finds."""
+    """Force of a contact; at least five standard deviations of the sensor's noise, see `rig
+    check`."""
     feed_mm_min: float = Field(default=30.0, ge=1, le=120)
-    """Of the approach; the second one goes step by step."""
+    """Feed of the first approach; the second one goes by steps."""
     clear_mm: float = Field(default=5.0, ge=0.5, le=50)
     """Height at which the approach begins."""
     search_mm: float = Field(default=3.0, ge=0.1, le=20)
-    """The face is looked for within so much of the height expected, and never further down."""
+    """Search range above and below the expected height; the tip never goes lower."""
     repeats: int = Field(default=3, ge=1, le=20)
-    """How often the face is touched."""
+    """Number of touches."""
     spread_mm: float = Field(default=0.03, ge=0.001, le=0.5)
-    """Between the repeats; more is a loose tool."""
+    """Largest difference between repeats; more indicates a loose tool."""
     moved_mm: float = Field(default=0.3, ge=0.01, le=5)
-    """A resumed run may find the face at most so much from where the run had it."""
+    """Largest shift of the face when a run is resumed."""
 
     @model_validator(mode="after")
     def _heights(self) -> Self:
         if self.clear_mm < self.search_mm:
             raise ValueError(
                 f"clear_mm: {self.clear_mm:g} is below search_mm = {self.search_mm:g}; the "
-                "approach begins above all heights at which the face may be"
+                "approach must begin above the search range"
             )
         return self
 
@@ -279,9 +279,9 @@ class RegisteredTouch(Table):
 
 
 class RegistrationFile(Table):
-    """What `rig register` wrote: where the face lies for the reference tool, found by what.
+    """Result of `rig register`: position of the face for the reference tool.
 
-    residual_mm: farthest touch from the plane; of three touches there is none to tell.
+    residual_mm: largest distance of a touch from the plane, 0 of three touches.
     """
 
     date: str = Field(max_length=64)
@@ -293,26 +293,26 @@ class RegistrationFile(Table):
     tilt_deg: tuple[StageTilt, StageTilt]
     residual_mm: float = Field(ge=0, le=10)
     jig_off_mm: tuple[Millimetres, Millimetres] | None = None
-    """Of a file that `rig register --jig` wrote."""
+    """Only in a file of `rig register --jig`."""
     touches: tuple[RegisteredTouch, ...] = Field(min_length=3, max_length=1000)
 
     def line(self) -> str:
-        """For a person."""
+        """Return a summary for the operator."""
         x, y, z = self.origin_machine_mm
         tx, ty = self.tilt_deg
-        known = f"{self.residual_mm:.3f} mm from flat" if len(self.touches) > 3 else "no residual"
+        flat = f"{self.residual_mm:.3f} mm from flat" if len(self.touches) > 3 else "not checked"
         return (
             f"face at machine ({x:.3f}, {y:.3f}, {z:.3f}) mm, tilted {tx:+.3f} deg about x and "
-            f"{ty:+.3f} about y, {known} by {len(self.touches)} touches"
+            f"{ty:+.3f} about y, {flat}, {len(self.touches)} touches"
         )
 
 
 def _named_tools(tools: dict[str, ToolConfig]) -> dict[str, ToolConfig]:
-    """The same under the indenters' own names. Raises ValueError for a name that is none."""
+    """Replace keys by canonical indenter names. Raises ValueError for an unknown one."""
     try:
         return {parse_indenter(name).name: tool for name, tool in tools.items()}
-    except InputError as why:
-        raise ValueError(str(why)) from why
+    except InputError as error:
+        raise ValueError(str(error)) from error
 
 
 Tools = Annotated[dict[str, ToolConfig], AfterValidator(_named_tools)]

@@ -1,4 +1,4 @@
-"""Dead weights for a force sensor: a hand lays them on, the camera looks, the masses are known.
+"""Dead weights instead of a force sensor: placed by hand, filmed by the camera, masses known.
 
 For a bench without a stage and a force sensor.
 """
@@ -24,9 +24,9 @@ from .tool.tooling import TerminalOperator
 
 
 class WeightsBench(OpenBench):
-    """Has one weight after the other laid on, and records what is seen of it.
+    """Asks the operator to place one weight after the other, and records images and forces.
 
-    Whoever builds it closes it.
+    The owner closes it.
     """
 
     def __init__(self, config: GrblConfig, folder: Path, job: RigSetup) -> None:
@@ -44,49 +44,49 @@ class WeightsBench(OpenBench):
     def run(
         self, steps: Sequence[Step], writer: RunWriter, progress: Progress | None = None
     ) -> None:
-        """All places that the writer has not kept. Raises RunFailed, SensorError, Stopped."""
-        total, done = sum(step.frames for step in steps), 0
+        """Record all presses that the writer lacks. Raises RunFailed, SensorError, Stopped."""
+        total, frames_done = sum(step.frames for step in steps), 0
         step = steps[0]
         try:
             for press, group in groupby(steps, lambda step: step.press):
                 part = list(group)
                 if press in writer.kept_presses:
-                    done += sum(step.frames for step in part)
+                    frames_done += sum(step.frames for step in part)
                     continue
                 began_s, masses_g = self.clock.now_s(), iter(self._weights.masses_g)
                 frames: dict[str, float] = {}
                 for step in part:
                     if progress is not None:
-                        progress(done, total, step.id)
+                        progress(frames_done, total, step.id)
                     mass_g = next(masses_g) if step.kind == "press" else 0.0
                     frames |= self._step(step, mass_g, writer, began_s)
-                    done += step.frames
+                    frames_done += step.frames
                 if self.camera is not None and frames:
                     self.camera.end(frames)
                 writer.flush()
-        except KeyboardInterrupt as why:
+        except KeyboardInterrupt as error:
             raise Stopped(
-                f"stopped by the operator in {step.id}; complete places are kept: go on with "
-                "--resume"
-            ) from why
+                f"stopped by the operator in {step.id}; complete presses are kept: continue "
+                "with --resume"
+            ) from error
 
     def _step(
         self, step: Step, mass_g: float, writer: RunWriter, began_s: float
     ) -> dict[str, float]:
-        """Ask, wait, take the frame and the force; its id and time. mass_g: 0 where none lies."""
+        """Prompt, wait, record frame and force; return frame ids and times. mass_g: 0 for none."""
         start_s = self.clock.now_s()
         x_mm, y_mm, _ = step.target_mm
         if step.kind == "change":
-            self._operator.ask(f"take {step.indenter}; Enter when it is at hand")
+            self._operator.ask(f"take {step.indenter}; press Enter when ready")
         elif not mass_g:
             self._operator.ask(
-                f"take everything off the face, next is ({x_mm:g}, {y_mm:g}) mm; Enter when "
-                "nothing touches it"
+                f"clear the face, next is ({x_mm:g}, {y_mm:g}) mm; press Enter when nothing "
+                "touches it"
             )
         else:
             self._operator.ask(
-                f"lay {mass_g:g} g on {step.indenter} at ({x_mm:g}, {y_mm:g}) mm; Enter when it "
-                "rests"
+                f"place {mass_g:g} g on {step.indenter} at ({x_mm:g}, {y_mm:g}) mm; press Enter "
+                "when it rests"
             )
         frames: dict[str, float] = {}
         chunks: list[Chunk] = []
@@ -113,7 +113,7 @@ class WeightsBench(OpenBench):
         return frames
 
     def _settled(self, settle_s: float) -> tuple[CameraFrame | None, float]:
-        """The first frame exposed once the face has settled, and its time."""
+        """Return the first frame exposed after settling, and its time."""
         due_s = self.clock.now_s() + settle_s
         self.clock.sleep_s(settle_s)
         while self.camera is not None:
@@ -123,13 +123,13 @@ class WeightsBench(OpenBench):
         return None, self.clock.now_s()
 
     def left_out(self) -> Iterator[Note]:
-        yield Note("stage, force sensor and guard", "a hand lays the weights on")
-        yield from super().left_out()
+        yield Note("stage, force sensor and guard", "weights are placed by hand")
+        yield from super().omissions()
 
     def notes(self) -> Iterator[Note]:
-        """How well the weights are known."""
+        """Note the uncertainty of the weights."""
         normal_n, shear_n = self._weights.error_n()
-        text = f"weights: the normal force is known to {normal_n:.3f} N, shear to {shear_n:.3f}"
+        text = f"weights: uncertainty {normal_n:.3f} N normal, {shear_n:.3f} N shear"
         yield Note("weights", text)
 
     def identity(self) -> dict[str, Any]:

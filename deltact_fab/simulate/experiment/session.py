@@ -99,7 +99,7 @@ def run_experiment(
                 "redone": writer.redone,
                 "rig_seconds": rig_seconds,
                 "wall_seconds": time.monotonic() - started,
-                "left_out": [note.labelled for note in bench.left_out()],
+                "left_out": [note.labelled for note in bench.omissions()],
                 "notes": [note.line for note in remarks],
                 "remarks": [asdict(note) for note in remarks],
                 "devices": bench.identity(),

@@ -73,7 +73,7 @@ def limits_of(rig: RigConfig, source: str, protocol: Protocol) -> ForceLimits:
     guard, keys = None, ("", "")
     if rig.force is not None and not rig.simulated:
         try:
-            guard, keys = GuardLimits.of(rig.guard, rig.force), GuardLimits.keys(rig.guard)
+            guard, keys = GuardLimits.from_config(rig.guard, rig.force), GuardLimits.keys(rig.guard)
         except InputError as error:
             raise InputError(f"{source}: {error}") from error
     declared = force.model_fields_set if force is not None else set()

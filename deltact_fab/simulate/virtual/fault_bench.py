@@ -75,7 +75,7 @@ class FaultScenario:
         limits = stage.travel_mm, stage.max_feed_mm_min, stage.acceleration_mm_s2
         settings = {**grbl_settings(*limits), 27: stage.pull_off_mm}
         force = rig.force or ForceConfig()
-        guard = GuardLimits.of(rig.guard, force)
+        guard = GuardLimits.from_config(rig.guard, force)
         return cls(text, _shorten(expand_protocol(protocol)), stage.frame, settings, force, guard)
 
     @property

@@ -253,7 +253,7 @@ class LockstepLink:
             arrivals[name] = records[name]
         return arrivals
 
-    def troubles(self) -> dict[str, int]:
+    def pop_losses(self) -> dict[str, int]:
         return {}
 
     def close(self) -> None:

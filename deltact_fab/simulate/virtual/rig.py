@@ -93,7 +93,7 @@ class VirtualRig(Rig):
             controller, clock, stage.frame, presses.increments, presses.open, self._crop,
             presses.modulus_mpa,
         )  # fmt: skip
-        host = GrblStage.of(stage, clock, SerialLink(controller, clock, baud=stage.baud))
+        host = GrblStage.from_config(stage, clock, SerialLink(controller, clock, baud=stage.baud))
         host.whole_moves = True  # the gel is solved along the lines of the plan
         with ExitStack() as resources:
             resources.callback(host.close)
@@ -115,7 +115,7 @@ class VirtualRig(Rig):
                 force = VirtualForce(box, clock, scene)
                 resources.callback(force.close)
             super().__init__(clock, host, camera, force, self.scene.mount)
-            self.resources = resources.pop_all()
+            self.exit_stack = resources.pop_all()
 
     def left_out(self) -> Iterator[Note]:
         """Notes on the parts that this scene does not need and did not build."""

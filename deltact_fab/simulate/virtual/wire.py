@@ -64,7 +64,7 @@ class SerialLink:
         self._out_ns = (0, 0)
         self.discard()
 
-    def opened(self, timeout: float | None) -> SerialLink:
+    def open_link(self, timeout: float | None) -> SerialLink:
         """The host opens the port: an Arduino restarts, other boards do not notice."""
         self.timeout = timeout
         self._require_cable()

@@ -91,7 +91,9 @@ def test_misconfigured_board_is_not_homed(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_home_jog_goto(tmp_path: Path) -> None:
     with bench(tmp_path) as it:
-        with pytest.raises(StageError, match="locked, its position is lost: `rig home` first"):
+        with pytest.raises(
+            StageError, match="controller locked, position lost: run `rig home` first"
+        ):
             it.does("jog", "0", "0", "1")
         with pytest.raises(StageError, match="give --tip-is-clear"):
             it.does("home", "--yes")
@@ -100,7 +102,7 @@ def test_home_jog_goto(tmp_path: Path) -> None:
         assert it.segments() == []
         said = it.does("home", "--yes", "--tip-is-clear")
         assert said["state"]["sensor_mm"] == pytest.approx([9.8, 9.8, 11.8])
-        assert "the position was known: lifted" in it.does("home", "--yes")["how"]
+        assert "position known: lifted" in it.does("home", "--yes")["how"]
 
         said = it.does("jog", "-1", "-2.5", "-3", "--feed", "1200")
         assert said["sensor_mm"] == pytest.approx([8.8, 7.3, 8.8])
@@ -124,8 +126,8 @@ def waiting(no_boot_loader: None, tmp_path_factory: pytest.TempPathFactory) -> I
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("jog", "0", "11", "0"), "11 mm is more than 10; give --most 11"),
-        (("jog", "0", "0", "-2"), "z = 4 mm is below 5 mm over the face.*give --into-gel"),
+        (("jog", "0", "11", "0"), "11 mm exceeds 10 mm; give --most 11"),
+        (("jog", "0", "0", "-2"), "z = 4 mm is below 5 mm above the face.*give --into-gel"),
         (("jog", "0", "0", "8"), r"target Z 2\.000 mm \(machine\) is outside"),
         (("jog", "1", "0", "0", "--feed", "9000"), "feed 9000 mm/min moves X"),
         (("goto", "0", "0", "4", "--as-counted"), "z = 4 mm is below 5 mm"),

@@ -93,7 +93,7 @@ def bench(
     link = SerialLink(grbl, clock)
     stage = GrblStage(link, clock, EXPECTED)
     force = NetFTSensor(LockstepLink(box), clock)
-    limits = GuardLimits.of(GuardConfig(force_n=guard_n), ForceConfig())
+    limits = GuardLimits.from_config(GuardConfig(force_n=guard_n), ForceConfig())
     guard = ForceGuard(stage.cancel, limits, clock)
     if homed:
         stage.connect()

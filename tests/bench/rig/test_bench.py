@@ -59,7 +59,7 @@ def files(folder: Path, board: Board, channels: str = "[]") -> tuple[str, str]:
 
 
 @pytest.mark.slow
-def test_a_protocol_runs_from_end_to_end_in_air_without_the_simulator(tmp_path: Path) -> None:
+def test_protocol_runs_in_air_without_simulator(tmp_path: Path) -> None:
     with board(arduino=True) as it:
         protocol, rig = files(tmp_path, it)
         words = ["run", protocol, "--rig", rig, "--air", "--out", "r", "--json"]
@@ -95,7 +95,7 @@ def test_a_protocol_runs_from_end_to_end_in_air_without_the_simulator(tmp_path: 
         _ = run.camera
 
 
-def test_without_a_force_sensor_or_a_device_asked_for_nothing_is_opened(tmp_path: Path) -> None:
+def test_missing_device_opens_nothing(tmp_path: Path) -> None:
     with board(arduino=True) as it:
         protocol, rig = files(tmp_path, it)
         declared = Path(rig).read_text() + "max_force_n = [60.0, 60.0, 60.0]\n"
@@ -105,13 +105,13 @@ def test_without_a_force_sensor_or_a_device_asked_for_nothing_is_opened(tmp_path
             with pytest.raises(InputError, match=r"bench\.toml: force: .* needs a force sensor"):
                 run_experiment(RunRequest(protocol, rig, tmp_path / "r"))
         protocol, rig = files(tmp_path, it, '["image", "force"]')
-        with pytest.raises(InputError, match=r"'image' asked for, .* has no \[camera\]"):
+        with pytest.raises(InputError, match=r"'image' needs a camera, .* has no \[camera\]"):
             run_experiment(RunRequest(protocol, rig, tmp_path / "r", air=True))
     assert it.links == []
     assert not (tmp_path / "r").exists()
 
 
-def test_a_dry_run_asks_the_devices_and_moves_nothing(tmp_path: Path) -> None:
+def test_dry_run_queries_devices_without_motion(tmp_path: Path) -> None:
     with board(arduino=True) as it:
         protocol, rig = files(tmp_path, it)
         done = CliRunner().invoke(main, ["run", protocol, "--rig", rig, "--air", "--dry-run"])
@@ -127,7 +127,7 @@ def test_a_dry_run_asks_the_devices_and_moves_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_sigterm_lifts_keeps_what_was_given_and_says_how_to_go_on(
+def test_sigterm_lifts_and_keeps_the_record(
     tmp_path: Path,
 ) -> None:
     with board(arduino=True) as it:
@@ -147,7 +147,7 @@ def test_sigterm_lifts_keeps_what_was_given_and_says_how_to_go_on(
     line = next(told for told in err.splitlines() if not told.startswith("run: "))
     assert line.startswith("deltact-fab: stopped by the operator in ")
     assert "the tip was lifted" in line
-    assert line.endswith("complete presses are kept: go on with --resume")
+    assert line.endswith("complete presses are kept: continue with --resume")
     assert open_run(tmp_path / "r").events()["kind"].iloc[-1] == "stop"
 
 

@@ -35,7 +35,7 @@ from deltact_fab.sensor.shapes.sensor import SensorDimensions
 W, H = 64, 48
 
 
-def test_what_is_no_camera_is_one_line(tmp_path: Path) -> None:
+def test_invalid_camera_is_refused(tmp_path: Path) -> None:
     def refusal(**options: Any) -> str:
         with pytest.raises(InputError) as why:
             open_camera(CameraConfig(**options), tmp_path, WallClock())
@@ -44,9 +44,9 @@ def test_what_is_no_camera_is_one_line(tmp_path: Path) -> None:
 
     with pytest.raises(ValueError, match=r"source: 'film\.mpg' is no camera"):
         CameraConfig(source="film.mpg")
-    assert "/dev/video63: no camera that can be opened" in refusal(source=63)
-    assert "/dev/no-camera: no camera" in refusal(source="/dev/no-camera")
-    assert "no stream of images" in refusal(source="http://127.0.0.1:9/video")
+    assert "/dev/video63: cannot be opened" in refusal(source=63)
+    assert "/dev/no-camera: cannot be opened" in refusal(source="/dev/no-camera")
+    assert "no image stream" in refusal(source="http://127.0.0.1:9/video")
 
 
 class Mjpeg(http.server.BaseHTTPRequestHandler):
@@ -77,18 +77,18 @@ def network_camera() -> Iterator[str]:
     thread.join()
 
 
-def test_a_network_camera_is_read_until_it_is_gone(network_camera: str, tmp_path: Path) -> None:
+def test_network_camera_read_until_it_ends(network_camera: str, tmp_path: Path) -> None:
     camera = open_camera(CameraConfig(source=network_camera), tmp_path, WallClock())
     taken, why = to_the_end(camera)
     identity = camera.identity()
-    assert "gives no more images; check its address" in why
+    assert "stream ended; check its address" in why
     assert taken[0].image.shape == (H, W, 3)
     assert np.all(np.diff([f.t_s for f in taken]) > 0)
     assert (identity["kind"], identity["stamped_by"]) == ("url", "arrival")
     assert len(taken) + sum(f.dropped for f in taken) >= 10
 
 
-def test_a_camera_file_gives_the_view_the_size_and_the_light(tmp_path: Path) -> None:
+def test_camera_file_sets_view_size_light(tmp_path: Path) -> None:
     lens = Fisheye(width_px=W, height_px=H, cx_px=31.5, cy_px=23.5, f_px=20.0)
     share = np.full((H, W, 3), 0.5, np.float32)
     (tmp_path / "light.png").write_bytes(FlatField(share).to_png())
@@ -107,14 +107,14 @@ def test_a_camera_file_gives_the_view_the_size_and_the_light(tmp_path: Path) -> 
     assert load_view(config(model="pinhole.toml"), sensor, rig) == Pinhole(0.1, W, H, 12.85)
     assert load_view(config(), sensor, rig) is None
     assert "not calibrated" in next(view_notes(None, None)).text
-    with pytest.raises(InputError, match=r"1280 x 720 px, and .*lens\.toml is of .* 64 x 48 px"):
+    with pytest.raises(InputError, match=r"1280 x 720 px, and .*lens\.toml is for .* 64 x 48 px"):
         load_view(config(model="lens.toml", width_px=1280, height_px=720), sensor, rig)
     with pytest.raises(InputError, match=r"camera\.model: .*none\.toml: no such file"):
         load_view(config(model="none.toml"), sensor, rig)
 
 
 @pytest.mark.slow
-def test_what_is_wrong_with_a_camera_is_said_and_how_to_put_it_right(tmp_path: Path) -> None:
+def test_camera_faults_are_reported_with_remedy(tmp_path: Path) -> None:
     def lines(expression: str, **options: Any) -> dict[bool, str]:
         """A command that draws 60 images a second from a random k."""
         code = (
@@ -137,15 +137,15 @@ def test_what_is_wrong_with_a_camera_is_said_and_how_to_put_it_right(tmp_path: P
     assert good[False] == ""
     assert "images of 64 x 48 px, stamped by arrival, 0 ms after its exposure" in good[True]
     assert "camera.model: not calibrated" in lines("k")[False]
-    assert "of 200; what sends them is slow" in lines("k", rate_hz=200.0)[False]
+    assert "of 200; the sender is slow" in lines("k", rate_hz=200.0)[False]
     assert "over-exposed" in lines("k[:99] + b'\\xff' * (len(k) - 99)")[False]
     assert "the image is dark" in lines("k[:99] + bytes(len(k) - 99)")[False]
-    assert "the same image over and over" in lines("bytes(len(k))")[False]
+    assert "the same image " in lines("bytes(len(k))")[False]
     absent = list(camera_rows(CameraConfig(source=63, model="none.toml"), tmp_path, 0.5))
     assert [f.status for f in absent] == ["fail", "fail"]
 
 
-def test_photographs_are_exposed_when_they_are_asked_for(tmp_path: Path) -> None:
+def test_photographs_are_exposed_after_their_prompt(tmp_path: Path) -> None:
     code = (
         "import os, sys, time\n"
         "for k in range(2000):\n"
@@ -166,11 +166,11 @@ def test_photographs_are_exposed_when_they_are_asked_for(tmp_path: Path) -> None
     assert files == [out / "contact" / "1.png", out / "contact" / "2.png"]
     first, second = (cv2.imread(str(file))[0, 0, 0] for file in files)
     assert int(second) - int(first) >= 3
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="exists already"):
         take_photograph(config, tmp_path, out, 1)
 
 
-def test_cameras_are_found_by_their_nodes(tmp_path: Path) -> None:
+def test_cameras_are_listed_by_node(tmp_path: Path) -> None:
     """A second node of a camera gives metadata."""
     sysfs, dev = tmp_path / "sys", tmp_path / "dev"
     (dev / "v4l" / "by-id").mkdir(parents=True)

@@ -35,7 +35,7 @@ def loaded(folder: Path, text: str) -> config.RigConfig:
     return config.load_rig(str(path))[0]
 
 
-def test_each_kind_has_its_own_tables(tmp_path: Path) -> None:
+def test_each_kind_has_own_tables(tmp_path: Path) -> None:
     virtual = loaded(tmp_path, f'kind = "virtual"\n{STAGE}[virtual.gel]\nspacing_mm = 0.5\n')
     assert virtual.kind == "virtual"
     assert virtual.simulated
@@ -59,30 +59,30 @@ def test_each_kind_has_its_own_tables(tmp_path: Path) -> None:
         ),
         (
             'kind = "grbl"' + STAGE + 'port = "p"\n[camera]\nsource = "rtsp://a"\ngain = 1',
-            r"camera: gain: only of a V4L2 device, and the source is rtsp://a",
+            r"camera: gain: only for a V4L2 device, and the source is rtsp://a",
         ),
         (
             'kind = "grbl"' + STAGE + 'port = "p"\n[camera]\ncommand = ["cat"]',
-            r"camera: width_px, height_px: missing; a command does not tell its size",
+            r"camera: width_px, height_px: missing; a command needs them",
         ),
         ('kind = "virtual"' + STAGE + CAMERA, r"camera\.model: .* \[virtual\.lens\] .* a pinhole"),
         ('kind = "virtual"' + STAGE + "[camera]\n" + LENS, r"camera\.model: missing key"),
     ],
 )
-def test_a_bad_file_is_one_line(text: str, says: str, tmp_path: Path) -> None:
+def test_bad_file_gives_one_line(text: str, says: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=says) as why:
         loaded(tmp_path, text)
     assert "\n" not in str(why.value)
 
 
 @pytest.mark.parametrize(("key", "value"), [("travel_mm", "1e300"), ("max_feed_mm_min", "nan")])
-def test_what_no_stage_has_is_refused(key: str, value: str, tmp_path: Path) -> None:
+def test_stage_value_beyond_limits_is_refused(key: str, value: str, tmp_path: Path) -> None:
     lines = [f"{key} = [{value}, 1.0, 1.0]" if key in line else line for line in STAGE.split("\n")]
     with pytest.raises(InputError, match=rf"stage\.{key}\.0: "):
         loaded(tmp_path, 'kind = "virtual"' + "\n".join(lines))
 
 
-def test_show_prints_both_kinds_and_opens_nothing(
+def test_show_prints_both_kinds_opening_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def opened(*args: Any, **options: Any) -> None:
@@ -105,13 +105,13 @@ def test_show_prints_both_kinds_and_opens_nothing(
     assert re.search(r"^virtual\.gel\.hyperelastic\.tolerance +0\.03$", simulated, re.MULTILINE)
 
 
-def test_gel_path_needs_a_rig_with_a_gel() -> None:
+def test_gel_path_needs_simulated_gel() -> None:
     told = CliRunner().invoke(gel_path, ["smoke", "--rig", "grbl-bench"])
     assert isinstance(told.exception, InputError)
     assert str(told.exception).endswith("kind: 'grbl' has no simulated gel; name a virtual rig")
 
 
-def test_a_file_of_0_2_with_a_way_to_run_that_is_gone_still_loads(tmp_path: Path) -> None:
+def test_obsolete_key_of_0_2_loads(tmp_path: Path) -> None:
     shipped = catalog.find_file("protocols/rigs", "virtual").read_text()
     old = tmp_path / "old.toml"
     old.write_text(shipped + "\n[virtual.realtime]\ncamera_rate_hz = 10.0\n")

@@ -68,7 +68,7 @@ def test_a_stage(build: Callable[[], Devices]) -> None:
         stage.position_mm()
 
 
-def test_a_rig_whose_last_device_fails_closes_the_others(
+def test_failing_last_device_closes_the_others(
     build: Callable[[], Devices], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from deltact_fab.bench.rig.stage.grbl import GrblStage

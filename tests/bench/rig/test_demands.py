@@ -61,11 +61,11 @@ def refused(
     return str(why.value)
 
 
-def test_each_thing_that_is_missing_is_named(tmp_path: Path) -> None:
+def test_each_missing_table_is_named(tmp_path: Path) -> None:
     for rig, words in (
         (STAGE + TOUCH, "bench.toml: force: a press on a real rig needs a force sensor"),
         (STAGE + FORCE, "bench.toml: touch: missing table"),
-        (STAGE + FORCE + TOUCH + "at_mm = [15.0, 0.0]\n", "sphere:10 reaches 20 mm out there"),
+        (STAGE + FORCE + TOUCH + "at_mm = [15.0, 0.0]\n", "sphere:10 reaches 20 mm out"),
         (STAGE + FORCE + TOUCH + "[guard]\nforce_n = 0.4\n", "the guard trips at 0.4 N"),
         (STAGE + FORCE + TOUCH + "[guard]\nforce_n = 40.0\n", "over the sensor's range"),
         (STAGE + FORCE + TOUCH + "clear_mm = 2.0\n", "touch: clear_mm: 2 is below search_mm"),
@@ -73,17 +73,17 @@ def test_each_thing_that_is_missing_is_named(tmp_path: Path) -> None:
     ):
         assert words in refused(tmp_path, rig)
     text = refused(tmp_path, STAGE + FORCE + TOUCH, channels="")
-    assert 'records the force that its guard watches: add "force"' in text
+    assert 'must record the force: add "force"' in text
 
 
-def test_what_nobody_can_change_is_refused_unattended(tmp_path: Path) -> None:
+def test_change_of_indenter_is_refused_unattended(tmp_path: Path) -> None:
     two = '"sphere:10", "star"'
     text = refused(tmp_path, STAGE + FORCE + TOUCH, two, unattended=True)
-    assert "--unattended: 'poses' holds 2 indenters, and nobody is there" in text
+    assert "--unattended: 'poses' has 2 indenters, and nobody is there" in text
 
 
 @pytest.mark.slow
-def test_protocol_check_has_rows_for_it(tmp_path: Path) -> None:
+def test_protocol_check_reports_tool_lengths(tmp_path: Path) -> None:
     protocol, bench = tmp_path / "p.toml", tmp_path / "bench.toml"
     protocol.write_text(PROTOCOL.format(indenters='"sphere:10", "star"', channels='"force"'))
     bench.write_text(STAGE + FORCE + TOUCH + '[tools."sphere:10"]\nlength_mm = 0.0\n')
@@ -96,11 +96,11 @@ def test_protocol_check_has_rows_for_it(tmp_path: Path) -> None:
     assert basis.startswith('[tools."star"] length_mm is not declared')
     alone = CliRunner().invoke(main, [*words, "--unattended"])
     assert "FAIL  contact" in alone.output
-    assert "holds 2 indenters" in alone.output
+    assert "has 2 indenters" in alone.output
     assert alone.exit_code == 1
 
 
-def test_a_registration_stands_for_what_the_rig_file_says_of_the_face(tmp_path: Path) -> None:
+def test_registration_replaces_pose_of_rig_file(tmp_path: Path) -> None:
     frame = StageFrame((-60.5, -59.0, -39.25), 0.0, (0.8, -0.5))
     row = RegisteredTouch(at_mm=(1.0, 2.0), machine_mm=(-60.0, -60.0, -39.0), spread_mm=0.004)
     found = RegistrationFile(
@@ -123,12 +123,12 @@ def test_a_registration_stands_for_what_the_rig_file_says_of_the_face(tmp_path: 
         write_registration(found, tmp_path / "no" / "reg.toml")
 
 
-def test_only_a_real_rig_with_a_force_sensor_is_registered(tmp_path: Path) -> None:
+def test_registration_needs_real_guarded_rig(tmp_path: Path) -> None:
     bench, out = tmp_path / "bench.toml", tmp_path / "reg.toml"
     bench.write_text(STAGE)
     for rig, more, words in (
-        ("virtual", [], "only a real rig is registered"),
-        (str(bench), [], "no way to a force sensor"),
+        ("virtual", [], "only a real rig can be registered"),
+        (str(bench), [], "no force sensor"),
         (str(bench), ["--at", "1;2"], "'--at': '1;2': two numbers"),
     ):
         done = CliRunner().invoke(main, ["rig", "register", rig, "-o", str(out), *more])

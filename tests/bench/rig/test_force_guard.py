@@ -78,7 +78,7 @@ def bench() -> Iterator[Bench]:
         ({"fx": 0.1, "saturated": True}, "the force sensor is saturated"),
     ],
 )
-def test_a_force_over_any_limit_stops_the_stage(
+def test_force_over_any_limit_stops_stage(
     bench: Bench, values: dict[str, float], why: str | None
 ) -> None:
     bench.stage.start_move((0.0, 0.0, -10.0), 600)
@@ -101,15 +101,15 @@ def test_a_force_over_any_limit_stops_the_stage(
     assert bench.controller.state == "Idle"
 
 
-def test_the_whole_force_has_a_limit_of_its_own(bench: Bench) -> None:
+def test_resultant_force_has_own_limit(bench: Bench) -> None:
     bench.guard = ForceGuard(
         bench.stage.cancel, GuardLimits((4.0, 4.0, 8.0), resultant_n=8.5), bench.clock
     )
     bench.guard.watch(bench.samples(fx=3.9, fz=-7.9))
-    assert bench.guard.tripped == "a force of 8.81 N, over the guard's 8.5 N"
+    assert bench.guard.tripped == "resultant force 8.81 N, over the guard's 8.5 N"
 
 
-def test_a_byte_that_came_before_its_jog_is_written_again(bench: Bench) -> None:
+def test_byte_before_its_jog_is_repeated(bench: Bench) -> None:
     """GRBL drops 0x85 while it still reads the line; a spike must not be stopped by luck."""
     bench.stage.start_move((0.0, 0.0, 4.9), 900)
     bench.stage.wait()
@@ -121,7 +121,7 @@ def test_a_byte_that_came_before_its_jog_is_written_again(bench: Bench) -> None:
     assert bench.controller.position_mm()[2] + 20.0 > 4.0
 
 
-def test_only_an_explicit_word_arms_it_again(bench: Bench) -> None:
+def test_only_rearm_clears_a_trip(bench: Bench) -> None:
     bench.guard.watch(bench.samples(fz=-9.0))
     bench.watched(0.5, fz=0.0)
     assert bench.guard.tripped
@@ -134,13 +134,13 @@ def test_only_an_explicit_word_arms_it_again(bench: Bench) -> None:
     assert bench.guard.tripped == "Fz = -8.30 N, over the guard's 8 N"
 
 
-def test_a_lift_is_let_go_on_unless_the_force_still_grows(bench: Bench) -> None:
+def test_lift_continues_unless_force_grows(bench: Bench) -> None:
     bench.guard.watch(bench.samples(fz=-9.0))
     with bench.guard.easing():
         bench.stage.start_move((0.0, 0.0, 10.0), 600)
         bench.watched(0.2, fz=-9.0)
         bench.watched(0.1, saturated=True)
-        bench.guard.lost("the force sensor is silent")
+        bench.guard.on_sensor_lost("the force sensor is silent")
         bench.stage.wait()
         assert bench.stage.position_mm()[2] == pytest.approx(10.0)
         bench.stage.start_move((0.0, 0.0, 15.0), 600)
@@ -160,7 +160,7 @@ def test_a_lift_is_let_go_on_unless_the_force_still_grows(bench: Bench) -> None:
         ({"tx": 51.0}, False),
     ],
 )
-def test_a_lift_has_margin_only_where_it_tripped(
+def test_lift_margin_only_on_tripped_axis(
     bench: Bench, values: dict[str, float], goes_on: bool
 ) -> None:
     bench.guard.watch(bench.samples(fz=-9.0))
@@ -171,7 +171,7 @@ def test_a_lift_has_margin_only_where_it_tripped(
     assert (bench.controller.position_mm()[2] + 20.0 > 9.9) == goes_on
 
 
-def test_a_lift_leaves_no_limit_wider(bench: Bench) -> None:
+def test_lift_restores_guard_limits(bench: Bench) -> None:
     bench.guard.watch(bench.samples(fz=-20.0))
     with bench.guard.easing():
         bench.watched(0.01, fz=-20.0)
@@ -185,10 +185,10 @@ def test_a_lift_leaves_no_limit_wider(bench: Bench) -> None:
     assert bench.controller.position_mm()[2] + 20.0 < 9.0
 
 
-def test_a_lost_sensor_and_homing_are_stopped_as_well(bench: Bench) -> None:
+def test_lost_sensor_and_homing_are_stopped(bench: Bench) -> None:
     bench.stage.start_move((0.0, 0.0, -10.0), 600)
     bench.clock.sleep_s(0.3)
-    bench.guard.lost("force sensor: no sample within 50 ms")
+    bench.guard.on_sensor_lost("force sensor: no sample within 50 ms")
     bench.clock.sleep_s(0.5)
     assert bench.controller.state == "Idle"
     assert bench.guard.tripped == "force sensor: no sample within 50 ms"
@@ -197,7 +197,7 @@ def test_a_lost_sensor_and_homing_are_stopped_as_well(bench: Bench) -> None:
     assert trip.record_ns is None
 
 
-def test_a_guard_that_is_blind_for_long_stops_the_stage_and_a_hiccup_is_told(
+def test_blind_guard_stops_short_delay_noted(
     bench: Bench,
 ) -> None:
     bench.stage.start_move((0.0, 0.0, -10.0), 600)
@@ -206,9 +206,9 @@ def test_a_guard_that_is_blind_for_long_stops_the_stage_and_a_hiccup_is_told(
     bench.watched(0.08, old_s=0.15)
     bench.watched(0.1)
     assert not bench.guard.tripped
-    (note,) = bench.guard.tally.tell(bench.clock.now_ns())
+    (note,) = bench.guard.tally.pop_notes(bench.clock.now_ns())
     assert note.id == "behind"
-    assert note.text.startswith("40 times the newest force sample was old")
+    assert note.text.startswith("guard behind the force stream 40 times")
     bench.watched(0.08, old_s=0.3)
     assert not bench.guard.tripped
     bench.watched(0.05, old_s=0.3)
@@ -217,14 +217,15 @@ def test_a_guard_that_is_blind_for_long_stops_the_stage_and_a_hiccup_is_told(
     assert bench.controller.state == "Idle"
 
 
-def test_limits_come_from_the_rig_file_or_from_the_sensors_range() -> None:
+def test_limits_from_rig_file_or_range() -> None:
     force = ForceConfig()
-    assert GuardLimits.of(None, force) == GuardLimits((20.0, 20.0, 28.0), (200.0, 200.0, 200.0))
+    limits = GuardLimits((20.0, 20.0, 28.0), (200.0, 200.0, 200.0))
+    assert GuardLimits.from_config(None, force) == limits
     own = GuardConfig(force_n=5.0, resultant_n=6.0, torque_nmm=100.0)
-    assert GuardLimits.of(own, force) == GuardLimits((5.0,) * 3, (100.0,) * 3, 6.0)
-    each = GuardLimits.of(GuardConfig(axes_n=(1.0, 2.0, 3.0)), force)
+    assert GuardLimits.from_config(own, force) == GuardLimits((5.0,) * 3, (100.0,) * 3, 6.0)
+    each = GuardLimits.from_config(GuardConfig(axes_n=(1.0, 2.0, 3.0)), force)
     assert each == GuardLimits((1.0, 2.0, 3.0), (200.0, 200.0, 200.0), inf)
     with pytest.raises(InputError, match=r"guard: the limit 30 of Fx is over .* range of 25"):
-        GuardLimits.of(GuardConfig(force_n=30.0), force)
-    with pytest.raises(ValueError, match="give one of them"):
+        GuardLimits.from_config(GuardConfig(force_n=30.0), force)
+    with pytest.raises(ValueError, match="give either force_n"):
         GuardConfig(force_n=1.0, axes_n=(1.0, 1.0, 1.0))

@@ -28,7 +28,7 @@ def until(sensor: ForceSensor, what: Callable[[ForceSamples], bool]) -> ForceSam
     raise AssertionError("waited 10 s for nothing")
 
 
-def test_a_line_is_a_sample_in_newtons_on_the_sensor_less_its_tare() -> None:
+def test_line_is_tared_sample_in_newtons() -> None:
     with scale() as it:
         sensor = it.opened(unit="g", scale=-1.0)
         sensor.begin("p1")
@@ -46,7 +46,7 @@ def test_a_line_is_a_sample_in_newtons_on_the_sensor_less_its_tare() -> None:
         sensor.close()
 
 
-def test_six_axes_behind_a_column_of_times() -> None:
+def test_six_axes_behind_time_column() -> None:
     with scale() as it:
         columns = ("-", "fx", "fy", "fz", "tx", "ty", "tz")
         sensor = it.opened(columns=columns, torque_unit="Nm")
@@ -59,7 +59,7 @@ def test_six_axes_behind_a_column_of_times() -> None:
         sensor.close()
 
 
-def test_every_line_has_its_own_time_and_the_rate_is_measured() -> None:
+def test_lines_have_own_times_and_rate() -> None:
     with scale() as it:
         sensor = it.opened()
         sensor.begin("p1")
@@ -74,7 +74,7 @@ def test_every_line_has_its_own_time_and_the_rate_is_measured() -> None:
 
 
 @pytest.mark.slow
-def test_garbage_is_counted_and_never_a_reading() -> None:
+def test_garbage_is_counted_never_a_reading() -> None:
     with scale() as it:
         sensor = it.opened()
         sensor.begin("p1")
@@ -92,7 +92,7 @@ def test_garbage_is_counted_and_never_a_reading() -> None:
         sensor.close()
 
 
-def test_more_than_its_range_is_saturated() -> None:
+def test_value_beyond_range_is_saturated() -> None:
     with scale() as it:
         sensor = it.opened()
         sensor.begin("p1")
@@ -101,29 +101,31 @@ def test_more_than_its_range_is_saturated() -> None:
         sensor.close()
 
 
-def test_silence_and_a_pulled_plug_are_errors() -> None:
+def test_silence_and_unplugging_are_errors() -> None:
     with scale() as it:
         sensor = it.opened()
         sensor.begin("p1")
         it.line = lambda k: "no numbers\n"
-        with pytest.raises(SensorError, match=r"no line of 1 numbers within 0.5 s; \d+ lines were"):
+        with pytest.raises(
+            SensorError, match=r"no line of 1 numbers within 0.5 s; \d+ other lines"
+        ):
             until(sensor, lambda s: False)
         it.done.set()
         time.sleep(0.05)
         os.close(it.ours)
         it.ours = -1
-        with pytest.raises(SensorError, match="the scale's port is gone"):
+        with pytest.raises(SensorError, match="lost the scale's port"):
             until(sensor, lambda s: False)
         sensor.close()
 
 
-def test_what_cannot_be_a_scale_is_named() -> None:
-    with pytest.raises(SensorError, match="/nowhere/tty: the scale's port cannot be opened"):
+def test_invalid_scale_is_refused() -> None:
+    with pytest.raises(SensorError, match="/nowhere/tty: cannot open the scale's port"):
         open_force(ForceConfig(serial=SerialScaleConfig(port="/nowhere/tty")), WallClock())
     with pytest.raises(InputError, match=r"force.serial: port: bad://x: not a serial port"):
         open_force(ForceConfig(serial=SerialScaleConfig(port="bad://x")), WallClock())
-    with pytest.raises(InputError, match=r"no way to the sensor; add \[force.netft\]"):
+    with pytest.raises(InputError, match=r"no connection given; add \[force.netft\]"):
         open_force(ForceConfig(), WallClock())
     for own in ({"columns": ("fz", "fz")}, {"columns": ("-",)}, {"scale": 0.0}):
-        with pytest.raises(ValueError, match=r"columns: each axis once|scale: 0 leaves"):
+        with pytest.raises(ValueError, match=r"columns: each axis once|scale: must not"):
             SerialScaleConfig(port="x", **own)  # type: ignore[arg-type]

@@ -120,7 +120,7 @@ def test_connect_home_move(monkeypatch: pytest.MonkeyPatch) -> None:
         b"<Idle|MPos:0.0\r\nGrbl 1.1f ['$' for help]\r\n[MSG:Check Limits]\r\n",
     ],
 )
-def test_noise_before_the_banner(monkeypatch: pytest.MonkeyPatch, greeting: bytes) -> None:
+def test_noise_before_banner_is_ignored(monkeypatch: pytest.MonkeyPatch, greeting: bytes) -> None:
     stage, port = scripted(monkeypatch, CONNECT, greeting)
     stage.connect()
     assert port.left == []
@@ -136,7 +136,7 @@ def test_noise_before_the_banner(monkeypatch: pytest.MonkeyPatch, greeting: byte
         (b"\r\nGrbl 1.1h ['$' for help]\r\n", r"the controller restarted \(Grbl 1.1h\)"),
     ],
 )
-def test_bad_answers_to_a_move(monkeypatch: pytest.MonkeyPatch, answer: bytes, said: str) -> None:
+def test_bad_answer_fails_a_move(monkeypatch: pytest.MonkeyPatch, answer: bytes, said: str) -> None:
     stage, port = scripted(monkeypatch, [*CONNECT, *HOME, (JOG, answer), *STOP])
     stage.connect()
     stage.home()
@@ -145,7 +145,7 @@ def test_bad_answers_to_a_move(monkeypatch: pytest.MonkeyPatch, answer: bytes, s
     assert port.left == []
 
 
-def test_an_answer_that_is_lost_ends_a_move_in_the_gel_and_no_other(
+def test_lost_answer_ends_only_gel_moves(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     asked = (b"?", IDLE % b"-1.000,-1.000,-1.000")
@@ -166,7 +166,7 @@ def test_an_answer_that_is_lost_ends_a_move_in_the_gel_and_no_other(
     assert port.left == []
 
 
-def test_a_status_that_is_lost_once_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lost_status_is_requested_again(monkeypatch: pytest.MonkeyPatch) -> None:
     stage, port = scripted(
         monkeypatch,
         [
@@ -183,7 +183,7 @@ def test_a_status_that_is_lost_once_is_asked_again(monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.parametrize("state", [b"Hold:0", b"Door:1", b"Run"])
-def test_a_state_that_no_jog_has_is_a_fault(monkeypatch: pytest.MonkeyPatch, state: bytes) -> None:
+def test_state_foreign_to_jogs_is_fault(monkeypatch: pytest.MonkeyPatch, state: bytes) -> None:
     status = b"<%b|MPos:-1.000,-1.000,-1.000|FS:0,0>\r\n" % state
     exchanges = [*CONNECT, *HOME, (JOG, b"ok\r\n"), (b"?", status), *STOP]
     stage, port = scripted(monkeypatch, exchanges)

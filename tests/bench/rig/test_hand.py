@@ -67,7 +67,7 @@ class Hand:
         others = {"h": self.home}
         HandSession(
             self.stage, self.force, self.guard, key, self.told.append, self.shown.append,
-            others=others,
+            actions=others,
         ).run()  # fmt: skip
 
 
@@ -77,20 +77,20 @@ def held() -> Iterator[ExitStack]:
         yield held
 
 
-def test_one_session_homes_moves_and_sets_the_origin(held: ExitStack) -> None:
+def test_one_session_homes_moves_sets_origin(held: ExitStack) -> None:
     hand = Hand(held, guarded=False)
     hand.drive("right", "o", "h", "right", "2", "page down", "3", "left", "left", "o", "d", "q")
-    assert "its position is not known: home first" in " ".join(hand.told)
+    assert "the position is unknown: home first" in " ".join(hand.told)
     assert "home first: h" in hand.told
     assert "homed" in hand.told
     origin = next(line for line in hand.told if line.startswith("origin_machine_mm"))
     assert origin.startswith("origin_machine_mm = [-2.200, -0.200, -0.300]")
     assert hand.stage.position_mm() == pytest.approx((0.0, 0.0, 0.0), abs=2e-3)
     assert "give --into-gel" in hand.told[-1]
-    assert any("no force sensor: no guard" in line for line in hand.shown)
+    assert any("no force sensor, no guard" in line for line in hand.shown)
 
 
-def test_the_guard_stops_it_lifts_a_little_and_goes_on(held: ExitStack) -> None:
+def test_guard_stops_lifts_and_continues(held: ExitStack) -> None:
     hand = Hand(held, guarded=True)
 
     def push(force_n: float) -> Callable[[], None]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from deltact_fab.bench.rig.check import force_rows
 from deltact_fab.bench.rig.force.netft import NetFTSensor
-from deltact_fab.bench.rig.force.rdt import fetch
+from deltact_fab.bench.rig.force.rdt import fetch_settings
 from deltact_fab.bench.rig.force.watchdog import open_force
 from deltact_fab.bench.rig.interface import ForceSamples, WallClock
 from deltact_fab.bench.rig.tables import ForceConfig, GuardConfig, NetFTConfig
@@ -59,7 +59,7 @@ def until(sensor: NetFTSensor, what: Callable[[ForceSamples], bool]) -> list[For
 # ---- our client ---------------------------------------------------------------------------------
 
 
-def test_samples_come_each_once_with_units_tare_and_times_of_the_hosts_clock() -> None:
+def test_samples_unique_with_units_tare_times() -> None:
     hand = Hand()
     hand.wrench = np.array([0.3, 0.0, -0.2, 1.0, 0.0, 0.0])
     with NetFTServer(hand) as box:
@@ -77,7 +77,7 @@ def test_samples_come_each_once_with_units_tare_and_times_of_the_hosts_clock() -
         assert before_ns < t_ns[0]
         assert t_ns[-1] <= after_ns
         assert (np.diff(t_ns) > 0).all()
-        lost = sum(part.lost for part in parts)
+        lost = sum(part.n_lost for part in parts)
         assert len(t_ns) + lost == pytest.approx((t_ns[-1] - t_ns[0]) / 1e6 + 1, abs=2)
         about = sensor.identity()
         assert (about["serial"], about["rate_hz"]) == ("FT00001", 1000.0)
@@ -106,7 +106,7 @@ class Network(BoxFaults):
 
 
 @pytest.mark.parametrize("name", ["duplicate", "order", "garbage", "gap", "stray"])
-def test_what_the_network_does_is_counted_and_never_a_reading(name: str) -> None:
+def test_network_faults_are_counted_never_readings(name: str) -> None:
     hand = Hand()
     hand.wrench = np.array([0.0, 0.0, -2.0, 0.0, 0.0, 0.0])
     with NetFTServer(hand) as box, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
@@ -125,22 +125,22 @@ def test_what_the_network_does_is_counted_and_never_a_reading(name: str) -> None
         sensor.close()
 
 
-def test_late_datagrams_are_told_and_keep_their_time() -> None:
+def test_late_datagrams_noted_with_true_times() -> None:
     hand = Hand()
     with NetFTServer(hand) as box:
         sensor = opened(box)
         sensor.start()
         until(sensor, lambda s: s.t_ns[-1] > time.monotonic_ns() - 5_000_000)
         box.faults.late_s = 0.2
-        part = until(sensor, lambda s: s.late > 0 and time.monotonic_ns() - s.t_ns[-1] > 150e6)[-1]
-        assert any(note.id == "late" for note in part.notes) or sensor.tally.total["late"]
+        parts = until(sensor, lambda s: s.n_late > 0 and time.monotonic_ns() - s.t_ns[-1] > 150e6)
+        assert any(note.id == "late" for note in parts[-1].notes) or sensor.tally.total["late"]
         box.faults.late_s = 0.0
         until(sensor, lambda s: time.monotonic_ns() - s.t_ns[-1] < 50e6)  # and is over with it
         sensor.close()
 
 
 @pytest.mark.parametrize("fault", ["error", pytest.param("saturated", marks=pytest.mark.slow)])
-def test_a_faulted_box_gives_no_reading(fault: str) -> None:
+def test_faulted_box_gives_no_reading(fault: str) -> None:
     hand = Hand()
     hand.wrench = np.array([0.0, 0.0, -2.0, 0.0, 0.0, 0.0])
     with NetFTServer(hand) as box:
@@ -161,7 +161,7 @@ def test_a_faulted_box_gives_no_reading(fault: str) -> None:
 
 
 @pytest.mark.slow
-def test_silence_is_an_error_within_its_time() -> None:
+def test_silence_is_error_within_its_limit() -> None:
     with NetFTServer(Hand()) as box:
         sensor = opened(box, 0.3)
         sensor.start()
@@ -176,38 +176,38 @@ def test_silence_is_an_error_within_its_time() -> None:
         sensor.close()
 
 
-def test_a_box_out_of_reach_disabled_or_another_one_is_named(
+def test_unreachable_disabled_or_wrong_box_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     with NetFTServer(Hand()) as box:
         with pytest.raises(InputError, match=r"serial number 'FT00001'.*serial = 'FT11564'"):
-            fetch(way(box, serial="FT11564"))
-        assert fetch(way(box, serial="FT00001")).range_n == (25.0, 25.0, 35.0)
+            fetch_settings(way(box, serial="FT11564"))
+        assert fetch_settings(way(box, serial="FT00001")).range_n == (25.0, 25.0, 35.0)
         box.page["comrdte"] = "Disabled"
         with pytest.raises(SensorError, match="comrdte: RDT is disabled; enable it"):
-            fetch(way(box))
+            fetch_settings(way(box))
         box.page["comrdte"] = "Enabled"
         box.page["scfgfu"] = "furlong"
-        with pytest.raises(SensorError, match="scfgfu: unit 'furlong' is not known"):
-            fetch(way(box))
+        with pytest.raises(SensorError, match="scfgfu: unknown unit 'furlong'"):
+            fetch_settings(way(box))
         box.page["scfgfu"] = "N"
         monkeypatch.setenv("http_proxy", "http://127.0.0.1:9")
-        assert fetch(way(box)).range_n is not None
+        assert fetch_settings(way(box)).range_n is not None
         box.path = "/elsewhere.xml"
         with pytest.raises(SensorError, match=r"cannot be read \(HTTP Error 404"):
-            fetch(way(box))
+            fetch_settings(way(box))
         nobody = way(box)
     with pytest.raises(
         SensorError, match=r"netftapi2.xml: cannot be read .* check the box's power"
     ):
-        fetch(nobody)
+        fetch_settings(nobody)
 
 
 @pytest.mark.parametrize(
     ("force", "torque"),
     [(("lbf", 4.4482216152605), ("lbf-in", 112.9848290276167)), (("kN", 1e3), ("Nm", 1e3))],
 )
-def test_other_units_of_the_box_come_out_as_newtons(
+def test_other_box_units_become_newtons(
     force: tuple[str, float], torque: tuple[str, float]
 ) -> None:
     hand = Hand()
@@ -232,12 +232,12 @@ def found(box: NetFTServer, guard: GuardConfig | None = None, **own: object) -> 
 
 
 @pytest.mark.slow
-def test_what_is_wrong_says_what_would_be_right() -> None:
+def test_wrong_range_is_reported_with_right() -> None:
     with NetFTServer(Hand(), noise_n=0.0) as box:
         lines = found(box, GuardConfig(force_n=60.0), range_n=(50.0, 50.0, 70.0))
         wrong = "\n".join(text for text, passed in lines.items() if not passed)
-        assert "[50.0, 50.0, 70.0]; the transducer's is [25.0, 25.0, 35.0]: write that" in wrong
-        assert "do not change at all: is the transducer plugged in?" in wrong
+        assert "[50.0, 50.0, 70.0]; the transducer has [25.0, 25.0, 35.0]: use that" in wrong
+        assert "are constant: check the transducer's plug" in wrong
         assert "guard: the limit 60 of Fx is over the sensor's range of 50" in wrong
         box.faults.error = True
         assert "fault, status word 0x80000000" in "\n".join(found(box))

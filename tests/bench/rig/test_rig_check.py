@@ -58,7 +58,7 @@ def check(folder: Path, *more: str) -> Result:
     return CliRunner().invoke(main, words)
 
 
-def test_a_whole_bench(tmp_path: Path) -> None:
+def test_complete_bench_passes(tmp_path: Path) -> None:
     (tmp_path / "images").mkdir()
     for k in range(4):
         image = np.random.default_rng(k).integers(60, 200, (48, 64, 3), dtype=np.uint8)
@@ -77,8 +77,8 @@ def test_a_whole_bench(tmp_path: Path) -> None:
     assert {device for device, _ in rows} == {"stage", "force", "camera", "presses"}
     assert {v for (device, _), v in rows.items() if device in ("stage", "presses")} == {"pass"}
     texts = "\n".join(text for _, text in rows)
-    for part in ("settings were read", "transducer FT00001", "the guard stops the stage at 15",
-                 "camera.model: not calibrated", "all that a press needs"):  # fmt: skip
+    for part in ("settings read", "transducer FT00001", "the guard stops the stage at 15",
+                 "camera.model: not calibrated", "complete for a press"):  # fmt: skip
         assert part in texts
     ids = [check["id"] for check in found["checks"]]
     assert {"stage.answer", "camera.rate", "force.rate", "presses.rig-file"} <= set(ids)
@@ -87,7 +87,7 @@ def test_a_whole_bench(tmp_path: Path) -> None:
     assert {v for (device, _), v in rows.items() if device == "camera"} >= {"WARN"}
 
 
-def test_what_is_wrong_says_what_to_do(tmp_path: Path) -> None:
+def test_faults_are_reported_with_remedy(tmp_path: Path) -> None:
     with bench(tmp_path, {21: 0}):
         done = check(tmp_path)
     assert done.exit_code == 1
@@ -97,7 +97,7 @@ def test_what_is_wrong_says_what_to_do(tmp_path: Path) -> None:
     assert done.output.splitlines()[-1].endswith("faults: 4")
 
 
-def test_a_port_that_is_not_there(tmp_path: Path) -> None:
+def test_missing_port_is_reported(tmp_path: Path) -> None:
     rig_file(tmp_path, str(tmp_path / "no-port"))
     done = check(tmp_path)
     assert done.exit_code == 1

@@ -63,15 +63,15 @@ def named(text: str) -> set[str]:
     return found
 
 
-def test_every_key_of_the_models_is_in_the_file() -> None:
+def test_file_has_every_key_of_models() -> None:
     assert named(rig_text()) == set(keys(config.GrblConfig))
 
 
-def test_the_shipped_bench_is_what_rig_new_writes() -> None:
+def test_shipped_bench_equals_rig_new_output() -> None:
     assert (shipped_folder("protocols/rigs") / "grbl-bench.toml").read_text() == rig_text()
 
 
-def test_it_loads_whatever_was_found(tmp_path: Path) -> None:
+def test_new_file_loads_with_any_devices(tmp_path: Path) -> None:
     ports = [HostDevice("/dev/ttyUSB3", "CH340"), HostDevice('/dev/serial/by-id/a "b"')]
     cameras = [HostDevice("/dev/video2", "UVC"), HostDevice("/dev/video4", "another")]
     bare = loaded(tmp_path, rig_text())
@@ -86,7 +86,7 @@ def test_it_loads_whatever_was_found(tmp_path: Path) -> None:
     assert '#or source = "/dev/video4"  # another' in text
 
 
-def test_the_examples_in_comments_are_valid_together(tmp_path: Path) -> None:
+def test_examples_in_comments_are_valid_together(tmp_path: Path) -> None:
     text = "\n".join(EXAMPLE.sub(r"\1", line) for line in rig_text().splitlines())
     found = loaded(tmp_path, text)
     assert found.force is not None
@@ -101,7 +101,7 @@ def test_the_examples_in_comments_are_valid_together(tmp_path: Path) -> None:
     assert all(getattr(found.touch, key) == touch[key].default for key in touch)
 
 
-def test_the_other_ways_are_valid_too(tmp_path: Path) -> None:
+def test_alternatives_in_comments_are_valid(tmp_path: Path) -> None:
     lines = rig_text().splitlines()
     lines = lines[lines.index("#or [force.serial]") : lines.index("#[camera]")]
     scale = [line for line in (OTHER.sub(r"\1", line) for line in lines) if line[:1] != "#"]
@@ -111,7 +111,7 @@ def test_the_other_ways_are_valid_too(tmp_path: Path) -> None:
     assert found.force.serial.ask == "SIR\r\n"
 
 
-def test_ports_are_found_boards_first_by_lasting_names(
+def test_boards_are_listed_first_stable_names(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def port(device: str, vid: int | None, text: str) -> types.SimpleNamespace:
@@ -134,7 +134,7 @@ def test_ports_are_found_boards_first_by_lasting_names(
     ]
 
 
-def test_the_command_never_overwrites(tmp_path: Path) -> None:
+def test_rig_new_never_overwrites(tmp_path: Path) -> None:
     file = tmp_path / "bench.toml"
     done = CliRunner().invoke(main, ["rig", "new", "bench", "-o", str(file)])
     assert done.exit_code == 0, done.output

@@ -31,24 +31,24 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         assert process.wait(20) == 0
 
 
-def test_check_finds_nothing_to_put_right(bench: Path) -> None:
+def test_check_of_served_bench_passes(bench: Path) -> None:
     done = called("rig", "check", str(bench), "--seconds", "0.5", cwd=bench.parent)
     wrong = [line for line in done.stdout.splitlines() if line.startswith("FAIL")]
     # The program that draws the images shares two cores with other tests.
-    assert [line for line in wrong if "images a second" not in line] == []
+    assert [line for line in wrong if "images per s" not in line] == []
     assert done.returncode == bool(wrong)
     assert "transducer simulated" in done.stdout
 
 
-def test_homing_twice_ends_in_no_alarm(bench: Path) -> None:
-    for how in ("the position was lost; the force sensor feels", "the position was known: lifted"):
+def test_homing_twice_raises_no_alarm(bench: Path) -> None:
+    for how in ("position lost; force sensor reads", "position known: lifted"):
         done = called("rig", "home", str(bench), "--yes", cwd=bench.parent)
         assert done.returncode == 0, done.stderr
         assert how in done.stdout
         assert "machine -1.000, -1.000, -1.000" in done.stdout
 
 
-def test_a_run_says_that_its_devices_are_simulated(bench: Path) -> None:
+def test_run_states_that_devices_are_simulated(bench: Path) -> None:
     done = called("run", "first-moves", "--rig", str(bench), "--air", "--unattended",
                   "--out", "run", cwd=bench.parent)  # fmt: skip
     assert done.returncode == 0, done.stderr

@@ -8,7 +8,7 @@ import pytest
 
 from deltact_fab.bench.rig import config
 from deltact_fab.bench.rig.stage.grbl import GrblStage
-from deltact_fab.bench.rig.stage.settings import Limits, judge
+from deltact_fab.bench.rig.stage.settings import Limits, check_settings
 from deltact_fab.common import catalog
 from deltact_fab.common.errors import StageError
 from deltact_fab.sensor.optics.camera import StageFrame
@@ -48,7 +48,7 @@ def connected(
     grbl.options, grbl.unsaid = options, unsaid
     trace: list[wire.WireExchange] = []
     link = wire.SerialLink(grbl, clock, trace=trace)
-    stage = GrblStage.of(config.StageConfig(**{**STAGE, **file}), clock, link)  # type: ignore[arg-type]
+    stage = GrblStage.from_config(config.StageConfig(**{**STAGE, **file}), clock, link)  # type: ignore[arg-type]
     try:
         stage.connect()
     finally:
@@ -67,8 +67,8 @@ def connected(
         ({21: 0}, r"\$21=0 \(hard limits are off.*\); set \$21=1"),
         ({22: 0, 20: 1}, r"\$22=0 \(homing is off\); set \$22=1"),
         ({22: 9}, r"\$22=9 \(homing sets 0 where it ends.*\); set \$22=1 "),
-        ({23: 4}, r"\$23=4 \(axes that home at their negative end: Z\).* set \$23=0"),
-        ({3: 1}, r"\$3=1 \(axes turned round: X\), and the rig file says 0 \(none\).* set \$3=0"),
+        ({23: 4}, r"\$23=4 \(axes homing at the negative end: Z\).* set \$23=0"),
+        ({3: 1}, r"\$3=1 \(reversed axes: X\), and the rig file says 0 \(none\).* set \$3=0"),
         ({27: 0}, r"\$27=0 mm; not > 0"),
         ({27: 2}, r"\$27=2 mm, and \[stage\] pull_off_mm is 1: .*set \$27=1, or pull_off_mm = 2"),
         ({32: 1}, r"\$32=1 \(laser or lathe mode\); set \$32=0"),
@@ -79,59 +79,59 @@ def connected(
         ({21: 0, 3: 1, 32: 1}, r"\$21=0 .*\(and 2 more: see `rig check`\)$"),
     ],
 )
-def test_each_rule_refuses_in_one_line(settings: dict[int, float], said: str) -> None:
+def test_each_violation_is_refused(settings: dict[int, float], said: str) -> None:
     with pytest.raises(StageError, match=said) as why:
         connected(settings)
     assert "\n" not in str(why.value)
 
 
-def test_an_origin_that_homing_moves() -> None:
+def test_origin_set_by_homing_is_refused() -> None:
     with pytest.raises(StageError, match=r"\[OPT:VZ\.\.\.\] .*HOMING_FORCE_SET_ORIGIN.*; flash"):
         connected(options="Z")
 
 
-def test_a_board_that_would_move_unhomed() -> None:
+def test_board_unlocked_at_start_is_refused() -> None:
     with pytest.raises(StageError, match=r"\[OPT:VL\.\.\.\] .*HOMING_INIT_LOCK.*; flash"):
         connected(options="L")
     said = ["[OPT:V,15,128]", "[FIRMWARE:grblHAL]"]
-    (row,) = judge({**DEFAULTS_GRBL, 1: 255, 22: 1}, said, None)
+    (row,) = check_settings({**DEFAULTS_GRBL, 1: 255, 22: 1}, said, None)
     assert (row.id, row.status) == ("stage.lock", "fail")
-    assert str(row.value).startswith("$22=1 (not locked at its start")
+    assert str(row.value).startswith("$22=1 (not locked at start")
     assert "set $22=5" in row.value
-    assert not judge({**DEFAULTS_GRBL, 1: 255, 22: 5}, said, None)
+    assert not check_settings({**DEFAULTS_GRBL, 1: 255, 22: 5}, said, None)
 
 
-def test_what_is_not_said() -> None:
+def test_missing_setting_is_refused() -> None:
     with pytest.raises(StageError, match=r"the answer to \$\$ lacks \$32$"):
         connected(unsaid=b"$32")
 
 
-def test_masks_that_the_rig_file_declares() -> None:
+def test_declared_direction_masks_are_accepted() -> None:
     stage = connected({3: 5, 23: 3}, direction_mask=5, homing_direction_mask=3)
-    assert not stage.judged
+    assert not stage.setting_checks
     with pytest.raises(StageError, match=r"\$3=0 .* the rig file says 5 \(X, Z\).* set \$3=5"):
         connected({}, direction_mask=5)
 
 
-def test_a_controller_that_can_do_more_is_accepted_and_the_file_s_travel_holds() -> None:
+def test_faster_controller_accepted_travel_of_file() -> None:
     stage = connected({110: 6000, 120: 500, 132: 200})
-    assert not stage.judged
+    assert not stage.setting_checks
     stage.home()
     with pytest.raises(Exception, match=r"target Z -60\.500 mm .* outside of -60 \.\. -1"):
         stage.start_move((0.0, 0.0, -20.5), 600.0)
 
 
-def test_motors_that_are_off_at_rest_are_a_warning() -> None:
-    (row,) = connected({1: 25}).judged
+def test_motors_off_at_rest_are_warned() -> None:
+    (row,) = connected({1: 25}).setting_checks
     assert row.status == "warn"
     assert row.value.endswith("set $1=255 unless the screws hold by themselves")
 
 
 @pytest.mark.parametrize("name", catalog.catalogue_names("protocols/rigs"))
-def test_what_ships_passes(name: str) -> None:
+def test_shipped_rigs_pass(name: str) -> None:
     stage = config.load_rig(name)[0].stage
     own = grbl_settings(stage.travel_mm, stage.max_feed_mm_min, stage.acceleration_mm_s2)
-    assert {row.status for row in judge(own, [], stage)} == {"warn"}  # of motors that rest
+    assert {row.status for row in check_settings(own, [], stage)} == {"warn"}  # of motors that rest
 
 
 # A position's time: when the controller read it, not when the host came to hear of it.
@@ -141,7 +141,7 @@ ROUNDING_MM = 0.002  # half a step and half a digit of the report, on three axes
 
 
 @pytest.mark.parametrize("baud", [9600, 115200, 1_000_000])
-def test_in_motion_it_is_where_the_carriage_was_then(baud: int) -> None:
+def test_pose_in_motion_matches_its_time(baud: int) -> None:
     clock = VirtualClock(1234.5)
     grbl = GrblController(None, clock)
     link = wire.SerialLink(grbl, clock, baud=baud)
@@ -152,7 +152,7 @@ def test_in_motion_it_is_where_the_carriage_was_then(baud: int) -> None:
     before_ns = 0
     for _ in range(30):
         clock.sleep_s(0.0713)
-        t_ns, position_mm = stage.located()
+        t_ns, position_mm = stage.timed_position()
         assert before_ns < t_ns < clock.now_ns()
         before_ns = t_ns
         truth_mm = FRAME.to_sensor_mm(grbl.position_mm(t_ns / 1e9))
@@ -162,7 +162,7 @@ def test_in_motion_it_is_where_the_carriage_was_then(baud: int) -> None:
 
 
 @pytest.mark.parametrize("way", [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, -1.0)])
-def test_a_feed_is_refused_whichever_way_it_goes(way: tuple[float, float, float]) -> None:
+def test_excessive_feed_refused_in_any_direction(way: tuple[float, float, float]) -> None:
     limits = Limits(
         grbl_settings(STAGE["travel_mm"], STAGE["max_feed_mm_min"], STAGE["acceleration_mm_s2"])
     )

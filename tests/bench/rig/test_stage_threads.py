@@ -69,7 +69,7 @@ class Other(threading.Thread):
     ("how", "says"),
     [("stop", "short of"), ("abort", "reset while moving|the controller was reset")],
 )
-def test_a_move_that_another_thread_ends(how: str, says: str) -> None:
+def test_other_thread_can_end_move(how: str, says: str) -> None:
     with homed() as (it, stage):
         stage.start_move(END_MM, 1200.0)
         other = Other(getattr(stage, how), after_s=0.3)
@@ -86,7 +86,7 @@ def test_a_move_that_another_thread_ends(how: str, says: str) -> None:
 
 
 @pytest.mark.parametrize("how", ["stop", pytest.param("abort", marks=pytest.mark.slow)])
-def test_homing_that_another_thread_ends(how: str) -> None:
+def test_other_thread_can_end_homing(how: str) -> None:
     with homed({25: 300.0}) as (it, stage):
         stage.start_move((-15.0, -15.0, -15.0), 1200.0)
         stage.wait()
@@ -103,7 +103,7 @@ def test_homing_that_another_thread_ends(how: str) -> None:
         assert it.at_mm() == (-0.2, -0.2, -0.2)
 
 
-def test_a_cancel_while_the_driver_waits_for_an_answer() -> None:
+def test_cancel_while_driver_waits_for_answer() -> None:
     """The line is on its way, nothing was answered yet, and 0x85 does nothing."""
     with homed() as (it, stage):
         command = stage._c.talk.command
@@ -120,7 +120,7 @@ def test_a_cancel_while_the_driver_waits_for_an_answer() -> None:
         assert it.at_mm()[0] > -20
 
 
-def test_a_cancel_before_the_line_is_sent_keeps_it_from_being_sent() -> None:
+def test_cancel_before_line_prevents_sending() -> None:
     with homed() as (it, stage):
         drain = stage._c.talk.drain
 
@@ -135,7 +135,7 @@ def test_a_cancel_before_the_line_is_sent_keeps_it_from_being_sent() -> None:
 
 
 @pytest.mark.slow
-def test_many_threads_ask_while_one_drives_and_none_hears_another_s_answer() -> None:
+def test_many_pollers_never_mix_their_answers() -> None:
     """No 'multiple access on port': one exchange at a time."""
     with homed() as (it, stage):
         done = threading.Event()
@@ -143,7 +143,7 @@ def test_many_threads_ask_while_one_drives_and_none_hears_another_s_answer() -> 
 
         def ask(mine: list[tuple[int, tuple[float, float, float]]]) -> None:
             while not done.is_set():
-                mine.append(stage.located())
+                mine.append(stage.timed_position())
 
         others = [Other(lambda mine=mine: ask(mine)) for mine in seen]  # type: ignore[misc]
         for x in (-8.0, -1.0, -5.0):
@@ -160,16 +160,16 @@ def test_many_threads_ask_while_one_drives_and_none_hears_another_s_answer() -> 
             assert all(a < b for (a, _), (b, _) in itertools.pairwise(mine))
 
 
-def test_the_second_of_two_hosts_refuses() -> None:
+def test_second_host_is_refused() -> None:
     with homed() as (it, stage):
         sent = len(it.heard)
-        with pytest.raises(StageError, match="another program drives this stage; end it first"):
+        with pytest.raises(StageError, match="another program uses this stage; end it first"):
             GrblStage(it.port, WallClock(), StageFrame((0.0, 0.0, 0.0))).connect()
         assert len(it.heard) == sent  # it wrote nothing
         assert stage.homed
 
 
-def test_closing_the_port_leaves_dtr_up() -> None:
+def test_closing_port_leaves_dtr_high() -> None:
     """Its fall and rise at the next opening would restart an Arduino, and lose the count."""
     with board() as it:
         held = os.open(it.port, os.O_RDWR | os.O_NOCTTY)
@@ -211,7 +211,7 @@ with interruptible(stage.abort):
 
 
 @pytest.mark.slow
-def test_the_second_signal_resets_in_the_lift_and_ends_with_one_line() -> None:
+def test_second_signal_in_lift_resets_once() -> None:
     with board() as it:
         with started("-c", HOST, it.port, stdout=PIPE, stderr=PIPE) as host:
             it.hears(DOWN)

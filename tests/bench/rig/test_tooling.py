@@ -25,7 +25,7 @@ from deltact_fab.bench.rig.tables import ToolConfig, TouchConfig
 from deltact_fab.bench.rig.tool import session
 from deltact_fab.bench.rig.tool.feeler import ForceProbe
 from deltact_fab.bench.rig.tool.tooling import (
-    KEPT,
+    TOUCH_FILE,
     TerminalOperator,
     Tooling,
     clear_the_face,
@@ -118,7 +118,7 @@ def low(it: Bench) -> None:
 
 
 @pytest.mark.slow
-def test_a_press_goes_as_deep_as_declared_on_a_face_that_is_elsewhere(tmp_path: Path) -> None:
+def test_press_depth_holds_on_shifted_face(tmp_path: Path) -> None:
     """The face 0.4 mm lower, the indenter 1.3 mm longer where the file says 1."""
     it = bench("sphere:10", (0.0, 0.0, -0.4), 1.3, homed=False)
     with typing("S-12", "sphere:10"):
@@ -127,14 +127,14 @@ def test_a_press_goes_as_deep_as_declared_on_a_face_that_is_elsewhere(tmp_path: 
     row = mounted.identity()["indenters"]["sphere:10"]
     assert row["machine_mm"][2] == pytest.approx(-40 - 0.4 + 1.3, abs=0.02)
     assert row["z_mm"] == pytest.approx(-0.1, abs=0.02)
-    assert json.loads((tmp_path / "r" / KEPT).read_text())["touches"][0]["base"] == "S-12"
+    assert json.loads((tmp_path / "r" / TOUCH_FILE).read_text())["touches"][0]["base"] == "S-12"
     events = open_run(tmp_path / "r").events()
     said = dict(zip(events["kind"], events["text"], strict=True))
-    assert said["begin"].startswith("sensor S-12 (confirmed); the position was lost; the force")
+    assert said["begin"].startswith("sensor S-12 (confirmed); position lost; force")
     assert "face at machine z -39.1" in said["indenter"]
 
 
-def test_another_name_is_asked_again_and_silence_ends_the_run(
+def test_wrong_name_asked_again_silence_ends(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     it = bench("sphere:10", homed=False)
@@ -153,7 +153,7 @@ def test_another_name_is_asked_again_and_silence_ends_the_run(
 
 
 @pytest.mark.slow
-def test_a_resumed_run_touches_off_again_and_refuses_another_length(tmp_path: Path) -> None:
+def test_resumed_run_refuses_another_length(tmp_path: Path) -> None:
     it = bench("sphere:10", longer_mm=1.0, homed=False)
     folder = tmp_path / "r"
     with typing("S-12", "sphere:10"), pytest.raises(RunFailed, match="stopped by the operator"):
@@ -161,7 +161,7 @@ def test_a_resumed_run_touches_off_again_and_refuses_another_length(tmp_path: Pa
     other = bench("sphere:10", longer_mm=1.5, homed=False)
     with typing("S-12", "sphere:10"), pytest.raises(RunFailed) as why:
         carry_out(other, folder, resume=True)
-    assert "the face is 0.50 mm higher than the run had it, more than touch.moved_mm" in str(
+    assert "0.50 mm higher than at the run's first touch, more than touch.moved_mm" in str(
         why.value
     )
     assert other.face.deepest_mm < 0.2
@@ -172,29 +172,30 @@ def test_a_resumed_run_touches_off_again_and_refuses_another_length(tmp_path: Pa
     run = open_run(folder)
     assert run.finished
     assert len(run.steps()) == len(plan.expand_protocol(PROTOCOL))
-    heights = [t["machine_mm"][2] for t in json.loads((folder / KEPT).read_text())["touches"]]
+    touches = json.loads((folder / TOUCH_FILE).read_text())["touches"]
+    heights = [touch["machine_mm"][2] for touch in touches]
     assert heights == pytest.approx([-39.0, -38.8], abs=0.02)
-    (folder / KEPT).write_text("{")
+    (folder / TOUCH_FILE).write_text("{")
     with pytest.raises(InputError, match=r"tool\.json: not valid JSON"):
         tooling(it, folder, unattended=True).change_indenter("sphere:10")
 
 
-def test_unattended_nobody_is_asked_and_a_contact_is_refused(tmp_path: Path) -> None:
+def test_unattended_contact_is_refused_without_prompt(tmp_path: Path) -> None:
     it = bench("sphere:10", homed=False)
     it.stage.connect()
     with typing():
         assert "sensor S-12 (unattended)" in tooling(it, tmp_path, unattended=True).begin()
     it.face.mount("sphere:10", 20.0)  # so long that the tip stands in the gel
     it.grbl._carriage.path._origin_mm = (-60.0, -60.0, -21.0)
-    with typing(), pytest.raises(StageError, match=r"force sensor feels .* --tip-is-clear"):
+    with typing(), pytest.raises(StageError, match=r"force sensor reads .* --tip-is-clear"):
         tooling(it, tmp_path, unattended=True).begin()
     assert it.grbl.segments == []
     with typing("S-12", "clear"):
         assert "operator confirmed" in tooling(it, tmp_path).begin()
-    assert "operator's word" in tooling(it, tmp_path, unattended=True, tip_is_clear=True).begin()
+    assert "operator stated" in tooling(it, tmp_path, unattended=True, tip_is_clear=True).begin()
 
 
-def test_where_the_position_is_known_the_tip_is_lifted_straight_up() -> None:
+def test_known_position_lifts_straight_up() -> None:
     it = bench("sphere:10")
     it.stage.start_move((2.0, 1.0, 3.0), 1200)
     it.stage.wait()
@@ -202,28 +203,28 @@ def test_where_the_position_is_known_the_tip_is_lifted_straight_up() -> None:
     it.stage.wait()
     moved = len(it.grbl.segments)
     said = clear_the_face(it.stage, it.clock, it.force, None)
-    assert said.startswith("the position was known")
+    assert said.startswith("position known")
     lift = it.grbl.segments[moved:]
     assert {s.end_mm[:2] for s in lift} == {(-58.0, -59.0)}
     assert it.stage.position_mm() == pytest.approx((2.0, 1.0, 24.5), abs=0.003)
     assert it.stage.homed
 
 
-def test_in_air_without_a_force_sensor_nothing_is_asked(tmp_path: Path) -> None:
+def test_air_without_force_sensor_no_prompt(tmp_path: Path) -> None:
     it = bench("sphere:10", homed=False)
     it.stage.connect()
     mounted = Tooling(job(tmp_path, air=True), it.stage, it.clock)
     with typing():
         assert "in air" in mounted.begin()
         assert "in air" in mounted.change_indenter("sphere:10")
-    with typing(), pytest.raises(RunFailed, match="nobody answered"):
+    with typing(), pytest.raises(RunFailed, match="no answer"):
         clear_the_face(it.stage, it.clock, None, TerminalOperator())
-    with pytest.raises(StageError, match="no force sensor can tell"):
+    with pytest.raises(StageError, match="without a force sensor"):
         clear_the_face(it.stage, it.clock, None, None)
 
 
 @pytest.mark.slow
-def test_the_tilt_of_a_face_is_found() -> None:
+def test_tilt_of_face_is_measured() -> None:
     ball, skin = parse_indenter("sphere:10"), SkinDimensions()
     it = bench("sphere:10", (0.0, 0.0, 0.4), 1.0, tilt_deg=(0.8, -0.5))
     low(it)
@@ -236,15 +237,15 @@ def test_the_tilt_of_a_face_is_found() -> None:
     assert found.tilt_deg == pytest.approx((0.8, -0.5), abs=0.02)
     assert found.origin_machine_mm == pytest.approx((-60.0, -60.0, -39.6), abs=0.02)
     assert found.residual_mm < 0.01
-    assert "by 4 touches" in found.line()
+    assert "4 touches" in found.line()
 
 
-def test_places_and_indenters_that_give_no_plane_are_refused() -> None:
+def test_invalid_registration_points_are_refused() -> None:
     skin, ball = SkinDimensions(), parse_indenter("sphere:10")
     for name, places, why in (
-        ("star", session.places_for(skin, ball), "with a ball"),
+        ("star", session.places_for(skin, ball), "needs a ball"),
         ("sphere:10", ((0.0, 0.0), (5.0, 5.0), (8.0, 8.0)), "not in a line"),
-        ("sphere:10", ((0.0, 0.0), (5.0, 5.0)), "three places"),
+        ("sphere:10", ((0.0, 0.0), (5.0, 5.0)), "three points"),
         ("sphere:10", ((0.0, 0.0), (15.0, 0.0), (0.0, 8.0)), "does not fit"),
     ):
         with pytest.raises(InputError, match=why):
@@ -252,7 +253,7 @@ def test_places_and_indenters_that_give_no_plane_are_refused() -> None:
 
 
 @pytest.mark.slow
-def test_a_block_says_where_the_face_is_sideways() -> None:
+def test_block_sides_locate_face_sideways() -> None:
     it = bench(
         "sphere:10", (0.7, -0.4, 0.0), guard_n=10.0, block_mm=(24.0, 22.0, -2.0), turn_deg=1.2
     )
@@ -265,7 +266,7 @@ def test_a_block_says_where_the_face_is_sideways() -> None:
     frame = find(24.0).frame(EXPECTED)
     assert frame.origin_machine_mm == pytest.approx((-59.3, -60.4, -40.0), abs=0.02)
     assert frame.angle_deg == pytest.approx(1.2, abs=0.02)
-    assert feeler.most_n < 3.0
+    assert feeler.peak_n < 3.0
     with pytest.raises(SensorError, match="not met at -x within 3 mm"):
         find(28.0)
     assert it.stage.position_mm()[2] > 5

@@ -9,7 +9,7 @@ from felt import Bench, bench
 from deltact_fab.bench.rig.config import load_rig
 from deltact_fab.bench.rig.interface import move_to
 from deltact_fab.bench.rig.tables import TouchConfig
-from deltact_fab.bench.rig.tool.touch import FaceTouch, fit, tool_change_s
+from deltact_fab.bench.rig.tool.touch import FaceTouch, fit_contact, tool_change_s
 from deltact_fab.common.errors import SensorError
 from deltact_fab.sensor.shapes.indenter import parse_indenter
 
@@ -32,7 +32,7 @@ def found(it: Bench, name: str, config: TouchConfig = QUICK) -> FaceTouch:
         pytest.param("4dots", 0.018, -2.0, marks=pytest.mark.slow),
     ],
 )
-def test_the_height_is_right_within_a_fiftieth(name: str, noise_n: float, longer_mm: float) -> None:
+def test_height_error_below_a_fiftieth(name: str, noise_n: float, longer_mm: float) -> None:
     it = bench(name, (0.0, 0.0, 0.3), longer_mm, noise_n)
     touch = found(it, name)
     assert touch.z_mm == pytest.approx(0.3 + longer_mm, abs=0.02)
@@ -48,7 +48,7 @@ def test_the_height_is_right_within_a_fiftieth(name: str, noise_n: float, longer
 
 
 @pytest.mark.parametrize(("x_mm", "y_mm"), [(3.0, -2.0), (-4.0, 5.0)])
-def test_torque_is_the_arm_times_the_force(x_mm: float, y_mm: float) -> None:
+def test_torque_is_arm_times_force(x_mm: float, y_mm: float) -> None:
     face = bench("sphere:10", homed=False).face
     wrench = face.wrench((-60.0 + x_mm, -60.0 + y_mm, -41.0))
     assert wrench[2] < -1.0
@@ -56,7 +56,7 @@ def test_torque_is_the_arm_times_the_force(x_mm: float, y_mm: float) -> None:
 
 
 @pytest.mark.slow
-def test_repeats_are_compared_and_the_guard_looks_on() -> None:
+def test_repeats_are_compared_with_guard_active() -> None:
     it = bench("sphere:10")
     touch = found(it, "sphere:10", TouchConfig(repeats=3))
     assert (touch.repeats, touch.by) == (3, "force")
@@ -78,19 +78,19 @@ def fails(it: Bench, config: TouchConfig = QUICK, name: str = "sphere:10") -> st
 
 
 @pytest.mark.slow
-def test_nothing_there_is_never_sought_beyond_the_range() -> None:
+def test_search_never_leaves_its_range() -> None:
     it = bench("sphere:10", longer_mm=-3.5)
-    assert "nothing was met down to 3 mm below" in fails(it)
+    assert "no contact down to 3 mm below" in fails(it)
     assert it.lowest_mm() == pytest.approx(-43.0, abs=0.002)
 
 
-def test_a_force_above_the_range_is_too_early() -> None:
+def test_contact_above_range_is_too_early() -> None:
     it = bench("sphere:10", longer_mm=4.0)
-    assert "above the height expected, more than touch.search_mm = 3" in fails(it)
+    assert "above the expected height, more than touch.search_mm = 3" in fails(it)
     assert it.face.deepest_mm < 0.4
 
 
-def test_noise_over_the_threshold_is_told_before_anything_goes_down() -> None:
+def test_noise_over_threshold_refused_before_descent() -> None:
     it = bench("sphere:10", noise_n=0.05)
     text = fails(it)
     assert "the sensor's noise is 0.05" in text
@@ -99,7 +99,7 @@ def test_noise_over_the_threshold_is_told_before_anything_goes_down() -> None:
 
 
 @pytest.mark.slow
-def test_a_loose_tool_is_told_by_its_spread(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_loose_tool_is_found_by_spread(monkeypatch: pytest.MonkeyPatch) -> None:
     it = bench("sphere:10")
     touch = it.touch(TouchConfig(repeats=2))
     once = touch._step_down
@@ -110,26 +110,26 @@ def test_a_loose_tool_is_told_by_its_spread(monkeypatch: pytest.MonkeyPatch) -> 
         return once(*words)  # type: ignore[arg-type]
 
     monkeypatch.setattr(touch, "_step_down", slips)
-    with pytest.raises(SensorError, match=r"2 touches lie 0\.0[78]\d mm apart, .* loose"):
+    with pytest.raises(SensorError, match=r"2 touches differ by 0\.0[78]\d mm, .* loose"):
         touch.find(parse_indenter("sphere:10"), (0.0, 0.0))
     assert it.stage.position_mm()[2] > 5
 
 
-def test_the_guard_trips_in_a_touch() -> None:
+def test_guard_trips_during_touch() -> None:
     it = bench("sphere:10", guard_n=0.08)
     assert "over the guard's 0.08 N" in fails(it, TouchConfig(repeats=1, force_n=0.1))
     assert it.guard.tripped
 
 
 @pytest.mark.slow
-def test_a_sensor_whose_axes_are_others_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wrong_sensor_axes_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     it = bench("sphere:10")
     wrenches = it.box._wrenches
     monkeypatch.setattr(it.box, "_wrenches", lambda t_ns: -wrenches(t_ns))
     assert "does not press along -z" in fails(it)
 
 
-def test_a_sensor_that_dies_in_the_approach_stops_it() -> None:
+def test_sensor_failure_stops_the_approach() -> None:
     it = bench("sphere:10")
     dead_s = it.clock.now_s() + 9.0
     receive = it.force._link.receive
@@ -144,16 +144,16 @@ def test_a_sensor_that_dies_in_the_approach_stops_it() -> None:
     assert all(s.end_mm[2] >= s.start_mm[2] for s in moved_after)
 
 
-def test_a_fit_of_clean_curves_is_exact() -> None:
+def test_fit_of_clean_curves_is_exact() -> None:
     z = np.arange(0.3, -0.2, -0.01)
     for power, powers in ((1.5, (1.5,)), (1.0, (1.0, 1.25, 1.5))):
         force = 0.02 + 3.0 * np.maximum(0.0371 - z, 0) ** power
-        contact = fit(z.tolist(), force.tolist(), powers)
+        contact = fit_contact(z.tolist(), force.tolist(), powers)
         assert contact.z_mm == pytest.approx(0.0371, abs=2e-5)
         assert contact.power == power
 
 
-def test_it_takes_as_long_as_it_is_said_to() -> None:
+def test_duration_matches_the_estimate() -> None:
     it, config = bench("cylinder"), TouchConfig(feed_mm_min=60.0)
     move_to(it.stage, (0.0, 0.0, 10.0), 600.0)
     start_s = it.clock.now_s()

@@ -66,7 +66,7 @@ def board_fault(name: str) -> Callable[[WallBench], None]:
                      "the link is lost", False, id="unplugged", marks=slow),
     ],
 )  # fmt: skip
-def test_a_fault_in_a_press(
+def test_fault_in_press_stops_and_lifts(
     strike: Callable[[WallBench], None] | None, given: dict[str, float], error: type[Exception],
     says: str, lifted: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
@@ -108,9 +108,7 @@ def test_a_fault_in_a_press(
 
 
 @pytest.mark.parametrize("by_hand", [False, pytest.param(True, marks=slow)])
-def test_a_guard_that_trips_while_homing_moves_nothing_any_more(
-    tmp_path: Path, by_hand: bool
-) -> None:
+def test_guard_trip_in_homing_prevents_motion(tmp_path: Path, by_hand: bool) -> None:
     with wall_bench(tmp_path, camera=not by_hand) as bench:
         bench.board.grbl.settings[25] = 60.0  # a slow search
 
@@ -132,9 +130,9 @@ def test_a_guard_that_trips_while_homing_moves_nothing_any_more(
     assert not threads()
 
 
-def test_where_nothing_pushes_it_homes_and_the_sensor_rests(tmp_path: Path) -> None:
+def test_unloaded_tip_homes_then_sensor_pauses(tmp_path: Path) -> None:
     with wall_bench(tmp_path, camera=False) as bench:
-        assert "operator's word" in bench.home()
+        assert "operator stated" in bench.home()
         assert bench.devices.stage.homed
         force = bench.devices.force
         assert force is not None
@@ -143,7 +141,7 @@ def test_where_nothing_pushes_it_homes_and_the_sensor_rests(tmp_path: Path) -> N
     assert not threads()
 
 
-def test_a_thread_that_fails_stops_the_stage_before_anybody_asks() -> None:
+def test_failing_thread_stops_stage_at_once() -> None:
     stopped: list[str] = []
     stage = SimpleNamespace(cancel=lambda: stopped.append("stop"))
     writer = SimpleNamespace()
@@ -157,7 +155,7 @@ def test_a_thread_that_fails_stops_the_stage_before_anybody_asks() -> None:
 
 
 @pytest.mark.slow
-def test_streams_of_a_run_belong_together_by_their_times(tmp_path: Path) -> None:
+def test_streams_agree_by_their_times(tmp_path: Path) -> None:
     seen: list[RunProgress] = []
     with wall_bench(tmp_path) as bench:
 
@@ -189,7 +187,7 @@ def test_streams_of_a_run_belong_together_by_their_times(tmp_path: Path) -> None
     assert off_n.abs().quantile(0.9) < np.pi * 2e-3
     looks = run.pose()["t_s"].diff().dropna()
     assert looks.median() > 0.09
-    assert seen[-1].done == planned
+    assert seen[-1].frames_done == planned
     assert re.search(r"after  Fz [+-]0\.\d\d N  .*0 s left$", seen[-1].line())
     settled = frames[frames["settled"] & (frames["kind"] == "press")]
     assert settled["z_mm"].to_numpy() == pytest.approx(-1.0, abs=2e-3)

@@ -61,7 +61,7 @@ def read_on(watchdog: Watchdog) -> None:
         watchdog.read()
 
 
-def test_one_process_from_its_start_to_its_end(bench: Bench) -> None:
+def test_guard_process_from_start_to_end(bench: Bench) -> None:
     """One after the other, as each start of a process takes a second."""
     watchdog = Watchdog(bench.config, LIMITS)
     watchdog.hold(bench.written, b"!")
@@ -93,7 +93,7 @@ def test_one_process_from_its_start_to_its_end(bench: Bench) -> None:
     begun_ns = watchdog.read().t_ns[0]
     time.sleep(1.2)
     parts = [watchdog.read() for _ in range(4)]
-    assert sum(part.lost for part in parts) == 0
+    assert sum(part.n_lost for part in parts) == 0
     assert parts[0].t_ns[0] - begun_ns < 1e9
     assert parts[-1].t_ns[-1] - begun_ns > 1.1e9
 
@@ -116,7 +116,7 @@ def test_one_process_from_its_start_to_its_end(bench: Bench) -> None:
         watchdog.read()
 
     watchdog._process.kill()
-    with pytest.raises(SensorError, match="the process that guards the force died"):
+    with pytest.raises(SensorError, match="the guard process died"):
         read_on(watchdog)
     watchdog.close()
 
@@ -135,7 +135,7 @@ if __name__ == "__main__":
 """
 
 
-def test_a_program_that_is_killed_stops_the_stage(bench: Bench) -> None:
+def test_killed_program_stops_the_stage(bench: Bench) -> None:
     words = [sys.executable, "-c", PROGRAM, bench.config.model_dump_json(), str(bench.written)]
     with subprocess.Popen(words, stdout=subprocess.PIPE, pass_fds=[bench.written]) as program:
         os.close(bench.written)
@@ -145,7 +145,7 @@ def test_a_program_that_is_killed_stops_the_stage(bench: Bench) -> None:
     assert bench.heard() == b"!"
 
 
-def test_a_box_out_of_reach_is_told_as_in_the_program(bench: Bench) -> None:
+def test_unreachable_box_reported_as_in_program(bench: Bench) -> None:
     os.close(bench.written)
     bench.box.close()
     with pytest.raises(SensorError, match=r"cannot be read .* check the box's power"):

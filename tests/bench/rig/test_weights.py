@@ -83,7 +83,7 @@ def weigh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., list
     return weigh
 
 
-def test_a_weight_is_a_wrench_with_errors() -> None:
+def test_weight_is_wrench_with_errors() -> None:
     level = DeadWeights(masses_g=(200.0,), error_g=1.0)
     fx, fy, fz, tx, ty, tz = level.wrench(200.0, (4.0, -2.0))
     assert (fx, fy) == (0.0, 0.0)
@@ -109,7 +109,7 @@ def test_a_weight_is_a_wrench_with_errors() -> None:
         ({"shear": {"amplitude_mm": 1.0}, "channels": ["force", "shear"]}, "tilt the face"),
     ],
 )
-def test_what_does_not_go_together_is_said(own: dict[str, object], why: str) -> None:
+def test_inconsistent_weights_are_refused(own: dict[str, object], why: str) -> None:
     with pytest.raises(ValueError, match=why):
         protocol(**own)
 
@@ -117,16 +117,16 @@ def test_what_does_not_go_together_is_said(own: dict[str, object], why: str) -> 
 Weigh = Callable[..., list[str]]
 
 
-def test_it_asks_tares_waits_and_records(weigh: Weigh, tmp_path: Path) -> None:
+def test_weights_run_prompts_and_records(weigh: Weigh, tmp_path: Path) -> None:
     hand = Hand()
     notes = weigh(protocol(), hand)
     assert hand.asked[:4] == [
-        "take sphere:15; Enter when it is at hand",
-        "take everything off the face, next is (0, 0) mm; Enter when nothing touches it",
-        "lay 100 g on sphere:15 at (0, 0) mm; Enter when it rests",
-        "lay 50 g on sphere:15 at (0, 0) mm; Enter when it rests",
+        "take sphere:15; press Enter when ready",
+        "clear the face, next is (0, 0) mm; press Enter when nothing touches it",
+        "place 100 g on sphere:15 at (0, 0) mm; press Enter when it rests",
+        "place 50 g on sphere:15 at (0, 0) mm; press Enter when it rests",
     ]
-    assert "the normal force is known to 0.001 N" in notes[0]
+    assert "uncertainty 0.001 N normal" in notes[0]
     run = open_run(tmp_path / "r")
     frames = run.frames("sphere-15/p2")
     assert frames["fz_n"].tolist() == pytest.approx([0, -0.980665, -0.4903325, 0], abs=1e-6)
@@ -138,8 +138,8 @@ def test_it_asks_tares_waits_and_records(weigh: Weigh, tmp_path: Path) -> None:
     assert check_run(tmp_path / "r").intact
 
 
-def test_it_is_taken_up_where_it_was_left(weigh: Weigh, tmp_path: Path) -> None:
-    with pytest.raises(Stopped, match="sphere-15/p2/m1/press; complete places are kept"):
+def test_weights_resume_after_last_press(weigh: Weigh, tmp_path: Path) -> None:
+    with pytest.raises(Stopped, match="sphere-15/p2/m1/press; complete presses are kept"):
         weigh(protocol(), Hand(stops_after=6))
     again = Hand()
     weigh(protocol(), again)
@@ -148,7 +148,7 @@ def test_it_is_taken_up_where_it_was_left(weigh: Weigh, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("option", ["air", "unattended"])
-def test_a_hand_is_needed(option: str, tmp_path: Path) -> None:
+def test_weights_need_a_manual_bench(option: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=f"--{option}: does not go with weights"):
         run_experiment(RunRequest("dead-weights", "grbl-bench", tmp_path / "r", **{option: True}))  # type: ignore[arg-type]
     assert not any(tmp_path.iterdir())
@@ -169,7 +169,7 @@ class VirtualHand(Hand):
             now = self.stage.position_mm()
             move_to(self.stage, (now[0], now[1], 5.0), 600)
             move_to(self.stage, (x, y, 5.0), 600)
-        if text.startswith("lay"):
+        if text.startswith("place"):
             weight_n = float(text.split()[1]) * 9.80665e-3
             assert self.force is not None
             self.force.start()
@@ -206,9 +206,7 @@ class Lens:
 
 
 @pytest.mark.slow
-def test_a_calibration_of_weights_knows_the_normal_force_and_no_shear(
-    weigh: Weigh, tmp_path: Path
-) -> None:
+def test_weights_calibrate_normal_force_not_shear(weigh: Weigh, tmp_path: Path) -> None:
     own = {
         "channels": ["image", "force"], "positions_mm": [[0, 0], [5, 3], [-4, 4]],
         "specimen": {"pattern": "dense", "gel_model": "linear"},

@@ -148,7 +148,7 @@ def wall_bench(
             seeing = open_camera(seen, folder, clock)
             held.callback(seeing.close)
             seeing.timeout_s = 3.0  # type: ignore[attr-defined] # the camera's process, too
-        limits = GuardLimits.of(GuardConfig(force_n=guard_n), config)
+        limits = GuardLimits.from_config(GuardConfig(force_n=guard_n), config)
         guard = ForceGuard(stage.cancel, limits, clock, behind_s)
         yield WallBench(
             folder,

@@ -109,7 +109,7 @@ def test_real_rig_opens_camera_only(pinhole: Path, tmp_path: Path) -> None:
     seen = images(source)
     assert source.live
     assert [int(next(seen).image[0, 0, 0]) for _ in range(3)] == [0, 1, 2]
-    with pytest.raises(SensorError, match="status 1; its last words: the lens fell off"):
+    with pytest.raises(SensorError, match="status 1; stderr: the lens fell off"):
         next(seen)
     source.close()
 
@@ -124,13 +124,13 @@ def _refusal(name: object, camera: Path | None = None) -> str:
 def test_unusable_source_is_one_line(
     pictures: Path, pinhole: Path, tmp_path: Path, mini_run: Path
 ) -> None:
-    assert "/dev/video63: no camera that can be opened" in _refusal("63", pinhole)
+    assert "/dev/video63: cannot be opened" in _refusal("63", pinhole)
     assert "did you mean 'virtual'" in _refusal("virtul")
     assert "no protocol 'smok'" in _refusal("virtual:smok")
     assert "`measure` needs 'image'" in _refusal("virtual:first-moves")
     assert "has a real stage" in _refusal("grbl-bench:smoke")
     assert "camera: missing table" in _refusal("grbl-bench")
-    assert "rtsp://127.0.0.1:9/none: no stream of images" in _refusal(
+    assert "rtsp://127.0.0.1:9/none: no image stream" in _refusal(
         "rtsp://127.0.0.1:9/none", pinhole
     )
     empty = tmp_path / "empty"
@@ -140,7 +140,7 @@ def test_unusable_source_is_one_line(
     text.write_text("no film")
     assert "not a video" in _refusal(text, pinhole)
     (pictures / "3.png").write_bytes(b"no image")
-    assert "3.png: does not decode" in _refusal(pictures, pinhole)
+    assert "3.png: cannot be decoded" in _refusal(pictures, pinhole)
     cv2.imwrite(str(pictures / "3.png"), np.zeros((40, 64, 3), np.uint8))
     assert "image 3 has 64 x 40 px; the calibrated camera has 64 x 48 px" in _refusal(
         pictures, pinhole

@@ -34,7 +34,7 @@ class Bench:
             travel_mm=(120.0, 120.0, 60.0), max_feed_mm_min=(1.0,) * 3,
             acceleration_mm_s2=(1.0,) * 3,
         )  # fmt: skip
-        self.stage = GrblStage.of(config, self.clock, self.link)
+        self.stage = GrblStage.from_config(config, self.clock, self.link)
 
     def homed(self, booted_s: float = 0.0) -> Any:
         self.clock.sleep_s(booted_s)

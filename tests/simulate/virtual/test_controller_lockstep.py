@@ -248,7 +248,7 @@ def test_time_advances_by_bytes_and_sleeps() -> None:
     bench = bench_of(resets_on_open=False)
     bench.clock.sleep_s(2)
     bench.grbl.read_available()
-    port = bench.link.opened(0.25)
+    port = bench.link.open_link(0.25)
     t0 = bench.clock.now_ns()
     port.write(b"$I\n")
     t1 = bench.clock.now_ns()
@@ -274,7 +274,7 @@ def test_time_advances_by_bytes_and_sleeps() -> None:
 
 def test_read_ends_on_controller_output() -> None:
     bench = bench_of()
-    port = bench.link.opened(10)
+    port = bench.link.open_link(10)
     t0 = bench.clock.now_ns()
     assert port.read_until(b"\n") == b"\r\n"
     assert bench.clock.now_ns() - t0 == 1_000_000_000 + int(2 * BYTE_NS)  # boot_s and two bytes

@@ -158,7 +158,7 @@ def test_hard_limit_needs_one_homing(wait_s: float, when: str) -> None:
     with pytest.raises(StageError, match=r"ALARM:1 \(hard limit.*\); home again"):
         bench.stage.wait()
     bench.clock.sleep_s(wait_s)
-    for ask in (bench.stage.located, bench.stage.position_mm, bench.stage.stop):
+    for ask in (bench.stage.timed_position, bench.stage.position_mm, bench.stage.stop):
         with pytest.raises(StageError, match=r"ALARM:1 \(hard limit"):
             ask()
     bench.homes_at_once()

@@ -1,4 +1,4 @@
-"""Images from a program's standard output, as of the camera port of a Jetson."""
+"""Images from a program's standard output, as for the camera port of a Jetson."""
 
 from __future__ import annotations
 
@@ -21,16 +21,15 @@ from deltact_fab.common import InputError, SensorError
 from ..interface import Clock
 from .stream import FeedImage
 
-HEADER = struct.Struct("<qII")  # monotonic nanoseconds, number, nothing
-PIPE_BYTES = 1 << 20
-"""As much as Linux lets a process have: the fewer reads an image."""
-LAST_WORDS_BYTES = 4096
-END_S = 2.0
-"""A program that is told to end and does not within this is killed."""
+STAMP_HEADER = struct.Struct("<qII")  # monotonic nanoseconds, number, unused
+# By hand: a small pipe costs reads per image, a long tail memory, a long wait delays `close`.
+PIPE_BYTES = 1 << 20  # largest that Linux allows an ordinary process
+STDERR_TAIL_BYTES = 4096  # kept for the error message
+TERMINATE_S = 2.0  # from SIGTERM to SIGKILL
 
 
 class CommandFeed:
-    """Implements Feed: a child process in a group of its own, and its images read whole."""
+    """Implements Feed: a child process in its own group, read image by image."""
 
     check = "the command and its camera"
 
@@ -42,14 +41,14 @@ class CommandFeed:
         folder: Path,
         stamped: bool = False,
     ) -> None:
-        """folder: in which it runs. Raises InputError for a program that cannot be started."""
+        """folder: working directory. Raises InputError for a program that cannot be started."""
         self.name = command[0]
         self.stamps = "sender" if stamped else "arrival"
         self._command = list(command)
         self._clock = clock
         self._shape = (size_px[1], size_px[0], 3)
-        self._before = HEADER.size if stamped else 0
-        self._said = b""
+        self._header_bytes = STAMP_HEADER.size if stamped else 0
+        self._stderr_tail = b""
         try:
             # A group of its own: Ctrl-C is the run's to answer, not the camera's.
             self._child = subprocess.Popen(
@@ -61,85 +60,85 @@ class CommandFeed:
                 cwd=folder,
                 start_new_session=True,
             )
-        except OSError as why:
+        except OSError as error:
             raise InputError(
-                f"camera.command: {command[0]}: cannot be started: {why.strerror}"
-            ) from why
+                f"camera.command: {command[0]}: cannot be started: {error.strerror}"
+            ) from error
         assert self._child.stdout is not None
         assert self._child.stderr is not None
         self._out, self._err = self._child.stdout, self._child.stderr
-        _widen(self._out.fileno())
+        _enlarge_pipe(self._out.fileno())
         self._poll = select.poll()
         self._poll.register(self._out, select.POLLIN)
         self._poll.register(self._err, select.POLLIN)
-        self._start()
+        self._new_buffer()
 
     def next(self, timeout_s: float) -> FeedImage | None:
-        """As Feed; what has come of an image is kept for the next call."""
+        """Return the next image, see Feed; a partial image is kept for the next call."""
         until_s = time.monotonic() + timeout_s
-        while self._left:
+        while self._unfilled:
             left_s = until_s - time.monotonic()
             if left_s <= 0:
                 return None
-            self._more(left_s)
+            self._read_output(left_s)
         t_s, number = self._clock.now_s(), None
-        if self._before:
-            t_ns, number, _ = HEADER.unpack_from(self._bytes.data)
+        if self._header_bytes:
+            t_ns, number, _ = STAMP_HEADER.unpack_from(self._bytes.data)
             t_s = t_ns / 1e9
-        image = self._bytes[self._before :].reshape(self._shape)
-        self._start()
+        image = self._bytes[self._header_bytes :].reshape(self._shape)
+        self._new_buffer()
         return FeedImage(image, t_s, number)
 
     def identity(self) -> dict[str, Any]:
         return {"kind": "command", "command": self._command}
 
     def close(self) -> None:
-        """End the child and all that it started; again does nothing."""
+        """End the child and its children; idempotent."""
         if self._out.closed:
             return
         if self._child.poll() is None:
             self._signal(signal.SIGTERM)
-            self._status(END_S)
+            self._exit_status(TERMINATE_S)
         self._signal(signal.SIGKILL)  # what it started may outlive it
         self._child.wait()
         self._out.close()
         self._err.close()
 
-    def _start(self) -> None:
-        """Room for the next image, which is its own: nobody else writes to it later."""
-        self._bytes = np.empty(self._before + int(np.prod(self._shape)), np.uint8)
-        self._left = self._bytes.data
+    def _new_buffer(self) -> None:
+        """Allocate the buffer of the next image; it is never reused."""
+        self._bytes = np.empty(self._header_bytes + int(np.prod(self._shape)), np.uint8)
+        self._unfilled = self._bytes.data
 
-    def _more(self, timeout_s: float) -> None:
-        """Read what has come. Raises SensorError at the end."""
+    def _read_output(self, timeout_s: float) -> None:
+        """Read available output. Raises SensorError at its end."""
         for fd, _ in self._poll.poll(timeout_s * 1e3):
             if fd == self._err.fileno():
-                said = self._err.read(LAST_WORDS_BYTES)
-                if not said:
+                text = self._err.read(STDERR_TAIL_BYTES)
+                if not text:
                     self._poll.unregister(fd)
-                self._said = (self._said + (said or b""))[-LAST_WORDS_BYTES:]
+                self._stderr_tail = (self._stderr_tail + (text or b""))[-STDERR_TAIL_BYTES:]
                 continue
-            n = os.readv(fd, [self._left])
+            n = os.readv(fd, [self._unfilled])
             if n == 0:
-                raise SensorError(self._end())
-            self._left = self._left[n:]
+                raise SensorError(self._end_reason())
+            self._unfilled = self._unfilled[n:]
 
-    def _end(self) -> str:
-        """Why there are no more images."""
-        status = self._status(END_S)
+    def _end_reason(self) -> str:
+        """Message for the end of the output."""
+        status = self._exit_status(TERMINATE_S)
         if status is None:
-            how = "closed its output"
+            ending = "closed its output"
         else:
-            how = f"ended by signal {-status}" if status < 0 else f"ended with status {status}"
+            ending = f"ended by signal {-status}" if status < 0 else f"ended with status {status}"
         os.set_blocking(self._err.fileno(), False)
-        self._said += self._err.read() or b""
-        lines = self._said.decode(errors="replace").split("\n")
-        said = [line.strip() for line in lines if line.strip()]
-        last = f"; its last words: {said[-1]}" if said else "; it said nothing on stderr"
-        return f"camera {self.name}: the command {how}{last}"
+        self._stderr_tail += self._err.read() or b""
+        lines = self._stderr_tail.decode(errors="replace").split("\n")
+        messages = [line.strip() for line in lines if line.strip()]
+        last = f"; stderr: {messages[-1]}" if messages else "; no message on stderr"
+        return f"camera {self.name}: the command {ending}{last}"
 
-    def _status(self, timeout_s: float) -> int | None:
-        """How the child ended, -n by signal n; None while it runs."""
+    def _exit_status(self, timeout_s: float) -> int | None:
+        """Return the exit status of the child, -n for signal n; None while it runs."""
         with suppress(subprocess.TimeoutExpired):
             return self._child.wait(timeout_s)
         return None
@@ -149,7 +148,7 @@ class CommandFeed:
             os.killpg(self._child.pid, number)
 
 
-def _widen(fd: int) -> None:
-    """Ask for a larger pipe; a smaller one serves too."""
+def _enlarge_pipe(fd: int) -> None:
+    """Enlarge the pipe if possible."""
     with suppress(OSError, AttributeError):  # Linux alone can
         fcntl.fcntl(fd, fcntl.F_SETPIPE_SZ, PIPE_BYTES)

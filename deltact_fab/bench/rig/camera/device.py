@@ -1,6 +1,6 @@
 """Images of a V4L2 device, with the driver's numbers and stamps; settings locked and read back.
 
-The automatic of a setting is switched off before it is set, or the driver refuses it.
+Automatic control of a setting is switched off before it is set, or the driver refuses it.
 """
 
 from __future__ import annotations
@@ -24,40 +24,40 @@ from .v4l2 import FilledBuffer, V4l2Device
 Bytes = NDArray[np.uint8]
 
 
-def _pixels(channels: int, conversion: int | None) -> Callable[[Bytes, int, int, int], Image]:
-    """How lines of line_bytes bytes become an image (h, w, 3) BGR."""
+def _raw_decoder(channels: int, conversion: int | None) -> Callable[[Bytes, int, int, int], Image]:
+    """Return a decoder of raw lines of line_bytes bytes to an image (h, w, 3) BGR."""
 
-    def decoded(data: Bytes, w: int, h: int, line_bytes: int) -> Image:
+    def decode(data: Bytes, w: int, h: int, line_bytes: int) -> Image:
         lines = data[: h * line_bytes].reshape(h, line_bytes)[:, : w * channels]
         image = lines.reshape(h, w, channels)
         if conversion is None:
             return image.copy()
         return np.asarray(cv2.cvtColor(np.ascontiguousarray(image), conversion), np.uint8)
 
-    return decoded
+    return decode
 
 
-def _jpeg(data: Bytes, w: int, h: int, line_bytes: int) -> Image:
+def _decode_jpeg(data: Bytes, w: int, h: int, line_bytes: int) -> Image:
     image = cv2.imdecode(data, cv2.IMREAD_COLOR)
     if image is None:
         raise ValueError("no JPEG")
     return np.asarray(image, np.uint8)
 
 
-# In the order in which they are tried where the rig file names none: without losses first.
-CODINGS = {
-    "BGR3": _pixels(3, None),
-    "RGB3": _pixels(3, cv2.COLOR_RGB2BGR),
-    "YUYV": _pixels(2, cv2.COLOR_YUV2BGR_YUYV),
-    "UYVY": _pixels(2, cv2.COLOR_YUV2BGR_UYVY),
-    "GREY": _pixels(1, cv2.COLOR_GRAY2BGR),
-    "MJPG": _jpeg,
-    "JPEG": _jpeg,
+# In the order of trial where the rig file names none: lossless formats first.
+PIXEL_DECODERS = {
+    "BGR3": _raw_decoder(3, None),
+    "RGB3": _raw_decoder(3, cv2.COLOR_RGB2BGR),
+    "YUYV": _raw_decoder(2, cv2.COLOR_YUV2BGR_YUYV),
+    "UYVY": _raw_decoder(2, cv2.COLOR_YUV2BGR_UYVY),
+    "GREY": _raw_decoder(1, cv2.COLOR_GRAY2BGR),
+    "MJPG": _decode_jpeg,
+    "JPEG": _decode_jpeg,
 }
 
 
 class DeviceFeed:
-    """Implements Feed: a V4L2 device, set up as the rig file has it."""
+    """Implements Feed: a V4L2 device, set up by the rig file."""
 
     check = "its cable and power, and that nothing else uses it"
     stamps = "driver"
@@ -68,66 +68,66 @@ class DeviceFeed:
         self._clock = clock
         try:
             self._device = V4l2Device(self.name)
-        except OSError as why:
-            hint = "; who uses it belongs to the group 'video'" if why.errno == EACCES else ""
+        except OSError as error:
+            hint = "; add the user to the group 'video'" if error.errno == EACCES else ""
             raise InputError(
-                f"camera.source: {self.name}: no camera that can be opened: {why.strerror}{hint}"
-            ) from why
+                f"camera.source: {self.name}: cannot be opened: {error.strerror}{hint}"
+            ) from error
         try:
             self._set_up(config)
-        except OSError as why:
+        except OSError as error:
             self._device.close()
             raise InputError(
-                f"camera.source: {self.name}: refuses to start: {why.strerror}; check {self.check}"
-            ) from why
+                f"camera.source: {self.name}: cannot start: {error.strerror}; check {self.check}"
+            ) from error
         except BaseException:
             self._device.close()
             raise
 
     def _set_up(self, config: CameraConfig) -> None:
-        """Coding and size, the rate that goes with them, then the settings."""
+        """Set pixel format and size, then the rate, then the controls."""
         device = self._device
-        if not device.captures():
-            raise InputError(f"camera.source: {self.name}: gives no images; name another node")
+        if not device.gives_images():
+            raise InputError(f"camera.source: {self.name}: gives no images; use another node")
         asked_px = None
         if config.width_px is not None and config.height_px is not None:
             asked_px = (config.width_px, config.height_px)
-        for wish in [config.fourcc] if config.fourcc is not None else CODINGS:
-            fourcc, size_px, self._line_bytes = device.shape(wish, asked_px)
+        for wish in [config.fourcc] if config.fourcc is not None else PIXEL_DECODERS:
+            fourcc, size_px, self._line_bytes = device.set_format(wish, asked_px)
             if fourcc == wish:
                 break
-        if config.fourcc not in (None, fourcc) or fourcc not in CODINGS:
+        if config.fourcc not in (None, fourcc) or fourcc not in PIXEL_DECODERS:
             raise InputError(
-                f"camera.fourcc: asked {config.fourcc or 'any of ' + ', '.join(CODINGS)}, the "
-                f"camera keeps {fourcc}; `v4l2-ctl --list-formats-ext` names its codings"
+                f"camera.fourcc: asked {config.fourcc or 'any of ' + ', '.join(PIXEL_DECODERS)}, "
+                f"the camera keeps {fourcc}; `v4l2-ctl --list-formats-ext` lists its formats"
             )
         if asked_px not in (None, size_px):
             raise InputError(
                 f"camera.width_px: asked {config.width_px} x {config.height_px}, the camera keeps "
-                f"{size_px[0]} x {size_px[1]} px; `v4l2-ctl --list-formats-ext` names its sizes"
+                f"{size_px[0]} x {size_px[1]} px; `v4l2-ctl --list-formats-ext` lists its sizes"
             )
-        self.rate_hz = device.rate(config.rate_hz)
-        if config.rate_hz is not None and not _near(self.rate_hz, config.rate_hz):
-            keeps = "its own, remove the key" if self.rate_hz is None else f"{self.rate_hz:g}"
+        self.rate_hz = device.set_rate(config.rate_hz)
+        if config.rate_hz is not None and not _is_near(self.rate_hz, config.rate_hz):
+            keeps = "a fixed rate; remove the key" if self.rate_hz is None else f"{self.rate_hz:g}"
             raise InputError(
                 f"camera.rate_hz: asked {config.rate_hz:g}, the camera keeps {keeps} at this size "
                 f"in {fourcc}; MJPG is often faster than YUYV"
             )
-        self._controls = {"fourcc": fourcc, "rate_hz": self.rate_hz, **locked(device, config)}
-        self._decode, self._size_px = CODINGS[fourcc], size_px
+        self._controls = {"fourcc": fourcc, "rate_hz": self.rate_hz, **apply_locks(device, config)}
+        self._decode, self._size_px = PIXEL_DECODERS[fourcc], size_px
         device.start()
 
     def next(self, timeout_s: float) -> FeedImage | None:
-        """As Feed. A damaged image is left out; the numbers tell that it is missing."""
+        """Return the next image, see Feed; a damaged one is skipped and its number is missing."""
         try:
-            with self._device.filled(timeout_s) as buffer:
-                return None if buffer is None or buffer.damaged else self._arrived(buffer)
-        except OSError as why:
+            with self._device.next_buffer(timeout_s) as buffer:
+                return None if buffer is None or buffer.damaged else self._decoded_image(buffer)
+        except OSError as error:
             raise SensorError(
-                f"camera {self.name}: is gone: {why.strerror}; check {self.check}"
-            ) from why
+                f"camera {self.name}: disconnected: {error.strerror}; check {self.check}"
+            ) from error
 
-    def _arrived(self, buffer: FilledBuffer) -> FeedImage | None:
+    def _decoded_image(self, buffer: FilledBuffer) -> FeedImage | None:
         t_s = buffer.t_s
         if t_s is None:
             t_s, self.stamps = self._clock.now_s(), "arrival"
@@ -147,13 +147,13 @@ class DeviceFeed:
         self._device.close()
 
 
-def _near(found: float | None, asked: float) -> bool:
-    return found is not None and abs(found - asked) <= 0.01 * asked
+def _is_near(actual: float | None, nominal: float) -> bool:
+    return actual is not None and abs(actual - nominal) <= 0.01 * nominal
 
 
-# include/uapi/linux/v4l2-controls.h
-MANUAL = 1  # V4L2_EXPOSURE_MANUAL
-CONTROLS = {
+# include/uapi/linux/v4l2-controls.h (V4L2)
+MANUAL_EXPOSURE = 1  # V4L2_EXPOSURE_MANUAL
+CONTROL_IDS = {
     "auto_exposure": 0x009A_0901,  # V4L2_CID_EXPOSURE_AUTO
     "exposure": 0x009A_0902,  # V4L2_CID_EXPOSURE_ABSOLUTE, 0.1 ms
     "auto_gain": 0x0098_0912,
@@ -162,51 +162,51 @@ CONTROLS = {
     "white_balance_k": 0x0098_091A,  # V4L2_CID_WHITE_BALANCE_TEMPERATURE
     "autofocus": 0x009A_090C,
 }
-AUTOMATIC = {
-    "exposure": ("auto_exposure", MANUAL),
+AUTOMATIC_SWITCHES = {
+    "exposure": ("auto_exposure", MANUAL_EXPOSURE),
     "gain": ("auto_gain", 0),
     "white_balance_k": ("auto_white_balance", 0),
 }
-"""What has to be switched off, and by which value."""
+"""Automatic control of each setting, and its value for off."""
 
 
-def locked(device: V4l2Device, config: CameraConfig) -> dict[str, int | None]:
-    """Lock all that the rig file asks for; then what the device has of each, None for nothing.
+def apply_locks(device: V4l2Device, config: CameraConfig) -> dict[str, int | None]:
+    """Apply the settings of the rig file; return the device's values, None for a missing control.
 
-    Raises InputError, one line, for all that it keeps otherwise.
+    Raises InputError, one line, for settings that the device did not accept.
     """
-    asked = {key: getattr(config, key) for key in ("exposure", "gain", "white_balance_k")}
-    asked["autofocus"] = None if config.autofocus is None else int(config.autofocus)
-    for key, value in asked.items():
+    requested = {key: getattr(config, key) for key in ("exposure", "gain", "white_balance_k")}
+    requested["autofocus"] = None if config.autofocus is None else int(config.autofocus)
+    for key, value in requested.items():
         if value is not None:
-            _ask(device, key, value)
-    found = {key: device.setting(control) for key, control in CONTROLS.items()}
+            _request_value(device, key, value)
+    settings = {key: device.setting(control) for key, control in CONTROL_IDS.items()}
     refused = []
-    for key, value in asked.items():
-        setting = found[key]
-        automatic, off = AUTOMATIC.get(key, (None, 0))
-        holder = None if automatic is None else found[automatic]
+    for key, value in requested.items():
+        setting = settings[key]
+        automatic, off_value = AUTOMATIC_SWITCHES.get(key, (None, 0))
+        holder = None if automatic is None else settings[automatic]
         if value is None or (setting is not None and setting.value == value):
-            if value is not None and holder is not None and holder.value != off:
-                refused.append(f"camera.{key}: the camera keeps its automatic on")
+            if value is not None and holder is not None and holder.value != off_value:
+                refused.append(f"camera.{key}: automatic control stays on")
         elif setting is None:
-            refused.append(f"camera.{key}: asked {value}, the camera has no such setting")
+            refused.append(f"camera.{key}: asked {value}, the camera has no such control")
         else:
             steps = f" in steps of {setting.step}" if setting.step > 1 else ""
             refused.append(
-                f"camera.{key}: asked {value}, the camera keeps {setting.value}; it takes "
-                f"{setting.least} to {setting.most}{steps}"
+                f"camera.{key}: asked {value}, the camera keeps {setting.value}; "
+                f"range {setting.minimum} to {setting.maximum}{steps}"
             )
     if refused:
         raise InputError("; ".join(refused))
-    return {key: None if s is None else s.value for key, s in found.items()}
+    return {key: None if s is None else s.value for key, s in settings.items()}
 
 
-def _ask(device: V4l2Device, key: str, value: int) -> None:
-    """Whether it was taken is read back afterwards."""
-    automatic, off = AUTOMATIC.get(key, (None, 0))
+def _request_value(device: V4l2Device, key: str, value: int) -> None:
+    """Set a value without checking; the caller reads it back."""
+    automatic, off_value = AUTOMATIC_SWITCHES.get(key, (None, 0))
     if automatic is not None:
         with suppress(OSError):
-            device.set(CONTROLS[automatic], off)
+            device.set(CONTROL_IDS[automatic], off_value)
     with suppress(OSError):
-        device.set(CONTROLS[key], value)
+        device.set(CONTROL_IDS[key], value)

@@ -1,4 +1,4 @@
-"""Images from the disk, of which every one counts, and those that come from an address."""
+"""Images from files, none of which is dropped, and from a network address."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ from ...record.images import decode
 from ..interface import Clock
 from .stream import FeedImage
 
-ASSUMED_HZ = 30.0
-"""Of images that come without times."""
-OPEN_MS = 10_000
-READ_MS = 2_000
-POLL_S = 0.05
-STEADY_S = 0.5  # so long a TIFF must not grow: nothing in it says where it ends
+# By hand: longer limits report a dead source later, shorter ones lose a slow one.
+DEFAULT_RATE_HZ = 30.0  # of images without times
+URL_OPEN_MS = 10_000
+URL_READ_MS = 2_000
+FOLDER_POLL_S = 0.05
+TIFF_STEADY_S = 0.5  # without growth a TIFF, which has no end mark, is complete
 
 
 class ImageFolder:
-    """The images of a folder in order of their names, numbers by size."""
+    """The images of a folder in natural order of their names."""
 
     SUFFIXES: ClassVar = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
     kind = "folder"
-    rate_hz = ASSUMED_HZ
+    rate_hz = DEFAULT_RATE_HZ
 
     def __init__(self, folder: Path) -> None:
         """Raises InputError for a folder without images."""
         self.name = str(folder)
         self._files = sorted(
-            (p for p in folder.iterdir() if p.suffix.lower() in self.SUFFIXES), key=_numbers
+            (p for p in folder.iterdir() if p.suffix.lower() in self.SUFFIXES), key=_natural_key
         )
         if not self._files:
             raise InputError(f"{folder}: no image in this folder ({', '.join(self.SUFFIXES)})")
@@ -47,29 +47,29 @@ class ImageFolder:
         for file in self._files:
             with disk_errors(file, "read"):
                 data = file.read_bytes()
-            yield self._decoded(file, data)
+            yield self._decode(file, data)
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """Do nothing: no file is held open."""
 
     @staticmethod
-    def _decoded(file: Path, data: bytes) -> Image:
+    def _decode(file: Path, data: bytes) -> Image:
         image = decode(data, file.name)
         if image is None:
-            raise RunFailed(f"{file}: does not decode as an image")
+            raise RunFailed(f"{file}: cannot be decoded as an image")
         return image
 
 
-def _numbers(path: Path) -> list[tuple[int, str]]:
-    """What paths are sorted by: their names, numbers in them by size."""
+def _natural_key(path: Path) -> list[tuple[int, str]]:
+    """Sort key of a path: its name, with numbers compared by value."""
     return [(int(p), "") if p.isdigit() else (-1, p) for p in re.split(r"(\d+)", path.name)]
 
 
 class FollowedFolder(ImageFolder):
-    """Every image of a folder once it is whole, those that wait in the order of their numbers.
+    """The images of a folder that is being written, each once it is complete, in natural order.
 
-    One that is not whole is waited for, and so are those that follow it. It ends when no byte came
-    for silence_s.
+    An incomplete image is waited for before those that follow it. Ends when no byte came for
+    silence_s.
     """
 
     def __init__(self, folder: Path, silence_s: float) -> None:
@@ -77,42 +77,42 @@ class FollowedFolder(ImageFolder):
         self._folder, self._silence_s = folder, silence_s
 
     def read(self) -> Generator[Image, None, None]:
-        """As ImageFolder. Raises RunFailed, also for an image that never becomes whole."""
-        taken, size, heard_s = set[str](), 0, time.monotonic()
+        """Yield images, see ImageFolder. Raises RunFailed, also for one that stays incomplete."""
+        processed, size, grown_s = set[str](), 0, time.monotonic()
         while True:
-            waits = None
-            for file in self._new(taken):
+            incomplete = None
+            for file in self._new_files(processed):
                 try:
                     data = file.read_bytes()
-                except FileNotFoundError:  # it has another name now: this was not its own
+                except FileNotFoundError:  # renamed meanwhile: a temporary name
                     continue
                 if len(data) != size:
-                    size, heard_s = len(data), time.monotonic()
-                if not _whole(file, data, time.monotonic() - heard_s):
-                    waits = file
+                    size, grown_s = len(data), time.monotonic()
+                if not _is_complete(file, data, time.monotonic() - grown_s):
+                    incomplete = file
                     break
-                taken.add(file.name)
-                yield self._decoded(file, data)
-                size, heard_s = 0, time.monotonic()
-            if time.monotonic() - heard_s > self._silence_s:
-                if waits is None:
+                processed.add(file.name)
+                yield self._decode(file, data)
+                size, grown_s = 0, time.monotonic()
+            if time.monotonic() - grown_s > self._silence_s:
+                if incomplete is None:
                     return
                 raise RunFailed(
-                    f"{waits}: not a whole image, and nothing came for {self._silence_s:g} s"
+                    f"{incomplete}: incomplete image, and no data for {self._silence_s:g} s"
                 )
-            time.sleep(POLL_S)
+            time.sleep(FOLDER_POLL_S)
 
-    def _new(self, taken: set[str]) -> list[Path]:
+    def _new_files(self, processed: set[str]) -> list[Path]:
         try:
-            there = [p for p in self._folder.iterdir() if p.name not in taken]
-        except OSError as why:
-            raise RunFailed(f"{self.name}: cannot be read: {why.strerror}") from why
-        images = (p for p in there if p.suffix.lower() in self.SUFFIXES and p.name[0] != ".")
-        return sorted(images, key=_numbers)
+            entries = [p for p in self._folder.iterdir() if p.name not in processed]
+        except OSError as error:
+            raise RunFailed(f"{self.name}: cannot be read: {error.strerror}") from error
+        images = (p for p in entries if p.suffix.lower() in self.SUFFIXES and p.name[0] != ".")
+        return sorted(images, key=_natural_key)
 
 
-def _whole(file: Path, data: bytes, steady_s: float) -> bool:
-    """Whether a file is written to its end, which its format tells. steady_s: it did not grow."""
+def _is_complete(file: Path, data: bytes, steady_s: float) -> bool:
+    """True if a file has the end mark of its format. steady_s: time since it last grew."""
     kind = file.suffix.lower()
     if kind == ".png":
         return data.endswith(b"IEND\xaeB`\x82")
@@ -120,7 +120,7 @@ def _whole(file: Path, data: bytes, steady_s: float) -> bool:
         return data.rstrip(b"\0").endswith(b"\xff\xd9")
     if kind == ".bmp":
         return len(data) > 6 and 0 < int.from_bytes(data[2:6], "little") <= len(data)
-    return len(data) > 0 and steady_s > STEADY_S
+    return len(data) > 0 and steady_s > TIFF_STEADY_S
 
 
 class Video:
@@ -129,36 +129,36 @@ class Video:
     kind = "video"
 
     def __init__(self, file: Path) -> None:
-        """Raises InputError for a file that is no video."""
+        """Raises InputError for a file that is not a video."""
         self.name = str(file)
-        self._capture = quietly_opened(str(file))
+        self._capture = open_quietly(str(file))
         if not self._capture.isOpened():
             raise InputError(f"{file}: not a video that can be read")
-        self.rate_hz = self._capture.get(cv2.CAP_PROP_FPS) or ASSUMED_HZ
+        self.rate_hz = self._capture.get(cv2.CAP_PROP_FPS) or DEFAULT_RATE_HZ
 
     def read(self) -> Generator[Image, None, None]:
-        k = 0
+        count = 0
         while True:
-            done, image = self._capture.read()
-            if not done:
+            ok, image = self._capture.read()
+            if not ok:
                 break
             yield np.asarray(image, np.uint8)
-            k += 1
-        if k == 0:
-            raise RunFailed(f"{self.name}: holds no image")
+            count += 1
+        if count == 0:
+            raise RunFailed(f"{self.name}: contains no image")
 
     def close(self) -> None:
         self._capture.release()
 
 
 ImageSource = ImageFolder | Video
-"""Images of one size, one after another."""
+"""A sequence of images of one size."""
 
 
 def open_images(path: Path, silence_s: float | None = None) -> ImageSource:
     """Open a folder of images or a video. Raises InputError, one line.
 
-    silence_s: a folder that is still written into is followed, until no byte came for so long.
+    silence_s: follow a folder that is being written, until no byte came for so long.
     """
     if silence_s is not None:
         return FollowedFolder(path, silence_s)
@@ -178,20 +178,20 @@ class UrlFeed:
         self.name = url
         self._clock = clock
         options = [
-            cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, OPEN_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, READ_MS,
+            cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, URL_OPEN_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, URL_READ_MS
         ]  # fmt: skip
-        self._capture = quietly_opened(url, cv2.CAP_FFMPEG, options)
+        self._capture = open_quietly(url, cv2.CAP_FFMPEG, options)
         if not self._capture.isOpened():
-            raise InputError(f"camera.source: {url}: no stream of images; check {self.check}")
+            raise InputError(f"camera.source: {url}: no image stream; check {self.check}")
         self.rate_hz = self._capture.get(cv2.CAP_PROP_FPS) or None
 
     def next(self, timeout_s: float) -> FeedImage | None:
-        """As Feed, but that it waits for READ_MS at most."""
+        """Return the next image, see Feed; waits up to URL_READ_MS."""
         if not self._capture.grab():
-            raise SensorError(f"camera {self.name}: gives no more images; check {self.check}")
+            raise SensorError(f"camera {self.name}: stream ended; check {self.check}")
         t_s = self._clock.now_s()
-        done, image = self._capture.retrieve()
-        if not done:
+        ok, image = self._capture.retrieve()
+        if not ok:
             raise SensorError(f"camera {self.name}: an image that cannot be decoded")
         return FeedImage(np.asarray(image, np.uint8), t_s)
 
@@ -202,11 +202,11 @@ class UrlFeed:
         self._capture.release()
 
 
-def quietly_opened(
+def open_quietly(
     name: int | str, backend: int = cv2.CAP_ANY, options: Sequence[int] = ()
 ) -> cv2.VideoCapture:
-    """What OpenCV makes of a name, without its own words on stderr where that is nothing."""
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # and FFmpeg's
+    """Open a video or stream with OpenCV, without its messages on stderr."""
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # FFmpeg's messages
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:

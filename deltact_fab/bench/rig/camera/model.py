@@ -1,6 +1,6 @@
-"""A rig's camera: what is known of it from its calibration, and opened, to record or photograph.
+"""A rig's camera: its calibrated view, and the open device to record or photograph with.
 
-A real camera and a simulated one know their lens only as it was calibrated.
+Real and simulated cameras use the calibrated lens only.
 """
 
 from __future__ import annotations
@@ -27,54 +27,54 @@ from ..interface import Camera, Clock, WallClock
 from ..tables import CameraConfig, CameraFile
 from .stream import Feed, StreamCamera
 
-NOTICED = 0.005
-"""Share of the view that may alias without a word."""
+MIN_NOTED_ALIASING = 0.005  # share of the view; by hand: less is not reported
 
 
 def calibrated_camera(path: Path, source: str = "camera.model") -> CameraModel:
-    """The camera of a camera file; source: what names it in a rig file. Raises InputError."""
+    """Load the camera of a camera file; source: its key, for messages. Raises InputError."""
     if not isfile(path):
-        raise InputError(f"{source}: {path}: no such file; `deltact-fab calibrate lens` makes one")
+        raise InputError(f"{source}: {path}: no such file; `deltact-fab calibrate lens` writes one")
     return load_camera(path)[0]
 
 
 def load_view(
     config: CameraConfig | CameraFile, sensor: SensorDimensions, source: Path
 ) -> CameraModel | None:
-    """Load the view that trackers take of a camera's images, None where it was not calibrated.
+    """Load the camera model that trackers use; None without a calibration.
 
-    A fisheye's is rectified at the design's scale. source: of the rig file. Raises InputError for a
-    camera file that is missing or of images of another size.
+    A fisheye is rectified at the design's scale. source: path of the rig file. Raises InputError
+    for a camera file that is missing or for images of another size.
     """
     if config.model is None:
         return None
     path = source.parent / config.model
     camera = calibrated_camera(path, f"{source}: camera.model")
     if isinstance(config, CameraConfig) and config.width_px is not None:
-        made, asked = raw_size_px(camera), (config.width_px, config.height_px)
-        if made != asked:
+        calibrated, configured = raw_size_px(camera), (config.width_px, config.height_px)
+        if calibrated != configured:
+            w, h = configured
             raise InputError(
-                f"{source}: camera.width_px, height_px: {asked[0]} x {asked[1]} px, and {path} is "
-                f"of images of {made[0]} x {made[1]} px"
+                f"{source}: camera.width_px, height_px: {w} x {h} px, and {path} is "
+                f"for images of {calibrated[0]} x {calibrated[1]} px"
             )
     return Rectified.from_sensor(sensor, camera) if isinstance(camera, Fisheye) else camera
 
 
 def raw_size_px(camera: CameraModel) -> tuple[int, int]:
-    """Width and height of the raw images that a camera's view is made from."""
+    """Width and height of a camera's raw images."""
     raw: Any = getattr(camera, "lens", camera)
     return raw.width_px, raw.height_px
 
 
 def view_notes(view: CameraModel | None, patch_mm: float | None) -> Iterator[Note]:
-    """Notes for a reader of a run through a view.
+    """Notes on the images of a run.
 
-    view: None: not calibrated. patch_mm: side of the pattern's patches, None without.
+    view: None if not calibrated. patch_mm: side of the pattern's patches, None without.
     """
     if view is None:
         text = (
-            "the camera is not calibrated: its images are kept, and nothing can be tracked in "
-            "them; `deltact-fab calibrate lens` makes a file to name as [camera] model"
+            "camera not calibrated: images are recorded but cannot be tracked; `deltact-fab "
+            "calibrate lens` writes the file for [camera] model"
         )
         yield Note("camera", text, warns=True)
     if not isinstance(view, Rectified):
@@ -82,25 +82,25 @@ def view_notes(view: CameraModel | None, patch_mm: float | None) -> Iterator[Not
     w, h = view.width_px, view.height_px
     scales = view.raw_mm_per_px(np.array([[w / 2, h / 2], [0, 0], [w, 0], [0, h], [w, h]]))
     middle, corner = scales[0].min(), scales[1:].max()
-    text = f"pixel scale: {middle:.3f} mm in the middle, {corner:.3f} mm in the corners"
+    text = f"pixel scale: {middle:.3f} mm at the centre, {corner:.3f} mm in the corners"
     yield Note("pixel scale", text)
     aliased = 0.0 if patch_mm is None else view.aliased_share(patch_mm)
-    if aliased >= NOTICED:
+    if aliased >= MIN_NOTED_ALIASING:
         text = (
-            f"patches of {patch_mm:g} mm alias over {aliased:.0%} of the view: the lens has less "
-            f"than {view.min_patch_px:g} pixels for one there"
+            f"patches of {patch_mm:g} mm alias over {aliased:.0%} of the view: less than "
+            f"{view.min_patch_px:g} pixels per patch there"
         )
         yield Note("aliasing", text, warns=True)
-    yield Note("raw images", "images are stored raw and rectified when they are read")
+    yield Note("raw images", "images are stored raw and rectified on reading")
 
 
 def open_camera(config: CameraConfig, folder: Path, clock: Clock) -> Camera:
-    """Open the camera that a rig file describes; it reads at once if it runs by itself.
+    """Open the camera of a rig file; a free-running one is read from now on.
 
-    folder: of the rig file, from which relative paths count. clock: of all devices; its origin has
-    to be that of `time.monotonic` for a camera that stamps its images itself.
+    folder: of the rig file, base of relative paths. clock: of all devices; must count from the
+    origin of `time.monotonic` for a camera that stamps its images itself.
 
-    Raises InputError, one line, for a camera that is not there or keeps other settings.
+    Raises InputError, one line, for a camera that is missing or keeps other settings.
     """
     config = _with_size(config, folder)
     size_px = None
@@ -129,7 +129,7 @@ def open_camera(config: CameraConfig, folder: Path, clock: Clock) -> Camera:
 
 
 def _with_size(config: CameraConfig, folder: Path) -> CameraConfig:
-    """A camera without a size is asked for that of its calibration. Raises InputError."""
+    """Set a missing image size to that of the calibration. Raises InputError."""
     if config.model is None or config.width_px is not None:
         return config
 
@@ -142,22 +142,22 @@ def take_photograph(
     folder: Path,
     out: Path,
     count: int,
-    before: Callable[[int], None] = lambda number: None,
+    prompt: Callable[[int], None] = lambda number: None,
 ) -> list[Path]:
-    """Write out/contact/1.png and on, raw as the camera gives them, and return the files.
+    """Write raw images out/contact/1.png to count.png and return the files.
 
-    folder: of the rig file. before: called with the number of an image; it is exposed afterwards.
-    Raises InputError for an `out` that is there already or a camera that cannot be opened, and
-    SensorError when that gives no images.
+    folder: of the rig file. prompt: called with the number of an image before its exposure.
+    Raises InputError for an `out` that exists already or a camera that cannot be opened, and
+    SensorError when it gives no images.
     """
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
-        raise InputError(f"{out}: is there already; name a new folder")
+        raise InputError(f"{out}: exists already; name a new folder")
     files = []
     with closing(open_camera(config, folder, WallClock())) as camera:
-        camera.capture()  # it runs, and has the settings of the rig file
+        camera.capture()  # running, with the settings of the rig file
         make_folder(out, "contact")
         for number in range(1, count + 1):
-            before(number)
+            prompt(number)
             camera.begin("photograph")
             file = out / "contact" / f"{number}.png"
             write_whole(file, encode_png(camera.capture().image))

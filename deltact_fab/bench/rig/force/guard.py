@@ -1,4 +1,4 @@
-"""The force guard: it stops the stage itself, and asks nobody."""
+"""Force guard: stops the stage directly when a limit is exceeded."""
 
 from __future__ import annotations
 
@@ -15,13 +15,12 @@ from ..interface import Clock, ForceSamples
 from ..tables import ForceConfig, GuardConfig
 from .netft import NoteCounts
 
+# Decision 0031; the times by hand: a byte before its jog has begun is lost, more load the line.
 GUARD_SHARE = 0.8  # of the sensor's range, where the rig file sets no limit
-# Between two stop bytes; one that comes before its jog has begun does nothing.
-AGAIN_NS = 20_000_000
-SURELY_NS = 100_000_000  # the byte is repeated for so long, whatever the force does meanwhile
-# On the way out the force may rise over the limit, to so much of what tripped the guard.
-EASE = 1.25
-NAMES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
+BYTE_PERIOD_NS = 20_000_000  # between two stop bytes
+BYTE_REPEAT_NS = 100_000_000  # the byte is repeated at least so long after a trip
+EASE_RATIO = 1.25  # of the peak: limit while the tip is lifted after a trip
+AXIS_NAMES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 
 
 @dataclass(frozen=True)
@@ -33,65 +32,63 @@ class GuardLimits:
     resultant_n: float = inf
 
     @classmethod
-    def of(cls, guard: GuardConfig | None, force: ForceConfig) -> GuardLimits:
-        """Those of the rig file; what it does not set is `GUARD_SHARE` of the sensor's range.
+    def from_config(cls, guard: GuardConfig | None, force: ForceConfig) -> GuardLimits:
+        """Limits of a rig file; default: `GUARD_SHARE` of the sensor's range.
 
         Raises InputError for a limit that the sensor cannot measure.
         """
-        own = guard or GuardConfig()
+        config = guard or GuardConfig()
         x, y, z = (GUARD_SHARE * n for n in force.range_n)
-        force_n = own.axes_n or (x, y, z)
-        if own.axes_n is None and own.force_n is not None:
-            force_n = (own.force_n,) * 3
+        force_n = config.axes_n or (x, y, z)
+        if config.axes_n is None and config.force_n is not None:
+            force_n = (config.force_n,) * 3
         x, y, z = (GUARD_SHARE * n for n in force.range_nmm)
-        torque_nmm = (x, y, z) if own.torque_nmm is None else (own.torque_nmm,) * 3
-        rows = zip(NAMES, (*force_n, *torque_nmm), (*force.range_n, *force.range_nmm), strict=True)
-        for name, limit, most in rows:
-            if limit > most:
+        torque_nmm = (x, y, z) if config.torque_nmm is None else (config.torque_nmm,) * 3
+        ranges = (*force.range_n, *force.range_nmm)
+        for name, limit, range_max in zip(AXIS_NAMES, (*force_n, *torque_nmm), ranges, strict=True):
+            if limit > range_max:
                 raise InputError(
-                    f"guard: the limit {limit:g} of {name} is over the sensor's range of {most:g} "
-                    "([force] range_n, range_nmm), where it would never be seen"
+                    f"guard: the limit {limit:g} of {name} is over the sensor's range of "
+                    f"{range_max:g} ([force] range_n, range_nmm), so it would never trip"
                 )
-        return cls(force_n, torque_nmm, inf if own.resultant_n is None else own.resultant_n)
+        return cls(force_n, torque_nmm, inf if config.resultant_n is None else config.resultant_n)
 
     @staticmethod
     def keys(guard: GuardConfig | None) -> tuple[str, str]:
-        """Keys of the rig file that set the limits on the axes: of force and of torque."""
-        given = {} if guard is None else guard.model_dump(exclude_none=True)
+        """Names of the rig file's keys behind the axis limits of force and torque."""
+        configured = {} if guard is None else guard.model_dump(exclude_none=True)
         force, torque = (
             f"the guard, {GUARD_SHARE:g} of [force] {key}" for key in ("range_n", "range_nmm")
         )
-        named = [key for key in ("axes_n", "force_n") if key in given]
-        force = f"[guard] {named[0]}" if named else force
-        return force, "[guard] torque_nmm" if "torque_nmm" in given else torque
+        force_keys = [key for key in ("axes_n", "force_n") if key in configured]
+        force = f"[guard] {force_keys[0]}" if force_keys else force
+        return force, "[guard] torque_nmm" if "torque_nmm" in configured else torque
 
 
 @dataclass(frozen=True)
 class Trip:
-    """Why the guard stopped the stage; when the excess was measured, came, and the byte went out.
+    """Reason of a stop, time of the excess sample and time of the stop byte.
 
-    Times are ns of the host's clock; record_ns is None where no sample did it.
+    Times are ns of the host's clock; record_ns is None if no sample caused it.
     """
 
-    why: str
+    reason: str
     record_ns: int | None
     byte_ns: int
 
 
 @dataclass
 class ForceGuard:
-    """Guard of the stage, which looks at every sample before anyone else does.
+    """Guard of the stage, which checks every sample first; usable in any thread, as it only writes.
 
-    It may live in any thread, for it only writes.
+    The reader of the sensor passes each batch to `watch` and a failure to `on_sensor_lost`. A trip
+    lasts until `rearm`: the stop byte is repeated while samples are over the limit, because GRBL
+    ignores one that arrives before its jog has begun.
 
-    The one who reads the sensor gives it each batch (`watch`) and tells it when there are none
-    (`lost`). Once tripped it stays so until `rearm`: it writes the stop byte again while samples
-    are over the limit, because a byte that reaches GRBL before its jog has begun does nothing.
-
-    stop: writes the byte that ends the motion under way.
+    stop: writes the byte that ends the present motion.
     behind_s: on the wall clock, a guard whose newest sample stays older than that for as long
-    again is blind, and stops the stage; a hiccup that is caught up is counted in `tally` alone.
-    None: the samples' ages are not looked at, as in lockstep.
+    again is blind, and stops the stage; a shorter delay is only counted in `tally`.
+    None: ages are not checked, as in lockstep.
     """
 
     stop: Callable[[], None]
@@ -101,44 +98,44 @@ class ForceGuard:
 
     def __post_init__(self) -> None:
         limits = self.limits
-        self._most = np.array([*limits.force_n, *limits.torque_nmm, limits.resultant_n])
-        self._peak = np.zeros(7)  # since it tripped: six axes and the whole force
+        self._bounds = np.array([*limits.force_n, *limits.torque_nmm, limits.resultant_n])
+        self._peak = np.zeros(7)  # since the trip: six axes and the resultant
         self._easing = False
         self._byte_ns = 0
-        self._behind_ns: int | None = None  # since when it looks at old samples
+        self._behind_ns: int | None = None  # time since samples are old
         self.tally = NoteCounts()
         self.trip: Trip | None = None
 
     @property
     def tripped(self) -> str:
-        return self.trip.why if self.trip is not None else ""
+        return self.trip.reason if self.trip is not None else ""
 
     def watch(self, samples: ForceSamples) -> None:
-        """Write the stop byte if a sample is over a limit or saturated, or all are old."""
+        """Write the stop byte for a sample over a limit or saturated, or if all are old."""
         if not len(samples.t_ns):
             return
-        self._look_at_age(int(samples.t_ns[-1]))
+        self._check_age(int(samples.t_ns[-1]))
         values = samples.counts / samples.per_unit
         sizes = np.column_stack((np.abs(values), np.sqrt((values[:, :3] ** 2).sum(axis=1))))
-        bad = (sizes > self._most).any(axis=1) | samples.saturated
+        bad = (sizes > self._bounds).any(axis=1) | samples.saturated
         if bad.any():
-            self._stop_for(samples, sizes, int(bad.argmax()))
+            self._trip_on(samples, sizes, int(bad.argmax()))
             self._peak = np.maximum(self._peak, sizes.max(axis=0))
         elif (
             self.trip is not None
             and not self._easing
-            and self.clock.now_ns() - self.trip.byte_ns < SURELY_NS
+            and self.clock.now_ns() - self.trip.byte_ns < BYTE_REPEAT_NS
         ):
             self._write()
 
-    def lost(self, why: str) -> None:
+    def on_sensor_lost(self, reason: str) -> None:
         if not self._easing:
             self._write()
         if self.trip is None:
-            self.trip = Trip(why, None, self._byte_ns)
+            self.trip = Trip(reason, None, self._byte_ns)
 
-    def tell(self) -> tuple[Note, ...]:
-        return self.tally.tell(self.clock.now_ns())
+    def pop_notes(self) -> tuple[Note, ...]:
+        return self.tally.pop_notes(self.clock.now_ns())
 
     def rearm(self) -> None:
         self.trip = None
@@ -148,21 +145,21 @@ class ForceGuard:
 
     @contextmanager
     def easing(self) -> Iterator[None]:
-        """While the tip is lifted after a trip: only a force that still grows stops that.
+        """Raise the limits while the tip is lifted after a trip, to EASE_RATIO of the peak.
 
-        A sensor that is saturated or lost cannot tell, and does not hold the tip in the gel.
+        A saturated or lost sensor does not stop the lift.
         """
-        before = self._most
-        self._most = np.maximum(self._most, EASE * self._peak)
+        bounds = self._bounds
+        self._bounds = np.maximum(self._bounds, EASE_RATIO * self._peak)
         self._easing = True
         try:
             yield
         finally:
             self._easing = False
-            self._most = before
+            self._bounds = bounds
 
-    def _look_at_age(self, newest_ns: int) -> None:
-        """Blind is who looks at old samples, and after behind_s of that still does."""
+    def _check_age(self, newest_ns: int) -> None:
+        """Stop the stage if samples stay older than behind_s for behind_s: the guard is blind."""
         if self.behind_s is None:
             return
         now_ns = self.clock.now_ns()
@@ -174,32 +171,32 @@ class ForceGuard:
         if self._behind_ns is None:
             self._behind_ns = now_ns
         elif now_ns - self._behind_ns > limit_ns:
-            self.lost(
+            self.on_sensor_lost(
                 f"force sensor: the host is {old_ns / 1e6:.0f} ms behind its stream; end other "
-                "programs, look at the network, or set a lower rate on the box"
+                "programs, check the network, or set a lower rate on the box"
             )
 
-    def _stop_for(self, samples: ForceSamples, sizes: Field, k: int) -> None:
-        """The byte first, then the words for it. sizes: (n, 7); k: of the first in excess."""
+    def _trip_on(self, samples: ForceSamples, sizes: Field, k: int) -> None:
+        """Write the byte, then record the reason. sizes: (n, 7) magnitudes; k: first excess."""
         if samples.saturated.any() and self._easing:
             return
         self._write()
         if self.trip is not None:
             return
-        axis = int((sizes[k, :6] / self._most[:6]).argmax())
+        axis = int((sizes[k, :6] / self._bounds[:6]).argmax())
         value, unit = (samples.counts[k] / samples.per_unit)[axis], "N" if axis < 3 else "N mm"
         if samples.saturated[k]:
-            why = "the force sensor is saturated"
-        elif sizes[k, axis] > self._most[axis]:
-            limit = f"the guard's {self._most[axis]:g} {unit}"
-            why = f"{NAMES[axis]} = {value:.2f} {unit}, over {limit}"
+            reason = "the force sensor is saturated"
+        elif sizes[k, axis] > self._bounds[axis]:
+            limit = f"the guard's {self._bounds[axis]:g} {unit}"
+            reason = f"{AXIS_NAMES[axis]} = {value:.2f} {unit}, over {limit}"
         else:
-            why = f"a force of {sizes[k, 6]:.2f} N, over the guard's {self._most[6]:g} N"
-        self.trip = Trip(why, int(samples.t_ns[k]), self._byte_ns)
+            reason = f"resultant force {sizes[k, 6]:.2f} N, over the guard's {self._bounds[6]:g} N"
+        self.trip = Trip(reason, int(samples.t_ns[k]), self._byte_ns)
 
     def _write(self) -> None:
-        """The stop byte, at most every AGAIN_NS."""
+        """Write the stop byte, at most every BYTE_PERIOD_NS."""
         now_ns = self.clock.now_ns()
-        if not self._byte_ns or now_ns - self._byte_ns >= AGAIN_NS:
+        if not self._byte_ns or now_ns - self._byte_ns >= BYTE_PERIOD_NS:
             self.stop()
             self._byte_ns = now_ns

@@ -1,8 +1,7 @@
-"""ATI Net F/T: a stream of numbered records in, samples on the host's clock out.
+"""ATI Net F/T: from a stream of numbered records to samples on the host's clock.
 
-What is here is the same for the box on the network (`rdt.RdtLink`) and for the simulated one
-in virtual time (`simulate.virtual.netft.LockstepLink`): which records are readings, what is missing
-between them, and when each was taken.
+Common to the box on the network (`rdt.RdtLink`) and the simulated one in virtual time
+(`simulate.virtual.netft.LockstepLink`): valid records, gaps, and times.
 """
 
 from __future__ import annotations
@@ -19,58 +18,58 @@ from deltact_fab.common import Note, Point, SensorError, to_ns
 from ..interface import Clock, ForceSamples
 
 DatagramArrivals = NDArray[Any]
-SILENT_S = 0.05  # a sensor that says nothing for so long has failed
-LATE_NS = 20_000_000  # a record so much later than its number says is told of
-DRIFT = 2e-4  # the box's clock and the host's differ by less: two quartzes of 100 ppm
-TELL_NS = 1_000_000_000  # a box that repeats every record must not fill the journal
-TEXTS = {
-    "gap": "{n} force samples are missing",
-    "late": "{n} force samples came late, by up to {worst:.0f} ms",
-    "duplicate": "{n} force records came twice",
-    "order": "{n} force records came after younger ones and were left out",
-    "garbage": "{n} pieces of garbage came instead of force records",
-    "overrun": "{n} force records were thrown away unread: the host was too slow",
-    "saturation": "{n} force samples are saturated",
-    "error": "{n} force records carried the error bit: no readings",
-    "behind": "{n} times the newest force sample was old when it was looked at, by up to "
-    "{worst:.0f} ms",
-    "silence": "no force sample came in time, {n} times",
+# By hand: lower limits report a busy host as a fault, more notes fill the journal.
+SENSOR_SILENT_S = 0.05  # without a record the sensor has failed; decision 0031
+LATE_NS = 20_000_000  # a record later than its number implies by this is noted
+MAX_CLOCK_DRIFT = 2e-4  # of box against host: two quartzes of 100 ppm
+NOTE_PERIOD_NS = 1_000_000_000  # between two notes of one kind
+NOTE_TEXTS = {
+    "gap": "{n} force samples missing",
+    "late": "{n} force samples late, by up to {worst:.0f} ms",
+    "duplicate": "{n} duplicate force records",
+    "order": "{n} force records out of order, discarded",
+    "garbage": "{n} datagrams or lines that are no force records",
+    "overrun": "{n} force records lost unread: the host was too slow",
+    "saturation": "{n} force samples saturated",
+    "error": "{n} force records with the error bit, discarded",
+    "behind": "guard behind the force stream {n} times, by up to {worst:.0f} ms",
+    "silence": "no force sample in time, {n} times",
 }
 
 
 @dataclass(frozen=True)
 class NetFTSettings:
-    """Settings of a box that its records are read by; rate_hz: of the RDT stream."""
+    """Settings of a box needed to read its records; rate_hz: of the RDT stream."""
 
     counts_per_n: float
     counts_per_nmm: float
     rate_hz: float
     serial: str
     about: tuple[tuple[str, str], ...] = ()
-    """More that the record keeps of the box: name and value."""
+    """Other data of the box for the record: name and value."""
     range_n: Point | None = None
     range_nmm: Point | None = None
-    """Rated maximum of the transducer, where the box tells it."""
+    """Rated maximum of the transducer, if the box reports it."""
 
 
 class BoxLink(Protocol):
-    """The way to a box. Raises SensorError where the box cannot be reached."""
+    """Connection to a box. Raises SensorError if the box cannot be reached."""
 
     def settings(self) -> NetFTSettings: ...
     def bias(self) -> None:
-        """Let what the sensor feels now be zero in every record that `receive` gives later."""
+        """Make the present load the zero of all records received later."""
 
     def start(self) -> None:
-        """Let records come, from number 1 on."""
+        """Start the stream, from record number 1."""
 
     def stop(self) -> None:
-        """Let none come; those under way are dropped."""
+        """Stop the stream; records in transit are dropped."""
 
     def receive(self, timeout_s: float) -> DatagramArrivals:
-        """(n,) NetFTSensor.RECORD: all that came; waits for one, empty after the time-out."""
+        """Return records (n,) of NetFTSensor.RECORD; waits for one, empty at the timeout."""
 
-    def troubles(self) -> dict[str, int]:
-        """What did not become a record since the last call: counts by a name of `TEXTS`."""
+    def pop_losses(self) -> dict[str, int]:
+        """Return losses since the last call: counts by a name of `NOTE_TEXTS`."""
 
     def close(self) -> None: ...
 
@@ -78,21 +77,21 @@ class BoxLink(Protocol):
 class NetFTSensor:
     """A `ForceSensor` over the link to a Net F/T box.
 
-    A sample's time is its number in the stream at the box's rate, tied to the host's clock by the
-    earliest to arrive, as far as the clocks may drift. So a record that comes late has the time
-    at which it was taken; that it came late is told in the notes.
+    A sample's time is its number over the box's rate, tied to the host's clock by the earliest
+    arrivals within the drift of the clocks. So a late record keeps the time of its measurement;
+    the delay is noted.
     """
 
     RECORD: ClassVar[np.dtype[Any]] = np.dtype(
         [("at_ns", "i8"), ("rdt", "u4"), ("status", "u4"), ("counts", "i4", 6)]
     )
-    """As it came: at_ns of the host's clock, its number in the stream, status word, counts."""
+    """Received record: at_ns of the host's clock, number in the stream, status word, counts."""
     SATURATED: ClassVar = 1 << 17
     """Bit 17 of the status word: a gauge or a force is out of range."""
     ERROR: ClassVar = 1 << 31
     """Bit 31 of the status word: any error of the unit."""
 
-    def __init__(self, link: BoxLink, clock: Clock, timeout_s: float = SILENT_S):
+    def __init__(self, link: BoxLink, clock: Clock, timeout_s: float = SENSOR_SILENT_S):
         self._link = link
         self._clock = clock
         self._timeout_s = timeout_s
@@ -102,9 +101,9 @@ class NetFTSensor:
         self._sequence = 0  # of the last record, 0 at the start of a stream
         self._zero_ns: int | None = None  # when record 0 of the stream would have come
         self._heard_ns = self._last_ns = 0
-        self._fault = ""  # what the box said of itself; nothing more is read of this stream
+        self._fault = ""  # reported by the box; the stream is not read any more
         self.tally = NoteCounts()
-        self.stop()  # whatever the box did for whoever asked before
+        self.stop()  # ends a stream that another program started
 
     def begin(self, stream: str) -> None:
         self._link.bias()
@@ -115,12 +114,12 @@ class NetFTSensor:
         self._link.start()
 
     def read(self) -> ForceSamples:
-        """All samples since the last read, at least one; waits for the next to come.
+        """Return samples since the last read, at least one; waits for the next.
 
-        Raises SensorError when no new one comes within the time-out, for a fault of the box (after
-        the samples before it), and when more are missing in a row than come within the time-out.
+        Raises SensorError when none comes within the timeout, for a fault of the box (after the
+        samples before it), and for a gap longer than the timeout.
         """
-        fresh = self._fresh()
+        fresh = self._receive_new()
         status = fresh["status"]
         saturated = status & self.SATURATED != 0
         faulty = (status & self.ERROR != 0) & ~saturated
@@ -132,23 +131,23 @@ class NetFTSensor:
                 raise SensorError(self._fault)
             fresh, saturated = fresh[:first], saturated[:first]
         sequence = fresh["rdt"].astype(np.int64)
-        lost = self._lost(sequence)
+        n_lost = self._count_lost(sequence)
         t_ns, late_ns = self._times(sequence, fresh["at_ns"])
         late = late_ns > LATE_NS
         tally = self.tally
-        tally.add("gap", lost)
+        tally.add("gap", n_lost)
         tally.add("late", int(late.sum()), float(late_ns.max()) / 1e6)
         tally.add("saturation", int(saturated.sum()))
-        for name, n in self._link.troubles().items():
+        for name, n in self._link.pop_losses().items():
             tally.add(name, n)
         return ForceSamples(
             t_ns,
             fresh["counts"].astype(np.int32),
             self._per_unit,
             saturated,
-            lost,
+            n_lost,
             int(late.sum()),
-            tally.tell(self._clock.now_ns()),
+            tally.pop_notes(self._clock.now_ns()),
         )
 
     def stop(self) -> None:
@@ -168,20 +167,20 @@ class NetFTSensor:
     def close(self) -> None:
         self._link.close()
 
-    def _fresh(self) -> DatagramArrivals:
-        """What came and is younger than all before it, at least one record."""
+    def _receive_new(self) -> DatagramArrivals:
+        """Receive at least one record newer than all before it."""
         if self._fault:
             raise SensorError(self._fault)
         deadline_ns = self._clock.now_ns() + to_ns(self._timeout_s)
         stale = 0
         while True:
-            left_ns = deadline_ns - self._clock.now_ns()  # below 0: this host was late, not the box
+            left_ns = deadline_ns - self._clock.now_ns()  # below 0: the host was late, not the box
             came = self._link.receive(max(left_ns, 0) / 1e9)
             if len(came):
                 sequence = came["rdt"].astype(np.int64)
-                # Where a stream starts is the box's affair.
-                before = self._sequence or int(sequence[0]) - 1
-                top = np.maximum.accumulate(np.concatenate([[before], sequence]))[:-1]
+                # The box chooses the first number.
+                previous = self._sequence or int(sequence[0]) - 1
+                top = np.maximum.accumulate(np.concatenate([[previous], sequence]))[:-1]
                 fresh = came[sequence > top]
                 self.tally.add("duplicate", int((sequence == top).sum()))
                 self.tally.add("order", int((sequence < top).sum()))
@@ -191,64 +190,64 @@ class NetFTSensor:
             if left_ns <= 0:
                 break
         self.tally.add("silence", 1)
-        what = f"; {stale} old ones came: does another program use the box?" if stale else ""
+        hint = f"; {stale} old ones: does another program use the box?" if stale else ""
         raise SensorError(
-            f"force sensor: no sample within {self._timeout_s * 1000:.0f} ms{what}; check power, "
+            f"force sensor: no sample within {self._timeout_s * 1000:.0f} ms{hint}; check power, "
             "cable and address"
         )
 
-    def _lost(self, sequence: NDArray[np.int64]) -> int:
-        """How many records are missing before and between these."""
-        before = self._sequence or int(sequence[0]) - 1
-        steps = np.diff(sequence, prepend=before)
+    def _count_lost(self, sequence: NDArray[np.int64]) -> int:
+        """Number of records missing before and between these."""
+        previous = self._sequence or int(sequence[0]) - 1
+        steps = np.diff(sequence, prepend=previous)
         self._sequence = int(sequence[-1])
-        most = int(steps.max()) - 1
-        if most > self._timeout_s * self._settings.rate_hz:
-            raise SensorError(f"force sensor: {most} samples in a row were lost; check the network")
+        gap = int(steps.max()) - 1
+        if gap > self._timeout_s * self._settings.rate_hz:
+            raise SensorError(f"force sensor: {gap} samples lost in a row; check the network")
         return int(steps.sum()) - len(steps)
 
     def _times(
         self, sequence: NDArray[np.int64], at_ns: NDArray[np.int64]
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Host times (n,) ns at which records were taken, and how much later each came."""
+        """Host times (n,) ns of the measurements, and the delay of each arrival."""
         after_ns = np.rint(sequence * (1e9 / self._settings.rate_hz)).astype(np.int64)
         zero_ns = int((at_ns - after_ns).min())
         if self._zero_ns is None:
             self._zero_ns, self._last_ns = zero_ns, 0
         else:
-            drift_ns = round(DRIFT * (int(at_ns[-1]) - self._heard_ns))
+            drift_ns = round(MAX_CLOCK_DRIFT * (int(at_ns[-1]) - self._heard_ns))
             self._zero_ns = min(zero_ns, self._zero_ns + drift_ns)
         self._heard_ns = int(at_ns[-1])
         t_ns = self._zero_ns + after_ns
         late_ns = at_ns - t_ns
-        # A tie found to be earlier than thought lets no sample come before the one before it.
+        # A corrected offset must not reverse the order of samples.
         t_ns = np.maximum(t_ns, self._last_ns + 1 + np.arange(len(t_ns)))
         self._last_ns = int(t_ns[-1])
         return t_ns, late_ns
 
 
 class NoteCounts:
-    """Counts by name, each of `TEXTS`. total: since the sensor was opened."""
+    """Counts by a name of `NOTE_TEXTS`. total: since the sensor was opened."""
 
     def __init__(self) -> None:
         self.total: Counter[str] = Counter()
-        self._untold: Counter[str] = Counter()
+        self._pending: Counter[str] = Counter()
         self._worst: dict[str, float] = {}
-        self._told_ns: dict[str, int] = {}
+        self._noted_ns: dict[str, int] = {}
 
     def add(self, name: str, n: int, worst: float = 0.0) -> None:
-        """Something of that name happened n times; 0 is nothing."""
+        """Count n events of a name, with the worst delay in ms."""
         if n > 0:
             self.total[name] += n
-            self._untold[name] += n
+            self._pending[name] += n
             self._worst[name] = max(worst, self._worst.get(name, 0.0))
 
-    def tell(self, now_ns: int) -> tuple[Note, ...]:
-        """A note for each name that was not told within the last second."""
+    def pop_notes(self, now_ns: int) -> tuple[Note, ...]:
+        """Return a note for each name not noted within NOTE_PERIOD_NS."""
         notes = []
-        for name in [*self._untold]:
-            if now_ns - self._told_ns.get(name, now_ns - TELL_NS) >= TELL_NS:
-                text = TEXTS[name].format(n=self._untold.pop(name), worst=self._worst.pop(name))
-                notes.append(Note(name, text))
-                self._told_ns[name] = now_ns
+        for name in [*self._pending]:
+            if now_ns - self._noted_ns.get(name, now_ns - NOTE_PERIOD_NS) >= NOTE_PERIOD_NS:
+                n, worst = self._pending.pop(name), self._worst.pop(name)
+                notes.append(Note(name, NOTE_TEXTS[name].format(n=n, worst=worst)))
+                self._noted_ns[name] = now_ns
         return tuple(notes)

@@ -1,5 +1,5 @@
-"""The way to a Net F/T box on the network: RDT records over UDP, each stamped by the kernel as it
-comes, so that a computer that was late is not taken for a box that was."""
+"""Connection to a Net F/T box: RDT records over UDP, stamped by the kernel on arrival, so that a
+late host is not mistaken for a late box."""
 
 from __future__ import annotations
 
@@ -21,206 +21,206 @@ from deltact_fab.common import InputError, SensorError
 from ..tables import NetFTConfig
 from .netft import DatagramArrivals, NetFTSensor, NetFTSettings
 
-HEADER, START, STOP, BIAS = 0x1234, 2, 0, 0x42  # ATI 9610-05-1022, table 9.1
-RECORD = struct.Struct(">IIIiiiiii")  # number of the record, of the cycle, status word, counts
-FIRST_S = 1.0  # from the start of a stream to its first record
-BIAS_S = 0.02  # from the command to bias to the first record that is less by it
-AHEAD = 10  # records that are heard before a start is over
-BIAS_SHARE = 0.01  # of the range may be left after a bias
-BIASES = 3  # attempts
-DEFAULT_N, DEFAULT_NMM = 25.0, 250.0  # ranges of a transducer that does not tell
-BUFFER = 1 << 22  # bytes that the kernel keeps for a host that does not read, where it lets us
-MOST = 1000  # records that are taken at once: the guard looks in between
-# Of Linux; the same numbers on x86 and ARM, and in what comes with a record.
-STAMPED, DROPPED = 35, 40  # SO_TIMESTAMPNS, SO_RXQ_OVFL
-STAMP, COUNT = struct.Struct("@ll"), struct.Struct("@I")
-MAX_BYTES = 1 << 18
-ANSWER_S = 3.0
-# Newtons in a unit of force, newton millimetres in a unit of torque, as the box writes them.
-FORCE_N = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "klbf": 4448.2216152605}
-TORQUE_NMM = {"Nmm": 1.0, "Nm": 1e3, "kNm": 1e6, "kgcm": 98.0665, "kgfcm": 98.0665}
+RDT_HEADER, CMD_START, CMD_STOP, CMD_BIAS = 0x1234, 2, 0, 0x42  # ATI 9610-05-1022, table 9.1
+RDT_RECORD = struct.Struct(">IIIiiiiii")  # number of the record, of the cycle, status word, counts
+# By hand (no real box was at hand): longer limits report a dead box later.
+FIRST_RECORD_S = 1.0  # from the start of a stream to its first record
+BIAS_DELAY_S = 0.02  # from the bias command to the first biased record
+START_RECORDS = 10  # read before a start is complete; decision 0031
+BIAS_SHARE = 0.01  # of the range may remain after a bias
+BIAS_ATTEMPTS = 3
+DEFAULT_RANGE_N, DEFAULT_RANGE_NMM = 25.0, 250.0  # if the box reports none: a Nano17 SI-25-0.25
+RECEIVE_BUFFER_BYTES = 1 << 22  # in the kernel, for a late host
+MAX_RECORDS = 1000  # per read, so that the guard can check in between
+MAX_PAGE_BYTES = 1 << 18
+PAGE_TIMEOUT_S = 3.0
+# Definition in Linux's asm-generic/socket.h, also the type of the ancillary data.
+SO_TIMESTAMPNS, SO_RXQ_OVFL = 35, 40
+TIMESPEC_FORMAT, OVERFLOW_FORMAT = struct.Struct("@ll"), struct.Struct("@I")
+# N and N mm per unit in the box's spelling; pounds and kilograms force by definition.
+NEWTONS_PER_UNIT = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "klbf": 4448.2216152605}
+NMM_PER_UNIT = {"Nmm": 1.0, "Nm": 1e3, "kNm": 1e6, "kgcm": 98.0665, "kgfcm": 98.0665}
 
 
 class RdtLink:
-    """Implements rig.force.netft.BoxLink. Stamps are CLOCK_MONOTONIC, as of `WallClock`.
+    """Implements rig.force.netft.BoxLink. Stamps are CLOCK_MONOTONIC, like `WallClock`.
 
-    Where the kernel stamps nothing (not Linux) a record has the time at which it was read.
+    Without kernel stamps (not Linux) a record has the time at which it was read.
     """
 
     def __init__(self, config: NetFTConfig, settings: NetFTSettings) -> None:
         self._settings = s = settings
-        self._to = config.host, config.rdt_port
-        self._where = f"{config.host}:{config.rdt_port}: force sensor"
-        ranges = [*(s.range_n or [DEFAULT_N] * 3), *(s.range_nmm or [DEFAULT_NMM] * 3)]
+        self._address = config.host, config.rdt_port
+        self._label = f"{config.host}:{config.rdt_port}: force sensor"
+        ranges = [*(s.range_n or [DEFAULT_RANGE_N] * 3), *(s.range_nmm or [DEFAULT_RANGE_NMM] * 3)]
         per_unit = np.repeat([s.counts_per_n, s.counts_per_nmm], 3)
-        self._bias_most = BIAS_SHARE * np.array(ranges) * per_unit
+        self._max_residual = BIAS_SHARE * np.array(ranges) * per_unit
         self._bias_due = False
         self._socket: socket.socket | None = None
-        self._ahead = np.empty(0, NetFTSensor.RECORD)  # heard at the start, not given yet
+        self._first_records = np.empty(0, NetFTSensor.RECORD)  # read by `start`, not returned yet
         self._dropped = 0  # by the kernel, since the start
-        self._troubles: dict[str, int] = {}
+        self._losses: dict[str, int] = {}
 
     def settings(self) -> NetFTSettings:
         return self._settings
 
     def bias(self) -> None:
-        """Bias on the box, which hears it while it streams only: with the next start."""
+        """Bias at the next start: the box accepts it only while it streams."""
         self._bias_due = True
 
     def start(self) -> None:
-        """Start the stream, hear its first records, and bias where that is due."""
+        """Start the stream, read its first records, and bias if due."""
         self._restart()
-        tries = BIASES
+        attempts = BIAS_ATTEMPTS
         while self._bias_due:
-            self._say(BIAS)
-            time.sleep(BIAS_S)
+            self._send(CMD_BIAS)
+            time.sleep(BIAS_DELAY_S)
             self._restart()
-            left = self._left()
-            tries -= 1
-            self._bias_due = bool(left)
-            if self._bias_due and not tries:
+            residual = self._bias_residual()
+            attempts -= 1
+            self._bias_due = bool(residual)
+            if self._bias_due and not attempts:
                 raise SensorError(
-                    f"{self._where}: {left} are left after a bias; something pulls at it, or the "
-                    "box does not hear commands"
+                    f"{self._label}: {residual} left after a bias; something pulls at the sensor, "
+                    "or the box ignores commands"
                 )
 
     def stop(self) -> None:
-        """Stop the stream and close its socket: what is under way comes to nobody."""
+        """Stop the stream and close its socket; datagrams in transit are lost."""
         if self._socket is not None:
             with suppress(SensorError):
-                self._say(STOP)
+                self._send(CMD_STOP)
             self._socket.close()
         self._socket = None
 
     def receive(self, timeout_s: float) -> DatagramArrivals:
-        """All that came; of a stream that is faster than this host, MOST of it."""
-        if len(self._ahead):
-            came, self._ahead = self._ahead, self._ahead[:0]
+        """Return received records, at most MAX_RECORDS, so that a slow host returns too."""
+        if len(self._first_records):
+            came, self._first_records = self._first_records, self._first_records[:0]
             return came
         if self._socket is None:
-            raise SensorError(f"{self._where}: the stream has ended: it was not started")
+            raise SensorError(f"{self._label}: the stream was not started")
         select([self._socket], [], [], timeout_s)
         since_ns = time.monotonic_ns() - time.time_ns()
         rows: list[tuple[int, int, int, tuple[int, ...]]] = []
         with suppress(BlockingIOError):
-            while len(rows) < MOST:
-                self._take(rows, since_ns)
+            while len(rows) < MAX_RECORDS:
+                self._receive(rows, since_ns)
         return np.array(rows, NetFTSensor.RECORD)
 
-    def troubles(self) -> dict[str, int]:
-        found, self._troubles = self._troubles, {}
-        return found
+    def pop_losses(self) -> dict[str, int]:
+        losses, self._losses = self._losses, {}
+        return losses
 
     def close(self) -> None:
         self.stop()
 
     def _restart(self) -> None:
-        """The first record may be slow to come: the earliest of some tells when they were taken."""
+        """Start anew; several records, as the earliest arrival fixes the times."""
         self.stop()
-        self._ahead, self._dropped, self._troubles = np.empty(0, NetFTSensor.RECORD), 0, {}
+        self._first_records, self._dropped, self._losses = np.empty(0, NetFTSensor.RECORD), 0, {}
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
-        for option in (STAMPED, DROPPED):
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+        for option in (SO_TIMESTAMPNS, SO_RXQ_OVFL):
             with suppress(OSError):
                 self._socket.setsockopt(socket.SOL_SOCKET, option, 1)
         try:
-            self._socket.connect(self._to)
-        except OSError as why:
-            raise SensorError(f"{self._where}: {why}") from why
+            self._socket.connect(self._address)
+        except OSError as error:
+            raise SensorError(f"{self._label}: {error}") from error
         self._socket.setblocking(False)
-        self._say(START)
-        end_s = time.monotonic() + FIRST_S
+        self._send(CMD_START)
+        end_s = time.monotonic() + FIRST_RECORD_S
         parts: list[DatagramArrivals] = []
-        while sum(len(part) for part in parts) < AHEAD:
+        while sum(len(part) for part in parts) < START_RECORDS:
             if (left_s := end_s - time.monotonic()) < 0:
                 self.stop()
                 raise SensorError(
-                    f"{self._where}: no record within {FIRST_S:g} s of the start; check "
-                    "[force.netft] rdt_port, and that no fire wall holds UDP back"
+                    f"{self._label}: no record within {FIRST_RECORD_S:g} s of the start; check "
+                    "[force.netft] rdt_port, and that no firewall blocks UDP"
                 )
             parts.append(self.receive(left_s))
-        self._ahead = np.concatenate(parts)
+        self._first_records = np.concatenate(parts)
 
-    def _left(self) -> str:
-        """What is still felt after a bias, "" within bounds: a command may be lost unanswered."""
-        left = np.abs(self._ahead["counts"].mean(axis=0))
-        if (left <= self._bias_most).all():
+    def _bias_residual(self) -> str:
+        """Text of the mean load after a bias, "" within bounds: the command may be lost."""
+        residual = np.abs(self._first_records["counts"].mean(axis=0))
+        if (residual <= self._max_residual).all():
             return ""
         s = self._settings
-        return (
-            f"{max(left[:3]) / s.counts_per_n:.2f} N, {max(left[3:]) / s.counts_per_nmm:.1f} N mm"
-        )
+        force_n = max(residual[:3]) / s.counts_per_n
+        return f"{force_n:.2f} N, {max(residual[3:]) / s.counts_per_nmm:.1f} N mm"
 
-    def _take(self, rows: list[tuple[int, int, int, tuple[int, ...]]], since_ns: int) -> None:
-        """One datagram. since_ns: of the monotonic clock less the kernel's."""
+    def _receive(self, rows: list[tuple[int, int, int, tuple[int, ...]]], since_ns: int) -> None:
+        """Append one datagram to rows. since_ns: monotonic clock minus the kernel's."""
         assert self._socket is not None
         try:
-            data, about, _, _ = self._socket.recvmsg(RECORD.size + 1, 128)
+            data, about, _, _ = self._socket.recvmsg(RDT_RECORD.size + 1, 128)
         except BlockingIOError:
             raise
-        except OSError as why:
-            raise SensorError(f"{self._where}: the stream ended: {why}") from why
+        except OSError as error:
+            raise SensorError(f"{self._label}: the stream ended: {error}") from error
         at_ns = time.monotonic_ns()
         for _, kind, words in about:
-            if kind == STAMPED:
-                seconds, ns = STAMP.unpack(words[: STAMP.size])
+            if kind == SO_TIMESTAMPNS:
+                seconds, ns = TIMESPEC_FORMAT.unpack(words[: TIMESPEC_FORMAT.size])
                 at_ns = min(seconds * 1_000_000_000 + ns + since_ns, at_ns)
-            elif kind == DROPPED:
-                dropped = COUNT.unpack(words[: COUNT.size])[0]
+            elif kind == SO_RXQ_OVFL:
+                dropped = OVERFLOW_FORMAT.unpack(words[: OVERFLOW_FORMAT.size])[0]
                 self._count("overrun", dropped - self._dropped)
                 self._dropped = dropped
-        if len(data) == RECORD.size:
-            number, _, status, *counts = RECORD.unpack(data)
+        if len(data) == RDT_RECORD.size:
+            number, _, status, *counts = RDT_RECORD.unpack(data)
             rows.append((at_ns, number, status, tuple(counts)))
         else:
             self._count("garbage", 1)
 
     def _count(self, name: str, n: int) -> None:
-        self._troubles[name] = self._troubles.get(name, 0) + n
+        self._losses[name] = self._losses.get(name, 0) + n
 
-    def _say(self, command: int) -> None:
+    def _send(self, command: int) -> None:
         assert self._socket is not None
         try:
-            self._socket.send(struct.pack(">HHI", HEADER, command, 0))
-        except OSError as why:
-            raise SensorError(f"{self._where}: {why}") from why
+            self._socket.send(struct.pack(">HHI", RDT_HEADER, command, 0))
+        except OSError as error:
+            raise SensorError(f"{self._label}: {error}") from error
 
 
-FORCE_N |= {"kg": 9.80665, "kgf": 9.80665}
-TORQUE_NMM |= {"lbfin": 112.9848290276167, "lbfft": 1355.8179483314004}
+NEWTONS_PER_UNIT |= {"kg": 9.80665, "kgf": 9.80665}
+NMM_PER_UNIT |= {"lbfin": 112.9848290276167, "lbfft": 1355.8179483314004}
 
 
-def fetch(config: NetFTConfig) -> NetFTSettings:
-    """Read the page of a box. Raises SensorError: out of reach, no such page, unknown units."""
-    where = f"http://{config.host}:{config.http_port}/netftapi2.xml"
-    # A box on the bench is never behind the institute's proxy.
+def fetch_settings(config: NetFTConfig) -> NetFTSettings:
+    """Read the settings page of a box. Raises SensorError: unreachable, no page, unknown units."""
+    url = f"http://{config.host}:{config.http_port}/netftapi2.xml"
+    # The box is in the local network: no proxy.
     opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
     try:
-        with opener.open(where, timeout=ANSWER_S) as answer:
-            text = answer.read(MAX_BYTES)
-    except (OSError, http.client.HTTPException, ValueError) as why:
-        if isinstance(why, urllib.error.HTTPError):
-            why.close()
+        with opener.open(url, timeout=PAGE_TIMEOUT_S) as answer:
+            text = answer.read(MAX_PAGE_BYTES)
+    except (OSError, http.client.HTTPException, ValueError) as error:
+        if isinstance(error, urllib.error.HTTPError):
+            error.close()
         raise SensorError(
-            f"{where}: cannot be read ({why}); check the box's power, cable and address, and "
+            f"{url}: cannot be read ({error}); check the box's power, cable and address, and "
             "[force.netft] host of the rig file"
-        ) from why
-    page = parse(text, where)
+        ) from error
+    page = parse_settings(text, url)
     if config.serial is not None and page.serial != config.serial:
         raise InputError(
-            f"{where}: the transducer has serial number {page.serial!r}, and the rig file "
-            f"[force.netft] serial = {config.serial!r}: another sensor, or another calibration is "
-            "active in the box"
+            f"{url}: the transducer has serial number {page.serial!r}, and the rig file "
+            f"[force.netft] serial = {config.serial!r}: wrong sensor, or wrong active calibration "
+            "in the box"
         )
     return page
 
 
-def parse(text: bytes, where: str) -> NetFTSettings:
-    """Read the page. Raises SensorError naming the element that cannot be used."""
+def parse_settings(text: bytes, url: str) -> NetFTSettings:
+    """Parse the settings page. Raises SensorError naming the invalid element."""
     try:
         root = ET.fromstring(text)
-    except ET.ParseError as why:
-        raise SensorError(f"{where}: not the page of a Net F/T box: {why}") from why
+    except ET.ParseError as error:
+        raise SensorError(f"{url}: not the settings page of a Net F/T box: {error}") from error
 
     def word(name: str) -> str:
         return (root.findtext(f".//{name}") or "").strip()
@@ -231,24 +231,24 @@ def parse(text: bytes, where: str) -> NetFTSettings:
         except ValueError:
             value = math.nan
         if not (math.isfinite(value) and value > 0):
-            raise SensorError(f"{where}: {name}: {word(name)!r}, a positive number expected")
+            raise SensorError(f"{url}: {name}: {word(name)!r}, a positive number expected")
         return value
 
-    def scale(name: str, known: dict[str, float]) -> float:
-        # Spelled N-mm or Nmm, kg-cm or kgf-cm by firmware.
+    def scale(name: str, factors: dict[str, float]) -> float:
+        # The spelling depends on the firmware: N-mm or Nmm, kg-cm or kgf-cm.
         unit = word(name).replace("-", "").replace("lbin", "lbfin").replace("lbft", "lbfft")
-        if unit not in known:
+        if unit not in factors:
             raise SensorError(
-                f"{where}: {name}: unit {word(name)!r} is not known, so the counts mean nothing; "
+                f"{url}: {name}: unknown unit {word(name)!r}; "
                 "set N and N-mm on the box's configurations page"
             )
-        return known[unit]
+        return factors[unit]
 
     if word("comrdte").lower() == "disabled":
         raise SensorError(
-            f"{where}: comrdte: RDT is disabled; enable it on the box's communications page"
+            f"{url}: comrdte: RDT is disabled; enable it on the box's communications page"
         )
-    newtons, newton_mm = scale("scfgfu", FORCE_N), scale("scfgtu", TORQUE_NMM)
+    newtons, newton_mm = scale("scfgfu", NEWTONS_PER_UNIT), scale("scfgtu", NMM_PER_UNIT)
     about = [("product", "prodname"), ("box_serial", "mfgdigsn"), ("firmware", "mfgdigver")]
     ratings, range_n, range_nmm = _numbers(word("cfgmr")), None, None
     if len(ratings) == 6:

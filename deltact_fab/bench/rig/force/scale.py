@@ -1,7 +1,7 @@
 """A scale or load cell that writes lines of numbers to a serial port, for a lab without a Nano17.
 
-One line is one sample; what its numbers are is declared in `[force.serial]`. Its samples are
-stamped when they arrive, so they are late by what the scale and its adapter take.
+One line is one sample; `[force.serial]` declares its columns. Samples are stamped on arrival, so
+they are late by the delay of the scale and its adapter.
 """
 
 from __future__ import annotations
@@ -19,116 +19,120 @@ from ..interface import Clock, ForceSamples
 from ..tables import ForceConfig, SerialScaleConfig
 from .netft import NoteCounts
 
-NUMBER = re.compile(rb"[-+]?[ \t]*(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
-NEWTONS = {"N": 1.0, "mN": 1e-3, "g": 9.80665e-3, "kg": 9.80665}
-NEWTON_MM = {"Nmm": 1.0, "Nm": 1e3}
-COUNTS_PER_N, COUNTS_PER_NMM = 1e6, 1e5  # finer than any scale writes
-MOST = 2**31 - 1  # of a count
-FIRST_S = 3.0  # an Arduino restarts when its port is opened
-TARE_S = 0.3
-MIN_TARE = 3  # samples
-LONGEST = 1024  # bytes of a line
+NUMBER_PATTERN = re.compile(rb"[-+]?[ \t]*(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+FORCE_AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
+FORCE_UNITS_N = {"N": 1.0, "mN": 1e-3, "g": 9.80665e-3, "kg": 9.80665}  # definition: 9.80665 m/s2
+TORQUE_UNITS_NMM = {"Nmm": 1.0, "Nm": 1e3}  # definition
+# By hand: longer times delay a press, shorter ones lose a slow scale or its resolution.
+SCALE_COUNTS_PER_N, SCALE_COUNTS_PER_NMM = 1e6, 1e5  # finer than any scale
+MAX_COUNT = 2**31 - 1  # of the record's int32
+FIRST_LINE_S = 3.0  # an Arduino restarts when its port is opened
+SCALE_TARE_S = 0.3
+MIN_TARE_SAMPLES = 3
+MAX_LINE_BYTES = 1024
 
 
 class SerialScale:
     """Implements rig.interface.ForceSensor. The port is open from the start.
 
-    What a scale does not measure is zero in its samples; `identity` names what it does. A value
-    beyond the range of the rig file is flagged as saturated. Raises SensorError where the port
-    cannot be opened.
+    Axes that the scale does not measure are zero; `identity` names its columns. A value beyond
+    the range of the rig file is flagged as saturated. Raises SensorError if the port cannot be
+    opened.
     """
 
     def __init__(self, config: ForceConfig, clock: Clock) -> None:
         assert config.serial is not None, "the configuration has a serial scale"
         self._config: SerialScaleConfig = config.serial
         self._clock = clock
-        own = self._config
+        table = self._config
         self._limits = np.array([*config.range_n, *config.range_nmm])
         self._per_unit = np.minimum(
-            np.repeat([COUNTS_PER_N, COUNTS_PER_NMM], 3), MOST / (2 * self._limits)
+            np.repeat([SCALE_COUNTS_PER_N, SCALE_COUNTS_PER_NMM], 3), MAX_COUNT / (2 * self._limits)
         )
-        self._units = np.repeat([NEWTONS[own.unit], NEWTON_MM[own.torque_unit]], 3) * own.scale
-        self._columns = [(k, AXES.index(name)) for k, name in enumerate(own.columns) if name != "-"]
+        units = FORCE_UNITS_N[table.unit], TORQUE_UNITS_NMM[table.torque_unit]
+        self._units = np.repeat(units, 3) * table.scale
+        columns = enumerate(table.columns)
+        self._columns = [(k, FORCE_AXES.index(name)) for k, name in columns if name != "-"]
         self._tare = np.zeros(6)
         self._partial = b""
-        self._skip = True  # what is left of the line that was under way
+        self._skip_line = True  # rest of a line that had begun before
         self._last_ns = 0
         self._since: tuple[int, int] = (0, 0)  # first stamp of the stream, samples since
         self._period_ns = 0.0
         self.tally = NoteCounts()
-        exclusive = {} if "://" in own.port else {"exclusive": True}
+        exclusive = {} if "://" in table.port else {"exclusive": True}
         try:
             self._port = serial.serial_for_url(
-                own.port, baudrate=own.baud, timeout=own.silent_s, **exclusive
+                table.port, baudrate=table.baud, timeout=table.silent_s, **exclusive
             )
-        except ValueError as why:
-            raise InputError(f"force.serial: port: {own.port}: not a serial port: {why}") from why
-        except OSError as why:
-            raise SensorError(f"{own.port}: the scale's port cannot be opened: {why}") from why
-        self._woken = False
+        except ValueError as error:
+            text = f"force.serial: port: {table.port}: not a serial port: {error}"
+            raise InputError(text) from error
+        except OSError as error:
+            raise SensorError(f"{table.port}: cannot open the scale's port: {error}") from error
+        self._has_sent = False
 
     def begin(self, stream: str) -> None:
-        """Start, and take the mean of what it says with nothing touching for zero."""
+        """Start, and take the mean of the unloaded readings as zero."""
         self._tare = np.zeros(6)
         self.start()
         parts = [self.read()]
         first_ns = int(parts[0].t_ns[0])
         while (
-            parts[-1].t_ns[-1] - first_ns < TARE_S * 1e9
-            or sum(len(part.t_ns) for part in parts) < MIN_TARE
+            parts[-1].t_ns[-1] - first_ns < SCALE_TARE_S * 1e9
+            or sum(len(part.t_ns) for part in parts) < MIN_TARE_SAMPLES
         ):
             parts.append(self.read())
         counts = np.concatenate([part.counts for part in parts])
         if any(part.saturated.any() for part in parts):
-            raise SensorError(f"{self._config.port}: the scale is over its range with no load")
+            raise SensorError(f"{self._config.port}: the scale is over its range without load")
         self._tare = np.asarray(counts.mean(axis=0) / self._per_unit)
 
     def start(self) -> None:
-        """Forget what was written so far; ask for lines where the scale has to be asked."""
-        self._guarded(self._port.reset_input_buffer)
-        self._partial, self._skip = b"", True
+        """Discard received data; send the request of a scale that needs one."""
+        self._port_io(self._port.reset_input_buffer)
+        self._partial, self._skip_line = b"", True
         self._since, self._period_ns = (0, 0), 0.0
         if ask := self._config.ask:
-            self._guarded(lambda: self._port.write(ask.encode("ascii")))
+            self._port_io(lambda: self._port.write(ask.encode("ascii")))
 
     def read(self) -> ForceSamples:
-        """All samples since the last read, at least one; waits for the next to come.
+        """Return samples since the last read, at least one; waits for the next.
 
-        Raises SensorError when no line of numbers comes within `silent_s`, or the port is gone.
+        Raises SensorError when no line of numbers comes within `silent_s`, or the port is lost.
         """
-        own = self._config
-        limit_s = own.silent_s if self._woken else max(FIRST_S, own.silent_s)
+        table = self._config
+        limit_s = table.silent_s if self._has_sent else max(FIRST_LINE_S, table.silent_s)
         deadline_ns = self._clock.now_ns() + to_ns(limit_s)
         while True:
-            data = self._guarded(lambda: self._port.read(max(1, self._port.in_waiting)))
+            data = self._port_io(lambda: self._port.read(max(1, self._port.in_waiting)))
             now_ns = self._clock.now_ns()
             rows = self._rows(data)
             if rows:
-                self._woken = True
+                self._has_sent = True
                 return self._samples(np.array(rows), now_ns)
             if now_ns >= deadline_ns:
                 self.tally.add("silence", 1)
                 garbage = self.tally.total["garbage"]
-                what = f"; {garbage} lines were something else" if garbage else ""
+                hint = f"; {garbage} other lines" if garbage else ""
                 raise SensorError(
-                    f"{own.port}: no line of {len(own.columns)} numbers within {limit_s:g} s"
-                    f"{what}; check the cable, [force.serial] baud and columns"
+                    f"{table.port}: no line of {len(table.columns)} numbers within {limit_s:g} s"
+                    f"{hint}; check the cable, [force.serial] baud and columns"
                 )
 
     def stop(self) -> None:
-        """What it goes on to write is dropped at the next start."""
+        """Do nothing: the next start discards lines received until then."""
 
     def identity(self) -> dict[str, Any]:
-        own = self._config
+        table = self._config
         rate_hz = round(1e9 / self._period_ns, 1) if self._period_ns else None
         return {
             "kind": "serial",
-            "port": own.port,
-            "baud": own.baud,
-            "columns": list(own.columns),
-            "unit": own.unit,
-            "scale": own.scale,
+            "port": table.port,
+            "baud": table.baud,
+            "columns": list(table.columns),
+            "unit": table.unit,
+            "scale": table.scale,
             "rate_hz": rate_hz,
         }
 
@@ -136,27 +140,27 @@ class SerialScale:
         with suppress(OSError):
             self._port.close()
 
-    def _guarded(self, what: Any) -> Any:
-        """Do it; a port that is gone is the sensor's error."""
+    def _port_io(self, operation: Any) -> Any:
+        """Run a port operation; a lost port raises SensorError."""
         try:
-            return what()
-        except (OSError, TypeError) as why:  # pyserial reads from no descriptor once it is closed
-            raise SensorError(f"{self._config.port}: the scale's port is gone: {why}") from why
+            return operation()
+        except (OSError, TypeError) as error:  # pyserial reads from no descriptor once it is closed
+            raise SensorError(f"{self._config.port}: lost the scale's port: {error}") from error
 
     def _rows(self, data: bytes) -> list[list[float]]:
-        """Values of the lines that are whole now, a row of six each."""
+        """Return rows of six values from the lines that are complete."""
         *lines, self._partial = re.split(rb"[\r\n]+", self._partial + data)
-        if len(self._partial) > LONGEST:
+        if len(self._partial) > MAX_LINE_BYTES:
             self.tally.add("garbage", 1)
-            self._partial, self._skip = b"", True
+            self._partial, self._skip_line = b"", True
         rows = []
         for line in lines:
-            if self._skip:
-                self._skip = False
+            if self._skip_line:
+                self._skip_line = False
                 continue
             if not line.strip():
                 continue
-            numbers = NUMBER.findall(line)
+            numbers = NUMBER_PATTERN.findall(line)
             if len(numbers) != len(self._config.columns):
                 self.tally.add("garbage", 1)
                 continue
@@ -169,14 +173,14 @@ class SerialScale:
     def _samples(self, rows: np.ndarray[Any, Any], now_ns: int) -> ForceSamples:
         values = rows * self._units
         saturated = np.asarray((np.abs(values) > self._limits).any(axis=1))
-        counts = np.clip(np.rint((values - self._tare) * self._per_unit), -MOST, MOST)
-        # Lines that came in one piece were written one after the other.
+        counts = np.clip(np.rint((values - self._tare) * self._per_unit), -MAX_COUNT, MAX_COUNT)
+        # Lines received together were written one period apart.
         back = np.arange(len(rows) - 1, -1, -1) * self._period_ns
         t_ns = np.maximum(now_ns - np.rint(back).astype(np.int64), self._last_ns + 1)
         t_ns = np.maximum.accumulate(t_ns - np.arange(len(rows))) + np.arange(len(rows))
         self._last_ns = int(t_ns[-1])
-        first_ns, before = self._since
-        self._since = (first_ns or now_ns, before + len(rows))
+        first_ns, count = self._since
+        self._since = (first_ns or now_ns, count + len(rows))
         if first_ns:
             self._period_ns = (now_ns - first_ns) / (self._since[1] - 1)
         self.tally.add("saturation", int(saturated.sum()))
@@ -185,5 +189,5 @@ class SerialScale:
             counts.astype(np.int32),
             self._per_unit,
             saturated,
-            notes=self.tally.tell(now_ns),
+            notes=self.tally.pop_notes(now_ns),
         )

@@ -1,9 +1,9 @@
 """The force sensor and its guard in a process of their own.
 
-An interpreter lock that is shared with encoders costs the guard tens of milliseconds. Here samples
-come in and the stop byte goes out of one process that does nothing else; the program asks it for
-what was measured. It holds the stage's port open beside the program, for opening it anew would
-restart an Arduino. When the program dies, it stops the stage.
+Sharing the interpreter lock with encoders costs the guard tens of milliseconds. This process only
+reads samples and writes the stop byte; the program asks it for the samples. It shares the open
+port of the stage, since opening it again would restart an Arduino. If the program dies, it stops
+the stage.
 """
 
 from __future__ import annotations
@@ -29,45 +29,47 @@ from deltact_fab.common import DeltactFabError, InputError, Note, SensorError
 from ..interface import Clock, ForceSamples, ForceSensor, Stage, WallClock
 from ..tables import ForceConfig, GuardConfig
 from .guard import ForceGuard, GuardLimits, Trip
-from .netft import SILENT_S, NetFTSensor
-from .rdt import RdtLink, fetch
+from .netft import SENSOR_SILENT_S, NetFTSensor
+from .rdt import RdtLink, fetch_settings
 
-ANSWER_S = 10.0
-END_S = 2.0
-KEPT = 10_000  # batches that nobody has asked for
-SENT = 1000  # samples in an answer, at least: more than one batch only up to so many
-REALTIME = 10  # of 1 to 99: over every ordinary thread, under those of the system
-NICE = -10
+# By hand: longer limits report a hung process later, smaller counts lose or delay samples.
+GUARD_ANSWER_S = 10.0
+GUARD_END_S = 2.0
+MAX_BATCHES = 10_000  # kept unread; then the oldest is dropped
+MAX_ANSWER_SAMPLES = 1000  # per answer, unless one batch has more
+REALTIME_PRIORITY = 10  # SCHED_FIFO, of 1 to 99: over ordinary threads, below the system's
+NICE_LEVEL = -10  # decision 0031
 
 
-def run_first() -> str:
-    """Put this process first, as far as the system lets this user; "" where it does not.
+def raise_priority() -> str:
+    """Raise the priority of this process; return how, "" if not permitted.
 
-    On Linux, with the right to (`ulimit -r`, `ulimit -e`, or root).
+    Needs Linux and the right (`ulimit -r`, `ulimit -e`, or root).
     """
     with suppress(OSError, AttributeError):
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REALTIME))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REALTIME_PRIORITY))
         return "real time"
     with suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, 0, NICE)
-        return f"nice {NICE}"
+        os.setpriority(os.PRIO_PROCESS, 0, NICE_LEVEL)
+        return f"nice {NICE_LEVEL}"
     return ""
 
 
 def open_force(config: ForceConfig, clock: Clock) -> ForceSensor:
-    """The sensor, reached and not streaming yet.
+    """Connect to the sensor, without starting its stream.
 
-    Raises InputError where the table names no way to it, SensorError where it cannot be reached,
+    Raises InputError if the table names no connection, SensorError if it cannot be reached,
     MissingLibrary.
     """
     if config.netft is not None:
-        return NetFTSensor(RdtLink(config.netft, fetch(config.netft)), clock, config.netft.silent_s)
+        link = RdtLink(config.netft, fetch_settings(config.netft))
+        return NetFTSensor(link, clock, config.netft.silent_s)
     if config.serial is not None:
         from .scale import SerialScale
 
         return SerialScale(config, clock)
     raise InputError(
-        "force: no way to the sensor; add [force.netft] with its host, or [force.serial] with its "
+        "force: no connection given; add [force.netft] with its host, or [force.serial] with its "
         "port, to the rig file"
     )
 
@@ -76,63 +78,63 @@ def open_force(config: ForceConfig, clock: Clock) -> ForceSensor:
 
 
 class Watchdog:
-    """Implements rig.interface.ForceSensor, and Guard: what it has to do is done in the process.
+    """Implements rig.interface.ForceSensor and Guard through the guard process.
 
     Raises as `open_force`.
     """
 
     def __init__(self, config: ForceConfig, limits: GuardLimits) -> None:
-        ours, theirs = socket.socketpair()
-        with theirs:
-            words = [sys.executable, "-m", __name__, str(theirs.fileno())]
+        parent_end, child_end = socket.socketpair()
+        with child_end:
+            command = [sys.executable, "-m", __name__, str(child_end.fileno())]
             self._process = subprocess.Popen(
-                words,
-                pass_fds=[theirs.fileno()],
+                command,
+                pass_fds=[child_end.fileno()],
                 stdin=subprocess.DEVNULL,
-                start_new_session=True,  # Ctrl-C is the program's affair
+                start_new_session=True,  # Ctrl-C is handled by the program
             )
-        self._ports = ours  # file descriptors go where messages go
-        self._line = Connection(os.dup(ours.fileno()))
+        self._ports = parent_end  # for file descriptors; same socket as the messages
+        self._line = Connection(os.dup(parent_end.fileno()))
         self._lock = threading.RLock()
         self.trip: Trip | None = None
-        """Of the guard, as of the last answer."""
+        """Trip of the guard at the last answer."""
         try:
-            self._ask("open", config, limits)
+            self._request("open", config, limits)
         except BaseException:
             self.close()
             raise
 
     def hold(self, port: int | None, stop: bytes) -> None:
-        """Write the stop byte to that descriptor from now on; None: let go of it."""
+        """Write the stop byte to that descriptor from now on; None: release it."""
         with suppress(SensorError):
-            self._ask("hold", stop, port is not None, port=port)
+            self._request("hold", stop, port is not None, port=port)
 
     def begin(self, stream: str) -> None:
-        self._ask("begin", stream)
+        self._request("begin", stream)
 
     def start(self) -> None:
-        self._ask("start")
+        self._request("start")
 
     def read(self) -> ForceSamples:
-        samples: ForceSamples = self._ask("read")
+        samples: ForceSamples = self._request("read")
         return samples
 
     def stop(self) -> None:
-        self._ask("stop")
+        self._request("stop")
 
     def identity(self) -> dict[str, Any]:
-        """As ForceSensor, and how the system favours the process."""
-        about: dict[str, Any] = self._ask("identity")
+        """Return the sensor's identity, and the priority of the guard process."""
+        about: dict[str, Any] = self._request("identity")
         return about
 
     def close(self) -> None:
         """End the process."""
         with suppress(DeltactFabError):
-            self._ask("close")
+            self._request("close")
         self._line.close()
         self._ports.close()
         try:
-            self._process.wait(END_S)
+            self._process.wait(GUARD_END_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
@@ -141,56 +143,56 @@ class Watchdog:
 
     @property
     def tripped(self) -> str:
-        return self.trip.why if self.trip is not None else ""
+        return self.trip.reason if self.trip is not None else ""
 
     def watch(self, samples: ForceSamples) -> None:
-        """It has seen them."""
+        """No-op: the guard process checks every sample."""
 
-    def lost(self, why: str) -> None:
-        """It knows."""
+    def on_sensor_lost(self, reason: str) -> None:
+        """No-op: the guard process detects a lost sensor itself."""
 
-    def tell(self) -> tuple[Note, ...]:
-        """What it has to say comes with the samples."""
+    def pop_notes(self) -> tuple[Note, ...]:
+        """Return nothing: notes come with ForceSamples.notes."""
         return ()
 
     def rearm(self) -> None:
-        self._ask("rearm")
+        self._request("rearm")
 
     @contextmanager
     def easing(self) -> Iterator[None]:
-        """As Guard; a dead one does not leave the tip in the gel."""
+        """Raise the limits for a lift, see Guard; a dead process does not prevent the lift."""
         with suppress(SensorError):
-            self._ask("ease", True)
+            self._request("ease", True)
         try:
             yield
         finally:
             with suppress(SensorError):
-                self._ask("ease", False)
+                self._request("ease", False)
 
-    def _ask(self, what: str, *args: Any, port: int | None = None) -> Any:
-        """Its answer. Raises what came of it there, and SensorError where the process is gone."""
+    def _request(self, request: str, *args: Any, port: int | None = None) -> Any:
+        """Send a request and return the answer. Raises its error, or SensorError if it died."""
         with self._lock:
             try:
-                self._line.send((what, args))
+                self._line.send((request, args))
                 if port is not None:
                     socket.send_fds(self._ports, [b"p"], [port])
-                if not self._line.poll(ANSWER_S):
-                    self._process.kill()  # a late answer would be taken for the next one's
-                    raise SensorError(f"force sensor: no answer within {ANSWER_S:g} s")
+                if not self._line.poll(GUARD_ANSWER_S):
+                    self._process.kill()  # a late answer would be taken for the next one
+                    raise SensorError(f"force sensor: no answer within {GUARD_ANSWER_S:g} s")
                 answer, self.trip = self._line.recv()
-            except (EOFError, OSError) as why:
-                raise SensorError("force sensor: the process that guards the force died") from why
+            except (EOFError, OSError) as error:
+                raise SensorError("force sensor: the guard process died") from error
         if isinstance(answer, BaseException):
             raise answer
         return answer
 
 
 def open_guarded(config: ForceConfig, guard: GuardConfig | None, stage: Stage) -> Watchdog:
-    """The sensor of a rig file, and in one with it the guard that stops the stage.
+    """Open the sensor of a rig file together with the guard that stops the stage.
 
     Raises as `open_force`, and InputError for a limit that the sensor cannot measure.
     """
-    force = Watchdog(config, GuardLimits.of(guard, config))
+    force = Watchdog(config, GuardLimits.from_config(guard, config))
     stage.share(force.hold)
     return force
 
@@ -199,7 +201,7 @@ def open_guarded(config: ForceConfig, guard: GuardConfig | None, stage: Stage) -
 
 
 class _StopLine:
-    """The port of the stage, to write the stop byte to."""
+    """Descriptor of the stage's port, and the stop byte."""
 
     port: int | None = None
     stop = b""
@@ -216,43 +218,43 @@ class _StopLine:
 
 
 class _Server:
-    """Reads the sensor, watches, and answers what it is asked."""
+    """Guard process: reads the sensor, guards, and answers requests."""
 
     _force: ForceSensor
     _guard: ForceGuard | None = None
 
-    def __init__(self, channel: socket.socket, first: str) -> None:
-        """first: how the system favours this process."""
-        self._ports, self._first = channel, first
+    def __init__(self, channel: socket.socket, priority: str) -> None:
+        """priority: text of the process's priority."""
+        self._ports, self._priority = channel, priority
         self._line = Connection(os.dup(channel.fileno()))
         self._clock = WallClock()
         self._stop_line = _StopLine()
         self._easing = ExitStack()
-        self._going = False
-        self._kept: list[ForceSamples] = []
-        self._trouble: SensorError | None = None
-        self._asked = False  # for samples, and none were there
+        self._streaming = False
+        self._batches: list[ForceSamples] = []
+        self._error: SensorError | None = None
+        self._read_pending = False  # a read waits for samples
 
     def run(self) -> None:
-        """Until the program closes it; whatever else ends it stops the stage."""
+        """Serve until the program closes it; any other end stops the stage."""
         closed = False
         try:
             while not closed:
-                if self._going:
-                    self._feel()
-                if self._asked and (self._kept or self._trouble or not self._going):
-                    self._asked = False
-                    self._answer(self._samples)
-                while self._line.poll(0 if self._going else None):
-                    what, args = self._line.recv()
-                    if what == "read":
-                        self._asked = True
+                if self._streaming:
+                    self._poll_sensor()
+                if self._read_pending and (self._batches or self._error or not self._streaming):
+                    self._read_pending = False
+                    self._answer(self._take_samples)
+                while self._line.poll(0 if self._streaming else None):
+                    request, args = self._line.recv()
+                    if request == "read":
+                        self._read_pending = True
                         break
-                    closed = what == "close"
-                    self._answer(partial(getattr(self, f"do_{what}"), *args))
+                    closed = request == "close"
+                    self._answer(partial(getattr(self, f"do_{request}"), *args))
                     if closed:
                         break
-        except (EOFError, OSError):  # the program is gone
+        except (EOFError, OSError):  # the program died
             pass
         finally:
             if not closed:
@@ -262,7 +264,7 @@ class _Server:
 
     def do_open(self, config: ForceConfig, limits: GuardLimits) -> None:
         self._force = open_force(config, self._clock)
-        silent_s = SILENT_S if config.netft is None else config.netft.silent_s
+        silent_s = SENSOR_SILENT_S if config.netft is None else config.netft.silent_s
         self._guard = ForceGuard(self._stop_line.cancel, limits, self._clock, 2 * silent_s)
         gc.freeze()
 
@@ -272,19 +274,19 @@ class _Server:
 
     def do_begin(self, stream: str) -> None:
         self._force.begin(stream)
-        self._kept, self._trouble, self._going = [], None, True
+        self._batches, self._error, self._streaming = [], None, True
 
     def do_start(self) -> None:
         self._force.start()
-        self._kept, self._trouble, self._going = [], None, True
+        self._batches, self._error, self._streaming = [], None, True
 
     def do_stop(self) -> None:
-        self._going = False
+        self._streaming = False
         self._force.stop()
-        self._kept, self._trouble = [], None
+        self._batches, self._error = [], None
 
     def do_identity(self) -> dict[str, Any]:
-        return {**self._force.identity(), "guard": self._first or "as any other process"}
+        return {**self._force.identity(), "guard": self._priority or "as any other process"}
 
     def do_rearm(self) -> None:
         assert self._guard is not None
@@ -297,46 +299,47 @@ class _Server:
             self._easing.enter_context(self._guard.easing())
 
     def do_close(self) -> None:
-        self._going = False
+        self._streaming = False
 
-    def _feel(self) -> None:
+    def _poll_sensor(self) -> None:
         assert self._guard is not None
         try:
             samples = self._force.read()
-        except SensorError as why:
-            self._guard.lost(str(why))
-            self._going, self._trouble = False, why
+        except SensorError as error:
+            self._guard.on_sensor_lost(str(error))
+            self._streaming, self._error = False, error
             return
         self._guard.watch(samples)
-        if notes := self._guard.tell():
+        if notes := self._guard.pop_notes():
             samples = replace(samples, notes=samples.notes + notes)
-        self._kept.append(samples)
-        del self._kept[:-KEPT]
+        self._batches.append(samples)
+        del self._batches[:-MAX_BATCHES]
 
-    def _samples(self) -> ForceSamples:
-        """What was measured since the last time, or why nothing was."""
-        if not self._kept:
-            raise self._trouble or SensorError("force sensor: it was not started")
+    def _take_samples(self) -> ForceSamples:
+        """Return queued samples; raise the sensor's error if there are none."""
+        if not self._batches:
+            raise self._error or SensorError("force sensor: not started")
         n, length = 0, 0
-        while n < len(self._kept) and (not n or length + len(self._kept[n].t_ns) <= SENT):
-            length += len(self._kept[n].t_ns)
+        waiting = self._batches
+        while n < len(waiting) and (not n or length + len(waiting[n].t_ns) <= MAX_ANSWER_SAMPLES):
+            length += len(waiting[n].t_ns)
             n += 1
-        parts, self._kept = self._kept[:n], self._kept[n:]
+        parts, self._batches = waiting[:n], waiting[n:]
         return ForceSamples(
             np.concatenate([part.t_ns for part in parts]),
             np.concatenate([part.counts for part in parts]),
             parts[0].per_unit,
             np.concatenate([part.saturated for part in parts]),
-            sum(part.lost for part in parts),
-            sum(part.late for part in parts),
+            sum(part.n_lost for part in parts),
+            sum(part.n_late for part in parts),
             tuple(note for part in parts for note in part.notes),
         )
 
-    def _answer(self, what: Any) -> None:
+    def _answer(self, operation: Any) -> None:
         try:
-            answer = what()
-        except DeltactFabError as why:
-            answer = why
+            answer = operation()
+        except DeltactFabError as error:
+            answer = error
         self._line.send((answer, None if self._guard is None else self._guard.trip))
 
 
@@ -344,4 +347,4 @@ if __name__ == "__main__":
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     with socket.socket(fileno=int(sys.argv[1])) as channel:
-        _Server(channel, run_first()).run()
+        _Server(channel, raise_priority()).run()

@@ -1,6 +1,6 @@
-"""Threads and signals of a run: one stream stepped over and over by a thread that does what it is
-asked in between; the guard armed by one where there is no run; the signals that end a run, the
-first in good order, the second at once."""
+"""Threads and signals of a run: a thread that steps one stream and runs requests in between; such a
+thread as force guard outside of a run; and signals, of which the first ends a run in good order and
+the second at once."""
 
 from __future__ import annotations
 
@@ -19,25 +19,26 @@ from deltact_fab.common import DeltactFabError, SensorError, Stopped
 from ..interface import Clock, ForceSensor, Guard, Stage
 from .streams import ForceStream
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _LAST_WORDS = (
-    b"deltact-fab: stopped at once by a second signal: the controller was reset and its position "
-    b"is lost; the tip may be in the gel\n"
+    b"deltact-fab: stopped at once by a second signal: the controller was reset, its position is "
+    b"lost, and the tip may be in the gel\n"
 )
 _SHOW_CURSOR = b"\x1b[?25h\n"  # a progress bar hides it
-NAME = "force sensor"
-ANSWER_S = 10.0
-END_S = 5.0
+SENSOR_LOOP_NAME = "force sensor"
+# By hand: longer limits report a hung thread later.
+LOOP_ANSWER_S = 10.0  # long enough to reopen a camera or tare
+LOOP_END_S = 5.0
 
 
 @contextmanager
 def interruptible(abort: Callable[[], None]) -> Iterator[None]:
     """Ctrl-C, SIGTERM and SIGHUP raise KeyboardInterrupt; the second calls `abort` and exits.
 
-    abort: called in the signal handler, amid whatever goes on; it may write to the stage and no
-    more. After it the process ends with one line and exit code 130, and nothing is cleaned up: what
-    must not be lost has to be on the disk already. What the parent told us to ignore stays ignored
-    (nohup). Only the main thread may handle signals; in another nothing is changed.
+    abort: called in the signal handler; it may only write to the stage. Then the process ends with
+    one line and exit code 130, without cleanup: data must be on the disk already. Signals ignored
+    by the parent (nohup) stay ignored. Does nothing outside of the main thread, which alone may
+    handle signals.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -54,20 +55,19 @@ def interruptible(abort: Callable[[], None]) -> Iterator[None]:
             os.write(2, (_SHOW_CURSOR if os.isatty(2) else b"") + _LAST_WORDS)
         os._exit(Stopped.exit_code)
 
-    heeded = [n for n in SIGNALS if signal.getsignal(n) is not signal.SIG_IGN]
-    before = {n: signal.signal(n, interrupt) for n in heeded}
+    heeded = [n for n in STOP_SIGNALS if signal.getsignal(n) is not signal.SIG_IGN]
+    previous = {n: signal.signal(n, interrupt) for n in heeded}
     try:
         yield
     finally:
-        for number, handler in before.items():
+        for number, handler in previous.items():
             signal.signal(number, handler)
 
 
 class Loop:
-    """The only thread that touches its device, so that no driver needs a lock.
+    """The only thread that uses its device, so that no driver needs a lock.
 
-    failed: called from it with the reason when a step fails; it rests then, until it is asked to go
-    on.
+    failed: called by it with the error of a step; then it pauses until a request with `going`.
     """
 
     def __init__(
@@ -79,76 +79,76 @@ class Loop:
         self.name = name
         self._step = step
         self._failed = failed
-        self._asked: SimpleQueue[tuple[Callable[[], None], Future[None]]] = SimpleQueue()
-        self._going = self._ending = False
+        self._requests: SimpleQueue[tuple[Callable[[], None], Future[None]]] = SimpleQueue()
+        self._stepping = self._ending = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
-    def ask(self, what: Callable[[], None], limit_s: float, going: bool | None = None) -> None:
-        """Have it done between two steps; going: whether steps go on after that.
+    def ask(self, action: Callable[[], None], limit_s: float, going: bool | None = None) -> None:
+        """Run an action between two steps; going: start or pause the steps afterwards.
 
-        Raises whatever it raises, and SensorError when it takes longer than limit_s.
+        Raises the action's error, and SensorError when it takes longer than limit_s.
         """
-        done: Future[None] = Future()
+        future: Future[None] = Future()
 
-        def both() -> None:
-            what()
+        def perform() -> None:
+            action()
             if going is not None:
-                self._going = going
+                self._stepping = going
 
         if self._ending:
-            raise SensorError(f"{self.name}: it has ended")
-        self._asked.put((both, done))
+            raise SensorError(f"{self.name}: the thread has ended")
+        self._requests.put((perform, future))
         try:
-            done.result(limit_s)
-        except (TimeoutError, CancelledError) as why:
-            done.cancel()
-            raise SensorError(f"{self.name}: no answer within {limit_s:g} s") from why
+            future.result(limit_s)
+        except (TimeoutError, CancelledError) as error:
+            future.cancel()
+            raise SensorError(f"{self.name}: no answer within {limit_s:g} s") from error
 
     def end(self, limit_s: float) -> bool:
-        """End it after the step under way; False when that takes longer than limit_s."""
+        """End it after the present step; False when that takes longer than limit_s."""
         self._ending = True
-        self._asked.put((lambda: None, Future()))  # wakes one that rests
+        self._requests.put((lambda: None, Future()))  # wakes a paused thread
         self._thread.join(limit_s)
         return not self._thread.is_alive()
 
     def _run(self) -> None:
         while not self._ending:
             try:
-                what, done = self._asked.get(block=not self._going)
+                action, future = self._requests.get(block=not self._stepping)
             except Empty:
                 try:
                     self._step()
-                except BaseException as why:
-                    self._going = False
-                    self._failed(why)
+                except BaseException as error:
+                    self._stepping = False
+                    self._failed(error)
                 continue
-            if self._ending or not done.set_running_or_notify_cancel():
-                done.cancel()
+            if self._ending or not future.set_running_or_notify_cancel():
+                future.cancel()
                 continue
             try:
-                what()
-                done.set_result(None)
-            except BaseException as why:
-                done.set_exception(why)
+                action()
+                future.set_result(None)
+            except BaseException as error:
+                future.set_exception(error)
 
 
 @dataclass(frozen=True)
 class Watch:
-    """What is felt meanwhile. stream: None where nothing watches. trouble: why it was stopped."""
+    """Force guard of a block. stream: None without a guard. errors: reasons of a stop."""
 
     stream: ForceStream | None = None
-    trouble: list[BaseException] = field(default_factory=list)
+    errors: list[BaseException] = field(default_factory=list)
 
 
 @contextmanager
 def watch_force(
     stage: Stage, clock: Clock, force: ForceSensor | None, guard: Guard | None
 ) -> Iterator[Watch]:
-    """The guard sees every sample until the block ends, as in a run; nothing is kept of them.
+    """Pass every sample to the guard until the block ends, as in a run, without recording.
 
-    The sensor is the thread's for so long, and stopped after that. Without a sensor or a guard
-    nothing watches. Raises SensorError, the stage stopped, beyond a limit or for a lost sensor.
+    A thread uses the sensor meanwhile, and stops it at the end. Without a sensor or a guard the
+    block is unguarded. Raises SensorError, the stage stopped, beyond a limit or for a lost sensor.
     """
     if force is None or guard is None:
         yield Watch()
@@ -156,24 +156,24 @@ def watch_force(
     stream = ForceStream(force, guard, lambda name, text: None)
     stream.keeping = False
     watch = Watch(stream)
-    trouble = watch.trouble
+    errors = watch.errors
 
-    def failed(why: BaseException) -> None:
+    def failed(error: BaseException) -> None:
         stage.cancel()
-        trouble.append(why)
+        errors.append(error)
 
-    loop = Loop(NAME, stream.step, failed)
+    loop = Loop(SENSOR_LOOP_NAME, stream.step, failed)
     try:
-        loop.ask(force.start, ANSWER_S, going=True)
+        loop.ask(force.start, LOOP_ANSWER_S, going=True)
         try:
             yield watch
-        except DeltactFabError as why:
-            if trouble:  # what stopped it, rather than what that came to
-                raise trouble[0] from why
+        except DeltactFabError as stopped_by:
+            if errors:  # the cause, rather than its consequence
+                raise errors[0] from stopped_by
             raise
-        if trouble:
-            raise trouble[0]
+        if errors:
+            raise errors[0]
     finally:
         with suppress(DeltactFabError):
-            loop.ask(force.stop, ANSWER_S, going=False)
-        loop.end(END_S)
+            loop.ask(force.stop, LOOP_ANSWER_S, going=False)
+        loop.end(LOOP_END_S)

@@ -1,9 +1,9 @@
-"""Runs the steps of a protocol on whatever rig it is given, and journals each of them.
+"""Runs the steps of a protocol on a rig, and journals each of them.
 
-An operator's interrupt (Ctrl-C, SIGTERM, SIGHUP) or any failure but the stage's own stops the
-motion and lifts the tip; a second interrupt resets the controller and ends the process. An error
-of the stage lifts it only where the controller kept its count. Presses that the record holds
-complete are skipped. What was given to the record before a failure is kept.
+An operator's interrupt (Ctrl-C, SIGTERM, SIGHUP) or any failure except the stage's own stops the
+motion and lifts the tip; a second interrupt resets the controller and ends the process. After an
+error of the stage the tip is lifted only if the controller kept its count. Complete presses of the
+record are skipped. Data recorded before a failure are kept.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ from ...protocols.plan import Step
 from ...record.writer import RunWriter
 from ..interface import LIFT_FEED_MM_MIN, Devices, OpenBench, rise
 from .loop import interruptible
-from .schedule import DROPPED, LATE, MISSED, TAKEN, UNWRITTEN, Schedule
+from .schedule import N_DROPPED, N_LATE, N_MISSED, N_TAKEN, N_UNWRITTEN, Schedule
 from .streams import FrameRequest
 from .wallclock import ThreadedSchedule
 
-GO_ON = "complete presses are kept: go on with --resume"
-PRIOR_S = 10.0  # so much of the plan is believed before anything was measured
-START_MM = 0.5  # a simulated step in the gel takes as long as so much more way: measured
+RESUME_HINT = "complete presses are kept: continue with --resume"
+PRIOR_PLAN_S = 10.0  # by hand: weight of the plan before any step was timed
+GEL_STEP_MM = 0.5  # overhead of a simulated step, as path; measured (commit 34b20c4b)
 
 
 class Runner:
-    """One run of one protocol: connect, home, then every step in order that is still to be done.
+    """One run of one protocol: connect, home, then the remaining steps in order.
 
-    progress: told of frames done, of how many, and of the step. live: told the same and more.
+    progress: called with frames done, total and step. live: called with a RunProgress.
     """
 
     def __init__(
@@ -51,44 +51,44 @@ class Runner:
     ) -> None:
         self._d = devices
         self._writer = writer
-        self._progress = progress or (lambda done, total, what: None)
+        self._progress = progress or (lambda n_done, total, step: None)
         self._live = live
         kind = ThreadedSchedule if devices.wall_clock else Schedule
-        self._streams: Schedule = kind(devices, writer, self._tell)
+        self._streams: Schedule = kind(devices, writer, self._report)
         self._stage = devices.stage
         self._mounted = ""
-        self._kept = self._total = 0  # frames
+        self._n_resumed = self._total = 0  # frames
         self._remaining: RemainingTime | None = None
 
     def run(self, steps: Sequence[Step]) -> int:
-        """Carry out the steps of all presses that the writer has not kept.
+        """Carry out the steps of all presses that the writer lacks, and count the frames taken.
 
-        Nothing moves when there are none. Returns the number of frames taken. Raises RunFailed
-        and its kin.
+        Without any nothing moves. Raises RunFailed and its subclasses.
         """
         self._total = sum(s.frames for s in steps)
         lift_to_mm = min(s.target_mm[2] for s in steps if s.kind == "travel")
         todo = [i for i, s in enumerate(steps) if s.press not in self._writer.kept_presses]
-        self._kept = self._total - sum(steps[i].frames for i in todo)
+        self._n_resumed = self._total - sum(steps[i].frames for i in todo)
         self._remaining = RemainingTime(steps, todo, self._d.wall_clock, self._d.change_s)
         with interruptible(self._stage.abort):
             try:
                 self._set_up(bool(todo))
-                before = -1
+                previous = -1
                 for i in todo:
                     last = i + 1 == len(steps) or steps[i + 1].press != steps[i].press
-                    self._guarded(steps, i, i != before + 1, last, lift_to_mm)
-                    before = i
+                    self._run_step(steps, i, i != previous + 1, last, lift_to_mm)
+                    previous = i
                 self._writer.flush()
             finally:
                 for name in self._streams.close():
                     with suppress(DeltactFabError):
-                        self._streams.event("fault", f"{name}: did not end; it is left behind")
-        return self._streams.counts[TAKEN]
+                        self._streams.event("fault", f"{name}: thread did not end")
+        return self._streams.counts[N_TAKEN]
 
     def counts(self) -> dict[str, int]:
-        """Frames that were late, missed, unwritten, dropped or repeated; what is not there is 0."""
-        return {kind: n for kind, n in sorted(self._streams.counts.items()) if kind != TAKEN and n}
+        """Number of frames late, missed, unwritten, dropped or repeated, without zeros."""
+        counts = sorted(self._streams.counts.items())
+        return {kind: n for kind, n in counts if kind != N_TAKEN and n}
 
     def _set_up(self, moves: bool) -> None:
         """Connect, arm the guard, home. An error leaves the stage where it stopped."""
@@ -102,75 +102,75 @@ class Runner:
                 try:
                     stage.home()
                 except StageError:
-                    streams.check()  # what stopped it, rather than what that came to
+                    streams.check()  # the cause, rather than its consequence
                     raise
                 streams.check()
                 streams.event("homed", "positions are known")
-        except KeyboardInterrupt as why:
+        except KeyboardInterrupt as error:
             stage.stop()
-            raise Stopped("stopped by the operator before the first step") from why
+            raise Stopped("stopped by the operator before the first step") from error
         assert self._remaining is not None
         self._remaining.start()
 
-    def _guarded(
+    def _run_step(
         self, steps: Sequence[Step], i: int, take_up: bool, last: bool, lift_to_mm: float
     ) -> None:
-        """One step, and what is to be done when it fails."""
+        """Run one step; on a failure lift the tip and journal the reason."""
         step = steps[i]
         try:
             try:
                 if take_up:
-                    self._take_up(steps, i)
+                    self._resume_at(steps, i)
                 self._carry_out(step, last)
             except StageError:
-                self._streams.check()  # a thread stopped it, and the stage says that it stopped
+                self._streams.check()  # the cause, if another thread stopped the stage
                 raise
             assert self._remaining is not None
             self._remaining.finished(i)
-        except StageError as why:
+        except StageError as error:
             lifted = self._rescue(lift_to_mm)
-            self._cut_off(step, "fault", f"{why}; {lifted}")
-            raise type(why)(f"{why} ({lifted})") from why
-        except BaseException as why:
-            # The tip may be in the gel: whatever went wrong, it is not left there.
+            self._cut_off(step, "fault", f"{error}; {lifted}")
+            raise type(error)(f"{error} ({lifted})") from error
+        except BaseException as error:
+            # The tip may be in the gel: lift it after any error.
             lifted = self._lift(lift_to_mm)
-            stopped = isinstance(why, KeyboardInterrupt)
-            text = "by the operator" if stopped else str(why)
+            stopped = isinstance(error, KeyboardInterrupt)
+            text = "by the operator" if stopped else str(error)
             self._cut_off(step, "stop" if stopped else "fault", f"{text}; {lifted}")
-            if isinstance(why, KeyboardInterrupt):
-                raise Stopped(f"stopped by the operator in {step.id}; {lifted}; {GO_ON}") from why
-            if isinstance(why, DeltactFabError):
-                raise type(why)(f"{why} ({lifted})") from why
+            if isinstance(error, KeyboardInterrupt):
+                text = f"stopped by the operator in {step.id}; {lifted}; {RESUME_HINT}"
+                raise Stopped(text) from error
+            if isinstance(error, DeltactFabError):
+                raise type(error)(f"{error} ({lifted})") from error
             raise
 
-    def _take_up(self, steps: Sequence[Step], i: int) -> None:
-        """Before the first step of a press: its indenter, and where the step before it ended.
+    def _resume_at(self, steps: Sequence[Step], i: int) -> None:
+        """Mount the indenter of a press and go to the end of the step before it.
 
-        So that it is reached by the same move as in an undisturbed run, and takes the same time.
-        What is driven again for that is not journalled again.
+        Then its first move is the same as in an uninterrupted run. These moves are not journalled.
         """
-        step, before = steps[i], steps[i - 1]
+        step, previous = steps[i], steps[i - 1]
         if step.kind != "change" and step.indenter != self._mounted:
             change = next(s for s in steps if s.kind == "change" and s.indenter == step.indenter)
             self._go(change)
             self._change(change)
-            if change == before:
+            if change == previous:
                 return
         # Both ends of this move are at or above the clearance plane.
-        self._go(before)
+        self._go(previous)
 
     def _carry_out(self, step: Step, last: bool) -> None:
-        """Carry out one step; last: of its press, which it completes."""
+        """Carry out one step; last: it completes its press."""
         streams = self._streams
         streams.enter(step)
         start_ns = streams.now_ns()
         planned_s = self._stage.start_move(step.target_mm, step.feed_mm_min)
-        streams.set_out(step)
+        streams.move_sent(step)
         filmed_s = planned_s + step.hold_s
         filmed_ns = to_ns(filmed_s)
         for k in range(1, step.frames):
-            # Whole nanoseconds from the start of the move, so that a frame is taken at the same
-            # pose at any time of day.
+            # Whole nanoseconds from the start of the move, so that the pose of a frame does not
+            # depend on the time of day.
             at_ns = start_ns + to_ns(filmed_s * k / step.frames)
             streams.film(FrameRequest(step, k, at_ns, start_ns, filmed_ns // step.frames))
         streams.arrive(step, start_ns + filmed_ns)
@@ -185,9 +185,9 @@ class Runner:
         streams.finish(step, planned_s, start_ns, last)
 
     def _lift(self, height_mm: float) -> str:
-        """Stop, then straight up to the clearance plane; says what came of it.
+        """Stop, then go straight up to the clearance plane; return the outcome.
 
-        Nothing moves where the stage has lost its position, for it refuses to.
+        A stage that has lost its position refuses to move.
         """
         stage = self._stage
         try:
@@ -197,12 +197,12 @@ class Runner:
         except KeyboardInterrupt:
             stage.stop()
             return "the lift was stopped by the operator"
-        except DeltactFabError as why:
-            return f"the tip could NOT be lifted: {why}"
+        except DeltactFabError as error:
+            return f"the tip could NOT be lifted: {error}"
         return "the tip was lifted"
 
     def _rescue(self, height_mm: float) -> str:
-        """After a fault of the stage: up to the clearance plane, where its count is kept."""
+        """Lift the tip after a fault of the stage if its count is kept; return the outcome."""
         try:
             with self._streams.lifting():
                 if self._stage.rescue(height_mm, LIFT_FEED_MM_MIN):
@@ -210,8 +210,8 @@ class Runner:
         except KeyboardInterrupt:
             self._stage.abort()
             return "the lift was stopped by the operator"
-        except DeltactFabError as why:
-            return f"the tip could NOT be lifted: {why}"
+        except DeltactFabError as error:
+            return f"the tip could NOT be lifted: {error}"
         return (
             "the tip was NOT lifted and may be in the gel: switch the motors off and turn z up by "
             "hand"
@@ -223,22 +223,23 @@ class Runner:
         self._streams.reach(self._streams.now_ns() + to_ns(planned_s))
 
     def _change(self, step: Step) -> None:
-        found = self._streams.change(step.indenter)
+        report = self._streams.change(step.indenter)
         self._mounted = step.indenter
-        self._streams.event("indenter", found or f"{step.indenter} mounted")
+        self._streams.event("indenter", report or f"{step.indenter} mounted")
 
-    def _tell(self, step: Step) -> None:
+    def _report(self, step: Step) -> None:
         counts = self._streams.counts
-        done = self._kept + counts[TAKEN] + counts[MISSED] + counts[UNWRITTEN]
-        self._progress(done, self._total, step.id)
+        n_done = self._n_resumed + counts[N_TAKEN] + counts[N_MISSED] + counts[N_UNWRITTEN]
+        self._progress(n_done, self._total, step.id)
         if self._live is not None and self._remaining is not None:
-            lost = counts[MISSED] + counts[UNWRITTEN] + counts[DROPPED]
+            n_lost = counts[N_MISSED] + counts[N_UNWRITTEN] + counts[N_DROPPED]
             force_n = self._streams.force.force_n if self._streams.force is not None else None
             left_s = self._remaining.left_s()
-            self._live(RunProgress(step.id, done, self._total, force_n, counts[LATE], lost, left_s))
+            n = n_done, self._total
+            self._live(RunProgress(step.id, *n, force_n, counts[N_LATE], n_lost, left_s))
 
     def _cut_off(self, step: Step, kind: str, text: str) -> None:
-        """Keep what the streams held when the run broke off; no error here hides the first one."""
+        """Record pending data of an interrupted run; errors here are suppressed."""
         for keep in (
             lambda: self._streams.cut_off(step),
             lambda: self._streams.event(kind, text, step),
@@ -250,40 +251,40 @@ class Runner:
 
 @dataclass(frozen=True)
 class RunProgress:
-    """A look at a run: where it is, what the sensor feels, what was lost, what is left."""
+    """State of a run: step, frames, force, remaining time."""
 
     step: str
-    done: int  # frames, of total
-    total: int
+    frames_done: int  # of frames_total
+    frames_total: int
     force_n: tuple[float, float, float] | None
-    late: int
-    lost: int  # frames that will not come, and those that the camera dropped
-    left_s: float | None  # wall time; None before it can be told
+    frames_late: int
+    frames_lost: int  # missed, unwritten or dropped by the camera
+    left_s: float | None  # wall time; None until it can be estimated
 
     def line(self) -> str:
-        """All of it in a line; force as z of the sensor has it, a press below zero."""
+        """Return a status line; Fz in the sensor's z, negative in a press."""
         parts = [self.step]
         if self.force_n is not None:
             parts.append(f"Fz {self.force_n[2]:+.2f} N")
-        if self.late or self.lost:
-            parts.append(f"{self.late} late, {self.lost} lost")
+        if self.frames_late or self.frames_lost:
+            parts.append(f"{self.frames_late} late, {self.frames_lost} lost")
         if self.left_s is not None:
             parts.append(f"{format_duration(self.left_s)} left")
         return "  ".join(parts)
 
 
 class RemainingTime:
-    """Wall time that is left: the plan's, times how much longer than planned it took so far.
+    """Remaining wall time: planned time times the ratio of elapsed to planned time so far.
 
-    In lockstep the plan is the way through the gel, which is solved; one through the air is free.
+    In lockstep the path inside the gel stands for time, because only that is solved.
     """
 
     def __init__(
         self, steps: Sequence[Step], todo: Sequence[int], wall_clock: bool, change_s: float = 0.0
     ) -> None:
-        """todo: places of the steps that are carried out. wall_clock: the plan's time is real.
+        """todo: indices of the steps to carry out. wall_clock: real time, no lockstep.
 
-        change_s: what another indenter takes beside the way there.
+        change_s: duration of a change of indenter without its travel.
         """
         self._planned_s = {
             i: _planned_s(steps, i) + change_s * (steps[i].kind == "change")
@@ -291,16 +292,16 @@ class RemainingTime:
             for i in todo
         }  # fmt: skip
         self._left_s = sum(self._planned_s.values())
-        self._done_s = PRIOR_S if wall_clock else 0.0
+        self._done_s = PRIOR_PLAN_S if wall_clock else 0.0
         self._took_s = self._done_s
         self._since_s = time.monotonic()
 
     def start(self) -> None:
-        """The first step starts now: what came before it says nothing of the steps."""
+        """Start timing at the first step."""
         self._since_s = time.monotonic()
 
     def finished(self, i: int) -> None:
-        """A step is over."""
+        """Account for a finished step."""
         planned_s, now_s = self._planned_s[i], time.monotonic()
         if planned_s:
             self._left_s -= planned_s
@@ -309,7 +310,7 @@ class RemainingTime:
         self._since_s = now_s
 
     def left_s(self) -> float | None:
-        """As it is now; what the step under way took is not yet of the measure."""
+        """Estimate the remaining time (s); the present step counts once it is finished."""
         if not self._done_s:
             return None
         left_s = self._left_s * self._took_s / self._done_s
@@ -317,18 +318,18 @@ class RemainingTime:
 
 
 def _planned_s(steps: Sequence[Step], i: int) -> float:
-    step, before = steps[i], steps[i - 1] if i else steps[i]
-    way_mm = math.dist(before.target_mm, step.target_mm)
-    return way_mm / step.feed_mm_min * 60 + step.hold_s + step.settle_s + 0.1
+    step, previous = steps[i], steps[i - 1] if i else steps[i]
+    path_mm = math.dist(previous.target_mm, step.target_mm)
+    return path_mm / step.feed_mm_min * 60 + step.hold_s + step.settle_s + 0.1
 
 
 def _in_gel_mm(steps: Sequence[Step], i: int) -> float:
-    """Of a step that ends in the gel, what of its way lies below the face, and START_MM."""
-    here, there = (steps[j].target_mm for j in (max(i - 1, 0), i))
-    if there[2] >= 0:
+    """Path below the face of a step that ends in the gel, plus GEL_STEP_MM."""
+    start_mm, end_mm = (steps[j].target_mm for j in (max(i - 1, 0), i))
+    if end_mm[2] >= 0:
         return 0.0
-    share = 1.0 if here[2] <= 0 else -there[2] / (here[2] - there[2])
-    return START_MM + share * math.dist(here, there)
+    share = 1.0 if start_mm[2] <= 0 else -end_mm[2] / (start_mm[2] - end_mm[2])
+    return GEL_STEP_MM + share * math.dist(start_mm, end_mm)
 
 
 def carry_out_steps(
@@ -338,10 +339,10 @@ def carry_out_steps(
     progress: Progress | None = None,
     live: Callable[[RunProgress], None] | None = None,
 ) -> tuple[dict[str, int], float]:
-    """Carry out steps by the stage, or by a hand that lays weights on, and record them.
+    """Carry out steps with the stage, or with weights placed by hand, and record them.
 
-    live: shown what goes on. Returns frames late or lost, and the rig's seconds. Raises RunFailed
-    and its kin.
+    live: called with the progress. Returns counts of frames late or lost, and the rig's seconds.
+    Raises RunFailed and its subclasses.
     """
     start_s, counts = bench.clock.now_s(), dict[str, int]()
     if isinstance(bench, Devices):
@@ -351,6 +352,6 @@ def carry_out_steps(
     else:
         from ..weights import WeightsBench
 
-        assert isinstance(bench, WeightsBench), "what a stage does not do, a hand does"
+        assert isinstance(bench, WeightsBench), "a bench without a stage uses weights"
         bench.run(steps, writer, progress)
     return counts, bench.clock.now_s() - start_s

@@ -1,10 +1,9 @@
-"""What keeps the streams of a run going, as the thread that moves the stage sees it.
+"""Scheduler of a run's streams, called by the thread that moves the stage.
 
-In lockstep one scheduler steps all of them, and time passes only when it lets it. From the tare of
-a press to its end it asks the stage ten times a second where it is and takes what the force sensor
-has sent, and both at each frame. A way out of the gel that is not filmed is not felt either: a
-simulated gel would have to be solved for it. Where there is a guard, it sees the force from the
-connection on, every GUARD_NS, in every motion but homing.
+In lockstep one scheduler steps all streams and advances the time. From the tare of a press to its
+end it polls pose and force ten times per second and at each frame. A retract that is not filmed
+has no force either, since a simulated gel would have to be solved for it. A guard checks the force
+from the connection on, every GUARD_PERIOD_NS, in every motion except homing.
 """
 
 from __future__ import annotations
@@ -22,76 +21,77 @@ from ...record.writer import RunWriter
 from ..interface import CameraFrame, Devices
 from .streams import ForceStream, FrameRequest, FrameStream, PoseStream
 
-LOOK_NS = to_ns(STATUS_INTERVAL_S)
-GUARD_NS = 8_000_000  # between two looks of the guard
-SAMPLE_NS = 1_000_000  # a reading waits for the next sample
-TAKEN = "taken"
-# What became of frames, as the record's events name it.
-LATE, MISSED, UNWRITTEN = "frames late", "frames missed", "frames unwritten"
-DROPPED, REPEATED = "frames dropped", "frames repeated"
-FATES = {
-    MISSED: "did not come in time",
-    UNWRITTEN: "were not kept: the disk was too slow",
-    LATE: "exposed more than half a period after they were wanted",
-    DROPPED: "lost by the camera",
-    REPEATED: "the same image once more",
+POSE_PERIOD_NS = to_ns(STATUS_INTERVAL_S)
+# By hand: longer periods let a virtual guard trip later, shorter ones cost simulation time.
+GUARD_PERIOD_NS = 8_000_000
+SAMPLE_WAIT_NS = 1_000_000  # duration of a read, at 1 kHz
+N_TAKEN = "taken"
+# Ids of the record's events for frames.
+N_LATE, N_MISSED, N_UNWRITTEN = "frames late", "frames missed", "frames unwritten"
+N_DROPPED, N_REPEATED = "frames dropped", "frames repeated"
+FRAME_EVENTS = {
+    N_MISSED: "not received in time",
+    N_UNWRITTEN: "not written: the disk was too slow",
+    N_LATE: "exposed more than half a period late",
+    N_DROPPED: "lost by the camera",
+    N_REPEATED: "identical to the previous image",
 }
 
 
 class Schedule:
-    """Pose, force and frames of one run in lockstep: each stream is stepped at a time that the plan
-    gives. Same seed, same bytes. In `wallclock.ThreadedSchedule` streams step themselves.
+    """Pose, force and frames of one run in lockstep: the plan gives the time of each step of a
+    stream. Same seed, same bytes. In `wallclock.ThreadedSchedule` threads step the streams.
 
-    tell: called when something came that an operator may want to see.
+    report: called when the progress changed.
     """
 
-    def __init__(self, devices: Devices, writer: RunWriter, tell: Callable[[Step], None]) -> None:
+    def __init__(self, devices: Devices, writer: RunWriter, report: Callable[[Step], None]) -> None:
         self._d = devices
         self._writer = writer
-        self._tell = tell
-        self._step: Step | None = None  # under way
-        self._felt = False  # the force sensor streams
-        self._origin_ns: int | None = None  # of the press under way, from its tare on
-        self._kept: dict[str, float] = {}  # frames of the press under way, and their times (s)
-        self._of_step: Counter[str] = Counter()  # what became of frames
+        self._report = report
+        self._step: Step | None = None  # present step
+        self._force_streams = False  # the force sensor streams
+        self._origin_ns: int | None = None  # tare of the present press
+        self._press_frames: dict[str, float] = {}  # of the present press: id to time (s)
+        self._step_counts: Counter[str] = Counter()  # events of the present step
         self.counts: Counter[str] = Counter()
-        """The same over the run, and TAKEN: frames that were kept."""
+        """Counts of the run, with N_TAKEN: frames recorded."""
         self.pose = PoseStream(devices.stage, devices.clock)
-        self.frames = FrameStream(devices.camera, devices.clock, self._keep)
+        self.frames = FrameStream(devices.camera, devices.clock, self._record_frame)
         self.force: ForceStream | None = None
         if devices.force is not None:
             self.force = ForceStream(devices.force, devices.guard, self._note)
 
-    # ---- what the thread that moves the stage asks for ------------------------------------------
+    # ---- called by the thread that moves the stage ----------------------------------------------
 
     def open(self) -> None:
-        """Nothing streams outside of a press but for the guard."""
+        """Start the force stream for the guard; nothing else streams outside of a press."""
         if self._guarded and self.force is not None:
             self.force.keeping = False
-            self._feel_again()
+            self._start_force()
 
     def enter(self, step: Step) -> None:
-        """The force sensor rests while the tip leaves the gel, unless that is filmed."""
+        """Begin a step; a retract that is not filmed pauses the force sensor."""
         self._step = step
         if step.kind == "retract" and not step.frames and not self._guarded:
-            self._feel_no_more()
-        elif self.in_press and not self._felt:
-            self._feel_again()
-        self.pose.looked_ns = self.now_ns()
+            self._stop_force()
+        elif self.in_press and not self._force_streams:
+            self._start_force()
+        self.pose.asked_ns = self.now_ns()
 
-    def set_out(self, step: Step) -> None:
-        """Its move has just been sent."""
+    def move_sent(self, step: Step) -> None:
+        """Called after the move of a step was sent."""
 
-    def film(self, wanted: FrameRequest) -> None:
-        self._until(wanted.t_ns)
-        self.frames.want(wanted)
+    def film(self, request: FrameRequest) -> None:
+        self._until(request.t_ns)
+        self.frames.add_request(request)
         self.frames.step()
         self.pose.step()
-        self._feel()
-        self._tell(wanted.step)
+        self._poll_force()
+        self._report(request.step)
 
     def arrive(self, step: Step, end_ns: int) -> None:
-        """Wait for the end of the move, then for the moment that its plan gives."""
+        """Wait for the end of the move, then for its planned time."""
         self._until(end_ns)
         self._d.stage.wait()
         self._sleep_until(end_ns + to_ns(ARRIVAL_DELAY_S))
@@ -102,53 +102,53 @@ class Schedule:
         self._d.stage.wait()
 
     def complete(self, step: Step) -> None:
-        """A step goes on for a while after its last frame, so that the next one does not start when
-        the host happens to be ready."""
+        """Wait a fixed time after the last frame, so that the next step does not start at a time
+        that depends on the host."""
         if self.in_press and step.frames:
-            self._until(self.pose.looked_ns + LOOK_NS)
-        self._feel()
+            self._until(self.pose.asked_ns + POSE_PERIOD_NS)
+        self._poll_force()
 
     def change(self, name: str) -> str | None:
-        """Between presses nothing streams."""
-        self._feel_no_more()
-        found = self._d.change_indenter(name)
+        """Change the indenter, the force stream paused."""
+        self._stop_force()
+        report = self._d.change_indenter(name)
         if self._guarded:
-            self._feel_again()
-        return found
+            self._start_force()
+        return report
 
     @contextmanager
     def lifting(self) -> Iterator[None]:
-        """Nothing is felt. A dead sensor does not leave the tip in the gel."""
+        """Lift without force feedback, also when the sensor failed."""
         with suppress(DeltactFabError):
-            self._feel_no_more()
+            self._stop_force()
         yield
 
     def close(self) -> list[str]:
-        """End what goes on by itself; names of what did not end within its time."""
+        """End threads; return the names of those that did not end in time."""
         return []
 
     def check(self) -> None:
-        """Raise the reason for which another thread stopped the stage, if one did."""
+        """Raise the error of another thread that stopped the stage, if any."""
 
     # ---- one press -------------------------------------------------------------------------------
 
     @property
     def in_press(self) -> bool:
-        """From the tare of a press to its last step."""
+        """True from the tare of a press to its last step."""
         return self._origin_ns is not None
 
     def begin(self, step: Step) -> None:
-        """Nothing touches: flush, tare, and start the streams of this press."""
-        self._kept = {}
-        self.frames.forget()
+        """Flush, tare without contact, and start the streams of a press."""
+        self._press_frames = {}
+        self.frames.clear()
         self._begin_devices(step)
         self.event("begun", "tared" if self.force is not None else "no force sensor", step)
 
     def finish(self, step: Step, planned_s: float, start_ns: int, last: bool) -> None:
-        """The step is complete: journal it; last: of its press."""
+        """Journal a complete step; last: it completes its press."""
         end_ns = self.now_ns()
         if last and self._d.camera is not None and step.kind != "change":
-            self._end_camera(self._kept)
+            self._end_camera(self._press_frames)
         missed = self._account(step)
         self._writer.step(
             step, planned_s, start_ns / 1e9, end_ns / 1e9, self._take(), missed=missed
@@ -161,7 +161,7 @@ class Schedule:
             self._writer.flush()
 
     def cut_off(self, step: Step) -> None:
-        """Keep what the streams held when the run broke off. Raises RunFailed."""
+        """Record pending data of an interrupted step. Raises RunFailed."""
         self._account(step)
         self._writer.interrupted_step(step, self._take())
 
@@ -176,10 +176,10 @@ class Schedule:
     def _begin_devices(self, step: Step) -> None:
         if self._d.camera is not None:
             self._d.camera.begin(step.press)
-        self._feel_no_more()  # what the guard saw was on another tare
-        self._origin_ns = self.pose.looked_ns = self.now_ns()
+        self._stop_force()  # samples before have another tare
+        self._origin_ns = self.pose.asked_ns = self.now_ns()
         if self.force is not None:
-            self._felt = self.force.keeping = True
+            self._force_streams = self.force.keeping = True
             self.force.force.begin(step.press)
 
     def _end_camera(self, frames: Mapping[str, float]) -> None:
@@ -190,56 +190,56 @@ class Schedule:
         if self._guarded and self.force is not None:
             self.force.keeping = False
         else:
-            self._feel_no_more()
+            self._stop_force()
 
     @property
     def _guarded(self) -> bool:
         return self._d.guard is not None
 
-    def _waits(self, wanted: FrameRequest) -> bool:
+    def _waits_for_room(self, request: FrameRequest) -> bool:
         return True
 
     def _until(self, t_ns: int) -> None:
-        """Let time pass; in a press look at the stage and the force sensor every LOOK_NS.
+        """Wait; in a press poll stage and force sensor every POSE_PERIOD_NS.
 
-        Never within LOOK_NS of the end, where a frame may have the stage's position read.
+        Not within POSE_PERIOD_NS of the end, where a frame may poll the position.
         """
         while self.in_press:
-            look_ns = max(self.pose.looked_ns + LOOK_NS, self.now_ns())
-            if look_ns + LOOK_NS > t_ns:
+            look_ns = max(self.pose.asked_ns + POSE_PERIOD_NS, self.now_ns())
+            if look_ns + POSE_PERIOD_NS > t_ns:
                 break
             self._sleep_until(look_ns)
             self.pose.step()
-            self._feel()
+            self._poll_force()
         self._sleep_until(t_ns)
 
     def _sleep_until(self, t_ns: int) -> None:
-        """Hear the stage meanwhile; where there is a guard, it sees the force every GUARD_NS."""
+        """Wait while reading the stage, and the force for the guard every GUARD_PERIOD_NS."""
         while (left_ns := t_ns - self.now_ns()) > 0:
-            if not (self._guarded and self._felt) or left_ns <= GUARD_NS:
+            if not (self._guarded and self._force_streams) or left_ns <= GUARD_PERIOD_NS:
                 self._d.stage.listen(left_ns / 1e9)
                 return
-            self._d.stage.listen((GUARD_NS - SAMPLE_NS) / 1e9)
-            self._feel()
+            self._d.stage.listen((GUARD_PERIOD_NS - SAMPLE_WAIT_NS) / 1e9)
+            self._poll_force()
 
-    def _feel(self) -> None:
-        """What the force sensor has sent. Raises SensorError beyond limits."""
-        if self.force is None or not self._felt or not (self.in_press or self._guarded):
+    def _poll_force(self) -> None:
+        """Poll the force stream. Raises SensorError beyond limits."""
+        if self.force is None or not self._force_streams or not (self.in_press or self._guarded):
             return
         try:
             self.force.step()
-        except SensorError as why:
+        except SensorError as error:
             assert self._step is not None
-            raise type(why)(f"{self._step.id}: {why}") from why
+            raise type(error)(f"{self._step.id}: {error}") from error
 
-    def _feel_again(self) -> None:
+    def _start_force(self) -> None:
         if self._d.force is not None:
-            self._felt = True
+            self._force_streams = True
             self._d.force.start()
 
-    def _feel_no_more(self) -> None:
-        if self._felt and self._d.force is not None:
-            self._felt = False
+    def _stop_force(self) -> None:
+        if self._force_streams and self._d.force is not None:
+            self._force_streams = False
             self._d.force.stop()
 
     def _note(self, kind: str, text: str) -> None:
@@ -251,42 +251,42 @@ class Schedule:
         chunks = self.pose.take(self._origin_ns)
         return chunks + (self.force.take(self._origin_ns) if self.force is not None else [])
 
-    def _keep(
+    def _record_frame(
         self,
-        wanted: FrameRequest,
+        request: FrameRequest,
         frame: CameraFrame | None,
         t_ns: int,
         dropped: int,
         repeated: int,
     ) -> None:
-        """One frame that was wanted goes into the record."""
+        """Record one requested frame."""
         assert self._origin_ns is not None, "a press begins before its first frame"
         frame_id = self._writer.frame(
-            wanted.step,
-            wanted.k,
+            request.step,
+            request.k,
             frame.image if frame is not None else None,
             t_ns / 1e9,
-            (t_ns - wanted.start_ns) / 1e9,
+            (t_ns - request.start_ns) / 1e9,
             (t_ns - self._origin_ns) / 1e9,
-            late_s=(t_ns - wanted.t_ns) / 1e9,
+            late_s=(t_ns - request.t_ns) / 1e9,
             dropped=dropped,
             repeated=repeated,
-            wait=self._waits(wanted),
+            wait=self._waits_for_room(request),
         )
-        self._of_step += Counter({DROPPED: dropped, REPEATED: repeated})
+        self._step_counts += Counter({N_DROPPED: dropped, N_REPEATED: repeated})
         if frame_id is None:
-            self._of_step[UNWRITTEN] += 1
+            self._step_counts[N_UNWRITTEN] += 1
             return
-        self._kept[frame_id] = t_ns / 1e9
-        self.counts[TAKEN] += 1
-        self._of_step[LATE] += wanted.late(t_ns)
+        self._press_frames[frame_id] = t_ns / 1e9
+        self.counts[N_TAKEN] += 1
+        self._step_counts[N_LATE] += request.late(t_ns)
 
     def _account(self, step: Step) -> int:
-        """Tell what was lost in a step, each kind in one event; how many frames will not come."""
-        found, self._of_step = self._of_step, Counter()
-        found[MISSED], self.frames.missed = self.frames.missed, 0
-        for kind, text in FATES.items():
-            if found[kind]:
-                self.event(kind, f"{found[kind]} {text}", step)
-        self.counts += found
-        return found[MISSED] + found[UNWRITTEN]
+        """Journal the losses of a step, one event per kind; return the number of frames lost."""
+        counts, self._step_counts = self._step_counts, Counter()
+        counts[N_MISSED], self.frames.missed = self.frames.missed, 0
+        for kind, text in FRAME_EVENTS.items():
+            if counts[kind]:
+                self.event(kind, f"{counts[kind]} {text}", step)
+        self.counts += counts
+        return counts[N_MISSED] + counts[N_UNWRITTEN]

@@ -1,8 +1,8 @@
-"""Pose, force and frames: what each device says while a press goes on, one step at a time.
+"""Streams of pose, force and frames during a press, advanced one step at a time.
 
-A step asks its device once and keeps what it says. In lockstep one scheduler steps all three; on
-the wall clock force and frames are stepped by threads of their own. What is kept is taken, step by
-step of the protocol, by the thread that moves the stage.
+A step polls its device once and buffers the data. In lockstep one scheduler steps all three; on
+the wall clock force and frames have threads of their own. The thread that moves the stage takes
+the buffered data after each step of the protocol.
 """
 
 from __future__ import annotations
@@ -22,26 +22,23 @@ from ..interface import Camera, CameraFrame, Clock, ForceSamples, ForceSensor, G
 
 
 class PoseStream:
-    """Where the stage says it is, each time it is asked, with the time at which that was true.
-
-    looked_ns: when it was last asked.
-    """
+    """Positions of the stage with their times. asked_ns: time of the last request."""
 
     def __init__(self, stage: Stage, clock: Clock) -> None:
         self._stage = stage
         self._clock = clock
-        self._kept: list[tuple[int, float, float, float]] = []
-        self.looked_ns = 0
+        self._poses: list[tuple[int, float, float, float]] = []
+        self.asked_ns = 0
 
     def step(self) -> None:
-        """Ask the stage. Raises StageError."""
-        self.looked_ns = self._clock.now_ns()
-        t_ns, position_mm = self._stage.located()
-        self._kept.append((t_ns, *position_mm))
+        """Request the position. Raises StageError."""
+        self.asked_ns = self._clock.now_ns()
+        t_ns, position_mm = self._stage.timed_position()
+        self._poses.append((t_ns, *position_mm))
 
     def take(self, origin_ns: int) -> list[Chunk]:
-        """All that came since the last call, times from origin_ns on."""
-        poses, self._kept = self._kept, []
+        """Return data since the last call, times relative to origin_ns."""
+        poses, self._poses = self._poses, []
         if not poses:
             return []
         t_ns = np.array([pose[0] for pose in poses], np.int64) - origin_ns
@@ -52,10 +49,10 @@ class PoseStream:
 
 @dataclass
 class ForceStream:
-    """What the force sensor sends; the guard sees it first.
+    """Samples of the force sensor; the guard checks them first.
 
-    note: told what goes wrong with the stream, id and words, as the sensor says it. keeping: what
-    comes is kept. lifting: the tip is on its way out of the gel, and only the guard stops that.
+    note: called with id and text of a problem of the stream. keeping: samples are buffered.
+    lifting: the tip is being lifted, and only the guard stops that.
     """
 
     force: ForceSensor
@@ -65,22 +62,22 @@ class ForceStream:
     lifting: bool = False
     last_ns: int = 0  # of the last sample
     force_n: Point | None = None  # of the last sample
-    _kept: list[ForceSamples] = field(default_factory=list)
+    _batches: list[ForceSamples] = field(default_factory=list)
 
     def step(self) -> None:
-        """Read once. Raises SensorError: the sensor's own, and beyond the guard's limit."""
+        """Read once. Raises SensorError for a failed sensor or a tripped guard."""
         try:
             samples = self.force.read()
-        except SensorError as why:
+        except SensorError as error:
             if self.guard is not None:
-                self.guard.lost(str(why))
+                self.guard.on_sensor_lost(str(error))
             raise
         notes = samples.notes
         if self.guard is not None:
             self.guard.watch(samples)
-            notes += self.guard.tell()
+            notes += self.guard.pop_notes()
         if self.keeping:
-            self._kept.append(samples)
+            self._batches.append(samples)
         force_n = samples.force_n
         if len(force_n):
             self.last_ns = int(samples.t_ns[-1])
@@ -93,13 +90,13 @@ class ForceStream:
         if self.guard is not None and self.guard.tripped:
             raise SensorError(self.guard.tripped)
         if samples.saturated.any():
-            found = tuple(force_n[samples.saturated.argmax()].tolist())
-            raise SensorError(f"the force sensor is saturated at {found} N")
+            saturated_n = tuple(force_n[samples.saturated.argmax()].tolist())
+            raise SensorError(f"the force sensor is saturated at {saturated_n} N")
 
     def take(self, origin_ns: int) -> list[Chunk]:
-        """All that came since the last call, times from origin_ns on."""
-        # One assignment, so that a reading that comes just now is kept in the one or in the other.
-        forces, self._kept = self._kept, []
+        """Return data since the last call, times relative to origin_ns."""
+        # One assignment, so that a concurrent sample is in one of both lists.
+        forces, self._batches = self._batches, []
         if not forces:
             return []
         t_ns = np.concatenate([part.t_ns for part in forces]) - origin_ns
@@ -112,7 +109,7 @@ class ForceStream:
 
 @dataclass(frozen=True)
 class FrameRequest:
-    """The k-th frame of a step, to be exposed at t_ns or as soon as it can be after that.
+    """The k-th frame of a step, due at t_ns or as soon as possible after.
 
     start_ns: of the step. period_ns: to the next frame of a sweep; 0 for a frame at a stop.
     """
@@ -125,54 +122,54 @@ class FrameRequest:
 
     @property
     def at_stop(self) -> bool:
-        """The last one of its step: it is waited for, and never given up."""
+        """True for the last one of its step, which is never given up."""
         return self.k == self.step.frames
 
     def late(self, t_ns: int) -> bool:
-        """A frame of a sweep that was exposed half a period after it was wanted, or later."""
+        """True for a frame of a sweep exposed more than half a period late."""
         return self.period_ns > 0 and t_ns - self.t_ns > self.period_ns / 2
 
 
-Keep = Callable[[FrameRequest, "CameraFrame | None", int, int, int], None]
+KeepFrame = Callable[[FrameRequest, "CameraFrame | None", int, int, int], None]
 
 
 class FrameStream:
-    """The first frame exposed at or after each wanted moment; all others are let go.
+    """Selects the first frame exposed at or after each requested time; drops all others.
 
-    keep: called with the moment, the frame and its time (ns), and how many frames were dropped and
-    repeated since the one kept before. missed: moments so far for which none came before the next.
+    keep: called with request, frame, its time (ns), and the number of frames dropped and repeated
+    since the last one kept. missed: requests without a frame before the next request.
     """
 
-    def __init__(self, camera: Camera | None, clock: Clock, keep: Keep) -> None:
-        """camera: None where the protocol takes no images: a frame is a moment, then."""
+    def __init__(self, camera: Camera | None, clock: Clock, keep: KeepFrame) -> None:
+        """camera: None if the protocol takes no images; then a frame is only a time."""
         self._camera = camera
         self._clock = clock
         self._keep = keep
         self._lock = threading.Lock()
-        self._wanted: deque[FrameRequest] = deque()
+        self._requests: deque[FrameRequest] = deque()
         self._busy = False
         self._dropped = self._repeated = 0
         self.missed = 0
 
-    def forget(self) -> None:
-        """A new press: what was wanted or counted before is no concern of it."""
+    def clear(self) -> None:
+        """Clear requests and counts before a new press."""
         with self._lock:
-            self._wanted.clear()
+            self._requests.clear()
             self.missed = 0
             self._dropped = self._repeated = 0
 
-    def want(self, wanted: FrameRequest) -> None:
+    def add_request(self, request: FrameRequest) -> None:
         with self._lock:
-            self._wanted.append(wanted)
+            self._requests.append(request)
 
     @property
     def pending(self) -> bool:
-        """Frames are still wanted, or on their way to the record."""
+        """True while frames are requested or being recorded."""
         with self._lock:
-            return bool(self._wanted) or self._busy
+            return bool(self._requests) or self._busy
 
     def step(self) -> None:
-        """Take one frame, and keep it if it is wanted. Raises SensorError, RunFailed."""
+        """Take one frame, and keep it if requested. Raises SensorError, RunFailed."""
         t_ns = self._clock.now_ns()
         frame = self._camera.capture() if self._camera is not None else None
         if frame is not None:
@@ -181,8 +178,8 @@ class FrameStream:
             self._repeated += frame.repeated
         due = []
         with self._lock:
-            while self._wanted and self._wanted[0].t_ns <= t_ns:
-                due.append(self._wanted.popleft())
+            while self._requests and self._requests[0].t_ns <= t_ns:
+                due.append(self._requests.popleft())
             self._busy = bool(due)
         if not due:
             return

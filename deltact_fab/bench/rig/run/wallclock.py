@@ -1,11 +1,10 @@
-"""Time passes by itself: camera and force sensor have a thread of their own each.
+"""Streams of a run in real time: camera and force sensor have a thread each.
 
-The camera's takes every frame that the device gives, and keeps those that are wanted. The force
-sensor's reads from the connection to the end, so that the guard is armed in every motion; it rests
-only while an indenter is changed, when whoever mounts it feels for the face. The thread that moves
-the stage asks it where it is, ten times a second at most: the pose of a frame lies between two
-answers. Whichever thread fails writes the byte that stops the stage, and this one raises the
-reason.
+The camera's thread takes every frame and keeps the requested ones. The force sensor's thread reads
+from the connection to the end, so that the guard is armed in every motion; it pauses only while an
+indenter is changed, when the touch-off uses the sensor. The thread that moves the stage polls the
+pose at most ten times per second: a frame's pose lies between two answers. A thread that fails
+writes the stop byte, and the moving thread raises its error.
 """
 
 from __future__ import annotations
@@ -19,45 +18,44 @@ from deltact_fab.common import DeltactFabError, RunFailed, SensorError, to_ns
 from ...protocols.plan import Step
 from ...record.writer import RunWriter
 from ..interface import Devices
-from .loop import Loop
-from .schedule import LOOK_NS, Schedule
+from .loop import LOOP_ANSWER_S, LOOP_END_S, Loop
+from .schedule import POSE_PERIOD_NS, Schedule
 from .streams import FrameRequest
 
-ANSWER_S = 10.0  # a camera that is opened anew, a tare
-FRAME_S = 10.0  # from the moment that a frame is wanted; a stalled camera says so before
-PAUSE_S = 0.005  # between two looks at what other threads have done
-END_S = 5.0
-HEAR_S = 0.02  # the stage is heard meanwhile; another thread that fails has stopped it itself
+# By hand: longer times see a fault later, shorter ones load the host.
+FRAME_LIMIT_S = 10.0  # after a frame is due; a stalled camera reports itself before
+THREAD_POLL_S = 0.005  # of other threads' results
+STAGE_POLL_S = 0.02  # a thread that fails stops the stage itself
 
 
 class ThreadedSchedule(Schedule):
-    """Every device in a thread of its own. `check` raises the first failure of one of them."""
+    """A thread per device. `check` raises the first failure of any of them."""
 
-    def __init__(self, devices: Devices, writer: RunWriter, tell: Callable[[Step], None]) -> None:
-        super().__init__(devices, writer, tell)
+    def __init__(self, devices: Devices, writer: RunWriter, report: Callable[[Step], None]) -> None:
+        super().__init__(devices, writer, report)
         self._lock = threading.Lock()
-        self._trouble: BaseException | None = None
-        self._up = False
+        self._error: BaseException | None = None
+        self._ending = False
         self._last_frame_ns = 0
         self._loops: list[Loop] = []
-        self._seeing: Loop | None = None
-        self._feeling: Loop | None = None
+        self._camera_loop: Loop | None = None
+        self._force_loop: Loop | None = None
 
     def open(self) -> None:
         """Start the threads; the guard is armed on return. Raises SensorError."""
         self._writer.failed = self._fail
         if self._d.camera is not None:
             self._writer.load_encoder()
-            self._seeing = Loop("camera", self.frames.step, self._fail)
-            self._loops.append(self._seeing)
+            self._camera_loop = Loop("camera", self.frames.step, self._fail)
+            self._loops.append(self._camera_loop)
         if self.force is not None:
             self.force.keeping = False
-            self._feeling = Loop("force sensor", self.force.step, self._fail)
-            self._loops.append(self._feeling)
-            self._feeling.ask(self.force.force.start, ANSWER_S, going=True)
+            self._force_loop = Loop("force sensor", self.force.step, self._fail)
+            self._loops.append(self._force_loop)
+            self._force_loop.ask(self.force.force.start, LOOP_ANSWER_S, going=True)
 
     def enter(self, step: Step) -> None:
-        """Nothing moves while another thread has a reason against it."""
+        """Begin a step, unless another thread has failed."""
         self._step = step
         self.check()
 
@@ -65,16 +63,16 @@ class ThreadedSchedule(Schedule):
         if self.in_press:
             self.pose.step()
 
-    def film(self, wanted: FrameRequest) -> None:
-        """Leave it to the camera's thread; without a camera a frame is a moment to wait for."""
-        self._last_frame_ns = wanted.t_ns
-        self.frames.want(wanted)
-        if self._seeing is None:
-            self._until(wanted.t_ns)
+    def film(self, request: FrameRequest) -> None:
+        """Request a frame from the camera's thread; without a camera wait for its time."""
+        self._last_frame_ns = request.t_ns
+        self.frames.add_request(request)
+        if self._camera_loop is None:
+            self._until(request.t_ns)
             self.frames.step()
 
     def reach(self, end_ns: int) -> None:
-        """Wait for the planned end, then for the stage to say so; the guard is armed."""
+        """Wait for the planned end, then for the stage to report it, with the guard armed."""
         self._until(end_ns)
         self._d.stage.wait()
         self.check()
@@ -83,109 +81,109 @@ class ThreadedSchedule(Schedule):
         self.reach(end_ns)
 
     def complete(self, step: Step) -> None:
-        """Wait for the frames, for the force at the last of them, and ask for the pose at its end.
+        """Wait for the frames and for a force sample after them, then poll the pose.
 
-        Raises SensorError when they do not come.
+        Raises SensorError when frames do not arrive.
         """
         if not self.in_press:
             return
-        limit_ns = max(self._last_frame_ns, self.now_ns()) + to_ns(FRAME_S)
+        limit_ns = max(self._last_frame_ns, self.now_ns()) + to_ns(FRAME_LIMIT_S)
         while self.frames.pending:
             if self.now_ns() > limit_ns:
-                raise SensorError(f"camera: no frame within {FRAME_S:g} s of when it was wanted")
-            self._until(min(self.now_ns() + to_ns(PAUSE_S), limit_ns))
+                raise SensorError(f"camera: no frame within {FRAME_LIMIT_S:g} s of its due time")
+            self._until(min(self.now_ns() + to_ns(THREAD_POLL_S), limit_ns))
         if self.force is not None and step.frames:
-            seen_ns = self.now_ns()
-            # Its own thread says so, and ends this, when it is silent or lags behind.
-            while self.force.last_ns < seen_ns:
-                self._until(self.now_ns() + to_ns(PAUSE_S))
+            asked_ns = self.now_ns()
+            # A silent or late sensor ends this through its own thread.
+            while self.force.last_ns < asked_ns:
+                self._until(self.now_ns() + to_ns(THREAD_POLL_S))
         self.pose.step()
         self.check()
-        self._tell(step)
+        self._report(step)
 
     def change(self, name: str) -> str | None:
-        """The force sensor is left alone, stopped, and streams again after that."""
-        if self._feeling is None or self.force is None:
+        """Change the indenter with the force stream stopped, then restart it."""
+        if self._force_loop is None or self.force is None:
             return self._d.change_indenter(name)
-        self._feeling.ask(self.force.force.stop, ANSWER_S, going=False)
-        found = self._d.change_indenter(name)
-        self._feeling.ask(self.force.force.start, ANSWER_S, going=True)
-        return found
+        self._force_loop.ask(self.force.force.stop, LOOP_ANSWER_S, going=False)
+        report = self._d.change_indenter(name)
+        self._force_loop.ask(self.force.force.start, LOOP_ANSWER_S, going=True)
+        return report
 
     @contextmanager
     def lifting(self) -> Iterator[None]:
-        """The force that stopped the run may stay, and even grow a little; no more than that."""
-        self._up = True
+        """Lift with the guard's limits raised slightly above the peak."""
+        self._ending = True
         guard = self._d.guard
-        if self._feeling is None or self.force is None or guard is None:
+        if self._force_loop is None or self.force is None or guard is None:
             yield
             return
         self.force.lifting, self.force.keeping = True, False
         with guard.easing():
-            with suppress(SensorError):  # a dead sensor does not leave the tip in the gel
-                self._feeling.ask(lambda: None, ANSWER_S, going=True)
+            with suppress(SensorError):  # a failed sensor does not prevent the lift
+                self._force_loop.ask(lambda: None, LOOP_ANSWER_S, going=True)
             yield
 
     def close(self) -> list[str]:
-        """End the threads, each after what it is about."""
-        self._up = True
-        return [loop.name for loop in self._loops if not loop.end(END_S)]
+        """End the threads, each after its present step."""
+        self._ending = True
+        return [loop.name for loop in self._loops if not loop.end(LOOP_END_S)]
 
     def _begin_devices(self, step: Step) -> None:
         camera, stream = self._d.camera, self.force
-        if self._feeling is not None and stream is not None:
-            self._feeling.ask(lambda: stream.force.begin(step.press), ANSWER_S)
+        if self._force_loop is not None and stream is not None:
+            self._force_loop.ask(lambda: stream.force.begin(step.press), LOOP_ANSWER_S)
             stream.keeping = True
-        if self._seeing is not None and camera is not None:
-            self._seeing.ask(lambda: camera.begin(step.press), ANSWER_S, going=True)
+        if self._camera_loop is not None and camera is not None:
+            self._camera_loop.ask(lambda: camera.begin(step.press), LOOP_ANSWER_S, going=True)
         self._origin_ns = self.now_ns()
         self.pose.step()
 
     def _end_camera(self, frames: Mapping[str, float]) -> None:
         camera = self._d.camera
-        assert self._seeing is not None
+        assert self._camera_loop is not None
         assert camera is not None
-        self._seeing.ask(lambda: camera.end(frames), ANSWER_S, going=False)
+        self._camera_loop.ask(lambda: camera.end(frames), LOOP_ANSWER_S, going=False)
 
     def _end_devices(self) -> None:
         if self.force is not None:
             self.force.keeping = False
 
-    def _waits(self, wanted: FrameRequest) -> bool:
-        return wanted.at_stop
+    def _waits(self, request: FrameRequest) -> bool:
+        return request.at_stop
 
     def _until(self, t_ns: int) -> None:
-        """Let time pass; in a press ask the stage where it is every LOOK_NS. Raises the trouble."""
+        """Wait; in a press poll the pose every POSE_PERIOD_NS. Raises errors of threads."""
         while True:
             self.check()
             now_ns = self.now_ns()
             if now_ns >= t_ns:
                 return
-            due_ns = max(self.pose.looked_ns + LOOK_NS, now_ns)
+            due_ns = max(self.pose.asked_ns + POSE_PERIOD_NS, now_ns)
             if due_ns == now_ns:
-                self.pose.looked_ns = now_ns
+                self.pose.asked_ns = now_ns
                 if self.in_press:
                     self.pose.step()
                 if self._step is not None:
-                    self._tell(self._step)
+                    self._report(self._step)
                 continue
-            self._d.stage.listen(min((min(t_ns, due_ns) - now_ns) / 1e9, HEAR_S))
+            self._d.stage.listen(min((min(t_ns, due_ns) - now_ns) / 1e9, STAGE_POLL_S))
 
     def check(self) -> None:
-        """Raise the first failure of another thread, in words of the step under way."""
-        why = self._trouble
-        if why is None:
+        """Raise the first error of another thread, with the id of the present step."""
+        error = self._error
+        if error is None:
             return
-        where = f"{self._step.id}: " if self._step is not None else ""
-        if isinstance(why, DeltactFabError):
-            raise type(why)(f"{where}{why}") from why
-        raise RunFailed(f"{where}{type(why).__name__}: {why}") from why
+        prefix = f"{self._step.id}: " if self._step is not None else ""
+        if isinstance(error, DeltactFabError):
+            raise type(error)(f"{prefix}{error}") from error
+        raise RunFailed(f"{prefix}{type(error).__name__}: {error}") from error
 
-    def _fail(self, why: BaseException) -> None:
-        """From the thread that failed: stop the stage at once; who moves it finds the reason."""
+    def _fail(self, error: BaseException) -> None:
+        """Stop the stage at once, in the thread that failed; `check` raises the error."""
         with self._lock:
-            if self._trouble is None:
-                # Before anyone knows of it, or the byte would end the way up.
-                if not self._up:
+            if self._error is None:
+                # Before the error is visible, or the byte would end the lift.
+                if not self._ending:
                     self._d.stage.cancel()
-                self._trouble = why
+                self._error = error

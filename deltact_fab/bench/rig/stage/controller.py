@@ -1,9 +1,7 @@
-"""One GRBL controller as its host knows it: what went wrong, whether its position is known, and how
-it is brought to rest.
+"""State of one GRBL controller: faults, validity of its position, and how it is brought to rest.
 
-A fault stops the motion before it is told, see `Controller.exchange`. A move under way knows how
-much of it the controller has been told yet: a dead man, for whatever stops the host, the controller
-goes on for that and no further.
+A fault stops the motion before it is raised, see `Controller.exchange`. A move keeps track of the
+part already sent, which is the link-loss stop: if the host stops, the controller moves no further.
 """
 
 from __future__ import annotations
@@ -20,28 +18,30 @@ from deltact_fab.common import Point, StageError
 
 from ...protocols.motion import subtract_vectors
 from ..interface import Clock, StageState
-from .exchange import ALARMS, BANNER_S, RESET, Talk, TalkFault, explain, state_text
+from .exchange import ALARM_TEXTS, BANNER_S, SOFT_RESET, Talk, TalkFault, explain, state_text
 from .port import Cable, LinkLost, Port
 from .settings import Limits
 
-JOG_CANCEL, HOLD = b"\x85", b"!"
+JOG_CANCEL, FEED_HOLD = b"\x85", b"!"
+# By hand: longer times report a stuck stage later, shorter ones load the line.
 POLL_END_S = 0.02
-MARGIN_S = 2.0
-HELD = ("Hold", "Hold:0", "Door:0", "Check")  # at rest, and a reset ends it without any motion
-PLANNED_AHEAD_S = 0.17  # in the gel; with a piece on its way, whose answer is lost, 0.22
-AHEAD_CLEAR_S = 0.5  # where nothing is touched
-PIECE_S = 0.05  # of motion in a line, at the feed
-EXCUSED_S = 0.3  # after a host was late
-SHORTEST_MM = 2e-4  # of a line: places have four decimals
-FOLLOWED = 0.2  # of what it is behind, at each look
+STOP_MARGIN_S = 2.0
+HELD_STATES = ("Hold", "Hold:0", "Door:0", "Check")  # at rest: a reset ends them without motion
+# Decision 0073, figures on GRBL in docs/evidence/firmware.md; by hand: more overruns a lost link.
+PLANNED_AHEAD_S = 0.17  # in the gel; 0.22 with one more piece whose answer is lost
+AHEAD_CLEAR_S = 0.5  # clear of the face
+PIECE_S = 0.05  # of motion per line, at the feed
+HOST_LATE_S = 0.3  # for so long after a late host a delay is no fault
+MIN_PIECE_MM = 2e-4  # per line: positions have four decimals
+CLOCK_GAIN = 0.2  # of the delay, corrected at each status
 
 
 @dataclass(frozen=True)
 class Move:
-    """Machine places (mm), start (ns of the clock), planned time (s).
+    """A straight move: machine positions (mm), start (ns of the clock), planned time (s).
 
-    ahead_s: no more motion than that is sent before it is due; infinite: all of it at once.
-    sent_mm: of the way. late_ns: when a line was last sent so late that it braked.
+    ahead_s: motion sent before it is due; infinite: all at once. sent_mm: distance sent.
+    late_ns: time of the last line that came too late to prevent braking.
     """
 
     start_mm: Point
@@ -58,28 +58,28 @@ class Move:
         return (now_ns - self.start_ns) / 1e9
 
     @property
-    def whole(self) -> bool:
-        """Whether the controller knows all of it."""
+    def is_sent(self) -> bool:
+        """True if all of it was sent."""
         return self.sent_mm >= self._length_mm
 
     def due_mm(self, now_ns: int) -> float | None:
-        """How far along its way the next line leads, None while none is due."""
+        """Return the distance at the end of the next line, None while none is due."""
         since_s = self.since_s(now_ns)
-        due_mm = self._way_mm(since_s + self.ahead_s)
+        due_mm = self._distance_mm(since_s + self.ahead_s)
         if due_mm < self._length_mm:
-            early_mm = self._way_mm(since_s + self.ahead_s - PIECE_S)
-            if early_mm < self.sent_mm or due_mm < self.sent_mm + SHORTEST_MM:
+            early_mm = self._distance_mm(since_s + self.ahead_s - PIECE_S)
+            if early_mm < self.sent_mm or due_mm < self.sent_mm + MIN_PIECE_MM:
                 return None
-        return None if self.whole else due_mm
+        return None if self.is_sent else due_mm
 
     def first_mm(self) -> float:
-        return max(self._way_mm(self.ahead_s), SHORTEST_MM)
+        return max(self._distance_mm(self.ahead_s), MIN_PIECE_MM)
 
-    def place_mm(self, way_mm: float) -> Point:
-        """So far along it, as a line has it."""
-        if way_mm >= self._length_mm:
+    def point_at_mm(self, distance_mm: float) -> Point:
+        """Return the point at a distance along the line, rounded as in a command."""
+        if distance_mm >= self._length_mm:
             return self.target_mm
-        share = way_mm / self._length_mm
+        share = distance_mm / self._length_mm
         x, y, z = (
             round(a + share * (b - a), 4) + 0.0
             for a, b in zip(self.start_mm, self.target_mm, strict=True)
@@ -87,30 +87,30 @@ class Move:
         return (x, y, z)
 
     def runs_dry(self, now_ns: int, braking: bool = False) -> bool:
-        """Whether the controller is at the end of what it was told; or brakes before it."""
+        """True if the controller is at the end of the sent motion; braking: or brakes for it."""
         since_s, ahead_mm = self.since_s(now_ns), 0.0
         if braking:
             speed = min(self.feed_mm_min / 60, self.accel_mm_s2 * max(since_s, 0.0))
             ahead_mm = speed**2 / (2 * self.accel_mm_s2)
-        return not self.whole and self._way_mm(since_s) + ahead_mm > self.sent_mm
+        return not self.is_sent and self._distance_mm(since_s) + ahead_mm > self.sent_mm
 
-    def seen(self, state: StageState) -> Move:
-        """It, its plan moved towards where its controller was seen: their clocks may differ."""
-        if self.whole:
+    def retimed(self, state: StageState) -> Move:
+        """Re-time the move to the reported position, as host and controller clocks differ."""
+        if self.is_sent:
             return self
-        share = 1.0 if self._excused(state) else FOLLOWED
-        return replace(self, start_ns=self.start_ns + round(share * 1e9 * self._behind_s(state)))
+        share = 1.0 if self._host_was_late(state) else CLOCK_GAIN
+        return replace(self, start_ns=self.start_ns + round(share * 1e9 * self._delay_s(state)))
 
     def was_held(self, state: StageState, more_than_s: float) -> bool:
-        """Whether somebody else ended a jog of it, and it goes on from rest with the next one."""
-        if self.whole:
+        """True if a jog was ended from elsewhere and the next one would start from rest."""
+        if self.is_sent:
             return False
         dry = self.runs_dry(round(state.t_s * 1e9), braking=True)
-        behind_s = self._behind_s(state) - state.within_s
-        return behind_s > more_than_s and not dry and not self._excused(state)
+        behind_s = self._delay_s(state) - state.within_s
+        return behind_s > more_than_s and not dry and not self._host_was_late(state)
 
-    def again(self, from_mm: Point, now_ns: int, planned_s: float) -> Move:
-        """What is left of it, begun anew from rest."""
+    def remainder(self, from_mm: Point, now_ns: int, planned_s: float) -> Move:
+        """Return the remainder of the move, from rest."""
         return replace(
             self,
             start_mm=from_mm,
@@ -120,31 +120,32 @@ class Move:
             late_ns=now_ns,
         )
 
-    def _excused(self, state: StageState) -> bool:
-        """Whether it is behind because the host was late."""
-        return state.t_s - self.late_ns / 1e9 < EXCUSED_S + self.feed_mm_min / 60 / self.accel_mm_s2
+    def _host_was_late(self, state: StageState) -> bool:
+        """True if the delay is due to a late host."""
+        ramp_s = self.feed_mm_min / 60 / self.accel_mm_s2
+        return state.t_s - self.late_ns / 1e9 < HOST_LATE_S + ramp_s
 
-    def _behind_s(self, state: StageState) -> float:
-        gone = subtract_vectors(state.machine_mm, self.start_mm)
-        ahead = subtract_vectors(self.target_mm, self.start_mm)
-        gone_mm = sum(map(mul, gone, ahead)) / self._length_mm
-        planned_mm = self._way_mm(state.t_s - self.start_ns / 1e9)
-        return (planned_mm - gone_mm) / (self.feed_mm_min / 60)
+    def _delay_s(self, state: StageState) -> float:
+        travelled = subtract_vectors(state.machine_mm, self.start_mm)
+        path = subtract_vectors(self.target_mm, self.start_mm)
+        travelled_mm = sum(map(mul, travelled, path)) / self._length_mm
+        planned_mm = self._distance_mm(state.t_s - self.start_ns / 1e9)
+        return (planned_mm - travelled_mm) / (self.feed_mm_min / 60)
 
     @property
     def _length_mm(self) -> float:
         return math.dist(self.start_mm, self.target_mm)
 
-    def _way_mm(self, t_s: float) -> float:
-        """Of its planned way after so long, braking left out."""
+    def _distance_mm(self, t_s: float) -> float:
+        """Planned distance after t_s, without braking at the end."""
         if t_s <= 0:
             return 0.0
         if math.isinf(t_s):
             return self._length_mm
         speed = self.feed_mm_min / 60
         ramp_s = speed / self.accel_mm_s2
-        way_mm = self.accel_mm_s2 * t_s**2 / 2 if t_s < ramp_s else speed * (t_s - ramp_s / 2)
-        return min(way_mm, self._length_mm)
+        distance_mm = self.accel_mm_s2 * t_s**2 / 2 if t_s < ramp_s else speed * (t_s - ramp_s / 2)
+        return min(distance_mm, self._length_mm)
 
 
 class Controller:
@@ -157,28 +158,28 @@ class Controller:
         self.limits = Limits({})
         self.banner = ""
         self.at_mm: Point = (0.0, 0.0, 0.0)
-        """Machine coordinates, as last reported or reached."""
+        """Machine position, last reported or reached."""
         self.move: Move | None = None
-        """Under way, as far as is known."""
+        """The present move, as far as is known."""
         self.clear = False
-        """Nothing is touched on its way."""
+        """True if the move stays clear of the face."""
         self.waits = 0
-        """How often a move waited for the host, or an answer was lost where nothing is touched."""
+        """Number of waits for a late host, and of answers lost clear of the face."""
         self.homed = False
         self.homing = False
         self.cancelled = False
-        """Told to stop by whoever: the byte is written again where it came too early."""
+        """A stop was requested: the byte is repeated if it came too early."""
         self.stopping = False
-        """Told to stop by a fault, not seen at rest yet."""
+        """A fault sent a stop, and rest is not confirmed yet."""
         self.trouble = ""
-        """Why its position is in doubt."""
+        """Reason why the position is in doubt."""
         self.reset_due = False
-        """Before the next homing."""
+        """A reset is needed before the next homing."""
         self.clock = clock
         self._lock = threading.RLock()  # of one exchange
 
-    def forget(self) -> None:
-        """What was known of position and faults: before connecting and homing."""
+    def clear_state(self) -> None:
+        """Clear position and faults, before connecting and homing."""
         self.homed = self.homing = self.stopping = self.reset_due = False
         self.trouble, self.move = "", None
 
@@ -186,78 +187,78 @@ class Controller:
 
     @contextmanager
     def exchange(self) -> Iterator[None]:
-        """Of one thread at a time; what goes wrong in it stops the motion, then is a StageError.
+        """Lock the controller for one exchange; a fault in it stops the motion, then StageError.
 
-        Every talk with the controller goes on within one.
+        All communication takes place within one.
         """
         with self._lock:
             try:
                 yield
             except TalkFault as fault:
-                if fault.lost:
-                    self.lose(fault.why)
-                self._raise(fault.why, fault)
-            except LinkLost as lost:
+                if fault.position_lost:
+                    self.lose_position(fault.reason)
+                self._raise(fault.reason, fault)
+            except LinkLost as error:
                 if not self.port.is_open:
-                    self._raise(self.trouble or str(lost), lost)
+                    self._raise(self.trouble or str(error), error)
                 halted = self.halt()
                 self.port.close()
-                self.lose(f"{lost}{halted}")
-                self._raise(f"{lost}{halted}", lost)
+                self.lose_position(f"{error}{halted}")
+                self._raise(f"{error}{halted}", error)
 
-    def _raise(self, why: str, cause: Exception) -> NoReturn:
-        raise StageError(f"{self.url}: {why}{self.halt()}") from cause
+    def _raise(self, reason: str, cause: Exception) -> NoReturn:
+        raise StageError(f"{self.url}: {reason}{self.halt()}") from cause
 
-    def lose(self, why: str) -> None:
-        """The position is in doubt. The first reason is kept: silence after an alarm is no news."""
-        self.trouble = self.trouble or why
+    def lose_position(self, reason: str) -> None:
+        """Mark the position as lost. The first reason is kept, as it causes later ones."""
+        self.trouble = self.trouble or reason
         self.homed, self.reset_due = False, True
 
     def status(self) -> StageState:
-        """Where it is and what it does. Raises TalkFault; what moves is stopped in a silence."""
+        """Query position and state. Raises TalkFault; silence stops the motion."""
         return self.talk.status(self.halt)
 
     def require_position(self, state: StageState) -> None:
-        """Raise Fault for a state in which there is none."""
+        """Raise TalkFault for a state without a valid position."""
         if state.state.partition(":")[0] in ("Alarm", "Sleep"):
             raise TalkFault(
                 f"the controller is in {state_text(state.state)}: its position is lost, home again",
-                lost=True,
+                position_lost=True,
             )
 
     def require_ready(self) -> None:
-        """Raise Fault unless it is homed and nothing has gone wrong since."""
+        """Raise TalkFault unless it is homed and without a fault since."""
         if self.trouble:
             raise TalkFault(f"no motion after a fault ({self.trouble})")
         if not self.port.is_open:
             raise TalkFault("not connected")
         if not self.homed:
-            raise TalkFault("its position is not known: home first")
+            raise TalkFault("the position is unknown: home first")
 
     # ---- bringing it to rest ------------------------------------------------------------------
 
-    def meet(self) -> None:
-        """Hear the banner of a controller that restarts on opening, or rouse one that does not."""
-        heard = self.talk.banner()
-        self.banner = heard[0] if heard else ""
-        seen = None if heard else self.talk.look()
-        state = "" if seen is None else seen.state
-        if not heard and state.partition(":")[0] in ("", "Sleep"):
-            if not (heard := self.talk.greet()):
+    def wake(self) -> None:
+        """Read the banner of a controller that restarts on opening; wake any other."""
+        lines = self.talk.banner()
+        self.banner = lines[0] if lines else ""
+        report = None if lines else self.talk.peek_status()
+        state = "" if report is None else report.state
+        if not lines and state.partition(":")[0] in ("", "Sleep"):
+            if not (lines := self.talk.reset()):
                 raise TalkFault(
                     f"no banner within {BANNER_S:g} s and no answer to '?' at {self.port.baud} "
-                    "baud, nor to a reset (0x18); expected a GRBL 1.1 controller"
+                    "baud, nor to a reset (0x18); is it a GRBL 1.1 controller?"
                 )
-            self.banner = heard[0]
+            self.banner = lines[0]
         if state.partition(":")[0] not in ("", "Sleep", "Idle", "Alarm"):
             self.rest(alarmed=True)
 
     def rest(self, *, alarmed: bool = False) -> StageState:
-        """Bring it to Idle by braking only; what waits in Hold or behind a door is forgotten.
+        """Bring it to Idle by braking only; motion waiting in Hold or Door is discarded.
 
-        alarmed: an Alarm will do.
+        alarmed: accept Alarm as well.
         """
-        deadline = self.port.deadline_ns(self.limits.braking_s() + MARGIN_S)
+        deadline = self.port.deadline_ns(self.limits.braking_s() + STOP_MARGIN_S)
         while True:
             state = self.status()
             name = state.state.partition(":")[0]
@@ -267,7 +268,7 @@ class Controller:
             self.require_position(state)
             if self.port.now_ns() > deadline:
                 raise TalkFault(f"still {state.state} at {in_mm(state.machine_mm)} after a stop")
-            if state.state in HELD:
+            if state.state in HELD_STATES:
                 self._release(state)
                 continue
             if state.state == "Door:1":
@@ -275,14 +276,14 @@ class Controller:
             if name not in ("Jog", "Run", "Hold", "Door"):
                 raise TalkFault(f"the controller is in {state_text(state.state)}; reset it first")
             self.clock.sleep_s(POLL_END_S)
-            if name in ("Jog", "Run"):  # the first byte came to nothing if the jog had not begun
-                self.port.write(JOG_CANCEL if name == "Jog" else HOLD)
+            if name in ("Jog", "Run"):  # the first byte is ignored before the jog has begun
+                self.port.write(JOG_CANCEL if name == "Jog" else FEED_HOLD)
 
     def idle_again(self, limit_s: float) -> StageState | None:
-        """After a fault: at rest, told to brake where it is not; None where it does not come to."""
+        """Wait for rest after a fault, sending stops; None if it does not come to rest."""
         deadline = self.port.deadline_ns(limit_s)
         while self.port.is_open and self.port.now_ns() < deadline:
-            state = self.talk.look()
+            state = self.talk.peek_status()
             name = "" if state is None else state.state.partition(":")[0]
             if state is not None and name == "Idle":
                 self.move, self.stopping = None, False
@@ -290,43 +291,44 @@ class Controller:
             if name not in ("", "Jog", "Run"):
                 return None
             if name:
-                self.port.write(JOG_CANCEL if name == "Jog" else HOLD)
+                self.port.write(JOG_CANCEL if name == "Jog" else FEED_HOLD)
                 self.clock.sleep_s(POLL_END_S)
         return None
 
-    def _release(self, before: StageState) -> None:
-        """End Hold, or Door with the door closed, by a reset: at rest that keeps the position."""
+    def _release(self, held_state: StageState) -> None:
+        """End Hold, or Door with the door closed, by a reset, which keeps the position at rest."""
         reset_due = self.reset_due
-        for text in self.greet():
+        for text in self.reset():
             if text.startswith("ALARM:"):
-                raise TalkFault(f"{explain(text, ALARMS)}; home again", lost=True)
+                raise TalkFault(f"{explain(text, ALARM_TEXTS)}; home again", position_lost=True)
         self.reset_due = reset_due
         if self.homed:
-            after = self.status()
-            kept = self.limits.same_place(before.machine_mm, after.machine_mm)
-            if not kept or after.state.startswith("Alarm"):
-                raise TalkFault(f"its position was lost as {before.state} was ended", lost=True)
+            new_state = self.status()
+            unmoved = self.limits.same_place(held_state.machine_mm, new_state.machine_mm)
+            if not unmoved or new_state.state.startswith("Alarm"):
+                text = f"the position was lost when {held_state.state} was ended"
+                raise TalkFault(text, position_lost=True)
 
-    def greet(self) -> list[str]:
-        """Reset it and hear what it says, the banner first. Raises TalkFault when none comes."""
-        heard = self.talk.greet()
-        if not heard:
-            raise TalkFault("no banner after a reset (0x18)", lost=True)
-        self.banner, self.reset_due = heard[0], False
-        return heard
+    def reset(self) -> list[str]:
+        """Reset it; return its lines, the banner first. Raises TalkFault without a banner."""
+        lines = self.talk.reset()
+        if not lines:
+            raise TalkFault("no banner after a reset (0x18)", position_lost=True)
+        self.banner, self.reset_due = lines[0], False
+        return lines
 
     def halt(self) -> str:
-        """Write the byte that ends what may be moving; say what came of it, "" if nothing was."""
+        """Write the byte that ends any motion; return the outcome, "" if there was none."""
         move, homing = self.move, self.homing
         if move is None and not homing:
             return ""
         self.stopping, self.reset_due = True, self.reset_due or homing
-        what = "homing" if move is None else f"the move to {in_mm(move.target_mm)}"
-        reached = self.port.reach(RESET if homing else JOG_CANCEL)
+        motion = "homing" if move is None else f"the move to {in_mm(move.target_mm)}"
+        reached = self.port.write_stop(SOFT_RESET if homing else JOG_CANCEL)
         self.move, self.homing = None, False
-        return f"; {what} {'was told to stop' if reached else 'goes on'}"
+        return f"; {motion} {'was told to stop' if reached else 'goes on'}"
 
 
 def in_mm(p: Point) -> str:
-    """A place in a message."""
+    """Format a position for a message."""
     return f"({p[0]:.3f}, {p[1]:.3f}, {p[2]:.3f}) mm"

@@ -1,7 +1,7 @@
-"""What is said to a GRBL controller and heard from it: one line outstanding, every line answered;
-errors, alarms and states in plain words.
+"""Serial protocol of a GRBL controller: one line outstanding, every line answered; texts of its
+errors, alarms and states.
 
-Nothing here knows of moves. What a host must react to is a `TalkFault`.
+Independent of moves. Events that the host must react to are raised as `TalkFault`.
 """
 
 from __future__ import annotations
@@ -10,16 +10,17 @@ import re
 from collections.abc import Callable
 
 from ..interface import StageState
-from .port import SLICE_S, Port
+from .port import READ_SLICE_S, Port
 
-RESET = b"\x18"
-RESET_S = 1.0  # to the banner after a reset; half a second of that is for the message of an alarm
-QUIET_S = 0.2  # nothing said for so long: nothing more is to come
+SOFT_RESET = b"\x18"
+# By hand: longer waits find a dead controller later, shorter ones blame a slow one.
+RESET_BANNER_S = 1.0  # from a reset to the banner, half a second of it for the message of an alarm
+LINE_QUIET_S = 0.2  # without a line: the answer is complete
 BANNER_S = 2.5  # an Arduino's boot loader takes up to 2 s
-ANSWER_S = 1.0
-STATUS_S = 0.5  # a `?` is answered within milliseconds
-LISTEN_S = 2.0  # after silence: time for a restarting controller to say so
-ERRORS = {
+LINE_ANSWER_S = 1.0
+STATUS_S = 0.5  # `?` is answered within milliseconds
+LISTEN_S = 2.0  # after silence: for the banner of a restart
+ERROR_TEXTS = {
     1: "a letter is missing",
     2: "bad number",
     3: "unknown $ command",
@@ -41,7 +42,7 @@ ERRORS = {
     22: "no feed rate",
 }
 # 1 to 9 of GRBL 1.1, the rest of grblHAL.
-ALARMS = {
+ALARM_TEXTS = {
     1: "hard limit: a switch was hit",
     2: "soft limit: a move would leave the travel",
     3: "reset while moving: steps may be lost",
@@ -61,7 +62,7 @@ ALARMS = {
     17: "a motor driver reports a fault",
     18: "homing failed: axis position unknown",
 }
-STATES = {
+STATE_TEXTS = {
     "Hold": "feed hold",
     "Door": "safety door",
     "Door:0": "safety door, closed again",
@@ -72,93 +73,95 @@ STATES = {
     "Tool": "waiting for a tool change",
     "Sleep": "asleep: only a reset wakes it",
 }
-_NUMBER = r"(-?\d+(?:\.\d*)?)"
-BANNER = re.compile(r"Grbl(?:HAL)? (\d+)\.(\d+)\S*", re.IGNORECASE)
-SETTING = re.compile(rf"\$(\d+)={_NUMBER}")
-STATUS = re.compile(rf"<([A-Za-z]+(?::\d+)?)\|(M|W)Pos:{_NUMBER},{_NUMBER},{_NUMBER}(?:\|[^<>]*)?>")
-OPTIONS = re.compile(r"\[OPT:([^,\]]*)")
+DECIMAL_PATTERN = r"(-?\d+(?:\.\d*)?)"
+BANNER_PATTERN = re.compile(r"Grbl(?:HAL)? (\d+)\.(\d+)\S*", re.IGNORECASE)
+SETTING_PATTERN = re.compile(rf"\$(\d+)={DECIMAL_PATTERN}")
+STATUS_PATTERN = re.compile(
+    rf"<([A-Za-z]+(?::\d+)?)\|(M|W)Pos:{','.join([DECIMAL_PATTERN] * 3)}(?:\|[^<>]*)?>"
+)
+OPTIONS_PATTERN = re.compile(r"\[OPT:([^,\]]*)")
 
 
 class TalkFault(Exception):
-    """What goes wrong in a talk. lost: it leaves the position in doubt."""
+    """A fault in the communication. position_lost: the position is in doubt."""
 
-    def __init__(self, why: str, *, lost: bool = False) -> None:
-        super().__init__(why)
-        self.why = why
-        self.lost = lost
+    def __init__(self, reason: str, *, position_lost: bool = False) -> None:
+        super().__init__(reason)
+        self.reason = reason
+        self.position_lost = position_lost
 
 
 class NoAnswer(TalkFault):
-    """A line was sent and neither its ok nor an error came back in time."""
+    """A line was not answered in time by ok or an error."""
 
 
 class Talk:
-    """Commands, questions and greetings over one port. Raises TalkFault, and LinkLost of the port.
+    """Commands and queries over one port. Raises TalkFault, and LinkLost of the port.
 
-    posted: the line whose answer is heard whenever it comes, and when it was sent (ns).
+    posted: the line whose answer is pending, and when it was sent (ns).
     """
 
     def __init__(self, port: Port) -> None:
         self._port = port
         self.posted: tuple[str, int] | None = None
-        self._swift = False  # answers were faster than the baud rate: USB all the way
+        self._beats_baud = False  # answers faster than the baud rate: native USB
 
     def banner(self, limit_s: float = BANNER_S) -> list[str]:
-        """Wait for a banner: it and what was said with it, the banner first; [] if none comes.
+        """Wait for a banner; return it, lines before it and lines after it; [] if none comes.
 
-        Whatever a first boot prints before it follows it here.
+        The lines before it are printed by the first boot.
         """
         deadline = self._port.deadline_ns(limit_s)
-        before: list[str] = []
+        boot_lines: list[str] = []
         while (text := self._port.line(deadline)) is not None:
-            if found := BANNER.search(text):
-                return [text[found.start() :], *before, *self._rest()]
-            before.append(text)
+            if match := BANNER_PATTERN.search(text):
+                return [text[match.start() :], *boot_lines, *self._read_until_quiet()]
+            boot_lines.append(text)
         return []
 
-    def greet(self) -> list[str]:
-        """Reset (0x18), and hear the banner and all that comes with it; [] if none comes."""
+    def reset(self) -> list[str]:
+        """Reset (0x18); return the banner and further lines; [] without a banner."""
         self.posted = None
-        # Within half a second of an alarm a reset is not heard; the banner of one that came before
-        # may still be under way. Neither is worth a word.
-        for limit_s in (RESET_S, LISTEN_S):
-            self._port.write(RESET)
-            if heard := self.banner(limit_s):
-                return heard
+        # Within half a second of an alarm a reset is ignored, and the banner of an earlier one
+        # may still be arriving: neither is an error.
+        for limit_s in (RESET_BANNER_S, LISTEN_S):
+            self._port.write(SOFT_RESET)
+            if lines := self.banner(limit_s):
+                return lines
         return []
 
-    def look(self) -> StageState | None:
-        """What it is doing, None when it does not answer. Nothing else that it says is heeded."""
+    def peek_status(self) -> StageState | None:
+        """Query the state, None without an answer. Other lines are ignored."""
         self._port.write(b"?")
-        deadline = self._port.deadline_ns(ANSWER_S)
+        deadline = self._port.deadline_ns(LINE_ANSWER_S)
         while (text := self._port.line(deadline)) is not None:
-            if found := STATUS.search(text):
-                at_mm = float(found[3]), float(found[4]), float(found[5])
-                return StageState(at_mm, found[1], self._port.now_ns() / 1e9)
+            if match := STATUS_PATTERN.search(text):
+                at_mm = float(match[3]), float(match[4]), float(match[5])
+                return StageState(at_mm, match[1], self._port.now_ns() / 1e9)
         return None
 
     def post(self, line: str) -> None:
-        """Send a line without waiting; none is posted yet. What listens hears its answer."""
+        """Send a line without waiting for its answer; requires that none is posted."""
         self.posted = line, self._port.now_ns()
         self._port.write(line.encode("ascii") + b"\n")
 
     def settle(self, limit_s: float) -> bool:
-        """Hear the answer to what was posted; False where none comes within limit_s."""
+        """Wait for the answer to the posted line; False if none comes within limit_s."""
         deadline = self._port.deadline_ns(limit_s)
         while self.posted is not None and (text := self._port.line(deadline)) is not None:
-            self._heed(text)
+            self._handle_line(text)
         return self.posted is None
 
     def forget_posted(self) -> None:
-        """Whatever is still under way of it is no answer to anything."""
+        """Discard the posted line and lines still arriving."""
         self.posted = None
-        for text in self._rest():
-            _watch(text)
+        for text in self._read_until_quiet():
+            _raise_for_event(text)
 
-    def command(self, line: str, limit_s: float = ANSWER_S) -> list[str]:
-        """Send a line, wait for its ok, return what came before it.
+    def command(self, line: str, limit_s: float = LINE_ANSWER_S) -> list[str]:
+        """Send a line, wait for its ok, return the lines before it.
 
-        Raises NoAnswer, and the line stays posted: its answer may come later.
+        Raises NoAnswer; the line stays posted, as its answer may come later.
         """
         self.drain()
         if not self.settle(limit_s):
@@ -168,24 +171,25 @@ class Talk:
         deadline = self._port.deadline_ns(limit_s)
         data: list[str] = []
         while (text := self._port.line(deadline)) is not None:
-            self._heed(text)
+            self._handle_line(text)
             if self.posted is None:
-                length = sum(len(said) + len("\r\n") for said in data)
-                self._swift |= self._port.now_ns() - sent_ns < self._port.on_wire_ns(length)
+                length = sum(len(answer) + len("\r\n") for answer in data)
+                took_ns = self._port.now_ns() - sent_ns
+                self._beats_baud |= took_ns < self._port.on_wire_ns(length)
                 return data
             data.append(text)
-        raise NoAnswer(f"no answer to {line} within {limit_s:.1f} s", lost=True)
+        raise NoAnswer(f"no answer to {line} within {limit_s:.1f} s", position_lost=True)
 
     def status(self, on_silence: Callable[[], str]) -> StageState:
-        """One status report.
+        """Request one status report.
 
-        Silence is borne once. After the second time on_silence is called, to stop what moves; it
-        says what came of it. Then a restarting controller gets its say.
+        After a second unanswered request on_silence is called to stop the motion and returns the
+        outcome as text. Then the banner of a restart is waited for.
         """
         port = self._port
         self.drain()
         stopped = ""
-        # Of the first question: what comes after a second one may still answer that.
+        # Time of the first request: the answer after a second one may still belong to it.
         asked_ns = port.now_ns() + port.on_wire_ns(1)
         for limit_s in (STATUS_S, STATUS_S, LISTEN_S):
             if limit_s == LISTEN_S:
@@ -193,78 +197,77 @@ class Talk:
             port.write(b"?")
             deadline = port.deadline_ns(limit_s)
             while (text := port.line(deadline)) is not None:
-                found = STATUS.search(text)
-                if found is None:
-                    self._heed(text)
-                elif found[2] == "W":
+                match = STATUS_PATTERN.search(text)
+                if match is None:
+                    self._handle_line(text)
+                elif match[2] == "W":
                     raise TalkFault("status reports give the work position; set $10=1 or $10=3")
                 elif not stopped:
-                    t_s, within_s = self._true_at(asked_ns, len(text) + len("\r\n"))
-                    at_mm = float(found[3]), float(found[4]), float(found[5])
-                    return StageState(at_mm, found[1], t_s, within_s)
-        raise TalkFault(f"no answer to '?' within {2 * STATUS_S:g} s{stopped}", lost=True)
+                    t_s, within_s = self._position_time(asked_ns, len(text) + len("\r\n"))
+                    at_mm = float(match[3]), float(match[4]), float(match[5])
+                    return StageState(at_mm, match[1], t_s, within_s)
+        raise TalkFault(f"no answer to '?' within {2 * STATUS_S:g} s{stopped}", position_lost=True)
 
-    def overhear(self) -> None:
-        """What has come in whole lines, without any wait."""
-        for text in self._port.heard():
-            self._heed(text)
+    def handle_received(self) -> None:
+        """Handle the complete lines received so far, without waiting."""
+        for text in self._port.received_lines():
+            self._handle_line(text)
 
     def drain(self) -> None:
-        """Hear what has come since the last exchange, so that it is not taken for an answer."""
+        """Handle lines since the last exchange, so that they are not taken for an answer."""
         while self._port.waiting:
-            text = self._port.line(self._port.deadline_ns(SLICE_S))
+            text = self._port.line(self._port.deadline_ns(READ_SLICE_S))
             if text is not None:
-                self._heed(text)
+                self._handle_line(text)
 
-    def _heed(self, text: str) -> None:
-        """The answer to what was posted; all else is watched."""
+    def _handle_line(self, text: str) -> None:
+        """Handle the answer to the posted line; raise for alarms and restarts."""
         if self.posted is not None and (text == "ok" or text.startswith("error:")):
             (line, _), self.posted = self.posted, None
             if text != "ok":
-                raise TalkFault(f"{line} was refused: {explain(text, ERRORS)}")
-        _watch(text)
+                raise TalkFault(f"{line} was refused: {explain(text, ERROR_TEXTS)}")
+        _raise_for_event(text)
 
-    def _rest(self) -> list[str]:
-        heard = []
-        while (text := self._port.line(self._port.deadline_ns(QUIET_S))) is not None:
-            heard.append(text)
-        return heard
+    def _read_until_quiet(self) -> list[str]:
+        lines = []
+        while (text := self._port.line(self._port.deadline_ns(LINE_QUIET_S))) is not None:
+            lines.append(text)
+        return lines
 
-    def _true_at(self, asked_ns: int, n: int) -> tuple[float, float]:
-        """When the position in an answer of n bytes that is complete now was true; give or take.
+    def _position_time(self, asked_ns: int, n: int) -> tuple[float, float]:
+        """Time (s) of the position in an answer of n bytes complete now, and its uncertainty.
 
-        It was read between the question and the answer's first byte. That one is as old as the
-        answer is long, unless the link was ever seen to be faster than its baud rate.
+        It was read between the request and the answer's first byte, which is older than now by
+        the time on the wire, unless the link was ever faster than its baud rate.
         """
         answered_ns = self._port.now_ns()
         begun_ns = answered_ns - self._port.on_wire_ns(n)
-        self._swift |= begun_ns < asked_ns
-        if self._swift:
+        self._beats_baud |= begun_ns < asked_ns
+        if self._beats_baud:
             begun_ns = max(answered_ns, asked_ns)
         return (asked_ns + begun_ns) / 2e9, (begun_ns - asked_ns) / 2e9
 
 
-def _watch(text: str) -> None:
-    """Raise for what nobody asked to hear: an alarm, or the banner of a restart."""
+def _raise_for_event(text: str) -> None:
+    """Raise TalkFault for an alarm or the banner of a restart."""
     if text.startswith("ALARM:"):
-        raise TalkFault(f"{explain(text, ALARMS)}; home again", lost=True)
-    if found := BANNER.search(text):
-        raise TalkFault(
-            f"the controller restarted ({found[0]}): its position is lost, home again", lost=True
-        )
+        raise TalkFault(f"{explain(text, ALARM_TEXTS)}; home again", position_lost=True)
+    if match := BANNER_PATTERN.search(text):
+        text = f"the controller restarted ({match[0]}): its position is lost, home again"
+        raise TalkFault(text, position_lost=True)
 
 
 def explain(text: str, meanings: dict[int, str]) -> str:
-    """`error:9` or `ALARM:2`, with its meaning where it is known."""
+    """Return `error:9` or `ALARM:2` with its meaning if known."""
     number = text.partition(":")[2]
-    known = meanings.get(int(number)) if number.isdigit() else None
-    return f"{text} ({known})" if known else text
+    meaning = meanings.get(int(number)) if number.isdigit() else None
+    return f"{text} ({meaning})" if meaning else text
 
 
 def state_text(state: str) -> str:
-    """`Door:1 (the safety door is open)`; an alarm's number in its words."""
+    """Return `Door:1 (the safety door is open)`; alarms with their meaning."""
     name, _, number = state.partition(":")
-    if name == "Alarm" and number.isdigit() and int(number) in ALARMS:
-        return f"{state} ({ALARMS[int(number)]})"
-    known = STATES.get(state) or STATES.get(name)
-    return f"{state} ({known})" if known else state
+    if name == "Alarm" and number.isdigit() and int(number) in ALARM_TEXTS:
+        return f"{state} ({ALARM_TEXTS[int(number)]})"
+    meaning = STATE_TEXTS.get(state) or STATE_TEXTS.get(name)
+    return f"{state} ({meaning})" if meaning else state

@@ -2,27 +2,27 @@
 
 One line is outstanding at a time and every line is answered before the next. Moves are jogs in
 machine coordinates: a jog outside of the travel is refused without an alarm, and one byte (0x85)
-stops it cleanly. The end of a move is read from the controller (`?` until Idle at the target), for
-an `ok` only says that a line was understood.
+stops it cleanly. The end of a move is polled (`?` until Idle at the target), since an `ok` only
+confirms the line.
 
-A StageError leaves nothing moving, as far as a byte can still reach the controller: before it is
-raised the stop byte goes out, 0x85 in a move and 0x18 while homing. After an alarm, a restart of
-the controller or silence motion commands are refused until `home` succeeds, which begins with a
-reset (0x18) then; `$X` is never sent. Hold and the safety door keep the position: a reset at rest
-ends them, never `~`, which would go on with what nobody asks for any more. A cable that is out
-carries no byte: the tip goes on for what the controller was told (`jogs`).
+Before a StageError is raised the stop byte is sent, 0x85 in a move and 0x18 while homing, so that
+nothing moves if the controller can still be reached. After an alarm, a restart of the controller or
+silence motion commands are refused until `home` succeeds, which then begins with a reset (0x18);
+`$X` is never sent. Hold and the safety door keep the position: a reset at rest ends them, never
+`~`, which would resume obsolete motion. If the cable is pulled no byte can be sent: the controller
+finishes the motion already sent (`jogs`).
 
 This is no emergency stop.
 
-One thread drives the stage; another may ask where it is; `stop`, `cancel` and `abort` may come from
-any, and only write then.
+One thread drives the stage; another may request the position; `stop`, `cancel` and `abort` may be
+called from any thread, and then only write.
 """
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 from deltact_fab.common import Check, Point, to_ns
 from deltact_fab.sensor import StageFrame
@@ -31,24 +31,24 @@ from ...protocols.motion import StageConfig
 from ..interface import Clock, StageState
 from . import jogs
 from .controller import JOG_CANCEL, PIECE_S, PLANNED_AHEAD_S, Controller
-from .exchange import BANNER, RESET, SETTING, TalkFault, state_text
+from .exchange import BANNER_PATTERN, SETTING_PATTERN, SOFT_RESET, TalkFault, state_text
 from .port import Cable
-from .settings import Limits, judge, refusal
+from .settings import Limits, check_settings, first_failure
 
-RESCUE_S = 10.0  # so long after a fault a controller may answer again
-CLEAR_MM = 1.0  # over the face, where the gel is expected: nothing is touched
+RESCUE_S = 10.0  # wait for an answer after a fault; decision 0073
+FACE_CLEARANCE_MM = 1.0  # above the expected face a move is clear; decision 0073
 
 
 class GrblStage:
     """A `Stage` on a GRBL 1.1 or grblHAL controller.
 
-    url: a serial device, a pyserial URL or a cable. frame: sensor to machine frame. config: what
-    `connect` judges the controller's settings by. Machine coordinates are 0 at the positive end of
-    each axis and negative below.
+    url: a serial device, a pyserial URL or a cable. frame: sensor to machine frame. config: limits
+    against which `connect` checks the controller's settings. Machine coordinates are 0 at the
+    positive end of each axis and negative below.
     """
 
     planned_ahead_s: ClassVar = PLANNED_AHEAD_S + PIECE_S
-    """Motion that a controller may have been sent and not made, s."""
+    """Longest motion sent but not yet made, s."""
 
     def __init__(
         self,
@@ -64,58 +64,58 @@ class GrblStage:
         self.frame = frame
         self._config = config
         self._c = Controller(url, clock, baud)
-        self._driver = threading.current_thread()  # who moves it
+        self._driver = threading.current_thread()  # the thread that moves it
         self._unfit = "not connected: connect before homing"
         self._info: list[str] = []
-        self._within_s = 0.0  # a position's time was off by at most so much
+        self._within_s = 0.0  # largest uncertainty of a position's time
         self.whole_moves = False
-        """The controller is told all of a move at once: where no host can die or be late."""
-        self.judged: list[Check] = []
-        """What `connect` found wrong with the controller's settings."""
+        """True: moves are sent at once, for hosts that cannot die or be late (virtual time)."""
+        self.setting_checks: list[Check] = []
+        """Findings of `connect` about the controller's settings."""
 
     @classmethod
-    def of(cls, config: StageConfig, clock: Clock, url: str | Cable | None = None) -> GrblStage:
-        """The stage of a rig file, its port not yet open; url: in place of the file's port."""
-        where = url if url is not None else config.port
-        assert where is not None, "the configuration has a port"
-        return cls(where, clock, config.frame, baud=config.baud, config=config)
+    def from_config(cls, config: StageConfig, clock: Clock, url: str | Cable | None = None) -> Self:
+        """Create the stage of a rig file, port closed; url: replaces the file's port."""
+        port = url if url is not None else config.port
+        assert port is not None, "the configuration has a port"
+        return cls(port, clock, config.frame, baud=config.baud, config=config)
 
     # ---- the Stage interface ------------------------------------------------------------------
 
     def connect(self) -> None:
         """Open the port, wait for the controller, read and judge its settings.
 
-        Nothing moves; what somebody else began is brought to rest. A controller that does not
-        restart on opening is asked for its status instead. It is reset only where it hears nothing
-        else (asleep, locked by ALARM:1 or 2) or waits in Hold or behind a door that was closed.
-        Raises InputError for an unknown kind of URL, StageError for all else.
+        Nothing moves, and motion in progress is stopped. A controller that does not restart on
+        opening is asked for its status instead. It is reset only if it accepts nothing else
+        (asleep, locked by ALARM:1 or 2) or waits in Hold or behind a door that was closed. Raises
+        InputError for an unknown kind of URL, StageError otherwise.
         """
         self.close()
         self._driver = threading.current_thread()
         with self._c.exchange():
             self._c.port.open()
-            self._c.forget()
+            self._c.clear_state()
             self._unfit = "not connected: connect before homing"
-            self._c.meet()
-            version = BANNER.search(self._c.banner)
+            self._c.wake()
+            version = BANNER_PATTERN.search(self._c.banner)
             if version is not None and (int(version[1]), int(version[2])) < (1, 1):
                 raise TalkFault(f"found {version[0]!r}; jogging needs GRBL 1.1 or later")
             self._info = [d for d in self._c.talk.command("$I") if d.startswith("[")]
-            found = (SETTING.match(d) for d in self._c.talk.command("$$"))
-            settings = {int(m[1]): float(m[2]) for m in found if m}
+            matches = (SETTING_PATTERN.match(d) for d in self._c.talk.command("$$"))
+            settings = {int(m[1]): float(m[2]) for m in matches if m}
             self._c.limits = Limits(
                 settings, None if self._config is None else self._config.travel_mm
             )
-            self.judged = judge(settings, self._info, self._config)
+            self.setting_checks = check_settings(settings, self._info, self._config)
             self._unfit = "its settings were refused: set them right and connect again"
-            if why := refusal(self.judged):
-                raise TalkFault(why)
+            if reason := first_failure(self.setting_checks):
+                raise TalkFault(reason)
             self._unfit = ""
 
     def home(self) -> None:
-        """Run the homing cycle, after a fault behind a reset; positions are known afterwards.
+        """Run the homing cycle, after a reset if there was a fault; makes positions known.
 
-        Raises StageError; with nothing sent when `connect` refused the controller.
+        Raises StageError; with nothing sent if `connect` refused the controller.
         """
         self._driver = threading.current_thread()
         self._c.cancelled = False
@@ -124,7 +124,7 @@ class GrblStage:
                 raise TalkFault(self._c.trouble or self._unfit)
             if self._c.reset_due:
                 self.reset()
-            self._c.forget()
+            self._c.clear_state()
             self._c.rest(alarmed=True)
             self._c.homing = True
             if self._c.cancelled:
@@ -138,8 +138,8 @@ class GrblStage:
             self._c.homed = True
 
     def start_move(self, target_mm: Point, feed_mm_min: float) -> float:
-        """As Stage. Raises InputError, with nothing sent, for a target outside of the travel or a
-        feed above one of its axes' limits; StageError when the stage is not fit to move.
+        """Send one move, see Stage. Raises InputError, with nothing sent, for a target outside of
+        the travel or a feed above the limit of an axis; StageError if the stage is not ready.
         """
         self._driver = threading.current_thread()
         self._c.cancelled = False
@@ -151,26 +151,26 @@ class GrblStage:
                 self.stop()
             machine_mm = self.frame.to_machine_mm(target_mm)
             low_mm = min(self.frame.to_sensor_mm(self._c.at_mm)[2], target_mm[2])
-            clear = low_mm > CLEAR_MM
-            return jogs.begin(self._c, machine_mm, feed_mm_min, clear, self.whole_moves)
+            clear = low_mm > FACE_CLEARANCE_MM
+            return jogs.start_move(self._c, machine_mm, feed_mm_min, clear, self.whole_moves)
 
     def wait(self) -> StageState:
-        """As Stage. A move that stops short or takes much longer than planned has failed."""
+        """Wait for the target, see Stage; a move that stops short or takes too long fails."""
         self._driver = threading.current_thread()
         with self._c.exchange():
             self._c.require_ready()
             if self._c.move is None and self._c.stopping:
-                raise TalkFault("the last move was told to stop")
-        return jogs.follow(self._c)
+                raise TalkFault("the last move was stopped")
+        return jogs.wait_for_target(self._c)
 
     def listen(self, seconds: float) -> None:
         jogs.listen(self._c, seconds)
 
     def position_mm(self) -> Point:
-        return self.located()[1]
+        return self.timed_position()[1]
 
-    def located(self) -> tuple[int, Point]:
-        """As Stage; `identity` has how far off the time was at worst."""
+    def timed_position(self) -> tuple[int, Point]:
+        """Request time and position, see Stage; `identity` has the worst uncertainty."""
         with self._c.exchange():
             self._c.require_ready()
             state = jogs.poll(self._c)
@@ -180,10 +180,10 @@ class GrblStage:
     def stop(self) -> None:
         """Halt motion with the controller's own deceleration and wait for Idle.
 
-        The position is kept and the next move may start, unless it was homing, which only a reset
-        ends. Hold and a door that was closed again are left behind. From another thread than the
-        one that drives the stage the byte is written and no more: that one hears what comes of it.
-        Raises StageError when it does not come to rest, or the door is open.
+        The position is kept and the next move may start, except after homing, which only a reset
+        ends. Ends Hold and a door that was closed again. In any thread but the driving one it only
+        writes the byte; the driving thread handles the outcome. Raises StageError if it does not
+        come to rest, or the door is open.
         """
         if threading.current_thread() is not self._driver and self._driver.is_alive():
             self.cancel()
@@ -191,35 +191,35 @@ class GrblStage:
         if self._c.homing:
             self.reset()
             return
-        self._c.port.blurt(JOG_CANCEL)
+        self._c.port.write_at_once(JOG_CANCEL)
         with self._c.exchange():
             if self._c.trouble:
                 raise TalkFault(self._c.trouble)
             if not self._c.homed:
                 return  # no move was begun
             self._c.move = None
-            if self._c.talk.posted is not None:  # what is read after the byte begins anew
-                self._c.talk.settle(jogs.ANSWER_S)
+            if self._c.talk.posted is not None:  # a line read after the byte starts a new jog
+                self._c.talk.settle(jogs.JOG_ANSWER_S)
                 self._c.port.write(JOG_CANCEL)
             self._c.rest()
             self._c.stopping = False
 
     def cancel(self) -> None:
         self._c.cancelled = True
-        self._c.port.blurt(RESET if self._c.homing else JOG_CANCEL)
+        self._c.port.write_at_once(SOFT_RESET if self._c.homing else JOG_CANCEL)
 
     def share(self, hold: Callable[[int | None, bytes], None]) -> None:
-        """As Stage. While homing that byte does nothing; whoever asks for samples stops that."""
+        """Pass on descriptor and stop byte, see Stage; the byte does not stop homing."""
         self._c.port.share(lambda port: hold(port, JOG_CANCEL))
 
     def abort(self) -> None:
-        """Write the reset byte and nothing else: for a signal handler.
+        """Only write the reset byte: for a signal handler.
 
-        The position is lost; `home` comes next.
+        The position is lost; `home` is needed.
         """
-        self._c.port.blurt(RESET)
+        self._c.port.write_at_once(SOFT_RESET)
         self._c.cancelled = True
-        self._c.lose("the controller was reset: home again")
+        self._c.lose_position("the controller was reset: home again")
 
     def identity(self) -> dict[str, Any]:
         return {
@@ -236,7 +236,7 @@ class GrblStage:
         }
 
     def close(self) -> None:
-        """Close the port; a move under way is told to stop, for nobody will watch it."""
+        """Stop any move and close the port."""
         self._c.halt()
         self._c.port.close()
 
@@ -245,7 +245,7 @@ class GrblStage:
         return self._c.homed and not self._c.trouble
 
     def lift(self, height_mm: float, feed_mm_min: float) -> bool:
-        was = self._c.homed
+        was_homed = self._c.homed
         if not self.trust_count():
             return False
         x, y, z = self._c.at_mm
@@ -255,30 +255,30 @@ class GrblStage:
                 self.start_move(self.frame.to_sensor_mm((x, y, top_mm)), feed_mm_min)
                 self.wait()
         finally:
-            self._c.homed = self._c.homed and was
+            self._c.homed = self._c.homed and was_homed
         return True
 
     def rescue(self, height_mm: float, feed_mm_min: float) -> bool:
-        """As Stage. A controller that restarted, or had an alarm, is locked, and so is not Idle."""
+        """Lift after a fault, see Stage; a restarted or alarmed controller is not Idle."""
         c = self._c
         with c.exchange():
             state = c.idle_again(RESCUE_S)
         if state is None:
             return False
-        why, c.trouble = c.trouble, ""
+        reason, c.trouble = c.trouble, ""
         try:
             above_mm = height_mm - self.frame.to_sensor_mm(state.machine_mm)[2]
             return self.lift(max(above_mm, 0.0), feed_mm_min)
         finally:
-            c.lose(why)
+            c.lose_position(reason)
 
     # ---- beyond the interface -----------------------------------------------------------------
 
     def trust_count(self) -> bool:
-        """Go by the steps that the controller has counted since it was homed, by whomever.
+        """Accept the controller's step count since its last homing as the position.
 
-        Nothing moves. False where it is locked: it restarted, or had an alarm. Who unlocked it
-        with `$X` made that count worthless, which nothing tells. Raises StageError.
+        Nothing moves. Returns False if it is locked after a restart or an alarm. An unlock with
+        `$X` invalidates the count undetectably. Raises StageError.
         """
         with self._c.exchange():
             if not self._c.port.is_open or self._unfit or self._c.trouble:
@@ -289,20 +289,20 @@ class GrblStage:
             self._c.at_mm, self._c.homed = state.machine_mm, True
         return True
 
-    def look(self) -> StageState:
-        """What the controller says, locked or not. Raises StageError when it says nothing."""
+    def report(self) -> StageState:
+        """Query the status, locked or not. Raises StageError without an answer."""
         with self._c.exchange():
             return self._c.status()
 
     def reset(self) -> None:
-        """Reset the controller (0x18) and wait for its banner. The position is lost; `home` next.
+        """Reset the controller (0x18) and wait for its banner. The position is lost.
 
-        Opens the port if need be. Raises StageError when no banner comes.
+        Opens the port if needed. Raises StageError without a banner.
         """
         self._driver = threading.current_thread()
         with self._c.exchange():
             if not self._c.port.is_open:
                 self._c.port.open()
-            self._c.lose("the controller was reset: home again")
+            self._c.lose_position("the controller was reset: home again")
             self._c.homing, self._c.move = False, None
-            self._c.greet()
+            self._c.reset()

@@ -1,7 +1,7 @@
-"""One move of a GRBL controller: sent as jogs, listened to, followed to its end.
+"""One move of a GRBL controller: sent as jogs, monitored, followed to its end.
 
-Unless it leads away from the face it is sent in pieces, each as late as its speed allows: a host
-that dies, or whose cable is out, leaves a tip that goes on for `AHEAD_S` and no further.
+Unless it leads away from the face it is sent in pieces, each as late as its speed allows: if the
+host dies or the cable is pulled, the tip goes on for PLANNED_AHEAD_S at most.
 """
 
 from __future__ import annotations
@@ -16,70 +16,71 @@ from ..interface import StageState
 from .controller import (
     AHEAD_CLEAR_S,
     JOG_CANCEL,
-    MARGIN_S,
     PLANNED_AHEAD_S,
     POLL_END_S,
+    STOP_MARGIN_S,
     Controller,
     Move,
     in_mm,
 )
 from .exchange import NoAnswer, TalkFault, state_text
-from .settings import AXES
+from .settings import AXIS_LETTERS
 
-ANSWER_S = 0.5  # it comes within 0.1 s, and without it the carriage may be on its way
-HEAR_S = 0.005  # between two looks at what was said without being asked for
-POLL_S = 0.1  # while a move is under way; the firmware's documents ask for at most 10 a second
-UP = 0.9  # of a way that leads away from the face, at least so much is upwards
-HELD_S, HELD_CLEAR_S = 0.03, 0.1  # behind its plan: in the gel, and where nothing is touched
-TRIES = 3  # of a line that is not answered, where nothing is touched
+# Decision 0073; by hand: longer waits overrun in the gel, shorter ones stop a slow controller.
+JOG_ANSWER_S = 0.5  # measured: 0.05 s (docs/evidence/firmware.md)
+LISTEN_PERIOD_S = 0.005  # between two reads of unsolicited lines
+STATUS_POLL_S = 0.1  # in a move; GRBL's documents ask for at most 10 per second
+MIN_UP_SHARE = 0.9  # upward share of a move that leads away from the face
+HELD_S, HELD_CLEAR_S = 0.03, 0.1  # largest delay in the gel, and clear of the face
+JOG_ATTEMPTS = 3  # for a line without an answer, clear of the face
 
 
-def begin(
+def start_move(
     c: Controller, target_mm: Point, feed_mm_min: float, clear: bool, at_once: bool = False
 ) -> float:
-    """Start one straight move to machine coordinates; its planned time (s). Within an exchange.
+    """Start one straight move to machine coordinates; return its planned time (s).
 
-    clear: nothing is touched on the way, and an answer that is lost does not end it. at_once: the
-    controller is told all of it. Raises InputError, with nothing sent, beyond travel or feed;
-    TalkFault where it does not begin.
+    Call within an exchange. clear: stays clear of the face, so that a lost answer does not end it.
+    at_once: send all of it. Raises InputError, with nothing sent, beyond travel or feed; TalkFault
+    if it does not begin.
     """
     x, y, z = (round(p, 4) + 0.0 for p in target_mm)
     machine = (x, y, z)
     delta = subtract_vectors(machine, c.at_mm)
     limits = c.limits
-    if why := limits.target_refusal(machine) or limits.feed_refusal(delta, feed_mm_min):
-        raise InputError(f"{c.url}: {why}")
+    if refusal := limits.target_refusal(machine) or limits.feed_refusal(delta, feed_mm_min):
+        raise InputError(f"{c.url}: {refusal}")
     planned_s = move_duration_s(delta, feed_mm_min, limits.axes(110), limits.axes(120))
     accel = along_line(delta, limits.axes(120)) if any(delta) else math.inf
-    whole = at_once or delta[2] >= UP * math.hypot(*delta)
+    send_all = at_once or delta[2] >= MIN_UP_SHARE * math.hypot(*delta)
     ahead_s = max(AHEAD_CLEAR_S if clear else PLANNED_AHEAD_S, feed_mm_min / 60 / accel)
     c.talk.drain()
     now_ns = c.port.now_ns()
     c.clear = clear
     c.move = Move(
-        c.at_mm, machine, feed_mm_min, accel, now_ns, planned_s, math.inf if whole else ahead_s
+        c.at_mm, machine, feed_mm_min, accel, now_ns, planned_s, math.inf if send_all else ahead_s
     )
     if c.cancelled:
         raise TalkFault("stopped before it moved")
-    _send(c, _line(c, c.move, c.move.first_mm()))
-    if not whole:  # it has begun by now, and not long before that where an answer is slow
+    _send(c, _jog_command(c, c.move, c.move.first_mm()))
+    if not send_all:  # begun by now, and not long before with a slow answer
         c.move = replace(c.move, start_ns=c.port.now_ns())
-    if c.cancelled:  # while the line was read, which drops the byte
+    if c.cancelled:  # in reading the line the controller drops the byte
         c.port.write(JOG_CANCEL)
     return planned_s
 
 
-def feed(c: Controller) -> None:
-    """Send the next piece of the move under way if it is due. Within an exchange."""
+def send_due_piece(c: Controller) -> None:
+    """Send the next piece of the present move if due. Call within an exchange."""
     move = c.move
-    if move is None or move.whole or c.cancelled:
+    if move is None or move.is_sent or c.cancelled:
         return
     now_ns = c.port.now_ns()
     if c.talk.posted is not None:
         line, since_ns = c.talk.posted
-        if now_ns - since_ns > ANSWER_S * 1e9:
-            why = NoAnswer(f"no answer to {line} within {ANSWER_S:g} s", lost=True)
-            if not _came_late(c, why):
+        if now_ns - since_ns > JOG_ANSWER_S * 1e9:
+            fault = NoAnswer(f"no answer to {line} within {JOG_ANSWER_S:g} s", position_lost=True)
+            if not _answer_came_late(c, fault):
                 _send(c, line)
         return
     late = move.runs_dry(now_ns, braking=True)
@@ -87,34 +88,34 @@ def feed(c: Controller) -> None:
         c.waits += 1
         c.move = move = replace(move, late_ns=now_ns)
     if move.runs_dry(now_ns):
-        from_mm = move.place_mm(move.sent_mm)
-        left = subtract_vectors(move.target_mm, from_mm)
+        from_mm = move.point_at_mm(move.sent_mm)
+        rest_mm = subtract_vectors(move.target_mm, from_mm)
         axes = c.limits.axes
-        planned_s = move_duration_s(left, move.feed_mm_min, axes(110), axes(120))
-        c.move = move = move.again(from_mm, now_ns, planned_s)
+        planned_s = move_duration_s(rest_mm, move.feed_mm_min, axes(110), axes(120))
+        c.move = move = move.remainder(from_mm, now_ns, planned_s)
     if (due_mm := move.due_mm(now_ns)) is not None:
-        c.talk.post(_line(c, move, due_mm))
-        if c.cancelled:  # meanwhile, by another thread
+        c.talk.post(_jog_command(c, move, due_mm))
+        if c.cancelled:  # by another thread
             c.port.write(JOG_CANCEL)
 
 
-def follow(c: Controller) -> StageState:
-    """Wait until the move is at its target, polling. Raises StageError when it does not come to."""
+def wait_for_target(c: Controller) -> StageState:
+    """Poll until the move is at its target. Raises StageError if it does not arrive."""
     idle_short = 0
     while (move := c.move) is not None:
-        limit_s = move.planned_s * 1.1 + MARGIN_S
+        limit_s = move.planned_s * 1.1 + STOP_MARGIN_S
         left_s = move.planned_s - move.since_s(c.port.now_ns())
         if left_s > 0 or idle_short:
-            listen(c, min(POLL_S, max(left_s + 0.002, POLL_END_S)))
+            listen(c, min(STATUS_POLL_S, max(left_s + 0.002, POLL_END_S)))
         with c.exchange():
             state = poll(c)
             if state.state == "Idle":
                 if c.limits.same_place(move.target_mm, state.machine_mm):
                     c.move = None
-                    # The next move starts from what was commanded, not from its rounding.
+                    # The next move starts from the commanded position, not its rounding.
                     c.at_mm = move.target_mm
                     return state
-                idle_short += move.whole or c.cancelled
+                idle_short += move.is_sent or c.cancelled
                 if idle_short == 2:
                     c.move = None
                     raise TalkFault(
@@ -136,7 +137,7 @@ def follow(c: Controller) -> StageState:
 
 
 def listen(c: Controller, seconds: float) -> None:
-    """Let that much time pass; what the controller says is heard, what is due is sent meanwhile.
+    """Wait; meanwhile handle the controller's lines and send due pieces.
 
     Raises StageError.
     """
@@ -144,16 +145,16 @@ def listen(c: Controller, seconds: float) -> None:
     while True:
         if c.port.is_open:
             with c.exchange():
-                c.talk.overhear()
-                feed(c)
+                c.talk.handle_received()
+                send_due_piece(c)
         left_ns = deadline - c.port.now_ns()
         if left_ns <= 0:
             return
-        c.clock.sleep_s(min(left_ns / 1e9, HEAR_S))
+        c.clock.sleep_s(min(left_ns / 1e9, LISTEN_PERIOD_S))
 
 
 def poll(c: Controller) -> StageState:
-    """Ask once. Raises StageError for an alarm, a restart or silence: the first reason is told."""
+    """Request one status. Raises StageError for an alarm, a restart or silence."""
     with c.exchange():
         if c.trouble:
             raise TalkFault(c.trouble)
@@ -161,48 +162,48 @@ def poll(c: Controller) -> StageState:
         c.at_mm = state.machine_mm
         c.require_position(state)
         if c.move is not None and state.state in ("Jog", "Idle") and not c.cancelled:
-            # A hold ends one jog: no other follows it.
+            # A hold ends only one jog: send no other.
             c.cancelled |= c.move.was_held(state, HELD_CLEAR_S if c.clear else HELD_S)
-            c.move = c.move.seen(state)
-        if c.cancelled and state.state == "Jog":  # the byte came before the jog began
+            c.move = c.move.retimed(state)
+        if c.cancelled and state.state == "Jog":  # the byte came before the jog had begun
             c.port.write(JOG_CANCEL)
         return state
 
 
-def _line(c: Controller, move: Move, due_mm: float) -> str:
-    """The jog that leads so far along it."""
-    machine = move.place_mm(due_mm)
+def _jog_command(c: Controller, move: Move, due_mm: float) -> str:
+    """Return the jog command to a distance along the move."""
+    machine = move.point_at_mm(due_mm)
     c.move = replace(move, sent_mm=due_mm)
-    words = "".join(f"{axis}{p:.4f}" for axis, p in zip(AXES, machine, strict=True))
+    words = "".join(f"{axis}{p:.4f}" for axis, p in zip(AXIS_LETTERS, machine, strict=True))
     return f"$J=G90G21G53{words}F{move.feed_mm_min:.3f}"
 
 
 def _send(c: Controller, line: str) -> None:
-    """Send it and hear its ok. The same place once more is no motion, so it may be sent again."""
-    for left in range(TRIES - 1, -1, -1):
+    """Send a line and wait for its ok; a repetition is safe, as its target is absolute."""
+    for attempts_left in range(JOG_ATTEMPTS - 1, -1, -1):
         try:
-            c.talk.command(line, ANSWER_S)
-        except NoAnswer as why:
-            if _came_late(c, why):
+            c.talk.command(line, JOG_ANSWER_S)
+        except NoAnswer as fault:
+            if _answer_came_late(c, fault):
                 return
-            if not left:
+            if not attempts_left:
                 raise
         else:
             return
 
 
-def _came_late(c: Controller, why: NoAnswer) -> bool:
-    """A line was not answered in time: raise, unless nothing is touched and it may go on.
+def _answer_came_late(c: Controller, fault: NoAnswer) -> bool:
+    """Return True if a missing answer came late, False to send again; raise in the gel.
 
-    In Hold or behind an open door a line is heard, and not answered.
+    In Hold or behind an open door a line is accepted but not answered.
     """
     halted = "" if c.clear else c.halt()
     state = c.status().state
     if state.partition(":")[0] in ("Hold", "Door"):
-        # The line waits in the controller: the reset of the next `stop` is what forgets it.
-        raise TalkFault(f"{state_text(state)}: no move begins{halted or c.halt()}") from why
+        # The line waits in the controller until the reset of the next `stop`.
+        raise TalkFault(f"{state_text(state)}: no move begins{halted or c.halt()}") from fault
     if not c.clear or state not in ("Idle", "Jog"):
-        raise TalkFault(f"{why.why}{halted}", lost=True) from why
+        raise TalkFault(f"{fault.reason}{halted}", position_lost=True) from fault
     c.waits += 1
     if c.talk.posted is None:
         return True

@@ -1,4 +1,4 @@
-"""A serial port as a host of a controller uses it: lines in, bytes out, and a cable that may go.
+"""A serial port to a controller: lines in, bytes out, and a cable that may be pulled.
 
 One thread at a time reads; any may write.
 """
@@ -16,24 +16,25 @@ from deltact_fab.common import InputError, StageError, to_ns
 
 from ..interface import Clock
 
-T = TypeVar("T")
+IoResult = TypeVar("IoResult")
 
-SLICE_S = 0.05  # one read; a longer wait is several
-WRITE_S = 1.0
-REOPEN_S = 1.0  # a cable that was only loose is back by then
-AGAIN_S = 0.1  # between two attempts to open
-TWICE_S = 0.02  # between a stop byte and its repetition
+# By hand: longer limits report a lost link later, shorter ones give a loose cable no chance.
+READ_SLICE_S = 0.05  # one read; a longer wait takes several
+WRITE_LIMIT_S = 1.0
+REOPEN_LIMIT_S = 1.0  # decision 0073
+REOPEN_PERIOD_S = 0.1
+STOP_REPEAT_S = 0.02  # between a stop byte and its repetition
 
 
 class LinkLost(Exception):
-    """The port is gone or was never open."""
+    """The port is lost or was never open."""
 
 
 class Cable(Protocol):
-    """Leads to a simulated controller."""
+    """Connection to a simulated controller."""
 
-    def opened(self, timeout: float) -> Any:
-        """As a pyserial port."""
+    def open_link(self, timeout: float) -> Any:
+        """Open as a pyserial port."""
 
 
 class Port:
@@ -54,39 +55,38 @@ class Port:
     def open(self) -> None:
         """Open the port for this process alone.
 
-        Raises InputError for an unknown kind of URL, StageError for all else.
+        Raises InputError for an unknown kind of URL, StageError otherwise.
         """
         self._partial = b""
         try:
             if isinstance(self.url, str):
-                own = {} if "://" in self.url else {"exclusive": True}
-                self._port = serial.serial_for_url(
-                    self.url, baudrate=self.baud, timeout=SLICE_S, write_timeout=WRITE_S, **own
-                )
+                options: dict[str, Any] = {"timeout": READ_SLICE_S, "write_timeout": WRITE_LIMIT_S}
+                options |= {} if "://" in self.url else {"exclusive": True}
+                self._port = serial.serial_for_url(self.url, baudrate=self.baud, **options)
             else:
-                self._port = self.url.opened(SLICE_S)
-        except ValueError as why:
-            raise InputError(f"{self.url}: not a serial port: {why}") from why
-        except OSError as why:
-            if why.errno in (errno.EAGAIN, errno.EBUSY) or "exclusively lock" in str(why):
+                self._port = self.url.open_link(READ_SLICE_S)
+        except ValueError as error:
+            raise InputError(f"{self.url}: not a serial port: {error}") from error
+        except OSError as error:
+            if error.errno in (errno.EAGAIN, errno.EBUSY) or "exclusively lock" in str(error):
                 raise StageError(
-                    f"{self.url}: cannot be opened: another program drives this stage; end it first"
-                ) from why
-            raise StageError(f"{self.url}: cannot be opened: {why}") from why
-        self._stay_up()
+                    f"{self.url}: cannot be opened: another program uses this stage; end it first"
+                ) from error
+            raise StageError(f"{self.url}: cannot be opened: {error}") from error
+        self._keep_dtr()
         self.share(self._tell)
 
     def share(self, tell: Callable[[int | None], None] | None) -> None:
-        """Have somebody told its file descriptor, None before it is closed."""
+        """Pass the file descriptor to `tell` on every opening, None before closing."""
         self._tell = tell
         if tell is not None and self.is_open:
             tell(self._port.fileno())
 
-    def _stay_up(self) -> None:
-        """Leave DTR up when the port is closed: its fall and rise is what restarts an Arduino.
+    def _keep_dtr(self) -> None:
+        """Keep DTR high when the port is closed, since its edge restarts an Arduino.
 
-        Else every command would lose the count that the one before homed. The first opening after
-        plugging in restarts it all the same.
+        Else every command would lose the position of the last homing. The first opening after
+        plugging in restarts it anyway.
         """
         with suppress(Exception):  # not a terminal
             import termios
@@ -106,13 +106,13 @@ class Port:
     def write(self, data: bytes) -> None:
         self._io(lambda: self._port.write(data))
 
-    def blurt(self, data: bytes) -> None:
-        """Write from any thread or signal handler; whoever talks to the port hears its faults."""
+    def write_at_once(self, data: bytes) -> None:
+        """Write from any thread or signal handler, ignoring errors."""
         with suppress(Exception):
             self._port.write(data)
 
     def line(self, deadline_ns: int) -> str | None:
-        """The next line that is not empty, None at the deadline (what came of it is kept).
+        """Return the next non-empty line, None at the deadline (a partial line is kept).
 
         Raises LinkLost.
         """
@@ -126,37 +126,37 @@ class Port:
             elif self.now_ns() >= deadline_ns:
                 return None
 
-    def heard(self) -> list[str]:
-        """The lines that have come and were not read, without any wait. Raises LinkLost."""
+    def received_lines(self) -> list[str]:
+        """Return unread complete lines without waiting. Raises LinkLost."""
         if not self.waiting:
             return []
-        came = self._io(lambda: self._port.read(self._port.in_waiting))
-        *whole, self._partial = (self._partial + came).split(b"\n")
-        return [text for raw in whole if (text := raw.decode("ascii", "replace").strip())]
+        data = self._io(lambda: self._port.read(self._port.in_waiting))
+        *complete, self._partial = (self._partial + data).split(b"\n")
+        return [text for raw in complete if (text := raw.decode("ascii", "replace").strip())]
 
     @property
     def waiting(self) -> bool:
-        """Whether something came that was not read. Raises LinkLost."""
+        """True if there are unread bytes. Raises LinkLost."""
         return bool(self._io(lambda: self._port.in_waiting))
 
-    def reach(self, stop: bytes) -> bool:
-        """Write a stop byte twice, through a port opened anew if this one is gone.
+    def write_stop(self, stop: bytes) -> bool:
+        """Write a stop byte twice, reopening a lost port; return True if it was written.
 
-        True if it went out. Opening may restart an Arduino: that stops a move as well.
+        Reopening may restart an Arduino, which stops a move as well.
         """
-        deadline = self.deadline_ns(REOPEN_S)
+        deadline = self.deadline_ns(REOPEN_LIMIT_S)
         while True:
-            with suppress(Exception):  # a terminal that is gone has errors of its own
+            with suppress(Exception):  # a lost terminal raises errors of its own
                 if self._port is None:
                     self.open()
                 self._port.write(stop)
-                self._clock.sleep_s(TWICE_S)
+                self._clock.sleep_s(STOP_REPEAT_S)
                 self._port.write(stop)
                 return True
             self.close()
             if self.now_ns() >= deadline:
                 return False
-            self._clock.sleep_s(AGAIN_S)
+            self._clock.sleep_s(REOPEN_PERIOD_S)
 
     def now_ns(self) -> int:
         return self._clock.now_ns()
@@ -167,10 +167,10 @@ class Port:
     def on_wire_ns(self, n: int) -> int:
         return n * 10 * 1_000_000_000 // self.baud
 
-    def _io(self, what: Callable[[], T]) -> T:
+    def _io(self, operation: Callable[[], IoResult]) -> IoResult:
         if self._port is None:
             raise LinkLost("not connected")
         try:
-            return what()
-        except (OSError, TypeError, AttributeError) as why:  # the latter two: closed meanwhile
-            raise LinkLost(f"the link is lost ({why})") from why
+            return operation()
+        except (OSError, TypeError, AttributeError) as error:  # the last two: closed meanwhile
+            raise LinkLost(f"the link is lost ({error})") from error

@@ -1,7 +1,7 @@
-"""The `$` settings of a GRBL controller against what a rig file says of the stage, before motion.
+"""Checks of a GRBL controller's `$` settings against the rig file, before any motion.
 
-A row for each rule that does not hold says what was found and what to type. What the settings allow
-a move is judged before a byte of it is sent (`Limits`).
+Each violation gives a row with the present value and the command to type. Moves are checked against
+the settings before anything is sent (`Limits`).
 """
 
 from __future__ import annotations
@@ -13,83 +13,87 @@ from deltact_fab.common import Check, Point
 
 from ...protocols.limits import axis_range_mm
 from ...protocols.motion import StageConfig
-from .exchange import OPTIONS
+from .exchange import OPTIONS_PATTERN
 
-AXES = "XYZ"
-WHOLE = (3, 10, 13, 20, 21, 22, 23, 27, 32)
-BY_AXIS = {100: "steps/mm", 110: "mm/min", 120: "mm/s2", 130: "mm of travel"}
+AXIS_LETTERS = "XYZ"
+# Numbers and bits of GRBL 1.1 and grblHAL.
+SINGLE_SETTINGS = (3, 10, 13, 20, 21, 22, 23, 27, 32)
+AXIS_UNITS = {100: "steps/mm", 110: "mm/min", 120: "mm/s2", 130: "mm of travel"}
 HALF_DIGIT = 0.0005  # settings are listed with three decimals
 ALWAYS_ON = 255  # of $1
 SET_ORIGIN, LOCK_AT_START = 8, 4  # of $22, in grblHAL
-SWITCHES = (  # setting, its lowest bit, what another one means, what to set
+REQUIRED_BITS = (  # setting, required lowest bit, meaning of the other, remedy
     (10, 1, "status reports give the work position", "$10=1 or $10=3"),
     (13, 0, "status reports are in inches", "$13=0"),
     (20, 1, "soft limits are off", "$20=1"),
-    (21, 1, "hard limits are off: a switch that is hit stops nothing", "$21=1"),
+    (21, 1, "hard limits are off: switches do not stop the motion", "$21=1"),
     (22, 1, "homing is off", "$22=1"),
 )
-AGAIN = "and connect again"
+RECONNECT_HINT = "and connect again"
+# By hand: more reports a stuck homing later, or lets targets pass the end of the travel.
 HOMING_MARGIN_S = 10.0
-ROUNDING_MM = 0.002  # of a step and of three decimals
+POSITION_ROUNDING_MM = 0.002  # of steps, and of reports with three decimals
 
 
-Wrong = tuple[str, str]
-"""Id of a rule that does not hold, and what is wrong."""
+Violation = tuple[str, str]
+"""Id of a violated rule, and message."""
 
 
-def judge(settings: Mapping[int, float], info: list[str], stage: StageConfig | None) -> list[Check]:
-    """What is wrong, FAIL or WARN. settings: `$` numbers to values. info: the answer to `$I`.
+def check_settings(
+    settings: Mapping[int, float], info: list[str], stage: StageConfig | None
+) -> list[Check]:
+    """Return rows with FAIL or WARN. settings: `$` numbers to values. info: the answer to `$I`.
 
-    stage: as the rig file has it; None: nothing is known of it.
+    stage: table of the rig file; None: not available.
     """
-    wanted = (*WHOLE, *(first + axis for first in BY_AXIS for axis in range(3)))
-    missing = [f"${n}" for n in wanted if n not in settings]
+    required = (*SINGLE_SETTINGS, *(first + axis for first in AXIS_UNITS for axis in range(3)))
+    missing = [f"${n}" for n in required if n not in settings]
     if missing:
         return [_failed("settings", f"the answer to $$ lacks {', '.join(missing)}")]
-    options = next((found[1] for line in info if (found := OPTIONS.match(line))), "")
+    options = next((match[1] for line in info if (match := OPTIONS_PATTERN.match(line))), "")
     hal = any("grblHAL" in line for line in info)
-    wrong = (
+    violations = (
         *_switches(settings, stage), *_homing(settings, options, hal),
         *_pull_off(settings, stage), *_numbers(settings, stage),
     )  # fmt: skip
-    return [_failed(id, text) for id, text in wrong] + _held(settings)
+    return [_failed(id, text) for id, text in violations] + _motor_checks(settings)
 
 
-def refusal(rows: list[Check]) -> str:
-    """The first rule that fails, and how many others do; "" if none does."""
+def first_failure(rows: list[Check]) -> str:
+    """Return the first failure and the number of others; "" without any."""
     failed = [str(row.value) for row in rows if row.failed]
-    more = f" (and {len(failed) - 1} more: see `rig check`)" if len(failed) > 1 else ""
-    return failed[0] + more if failed else ""
+    suffix = f" (and {len(failed) - 1} more: see `rig check`)" if len(failed) > 1 else ""
+    return failed[0] + suffix if failed else ""
 
 
 def _failed(id: str, text: str) -> Check:
     return Check(f"stage.{id}", "stage", value=text, status="fail")
 
 
-def _switches(s: Mapping[int, float], stage: StageConfig | None) -> Iterator[Wrong]:
-    for n, bit, wrong, remedy in SWITCHES:
+def _switches(s: Mapping[int, float], stage: StageConfig | None) -> Iterator[Violation]:
+    for n, bit, wrong, remedy in REQUIRED_BITS:
         if int(s[n]) & 1 != bit:
-            yield f"setting-{n}", f"${n}={s[n]:g} ({wrong}); set {remedy} {AGAIN}"
-    for n, what, key in (
-        (3, "axes turned round", "direction_mask"),
-        (23, "axes that home at their negative end", "homing_direction_mask"),
+            yield f"setting-{n}", f"${n}={s[n]:g} ({wrong}); set {remedy} {RECONNECT_HINT}"
+    for n, meaning, key in (
+        (3, "reversed axes", "direction_mask"),
+        (23, "axes homing at the negative end", "homing_direction_mask"),
     ):
-        found, mask = int(s[n]), getattr(stage, key, 0)
-        if found & 7 != mask:
+        actual, mask = int(s[n]), getattr(stage, key, 0)
+        if actual & 7 != mask:
             text = (
-                f"${n}={found} ({what}: {_axes(found)}), and the rig file says {mask} "
-                f"({_axes(mask)}): motion would be elsewhere; set ${n}={mask} {AGAIN}, or "
-                f"[stage] {key} = {found & 7} if the stage is built so"
+                f"${n}={actual} ({meaning}: {_axes(actual)}), and the rig file says {mask} "
+                f"({_axes(mask)}): wrong direction of motion; set ${n}={mask} {RECONNECT_HINT}, or "
+                f"[stage] {key} = {actual & 7} if the stage is built so"
             )
             yield f"setting-{n}", text
     if s[32] != 0:
-        yield "setting-32", f"$32={s[32]:g} (laser or lathe mode); set $32=0 {AGAIN}"
+        yield "setting-32", f"$32={s[32]:g} (laser or lathe mode); set $32=0 {RECONNECT_HINT}"
 
 
-def _homing(s: Mapping[int, float], options: str, hal: bool) -> Iterator[Wrong]:
-    """Homing must leave the switches at 0, not the place where the carriage then stands.
+def _homing(s: Mapping[int, float], options: str, hal: bool) -> Iterator[Violation]:
+    """Check that homing sets 0 at the switches, not where the carriage then stands.
 
-    And a board must be locked until it was homed: Idle says then that its count is one.
+    A board must also be locked until it was homed, so that Idle proves a valid position.
     """
     homing = int(s[22])
     if "Z" in options:
@@ -101,56 +105,56 @@ def _homing(s: Mapping[int, float], options: str, hal: bool) -> Iterator[Wrong]:
     elif homing & SET_ORIGIN:
         text = (
             f"$22={homing} (homing sets 0 where it ends, which shifts the travel); set "
-            f"$22={homing & ~SET_ORIGIN} {AGAIN}"
+            f"$22={homing & ~SET_ORIGIN} {RECONNECT_HINT}"
         )
         yield "origin", text
     if hal and not homing & LOCK_AT_START:
         text = (
-            f"$22={homing} (not locked at its start: it would move on a count that nobody homed); "
-            f"set $22={homing | LOCK_AT_START} {AGAIN}"
+            f"$22={homing} (not locked at start: it would move without homing); "
+            f"set $22={homing | LOCK_AT_START} {RECONNECT_HINT}"
         )
         yield "lock", text
     elif not hal and "L" in options:
         text = (
-            f"[OPT:{options}...] (built without HOMING_INIT_LOCK: it would move on a count that "
-            "nobody homed); flash a firmware with it"
+            f"[OPT:{options}...] (built without HOMING_INIT_LOCK: it would move without "
+            "homing); flash a firmware with it"
         )
         yield "lock", text
 
 
-def _pull_off(s: Mapping[int, float], stage: StageConfig | None) -> Iterator[Wrong]:
-    """A switch trips at the end of the travel: homing must leave the carriage off it."""
-    found, told = s[27], None if stage is None else stage.pull_off_mm
-    if not found > 0:
-        yield "setting-27", f"$27={found:g} mm; not > 0: homing ends on its switch"
-    elif told is not None and found > told + HALF_DIGIT:
+def _pull_off(s: Mapping[int, float], stage: StageConfig | None) -> Iterator[Violation]:
+    """Check that homing leaves the carriage off the switch at the end of the travel."""
+    actual, configured = s[27], None if stage is None else stage.pull_off_mm
+    if not actual > 0:
+        yield "setting-27", f"$27={actual:g} mm; not > 0: homing ends on its switch"
+    elif configured is not None and actual > configured + HALF_DIGIT:
         text = (
-            f"$27={found:g} mm, and [stage] pull_off_mm is {told:g}: homing ends outside of the "
-            f"travel; set $27={told:g}, or pull_off_mm = {found:g}"
+            f"$27={actual:g} mm, and [stage] pull_off_mm is {configured:g}: homing ends outside of "
+            f"the travel; set $27={configured:g}, or pull_off_mm = {actual:g}"
         )
         yield "setting-27", text
 
 
-def _numbers(s: Mapping[int, float], stage: StageConfig | None) -> Iterator[Wrong]:
-    needed = {110: "max_feed_mm_min", 120: "acceleration_mm_s2", 130: "travel_mm"}
-    for first, unit in BY_AXIS.items():
-        key = needed.get(first, "")
-        need: Point = getattr(stage, key, (0.0, 0.0, 0.0))
-        for axis, letter in enumerate(AXES):
-            n, found = first + axis, s[first + axis]
-            least = need[axis]
-            if not found > 0:
-                yield f"setting-{n}", f"${n}={found:g} {unit}; not > 0"
-            elif found < least - HALF_DIGIT:
+def _numbers(s: Mapping[int, float], stage: StageConfig | None) -> Iterator[Violation]:
+    minimum_keys = {110: "max_feed_mm_min", 120: "acceleration_mm_s2", 130: "travel_mm"}
+    for first, unit in AXIS_UNITS.items():
+        key = minimum_keys.get(first, "")
+        minima: Point = getattr(stage, key, (0.0, 0.0, 0.0))
+        for axis, letter in enumerate(AXIS_LETTERS):
+            n, actual = first + axis, s[first + axis]
+            minimum = minima[axis]
+            if not actual > 0:
+                yield f"setting-{n}", f"${n}={actual:g} {unit}; not > 0"
+            elif actual < minimum - HALF_DIGIT:
                 text = (
-                    f"{letter} has {found:g} {unit} (${n}); {least:g} needed: set ${n}={least:g} "
-                    f"if the stage can do it, or less in [stage] {key}"
+                    f"{letter} has {actual:g} {unit} (${n}); {minimum:g} needed: set "
+                    f"${n}={minimum:g} if the stage can do it, or less in [stage] {key}"
                 )
                 yield f"setting-{n}", text
 
 
-def _held(s: Mapping[int, float]) -> list[Check]:
-    """With the motors off at rest a gel that is pressed pushes the axes back."""
+def _motor_checks(s: Mapping[int, float]) -> list[Check]:
+    """Warn of motors that are off at rest: a pressed gel pushes the axes back."""
     delay = s.get(1, ALWAYS_ON)
     if delay == ALWAYS_ON:
         return []
@@ -162,13 +166,13 @@ def _held(s: Mapping[int, float]) -> list[Check]:
 
 
 def _axes(mask: int) -> str:
-    return ", ".join(letter for axis, letter in enumerate(AXES) if mask >> axis & 1) or "none"
+    return ", ".join(name for k, name in enumerate(AXIS_LETTERS) if mask >> k & 1) or "none"
 
 
 class Limits:
-    """Of one controller, and of the rig file where that allows less.
+    """Limits of one controller, or of the rig file where they are lower.
 
-    settings: `$` numbers to values. A refusal is one line of why, "" where there is none.
+    settings: `$` numbers to values. A refusal is a one-line reason, "" without one.
     """
 
     def __init__(self, settings: Mapping[int, float], travel_mm: Point | None = None) -> None:
@@ -176,40 +180,40 @@ class Limits:
         self._travel_mm = travel_mm
 
     def axes(self, first: int) -> Point:
-        """A setting of three axes by the number of its first."""
+        """Return a setting of three axes by the number of the first."""
         s = self.settings
         return (s[first], s[first + 1], s[first + 2])
 
     @property
     def travel_mm(self) -> Point:
-        """How far each axis goes down from 0."""
+        """Travel of each axis, down from 0."""
         x, y, z = map(min, self.axes(130), self._travel_mm or self.axes(130))
         return (x, y, z)
 
     def ends_mm(self, axis: int) -> tuple[float, float]:
-        """How low and how high an axis may go: homing leaves it $27 off its switch."""
+        """Lowest and highest position of an axis, $27 off its switch."""
         at_top = not int(self.settings.get(23, 0)) >> axis & 1
         return axis_range_mm(self.travel_mm[axis], at_top, self.settings.get(27, 0.0))
 
     def target_refusal(self, machine_mm: Point) -> str:
-        """A target that is no place, or outside of the travel."""
+        """Refuse a target that is not finite or outside of the travel."""
         if not all(math.isfinite(p) for p in machine_mm):
             return f"target {machine_mm} mm (machine) is not finite"
         for axis, p in enumerate(machine_mm):
             low, high = self.ends_mm(axis)
-            if not low - ROUNDING_MM <= p <= high + ROUNDING_MM:
+            if not low - POSITION_ROUNDING_MM <= p <= high + POSITION_ROUNDING_MM:
                 return (
-                    f"target {AXES[axis]} {p:.3f} mm (machine) is outside of {low:g} .. {high:g}, "
-                    f"the travel less {self.settings.get(27, 0.0):g} mm at the switch"
+                    f"target {AXIS_LETTERS[axis]} {p:.3f} mm (machine) is outside of {low:g} .. "
+                    f"{high:g}, the travel less {self.settings.get(27, 0.0):g} mm at the switch"
                 )
         return ""
 
     def feed_refusal(self, delta_mm: Point, feed_mm_min: float) -> str:
-        """GRBL clips a feed silently; here it is refused."""
+        """Refuse a feed above the limit of an axis, which GRBL would clip silently."""
         if not (math.isfinite(feed_mm_min) and feed_mm_min >= 0.001):
             return f"feed {feed_mm_min} mm/min; at least 0.001 is needed"
         length = math.hypot(*delta_mm)
-        for axis, d, limit in zip(AXES, delta_mm, self.axes(110), strict=True):
+        for axis, d, limit in zip(AXIS_LETTERS, delta_mm, self.axes(110), strict=True):
             if abs(d) * feed_mm_min > limit * length * (1 + 1e-9):
                 return (
                     f"feed {feed_mm_min:g} mm/min moves {axis} at "
@@ -218,19 +222,19 @@ class Limits:
         return ""
 
     def same_place(self, a_mm: Point, b_mm: Point) -> bool:
-        """Within half a step, and the rounding of the line sent and of the report."""
+        """True within half a step plus the rounding of command and report."""
         return all(
             abs(p - t) <= 0.5 / steps + 0.0006
             for p, t, steps in zip(a_mm, b_mm, self.axes(100), strict=True)
         )
 
     def braking_s(self) -> float:
-        """Longest that a stop can take."""
+        """Longest duration of a stop."""
         feeds, ramps = ([self.settings.get(n + a, 0.0) for a in range(3)] for n in (110, 120))
         return max(feeds) / 60 / min(ramps) if min(ramps) > 0 else 0.0
 
     def homing_s(self) -> float:
-        """Longest that the firmware searches: 1.5 travels and back for Z, then X and Y together."""
+        """Longest homing cycle: 1.5 travels and back for Z, then for X and Y together."""
         s = self.settings
         seek, feed, pull = (max(s.get(n, 0.0), 1e-3) for n in (25, 24, 27))
         travel = 1.5 * (s[132] + max(s[130], s[131]))

@@ -1,1 +1,1 @@
-"""Where the tip is: tool lengths, touch-off, registration of the face."""
+"""Position of the tip: tool lengths, touch-off, registration of the face."""

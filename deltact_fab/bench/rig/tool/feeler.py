@@ -1,4 +1,4 @@
-"""A stage that feels: moves during which every sample of the force sensor is looked at."""
+"""Moves with force feedback: every sample of the force sensor is checked."""
 
 from __future__ import annotations
 
@@ -9,20 +9,21 @@ from deltact_fab.common import Field, Point, SensorError, to_ns
 
 from ..interface import Clock, ForceSamples, ForceSensor, Guard, Stage
 
-STREAM = "touch-off"
-LOOK_S = 0.004  # between two looks at the samples that came
-LAST_NS = 5_000_000  # a force is the mean of the samples of so long, or of one
-TARE_S = 0.25
-SETTLE_S = 0.02  # after a move, before a mean is taken
-MEAN_S = 0.05
-LEAST = 3  # samples in a mean
+STREAM_NAME = "touch-off"
+# By hand: longer times average more noise, and make a touch slower and deeper.
+PROBE_POLL_S = 0.004
+MEAN_WINDOW_NS = 5_000_000  # averaged in a move
+PROBE_TARE_S = 0.25
+PROBE_SETTLE_S = 0.02  # after a move
+PROBE_MEAN_S = 0.05  # averaged at rest
+MIN_MEAN_SAMPLES = 3
 
 
 class ForceProbe:
-    """Moves a stage with the force sensor read all the while, and the guard looking on.
+    """Moves a stage while reading the force sensor, with the guard active.
 
-    Forces are those since `tare` (N, on the sensor). Raises SensorError for a saturated sample or a
-    tripped guard, with the stage told to stop.
+    Forces are relative to `tare` (N, on the sensor). Raises SensorError for a saturated sample or a
+    tripped guard, after stopping the stage.
     """
 
     def __init__(self, stage: Stage, force: ForceSensor, clock: Clock, guard: Guard | None) -> None:
@@ -32,61 +33,61 @@ class ForceProbe:
         self._zero_n = np.zeros(3)
         self._t_ns: NDArray[np.int64] = np.empty(0, np.int64)
         self._tail_n: Field = np.empty((0, 3))
-        self.most_n = 0.0
-        """The largest force felt since the tare, averaged as for a contact."""
+        self.peak_n = 0.0
+        """Largest force since the tare, averaged as for a contact."""
 
     def tare(self) -> float:
-        """Begin to stream with nothing touching; the sensor's noise, one deviation (N)."""
-        self._force.begin(STREAM)
+        """Start the stream and tare without contact; return the noise, one sigma (N)."""
+        self._force.begin(STREAM_NAME)
         self._zero_n = np.zeros(3)
-        found = self._since(self._clock.now_ns(), TARE_S)
-        self._zero_n = found.mean(axis=0)
-        self.most_n = 0.0
-        return float(found.std(axis=0).max())
+        samples_n = self._since(self._clock.now_ns(), PROBE_TARE_S)
+        self._zero_n = samples_n.mean(axis=0)
+        self.peak_n = 0.0
+        return float(samples_n.std(axis=0).max())
 
     def release(self) -> None:
-        """Let no more samples come."""
+        """Stop the stream."""
         self._force.stop()
 
     def move(self, target_mm: Point, feed_mm_min: float, over_n: float) -> bool:
-        """One straight move; True when a force over that ended it, at rest either way."""
+        """Make one straight move; return True if a force over over_n ended it."""
         try:
             end_s = self._clock.now_s() + self.stage.start_move(target_mm, feed_mm_min)
             while (left_s := end_s - self._clock.now_s()) > 0:
-                if self._felt_n() > over_n:
+                if self._force_size_n() > over_n:
                     self.stage.cancel()
                     self.stage.stop()
                     return True
-                self.stage.listen(min(LOOK_S, left_s))
+                self.stage.listen(min(PROBE_POLL_S, left_s))
             self.stage.wait()
-            return self._felt_n() > over_n
+            return self._force_size_n() > over_n
         except BaseException:
             self.stage.cancel()
             raise
 
     def at_rest(self) -> Field:
-        """Mean force (3,) N while nothing moves."""
-        self._clock.sleep_s(SETTLE_S)
-        return np.asarray(self._since(self._clock.now_ns(), MEAN_S).mean(axis=0))
+        """Return the mean force (3,), N, at rest."""
+        self._clock.sleep_s(PROBE_SETTLE_S)
+        return np.asarray(self._since(self._clock.now_ns(), PROBE_MEAN_S).mean(axis=0))
 
-    def _felt_n(self) -> float:
-        """Read what has come; size of the force in the last samples."""
+    def _force_size_n(self) -> float:
+        """Read samples; return the magnitude of the mean force of the last ones."""
         self._read()
         size = float(np.linalg.norm(self._tail_n.mean(axis=0)))
-        self.most_n = max(self.most_n, size)
+        self.peak_n = max(self.peak_n, size)
         return size
 
     def _since(self, start_ns: int, seconds: float) -> Field:
-        """Samples (n, 3) N measured from then on, for so long; at least LEAST."""
+        """Return samples (n, 3), N, of an interval; at least MIN_MEAN_SAMPLES."""
         parts: list[Field] = []
         end_ns = start_ns + to_ns(seconds)
         while True:
             samples = self._read()
             fresh = samples.t_ns >= start_ns
             parts.append(np.asarray(samples.force_n[fresh] - self._zero_n))
-            if samples.t_ns[-1] >= end_ns and sum(len(part) for part in parts) >= LEAST:
+            if samples.t_ns[-1] >= end_ns and sum(len(part) for part in parts) >= MIN_MEAN_SAMPLES:
                 return np.concatenate(parts)
-            self._clock.sleep_s(LOOK_S)
+            self._clock.sleep_s(PROBE_POLL_S)
 
     def _read(self) -> ForceSamples:
         samples = self._force.read()
@@ -98,6 +99,6 @@ class ForceProbe:
             raise SensorError("touch-off: the force sensor is saturated")
         t_ns = np.concatenate((self._t_ns, samples.t_ns))
         force = np.concatenate((self._tail_n, samples.force_n - self._zero_n))
-        last = t_ns > t_ns[-1] - LAST_NS
+        last = t_ns > t_ns[-1] - MEAN_WINDOW_NS
         self._t_ns, self._tail_n = t_ns[last], force[last]
         return samples

@@ -1,7 +1,7 @@
-"""A real rig's stage driven by hand: one command at a time, or key by key in one session.
+"""Manual control of a real rig's stage: by single commands, or by keys in one session.
 
 An Arduino that restarts whenever its port is opened loses its position with each command; in a
-session by keys the port stays open: homing, steps, origin, registration, the guard armed.
+session the port stays open: homing, steps, origin and registration with the guard armed.
 """
 
 from __future__ import annotations
@@ -23,68 +23,68 @@ from ..interface import LIFT_FEED_MM_MIN, ForceSensor, Guard, Stage, WallClock, 
 from ..run.loop import Watch, interruptible, watch_force
 from ..stage.exchange import state_text
 from ..stage.grbl import GrblStage
-from .session import GuardedStage, register_face, requested_tool, write_registration
+from .session import GuardedStage, register_face, registration_request, write_registration
 from .tooling import TerminalOperator, home_safely
 
-CLEARANCE_MM = 5.0
-FEED_MM_MIN = 300.0
-NEAR_FEED_MM_MIN = 30.0
-"""Below the clearance height."""
-SAME_MM = 2e-3
-STEPS_MM = (0.02, 0.1, 1.0, 10.0)
-EASE_MM = 2.0  # up, after the guard has stopped it
-TELL_S = 0.2
-HELP = (
+# By hand: higher and slower is safer for the gel, and takes longer.
+CLEARANCE_MM = 5.0  # decision 0072
+HAND_FEED_MM_MIN = 300.0
+NEAR_FEED_MM_MIN = 30.0  # below the clearance height; decision 0072
+SAME_PLACE_MM = 2e-3
+KEY_STEPS_MM = (0.02, 0.1, 1.0, 10.0)
+TRIP_LIFT_MM = 2.0  # after a trip of the guard
+DISPLAY_PERIOD_S = 0.2
+KEY_HELP = (
     "arrows: x and y   page up, u / page down, d: z   1 2 3 4: steps of 0.02, 0.1, 1, 10 mm   "
-    "space: stop\nh: home   o: the tip stands at the origin   r: register the face   q: end"
+    "space: stop\nh: home   o: set the origin here   r: register the face   q: quit"
 )
-Key = Callable[[float], str]
-"""Waits so long (s) for a key: its name, "" where none came."""
+ReadKey = Callable[[float], str]
+"""Wait up to so many seconds for a key; its name, "" for none."""
 
 
 @contextmanager
 def stopped_by_ctrl_c(stage: Stage) -> Iterator[None]:
-    """Ctrl-C, SIGTERM and SIGHUP stop the motion, the second one resets; raises Stopped then."""
+    """Stop the motion on Ctrl-C, SIGTERM and SIGHUP and raise Stopped; a second one resets."""
     with interruptible(stage.abort):
         try:
             yield
-        except KeyboardInterrupt as why:
+        except KeyboardInterrupt as error:
             stage.stop()
-            where = f" at {position_text(stage.position_mm())}" if stage.homed else ""
-            raise Stopped(f"stopped by the operator{where}") from why
+            place = f" at {position_text(stage.position_mm())}" if stage.homed else ""
+            raise Stopped(f"stopped by the operator{place}") from error
 
 
 def plan_move(
     stage: Stage, by_mm: Point, feed_mm_min: float, into_gel: bool
 ) -> tuple[Point, float]:
-    """Where a straight move by so much (sensor frame) leads, and how fast; nothing moves.
+    """Return target and feed of a relative straight move (sensor frame); nothing moves.
 
     Raises InputError for one that, without into_gel, ends below CLEARANCE_MM or goes sideways
     there; straight up is always allowed.
     """
-    here = stage.position_mm()
-    there = add_vectors(here, by_mm)
-    low_mm, up = min(here[2], there[2]), by_mm[0] == by_mm[1] == 0 and by_mm[2] >= 0
+    start = stage.position_mm()
+    end = add_vectors(start, by_mm)
+    low_mm, up = min(start[2], end[2]), by_mm[0] == by_mm[1] == 0 and by_mm[2] >= 0
     near = low_mm < CLEARANCE_MM and not up
     if near and not into_gel:
         raise InputError(_too_low(low_mm))
-    return there, min(feed_mm_min, NEAR_FEED_MM_MIN) if near else feed_mm_min
+    return end, min(feed_mm_min, NEAR_FEED_MM_MIN) if near else feed_mm_min
 
 
 def go_to(stage: Stage, target_mm: Point, feed_mm_min: float, into_gel: bool) -> None:
-    """To a place (sensor frame): up to the clearance height, sideways, then down.
+    """Go to a position (sensor frame): up to the clearance height, sideways, then down.
 
     Raises InputError, with nothing sent, for one below CLEARANCE_MM without into_gel.
     """
     if not all(map(math.isfinite, target_mm)):
-        raise InputError(f"X Y Z: {target_mm} mm is not a place")
+        raise InputError(f"X Y Z: {target_mm} mm is not a position")
     x, y, z = target_mm
     if z < CLEARANCE_MM and not into_gel:
         raise InputError(_too_low(z))
-    here = stage.position_mm()
-    if math.dist(here[:2], (x, y)) > SAME_MM:
-        high_mm = max(here[2], CLEARANCE_MM)
-        for place in ((here[0], here[1], high_mm), (x, y, high_mm)):
+    start = stage.position_mm()
+    if math.dist(start[:2], (x, y)) > SAME_PLACE_MM:
+        high_mm = max(start[2], CLEARANCE_MM)
+        for place in ((start[0], start[1], high_mm), (x, y, high_mm)):
             move_to(stage, place, feed_mm_min)
     if z < CLEARANCE_MM:
         if stage.position_mm()[2] > CLEARANCE_MM:
@@ -94,19 +94,19 @@ def go_to(stage: Stage, target_mm: Point, feed_mm_min: float, into_gel: bool) ->
 
 
 def position_text(position_mm: Point) -> str:
-    """A tip position for a person."""
+    """Format a tip position."""
     x, y, z = (round(p, 3) + 0.0 for p in position_mm)
     return f"x {x:.3f}, y {y:.3f}, z {z:.3f} mm (sensor)"
 
 
 def _too_low(z_mm: float) -> str:
     return (
-        f"z = {z_mm:g} mm is below {CLEARANCE_MM:g} mm over the face, where the tip may touch the "
+        f"z = {z_mm:g} mm is below {CLEARANCE_MM:g} mm above the face, where the tip may touch the "
         "gel: give --into-gel (slow), or go up first"
     )
 
 
-MOVES: dict[str, Point] = {
+KEY_DIRECTIONS: dict[str, Point] = {  # definition: sensor axes
     "left": (-1, 0, 0), "right": (1, 0, 0), "down": (0, -1, 0), "up": (0, 1, 0),
     "page up": (0, 0, 1), "page down": (0, 0, -1), "u": (0, 0, 1), "d": (0, 0, -1),
 }  # fmt: skip
@@ -114,128 +114,128 @@ MOVES: dict[str, Point] = {
 
 @dataclass
 class HandSession:
-    """tell: a line for the operator. show: the state, over and over. into_gel: below the clearance
-    height without a guard as well. others: what a key does between two watches, and says."""
+    """Session by keys. tell: prints a line. show: refreshes the state. into_gel: allow moves below
+    the clearance height without a guard. actions: other keys, each returns a message."""
 
     stage: GrblStage
     force: ForceSensor | None
     guard: Guard | None
-    key: Key
+    key: ReadKey
     tell: Callable[[str], None]
     show: Callable[[str], None]
     into_gel: bool = False
-    others: dict[str, Callable[[], str]] = field(default_factory=dict)
+    actions: dict[str, Callable[[], str]] = field(default_factory=dict)
     step_mm: float = 1.0
 
     def run(self) -> None:
-        """Until the key q. Raises StageError where the stage cannot be talked to any more."""
-        self.tell(HELP)
+        """Run until the key q. Raises StageError if the stage cannot be reached any more."""
+        self.tell(KEY_HELP)
         if not self.stage.trust_count():
-            self.tell("the position is lost: h homes")
+            self.tell("position lost: press h to home")
         while True:
             try:
                 with watch_force(self.stage, self.stage.clock, self.force, self.guard) as watch:
-                    what = self._drive(watch)
-            except SensorError as why:
-                self._ease(str(why))
-                what = ""
-                while not what:
-                    what = self.key(TELL_S)
-            if what == "q":
+                    key = self._move_by_keys(watch)
+            except SensorError as error:
+                self._lift_after_trip(str(error))
+                key = ""
+                while not key:
+                    key = self.key(DISPLAY_PERIOD_S)
+            if key == "q":
                 return
-            if what in self.others:
+            if key in self.actions:
                 try:
-                    self.tell(self.others[what]())
-                except DeltactFabError as why:
-                    self.tell(str(why))
+                    self.tell(self.actions[key]())
+                except DeltactFabError as error:
+                    self.tell(str(error))
 
-    def _drive(self, watch: Watch) -> str:
-        """Keys that move, until one that does not; "" when the guard has stopped the stage."""
-        while not watch.trouble:
-            self.show(self._line(watch))
-            key = self.key(TELL_S)
-            if key in self.others or key == "q":
+    def _move_by_keys(self, watch: Watch) -> str:
+        """Move by keys; return the first other key, "" when the guard has stopped the stage."""
+        while not watch.errors:
+            self.show(self._state_line(watch))
+            key = self.key(DISPLAY_PERIOD_S)
+            if key in self.actions or key == "q":
                 return key
-            if key in MOVES:
-                self._move(MOVES[key], watch)
+            if key in KEY_DIRECTIONS:
+                self._move(KEY_DIRECTIONS[key], watch)
             elif key == "o":
-                self.tell(self._origin())
-            elif key.isdigit() and 0 < int(key) <= len(STEPS_MM):
-                self.step_mm = STEPS_MM[int(key) - 1]
+                self.tell(self._set_origin())
+            elif key.isdigit() and 0 < int(key) <= len(KEY_STEPS_MM):
+                self.step_mm = KEY_STEPS_MM[int(key) - 1]
         return ""
 
-    def _move(self, way: Point, watch: Watch) -> None:
-        x, y, z = (self.step_mm * part for part in way)
+    def _move(self, direction: Point, watch: Watch) -> None:
+        x, y, z = (self.step_mm * part for part in direction)
         stage, clock = self.stage, self.stage.clock
         deep = self.into_gel or self.guard is not None
         try:
-            target_mm, feed = plan_move(stage, (x, y, z), FEED_MM_MIN, deep)
+            target_mm, feed = plan_move(stage, (x, y, z), HAND_FEED_MM_MIN, deep)
             end_s = clock.now_s() + stage.start_move(target_mm, feed)
-            while clock.now_s() < end_s and not watch.trouble:
-                self.show(self._line(watch, asks=False))
-                stage.listen(min(TELL_S / 10, max(end_s - clock.now_s(), 0.0)))
+            while clock.now_s() < end_s and not watch.errors:
+                self.show(self._state_line(watch, asks=False))
+                stage.listen(min(DISPLAY_PERIOD_S / 10, max(end_s - clock.now_s(), 0.0)))
                 if self.key(0.0) == " ":
                     stage.stop()
                     return
             stage.wait()
-        except (InputError, StageError) as why:
-            self.tell(str(why))
+        except (InputError, StageError) as error:
+            self.tell(str(error))
 
-    def _origin(self) -> str:
-        """The tip stands where the face has its middle, from now on (0, 0, 0)."""
+    def _set_origin(self) -> str:
+        """Set the origin (0, 0, 0), the centre of the face, at the present position."""
         if not self.stage.homed:
             return "home first: h"
-        here = self.stage.frame.to_machine_mm(self.stage.position_mm())
-        self.stage.frame = replace(self.stage.frame, origin_machine_mm=here)
-        x, y, z = here
+        origin_mm = self.stage.frame.to_machine_mm(self.stage.position_mm())
+        self.stage.frame = replace(self.stage.frame, origin_machine_mm=origin_mm)
+        x, y, z = origin_mm
         return f"origin_machine_mm = [{x:.3f}, {y:.3f}, {z:.3f}]  # for [stage] of the rig file"
 
-    def _ease(self, why: str) -> None:
-        """After a trip, a little up; only a force that still grows would stop that."""
-        self.tell(f"{why}; lifting by {EASE_MM:g} mm; any key goes on, q ends")
+    def _lift_after_trip(self, reason: str) -> None:
+        """Lift the tip a little after a trip, unless the force still grows."""
+        self.tell(f"{reason}; lifting by {TRIP_LIFT_MM:g} mm; q quits, any other key continues")
         if self.guard is None:
             return
         with self.guard.easing():
             try:
                 self.stage.stop()
-                self.stage.lift(EASE_MM, LIFT_FEED_MM_MIN)
+                self.stage.lift(TRIP_LIFT_MM, LIFT_FEED_MM_MIN)
             except StageError as fault:
                 self.tell(str(fault))
         self.guard.rearm()
 
-    def _line(self, watch: Watch, asks: bool = True) -> str:
-        where = "moving"
+    def _state_line(self, watch: Watch, asks: bool = True) -> str:
+        place = "moving"
         if asks:
             homed = self.stage.homed
-            where = position_text(self.stage.position_mm()) if homed else "not homed"
+            place = position_text(self.stage.position_mm()) if homed else "not homed"
         force_n = None if watch.stream is None else watch.stream.force_n
-        felt = "no force sensor: no guard"
+        force = "no force sensor, no guard"
         if watch.stream is not None:
-            felt = "..." if force_n is None else "F {:+.2f} {:+.2f} {:+.2f} N".format(*force_n)
-        return f"{where} | step {self.step_mm:g} mm | {felt} | {time.strftime('%H:%M:%S')}"
+            force = "..." if force_n is None else "F {:+.2f} {:+.2f} {:+.2f} N".format(*force_n)
+        return f"{place} | step {self.step_mm:g} mm | {force} | {time.strftime('%H:%M:%S')}"
 
 
 @dataclass(frozen=True)
 class StageStatus:
-    """State and position, as the controller reports them; sensor_mm: None where it is locked."""
+    """Reported state and position; sensor_mm: None if the controller is locked."""
 
     state: str
     machine_mm: Point
     sensor_mm: Point | None
 
     def line(self) -> str:
-        """State and position in one line."""
+        """Return state and position in one line."""
         mm = self.sensor_mm
-        where = "locked: home first" if mm is None else position_text(mm)
+        place = "locked: home first" if mm is None else position_text(mm)
         machine = ", ".join(f"{p:.3f}" for p in self.machine_mm)
-        return f"{state_text(self.state)}, {where}; machine {machine}"
+        return f"{state_text(self.state)}, {place}; machine {machine}"
 
 
 class HandStage:
-    """The stage of a real rig, driven by hand; each command opens its port and closes it.
+    """Manual control of a real rig's stage; each command opens and closes its port.
 
-    The force sensor of the rig file, where it has one, guards every motion as in a run. Ctrl-C
-    stops a motion. Commands raise InputError, StageError, SensorError, and Stopped for Ctrl-C.
+    A force sensor in the rig file guards every motion as in a run. Ctrl-C stops a motion. Commands
+    raise InputError, StageError, SensorError, and Stopped for Ctrl-C.
     """
 
     def __init__(self, rig: str) -> None:
@@ -246,20 +246,20 @@ class HandStage:
                 f"{self._source}: kind: a {config.kind!r} rig has no stage to drive; 'grbl' has"
             )
         self._config = config
-        self._stage = GrblStage.of(config.stage, WallClock())
+        self._stage = GrblStage.from_config(config.stage, WallClock())
 
     def status(self) -> StageStatus:
-        """What the stage is doing and where it is; nothing moves."""
+        """Query state and position; nothing moves."""
         with closing(self._stage):
             self._stage.connect()
             return self._state()
 
     def home(self, tip_is_clear: bool, ask: bool) -> tuple[str, float, StageStatus]:
-        """Home every axis; returns how the face was cleared, the seconds, and the state.
+        """Home every axis; return how the face was cleared, the duration (s), and the state.
 
-        ask: the operator at the terminal may be asked whether the tip is clear.
+        ask: ask the operator at the terminal if needed.
         """
-        with self._driven() as guard:
+        with self._connected() as guard:
             start_s = time.monotonic()
             with stopped_by_ctrl_c(self._stage):
                 operator = TerminalOperator() if ask else None
@@ -267,17 +267,17 @@ class HandStage:
             return how, time.monotonic() - start_s, self._state()
 
     def jog(self, by_mm: Point, feed_mm_min: float, most_mm: float, into_gel: bool) -> StageStatus:
-        """Move the tip by a vector (sensor frame) that is no longer than most_mm.
+        """Move the tip by a vector (sensor frame) of length most_mm at most.
 
-        into_gel: it may end below the clearance height, slowly.
+        into_gel: allow an end below the clearance height, slowly.
         """
         length_mm = math.hypot(*by_mm)
         if not length_mm <= most_mm:  # before a port is opened, which may restart the board
             raise InputError(
-                f"DX DY DZ: {length_mm:g} mm is more than {most_mm:g}; give --most {length_mm:g} "
-                "if that is meant"
+                f"DX DY DZ: {length_mm:g} mm exceeds {most_mm:g} mm; give --most {length_mm:g} "
+                "to allow it"
             )
-        with self._driven() as guard:
+        with self._connected() as guard:
             self._require_count()
             with stopped_by_ctrl_c(self._stage), self._watched(guard):
                 move_to(self._stage, *plan_move(self._stage, by_mm, feed_mm_min, into_gel))
@@ -286,12 +286,12 @@ class HandStage:
     def go_to(
         self, target_mm: Point, feed_mm_min: float, into_gel: bool, home_first: bool
     ) -> StageStatus:
-        """Move the tip to a place (sensor frame): up, then sideways, then down.
+        """Move the tip to a position (sensor frame): up, then sideways, then down.
 
-        home_first: home before, on the operator's word that the tip is clear; else the position
-        that the controller has counted is taken.
+        home_first: home before, the operator having confirmed that the tip is clear; else the
+        controller's count is trusted.
         """
-        with self._driven() as guard:
+        with self._connected() as guard:
             with stopped_by_ctrl_c(self._stage):
                 if home_first:
                     self._home(guard, None, tip_is_clear=True)
@@ -303,7 +303,7 @@ class HandStage:
 
     def drive_by_keys(
         self,
-        keys: Callable[[], AbstractContextManager[Key]],
+        keys: Callable[[], AbstractContextManager[ReadKey]],
         whole_lines: Callable[[], AbstractContextManager[None]],
         tell: Callable[[str], None],
         show: Callable[[str], None],
@@ -311,15 +311,15 @@ class HandStage:
         indenter: str,
         into_gel: bool,
     ) -> StageStatus:
-        """Move the tip key by key until the operator ends it; homing and registration as well.
+        """Move the tip by keys until the operator quits; includes homing and registration.
 
-        keys: opens the keyboard; whole_lines: while open, lines are typed as usual. tell: a line
-        for the operator. show: the state, over and over. indenter: the ball to register with.
+        keys: opens the keyboard; whole_lines: restores line input while open. tell: prints a line.
+        show: refreshes the state. indenter: the ball to register with.
         """
         stage = self._stage
         out, operator = Path(f"{self._source.stem}-registration.toml"), TerminalOperator()
-        asked = requested_tool(self._config, self._source, sensor, indenter)
-        with self._driven() as guard:
+        request = registration_request(self._config, self._source, sensor, indenter)
+        with self._connected() as guard:
 
             def home() -> str:
                 with whole_lines():
@@ -329,32 +329,32 @@ class HandStage:
                 if guard is None:
                     return "registration needs a force sensor"
                 with whole_lines():
-                    found = register_face(GuardedStage(stage, guard, guard), asked, operator)
-                write_registration(found, out)
-                return f"{out}: {found.line()}"
+                    face = register_face(GuardedStage(stage, guard, guard), request, operator)
+                write_registration(face, out)
+                return f"{out}: {face.line()}"
 
-            others = {"h": home, "r": register}
+            actions = {"h": home, "r": register}
             with keys() as key, stopped_by_ctrl_c(stage):
-                HandSession(stage, guard, guard, key, tell, show, into_gel, others).run()
+                HandSession(stage, guard, guard, key, tell, show, into_gel, actions).run()
             return self._state()
 
     def reset(self) -> str:
-        """Reset the controller, which loses its position; returns its banner."""
+        """Reset the controller, which loses its position; return its banner."""
         with closing(self._stage):
             self._stage.reset()
             return str(self._stage.identity()["banner"])
 
     @contextmanager
-    def _driven(self) -> Iterator[Watchdog | None]:
-        """Connect; the guard on the force sensor, None where the file names none."""
+    def _connected(self) -> Iterator[Watchdog | None]:
+        """Connect; yield the guard on the force sensor, None without one."""
         config = self._config
-        with ExitStack() as opened:
-            opened.callback(self._stage.close)
+        with ExitStack() as stack:
+            stack.callback(self._stage.close)
             self._stage.connect()
             guard = None
             if config.force is not None and config.force.reachable:
                 guard = open_guarded(config.force, config.guard, self._stage)
-                opened.callback(guard.close)
+                stack.callback(guard.close)
             yield guard
 
     def _watched(self, guard: Watchdog | None) -> AbstractContextManager[object]:
@@ -370,11 +370,11 @@ class HandStage:
 
     def _require_count(self) -> None:
         if not self._stage.trust_count():
-            raise StageError("the controller is locked, its position is lost: `rig home` first")
+            raise StageError("controller locked, position lost: run `rig home` first")
 
     def _state(self) -> StageStatus:
-        report = self._stage.look()
-        known = report.state.partition(":")[0] not in ("Alarm", "Sleep")
+        report = self._stage.report()
+        has_position = report.state.partition(":")[0] not in ("Alarm", "Sleep")
         machine_mm = report.machine_mm
-        sensor_mm = self._config.stage.frame.to_sensor_mm(machine_mm) if known else None
+        sensor_mm = self._config.stage.frame.to_sensor_mm(machine_mm) if has_position else None
         return StageStatus(report.state, machine_mm, sensor_mm)

@@ -1,7 +1,7 @@
-"""A bench for a few minutes, without a run or a record, and where the face lies on it.
+"""Short sessions on a bench without a run or record, and registration of the face.
 
 A ball touches a tilted face in the same way everywhere, so the plane of its touches is parallel to
-the face. Three touches give a plane, and only the fourth says how far from flat it is.
+the face. Three touches give a plane; the flatness needs a fourth.
 """
 
 from __future__ import annotations
@@ -34,19 +34,20 @@ from ..run.loop import interruptible
 from ..stage.grbl import GrblStage
 from ..tables import RegisteredTouch, RegistrationFile, TouchConfig
 from .feeler import ForceProbe
-from .tooling import LIFT_MM, TerminalOperator, confirm, home_safely, raised
+from .tooling import HOMING_LIFT_MM, TerminalOperator, confirm, home_safely, raised_frame
 from .touch import ForceTouch, powers_of
 
+# Decision 0033; by hand: smaller triangles give a less certain tilt.
 MAX_TILT_DEG = 2.0
 MAX_RESIDUAL_MM = 0.1
-REACH = 0.7  # of what the face leaves to the indenter's middle
-MIN_AREA = 0.05  # of the face, of the largest triangle among the places
-Place = tuple[float, float]
+CORNER_SHARE = 0.7  # of the largest half-widths at which the indenter fits
+MIN_TRIANGLE_SHARE = 0.05  # largest triangle of the points, of the area of the face
+FacePoint = tuple[float, float]
 
 
 @dataclass
 class GuardedStage:
-    """A stage that is homed, with its force sensor and the guard on it."""
+    """A homed stage with its force sensor and guard."""
 
     stage: GrblStage
     force: ForceSensor
@@ -57,21 +58,21 @@ class GuardedStage:
 def home_stage(
     config: GrblConfig, source: Path, operator: TerminalOperator, tip_is_clear: bool = False
 ) -> Iterator[GuardedStage]:
-    """Open and home the bench of a rig file; lift the tip and close all, however it ends.
+    """Open and home the bench of a rig file; finally lift the tip and close all devices.
 
-    Raises InputError for a rig without a force sensor, and whatever the devices raise; Stopped
-    when the operator interrupts.
+    Raises InputError for a rig without a force sensor, errors of the devices, and Stopped when the
+    operator interrupts.
     """
     if config.force is None or not config.force.reachable:
         raise InputError(
-            f"{source}: force: no way to a force sensor, and nothing else keeps the tip from "
-            "breaking what it meets: add [force.netft] or [force.serial]"
+            f"{source}: force: no force sensor, which alone protects gel and sensor from a "
+            "crash: add [force.netft] or [force.serial]"
         )
-    stage = GrblStage.of(config.stage, WallClock())
-    with ExitStack() as opened:
-        opened.callback(stage.close)
+    stage = GrblStage.from_config(config.stage, WallClock())
+    with ExitStack() as stack:
+        stack.callback(stage.close)
         force = guard = open_guarded(config.force, config.guard, stage)
-        opened.callback(force.close)
+        stack.callback(force.close)
         with interruptible(stage.abort):
             try:
                 stage.connect()
@@ -81,24 +82,24 @@ def home_stage(
                 yield GuardedStage(stage, force, guard)
             except StageError:
                 raise
-            except BaseException as why:
+            except BaseException as error:
                 with suppress(DeltactFabError):
                     stage.stop()
-                    stage.lift(LIFT_MM, LIFT_FEED_MM_MIN)
-                if isinstance(why, KeyboardInterrupt):
-                    raise Stopped("stopped by the operator") from why
+                    stage.lift(HOMING_LIFT_MM, LIFT_FEED_MM_MIN)
+                if isinstance(error, KeyboardInterrupt):
+                    raise Stopped("stopped by the operator") from error
                 raise
 
 
 @contextmanager
 def open_probe(rig: str, tip: str) -> Iterator[tuple[ForceProbe, TouchConfig]]:
-    """Home a real rig and have a tip mounted; yields its probe, and how the rig touches.
+    """Home a real rig and have a tip mounted; yield its probe and touch-off settings.
 
-    Raises InputError for a virtual rig, and as `homed` and `confirm` do.
+    Raises InputError for a virtual rig, and as `home_stage` and `confirm`.
     """
     config, source = load_rig(rig)
     if not isinstance(config, GrblConfig):
-        raise InputError(f"{source}: kind: {config.kind!r} has nothing to touch with; 'grbl' has")
+        raise InputError(f"{source}: kind: a {config.kind!r} rig cannot touch; use a 'grbl' rig")
     operator = TerminalOperator()
     with home_stage(config, source, operator) as bench:
         confirm(operator, tip, "it is mounted, screwed tight")
@@ -108,28 +109,28 @@ def open_probe(rig: str, tip: str) -> Iterator[tuple[ForceProbe, TouchConfig]]:
 
 @dataclass(frozen=True)
 class RegistrationRequest:
-    """A registration as it was asked for, judged: a ball, places that it fits at, how it touches.
+    """A checked request: ball, points where it fits, touch-off settings.
 
-    longer_mm: than the reference tool it is. rig: name of the rig file.
+    longer_mm: length minus that of the reference tool. rig: name of the rig file.
     """
 
     ball: Indenter
-    places: tuple[Place, ...]
+    places: tuple[FacePoint, ...]
     touch: TouchConfig
     longer_mm: float
     rig: str
 
 
-def requested_tool(
+def registration_request(
     config: GrblConfig,
     source: Path,
     sensor: SensorDimensions,
     indenter: str,
-    places: tuple[Place, ...] = (),
+    places: tuple[FacePoint, ...] = (),
 ) -> RegistrationRequest:
-    """Judge what was asked for, before a device is opened. Raises InputError.
+    """Check a request before a device is opened. Raises InputError.
 
-    places: none is four of them.
+    places: points to touch; empty: four default ones.
     """
     ball = parse_indenter(indenter)
     touch = config.touch or TouchConfig()
@@ -140,46 +141,46 @@ def requested_tool(
 
 
 def register_face(
-    bench: GuardedStage, asked: RegistrationRequest, operator: TerminalOperator
+    bench: GuardedStage, request: RegistrationRequest, operator: TerminalOperator
 ) -> RegistrationFile:
-    """Have the ball mounted, touch the face at each place, and fit the plane where it lies.
+    """Have the ball mounted, touch the face at each point, and fit the plane of the face.
 
-    Raises SensorError, StageError and RunFailed, that also for a tilt over MAX_TILT_DEG and for
-    touches that lie further than MAX_RESIDUAL_MM from their plane.
+    Raises SensorError, StageError and RunFailed, the last also for a tilt over MAX_TILT_DEG and
+    for touches further than MAX_RESIDUAL_MM from their plane.
     """
-    stage, ball = bench.stage, asked.ball
+    stage, ball = bench.stage, request.ball
     confirm(operator, ball.name, "it is mounted, screwed tight")
-    stage.frame = frame = raised(stage.frame, asked.longer_mm)
-    touch = ForceTouch(ForceProbe(stage, bench.force, stage.clock, bench.guard), asked.touch)
-    touches = [touch.find(ball, place) for place in asked.places]
-    at = np.array([frame.to_machine_mm((*t.at_mm, t.z_mm)) for t in touches])
-    level = np.column_stack((np.ones(len(at)), at[:, :2]))
-    (height, along_x, along_y), *_ = np.linalg.lstsq(level, at[:, 2], rcond=None)
-    residual_mm = float(abs(level @ (height, along_x, along_y) - at[:, 2]).max())
+    stage.frame = frame = raised_frame(stage.frame, request.longer_mm)
+    touch = ForceTouch(ForceProbe(stage, bench.force, stage.clock, bench.guard), request.touch)
+    touches = [touch.find(ball, place) for place in request.places]
+    points = np.array([frame.to_machine_mm((*t.at_mm, t.z_mm)) for t in touches])
+    level = np.column_stack((np.ones(len(points)), points[:, :2]))
+    (height, along_x, along_y), *_ = np.linalg.lstsq(level, points[:, 2], rcond=None)
+    residual_mm = float(abs(level @ (height, along_x, along_y) - points[:, 2]).max())
     x, y, _ = frame.origin_machine_mm
-    z = float(height + along_x * x + along_y * y) - asked.longer_mm
-    found = replace(frame, origin_machine_mm=(x, y, z)).with_normal((-along_x, -along_y, 1.0))
-    a, b = map(math.radians, found.tilt_deg)
+    z = float(height + along_x * x + along_y * y) - request.longer_mm
+    face = replace(frame, origin_machine_mm=(x, y, z)).with_normal((-along_x, -along_y, 1.0))
+    a, b = map(math.radians, face.tilt_deg)
     tilt_deg = math.degrees(math.acos(math.cos(a) * math.cos(b)))
     if tilt_deg > MAX_TILT_DEG:
         raise RunFailed(
-            f"the face is tilted by {tilt_deg:.2f} degrees against the stage, more than "
-            f"{MAX_TILT_DEG:g}: put the sensor level and register again"
+            f"the face is tilted by {tilt_deg:.2f} deg against the stage, more than "
+            f"{MAX_TILT_DEG:g} deg: level the sensor and register again"
         )
     if residual_mm > MAX_RESIDUAL_MM:
         raise RunFailed(
             f"the touches lie up to {residual_mm:.3f} mm from one plane, more than "
             f"{MAX_RESIDUAL_MM:g}: something moved, or the face is not flat"
         )
-    places = at.round(4).tolist()
+    places = points.round(4).tolist()
     return RegistrationFile(
         date=datetime.now(UTC).isoformat(timespec="seconds"),
-        rig=asked.rig,
+        rig=request.rig,
         indenter=ball.name,
         by=touches[0].by,
         origin_machine_mm=(x, y, round(z, 4)),
-        angle_deg=round(found.angle_deg, 4),
-        tilt_deg=(round(found.tilt_deg[0], 4), round(found.tilt_deg[1], 4)),
+        angle_deg=round(face.angle_deg, 4),
+        tilt_deg=(round(face.tilt_deg[0], 4), round(face.tilt_deg[1], 4)),
         residual_mm=round(residual_mm, 4),
         touches=tuple(
             RegisteredTouch(at_mm=t.at_mm, machine_mm=place, spread_mm=t.spread_mm)
@@ -192,47 +193,47 @@ def register_rig(
     rig: str,
     sensor: SensorDimensions,
     indenter: str,
-    places: tuple[Place, ...],
+    places: tuple[FacePoint, ...],
     out: Path,
     tip_is_clear: bool = False,
 ) -> RegistrationFile:
-    """Home a real rig, touch the face of its sensor with a ball, and write where the face is.
+    """Home a real rig, touch the face of its sensor with a ball, and write its position.
 
-    places: where to touch, mm; none is four of them. out: the registration file. Raises InputError
-    for a virtual rig, and as `requested_tool`, `home_stage` and `register_face`.
+    places: points to touch, mm; empty: four default ones. out: the registration file. Raises
+    InputError for a virtual rig, and as `registration_request`, `home_stage`, `register_face`.
     """
     config, source = load_rig(rig)
     if not isinstance(config, GrblConfig):
         raise InputError(
-            f"{source}: kind: only a real rig is registered; this one is {config.kind!r}"
+            f"{source}: kind: only a real rig can be registered; this one is {config.kind!r}"
         )
-    asked = requested_tool(config, source, sensor, indenter, places)
+    request = registration_request(config, source, sensor, indenter, places)
     operator = TerminalOperator()
     with home_stage(config, source, operator, tip_is_clear) as bench:
-        found = register_face(bench, asked, operator)
-    write_registration(found, out)
-    return found
+        registration = register_face(bench, request, operator)
+    write_registration(registration, out)
+    return registration
 
 
 def write_registration(registration: RegistrationFile, out: Path) -> None:
-    """Keep it in a file. Raises RunFailed when the disk refuses."""
-    about = "Where the face lies; `[stage] registration` of the rig file names this file."
+    """Write it to a file. Raises RunFailed for a disk error."""
+    about = "Position of the face; named by `[stage] registration` of the rig file."
     write_whole(out, toml_text(registration.model_dump(mode="json"), [about]).encode())
 
 
-def places_for(skin: SkinDimensions, indenter: Indenter) -> tuple[Place, ...]:
-    """The corners of a rectangle on the face, with the ball well inside."""
+def places_for(skin: SkinDimensions, indenter: Indenter) -> tuple[FacePoint, ...]:
+    """Return the corners of a rectangle on the face, with the ball well inside."""
     (x, y), (rx, ry) = skin.opening_half_mm, indenter.footprint_half_mm
-    x, y = REACH * (x - rx), REACH * (y - ry)
+    x, y = CORNER_SHARE * (x - rx), CORNER_SHARE * (y - ry)
     return ((-x, -y), (x, -y), (x, y), (-x, y))
 
 
-def require_fit(skin: SkinDimensions, indenter: Indenter, places: Sequence[Place]) -> None:
-    """Raise InputError for an indenter that is no ball, or places that give no plane."""
+def require_fit(skin: SkinDimensions, indenter: Indenter, places: Sequence[FacePoint]) -> None:
+    """Raise InputError for an indenter that is not a ball, or points that fix no plane."""
     if len(indenter.tips) != 1 or powers_of(indenter) != (1.5,):
         raise InputError(
-            f"--indenter {indenter.name}: a face is registered with a ball, as sphere:10, which "
-            "touches a tilted one everywhere in the same way"
+            f"--indenter {indenter.name}: registration needs a ball, as sphere:10, which "
+            "touches a tilted face everywhere in the same way"
         )
     half, reach = skin.opening_half_mm, indenter.footprint_half_mm
     for place in places:
@@ -241,15 +242,15 @@ def require_fit(skin: SkinDimensions, indenter: Indenter, places: Sequence[Place
                 f"--at {place[0]:g},{place[1]:g}: {indenter.name} does not fit on the face of "
                 f"{2 * half[0]:g} x {2 * half[1]:g} mm there"
             )
-    least_mm2 = MIN_AREA * 4 * half[0] * half[1]
+    least_mm2 = MIN_TRIANGLE_SHARE * 4 * half[0] * half[1]
     if len(places) < 3 or _largest_mm2(places) < least_mm2:
         raise InputError(
-            "--at: three places at least are needed, and not in a line: the largest triangle of "
-            f"them is to have {least_mm2:.0f} mm2"
+            "--at: at least three points are needed, not in a line: their largest triangle must "
+            f"have {least_mm2:.0f} mm2"
         )
 
 
-def _largest_mm2(places: Sequence[Place]) -> float:
+def _largest_mm2(places: Sequence[FacePoint]) -> float:
     return max(
         (
             abs((b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])) / 2

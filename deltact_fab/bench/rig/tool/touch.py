@@ -1,9 +1,9 @@
-"""The face is found by the force sensor: down slowly until it is felt, off, and again by steps.
+"""Touch-off by force: approach until contact, back off, and approach again by steps.
 
-Nothing but short jogs is ever under way: a host that dies leaves a tip that goes on by STRIDE_MM at
-most. The first approach only says where to look. From a little above, the second goes down by
-STEP_MM, rests, and takes the mean force; the height of the face is fitted to those, so that neither
-the threshold nor a delay is part of it. Only the fitted ones are repeated, and compared.
+Only short jogs are sent: if the host dies, the tip moves by DESCENT_STRIDE_MM at most. The first
+approach locates the face roughly. The second one goes down from just above by TOUCH_STEP_MM, rests,
+and takes the mean force; the height of the face is fitted to these, independent of threshold and
+delays. Only the fitted approach is repeated and compared.
 """
 
 from __future__ import annotations
@@ -21,27 +21,28 @@ from deltact_fab.sensor import EllipsoidTip, Indenter, SphereTip
 from ...protocols.motion import WALL_CLOCK_PACE, StageConfig, move_duration_s
 from ..interface import move_to, rise
 from ..tables import TouchConfig
-from .feeler import LOOK_S, MEAN_S, SETTLE_S, TARE_S, ForceProbe
+from .feeler import PROBE_MEAN_S, PROBE_POLL_S, PROBE_SETTLE_S, PROBE_TARE_S, ForceProbe
 
-STRIDE_MM = 0.5
-STEP_MM = 0.01
-OFF_MM = 0.2  # one step back from the face
-OFF_TIMES = 10
-BEYOND_MM = 0.1  # clear of the face before the steps begin
-LOWERING = 4.0  # times the feed of the approach, above the height where it begins
+# Decision 0033; by hand: finer steps and more poses fit better, and take longer and go deeper.
+DESCENT_STRIDE_MM = 0.5
+TOUCH_STEP_MM = 0.01
+BACK_OFF_MM = 0.2  # one step back from the face
+MAX_BACK_OFFS = 10
+STEP_START_MM = 0.1  # above the face, where the steps begin
+LOWERING_RATIO = 4.0  # feed above the approach, relative to its feed
 TRAVEL_FEED_MM_MIN = 300.0
-NOISES = 5.0  # of the sensor, below the threshold
-ENOUGH = 3  # poses below the face
-MOST = 5.0  # times the threshold: no deeper, however few the poses
-CANDIDATES = 200
-ROUNDS = 4
+MIN_NOISE_RATIO = 5.0  # threshold over the noise
+MIN_CONTACT_POSES = 3  # below the face
+MAX_FORCE_RATIO = 5.0  # largest force over the threshold, however few the poses
+CANDIDATE_COUNT = 200
+SEARCH_ROUNDS = 4
 
 
 @dataclass(frozen=True)
 class FaceTouch:
-    """Where a tip met the face, and how well that is known.
+    """Result of a touch-off with its uncertainty.
 
-    z_mm: height of the face in the frame that the stage had, at at_mm. spread_mm: between repeats.
+    z_mm: height of the face at at_mm, in the stage's frame of then. spread_mm: between repeats.
     """
 
     by: str
@@ -54,131 +55,134 @@ class FaceTouch:
     most_n: float | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
+        """Return plain data."""
         return {key: value for key, value in asdict(self).items() if value is not None}
 
     def line(self) -> str:
-        """For a person."""
-        felt = "" if self.most_n is None else f", {self.most_n:.2f} N at most"
-        return f"{self.z_mm:+.3f} mm from where it was expected, {self.repeats} touches within " + (
-            f"{self.spread_mm:.3f} mm, by {self.by}{felt}"
+        """Return a summary for the operator."""
+        peak = "" if self.most_n is None else f", peak force {self.most_n:.2f} N"
+        return f"{self.z_mm:+.3f} mm from the expected height, {self.repeats} touches within " + (
+            f"{self.spread_mm:.3f} mm, by {self.by}{peak}"
         )
 
 
 def tool_change_s(stage: StageConfig, touch: TouchConfig | None, park_mm: float) -> float:
-    """How long `ForceTouch.find` takes from the height of a change and back; 0 without a [touch].
+    """Duration of `ForceTouch.find` from the height of a change and back; 0 without [touch].
 
-    The face is taken to be where it is expected.
+    Assumes the face at its expected height.
     """
     if touch is None:
         return 0.0
     feed, high_mm = touch.feed_mm_min, max(park_mm, touch.clear_mm)
-    steps = round((OFF_MM + BEYOND_MM) / STEP_MM) + ENOUGH
+    steps = round((BACK_OFF_MM + STEP_START_MM) / TOUCH_STEP_MM) + MIN_CONTACT_POSES
     moves = (  # how many, how far, how fast
-        ((high_mm - touch.clear_mm) / STRIDE_MM, STRIDE_MM, LOWERING * feed),
-        (touch.clear_mm / STRIDE_MM, STRIDE_MM, feed),
-        (touch.repeats, OFF_MM, TRAVEL_FEED_MM_MIN),
-        (touch.repeats, BEYOND_MM, TRAVEL_FEED_MM_MIN),
-        (touch.repeats * steps, STEP_MM, feed),
+        ((high_mm - touch.clear_mm) / DESCENT_STRIDE_MM, DESCENT_STRIDE_MM, LOWERING_RATIO * feed),
+        (touch.clear_mm / DESCENT_STRIDE_MM, DESCENT_STRIDE_MM, feed),
+        (touch.repeats, BACK_OFF_MM, TRAVEL_FEED_MM_MIN),
+        (touch.repeats, STEP_START_MM, TRAVEL_FEED_MM_MIN),
+        (touch.repeats * steps, TOUCH_STEP_MM, feed),
         (1, high_mm, TRAVEL_FEED_MM_MIN),
     )
     limits = stage.max_feed_mm_min, stage.acceleration_mm_s2
     beyond_s = WALL_CLOCK_PACE.move_s
     moving_s = sum(n * (move_duration_s((0, 0, mm), f, *limits) + beyond_s) for n, mm, f in moves)
-    return TARE_S + moving_s + touch.repeats * (steps + 1) * (SETTLE_S + MEAN_S + LOOK_S)
+    rest_s = PROBE_SETTLE_S + PROBE_MEAN_S + PROBE_POLL_S
+    return PROBE_TARE_S + moving_s + touch.repeats * (steps + 1) * rest_s
 
 
 class ForceTouch:
-    """Finds the face below a point of it, with the tip of one indenter."""
+    """Finds the height of the face at one point with the mounted indenter."""
 
     def __init__(self, feeler: ForceProbe, config: TouchConfig) -> None:
         self._feeler, self._stage = feeler, feeler.stage
         self._config = config
 
     def find(self, indenter: Indenter, at_mm: tuple[float, float]) -> FaceTouch:
-        """Go there, touch as often as configured, and up again to the height of the start.
+        """Go to the point, touch as often as configured, and return to the initial height.
 
-        Heights are those of the stage's frame, whose z = 0 is where the face is expected. Raises
-        SensorError in one line when it is not met, too early, or not twice at one height; the tip
-        is lifted then too, unless the stage is at fault.
+        Heights are in the stage's frame, z = 0 at the expected face. Raises SensorError, one line,
+        for no contact, contact too early, or heights that differ; the tip is lifted then too,
+        unless the stage failed.
         """
         x, y, start_mm = self._stage.position_mm()
         high_mm = max(start_mm, self._config.clear_mm)
         feeler = self._feeler
         try:
             noise_n = self._tare((x, y), at_mm, high_mm)
-            found = self._touches(indenter, at_mm)
+            contacts = self._touch_face(indenter, at_mm)
         except StageError:
             raise
-        except BaseException as why:
+        except BaseException as error:
             lifted = self._retreat(high_mm)
-            if isinstance(why, DeltactFabError):
-                raise type(why)(f"touch-off of {indenter.name}: {why}; {lifted}") from why
+            if isinstance(error, DeltactFabError):
+                raise type(error)(f"touch-off of {indenter.name}: {error}; {lifted}") from error
             raise
         finally:
-            with suppress(DeltactFabError):  # the first error is the one to tell
+            with suppress(DeltactFabError):  # keep the first error
                 feeler.release()
         self._go((*at_mm, high_mm))
-        heights = [contact.z_mm for contact in found]
+        heights = [contact.z_mm for contact in contacts]
         spread_mm = max(heights) - min(heights)
         if spread_mm > self._config.spread_mm:
             raise SensorError(
-                f"touch-off of {indenter.name}: {len(heights)} touches lie {spread_mm:.3f} mm "
-                f"apart, at most {self._config.spread_mm:g} (touch.spread_mm): is the indenter "
-                "loose, or the sensor?"
+                f"touch-off of {indenter.name}: {len(heights)} touches differ by {spread_mm:.3f} "
+                f"mm, more than touch.spread_mm = {self._config.spread_mm:g}: check for a loose "
+                "indenter or sensor"
             )
         return FaceTouch(
             "force", at_mm, round(sum(heights) / len(heights), 4), round(spread_mm, 4),
-            len(heights), round(noise_n, 5), round(max(c.residual_n for c in found), 5),
-            round(feeler.most_n, 3),
+            len(heights), round(noise_n, 5), round(max(c.residual_n for c in contacts), 5),
+            round(feeler.peak_n, 3),
         )  # fmt: skip
 
-    def _tare(self, here: tuple[float, float], at_mm: tuple[float, float], high_mm: float) -> float:
-        """Above the point, tare; returns the noise."""
-        self._go((*here, high_mm))
+    def _tare(
+        self, start: tuple[float, float], at_mm: tuple[float, float], high_mm: float
+    ) -> float:
+        """Go above the point and tare; return the noise (N)."""
+        self._go((*start, high_mm))
         self._go((*at_mm, high_mm))
         noise_n = self._feeler.tare()
-        if noise_n * NOISES > self._config.force_n:
+        if noise_n * MIN_NOISE_RATIO > self._config.force_n:
             raise SensorError(
-                f"the sensor's noise is {noise_n:.3f} N (one deviation): a contact of "
-                f"touch.force_n = {self._config.force_n:g} N cannot be told from it; at least "
-                f"{noise_n * NOISES:.2g} N, or find out what shakes"
+                f"the sensor's noise is {noise_n:.3f} N (1 sigma), too much for touch.force_n = "
+                f"{self._config.force_n:g} N; set at least {noise_n * MIN_NOISE_RATIO:.2g} N, or "
+                "remove vibrations"
             )
         return noise_n
 
-    def _touches(self, indenter: Indenter, at_mm: tuple[float, float]) -> list[ContactFit]:
+    def _touch_face(self, indenter: Indenter, at_mm: tuple[float, float]) -> list[ContactFit]:
         config = self._config
-        if self._descend(at_mm, config.clear_mm, config.feed_mm_min * LOWERING):
-            self._too_early()
+        if self._descend(at_mm, config.clear_mm, config.feed_mm_min * LOWERING_RATIO):
+            self._raise_too_early()
         if self._descend(at_mm, config.search_mm, config.feed_mm_min):
-            self._too_early()
+            self._raise_too_early()
         if not self._descend(at_mm, -config.search_mm, config.feed_mm_min):
             raise SensorError(
-                f"nothing was met down to {config.search_mm:g} mm below the height expected "
-                f"(touch.search_mm), {self._feeler.most_n:.3f} N at most; is the indenter shorter "
-                "than [tools] says, or the sensor not there?"
+                f"no contact down to {config.search_mm:g} mm below the expected height "
+                f"(touch.search_mm), peak force {self._feeler.peak_n:.3f} N; is the indenter "
+                "shorter than in [tools], or the sensor missing?"
             )
         self._require_a_press()
-        found = []
+        contacts = []
         for _ in range(config.repeats):
             self._back_off()
-            found.append(self._step_down(powers_of(indenter)))
-        return found
+            contacts.append(self._step_down(powers_of(indenter)))
+        return contacts
 
     def _descend(self, at_mm: tuple[float, float], to_mm: float, feed_mm_min: float) -> bool:
-        """Down by strides; True as soon as a contact is felt."""
+        """Go down by strides; return True at the first contact."""
         z = self._stage.position_mm()[2]
         while z > to_mm + 1e-3:
-            z = max(z - STRIDE_MM, to_mm)
+            z = max(z - DESCENT_STRIDE_MM, to_mm)
             if self._feeler.move((*at_mm, z), feed_mm_min, self._config.force_n):
                 return True
         return False
 
-    def _too_early(self) -> None:
+    def _raise_too_early(self) -> None:
         z = self._stage.position_mm()[2]
         raise SensorError(
-            f"a force came {z:.2f} mm above the height expected, more than touch.search_mm = "
-            f"{self._config.search_mm:g}; is the indenter longer than [tools] says, or something "
+            f"contact {z:.2f} mm above the expected height, more than touch.search_mm = "
+            f"{self._config.search_mm:g}; is the indenter longer than in [tools], or something "
             "in the way?"
         )
 
@@ -186,68 +190,68 @@ class ForceTouch:
         force = self._feeler.at_rest()
         if -force[2] < 0.5 * float((force**2).sum()) ** 0.5:
             raise SensorError(
-                "what was met does not press along -z, force ({:.2f}, {:.2f}, {:.2f}) N: the "
-                "sensor's axes are others, or the indenter met something beside the face".format(
-                    *force
-                )
+                "the contact does not press along -z, force ({:.2f}, {:.2f}, {:.2f}) N: the "
+                "sensor's axes differ, or the indenter touched something else".format(*force)
             )
 
     def _back_off(self) -> None:
-        """Up until nothing is felt, and a little more."""
-        for _ in range(OFF_TIMES):
+        """Go up until there is no force, and a little more."""
+        for _ in range(MAX_BACK_OFFS):
             x, y, z = self._stage.position_mm()
-            self._go((x, y, z + OFF_MM))
+            self._go((x, y, z + BACK_OFF_MM))
             if abs(self._feeler.at_rest()[2]) < 0.1 * self._config.force_n:
-                self._go((x, y, z + OFF_MM + BEYOND_MM))
+                self._go((x, y, z + BACK_OFF_MM + STEP_START_MM))
                 return
         force = self._feeler.at_rest()[2]
         raise SensorError(
-            f"the force is still {-force:.3f} N {OFF_TIMES * OFF_MM:g} mm above the contact: the "
-            "sensor drifts, or the gel sticks to the indenter"
+            f"the force is still {-force:.3f} N {MAX_BACK_OFFS * BACK_OFF_MM:g} mm above the "
+            "contact: the sensor drifts, or the gel sticks to the indenter"
         )
 
     def _step_down(self, powers: tuple[float, ...]) -> ContactFit:
-        """Down by steps through the face; its height."""
+        """Go down by steps through the face; return its fitted height."""
         config = self._config
         heights: list[float] = []
         forces: list[float] = []
-        deeper = 0
+        n_deep = 0
         while True:
             x, y, z = self._stage.position_mm()
             heights.append(z)
             forces.append(-float(self._feeler.at_rest()[2]))
-            deeper += forces[-1] > 0.2 * config.force_n
-            if forces[-1] > config.force_n and (deeper >= ENOUGH or self._much(forces)):
-                return fit(heights, forces, powers)
-            if z - STEP_MM < -config.search_mm - STEP_MM / 2:
+            n_deep += forces[-1] > 0.2 * config.force_n
+            contact = forces[-1] > config.force_n
+            if contact and (n_deep >= MIN_CONTACT_POSES or self._next_step_exceeds_limit(forces)):
+                return fit_contact(heights, forces, powers)
+            if z - TOUCH_STEP_MM < -config.search_mm - TOUCH_STEP_MM / 2:
                 raise SensorError(
                     f"{forces[-1]:.3f} N at the lowest height (touch.search_mm = "
                     f"{config.search_mm:g}), where {config.force_n:g} N was felt before"
                 )
-            self._feeler.move((x, y, z - STEP_MM), config.feed_mm_min, MOST * config.force_n)
+            max_n = MAX_FORCE_RATIO * config.force_n
+            self._feeler.move((x, y, z - TOUCH_STEP_MM), config.feed_mm_min, max_n)
 
-    def _much(self, forces: list[float]) -> bool:
-        """Another step as stiff as the last would be too much."""
-        return 2 * forces[-1] - forces[-2] > MOST * self._config.force_n
+    def _next_step_exceeds_limit(self, forces: list[float]) -> bool:
+        """True if another step as stiff as the last would exceed the force limit."""
+        return 2 * forces[-1] - forces[-2] > MAX_FORCE_RATIO * self._config.force_n
 
     def _go(self, target_mm: Point) -> None:
         move_to(self._stage, target_mm, TRAVEL_FEED_MM_MIN)
 
     def _retreat(self, high_mm: float) -> str:
-        """Stop and go straight up; says what came of it."""
+        """Stop and go straight up; return the outcome."""
         try:
             self._stage.stop()
             guard = self._feeler.guard
             with guard.easing() if guard is not None else nullcontext():
                 rise(self._stage, high_mm, TRAVEL_FEED_MM_MIN)
-        except DeltactFabError as why:
-            return f"the tip could NOT be lifted: {why}"
+        except DeltactFabError as error:
+            return f"the tip could NOT be lifted: {error}"
         return "the tip was lifted"
 
 
 @dataclass(frozen=True)
 class ContactFit:
-    """Height of the face (mm), the power of the depth that the force rises with, what is left."""
+    """Height of the face (mm), exponent of the force over depth, and RMS residual (N)."""
 
     z_mm: float
     power: float
@@ -255,49 +259,50 @@ class ContactFit:
 
 
 def powers_of(indenter: Indenter) -> tuple[float, ...]:
-    """Powers of the depth by which the force of this indenter may rise.
+    """Candidate exponents of the force over depth for an indenter.
 
-    A ball's rises with 1.5 (Hertz), a flat one's with 1, and one that meets the face by an edge
-    first with something in between.
+    1.5 for a ball (Hertz), 1 for a flat one, and between for one that touches by an edge first.
     """
     if all(isinstance(tip, SphereTip | EllipsoidTip) for tip in indenter.tips):
         return (1.5,)
     return (1.0, 1.25, 1.5)
 
 
-def fit(z_mm: Sequence[float], force_n: Sequence[float], powers: Sequence[float]) -> ContactFit:
-    """The height from which down the force rises: b + a (z0 - z)^power below z0, b above.
+def fit_contact(
+    z_mm: Sequence[float], force_n: Sequence[float], powers: Sequence[float]
+) -> ContactFit:
+    """Fit the height z0 of the face: force b + a (z0 - z)^power below z0, b above.
 
     z_mm, force_n: (n,) going down, the first ones clear of the face. a and b follow from z0 by
-    least squares, so that z0 alone is searched for. With a single pose below the face nothing but
-    the interval above it is known, and its middle is returned.
+    least squares, so that only z0 is searched. With a single pose below the face only the interval
+    above it is known, and its middle is returned.
     """
     z, force = np.asarray(z_mm, float), np.asarray(force_n, float)
-    found = [_fitted(z, force, power) for power in powers]
-    return min(found, key=lambda contact: contact.residual_n)
+    fits = [_fit_power(z, force, power) for power in powers]
+    return min(fits, key=lambda contact: contact.residual_n)
 
 
-def _fitted(z: Field, force: Field, power: float) -> ContactFit:
+def _fit_power(z: Field, force: Field, power: float) -> ContactFit:
     low, high = float(z.min()), float(z.max())
-    best, residual = high, np.inf
-    for _ in range(ROUNDS):
-        candidates = np.linspace(low, high, CANDIDATES)
-        left = _left_n2(z, force, power, candidates)
-        k = int(np.argmin(left))
-        # Over an interval without a pose in it the answer may be the same everywhere.
-        same = np.flatnonzero(left <= left[k] * (1 + 1e-9))
-        best, residual = float(candidates[same].mean()), float(left[k])
+    z_mm, residual = high, np.inf
+    for _ in range(SEARCH_ROUNDS):
+        candidates = np.linspace(low, high, CANDIDATE_COUNT)
+        residual_n2 = _residual_n2(z, force, power, candidates)
+        k = int(np.argmin(residual_n2))
+        # The residual is constant over an interval without a pose.
+        best = candidates[residual_n2 <= residual_n2[k] * (1 + 1e-9)]
+        z_mm, residual = float(best.mean()), float(residual_n2[k])
         step = candidates[1] - candidates[0]
-        low, high = float(candidates[same[0]] - step), float(candidates[same[-1]] + step)
-    return ContactFit(best, power, float(np.sqrt(residual / len(z))))
+        low, high = float(best[0] - step), float(best[-1] + step)
+    return ContactFit(z_mm, power, float(np.sqrt(residual / len(z))))
 
 
-def _left_n2(z: Field, force: Field, power: float, candidates: Field) -> Field:
-    """Sum of squares that is left, for each height (m,) of the face."""
+def _residual_n2(z: Field, force: Field, power: float, candidates: Field) -> Field:
+    """Residual sum of squares for each candidate height (m,) of the face."""
     shape = np.maximum(candidates[:, None] - z, 0.0) ** power  # (m, n)
     shape = shape - shape.mean(axis=1, keepdims=True)
     about = force - force.mean()
     size = (shape**2).sum(axis=1)
-    along = np.maximum(shape @ about, 0.0)  # pulling is no contact
+    along = np.maximum(shape @ about, 0.0)  # tension is no contact
     gain = np.divide(along**2, size, out=np.zeros_like(size), where=size > 0)
     return np.asarray(np.maximum((about**2).sum() - gain, 0.0))

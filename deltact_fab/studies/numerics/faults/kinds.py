@@ -99,7 +99,7 @@ FAULT_KINDS: tuple[FaultKind, ...] = (
     FaultKind("force gaps of 20 ms", _box("silent", True, 0.02), ("missing",), success=True,
               homing=False),
     FaultKind("camera stalled", lambda b, at_s: b.camera_faults.update(stalled=at_s),
-              ("stalled, no image within",), within_s=1.2, homing=False),
+              ("stalled: no image within",), within_s=1.2, homing=False),
     FaultKind("camera repeating", lambda b, at_s: b.camera_faults.update(hung=at_s),
-              ("the same image over and over",), within_s=1.2, homing=False),
+              ("the same image ",), within_s=1.2, homing=False),
 )  # fmt: skip
