@@ -117,7 +117,7 @@ class VirtualRig(Rig):
             super().__init__(clock, host, camera, force, self.scene.mount)
             self.exit_stack = opened.pop_all()
 
-    def left_out(self) -> Iterator[Note]:
+    def omissions(self) -> Iterator[Note]:
         """What this scene did not build or solve, and why."""
         lens = "lens, its maps and rectification"
         if self.camera is None:

@@ -151,7 +151,7 @@ def test_a_folder_in_the_making_is_measured_to_its_end(end: str, code: int, tmp_
     assert [row["frame"] for row in told] == list(range(n))
     assert [round(row["motion_median_px"]) for row in told] == [k % 3 for k in range(n)]
     assert done.returncode == code
-    assert (f"{n}.png: not a whole image" in done.stderr) == (code == 1)
+    assert (f"{n}.png: incomplete image" in done.stderr) == (code == 1)
 
 
 def test_what_is_measured_is_kept_by_name_and_unit(tmp_path: Path) -> None:
