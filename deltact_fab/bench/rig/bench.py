@@ -151,7 +151,7 @@ class GrblRig(Rig):
             )
             self.exit_stack = stack.pop_all()
 
-    def left_out(self) -> Iterator[Note]:
+    def omissions(self) -> Iterator[Note]:
         yield from super().omissions()
         if self.force is None:
             text = "the rig file names none; nothing is touched"

@@ -122,7 +122,7 @@ class WeightsBench(OpenBench):
                 return frame, frame.t_s
         return None, self.clock.now_s()
 
-    def left_out(self) -> Iterator[Note]:
+    def omissions(self) -> Iterator[Note]:
         yield Note("stage, force sensor and guard", "weights are placed by hand")
         yield from super().omissions()
 

@@ -117,7 +117,7 @@ class VirtualRig(Rig):
             super().__init__(clock, host, camera, force, self.scene.mount)
             self.exit_stack = resources.pop_all()
 
-    def left_out(self) -> Iterator[Note]:
+    def omissions(self) -> Iterator[Note]:
         """Notes on the parts that this scene does not need and did not build."""
         lens = "lens, its maps and rectification"
         if self.camera is None:

@@ -124,7 +124,7 @@ def gel_report(bench: VirtualRig) -> dict[str, Any]:
         "cells_mm": sorted({choice.spacing_mm for choice in choices}),
         "coarse": max((c.spacing_mm / c.goal_mm for c in choices if c.goal_mm), default=1.0),
         "flags": list(dict.fromkeys(flags)),
-        "left_out": list(bench.left_out()),
+        "left_out": list(bench.omissions()),
     }
 
 

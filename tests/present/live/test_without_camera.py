@@ -151,7 +151,7 @@ def test_growing_folder_is_measured_completely(end: str, code: int, tmp_path: Pa
     assert [row["frame"] for row in told] == list(range(n))
     assert [round(row["motion_median_px"]) for row in told] == [k % 3 for k in range(n)]
     assert done.returncode == code
-    assert (f"{n}.png: not a whole image" in done.stderr) == (code == 1)
+    assert (f"{n}.png: incomplete image" in done.stderr) == (code == 1)
 
 
 def test_results_are_saved_with_units(tmp_path: Path) -> None:

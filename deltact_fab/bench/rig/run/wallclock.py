@@ -59,7 +59,7 @@ class ThreadedSchedule(Schedule):
         self._step = step
         self.check()
 
-    def set_out(self, step: Step) -> None:
+    def move_sent(self, step: Step) -> None:
         if self.in_press:
             self.pose.step()
 
@@ -149,7 +149,7 @@ class ThreadedSchedule(Schedule):
         if self.force is not None:
             self.force.keeping = False
 
-    def _waits(self, request: FrameRequest) -> bool:
+    def _waits_for_room(self, request: FrameRequest) -> bool:
         return request.at_stop
 
     def _until(self, t_ns: int) -> None:
