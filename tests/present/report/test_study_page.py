@@ -133,7 +133,7 @@ def test_a_value_that_is_no_number_is_kept_as_none_and_meets_no_goal(tmp_path: P
     ("change", "words"),
     [
         ({"format": "deltact-fab study 0"}, "format: 'deltact-fab study 0'"),
-        ({"verdict": "yes"}, "verdict: Input should be a list (got 'yes')"),
+        ({"verdict": "yes"}, "verdict: must be a list (got 'yes')"),
         ({"files": [1]}, "files.0"),
         ({"made": None}, "made: "),
     ],
