@@ -166,7 +166,7 @@ def _fault_text(source: str, kind: type, fault: Any) -> str:
     if fault["type"] in ("missing", "missing_argument"):
         return f"{location}: missing key"
     message = fault["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, ")
-    message = message.replace("Input should be", "expected").replace("a valid array", "a list")
+    message = message.replace("Input should be", "must be").replace("a valid array", "a list")
     message = message.replace("a valid number", "a number without a unit")
     value = fault.get("input")
     if fault["type"] in OUT_OF_LIMITS_TYPES:

@@ -44,7 +44,7 @@ class Plain:
         (Outer, {"inner": {"depth_mm": "8"}}, "f: inner.depth_mm: "),
         (Outer, {"inner": {"depth_mm": True}}, "f: inner.depth_mm: "),
         (Outer, {"pair_mm": [1.0]}, "f: pair_mm"),
-        (Outer, {"many": "1 mm"}, "f: many: expected a list (got '1 mm')"),
+        (Outer, {"many": "1 mm"}, "f: many: must be a list (got '1 mm')"),
         (Plain, {"sensor": {"frame": {"seat_mm": 6}}}, "unknown key; did you mean 'seat_y_mm'?"),
         (
             Plain,

@@ -99,12 +99,12 @@ def test_grid_expands_to_positions() -> None:
         ({"grid": {"x": [0, 1], "y": [0, 1], "n": [2, 2]}}, "t.toml: either positions_mm or grid"),
         ({"grid": {"x": [1, 0], "y": [0, 1], "n": [2, 2]}}, "t.toml: grid: x: [1, 0] for 2; exp"),
         ({"grid": {"x": [0, 1], "y": [1, 1], "n": [2, 2]}}, "t.toml: grid: y: [1, 1] for 2; exp"),
-        ({"capture": {"settle_s": {"prss": 1}}}, "t.toml: capture.settle_s.prss: expected"),
+        ({"capture": {"settle_s": {"prss": 1}}}, "t.toml: capture.settle_s.prss: must be"),
         ({"capture": {"settle_s": {"press": 601}}}, "capture.settle_s.press: 601; expected"),
         ({"capture": {"settle_s": 601}}, "601; expected 0 <= settle_s <= 600"),
         ({"capture": {"settle_s": {}}}, "t.toml: capture.settle_s: Dictionary should have"),
         ({"capture": {"settle_s": 1, "hold": {"s": 5}}}, "t.toml: capture.hold.rate_hz: missing"),
-        ({"capture": {"settle_s": 1, "retract": 2}}, "t.toml: capture.retract: expected"),
+        ({"capture": {"settle_s": 1, "retract": 2}}, "t.toml: capture.retract: must be"),
     ],
 )
 def test_invalid_capture_is_one_line(changes: dict[str, object], line: str) -> None:

@@ -100,9 +100,9 @@ def test_fitted_design_checks_and_exports(tmp_path):
     [
         (
             "fit-coupon,hole,3.0,two,",
-            "line 3: measured_mm: expected a number without a unit (got 'two')",
+            "line 3: measured_mm: must be a number without a unit (got 'two')",
         ),
-        ("fit-coupon,hole,-3,3,", "line 3: nominal_mm: Input should be greater than 0 (got -3)"),
+        ("fit-coupon,hole,-3,3,", "line 3: nominal_mm: must be greater than 0 (got -3)"),
         ("fit-coupon,hole,3.0,30,", "line 3: measured_mm 30: expected within 50% of nominal_mm 3"),
         ("fit-coupon,strip,3.0,3,", "line 3: feature 'strip'"),
         ("fit-coupon,hole,3.0,3,2", "line 3: pieces 2: expected 1"),

@@ -131,7 +131,7 @@ def test_nan_is_none_and_goal_undecided(tmp_path: Path) -> None:
     ("change", "words"),
     [
         ({"format": "deltact-fab study 0"}, "format: 'deltact-fab study 0'"),
-        ({"verdict": "yes"}, "verdict: Input should be a list (got 'yes')"),
+        ({"verdict": "yes"}, "verdict: must be a list (got 'yes')"),
         ({"files": [1]}, "files.0"),
         ({"made": None}, "made: "),
     ],
