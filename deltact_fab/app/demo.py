@@ -23,7 +23,7 @@ ProgressBar = Callable[[str], AbstractContextManager[Callable[[int, int, str], N
 DemoTask = Callable[[Path, int], Any]
 DEMO_MARKER = "demo.json"
 DEMO_RIG = "usb"
-DEMO_PROTOCOL, CALIBRATION_PROTOCOL = "demo", "demo-calibration"
+DEMO_PROTOCOL, DEMO_CALIBRATION = "demo", "demo-calibration"
 FORCE_MODEL = "inverse-placed"
 """Model that is independent of the indenter, which differs in the calibration."""
 
@@ -100,7 +100,7 @@ def _calibrate(out: Path, seed: int) -> tuple[str, str]:
 
     folder, (force_file, depth_file) = out / "calibration", _calibration_files(out)
     # Other noise than in the measured run.
-    run_experiment(RunRequest(CALIBRATION_PROTOCOL, DEMO_RIG, folder, seed=seed + 1))
+    run_experiment(RunRequest(DEMO_CALIBRATION, DEMO_RIG, folder, seed=seed + 1))
     force = calibrate_force([folder], (FORCE_MODEL,), seed)
     write_force_calibration(force.calibration, force_file)
     depth = calibrate_depth(folder, force_file)

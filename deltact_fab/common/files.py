@@ -84,7 +84,7 @@ def check_writable(path: Path, folder: bool = False) -> None:
     except OSError as error:
         raise InputError(_write_error_text(path, error)) from error
     if folder and not parent.is_dir():
-        raise InputError(f"{parent}: is a file; expected a folder")
+        raise InputError(f"{parent}: is a file, not a folder")
     if not folder and path.is_dir():
         raise InputError(f"{path}: is a folder; expected a file name")
     if not parent.is_dir():

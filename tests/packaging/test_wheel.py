@@ -156,7 +156,7 @@ def pythons() -> dict[tuple[int, ...], str]:
 @pytest.mark.slow
 @pytest.mark.skipif(importlib.util.find_spec("uv") is None, reason="uv is not installed")
 @pytest.mark.parametrize("which", ["oldest, lowest versions", "this one, pinned", "newest, pinned"])
-def test_an_install_from_the_index_runs_and_reports(
+def test_install_from_index_runs_and_reports(
     which: str, wheel: Path, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     """Every dependency is installed anew; the oldest Python takes the least that is declared."""

@@ -56,7 +56,9 @@ REST_FRAMES = 100
 LEAST_FRAMES = 10  # fewest images to estimate noise
 BLUR_PATCHES = 0.375  # of a patch: half of the neighbours' contrast remains (MTF50)
 LEAST_BLUR_PX = 1.2  # a Bayer filter and its demosaicing alone blur by nearly a pixel
-MIN_AGREEMENT = 0.5  # median correlation of tiles with the recipe; other patterns have about 0.3
+MIN_TILE_AGREEMENT = (
+    0.5  # median correlation of tiles with the recipe; other patterns have about 0.3
+)
 MAX_TURNED_DEG, MAX_SCALE_ERROR, MAX_KEYSTONE = 3.0, 0.04, 0.06
 MIN_WHITE, MAX_WHITE = 0.2, 0.98  # of full scale, linear
 
@@ -131,7 +133,7 @@ def accept_sensor(
     view = rest.mean[..., ::-1] / np.float32(255)
     sticker = PrintInView(recipe, camera)
     compared = sticker.compare(view)
-    if compared is None or compared.agreement < MIN_AGREEMENT:
+    if compared is None or compared.agreement < MIN_TILE_AGREEMENT:
         row = Check(
             "recipe", "recipe", "", "pattern not recognised", "the recipe's pattern", "fail",
             remedy="check recipe and sensor; uncover the face; switch the light on: guide E, G",
@@ -238,7 +240,7 @@ def _check_rows(
         noise_text = f"{1000 * noise:.1f} um over {count} images"
     rows = (
         ("recipe", "recipe", f"found, agreement {findings.agreement:.2f}",
-         f">= {MIN_AGREEMENT:g}", True, ""),
+         f">= {MIN_TILE_AGREEMENT:g}", True, ""),
         ("mirror", "mirror", "mirrored" if findings.mirrored else "not mirrored",
          "not mirrored", not findings.mirrored,
          "the print was made for the other side of the film: guide E.1"),

@@ -35,7 +35,7 @@ class RunRequest:
     """A protocol on a rig, both by name or path, and how it is to be carried out.
 
     Every file that it names is read once, here. Raises InputError for one that is of no use; a
-    pattern's is told by `checks` and `require` with what else is wrong.
+    pattern's error is reported by `checks` and `require` with all others.
     """
 
     protocol_name: str
@@ -72,7 +72,9 @@ class RunRequest:
         if self.protocol.weights is not None and self.rig.kind == "grbl":
             for option in ("unattended", "air"):
                 if getattr(self, option):
-                    raise InputError(f"--{option}: does not go with weights, which a hand lays on")
+                    raise InputError(
+                        f"--{option}: not available with weights, which are laid on by hand"
+                    )
 
     @cached_property
     def recipe(self) -> PatternRecipe:

@@ -187,7 +187,7 @@ def plate_checks(peaks: Sequence[Peak], design: Design, simulated: bool) -> list
         ),
         _warning_row(
             "plate-deflection", "plate deflection",
-            f"up to {deflects_mm:.3f} mm as expected, which a simulated press leaves out; "
+            f"{deflects_mm:.3f} mm predicted, not included in the simulation; "
             "share of the depth, plate.deflection_share",
             [f.deflection_mm / p.depth_mm for f, p in zip(bends, peaks, strict=True)],
             design.plate.deflection_share, peaks,
@@ -249,7 +249,7 @@ def budget_checks(
 ) -> list[Check]:
     """Rows of the least feed, the time, the disk and the camera's rate.
 
-    out: of the run, or any folder on its disk. held_hz: frames a second that camera, format and
+    out: of the run, or any folder on its disk. held_hz: frames per second that camera, format and
     disk hold; None without a camera. wall_clock: whether time passes by itself, so that a rate
     that is too high loses frames; on a rig that waits it is a warning. kept_mb: there already, of a
     run that goes on.
@@ -271,7 +271,7 @@ def budget_checks(
     if held_hz is not None and rates_hz and "image" in protocol.channels:
         kind = max(rates_hz, key=rates_hz.__getitem__)
         table = f"{kind}." if kind in ("hold", "retract") else ""
-        exceeds, label = rates_hz[kind] > held_hz, "frames a second that can be kept"
+        exceeds, label = rates_hz[kind] > held_hz, "frames per second, requested and sustainable"
         status, key = graded(not (exceeds and wall_clock), warns=exceeds), f"capture.{table}rate_hz"
         rows.append(
             Check.at_most("camera-rate", "camera rate", label, rates_hz[kind], held_hz, key, status)

@@ -15,7 +15,7 @@ from deltact_fab.bench import CameraFrame, Clock, TruthFiles, VirtualConfig
 from deltact_fab.common import Field, RunFailed, write_whole
 from deltact_fab.sensor import Fisheye, Pinhole, Rectified, SensorDimensions, SurfaceLattice
 
-from .picture import RIM_PX, FrameRenderer, PictureGeometry, RawView
+from .picture import BAND_PX, FrameRenderer, PictureGeometry, RawView
 from .scene import GelScene, LatticeCrop
 
 FrameKnots = tuple[int, int, float]  # keys of the knots around it, and how far it is from the first
@@ -27,7 +27,7 @@ def crop_lattice(
     """Crop a gel's lattice, with nodes (nx,) and (ny,), to what the rig's camera can see."""
     optics = sensor.optics
     view = optics.view_mm
-    margin_px = PictureGeometry.MARGIN_PX + (RIM_PX if config.virtual.lens is not None else 0)
+    margin_px = PictureGeometry.MARGIN_PX + (BAND_PX if config.virtual.lens is not None else 0)
     margin_mm = margin_px * optics.mm_per_px
     return LatticeCrop(*axes_mm, (view[0] / 2 + margin_mm, view[1] / 2 + margin_mm))
 

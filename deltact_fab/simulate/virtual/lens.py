@@ -16,7 +16,7 @@ from deltact_fab.common import InputError, Note
 from deltact_fab.fabricate import load_design
 from deltact_fab.sensor import Fisheye, Rectified, SensorDimensions, restore_camera
 
-from .picture import RIM_PX
+from .picture import BAND_PX
 
 ASSEMBLY_MM = {"air_gap_mm": 1.0, "acrylic_mm": 0.5, "gel_mm": 1.0}
 """Largest deviation of a sensor put together by hand; a larger one is another sensor's."""
@@ -89,7 +89,7 @@ def _require_drawn(true: Fisheye, view: Rectified, source: str) -> None:
     looks_mm = true.rest_mm(raw)
     inside = ((raw >= 0) & (raw <= (true.width_px - 1, true.height_px - 1))).all()
     off_mm = np.nan_to_num(np.hypot(*(looks_mm - border_mm).T), nan=np.inf).max()
-    most_mm = RIM_PX * view.mm_per_px
+    most_mm = BAND_PX * view.mm_per_px
     if not inside or off_mm > most_mm:
         raise InputError(
             f"{source}: the view's border lies up to {off_mm:.2g} mm from where [virtual.lens] has "

@@ -74,7 +74,7 @@ class BoxFaults:
         return [] if self.drop_every and number % self.drop_every == 0 else [record]
 
 
-RDT_RECORD = np.dtype([("rdt", ">u4"), ("ft", ">u4"), ("status", ">u4"), ("counts", ">i4", 6)])
+BOX_RECORD = np.dtype([("rdt", ">u4"), ("ft", ">u4"), ("status", ">u4"), ("counts", ">i4", 6)])
 RDT_COMMAND = struct.Struct(">HHI")
 # Net F/T manual, RDT protocol.
 COMMAND_HEADER = 0x1234
@@ -199,7 +199,7 @@ class NetFTBox:
             return
         limits = self.limits
         values = np.clip(gauges, -limits, limits) - self._bias
-        records = np.zeros(len(t_ns), RDT_RECORD)
+        records = np.zeros(len(t_ns), BOX_RECORD)
         k = np.arange(1, len(t_ns) + 1)
         records["rdt"], records["ft"] = self._sent_count + k, self._sample_count + k
         over = (np.abs(gauges) > limits).any(axis=1)
@@ -247,7 +247,7 @@ class LockstepLink:
         if (data := self._box.receive(timeout_s)) is not None:
             came.append(data)
         arrivals = np.zeros(len(came), NetFTSensor.RECORD)
-        records = np.frombuffer(b"".join(data.payload for data in came), RDT_RECORD)
+        records = np.frombuffer(b"".join(data.payload for data in came), BOX_RECORD)
         arrivals["at_ns"] = [data.at_ns for data in came]
         for name in ("rdt", "status", "counts"):
             arrivals[name] = records[name]

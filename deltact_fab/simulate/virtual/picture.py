@@ -38,7 +38,7 @@ from deltact_fab.sensor import (
 # By hand: node spacing of a face at rest; band drawn around the tracked view for a calibration that
 # is a little off; iterations, of which more cost time on every frame and fewer leave pixels open.
 NODES_MM = 1.0
-RIM_PX = 40
+BAND_PX = 40
 FIXED_POINT_ITERATIONS = 6
 NEWTON_ITERATIONS = 40
 MAX_NEWTON_STEP_PX = 8.0
@@ -51,7 +51,7 @@ class RawView:
         """lens: what is drawn through. view: what is tracked, of which the size counts."""
         self.lens = lens
         self.flat = Rectified(
-            lens, view.mm_per_px, view.width_px + 2 * RIM_PX, view.height_px + 2 * RIM_PX
+            lens, view.mm_per_px, view.width_px + 2 * BAND_PX, view.height_px + 2 * BAND_PX
         )
         # With a border of one pixel, so that a halved grid is interpolated at the edge too.
         columns, rows = np.arange(-1, lens.width_px + 1), np.arange(-1, lens.height_px + 1)

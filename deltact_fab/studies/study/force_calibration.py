@@ -212,7 +212,7 @@ def build_result(result: ForceResult, scale: float | None = None, **scene: Any) 
         tables=(
             ReportTable(
                 "force-models",
-                "Every model. RMSE by cross-validation split, refitted without the points left out "
+                "Every model. RMSE by cross-validation split, refitted without the unseen points "
                 "(unseen: position and indenter together; models are ranked by it). The last rows "
                 "are the paper's table, of a real sensor; it does not state whether its R2 is "
                 "about the mean or about 0.",
@@ -222,7 +222,7 @@ def build_result(result: ForceResult, scale: float | None = None, **scene: Any) 
                 "force-by-place",
                 "The paper's model by distance from the axis. RMSE of the normal force, N, under "
                 "readings of its density and with a constant or without: fitted to the points of "
-                "that distance alone, or to all and judged there, by what was left out.",
+                "that distance alone, or to all and judged there, by what was unseen.",
                 places,
             ),
         ),

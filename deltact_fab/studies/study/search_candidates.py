@@ -230,7 +230,7 @@ before a dragged indenter; where it reappears, repetitive patterns are mismatche
 3 mm this never happens, and the ranking differs from that on the gel (decision 0040)."""
 DRAG_WAVES = ((1.5, 0.015), (2.5, 0.03), (4.0, 0.06))
 """By hand: wavelength and amplitude of superposed waves, mm: slopes of 0.06 to 0.09."""
-MAX_FIELD_PX = 200_000
+MAX_SEARCH_PX = 200_000
 """By hand: pixels rendered, of the middle of the view; fewer are noisier, more are slower."""
 SEARCH_TRACKER = "fused"
 MAX_ERROR_RATIO = 2.0
@@ -247,7 +247,7 @@ class DragFrame(NamedTuple):
 def middle_view(sensor: SensorDimensions) -> Pinhole:
     """Middle of the sensor's view, at most MAX_FIELD_PX pixels, even sides for the mosaic."""
     full = Pinhole.from_sensor(sensor)
-    part = min(1.0, (MAX_FIELD_PX / (full.width_px * full.height_px)) ** 0.5)
+    part = min(1.0, (MAX_SEARCH_PX / (full.width_px * full.height_px)) ** 0.5)
     width_px, height_px = (2 * int(part * n / 2) for n in (full.width_px, full.height_px))
     return replace(full, width_px=width_px, height_px=height_px)
 

@@ -102,7 +102,7 @@ def test_moved_command_works_with_notice(old: str, now: str, tmp_path: Path) -> 
         ("cad export --format obj", "format 'obj': unknown"),
         ("cad export skin --tolerance nan", "expected 0.001 to 1 mm"),
         ("cad bom --sensors 0", "sensors"),
-        ("study run shpes", "no study 'shpes'; did you mean 'shapes'?"),
+        ("study run shpes", "'shpes': no such study; did you mean 'shapes'?"),
         ("pattern sheet dense -o x.jpg", "a name that ends in .pdf"),
         ("pattern sheet dense --scale-x 1.5 -o x.pdf", "scale x: 1.5"),
         ("pattern make DELTACT1/NONSENSE --dots -o x.png", "code"),

@@ -129,7 +129,7 @@ def test_registration_needs_real_guarded_rig(tmp_path: Path) -> None:
     for rig, more, words in (
         ("virtual", [], "only a real rig can be registered"),
         (str(bench), [], "no force sensor"),
-        (str(bench), ["--at", "1;2"], "'--at': '1;2': two numbers"),
+        (str(bench), ["--at", "1;2"], "'--at': '1;2': must be two numbers"),
     ):
         done = CliRunner().invoke(main, ["rig", "register", rig, "-o", str(out), *more])
         assert words in (str(done.exception) + done.stderr)

@@ -95,7 +95,7 @@ class Network(BoxFaults):
         super().__init__(drop_every=20 if what == "gap" else 0)
         self.what, self.held = what, list[bytes]()
 
-    def sent(self, number: int, record: bytes) -> list[bytes]:
+    def payloads(self, number: int, record: bytes) -> list[bytes]:
         held, self.held = self.held, []
         if number % 20 or self.what == "gap":
             return [*super().payloads(number, record), *held]

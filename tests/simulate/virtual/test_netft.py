@@ -13,9 +13,9 @@ from deltact_fab.bench.rig.tables import ForceConfig
 from deltact_fab.common.errors import SensorError, SolverError
 from deltact_fab.simulate.virtual.clock import VirtualClock
 from deltact_fab.simulate.virtual.netft import (
+    BOX_RECORD,
     COMMAND_HEADER,
     RDT_COMMAND,
-    RDT_RECORD,
     STREAM_COMMAND,
     LockstepLink,
     NetFTBox,
@@ -46,7 +46,7 @@ def test_record_has_36_bytes_and_signs() -> None:
     hand.wrench = np.array([1.25, -0.5, -3.0, 2.0, -4.0, 0.125])
     sensor.start()
     samples = sensor.read()
-    assert RDT_RECORD.itemsize == 36
+    assert BOX_RECORD.itemsize == 36
     assert samples.force_n[-1] == pytest.approx((1.25, -0.5, -3.0), abs=1e-6)
     assert samples.torque_nmm[-1] == pytest.approx((2.0, -4.0, 0.125), abs=1e-5)
     assert not samples.saturated.any()
@@ -138,7 +138,7 @@ def test_faulty_box_sends_no_counts() -> None:
     clock.sleep_s(0.01)
     data = box.receive(0.0)
     assert data is not None
-    (record,) = np.frombuffer(data.payload, RDT_RECORD)
+    (record,) = np.frombuffer(data.payload, BOX_RECORD)
     assert record["status"] & 0x80000000
     assert not record["counts"].any()
 

@@ -16,7 +16,7 @@ from deltact_fab.sensor.optics.rectified import Rectified
 from deltact_fab.sensor.shapes.imaging import CAMERA_GAMMA, ImageSensor
 from deltact_fab.sensor.shapes.sensor import SensorDimensions
 from deltact_fab.simulate.virtual.picture import (
-    RIM_PX,
+    BAND_PX,
     FrameRenderer,
     PictureGeometry,
     RawView,
@@ -166,8 +166,8 @@ def test_margin_is_drawn_then_dark() -> None:
     looks_px = VIEW.rest_px(LENS.rest_mm(np.stack((x, y), -1)))
     past = np.maximum(-looks_px, looks_px - (199, 149)).max(axis=-1)
     light = image.min(axis=-1)
-    assert light[past < RIM_PX - 4].min() > 200
-    assert image[past > RIM_PX + 4].max() == 0
+    assert light[past < BAND_PX - 4].min() > 200
+    assert image[past > BAND_PX + 4].max() == 0
     away = np.hypot(*np.moveaxis(raw.offset, -1, 0))
     corner = np.argmin(np.hypot(*np.moveaxis(looks_px - (199, 149), -1, 0)))
     assert away.ravel()[corner] == pytest.approx(1.0, abs=0.01)

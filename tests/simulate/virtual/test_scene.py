@@ -210,7 +210,7 @@ def test_face_below_floor_is_clamped_flagged() -> None:
     assert np.array_equal(below.displacement_mm[..., :2], above.displacement_mm[..., :2])
     assert "floor" not in [flag.id for flag in above.flags]
     (told,) = [flag.text for flag in below.flags if flag.id == "floor"]
-    assert told.startswith(f"{deep.sum()} of {deep.size} points of the face come out below the ")
+    assert told.startswith(f"{deep.sum()} of {deep.size} points of the face lie below the ")
     assert below.force_n == above.force_n
 
 

@@ -20,7 +20,7 @@ GUARD_SHARE = 0.8  # of the sensor's range, where the rig file sets no limit
 BYTE_PERIOD_NS = 20_000_000  # between two stop bytes
 BYTE_REPEAT_NS = 100_000_000  # the byte is repeated at least so long after a trip
 EASE_RATIO = 1.25  # of the peak: limit while the tip is lifted after a trip
-AXIS_NAMES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
+GUARD_AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class GuardLimits:
         x, y, z = (GUARD_SHARE * n for n in force.range_nmm)
         torque_nmm = (x, y, z) if config.torque_nmm is None else (config.torque_nmm,) * 3
         ranges = (*force.range_n, *force.range_nmm)
-        for name, limit, range_max in zip(AXIS_NAMES, (*force_n, *torque_nmm), ranges, strict=True):
+        for name, limit, range_max in zip(GUARD_AXES, (*force_n, *torque_nmm), ranges, strict=True):
             if limit > range_max:
                 raise InputError(
                     f"guard: the limit {limit:g} of {name} is over the sensor's range of "
@@ -189,7 +189,7 @@ class ForceGuard:
             reason = "the force sensor is saturated"
         elif sizes[k, axis] > self._bounds[axis]:
             limit = f"the guard's {self._bounds[axis]:g} {unit}"
-            reason = f"{AXIS_NAMES[axis]} = {value:.2f} {unit}, over {limit}"
+            reason = f"{GUARD_AXES[axis]} = {value:.2f} {unit}, over {limit}"
         else:
             reason = f"resultant force {sizes[k, 6]:.2f} N, over the guard's {self._bounds[6]:g} N"
         self.trip = Trip(reason, int(samples.t_ns[k]), self._byte_ns)

@@ -33,11 +33,11 @@ WRENCH_LABELS = {
 """The paper's words for a wrench's components, in the order of tables; `normal` is -Fz."""
 FORCE_COMPONENTS = tuple(name for name, axis in WRENCH_LABELS.items() if axis.startswith("f"))
 FORCE_SPLITS = {
-    "unseen": "position and indenter left out together",
-    "position": "a position left out",
-    "press": "a fifth of the presses left out",
-    "point": "a fifth of the points left out at random",
-    "run": "a run left out",
+    "unseen": "unseen position and indenter",
+    "position": "unseen position",
+    "press": "unseen fifth of the presses",
+    "point": "unseen random fifth of the points",
+    "run": "unseen run",
 }
 """Kinds of test data, hardest first; models are ranked by the first that the points allow."""
 

@@ -136,7 +136,7 @@ def _recommendation(method: dict[str, Any], error: str | None, simulated: bool) 
     )
     wrong = method["confident_wrong_share"]
     if wrong is not None:
-        text += f", {format_percent(wrong)} of this is off by more than {WRONG_FLOW_MM:g} mm"
+        text += f", {format_percent(wrong)} of this wrong by over {WRONG_FLOW_MM:g} mm"
     return text + (" (simulated)." if simulated else " (no truth to compare with).")
 
 

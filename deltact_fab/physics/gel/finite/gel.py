@@ -260,7 +260,7 @@ class FiniteGel(GelContact):
             flags.append(Note("penetration", text))
         if d.most_stretch is not None and d.most_stretch > STRETCH_LIMIT:
             text = (
-                f"{d.most_stretch:.2f}, past {STRETCH_LIMIT:g}: neo-Hooke is off by a third there "
+                f"{d.most_stretch:.2f}, past {STRETCH_LIMIT:g}: neo-Hooke errs by a third there "
                 "and soft silicones may tear"
             )
             flags.append(Note("stretch", text))

@@ -26,7 +26,7 @@ from .measured import MeasuredIndentation
 Bounds = tuple[float, float]
 
 CONFIDENCE_LEVEL = 0.95  # of the intervals: by hand, the usual level
-OUTLIER_SIGMAS = 6.0  # robust standard deviations; by hand: less drops good values
+FIT_OUTLIER_SIGMAS = 6.0  # robust standard deviations; by hand: less drops good values
 EXACT_REL = 1e-10  # of the rms force; by hand: residuals below are rounding
 
 
@@ -101,7 +101,7 @@ def solve(data: MeasuredIndentation, unit: ForceCurve, touch_bounds: Bounds | No
         # A robust fit to find outliers, then least squares on the rest for the intervals.
         calm = run(inliers, plain.x, "soft_l1", spread).x
         residual = forces(calm) - data.normal_n
-        inliers = np.abs(residual) <= OUTLIER_SIGMAS * max(_robust(residual), EXACT_REL * scale)
+        inliers = np.abs(residual) <= FIT_OUTLIER_SIGMAS * max(_robust(residual), EXACT_REL * scale)
         if not inliers.all():
             plain = run(inliers, calm, "linear", 1.0)
     x = plain.x
