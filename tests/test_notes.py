@@ -76,7 +76,7 @@ def test_a_gel_is_reported_by_ids(change: Change) -> None:
         notes.append([*gel_notes(presses, choices, skin)])
         bench: Any = SimpleNamespace(
             presses=presses,
-            left_out=lambda: gel_not_built(presses, choices),  # noqa: B023
+            omissions=lambda: gel_not_built(presses, choices),  # noqa: B023
         )
         reports.append(gel_report(bench))
         settings.append(flag_setting(reports[-1:], "jobs"))

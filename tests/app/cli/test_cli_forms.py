@@ -47,8 +47,8 @@ def test_output_options_are_uniform() -> None:
             "locked/x.toml",
             "locked/x.toml: cannot be written: locked is read-only",
         ),
-        (True, "file", "file: is a file; expected a folder"),
-        (True, "file/x/y", "file: is a file; expected a folder"),
+        (True, "file", "file: is a file, not a folder"),
+        (True, "file/x/y", "file: is a file, not a folder"),
         (True, "locked/x", "locked/x: cannot be written: .*locked is read-only"),
     ],
 )

@@ -149,7 +149,7 @@ def test_weights_resume_after_last_press(weigh: Weigh, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("option", ["air", "unattended"])
 def test_weights_need_a_manual_bench(option: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=f"--{option}: does not go with weights"):
+    with pytest.raises(InputError, match=f"--{option}: not available with weights"):
         run_experiment(RunRequest("dead-weights", "grbl-bench", tmp_path / "r", **{option: True}))  # type: ignore[arg-type]
     assert not any(tmp_path.iterdir())
     with pytest.raises(InputError, match="no hand lays them on a virtual gel"):

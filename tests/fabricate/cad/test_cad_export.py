@@ -246,7 +246,7 @@ def test_arguments_are_refused_in_one_line(tmp_path, formats, tolerance_mm, jobs
 
 def test_invalid_output_folder_is_refused(tmp_path):
     (tmp_path / "o").write_text("")
-    with pytest.raises(InputError, match="is a file; expected a folder"):
+    with pytest.raises(InputError, match="is a file, not a folder"):
         _export(["skin"], ["step"], tmp_path / "o")
 
 
