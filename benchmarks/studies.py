@@ -67,7 +67,7 @@ def page(studies: list[dict[str, Any]]) -> str:
 
 def block(studies: list[dict[str, Any]]) -> str:
     """The table: a study, what it says, and its command."""
-    lines = [BEGIN, "| study | what it found |", "|---|---|"]
+    lines = [BEGIN, "| study | result |", "|---|---|"]
     for study in studies:
         words = " ".join(study["verdict"][:SENTENCES])
         simulated = " (simulated)" if study["simulated"] else ""

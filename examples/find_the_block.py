@@ -1,15 +1,15 @@
-"""Where the face is sideways: a block around the sensor, touched from beside by a ball.
+"""Lateral position of the face: a ball touches the sides of a block around the sensor.
 
     python find_the_block.py RIG HALF_X_MM HALF_Y_MM TOP_MM [sphere:10]
 
-HALF: half its sides along the sensor's x and y. TOP: height of its top above the resting face,
-negative. Run it after `rig register`; what it prints stands for `origin_machine_mm` and `angle_deg`
-in that registration. The rig homes, and asks for the ball first.
+HALF: half the block's sides along the sensor's x and y. TOP: height of its top relative to the
+resting face, negative. Run it after `rig register`; its output replaces `origin_machine_mm` and
+`angle_deg` in that registration. The rig homes, and asks for the ball first.
 
-A force says nothing about where on an even face it acts, so place and turn come from something with
-edges: the tactile base's own frame, or a block that is put over it. Opposite sides are touched in
-the same way, so that the ball's size, the threshold and the way to a stop are not part of the
-middle between them. The turn comes from two touches of one side.
+A force does not show its position on an even face, so position and rotation are measured on an
+object with edges: the tactile base's own frame, or a block placed over it. Opposite sides are
+touched in the same way, so the ball's size, the threshold and the stopping distance cancel in the
+midpoint between them. The rotation comes from two touches of one side.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ import deltact_fab as dt
 STRIDE_MM = 0.2
 STEP_MM = 0.01
 LOWERING = 4.0  # times the feed of the approach, away from the block
-MOST = 5.0  # times the threshold: no deeper into a step
-BELOW_MM = 1.0  # the ball's widest place under the block's top
+MOST = 5.0  # times the threshold: force limit of a step
+BELOW_MM = 1.0  # depth of the ball's equator under the block's top
 BACK_MM = 0.1
-OFF_MM = 0.5  # of the declared size, at most
+OFF_MM = 0.5  # largest deviation from the declared size
 MAX_TURN_DEG = 5.0
 
 Vector = tuple[float, float, float]
@@ -37,7 +37,7 @@ Side = tuple[float, float]  # a unit vector out of the block
 
 @dataclass(frozen=True)
 class BlockPlace:
-    """By how much the block lies off the frame, in its own axes (mm, degrees), and its size."""
+    """Offset and rotation of the block from the frame in its axes (mm, degrees), and its size."""
 
     x_mm: float
     y_mm: float
@@ -45,7 +45,7 @@ class BlockPlace:
     half_mm: tuple[float, float]
 
     def frame(self, before):
-        """The stage's frame moved and turned so that the block is in its middle."""
+        """The stage's frame, shifted and rotated to centre on the block."""
         origin = before.to_machine_mm((self.x_mm, self.y_mm, 0.0))
         turned = before.angle_deg + self.turn_deg
         return replace(before, origin_machine_mm=origin, angle_deg=turned)
@@ -54,7 +54,7 @@ class BlockPlace:
 class BlockTouch:
     """Touches the sides of a block with a ball, in the stage's frame, whose z = 0 is the face.
 
-    probe, touch: what `dt.open_probe` yields. ball: as `dt.parse_indenter` reads it.
+    probe, touch: from `dt.open_probe`. ball: from `dt.parse_indenter`.
     """
 
     def __init__(self, probe, touch, half_mm: tuple[float, float], top_mm: float, ball) -> None:
@@ -65,8 +65,8 @@ class BlockTouch:
         self._low_mm = top_mm - BELOW_MM - self._radius_mm
 
     def find(self) -> BlockPlace:
-        """Touch all sides, one of them twice. Raises SensorError or RunFailed; the tip is up then,
-        unless the stage is at fault."""
+        """Touch all sides, one of them twice. Raises SensorError or RunFailed with the tip raised,
+        unless the stage has failed."""
         half_x, half_y = self._half_mm
         high_mm = max(self._stage.position_mm()[2], self._config.clear_mm)
         try:
@@ -83,23 +83,23 @@ class BlockTouch:
         middle = (right + left) / 2, (far + (near[0] + near[1]) / 2) / 2
         found = (right - left) / 2, (far - (near[0] + near[1]) / 2) / 2
         size = tuple(f * math.cos(turn) - self._radius_mm for f in found)
-        for axis, got, said in zip("xy", size, (half_x, half_y), strict=True):
-            if abs(got - said) > OFF_MM:
+        for axis, measured, declared in zip("xy", size, (half_x, half_y), strict=True):
+            if abs(measured - declared) > OFF_MM:
                 raise dt.RunFailed(
-                    f"the block is {2 * got:.2f} mm wide along {axis}, {2 * said:g} were given: "
-                    "another block, or another ball"
+                    f"the block is {2 * measured:.2f} mm wide along {axis}, not {2 * declared:g}: "
+                    "wrong block, or wrong ball"
                 )
         if abs(math.degrees(turn)) > MAX_TURN_DEG:
             raise dt.RunFailed(
-                f"the block is turned by {math.degrees(turn):.1f} degrees, more than "
-                f"{MAX_TURN_DEG:g}: put it straight"
+                f"the block is rotated by {math.degrees(turn):.1f} degrees, more than "
+                f"{MAX_TURN_DEG:g}: align it"
             )
         return BlockPlace(*middle, math.degrees(turn), (size[0], size[1]))
 
     def _touch(self, side: Side, along_mm: float, high_mm: float) -> float:
-        """One side at a place along it; where the ball's middle met it, on that side's axis.
+        """Touch one side; return the ball's centre at contact, on that side's axis.
 
-        The ball leaves outwards, and up only there.
+        The ball retracts outwards before it moves up.
         """
         config = self._config
         axis = 0 if side[0] else 1
@@ -119,7 +119,7 @@ class BlockTouch:
             if self._feeler.move(
                 at(far, self._low_mm), config.feed_mm_min * LOWERING, config.force_n
             ):
-                raise dt.SensorError(f"something is in the way beside the block, at {_side(side)}")
+                raise dt.SensorError(f"obstacle next to the block, at {_side(side)}")
             self._approach(side, far, near, at)
             out = sign * self._stage.position_mm()[axis]
             out += BACK_MM
@@ -127,7 +127,7 @@ class BlockTouch:
             while not float((self._feeler.at_rest() ** 2).sum()) ** 0.5 > config.force_n:
                 out -= STEP_MM
                 if out < near:
-                    raise dt.SensorError(f"the side at {_side(side)} gave way")
+                    raise dt.SensorError(f"the side at {_side(side)} yielded")
                 self._feeler.move(at(out, self._low_mm), config.feed_mm_min, MOST * config.force_n)
             return sign * out
         finally:
@@ -150,8 +150,8 @@ class BlockTouch:
             ):
                 return
         raise dt.SensorError(
-            f"the block was not met at {_side(side)} within {self._config.search_mm:g} mm of its "
-            "side (touch.search_mm)"
+            f"no contact with the block at {_side(side)} within {self._config.search_mm:g} mm of "
+            "its side (touch.search_mm)"
         )
 
 
@@ -165,7 +165,7 @@ def main(rig: str, half_x: float, half_y: float, top: float, indenter: str = "sp
     with dt.open_probe(rig, ball.name) as (probe, touch):
         found = BlockTouch(probe, touch, (half_x, half_y), top, ball).find()
         frame = found.frame(probe.stage.frame)
-    print(f"# the block was off by ({found.x_mm:+.3f}, {found.y_mm:+.3f}) mm")
+    print(f"# offset of the block: ({found.x_mm:+.3f}, {found.y_mm:+.3f}) mm")
     print(f"origin_machine_mm = {[round(p, 4) for p in frame.origin_machine_mm]}")
     print(f"angle_deg = {frame.angle_deg:.4f}")
 

@@ -1,9 +1,9 @@
-"""How does force grow with depth? A power law fitted to the presses of a recorded run.
+"""Force against depth: a power law fitted to the presses of a recorded run.
 
     python examples/force_law.py RUN [INDENTER]
 
-Hertz has the exponent 1.5 for a ball on a half-space; a layer on a rigid back has more, a flat tip
-1. Nothing but the record is read: the same on a real bench.
+Hertz's exponent for a ball on a half-space is 1.5; a layer on a rigid back has more, a flat tip 1.
+Only the record is read, so it also works with a run of a real bench.
 """
 
 from __future__ import annotations

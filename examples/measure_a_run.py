@@ -1,4 +1,4 @@
-"""What did the camera see? The tracking error of a recorded run, frame by frame.
+"""Tracking error of a recorded run, frame by frame.
 
     python examples/measure_a_run.py RUN
 
@@ -18,7 +18,7 @@ METHOD = "dis-fast"
 
 
 def main(folder: Path) -> pd.DataFrame:
-    """A row a frame: errors at the pattern's dots and, of a simulated run, against truth."""
+    """One row per frame: errors at the pattern's dots and, for a simulated run, against truth."""
     result = dt.analyze_tracking(folder, methods=(METHOD,))
     print(result.verdict.line)
     return result.frames

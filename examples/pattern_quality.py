@@ -1,4 +1,4 @@
-"""Which patch size survives a printer of 1200 dpi and the camera? The paper's law, three sizes.
+"""Contrast after a 1200 dpi printer and the camera: the paper's law in three patch sizes.
 
 python examples/pattern_quality.py
 """
@@ -11,7 +11,7 @@ SIZES_MM = (0.075, 0.15, 0.3)
 
 
 def main() -> dict[float, float]:
-    """By patch size (mm): the share of the designed contrast that the camera's image keeps."""
+    """Fraction of the designed contrast in the camera's image, by patch size (mm)."""
     kept = {}
     for patch_mm in SIZES_MM:
         recipe = dt.PatternRecipe(law="algorithm1", seed=7, patch_mm=patch_mm, r=0.1)

@@ -1,8 +1,8 @@
-"""Run a protocol on the virtual bench, and hold the force it measured against Hertz.
+"""Run a protocol on the virtual bench, and compare the measured force with Hertz.
 
     python examples/run_a_protocol.py OUT
 
-Below the drivers all is simulated; `rig="bench.toml"` in place of "virtual" drives your own.
+Everything below the drivers is simulated; `rig="bench.toml"` instead of "virtual" drives your own.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ settle_s = 1.0
 
 
 def main(out: Path, rig: str = "virtual") -> dict[float, tuple[float, float]]:
-    """By depth (mm): normal force in newtons, measured at rest, and Hertz' of a half-space."""
+    """Normal force in newtons by depth (mm): measured at rest, and Hertz's for a half-space."""
     out.mkdir(parents=True)
     protocol = out / "two-depths.toml"
     protocol.write_text(PROTOCOL)

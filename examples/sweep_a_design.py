@@ -1,9 +1,9 @@
-"""How thick should the gel be? Force against its thickness, and which of them can be built.
+"""Gel thickness: force at each thickness, and whether the design can be built.
 
     python examples/sweep_a_design.py
 
-A thin gel answers stiffly: its rigid back is felt. How thin or thick it may be is said by the
-inequalities of the parts around it.
+A thin gel is stiffer, because of its rigid back. The inequalities of the surrounding parts limit
+the thickness.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ DEPTH_MM = 0.8
 
 @dataclass(frozen=True)
 class Row:
-    """normal_n: of a ball of 10 mm pressed DEPTH_MM deep. refused: why it cannot be built."""
+    """normal_n: force of a ball of 10 mm pressed DEPTH_MM deep. refused: reason for a refusal."""
 
     thickness_mm: float
     normal_n: float
@@ -26,7 +26,7 @@ class Row:
 
 
 def main() -> list[Row]:
-    """A row a thickness."""
+    """One row per thickness."""
     rows, ball = [], dt.parse_indenter("sphere:10")
     for thickness_mm in THICKNESSES_MM:
         design = dt.load_design("deltact", changes=[f"skin.thickness_mm={thickness_mm:g}"])

@@ -1,4 +1,4 @@
-"""A shim for the bench, as thick as a wall of the housing, to set the height of a stage by."""
+"""Shim for the bench, as thick as a wall of the housing, for setting the height of a stage."""
 
 from __future__ import annotations
 

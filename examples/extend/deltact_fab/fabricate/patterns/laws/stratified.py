@@ -1,7 +1,7 @@
 """Stratified grey: every block of 4 x 4 patches has one patch in each sixteenth of the grey levels.
 
-Independent patches leave pale and dark places by chance, where an optical flow finds little to
-follow; here no place is without contrast.
+Independent patches leave pale and dark areas by chance, where an optical flow finds little to
+follow; here every area has contrast.
 """
 
 from __future__ import annotations
