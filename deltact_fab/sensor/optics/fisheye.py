@@ -110,14 +110,12 @@ class Fisheye(Bounded):
     roll_deg: float = bounded_number(0.0, "rotation of the image about the lens's axis", -180, 180)
     x0_mm: float = bounded_number(0.0, "x position of the pupil", -50, 50)
     y0_mm: float = bounded_number(0.0, "y position of the pupil", -50, 50)
-    air_gap_mm: float = bounded_number(
-        3.0, "distance from axial entrance pupil to acrylic", 0.1, 50
-    )
+    air_gap_mm: float = bounded_number(3.0, "distance of axial entrance pupil to acrylic", 0.1, 50)
     pupil_shift_mm: float = bounded_number(
         0.0, "shift of the pupil backwards, per theta^2", -10, 10
     )
     acrylic_mm: float = bounded_number(2.0, "thickness of the acrylic plate", 0.1, 50)
-    gel_mm: float = bounded_number(12.0, "distance from acrylic to resting outer face", 0.1, 100)
+    gel_mm: float = bounded_number(12.0, "distance of acrylic to resting outer face", 0.1, 100)
     n_acrylic: float = bounded_number(N_ACRYLIC, "refractive index of the plate", 1, 3)
     n_gel: float = bounded_number(N_SILICONE, "refractive index of the gel", 1, 3)
     width_px: int = bounded_number(1280, "columns of the raw image", 8, 20_000)

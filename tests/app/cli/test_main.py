@@ -161,7 +161,7 @@ def test_failed_check_exits_1(tmp_path: Path) -> None:
     (tmp_path / "p.toml").write_text(text.replace("[1.0]", "[11.5]"))
     done = called("protocol", "check", "p.toml", cwd=tmp_path)
     assert done.returncode == 1
-    row = next(line for line in done.stdout.splitlines() if "depth against the gel" in line)
+    row = next(line for line in done.stdout.splitlines() if "depth in the gel" in line)
     assert row.split()[:9] == [
         "FAIL",
         "depth",

@@ -98,8 +98,9 @@ class DeviceFeed:
                 break
         if config.fourcc not in (None, fourcc) or fourcc not in PIXEL_DECODERS:
             raise InputError(
-                f"camera.fourcc: not {config.fourcc or 'any of ' + ', '.join(PIXEL_DECODERS)}, "
-                f"the camera uses {fourcc}; `v4l2-ctl --list-formats-ext` lists its formats"
+                "camera.fourcc: requested "
+                f"{config.fourcc or 'any of ' + ', '.join(PIXEL_DECODERS)}, the camera uses "
+                f"{fourcc}; `v4l2-ctl --list-formats-ext` lists its formats"
             )
         if asked_px not in (None, size_px):
             raise InputError(
