@@ -125,8 +125,8 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
         ({"exposure": 9000}, "camera.exposure: requested 9000, the camera uses 5000; range 1 to "
          "5000"),
         ({"exposure": 156, "V4L2_KEEP": 1}, "camera.exposure: automatic control stays on"),
-        ({"gain": 3, "autofocus": False, "V4L2_BARE": 1}, "camera.gain: requested 3, the camera has "
-         "no such control; camera.autofocus: requested 0, the camera has no such control"),
+        ({"gain": 3, "autofocus": False, "V4L2_BARE": 1}, "camera.gain: requested 3, the camera "
+         "has no such control; camera.autofocus: requested 0, the camera has no such control"),
         ({"width_px": 320, "height_px": 240}, "camera.width_px: requested 320 x "
          "240, the camera uses 640 x 480 px"),
         ({"rate_hz": 60.0}, "camera.rate_hz: requested 60, the camera uses 50 at this size"),

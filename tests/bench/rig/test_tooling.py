@@ -148,7 +148,7 @@ def test_wrong_name_asked_again_silence_ends(
     assert asked.count("type sphere:10 to confirm") == 3
     assert "got 'sphere:12', expected 'sphere:10'" in asked
     assert it.face.deepest_mm < 0  # nothing was touched
-    with typing(*["no"] * 9), pytest.raises(RunFailed, match="not confirmed in 5 answers"):
+    with typing(*["no"] * 9), pytest.raises(RunFailed, match="not confirmed in 5 attempts"):
         confirm(TerminalOperator(), "star", "it is mounted")
 
 
