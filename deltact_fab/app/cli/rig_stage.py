@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 STAGE_RIG_ARGUMENT = click.argument("rig", type=NAME_OR_PATH)
 FEED_OPTION = click.option(
-    "--feed", type=Finite(0, min_open=True), default=300.0, metavar="MM/MIN", help="Speed.",
+    "--feed", type=Finite(0, min_open=True), default=300.0, metavar="MM/MIN", help="Feed of the tip.",
 )  # fmt: skip
 INTO_GEL = click.option(
     "--into-gel", is_flag=True,
-    help="Allow heights below 5 mm above the face; the stage moves slowly there."
+    help="Allow heights of less than 5 mm above the face, at a slow feed."
 )  # fmt: skip
 NEGATIVE_NUMBERS = {"ignore_unknown_options": True}  # -1.5 is not an option
 
