@@ -242,7 +242,7 @@ def test_uncalibrated_lens_warns_and_uses_design(tmp_path: Path) -> None:
     Path(rig).write_text(text.split("[virtual.lens]")[0] + "[virtual.lens]\nf_px = 390.0\n")
     summary = run_experiment(RunRequest(protocol, rig, tmp_path / "out", seed=3))
     (line,) = [note for note in summary["notes"] if "not calibrated" in note]
-    assert line.startswith("WARNING: the lens is not calibrated, the design's stands for it: ")
+    assert line.startswith("WARNING: lens not calibrated, the design's lens is used: ")
     assert open_run(tmp_path / "out").camera.lens == Fisheye()
 
 

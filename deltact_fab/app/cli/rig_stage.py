@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 STAGE_RIG_ARGUMENT = click.argument("rig", type=NAME_OR_PATH)
 FEED_OPTION = click.option(
-    "--feed", type=Finite(0, min_open=True), default=300.0, metavar="MM/MIN", help="Feed of the tip.",
+    "--feed", type=Finite(0, min_open=True), default=300.0, metavar="MM/MIN", help="Feed.",
 )  # fmt: skip
 INTO_GEL = click.option(
     "--into-gel", is_flag=True,
