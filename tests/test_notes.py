@@ -84,7 +84,7 @@ def test_a_gel_is_reported_by_ids(change: Change) -> None:
     assert settings[1] == settings[0] == {"gel's flags": "small strain at 1 of 1 jobs"}
     assert [(n.id, n.warns) for n in notes[1]] == [(n.id, n.warns) for n in notes[0]]
     assert notes[0][-1].line.startswith("WARNING: small strain: depth 1.5 mm is over 10 %")
-    assert notes[0][-1].line.endswith("; states concerned: 1 of sphere-12/p1")
+    assert notes[0][-1].line.endswith("; affected states: 1 of sphere-12/p1")
     before, after = ([note.id for note in collect_left_out([report])] for report in reports)
     assert before == after
     assert "viscosity" in before

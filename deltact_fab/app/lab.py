@@ -95,7 +95,7 @@ ABOUT_RIG = (
     "A real bench: a GRBL 1.1 or grblHAL stage, with a force sensor, a camera and indenters.",
     "`deltact-fab rig new bench` writes such a file with the detected devices,",
     "`deltact-fab rig check bench.toml` tests them without moving anything.",
-    "Software is no emergency stop: install a switch that cuts the motors' power.",
+    "Software does not replace an emergency stop: install a switch that cuts the motors' power.",
     "",
     "Machine coordinates are mm, 0 at the homed end of each axis and negative below it. The sensor",
     "frame is mm from the centre of the gel's resting face: x along its width, y along its length,",

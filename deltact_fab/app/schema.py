@@ -65,7 +65,7 @@ FILE_KINDS = _by_name(
     FileKind(
         "parts",
         "cad",
-        "where what is bought is ordered",
+        "suppliers of the items to buy",
         "fabricate.cad.fabrication.bom:BoughtParts",
     ),
 )
@@ -86,7 +86,7 @@ def find_kind(name: str) -> FileKind:
 
 
 SCHEMA_DIALECT = "https://json-schema.org/draft/2020-12/schema"
-_BASE_MEANING = "The design, a name or a path, whose values hold for keys that are not set."
+_BASE_MEANING = "Base design, a name or a path; its values apply to keys that are not set."
 # By suffix of a key's name, longest first: mm_min before min, nmm before mm.
 _UNIT_SUFFIXES = {
     "mm_per_px": "mm/px", "per_m": "1/m", "mm_min": "mm/min", "mm_s2": "mm/s2",

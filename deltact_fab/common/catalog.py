@@ -85,7 +85,7 @@ def write_new_file(path: Path, text: str) -> None:
         raise InputError(f"{path}: expected a file name ending in .toml")
     with disk_errors(path):
         if path.exists():
-            raise InputError(f"{path}: already there; name a new file")
+            raise InputError(f"{path}: already exists; name a new file")
         if not path.parent.is_dir():
             raise InputError(f"{path.parent}: no such folder")
     write_whole(path, text.encode())

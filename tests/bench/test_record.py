@@ -179,7 +179,7 @@ def test_a_frame_is_stored_once(tmp_path: Path) -> None:
 
 def test_existing_folder_is_never_overwritten(tmp_path: Path) -> None:
     (tmp_path / "r").mkdir()
-    with pytest.raises(InputError, match="already there"):
+    with pytest.raises(InputError, match="already exists"):
         writer(tmp_path / "r")
     assert list((tmp_path / "r").iterdir()) == []
 

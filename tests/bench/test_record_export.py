@@ -158,7 +158,7 @@ def test_failed_export_leaves_nothing(run: Run, tmp_path: Path, form: str) -> No
 
 
 def test_invalid_export_is_one_line(run: Run, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="already there"):
+    with pytest.raises(InputError, match="already exists"):
         export_run([run], "csv", tmp_path)
     with pytest.raises(InputError, match="no such folder"):
         export_run([run], "csv", tmp_path / "none" / "out")

@@ -242,7 +242,7 @@ def test_uncalibrated_lens_warns_and_uses_design(tmp_path: Path) -> None:
     Path(rig).write_text(text.split("[virtual.lens]")[0] + "[virtual.lens]\nf_px = 390.0\n")
     summary = run_experiment(RunRequest(protocol, rig, tmp_path / "out", seed=3))
     (line,) = [note for note in summary["notes"] if "not calibrated" in note]
-    assert line.startswith("WARNING: the lens is not calibrated, the design's stands for it: ")
+    assert line.startswith("WARNING: lens not calibrated, the design's lens is used: ")
     assert open_run(tmp_path / "out").camera.lens == Fisheye()
 
 
@@ -255,7 +255,7 @@ def test_uncalibrated_lens_warns_and_uses_design(tmp_path: Path) -> None:
         ('[camera]\nmodel = "fisheye"\nfpx = 3.0\n', r"camera\.toml: camera: fpx: unknown key"),
         ('[camera]\nmodel = "fisheye"\n', r"camera\.toml: an image of 1280 x 720 px, and"),
         (camera_toml(Fisheye(f_px=200.0, cx_px=209.5, cy_px=169.5, width_px=420, height_px=340)),
-         r"camera\.toml: the view's border lies up to \d\.\d mm from where \[virtual"),
+         r"camera\.toml: the view's border is up to \d\.\d mm off that of \[virtual"),
     ],
 )  # fmt: skip
 def test_unusable_camera_file_leaves_no_folder(

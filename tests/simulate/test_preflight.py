@@ -116,7 +116,7 @@ def test_real_rig_refuses_each_exceeded_limit(
 )
 def test_real_rig_needs_declared_limits(smoke: Protocol, limits: ForceLimits, key: str) -> None:
     (row,) = _over(smoke, limits)
-    wanted = f"my-bench.toml: {key} is not declared, so its force cannot be checked"
+    wanted = f"my-bench.toml: {key} is not declared, so the force on it cannot be checked"
     assert row.reason == wanted
     with pytest.raises(InputError, match="not declared"):
         Check.require([row], limits.source)

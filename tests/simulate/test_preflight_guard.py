@@ -59,8 +59,8 @@ def test_certain_guard_trip_is_refused(peaks: list[Peak]) -> None:
     tight = limits(GuardLimits((20.0, 20.0, 0.9 * normal_n), (200.0,) * 3))
     (row,) = over(peaks, tight)
     assert row.failed
-    assert row.subject.startswith("normal force as expected, [guard] force_n (N)")
-    with pytest.raises(InputError, match=r"bench.toml: guard: normal force as expected, \[guard\]"):
+    assert row.subject.startswith("normal force as predicted, [guard] force_n (N)")
+    with pytest.raises(InputError, match=r"guard: normal force as predicted, \[guard\]"):
         Check.require([row], "bench.toml")
     (row,) = over(peaks, replace(tight, simulated=True))
     assert not row.failed

@@ -37,6 +37,4 @@ def test_plate_figures_use_the_modulus():
     assert stress.value == pytest.approx(2 * found.stress_mpa, abs=0.01)
     assert light.value == pytest.approx(2 * found.over_ring_mm, rel=5e-3)
     assert yields.value == pytest.approx(found.deflection_mm / 1.6, rel=5e-3)
-    assert (
-        f"{found.deflection_mm:.3f} mm predicted, not included in" in yields.subject
-    )
+    assert f"{found.deflection_mm:.3f} mm predicted, not included in" in yields.subject

@@ -31,7 +31,7 @@ def init(folder: Path) -> Answer:
 
 @click.command()
 @out_folder("Folder to write; that of an earlier demo is replaced.", default=Path("demo-out"))
-@seed("Seed of everything random.", 3)
+@seed("Seed of all random numbers.", 3)
 @JSON_OPTION
 def demo(out: Path, seed: int, as_json: bool) -> None:
     """Run the whole chain once: parts, pattern, calibration, a virtual experiment, its report."""
@@ -59,7 +59,7 @@ def doctor() -> Answer:
     verdict = f"Core {'broken' if broken else 'OK'}. {absent} items missing."
     data = {"ok": not broken, "findings": [asdict(f) for f in findings]}
     lines = [(f.state, f.group, f.name, f.text, f.brings, f.get) for f in findings]
-    item_lines = compact(("", "part of", "name", "found", "for", "to get it"), lines)
+    item_lines = compact(("", "part of", "name", "found", "for", "how to install"), lines)
     return Answer(data, [*item_lines, verdict], "" if broken else None)
 
 

@@ -43,7 +43,7 @@ def design_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 SENSORS_OPTION = click.option(
-    "--sensors", type=int, default=1, metavar="N", help="How many sensors to make.",
+    "--sensors", type=int, default=1, metavar="N", help="Number of sensors to make.",
 )  # fmt: skip
 
 
@@ -74,7 +74,7 @@ def new(
 
     Each dimension of the base is listed, commented out; uncomment those to change. With --face,
     the dimensions that depend on it and on the camera are solved and set: housing, plate, gap,
-    view, light, screws, pegs, envelope, mold. An impossible wish is refused, with the smallest
+    view, light, screws, pegs, envelope, mold. An impossible request is refused, with the smallest
     change that makes it possible.
     """
     from ..lab import design as write
@@ -166,7 +166,7 @@ def check(design: str, changes: tuple[str, ...]) -> Answer:
     passed = [row for row in rows if row.status == "pass"]
     unverified = sum(bool(row.basis) for row in passed)
     summary = (
-        f"{len(passed)}/{len(rows)} checks passed, {unverified} of them depend on unverified values"
+        f"{len(passed)}/{len(rows)} checks passed; {unverified} of them depend on unverified values"
     )
     data = [{**row.as_dict(), **of_part(row)} for row in rows]
     short_rows = (replace(r, basis=tuple(dict.fromkeys(map(shorten_key, r.basis)))) for r in rows)
@@ -179,7 +179,7 @@ def check(design: str, changes: tuple[str, ...]) -> Answer:
 @click.argument("parts", nargs=-1, metavar="[PART]...")
 @design_options
 @click.option("--format", "formats", default="step,stl,3mf,dxf,glb,svg,pdf", metavar="LIST",
-              help="Formats, comma-separated; each part gets those that suit it.")  # fmt: skip
+              help="Formats, comma-separated; each part is written in those for it.")  # fmt: skip
 @click.option("--tolerance", "tolerance_mm", type=float, default=0.01, metavar="MM",
               help="Largest distance of a mesh from the true surface.")  # fmt: skip
 @out_folder("Folder to write into.", default=Path("cad-out"))

@@ -31,7 +31,7 @@ def calibrate() -> None:
 @click.option("--board", required=True, metavar="skin|NXxNYxMM", help="Board in IMAGES.")
 @click.option("--air", multiple=True, type=PATH_TYPE, metavar="PATH",
               help="Image or folder of images of a board in the air; repeatable.")  # fmt: skip
-@click.option("--air-board", metavar="NXxNYxMM", show_default="as --board",
+@click.option("--air-board", metavar="NXxNYxMM", show_default="same as --board",
               help="Board in --air.")  # fmt: skip
 @click.option("--flat", type=PATH_TYPE, metavar="FILE",
               help="Image of a blank skin, to correct the shading.")  # fmt: skip
@@ -48,8 +48,8 @@ def lens(
     with no air between. Best is one image of the shipped chessboard skin (`pattern sheet
     chessboard`) with --board skin; its middle, the origin of the sensor, must be within 0.8 mm of
     the middle of the image, and the skin turned by less than 45 degrees. Otherwise wet a board onto
-    the face at five or more places that together cover the view; --board 9x7x3 is a board of 9 x 7
-    squares of 3 mm.
+    the face at five or more positions that together cover the view; --board 9x7x3 is a board of 9 x
+    7 squares of 3 mm.
 
     Boards in the air beyond the face (--air), tilted and at several heights, improve the
     calibration below the face; on their own they leave the face undetermined. The thicknesses of
@@ -120,8 +120,7 @@ def _lens_lines(calibration: LensCalibration) -> Iterator[str]:
 @calibrate.command(epilog="Example: deltact-fab calibrate depth ball-run -o depth.toml")
 @click.argument("run", type=PATH_TYPE)
 @click.option("--force", type=PATH_TYPE, metavar="FILE", show_default="the design's gel",
-              help="Force calibration whose gel to use; a measurement with both is then as fast "
-              "as with one.")  # fmt: skip
+              help="Force calibration whose gel to use; both are then as fast as one.")  # fmt: skip
 @out_file("Calibration to write.", default=Path("depth.toml"))
 @answers
 def depth(run: Path, force: Path | None, out: Path) -> Answer:

@@ -89,7 +89,7 @@ def gel() -> None:
 @click.option("--tolerance", default=0.03, metavar="SHARE",
               help="Allowed relative error of the force.")  # fmt: skip
 @click.option("--spacing", "spacing_mm", type=float, metavar="MM", show_default="chosen",
-              help="Size of the grid or the cells.")  # fmt: skip
+              help="Grid spacing or cell size.")  # fmt: skip
 @click.option("--limit-s", "limit_s", default=120.0, metavar="S", help="Limit of CPU seconds; "
               "the result is that of the finest mesh solved by then.")  # fmt: skip
 @answers
@@ -151,7 +151,7 @@ def fit(
 ) -> Answer:  # fmt: skip
     """Fit the modulus of a gel to a measured press, with a 95 % interval.
 
-    The last lines are for a protocol.
+    The last lines are keys of a protocol.
 
     CSV is a table with the columns depth_mm and normal_n (positive when pressed), rows in the order
     of measurement. Friction is the ratio of side force to normal force in a light drag, once it is

@@ -32,7 +32,7 @@ HELP_SECTIONS = {
     },
     "Run experiments": {
         "protocol": "Indentation experiments: write, check, show.",
-        "rig": "Benches: describe, check, drive by hand.",
+        "rig": "Benches: describe, check, move manually.",
         "run": "Carry out a protocol on a rig and record it.",
         "record": "Recorded runs: verify, show, annotate, export.",
     },
@@ -42,7 +42,7 @@ HELP_SECTIONS = {
     },
     "Analyse": {
         "analyze": "Tracking error and shape of recorded runs.",
-        "report": "Write one offline page about a run.",
+        "report": "Write an offline page about a run.",
         "study": "The paper's experiments, and better ones.",
     },
     "Simulate": {

@@ -35,15 +35,14 @@ VIEW_HZ = 10.0  # by hand: smooth to the eye at a low load
 @click.option("--hz", type=Finite(min=0.01), metavar="HZ",
               show_default="as fast as possible; with --view 10",
               help="Largest rate in images per second, except for a camera.")  # fmt: skip
-@click.option("--jsonl", is_flag=True, help="Print one JSON object per image, at once.")
+@click.option("--jsonl", is_flag=True, help="Print one JSON object per image, without delay.")
 @click.option("--follow", type=Finite(min=0.1), metavar="S",
-              help="Wait for new images in the folder SOURCE, until there is none for S "
-              "seconds.")  # fmt: skip
+              help="Wait for new images in folder SOURCE, until none arrives for S s.")  # fmt: skip
 @out_folder("New folder for a table of the results and each image's arrays.")
 @click.option("--pictures", is_flag=True, help="With --out: save each tracked image too.")
 @click.option("--view", is_flag=True, help="Show the results live on a local page.")
 @click.option("--port", type=click.IntRange(0, 65535), default=0, metavar="N",
-              show_default="a free one", help="Port of that page.")  # fmt: skip
+              show_default="a free one", help="Port of the live page.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print JSON at the end.")
 def measure(
     source: str, camera: Path | None, calibrations: tuple[Path, ...], mm_per_px: float | None,

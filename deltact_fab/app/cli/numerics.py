@@ -25,7 +25,7 @@ def numerics(engines: tuple[str, ...], quick: bool, out: Path | None) -> Answer:
     """Measure error against CPU time, and stability, of the numerical engines.
 
     ENGINE is pattern, flow, gel or measure; default: all. Each time is the best of several runs,
-    with the slowest beside it. No hardware is used. Exit code 1 if a row is wrong.
+    with the slowest next to it. No hardware is used. Exit code 1 if a row is wrong.
     """
     from deltact_fab.common import require_pages
     from deltact_fab.studies import run_engines

@@ -112,11 +112,12 @@ def check_lines(checks: Iterable[Check]) -> Iterator[str]:
     """Format the table of checks, one line each."""
     words = {"warn": "WARN", "fail": "FAIL"}
     return compact(
-        ("", "check", "of", "found", "limit", "basis", "what to do"),
+        ("", "check", "subject", "found", "limit", "basis", "remedy"),
         [
-            (words.get(c.status, c.status), c.name, c.subject, _format_cell(c.value),
-             f"{c.sign} {_format_cell(c.limit)}".lstrip(), ", ".join(c.basis),
-             c.remedy if c.status in words else "")
+            (words.get(c.status, c.status), c.name, c.subject,
+             *(("OK", "") if c.subject == "refusals" and c.status == "pass" else
+               (_format_cell(c.value), f"{c.sign} {_format_cell(c.limit)}".lstrip())),
+             ", ".join(c.basis), c.remedy if c.status in words else "")
             for c in checks
         ],
     )  # fmt: skip

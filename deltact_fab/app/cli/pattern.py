@@ -99,7 +99,7 @@ def make(
 
     RECIPE may also be the quoted text of a sheet's QR code or label, to remake that sticker. One
     image pixel is one patch; with --dpi or marker dots it is one printer dot. The centres of the
-    marker dots are written beside the PNG, as NAME.dots.csv.
+    marker dots are written next to the PNG, as NAME.dots.csv.
     """
     from deltact_fab.fabricate import choose_recipe, read_code
     from deltact_fab.fabricate import make_pattern as make_file

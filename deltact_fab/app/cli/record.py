@@ -28,13 +28,13 @@ def check(run: Path) -> Answer:
 
     Checks the journal, the hash of every image, every sample and truth, and that each id occurs
     once. The verdict comes first, then one line per problem. Missing data of an interrupted press
-    is no damage. Nothing is changed. Exit code 1 on damage.
+    is not damage. Nothing is changed. Exit code 1 on damage.
     """
     from deltact_fab.bench import check_run as verify
 
     with progress("check") as bar:
         verdict = verify(run, bar)
-    lines = compact(("", "where", "what"), rows) if (rows := verdict.rows()) else ()
+    lines = compact(("", "location", "problem"), rows) if (rows := verdict.rows()) else ()
     return Answer(verdict.as_dict(), [verdict.line, *lines], None if verdict.intact else "")
 
 

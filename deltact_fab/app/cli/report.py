@@ -18,7 +18,7 @@ from .output import Answer, answers, file_note, progress
               help="Calibration of force or depth; repeatable.")  # fmt: skip
 @answers
 def report(run: Path, out: Path | None, calibrations: tuple[Path, ...]) -> Answer:
-    """Write one offline page about RUN, after a tracking analysis if there is none.
+    """Write an offline page about RUN, after a tracking analysis if there is none.
 
     For a folder of runs and studies, the page lists them all; unfinished and damaged ones are
     marked.

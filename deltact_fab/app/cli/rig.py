@@ -74,10 +74,10 @@ def show(name: str) -> Answer:
               help="Images with the board on the face; one for a skin.")  # fmt: skip
 @click.option("--air", default=0, metavar="N",
               help="Images with the board in the air beyond the face.")  # fmt: skip
-@click.option("--air-board", metavar="NXxNYxMM", show_default="as --board",
+@click.option("--air-board", metavar="NXxNYxMM", show_default="same as --board",
               help="Board in the air.")  # fmt: skip
 @DESIGN_OPTION
-@seed("Seed of places, tilts and noise.")
+@seed("Seed of positions, tilts and noise.")
 @out_folder("New folder for the images.", required=True)
 @answers
 def photograph(
@@ -189,8 +189,8 @@ def simulate(
 def check(name: str, seconds: float) -> Answer:
     """Test the connection to each device of RIG and report faults with their remedies.
 
-    Nothing moves. Nothing may touch the sensor, as its force is zeroed. Exit code 1 if a line
-    says FAIL.
+    Nothing moves. Nothing may touch the sensor, as its force is tared. Exit code 1 if a check
+    fails.
     """
     from deltact_fab.bench import GrblConfig, load_rig
     from deltact_fab.bench import check_rig as look
@@ -220,7 +220,7 @@ def check(name: str, seconds: float) -> Answer:
               metavar="N", help="Number of images at rest.")  # fmt: skip
 @click.option("--step", type=PATH_TYPE, metavar="RUN",
               help="Run of the protocol known-step on this sensor.")  # fmt: skip
-@out_file("PNG of the face to write, marked.", "picture", "--picture")
+@out_file("Annotated PNG of the face to write.", "picture", "--picture")
 @seed("Seed of a virtual rig.")
 @out_file("Acceptance file to write.", show_default="sensors/SERIAL.toml")
 @answers
@@ -268,7 +268,7 @@ def accept(
 @click.option("--indenter", default="sphere:10", metavar="sphere:MM",
               help="Mounted ball.")  # fmt: skip
 @click.option("--at", "places_mm", multiple=True, type=Point(), metavar="X,Y",
-              help="Place to touch the face, mm; give at least three.")  # fmt: skip
+              help="Position of a touch, mm; give at least three.")  # fmt: skip
 @DESIGN_OPTION
 @TIP_IS_CLEAR
 @out_file("Registration to write, .toml.", required=True)
@@ -279,10 +279,10 @@ def register(
 ) -> Answer:  # fmt: skip
     """Locate the face of the sensor by touching it with a ball.
 
-    The rig homes, and the ball touches the face at several places; height and tilt of the face are
-    written to a file. Without --at it touches four places, which also gives the flatness. Name the
-    file as `registration` under [stage] of the rig file. The lateral position is found with a block
-    around the sensor, see examples/find_the_block.py.
+    The rig homes, and the ball touches the face at several positions; height and tilt of the face
+    are written to a file. Without --at four positions are touched, which also gives the flatness.
+    Name the file as `registration` under [stage] of the rig file. The lateral position is found
+    with a block around the sensor, see examples/find_the_block.py.
     """
     from deltact_fab.bench import register_rig
     from deltact_fab.fabricate import load_design
@@ -305,8 +305,8 @@ def rehearse(protocol: str, name: str, thorough: bool, out: Path | None) -> Answ
     Lost and mangled answers, silence, a pulled cable, alarms, switches, an open door, forces over
     the limit, a lost sensor or camera, a full disk: at every change of state of the deepest press,
     and at random moments between. Reports the operator's message, how far the tip still moves, and
-    whether --resume gives the same record. No device is opened. Exit code 1 if a fault does not
-    end as it must.
+    whether --resume gives the same record. No device is opened. Exit code 1 if a fault has another
+    outcome than required.
     """
     from deltact_fab.bench import (
         check_limits,

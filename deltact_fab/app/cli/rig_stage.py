@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 STAGE_RIG_ARGUMENT = click.argument("rig", type=NAME_OR_PATH)
 FEED_OPTION = click.option(
-    "--feed", type=Finite(0, min_open=True), default=300.0, metavar="MM/MIN", help="Speed.",
+    "--feed", type=Finite(0, min_open=True), default=300.0, metavar="MM/MIN", help="Feed.",
 )  # fmt: skip
 INTO_GEL = click.option(
     "--into-gel", is_flag=True,
-    help="Allow heights below 5 mm above the face; the stage moves slowly there."
+    help="Allow heights of less than 5 mm above the face, at a slow feed."
 )  # fmt: skip
 NEGATIVE_NUMBERS = {"ignore_unknown_options": True}  # -1.5 is not an option
 
@@ -80,10 +80,10 @@ def jog(
 ) -> Answer:  # fmt: skip
     """Move the tip by DX DY DZ mm in the sensor frame, whose z is up, out of the gel.
 
-    Relies on the controller's position since homing. Ctrl-C stops it. The guard of the rig's force
-    sensor stops it as in a run. Without DX DY DZ the keys move the tip in one session, with the
-    force on the screen; they also home, set the origin and register (written beside the rig
-    file).
+    Relies on the controller's position since homing. Ctrl-C stops the move, and so does the guard
+    of the rig's force sensor, as in a run. Without DX DY DZ the keys move the tip in one session,
+    with the force on the screen; they also home, set the origin and register (written next to the
+    rig file).
     """
     from deltact_fab.bench import HandStage
 
@@ -138,7 +138,7 @@ def goto(
     """Move the tip to X Y Z mm in the sensor frame, whose z = 0 is the resting face.
 
     Moves up, then sideways, then down. Needs a known position: give --home or --as-counted. Ctrl-C
-    stops it, and the guard of the rig's force sensor as in a run.
+    stops the move, and so does the guard of the rig's force sensor, as in a run.
     """
     from deltact_fab.bench import HandStage
 
@@ -155,8 +155,8 @@ def goto(
 def reset(rig: str) -> Answer:
     """Reset the controller of RIG (0x18).
 
-    For a controller that no longer responds after an alarm, or sleeps. Motion stops at once, and
-    the position is lost.
+    For a controller that no longer responds after an alarm, or sleeps. Motion stops immediately,
+    and the position is lost.
     """
     from deltact_fab.bench import HandStage
 

@@ -17,7 +17,7 @@ from .output import Answer, answers, progress
 @click.command(epilog="Example: deltact-fab run smoke --rig virtual --seed 3 --out smoke-run")
 @click.argument("protocol", type=NAME_OR_PATH)
 @RIG_OPTION
-@seed("Seed of everything random.")
+@seed("Seed of all random numbers.")
 @click.option("--out", type=PATH_TYPE, metavar="DIR", help="New folder for the run.")
 @click.option("--resume", is_flag=True, help="Continue the unfinished run in --out.")
 @click.option("--air", is_flag=True, help="Touch nothing: never go below the clearance plane.")
@@ -43,9 +43,9 @@ def run(
     the gel. With --unattended there are no prompts: the protocol must have one indenter and the
     face must be located by force.
 
-    The first Ctrl-C stops and lifts the tip; the second resets the controller at once. --dry-run
-    makes all checks of a run and queries each device of a real rig; it needs no --out, moves
-    nothing and records nothing.
+    The first Ctrl-C stops and lifts the tip; the second resets the controller immediately.
+    --dry-run makes all checks of a run and queries each device of a real rig; it needs no --out,
+    moves nothing and records nothing.
     """
     from deltact_fab.simulate import RunRequest, dry_run_experiment, run_experiment
 

@@ -67,7 +67,7 @@ def _shared(scale: float | None) -> dict[str, tuple[Decorator, ...]]:
             click.option("--scale", type=Finite(0, 1, min_open=True), default=scale,
                          metavar="SHARE", help="Fraction of the paper's points or frames."),
         ),
-        "seed": (seed("Seed of everything random."),),
+        "seed": (seed("Seed of all random numbers."),),
         "rig": (
             click.option("--rig", type=NAME_OR_PATH, metavar="RIG", show_default="the study's own",
                          help="Virtual rig: a name of `rig list` or a path."),

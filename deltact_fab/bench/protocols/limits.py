@@ -149,7 +149,7 @@ def _feeds(steps: list[Step], stage: StageConfig) -> Iterable[Check]:
 def _depth(steps: list[Step], protocol: Protocol, sensor: SensorDimensions) -> Check:
     bound = sensor.skin.thickness_mm - protocol.specimen.depth_margin_mm
     depth, step_id = _worst((-s.target_mm[2], s.id) for s in steps)
-    name, status = "depth against the gel", graded(depth <= bound)
+    name, status = "depth in the gel", graded(depth <= bound)
     return Check.at_most("depth.gel", name, "depth (mm)", depth, bound, step_id, status)
 
 
@@ -157,7 +157,7 @@ def _tip_reach(steps: list[Step]) -> Check:
     """Check that tip and shank are longer than the depth; else the back plate touches."""
     over = [(-s.target_mm[2] / parse_indenter(s.indenter).reach_mm, s.id) for s in steps]
     share, step_id = _worst(over)
-    name, subject = "depth against the tip", "depth / free length of the tip"
+    name, subject = "free length of the tip", "depth / free length of the tip"
     return Check.at_most("depth.tip", name, subject, share, 1.0, step_id, graded(share <= 1.0))
 
 
@@ -169,7 +169,7 @@ def _opening(steps: list[Step], sensor: SensorDimensions) -> Iterable[Check]:
             for s in steps
             if s.kind in ("press", "shear")
         )
-        name, subject = "footprint + shear inside the skin", f"reach in {letter} (mm)"
+        name, subject = "contact on the skin", f"reach in {letter} (mm)"
         status = graded(reach <= bound + LIMIT_SLACK_MM)
         yield Check.at_most(f"footprint.{letter}", name, subject, reach, bound, step_id, status)
 
@@ -183,7 +183,7 @@ def _sideways(steps: list[Step], protocol: Protocol) -> Check:
         low_mm = min(previous.target_mm[2], step.target_mm[2])
         if sideways and step.kind != "shear" and clearance_mm - low_mm > worst:
             worst, step_id = clearance_mm - low_mm, step.id
-    subject, status = "sideways below clearance by (mm)", graded(worst <= LIMIT_SLACK_MM)
+    subject, status = "sideways motion below the plane by (mm)", graded(worst <= LIMIT_SLACK_MM)
     return Check.at_most("clearance-plane", "clearance plane", subject, worst, 0.0, step_id, status)
 
 

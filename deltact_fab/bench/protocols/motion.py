@@ -94,11 +94,11 @@ class StageConfig(Table):
 
     port: str | None = Field(default=None, min_length=1)
     """Serial device of the controller, as /dev/ttyACM0; a name under /dev/serial/by-id stays the
-    same after replugging. The virtual rig has its own wire."""
+    same after replugging. A virtual rig needs none."""
     origin_machine_mm: tuple[PosMm, PosMm, PosMm] = Field(examples=[[-60.0, -60.0, -40.0]])
-    """Where the reference tip meets the centre of the resting face, in machine coordinates.
-    MEASURE: home, jog down until the tip just holds a slip of paper, read the position, less the
-    paper."""
+    """Machine position of the reference tip in contact with the centre of the resting face.
+    MEASURE: home, jog down until the tip just holds a slip of paper, read the position, subtract
+    the paper."""
     angle_deg: float = Field(default=0.0, ge=-360, le=360)
     """Rotation of the sensor about z on the stage."""
     tilt_deg: tuple[StageTilt, StageTilt] = (0.0, 0.0)

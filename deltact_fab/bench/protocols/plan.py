@@ -315,13 +315,13 @@ class Protocol(Table):
         if self.shear and "shear" not in self.channels:
             raise ValueError("channels: a protocol with [shear] needs 'shear'")
         if bool(self.depths_mm) == bool(self.weights):
-            raise ValueError("either depths_mm (a stage presses) or [weights] (a hand does)")
+            raise ValueError("either depths_mm (stage) or [weights] (by hand) is needed")
         capture = self.capture
         filmed = self.shear or capture.rates_hz()
         if self.weights and (filmed or not capture.wait_s("press")):
             raise ValueError(
-                "[weights] need capture.settle_s, and none of rate_hz, hold, retract and [shear]: "
-                "tilt the face"
+                "[weights] need capture.settle_s, and none of rate_hz, hold, retract and [shear]; "
+                "for shear, tilt the face"
             )
         if list(self.depths_mm) != sorted(set(self.depths_mm)):
             raise ValueError("depths_mm: must be strictly increasing, as the gel has memory")
@@ -365,7 +365,7 @@ def load_protocol(name: str, by_hand: bool = False) -> tuple[Protocol, Path]:
     path = find_file("protocols", name)
     protocol = validate(Protocol, read_toml(path), str(path))
     if protocol.weights is not None and not by_hand:
-        raise InputError(f"{path}: weights: only for a `run` on a real rig, by hand")
+        raise InputError(f"{path}: weights: only for a `run` on a real rig, placed by hand")
     return protocol, path
 
 

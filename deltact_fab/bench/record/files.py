@@ -192,7 +192,7 @@ class StrictDict(dict[str, Any]):
         raise InputError(f"{self.source}: {key}: {self.missing_text}")
 
 
-_UNKNOWN_TEXT = "unknown for an imported run; name camera and design in its recording's file"
+_UNKNOWN_TEXT = "unknown for an imported run; name camera and design in its recording file"
 _FILE_SCHEMAS = {"run.json": _RunFile, "pattern.json": _PatternFile, "summary.json": _SummaryFile}
 
 

@@ -52,7 +52,7 @@ def import_recording(
     """
     recording: Recording = validate(Recording, read_toml(file), str(file))
     if out.exists():
-        raise InputError(f"{out}: already there; name a new --out folder")
+        raise InputError(f"{out}: already exists; name a new --out folder")
     folder = file.parent
     streams: dict[str, Samples] = {}
     if recording.force is not None:
@@ -180,7 +180,7 @@ def _summary(
         force_t_s, six = streams["force"]
         forces = [six[name] for name in FORCE_COLUMNS[:3] if np.isfinite(six[name]).all()]
         lag = estimate_lag(t_s, moved_px, force_t_s, np.transpose(forces))
-    unknown = "not known: " + "; ".join(recording.unknown())
+    unknown = "unknown: " + "; ".join(recording.unknown())
     return {
         "steps": 0,
         "frames": len(t_s),
@@ -224,7 +224,7 @@ class Lag:
         if self.lag_s is None or self.between_s is None:
             return f"lag of the force behind the images undetermined: {self.why}"
         low, high = self.between_s
-        words = "less than a frame"
+        words = "less than one frame"
         if abs(self.lag_s) > self.frame_s:
             words = f"{self.lag_s / self.frame_s:.1f} frames; correct it with `lag_s` under [force]"
         return (

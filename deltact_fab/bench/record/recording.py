@@ -120,7 +120,7 @@ class Recording(Table):
             "axes of the force sensor (taken as the face's)": not self.force or self.force.rotation,
             "reference point of the torque": not self.force or not self.force.torque_unit,
         }
-        always = ("indenter", "pattern", "protocol", "presses", "which images are at rest", "rig")
+        always = ("indenter", "pattern", "protocol", "presses", "images at rest", "rig")
         return [*(words for words, value in phrases.items() if not value), *always]
 
 

@@ -127,7 +127,7 @@ class Run:
         if stored is None and self.imported:
             raise InputError(
                 f"{self.folder}: imported without a camera; set `camera` and `design` in the "
-                "recording's file and import it again"
+                "recording file and import it again"
             )
         if stored is None:
             raise InputError(f"{self.folder}: recorded without a camera")

@@ -100,7 +100,7 @@ class RunWriter:
         Raises InputError if the folder exists or cannot be created, RunFailed for a disk error.
         """
         if folder.exists():
-            raise InputError(f"{folder}: already there; name a new --out folder")
+            raise InputError(f"{folder}: already exists; name a new --out folder")
         ImageFormat.from_meta(meta).require()
         part = folder.with_name(f".{folder.name}.part")
         try:
@@ -144,7 +144,7 @@ class RunWriter:
         """
         run = Run(folder)
         if not os.access(folder, os.W_OK):
-            raise InputError(f"{folder}: read-only; a run is continued in its own folder")
+            raise InputError(f"{folder}: read-only; a run can only be continued in its own folder")
         form = ImageFormat.from_meta(run.meta)
         form.require()
         writer = cls(folder, steps, form.suffix)

@@ -51,8 +51,8 @@ class GrblKind(RigKind):
             )
         if "force" in channels and not (config.force and config.force.reachable):
             lines.append(
-                f"{source}: channels: 'force' needs a sensor, and {self._source} says how to reach "
-                "none; add [force.netft] or [force.serial] with its ranges, or remove "
+                f"{source}: channels: 'force' needs a sensor, and {self._source} defines no "
+                "connection to one; add [force.netft] or [force.serial] with its ranges, or remove "
                 '"force"'
             )
         return lines
@@ -74,8 +74,8 @@ class GrblKind(RigKind):
         return [
             f'[tools."{missing[0]}"] length_mm is not declared'
             + (f" (nor {len(missing) - 1} more)" if len(missing) > 1 else "")
-            + f": its tip is searched within touch.search_mm = {config.touch.search_mm:g} mm of "
-            "the reference tip's position"
+            + f": its tip is searched for within touch.search_mm = {config.touch.search_mm:g} mm "
+            "of the reference tip's position"
         ]
 
     def unmet_conditions(
@@ -99,8 +99,8 @@ class GrblKind(RigKind):
                 lines += _touch_above_guard(config, touch)
         if unattended and len(protocol.indenters) > 1:
             lines.append(
-                f"--unattended: {protocol.name!r} has {len(protocol.indenters)} indenters, and "
-                "nobody is there to change them: use a protocol with one"
+                f"--unattended: {protocol.name!r} has {len(protocol.indenters)} indenters, which "
+                "an operator must change: use a protocol with one"
             )
         return lines
 
@@ -154,7 +154,7 @@ class GrblRig(Rig):
     def omissions(self) -> Iterator[Note]:
         yield from super().omissions()
         if self.force is None:
-            text = "the rig file names none; nothing is touched"
+            text = "none in the rig file; nothing is touched"
             yield Note("force sensor and guard", text)
 
     def notes(self) -> Iterator[Note]:
@@ -173,12 +173,12 @@ def missing_tables(config: GrblConfig) -> dict[str, str]:
     if config.force is None or not config.force.reachable:
         lines["force"] = (
             "force: a press on a real rig needs a force sensor, for the guard and to find the "
-            "face: add [force.netft] or [force.serial], or give --air, and nothing goes below the "
-            "clearance plane"
+            "face: add [force.netft] or [force.serial], or give --air to stay above the clearance "
+            "plane"
         )
     if config.touch is None:
         lines["touch"] = (
-            "touch: missing table; a press on a real rig needs to know where the face is: add "
+            "touch: missing table; a press on a real rig needs the position of the face: add "
             "[touch], or give --air"
         )
     return lines

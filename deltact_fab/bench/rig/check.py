@@ -75,10 +75,10 @@ def _press_rows(config: GrblConfig) -> Iterator[Check]:
     """Rows for the keys of the rig file that a press needs; a run in air does without."""
     force, missing = config.force, missing_tables(config)
     if force is not None and force.reachable and "range_n" not in force.model_fields_set:
-        missing["range"] = "[force] range_n is not declared: write it from the calibration sheet"
+        missing["range"] = "[force] range_n is not declared: take it from the calibration sheet"
     if config.stage.max_force_n is None:
         missing["max-force"] = (
-            "[stage] max_force_n is not declared: measure what the axes push without losing steps"
+            "[stage] max_force_n is not declared: measure the axis forces without lost steps"
         )
     for id, text in missing.items():
         yield _row("presses", id, "fail", text)
@@ -279,7 +279,7 @@ def ask_devices(bench: OpenBench) -> list[str]:
         name = _identity(bench.force.identity(), "kind", "serial")
         lines.append(f"force sensor: {name}: {x:+.2f}, {y:+.2f}, {z:+.2f} N, not tared")
         if samples.saturated.any():
-            lines.append("force sensor: SATURATED: the guard would stop the run at once")
+            lines.append("force sensor: SATURATED: the guard would stop the run immediately")
     return lines
 
 

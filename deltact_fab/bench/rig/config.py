@@ -45,11 +45,11 @@ class FiniteGelConfig(Table):
     """Resolution of the simulated gel at the level 'hyperelastic'."""
 
     cell_mm: float | None = Field(default=None, ge=0.1, le=12.0)
-    """Cell size below the indenter; None: chosen from its shape and the tolerance."""
+    """Cell size below the indenter; by default chosen from its shape and the tolerance."""
     tolerance: float = Field(default=0.03, ge=0.001, le=0.5)
     """Relative error of force for that choice."""
     most_unknowns: int = Field(default=8_000, ge=500, le=1_000_000)
-    """Upper limit for a mesh chosen so; cells that had to be larger are flagged."""
+    """Upper limit for a mesh chosen in this way; larger cells due to it are flagged."""
     lattice_mm: float = Field(default=0.5, ge=0.05, le=2.0)
     """Spacing of the lattice on which displacements are stored."""
     press_increment_mm: float = Field(default=0.5, ge=0.001, le=5.0)
@@ -65,7 +65,7 @@ class GelConfig(Table):
     """
 
     spacing_mm: float | None = Field(default=None, ge=0.05, le=2.0)
-    """Spacing of the points at which the linear gel is solved; None: chosen from the contact
+    """Spacing of the points at which the linear gel is solved; by default chosen from the contact
     and `hyperelastic.lattice_mm`."""
     press_increment_mm: float = Field(default=0.1, ge=0.001, le=1.0)
     """Distance pressed between two solutions at the linear level."""
@@ -125,7 +125,7 @@ class SimulatorConfig(Table):
 
     camera: ImageSensor = Field(default_factory=ImageSensor)
     lens: LensConfig | None = None
-    """None: the camera is a pinhole."""
+    """Lens of the camera; without it the camera is a pinhole."""
     printer: Printer = Field(default_factory=Printer)
     force: NoiseConfig = NoiseConfig()
     gel: GelConfig = GelConfig()
@@ -138,7 +138,7 @@ class VirtualConfig(Table):
 
     simulated: ClassVar[bool] = True
     kind: Literal["virtual"]
-    """"virtual": everything below the wire is simulated."""
+    """"virtual": everything below the serial link is simulated."""
     stage: StageConfig
     force: ForceConfig = ForceConfig()
     camera: CameraFile | None = None

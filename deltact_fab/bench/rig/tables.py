@@ -25,11 +25,11 @@ class CameraFile(Table):
     """Calibration of a camera."""
 
     model: Word
-    """A camera file, of `deltact-fab calibrate lens`; path relative to the rig file."""
+    """Camera file of `deltact-fab calibrate lens`; path relative to the rig file."""
 
 
 class CameraConfig(Table):
-    """The camera that looks at the gel: source of its images, and calibration.
+    """Camera behind the gel: image source and calibration.
 
     Paths are relative to the folder of the rig file. Only settings of a V4L2 device can be locked
     here; any other source is configured where it is started.
@@ -41,7 +41,7 @@ class CameraConfig(Table):
         default=None, min_length=1, max_length=256, examples=[COMMAND_EXAMPLE],
         json_schema_extra={"instead_of": "source"},
     )  # fmt: skip
-    """In place of a source: a program and its arguments, as for the camera port of a Jetson. It
+    """Instead of a source: a program and its arguments, as for the camera port of a Jetson. It
     writes images of width_px x height_px to its standard output, BGR of 8 bits, row by row, nothing
     between."""
     stamped: bool = False
@@ -66,14 +66,14 @@ class CameraConfig(Table):
     )
     """Colour temperature of a V4L2 device; turns automatic white balance off."""
     autofocus: bool | None = Field(default=None, examples=[False])
-    """V4L2 device: false holds the focus where it is."""
+    """V4L2 device: false locks the present focus."""
     latency_ms: float = Field(default=0.0, ge=0, le=10_000)
     """Time from the middle of the exposure to the image's time stamp."""
     format: Literal["png", "jxl"] = "png"
     """Format of the images in the record, both lossless: "png" sustains 30 images of 1280 x 720
     per second on two cores, "jxl" (extra `images`) 80."""
     model: Word | None = Field(default=None, examples=["camera.toml"])
-    """A camera file, of `deltact-fab calibrate lens`; without one images cannot be tracked."""
+    """Camera file of `deltact-fab calibrate lens`; without one images cannot be tracked."""
 
     @property
     def is_device(self) -> bool:
@@ -102,8 +102,8 @@ class CameraConfig(Table):
             raise ValueError("stamped: only a command can stamp its images")
         if self.command is None and not self.is_device and "://" not in self.name:
             raise ValueError(
-                f"source: {self.name!r} is no camera; valid: N of /dev/videoN, a device file, an "
-                "address; images from files are for `measure` and `record import`"
+                f"source: {self.name!r} is not a camera; valid: N of /dev/videoN, a device file, "
+                "an address; images from files are for `measure` and `record import`"
             )
         if not self.is_device:
             only = [key for key in ("fourcc", *LOCKABLE_KEYS) if getattr(self, key) is not None]
@@ -141,7 +141,7 @@ class SerialScaleConfig(Table):
     columns: tuple[Literal["fx", "fy", "fz", "tx", "ty", "tz", "-"], ...] = Field(
         default=("fz",), min_length=1, max_length=32
     )
-    """Meaning of each number of a line; "-" is ignored, as a time. Words between do not count."""
+    """Meaning of each number of a line; "-" is ignored, as a time. Words are ignored."""
     unit: Literal["N", "mN", "g", "kg"] = "N"
     """Unit of the forces that it writes."""
     torque_unit: Literal["Nmm", "Nm"] = "Nmm"
@@ -201,7 +201,7 @@ class ForceConfig(Table):
 
 
 class GuardConfig(Table):
-    """Limits beyond which the guard stops the stage, whatever it is doing; default: 80 % of the
+    """Limits beyond which the guard stops the stage in any state; default: 80 % of the
     force sensor's range.
 
     See `guard.GuardLimits`.
@@ -248,7 +248,7 @@ class TouchConfig(Table):
     """Force of a contact; at least five standard deviations of the sensor's noise, see `rig
     check`."""
     feed_mm_min: float = Field(default=30.0, ge=1, le=120)
-    """Feed of the first approach; the second one goes by steps."""
+    """Feed of the first approach; the second one is stepwise."""
     clear_mm: float = Field(default=5.0, ge=0.5, le=50)
     """Height at which the approach begins."""
     search_mm: float = Field(default=3.0, ge=0.1, le=20)

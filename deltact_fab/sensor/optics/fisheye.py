@@ -95,7 +95,7 @@ class Fisheye(Bounded):
     Out of view, nan for a pixel: beyond MAX_FIELD_RAD or where the radius stops growing.
     """
 
-    f_px: float = bounded_number(870 / 2.24, "focal length, 0.87 mm of 2.24 um pixels", 10, 10_000)
+    f_px: float = bounded_number(870 / 2.24, "focal length; 0.87 mm at 2.24 um/px", 10, 10_000)
     k1: float = bounded_number(0.0, "radial distortion, of theta^3", -1, 1)
     k2: float = bounded_number(0.0, "radial distortion, of theta^5", -1, 1)
     k3: float = bounded_number(0.0, "radial distortion, of theta^7", -1, 1)
@@ -108,14 +108,14 @@ class Fisheye(Bounded):
     tilt_x_deg: float = bounded_number(0.0, "tilt of the lens about x", -10, 10)
     tilt_y_deg: float = bounded_number(0.0, "tilt of the lens about y", -10, 10)
     roll_deg: float = bounded_number(0.0, "rotation of the image about the lens's axis", -180, 180)
-    x0_mm: float = bounded_number(0.0, "x of the pupil", -50, 50)
-    y0_mm: float = bounded_number(0.0, "y of the pupil", -50, 50)
-    air_gap_mm: float = bounded_number(3.0, "entrance pupil on the axis to acrylic", 0.1, 50)
+    x0_mm: float = bounded_number(0.0, "x position of the pupil", -50, 50)
+    y0_mm: float = bounded_number(0.0, "y position of the pupil", -50, 50)
+    air_gap_mm: float = bounded_number(3.0, "distance of axial entrance pupil to acrylic", 0.1, 50)
     pupil_shift_mm: float = bounded_number(
         0.0, "shift of the pupil backwards, per theta^2", -10, 10
     )
     acrylic_mm: float = bounded_number(2.0, "thickness of the acrylic plate", 0.1, 50)
-    gel_mm: float = bounded_number(12.0, "acrylic to the resting outer face", 0.1, 100)
+    gel_mm: float = bounded_number(12.0, "distance of acrylic to resting outer face", 0.1, 100)
     n_acrylic: float = bounded_number(N_ACRYLIC, "refractive index of the plate", 1, 3)
     n_gel: float = bounded_number(N_SILICONE, "refractive index of the gel", 1, 3)
     width_px: int = bounded_number(1280, "columns of the raw image", 8, 20_000)

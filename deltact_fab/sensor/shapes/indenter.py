@@ -54,7 +54,7 @@ def parse_indenter(name: str) -> Indenter:
         if kind in lab_shapes and not colon:
             return lab_shapes[kind].indenter(kind)
         near = difflib.get_close_matches(kind, [*INDENTER_KINDS, *lab_shapes], n=1)
-        valid = f"valid: sphere:DIAMETER_MM or, opt. with :SIZE_MM, {', '.join(SHAPE_FACTORIES)}"
+        valid = f"valid: sphere:DIAMETER_MM or (:SIZE_MM optional) {', '.join(SHAPE_FACTORIES)}"
         hint = f"did you mean {near[0]!r}?" if near else valid
         raise InputError(f"indenter {name!r}: unknown; {hint}")
     if not colon:

@@ -117,7 +117,7 @@ class OwnShape:
 def _build_indenter(name: str, shape: OwnShape) -> Indenter:
     try:
         if not re.fullmatch(r"[a-z][a-z0-9-]*", name) or name in ("sphere", *SHAPE_FACTORIES):
-            raise ShapeError(f"a name of a-z, 0-9 and -, and no built-in one: {name!r} fails")
+            raise ShapeError(f"a name of a-z, 0-9 and -, and not a built-in one: {name!r} fails")
         if not shape.tips:
             raise ShapeError("tips >= 1: 0 fails")
         indenter = Indenter(

@@ -23,7 +23,7 @@ class SkinDimensions(Bounded):
     """Margin of the pattern film on each side (assumed): for handling, trimmed when dry."""
     width_mm: float = bounded_number(36.0, "side along x", 5, 200)
     length_mm: float = bounded_number(34.0, "side along y", 5, 200)
-    thickness_mm: float = bounded_number(12.0, "outer face to acrylic", 0.5, 60)
+    thickness_mm: float = bounded_number(12.0, "distance of outer face to acrylic", 0.5, 60)
     edge_fillet_mm: float = bounded_number(2.0, "rounding of the touched face's edges", 0.05, 50)
     protrusion_mm: float = bounded_number(6.0, "protrusion above the frame", 0.1, 60)
 
@@ -69,12 +69,12 @@ class FrameDimensions(Bounded):
 class OpticsDimensions(Bounded):
     """Optical path of the camera, and its field of view on the face."""
 
-    air_gap_mm: float = bounded_number(3.0, "lens to acrylic", 0.1, 50)
+    air_gap_mm: float = bounded_number(3.0, "distance of lens to acrylic", 0.1, 50)
     acrylic_mm: float = bounded_number(2.0, "thickness of the acrylic plate", 0.5, 20)
     mm_per_px: float = bounded_number(0.0378, "scale of the resting face", 1e-3, 1)  # about 675 mm2
     image_width_px: int = bounded_number(798, "image's side along x, rectified", 8, 10_000)
     image_height_px: int = bounded_number(586, "image's side along y, rectified", 8, 10_000)
-    least_view_share: float = bounded_number(0.5, "least share of the face to be seen", 0.01, 1)
+    least_view_share: float = bounded_number(0.5, "smallest visible share of the face", 0.01, 1)
 
     @property
     def view_mm(self) -> tuple[float, float]:

@@ -188,8 +188,8 @@ class RunRequest:
         if "dots" in self.protocol.channels and recipe.dots is None:
             name = self.protocol.specimen.pattern
             return [
-                f"{self.source}: channels: 'dots' asked for, and the pattern {name!r} has none; "
-                "take one with dots, as 'dense-with-dots', or remove \"dots\""
+                f"{self.source}: channels: 'dots' needs a pattern with dots, not {name!r}; "
+                "use one such as 'dense-with-dots', or remove \"dots\""
             ]
         return []
 

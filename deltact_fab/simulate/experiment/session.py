@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from ..virtual.rig import VirtualRig
 
 AIR_RUN = Note(
-    "air", "an air run: the clearance plane stood for every height below it; nothing was touched"
+    "air", "air run: heights below the clearance plane were raised to it; nothing was touched"
 )
 
 
@@ -190,16 +190,16 @@ def _require_new(out: Path, protocol: bytes) -> None:
     try:
         recorded = open_run(out)
         if not recorded.finished and (out / "protocol.toml").read_bytes() == protocol:
-            hint = "an unfinished run of this protocol: go on with --resume, or " + hint
+            hint = "unfinished run of this protocol: continue with --resume, or " + hint
     except (OSError, InputError):
         pass
-    raise InputError(f"{out}: already there; {hint}")
+    raise InputError(f"{out}: already exists; {hint}")
 
 
 def _resumed(sessions: int, kept_frames: int) -> Iterator[Note]:
     if sessions > 1:
         text = (
-            f"resumed: session {sessions} kept {kept_frames} frames of those before it; seconds "
+            f"resumed: session {sessions} kept {kept_frames} frames of earlier sessions; seconds "
             "and solved problems count this session only"
         )
         yield Note("resumed", text)

@@ -94,13 +94,13 @@ def force_checks(peaks: Sequence[Peak], limits: ForceLimits) -> list[Check]:
     """A row for each limit with its worst press, and one for the limits that are not declared.
 
     What can break counts with the gel's modulus twice as high. The guard loses a run and no gel: it
-    counts as expected, and warns of what twice the modulus would trip. On the simulated rig
+    counts as predicted, and warns of what twice the modulus would trip. On the simulated rig
     everything only warns.
     """
     rows = []
     if missing := limits.undeclared():
         lines = [
-            f"{limits.source}: {key} is not declared, so its force cannot be checked"
+            f"{limits.source}: {key} is not declared, so the force on it cannot be checked"
             for key in missing
         ]
         row = Check.refusal("force-limits", "force limits", lines)
@@ -113,7 +113,7 @@ def force_checks(peaks: Sequence[Peak], limits: ForceLimits) -> list[Check]:
             if name == "peak force" or (high > limit and not fails):
                 load, text = high, f"{label} {HIGH_TEXT}, {key}"
             else:
-                text = f"{label} as expected, {key}"
+                text = f"{label} as predicted, {key}"
             status = graded(limits.simulated or not fails, warns=load > limit)
             rows.append(Check.at_most(id, name, text, round(load, 1), limit, press, status))
     return rows
@@ -142,7 +142,7 @@ def _guard_loads(limits: ForceLimits, peaks: Sequence[Peak]) -> Iterator[LoadRow
     yield from _force_loads("guard", peaks, guard.force_n, f"{force} (N)")
     if math.isfinite(guard.resultant_n):
         loads = [math.hypot(p.normal_n, p.tangential_n) for p in peaks]
-        yield "guard.whole", "whole force", guard.resultant_n, "[guard] resultant_n (N)", loads
+        yield "guard.whole", "resultant force", guard.resultant_n, "[guard] resultant_n (N)", loads
     yield from _moments("guard", peaks, guard.torque_nmm, f"{torque} (N mm)")
 
 
@@ -262,9 +262,9 @@ def budget_checks(
     rows = [
         Check("least-feed", "least feed", "feed (mm/min)", feed, MIN_FEED_MM_MIN,
               graded(feed >= MIN_FEED_MM_MIN), (slowest.id,), sign=">="),
-        Check.at_most("time", "time", "of the whole run (h)", hours, LONGEST_H, "the whole run",
+        Check.at_most("time", "time", "duration of the run (h)", hours, LONGEST_H, "the whole run",
                 graded(hours <= LONGEST_H, warns=hours > LONG_H)),
-        Check.at_most("disk", "disk", "needed of what is free (MB)", mb, free_mb,
+        Check.at_most("disk", "disk", "needed; limit: free space (MB)", mb, free_mb,
                 f"the disk of {existing}", graded(mb <= free_mb)),
     ]  # fmt: skip
     rates_hz = protocol.capture.rates_hz()

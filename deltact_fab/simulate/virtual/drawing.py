@@ -89,13 +89,13 @@ class VirtualCamera:
     def end(self, frames: Mapping[str, float]) -> None:
         """Store the press's knots and where each of its frames stands between which of them."""
         assert self._stream is not None, "begin() comes before end()"
-        assert len(frames) == len(self._frames), "one id a frame"
+        assert len(frames) == len(self._frames), "one id per frame"
         files = TruthFiles(self.folder)
         path = files.press(self._stream)
         try:
             path.parent.mkdir(exist_ok=True)
         except OSError as error:
-            raise RunFailed(f"{path.parent}: cannot be made: {error.strerror}") from error
+            raise RunFailed(f"{path.parent}: cannot be created: {error.strerror}") from error
         models: dict[Path, SurfaceLattice | Fisheye] = {files.lattice: self.lattice}
         if self.lens is not None:
             models[files.lens] = self.lens

@@ -104,7 +104,7 @@ def _shorten(steps: Sequence[Step]) -> tuple[Step, ...]:
     changes = {part[0].indenter: part[0] for part in presses if part[0].kind == "change"}
     presses = [part for part in presses if part[0].kind != "change"]
     if not presses:
-        raise InputError("the protocol presses nothing")
+        raise InputError("the protocol has no press")
     deepest = min(presses[1:] or presses, key=lambda part: min(s.target_mm[2] for s in part))
     shortened: list[Step] = []
     for part in (presses[0], deepest) if len(presses) > 1 else (deepest,):

@@ -38,9 +38,9 @@ def true_lens(config: VirtualConfig, sensor: SensorDimensions) -> Fisheye:
             differs = abs(value - nominal[key]) > ASSEMBLY_MM.get(key, np.inf)
             if overrides.design is None and differs:
                 raise InputError(
-                    f"virtual.lens.{key}: {value:g}, and the design has {nominal[key]:g}: another "
-                    "sensor's; name the design that these numbers are of as virtual.lens.design, "
-                    "and what differs from it counts"
+                    f"virtual.lens.{key}: {value:g}, and the design has {nominal[key]:g}: values "
+                    "of another sensor; name its design as virtual.lens.design, and only "
+                    "differences from that design apply"
                 )
             same = made_for[key] == nominal[key]
             values[key] = value if same else nominal[key] + value - made_for[key]
@@ -92,8 +92,8 @@ def _require_drawn(true: Fisheye, view: Rectified, source: str) -> None:
     most_mm = BAND_PX * view.mm_per_px
     if not inside or off_mm > most_mm:
         raise InputError(
-            f"{source}: the view's border lies up to {off_mm:.2g} mm from where [virtual.lens] has "
-            f"it, and {most_mm:.2g} mm beyond it are drawn; calibrate this rig's own camera"
+            f"{source}: the view's border is up to {off_mm:.2g} mm off that of [virtual.lens], and "
+            f"only {most_mm:.2g} mm beyond it are drawn; calibrate this rig's own camera"
         )
 
 
@@ -101,9 +101,8 @@ def lens_notes(config: VirtualConfig, view: Rectified, patch_mm: float | None) -
     """Notes on the lens for readers of a run."""
     if config.camera is None:
         text = (
-            "the lens is not calibrated, the design's stands for it: photograph the chessboard "
-            "skin on this rig; `deltact-fab calibrate lens` makes the file to name as [camera] "
-            "model"
+            "lens not calibrated, the design's lens is used: photograph the chessboard skin on "
+            "this rig; `deltact-fab calibrate lens` writes the file for [camera] model"
         )
         yield Note("lens", text, warns=True)
     yield from view_notes(view, patch_mm)

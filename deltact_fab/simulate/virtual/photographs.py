@@ -151,7 +151,7 @@ class Studio:
                     yield pose
                     break
             else:
-                raise InputError(f"--board {board}: the camera does not see it whole on the face")
+                raise InputError(f"--board {board}: not completely in view on the face")
 
     def air_poses(
         self, board: Checkerboard, n: int, rng: np.random.Generator
@@ -167,7 +167,7 @@ class Studio:
                     yield pose
                     break
             else:
-                raise InputError(f"--air: the camera does not see a board of {board} whole")
+                raise InputError(f"--air: a board of {board} is not completely in view")
 
 
 def _board_albedo(
@@ -216,9 +216,9 @@ def take_photographs(
     if not (0 <= contact <= MAX_PHOTOS and 0 <= air <= MAX_PHOTOS):
         raise InputError(f"contact {contact}, air {air}: 0 to {MAX_PHOTOS} images of each")
     if air and raised_board.skin:
-        raise InputError("--air: a skin is not held in the air; name the board with --air-board")
+        raise InputError("--air: not possible with a skin; name the board with --air-board")
     if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
-        raise InputError(f"{folder}: is there already; name a new folder")
+        raise InputError(f"{folder}: already exists; name a new folder")
     shortfall = design.optics.print_shortfall(board.nx * board.square_mm) if board.skin else None
     if shortfall is not None:
         raise InputError(f"--board skin: {shortfall}: wet a larger board onto the face")

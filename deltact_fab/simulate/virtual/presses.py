@@ -260,18 +260,18 @@ def require_gel_level(protocol: Protocol, sensor: SensorDimensions, source: str)
     specimen = protocol.specimen
     level, thickness_mm = specimen.gel_model, sensor.skin.thickness_mm
     if protocol.weights is not None:
-        raise InputError(f"{source}: weights: no hand lays them on a virtual gel")
+        raise InputError(f"{source}: weights: not available on a virtual rig")
     deepest = max(protocol.depths_mm)
     if deepest >= thickness_mm:
         raise InputError(
             f"{source}: depths_mm: {deepest:g} mm is not less than the gel's thickness of "
-            f"{thickness_mm:g} mm: no level of the gel can be pressed that deep"
+            f"{thickness_mm:g} mm: no gel level can be pressed that deep"
         )
     poisson_max = poisson_limit(level)
     if specimen.poisson > poisson_max:
         raise InputError(
-            f"{source}: specimen.poisson: {specimen.poisson} is over {poisson_max}: level {level!r}"
-            " stops there; 0.499 serves"
+            f"{source}: specimen.poisson: {specimen.poisson} exceeds {poisson_max}, the limit of "
+            f"level {level!r}; use 0.499"
         )
     if level != "linear":
         return
@@ -280,7 +280,7 @@ def require_gel_level(protocol: Protocol, sensor: SensorDimensions, source: str)
     for indenter in map(parse_indenter, protocol.indenters):
         if refusal := LinearContact.refusal(sensor.skin, material, indenter, deepest):
             raise InputError(
-                f"{source}: {key}: {refusal}: level {level!r} stops there; this protocol needs the "
+                f"{source}: {key}: {refusal}: beyond level {level!r}; this protocol needs the "
                 "level 'hyperelastic'"
             )
 
@@ -288,16 +288,16 @@ def require_gel_level(protocol: Protocol, sensor: SensorDimensions, source: str)
 def gel_not_built(presses: Presses, choices: Sequence[Choice]) -> Iterator[Note]:
     """Notes on the parts of the gel model that this scene did not need."""
     if not presses.observed:
-        yield Note("gel", "no channel asks for what it does")
+        yield Note("gel", "no channel needs it")
         return
     if not presses.shears and not any(c.friction for c in choices):
-        yield Note("friction", "the channel 'shear' is not asked for")
+        yield Note("friction", "no channel 'shear'")
     if presses.level != "hyperelastic":
-        yield Note("finite-strain gel", f"the level {presses.level!r} is asked for")
+        yield Note("finite-strain gel", f"the protocol uses level {presses.level!r}")
     elif not presses.fields:
-        yield Note("the gel's surface field", "no channel asks for images")
+        yield Note("the gel's surface field", "no channel needs images")
     if not presses.tractions:
-        yield Note("the face's tractions", "the channel 'traction' is not asked for")
+        yield Note("the face's tractions", "no channel 'traction'")
     if not presses.relaxing_s:
         yield Note("viscosity", "the specimen has no Prony series")
 
@@ -308,8 +308,8 @@ def gel_notes(presses: Presses, choices: Sequence[Choice], skin: SkinDimensions)
     solves = sum(p.solver.solves for p in pressed)
     cached = sum(len(p.solver.knots) for p in pressed if p.solver.stored is not None)
     text = (
-        f"{solves} contact problems solved, {cached} found in the store (no pattern, camera or "
-        "modulus matters to them); between them displacements and forces are interpolated linearly"
+        f"{solves} contact problems solved, {cached} found in the store (independent of pattern, "
+        "camera and modulus); between them displacements and forces are interpolated linearly"
     )
     yield Note("solved", text)
     linear = presses.level == "linear"
@@ -318,16 +318,16 @@ def gel_notes(presses: Presses, choices: Sequence[Choice], skin: SkinDimensions)
         yield Note("linear gel", text)
     yield from dict.fromkeys(Note("level", f"gel: {choice.reason}") for choice in choices)
     if not presses.shears and any(c.friction for c in choices):
-        yield Note("friction", "friction is solved, for it changes the force of these presses")
+        yield Note("friction", "friction is solved, as it changes the force of these presses")
     # From the plan, for the presses that a resumed run kept are not solved again.
     deepest_mm = max(p.deepest_mm for p in presses.paths)
     if linear and LinearContact.is_large_strain(deepest_mm, skin.thickness_mm):
-        text = "pressed beyond 10 % of the thickness, past small strain"
+        text = "pressed deeper than 10 % of the thickness, beyond small strain"
         yield Note("small strain", text, warns=True)
     if presses.relaxing_s:
         text = (
-            "the gel's time is the plan's: lines at their feed, rests as long as they settle; "
-            "ramps of the stage and the host's delays, some hundredths of a second, are not in"
+            "gel times follow the plan: moves at their feed, rests of their settling time; stage "
+            "ramps and host delays, some hundredths of a second, are not included"
         )
         yield Note("time", text)
     yield from _flag_notes(presses)
@@ -342,5 +342,5 @@ def _flag_notes(presses: Presses) -> Iterator[Note]:
             occurrences.setdefault(name, []).append(f"{count} of {press.name}")
         example |= {flag.id: flag for knot in press.solver.knots for flag in knot.flags}
     for id, counts in sorted(occurrences.items()):
-        text = f"{example[id].labelled}; states concerned: {', '.join(counts)}"
+        text = f"{example[id].labelled}; affected states: {', '.join(counts)}"
         yield Note(id, text, warns=True)

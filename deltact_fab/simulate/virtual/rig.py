@@ -121,15 +121,15 @@ class VirtualRig(Rig):
         """Notes on the parts that this scene does not need and did not build."""
         lens = "lens, its maps and rectification"
         if self.camera is None:
-            yield Note("camera, picture and printer model", "no channel asks for images")
+            yield Note("camera, picture and printer model", "no channel needs images")
         if self._config.virtual.lens is None:
-            yield Note(lens, "the rig draws through a pinhole")
+            yield Note(lens, "this rig uses a pinhole camera")
         elif self.camera is None:
-            yield Note(lens, "no channel asks for images")
+            yield Note(lens, "no channel needs images")
         if self.force is None:
-            yield Note("force sensor", "the channel 'force' is not asked for")
+            yield Note("force sensor", "no channel 'force'")
         yield from gel_not_built(self.presses, self._choices)
-        yield Note("solid models", "a run needs the numbers of the shapes only")
+        yield Note("solid models", "a run needs only the shape parameters")
 
     def notes(self) -> Iterator[Note]:
         """Notes on lens and gel for readers of the results."""

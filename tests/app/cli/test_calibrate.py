@@ -129,10 +129,10 @@ def test_unusable_input_writes_nothing(
     [
         (["virtual", "--board", "skin"], "needs .virtual.lens."),
         (["grbl-bench", "--board", "skin"], "camera: missing table"),
-        (["bench.toml", "--board", "60x60x1"], "--board 60x60x1: the camera does not see it whole"),
-        (["bench.toml", "--board", "skin", "--air", "2"], "--air: a skin is not held in the air"),
+        (["bench.toml", "--board", "60x60x1"], "--board 60x60x1: not completely in view"),
+        (["bench.toml", "--board", "skin", "--air", "2"], "--air: not possible with a skin"),
         (["bench.toml", "--board", "9x7x3", "--contact", "-1"], "0 to 200 images of each"),
-        (["bench.toml", "--board", "skin", "--out", "photos"], "photos: is there already"),
+        (["bench.toml", "--board", "skin", "--out", "photos"], "photos: already exists"),
     ],
     ids=lambda w: w[0] + w[2] if isinstance(w, list) else "",
 )

@@ -196,4 +196,4 @@ def test_ctrl_c_stops_a_jog(tmp_path: Path) -> None:
 def test_virtual_rig_has_no_stage(words: tuple[str, ...]) -> None:
     result = CliRunner().invoke(rig, [words[0], "virtual", *words[1:]])
     assert isinstance(result.exception, DeltactFabError)
-    assert str(result.exception).endswith("kind: a 'virtual' rig has no stage to drive; 'grbl' has")
+    assert str(result.exception).endswith("kind: a 'virtual' rig has no stage; use a 'grbl' rig")

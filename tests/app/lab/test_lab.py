@@ -121,7 +121,7 @@ def test_no_overwrite_and_no_path_names(here: Path) -> None:
     run("protocol", "new", "own", "-o", "there.toml")
     before = Path("there.toml").read_bytes()
     for words, says in (
-        (["protocol", "new", "own", "-o", "there.toml"], "there.toml: already there"),
+        (["protocol", "new", "own", "-o", "there.toml"], "there.toml: already exists"),
         (["protocol", "new", "own", "-o", "no/own.toml"], "no/own.toml: no folder no"),
         (["protocol", "new", "own.toml"], "must be a name"),
         (["cad", "new", "../own"], "must be a name"),

@@ -80,7 +80,7 @@ def test_sideways_below_clearance_is_refused() -> None:
 
 def test_require_names_value_limit_and_step() -> None:
     rows = limits.check_limits(protocol(depths_mm=[11.5], indenters=["sphere:22"]), SENSOR, BOX)
-    with pytest.raises(InputError, match=r"p\.toml: depth against the gel: .*11\.5 > 11 at sphere"):
+    with pytest.raises(InputError, match=r"p\.toml: depth in the gel: .*11\.5 > 11 at sphere"):
         Check.require(rows, "p.toml")
 
 

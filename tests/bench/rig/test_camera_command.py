@@ -185,7 +185,7 @@ def test_dead_or_garbled_child_is_reported(end: list[Any], says: str) -> None:
 
 
 def test_decreasing_number_is_a_restarted_camera() -> None:
-    assert "image 1 after 7: its count went back" in to_the_end(opened(sent(7, 1)))[1]
+    assert "image 1 after 7: it restarted its numbering" in to_the_end(opened(sent(7, 1)))[1]
 
 
 def test_missing_program_is_reported_before_motion(tmp_path: Path) -> None:

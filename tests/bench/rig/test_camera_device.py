@@ -120,18 +120,18 @@ def test_locked_settings_are_read_back(look: Any) -> None:
 
 
 REFUSED: list[tuple[dict[str, Any], str]] = [
-        ({"gain": 30, "V4L2_STEP": 7}, "camera.gain: asked 30, the camera keeps 28; range 0 to "
+        ({"gain": 30, "V4L2_STEP": 7}, "camera.gain: requested 30, the camera uses 28; range 0 to "
          "100 in steps of 7"),
-        ({"exposure": 9000}, "camera.exposure: asked 9000, the camera keeps 5000; range 1 to "
+        ({"exposure": 9000}, "camera.exposure: requested 9000, the camera uses 5000; range 1 to "
          "5000"),
         ({"exposure": 156, "V4L2_KEEP": 1}, "camera.exposure: automatic control stays on"),
-        ({"gain": 3, "autofocus": False, "V4L2_BARE": 1}, "camera.gain: asked 3, the camera has no "
-         "such control; camera.autofocus: asked 0, the camera has no such control"),
-        ({"width_px": 320, "height_px": 240}, "camera.width_px: asked 320 x 240, the camera keeps "
-         "640 x 480 px"),
-        ({"rate_hz": 60.0}, "camera.rate_hz: asked 60, the camera keeps 50 at this size in BGR3"),
-        ({"V4L2_CODE": "RG10"}, "camera.fourcc: asked any of BGR3, RGB3, YUYV, UYVY, GREY, MJPG, "
-         "JPEG, the camera keeps RG10"),
+        ({"gain": 3, "autofocus": False, "V4L2_BARE": 1}, "camera.gain: requested 3, the camera "
+         "has no such control; camera.autofocus: requested 0, the camera has no such control"),
+        ({"width_px": 320, "height_px": 240}, "camera.width_px: requested 320 x "
+         "240, the camera uses 640 x 480 px"),
+        ({"rate_hz": 60.0}, "camera.rate_hz: requested 60, the camera uses 50 at this size"),
+        ({"V4L2_CODE": "RG10"}, "camera.fourcc: requested any of BGR3, RGB3, YUYV, UYVY, GREY, "
+         "MJPG, JPEG, the camera uses RG10"),
 ]  # fmt: skip
 
 

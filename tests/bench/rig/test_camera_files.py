@@ -42,7 +42,7 @@ def test_invalid_camera_is_refused(tmp_path: Path) -> None:
         assert "\n" not in str(why.value)
         return str(why.value)
 
-    with pytest.raises(ValueError, match=r"source: 'film\.mpg' is no camera"):
+    with pytest.raises(ValueError, match=r"source: 'film\.mpg' is not a camera"):
         CameraConfig(source="film.mpg")
     assert "/dev/video63: cannot be opened" in refusal(source=63)
     assert "/dev/no-camera: cannot be opened" in refusal(source="/dev/no-camera")
@@ -166,7 +166,7 @@ def test_photographs_are_exposed_after_their_prompt(tmp_path: Path) -> None:
     assert files == [out / "contact" / "1.png", out / "contact" / "2.png"]
     first, second = (cv2.imread(str(file))[0, 0, 0] for file in files)
     assert int(second) - int(first) >= 3
-    with pytest.raises(InputError, match="exists already"):
+    with pytest.raises(InputError, match="already exists"):
         take_photograph(config, tmp_path, out, 1)
 
 

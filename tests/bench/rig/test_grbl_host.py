@@ -159,9 +159,7 @@ def test_lost_answer_ends_only_gel_moves(
     stage, port = scripted(monkeypatch, [*CONNECT, *HOME, (press, b""), *STOP, asked])
     stage.connect()
     stage.home()
-    with pytest.raises(
-        StageError, match=r"no answer to .J=.*0.5 s; the move to .* was told to stop"
-    ):
+    with pytest.raises(StageError, match=r"no answer to .J=.*0.5 s; the move to .*: stop sent"):
         stage.start_move((0.0, 0.0, 0.5), 600.0)
     assert port.left == []
 

@@ -143,6 +143,6 @@ def test_rig_new_never_overwrites(tmp_path: Path) -> None:
     assert shown.exit_code == 0
     assert "stage.port" in shown.output
     file.write_text("mine")
-    with pytest.raises(InputError, match="already there"):
+    with pytest.raises(InputError, match="already exists"):
         lab.rig("bench", file)
     assert file.read_text() == "mine"

@@ -124,7 +124,7 @@ def test_faster_controller_accepted_travel_of_file() -> None:
 def test_motors_off_at_rest_are_warned() -> None:
     (row,) = connected({1: 25}).setting_checks
     assert row.status == "warn"
-    assert row.value.endswith("set $1=255 unless the screws hold by themselves")
+    assert row.value.endswith("set $1=255 unless the screws are self-locking")
 
 
 @pytest.mark.parametrize("name", catalog.catalogue_names("protocols/rigs"))

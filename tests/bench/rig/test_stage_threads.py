@@ -232,4 +232,4 @@ def test_second_signal_in_lift_resets_once() -> None:
     assert host.returncode == 130
     assert out == ""
     assert len(err.splitlines()) == 1
-    assert err.startswith("deltact-fab: stopped at once by a second signal")
+    assert err.startswith("deltact-fab: stopped immediately by a second signal")

@@ -146,9 +146,9 @@ def test_wrong_name_asked_again_silence_ends(
     asked = capsys.readouterr().err
     assert "type S-12 to confirm that this sensor is on the bench" in asked
     assert asked.count("type sphere:10 to confirm") == 3
-    assert "that was 'sphere:12', not 'sphere:10'" in asked
+    assert "got 'sphere:12', expected 'sphere:10'" in asked
     assert it.face.deepest_mm < 0  # nothing was touched
-    with typing(*["no"] * 9), pytest.raises(RunFailed, match="not confirmed in 5 answers"):
+    with typing(*["no"] * 9), pytest.raises(RunFailed, match="not confirmed in 5 attempts"):
         confirm(TerminalOperator(), "star", "it is mounted")
 
 

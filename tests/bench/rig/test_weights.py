@@ -152,7 +152,7 @@ def test_weights_need_a_manual_bench(option: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=f"--{option}: not available with weights"):
         run_experiment(RunRequest("dead-weights", "grbl-bench", tmp_path / "r", **{option: True}))  # type: ignore[arg-type]
     assert not any(tmp_path.iterdir())
-    with pytest.raises(InputError, match="no hand lays them on a virtual gel"):
+    with pytest.raises(InputError, match="weights: not available on a virtual rig"):
         RunRequest("dead-weights", "virtual").require()
 
 

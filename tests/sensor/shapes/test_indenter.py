@@ -75,7 +75,7 @@ def test_a_name_is_normalised(typed: str, name: str, slug: str) -> None:
     ("typed", "says"),
     [
         ("elipsoid", "indenter 'elipsoid': unknown; did you mean 'ellipsoid'?"),
-        ("cube:3", "valid: sphere:DIAMETER_MM or, opt. with :SIZE_MM, 4dots, 2dots, edges, "),
+        ("cube:3", "valid: sphere:DIAMETER_MM or (:SIZE_MM optional) 4dots, 2dots, edges, "),
         ("sphere", "a diameter of 0.5 to 30 mm, as in 'sphere:10'"),
         ("sphere:nan", "a diameter of 0.5 to 30 mm"),
         ("star:big", "5 to 20 mm"),

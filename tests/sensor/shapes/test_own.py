@@ -115,7 +115,7 @@ def test_invalid_shape_is_one_line(tmp_path, monkeypatch, text, says):
 @pytest.mark.parametrize("name", ["Mine", "a/b", "star", "sphere"])
 def test_reserved_or_invalid_names_are_refused(name):
     shape = OwnShape((OwnTip("ball", radius_mm=2.0),))
-    with pytest.raises(InputError, match="no built-in one"):
+    with pytest.raises(InputError, match="not a built-in one"):
         shape.indenter(name)
 
 

@@ -126,7 +126,7 @@ def test_bad_moves_are_refused_unsent(
 def test_one_move_at_a_time() -> None:
     bench = bench_of().homed()
     bench.stage.start_move((0.0, 0.0, 5.0), 600.0)
-    with pytest.raises(StageError, match=r"a move is under way.*was told to stop"):
+    with pytest.raises(StageError, match=r"a move is in progress.*: stop sent"):
         bench.stage.start_move((0.0, 0.0, 6.0), 600.0)
     bench.stage.start_move((0.0, 0.0, 6.0), 600.0)
     assert bench.stage.wait().machine_mm == (-60.0, -50.0, -34.0)

@@ -71,7 +71,9 @@ def test_a_door_between_two_moves() -> None:
     """The line waits in the controller's buffer, and is forgotten by the reset."""
     bench = Bench()
     bench.grbl.fault("door")
-    with pytest.raises(StageError, match=r"Door:1 \(the safety door is open\): no move begins"):
+    with pytest.raises(
+        StageError, match=r"Door:1 \(the safety door is open\): no move was started"
+    ):
         bench.stage.start_move(TARGET_MM, 600.0)
     bench.grbl.fault("door closes")
     bench.stage.stop()

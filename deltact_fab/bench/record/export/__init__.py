@@ -38,7 +38,7 @@ def export_run(
     """
     require_extra("export", f"--format {form}", *EXPORT_LIBRARIES[form])
     if out.exists():
-        raise InputError(f"{out}: already there; name a new one")
+        raise InputError(f"{out}: already exists; name a new one")
     if not out.absolute().parent.is_dir():
         raise InputError(f"{out.parent}: no such folder")
     if form != "lerobot" and len(runs) > 1:

@@ -32,11 +32,11 @@ MCAP_CHUNK_BYTES = 4 * 1024 * 1024  # by hand: one frame of 1280 x 720 with its 
 SENSOR_FRAME = "sensor"  # frame of reference: the sensor frame, z = 0 at the resting face
 CAMERA_FRAME = "camera"
 METADATA_TEXTS = {
-    "time": "log_time: ns since 1970 UTC; the rig's clock, moved by one offset a session to the "
-    "day's time at its first event, and never back behind the session before",
+    "time": "log_time: ns since 1970 UTC: the rig's clock plus one offset per session, which sets "
+    "its first event to its wall-clock time, but not before the end of the previous session",
     "units": "positions m, forces N on the sensor (a press has z < 0), torques N m about the "
     "centre of the resting face; frame 'sensor': x width, y length, z out of the sensor",
-    "images": "raw, as the camera gave them, in time of exposure",
+    "images": "raw camera images, timed by their exposure",
 }
 
 

@@ -33,8 +33,8 @@ RAW_KEY, MOTION_KEY = "observation.images.raw", "observation.images.deformation"
 MM_PER_LEVEL, REST_LEVEL = 0.025, 128  # by hand: 8 bits for +-3.2 mm; finer steps clip sooner
 FEATURE_TEXTS = {
     MOTION_KEY: "red and green: x and y displacement of each point of the face since the press's "
-    f"first frame, {MM_PER_LEVEL:g} mm per level from {REST_LEVEL}, cut off at 1 and 255; blue: "
-    "255 where it was found in the image, else 0",
+    f"first frame, {MM_PER_LEVEL:g} mm per level from {REST_LEVEL}, clipped to 1 to 255; blue: 255 "
+    "where the point was found in the image, else 0",
     RAW_KEY: "raw camera image; lossy",
     "timestamp": "frame_index / fps, as the format requires; true times: t_press_s, time_ns",
 }

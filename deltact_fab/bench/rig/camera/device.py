@@ -88,7 +88,7 @@ class DeviceFeed:
         """Set pixel format and size, then the rate, then the controls."""
         device = self._device
         if not device.gives_images():
-            raise InputError(f"camera.source: {self.name}: gives no images; use another node")
+            raise InputError(f"camera.source: {self.name}: sends no images; use another node")
         asked_px = None
         if config.width_px is not None and config.height_px is not None:
             asked_px = (config.width_px, config.height_px)
@@ -98,20 +98,21 @@ class DeviceFeed:
                 break
         if config.fourcc not in (None, fourcc) or fourcc not in PIXEL_DECODERS:
             raise InputError(
-                f"camera.fourcc: asked {config.fourcc or 'any of ' + ', '.join(PIXEL_DECODERS)}, "
-                f"the camera keeps {fourcc}; `v4l2-ctl --list-formats-ext` lists its formats"
+                "camera.fourcc: requested "
+                f"{config.fourcc or 'any of ' + ', '.join(PIXEL_DECODERS)}, the camera uses "
+                f"{fourcc}; `v4l2-ctl --list-formats-ext` lists its formats"
             )
         if asked_px not in (None, size_px):
             raise InputError(
-                f"camera.width_px: asked {config.width_px} x {config.height_px}, the camera keeps "
-                f"{size_px[0]} x {size_px[1]} px; `v4l2-ctl --list-formats-ext` lists its sizes"
+                f"camera.width_px: requested {config.width_px} x {config.height_px}, the camera "
+                f"uses {size_px[0]} x {size_px[1]} px; sizes: `v4l2-ctl --list-formats-ext`"
             )
         self.rate_hz = device.set_rate(config.rate_hz)
         if config.rate_hz is not None and not _is_near(self.rate_hz, config.rate_hz):
             keeps = "a fixed rate; remove the key" if self.rate_hz is None else f"{self.rate_hz:g}"
             raise InputError(
-                f"camera.rate_hz: asked {config.rate_hz:g}, the camera keeps {keeps} at this size "
-                f"in {fourcc}; MJPG is often faster than YUYV"
+                f"camera.rate_hz: requested {config.rate_hz:g}, the camera uses {keeps} at this "
+                f"size in {fourcc}; MJPG is often faster than YUYV"
             )
         self._controls = {"fourcc": fourcc, "rate_hz": self.rate_hz, **apply_locks(device, config)}
         self._decode, self._size_px = PIXEL_DECODERS[fourcc], size_px
@@ -190,11 +191,11 @@ def apply_locks(device: V4l2Device, config: CameraConfig) -> dict[str, int | Non
             if value is not None and holder is not None and holder.value != off_value:
                 refused.append(f"camera.{key}: automatic control stays on")
         elif setting is None:
-            refused.append(f"camera.{key}: asked {value}, the camera has no such control")
+            refused.append(f"camera.{key}: requested {value}, the camera has no such control")
         else:
             steps = f" in steps of {setting.step}" if setting.step > 1 else ""
             refused.append(
-                f"camera.{key}: asked {value}, the camera keeps {setting.value}; "
+                f"camera.{key}: requested {value}, the camera uses {setting.value}; "
                 f"range {setting.minimum} to {setting.maximum}{steps}"
             )
     if refused:

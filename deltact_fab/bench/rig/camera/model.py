@@ -151,7 +151,7 @@ def take_photograph(
     SensorError when it gives no images.
     """
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
-        raise InputError(f"{out}: exists already; name a new folder")
+        raise InputError(f"{out}: already exists; name a new folder")
     files = []
     with closing(open_camera(config, folder, WallClock())) as camera:
         camera.capture()  # running, with the settings of the rig file

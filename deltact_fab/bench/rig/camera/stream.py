@@ -224,8 +224,8 @@ class StreamCamera:
             steps = (current.number - previous.number) % NUMBER_MODULUS
             if steps >= NUMBER_MODULUS // 2:
                 raise SensorError(
-                    f"camera {self.name}: image {current.number} after {previous.number}: its "
-                    "count went back: it was restarted"
+                    f"camera {self.name}: image {current.number} after {previous.number}: it "
+                    "restarted its numbering"
                 )
             return max(steps - 1, 0), steps == 0
         if self._rate_hz is None:

@@ -28,7 +28,7 @@ NOTE_TEXTS = {
     "late": "{n} force samples late, by up to {worst:.0f} ms",
     "duplicate": "{n} duplicate force records",
     "order": "{n} force records out of order, discarded",
-    "garbage": "{n} datagrams or lines that are no force records",
+    "garbage": "{n} datagrams or lines that are not force records",
     "overrun": "{n} force records lost unread: the host was too slow",
     "saturation": "{n} force samples saturated",
     "error": "{n} force records with the error bit, discarded",

@@ -286,7 +286,7 @@ class _Server:
         self._batches, self._error = [], None
 
     def do_identity(self) -> dict[str, Any]:
-        return {**self._force.identity(), "guard": self._priority or "as any other process"}
+        return {**self._force.identity(), "guard": self._priority or "normal priority"}
 
     def do_rearm(self) -> None:
         assert self._guard is not None

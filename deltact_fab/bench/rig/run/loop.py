@@ -21,8 +21,8 @@ from .streams import ForceStream
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _LAST_WORDS = (
-    b"deltact-fab: stopped at once by a second signal: the controller was reset, its position is "
-    b"lost, and the tip may be in the gel\n"
+    b"deltact-fab: stopped immediately by a second signal: the controller was reset, its position "
+    b"is lost, and the tip may be in the gel\n"
 )
 _SHOW_CURSOR = b"\x1b[?25h\n"  # a progress bar hides it
 SENSOR_LOOP_NAME = "force sensor"

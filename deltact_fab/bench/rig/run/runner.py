@@ -206,7 +206,7 @@ class Runner:
         try:
             with self._streams.lifting():
                 if self._stage.rescue(height_mm, LIFT_FEED_MM_MIN):
-                    return "the controller kept its count: the tip was lifted"
+                    return "the controller kept its position: the tip was lifted"
         except KeyboardInterrupt:
             self._stage.abort()
             return "the lift was stopped by the operator"

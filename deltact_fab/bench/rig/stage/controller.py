@@ -326,7 +326,7 @@ class Controller:
         motion = "homing" if move is None else f"the move to {in_mm(move.target_mm)}"
         reached = self.port.write_stop(SOFT_RESET if homing else JOG_CANCEL)
         self.move, self.homing = None, False
-        return f"; {motion} {'was told to stop' if reached else 'goes on'}"
+        return f"; {motion}{': stop sent' if reached else ' continues'}"
 
 
 def in_mm(p: Point) -> str:

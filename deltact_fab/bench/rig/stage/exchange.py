@@ -46,7 +46,7 @@ ALARM_TEXTS = {
     1: "hard limit: a switch was hit",
     2: "soft limit: a move would leave the travel",
     3: "reset while moving: steps may be lost",
-    4: "probe: not in its first state",
+    4: "probe: not in its initial state",
     5: "probe: no contact",
     6: "reset while homing",
     7: "door opened while homing",
@@ -67,11 +67,11 @@ STATE_TEXTS = {
     "Door": "safety door",
     "Door:0": "safety door, closed again",
     "Door:1": "the safety door is open",
-    "Door:2": "safety door, coming to rest",
-    "Door:3": "safety door, going back from its parking place",
+    "Door:2": "safety door, decelerating",
+    "Door:3": "safety door, returning from parking",
     "Check": "check mode: lines are read, nothing moves",
     "Tool": "waiting for a tool change",
-    "Sleep": "asleep: only a reset wakes it",
+    "Sleep": "asleep: needs a reset",
 }
 DECIMAL_PATTERN = r"(-?\d+(?:\.\d*)?)"
 BANNER_PATTERN = re.compile(r"Grbl(?:HAL)? (\d+)\.(\d+)\S*", re.IGNORECASE)

@@ -107,7 +107,7 @@ class GrblStage:
                 settings, None if self._config is None else self._config.travel_mm
             )
             self.setting_checks = check_settings(settings, self._info, self._config)
-            self._unfit = "its settings were refused: set them right and connect again"
+            self._unfit = "its settings were refused: correct them and connect again"
             if reason := first_failure(self.setting_checks):
                 raise TalkFault(reason)
             self._unfit = ""
@@ -146,7 +146,7 @@ class GrblStage:
         with self._c.exchange():
             self._c.require_ready()
             if self._c.move is not None:
-                raise TalkFault("a move is under way: wait for it or stop it first")
+                raise TalkFault("a move is in progress: wait for its end or stop it first")
             if self._c.stopping:
                 self.stop()
             machine_mm = self.frame.to_machine_mm(target_mm)

@@ -201,7 +201,7 @@ def _answer_came_late(c: Controller, fault: NoAnswer) -> bool:
     state = c.status().state
     if state.partition(":")[0] in ("Hold", "Door"):
         # The line waits in the controller until the reset of the next `stop`.
-        raise TalkFault(f"{state_text(state)}: no move begins{halted or c.halt()}") from fault
+        raise TalkFault(f"{state_text(state)}: no move was started{halted or c.halt()}") from fault
     if not c.clear or state not in ("Idle", "Jog"):
         raise TalkFault(f"{fault.reason}{halted}", position_lost=True) from fault
     c.waits += 1

@@ -160,7 +160,7 @@ def _motor_checks(s: Mapping[int, float]) -> list[Check]:
         return []
     text = (
         f"$1={delay:g} (motors are off {delay:g} ms after each move: a gel under load may push "
-        "the axes back); set $1=255 unless the screws hold by themselves"
+        "the axes back); set $1=255 unless the screws are self-locking"
     )
     return [Check("stage.setting-1", "stage", value=text, status="warn")]
 

@@ -243,7 +243,7 @@ class HandStage:
         config, self._source = load_rig(rig)
         if not isinstance(config, GrblConfig):
             raise InputError(
-                f"{self._source}: kind: a {config.kind!r} rig has no stage to drive; 'grbl' has"
+                f"{self._source}: kind: a {config.kind!r} rig has no stage; use a 'grbl' rig"
             )
         self._config = config
         self._stage = GrblStage.from_config(config.stage, WallClock())

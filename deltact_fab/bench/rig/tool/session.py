@@ -65,7 +65,7 @@ def home_stage(
     """
     if config.force is None or not config.force.reachable:
         raise InputError(
-            f"{source}: force: no force sensor, which alone protects gel and sensor from a "
+            f"{source}: force: no force sensor, the only protection of gel and sensor against a "
             "crash: add [force.netft] or [force.serial]"
         )
     stage = GrblStage.from_config(config.stage, WallClock())
@@ -102,7 +102,7 @@ def open_probe(rig: str, tip: str) -> Iterator[tuple[ForceProbe, TouchConfig]]:
         raise InputError(f"{source}: kind: a {config.kind!r} rig cannot touch; use a 'grbl' rig")
     operator = TerminalOperator()
     with home_stage(config, source, operator) as bench:
-        confirm(operator, tip, "it is mounted, screwed tight")
+        confirm(operator, tip, "it is mounted and tightened")
         probe = ForceProbe(bench.stage, bench.force, bench.stage.clock, bench.guard)
         yield probe, config.touch or TouchConfig()
 
@@ -149,7 +149,7 @@ def register_face(
     for touches further than MAX_RESIDUAL_MM from their plane.
     """
     stage, ball = bench.stage, request.ball
-    confirm(operator, ball.name, "it is mounted, screwed tight")
+    confirm(operator, ball.name, "it is mounted and tightened")
     stage.frame = frame = raised_frame(stage.frame, request.longer_mm)
     touch = ForceTouch(ForceProbe(stage, bench.force, stage.clock, bench.guard), request.touch)
     touches = [touch.find(ball, place) for place in request.places]
@@ -245,8 +245,8 @@ def require_fit(skin: SkinDimensions, indenter: Indenter, places: Sequence[FaceP
     least_mm2 = MIN_TRIANGLE_SHARE * 4 * half[0] * half[1]
     if len(places) < 3 or _largest_mm2(places) < least_mm2:
         raise InputError(
-            "--at: at least three points are needed, not in a line: their largest triangle must "
-            f"have {least_mm2:.0f} mm2"
+            "--at: at least three points are needed, not in a line: their largest triangle needs "
+            f"an area of {least_mm2:.0f} mm2"
         )
 
 

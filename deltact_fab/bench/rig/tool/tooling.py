@@ -64,8 +64,8 @@ def confirm(operator: TerminalOperator, name: str, claim: str) -> None:
         answer = operator.ask(f"type {name} to confirm that {claim}")
         if answer == name:
             return
-        operator.tell(f"that was {answer!r}, not {name!r}")
-    raise RunFailed(f"{name}: not confirmed in {CONFIRM_ATTEMPTS} answers")
+        operator.tell(f"got {answer!r}, expected {name!r}")
+    raise RunFailed(f"{name}: not confirmed in {CONFIRM_ATTEMPTS} attempts")
 
 
 def clear_the_face(
@@ -186,7 +186,7 @@ class Tooling:
         if self.job.air:
             return f"{name} not mounted: run in air"
         if self.operator is not None:
-            confirm(self.operator, name, "it is mounted, screwed tight")
+            confirm(self.operator, name, "it is mounted and tightened")
         longer_mm = self.tools[name].length_mm if name in self.tools else 0.0
         before_mm = self.stage.frame.to_machine_mm(self.stage.position_mm())
         expected = raised_frame(self._frame, longer_mm)
@@ -227,8 +227,8 @@ class Tooling:
             raise RunFailed(
                 f"touch-off of {name}: the face is {abs(moved_mm):.2f} mm "
                 f"{'higher' if moved_mm > 0 else 'lower'} than at the run's first touch, more than "
-                f"touch.moved_mm = {self.touch.moved_mm:g}: another indenter or sensor is mounted, "
-                "or differently; restore the first setup, or begin a new run"
+                f"touch.moved_mm = {self.touch.moved_mm:g}: the indenter or the sensor was changed "
+                "or remounted; restore the first setup, or begin a new run"
             )
         return moved_mm
 

@@ -225,7 +225,7 @@ class ForceTouch:
             if z - TOUCH_STEP_MM < -config.search_mm - TOUCH_STEP_MM / 2:
                 raise SensorError(
                     f"{forces[-1]:.3f} N at the lowest height (touch.search_mm = "
-                    f"{config.search_mm:g}), where {config.force_n:g} N was felt before"
+                    f"{config.search_mm:g}), where {config.force_n:g} N was measured before"
                 )
             max_n = MAX_FORCE_RATIO * config.force_n
             self._feeler.move((x, y, z - TOUCH_STEP_MM), config.feed_mm_min, max_n)
