@@ -44,7 +44,7 @@ STUDIES = {
         "finite strain: half an hour on two idle cores, six minutes with --scale 0.1. A smaller "
         "scale uses fewer depths and places, with all indenters, at least two places and the full "
         "range of depth and shear.\n\n"
-        "--from uses the points of recorded runs instead, of any bench.",
+        "--from uses the points of recorded runs instead, from any bench.",
         options={"--protocol": {"help": "Another protocol with images, forces and settled stops."}},
     ),
     "pattern-selection": Study(
