@@ -260,7 +260,7 @@ def test_wiring_is_legible_and_complete(changes):
 
 
 def test_drawing_names_unverified_keys(made):
-    note = next(t for t in texts(made("light-holder")[-1]) if t.startswith("Rests on unverified"))
+    note = next(t for t in texts(made("light-holder")[-1]) if t.startswith("Depends on unverified"))
     assert "camera.lens_height_mm" in note
     keys = [k.removeprefix("camera.") for k in load_design().unverified() if "camera." in k]
     page = made("light-holder", "deltact", f"camera.measured={keys}")[-1]

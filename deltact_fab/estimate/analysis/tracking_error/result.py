@@ -136,7 +136,7 @@ def _recommendation(method: dict[str, Any], error: str | None, simulated: bool) 
     )
     wrong = method["confident_wrong_share"]
     if wrong is not None:
-        text += f", {format_percent(wrong)} of this off by over {WRONG_FLOW_MM:g} mm"
+        text += f", {format_percent(wrong)} of this in error by over {WRONG_FLOW_MM:g} mm"
     return text + (" (simulated)." if simulated else " (no truth to compare with).")
 
 
