@@ -321,7 +321,7 @@ def _rows(
     )  # fmt: skip
     if measured.scale is None:
         reason = "unknown from a photograph; scan it on a flatbed"
-        yield Check("scale", "scale and shear", "", reason, "not judged", "not run")
+        yield Check("scale", "scale and shear", "", reason, "not checked", "not run")
     else:
         for axis, scale, old in zip("xy", measured.scale, scaled, strict=True):
             yield _row(
@@ -342,7 +342,7 @@ def _rows(
             "use a larger patch or a printer with a higher resolution",
         )  # fmt: skip
     if measured.halved:
-        yield Check("contrast", "contrast and inks", "", HALVED_COLOUR, "not judged", "not run")
+        yield Check("contrast", "contrast and inks", "", HALVED_COLOUR, "not checked", "not run")
     else:
         yield _row(
             "contrast", "contrast kept", f"{measured.kept:.2f}",

@@ -37,9 +37,9 @@ COMPONENT_WORDS = {"normal": "normal force", "shear_x": "shear along x", "shear_
 LAB_NOTE = (
     "Errors in a lab will be larger: the error above assumes that the gel's thickness and "
     "Poisson's ratio are exactly known and that the flow is unbiased. With an assumed flow error: "
-    "0.13 N at scattered places; with a gel 1 mm off, 0.32 N (docs/evidence/force.md). On two gels "
-    "of a different solver, without images, ten presses calibrate normal force to 0.05 N of 7 N "
-    "with the gel fitted to them, to 0.05 and 0.11 N with the design's "
+    "0.13 N at scattered positions; with a gel 1 mm off, 0.32 N (docs/evidence/force.md). On two "
+    "gels of a different solver, without images, ten presses calibrate normal force to 0.05 N of 7 "
+    "N with the gel fitted to them, to 0.05 and 0.11 N with the design's "
     "(docs/evidence/strangers.md). All simulated."
 )
 
