@@ -100,13 +100,13 @@ class AdapterDimensions(Bounded):
     thickness_mm: float = bounded_number(8.0, "thickness of the plate", 3, 40)
     sensor_mm: float = assumed_length(17.0, "diameter of the force sensor", 8, 100)
     sensor_height_mm: float = assumed_length(14.5, "height of the force sensor", 5, 100)
-    bolt_circle_mm: float = assumed_length(12.7, "circle of the sensor's three M2 screws", 4, 90)
+    bolt_circle_mm: float = assumed_length(12.7, "bolt circle of the sensor (three M2)", 4, 90)
     bolt_turn_deg: float = assumed_length(90.0, "angle of the first screw from +x", -360, 360)
     bolt_hole_mm: float = bounded_number(
         SENSOR_BOLT.clearance_mm, "through hole of the sensor's screws", 1, 8
     )
     bolt_bore_mm: float = bounded_number(SENSOR_BOLT.bore_mm, "counterbore for their heads", 2, 15)
-    bolt_bore_depth_mm: float = bounded_number(3.0, "its depth, from the flange", 1, 30)
+    bolt_bore_depth_mm: float = bounded_number(3.0, "counterbore depth, from the flange", 1, 30)
     pilot_mm: float = bounded_number(2.5, "pilot holes of the flange's screws (M3)", 1, 6)
     measured: tuple[str, ...] = measured_keys("keys measured on the lab's own sensor")
 

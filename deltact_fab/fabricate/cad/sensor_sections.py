@@ -45,7 +45,7 @@ class PlateDimensions(Bounded):
     deflection_share: float = bounded_number(0.05, "limit of deflection / depth", 1e-3, 1)
     youngs_modulus_mpa: float = assumed_length(3000.0, "Young's modulus of cast PMMA", 100, 1e5)
     poisson: float = bounded_number(0.37, "Poisson's ratio of cast PMMA", 0.0, 0.49)
-    stress_limit_mpa: float = assumed_length(35.0, "limit: half the strength of PMMA", 1, 1000)
+    stress_limit_mpa: float = assumed_length(35.0, "stress limit: half of PMMA's strength", 1, 1000)
     bead_modulus_mpa: float = assumed_length(1.15, "modulus of the bead: Shore A 30", 0.05, 1e4)
     measured: tuple[str, ...] = measured_keys("keys measured on the lab's own plate")
 
@@ -132,7 +132,7 @@ class HolderDimensions(Bounded):
 
     clearance_mm: float = bounded_number(3.0, "thickness, with room for the connector", 1, 30)
     fit_mm: float = bounded_number(0.2, "clearance in the shell", 0.02, 2)
-    window_fit_mm: float = bounded_number(0.1, "connector's play in the window, per side", 0.02, 2)
+    window_fit_mm: float = bounded_number(0.1, "clearance of the connector, per side", 0.02, 2)
     window_rest_mm: float = bounded_number(0.5, "overlap of the board beside the window", 0.1, 5)
     wall_mm: float = bounded_number(1.5, "least wall beside a hole", 0.5, 10)
     screw: CheeseThread = field(
@@ -199,7 +199,7 @@ class LightDimensions(Bounded):
     leds_per_m: float = bounded_number(60.0, "LEDs per metre of strip", 10, 400)
     strip_width_mm: float = bounded_number(8.0, "width of the strip", 3, 20)
     strip_thickness_mm: float = bounded_number(0.3, "thickness of strip and adhesive", 0.05, 2)
-    led_width_mm: float = bounded_number(5.0, "length of an LED along the strip (5050: 5)", 0.5, 20)
+    led_width_mm: float = bounded_number(5.0, "size of an LED along the strip (5050: 5)", 0.5, 20)
     led_height_mm: float = bounded_number(1.6, "height of an LED on the strip (5050: 1.6)", 0.2, 10)
     led_tolerance_mm: float = bounded_number(0.1, "tolerance of LED and strip, +-", 0.0, 1)
     channel_mm: float = bounded_number(2.4, "radial room for strip and LED", 1, 10)

@@ -83,7 +83,7 @@ def status_text(m: MeasuredImage) -> str:
         parts.append(f"T {_signed(values['torque_nmm'], 1)} N mm")
     elif values["motion_px"] is not None:
         mm, px = values["motion_mm"], values["motion_px"]
-        parts.append(f"displ. {px:.2f} px" if mm is None else f"displ. {mm:.3f} mm")
+        parts.append(f"displacement {px:.2f} px" if mm is None else f"displacement {mm:.3f} mm")
     if values["markers"] is not None:
         parts.append(f"{values['markers_held']}/{values['markers']} markers")
     if values["extrapolated"]:

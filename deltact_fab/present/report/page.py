@@ -133,7 +133,7 @@ def write_imported_page(run: Run, out: Path) -> Path:
         name=run.meta["name"],
         about=run.meta["protocol"]["description"],
         notes=[*remarks, *run.notes()["text"]],
-        figure=figures.to_svg(figure, "force on the sensor and motion of the picture over time"),
+        figure=figures.to_svg(figure, "force on the sensor and motion of the image over time"),
         pictures=[
             _thumbnail(run, frames.iloc[0], "first image, reference of the motion"),
             _thumbnail(run, farthest, f"largest motion, after {farthest['t_press_s']:.2f} s"),

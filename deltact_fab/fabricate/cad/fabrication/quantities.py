@@ -117,7 +117,7 @@ def resistor_for_ohm(total_ma: float, light: LightDimensions) -> tuple[float, fl
     room_v = light.supply_v - light.led_v
     if not (room_v > 0 and total_ma > 0):
         raise InputError(
-            f"light.supply_v must exceed light.led_v ({light.led_v:g} V) and the current 0 "
+            f"expected light.supply_v > light.led_v ({light.led_v:g} V) and a current > 0 "
             f"(got {light.supply_v:g} V and {total_ma:g} mA)"
         )
     exact = max(room_v / total_ma * 1000 - light.strip_resistor_ohm / light.led_count, 0.0)
