@@ -68,7 +68,7 @@ ASSEMBLED_STEP = "H.9"
 # Headings of the tables.
 BATCH_HEADS = ["cavities filled", "part A, g", "part B, g", "mixture, ml"]
 PROCESS_HEADS = {"key": "figure", "meaning": "meaning", "basis": "basis"}
-GAP_HEADS = {"said": "paper", "found": "finding", "chosen": "choice here"}
+GAP_HEADS = {"said": "paper", "found": "finding", "chosen": "this design"}
 
 
 @dataclass(frozen=True)

@@ -188,7 +188,7 @@ def test_unmeshable_press_is_refused_beforehand(mini: tuple[Path, Path], tmp_pat
     row = next(r for r in RunRequest(str(bad), str(mini[1])).checks() if r.name == "simulated gel")
     assert row.failed
     assert "sphere-0p5/p1" in row.remedy
-    assert "hides between cells" in row.remedy
-    with pytest.raises(InputError, match="hides between cells"):
+    assert "not resolved by cells" in row.remedy
+    with pytest.raises(InputError, match="not resolved by cells"):
         run_experiment(RunRequest(str(bad), str(mini[1]), tmp_path / "r"))
     assert not (tmp_path / "r").exists()

@@ -73,7 +73,7 @@ def find_rests(run: Run) -> list[ForceRest]:
     """
     longest_s = max(settle_s(run, kind) for kind in PRESS_KINDS)
     if not longest_s:
-        raise InputError(f"{run.folder}: no settle_s in its protocol, so no stop rests")
+        raise InputError(f"{run.folder}: no settle_s in its protocol, so no rests")
     steps = run.steps()
     rests: list[ForceRest] = []
     pressing = steps[steps["kind"].isin(PRESS_KINDS)]
@@ -187,7 +187,7 @@ def fit_relaxation(rests: Sequence[ForceRest]) -> RelaxationFit:
     """
     best = _fit(rests, [(START_TIME_S,)])
     if best is None:
-        raise SolverError("relaxation: no search for a series converged")
+        raise SolverError("relaxation: the fit of the series did not converge")
     while len(best.series.shares) < MAX_BRANCHES:
         larger = _fit(rests, _split_starts(best.series.times_s, rests))
         if larger is None or larger.blocks_n > BRANCH_GAIN * best.blocks_n:

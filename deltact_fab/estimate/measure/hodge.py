@@ -34,7 +34,7 @@ class Hodge:
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.field).all():
-            raise InputError("Hodge: points that are not finite: such a field has no parts")
+            raise InputError("Hodge: non-finite points: the field cannot be decomposed")
 
     @cached_property
     def d(self) -> Array:

@@ -92,7 +92,7 @@ def least_squares(
     groups, press = np.unique(np.asarray(presses), return_inverse=True)
     half = None
     if len(groups) < MIN_PRESSES:
-        notes.append(f"no intervals: {MIN_PRESSES} presses are needed, and there are {len(groups)}")
+        notes.append(f"no intervals: {MIN_PRESSES} presses are needed (got {len(groups)})")
     else:
         # Influence of each press on the coefficients; the squares sum to the sandwich estimate.
         influence = np.zeros((len(groups), len(basis)))

@@ -59,7 +59,7 @@ class SensorModel:
 
     def __post_init__(self) -> None:
         if not 0 < self.poisson < 0.5:
-            raise ValueError(f"poisson: between 0 and 0.5: {self.poisson} fails")
+            raise ValueError(f"poisson must be between 0 and 0.5 (got {self.poisson})")
 
     @property
     def camera(self) -> CameraModel:
@@ -211,7 +211,7 @@ def read_rest(path: Path, table: Mapping[str, Any]) -> bytes | None:
         return None
     name = table.get("file")
     if not isinstance(name, str) or Path(name).name != name:
-        raise InputError(f"{path}: rest.file: the name of a file beside it (got {name!r})")
+        raise InputError(f"{path}: rest.file: expected a file in its folder (got {name!r})")
     image = path.with_name(name)
     try:
         data = image.read_bytes()
@@ -255,7 +255,7 @@ def read_acceptance(path: Path, model: SensorModel) -> bytes | None:
 
 def _hint(kind: CalibrationKind | None) -> str:
     commands = [_WRITER_COMMANDS[kind]] if kind else list(_WRITER_COMMANDS.values())
-    return f"one is made by {' or '.join(f'`{name}`' for name in commands)}"
+    return f"make one with {' or '.join(f'`{name}`' for name in commands)}"
 
 
 def _not_finite(value: Any) -> str | None:

@@ -28,27 +28,27 @@ FLANGE_SCREW = CAP_SCREWS["M3"]  # of the tool holder's flange
 class CouponDimensions(Bounded):
     """Open wells of the same resin, to see whether it inhibits the cure of the silicone."""
 
-    wells: int = bounded_number(4, "wells in a row", 1, 12)
-    diameter_mm: float = bounded_number(15.0, "of a well", 3, 100)
-    depth_mm: float = bounded_number(4.0, "of a well", 0.5, 50)
-    wall_mm: float = bounded_number(3.0, "between and around the wells", 1.5, 50)
-    base_mm: float = bounded_number(2.0, "below the wells", 1.5, 50)
+    wells: int = bounded_number(4, "number of wells", 1, 12)
+    diameter_mm: float = bounded_number(15.0, "diameter of a well", 3, 100)
+    depth_mm: float = bounded_number(4.0, "depth of a well", 0.5, 50)
+    wall_mm: float = bounded_number(3.0, "wall between and around the wells", 1.5, 50)
+    base_mm: float = bounded_number(2.0, "floor below the wells", 1.5, 50)
 
 
 @dataclass(frozen=True)
 class FitCouponDimensions(Bounded):
     """Holes, slots, a block and a peg, by which a printer is measured."""
 
-    count: int = bounded_number(6, "holes, and slots", 3, 20)
+    count: int = bounded_number(6, "number of holes, and of slots", 3, 20)
     first_mm: float = bounded_number(3.0, "smallest hole and slot", 1, 20)
-    step_mm: float = bounded_number(0.1, "from one to the next", 0.02, 1)
-    pitch_mm: float = bounded_number(7.0, "between two of them", 3, 50)
+    step_mm: float = bounded_number(0.1, "step between two sizes", 0.02, 1)
+    pitch_mm: float = bounded_number(7.0, "pitch of holes and slots", 3, 50)
     slot_mm: float = bounded_number(8.0, "depth of the slots, from the edge", 2, 50)
     base_mm: float = bounded_number(3.0, "thickness of the base", 1.5, 20)
     block_mm: float = bounded_number(8.0, "side of the block", 4, 50)
-    block_height_mm: float = bounded_number(10.0, "block above the base", 2, 50)
+    block_height_mm: float = bounded_number(10.0, "height of the block above the base", 2, 50)
     peg_mm: float = bounded_number(3.0, "diameter of the peg", 1, 20)
-    peg_height_mm: float = bounded_number(5.0, "peg above the block", 1, 20)
+    peg_height_mm: float = bounded_number(5.0, "height of the peg above the block", 1, 20)
 
     @property
     def sizes_mm(self) -> tuple[float, ...]:
@@ -81,8 +81,8 @@ class MoldDimensions(Bounded):
 
     columns: int = bounded_number(2, "cavities along x", 1, 8)
     rows: int = bounded_number(2, "cavities along y", 1, 8)
-    web_mm: float = bounded_number(8.0, "between two frames, and around them", 1, 100)
-    base_mm: float = bounded_number(3.0, "below the cavities", 1.5, 50)
+    web_mm: float = bounded_number(8.0, "web between and around the frames", 1, 100)
+    base_mm: float = bounded_number(3.0, "floor below the cavities", 1.5, 50)
     seat_mm: float = bounded_number(3.0, "depth of a frame's seat", 0.5, 30)
     fit_mm: float = bounded_number(0.1, "clearance of a frame, per side", 0.02, 2)
     floor_flatness_mm: float = bounded_number(
@@ -90,26 +90,24 @@ class MoldDimensions(Bounded):
     )
     floor_roughness_um: float = bounded_number(0.8, "Ra of a floor, the touched face", 0.01, 12.5)
     pry_width_mm: float = bounded_number(10.0, "notch to lift a frame out, along x", 2, 100)
-    pry_mm: float = bounded_number(2.5, "that notch along y", 0.5, 20)
+    pry_mm: float = bounded_number(2.5, "the same notch along y", 0.5, 20)
 
 
 @dataclass(frozen=True)
 class AdapterDimensions(Bounded):
     """The plate between tool holder and force sensor (ATI Nano17: measure yours)."""
 
-    thickness_mm: float = bounded_number(8.0, "of the plate", 3, 40)
+    thickness_mm: float = bounded_number(8.0, "thickness of the plate", 3, 40)
     sensor_mm: float = assumed_length(17.0, "diameter of the force sensor", 8, 100)
     sensor_height_mm: float = assumed_length(14.5, "height of the force sensor", 5, 100)
-    bolt_circle_mm: float = assumed_length(12.7, "of the sensor's three screws (M2)", 4, 90)
-    bolt_turn_deg: float = assumed_length(90.0, "first screw from +x", -360, 360)
+    bolt_circle_mm: float = assumed_length(12.7, "bolt circle of the sensor (three M2)", 4, 90)
+    bolt_turn_deg: float = assumed_length(90.0, "angle of the first screw from +x", -360, 360)
     bolt_hole_mm: float = bounded_number(
         SENSOR_BOLT.clearance_mm, "through hole of the sensor's screws", 1, 8
     )
     bolt_bore_mm: float = bounded_number(SENSOR_BOLT.bore_mm, "counterbore for their heads", 2, 15)
-    bolt_bore_depth_mm: float = bounded_number(3.0, "of that counterbore, from the flange", 1, 30)
-    pilot_mm: float = bounded_number(
-        2.5, "holes in which the flange's screws (M3) cut a thread", 1, 6
-    )
+    bolt_bore_depth_mm: float = bounded_number(3.0, "counterbore depth, from the flange", 1, 30)
+    pilot_mm: float = bounded_number(2.5, "pilot holes of the flange's screws (M3)", 1, 6)
     measured: tuple[str, ...] = measured_keys("keys measured on the lab's own sensor")
 
     @property
@@ -124,11 +122,11 @@ class AdapterDimensions(Bounded):
 class StagePlateDimensions(Bounded):
     """The plate between the stage's table and the testing shell; it grows with the sensor."""
 
-    grid_mm: float = assumed_length(25.0, "of the table's threads or T-slots", 5, 200)
+    grid_mm: float = assumed_length(25.0, "grid of the table's threads or T-slots", 5, 200)
     slot_mm: float = assumed_length(6.6, "width of a slot (M6)", 2, 20)
-    slot_travel_mm: float = bounded_number(10.0, "from end centre to end centre of a slot", 1, 100)
-    edge_mm: float = bounded_number(7.0, "around slots and testing shell", 2, 100)
-    thickness_mm: float = bounded_number(6.0, "of the plate", 3, 30)
+    slot_travel_mm: float = bounded_number(10.0, "length of a slot between end centres", 1, 100)
+    edge_mm: float = bounded_number(7.0, "margin around slots and testing shell", 2, 100)
+    thickness_mm: float = bounded_number(6.0, "thickness of the plate", 3, 30)
     least_wall_mm: float = assumed_length(0.8, "thinnest milled wall (guides, metal: 0.8)", 0.1, 10)
     thread_hole_mm: float = bounded_number(3.3, "tapping drill of the tabs' screws (M4)", 1, 10)
     measured: tuple[str, ...] = measured_keys("keys measured on the lab's own table")
@@ -144,11 +142,11 @@ class TableDimensions(Bounded):
     """Tabs of the testing shell, by which it is screwed to a table, one on each x side."""
 
     screw: Thread = field(default="M4", metadata={"description": "screws into the table"})
-    tab_mm: float = bounded_number(14.0, "along x, from the shell", 4, 100)
-    width_mm: float = bounded_number(30.0, "along y", 4, 200)
-    height_mm: float = bounded_number(6.0, "along z, from the plane of the sensor's back", 2, 60)
-    edge_mm: float = bounded_number(3.0, "around a hole", 0.5, 20)
-    hole_pitch_mm: float = bounded_number(18.0, "between the two holes of a tab, along y", 3, 190)
+    tab_mm: float = bounded_number(14.0, "tab along x, from the shell", 4, 100)
+    width_mm: float = bounded_number(30.0, "tab along y", 4, 200)
+    height_mm: float = bounded_number(6.0, "tab along z, from the sensor's back", 2, 60)
+    edge_mm: float = bounded_number(3.0, "margin around a hole", 0.5, 20)
+    hole_pitch_mm: float = bounded_number(18.0, "distance of a tab's two holes, along y", 3, 190)
 
     @property
     def hole_mm(self) -> float:
@@ -160,20 +158,20 @@ class TableDimensions(Bounded):
 class ToolDimensions(Bounded):
     """The tool holder: a bore for the indenter's stem, and the flange it hangs from."""
 
-    fit_mm: float = bounded_number(0.2, "between stem and bore, radial, and between flats", 0.02, 1)
-    depth_mm: float = bounded_number(21.0, "of the bore, more than the stem is long", 5, 100)
+    fit_mm: float = bounded_number(0.2, "clearance of the stem, radial and at its flat", 0.02, 1)
+    depth_mm: float = bounded_number(21.0, "depth of the bore, longer than the stem", 5, 100)
     body_mm: float = bounded_number(16.0, "diameter of the body", 8, 60)
     flange_mm: float = bounded_number(5.0, "thickness of the flange", 2, 30)
-    flange_diameter_mm: float = bounded_number(32.0, "of the flange", 15, 120)
-    bolt_circle_mm: float = bounded_number(24.0, "of the flange's four screws", 10, 110)
-    roof_mm: float = bounded_number(3.0, "above the bore", 1.5, 30)
-    clamp_z_mm: float = bounded_number(8.0, "set screw above the mouth", 2, 90)
-    clamp_mm: float = bounded_number(2.5, "hole in which the set screw (M3) cuts its thread", 1, 6)
+    flange_diameter_mm: float = bounded_number(32.0, "diameter of the flange", 15, 120)
+    bolt_circle_mm: float = bounded_number(24.0, "bolt circle of the flange's four screws", 10, 110)
+    roof_mm: float = bounded_number(3.0, "roof above the bore", 1.5, 30)
+    clamp_z_mm: float = bounded_number(8.0, "height of the set screw above the mouth", 2, 90)
+    clamp_mm: float = bounded_number(2.5, "pilot hole of the set screw (M3)", 1, 6)
     screw_hole_mm: float = bounded_number(
         FLANGE_SCREW.clearance_mm, "through hole of the flange's screws (M3)", 2, 8
     )
     pin_mm: float = bounded_number(2.0, "dowel pin on the bolt circle at +x", 1, 6)
-    pin_fit_mm: float = bounded_number(0.4, "pin's hole in the flange over the pin", 0.02, 1)
+    pin_fit_mm: float = bounded_number(0.4, "hole in the flange minus pin, diameters", 0.02, 1)
 
     @property
     def height_mm(self) -> float:
@@ -212,8 +210,8 @@ class ResinPrinterDimensions(Bounded):
 
     plane_mm: float = assumed_length(0.10, "spread of a length in the layers, +-", 0.005, 1)
     height_mm: float = assumed_length(0.15, "spread of a length across the layers, +-", 0.005, 1)
-    hole_bias_mm: float = assumed_length(0.0, "hole or slot over its nominal", -1, 1)
-    outside_bias_mm: float = assumed_length(0.0, "peg or block over its nominal", -1, 1)
+    hole_bias_mm: float = assumed_length(0.0, "hole or slot minus its nominal", -1, 1)
+    outside_bias_mm: float = assumed_length(0.0, "peg or block minus its nominal", -1, 1)
     least_wall_mm: float = assumed_length(0.6, "thinnest wall that prints", 0.05, 5)
     least_gap_mm: float = assumed_length(0.2, "narrowest gap that stays open", 0.02, 2)
     least_hole_mm: float = assumed_length(0.5, "smallest hole that stays open", 0.05, 5)
@@ -252,7 +250,7 @@ class LaserDimensions(Bounded):
 
     kerf_mm: float = assumed_length(0.2, "width of the cut", 0.0, 1)
     tolerance_mm: float = assumed_length(
-        0.1, "spread of a cut length, kerf compensated, +-", 0.005, 1
+        0.1, "tolerance of a cut length, kerf compensated, +-", 0.005, 1
     )
     least_bridge_mm: float = assumed_length(
         1.0, "thinnest web between two cuts (guides: 1)", 0.1, 20
@@ -262,7 +260,7 @@ class LaserDimensions(Bounded):
         metadata={"description": "the DXF is the laser's path: half a kerf outside the part"},
     )
     sheet_tolerance: float = assumed_length(
-        0.1, "thickness of the sheet, share, +-; measure yours", 0.001, 0.3
+        0.1, "tolerance of the sheet's thickness, share, +-; measure yours", 0.001, 0.3
     )
     measured: tuple[str, ...] = measured_keys("keys measured on the lab's own laser and sheet")
 

@@ -36,7 +36,7 @@ class ListedIndenter:
 
     def __post_init__(self) -> None:
         if self.quantity < 1:
-            raise ValueError(f"quantity >= 1: {self.quantity} fails")
+            raise ValueError(f"quantity must be 1 or more (got {self.quantity})")
 
 
 @dataclass(frozen=True)

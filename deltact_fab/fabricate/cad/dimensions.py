@@ -50,9 +50,9 @@ from .sensor_sections import (
 class EnvelopeDimensions(Bounded):
     """Largest outer size of the sensor (paper: 39 x 60 x 30)."""
 
-    width_mm: float = bounded_number(39.0, "along x", 5, 500)
-    length_mm: float = bounded_number(60.0, "along y", 5, 500)
-    height_mm: float = bounded_number(30.0, "along z", 2, 200)
+    width_mm: float = bounded_number(39.0, "largest size along x", 5, 500)
+    length_mm: float = bounded_number(60.0, "largest size along y", 5, 500)
+    height_mm: float = bounded_number(30.0, "largest size along z", 2, 200)
 
 
 @dataclass(frozen=True)

@@ -38,15 +38,15 @@ class PlateDimensions(Bounded):
     """The acrylic plate (part 2): its seat, loads and material."""
 
     fit_mm: float = bounded_number(0.1, "clearance in the frame's pocket, per side", 0.02, 2)
-    ledge_mm: float = bounded_number(0.5, "least width that lies on a ledge", 0.1, 10)
+    ledge_mm: float = bounded_number(0.5, "least overlap of the plate on a ledge", 0.1, 10)
     force_n: float = bounded_number(49.0, "design force of a press", 0.1, 5000)
-    depth_mm: float = bounded_number(5.0, "depth of that press", 0.1, 60)
-    spread_mm: float = assumed_length(22.0, "disc that the press spreads on", 1, 100)
-    deflection_share: float = bounded_number(0.05, "deflection over depth, limit", 1e-3, 1)
-    youngs_modulus_mpa: float = assumed_length(3000.0, "of cast PMMA", 100, 1e5)
-    poisson: float = bounded_number(0.37, "of cast PMMA", 0.0, 0.49)
-    stress_limit_mpa: float = assumed_length(35.0, "half the strength of PMMA", 1, 1000)
-    bead_modulus_mpa: float = assumed_length(1.15, "Young's, of the bead: Shore A 30", 0.05, 1e4)
+    depth_mm: float = bounded_number(5.0, "depth of the design press", 0.1, 60)
+    spread_mm: float = assumed_length(22.0, "diameter of the loaded disc", 1, 100)
+    deflection_share: float = bounded_number(0.05, "limit of deflection / depth", 1e-3, 1)
+    youngs_modulus_mpa: float = assumed_length(3000.0, "Young's modulus of cast PMMA", 100, 1e5)
+    poisson: float = bounded_number(0.37, "Poisson's ratio of cast PMMA", 0.0, 0.49)
+    stress_limit_mpa: float = assumed_length(35.0, "stress limit: half of PMMA's strength", 1, 1000)
+    bead_modulus_mpa: float = assumed_length(1.15, "modulus of the bead: Shore A 30", 0.05, 1e4)
     measured: tuple[str, ...] = measured_keys("keys measured on the lab's own plate")
 
 
@@ -63,39 +63,39 @@ class CameraDimensions(Bounded):
     board_width_mm: float = assumed_length(25.0, "board along x", 5, 100)
     board_length_mm: float = assumed_length(23.862, "board along y", 5, 100)
     board_mm: float = assumed_length(1.0, "thickness of the board", 0.4, 5)
-    hole_mm: float = assumed_length(2.2, "holes of the board, 0 for none", 0, 10)
-    hole_pitch_x_mm: float = assumed_length(21.0, "between the holes in x", 3, 100)
-    hole_pitch_y_mm: float = assumed_length(12.5, "between the holes in y", 3, 100)
-    hole_edge_mm: float = assumed_length(2.0, "upper holes to the +y edge", 0.5, 50)
-    lens_offset_mm: float = assumed_length(2.4, "lens from the middle, to -y", 0, 50)
-    lens_diameter_mm: float = assumed_length(12.0, "lens barrel", 2, 60)
-    lens_height_mm: float = assumed_length(7.5, "lens above the board", 0.5, 60)
-    focal_length_mm: float = assumed_length(0.87, "of the lens", 0.05, 50)
+    hole_mm: float = assumed_length(2.2, "diameter of the holes, 0: none", 0, 10)
+    hole_pitch_x_mm: float = assumed_length(21.0, "distance of the holes in x", 3, 100)
+    hole_pitch_y_mm: float = assumed_length(12.5, "distance of the holes in y", 3, 100)
+    hole_edge_mm: float = assumed_length(2.0, "upper holes from the +y edge", 0.5, 50)
+    lens_offset_mm: float = assumed_length(2.4, "lens offset from the middle, to -y", 0, 50)
+    lens_diameter_mm: float = assumed_length(12.0, "diameter of the lens barrel", 2, 60)
+    lens_height_mm: float = assumed_length(7.5, "height of the lens above the board", 0.5, 60)
+    focal_length_mm: float = assumed_length(0.87, "focal length of the lens", 0.05, 50)
     projection: Literal["equidistant", "rectilinear"] = field(
         default="equidistant",
-        metadata={"description": "equidistant (a fisheye) or rectilinear (straight lines stay so)"},
+        metadata={"description": "equidistant (fisheye) or rectilinear (keeps lines straight)"},
     )
-    f_number: float = assumed_length(2.8, "of the lens; such lenses have 2.0 to 2.8", 0.7, 32)
-    nearest_mm: float = bounded_number(0.0, "nearest focus; 0: set by hand", 0.0, 1000)
-    pixel_um: float = bounded_number(1.12, "pixel of the chip (IMX219)", 0.1, 50)
+    f_number: float = assumed_length(2.8, "f-number; such lenses have 2.0 to 2.8", 0.7, 32)
+    nearest_mm: float = bounded_number(0.0, "nearest focus; 0: adjustable by hand", 0.0, 1000)
+    pixel_um: float = bounded_number(1.12, "pixel pitch of the chip (IMX219)", 0.1, 50)
     binning: int = bounded_number(2, "chip pixels per image pixel, per side", 1, 8)
-    crop_width_px: int = bounded_number(1280, "picture along x", 8, 10_000)
-    crop_height_px: int = bounded_number(720, "picture along y", 8, 10_000)
+    crop_width_px: int = bounded_number(1280, "image width", 8, 10_000)
+    crop_height_px: int = bounded_number(720, "image height", 8, 10_000)
     connector_width_mm: float = assumed_length(23.0, "connector along x", 1, 100)
     connector_length_mm: float = assumed_length(6.0, "connector along y", 1, 50)
     connector_height_mm: float = assumed_length(2.65, "connector along z", 0.2, 20)
     cable: str = field(
         default="flat, 15 way, 1.0 mm pitch, 16 mm wide",
-        metadata={"description": "the cable that it takes, to order"},
+        metadata={"description": "matching cable, to order"},
     )
     cable_width_mm: float = assumed_length(
-        16.0, "that cable, with the stiffener at its end", 0.5, 60
+        16.0, "width of the cable, with its end stiffener", 0.5, 60
     )
-    cable_height_mm: float = assumed_length(0.3, "the same, along z", 0.05, 20)
-    tolerance_mm: float = assumed_length(0.05, "spread of board and lens, +-", 0.0, 1)
+    cable_height_mm: float = assumed_length(0.3, "thickness of the cable, likewise", 0.05, 20)
+    tolerance_mm: float = assumed_length(0.05, "tolerance of board and lens, +-", 0.0, 1)
     source: str = field(default="", metadata={"description": "source documents of the values"})
     measured: tuple[str, ...] = measured_keys(
-        "keys measured on the lab's own module, or read off its maker's document"
+        "keys measured on the lab's own module, or from its maker's document"
     )
 
     def angle_rad(self, at_mm: float) -> float:
@@ -130,19 +130,19 @@ class CameraDimensions(Bounded):
 class HolderDimensions(Bounded):
     """The camera holder (part 6) behind the board, which is screwed or bonded to it."""
 
-    clearance_mm: float = bounded_number(3.0, "thickness, and room for the connector", 1, 30)
-    fit_mm: float = bounded_number(0.2, "clearance to the shell", 0.02, 2)
-    window_fit_mm: float = bounded_number(0.1, "connector in the window, per side", 0.02, 2)
-    window_rest_mm: float = bounded_number(0.5, "board on the plate beside the window", 0.1, 5)
+    clearance_mm: float = bounded_number(3.0, "thickness, with room for the connector", 1, 30)
+    fit_mm: float = bounded_number(0.2, "clearance in the shell", 0.02, 2)
+    window_fit_mm: float = bounded_number(0.1, "clearance of the connector, per side", 0.02, 2)
+    window_rest_mm: float = bounded_number(0.5, "overlap of the board beside the window", 0.1, 5)
     wall_mm: float = bounded_number(1.5, "least wall beside a hole", 0.5, 10)
     screw: CheeseThread = field(
         default="M2", metadata={"description": "ISO 1207 thread, or none: the board is bonded"}
     )
-    screw_length_mm: float = bounded_number(3.0, "below the head", 2, 20)
+    screw_length_mm: float = bounded_number(3.0, "length below the head", 2, 20)
     head_clearance_mm: float = bounded_number(
-        0.3, "around the heads, below the light holder", 0.02, 2
+        0.3, "clearance around the heads, below the light holder", 0.02, 2
     )
-    bonded_mm: float = assumed_length(0.3, "offset of a bonded board, at most", 0.01, 3)
+    bonded_mm: float = assumed_length(0.3, "largest offset of a bonded board", 0.01, 3)
     measured: tuple[str, ...] = measured_keys("keys measured on the lab's own boards")
 
     @property
@@ -157,17 +157,17 @@ class CoverDimensions(Bounded):
 
     floor_mm: float = bounded_number(1.5, "floor (paper: walls of 1.5)", 0.5, 20)
     peg_mm: float = bounded_number(2.7, "diameter of a peg", 1, 10)
-    peg_y_mm: float = bounded_number(8.0, "pegs at +-y", 1, 90)
+    peg_y_mm: float = bounded_number(8.0, "y of the pegs, +-", 1, 90)
     peg_clearance_mm: float = bounded_number(0.25, "radial clearance of a peg in its hole", 0.01, 1)
-    slot_mm: float = bounded_number(1.0, "slot that splits a peg", 0.2, 5)
+    slot_mm: float = bounded_number(1.0, "width of the slot that splits a peg", 0.2, 5)
     leg_mm: float = bounded_number(0.6, "thickness of a leg, flat on both sides", 0.2, 5)
-    lip_mm: float = bounded_number(0.12, "lip of a peg beyond its hole", 0.01, 2)
+    lip_mm: float = bounded_number(0.12, "overhang of a peg's lip over its hole", 0.01, 2)
     peg_play_mm: float = bounded_number(
-        0.3, "legs beyond the camera holder: play for its tolerance", 0.0, 5
+        0.3, "axial play of the legs beyond the camera holder, for its tolerance", 0.0, 5
     )
     lip_height_mm: float = bounded_number(0.8, "height of the lip", 0.2, 5)
     strain_limit: float = bounded_number(
-        0.02, "allowed strain, once (Tough resins: 2 %)", 1e-3, 0.2
+        0.02, "allowed strain, one-time (Tough resins: 2 %)", 1e-3, 0.2
     )
     fit_mm: float = bounded_number(0.2, "clearance between bosses and shell", 0.02, 2)
 
@@ -195,47 +195,47 @@ class CoverDimensions(Bounded):
 class LightDimensions(Bounded):
     """The light holder (part 4): a translucent ring with a channel for the LED strip."""
 
-    led_count: int = bounded_number(5, "LEDs (paper: five 5050)", 1, 200)
-    leds_per_m: float = bounded_number(60.0, "LEDs of a metre of strip", 10, 400)
+    led_count: int = bounded_number(5, "number of LEDs (paper: five 5050)", 1, 200)
+    leds_per_m: float = bounded_number(60.0, "LEDs per metre of strip", 10, 400)
     strip_width_mm: float = bounded_number(8.0, "width of the strip", 3, 20)
-    strip_thickness_mm: float = bounded_number(0.3, "strip with its adhesive", 0.05, 2)
-    led_width_mm: float = bounded_number(5.0, "LED along the strip (5050: 5)", 0.5, 20)
-    led_height_mm: float = bounded_number(1.6, "LED above the strip (5050: 1.6)", 0.2, 10)
-    led_tolerance_mm: float = bounded_number(0.1, "spread of LED and strip, +-", 0.0, 1)
+    strip_thickness_mm: float = bounded_number(0.3, "thickness of strip and adhesive", 0.05, 2)
+    led_width_mm: float = bounded_number(5.0, "size of an LED along the strip (5050: 5)", 0.5, 20)
+    led_height_mm: float = bounded_number(1.6, "height of an LED on the strip (5050: 1.6)", 0.2, 10)
+    led_tolerance_mm: float = bounded_number(0.1, "tolerance of LED and strip, +-", 0.0, 1)
     channel_mm: float = bounded_number(2.4, "radial room for strip and LED", 1, 10)
     diffuser_mm: float = bounded_number(1.5, "wall between LED and camera", 0.4, 10)
     wall_mm: float = bounded_number(1.5, "outer wall", 0.4, 10)
     floor_mm: float = bounded_number(1.5, "floor below the strip", 0.4, 10)
     fit_mm: float = bounded_number(0.2, "radial clearance in the shell", 0.02, 2)
-    axial_fit_mm: float = bounded_number(1.0, "play below the acrylic: carries no press", 0.02, 5)
-    lens_clearance_mm: float = bounded_number(0.3, "between lens and bore, radial", 0.02, 5)
-    lip_clearance_mm: float = bounded_number(0.25, "around the lips of the cover's pegs", 0.02, 2)
+    axial_fit_mm: float = bounded_number(1.0, "play below the acrylic: takes no load", 0.02, 5)
+    lens_clearance_mm: float = bounded_number(0.3, "radial clearance of the lens", 0.02, 5)
+    lip_clearance_mm: float = bounded_number(0.25, "clearance of the cover's lips", 0.02, 2)
     head_room_mm: float = bounded_number(
         0.1, "floor above the heads of the camera's screws", 0.0, 5
     )
-    slot_mm: float = bounded_number(3.0, "slot for the wires", 0.5, 20)
-    resistor_ohm: float = bounded_number(750.0, "in series (paper: 750)", 20, 1e5)
+    slot_mm: float = bounded_number(3.0, "width of the slot for the wires", 0.5, 20)
+    resistor_ohm: float = bounded_number(750.0, "series resistor (paper: 750)", 20, 1e5)
     supply_v: float = bounded_number(5.0, "supply of a strip that is cut at every LED", 4.5, 5.5)
     supply_tolerance: float = assumed_length(
         0.05, "tolerance of the supply, share (USB 2.0: 0.05)", 0, 0.2
     )
     supply_rating_ma: float = assumed_length(
-        500.0, "current for the LEDs of a sensor, limit (USB 2.0 port)", 1, 1e5
+        500.0, "limit of a sensor's LED current (USB 2.0 port)", 1, 1e5
     )
     resistor_rating_w: float = assumed_length(
-        0.25, "rating of the resistor, of which half is used", 0.01, 100
+        0.25, "power rating of the resistor; used up to half", 0.01, 100
     )
     strip_resistor_ohm: float = assumed_length(
         0.0, "resistor on the strip, per LED; 0: worst case", 0, 1e4
     )
     led_v: float = assumed_length(2.95, "forward voltage of a white chip at a few mA", 0.1, 10)
-    led_spread_v: float = assumed_length(0.2, "tolerance of that voltage, +-", 0, 2)
-    led_chips: int = bounded_number(3, "chips of a LED, in parallel on such a strip", 1, 12)
+    led_spread_v: float = assumed_length(0.2, "tolerance of the forward voltage, +-", 0, 2)
+    led_chips: int = bounded_number(3, "chips per LED, in parallel", 1, 12)
     led_limit_ma: float = assumed_length(
-        20.0, "continuous current of a chip (data sheet)", 0.1, 1000
+        20.0, "continuous current per chip, limit (data sheet)", 0.1, 1000
     )
-    wire_mm: float = bounded_number(500.0, "each of the two wires, from ring to supply", 50, 10_000)
-    measured: tuple[str, ...] = measured_keys("keys measured, or read off a data sheet")
+    wire_mm: float = bounded_number(500.0, "length of each wire, from ring to supply", 50, 10_000)
+    measured: tuple[str, ...] = measured_keys("keys measured, or from a data sheet")
 
     @property
     def pitch_mm(self) -> float:
@@ -300,23 +300,23 @@ class MountDimensions(Bounded):
     """
 
     kind: Literal["block", "franka", "plate"] = field(
-        default="block", metadata={"description": "block, franka or plate"}
+        default="block", metadata={"description": "type of mount: block, franka or plate"}
     )
-    length_mm: float = bounded_number(20.0, "along y, from the shell, flange and all", 2, 100)
-    width_mm: float = bounded_number(20.0, "along x", 4, 200)
-    height_mm: float = bounded_number(10.0, "along z, from the shell's back", 3, 60)
+    length_mm: float = bounded_number(20.0, "mount along y, including a flange", 2, 100)
+    width_mm: float = bounded_number(20.0, "mount along x", 4, 200)
+    height_mm: float = bounded_number(10.0, "mount along z, from the shell's back", 3, 60)
     screw: Thread = field(default="M3", metadata={"description": "screws through the mount"})
-    hole_pitch_mm: float = bounded_number(10.0, "between the two holes", 3, 100)
+    hole_pitch_mm: float = bounded_number(10.0, "distance of the two holes", 3, 100)
     flange_mm: float = bounded_number(6.5, "franka: thickness of the flange", 1, 50)
     flange_width_mm: float = assumed_length(30.0, "franka: flange along x", 4, 200)
     flange_height_mm: float = assumed_length(23.0, "franka: flange along z", 4, 200)
-    flange_pitch_mm: float = assumed_length(12.0, "franka: between the two holes along z", 3, 100)
-    flange_hole_mm: float = assumed_length(4.3, "franka: those holes", 1, 20)
-    counterbore_mm: float = bounded_number(8.0, "franka: counterbore, diameter", 2, 40)
-    counterbore_depth_mm: float = bounded_number(4.0, "franka: counterbore, depth", 0.5, 40)
-    arm_mm: float = bounded_number(3.6, "franka: height of the arm, between the heads", 1, 60)
+    flange_pitch_mm: float = assumed_length(12.0, "franka: distance of its holes, along z", 3, 100)
+    flange_hole_mm: float = assumed_length(4.3, "franka: diameter of its holes", 1, 20)
+    counterbore_mm: float = bounded_number(8.0, "franka: diameter of the counterbore", 2, 40)
+    counterbore_depth_mm: float = bounded_number(4.0, "franka: depth of the counterbore", 0.5, 40)
+    arm_mm: float = bounded_number(3.6, "franka: height of the arm between the heads", 1, 60)
     stress_limit_mpa: float = assumed_length(
-        40.0, "franka: bending stress of the arm, limit", 1, 500
+        40.0, "franka: limit of the arm's bending stress", 1, 500
     )
 
     measured: tuple[str, ...] = measured_keys("keys measured on the lab's own finger")
@@ -343,10 +343,10 @@ class ScrewDimensions(Bounded):
 
     thread: CapThread = field(default="M1.6", metadata={"description": "ISO 4762 thread"})
     length_mm: float = bounded_number(
-        16.0, "below the head; M1.6 is sold up to 16 (paper: 19)", 3, 60
+        16.0, "length below the head; M1.6 is sold up to 16 (paper: 19)", 3, 60
     )
-    engagement_mm: float = bounded_number(4.6, "length that grips the frame", 1, 20)
-    tip_clearance_mm: float = bounded_number(1.0, "pilot hole beyond the tip", 0.5, 10)
+    engagement_mm: float = bounded_number(4.6, "thread engagement in the frame", 1, 20)
+    tip_clearance_mm: float = bounded_number(1.0, "depth of the pilot hole beyond the tip", 0.5, 10)
 
     @property
     def row(self) -> CapScrew:
@@ -363,17 +363,17 @@ class ScrewDimensions(Bounded):
 class ShellDimensions(Bounded):
     """The sensor shell (part 3): opaque, 1.5 mm walls."""
 
-    wall_mm: float = bounded_number(1.5, "wall of shell, cover and bosses (paper: 1.5)", 0.5, 20)
-    ledge_mm: float = bounded_number(2.8, "ledge in y behind the acrylic's pocket", 0.2, 20)
-    ledge_x_mm: float = bounded_number(2.3, "the same in x, 0 for none", 0, 20)
+    wall_mm: float = bounded_number(1.5, "wall of shell, cover, bosses (paper: 1.5)", 0.5, 20)
+    ledge_mm: float = bounded_number(2.8, "ledges in y behind the acrylic, width", 0.2, 20)
+    ledge_x_mm: float = bounded_number(2.3, "the same ledges in x, 0: none", 0, 20)
     ledge_height_mm: float = bounded_number(2.0, "height of the ledges", 0.5, 20)
     ledge_drop_mm: float = bounded_number(
-        0.5, "ledges behind the joint, for a thick plate; adhesive fills it", 0.0, 5
+        0.5, "ledges behind the joint, for a thick plate; filled by adhesive", 0.0, 5
     )
-    cable_width_mm: float = bounded_number(17.0, "notch for the camera's flat cable (16 mm)", 1, 60)
-    cable_height_mm: float = bounded_number(2.0, "height of that notch", 0.5, 20)
+    cable_width_mm: float = bounded_number(17.0, "width of the notch for the flat cable", 1, 60)
+    cable_height_mm: float = bounded_number(2.0, "height of the cable notch", 0.5, 20)
     cable_foam_mm: float = bounded_number(
-        5.0, "black foam around the cable in that notch, 0: none", 0, 30
+        5.0, "length of the black foam in the cable notch, 0: none", 0, 30
     )
 
 

@@ -117,7 +117,7 @@ class PatternSeries:
         """Load the series of a folder. Raises InputError if there is none."""
         path = folder / SERIES_FIGURES
         if not isfile(path):
-            hint = "name a folder that `pattern series` wrote"
+            hint = "give a folder written by `pattern series`"
             raise InputError(f"{folder}: no series: {path.name} is missing; {hint}")
         data = read_json(path)
         if (form := data.get("format")) != SERIES_FORMAT:

@@ -69,11 +69,11 @@ class PrintMeasurement:
 class KnownPrinter(Bounded):
     """A printer measured on its own print: the file of `pattern verify -o`."""
 
-    scale_x: float = bounded_number(1.0, "stretch in x by which a sheet comes out right", 0.5, 2)
+    scale_x: float = bounded_number(1.0, "scale of a sheet in x that corrects the print", 0.5, 2)
     scale_y: float = bounded_number(1.0, "the same in y", 0.5, 2)
     spread_um: float = bounded_number(Printer.spread_um, "spread of the ink, two sigma", 0, 2000)
     misregistration_um: float = bounded_number(
-        Printer.misregistration_um, "by which inks lie apart, one sigma", 0, 2000
+        Printer.misregistration_um, "misregistration of the inks, one sigma", 0, 2000
     )
 
 
@@ -321,7 +321,7 @@ def _rows(
     )  # fmt: skip
     if measured.scale is None:
         reason = "unknown from a photograph; scan it on a flatbed"
-        yield Check("scale", "scale and shear", "", reason, "not judged", "not run")
+        yield Check("scale", "scale and shear", "", reason, "not checked", "not run")
     else:
         for axis, scale, old in zip("xy", measured.scale, scaled, strict=True):
             yield _row(
@@ -342,7 +342,7 @@ def _rows(
             "use a larger patch or a printer with a higher resolution",
         )  # fmt: skip
     if measured.halved:
-        yield Check("contrast", "contrast and inks", "", HALVED_COLOUR, "not judged", "not run")
+        yield Check("contrast", "contrast and inks", "", HALVED_COLOUR, "not checked", "not run")
     else:
         yield _row(
             "contrast", "contrast kept", f"{measured.kept:.2f}",

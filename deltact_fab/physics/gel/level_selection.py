@@ -115,12 +115,12 @@ def select_level(
         if h > required:
             basis = f"{most_unknowns} unknowns; tolerance requires {required:.3g} mm by its {basis}"
     if not (math.isfinite(h) and 0.02 <= h <= thickness / 2):
-        raise InputError(f"gel: cells of 0.02 to {thickness / 2:g} mm are needed: {h:g} mm fails")
+        raise InputError(f"gel: cells must be 0.02 to {thickness / 2:g} mm (got {h:g} mm)")
     radius = contact_radius_mm(indenter, depth) if depth > 0 else math.inf
     if h > HIDDEN_RADII * radius:
         raise InputError(
-            f"gel: at depth {depth:g} mm {indenter.name} touches over a radius of {radius:.2g} mm "
-            f"and hides between cells of {h:.3g} mm; at most {HIDDEN_RADII * radius:.2g} mm works"
+            f"gel: at depth {depth:g} mm {indenter.name} has a contact radius of {radius:.2g} mm, "
+            f"not resolved by cells of {h:.3g} mm; use at most {HIDDEN_RADII * radius:.2g} mm"
         )
     step = step_mm(indenter, depth, thickness, tolerance, mu, reach.moves)
     planes = " and ".join(n for n, m in zip("xy", mirrors, strict=True) if m)

@@ -164,15 +164,15 @@ def _require(
 ) -> None:
     """Raise InputError for invalid numbers."""
     if not (math.isfinite(depth_mm) and depth_mm >= 0):
-        raise InputError(f"--depth {depth_mm}: a depth in mm, 0 or more, is needed")
+        raise InputError(f"--depth {depth_mm}: expected a depth in mm, 0 or more")
     if not all(math.isfinite(v) for v in (*at_mm, *shear_mm)):
-        raise InputError(f"--at {at_mm}, shear {shear_mm}: finite mm are needed")
+        raise InputError(f"--at {at_mm}, shear {shear_mm}: expected finite mm")
     if not (math.isfinite(tolerance) and MIN_TOLERANCE <= tolerance <= MAX_TOLERANCE):
         raise InputError(
-            f"--tolerance {tolerance}: {MIN_TOLERANCE} to {MAX_TOLERANCE} of the force is needed"
+            f"--tolerance {tolerance}: expected {MIN_TOLERANCE} to {MAX_TOLERANCE} of the force"
         )
     if not limit_s > 0:
-        raise InputError(f"--limit-s {limit_s}: more than 0 seconds are needed")
+        raise InputError(f"--limit-s {limit_s}: expected more than 0 seconds")
 
 
 def _flags(

@@ -83,7 +83,7 @@ def status_text(m: MeasuredImage) -> str:
         parts.append(f"T {_signed(values['torque_nmm'], 1)} N mm")
     elif values["motion_px"] is not None:
         mm, px = values["motion_mm"], values["motion_px"]
-        parts.append(f"motion {px:.2f} px" if mm is None else f"motion {mm:.3f} mm")
+        parts.append(f"displacement {px:.2f} px" if mm is None else f"displacement {mm:.3f} mm")
     if values["markers"] is not None:
         parts.append(f"{values['markers_held']}/{values['markers']} markers")
     if values["extrapolated"]:
@@ -124,7 +124,7 @@ RESULT_COLUMNS = [
     *_columns(
         "int64",
         frame="Number of the image in the source, from 0; gaps are dropped images.",
-        since_reference="Images since the reference, relative to which motion is measured.",
+        since_reference="Images since the reference, from which displacement is measured.",
         dropped="Images dropped so far in favour of newer ones.",
         markers="Markers in the reference; empty for a dense pattern.",
         markers_held="Markers found in this image.",
@@ -139,10 +139,10 @@ RESULT_COLUMNS = [
         "float64",
         t_s="Time of the image, on the source's clock.",
         age_ms="Delay from taking the image (reading it, from a file) to its result.",
-        cover="Fraction of the view whose motion is known; of markers, the fraction found.",
-        motion_px="Largest motion of the pattern in the image since the reference.",
-        motion_median_px="Median length of that motion.",
-        motion_mm="Largest motion on the resting face, where its scale is known.",
+        cover="Fraction of the view with known displacement; of markers, the fraction found.",
+        motion_px="Largest displacement of the pattern in the image since the reference.",
+        motion_median_px="Median length of the displacement.",
+        motion_mm="Largest displacement on the resting face, where its scale is known.",
         **dict.fromkeys(WRENCH_COLUMNS, "Force on the sensor (fz_n < 0 in a press), and torque "
                         "about the centre of the resting face."),
         **dict.fromkeys(CONTACT_COLUMNS, "Deepest contact, in the frame of the sensor."),
@@ -155,9 +155,9 @@ RESULT_COLUMNS = [
 ]  # fmt: skip
 ARRAY_COLUMNS = _columns(
     "array",
-    flow_px="(h, w, 2) motion since the reference, x and y; rows and columns are 2 px apart.",
+    flow_px="(h, w, 2) displacement since the reference, x, y; rows and columns are 2 px apart.",
     state="(h, w) quality of flow_px: 2 measured, 1 filled from neighbours, 0 a guess.",
-    shift_mm="(h, w, 2) motion on the face, at x_mm and y_mm; needs a camera or a scale.",
+    shift_mm="(h, w, 2) displacement on the face, at x_mm and y_mm; needs a camera or a scale.",
     known="(h, w) true where shift_mm is measured, not a guess.",
     x_mm="(w,) column positions of shift_mm.",
     y_mm="(h,) row positions of shift_mm.",

@@ -51,7 +51,7 @@ def check_known_step(folder: Path) -> list[Check]:
         seen_mm = made_mm * float(shifts_mm.mean()) / larger if len(shifts_mm) else math.nan
         rows.append(Check(
             f"known-step.{axis}", f"known step, {axis}", "",
-            f"{seen_mm:.3f} mm of {made_mm:.3f}{origin}", f"within {MAX_STEP_ERROR_MM:g} mm",
+            f"{seen_mm:.3f} of {made_mm:.3f} mm{origin}", f"within {MAX_STEP_ERROR_MM:g} mm",
             graded(abs(seen_mm - made_mm) <= MAX_STEP_ERROR_MM),
             remedy="calibrate the camera on this skin: `calibrate lens`; or the tip slips",
         ))  # fmt: skip

@@ -204,7 +204,7 @@ def _deliver(session: MeasurementSession, outputs: list[MeasurementOutput], stay
 def _page_facts(source: Source, with_force: bool) -> dict[str, object]:
     """Constant facts of the page: source and traces."""
     unit, min_range = ("px", 2.0) if source.model.in_px else ("mm", 0.1)
-    names, title = ["largest motion"], f"Motion of the pattern in {unit}"
+    names, title = ["max displacement"], f"Displacement of the pattern in {unit}"
     if with_force:
         names, min_range = ["z", "x", "y"], 0.2
         title = "Force on the sensor in N (z < 0: press)"

@@ -53,10 +53,10 @@ def page_data(m: MeasuredImage, camera: CameraModel) -> dict[str, Any]:
         for contact in entry["contacts"]:
             contact["seen_mm"] = _displaced(contact["outline_mm"], f)
         entry["flow"] = _arrows(f.shift_mm, f.known, f.x_mm, f.y_mm, "flow", min_scale, 1,
-                               entry["unit"], "of motion", arrow)  # fmt: skip
+                               entry["unit"], "displacement", arrow)  # fmt: skip
     if (t := result.traction) is not None:
         entry["shear"] = _arrows(t.traction_mpa[..., :2], None, t.x_mm, t.y_mm, "shear",
-                                 MIN_SCALE_MPA, 1e3, "kPa", "of shear")  # fmt: skip
+                                 MIN_SCALE_MPA, 1e3, "kPa", "shear")  # fmt: skip
         entry["maps"].append(_map(-t.traction_mpa[..., 2], None, t.x_mm, t.y_mm, "pressure",
                                  MIN_SCALE_MPA, 1e3, "kPa"))  # fmt: skip
     if (s := result.shape) is not None:

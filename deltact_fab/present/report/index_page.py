@@ -63,7 +63,7 @@ def write_index(folder: Path, out: Path) -> Path:
     table = html_table(frame, marks=marks, links=[row.link for row in rows])
     n, worse = len(rows), sum(map(bool, marks))
     if not rows:
-        text = "No runs or studies found: they have a run.json or a result.json."
+        text = "No runs or studies found (no run.json or result.json)."
     elif worse:
         are = "is" if worse == 1 else "are"
         text = f"{worse} of {n} {are} unfinished, outdated, damaged or with warnings (marked)."

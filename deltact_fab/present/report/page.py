@@ -43,7 +43,7 @@ def write_run_page(
     """
     run = open_run(run_folder)
     if not run.finished:
-        raise InputError(f"{run_folder}: the run is not finished; go on with `run --resume`")
+        raise InputError(f"{run_folder}: the run is not finished; continue with `run --resume`")
     frames, notes, verdict = run.frames(), run.notes(), tracking.verdict
     warned, remarks = run.remarks()
     charts = {
@@ -133,7 +133,7 @@ def write_imported_page(run: Run, out: Path) -> Path:
         name=run.meta["name"],
         about=run.meta["protocol"]["description"],
         notes=[*remarks, *run.notes()["text"]],
-        figure=figures.to_svg(figure, "force on the sensor and motion of the picture over time"),
+        figure=figures.to_svg(figure, "force on the sensor and motion of the image over time"),
         pictures=[
             _thumbnail(run, frames.iloc[0], "first image, reference of the motion"),
             _thumbnail(run, farthest, f"largest motion, after {farthest['t_press_s']:.2f} s"),
@@ -185,7 +185,7 @@ def _methods(tracking: TrackingResult) -> dict[str, Any]:
                 "at the dots, mm": m["mean_at_dots_mm"],
                 "frames trusted": _percent(m["trusted_share"]),
                 "CPU time per frame, ms": m["ms_per_frame"],
-                "new references": m["reference_switches"],
+                "reference renewals": m["reference_switches"],
                 "reliable": "no" if verdict.doubts[m["name"]] else "yes",
             }
         )
@@ -207,13 +207,13 @@ def _contacts(press: DeepestPress) -> list[dict[str, Any]]:
     return [
         {
             **about,
-            "place x, y, mm": f"{c.place_mm[0]:.2f}, {c.place_mm[1]:.2f}",
+            "position x, y, mm": f"{c.place_mm[0]:.2f}, {c.place_mm[1]:.2f}",
             "area_mm2": c.area_mm2,
             "peak_depth_mm": c.peak_depth_mm,
             "share of the force": _percent(c.force_share),
         }
         for c in result.contacts
-    ] or [{**about, "place x, y, mm": "no contact found"}]
+    ] or [{**about, "position x, y, mm": "no contact found"}]
 
 
 def _settings(run: Run) -> pd.DataFrame:

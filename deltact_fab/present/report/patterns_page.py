@@ -98,8 +98,8 @@ def _row(row: dict[str, Any]) -> dict[str, Any]:
         "second peak": round(figures_seen["peak"], 2),
         "at, mm": figures_seen["peak_mm"] and round(figures_seen["peak_mm"], 2),
         "camera px per patch": round(quality["px_a_patch"], 2),
-        "left on the print, %": round(100 * quality["print_contrast"]),
-        "left in the camera, %": round(100 * quality["camera_contrast"]),
+        "contrast left on the print, %": round(100 * quality["print_contrast"]),
+        "contrast left in the camera, %": round(100 * quality["camera_contrast"]),
         "lost": "" if quality["seen"] else "not seen",
     }
 

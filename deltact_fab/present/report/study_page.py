@@ -121,7 +121,7 @@ def refuse_foreign_folder(out: Path, study: str) -> None:
         earlier = None
     files = (p for p in out.rglob("*") if not p.is_dir() and not p.name.startswith(".new-"))
     if earlier != study and any(files):
-        state = f"holds study {earlier}" if earlier else f"is not empty and holds no {study}"
+        state = f"contains study {earlier}" if earlier else f"not empty, and no study {study}"
         raise InputError(f"{out}: {state}; give another folder")
 
 

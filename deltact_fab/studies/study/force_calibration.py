@@ -37,9 +37,9 @@ COMPONENT_WORDS = {"normal": "normal force", "shear_x": "shear along x", "shear_
 LAB_NOTE = (
     "Errors in a lab will be larger: the error above assumes that the gel's thickness and "
     "Poisson's ratio are exactly known and that the flow is unbiased. With an assumed flow error: "
-    "0.13 N at scattered places; with a gel 1 mm off, 0.32 N (docs/evidence/force.md). On two gels "
-    "of a different solver, without images, ten presses calibrate normal force to 0.05 N of 7 N "
-    "with the gel fitted to them, to 0.05 and 0.11 N with the design's "
+    "0.13 N at scattered positions; with a gel 1 mm off, 0.32 N (docs/evidence/force.md). On two "
+    "gels of a different solver, without images, ten presses calibrate normal force to 0.05 N of 7 "
+    "N with the gel fitted to them, to 0.05 and 0.11 N with the design's "
     "(docs/evidence/strangers.md). All simulated."
 )
 
@@ -74,13 +74,13 @@ def _simulated(request: StudyRequest) -> StudyResult:
         scale=parse_scale(request.scale),
         settings={
             "protocol": f"{protocol.name}: {len(protocol.indenters)} indenters at "
-            f"{len(protocol.positions_mm)} places, {stops} settled points at each of "
+            f"{len(protocol.positions_mm)} positions, {stops} settled points at each of "
             f"{len(protocol.depths_mm)} depths and one at rest: {plan.settled} points",
             "depths": ", ".join(f"{d:g}" for d in protocol.depths_mm) + " mm",
             "shear": f"to +-{shear.at_depth_mm(deepest) if shear else 0:g} mm along x and y at the "
             "deepest",
-            "frames": f"{plan.frames}, the tip at most {plan.between_frames_mm:.2g} mm further in "
-            f"each; {protocol.capture.wait_s('press') or 0:g} s of rest before a settled one",
+            "frames": f"{plan.frames}, the tip moves at most {plan.between_frames_mm:.2g} mm per "
+            f"frame; {protocol.capture.wait_s('press') or 0:g} s of rest before a settled one",
             **scene.settings(results),
         },
         notes=(modulus_remark(protocol.specimen.modulus_mpa, FORCE_MODULUS_NOTE),),
@@ -92,13 +92,13 @@ def _recorded(request: StudyRequest) -> StudyResult:
     options = {"scale": request.scale, "rig": request.rig, **request.options}
     for name, value in options.items():
         if value is not None:
-            raise InputError(f"--{name}: does not go with --from: the points are those of its runs")
+            raise InputError(f"--{name}: not valid with --from, whose runs give the points")
     runs = [open_run(folder) for folder in request.runs]
     for run in runs:
         level = run.meta["protocol"]["specimen"]["gel_model"]
         if run.simulated and level != "hyperelastic":
             raise InputError(
-                f"{run.folder}: simulated with gel_model = {level!r}; a calibration is judged on "
+                f"{run.folder}: simulated with gel_model = {level!r}; a calibration needs "
                 "'hyperelastic'"
             )
     result = calibrate_force(request.runs, None, request.seed, request.executor, request.progress)
@@ -222,7 +222,7 @@ def build_result(result: ForceResult, scale: float | None = None, **scene: Any) 
                 "force-by-place",
                 "The paper's model by distance from the axis. RMSE of the normal force, N, under "
                 "readings of its density and with a constant or without: fitted to the points of "
-                "that distance alone, or to all and judged there, by what was unseen.",
+                "that distance alone, or to all and tested there, on unseen points.",
                 places,
             ),
         ),
@@ -296,6 +296,6 @@ def _alone_remark(places: pd.DataFrame) -> str:
     rows = rows.dropna(subset="alone_n").sort_values("distance_mm")
     words = [f"{row['alone_n']:.2f} N at {row['distance_mm']:.1f} mm" for _, row in rows.iterrows()]
     if not words:
-        return "the paper gives no places"
+        return "the paper gives no positions"
     ends = " to ".join(dict.fromkeys((words[0], words[-1])))
-    return f"fitted to one distance from the axis alone, {ends}; the paper gives no places"
+    return f"fitted to one distance from the axis alone, {ends}; the paper gives no positions"

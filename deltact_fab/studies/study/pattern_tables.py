@@ -200,7 +200,7 @@ def charts(errors: PatternErrors, covers: str) -> tuple[ReportFigure, ...]:
             + (
                 ""
                 if method == OUR_FLOW
-                else "; horizontal lines: the paper's, dashed if it says 'around', an arrow if "
+                else "; horizontal lines: the paper's, dashed if given as 'around', an arrow if "
                 "far above"
             )
             + f". {covers}.",

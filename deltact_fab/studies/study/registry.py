@@ -42,9 +42,9 @@ STUDIES = {
         "The paper's force table: 5 balls, 2070 points.",
         "Default: all of the paper's 2070 settled points (protocol force-calibration) on a gel at "
         "finite strain: half an hour on two idle cores, six minutes with --scale 0.1. A smaller "
-        "scale uses fewer depths and places, with all indenters, at least two places and the full "
-        "range of depth and shear.\n\n"
-        "--from uses the points of recorded runs instead, of any bench.",
+        "scale uses fewer depths and positions, with all indenters, at least two positions and "
+        "the full range of depth and shear.\n\n"
+        "--from uses the points of recorded runs instead, from any bench.",
         options={"--protocol": {"help": "Another protocol with images, forces and settled stops."}},
     ),
     "pattern-selection": Study(
@@ -70,7 +70,7 @@ STUDIES = {
         "Four objects (protocols shapes, shapes-hat), the depth and force calibrations that they "
         "need (ball-press, and one ball of force-calibration-small), and a press of twist: "
         "five minutes on two idle cores. A smaller scale presses each object at fewer than three "
-        "places, with all objects and depths. `analyze shape` analyses a recorded run likewise.",
+        "positions, with all objects and depths. `analyze shape` analyses a recorded run likewise.",
         takes=("scale", "seed", "rig", "grid"),
     ),
     "pattern-search": Study(

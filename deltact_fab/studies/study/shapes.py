@@ -52,7 +52,7 @@ MEAN_COLUMNS = (
 )  # fmt: skip
 """Columns of the table, if known."""
 SHAPES_NOTES = (
-    "The paper shows these shapes without numbers to compare with, and without sizes, places or "
+    "The paper shows these shapes without numbers to compare with, and without sizes, positions or "
     "depths.",
     "The paper's Gaussian density shows outlines, edges and steps: the pattern is compressed at "
     "edges and hardly changes on a flat face. Off the axis, parallax shifts the pressed area, so "
@@ -138,12 +138,12 @@ def settings(scene: PressScene, gel: Sequence[Mapping[str, Any]]) -> dict[str, s
         "objects": "; ".join(f"{', '.join(p.indenters)} to {_depths(p)} mm" for p in (first, hat)),
         "places": f"{'; '.join(f'({x:g}, {y:g})' for x, y in first.positions_mm)} mm",
         "depth calibrated on": f"{ball.indenters[0]} at {_depths(ball)} mm (protocol {BALL_PRESS})",
-        "force calibrated on": f"{', '.join(force.indenters)} at {len(force.positions_mm)} places, "
-        f"{RunEstimate.from_protocol(force, 0, box).settled} settled points (of {FORCE_SMALL}); "
+        "force calibrated on": f"{', '.join(force.indenters)}, {len(force.positions_mm)} positions"
+        f", {RunEstimate.from_protocol(force, 0, box).settled} settled points (of {FORCE_SMALL}); "
         f"model {FORCE_MODEL}",
         "twist": f"{twist.indenters[0]} at {places} mm, sheared around a grid",
-        "frames": f"the tip at most "
-        f"{RunEstimate.from_protocol(first, 0, box).between_frames_mm:.2g} mm further in each",
+        "frames": f"the tip moves at most "
+        f"{RunEstimate.from_protocol(first, 0, box).between_frames_mm:.2g} mm per frame",
         **scene.settings(gel),
     }
 
@@ -170,7 +170,7 @@ def build_result(
         tables=(
             ReportTable(
                 "shapes-by-object",
-                "By object and depth. Means over the places of each object. Contact: true (from "
+                "By object and depth. Means over the positions of each object. Contact: true (from "
                 "depth or pressure) and measured; iou: intersection over union of both.",
                 by_object(frames),
             ),
@@ -256,7 +256,7 @@ def _depth_heads(frames: pd.DataFrame) -> list[Headline]:
 
 def _force_heads(frames: pd.DataFrame, left_out_n: float | None) -> list[Headline]:
     """Headlines of the normal force error, within the calibrations and extrapolated."""
-    remark = "" if left_out_n is None else f"{left_out_n:.2f} N on a left-out place of its ball; "
+    remark = "" if left_out_n is None else f"{left_out_n:.2f} N on an unseen position of its ball; "
     heads = []
     outside = frames["force_extrapolated"].astype(bool) | frames["extrapolated"].astype(bool)
     for outer, part in frames.groupby(outside):

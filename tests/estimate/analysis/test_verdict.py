@@ -46,10 +46,10 @@ def test_the_least_error_is_taken() -> None:
     [
         (
             {"confident_wrong_share": 0.02},
-            "2 % of its confident pixels are off by more than 0.1 mm",
+            "2 % of the confident pixels are off by more than 0.1 mm",
         ),
-        ({"coverage": 0.5}, "confident on 50 % of the moving pattern"),
-        ({"trusted_share": 0.9}, "trusts 90 % of the frames"),
+        ({"coverage": 0.5}, "50 % of the moving pattern is confident"),
+        ({"trusted_share": 0.9}, "90 % of the frames are trusted"),
     ],
 )
 def test_unreliable_method_is_never_recommended(doubt: dict[str, float], says: str) -> None:

@@ -97,8 +97,8 @@ def test_few_presses_have_no_intervals():
     few = np.where(PRESSES.astype(int) < MIN_PRESSES - 1, PRESSES, "0")
     fit = least_squares(COLUMNS, Y, NAMES, few)
     assert fit.intervals is None
-    assert fit.notes == ("no intervals: 10 presses are needed, and there are 9",)
-    assert least_squares(COLUMNS, Y, NAMES).notes[0].endswith("there are 0")
+    assert fit.notes == ("no intervals: 10 presses are needed (got 9)",)
+    assert least_squares(COLUMNS, Y, NAMES).notes[0].endswith("(got 0)")
     with pytest.raises(ValueError, match="n presses"):
         least_squares(COLUMNS, Y, NAMES, few[1:])
 

@@ -57,7 +57,7 @@ def test_stem_fits_one_orientation_only() -> None:
 
 
 def test_tight_and_loose_bores_fail() -> None:
-    for value, name in (("0.05", "stem in the bore"), ("0.5", "turned stem stays out")):
+    for value, name in (("0.05", "stem in the bore"), ("0.5", "rotated stem blocked")):
         rows = arithmetic.fits(load_design(changes=[f"tool.fit_mm={value}"]))
         assert [row for row in rows if name in row.value and row.failed]
 

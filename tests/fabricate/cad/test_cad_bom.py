@@ -47,7 +47,7 @@ def test_silicone_of_full_mold():
     assert a.quantity == b.quantity
     # Density 1: grams are millilitres. 14.14 cm3 a skin was integrated by hand.
     assert a.quantity + b.quantity == pytest.approx(4 * 14.141 * 1.1, rel=1e-3)
-    assert "one skin takes 7.8 g" in a.note
+    assert "7.8 g per skin" in a.note
 
 
 def test_transparent_base_takes_a_cavity():
@@ -114,7 +114,7 @@ def test_notes_say_what_the_design_has():
 def test_the_supply_follows_from_the_current(changes, sensors, ampere, takes):
     supply = of(bom.bom_lines(load_design(changes=changes), sensors), "supply")
     assert supply.material == f"plug, {ampere} or more"
-    assert f"take {takes} at most" in supply.note
+    assert f"draw at most {takes}" in supply.note
     assert ("pin of the Jetson" in supply.note) == (float(takes.split()[0]) <= 500)
 
 

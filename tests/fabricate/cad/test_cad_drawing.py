@@ -260,7 +260,7 @@ def test_wiring_is_legible_and_complete(changes):
 
 
 def test_drawing_names_unverified_keys(made):
-    note = next(t for t in texts(made("light-holder")[-1]) if t.startswith("Rests on unverified"))
+    note = next(t for t in texts(made("light-holder")[-1]) if t.startswith("Depends on unverified"))
     assert "camera.lens_height_mm" in note
     keys = [k.removeprefix("camera.") for k in load_design().unverified() if "camera." in k]
     page = made("light-holder", "deltact", f"camera.measured={keys}")[-1]
@@ -347,7 +347,7 @@ def test_leader_arrow_ends_on_rim(cq):
 
 
 def test_bought_or_oversized_part_is_undrawn(cq):
-    with pytest.raises(InputError, match="part 'screw': has no drawing"):
+    with pytest.raises(InputError, match="part 'screw': no drawing"):
         drawing(registry.find_part("screw"), load_design(), None)
     with pytest.raises(InputError, match=r"acrylic: its drawing fits no A3 sheet at 1:5 \(4000 x"):
         drawing(registry.find_part("acrylic"), load_design(), cq.Solid.makeBox(4000, 4000, 2))

@@ -121,7 +121,7 @@ def test_square_skin_is_refused():
         ("shell.cable_width_mm=24", "shell: cable_width_mm + 2 (cover.fit_mm + wall_mm) <= room"),
         ("shell.cable_height_mm=3 shell.ledge_height_mm=11", "shell: cable_height_mm + ledge_heig"),
         ("shell.ledge_height_mm=10", "shell: ledge_height_mm <= height of the posts: 10 <= 9.9"),
-        ("shell.ledge_mm=5.1", "shell: ledge_mm and what the wall leaves before it <= posts bey"),
+        ("shell.ledge_mm=5.1", "shell: ledge_mm + its distance from the wall <= posts bey"),
         ("mount.kind=franka mount.flange_pitch_mm=19", "shell: mount: flange_pitch_mm +"),
         ("mount.kind=franka mount.arm_mm=4", "shell: mount: arm_mm + counterbore_mm + 0.4 <= fla"),
         ("mount.kind=franka mount.arm_mm=2", "shell: mount: stress in arm_mm under plate.force_n"),

@@ -158,7 +158,7 @@ def test_invalid_press_is_refused() -> None:
         opened("hyperelastic", [(0.0, 0.0, 1.0), (20.0, 0.0, 1.0)])
     with pytest.raises(InputError, match=r"y = -18 to 0 mm leaves the face of \+-17 mm"):
         opened("hyperelastic", [(0.0, 0.0, 1.0), (0.0, -18.0, 1.0)])
-    with pytest.raises(InputError, match="hides between cells of 3 mm"):
+    with pytest.raises(InputError, match="not resolved by cells of 3 mm"):
         opened("hyperelastic", [(0.0, 0.0, 1.0)], indenter="sphere:2", spacing_mm=3.0)
     with pytest.raises(InputError, match="valid: auto, linear"):
         opened("thick", [(0.0, 0.0, 1.0)])  # type: ignore[arg-type]

@@ -78,7 +78,7 @@ def test_continued_motion_is_detected(matrix: FaultMatrix) -> None:
 
 def test_unexpected_outcomes_are_detected(matrix: FaultMatrix) -> None:
     other = dataclasses.replace(fault("limit switch"), says=("a word that nobody says",))
-    assert cell(matrix, other, PRESS).wrong == "another error than the fault's"
+    assert cell(matrix, other, PRESS).wrong == "an error other than the fault's"
     never = dataclasses.replace(fault("doubled ok"), success=False)
     assert cell(matrix, never, PRESS).wrong == "success, expected an error"
 

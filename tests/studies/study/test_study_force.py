@@ -140,17 +140,17 @@ def test_other_gel_models_are_refused(mini: tuple[Path, Path], mini_run: Path) -
         InputError, match=r"specimen.gel_model: 'linear'; a calibration needs .*'hyperelastic'"
     ):
         load_scene(StudyRequest(options={"protocol": str(mini[0])}))
-    with pytest.raises(InputError, match=r"gel_model = 'linear'.*judged on 'hyperelastic'"):
+    with pytest.raises(InputError, match=r"gel_model = 'linear'.*needs 'hyperelastic'"):
         run(StudyRequest(runs=(mini_run,)))
 
 
 def test_recorded_runs_refuse_scale_and_rig(mini_run: Path, tmp_path: Path) -> None:
     for asked, words in (
-        (StudyRequest(runs=(mini_run,), scale=0.1), "--scale: does not go with --from"),
-        (StudyRequest(runs=(mini_run,), rig="virtual"), "--rig: does not go with --from"),
+        (StudyRequest(runs=(mini_run,), scale=0.1), "--scale: not valid with --from"),
+        (StudyRequest(runs=(mini_run,), rig="virtual"), "--rig: not valid with --from"),
         (
             StudyRequest(runs=(mini_run,), options={"protocol": "twist"}),
-            "--protocol: does not go with",
+            "--protocol: not valid with",
         ),
         (StudyRequest(runs=(tmp_path / "gone",)), "no such folder"),
     ):

@@ -78,7 +78,7 @@ def test_force_is_compared_with_sensor() -> None:
     head, beyond = found(presses, 0.06).headlines
     assert head.value == pytest.approx(0.1)
     assert head.goal == 0.2
-    assert "0.06 N on a left-out place of its ball" in head.remark
+    assert "0.06 N on an unseen position of its ball" in head.remark
     assert beyond.value == pytest.approx(1)
     assert "beyond the calibrations" in beyond.what
     assert beyond.goal is None

@@ -140,7 +140,7 @@ def _require_enough(features: Features, points: int, source: str) -> None:
     if points < needed:
         raise InputError(
             f"{source}: {features.name} needs at least {needed} points, got {points}; "
-            "press at more places, or in more steps"
+            "press at more positions, or in more steps"
         )
 
 
@@ -160,7 +160,7 @@ def _run_notes(runs: Sequence[Run], tables: Sequence[pd.DataFrame]) -> list[str]
         if run.imported:
             notes.append(
                 f"{run.folder}: imported: rest frames unknown, so every frame is a point; "
-                f"a 'press' is one of {TIME_STRETCHES} stretches of time"
+                f"a 'press' is one of {TIME_STRETCHES} time segments"
             )
             if in_pixels(run):
                 notes.append(f"{run.folder}: {NO_CAMERA}")
@@ -169,7 +169,7 @@ def _run_notes(runs: Sequence[Run], tables: Sequence[pd.DataFrame]) -> list[str]
         if (weights := run.weights) is not None:
             normal_n, shear_n = weights.error_n()
             notes.append(
-                f"{run.folder}: weights laid on by hand: force known to {normal_n:.3f} N normal, "
+                f"{run.folder}: weights placed by hand: force known to {normal_n:.3f} N normal, "
                 f"{shear_n:.3f} N shear; not included in the errors above"
             )
         if run.simulated and run.meta["protocol"]["specimen"]["gel_model"] != "hyperelastic":
@@ -218,7 +218,7 @@ class TransferredCalibration:
         if not self.shear_known:
             text += " (same as pressure: not determined by these presses)"
         if self.error_n is None:
-            return f"{text}; press at a second place to estimate the error"
+            return f"{text}; press at a second position to estimate the error"
         fresh = "not possible" if self.fresh_error_n is None else f"{self.fresh_error_n:.2f} N"
         text += (
             f"; force error {self.error_n:.2f} N on an unseen position (untransferred "
@@ -266,7 +266,7 @@ def _fit_factors(predicted: Array, wrench: Array) -> tuple[float, float, bool]:
     if error > MAX_FACTOR_ERROR:
         raise InputError(
             "transfer: the presses do not determine the factor of the normal force "
-            f"({pressure:.2f} +- {error:.2f}); press deeper, or on more places"
+            f"({pressure:.2f} +- {error:.2f}); press deeper, or at more positions"
         )
     shear, error = _fit_factor(predicted[:, :2].ravel(), wrench[:, :2].ravel())
     return (pressure, shear, True) if error <= MAX_FACTOR_ERROR else (pressure, pressure, False)

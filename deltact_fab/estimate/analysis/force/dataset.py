@@ -180,7 +180,7 @@ def gather_points(
     total = len(points) + refused.total()
     left_out = [f"{n} of {total} frames: {reason}" for reason, n in refused.items()]
     if points.empty:
-        raise InputError(f"{source}: no usable frame: {'; '.join(left_out) or 'none at all'}")
+        raise InputError(f"{source}: no usable frame: {'; '.join(left_out) or 'no frames'}")
     features = {n: np.concatenate([part.features[n] for part in parts]) for n in names}
     wrench = np.concatenate([part.wrench for part in parts])
     return ForceData(points, wrench, features, sets, left_out)

@@ -111,7 +111,7 @@ class ForceResult:
         best, split = self.best, self.best.ranked_by
         text = f"Use {best.name}: {_format_errors(best, self.data)}, {FORCE_SPLITS[split]}"
         if (self.data.points["position"] == Run.UNKNOWN).all():  # of an imported run
-            return text.replace("presses", "stretches of time")
+            return text.replace("presses", "time segments")
         if self.paper is not best:
             text += f"; the paper's model {_format_errors(self.paper, self.data)}"
         if split in ("press", "point"):

@@ -157,8 +157,8 @@ def measure_press(
     rows, truth, view = settled_rows(run.frames(press)), run.truth(), view_of_run(run)
     if (unknown := rows.loc[rows["z_mm"].isna(), "frame_id"]).size:
         raise InputError(
-            f"{run.folder}: frame {unknown.iloc[0]}: no stage position recorded, as under a weight "
-            "laid on by hand; else `record check` finds the damage"
+            f"{run.folder}: frame {unknown.iloc[0]}: no stage position recorded; unless weights "
+            "were placed by hand, run `record check` to find the damage"
         )
     finder = DepthFinder(view, DepthModel.load(depth)[1] if isinstance(depth, Path) else depth)
     force = load_force(force) if isinstance(force, Path) else force

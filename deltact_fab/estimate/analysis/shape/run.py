@@ -18,7 +18,7 @@ from ...measure.shape.depth import DepthModel
 from ..runs import read_frames, sensor_of, write_results
 from .press import PressShape, ShapeMaps, measure_press
 
-GOAL_LABELS = ("depth over the contact", "over the face", "place of a ball")
+GOAL_LABELS = ("depth over the contact", "over the face", "position of a ball")
 SHAPE_FIGURES = (
     "depth_error_contact_mm", "depth_error_face_mm", "zero_error_contact_mm", "depth_correlation",
     "relative_correlation", "contact_iou", "centroid_error_mm", "place_error_mm", "area_mm2",

@@ -68,9 +68,9 @@ class TrackingPlan:
         if run.pattern["recipe"]["law"] == cls.DOTS_ONLY_LAW:
             if methods:
                 raise InputError(
-                    f"{run.folder}: the pattern has only dots (law {cls.DOTS_ONLY_LAW!r}) and "
-                    f"nothing between them that {methods[0]!r} could match; without --method "
-                    "the dots are followed"
+                    f"{run.folder}: the pattern has only dots (law {cls.DOTS_ONLY_LAW!r}) and no "
+                    f"texture between them for {methods[0]!r} to match; omit --method to track "
+                    "the dots"
                 )
             return cls((DOTS_METHOD,), True, ("dense flow: the pattern has only dots",))
         left_out = []

@@ -75,7 +75,7 @@ def judge_methods(methods: Sequence[dict[str, Any]], simulated: bool) -> Trackin
     )
     if take is None:
         line = (
-            "Do not trust this experiment: no method is reliable. The nearest is "
+            "Do not trust this experiment: no method is reliable. The closest is "
             f"{about['name']}, but {'; '.join(doubts[about['name']])}."
         )
     else:
@@ -93,23 +93,23 @@ def judge_methods(methods: Sequence[dict[str, Any]], simulated: bool) -> Trackin
 def _doubts(row: dict[str, Any]) -> list[str]:
     """Return the reasons why a method is not reliable, as text."""
     if not row["n_frames"]:
-        return ["there is no frame after the reference"]
+        return ["no frame after the reference"]
     reasons = []
     if row["trusted_share"] < MIN_TRUSTED:
         reasons.append(
-            f"it trusts {format_percent(row['trusted_share'])} of the frames "
+            f"{format_percent(row['trusted_share'])} of the frames are trusted "
             f"(at least {format_percent(MIN_TRUSTED)})"
         )
     share, region = _coverage(row)
     if share < MIN_CONFIDENT:
         reasons.append(
-            f"it is confident on {format_percent(share)} of {region} "
+            f"{format_percent(share)} of {region} is confident "
             f"(at least {format_percent(MIN_CONFIDENT)})"
         )
     wrong = row["confident_wrong_share"]
     if wrong is not None and wrong > MAX_WRONG:
         reasons.append(
-            f"{format_percent(wrong)} of its confident pixels are off by more than "
+            f"{format_percent(wrong)} of the confident pixels are off by more than "
             f"{WRONG_FLOW_MM:g} mm (at most {format_percent(MAX_WRONG)})"
         )
     return reasons
@@ -136,7 +136,7 @@ def _recommendation(method: dict[str, Any], error: str | None, simulated: bool) 
     )
     wrong = method["confident_wrong_share"]
     if wrong is not None:
-        text += f", {format_percent(wrong)} of this wrong by over {WRONG_FLOW_MM:g} mm"
+        text += f", {format_percent(wrong)} of this in error by over {WRONG_FLOW_MM:g} mm"
     return text + (" (simulated)." if simulated else " (no truth to compare with).")
 
 
@@ -151,11 +151,11 @@ class TrackingResult:
     """Pattern Selection: d = 0.075, r = 0.6, real sensor, at the dots."""
     WRONG_MM: ClassVar = WRONG_FLOW_MM
     RULE: ClassVar = (
-        f"A method is reliable when it trusts {format_percent(MIN_TRUSTED)} of the frames or more, "
-        f"is confident on {format_percent(MIN_CONFIDENT)} of the moving pattern or more (of the "
-        f"image, without truth), and at most {format_percent(MAX_WRONG)} of its confident pixels "
+        f"A method is reliable if at least {format_percent(MIN_TRUSTED)} of frames are trusted, "
+        f"at least {format_percent(MIN_CONFIDENT)} of the moving pattern (without truth: of the "
+        f"image) is confident, and at most {format_percent(MAX_WRONG)} of the confident pixels "
         f"are off by more than {WRONG_FLOW_MM:g} mm. Of the reliable methods, the one with the "
-        "smallest error is recommended. The flow can be trusted when a method is reliable."
+        "smallest error is recommended. The flow can be trusted if a method is reliable."
     )
 
     methods: list[dict[str, Any]]

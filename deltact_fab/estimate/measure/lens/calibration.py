@@ -155,7 +155,7 @@ def calibrate_lens(
         else:
             views.append(BoardView(corners, touching))
     if not any(s.contact for s in views):
-        sides = "a skin" if board.skin else f"a board of {board}, seen whole,"
+        sides = "a skin" if board.skin else f"a board of {board}, fully visible,"
         names = ", ".join(map(str, contact[:3])) + (", ..." if len(contact) > 3 else "")
         raise InputError(f"{names}: {sides} was not found in any contact image")
     sensor = sensor or SensorDimensions()

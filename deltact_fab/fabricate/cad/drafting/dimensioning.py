@@ -133,12 +133,12 @@ class TitleBlock(Bounded):
     An empty field is drawn as a dash.
     """
 
-    number: str = _line("drawing number; a hyphen and the part's name are appended")
-    revision: str = _line("revision, as in A or 02")
-    date: str = _line("date of issue, as in 2026-11-23")
+    number: str = _line("drawing number; a hyphen and the part's name follow")
+    revision: str = _line("revision, such as A or 02")
+    date: str = _line("date of issue, such as 2026-11-23")
     owner: str = _line("legal owner: the lab")
-    drawn_by: str = _line("who made it")
-    approved_by: str = _line("who approved it")
+    drawn_by: str = _line("author of the drawing")
+    approved_by: str = _line("name of the approver")
 
     def __post_init__(self) -> None:
         for f in fields(self):

@@ -99,13 +99,13 @@ def drawing(part: Part, design: Design, solid: Any) -> DrawingPage:
     RunFailed when the CAD kernel fails.
     """
     if part.callouts is None:
-        raise InputError(f"part {part.name!r}: has no drawing; it is {part.process}")
+        raise InputError(f"part {part.name!r}: no drawing ({part.process})")
     callouts = part.callouts(part.source(design))
     with guarded(part.name):
         projections = project_views(solid, callouts)
     notes = [*callouts.notes]
     if open_keys := [key for key in callouts.rests_on if key in design.unverified()]:
-        notes.append(f"Rests on unverified values: {', '.join(open_keys)}.")
+        notes.append(f"Depends on unverified values: {', '.join(open_keys)}.")
     features = features_of(solid)
     general, off_mm = _tolerances(part, design)
     items = list(Placing(features, callouts, projections, off_mm).items(scheme(features, callouts)))

@@ -67,7 +67,7 @@ def wiring(design: Design) -> DrawingPage:
     cable = wrapped(design.camera.cable, WALL_X - SUPPLY_X - 12)
     cable_x = (SUPPLY_X + 8 + WALL_X) / 2
     _stack(page, cable_x, CABLE_Y - 2 - TEXT_LINE_MM * len(cable), cable, TEXT_MM)
-    ends = ("length as the arm needs;", "ends and contacts as the camera's")
+    ends = ("length to suit the arm;", "connectors to suit the camera")
     _stack(page, cable_x, CABLE_Y + 5, ends, TEXT_MM)
     page.group = "notes"
     y = END_Y + 2
@@ -88,12 +88,12 @@ def _notes(design: Design) -> Sequence[str]:
         f"through the cable notch of {shell.cable_width_mm:g} × {shell.cable_height_mm:g} mm; "
         f"{foam}.",
         f"All LEDs: {light.total_ma:.2f} mA ({light.least_ma:.2f} to {light.most_ma:.2f}); "
-        f"a chip: at most {light.chip_most_ma:.2f} of {light.led_limit_ma:g} mA.",
+        f"per chip: at most {light.chip_most_ma:.2f} of {light.led_limit_ma:g} mA.",
         f"LED {light.led_v:g} ± {light.led_spread_v:g} V, {light.led_chips} chips in parallel; "
         f"the strip's own resistor at each LED: {strip}.",
         f"Resistor: {1000 * light.resistor_most_w:.1f} mW at most; lowest E24 value for these "
-        f"LEDs: {light.least_resistor_ohm:g} ohm. A LED's bar is its minus side.",
-        *([f"Rests on unverified values: {', '.join(keys)}."] if keys else []),
+        f"LEDs: {light.least_resistor_ohm:g} ohm. An LED's bar is its minus side.",
+        *([f"Depends on unverified values: {', '.join(keys)}."] if keys else []),
     )
 
 

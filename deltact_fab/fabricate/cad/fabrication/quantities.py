@@ -117,8 +117,8 @@ def resistor_for_ohm(total_ma: float, light: LightDimensions) -> tuple[float, fl
     room_v = light.supply_v - light.led_v
     if not (room_v > 0 and total_ma > 0):
         raise InputError(
-            f"light.supply_v > light.led_v, {light.led_v:g} V, and a current > 0: "
-            f"{light.supply_v:g} V and {total_ma:g} mA fails"
+            f"expected light.supply_v > light.led_v ({light.led_v:g} V) and a current > 0 "
+            f"(got {light.supply_v:g} V and {total_ma:g} mA)"
         )
     exact = max(room_v / total_ma * 1000 - light.strip_resistor_ohm / light.led_count, 0.0)
     return exact, next_e24(exact)
@@ -184,5 +184,5 @@ def _notched(d: Design) -> str:
     parts = {"skin": d.post_in_window_mm, "acrylic": d.acrylic_notch_mm}
     names = [name for name, notch in parts.items() if any(notch)]
     if not names:
-        return "the walls of the frame hold them"
+        return "the walls of the frame carry them"
     return f"{' and '.join(names)} {'are' if len(names) > 1 else 'is'} notched around them"

@@ -103,7 +103,7 @@ PARTS = (
         fits=fits,
         callouts=callouts,
         note=note,
-        how="cut by the DXF, step C",
+        how="cut to the DXF, step C",
         look_for="the edges are clear and without cracks",
     ),
 )

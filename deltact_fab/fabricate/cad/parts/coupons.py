@@ -195,7 +195,7 @@ PARTS = (
         rules=kerf_rules,
         callouts=kerf_callouts,
         note="to measure the laser: cad fit",
-        how="cut by the DXF, all from one corner of the sheet",
+        how="cut to the DXF, all from one corner of the sheet",
         look_for="no burr that affects a caliper reading",
     ),
 )

@@ -132,7 +132,7 @@ def callouts(d: Design) -> Callouts:
         z_of(floor, floor + d.peg_leg_mm),
     )
     notes = (
-        "Four pegs alike, slots along y, legs flat outside. Lips flat underneath, "
+        "Four equal pegs, slots along y, legs flat outside. Lips flat underneath, "
         f"{fmt(cover.lip_mm)} beyond the hole of Ø{fmt(cover.hole_mm)}.",
         f"Strain of a peg when snapped in: {fmt(100 * d.snap_strain)} %. Pegs without support "
         "marks. Opaque.",

@@ -253,7 +253,7 @@ def callouts(dims: IndenterDimensions) -> Callouts:
     level = "Tips level with one another" if len(indenter.tips) > 1 else "Tip square to the stem"
     posed = [_posed_words(t) for t in indenter.tips if isinstance(t, PosedTip)]
     if any(isinstance(t, PosedTip) and t.tilted for t in indenter.tips):
-        level = "Each tip's lowest point at one height"
+        level = "Lowest points of all tips level"
     notes = (*posed, f"{level}. Contact faces smooth, without support marks.")
     return Callouts(tuple(lengths), notes=notes, labels=tuple(labels), flipped=True)
 

@@ -232,7 +232,7 @@ PARTS = (
         note="{d.light.led_count} single-LED cuts of {d.light.pitch_mm:.1f} x "
         "{d.light.strip_width_mm:g} mm, {d.light.strip_mm:.1f} mm total; a {d.light.supply_v:g} V "
         "strip that is cut at every LED",
-        how="cut between the LEDs and soldered, by the wiring drawing",
+        how="cut between the LEDs and soldered, as in the wiring drawing",
         look_for="plus to plus; no solder above the LEDs",
     ),
 )  # fmt: skip

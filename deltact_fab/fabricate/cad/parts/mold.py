@@ -113,7 +113,7 @@ def callouts(d: Design) -> Callouts:
     words = f"floor, the touched face, flat within {flat}, Ra {rough}"
     touched = Leader("left", (cx, cy + h / 2, floor), 0, words)
     notes = (
-        f"{mold.columns} × {mold.rows} cavities alike. Floors smooth: they form the touched face. "
+        f"{mold.columns} × {mold.rows} equal cavities. Floors smooth: they form the touched face. "
         + RELEASE_AGENT,
         "Post-cure and coat the resin; cast a coupon first. Vertical corners sharp.",
     )

@@ -92,7 +92,7 @@ def holder_fits(d: Design) -> Iterator[PlayFit]:
     flat = printer.inner(tool.bore_mm + tool.flat_mm)
     across = printer.outer(stem / 2 + Indenter.stem_flat_at_mm)
     yield PlayFit("flat-in-bore", "stem's flat in the bore", parts, (flat,), (across,))
-    yield PlayFit("turned-stem", "turned stem stays out", parts, (printer.outer(stem),), (flat,))
+    yield PlayFit("turned-stem", "rotated stem blocked", parts, (printer.outer(stem),), (flat,))
     clamp, screw = printer.inner(tool.clamp_mm), Length(FLANGE_SCREW.thread_mm)
     yield PlayFit("set-screw-bites", "set screw M3 bites", "tool-holder", (screw,), (clamp,))
     screws, hole = "tool-holder, nano17-adapter", printer.inner(tool.screw_hole_mm)

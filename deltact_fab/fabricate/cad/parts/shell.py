@@ -96,7 +96,7 @@ def rules(d: Design) -> Iterator[Check]:
     yield at_most("notch-below-ledge", words, high, "depth of the shell", d.shell_depth_mm)
     # The ledge ends on the posts, in both directions.
     yield at_most("ledge", *ledge, "height of the posts", posts)
-    words, free_mm = "ledge_mm and what the wall leaves before it", d.post_mm - shell.wall_mm
+    words, free_mm = "ledge_mm + its distance from the wall", d.post_mm - shell.wall_mm
     yield at_most("ledge-on-posts", words, max(d.ledge_reach_mm), "posts beyond the wall", free_mm)
     yield below("posts-above-floor", "floor", d.z_floor_mm, "back of the posts", d.z_boss_mm)
     yield below("post-height", "2", 2.0, "height of the posts", posts)

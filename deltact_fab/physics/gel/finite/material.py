@@ -45,7 +45,7 @@ class NeoHooke:
         nu, e = material.poisson, material.modulus_mpa
         if nu > MAX_FINITE_POISSON:
             raise InputError(
-                f"hyperelastic: poisson <= {MAX_FINITE_POISSON} is needed: {nu} fails; 0.499 gives "
+                f"hyperelastic: poisson must be <= {MAX_FINITE_POISSON} (got {nu}); 0.499 gives "
                 "the force of 0.4999 within 0.5 %"
             )
         return cls(e / (2 * (1 + nu)), e * nu / ((1 + nu) * (1 - 2 * nu)))
@@ -123,7 +123,7 @@ class Viscosity:
         Raises InputError for a time that is negative or not a number; infinity is long rest.
         """
         if not seconds >= 0:
-            raise InputError(f"viscosity: seconds >= 0 are needed: {seconds} fails")
+            raise InputError(f"viscosity: seconds must be >= 0 (got {seconds})")
         with np.errstate(over="ignore", under="ignore"):
             x = seconds / np.array(self.times_s)
             # expm1 keeps all digits for short times; at 0 the limit is needed.

@@ -84,7 +84,7 @@ def block_mesh(
     """
     if not (math.isfinite(spacing_mm) and 0 < spacing_mm <= skin.thickness_mm):
         raise InputError(
-            f"block mesh: 0 < spacing_mm <= {skin.thickness_mm:g} mm: {spacing_mm} fails"
+            f"block mesh: spacing_mm must be > 0, <= {skin.thickness_mm:g} mm (got {spacing_mm})"
         )
     x, y, z = _axes(skin, spacing_mm, focus, mirrors, growth)
     yy, xx = np.meshgrid(y, x, indexing="ij")

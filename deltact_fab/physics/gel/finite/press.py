@@ -37,8 +37,8 @@ def require_contact(
     narrow = min(min(tip.half_mm) for tip in indenter.tips)
     if narrow < cell_mm / 2:
         raise SolverError(
-            f"press: {indenter.name} is {2 * narrow:.2g} mm wide and hides between cells of "
-            f"{cell_mm:.2g} mm, a finer mesh is needed"
+            f"press: {indenter.name} is {2 * narrow:.2g} mm wide and not resolved by cells of "
+            f"{cell_mm:.2g} mm; a finer mesh is needed"
         )
     # A thin tip may pass through the gel: then it is as deep inside as in the gel at rest.
     undisplaced = np.zeros_like(state.displacement_mm)
@@ -46,14 +46,14 @@ def require_contact(
     if penetration > max(HIDDEN_LIMIT * min(depth, unmoved), float(surface.width_mm.max())):
         raise SolverError(
             f"press: {indenter.name} is {penetration:.2g} mm inside the gel at depth {depth:g} mm: "
-            "the tip hides between the contact points of this mesh, a finer one is needed"
+            "the contact points of this mesh do not resolve the tip; a finer one is needed"
         )
     # A tip may advance without contact into a dent of a relaxing gel.
     dented = state.overstress_mpa is not None and previous.contact_points == 0
     if state.contact_points == 0 and depth > previous.tip_mm[2] and not dented:
         raise SolverError(
             f"press: {indenter.name} lost contact while advancing to {depth:g} mm: it left the "
-            "gel, or hides between the contact points of this mesh"
+            "gel, or the contact points of this mesh do not resolve it"
         )
 
 
@@ -310,7 +310,7 @@ def _smallest_face_mm(mesh: HexMesh) -> float:
 
 def _require_finite(tip_mm: Point) -> None:
     if not all(math.isfinite(v) for v in tip_mm):
-        raise InputError(f"press: a tip at {tip_mm}: three finite numbers are needed")
+        raise InputError(f"press: tip_mm must be three finite numbers (got {tip_mm})")
 
 
 def _point(v: Field) -> Point:

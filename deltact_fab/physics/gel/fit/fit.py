@@ -308,7 +308,7 @@ def _data_notes(
     if data.dragged:
         notes.append(f"{data.dragged} rows from the first move along the face on: not fitted")
     if odd := unusual_material(modulus.value):
-        notes.append(f"warning: {odd}; normal_n in N (not mN or g) and depth_mm in mm are needed")
+        notes.append(f"warning: {odd}; normal_n must be in N (not mN or g), depth_mm in mm")
     out = int((~solution.inliers).sum())
     if out:
         notes.append(f"{out}/{len(solution.inliers)} values not fitted (outliers)")

@@ -92,8 +92,8 @@ def force_curve(
     step = min(CURVE_STEP_MM, thickness / 24)
     if not (math.isfinite(deepest_mm) and 0 < deepest_mm <= DEEPEST_SHARE * thickness):
         raise InputError(
-            f"force curve: a depth above 0 and up to {DEEPEST_SHARE * thickness:g} mm, "
-            f"{DEEPEST_SHARE:.0%} of the gel's thickness, is needed: {deepest_mm:g} mm fails"
+            f"force curve: the depth must be above 0 and up to {DEEPEST_SHARE * thickness:g} mm, "
+            f"{DEEPEST_SHARE:.0%} of the gel's thickness (got {deepest_mm:g} mm)"
         )
     unit = GelMaterial(1.0, material.poisson, material.friction)
     # Number of steps to the first solved depth, and the linear level's forces below it.

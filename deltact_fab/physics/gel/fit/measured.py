@@ -40,14 +40,14 @@ def read_press_csv(path: Path | str) -> MeasuredIndentation:
     lines = _lines(read_text(path))
     number, header = next(lines, (0, []))
     if not header:
-        raise InputError(f"{path}: empty; a header with {', '.join(PRESS_COLUMNS)} is needed")
+        raise InputError(f"{path}: empty; expected a header with {', '.join(PRESS_COLUMNS)}")
     for name in (*PRESS_COLUMNS, *SHEAR_COLUMNS):
         if header.count(name) > 1:
-            raise InputError(f"{path}:{number}: column {name} occurs twice; once is needed")
+            raise InputError(f"{path}:{number}: column {name} occurs twice; expected once")
         if name in PRESS_COLUMNS and name not in header:
             raise InputError(
-                f"{path}:{number}: no column {name}; found {', '.join(header)}; "
-                f"{' and '.join(PRESS_COLUMNS)} are needed"
+                f"{path}:{number}: no column {name}; expected {' and '.join(PRESS_COLUMNS)} "
+                f"(got {', '.join(header)})"
             )
     place = {n: header.index(n) for n in (*PRESS_COLUMNS, *SHEAR_COLUMNS) if n in header}
     rows = []
@@ -55,7 +55,7 @@ def read_press_csv(path: Path | str) -> MeasuredIndentation:
         if len(cells) != len(header):
             raise InputError(
                 f"{path}:{number}: {len(cells)} values below {len(header)} columns; "
-                "commas between values and points in numbers are needed"
+                "expected commas between values, points in numbers"
             )
         rows.append([_number(path, number, name, cells[i]) for name, i in place.items()])
     table = np.array(rows).reshape(len(rows), len(place))
@@ -82,9 +82,7 @@ def _number(path: Path, line: int, column: str, text: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise InputError(
-            f"{path}:{line}: column {column}: {text!r} is not a number; a finite one is needed"
-        )
+        raise InputError(f"{path}:{line}: column {column}: {text!r} is not a finite number")
     return value
 
 
@@ -94,10 +92,10 @@ def _check_signs(path: Path, depth_mm: Field, normal_n: Field) -> None:
     if not push > 0:
         raise InputError(
             f"{path}: column normal_n: {push:.3g} N on average where the press is deepest; "
-            "positive = pressed is needed"
+            "expected positive when pressed"
         )
     if not push > rest:
         raise InputError(
-            f"{path}: column depth_mm: force does not grow with depth; depth positive into the "
-            "gel is needed"
+            f"{path}: column depth_mm: force does not grow with depth; expected depth > 0 into "
+            "the gel"
         )

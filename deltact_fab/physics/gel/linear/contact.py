@@ -306,5 +306,5 @@ def _travel(start: Point, end: Point) -> Field:
 def _point(tip_mm: Point) -> Point:
     x, y, depth = (float(c) for c in tip_mm)
     if not all(math.isfinite(c) for c in (x, y, depth)):
-        raise InputError(f"contact: tip (x, y, depth) must be finite: {(x, y, depth)} fails")
+        raise InputError(f"contact: tip (x, y, depth) must be finite (got {(x, y, depth)})")
     return x, y, depth

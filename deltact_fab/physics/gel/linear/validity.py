@@ -34,7 +34,7 @@ def linear_refusal(
     if material.prony:
         return "it does not support a Prony series"
     if material.poisson > MAX_LINEAR_POISSON:
-        return f"poisson <= {MAX_LINEAR_POISSON} is needed: {material.poisson:g} fails"
+        return f"poisson must be <= {MAX_LINEAR_POISSON} (got {material.poisson:g})"
     return _too_deep(skin.thickness_mm, indenter, depth_mm)
 
 

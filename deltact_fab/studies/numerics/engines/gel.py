@@ -150,7 +150,7 @@ def cases(quick: bool) -> Sequence[Case]:
         _refused("depth NaN", "finite", coarse, down(math.nan)),
         _refused("nu 0.5", "poisson", replace(coarse, nu=0.5), down(1.0)),
         *(
-            _refused(f"sphere:0.5 on cells of {h:g} mm at {x:g}, {y:g}", "hides between",
+            _refused(f"sphere:0.5 on cells of {h:g} mm at {x:g}, {y:g}", "not resolved",
                      GelCase("sphere:0.5", h, mirrors=(False, False), focus=None), (x, y, depth))
             for h, x, y, depth in ((2.0, 0.0, 0.0, 0.2), (3.0, 0.7, 0.2, 0.5))
         ),
@@ -199,7 +199,7 @@ def _linear(quick: bool) -> list[Case]:
         drags.append((fine, 3.0))
     refused = (("1e-3 mm deep, the tip between nodes", "touches no grid node", fine, 1e-3),
                ("over a quarter of the gel", "use level hyperelastic", fine, 3.1),
-               ("nu 0.5", "poisson <=", replace(fine, nu=0.5), 1.2))  # fmt: skip
+               ("nu 0.5", "poisson must be <=", replace(fine, nu=0.5), 1.2))  # fmt: skip
     return [
         *(Case(f"linear: nu {scene.nu:g}, friction {scene.friction:g}, {depth:g} mm deep, dragged",
                "right or refused", partial(linear_breach, scene, depth), 1e-5, "of the depth",

@@ -164,14 +164,14 @@ def end_error(fault: FaultKind, result: FaultOutcome) -> str:
     if result.outcome == "success":
         return "" if fault.success else "success, expected an error"
     if not any(words in result.outcome for words in fault.says):
-        return "another error than the fault's"
+        return "an error other than the fault's"
     if result.wrong or result.travel_mm is None or result.known_s is None:
         return result.wrong
     if result.allowed_mm is not None and result.travel_mm > result.allowed_mm:
         return f"{result.travel_mm:.2f} mm of travel, {result.allowed_mm:.2f} allowed"
     limit_s = (fault.within_s or 0.0) + (HOMING_S if result.moment == HOMING_MOMENT else 0.0)
     if result.known_s > limit_s:
-        return f"known after {result.known_s:.2f} s, {limit_s:g} expected"
+        return f"detected after {result.known_s:.2f} s, {limit_s:g} expected"
     return ""
 
 
@@ -213,7 +213,7 @@ def measure_travel(
         for s in later
     )
     if fault.carries and not rises:
-        return replace(result, wrong="it moved again after the stop, and not straight up")
+        return replace(result, wrong="moved again after the stop, not straight up")
     return result
 
 
