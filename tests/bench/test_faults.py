@@ -135,7 +135,7 @@ def test_read_only_folder_is_refused(short: ShortRun, disk: Callable[[str], Path
     shutil.copytree(short.finished, place / "finished")
     disk("ro")
     assert_one_line(called(*short.words(place / "r")), 2, f"{place / 'r'}: cannot be written")
-    assert_one_line(called(*short.words(cut, "--resume")), 2, f"{cut}: cannot be written")
+    assert_one_line(called(*short.words(cut, "--resume")), 2, f"{cut}: read-only")
     # What is finished needs no writing, neither to be told so nor to be read.
     assert called(*short.words(place / "finished", "--resume")).returncode == 0
     assert len(open_run(place / "finished").frames()) == 32

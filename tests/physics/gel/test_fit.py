@@ -203,4 +203,4 @@ def test_the_command(tmp_path: Path) -> None:
     assert f"[specimen]\nmodulus_mpa = {result['modulus_mpa']['value']:.4g}" in shown.stdout
     bad = CliRunner().invoke(command, [str(path), "--indenter", "sphere:15", "--offset", "x"])
     assert bad.exit_code == 2
-    assert "a number of mm or fit" in bad.output
+    assert "must be a number in mm, or fit" in bad.output

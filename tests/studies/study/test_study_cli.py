@@ -108,8 +108,8 @@ def test_study_reuses_its_own_folder(tmp_path: Path) -> None:
     failed = call(tmp_path, "--count", "4", "--fails", "job-3")
     assert failed.returncode == 1
     assert failed.stderr.splitlines()[-1] == (
-        "deltact-fab: job-3: has no result: it did not converge; the rest is kept, and the same "
-        "command tries it again"
+        "deltact-fab: job-3: no result: it did not converge; other results are stored; run the "
+        "same command to retry"
     )
     assert files(tmp_path / "study-out/tiny") == before
 
