@@ -111,9 +111,7 @@ def mini_run(mini: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) 
 
     protocol, rig = map(str, mini)
     return common(
-        tmp_path_factory,
-        "run",
-        lambda out: run_experiment(RunRequest(protocol, rig, out, seed=3)),
+        tmp_path_factory, "run", lambda out: run_experiment(RunRequest(protocol, rig, out, seed=3))
     )
 
 

@@ -265,9 +265,7 @@ def commands(*lines: str) -> list[str]:
     return [COMMAND.format(words=line.split()) for line in lines]
 
 
-def test_sheet_builds_no_part_registry(
-    tmp_path: Path,
-) -> None:
+def test_sheet_builds_no_part_registry(tmp_path: Path) -> None:
     bodies = commands("pattern sheet recommended -o sheet.pdf", "cad bom")
     sheet, bom = loaded_by(*bodies, cwd=tmp_path, watched=REGISTRY)
     assert sheet == set()

@@ -24,11 +24,7 @@ def main() -> None:
     stage.home()
     try:
         for name, z_mm, feed in (
-            (
-                "over the face",
-                CLEAR_MM,
-                600.0,
-            ),  # grblHAL's simulator is slow at first
+            ("over the face", CLEAR_MM, 600.0),  # grblHAL's simulator is slow at first
             ("approach", ABOVE_MM, 600.0),
             ("press", DEEP_MM, FEED_MM_MIN),
             ("retract", CLEAR_MM, 600.0),

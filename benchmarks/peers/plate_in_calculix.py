@@ -50,11 +50,7 @@ class Solution:
 
 
 def solve(
-    plate: PlateShape,
-    force_n: float,
-    spread_mm: float,
-    folder: Path,
-    step_mm: float = 1.0,
+    plate: PlateShape, force_n: float, spread_mm: float, folder: Path, step_mm: float = 1.0
 ) -> Solution:
     """The plate from z = 0 (back) to its thickness under a press on its front, towards -z.
 

@@ -63,10 +63,7 @@ FILE_KINDS = _by_name(
         "fabricate.cad.design:CameraList",
     ),
     FileKind(
-        "parts",
-        "cad",
-        "suppliers of the items to buy",
-        "fabricate.cad.fabrication.bom:BoughtParts",
+        "parts", "cad", "suppliers of the items to buy", "fabricate.cad.fabrication.bom:BoughtParts"
     ),
 )
 _OF_EACH = "that `measure --out` writes for each image"

@@ -88,10 +88,7 @@ def test_check_has_force_and_plate_rows() -> None:
         (replace(REAL, stage_n=(5, 60, 60)), ["tangential force", "> 5 at", "max_force_n (N)"]),
         (replace(REAL, sensor_n=(25, 25, 10)), ["normal force", "> 10 at", "[force] range_n"]),
         (replace(REAL, sensor_n=(25, 5, 35)), ["tangential force", "> 5 at", "[force] range_n"]),
-        (
-            replace(REAL, sensor_nmm=(250, 20, 250)),
-            ["moment about y", "> 20 at", "range_nmm (N"],
-        ),
+        (replace(REAL, sensor_nmm=(250, 20, 250)), ["moment about y", "> 20 at", "range_nmm (N"]),
     ],
 )
 def test_real_rig_refuses_each_exceeded_limit(

@@ -19,8 +19,7 @@ def peak(normal_n: float, depth_mm: float = 5.0, at_mm=(0.0, 0.0)) -> Peak:
 
 @pytest.mark.parametrize("simulated", [True, False])
 @pytest.mark.parametrize(
-    ("normal_n", "over"),
-    [(25.0, []), (55.0, NAMES[1:2]), (70.0, NAMES[1:]), (271.0, NAMES)],
+    ("normal_n", "over"), [(25.0, []), (55.0, NAMES[1:2]), (70.0, NAMES[1:]), (271.0, NAMES)]
 )
 def test_excess_stress_fails_on_real_rig(normal_n, over, simulated):
     rows = plate_checks([peak(1.0), peak(normal_n)], DESIGN, simulated)

@@ -308,12 +308,7 @@ def rehearse(protocol: str, name: str, thorough: bool, out: Path | None) -> Answ
     whether --resume gives the same record. No device is opened. Exit code 1 if a fault has another
     outcome than required.
     """
-    from deltact_fab.bench import (
-        check_limits,
-        expand_protocol,
-        load_protocol,
-        load_rig,
-    )
+    from deltact_fab.bench import check_limits, expand_protocol, load_protocol, load_rig
     from deltact_fab.common import Check, require_pages
     from deltact_fab.fabricate import load_design
     from deltact_fab.simulate import FaultScenario

@@ -330,12 +330,7 @@ class RunWriter:
 
 
 def _step_columns(step: Step) -> TableRow:
-    return {
-        "step_id": step.id,
-        "press": step.press,
-        "indenter": step.indenter,
-        "kind": step.kind,
-    }
+    return {"step_id": step.id, "press": step.press, "indenter": step.indenter, "kind": step.kind}
 
 
 def _log_row(kind: str, text: str, t_s: float | None = None, step: Step | None = None) -> TableRow:

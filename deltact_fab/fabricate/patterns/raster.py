@@ -102,9 +102,7 @@ def raster_window(recipe: PatternRecipe, dpi: float, side_px: int) -> NDArray[np
 
 
 def pattern_albedo(
-    recipe: PatternRecipe,
-    mm_per_px: float,
-    size_px: tuple[int, int] | None = None,
+    recipe: PatternRecipe, mm_per_px: float, size_px: tuple[int, int] | None = None
 ) -> NDArray[np.float32]:
     """Designed colour of the sticker, (h, w, 3) float32 RGB in 0..1, linear in the file's value.
 

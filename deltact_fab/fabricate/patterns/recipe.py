@@ -106,13 +106,11 @@ class PatternRecipe(Table, strict=True):
     size_mm: Annotated[float, Field(ge=1, le=300)] = 35.0
     """Requested side of the sticker; printed up to a patch smaller, in whole patches."""
     patch_mm: Annotated[
-        Annotated[float, Field(gt=0, le=300)] | None,
-        Field(validate_default=True, examples=[0.4]),
+        Annotated[float, Field(gt=0, le=300)] | None, Field(validate_default=True, examples=[0.4])
     ] = None
     """Side of a patch, d of the paper."""
     r: Annotated[
-        Annotated[float, Field(ge=0, lt=1)] | None,
-        Field(validate_default=True, examples=[0.6]),
+        Annotated[float, Field(ge=0, lt=1)] | None, Field(validate_default=True, examples=[0.6])
     ] = None
     """Randomness regulation factor of the paper: least squared difference, values in 0..1."""
     channels: Literal[1, 3] = 3
@@ -123,8 +121,7 @@ class PatternRecipe(Table, strict=True):
     ] = None
     """Sides of the blocks that law `octave` adds, whole multiples of patch_mm, rising."""
     weights: Annotated[
-        tuple[Weight, ...] | None,
-        Field(validate_default=True, examples=[[1.0, 1.0, 1.0, 1.0]]),
+        tuple[Weight, ...] | None, Field(validate_default=True, examples=[[1.0, 1.0, 1.0, 1.0]])
     ] = None
     """Weight of each scale, 0.01 to 100; equal if not set."""
     dots: Annotated[DotGrid | None, Field(validate_default=True)] = None

@@ -38,10 +38,7 @@ from .quality.measure import STANDARD_MM_PER_PX, driver_image, measure_quality, 
 from .recipe import DEFAULT_SEED, PatternRecipe
 from .sheet import job as sheet
 
-SERIES_GRIDS = (
-    ((0.1, 0.15, 0.2), (0.1, 0.3, 0.5)),
-    ((0.05, 0.075, 0.1), (0.4, 0.5, 0.6)),
-)
+SERIES_GRIDS = (((0.1, 0.15, 0.2), (0.1, 0.3, 0.5)), ((0.05, 0.075, 0.1), (0.4, 0.5, 0.6)))
 """(d in mm, r) of the two rounds of the paper's Pattern Selection.
 
 The second is printed as d in {0.5, 0.75, 0.1}, read as 0.05 and 0.075: the text that follows names

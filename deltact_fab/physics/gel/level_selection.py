@@ -9,13 +9,7 @@ from __future__ import annotations
 import math
 
 from deltact_fab.common import InputError
-from deltact_fab.sensor import (
-    GEL_LEVELS,
-    MAX_LINEAR_POISSON,
-    GelMaterial,
-    Indenter,
-    SkinDimensions,
-)
+from deltact_fab.sensor import GEL_LEVELS, MAX_LINEAR_POISSON, GelMaterial, Indenter, SkinDimensions
 
 from .finite.material import MAX_FINITE_POISSON
 from .finite.mesh import CELL_GROWTH, unknowns

@@ -20,11 +20,7 @@ from deltact_fab.common import (
     Progress,
     TimeLimit,
 )
-from deltact_fab.sensor import (
-    GelMaterial,
-    Indenter,
-    SkinDimensions,
-)
+from deltact_fab.sensor import GelMaterial, Indenter, SkinDimensions
 
 from . import time_limit
 from .error_control import MeshConvergence, RefinedPress

@@ -12,12 +12,7 @@ class ShapeError(ValueError):
 
 
 def bounded_number(
-    default: float,
-    meaning: str,
-    low: float,
-    high: float,
-    *,
-    unverified: bool = False,
+    default: float, meaning: str, low: float, high: float, *, unverified: bool = False
 ) -> Any:
     """Create a field of a frozen dimension record.
 

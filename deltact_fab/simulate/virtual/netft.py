@@ -17,11 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.bench import (
-    ForceConfig,
-    NetFTSensor,
-    NetFTSettings,
-)
+from deltact_fab.bench import ForceConfig, NetFTSensor, NetFTSettings
 from deltact_fab.common import DeltactFabError, to_ns
 
 from .clock import Ticks, VirtualClock

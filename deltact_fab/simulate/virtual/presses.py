@@ -28,12 +28,7 @@ from deltact_fab.physics import (
     open_path,
     poisson_limit,
 )
-from deltact_fab.sensor import (
-    GelMaterial,
-    SensorDimensions,
-    SkinDimensions,
-    parse_indenter,
-)
+from deltact_fab.sensor import GelMaterial, SensorDimensions, SkinDimensions, parse_indenter
 
 NEAR_MM = 2e-3  # by hand: a motor step and its rounding
 REST_GROWTH = 1.5  # measured: see `rest_s`, error of at most 0.012 of a branch

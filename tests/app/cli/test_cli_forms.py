@@ -42,22 +42,14 @@ def test_output_options_are_uniform() -> None:
     [
         (False, "held", "held: is a folder; expected a file name"),
         (False, "gone/x.toml", "gone/x.toml: no folder gone; create it first"),
-        (
-            False,
-            "locked/x.toml",
-            "locked/x.toml: cannot be written: locked is read-only",
-        ),
+        (False, "locked/x.toml", "locked/x.toml: cannot be written: locked is read-only"),
         (True, "file", "file: is a file, not a folder"),
         (True, "file/x/y", "file: is a file, not a folder"),
         (True, "locked/x", "locked/x: cannot be written: .*locked is read-only"),
     ],
 )
 def test_unwritable_output_is_refused_first(
-    folder: bool,
-    place: str,
-    says: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    folder: bool, place: str, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     for name in ("held", "locked"):

@@ -127,9 +127,7 @@ def test_dry_run_queries_devices_without_motion(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_sigterm_lifts_and_keeps_the_record(
-    tmp_path: Path,
-) -> None:
+def test_sigterm_lifts_and_keeps_the_record(tmp_path: Path) -> None:
     with board(arduino=True) as it:
         protocol, rig = files(tmp_path, it)
         slow = Path(protocol).read_text().replace("settle_s = 0.02", "settle_s = 4.0")

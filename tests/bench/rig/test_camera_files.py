@@ -15,12 +15,7 @@ import numpy as np
 import pytest
 from looked import to_the_end
 
-from deltact_fab.bench.rig.camera.model import (
-    load_view,
-    open_camera,
-    take_photograph,
-    view_notes,
-)
+from deltact_fab.bench.rig.camera.model import load_view, open_camera, take_photograph, view_notes
 from deltact_fab.bench.rig.check import camera_rows
 from deltact_fab.bench.rig.devices import HostDevice, list_cameras
 from deltact_fab.bench.rig.interface import WallClock

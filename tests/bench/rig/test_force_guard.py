@@ -197,9 +197,7 @@ def test_lost_sensor_and_homing_are_stopped(bench: Bench) -> None:
     assert trip.record_ns is None
 
 
-def test_blind_guard_stops_short_delay_noted(
-    bench: Bench,
-) -> None:
+def test_blind_guard_stops_short_delay_noted(bench: Bench) -> None:
     bench.stage.start_move((0.0, 0.0, -10.0), 600)
     bench.watched(0.2, old_s=0.09)
     assert not bench.guard.tally.total

@@ -145,9 +145,7 @@ def test_bad_answer_fails_a_move(monkeypatch: pytest.MonkeyPatch, answer: bytes,
     assert port.left == []
 
 
-def test_lost_answer_ends_only_gel_moves(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_lost_answer_ends_only_gel_moves(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = (b"?", IDLE % b"-1.000,-1.000,-1.000")
     press = JOG.replace(b"Z-15.0", b"Z-19.5")
     above = [(JOG, b""), asked, (JOG, b"ok\r\n")]

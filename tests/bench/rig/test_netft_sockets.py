@@ -176,9 +176,7 @@ def test_silence_is_error_within_its_limit() -> None:
         sensor.close()
 
 
-def test_unreachable_disabled_or_wrong_box_refused(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_unreachable_disabled_or_wrong_box_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     with NetFTServer(Hand()) as box:
         with pytest.raises(InputError, match=r"serial number 'FT00001'.*serial = 'FT11564'"):
             fetch_settings(way(box, serial="FT11564"))

@@ -22,10 +22,7 @@ LENS = Lens()
 VIEW = Rectified.from_sensor(SensorDimensions(), Fisheye(f_px=LENS.f_px))
 MOTION = Motion(press_mm=2.0, drag_mm=(3.0, 0.0), twist_rad=0.1)
 STEPS = 8
-CAMERAS = {
-    "edge-aware": Imaging(jpeg=0, demosaic="COLOR_BayerRG2BGR_EA"),
-    "4:2:0": Imaging(),
-}
+CAMERAS = {"edge-aware": Imaging(jpeg=0, demosaic="COLOR_BayerRG2BGR_EA"), "4:2:0": Imaging()}
 PATTERNS = {"coarse": (0.15, 0.1), "dense": (0.075, 0.6)}
 GOALS_MM = {"coarse": (0.0025, 0.9), "dense": (0.009, 0.7)}
 """Mean over the confident, and the share of the face that they are."""

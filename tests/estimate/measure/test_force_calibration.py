@@ -41,9 +41,7 @@ def written(tmp_path: Path) -> tuple[ForceCalibration, Path]:
     return made, tmp_path / "c.toml"
 
 
-def test_old_feature_names_are_mapped(
-    written: tuple[ForceCalibration, Path],
-) -> None:
+def test_old_feature_names_are_mapped(written: tuple[ForceCalibration, Path]) -> None:
     _, path = written
     path.write_text(path.read_text().replace('"sums"', '"inverse"'))
     assert load_force(path).model.features == "inverse-placed"

@@ -39,9 +39,7 @@ def test_unchanged_face_is_fit(look: Callable[..., Health]) -> None:
     assert found.as_dict()["fit"] is True
 
 
-def test_slipped_pattern_is_refused_beyond_limit(
-    look: Callable[..., Health],
-) -> None:
+def test_slipped_pattern_is_refused_beyond_limit(look: Callable[..., Health]) -> None:
     little = look(shift_px=(3.0, -2.0))
     assert little.fit
     assert little.shift_mm == pytest.approx((3 * SCALE, -2 * SCALE), abs=0.002)

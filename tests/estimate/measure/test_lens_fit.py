@@ -81,10 +81,7 @@ def test_wetted_and_air_boards_calibrate_lens() -> None:
         ({"board": Checkerboard(7, 5, 5.0, skin=True)}, r"of the face: 0.\d+ px, one sigma .limit"),
         ({"board": SKIN, "printed": (1.003, 1.0)}, "along y are 0.2.% shorter than along x"),
         ({"board": SKIN, "outliers": 70}, "board.png: corner residuals of 1.* px rms"),
-        (
-            {"board": SKIN, "noise_px": 0.3},
-            r"residuals of 0\.\d+ px rms .limit 0.25.: blurred",
-        ),
+        ({"board": SKIN, "noise_px": 0.3}, r"residuals of 0\.\d+ px rms .limit 0.25.: blurred"),
         ({"board": PLATE, "pose": at(0, 0, 6, 15), "contact": False}, "not flat on the face"),
     ],
     ids=["small", "coarse", "stretched", "misread", "noisy", "in-air"],

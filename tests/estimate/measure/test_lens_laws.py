@@ -109,8 +109,7 @@ def test_other_lens_model_within_its_sigmas() -> None:
 
 
 @pytest.mark.parametrize(
-    "in_air",
-    [pytest.param(0, marks=pytest.mark.slow), pytest.param(6, marks=pytest.mark.evidence)],
+    "in_air", [pytest.param(0, marks=pytest.mark.slow), pytest.param(6, marks=pytest.mark.evidence)]
 )
 def test_lens_error_is_within_sigmas(in_air: int) -> None:
     require_honest(

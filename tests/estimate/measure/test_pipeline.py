@@ -91,9 +91,7 @@ def test_pipeline_equals_sequential_bitwise(images: list[np.ndarray], model: For
     assert all(result.age_ms > 0 and result.trusted for result in side_by_side)
 
 
-def test_reset_applies_to_later_images_only(
-    images: list[np.ndarray],
-):
+def test_reset_applies_to_later_images_only(images: list[np.ndarray]):
     measurement = Measurement(CAMERA)
     alone = [measurement.update(image) for image in images[4:]]
     whole = [measurement.update(image).frame for image in images[:1]]
@@ -137,9 +135,7 @@ def test_image_error_raised_by_its_result(images: list[np.ndarray]):
     assert [one.frame for one in (first, third) if one is not None] == [0, 1]
 
 
-def test_newest_image_measured_and_drops_counted(
-    images: list[np.ndarray],
-):
+def test_newest_image_measured_and_drops_counted(images: list[np.ndarray]):
     with Pipeline(Measurement(CAMERA), "newest") as pipeline:
         for k in range(40):
             pipeline.submit(images[k % len(images)])

@@ -109,10 +109,7 @@ def test_dependent_column_is_dropped_and_named():
     fit = least_squares(copies, Y, names, PRESSES)
     plain = least_squares(COLUMNS, Y, NAMES, PRESSES)
     assert fit.dropped == ("mix", "dead")
-    assert fit.notes == (
-        "mix depends on D, D^2 and was dropped",
-        "dead is zero and was dropped",
-    )
+    assert fit.notes == ("mix depends on D, D^2 and was dropped", "dead is zero and was dropped")
     assert fit.coefficients == pytest.approx((*plain.coefficients, 0, 0), rel=1e-9)
     assert fit.intervals[3:] == ((0, 0), (0, 0))
     assert np.array(fit.intervals[:3]) == pytest.approx(np.array(plain.intervals), rel=1e-9)

@@ -18,13 +18,7 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.fabricate.cad import registry
 from deltact_fab.fabricate.cad.build import build_part
 from deltact_fab.fabricate.cad.design import load_design
-from deltact_fab.fabricate.cad.drafting.dimensioning import (
-    Callouts,
-    Leader,
-    Span,
-    fmt,
-    toleranced,
-)
+from deltact_fab.fabricate.cad.drafting.dimensioning import Callouts, Leader, Span, fmt, toleranced
 from deltact_fab.fabricate.cad.drafting.drawing import STANDARD_SCALES, drawing
 from deltact_fab.fabricate.cad.drafting.page import (  # fmt: skip
     BORDER_MM,

@@ -63,8 +63,7 @@ def test_wrong_design_file_gives_one_line(tmp_path):
 
 def test_set_changes_numbers_words_and_lists():
     design = load_design(
-        "deltact",
-        ["skin.width_mm=44", "mount.kind=plate", 'camera.measured=["focal_length_mm"]'],
+        "deltact", ["skin.width_mm=44", "mount.kind=plate", 'camera.measured=["focal_length_mm"]']
     )
     assert design.skin.width_mm == 44
     assert design.mount.kind == "plate"

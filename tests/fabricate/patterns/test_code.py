@@ -13,11 +13,7 @@ from hypothesis import strategies as st
 from deltact_fab.common import catalog, validate
 from deltact_fab.common.errors import InputError
 from deltact_fab.fabricate.patterns.code import decode_recipe, encode
-from deltact_fab.fabricate.patterns.recipe import (
-    PatternRecipe,
-    choose_recipe,
-    load_recipe,
-)
+from deltact_fab.fabricate.patterns.recipe import PatternRecipe, choose_recipe, load_recipe
 
 SMALL = choose_recipe(None, 0.5, 0.1, size_mm=5.0)
 CODE = encode(SMALL)

@@ -19,10 +19,7 @@ from deltact_fab.fabricate.patterns.laws import PATTERN_LAWS
 from deltact_fab.fabricate.patterns.laws.octave import SumOfUniforms, block_sums
 from deltact_fab.fabricate.patterns.laws.plain import inner_corners
 from deltact_fab.fabricate.patterns.raster import make_pattern, pattern_albedo
-from deltact_fab.fabricate.patterns.recipe import (
-    PatternRecipe,
-    load_recipe,
-)
+from deltact_fab.fabricate.patterns.recipe import PatternRecipe, load_recipe
 from deltact_fab.sensor.shapes.sensor import SensorDimensions
 
 EXTRA = {"algorithm1": {"r": 0.3}, "octave": {"scales_mm": [0.1, 0.2, 0.4]}}

@@ -17,11 +17,7 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.fabricate.patterns.code import encode, patches_hash
 from deltact_fab.fabricate.patterns.metadata import read_recipe
 from deltact_fab.fabricate.patterns.raster import checked_mm_per_px, make_pattern, raster
-from deltact_fab.fabricate.patterns.recipe import (
-    PatternRecipe,
-    choose_recipe,
-    load_recipe,
-)
+from deltact_fab.fabricate.patterns.recipe import PatternRecipe, choose_recipe, load_recipe
 from deltact_fab.fabricate.patterns.sheet import job as sheet
 from deltact_fab.fabricate.patterns.sheet.layout import Sheet
 

@@ -27,11 +27,7 @@ from deltact_fab.fabricate.patterns.quality.measure import (
     measure_quality,
     photograph,
 )
-from deltact_fab.fabricate.patterns.recipe import (
-    PatternRecipe,
-    choose_recipe,
-    load_recipe,
-)
+from deltact_fab.fabricate.patterns.recipe import PatternRecipe, choose_recipe, load_recipe
 from deltact_fab.physics.imaging import print_colours
 from deltact_fab.sensor.shapes.imaging import ImageSensor, Printer
 

@@ -15,12 +15,7 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.fabricate.patterns.dots import check_inside
 from deltact_fab.fabricate.patterns.metadata import read_recipe
 from deltact_fab.fabricate.patterns.raster import make_pattern, pattern_albedo, raster
-from deltact_fab.fabricate.patterns.recipe import (
-    DotGrid,
-    PatternRecipe,
-    choose_recipe,
-    load_recipe,
-)
+from deltact_fab.fabricate.patterns.recipe import DotGrid, PatternRecipe, choose_recipe, load_recipe
 from deltact_fab.sensor.shapes.sensor import SensorDimensions
 
 PLAIN = choose_recipe(None, 0.15, 0.1, size_mm=9.0)

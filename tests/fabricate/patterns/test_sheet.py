@@ -17,11 +17,7 @@ from deltact_fab.common import validate
 from deltact_fab.common.errors import InputError
 from deltact_fab.fabricate.patterns.cell_grid import CellGrid
 from deltact_fab.fabricate.patterns.raster import raster
-from deltact_fab.fabricate.patterns.recipe import (
-    PatternRecipe,
-    choose_recipe,
-    load_recipe,
-)
+from deltact_fab.fabricate.patterns.recipe import PatternRecipe, choose_recipe, load_recipe
 from deltact_fab.fabricate.patterns.sheet import job as sheet
 from deltact_fab.fabricate.patterns.sheet import layout
 from deltact_fab.fabricate.patterns.sheet.layout import Sheet, width_mm
@@ -195,11 +191,7 @@ D = choose_recipe
 @pytest.mark.parametrize(
     ("recipe", "options", "says"),
     [
-        (
-            D(None, 0.02, 0.1, 20.0),
-            {},
-            "larger than a patch (0.02 mm); use 1270",
-        ),
+        (D(None, 0.02, 0.1, 20.0), {}, "larger than a patch (0.02 mm); use 1270"),
         (load_recipe("dots"), {"dpi": 100}, "a quarter of a marker dot"),
         (D(None, 1, 0.1, 300.0), {"dpi": 600}, "do not fit on the paper"),
         (PLAIN, {"scale": (1.2, 1.0)}, "scale x: 1.2 must be 0.9 to 1.1"),

@@ -14,11 +14,7 @@ import pytest
 
 from deltact_fab.common import validate
 from deltact_fab.fabricate.patterns.code import decode_recipe
-from deltact_fab.fabricate.patterns.recipe import (
-    PatternRecipe,
-    choose_recipe,
-    load_recipe,
-)
+from deltact_fab.fabricate.patterns.recipe import PatternRecipe, choose_recipe, load_recipe
 from deltact_fab.fabricate.patterns.sheet import job as sheet
 from deltact_fab.fabricate.patterns.sheet.page_marks import INK_PATCHES
 

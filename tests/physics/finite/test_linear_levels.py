@@ -83,11 +83,7 @@ def held(nu: float, thickness: float, radius: float, depth: float) -> Held:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("nu", "thickness", "radius", "depth"),
-    [
-        (0.35, 9.0, 8.0, 0.45),
-        (0.499, 8.0, 6.0, 0.4),
-    ],
+    ("nu", "thickness", "radius", "depth"), [(0.35, 9.0, 8.0, 0.45), (0.499, 8.0, 6.0, 0.4)]
 )
 def test_linear_level_error_within_estimate(
     nu: float, thickness: float, radius: float, depth: float

@@ -254,11 +254,7 @@ def test_large_strain_is_flagged(face: FreeBlock) -> None:
     ],
 )
 def test_refusals(
-    face: FreeBlock,
-    name: str,
-    tip: tuple[float, float, float],
-    error: type[Exception],
-    words: str,
+    face: FreeBlock, name: str, tip: tuple[float, float, float], error: type[Exception], words: str
 ) -> None:
     contact = LinearContact(face, parse_indenter(name), friction=0)
     with pytest.raises(error, match=words) as caught:

@@ -223,9 +223,7 @@ def test_parts_as_one_keep_every_count() -> None:
     assert IncrementDiagnostics.combine([first, last]) == replace(last, **dict.fromkeys(counts, 7))
 
 
-def test_unconverged_increment_is_halved(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_unconverged_increment_is_halved(monkeypatch: pytest.MonkeyPatch) -> None:
     contact = opened("linear", [(0.0, 0.0, 1.0), (1.0, 0.0, 1.0)], spacing_mm=0.5)
     assert isinstance(contact, LinearGel)
     pressed = contact.solve(contact.rest(), (0.0, 0.0, 1.0))

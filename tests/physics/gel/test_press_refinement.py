@@ -190,9 +190,7 @@ def test_time_limit_returns_best_mesh(clock_s: list[float]) -> None:
     assert not within(100).limited
 
 
-def test_short_limit_starts_coarser(
-    clock_s: list[float],
-) -> None:
+def test_short_limit_starts_coarser(clock_s: list[float]) -> None:
     def unknowns(choice: Choice) -> int:
         return int(3e5 / choice.spacing_mm**2.5)
 

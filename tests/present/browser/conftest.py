@@ -86,8 +86,7 @@ def opened(browser: Browser) -> Iterator[Callable[..., Page]]:
 
 @pytest.fixture(scope="session")
 def pages(
-    made_once: Callable[[str, Callable[[Path], object]], Path],
-    request: pytest.FixtureRequest,
+    made_once: Callable[[str, Callable[[Path], object]], Path], request: pytest.FixtureRequest
 ) -> Callable[[str], Path]:
     """A page of each kind that is written, made once for all workers, when it is asked for."""
     from made_up_study import study

@@ -307,10 +307,7 @@ def test_invalid_input_is_one_line(tmp_path):
         (["images"], "RECIPE: missing; a name of `pattern list` or a recipe's file"),
         (["images", "dens"], "did you mean 'dense'?"),
         (["images", "dense", "--serial", "../x"], "--serial '../x': use letters, digits"),
-        (
-            ["images", "dense"],
-            "image 0 has 64 x 48 px; the design camera has 1280 x 720 px",
-        ),
+        (["images", "dense"], "image 0 has 64 x 48 px; the design camera has 1280 x 720 px"),
         (["images", "chessboard"], "chessboard: not a dense pattern"),
         (["images", "dense", "--step", "images"], "images: not a run folder"),
     ):

@@ -74,9 +74,7 @@ def test_foreign_requests_are_rejected(page: LivePage, asked: list[str]) -> None
 
 
 @pytest.mark.slow
-def test_stalled_browser_blocks_nothing(
-    page: LivePage,
-) -> None:
+def test_stalled_browser_blocks_nothing(page: LivePage) -> None:
     """Every result is some megabytes: more than the buffers between server and browser take."""
     show(page, 0, 1 << 20)
     deaf = socket.create_connection(("127.0.0.1", page.port))

@@ -14,8 +14,7 @@ PLATE = (2.0, 12.0)
 
 
 @pytest.mark.parametrize(
-    ("gap_mm", "radius_mm", "degrees"),
-    [(3.0, 15.1, 58), (3.0, 18.7, 67), (0.5, 11.1, 58)],
+    ("gap_mm", "radius_mm", "degrees"), [(3.0, 15.1, 58), (3.0, 18.7, 67), (0.5, 11.1, 58)]
 )
 def test_half_angles_of_papers_sensing_area(gap_mm, radius_mm, degrees):
     found = math.degrees(LayeredPath(gap_mm, *PLATE).half_angle_rad(radius_mm))

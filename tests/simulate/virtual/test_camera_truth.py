@@ -37,9 +37,7 @@ def random_design(seed: int) -> Design:
             crop_height_px=2 * round(370 * finer),
         ),
         optics=replace(
-            base.optics,
-            air_gap_mm=rng.uniform(2.5, 4.0),
-            acrylic_mm=rng.uniform(1.5, 4.0),
+            base.optics, air_gap_mm=rng.uniform(2.5, 4.0), acrylic_mm=rng.uniform(1.5, 4.0)
         ),
         skin=replace(base.skin, thickness_mm=rng.uniform(10.0, 14.0)),
     )

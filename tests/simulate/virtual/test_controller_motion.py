@@ -56,11 +56,7 @@ def test_speed_and_acceleration_stay_within_limits(
 
 @given(point, point, speed, accel, st.floats(0, 1))
 def test_braking_is_smooth_within_the_line(
-    a: tuple[float, float, float],
-    b: tuple[float, float, float],
-    v: float,
-    acc: float,
-    when: float,
+    a: tuple[float, float, float], b: tuple[float, float, float], v: float, acc: float, when: float
 ) -> None:
     move = trapezoid(a, b, v, acc, 0)
     t = int(when * move.end_ns)

@@ -68,11 +68,7 @@ def off(a: SolvedKnot, b: SolvedKnot) -> tuple[float, float, float]:
 
 
 @pytest.mark.parametrize(
-    ("level", "number"),
-    [
-        ("linear", 2),
-        pytest.param("hyperelastic", 1, marks=pytest.mark.slow),
-    ],
+    ("level", "number"), [("linear", 2), pytest.param("hyperelastic", 1, marks=pytest.mark.slow)]
 )
 def test_mirror_image_matches_own_solve(
     level: str, number: int, monkeypatch: pytest.MonkeyPatch

@@ -15,12 +15,7 @@ from deltact_fab.sensor.optics.lattice import PointSampler, SurfaceLattice
 from deltact_fab.sensor.optics.rectified import Rectified
 from deltact_fab.sensor.shapes.imaging import CAMERA_GAMMA, ImageSensor
 from deltact_fab.sensor.shapes.sensor import SensorDimensions
-from deltact_fab.simulate.virtual.picture import (
-    BAND_PX,
-    FrameRenderer,
-    PictureGeometry,
-    RawView,
-)
+from deltact_fab.simulate.virtual.picture import BAND_PX, FrameRenderer, PictureGeometry, RawView
 
 CAMERA = Pinhole(0.0378, 160, 120, 12.85)
 LATTICE = SurfaceLattice(-7.0, -6.0, 0.25, 57, 49)

@@ -27,8 +27,7 @@ def _coverage(count: int, figure, truth: float, trials: int = 400) -> float:
 
 @pytest.mark.parametrize("count", [4, 9])
 @pytest.mark.parametrize(
-    ("figure", "truth"),
-    [(intervals.mean, 0.0), (intervals.rmse, math.sqrt(1 + GROUP_SD**2))],
+    ("figure", "truth"), [(intervals.mean, 0.0), (intervals.rmse, math.sqrt(1 + GROUP_SD**2))]
 )
 def test_interval_has_nominal_coverage(count, figure, truth):
     """95 % nominal; 400 trials have a standard error of 1.1 %."""
@@ -65,12 +64,7 @@ def test_few_groups_have_no_interval(groups, over):
 
 
 @pytest.mark.parametrize(
-    ("values", "groups"),
-    [
-        ([1.0, 2.0], ["a"]),
-        ([], []),
-        ([1.0, math.nan], ["a", "b"]),
-    ],
+    ("values", "groups"), [([1.0, 2.0], ["a"]), ([], []), ([1.0, math.nan], ["a", "b"])]
 )
 def test_invalid_input_is_refused(values, groups):
     with pytest.raises(InputError, match="as many as groups"):

@@ -15,10 +15,7 @@ from deltact_fab.common import validate
 from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.analysis.tracking_error.tally import ErrorTally
 from deltact_fab.fabricate.patterns.raster import checked_mm_per_px
-from deltact_fab.fabricate.patterns.recipe import (
-    PatternRecipe,
-    load_recipe,
-)
+from deltact_fab.fabricate.patterns.recipe import PatternRecipe, load_recipe
 from deltact_fab.studies.study.pattern_errors import OUR_FLOW, PatternErrors, PressErrors
 from deltact_fab.studies.study.pattern_search import open_bench
 from deltact_fab.studies.study.registry import StudyRequest, run_study

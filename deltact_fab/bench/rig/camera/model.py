@@ -14,13 +14,7 @@ from typing import Any
 import numpy as np
 
 from deltact_fab.common import InputError, Note, make_folder, write_whole
-from deltact_fab.sensor import (
-    CameraModel,
-    Fisheye,
-    Rectified,
-    SensorDimensions,
-    load_camera,
-)
+from deltact_fab.sensor import CameraModel, Fisheye, Rectified, SensorDimensions, load_camera
 
 from ...record.images import encode_png
 from ..interface import Camera, Clock, WallClock

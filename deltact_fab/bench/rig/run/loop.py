@@ -71,10 +71,7 @@ class Loop:
     """
 
     def __init__(
-        self,
-        name: str,
-        step: Callable[[], None],
-        failed: Callable[[BaseException], None],
+        self, name: str, step: Callable[[], None], failed: Callable[[BaseException], None]
     ) -> None:
         self.name = name
         self._step = step

@@ -47,13 +47,7 @@ class DotTracker:
     InputError for anything else.
     """
 
-    def __init__(
-        self,
-        rest_px: Array,
-        diameter_px: float,
-        *,
-        polarity: Polarity = "white",
-    ) -> None:
+    def __init__(self, rest_px: Array, diameter_px: float, *, polarity: Polarity = "white") -> None:
         rest = np.asarray(rest_px, dtype=np.float64)
         if rest.ndim != 2 or rest.shape[1] != 2 or len(rest) < 4 or not np.isfinite(rest).all():
             raise InputError(

@@ -151,8 +151,7 @@ class CastingScenes:
         a, b = (side + 2 * self._d.mold.web_mm for side in self._d.frame_outer_mm)
         around = self._box(a, b, -1.0, 100.0)
         return self._map(
-            self._part("mold"),
-            lambda solid: solid.translate((-x, -y, 0)).intersect(around),
+            self._part("mold"), lambda solid: solid.translate((-x, -y, 0)).intersect(around)
         )
 
     def _poured(self, level_mm: float, tipped_deg: float = 0.0) -> list[PlacedPart]:

@@ -76,10 +76,7 @@ def grey_levels(image: Array) -> Field:
 
 def gradient(shade: Field) -> tuple[Field, Field]:
     """Central differences (x, y) of an image (h, w), each (h - 2, w - 2)."""
-    return (
-        (shade[1:-1, 2:] - shade[1:-1, :-2]) / 2,
-        (shade[2:, 1:-1] - shade[:-2, 1:-1]) / 2,
-    )
+    return ((shade[1:-1, 2:] - shade[1:-1, :-2]) / 2, (shade[2:, 1:-1] - shade[:-2, 1:-1]) / 2)
 
 
 def sssig(gx: Field, gy: Field, side_px: int = SUBSET_PX) -> tuple[float, float]:

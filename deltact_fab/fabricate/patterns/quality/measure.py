@@ -118,10 +118,7 @@ def measure_quality(
 
 
 def field_px(
-    recipe: PatternRecipe,
-    mm_per_dot: float,
-    mm_per_px: float,
-    view_mm: tuple[float, float] | None,
+    recipe: PatternRecipe, mm_per_dot: float, mm_per_px: float, view_mm: tuple[float, float] | None
 ) -> tuple[int, int]:
     """Size (h, w) of the field in camera pixels."""
     view_mm = view_mm or SensorDimensions().optics.view_mm

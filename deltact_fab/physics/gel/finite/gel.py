@@ -144,11 +144,7 @@ class FiniteGel(GelContact):
         return self._state(self.press.rest(tip_mm), jumped=False)
 
     def solve(
-        self,
-        previous: State,
-        tip_mm: Point,
-        seconds: float = 0.0,
-        guide: Guide | None = None,
+        self, previous: State, tip_mm: Point, seconds: float = 0.0, guide: Guide | None = None
     ) -> State:
         """One increment, halved where it does not converge.
 

@@ -140,11 +140,7 @@ def _first_solvable_mm(indenter: Indenter, h: float) -> float:
 
 
 def _linear_forces(
-    skin: SkinDimensions,
-    unit: GelMaterial,
-    indenter: Indenter,
-    at_mm: Point2,
-    first_mm: float,
+    skin: SkinDimensions, unit: GelMaterial, indenter: Indenter, at_mm: Point2, first_mm: float
 ) -> tuple[Field, Field, float] | None:
     """Return shallower depths, their linear normal forces, and the force at the first solved one.
 

@@ -25,10 +25,7 @@ SUBSET_SHARE = 0.7  # of a set of nodes: a smaller part gets an eigenvalue of it
 
 
 def normal_contact(
-    operator: BlockWindow,
-    pressure_mpa: Field,
-    rest_gap_mm: Field,
-    goal_mm: float,
+    operator: BlockWindow, pressure_mpa: Field, rest_gap_mm: Field, goal_mm: float
 ) -> tuple[Field, float, int]:
     """Solve p >= 0, gap >= 0, p gap = 0 at a given depth by Polonsky-Keer conjugate gradients.
 

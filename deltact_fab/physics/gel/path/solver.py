@@ -14,15 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import (
-    DeltactFabError,
-    Field,
-    InputError,
-    Note,
-    Point,
-    SolverError,
-    Store,
-)
+from deltact_fab.common import DeltactFabError, Field, InputError, Note, Point, SolverError, Store
 
 from .knots import KnotPose, Mirror, ObservedChannels, SolvedKnot
 

@@ -18,10 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltact_fab.common import Field
-from deltact_fab.fabricate import (
-    Algorithm1,
-    choose_recipe,
-)
+from deltact_fab.fabricate import Algorithm1, choose_recipe
 
 from ..engine import Case, CurveSetting, Engine, Work
 
