@@ -38,6 +38,10 @@ class Affine:
         return _grid(height, width) - [(width - 1) / 2, (height - 1) / 2]
 
 
+def _reference(image: Any) -> RefinementReference:
+    return RefinementReference(Plane.from_image(image))
+
+
 def _grid(height: int, width: int) -> Any:
     y, x = np.mgrid[0:height, 0:width].astype(float)
     return np.stack((x, y), -1)
@@ -66,7 +70,7 @@ def test_affine_motion_within_twentieth_pixel(motion, grey, scene):
     first, second = scene.picture(), scene.picture(motion, 1)
     if grey:
         first, second = to_gray(first), to_gray(second)
-    found = RefinementReference(Plane.from_image(first)).refine(Plane.from_image(second))
+    found = _reference(first).refine(Plane.from_image(second))
     error = off_px(found.flow_px, motion.flow_px(H, W))
     print(f"rms {np.sqrt(np.mean(error**2)):.4f} max {error.max():.3f} px")
     assert np.sqrt(np.mean(error**2)) < 0.05
@@ -85,9 +89,7 @@ def test_light_change_harmless_at_border(shift_px, gain, offset, make_scene):
     assert np.mean(lit == 0) < 0.01
     truth = to_half(motion.flow_px(H, W))
     start = np.ascontiguousarray(truth, np.float32)
-    found = (
-        RefinementReference(Plane.from_image(first)).refine(Plane.from_image(lit), start).flow_px
-    )
+    found = _reference(first).refine(Plane.from_image(lit), start).flow_px
     stays = np.s_[: H // 2 - 4, : W // 2 - 4]
     error = np.hypot(*np.moveaxis(found - truth, -1, 0))[stays]
     print(f"max {error.max():.3f} px")
@@ -96,7 +98,7 @@ def test_light_change_harmless_at_border(shift_px, gain, offset, make_scene):
 
 def test_restart_from_result_is_stable(scene):
     motion = Affine((1.2, 0.7), ((0.03, 0.0), (0.0, -0.02)))
-    reference = RefinementReference(Plane.from_image(scene.picture()))
+    reference = _reference(scene.picture())
     current = Plane.from_image(scene.picture(motion, 1))
     first = flow = reference.refine(current).flow_px
     for _ in range(30):
@@ -114,7 +116,7 @@ def test_deviation_equals_noise_error(noise, grey, make_scene):
     first, second = scene.picture(), scene.picture(Affine((0.5, 0.5)), 1)
     if grey:
         first, second = to_gray(first), to_gray(second)
-    found = RefinementReference(Plane.from_image(first)).refine(Plane.from_image(second))
+    found = _reference(first).refine(Plane.from_image(second))
     error = off_px(found.flow_px, Affine((0.5, 0.5)).flow_px(H, W))
     told = found.deviation_px[EDGE:-EDGE, EDGE:-EDGE]
     ratio = np.sqrt(np.mean(error**2) / np.mean(told**2))
@@ -124,19 +126,15 @@ def test_deviation_equals_noise_error(noise, grey, make_scene):
 
 def test_correlation_is_that_of_the_windows(scene, make_scene):
     image = to_gray(scene.picture())
-    same = RefinementReference(Plane.from_image(image)).evaluate(
+    same = _reference(image).evaluate(
         Plane.from_image(image), np.zeros((H // 2, W // 2, 2), np.float32)
     )
     assert same.correlation[1:-1, 1:-1].min() > 0.999
-    negative = RefinementReference(Plane.from_image(image)).evaluate(
-        Plane.from_image(255 - image), same.flow_px
-    )
+    negative = _reference(image).evaluate(Plane.from_image(255 - image), same.flow_px)
     assert negative.correlation[1:-1, 1:-1].max() < -0.999
     # By hand, at one node: the weights are those of the window, cell by cell.
     other = to_gray(make_scene(W, H, patch_mm=0.1, seed=9).picture())
-    found = RefinementReference(Plane.from_image(image)).evaluate(
-        Plane.from_image(other), same.flow_px
-    )
+    found = _reference(image).evaluate(Plane.from_image(other), same.flow_px)
     i, j = 60, 70
     cut = np.s_[2 * i - 10 : 2 * i + 12, 2 * j - 10 : 2 * j + 12]
     weight = np.repeat(WINDOW_WEIGHTS.astype(float), 2)
@@ -163,7 +161,7 @@ def test_node_is_centre_of_pixels(shape):
 
 def test_leaving_parts_do_not_disturb(scene):
     motion = Affine((45.0, -30.0))
-    reference = RefinementReference(Plane.from_image(scene.picture()))
+    reference = _reference(scene.picture())
     current = Plane.from_image(scene.picture(motion, 1))
     start = to_half(motion.flow_px(H, W)) + np.float32(0.8)
     found = reference.refine(current, start)

@@ -37,13 +37,13 @@ travel_feed_mm_min = 600.0
 press_feed_mm_min = 60.0
 shear_feed_mm_min = 60.0
 """
+PROTOCOL, RIG = Protocol.model_validate(tomllib.loads(TEXT)), config.load_rig("grbl-bench")[0]
+SCENARIO = FaultScenario.from_protocol(PROTOCOL, TEXT.encode(), RIG)
 
 
 @pytest.fixture(scope="module")
 def matrix(tmp_path_factory: pytest.TempPathFactory) -> FaultMatrix:
-    protocol = Protocol.model_validate(tomllib.loads(TEXT))
-    of = FaultScenario.from_protocol(protocol, TEXT.encode(), config.load_rig("grbl-bench")[0])
-    return FaultMatrix(tmp_path_factory.mktemp("bench"), of)
+    return FaultMatrix(tmp_path_factory.mktemp("bench"), SCENARIO)
 
 
 def fault(name: str) -> FaultKind:
@@ -66,8 +66,7 @@ def test_fault_meets_its_requirements(matrix: FaultMatrix, name: str, moment: st
 
 @pytest.mark.parametrize("kind", FAULT_KINDS, ids=lambda kind: kind.name)
 def test_every_fault_can_strike(kind: FaultKind) -> None:
-    protocol, rig = Protocol.model_validate(tomllib.loads(TEXT)), config.load_rig("grbl-bench")[0]
-    kind.strike(FaultBench(FaultScenario.from_protocol(protocol, TEXT.encode(), rig)), 9.0)
+    kind.strike(FaultBench(SCENARIO), 9.0)
 
 
 def test_continued_motion_is_detected(matrix: FaultMatrix) -> None:
