@@ -77,5 +77,5 @@ def test_harmonic_polynomial_is_h(name):
 def test_non_finite_field_is_refused(bad):
     field = np.zeros((8, 8, 2))
     field[3, 3, 0] = bad
-    with pytest.raises(InputError, match="not finite"):
+    with pytest.raises(InputError, match="non-finite"):
         Hodge(field)

@@ -154,5 +154,5 @@ def test_forces_are_derivatives_with_history():
 
 @pytest.mark.parametrize("bad", [-1.0, np.nan, -np.inf])
 def test_time_does_not_run_backwards(bad):
-    with pytest.raises(InputError, match="seconds >= 0"):
+    with pytest.raises(InputError, match="seconds must be >= 0"):
         viscosity().weights(bad)

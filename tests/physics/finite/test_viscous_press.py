@@ -137,7 +137,7 @@ def test_a_relaxing_gel_needs_the_time():
     with pytest.raises(InputError, match="needs the duration"):
         next(follow_path(press, press.rest(), DEEP, 1.0))
     for bad in (-1.0, np.nan):
-        with pytest.raises(InputError, match="seconds >= 0"):
+        with pytest.raises(InputError, match="seconds must be >= 0"):
             press.solve(press.rest(), DEEP, bad)
 
 
