@@ -100,9 +100,9 @@ def select_level(
         )  # fmt: skip
     mirrors = mirrors_of(indenter, reach)
     growth = min(CELL_GROWTH ** math.sqrt(tolerance / FORCE_TOLERANCE), MAX_GROWTH)
-    h, basis = cell_mm(skin, indenter, reach, tolerance)
-    if spacing_mm:
-        h, basis = spacing_mm, "requested"
+    h, basis = (
+        (spacing_mm, "requested") if spacing_mm else cell_mm(skin, indenter, reach, tolerance)
+    )
     required = h
     if spacing_mm is None and most_unknowns is not None:
         h = _affordable_mm(skin, indenter, reach, mirrors, h, most_unknowns, growth)

@@ -279,8 +279,8 @@ Window = Sequence[Sequence[float] | Array]
 def window_mm(picture: ShapeMaps) -> Window:
     """Shown part of the face around a press."""
     assert picture.edges_mm is not None, "a press with an image"
-    left_mm, right, top, bottom = picture.edges_mm
-    limits = zip(picture.tip_mm[:2], (left_mm, top), (right, bottom), strict=True)
+    x0, x1, y0, y1 = picture.edges_mm
+    limits = zip(picture.tip_mm[:2], (x0, y0), (x1, y1), strict=True)
     return [np.clip([mid - HALF_MM, mid + HALF_MM], low, high) for mid, low, high in limits]
 
 
@@ -320,8 +320,8 @@ def draw_flow(axis: Axes, picture: ShapeMaps) -> None:
     assert picture.image is not None, "a press with an image"
     assert picture.edges_mm is not None, "with it"
     rgb = (picture.image[..., ::-1].astype(float) * 0.6).astype(np.uint8)
-    left_mm, right, top, bottom = picture.edges_mm
-    axis.imshow(rgb, extent=(left_mm, right, bottom, top), interpolation="antialiased")
+    x0, x1, y0, y1 = picture.edges_mm
+    axis.imshow(rgb, extent=(x0, x1, y1, y0), interpolation="antialiased")
     shift_mm = np.where(picture.flow.known[..., None], picture.flow.shift_mm, np.nan)
     longest_mm = draw_arrows(axis, picture.flow.x_mm, picture.flow.y_mm, shift_mm, picture.tip_mm)
     axis.set_title(f"flow, at most {longest_mm:.2f} mm", fontsize=TITLE_SIZE)
