@@ -102,7 +102,7 @@ def _brick(side_mm: tuple[float, float, float], poisson: float) -> Field:
 
 MirrorSigns = tuple[int, int]
 
-MAX_LINEAR_POISSON = 0.4999  # by definition finite; a punch on a layer loses 0.04 % of force at most
+MAX_LINEAR_POISSON = 0.4999  # by definition finite; costs up to 0.04 % of the force of a punch
 SLAB_PAD = 2  # measured: costs 0.1 % of force against 3, docs/evidence/numerics.md
 CELLS_ALONG_SIDE = 24  # by hand: default along the longer side; finer costs minutes once
 MAX_CELLS_ALONG_SIDE = 36  # by hand: the same for a gel thinner than such a cell
