@@ -97,7 +97,7 @@ class RunRequest:
         )  # fmt: skip
 
     @property
-    def _in_contact(self) -> bool:
+    def _touches_face(self) -> bool:
         """True if a stage brings the tip to the face."""
         return not self.air and self.protocol.weights is None
 
@@ -106,7 +106,7 @@ class RunRequest:
         image_px, rig = rule.image_px(self.view, self.rig), self.rig
         return RunEstimate.from_protocol(
             self.protocol, image_px, rig.stage, self.steps, not rig.simulated,
-            self.kind.change_s(self.protocol) if self._in_contact else 0.0,
+            self.kind.change_s(self.protocol) if self._touches_face else 0.0,
         )  # fmt: skip
 
     def require(self) -> list[Note]:
@@ -132,7 +132,7 @@ class RunRequest:
         a simulated one those that are known already are taken.
         """
         rows = self._static_rows()
-        if self.rig.kind == "grbl" and self._in_contact:
+        if self.rig.kind == "grbl" and self._touches_face:
             unknown = self.kind.undeclared_lengths(self.protocol)
             status = graded(True, warns=bool(unknown))
             rows.append(Check("tool-lengths", "tool lengths", "unknown", len(unknown), 0, status,
@@ -166,15 +166,15 @@ class RunRequest:
         rows += rule.resource_checks(protocol, self.steps, rig, self.view, self.out)
         refused = kind.refusals(protocol, design, str(self.source))
         rows.append(Check.refusal("rig", kind.part, refused))
-        rows.append(Check.refusal("pattern", "pattern", self._bad_pattern()))
-        rows.append(Check.refusal("image-format", "image format", self._bad_format()))
-        if rig.kind == "grbl" and self._in_contact:
+        rows.append(Check.refusal("pattern", "pattern", self._pattern_faults()))
+        rows.append(Check.refusal("image-format", "image format", self._format_faults()))
+        if rig.kind == "grbl" and self._touches_face:
             lines = kind.unmet_conditions(protocol, design, self.unattended)
             lines = [f"{self.rig_path}: {line}" for line in lines]
             rows.append(Check.refusal("contact", "contact", lines))
         return rows
 
-    def _bad_pattern(self) -> list[str]:
+    def _pattern_faults(self) -> list[str]:
         """Reasons why the specimen's pattern does not suit the protocol."""
         try:
             recipe = self.recipe
@@ -193,7 +193,7 @@ class RunRequest:
             ]
         return []
 
-    def _bad_format(self) -> list[str]:
+    def _format_faults(self) -> list[str]:
         """Reasons why images cannot be written in the format of the rig file."""
         try:
             ImageFormat.from_meta({"rig": self.rig.recorded()}).require()
