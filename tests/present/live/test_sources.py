@@ -92,7 +92,7 @@ acceleration_mm_s2 = [50.0, 50.0, 50.0]
 [camera]
 """
 NOISE = """
-import os, sys
+import os, sys, time; time.sleep(0.5)  # images from before the first request are discarded
 for k in range(3):
     sys.stdout.buffer.write(bytes([k]) + os.urandom(64 * 48 * 3 - 1))
 sys.exit("the lens fell off")
