@@ -44,7 +44,7 @@ def tracking(run: Path, methods: tuple[str, ...], out: Path | None) -> Answer:
         *columns_of(("name", "indenter", *keys), rows),
         f"\n{origin}; the paper's best at the dots, on a real sensor: {result.PAPER_BEST_MM} mm",
     ]
-    lines += [f"skipped: {line}" for line in result.left_out]
+    lines += [f"note: {line}" for line in result.left_out]
     files = result.save(folder) + save_figures(
         folder, lambda: {"tracking": plot_error_by_time(result)}
     )

@@ -168,13 +168,13 @@ def force(
             )
         with progress("transfer") as report:
             fit, carried, left_out = transfer_calibration(runs, transfer, progress=report)
-        lines = [f"{fit.line} ({carried.head.origin})", *(f"skipped: {line}" for line in left_out)]
+        lines = [f"{fit.line} ({carried.head.origin})", *(f"note: {line}" for line in left_out)]
         files = write_force_calibration(carried, output)
         data = {"transfer": fit.as_dict(), "left_out": left_out}
         return Answer(data, [*lines, files_line(files)])
     with progress("force") as report:
         result = calibrate_force(runs, models or None, seed, progress=report)
-    lines = [*_force_lines(result, folder), *(f"skipped: {line}" for line in result.left_out)]
+    lines = [*_force_lines(result, folder), *(f"note: {line}" for line in result.left_out)]
     files, figure = result.save(folder, output), plot_predicted_force(result)
     files += save_figures(folder, lambda: {figure.name: figure.draw()})
     return Answer(result.as_dict(), [*lines, files_line(files)])

@@ -91,4 +91,4 @@ def _run_lines(summary: dict[str, Any], out: Path | None) -> Iterator[str]:
         f"{summary['wall_seconds']:.1f} s"
     )
     yield from (f"  {kind}: {n}" for kind, n in summary["frame_counts"].items())
-    yield from (f"  skipped: {line}" for line in summary["left_out"])
+    yield from (f"  not built: {line}" for line in summary["left_out"])
