@@ -56,7 +56,7 @@ def test_page_is_offline_and_labelled(page: str, result: TrackingResult) -> None
     assert "script" not in seen.tags
     assert len(seen.ids) > 20
     for words in (
-        "simulated", "seed 3", "0.08 mm", "not modelled: finite-strain gel", "Grbl 1.1h",
+        "simulated", "seed 3", "0.08 mm", "not built: finite-strain gel", "Grbl 1.1h",
         "opencv-contrib-python-headless", "The parts were left out: no libGL",
         *(f">{format_number(row['mean_off_dots_mm'])}</td>" for row in result.methods),
     ):  # fmt: skip
