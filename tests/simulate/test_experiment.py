@@ -164,7 +164,7 @@ def test_run_in_air_reports_no_contact(mini: tuple[Path, Path], tmp_path: Path) 
     assert frames["z_mm"].min() >= declared.motion.clearance_mm - 2e-3
     assert frames[["fx_n", "fy_n", "fz_n"]].abs().to_numpy().max() < 0.1  # noise alone
     assert summary["air"] is run.meta["air"] is True
-    assert summary["notes"][0].startswith("an air run: ")
+    assert summary["notes"][0].startswith("air run: ")
     assert not any("WARNING" in note or "solved" in note.split(";")[0] for note in summary["notes"])
 
 

@@ -267,6 +267,6 @@ def test_block_sides_locate_face_sideways() -> None:
     assert frame.origin_machine_mm == pytest.approx((-59.3, -60.4, -40.0), abs=0.02)
     assert frame.angle_deg == pytest.approx(1.2, abs=0.02)
     assert feeler.peak_n < 3.0
-    with pytest.raises(SensorError, match="not met at -x within 3 mm"):
+    with pytest.raises(SensorError, match="no contact with the block at -x within 3 mm"):
         find(28.0)
     assert it.stage.position_mm()[2] > 5

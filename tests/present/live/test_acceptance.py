@@ -327,7 +327,7 @@ def test_known_step_detects_wrong_scale(tmp_path):
     assert [row.name for row in rows] == ["known step, x", "known step, y"]
     for row in rows:
         seen, made = (
-            float(word) for word in row.value.removesuffix(", simulated").split(" mm of ")
+            float(word) for word in row.value.removesuffix(" mm, simulated").split(" of ")
         )
         assert not row.failed
         assert row.value.endswith(", simulated")
