@@ -1,106 +1,79 @@
-"""Beliefs of the host, held against firmware that was compiled for this computer.
+"""Beliefs of the host, held against firmware.
 
-python -m benchmarks.firmware PROGRAM [ARG...]
+python -m benchmarks.firmware [OPTION...] PROGRAM [ARG...]    one that you built for this computer
+python -m benchmarks.firmware [OPTION...] --tty PATH          a board or a simulator that runs there
 
-PROGRAM is yours: GRBL 1.1 or grblHAL, built to run here. It is started in an empty folder as
-`PROGRAM ARG... PORT`, serves its serial line on that port of 127.0.0.1, keeps its settings in that
-folder, and has a switch at the positive end of each axis: `carriage.c`, linked into it and told of
-each step, gives it both the switches and the file from which the tip's depth is read. Its settings
-are changed; real time is needed. A row is one belief and what the firmware did, WRONG where that
-contradicts; the exit code is then 1. Half an hour.
+  --stdio               PROGRAM talks on its standard input and output, not on a port
+  --settings "N=VALUE ..."  what it needs besides ours: those of a PROGRAM become a stage's of 120
+                        x 120 x 60 mm; a board keeps its own but for $1, $10, $13, $20 to $22, and
+                        all come back at the end
+  --steps FILE          where it writes the steps that it makes ("carriage"), in its folder
+  --moments N           trials of each fault (50); 0: none
+
+PROGRAM is GRBL 1.1 or grblHAL. It is started in an empty folder, keeps its settings there and
+serves its serial line on the port of 127.0.0.1 that stands for {port} in an ARG, or comes last. It
+needs a switch at the positive end of each axis: `carriage.c`, linked into it and told of each step,
+gives it both switches and the file of steps. Without such a file depth is by its own report. On a
+stage 62 x 62 x 42 mm below the switches have to be free. Real time; half an hour. A row is one
+belief and what the firmware did, WRONG where that contradicts; the exit code is then 1.
 """
 
 from __future__ import annotations
 
+import re
 import shutil
-import socket
-import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing
+from getopt import GetoptError, getopt
 from pathlib import Path
 
 from deltact_fab.bench.protocols.motion import StageConfig
 from deltact_fab.bench.rig.interface import WallClock
+from deltact_fab.bench.rig.stage.exchange import SETTING_PATTERN, SOFT_RESET
 from deltact_fab.bench.rig.stage.grbl import GrblStage
-from deltact_fab.common.errors import StageError
+from deltact_fab.common import DeltactFabError, InputError, Point, StageError
 from deltact_fab.sensor.optics.camera import StageFrame
 
 from . import dead_man
+from .board import BOOT_S, Board, ask
 
+REQUIRED = {10: 3, 1: 255, 13: 0, 22: 1, 21: 1, 20: 1}  # the last two need homing
 SETTINGS = {
-    10: 3, 24: 600, 25: 1500, 26: 20, 27: 1, 1: 255, 100: 800, 101: 800, 102: 800, 110: 1500,
-    111: 1500, 112: 1200, 120: 50, 121: 50, 122: 50, 130: 120, 131: 120, 132: 60, 23: 0,
+    24: 600, 25: 1500, 26: 20, 27: 1, 100: 800, 101: 800, 102: 800, 110: 1500, 111: 1500,
+    112: 1200, 120: 50, 121: 50, 122: 50, 130: 120, 131: 120, 132: 60, 23: 0, **REQUIRED,
 }  # fmt: skip
-LAST = {21: 1, 20: 1}  # they need homing
-NEEDS = StageConfig(
-    origin_machine_mm=(0.0,) * 3, travel_mm=(120.0, 120.0, 60.0),
-    max_feed_mm_min=(1500.0, 1500.0, 1200.0), acceleration_mm_s2=(50.0,) * 3,
-)  # fmt: skip
+LEAST = {110: 600, 111: 600, 112: 600, 130: 62, 131: 62, 132: 42}
 
 
-@contextmanager
-def board(program: list[str], folder: Path) -> Iterator[str]:
-    """Its address, powered on with the settings that its folder remembers."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    # grblHAL's takes what comes on standard input for keys; ctrl-F ends it and keeps settings.
-    with subprocess.Popen(
-        [*program, str(port)], cwd=folder, stdin=subprocess.PIPE, bufsize=0,
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    ) as process:  # fmt: skip
-        time.sleep(1.5)
-        try:
-            yield f"socket://127.0.0.1:{port}"
-            assert process.stdin is not None
-            with suppress(OSError, subprocess.TimeoutExpired):
-                process.stdin.write(b"\x06")
-                process.wait(3)
-        finally:
-            process.kill()
+def parse(words: list[str], folder: Path) -> tuple[Board, dict[int, float], int]:
+    """The board, the settings to write, the trials of a fault. Raises InputError."""
+    try:
+        pairs, words = getopt(words, "", ["stdio", "tty=", "settings=", "steps=", "moments="])
+    except GetoptError as why:
+        raise InputError(f"{why}; see --help") from None
+    options = {"--steps": "carriage", "--moments": f"{dead_man.MOMENTS}", **dict(pairs)}
+    terminal, moments = options.get("--tty", ""), options["--moments"]
+    texts = " ".join(value for name, value in pairs if name == "--settings").split()
+    for text in texts:
+        if not re.fullmatch(r"\d+=-?\d+(\.\d*)?", text):
+            raise InputError(f"--settings: must be N=VALUE, two numbers (got {text!r})")
+    if not moments.isdecimal():
+        raise InputError(f"--moments: must be a whole number (got {moments!r})")
+    settings = {int(n): float(value) for n, value in (text.split("=") for text in texts)}
+    if bool(words) == bool(terminal) or ("--stdio" in options and terminal):
+        raise InputError("must be PROGRAM [ARG...] or --tty PATH, one of them; see --help")
+    program = words[:1] and shutil.which(words[0])
+    if program is None:
+        raise InputError(f"{words[0]}: no such program")
+    words[:1] = [str(Path(program).resolve())] if program else []
+    board = Board(words, terminal, "--stdio" in options, folder, options["--steps"])
+    return board, (REQUIRED if terminal else SETTINGS) | settings, int(moments)
 
 
-def connected(url: str) -> socket.socket:
-    """A connection to the board; reading from it takes 2 s at most."""
-    return socket.create_connection(("127.0.0.1", int(url.rpartition(":")[2])), 2)
-
-
-def ask(wire: socket.socket, line: str) -> list[str]:
-    """The lines of the answer; none where it ends without an `ok`."""
-    wire.sendall(f"{line}\n".encode())
-    answer = b""
-    while b"ok\r\n" not in answer:
-        data = wire.recv(4096)
-        if not data:
-            return []
-        answer += data
-    return answer.decode(errors="replace").splitlines()
-
-
-def change(program: list[str], folder: Path, settings: dict[int, float]) -> None:
-    """One after the other; what was not answered is written again, at another power-up."""
-    left = dict(settings)
-    for _ in range(10):
-        with board(program, folder) as url, suppress(OSError), connected(url) as wire:
-            for n, value in list(left.items()):
-                if ask(wire, f"${n}={value:g}"):
-                    del left[n]
-        if not left:
-            return
-    raise SystemExit(f"never answered: {left}")
-
-
-def identity(program: list[str], folder: Path) -> str:
-    """The answer to `$I`, on one line; empty where there is none."""
-    with board(program, folder) as url, suppress(OSError), connected(url) as wire:
-        return " ".join(line for line in ask(wire, "$I") if line.startswith("["))
-    return ""
-
-
-def refused(stage: GrblStage, words: str) -> str:
+def refusal(stage: GrblStage, words: str) -> str:
     """What `connect` says; it has to hold these words."""
     try:
         stage.connect()
@@ -109,26 +82,37 @@ def refused(stage: GrblStage, words: str) -> str:
     return "WRONG: connected"
 
 
-def beliefs(program: list[str], folder: Path) -> Iterator[tuple[str, str]]:
+def beliefs(board: Board, hal: bool) -> Iterator[tuple[str, str]]:
     """Each belief, and what came of it."""
 
+    def axes(first: int) -> Point:
+        return (board.settings[first], board.settings[first + 1], board.settings[first + 2])
+
+    needs = StageConfig(
+        origin_machine_mm=(0.0,) * 3, travel_mm=axes(130), max_feed_mm_min=axes(110),
+        acceleration_mm_s2=axes(120), pull_off_mm=board.settings[27],
+        direction_mask=int(board.settings[3]), homing_direction_mask=int(board.settings[23]),
+    )  # fmt: skip
+
     def look(what: Callable[[GrblStage], str]) -> str:
-        with board(program, folder) as url:
-            stage = GrblStage(url, WallClock(), StageFrame((-60.0, -60.0, -40.0)), config=NEEDS)
+        with board.powered() as url:
+            stage = GrblStage(url, WallClock(), StageFrame((-60.0, -60.0, -40.0)), config=needs)
             with closing(stage):
                 try:
                     return what(stage)
                 except StageError as why:
                     return f"WRONG: {why}"
 
-    change(program, folder, {**SETTINGS, 22: 1, **LAST})
-    if "grblHAL" in identity(program, folder):
-        yield "boots Idle, unlocked: refused", look(lambda s: refused(s, "not locked at its start"))
-        change(program, folder, {22: 5})
+    if hal and not board.terminal:
+        yield "boots Idle, unlocked: refused", look(lambda s: refusal(s, "not locked at start"))
+    if hal:
+        board.change({22: 5})
 
     def unhomed(stage: GrblStage) -> str:
         stage.connect()
         state = stage.report().state
+        if board.terminal and state == "Idle":
+            return "not measured: homed before, and not restarted when its port is opened"
         if stage.lift(25.0, 300.0) or stage.trust_count():
             return f"WRONG: moved in {state}"
         return f"{state}: nothing lifts, no count is trusted"
@@ -150,36 +134,67 @@ def beliefs(program: list[str], folder: Path) -> Iterator[tuple[str, str]]:
         slowest_s = 0.0
         for target in ((50.0, 50.0, 30.0), (0.0, 0.0, 5.0), (0.0, 0.0, 4.0), (1.0, -1.0, 5.0)):
             start_s = time.monotonic()
-            stage.start_move(target, 1200.0)
+            stage.start_move(target, min(1200.0, *axes(110)))
             slowest_s = max(slowest_s, time.monotonic() - start_s)
             stage.wait()
-        return f"at {stage.position_mm()}, a jog answered within {slowest_s:.2f} s"
+        text = f"at {stage.position_mm()}, a jog answered within {slowest_s:.2f} s"
+        if (z_mm := board.height_mm()) is None:
+            return f"{text}; by its own report"
+        off_mm = z_mm - stage.report().machine_mm[2]
+        wrong = "WRONG: " if abs(off_mm) > 0.02 else ""  # more than its switch scatters
+        return f"{wrong}{text}, its carriage {off_mm:+.3f} mm off"
 
     yield "homed and moved", look(moves)
-    if not (folder / "carriage").exists():
-        yield "a tip whose host, cable or answers are lost", "not measured: no file `carriage`"
-        return
-    with board(program, folder) as url:
-        yield from dead_man.rows(folder, int(url.rpartition(":")[2]))
+
+
+def run(board: Board, settings: dict[int, float], moments: int) -> bool:
+    """Change the settings, look, print; True where a belief is wrong."""
+    with board.wire() as wire:
+        wire.write(SOFT_RESET)
+        time.sleep(BOOT_S)
+        lines = [line for line in ask(wire, "$I") if re.match(r"\[(?!MSG)|Grbl", line, re.I)]
+        if not lines:
+            raise StageError(f"{wire.port}: no answer to $I; is it GRBL 1.1 or grblHAL?")
+        matches = (SETTING_PATTERN.match(line) for line in ask(wire, "$$"))
+        before = {int(match[1]): float(match[2]) for match in matches if match}
+    print(f"| firmware | {' '.join(lines)} |", flush=True)
+    board.settings = before | settings
+    for n, least in LEAST.items():
+        if (value := board.settings.get(n, 0)) < least:
+            raise InputError(f"${n}: must be at least {least} (got {value:g}); see --settings")
+
+    def wrong(rows: Iterator[tuple[str, str]]) -> bool:
+        answers = []
+        for belief, answer in rows:
+            print(f"| {belief} | {answer} |", flush=True)
+            answers.append(answer)
+        return any(answer.startswith("WRONG") for answer in answers)
+
+    try:
+        board.change(settings)
+        if wrong(beliefs(board, "grblHAL" in " ".join(lines))):
+            return True
+        with board.powered() as url:
+            return bool(moments) and wrong(dead_man.rows(board, url, moments))
+    finally:
+        if board.terminal:
+            board.change({n: before[n] for n in settings if n in before})
 
 
 def main() -> None:
-    """Change the settings, look, print; exit code 1 where a belief is wrong."""
-    path = shutil.which(sys.argv[1]) if len(sys.argv) > 1 else None
-    if path is None:
-        raise SystemExit(__doc__)
-    program = [str(Path(path).resolve()), *sys.argv[2:]]
-    wrong = False
+    """Exit code 1 where a belief is wrong or nothing answers, 2 for bad use."""
+    if sys.argv[1:2] == ["--help"]:
+        raise SystemExit(print(__doc__))
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        firmware = identity(program, folder)
-        if not firmware:
-            raise SystemExit(f"{path}: no answer to $I on the port of 127.0.0.1 that it was given")
-        print(firmware, flush=True)
-        for belief, answer in beliefs(program, folder):
-            wrong |= answer.startswith("WRONG")
-            print(f"| {belief} | {answer} |", flush=True)
-    raise SystemExit(wrong)
+        try:
+            board, settings, moments = parse(sys.argv[1:], Path(name))
+            try:
+                raise SystemExit(run(board, settings, moments))
+            except OSError as why:
+                raise StageError(f"{board.terminal or board.words[0]}: no answer ({why})") from why
+        except DeltactFabError as why:
+            print(why, file=sys.stderr)
+            raise SystemExit(why.exit_code) from None
 
 
 if __name__ == "__main__":

@@ -1,27 +1,35 @@
 """How far a tip goes on in a press at 60 mm/min whose host, cable or answers are lost.
 
-The host is a process of its own, the cable a relay between two sockets; depth is the carriage's, by
-the steps that the firmware made.
+The host is a process of its own, the cable a relay between two sockets; depth is by the steps that
+the firmware made where they are in a file, else by its reports, for which the relay asks too.
 """
 
 from __future__ import annotations
 
+import os
+import re
 import select
 import socket
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from operator import itemgetter
-from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
+import serial
 
+from deltact_fab.common import StageError
+
+from .board import Board
 from .press import ABOVE_MM, DEEP_MM, FACE_MM, FEED_MM_MIN
 
-STEPS_MM = 800
+REPORT = re.compile(rb"<.*MPos:[^,]*,[^,]*,(-?[\d.]+)")
+REPORT_S = 0.02  # by hand: at 60 mm/min a report is 0.02 mm old then; a busy line answers no faster
 PRESS_S = (ABOVE_MM - DEEP_MM) / FEED_MM_MIN * 60
 MOMENTS = 50
 TRIES = 5
@@ -35,15 +43,18 @@ FAULTS = {
 
 
 class Relay:
-    """Between a host and a board on a socket."""
+    """Between a host on a socket and a board; where the tip is, by its steps or its reports."""
 
-    def __init__(self, port: int) -> None:
-        self._board = socket.create_connection(("127.0.0.1", port))
+    def __init__(self, board: Board, url: str) -> None:
+        self._carriage = board
+        self.by_steps = board.height_mm() is not None
+        self._report = 0.0, 0.0  # when it came (s), depth (mm)
+        self._board = serial.serial_for_url(url, 115200)
         self._listening = socket.create_server(("127.0.0.1", 0))
         self.url = f"socket://127.0.0.1:{self._listening.getsockname()[1]}"
         self.lose = b""  # the next line that begins so
         self.mute = False
-        self._out = False
+        self._out = self._over = self._host_asks = False
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
@@ -53,47 +64,67 @@ class Relay:
 
     def close(self) -> None:
         """Of a trial that is over."""
-        self._out = True
+        self._over = True
         self._thread.join(2)
         self._board.close()
 
+    def depth(self) -> tuple[float, float]:
+        """When (s), and how far the tip was below the face (mm)."""
+        z_mm = self._carriage.height_mm() if self.by_steps else None
+        return self._report if z_mm is None else (time.monotonic(), FACE_MM - z_mm)
+
     def _run(self) -> None:
+        board, said, asked_s = self._board.fileno(), b"", 0.0
+        hosts = [self._listening]  # the one that is awaited, is there, or none
         with self._listening:
-            while not select.select([self._listening], [], [], 0.02)[0]:
-                if self._out:
-                    return
-            host, _ = self._listening.accept()
-        said = b""
-        with host:
-            while not self._out:
-                for wire in select.select([host, self._board], [], [], 0.005)[0]:
+            while not self._over:
+                if self._out and hosts:
+                    hosts.pop().close()
+                if not self.by_steps and time.monotonic() > asked_s + REPORT_S:
+                    asked_s = time.monotonic()
+                    os.write(board, b"?")
+                for wire in select.select([board, *hosts], [], [], 0.005)[0]:
+                    if wire is self._listening:
+                        hosts = [wire.accept()[0]]
+                        continue
                     data = b""
                     with suppress(OSError):
-                        data = wire.recv(4096)
-                    if not data:
+                        data = os.read(board, 4096) if wire is board else wire.recv(4096)
+                    if wire is not board:
+                        self._host_asks |= b"?" in data
+                        os.write(board, data)
+                    if not data and wire is board:
                         return
-                    if wire is host:
-                        self._board.sendall(data)
-                        continue
-                    *lines, said = (said + data).split(b"\n")
-                    for line in lines:
-                        if self.lose and line.startswith(self.lose):
-                            self.lose = b""
-                        elif not self.mute:
-                            with suppress(OSError):
-                                host.sendall(line + b"\n")
+                    if not data:
+                        hosts.pop().close()
+                    if wire is board:
+                        *lines, said = (said + data).split(b"\n")
+                        for line in filter(self._passes, lines):
+                            with suppress(OSError, IndexError):  # no host is there
+                                hosts[0].sendall(line + b"\n")
+
+    def _passes(self, line: bytes) -> bool:
+        """False for a line that the host does not get: lost, or an answer to the relay."""
+        if report := REPORT.search(line):
+            self._report = time.monotonic(), FACE_MM - float(report[1])
+            if not self.by_steps and not self._host_asks:
+                return False
+            self._host_asks = False
+        if self.lose and line.startswith(self.lose):
+            self.lose = b""
+            return False
+        return not self.mute
 
 
-def depth_mm(folder: Path) -> float:
-    """Of the tip below the face."""
-    return float(FACE_MM - np.fromfile(folder / "carriage", np.int32)[2] / STEPS_MM)
+Relayed: TypeAlias = Callable[[], Relay]
+Host: TypeAlias = "subprocess.Popen[str]"
 
 
 @contextmanager
-def pressing(port: int, comes_to: str, *how: str) -> Iterator[tuple[Relay, subprocess.Popen[str]]]:
+def pressing(relayed: Relayed, comes_to: str, *how: str) -> Iterator[tuple[Relay, Host]]:
     """A host that has just said so; one that was stopped before is begun again."""
     for _ in range(TRIES):
-        relay = Relay(port)
+        relay = relayed()
         words = [sys.executable, "-m", "benchmarks.firmware.press", relay.url, *how]
         with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as host:
             assert host.stdout is not None
@@ -105,13 +136,13 @@ def pressing(port: int, comes_to: str, *how: str) -> Iterator[tuple[Relay, subpr
                     relay.close()
                 return
         relay.close()
-    raise SystemExit(f"no host came to its {comes_to}")
+    raise StageError(f"no host came to its {comes_to}")
 
 
-def trial(folder: Path, port: int, fault: str, after_s: float) -> tuple[float, float, str]:
+def trial(relayed: Relayed, fault: str, after_s: float) -> tuple[float, float, str]:
     """How much deeper the tip went (mm), how soon it was above the face (s), the last line."""
     comes_to = "retract" if "retract" in fault else "press"
-    with pressing(port, comes_to) as (relay, host):
+    with pressing(relayed, comes_to) as (relay, host):
         assert host.stdout is not None
         time.sleep(after_s + (0.05 if comes_to == "press" else 0.0))
         if "killed" in fault:
@@ -122,11 +153,11 @@ def trial(folder: Path, port: int, fault: str, after_s: float) -> tuple[float, f
             relay.lose = b"ok"
         else:
             relay.mute = True
-        begun_s, from_mm = time.monotonic(), depth_mm(folder)
+        begun_s, from_mm = time.monotonic(), relay.depth()[1]
         deepest_mm, above_s, rest_s, last_mm = from_mm, np.inf, begun_s, from_mm
         while host.poll() is None or time.monotonic() - rest_s < 0.5:
             time.sleep(0.005)
-            if (now_mm := depth_mm(folder)) != last_mm:
+            if (now_mm := relay.depth()[1]) != last_mm:
                 rest_s, last_mm = time.monotonic(), now_mm
             deepest_mm = max(deepest_mm, now_mm)
             if now_mm < 0 and np.isinf(above_s) and from_mm > 0:
@@ -137,40 +168,46 @@ def trial(folder: Path, port: int, fault: str, after_s: float) -> tuple[float, f
     return deepest_mm - from_mm, above_s, said[-1] if said else ""
 
 
-def steadiness(folder: Path, port: int, how: str) -> tuple[float, float, float]:
+def steadiness(relayed: Relayed, how: str) -> tuple[float, float, float]:
     """Without a fault: longer than planned (s), speed (mm/min), most off a steady one (mm)."""
-    with pressing(port, "press", how) as (_, host):
+    with pressing(relayed, "press", how) as (relay, host):
         assert host.stdout is not None
         begun_s = time.monotonic()
-        seen: list[tuple[float, float]] = []
-        while (at_s := time.monotonic() - begun_s) < PRESS_S - 0.2:
-            if at_s > 0.2:
-                seen.append((at_s, depth_mm(folder)))
+        seen: dict[float, float] = {}
+        while time.monotonic() < begun_s + PRESS_S - 0.2:
+            t_s, depth_mm = relay.depth()
+            if t_s > begun_s + 0.2:
+                seen[t_s - begun_s] = depth_mm
             time.sleep(0.002)
         longer_s = float(host.stdout.readline().split()[1])
         host.stdout.read()
-    t_s, z_mm = np.array(seen).T
-    line = np.polyfit(t_s, z_mm, 1)
-    return longer_s, 60 * float(line[0]), float(np.abs(z_mm - np.polyval(line, t_s)).max())
+    times_s, z_mm = np.array(list(seen.items())).T
+    line = np.polyfit(times_s, z_mm, 1)
+    return longer_s, 60 * float(line[0]), float(np.abs(z_mm - np.polyval(line, times_s)).max())
 
 
-def rows(folder: Path, port: int) -> Iterator[tuple[str, str]]:
+def rows(board: Board, url: str, moments: int = MOMENTS) -> Iterator[tuple[str, str]]:
     """Each fault, and the worst that came of it."""
+    relayed = partial(Relay, board, url)
+    by = "" if board.height_mm() is not None else "; by its own report"
+    times = min(5, moments)
     for how in ("pieces", "whole"):
-        steady = [steadiness(folder, port, how) for _ in range(5)]
+        steady = [steadiness(relayed, how) for _ in range(times)]
         longer_s, feed, off_mm = max(steady, key=itemgetter(2))
         yield (
-            f"a press sent {how}, five times" if how == "whole" else "a press sent in pieces, five",
-            f"{feed:.2f} mm/min, {off_mm:.4f} mm off a steady line, {longer_s:.3f} s over its plan",
+            f"a press sent {how}, {times} times".replace("sent pieces", "sent in pieces"),
+            f"{feed:.2f} mm/min, {off_mm:.4f} mm off a steady line, {longer_s:.3f} s over its "
+            f"plan{by}",
         )
-    for fault, n in FAULTS.items():
+    for fault, most in FAULTS.items():
+        n = min(most, moments)
         of_s = 0.0 if "retract" in fault else PRESS_S
-        got = [trial(folder, port, fault, of_s * (k + 0.5) / n) for k in range(n)]
+        got = [trial(relayed, fault, of_s * (k + 0.5) / n) for k in range(n)]
         deeper_mm, above_s, last = zip(*got, strict=True)
         ends = sorted({words.partition(":")[0] for words in last})
         yield (
             f"{fault}, {n} moments of a press at {FEED_MM_MIN:g} mm/min",
             f"{'WRONG: ' if max(deeper_mm) > 0.25 else ''}{max(deeper_mm):.3f} mm deeper at worst "
             f"(median {np.median(deeper_mm):.3f}); above the face after {max(above_s):.1f} s at "
-            f"worst; the host's last word: {', '.join(ends) or 'none'}",
+            f"worst; the host's last word: {', '.join(ends) or 'none'}{by}",
         )
