@@ -28,13 +28,15 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from getopt import GetoptError, getopt
+from itertools import chain
 from pathlib import Path
 
 from deltact_fab.bench.protocols.motion import StageConfig
 from deltact_fab.bench.rig.interface import WallClock
 from deltact_fab.bench.rig.stage.exchange import SETTING_PATTERN, SOFT_RESET
 from deltact_fab.bench.rig.stage.grbl import GrblStage
-from deltact_fab.common import DeltactFabError, InputError, Point, StageError
+from deltact_fab.bench.rig.stage.settings import check_settings, first_failure
+from deltact_fab.common import DeltactFabError, InputError, StageError
 from deltact_fab.sensor.optics.camera import StageFrame
 
 from . import dead_man
@@ -45,7 +47,10 @@ SETTINGS = {
     24: 600, 25: 1500, 26: 20, 27: 1, 100: 800, 101: 800, 102: 800, 110: 1500, 111: 1500,
     112: 1200, 120: 50, 121: 50, 122: 50, 130: 120, 131: 120, 132: 60, 23: 0, **REQUIRED,
 }  # fmt: skip
-LEAST = {110: 600, 111: 600, 112: 600, 130: 62, 131: 62, 132: 42}
+NEEDS = StageConfig(
+    origin_machine_mm=(0.0,) * 3, travel_mm=(62.0, 62.0, 42.0), max_feed_mm_min=(600.0,) * 3,
+    acceleration_mm_s2=(10.0,) * 3,
+)  # fmt: skip
 
 
 def parse(words: list[str], folder: Path) -> tuple[Board, dict[int, float], int]:
@@ -73,7 +78,13 @@ def parse(words: list[str], folder: Path) -> tuple[Board, dict[int, float], int]
     return board, (REQUIRED if terminal else SETTINGS) | settings, int(moments)
 
 
-def refusal(stage: GrblStage, words: str) -> str:
+def needs(board: Board) -> StageConfig:
+    """Ours, with the directions of its axes."""
+    masks = {"direction_mask": 3, "homing_direction_mask": 23}
+    return NEEDS.model_copy(update={key: int(board.settings.get(n, 0)) for key, n in masks.items()})
+
+
+def refused(stage: GrblStage, words: str) -> str:
     """What `connect` says; it has to hold these words."""
     try:
         stage.connect()
@@ -85,18 +96,11 @@ def refusal(stage: GrblStage, words: str) -> str:
 def beliefs(board: Board, hal: bool) -> Iterator[tuple[str, str]]:
     """Each belief, and what came of it."""
 
-    def axes(first: int) -> Point:
-        return (board.settings[first], board.settings[first + 1], board.settings[first + 2])
-
-    needs = StageConfig(
-        origin_machine_mm=(0.0,) * 3, travel_mm=axes(130), max_feed_mm_min=axes(110),
-        acceleration_mm_s2=axes(120), pull_off_mm=board.settings[27],
-        direction_mask=int(board.settings[3]), homing_direction_mask=int(board.settings[23]),
-    )  # fmt: skip
-
     def look(what: Callable[[GrblStage], str]) -> str:
         with board.powered() as url:
-            stage = GrblStage(url, WallClock(), StageFrame((-60.0, -60.0, -40.0)), config=needs)
+            stage = GrblStage(
+                url, WallClock(), StageFrame((-60.0, -60.0, -40.0)), config=needs(board)
+            )
             with closing(stage):
                 try:
                     return what(stage)
@@ -104,7 +108,7 @@ def beliefs(board: Board, hal: bool) -> Iterator[tuple[str, str]]:
                     return f"WRONG: {why}"
 
     if hal and not board.terminal:
-        yield "boots Idle, unlocked: refused", look(lambda s: refusal(s, "not locked at start"))
+        yield "boots Idle, unlocked: refused", look(lambda s: refused(s, "not locked at start"))
     if hal:
         board.change({22: 5})
 
@@ -134,7 +138,7 @@ def beliefs(board: Board, hal: bool) -> Iterator[tuple[str, str]]:
         slowest_s = 0.0
         for target in ((50.0, 50.0, 30.0), (0.0, 0.0, 5.0), (0.0, 0.0, 4.0), (1.0, -1.0, 5.0)):
             start_s = time.monotonic()
-            stage.start_move(target, min(1200.0, *axes(110)))
+            stage.start_move(target, min(1200.0, *(board.settings[n] for n in (110, 111, 112))))
             slowest_s = max(slowest_s, time.monotonic() - start_s)
             stage.wait()
         text = f"at {stage.position_mm()}, a jog answered within {slowest_s:.2f} s"
@@ -152,33 +156,25 @@ def run(board: Board, settings: dict[int, float], moments: int) -> bool:
     with board.wire() as wire:
         wire.write(SOFT_RESET)
         time.sleep(BOOT_S)
-        lines = [line for line in ask(wire, "$I") if re.match(r"\[(?!MSG)|Grbl", line, re.I)]
-        if not lines:
-            raise StageError(f"{wire.port}: no answer to $I; is it GRBL 1.1 or grblHAL?")
+        info = [line for line in ask(wire, "$I") if re.match(r"\[(?!MSG)|Grbl", line, re.I)]
         matches = (SETTING_PATTERN.match(line) for line in ask(wire, "$$"))
         before = {int(match[1]): float(match[2]) for match in matches if match}
-    print(f"| firmware | {' '.join(lines)} |", flush=True)
+    hal = "grblHAL" in " ".join(info)
     board.settings = before | settings
-    for n, least in LEAST.items():
-        if (value := board.settings.get(n, 0)) < least:
-            raise InputError(f"${n}: must be at least {least} (got {value:g}); see --settings")
-
-    def wrong(rows: Iterator[tuple[str, str]]) -> bool:
-        answers = []
-        for belief, answer in rows:
-            print(f"| {belief} | {answer} |", flush=True)
-            answers.append(answer)
-        return any(answer.startswith("WRONG") for answer in answers)
-
+    lock = {22: 5} if hal else {}
+    if refusal := first_failure(check_settings(board.settings | lock, info, needs(board))):
+        raise InputError(f"with --settings: {refusal}")
+    wrong = False
     try:
         board.change(settings)
-        if wrong(beliefs(board, "grblHAL" in " ".join(lines))):
-            return True
-        with board.powered() as url:
-            return bool(moments) and wrong(dead_man.rows(board, url, moments))
+        about = ("firmware", " ".join(info))
+        for belief, answer in chain([about], beliefs(board, hal), dead_man.rows(board, moments)):
+            wrong |= answer.startswith("WRONG")
+            print(f"| {belief} | {answer} |", flush=True)
     finally:
         if board.terminal:
             board.change({n: before[n] for n in settings if n in before})
+    return wrong
 
 
 def main() -> None:
@@ -187,11 +183,7 @@ def main() -> None:
         raise SystemExit(print(__doc__))
     with tempfile.TemporaryDirectory() as name:
         try:
-            board, settings, moments = parse(sys.argv[1:], Path(name))
-            try:
-                raise SystemExit(run(board, settings, moments))
-            except OSError as why:
-                raise StageError(f"{board.terminal or board.words[0]}: no answer ({why})") from why
+            raise SystemExit(run(*parse(sys.argv[1:], Path(name))))
         except DeltactFabError as why:
             print(why, file=sys.stderr)
             raise SystemExit(why.exit_code) from None

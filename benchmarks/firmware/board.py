@@ -64,20 +64,22 @@ class Board:
 
     @contextmanager
     def wire(self) -> Iterator[Any]:
-        """A connection to it; reading takes 2 s at most."""
-        with self.powered() as url, serial.serial_for_url(url, 115200, timeout=2) as wire:
-            time.sleep(BOOT_S)
-            yield wire
+        """A connection to it; reading takes 2 s at most. Raises StageError."""
+        try:
+            with self.powered() as url, serial.serial_for_url(url, 115200, timeout=2) as wire:
+                time.sleep(BOOT_S)
+                yield wire
+        except OSError as why:
+            raise StageError(f"{self.terminal or self.words[0]}: no answer ({why})") from why
 
     def change(self, settings: dict[int, float]) -> None:
         """One after the other; what was not answered is written again, at another power-up."""
         left, refusal = dict(settings), "no answer"
         for _ in range(10):
-            with suppress(OSError), self.wire() as wire:
+            with suppress(StageError), self.wire() as wire:
                 for n, value in list(left.items()):
-                    *_, last = ["", *ask(wire, f"${n}={value:.10g}")]
-                    refusal = last or refusal
-                    if last == "ok":
+                    refusal = ask(wire, f"${n}={value:.10g}")[-1]
+                    if refusal == "ok":
                         self.settings[n] = left.pop(n)
             if not left:
                 return
@@ -100,12 +102,12 @@ class Board:
 
 
 def ask(wire: Any, line: str) -> list[str]:
-    """The lines of the answer, up to an ok or an error; none where it ends without."""
+    """The lines of the answer, up to an ok or an error. Raises TimeoutError without one."""
     wire.write(f"{line}\n".encode())
-    answer: list[str] = []
-    while answer[-1:] != ["ok"] and not "".join(answer[-1:]).startswith("error:"):
+    answer = [""]
+    while answer[-1] != "ok" and not answer[-1].startswith("error:"):
         data = wire.read_until(b"\n")
         if not data.endswith(b"\n"):
-            return []
+            raise TimeoutError(f"none to {line}")
         answer.append(data.decode(errors="replace").strip())
     return answer

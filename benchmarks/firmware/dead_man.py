@@ -14,11 +14,9 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from functools import partial
 from operator import itemgetter
-from typing import TypeAlias
 
 import numpy as np
 import serial
@@ -76,7 +74,7 @@ class Relay:
     def _run(self) -> None:
         board, said, asked_s = self._board.fileno(), b"", 0.0
         hosts = [self._listening]  # the one that is awaited, is there, or none
-        with self._listening:
+        with self._listening, suppress(OSError):  # the board has ended
             while not self._over:
                 if self._out and hosts:
                     hosts.pop().close()
@@ -86,22 +84,19 @@ class Relay:
                 for wire in select.select([board, *hosts], [], [], 0.005)[0]:
                     if wire is self._listening:
                         hosts = [wire.accept()[0]]
-                        continue
-                    data = b""
-                    with suppress(OSError):
-                        data = os.read(board, 4096) if wire is board else wire.recv(4096)
-                    if wire is not board:
-                        self._host_asks |= b"?" in data
-                        os.write(board, data)
-                    if not data and wire is board:
-                        return
-                    if not data:
-                        hosts.pop().close()
-                    if wire is board:
-                        *lines, said = (said + data).split(b"\n")
+                    elif wire is board:
+                        *lines, said = (said + os.read(board, 4096)).split(b"\n")
                         for line in filter(self._passes, lines):
                             with suppress(OSError, IndexError):  # no host is there
                                 hosts[0].sendall(line + b"\n")
+                    else:
+                        data = b""
+                        with suppress(OSError):
+                            data = wire.recv(4096)
+                        self._host_asks |= b"?" in data
+                        os.write(board, data)
+                        if not data:
+                            hosts.pop().close()
 
     def _passes(self, line: bytes) -> bool:
         """False for a line that the host does not get: lost, or an answer to the relay."""
@@ -116,15 +111,13 @@ class Relay:
         return not self.mute
 
 
-Relayed: TypeAlias = Callable[[], Relay]
-Host: TypeAlias = "subprocess.Popen[str]"
-
-
 @contextmanager
-def pressing(relayed: Relayed, comes_to: str, *how: str) -> Iterator[tuple[Relay, Host]]:
+def pressing(
+    board: Board, url: str, comes_to: str, *how: str
+) -> Iterator[tuple[Relay, subprocess.Popen[str]]]:
     """A host that has just said so; one that was stopped before is begun again."""
     for _ in range(TRIES):
-        relay = relayed()
+        relay = Relay(board, url)
         words = [sys.executable, "-m", "benchmarks.firmware.press", relay.url, *how]
         with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as host:
             assert host.stdout is not None
@@ -139,10 +132,10 @@ def pressing(relayed: Relayed, comes_to: str, *how: str) -> Iterator[tuple[Relay
     raise StageError(f"no host came to its {comes_to}")
 
 
-def trial(relayed: Relayed, fault: str, after_s: float) -> tuple[float, float, str]:
+def trial(board: Board, url: str, fault: str, after_s: float) -> tuple[float, float, str]:
     """How much deeper the tip went (mm), how soon it was above the face (s), the last line."""
     comes_to = "retract" if "retract" in fault else "press"
-    with pressing(relayed, comes_to) as (relay, host):
+    with pressing(board, url, comes_to) as (relay, host):
         assert host.stdout is not None
         time.sleep(after_s + (0.05 if comes_to == "press" else 0.0))
         if "killed" in fault:
@@ -168,9 +161,9 @@ def trial(relayed: Relayed, fault: str, after_s: float) -> tuple[float, float, s
     return deepest_mm - from_mm, above_s, said[-1] if said else ""
 
 
-def steadiness(relayed: Relayed, how: str) -> tuple[float, float, float]:
+def steadiness(board: Board, url: str, how: str) -> tuple[float, float, float]:
     """Without a fault: longer than planned (s), speed (mm/min), most off a steady one (mm)."""
-    with pressing(relayed, "press", how) as (relay, host):
+    with pressing(board, url, "press", how) as (relay, host):
         assert host.stdout is not None
         begun_s = time.monotonic()
         seen: dict[float, float] = {}
@@ -186,28 +179,29 @@ def steadiness(relayed: Relayed, how: str) -> tuple[float, float, float]:
     return longer_s, 60 * float(line[0]), float(np.abs(z_mm - np.polyval(line, times_s)).max())
 
 
-def rows(board: Board, url: str, moments: int = MOMENTS) -> Iterator[tuple[str, str]]:
+def rows(board: Board, moments: int) -> Iterator[tuple[str, str]]:
     """Each fault, and the worst that came of it."""
-    relayed = partial(Relay, board, url)
     by = "" if board.height_mm() is not None else "; by its own report"
-    times = min(5, moments)
-    for how in ("pieces", "whole"):
-        steady = [steadiness(relayed, how) for _ in range(times)]
-        longer_s, feed, off_mm = max(steady, key=itemgetter(2))
-        yield (
-            f"a press sent {how}, {times} times".replace("sent pieces", "sent in pieces"),
-            f"{feed:.2f} mm/min, {off_mm:.4f} mm off a steady line, {longer_s:.3f} s over its "
-            f"plan{by}",
-        )
-    for fault, most in FAULTS.items():
-        n = min(most, moments)
-        of_s = 0.0 if "retract" in fault else PRESS_S
-        got = [trial(relayed, fault, of_s * (k + 0.5) / n) for k in range(n)]
-        deeper_mm, above_s, last = zip(*got, strict=True)
-        ends = sorted({words.partition(":")[0] for words in last})
-        yield (
-            f"{fault}, {n} moments of a press at {FEED_MM_MIN:g} mm/min",
-            f"{'WRONG: ' if max(deeper_mm) > 0.25 else ''}{max(deeper_mm):.3f} mm deeper at worst "
-            f"(median {np.median(deeper_mm):.3f}); above the face after {max(above_s):.1f} s at "
-            f"worst; the host's last word: {', '.join(ends) or 'none'}{by}",
-        )
+    n = min(5, moments)
+    with board.powered() as url:
+        for how in ("in pieces", "whole") if n else ():
+            steady = [steadiness(board, url, how) for _ in range(n)]
+            longer_s, feed, off_mm = max(steady, key=itemgetter(2))
+            yield (
+                f"a press sent {how}, {n} times",
+                f"{feed:.2f} mm/min, {off_mm:.4f} mm off a steady line, {longer_s:.3f} s over its "
+                f"plan{by}",
+            )
+        for fault, most in FAULTS.items() if n else ():
+            n, of_s = min(most, moments), 0.0 if "retract" in fault else PRESS_S
+            got = [trial(board, url, fault, of_s * (k + 0.5) / n) for k in range(n)]
+            deeper_mm, above_s, last = zip(*got, strict=True)
+            ends = sorted({words.partition(":")[0] or "none" for words in last})
+            up = f"above the face after {max(above_s):.1f} s at worst"
+            yield (
+                f"{fault}, {n} moments of a press at {FEED_MM_MIN:g} mm/min",
+                f"{'WRONG: ' if max(deeper_mm) > 0.25 else ''}{max(deeper_mm):.3f} mm deeper at "
+                f"worst (median {np.median(deeper_mm):.3f}); "
+                f"{up if np.isfinite(max(above_s)) else 'it stays in the gel'}; "
+                f"the host's last word: {', '.join(ends)}{by}",
+            )

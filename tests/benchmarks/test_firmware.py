@@ -17,6 +17,7 @@ from benchmarks.firmware import board as boards
 from benchmarks.firmware.board import Board, ask
 from benchmarks.firmware.dead_man import FACE_MM, Relay
 from deltact_fab.bench.rig.interface import WallClock
+from deltact_fab.common import InputError
 from deltact_fab.simulate.virtual.controller import GrblController
 from deltact_fab.simulate.virtual.pty import PtyCable
 
@@ -31,8 +32,10 @@ grbl, (come, go) = GrblController({}, WallClock(), boot_s=0.0), (0, 1)
 if sys.argv[1:]:
     server = socket.create_server(("127.0.0.1", int(sys.argv[-1].lstrip("p"))))
     come = go = server.accept()[0].detach()
-while data := os.read(come, 100) if select.select([come], [], [], 0.01)[0] else b" ":
-    grbl.write(data.strip(b" "))
+data = b""
+while b"\\x06" not in data:
+    data = os.read(come, 100) if select.select([come], [], [], 0.01)[0] else b""
+    grbl.write(data)
     os.write(go, grbl.read_available())
 """
 
@@ -50,6 +53,7 @@ def board(folder: Path, *words: str, terminal: str = "", stdio: bool = False) ->
     return Board(list(words), terminal, stdio, folder, "steps", {102: 800})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("last", ["", "--stdio", "p{port}"])
 def test_program_serves_port_or_stdio(last: str, tmp_path: Path) -> None:
     (tmp_path / "grbl.py").write_text(PROGRAM)
@@ -94,6 +98,14 @@ def test_relay_reports_depth_unheard(terminal: PtyCable, tmp_path: Path) -> None
     assert heard.count(b"ok") == 1
     assert depth_mm == pytest.approx(FACE_MM - 0.0, abs=1e-3)
     assert time.monotonic() - at_s < 1
+
+
+def test_unfit_settings_are_refused_unwritten(terminal: PtyCable, tmp_path: Path) -> None:
+    before = dict(terminal.controller.settings)
+    words = ["--tty", terminal.port, "--settings", "24=900 132=30"]
+    with pytest.raises(InputError, match=r"--settings: Z has 30 mm of travel \(\$132\); 42 needed"):
+        bench.run(*bench.parse(words, tmp_path))
+    assert terminal.controller.settings == before
 
 
 @pytest.mark.slow
