@@ -74,9 +74,10 @@ peers: .venv-peers/.ready
 	.venv-peers/bin/python -m pip install -q --disable-pip-version-check -r $<
 	@touch $@
 
-# Firmware that you built for this computer, under the host: PROGRAM='path arguments'. Half an hour.
+# Firmware under the host, half an hour: a program that you built for this computer, PROGRAM='path
+# arguments', or what runs on a terminal, TTY=path; SETTINGS='132=80 ...' where it needs others.
 firmware: $(VENV)/.ready
-	$(V)/python -m benchmarks.firmware $(PROGRAM)
+	$(V)/python -m benchmarks.firmware $(if $(TTY),--tty $(TTY)) --settings '$(SETTINGS)' $(PROGRAM)
 
 # Two hours; goes on where it was stopped. Wants the extra `fast`, and `make peers` for felupe's rows.
 evidence: $(VENV)/.ready

@@ -172,11 +172,13 @@ def steadiness(board: Board, url: str, how: str) -> tuple[float, float, float]:
             if t_s > begun_s + 0.2:
                 seen[t_s - begun_s] = depth_mm
             time.sleep(0.002)
-        longer_s = float(host.stdout.readline().split()[1])
+        took, _, longer_s = host.stdout.readline().strip().partition(" ")
+        if took != "took":
+            raise StageError(f"a press without a fault: {longer_s}")
         host.stdout.read()
     times_s, z_mm = np.array(list(seen.items())).T
     line = np.polyfit(times_s, z_mm, 1)
-    return longer_s, 60 * float(line[0]), float(np.abs(z_mm - np.polyval(line, times_s)).max())
+    return float(longer_s), 60 * float(line[0]), float(np.abs(z_mm - np.polyval(line, times_s)).max())
 
 
 def rows(board: Board, moments: int) -> Iterator[tuple[str, str]]:
