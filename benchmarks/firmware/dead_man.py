@@ -178,7 +178,8 @@ def steadiness(board: Board, url: str, how: str) -> tuple[float, float, float]:
         host.stdout.read()
     times_s, z_mm = np.array(list(seen.items())).T
     line = np.polyfit(times_s, z_mm, 1)
-    return float(longer_s), 60 * float(line[0]), float(np.abs(z_mm - np.polyval(line, times_s)).max())
+    off_mm = np.abs(z_mm - np.polyval(line, times_s)).max()
+    return float(longer_s), 60 * float(line[0]), float(off_mm)
 
 
 def rows(board: Board, moments: int) -> Iterator[tuple[str, str]]:
