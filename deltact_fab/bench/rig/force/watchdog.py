@@ -292,7 +292,7 @@ class _Server:
         self._clock = WallClock()
         self._stop_line = _StopLine()
         self._easing = ExitStack()
-        self._streaming = self._pressing = False  # pressing: tared, and not stopped since
+        self._streaming = self._pressing = self._eased = False  # pressing: from a tare to a stop
         self._batches: list[ForceSamples] = []
         self._error: SensorError | None = None
         self._read_pending = False  # a read waits for samples
@@ -375,7 +375,8 @@ class _Server:
         self._batches, self._error, self._streaming = [], None, True
 
     def do_stop(self) -> None:
-        self._streaming = self._pressing = False
+        self._streaming = False
+        self._pressing = self._pressing and self._eased  # a lift ends the press
         self._force.stop()
         self._batches, self._error = [], None
 
@@ -389,6 +390,7 @@ class _Server:
     def do_ease(self, on: bool) -> None:
         assert self._guard is not None
         self._easing.close()
+        self._eased = on
         if on:
             self._easing.enter_context(self._guard.easing())
 

@@ -50,7 +50,8 @@ def streaming(clock: Clock, force: ForceSensor | None) -> Iterator[FeltForce]:
 
     def felt_n() -> float | None:
         with suppress(DeltactFabError):
-            force.start()  # anew, as nobody may have read it meanwhile
+            force.stop()  # nobody may have read it meanwhile
+            force.start()
             return mean_force_n(clock, force)
         return None
 
