@@ -24,7 +24,7 @@ from .controller import (
     in_mm,
 )
 from .exchange import NoAnswer, TalkFault, state_text
-from .settings import AXIS_LETTERS
+from .settings import AXIS_LETTERS, as_commanded
 
 # Decision 0073; by hand: longer waits overrun in the gel, shorter ones stop a slow controller.
 JOG_ANSWER_S = 0.5  # measured: 0.05 s (docs/evidence/firmware.md)
@@ -44,11 +44,10 @@ def start_move(
     at_once: send all of it. Raises InputError, with nothing sent, beyond travel or feed; TalkFault
     if it does not begin.
     """
-    x, y, z = (round(p, 4) + 0.0 for p in target_mm)
-    machine = (x, y, z)
+    machine = as_commanded(target_mm)
     delta = subtract_vectors(machine, c.at_mm)
     limits = c.limits
-    if refusal := limits.target_refusal(machine) or limits.feed_refusal(delta, feed_mm_min):
+    if refusal := limits.move_refusal(c.at_mm, machine, feed_mm_min):
         raise InputError(f"{c.url}: {refusal}")
     planned_s = move_duration_s(delta, feed_mm_min, limits.axes(110), limits.axes(120))
     accel = along_line(delta, limits.axes(120)) if any(delta) else math.inf
