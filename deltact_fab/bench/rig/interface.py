@@ -136,6 +136,12 @@ class Stage(Protocol):
         its count kept. Positions are lost afterwards. Raises StageError.
         """
 
+    def check_moves(self, moves: Iterable[tuple[Point, float]]) -> None:
+        """Judge straight moves in turn, each a tip position and a feed, with nothing sent.
+
+        Raises InputError for the first beyond the limits.
+        """
+
     def start_move(self, target_mm: tuple[float, float, float], feed_mm_min: float) -> float:
         """Send one straight move to a tip position and return its planned time (s) at once.
 

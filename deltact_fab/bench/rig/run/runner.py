@@ -73,7 +73,7 @@ class Runner:
         self._remaining = RemainingTime(steps, todo, self._d.wall_clock, self._d.change_s)
         with interruptible(self._stage.abort):
             try:
-                self._set_up(bool(todo))
+                self._set_up([steps[i] for i in todo])
                 previous = -1
                 for i in todo:
                     last = i + 1 == len(steps) or steps[i + 1].press != steps[i].press
@@ -91,12 +91,13 @@ class Runner:
         counts = sorted(self._streams.counts.items())
         return {kind: n for kind, n in counts if kind != N_TAKEN and n}
 
-    def _set_up(self, moves: bool) -> None:
-        """Connect, arm the guard, home. An error leaves the stage where it stopped."""
+    def _set_up(self, steps: Sequence[Step]) -> None:
+        """Connect, judge all moves, arm the guard, home. An error leaves the stage as it is."""
         stage, streams = self._stage, self._streams
         try:
             stage.connect()
-            if moves:
+            stage.check_moves((step.target_mm, step.feed_mm_min) for step in steps)
+            if steps:
                 if self._d.begin is not None:
                     streams.event("begin", self._d.begin())
                 streams.open()

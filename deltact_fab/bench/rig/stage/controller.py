@@ -238,20 +238,22 @@ class Controller:
     # ---- bringing it to rest ------------------------------------------------------------------
 
     def wake(self) -> None:
-        """Read the banner of a controller that restarts on opening; wake any other."""
+        """Read the banner of a controller that restarts on opening; wake any other.
+
+        Only one that says nothing at all, or is asleep, is reset.
+        """
         lines = self.talk.banner()
-        self.banner = lines[0] if lines else ""
         report = None if lines else self.talk.peek_status()
         state = "" if report is None else report.state
-        if not lines and state.partition(":")[0] in ("", "Sleep"):
-            if not (lines := self.talk.reset()):
+        if not lines and state in ("", "Sleep"):
+            if not (lines := self.talk.late_banner() or self.talk.reset()):
                 raise TalkFault(
                     f"no banner within {BANNER_S:g} s and no answer to '?' at {self.port.baud} "
                     "baud, nor to a reset (0x18); is it a GRBL 1.1 controller?"
                 )
-            self.banner = lines[0]
-        if state.partition(":")[0] not in ("", "Sleep", "Idle", "Alarm"):
+        elif state.partition(":")[0] not in ("", "Idle", "Alarm"):
             self.rest(alarmed=True)
+        self.banner = lines[0] if lines else ""
 
     def rest(self, *, alarmed: bool = False) -> StageState:
         """Bring it to Idle by braking only; motion waiting in Hold or Door is discarded.

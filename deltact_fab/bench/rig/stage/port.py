@@ -135,6 +135,11 @@ class Port:
         return [text for raw in complete if (text := raw.decode("ascii", "replace").strip())]
 
     @property
+    def unfinished(self) -> str:
+        """Text of a line that is not complete."""
+        return self._partial.decode("ascii", "replace").strip()
+
+    @property
     def waiting(self) -> bool:
         """True if there are unread bytes. Raises LinkLost."""
         return bool(self._io(lambda: self._port.in_waiting))

@@ -74,7 +74,8 @@ def plan_move(
 def go_to(stage: Stage, target_mm: Point, feed_mm_min: float, into_gel: bool) -> None:
     """Go to a position (sensor frame): up to the clearance height, sideways, then down.
 
-    Raises InputError, with nothing sent, for one below CLEARANCE_MM without into_gel.
+    Raises InputError, with nothing sent, for one below CLEARANCE_MM without into_gel, and for a leg
+    beyond the limits.
     """
     if not all(map(math.isfinite, target_mm)):
         raise InputError(f"X Y Z: {target_mm} mm is not a position")
@@ -82,15 +83,18 @@ def go_to(stage: Stage, target_mm: Point, feed_mm_min: float, into_gel: bool) ->
     if z < CLEARANCE_MM and not into_gel:
         raise InputError(_too_low(z))
     start = stage.position_mm()
+    legs, high_mm = [], start[2]
     if math.dist(start[:2], (x, y)) > SAME_PLACE_MM:
         high_mm = max(start[2], CLEARANCE_MM)
-        for place in ((start[0], start[1], high_mm), (x, y, high_mm)):
-            move_to(stage, place, feed_mm_min)
+        legs = [((*start[:2], high_mm), feed_mm_min), ((x, y, high_mm), feed_mm_min)]
     if z < CLEARANCE_MM:
-        if stage.position_mm()[2] > CLEARANCE_MM:
-            move_to(stage, (x, y, CLEARANCE_MM), feed_mm_min)
+        if high_mm > CLEARANCE_MM:
+            legs.append(((x, y, CLEARANCE_MM), feed_mm_min))
         feed_mm_min = min(feed_mm_min, NEAR_FEED_MM_MIN)
-    move_to(stage, target_mm, feed_mm_min)
+    legs.append((target_mm, feed_mm_min))
+    stage.check_moves(legs)
+    for place_mm, leg_feed_mm_min in legs:
+        move_to(stage, place_mm, leg_feed_mm_min)
 
 
 def position_text(position_mm: Point) -> str:
