@@ -11,6 +11,7 @@ import hosted
 import pytest
 from hosted import FEED_MM_MIN, MACHINE_MM, TARGET_MM
 
+from deltact_fab.bench.rig.run.contact import end_contact
 from deltact_fab.bench.rig.stage.grbl import GrblStage
 from deltact_fab.common.errors import StageError
 from deltact_fab.sensor.optics.camera import StageFrame
@@ -259,6 +260,42 @@ def test_tip_lifts_if_position_is_kept(fault: str) -> None:
     with pytest.raises(StageError, match="no motion after a fault"):
         bench.stage.start_move(TARGET_MM, FEED_MM_MIN)
     bench.stage.home()
+
+
+def in_the_gel(bench: Bench) -> Bench:
+    """In a slow press, 1.5 s after its start."""
+    bench.stage.start_move((0.0, 0.0, 0.0), FEED_MM_MIN)
+    bench.stage.wait()
+    bench.stage.start_move((0.0, 0.0, -3.0), 60.0)
+    bench.stage.listen(1.5)
+    return bench
+
+
+def test_late_jog_is_waited_for() -> None:
+    bench = in_the_gel(Bench())
+    waits = bench.stage.identity()["waits"]
+    bench.grbl.fault("late jog")
+    bench.stage.wait()
+    assert bench.stage.position_mm()[2] == pytest.approx(-3.0, abs=0.002)
+    assert bench.stage.identity()["waits"] > waits
+    assert b"error:8" in b"".join(data for _, who, data in bench.trace if who != "host")
+
+
+@pytest.mark.parametrize("state", ["Jog", "Run"])
+def test_stop_ends_every_state(state: str) -> None:
+    bench = in_the_gel(Bench())
+    if state == "Run":
+        bench.grbl.fault("late jog")
+        while bench.grbl.state != "Run":
+            bench.stage.listen(0.005)
+    at_mm = bench.grbl.position_mm()[2]
+    bench.stage.cancel()
+    felt = iter((4.0, 0.01))
+    outcome = end_contact(bench.stage, lambda: next(felt))
+    assert outcome == "the tip was lifted by 3.00 mm, force 0.01 N"
+    lowest_mm = min(segment.end_mm[2] for segment in bench.grbl.segments)
+    assert lowest_mm > at_mm - 0.25
+    assert bench.stage.homed, "the count is kept"
 
 
 @pytest.mark.parametrize("fault", ["reboot", "limit", "cable", "silence"])

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, ClassVar, Self
 
 from deltact_fab.common import Check, InputError, Point, to_ns
@@ -32,7 +32,7 @@ from ...protocols.motion import StageConfig
 from ..interface import LIFT_FEED_MM_MIN, Clock, StageState, StopCommands
 from . import jogs
 from .controller import FEED_HOLD, JOG_CANCEL, PIECE_S, PLANNED_AHEAD_S, Controller
-from .exchange import SETTING_PATTERN, SOFT_RESET, TalkFault, state_text
+from .exchange import SETTING_PATTERN, SOFT_RESET, LineRefused, TalkFault, state_text
 from .port import Cable
 from .settings import Limits, as_commanded, check_firmware, check_settings, first_failure
 
@@ -218,7 +218,8 @@ class GrblStage:
                 return  # no move was begun
             self._c.move = None
             if self._c.talk.posted is not None:  # a line read after the byte starts a new jog
-                self._c.talk.settle(jogs.JOG_ANSWER_S)
+                with suppress(LineRefused):  # by a jog that was begun as Run
+                    self._c.talk.settle(jogs.JOG_ANSWER_S)
                 self._c.port.write(JOG_CANCEL)
             self._c.rest()
             self._c.stopping = False

@@ -185,7 +185,11 @@ def poll(c: Controller) -> StageState:
     with c.exchange():
         if c.trouble:
             raise TalkFault(c.trouble)
-        state = c.status()
+        try:
+            state = c.status()
+        except LineRefused as refusal:
+            _wait_for_run(c, refusal)
+            state = c.status()
         c.at_mm = state.machine_mm
         c.require_position(state)
         if c.move is not None and state.state in ("Jog", "Idle") and not c.cancelled:
