@@ -348,7 +348,8 @@ class _Server:
                 line.rests(watch)
         if risen_mm or force_n > self._contact_n:
             felt = "no force reading" if force_n == math.inf else f"force {force_n:.2f} N"
-            text = f"the program died in a press: tip lifted by {risen_mm:.0f} mm, {felt}"
+            done = f"lifted by {risen_mm:.0f} mm" if risen_mm else "NOT lifted"
+            text = f"the program died in a press: the tip was {done}, {felt}"
             print(f"deltact-fab guard: {text}", file=sys.stderr, flush=True)
 
     def _newest_n(self) -> Field:
