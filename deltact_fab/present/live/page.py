@@ -31,12 +31,10 @@ from deltact_fab.paths import asset
 LOOPBACK_HOST = "127.0.0.1"
 JPEG_QUALITY = 80  # by hand: size against artefacts
 TRACE_POINTS = 1200  # sent to a browser that connects later; by hand: more slow the page down
-# By hand: ten browsers of six connections; a browser's request has 1 kB and takes milliseconds;
-# an answer of megabytes may pass a slow tunnel.
-CONNECTION_LIMIT = 64
-REQUEST_LIMIT_BYTES, REQUEST_LIMIT_S = 16384, 5.0
-ANSWER_LIMIT_S = 30.0
-TOKEN_BYTES = 16  # by hand: 128 bits cannot be guessed
+# By hand: ten browsers of six connections; a browser's request has 1 kB and takes milliseconds,
+# its answer of up to a megabyte longer in a slow tunnel.
+THREAD_LIMIT = 64
+REQUEST_LIMIT_BYTES, REQUEST_LIMIT_S, ANSWER_LIMIT_S = 16384, 5.0, 30.0
 
 
 class LivePage:
@@ -57,9 +55,9 @@ class LivePage:
         self.ended: str | None = None
         self.health = self.unfit = ""
         self.reference = reference
-        self.token = secrets.token_urlsafe(TOKEN_BYTES)
+        self.token = secrets.token_urlsafe()
         try:
-            self._server = _Server(self, port)
+            self._server = _PageServer(self, port)
         except OSError as error:
             text = f"--port {port}: {error.strerror}; omit --port for a free one"
             raise InputError(text) from error
@@ -102,27 +100,21 @@ class LivePage:
         }  # fmt: skip
 
 
-class _Server(ThreadingHTTPServer):
-    """Server of one page, which closes connections beyond a limit."""
+class _PageServer(ThreadingHTTPServer):
+    """Server of one page; closes a connection at once where threads are many."""
 
-    request_queue_size = CONNECTION_LIMIT
+    request_queue_size = THREAD_LIMIT
 
     def __init__(self, page: LivePage, port: int) -> None:
-        self.page, self._free = page, threading.Semaphore(CONNECTION_LIMIT)
-        super().__init__((LOOPBACK_HOST, port), _Handler)
+        self.page = page
+        super().__init__((LOOPBACK_HOST, port), _PageHandler)
 
     def verify_request(self, request: Any, client_address: Any) -> bool:
-        return self._free.acquire(blocking=False)
-
-    def process_request_thread(self, request: Any, client_address: Any) -> None:
-        try:
-            super().process_request_thread(request, client_address)
-        finally:
-            self._free.release()
+        return threading.active_count() < THREAD_LIMIT
 
 
-class _Handler(BaseHTTPRequestHandler):
-    server: _Server
+class _PageHandler(BaseHTTPRequestHandler):
+    server: _PageServer
 
     def log_message(self, format: str, *args: Any) -> None:
         """Log nothing: the terminal belongs to the measurement."""
@@ -140,15 +132,15 @@ class _Handler(BaseHTTPRequestHandler):
         head, end_s = b"", time.monotonic() + REQUEST_LIMIT_S
         while b"\r\n\r\n" not in head:
             self.connection.settimeout(max(end_s - time.monotonic(), 0))
-            part = self.connection.recv(REQUEST_LIMIT_BYTES)
-            head += part
-            if not part or len(head) > REQUEST_LIMIT_BYTES:
+            part = self.connection.recv(REQUEST_LIMIT_BYTES - len(head))
+            if not part:
                 return b""
+            head += part
         self.connection.settimeout(ANSWER_LIMIT_S)
         return head.partition(b"\r\n\r\n")[0] + b"\r\n\r\n"
 
     def parse_request(self) -> bool:
-        """Parse the request and leave the path after the token; answer and return False if bad."""
+        """Parse a request and leave its path below the token; refuse it and return False if bad."""
         if not super().parse_request():
             return False
         token, _, self.path = self.path.removeprefix("/").partition("/")
@@ -159,27 +151,24 @@ class _Handler(BaseHTTPRequestHandler):
         return True
 
     def _has_own_headers(self) -> bool:
-        """True for a request to this server, of its own page or of a person, without a body."""
-        port, dest = self.server.page.port, self.headers.get("Sec-Fetch-Dest")
-        # The address may be a link of any page, a terminal in a browser for instance.
-        links = ["same-site", "cross-site"] if dest == "document" else []
-        absent = [""]
+        """True for a request without a body to this server, by its own page or by a person."""
+        # A link to the page may be on any other, such as a terminal in a browser.
+        link = self.headers["Sec-Fetch-Dest"] == "document"
+        port, posts = self.server.page.port, self.command == "POST"
         allowed = {
             "Host": [f"{name}:{port}" for name in (LOOPBACK_HOST, "localhost")],
-            "Origin": [f"http://{self.headers['Host']}", *absent * (self.command != "POST")],
-            "Sec-Fetch-Site": ["none", "same-origin", *links, *absent],
-            "Content-Length": ["0", *absent],
-            "Transfer-Encoding": absent,
+            "Origin": [f"http://{self.headers['Host']}", *[""] * (not posts)],
+            "Sec-Fetch-Site": ["", "none", "same-origin", *["same-site", "cross-site"] * link],
+            "Content-Length": ["", "0"],
+            "Transfer-Encoding": [""],
         }
-        return all(
-            ", ".join(self.headers.get_all(name, [])) in values for name, values in allowed.items()
-        )
+        return all(", ".join(self.headers.get_all(k, [])) in allowed[k] for k in allowed)
 
     def do_GET(self) -> None:
         page, (path, _, last_number) = self.server.page, self.path.partition("?")
         if path in _PAGE_FILES:
-            name, kind = _PAGE_FILES[path]
-            self._answer(200, f"{kind}; charset=utf-8", asset(name).read_bytes())
+            kind, name = _PAGE_FILES[path]
+            self._answer(200, f"text/{kind}; charset=utf-8", asset(name).read_bytes())
         elif path == "image.jpg":
             self._answer(200, "image/jpeg", page.jpeg())
         elif path in ("about", "newest"):
@@ -202,8 +191,9 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _answer(self, status: int, kind: str, body: bytes) -> None:
         self.send_response_only(status)
-        sizes = {"Content-Type": kind, "Content-Length": str(len(body))}
-        for name, value in (sizes | _SAFE_HEADERS).items():
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(body)))
+        for name, value in _SAFE_HEADERS.items():
             self.send_header(name, value)
         self.end_headers()
         self.wfile.write(body)
@@ -211,11 +201,9 @@ class _Handler(BaseHTTPRequestHandler):
 
 # The style of all pages is read without importing their library, which a robot lacks.
 _PAGE_FILES = {
-    "": ("live.html", "text/html"),
-    "live.css": ("live.css", "text/css"),
-    "live.js": ("live.js", "text/javascript"),
-    "style.css": ("templates/style.css", "text/css"),
-}
+    "": ("html", "live.html"), "live.css": ("css", "live.css"),
+    "live.js": ("javascript", "live.js"), "style.css": ("css", "templates/style.css"),
+}  # fmt: skip
 # The page loads its own files, nothing else; no page frames it, embeds its files or opens it.
 _SAFE_HEADERS = {
     "Cache-Control": "no-store",

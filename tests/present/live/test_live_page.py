@@ -7,6 +7,7 @@ import json
 import re
 import select
 import socket
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -121,7 +122,8 @@ def exchange(page: LivePage, request: str) -> str:
     answer = b""
     with connect(page) as link, suppress(ConnectionError):
         link.sendall(request.encode("latin-1"))
-        link.shutdown(socket.SHUT_WR)
+        with suppress(OSError):  # not connected: the server closed first
+            link.shutdown(socket.SHUT_WR)
         while part := link.recv(65536):
             answer += part
     return answer.decode("latin-1")
@@ -238,7 +240,7 @@ def test_idle_connections_are_limited(page: LivePage, monkeypatch: pytest.Monkey
     idle, deadline_s = [connect(page) for _ in range(80)], time.monotonic() + 10
     while len(select.select(idle, [], [], 0.1)[0]) < 16:
         assert time.monotonic() < deadline_s
-    assert len(select.select(idle, [], [], 0.1)[0]) == 16
+    assert threading.active_count() <= 64
     for link in idle:
         link.close()
     while not exchange(page, "GET / HTTP/1.1\r\n\r\n"):  # their threads end one by one
