@@ -120,7 +120,7 @@ class _PageHandler(BaseHTTPRequestHandler):
         """Log nothing: the terminal belongs to the measurement."""
 
     def handle(self) -> None:
-        """Answer one request, of which the parser receives the headers alone."""
+        """Answer one request; nothing more is received, and the connection is closed."""
         with suppress(OSError):
             head = self._read_head()
             self.rfile.close()
@@ -137,7 +137,7 @@ class _PageHandler(BaseHTTPRequestHandler):
                 return b""
             head += part
         self.connection.settimeout(ANSWER_LIMIT_S)
-        return head.partition(b"\r\n\r\n")[0] + b"\r\n\r\n"
+        return head
 
     def parse_request(self) -> bool:
         """Parse a request and leave its path below the token; refuse it and return False if bad."""
