@@ -121,7 +121,7 @@ class _PageHandler(BaseHTTPRequestHandler):
 
     def handle(self) -> None:
         """Answer one request; nothing more is received, and the connection is closed."""
-        with suppress(OSError):
+        with suppress(BlockingIOError, ConnectionError, TimeoutError):
             head = self._read_head()
             self.rfile.close()
             self.rfile = BytesIO(head)
