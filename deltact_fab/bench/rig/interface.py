@@ -117,6 +117,10 @@ class Stage(Protocol):
     motion."""
 
     @property
+    def descent_feed_mm_min(self) -> float:
+        """Largest feed towards a face that was not touched yet."""
+
+    @property
     def homed(self) -> bool:
         """True if positions are known: homed since it was connected, and no fault since."""
 

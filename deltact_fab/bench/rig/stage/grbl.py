@@ -20,6 +20,7 @@ called from any thread, and then only write.
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -262,6 +263,10 @@ class GrblStage:
         """Stop any move and close the port."""
         self._c.halt()
         self._c.port.close()
+
+    @property
+    def descent_feed_mm_min(self) -> float:
+        return math.inf if self._config is None else self._config.descent_feed_mm_min
 
     @property
     def homed(self) -> bool:

@@ -59,8 +59,8 @@ def plan_move(
 ) -> tuple[Point, float]:
     """Return target and feed of a relative straight move (sensor frame); nothing moves.
 
-    Raises InputError for one that, without into_gel, ends below CLEARANCE_MM or goes sideways
-    there; straight up is always allowed.
+    A descent is slow, as the face may be higher than expected. Raises InputError for one that,
+    without into_gel, ends below CLEARANCE_MM or goes sideways there; straight up is always allowed.
     """
     start = stage.position_mm()
     end = add_vectors(start, by_mm)
@@ -68,11 +68,13 @@ def plan_move(
     near = low_mm < CLEARANCE_MM and not up
     if near and not into_gel:
         raise InputError(_too_low(low_mm))
+    if by_mm[2] < 0:
+        feed_mm_min = min(feed_mm_min, stage.descent_feed_mm_min)
     return end, min(feed_mm_min, NEAR_FEED_MM_MIN) if near else feed_mm_min
 
 
 def go_to(stage: Stage, target_mm: Point, feed_mm_min: float, into_gel: bool) -> None:
-    """Go to a position (sensor frame): up to the clearance height, sideways, then down.
+    """Go to a position (sensor frame): up to the clearance height, sideways, then slowly down.
 
     Raises InputError, with nothing sent, for one below CLEARANCE_MM without into_gel, and for a leg
     beyond the limits.
@@ -87,6 +89,8 @@ def go_to(stage: Stage, target_mm: Point, feed_mm_min: float, into_gel: bool) ->
     if math.dist(start[:2], (x, y)) > SAME_PLACE_MM:
         high_mm = max(start[2], CLEARANCE_MM)
         legs = [((*start[:2], high_mm), feed_mm_min), ((x, y, high_mm), feed_mm_min)]
+    if z < high_mm:
+        feed_mm_min = min(feed_mm_min, stage.descent_feed_mm_min)
     if z < CLEARANCE_MM:
         if high_mm > CLEARANCE_MM:
             legs.append(((x, y, CLEARANCE_MM), feed_mm_min))
