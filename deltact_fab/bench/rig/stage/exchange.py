@@ -73,12 +73,12 @@ STATE_TEXTS = {
     "Tool": "waiting for a tool change",
     "Sleep": "asleep: needs a reset",
 }
-DECIMAL_PATTERN = r"(-?\d{1,9}(?:\.\d{0,9})?)"
-BANNER_PATTERN = re.compile(r"Grbl(?:HAL)? (\d+)\.(\d+)\S*", re.IGNORECASE)
-SETTING_PATTERN = re.compile(rf"\$(\d+)={DECIMAL_PATTERN}(?:\s*\(.*)?")
+DECIMAL_PATTERN, COORDINATE_PATTERN = r"(-?\d{1,9}(?:\.\d{0,9})?)", r"(-?\d{1,6}\.\d{3})"
+BANNER_PATTERN = re.compile(r"Grbl(?:HAL)? (\d{1,3})\.(\d{1,3})\S{0,9}", re.IGNORECASE)
+SETTING_PATTERN = re.compile(rf"\$(\d+)={DECIMAL_PATTERN}(?:\s+\(.*\))?")
 STATUS_PATTERN = re.compile(  # of three axes or more, the first of which are X, Y and Z
-    r"<((?:Idle|Run|Jog|Hold|Home|Alarm|Door|Check|Sleep|Tool)(?::\d+)?)\|MPos:"
-    rf"{','.join([DECIMAL_PATTERN] * 3)}(?:,-?[\d.]+)*(?:\|[^<>]*)?>"
+    r"<((?:Idle|Run|Jog|Hold|Home|Alarm|Door|Check|Sleep|Tool)(?::\d{1,3})?)\|MPos:"
+    rf"{','.join([COORDINATE_PATTERN] * 3)}(?:,-?[\d.]+)*(?:\|[^<>]*)?>"
 )
 REFUSED_FIELDS = {  # of a status
     "|MPG:1": "a pendant has control of the stage: release it",
@@ -298,7 +298,7 @@ def _raise_for_event(text: str) -> None:
 
 def explain(text: str, meanings: dict[int, str]) -> str:
     """Return `error:9` or `ALARM:2` with its meaning if known."""
-    number = text.partition(":")[2]
+    number, text = text.partition(":")[2], text[:LONGEST_QUOTE]
     meaning = meanings.get(int(number)) if number.isdigit() else None
     return f"{text} ({meaning})" if meaning else text
 

@@ -20,7 +20,7 @@ from .exchange import BANNER_PATTERN, OPTIONS_PATTERN
 
 AXIS_LETTERS = "XYZ"
 # Numbers and bits of GRBL 1.1 and grblHAL.
-SINGLE_SETTINGS = (3, 10, 13, 20, 21, 22, 23, 27, 32)
+SINGLE_SETTINGS = (3, 10, 13, *range(20, 28), 32)
 AXIS_UNITS = {100: "steps/mm", 110: "mm/min", 120: "mm/s2", 130: "mm of travel"}
 HALF_DIGIT = 0.0005  # settings are listed with three decimals
 ALWAYS_ON = 255  # of $1
@@ -74,12 +74,13 @@ def check_firmware(banner: str, info: list[str]) -> list[Check]:
     A firmware that answers as another one does passes.
     """
     version = next((line for line in info if line.startswith("[VER")), "")
-    told = BANNER_PATTERN.match(banner)
-    if VERSION_PATTERN.match(version) and (not banner or (told and told.groups() == ("1", "1"))):
+    known, told = VERSION_PATTERN.match(version), BANNER_PATTERN.match(banner)
+    if known and (not banner or (told and told.groups() == ("1", "1"))):
         return []
-    text = " ".join(filter(None, (banner, version))) or "no [VER:] in the answer to $I"
-    name = next((name for part, name in FOREIGN_NAMES.items() if part in text), "this firmware")
-    return [_failed("firmware", f"{name} is not supported ({text}): flash GRBL 1.1 or grblHAL")]
+    parts = (part for part in FOREIGN_NAMES if part in banner + version)
+    text = (not known and version) or banner or "no [VER:] in the answer to $I"
+    text = f"{FOREIGN_NAMES.get(next(parts, ''), 'this firmware')} is not supported ({text[:60]})"
+    return [_failed("firmware", f"{text}: flash GRBL 1.1 or grblHAL")]
 
 
 def first_failure(rows: list[Check]) -> str:
