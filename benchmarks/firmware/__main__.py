@@ -117,7 +117,7 @@ def beliefs(board: Board, hal: bool) -> Iterator[tuple[str, str]]:
         state = stage.report().state
         if board.terminal and state == "Idle":
             return "not measured: homed before, and not restarted when its port is opened"
-        if stage.lift(25.0, 300.0) or stage.trust_count():
+        if stage.lift(25.0, 300.0) is not None or stage.trust_count():
             return f"WRONG: moved in {state}"
         return f"{state}: nothing lifts, no count is trusted"
 

@@ -33,7 +33,10 @@ NEGATIVE_NUMBERS = {"ignore_unknown_options": True}  # -1.5 is not an option
 @STAGE_RIG_ARGUMENT
 @answers
 def status(rig: str) -> Answer:
-    """Show state and position of the stage. Nothing moves."""
+    """Show state and position of the stage. Nothing moves.
+
+    The position is the controller's count, true if every axis was homed since it started.
+    """
     from deltact_fab.bench import HandStage
 
     state = HandStage(rig).status()
@@ -127,7 +130,8 @@ def _jog_by_keys(stage: HandStage, into_gel: bool, indenter: str, design: str) -
 @FEED_OPTION
 @INTO_GEL
 @click.option("--as-counted", is_flag=True,
-              help="Trust the position: homed, and not unlocked by $X since.")  # fmt: skip
+              help="Trust the position: every axis homed, and not unlocked by $X since. "
+                   "The controller cannot show it.")  # fmt: skip
 @click.option("--home", "home_first", is_flag=True,
               help="Home first; confirms that the tip touches nothing.")  # fmt: skip
 @answers

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from operator import mul
 
@@ -197,11 +197,12 @@ class Carriage:
 
     # ---- homing -------------------------------------------------------------------------------
 
-    def homing_legs(self) -> Iterator[tuple[dict[int, float], float]]:
-        """Goals by axis and the rate to them (mm/min): Z first, then X and Y, each twice."""
+    def homing_legs(self, passes: Iterable[int]) -> Iterator[tuple[dict[int, float], float]]:
+        """Goals by axis and the rate to them (mm/min), each twice. passes: masks of axes."""
         s = self._settings
         at_min, pull, seek, feed = int(s[23]), s[27], s[25], s[24]
-        for axes in ((2,), (0, 1)):
+        for mask in passes:
+            axes = [axis for axis in range(3) if mask >> axis & 1]
             switch = {a: -s[130 + a] if at_min >> a & 1 else 0.0 for a in axes}
             clear = {a: p + pull if at_min >> a & 1 else p - pull for a, p in switch.items()}
             yield from ((switch, seek), (clear, seek), (switch, feed), (clear, seek))
@@ -221,9 +222,13 @@ class Carriage:
         self.moving = self._line_to((end[0], end[1], end[2]), rate, self._line_count, t_ns)
         return True
 
-    def set_home(self) -> None:
-        self._count = to_steps(self.path.end_mm, self.axes(100))
-        self._slip_mm = (0.0, 0.0, 0.0)
+    def set_home(self, mask: int) -> None:
+        """Set the count of these axes from their switches; others keep theirs."""
+        steps = to_steps(self.path.end_mm, self.axes(100))
+        x, y, z = (steps[k] if mask >> k & 1 else self._count[k] for k in range(3))
+        self._count = (x, y, z)
+        u, v, w = (0.0 if mask >> k & 1 else self._slip_mm[k] for k in range(3))
+        self._slip_mm = (u, v, w)
 
     @staticmethod
     def _crossing_ns(line: Segment, axis: int, place_mm: float, sign: float) -> int:

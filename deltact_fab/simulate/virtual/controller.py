@@ -19,7 +19,9 @@ from __future__ import annotations
 
 import random
 from collections import deque
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
+from functools import reduce
+from operator import or_
 from typing import Literal
 
 from deltact_fab.bench import Clock, StageConfig
@@ -29,6 +31,8 @@ from .carriage import PLANNER_BLOCKS, Carriage
 from .clock import NS_PER_S
 from .grbl_lines import (
     DEFAULTS_GRBL,
+    FIRMWARE_TEXTS,
+    HOMING_PASSES,
     GrblError,
     coordinates,
     grbl_settings,
@@ -38,13 +42,14 @@ from .grbl_lines import (
 )
 from .motion import Segment
 
-GRBL_BANNER = "Grbl 1.1h ['$' for help]"
 _RX_BYTES, _LINE_CHARS = 128, 79  # GRBL 1.1h, config.h
 # The firmware waits for its alarm message to get out, deaf to everything, before it does the rest.
 _ALARM_PAUSE_NS = NS_PER_S // 2
 
-ControllerState = Literal["Idle", "Jog", "Hold", "Home", "Alarm", "Sleep"]
-Fault = Literal["reboot", "silence", "limit", "soft limit", "door", "door closes", "hold"]
+ControllerState = Literal["Idle", "Jog", "Run", "Hold", "Home", "Alarm", "Sleep"]
+Fault = Literal[
+    "reboot", "silence", "limit", "soft limit", "door", "door closes", "hold", "late jog"
+]
 # What a line that cannot finish yet waits for: a free planner slot, a carriage at rest, or a moment
 # (ns).
 TaskWait = Literal["slot", "still"] | int
@@ -56,7 +61,10 @@ class GrblController:
 
     settings: `$` numbers to values, over `SETTINGS`. start_mm: where the carriage stands at
     power-on, in the true machine frame (the switches are at 0, or at -travel where $23 says so).
-    boot_s: time from power-on or a hardware reset to the banner.
+    boot_s: time from power-on or a hardware reset to the banner. firmware: of `FIRMWARE_TEXTS`.
+    homing_passes: masks of the axes homed together, a compile option of GRBL; grblHAL reads them
+    from $44 to $46. axis_count: numbers in a status; axes beyond Z stand still at 0. pendant: one
+    has control; it refuses motion, or "mute": nothing but `?` is heard. May be set at any time.
     """
 
     _state: ControllerState
@@ -75,13 +83,19 @@ class GrblController:
         *,
         start_mm: Point = (-20.0, -20.0, -10.0),
         boot_s: float = 1.0,
-        banner: str = GRBL_BANNER,
+        firmware: str = "GRBL",
+        homing_passes: Sequence[int] = (4, 3),
+        axis_count: int = 3,
+        pendant: Literal["", "refuses", "mute"] = "",
     ) -> None:
-        self.settings = {**DEFAULTS_GRBL, **(settings or {})}
-        unknown = sorted(set(self.settings) - set(DEFAULTS_GRBL))
-        if unknown:
+        defaults = {**DEFAULTS_GRBL, **(HOMING_PASSES if firmware == "grblHAL" else {})}
+        self.settings = {**defaults, **(settings or {})}
+        if unknown := sorted(set(self.settings) - set(defaults)):
             raise ValueError(f"no such GRBL setting: ${unknown[0]}")
-        self.banner = banner
+        self.banner, *self._info = FIRMWARE_TEXTS[firmware]
+        self.pendant = pendant
+        self._homing_passes, self._more_axes = homing_passes, (0.0,) * (axis_count - 3)
+        self._late = False  # the next jog comes as the present one ends
         self._clock, self._t = clock, clock.now_ns()
         self._carriage = Carriage(self.settings, start_mm, self._t)
         self._out: list[tuple[int, bytes]] = []
@@ -107,6 +121,8 @@ class GrblController:
         for byte in data:
             if self._mute or self._boot_ns is not None:
                 continue
+            if self.pendant == "mute" and byte != ord("?"):
+                continue
             if byte in b"?!~\x18" or byte >= 0x80:
                 self._realtime(byte)
             elif len(self._rx) < _RX_BYTES:
@@ -125,6 +141,8 @@ class GrblController:
         reboot: a brown-out. silence: the cable is pulled, motion goes on. limit: a hard limit.
         soft limit: as if the line under way led out of the travel.
         door: the safety door opens, and stays so until it closes. hold: the button for it.
+        late jog: the next line that would prolong a jog is read as that jog ends. GRBL starts it
+        as Run, in which it is deaf to 0x85 and refuses jogs.
         """
         self._advance()
         self._faults.append((self._t if at_s is None else to_ns(at_s), kind))
@@ -170,7 +188,7 @@ class GrblController:
 
     @property
     def state(self) -> str:
-        """State of the controller: Idle, Jog, Hold, Home, Alarm or Sleep."""
+        """State of the controller: Idle, Jog, Run, Hold, Home, Alarm or Sleep."""
         self._advance()
         return self._state
 
@@ -222,6 +240,8 @@ class GrblController:
     def _strike(self, kind: Fault) -> None:
         if kind == "silence":
             self._mute = True
+        elif kind == "late jog":
+            self._late = True
         elif kind in ("door", "door closes"):
             self._ajar = kind == "door"
             if self._ajar and self._boot_ns is None:
@@ -345,8 +365,9 @@ class GrblController:
         elif byte == 0x84:
             self._open_door()
         elif byte == ord("~") and self._state == "Hold" and not (self._holding or self._ajar):
-            self._state = "Idle"
+            self._state = "Run"
             self._door = False
+            self._begin()
             self._pump()
 
     def _open_door(self) -> None:
@@ -361,9 +382,11 @@ class GrblController:
     def _hold(self) -> None:
         if self._state == "Idle":
             self._state = "Hold"
-        if self._state != "Jog" or self._holding:
+        if self._state not in ("Jog", "Run") or self._holding:
             return
         self._holding = True
+        if self._state == "Run":
+            self._state = "Hold"
         if not self._carriage.brake(self._t):
             self._segment_done()
         elif self._trips_ns is not None:
@@ -403,7 +426,7 @@ class GrblController:
         """Start the next line of the queue, if the state is one that moves."""
         self._carriage.catch(self._t)
         self._trips_ns = None
-        if self._state == "Jog":
+        if self._state in ("Jog", "Run"):
             if not self._carriage.begin(self._t):
                 self._state = "Idle"
             elif self.settings[21]:
@@ -417,9 +440,10 @@ class GrblController:
             self._begin()
         elif self._holding:
             self._holding = False
-            self._carriage.drop()
-            self._programmed_mm = self._carriage.count_mm()
-            self._state = "Hold" if self._door else "Idle"
+            if self._state == "Jog":  # what is left of a Run is kept for `~`
+                self._carriage.drop()
+                self._programmed_mm = self._carriage.count_mm()
+                self._state = "Hold" if self._door else "Idle"
 
     def _stop_dead(self) -> None:
         self._trips_ns = None
@@ -429,11 +453,13 @@ class GrblController:
     def _home(self) -> Task:
         self._state = "Home"
         self._carriage.catch(self._t)
-        for goal, rate in self._carriage.homing_legs():
+        hal = HOMING_PASSES.keys() & self.settings
+        passes = [int(self.settings[n]) for n in HOMING_PASSES] if hal else self._homing_passes
+        for goal, rate in self._carriage.homing_legs(passes):
             while self._carriage.seek(goal, rate, self._t):
                 yield "still"
             yield self._t + to_ns(self.settings[26] / 1000)
-        self._carriage.set_home()
+        self._carriage.set_home(reduce(or_, passes, 0))
         self._programmed_mm = self._carriage.count_mm()
         self._state = "Idle"
         return 0
@@ -442,6 +468,8 @@ class GrblController:
 
     def _system(self, line: str) -> Task:
         command = line[1:]
+        if self.pendant and command[:1] in ("J", "H"):
+            return 9
         if command.startswith("J"):
             if self._state not in ("Idle", "Jog"):
                 return 8
@@ -459,8 +487,8 @@ class GrblController:
         if command == "SLP":
             self._state = "Sleep"
         elif command == "I":
-            self._say("[VER:1.1h.20190830:]")
-            self._say(f"[OPT:V,{PLANNER_BLOCKS},{_RX_BYTES}]")
+            for text in self._info:
+                self._say(text)
         elif not command or command[0] in "#GCHISRN":
             return 3
         else:
@@ -472,7 +500,7 @@ class GrblController:
         if len(command) > 1:
             return 3
         if command == "$":
-            if self._state == "Hold":
+            if self._state in ("Run", "Hold"):
                 return 8
             for line in settings_text(self.settings):
                 self._say(line)
@@ -491,22 +519,24 @@ class GrblController:
             )
         mm = self._carriage.count_mm(self._t)
         mask = int(self.settings[10])
-        parts = [name, f"{'MPos' if mask & 1 else 'WPos'}:{coordinates(mm)}"]
+        parts = [name, f"{'MPos' if mask & 1 else 'WPos'}:{coordinates((*mm, *self._more_axes))}"]
         if mask & 2:
             parts.append(f"Bf:{self._carriage.free_blocks},{_RX_BYTES - len(self._rx)}")
         parts.append(f"FS:{self._carriage.speed_mm_min(self._t):.0f},0")
-        busy = self._state in ("Jog", "Hold")
+        busy = self._state in ("Jog", "Run", "Hold")
         if self._wco_in:
             self._wco_in -= 1
         else:
             self._wco_in = 29 if busy else 9
             self._ov_in = self._ov_in or 1
-            parts.append(f"WCO:{coordinates((0.0, 0.0, 0.0))}")
+            parts.append(f"WCO:{coordinates((0.0, 0.0, 0.0, *self._more_axes))}")
         if self._ov_in:
             self._ov_in -= 1
         else:
             self._ov_in = 19 if busy else 9
             parts.append("Ov:100,100,100")
+        if self.pendant:
+            parts.append("MPG:1")
         self._say(f"<{'|'.join(parts)}>")
 
     # ---- jogs ---------------------------------------------------------------------------------
@@ -516,6 +546,10 @@ class GrblController:
         if self.settings[20] and self._carriage.outside(target_mm):
             raise GrblError(15)
         yield "slot"
+        if late := self._late and self._state == "Jog":
+            self._late, before_mm = False, self._programmed_mm
+            yield "still"
+            late = self._programmed_mm is before_mm  # not cancelled meanwhile
         self._programmed_mm = target_mm
         if self._state == "Jog" and self._carriage.prolong(target_mm, feed_mm_min, self._t):
             if self.settings[21]:
@@ -523,6 +557,6 @@ class GrblController:
             return 0
         self._carriage.plan(target_mm, feed_mm_min)
         if self._state == "Idle" and self._carriage.free_blocks < PLANNER_BLOCKS:
-            self._state = "Jog"
+            self._state = "Run" if late else "Jog"
             self._begin()
         return 0

@@ -283,13 +283,17 @@ class BenchCamera(StreamCamera):
 
 
 class FaultBench:
-    """Board, force box and camera on one virtual clock; each session opens them anew."""
+    """Board, force box and camera on one virtual clock; each session opens them anew.
 
-    def __init__(self, scenario: FaultScenario) -> None:
+    board: options of the controller.
+    """
+
+    def __init__(self, scenario: FaultScenario, **board: Any) -> None:
         self.scenario = scenario
         self.clock = VirtualClock()
         self.trace: list[WireExchange] = []
-        self.board = NoisyController(scenario.settings, self.clock, start_mm=(-6.0, -6.0, -6.0))
+        start_mm = (-6.0, -6.0, -6.0)
+        self.board = NoisyController(scenario.settings, self.clock, start_mm=start_mm, **board)
         self.link = SerialLink(
             self.board, self.clock, resets_on_open=False, trace=self.trace,
         )  # fmt: skip

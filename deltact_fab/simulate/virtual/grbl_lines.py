@@ -1,14 +1,31 @@
-"""Jogs and `$` settings as GRBL 1.1h reads them, refused with its error codes, and prints them."""
+"""Jogs and `$` settings as GRBL 1.1h reads them, refused with its error codes, and prints them;
+banners of GRBL and of other firmware.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from deltact_fab.common import Point
 
 GCODE_WORD = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+)?)")
 DISTANCE_MODES, IGNORED_MODES = {"90", "91"}, {"21", "53"}
+# Banner and lines of `$I`, by name; of the sources of each project.
+FIRMWARE_TEXTS: dict[str, tuple[str, ...]] = {
+    "GRBL": ("Grbl 1.1h ['$' for help]", "[VER:1.1h.20190830:]", "[OPT:V,15,128]"),
+    "grblHAL": (
+        "GrblHAL 1.1f ['$' or '$HELP' for help]",
+        "[VER:1.1f.20260818:]", "[OPT:VNM,35,1024,3,0]", "[FIRMWARE:grblHAL]",
+    ),
+    "FluidNC": (
+        "Grbl 4.0 [FluidNC v4.0.1 (wifi) '$' for help]",
+        "[VER:4.0 FluidNC v4.0.1:]", "[OPT:PHS]", "[MSG:Machine: Default]",
+    ),
+    "GRBL 0.9": ("Grbl 0.9j ['$' for help]", "[0.9j.20160303:]"),
+    "uCNC": ("uCNC 1.10.0 ['$' for help]", "[VER: uCNC 1.10.0 - Generic board]", "[OPT:C3,T1,25]"),
+    "Grbl_ESP32": ("Grbl 1.3a ['$' for help]", "[VER:1.3a.20211103:]", "[OPT:PHBW]"),
+}  # fmt: skip
 
 
 class GrblError(Exception):
@@ -51,8 +68,8 @@ def parse_jog(line: str, at_mm: Point) -> tuple[Point, float]:
     return (x + dx, y + dy, z + dz), feed_mm_min
 
 
-def coordinates(mm: Point) -> str:
-    """Three numbers as reported, with 3 decimals."""
+def coordinates(mm: Sequence[float]) -> str:
+    """Numbers as reported, with 3 decimals."""
     return ",".join(f"{p + 0.0:.3f}" for p in mm)
 
 
@@ -67,7 +84,9 @@ DEFAULTS_GRBL: dict[int, float] = {
     100: 800, 101: 800, 102: 800, 110: 1500, 111: 1500, 112: 1200,
     120: 50, 121: 50, 122: 50, 130: 120, 131: 120, 132: 60,
 }  # fmt: skip
-_INTEGER_SETTINGS = frozenset((0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 32))
+# Passes of grblHAL's homing: the axes of each, 1 for X, 2 for Y, 4 for Z, added up.
+HOMING_PASSES: dict[int, float] = {44: 4, 45: 3, 46: 0}
+_INTEGER_SETTINGS = frozenset((0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 32, *HOMING_PASSES))
 
 
 def grbl_settings(
@@ -85,7 +104,7 @@ def grbl_settings(
 def set_value(settings: dict[int, float], assignment: str) -> None:
     """`N=value`. Raises GrblError, nothing changed."""
     match = re.fullmatch(r"(\d+)=(-?\d+\.?\d*)", assignment)
-    if match is None or (n := int(match[1])) not in DEFAULTS_GRBL:
+    if match is None or (n := int(match[1])) not in settings:
         raise GrblError(3)
     value = float(match[2])
     if value < 0:

@@ -30,8 +30,8 @@ SETTINGS = b"".join(
 GREETING = b"\r\nGrbl 1.1h ['$' for help]\r\n[MSG:'$H'|'$X' to unlock]\r\n"
 INFO = b"[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n"
 IDLE = b"<Idle|MPos:%b|FS:0,0>\r\n"
-CONNECT = [(b"$I\n", INFO), (b"$$\n", SETTINGS + b"ok\r\n")]
 LOCKED = b"<Alarm|MPos:0.000,0.000,0.000|FS:0,0>\r\n"
+CONNECT = [(b"$I\n", INFO), (b"$$\n", SETTINGS + b"ok\r\n"), (b"?", LOCKED)]
 HOME = [(b"?", LOCKED), (b"$H\n", b"ok\r\n"), (b"?", IDLE % b"-1.000,-1.000,-1.000")]
 STOP = [(b"\x85", b""), (b"\x85", b"")]
 JOG = b"$J=G90G21G53X-50.0000Y-50.0000Z-15.0000F600.000\n"

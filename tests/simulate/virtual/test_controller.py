@@ -189,3 +189,64 @@ def test_settings_read_back_and_take_effect() -> None:
     assert bench.say("$131=96\n$J=Y-95F100\n") == ["ok", "ok"]
     with pytest.raises(ValueError, match=r"no such GRBL setting: \$7"):
         Bench({7: 1})
+
+
+# ---- other builds and boards -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("settings", "options", "there_mm", "count_mm"),
+    [
+        ({}, {"homing_passes": (3,)}, (-1, -1, -10), (-1, -1, 0)),  # a compile option of GRBL
+        ({44: 3, 45: 0}, {"firmware": "grblHAL"}, (-1, -1, -10), (-1, -1, 0)),
+        ({}, {"firmware": "grblHAL"}, (-1, -1, -1), (-1, -1, -1)),
+        ({}, {"axis_count": 4}, (-1, -1, -1), (-1, -1, -1, 0)),
+    ],
+)
+def test_axes_outside_all_passes_stand(
+    settings: dict[int, float], options: dict[str, object], there_mm: object, count_mm: object
+) -> None:
+    bench = Bench(settings, **options).homed()
+    assert bench.grbl.position_mm() == there_mm
+    assert bench.mpos() == count_mm
+    assert bench.say("$J=G53Z-5F600\n", 5) == ["ok"]
+    assert bench.grbl.position_mm()[2] == there_mm[2] - 5 - count_mm[2]  # type: ignore[index]
+
+
+@pytest.mark.parametrize("answer", [b"error:9", b""])
+def test_pendant_has_control(answer: bytes) -> None:
+    bench = Bench().homed()
+    bench.grbl.pendant = "refuses" if answer else "mute"
+    assert bench.say("$J=G53Z-5F600\n", 5) == ([answer.decode()] if answer else [])
+    assert bench.say("?")[0].endswith("|MPG:1>")
+    assert bench.grbl.position_mm()[2] == -1
+
+
+def test_late_jog_runs_and_is_deaf() -> None:
+    """Jogs that come as one ends: protocol.c and serial.c of GRBL 1.1h."""
+    bench = Bench().homed()
+    bench.grbl.fault("late jog")
+    assert bench.say("$J=G53Z-5F600\n$J=G53Z-20F600\n", 0.2) == ["ok"]  # the second waits
+    assert bench.say("", 0.5) == ["ok"]
+    assert bench.say("?")[0].startswith("<Run|")
+    before = bench.grbl.segments[-1]
+    assert bench.say(b"$J=G53Z-21F600\n\x85$$\n", 0.1) == ["error:8", "error:8"]
+    assert bench.grbl.segments[-1] == before
+    assert bench.say("!?")[0].startswith("<Hold:1|")
+    bench.clock.sleep_s(0.5)
+    assert bench.say("$J=G53Z-9F600\n?")[0].startswith("<Hold:0|")  # the line is not read
+    stopped_mm = bench.mpos()[2]
+    assert -20 < stopped_mm < -5
+    assert bench.say("~", 9) == ["error:8"]  # read in Run, which goes on
+    assert bench.mpos() == bench.grbl.position_mm() == (-1, -1, -20)
+
+
+def test_reset_after_hold_of_late_jog() -> None:
+    bench = Bench().homed()
+    bench.grbl.fault("late jog")
+    bench.say("$J=G53Z-5F600\n$J=G53Z-20F600\n", 0.7)
+    bench.say("!", 0.5)
+    stopped_mm = bench.grbl.position_mm()
+    assert bench.say("\x18", 1)[-1] == BANNER[1]  # no ALARM: it was at rest
+    assert bench.mpos() == pytest.approx(stopped_mm, abs=2e-3)
+    assert bench.grbl.position_mm() == stopped_mm

@@ -1,9 +1,9 @@
 """Runs the steps of a protocol on a rig, and journals each of them.
 
-An operator's interrupt (Ctrl-C, SIGTERM, SIGHUP) or any failure except the stage's own stops the
-motion and lifts the tip; a second interrupt resets the controller and ends the process. After an
-error of the stage the tip is lifted only if the controller kept its count. Complete presses of the
-record are skipped. Data recorded before a failure are kept.
+An operator's interrupt (Ctrl-C, SIGTERM, SIGHUP) or any failure stops the motion and lifts the tip
+until nothing is felt; a second interrupt resets the controller and ends the process. After a fault
+that loses the position the tip is lifted only if the controller kept its count. Complete presses of
+the record are skipped. Data recorded before a failure are kept.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from deltact_fab.common import (
 
 from ...protocols.plan import Step
 from ...record.writer import RunWriter
-from ..interface import LIFT_FEED_MM_MIN, Devices, OpenBench, rise
+from ..interface import Devices, OpenBench
+from .contact import end_contact
 from .loop import interruptible
 from .schedule import N_DROPPED, N_LATE, N_MISSED, N_TAKEN, N_UNWRITTEN, Schedule
 from .streams import FrameRequest
@@ -72,7 +73,7 @@ class Runner:
         self._remaining = RemainingTime(steps, todo, self._d.wall_clock, self._d.change_s)
         with interruptible(self._stage.abort):
             try:
-                self._set_up(bool(todo))
+                self._set_up([steps[i] for i in todo])
                 previous = -1
                 for i in todo:
                     last = i + 1 == len(steps) or steps[i + 1].press != steps[i].press
@@ -90,12 +91,13 @@ class Runner:
         counts = sorted(self._streams.counts.items())
         return {kind: n for kind, n in counts if kind != N_TAKEN and n}
 
-    def _set_up(self, moves: bool) -> None:
-        """Connect, arm the guard, home. An error leaves the stage where it stopped."""
+    def _set_up(self, steps: Sequence[Step]) -> None:
+        """Connect, judge all moves, arm the guard, home. An error leaves the stage as it is."""
         stage, streams = self._stage, self._streams
         try:
             stage.connect()
-            if moves:
+            stage.check_moves((step.target_mm, step.feed_mm_min) for step in steps)
+            if steps:
                 if self._d.begin is not None:
                     streams.event("begin", self._d.begin())
                 streams.open()
@@ -127,10 +129,6 @@ class Runner:
                 raise
             assert self._remaining is not None
             self._remaining.finished(i)
-        except StageError as error:
-            lifted = self._rescue(lift_to_mm)
-            self._cut_off(step, "fault", f"{error}; {lifted}")
-            raise type(error)(f"{error} ({lifted})") from error
         except BaseException as error:
             # The tip may be in the gel: lift it after any error.
             lifted = self._lift(lift_to_mm)
@@ -185,37 +183,9 @@ class Runner:
         streams.finish(step, planned_s, start_ns, last)
 
     def _lift(self, height_mm: float) -> str:
-        """Stop, then go straight up to the clearance plane; return the outcome.
-
-        A stage that has lost its position refuses to move.
-        """
-        stage = self._stage
-        try:
-            stage.stop()
-            with self._streams.lifting():
-                rise(stage, height_mm, LIFT_FEED_MM_MIN)
-        except KeyboardInterrupt:
-            stage.stop()
-            return "the lift was stopped by the operator"
-        except DeltactFabError as error:
-            return f"the tip could NOT be lifted: {error}"
-        return "the tip was lifted"
-
-    def _rescue(self, height_mm: float) -> str:
-        """Lift the tip after a fault of the stage if its count is kept; return the outcome."""
-        try:
-            with self._streams.lifting():
-                if self._stage.rescue(height_mm, LIFT_FEED_MM_MIN):
-                    return "the controller kept its position: the tip was lifted"
-        except KeyboardInterrupt:
-            self._stage.abort()
-            return "the lift was stopped by the operator"
-        except DeltactFabError as error:
-            return f"the tip could NOT be lifted: {error}"
-        return (
-            "the tip was NOT lifted and may be in the gel: switch the motors off and turn z up by "
-            "hand"
-        )
+        """End a contact, at least at the clearance plane; return the outcome."""
+        with self._streams.lifting() as felt_n:
+            return end_contact(self._stage, felt_n, self._d.contact_n, height_mm)
 
     def _go(self, step: Step) -> None:
         self._streams.enter(step)

@@ -73,12 +73,18 @@ STATE_TEXTS = {
     "Tool": "waiting for a tool change",
     "Sleep": "asleep: needs a reset",
 }
-DECIMAL_PATTERN = r"(-?\d+(?:\.\d*)?)"
-BANNER_PATTERN = re.compile(r"Grbl(?:HAL)? (\d+)\.(\d+)\S*", re.IGNORECASE)
-SETTING_PATTERN = re.compile(rf"\$(\d+)={DECIMAL_PATTERN}")
-STATUS_PATTERN = re.compile(
-    rf"<([A-Za-z]+(?::\d+)?)\|(M|W)Pos:{','.join([DECIMAL_PATTERN] * 3)}(?:\|[^<>]*)?>"
+DECIMAL_PATTERN, COORDINATE_PATTERN = r"(-?\d{1,9}(?:\.\d{0,9})?)", r"(-?\d{1,6}\.\d{3})"
+BANNER_PATTERN = re.compile(r"Grbl(?:HAL)? (\d{1,3})\.(\d{1,3})\S{0,9}", re.IGNORECASE)
+SETTING_PATTERN = re.compile(rf"\$(\d+)={DECIMAL_PATTERN}(?:\s+\(.*\))?")
+STATUS_PATTERN = re.compile(  # of three axes or more, the first of which are X, Y and Z
+    r"<((?:Idle|Run|Jog|Hold|Home|Alarm|Door|Check|Sleep|Tool)(?::\d{1,3})?)\|MPos:"
+    rf"{','.join([COORDINATE_PATTERN] * 3)}(?:,-?[\d.]+)*(?:\|[^<>]*)?>"
 )
+REFUSED_FIELDS = {  # of a status
+    "|MPG:1": "a pendant has control of the stage: release it",
+    "|WPos:": "status reports give the work position; set $10=1 or $10=3",
+}
+LONGEST_QUOTE = 60  # by hand: characters of an answer in a message
 OPTIONS_PATTERN = re.compile(r"\[OPT:([^,\]]*)")
 
 
@@ -89,6 +95,14 @@ class TalkFault(Exception):
         super().__init__(reason)
         self.reason = reason
         self.position_lost = position_lost
+
+
+class LineRefused(TalkFault):
+    """A line was answered by an error. number: of the error."""
+
+    def __init__(self, line: str, text: str) -> None:
+        super().__init__(f"{line} was refused: {explain(text, ERROR_TEXTS)}")
+        self.number = text.partition(":")[2]
 
 
 class NoAnswer(TalkFault):
@@ -104,6 +118,8 @@ class Talk:
     def __init__(self, port: Port) -> None:
         self._port = port
         self.posted: tuple[str, int] | None = None
+        self.unread: list[str] = []
+        """Other lines that came after the last `peek_status`."""
         self._beats_baud = False  # answers faster than the baud rate: native USB
 
     def banner(self, limit_s: float = BANNER_S) -> list[str]:
@@ -131,14 +147,24 @@ class Talk:
         return []
 
     def peek_status(self) -> StageState | None:
-        """Query the state, None without an answer. Other lines are ignored."""
+        """Query the state, None without an answer that can be used; `unread` has the others."""
+        self.unread = []
         self._port.write(b"?")
         deadline = self._port.deadline_ns(LINE_ANSWER_S)
         while (text := self._port.line(deadline)) is not None:
-            if match := STATUS_PATTERN.search(text):
-                at_mm = float(match[3]), float(match[4]), float(match[5])
+            if (match := STATUS_PATTERN.fullmatch(text)) and not _refusal(text):
+                at_mm = float(match[2]), float(match[3]), float(match[4])
                 return StageState(at_mm, match[1], self._port.now_ns() / 1e9)
+            self.unread.append(text)
+        self.unread += filter(None, [self._port.unfinished])
         return None
+
+    def late_banner(self) -> list[str]:
+        """Return a banner that came after `peek_status`, as `banner`; raise for other answers."""
+        lines = [text for text in self.unread if BANNER_PATTERN.search(text)]
+        if self.unread and not lines:
+            raise TalkFault(_unusable(self.unread))
+        return lines
 
     def post(self, line: str) -> None:
         """Send a line without waiting for its answer; requires that none is posted."""
@@ -188,7 +214,7 @@ class Talk:
         """
         port = self._port
         self.drain()
-        stopped = ""
+        stopped, unread = "", []
         # Time of the first request: the answer after a second one may still belong to it.
         asked_ns = port.now_ns() + port.on_wire_ns(1)
         for limit_s in (STATUS_S, STATUS_S, LISTEN_S):
@@ -197,16 +223,16 @@ class Talk:
             port.write(b"?")
             deadline = port.deadline_ns(limit_s)
             while (text := port.line(deadline)) is not None:
-                match = STATUS_PATTERN.search(text)
+                self._handle_line(text)
+                match = STATUS_PATTERN.fullmatch(text)
                 if match is None:
-                    self._handle_line(text)
-                elif match[2] == "W":
-                    raise TalkFault("status reports give the work position; set $10=1 or $10=3")
+                    unread += [text] if "<" in text or ">" in text else []
                 elif not stopped:
                     t_s, within_s = self._position_time(asked_ns, len(text) + len("\r\n"))
-                    at_mm = float(match[3]), float(match[4]), float(match[5])
+                    at_mm = float(match[2]), float(match[3]), float(match[4])
                     return StageState(at_mm, match[1], t_s, within_s)
-        raise TalkFault(f"no answer to '?' within {2 * STATUS_S:g} s{stopped}", position_lost=True)
+        silent = f"no answer to '?' within {2 * STATUS_S:g} s"
+        raise TalkFault(f"{_unusable(unread) or silent}{stopped}", position_lost=True)
 
     def handle_received(self) -> None:
         """Handle the complete lines received so far, without waiting."""
@@ -225,7 +251,7 @@ class Talk:
         if self.posted is not None and (text == "ok" or text.startswith("error:")):
             (line, _), self.posted = self.posted, None
             if text != "ok":
-                raise TalkFault(f"{line} was refused: {explain(text, ERROR_TEXTS)}")
+                raise LineRefused(line, text)
         _raise_for_event(text)
 
     def _read_until_quiet(self) -> list[str]:
@@ -248,8 +274,21 @@ class Talk:
         return (asked_ns + begun_ns) / 2e9, (begun_ns - asked_ns) / 2e9
 
 
+def _refusal(status: str) -> str:
+    return next((reason for part, reason in REFUSED_FIELDS.items() if part in status), "")
+
+
+def _unusable(answers: list[str]) -> str:
+    """Return why none of these answers to `?` can be used; "" without any."""
+    quote = repr(answers[-1][:LONGEST_QUOTE]) if answers else ""
+    quote = quote and f"the answer to '?' cannot be read: {quote}; is [stage] baud right?"
+    return next(filter(None, map(_refusal, answers)), quote)
+
+
 def _raise_for_event(text: str) -> None:
-    """Raise TalkFault for an alarm or the banner of a restart."""
+    """Raise TalkFault for an alarm, the banner of a restart, or a status that is refused."""
+    if refusal := _refusal(text):
+        raise TalkFault(refusal, position_lost=True)
     if text.startswith("ALARM:"):
         raise TalkFault(f"{explain(text, ALARM_TEXTS)}; home again", position_lost=True)
     if match := BANNER_PATTERN.search(text):
@@ -259,7 +298,7 @@ def _raise_for_event(text: str) -> None:
 
 def explain(text: str, meanings: dict[int, str]) -> str:
     """Return `error:9` or `ALARM:2` with its meaning if known."""
-    number = text.partition(":")[2]
+    number, text = text.partition(":")[2], text[:LONGEST_QUOTE]
     meaning = meanings.get(int(number)) if number.isdigit() else None
     return f"{text} ({meaning})" if meaning else text
 

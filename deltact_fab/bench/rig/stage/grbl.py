@@ -20,23 +20,31 @@ called from any thread, and then only write.
 
 from __future__ import annotations
 
+import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from typing import Any, ClassVar, Self
 
-from deltact_fab.common import Check, Point, to_ns
+from deltact_fab.common import Check, InputError, Point, to_ns
 from deltact_fab.sensor import StageFrame
 
 from ...protocols.motion import StageConfig
-from ..interface import Clock, StageState
+from ..interface import LIFT_FEED_MM_MIN, Clock, StageState, StopCommands
 from . import jogs
-from .controller import JOG_CANCEL, PIECE_S, PLANNED_AHEAD_S, Controller
-from .exchange import BANNER_PATTERN, SETTING_PATTERN, SOFT_RESET, TalkFault, state_text
+from .controller import FEED_HOLD, JOG_CANCEL, PIECE_S, PLANNED_AHEAD_S, Controller
+from .exchange import SETTING_PATTERN, SOFT_RESET, LineRefused, TalkFault, state_text
 from .port import Cable
-from .settings import Limits, check_settings, first_failure
+from .settings import Limits, as_commanded, check_firmware, check_settings, first_failure
 
 RESCUE_S = 10.0  # wait for an answer after a fault; decision 0073
 FACE_CLEARANCE_MM = 1.0  # above the expected face a move is clear; decision 0073
+ORPHAN_LIFT_MM = 2.0  # by hand: per command of a process that does not track the position
+GRBL_COMMANDS = StopCommands(
+    JOG_CANCEL, FEED_HOLD, b"?", b"<Idle",
+    f"$J=G91G21Z{ORPHAN_LIFT_MM:g}F{LIFT_FEED_MM_MIN:g}\n".encode(), b"ok", ORPHAN_LIFT_MM,
+    (b"ALARM", b"Grbl", b"<Alarm", b"error", b"<Sleep", b"<Door"),
+)  # fmt: skip
 
 
 class GrblStage:
@@ -87,8 +95,9 @@ class GrblStage:
 
         Nothing moves, and motion in progress is stopped. A controller that does not restart on
         opening is asked for its status instead. It is reset only if it accepts nothing else
-        (asleep, locked by ALARM:1 or 2) or waits in Hold or behind a door that was closed. Raises
-        InputError for an unknown kind of URL, StageError otherwise.
+        (asleep, locked by ALARM:1 or 2) or waits in Hold or behind a door that was closed. Firmware
+        other than GRBL 1.1 and grblHAL is refused. Raises InputError for an unknown kind of URL,
+        StageError otherwise.
         """
         self.close()
         self._driver = threading.current_thread()
@@ -97,25 +106,25 @@ class GrblStage:
             self._c.clear_state()
             self._unfit = "not connected: connect before homing"
             self._c.wake()
-            version = BANNER_PATTERN.search(self._c.banner)
-            if version is not None and (int(version[1]), int(version[2])) < (1, 1):
-                raise TalkFault(f"found {version[0]!r}; jogging needs GRBL 1.1 or later")
             self._info = [d for d in self._c.talk.command("$I") if d.startswith("[")]
-            matches = (SETTING_PATTERN.match(d) for d in self._c.talk.command("$$"))
+            matches = (SETTING_PATTERN.fullmatch(d) for d in self._c.talk.command("$$"))
             settings = {int(m[1]): float(m[2]) for m in matches if m}
             self._c.limits = Limits(
                 settings, None if self._config is None else self._config.travel_mm
             )
-            self.setting_checks = check_settings(settings, self._info, self._config)
+            foreign = check_firmware(self._c.banner, self._info)
+            self.setting_checks = foreign or check_settings(settings, self._info, self._config)
             self._unfit = "its settings were refused: correct them and connect again"
             if reason := first_failure(self.setting_checks):
                 raise TalkFault(reason)
+            self._c.rest(alarmed=True)
             self._unfit = ""
 
     def home(self) -> None:
         """Run the homing cycle, after a reset if there was a fault; makes positions known.
 
-        Raises StageError; with nothing sent if `connect` refused the controller.
+        Raises StageError; with nothing sent if `connect` refused the controller. An axis that does
+        not stand at its end less the pull-off was not homed.
         """
         self._driver = threading.current_thread()
         self._c.cancelled = False
@@ -134,8 +143,19 @@ class GrblStage:
             state = self._c.status()
             if state.state != "Idle":
                 raise TalkFault(f"{state_text(state.state)} after homing, expected Idle")
+            if refusal := self._c.limits.homing_refusal(state.machine_mm):
+                raise TalkFault(refusal, position_lost=True)
             self._c.at_mm = state.machine_mm
             self._c.homed = True
+
+    def check_moves(self, moves: Iterable[tuple[Point, float]]) -> None:
+        """Judge moves in turn, see Stage; before homing from where it will end."""
+        start_mm = self._c.at_mm if self._c.homed else self._c.limits.homed_mm
+        for target_mm, feed_mm_min in moves:
+            machine_mm = as_commanded(self.frame.to_machine_mm(target_mm))
+            if refusal := self._c.limits.move_refusal(start_mm, machine_mm, feed_mm_min):
+                raise InputError(f"{self._url}: {refusal}")
+            start_mm = machine_mm
 
     def start_move(self, target_mm: Point, feed_mm_min: float) -> float:
         """Send one move, see Stage. Raises InputError, with nothing sent, for a target outside of
@@ -199,7 +219,8 @@ class GrblStage:
                 return  # no move was begun
             self._c.move = None
             if self._c.talk.posted is not None:  # a line read after the byte starts a new jog
-                self._c.talk.settle(jogs.JOG_ANSWER_S)
+                with suppress(LineRefused):  # by a jog that was begun as Run
+                    self._c.talk.settle(jogs.JOG_ANSWER_S)
                 self._c.port.write(JOG_CANCEL)
             self._c.rest()
             self._c.stopping = False
@@ -208,9 +229,12 @@ class GrblStage:
         self._c.cancelled = True
         self._c.port.write_at_once(SOFT_RESET if self._c.homing else JOG_CANCEL)
 
-    def share(self, hold: Callable[[int | None, bytes], None]) -> None:
-        """Pass on descriptor and stop byte, see Stage; the byte does not stop homing."""
-        self._c.port.share(lambda port: hold(port, JOG_CANCEL))
+    def hold(self) -> None:
+        self._c.port.write_at_once(FEED_HOLD)
+
+    def share(self, hold: Callable[[int | None, StopCommands], None]) -> None:
+        """Pass on descriptor and commands, see Stage; their bytes do not stop homing."""
+        self._c.port.share(lambda port: hold(port, GRBL_COMMANDS))
 
     def abort(self) -> None:
         """Only write the reset byte: for a signal handler.
@@ -241,13 +265,17 @@ class GrblStage:
         self._c.port.close()
 
     @property
+    def descent_feed_mm_min(self) -> float:
+        return math.inf if self._config is None else self._config.descent_feed_mm_min
+
+    @property
     def homed(self) -> bool:
         return self._c.homed and not self._c.trouble
 
-    def lift(self, height_mm: float, feed_mm_min: float) -> bool:
+    def lift(self, height_mm: float, feed_mm_min: float) -> float | None:
         was_homed = self._c.homed
         if not self.trust_count():
-            return False
+            return None
         x, y, z = self._c.at_mm
         try:
             top_mm = min(z + height_mm, self._c.limits.ends_mm(2)[1])
@@ -256,19 +284,19 @@ class GrblStage:
                 self.wait()
         finally:
             self._c.homed = self._c.homed and was_homed
-        return True
+        return max(top_mm - z, 0.0)
 
-    def rescue(self, height_mm: float, feed_mm_min: float) -> bool:
-        """Lift after a fault, see Stage; a restarted or alarmed controller is not Idle."""
+    @contextmanager
+    def recovery(self) -> Iterator[Point | None]:
+        """Allow lifts after a fault, see Stage; a restarted or alarmed controller is not Idle."""
         c = self._c
         with c.exchange():
             state = c.idle_again(RESCUE_S)
-        if state is None:
-            return False
-        reason, c.trouble = c.trouble, ""
+        reason = c.trouble
         try:
-            above_mm = height_mm - self.frame.to_sensor_mm(state.machine_mm)[2]
-            return self.lift(max(above_mm, 0.0), feed_mm_min)
+            if state is not None:
+                c.trouble = ""
+            yield None if state is None else self.frame.to_sensor_mm(state.machine_mm)
         finally:
             c.lose_position(reason)
 
@@ -278,7 +306,8 @@ class GrblStage:
         """Accept the controller's step count since its last homing as the position.
 
         Nothing moves. Returns False if it is locked after a restart or an alarm. An unlock with
-        `$X` invalidates the count undetectably. Raises StageError.
+        `$X`, and an axis that the firmware does not home, invalidate the count undetectably.
+        Raises StageError.
         """
         with self._c.exchange():
             if not self._c.port.is_open or self._unfit or self._c.trouble:

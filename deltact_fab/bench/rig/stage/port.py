@@ -6,6 +6,7 @@ One thread at a time reads; any may write.
 from __future__ import annotations
 
 import errno
+import re
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, Protocol, TypeVar
@@ -35,6 +36,11 @@ class Cable(Protocol):
 
     def open_link(self, timeout: float) -> Any:
         """Open as a pyserial port."""
+
+
+def _decode(raw: bytes) -> str:
+    """Return the text of a line; each run of other than printable ASCII becomes U+FFFD."""
+    return re.sub(r"[^ -~]+", "\ufffd", raw.strip().decode("latin-1"))
 
 
 class Port:
@@ -120,8 +126,7 @@ class Port:
             self._partial += self._io(lambda: self._port.read_until(b"\n"))
             if self._partial.endswith(b"\n"):
                 raw, self._partial = self._partial, b""
-                text = raw.decode("ascii", "replace").strip()
-                if text:
+                if text := _decode(raw):
                     return text
             elif self.now_ns() >= deadline_ns:
                 return None
@@ -132,7 +137,12 @@ class Port:
             return []
         data = self._io(lambda: self._port.read(self._port.in_waiting))
         *complete, self._partial = (self._partial + data).split(b"\n")
-        return [text for raw in complete if (text := raw.decode("ascii", "replace").strip())]
+        return list(filter(None, map(_decode, complete)))
+
+    @property
+    def unfinished(self) -> str:
+        """Text of a line that is not complete."""
+        return _decode(self._partial)
 
     @property
     def waiting(self) -> bool:

@@ -1,4 +1,4 @@
-"""Checks of a GRBL controller's `$` settings against the rig file, before any motion.
+"""Checks of a GRBL controller's firmware and `$` settings against the rig file, before any motion.
 
 Each violation gives a row with the present value and the command to type. Moves are checked against
 the settings before anything is sent (`Limits`).
@@ -7,21 +7,30 @@ the settings before anything is sent (`Limits`).
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping
+from functools import reduce
+from operator import or_
 
 from deltact_fab.common import Check, Point
 
 from ...protocols.limits import axis_range_mm
-from ...protocols.motion import StageConfig
-from .exchange import OPTIONS_PATTERN
+from ...protocols.motion import StageConfig, subtract_vectors
+from .exchange import BANNER_PATTERN, OPTIONS_PATTERN
 
 AXIS_LETTERS = "XYZ"
 # Numbers and bits of GRBL 1.1 and grblHAL.
-SINGLE_SETTINGS = (3, 10, 13, 20, 21, 22, 23, 27, 32)
+SINGLE_SETTINGS = (3, 10, 13, *range(20, 28), 32)
 AXIS_UNITS = {100: "steps/mm", 110: "mm/min", 120: "mm/s2", 130: "mm of travel"}
 HALF_DIGIT = 0.0005  # settings are listed with three decimals
 ALWAYS_ON = 255  # of $1
 SET_ORIGIN, LOCK_AT_START = 8, 4  # of $22, in grblHAL
+HOMING_PASSES = range(44, 50)  # $ numbers of grblHAL: masks of the axes homed in each pass
+VERSION_PATTERN = re.compile(r"\[VER:1\.1[a-z]\.\d+:")  # GRBL's and grblHAL's answer to `$I`
+FOREIGN_NAMES = {"FluidNC": "FluidNC", "uCNC": "uCNC", "1.3a": "Grbl_ESP32"}
+# Least steps/s of the axis that steps most, by the firmware's timer, 8 ticks a step (stepper.c).
+SLOWEST_HZ = 16e6 / 8 / 0xFFFF  # GRBL: 16 bits at 16 MHz
+SLOWEST_HAL_HZ = 120e6 / 8 / 0xFFFFF  # grblHAL: 20 bits at 120 MHz, LPC1769; 1 to 10 on others
 REQUIRED_BITS = (  # setting, required lowest bit, meaning of the other, remedy
     (10, 1, "status reports give the work position", "$10=1 or $10=3"),
     (13, 0, "status reports are in inches", "$13=0"),
@@ -57,6 +66,21 @@ def check_settings(
         *_pull_off(settings, stage), *_numbers(settings, stage),
     )  # fmt: skip
     return [_failed(id, text) for id, text in violations] + _motor_checks(settings)
+
+
+def check_firmware(banner: str, info: list[str]) -> list[Check]:
+    """Return a row with FAIL unless banner, where one came, and `$I` agree on GRBL 1.1 or grblHAL.
+
+    A firmware that answers as another one does passes.
+    """
+    version = next((line for line in info if line.startswith("[VER")), "")
+    known, told = VERSION_PATTERN.match(version), BANNER_PATTERN.match(banner)
+    if known and (not banner or (told and told.groups() == ("1", "1"))):
+        return []
+    parts = (part for part in FOREIGN_NAMES if part in banner + version)
+    text = (not known and version) or banner or "no [VER:] in the answer to $I"
+    text = f"{FOREIGN_NAMES.get(next(parts, ''), 'this firmware')} is not supported ({text[:60]})"
+    return [_failed("firmware", f"{text}: flash GRBL 1.1 or grblHAL")]
 
 
 def first_failure(rows: list[Check]) -> str:
@@ -108,6 +132,11 @@ def _homing(s: Mapping[int, float], options: str, hal: bool) -> Iterator[Violati
             f"$22={homing & ~SET_ORIGIN} {RECONNECT_HINT}"
         )
         yield "origin", text
+    passes = {n: int(s[n]) for n in HOMING_PASSES if n in s}
+    if passes and (left := 7 & ~reduce(or_, passes.values())):
+        text = ", ".join(f"${n}={mask}" for n, mask in passes.items())
+        text = f"{text} ({_axes(left)} in no homing pass); set $44=4 and $45=3 {RECONNECT_HINT}"
+        yield "setting-44", text
     if hal and not homing & LOCK_AT_START:
         text = (
             f"$22={homing} (not locked at start: it would move without homing); "
@@ -169,6 +198,12 @@ def _axes(mask: int) -> str:
     return ", ".join(name for k, name in enumerate(AXIS_LETTERS) if mask >> k & 1) or "none"
 
 
+def as_commanded(machine_mm: Point) -> Point:
+    """Round a position to the four decimals of a command."""
+    x, y, z = (round(p, 4) + 0.0 for p in machine_mm)
+    return (x, y, z)
+
+
 class Limits:
     """Limits of one controller, or of the rig file where they are lower.
 
@@ -195,13 +230,36 @@ class Limits:
         at_top = not int(self.settings.get(23, 0)) >> axis & 1
         return axis_range_mm(self.travel_mm[axis], at_top, self.settings.get(27, 0.0))
 
-    def target_refusal(self, machine_mm: Point) -> str:
-        """Refuse a target that is not finite or outside of the travel."""
+    @property
+    def homed_mm(self) -> Point:
+        """Position after homing: each axis $27 off its own switch."""
+        pull, low = self.settings.get(27, 0.0), int(self.settings.get(23, 0))
+        x, y, z = (pull - t if low >> k & 1 else -pull for k, t in enumerate(self.axes(130)))
+        return (x, y, z)
+
+    def homing_refusal(self, machine_mm: Point) -> str:
+        """Refuse a position after homing at which an axis is not where its homing ends."""
+        for axis in self._differing_axes(machine_mm, self.homed_mm):
+            return (
+                f"{AXIS_LETTERS[axis]} was not homed: it stands at {machine_mm[axis]:.3f}, homing "
+                f"leaves it at {self.homed_mm[axis]:.3f}; let the firmware home every axis "
+                "(HOMING_CYCLE_0 and _1 of GRBL, $44 to $46 of grblHAL)"
+            )
+        return ""
+
+    def move_refusal(self, start_mm: Point, target_mm: Point, feed_mm_min: float) -> str:
+        """Refuse a straight move, machine mm: its target or its feed."""
+        delta_mm = subtract_vectors(target_mm, start_mm)
+        return self._target_refusal(start_mm, target_mm) or self.feed_refusal(delta_mm, feed_mm_min)
+
+    def _target_refusal(self, start_mm: Point, machine_mm: Point) -> str:
+        """Refuse a target that is not finite, or to which an axis moves out of the travel."""
         if not all(math.isfinite(p) for p in machine_mm):
             return f"target {machine_mm} mm (machine) is not finite"
-        for axis, p in enumerate(machine_mm):
+        for axis, (start, p) in enumerate(zip(start_mm, machine_mm, strict=True)):
             low, high = self.ends_mm(axis)
-            if not low - POSITION_ROUNDING_MM <= p <= high + POSITION_ROUNDING_MM:
+            low_mm, high_mm = min(low, start), max(high, start)
+            if not low_mm - POSITION_ROUNDING_MM <= p <= high_mm + POSITION_ROUNDING_MM:
                 return (
                     f"target {AXIS_LETTERS[axis]} {p:.3f} mm (machine) is outside of {low:g} .. "
                     f"{high:g}, the travel less {self.settings.get(27, 0.0):g} mm at the switch"
@@ -209,7 +267,7 @@ class Limits:
         return ""
 
     def feed_refusal(self, delta_mm: Point, feed_mm_min: float) -> str:
-        """Refuse a feed above the limit of an axis, which GRBL would clip silently."""
+        """Refuse a feed that GRBL would clip silently: beyond the limit of an axis, too slow."""
         if not (math.isfinite(feed_mm_min) and feed_mm_min >= 0.001):
             return f"feed {feed_mm_min} mm/min; at least 0.001 is needed"
         length = math.hypot(*delta_mm)
@@ -219,14 +277,23 @@ class Limits:
                     f"feed {feed_mm_min:g} mm/min moves {axis} at "
                     f"{feed_mm_min * abs(d) / length:g}; its limit is {limit:g}"
                 )
+        slowest_hz = SLOWEST_HAL_HZ if HOMING_PASSES[0] in self.settings else SLOWEST_HZ
+        steps = max(abs(d) * k for d, k in zip(delta_mm, self.axes(100), strict=True))
+        if feed_mm_min * steps < 60 * slowest_hz * length:
+            least = math.ceil(600 * slowest_hz * length / steps) / 10
+            return (
+                f"feed {feed_mm_min:g} mm/min is slower than the controller steps: at least "
+                f"{least:g} here, {slowest_hz:.1f} steps/s ($100 to $102)"
+            )
         return ""
 
     def same_place(self, a_mm: Point, b_mm: Point) -> bool:
         """True within half a step plus the rounding of command and report."""
-        return all(
-            abs(p - t) <= 0.5 / steps + 0.0006
-            for p, t, steps in zip(a_mm, b_mm, self.axes(100), strict=True)
-        )
+        return not self._differing_axes(a_mm, b_mm)
+
+    def _differing_axes(self, a_mm: Point, b_mm: Point) -> list[int]:
+        rows = zip(a_mm, b_mm, self.axes(100), strict=True)
+        return [k for k, (a, b, steps) in enumerate(rows) if not abs(a - b) <= 0.5 / steps + 0.0006]
 
     def braking_s(self) -> float:
         """Longest duration of a stop."""
