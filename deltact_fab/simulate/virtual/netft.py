@@ -44,7 +44,12 @@ class BoxFaults:
     """As if a gauge were out of range."""
     drop_every: int = 0
     """Of so many records one does not come; 0: all do."""
+    frozen: bool = False
+    """Records go on with the last measurement and its number."""
+    stuck: bool = False
+    """Records go on with the last readings."""
     _last_ns: int = field(default=0, repr=False)
+    _last: NDArray[Any] | None = field(default=None, repr=False)
 
     def datagrams(self, t_ns: NDArray[np.int64], records: NDArray[Any]) -> list[Datagram]:
         """Records (n,) taken at t_ns as they arrive."""
@@ -52,6 +57,11 @@ class BoxFaults:
             records["status"] = NetFTSensor.ERROR | (NetFTSensor.SATURATED if self.saturated else 0)
         if self.error:
             records["counts"] = 0
+        if (self.frozen or self.stuck) and self._last is not None:
+            for name in ("counts", "ft") if self.frozen else ("counts",):
+                records[name] = self._last[name]
+        else:
+            self._last = records[-1:].copy()
         if self.silent:
             return []
         size, data = records.dtype.itemsize, records.tobytes()
@@ -201,6 +211,8 @@ class NetFTBox:
         over = (np.abs(gauges) > limits).any(axis=1)
         records["status"] = np.where(over, NetFTSensor.SATURATED | NetFTSensor.ERROR, 0)
         records["counts"] = np.rint(values * self._per_unit)
+        if not self._noise_n:  # the last bit of a transducer never rests
+            records["counts"][:, 5] += records["ft"] & 1
         self._sent_count += len(t_ns)
         self._sample_count += len(t_ns)
         self._out += self.faults.datagrams(t_ns, records)
@@ -245,7 +257,7 @@ class LockstepLink:
         arrivals = np.zeros(len(came), NetFTSensor.RECORD)
         records = np.frombuffer(b"".join(data.payload for data in came), BOX_RECORD)
         arrivals["at_ns"] = [data.at_ns for data in came]
-        for name in ("rdt", "status", "counts"):
+        for name in ("rdt", "ft", "status", "counts"):
             arrivals[name] = records[name]
         return arrivals
 
