@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.bench import ForceConfig, NetFTSensor, NetFTSettings
+from deltact_fab.bench import ForceConfig, NetFTSensor
 from deltact_fab.common import DeltactFabError, to_ns
 
 from .clock import Ticks, VirtualClock
@@ -133,10 +133,10 @@ class NetFTBox:
         sequence = np.random.SeedSequence([self._seed, 1, zlib.crc32(stream.encode())])
         self._rng = np.random.default_rng(sequence)
 
-    def settings(self) -> NetFTSettings:
+    def settings(self) -> NetFTSensor.Settings:
         """Settings as on the box's configuration page."""
         counts_per_n, counts_per_nmm = self._per_unit[[0, 3]].tolist()
-        return NetFTSettings(counts_per_n, counts_per_nmm, self._rate_hz, "simulated")
+        return NetFTSensor.Settings(counts_per_n, counts_per_nmm, self._rate_hz, "simulated")
 
     def send(self, command: bytes) -> None:
         """Take one command datagram; unknown ones are ignored, as on the wire."""
@@ -232,7 +232,7 @@ class LockstepLink:
     def __init__(self, box: NetFTBox) -> None:
         self._box = box
 
-    def settings(self) -> NetFTSettings:
+    def settings(self) -> NetFTSensor.Settings:
         return self._box.settings()
 
     def bias(self) -> None:

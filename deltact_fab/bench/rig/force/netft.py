@@ -84,6 +84,7 @@ class NetFTSensor:
     the delay is noted.
     """
 
+    Settings = NetFTSettings
     RECORD: ClassVar[np.dtype[Any]] = np.dtype(
         [("at_ns", "i8"), ("rdt", "u4"), ("ft", "u4"), ("status", "u4"), ("counts", "i4", 6)]
     )

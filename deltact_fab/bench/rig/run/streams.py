@@ -36,7 +36,7 @@ class PoseStream:
         self.asked_ns = 0
 
     def step(self) -> None:
-        """Request the position. Raises StageError, and SensorError for a force that stands still."""
+        """Request the position. Raises StageError, and SensorError by the check of depth."""
         self.asked_ns = self._clock.now_ns()
         t_ns, position_mm = self._stage.timed_position()
         self._poses.append((t_ns, *position_mm))
