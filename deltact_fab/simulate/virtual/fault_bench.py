@@ -53,7 +53,7 @@ from .wire import SerialLink, WireExchange
 DRAGS_PER_PRESS = 1
 MIN_SETTLE_S = 0.2
 DEEPEST_FORCE_SHARE = 0.1
-SCALE_RATE_HZ = 10.0  # HX711 datasheet: 10 or 80 samples per second
+SCALE_RATE_HZ = 80.0  # HX711 datasheet: 10 or 80; at 10 a read would hold up the stage
 NEWTONS_PER_GRAM = 9.80665e-3  # definition
 BOX_FAULT_NAMES = ("silent", "late_s", "error", "saturated", "drop_every", "frozen", "stuck")
 _FILE_SIZE_LIMIT = resource.getrlimit(resource.RLIMIT_FSIZE)

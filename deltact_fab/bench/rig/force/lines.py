@@ -22,7 +22,7 @@ NUMBER_PATTERN = re.compile(
     rf"(?:[ \t]*((?i:{_UNITS}))(?!\w))?(?![\w.]|[-+](?![\d.]))".encode()
 )
 # Marks of a moving load that change from line to line: A&D, CAS, Kern, Mettler SICS, Ohaus.
-STABILITY_PATTERN = re.compile(rb"(?<!\w)(?:ST|US|SD|S|D|STABLE|UNSTABLE)(?!\w)|[?*]")
+STABILITY_PATTERN = re.compile(rb"(?<!\w)(?:(?:ST|US|SD|S|D|STABLE|UNSTABLE)(?!\w)|[?*])")
 ERROR_PATTERN = re.compile(
     rb"(?i)(?<![a-z])(?:err(?:ors?)?|fail(?:ed|ure)?|not|timeout|over(?:load)?|under(?:load)?"
     rb"|[ou]l|invalid|missing|retry)(?![a-z])"
@@ -44,11 +44,12 @@ class LineReader:
 
     def read(self, line: bytes) -> list[float] | None:
         """Return the numbers of a line; None for one that is no reading."""
-        found = NUMBER_PATTERN.findall(line)
+        numbers = NUMBER_PATTERN.findall(line)
         rest = NUMBER_PATTERN.sub(b"\0", line)
-        words = b"".join(STABILITY_PATTERN.sub(b"", rest).split())
-        why = self._fault(line, rest, [unit.decode().lower() for _, unit in found])
-        values = [float(b"".join(number.split())) for number, _ in found]
+        words = re.sub(rb"\s*\0\s*", b"\0", STABILITY_PATTERN.sub(b"", rest))
+        words = b" ".join(words.split())
+        why = self._fault(line, rest, [unit.decode().lower() for _, unit in numbers])
+        values = [float(b"".join(number.split())) for number, _ in numbers]
         if not why and any(abs(value) == float("inf") for value in values):
             why = "too large a number"
         if not why and self._words is None:
