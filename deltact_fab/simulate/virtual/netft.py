@@ -211,7 +211,7 @@ class NetFTBox:
         over = (np.abs(gauges) > limits).any(axis=1)
         records["status"] = np.where(over, NetFTSensor.SATURATED | NetFTSensor.ERROR, 0)
         records["counts"] = np.rint(values * self._per_unit)
-        if not self._noise_n:  # the last bit of a transducer never rests
+        if self._noise_n * self._per_unit[0] < 1:  # the last bit of a transducer never rests
             records["counts"][:, 5] += records["ft"] & 1
         self._sent_count += len(t_ns)
         self._sample_count += len(t_ns)

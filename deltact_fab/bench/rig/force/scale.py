@@ -30,7 +30,7 @@ MAX_COUNT = 2**31 - 1  # of the record's int32
 FIRST_LINE_S = 3.0  # an Arduino restarts when its port is opened
 SCALE_TARE_S = 0.3
 MIN_TARE_SAMPLES = 3
-FINE_TARE_SAMPLES = 50  # without a repeat: a fine scale, whose readings must not rest so long
+FINE_TARE_SAMPLES, MAX_REPEAT_SHARE = 50, 0.05  # a fine scale, which must not rest for SCALE_TARE_S
 MAX_LINE_BYTES = 1024
 
 
@@ -92,7 +92,8 @@ class SerialScale:
         if any(part.saturated.any() for part in parts):
             raise SensorError(f"{self._config.port}: the scale is over its range without load")
         self._tare = np.asarray(counts.mean(axis=0) / self._per_unit)
-        if len(counts) >= FINE_TARE_SAMPLES and np.diff(counts, axis=0).any(axis=1).all():
+        changed = np.diff(counts, axis=0).any(axis=1)
+        if len(counts) >= FINE_TARE_SAMPLES and changed.mean() > 1 - MAX_REPEAT_SHARE:
             self._standstill = Standstill(to_ns(SCALE_TARE_S))
 
     def start(self) -> None:
