@@ -45,7 +45,7 @@ from deltact_fab.sensor import StageFrame
 from .clock import VirtualClock
 from .controller import GrblController
 from .grbl_lines import grbl_settings
-from .netft import BoxFaults, Datagram, NetFTBox, Wrenches
+from .netft import BoxFaults, Datagram, NetFTBox
 from .rig import VirtualForce
 from .wire import SerialLink, WireExchange
 
@@ -197,35 +197,30 @@ ExtraForce = Callable[[float], float]
 class ScalePort:
     """Open port of a simulated load cell: whole grams, a line at every tick.
 
-    stuck: it repeats its last line.
+    load_n: force on it at times (n,) ns. stuck: it repeats its last line.
     """
 
-    def __init__(self, clock: VirtualClock, wrenches: Wrenches) -> None:
-        self._clock, self._wrenches = clock, wrenches
+    def __init__(
+        self, clock: VirtualClock, load_n: Callable[[Any], NDArray[Any]], rate_hz: float
+    ) -> None:
+        self._clock, self._load_n = clock, load_n
         self._line, self._waiting = b"", b""
-        self.stuck = False
-        self._ticks = clock.schedule(SCALE_RATE_HZ, self._write)
+        self.stuck, self.in_waiting = False, 1
+        self.read, self.reset_input_buffer = self._next_lines, lambda: self._next_lines(0)
+        self._ticks = clock.schedule(rate_hz, self._write)
+        self.close = self._ticks.cancel
 
-    @property
-    def in_waiting(self) -> int:
-        return len(self._waiting)
-
-    def read(self, size: int) -> bytes:
-        """All lines, or the next one."""
-        self._clock.advance_to_ns(self._clock.now_ns() if self._waiting else self._ticks.next_ns)
+    def _next_lines(self, size: int) -> bytes:
+        """All lines, or the next one; size: 0 for all."""
+        if size and not self._waiting:
+            self._clock.advance_to_ns(self._ticks.next_ns)
         waiting, self._waiting = self._waiting, b""
         return waiting
 
-    def reset_input_buffer(self) -> None:
-        self._waiting = b""
-
-    def close(self) -> None:
-        self._ticks.cancel()
-
     def _write(self, t_ns: NDArray[np.int64]) -> None:
-        for force_n in self._wrenches(t_ns)[:, 2].tolist():
+        for load_n in self._load_n(t_ns).tolist():
             if not (self.stuck and self._line):
-                self._line = b"%.0f g\r\n" % (force_n / NEWTONS_PER_GRAM)
+                self._line = b"%.0f g\n" % (load_n / NEWTONS_PER_GRAM)
             self._waiting += self._line
 
 
@@ -416,7 +411,7 @@ class FaultBench:
     def _open_force(self) -> NetFTSensor | SerialScale:
         if self.scale_stuck_s == math.inf:
             return VirtualForce(self.box, self.clock, None)
-        port = ScalePort(self.clock, self._wrenches)
+        port = ScalePort(self.clock, lambda t_ns: self._wrenches(t_ns)[:, 2], SCALE_RATE_HZ)
         self.call_at(self.scale_stuck_s, lambda: setattr(port, "stuck", True))
         table = {
             "serial": {"port": "simulated", "unit": "g"},

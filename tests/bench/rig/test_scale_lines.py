@@ -16,7 +16,7 @@ def reader(first: str = "", **own: Any) -> LineReader:
     """A reader that has had the first lines."""
     made = LineReader(SerialScaleConfig(port="x", **{"unit": "g", **own}))
     for _ in range(FIRST_LINES if first else 0):
-        made.read(first.encode())
+        made.values(first.encode())
     return made
 
 
@@ -33,8 +33,8 @@ def reader(first: str = "", **own: Any) -> LineReader:
 )  # fmt: skip
 def test_whole_line_is_a_reading(line: str, unit: str, value: float) -> None:
     made = reader(line, unit=unit)
-    assert made.read(line.encode()) == [value]
-    assert reader(unit=unit).read(line.encode()) is None  # its words came once
+    assert made.values(line.encode()) == [value]
+    assert reader(unit=unit).values(line.encode()) is None  # its words came once
 
 
 @pytest.mark.parametrize(
@@ -57,24 +57,24 @@ def test_whole_line_is_a_reading(line: str, unit: str, value: float) -> None:
 )  # fmt: skip
 def test_other_line_is_refused_by_name(line: str, why: str) -> None:
     made = reader("40.8 g")
-    assert made.read(line.encode()) is None
+    assert made.values(line.encode()) is None
     assert re.search(re.escape(why).replace(r"\.\*", ".*"), made.refused), made.refused
     assert made.refused.startswith(f"{line!a}: ")
-    assert made.read(b"1 g") == [1]
+    assert made.values(b"1 g") == [1]
 
 
 def test_units_and_words_of_several_columns() -> None:
     made = reader("5 ms, 1.5 N, -2 Nmm", columns=("-", "fz", "tx"), unit="N")
-    assert made.read(b"6 ms, 2.5 N, -3 Nmm") == [6, 2.5, -3]
-    assert made.read(b"6 ms, 2.5 N, -3 Nm") is None
+    assert made.values(b"6 ms, 2.5 N, -3 Nmm") == [6, 2.5, -3]
+    assert made.values(b"6 ms, 2.5 N, -3 Nm") is None
     assert 'force.serial.torque_unit is "Nmm"' in made.refused
-    assert made.read(b"2.5 N, -3 Nmm") is None
+    assert made.values(b"2.5 N, -3 Nmm") is None
     assert "2 numbers, and force.serial.columns has 3;" in made.refused + ";"
 
 
 @pytest.mark.parametrize("line", ["US,GS,+  0.0419kg", "OL,GS,+  0.0419kg", "ST,NT,+  0.0419kg"])
 def test_moving_load_is_read(line: str) -> None:
-    values = reader("ST,GS,+  0.0408kg", unit="kg").read(line.encode())
+    values = reader("ST,GS,+  0.0408kg", unit="kg").values(line.encode())
     assert values == ([0.0419] if line.startswith("US") else None)
 
 
@@ -107,7 +107,7 @@ def test_fuzzed_lines_give_no_nonsense(first: str) -> None:
             line = line[:k] + draw.choice(alphabet) * n + line[k + draw.randrange(2) :]
         data = (line if kind > 0.2 else draw.choice(OTHERS)).encode()
         data = draw.randbytes(draw.randrange(20)) if kind > 0.9 else data
-        if (values := made.read(data)) is not None:
+        if (values := made.values(data)) is not None:
             n_read += 1
             assert values == [strict(data)], data
         else:

@@ -5,21 +5,21 @@ It is numbers, separators, at most one unit after each number, and the words of 
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 
 from ..tables import SerialScaleConfig
 
-# Names in lower case, and the rig file's; others are measured in neither.
-UNIT_NAMES = {"n": "N", "mn": "mN", "g": "g", "gf": "g", "kg": "kg", "kgf": "kg"}
-UNIT_NAMES |= {"nmm": "Nmm", "nm": "Nm"}
-OTHER_UNITS = ("kn", "mg", "lb", "lbs", "lbf", "oz", "ozf", "ct", "ms", "mv")
-_UNITS = "|".join(sorted((*UNIT_NAMES, *OTHER_UNITS), key=len, reverse=True))
+# In lower case, with the rig file's name, "" where it has none.
+UNIT_NAMES = dict.fromkeys(["kn", "mg", "lb", "lbs", "lbf", "oz", "ozf", "ct", "ms", "mv"], "")
+UNIT_NAMES |= {"n": "N", "mn": "mN", "g": "g", "gf": "g", "kg": "kg", "kgf": "kg"}
+UNIT_NAMES |= {"nm": "Nm", "nmm": "Nmm"}
 # Digits after a letter are part of a word, as in HX711; a sign may stand apart from its digits.
 NUMBER_PATTERN = re.compile(
     r"(?:(?<![\w.+-])|(?<=\d)(?=[-+])|(?<=[A-Za-z])(?=[-+][ \t]))"
     r"([-+]?[ \t]*(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
-    rf"(?:[ \t]*((?i:{_UNITS}))(?!\w))?(?![\w.]|[-+](?![\d.]))".encode()
+    rf"(?:[ \t]*((?i:{'|'.join(UNIT_NAMES)}))(?!\w))?(?![\w.]|[-+](?![\d.]))".encode()
 )
 # Marks of a moving load that change from line to line: A&D, CAS, Kern, Mettler SICS, Ohaus.
 STABILITY_PATTERN = re.compile(rb"(?<!\w)(?:(?:ST|US|SD|S|D|STABLE|UNSTABLE)(?!\w)|[?*])")
@@ -34,7 +34,8 @@ SHOWN_BYTES = 60  # by hand: of a line in a message
 
 
 class LineReader:
-    """Reads the lines of one scale. refused: the last line that is no reading, and why."""
+    """Reader of the lines of one scale. refused: the last line if it is no reading, and
+    why."""
 
     def __init__(self, config: SerialScaleConfig) -> None:
         self._config = config
@@ -42,24 +43,24 @@ class LineReader:
         self._words: bytes | None = None
         self.refused = ""
 
-    def read(self, line: bytes) -> list[float] | None:
+    def values(self, line: bytes) -> list[float] | None:
         """Return the numbers of a line; None for one that is no reading."""
         numbers = NUMBER_PATTERN.findall(line)
         rest = NUMBER_PATTERN.sub(b"\0", line)
         words = re.sub(rb"\s*\0\s*", b"\0", STABILITY_PATTERN.sub(b"", rest))
         words = b" ".join(words.split())
-        why = self._fault(line, rest, [unit.decode().lower() for _, unit in numbers])
         values = [float(b"".join(number.split())) for number, _ in numbers]
-        if not why and any(abs(value) == float("inf") for value in values):
-            why = "too large a number"
-        if not why and self._words is None:
+        fault = self._fault(line, rest, [unit.decode() for _, unit in numbers])
+        if not fault and not all(map(math.isfinite, values)):
+            fault = "too large a number"
+        if not fault and self._words is None:
             self._first[words] += 1
             self._words = words if self._first[words] >= FIRST_LINES else None
-        if not why and words != self._words:
-            why = "its words are not those of the first lines"
-        if why:
-            self.refused = f"{line[:SHOWN_BYTES].decode('latin-1')!a}: {why}"
-        return None if why else values
+        if not fault and words != self._words:
+            fault = "its words are not those of the first lines"
+        shown = ascii(line[:SHOWN_BYTES].decode("latin-1"))
+        self.refused = f"{shown}: {fault}" if fault else ""
+        return None if fault else values
 
     def _fault(self, line: bytes, rest: bytes, units: list[str]) -> str:
         """Reason why a line is no reading, with the key that would read it, or ""."""
@@ -72,12 +73,11 @@ class LineReader:
             return _count_fault(line, len(units), columns)
         for column, unit in zip(columns, units, strict=True):
             key = "unit" if column.startswith("f") else "torque_unit"
-            right, name = getattr(self._config, key), UNIT_NAMES.get(unit, unit)
-            if unit and column != "-" and name != right:
-                is_torque = name in ("Nm", "Nmm")
-                known = unit in UNIT_NAMES and is_torque == (key == "torque_unit")
-                remedy = f'set {key} = "{name}"' if known else f"set the scale to {right}"
-                return f'force.serial.{key} is "{right}", and the line is in {name}: {remedy}'
+            right, name = getattr(self._config, key), UNIT_NAMES.get(unit.lower())
+            if name not in (None, right) and column != "-":
+                fits = name and name.startswith("Nm") == (key == "torque_unit")
+                remedy = f'set {key} = "{name}"' if fits else f"set the scale to {right}"
+                return f'force.serial.{key} is "{right}", and the line is in {unit}: {remedy}'
         return ""
 
 
@@ -87,7 +87,5 @@ def _count_fault(line: bytes, n: int, columns: tuple[str, ...]) -> str:
     text = f"{n} numbers, and force.serial.columns has {len(columns)}"
     if n == 2 * len(columns) and DECIMAL_COMMA.search(line):
         return f"{text}: a decimal comma? Set the scale to a point"
-    if n < len(columns):
-        return text
     names = ", ".join(f'"{name}"' for name in (*columns, *"-" * (n - len(columns))))
-    return f"{text}: columns = [{names}] would read the first"
+    return text if n < len(columns) else f"{text}: columns = [{names}] would read the first"

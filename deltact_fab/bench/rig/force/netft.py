@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,7 +84,7 @@ class NetFTSensor:
     the delay is noted.
     """
 
-    Settings = NetFTSettings
+    Settings: TypeAlias = NetFTSettings
     RECORD: ClassVar[np.dtype[Any]] = np.dtype(
         [("at_ns", "i8"), ("rdt", "u4"), ("ft", "u4"), ("status", "u4"), ("counts", "i4", 6)]
     )

@@ -101,6 +101,7 @@ class SerialScale:
         self._port_io(self._port.reset_input_buffer)
         self._partial, self._skip_line = b"", True
         self._since, self._period_ns = (0, 0), 0.0
+        self._standstill = self._standstill and Standstill(to_ns(SCALE_TARE_S))
         if ask := self._config.ask:
             self._port_io(lambda: self._port.write(ask.encode("ascii")))
 
@@ -169,7 +170,7 @@ class SerialScale:
                 continue
             if not line.strip():
                 continue
-            if (numbers := self._lines.read(line)) is None:
+            if (numbers := self._lines.values(line)) is None:
                 self.tally.add("garbage", 1)
                 continue
             row = [0.0] * 6
