@@ -38,7 +38,7 @@ class Standstill:
         """Raise SensorError for samples (n, 6) that stand still; free (n,): not judged."""
         if self._last is None:
             self._last, self._begin_ns, self._since_ns = counts[:1], int(t_ns[0]), int(t_ns[0])
-        changed = (counts != np.concatenate((self._last, counts[:-1]))).any(axis=1) | free
+        changed = _changed(self._last, counts) | free
         times_ns = t_ns[changed]
         self._last = counts[-1:]
         if len(times_ns):
@@ -52,6 +52,11 @@ class Standstill:
                 f"force sensor: the readings do not change: all axes equal for {still_s:.2f} s; "
                 "check the transducer's plug"
             )
+
+
+def _changed(last: NDArray[np.int32], counts: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """True (n,) for samples that differ from the one before; last (1, 6): before the first."""
+    return np.asarray((counts != np.concatenate((last, counts[:-1]))).any(axis=1), bool)
 
 
 class DepthCheck:
@@ -71,8 +76,7 @@ class DepthCheck:
         counts, t_ns = samples.counts, samples.t_ns
         if not len(t_ns):
             return
-        before = counts[:1] - 1 if self._counts is None else self._counts
-        changed = (counts != np.concatenate((before, counts[:-1]))).any(axis=1)
+        changed = _changed(counts[:1] - 1 if self._counts is None else self._counts, counts)
         since_ns, _, n = self._still
         if changed.any():
             k = len(t_ns) - 1 - int(changed[::-1].argmax())
