@@ -28,7 +28,7 @@ ERROR_PATTERN = re.compile(
     rb"|[ou]l|invalid|missing|retry)(?![a-z])"
 )
 WORD_PATTERN = re.compile(rb"[A-Za-z_][\w.+-]*")
-DECIMAL_COMMA = re.compile(rb"(?<![.\d])\d+,\d+(?![.\d])")
+NUMBER_COMMA = re.compile(rb"(?<![.\d])(?:\d+,\d+(?![.\d])|\d{1,3},\d{3}(?!\d))")
 FIRST_LINES = 3  # by hand: equal words so often are the scale's; a greeting is said once
 SHOWN_BYTES = 60  # by hand: of a line in a message
 
@@ -85,7 +85,7 @@ def _count_fault(line: bytes, n: int, columns: tuple[str, ...]) -> str:
     if not n:
         return "no number"
     text = f"{n} numbers, and force.serial.columns has {len(columns)}"
-    if n == 2 * len(columns) and DECIMAL_COMMA.search(line):
-        return f"{text}: a decimal comma? Set the scale to a point"
+    if n == 2 * len(columns) and NUMBER_COMMA.search(line):
+        return f"{text}: a comma in a number? Set the scale to points only"
     names = ", ".join(f'"{name}"' for name in (*columns, *"-" * (n - len(columns))))
     return text if n < len(columns) else f"{text}: columns = [{names}] would read the first"
