@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     )
     from .rig.devices import HostDevice, list_devices
     from .rig.force.guard import ForceGuard, GuardLimits
-    from .rig.force.netft import NetFTSensor, NetFTSettings
+    from .rig.force.netft import NetFTSensor
+    from .rig.force.scale import SerialScale
     from .rig.interface import CameraFrame, Clock, Devices, Rig, RigKind, RigSetup, WallClock
     from .rig.run.runner import RunProgress, carry_out_steps
     from .rig.stage.grbl import GrblStage

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,7 @@ MIN_SAMPLE_RATE_SHARE = 0.98  # of the box's rate
 MAX_REST_SHARE = 0.01  # of the range: mean after the tare, standard deviation at rest
 RANGE_TOLERANCE = 0.02  # relative, box against rig file
 STIFF_N_PER_MM15 = 5.6  # Hertz' law for a ball of 10 mm and twice the modulus of the paper's gel
+UNCHANGED_SCALE = "press the tip with a finger in the second half of `rig check --seconds 20`"
 SLOW_DEVICE = "try a shorter exposure, another fourcc or a faster port"
 SLOW_SENDER = "the sender is slow, or this computer is busy"
 AUTO_KEYS = {"exposure": "auto_exposure", "gain": None, "white_balance_k": "auto_white_balance"}
@@ -83,17 +84,19 @@ def _stop_rows(config: GrblConfig) -> Iterator[Check]:
         f"touched yet at most {slow:.0f} mm/min, {UNTOUCHED_STOP_MM:g} mm"
     )
     yield _row("stage", "stop", "pass", text)
-    if config.force is not None and config.force.reachable:
-        trip_n = GuardLimits.from_config(config.guard, config.force).force_n[2]
-        forces = (stage.stop_force_n(trip_n, f, STIFF_N_PER_MM15) for f in (feed, slow))
-        text = "the guard's {:.1f} N end at {:.1f} N, and at {:.1f} N".format(trip_n, *forces)
-        yield _row("stage", "stop-force", "pass", f"{text}, with sphere:10 on a stiff gel")
     if not stage.emergency_stop:
         yield _row(
             "stage", "emergency-stop", "warn", "[stage] emergency_stop is not declared",
             "install a latching switch in the supply of the motors, test it, and write "
             "emergency_stop = true",
         )  # fmt: skip
+    if config.force is None or not config.force.reachable:
+        return
+    with suppress(InputError):  # a row of the force sensor
+        trip_n = GuardLimits.from_config(config.guard, config.force).force_n[2]
+        forces = (stage.stop_force_n(trip_n, f, STIFF_N_PER_MM15) for f in (feed, slow))
+        text = "the guard's {:.1f} N end at {:.1f} N, and at {:.1f} N".format(trip_n, *forces)
+        yield _row("stage", "stop-force", "pass", f"{text}, with sphere:10 on a stiff gel")
 
 
 def _press_rows(config: GrblConfig) -> Iterator[Check]:
@@ -204,9 +207,12 @@ def force_rows(config: ForceConfig, guard: GuardConfig | None, seconds: float) -
         with closing(open_force(config, WallClock())) as sensor:
             rows = list(_sample_rows(sensor, config, seconds))
         yield from rows
-        limits = GuardLimits.from_config(guard, config)
     except DeltactFabError as error:
         yield _row("force", "answer", "fail", str(error))
+    try:
+        limits = GuardLimits.from_config(guard, config)
+    except InputError as error:
+        yield _row("force", "guard", "fail", str(error))
         return
     force = ", ".join(f"{value:g}" for value in limits.force_n)
     torque = ", ".join(f"{value:g}" for value in limits.torque_nmm)
@@ -244,7 +250,10 @@ def _box_rows(config: ForceConfig) -> Iterator[Check]:
 
 
 def _sample_rows(sensor: ForceSensor, config: ForceConfig, seconds: float) -> Iterator[Check]:
-    """Rate, losses, tare and noise. Raises SensorError."""
+    """Rate, losses, tare, noise and change. Raises SensorError, also for a still Net F/T.
+
+    A scale is at rest in the first half of the time, and may be pressed in the second.
+    """
     sensor.begin("probe")
     until_s = time.monotonic() + seconds
     parts = [sensor.read()]
@@ -264,13 +273,15 @@ def _sample_rows(sensor: ForceSensor, config: ForceConfig, seconds: float) -> It
         text = "saturated with nothing touching: check that the tip is free"
         yield _row("force", "saturation", "fail", text)
     ranges = np.array([*config.range_n, *config.range_nmm])
-    mean, noise = np.abs(values.mean(axis=0)), values.std(axis=0)
+    rest = values if config.netft is not None else values[: (len(values) + 1) // 2]
+    mean, noise = np.abs(rest.mean(axis=0)), rest.std(axis=0)
     text = f"{mean[:3].max():.3f} N and {mean[3:].max():.2f} N mm remain after the tare"
     yield _row("force", "tare", graded(bool((mean <= MAX_REST_SHARE * ranges).all())), text)
-    if config.netft is not None and not noise.any():
-        text = "readings are constant: check the transducer's plug"
-        yield _row("force", "noise", "fail", text)
-        return
+    if values.std(axis=0).any():
+        yield _row("force", "change", "pass", "readings change")
+    else:
+        text = f"{len(values)} equal readings: a dead sensor, or a scale at rest"
+        yield _row("force", "change", "warn", text, UNCHANGED_SCALE)
     quiet = bool((noise <= MAX_REST_SHARE * ranges).all())
     text = f"noise at rest {noise[:3].max():.4f} N, {noise[3:].max():.3f} N mm (1 sigma)"
     text = text if quiet else f"{text}: check that nothing touches or shakes it"

@@ -141,9 +141,10 @@ class SerialScaleConfig(Table):
     columns: tuple[Literal["fx", "fy", "fz", "tx", "ty", "tz", "-"], ...] = Field(
         default=("fz",), min_length=1, max_length=32
     )
-    """Meaning of each number of a line; "-" is ignored, as a time. Words are ignored."""
+    """Meaning of each number of a line; "-" is ignored, as a time. Words must be those
+    of the first lines."""
     unit: Literal["N", "mN", "g", "kg"] = "N"
-    """Unit of the forces that it writes."""
+    """Unit of the forces that it writes; a line in another one is refused."""
     torque_unit: Literal["Nmm", "Nm"] = "Nmm"
     """Unit of the torques that it writes."""
     scale: float = Field(default=1.0, ge=-1e6, le=1e6)

@@ -29,9 +29,11 @@ from deltact_fab.bench import (
     ForceGuard,
     GrblStage,
     GuardLimits,
+    NetFTSensor,
     Protocol,
     RigConfig,
     RunWriter,
+    SerialScale,
     Step,
     StreamCamera,
     carry_out_steps,
@@ -51,6 +53,9 @@ from .wire import SerialLink, WireExchange
 DRAGS_PER_PRESS = 1
 MIN_SETTLE_S = 0.2
 DEEPEST_FORCE_SHARE = 0.1
+SCALE_RATE_HZ = 80.0  # HX711 datasheet: 10 or 80; at 10 a read would hold up the stage
+NEWTONS_PER_GRAM = 9.80665e-3  # definition
+BOX_FAULT_NAMES = ("silent", "late_s", "error", "saturated", "drop_every", "frozen", "stuck")
 _FILE_SIZE_LIMIT = resource.getrlimit(resource.RLIMIT_FSIZE)
 
 
@@ -189,6 +194,36 @@ TipPoint = Callable[[], tuple[float, float, float]]
 ExtraForce = Callable[[float], float]
 
 
+class ScalePort:
+    """Open port of a simulated load cell: whole grams, a line at every tick.
+
+    load_n: force on it at times (n,) ns. stuck: it repeats its last line.
+    """
+
+    def __init__(
+        self, clock: VirtualClock, load_n: Callable[[Any], NDArray[Any]], rate_hz: float
+    ) -> None:
+        self._clock, self._load_n = clock, load_n
+        self._line, self._waiting = b"", b""
+        self.stuck, self.in_waiting = False, 1
+        self.read, self.reset_input_buffer = self._next_lines, lambda: self._next_lines(0)
+        self._ticks = clock.schedule(rate_hz, self._write)
+        self.close = self._ticks.cancel
+
+    def _next_lines(self, size: int) -> bytes:
+        """All lines, or the next one; size: 0 for all."""
+        if size and not self._waiting:
+            self._clock.advance_to_ns(self._ticks.next_ns)
+        waiting, self._waiting = self._waiting, b""
+        return waiting
+
+    def _write(self, t_ns: NDArray[np.int64]) -> None:
+        for load_n in self._load_n(t_ns).tolist():
+            if not (self.stuck and self._line):
+                self._line = b"%.0f g\n" % (load_n / NEWTONS_PER_GRAM)
+            self._waiting += self._line
+
+
 class WatchedFaults(BoxFaults):
     """Notes when the first record was taken that tells of something wrong, or does not come."""
 
@@ -196,7 +231,7 @@ class WatchedFaults(BoxFaults):
     first_bad_ns = 0
 
     def datagrams(self, t_ns: NDArray[np.int64], records: NDArray[Any]) -> list[Datagram]:
-        wrong = self.silent or self.error or self.saturated or self.late_s or self.drop_every
+        wrong = any(getattr(self, name) for name in BOX_FAULT_NAMES)
         bad = np.abs(records["counts"][:, :3]).max(axis=1) > self.limit_counts
         if (wrong or bad.any()) and not self.first_bad_ns:
             self.first_bad_ns = int(t_ns[0 if wrong else bad.argmax()])
@@ -301,6 +336,7 @@ class FaultBench:
         self.box = NetFTBox(scenario.force, self.clock, 1, self._wrenches, 0.01)
         self.box.faults = self.box_faults = WatchedFaults()
         self.box_faults.limit_counts = scenario.limit_n * self.box.settings().counts_per_n
+        self.scale_stuck_s = math.inf  # finite: a load cell is the force sensor, stuck from then on
         self.camera_faults: dict[str, float] = {}  # stalled or hung: from that time on, s
         self._camera_bad_ns = 0
         self.clock.sleep_s(2.0)  # the board is up
@@ -339,8 +375,9 @@ class FaultBench:
         self.board.clear_line_faults()
         self.board.fault("door closes")
         self.link.plug()
-        for name in ("silent", "late_s", "error", "saturated", "drop_every"):
+        for name in BOX_FAULT_NAMES:
             setattr(self.box_faults, name, 0)
+        self.scale_stuck_s = math.inf
         self.camera_faults = {}
         self.extra_n = lambda t_s: 0.0
 
@@ -360,7 +397,7 @@ class FaultBench:
             writer = RunWriter.create(folder, meta, case.text, {"dots_mm": []}, steps)
         stage = GrblStage(self.link, self.clock, case.frame)
         guard = ForceGuard(stage.cancel, case.limits, self.clock)
-        force = VirtualForce(self.box, self.clock, None)
+        force = self._open_force()
         camera = BenchCamera(self.clock, self.tip_mm, self.camera_faults)
         try:
             devices = Devices(self.clock, stage, camera, force, lambda name: None, guard=guard)
@@ -374,6 +411,17 @@ class FaultBench:
             force.close()
             camera.close()
             stage.close()
+
+    def _open_force(self) -> NetFTSensor | SerialScale:
+        if self.scale_stuck_s == math.inf:
+            return VirtualForce(self.box, self.clock, None)
+        port = ScalePort(self.clock, lambda t_ns: self._wrenches(t_ns)[:, 2], SCALE_RATE_HZ)
+        self.call_at(self.scale_stuck_s, lambda: setattr(port, "stuck", True))
+        table = {
+            "serial": {"port": "simulated", "unit": "g"},
+            "range_n": self.scenario.force.range_n,
+        }
+        return SerialScale(ForceConfig.model_validate(table), self.clock, port)
 
     def _wrenches(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         """(n, 6) N, N mm: a Hertzian press, and friction that follows the drag."""

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.bench import ForceConfig, NetFTSensor, NetFTSettings
+from deltact_fab.bench import ForceConfig, NetFTSensor
 from deltact_fab.common import DeltactFabError, to_ns
 
 from .clock import Ticks, VirtualClock
@@ -44,7 +44,12 @@ class BoxFaults:
     """As if a gauge were out of range."""
     drop_every: int = 0
     """Of so many records one does not come; 0: all do."""
+    frozen: bool = False
+    """Records go on with the last measurement and its number."""
+    stuck: bool = False
+    """Records go on with the last readings."""
     _last_ns: int = field(default=0, repr=False)
+    _last: NDArray[Any] | None = field(default=None, repr=False)
 
     def datagrams(self, t_ns: NDArray[np.int64], records: NDArray[Any]) -> list[Datagram]:
         """Records (n,) taken at t_ns as they arrive."""
@@ -52,6 +57,11 @@ class BoxFaults:
             records["status"] = NetFTSensor.ERROR | (NetFTSensor.SATURATED if self.saturated else 0)
         if self.error:
             records["counts"] = 0
+        if (self.frozen or self.stuck) and self._last is not None:
+            for name in ("counts", "ft") if self.frozen else ("counts",):
+                records[name] = self._last[name]
+        else:
+            self._last = records[-1:].copy()
         if self.silent:
             return []
         size, data = records.dtype.itemsize, records.tobytes()
@@ -123,10 +133,10 @@ class NetFTBox:
         sequence = np.random.SeedSequence([self._seed, 1, zlib.crc32(stream.encode())])
         self._rng = np.random.default_rng(sequence)
 
-    def settings(self) -> NetFTSettings:
+    def settings(self) -> NetFTSensor.Settings:
         """Settings as on the box's configuration page."""
         counts_per_n, counts_per_nmm = self._per_unit[[0, 3]].tolist()
-        return NetFTSettings(counts_per_n, counts_per_nmm, self._rate_hz, "simulated")
+        return NetFTSensor.Settings(counts_per_n, counts_per_nmm, self._rate_hz, "simulated")
 
     def send(self, command: bytes) -> None:
         """Take one command datagram; unknown ones are ignored, as on the wire."""
@@ -201,6 +211,8 @@ class NetFTBox:
         over = (np.abs(gauges) > limits).any(axis=1)
         records["status"] = np.where(over, NetFTSensor.SATURATED | NetFTSensor.ERROR, 0)
         records["counts"] = np.rint(values * self._per_unit)
+        if self._noise_n * self._per_unit[0] < 1:  # the last bit of a transducer never rests
+            records["counts"][:, 5] += records["ft"] & 1
         self._sent_count += len(t_ns)
         self._sample_count += len(t_ns)
         self._out += self.faults.datagrams(t_ns, records)
@@ -220,7 +232,7 @@ class LockstepLink:
     def __init__(self, box: NetFTBox) -> None:
         self._box = box
 
-    def settings(self) -> NetFTSettings:
+    def settings(self) -> NetFTSensor.Settings:
         return self._box.settings()
 
     def bias(self) -> None:
@@ -245,7 +257,7 @@ class LockstepLink:
         arrivals = np.zeros(len(came), NetFTSensor.RECORD)
         records = np.frombuffer(b"".join(data.payload for data in came), BOX_RECORD)
         arrivals["at_ns"] = [data.at_ns for data in came]
-        for name in ("rdt", "status", "counts"):
+        for name in ("rdt", "ft", "status", "counts"):
             arrivals[name] = records[name]
         return arrivals
 

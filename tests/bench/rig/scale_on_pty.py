@@ -36,8 +36,11 @@ class Scale:
 
     def opened(self, **own: Any) -> ForceSensor:
         """The driver on this scale."""
-        serial = SerialScaleConfig(port=self.port, silent_s=0.5, **own)
-        return open_force(ForceConfig(serial=serial), WallClock())
+        return open_force(self.config(**own), WallClock())
+
+    def config(self, **own: Any) -> ForceConfig:
+        """Table of the rig file for this scale."""
+        return ForceConfig(serial=SerialScaleConfig(port=self.port, silent_s=0.5, **own))
 
 
 @contextmanager

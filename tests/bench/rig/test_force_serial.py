@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scale_on_pty import scale
 
+from deltact_fab.bench.rig.check import force_rows
 from deltact_fab.bench.rig.force.watchdog import open_force
 from deltact_fab.bench.rig.interface import ForceSamples, ForceSensor, WallClock
 from deltact_fab.bench.rig.tables import ForceConfig, SerialScaleConfig
@@ -78,7 +79,7 @@ def test_garbage_is_counted_never_a_reading() -> None:
     with scale() as it:
         sensor = it.opened()
         sensor.begin("p1")
-        it.line = lambda k: ["1.01\n", "OL\n", "1.01 1.01\n", "\x00\x7f\n"][k % 4]
+        it.line = lambda k: [f"{1 + k % 3 / 100}\n", "OL\n", "1.01 1.01\n", "\x00\x7f\n"][k % 4]
         notes: list[Note] = []
         forces = []
         end_s = time.monotonic() + 1.3
@@ -105,9 +106,9 @@ def test_silence_and_unplugging_are_errors() -> None:
     with scale() as it:
         sensor = it.opened()
         sensor.begin("p1")
-        it.line = lambda k: "no numbers\n"
+        it.line = lambda k: "HX711 not found.\n"
         with pytest.raises(
-            SensorError, match=r"no line of 1 numbers within 0.5 s; \d+ other lines"
+            SensorError, match=r"no reading within 0.5 s: the last line was 'HX711 not found.': rep"
         ):
             until(sensor, lambda s: False)
         it.done.set()
@@ -129,3 +130,27 @@ def test_invalid_scale_is_refused() -> None:
     for own in ({"columns": ("fz", "fz")}, {"columns": ("-",)}, {"scale": 0.0}):
         with pytest.raises(ValueError, match=r"columns: each axis once|scale: must not"):
             SerialScaleConfig(port="x", **own)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("line", "verdict", "text"),
+    [
+        (lambda k: "40.8 g\n", "warn", "equal readings: a dead sensor, or a scale at rest"),
+        (lambda k: "0.0\n", "warn", "equal readings: a dead sensor, or a scale at rest"),
+        (lambda k: f"{40.8 + k % 7 / 10} g\n", "pass", "readings change"),
+        (lambda k: f"{40.8 if k < 75 else 940.8} g\n", "pass", "readings change"),
+        (lambda k: "HX711 not found.\n", "fail", "'HX711 not found.': reports an error"),
+        (lambda k: "0.0408 kg\n", "fail", 'force.serial.unit is "g", and the line is in kg'),
+    ],
+    ids=["stuck", "zero", "noise", "pressed", "text", "kg"],
+)
+def test_check_of_scale_asks_for_change(
+    line: Callable[[int], str], verdict: str, text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("deltact_fab.bench.rig.force.scale.FIRST_LINE_S", 0.5)
+    with scale() as it:
+        it.line, it.period_s = line, 0.01
+        rows = [*force_rows(it.config(unit="g"), None, 0.6)]
+    (row,) = (row for row in rows if text in row.value)
+    assert row.status == verdict
+    assert all(other is row or other.status == "pass" for other in rows)

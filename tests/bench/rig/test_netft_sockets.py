@@ -261,15 +261,16 @@ def found(box: NetFTServer, guard: GuardConfig | None = None, **own: object) -> 
 @pytest.mark.slow
 def test_wrong_range_is_reported_with_right() -> None:
     with NetFTServer(Hand(), noise_n=0.0) as box:
+        box.faults.stuck = True
         lines = found(box, GuardConfig(force_n=60.0), range_n=(50.0, 50.0, 70.0))
         wrong = "\n".join(text for text, passed in lines.items() if not passed)
         assert "[50.0, 50.0, 70.0]; the transducer has [25.0, 25.0, 35.0]: use that" in wrong
-        assert "are constant: check the transducer's plug" in wrong
+        assert "the readings do not change: all axes equal for " in wrong
         assert "guard: the limit 60 of Fx is over the sensor's range of 50" in wrong
-        box.faults.error = True
+        box.faults.stuck, box.faults.error = False, True
         assert "fault, status word 0x80000000" in "\n".join(found(box))
         box.page["comrdte"] = "Disabled"
-        assert list(found(box).values()) == [False]
+        assert list(found(box).values()) == [False, True]  # and the guard
 
 
 # ---- pynetft by itself, which knows nothing of ours ----

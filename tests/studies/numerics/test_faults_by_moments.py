@@ -57,6 +57,7 @@ def cell(matrix: FaultMatrix, of: FaultKind, moment: str) -> FaultOutcome:
 @pytest.mark.parametrize(
     ("name", "moment"),
     [("false alarm", TRAVEL), ("force over the limit", PRESS),
+     ("force frozen", TRAVEL), ("force values frozen", PRESS), ("scale stuck", PRESS),
      pytest.param("doubled ok", DRAG, marks=pytest.mark.slow),
      pytest.param("disk full", DRAG, marks=pytest.mark.slow)],
 )  # fmt: skip

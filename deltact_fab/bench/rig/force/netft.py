@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 from deltact_fab.common import Note, Point, SensorError, to_ns
 
 from ..interface import Clock, ForceSamples
+from .standstill import STILL_NS, STILL_RECORDS, Standstill
 
 DatagramArrivals = NDArray[Any]
 # By hand: lower limits report a busy host as a fault, more notes fill the journal.
+MAX_EQUAL_SEQUENCES = 5  # records from one cycle of the box, at its full rate
 SENSOR_SILENT_S = 0.05  # without a record the sensor has failed; decision 0031
 LATE_NS = 20_000_000  # a record later than its number implies by this is noted
 MAX_CLOCK_DRIFT = 2e-4  # of box against host: two quartzes of 100 ppm
@@ -82,10 +84,12 @@ class NetFTSensor:
     the delay is noted.
     """
 
+    Settings: TypeAlias = NetFTSettings
     RECORD: ClassVar[np.dtype[Any]] = np.dtype(
-        [("at_ns", "i8"), ("rdt", "u4"), ("status", "u4"), ("counts", "i4", 6)]
+        [("at_ns", "i8"), ("rdt", "u4"), ("ft", "u4"), ("status", "u4"), ("counts", "i4", 6)]
     )
-    """Received record: at_ns of the host's clock, number in the stream, status word, counts."""
+    """Received record: at_ns of the host's clock, number in the stream, number of the box's
+    measurement, status word, counts."""
     SATURATED: ClassVar = 1 << 17
     """Bit 17 of the status word: a gauge or a force is out of range."""
     ERROR: ClassVar = 1 << 31
@@ -111,13 +115,16 @@ class NetFTSensor:
 
     def start(self) -> None:
         self._sequence, self._zero_ns, self._fault = 0, None, ""
+        self._ft = np.empty(0, np.uint32)  # of the last records
+        limit_ns = max(STILL_NS, STILL_RECORDS * 1e9 / self._settings.rate_hz)
+        self._standstill = Standstill(limit_ns)
         self._link.start()
 
     def read(self) -> ForceSamples:
         """Return samples since the last read, at least one; waits for the next.
 
         Raises SensorError when none comes within the timeout, for a fault of the box (after the
-        samples before it), and for a gap longer than the timeout.
+        samples before it), for a gap longer than the timeout, and for readings that stand still.
         """
         fresh = self._receive_new()
         status = fresh["status"]
@@ -134,6 +141,9 @@ class NetFTSensor:
         n_lost = self._count_lost(sequence)
         t_ns, late_ns = self._times(sequence, fresh["at_ns"])
         late = late_ns > LATE_NS
+        self._check_measurements(fresh["ft"])
+        counts = fresh["counts"].astype(np.int32)
+        self._standstill.check(t_ns, counts, saturated)
         tally = self.tally
         tally.add("gap", n_lost)
         tally.add("late", int(late.sum()), float(late_ns.max()) / 1e6)
@@ -142,7 +152,7 @@ class NetFTSensor:
             tally.add(name, n)
         return ForceSamples(
             t_ns,
-            fresh["counts"].astype(np.int32),
+            counts,
             self._per_unit,
             saturated,
             n_lost,
@@ -205,6 +215,16 @@ class NetFTSensor:
         if gap > self._timeout_s * self._settings.rate_hz:
             raise SensorError(f"force sensor: {gap} samples lost in a row; check the network")
         return int(steps.sum()) - len(steps)
+
+    def _check_measurements(self, ft: NDArray[np.uint32]) -> None:
+        """Raise SensorError for records that repeat one measurement."""
+        self._ft = ft = np.concatenate((self._ft, ft))
+        if (ft[MAX_EQUAL_SEQUENCES:] == ft[:-MAX_EQUAL_SEQUENCES]).any():
+            raise SensorError(
+                f"force sensor: the readings do not change: the FT sequence stands at {ft[-1]} "
+                "while records come; restart the box"
+            )
+        self._ft = ft[-MAX_EQUAL_SEQUENCES:]
 
     def _times(
         self, sequence: NDArray[np.int64], at_ns: NDArray[np.int64]

@@ -13,6 +13,7 @@ import urllib.request
 import xml.etree.ElementTree as ET
 from contextlib import suppress
 from select import select
+from typing import Any
 
 import numpy as np
 
@@ -102,7 +103,7 @@ class RdtLink:
             raise SensorError(f"{self._label}: the stream was not started")
         select([self._socket], [], [], timeout_s)
         since_ns = time.monotonic_ns() - time.time_ns()
-        rows: list[tuple[int, int, int, tuple[int, ...]]] = []
+        rows: list[tuple[Any, ...]] = []
         with suppress(BlockingIOError):
             while len(rows) < MAX_RECORDS:
                 self._receive(rows, since_ns)
@@ -151,7 +152,7 @@ class RdtLink:
         force_n = max(residual[:3]) / s.counts_per_n
         return f"{force_n:.2f} N, {max(residual[3:]) / s.counts_per_nmm:.1f} N mm"
 
-    def _receive(self, rows: list[tuple[int, int, int, tuple[int, ...]]], since_ns: int) -> None:
+    def _receive(self, rows: list[tuple[Any, ...]], since_ns: int) -> None:
         """Append one datagram to rows. since_ns: monotonic clock minus the kernel's."""
         assert self._socket is not None
         try:
@@ -170,8 +171,8 @@ class RdtLink:
                 self._count("overrun", dropped - self._dropped)
                 self._dropped = dropped
         if len(data) == RDT_RECORD.size:
-            number, _, status, *counts = RDT_RECORD.unpack(data)
-            rows.append((at_ns, number, status, tuple(counts)))
+            number, ft, status, *counts = RDT_RECORD.unpack(data)
+            rows.append((at_ns, number, ft, status, tuple(counts)))
         else:
             self._count("garbage", 1)
 

@@ -17,9 +17,10 @@ from deltact_fab.common import InputError, SensorError, to_ns
 
 from ..interface import Clock, ForceSamples
 from ..tables import ForceConfig, SerialScaleConfig
+from .lines import LineReader
 from .netft import NoteCounts
+from .standstill import Standstill
 
-NUMBER_PATTERN = re.compile(rb"[-+]?[ \t]*(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 FORCE_AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 FORCE_UNITS_N = {"N": 1.0, "mN": 1e-3, "g": 9.80665e-3, "kg": 9.80665}  # definition: 9.80665 m/s2
 TORQUE_UNITS_NMM = {"Nmm": 1.0, "Nm": 1e3}  # definition
@@ -29,6 +30,7 @@ MAX_COUNT = 2**31 - 1  # of the record's int32
 FIRST_LINE_S = 3.0  # an Arduino restarts when its port is opened
 SCALE_TARE_S = 0.3
 MIN_TARE_SAMPLES = 3
+FINE_TARE_SAMPLES, MAX_REPEAT_SHARE = 50, 0.05  # a fine scale, which must not rest for SCALE_TARE_S
 MAX_LINE_BYTES = 1024
 
 
@@ -40,7 +42,8 @@ class SerialScale:
     opened.
     """
 
-    def __init__(self, config: ForceConfig, clock: Clock) -> None:
+    def __init__(self, config: ForceConfig, clock: Clock, port: Any = None) -> None:
+        """port: open, of a simulated scale."""
         assert config.serial is not None, "the configuration has a serial scale"
         self._config: SerialScaleConfig = config.serial
         self._clock = clock
@@ -59,10 +62,12 @@ class SerialScale:
         self._last_ns = 0
         self._since: tuple[int, int] = (0, 0)  # first stamp of the stream, samples since
         self._period_ns = 0.0
+        self._lines = LineReader(table)
+        self._standstill: Standstill | None = None
         self.tally = NoteCounts()
         exclusive = {} if "://" in table.port else {"exclusive": True}
         try:
-            self._port = serial.serial_for_url(
+            self._port = port or serial.serial_for_url(
                 table.port, baudrate=table.baud, timeout=table.silent_s, **exclusive
             )
         except ValueError as error:
@@ -74,7 +79,7 @@ class SerialScale:
 
     def begin(self, stream: str) -> None:
         """Start, and take the mean of the unloaded readings as zero."""
-        self._tare = np.zeros(6)
+        self._tare, self._standstill = np.zeros(6), None
         self.start()
         parts = [self.read()]
         first_ns = int(parts[0].t_ns[0])
@@ -87,19 +92,24 @@ class SerialScale:
         if any(part.saturated.any() for part in parts):
             raise SensorError(f"{self._config.port}: the scale is over its range without load")
         self._tare = np.asarray(counts.mean(axis=0) / self._per_unit)
+        changed = np.diff(counts, axis=0).any(axis=1)
+        if len(counts) >= FINE_TARE_SAMPLES and changed.mean() > 1 - MAX_REPEAT_SHARE:
+            self._standstill = Standstill(to_ns(SCALE_TARE_S))
 
     def start(self) -> None:
         """Discard received data; send the request of a scale that needs one."""
         self._port_io(self._port.reset_input_buffer)
         self._partial, self._skip_line = b"", True
         self._since, self._period_ns = (0, 0), 0.0
+        self._standstill = self._standstill and Standstill(to_ns(SCALE_TARE_S))
         if ask := self._config.ask:
             self._port_io(lambda: self._port.write(ask.encode("ascii")))
 
     def read(self) -> ForceSamples:
         """Return samples since the last read, at least one; waits for the next.
 
-        Raises SensorError when no line of numbers comes within `silent_s`, or the port is lost.
+        Raises SensorError when no reading comes within `silent_s`, a fine scale's readings do not
+        change, or the port is lost.
         """
         table = self._config
         limit_s = table.silent_s if self._has_sent else max(FIRST_LINE_S, table.silent_s)
@@ -113,11 +123,11 @@ class SerialScale:
                 return self._samples(np.array(rows), now_ns)
             if now_ns >= deadline_ns:
                 self.tally.add("silence", 1)
-                garbage = self.tally.total["garbage"]
-                hint = f"; {garbage} other lines" if garbage else ""
+                refused = self._lines.refused
+                hint = f"the last line was {refused}" if refused else "no line came"
                 raise SensorError(
-                    f"{table.port}: no line of {len(table.columns)} numbers within {limit_s:g} s"
-                    f"{hint}; check the cable, [force.serial] baud and columns"
+                    f"{table.port}: no reading within {limit_s:g} s: {hint}; check the cable, "
+                    "[force.serial] baud, unit and columns"
                 )
 
     def stop(self) -> None:
@@ -160,13 +170,12 @@ class SerialScale:
                 continue
             if not line.strip():
                 continue
-            numbers = NUMBER_PATTERN.findall(line)
-            if len(numbers) != len(self._config.columns):
+            if (numbers := self._lines.values(line)) is None:
                 self.tally.add("garbage", 1)
                 continue
             row = [0.0] * 6
             for column, axis in self._columns:
-                row[axis] = float(b"".join(numbers[column].split()))
+                row[axis] = numbers[column]
             rows.append(row)
         return rows
 
@@ -184,6 +193,8 @@ class SerialScale:
         if first_ns:
             self._period_ns = (now_ns - first_ns) / (self._since[1] - 1)
         self.tally.add("saturation", int(saturated.sum()))
+        if self._standstill is not None:
+            self._standstill.check(t_ns, counts, saturated)
         return ForceSamples(
             t_ns,
             counts.astype(np.int32),

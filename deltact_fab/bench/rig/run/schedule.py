@@ -57,11 +57,12 @@ class Schedule:
         self._step_counts: Counter[str] = Counter()  # events of the present step
         self.counts: Counter[str] = Counter()
         """Counts of the run, with N_TAKEN: frames recorded."""
-        self.pose = PoseStream(devices.stage, devices.clock)
-        self.frames = FrameStream(devices.camera, devices.clock, self._record_frame)
         self.force: ForceStream | None = None
         if devices.force is not None:
             self.force = ForceStream(devices.force, devices.guard, self._note)
+        depth = self.force.depth if self.force is not None else None
+        self.pose = PoseStream(devices.stage, devices.clock, depth)
+        self.frames = FrameStream(devices.camera, devices.clock, self._record_frame)
 
     # ---- called by the thread that moves the stage ----------------------------------------------
 

@@ -18,23 +18,30 @@ from deltact_fab.common import Point, SensorError, to_ns
 
 from ...protocols.plan import Step
 from ...record.streams import FORCE_COLUMNS, Chunk
+from ..force.standstill import DepthCheck
 from ..interface import Camera, CameraFrame, Clock, ForceSamples, ForceSensor, Guard, Stage
 
 
 class PoseStream:
-    """Positions of the stage with their times. asked_ns: time of the last request."""
+    """Positions of the stage with their times. asked_ns: time of the last request.
 
-    def __init__(self, stage: Stage, clock: Clock) -> None:
+    depth: check of the force sensor's readings against them.
+    """
+
+    def __init__(self, stage: Stage, clock: Clock, depth: DepthCheck | None = None) -> None:
         self._stage = stage
         self._clock = clock
+        self._depth = depth
         self._poses: list[tuple[int, float, float, float]] = []
         self.asked_ns = 0
 
     def step(self) -> None:
-        """Request the position. Raises StageError."""
+        """Request the position. Raises StageError, and SensorError by the check of depth."""
         self.asked_ns = self._clock.now_ns()
         t_ns, position_mm = self._stage.timed_position()
         self._poses.append((t_ns, *position_mm))
+        if self._depth is not None:
+            self._depth.check(t_ns, position_mm[2])
 
     def take(self, origin_ns: int) -> list[Chunk]:
         """Return data since the last call, times relative to origin_ns."""
@@ -62,6 +69,7 @@ class ForceStream:
     lifting: bool = False
     last_ns: int = 0  # of the last sample
     force_n: Point | None = None  # of the last sample
+    depth: DepthCheck = field(default_factory=DepthCheck)
     _batches: list[ForceSamples] = field(default_factory=list)
 
     def step(self) -> None:
@@ -76,6 +84,7 @@ class ForceStream:
         if self.guard is not None:
             self.guard.watch(samples)
             notes += self.guard.pop_notes()
+        self.depth.watch(samples)
         if self.keeping:
             self._batches.append(samples)
         force_n = samples.force_n

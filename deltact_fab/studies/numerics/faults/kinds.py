@@ -10,6 +10,7 @@ from deltact_fab.simulate import FaultBench
 FALSE_BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
 GARBAGE_BYTES = b"\xff\x00\x8a~|<\xff\x00\x00\xfe\r\n\xff\x00"  # one line and a part of the next
 DRIFT_S = 10.0  # by hand: time to the guard's limit; slower outlasts a step
+UNFELT_S = 60.0  # by hand: a scale that is stuck is told by a press, not before
 PUSH_FACTOR = 1.05  # by hand: times that limit; more may saturate the sensor
 
 # Moments outside of the steps.
@@ -96,6 +97,12 @@ FAULT_KINDS: tuple[FaultKind, ...] = (
     FaultKind("force late by 0.03 s", _box("late_s", 0.03), ("late",), homing=False, success=True),
     FaultKind("force faulted", _box("error", True), ("fault, status word",), homing=False),
     FaultKind("force saturated", _box("saturated", True), ("saturated",), homing=False),
+    FaultKind("force frozen", _box("frozen", True), ("the FT sequence stands",), within_s=0.2,
+              homing=False),
+    FaultKind("force values frozen", _box("stuck", True), ("readings do not change",), within_s=0.3,
+              homing=False),
+    FaultKind("scale stuck", lambda b, at_s: setattr(b, "scale_stuck_s", at_s),
+              ("readings do not change",), success=True, within_s=UNFELT_S, homing=False),
     FaultKind("force gaps of 20 ms", _box("silent", True, 0.02), ("missing",), success=True,
               homing=False),
     FaultKind("camera stalled", lambda b, at_s: b.camera_faults.update(stalled=at_s),
