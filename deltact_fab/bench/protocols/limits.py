@@ -16,7 +16,7 @@ from deltact_fab.sensor import SensorDimensions, parse_indenter
 
 from .motion import (
     LOCKSTEP_PACE,
-    WALL_CLOCK_PACE,
+    RigPace,
     StageConfig,
     homing_s,
     move_duration_s,
@@ -58,16 +58,15 @@ class RunEstimate:
         image_px: int,
         stage: StageConfig,
         steps: list[Step] | None = None,
-        wall_clock: bool = False,
+        pace: RigPace = LOCKSTEP_PACE,
         change_s: float = 0.0,
     ) -> RunEstimate:
         """Estimate frames, time and disk space from the steps and the stage's acceleration.
 
-        image_px: pixels of a stored frame. wall_clock: the rig runs in real time, not in
-        lockstep. change_s: time to find the face with another indenter.
+        image_px: pixels of a stored frame. pace: of the rig. change_s: time to find the face with
+        another indenter.
         """
         steps = expand_protocol(protocol) if steps is None else steps
-        pace = WALL_CLOCK_PACE if wall_clock else LOCKSTEP_PACE
         position = stage.frame.to_sensor_mm(stage.homed_mm)
         homing = stage.homing_s if stage.homing_s is not None else homing_s(stage.travel_mm)
         seconds = pace.connect_s + homing
@@ -79,6 +78,7 @@ class RunEstimate:
                 stage.acceleration_mm_s2,
             )
             seconds += change_s if step.kind == "change" else 0.0
+            seconds += pace.tare_s if step.id.endswith("/rest") else 0.0
             seconds += (
                 pace.move_s + step.hold_s + (step.settle_s + pace.frames_s if step.frames else 0.0)
             )

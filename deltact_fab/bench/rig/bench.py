@@ -9,16 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from deltact_fab.common import InputError, Note, Progress
 from deltact_fab.sensor import CameraModel, SensorDimensions, parse_indenter
 
+from ..protocols.motion import WALL_CLOCK_PACE, RigPace
 from ..protocols.plan import Protocol
 from .camera.model import load_view, open_camera, view_notes
 from .config import GrblConfig
 from .force.guard import GuardLimits
+from .force.scale import MIN_TARE_SAMPLES, SCALE_TARE_S
 from .force.watchdog import Watchdog, open_guarded
 from .interface import Camera, OpenBench, Rig, RigKind, RigSetup, WallClock
 from .stage.grbl import GrblStage
@@ -63,7 +66,16 @@ class GrblKind(RigKind):
         return load_view(self._config.camera, sensor, self._source)
 
     def change_s(self, protocol: Protocol) -> float:
-        return tool_change_s(self._config.stage, self._config.touch, protocol.motion.park_mm)
+        return _change_s(self._config, protocol)
+
+    def pace(self) -> RigPace:
+        """Return the pace, with the waits for samples of the rig's force sensor."""
+        force = self._config.force
+        if force is None or force.serial is None:
+            return WALL_CLOCK_PACE
+        frames_s = WALL_CLOCK_PACE.frames_s + force.sample_s
+        tare_s = max(SCALE_TARE_S, MIN_TARE_SAMPLES * force.sample_s)
+        return replace(WALL_CLOCK_PACE, frames_s=frames_s, tare_s=tare_s)
 
     def undeclared_lengths(self, protocol: Protocol) -> list[str]:
         """Indenters without a declared length; none when the protocol uses only one."""
@@ -120,7 +132,6 @@ class GrblRig(Rig):
         """folder: of the rig file."""
         self._job, clock = job, WallClock()
         stage = GrblStage.from_config(config.stage, clock)
-        park_mm = job.protocol.motion.park_mm
         with ExitStack() as stack:
             stack.callback(stage.close)
             force: Watchdog | None = None
@@ -146,7 +157,7 @@ class GrblRig(Rig):
                 change_indenter=self._tooling.change_indenter,
                 guard=force,
                 begin=self._tooling.begin,
-                change_s=0.0 if job.air else tool_change_s(config.stage, config.touch, park_mm),
+                change_s=0.0 if job.air else _change_s(config, job.protocol),
                 wall_clock=True,
             )
             self.exit_stack = stack.pop_all()
@@ -165,6 +176,12 @@ class GrblRig(Rig):
 
     def identity(self) -> dict[str, Any]:
         return {**super().identity(), "tool": self._tooling.identity()}
+
+
+def _change_s(config: GrblConfig, protocol: Protocol) -> float:
+    """Duration of a touch-off with the rig's force sensor."""
+    sample_s = 0.0 if config.force is None else config.force.sample_s
+    return tool_change_s(config.stage, config.touch, protocol.motion.park_mm, sample_s)
 
 
 def missing_tables(config: GrblConfig) -> dict[str, str]:

@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 from deltact_fab.common import Image, Note, Point, Progress
 from deltact_fab.sensor import FlatField
 
+from ..protocols.motion import LOCKSTEP_PACE, RigPace
+
 if TYPE_CHECKING:
     from deltact_fab.sensor import CameraModel, SensorDimensions, StageFrame
 
@@ -123,8 +125,11 @@ class Stage(Protocol):
         Raises InputError, with nothing sent, for a move beyond the limits, and StageError.
         """
 
-    def wait(self) -> StageState:
-        """Wait until the last move is at its target. Raises StageError otherwise."""
+    def wait(self, stops: Callable[[], bool] | None = None) -> StageState:
+        """Wait until the last move is at its target. Raises StageError otherwise.
+
+        stops: called while waiting, before each part of the move is sent; True stops the move.
+        """
 
     def listen(self, seconds: float) -> None:
         """Wait while reading the controller; detects an alarm or a restart within 5 ms.
@@ -375,6 +380,10 @@ class RigKind(ABC):
     def change_s(self, protocol: plan.Protocol) -> float:
         """Planned duration of a touch-off after a change of indenter; 0 without one."""
         return 0.0
+
+    def pace(self) -> RigPace:
+        """Return the overhead of the rig's steps."""
+        return LOCKSTEP_PACE
 
     def undeclared_lengths(self, protocol: plan.Protocol) -> list[str]:
         """Return a line for indenters without a declared length, on a real rig."""

@@ -17,6 +17,9 @@ PROBE_TARE_S = 0.25
 PROBE_SETTLE_S = 0.02  # after a move
 PROBE_MEAN_S = 0.05  # averaged at rest
 MIN_MEAN_SAMPLES = 3
+MAX_SAMPLE_AGE_S = 0.05  # by hand: of the newest sample at a look; 0.025 mm at 30 mm/min
+LINK_TRIALS = 3  # by hand: answers timed before a descent; more take longer
+CATCH_UP_S = 0.25  # for reading what was queued; by hand: two lines of a scale at 10 Hz
 
 
 class ForceProbe:
@@ -33,6 +36,7 @@ class ForceProbe:
         self._zero_n = np.zeros(3)
         self._t_ns: NDArray[np.int64] = np.empty(0, np.int64)
         self._tail_n: Field = np.empty((0, 3))
+        self._period_s = 0.0
         self.peak_n = 0.0
         """Largest force since the tare, averaged as for a contact."""
 
@@ -40,27 +44,42 @@ class ForceProbe:
         """Start the stream and tare without contact; return the noise, one sigma (N)."""
         self._force.begin(STREAM_NAME)
         self._zero_n = np.zeros(3)
+        start_s = self._clock.now_s()
         samples_n = self._since(self._clock.now_ns(), PROBE_TARE_S)
+        self._period_s = (self._clock.now_s() - start_s) / len(samples_n)
         self._zero_n = samples_n.mean(axis=0)
         self.peak_n = 0.0
         return float(samples_n.std(axis=0).max())
+
+    def delay_s(self) -> float:
+        """Return the longest time from a contact to its stop: a sample, its age, and an answer."""
+        longest_s = 0.0
+        for _ in range(LINK_TRIALS):
+            start_s = self._clock.now_s()
+            self.stage.position_mm()
+            longest_s = max(longest_s, self._clock.now_s() - start_s)
+        return self._period_s + MAX_SAMPLE_AGE_S + longest_s
 
     def release(self) -> None:
         """Stop the stream."""
         self._force.stop()
 
     def move(self, target_mm: Point, feed_mm_min: float, over_n: float) -> bool:
-        """Make one straight move; return True if a force over over_n ended it."""
+        """Make one straight move; return True if a force over over_n ended it.
+
+        No part of it is sent without a look at the newest sample, however slow the link is.
+        """
+        felt = False
+
+        def is_felt() -> bool:
+            nonlocal felt
+            felt = felt or self._force_size_n() > over_n
+            return felt
+
         try:
-            end_s = self._clock.now_s() + self.stage.start_move(target_mm, feed_mm_min)
-            while (left_s := end_s - self._clock.now_s()) > 0:
-                if self._force_size_n() > over_n:
-                    self.stage.cancel()
-                    self.stage.stop()
-                    return True
-                self.stage.listen(min(PROBE_POLL_S, left_s))
-            self.stage.wait()
-            return self._force_size_n() > over_n
+            self.stage.start_move(target_mm, feed_mm_min)
+            self.stage.wait(is_felt)
+            return is_felt()
         except BaseException:
             self.stage.cancel()
             raise
@@ -71,8 +90,14 @@ class ForceProbe:
         return np.asarray(self._since(self._clock.now_ns(), PROBE_MEAN_S).mean(axis=0))
 
     def _force_size_n(self) -> float:
-        """Read samples; return the magnitude of the mean force of the last ones."""
-        self._read()
+        """Read to the newest sample; return the magnitude of the mean force of the last ones."""
+        end_s = self._clock.now_s() + CATCH_UP_S
+        while (age_s := self._clock.now_s() - self._read().t_ns[-1] / 1e9) > MAX_SAMPLE_AGE_S:
+            if self._clock.now_s() > end_s:
+                raise SensorError(
+                    f"the link is too slow: the newest force sample is {age_s:.2f} s old, "
+                    f"{MAX_SAMPLE_AGE_S:g} s are allowed"
+                )
         size = float(np.linalg.norm(self._tail_n.mean(axis=0)))
         self.peak_n = max(self.peak_n, size)
         return size
