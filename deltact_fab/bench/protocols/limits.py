@@ -14,14 +14,7 @@ from dataclasses import dataclass
 from deltact_fab.common import Check, graded
 from deltact_fab.sensor import SensorDimensions, parse_indenter
 
-from .motion import (
-    LOCKSTEP_PACE,
-    RigPace,
-    StageConfig,
-    homing_s,
-    move_duration_s,
-    subtract_vectors,
-)
+from .motion import LOCKSTEP_PACE, RigPace, StageConfig, homing_s, move_duration_s, subtract_vectors
 from .plan import Protocol, Step, expand_protocol
 
 PNG_BYTES_PER_PX = 2.2  # measured on rendered frames of a dense pattern: 1.9-2.3

@@ -140,7 +140,10 @@ def _image_rows(camera: Camera, config: CameraConfig, seconds: float) -> Iterato
     h, w = image.shape[:2]
     stamped = identity["stamped_by"]
     delay = f", {config.latency_ms:g} ms after its exposure" if stamped == "arrival" else ""
-    text = f"images of {w} x {h} px, stamped by {stamped}{delay}"
+    lag = f", arriving {identity['lag_ms']} ms after their stamps"
+    text = (
+        f"images of {w} x {h} px, stamped by {stamped}{delay}{lag if stamped != 'arrival' else ''}"
+    )
     yield _row("camera", "images", "pass", text)
     nominal, hz = identity["rate_hz"], n / took_s if took_s > 0 else 0.0
     slow = nominal is not None and hz < MIN_IMAGE_RATE_SHARE * nominal

@@ -28,6 +28,10 @@ if TYPE_CHECKING:
     from ..protocols import plan
 
 
+MAX_SAMPLE_AGE_S = 0.05  # by hand: of the newest force sample at a look; 0.025 mm at 30 mm/min
+MAX_STAMP_LEAD_S = 0.002  # by hand: a stamp may be later than the arrival; 2 um at 60 mm/min
+
+
 class Clock(Protocol):
     """Common time base of host, runner, controller, camera and force sensor."""
 
@@ -90,6 +94,17 @@ class ForceSamples:
     def torque_nmm(self) -> NDArray[np.float64]:
         """Torque (n, 3), N mm."""
         return np.asarray(self.counts[:, 3:] / self.per_unit[3:], float)
+
+
+def stamp_fault(stamp_s: float, now_s: float) -> str:
+    """Return the fault of a stamp that is later than its arrival, "" if it is not."""
+    lead_s = stamp_s - now_s
+    if lead_s <= MAX_STAMP_LEAD_S:
+        return ""
+    return (
+        f"a stamp {lead_s:.3f} s later than its arrival: the clock of the sender is ahead; stamp "
+        "with CLOCK_MONOTONIC of this computer"
+    )
 
 
 class Stage(Protocol):

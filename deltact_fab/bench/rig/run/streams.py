@@ -14,11 +14,21 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from deltact_fab.common import Point, SensorError, to_ns
+from deltact_fab.common import Point, SensorError, StageError, to_ns
 
 from ...protocols.plan import Step
 from ...record.streams import FORCE_COLUMNS, Chunk
-from ..interface import Camera, CameraFrame, Clock, ForceSamples, ForceSensor, Guard, Stage
+from ..interface import (
+    MAX_SAMPLE_AGE_S,
+    Camera,
+    CameraFrame,
+    Clock,
+    ForceSamples,
+    ForceSensor,
+    Guard,
+    Stage,
+    stamp_fault,
+)
 
 
 class PoseStream:
@@ -34,6 +44,8 @@ class PoseStream:
         """Request the position. Raises StageError."""
         self.asked_ns = self._clock.now_ns()
         t_ns, position_mm = self._stage.timed_position()
+        if fault := stamp_fault(t_ns / 1e9, self._clock.now_s()):
+            raise StageError(f"position: {fault}")
         self._poses.append((t_ns, *position_mm))
 
     def take(self, origin_ns: int) -> list[Chunk]:
@@ -61,7 +73,8 @@ class ForceStream:
     keeping: bool = True
     lifting: bool = False
     last_ns: int = 0  # of the last sample
-    force_n: Point | None = None  # of the last sample
+    _force_n: Point | None = None  # of the last sample
+    _period_ns: float = 0.0
     _batches: list[ForceSamples] = field(default_factory=list)
 
     def step(self) -> None:
@@ -80,9 +93,10 @@ class ForceStream:
             self._batches.append(samples)
         force_n = samples.force_n
         if len(force_n):
-            self.last_ns = int(samples.t_ns[-1])
+            before_ns, self.last_ns = self.last_ns, int(samples.t_ns[-1])
+            self._period_ns = (self.last_ns - before_ns) / len(force_n)
             x, y, z = force_n[-1].tolist()
-            self.force_n = (x, y, z)
+            self._force_n = (x, y, z)
         for note in notes:
             self.note(note.id, note.text)
         if self.lifting:
@@ -92,6 +106,11 @@ class ForceStream:
         if samples.saturated.any():
             saturated_n = tuple(force_n[samples.saturated.argmax()].tolist())
             raise SensorError(f"the force sensor is saturated at {saturated_n} N")
+
+    def newest_n(self, now_ns: int) -> Point | None:
+        """Newest force (N); None if it is older than MAX_SAMPLE_AGE_S and a period."""
+        is_old = now_ns - self.last_ns > MAX_SAMPLE_AGE_S * 1e9 + self._period_ns
+        return None if is_old else self._force_n
 
     def take(self, origin_ns: int) -> list[Chunk]:
         """Return data since the last call, times relative to origin_ns."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from statistics import median
+
 import numpy as np
 from numpy.typing import NDArray
 
 from deltact_fab.common import Field, Point, SensorError, to_ns
 
-from ..interface import Clock, ForceSamples, ForceSensor, Guard, Stage
+from ..interface import MAX_SAMPLE_AGE_S, Clock, ForceSamples, ForceSensor, Guard, Stage
 
 STREAM_NAME = "touch-off"
 # By hand: longer times average more noise, and make a touch slower and deeper.
@@ -17,7 +19,6 @@ PROBE_TARE_S = 0.25
 PROBE_SETTLE_S = 0.02  # after a move
 PROBE_MEAN_S = 0.05  # averaged at rest
 MIN_MEAN_SAMPLES = 3
-MAX_SAMPLE_AGE_S = 0.05  # by hand: of the newest sample at a look; 0.025 mm at 30 mm/min
 LINK_TRIALS = 3  # by hand: answers timed before a descent; more take longer
 CATCH_UP_S = 0.25  # for reading what was queued; by hand: two lines of a scale at 10 Hz
 
@@ -52,13 +53,13 @@ class ForceProbe:
         return float(samples_n.std(axis=0).max())
 
     def delay_s(self) -> float:
-        """Return the longest time from a contact to its stop: a sample, its age, and an answer."""
-        longest_s = 0.0
+        """Return the time from a contact to its stop: a sample, its age, and an answer (median)."""
+        answers_s = []
         for _ in range(LINK_TRIALS):
             start_s = self._clock.now_s()
             self.stage.position_mm()
-            longest_s = max(longest_s, self._clock.now_s() - start_s)
-        return self._period_s + MAX_SAMPLE_AGE_S + longest_s
+            answers_s.append(self._clock.now_s() - start_s)
+        return self._period_s + MAX_SAMPLE_AGE_S + median(answers_s)
 
     def release(self) -> None:
         """Stop the stream."""
