@@ -169,7 +169,14 @@ def test_constant_image_is_a_hung_camera() -> None:
     assert "the same image " in text
 
 
-@pytest.mark.parametrize(("after_s", "ahead_s"), [(0.1, -0.9), (1.5, -0.9), (1.5, -0.1)])
+@pytest.mark.parametrize(
+    ("after_s", "ahead_s"),
+    [
+        (0.1, -0.9),
+        pytest.param(1.5, -0.9, marks=pytest.mark.slow),
+        pytest.param(1.5, -0.1, marks=pytest.mark.slow),
+    ],
+)
 def test_constant_lag_told_with_size(after_s: float, ahead_s: float) -> None:
     """Not as a stall, also by one who asks for new images before the lag has been measured."""
     camera = opened([["ahead", ahead_s], *sent(0), ["many"]])

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from felt import Bench, bench
+from numpy.typing import NDArray
 
 from deltact_fab.bench.rig.config import load_rig
 from deltact_fab.bench.rig.interface import move_to
