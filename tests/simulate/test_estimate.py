@@ -99,7 +99,7 @@ def test_remaining_time_within_factor_two(name: str, monkeypatch: pytest.MonkeyP
     assert looked > 3
 
 
-def test_force_sensor_rate_is_in_the_estimate(tmp_path: Path) -> None:
+def test_estimate_includes_force_sensor_rate(tmp_path: Path) -> None:
     """A load cell at 10 Hz against one at 1 kHz: a touch-off, and a wait at each step's frames."""
     protocol, file, told_s, touch_s = tmp_path / "one.toml", tmp_path / "rig.toml", [], []
     protocol.write_text(ONE)

@@ -71,7 +71,6 @@ class RunEstimate:
                 stage.acceleration_mm_s2,
             )
             seconds += change_s if step.kind == "change" else 0.0
-            seconds += pace.tare_s if step.id.endswith("/rest") else 0.0
             seconds += (
                 pace.move_s + step.hold_s + (step.settle_s + pace.frames_s if step.frames else 0.0)
             )

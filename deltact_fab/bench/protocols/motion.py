@@ -30,13 +30,11 @@ without it the frame would jitter by milliseconds with the length of status repo
 
 @dataclass(frozen=True)
 class RigPace:
-    """Overhead in s besides motion and settling: to connect, per move, per step with frames, and
-    to tare for a press."""
+    """Overhead in s besides motion and settling: to connect, per move, per step with frames."""
 
     connect_s: float
     move_s: float
     frames_s: float
-    tare_s: float = 0.0
 
 
 LOCKSTEP_PACE = RigPace(connect_s=1.3, move_s=ARRIVAL_DELAY_S, frames_s=STATUS_INTERVAL_S)

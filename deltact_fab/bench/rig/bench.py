@@ -21,7 +21,6 @@ from ..protocols.plan import Protocol
 from .camera.model import load_view, open_camera, view_notes
 from .config import GrblConfig
 from .force.guard import GuardLimits
-from .force.scale import MIN_TARE_SAMPLES, SCALE_TARE_S
 from .force.watchdog import Watchdog, open_guarded
 from .interface import Camera, OpenBench, Rig, RigKind, RigSetup, WallClock
 from .stage.grbl import GrblStage
@@ -66,16 +65,13 @@ class GrblKind(RigKind):
         return load_view(self._config.camera, sensor, self._source)
 
     def change_s(self, protocol: Protocol) -> float:
-        return _change_s(self._config, protocol)
+        config = self._config
+        park_mm = protocol.motion.park_mm
+        return tool_change_s(config.stage, config.touch, park_mm, config.sample_s)
 
     def pace(self) -> RigPace:
-        """Return the pace, with the waits for samples of the rig's force sensor."""
-        force = self._config.force
-        if force is None or force.serial is None:
-            return WALL_CLOCK_PACE
-        frames_s = WALL_CLOCK_PACE.frames_s + force.sample_s
-        tare_s = max(SCALE_TARE_S, MIN_TARE_SAMPLES * force.sample_s)
-        return replace(WALL_CLOCK_PACE, frames_s=frames_s, tare_s=tare_s)
+        frames_s = WALL_CLOCK_PACE.frames_s + self._config.sample_s
+        return replace(WALL_CLOCK_PACE, frames_s=frames_s)
 
     def undeclared_lengths(self, protocol: Protocol) -> list[str]:
         """Indenters without a declared length; none when the protocol uses only one."""
@@ -132,6 +128,8 @@ class GrblRig(Rig):
         """folder: of the rig file."""
         self._job, clock = job, WallClock()
         stage = GrblStage.from_config(config.stage, clock)
+        park_mm = job.protocol.motion.park_mm
+        change_s = tool_change_s(config.stage, config.touch, park_mm, config.sample_s)
         with ExitStack() as stack:
             stack.callback(stage.close)
             force: Watchdog | None = None
@@ -157,7 +155,7 @@ class GrblRig(Rig):
                 change_indenter=self._tooling.change_indenter,
                 guard=force,
                 begin=self._tooling.begin,
-                change_s=0.0 if job.air else _change_s(config, job.protocol),
+                change_s=0.0 if job.air else change_s,
                 wall_clock=True,
             )
             self.exit_stack = stack.pop_all()
@@ -176,12 +174,6 @@ class GrblRig(Rig):
 
     def identity(self) -> dict[str, Any]:
         return {**super().identity(), "tool": self._tooling.identity()}
-
-
-def _change_s(config: GrblConfig, protocol: Protocol) -> float:
-    """Duration of a touch-off with the rig's force sensor."""
-    sample_s = 0.0 if config.force is None else config.force.sample_s
-    return tool_change_s(config.stage, config.touch, protocol.motion.park_mm, sample_s)
 
 
 def missing_tables(config: GrblConfig) -> dict[str, str]:

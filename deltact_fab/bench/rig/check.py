@@ -140,10 +140,8 @@ def _image_rows(camera: Camera, config: CameraConfig, seconds: float) -> Iterato
     h, w = image.shape[:2]
     stamped = identity["stamped_by"]
     delay = f", {config.latency_ms:g} ms after its exposure" if stamped == "arrival" else ""
-    lag = f", arriving {identity['lag_ms']} ms after their stamps"
-    text = (
-        f"images of {w} x {h} px, stamped by {stamped}{delay}{lag if stamped != 'arrival' else ''}"
-    )
+    lag = f", {identity['lag_ms']} ms before its arrival"
+    text = f"images of {w} x {h} px, stamped by {stamped}{delay or lag}"
     yield _row("camera", "images", "pass", text)
     nominal, hz = identity["rate_hz"], n / took_s if took_s > 0 else 0.0
     slow = nominal is not None and hz < MIN_IMAGE_RATE_SHARE * nominal
@@ -237,11 +235,11 @@ def _sample_rows(sensor: ForceSensor, config: ForceConfig, seconds: float) -> It
     remedy = ""
     if config.serial is not None:
         nominal_hz = config.serial.rate_hz
-        misplanned = abs(hz / nominal_hz - 1) > SCALE_RATE_TOLERANCE
-        remedy = f"set force.serial.rate_hz = {hz:.3g}, for planned times" if misplanned else ""
+        if abs(hz / nominal_hz - 1) > SCALE_RATE_TOLERANCE:
+            remedy = f"set force.serial.rate_hz = {hz:.3g}, for planned times"
     n_lost, n_late = sum(part.n_lost for part in parts), sum(part.n_late for part in parts)
-    status = graded(not slow, warns=bool(remedy))
-    yield _row("force", "rate", status, f"{hz:.0f} of {nominal_hz:g} samples per s", remedy)
+    text = f"{hz:.0f} of {nominal_hz:g} samples per s"
+    yield _row("force", "rate", graded(not slow, warns=bool(remedy)), text, remedy)
     text = f"{n_lost} samples lost, {n_late} late"
     yield _row("force", "lost", graded(not n_lost, warns=n_late > 0), text)
     if any(part.saturated.any() for part in parts):

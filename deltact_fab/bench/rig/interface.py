@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import Image, Note, Point, Progress
+from deltact_fab.common import Image, Note, Point, Progress, SensorError
 from deltact_fab.sensor import FlatField
 
 from ..protocols.motion import LOCKSTEP_PACE, RigPace
@@ -96,15 +96,13 @@ class ForceSamples:
         return np.asarray(self.counts[:, 3:] / self.per_unit[3:], float)
 
 
-def stamp_fault(stamp_s: float, now_s: float) -> str:
-    """Return the fault of a stamp that is later than its arrival, "" if it is not."""
-    lead_s = stamp_s - now_s
-    if lead_s <= MAX_STAMP_LEAD_S:
-        return ""
-    return (
-        f"a stamp {lead_s:.3f} s later than its arrival: the clock of the sender is ahead; stamp "
-        "with CLOCK_MONOTONIC of this computer"
-    )
+def require_past(name: str, stamp_s: float, now_s: float) -> None:
+    """Raise SensorError for a stamp later than its arrival now; name: of the device."""
+    if (lead_s := stamp_s - now_s) > MAX_STAMP_LEAD_S:
+        raise SensorError(
+            f"{name}: a stamp {lead_s:.3f} s later than its arrival: the clock of the sender is "
+            "ahead; stamp with CLOCK_MONOTONIC of this computer"
+        )
 
 
 class Stage(Protocol):

@@ -191,11 +191,6 @@ class ForceConfig(Table):
     )
 
     @property
-    def sample_s(self) -> float:
-        """Period of the readings."""
-        return 1 / (self.rate_hz if self.serial is None else self.serial.rate_hz)
-
-    @property
     def reachable(self) -> bool:
         """True if a connection to the sensor is given."""
         return self.netft is not None or self.serial is not None

@@ -178,7 +178,7 @@ def test_slow_link_goes_no_deeper(delay_s: tuple[float, float], off_mm: float) -
 
 @pytest.mark.parametrize(
     ("delay_s", "rate_hz", "says"),
-    [((0.12, 0.03), 1000.0, "at most 5"), ((0.0, 0.0), 10.0, "at most 11")],
+    [((0.12, 0.03), 1000.0, "at most 5"), ((0.0, 0.0), 8.0, "at most 10")],
 )
 def test_slow_answers_refused_before_descent(
     delay_s: tuple[float, float], rate_hz: float, says: str

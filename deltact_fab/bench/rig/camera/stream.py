@@ -16,7 +16,7 @@ import numpy as np
 
 from deltact_fab.common import DeltactFabError, Image, SensorError
 
-from ..interface import CameraFrame, Clock, stamp_fault
+from ..interface import CameraFrame, Clock, require_past
 
 # Decision 0030; by hand: a deeper queue holds older images, longer limits report a stall later.
 QUEUE_DEPTH = 8  # images; the oldest is dropped, and counted
@@ -217,8 +217,7 @@ class StreamCamera:
                 f"{self._size_px[1]} px expected"
             )
         now_s = self._clock.now_s()
-        if fault := stamp_fault(arrived.t_s, now_s):
-            raise SensorError(f"camera {self.name}: {fault}")
+        require_past(f"camera {self.name}", arrived.t_s, now_s)
         if now_s - arrived.t_s > MAX_STAMP_AGE_S:
             raise SensorError(self._lag_text(now_s - arrived.t_s))
         self._ages_s.append(now_s - arrived.t_s)

@@ -26,7 +26,7 @@ import numpy as np
 
 from deltact_fab.common import DeltactFabError, InputError, Note, SensorError
 
-from ..interface import Clock, ForceSamples, ForceSensor, Stage, WallClock, stamp_fault
+from ..interface import Clock, ForceSamples, ForceSensor, Stage, WallClock, require_past
 from ..tables import ForceConfig, GuardConfig
 from .guard import ForceGuard, GuardLimits, Trip
 from .netft import SENSOR_SILENT_S, NetFTSensor
@@ -305,8 +305,7 @@ class _Server:
         assert self._guard is not None
         try:
             samples = self._force.read()
-            if fault := stamp_fault(samples.t_ns[-1] / 1e9, self._clock.now_s()):
-                raise SensorError(f"force sensor: {fault}")
+            require_past("force sensor", samples.t_ns[-1] / 1e9, self._clock.now_s())
         except SensorError as error:
             self._guard.on_sensor_lost(str(error))
             self._streaming, self._error = False, error

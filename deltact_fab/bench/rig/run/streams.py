@@ -14,12 +14,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from deltact_fab.common import Point, SensorError, StageError, to_ns
+from deltact_fab.common import Point, SensorError, to_ns
 
 from ...protocols.plan import Step
 from ...record.streams import FORCE_COLUMNS, Chunk
 from ..interface import (
-    MAX_SAMPLE_AGE_S,
     Camera,
     CameraFrame,
     Clock,
@@ -27,8 +26,10 @@ from ..interface import (
     ForceSensor,
     Guard,
     Stage,
-    stamp_fault,
+    require_past,
 )
+
+MAX_SHOWN_AGE_NS = 150_000_000  # by hand: 0.05 s, and the period of a scale at 10 Hz
 
 
 class PoseStream:
@@ -44,8 +45,7 @@ class PoseStream:
         """Request the position. Raises StageError."""
         self.asked_ns = self._clock.now_ns()
         t_ns, position_mm = self._stage.timed_position()
-        if fault := stamp_fault(t_ns / 1e9, self._clock.now_s()):
-            raise StageError(f"position: {fault}")
+        require_past("stage position", t_ns / 1e9, self._clock.now_s())
         self._poses.append((t_ns, *position_mm))
 
     def take(self, origin_ns: int) -> list[Chunk]:
@@ -74,7 +74,6 @@ class ForceStream:
     lifting: bool = False
     last_ns: int = 0  # of the last sample
     _force_n: Point | None = None  # of the last sample
-    _period_ns: float = 0.0
     _batches: list[ForceSamples] = field(default_factory=list)
 
     def step(self) -> None:
@@ -93,8 +92,7 @@ class ForceStream:
             self._batches.append(samples)
         force_n = samples.force_n
         if len(force_n):
-            before_ns, self.last_ns = self.last_ns, int(samples.t_ns[-1])
-            self._period_ns = (self.last_ns - before_ns) / len(force_n)
+            self.last_ns = int(samples.t_ns[-1])
             x, y, z = force_n[-1].tolist()
             self._force_n = (x, y, z)
         for note in notes:
@@ -108,9 +106,8 @@ class ForceStream:
             raise SensorError(f"the force sensor is saturated at {saturated_n} N")
 
     def newest_n(self, now_ns: int) -> Point | None:
-        """Newest force (N); None if it is older than MAX_SAMPLE_AGE_S and a period."""
-        is_old = now_ns - self.last_ns > MAX_SAMPLE_AGE_S * 1e9 + self._period_ns
-        return None if is_old else self._force_n
+        """Newest force (N); None if it is older than MAX_SHOWN_AGE_NS."""
+        return self._force_n if now_ns - self.last_ns <= MAX_SHOWN_AGE_NS else None
 
     def take(self, origin_ns: int) -> list[Chunk]:
         """Return data since the last call, times relative to origin_ns."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from statistics import median
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,8 +17,13 @@ PROBE_TARE_S = 0.25
 PROBE_SETTLE_S = 0.02  # after a move
 PROBE_MEAN_S = 0.05  # averaged at rest
 MIN_MEAN_SAMPLES = 3
-LINK_TRIALS = 3  # by hand: answers timed before a descent; more take longer
+LINK_TRIALS = 3  # before a descent, their median counts
 CATCH_UP_S = 0.25  # for reading what was queued; by hand: two lines of a scale at 10 Hz
+
+
+def rest_duration_s(sample_s: float) -> float:
+    """Duration of `ForceProbe.at_rest` with a force sensor of that period."""
+    return max(PROBE_SETTLE_S + PROBE_MEAN_S + PROBE_POLL_S, MIN_MEAN_SAMPLES * sample_s)
 
 
 class ForceProbe:
@@ -37,7 +40,6 @@ class ForceProbe:
         self._zero_n = np.zeros(3)
         self._t_ns: NDArray[np.int64] = np.empty(0, np.int64)
         self._tail_n: Field = np.empty((0, 3))
-        self._period_s = 0.0
         self.peak_n = 0.0
         """Largest force since the tare, averaged as for a contact."""
 
@@ -45,21 +47,19 @@ class ForceProbe:
         """Start the stream and tare without contact; return the noise, one sigma (N)."""
         self._force.begin(STREAM_NAME)
         self._zero_n = np.zeros(3)
-        start_s = self._clock.now_s()
         samples_n = self._since(self._clock.now_ns(), PROBE_TARE_S)
-        self._period_s = (self._clock.now_s() - start_s) / len(samples_n)
         self._zero_n = samples_n.mean(axis=0)
         self.peak_n = 0.0
         return float(samples_n.std(axis=0).max())
 
     def delay_s(self) -> float:
-        """Return the time from a contact to its stop: a sample, its age, and an answer (median)."""
-        answers_s = []
+        """Return the time from a contact to its stop: age and wait of a sample, and an answer."""
+        times_s = [self._clock.now_s()]
         for _ in range(LINK_TRIALS):
-            start_s = self._clock.now_s()
+            self._read()
             self.stage.position_mm()
-            answers_s.append(self._clock.now_s() - start_s)
-        return self._period_s + MAX_SAMPLE_AGE_S + median(answers_s)
+            times_s.append(self._clock.now_s())
+        return MAX_SAMPLE_AGE_S + float(np.median(np.diff(times_s)))
 
     def release(self) -> None:
         """Stop the stream."""
@@ -70,17 +70,17 @@ class ForceProbe:
 
         No part of it is sent without a look at the newest sample, however slow the link is.
         """
-        felt = False
+        contact = False
 
-        def is_felt() -> bool:
-            nonlocal felt
-            felt = felt or self._force_size_n() > over_n
-            return felt
+        def is_contact() -> bool:
+            nonlocal contact
+            contact = contact or self._force_size_n() > over_n
+            return contact
 
         try:
             self.stage.start_move(target_mm, feed_mm_min)
-            self.stage.wait(is_felt)
-            return is_felt()
+            self.stage.wait(is_contact)
+            return is_contact()
         except BaseException:
             self.stage.cancel()
             raise

@@ -211,11 +211,7 @@ class HandSession:
         force = "no force sensor, no guard"
         if watch.stream is not None:
             force_n = watch.stream.newest_n(self.stage.clock.now_ns())
-            force = (
-                "no new force sample"
-                if force_n is None
-                else "F {:+.2f} {:+.2f} {:+.2f} N".format(*force_n)
-            )
+            force = "F {:+.2f} {:+.2f} {:+.2f} N".format(*force_n) if force_n else "no new force"
         return f"{place} | step {self.step_mm:g} mm | {force} | {time.strftime('%H:%M:%S')}"
 
 

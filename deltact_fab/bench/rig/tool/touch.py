@@ -21,14 +21,7 @@ from deltact_fab.sensor import EllipsoidTip, Indenter, SphereTip
 from ...protocols.motion import WALL_CLOCK_PACE, StageConfig, move_duration_s
 from ..interface import move_to, rise
 from ..tables import TouchConfig
-from .feeler import (
-    MIN_MEAN_SAMPLES,
-    PROBE_MEAN_S,
-    PROBE_POLL_S,
-    PROBE_SETTLE_S,
-    PROBE_TARE_S,
-    ForceProbe,
-)
+from .feeler import PROBE_TARE_S, ForceProbe, rest_duration_s
 
 # Decision 0033; by hand: finer steps and more poses fit better, and take longer and go deeper.
 DESCENT_STRIDE_MM = 0.5
@@ -84,28 +77,22 @@ def tool_change_s(
     if touch is None:
         return 0.0
     feed, high_mm = touch.feed_mm_min, max(park_mm, touch.clear_mm)
+    stride_mm, low_mm = DESCENT_STRIDE_MM, touch.clear_mm
     steps = round((BACK_OFF_MM + STEP_START_MM) / TOUCH_STEP_MM) + MIN_CONTACT_POSES
-    felt_moves = (  # how many, how far, how fast
-        ((high_mm - touch.clear_mm) / DESCENT_STRIDE_MM, DESCENT_STRIDE_MM, LOWERING_RATIO * feed),
-        (touch.clear_mm / DESCENT_STRIDE_MM, DESCENT_STRIDE_MM, feed),
-        (touch.repeats * steps, TOUCH_STEP_MM, feed),
+    moves = (  # how many, how far, how fast, period of looks
+        ((high_mm - low_mm) / stride_mm, stride_mm, LOWERING_RATIO * feed, sample_s),
+        (low_mm / stride_mm, stride_mm, feed, sample_s),
+        (touch.repeats, BACK_OFF_MM, TRAVEL_FEED_MM_MIN, 0.0),
+        (touch.repeats, STEP_START_MM, TRAVEL_FEED_MM_MIN, 0.0),
+        (touch.repeats * steps, TOUCH_STEP_MM, feed, sample_s),
+        (1, high_mm, TRAVEL_FEED_MM_MIN, 0.0),
     )
-    moves = (
-        (touch.repeats, BACK_OFF_MM, TRAVEL_FEED_MM_MIN),
-        (touch.repeats, STEP_START_MM, TRAVEL_FEED_MM_MIN),
-        (1, high_mm, TRAVEL_FEED_MM_MIN),
-    )
-
-    def move_s(length_mm: float, feed_mm_min: float) -> float:
-        limits = stage.max_feed_mm_min, stage.acceleration_mm_s2
-        return move_duration_s((0, 0, length_mm), feed_mm_min, *limits) + WALL_CLOCK_PACE.move_s
-
-    # A look waits for the next sample: one at least in a move, one after it.
-    felt_s = sum(n * (max(move_s(mm, f), sample_s) + sample_s) for n, mm, f in felt_moves)
-    mean_s = MIN_MEAN_SAMPLES * sample_s
-    rest_s = max(PROBE_SETTLE_S + PROBE_MEAN_S + PROBE_POLL_S, mean_s)
-    moving_s = felt_s + sum(n * move_s(mm, f) for n, mm, f in moves)
-    return max(PROBE_TARE_S, mean_s) + moving_s + touch.repeats * (steps + 1) * rest_s
+    limits = stage.max_feed_mm_min, stage.acceleration_mm_s2
+    moving_s = 0.0
+    for n, length_mm, feed_mm_min, look_s in moves:  # a look waits for a sample, the last at rest
+        move_s = move_duration_s((0, 0, length_mm), feed_mm_min, *limits) + WALL_CLOCK_PACE.move_s
+        moving_s += n * (max(move_s, look_s) + look_s)
+    return PROBE_TARE_S + moving_s + touch.repeats * (steps + 1) * rest_duration_s(sample_s)
 
 
 class ForceTouch:
