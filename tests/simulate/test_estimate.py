@@ -11,6 +11,8 @@ import pytest
 from deltact_fab.bench.protocols import plan
 from deltact_fab.bench.rig import config
 from deltact_fab.bench.rig.run import runner
+from deltact_fab.bench.rig.tables import TouchConfig
+from deltact_fab.bench.rig.tool.touch import tool_change_s
 from deltact_fab.common import catalog
 from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.fabricate.patterns.recipe import load_recipe
@@ -35,6 +37,20 @@ press_feed_mm_min = 120.0
 
 ONE = STEPS.replace(', "4dots"', "").replace(", [2.0, -1.0]", "").replace(", 1.0", "")
 ONE = ONE.replace("channels = []", 'channels = ["force"]')
+
+CELL = """
+kind = "grbl"
+[stage]
+origin_machine_mm = [-60.0, -60.0, -40.0]
+travel_mm = [120.0, 120.0, 60.0]
+max_feed_mm_min = [1500.0, 1500.0, 1200.0]
+acceleration_mm_s2 = [50.0, 50.0, 50.0]
+port = "none"
+[force.serial]
+port = "none"
+rate_hz = {rate_hz}
+[touch]
+"""
 
 HELD = """settle_s = {press = 1.5, after = 0.5}
 rate_hz = 2.0
@@ -81,6 +97,21 @@ def test_remaining_time_within_factor_two(name: str, monkeypatch: pytest.MonkeyP
             looked += 1
             assert 0.5 <= left.left_s() / (end_s - now_s) <= 2, (steps[i].id, now_s / end_s)
     assert looked > 3
+
+
+def test_estimate_includes_force_sensor_rate(tmp_path: Path) -> None:
+    """A load cell at 10 Hz against one at 1 kHz: a touch-off, and a wait at each step's frames."""
+    protocol, file, told_s, touch_s = tmp_path / "one.toml", tmp_path / "rig.toml", [], []
+    protocol.write_text(ONE)
+    steps = [s for s in plan.expand_protocol(plan.load_protocol(str(protocol))[0]) if s.frames]
+    for rate_hz in (10, 1000):
+        file.write_text(CELL.format(rate_hz=rate_hz))
+        request = RunRequest(str(protocol), str(file))
+        told_s.append(request.estimate().seconds)
+        touch_s.append(tool_change_s(request.rig.stage, TouchConfig(), 10.0, 1 / rate_hz))
+    assert touch_s[0] - touch_s[1] > 30
+    added_s = touch_s[0] - touch_s[1] + len(steps) * (0.1 - 0.001)
+    assert told_s[0] - told_s[1] == pytest.approx(added_s, abs=1e-6)
 
 
 @pytest.mark.slow

@@ -14,14 +14,7 @@ from dataclasses import dataclass
 from deltact_fab.common import Check, graded
 from deltact_fab.sensor import SensorDimensions, parse_indenter
 
-from .motion import (
-    LOCKSTEP_PACE,
-    WALL_CLOCK_PACE,
-    StageConfig,
-    homing_s,
-    move_duration_s,
-    subtract_vectors,
-)
+from .motion import LOCKSTEP_PACE, RigPace, StageConfig, homing_s, move_duration_s, subtract_vectors
 from .plan import Protocol, Step, expand_protocol
 
 PNG_BYTES_PER_PX = 2.2  # measured on rendered frames of a dense pattern: 1.9-2.3
@@ -58,16 +51,15 @@ class RunEstimate:
         image_px: int,
         stage: StageConfig,
         steps: list[Step] | None = None,
-        wall_clock: bool = False,
+        pace: RigPace = LOCKSTEP_PACE,
         change_s: float = 0.0,
     ) -> RunEstimate:
         """Estimate frames, time and disk space from the steps and the stage's acceleration.
 
-        image_px: pixels of a stored frame. wall_clock: the rig runs in real time, not in
-        lockstep. change_s: time to find the face with another indenter.
+        image_px: pixels of a stored frame. pace: of the rig. change_s: time to find the face with
+        another indenter.
         """
         steps = expand_protocol(protocol) if steps is None else steps
-        pace = WALL_CLOCK_PACE if wall_clock else LOCKSTEP_PACE
         position = stage.frame.to_sensor_mm(stage.homed_mm)
         homing = stage.homing_s if stage.homing_s is not None else homing_s(stage.travel_mm)
         seconds = pace.connect_s + homing

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from deltact_fab.common import InputError, Note, Progress
 from deltact_fab.sensor import CameraModel, SensorDimensions, parse_indenter
 
+from ..protocols.motion import WALL_CLOCK_PACE, RigPace
 from ..protocols.plan import Protocol
 from .camera.model import load_view, open_camera, view_notes
 from .config import GrblConfig
@@ -63,7 +65,13 @@ class GrblKind(RigKind):
         return load_view(self._config.camera, sensor, self._source)
 
     def change_s(self, protocol: Protocol) -> float:
-        return tool_change_s(self._config.stage, self._config.touch, protocol.motion.park_mm)
+        config = self._config
+        park_mm = protocol.motion.park_mm
+        return tool_change_s(config.stage, config.touch, park_mm, config.sample_s)
+
+    def pace(self) -> RigPace:
+        frames_s = WALL_CLOCK_PACE.frames_s + self._config.sample_s
+        return replace(WALL_CLOCK_PACE, frames_s=frames_s)
 
     def undeclared_lengths(self, protocol: Protocol) -> list[str]:
         """Indenters without a declared length; none when the protocol uses only one."""
@@ -121,6 +129,7 @@ class GrblRig(Rig):
         self._job, clock = job, WallClock()
         stage = GrblStage.from_config(config.stage, clock)
         park_mm = job.protocol.motion.park_mm
+        change_s = tool_change_s(config.stage, config.touch, park_mm, config.sample_s)
         with ExitStack() as stack:
             stack.callback(stage.close)
             contact_n = CONTACT_N if config.touch is None else config.touch.force_n
@@ -148,7 +157,7 @@ class GrblRig(Rig):
                 guard=force,
                 begin=self._tooling.begin,
                 contact_n=contact_n,
-                change_s=0.0 if job.air else tool_change_s(config.stage, config.touch, park_mm),
+                change_s=0.0 if job.air else change_s,
                 wall_clock=True,
             )
             self.exit_stack = stack.pop_all()

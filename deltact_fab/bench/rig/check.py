@@ -28,6 +28,7 @@ MIN_IMAGE_RATE_SHARE = 0.95  # of the nominal rate
 MAX_OVEREXPOSED_SHARE = 0.01  # of the pixels, at 255
 MIN_MEAN_GREY = 16  # of 255
 MIN_SAMPLE_RATE_SHARE = 0.98  # of the box's rate
+SCALE_RATE_TOLERANCE = 0.2  # relative, measured against rate_hz of the rig file
 MAX_REST_SHARE = 0.01  # of the range: mean after the tare, standard deviation at rest
 RANGE_TOLERANCE = 0.02  # relative, box against rig file
 STIFF_N_PER_MM15 = 5.6  # Hertz' law for a ball of 10 mm and twice the modulus of the paper's gel
@@ -167,7 +168,8 @@ def _image_rows(camera: Camera, config: CameraConfig, seconds: float) -> Iterato
     h, w = image.shape[:2]
     stamped = identity["stamped_by"]
     delay = f", {config.latency_ms:g} ms after its exposure" if stamped == "arrival" else ""
-    text = f"images of {w} x {h} px, stamped by {stamped}{delay}"
+    lag = f", {identity['lag_ms']} ms before its arrival"
+    text = f"images of {w} x {h} px, stamped by {stamped}{delay or lag}"
     yield _row("camera", "images", "pass", text)
     nominal, hz = identity["rate_hz"], n / took_s if took_s > 0 else 0.0
     slow = nominal is not None and hz < MIN_IMAGE_RATE_SHARE * nominal
@@ -264,9 +266,14 @@ def _sample_rows(sensor: ForceSensor, config: ForceConfig, seconds: float) -> It
     nominal_hz = float(sensor.identity()["rate_hz"] or 0)
     hz = (len(t_ns) - 1) / max((t_ns[-1] - t_ns[0]) / 1e9, 1e-9)
     slow = config.netft is not None and hz < MIN_SAMPLE_RATE_SHARE * nominal_hz
-    of_nominal = f" of {nominal_hz:g}" if config.netft is not None else ""
+    remedy = ""
+    if config.serial is not None:
+        nominal_hz = config.serial.rate_hz
+        if abs(hz / nominal_hz - 1) > SCALE_RATE_TOLERANCE:
+            remedy = f"set force.serial.rate_hz = {hz:.3g}, for planned times"
     n_lost, n_late = sum(part.n_lost for part in parts), sum(part.n_late for part in parts)
-    yield _row("force", "rate", graded(not slow), f"{hz:.0f}{of_nominal} samples per s")
+    text = f"{hz:.0f} of {nominal_hz:g} samples per s"
+    yield _row("force", "rate", graded(not slow, warns=bool(remedy)), text, remedy)
     text = f"{n_lost} samples lost, {n_late} late"
     yield _row("force", "lost", graded(not n_lost, warns=n_late > 0), text)
     if any(part.saturated.any() for part in parts):

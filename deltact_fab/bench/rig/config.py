@@ -196,6 +196,12 @@ class GrblConfig(Table):
             )
         return self
 
+    @property
+    def sample_s(self) -> float:
+        """Period of the force sensor's readings, 0 without one."""
+        source = self.force and (self.force.serial or self.force)
+        return 1 / source.rate_hz if source else 0.0
+
     def recorded(self) -> dict[str, Any]:
         """Return the data for a record."""
         return self.model_dump(mode="json")

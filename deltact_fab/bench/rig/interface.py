@@ -17,13 +17,19 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import Image, Note, Point, Progress
+from deltact_fab.common import Image, Note, Point, Progress, SensorError
 from deltact_fab.sensor import FlatField
+
+from ..protocols.motion import LOCKSTEP_PACE, RigPace
 
 if TYPE_CHECKING:
     from deltact_fab.sensor import CameraModel, SensorDimensions, StageFrame
 
     from ..protocols import plan
+
+
+MAX_SAMPLE_AGE_S = 0.05  # by hand: of the newest force sample at a look; 0.025 mm at 30 mm/min
+MAX_STAMP_LEAD_S = 0.002  # by hand: a stamp may be later than the arrival; 2 um at 60 mm/min
 
 
 class Clock(Protocol):
@@ -109,6 +115,15 @@ class StopCommands:
     lost: tuple[bytes, ...]
 
 
+def require_past(name: str, stamp_s: float, now_s: float) -> None:
+    """Raise SensorError for a stamp later than its arrival now; name: of the device."""
+    if (lead_s := stamp_s - now_s) > MAX_STAMP_LEAD_S:
+        raise SensorError(
+            f"{name}: a stamp {lead_s:.3f} s later than its arrival: the clock of the sender is "
+            "ahead; stamp with CLOCK_MONOTONIC of this computer"
+        )
+
+
 class Stage(Protocol):
     """A motion stage in sensor coordinates, with its own limits."""
 
@@ -152,8 +167,11 @@ class Stage(Protocol):
         Raises InputError, with nothing sent, for a move beyond the limits, and StageError.
         """
 
-    def wait(self) -> StageState:
-        """Wait until the last move is at its target. Raises StageError otherwise."""
+    def wait(self, stops: Callable[[], bool] | None = None) -> StageState:
+        """Wait until the last move is at its target. Raises StageError otherwise.
+
+        stops: called while waiting, before each part of the move is sent; True stops the move.
+        """
 
     def listen(self, seconds: float) -> None:
         """Wait while reading the controller; detects an alarm or a restart within 5 ms.
@@ -406,6 +424,10 @@ class RigKind(ABC):
     def change_s(self, protocol: plan.Protocol) -> float:
         """Planned duration of a touch-off after a change of indenter; 0 without one."""
         return 0.0
+
+    def pace(self) -> RigPace:
+        """Return the overhead of the rig's steps."""
+        return LOCKSTEP_PACE
 
     def undeclared_lengths(self, protocol: plan.Protocol) -> list[str]:
         """Return a line for indenters without a declared length, on a real rig."""

@@ -149,6 +149,8 @@ class SerialScaleConfig(Table):
     """Unit of the torques that it writes."""
     scale: float = Field(default=1.0, ge=-1e6, le=1e6)
     """Factor for each number. A press has Fz < 0, so a scale that shows it as positive needs -1."""
+    rate_hz: float = Field(default=10.0, ge=0.5, le=10_000)
+    """Readings per second, for the planned duration of a run; `rig check` measures them."""
     silent_s: float = Field(default=0.5, ge=0.02, le=10)
     """Silence after which the scale has failed."""
     ask: str | None = Field(

@@ -106,7 +106,7 @@ class RunRequest:
         """Frames, time and disk of the whole run."""
         image_px, rig = rule.image_px(self.view, self.rig), self.rig
         return RunEstimate.from_protocol(
-            self.protocol, image_px, rig.stage, self.steps, not rig.simulated,
+            self.protocol, image_px, rig.stage, self.steps, self.kind.pace(),
             self.kind.change_s(self.protocol) if self._touches_face else 0.0,
         )  # fmt: skip
 

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from slow_link import EventClock, SlowLink
 
 from deltact_fab.bench.rig.force.guard import ForceGuard, GuardLimits
-from deltact_fab.bench.rig.force.netft import NetFTSensor
+from deltact_fab.bench.rig.force.netft import SENSOR_SILENT_S, NetFTSensor
 from deltact_fab.bench.rig.stage.grbl import GrblStage
 from deltact_fab.bench.rig.tables import ForceConfig, GuardConfig, TouchConfig
 from deltact_fab.bench.rig.tool.feeler import ForceProbe
@@ -74,9 +75,14 @@ def bench(
     homed: bool = True,
     block_mm: tuple[float, float, float] | None = None,
     turn_deg: float = 0.0,
+    delay_s: tuple[float, float] = (0.0, 0.0),
+    rate_hz: float = 1000.0,
 ) -> Bench:
-    """off_mm: of the face from where it is expected, machine axes."""
-    clock = VirtualClock()
+    """off_mm: of the face from where it is expected, machine axes.
+
+    delay_s: of the stage's link each way, and its variation. rate_hz: of the force sensor.
+    """
+    clock = EventClock()
     grbl = GrblController({}, clock, start_mm=(-30.0, -30.0, -10.0))
     x, y, z = (o + d for o, d in zip(EXPECTED.origin_machine_mm, off_mm, strict=True))
     true = StageFrame((x, y, z), turn_deg, tilt_deg)
@@ -89,10 +95,10 @@ def bench(
         at = [face.wrench(grbl.position_mm(t / 1e9)) for t in t_ns.tolist()]
         return np.reshape(at, (-1, 6))
 
-    box = NetFTBox(ForceConfig(), clock, 1, wrenches, noise_n)
-    link = SerialLink(grbl, clock)
+    box = NetFTBox(ForceConfig(rate_hz=rate_hz), clock, 1, wrenches, noise_n)
+    link = SlowLink(grbl, clock, *delay_s) if delay_s[0] else SerialLink(grbl, clock)
     stage = GrblStage(link, clock, EXPECTED)
-    force = NetFTSensor(LockstepLink(box), clock)
+    force = NetFTSensor(LockstepLink(box), clock, max(SENSOR_SILENT_S, 3 / rate_hz))
     limits = GuardLimits.from_config(GuardConfig(force_n=guard_n), ForceConfig())
     guard = ForceGuard(stage.cancel, limits, clock)
     if homed:

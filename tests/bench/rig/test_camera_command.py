@@ -30,13 +30,19 @@ W, H = 32, 24
 SENDER = """
 import json, os, random, struct, sys, time
 plan, stamped, size = json.loads(sys.argv[1]), sys.argv[2] == "True", int(sys.argv[3])
+ahead_ns = 0
 out = sys.stdout.buffer
 for what, *values in plan:
     if what == "send":
         number, seed = values
-        stamp = struct.pack("<qII", time.monotonic_ns(), number, 0) if stamped else b""
+        at_ns = time.monotonic_ns() + ahead_ns
+        stamp = struct.pack("<qII", at_ns, number, 0) if stamped else b""
         out.write(stamp + random.Random(seed).randbytes(size))
         out.flush()
+    elif what == "ahead":
+        ahead_ns = round(values[0] * 1e9)
+    elif what == "many":
+        plan += [["wait", 0.015], ["send", number + 1, number + 1], ["many"]]
     elif what == "wait":
         time.sleep(values[0])
     elif what == "write":
@@ -163,6 +169,30 @@ def test_constant_image_is_a_hung_camera() -> None:
     assert "the same image " in text
 
 
+@pytest.mark.parametrize(
+    ("after_s", "ahead_s"),
+    [
+        (0.1, -0.9),
+        pytest.param(1.5, -0.9, marks=pytest.mark.slow),
+        pytest.param(1.5, -0.1, marks=pytest.mark.slow),
+    ],
+)
+def test_constant_lag_told_with_size(after_s: float, ahead_s: float) -> None:
+    """Not as a stall, also by one who asks for new images before the lag has been measured."""
+    camera = opened([["ahead", ahead_s], *sent(0), ["many"]])
+    camera.capture()
+    time.sleep(after_s)
+    camera.begin("press")
+    if ahead_s == -0.9:
+        text = (
+            r"images arrive 0\.9\d s after their stamps, more than 0\.25 s: the clock of its sender"
+        )
+        assert re.search(text, to_the_end(camera)[1])
+    else:
+        camera.capture()
+        assert 100 <= camera.identity()["lag_ms"] < 200
+
+
 def test_missing_first_image_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stream, "FIRST_IMAGE_S", 0.3)
     assert "no first image" in to_the_end(opened([]))[1]
@@ -175,7 +205,8 @@ def test_missing_first_image_is_reported(monkeypatch: pytest.MonkeyPatch) -> Non
         ([["exit", 0]], "ended with status 0; no message on stderr"),
         ([["say", "zap"], ["abort"]], "ended by signal 9; stderr: zap"),
         ([["write", 100], ["exit", 0]], "ended with status 0"),  # amid an image
-        ([["write", 16], ["write", W * H * 3]], "its stamps are .* off this computer's"),
+        ([["write", 16], ["write", W * H * 3]], r"arrive \d+\.\d\d s after .* clock of its sender"),
+        ([["ahead", 0.3], *sent(2)], r"a stamp 0\.[23]\d+ s later than its arrival: .* is ahead"),
     ],
 )
 def test_dead_or_garbled_child_is_reported(end: list[Any], says: str) -> None:
@@ -249,7 +280,7 @@ def noise(draw: random.Random) -> Image:
 
 def test_losses_without_numbers_from_stamp_gaps() -> None:
     """Of stamps as a driver gives them: one comes late, and two are missing."""
-    draw, start_s = random.Random(1), time.monotonic()
+    draw, start_s = random.Random(1), time.monotonic() - 0.2
     stamps = [start_s + k / 50 for k in (0, 1, 2.2, 3, 6, 7)]
     feed = Listed([stream.FeedImage(noise(draw), t_s) for t_s in stamps], itertools.repeat(0.0))
     camera = stream.StreamCamera(feed, WallClock(), rate_hz=50.0)

@@ -120,6 +120,19 @@ def test_silence_and_unplugging_are_errors() -> None:
         sensor.close()
 
 
+def test_declared_rate_held_against_measured() -> None:
+    with scale() as it:
+        sensor = it.opened()
+        sensor.begin("p1")
+        rate_hz = float(sensor.identity()["rate_hz"])
+        sensor.close()
+        for share, status in ((1.0, "pass"), (0.5, "warn")):
+            serial = SerialScaleConfig(port=it.port, rate_hz=share * rate_hz)
+            rows = {row.id: row for row in force_rows(ForceConfig(serial=serial), None, 0.1)}
+            assert rows["force.rate"].status == status
+            assert ("force.serial.rate_hz =" in rows["force.rate"].remedy) == (status == "warn")
+
+
 def test_invalid_scale_is_refused() -> None:
     with pytest.raises(SensorError, match="/nowhere/tty: cannot open the scale's port"):
         open_force(ForceConfig(serial=SerialScaleConfig(port="/nowhere/tty")), WallClock())
@@ -127,8 +140,8 @@ def test_invalid_scale_is_refused() -> None:
         open_force(ForceConfig(serial=SerialScaleConfig(port="bad://x")), WallClock())
     with pytest.raises(InputError, match=r"no connection given; add \[force.netft\]"):
         open_force(ForceConfig(), WallClock())
-    for own in ({"columns": ("fz", "fz")}, {"columns": ("-",)}, {"scale": 0.0}):
-        with pytest.raises(ValueError, match=r"columns: each axis once|scale: must not"):
+    for own in ({"columns": ("fz", "fz")}, {"columns": ("-",)}, {"scale": 0.0}, {"rate_hz": 0}):
+        with pytest.raises(ValueError, match=r"columns: each axis once|scale: must not|rate_hz"):
             SerialScaleConfig(port="x", **own)  # type: ignore[arg-type]
 
 

@@ -117,6 +117,19 @@ def test_samples_unique_with_units_tare_times() -> None:
         sensor.close()
 
 
+def test_kernel_clock_set_while_reading(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The kernel stamps by the time of day, which may be set forward by half a second."""
+    with NetFTServer(Hand()) as box:
+        sensor, time_ns = opened(box), time.time_ns
+        sensor.start()
+        sensor.read()
+        monkeypatch.setattr(time, "time_ns", lambda: time_ns() + 500_000_000)
+        end_ns = time.monotonic_ns() + 300_000_000
+        samples = until(sensor, lambda s: time.monotonic_ns() > end_ns)[-1]
+        assert time.monotonic_ns() - samples.t_ns[-1] < 2.5e8
+        sensor.close()
+
+
 class Network(BoxFaults):
     """Of every twentieth record: what becomes of it on its way."""
 

@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 from felt import Bench, bench
+from numpy.typing import NDArray
 
 from deltact_fab.bench.rig.config import load_rig
 from deltact_fab.bench.rig.interface import move_to
@@ -155,10 +156,49 @@ def test_fit_of_clean_curves_is_exact() -> None:
         assert contact.power == power
 
 
-def test_duration_matches_the_estimate() -> None:
-    it, config = bench("cylinder"), TouchConfig(feed_mm_min=60.0)
+@pytest.mark.parametrize("rate_hz", [10.0, 80.0, 1000.0])
+def test_duration_matches_the_estimate(rate_hz: float) -> None:
+    it, config = bench("cylinder", rate_hz=rate_hz), TouchConfig(feed_mm_min=60.0)
     move_to(it.stage, (0.0, 0.0, 10.0), 600.0)
     start_s = it.clock.now_s()
     it.touch(config).find(parse_indenter("cylinder"), (0.0, 0.0))
-    told_s = tool_change_s(load_rig("virtual")[0].stage, config, 10.0)
-    assert told_s == pytest.approx(it.clock.now_s() - start_s, rel=0.05)
+    told_s = tool_change_s(load_rig("virtual")[0].stage, config, 10.0, 1 / rate_hz)
+    assert told_s == pytest.approx(it.clock.now_s() - start_s, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("delay_s", "off_mm"), [((0.06, 0.03), 0.0), ((0.12, 0.03), -0.2), ((0.2, 0.03), 0.0)]
+)
+def test_slow_link_goes_no_deeper(delay_s: tuple[float, float], off_mm: float) -> None:
+    """The threshold is 0.11 mm deep; without a look in each part of a move it was up to 0.5 mm."""
+    it = bench("sphere:10", (0.0, 0.0, off_mm), delay_s=delay_s)
+    touch = found(it, "sphere:10")
+    assert touch.z_mm == pytest.approx(off_mm, abs=0.01)
+    assert it.face.deepest_mm < 0.2
+
+
+@pytest.mark.parametrize(
+    ("delay_s", "rate_hz", "says"),
+    [((0.12, 0.03), 1000.0, "at most 5"), ((0.0, 0.0), 8.0, "at most 10")],
+)
+def test_slow_answers_refused_before_descent(
+    delay_s: tuple[float, float], rate_hz: float, says: str
+) -> None:
+    it = bench("sphere:10", delay_s=delay_s, rate_hz=rate_hz)
+    text = fails(it, TouchConfig(repeats=1, feed_mm_min=120.0))
+    assert "deeper at touch.feed_mm_min = 120; set " + says in text
+    assert it.lowest_mm() == pytest.approx(-30.0, abs=0.002)
+
+
+def test_old_samples_stop_the_descent() -> None:
+    it = bench("sphere:10")
+    it.force._timeout_s = 1.0
+    receive, late_s = it.force._link.receive, it.clock.now_s() + 9.0
+
+    def late(timeout_s: float) -> NDArray[np.void]:
+        it.box.faults.late_s = 0.3 * (it.clock.now_s() > late_s)
+        return receive(timeout_s)
+
+    it.force._link.receive = late  # type: ignore[method-assign]
+    assert "the newest force sample is 0.30 s old, 0.05 s are allowed" in fails(it)
+    assert it.lowest_mm() > -40.0

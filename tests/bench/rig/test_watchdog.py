@@ -4,21 +4,29 @@ from __future__ import annotations
 
 import os
 import select
+import socket
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from deltact_fab.bench.rig.force.guard import GuardLimits
-from deltact_fab.bench.rig.force.watchdog import Watchdog
+from deltact_fab.bench.rig.force.guard import ForceGuard, GuardLimits
+from deltact_fab.bench.rig.force.netft import NetFTSensor
+from deltact_fab.bench.rig.force.watchdog import Watchdog, _Server
+from deltact_fab.bench.rig.interface import ForceSamples, WallClock
 from deltact_fab.bench.rig.stage.grbl import GRBL_COMMANDS
 from deltact_fab.bench.rig.tables import ForceConfig, NetFTConfig
+from deltact_fab.bench.rig.tool.feeler import ForceProbe
 from deltact_fab.common.errors import SensorError
+from deltact_fab.simulate.virtual.clock import VirtualClock
+from deltact_fab.simulate.virtual.netft import LockstepLink, NetFTBox
 from deltact_fab.simulate.virtual.served import NetFTServer
 
 LIMITS = GuardLimits((5.0, 5.0, 5.0))
@@ -89,14 +97,22 @@ def test_guard_process_from_start_to_end(bench: Bench) -> None:
     bench.quiet()
     assert not watchdog.tripped
 
-    # What nobody fetches is kept.
+    # What nobody fetches is kept, and a look takes the newest of it.
     watchdog.start()
-    begun_ns = watchdog.read().t_ns[0]
+    parts = [watchdog.read()]
     time.sleep(1.2)
-    parts = [watchdog.read() for _ in range(4)]
+    bench.push_n = -2.0
+    time.sleep(0.1)
+
+    def read() -> ForceSamples:
+        parts.append(watchdog.read())
+        return parts[-1]
+
+    sensor: Any = SimpleNamespace(read=read)
+    assert ForceProbe(sensor, sensor, WallClock(), watchdog)._force_size_n() == pytest.approx(2.0)
+    bench.push_n = 0.0
     assert sum(part.n_lost for part in parts) == 0
-    assert parts[0].t_ns[0] - begun_ns < 1e9
-    assert parts[-1].t_ns[-1] - begun_ns > 1.1e9
+    assert parts[-1].t_ns[-1] - parts[0].t_ns[0] > 1.2e9
 
     # Silence stops the stage, and a start makes it good.
     bench.box.faults.silent = True
@@ -120,6 +136,22 @@ def test_guard_process_from_start_to_end(bench: Bench) -> None:
     with pytest.raises(SensorError, match="the guard process died"):
         read_on(watchdog)
     watchdog.close()
+
+
+def test_future_samples_count_as_lost() -> None:
+    """Of a driver whose clock is 0.3 s ahead of this computer's."""
+    clock, stops = VirtualClock(time.monotonic() + 0.3), []
+    box = NetFTBox(ForceConfig(), clock, 1, lambda t_ns: np.zeros((len(t_ns), 6)))
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        server = _Server(theirs, "")
+        server._force = NetFTSensor(LockstepLink(box), clock)
+        server._guard = ForceGuard(lambda: stops.append(1), LIMITS, server._clock)
+        server.do_start()
+        server._poll_sensor()
+    assert stops == [1]
+    assert "a stamp 0.30" in server._guard.tripped
+    assert "later than its arrival" in server._guard.tripped
 
 
 PROGRAM = """

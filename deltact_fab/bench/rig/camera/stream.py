@@ -16,7 +16,7 @@ import numpy as np
 
 from deltact_fab.common import DeltactFabError, Image, SensorError
 
-from ..interface import CameraFrame, Clock
+from ..interface import CameraFrame, Clock, require_past
 
 # Decision 0030; by hand: a deeper queue holds older images, longer limits report a stall later.
 QUEUE_DEPTH = 8  # images; the oldest is dropped, and counted
@@ -24,7 +24,9 @@ FIRST_IMAGE_S = 10.0  # for the first image: name resolution, warm-up
 MIN_STALL_S = 0.5
 STALL_PERIODS = 5.0  # without an image, and at least MIN_STALL_S: stalled
 FEED_WAIT_S = 0.05  # longest wait in a feed, which delays `close`
-MAX_STAMP_OFFSET_S = 5.0  # a stamp further from its arrival is of another clock
+MAX_STAMP_AGE_S = 5.0  # a stamp that is older on arrival is of another clock
+LAG_WINDOW_S, MIN_LAG_IMAGES = 1.0, 5  # whose least age is the lag of a stream
+MIN_LAG_S = 0.25  # and STALL_PERIODS: a lag that a camera which keeps up does not have
 NUMBER_MODULUS = 1 << 32  # format of V4L2 and of the header: 32 bits
 
 
@@ -84,7 +86,11 @@ class StreamCamera:
         self._size_px = size_px
         self._rate_hz = rate_hz
         self._latency_s = latency_s
-        self.timeout_s = max(MIN_STALL_S, STALL_PERIODS / rate_hz if rate_hz else 0.0)
+        periods_s = STALL_PERIODS / rate_hz if rate_hz else 0.0
+        self.timeout_s = max(MIN_STALL_S, periods_s) + latency_s
+        self._max_lag_s = min(max(MIN_LAG_S, periods_s), MAX_STAMP_AGE_S)
+        self._ages_s: list[float] = []  # of the images on arrival, since _ages_from_s
+        self._ages_from_s = self._lag_s = 0.0
         self._has_come = threading.Condition()
         self._waiting: deque[CameraFrame] = deque()
         self._failure: Exception | None = None
@@ -135,6 +141,7 @@ class StreamCamera:
             "rate_hz": self._rate_hz,
             "latency_ms": self._latency_s * 1e3,
             "stamped_by": self._feed.stamps,
+            "lag_ms": round(self._lag_s * 1e3),
             "losses_by": "numbers" if numbers else "gaps at the nominal rate, inferred",
         }
         if not numbers and self._rate_hz is None:
@@ -209,12 +216,23 @@ class StreamCamera:
                 f"camera {self.name}: an image of {w} x {h} px; {self._size_px[0]} x "
                 f"{self._size_px[1]} px expected"
             )
-        offset_s = arrived.t_s - self._clock.now_s()
-        if abs(offset_s) > MAX_STAMP_OFFSET_S:
-            raise SensorError(
-                f"camera {self.name}: its stamps are {offset_s:+.0f} s off this computer's "
-                "monotonic clock; stamp with CLOCK_MONOTONIC of this computer"
-            )
+        now_s = self._clock.now_s()
+        require_past(f"camera {self.name}", arrived.t_s, now_s)
+        if now_s - arrived.t_s > MAX_STAMP_AGE_S:
+            raise SensorError(self._lag_text(now_s - arrived.t_s))
+        self._ages_s.append(now_s - arrived.t_s)
+        self._ages_from_s = self._ages_from_s or now_s
+        if now_s - self._ages_from_s >= LAG_WINDOW_S and len(self._ages_s) >= MIN_LAG_IMAGES:
+            self._lag_s, self._ages_s, self._ages_from_s = min(self._ages_s), [], now_s
+            if self._lag_s > self._max_lag_s:
+                raise SensorError(self._lag_text(self._lag_s))
+
+    def _lag_text(self, lag_s: float) -> str:
+        return (
+            f"camera {self.name}: images arrive {lag_s:.2f} s after their stamps, more than "
+            f"{self._max_lag_s:g} s: the clock of its {self._feed.stamps} is behind "
+            "CLOCK_MONOTONIC of this computer, or images queue up on their way"
+        )
 
     def _count_lost(self, previous: FeedImage | None, current: FeedImage) -> tuple[int, bool]:
         """Number of images missing between two, and True if both have the same number."""
@@ -233,6 +251,8 @@ class StreamCamera:
         return max(round((current.t_s - previous.t_s) * self._rate_hz) - 1, 0), False
 
     def _silence_text(self, waited_s: float, repeats: int) -> str:
+        if (lag_s := min(self._ages_s, default=0.0)) > self._max_lag_s:
+            return self._lag_text(lag_s)
         problem = f"stalled: no image within {waited_s:.1f} s"
         if repeats:
             repetition = f"the same image {repeats + 1} times in {waited_s:.1f} s"

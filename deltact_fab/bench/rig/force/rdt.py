@@ -60,6 +60,7 @@ class RdtLink:
         self._socket: socket.socket | None = None
         self._first_records = np.empty(0, NetFTSensor.RECORD)  # read by `start`, not returned yet
         self._dropped = 0  # by the kernel, since the start
+        self._empty_ns = 0  # when nothing was left to read
         self._losses: dict[str, int] = {}
 
     def settings(self) -> NetFTSettings:
@@ -104,9 +105,11 @@ class RdtLink:
         select([self._socket], [], [], timeout_s)
         since_ns = time.monotonic_ns() - time.time_ns()
         rows: list[tuple[Any, ...]] = []
-        with suppress(BlockingIOError):
+        try:
             while len(rows) < MAX_RECORDS:
                 self._receive(rows, since_ns)
+        except BlockingIOError:
+            self._empty_ns = time.monotonic_ns()
         return np.array(rows, NetFTSensor.RECORD)
 
     def pop_losses(self) -> dict[str, int]:
@@ -165,7 +168,9 @@ class RdtLink:
         for _, kind, words in about:
             if kind == SO_TIMESTAMPNS:
                 seconds, ns = TIMESPEC_FORMAT.unpack(words[: TIMESPEC_FORMAT.size])
-                at_ns = min(seconds * 1_000_000_000 + ns + since_ns, at_ns)
+                # The kernel's clock may be set at any time, and nothing arrived before.
+                stamp_ns = max(seconds * 1_000_000_000 + ns + since_ns, self._empty_ns)
+                at_ns = min(stamp_ns, at_ns)
             elif kind == SO_RXQ_OVFL:
                 dropped = OVERFLOW_FORMAT.unpack(words[: OVERFLOW_FORMAT.size])[0]
                 self._count("overrun", dropped - self._dropped)

@@ -29,7 +29,16 @@ import numpy as np
 
 from deltact_fab.common import DeltactFabError, Field, InputError, Note, SensorError
 
-from ..interface import CONTACT_N, Clock, ForceSamples, ForceSensor, Stage, StopCommands, WallClock
+from ..interface import (
+    CONTACT_N,
+    Clock,
+    ForceSamples,
+    ForceSensor,
+    Stage,
+    StopCommands,
+    WallClock,
+    require_past,
+)
 from ..tables import ForceConfig, GuardConfig
 from .guard import ForceGuard, GuardLimits, Trip
 from .netft import SENSOR_SILENT_S, NetFTSensor
@@ -402,6 +411,7 @@ class _Server:
         assert self._guard is not None
         try:
             samples = self._force.read()
+            require_past("force sensor", samples.t_ns[-1] / 1e9, self._clock.now_s())
         except SensorError as error:
             self._guard.on_sensor_lost(str(error))
             self._streaming, self._error = False, error

@@ -203,7 +203,8 @@ class Runner:
         self._progress(n_done, self._total, step.id)
         if self._live is not None and self._remaining is not None:
             n_lost = counts[N_MISSED] + counts[N_UNWRITTEN] + counts[N_DROPPED]
-            force_n = self._streams.force.force_n if self._streams.force is not None else None
+            force, now_ns = self._streams.force, self._streams.now_ns()
+            force_n = force.newest_n(now_ns) if force is not None else None
             left_s = self._remaining.left_s()
             n = n_done, self._total
             self._live(RunProgress(step.id, *n, force_n, counts[N_LATE], n_lost, left_s))

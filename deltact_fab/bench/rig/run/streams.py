@@ -19,7 +19,18 @@ from deltact_fab.common import Point, SensorError, to_ns
 from ...protocols.plan import Step
 from ...record.streams import FORCE_COLUMNS, Chunk
 from ..force.standstill import DepthCheck
-from ..interface import Camera, CameraFrame, Clock, ForceSamples, ForceSensor, Guard, Stage
+from ..interface import (
+    Camera,
+    CameraFrame,
+    Clock,
+    ForceSamples,
+    ForceSensor,
+    Guard,
+    Stage,
+    require_past,
+)
+
+MAX_SHOWN_AGE_NS = 150_000_000  # by hand: 0.05 s, and the period of a scale at 10 Hz
 
 
 class PoseStream:
@@ -39,6 +50,7 @@ class PoseStream:
         """Request the position. Raises StageError, and SensorError by the check of depth."""
         self.asked_ns = self._clock.now_ns()
         t_ns, position_mm = self._stage.timed_position()
+        require_past("stage position", t_ns / 1e9, self._clock.now_s())
         self._poses.append((t_ns, *position_mm))
         if self._depth is not None:
             self._depth.check(t_ns, position_mm[2])
@@ -68,7 +80,7 @@ class ForceStream:
     keeping: bool = True
     lifting: bool = False
     last_ns: int = 0  # of the last sample
-    force_n: Point | None = None  # of the last sample
+    _force_n: Point | None = None  # of the last sample
     depth: DepthCheck = field(default_factory=DepthCheck)
     _batches: list[ForceSamples] = field(default_factory=list)
 
@@ -91,7 +103,7 @@ class ForceStream:
         if len(force_n):
             self.last_ns = int(samples.t_ns[-1])
             x, y, z = force_n[-1].tolist()
-            self.force_n = (x, y, z)
+            self._force_n = (x, y, z)
         for note in notes:
             self.note(note.id, note.text)
         if self.lifting:
@@ -101,6 +113,10 @@ class ForceStream:
         if samples.saturated.any():
             saturated_n = tuple(force_n[samples.saturated.argmax()].tolist())
             raise SensorError(f"the force sensor is saturated at {saturated_n} N")
+
+    def newest_n(self, now_ns: int) -> Point | None:
+        """Newest force (N); None if it is older than MAX_SHOWN_AGE_NS."""
+        return self._force_n if now_ns - self.last_ns <= MAX_SHOWN_AGE_NS else None
 
     def take(self, origin_ns: int) -> list[Chunk]:
         """Return data since the last call, times relative to origin_ns."""

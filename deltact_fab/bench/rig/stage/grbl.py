@@ -174,14 +174,18 @@ class GrblStage:
             clear = low_mm > FACE_CLEARANCE_MM
             return jogs.start_move(self._c, machine_mm, feed_mm_min, clear, self.whole_moves)
 
-    def wait(self) -> StageState:
+    def wait(self, stops: Callable[[], bool] | None = None) -> StageState:
         """Wait for the target, see Stage; a move that stops short or takes too long fails."""
         self._driver = threading.current_thread()
         with self._c.exchange():
             self._c.require_ready()
             if self._c.move is None and self._c.stopping:
                 raise TalkFault("the last move was stopped")
-        return jogs.wait_for_target(self._c)
+        state = jogs.wait_for_target(self._c, stops)
+        if state is None:
+            self.stop()
+            return self.report()
+        return state
 
     def listen(self, seconds: float) -> None:
         jogs.listen(self._c, seconds)

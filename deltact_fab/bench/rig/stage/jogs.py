@@ -7,6 +7,7 @@ host dies or the cable is pulled, the tip goes on for PLANNED_AHEAD_S at most.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 from deltact_fab.common import InputError, Point
@@ -100,14 +101,19 @@ def send_due_piece(c: Controller) -> None:
             c.port.write(JOG_CANCEL)
 
 
-def wait_for_target(c: Controller) -> StageState:
-    """Poll until the move is at its target. Raises StageError if it does not arrive."""
+def wait_for_target(c: Controller, stops: Callable[[], bool] | None = None) -> StageState | None:
+    """Poll until the move is at its target; None when `stops` returned True before.
+
+    stops: called before each part of the move is sent. Raises StageError if it does not arrive.
+    """
     idle_short = 0
     while (move := c.move) is not None:
         limit_s = move.planned_s * 1.1 + STOP_MARGIN_S
         left_s = move.planned_s - move.since_s(c.port.now_ns())
         if left_s > 0 or idle_short:
-            listen(c, min(STATUS_POLL_S, max(left_s + 0.002, POLL_END_S)))
+            slice_s = max(left_s + 0.002, POLL_END_S)
+            if listen(c, slice_s if stops else min(STATUS_POLL_S, slice_s), stops):
+                return None
         with c.exchange():
             state = poll(c)
             if state.state == "Idle":
@@ -132,18 +138,20 @@ def wait_for_target(c: Controller) -> StageState:
                     f"still {state.state} at {in_mm(state.machine_mm)} after {limit_s:.1f} s; the "
                     f"move to {in_mm(move.target_mm)} was planned to take {move.planned_s:.1f} s"
                 )
-        if left_s <= 0 and not idle_short:
-            listen(c, POLL_END_S)
+        if left_s <= 0 and not idle_short and listen(c, POLL_END_S, stops):
+            return None
     return poll(c)
 
 
-def listen(c: Controller, seconds: float) -> None:
+def listen(c: Controller, seconds: float, stops: Callable[[], bool] | None = None) -> bool:
     """Wait; meanwhile handle the controller's lines and send due pieces.
 
-    Raises StageError.
+    Returns True as soon as `stops` does. Raises StageError.
     """
     deadline = c.port.deadline_ns(seconds)
     while True:
+        if stops is not None and stops():
+            return True
         if c.port.is_open:
             with c.exchange():
                 try:
@@ -153,7 +161,7 @@ def listen(c: Controller, seconds: float) -> None:
                     _wait_for_run(c, refusal)
         left_ns = deadline - c.port.now_ns()
         if left_ns <= 0:
-            return
+            return False
         c.clock.sleep_s(min(left_ns / 1e9, LISTEN_PERIOD_S))
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from deltact_fab.common import Field, Point, SensorError, to_ns
 
-from ..interface import Clock, ForceSamples, ForceSensor, Guard, Stage
+from ..interface import MAX_SAMPLE_AGE_S, Clock, ForceSamples, ForceSensor, Guard, Stage
 from ..run.contact import FeltForce, streaming
 
 STREAM_NAME = "touch-off"
@@ -20,6 +20,13 @@ PROBE_TARE_S = 0.25
 PROBE_SETTLE_S = 0.02  # after a move
 PROBE_MEAN_S = 0.05  # averaged at rest
 MIN_MEAN_SAMPLES = 3
+LINK_TRIALS = 3  # before a descent, their median counts
+CATCH_UP_S = 0.25  # for reading what was queued; by hand: two lines of a scale at 10 Hz
+
+
+def rest_duration_s(sample_s: float) -> float:
+    """Duration of `ForceProbe.at_rest` with a force sensor of that period."""
+    return max(PROBE_SETTLE_S + PROBE_MEAN_S + PROBE_POLL_S, MIN_MEAN_SAMPLES * sample_s)
 
 
 class ForceProbe:
@@ -52,22 +59,35 @@ class ForceProbe:
         """Restart the stream with its last tare, for a lift; see `run.contact.streaming`."""
         return streaming(self._clock, self._force)
 
+    def delay_s(self) -> float:
+        """Return the time from a contact to its stop: age and wait of a sample, and an answer."""
+        times_s = [self._clock.now_s()]
+        for _ in range(LINK_TRIALS):
+            self._read()
+            self.stage.position_mm()
+            times_s.append(self._clock.now_s())
+        return MAX_SAMPLE_AGE_S + float(np.median(np.diff(times_s)))
+
     def release(self) -> None:
         """Stop the stream."""
         self._force.stop()
 
     def move(self, target_mm: Point, feed_mm_min: float, over_n: float) -> bool:
-        """Make one straight move; return True if a force over over_n ended it."""
+        """Make one straight move; return True if a force over over_n ended it.
+
+        No part of it is sent without a look at the newest sample, however slow the link is.
+        """
+        contact = False
+
+        def is_contact() -> bool:
+            nonlocal contact
+            contact = contact or self._force_size_n() > over_n
+            return contact
+
         try:
-            end_s = self._clock.now_s() + self.stage.start_move(target_mm, feed_mm_min)
-            while (left_s := end_s - self._clock.now_s()) > 0:
-                if self._force_size_n() > over_n:
-                    self.stage.cancel()
-                    self.stage.stop()
-                    return True
-                self.stage.listen(min(PROBE_POLL_S, left_s))
-            self.stage.wait()
-            return self._force_size_n() > over_n
+            self.stage.start_move(target_mm, feed_mm_min)
+            self.stage.wait(is_contact)
+            return is_contact()
         except BaseException:
             self.stage.cancel()
             raise
@@ -78,8 +98,14 @@ class ForceProbe:
         return np.asarray(self._since(self._clock.now_ns(), PROBE_MEAN_S).mean(axis=0))
 
     def _force_size_n(self) -> float:
-        """Read samples; return the magnitude of the mean force of the last ones."""
-        self._read()
+        """Read to the newest sample; return the magnitude of the mean force of the last ones."""
+        end_s = self._clock.now_s() + CATCH_UP_S
+        while (age_s := self._clock.now_s() - self._read().t_ns[-1] / 1e9) > MAX_SAMPLE_AGE_S:
+            if self._clock.now_s() > end_s:
+                raise SensorError(
+                    f"the link is too slow: the newest force sample is {age_s:.2f} s old, "
+                    f"{MAX_SAMPLE_AGE_S:g} s are allowed"
+                )
         size = float(np.linalg.norm(self._tail_n.mean(axis=0)))
         self.peak_n = max(self.peak_n, size)
         return size

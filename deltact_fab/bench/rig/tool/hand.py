@@ -211,10 +211,10 @@ class HandSession:
         if asks:
             homed = self.stage.homed
             place = position_text(self.stage.position_mm()) if homed else "not homed"
-        force_n = None if watch.stream is None else watch.stream.force_n
         force = "no force sensor, no guard"
         if watch.stream is not None:
-            force = "..." if force_n is None else "F {:+.2f} {:+.2f} {:+.2f} N".format(*force_n)
+            force_n = watch.stream.newest_n(self.stage.clock.now_ns())
+            force = "F {:+.2f} {:+.2f} {:+.2f} N".format(*force_n) if force_n else "no new force"
         return f"{place} | step {self.step_mm:g} mm | {force} | {time.strftime('%H:%M:%S')}"
 
 

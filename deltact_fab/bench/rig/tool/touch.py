@@ -22,7 +22,7 @@ from ...protocols.motion import WALL_CLOCK_PACE, StageConfig, move_duration_s
 from ..interface import move_to
 from ..run.contact import end_contact
 from ..tables import TouchConfig
-from .feeler import PROBE_MEAN_S, PROBE_POLL_S, PROBE_SETTLE_S, PROBE_TARE_S, ForceProbe
+from .feeler import PROBE_TARE_S, ForceProbe, rest_duration_s
 
 # Decision 0033; by hand: finer steps and more poses fit better, and take longer and go deeper.
 DESCENT_STRIDE_MM = 0.5
@@ -35,6 +35,7 @@ TRAVEL_FEED_MM_MIN = 300.0
 MIN_NOISE_RATIO = 5.0  # threshold over the noise
 MIN_CONTACT_POSES = 3  # below the face
 MAX_FORCE_RATIO = 5.0  # largest force over the threshold, however few the poses
+MAX_UNSEEN_MM = 0.3  # from a contact to its stop
 CANDIDATE_COUNT = 200
 SEARCH_ROUNDS = 4
 
@@ -67,28 +68,32 @@ class FaceTouch:
         )
 
 
-def tool_change_s(stage: StageConfig, touch: TouchConfig | None, park_mm: float) -> float:
+def tool_change_s(
+    stage: StageConfig, touch: TouchConfig | None, park_mm: float, sample_s: float
+) -> float:
     """Duration of `ForceTouch.find` from the height of a change and back; 0 without [touch].
 
-    Assumes the face at its expected height.
+    Assumes the face at its expected height. sample_s: period of the force sensor.
     """
     if touch is None:
         return 0.0
     feed, high_mm = touch.feed_mm_min, max(park_mm, touch.clear_mm)
+    stride_mm, low_mm = DESCENT_STRIDE_MM, touch.clear_mm
     steps = round((BACK_OFF_MM + STEP_START_MM) / TOUCH_STEP_MM) + MIN_CONTACT_POSES
-    moves = (  # how many, how far, how fast
-        ((high_mm - touch.clear_mm) / DESCENT_STRIDE_MM, DESCENT_STRIDE_MM, LOWERING_RATIO * feed),
-        (touch.clear_mm / DESCENT_STRIDE_MM, DESCENT_STRIDE_MM, feed),
-        (touch.repeats, BACK_OFF_MM, TRAVEL_FEED_MM_MIN),
-        (touch.repeats, STEP_START_MM, TRAVEL_FEED_MM_MIN),
-        (touch.repeats * steps, TOUCH_STEP_MM, feed),
-        (1, high_mm, TRAVEL_FEED_MM_MIN),
+    moves = (  # how many, how far, how fast, period of looks
+        ((high_mm - low_mm) / stride_mm, stride_mm, LOWERING_RATIO * feed, sample_s),
+        (low_mm / stride_mm, stride_mm, feed, sample_s),
+        (touch.repeats, BACK_OFF_MM, TRAVEL_FEED_MM_MIN, 0.0),
+        (touch.repeats, STEP_START_MM, TRAVEL_FEED_MM_MIN, 0.0),
+        (touch.repeats * steps, TOUCH_STEP_MM, feed, sample_s),
+        (1, high_mm, TRAVEL_FEED_MM_MIN, 0.0),
     )
     limits = stage.max_feed_mm_min, stage.acceleration_mm_s2
-    beyond_s = WALL_CLOCK_PACE.move_s
-    moving_s = sum(n * (move_duration_s((0, 0, mm), f, *limits) + beyond_s) for n, mm, f in moves)
-    rest_s = PROBE_SETTLE_S + PROBE_MEAN_S + PROBE_POLL_S
-    return PROBE_TARE_S + moving_s + touch.repeats * (steps + 1) * rest_s
+    moving_s = 0.0
+    for n, length_mm, feed_mm_min, look_s in moves:  # a look waits for a sample, the last at rest
+        move_s = move_duration_s((0, 0, length_mm), feed_mm_min, *limits) + WALL_CLOCK_PACE.move_s
+        moving_s += n * (max(move_s, look_s) + look_s)
+    return PROBE_TARE_S + moving_s + touch.repeats * (steps + 1) * rest_duration_s(sample_s)
 
 
 class ForceTouch:
@@ -148,6 +153,13 @@ class ForceTouch:
                 f"the sensor's noise is {noise_n:.3f} N (1 sigma), too much for touch.force_n = "
                 f"{self._config.force_n:g} N; set at least {noise_n * MIN_NOISE_RATIO:.2g} N, or "
                 "remove vibrations"
+            )
+        delay_s, feed = self._feeler.delay_s(), self._config.feed_mm_min
+        if (unseen_mm := delay_s * feed / 60) > MAX_UNSEEN_MM:
+            raise SensorError(
+                f"the link is too slow: a stop comes {delay_s:.2f} s after the contact, "
+                f"{unseen_mm:.2f} mm deeper at touch.feed_mm_min = {feed:g}; set at most "
+                f"{int(MAX_UNSEEN_MM / delay_s * 60)}, or use a quicker cable or force sensor"
             )
         return noise_n
 
