@@ -96,6 +96,9 @@ def test_board_check_home_and_jog_agree(
                 act()
         assert not stage.trust_count()
         assert not stage.homed
+        if refused == "home":  # nor does the next command trust what is counted
+            stage.connect()
+            assert not stage.trust_count()
         assert bench.sent() <= {*INNOCENT, *([b"$H\n"] if refused == "home" else [])}
         return
     stage.home()

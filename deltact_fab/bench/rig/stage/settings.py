@@ -250,9 +250,9 @@ class Limits:
     def move_refusal(self, start_mm: Point, target_mm: Point, feed_mm_min: float) -> str:
         """Refuse a straight move, machine mm: its target or its feed."""
         delta_mm = subtract_vectors(target_mm, start_mm)
-        return self._target_refusal(start_mm, target_mm) or self.feed_refusal(delta_mm, feed_mm_min)
+        return self.target_refusal(start_mm, target_mm) or self.feed_refusal(delta_mm, feed_mm_min)
 
-    def _target_refusal(self, start_mm: Point, machine_mm: Point) -> str:
+    def target_refusal(self, start_mm: Point, machine_mm: Point) -> str:
         """Refuse a target that is not finite, or to which an axis moves out of the travel."""
         if not all(math.isfinite(p) for p in machine_mm):
             return f"target {machine_mm} mm (machine) is not finite"
