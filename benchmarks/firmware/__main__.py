@@ -129,7 +129,7 @@ def beliefs(program: list[str], folder: Path) -> Iterator[tuple[str, str]]:
     def unhomed(stage: GrblStage) -> str:
         stage.connect()
         state = stage.report().state
-        if stage.lift(25.0, 300.0) or stage.trust_count():
+        if stage.lift(25.0, 300.0) is not None or stage.trust_count():
             return f"WRONG: moved in {state}"
         return f"{state}: nothing lifts, no count is trusted"
 

@@ -38,8 +38,8 @@ def main() -> None:
         print("end done", flush=True)
     except StageError as why:
         lifted = False
-        with suppress(StageError):
-            lifted = stage.rescue(CLEAR_MM, 600.0)
+        with suppress(StageError), stage.recovery() as at_mm:
+            lifted = at_mm is not None and stage.lift(CLEAR_MM - at_mm[2], 600.0) is not None
         print(f"end {'lifted' if lifted else 'in the gel'}: {why}", flush=True)
 
 

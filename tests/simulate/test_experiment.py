@@ -111,7 +111,7 @@ def test_interrupt_lifts_tip_and_keeps_frames(mini: tuple[Path, Path], tmp_path:
         if what.endswith("shear-x+"):
             raise KeyboardInterrupt
 
-    with pytest.raises(RunFailed, match=r"shear-x\+; the tip was lifted"):
+    with pytest.raises(RunFailed, match=r"shear-x\+; the tip was (lifted|raised) by"):
         run_experiment(
             RunRequest(str(mini[0]), str(mini[1]), tmp_path / "r", progress=press_ctrl_c)
         )
@@ -124,7 +124,7 @@ def test_interrupt_lifts_tip_and_keeps_frames(mini: tuple[Path, Path], tmp_path:
 def test_overload_stops_and_lifts(mini: tuple[Path, Path], tmp_path: Path) -> None:
     weak = tmp_path / "weak.toml"
     weak.write_text(mini[1].read_text().replace("[25.0, 25.0, 35.0]", "[25.0, 25.0, 0.5]"))
-    with pytest.raises(RunFailed, match=r"saturated .*the tip was lifted"):
+    with pytest.raises(RunFailed, match=r"saturated .*the tip was (lifted|raised) by"):
         run_experiment(RunRequest(str(mini[0]), str(weak), tmp_path / "r"))
     run = open_run(tmp_path / "r")
     # Between two frames, and what was felt until then is kept.

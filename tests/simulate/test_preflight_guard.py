@@ -16,7 +16,7 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.simulate.experiment.request import RunRequest
 from deltact_fab.simulate.preflight.peaks import Peak, predict_peaks
-from deltact_fab.simulate.preflight.rule import ForceLimits, force_checks, limits_of
+from deltact_fab.simulate.preflight.rule import ForceLimits, force_checks, limits_of, stop_checks
 
 SENSOR = load_design("deltact")
 KEYS = ("[guard] force_n", "the guard, 0.8 of [force] range_nmm")
@@ -101,3 +101,24 @@ def test_only_a_real_rig_has_guard(tmp_path: Path) -> None:
     rig.write_text(text + "[guard]\nforce_n = 30.0\n")
     with pytest.raises(InputError, match=r"bench.toml: guard: the limit 30 of Fx"):
         RunRequest("smoke", str(rig)).forces()
+
+
+@pytest.mark.parametrize(
+    ("trip_n", "range_n", "press", "approach"),
+    [(2.0, 90.0, "pass", "pass"), (5.0, 70.0, "pass", "warn"), (60.0, 60.2, "fail", "warn")],
+)
+def test_late_stop_is_held_against_ranges(
+    peaks: list[Peak], trip_n: float, range_n: float, press: str, approach: str
+) -> None:
+    protocol = plan.load_protocol("smoke")[0]
+    steps = [
+        replace(step, feed_mm_min=1200.0) if step.kind == "approach" else step
+        for step in plan.expand_protocol(protocol)
+    ]
+    stage = config.load_rig("virtual")[0].stage
+    stage = stage.model_copy(update={"acceleration_mm_s2": (100.0,) * 3})
+    guarded = replace(limits(GuardLimits((trip_n,) * 3)), sensor_n=(range_n,) * 3, stage_n=None)
+    rows = {row.id: row for row in stop_checks(peaks, steps, stage, guarded)}
+    assert (rows["stop.press"].status, rows["stop.approach"].status) == (press, approach)
+    assert "approach at 1200 mm/min stopped 3.20 mm late" in rows["stop.approach"].reason
+    assert stop_checks(peaks, steps, stage, replace(guarded, guard=None)) == []

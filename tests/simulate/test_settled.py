@@ -101,7 +101,7 @@ def test_interrupted_settling_is_repeated_on_resume(
             raise KeyboardInterrupt
 
     monkeypatch.setattr(VirtualClock, "sleep_s", press_ctrl_c)
-    with pytest.raises(RunFailed, match=r"stopped by the operator .* the tip was lifted"):
+    with pytest.raises(RunFailed, match=r"by the operator .* the tip was (lifted|raised) by"):
         run_experiment(RunRequest(*files, tmp_path / "r", seed=3))
     run = open_run(tmp_path / "r")
     assert run.events().iloc[-1]["step_id"] == stop.step_id

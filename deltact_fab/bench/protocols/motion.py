@@ -41,6 +41,13 @@ LOCKSTEP_PACE = RigPace(connect_s=1.3, move_s=ARRIVAL_DELAY_S, frames_s=STATUS_I
 # move_s: median on GRBL 1.1h at 115200 baud. frames_s: camera period, force sample, position.
 WALL_CLOCK_PACE = RigPace(connect_s=2.0, move_s=0.023, frames_s=0.03)
 
+STOP_DELAY_S = 0.06
+"""Measured on GRBL 1.1h: from the guard's byte to braking; at 1200 mm/min and 100 mm/s2 the way is
+2.9 to 3.0 mm, by these figures 3.2."""
+UNTOUCHED_STOP_MM = 0.25
+"""By hand: longest way of a stop in a descent towards a face that was not touched yet. Shorter is
+slower; of a stiff tip's force little is added."""
+
 SEEK_MM_S = 10.0  # by hand: typical homing seek ($25); only scales the estimate
 HOMING_SWITCH_S = 2.0  # by hand: second approach and pull-off
 
@@ -138,6 +145,27 @@ class StageConfig(Table):
     """Force that the axes x, y, z exert without losing steps; required for a press. A NEMA
     17 motor with 0.2 N m left at speed, on a screw of 8 mm lead with 40 % efficiency: 2 pi x 0.4 x
     0.2 / 0.008 = 63 N. MEASURE with a scale."""
+
+    emergency_stop: bool = False
+    """True: a latching switch cuts the supply of the motors, within reach and tested. `rig check`
+    warns until it is declared."""
+
+    def stopping_mm(self, feed_mm_min: float) -> float:
+        """Way along z to rest after a stop is due: STOP_DELAY_S at the feed, then braking."""
+        speed = feed_mm_min / 60
+        return speed * STOP_DELAY_S + speed**2 / (2 * self.acceleration_mm_s2[2])
+
+    def stop_force_n(self, trip_n: float, feed_mm_min: float, n_per_mm15: float) -> float:
+        """Force at rest after a trip of the guard in a descent; F = k d^1.5, Hertz."""
+        depth_mm = (trip_n / n_per_mm15) ** (2 / 3) + self.stopping_mm(feed_mm_min)
+        return float(n_per_mm15 * depth_mm**1.5)
+
+    @property
+    def descent_feed_mm_min(self) -> float:
+        """Largest feed towards a face that was not touched yet."""
+        accel = self.acceleration_mm_s2[2]
+        delay_s = STOP_DELAY_S
+        return 60 * accel * (math.sqrt(delay_s**2 + 2 * UNTOUCHED_STOP_MM / accel) - delay_s)
 
     @property
     def frame(self) -> StageFrame:

@@ -369,20 +369,27 @@ def load_protocol(name: str, by_hand: bool = False) -> tuple[Protocol, Path]:
     return protocol, path
 
 
-def expand_protocol(protocol: Protocol, air: bool = False) -> list[Step]:
+def expand_protocol(
+    protocol: Protocol, air: bool = False, descent_feed_mm_min: float = math.inf
+) -> list[Step]:
     """Expand a protocol into all steps in order.
 
     Ids read `indenter/position/depth/leg`; a press is indenter/position.
 
     air: raise all targets to the clearance plane, so that nothing is touched; steps, ids and
-    frames stay the same.
+    frames stay the same. descent_feed_mm_min: largest feed downwards until the face was touched,
+    which a change of indenter ends with; in air it never is.
     """
-    steps = list(_steps(protocol))
-    if not air:
-        return steps
-    floor_mm = protocol.motion.clearance_mm
-    lifted = ((x, y, max(z, floor_mm)) for x, y, z in (s.target_mm for s in steps))
-    return [replace(s, target_mm=p) for s, p in zip(steps, lifted, strict=True)]
+    floor_mm = protocol.motion.clearance_mm if air else -math.inf
+    steps, height_mm = [], math.inf
+    for step in _steps(protocol):
+        x, y, z = step.target_mm
+        z, feed = max(z, floor_mm), step.feed_mm_min
+        if z < height_mm and (air or step.kind == "change"):
+            feed = min(feed, descent_feed_mm_min)
+        steps.append(replace(step, target_mm=(x, y, z), feed_mm_min=feed))
+        height_mm = z
+    return steps
 
 
 def _steps(protocol: Protocol) -> Iterator[Step]:

@@ -20,7 +20,7 @@ from .camera.model import load_view, open_camera, view_notes
 from .config import GrblConfig
 from .force.guard import GuardLimits
 from .force.watchdog import Watchdog, open_guarded
-from .interface import Camera, OpenBench, Rig, RigKind, RigSetup, WallClock
+from .interface import CONTACT_N, Camera, OpenBench, Rig, RigKind, RigSetup, WallClock
 from .stage.grbl import GrblStage
 from .tables import TouchConfig
 from .tool.tooling import Tooling
@@ -123,9 +123,10 @@ class GrblRig(Rig):
         park_mm = job.protocol.motion.park_mm
         with ExitStack() as stack:
             stack.callback(stage.close)
+            contact_n = CONTACT_N if config.touch is None else config.touch.force_n
             force: Watchdog | None = None
             if config.force is not None and config.force.reachable:
-                force = open_guarded(config.force, config.guard, stage)
+                force = open_guarded(config.force, config.guard, stage, contact_n)
                 stack.callback(force.close)
             elif not job.air:
                 raise InputError(
@@ -146,6 +147,7 @@ class GrblRig(Rig):
                 change_indenter=self._tooling.change_indenter,
                 guard=force,
                 begin=self._tooling.begin,
+                contact_n=contact_n,
                 change_s=0.0 if job.air else tool_change_s(config.stage, config.touch, park_mm),
                 wall_clock=True,
             )

@@ -12,6 +12,7 @@ import numpy as np
 
 from deltact_fab.common import Check, DeltactFabError, InputError, SensorError, Status, graded
 
+from ..protocols.motion import UNTOUCHED_STOP_MM
 from .bench import missing_tables
 from .camera.model import calibrated_camera, open_camera, raw_size_px
 from .config import GrblConfig
@@ -29,6 +30,7 @@ MIN_MEAN_GREY = 16  # of 255
 MIN_SAMPLE_RATE_SHARE = 0.98  # of the box's rate
 MAX_REST_SHARE = 0.01  # of the range: mean after the tare, standard deviation at rest
 RANGE_TOLERANCE = 0.02  # relative, box against rig file
+STIFF_N_PER_MM15 = 5.6  # Hertz' law for a ball of 10 mm and twice the modulus of the paper's gel
 SLOW_DEVICE = "try a shorter exposure, another fourcc or a faster port"
 SLOW_SENDER = "the sender is slow, or this computer is busy"
 AUTO_KEYS = {"exposure": "auto_exposure", "gain": None, "white_balance_k": "auto_white_balance"}
@@ -48,6 +50,7 @@ def check_rig(config: GrblConfig, folder: Path, seconds: float) -> Iterator[Chec
     else:
         text = "no [camera]: a protocol with the channel image is refused"
         yield _row("camera", "table", "warn", text)
+    yield from _stop_rows(config)
     yield from _press_rows(config)
 
 
@@ -69,6 +72,28 @@ def _stage_rows(config: GrblConfig) -> Iterator[Check]:
     if refused and not any(row.failed for row in stage.setting_checks):
         remedy = "check its power and cable, [stage] port and baud, and that no other program has"
         yield _row("stage", "connection", "fail", refused, f"{remedy} the port")
+
+
+def _stop_rows(config: GrblConfig) -> Iterator[Check]:
+    """Rows for the way of a stop, and for the switch that stops without software."""
+    stage, feed = config.stage, config.stage.max_feed_mm_min[2]
+    slow = stage.descent_feed_mm_min
+    text = (
+        f"at {feed:g} mm/min a stop takes {stage.stopping_mm(feed):.2f} mm; towards a face not "
+        f"touched yet at most {slow:.0f} mm/min, {UNTOUCHED_STOP_MM:g} mm"
+    )
+    yield _row("stage", "stop", "pass", text)
+    if config.force is not None and config.force.reachable:
+        trip_n = GuardLimits.from_config(config.guard, config.force).force_n[2]
+        forces = (stage.stop_force_n(trip_n, f, STIFF_N_PER_MM15) for f in (feed, slow))
+        text = "the guard's {:.1f} N end at {:.1f} N, and at {:.1f} N".format(trip_n, *forces)
+        yield _row("stage", "stop-force", "pass", f"{text}, with sphere:10 on a stiff gel")
+    if not stage.emergency_stop:
+        yield _row(
+            "stage", "emergency-stop", "warn", "[stage] emergency_stop is not declared",
+            "install a latching switch in the supply of the motors, test it, and write "
+            "emergency_stop = true",
+        )  # fmt: skip
 
 
 def _press_rows(config: GrblConfig) -> Iterator[Check]:

@@ -90,6 +90,25 @@ class ForceSamples:
         return np.asarray(self.counts[:, 3:] / self.per_unit[3:], float)
 
 
+@dataclass(frozen=True)
+class StopCommands:
+    """Bytes by which a process with the stage's port stops it, and lifts the tip.
+
+    cancel: ends a move; hold: ends any motion, if the first did not. ask: requests the status,
+    which begins with idle at rest. lift: straight up by lift_mm, within the travel; answered by
+    accepted. lost: begin lines after which nothing may move.
+    """
+
+    cancel: bytes
+    hold: bytes
+    ask: bytes
+    idle: bytes
+    lift: bytes
+    accepted: bytes
+    lift_mm: float
+    lost: tuple[bytes, ...]
+
+
 class Stage(Protocol):
     """A motion stage in sensor coordinates, with its own limits."""
 
@@ -98,23 +117,27 @@ class Stage(Protocol):
     motion."""
 
     @property
+    def descent_feed_mm_min(self) -> float:
+        """Largest feed towards a face that was not touched yet."""
+
+    @property
     def homed(self) -> bool:
         """True if positions are known: homed since it was connected, and no fault since."""
 
     def connect(self) -> None: ...
     def home(self) -> None: ...
-    def lift(self, height_mm: float, feed_mm_min: float) -> bool:
+    def lift(self, height_mm: float, feed_mm_min: float) -> float | None:
         """Go straight up along machine z, by height_mm or to the top of the travel.
 
         Works before homing: a controller that is not locked counts its steps, and up is away from
-        the face. Returns False, without motion, if it is locked.
+        the face. Returns the distance (mm); None, without motion, if it is locked.
         """
 
-    def rescue(self, height_mm: float, feed_mm_min: float) -> bool:
-        """After a StageError go straight up to that height (sensor frame), if that is safe.
+    def recovery(self) -> AbstractContextManager[tuple[float, float, float] | None]:
+        """After a StageError let `lift` work in a block; yield the tip position (sensor frame).
 
-        Only if the controller rests within 10 s and has kept its count; else returns False, without
-        motion. Positions are lost in both cases. Raises StageError.
+        A lost port is opened again. Yields None if the controller does not rest within 10 s with
+        its count kept. Positions are lost afterwards. Raises StageError.
         """
 
     def check_moves(self, moves: Iterable[tuple[Point, float]]) -> None:
@@ -154,10 +177,13 @@ class Stage(Protocol):
         """
 
     def cancel(self) -> None:
-        """Only write the byte that ends the present motion: from any thread."""
+        """Only write the byte that ends the present move: from any thread."""
 
-    def share(self, hold: Callable[[int | None, bytes], None]) -> None:
-        """Pass descriptor (None before closing) and stop byte to `hold`, now and on changes."""
+    def hold(self) -> None:
+        """Only write the byte that ends any motion, also one that `cancel` did not end."""
+
+    def share(self, hold: Callable[[int | None, StopCommands], None]) -> None:
+        """Pass descriptor (None before closing) and commands to `hold`, now and on changes."""
 
     def abort(self) -> None:
         """Halt at once, losing the position, and never raise: for a signal handler."""
@@ -237,19 +263,16 @@ class Guard(Protocol):
         """Raise the limits while the tip is lifted after a trip."""
 
 
-LIFT_FEED_MM_MIN = 120.0  # by hand: slow enough for a gel that sticks
+# By hand: slow enough for a gel that sticks; on the last tare more is a contact, or the sensor was
+# never tared.
+LIFT_FEED_MM_MIN = 120.0
+CONTACT_N = 0.3
 
 
 def move_to(stage: Stage, target_mm: Point, feed_mm_min: float) -> None:
     """Make one straight move (sensor frame). Raises InputError, StageError."""
     stage.start_move(target_mm, feed_mm_min)
     stage.wait()
-
-
-def rise(stage: Stage, height_mm: float, feed_mm_min: float) -> None:
-    """Go straight up to that height; stay if the tip is higher. Raises as `move_to`."""
-    x, y, z = stage.position_mm()
-    move_to(stage, (x, y, max(z, height_mm)), feed_mm_min)
 
 
 class WallClock:
@@ -281,6 +304,8 @@ class Devices:
     a text for the record."""
     change_s: float = 0.0
     """Planned duration of `change_indenter`."""
+    contact_n: float = CONTACT_N
+    """Force above which the tip counts as in contact."""
     wall_clock: bool = False
     """True: real time, with a thread per device; False: one scheduler steps all devices."""
 

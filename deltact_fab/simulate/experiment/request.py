@@ -67,7 +67,8 @@ class RunRequest:
         self.protocol, self.source = load_protocol(self.protocol_name, by_hand=True)
         self.rig, self.rig_path = load_rig(self.rig_name)
         self.design = load_design(self.protocol.specimen.design)
-        self.steps = expand_protocol(self.protocol, self.air)
+        limits_mm_min = () if self.rig.simulated else (self.rig.stage.descent_feed_mm_min,)
+        self.steps = expand_protocol(self.protocol, self.air, *limits_mm_min)
         self.kind = rig_kind(self.rig, self.rig_path)
         if self.protocol.weights is not None and self.rig.kind == "grbl":
             for option in ("unattended", "air"):
@@ -155,8 +156,9 @@ class RunRequest:
         loads = peaks.predict_peaks(self.protocol, self.design, origin_mm, self.progress, solve)
         if loads is None:
             return None
-        plate = rule.plate_checks(loads, self.design, declared.simulated)
-        return loads, rule.force_checks(loads, declared) + plate
+        rows = rule.force_checks(loads, declared)
+        rows += rule.stop_checks(loads, self.steps, self.rig.stage, declared)
+        return loads, rows + rule.plate_checks(loads, self.design, declared.simulated)
 
     def _static_rows(self) -> list[Check]:
         """All checks but those of the forces, shared by check and run."""

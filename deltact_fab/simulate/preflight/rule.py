@@ -10,6 +10,7 @@ import math
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,7 @@ from deltact_fab.bench import (
     Protocol,
     RigConfig,
     RunEstimate,
+    StageConfig,
     Step,
     raw_size_px,
 )
@@ -116,6 +118,39 @@ def force_checks(peaks: Sequence[Peak], limits: ForceLimits) -> list[Check]:
                 text = f"{label} as predicted, {key}"
             status = graded(limits.simulated or not fails, warns=load > limit)
             rows.append(Check.at_most(id, name, text, round(load, 1), limit, press, status))
+    return rows
+
+
+def stop_checks(
+    peaks: Sequence[Peak], steps: Sequence[Step], stage: StageConfig, limits: ForceLimits
+) -> list[Check]:
+    """Return a row of the force after the guard has stopped the fastest descent of each kind.
+
+    After its trip the tip goes on by `stopping_mm`; the force grows as depth^1.5, with twice the
+    modulus. An approach meets the face only where it is not expected, and warns.
+    """
+    bounds = [limit for limit in (limits.sensor_n, limits.stage_n) if limit is not None]
+    if limits.guard is None or not bounds:
+        return []
+    limit_n, rows = min(bound[2] for bound in bounds), []
+    trip_n = min(limits.guard.force_n[2], limits.guard.resultant_n)
+    high = [MODULUS_FACTOR * peak.normal_n / peak.depth_mm**1.5 for peak in peaks]
+    stiffness, press = worst_press(high, peaks)
+    for id, kinds in (("press", ("press",)), ("approach", ("change", "travel", "approach"))):
+        moves = [(a, b) for a, b in pairwise(steps) if b.kind in kinds]
+        feeds = [b.feed_mm_min for a, b in moves if b.target_mm[2] < a.target_mm[2]]
+        if not feeds:
+            continue
+        feed, late_mm = max(feeds), stage.stopping_mm(max(feeds))
+        force_n = stage.stop_force_n(trip_n, feed, stiffness)
+        fails = stage.stop_force_n(trip_n, feed, stiffness / MODULUS_FACTOR) > limit_n
+        status = graded(id == "approach" or not fails, warns=force_n > limit_n)
+        label = f"{id} at {feed:.4g} mm/min stopped {late_mm:.2f} mm late, {HIGH_TEXT} (N)"
+        rows.append(
+            Check.at_most(
+                f"stop.{id}", "force after a stop", label, round(force_n, 1), limit_n, press, status
+            )
+        )
     return rows
 
 

@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
-from http.server import BaseHTTPRequestHandler, HTTPServer
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,7 @@ from deltact_fab.sensor import SensorDimensions, camera_toml
 from .bench_face import BenchFace
 from .clock import VirtualClock
 from .controller import GrblController
-from .netft import BoxFaults, NetFTBox, Wrenches
+from .netft import RDT_COMMAND, BoxFaults, NetFTBox, Wrenches
 from .picture import FrameRenderer, PictureGeometry
 from .pty import PtyCable
 
@@ -77,13 +77,15 @@ class NetFTServer(AbstractContextManager["NetFTServer"]):
             server = self
 
             class BoxPageHandler(BaseHTTPRequestHandler):
+                timeout = SILENCE_LIMIT_S
+
                 def do_GET(self) -> None:
                     server._answer(self)
 
                 def log_message(self, format: str, *args: object) -> None:
                     """Nothing is printed."""
 
-            self._http = HTTPServer((self.host, 0), BoxPageHandler)
+            self._http = ThreadingHTTPServer((self.host, 0), BoxPageHandler)
         except OSError:
             self._udp.close()
             raise
@@ -124,7 +126,9 @@ class NetFTServer(AbstractContextManager["NetFTServer"]):
             ready = select.select([udp], [], [], min(max(wait_s, 0.0), POLL_S))[0]
             clock.advance_to_ns(time.monotonic_ns())
             if ready:
-                command, client = udp.recvfrom(64)
+                command, sender = udp.recvfrom(64)
+                if len(command) == RDT_COMMAND.size:  # no STUN, which any web page can send
+                    client = sender
                 box.send(command)
             while client is not None and (data := box.pop_due()) is not None:
                 if self._on_send is not None:

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltact_fab.bench.protocols import plan
+from deltact_fab.bench.protocols.motion import UNTOUCHED_STOP_MM, StageConfig
 from deltact_fab.bench.protocols.plan import Protocol
 from deltact_fab.common import catalog
 from deltact_fab.common.errors import InputError
@@ -38,6 +39,32 @@ def test_path_returns_to_centre_per_axis() -> None:
     assert shear[1].target_mm == (-1.0, -2.0, -0.5)
     assert shear[2].target_mm == (1.0, -2.0, -0.5)
     assert shear[3].target_mm == (1.0, 0.0, -0.5)
+
+
+@pytest.mark.parametrize("air", [False, True])
+def test_descents_to_untouched_face_are_slow(air: bool) -> None:
+    usual = plan.expand_protocol(declare(), air)
+    slow = {s.id: s for s in plan.expand_protocol(declare(), air, 150.0)}
+    changed = [s.id for s in usual if slow[s.id].feed_mm_min != s.feed_mm_min]
+    assert changed == ["sphere-10/change", *(["sphere-10/p1/rest"] if air else [])]
+    assert {slow[id].feed_mm_min for id in changed} == {150.0}
+
+
+@pytest.mark.parametrize(("accel", "late_mm"), [(50.0, 5.2), (100.0, 3.2), (1000.0, 1.4)])
+def test_stop_takes_delay_and_braking(accel: float, late_mm: float) -> None:
+    stage = catalog.validate(
+        StageConfig,
+        {
+            "origin_machine_mm": [-60.0, -60.0, -40.0], "travel_mm": [120.0, 120.0, 60.0],
+            "max_feed_mm_min": [1500.0, 1500.0, 1200.0], "acceleration_mm_s2": [accel] * 3,
+        },
+        "rig.toml",
+    )  # fmt: skip
+    assert stage.stopping_mm(1200.0) == pytest.approx(late_mm)
+    assert stage.stopping_mm(stage.descent_feed_mm_min) == pytest.approx(UNTOUCHED_STOP_MM)
+    assert stage.stop_force_n(8.0, 1200.0, 2.8) == pytest.approx(
+        2.8 * ((8.0 / 2.8) ** (2 / 3) + late_mm) ** 1.5
+    )
 
 
 def test_stop_is_captured_once_after_settling() -> None:

@@ -144,7 +144,7 @@ def test_sigterm_lifts_and_keeps_the_record(tmp_path: Path) -> None:
     assert out == ""
     line = next(told for told in err.splitlines() if not told.startswith("run: "))
     assert line.startswith("deltact-fab: stopped by the operator in ")
-    assert "the tip was lifted" in line
+    assert "the tip was raised by" in line
     assert line.endswith("complete presses are kept: continue with --resume")
     assert open_run(tmp_path / "r").events()["kind"].iloc[-1] == "stop"
 

@@ -160,7 +160,7 @@ def test_stage_at_switch_lifts_and_homes(at_mm: tuple[float, float, float]) -> N
         bench.grbl.write(line)
         bench.clock.sleep_s(90.0)
     bench.stage.connect()
-    assert bench.stage.lift(25.0, 120.0)
+    assert bench.stage.lift(25.0, 120.0) is not None
     assert bench.grbl.position_mm()[2] == pytest.approx(max(at_mm[2], min(at_mm[2] + 25.0, -1.0)))
     bench.stage.home()
     assert bench.grbl.position_mm() == (-1.0, -1.0, -1.0)

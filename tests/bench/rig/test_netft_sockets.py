@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
@@ -54,6 +55,34 @@ def until(sensor: NetFTSensor, what: Callable[[ForceSamples], bool]) -> list[For
         if what(parts[-1]):
             return parts
     raise AssertionError("waited 10 s for nothing")
+
+
+# ---- strangers ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "data", [b"", b"short", b"\0\1" + bytes(18)], ids=["empty", "short", "STUN"]
+)
+def test_foreign_datagram_takes_no_stream(data: bytes) -> None:
+    with NetFTServer(Hand()) as box:
+        sensor = opened(box)
+        sensor.begin("p1")
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+            for _ in range(3):
+                stranger.sendto(data, (box.host, box.rdt_port))
+                until(sensor, lambda s: len(s.force_n) > 0)
+            stranger.settimeout(0.1)
+            with pytest.raises(TimeoutError):
+                stranger.recv(64)
+        sensor.close()
+
+
+def test_idle_connections_block_no_page() -> None:
+    """A browser opens connections in advance, on which nothing comes."""
+    with NetFTServer(Hand()) as box, ExitStack() as idle:
+        for _ in range(6):
+            idle.enter_context(socket.create_connection((box.host, box.http_port)))
+        assert fetch_settings(way(box)).rate_hz > 0
 
 
 # ---- our client ---------------------------------------------------------------------------------

@@ -26,6 +26,7 @@ pytestmark = [
 
 REST = """
 max_force_n = [60.0, 60.0, 60.0]
+emergency_stop = true
 [force]
 range_n = [25.0, 25.0, 35.0]
 [force.netft]

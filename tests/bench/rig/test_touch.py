@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from felt import Bench, bench
@@ -72,8 +74,8 @@ def fails(it: Bench, config: TouchConfig = QUICK, name: str = "sphere:10") -> st
         found(it, name, config)
     text = str(why.value)
     assert "\n" not in text
-    assert text.endswith("the tip was lifted")
-    assert it.stage.position_mm()[2] == pytest.approx(10.0, abs=0.002)
+    assert re.search(r"the tip was lifted by \d+\.\d\d mm, force 0\.\d\d N$", text)
+    assert it.stage.position_mm()[2] >= 9.998
     return text
 
 
@@ -138,7 +140,7 @@ def test_sensor_failure_stops_the_approach() -> None:
             receive(timeout_s)[:0] if it.clock.now_s() > dead_s else receive(timeout_s)
         )
     )
-    with pytest.raises(SensorError, match="the tip was lifted"):
+    with pytest.raises(SensorError, match=r"raised by .* contact unknown: no force reading"):
         found(it, "sphere:10")
     moved_after = [s for s in it.grbl.segments if s.start_ns / 1e9 > dead_s + 1.0]
     assert all(s.end_mm[2] >= s.start_mm[2] for s in moved_after)

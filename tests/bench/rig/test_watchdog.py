@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from deltact_fab.bench.rig.force.guard import GuardLimits
 from deltact_fab.bench.rig.force.watchdog import Watchdog
+from deltact_fab.bench.rig.stage.grbl import GRBL_COMMANDS
 from deltact_fab.bench.rig.tables import ForceConfig, NetFTConfig
 from deltact_fab.common.errors import SensorError
 from deltact_fab.simulate.virtual.served import NetFTServer
@@ -64,7 +65,7 @@ def read_on(watchdog: Watchdog) -> None:
 def test_guard_process_from_start_to_end(bench: Bench) -> None:
     """One after the other, as each start of a process takes a second."""
     watchdog = Watchdog(bench.config, LIMITS)
-    watchdog.hold(bench.written, b"!")
+    watchdog.hold(bench.written, GRBL_COMMANDS)
     os.close(bench.written)
 
     watchdog.begin("p")
@@ -72,7 +73,7 @@ def test_guard_process_from_start_to_end(bench: Bench) -> None:
     assert watchdog.read().force_n[-1] == pytest.approx((0, 0, 0))
     assert not watchdog.tripped
     bench.push_n = -6.0
-    assert bench.heard() == b"!"  # nobody has asked for a sample
+    assert bench.heard() == b"\x85"  # nobody has asked for a sample
     while not watchdog.tripped:
         samples = watchdog.read()
     assert "Fz = -6.00 N, over the guard's 5 N" in watchdog.tripped
@@ -80,7 +81,7 @@ def test_guard_process_from_start_to_end(bench: Bench) -> None:
     with watchdog.easing():
         bench.quiet()
         bench.push_n = -9.0
-        assert bench.heard() == b"!"  # more than a lift out of the gel may feel
+        assert bench.heard() == b"\x85"  # more than a lift out of the gel may feel
     bench.push_n = 0.0
     while watchdog.read().force_n[-1, 2] < 0:
         pass
@@ -99,7 +100,7 @@ def test_guard_process_from_start_to_end(bench: Bench) -> None:
 
     # Silence stops the stage, and a start makes it good.
     bench.box.faults.silent = True
-    assert bench.heard() == b"!"
+    assert bench.heard() == b"\x85"
     with pytest.raises(SensorError, match="no sample within 1000 ms"):
         read_on(watchdog)
     bench.box.faults.silent = False
@@ -109,7 +110,7 @@ def test_guard_process_from_start_to_end(bench: Bench) -> None:
     bench.quiet()
 
     # It lets go of the port, and goes on watching.
-    watchdog.hold(None, b"!")
+    watchdog.hold(None, GRBL_COMMANDS)
     assert os.read(bench._port, 1) == b""  # nobody else has it
     bench.push_n = -6.0
     while not watchdog.tripped:
@@ -126,9 +127,10 @@ import os, sys, time
 from deltact_fab.bench.rig.config import ForceConfig
 from deltact_fab.bench.rig.force.guard import GuardLimits
 from deltact_fab.bench.rig.force.watchdog import Watchdog
+from deltact_fab.bench.rig.stage.grbl import GRBL_COMMANDS
 if __name__ == "__main__":
     watchdog = Watchdog(ForceConfig.model_validate_json(sys.argv[1]), GuardLimits((5.0,) * 3))
-    watchdog.hold(int(sys.argv[2]), b"!")
+    watchdog.hold(int(sys.argv[2]), GRBL_COMMANDS)
     watchdog.start()
     print("up", flush=True)
     time.sleep(60)
@@ -142,7 +144,7 @@ def test_killed_program_stops_the_stage(bench: Bench) -> None:
         assert program.stdout is not None
         assert program.stdout.readline() == b"up\n"
         program.kill()
-    assert bench.heard() == b"!"
+    assert bench.heard() == b"\x85"
 
 
 def test_unreachable_box_reported_as_in_program(bench: Bench) -> None:

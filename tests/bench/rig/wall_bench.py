@@ -154,5 +154,14 @@ def wall_bench(
             folder,
             it,
             server,
-            Devices(clock, stage, seeing, force, lambda name: None, guard, wall_clock=True),
+            Devices(
+                clock,
+                stage,
+                seeing,
+                force,
+                lambda name: None,
+                guard,
+                contact_n=1.0,
+                wall_clock=True,
+            ),
         )

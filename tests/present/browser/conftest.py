@@ -21,6 +21,8 @@ FLAGS = [
     "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking",
     "--disable-component-update", "--disable-sync", "--use-gl=angle", "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
+    # A name for pages of a stranger, whose requests go to this computer.
+    "--host-resolver-rules=MAP stranger.test 127.0.0.1",
 ]  # fmt: skip
 
 

@@ -11,6 +11,7 @@ import hosted
 import pytest
 from hosted import FEED_MM_MIN, MACHINE_MM, TARGET_MM
 
+from deltact_fab.bench.rig.run.contact import end_contact
 from deltact_fab.bench.rig.stage.grbl import GrblStage
 from deltact_fab.common.errors import StageError
 from deltact_fab.sensor.optics.camera import StageFrame
@@ -225,9 +226,19 @@ def test_refused_settings_block_homing() -> None:
     assert bench.sent()[-1] == b"\x85"
 
 
-@pytest.mark.parametrize("fault", ["lost ok", "false banner", "false alarm", "silence that ends"])
+def lifted_mm(bench: Bench) -> float | None:
+    """Height above the face after a lift to 5 mm at least; None without one."""
+    with bench.stage.recovery() as at_mm:
+        if at_mm is None or bench.stage.lift(5.0 - at_mm[2], 300.0) is None:
+            return None
+    return bench.grbl.position_mm()[2] - MACHINE_MM[2] + TARGET_MM[2]
+
+
+@pytest.mark.parametrize(
+    "fault", ["lost ok", "false banner", "false alarm", "silence that ends", "cable back"]
+)
 def test_tip_lifts_if_position_is_kept(fault: str) -> None:
-    bench = Bench()
+    bench = Bench(resets_on_open="cable" not in fault)
     bench.stage.start_move((0.0, 0.0, 1.0), FEED_MM_MIN)
     bench.stage.wait()
     if fault == "lost ok":
@@ -237,17 +248,54 @@ def test_tip_lifts_if_position_is_kept(fault: str) -> None:
         bench.clock.sleep_s(1.5)
     if fault == "silence that ends":
         bench.drop(b"")
+    elif "cable" in fault:
+        bench.link.unplug(for_s=4.0)
     elif fault != "lost ok":
         bench.insert(b"ALARM:1\r\n" if "alarm" in fault else b"\r\nGrbl 1.1h ['$' for help]\r\n")
-    with pytest.raises(StageError, match=": stop sent"):
+    with pytest.raises(StageError, match=" continues" if "cable" in fault else ": stop sent"):
         bench.stage.start_move((0.0, 0.0, -2.0), 60.0) if "ok" in fault else bench.stage.wait()
     assert bench.grbl.position_mm()[2] > MACHINE_MM[2] - 6.7  # short of the end, at 7
     bench.grbl.clear_line_faults()
-    assert bench.stage.rescue(5.0, 300.0)
-    assert bench.grbl.position_mm() == pytest.approx(MACHINE_MM, abs=0.002)
+    assert lifted_mm(bench) == pytest.approx(5.0, abs=0.002)
     with pytest.raises(StageError, match="no motion after a fault"):
         bench.stage.start_move(TARGET_MM, FEED_MM_MIN)
     bench.stage.home()
+
+
+def in_the_gel(bench: Bench) -> Bench:
+    """In a slow press, 1.5 s after its start."""
+    bench.stage.start_move((0.0, 0.0, 0.0), FEED_MM_MIN)
+    bench.stage.wait()
+    bench.stage.start_move((0.0, 0.0, -3.0), 60.0)
+    bench.stage.listen(1.5)
+    return bench
+
+
+def test_late_jog_is_waited_for() -> None:
+    bench = in_the_gel(Bench())
+    waits = bench.stage.identity()["waits"]
+    bench.grbl.fault("late jog")
+    bench.stage.wait()
+    assert bench.stage.position_mm()[2] == pytest.approx(-3.0, abs=0.002)
+    assert bench.stage.identity()["waits"] > waits
+    assert b"error:8" in b"".join(data for _, who, data in bench.trace if who != "host")
+
+
+@pytest.mark.parametrize("state", ["Jog", "Run"])
+def test_stop_ends_every_state(state: str) -> None:
+    bench = in_the_gel(Bench())
+    if state == "Run":
+        bench.grbl.fault("late jog")
+        while bench.grbl.state != "Run":
+            bench.stage.listen(0.005)
+    at_mm = bench.grbl.position_mm()[2]
+    bench.stage.cancel()
+    felt = iter((4.0, 0.01))
+    outcome = end_contact(bench.stage, lambda: next(felt))
+    assert outcome == "the tip was lifted by 3.00 mm, force 0.01 N"
+    lowest_mm = min(segment.end_mm[2] for segment in bench.grbl.segments)
+    assert lowest_mm > at_mm - 0.25
+    assert bench.stage.homed, "the count is kept"
 
 
 @pytest.mark.parametrize("fault", ["reboot", "limit", "cable", "silence"])
@@ -263,7 +311,7 @@ def test_no_lift_if_position_uncertain(fault: str) -> None:
         bench.stage.wait()
     bench.clock.sleep_s(30)
     before_s, before_mm = bench.clock.now_s(), bench.grbl.position_mm()
-    assert not bench.stage.rescue(5.0, 300.0)
+    assert lifted_mm(bench) is None
     assert bench.grbl.position_mm() == before_mm
     assert bench.clock.now_s() - before_s < 12
 
@@ -271,10 +319,10 @@ def test_no_lift_if_position_uncertain(fault: str) -> None:
 def test_second_homing_trips_no_switch() -> None:
     bench = Bench()
     for _ in range(5):
-        assert bench.stage.lift(25.0, 300.0)
+        assert bench.stage.lift(25.0, 300.0) is not None
         bench.stage.home()
     assert bench.grbl.position_mm() == (-1.0, -1.0, -1.0)
     bench.stage.start_move(TARGET_MM, FEED_MM_MIN)
     bench.stage.wait()
-    assert bench.stage.lift(100.0, 300.0)
+    assert bench.stage.lift(100.0, 300.0) == pytest.approx(34.0)
     assert bench.grbl.position_mm()[2] == -1.0

@@ -19,6 +19,7 @@ from .netft import NoteCounts
 GUARD_SHARE = 0.8  # of the sensor's range, where the rig file sets no limit
 BYTE_PERIOD_NS = 20_000_000  # between two stop bytes
 BYTE_REPEAT_NS = 100_000_000  # the byte is repeated at least so long after a trip
+GROWTH_NS = 40_000_000  # a force that grows so long after the byte: it was not heard
 EASE_RATIO = 1.25  # of the peak: limit while the tip is lifted after a trip
 GUARD_AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 
@@ -85,7 +86,8 @@ class ForceGuard:
     lasts until `rearm`: the stop byte is repeated while samples are over the limit, because GRBL
     ignores one that arrives before its jog has begun.
 
-    stop: writes the byte that ends the present motion.
+    stop: writes the byte that ends the present move. hold: writes the one that ends any motion;
+    used once if the force still grows GROWTH_NS after a trip.
     behind_s: on the wall clock, a guard whose newest sample stays older than that for as long
     again is blind, and stops the stage; a shorter delay is only counted in `tally`.
     None: ages are not checked, as in lockstep.
@@ -95,6 +97,7 @@ class ForceGuard:
     limits: GuardLimits
     clock: Clock
     behind_s: float | None = None
+    hold: Callable[[], None] | None = None
 
     def __post_init__(self) -> None:
         limits = self.limits
@@ -102,6 +105,7 @@ class ForceGuard:
         self._peak = np.zeros(7)  # since the trip: six axes and the resultant
         self._easing = False
         self._byte_ns = 0
+        self._held = False  # the other byte was written
         self._behind_ns: int | None = None  # time since samples are old
         self.tally = NoteCounts()
         self.trip: Trip | None = None
@@ -120,6 +124,7 @@ class ForceGuard:
         bad = (sizes > self._bounds).any(axis=1) | samples.saturated
         if bad.any():
             self._trip_on(samples, sizes, int(bad.argmax()))
+            self._hold_if_growing(float(sizes[-1, 6]))
             self._peak = np.maximum(self._peak, sizes.max(axis=0))
         elif (
             self.trip is not None
@@ -141,6 +146,7 @@ class ForceGuard:
         self.trip = None
         self._peak = np.zeros(7)
         self._byte_ns = 0
+        self._held = False
         self._behind_ns = None
 
     @contextmanager
@@ -193,6 +199,15 @@ class ForceGuard:
         else:
             reason = f"resultant force {sizes[k, 6]:.2f} N, over the guard's {self._bounds[6]:g} N"
         self.trip = Trip(reason, int(samples.t_ns[k]), self._byte_ns)
+
+    def _hold_if_growing(self, force_n: float) -> None:
+        """Write the other stop byte, once per trip, if the first one does not end the motion."""
+        if self._held or self.trip is None or self.hold is None:
+            return
+        since_ns = self.clock.now_ns() - self.trip.byte_ns
+        if since_ns > GROWTH_NS and force_n > self._peak[6]:
+            self.hold()
+            self._held = True
 
     def _write(self) -> None:
         """Write the stop byte, at most every BYTE_PERIOD_NS."""

@@ -3,19 +3,22 @@
 Sharing the interpreter lock with encoders costs the guard tens of milliseconds. This process only
 reads samples and writes the stop byte; the program asks it for the samples. It shares the open
 port of the stage, since opening it again would restart an Arduino. If the program dies, it stops
-the stage.
+the stage and, if a press was on, lifts the tip until nothing is felt.
 """
 
 from __future__ import annotations
 
 import gc
+import math
 import os
+import select
 import signal
 import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
@@ -24,9 +27,9 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.common import DeltactFabError, InputError, Note, SensorError
+from deltact_fab.common import DeltactFabError, Field, InputError, Note, SensorError
 
-from ..interface import Clock, ForceSamples, ForceSensor, Stage, WallClock
+from ..interface import CONTACT_N, Clock, ForceSamples, ForceSensor, Stage, StopCommands, WallClock
 from ..tables import ForceConfig, GuardConfig
 from .guard import ForceGuard, GuardLimits, Trip
 from .netft import SENSOR_SILENT_S, NetFTSensor
@@ -39,6 +42,10 @@ MAX_BATCHES = 10_000  # kept unread; then the oldest is dropped
 MAX_ANSWER_SAMPLES = 1000  # per answer, unless one batch has more
 REALTIME_PRIORITY = 10  # SCHED_FIFO, of 1 to 99: over ordinary threads, below the system's
 NICE_LEVEL = -10  # decision 0031
+# By hand, after the program's death: five lifts leave any gel; a stage rests within the first.
+ORPHAN_LIFTS = 5
+ORPHAN_REST_S = 10.0
+ORPHAN_ANSWER_S = 0.5
 
 
 def raise_priority() -> str:
@@ -83,7 +90,10 @@ class Watchdog:
     Raises as `open_force`.
     """
 
-    def __init__(self, config: ForceConfig, limits: GuardLimits) -> None:
+    def __init__(
+        self, config: ForceConfig, limits: GuardLimits, contact_n: float = CONTACT_N
+    ) -> None:
+        """contact_n: force above which the tip is lifted if the program dies in a press."""
         parent_end, child_end = socket.socketpair()
         with child_end:
             command = [sys.executable, "-m", __name__, str(child_end.fileno())]
@@ -99,15 +109,15 @@ class Watchdog:
         self.trip: Trip | None = None
         """Trip of the guard at the last answer."""
         try:
-            self._request("open", config, limits)
+            self._request("open", config, limits, contact_n)
         except BaseException:
             self.close()
             raise
 
-    def hold(self, port: int | None, stop: bytes) -> None:
-        """Write the stop byte to that descriptor from now on; None: release it."""
+    def hold(self, port: int | None, commands: StopCommands) -> None:
+        """Stop the stage through that descriptor from now on; None: release it."""
         with suppress(SensorError):
-            self._request("hold", stop, port is not None, port=port)
+            self._request("hold", commands, port is not None, port=port)
 
     def begin(self, stream: str) -> None:
         self._request("begin", stream)
@@ -187,12 +197,15 @@ class Watchdog:
         return answer
 
 
-def open_guarded(config: ForceConfig, guard: GuardConfig | None, stage: Stage) -> Watchdog:
+def open_guarded(
+    config: ForceConfig, guard: GuardConfig | None, stage: Stage, contact_n: float = CONTACT_N
+) -> Watchdog:
     """Open the sensor of a rig file together with the guard that stops the stage.
 
-    Raises as `open_force`, and InputError for a limit that the sensor cannot measure.
+    contact_n: as for `Watchdog`. Raises as `open_force`, and InputError for a limit that the sensor
+    cannot measure.
     """
-    force = Watchdog(config, GuardLimits.from_config(guard, config))
+    force = Watchdog(config, GuardLimits.from_config(guard, config), contact_n)
     stage.share(force.hold)
     return force
 
@@ -201,20 +214,69 @@ def open_guarded(config: ForceConfig, guard: GuardConfig | None, stage: Stage) -
 
 
 class _StopLine:
-    """Descriptor of the stage's port, and the stop byte."""
+    """Descriptor of the stage's port, and the commands that stop it."""
 
     port: int | None = None
-    stop = b""
+    commands: StopCommands | None = None
 
     def cancel(self) -> None:
-        with suppress(OSError):
-            if self.port is not None:
-                os.write(self.port, self.stop)
+        if self.commands is not None:
+            self._write(self.commands.cancel)
 
-    def hold(self, port: int | None, stop: bytes) -> None:
+    def hold(self) -> None:
+        if self.commands is not None:
+            self._write(self.commands.hold)
+
+    def use(self, port: int | None, commands: StopCommands) -> None:
         if self.port is not None:
             os.close(self.port)
-        self.port, self.stop = port, stop
+        self.port, self.commands = port, commands
+
+    def rests(self, meanwhile: Callable[[], None]) -> bool:
+        """Wait until the stage rests; False if it does not, or after a reset or an alarm.
+
+        Only for a port that no program reads any more.
+        """
+        assert self.commands is not None
+        return self._ask(self.commands.ask, self.commands.idle, meanwhile, ORPHAN_REST_S)
+
+    def lift(self, meanwhile: Callable[[], None]) -> bool:
+        """Begin one lift; False if it is refused."""
+        assert self.commands is not None
+        return self._ask(self.commands.lift, self.commands.accepted, meanwhile, 0.0)
+
+    def _ask(
+        self, request: bytes, wanted: bytes, meanwhile: Callable[[], None], limit_s: float
+    ) -> bool:
+        """Write a request, until limit_s again, and wait for the wanted answer to the last one."""
+        assert self.commands is not None
+        heard = self._read()  # left by the program
+        end_s = time.monotonic() + limit_s
+        while True:
+            self._write(request)
+            answer_s, answer = time.monotonic() + ORPHAN_ANSWER_S, b""
+            while wanted not in answer and time.monotonic() < answer_s:
+                meanwhile()
+                answer += self._read()
+            if any(text in heard + answer for text in self.commands.lost):
+                return False
+            if wanted in answer or time.monotonic() > end_s:
+                return wanted in answer
+
+    def _read(self) -> bytes:
+        data = b""
+        with suppress(OSError):
+            while self.port is not None and select.select([self.port], [], [], 0)[0]:
+                part = os.read(self.port, 4096)
+                if not part:
+                    break
+                data += part
+        return data
+
+    def _write(self, data: bytes) -> None:
+        with suppress(OSError):
+            if self.port is not None:
+                os.write(self.port, data)
 
 
 class _Server:
@@ -230,7 +292,7 @@ class _Server:
         self._clock = WallClock()
         self._stop_line = _StopLine()
         self._easing = ExitStack()
-        self._streaming = False
+        self._streaming = self._pressing = self._eased = False  # pressing: from a tare to a stop
         self._batches: list[ForceSamples] = []
         self._error: SensorError | None = None
         self._read_pending = False  # a read waits for samples
@@ -259,22 +321,55 @@ class _Server:
         finally:
             if not closed:
                 self._stop_line.cancel()
+                if self._pressing and self._guard is not None:
+                    self._lift_orphan(self._guard)
             if self._guard is not None:
                 self._force.close()
 
-    def do_open(self, config: ForceConfig, limits: GuardLimits) -> None:
-        self._force = open_force(config, self._clock)
+    def _lift_orphan(self, guard: ForceGuard) -> None:
+        """Lift the tip of a program that died in a press, while it is felt; tell the outcome."""
+        line, risen_mm, force_n = self._stop_line, 0.0, 0.0
+
+        def watch() -> None:
+            nonlocal force_n
+            if self._streaming:
+                self._poll_sensor()
+            force_n = math.inf if self._error else float(np.linalg.norm(self._newest_n()))
+
+        with guard.easing():
+            for _ in range(ORPHAN_LIFTS):
+                watch()
+                rests = line.rests(watch)
+                if not (rests and self._contact_n < force_n < math.inf and line.lift(watch)):
+                    break
+                assert line.commands is not None
+                risen_mm += line.commands.lift_mm
+            else:
+                line.rests(watch)
+        if risen_mm or force_n > self._contact_n:
+            felt = "no force reading" if force_n == math.inf else f"force {force_n:.2f} N"
+            done = f"lifted by {risen_mm:.0f} mm" if risen_mm else "NOT lifted"
+            text = f"the program died in a press: the tip was {done}, {felt}"
+            print(f"deltact-fab guard: {text}", file=sys.stderr, flush=True)
+
+    def _newest_n(self) -> Field:
+        """Mean force (3,) of the newest batch, N."""
+        return np.asarray(self._batches[-1].force_n.mean(axis=0)) if self._batches else np.zeros(3)
+
+    def do_open(self, config: ForceConfig, limits: GuardLimits, contact_n: float) -> None:
+        self._force, self._contact_n = open_force(config, self._clock), contact_n
         silent_s = SENSOR_SILENT_S if config.netft is None else config.netft.silent_s
-        self._guard = ForceGuard(self._stop_line.cancel, limits, self._clock, 2 * silent_s)
+        line = self._stop_line
+        self._guard = ForceGuard(line.cancel, limits, self._clock, 2 * silent_s, line.hold)
         gc.freeze()
 
-    def do_hold(self, stop: bytes, follows: bool) -> None:
+    def do_hold(self, commands: StopCommands, follows: bool) -> None:
         port = socket.recv_fds(self._ports, 1, 1)[1][0] if follows else None
-        self._stop_line.hold(port, stop)
+        self._stop_line.use(port, commands)
 
     def do_begin(self, stream: str) -> None:
         self._force.begin(stream)
-        self._batches, self._error, self._streaming = [], None, True
+        self._batches, self._error, self._streaming, self._pressing = [], None, True, True
 
     def do_start(self) -> None:
         self._force.start()
@@ -282,6 +377,7 @@ class _Server:
 
     def do_stop(self) -> None:
         self._streaming = False
+        self._pressing = self._pressing and self._eased  # a lift ends the press
         self._force.stop()
         self._batches, self._error = [], None
 
@@ -295,6 +391,7 @@ class _Server:
     def do_ease(self, on: bool) -> None:
         assert self._guard is not None
         self._easing.close()
+        self._eased = on
         if on:
             self._easing.enter_context(self._guard.easing())
 

@@ -1,9 +1,9 @@
 """Runs the steps of a protocol on a rig, and journals each of them.
 
-An operator's interrupt (Ctrl-C, SIGTERM, SIGHUP) or any failure except the stage's own stops the
-motion and lifts the tip; a second interrupt resets the controller and ends the process. After an
-error of the stage the tip is lifted only if the controller kept its count. Complete presses of the
-record are skipped. Data recorded before a failure are kept.
+An operator's interrupt (Ctrl-C, SIGTERM, SIGHUP) or any failure stops the motion and lifts the tip
+until nothing is felt; a second interrupt resets the controller and ends the process. After a fault
+that loses the position the tip is lifted only if the controller kept its count. Complete presses of
+the record are skipped. Data recorded before a failure are kept.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from deltact_fab.common import (
 
 from ...protocols.plan import Step
 from ...record.writer import RunWriter
-from ..interface import LIFT_FEED_MM_MIN, Devices, OpenBench, rise
+from ..interface import Devices, OpenBench
+from .contact import end_contact
 from .loop import interruptible
 from .schedule import N_DROPPED, N_LATE, N_MISSED, N_TAKEN, N_UNWRITTEN, Schedule
 from .streams import FrameRequest
@@ -128,10 +129,6 @@ class Runner:
                 raise
             assert self._remaining is not None
             self._remaining.finished(i)
-        except StageError as error:
-            lifted = self._rescue(lift_to_mm)
-            self._cut_off(step, "fault", f"{error}; {lifted}")
-            raise type(error)(f"{error} ({lifted})") from error
         except BaseException as error:
             # The tip may be in the gel: lift it after any error.
             lifted = self._lift(lift_to_mm)
@@ -186,37 +183,9 @@ class Runner:
         streams.finish(step, planned_s, start_ns, last)
 
     def _lift(self, height_mm: float) -> str:
-        """Stop, then go straight up to the clearance plane; return the outcome.
-
-        A stage that has lost its position refuses to move.
-        """
-        stage = self._stage
-        try:
-            stage.stop()
-            with self._streams.lifting():
-                rise(stage, height_mm, LIFT_FEED_MM_MIN)
-        except KeyboardInterrupt:
-            stage.stop()
-            return "the lift was stopped by the operator"
-        except DeltactFabError as error:
-            return f"the tip could NOT be lifted: {error}"
-        return "the tip was lifted"
-
-    def _rescue(self, height_mm: float) -> str:
-        """Lift the tip after a fault of the stage if its count is kept; return the outcome."""
-        try:
-            with self._streams.lifting():
-                if self._stage.rescue(height_mm, LIFT_FEED_MM_MIN):
-                    return "the controller kept its position: the tip was lifted"
-        except KeyboardInterrupt:
-            self._stage.abort()
-            return "the lift was stopped by the operator"
-        except DeltactFabError as error:
-            return f"the tip could NOT be lifted: {error}"
-        return (
-            "the tip was NOT lifted and may be in the gel: switch the motors off and turn z up by "
-            "hand"
-        )
+        """End a contact, at least at the clearance plane; return the outcome."""
+        with self._streams.lifting() as felt_n:
+            return end_contact(self._stage, felt_n, self._d.contact_n, height_mm)
 
     def _go(self, step: Step) -> None:
         self._streams.enter(step)

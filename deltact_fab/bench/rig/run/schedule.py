@@ -19,6 +19,7 @@ from ...protocols.plan import Step
 from ...record.streams import Chunk
 from ...record.writer import RunWriter
 from ..interface import CameraFrame, Devices
+from .contact import FeltForce, streaming
 from .streams import ForceStream, FrameRequest, FrameStream, PoseStream
 
 POSE_PERIOD_NS = to_ns(STATUS_INTERVAL_S)
@@ -117,11 +118,17 @@ class Schedule:
         return report
 
     @contextmanager
-    def lifting(self) -> Iterator[None]:
-        """Lift without force feedback, also when the sensor failed."""
+    def lifting(self) -> Iterator[FeltForce]:
+        """Lift with the force sensor read at rest only; yields its force."""
         with suppress(DeltactFabError):
             self._stop_force()
-        yield
+        force = self._d.force
+
+        def felt_n() -> float | None:
+            with streaming(self._d.clock, force) as felt:
+                return felt()
+
+        yield felt_n
 
     def close(self) -> list[str]:
         """End threads; return the names of those that did not end in time."""

@@ -11,13 +11,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 
 from deltact_fab.common import DeltactFabError, RunFailed, SensorError, to_ns
 
 from ...protocols.plan import Step
 from ...record.writer import RunWriter
 from ..interface import Devices
+from .contact import FeltForce, mean_force_n
 from .loop import LOOP_ANSWER_S, LOOP_END_S, Loop
 from .schedule import POSE_PERIOD_NS, Schedule
 from .streams import FrameRequest
@@ -111,18 +112,25 @@ class ThreadedSchedule(Schedule):
         return report
 
     @contextmanager
-    def lifting(self) -> Iterator[None]:
-        """Lift with the guard's limits raised slightly above the peak."""
+    def lifting(self) -> Iterator[FeltForce]:
+        """Lift with the guard's limits raised slightly above the peak; yields the force."""
         self._ending = True
-        guard = self._d.guard
-        if self._force_loop is None or self.force is None or guard is None:
-            yield
+        guard, loop, stream, clock = self._d.guard, self._force_loop, self.force, self._d.clock
+        if loop is None or stream is None:
+            yield lambda: None
             return
-        self.force.lifting, self.force.keeping = True, False
-        with guard.easing():
+        stream.lifting, stream.keeping = True, False
+
+        def felt_n() -> float | None:
+            found: list[float | None] = [None]
+            with suppress(SensorError):
+                loop.ask(lambda: found.append(mean_force_n(clock, stream.force)), LOOP_ANSWER_S)
+            return found[-1]
+
+        with guard.easing() if guard is not None else nullcontext():
             with suppress(SensorError):  # a failed sensor does not prevent the lift
-                self._force_loop.ask(lambda: None, LOOP_ANSWER_S, going=True)
-            yield
+                loop.ask(stream.force.start, LOOP_ANSWER_S, going=True)
+            yield felt_n
 
     def close(self) -> list[str]:
         """End the threads, each after its present step."""

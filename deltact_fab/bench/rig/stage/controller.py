@@ -282,29 +282,46 @@ class Controller:
                 self.port.write(JOG_CANCEL if name == "Jog" else FEED_HOLD)
 
     def idle_again(self, limit_s: float) -> StageState | None:
-        """Wait for rest after a fault, sending stops; None if it does not come to rest."""
+        """Wait for rest after a fault, sending stops; None if it does not rest with its count.
+
+        Opens a lost port again; ends Hold and a door that was closed, as `rest` does.
+        """
         deadline = self.port.deadline_ns(limit_s)
-        while self.port.is_open and self.port.now_ns() < deadline:
-            state = self.talk.peek_status()
-            name = "" if state is None else state.state.partition(":")[0]
-            if state is not None and name == "Idle":
-                self.move, self.stopping = None, False
-                return state
-            if name not in ("", "Jog", "Run"):
+        while self.port.now_ns() < deadline:
+            try:
+                if not self.port.is_open:
+                    self.port.open()
+                state = self.talk.peek_status()
+                if state is None:
+                    continue
+                name = state.state.partition(":")[0]
+                if name == "Idle":
+                    self.move, self.stopping = None, False
+                    return state
+                if state.state in HELD_STATES:
+                    self._release(state, counted=True)
+                elif name in ("Jog", "Run"):
+                    self.port.write(JOG_CANCEL if name == "Jog" else FEED_HOLD)
+                elif name not in ("Hold", "Door") or state.state == "Door:1":
+                    return None
+            except TalkFault:
                 return None
-            if name:
-                self.port.write(JOG_CANCEL if name == "Jog" else FEED_HOLD)
-                self.clock.sleep_s(POLL_END_S)
+            except (LinkLost, StageError):
+                self.port.close()
+            self.clock.sleep_s(POLL_END_S)
         return None
 
-    def _release(self, held_state: StageState) -> None:
-        """End Hold, or Door with the door closed, by a reset, which keeps the position at rest."""
+    def _release(self, held_state: StageState, counted: bool = False) -> None:
+        """End Hold, or Door with the door closed, by a reset, which keeps the position at rest.
+
+        counted: check that it did, also for a position that is not trusted now.
+        """
         reset_due = self.reset_due
         for text in self.reset():
             if text.startswith("ALARM:"):
                 raise TalkFault(f"{explain(text, ALARM_TEXTS)}; home again", position_lost=True)
         self.reset_due = reset_due
-        if self.homed:
+        if self.homed or counted:
             new_state = self.status()
             unmoved = self.limits.same_place(held_state.machine_mm, new_state.machine_mm)
             if not unmoved or new_state.state.startswith("Alarm"):

@@ -97,6 +97,14 @@ class TalkFault(Exception):
         self.position_lost = position_lost
 
 
+class LineRefused(TalkFault):
+    """A line was answered by an error. number: of the error."""
+
+    def __init__(self, line: str, text: str) -> None:
+        super().__init__(f"{line} was refused: {explain(text, ERROR_TEXTS)}")
+        self.number = text.partition(":")[2]
+
+
 class NoAnswer(TalkFault):
     """A line was not answered in time by ok or an error."""
 
@@ -243,7 +251,7 @@ class Talk:
         if self.posted is not None and (text == "ok" or text.startswith("error:")):
             (line, _), self.posted = self.posted, None
             if text != "ok":
-                raise TalkFault(f"{line} was refused: {explain(text, ERROR_TEXTS)}")
+                raise LineRefused(line, text)
         _raise_for_event(text)
 
     def _read_until_quiet(self) -> list[str]:

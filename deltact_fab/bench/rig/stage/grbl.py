@@ -20,23 +20,31 @@ called from any thread, and then only write.
 
 from __future__ import annotations
 
+import math
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from typing import Any, ClassVar, Self
 
 from deltact_fab.common import Check, InputError, Point, to_ns
 from deltact_fab.sensor import StageFrame
 
 from ...protocols.motion import StageConfig
-from ..interface import Clock, StageState
+from ..interface import LIFT_FEED_MM_MIN, Clock, StageState, StopCommands
 from . import jogs
-from .controller import JOG_CANCEL, PIECE_S, PLANNED_AHEAD_S, Controller
-from .exchange import SETTING_PATTERN, SOFT_RESET, TalkFault, state_text
+from .controller import FEED_HOLD, JOG_CANCEL, PIECE_S, PLANNED_AHEAD_S, Controller
+from .exchange import SETTING_PATTERN, SOFT_RESET, LineRefused, TalkFault, state_text
 from .port import Cable
 from .settings import Limits, as_commanded, check_firmware, check_settings, first_failure
 
 RESCUE_S = 10.0  # wait for an answer after a fault; decision 0073
 FACE_CLEARANCE_MM = 1.0  # above the expected face a move is clear; decision 0073
+ORPHAN_LIFT_MM = 2.0  # by hand: per command of a process that does not track the position
+GRBL_COMMANDS = StopCommands(
+    JOG_CANCEL, FEED_HOLD, b"?", b"<Idle",
+    f"$J=G91G21Z{ORPHAN_LIFT_MM:g}F{LIFT_FEED_MM_MIN:g}\n".encode(), b"ok", ORPHAN_LIFT_MM,
+    (b"ALARM", b"Grbl", b"<Alarm", b"error", b"<Sleep", b"<Door"),
+)  # fmt: skip
 
 
 class GrblStage:
@@ -211,7 +219,8 @@ class GrblStage:
                 return  # no move was begun
             self._c.move = None
             if self._c.talk.posted is not None:  # a line read after the byte starts a new jog
-                self._c.talk.settle(jogs.JOG_ANSWER_S)
+                with suppress(LineRefused):  # by a jog that was begun as Run
+                    self._c.talk.settle(jogs.JOG_ANSWER_S)
                 self._c.port.write(JOG_CANCEL)
             self._c.rest()
             self._c.stopping = False
@@ -220,9 +229,12 @@ class GrblStage:
         self._c.cancelled = True
         self._c.port.write_at_once(SOFT_RESET if self._c.homing else JOG_CANCEL)
 
-    def share(self, hold: Callable[[int | None, bytes], None]) -> None:
-        """Pass on descriptor and stop byte, see Stage; the byte does not stop homing."""
-        self._c.port.share(lambda port: hold(port, JOG_CANCEL))
+    def hold(self) -> None:
+        self._c.port.write_at_once(FEED_HOLD)
+
+    def share(self, hold: Callable[[int | None, StopCommands], None]) -> None:
+        """Pass on descriptor and commands, see Stage; their bytes do not stop homing."""
+        self._c.port.share(lambda port: hold(port, GRBL_COMMANDS))
 
     def abort(self) -> None:
         """Only write the reset byte: for a signal handler.
@@ -253,13 +265,17 @@ class GrblStage:
         self._c.port.close()
 
     @property
+    def descent_feed_mm_min(self) -> float:
+        return math.inf if self._config is None else self._config.descent_feed_mm_min
+
+    @property
     def homed(self) -> bool:
         return self._c.homed and not self._c.trouble
 
-    def lift(self, height_mm: float, feed_mm_min: float) -> bool:
+    def lift(self, height_mm: float, feed_mm_min: float) -> float | None:
         was_homed = self._c.homed
         if not self._take_count():
-            return False
+            return None
         x, y, z = self._c.at_mm
         try:
             top_mm = min(z + height_mm, self._c.limits.ends_mm(2)[1])
@@ -268,19 +284,19 @@ class GrblStage:
                 self.wait()
         finally:
             self._c.homed = self._c.homed and was_homed
-        return True
+        return max(top_mm - z, 0.0)
 
-    def rescue(self, height_mm: float, feed_mm_min: float) -> bool:
-        """Lift after a fault, see Stage; a restarted or alarmed controller is not Idle."""
+    @contextmanager
+    def recovery(self) -> Iterator[Point | None]:
+        """Allow lifts after a fault, see Stage; a restarted or alarmed controller is not Idle."""
         c = self._c
         with c.exchange():
             state = c.idle_again(RESCUE_S)
-        if state is None:
-            return False
-        reason, c.trouble = c.trouble, ""
+        reason = c.trouble
         try:
-            above_mm = height_mm - self.frame.to_sensor_mm(state.machine_mm)[2]
-            return self.lift(max(above_mm, 0.0), feed_mm_min)
+            if state is not None:
+                c.trouble = ""
+            yield None if state is None else self.frame.to_sensor_mm(state.machine_mm)
         finally:
             c.lose_position(reason)
 

@@ -15,6 +15,7 @@ from ...protocols.motion import along_line, move_duration_s, subtract_vectors
 from ..interface import StageState
 from .controller import (
     AHEAD_CLEAR_S,
+    FEED_HOLD,
     JOG_CANCEL,
     PLANNED_AHEAD_S,
     POLL_END_S,
@@ -23,7 +24,7 @@ from .controller import (
     Move,
     in_mm,
 )
-from .exchange import NoAnswer, TalkFault, state_text
+from .exchange import LineRefused, NoAnswer, TalkFault, state_text
 from .settings import AXIS_LETTERS, as_commanded
 
 # Decision 0073; by hand: longer waits overrun in the gel, shorter ones stop a slow controller.
@@ -33,6 +34,7 @@ STATUS_POLL_S = 0.1  # in a move; GRBL's documents ask for at most 10 per second
 MIN_UP_SHARE = 0.9  # upward share of a move that leads away from the face
 HELD_S, HELD_CLEAR_S = 0.03, 0.1  # largest delay in the gel, and clear of the face
 JOG_ATTEMPTS = 3  # for a line without an answer, clear of the face
+ERROR_NOT_IDLE = "8"  # STATUS_IDLE_ERROR of GRBL 1.1
 
 
 def start_move(
@@ -120,7 +122,7 @@ def wait_for_target(c: Controller) -> StageState:
                     raise TalkFault(
                         f"stopped at {in_mm(state.machine_mm)} short of {in_mm(move.target_mm)}"
                     )
-            elif state.state != "Jog":
+            elif state.state not in ("Jog", "Run"):
                 raise TalkFault(
                     f"{state_text(state.state)} during a move to {in_mm(move.target_mm)}, "
                     "expected Jog"
@@ -144,12 +146,38 @@ def listen(c: Controller, seconds: float) -> None:
     while True:
         if c.port.is_open:
             with c.exchange():
-                c.talk.handle_received()
-                send_due_piece(c)
+                try:
+                    c.talk.handle_received()
+                    send_due_piece(c)
+                except LineRefused as refusal:
+                    _wait_for_run(c, refusal)
         left_ns = deadline - c.port.now_ns()
         if left_ns <= 0:
             return
         c.clock.sleep_s(min(left_ns / 1e9, LISTEN_PERIOD_S))
+
+
+def _wait_for_run(c: Controller, refusal: LineRefused) -> None:
+    """Wait for the end of a jog that the controller began as Run, then continue from rest.
+
+    A line read just as the one before it ends is begun so; then jogs and their stop byte are
+    refused. Raises the refusal for any other reason.
+    """
+    move = c.move
+    if move is None or refusal.number != ERROR_NOT_IDLE:
+        raise refusal
+    deadline = c.port.deadline_ns(c.limits.braking_s() + move.ahead_s + STOP_MARGIN_S)
+    while (state := c.status()).state == "Run" and c.port.now_ns() < deadline:
+        if c.cancelled:
+            c.port.write(FEED_HOLD)
+        c.clock.sleep_s(POLL_END_S)
+    if state.state != "Idle":
+        raise refusal
+    c.waits += 1
+    now_ns, axes = c.port.now_ns(), c.limits.axes
+    rest_mm = subtract_vectors(move.target_mm, state.machine_mm)
+    planned_s = move_duration_s(rest_mm, move.feed_mm_min, axes(110), axes(120))
+    c.move = move.remainder(state.machine_mm, now_ns, planned_s)
 
 
 def poll(c: Controller) -> StageState:
@@ -157,15 +185,19 @@ def poll(c: Controller) -> StageState:
     with c.exchange():
         if c.trouble:
             raise TalkFault(c.trouble)
-        state = c.status()
+        try:
+            state = c.status()
+        except LineRefused as refusal:
+            _wait_for_run(c, refusal)
+            state = c.status()
         c.at_mm = state.machine_mm
         c.require_position(state)
         if c.move is not None and state.state in ("Jog", "Idle") and not c.cancelled:
             # A hold ends only one jog: send no other.
             c.cancelled |= c.move.was_held(state, HELD_CLEAR_S if c.clear else HELD_S)
             c.move = c.move.retimed(state)
-        if c.cancelled and state.state == "Jog":  # the byte came before the jog had begun
-            c.port.write(JOG_CANCEL)
+        if c.cancelled and state.state in ("Jog", "Run"):  # it came before the jog, or is not heard
+            c.port.write(JOG_CANCEL if state.state == "Jog" else FEED_HOLD)
         return state
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
+
 import numpy as np
 from numpy.typing import NDArray
 
 from deltact_fab.common import Field, Point, SensorError, to_ns
 
 from ..interface import Clock, ForceSamples, ForceSensor, Guard, Stage
+from ..run.contact import FeltForce, streaming
 
 STREAM_NAME = "touch-off"
 # By hand: longer times average more noise, and make a touch slower and deeper.
@@ -44,6 +47,10 @@ class ForceProbe:
         self._zero_n = samples_n.mean(axis=0)
         self.peak_n = 0.0
         return float(samples_n.std(axis=0).max())
+
+    def felt(self) -> AbstractContextManager[FeltForce]:
+        """Restart the stream with its last tare, for a lift; see `run.contact.streaming`."""
+        return streaming(self._clock, self._force)
 
     def release(self) -> None:
         """Stop the stream."""

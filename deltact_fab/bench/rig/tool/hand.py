@@ -19,7 +19,8 @@ from deltact_fab.sensor import SensorDimensions
 from ...protocols.motion import add_vectors
 from ..config import GrblConfig, load_rig
 from ..force.watchdog import Watchdog, open_guarded
-from ..interface import LIFT_FEED_MM_MIN, ForceSensor, Guard, Stage, WallClock, move_to
+from ..interface import ForceSensor, Guard, Stage, WallClock, move_to
+from ..run.contact import end_contact, lift_after_error, streaming
 from ..run.loop import Watch, interruptible, watch_force
 from ..stage.exchange import state_text
 from ..stage.grbl import GrblStage
@@ -32,7 +33,6 @@ HAND_FEED_MM_MIN = 300.0
 NEAR_FEED_MM_MIN = 30.0  # below the clearance height; decision 0072
 SAME_PLACE_MM = 2e-3
 KEY_STEPS_MM = (0.02, 0.1, 1.0, 10.0)
-TRIP_LIFT_MM = 2.0  # after a trip of the guard
 DISPLAY_PERIOD_S = 0.2
 KEY_HELP = (
     "arrows: x and y   page up, u / page down, d: z   1 2 3 4: steps of 0.02, 0.1, 1, 10 mm   "
@@ -59,8 +59,8 @@ def plan_move(
 ) -> tuple[Point, float]:
     """Return target and feed of a relative straight move (sensor frame); nothing moves.
 
-    Raises InputError for one that, without into_gel, ends below CLEARANCE_MM or goes sideways
-    there; straight up is always allowed.
+    A descent is slow, as the face may be higher than expected. Raises InputError for one that,
+    without into_gel, ends below CLEARANCE_MM or goes sideways there; straight up is always allowed.
     """
     start = stage.position_mm()
     end = add_vectors(start, by_mm)
@@ -68,11 +68,13 @@ def plan_move(
     near = low_mm < CLEARANCE_MM and not up
     if near and not into_gel:
         raise InputError(_too_low(low_mm))
+    if by_mm[2] < 0:
+        feed_mm_min = min(feed_mm_min, stage.descent_feed_mm_min)
     return end, min(feed_mm_min, NEAR_FEED_MM_MIN) if near else feed_mm_min
 
 
 def go_to(stage: Stage, target_mm: Point, feed_mm_min: float, into_gel: bool) -> None:
-    """Go to a position (sensor frame): up to the clearance height, sideways, then down.
+    """Go to a position (sensor frame): up to the clearance height, sideways, then slowly down.
 
     Raises InputError, with nothing sent, for one below CLEARANCE_MM without into_gel, and for a leg
     beyond the limits.
@@ -87,6 +89,8 @@ def go_to(stage: Stage, target_mm: Point, feed_mm_min: float, into_gel: bool) ->
     if math.dist(start[:2], (x, y)) > SAME_PLACE_MM:
         high_mm = max(start[2], CLEARANCE_MM)
         legs = [((*start[:2], high_mm), feed_mm_min), ((x, y, high_mm), feed_mm_min)]
+    if z < high_mm:
+        feed_mm_min = min(feed_mm_min, stage.descent_feed_mm_min)
     if z < CLEARANCE_MM:
         if high_mm > CLEARANCE_MM:
             legs.append(((x, y, CLEARANCE_MM), feed_mm_min))
@@ -195,16 +199,11 @@ class HandSession:
         return f"origin_machine_mm = [{x:.3f}, {y:.3f}, {z:.3f}]  # for [stage] of the rig file"
 
     def _lift_after_trip(self, reason: str) -> None:
-        """Lift the tip a little after a trip, unless the force still grows."""
-        self.tell(f"{reason}; lifting by {TRIP_LIFT_MM:g} mm; q quits, any other key continues")
-        if self.guard is None:
-            return
-        with self.guard.easing():
-            try:
-                self.stage.stop()
-                self.stage.lift(TRIP_LIFT_MM, LIFT_FEED_MM_MIN)
-            except StageError as fault:
-                self.tell(str(fault))
+        """End the contact after a trip."""
+        self.tell(f"{reason}; lifting; q quits, any other key continues")
+        assert self.guard is not None, "without a guard nothing trips"
+        with self.guard.easing(), streaming(self.stage.clock, self.force) as felt_n:
+            self.tell(end_contact(self.stage, felt_n))
         self.guard.rearm()
 
     def _state_line(self, watch: Watch, asks: bool = True) -> str:
@@ -283,7 +282,7 @@ class HandStage:
             )
         with self._connected() as guard:
             self._require_count()
-            with stopped_by_ctrl_c(self._stage), self._watched(guard):
+            with self._moving(guard):
                 move_to(self._stage, *plan_move(self._stage, by_mm, feed_mm_min, into_gel))
             return self._state()
 
@@ -296,13 +295,13 @@ class HandStage:
         controller's count is trusted.
         """
         with self._connected() as guard:
-            with stopped_by_ctrl_c(self._stage):
-                if home_first:
+            if home_first:
+                with stopped_by_ctrl_c(self._stage):
                     self._home(guard, None, tip_is_clear=True)
-                else:
-                    self._require_count()
-                with self._watched(guard):
-                    go_to(self._stage, target_mm, feed_mm_min, into_gel)
+            else:
+                self._require_count()
+            with self._moving(guard):
+                go_to(self._stage, target_mm, feed_mm_min, into_gel)
             return self._state()
 
     def drive_by_keys(
@@ -338,7 +337,8 @@ class HandStage:
                 return f"{out}: {face.line()}"
 
             actions = {"h": home, "r": register}
-            with keys() as key, stopped_by_ctrl_c(stage):
+            lifting = lift_after_error(stage, stage.clock, guard, guard)
+            with keys() as key, interruptible(stage.abort), lifting:
                 HandSession(stage, guard, guard, key, tell, show, into_gel, actions).run()
             return self._state()
 
@@ -361,8 +361,13 @@ class HandStage:
                 stack.callback(guard.close)
             yield guard
 
-    def _watched(self, guard: Watchdog | None) -> AbstractContextManager[object]:
-        return watch_force(self._stage, self._stage.clock, guard, guard)
+    @contextmanager
+    def _moving(self, guard: Watchdog | None) -> Iterator[None]:
+        """Guard a motion; whatever stops it ends a contact of the tip."""
+        stage, clock = self._stage, self._stage.clock
+        lifting = lift_after_error(stage, clock, guard, guard)
+        with interruptible(stage.abort), lifting, watch_force(stage, clock, guard, guard):
+            yield
 
     def _home(
         self, guard: Watchdog | None, operator: TerminalOperator | None, tip_is_clear: bool = False

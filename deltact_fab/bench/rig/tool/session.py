@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from itertools import combinations
@@ -16,25 +16,18 @@ from pathlib import Path
 
 import numpy as np
 
-from deltact_fab.common import (
-    DeltactFabError,
-    InputError,
-    RunFailed,
-    StageError,
-    Stopped,
-    toml_text,
-    write_whole,
-)
+from deltact_fab.common import InputError, RunFailed, Stopped, toml_text, write_whole
 from deltact_fab.sensor import Indenter, SensorDimensions, SkinDimensions, parse_indenter
 
 from ..config import GrblConfig, load_rig
 from ..force.watchdog import open_guarded
-from ..interface import LIFT_FEED_MM_MIN, ForceSensor, Guard, WallClock
+from ..interface import ForceSensor, Guard, WallClock
+from ..run.contact import lift_after_error
 from ..run.loop import interruptible
 from ..stage.grbl import GrblStage
 from ..tables import RegisteredTouch, RegistrationFile, TouchConfig
 from .feeler import ForceProbe
-from .tooling import HOMING_LIFT_MM, TerminalOperator, confirm, home_safely, raised_frame
+from .tooling import TerminalOperator, confirm, home_safely, raised_frame
 from .touch import ForceTouch, powers_of
 
 # Decision 0033; by hand: smaller triangles give a less certain tilt.
@@ -58,7 +51,7 @@ class GuardedStage:
 def home_stage(
     config: GrblConfig, source: Path, operator: TerminalOperator, tip_is_clear: bool = False
 ) -> Iterator[GuardedStage]:
-    """Open and home the bench of a rig file; finally lift the tip and close all devices.
+    """Open and home the bench of a rig file; lift the tip after an error, and close all devices.
 
     Raises InputError for a rig without a force sensor, errors of the devices, and Stopped when the
     operator interrupts.
@@ -79,16 +72,11 @@ def home_stage(
                 home_safely(
                     stage, stage.clock, force, operator, tip_is_clear=tip_is_clear, guard=guard
                 )
+            except KeyboardInterrupt as error:
+                stage.stop()
+                raise Stopped("stopped by the operator") from error
+            with lift_after_error(stage, stage.clock, force, guard):
                 yield GuardedStage(stage, force, guard)
-            except StageError:
-                raise
-            except BaseException as error:
-                with suppress(DeltactFabError):
-                    stage.stop()
-                    stage.lift(HOMING_LIFT_MM, LIFT_FEED_MM_MIN)
-                if isinstance(error, KeyboardInterrupt):
-                    raise Stopped("stopped by the operator") from error
-                raise
 
 
 @contextmanager

@@ -18,13 +18,20 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from deltact_fab.common import InputError, RunFailed, StageError, read_json, write_whole
 from deltact_fab.sensor import StageFrame, parse_indenter
 
-from ..interface import LIFT_FEED_MM_MIN, Clock, ForceSensor, Guard, RigSetup, Stage, move_to
+from ..interface import (
+    CONTACT_N,
+    LIFT_FEED_MM_MIN,
+    Clock,
+    ForceSensor,
+    Guard,
+    RigSetup,
+    Stage,
+    move_to,
+)
+from ..run.contact import mean_force_n
 from ..run.loop import watch_force
 from ..tables import ToolConfig, TouchConfig
 from .feeler import ForceProbe
@@ -34,8 +41,6 @@ TOUCH_FILE = "tool.json"
 # Decision 0033; by hand: a longer mean is less noisy, a higher force misses light contacts.
 CONFIRM_ATTEMPTS = 5
 HOMING_LIFT_MM = 25.0
-REST_FORCE_S = 0.1  # averaged before homing
-TIP_CONTACT_N = 0.3  # more, on the last tare, is a contact or a sensor that was never tared
 CLEAR_ANSWER = "clear"
 
 
@@ -84,14 +89,18 @@ def clear_the_face(
     read no contact, or the operator confirm, now (`operator`) or before (tip_is_clear). air: no
     confirmation on a rig without a force sensor, which never presses. Raises StageError otherwise.
     """
-    if stage.lift(HOMING_LIFT_MM, LIFT_FEED_MM_MIN):
+    if stage.lift(HOMING_LIFT_MM, LIFT_FEED_MM_MIN) is not None:
         return "position known: lifted straight up before homing"
     if tip_is_clear:
         return "position lost; operator stated that the tip is clear"
     reason = "without a force sensor a contact cannot be excluded"
     if force is not None:
-        force_n = _rest_force_n(clock, force)
-        if force_n <= TIP_CONTACT_N:
+        force.start()
+        try:
+            force_n = mean_force_n(clock, force)
+        finally:
+            force.stop()
+        if force_n <= CONTACT_N:
             return f"position lost; force sensor reads {force_n:.2f} N: clear"
         reason = (
             f"the force sensor reads {force_n:.2f} N: the tip may be in the gel (or the sensor was "
@@ -123,19 +132,6 @@ def home_safely(
     with watch_force(stage, clock, force, guard):
         stage.home()
     return how
-
-
-def _rest_force_n(clock: Clock, force: ForceSensor) -> float:
-    """Return the magnitude of the mean force at rest, with the sensor's last tare."""
-    force.start()
-    try:
-        parts: list[NDArray[np.float64]] = []
-        end_s = clock.now_s() + REST_FORCE_S
-        while not parts or clock.now_s() < end_s:
-            parts.append(force.read().force_n)
-        return float(np.linalg.norm(np.concatenate(parts).mean(axis=0)))
-    finally:
-        force.stop()
 
 
 @dataclass

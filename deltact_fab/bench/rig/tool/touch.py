@@ -19,7 +19,8 @@ from deltact_fab.common import DeltactFabError, Field, Point, SensorError, Stage
 from deltact_fab.sensor import EllipsoidTip, Indenter, SphereTip
 
 from ...protocols.motion import WALL_CLOCK_PACE, StageConfig, move_duration_s
-from ..interface import move_to, rise
+from ..interface import move_to
+from ..run.contact import end_contact
 from ..tables import TouchConfig
 from .feeler import PROBE_MEAN_S, PROBE_POLL_S, PROBE_SETTLE_S, PROBE_TARE_S, ForceProbe
 
@@ -238,15 +239,10 @@ class ForceTouch:
         move_to(self._stage, target_mm, TRAVEL_FEED_MM_MIN)
 
     def _retreat(self, high_mm: float) -> str:
-        """Stop and go straight up; return the outcome."""
-        try:
-            self._stage.stop()
-            guard = self._feeler.guard
-            with guard.easing() if guard is not None else nullcontext():
-                rise(self._stage, high_mm, TRAVEL_FEED_MM_MIN)
-        except DeltactFabError as error:
-            return f"the tip could NOT be lifted: {error}"
-        return "the tip was lifted"
+        """End the contact; return the outcome."""
+        feeler, guard = self._feeler, self._feeler.guard
+        with guard.easing() if guard is not None else nullcontext(), feeler.felt() as felt_n:
+            return end_contact(self._stage, felt_n, self._config.force_n, high_mm)
 
 
 @dataclass(frozen=True)
