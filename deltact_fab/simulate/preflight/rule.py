@@ -292,13 +292,16 @@ def budget_checks(
     run that goes on.
     """
     slowest = min(steps, key=lambda step: step.feed_mm_min)
-    feed, least = slowest.feed_mm_min, MIN_FEED_MM_MIN if wall_clock else SIMULATED_MIN_FEED_MM_MIN
+    feed, minimum = (
+        slowest.feed_mm_min,
+        MIN_FEED_MM_MIN if wall_clock else SIMULATED_MIN_FEED_MM_MIN,
+    )
     hours = estimate.seconds / 3600
     existing = next(p for p in (out.absolute(), *out.absolute().parents) if p.exists())
     free_mb, mb = shutil.disk_usage(existing).free / 1e6, max(0.0, estimate.disk_mb - kept_mb)
     rows = [
-        Check("least-feed", "least feed", "feed (mm/min)", feed, least,
-              graded(feed >= least), (slowest.id,), sign=">="),
+        Check("least-feed", "least feed", "feed (mm/min)", feed, minimum,
+              graded(feed >= minimum), (slowest.id,), sign=">="),
         Check.at_most("time", "time", "duration of the run (h)", hours, LONGEST_H, "the whole run",
                 graded(hours <= LONGEST_H, warns=hours > LONG_H)),
         Check.at_most("disk", "disk", "needed; limit: free space (MB)", mb, free_mb,

@@ -32,7 +32,7 @@ from .clock import NS_PER_S
 from .grbl_lines import (
     DEFAULTS_GRBL,
     FIRMWARE_TEXTS,
-    HOMING_PASSES,
+    HOMING_PASS_MASKS,
     GrblError,
     coordinates,
     grbl_settings,
@@ -88,7 +88,7 @@ class GrblController:
         axis_count: int = 3,
         pendant: Literal["", "refuses", "mute"] = "",
     ) -> None:
-        defaults = {**DEFAULTS_GRBL, **(HOMING_PASSES if firmware == "grblHAL" else {})}
+        defaults = {**DEFAULTS_GRBL, **(HOMING_PASS_MASKS if firmware == "grblHAL" else {})}
         self.settings = {**defaults, **(settings or {})}
         if unknown := sorted(set(self.settings) - set(defaults)):
             raise ValueError(f"no such GRBL setting: ${unknown[0]}")
@@ -453,8 +453,8 @@ class GrblController:
     def _home(self) -> Task:
         self._state = "Home"
         self._carriage.catch(self._t)
-        hal = HOMING_PASSES.keys() & self.settings
-        passes = [int(self.settings[n]) for n in HOMING_PASSES] if hal else self._homing_passes
+        passes = [int(self.settings[n]) for n in HOMING_PASS_MASKS if n in self.settings]
+        passes = passes or [*self._homing_passes]
         for goal, rate in self._carriage.homing_legs(passes):
             while self._carriage.seek(goal, rate, self._t):
                 yield "still"

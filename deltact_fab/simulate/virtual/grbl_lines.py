@@ -85,8 +85,10 @@ DEFAULTS_GRBL: dict[int, float] = {
     120: 50, 121: 50, 122: 50, 130: 120, 131: 120, 132: 60,
 }  # fmt: skip
 # Passes of grblHAL's homing: the axes of each, 1 for X, 2 for Y, 4 for Z, added up.
-HOMING_PASSES: dict[int, float] = {44: 4, 45: 3, 46: 0}
-_INTEGER_SETTINGS = frozenset((0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 32, *HOMING_PASSES))
+HOMING_PASS_MASKS: dict[int, float] = {44: 4, 45: 3, 46: 0}
+_INTEGER_SETTINGS = frozenset(
+    (0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 32, *HOMING_PASS_MASKS)
+)
 
 
 def grbl_settings(

@@ -134,7 +134,7 @@ def test_one_move_at_a_time() -> None:
 
 def test_an_old_firmware_is_refused() -> None:
     bench = bench_of(firmware="GRBL 0.9")
-    with pytest.raises(StageError, match=r"not supported \(Grbl 0\.9j .* flash GRBL 1\.1"):
+    with pytest.raises(StageError, match=r"Grbl 0\.9j .* not supported: flash GRBL 1\.1"):
         bench.stage.connect()
 
 

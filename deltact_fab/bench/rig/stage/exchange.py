@@ -78,7 +78,7 @@ BANNER_PATTERN = re.compile(r"Grbl(?:HAL)? (\d{1,3})\.(\d{1,3})\S{0,9}", re.IGNO
 SETTING_PATTERN = re.compile(rf"\$(\d+)={DECIMAL_PATTERN}(?:\s+\(.*\))?")
 STATUS_PATTERN = re.compile(  # of three axes or more, the first of which are X, Y and Z
     r"<((?:Idle|Run|Jog|Hold|Home|Alarm|Door|Check|Sleep|Tool)(?::\d{1,3})?)\|MPos:"
-    rf"{','.join([COORDINATE_PATTERN] * 3)}(?:,-?[\d.]+)*(?:\|[^<>]*)?>"
+    rf"{','.join([COORDINATE_PATTERN] * 3)}(?:,-?[\d.]+)*(?:\|[^<>\ufffd]*)?>"
 )
 REFUSED_FIELDS = {  # of a status
     "|MPG:1": "a pendant has control of the stage: release it",

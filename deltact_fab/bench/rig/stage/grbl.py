@@ -278,7 +278,7 @@ class GrblStage:
 
     def lift(self, height_mm: float, feed_mm_min: float) -> float | None:
         was_homed = self._c.homed
-        if not self.trust_count():
+        if not self._take_count():
             return None
         x, y, z = self._c.at_mm
         try:
@@ -309,10 +309,18 @@ class GrblStage:
     def trust_count(self) -> bool:
         """Accept the controller's step count since its last homing as the position.
 
-        Nothing moves. Returns False if it is locked after a restart or an alarm. An unlock with
-        `$X`, and an axis that the firmware does not home, invalidate the count undetectably.
-        Raises StageError.
+        Nothing moves. Returns False if it is locked after a restart or an alarm, or an axis stands
+        where a homed one never does. Else an unlock with `$X`, or an axis that the firmware does
+        not home, invalidates the count undetectably. Raises StageError.
         """
+        was_homed, limits = self._c.homed, self._c.limits
+        if not self._take_count():
+            return False
+        outside = limits.target_refusal(limits.homed_mm, self._c.at_mm)
+        self._c.homed = was_homed or not outside
+        return self._c.homed
+
+    def _take_count(self) -> bool:
         with self._c.exchange():
             if not self._c.port.is_open or self._unfit or self._c.trouble:
                 return False

@@ -16,7 +16,7 @@ from deltact_fab.common import Check, Point
 
 from ...protocols.limits import axis_range_mm
 from ...protocols.motion import StageConfig, subtract_vectors
-from .exchange import BANNER_PATTERN, OPTIONS_PATTERN
+from .exchange import OPTIONS_PATTERN
 
 AXIS_LETTERS = "XYZ"
 # Numbers and bits of GRBL 1.1 and grblHAL.
@@ -27,7 +27,6 @@ ALWAYS_ON = 255  # of $1
 SET_ORIGIN, LOCK_AT_START = 8, 4  # of $22, in grblHAL
 HOMING_PASSES = range(44, 50)  # $ numbers of grblHAL: masks of the axes homed in each pass
 VERSION_PATTERN = re.compile(r"\[VER:1\.1[a-z]\.\d+:")  # GRBL's and grblHAL's answer to `$I`
-FOREIGN_NAMES = {"FluidNC": "FluidNC", "uCNC": "uCNC", "1.3a": "Grbl_ESP32"}
 # Least steps/s of the axis that steps most, by the firmware's timer, 8 ticks a step (stepper.c).
 SLOWEST_HZ = 16e6 / 8 / 0xFFFF  # GRBL: 16 bits at 16 MHz
 SLOWEST_HAL_HZ = 120e6 / 8 / 0xFFFFF  # grblHAL: 20 bits at 120 MHz, LPC1769; 1 to 10 on others
@@ -69,18 +68,15 @@ def check_settings(
 
 
 def check_firmware(banner: str, info: list[str]) -> list[Check]:
-    """Return a row with FAIL unless banner, where one came, and `$I` agree on GRBL 1.1 or grblHAL.
+    """Return a row with FAIL unless banner, if any, and answer to `$I` are of GRBL 1.1 or grblHAL.
 
     A firmware that answers as another one does passes.
     """
     version = next((line for line in info if line.startswith("[VER")), "")
-    known, told = VERSION_PATTERN.match(version), BANNER_PATTERN.match(banner)
-    if known and (not banner or (told and told.groups() == ("1", "1"))):
+    if VERSION_PATTERN.match(version) and re.match(r"Grbl(HAL)? 1\.1|$", banner, re.IGNORECASE):
         return []
-    parts = (part for part in FOREIGN_NAMES if part in banner + version)
-    text = (not known and version) or banner or "no [VER:] in the answer to $I"
-    text = f"{FOREIGN_NAMES.get(next(parts, ''), 'this firmware')} is not supported ({text[:60]})"
-    return [_failed("firmware", f"{text}: flash GRBL 1.1 or grblHAL")]
+    name = " ".join(filter(None, (banner, version)))[:100] or "(no [VER:] in the answer to $I)"
+    return [_failed("firmware", f"firmware {name} is not supported: flash GRBL 1.1 or grblHAL")]
 
 
 def first_failure(rows: list[Check]) -> str:
@@ -133,9 +129,9 @@ def _homing(s: Mapping[int, float], options: str, hal: bool) -> Iterator[Violati
         )
         yield "origin", text
     passes = {n: int(s[n]) for n in HOMING_PASSES if n in s}
-    if passes and (left := 7 & ~reduce(or_, passes.values())):
+    if passes and (missing := 7 & ~reduce(or_, passes.values())):
         text = ", ".join(f"${n}={mask}" for n, mask in passes.items())
-        text = f"{text} ({_axes(left)} in no homing pass); set $44=4 and $45=3 {RECONNECT_HINT}"
+        text = f"{text} ({_axes(missing)} in no homing pass); set $44=4 and $45=3 {RECONNECT_HINT}"
         yield "setting-44", text
     if hal and not homing & LOCK_AT_START:
         text = (
@@ -250,9 +246,9 @@ class Limits:
     def move_refusal(self, start_mm: Point, target_mm: Point, feed_mm_min: float) -> str:
         """Refuse a straight move, machine mm: its target or its feed."""
         delta_mm = subtract_vectors(target_mm, start_mm)
-        return self._target_refusal(start_mm, target_mm) or self.feed_refusal(delta_mm, feed_mm_min)
+        return self.target_refusal(start_mm, target_mm) or self.feed_refusal(delta_mm, feed_mm_min)
 
-    def _target_refusal(self, start_mm: Point, machine_mm: Point) -> str:
+    def target_refusal(self, start_mm: Point, machine_mm: Point) -> str:
         """Refuse a target that is not finite, or to which an axis moves out of the travel."""
         if not all(math.isfinite(p) for p in machine_mm):
             return f"target {machine_mm} mm (machine) is not finite"
@@ -280,10 +276,10 @@ class Limits:
         slowest_hz = SLOWEST_HAL_HZ if HOMING_PASSES[0] in self.settings else SLOWEST_HZ
         steps = max(abs(d) * k for d, k in zip(delta_mm, self.axes(100), strict=True))
         if feed_mm_min * steps < 60 * slowest_hz * length:
-            least = math.ceil(600 * slowest_hz * length / steps) / 10
+            minimum = math.ceil(600 * slowest_hz * length / steps) / 10
             return (
                 f"feed {feed_mm_min:g} mm/min is slower than the controller steps: at least "
-                f"{least:g} here, {slowest_hz:.1f} steps/s ($100 to $102)"
+                f"{minimum:g} here, {slowest_hz:.1f} steps/s ($100 to $102)"
             )
         return ""
 
