@@ -52,8 +52,8 @@ def check_rig(config: GrblConfig, folder: Path, seconds: float) -> Iterator[Chec
     else:
         text = "no [camera]: a protocol with the channel image is refused"
         yield _row("camera", "table", "warn", text)
-    yield from _stop_rows(config)
     yield from _press_rows(config)
+    yield from _stop_rows(config)
 
 
 def _stage_rows(config: GrblConfig) -> Iterator[Check]:

@@ -178,7 +178,7 @@ def test_lost_status_is_requested_again(monkeypatch: pytest.MonkeyPatch) -> None
     assert port.left == []
 
 
-@pytest.mark.parametrize("state", [b"Hold:0", b"Door:1", b"Run"])
+@pytest.mark.parametrize("state", [b"Hold:0", b"Door:1"])
 def test_state_foreign_to_jogs_is_fault(monkeypatch: pytest.MonkeyPatch, state: bytes) -> None:
     status = b"<%b|MPos:-1.000,-1.000,-1.000|FS:0,0>\r\n" % state
     exchanges = [*CONNECT, *HOME, (JOG, b"ok\r\n"), (b"?", status), *STOP]

@@ -76,6 +76,7 @@ def test_a_dropped_ok() -> None:
         (b"ALARM:3\r\n", "ALARM:3 "),
         (b"<Alarm|MPos:0.000,0.000,0.000|FS:0,0>\r\n", "the controller is in Alarm"),
         (b"<Hold:0|MPos:0.000,0.000,0.000|FS:0,0>\r\n", r"Hold:0 \(feed hold\) during a move"),
+        (b"<Run|MPos:0.000,0.000,0.000|FS:0,0>\r\n", "Run during a move"),
         (b"<Idle|WPos:0.000,0.000,0.000|FS:0,0>\r\n", "status reports give the work position"),
     ],
 )

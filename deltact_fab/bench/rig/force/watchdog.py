@@ -255,24 +255,24 @@ class _StopLine:
         return self._ask(self.commands.lift, self.commands.accepted, meanwhile, 0.0)
 
     def _ask(
-        self, request: bytes, wanted: bytes, meanwhile: Callable[[], None], limit_s: float
+        self, request: bytes, expected: bytes, meanwhile: Callable[[], None], limit_s: float
     ) -> bool:
-        """Write a request, until limit_s again, and wait for the wanted answer to the last one."""
+        """Write a request, until limit_s again, and wait for the expected answer to the last."""
         assert self.commands is not None
-        heard = self._read()  # left by the program
+        pending = self._received()  # left by the program
         end_s = time.monotonic() + limit_s
         while True:
             self._write(request)
             answer_s, answer = time.monotonic() + ORPHAN_ANSWER_S, b""
-            while wanted not in answer and time.monotonic() < answer_s:
+            while expected not in answer and time.monotonic() < answer_s:
                 meanwhile()
-                answer += self._read()
-            if any(text in heard + answer for text in self.commands.lost):
+                answer += self._received()
+            if any(text in pending + answer for text in self.commands.lost):
                 return False
-            if wanted in answer or time.monotonic() > end_s:
-                return wanted in answer
+            if expected in answer or time.monotonic() > end_s:
+                return expected in answer
 
-    def _read(self) -> bytes:
+    def _received(self) -> bytes:
         data = b""
         with suppress(OSError):
             while self.port is not None and select.select([self.port], [], [], 0)[0]:
@@ -356,9 +356,9 @@ class _Server:
             else:
                 line.rests(watch)
         if risen_mm or force_n > self._contact_n:
-            felt = "no force reading" if force_n == math.inf else f"force {force_n:.2f} N"
-            done = f"lifted by {risen_mm:.0f} mm" if risen_mm else "NOT lifted"
-            text = f"the program died in a press: the tip was {done}, {felt}"
+            force = "no force reading" if force_n == math.inf else f"force {force_n:.2f} N"
+            outcome = f"lifted by {risen_mm:.0f} mm" if risen_mm else "NOT lifted"
+            text = f"the program died in a press: the tip was {outcome}, {force}"
             print(f"deltact-fab guard: {text}", file=sys.stderr, flush=True)
 
     def _newest_n(self) -> Field:

@@ -126,8 +126,8 @@ class Schedule:
         force = self._d.force
 
         def felt_n() -> float | None:
-            with streaming(self._d.clock, force) as felt:
-                return felt()
+            with streaming(self._d.clock, force) as force_reading:
+                return force_reading()
 
         yield felt_n
 

@@ -128,7 +128,9 @@ def wait_for_target(c: Controller, stops: Callable[[], bool] | None = None) -> S
                     raise TalkFault(
                         f"stopped at {in_mm(state.machine_mm)} short of {in_mm(move.target_mm)}"
                     )
-            elif state.state not in ("Jog", "Run"):
+            elif state.state == "Run":
+                _wait_for_run(c, TalkFault(f"Run during a move to {in_mm(move.target_mm)}"))
+            elif state.state != "Jog":
                 raise TalkFault(
                     f"{state_text(state.state)} during a move to {in_mm(move.target_mm)}, "
                     "expected Jog"
@@ -165,22 +167,22 @@ def listen(c: Controller, seconds: float, stops: Callable[[], bool] | None = Non
         c.clock.sleep_s(min(left_ns / 1e9, LISTEN_PERIOD_S))
 
 
-def _wait_for_run(c: Controller, refusal: LineRefused) -> None:
+def _wait_for_run(c: Controller, fault: TalkFault) -> None:
     """Wait for the end of a jog that the controller began as Run, then continue from rest.
 
     A line read just as the one before it ends is begun so; then jogs and their stop byte are
-    refused. Raises the refusal for any other reason.
+    refused. Raises the fault if it does not end, or for a line refused for another reason.
     """
     move = c.move
-    if move is None or refusal.number != ERROR_NOT_IDLE:
-        raise refusal
+    if move is None or (isinstance(fault, LineRefused) and fault.number != ERROR_NOT_IDLE):
+        raise fault
     deadline = c.port.deadline_ns(c.limits.braking_s() + move.ahead_s + STOP_MARGIN_S)
     while (state := c.status()).state == "Run" and c.port.now_ns() < deadline:
         if c.cancelled:
             c.port.write(FEED_HOLD)
         c.clock.sleep_s(POLL_END_S)
     if state.state != "Idle":
-        raise refusal
+        raise fault
     c.waits += 1
     now_ns, axes = c.port.now_ns(), c.limits.axes
     rest_mm = subtract_vectors(move.target_mm, state.machine_mm)

@@ -55,7 +55,7 @@ class ForceProbe:
         self.peak_n = 0.0
         return float(samples_n.std(axis=0).max())
 
-    def felt(self) -> AbstractContextManager[FeltForce]:
+    def restarted_force(self) -> AbstractContextManager[FeltForce]:
         """Restart the stream with its last tare, for a lift; see `run.contact.streaming`."""
         return streaming(self._clock, self._force)
 

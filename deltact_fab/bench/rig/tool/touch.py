@@ -253,7 +253,8 @@ class ForceTouch:
     def _retreat(self, high_mm: float) -> str:
         """End the contact; return the outcome."""
         feeler, guard = self._feeler, self._feeler.guard
-        with guard.easing() if guard is not None else nullcontext(), feeler.felt() as felt_n:
+        easing = guard.easing() if guard is not None else nullcontext()
+        with easing, feeler.restarted_force() as felt_n:
             return end_contact(self._stage, felt_n, self._config.force_n, high_mm)
 
 
