@@ -178,15 +178,14 @@ def test_slow_link_goes_no_deeper(delay_s: tuple[float, float], off_mm: float) -
 
 
 @pytest.mark.parametrize(
-    ("delay_s", "rate_hz", "says"),
-    [((0.12, 0.03), 1000.0, "at most 5"), ((0.0, 0.0), 8.0, "at most 10")],
+    ("delay_s", "rate_hz", "says"), [((0.12, 0.03), 1000.0, r"[56]\d"), ((0.0, 0.0), 8.0, r"10\d")]
 )
 def test_slow_answers_refused_before_descent(
     delay_s: tuple[float, float], rate_hz: float, says: str
 ) -> None:
     it = bench("sphere:10", delay_s=delay_s, rate_hz=rate_hz)
     text = fails(it, TouchConfig(repeats=1, feed_mm_min=120.0))
-    assert "deeper at touch.feed_mm_min = 120; set " + says in text
+    assert re.search(rf"deeper at touch.feed_mm_min = 120; set at most {says},", text)
     assert it.lowest_mm() == pytest.approx(-30.0, abs=0.002)
 
 
