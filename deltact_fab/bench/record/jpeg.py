@@ -1,0 +1,173 @@
+"""Damage of JPEG data, which decoders replace by wrong pixels without an error."""
+
+from __future__ import annotations
+
+import re
+import struct
+from functools import cache, lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from deltact_fab.common import compile_loop
+
+MAX_FILLER_BYTES = 16
+"""Unused bytes before a marker. By hand: Logitech C270 and C910 put up to 9 before each, see
+github.com/Motion-Project/motion/issues/65."""
+MAX_DC_LEVEL = 1024  # ITU-T T.81 A.3: 8 bits less 128, times 8
+# ITU-T T.81 B.1: in coded data 0 follows each 0xff, other than in a marker.
+SEGMENT = re.compile(rb"\xff+([\xc0-\xcf\xda-\xfe])(..)", re.DOTALL)
+RESTART = re.compile(rb"\xff([\xd0-\xd7])")
+NEXT_MARKER = re.compile(rb"\xff[^\0\xd0-\xd7\xff]")
+CODE_TABLES, SCAN, QUANTIZATION, RESTART_INTERVAL = 0xC4, 0xDA, 0xDB, 0xDD
+IMAGE_START, SEVERAL_IMAGES = b"\xff\xd8\xff", b"MPF\0"  # CIPA DC-007: files of cameras
+
+Codes = NDArray[np.uint16]
+Numbers = NDArray[np.int64]
+
+
+def find_damage(data: bytes) -> str | None:
+    """Reason why JPEG data are damaged; None if they decode block by block to the image's end.
+
+    No damage are a missing end mark, bytes after it and filler. Progressive data are not judged.
+    """
+    try:
+        segments, at = _segments(data)
+        frame, scan = segments.get(0xC0) or segments.get(0xC1), segments[SCAN]
+        if frame is None or not 0 < scan[0] == frame[5] <= 4:
+            return None
+        tables = dict(_standard_tables()) | _code_tables(segments.get(CODE_TABLES, b""))
+        blocks, n_units = _unit(frame, scan, list(tables), segments[QUANTIZATION])
+        interval = int.from_bytes(segments.get(RESTART_INTERVAL, b""), "big") or n_units
+        codes = _codes(*tables.values())
+    except (ArithmeticError, LookupError, ValueError, struct.error):
+        return "damaged header"
+    end = NEXT_MARKER.search(data, at)
+    # Without an end mark: a last code of zeros looks like padding, so one byte stays.
+    coded = data[at : end.start()] if end else data[at:].rstrip(b"\0") + b"\0"
+    coded_parts = RESTART.split(coded)
+    if [n[0] % 8 for n in coded_parts[1::2]] != [i % 8 for i in range(len(coded_parts) // 2)]:
+        return "restart markers missing or out of order"
+    parts = [part.replace(b"\xff\0", b"\xff") for part in coded_parts[::2]]
+    stops = np.cumsum([0, *map(len, parts)])
+    packed = np.frombuffer(b"".join(parts), np.uint8)
+    done, n_unused = _decode_blocks(packed, stops, codes, blocks, n_units, interval)
+    if n_unused > MAX_FILLER_BYTES:
+        return f"{n_unused} bytes left over after block {done} of {n_units}"
+    if done < n_units:
+        return f"data break off after block {done} of {n_units}"
+    several = end and IMAGE_START in data[end.start() :] and SEVERAL_IMAGES not in data[:at]
+    return "a second image begins in its data" if several else None
+
+
+def _segments(data: bytes) -> tuple[dict[int, bytes], int]:
+    """Contents of the segments by marker, and the position of the coded data after them."""
+    segments: dict[int, bytes] = {}
+    at = 2
+    while SCAN not in segments:
+        segment = SEGMENT.match(data, at)
+        if segment is None:
+            raise ValueError
+        kind, at = segment[1][0], segment.start(2) + int.from_bytes(segment[2], "big")
+        segments[kind] = segments.get(kind, b"") + data[segment.end() : at]
+    return segments, at
+
+
+@cache
+def _standard_tables() -> dict[int, bytes]:
+    """Code tables of data without any, as of many webcams (ITU-T T.81 K.3)."""
+    data = bytes(cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))[1])
+    return _code_tables(_segments(data)[0][CODE_TABLES])
+
+
+def _code_tables(content: bytes) -> dict[int, bytes]:
+    """Counts of codes by length, then their symbols, by class (0 DC, 16 AC) plus number."""
+    tables = {}
+    while content:
+        n_bytes = 17 + sum(content[1:17])
+        tables[content[0]], content = content[1:n_bytes], content[n_bytes:]
+    return tables
+
+
+@lru_cache(maxsize=4)
+def _codes(*tables: bytes) -> Codes:
+    """Codes (n, 65536) by the 16 bits that begin with them: 256 times length plus symbol, or 0."""
+    codes = np.zeros((len(tables), 1 << 16), np.uint16)
+    for row, table in zip(codes, tables, strict=True):
+        lengths = np.repeat(np.arange(1, 17), list(table[:16]))
+        known = np.repeat(lengths << 8 | list(table[16:]), 1 << (16 - lengths))
+        row[: len(known)] = known
+    return codes
+
+
+def _unit(frame: bytes, scan: bytes, rows: list[int], steps: bytes) -> tuple[Numbers, int]:
+    """Blocks of a unit (MCU), see _decode_blocks, and the number of units of the image."""
+    step = {}
+    while steps:
+        wide = steps[0] >> 4 > 0
+        step[steps[0] & 15] = int.from_bytes(steps[1 : 2 + wide], "big")
+        steps = steps[65 + 64 * wide :]
+    parts = {
+        name: (*divmod(hv, 16), step[q]) for name, hv, q in struct.iter_unpack("3B", frame[6:])
+    }
+    blocks = []
+    for i in range(scan[0]):
+        h, v, size = parts[scan[1 + 2 * i]]
+        dc, ac = divmod(scan[2 + 2 * i], 16)
+        block = (rows.index(dc), rows.index(16 + ac), i, size)
+        blocks += [block] * (h * v if scan[0] > 1 else 1)
+    height, width = struct.unpack_from(">HH", frame, 1)
+    h, v = (8 * max(part[i] for part in parts.values()) if scan[0] > 1 else 8 for i in (0, 1))
+    return np.array(blocks), -(-width // h) * -(-height // v)
+
+
+@compile_loop(nogil=True)
+def _decode_blocks(
+    data: NDArray[np.uint8],
+    stops: Numbers,
+    codes: Codes,
+    blocks: Numbers,
+    n_units: int,
+    interval: int,
+) -> tuple[int, int]:
+    """Return the number of units (MCU) before the damage, and of unused bytes after the last.
+
+    stops: (n + 1,), limits of the restart intervals of `interval` units. blocks: (n, 4), of a unit:
+    rows of its DC and AC table, component, quantization step of the DC.
+    """
+    done = n_unused = 0
+    for part in range(len(stops) - 1):
+        at, stop, bits, held = stops[part], stops[part + 1], 0, 0
+        level = np.zeros(4, np.int64)
+        for _ in range(min(interval, n_units - done)):
+            for block in range(len(blocks)):
+                k, row = 0, blocks[block, 0]
+                while k < 64:
+                    while held < 32 and at < stop:
+                        bits = (bits << 8 | data[at]) & 0xFFFFFFFFFF
+                        held += 8
+                        at += 1
+                    code = codes[row, (bits << 16 >> held) & 0xFFFF]
+                    size = code & 15
+                    held -= (code >> 8) + size
+                    if code == 0 or held < 0:
+                        return done, 0
+                    if k == 0:
+                        component, step, ones = blocks[block, 2], blocks[block, 3], (1 << size) - 1
+                        value = bits >> held & ones
+                        level[component] += value - (ones if 2 * value < ones else 0)
+                        if abs(level[component]) * step > MAX_DC_LEVEL + step:
+                            return done, 0
+                        k, row = 1, blocks[block, 1]
+                    elif size:
+                        k += (code >> 4 & 15) + 1
+                    else:
+                        k = k + 16 if code & 0xFF else 64
+                if k > 64:
+                    return done, 0
+            done += 1
+        n_unused = held // 8 + stop - at
+        if n_unused > MAX_FILLER_BYTES:
+            break
+    return done, n_unused
