@@ -101,15 +101,23 @@ def decode(data: bytes, name: str) -> NDArray[np.uint8]:
             raise ValueError(NOT_AN_IMAGE)
         return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), np.uint8)
     if data.startswith(JPEG_START):
-        from .jpeg import find_damage
+        from .jpeg import END, find_damage
 
         damage = find_damage(data)
         if damage is not None:
             raise ValueError(f"damaged JPEG: {damage}")
+        data += END  # OpenCV requires one
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
     if image is None:
         raise ValueError(NOT_AN_IMAGE)
     return np.asarray(image, np.uint8)
+
+
+def prepare_jpeg() -> None:
+    """Compile the check of JPEG data now (once per installation, 2 to 5 s) for a stream to come."""
+    import cv2
+
+    decode(cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))[1].tobytes(), "image.jpg")
 
 
 def _imagecodecs() -> Any:

@@ -21,7 +21,7 @@ SEGMENT = re.compile(rb"\xff+([\xc0-\xcf\xda-\xfe])(..)", re.DOTALL)
 RESTART = re.compile(rb"\xff([\xd0-\xd7])")
 NEXT_MARKER = re.compile(rb"\xff[^\0\xd0-\xd7\xff]")
 CODE_TABLES, SCAN, QUANTIZATION, RESTART_INTERVAL = 0xC4, 0xDA, 0xDB, 0xDD
-IMAGE_START, SEVERAL_IMAGES = b"\xff\xd8\xff", b"MPF\0"  # CIPA DC-007: files of cameras
+START, END, SEVERAL_IMAGES = b"\xff\xd8\xff", b"\xff\xd9", b"MPF\0"  # the last: CIPA DC-007
 
 Codes = NDArray[np.uint16]
 Numbers = NDArray[np.int64]
@@ -30,13 +30,14 @@ Numbers = NDArray[np.int64]
 def find_damage(data: bytes) -> str | None:
     """Reason why JPEG data are damaged; None if they decode block by block to the image's end.
 
-    No damage are a missing end mark, bytes after it and filler. Progressive data are not judged.
+    No damage are a missing end mark, bytes after it and filler. Of progressive data only the end
+    mark is required.
     """
     try:
         segments, at = _segments(data)
         frame, scan = segments.get(0xC0) or segments.get(0xC1), segments[SCAN]
         if frame is None or not 0 < scan[0] == frame[5] <= 4:
-            return None
+            return None if END in data[at:] else "no end mark"
         tables = dict(_standard_tables()) | _code_tables(segments.get(CODE_TABLES, b""))
         blocks, n_units = _unit(frame, scan, list(tables), segments[QUANTIZATION])
         interval = int.from_bytes(segments.get(RESTART_INTERVAL, b""), "big") or n_units
@@ -57,7 +58,7 @@ def find_damage(data: bytes) -> str | None:
         return f"{n_unused} bytes left over after block {done} of {n_units}"
     if done < n_units:
         return f"data break off after block {done} of {n_units}"
-    several = end and IMAGE_START in data[end.start() :] and SEVERAL_IMAGES not in data[:at]
+    several = end and START in data[end.start() :] and SEVERAL_IMAGES not in data[:at]
     return "a second image begins in its data" if several else None
 
 
@@ -96,7 +97,8 @@ def _codes(*tables: bytes) -> Codes:
     codes = np.zeros((len(tables), 1 << 16), np.uint16)
     for row, table in zip(codes, tables, strict=True):
         lengths = np.repeat(np.arange(1, 17), list(table[:16]))
-        known = np.repeat(lengths << 8 | list(table[16:]), 1 << (16 - lengths))
+        symbols = np.frombuffer(table[16:], np.uint8)
+        known = np.repeat(lengths << 8 | symbols, 1 << (16 - lengths))
         row[: len(known)] = known
     return codes
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from deltact_fab.common import Image, InputError, SensorError
 
-from ...record.images import decode
+from ...record.images import decode, prepare_jpeg
 from ..interface import Clock
 from ..tables import CameraConfig
 from .stream import FeedImage, LostImage
@@ -116,6 +116,8 @@ class DeviceFeed:
             )
         self._controls = {"fourcc": fourcc, "rate_hz": self.rate_hz, **apply_locks(device, config)}
         self._decode, self._size_px = PIXEL_DECODERS[fourcc], size_px
+        if self._decode is _decode_jpeg:
+            prepare_jpeg()
         device.start()
 
     def next(self, timeout_s: float) -> FeedImage | None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from deltact_fab.common import Image, InputError, RunFailed, SensorError, disk_errors
 
-from ...record.images import decode
+from ...record.images import decode, prepare_jpeg
 from ..interface import Clock
 from .stream import FeedImage, LostImage
 
@@ -217,7 +217,10 @@ def are_jpeg(capture: cv2.VideoCapture) -> bool:
     That of other codings, as H.264, stays concealed: OpenCV does not report it.
     """
     code = int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little")
-    return code.upper() in (b"MJPG", b"JPEG") and capture.set(cv2.CAP_PROP_FORMAT, -1)
+    if code.upper() not in (b"MJPG", b"JPEG") or not capture.set(cv2.CAP_PROP_FORMAT, -1):
+        return False
+    prepare_jpeg()
+    return True
 
 
 def retrieve(capture: cv2.VideoCapture, are_jpeg: bool) -> Image:
