@@ -37,7 +37,7 @@ def test_flat_images_without_end_mark(grey: int) -> None:
     assert [name for name, b in kept_buffers(data).items() if find_damage(b)] == []
 
 
-def test_several_images_of_a_file_are_read() -> None:
+def test_files_of_several_images_are_read() -> None:
     """A file of a camera may say that more follow, as previews."""
     data = coded(scene(1))
     note = b"\xff\xe2\x00\x06MPF\0"

@@ -101,12 +101,12 @@ def decode(data: bytes, name: str) -> NDArray[np.uint8]:
             raise ValueError(NOT_AN_IMAGE)
         return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), np.uint8)
     if data.startswith(JPEG_START):
-        from .jpeg import END, find_damage
+        from .jpeg import IMAGE_END, find_damage
 
         damage = find_damage(data)
         if damage is not None:
             raise ValueError(f"damaged JPEG: {damage}")
-        data += END  # OpenCV requires one
+        data += IMAGE_END  # OpenCV requires one
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
     if image is None:
         raise ValueError(NOT_AN_IMAGE)

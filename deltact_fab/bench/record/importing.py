@@ -76,18 +76,18 @@ def import_recording(
         writer = RunWriter.create(part, meta, about, {IMPORTED_MARK: True}, [step], flat)
         try:
             at_s, moved_px, measure_motion, n_lost = [], [], motion_meter(), 0
-            for k, (t_s, image, lost) in enumerate(chain([first], timed), start=1):
+            for k, (t_s, image, dropped) in enumerate(chain([first], timed), start=1):
                 at_s.append(t_s)
                 moved_px.append(measure_motion(image))
-                n_lost += lost
-                writer.frame(step, k, image, t_s, t_s - at_s[0], t_s - at_s[0], dropped=lost)
+                n_lost += dropped
+                writer.frame(step, k, image, t_s, t_s - at_s[0], t_s - at_s[0], dropped=dropped)
                 if progress is not None:
                     progress(k, k + 1, "images")
             chunks = [_chunk(name, *samples, at_s[0]) for name, samples in streams.items()]
             writer.interrupted_step(step, chunks)  # samples only: an import has no steps
             summary = _summary(recording, np.array(at_s), np.array(moved_px), streams)
             if n_lost:
-                summary["notes"].append(f"{n_lost} damaged images left out")
+                summary["notes"].append(f"{n_lost} damaged images are missing")
             writer.close(summary)
         finally:
             writer.abandon()

@@ -121,7 +121,7 @@ def test_damaged_image_of_video_is_lost(tmp_path: Path) -> None:
     (tmp_path / "r.toml").write_text('images = "video.avi"\ndescription = "test"\n')
     summary = import_recording(tmp_path / "r.toml", tmp_path / "run", open_images, lambda _: None)
     assert summary["frames"] == 11
-    assert summary["notes"][-1] == "1 damaged images left out"
+    assert summary["notes"][-1] == "1 damaged images are missing"
 
 
 def test_damaged_file_is_one_line(tmp_path: Path) -> None:
