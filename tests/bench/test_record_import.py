@@ -241,7 +241,7 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
     "a row less": (lines("times.csv", lambda r: r[:-1]), r"times.csv: t: 3 rows, but .* 4 images"),
     "ms are s": (edit("times.csv", "t\n", "t\n1e12\n"), r"times.csv: t: up to 1.0e\+12 s; .*'ns'"),
     "no file": (lambda f: (f / "pose.csv").unlink(), r"pose.csv: cannot be read: No such file"),
-    "image": (lambda f: (f / "images/2.png").write_bytes(b"x"), r"2.png: cannot be decoded"),
+    "image": (lambda f: (f / "images/2.png").write_bytes(b"x"), r"2.png: not a readable image"),
     "size": (
         lambda f: (f / "images/3.png").write_bytes(encode_png(np.zeros((9, 8, 3), np.uint8))),
         r"image 4 has 8 x 9 px, the first has 400 x 300",

@@ -19,6 +19,8 @@ from deltact_fab.common import RunFailed, require_extra
 SUSTAINED_RATE_HZ = {"png": 30.0, "jxl": 80.0}
 """Sustained frames per second of 1280 x 720 on two cores: the maximum measured is 35 and 88, and
 none of 240 was dropped at 30 and 60 (docs/evidence/bench-timing.md)."""
+JPEG_START = b"\xff\xd8"  # ITU-T T.81, table B.1
+NOT_AN_IMAGE = "not a readable image"
 JXL_EFFORT = 1  # by hand: higher ones save 1 % of size at several times the time
 
 _MEASURED_IMAGE_PX = 1280 * 720  # image of the rates measured above
@@ -81,10 +83,11 @@ def encode_png(image: NDArray[np.uint8]) -> bytes:
     return bytes(data)
 
 
-def decode(data: bytes, name: str) -> NDArray[np.uint8] | None:
-    """Decode file bytes to (h, w, 3) BGR; None if they are not an image of that name's format.
+def decode(data: bytes, name: str) -> NDArray[np.uint8]:
+    """Decode file bytes to (h, w, 3) BGR; reads all formats of OpenCV and JPEG XL.
 
-    Reads all formats of OpenCV and JPEG XL. Raises MissingLibrary.
+    Raises ValueError with the reason for bytes that are no image of that name's format, or for
+    damaged ones; MissingLibrary.
     """
     import cv2
 
@@ -92,13 +95,29 @@ def decode(data: bytes, name: str) -> NDArray[np.uint8] | None:
         codecs = _imagecodecs()
         try:
             rgb = codecs.jpegxl_decode(data, numthreads=1)
-        except (RuntimeError, ValueError):
-            return None
+        except (RuntimeError, ValueError) as error:
+            raise ValueError(NOT_AN_IMAGE) from error
         if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != np.uint8:
-            return None
+            raise ValueError(NOT_AN_IMAGE)
         return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), np.uint8)
+    if data.startswith(JPEG_START):
+        from .jpeg import IMAGE_END, find_damage
+
+        damage = find_damage(data)
+        if damage is not None:
+            raise ValueError(f"damaged JPEG: {damage}")
+        data += IMAGE_END  # OpenCV requires one
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
-    return None if image is None else np.asarray(image, np.uint8)
+    if image is None:
+        raise ValueError(NOT_AN_IMAGE)
+    return np.asarray(image, np.uint8)
+
+
+def prepare_jpeg() -> None:
+    """Compile the check of JPEG data now (once per installation, 2 to 5 s) for a stream to come."""
+    import cv2
+
+    decode(cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))[1].tobytes(), "image.jpg")
 
 
 def _imagecodecs() -> Any:

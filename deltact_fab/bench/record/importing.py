@@ -75,31 +75,42 @@ def import_recording(
         about = b"# Imported run: protocol unknown.\n"
         writer = RunWriter.create(part, meta, about, {IMPORTED_MARK: True}, [step], flat)
         try:
-            at_s, moved_px, measure_motion = [], [], motion_meter()
-            for k, (t_s, image) in enumerate(chain([first], timed), start=1):
+            at_s, moved_px, measure_motion, n_lost = [], [], motion_meter(), 0
+            for k, (t_s, image, dropped) in enumerate(chain([first], timed), start=1):
                 at_s.append(t_s)
                 moved_px.append(measure_motion(image))
-                writer.frame(step, k, image, t_s, t_s - at_s[0], t_s - at_s[0])
+                n_lost += dropped
+                writer.frame(step, k, image, t_s, t_s - at_s[0], t_s - at_s[0], dropped=dropped)
                 if progress is not None:
                     progress(k, k + 1, "images")
             chunks = [_chunk(name, *samples, at_s[0]) for name, samples in streams.items()]
             writer.interrupted_step(step, chunks)  # samples only: an import has no steps
             summary = _summary(recording, np.array(at_s), np.array(moved_px), streams)
+            if n_lost:
+                summary["notes"].append(f"{n_lost} damaged images are missing")
             writer.close(summary)
         finally:
             writer.abandon()
     return summary
 
 
-def _timed_images(images: Any, recording: Recording, file: Path) -> Iterator[tuple[float, Image]]:
-    """Yield (time s, image); requires one image size, and one image per time."""
+def _timed_images(
+    images: Any, recording: Recording, file: Path
+) -> Iterator[tuple[float, Image, int]]:
+    """Yield time (s), image, and number of damaged ones since the previous.
+
+    Requires one image size, and one image, damaged or not, per time.
+    """
     rate_hz = recording.rate_hz or (images.rate_hz if images.kind == "video" else 0.0)
     if recording.times is None and not rate_hz:
         raise InputError(f"{file}: rate_hz: missing key, or [times]; {images.name} has no times")
     table = recording.times
     times = None if table is None else read_csv(table, file.parent, {}, rising=True)[0]
-    size, n = None, 0
+    size, n, n_lost = None, 0, 0
     for n, image in enumerate(images.read(), start=1):
+        if image is None:
+            n_lost += 1
+            continue
         size = size or image.shape
         if image.shape != size:
             (h, w), (first_h, first_w) = image.shape[:2], size[:2]
@@ -108,7 +119,8 @@ def _timed_images(images: Any, recording: Recording, file: Path) -> Iterator[tup
                 "px; all must have one size"
             )
         if times is None or n <= len(times):
-            yield (n - 1) / rate_hz if times is None else float(times[n - 1]), image
+            yield (n - 1) / rate_hz if times is None else float(times[n - 1]), image, n_lost
+            n_lost = 0
     if not n:
         raise InputError(f"{images.name}: no images")
     if recording.times is not None and times is not None and n != len(times):

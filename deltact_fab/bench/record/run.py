@@ -183,10 +183,10 @@ class Run:
 
     def raw(self, file: str) -> NDArray[np.uint8]:
         """Raw camera frame (h, w, 3) BGR. Raises as `image` does."""
-        image = decode(self.data(file), file)
-        if image is None:
-            raise RunFailed(f"{self.folder / file}: not a readable image")
-        return image
+        try:
+            return decode(self.data(file), file)
+        except ValueError as error:
+            raise RunFailed(f"{self.folder / file}: {error}") from error
 
     def data(self, file: str) -> bytes:
         """Bytes of a frame's file. Raises RunFailed if missing or damaged."""

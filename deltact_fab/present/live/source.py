@@ -78,7 +78,12 @@ def file_source(images: ImageSource, model: SensorModel | None = None) -> Source
     """Open images on disk, with the file's times."""
 
     def frames(_: bool) -> Iterator[CameraFrame]:
+        n_lost = 0
         for k, image in enumerate(images.read()):
-            yield CameraFrame(image, k / images.rate_hz, k)
+            if image is None:
+                n_lost += 1
+            else:
+                yield CameraFrame(image, k / images.rate_hz, k, n_lost)
+                n_lost = 0
 
     return Source(images.name, model or SensorModel(), frames, close=images.close)

@@ -99,7 +99,9 @@ def test_images_in_order_with_loss_counts() -> None:
         (0, 0, 0), (1, 0, 0), (2, 0, 0), (5, 2, 0), (6, 0, 0),
         (8, 0, 2),  # number 6 came twice, and 7 was that image once more
     ]  # fmt: skip
-    assert camera.identity()["counts"] == {"images": 6, "dropped": 2, "repeated": 2, "stale": 0}
+    assert camera.identity()["counts"] == {
+        "images": 6, "dropped": 2, "damaged": 0, "repeated": 2, "stale": 0
+    }  # fmt: skip
     assert camera.identity()["losses_by"] == "numbers"
 
 
@@ -286,6 +288,54 @@ def test_losses_without_numbers_from_stamp_gaps() -> None:
     camera = stream.StreamCamera(feed, WallClock(), rate_hz=50.0)
     assert [f.dropped for f in to_the_end(camera)[0]] == [0, 0, 0, 0, 2, 0]
     assert "inferred" in camera.identity()["losses_by"]
+
+
+class Sized(Listed):
+    """The same, where an empty image stands for a damaged one."""
+
+    def next(self, timeout_s: float) -> stream.FeedImage | None:
+        arrived = super().next(timeout_s)
+        if arrived is not None and arrived.image.size == 0:
+            raise stream.LostImage("damaged JPEG: test")
+        return arrived
+
+
+@pytest.mark.parametrize("numbered", [True, False])
+@pytest.mark.parametrize("rate_hz", [None, 50.0])
+def test_damaged_and_odd_images_are_lost(numbered: bool, rate_hz: float | None) -> None:
+    """Of six images the first is damaged, the fourth has another size."""
+    draw, start_s = random.Random(1), time.monotonic()
+    images = [noise(draw) for _ in range(6)]
+    images[0], images[3] = images[0][:0], images[3][:2]
+    arrivals = [
+        stream.FeedImage(image, start_s + k / 50, k if numbered else None)
+        for k, image in enumerate(images)
+    ]
+    feed = Sized(arrivals, itertools.repeat(0.0))
+    camera = stream.StreamCamera(feed, WallClock(), size_px=(4, 4), rate_hz=rate_hz)
+    assert [f.dropped for f in to_the_end(camera)[0]] == [1, 0, 1, 0]
+    counts = camera.identity()["counts"]
+    assert (counts["images"], counts["dropped"], counts["damaged"]) == (4, 2, 2)
+
+
+@pytest.mark.parametrize(("size", "why"), [(2, "4 x 2 px; 4 x 4 px expected"), (0, "JPEG: test")])
+def test_steadily_lost_images_are_refused(size: int, why: str) -> None:
+    draw, n = random.Random(1), stream.MAX_LOST_IMAGES
+    arrivals = [stream.FeedImage(noise(draw)[:size], time.monotonic(), k) for k in range(n)]
+    camera = stream.StreamCamera(
+        Sized(arrivals, itertools.repeat(0.0)), WallClock(), size_px=(4, 4)
+    )
+    assert re.search(
+        rf"^camera list: {n} images in a row lost: .*{why}; check", to_the_end(camera)[1]
+    )
+
+
+def test_stalled_camera_names_its_lost_images() -> None:
+    images = [noise(random.Random(1)), noise(random.Random(2))[:2]]
+    arrivals = [stream.FeedImage(image, time.monotonic()) for image in images]
+    feed = Sized(arrivals, itertools.chain([0.0, 0.0], itertools.repeat(3.0)))
+    camera = stream.StreamCamera(feed, WallClock())
+    assert "no image within 0.5 s, 1 lost: 4 x 2 px; 4 x 4 px expected" in to_the_end(camera)[1]
 
 
 @pytest.mark.parametrize("seed", range(2))

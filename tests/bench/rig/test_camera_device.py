@@ -19,6 +19,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from jpegs import coded, kept_buffers, lost_buffers, scene
 
 pytestmark = pytest.mark.skipif(
     platform.system() != "Linux" or shutil.which("gcc") is None,
@@ -180,6 +181,39 @@ def test_padded_lines_and_jpeg_are_decoded(look: Any, tmp_path: Path) -> None:
         assert low == high == pytest.approx(255 / 219 * (number % 200), abs=1)
     assert lines["identity"]["controls"]["fourcc"] == "YUYV"
     assert [abs(grey - 100) <= 1 for grey in jpeg["frames"][0][-2:]] == [True, True]
+
+
+def test_damaged_buffer_is_a_lost_image(look: Any, tmp_path: Path) -> None:
+    """Of 16 images in turn, all different, one buffer is damaged or unusual."""
+    images = [coded(scene(k)) for k in range(16)]
+    lost = {**lost_buffers(images[5], images[6]), "another size": coded(scene(5, 320, 240))}
+    kept = kept_buffers(images[5])
+    del kept["filler before it"], kept["no end mark, zeros"]  # OpenCV prints a warning of them
+    cases = []
+    for i, buffer in enumerate([*lost.values(), *kept.values()]):
+        folder = tmp_path / str(i)
+        folder.mkdir()
+        for k, image in enumerate(images):
+            (folder / f"{k}.jpg").write_bytes(buffer if k == 5 else image)
+        cases.append({"n": 10, "V4L2_CODE": "MJPG", "V4L2_FILE": str(folder / "%ld.jpg")})
+    for name, seen in zip([*lost, *kept], look(*cases), strict=True):
+        numbers = [frame[0] for frame in seen["frames"]]
+        gaps = [b - a - 1 for a, b in itertools.pairwise(numbers)]
+        counts = seen["identity"]["counts"]
+        assert len(numbers) == 10, name
+        assert [frame[1] for frame in seen["frames"]][1:] == gaps, name
+        assert counts["dropped"] >= counts["damaged"] == (name in lost), name
+        assert (5 in numbers) == (name in kept), name
+        assert all(frame[4] == [480, 640, 3] for frame in seen["frames"]), name
+
+
+def test_steadily_damaged_device_is_refused(look: Any, tmp_path: Path) -> None:
+    damaged = tmp_path / "damaged.jpg"
+    damaged.write_bytes(lost_buffers(coded(scene(1)), b"")["half, end mark"])
+    (seen,) = look({"V4L2_CODE": "MJPG", "V4L2_FILE": str(damaged)})
+    kind, text = seen["error"]
+    assert kind == "SensorError"
+    assert "images in a row lost: damaged JPEG: data break off after block " in text
 
 
 @pytest.mark.slow

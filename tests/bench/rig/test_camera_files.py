@@ -13,14 +13,20 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from jpegs import coded, lost_buffers, scene
 from looked import to_the_end
 
+from deltact_fab.bench.record.importing import import_recording
+from deltact_fab.bench.rig.camera.files import open_images
 from deltact_fab.bench.rig.camera.model import load_view, open_camera, take_photograph, view_notes
+from deltact_fab.bench.rig.camera.stream import QUEUE_DEPTH
 from deltact_fab.bench.rig.check import camera_rows
 from deltact_fab.bench.rig.devices import HostDevice, list_cameras
 from deltact_fab.bench.rig.interface import WallClock
 from deltact_fab.bench.rig.tables import CameraConfig
 from deltact_fab.common.errors import InputError
+from deltact_fab.estimate.measure.lens.corners import read_image
+from deltact_fab.present.live.source import file_source
 from deltact_fab.sensor.optics.camera import Pinhole
 from deltact_fab.sensor.optics.fisheye import Fisheye
 from deltact_fab.sensor.optics.flat import FlatField, camera_toml
@@ -51,10 +57,10 @@ class Mjpeg(http.server.BaseHTTPRequestHandler):
         self.send_response(200)
         self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
         self.end_headers()
-        rng = np.random.default_rng(3)
-        for _ in range(12):
-            image = rng.integers(0, 256, (H, W, 3), np.uint8)
-            data = bytes(cv2.imencode(".jpg", image)[1])
+        for k in range(12):
+            data = coded(scene(k, W, H))
+            if k == 5 and "damaged" in self.path:
+                data = lost_buffers(data, b"")["half, end mark"]
             head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(data)}\r\n\r\n"
             self.wfile.write(head.encode() + data + b"\r\n")
 
@@ -81,6 +87,49 @@ def test_network_camera_read_until_it_ends(network_camera: str, tmp_path: Path) 
     assert np.all(np.diff([f.t_s for f in taken]) > 0)
     assert (identity["kind"], identity["stamped_by"]) == ("url", "arrival")
     assert len(taken) + sum(f.dropped for f in taken) >= 10
+
+
+def test_damaged_image_of_network_is_lost(network_camera: str, tmp_path: Path) -> None:
+    camera = open_camera(CameraConfig(source=f"{network_camera}/damaged"), tmp_path, WallClock())
+    taken, why = to_the_end(camera)
+    assert "stream ended" in why
+    assert camera.identity()["counts"]["damaged"] == 1
+    assert sum(f.dropped for f in taken) >= 1
+    right = [cv2.imdecode(np.frombuffer(coded(scene(k, W, H)), np.uint8), 1) for k in range(12)]
+    shown = [next(k for k in range(12) if np.array_equal(right[k], f.image)) for f in taken]
+    assert 5 not in shown
+    assert len(shown) >= QUEUE_DEPTH
+
+
+def test_damaged_image_of_video_is_lost(tmp_path: Path) -> None:
+    """Each image keeps its time, and a run counts the one that is missing."""
+    file = tmp_path / "video.avi"
+    code = cv2.VideoWriter.fourcc(*"MJPG")
+    writer = cv2.VideoWriter(str(file), cv2.CAP_FFMPEG, code, 20, (640, 480))
+    for k in range(12):
+        writer.write(scene(k))
+    writer.release()
+    data = bytearray(file.read_bytes())
+    middle = len(data) // 2
+    data[middle : middle + 3000] = bytes(3000)
+    file.write_bytes(data)
+    frames = list(file_source(open_images(file)).frames(True))
+    assert sum(f.dropped for f in frames) == 12 - len(frames) == 1
+    assert [f.t_s for f in frames] == pytest.approx(
+        [f.number / 20 for f in frames if f.number is not None]
+    )
+    (tmp_path / "r.toml").write_text('images = "video.avi"\ndescription = "test"\n')
+    summary = import_recording(tmp_path / "r.toml", tmp_path / "run", open_images, lambda _: None)
+    assert summary["frames"] == 11
+    assert summary["notes"][-1] == "1 damaged images are missing"
+
+
+def test_damaged_file_is_one_line(tmp_path: Path) -> None:
+    for name, data in lost_buffers(coded(scene(1)), coded(scene(2))).items():
+        file = tmp_path / f"{name}.jpg"
+        file.write_bytes(data)
+        with pytest.raises(InputError, match=r"\.jpg: (damaged JPEG: .|not a readable image)"):
+            read_image(file)
 
 
 def test_camera_file_sets_view_size_light(tmp_path: Path) -> None:

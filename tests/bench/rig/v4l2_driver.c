@@ -3,7 +3,8 @@
  * Built against the kernel's own header, so that whoever drives it has the true structures and
  * numbers of requests. Its images are noise, but those in YUYV, which are grey by their number. It
  * counts as drivers do: an image that finds no buffer has a number too. From the environment:
- *   V4L2_CODE   its one coding: BGR3, YUYV with 32 bytes after each line, or MJPG from V4L2_FILE
+ *   V4L2_CODE   its one coding: BGR3, YUYV with 32 bytes after each line, or MJPG from V4L2_FILE,
+ *               where %ld is the number modulo 16
  *   V4L2_RATE   images a second (50)
  *   V4L2_SKIP   a number that is never delivered      V4L2_BAD    one that is damaged
  *   V4L2_STALL  no image from this number on          V4L2_GONE   unplugged from here on
@@ -82,7 +83,9 @@ static size_t draw(uint64_t *to, long number) {
         return size();
     }
     if (code() == V4L2_PIX_FMT_MJPEG) {
-        FILE *file = fopen(getenv("V4L2_FILE"), "rb");
+        char name[4096];
+        snprintf(name, sizeof name, getenv("V4L2_FILE"), number % 16);
+        FILE *file = fopen(name, "rb");
         size_t n = fread(to, 1, size(), file);
         fclose(file);
         return n;

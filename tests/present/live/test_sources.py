@@ -140,7 +140,7 @@ def test_unusable_source_is_one_line(
     text.write_text("no film")
     assert "not a video" in _refusal(text, pinhole)
     (pictures / "3.png").write_bytes(b"no image")
-    assert "3.png: cannot be decoded" in _refusal(pictures, pinhole)
+    assert "3.png: not a readable image" in _refusal(pictures, pinhole)
     cv2.imwrite(str(pictures / "3.png"), np.zeros((40, 64, 3), np.uint8))
     assert "image 3 has 64 x 40 px; the calibrated camera has 64 x 48 px" in _refusal(
         pictures, pinhole

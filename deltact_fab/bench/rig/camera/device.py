@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from deltact_fab.common import Image, InputError, SensorError
 
+from ...record.images import decode, prepare_jpeg
 from ..interface import Clock
 from ..tables import CameraConfig
-from .stream import FeedImage
+from .stream import FeedImage, LostImage
 from .v4l2 import FilledBuffer, V4l2Device
 
 Bytes = NDArray[np.uint8]
@@ -27,21 +28,20 @@ Bytes = NDArray[np.uint8]
 def _raw_decoder(channels: int, conversion: int | None) -> Callable[[Bytes, int, int, int], Image]:
     """Return a decoder of raw lines of line_bytes bytes to an image (h, w, 3) BGR."""
 
-    def decode(data: Bytes, w: int, h: int, line_bytes: int) -> Image:
+    def decode_lines(data: Bytes, w: int, h: int, line_bytes: int) -> Image:
+        if len(data) < h * line_bytes:
+            raise ValueError(f"cut short, {len(data)} of {h * line_bytes} bytes")
         lines = data[: h * line_bytes].reshape(h, line_bytes)[:, : w * channels]
         image = lines.reshape(h, w, channels)
         if conversion is None:
             return image.copy()
         return np.asarray(cv2.cvtColor(np.ascontiguousarray(image), conversion), np.uint8)
 
-    return decode
+    return decode_lines
 
 
 def _decode_jpeg(data: Bytes, w: int, h: int, line_bytes: int) -> Image:
-    image = cv2.imdecode(data, cv2.IMREAD_COLOR)
-    if image is None:
-        raise ValueError("no JPEG")
-    return np.asarray(image, np.uint8)
+    return decode(data.tobytes(), "image.jpg")
 
 
 # In the order of trial where the rig file names none: lossless formats first.
@@ -116,27 +116,34 @@ class DeviceFeed:
             )
         self._controls = {"fourcc": fourcc, "rate_hz": self.rate_hz, **apply_locks(device, config)}
         self._decode, self._size_px = PIXEL_DECODERS[fourcc], size_px
+        if self._decode is _decode_jpeg:
+            prepare_jpeg()
         device.start()
 
     def next(self, timeout_s: float) -> FeedImage | None:
-        """Return the next image, see Feed; a damaged one is skipped and its number is missing."""
+        """Return the next image, see Feed."""
         try:
             with self._device.next_buffer(timeout_s) as buffer:
-                return None if buffer is None or buffer.damaged else self._decoded_image(buffer)
+                arrived = None if buffer is None else self._decoded_image(buffer)
         except OSError as error:
             raise SensorError(
                 f"camera {self.name}: disconnected: {error.strerror}; check {self.check}"
             ) from error
+        if isinstance(arrived, LostImage):
+            raise arrived  # after the buffer is given back
+        return arrived
 
-    def _decoded_image(self, buffer: FilledBuffer) -> FeedImage | None:
+    def _decoded_image(self, buffer: FilledBuffer) -> FeedImage | LostImage:
+        if buffer.damaged:
+            return LostImage("damaged according to the driver")
         t_s = buffer.t_s
         if t_s is None:
             t_s, self.stamps = self._clock.now_s(), "arrival"
         data = np.frombuffer(buffer.data, np.uint8)
         try:
             image = self._decode(data, *self._size_px, self._line_bytes)
-        except (ValueError, cv2.error):  # cut short on its way
-            return None
+        except (ValueError, cv2.error) as error:  # damaged or cut short on its way
+            return LostImage(str(error))
         finally:
             del data  # the buffer is about to be given back
         return FeedImage(image, t_s, buffer.number)

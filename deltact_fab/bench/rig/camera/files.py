@@ -14,9 +14,9 @@ import numpy as np
 
 from deltact_fab.common import Image, InputError, RunFailed, SensorError, disk_errors
 
-from ...record.images import decode
+from ...record.images import decode, prepare_jpeg
 from ..interface import Clock
-from .stream import FeedImage
+from .stream import FeedImage, LostImage
 
 # By hand: longer limits report a dead source later, shorter ones lose a slow one.
 DEFAULT_RATE_HZ = 30.0  # of images without times
@@ -42,22 +42,26 @@ class ImageFolder:
         if not self._files:
             raise InputError(f"{folder}: no image in this folder ({', '.join(self.SUFFIXES)})")
 
-    def read(self) -> Generator[Image, None, None]:
-        """Each image (h, w, 3) BGR uint8 in order. Raises RunFailed."""
+    def read(self) -> Generator[Image | None, None, None]:
+        """Each image (h, w, 3) BGR uint8 in order; raises RunFailed.
+
+        None stands for a damaged image of a video, whose time passes.
+        """
         for file in self._files:
-            with disk_errors(file, "read"):
-                data = file.read_bytes()
-            yield self._decode(file, data)
+            yield self.load(file)
 
     def close(self) -> None:
         """Do nothing: no file is held open."""
 
     @staticmethod
-    def _decode(file: Path, data: bytes) -> Image:
-        image = decode(data, file.name)
-        if image is None:
-            raise RunFailed(f"{file}: cannot be decoded as an image")
-        return image
+    def load(file: Path) -> Image:
+        """Read an image file (h, w, 3) BGR uint8. Raises RunFailed, also for a damaged image."""
+        with disk_errors(file, "read"):
+            data = file.read_bytes()
+        try:
+            return decode(data, file.name)
+        except ValueError as error:
+            raise RunFailed(f"{file}: {error}") from error
 
 
 def _natural_key(path: Path) -> list[tuple[int, str]]:
@@ -76,7 +80,7 @@ class FollowedFolder(ImageFolder):
         self.name = str(folder)
         self._folder, self._silence_s = folder, silence_s
 
-    def read(self) -> Generator[Image, None, None]:
+    def read(self) -> Generator[Image | None, None, None]:
         """Yield images, see ImageFolder. Raises RunFailed, also for one that stays incomplete."""
         processed, size, grown_s = set[str](), 0, time.monotonic()
         while True:
@@ -92,7 +96,7 @@ class FollowedFolder(ImageFolder):
                     incomplete = file
                     break
                 processed.add(file.name)
-                yield self._decode(file, data)
+                yield self.load(file)
                 size, grown_s = 0, time.monotonic()
             if time.monotonic() - grown_s > self._silence_s:
                 if incomplete is None:
@@ -135,17 +139,21 @@ class Video:
         if not self._capture.isOpened():
             raise InputError(f"{file}: not a video that can be read")
         self.rate_hz = self._capture.get(cv2.CAP_PROP_FPS) or DEFAULT_RATE_HZ
+        self._are_jpeg = are_jpeg(self._capture)
 
-    def read(self) -> Generator[Image, None, None]:
-        count = 0
-        while True:
-            ok, image = self._capture.read()
-            if not ok:
-                break
-            yield np.asarray(image, np.uint8)
-            count += 1
-        if count == 0:
-            raise RunFailed(f"{self.name}: contains no image")
+    def read(self) -> Generator[Image | None, None, None]:
+        """Yield images, see ImageFolder. Raises RunFailed for a video without any."""
+        fault: object = "contains no image"
+        n_whole = 0
+        while self._capture.grab():
+            try:
+                image = retrieve(self._capture, self._are_jpeg)
+            except ValueError as error:
+                image, fault = None, error
+            n_whole += image is not None
+            yield image
+        if not n_whole:
+            raise RunFailed(f"{self.name}: {fault}")
 
     def close(self) -> None:
         self._capture.release()
@@ -184,22 +192,43 @@ class UrlFeed:
         if not self._capture.isOpened():
             raise InputError(f"camera.source: {url}: no image stream; check {self.check}")
         self.rate_hz = self._capture.get(cv2.CAP_PROP_FPS) or None
+        self._are_jpeg = are_jpeg(self._capture)
 
     def next(self, timeout_s: float) -> FeedImage | None:
         """Return the next image, see Feed; waits up to URL_READ_MS."""
         if not self._capture.grab():
             raise SensorError(f"camera {self.name}: stream ended; check {self.check}")
         t_s = self._clock.now_s()
-        ok, image = self._capture.retrieve()
-        if not ok:
-            raise SensorError(f"camera {self.name}: an image that cannot be decoded")
-        return FeedImage(np.asarray(image, np.uint8), t_s)
+        try:
+            return FeedImage(retrieve(self._capture, self._are_jpeg), t_s)
+        except ValueError as error:
+            raise LostImage(str(error)) from error
 
     def identity(self) -> dict[str, Any]:
         return {"kind": "url"}
 
     def close(self) -> None:
         self._capture.release()
+
+
+def are_jpeg(capture: cv2.VideoCapture) -> bool:
+    """True if the images are JPEG: `retrieve` then gets their data, as FFmpeg conceals damage.
+
+    That of other codings, as H.264, stays concealed: OpenCV does not report it.
+    """
+    code = int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little")
+    if code.upper() not in (b"MJPG", b"JPEG") or not capture.set(cv2.CAP_PROP_FORMAT, -1):
+        return False
+    prepare_jpeg()
+    return True
+
+
+def retrieve(capture: cv2.VideoCapture, are_jpeg: bool) -> Image:
+    """Decode the image that was grabbed, (h, w, 3) BGR. Raises ValueError for a damaged one."""
+    ok, image = capture.retrieve()
+    if not ok:
+        raise ValueError("cannot be decoded")
+    return decode(image.tobytes(), "image.jpg") if are_jpeg else np.asarray(image, np.uint8)
 
 
 def open_quietly(

@@ -27,6 +27,7 @@ FEED_WAIT_S = 0.05  # longest wait in a feed, which delays `close`
 MAX_STAMP_AGE_S = 5.0  # a stamp that is older on arrival is of another clock
 LAG_WINDOW_S, MIN_LAG_IMAGES = 1.0, 5  # whose least age is the lag of a stream
 MIN_LAG_S = 0.25  # and STALL_PERIODS: a lag that a camera which keeps up does not have
+MAX_LOST_IMAGES = 30  # in a row: the camera is unusable
 NUMBER_MODULUS = 1 << 32  # format of V4L2 and of the header: 32 bits
 
 
@@ -39,6 +40,10 @@ class FeedImage:
     number: int | None = None
 
 
+class LostImage(Exception):
+    """An image that came damaged or of another size; its text is the reason."""
+
+
 class Feed(Protocol):
     """Source of images of a free-running camera, used by one thread."""
 
@@ -49,7 +54,10 @@ class Feed(Protocol):
     """Things to check when no image comes."""
 
     def next(self, timeout_s: float) -> FeedImage | None:
-        """Return the next image, None at the timeout. Raises SensorError at the end of the feed."""
+        """Return the next image, None at the timeout.
+
+        Raises LostImage for a damaged one, SensorError at the end of the feed.
+        """
 
     def identity(self) -> dict[str, Any]:
         """Return the data for the record."""
@@ -61,10 +69,10 @@ class Feed(Protocol):
 class StreamCamera:
     """A `Camera` over a feed of images: each capture is the next image after the last.
 
-    A slow consumer loses the oldest images. `CameraFrame.dropped` counts these and the ones that
-    the device lost: by its own numbers if it counts, else by gaps between stamps at the nominal
-    rate. Images identical byte by byte to the previous one are skipped and counted, because a
-    working sensor has noise.
+    A slow consumer loses the oldest images. `CameraFrame.dropped` counts these, damaged ones, and
+    those that the device lost: by its own numbers if it counts, else by gaps between stamps at the
+    nominal rate. Images identical byte by byte to the previous one are skipped and counted, because
+    a working sensor has noise.
     """
 
     def __init__(
@@ -99,7 +107,8 @@ class StreamCamera:
         self._last: FeedImage | None = None
         self._dropped = self._repeated = 0  # since the last image that was put to wait
         self._repeats = 0  # repeats
-        self._counts = {"images": 0, "dropped": 0, "repeated": 0, "stale": 0}
+        self._lost, self._loss = 0, ""  # since the last image that was not lost, and the reason
+        self._counts = {"images": 0, "dropped": 0, "damaged": 0, "repeated": 0, "stale": 0}
         self._thread = threading.Thread(target=self._run, name=f"camera {feed.name}", daemon=True)
         self._thread.start()
 
@@ -163,20 +172,33 @@ class StreamCamera:
         """Thread: accept every image as it arrives."""
         try:
             while not self._closing.is_set():
-                arrived = self._feed.next(FEED_WAIT_S)
-                if arrived is not None:
-                    self._take(arrived)
+                try:
+                    arrived = self._feed.next(FEED_WAIT_S)
+                    if arrived is not None:
+                        self._take(arrived)
+                except LostImage as lost:
+                    self._count_damaged(str(lost))
         except Exception as error:
             text = error if isinstance(error, DeltactFabError) else f"camera {self.name}: {error}"
             with self._has_come:
                 self._failure = SensorError(str(text))
                 self._has_come.notify_all()
 
+    def _count_damaged(self, reason: str) -> None:
+        """Count an image that was lost. Raises SensorError for MAX_LOST_IMAGES in a row."""
+        with self._has_come:
+            self._lost, self._loss = self._lost + 1, reason
+            self._counts["damaged"] += 1
+        if self._lost >= MAX_LOST_IMAGES:
+            text = f"{self._lost} images in a row lost: {reason}"
+            raise SensorError(f"camera {self.name}: {text}; check {self._feed.check}")
+
     def _take(self, arrived: FeedImage) -> None:
-        """Check one image and queue it for `capture`. Raises SensorError."""
+        """Check one image and queue it for `capture`. Raises SensorError, LostImage."""
         self._require_match(arrived)
         previous = self._last
         n_lost, same = self._count_lost(previous, arrived)
+        n_lost, self._lost = max(n_lost, self._lost), 0
         same = same or (previous is not None and _equal(previous.image, arrived.image))
         with self._has_come:
             self._last = arrived
@@ -207,15 +229,13 @@ class StreamCamera:
         self._has_come.notify_all()
 
     def _require_match(self, arrived: FeedImage) -> None:
-        """Raise SensorError for another image size or another clock."""
+        """Raise LostImage for another image size, SensorError for another clock."""
         h, w = arrived.image.shape[:2]
         if self._size_px is None:
             self._size_px = (w, h)
         if (w, h) != self._size_px:
-            raise SensorError(
-                f"camera {self.name}: an image of {w} x {h} px; {self._size_px[0]} x "
-                f"{self._size_px[1]} px expected"
-            )
+            expected = f"{self._size_px[0]} x {self._size_px[1]} px expected"
+            raise LostImage(f"{w} x {h} px; {expected}")
         now_s = self._clock.now_s()
         require_past(f"camera {self.name}", arrived.t_s, now_s)
         if now_s - arrived.t_s > MAX_STAMP_AGE_S:
@@ -259,6 +279,8 @@ class StreamCamera:
             problem = f"{repetition}; the camera hangs; restart it"
         elif self._last is None:
             problem = f"no first image within {waited_s:.0f} s"
+        if self._lost:
+            problem += f", {self._lost} lost: {self._loss}"
         return f"camera {self.name}: {problem}; check {self._feed.check}"
 
 

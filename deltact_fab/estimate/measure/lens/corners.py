@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import Array, InputError
+from deltact_fab.bench import ImageFolder
+from deltact_fab.common import Array, InputError, RunFailed
 from deltact_fab.sensor import Checkerboard
 
 MIN_SKIN_CORNERS = 5  # each way, to seed the grid of a skin; by hand: fewer match other textures
@@ -46,10 +47,10 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     """Read an image file as (h, w, 3) BGR. Raises InputError naming the file."""
     if not path.is_file():
         raise InputError(f"{path}: no such file")
-    image = cv2.imdecode(np.frombuffer(path.read_bytes() or b"\0", np.uint8), cv2.IMREAD_COLOR)
-    if image is None:
-        raise InputError(f"{path}: not a readable image")
-    return np.asarray(image, np.uint8)
+    try:
+        return ImageFolder.load(path)
+    except RunFailed as error:
+        raise InputError(str(error)) from error
 
 
 def find_corners(image: Array, board: Checkerboard, source: str) -> Corners | None:
