@@ -58,7 +58,8 @@ def test_jpeg_xl_is_lossless_and_journalled(tmp_path: Path) -> None:
     (tmp_path / "r" / file).write_bytes(b"\xff\x0a no image")
     with pytest.raises(RunFailed, match="damaged"):
         opened.image(file)
-    assert decode(b"\xff\x0a no image", "a.jxl") is None
+    with pytest.raises(ValueError, match="not a readable image"):
+        decode(b"\xff\x0a no image", "a.jxl")
 
 
 def test_rows_keep_the_call_order(tmp_path: Path) -> None:

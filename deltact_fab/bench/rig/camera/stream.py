@@ -176,8 +176,8 @@ class StreamCamera:
                     arrived = self._feed.next(FEED_WAIT_S)
                     if arrived is not None:
                         self._take(arrived)
-                except LostImage as lost:
-                    self._count_damaged(str(lost))
+                except LostImage as loss:
+                    self._count_damaged(str(loss))
         except Exception as error:
             text = error if isinstance(error, DeltactFabError) else f"camera {self.name}: {error}"
             with self._has_come:

@@ -58,8 +58,8 @@ class LineReader:
             self._words = words if self._first[words] >= FIRST_LINES else None
         if not fault and words != self._words:
             fault = "its words are not those of the first lines"
-        shown = ascii(line[:SHOWN_BYTES].decode("latin-1"))
-        self.refused = f"{shown}: {fault}" if fault else ""
+        quoted = ascii(line[:SHOWN_BYTES].decode("latin-1"))
+        self.refused = f"{quoted}: {fault}" if fault else ""
         return None if fault else values
 
     def _fault(self, line: bytes, rest: bytes, units: list[str]) -> str:

@@ -122,10 +122,10 @@ class ThreadedSchedule(Schedule):
         stream.lifting, stream.keeping = True, False
 
         def felt_n() -> float | None:
-            found: list[float | None] = [None]
+            forces_n: list[float | None] = [None]
             with suppress(SensorError):
-                loop.ask(lambda: found.append(mean_force_n(clock, stream.force)), LOOP_ANSWER_S)
-            return found[-1]
+                loop.ask(lambda: forces_n.append(mean_force_n(clock, stream.force)), LOOP_ANSWER_S)
+            return forces_n[-1]
 
         with guard.easing() if guard is not None else nullcontext():
             with suppress(SensorError):  # a failed sensor does not prevent the lift
