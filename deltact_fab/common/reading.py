@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import math
+import os
 import re
+import select
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -16,6 +20,10 @@ MAX_SETTINGS_KEYS = 20_000
 """Settings file, usually some hundred; by hand: tomllib takes up to 50 us per key."""
 MAX_RECORD_BYTES = 64 * 2**20
 """Table or record written by a program; by hand: bounds the memory."""
+MAX_RECORD_TABLES = 300_000
+"""Objects and lists of a JSON file; by hand: each takes half a kB when it is read."""
+SILENCE_S = 5.0
+"""Wait for data of a pipe; by hand: the user's other program may take some time."""
 MAX_NESTING_LEVELS = 32
 """Nesting of tables and lists; by hand: settings files have four, the stack allows more."""
 _DEEP_KEY = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]+[ \t]*\.[ \t]*){{{MAX_NESTING_LEVELS}}}")
@@ -28,8 +36,7 @@ def read_text(path: Path, max_bytes: int = MAX_SETTINGS_BYTES) -> str:
     Raises InputError if it cannot be read, exceeds max_bytes or is not UTF-8.
     """
     try:
-        with path.open("rb") as file:  # a pipe has no size
-            data = file.read(max_bytes + 1)
+        data = _read_within(path, max_bytes + 1)
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
         raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', error)}") from error
     if len(data) > max_bytes:
@@ -39,6 +46,27 @@ def read_text(path: Path, max_bytes: int = MAX_SETTINGS_BYTES) -> str:
     except UnicodeDecodeError as error:
         byte = f"byte {error.start} is {data[error.start]:#x}"
         raise InputError(f"{path}: not UTF-8 text: {byte}") from error
+
+
+def _read_within(path: Path, max_bytes: int) -> bytearray:
+    """Read at most so many bytes. Raises OSError, also for a FIFO into which nothing is written."""
+    data = bytearray()
+    with open(path, "rb", buffering=0, opener=_open_unblocked) as file:
+        poll = select.poll() if hasattr(select, "poll") else None
+        if poll is not None:
+            poll.register(file, select.POLLIN)
+        while len(data) < max_bytes:  # a pipe has no size
+            if poll is not None and not poll.poll(1000 * SILENCE_S):
+                raise TimeoutError(errno.ETIMEDOUT, f"no data within {SILENCE_S:g} s")
+            part = file.read(min(max_bytes - len(data), 2**20))
+            if not part:
+                break
+            data += part
+    return data
+
+
+def _open_unblocked(path: str, flags: int) -> int:
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -64,11 +92,14 @@ def read_json(path: Path) -> dict[str, Any]:
     return parse_json(read_text(path, MAX_RECORD_BYTES), str(path))
 
 
-def parse_json(content: str, source: str) -> dict[str, Any]:
+def parse_json(content: str | bytes, source: str) -> dict[str, Any]:
     """Parse the object of a JSON text. Raises InputError naming its source."""
     try:
-        data = json.loads(content)
-        _check_values(data)
+        text = content if isinstance(content, str) else content.decode("utf-8-sig")
+        if text.count("{") + text.count("[") > MAX_RECORD_TABLES:
+            raise ValueError(f"more than {MAX_RECORD_TABLES} objects and lists")
+        data = json.loads(text)
+        _check_values(data, finite=True)
     except RecursionError as error:
         raise InputError(f"{source}: nested too deep; expected a few levels") from error
     except ValueError as error:
@@ -78,16 +109,21 @@ def parse_json(content: str, source: str) -> dict[str, Any]:
     return data
 
 
-def _check_values(data: object) -> None:
-    """Raise ValueError for integers over 64 bits, RecursionError over MAX_NESTING_LEVELS."""
-    waiting = [(data, 0)]
+def _check_values(data: object, finite: bool = False) -> None:
+    """Raise ValueError for integers over 64 bits, RecursionError over MAX_NESTING_LEVELS.
+
+    finite: raise ValueError for infinity and NaN too, which the format JSON does not have.
+    """
+    waiting: list[tuple[str, Any, int]] = [("value", [data], -1)]
     while waiting:
-        value, level = waiting.pop()
+        key, table, level = waiting.pop()
         if level > MAX_NESTING_LEVELS:
             raise RecursionError
-        if isinstance(value, int) and not -_MAX_INTEGER <= value < _MAX_INTEGER:
-            raise ValueError(f"an integer of {value.bit_length()} bits; expected at most 64")
-        if isinstance(value, dict):
-            waiting += [(item, level + 1) for item in value.values()]
-        elif isinstance(value, list):
-            waiting += [(item, level + 1) for item in value]
+        items = table.items() if isinstance(table, dict) else ((key, item) for item in table)
+        for name, value in items:
+            if isinstance(value, dict | list):
+                waiting.append((name, value, level + 1))
+            elif isinstance(value, int) and not -_MAX_INTEGER <= value < _MAX_INTEGER:
+                raise ValueError(f"an integer of {value.bit_length()} bits; expected at most 64")
+            elif finite and isinstance(value, float) and not math.isfinite(value):
+                raise ValueError(f"{name}: must be a finite number (got {value})")

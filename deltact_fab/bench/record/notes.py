@@ -17,6 +17,7 @@ from typing import Any
 from deltact_fab.common import InputError, RunFailed, disk_errors, parse_json, sync_folder
 
 from .files import NOTES_FILE
+from .folder import check_folder, has_file, open_file, read_file
 
 MAX_NOTE_CHARACTERS = 4000  # by hand: one write call stores a note whole
 
@@ -38,13 +39,14 @@ class RunNote:
         Safe during the run. Raises InputError if there is no run folder, RunFailed for a disk
         error.
         """
-        if not (folder / "run.json").is_file():
+        check_folder(folder)
+        if not has_file(folder, "run.json"):
             raise InputError(f"{folder}: not a run folder (no run.json)")
         note = {"wall_s": time.time(), "text": self.text}
         path = folder / NOTES_FILE
         new = not path.exists()
         try:
-            with path.open("a+b", buffering=0) as file:
+            with open_file(folder, NOTES_FILE, "a+b") as file:
                 end = file.seek(0, os.SEEK_END)
                 file.seek(max(end - 1, 0))
                 torn = file.read(1) not in (b"", b"\n")  # a writer died midway
@@ -68,7 +70,8 @@ def read_notes(folder: Path) -> Iterator[tuple[int, dict[str, Any] | None]]:
     """
     path = folder / NOTES_FILE
     with disk_errors(path, "read"):
-        raw_lines = path.read_bytes().splitlines() if path.exists() else []
+        has_notes = has_file(folder, NOTES_FILE)
+        raw_lines = read_file(folder, NOTES_FILE).splitlines() if has_notes else []
     for number, line in enumerate(raw_lines, start=1):
         try:
             entry = parse_json(line.decode(), f"{path}:{number}")

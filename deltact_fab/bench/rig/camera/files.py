@@ -14,6 +14,7 @@ import numpy as np
 
 from deltact_fab.common import Image, InputError, RunFailed, SensorError, disk_errors
 
+from ...record.folder import read_file
 from ...record.images import decode
 from ..interface import Clock
 from .stream import FeedImage
@@ -46,7 +47,7 @@ class ImageFolder:
         """Each image (h, w, 3) BGR uint8 in order. Raises RunFailed."""
         for file in self._files:
             with disk_errors(file, "read"):
-                data = file.read_bytes()
+                data = _read_regular(file)
             yield self._decode(file, data)
 
     def close(self) -> None:
@@ -54,10 +55,15 @@ class ImageFolder:
 
     @staticmethod
     def _decode(file: Path, data: bytes) -> Image:
-        image = decode(data, file.name)
+        image = decode(data, str(file))
         if image is None:
             raise RunFailed(f"{file}: cannot be decoded as an image")
         return image
+
+
+def _read_regular(file: Path) -> bytes:
+    target = file.resolve()  # a folder that a user names may hold links
+    return read_file(target.parent, target.name)
 
 
 def _natural_key(path: Path) -> list[tuple[int, str]]:
@@ -83,7 +89,7 @@ class FollowedFolder(ImageFolder):
             incomplete = None
             for file in self._new_files(processed):
                 try:
-                    data = file.read_bytes()
+                    data = _read_regular(file)
                 except FileNotFoundError:  # renamed meanwhile: a temporary name
                     continue
                 if len(data) != size:
