@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import math
-import os
 import re
-import select
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -20,10 +17,8 @@ MAX_SETTINGS_KEYS = 20_000
 """Settings file, usually some hundred; by hand: tomllib takes up to 50 us per key."""
 MAX_RECORD_BYTES = 64 * 2**20
 """Table or record written by a program; by hand: bounds the memory."""
-MAX_RECORD_TABLES = 300_000
-"""Objects and lists of a JSON file; by hand: each takes half a kB when it is read."""
-SILENCE_S = 5.0
-"""Wait for data of a pipe; by hand: the user's other program may take some time."""
+MAX_RECORD_VALUES = 1_000_000
+"""Values of a JSON file; by hand: an object of one takes up to half a kB when it is read."""
 MAX_NESTING_LEVELS = 32
 """Nesting of tables and lists; by hand: settings files have four, the stack allows more."""
 _DEEP_KEY = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]+[ \t]*\.[ \t]*){{{MAX_NESTING_LEVELS}}}")
@@ -36,7 +31,11 @@ def read_text(path: Path, max_bytes: int = MAX_SETTINGS_BYTES) -> str:
     Raises InputError if it cannot be read, exceeds max_bytes or is not UTF-8.
     """
     try:
-        data = _read_within(path, max_bytes + 1)
+        # One that no shell has opened blocks until another program writes to it.
+        if path.is_fifo() and path.resolve().exists():
+            raise InputError(f"{path}: is a FIFO; expected a file")
+        with path.open("rb") as file:  # a pipe has no size
+            data = file.read(max_bytes + 1)
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
         raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', error)}") from error
     if len(data) > max_bytes:
@@ -46,27 +45,6 @@ def read_text(path: Path, max_bytes: int = MAX_SETTINGS_BYTES) -> str:
     except UnicodeDecodeError as error:
         byte = f"byte {error.start} is {data[error.start]:#x}"
         raise InputError(f"{path}: not UTF-8 text: {byte}") from error
-
-
-def _read_within(path: Path, max_bytes: int) -> bytearray:
-    """Read at most so many bytes. Raises OSError, also for a FIFO into which nothing is written."""
-    data = bytearray()
-    with open(path, "rb", buffering=0, opener=_open_unblocked) as file:
-        poll = select.poll() if hasattr(select, "poll") else None
-        if poll is not None:
-            poll.register(file, select.POLLIN)
-        while len(data) < max_bytes:  # a pipe has no size
-            if poll is not None and not poll.poll(1000 * SILENCE_S):
-                raise TimeoutError(errno.ETIMEDOUT, f"no data within {SILENCE_S:g} s")
-            part = file.read(min(max_bytes - len(data), 2**20))
-            if not part:
-                break
-            data += part
-    return data
-
-
-def _open_unblocked(path: str, flags: int) -> int:
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -96,8 +74,8 @@ def parse_json(content: str | bytes, source: str) -> dict[str, Any]:
     """Parse the object of a JSON text. Raises InputError naming its source."""
     try:
         text = content if isinstance(content, str) else content.decode("utf-8-sig")
-        if text.count("{") + text.count("[") > MAX_RECORD_TABLES:
-            raise ValueError(f"more than {MAX_RECORD_TABLES} objects and lists")
+        if text.count("{") + text.count("[") + text.count(",") > MAX_RECORD_VALUES:
+            raise ValueError(f"more than {MAX_RECORD_VALUES} values")
         data = json.loads(text)
         _check_values(data, finite=True)
     except RecursionError as error:

@@ -15,11 +15,10 @@ from pydantic import Field
 from typing_extensions import TypedDict  # pydantic: needed before Python 3.12
 
 from deltact_fab.common import InputError, Note, parse_json, validate
-from deltact_fab.sensor import CameraModel, restore_camera
+from deltact_fab.sensor import restore_camera
 
 from ..protocols.plan import SettleTimes, Step
 from .folder import has_file, read_file
-from .images import MAX_IMAGE_PX
 
 RUN_FORMAT = 6  # format number of run folders written by this version
 UNHASHED_FORMAT = 5  # the format of 0.2.0, in which the metadata have no hashes
@@ -144,17 +143,6 @@ class _Rig(TypedDict, total=False):
 
 
 _Side = Annotated[int, Field(ge=1, le=20_000)]
-_Scale = Annotated[float, Field(ge=1e-4, le=10)]
-
-
-class _Optics(TypedDict, total=False):
-    mm_per_px: _Scale
-    image_width_px: _Side
-    image_height_px: _Side
-
-
-class _Sensor(TypedDict, total=False):
-    optics: _Optics
 
 
 class _Imported(TypedDict, total=False):
@@ -166,7 +154,7 @@ class _RunFile(TypedDict, total=False):
     protocol: _Protocol
     rig_name: str
     rig: _Rig
-    sensor: _Sensor
+    sensor: dict[str, Any]
     shapes: dict[str, Any]
     camera: dict[str, Any] | None
     simulated: bool
@@ -230,7 +218,7 @@ def load_run_file(folder: Path, name: str) -> dict[str, Any]:
         raise InputError(f"{path}: format: {stored}, {valid}")
     validate(_FILE_SCHEMAS[name], data, str(path))
     if data.get("camera"):
-        _check_camera(restore_camera(data["camera"], f"{path}: camera"), f"{path}: camera")
+        restore_camera(data["camera"], f"{path}: camera")
     missing_text = _UNKNOWN_TEXT if IMPORTED_MARK in data else StrictDict.missing_text
     wrapped: dict[str, Any] = _wrap(data, str(path), missing_text)
     return wrapped
@@ -244,15 +232,6 @@ def read_record(folder: Path, name: str) -> dict[str, Any]:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
     return parse_json(data, str(path))
-
-
-def _check_camera(camera: CameraModel, source: str) -> None:
-    """Raise InputError for a camera of more pixels than an image may have."""
-    for view in (camera, getattr(camera, "lens", camera)):
-        w, h = view.width_px, view.height_px
-        if w * h > MAX_IMAGE_PX:
-            text = f"{w} x {h} px; at most {MAX_IMAGE_PX / 1e6:g} million pixels"
-            raise InputError(f"{source}: {text}")
 
 
 def _wrap(value: Any, source: str, missing_text: str) -> Any:

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from deltact_fab.common import InputError, RunFailed, disk_errors, sync_folder, write_whole
 
 from .files import UNHASHED_FORMAT
-from .folder import UnsafeFile, check_folder, open_file
+from .folder import UnsafeFile, has_file, open_file, read_file
 from .images import encode
 from .streams import MAX_CHUNK_BYTES
 
@@ -63,6 +63,8 @@ _SCHEMA_TEXT = re.compile(
     rf"((?:{'|'.join(sorted(set(re.findall(r'[a-z]+[a-z0-9_]*|[A-Z]+', JOURNAL_SCHEMA))))})\b"
     r"|[\s(),])*"
 )
+# Format of SQLite, "The Rollback Journal": after the name of a file that a rollback deletes.
+_SUPER_JOURNAL_MARK = bytes.fromhex("d9d505f920a163d7")
 MIN_JOURNAL_STEPS, STEPS_PER_BYTE = 1_000_000, 4
 """Most steps of SQLite's machine; by hand: four times what reading a run takes."""
 _CALLBACK_STEPS = 100_000  # by hand: some milliseconds
@@ -127,10 +129,12 @@ def open_journal(folder: Path, mode: str, **options: Any) -> sqlite3.Connection:
     A schema that could run code is refused, and reading takes a number of steps in proportion to
     the file: pages that refer to one another may form a table without end.
     """
-    check_folder(folder)
     path = folder / "journal.sqlite"
-    files = (path, path.with_name("journal.sqlite-wal"))
-    size = sum(file.stat().st_size for file in files if file.exists())
+    has_file(folder, path.name)
+    rollback = f"{path.name}-journal"
+    if has_file(folder, rollback) and read_file(folder, rollback).endswith(_SUPER_JOURNAL_MARK):
+        raise UnsafeFile(f"{path}-journal: names a file to be deleted; no run writes that")
+    size = sum(file.stat().st_size for file in folder.glob("journal.sqlite*"))
     db = sqlite3.connect(f"{path.absolute().as_uri()}?mode={mode}", uri=True, **options)
     try:
         db.execute("PRAGMA trusted_schema=OFF")
@@ -207,12 +211,15 @@ _TYPE_CONDITIONS = {
 
 
 @contextmanager
-def journal_errors(folder: Path) -> Iterator[None]:
-    """Turn an SQLite error into a RunFailed that names the journal."""
+def journal_errors(folder: Path, text: str = "journal error") -> Iterator[None]:
+    """Turn an SQLite error into a RunFailed that names the journal, or UnsafeFile without end."""
+    path = folder / "journal.sqlite"
     try:
         yield
     except sqlite3.Error as error:
-        raise RunFailed(f"{folder / 'journal.sqlite'}: journal error: {error}") from error
+        if getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_INTERRUPT:
+            raise UnsafeFile(f"{path}: its tables take more steps than its size allows") from error
+        raise RunFailed(f"{path}: {text}: {error}") from error
 
 
 ENCODER_THREADS = 2  # measured with two: docs/evidence/bench-timing.md

@@ -17,8 +17,9 @@ from typing import Any
 from deltact_fab.common import InputError, RunFailed, disk_errors, parse_json, sync_folder
 
 from .files import NOTES_FILE
-from .folder import check_folder, has_file, open_file, read_file
+from .folder import MAX_RUN_FILE_BYTES, UnsafeFile, check_folder, has_file, open_file, read_file
 
+MAX_DAMAGED_NOTES = 1000  # by hand: more are no damage but another file
 MAX_NOTE_CHARACTERS = 4000  # by hand: one write call stores a note whole
 
 
@@ -52,6 +53,8 @@ class RunNote:
                 torn = file.read(1) not in (b"", b"\n")  # a writer died midway
                 line = json.dumps({**note, "sha256": _digest(note)})
                 data = b"\n" * torn + line.encode() + b"\n"
+                if end + len(data) > (limit := MAX_RUN_FILE_BYTES[path.suffix]):
+                    raise InputError(f"{path}: full: {limit >> 20} MiB of notes")
                 if file.write(data) != len(data):
                     raise RunFailed(f"{path}: cannot be written: the disk is full")
                 os.fsync(file.fileno())
@@ -72,6 +75,7 @@ def read_notes(folder: Path) -> Iterator[tuple[int, dict[str, Any] | None]]:
     with disk_errors(path, "read"):
         has_notes = has_file(folder, NOTES_FILE)
         raw_lines = read_file(folder, NOTES_FILE).splitlines() if has_notes else []
+    damaged = 0
     for number, line in enumerate(raw_lines, start=1):
         try:
             entry = parse_json(line.decode(), f"{path}:{number}")
@@ -80,6 +84,11 @@ def read_notes(folder: Path) -> Iterator[tuple[int, dict[str, Any] | None]]:
                 raise ValueError("differs from its hash")
             yield number, {**note, "hashed": "sha256" in entry}
         except (InputError, ValueError, KeyError, TypeError):
+            damaged += 1
+            if damaged > MAX_DAMAGED_NOTES:
+                raise UnsafeFile(
+                    f"{path}: more than {MAX_DAMAGED_NOTES} lines are no notes"
+                ) from None
             yield number, None
 
 

@@ -28,7 +28,7 @@ from . import notes
 from .files import FLAT_FILE, IMPORTED_MARK, LATTICE_FILE, UNKNOWN_SENSOR, load_run_file
 from .folder import UnsafeFile, check_folder, has_file, read_file
 from .images import decode, image_size_px, require_size
-from .journal import is_claimed, open_journal, schema_faults
+from .journal import is_claimed, journal_errors, open_journal, schema_faults
 from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, interpolate_at, unpack
 from .truth import RunTruth, load_truth
 
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 _STREAM_COLUMNS = {"pose": POSE_COLUMNS, "force": FORCE_COLUMNS}
 _SAMPLED_KEYS = (*POSE_COLUMNS, *FORCE_COLUMNS)
+MAX_VIEW_RATIO = 10  # pixels of a view by those of its raw image; by hand: ours have 0.5
 _SKEW_KEYS = ("pose_skew_s", "force_skew_s")
 _LATENESS_KEYS = ("late_s", "late", "dropped", "repeated")
 
@@ -133,7 +134,21 @@ class Run:
             )
         if stored is None:
             raise InputError(f"{self.folder}: recorded without a camera")
-        return restore_camera(stored, f"{self.folder}/run.json: camera")
+        source = f"{self.folder}/run.json: camera"
+        camera = restore_camera(stored, source)
+        raw = getattr(camera, "lens", camera)
+        size_px = raw.width_px, raw.height_px
+        with self.reader() as db:
+            first = db.execute("SELECT file FROM frames WHERE file IS NOT NULL LIMIT 1").fetchone()
+        if first and has_file(self.folder, first[0]):
+            # Before maps of the camera's size are computed.
+            found_px = image_size_px(read_file(self.folder, first[0])) or size_px
+            if found_px != size_px:
+                raise InputError(f"{source}: {size_px} px, but {first[0]} has {found_px} px")
+        if camera.width_px * camera.height_px > MAX_VIEW_RATIO * size_px[0] * size_px[1]:
+            view = f"{camera.width_px} x {camera.height_px} px"
+            raise InputError(f"{source}: view of {view}; at most {MAX_VIEW_RATIO} raw images")
+        return camera
 
     @property
     def weights(self) -> DeadWeights | None:
@@ -378,16 +393,15 @@ class Run:
     @contextmanager
     def reader(self) -> Iterator[sqlite3.Connection]:
         """Open the journal read-only. Raises RunFailed if it cannot be read."""
-        path = self.folder / "journal.sqlite"
-        try:
-            with closing(open_journal(self.folder, "ro")) as db:
-                if not self._sound:
-                    for line in schema_faults(db, self.format):
-                        raise sqlite3.DatabaseError(line)
-                    self._sound = True
-                yield db
-        except sqlite3.Error as error:
-            raise RunFailed(f"{path}: the journal cannot be read: {error}") from error
+        with (
+            journal_errors(self.folder, "the journal cannot be read"),
+            closing(open_journal(self.folder, "ro")) as db,
+        ):
+            if not self._sound:
+                for line in schema_faults(db, self.format):
+                    raise sqlite3.DatabaseError(line)
+                self._sound = True
+            yield db
 
 
 def open_run(folder: str | Path) -> Run:
