@@ -1,4 +1,4 @@
-"""A run folder as a stranger may send it, and the commands that meet it; `python FILE RUN`."""
+"""A run folder as a stranger may send it, and the commands that meet it; `python FILE HOME...`."""
 
 from __future__ import annotations
 
@@ -12,8 +12,6 @@ import socket
 import sqlite3
 import struct
 import sys
-import tempfile
-import time
 import zipfile
 import zlib
 from collections.abc import Callable
@@ -238,7 +236,7 @@ CASES |= {
     "truth unpacks": false_truth(
         lambda m: {**m, "zone_map.npy": npy((700 << 18,), bytes(700 << 20))}
     ),
-    "truth shape": false_truth(lambda m: {**m, "zone_map.npy": npy((1 << 33,), b"")}),
+    "truth shape": false_truth(lambda m: {**m, "displacement_mm.npy": npy((1 << 33,), b"")}),
     "chunk unpacks": large_chunk,
     "trigger": sql(
         "CREATE TRIGGER endless BEFORE INSERT ON events BEGIN SELECT count(*) FROM "
@@ -265,6 +263,7 @@ COMMANDS = (
     ("record", "show", "RUN"),
     ("record", "note", "RUN", "a note"),
 )
+LATE = ("images_", "notes", "truth unpacks")  # met late by an analysis; two others show that
 LIMIT_S = 20  # generous: a refusal takes 0.1 s, an analysis that meets the file late 5 s
 
 
@@ -307,19 +306,16 @@ def whole(victim: Path) -> bool:
     return len(found) == 5 and set(found.values()) == {b"precious"}
 
 
-def main(run: str, *cases: str) -> None:
-    """All commands on copies of a run, a line each: case, command, code, words, MB, whole, s."""
-    for case in cases or CASES:
-        with tempfile.TemporaryDirectory() as home:
-            at, victim = spoiled(Path(run), Path(home) / "x", case)
-            for k, words in enumerate(COMMANDS):
-                begun = time.monotonic()
-                code, text = outcome(words, at, Path(home) / f"out{k}")
-                status = Path("/proc/self/status").read_text()
-                peak_mb = int(re.findall(r"VmHWM:\s+(\d+)", status)[0]) // 1024
-                took_s = round(time.monotonic() - begun, 2)
-                row = [case, " ".join(words[:2]), code, text, peak_mb, whole(victim), took_s]
-                print(json.dumps(row), flush=True)
+def main(*homes: str) -> None:
+    """All commands on spoiled runs, a line each: case, command, code, words, MB."""
+    for home in map(Path, homes):
+        for k, words in enumerate(COMMANDS):
+            if words[0] in ("report", "analyze") and home.name.startswith(LATE):
+                continue
+            code, text = outcome(words, home / "run", home / f"out{k}")
+            status = Path("/proc/self/status").read_text()
+            peak_mb = int(re.findall(r"VmHWM:\s+(\d+)", status)[0]) // 1024
+            print(json.dumps([home.name, " ".join(words[:2]), code, text, peak_mb]), flush=True)
 
 
 if __name__ == "__main__":

@@ -36,9 +36,9 @@ def check_folder(folder: Path) -> None:
     """
     with disk_errors(folder, "read"):
         for place in (folder, folder / "analysis"):
-            for entry in os.scandir(place) if place.is_dir() else ():
-                if not entry.is_dir(follow_symlinks=False):
-                    has_file(folder, os.path.relpath(entry, folder))
+            for path in place.iterdir() if place.is_dir() else ():
+                if path.is_symlink() or not path.is_dir():
+                    has_file(folder, str(path.relative_to(folder)))
 
 
 def has_file(folder: Path, name: str) -> bool:
