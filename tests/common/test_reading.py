@@ -85,7 +85,7 @@ def test_pipe_is_read_and_fifo_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("value", ["NaN", "-Infinity", "1e999"])
 def test_json_numbers_are_finite(value: str) -> None:
-    with pytest.raises(InputError, match="s.json: .*scale: must be a finite number"):
+    with pytest.raises(InputError, match=r"s\.json: .*scale: must be a finite number"):
         reading.parse_json(f'{{"a": [{{"scale": {value}}}]}}', "s.json")
 
 

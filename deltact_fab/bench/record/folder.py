@@ -18,7 +18,7 @@ MAX_RUN_FILE_BYTES = {
 }  # fmt: skip
 """By hand, by suffix: ten times what a long run has; larger ones take more than 500 MB to read."""
 _SAFE_FLAGS = sum(getattr(os, f"O_{name}", 0) for name in ("NOFOLLOW", "NONBLOCK", "BINARY"))
-_KINDS = {
+_FILE_KINDS = {
     stat.S_IFLNK: "a symbolic link", stat.S_IFIFO: "a FIFO", stat.S_IFDIR: "a folder",
     stat.S_IFCHR: "a device", stat.S_IFBLK: "a device", stat.S_IFSOCK: "a socket",
     stat.S_IFREG: "a regular file",
@@ -80,19 +80,20 @@ def open_file(folder: Path, name: str, mode: str = "rb") -> BinaryIO:
 
 
 def _require_kind(path: Path, info: os.stat_result, kind: int) -> None:
-    if (found := stat.S_IFMT(info.st_mode)) != kind:
-        text = f"is {_KINDS.get(found, 'of unknown kind')}; must be {_KINDS[kind]}"
+    if (present := stat.S_IFMT(info.st_mode)) != kind:
+        text = f"is {_FILE_KINDS.get(present, 'of unknown kind')}; must be {_FILE_KINDS[kind]}"
         raise UnsafeFile(f"{path}: {text} in a run folder")
 
 
 def _open_below(folder: Path, parts: tuple[str, ...], flags: int) -> int:
     if os.open not in os.supports_dir_fd:  # not POSIX: by the path alone
         return os.open(folder.joinpath(*parts), flags)
-    at = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    parent = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         for part in parts[:-1]:
-            at, outer = os.open(part, os.O_DIRECTORY | os.O_NOFOLLOW, dir_fd=at), at
-            os.close(outer)
-        return os.open(parts[-1], flags, 0o666, dir_fd=at)
+            inner = os.open(part, os.O_DIRECTORY | os.O_NOFOLLOW, dir_fd=parent)
+            os.close(parent)
+            parent = inner
+        return os.open(parts[-1], flags, 0o666, dir_fd=parent)
     finally:
-        os.close(at)
+        os.close(parent)
