@@ -116,8 +116,8 @@ def require_size(data: bytes, source: str) -> None:
     """Raise UnsafeFile for a PNG or JPEG XL of more pixels than MAX_IMAGE_PX."""
     w, h = image_size_px(data) or (0, 0)
     if w * h > MAX_IMAGE_PX:
-        most = f"at most {MAX_IMAGE_PX / 1e6:g} million pixels"
-        raise UnsafeFile(f"{source}: image of {w} x {h} px; {most}")
+        limit = f"at most {MAX_IMAGE_PX / 1e6:g} million pixels"
+        raise UnsafeFile(f"{source}: image of {w} x {h} px; {limit}")
 
 
 def image_size_px(data: bytes) -> tuple[int, int] | None:

@@ -140,8 +140,8 @@ def open_journal(folder: Path, mode: str, **options: Any) -> sqlite3.Connection:
         db.execute("PRAGMA trusted_schema=OFF")
         db.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_CHUNK_BYTES)
         callbacks = itertools.count()
-        most = (MIN_JOURNAL_STEPS + STEPS_PER_BYTE * size) // _CALLBACK_STEPS
-        db.set_progress_handler(lambda: next(callbacks) > most, _CALLBACK_STEPS)
+        max_callbacks = (MIN_JOURNAL_STEPS + STEPS_PER_BYTE * size) // _CALLBACK_STEPS
+        db.set_progress_handler(lambda: next(callbacks) > max_callbacks, _CALLBACK_STEPS)
         for kind, name, sql in db.execute("SELECT type, name, sql FROM sqlite_master"):
             if kind not in ("table", "index") or not _SCHEMA_TEXT.fullmatch(sql or ""):
                 text = f"{kind} {name!r} is not of a run's journal; remove it"
